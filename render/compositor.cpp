@@ -3,7 +3,6 @@
 #include <epoxy/gl.h>
 
 #include <algorithm>
-#include <iterator>
 #include <optional>
 #include <utility>
 #include <vector>
@@ -116,24 +115,23 @@ struct Compositor::Impl {
     for (const std::unique_ptr<Pass>& pass : surfaces) count(pass->draw(draw_context, plan));
     // After the phantoms: one under a plane is not what its pixels show. Not a pass of its own: its
     // marks are for the passes that follow.
-    stats.draw_calls += receivers.begin_frame(plan, lens, plan.volume_lights > 0);
+    stats[Counter::draw_calls] += receivers.begin_frame(plan, lens, plan.volume_lights > 0);
     for (const std::unique_ptr<Pass>& pass : overlays) count(pass->draw(draw_context, plan));
     framebuffer.invalidate_depth_stencil();
   }
 
   void count(int draw_calls) {
-    stats.passes_drawn += draw_calls > 0 ? 1 : 0;
-    stats.draw_calls += draw_calls;
+    stats[Counter::passes_drawn] += draw_calls > 0 ? 1 : 0;
+    stats[Counter::draw_calls] += draw_calls;
   }
 
   void upload(const Frame& frame, bool reuse) {
     const VideoTexture::Way came = video.upload(frame, reuse);
     const bool buffered = came == VideoTexture::Way::buffered;
-    stats.video_copies = came == VideoTexture::Way::copied || buffered ? 1 : 0;
-    stats.video_imports = came == VideoTexture::Way::imported ? 1 : 0;
-    stats.pixel_buffer_uploads = buffered ? 1 : 0;
-    if (came == VideoTexture::Way::there)
-      stats.kept.push_back({"video", "video: the frame is on the GPU already"});
+    stats[Counter::video_copies] = came == VideoTexture::Way::copied || buffered ? 1 : 0;
+    stats[Counter::video_imports] = came == VideoTexture::Way::imported ? 1 : 0;
+    stats[Counter::pixel_buffer_uploads] = buffered ? 1 : 0;
+    if (came == VideoTexture::Way::there) stats.kept.push_back({KeepReason::video});
   }
 
   [[nodiscard]] std::size_t picture_bytes() const {
@@ -155,27 +153,7 @@ void add(CompositeStats& to, const CompositeStats& stats) {
   to.shadow_cpu_ms += stats.shadow_cpu_ms;
   to.render_cpu_ms += stats.render_cpu_ms;
   to.readback_cpu_ms += stats.readback_cpu_ms;
-  to.passes_drawn += stats.passes_drawn;
-  to.passes_skipped += stats.passes_skipped;
-  to.draw_calls += stats.draw_calls;
-  to.shadow_vertices += stats.shadow_vertices;
-  to.kernel_generations += stats.kernel_generations;
-  to.reprojections += stats.reprojections;
-  to.triples_recomputed += stats.triples_recomputed;
-  to.proxy_shadows += stats.proxy_shadows;
-  to.proxy_checks += stats.proxy_checks;
-  to.proxy_faces_saved += stats.proxy_faces_saved;
-  to.layer_masks_drawn += stats.layer_masks_drawn;
-  to.layer_masks_kept += stats.layer_masks_kept;
-  to.mask_pieces_skipped += stats.mask_pieces_skipped;
-  to.masks_drawn += stats.masks_drawn;
-  to.masks_kept += stats.masks_kept;
-  to.video_copies += stats.video_copies;
-  to.video_imports += stats.video_imports;
-  to.pixel_buffer_uploads += stats.pixel_buffer_uploads;
-  to.pixel_buffer_read_backs += stats.pixel_buffer_read_backs;
-  to.faces_tested += stats.faces_tested;
-  to.faces_twisted += stats.faces_twisted;
+  to.counters += stats.counters;
   to.skipped.insert(to.skipped.end(), stats.skipped.begin(), stats.skipped.end());
   to.kept.insert(to.kept.end(), stats.kept.begin(), stats.kept.end());
 }
@@ -229,7 +207,6 @@ Result<CompositeStats> Compositor::draw(const Frame& frame, const FramePlan& pla
         frame.sequence, frame.width, frame.height, m.width, m.height);
   }
   m.stats = {};
-  ShadowWork work;
   const DrawContext context{*m.scene,
                             m.lens,
                             m.framebuffer,
@@ -239,7 +216,7 @@ Result<CompositeStats> Compositor::draw(const Frame& frame, const FramePlan& pla
                             frame,
                             m.rectified ? std::nullopt : std::optional(frame.format),
                             choose_translucency(plan.translucency, m.abilities),
-                            work};
+                            m.stats};
   const Stopwatch shadow_clock;
   if (m.gpu_timer) {
     m.gpu_timer->take(m.stats.gpu_ms);
@@ -268,24 +245,8 @@ Result<CompositeStats> Compositor::draw(const Frame& frame, const FramePlan& pla
     return fail("frame {}: {}", frame.sequence, gl_error_text(*error));
 
   m.stats.translucency = context.mode;
-  m.stats.passes_skipped = static_cast<std::int64_t>(plan.skipped.size() + work.skipped.size());
-  m.stats.skipped = std::move(work.skipped);
-  m.stats.kept.insert(m.stats.kept.end(), std::make_move_iterator(work.kept.begin()),
-                      std::make_move_iterator(work.kept.end()));
-  m.stats.shadow_vertices = work.vertices;
-  m.stats.kernel_generations = work.kernel_generations;
-  m.stats.reprojections = work.reprojections;
-  m.stats.triples_recomputed = work.recomputed;
-  m.stats.proxy_shadows = work.proxy_shadows;
-  m.stats.proxy_checks = work.proxy_checks;
-  m.stats.proxy_faces_saved = work.proxy_faces_saved;
-  m.stats.layer_masks_drawn = work.layer_masks_drawn;
-  m.stats.layer_masks_kept = work.layer_masks_kept;
-  m.stats.mask_pieces_skipped = work.mask_pieces_skipped;
-  m.stats.masks_drawn = work.masks_drawn;
-  m.stats.masks_kept = work.masks_kept;
-  m.stats.faces_tested = work.faces_tested;
-  m.stats.faces_twisted = work.faces_twisted;
+  m.stats[Counter::passes_skipped] =
+      static_cast<std::int64_t>(plan.skipped.size() + m.stats.skipped.size());
   return m.stats;
 }
 
@@ -306,7 +267,7 @@ Result<CompositeStats> Compositor::ask_for_picture() {
   PENUMBRA_ASSERT(m.pixel_buffers);
   const Stopwatch clock;
   m.pictures.ask(m.framebuffer, m.picture_bytes());
-  ++m.stats.pixel_buffer_read_backs;
+  ++m.stats[Counter::pixel_buffer_read_backs];
   auto stats = m.read(clock);
   if (!stats) m.pictures.drop_last();
   return stats;
@@ -331,14 +292,6 @@ std::vector<double> Compositor::take_gpu_times() {
   std::vector<double> times_ms;
   if (impl_->gpu_timer) impl_->gpu_timer->take(times_ms);
   return times_ms;
-}
-
-const PictureAbilities& Compositor::abilities() const {
-  return impl_->abilities;
-}
-
-void Compositor::set_abilities(const PictureAbilities& abilities) {
-  impl_->abilities = abilities;
 }
 
 std::vector<CasterKernels> Compositor::kernels_in_use() const {

@@ -13,51 +13,22 @@
 #include "core/image/frame.hpp"
 #include "render/frame_plan.hpp"
 #include "render/gl/context.hpp"
+#include "render/render_work.hpp"
 #include "render/scene/scene.hpp"
 #include "render/shadow/kernels/twist.hpp"
 #include "render/translucency.hpp"
 
 namespace penumbra {
 
-struct CompositeStats {
+struct CompositeStats : RenderWork {
   double shadow_ms = 0.0, render_ms = 0.0,
          readback_ms = 0.0;  // wall; shadow: CPU work on shadow geometry
   double shadow_cpu_ms = 0.0, render_cpu_ms = 0.0,
          readback_cpu_ms = 0.0;  // CPU time of the calling thread
-  // Of a GPU's own time: of frames drawn before this one, those that are known since the frame
-  // before. Each frame's once; none where it is not measured (CompositorOptions).
+  // The GPU's own times of earlier frames that became known since the frame before, each once.
+  // Empty where they are not measured (CompositorOptions).
   std::vector<double> gpu_ms;
-  // Passes that drew anything: video, phantoms, objects, shadows on planes, received shadows, hard
-  // shadows, volumes, see-through objects, rays.
-  std::int64_t passes_drawn = 0;
-  std::int64_t passes_skipped = 0;   // what the plan and the geometry left out
-  std::int64_t draw_calls = 0;       // of OpenGL's
-  std::int64_t shadow_vertices = 0;  // vertices that the CPU projected or clipped for shadows
-  std::int64_t kernel_generations = 0;
-  // Shadows drawn from the geometry of an earlier frame: only the camera moved, or the caster slid
-  // or turned on the plane. The other casters x planes x lights are recomputed.
-  std::int64_t reprojections = 0;
-  std::int64_t triples_recomputed = 0;
-  std::int64_t proxy_shadows = 0;      // drawn from a reduced mesh
-  std::int64_t proxy_checks = 0;       // times that a reduced mesh was compared with its model
-  std::int64_t proxy_faces_saved = 0;  // by those drawn, over all their layers
-  // Of the layers on a plane as a picture of their own: drawn, and kept from a frame before.
-  std::int64_t layer_masks_drawn = 0, layer_masks_kept = 0;
-  std::int64_t mask_pieces_skipped = 0;  // of these pictures, where they darken nothing
-  // Of the shadows on phantoms and objects, a picture for each level: drawn, and kept from a frame
-  // before.
-  std::int64_t masks_drawn = 0, masks_kept = 0;
-  // The video frame: copied to the GPU, or read by it in the camera's own buffer. Neither for one
-  // that was there already.
-  std::int64_t video_copies = 0, video_imports = 0;
-  // Through pixel buffers: of the copies, and pictures that ask_for_picture() asked for.
-  std::int64_t pixel_buffer_uploads = 0, pixel_buffer_read_backs = 0;
-  // Faces of the kernel sets made in this frame, and those that turn over in some layer.
-  std::int64_t faces_tested = 0, faces_twisted = 0;
   Translucency translucency = Translucency::blend;  // as it was drawn; never automatic
-  // What the plan asked for and could not be drawn; counted in passes_skipped.
-  std::vector<SkippedPass> skipped;
-  std::vector<KeptPart> kept;
 };
 // Of two pictures together. Without gpu_ms: those of two compositors are not of the same frames.
 void add(CompositeStats& to, const CompositeStats& stats);
@@ -95,10 +66,6 @@ class Compositor {
   Compositor(Compositor&&) noexcept;
   Compositor& operator=(Compositor&&) noexcept;
   ~Compositor();
-
-  // What the context was found to do when this was created, for tests to say otherwise.
-  [[nodiscard]] const PictureAbilities& abilities() const;
-  void set_abilities(const PictureAbilities& abilities);
 
   // Draws into a framebuffer of its own, of the camera's size.
   [[nodiscard]] Result<CompositeStats> draw(const Frame& frame, const FramePlan& plan);

@@ -51,7 +51,7 @@ std::pair<double, double> heights_above(const PlaneFrame& plane, const BoxCorner
   return {bottom, top};
 }
 
-// Holds the box's image straight down.
+// Returns a disc that holds the box's image straight down.
 Disc footprint(const BoxCorners& corners, const PlaneFrame& plane) {
   Disc disc;
   for (const Eigen::Vector3d& corner : corners)
@@ -62,9 +62,9 @@ Disc footprint(const BoxCorners& corners, const PlaneFrame& plane) {
   return disc;
 }
 
-// Holds every layer. A kernel lies inside the footprint's bounding circle of radius r, so an
-// imaginary vertex k + s (x - k) is at most s r + (s - 1) r away from its centre. The rest is
-// slack for kernels that stand a raster cell outside.
+// Returns a disc that holds every layer. A kernel lies inside the footprint's bounding circle of
+// radius r, so an imaginary vertex k + s (x - k) is at most s r + (s - 1) r away from its centre.
+// The rest is slack for kernels that stand a raster cell outside.
 Disc shadow_bounds(const BoxCorners& corners, const ShadowDraw& draw, double top) {
   Disc disc = footprint(corners, draw.plane_frame);
   double s = 1.0;
@@ -76,13 +76,13 @@ Disc shadow_bounds(const BoxCorners& corners, const ShadowDraw& draw, double top
       s = std::max(s, layer_factor(draw.constants, layer, std::clamp(top, range.low, range.high)));
     }
   }
-  // A disc of hardly a cell may reach 2.5 of its radii: of one light's growth, no more than that.
+  // A light of one size may move a vertex by up to 2.5 radii of a disc of hardly one cell.
   const double reach = draw.light_mode == LightMode::fixed ? 2.5 : 2.0;
   disc.radius *= 1.05 * (reach * s - 1.0);
   return disc;
 }
 
-// Of the rectangle from `least` to `greatest`.
+// Whether the rectangle from `least` to `greatest` misses the outline's bounds.
 bool misses_outline(const Eigen::Vector2d& least, const Eigen::Vector2d& greatest,
                     const std::vector<Eigen::Vector2d>& outline) {
   if (outline.empty()) return false;
@@ -100,7 +100,7 @@ bool misses_outline(const Disc& disc, const std::vector<Eigen::Vector2d>& outlin
                         outline);
 }
 
-// What blends receives nothing; only a phantom, which hides by its depth alone, is drawn whole.
+// Surfaces that blend receive no shadows; phantoms are drawn whole, by their depth alone.
 bool all_blends(const Model& model) {
   return std::ranges::all_of(model.meshes, [&model](const Mesh& mesh) {
     const auto at = static_cast<std::size_t>(mesh.material);
@@ -127,11 +127,11 @@ class Planner {
       const auto index = static_cast<int>(i);
       const ObjectDraw draw{index, placement_of_model(index), opacity_of_object(index)};
       if (draw.opacity <= 0.0F) {
-        skip("group_not_seen", object.name, "its tags are not seen");
+        skip(SkipReason::object_group_not_seen, index);
         continue;
       }
       if (options_.skip && out_of_view(box_corners(*object.model, draw.T_table_object))) {
-        skip("object_out_of_view", object.name, "outside the view");
+        skip(SkipReason::object_out_of_view, index);
         continue;
       }
       (object.phantom ? plan_.phantoms : plan_.objects).push_back(draw);
@@ -143,7 +143,7 @@ class Planner {
       const ShadowNode& node = scene_.shadows[n];
       const ShadowTechnique technique = options_.technique.value_or(node.technique);
       if (technique == ShadowTechnique::none) {
-        skip("technique_none", node.name, "no shadows asked for");
+        skip(SkipReason::technique_none, static_cast<int>(n));
         continue;
       }
       for (const int plane_index : planes_of(node, technique)) {
@@ -151,15 +151,15 @@ class Planner {
         const PlacedPlane placed = placed_plane(scene_, state_, plane_index);
         const PlaneFrame& frame = placed.frame;
         if (placed.opacity <= 0.0) {
-          skip("group_not_seen", plane.name, "its tags are not seen");
+          skip(SkipReason::plane_group_not_seen, plane_index);
           continue;
         }
         const PlaneReceiver receiver{
             plane_index, frame,
             std::min(plan_.overlay_opacity, static_cast<float>(placed.opacity))};
-        // From behind there is no plane to see: no picture depends on `skip` here.
+        // A plane is invisible from behind, with and without `skip`.
         if (frame.height(plan_.T_table_camera.translation()) <= 0.0) {
-          skip("camera_behind_plane", plane.name, "seen from behind");
+          skip(SkipReason::camera_behind_plane, plane_index);
           continue;
         }
         if (std::ranges::find(plan_.receivers, plane_index, &PlaneReceiver::plane) ==
@@ -195,14 +195,14 @@ class Planner {
           plan_shadow(draw, plane);
         }
       }
-      if (technique == ShadowTechnique::volume && !lights_of(node).empty()) {
+      if (technique == ShadowTechnique::volume && !lights_of(static_cast<int>(n)).empty()) {
         plan_volumes(node, static_cast<int>(n), true);
       }
       if (options_.light_rays || node.light_rays) plan_rays(node, technique);
     }
-    // A light throws all of its shadows in one way, and so do all lights of a frame: what is in the
-    // shadow of one light by projection and of another by a volume would lose their shares one
-    // after the other, not together. Volumes fall on planes too.
+    // All lights of a frame cast by one technique: a pixel in the shadow of one light by projection
+    // and of another by a volume would lose their shares one after the other, not together. Volumes
+    // fall on planes too.
     const bool volumes = !plan_.volumes.empty();
     if (volumes) plan_.hard_shadows.clear();
     for (std::size_t n = 0; n < scene_.shadows.size(); ++n) {
@@ -223,10 +223,10 @@ class Planner {
   void plan_shadow(ShadowDraw draw, const ScenePlane& plane) {
     const SceneObject& object = scene_.objects[static_cast<std::size_t>(draw.object)];
     if (!object.model || !object.casts_shadow) {
-      skip("casts_no_shadow", object.name, "casts no shadow");
+      skip(SkipReason::casts_no_shadow, draw.object);
       return;
     }
-    if (draw.opacity <= 0.0F) return;  // told of the object
+    if (draw.opacity <= 0.0F) return;  // the object itself is reported as skipped
     if (draw.technique == ShadowTechnique::simple) draw.umbra = draw.penumbra = false;
     const BoxCorners corners = box_corners(*object.model, draw.T_table_object);
     const Disc bounds =
@@ -246,8 +246,8 @@ class Planner {
     plan_.shadows.push_back(draw);
   }
 
-  // Of every height of a receiver its layers are others than on the plane: whether there are any is
-  // not known here.
+  // Plans the shadow on receivers. At each height its layers differ from those on the plane, so
+  // this is done whether or not it shows on the plane.
   void plan_receivers_under(const ShadowDraw& draw, const SceneObject& object) {
     if (scene_.objects.size() < 2) return;
     const BoxCorners corners = box_corners(*object.model, draw.T_table_object);
@@ -264,14 +264,12 @@ class Planner {
       if (!are_one_thing(draw.object, receiver.object) && receiver.meets(under))
         ++plan_.meeting_pairs;
     }
-    if (misses_all(under, plan_.phantoms))
-      skip("shadow_misses_phantoms", object.name, "its shadow meets no phantom");
-    if (misses_all(under, plan_.objects))
-      skip("shadow_misses_objects", object.name, "its shadow meets no other object");
+    if (misses_all(under, plan_.phantoms)) skip(SkipReason::shadow_misses_phantoms, draw.object);
+    if (misses_all(under, plan_.objects)) skip(SkipReason::shadow_misses_objects, draw.object);
   }
 
-  // A virtual object and what hangs on it are one thing; what hangs on a mere joint, or on a
-  // phantom (a real thing), is by itself.
+  // Returns the root of the virtual objects that an object belongs to. Children of a joint without
+  // a model, or of a phantom, are roots.
   [[nodiscard]] int thing_of(int object) const {
     const auto parent_of = [this](int child) {
       return scene_.objects[static_cast<std::size_t>(child)].parent;
@@ -285,13 +283,13 @@ class Planner {
       object = parent;
     return object;
   }
-  // Whether a caster's shadow could fall on it at all.
+  // Whether caster and receiver belong together, so that none shadows the other.
   [[nodiscard]] bool are_one_thing(int caster, int receiver) const {
     if (scene_.objects[static_cast<std::size_t>(receiver)].phantom) return receiver == caster;
     return thing_of(receiver) == thing_of(caster);
   }
 
-  // Where a thing is over a plane.
+  // An object's place over a plane.
   struct OverPlane {
     int object = 0;
     Disc disc;
@@ -307,7 +305,7 @@ class Planner {
     const auto [low, high] = heights_above(plane, box);
     return {object, footprint(box, plane), low, high};
   }
-  // All that shadows fall on, in view or not.
+  // All receivers, in view or not.
   const std::vector<OverPlane>& receivers_over(int plane, const PlaneFrame& frame) {
     const auto [entry, is_new] = receivers_over_.try_emplace(plane);
     for (std::size_t i = 0; is_new && i < scene_.objects.size(); ++i) {
@@ -320,8 +318,8 @@ class Planner {
     return entry->second;
   }
 
-  // Plans the shadow on those that it may meet. Whether there are others than its caster, and it
-  // meets none.
+  // Plans the shadow on those receivers that it may meet. Returns whether there are receivers, and
+  // it meets none.
   bool misses_all(const ReceivedShadowDraw& under, const std::vector<ObjectDraw>& receivers) {
     bool asked = false;
     bool met = false;
@@ -330,7 +328,7 @@ class Planner {
       const SceneObject& object = scene_.objects[static_cast<std::size_t>(receiver.object)];
       const Model& model = *object.model;
       if (options_.skip && !object.phantom && all_blends(model)) {
-        skip("receiver_blends", object.name, "shadows do not fall on what blends");
+        skip(SkipReason::receiver_blends, receiver.object);
         continue;
       }
       asked = true;
@@ -353,34 +351,33 @@ class Planner {
     return planes;
   }
 
-  // Those that the node names, or the scene's first.
-  std::vector<int> lights_of(const ShadowNode& node) {
+  // Returns the lights that the node names, or the scene's first.
+  std::vector<int> lights_of(int node_index) {
+    const ShadowNode& node = scene_.shadows[static_cast<std::size_t>(node_index)];
     if (!node.lights.empty()) return node.lights;
     if (!scene_.lights.empty()) return {0};
-    skip("no_light", node.name, "the scene has no light");
+    skip(SkipReason::no_light, node_index);
     return {};
   }
 
   void plan_hard_shadows(const ShadowNode& node, int node_index, const PlaneReceiver& receiver) {
-    for (const int light : lights_of(node)) {
+    for (const int light : lights_of(node_index)) {
       const Eigen::Vector4d& place = plan_.lights[static_cast<std::size_t>(light)].place;
-      // Under the plane, or the horizon: none of its light arrives.
+      // A light under the plane or the horizon reaches none of it.
       if (light_height(receiver.frame, place) <= 0.0) {
-        skip("light_below_plane", scene_.lights[static_cast<std::size_t>(light)].name,
-             "in or under the plane");
+        skip(SkipReason::light_below_plane, light);
         continue;
       }
       std::set<int>& lights = lights_on_[receiver.plane];
       if (!lights.contains(light) && lights.size() == kMaxHardLights) {
-        skip("too_many_lights", scene_.lights[static_cast<std::size_t>(light)].name,
-             "one light too many for the plane");
+        skip(SkipReason::too_many_lights, light);
         continue;
       }
       lights.insert(light);
       for (const int caster : node.casters) {
         const SceneObject& object = scene_.objects[static_cast<std::size_t>(caster)];
         if (!object.model || !object.casts_shadow) {
-          skip("casts_no_shadow", object.name, "casts no shadow");
+          skip(SkipReason::casts_no_shadow, caster);
           continue;
         }
         if (opacity_of_object(caster) <= 0.0F) continue;
@@ -406,7 +403,7 @@ class Planner {
     if (lights.empty() || node.planes.empty()) return;
     ShadowVolumeDraw draw;
     draw.node = node_index;
-    draw.reach = kReceiverReach;
+    draw.reach = kVolumeReach;
     for (const int index : node.planes) {
       const PlacedPlane placed = placed_plane(scene_, state_, index);
       const bool bounded = !scene_.planes[static_cast<std::size_t>(index)].outline.empty();
@@ -416,7 +413,7 @@ class Planner {
     for (const int caster : node.casters) {
       const SceneObject& object = scene_.objects[static_cast<std::size_t>(caster)];
       if (!object.model || !object.casts_shadow) {
-        if (on_planes) skip("casts_no_shadow", object.name, "casts no shadow");
+        if (on_planes) skip(SkipReason::casts_no_shadow, caster);
       } else if (opacity_of_object(caster) > 0.0F) {
         casters.push_back(caster);
       }
@@ -427,7 +424,7 @@ class Planner {
     for (const int light : lights) {
       draw.light = light;
       draw.light_place = plan_.lights[static_cast<std::size_t>(light)].place;
-      // Of projected shadows, as on their planes: what shows on none of these shows on no phantom.
+      // A light that casts no projected shadow on any of the planes casts none on phantoms.
       const bool shown = std::ranges::any_of(node.planes, [&](int plane) {
         const auto lights_there = lights_on_.find(plane);
         return lights_there != lights_on_.end() && lights_there->second.contains(light);
@@ -438,13 +435,12 @@ class Planner {
         draw.T_table_object = placement_of_model(caster);
         draw.receivers.clear();
         if (!on_planes) {
-          // A volume that is made for other receivers has other triangles, whose edges may fall on
-          // other pixels: the same ones with and without skipping.
+          // A volume made for other receivers has other triangles, whose edges may fall on other
+          // pixels: receivers are the same with and without skipping.
           draw.receivers = balls_met(draw, seen);
           if (!draw.receivers.empty()) volume_lights_.insert(light);
           if (draw.receivers.empty() && options_.skip) {
-            const std::string& name = scene_.objects[static_cast<std::size_t>(caster)].name;
-            skip("shadow_misses_phantoms", name, "its shadow meets no phantom");
+            skip(SkipReason::shadow_misses_phantoms, caster);
           }
           if (draw.receivers.empty() && !options_.skip) draw.receivers = seen;
           if (draw.receivers.empty()) continue;
@@ -473,7 +469,7 @@ class Planner {
     return balls;
   }
 
-  // Those that a caster may keep its light from.
+  // Returns the receivers that a caster may keep its light from.
   [[nodiscard]] std::vector<Ball> balls_met(const ShadowVolumeDraw& draw,
                                             const std::vector<Ball>& receivers) const {
     const SceneObject& object = scene_.objects[static_cast<std::size_t>(draw.object)];
@@ -485,8 +481,8 @@ class Planner {
     return met;
   }
 
-  // One that another node has already asked for is made long enough for both: without a floor it
-  // goes as far as anything receives.
+  // Adds a volume, or extends one that another node asked for to serve both: without a floor it
+  // ends at kVolumeReach.
   void add_volume(const ShadowVolumeDraw& draw) {
     const auto known = std::ranges::find_if(plan_.volumes, [&draw](const ShadowVolumeDraw& other) {
       return other.object == draw.object && other.light == draw.light;
@@ -505,7 +501,8 @@ class Planner {
     }
   }
 
-  // Of those techniques whose shadows a light throws: the others' fall along the plane's normal.
+  // Plans rays for the techniques whose shadows depend on a light; the others' fall along the
+  // plane's normal.
   void plan_rays(const ShadowNode& node, ShadowTechnique technique) {
     if (technique != ShadowTechnique::hard && technique != ShadowTechnique::volume) return;
     std::vector<int> lights = node.lights;
@@ -533,19 +530,19 @@ class Planner {
     }
   }
 
-  // Of one for phantoms it is known which it meets.
+  // A volume for phantoms alone is planned only where it meets one.
   bool volume_shows(const ShadowVolumeDraw& draw) {
     if (!draw.on_planes) return true;
     const SceneObject& object = scene_.objects[static_cast<std::size_t>(draw.object)];
     const BoxCorners corners = box_corners(*casting_model(object, draw.proxy), draw.T_table_object);
     if (!out_of_view(hull_of_volume(corners, draw.light_place, draw.floors, draw.reach)))
       return true;
-    skip("volume_out_of_view", object.name, "its shadow volume is outside the view");
+    skip(SkipReason::volume_out_of_view, draw.object);
     return false;
   }
 
-  // All that is drawn lies between the light, the caster and its box's images on the planes; where
-  // a light is not above the box, nothing is said.
+  // Whether rays may be in view: they lie between the light, the caster and its box's images on the
+  // planes. Where a light is not above the box, they may be.
   bool rays_show(const LightRayDraw& draw, const SceneObject& object) {
     const BoxCorners corners = box_corners(*casting_model(object, draw.proxy), draw.T_table_object);
     std::vector<Eigen::Vector3d> hull(corners.begin(), corners.end());
@@ -568,23 +565,23 @@ class Planner {
       }
     }
     if (!out_of_view(std::move(hull))) return true;
-    skip("rays_out_of_view", object.name, "its light rays are outside the view");
+    skip(SkipReason::rays_out_of_view, draw.object);
     return false;
   }
 
-  // The box's image decides; where the box reaches under the plane or up to the light, nothing is
-  // said.
+  // Whether a hard shadow may be in view, by the image of the caster's box; it may be where the box
+  // reaches under the plane or up to the light.
   bool hard_shadow_shows(const HardShadowDraw& draw, const SceneObject& object) {
     const ScenePlane& plane = scene_.planes[static_cast<std::size_t>(draw.plane)];
     const BoxCorners corners = box_corners(*casting_model(object, draw.proxy), draw.T_table_object);
     const auto [bottom, top] = heights_above(draw.plane_frame, corners);
     if (top < -kContactTolerance) {
-      skip("shadow_below_plane", object.name, "under the plane");
+      skip(SkipReason::shadow_below_plane, draw.object);
       return false;
     }
     const HeightRange range = hard_shadow_range(draw.plane_frame, draw.light_place);
     if (bottom > range.high) {
-      skip("shadow_above_light", object.name, "above the light");
+      skip(SkipReason::shadow_above_light, draw.object);
       return false;
     }
     if (bottom < -kContactTolerance || top > range.high) return true;
@@ -602,22 +599,23 @@ class Planner {
       high = high.cwiseMax(p);
     }
     if (misses_outline(low, high, plane.outline)) {
-      skip("shadow_off_receiver", object.name, "off the plane's outline");
+      skip(SkipReason::shadow_off_receiver, draw.object);
       return false;
     }
     if (frustum_.misses(image)) {
-      skip("shadow_out_of_view", object.name, "its shadow is outside the view");
+      skip(SkipReason::shadow_out_of_view, draw.object);
       return false;
     }
     return true;
   }
 
-  // Drops what cannot show; the mesh lies inside its box, so the box decides on the safe side.
+  // Drops layers that cannot show and returns whether any may. Conservative: the mesh lies inside
+  // its box.
   bool something_to_see(ShadowDraw& draw, const SceneObject& object) {
     const BoxCorners corners = box_corners(*object.model, draw.T_table_object);
     const auto [bottom, top] = heights_above(draw.plane_frame, corners);
     if (top < -kContactTolerance) {
-      skip("shadow_below_plane", object.name, "under the plane");
+      skip(SkipReason::shadow_below_plane, draw.object);
       return false;
     }
     if (draw.technique != ShadowTechnique::simple) {
@@ -631,24 +629,24 @@ class Planner {
       };
       if (above(ShadowLayer::umbra)) {
         draw.umbra = false;
-        if (!one_light) skip("umbra_vanished", object.name, "above the umbra's height");
+        if (!one_light) skip(SkipReason::umbra_vanished, draw.object);
       }
       if (above(ShadowLayer::middle)) draw.middle = false;
       if (above(ShadowLayer::penumbra)) draw.penumbra = false;
       if (!draw.umbra && !draw.middle && !draw.penumbra) {
-        skip("shadow_above_light", object.name, "above the light");
+        skip(SkipReason::shadow_above_light, draw.object);
         return false;
       }
     }
     if (draw.technique == ShadowTechnique::layered && object.model->shadow_kernel_up) return true;
     if (draw.off_outline) {
-      skip("shadow_off_receiver", object.name, "off the plane's outline");
+      skip(SkipReason::shadow_off_receiver, draw.object);
       return false;
     }
     std::array<Eigen::Vector3d, 4> square = draw.plane_frame.square_about(draw.centre, draw.radius);
     for (Eigen::Vector3d& corner : square) corner = T_camera_table_ * corner;
     if (frustum_.misses(square)) {
-      skip("shadow_out_of_view", object.name, "its shadow is outside the view");
+      skip(SkipReason::shadow_out_of_view, draw.object);
       return false;
     }
     return true;
@@ -668,28 +666,23 @@ class Planner {
     for (Eigen::Vector3d& corner : corners) corner = T_camera_table_ * corner;
     return frustum_.misses(corners);
   }
-  // Of the hull of these; none: it is not known.
+  // Whether the hull of these points is out of view; an empty hull is unknown, and not.
   bool out_of_view(std::vector<Eigen::Vector3d> hull) const {
     for (Eigen::Vector3d& corner : hull) corner = T_camera_table_ * corner;
     return !hull.empty() && frustum_.misses(hull);
   }
 
-  void skip(const char* what, const std::string& name, const char* why) {
-    plan_.skipped.push_back({what, name + ": " + why});
-  }
+  void skip(SkipReason reason, int subject) { plan_.skipped.push_back({reason, subject}); }
 
   static constexpr double kContactTolerance = 1e-6;  // [m]
-  // Shadow volumes end this far from the table's origin [m], where a camera less than 8 m away from
-  // it still has them before its far plane.
-  static constexpr double kReceiverReach = 12.0;
 
   const Scene& scene_;
   const SceneState& state_;
   const PlanOptions& options_;
   FramePlan& plan_;
-  std::map<int, std::set<int>> lights_on_;                // of a plane, with hard shadows
-  std::set<int> volume_lights_;                           // that have volumes, seen or not
-  std::map<int, std::vector<OverPlane>> receivers_over_;  // a plane
+  std::map<int, std::set<int>> lights_on_;                // by plane: lights with hard shadows
+  std::set<int> volume_lights_;                           // lights with volumes, in view or not
+  std::map<int, std::vector<OverPlane>> receivers_over_;  // by plane
   ViewFrustum frustum_;
   Transform<frame::Camera, frame::Table> T_camera_table_;
 };
@@ -760,16 +753,15 @@ FramePlan plan_frame(const Scene& scene, const SceneState& state, const PoseEsti
   plan.reuse = options.skip;
   if (!pose.has_pose() || !pose.T_table_camera.is_finite()) {
     plan.skipped.push_back(
-        {"no_pose", "overlay: " + (pose.reason.empty() ? std::string("no pose") : pose.reason)});
+        {SkipReason::no_pose, -1, -1, pose.reason.empty() ? "no pose" : pose.reason});
     return plan;
   }
-  plan.finest_edges = options.finest_edges;
   plan.whole_masks = !options.skip;
   plan.translucency = options.translucency;
   plan.layers = options.layers;
   plan.overlay_opacity = static_cast<float>(opacity_for(pose.status, pose.held_from, pose.age_s));
   if (plan.overlay_opacity <= 0.0F) {
-    plan.skipped.push_back({"faded_out", "overlay: the pose is too old"});
+    plan.skipped.push_back({SkipReason::faded_out});
     return plan;
   }
   plan.has_pose = true;

@@ -9,6 +9,7 @@
 
 #include "core/camera/camera_model.hpp"
 #include "core/geometry/pose_estimate.hpp"
+#include "render/render_work.hpp"
 #include "render/scene/plane_frame.hpp"
 #include "render/scene/scene.hpp"
 #include "render/shadow/volumes/shadow_volume.hpp"
@@ -16,8 +17,8 @@
 
 namespace penumbra {
 
-// Of a camera whose tone curve is not known: encoded = linear ^ (1 / exponent), near enough to sRGB
-// (rendering.md 3).
+// Gamma exponent of a camera whose response is not known: encoded = linear ^ (1 / exponent), close
+// to sRGB (docs/rendering.md#tone).
 inline constexpr double kUsualToneExponent = 2.2;
 
 struct PlanOptions {
@@ -28,13 +29,9 @@ struct PlanOptions {
   bool proxies = true;                       // false: every object casts with its own mesh
   LayerDrawing layers = LayerDrawing::automatic;
   bool light_rays = false;  // of every shadow node, whatever it says
-  // Leave out what can't be seen, and make nothing again that an earlier frame made; the picture is
-  // the same either way, bit for bit.
+  // Skip what can't be seen, and reuse what an earlier frame made; the image is the same either
+  // way, bit for bit.
   bool skip = true;
-  // Split casters' edges and masks as the nearest distance expected asks for, not as the present
-  // one does;
-  // the picture is the same to 0.15 px.
-  bool finest_edges = false;
 };
 
 struct ObjectDraw {
@@ -43,8 +40,7 @@ struct ObjectDraw {
   float opacity = 1.0F;  // no more than the overlay's
 };
 
-// A plane that shadows fall on. In front of each of them the eye sees it, and it hides those
-// behind.
+// A plane that shadows fall on, with the eye in front of it. It hides the planes behind it.
 struct PlaneReceiver {
   int plane = 0;  // index into Scene::planes
   PlaneFrame frame;
@@ -66,25 +62,25 @@ struct ShadowDraw {
   bool umbra = true, middle = true, penumbra = true;  // which layers have anything to draw
   bool off_outline = false;                           // its bounds do not meet the plane's outline
   float opacity = 1.0F;                               // of caster and plane together
-  // On the plane, what holds every layer [m]; kernels that are given may lie anywhere, and what
-  // they make is not held.
+  // A disc on the plane that holds every layer [m], but for kernels from a file, which may lie
+  // anywhere.
   Eigen::Vector2d centre = Eigen::Vector2d::Zero();
   double radius = 0.0;
 };
 
-// Whether their layers have the same shapes. How dark they are, and which are seen on the plane,
+// Whether their layers have the same shapes; how dark they are and which of them show on the plane
 // does not count.
 [[nodiscard]] bool same_shapes(const ShadowDraw& a, const ShadowDraw& b);
 
 // The part of such a shadow that falls on a phantom or on another virtual object before it reaches
-// the plane. Cast straight down on every height of it as on a plane there, so that layers tell the
-// height above what they fall on. No object receives its own, nor that of what hangs on it: every
-// height of a surface is in contact with what of the object lies above it, and a penumbra begins
-// there.
+// the plane: cast straight down onto every height of the receiver as on a plane there
+// (docs/rendering.md#shadows-on-receivers). No object receives its own shadow, nor its children's:
+// at every height its surface touches what of the object is above, and a penumbra begins there.
 struct ReceivedShadowDraw {
   int receiver = 0;   // index into Scene::objects, one of FramePlan::phantoms or objects
-  ShadowDraw shadow;  // on the plane; its opacity is the receiver's as well, its layers are all
-  // On the plane, what holds every layer at every height [m]; without end where kernels are given.
+  ShadowDraw shadow;  // on the plane, with all layers; its opacity includes the receiver's
+  // A disc on the plane that holds every layer at every height [m]; infinite for kernels from a
+  // file.
   Eigen::Vector2d centre = Eigen::Vector2d::Zero();
   double radius = 0.0;
   double top = 0.0;  // of the caster above the plane, no less than its own [m]
@@ -101,9 +97,8 @@ struct HardShadowDraw {
 };
 
 // One caster's shadow volume from one light, on everything that is drawn into the depth buffer; or
-// on phantoms alone, where its shadow on planes is a projected one. Each caster and light once,
-// whatever nodes ask for it, and all of a frame alike: where one node asks for volumes, the
-// projected shadows of all are drawn as volumes.
+// on phantoms alone, where its shadow on planes is a projected one. Each caster and light occurs
+// once. Where one node asks for volumes, the projected shadows of all nodes are drawn as volumes.
 struct ShadowVolumeDraw {
   int node = 0, object = 0, light = 0;  // indices into the scene
   Placement T_table_object;
@@ -111,7 +106,7 @@ struct ShadowVolumeDraw {
   std::vector<PlaneFrame> floors;  // the unbounded planes that receive
   double reach = 0.0;              // of the volume, from the table's origin [m]
   bool on_planes = true;           // and on virtual objects
-  std::vector<Ball> receivers;     // what it may fall on where not; none: anything
+  std::vector<Ball> receivers;     // of phantoms alone: those that it may meet; empty: any
   bool proxy = true;               // the author's reduced model casts, where there is one
   float opacity = 1.0F;            // of the caster; where it falls, the receiver's counts as well
 };
@@ -130,35 +125,22 @@ struct LightRayDraw {
   float opacity = 1.0F;  // of the caster
 };
 
-struct SkippedPass {
-  std::string what;    // counter in the report: "object_out_of_view", "shadow_out_of_view",
-                       // "umbra_vanished", ...
-  std::string reason;  // for the HUD: "rotor: outside the view"
-};
-
-// What was not done anew, for what is there from an earlier picture does.
-struct KeptPart {
-  std::string what;    // counter in the report: "video", ...
-  std::string reason;  // for the HUD: "video: the frame is on the GPU already"
-};
-
-// What virtual things are lit with beside the scene's lights. Linear, by channel.
+// The light on virtual objects beside the scene's lights. Linear, by channel.
 struct Lighting {
   Eigen::Vector3d gain = Eigen::Vector3d::Ones();  // of the lights: those of the scene times this
   // From the upper half of the room and from below, on a surface that faces it.
   Eigen::Vector3d sky = Eigen::Vector3d::Zero();
   Eigen::Vector3d ground = Eigen::Vector3d::Zero();
 };
-// Where the light of the video is known, a white matt surface that lies on the table shows as much
-// of it as white paper there would; less where all lights of the scene together give it less than
-// 1, so that they can be dimmed, and never more. What comes from below is what the picture shows.
-// Shadows on the table take the same share of its light either way.
+// Where the light of the video is known, a white matt surface on the table is as bright as white
+// paper there; darker where the scene's lights together give it less than 1, so that they can be
+// dimmed. The light from below is that of the image around. Shadows on the table take the same
+// share of the light either way.
 [[nodiscard]] Lighting lighting_for(const Scene& scene, const SceneState& state);
 
-// What is left of the light in the layers on a plane, `normal` up, through `place`, table frame.
-// The scene's fractions are those under the usual ambient light (Scene::kUsualAmbient) or less; of
-// more of it no caster takes anything away, and what the layers take away of all the light falls as
-// the lights' share in it does (rendering.md 3: lifted by ambient).
+// Returns the light that is left in the layers on a plane, `normal` up, through `place`, table
+// frame. The scene's fractions hold up to the usual ambient light (Scene::kUsualAmbient). Casters
+// block none of the ambient light beyond it, so the fractions rise (docs/rendering.md#tone).
 [[nodiscard]] LightFractions lifted_by_ambient(const LightFractions& fractions, const Scene& scene,
                                                const std::vector<PlacedLight>& lights,
                                                const Eigen::Vector3d& normal,
@@ -169,24 +151,25 @@ struct FramePlan {
   CameraPose T_table_camera;
   Translucency translucency = Translucency::automatic;  // of all that is drawn
   LayerDrawing layers = LayerDrawing::automatic;
-  bool finest_edges = false;         // of casters and masks, whatever the distance
-  bool whole_masks = false;          // of planes: also where they darken nothing
-  bool reuse = true;                 // false: nothing that an earlier frame made, but kernels
+  // For tests: casters' edges and masks are split for the nearest distance expected, not for the
+  // present one; the image is the same to 0.15 px.
+  bool finest_edges = false;
+  bool whole_masks = false;          // draw masks of planes also where they darken nothing
+  bool reuse = true;                 // false: of earlier frames, use only kernels
   float overlay_opacity = 1.0F;      // 1 when tracked, lower when uncertain or held
   std::vector<ObjectDraw> phantoms;  // depth only
   std::vector<ObjectDraw> objects;
   std::vector<PlaneReceiver> receivers;  // of all nodes' techniques, seen or not, each once
   std::vector<ShadowDraw> shadows;
-  // What is left out of them for being out of sight. How the others are drawn must not hang on
-  // that.
+  // Shadows skipped for being out of sight: culling one must not change how the rest is drawn.
   std::vector<ShadowDraw> unseen_shadows;
   std::vector<ReceivedShadowDraw> received_shadows;
-  // How many casters and receivers of all planes may meet, in view or not: what they share must not
-  // hang on what is seen.
+  // Number of pairs of casters and receivers that may meet, in view or not. It limits the
+  // resolution of their masks, which must not depend on the view.
   std::size_t meeting_pairs = 0;
   std::vector<HardShadowDraw> hard_shadows;
   std::vector<ShadowVolumeDraw> volumes;
-  int volume_lights = 0;  // that have volumes, seen or not: how they are drawn hangs on it
+  int volume_lights = 0;  // number of lights with volumes, in view or not
   std::vector<LightRayDraw> rays;
   std::vector<PlacedLight> lights;  // one per Scene::lights
   Lighting lighting;
@@ -194,7 +177,7 @@ struct FramePlan {
   std::vector<SkippedPass> skipped;
 };
 
-// What the plan draws of an object, a phantom or not; null where it draws nothing of it.
+// Returns what the plan draws of an object or phantom; null where that is nothing.
 [[nodiscard]] const ObjectDraw* drawn_object(const FramePlan& plan, int object);
 
 [[nodiscard]] FramePlan plan_frame(const Scene& scene, const SceneState& state,

@@ -104,8 +104,7 @@ void ComparisonHost::describe(HudState& state, bool debug) const {
   describe_frame(state, *last_, run_);
   if (!debug) return;
   state.drawn = last_->composite;
-  state.skipped = last_->plan.skipped;
-  state.kept = last_->composite.kept;
+  describe_reasons(state, *last_, comparison_.scene());
   state.work = run_.work();
 }
 

@@ -45,6 +45,8 @@ class Comparison {
   [[nodiscard]] int samples() const { return panes_.front().session->samples(); }
   [[nodiscard]] bool pixel_buffers() const { return panes_.front().session->pixel_buffers(); }
 
+  // Panes differ in how shadows are drawn, not in the scene.
+  [[nodiscard]] const Scene& scene() const { return *panes_.front().session->view().scene; }
   // The last picture.
   [[nodiscard]] const PaneGrid& grid() const { return grid_; }
   [[nodiscard]] std::vector<PaneReport> reports() const;

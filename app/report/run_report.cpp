@@ -263,8 +263,9 @@ void RunRecorder::add_frame(const SessionFrame& frame) {
   }
   add_work(drawn);
   for (const ShadowEvent& event : frame.events) ++events_[static_cast<std::size_t>(event.kind)];
-  for (const SkippedPass& pass : frame.plan.skipped) ++report_.skipped[pass.what];
-  for (const KeptPart& part : drawn.kept) ++report_.kept[part.what];
+  for (const SkippedPass& pass : frame.plan.skipped)
+    ++skipped_[static_cast<std::size_t>(pass.reason)];
+  for (const KeptPart& part : drawn.kept) ++kept_[static_cast<std::size_t>(part.reason)];
 }
 
 void RunRecorder::add_reason(const std::string& reason) {
@@ -345,27 +346,7 @@ void RunRecorder::add_redrawn(const SessionFrame& frame) {
 }
 
 void RunRecorder::add_work(const CompositeStats& drawn) {
-  work_.shadow_vertices += drawn.shadow_vertices;
-  work_.kernel_generations += drawn.kernel_generations;
-  work_.reprojections += drawn.reprojections;
-  work_.triples_recomputed += drawn.triples_recomputed;
-  work_.proxy_shadows += drawn.proxy_shadows;
-  work_.proxy_checks += drawn.proxy_checks;
-  work_.proxy_faces_saved += drawn.proxy_faces_saved;
-  work_.layer_masks_drawn += drawn.layer_masks_drawn;
-  work_.layer_masks_kept += drawn.layer_masks_kept;
-  work_.mask_pieces_skipped += drawn.mask_pieces_skipped;
-  work_.masks_drawn += drawn.masks_drawn;
-  work_.masks_kept += drawn.masks_kept;
-  work_.video_copies += drawn.video_copies;
-  work_.video_imports += drawn.video_imports;
-  work_.pixel_buffer_uploads += drawn.pixel_buffer_uploads;
-  work_.pixel_buffer_read_backs += drawn.pixel_buffer_read_backs;
-  work_.faces_tested += drawn.faces_tested;
-  work_.faces_twisted += drawn.faces_twisted;
-  work_.passes_drawn += drawn.passes_drawn;
-  work_.passes_skipped += drawn.passes_skipped;
-  work_.draw_calls += drawn.draw_calls;
+  work_ += drawn.counters;
   // Of a frame before this one, or of one drawn again.
   add_gpu_times(drawn.gpu_ms);
 }
@@ -398,6 +379,14 @@ RunReport RunRecorder::report() const {
   std::ranges::stable_sort(report.reasons, std::greater(),
                            &std::pair<std::string, std::int64_t>::second);
   report.work = work();
+  const auto add_counts = [](auto& counts, const auto& by_reason, auto first) {
+    for (std::size_t i = 0; i < by_reason.size(); ++i) {
+      const auto reason = static_cast<decltype(first)>(i);
+      if (by_reason[i] > 0) counts[std::string(key_of(reason))] += by_reason[i];
+    }
+  };
+  add_counts(report.skipped, skipped_, SkipReason());
+  add_counts(report.kept, kept_, KeepReason());
   for (const Group& group : groups_) {
     GroupReport& of_group = report.groups.emplace_back(group.report);
     of_group.reprojection_rms_px = group.reprojection_px.statistics();
@@ -407,28 +396,9 @@ RunReport RunRecorder::report() const {
 }
 
 std::vector<std::pair<std::string, std::int64_t>> RunRecorder::work() const {
-  std::vector<std::pair<std::string, std::int64_t>> counts = {
-      {"shadow_vertices", work_.shadow_vertices},
-      {"kernel_generations", work_.kernel_generations},
-      {"reprojections", work_.reprojections},
-      {"triples_recomputed", work_.triples_recomputed},
-      {"proxy_shadows", work_.proxy_shadows},
-      {"proxy_checks", work_.proxy_checks},
-      {"proxy_faces_saved", work_.proxy_faces_saved},
-      {"layer_masks_drawn", work_.layer_masks_drawn},
-      {"layer_masks_kept", work_.layer_masks_kept},
-      {"mask_pieces_skipped", work_.mask_pieces_skipped},
-      {"phantom_masks_drawn", work_.masks_drawn},
-      {"phantom_masks_kept", work_.masks_kept},
-      {"video_copies", work_.video_copies},
-      {"video_imports", work_.video_imports},
-      {"pixel_buffer_uploads", work_.pixel_buffer_uploads},
-      {"pixel_buffer_read_backs", work_.pixel_buffer_read_backs},
-      {"kernel_faces", work_.faces_tested},
-      {"twisted_faces", work_.faces_twisted},
-      {"passes_drawn", work_.passes_drawn},
-      {"passes_skipped", work_.passes_skipped},
-      {"draw_calls", work_.draw_calls}};
+  std::vector<std::pair<std::string, std::int64_t>> counts;
+  for (std::size_t i = 0; i < kCounterNames.size(); ++i)
+    counts.emplace_back(kCounterNames[i], work_[static_cast<Counter>(i)]);
   for (std::size_t i = 0; i < events_.size(); ++i) {
     counts.emplace_back(kShadowEventNames[i], events_[i]);
   }

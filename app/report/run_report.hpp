@@ -19,6 +19,7 @@
 #include "core/evaluation/running_statistics.hpp"
 #include "core/geometry/group_pose.hpp"
 #include "core/stopwatch.hpp"
+#include "render/render_work.hpp"
 #include "render/scene/shadow_events.hpp"
 #include "tracking/detection/image_check.hpp"
 
@@ -171,14 +172,6 @@ class RunRecorder {
   [[nodiscard]] RunReport report() const;
 
  private:
-  struct Work {
-    std::int64_t shadow_vertices = 0, kernel_generations = 0, reprojections = 0,
-                 triples_recomputed = 0, proxy_shadows = 0, proxy_checks = 0, proxy_faces_saved = 0,
-                 layer_masks_drawn = 0, layer_masks_kept = 0, mask_pieces_skipped = 0,
-                 masks_drawn = 0, masks_kept = 0, video_copies = 0, video_imports = 0,
-                 pixel_buffer_uploads = 0, pixel_buffer_read_backs = 0, faces_tested = 0,
-                 faces_twisted = 0, passes_drawn = 0, passes_skipped = 0, draw_calls = 0;
-  };
   struct Group {
     GroupReport report;
     Transform<frame::Group, frame::GroupMiddle> T_group_middle;
@@ -202,7 +195,9 @@ class RunRecorder {
   std::optional<LagMeter> lag_;           // of those of them that were tracked
   std::vector<Group> groups_;
   std::map<std::string, std::int64_t> reasons_;
-  Work work_;
+  RenderCounters work_;
+  std::array<std::int64_t, kSkipReasons> skipped_{};
+  std::array<std::int64_t, kKeepReasons> kept_{};
   std::array<std::int64_t, kShadowEventNames.size()> events_{};  // by ShadowEventKind
 };
 

@@ -145,9 +145,9 @@ Result<SessionFrame> Session::compose(TrackedFrame tracked, std::span<std::uint8
     if (state_with_pose_) result.events = shadow_events(*state_with_pose_, state);
     state_with_pose_ = state;
   }
-  for (const SkippedPass& left_out : result.plan.skipped) {
-    if (left_out.what == "no_light" && told_.insert(left_out.reason).second) {
-      log_warning("{}: no shadow: {}", scene_.file, left_out.reason);
+  for (const SkippedPass& skipped : result.plan.skipped) {
+    if (skipped.reason == SkipReason::no_light && warned_.insert(skipped).second) {
+      log_warning("{}: no shadow: {}", scene_.file, text_of(skipped, scene_));
     }
   }
   state_ = std::move(state);
@@ -156,10 +156,10 @@ Result<SessionFrame> Session::compose(TrackedFrame tracked, std::span<std::uint8
   if (result.plan.has_pose) drawn_pose_ = result.plan.T_table_camera;
 
   PENUMBRA_TRY(auto drawn, compositor_.draw(frame, result.plan));
-  for (const SkippedPass& left_out : drawn.skipped) {
-    result.plan.skipped.push_back(left_out);
-    if (left_out.what == "light_inside_caster" && told_.insert(left_out.reason).second) {
-      log_warning("{}: no shadow of a volume: {}", scene_.file, left_out.reason);
+  for (const SkippedPass& skipped : drawn.skipped) {
+    result.plan.skipped.push_back(skipped);
+    if (skipped.reason == SkipReason::light_inside_caster && warned_.insert(skipped).second) {
+      log_warning("{}: no shadow of a volume: {}", scene_.file, text_of(skipped, scene_));
     }
   }
   result.composite = std::move(drawn);
@@ -180,7 +180,7 @@ Result<void> Session::read_picture(std::span<std::uint8_t> rgba, SessionFrame& d
   drawn.read_back = !later || has_earlier;
   drawn.composite.readback_ms = read->readback_ms;
   drawn.composite.readback_cpu_ms = read->readback_cpu_ms;
-  drawn.composite.pixel_buffer_read_backs = read->pixel_buffer_read_backs;
+  drawn.composite[Counter::pixel_buffer_read_backs] = (*read)[Counter::pixel_buffer_read_backs];
   return {};
 }
 

@@ -161,7 +161,7 @@ class Session {
   Compositor compositor_;
   std::vector<SceneEdit> edits_;  // since the last frame
   std::vector<SceneEdit> edits_so_far_;
-  std::set<std::string> told_;  // warnings that come up frame by frame
+  std::set<SkippedPass> warned_;  // of what would be logged in every frame
   std::optional<SceneState> state_;
   std::optional<SceneState> state_with_pose_;  // the last that was drawn
   std::optional<CameraPose> drawn_pose_;

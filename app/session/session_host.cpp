@@ -111,6 +111,12 @@ void describe_frame(HudState& state, const SessionFrame& frame, const RunRecorde
   }
 }
 
+void describe_reasons(HudState& state, const SessionFrame& frame, const Scene& scene) {
+  for (const SkippedPass& skipped : frame.plan.skipped)
+    state.skipped.push_back(text_of(skipped, scene));
+  for (const KeptPart& kept : frame.composite.kept) state.kept.push_back(text_of(kept, scene));
+}
+
 std::string SessionHost::toggle_smoothing() {
   session_.set_smooth(!session_.smooth());
   return session_.smooth() ? "the drawn pose is smoothed" : "the pose is drawn as measured";
@@ -122,10 +128,9 @@ void SessionHost::describe(HudState& state, bool debug) const {
   if (last_) describe_frame(state, *last_, run_);
   if (!debug || !last_) return;
   state.drawn = last_->composite;
-  state.kept = last_->composite.kept;
-  state.skipped = last_->plan.skipped;
   state.work = run_.work();
   const SessionView view = session_.view();
+  describe_reasons(state, *last_, *view.scene);
   for (const CasterKernels& caster : session_.kernels_in_use()) {
     state.twists.push_back({view.scene->objects[static_cast<std::size_t>(caster.object)].name,
                             caster.twist, caster.spill});

@@ -50,6 +50,8 @@ class SessionHost : public ViewerHost {
 
 // What the HUD says of a frame: its number, poses, and the times of the stages.
 void describe_frame(HudState& state, const SessionFrame& frame, const RunRecorder& run);
+// What was skipped and kept in a frame of this scene, in words.
+void describe_reasons(HudState& state, const SessionFrame& frame, const Scene& scene);
 
 // A PNG of RGBA8 pixels into the current folder, unless that lies in the `recording` that is
 // played. Says what became of it, for the person.

@@ -188,7 +188,7 @@ std::vector<std::string> reasons_in_words(const HudState& state) {
   const auto add = [&lines](std::string_view head, const auto& parts) {
     const std::size_t shown = std::min(parts.size(), kMostReasons);
     for (std::size_t i = 0; i < shown; ++i) {
-      lines.push_back(fmt::format("{}: {}", head, parts[i].reason));
+      lines.push_back(fmt::format("{}: {}", head, parts[i]));
     }
     if (parts.size() > shown) {
       lines.push_back(fmt::format("{}: {} more", head, parts.size() - shown));

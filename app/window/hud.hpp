@@ -103,8 +103,7 @@ struct HudState {
   // For the debug view; filled only where it is open.
   CompositeStats drawn;                                    // of the last picture
   std::vector<std::pair<std::string, std::int64_t>> work;  // since the start
-  std::vector<SkippedPass> skipped;
-  std::vector<KeptPart> kept;
+  std::vector<std::string> skipped, kept;                  // what, and why
   std::vector<HudTwist> twists;
   std::vector<Eigen::Vector2d> kernels_px;  // where kernels are in the picture
   int picture_width = 0, picture_height = 0;
@@ -158,7 +157,7 @@ inline constexpr std::size_t kMostReasons = 10;
 [[nodiscard]] std::string in_words(Translucency asked, Translucency drawn);
 [[nodiscard]] Translucency translucency_after(Translucency way);
 
-// What a node's constants come from (shadows.md 2.4): the height at which the umbra vanishes and
+// What a node's constants come from (docs/shadows.md#constants): the height at which the umbra vanishes and
 // the middle layer's magnification there. Nothing where it never vanishes (a <= 1).
 struct Workspace {
   double height_m = 0.3;

@@ -552,7 +552,8 @@ struct Overlay::Impl {
     ImGui::PushTextWrapPos(most_width - em);
     text(fmt::format(
         "this picture: {} passes ({} calls), {} left out; shadows: {} computed, {} reused",
-        s.passes_drawn, s.draw_calls, s.passes_skipped, s.triples_recomputed, s.reprojections));
+        s[Counter::passes_drawn], s[Counter::draw_calls], s[Counter::passes_skipped],
+        s[Counter::triples_recomputed], s[Counter::reprojections]));
     std::string work;
     for (const auto& [name, count] : state.work) {
       work += fmt::format("{}{} {}", work.empty() ? "since the start: " : "   ", name, count);

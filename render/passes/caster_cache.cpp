@@ -124,8 +124,8 @@ void set_geometry(CasterBody& body, const ShadowMesh& mesh, float max_edge) {
 
 // Kernels that came with the model have no radii: those of generated ones for the same direction
 // serve.
-void complete_set(CachedCaster& caster, KernelSet& set, ShadowWork& work) {
-  if (complete_radii(set.made, caster.mesh, set.made.up)) ++work.kernel_generations;
+void complete_set(CachedCaster& caster, KernelSet& set, RenderWork& work) {
+  if (complete_radii(set.made, caster.mesh, set.made.up)) ++work[Counter::kernel_generations];
 }
 
 // Makes the body's kernels and uploads its faces; with `to_gpu` the vertices too.
@@ -227,7 +227,7 @@ CachedCaster& CasterCache::caster_of(const Scene& scene, const ShadowDraw& draw)
   return *entry;
 }
 
-KernelSet& CasterCache::kernels_of(CachedCaster& caster, const KernelKey& key, ShadowWork& work) {
+KernelSet& CasterCache::kernels_of(CachedCaster& caster, const KernelKey& key, RenderWork& work) {
   const auto found = caster.sets.find(key);
   if (found != caster.sets.end()) {
     found->second.last_used = frame_count_;
@@ -248,14 +248,14 @@ KernelSet& CasterCache::kernels_of(CachedCaster& caster, const KernelKey& key, S
     set.made = stored_kernels_of(caster.mesh);
   } else {
     set.made = generate_kernels(caster.mesh, key.direction.up(), *key.source);
-    ++work.kernel_generations;
+    ++work[Counter::kernel_generations];
   }
   set.twist =
       find_twists(place_caster(caster.mesh, set.made, Placement(),
                                PlaneFrame::make(key.direction.up(), Eigen::Vector3d::Zero())),
                   caster.mesh.indices, kLeastFactor, kGreatestTestedFactor);
-  work.faces_tested += static_cast<std::int64_t>(set.twist.faces_tested);
-  work.faces_twisted += static_cast<std::int64_t>(set.twist.faces_twisted);
+  work[Counter::faces_tested] += static_cast<std::int64_t>(set.twist.faces_tested);
+  work[Counter::faces_twisted] += static_cast<std::int64_t>(set.twist.faces_twisted);
   return set;
 }
 
@@ -272,7 +272,7 @@ bool CasterCache::can_be_masked(const ShadowDraw& draw, CachedCaster& caster) {
 
 // Depends on the tilt alone, so that the same view always has the same shadow.
 bool CasterCache::proxy_casts(const ShadowDraw& draw, CachedCaster& caster, const KernelKey& key,
-                              KernelSet& set, ShadowWork& work) {
+                              KernelSet& set, RenderWork& work) {
   if (!caster.proxy || !draw.proxy || draw.technique != ShadowTechnique::layered) return false;
   if (!steady_[static_cast<std::size_t>(draw.object)]) return false;
   const LayeredConstants& c = draw.constants;
@@ -289,7 +289,7 @@ bool CasterCache::proxy_casts(const ShadowDraw& draw, CachedCaster& caster, cons
     complete_set(caster, set, work);
     parts = parts_of(caster, key.direction, false, work);
   }
-  ++work.proxy_checks;
+  ++work[Counter::proxy_checks];
   const ProxyUse use{c, draw.light_mode, draw.T_table_object.scale};
   const bool kept =
       compare_with_proxy(caster.mesh, set.made, parts, *caster.proxy, use, false).kept();
@@ -299,20 +299,20 @@ bool CasterCache::proxy_casts(const ShadowDraw& draw, CachedCaster& caster, cons
 
 const std::vector<PartDisc>& CasterCache::parts_of(CachedCaster& caster,
                                                    const KernelDirection& direction, bool of_field,
-                                                   ShadowWork& work) {
+                                                   RenderWork& work) {
   const std::pair key(direction, of_field);
   const auto found = caster.part_sets.find(key);
   if (found != caster.part_sets.end()) return found->second;
   // A few bytes for each part: the cache is emptied when it is full.
   if (caster.part_sets.size() >= 4 * kMaxKernelSets) caster.part_sets.clear();
-  ++work.kernel_generations;
+  ++work[Counter::kernel_generations];
   return caster.part_sets
       .emplace(key, part_discs(caster.mesh, direction.up(), kHalfFieldCell, !of_field))
       .first->second;
 }
 
 std::vector<VertexDisc> CasterCache::discs_of(CachedCaster& caster, const KernelKey& key,
-                                              bool reduced, double scale, ShadowWork& work) {
+                                              bool reduced, double scale, RenderWork& work) {
   KernelSet& set = caster.sets.at(key);
   complete_set(caster, set, work);
   const std::vector<PartDisc>& parts = parts_of(caster, key.direction, false, work);
@@ -322,7 +322,7 @@ std::vector<VertexDisc> CasterCache::discs_of(CachedCaster& caster, const Kernel
 }
 
 CasterCache::Casting CasterCache::casting(const ShadowDraw& draw, CachedCaster& caster,
-                                          const OwnFrame& own, bool to_gpu, ShadowWork& work) {
+                                          const OwnFrame& own, bool to_gpu, RenderWork& work) {
   Casting with;
   if (draw.technique == ShadowTechnique::layered) {
     const bool stored_serve =

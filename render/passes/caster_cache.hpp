@@ -17,7 +17,7 @@
 #include "render/frame_plan.hpp"
 #include "render/gl/buffer.hpp"
 #include "render/model/shadow_mesh.hpp"
-#include "render/passes/shadow_work.hpp"
+#include "render/render_work.hpp"
 #include "render/scene/scene.hpp"
 #include "render/shadow/casters/caster_geometry.hpp"
 #include "render/shadow/casters/shadow_proxy.hpp"
@@ -142,15 +142,15 @@ class CasterCache {
   };
   // `to_gpu`: the vertex shader will project the vertices.
   Casting casting(const ShadowDraw& draw, CachedCaster& caster, const OwnFrame& own, bool to_gpu,
-                  ShadowWork& work);
+                  RenderWork& work);
 
   // The light sizes of a caster's parts.
   static const std::vector<PartDisc>& parts_of(CachedCaster& caster,
                                                const KernelDirection& direction, bool of_field,
-                                               ShadowWork& work);
+                                               RenderWork& work);
   // The light sizes at a casting mesh's vertices, for lights of one size.
   static std::vector<VertexDisc> discs_of(CachedCaster& caster, const KernelKey& key, bool reduced,
-                                          double scale, ShadowWork& work);
+                                          double scale, RenderWork& work);
   // Whether the vertices are projected on the CPU, not by the vertex shader.
   [[nodiscard]] static bool projects_on_cpu(const ShadowDraw& draw, const CasterBody& body);
   // Whether masks can show the meshes that may cast this shadow.
@@ -165,9 +165,9 @@ class CasterCache {
   // Model, longest edge, proxy model, groups and cut-outs.
   using Key = std::tuple<const Model*, float, const Model*, std::vector<std::string>, CutOuts>;
 
-  KernelSet& kernels_of(CachedCaster& caster, const KernelKey& key, ShadowWork& work);
+  KernelSet& kernels_of(CachedCaster& caster, const KernelKey& key, RenderWork& work);
   bool proxy_casts(const ShadowDraw& draw, CachedCaster& caster, const KernelKey& key,
-                   KernelSet& set, ShadowWork& work);
+                   KernelSet& set, RenderWork& work);
 
   std::vector<float> edges_;    // of each scene object
   std::vector<bool> steady_;    // of each scene object: scale and tilt are constant

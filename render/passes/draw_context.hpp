@@ -10,8 +10,8 @@
 #include "render/gl/framebuffer.hpp"
 #include "render/passes/object_painter.hpp"
 #include "render/passes/receivers.hpp"
-#include "render/passes/shadow_work.hpp"
 #include "render/passes/video_texture.hpp"
+#include "render/render_work.hpp"
 #include "render/scene/scene.hpp"
 #include "render/translucency.hpp"
 
@@ -29,7 +29,7 @@ struct DrawContext {
   // pixel.
   std::optional<PixelFormat> video_format;
   Translucency mode = Translucency::blend;  // never automatic
-  ShadowWork& work;
+  RenderWork& work;
 };
 
 class Pass {

@@ -45,7 +45,7 @@ const ShadowMesh& HardPass::mesh_of(const Scene& scene, const HardShadowDraw& dr
 }
 
 void HardPass::make(const HardShadowDraw& draw, const ShadowMesh& mesh, Shadow& shadow,
-                    ShadowWork& work) {
+                    RenderWork& work) {
   shadow.valid = true;
   shadow.plane = draw.plane_frame;
   shadow.T_table_object = draw.T_table_object;
@@ -53,7 +53,7 @@ void HardPass::make(const HardShadowDraw& draw, const ShadowMesh& mesh, Shadow& 
   const ShadowKernels none{draw.plane_frame.n, mesh.positions, {}};
   const std::vector<CasterVertex> vertices =
       place_caster(mesh, none, draw.T_table_object, draw.plane_frame);
-  work.vertices += static_cast<std::int64_t>(vertices.size());
+  work[Counter::shadow_vertices] += static_cast<std::int64_t>(vertices.size());
   std::vector<PlanePoint> triangles =
       projected_triangles(vertices, mesh.indices, draw.light_place, draw.plane_frame);
   if (longest_edge_) {
@@ -79,7 +79,7 @@ void HardPass::make(const HardShadowDraw& draw, const ShadowMesh& mesh, Shadow& 
 
 Result<void> HardPass::prepare(const DrawContext& context, const FramePlan& plan) {
   PENUMBRA_TRY_VOID(light_program_.choose(context.mode, context.video_format));
-  ShadowWork& work = context.work;
+  RenderWork& work = context.work;
   std::set<Key> seen;  // several nodes may ask for the same shadow
   for (const HardShadowDraw& draw : plan.hard_shadows) {
     const Key key = {draw.object, draw.plane, draw.light};
@@ -87,10 +87,10 @@ Result<void> HardPass::prepare(const DrawContext& context, const FramePlan& plan
     Shadow& shadow = shadows_[key];
     if (plan.reuse && shadow.valid && shadow.plane == draw.plane_frame &&
         shadow.T_table_object == draw.T_table_object && shadow.light == draw.light_place) {
-      ++work.reprojections;
+      ++work[Counter::reprojections];
       continue;
     }
-    ++work.recomputed;
+    ++work[Counter::triples_recomputed];
     make(draw, mesh_of(context.scene, draw), shadow, work);
   }
   return {};

@@ -55,7 +55,7 @@ class HardPass : public Pass {
       : shape_program_(std::move(shape)), light_program_(std::move(light)) {}
 
   const ShadowMesh& mesh_of(const Scene& scene, const HardShadowDraw& draw);
-  void make(const HardShadowDraw& draw, const ShadowMesh& mesh, Shadow& shadow, ShadowWork& work);
+  void make(const HardShadowDraw& draw, const ShadowMesh& mesh, Shadow& shadow, RenderWork& work);
   int draw_plane(const DrawContext& context, const FramePlan& plan,
                  const PlaneReceiver& receiver) const;
 

@@ -44,7 +44,7 @@ bool MaskPart::covers_same_as(const MaskPart& other) const {
          faces == other.faces && sides == other.sides;
 }
 
-MaskPart::Faces MaskPart::face_images(ShadowWork& work) const {
+MaskPart::Faces MaskPart::face_images(RenderWork& work) const {
   Faces images;
   if (faces == kNoLayers) return images;
   const ShadowMesh& mesh = caster->casting_mesh(reduced);
@@ -53,7 +53,7 @@ MaskPart::Faces MaskPart::face_images(ShadowWork& work) const {
   std::vector<CasterVertex> vertices =
       own_vertices(own, mesh.positions, caster->kernels(caster->sets.at(kernels), reduced));
   settle_contact(vertices);
-  work.vertices += static_cast<std::int64_t>(vertices.size());
+  work[Counter::shadow_vertices] += static_cast<std::int64_t>(vertices.size());
   std::vector<VertexDisc> discs;
   if (light_mode == LightMode::fixed) {
     discs = CasterCache::discs_of(*caster, kernels, reduced, own.T_own_object.scale, work);
@@ -68,14 +68,14 @@ MaskPart::Faces MaskPart::face_images(ShadowWork& work) const {
 }
 
 void MaskPart::project(const Faces& images, double cell, MaskCaster& projected,
-                       ShadowWork& work) const {
+                       RenderWork& work) const {
   if (layers == kNoLayers) {
     projected.begin(own, cell);
   } else {
     const std::vector<glm::vec3>& positions = caster->casting_mesh(reduced).positions;
     projected.project(positions, caster->sets.at(kernels).vertices(reduced).kernels, own, constants,
                       layers, cell);
-    work.vertices += static_cast<std::int64_t>(positions.size());
+    work[Counter::shadow_vertices] += static_cast<std::int64_t>(positions.size());
   }
   for (std::size_t layer = 0; layer < 3; ++layer) {
     projected.project_faces(kShadowLayers[layer], images[layer]);

@@ -36,9 +36,9 @@ struct MaskPart {
 
   using Faces = std::array<std::vector<PlanePoint>, 3>;
   // The triangles of the layers that are covered face by face; own frame.
-  [[nodiscard]] Faces face_images(ShadowWork& work) const;
+  [[nodiscard]] Faces face_images(RenderWork& work) const;
   // Projects the part onto cells of this size [m].
-  void project(const Faces& faces, double cell, MaskCaster& projected, ShadowWork& work) const;
+  void project(const Faces& faces, double cell, MaskCaster& projected, RenderWork& work) const;
   // Adds what was projected to a picture of cells of that size.
   void cover(MaskCaster& projected, MaskPicture& picture) const;
 };

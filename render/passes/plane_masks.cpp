@@ -1,7 +1,6 @@
 #include "render/passes/plane_masks.hpp"
 
 #include <epoxy/gl.h>
-#include <fmt/format.h>
 
 #include <algorithm>
 #include <array>
@@ -74,7 +73,7 @@ std::vector<PlaneMasks::PartCover>::iterator PlaneMasks::Plane::cover_of(const M
 }
 
 void PlaneMasks::plan(const Scene& scene, const FramePlan& plan, Translucency mode,
-                      CasterCache& casters, ShadowWork& work) {
+                      CasterCache& casters, RenderWork& work) {
   for (auto& [plane, mask] : planes_) mask.in_use = false;
   if (plan.layers == LayerDrawing::direct) return;
   if (mode == Translucency::geometry_mesh) return;  // layers are marked in the stencil
@@ -96,7 +95,7 @@ bool PlaneMasks::has_mask(int plane) const {
 // nothing where they can't or nothing casts one. Shadows out of sight count like the rest: culling
 // one shadow must not change how the others are drawn.
 std::optional<double> PlaneMasks::depth_of(const Scene& scene, const FramePlan& plan, int plane,
-                                           CasterCache& casters, ShadowWork& work) const {
+                                           CasterCache& casters, RenderWork& work) const {
   double in_view = kNone;
   double anywhere = kNone;
   std::size_t faces = 0;
@@ -132,12 +131,7 @@ std::optional<double> PlaneMasks::depth_of(const Scene& scene, const FramePlan& 
   // Simple shadows alone are drawn directly: one draw call, and the yardstick of the others.
   if (!layers && plan.layers == LayerDrawing::automatic) return std::nullopt;
   if (!serve) {
-    work.skipped.push_back(
-        {"mask_impossible",
-         fmt::format("{}: layers are drawn directly and not as a mask, for it can't be told which "
-                     "way {}'s faces turn",
-                     scene.planes[static_cast<std::size_t>(plane)].name,
-                     scene.objects[static_cast<std::size_t>(not_masked)].name)});
+    work.skipped.push_back({SkipReason::mask_impossible, plane, not_masked});
     return std::nullopt;
   }
   // A field drawn directly has no edges that several samples a pixel would smooth.
@@ -172,15 +166,15 @@ PlaneMasks::LayOut PlaneMasks::layout_for(const FramePlan& plan, const PlaneFram
   };
 }
 
-void PlaneMasks::make(const Scene& scene, const FramePlan& plan, Translucency mode,
-                      std::span<const ShadowItem> items, ShadowWork& work) {
+void PlaneMasks::make(const FramePlan& plan, Translucency mode, std::span<const ShadowItem> items,
+                      RenderWork& work) {
   for (auto& [plane, mask] : planes_) {
-    if (mask.in_use) make_plane(scene, plan, mode, plane, items, work);
+    if (mask.in_use) make_plane(plan, mode, plane, items, work);
   }
 }
 
-void PlaneMasks::make_plane(const Scene& scene, const FramePlan& plan, Translucency mode, int plane,
-                            std::span<const ShadowItem> items, ShadowWork& work) {
+void PlaneMasks::make_plane(const FramePlan& plan, Translucency mode, int plane,
+                            std::span<const ShadowItem> items, RenderWork& work) {
   Plane& mask = planes_.at(plane);
   std::vector<MaskPart> parts;
   for (std::size_t i = 0; i < plan.shadows.size(); ++i) {
@@ -205,21 +199,19 @@ void PlaneMasks::make_plane(const Scene& scene, const FramePlan& plan, Transluce
            (!masks.layout.of_view || masks.layout == lay_out(masks.bounds));
   };
   if (!is_it(mask.now)) std::swap(mask.now, mask.other);
-  const std::int64_t kept_before = work.layer_masks_kept;
+  const std::int64_t kept_before = work[Counter::layer_masks_kept];
   if (is_it(mask.now)) {
-    work.layer_masks_kept += static_cast<std::int64_t>(mask.now.masks.size());
+    work[Counter::layer_masks_kept] += static_cast<std::int64_t>(mask.now.masks.size());
   } else {
     draw_masks(half_octave, std::move(parts), lay_out, mask, work);
   }
-  if (work.layer_masks_kept > kept_before) {
-    work.kept.push_back(
-        {"layer_mask", fmt::format("{}: its mask is that of an earlier picture",
-                                   scene.planes[static_cast<std::size_t>(plane)].name)});
+  if (work[Counter::layer_masks_kept] > kept_before) {
+    work.kept.push_back({KeepReason::layer_mask, plane});
   }
 }
 
 void PlaneMasks::draw_masks(int half_octave, std::vector<MaskPart> of, const LayOut& lay_out,
-                            Plane& plane, ShadowWork& work) {
+                            Plane& plane, RenderWork& work) {
   DrawnMasks older = std::move(plane.now);
   DrawnMasks& made = plane.now = {};
   made.made = true;
@@ -273,7 +265,7 @@ void PlaneMasks::draw_masks(int half_octave, std::vector<MaskPart> of, const Lay
       break;
     }
     if (mask) {
-      ++work.layer_masks_kept;
+      ++work[Counter::layer_masks_kept];
       made.masks.push_back(mask);
       continue;
     }
@@ -304,7 +296,7 @@ void PlaneMasks::draw_masks(int half_octave, std::vector<MaskPart> of, const Lay
     mask->parts = std::move(of_group);
     fill_mask(group, noted, plane, *mask);
     made.masks.push_back(std::move(mask));
-    ++work.layer_masks_drawn;
+    ++work[Counter::layer_masks_drawn];
   }
   // Covers of the last two masks stay: a camera may tremble between two sizes of cells.
   std::erase_if(plane.covers,
@@ -365,10 +357,10 @@ void PlaneMasks::cover_band(const MaskLayout::Group& group, const std::vector<bo
 }
 
 int PlaneMasks::draw(const FramePlan& plan, const PlaneReceiver& receiver, const LensUniforms& lens,
-                     const MaskQuad& quad, ShadowWork& work) {
+                     const MaskQuad& quad, RenderWork& work) {
   int calls = 0;
   for (const std::shared_ptr<DrawnMask>& mask : planes_.at(receiver.plane).now.masks) {
-    work.mask_pieces_skipped +=
+    work[Counter::mask_pieces_skipped] +=
         quad.draw(mask->texture, lens, camera_from_plane(plan.T_table_camera, receiver.frame),
                   {plan.whole_masks, plan.finest_edges});
     ++calls;

@@ -33,16 +33,16 @@ class PlaneMasks {
   // Decides which planes have a mask in this frame. All shadows of a plane are in its mask, or none
   // is: where they overlap the darkest layer counts, once.
   void plan(const Scene& scene, const FramePlan& plan, Translucency mode, CasterCache& casters,
-            ShadowWork& work);
+            RenderWork& work);
   [[nodiscard]] bool has_mask(int plane) const;
   // Whether its mask shows nothing.
   [[nodiscard]] bool is_empty(int plane) const { return planes_.at(plane).now.masks.empty(); }
   // Makes the masks of those planes, or keeps them. `items`: of plan.shadows, prepared for masks.
-  void make(const Scene& scene, const FramePlan& plan, Translucency mode,
-            std::span<const ShadowItem> items, ShadowWork& work);
+  void make(const FramePlan& plan, Translucency mode, std::span<const ShadowItem> items,
+            RenderWork& work);
   // Draws a plane's masks; adds the number of pieces that darken nothing. Number of draw calls.
   int draw(const FramePlan& plan, const PlaneReceiver& receiver, const LensUniforms& lens,
-           const MaskQuad& quad, ShadowWork& work);
+           const MaskQuad& quad, RenderWork& work);
   void clear() { planes_.clear(); }
 
  private:
@@ -80,15 +80,15 @@ class PlaneMasks {
   using LayOut = std::function<MaskLayout(std::span<const CellBox>)>;
 
   [[nodiscard]] std::optional<double> depth_of(const Scene& scene, const FramePlan& plan, int plane,
-                                               CasterCache& casters, ShadowWork& work) const;
+                                               CasterCache& casters, RenderWork& work) const;
   // The half octave of cells that are no larger than so many pixels, at this depth [m].
   [[nodiscard]] int cell_at(double depth, double pixels) const;
   [[nodiscard]] LayOut layout_for(const FramePlan& plan, const PlaneFrame& frame,
                                   int half_octave) const;
-  void make_plane(const Scene& scene, const FramePlan& plan, Translucency mode, int plane,
-                  std::span<const ShadowItem> items, ShadowWork& work);
+  void make_plane(const FramePlan& plan, Translucency mode, int plane,
+                  std::span<const ShadowItem> items, RenderWork& work);
   void draw_masks(int half_octave, std::vector<MaskPart> parts, const LayOut& lay_out, Plane& plane,
-                  ShadowWork& work);
+                  RenderWork& work);
   // Fills a mask with the parts of a group. `noted`: of these, whether their cover is known.
   void fill_mask(const MaskLayout::Group& group, const std::vector<bool>& noted, Plane& plane,
                  DrawnMask& mask);

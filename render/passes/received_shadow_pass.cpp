@@ -1,7 +1,6 @@
 #include "render/passes/received_shadow_pass.hpp"
 
 #include <epoxy/gl.h>
-#include <fmt/format.h>
 
 #include <algorithm>
 #include <bit>
@@ -126,7 +125,7 @@ bool ReceivedShadowPass::is_covered(const Scene& scene, const FramePlan& plan,
 ReceivedShadowPass::Level ReceivedShadowPass::prepare_level(const Scene& scene,
                                                             const ReceivedShadowDraw& draw,
                                                             int level, const PlaneFrame& plane,
-                                                            bool masked, ShadowWork& work) {
+                                                            bool masked, RenderWork& work) {
   Level made;
   made.shadow = draw.shadow;
   made.shadow.plane_frame = plane;
@@ -142,16 +141,17 @@ ReceivedShadowPass::Level ReceivedShadowPass::prepare_level(const Scene& scene,
     return made;
   }
   // Casters, planes and lights are counted, not a receiver's levels.
-  const ShadowWork before = work;
+  constexpr std::array kNotCounted = {Counter::reprojections, Counter::triples_recomputed,
+                                      Counter::proxy_shadows};
+  std::array<std::int64_t, kNotCounted.size()> before{};
+  for (std::size_t i = 0; i < before.size(); ++i) before[i] = work[kNotCounted[i]];
   geometry_.prepare(shadow, caster, masked, prepared, work);
-  work.reprojections = before.reprojections;
-  work.recomputed = before.recomputed;
-  work.proxy_shadows = before.proxy_shadows;
+  for (std::size_t i = 0; i < before.size(); ++i) work[kNotCounted[i]] = before[i];
   return made;
 }
 
 int ReceivedShadowPass::make_mask(const Scene& scene, const ReceivedShadowDraw& draw,
-                                  const Surface& surface, Mask& mask, ShadowWork& work) {
+                                  const Surface& surface, Mask& mask, RenderWork& work) {
   mask.shows = false;
   mask.levels.clear();
   Eigen::AlignedBox2d box = meeting(draw, surface.faces);
@@ -195,7 +195,7 @@ int ReceivedShadowPass::make_mask(const Scene& scene, const ReceivedShadowDraw& 
 
 void ReceivedShadowPass::cover_levels(const Scene& scene, const ReceivedShadowDraw& draw,
                                       const Surface& surface, const MaskCells& cells, Mask& mask,
-                                      ShadowWork& work) {
+                                      RenderWork& work) {
   shares_.resize(std::size_t{4} * static_cast<std::size_t>(cells.width) *
                  static_cast<std::size_t>(cells.height));
   for (std::size_t level = 0; level < mask.levels.size(); ++level) {
@@ -209,7 +209,7 @@ void ReceivedShadowPass::cover_levels(const Scene& scene, const ReceivedShadowDr
 }
 
 // Fills shares_ with how much of these cells each layer covers, exactly, without OpenGL.
-void ReceivedShadowPass::cover_level(const Level& level, const MaskCells& cells, ShadowWork& work) {
+void ReceivedShadowPass::cover_level(const Level& level, const MaskCells& cells, RenderWork& work) {
   std::ranges::fill(shares_, std::uint8_t{0});
   if (!level.item.prepared->valid) return;
   const MaskPart part =
@@ -230,7 +230,7 @@ void ReceivedShadowPass::cover_level(const Level& level, const MaskCells& cells,
 }
 
 int ReceivedShadowPass::draw_levels(const Scene& scene, const ReceivedShadowDraw& draw,
-                                    const Surface& surface, Mask& mask, ShadowWork& work) {
+                                    const Surface& surface, Mask& mask, RenderWork& work) {
   const glm::mat4x3 camera = camera_above(mask.origin, mask.extent);
   glDisable(GL_DEPTH_TEST);
   glDisable(GL_STENCIL_TEST);
@@ -264,7 +264,7 @@ int ReceivedShadowPass::draw_level(const Level& level, int layer, const glm::mat
 
 Result<void> ReceivedShadowPass::prepare(const DrawContext& context, const FramePlan& plan) {
   const Scene& scene = context.scene;
-  ShadowWork& work = context.work;
+  RenderWork& work = context.work;
   ++frame_count_;
   calls_ = 0;
   shown_.clear();
@@ -304,13 +304,10 @@ Result<void> ReceivedShadowPass::prepare(const DrawContext& context, const Frame
       calls_ += make_mask(scene, draw, surface, mask, work);
     }
     if (kept && !mask.levels.empty()) {
-      work.kept.push_back(
-          {"phantom_mask",
-           fmt::format("{}: the shadow of {} on it is that of an earlier picture",
-                       scene.objects[static_cast<std::size_t>(draw.receiver)].name,
-                       scene.objects[static_cast<std::size_t>(draw.shadow.object)].name)});
+      work.kept.push_back({KeepReason::phantom_mask, draw.receiver, draw.shadow.object});
     }
-    (kept ? work.masks_kept : work.masks_drawn) += static_cast<std::int64_t>(mask.levels.size());
+    work[kept ? Counter::masks_kept : Counter::masks_drawn] +=
+        static_cast<std::int64_t>(mask.levels.size());
     if (mask.shows) shown_.push_back({&mask, &draw, *receiver});
   }
   const auto unused = [this](const auto& entry) {

@@ -80,14 +80,14 @@ class ReceivedShadowPass : public Pass {
   [[nodiscard]] bool is_covered(const Scene& scene, const FramePlan& plan,
                                 const ShadowDraw& draw) const;
   [[nodiscard]] Level prepare_level(const Scene& scene, const ReceivedShadowDraw& draw, int level,
-                                    const PlaneFrame& plane, bool masked, ShadowWork& work);
+                                    const PlaneFrame& plane, bool masked, RenderWork& work);
   int make_mask(const Scene& scene, const ReceivedShadowDraw& draw, const Surface& surface,
-                Mask& mask, ShadowWork& work);
+                Mask& mask, RenderWork& work);
   void cover_levels(const Scene& scene, const ReceivedShadowDraw& draw, const Surface& surface,
-                    const MaskCells& cells, Mask& mask, ShadowWork& work);
-  void cover_level(const Level& level, const MaskCells& cells, ShadowWork& work);
+                    const MaskCells& cells, Mask& mask, RenderWork& work);
+  void cover_level(const Level& level, const MaskCells& cells, RenderWork& work);
   int draw_levels(const Scene& scene, const ReceivedShadowDraw& draw, const Surface& surface,
-                  Mask& mask, ShadowWork& work);
+                  Mask& mask, RenderWork& work);
   int draw_level(const Level& level, int layer, const glm::mat4x3& camera) const;
   static int draw_shadow(const DrawContext& context, const FramePlan& plan, const Shown& shown,
                          Gathering gathering);

@@ -109,11 +109,11 @@ void upload_placed(const std::array<std::vector<PlanePoint>, 3>& images, const C
 }
 
 void clip_layers(const ShadowDraw& draw, const CachedCaster& caster, const KernelSet& kernels,
-                 PreparedShadow& prepared, ShadowWork& work) {
+                 PreparedShadow& prepared, RenderWork& work) {
   const CasterBody& body = caster.body(prepared.reduced);
   const std::vector<CasterVertex> vertices = own_vertices(
       prepared.own, body.geometry.positions, kernels.vertices(prepared.reduced).kernels);
-  work.vertices += static_cast<std::int64_t>(vertices.size());
+  work[Counter::shadow_vertices] += static_cast<std::int64_t>(vertices.size());
 
   std::vector<CasterVertex> clipped;
   for (std::size_t i = 0; i < 3; ++i) {
@@ -211,13 +211,13 @@ ShadowGeometry::ShadowGeometry(CasterCache& casters, const CameraModel& camera)
                          std::max(camera.parameters().fx, camera.parameters().fy)) {}
 
 void ShadowGeometry::prepare(const ShadowDraw& draw, CachedCaster& caster, bool masked,
-                             PreparedShadow& prepared, ShadowWork& work) const {
+                             PreparedShadow& prepared, RenderWork& work) const {
   const bool field = draw.technique == ShadowTechnique::field;
   const OwnFrame own =
       OwnFrame::make(draw.T_table_object, draw.plane_frame, draw.T_table_object.scale * caster.size,
                      field ? kFieldBits : kLayerBits);
   const auto [key, kernels, reduced] = casters_.casting(draw, caster, own, !masked, work);
-  if (reduced) ++work.proxy_shadows;
+  if (reduced) ++work[Counter::proxy_shadows];
   const bool reused =
       prepared.valid && prepared.technique == draw.technique && prepared.reduced == reduced &&
       prepared.masked == masked && prepared.light_mode == draw.light_mode &&
@@ -227,9 +227,9 @@ void ShadowGeometry::prepare(const ShadowDraw& draw, CachedCaster& caster, bool 
   prepared.own = own;
   prepared.wanted = wanted_layers(draw);
   if (reused) {
-    ++work.reprojections;
+    ++work[Counter::reprojections];
   } else {
-    ++work.recomputed;
+    ++work[Counter::triples_recomputed];
     prepared.valid = true;
     prepared.constants = draw.constants;
     prepared.technique = draw.technique;
@@ -256,7 +256,7 @@ void ShadowGeometry::prepare(const ShadowDraw& draw, CachedCaster& caster, bool 
 }
 
 void ShadowGeometry::place_layers(const ShadowDraw& draw, CachedCaster& caster, KernelSet& kernels,
-                                  PreparedShadow& prepared, ShadowWork& work) const {
+                                  PreparedShadow& prepared, RenderWork& work) const {
   const bool fixed =
       draw.technique == ShadowTechnique::layered && draw.light_mode == LightMode::fixed;
   if (fixed && !prepared.masked) {
@@ -289,7 +289,7 @@ void ShadowGeometry::place_layers(const ShadowDraw& draw, CachedCaster& caster, 
 // the straight-edged image of the mesh's faces, and what splitting adds lies on those edges
 // (docs/shadows.md#layers). What is uploaded lies on the plane.
 void ShadowGeometry::image_layers(const ShadowDraw& draw, CachedCaster& caster, KernelSet& kernels,
-                                  PreparedShadow& prepared, ShadowWork& work) const {
+                                  PreparedShadow& prepared, RenderWork& work) const {
   const bool fixed = draw.light_mode == LightMode::fixed;
   const CasterBody& body = caster.body(prepared.reduced);
   const ShadowMesh& mesh = caster.casting_mesh(prepared.reduced);
@@ -298,7 +298,7 @@ void ShadowGeometry::image_layers(const ShadowDraw& draw, CachedCaster& caster, 
   std::vector<CasterVertex> vertices =
       own_vertices(prepared.own, mesh.positions, caster.kernels(kernels, prepared.reduced));
   settle_contact(vertices);
-  work.vertices += static_cast<std::int64_t>(vertices.size());
+  work[Counter::shadow_vertices] += static_cast<std::int64_t>(vertices.size());
   std::vector<VertexDisc> discs;
   if (fixed) {
     discs = CasterCache::discs_of(caster, prepared.kernel_key, prepared.reduced, T_own_object.scale,
@@ -355,7 +355,7 @@ void ShadowGeometry::image_layers(const ShadowDraw& draw, CachedCaster& caster, 
 }
 
 void ShadowGeometry::make_field(const ShadowDraw& draw, CachedCaster& caster,
-                                PreparedShadow& prepared, ShadowWork& work) const {
+                                PreparedShadow& prepared, RenderWork& work) const {
   const Placement& T_own_object = prepared.own.T_own_object;
   const PlaneFrame plane;
   const Eigen::Vector3d up = T_own_object.rotation.conjugate() * plane.n;
@@ -376,7 +376,7 @@ void ShadowGeometry::make_field(const ShadowDraw& draw, CachedCaster& caster,
     const float h = x.z() < 0.0F && x.z() > -contact ? 0.0F : x.z();
     vertices.push_back({x.x(), x.y(), h, x.x(), x.y()});
   }
-  work.vertices += static_cast<std::int64_t>(vertices.size());
+  work[Counter::shadow_vertices] += static_cast<std::int64_t>(vertices.size());
   ShadowFieldOptions options;
   options.finest_cell = finest_field_cell_;
   const ShadowField field =
@@ -436,7 +436,7 @@ std::size_t ShadowGeometry::surface_for(const ShadowDraw& draw, const FramePlan&
 }
 
 std::optional<ShadowReach> ShadowGeometry::reach_of(const Scene& scene, const ShadowDraw& draw,
-                                                    double from, ShadowWork& work) const {
+                                                    double from, RenderWork& work) const {
   const bool layered =
       draw.technique == ShadowTechnique::layered && draw.light_mode == LightMode::proportional;
   if (!layered && draw.technique != ShadowTechnique::simple) return std::nullopt;
@@ -449,7 +449,7 @@ std::optional<ShadowReach> ShadowGeometry::reach_of(const Scene& scene, const Sh
   const ShadowMesh& mesh = caster.casting_mesh(with.reduced);
   const std::vector<CasterVertex> vertices =
       own_vertices(own, mesh.positions, caster.kernels(*with.kernels, with.reduced));
-  work.vertices += static_cast<std::int64_t>(vertices.size());
+  work[Counter::shadow_vertices] += static_cast<std::int64_t>(vertices.size());
   // A face that is cut at a height has its cut's images between those of its vertices.
   std::vector<bool> casts(vertices.size(), false);
   const double least = from - kContactTolerance;

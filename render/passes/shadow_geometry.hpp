@@ -14,7 +14,7 @@
 #include "render/gl/buffer.hpp"
 #include "render/passes/caster_cache.hpp"
 #include "render/passes/field_quad.hpp"
-#include "render/passes/shadow_work.hpp"
+#include "render/render_work.hpp"
 #include "render/shadow/layers/layered_penumbra.hpp"
 #include "render/shadow/layers/own_frame.hpp"
 
@@ -114,7 +114,7 @@ class ShadowGeometry {
 
   // Makes the geometry of a shadow, or keeps what is prepared; `masked`: for a mask.
   void prepare(const ShadowDraw& draw, CachedCaster& caster, bool masked, PreparedShadow& prepared,
-               ShadowWork& work) const;
+               RenderWork& work) const;
   // The coarsest of the caster's surfaces whose shadow still follows the lens where it is nearest
   // to the camera. Depends on the present frame alone: the same placement and pose give the same
   // image.
@@ -124,17 +124,17 @@ class ShadowGeometry {
   // Bounds of a shadow at heights from `from` upwards; none where they are not known beforehand: of
   // lights of one size, and of fields.
   std::optional<ShadowReach> reach_of(const Scene& scene, const ShadowDraw& draw, double from,
-                                      ShadowWork& work) const;
+                                      RenderWork& work) const;
 
   [[nodiscard]] CasterCache& casters() const { return casters_; }
 
  private:
   void place_layers(const ShadowDraw& draw, CachedCaster& caster, KernelSet& kernels,
-                    PreparedShadow& prepared, ShadowWork& work) const;
+                    PreparedShadow& prepared, RenderWork& work) const;
   void image_layers(const ShadowDraw& draw, CachedCaster& caster, KernelSet& kernels,
-                    PreparedShadow& prepared, ShadowWork& work) const;
+                    PreparedShadow& prepared, RenderWork& work) const;
   void make_field(const ShadowDraw& draw, CachedCaster& caster, PreparedShadow& prepared,
-                  ShadowWork& work) const;
+                  RenderWork& work) const;
 
   CasterCache& casters_;
   double edge_at_unit_depth_ = 0.0;  // 1 m from the camera, the longest that follows the lens [m]

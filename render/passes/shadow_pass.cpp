@@ -1,7 +1,6 @@
 #include "render/passes/shadow_pass.hpp"
 
 #include <epoxy/gl.h>
-#include <fmt/format.h>
 
 #include <algorithm>
 #include <array>
@@ -18,20 +17,15 @@ namespace {
 constexpr double kOvershootFactor = 1.65;
 
 // Reports a field that shows none of the layers that it should.
-void note_empty_field(const Scene& scene, const ShadowDraw& draw, const CachedCaster& caster,
-                      const PreparedShadow& prepared, ShadowWork& work) {
+void note_empty_field(const ShadowDraw& draw, const CachedCaster& caster,
+                      const PreparedShadow& prepared, RenderWork& work) {
   const auto is_empty = [](const LayerGeometry& layer) {
     return layer.source == LayerSource::nothing;
   };
   if (draw.technique != ShadowTechnique::field || !std::ranges::all_of(prepared.layers, is_empty) ||
       cut_layers(draw, caster) == LayerSources{})
     return;
-  work.skipped.push_back(
-      {"field_too_coarse",
-       fmt::format(
-           "{}: it is so large and thin that no cell of its field is covered; give it another "
-           "technique",
-           scene.objects[static_cast<std::size_t>(draw.object)].name)});
+  work.skipped.push_back({SkipReason::field_too_coarse, draw.object});
 }
 
 // Returns whether a plane's shadows may be seen on an object and not on the video: on one behind
@@ -83,7 +77,7 @@ Result<void> ShadowPass::choose(const DrawContext& context, const FramePlan& pla
 Result<void> ShadowPass::prepare(const DrawContext& context, const FramePlan& plan) {
   PENUMBRA_TRY_VOID(choose(context, plan));
   const Scene& scene = context.scene;
-  ShadowWork& work = context.work;
+  RenderWork& work = context.work;
   CasterCache& casters = geometry_.casters();
   items_.clear();
   if (!plan.reuse) {
@@ -102,16 +96,16 @@ Result<void> ShadowPass::prepare(const DrawContext& context, const FramePlan& pl
     } else {
       geometry_.prepare(draw, caster, masked, prepared, work);
       if (!masked) prepared.surface = geometry_.surface_for(draw, plan, caster, prepared);
-      note_empty_field(scene, draw, caster, prepared, work);
+      note_empty_field(draw, caster, prepared, work);
       for (const LayerGeometry& layer : prepared.layers) {
         if (!prepared.reduced || layer.source == LayerSource::nothing) continue;
-        work.proxy_faces_saved += static_cast<std::int64_t>(
+        work[Counter::proxy_faces_saved] += static_cast<std::int64_t>(
             (caster.whole.geometry.indices.size() - caster.reduced.geometry.indices.size()) / 3);
       }
     }
     items_.push_back({&caster, &prepared, draw.node, draw.object, draw.plane, draw.plane_frame});
   }
-  masks_.make(scene, plan, context.mode, items_, work);
+  masks_.make(plan, context.mode, items_, work);
   return {};
 }
 

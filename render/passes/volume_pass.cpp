@@ -46,17 +46,17 @@ Result<void> VolumePass::prepare(const DrawContext& context, const FramePlan& pl
   PENUMBRA_TRY_VOID(plane_program_.choose(mode_, context.video_format));
   PENUMBRA_TRY_VOID(light_sum_program_.choose(mode_, context.video_format));
   const Scene& scene = context.scene;
-  ShadowWork& work = context.work;
+  RenderWork& work = context.work;
   for (const ShadowVolumeDraw& draw : plan.volumes) {
     Volume& volume = volumes_[{draw.object, draw.light}];
     if (plan.reuse && volume.valid && volume.T_table_object == draw.T_table_object &&
         volume.light == draw.light_place && volume.floors == draw.floors &&
         volume.receivers == draw.receivers) {
-      ++work.reprojections;
-      note_trouble(scene, draw, volume, work);
+      ++work[Counter::reprojections];
+      note_trouble(draw, volume, work);
       continue;
     }
-    ++work.recomputed;
+    ++work[Counter::triples_recomputed];
     const SceneObject& object = scene.objects[static_cast<std::size_t>(draw.object)];
     const Model* model = casting_model(object, draw.proxy).get();
     auto& caster = casters_[model];
@@ -65,8 +65,9 @@ Result<void> VolumePass::prepare(const DrawContext& context, const FramePlan& pl
                                        draw.reach, draw.receivers);
     volume.light_inside = made.light_inside;
     volume.ends_above_floors = made.ends_above_floors;
-    note_trouble(scene, draw, volume, work);
-    work.vertices += static_cast<std::int64_t>(volume.buffers.write(made, longest_edge_));
+    note_trouble(draw, volume, work);
+    work[Counter::shadow_vertices] +=
+        static_cast<std::int64_t>(volume.buffers.write(made, longest_edge_));
     volume.valid = true;
     volume.T_table_object = draw.T_table_object;
     volume.light = draw.light_place;
@@ -76,23 +77,12 @@ Result<void> VolumePass::prepare(const DrawContext& context, const FramePlan& pl
   return {};
 }
 
-void VolumePass::note_trouble(const Scene& scene, const ShadowVolumeDraw& draw,
-                              const Volume& volume, ShadowWork& work) {
-  const std::string& light = scene.lights[static_cast<std::size_t>(draw.light)].name;
-  const std::string& object = scene.objects[static_cast<std::size_t>(draw.object)].name;
-  if (volume.light_inside) {
-    work.skipped.push_back(
-        {"light_inside_caster",
-         fmt::format("{}: the light \"{}\" is inside of it, or of a part of it", object, light)});
-  }
-  if (volume.ends_above_floors) {
-    work.skipped.push_back(
-        {"volume_too_far",
-         fmt::format(
-             "{}: it is so large or so far from the table that its shadow volume from \"{}\" "
-             "ends {:.0f} m from the table's origin, above the plane",
-             object, light, draw.reach)});
-  }
+void VolumePass::note_trouble(const ShadowVolumeDraw& draw, const Volume& volume,
+                              RenderWork& work) {
+  if (volume.light_inside)
+    work.skipped.push_back({SkipReason::light_inside_caster, draw.object, draw.light});
+  if (volume.ends_above_floors)
+    work.skipped.push_back({SkipReason::volume_too_far, draw.object, draw.light});
 }
 
 // Where the caster itself is seen.

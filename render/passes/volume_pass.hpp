@@ -79,8 +79,7 @@ class VolumePass : public Pass {
     const Receivers& receivers;
   };
 
-  static void note_trouble(const Scene& scene, const ShadowVolumeDraw& draw, const Volume& volume,
-                           ShadowWork& work);
+  static void note_trouble(const ShadowVolumeDraw& draw, const Volume& volume, RenderWork& work);
   int mark_caster(const Drawing& drawing, const ShadowVolumeDraw& draw) const;
   static void clear_mark();
   // Leaves how often each pixel's ray is in one batch of the volume, in the stencil's bits for

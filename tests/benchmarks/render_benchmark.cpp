@@ -94,7 +94,7 @@ void composite(benchmark::State& state, ShadowTechnique technique,
   for (auto _ : state) {
     const Frame& frame = s.frames[i++ % s.frames.size()];
     const CompositeStats drawn = s.compositor->draw(frame, plan_of(s, frame, options)).value();
-    shadow_vertices += drawn.shadow_vertices;
+    shadow_vertices += drawn[Counter::shadow_vertices];
     shadow_cpu_ms += drawn.shadow_cpu_ms;
     longest_shadow_cpu_ms = std::max(longest_shadow_cpu_ms, drawn.shadow_cpu_ms);
     benchmark::DoNotOptimize(s.compositor->read_back(rgba).value());
@@ -126,8 +126,9 @@ void tree_under_two_lights(benchmark::State& state, ShadowTechnique technique, b
     benchmark::DoNotOptimize(s.compositor->read_back(rgba).value());
   }
   const auto frames = static_cast<double>(state.iterations());
-  state.counters["triples_recomputed"] = static_cast<double>(sum.triples_recomputed) / frames;
-  state.counters["triples_reused"] = static_cast<double>(sum.reprojections) / frames;
+  state.counters["triples_recomputed"] =
+      static_cast<double>(sum[Counter::triples_recomputed]) / frames;
+  state.counters["triples_reused"] = static_cast<double>(sum[Counter::reprojections]) / frames;
   state.counters["shadow_cpu_ms"] = sum.shadow_cpu_ms / frames;
 }
 BENCHMARK_CAPTURE(composite, simple, ShadowTechnique::simple)->Unit(benchmark::kMillisecond);

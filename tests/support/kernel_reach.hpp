@@ -22,7 +22,7 @@ struct KernelReach {
 };
 
 // One for each vertex that has a face which is seen; the others are left at 0. Holes of less than
-// 0.5 % of a silhouette count as filled, as missing faces do (shadows.md 2.6).
+// 0.5 % of a silhouette count as filled, as missing faces do (docs/shadows.md#kernels).
 inline std::vector<KernelReach> kernel_reach(const ShadowMesh& mesh, const ShadowKernels& kernels) {
   const PlaneFrame plane = PlaneFrame::make(kernels.up, Eigen::Vector3d::Zero());
   const auto flat = [&plane](const glm::vec3& p) -> Eigen::Vector2d {
@@ -97,7 +97,7 @@ inline std::vector<KernelReach> kernel_reach(const ShadowMesh& mesh, const Shado
   return all;
 }
 
-// |x - k| <= 1.5 r plus one cell (shadows.md 2.6, rule 5), where a raster says r to one cell.
+// |x - k| <= 1.5 r plus one cell (docs/shadows.md#kernels, rule 5), where a raster says r to one cell.
 inline double farthest_allowed(const KernelReach& reach) {
   return 1.5 * (reach.inside + reach.cell) + reach.cell;
 }

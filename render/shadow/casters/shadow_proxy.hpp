@@ -1,5 +1,5 @@
 // A reduced mesh that casts layered shadows in place of its model, where nobody sees the difference
-// (shadows.md 7). It saves triangles on the GPU. Kernels are made for the full mesh and carried
+// (docs/shadows.md#reduced-casters). It saves triangles on the GPU. Kernels are made for the full mesh and carried
 // over from the nearest of its vertices: made anew on the reduced mesh they agree less.
 //
 // The rule: a proxy casts only where each of its layers agrees with the full mesh's (area of the

@@ -1,4 +1,4 @@
-// Layered penumbrae of a light of one size (shadows.md 2.9b). The plain layers give each part a
+// Layered penumbrae of a light of one size (docs/shadows.md#lights-of-one-size). The plain layers give each part a
 // light in proportion to its thickness there, so that all of it loses its umbra at one height; a
 // real light has one radius R_L, and thin parts lose theirs first:
 //

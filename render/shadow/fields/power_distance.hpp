@@ -1,4 +1,4 @@
-// Layers of a light of one size, as fields instead of scaled meshes (shadows.md 2.9c): no kernels,
+// Layers of a light of one size, as fields instead of scaled meshes (docs/shadows.md#fields): no kernels,
 // no demands on the mesh, and nothing that could twist.
 //
 // Every vertex is projected from the light's centre and carries the radius rho of the light's image

@@ -1,5 +1,5 @@
 // Power distance on a raster: D(x) = min over sites p of |x - p|^2 - r(p)^2, the squared distance
-// to discs (negative inside of one). shadows.md 2.9c.
+// to discs (negative inside of one). docs/shadows.md#fields.
 //
 // Exact up to a bound, which is more than any cell beside the discs' common outline has: what is
 // farther away is of no use for the zero contour, and leaving it out spares most of the work. Rows

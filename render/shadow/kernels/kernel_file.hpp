@@ -58,7 +58,7 @@ struct KernelFile {
 
 // The kernels that came with the mesh.
 [[nodiscard]] ShadowKernels stored_kernels_of(const ShadowMesh& mesh);
-// Up to here from their own direction kernels still serve (shadows.md 2.7).
+// Up to here from their own direction kernels still serve (docs/shadows.md#kernel-directions).
 inline constexpr double kKernelTiltRad = 2.0 * 3.14159265358979323846 / 180.0;
 // Whether the mesh came with kernels that serve this direction. k(d) = k(-d).
 [[nodiscard]] bool has_stored_kernels_for(const ShadowMesh& mesh, const Eigen::Vector3d& up);

@@ -1,5 +1,5 @@
 // Shadow kernels: for each vertex the point k of its part's middle that its layers shrink to and
-// grow from (shadows.md 2.6).
+// grow from (docs/shadows.md#kernels).
 #pragma once
 
 #include <Eigen/Core>

@@ -1,4 +1,4 @@
-// Twisted faces: those whose image turns over while a layer shrinks or grows (shadows.md 2.8). With
+// Twisted faces: those whose image turns over while a layer shrinks or grows (docs/shadows.md#fold-overs). With
 // coverage by union they open no hole; this counts them, and measures what they cover too much.
 #pragma once
 

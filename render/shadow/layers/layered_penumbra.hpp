@@ -1,5 +1,5 @@
 // Layered penumbrae: the three layers of a shadow cast straight down (Layered Penumbrae, sections 3
-// and 5; shadows.md 2.1 and 2.2).
+// and 5; docs/shadows.md#layers).
 //
 //   s_lambda(h) = (H + lambda a h) / (H - h),   lambda = -1 umbra, 0 middle, +1 penumbra
 //   x_lambda    = k + s_lambda(h) (x - k)       x, k in plane coordinates (u, v); h the height

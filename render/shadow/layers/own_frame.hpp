@@ -1,5 +1,5 @@
 // A caster as its plane sees it, apart from sliding and turning on the plane: layers only slide and
-// turn with it (shadows.md 2.10), so what was made from them in this frame stays valid.
+// turn with it (docs/shadows.md#own-frame), so what was made from them in this frame stays valid.
 #pragma once
 
 #include <Eigen/Core>

@@ -1,5 +1,5 @@
 // The space that a caster keeps a light away from, as a closed surface (Hudson, "Casting Fast
-// Shadows for a 3D Cursor"; shadows.md 6): the faces that the light sees, walls from their
+// Shadows for a 3D Cursor"; docs/shadows.md#volumes): the faces that the light sees, walls from their
 // silhouette away from the light, and the same faces again at the far end. How often a ray enters
 // more than it leaves (z-fail counting) says whether a point lies within.
 //

@@ -56,7 +56,7 @@ void count(test::Studio& studio, int triangles, counted::Motion motion, int fram
       counted::move_on(state, i, motion, scene.shadows[0].layered.umbra_height);
     const Frame& frame = frames_of_video[static_cast<std::size_t>(i % 2)];
     const FramePlan plan = plan_frame(scene, state, pose, studio.camera(), options);
-    calls = studio.compositor().draw(frame, plan).value().draw_calls;
+    calls = studio.compositor().draw(frame, plan).value()[Counter::draw_calls];
   }
   CALLGRIND_STOP_INSTRUMENTATION;
   CALLGRIND_DUMP_STATS_AT(row.name.c_str());

@@ -58,7 +58,7 @@ TEST(Hud, TechniquesInWords) {
   EXPECT_EQ(technique_in_words({}), "none");
 }
 
-// The numbers of shadows.md 2.4, and back.
+// The numbers of docs/shadows.md#constants, and back.
 TEST(Hud, TheWorkspaceOfConstantsIsTheOneTheyWereMadeFor) {
   for (const double magnification : {1.25, 1.5, 2.0}) {
     const LayeredConstants constants = layered_constants_for_workspace(0.3, magnification).value();
@@ -107,16 +107,15 @@ TEST(Hud, KeysAndTheirHelp) {
 TEST(Hud, WhatWasLeftOutOrKeptHasItsReason) {
   HudState state;
   EXPECT_TRUE(reasons_in_words(state).empty());
-  state.skipped = {{"object_out_of_view", "rotor: outside the view"},
-                   {"umbra_vanished", "leaf: too high for an umbra"}};
-  state.kept = {{"video", "video: the frame is on the GPU already"}};
+  state.skipped = {"rotor: outside the view", "leaf: too high for an umbra"};
+  state.kept = {"video: the frame is on the GPU already"};
   EXPECT_THAT(reasons_in_words(state),
               testing::ElementsAre("left out: rotor: outside the view",
                                    "left out: leaf: too high for an umbra",
                                    "kept: video: the frame is on the GPU already"));
   // However much it is, the view stays as large.
-  state.skipped.resize(kMostReasons + 3, {"object_out_of_view", "leaf: outside the view"});
-  state.kept.resize(kMostReasons, {"mask", "floor: its mask is that of an earlier picture"});
+  state.skipped.resize(kMostReasons + 3, "leaf: outside the view");
+  state.kept.resize(kMostReasons, "floor: its mask is that of an earlier picture");
   const std::vector<std::string> lines = reasons_in_words(state);
   ASSERT_EQ(lines.size(), 2 * kMostReasons + 1);
   EXPECT_EQ(lines[kMostReasons - 1], "left out: leaf: outside the view");

@@ -38,8 +38,8 @@ HudState busy_state() {
   state.trouble = "the stream stalled";
   state.recording = HudRecording{"session", 512, 2, std::nullopt};
   state.nodes = {{"layers on the table", {}}};
-  state.skipped = {{"object_out_of_view", "rotor: outside the view"}};
-  state.kept = {{"video", "video: the frame is on the GPU already"}};
+  state.skipped = {"rotor: outside the view"};
+  state.kept = {"video: the frame is on the GPU already"};
   state.twists = {{"helicopter", {2000, 12, 0.013}, 0.004}};
   state.work = {{"shadow_vertices", 8124}, {"kernel_generations", 3}, {"reprojections", 114}};
   state.selected = "helicopter";
@@ -184,9 +184,9 @@ TEST_P(OverlayOf, WhatWasLeftOutOrKeptIsReadInTheDebugView) {
   plain.skipped.clear();
   plain.kept.clear();
   HudState left_out = plain;
-  left_out.skipped = {{"object_out_of_view", "rotor: outside the view"}};
+  left_out.skipped = {"rotor: outside the view"};
   HudState kept = plain;
-  kept.kept = {{"video", "video: the frame is on the GPU already"}};
+  kept.kept = {"video: the frame is on the GPU already"};
   HudState both = left_out;
   both.kept = kept.kept;
   const auto shot_of = [&](const HudState& state, bool debug) {

@@ -44,17 +44,17 @@ SessionFrame frame_of(TrackStatus status, std::int64_t timestamp_ns, bool full_d
   if (full_detection) frame.tracked.times.detect_ms = 2.0;
   frame.tracked.times.full_detection = full_detection;
   frame.draw_time = {2.5, 2.0};
-  frame.composite.shadow_vertices = 100;
-  frame.composite.triples_recomputed = 2;
-  frame.composite.faces_tested = 50;
-  frame.composite.faces_twisted = 4;
-  frame.composite.passes_drawn = 3;
-  frame.composite.draw_calls = 7;
-  frame.composite.pixel_buffer_uploads = 1;
-  frame.composite.pixel_buffer_read_backs = 1;
-  frame.composite.kept = {{"video", "video: the frame is on the GPU already"}};
+  frame.composite[Counter::shadow_vertices] = 100;
+  frame.composite[Counter::triples_recomputed] = 2;
+  frame.composite[Counter::faces_tested] = 50;
+  frame.composite[Counter::faces_twisted] = 4;
+  frame.composite[Counter::passes_drawn] = 3;
+  frame.composite[Counter::draw_calls] = 7;
+  frame.composite[Counter::pixel_buffer_uploads] = 1;
+  frame.composite[Counter::pixel_buffer_read_backs] = 1;
+  frame.composite.kept = {{KeepReason::video}};
   frame.read_back = status != TrackStatus::lost;
-  frame.plan.skipped = {{"object_out_of_view", "rotor: outside the view"}};
+  frame.plan.skipped = {{SkipReason::object_out_of_view, 0}};
   return frame;
 }
 

@@ -94,8 +94,8 @@ TEST(Compositor, CountsPassesAndDrawCallsApart) {
   Studio studio(builder.build(), test::camera_of(160, 120, 150.0));
   const Frame frame = test::plain_frame(160, 120, 90);
   studio.draw(frame, FramePlan());
-  EXPECT_EQ(studio.stats().passes_drawn, 1) << "the video";
-  EXPECT_EQ(studio.stats().draw_calls, 1);
+  EXPECT_EQ(studio.stats()[Counter::passes_drawn], 1) << "the video";
+  EXPECT_EQ(studio.stats()[Counter::draw_calls], 1);
 
   FramePlan plan = studio.plan(test::tracked(test::look_at({0.0, -0.4, 0.5}, {0.0, 0.0, 0.0})));
   ASSERT_EQ(plan.objects.size(), 2U);
@@ -105,18 +105,18 @@ TEST(Compositor, CountsPassesAndDrawCallsApart) {
   part.objects.clear();
   part.shadows.clear();
   studio.draw(frame, part);
-  EXPECT_EQ(studio.stats().passes_drawn, 1) << "the video";
+  EXPECT_EQ(studio.stats()[Counter::passes_drawn], 1) << "the video";
   part.objects = plan.objects;
   studio.draw(frame, part);
-  EXPECT_EQ(studio.stats().passes_drawn, 2) << "and the objects";
-  EXPECT_EQ(studio.stats().draw_calls, 3) << "of which there are two";
+  EXPECT_EQ(studio.stats()[Counter::passes_drawn], 2) << "and the objects";
+  EXPECT_EQ(studio.stats()[Counter::draw_calls], 3) << "of which there are two";
   studio.draw(frame, plan);
-  EXPECT_EQ(studio.stats().passes_drawn, 3) << "and their shadows";
-  EXPECT_GT(studio.stats().draw_calls, 3);
+  EXPECT_EQ(studio.stats()[Counter::passes_drawn], 3) << "and their shadows";
+  EXPECT_GT(studio.stats()[Counter::draw_calls], 3);
   part.phantoms = plan.objects;
   studio.draw(frame, part);
-  EXPECT_EQ(studio.stats().passes_drawn, 3) << "phantoms are a pass of their own";
-  EXPECT_EQ(studio.stats().draw_calls, 5);
+  EXPECT_EQ(studio.stats()[Counter::passes_drawn], 3) << "phantoms are a pass of their own";
+  EXPECT_EQ(studio.stats()[Counter::draw_calls], 5);
 
   SceneBuilder glass;
   auto model = std::make_shared<Model>(*box(0.06, glm::vec4(1.0F, 1.0F, 1.0F, 0.5F)));
@@ -125,7 +125,8 @@ TEST(Compositor, CountsPassesAndDrawCallsApart) {
   Studio seen_through(glass.build(), test::camera_of(160, 120, 150.0));
   seen_through.draw(
       frame, seen_through.plan(test::tracked(test::look_at({0.0, -0.4, 0.5}, {0.0, 0.0, 0.0}))));
-  EXPECT_EQ(seen_through.stats().passes_drawn, 2) << "the video, and what is seen through";
+  EXPECT_EQ(seen_through.stats()[Counter::passes_drawn], 2)
+      << "the video, and what is seen through";
 }
 
 TEST(Compositor, VideoIsDrawnPixelByPixelInEveryFormat) {

@@ -28,7 +28,7 @@ PoseEstimate above() {
 
 std::vector<std::string> whats(const FramePlan& plan) {
   std::vector<std::string> names;
-  for (const SkippedPass& skipped : plan.skipped) names.push_back(skipped.what);
+  for (const SkippedPass& skipped : plan.skipped) names.emplace_back(key_of(skipped.reason));
   return names;
 }
 FramePlan plan_of(const SceneBuilder& builder, const PoseEstimate& pose,
@@ -64,7 +64,7 @@ TEST(FramePlan, WithoutAPoseNothingIsDrawnOverTheVideo) {
   EXPECT_FALSE(plan.has_pose);
   EXPECT_TRUE(plan.objects.empty() && plan.shadows.empty());
   EXPECT_THAT(whats(plan), testing::ElementsAre("no_pose"));
-  EXPECT_THAT(plan.skipped[0].reason, testing::HasSubstr("no tag found"));
+  EXPECT_EQ(text_of(plan.skipped[0], builder.scene()), "overlay: no tag found");
 
   PoseEstimate broken = above();
   broken.T_table_camera =
@@ -79,7 +79,7 @@ TEST(FramePlan, LeavesOutWhatIsOutOfView) {
   const FramePlan plan = plan_of(builder, above());
   EXPECT_TRUE(plan.objects.empty() && plan.shadows.empty());
   EXPECT_THAT(whats(plan), testing::ElementsAre("object_out_of_view", "shadow_out_of_view"));
-  EXPECT_EQ(plan.skipped[0].reason, "object1: outside the view");
+  EXPECT_EQ(text_of(plan.skipped[0], builder.scene()), "object1: outside the view");
   PlanOptions all;
   all.skip = false;
   const FramePlan whole = plan_of(builder, above(), all);
@@ -218,11 +218,12 @@ FramePlan evaluated_plan_of(const SceneBuilder& builder) {
 }
 
 TEST(FramePlan, ALightInOrUnderAPlaneCastsNoHardShadowOnIt) {
-  const FramePlan plan = evaluated_plan_of(lit_by({1.0, 0.0, -1.0}));
+  SceneBuilder lit = lit_by({1.0, 0.0, -1.0});
+  const FramePlan plan = evaluated_plan_of(lit);
   EXPECT_EQ(plan.hard_shadows.size(), 1U);
   ASSERT_THAT(whats(plan), testing::ElementsAre("light_below_plane", "light_below_plane"));
-  EXPECT_THAT(plan.skipped[0].reason, testing::HasSubstr("light at 0"));
-  EXPECT_THAT(plan.skipped[1].reason, testing::HasSubstr("light at -1"));
+  EXPECT_THAT(text_of(plan.skipped[0], lit.scene()), testing::HasSubstr("light at 0"));
+  EXPECT_THAT(text_of(plan.skipped[1], lit.scene()), testing::HasSubstr("light at -1"));
   // A sun under the horizon too.
   SceneBuilder night = lit_by({1.0});
   night.scene().lights[0].kind = SceneLight::Kind::directional;
@@ -237,11 +238,42 @@ TEST(FramePlan, OfMoreLightsThanAPlaneHasRoomForTheLastAreLeftOut) {
   const FramePlan full = evaluated_plan_of(lit_by(heights));
   EXPECT_TRUE(whats(full).empty());
   heights.insert(heights.end(), {2.5, 3.5});
-  const FramePlan plan = evaluated_plan_of(lit_by(heights));
+  SceneBuilder lit = lit_by(heights);
+  const FramePlan plan = evaluated_plan_of(lit);
   EXPECT_EQ(plan.hard_shadows.size(), full.hard_shadows.size());
   ASSERT_THAT(whats(plan), testing::ElementsAre("too_many_lights", "too_many_lights"));
-  EXPECT_THAT(plan.skipped[0].reason, testing::HasSubstr("light at 2.5"));
-  EXPECT_THAT(plan.skipped[1].reason, testing::HasSubstr("light at 3.5"));
+  EXPECT_THAT(text_of(plan.skipped[0], lit.scene()), testing::HasSubstr("light at 2.5"));
+  EXPECT_THAT(text_of(plan.skipped[1], lit.scene()), testing::HasSubstr("light at 3.5"));
+}
+
+TEST(RenderWork, HasTextForEveryReason) {
+  const Scene scene;
+  for (std::size_t i = 0; i < kSkipReasons; ++i) {
+    const auto reason = static_cast<SkipReason>(i);
+    EXPECT_FALSE(key_of(reason).empty()) << i;
+    EXPECT_FALSE(text_of(SkippedPass{reason, 0, 0}, scene).empty()) << i;
+  }
+  for (std::size_t i = 0; i < kKeepReasons; ++i)
+    EXPECT_FALSE(text_of(KeptPart{static_cast<KeepReason>(i), 0, 0}, scene).empty()) << i;
+  EXPECT_EQ(key_of(SkipReason::volume_too_far), "volume_too_far");
+  EXPECT_EQ(key_of(KeepReason::phantom_mask), "phantom_mask");
+}
+
+TEST(RenderCounters, AddsByIndexUnderReportNames) {
+  RenderCounters a;
+  RenderCounters b;
+  a[Counter::shadow_vertices] = 3;
+  b[Counter::shadow_vertices] = 4;
+  b[Counter::draw_calls] = 5;
+  a += b;
+  EXPECT_EQ(a[Counter::shadow_vertices], 7);
+  EXPECT_EQ(a[Counter::draw_calls], 5);
+  const auto name_of = [](Counter counter) {
+    return kCounterNames[static_cast<std::size_t>(counter)];
+  };
+  EXPECT_EQ(name_of(Counter::masks_kept), "phantom_masks_kept");
+  EXPECT_EQ(name_of(Counter::faces_tested), "kernel_faces");
+  EXPECT_EQ(name_of(Counter::passes_skipped), "passes_skipped");
 }
 
 }  // namespace

@@ -331,14 +331,15 @@ TEST(HardShadowWork, OnlyWhatMovedIsProjectedAgain) {
   Studio studio(builder.build(), straight_camera());
   FramePlan plan = studio.plan(slanted());
   studio.draw(white(), plan);
-  EXPECT_EQ(studio.stats().triples_recomputed, 4);
+  EXPECT_EQ(studio.stats()[Counter::triples_recomputed], 4);
   const auto redraw = [&] {
     studio.draw(white(), plan);
-    return std::pair(studio.stats().triples_recomputed, studio.stats().reprojections);
+    return std::pair(studio.stats()[Counter::triples_recomputed],
+                     studio.stats()[Counter::reprojections]);
   };
   plan.T_table_camera = test::look_at({-0.2, -0.5, 0.6}, {0, 0, 0});
   EXPECT_EQ(redraw(), std::pair(std::int64_t{0}, std::int64_t{4})) << "the camera alone";
-  EXPECT_EQ(studio.stats().shadow_vertices, 0);
+  EXPECT_EQ(studio.stats()[Counter::shadow_vertices], 0);
   for (HardShadowDraw& draw : plan.hard_shadows) {
     if (draw.light == 1) draw.light_place.x() += 0.01;
   }

@@ -90,15 +90,15 @@ TEST_P(ImportedVideo, IsTheCopiedOneInEveryFormat) {
     for (unsigned i = 0; i < 6; ++i) {
       const Frame frame = noise(format, kWidth, kHeight, i);
       const Picture copied = studio.draw(frame, FramePlan());
-      EXPECT_EQ(studio.stats().video_copies, 1);
+      EXPECT_EQ(studio.stats()[Counter::video_copies], 1);
       const Frame shared = (i % 2 == 0 ? first : second).filled(frame);
       const Picture read = studio.draw(shared, FramePlan());
-      EXPECT_EQ(studio.stats().video_copies + studio.stats().video_imports, 1);
-      imports += studio.stats().video_imports;
+      EXPECT_EQ(studio.stats()[Counter::video_copies] + studio.stats()[Counter::video_imports], 1);
+      imports += studio.stats()[Counter::video_imports];
       ASSERT_EQ(read.rgba, copied.rgba) << static_cast<int>(format) << " " << i;
       // Standing still it is there.
       EXPECT_EQ(studio.draw(shared, FramePlan()).rgba, copied.rgba);
-      EXPECT_EQ(studio.stats().video_copies + studio.stats().video_imports, 0);
+      EXPECT_EQ(studio.stats()[Counter::video_copies] + studio.stats()[Counter::video_imports], 0);
     }
     // A driver reads a layout, or it does not (RGB, say) and the picture is copied: never now and
     // then.

@@ -309,7 +309,8 @@ TEST(DrawnRaysTest, OutOfViewAreLeftOut) {
     options.skip = false;
     const FramePlan whole = studio.plan(pose, options);
     EXPECT_EQ(whole.rays.size(), 2U);
-    const auto told = std::ranges::count(skipping.skipped, "rays_out_of_view", &SkippedPass::what);
+    const auto told =
+        std::ranges::count(skipping.skipped, SkipReason::rays_out_of_view, &SkippedPass::reason);
     EXPECT_EQ(skipping.rays.size() + static_cast<std::size_t>(told), 2U);
     left_out += static_cast<std::size_t>(told);
     drawn += skipping.rays.size();

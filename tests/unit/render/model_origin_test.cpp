@@ -219,7 +219,8 @@ std::vector<std::string> lines_of(const FramePlan& plan) {
     add("volume", draw.object, draw.T_table_object, balls);
   }
   for (const LightRayDraw& draw : plan.rays) add("rays", draw.object, draw.T_table_object, "");
-  for (const SkippedPass& pass : plan.skipped) lines.push_back(pass.what + " " + pass.reason);
+  for (const SkippedPass& pass : plan.skipped)
+    lines.push_back(fmt::format("{} {} {}", key_of(pass.reason), pass.subject, pass.other));
   return lines;
 }
 

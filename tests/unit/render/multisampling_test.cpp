@@ -183,7 +183,7 @@ TEST(Multisampling, LeavesFewFacesToTheGpu) {
     const test::Picture picture =
         studio.draw_shadows(test::plain_frame(times * kViewWidth, times * kViewHeight, 255),
                             studio.plan(view_pose(), plan));
-    return Drawn{picture, studio.stats().layer_masks_drawn};
+    return Drawn{picture, studio.stats()[Counter::layer_masks_drawn]};
   };
   const auto few = scene_of(14);
   const auto many = scene_of(16);

@@ -383,9 +383,9 @@ TEST(Overlay, ShadowEdgesSplitByDistanceAreTheSame) {
         test::tracked(test::look_at({0.02, -0.3 * distance, distance}, {0.0, 0.0, 0.0}));
     const Frame frame = test::plain_frame(640, 480, 200);
     const test::Picture picture = studio.draw_shadows(frame, studio.plan(pose));
-    PlanOptions options;
-    options.finest_edges = true;
-    const test::Picture finest = studio.draw_shadows(frame, studio.plan(pose, options));
+    FramePlan finest_plan = studio.plan(pose);
+    finest_plan.finest_edges = true;
+    const test::Picture finest = studio.draw_shadows(frame, finest_plan);
     int differing = 0;
     int edge = 0;
     for (int y = 0; y + 1 < 480; ++y) {

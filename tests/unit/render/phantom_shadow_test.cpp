@@ -408,11 +408,11 @@ TEST(PhantomShadow, OfALargeCasterIsCovered) {
       const Picture reference = draw(fine, 4, LayerDrawing::direct);
       const test::EdgeError drawn =
           test::edge_error(draw(coarse, 1, LayerDrawing::direct), reference, 4);
-      const std::int64_t calls = coarse.stats().draw_calls;
+      const std::int64_t calls = coarse.stats()[Counter::draw_calls];
       const test::EdgeError covered =
           test::edge_error(draw(coarse, 1, LayerDrawing::mask), reference, 4);
-      EXPECT_EQ(coarse.stats().masks_drawn, 1);
-      EXPECT_LT(coarse.stats().draw_calls, calls) << "its layers are not drawn";
+      EXPECT_EQ(coarse.stats()[Counter::masks_drawn], 1);
+      EXPECT_LT(coarse.stats()[Counter::draw_calls], calls) << "its layers are not drawn";
       std::printf("beam of %.1f m: covered %.2f, drawn %.2f codes RMS over %d pixels\n", length,
                   covered.rms, drawn.rms, covered.edges);
       EXPECT_GT(covered.edges, 100);
@@ -568,7 +568,8 @@ TEST_P(PhantomShadow, IsTheSameWhatsoeverIsSkipped) {
     const FramePlan whole = studio.plan(pose, all);
     EXPECT_EQ(whole.received_shadows.size(), 1U);
     (skipping.received_shadows.empty() ? left_out : drawn) += 1;
-    EXPECT_EQ(std::ranges::count(skipping.skipped, "shadow_misses_phantoms", &SkippedPass::what),
+    EXPECT_EQ(std::ranges::count(skipping.skipped, SkipReason::shadow_misses_phantoms,
+                                 &SkippedPass::reason),
               skipping.received_shadows.empty() ? 1 : 0);
     EXPECT_EQ(studio.draw(white(), skipping), studio.draw(white(), whole)) << i;
   }
@@ -585,17 +586,18 @@ TEST_P(PhantomShadow, IsKeptWhileOnlyTheCameraMoves) {
   PlanOptions direct;
   direct.layers = LayerDrawing::direct;  // a mask of the plane has cells as fine as the camera sees
   studio.draw(white(), studio.plan(from({0.1, -0.3, 0.5}), direct));
-  EXPECT_EQ(studio.stats().masks_drawn, 1);
-  EXPECT_EQ(studio.stats().masks_kept, 0);
+  EXPECT_EQ(studio.stats()[Counter::masks_drawn], 1);
+  EXPECT_EQ(studio.stats()[Counter::masks_kept], 0);
   const CompositeStats first = studio.stats();
-  EXPECT_EQ(studio.stats().triples_recomputed, 1) << "a phantom's top is no plane of the scene";
+  EXPECT_EQ(studio.stats()[Counter::triples_recomputed], 1)
+      << "a phantom's top is no plane of the scene";
   const FramePlan moved = studio.plan(from({-0.2, -0.3, 0.4}), direct);
   const Picture kept = studio.draw(white(), moved);
-  EXPECT_EQ(studio.stats().masks_drawn, 0);
-  EXPECT_EQ(studio.stats().masks_kept, 1);
-  EXPECT_EQ(studio.stats().shadow_vertices, 0);
-  EXPECT_EQ(studio.stats().passes_skipped, first.passes_skipped);
-  EXPECT_EQ(studio.stats().proxy_shadows, first.proxy_shadows);
+  EXPECT_EQ(studio.stats()[Counter::masks_drawn], 0);
+  EXPECT_EQ(studio.stats()[Counter::masks_kept], 1);
+  EXPECT_EQ(studio.stats()[Counter::shadow_vertices], 0);
+  EXPECT_EQ(studio.stats()[Counter::passes_skipped], first[Counter::passes_skipped]);
+  EXPECT_EQ(studio.stats()[Counter::proxy_shadows], first[Counter::proxy_shadows]);
   Studio fresh(scene, camera());
   EXPECT_EQ(kept, fresh.draw(white(), fresh.plan(from({-0.2, -0.3, 0.4}), direct)));
   // The caster slides: drawn anew, from what there is.
@@ -604,12 +606,12 @@ TEST_P(PhantomShadow, IsKeptWhileOnlyTheCameraMoves) {
   for (ReceivedShadowDraw& draw : slid.received_shadows)
     draw.shadow.T_table_object.position.x() += 0.01;
   EXPECT_NE(studio.draw(white(), slid), kept);
-  EXPECT_EQ(studio.stats().masks_drawn, 1);
+  EXPECT_EQ(studio.stats()[Counter::masks_drawn], 1);
   // All corners are looked at once, for where they reach, by what tells that beforehand.
   const bool tells = GetParam().technique != ShadowTechnique::field &&
                      GetParam().light_mode == LightMode::proportional;
-  EXPECT_EQ(studio.stats().shadow_vertices, tells ? 14 : 0);
-  EXPECT_EQ(studio.stats().kernel_generations, 0);
+  EXPECT_EQ(studio.stats()[Counter::shadow_vertices], tells ? 14 : 0);
+  EXPECT_EQ(studio.stats()[Counter::kernel_generations], 0);
 }
 
 // Whatever changes between two frames, the second is as if it were the first.
@@ -1193,15 +1195,15 @@ TEST_P(PhantomShadow, OnObjectsIsTheSameWhatsoeverIsSkipped) {
     const FramePlan skipping = studio.plan(pose);
     const FramePlan whole = studio.plan(pose, all);
     EXPECT_EQ(whole.received_shadows.size(), 2U);
-    const auto missed =
-        std::ranges::count(skipping.skipped, "shadow_misses_objects", &SkippedPass::what);
+    const auto missed = std::ranges::count(skipping.skipped, SkipReason::shadow_misses_objects,
+                                           &SkippedPass::reason);
     EXPECT_EQ(static_cast<std::size_t>(missed) + skipping.received_shadows.size(), 2U);
     left_out += static_cast<int>(missed);
     drawn += static_cast<int>(skipping.received_shadows.size());
     EXPECT_EQ(studio.draw(white(), skipping), studio.draw(white(), whole)) << i;
     if (skipping.received_shadows.empty()) {
       studio.draw(white(), skipping);
-      EXPECT_EQ(studio.stats().masks_drawn + studio.stats().masks_kept, 0);
+      EXPECT_EQ(studio.stats()[Counter::masks_drawn] + studio.stats()[Counter::masks_kept], 0);
     }
   }
   EXPECT_GT(left_out, 1);
@@ -1235,10 +1237,12 @@ TEST(PhantomShadow, WhatBlendsIsNoReceiver) {
     const FramePlan skipping = studio.plan(from({0.1, -0.35, 0.6}));
     const FramePlan whole = studio.plan(from({0.1, -0.35, 0.6}), all);
     EXPECT_EQ(skipping.received_shadows.size(), c.receives ? 1U : 0U);
-    EXPECT_EQ(std::ranges::count(skipping.skipped, "receiver_blends", &SkippedPass::what),
-              c.receives ? 0 : 1);
+    EXPECT_EQ(
+        std::ranges::count(skipping.skipped, SkipReason::receiver_blends, &SkippedPass::reason),
+        c.receives ? 0 : 1);
     EXPECT_GE(whole.received_shadows.size(), 1U);
-    EXPECT_EQ(std::ranges::count(whole.skipped, "receiver_blends", &SkippedPass::what), 0);
+    EXPECT_EQ(std::ranges::count(whole.skipped, SkipReason::receiver_blends, &SkippedPass::reason),
+              0);
     EXPECT_EQ(studio.draw(white(), skipping), studio.draw(white(), whole));
   }
 }
@@ -1293,7 +1297,7 @@ TEST(PhantomShadow, IsAsFineWhateverIsFarAway) {
     const FramePlan plan = studio.plan(from({0.1, -0.25, 0.3}), options);
     EXPECT_EQ(plan.meeting_pairs, 1U);
     const Picture picture = studio.draw(white(), plan);
-    EXPECT_GT(studio.stats().masks_drawn, 0);
+    EXPECT_GT(studio.stats()[Counter::masks_drawn], 0);
     return picture;
   };
   const Picture alone = drawn(0, true);

@@ -305,7 +305,7 @@ TEST_F(SceneFile, AdviceOnTheLightThatIsNotFollowedIsTold) {
               HasSubstr("the umbra never vanishes"));
   EXPECT_THAT(warnings(R"({"light_height":0.3,"light_ratio":0.5})", 5.0),
               HasSubstr("the umbra never vanishes"));
-  // Both ways of giving constants are the same light (shadows.md 2.4).
+  // Both ways of giving constants are the same light (docs/shadows.md#constants).
   const std::vector<std::array<double, 4>> examples = {
       {0.3, 1.25, 1.5, 5.0}, {0.3, 1.5, 0.9, 3.0}, {0.3, 2.0, 0.6, 2.0}};
   for (const auto& [h, m, H, a] : examples) {

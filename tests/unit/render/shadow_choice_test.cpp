@@ -63,7 +63,8 @@ TEST(ShadowChoice, HangsNotOnWhatIsOutOfSight) {
       EXPECT_EQ(plan.unseen_shadows.size(), other == Other::none ? 0U : 1U);
       const Picture seen = skipping.draw(grey(), plan);
       EXPECT_EQ(seen, whole.draw(grey(), whole.plan(from_the_side(distance), all)));
-      const auto masks = skipping.stats().layer_masks_drawn + skipping.stats().layer_masks_kept;
+      const auto masks = skipping.stats()[Counter::layer_masks_drawn] +
+                         skipping.stats()[Counter::layer_masks_kept];
       EXPECT_EQ(masks, 1);
     }
   }
@@ -99,8 +100,9 @@ TEST(ShadowChoice, ACameraThatTremblesBetweenTwoSizesMakesNoMasks) {
   Studio studio(block_and(Other::none).build(), test::camera_of(kSide, kSide, 220.0));
   const auto drawn_at = [&](double height) {
     const Picture picture = studio.draw(grey(), studio.plan(from_height(height)));
-    EXPECT_EQ(studio.stats().layer_masks_drawn + studio.stats().layer_masks_kept, 1);
-    return std::pair(picture, studio.stats().layer_masks_drawn);
+    EXPECT_EQ(
+        studio.stats()[Counter::layer_masks_drawn] + studio.stats()[Counter::layer_masks_kept], 1);
+    return std::pair(picture, studio.stats()[Counter::layer_masks_drawn]);
   };
   const auto [low, below] = tremble(drawn_at, 0.8, 0.4);
   Studio other(block_and(Other::none).build(), test::camera_of(kSide, kSide, 220.0));
@@ -115,8 +117,8 @@ TEST(ShadowChoice, NorMasksOfWhatClimbs) {
   tremble(
       [&](double height) {
         const Picture picture = studio.draw(grey(), studio.plan(from_height(height)));
-        EXPECT_GT(studio.stats().masks_drawn + studio.stats().masks_kept, 0);
-        return std::pair(picture, studio.stats().masks_drawn);
+        EXPECT_GT(studio.stats()[Counter::masks_drawn] + studio.stats()[Counter::masks_kept], 0);
+        return std::pair(picture, studio.stats()[Counter::masks_drawn]);
       },
       1.2, 0.5);
 }
@@ -136,18 +138,18 @@ TEST(ShadowChoice, WithoutSkippingNothingIsUsedAgain) {
     const Picture first = studio.draw(frame, studio.plan(from_height(0.5), options));
     EXPECT_EQ(studio.draw(frame, studio.plan(from_height(0.5), options)), first);
     const CompositeStats again = studio.stats();
-    EXPECT_EQ(again.triples_recomputed, 0);
-    EXPECT_EQ(again.video_copies, 0);
-    EXPECT_EQ(again.masks_drawn + again.layer_masks_drawn, 0);
+    EXPECT_EQ(again[Counter::triples_recomputed], 0);
+    EXPECT_EQ(again[Counter::video_copies], 0);
+    EXPECT_EQ(again[Counter::masks_drawn] + again[Counter::layer_masks_drawn], 0);
     options.skip = false;
     EXPECT_EQ(studio.draw(frame, studio.plan(from_height(0.5), options)), first);
     const CompositeStats anew = studio.stats();
-    EXPECT_EQ(anew.video_copies, 1);
-    EXPECT_EQ(anew.reprojections, 0);
-    EXPECT_GT(anew.triples_recomputed, 0);
-    EXPECT_EQ(anew.masks_kept + anew.layer_masks_kept, 0);
-    EXPECT_EQ(anew.masks_drawn, again.masks_kept);
-    EXPECT_EQ(anew.layer_masks_drawn, again.layer_masks_kept);
+    EXPECT_EQ(anew[Counter::video_copies], 1);
+    EXPECT_EQ(anew[Counter::reprojections], 0);
+    EXPECT_GT(anew[Counter::triples_recomputed], 0);
+    EXPECT_EQ(anew[Counter::masks_kept] + anew[Counter::layer_masks_kept], 0);
+    EXPECT_EQ(anew[Counter::masks_drawn], again[Counter::masks_kept]);
+    EXPECT_EQ(anew[Counter::layer_masks_drawn], again[Counter::layer_masks_kept]);
   }
 }
 

@@ -98,8 +98,10 @@ TEST(ShadowNode, JustTheTriplesOfAnEventAreComputedAgain) {
       // Light 0: 6 triples; object 0: 4, of which 2 are of that light too, once.
       EXPECT_EQ(expected, time <= 1.0 ? 8U : time <= 2.0 && before->time_s < 2.0 ? 4U : 0U);
     }
-    EXPECT_EQ(studio.stats().triples_recomputed, static_cast<std::int64_t>(expected)) << time;
-    EXPECT_EQ(studio.stats().reprojections, static_cast<std::int64_t>(12 - expected)) << time;
+    EXPECT_EQ(studio.stats()[Counter::triples_recomputed], static_cast<std::int64_t>(expected))
+        << time;
+    EXPECT_EQ(studio.stats()[Counter::reprojections], static_cast<std::int64_t>(12 - expected))
+        << time;
     before = state;
   }
 }

@@ -426,7 +426,7 @@ TEST(ShadowPass, ThroughALensTheLayersAreThoseOfPenumbraShadow) {
 }
 
 // A bar of 0.2 m at 30 degrees that rises through h_u: its umbra shrinks without a jump, though it
-// has 12 triangles only (shadows.md 2.2).
+// has 12 triangles only (docs/shadows.md#layers).
 TEST(ShadowPass, UmbraOfARisingBarShrinksEvenly) {
   double last = -1.0;
   double start = 0.0;
@@ -530,13 +530,13 @@ TEST(ShadowPass, NothingIsDoneForACameraThatMovesAlone) {
   PlanOptions options;
   options.layers = LayerDrawing::direct;
   studio.draw(white(), studio.plan(overhead(), options));
-  EXPECT_EQ(studio.stats().kernel_generations, 2);
-  EXPECT_GT(studio.stats().shadow_vertices, 0);
+  EXPECT_EQ(studio.stats()[Counter::kernel_generations], 2);
+  EXPECT_GT(studio.stats()[Counter::shadow_vertices], 0);
   studio.draw(white(),
               studio.plan(test::tracked(test::look_at({0.3, -0.4, 0.8}, {0, 0, 0})), options));
-  EXPECT_EQ(studio.stats().kernel_generations, 0);
-  EXPECT_EQ(studio.stats().shadow_vertices, 0);
-  EXPECT_EQ(studio.stats().reprojections, 2);
+  EXPECT_EQ(studio.stats()[Counter::kernel_generations], 0);
+  EXPECT_EQ(studio.stats()[Counter::shadow_vertices], 0);
+  EXPECT_EQ(studio.stats()[Counter::reprojections], 2);
 }
 
 TEST(ShadowPass, TellsWhereItsKernelsAre) {
@@ -629,7 +629,7 @@ TEST(ShadowPass, AFieldThatIsTooCoarseIsTold) {
       studio.draw(white(), studio.plan(overhead(), options));
     }
     const auto& skipped = studio.stats().skipped;
-    return std::ranges::count(skipped, "field_too_coarse", &SkippedPass::what);
+    return std::ranges::count(skipped, SkipReason::field_too_coarse, &SkippedPass::reason);
   };
   for (const LayerDrawing layers : {LayerDrawing::direct, LayerDrawing::mask}) {
     EXPECT_EQ(told(0.5, layers), 0);

@@ -147,7 +147,7 @@ class DrawnProxy : public testing::Test {
     SceneBuilder builder;
     builder.add(sphere(48, 96), placement);
     builder.scene().shadows[0].layered = kLight;
-    builder.scene().objects[0].proxy_model = sphere(24, 48);
+    builder.scene().objects[0].proxy_model = sphere(36, 72);
     return builder;
   }
   static std::shared_ptr<const Model> sphere(int rings, int sectors) {
@@ -169,13 +169,13 @@ TEST_F(DrawnProxy, SavesFacesAndChangesFewPixels) {
   // Tilted, so that its outline is no ring of its mesh.
   Studio studio(ball(test::at(0.0, 0.0, 0.1, {1, 0.3, 0}, 0.7)).build(), camera());
   const Picture full = draw(studio, false);
-  EXPECT_EQ(studio.stats().proxy_shadows, 0);
-  EXPECT_EQ(studio.stats().proxy_checks, 0);
-  EXPECT_EQ(studio.stats().proxy_faces_saved, 0);
+  EXPECT_EQ(studio.stats()[Counter::proxy_shadows], 0);
+  EXPECT_EQ(studio.stats()[Counter::proxy_checks], 0);
+  EXPECT_EQ(studio.stats()[Counter::proxy_faces_saved], 0);
   const Picture reduced = draw(studio, true);
-  EXPECT_EQ(studio.stats().proxy_shadows, 1);
-  EXPECT_EQ(studio.stats().proxy_checks, 1);
-  EXPECT_GT(studio.stats().proxy_faces_saved, 3 * 2000);
+  EXPECT_EQ(studio.stats()[Counter::proxy_shadows], 1);
+  EXPECT_EQ(studio.stats()[Counter::proxy_checks], 1);
+  EXPECT_GT(studio.stats()[Counter::proxy_faces_saved], 3 * 2000);
   std::size_t dark = 0, different = 0;
   for (int y = 0; y < kSide; ++y) {
     for (int x = 0; x < kSide; ++x) {
@@ -189,9 +189,9 @@ TEST_F(DrawnProxy, SavesFacesAndChangesFewPixels) {
   EXPECT_GT(different, 0U) << "no reduced mesh was drawn";
   // Decided once; and by the tilt alone.
   EXPECT_EQ(draw(studio, true), reduced);
-  EXPECT_EQ(studio.stats().proxy_checks, 0);
-  EXPECT_EQ(studio.stats().proxy_shadows, 1);
-  EXPECT_EQ(studio.stats().reprojections, 1);
+  EXPECT_EQ(studio.stats()[Counter::proxy_checks], 0);
+  EXPECT_EQ(studio.stats()[Counter::proxy_shadows], 1);
+  EXPECT_EQ(studio.stats()[Counter::reprojections], 1);
   EXPECT_EQ(draw(studio, true, false), reduced) << "skipping changes nothing";
 }
 
@@ -206,7 +206,7 @@ TEST_F(DrawnProxy, CastsOnlyForObjectsOfConstantTiltAndScale) {
     }
     Studio studio(builder.build(), camera());
     draw(studio, true);
-    return studio.stats().proxy_checks;
+    return studio.stats()[Counter::proxy_checks];
   };
   const Eigen::Vector3d y(0, 1, 0);
   const Eigen::Vector3d z(0, 0, 1);
@@ -224,12 +224,12 @@ TEST_F(DrawnProxy, IsRejectedWhereItsLayersDiffer) {
   builder.scene().objects[0].proxy_model.reset();
   Studio none(builder.build(), camera());
   const Picture picture = draw(none, true);
-  EXPECT_EQ(none.stats().proxy_checks, 0);
+  EXPECT_EQ(none.stats()[Counter::proxy_checks], 0);
   builder.scene().objects[0].proxy_model = test::finished(test::box_model(0.1), glm::vec4(1.0F));
   Studio wrong(builder.build(), camera());
   EXPECT_EQ(draw(wrong, true), picture);
-  EXPECT_EQ(wrong.stats().proxy_checks, 1);
-  EXPECT_EQ(wrong.stats().proxy_shadows, 0);
+  EXPECT_EQ(wrong.stats()[Counter::proxy_checks], 1);
+  EXPECT_EQ(wrong.stats()[Counter::proxy_shadows], 0);
 }
 
 }  // namespace

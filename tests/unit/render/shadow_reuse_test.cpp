@@ -1,4 +1,4 @@
-// What a change between two frames makes the CPU do again (shadows.md 2.10), for every technique;
+// What a change between two frames makes the CPU do again (docs/shadows.md#own-frame), for every technique;
 // and shadow fields as drawn.
 #include <gtest/gtest.h>
 
@@ -107,15 +107,15 @@ class ShadowReuse : public testing::TestWithParam<Case> {
   }
   // Nothing but the place of what there is already.
   static void expect_reused(const CompositeStats& stats, const char* what) {
-    EXPECT_EQ(stats.shadow_vertices, 0) << what;
-    EXPECT_EQ(stats.kernel_generations, 0) << what;
-    EXPECT_EQ(stats.reprojections, 1) << what;
-    EXPECT_EQ(stats.triples_recomputed, 0) << what;
+    EXPECT_EQ(stats[Counter::shadow_vertices], 0) << what;
+    EXPECT_EQ(stats[Counter::kernel_generations], 0) << what;
+    EXPECT_EQ(stats[Counter::reprojections], 1) << what;
+    EXPECT_EQ(stats[Counter::triples_recomputed], 0) << what;
   }
   static void expect_recomputed(const CompositeStats& stats, const char* what) {
-    EXPECT_EQ(stats.shadow_vertices > 0, GetParam().on_cpu) << what;
-    EXPECT_EQ(stats.reprojections, 0) << what;
-    EXPECT_EQ(stats.triples_recomputed, 1) << what;
+    EXPECT_EQ(stats[Counter::shadow_vertices] > 0, GetParam().on_cpu) << what;
+    EXPECT_EQ(stats[Counter::reprojections], 0) << what;
+    EXPECT_EQ(stats[Counter::triples_recomputed], 1) << what;
   }
 };
 // Tilted about a slanted axis, so that no rounding is exact; "clipped" reaches under the plane.
@@ -136,7 +136,7 @@ TEST_P(ShadowReuse, CameraAlone) {
   Stage stage(GetParam().technique, l_model(), GetParam().placement, GetParam().light_mode);
   stage.draw(GetParam().placement);
   expect_recomputed(stage.stats(), "the first frame");
-  EXPECT_EQ(stage.stats().kernel_generations, sets_per_tilt());
+  EXPECT_EQ(stage.stats()[Counter::kernel_generations], sets_per_tilt());
   for (int i = 0; i < 20; ++i) {
     const Eigen::Vector3d eye(0.5 * std::cos(0.3 * i), 0.5 * std::sin(0.3 * i), 0.5 + 0.02 * i);
     stage.draw(GetParam().placement, test::tracked(test::look_at(eye, {0, 0, 0})));
@@ -168,7 +168,7 @@ TEST_P(ShadowReuse, HeightAlone) {
     placement.position.z() += 0.002;
     stage.draw(placement);
     expect_recomputed(stage.stats(), "lifted");
-    EXPECT_EQ(stage.stats().kernel_generations, 0);
+    EXPECT_EQ(stage.stats()[Counter::kernel_generations], 0);
   }
 }
 
@@ -177,7 +177,7 @@ TEST_P(ShadowReuse, ConstantsAlone) {
   stage.draw(GetParam().placement);
   const LayeredConstants other = make_layered_constants(0.7, 2.0, 0.0).value();
   stage.draw(GetParam().placement, overhead(), &other);
-  EXPECT_EQ(stage.stats().kernel_generations, 0);
+  EXPECT_EQ(stage.stats()[Counter::kernel_generations], 0);
   if (GetParam().technique == ShadowTechnique::simple) {
     expect_reused(stage.stats(), "constants that it does not use");
   } else {
@@ -198,7 +198,7 @@ TEST_P(ShadowReuse, TiltMakesNewKernelsBeyondItsThresholdOnly) {
   for (int i = 1; i <= 100; ++i) {
     const Placement tilted = turned(start, {0.3, 1.0, 0.0}, 0.15 * i * kDegree);
     stage.draw(tilted);
-    generations += stage.stats().kernel_generations;
+    generations += stage.stats()[Counter::kernel_generations];
     if (cell(tilted) != last) ++cells;
     last = cell(tilted);
   }
@@ -206,7 +206,7 @@ TEST_P(ShadowReuse, TiltMakesNewKernelsBeyondItsThresholdOnly) {
   EXPECT_LT(cells, 20);
   EXPECT_EQ(generations, sets_per_tilt() * cells);
   stage.draw(start);
-  EXPECT_EQ(stage.stats().kernel_generations, 0) << "kept from the start";
+  EXPECT_EQ(stage.stats()[Counter::kernel_generations], 0) << "kept from the start";
 }
 
 // Kernels that no generation makes, so that what is drawn tells which are in use.
@@ -227,7 +227,8 @@ TEST(StoredKernels, ServeTwoDegreesAndNoMore) {
       const Placement placement = turned(test::at(0.0, 0.0, 0.05), axis, tilt * kDegree);
       Stage stage(ShadowTechnique::layered, model, placement);
       stage.draw(placement);
-      EXPECT_EQ(stage.stats().kernel_generations, tilt < 2.0 ? 0 : 1) << tilt << " degrees, " << i;
+      EXPECT_EQ(stage.stats()[Counter::kernel_generations], tilt < 2.0 ? 0 : 1)
+          << tilt << " degrees, " << i;
     }
   }
 }
@@ -241,7 +242,7 @@ TEST(StoredKernels, WithoutThicknessServeNoLightOfOneSize) {
       stage.draw(placement);
       // With a light of one size one more for the radii, and the parts.
       const int others = mode == LightMode::fixed ? (serves ? 2 : 1) : 0;
-      EXPECT_EQ(stage.stats().kernel_generations,
+      EXPECT_EQ(stage.stats()[Counter::kernel_generations],
                 others + (serves || mode == LightMode::proportional ? 0 : 1))
           << stamp << " " << to_string(mode);
     }
@@ -270,10 +271,10 @@ TEST(ShadowField, ATiltThatMovesNoEdgeIsReused) {
   Stage stage(ShadowTechnique::field, l_model(), level);
   const Picture before = stage.draw(level);
   const Picture after = stage.draw(turned(level, {1, 0, 0}, 4e-5));
-  EXPECT_EQ(stage.stats().reprojections, 1);
+  EXPECT_EQ(stage.stats()[Counter::reprojections], 1);
   EXPECT_EQ(after, before);
   stage.draw(turned(level, {1, 0, 0}, 1e-3));
-  EXPECT_EQ(stage.stats().triples_recomputed, 1);
+  EXPECT_EQ(stage.stats()[Counter::triples_recomputed], 1);
 }
 
 TEST(OwnFrame, PutsTheObjectWhereItIs) {

@@ -125,10 +125,11 @@ TEST(ShadowVolume, OfALightInsideIsTold) {
   for (int frame = 0; frame < 2; ++frame) {  // made, and drawn again
     studio.draw(white(), plan);
     ASSERT_EQ(studio.stats().skipped.size(), 1U);
-    EXPECT_EQ(studio.stats().skipped[0].what, "light_inside_caster");
-    EXPECT_NE(studio.stats().skipped[0].reason.find("object1: the light \"lamp\" is inside"),
+    const SkippedPass& skipped = studio.stats().skipped[0];
+    EXPECT_EQ(skipped.reason, SkipReason::light_inside_caster);
+    EXPECT_NE(text_of(skipped, studio.scene()).find("object1: the light \"lamp\" is inside"),
               std::string::npos);
-    EXPECT_EQ(studio.stats().passes_skipped, 1);
+    EXPECT_EQ(studio.stats()[Counter::passes_skipped], 1);
   }
 }
 
@@ -804,18 +805,18 @@ TEST(ShadowVolume, IsMadeAgainWhereItsCasterOrLightMovedOnly) {
   Studio studio(builder.build(), test::camera_of(kSide, kSide, 200.0));
   FramePlan plan = studio.plan(test::tracked(test::look_at({0.3, -0.4, 0.4}, {0, 0, 0})));
   studio.draw(white(), plan);
-  EXPECT_EQ(studio.stats().triples_recomputed, 2);
+  EXPECT_EQ(studio.stats()[Counter::triples_recomputed], 2);
   plan.T_table_camera = test::look_at({-0.3, -0.4, 0.4}, {0, 0, 0});
   studio.draw(white(), plan);
-  EXPECT_EQ(studio.stats().triples_recomputed, 0);
-  EXPECT_EQ(studio.stats().shadow_vertices, 0);
+  EXPECT_EQ(studio.stats()[Counter::triples_recomputed], 0);
+  EXPECT_EQ(studio.stats()[Counter::shadow_vertices], 0);
   plan.volumes[1].T_table_object.position.z() += 0.01;
   studio.draw(white(), plan);
-  EXPECT_EQ(studio.stats().triples_recomputed, 1);
+  EXPECT_EQ(studio.stats()[Counter::triples_recomputed], 1);
   // A floor that sinks: the volume must reach through it.
   for (ShadowVolumeDraw& draw : plan.volumes) draw.floors[0].q.z() -= 0.3;
   studio.draw(white(), plan);
-  EXPECT_EQ(studio.stats().triples_recomputed, 2);
+  EXPECT_EQ(studio.stats()[Counter::triples_recomputed], 2);
 }
 
 // What can't be seen is not made, and the picture is the same; of one light and of two.
@@ -857,9 +858,10 @@ TEST(ShadowVolume, OutOfViewIsLeftOut) {
     const FramePlan skipping = studio.plan(pose);
     const FramePlan whole = studio.plan(pose, all);
     const auto told =
-        std::ranges::count(skipping.skipped, "volume_out_of_view", &SkippedPass::what);
+        std::ranges::count(skipping.skipped, SkipReason::volume_out_of_view, &SkippedPass::reason);
     EXPECT_EQ(skipping.volumes.size() + static_cast<std::size_t>(told), whole.volumes.size());
-    EXPECT_EQ(std::ranges::count(whole.skipped, "volume_out_of_view", &SkippedPass::what), 0);
+    EXPECT_EQ(
+        std::ranges::count(whole.skipped, SkipReason::volume_out_of_view, &SkippedPass::reason), 0);
     left_out += static_cast<int>(told);
     drawn += static_cast<int>(skipping.volumes.size());
     EXPECT_EQ(studio.draw(white(), skipping).rgba, studio.draw(white(), whole).rgba) << i;
@@ -877,17 +879,17 @@ TEST(ShadowVolume, NothingIsDrawnWhereAllIsOutOfView) {
   const FramePlan plan = studio.plan(pose);
   EXPECT_TRUE(plan.objects.empty() && plan.volumes.empty() && plan.rays.empty());
   std::vector<std::string> reasons;
-  for (const SkippedPass& pass : plan.skipped) reasons.push_back(pass.reason);
+  for (const SkippedPass& pass : plan.skipped) reasons.push_back(text_of(pass, studio.scene()));
   EXPECT_EQ(reasons, (std::vector<std::string>{"object1: outside the view",
                                                "object1: its light rays are outside the view",
                                                "object1: its shadow volume is outside the view"}));
   const Picture picture = studio.draw(white(), plan);
-  EXPECT_EQ(studio.stats().shadow_vertices, 0);
-  EXPECT_LE(studio.stats().draw_calls, 2) << "the video and where the plane is";
+  EXPECT_EQ(studio.stats()[Counter::shadow_vertices], 0);
+  EXPECT_LE(studio.stats()[Counter::draw_calls], 2) << "the video and where the plane is";
   PlanOptions all;
   all.skip = false;
   EXPECT_EQ(picture, studio.draw(white(), studio.plan(pose, all)));
-  EXPECT_GT(studio.stats().draw_calls, 5);
+  EXPECT_GT(studio.stats()[Counter::draw_calls], 5);
 }
 
 TEST(ShadowVolume, OfWhatIsTooLargeIsTold) {
@@ -899,7 +901,8 @@ TEST(ShadowVolume, OfWhatIsTooLargeIsTold) {
     for (int frame = 0; frame < 2; ++frame) {  // made, and drawn again
       studio.draw(white(), studio.plan(pose));
     }
-    return studio.stats().skipped.size() == 1 && studio.stats().skipped[0].what == "volume_too_far";
+    return studio.stats().skipped.size() == 1 &&
+           studio.stats().skipped[0].reason == SkipReason::volume_too_far;
   };
   EXPECT_FALSE(told(0.5));
   EXPECT_FALSE(told(10.0));

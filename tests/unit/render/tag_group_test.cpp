@@ -140,7 +140,8 @@ TEST(TagGroup, WhatIsNotSeenIsNotThere) {
       }
       for (const ShadowVolumeDraw& draw : plan.volumes) EXPECT_EQ(draw.object, 1);
       int told = 0;
-      for (const SkippedPass& skipped : plan.skipped) told += skipped.what == "group_not_seen";
+      for (const SkippedPass& skipped : plan.skipped)
+        told += key_of(skipped.reason) == "group_not_seen";
       EXPECT_EQ(told, 2);
     }
   }
@@ -264,7 +265,7 @@ TEST(TagGroup, FaintAndSolidObjectsInOnePicture) {
   EXPECT_GT(between, 500);
 }
 
-// shadows.md 2.10, with the plane in the place of the object.
+// docs/shadows.md#own-frame, with the plane in the place of the object.
 TEST(TagGroup, OnlyWhatAPlanesMotionChangesIsMadeAgain) {
   Studio studio(before_a_wall().build(), camera());
   const Frame frame = test::plain_frame(kWidth, kHeight, 190);
@@ -281,23 +282,23 @@ TEST(TagGroup, OnlyWhatAPlanesMotionChangesIsMadeAgain) {
       return studio.stats();
     };
     const GroupPose start = placed({0, 0, 0});
-    EXPECT_EQ(draw(start, 0.1).triples_recomputed, 2);
+    EXPECT_EQ(draw(start, 0.1)[Counter::triples_recomputed], 2);
     const CompositeStats camera_only = draw(start, 0.15);
-    EXPECT_EQ(camera_only.reprojections, 2);
-    EXPECT_EQ(camera_only.triples_recomputed, 0);
-    EXPECT_EQ(camera_only.shadow_vertices, 0);
+    EXPECT_EQ(camera_only[Counter::reprojections], 2);
+    EXPECT_EQ(camera_only[Counter::triples_recomputed], 0);
+    EXPECT_EQ(camera_only[Counter::shadow_vertices], 0);
     const CompositeStats away = draw(placed({0, 0.01, 0}), 0.15);
-    EXPECT_EQ(away.triples_recomputed, 1) << "the table's stays";
-    EXPECT_EQ(away.reprojections, 1);
+    EXPECT_EQ(away[Counter::triples_recomputed], 1) << "the table's stays";
+    EXPECT_EQ(away[Counter::reprojections], 1);
     if (technique == ShadowTechnique::hard) continue;  // its light does not go along
     const Eigen::Vector3d along = 0.03 * wall.e1 - 0.01 * wall.e2;
     const CompositeStats slid = draw(placed(Eigen::Vector3d(0, 0.01, 0) + along), 0.15);
-    EXPECT_EQ(slid.reprojections, 2) << "along itself";
-    EXPECT_EQ(slid.triples_recomputed, 0);
-    EXPECT_EQ(slid.shadow_vertices, 0);
-    EXPECT_EQ(slid.kernel_generations, 0);
+    EXPECT_EQ(slid[Counter::reprojections], 2) << "along itself";
+    EXPECT_EQ(slid[Counter::triples_recomputed], 0);
+    EXPECT_EQ(slid[Counter::shadow_vertices], 0);
+    EXPECT_EQ(slid[Counter::kernel_generations], 0);
     const CompositeStats tilted = draw(placed({0, 0.02, 0}, 0.2), 0.15);
-    EXPECT_EQ(tilted.triples_recomputed, 1);
+    EXPECT_EQ(tilted[Counter::triples_recomputed], 1);
   }
 }
 

@@ -600,17 +600,18 @@ TEST(PictureProbe, FindsWhatWorks) {
   }
 }
 
-TEST(PictureProbe, DecidesWhatAutoDoes) {
-  Studio studio(plate({0.15, 0.4, 0.83}).build(), straight_camera());
-  const auto drawn = [&] {
+TEST(PictureProbe, MakesAutoFetchWhereTheDriverDoesNotBlend) {
+  const auto drawn = [](Studio& studio) {
     (void)studio.draw(white(), studio.plan(above()));
     return studio.stats().translucency;
   };
-  EXPECT_EQ(drawn(), Translucency::blend);
-  studio.compositor().set_abilities({false, true});
-  EXPECT_EQ(drawn(), Translucency::retexture);
-  studio.compositor().set_abilities({false, false});
-  EXPECT_EQ(drawn(), Translucency::mesh);
+  Studio studio(plate({0.15, 0.4, 0.83}).build(), straight_camera());
+  EXPECT_EQ(drawn(studio), Translucency::blend);
+  driver_enable = epoxy_glEnable;
+  epoxy_glEnable = enable_without_blending;
+  Studio without(plate({0.15, 0.4, 0.83}).build(), straight_camera());
+  epoxy_glEnable = driver_enable;
+  EXPECT_EQ(drawn(without), Translucency::retexture);
 }
 
 }  // namespace

@@ -1,0 +1,147 @@
+// What was done for a frame, what was skipped, and what was kept from an earlier frame.
+#pragma once
+
+#include <array>
+#include <compare>
+#include <cstddef>
+#include <cstdint>
+#include <string>
+#include <string_view>
+#include <vector>
+
+namespace penumbra {
+
+struct Scene;
+
+// In the order of kCounterNames.
+enum class Counter : std::size_t {
+  shadow_vertices,     // vertices that the CPU projected or clipped for shadows
+  kernel_generations,  // kernel sets, and sets of part lights, for a tilt
+  // Shadows drawn from the geometry of an earlier frame (only the camera moved, or the caster slid
+  // or turned on the plane), and those that were recomputed.
+  reprojections,
+  triples_recomputed,
+  proxy_shadows,      // drawn from a reduced mesh
+  proxy_checks,       // comparisons of a reduced mesh with its model
+  proxy_faces_saved,  // by those drawn, over all their layers
+  // Masks of the layers on a plane: drawn, and kept from an earlier frame.
+  layer_masks_drawn,
+  layer_masks_kept,
+  mask_pieces_skipped,  // pieces of these masks that darken nothing
+  // Masks of the shadows on phantoms and objects, one for each level: drawn, and kept.
+  masks_drawn,
+  masks_kept,
+  // The video frame: copied to the GPU, or read by it in the camera's own buffer. Neither for a
+  // frame that was there already.
+  video_copies,
+  video_imports,
+  // Through pixel buffers: of the copies, and of images that ask_for_picture() asked for.
+  pixel_buffer_uploads,
+  pixel_buffer_read_backs,
+  // Faces of the kernel sets made in this frame, and those that turn over in some layer.
+  faces_tested,
+  faces_twisted,
+  passes_drawn,    // that drew anything: the video and each Pass
+  passes_skipped,  // entries of the plan's and the passes' `skipped`
+  draw_calls,      // of OpenGL's
+};
+// The counters' keys in the report.
+inline constexpr std::array<std::string_view, 21> kCounterNames = {
+    "shadow_vertices",  "kernel_generations",  "reprojections",        "triples_recomputed",
+    "proxy_shadows",    "proxy_checks",        "proxy_faces_saved",    "layer_masks_drawn",
+    "layer_masks_kept", "mask_pieces_skipped", "phantom_masks_drawn",  "phantom_masks_kept",
+    "video_copies",     "video_imports",       "pixel_buffer_uploads", "pixel_buffer_read_backs",
+    "kernel_faces",     "twisted_faces",       "passes_drawn",         "passes_skipped",
+    "draw_calls"};
+static_assert(kCounterNames.size() == static_cast<std::size_t>(Counter::draw_calls) + 1);
+
+class RenderCounters {
+ public:
+  [[nodiscard]] std::int64_t& operator[](Counter counter) {
+    return values_[static_cast<std::size_t>(counter)];
+  }
+  [[nodiscard]] std::int64_t operator[](Counter counter) const {
+    return values_[static_cast<std::size_t>(counter)];
+  }
+  RenderCounters& operator+=(const RenderCounters& other) {
+    for (std::size_t i = 0; i < values_.size(); ++i) values_[i] += other.values_[i];
+    return *this;
+  }
+
+ private:
+  std::array<std::int64_t, kCounterNames.size()> values_{};
+};
+
+// Why something is not drawn. `subject` and `other` of SkippedPass are indices into the scene, of
+// what the comment names.
+enum class SkipReason {
+  no_pose,                 // -
+  faded_out,               // -
+  object_group_not_seen,   // object
+  plane_group_not_seen,    // plane
+  object_out_of_view,      // object
+  technique_none,          // node
+  camera_behind_plane,     // plane
+  casts_no_shadow,         // object
+  shadow_misses_phantoms,  // object
+  shadow_misses_objects,   // object
+  receiver_blends,         // object
+  no_light,                // node
+  light_below_plane,       // light
+  too_many_lights,         // light
+  volume_out_of_view,      // object
+  rays_out_of_view,        // object
+  shadow_below_plane,      // object
+  shadow_above_light,      // object
+  shadow_off_receiver,     // object
+  shadow_out_of_view,      // object
+  umbra_vanished,          // object
+  mask_impossible,         // plane, object
+  field_too_coarse,        // object
+  light_inside_caster,     // object, light
+  volume_too_far,          // object, light
+};
+inline constexpr std::size_t kSkipReasons =
+    static_cast<std::size_t>(SkipReason::volume_too_far) + 1;
+
+struct SkippedPass {
+  SkipReason reason = SkipReason::no_pose;
+  int subject = -1, other = -1;
+  std::string detail = {};  // of no_pose: why there is none
+  friend auto operator<=>(const SkippedPass&, const SkippedPass&) = default;
+};
+
+// What is kept from an earlier frame.
+enum class KeepReason {
+  video,         // the frame is on the GPU already
+  layer_mask,    // plane
+  phantom_mask,  // receiver, caster
+};
+inline constexpr std::size_t kKeepReasons = static_cast<std::size_t>(KeepReason::phantom_mask) + 1;
+
+struct KeptPart {
+  KeepReason reason = KeepReason::video;
+  int subject = -1, other = -1;
+};
+
+// The key in the report: "object_out_of_view", "video", ...
+[[nodiscard]] std::string_view key_of(SkipReason reason);
+[[nodiscard]] std::string_view key_of(KeepReason reason);
+// For a reader: "rotor: outside the view".
+[[nodiscard]] std::string text_of(const SkippedPass& skipped, const Scene& scene);
+[[nodiscard]] std::string text_of(const KeptPart& kept, const Scene& scene);
+
+// Shadow volumes end this far from the table's origin [m], where a camera less than 8 m away from
+// it still has them before its far plane.
+inline constexpr double kVolumeReach = 12.0;
+
+struct RenderWork {
+  RenderCounters counters;
+  std::vector<SkippedPass> skipped;  // by the passes: known only from the geometry
+  std::vector<KeptPart> kept;
+
+  [[nodiscard]] std::int64_t& operator[](Counter counter) { return counters[counter]; }
+  [[nodiscard]] std::int64_t operator[](Counter counter) const { return counters[counter]; }
+};
+
+}  // namespace penumbra
