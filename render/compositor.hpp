@@ -30,29 +30,28 @@ struct CompositeStats : RenderWork {
   std::vector<double> gpu_ms;
   Translucency translucency = Translucency::blend;  // as it was drawn; never automatic
 };
-// Of two pictures together. Without gpu_ms: those of two compositors are not of the same frames.
+// Adds up two frames. Without gpu_ms: those of two compositors are not of the same frames.
 void add(CompositeStats& to, const CompositeStats& stats);
 
 struct CompositorOptions {
   // The video without its lens's distortion (rectified_video.hpp). Plans are then made for a camera
   // without_distortion().
   bool rectified = false;
-  // Samples of each pixel at the edges of what is drawn; 0: no multisampling. Nothing: by the
-  // renderer, as multisampling_for() says. The driver may give more than asked.
+  // Samples of each pixel; 0: no multisampling; none: multisampling_for() the renderer. The driver
+  // may give more than requested.
   std::optional<int> msaa = std::nullopt;
-  // The video goes to the GPU, and pictures that ask_for_picture() asks for come from it, through
-  // buffers of the driver's, so that neither it nor this thread waits for the other. Nothing: where
-  // the renderer is no CPU rasteriser, which has nobody to wait for and pays for the copies. The
-  // pictures are the same.
+  // Transfers the video to the GPU, and images of ask_for_picture() from it, through pixel buffers,
+  // so that neither the GPU nor this thread waits for the other. None: true but on a CPU
+  // rasteriser, which pays for the copies. The images are the same.
   std::optional<bool> pixel_buffers = std::nullopt;
-  // Frames are timed by the GPU's clock, where the driver has one (gpu_timer.hpp). Nothing: where
-  // the renderer is no CPU rasteriser, whose time is the process's.
+  // Times frames by the GPU's clock, where the driver has one (gpu_timer.hpp). None: true but on a
+  // CPU rasteriser, whose time is the process's.
   std::optional<bool> gpu_time = std::nullopt;
 };
 
-// What multisampling is worth by itself: on a GPU 4 samples, which tiling ones (a Raspberry Pi's)
-// keep on the chip; none with a rasteriser on the CPU, which pays for each (BENCHMARKS.md). At most
-// what the driver has.
+// The default number of samples: 4 on a GPU (tiling ones, as a Raspberry Pi's, keep them on the
+// chip), none on a CPU rasteriser, which pays for each (BENCHMARKS.md). At most what the driver
+// has.
 [[nodiscard]] int multisampling_for(bool software, int most_samples);
 
 class Compositor {
@@ -69,31 +68,31 @@ class Compositor {
 
   // Draws into a framebuffer of its own, of the camera's size.
   [[nodiscard]] Result<CompositeStats> draw(const Frame& frame, const FramePlan& plan);
-  // The last picture: RGBA8, rows top to bottom, width * height * 4 bytes. Adds to the last stats'
-  // read-back time, given back.
+  // Reads the last image: RGBA8, rows top to bottom, width * height * 4 bytes. Returns the last
+  // stats with the read-back time added.
   [[nodiscard]] Result<CompositeStats> read_back(std::span<std::uint8_t> rgba);
 
-  // Whether pictures can be asked for, and the video goes through pixel buffers.
+  // Whether ask_for_picture() may be called, and the video goes through pixel buffers.
   [[nodiscard]] bool pixel_buffers() const;
-  // What read_back() would give, later: the picture as it is now goes into a pixel buffer once it
-  // is drawn, and nothing waits for it. At most two may be on their way. Adds to the last stats, as
-  // take_picture() does. Where it fails it was not asked for.
+  // Starts an asynchronous read_back(): the image goes into a pixel buffer once it is drawn. At
+  // most two may be pending. Returns the last stats with the time added, as take_picture() does.
+  // Where it fails nothing is pending for it.
   [[nodiscard]] Result<CompositeStats> ask_for_picture();
-  // How many of them are on their way.
+  // Number of pending images.
   [[nodiscard]] std::size_t pictures_asked_for() const;
-  // The one that was asked for first; waits until it is drawn. Where it fails none is on its way
-  // any more.
+  // Takes the oldest pending image; waits until it is drawn. Where it fails all pending ones are
+  // dropped.
   [[nodiscard]] Result<CompositeStats> take_picture(std::span<std::uint8_t> rgba);
-  // The GPU's times that are known by now and no stats had [ms]; never waits.
+  // Takes the GPU's times that are known by now and that no stats had [ms]; never waits.
   [[nodiscard]] std::vector<double> take_gpu_times();
   // Copies the last picture to the context's window, letterboxed.
   void present();
-  // Of each pixel; 0 without multisampling.
+  // Samples of each pixel; 0 without multisampling.
   [[nodiscard]] int samples() const;
-  // Black, until something is drawn. What was drawn before is not among the GPU's times.
+  // Clears the image to black and forgets the GPU's times of earlier frames.
   void clear();
-  // For a debug view: the kernels that the last picture's shadows were made with, and how many
-  // faces turn over for them.
+  // For the debug view: the kernels of the last image's shadows, and how many faces turn over for
+  // them.
   [[nodiscard]] std::vector<CasterKernels> kernels_in_use() const;
 
  private:

@@ -157,8 +157,8 @@ inline constexpr std::size_t kMostReasons = 10;
 [[nodiscard]] std::string in_words(Translucency asked, Translucency drawn);
 [[nodiscard]] Translucency translucency_after(Translucency way);
 
-// What a node's constants come from (docs/shadows.md#constants): the height at which the umbra vanishes and
-// the middle layer's magnification there. Nothing where it never vanishes (a <= 1).
+// What a node's constants come from (docs/shadows.md#constants): the height at which the umbra
+// vanishes and the middle layer's magnification there. Nothing where it never vanishes (a <= 1).
 struct Workspace {
   double height_m = 0.3;
   double magnification = 1.5;

@@ -1,7 +1,6 @@
-// What stored kernels were made for, as one word beside them: "GEOMETRY-PARTS-SOURCE".
-//
-// Files from elsewhere may leave it out, or have the geometry's key alone; what is not said is
-// taken to fit, but for parts that the user names.
+// What stored kernels were made for, as one word beside them: "GEOMETRY-PARTS-SOURCE". Files from
+// other programs may omit it, or hold the geometry's key alone; an omitted key counts as fitting,
+// but for parts that the user names.
 #pragma once
 
 #include <span>

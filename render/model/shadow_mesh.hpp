@@ -21,8 +21,7 @@ struct ShadowMesh {
   std::vector<std::uint32_t> indices;  // triangles; those that the welding collapsed are left out
   std::vector<std::uint32_t> part;     // one per position: which connected part it belongs to
   std::uint32_t part_count = 0;
-  // One per part: whether an author made it of several connected ones, as bricks make a wall. Empty
-  // where nobody did.
+  // One per part: whether a group joined it of several connected parts. Empty without groups.
   std::vector<bool> joined;
   // Faces of the model in parts of which the welding left none: they cast nothing.
   std::size_t lost_faces = 0;
@@ -35,9 +34,9 @@ struct ShadowMesh {
   glm::vec3 stored_up{0.0F, 0.0F, 1.0F};
 };
 
-// Vertices no further apart are one [m]: 10 um, but no more than 1e-4 of the model's longest side,
-// so that one in other units keeps its faces, and no less than the rounding of its coordinates. 0
-// where all are at one place.
+// Returns the distance up to which vertices are welded [m]: 10 um, but at most 1e-4 of the model's
+// longest side, so that a model in other units keeps its faces, and at least the rounding of its
+// coordinates. 0 where all vertices are at one place.
 [[nodiscard]] double weld_distance(const Model& model);
 
 // How faces that are transparent in part cast (cut_out.hpp). Faces that are transparent
@@ -51,8 +50,8 @@ enum class CutOuts { whole_faces, what_is_seen };
                                           std::span<const std::string> groups = {},
                                           CutOuts cut_outs = CutOuts::whole_faces);
 
-// A line for the user where parts of the model cast nothing, as welding leaves none of their faces:
-// how many faces, and what to do. `file`: what the line is about.
+// Returns a warning where parts of the model cast nothing because welding collapses all of their
+// faces: the number of faces, and what to do. `file` is named in it.
 [[nodiscard]] std::optional<std::string> warning_of_lost_faces(const Model& model,
                                                                const std::string& file);
 

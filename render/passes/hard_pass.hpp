@@ -1,8 +1,7 @@
-// Hard shadows of the scene's lights on planes. Each light has a stencil bit of its own, set where
-// any caster keeps it away: casters of one light darken a pixel once. Casters that are drawn
-// faintly have another bit than the others, as far as there are bits. Then each set of lights that
-// pixels miss is darkened by just the share of the light that these lights give there, so that the
-// shadows of several lights add up as light does.
+// Hard shadows of the scene's lights on planes. Each light has a stencil bit, set where any caster
+// blocks it, so casters of one light darken a pixel once. Faint casters have separate bits, as far
+// as there are bits. Then the pixels of each set of blocked lights are darkened by the share of the
+// light that these lights give there: the shadows of several lights add up as light does.
 #pragma once
 
 #include <glm/vec3.hpp>

@@ -1,6 +1,5 @@
-// Virtual objects with light and depth, and phantoms with depth alone. Materials that have more
-// than a colour and its texture are drawn by a program of their own: the others pay nothing for
-// them.
+// Draws virtual objects with light and depth, and phantoms with depth alone. Materials with more
+// maps than a base colour have a separate program, so that the others pay nothing for them.
 #pragma once
 
 #include <array>
@@ -26,19 +25,19 @@
 
 namespace penumbra {
 
-// An edge of this length [m] in the units of a model drawn at this scale; rounded down to a
-// quarter power of two times it, so that models at like scales are uploaded once.
+// Converts a length [m] into the units of a model drawn at this scale, rounded down by quarter
+// powers of two, so that models at similar scales are uploaded once.
 [[nodiscard]] float longest_model_edge(double longest_edge_m, double scale);
 
 inline constexpr int kShadowMaskUnit = 1;  // of a MaskStack that is read
 inline constexpr std::size_t kMostReceivingLevels = 64;
 
-// How a shadow on a surface is drawn: by itself, or as one of several whose darkest counts, which
-// are gathered in the picture's alpha first.
+// How a shadow on a surface is drawn: alone, or as one of several whose darkest counts, which are
+// gathered in the framebuffer's alpha first.
 enum class Gathering { none, first, further, result };
 
 // A shadow that falls along a plane's normal, at several heights above it: its layers are channels
-// of the pictures bound to kShadowMaskUnit.
+// of the masks bound to kShadowMaskUnit.
 struct ShadowMask {
   glm::mat4x3 plane_from_table{0.0F};  // -> (u, v, h)
   glm::vec3 normal{0.0F};              // of the plane, table frame
@@ -55,31 +54,31 @@ class ObjectPainter {
   [[nodiscard]] static Result<ObjectPainter> create(GlApi api, const Scene& scene,
                                                     const CameraModel& camera);
 
-  // How what is translucent is drawn from here on.
+  // Selects how translucent surfaces and shadows are drawn from here on.
   [[nodiscard]] Result<void> choose(Translucency mode, std::optional<PixelFormat> video);
 
-  // Depth of the phantoms. Number of draw calls, here and below.
+  // Draws the depth of the phantoms. Returns the number of draw calls, as the functions below do.
   int draw_phantoms(const Scene& scene, const FramePlan& plan, const LensUniforms& lens) const;
   // An opacity under 1 (held poses) mixes the objects' surface into the video: depth first, then
   // colour where the depth is equal, so that their insides do not show.
   int draw_objects(const Scene& scene, const FramePlan& plan, const LensUniforms& lens,
                    Framebuffer& framebuffer) const;
-  // The surfaces that blend, when all that lies behind them is in the picture: from the farthest to
-  // the nearest, by mesh and in a mesh by triangle. They neither hide what is behind them nor get
-  // shadows; through a screen-door, whose pixels are opaque or not there, they do hide it.
+  // Draws surfaces that blend, after everything behind them: from the farthest to the nearest, by
+  // mesh and in a mesh by triangle. They neither hide what is behind them nor get shadows; through
+  // a screen-door, whose pixels are opaque or absent, they do hide it.
   int draw_blended(const FramePlan& plan, const LensUniforms& lens, Framebuffer& framebuffer) const;
-  // One object with the tests and masks as they are: the same depths as above.
+  // Draws one object with the current tests and masks, at the same depths as above.
   int draw_alone(const Scene& scene, const ObjectDraw& draw, const FramePlan& plan,
                  const LensUniforms& lens) const;
-  // The same, after begin_darkening(), in what is left where one of plan.lights does not reach it;
-  // or with `add_up`, after begin_summing(), the blocked share of its light, linear, times
-  // `opacity`. Retextured, a copy of the picture, or of the sums, is bound.
+  // Darkens one object, after begin_darkening(), as where one of plan.lights does not reach it; or
+  // with `add_up`, after begin_summing(), adds the blocked share of its light, linear, times
+  // `opacity`. Retextured, a copy of the framebuffer, or of the sums, is bound.
   int draw_darkened(const Scene& scene, const ObjectDraw& draw, const FramePlan& plan,
                     const LensUniforms& lens, int light, float opacity, bool add_up) const;
 
-  // The same, after begin_darkening(), in what a shadow leaves of the picture; all of what is not
-  // in it, is under the plane, or faces away from the light. While several are gathered the caller
-  // sets blending and the colours that are written.
+  // Darkens one object, after begin_darkening(), by a shadow; not where it is outside the shadow,
+  // under the plane, or faces away from the light. While several shadows are gathered the caller
+  // sets blending and the colour mask.
   int draw_under_shadow(const Scene& scene, const ObjectDraw& draw, const FramePlan& plan,
                         const LensUniforms& lens, const ShadowMask& mask,
                         Gathering gathering) const;

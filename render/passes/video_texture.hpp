@@ -1,4 +1,4 @@
-// The video as captured -> the picture's background, 1:1.
+// The captured video frame on the GPU, and the image's background drawn from it, 1:1.
 #pragma once
 
 #include <array>
@@ -41,19 +41,19 @@ class VideoTexture {
   enum class Way {
     there,     // it was on the GPU already
     copied,    // plane by plane
-    buffered,  // the same through a pixel buffer: no wait for who reads the picture before
+    buffered,  // the same through a pixel buffer, without waiting for the frame before
     imported   // read where it lies, in a buffer that the camera's driver shares
   };
-  // Makes the planes known to the GPU; those that it has already, only where they are not to be
-  // used again.
+  // Makes the frame's planes available to the GPU. A frame that is there already is uploaded again
+  // only where `reuse` is false.
   Way upload(const Frame& frame, bool reuse = true);
   // Covers every pixel: no clearing of colour is needed.
   [[nodiscard]] Result<void> draw(const Frame& frame);
-  // Gives a program that has video_texel.glsl in it, and is in use, the frame that was uploaded, in
-  // this texture unit and the two behind it.
+  // Binds the uploaded frame for a program in use that contains video_texel.glsl, to this texture
+  // unit and the two behind it.
   void bind_texels(const ShaderProgram& program, const Frame& frame, int first_unit) const;
-  // Behind all that reads the frame: until the GPU is there, a buffer that it reads in place does
-  // not go back to the camera.
+  // To be called after the last read of the frame: a buffer that the GPU reads in place returns to
+  // the camera only when the GPU has reached this point.
   void hold(const Frame& frame);
 
  private:
@@ -62,7 +62,7 @@ class VideoTexture {
     std::uint64_t number = 0;
     std::vector<ImportedTexture> planes;
   };
-  // A picture that the GPU may still be reading: its buffer must not go back to the camera.
+  // A frame that the GPU may still be reading: its buffer must not return to the camera.
   struct InUse {
     std::shared_ptr<const void> owner;
     void* drawn = nullptr;  // a fence behind what reads it
@@ -72,7 +72,7 @@ class VideoTexture {
   [[nodiscard]] bool import(const Frame& frame);
   // False where the driver gives no buffer, or loses it.
   [[nodiscard]] bool upload_through_buffer(const Frame& frame);
-  // Gives back what the GPU is done with; waits for it where more than `most` are in use.
+  // Releases frames that the GPU has finished; waits for it where more than `most` are in use.
   void release(std::size_t most);
 
   GlApi api_;

@@ -1,10 +1,9 @@
 // Shadow volumes (Hudson's shadow of a 3D cursor) on everything that is in the depth buffer:
 // planes, phantoms and virtual objects; and the part of projected shadows that falls on phantoms.
-// z-fail counting: right wherever the eye is, and whatever the near plane cuts. A stencil counts
-// light by light; what receives is then drawn again where it is dark, and loses the light's share
-// by Lambert's law: a face turned away from the light loses nothing. Where a pixel is dark for
-// several lights, their shares are added up before the picture is darkened, as light adds up: each
-// light's share is gone once.
+// z-fail counting is right wherever the eye is and whatever the near plane cuts. The stencil counts
+// light by light; receivers are then drawn again where they are dark and lose the light's share by
+// Lambert's law (a face turned away from the light loses nothing). Where a pixel is dark for
+// several lights, their shares are summed before the image is darkened, so each is taken away once.
 #pragma once
 
 #include <glm/vec3.hpp>
@@ -63,7 +62,7 @@ class VolumePass : public Pass {
         plane_program_(std::move(plane)),
         light_sum_program_(std::move(light_sum)) {}
 
-  // Which pixels are dark now, and what becomes of their stencil when they have been darkened.
+  // Which pixels are dark, and the stencil that they get when they have been darkened.
   struct Darkening {
     unsigned tested = 0;   // any of these bits is set
     unsigned after = 0;    // written to ...
@@ -82,10 +81,9 @@ class VolumePass : public Pass {
   static void note_trouble(const ShadowVolumeDraw& draw, const Volume& volume, RenderWork& work);
   int mark_caster(const Drawing& drawing, const ShadowVolumeDraw& draw) const;
   static void clear_mark();
-  // Leaves how often each pixel's ray is in one batch of the volume, in the stencil's bits for
-  // that.
+  // Counts in the stencil how often each pixel's ray is in one batch of the volume.
   void count(const Drawing& drawing, const ShadowVolumeDraw& draw, std::size_t batch) const;
-  // Of all batches: any count but 0 -> dark.
+  // Marks as dark the pixels that any batch of the volume holds.
   int note_volume(const Drawing& drawing, const ShadowVolumeDraw& draw) const;
   void note_dark() const;
   int darken(const Drawing& drawing, const ShadowVolumeDraw& draw, const Darkening& how) const;

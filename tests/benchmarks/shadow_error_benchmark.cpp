@@ -4,8 +4,8 @@
 //   shadow_error_benchmark [RESULTS.json]
 //
 // The light is at the zenith (H = infinity), a disc of its own for each connected part, as wide as
-// the part is thick: what the layers model (docs/shadows.md#kernels and 2.9c). Without Embree there is no
-// reference, and only times are given.
+// the part is thick: what the layers model (docs/shadows.md#kernels and 2.9c). Without Embree there
+// is no reference, and only times are given.
 #include <fmt/format.h>
 
 #include <Eigen/Geometry>

@@ -514,9 +514,9 @@ Model rounded_otherwise(Model model, std::mt19937& random) {
 }
 
 // Kernels turn with what is turned about the plane's normal: generated anew for the turned body,
-// they are the same, and so are the layers (docs/shadows.md#kernels, rule 2, and 2.10). What a turn may
-// change is what rounding the coordinates changes without it: which of equally large and equally
-// near discs wins.
+// they are the same, and so are the layers (docs/shadows.md#kernels, rule 2, and 2.10). What a turn
+// may change is what rounding the coordinates changes without it: which of equally large and
+// equally near discs wins.
 RC_GTEST_PROP(LayerProperties, KernelsMadeAnewTurnWithTheBody, ()) {
   const Model model = *rc::gen::inRange(0, 4) == 0 ? any_ring() : any_body();
   const Eigen::Vector3d up = Eigen::Vector3d(real(-0.5, 0.5), real(-0.5, 0.5), 1.0).normalized();
@@ -622,8 +622,8 @@ RC_GTEST_PROP(LayerProperties, NoLayerJumps, ()) {
 }
 
 // A whole rise of an inclined bar, through the plane and the umbra height: at most 1 % of the
-// layer's size per millimetre (docs/shadows.md#layers; skipping faces instead of clipping them gives 44 %),
-// and a little more while it comes out of the plane, of which it is 0.16 m tall.
+// layer's size per millimetre (docs/shadows.md#layers; skipping faces instead of clipping them
+// gives 44 %), and a little more while it comes out of the plane, of which it is 0.16 m tall.
 TEST(ShadowStress, ARisingBarChangesByOnePercentPerMillimetre) {
   for (const int segments : {3, 12}) {
     test::ShapeBuilder shape;
@@ -661,8 +661,8 @@ TEST(ShadowStress, ARisingBarChangesByOnePercentPerMillimetre) {
 }
 
 // However faces turn over, a layer stays within the caster's outline widened by as much as its
-// vertices may move: spill is bounded by the kernels' reach alone (docs/shadows.md#fold-overs, 2.6 rule 5), and
-// that by the thickness of the parts, which their outlines say.
+// vertices may move: spill is bounded by the kernels' reach alone (docs/shadows.md#fold-overs, 2.6
+// rule 5), and that by the thickness of the parts, which their outlines say.
 RC_GTEST_PROP(LayerProperties, NoSpillBeyondTheReachOfTheKernels, ()) {
   // Closed bodies: a soup has faces seen edge-on, which no outline shows and a layer may open.
   const ShadowMesh mesh = make_shadow_mesh(any_body());
@@ -701,8 +701,9 @@ RC_GTEST_PROP(LayerProperties, NoSpillBeyondTheReachOfTheKernels, ()) {
 }
 
 // Coverage outside the outline that every point of the surface draws by itself with a kernel of its
-// own: what coarse faces between different kernels add, twisted or not (docs/shadows.md#fold-overs (3)). For
-// growing layers; a shrinking one is torn apart there where kernels change, and faces mend it.
+// own: what coarse faces between different kernels add, twisted or not (docs/shadows.md#fold-overs
+// (3)). For growing layers; a shrinking one is torn apart there where kernels change, and faces
+// mend it.
 double spill(const ShadowMesh& mesh, double s) {
   float extent = 0.0F;
   const glm::vec3 first = mesh.positions.front();

@@ -97,7 +97,8 @@ inline std::vector<KernelReach> kernel_reach(const ShadowMesh& mesh, const Shado
   return all;
 }
 
-// |x - k| <= 1.5 r plus one cell (docs/shadows.md#kernels, rule 5), where a raster says r to one cell.
+// |x - k| <= 1.5 r plus one cell (docs/shadows.md#kernels, rule 5), where a raster says r to one
+// cell.
 inline double farthest_allowed(const KernelReach& reach) {
   return 1.5 * (reach.inside + reach.cell) + reach.cell;
 }

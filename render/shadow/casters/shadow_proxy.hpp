@@ -1,9 +1,7 @@
-// A reduced mesh that casts layered shadows in place of its model, where nobody sees the difference
-// (docs/shadows.md#reduced-casters). It saves triangles on the GPU. Kernels are made for the full mesh and carried
-// over from the nearest of its vertices: made anew on the reduced mesh they agree less.
-//
-// The rule: a proxy casts only where each of its layers agrees with the full mesh's (area of the
-// intersection over that of the union) to 0.98 at both heights, 0.2 and 0.6 h_u.
+// A reduced mesh that casts layered shadows in place of its model
+// (docs/shadows.md#reduced-casters). Kernels are made for the full mesh and carried over from the
+// nearest of its vertices. The mesh casts only where each of its layers agrees with the full mesh's
+// (intersection over union) to 0.98 at both heights, 0.2 and 0.6 h_u.
 #pragma once
 
 #include <Eigen/Core>
@@ -25,16 +23,16 @@ struct ShadowProxy {
   std::vector<std::uint32_t> source_of;  // per position the nearest position of the full mesh
 };
 
-// Up to here a mesh is drawn as fast as half of it.
+// Meshes of up to this number of faces are not reduced.
 inline constexpr std::size_t kLeastProxyFaces = 2000;
 inline constexpr double kLeastProxyAgreement = 0.98;
 inline constexpr std::array kProxyHeights = {0.2, 0.6};  // of h_u, of the middle of the object
 
-// Half of the faces, a quarter of more than 20,000, by meshoptimizer. Nothing for kLeastProxyFaces
-// or fewer, and where the mesh's joints and borders leave more than three quarters of its faces.
+// Reduces a mesh to half of its faces, a quarter above 20,000, by meshoptimizer. Nothing for
+// kLeastProxyFaces or fewer, and where borders leave more than three quarters of the faces.
 [[nodiscard]] std::optional<ShadowProxy> simplified_caster(const ShadowMesh& full);
 
-// A model that the author made for it, in the same object frame.
+// Makes a proxy of the author's reduced model, in the same object frame.
 [[nodiscard]] ShadowProxy proxy_from_model(const ShadowMesh& full, const Model& model);
 
 [[nodiscard]] ShadowKernels carried_kernels(const ShadowProxy& proxy, const ShadowKernels& full);
@@ -46,7 +44,7 @@ struct ProxyAgreement {
   [[nodiscard]] bool kept() const { return least() >= kLeastProxyAgreement; }
 };
 
-// How the light falls and how large the object is in it.
+// The light, and the object's scale in it.
 struct ProxyUse {
   LayeredConstants constants;
   LightMode light_mode = LightMode::proportional;

@@ -1,6 +1,6 @@
-// Layered penumbrae of a light of one size (docs/shadows.md#lights-of-one-size). The plain layers give each part a
-// light in proportion to its thickness there, so that all of it loses its umbra at one height; a
-// real light has one radius R_L, and thin parts lose theirs first:
+// Layered penumbrae of a light of one size (docs/shadows.md#lights-of-one-size). The plain layers
+// give each part a light in proportion to its thickness there, so that all of it loses its umbra at
+// one height; a real light has one radius R_L, and thin parts lose theirs first:
 //
 //   s_lambda(h) = (H + lambda (R_L / R) h) / (H - h),   R the radius of the disc at the kernel
 //

@@ -1,5 +1,5 @@
-// Layers of a light of one size, as fields instead of scaled meshes (docs/shadows.md#fields): no kernels,
-// no demands on the mesh, and nothing that could twist.
+// Layers of a light of one size, as fields instead of scaled meshes (docs/shadows.md#fields): no
+// kernels, no demands on the mesh, and nothing that could twist.
 //
 // Every vertex is projected from the light's centre and carries the radius rho of the light's image
 // there. With the power distance D(x) = min over p of |x - p|^2 - rho(p)^2:

@@ -1,6 +1,6 @@
 // Which kernel set serves an up direction. Kernels are made for a grid of directions, no more than
-// 2 degrees from any (docs/shadows.md#kernel-directions): the same tilt always gets the same kernels, whatever was
-// drawn before, and sets can be kept.
+// 2 degrees from any (docs/shadows.md#kernel-directions): the same tilt always gets the same
+// kernels, whatever was drawn before, and sets can be kept.
 #pragma once
 
 #include <Eigen/Core>

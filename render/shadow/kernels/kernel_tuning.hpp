@@ -1,5 +1,5 @@
-// The constants of automatic shadow kernels (relaxed local thickness, docs/shadows.md#kernels). Each is
-// either what a raster can tell, or lies on a plateau:
+// The constants of automatic shadow kernels (relaxed local thickness, docs/shadows.md#kernels).
+// Each is either what a raster can tell, or lies on a plateau:
 // tests/benchmarks/kernel_constants_benchmark.cpp varies them, and the kernel_constants section of
 // BENCHMARKS.md has its figures. (They do not tell least_side_cells, for parts of few vertices.)
 #pragma once

@@ -726,8 +726,8 @@ ShadowKernels generate_for_direction(const ShadowMesh& mesh, const Eigen::Vector
   return result;
 }
 
-// Layered Penumbrae, section 5.3, in the exact form of docs/shadows.md#kernel-directions: k = sum of d_i^2 k_i over
-// the sets k_i made for up = axis i. Exact on the axes only.
+// Layered Penumbrae, section 5.3, in the exact form of docs/shadows.md#kernel-directions: k = sum
+// of d_i^2 k_i over the sets k_i made for up = axis i. Exact on the axes only.
 ShadowKernels compose_per_axis(const ShadowMesh& mesh, const Eigen::Vector3d& up,
                                KernelProgress* progress) {
   const Eigen::Vector3d d = up.normalized();

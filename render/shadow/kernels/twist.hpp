@@ -1,5 +1,6 @@
-// Twisted faces: those whose image turns over while a layer shrinks or grows (docs/shadows.md#fold-overs). With
-// coverage by union they open no hole; this counts them, and measures what they cover too much.
+// Twisted faces: those whose image turns over while a layer shrinks or grows
+// (docs/shadows.md#fold-overs). With coverage by union they open no hole; this counts them, and
+// measures what they cover too much.
 #pragma once
 
 #include <Eigen/Core>

@@ -1,5 +1,5 @@
-// A caster as its plane sees it, apart from sliding and turning on the plane: layers only slide and
-// turn with it (docs/shadows.md#own-frame), so what was made from them in this frame stays valid.
+// A caster's frame on its plane, which slides and turns with the caster: what was made from layers
+// in this frame stays valid while the caster does no more than that (docs/shadows.md#own-frame).
 #pragma once
 
 #include <Eigen/Core>

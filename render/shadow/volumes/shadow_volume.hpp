@@ -1,7 +1,7 @@
 // The space that a caster keeps a light away from, as a closed surface (Hudson, "Casting Fast
-// Shadows for a 3D Cursor"; docs/shadows.md#volumes): the faces that the light sees, walls from their
-// silhouette away from the light, and the same faces again at the far end. How often a ray enters
-// more than it leaves (z-fail counting) says whether a point lies within.
+// Shadows for a 3D Cursor"; docs/shadows.md#volumes): the faces that the light sees, walls from
+// their silhouette away from the light, and the same faces again at the far end. How often a ray
+// enters more than it leaves (z-fail counting) says whether a point lies within.
 //
 // Convex casters give a volume that a ray enters once. Others give one that may overlap itself: the
 // count is then more than 1, and still 0 outside. Nothing is replaced by its hull. A stencil counts

@@ -39,7 +39,7 @@ FramePlan plan_of(const SceneBuilder& builder, const PoseEstimate& pose,
   return plan_frame(*scene, state, pose, camera(), options);
 }
 
-TEST(FramePlan, EverythingInViewIsDrawn) {
+TEST(FramePlan, DrawsEverythingInView) {
   SceneBuilder builder;
   builder.add(cube(0.05), test::at(0, 0, 0.1));
   builder.add(cube(0.05), test::at(0.1, 0, 0.025), true, true);
@@ -55,7 +55,7 @@ TEST(FramePlan, EverythingInViewIsDrawn) {
   EXPECT_EQ(whats(plan), std::vector<std::string>{"shadow_misses_objects"});
 }
 
-TEST(FramePlan, WithoutAPoseNothingIsDrawnOverTheVideo) {
+TEST(FramePlan, DrawsNothingWithoutPose) {
   SceneBuilder builder;
   builder.add(cube(0.05), test::at(0, 0, 0.1));
   PoseEstimate lost;
@@ -73,7 +73,7 @@ TEST(FramePlan, WithoutAPoseNothingIsDrawnOverTheVideo) {
   EXPECT_FALSE(plan_of(builder, broken).has_pose);
 }
 
-TEST(FramePlan, LeavesOutWhatIsOutOfView) {
+TEST(FramePlan, SkipsObjectsOutOfView) {
   SceneBuilder builder;
   builder.add(cube(0.05), test::at(3.0, 0, 0.1));
   const FramePlan plan = plan_of(builder, above());
@@ -88,7 +88,7 @@ TEST(FramePlan, LeavesOutWhatIsOutOfView) {
 }
 
 // The object is above the picture, its shadow in it.
-TEST(FramePlan, AShadowIsSeenWithoutItsObject) {
+TEST(FramePlan, KeepsShadowOfObjectOutOfView) {
   SceneBuilder builder;
   builder.add(cube(0.05), test::at(0, 0.1, 0.28));
   const FramePlan plan =
@@ -97,7 +97,7 @@ TEST(FramePlan, AShadowIsSeenWithoutItsObject) {
   EXPECT_EQ(plan.shadows.size(), 1U);
 }
 
-TEST(FramePlan, LayersVanishWithHeight) {
+TEST(FramePlan, DropsLayersAboveTheirHeights) {
   SceneBuilder builder;
   builder.scene().shadows[0].layered = make_layered_constants(0.4, 4.0, 0.0).value();  // h_u 0.1
   builder.add(cube(0.02), test::at(0, 0, 0.12));
@@ -126,7 +126,7 @@ TEST(FramePlan, LayersVanishWithHeight) {
   EXPECT_THAT(whats(plan_of(low, above())), testing::Contains("shadow_below_plane"));
 }
 
-TEST(FramePlan, OtherReasons) {
+TEST(FramePlan, ReportsOtherSkipReasons) {
   SceneBuilder builder;
   const int quiet = builder.add(cube(0.02), test::at(0, 0, 0.1));
   builder.scene().objects[static_cast<std::size_t>(quiet)].casts_shadow = false;
@@ -143,7 +143,7 @@ TEST(FramePlan, OtherReasons) {
   EXPECT_THAT(whats(plan_of(beside, above())), testing::ElementsAre("shadow_off_receiver"));
 }
 
-TEST(FramePlan, OptionsOverrideTheNodes) {
+TEST(FramePlan, OptionsOverrideNodes) {
   SceneBuilder builder;
   builder.add(cube(0.02), test::at(0, 0, 0.1));
   PlanOptions options;
@@ -156,7 +156,7 @@ TEST(FramePlan, OptionsOverrideTheNodes) {
   EXPECT_FALSE(plan.shadows[0].umbra || plan.shadows[0].penumbra);
 }
 
-TEST(FramePlan, AnUncertainPoseIsDrawnFaded) {
+TEST(FramePlan, FadesOverlayOfUncertainPose) {
   SceneBuilder builder;
   builder.add(cube(0.05), test::at(0, 0, 0.1));
   PoseEstimate pose = above();
@@ -176,7 +176,7 @@ TEST(FramePlan, AnUncertainPoseIsDrawnFaded) {
   EXPECT_FALSE(plan_of(builder, pose).has_pose);
 }
 
-TEST(FramePlan, AHeldPoseFades) {
+TEST(FramePlan, FadesOverlayOfHeldPoseOverTime) {
   SceneBuilder builder;
   PoseEstimate pose = above();
   pose.status = TrackStatus::held;
@@ -217,7 +217,7 @@ FramePlan evaluated_plan_of(const SceneBuilder& builder) {
   return plan_frame(*scene, evaluate_scene(*scene, 0.0), above(), camera(), {});
 }
 
-TEST(FramePlan, ALightInOrUnderAPlaneCastsNoHardShadowOnIt) {
+TEST(FramePlan, SkipsLightsInOrUnderPlane) {
   SceneBuilder lit = lit_by({1.0, 0.0, -1.0});
   const FramePlan plan = evaluated_plan_of(lit);
   EXPECT_EQ(plan.hard_shadows.size(), 1U);
@@ -231,7 +231,7 @@ TEST(FramePlan, ALightInOrUnderAPlaneCastsNoHardShadowOnIt) {
   EXPECT_THAT(whats(evaluated_plan_of(night)), testing::ElementsAre("light_below_plane"));
 }
 
-TEST(FramePlan, OfMoreLightsThanAPlaneHasRoomForTheLastAreLeftOut) {
+TEST(FramePlan, SkipsLastLightsBeyondPlaneLimit) {
   std::vector<double> heights;
   for (std::size_t i = 0; i < kMaxHardLights; ++i)
     heights.push_back(1.0 + 0.01 * static_cast<double>(i));

@@ -108,7 +108,7 @@ double shadow_area(const Cube& cube, const Eigen::Vector4d& light) {
   return outline ? outline->area : -1.0;
 }
 
-TEST(ProjectedShadow, PrintedAnchors) {
+TEST(ProjectedShadow, PrintedExamplesHold) {
   const Eigen::Vector3d p(1.0, 1.0, 2.0);
   const Eigen::Vector4d antishadow = project_from_light({2.25, 0.0, 1.0, 1.0}, kTable, p);
   EXPECT_EQ(antishadow.w(), -1.0);
@@ -123,7 +123,7 @@ TEST(ProjectedShadow, PrintedAnchors) {
 
 // Blinn's matrices for z = 0, row vectors, as printed but for their errors: with x_L and y_L in the
 // third row, and S = P M.
-TEST(ProjectedShadow, PrintedMatrices) {
+TEST(ProjectedShadow, PrintedMatricesHold) {
   const auto blinn = [](const Eigen::Vector4d& light) {
     Eigen::Matrix4d m;
     m << light.z(), 0.0, 0.0, 0.0,                //
@@ -159,7 +159,7 @@ TEST(ProjectedShadow, PrintedMatrices) {
 
 // The command list of figure 3 gives the matrix up to the factor sin 45 degrees: TRAN, ROT, SCAL,
 // PERS, ROT, TRAN and a flattening.
-TEST(ProjectedShadow, PrintedCommandsMakeTheMatrix) {
+TEST(ProjectedShadow, PrintedCommandListGivesMatrix) {
   const Eigen::Vector3d light(2.25, -5.0, 5.0);
   const auto move = [](const Eigen::Vector3d& by) {
     Eigen::Matrix4d m = Eigen::Matrix4d::Identity();
@@ -184,7 +184,7 @@ TEST(ProjectedShadow, PrintedCommandsMakeTheMatrix) {
   EXPECT_LT((made / s - wanted).norm(), 1e-9 * wanted.norm());
 }
 
-TEST(ProjectedShadow, OnlyWhatIsBetweenPlaneAndLightCasts) {
+TEST(ProjectedShadow, CastsOnlyBetweenPlaneAndLight) {
   const Eigen::Vector4d light(0.3, 0.2, 3.0, 1.0);
   EXPECT_EQ(shadow_area(Cube(-2.0F), light), 0.0) << "wholly under the plane";
   EXPECT_NEAR(shadow_area(Cube(-0.4F), {0.0, 0.0, 3.0, 1.0}), std::pow(3.0 / 2.9, 2), 1e-5);
@@ -196,7 +196,7 @@ TEST(ProjectedShadow, OnlyWhatIsBetweenPlaneAndLightCasts) {
 
 // A cube beside the light, half above it: two points a face are needed there, and the printed
 // heuristic gives one, whichever neighbour comes first.
-TEST(ProjectedShadow, PrintedHeuristicIsNoClipping) {
+TEST(ProjectedShadow, PrintedHeuristicDiffersFromClipping) {
   struct Mesh {
     std::vector<CasterVertex> vertices;
     std::vector<std::uint32_t> indices;
@@ -271,7 +271,7 @@ TEST(ProjectedShadow, PrintedHeuristicIsNoClipping) {
   EXPECT_EQ(similarity(low, 0, 0.1), 1.0);
 }
 
-TEST(ProjectedShadow, PointsOfTheOracle) {
+TEST(ProjectedShadow, MatchesReferencePoints) {
   if (test::shared_dir().empty()) GTEST_SKIP() << "no shared data beside the checkout";
   const auto json = test::read_json(test::shared_dir() / "vectors" / "projection_points.json");
   std::size_t count = 0;
@@ -318,7 +318,7 @@ TEST(ProjectedShadow, PointsOfTheOracle) {
   EXPECT_GT(count, 20U);
 }
 
-TEST(ProjectedShadow, ClippedCubesOfTheOracle) {
+TEST(ProjectedShadow, MatchesReferenceCubes) {
   if (test::shared_dir().empty()) GTEST_SKIP() << "no shared data beside the checkout";
   const auto json = test::read_json(test::shared_dir() / "vectors" / "projective_clip.json");
   for (const auto& entry : json.at("cases")) {

@@ -49,7 +49,7 @@ SceneBuilder block_and(Other other) {
   return builder;
 }
 
-TEST(ShadowChoice, HangsNotOnWhatIsOutOfSight) {
+TEST(ShadowChoice, DoesNotDependOnCulledShadows) {
   const CameraModel camera = test::bent_camera(kSide, 220.0);
   for (const Other other : {Other::none, Other::cut, Other::whole, Other::off_outline}) {
     SCOPED_TRACE(static_cast<int>(other));
@@ -96,7 +96,7 @@ std::pair<double, Picture> tremble(const DrawnAt& drawn_at, double high, double 
   return {low, below};
 }
 
-TEST(ShadowChoice, ACameraThatTremblesBetweenTwoSizesMakesNoMasks) {
+TEST(ShadowChoice, KeepsPlaneMasksWhileCameraTrembles) {
   Studio studio(block_and(Other::none).build(), test::camera_of(kSide, kSide, 220.0));
   const auto drawn_at = [&](double height) {
     const Picture picture = studio.draw(grey(), studio.plan(from_height(height)));
@@ -109,7 +109,7 @@ TEST(ShadowChoice, ACameraThatTremblesBetweenTwoSizesMakesNoMasks) {
   EXPECT_EQ(other.draw(grey(), other.plan(from_height(low))), below);
 }
 
-TEST(ShadowChoice, NorMasksOfWhatClimbs) {
+TEST(ShadowChoice, KeepsReceiverMasksWhileCameraTrembles) {
   SceneBuilder builder;
   builder.add(block(0.05), test::at(0, 0, 0.15));
   builder.add(block(0.06), test::at(0.01, 0, 0.03), false, true);
@@ -123,7 +123,7 @@ TEST(ShadowChoice, NorMasksOfWhatClimbs) {
       1.2, 0.5);
 }
 
-TEST(ShadowChoice, WithoutSkippingNothingIsUsedAgain) {
+TEST(ShadowChoice, ReusesNothingWithNoSkip) {
   for (const ShadowTechnique technique : {ShadowTechnique::layered, ShadowTechnique::field,
                                           ShadowTechnique::hard, ShadowTechnique::volume}) {
     SceneBuilder builder;
@@ -155,7 +155,7 @@ TEST(ShadowChoice, WithoutSkippingNothingIsUsedAgain) {
 
 // The darkest value of every technique, and everything else, is the light that is left as the
 // camera encodes it.
-TEST(ShadowTone, IsTheCameras) {
+TEST(ShadowTone, FollowsCameraResponse) {
   struct Case {
     ShadowTechnique technique;
     int lights;
@@ -208,7 +208,7 @@ TEST(ShadowTone, IsTheCameras) {
   }
 }
 
-TEST(LiftedByAmbient, AsMuchAsTheLightsLoseInShare) {
+TEST(LiftedByAmbient, RisesWithShareOfAmbientLight) {
   Scene scene;
   const LightFractions given;
   const auto lifted = [&](double ambient, const std::vector<PlacedLight>& lights) {
@@ -242,7 +242,7 @@ TEST(LiftedByAmbient, AsMuchAsTheLightsLoseInShare) {
   EXPECT_GT(before, 0.999) << "a shadow drowns";
 }
 
-TEST(LiftedByAmbient, IsWhatIsDrawn) {
+TEST(LiftedByAmbient, MatchesDrawnShadow) {
   int before = 0;
   for (const double ambient : {0.36, 0.7, 2.0}) {
     SceneBuilder builder = block_and(Other::none);

@@ -54,7 +54,7 @@ Animation along(const Eigen::Vector3d& to, double until_s) {
   return animation;
 }
 
-TEST(ShadowNode, EventsNameWhatChanged) {
+TEST(ShadowEvents, NameWhatChanged) {
   SceneState before;
   before.objects.resize(3);
   before.lights.resize(2);
@@ -75,7 +75,7 @@ TEST(ShadowNode, EventsNameWhatChanged) {
   EXPECT_TRUE(shadow_events(before, now).empty()) << "a dimmed light throws the same shadow";
 }
 
-TEST(ShadowNode, JustTheTriplesOfAnEventAreComputedAgain) {
+TEST(ShadowEvents, RecomputeOnlyAffectedTriples) {
   test::SceneBuilder builder = moving_scene();
   builder.scene().lights[0].animation = along({0.2, 0.0, 0.0}, 1.0);     // until 1 s
   builder.scene().objects[0].animation = along({0.0, 0.02, 0.05}, 2.0);  // until 2 s

@@ -244,7 +244,7 @@ TEST(ShadowPass, LayersNestForADiscAndACube) {
   }
 }
 
-TEST(ShadowPass, AgreesWithTheCpusProjection) {
+TEST(ShadowPass, MatchesProjectionOnCpu) {
   const double inf = std::numeric_limits<double>::infinity();
   struct Case {
     const char* name;
@@ -293,7 +293,7 @@ std::vector<std::uint8_t> cpu_light_layer(const Scene& scene, ShadowLayer layer)
                                           scene.shadows[0].layered, layer));
 }
 
-TEST(ShadowPass, ALightOfOneSizeAgreesWithTheCpusProjection) {
+TEST(ShadowPass, LightOfOneSizeMatchesProjectionOnCpu) {
   // Thick at one end and thin at the other, so that the two modes differ.
   ShapeBuilder club;
   club.limb({-0.06, 0.0, 0.0}, {0.06, 0.01, 0.0}, 0.025, 0.006, 24);
@@ -387,7 +387,7 @@ std::vector<Eigen::Vector2d> ground_under(const CameraModel& camera, const PoseE
 
 // Splitting a face for the lens must not bend its layer, which is the straight-edged image of the
 // whole face: large tilted faces, near enough to the camera to be split.
-TEST(ShadowPass, ThroughALensTheLayersAreThoseOfPenumbraShadow) {
+TEST(ShadowPass, MatchesShadowCommandThroughLens) {
   const CameraModel camera = test::camera_of(kSide, kSide, 420.0, DistortionModel::plumb_bob,
                                              {-0.25, 0.07, 0.001, -0.001});
   const PoseEstimate pose = test::tracked(test::look_at({0.05, -0.28, 0.42}, {0.0, 0.0, 0.0}));
@@ -485,7 +485,7 @@ TEST(ShadowPass, OverlappingCastersDarkenAPixelOnceWithItsDarkestLayer) {
   EXPECT_EQ(values, expected);
 }
 
-TEST(ShadowPass, SimpleIsTheFootprint) {
+TEST(ShadowPass, SimpleShadowIsFootprint) {
   SceneBuilder builder;
   builder.add(box(0.08, 0.05, 0.02), test::at(0, 0, 0.2));
   Studio studio(builder.build(), overhead_camera());
@@ -520,7 +520,7 @@ TEST(ShadowPass, ReceiverOutlineCutsTheShadow) {
   EXPECT_EQ(a.pixels[pixel(0.04, -0.04)], 1);
 }
 
-TEST(ShadowPass, NothingIsDoneForACameraThatMovesAlone) {
+TEST(ShadowPass, DoesNoWorkWhenOnlyCameraMoves) {
   SceneBuilder builder;
   builder.add(box(0.2, 0.02, 0.02), test::at(0, 0, 0.3, {0, 1, 0}, -0.5236));  // clipped
   // Apart from it: pictures of what falls on another object follow the camera's distance.
@@ -539,7 +539,7 @@ TEST(ShadowPass, NothingIsDoneForACameraThatMovesAlone) {
   EXPECT_EQ(studio.stats()[Counter::reprojections], 2);
 }
 
-TEST(ShadowPass, TellsWhereItsKernelsAre) {
+TEST(ShadowPass, ReportsKernelsInUse) {
   SceneBuilder builder;
   builder.add(box(0.06, 0.06, 0.06), test::at(0.031, -0.017, 0.1, {0, 0, 1}, 0.4));
   builder.add(torus(), test::at(-0.1, 0.05, 0.1));
@@ -615,7 +615,7 @@ TEST(ShadowPass, SplittingKeepsTheSurfaceAndItsKernels) {
   }
 }
 
-TEST(ShadowPass, AFieldThatIsTooCoarseIsTold) {
+TEST(ShadowPass, ReportsFieldThatIsTooCoarse) {
   const auto told = [](double length, LayerDrawing layers, bool lifted = false) {
     SceneBuilder builder;
     builder.scene().shadows[0].technique = ShadowTechnique::field;

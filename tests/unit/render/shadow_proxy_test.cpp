@@ -60,7 +60,7 @@ double agreement(const ShadowMesh& full, const ShadowProxy& proxy, double height
   return test::iou(first.bits, second.bits);
 }
 
-TEST(ShadowProxy, TheRuleSeesWhatAFinerRasterSees) {
+TEST(ShadowProxy, AgreementMatchesFinerRaster) {
   for (const char* name : {"hand.glb", "tree.glb", "helicopter.glb", "spiral_staircase.glb"}) {
     SCOPED_TRACE(name);
     const ShadowMesh full = bundled(name);
@@ -93,7 +93,7 @@ TEST(ShadowProxy, TheRuleSeesWhatAFinerRasterSees) {
   }
 }
 
-TEST(ShadowProxy, AgreesWithItselfAndNotWithAnother) {
+TEST(ShadowProxy, AgreesWithItselfOnly) {
   const ShadowMesh hand = make_shadow_mesh(test::torus_model(20, 60));
   const ShadowKernels kernels =
       generate_kernels(hand, Eigen::Vector3d::UnitZ(), KernelSource::automatic);
@@ -119,7 +119,7 @@ TEST(ShadowProxy, AgreesWithItselfAndNotWithAnother) {
           .kept());
 }
 
-TEST(ShadowProxy, KernelsAreThoseOfTheNearestVertex) {
+TEST(ShadowProxy, CarriesKernelsFromNearestVertex) {
   const ShadowMesh full = make_shadow_mesh(test::torus_model(20, 60));
   const Model coarse = test::torus_model(10, 30);
   const ShadowProxy proxy = proxy_from_model(full, coarse);
@@ -133,7 +133,7 @@ TEST(ShadowProxy, KernelsAreThoseOfTheNearestVertex) {
   }
 }
 
-TEST(ShadowProxy, NoneForFewFacesNorForNone) {
+TEST(ShadowProxy, ReducesNoMeshOfFewFaces) {
   EXPECT_FALSE(simplified_caster(make_shadow_mesh(test::torus_model(10, 30))));
   EXPECT_FALSE(simplified_caster(ShadowMesh{}));
 }

@@ -1,5 +1,5 @@
-// What a change between two frames makes the CPU do again (docs/shadows.md#own-frame), for every technique;
-// and shadow fields as drawn.
+// What a change between two frames makes the CPU do again (docs/shadows.md#own-frame), for every
+// technique; and shadow fields as drawn.
 #include <gtest/gtest.h>
 
 #include <cmath>
@@ -132,7 +132,7 @@ INSTANTIATE_TEST_SUITE_P(
                     Case{"field_clipped", ShadowTechnique::field, kClipped, true}),
     [](const auto& instance) { return std::string(instance.param.name); });
 
-TEST_P(ShadowReuse, CameraAlone) {
+TEST_P(ShadowReuse, KeepsGeometryWhileCameraMoves) {
   Stage stage(GetParam().technique, l_model(), GetParam().placement, GetParam().light_mode);
   stage.draw(GetParam().placement);
   expect_recomputed(stage.stats(), "the first frame");
@@ -144,7 +144,7 @@ TEST_P(ShadowReuse, CameraAlone) {
   }
 }
 
-TEST_P(ShadowReuse, SlideAndYaw) {
+TEST_P(ShadowReuse, KeepsGeometryWhileCasterSlidesAndTurns) {
   Placement placement = GetParam().placement;
   Stage stage(GetParam().technique, l_model(), placement, GetParam().light_mode);
   stage.draw(placement);
@@ -160,7 +160,7 @@ TEST_P(ShadowReuse, SlideAndYaw) {
   }
 }
 
-TEST_P(ShadowReuse, HeightAlone) {
+TEST_P(ShadowReuse, KeepsKernelsWhenHeightChanges) {
   Placement placement = GetParam().placement;
   Stage stage(GetParam().technique, l_model(), placement, GetParam().light_mode);
   stage.draw(placement);
@@ -172,7 +172,7 @@ TEST_P(ShadowReuse, HeightAlone) {
   }
 }
 
-TEST_P(ShadowReuse, ConstantsAlone) {
+TEST_P(ShadowReuse, KeepsKernelsWhenConstantsChange) {
   Stage stage(GetParam().technique, l_model(), GetParam().placement, GetParam().light_mode);
   stage.draw(GetParam().placement);
   const LayeredConstants other = make_layered_constants(0.7, 2.0, 0.0).value();
@@ -185,7 +185,7 @@ TEST_P(ShadowReuse, ConstantsAlone) {
   }
 }
 
-TEST_P(ShadowReuse, TiltMakesNewKernelsBeyondItsThresholdOnly) {
+TEST_P(ShadowReuse, MakesKernelsForTiltBeyondThreshold) {
   const Placement start = GetParam().placement;
   Stage stage(GetParam().technique, l_model(), start, GetParam().light_mode);
   stage.draw(start);

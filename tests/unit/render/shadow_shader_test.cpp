@@ -147,8 +147,8 @@ class PlaceReader {
 
 class ShadowShader : public testing::TestWithParam<GlApi> {};
 
-// A vertex 1 m from its kernel: its image is as far from it as the factor says (docs/shadows.md#layers:
-// within 4e-7 (1 + |s|) H / (H - h) of the exact one).
+// A vertex 1 m from its kernel: its image is as far from it as the factor says
+// (docs/shadows.md#layers: within 4e-7 (1 + |s|) H / (H - h) of the exact one).
 double bound_of(double exact, double H, double h) {
   return 4e-7 * (1.0 + std::abs(exact)) * (std::isinf(H) ? 1.0 : H / (H - h));
 }

@@ -103,7 +103,7 @@ TEST(ShadowVolume, IsClosedWhateverCastsIt) {
   }
 }
 
-TEST(ShadowVolume, OfALightInsideIsNone) {
+TEST(ShadowVolume, IsEmptyForLightInsideCaster) {
   ShapeBuilder cube;
   cube.box(-0.05, -0.05, 0.1, 0.05, 0.05, 0.2);
   const VolumeCaster caster(mesh_of(cube));
@@ -116,7 +116,7 @@ TEST(ShadowVolume, OfALightInsideIsNone) {
   EXPECT_TRUE(closed(level.triangles));
 }
 
-TEST(ShadowVolume, OfALightInsideIsTold) {
+TEST(ShadowVolume, ReportsLightInsideCaster) {
   SceneBuilder builder = with_light({0.0, 0.0, 0.15});
   builder.add(box(0.1, 0.1, 0.1), test::at(0.0, 0.0, 0.15));
   builder.add(box(0.02, 0.02, 0.02), test::at(0.08, 0.0, 0.05));
@@ -134,7 +134,7 @@ TEST(ShadowVolume, OfALightInsideIsTold) {
 }
 
 // What the author reduced casts, projected and as a volume; not where proxies are switched off.
-TEST(ShadowVolume, OfTheAuthorsReducedModel) {
+TEST(ShadowVolume, IsCastByAuthorsReducedModel) {
   for (const ShadowTechnique technique : {ShadowTechnique::hard, ShadowTechnique::volume}) {
     SceneBuilder builder = with_light({0.0, 0.0, 0.6});
     builder.scene().shadows[0].technique = technique;
@@ -163,7 +163,7 @@ TEST(ShadowVolume, OfTheAuthorsReducedModel) {
 
 // The cases of the oracle: a bitmap of the table, seen from outside, from inside the volume, and
 // with the near plane in the volume's wall.
-TEST(ShadowVolume, MasksOfTheOracle) {
+TEST(ShadowVolume, MatchesReferenceMasks) {
   if (test::shared_dir().empty()) GTEST_SKIP() << "no shared data beside the checkout";
   const auto json = test::read_json(test::shared_dir() / "vectors" / "shadow_volume.json");
   std::size_t count = 0;
@@ -707,7 +707,7 @@ TEST(ShadowVolume, OfProjectedShadowsLeavesPhantomsUnderThePlane) {
 }
 
 // Many faces are not many above one another: they are counted at once.
-TEST(ShadowVolume, OfATreeIsInFewBatches) {
+TEST(ShadowVolume, OfTreeHasFewBatches) {
   const Result<Model> tree = load_model(test::source_dir() / "scenes" / "models" / "tree.glb");
   ASSERT_TRUE(tree) << tree.error().message;
   const VolumeCaster caster(make_shadow_mesh(*tree));
@@ -748,7 +748,7 @@ TEST(ShadowVolume, OfAClosedPartThatIsInsideOutIsTheSame) {
 }
 
 // Two nodes with the same caster and light: made once, and long enough for the receivers of both.
-TEST(ShadowVolume, OfTwoNodesIsDrawnOnce) {
+TEST(ShadowVolume, IsDrawnOnceForTwoNodes) {
   SceneBuilder builder = with_light({-0.2, 0.05, 0.6});
   builder.add(box(0.08, 0.08, 0.02), test::at(0.0, 0.0, 0.1));
   std::vector<ShadowNode>& nodes = builder.scene().shadows;
@@ -820,7 +820,7 @@ TEST(ShadowVolume, IsMadeAgainWhereItsCasterOrLightMovedOnly) {
 }
 
 // What can't be seen is not made, and the picture is the same; of one light and of two.
-TEST(ShadowVolume, OutOfViewIsLeftOut) {
+TEST(ShadowVolume, IsSkippedOutOfView) {
   std::mt19937 random(5);
   const auto within = [&random](double low, double high) {
     return std::uniform_real_distribution<double>(low, high)(random);
@@ -870,7 +870,7 @@ TEST(ShadowVolume, OutOfViewIsLeftOut) {
   EXPECT_GT(drawn, 20);
 }
 
-TEST(ShadowVolume, NothingIsDrawnWhereAllIsOutOfView) {
+TEST(ShadowVolume, DrawsNothingWhereAllIsOutOfView) {
   SceneBuilder builder = with_light({3.1, 0.0, 0.6});
   builder.scene().shadows[0].light_rays = true;
   builder.add(box(0.1, 0.1, 0.1), test::at(3.0, 0.0, 0.1));
@@ -892,7 +892,7 @@ TEST(ShadowVolume, NothingIsDrawnWhereAllIsOutOfView) {
   EXPECT_GT(studio.stats()[Counter::draw_calls], 5);
 }
 
-TEST(ShadowVolume, OfWhatIsTooLargeIsTold) {
+TEST(ShadowVolume, ReportsCasterThatIsTooLarge) {
   const auto told = [](double length) {
     SceneBuilder builder = with_light({0.05, -0.05, 0.7});
     builder.add(box(length, 0.02, 0.02), test::at(0.0, 0.0, 0.08));

@@ -48,7 +48,7 @@ std::shared_ptr<const Model> box() {
   return test::finished(shape.build(), glm::vec4(0.5F));
 }
 
-TEST(PairedEdges, OfClosedFacesAndOfNoOthers) {
+TEST(PairedEdges, ExistForClosedMeshesOnly) {
   const ShadowMesh cube = make_shadow_mesh(*box());
   const auto edges = paired_edges(cube.indices);
   ASSERT_TRUE(edges);
@@ -91,7 +91,7 @@ bool are_oriented(const std::vector<std::uint32_t>& faces) {
   return true;
 }
 
-TEST(OrientedFaces, AreTurnedOverWhereNeighboursAskForIt) {
+TEST(OrientedFaces, FlipFacesToMatchNeighbours) {
   const ShadowMesh cube = make_shadow_mesh(*box());
   std::mt19937 random(3);
   for (int trial = 0; trial < 20; ++trial) {
@@ -197,7 +197,7 @@ double covered_share(const std::vector<PlanePoint>& faces, double cell, std::int
 }
 
 // The area of each layer in every cell, of bodies in all poses, by the faces themselves.
-TEST(SilhouetteMask, CoversWhatTheFacesCover) {
+TEST(SilhouetteMask, MatchesFacesOfClosedMesh) {
   std::mt19937 random(5);
   std::uniform_real_distribution<double> one(-1.0, 1.0);
   const auto small_torus = torus(6, 10);
@@ -241,7 +241,7 @@ TEST(SilhouetteMask, CoversWhatTheFacesCover) {
 }
 
 // Open and cut faces, one by one; neighbours leave no seam, whatever they are rounded to.
-TEST(SilhouetteMask, CoversWhatOpenAndCutFacesCover) {
+TEST(SilhouetteMask, MatchesFacesOfOpenAndCutMeshes) {
   std::mt19937 random(11);
   std::uniform_real_distribution<double> one(-1.0, 1.0);
   constexpr double kCell = 0.006;
@@ -337,7 +337,7 @@ TEST(SilhouetteMask, CoversWhatOpenAndCutFacesCover) {
 }
 
 // Bit for bit, whatever else is in the mask and wherever it begins.
-TEST(SilhouetteMask, OneCasterIsThereAsIfAlone) {
+TEST(SilhouetteMask, CasterIsUnchangedByOthers) {
   const glm::vec3 light(0.4F, 0.6F, 0.9F);
   const Placed ring = place(*torus(), test::at(0.31, -0.22, 0.1, {1, 0.3, 0}, 0.5));
   const Placed left = place(*box(), test::at(0.03, -0.2, 0.15, {0, 1, 0.2}, 0.4));
@@ -357,7 +357,7 @@ TEST(SilhouetteMask, OneCasterIsThereAsIfAlone) {
   EXPECT_GT(dark, 1000);
 }
 
-TEST(SilhouetteMask, TheDarkestLayerIsSeen) {
+TEST(SilhouetteMask, ShowsDarkestLayer) {
   // The box is high above: the ring's layers lie in its penumbra.
   const Placed ring = place(*torus(), test::at(0, 0, 0.05));
   const Placed high = place(*box(), test::at(0, 0, 0.2));
@@ -379,7 +379,7 @@ TEST(SilhouetteMask, TheDarkestLayerIsSeen) {
   EXPECT_GT(compared, 1000);
 }
 
-TEST(SilhouetteMask, OfNothingIsEmpty) {
+TEST(SilhouetteMask, IsEmptyWithoutCasters) {
   Placed none = place(*box(), test::at(0, 0, 0.1));
   MaskCaster caster;
   caster.project(none.mesh.positions, none.kernels, none.own, kConstants, {}, 0.001);
@@ -418,7 +418,7 @@ ShadowField some_field(int i, std::mt19937& generator) {
 }
 
 // A field's outline covers what its triangles do, but for rounding, wherever it lies.
-TEST(SilhouetteMask, OutlinesCoverWhatTheirTrianglesDo) {
+TEST(SilhouetteMask, OutlinesMatchTheirTriangles) {
   std::mt19937 generator(7);
   for (int i = 0; i < 60; ++i) {
     const ShadowField field = some_field(i, generator);
@@ -454,7 +454,7 @@ TEST(SilhouetteMask, OutlinesCoverWhatTheirTrianglesDo) {
   }
 }
 
-TEST(SilhouetteMask, OutlinesThatAreNoNumbersCoverNothing) {
+TEST(SilhouetteMask, IgnoresOutlinesThatAreNotFinite) {
   const float inf = std::numeric_limits<float>::infinity();
   for (const float bad : {std::numeric_limits<float>::quiet_NaN(), inf, -inf}) {
     MaskCaster caster;
@@ -520,7 +520,7 @@ MaskCells cells_around(const MaskCaster& caster, double cell) {
 }
 
 // Bit by bit, wherever its edges run: through the part's corners and along its borders too.
-TEST(SilhouetteMask, OfAPartIsThatOfTheWhole) {
+TEST(SilhouetteMask, PartOfRasterMatchesWholeRaster) {
   std::mt19937 random(23);
   const auto whole_number = [&random](int low, int high) {
     return std::uniform_int_distribution<int>(low, high)(random);
@@ -604,7 +604,7 @@ TEST(SilhouetteMask, OfAPartIsThatOfTheWhole) {
 }
 
 // Larger than any picture: against what half planes cover, and each part against parts of it.
-TEST(SilhouetteMask, OfWhatIsVastIsThatOfItsEdges) {
+TEST(SilhouetteMask, MatchesReferenceForMeshLargerThanRaster) {
   std::mt19937 random(29);
   std::uniform_real_distribution<double> one(-1.0, 1.0);
   const MaskCells cells{kUnit, -20, -15, 40, 30};
@@ -666,7 +666,7 @@ TEST(SilhouetteMask, OfWhatIsVastIsThatOfItsEdges) {
 }
 
 // What is not finite, or beyond what can be told, leaves the rest as it is.
-TEST(SilhouetteMask, OfWhatIsNotFiniteIsThatOfTheRest) {
+TEST(SilhouetteMask, IgnoresVerticesThatAreNotFinite) {
   const float infinity = std::numeric_limits<float>::infinity();
   const float nan = std::numeric_limits<float>::quiet_NaN();
   Body body;
@@ -722,7 +722,7 @@ TEST(SilhouetteMask, OfWhatIsNotFiniteIsThatOfTheRest) {
 
 // However many faces lie over each other, whether they are covered by themselves, by their
 // outlines, or were taken before.
-TEST(SilhouetteMask, OfManySheetsIsNoLighterThanOfFew) {
+TEST(SilhouetteMask, DoesNotOverflowForManySheets) {
   const Triangles triangle = {{2.3, 1.2}, {30.7, 4.1}, {12.4, 25.9}};
   const auto open = [&](std::size_t count, bool turn_some) {
     Triangles corners;
@@ -898,7 +898,7 @@ TEST_F(DrawnMask, FollowsTheLens) {
 }
 
 // By any way and with any lens, bit for bit; also of a mask that was kept from another view.
-TEST_F(DrawnMask, LeavingOutPiecesThatDarkenNothingChangesNoBit) {
+TEST_F(DrawnMask, SkippingEmptyPiecesChangesNoBit) {
   const auto objects = scene({{torus(), test::at(-0.15, 0.02, 0.1, {1, 0.2, 0}, 0.4)},
                               {table_and_ball(), test::at(0.12, 0.1, 0.05)}});
   const PoseEstimate near = test::tracked(test::look_at({0.05, -0.2, 0.25}, {0.0, 0.05, 0.0}));
@@ -934,7 +934,7 @@ TEST_F(DrawnMask, LeavingOutPiecesThatDarkenNothingChangesNoBit) {
 }
 
 // Of a caster that slides and turns: its edges cross pieces' borders anywhere.
-TEST_F(DrawnMask, PiecesAreThoseOfThePresentMask) {
+TEST_F(DrawnMask, DrawsPiecesOfPresentMask) {
   const auto objects = ring();
   Studio some(objects, bent_camera());
   Studio all(objects, bent_camera());
@@ -954,7 +954,7 @@ TEST_F(DrawnMask, PiecesAreThoseOfThePresentMask) {
 }
 
 // As far away as the camera is, longer pieces follow the lens to 0.15 px.
-TEST_F(DrawnMask, PiecesAreAsLongAsTheLensAllows) {
+TEST_F(DrawnMask, PiecesFollowLensWithinTolerance) {
   const auto objects = ring();
   Studio studio(objects, bent_camera());
   const auto drawn = [&](const PoseEstimate& at, bool finest) {
@@ -980,7 +980,7 @@ TEST_F(DrawnMask, PiecesAreAsLongAsTheLensAllows) {
   }
 }
 
-TEST_F(DrawnMask, EveryWayAndEveryApiGiveOnePicture) {
+TEST_F(DrawnMask, IsSameInEveryModeAndApi) {
   const auto objects = scene({{torus(), test::at(0.0, 0.0, 0.1, {1, 0.2, 0}, 0.4)},
                               {torus(), test::at(0.9, 2.0, 0.1)}});  // one out of view
   Studio studio(objects, camera());
@@ -1010,7 +1010,7 @@ int door_place(int x, int y) {
 
 // Over white: the same places where the layers' edges are not near; and near them no fewer than the
 // lightest of the layers there has, and no more than the darkest.
-TEST_F(DrawnMask, AScreenDoorHasTheSamePlaces) {
+TEST_F(DrawnMask, ScreenDoorHasSamePlacesAsDirectDrawing) {
   for (const LightFractions& fractions :
        {LightFractions(), LightFractions{0.0, 0.28, 0.83}, LightFractions{0.41, 0.62, 0.95}}) {
     for (const bool lens : {false, true}) {
@@ -1177,7 +1177,7 @@ TEST_F(MaskByFaces, EdgesAreSmoothAndTheRestIsTheSame) {
 }
 
 // No seam where neighbours meet: a caster rises through the heights where it is cut.
-TEST_F(MaskByFaces, ACutThatMovesLeavesNoSeam) {
+TEST_F(MaskByFaces, MovingCutLeavesNoSeam) {
   const auto objects = scene({{torus(), test::at(0, 0, 0)}});
   Studio studio(objects, camera());
   Studio fine(objects, camera(4.0));
@@ -1196,7 +1196,7 @@ TEST_F(MaskByFaces, ACutThatMovesLeavesNoSeam) {
 }
 
 // Where it can't be told which way faces turn, all of the plane is drawn directly.
-TEST_F(MaskByFaces, NotOfWhatHasNoSides) {
+TEST_F(MaskByFaces, RejectsMeshWithoutOrientation) {
   const auto objects = scene({{moebius(), test::at(0, 0, 0.1)}, {torus(), test::at(0.1, 0, 0.1)}});
   Studio studio(objects, camera());
   const Picture asked = shadows(studio, by(LayerDrawing::mask));
@@ -1251,7 +1251,7 @@ TEST_F(MaskByFaces, NodesOfDifferentLightsShareAMask) {
 
 // Fields and simple shadows have a mask's edges too; alone, simple ones are drawn as they always
 // were unless a mask is asked for.
-TEST_F(DrawnMask, IsOfEveryTechnique) {
+TEST_F(DrawnMask, HoldsEveryTechnique) {
   struct Case {
     const char* what;
     std::vector<ShadowTechnique> of;
@@ -1312,7 +1312,7 @@ TEST_F(DrawnMask, IsOfEveryTechnique) {
 
 // Of several casters those that rested since the mask before are not projected and covered again;
 // the picture is that of a mask made anew.
-TEST_F(DrawnMask, OnlyWhatMovesIsCoveredAgain) {
+TEST_F(DrawnMask, CoversOnlyMovingCastersAgain) {
   const auto objects = scene({{torus(), test::at(0.0, 0.0, 0.1, {1, 0.2, 0}, 0.4)},
                               {table_and_ball(), test::at(-0.1, 0.02, 0.05)},
                               {box(), test::at(0.1, 0.0, kConstants.umbra_height)}});
@@ -1355,7 +1355,7 @@ TEST_F(DrawnMask, OnlyWhatMovesIsCoveredAgain) {
 
 // ---- what is large or spread ----
 
-TEST(MaskLayout, KeepsPartsTogetherThatMeetAndNoOthers) {
+TEST(MaskLayout, GroupsPartsThatMeet) {
   std::mt19937 random(7);
   const auto between = [&random](int low, int high) {
     return std::uniform_int_distribution<int>(low, high)(random);
@@ -1427,7 +1427,7 @@ TEST(MaskLayout, KeepsPartsTogetherThatMeetAndNoOthers) {
   EXPECT_GT(apart, 50);
 }
 
-TEST(MaskLayout, OfModerateSizeIsOnePictureWhateverIsSeen) {
+TEST(MaskLayout, IsOneMaskWhenOfModerateSize) {
   const std::vector<CellBox> bounds = {
       {Eigen::Vector<std::int64_t, 2>(-500, 3), Eigen::Vector<std::int64_t, 2>(-400, 20)},
       {Eigen::Vector<std::int64_t, 2>(300, -30), Eigen::Vector<std::int64_t, 2>(500, 7)}};
@@ -1518,7 +1518,7 @@ TEST_F(LargeMask, EdgesAreSmoothAndTheRestIsTheSame) {
 }
 
 // Whatever came before, and by any way to darken the video.
-TEST_F(LargeMask, IsOfThePresentFrameAlone) {
+TEST_F(LargeMask, DependsOnPresentFrameOnly) {
   const std::vector<PoseEstimate> path = {seen_from({0.05, -0.38, 0.36}, {0.0, 0.0, 0.0}),
                                           seen_from({0.06, -0.37, 0.36}, {0.0, 0.02, 0}),
                                           seen_from({0.15, -0.3, 0.3}, {0.1, 0.02, 0.0}),
@@ -1545,7 +1545,7 @@ TEST_F(LargeMask, IsOfThePresentFrameAlone) {
   }
 }
 
-TEST_F(LargeMask, IsKeptWhileTheCameraMovesALittle) {
+TEST_F(LargeMask, IsKeptForSmallCameraMotion) {
   for (const auto& of : {long_beam(), four_rings()}) {
     Studio studio(of, camera_of_height(720));
     static_cast<void>(
@@ -1567,7 +1567,7 @@ TEST_F(LargeMask, IsKeptWhileTheCameraMovesALittle) {
   }
 }
 
-TEST_F(LargeMask, OnlyTheGroupOfWhatMovesIsDrawnAgain) {
+TEST_F(LargeMask, DrawsOnlyGroupOfMovingCasterAgain) {
   const auto objects = four_rings();
   Studio studio(objects, camera_of_height(720));
   const PoseEstimate from = seen_from({0.05, -0.38, 0.36}, {0.0, 0.0, 0.0});

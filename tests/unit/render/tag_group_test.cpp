@@ -266,7 +266,7 @@ TEST(TagGroup, FaintAndSolidObjectsInOnePicture) {
 }
 
 // docs/shadows.md#own-frame, with the plane in the place of the object.
-TEST(TagGroup, OnlyWhatAPlanesMotionChangesIsMadeAgain) {
+TEST(TagGroup, RecomputesOnlyShadowsOfMovedPlane) {
   Studio studio(before_a_wall().build(), camera());
   const Frame frame = test::plain_frame(kWidth, kHeight, 190);
   const PlaneFrame wall =
@@ -302,7 +302,7 @@ TEST(TagGroup, OnlyWhatAPlanesMotionChangesIsMadeAgain) {
   }
 }
 
-TEST(TagGroup, AMovedPlaneIsAnEvent) {
+TEST(TagGroup, MovedPlaneIsAnEvent) {
   const auto scene = before_a_wall().build();
   const auto state = [&](const std::vector<GroupEstimate>& groups) {
     return evaluate_scene(*scene, 0.0, groups);
