@@ -8,8 +8,8 @@
 #include <string_view>
 
 #include "core/camera/camera_file.hpp"
+#include "core/camera/camera_plausibility.hpp"
 #include "core/camera/opencv_xml.hpp"
-#include "core/camera_plausibility.hpp"
 #include "core/evaluation/running_statistics.hpp"
 #include "core/propagate.hpp"
 #include "core/text/text.hpp"

@@ -1,4 +1,4 @@
-#include "core/camera_plausibility.hpp"
+#include "core/camera/camera_plausibility.hpp"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>

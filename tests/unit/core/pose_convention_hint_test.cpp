@@ -1,4 +1,4 @@
-#include "core/pose_convention_hint.hpp"
+#include "core/evaluation/pose_convention_hint.hpp"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>

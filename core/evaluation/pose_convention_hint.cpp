@@ -1,4 +1,4 @@
-#include "core/pose_convention_hint.hpp"
+#include "core/evaluation/pose_convention_hint.hpp"
 
 #include <fmt/format.h>
 
