@@ -16,8 +16,8 @@ namespace penumbra {
 // Predicted overlay error up to which a pose counts as tracked [px].
 inline constexpr double kTrackedOverlay_px = 2.0;
 
-// PoseEstimate's reasons: two poses explain the tags equally well; the tags of the map agree with no
-// pose, because the camera file or the map is wrong. kNotFitting is followed by the residual in
+// PoseEstimate's reasons: two poses explain the tags equally well; the tags of the map agree with
+// no pose, because the camera file or the map is wrong. kNotFitting is followed by the residual in
 // parentheses.
 inline constexpr std::string_view kTwoPoses = "two poses fit";
 inline constexpr std::string_view kContradicting = "the tags contradict each other";

@@ -7,8 +7,8 @@
 #include <filesystem>
 #include <stdexcept>
 
-#include "app/live/live_recorder.hpp"
 #include "app/live/live_camera.hpp"
+#include "app/live/live_recorder.hpp"
 #include "core/text/file.hpp"
 #include "support/recording_folder.hpp"
 
