@@ -32,7 +32,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-// How far tracking runs ahead of drawing, and drawing ahead of encoding [frames].
+// Frames that tracking runs ahead of drawing, and drawing ahead of encoding.
 constexpr int kTrackAhead = 2;
 constexpr int kEncodeAhead = 2;
 
@@ -80,8 +80,8 @@ class RecordedEdits {
     for (; next_ < events_.size() && events_[next_].timestamp_ns <= timestamp_ns; ++next_) {
       if (view.replay_edit(events_[next_].edit) || warned_) continue;
       warned_ = true;
-      log_warning("{}: changes what is not in {}; such changes are left out", file_.string(),
-                  scene_.string());
+      log_warning("{}: edits objects that {} does not have; these edits are skipped",
+                  file_.string(), scene_.string());
     }
   }
 
@@ -118,96 +118,6 @@ int index_of(const Recording& recording, int number) {
   return static_cast<int>(found - recording.frames.begin());
 }
 
-// What is drawn: one session, or several side by side.
-class Shown {
- public:
-  [[nodiscard]] static Result<Shown> open(const ReplayRequest& request, GlContext& context,
-                                          const std::shared_ptr<const Scene>& scene,
-                                          const CameraModel& camera, PoseSource poses,
-                                          const SessionOptions& options) {
-    Shown shown;
-    if (request.compare.empty()) {
-      PENUMBRA_TRY(auto session,
-                   Session::create(context, scene, camera, std::move(poses), options));
-      shown.session_ = std::make_unique<Session>(std::move(session));
-    } else {
-      PENUMBRA_TRY(auto comparison, Comparison::create(context, scene, camera, std::move(poses),
-                                                       request.compare, options));
-      shown.comparison_ = std::make_unique<Comparison>(std::move(comparison));
-    }
-    return shown;
-  }
-
-  [[nodiscard]] TrackedFrame track(const Frame& frame) {
-    return comparison_ ? comparison_->track(frame) : session_->track(frame);
-  }
-  [[nodiscard]] Result<SessionFrame> draw(TrackedFrame tracked, bool read_back) {
-    if (comparison_) return comparison_->draw(tracked);
-    if (!read_back) {
-      pixels_.clear();
-    } else if (pixels_.empty()) {
-      const CameraModel& camera = session_->camera();
-      pixels_.resize(std::size_t{4} * static_cast<std::size_t>(camera.width()) *
-                     static_cast<std::size_t>(camera.height()));
-    }
-    return session_->draw(std::move(tracked), pixels_, PictureTime::later);
-  }
-  // What draw() read back: the last picture, or the one before it (SessionFrame::picture).
-  [[nodiscard]] std::span<const std::uint8_t> pixels() const {
-    return comparison_ ? comparison_->grid().rgba() : std::span<const std::uint8_t>(pixels_);
-  }
-  bool replay_edit(const SceneEdit& edit) {
-    return comparison_ ? comparison_->replay_edit(edit) : session_->replay_edit(edit);
-  }
-  // Null in comparison, whose pictures are there as soon as they are drawn.
-  [[nodiscard]] Session* session() { return session_.get(); }
-  [[nodiscard]] bool pixel_buffers() const {
-    return comparison_ ? comparison_->pixel_buffers() : session_->pixel_buffers();
-  }
-  void take_gpu_times(RunRecorder& run) {
-    if (comparison_) {
-      comparison_->take_gpu_times();
-    } else {
-      run.add_gpu_times(session_->take_gpu_times());
-    }
-  }
-  [[nodiscard]] int samples() const {
-    return comparison_ ? comparison_->samples() : session_->samples();
-  }
-  [[nodiscard]] std::vector<PaneReport> pane_reports() const {
-    return comparison_ ? comparison_->reports() : std::vector<PaneReport>();
-  }
-
-  // For a window; kept here.
-  [[nodiscard]] Result<ViewerHost*> open_host(GlContext& context, RunRecorder& run,
-                                              const Recording& recording) {
-    const int frame_count = static_cast<int>(recording.frames.size());
-    if (!comparison_) {
-      session_host_ = std::make_unique<SessionHost>(*session_, run, frame_count);
-      session_host_->keep_out_of(recording.folder);
-      return session_host_.get();
-    }
-    const PaneGrid& grid = comparison_->grid();
-    PENUMBRA_TRY(auto picture, UploadedPicture::create(grid.width(), grid.height()));
-    comparison_host_ = std::make_unique<ComparisonHost>(*comparison_, context, std::move(picture),
-                                                        run, frame_count);
-    comparison_host_->keep_out_of(recording.folder);
-    return comparison_host_.get();
-  }
-  void saw(const SessionFrame& frame) {
-    if (session_host_) session_host_->saw(frame);
-    if (comparison_host_) comparison_host_->saw(frame);
-  }
-
- private:
-  Shown() = default;
-  std::unique_ptr<Session> session_;
-  std::unique_ptr<Comparison> comparison_;
-  std::vector<std::uint8_t> pixels_;
-  std::unique_ptr<SessionHost> session_host_;
-  std::unique_ptr<ComparisonHost> comparison_host_;
-};
-
 // A grid of panes may be larger than any screen.
 GlContext::Size window_size_for(GlContext::Size picture) {
   constexpr double kWidest = 1600.0;
@@ -242,7 +152,7 @@ Result<std::unique_ptr<FrameSource>> open_frames(const ReplayRequest& request,
   return open_recording_source(recording, options);
 }
 
-// What a replay works with, opened.
+// Opened inputs and outputs of a replay.
 struct ReplaySetup {
   Recording recording;
   std::optional<TagsInUse> tags;
@@ -336,8 +246,8 @@ class ReplayLoop {
         tracked_([this] { return track_next(); }, request.threads > 1 ? kTrackAhead : 0) {}
 
   [[nodiscard]] Result<void> open_viewer();
-  // What can't be written ends, and the rest continues. What can't be read or drawn ends the run:
-  // outputs of an earlier run are not replaced then.
+  // An output that can't be written is closed, and the rest continues. A frame that can't be read
+  // or drawn ends the run:  // outputs of an earlier run are not replaced then.
   [[nodiscard]] Result<void> run();
   [[nodiscard]] Result<RunReport> finish();
 
