@@ -19,7 +19,7 @@ struct CameraControls {
 };
 
 // The stream that a person wishes for; what the camera grants is obeyed.
-struct CameraWish {
+struct RequestedSettings {
   int width = 640;    // [px]
   int height = 480;   // [px]
   double fps = 30.0;  // where the rate can be set at all

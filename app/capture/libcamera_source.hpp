@@ -13,7 +13,7 @@
 
 namespace penumbra {
 
-struct LibcameraOptions : CameraWish {
+struct LibcameraOptions : RequestedSettings {
   std::string camera = "0";  // its place in the list, its id, or its model's name
   bool dma_buf = true;       // let a GPU read its buffers where they lie
 };

@@ -69,7 +69,7 @@ CLI::Option* add_smooth_option(CLI::App& command, bool& smooth);
 // --output, --poses, --poses-all and --report.
 void add_output_options(CLI::App& command, OutputRequest& request);
 
-// What live and replay have in common on the command line, until it is read completely.
+// Options that live and replay share, as parsed; complete() makes a RunRequest of them.
 struct RunChoice {
   std::optional<std::filesystem::path> scene;  // default: the program's own
   ShadowChoice shadow;

@@ -18,21 +18,22 @@ namespace {
 constexpr std::string_view kRecordingKind = "recording:";
 
 Result<std::unique_ptr<LiveSource>> open_device(const CameraAddress& address,
-                                                const CameraRequest& request, CameraWish wish) {
+                                                const CameraRequest& request,
+                                                RequestedSettings requested) {
   if (address.kind == CameraAddress::Kind::recording) {
     PENUMBRA_TRY(const auto recording, open_as_camera(address));
     return open_recording_feed(recording, request.fps);
   }
-  wish.width = request.width.value_or(wish.width);
-  wish.height = request.height.value_or(wish.height);
-  wish.fps = request.fps.value_or(wish.fps);
-  wish.format = request.format;
-  wish.recording = request.recorded;
-  wish.controls = request.controls;
+  requested.width = request.width.value_or(requested.width);
+  requested.height = request.height.value_or(requested.height);
+  requested.fps = request.fps.value_or(requested.fps);
+  requested.format = request.format;
+  requested.recording = request.recorded;
+  requested.controls = request.controls;
   if (address.kind == CameraAddress::Kind::libcamera) {
-    return open_libcamera_source({wish, address.name, request.dma_buf});
+    return open_libcamera_source({requested, address.name, request.dma_buf});
   }
-  return open_v4l2_source({wish, address.name, request.dma_buf});
+  return open_v4l2_source({requested, address.name, request.dma_buf});
 }
 
 bool has_size_of(const StreamFormat& format, const CameraModel& camera) {
@@ -97,10 +98,10 @@ Result<Recording> open_as_camera(const CameraAddress& address) {
 Result<std::unique_ptr<LiveSource>> open_camera(const CameraAddress& address,
                                                 const CameraRequest& request,
                                                 const CameraModel& camera) {
-  CameraWish wish;
-  wish.width = camera.width();
-  wish.height = camera.height();
-  return open_device(address, request, wish);
+  RequestedSettings requested;
+  requested.width = camera.width();
+  requested.height = camera.height();
+  return open_device(address, request, requested);
 }
 
 Result<void> check_size_or_offer_scaling(const CameraRequest& request, const CameraAddress& address,
@@ -150,7 +151,7 @@ Result<std::unique_ptr<LiveSource>> open_live_source(const CameraRequest& reques
 Result<std::unique_ptr<LiveSource>> open_live_source(const CameraRequest& request) {
   PENUMBRA_TRY(const auto address, parse_camera(request.source));
   PENUMBRA_TRY_VOID(check_camera(address));
-  return open_device(address, request, CameraWish());
+  return open_device(address, request, RequestedSettings());
 }
 
 std::optional<std::string> focus_warning(const std::filesystem::path& calibration,

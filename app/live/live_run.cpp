@@ -87,7 +87,7 @@ Result<RecordingHead> recording_head(const LiveRequest& request, const LiveSourc
   return head;
 }
 
-// What a live session works with, opened.
+// Opened inputs and outputs of a live session.
 struct LiveSetup {
   CameraModel camera;
   TagMap tags;

@@ -1,4 +1,4 @@
-// Where a replay gets its poses from: a tracker, the ground truth or a file.
+// Source of poses for a replay: a tracker, the ground truth or a file.
 #pragma once
 
 #include "app/recording/recording_source.hpp"

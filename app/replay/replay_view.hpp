@@ -1,4 +1,4 @@
-// What a replay draws: one session, or several side by side.
+// Draws a replay: one session, or several side by side.
 #pragma once
 
 #include <cstdint>
@@ -26,7 +26,7 @@ class ReplayView {
     return comparison_ ? comparison_->track(frame) : session_->track(frame);
   }
   [[nodiscard]] Result<SessionFrame> draw(TrackedFrame tracked, bool read_back);
-  // What draw() read back: the last image, or the one before it (SessionFrame::picture).
+  // The image that draw() read back: the last one, or the one before it (SessionFrame::picture).
   [[nodiscard]] std::span<const std::uint8_t> pixels() const {
     return comparison_ ? comparison_->grid().rgba() : std::span<const std::uint8_t>(pixels_);
   }
@@ -44,7 +44,7 @@ class ReplayView {
   // For a window; owned by the view.
   [[nodiscard]] Result<ViewerHost*> open_host(GlContext& context, RunRecorder& run,
                                               const Recording& recording);
-  // What the window is about to show.
+  // Called with each frame before the window shows it.
   void saw(const SessionFrame& frame);
 
  private:

@@ -1,4 +1,4 @@
-// What live, replay and demo have in common: what is tracked, drawn, shown and written.
+// The request that live, replay and demo share: tracking, drawing, window and outputs.
 #pragma once
 
 #include <filesystem>

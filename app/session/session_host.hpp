@@ -50,7 +50,7 @@ class SessionHost : public ViewerHost {
 
 // What the HUD says of a frame: its number, poses, and the times of the stages.
 void describe_frame(HudState& state, const SessionFrame& frame, const RunRecorder& run);
-// What was skipped and kept in a frame of this scene, in words.
+// Lists skipped and reused work of a frame of this scene, as text.
 void describe_reasons(HudState& state, const SessionFrame& frame, const Scene& scene);
 
 // A PNG of RGBA8 pixels into the current folder, unless that lies in the `recording` that is

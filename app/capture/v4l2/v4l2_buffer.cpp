@@ -20,12 +20,12 @@ tl::expected<V4l2Buffer, int> V4l2Buffer::map(const V4l2Device& device, unsigned
   }
   V4l2Buffer buffer;
   if (share) {
-    v4l2_exportbuffer wish{};
-    wish.type = V4L2_BUF_TYPE_VIDEO_CAPTURE;
-    wish.index = index;
-    wish.flags = O_CLOEXEC | O_RDWR;  // some GPU drivers map what they import for both
-    if (device.call(VIDIOC_EXPBUF, &wish) == 0) {
-      if (auto memory = DmaBufMemory::map(wish.fd, about.length)) {
+    v4l2_exportbuffer requested{};
+    requested.type = V4L2_BUF_TYPE_VIDEO_CAPTURE;
+    requested.index = index;
+    requested.flags = O_CLOEXEC | O_RDWR;  // some GPU drivers map what they import for both
+    if (device.call(VIDIOC_EXPBUF, &requested) == 0) {
+      if (auto memory = DmaBufMemory::map(requested.fd, about.length)) {
         buffer.shared_ = std::move(*memory);
         return buffer;
       }

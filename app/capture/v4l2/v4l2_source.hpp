@@ -11,7 +11,7 @@
 
 namespace penumbra {
 
-struct V4l2Options : CameraWish {
+struct V4l2Options : RequestedSettings {
   std::filesystem::path device = "/dev/video0";
   bool dma_buf = true;  // share its buffers, where the driver can
 };
