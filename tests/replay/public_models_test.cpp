@@ -87,7 +87,6 @@ void expect_clear_lines(const ProgramResult& result, const std::string& name) {
   }
 }
 
-constexpr const char* kMissing = "the package assimp-testmodels is missing (scripts/setup)";
 // scripts/setup installs the package, so a run that had to set everything up must find it.
 bool is_required() {
   return std::getenv("CI") != nullptr;
@@ -97,8 +96,8 @@ class PublicModels : public testing::TestWithParam<const char*> {
  protected:
   void SetUp() override {
     if (fs::is_directory(kModels)) return;
-    if (is_required()) FAIL() << kMissing;
-    GTEST_SKIP() << kMissing;
+    if (is_required()) FAIL() << "CI is set, but assimp-testmodels is missing (scripts/setup)";
+    GTEST_SKIP() << "the package assimp-testmodels is missing (scripts/setup installs it)";
   }
   // Area of the model's projection onto the plane [cm2]; nothing where the file is refused. `name`:
   // as in the table, or a path.
@@ -186,8 +185,8 @@ INSTANTIATE_TEST_SUITE_P(Folder, PublicModels, testing::Values("OBJ", "glTF", "g
 
 TEST(PublicModelTable, NamesEveryInstalledModel) {
   if (!fs::is_directory(kModels)) {
-    if (is_required()) FAIL() << kMissing;
-    GTEST_SKIP() << kMissing;
+    if (is_required()) FAIL() << "CI is set, but assimp-testmodels is missing (scripts/setup)";
+    GTEST_SKIP() << "the package assimp-testmodels is missing (scripts/setup installs it)";
   }
   const auto models = expected_models();
   EXPECT_GE(models.size(), 80U);
