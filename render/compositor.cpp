@@ -67,7 +67,7 @@ struct Compositor::Impl {
   std::optional<GpuTimer> gpu_timer;
   VideoTexture video;
   std::optional<RectifiedVideo> rectified;
-  // What passes share.
+  // Shared by the passes.
   ObjectPainter objects;
   Receivers receivers;
   CasterCache casters;

@@ -1,4 +1,4 @@
-// What was done for a frame, what was skipped, and what was kept from an earlier frame.
+// Work of a frame: counters, and reasons for skipped passes and reused results.
 #pragma once
 
 #include <array>
@@ -111,7 +111,7 @@ struct SkippedPass {
   friend auto operator<=>(const SkippedPass&, const SkippedPass&) = default;
 };
 
-// What is kept from an earlier frame.
+// Results reused from an earlier frame.
 enum class KeepReason {
   video,         // the frame is on the GPU already
   layer_mask,    // plane

@@ -22,12 +22,12 @@ void take_corners(Measurement& measurement) {
   measurement.ambiguous = board.is_ambiguous(kAmbiguityRatio);
 }
 
-// Whether two thirds of the tags that should be readable were detected.
+// Returns true if two thirds of the tags that should be readable were detected.
 bool shows_most(const RigidTags& group, const Measurement& measurement) {
   return 3 * measurement.tags_used >= 2 * group.in_view(measurement.best.T_table_camera);
 }
 
-// Whether a finer search would find no other pose, nor tags that contradict each other.
+// Returns true if a finer search would find no other pose, nor tags that contradict each other.
 bool is_conclusive(const RigidTags& group, const Measurement& measurement) {
   return !measurement.contradictory && !measurement.ambiguous && measurement.tags_used > 1 &&
          shows_most(group, measurement);

@@ -1,4 +1,4 @@
-// Where a group of tags is on the table: averaged while it rests, extrapolated while it is hidden.
+// Place of a group of tags on the table: averaged while it rests, extrapolated while it is hidden.
 #pragma once
 
 #include <cstdint>
@@ -14,7 +14,7 @@
 
 namespace penumbra {
 
-// Whether the pose was measured in its frame.
+// True if the pose was measured in its frame.
 [[nodiscard]] inline bool is_measured(TrackStatus status) {
   return status == TrackStatus::tracked || status == TrackStatus::uncertain;
 }
@@ -29,7 +29,7 @@ class GroupPlace {
 
   // The place as it is shown: within a quarter of a pixel of the average.
   [[nodiscard]] const TableFromMiddle& shown() const { return shown_; }
-  // Whether the last measurement is older than this time.
+  // True if the last measurement is older than this time.
   [[nodiscard]] bool is_older_than(std::int64_t timestamp_ns) const {
     return !found_ || found_->timestamp_ns < timestamp_ns;
   }

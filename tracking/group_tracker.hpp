@@ -1,5 +1,5 @@
 // Tracks every rigid group of tags in a frame: the table, and beside it a wall, a held prop. Each
-// group has a tracker of its own; the search for tags in a frame is shared.
+// group has one tracker; they share the search for tags in a frame.
 #pragma once
 
 #include <memory>

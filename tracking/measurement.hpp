@@ -1,4 +1,4 @@
-// What one frame says about the pose, whatever method found it.
+// Pose measured in one frame, by detection or by alignment.
 #pragma once
 
 #include <limits>

@@ -32,7 +32,7 @@ inline constexpr std::string_view kNotFitting = "the tags do not fit the map";
 void take_alignment(const RigidTags& group, const Alignment& alignment, const RefinedPose& pose,
                     Measurement& measurement);
 
-// How many times more samples an alignment needs until the noise of its samples leaves a predicted
+// Factor of samples that an alignment needs until the noise of its samples leaves a predicted
 // overlay error below the budget. More samples reduce no other error.
 [[nodiscard]] double samples_needed(const CameraModel& camera, const AlignmentResult& result,
                                     double budget_px);

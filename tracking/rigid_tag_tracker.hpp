@@ -19,7 +19,7 @@ namespace penumbra {
 
 // How a frame is measured whose search is shared with other groups (GroupTracker).
 struct SharedFrame {
-  // Where the camera may be, from elsewhere: tried before tags are searched for.
+  // Pose from another group's tracker: tried before tags are searched for.
   std::optional<CameraPose> hint;
   bool hint_seen = false;                            // tags were found there a moment ago
   bool search = true;                                // false: this frame is not searched

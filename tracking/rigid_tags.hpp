@@ -47,7 +47,7 @@ struct Alignment {
   void run_without(std::span<const int> rejected) { result = tried_without(rejected); }
 };
 
-// Whether more than half as many tags as fit are read clearly but lie elsewhere.
+// Returns true if more than half as many tags as fit are read clearly but lie elsewhere.
 [[nodiscard]] bool most_are_displaced(const AlignmentResult& result);
 
 // Covariance of a pose from elsewhere that only says where to begin.

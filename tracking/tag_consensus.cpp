@@ -61,17 +61,17 @@ void TagConsensus::doubt_less() {
   doubtful_frames_ = std::max(doubtful_frames_ - 1, 0);
 }
 
-// Whether enough tags are left to tell that one more of them is wrong: a bare majority may be the
-// half that was moved, with one or two of the others fitting it.
+// Returns true if enough tags are left to tell that one more of them is wrong: a bare majority may
+// be the half that was moved, with one or two of the others fitting it.
 bool TagConsensus::may_reject(const AlignmentResult& result) const {
   return 3 * (rejected_.size() + 1) <=
          rejected_.size() + static_cast<std::size_t>(result.counters.tags_visible);
 }
 
-// Whether the tags that fit say no more than those that don't. Two or three may fit each other by
-// chance: not where more than a third of what is seen clearly lies elsewhere; nor, for some frames
-// after a contradiction, where they are not most of those in the image or disagree. (For some
-// frames only: the others may be covered, or not there.)
+// Returns true if the tags that fit do not clearly outnumber the others. Two or three may fit each
+// other by chance: not where more than a third of what is seen clearly lies elsewhere; nor, for
+// some frames after a contradiction, where they are not most of those in the image or disagree.
+// (For some frames only: the others may be covered, or not there.)
 bool TagConsensus::is_doubtful(std::span<const TagObservation> detected,
                                const Alignment& alignment) const {
   const AlignmentResult& result = alignment.result;

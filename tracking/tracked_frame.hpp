@@ -9,7 +9,7 @@
 
 namespace penumbra {
 
-// Of the last frame. A wall time of 0: that stage did not run.
+// Times of the last frame. A wall time of 0 means that the stage did not run.
 struct TrackTimes {
   double total_ms = 0.0, detect_ms = 0.0, align_ms = 0.0, solve_ms = 0.0;  // wall
   // CPU time of the calling thread, and of a background search.

@@ -25,7 +25,7 @@ struct TrackerOptions {
   // many as the mode takes. `fast` never takes more than its own number.
   double pose_budget_px = 0.0;
   SearchTiming search_timing = SearchTiming::next_frame;
-  // next_frame: a thread of its own searches; the same poses without. when_done always has one.
+  // next_frame: a second thread searches; poses are the same without it. when_done always uses one.
   bool search_thread = false;
   double hold_s = kHoldSeconds;  // how long a pose is extrapolated without a measurement [s]
 };

@@ -437,9 +437,9 @@ Result<Agreement> agree(const CameraModel& camera, const SurveyInput& input, int
     }
     for (const auto& [id, lost] : settled->lost) {
       if (worst || lost <= kSuspicious) continue;
-      const auto told = contradiction_of(judge, input, id, options);
-      if (!told || !told->moved) continue;
-      if (id == anchor) return fail("the anchor, {}", told->words);
+      const auto reported = contradiction_of(judge, input, id, options);
+      if (!reported || !reported->moved) continue;
+      if (id == anchor) return fail("the anchor, {}", reported->words);
       worst = {lost, id};
     }
     if (worst) {
@@ -450,8 +450,8 @@ Result<Agreement> agree(const CameraModel& camera, const SurveyInput& input, int
     std::set<int> untold = result.settled.misfits;
     untold.insert(input.without_size.begin(), input.without_size.end());
     for (const int id : untold) {
-      if (auto told = contradiction_of(judge, input, id, options))
-        result.others[id] = std::move(*told);
+      if (auto reported = contradiction_of(judge, input, id, options))
+        result.others[id] = std::move(*reported);
     }
     return result;
   }
@@ -478,9 +478,9 @@ tl::unexpected<Error> blame(const CameraModel& camera, const SurveyInput& input,
     const int other = by_count[i].second;
     const auto agreement = agree(camera, input, other, options);
     if (!agreement || anchor_is_doubtful(*agreement, input, other)) continue;
-    const auto told = agreement->others.find(options.anchor);
-    if (told == agreement->others.end()) continue;
-    return fail("the anchor, {}; or choose another anchor", told->second.words);
+    const auto reported = agreement->others.find(options.anchor);
+    if (reported == agreement->others.end()) continue;
+    return fail("the anchor, {}; or choose another anchor", reported->second.words);
   }
   return fail(
       "the tags contradict each other: did some of them move, are the sizes right, and is the "
@@ -574,11 +574,11 @@ Result<TagSurvey> survey_tags(const CameraModel& camera, std::span<const SurveyF
     if (graph.tags.count(id) == 0) left_out.insert(id);
   }
   for (const int id : left_out) {
-    const auto told = agreement.others.find(id);
-    if (told != agreement.others.end()) {
-      result.left_out.push_back(told->second.words);
-      if (told->second.apparent) {
-        result.misfits.push_back(*told->second.apparent);
+    const auto reported = agreement.others.find(id);
+    if (reported != agreement.others.end()) {
+      result.left_out.push_back(reported->second.words);
+      if (reported->second.apparent) {
+        result.misfits.push_back(*reported->second.apparent);
         result.misfits.back().T_table_tag = settled_on * result.misfits.back().T_table_tag;
       }
     } else if (input.without_size.count(id) > 0) {

@@ -1,4 +1,4 @@
-// What a context was found to do with fragments (picture_probe.hpp).
+// Fragment operations that a context supports, as probed by picture_probe.hpp.
 #pragma once
 
 namespace penumbra {

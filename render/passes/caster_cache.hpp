@@ -134,7 +134,7 @@ class CasterCache {
 
   CachedCaster& caster_of(const Scene& scene, const ShadowDraw& draw);
 
-  // What casts a shadow. A field uses none of it but the key.
+  // The mesh and kernels that cast a shadow. A field uses only the key.
   struct Casting {
     KernelKey key;
     KernelSet* kernels = nullptr;
@@ -151,9 +151,9 @@ class CasterCache {
   // The light sizes at a casting mesh's vertices, for lights of one size.
   static std::vector<VertexDisc> discs_of(CachedCaster& caster, const KernelKey& key, bool reduced,
                                           double scale, RenderWork& work);
-  // Whether the vertices are projected on the CPU, not by the vertex shader.
+  // True if the CPU projects the vertices, not the vertex shader.
   [[nodiscard]] static bool projects_on_cpu(const ShadowDraw& draw, const CasterBody& body);
-  // Whether masks can show the meshes that may cast this shadow.
+  // True if masks can show the meshes that may cast this shadow.
   [[nodiscard]] static bool can_be_masked(const ShadowDraw& draw, CachedCaster& caster);
 
   // The longest edge of an object's caster [object units]; 0: no edge is split.

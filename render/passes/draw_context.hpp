@@ -1,4 +1,4 @@
-// What the passes of a frame share, and the interface that they have.
+// State shared by the passes of a frame, and their interface.
 #pragma once
 
 #include <optional>

@@ -35,7 +35,7 @@ class PlaneMasks {
   void plan(const Scene& scene, const FramePlan& plan, Translucency mode, CasterCache& casters,
             RenderWork& work);
   [[nodiscard]] bool has_mask(int plane) const;
-  // Whether its mask shows nothing.
+  // True if its mask shows nothing.
   [[nodiscard]] bool is_empty(int plane) const { return planes_.at(plane).now.masks.empty(); }
   // Makes the masks of those planes, or keeps them. `items`: of plan.shadows, prepared for masks.
   void make(const FramePlan& plan, Translucency mode, std::span<const ShadowItem> items,

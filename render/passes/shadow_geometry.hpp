@@ -20,7 +20,7 @@
 
 namespace penumbra {
 
-// What a receiver's shadows are drawn from is freed after this number of frames without use.
+// Geometry of a receiver's shadows is freed after this number of frames without use.
 inline constexpr std::uint64_t kFramesKept = 150;
 
 // Tilt and height of layers are kept to float precision; those of fields to 1/32 of a cell.
@@ -47,7 +47,7 @@ struct LayerGeometry {
   int count = 0;
 };
 
-// What one shadow was made from, and its part on the GPU.
+// The inputs of one shadow, and its buffers on the GPU.
 struct PreparedShadow {
   bool valid = false;
   OwnFrame own;
@@ -93,7 +93,7 @@ struct ShadowReach {
   double rate = 0.0;  // how far outlines move with the receiving height, at most [m / m]
 };
 
-// What each layer leaves of the video's encoded value.
+// Factor of each layer on the encoded value of the video.
 [[nodiscard]] glm::vec3 layer_light(const ShadowDraw& draw);
 
 // A simple shadow is the middle layer of a light at the zenith, whatever the node's own.

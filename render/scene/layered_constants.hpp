@@ -28,7 +28,7 @@ struct LayeredConstants {
   friend bool operator==(const LayeredConstants&, const LayeredConstants&) = default;
 };
 
-// Whether the umbra ends at h_u.
+// True if the umbra ends at h_u.
 [[nodiscard]] inline bool umbra_vanishes(const LayeredConstants& constants) {
   return constants.light_ratio > 1.0 || std::isinf(constants.light_height);
 }

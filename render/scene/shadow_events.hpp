@@ -1,4 +1,4 @@
-// What changed between two moments of a scene, as events of Sudarsky's shadow node
+// Changes between two moments of a scene, as events of Sudarsky's shadow node
 // (docs/shadows.md#shadow-nodes). An event names what changed, never the new value: shadows are
 // computed from the current places.
 #pragma once

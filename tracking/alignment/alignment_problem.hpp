@@ -27,7 +27,7 @@ inline int ceil_of(double x) {
   return -floor_of(-x);
 }
 
-// What of the tags is projected.
+// Parts of the tags that are projected.
 enum class Projection {
   search,  // the cells that are searched for
   wide,    // the lattice, blurred as the wide stage's model
@@ -74,7 +74,7 @@ struct AlignmentProblem {
   void find_visible(Projection projection);
   // Takes a tag to the current pose.
   void place(AlignedTag& tag) const;
-  // Whether the tag can be used at the current pose; its size and motion in the image.
+  // Returns true if the tag can be used at the current pose; sets its size and motion in the image.
   [[nodiscard]] bool measure(AlignedTag& tag, BlurModel blur = BlurModel::point_spread) const;
   // Of a tag that is seen at several moments: where the camera is then.
   void place_moments(AlignedTag& tag);

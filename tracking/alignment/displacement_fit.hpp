@@ -8,7 +8,7 @@
 
 namespace penumbra {
 
-// Where a search saw a tag.
+// Position at which a search found a tag.
 struct DisplacedTag {
   Eigen::Vector3d p;  // the tag's centre, in the table frame
   Eigen::Vector2d z;  // that in the image

@@ -1,4 +1,4 @@
-// Whether the tags lie to each other as the map says, by each tag's own equations.
+// Tests whether the tags lie relative to each other as the map says, by each tag's own equations.
 #pragma once
 
 #include <span>
@@ -28,7 +28,7 @@ class MapAgreement {
   // contradicting. The result's design effect is known. See docs/tracking.md#map.
   void check(const AlignmentProblem& problem, const PoseSolver& solver, AlignmentResult& result);
 
-  // Of the tags that took part in the last check.
+  // Equations of the tags in the last check.
   [[nodiscard]] std::span<const TagEquations> equations() const { return equations_; }
 
  private:

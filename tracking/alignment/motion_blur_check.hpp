@@ -1,4 +1,4 @@
-// What motion blur hides of an aligned pose.
+// Estimates the pose error that motion blur hides.
 #pragma once
 
 #include <optional>

@@ -1,4 +1,4 @@
-// How far residuals along an edge are correlated.
+// Correlation of residuals along an edge.
 #pragma once
 
 #include "tracking/alignment/alignment_problem.hpp"

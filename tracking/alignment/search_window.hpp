@@ -30,7 +30,7 @@ struct SearchWindow {
 
   [[nodiscard]] static SearchWindow of_reach(int reach, int row_step);
   [[nodiscard]] int size() const { return rows * columns; }
-  // Whether a peak this far off would be found well inside the window.
+  // True if a peak at this distance would lie well inside the window.
   [[nodiscard]] bool holds(double px) const { return px + kRim_px <= std::min(reach, -first_row); }
   [[nodiscard]] Eigen::Vector2d displacement(const SearchTop& top) const {
     return {top.column - reach, first_row + row_step * top.row};

@@ -46,7 +46,7 @@ struct AlignmentOptions {
 struct AlignmentInput {
   ImageView luma;
   CameraPose predicted;  // T_table_camera
-  // Of the prediction: T_table_camera * exp([nu; omega]) [m, rad], camera frame.
+  // Covariance of the prediction: T_table_camera * exp([nu; omega]) [m, rad], camera frame.
   Matrix6d covariance = Matrix6d::Identity();
   // The camera's motion during the exposure, the same kind of vector; zero when unknown.
   Vector6d exposure_motion = Vector6d::Zero();
@@ -56,7 +56,7 @@ struct AlignmentInput {
   Vector6d velocity = Vector6d::Zero();
   // Number of samples to begin with where sampling may stop early (set_sample_need); 0: few.
   int first_samples = 0;
-  // Whether the fine stage probably begins far from its end, as the last frame's did
+  // True if the fine stage probably begins far from its end, as the last frame's did
   // (AlignmentCounters::far_start): it then begins with few samples.
   bool starts_far = false;
   // Tags that are not looked at, as places in the list given to create.
@@ -66,7 +66,7 @@ struct AlignmentInput {
   double seen_contrast = 0.0;
 };
 
-// What the pattern search finds before any pixel at an edge is read.
+// Result of the pattern search, before pixels at edges are read.
 struct SearchedPose {
   CameraPose T_table_camera;
   // Error of the image of a tag's corner, the worst of those in view [px], 1 sigma, by how well the
@@ -148,10 +148,10 @@ struct EdgePixel {
   float model_blur = 0.0F;  // its derivative by the logarithm of the blur
 };
 
-// How many times more samples an alignment needs, by its result so far; 1 and less: it has enough.
+// Factor of samples that an alignment still needs, given its result so far; 1 or less: enough.
 using SampleNeed = std::function<double(const AlignmentResult&)>;
 
-// What motion blur hides of the pose, 1 sigma.
+// Pose error that motion blur hides, 1 sigma.
 struct MotionBlurError {
   // Displacement of all tags together, RMS over those in the image.
   double shift_px = 0.0;

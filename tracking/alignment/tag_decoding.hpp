@@ -1,4 +1,4 @@
-// Whether the data cells at a solved pose read as the tags that are expected there.
+// Checks that the data cells at a solved pose read as the expected tags.
 #pragma once
 
 #include "tracking/alignment/alignment_problem.hpp"

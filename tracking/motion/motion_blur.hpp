@@ -20,7 +20,7 @@ struct ImageMotion {
   MotionBlurError blur;
 };
 
-// How far the overlay moves in a thirtieth of a second with this velocity [px].
+// Overlay displacement in 1/30 s at this velocity, RMS [px].
 [[nodiscard]] double image_motion_px(const CameraModel& camera, const CameraPose& pose,
                                      const Vector6d& velocity);
 

@@ -25,7 +25,7 @@ using CellBox = Eigen::AlignedBox<std::int64_t, 2>;
 // The sides of cells, by half powers of two [m].
 [[nodiscard]] double cell_size(int half_octave);
 
-// What a camera sees of a rectangle of the plane.
+// The part of a rectangle on the plane that a camera sees.
 struct SeenPart {
   Eigen::AlignedBox2d box;  // that holds it [m]; empty: nothing is seen
   int half_octave = 0;      // of cells as fine as it asks for

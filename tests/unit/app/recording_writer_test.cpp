@@ -174,11 +174,12 @@ TEST(RecordingWriter, TellsOnceOfAGroupWhoseNameCanBeNoFiles) {
     }
   }
   const auto finished = (*writer)->finish();
-  const std::string told = testing::internal::GetCapturedStdout();
+  const std::string reported = testing::internal::GetCapturedStdout();
   ASSERT_TRUE(finished);
-  const auto first = told.find("group '../wall': its name cannot be the name of a file");
-  EXPECT_NE(first, std::string::npos) << told;
-  EXPECT_EQ(told.find("cannot be the name of a file", first + 60), std::string::npos) << told;
+  const auto first = reported.find("group '../wall': its name cannot be the name of a file");
+  EXPECT_NE(first, std::string::npos) << reported;
+  EXPECT_EQ(reported.find("cannot be the name of a file", first + 60), std::string::npos)
+      << reported;
   EXPECT_FALSE(fs::exists(folder / "wall.tum"));
   const auto places = load_group_paths(folder / kGroupPosesFolder, {"../wall", "wall"});
   ASSERT_TRUE(places) << places.error().message;
@@ -359,12 +360,12 @@ TEST(RecordingWriter, ADiskThatIsTooSlowLosesFramesAndCountsThem) {
   // Each time it is told when and how many.
   const std::string events =
       read_text_file(temporary.path() / "session" / "events.jsonl", 1'000'000).value();
-  std::uint64_t told = 0;
+  std::uint64_t reported = 0;
   for (std::size_t at = 0; (at = events.find("\"left_out\"", at)) != std::string::npos; ++at) {
     constexpr std::string_view kDetail = "\"detail\":\"";
-    told += std::stoull(events.substr(events.find(kDetail, at) + kDetail.size()));
+    reported += std::stoull(events.substr(events.find(kDetail, at) + kDetail.size()));
   }
-  EXPECT_EQ(told, counts.dropped) << events;
+  EXPECT_EQ(reported, counts.dropped) << events;
 }
 
 // What a process that is killed at any moment leaves: everything that it had said was written.

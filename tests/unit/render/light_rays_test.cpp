@@ -309,10 +309,10 @@ TEST(DrawnRaysTest, OutOfViewAreLeftOut) {
     options.skip = false;
     const FramePlan whole = studio.plan(pose, options);
     EXPECT_EQ(whole.rays.size(), 2U);
-    const auto told =
+    const auto reported =
         std::ranges::count(skipping.skipped, SkipReason::rays_out_of_view, &SkippedPass::reason);
-    EXPECT_EQ(skipping.rays.size() + static_cast<std::size_t>(told), 2U);
-    left_out += static_cast<std::size_t>(told);
+    EXPECT_EQ(skipping.rays.size() + static_cast<std::size_t>(reported), 2U);
+    left_out += static_cast<std::size_t>(reported);
     drawn += skipping.rays.size();
     EXPECT_EQ(studio.draw(grey(), skipping), studio.draw(grey(), whole)) << i;
   }

@@ -97,9 +97,9 @@ TEST_P(PixelBuffers, AFrameThatIsThereIsKeptAndSaysSo) {
               0);
     ASSERT_EQ(shown->stats().kept.size(), 1U);
     EXPECT_EQ(shown->stats().kept[0].reason, KeepReason::video);
-    FramePlan anew;
-    anew.reuse = false;
-    EXPECT_EQ(shown->draw(frame, anew), first);
+    FramePlan fresh;
+    fresh.reuse = false;
+    EXPECT_EQ(shown->draw(frame, fresh), first);
     EXPECT_TRUE(shown->stats().kept.empty());
     EXPECT_EQ(shown->stats()[Counter::pixel_buffer_uploads], on ? 1 : 0);
   }

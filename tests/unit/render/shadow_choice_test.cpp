@@ -143,13 +143,13 @@ TEST(ShadowChoice, ReusesNothingWithNoSkip) {
     EXPECT_EQ(again[Counter::masks_drawn] + again[Counter::layer_masks_drawn], 0);
     options.skip = false;
     EXPECT_EQ(studio.draw(frame, studio.plan(from_height(0.5), options)), first);
-    const CompositeStats anew = studio.stats();
-    EXPECT_EQ(anew[Counter::video_copies], 1);
-    EXPECT_EQ(anew[Counter::reprojections], 0);
-    EXPECT_GT(anew[Counter::triples_recomputed], 0);
-    EXPECT_EQ(anew[Counter::masks_kept] + anew[Counter::layer_masks_kept], 0);
-    EXPECT_EQ(anew[Counter::masks_drawn], again[Counter::masks_kept]);
-    EXPECT_EQ(anew[Counter::layer_masks_drawn], again[Counter::layer_masks_kept]);
+    const CompositeStats fresh = studio.stats();
+    EXPECT_EQ(fresh[Counter::video_copies], 1);
+    EXPECT_EQ(fresh[Counter::reprojections], 0);
+    EXPECT_GT(fresh[Counter::triples_recomputed], 0);
+    EXPECT_EQ(fresh[Counter::masks_kept] + fresh[Counter::layer_masks_kept], 0);
+    EXPECT_EQ(fresh[Counter::masks_drawn], again[Counter::masks_kept]);
+    EXPECT_EQ(fresh[Counter::layer_masks_drawn], again[Counter::layer_masks_kept]);
   }
 }
 

@@ -1294,24 +1294,24 @@ TEST_F(DrawnMask, HoldsEveryTechnique) {
     EXPECT_LT(error.rms, c.most);
     EXPECT_GT(drawn.rms, 1.5 * error.rms);
     EXPECT_LE(error.largest_elsewhere, 1);
-    Studio anew(objects, camera());
-    EXPECT_EQ(shadows(anew, by(LayerDrawing::automatic)), c.automatic == 1 ? mask : direct);
-    EXPECT_EQ(anew.stats()[Counter::layer_masks_drawn], c.automatic);
-    // Where nothing moves, nothing is made anew; and without reuse all is, to the same picture.
-    EXPECT_EQ(shadows(anew, by(LayerDrawing::mask)), mask);
-    EXPECT_EQ(shadows(anew, by(LayerDrawing::mask)), mask);
-    EXPECT_EQ(anew.stats()[Counter::layer_masks_kept], 1);
-    EXPECT_EQ(anew.stats()[Counter::shadow_vertices], 0);
+    Studio recreated(objects, camera());
+    EXPECT_EQ(shadows(recreated, by(LayerDrawing::automatic)), c.automatic == 1 ? mask : direct);
+    EXPECT_EQ(recreated.stats()[Counter::layer_masks_drawn], c.automatic);
+    // Where nothing moves, nothing is drawn again; and without reuse all is, to the same picture.
+    EXPECT_EQ(shadows(recreated, by(LayerDrawing::mask)), mask);
+    EXPECT_EQ(shadows(recreated, by(LayerDrawing::mask)), mask);
+    EXPECT_EQ(recreated.stats()[Counter::layer_masks_kept], 1);
+    EXPECT_EQ(recreated.stats()[Counter::shadow_vertices], 0);
     PlanOptions without = by(LayerDrawing::mask);
     without.skip = false;
-    EXPECT_EQ(shadows(anew, without), mask);
-    EXPECT_GT(anew.stats()[Counter::shadow_vertices], 0);
-    EXPECT_EQ(shadows(anew, by(LayerDrawing::mask, Translucency::retexture)), mask);
+    EXPECT_EQ(shadows(recreated, without), mask);
+    EXPECT_GT(recreated.stats()[Counter::shadow_vertices], 0);
+    EXPECT_EQ(shadows(recreated, by(LayerDrawing::mask, Translucency::retexture)), mask);
   }
 }
 
 // Of several casters those that rested since the mask before are not projected and covered again;
-// the picture is that of a mask made anew.
+// the picture is that of a mask drawn again.
 TEST_F(DrawnMask, CoversOnlyMovingCastersAgain) {
   const auto objects = scene({{torus(), test::at(0.0, 0.0, 0.1, {1, 0.2, 0}, 0.4)},
                               {table_and_ball(), test::at(-0.1, 0.02, 0.05)},

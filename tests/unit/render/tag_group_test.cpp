@@ -139,10 +139,10 @@ TEST(TagGroup, WhatIsNotSeenIsNotThere) {
         EXPECT_EQ(draw.object, 1);
       }
       for (const ShadowVolumeDraw& draw : plan.volumes) EXPECT_EQ(draw.object, 1);
-      int told = 0;
+      int reported = 0;
       for (const SkippedPass& skipped : plan.skipped)
-        told += key_of(skipped.reason) == "group_not_seen";
-      EXPECT_EQ(told, 2);
+        reported += key_of(skipped.reason) == "group_not_seen";
+      EXPECT_EQ(reported, 2);
     }
   }
   for (const auto& groups :

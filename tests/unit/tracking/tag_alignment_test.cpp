@@ -792,7 +792,7 @@ TEST_F(TagAlignerTest, MotionBlurErrorGrowsWithLongBlur) {
     EXPECT_EQ(smear_error_px(4.0, 4.0, true), 0.0);
     EXPECT_EQ(smear_error_px(4.0, 4.0, false), 0.0);
     EXPECT_EQ(smear_error_px(0.0, 40.0, false), 0.0) << "the picture is sharp";
-    EXPECT_EQ(smear_error_px(0.0, 40.0, true), 0.0) << "whatever is told";
+    EXPECT_EQ(smear_error_px(0.0, 40.0, true), 0.0) << "whatever is reported";
     // Cells of some 10 px: spread evenly over what is longer than two of them, at least, and no
     // more than over all of it. A smear that isn't known may not verify at all.
     const std::optional<double> known = smear_error_px(48.0, 48.0, true);
@@ -912,10 +912,11 @@ TEST_F(TagAlignerTest, MotionBlurErrorFindsBlurredShareOfMotion) {
       const Vector6d smear = std::exchange(view.input.exposure_motion, Vector6d::Zero());
       if (!aligner.refine(view.input).verified) continue;
       const Vector6d most = 1.0 / part * smear;
-      const Vector6d told = aligner.motion_blur_error(most, false).motion;
+      const Vector6d reported = aligner.motion_blur_error(most, false).motion;
       ++found;
-      EXPECT_LT((told - smear).norm(), 0.26 * most.norm());
-      EXPECT_LT((told - told.dot(most) / most.squaredNorm() * most).norm(), 1e-9 * most.norm());
+      EXPECT_LT((reported - smear).norm(), 0.26 * most.norm());
+      EXPECT_LT((reported - reported.dot(most) / most.squaredNorm() * most).norm(),
+                1e-9 * most.norm());
     }
     EXPECT_GE(found, 2);
   }
@@ -957,7 +958,7 @@ TEST_F(TagAlignerTest, MapCovarianceCoversMovedTagAmongFew) {
   for (const int columns : {2, 3}) {
     const std::vector<MappedTag> printed = board(columns, 1, 0.07);
     auto renderer = PatternRenderer::create(camera_, printed).value();
-    int told = 0;
+    int reported = 0;
     for (const double off_m : {0.0, 0.002, -0.002}) {
       SCOPED_TRACE(testing::Message() << columns << " tags, " << off_m << " m");
       std::vector<MappedTag> map = printed;
@@ -987,10 +988,10 @@ TEST_F(TagAlignerTest, MapCovarianceCoversMovedTagAmongFew) {
             expected_overlay_error_px(camera_, result.T_table_camera, result.map_covariance);
         EXPECT_LT(error_px, std::max(1.0, 4.0 * expected_px));
         EXPECT_LT(expected_px, std::max(1.0, 10.0 * error_px));
-        told += expected_px > 0.5 ? 1 : 0;
+        reported += expected_px > 0.5 ? 1 : 0;
       }
     }
-    EXPECT_GE(told, 4) << "of 6";
+    EXPECT_GE(reported, 4) << "of 6";
   }
 }
 
@@ -1016,7 +1017,7 @@ TEST_F(TagAlignerTest, MotionBlurErrorNeedsNoKnownMotion) {
       const MotionBlurError found = aligner.motion_blur_error(2.0);
       const double told_px =
           expected_overlay_error_px(camera_, result.T_table_camera, found.covariance);
-      EXPECT_TRUE(found.motion.isZero(0.0)) << "nobody told it";
+      EXPECT_TRUE(found.motion.isZero(0.0)) << "nobody reported it";
       EXPECT_GE(told_px, found.shift_px) << "it may have turned";
       return std::optional(found.shift_px);
     };

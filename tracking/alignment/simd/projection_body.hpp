@@ -64,7 +64,7 @@ PENUMBRA_INLINE void distort(const Lens& lens, const Value& x, const Value& y, V
   }
 }
 
-// What is wanted of vertices.
+// Outputs requested for vertices.
 enum class Wanted {
   places,           // pixels and depths
   spread,           // rays and blur too, of a blur that goes no way between the axes

@@ -86,7 +86,7 @@ PENUMBRA_INLINE Wide pattern(const Wide& a, const Wide& b, const Samples& s, int
   }
 }
 
-// What a block of samples puts into the sums.
+// Contribution of a block of samples to the sums.
 struct BlockTerms {
   alignas(64) float J[7][kBlock];  // and that of the offset, which is 1
   alignas(64) float weight[kBlock];
