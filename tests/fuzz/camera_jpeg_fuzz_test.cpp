@@ -14,6 +14,7 @@
 #include "support/jpeg_images.hpp"
 #include "support/mutate.hpp"
 #include "support/same_pixels.hpp"
+#include "support/test_form.hpp"
 
 namespace penumbra {
 namespace {
@@ -97,7 +98,7 @@ class Oracle {
 };
 
 int per_kind(int usual, int nightly) {
-  return std::getenv("PENUMBRA_NIGHTLY") != nullptr ? nightly : usual;
+  return test::nightly() ? nightly : usual;
 }
 
 class CameraJpegFuzz : public testing::TestWithParam<test::JpegKind> {

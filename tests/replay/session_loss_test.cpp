@@ -16,7 +16,7 @@
 #include "core/geometry/trajectory.hpp"
 #include "replay/replay_support.hpp"
 #include "support/running_program.hpp"
-#include "support/stress_form.hpp"
+#include "support/test_form.hpp"
 #include "unit/app/decoded_video.hpp"
 
 namespace penumbra::test {
@@ -201,7 +201,7 @@ TEST_P(SessionLoss, LeavesWholeOutputsAtAnyMoment) {
   const bool loses_log =
       loss == Loss::log_reader || loss == Loss::stalled_log_reader || loss == Loss::log_disk;
   const int expected_code = loses_log ? 0 : 1;
-  const int times = long_form() ? 50 : 2;
+  const int times = nightly() ? 50 : 2;
   for (int i = 0; i < times; ++i) {
     SCOPED_TRACE(fmt::format("moment {}", i));
     std::mt19937 random(static_cast<unsigned>(100 * static_cast<int>(loss) + i));

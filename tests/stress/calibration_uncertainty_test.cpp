@@ -1,4 +1,5 @@
-// 200 simulated calibrations: the true projection lies inside the predicted 3 sigma.
+// Simulated calibrations: the true projection lies inside the predicted 3 sigma. The nightly form
+// does 200 of them.
 #include <gtest/gtest.h>
 
 #include <Eigen/LU>
@@ -9,7 +10,7 @@
 
 #include "calib/camera_calibration.hpp"
 #include "support/calibration_views.hpp"
-#include "support/stress_form.hpp"
+#include "support/test_form.hpp"
 
 namespace penumbra {
 namespace {
@@ -44,6 +45,10 @@ struct Hits {
   }
 };
 
+unsigned runs(unsigned nightly, unsigned usual, unsigned sanitized) {
+  return test::nightly() ? nightly : test::kSanitized ? sanitized : usual;
+}
+
 std::vector<CalibrationView> views_of_run(unsigned run, const CameraModel& truth,
                                           const std::vector<Eigen::Vector3d>& board) {
   std::mt19937 rng(1000 + run);
@@ -54,11 +59,11 @@ std::vector<CalibrationView> views_of_run(unsigned run, const CameraModel& truth
   return test::simulate_views(truth, board, options, rng);
 }
 
-TEST(CalibrationUncertainty, TwoHundredCalibrationsAreWhereTheySay) {
+TEST(CalibrationUncertainty, PredictsProjectionErrorOfSimulatedCalibrations) {
   const CameraModel truth = test::desk_camera();
   const auto board = test::flat_board();
   Hits hits;
-  for (unsigned run = 0; run < (test::kSanitized ? 20U : 200U); ++run) {
+  for (unsigned run = 0; run < runs(200, 40, 10); ++run) {
     const auto solved = solve_intrinsics(640, 480, board, views_of_run(run, truth, board));
     ASSERT_TRUE(solved) << solved.error().message;
     hits.add(*solved, truth);
@@ -68,12 +73,12 @@ TEST(CalibrationUncertainty, TwoHundredCalibrationsAreWhereTheySay) {
 
 // The lens chosen by cross-validation, as `penumbra calibrate` does: one that is simpler than the
 // truth is so only where that does not show.
-TEST(CalibrationUncertainty, HoldsForTheLensThatIsChosenToo) {
+TEST(CalibrationUncertainty, PredictsProjectionErrorOfChosenLensModel) {
   const CameraModel truth = test::desk_camera();
   const auto board = test::flat_board();
   Hits hits;
   int without_k3 = 0;
-  for (unsigned run = 0; run < (test::kSanitized ? 4U : 40U); ++run) {
+  for (unsigned run = 0; run < runs(40, 12, 4); ++run) {
     const auto views = views_of_run(run, truth, board);
     const auto start = solve_intrinsics(640, 480, board, views);
     ASSERT_TRUE(start) << start.error().message;
@@ -101,8 +106,9 @@ CameraModel plumb_bob(double f, std::array<double, 8> distortion) {
   return CameraModel::make(p).value();
 }
 
-// Whatever the lens, and wherever the corners were: a verdict may be less than good where all is
-// well, but not good where the lens is wrong. Of each case one calibration, and nightly three.
+// A verdict may be less than good for a right lens, but never good for a wrong one, for any lens
+// and any placement of the board. Usually one calibration of half of the cases, nightly three of
+// each.
 TEST(CalibrationVerdict, IsNeverGoodWhereTheLensIsWrong) {
   const Lens lenses[] = {
       {"plumb_bob", plumb_bob(531.0, {-0.215, 0.062, 0.0008, -0.0006, -0.004}), 0.4},
@@ -110,12 +116,15 @@ TEST(CalibrationVerdict, IsNeverGoodWhereTheLensIsWrong) {
       {"rational, wide", test::rational_lens(), 0.25},
       {"rational, 1280 x 720", test::rational_lens(1280, 720), 0.25},
       {"equidistant", test::wide_lens(), 0.18}};
-  const bool nightly = std::getenv("PENUMBRA_NIGHTLY") != nullptr;
+  const bool nightly = test::nightly();
   const auto board = test::flat_board();
   int good = 0;
+  int cases = 0;
   for (const Lens& lens : lenses) {
     for (const double reach : {0.95, 0.6, 0.35}) {
       for (const double noise_px : {0.05, 0.2}) {
+        const int i = cases++;
+        if (!nightly && (i + i / 2) % 2 != 0) continue;
         for (unsigned run = 0; run < (nightly ? 3U : 1U); ++run) {
           const int width = lens.camera.width();
           const int height = lens.camera.height();
@@ -149,7 +158,7 @@ TEST(CalibrationVerdict, IsNeverGoodWhereTheLensIsWrong) {
     }
   }
   std::printf("good: %d\n", good);
-  EXPECT_GE(good, nightly ? 6 : 2) << "it may not be afraid of everything";
+  EXPECT_GE(good, nightly ? 6 : 1) << "a verdict that is never good is useless";
 }
 
 }  // namespace

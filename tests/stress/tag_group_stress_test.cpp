@@ -11,7 +11,7 @@
 
 #include "core/evaluation/evaluation.hpp"
 #include "support/group_stage.hpp"
-#include "support/stress_form.hpp"
+#include "support/test_form.hpp"
 #include "tracking/group_tracker.hpp"
 
 namespace penumbra {
@@ -19,8 +19,8 @@ namespace tag_group_stress {
 namespace {
 
 using test::block;
-using test::long_form;
 using test::named;
+using test::nightly;
 using test::Placements;
 using test::shifted;
 using test::Stage;
@@ -72,7 +72,7 @@ TEST(TagGroupStress, ACopyOfAGroupsTagMisleadsNobody) {
     }
     GroupTracker tracker = stage.tracker();
     int seen = 0;
-    for (int f = 0; f < (long_form() ? 30 : 8); ++f) {
+    for (int f = 0; f < (nightly() ? 30 : 8); ++f) {
       const Placements at = {{"block", shifted(-0.002 * f, 0.001 * f, 0.001 * f)}};
       const TrackedFrame tracked = tracker.track(stage.picture(f, at, &drawn));
       expect_honest(stage, tracked, f, at);
@@ -96,7 +96,7 @@ TEST(TagGroupStress, AGroupOfOneTagIsNeverSureOfTheWrongPose) {
     const Stage stage({one});
     GroupTracker tracker = stage.tracker();
     int tracked_frames = 0;
-    const int frames = long_form() ? 180 : 40;
+    const int frames = nightly() ? 180 : 40;
     const double step = 180.0 / frames;
     for (int f = 0; f < frames; ++f) {
       SCOPED_TRACE(f);
@@ -119,7 +119,7 @@ TEST(TagGroupStress, OneGroupPassesBeforeTheOther) {
   GroupTracker tracker = stage.tracker();
   int wall_tracked = 0;
   int block_seen = 0;
-  const int frames = long_form() ? 60 : 24;
+  const int frames = nightly() ? 60 : 24;
   for (int f = 0; f < frames; ++f) {
     SCOPED_TRACE(f);
     const double s = static_cast<double>(f) / frames;

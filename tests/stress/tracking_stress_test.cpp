@@ -1,6 +1,6 @@
 // Tracking at the ends of what a picture can be: exact synthetic frames with one thing driven far.
 // Whatever it is, nothing is ever non-finite and no wrong pose is called tracked; where a pose is
-// to be expected, there is one. PENUMBRA_STRESS=long walks the whole ranges.
+// to be expected, there is one. The nightly form walks the whole ranges.
 #include <fmt/format.h>
 #include <gtest/gtest.h>
 
@@ -14,7 +14,7 @@
 
 #include "core/evaluation/evaluation.hpp"
 #include "support/random_session.hpp"
-#include "support/stress_form.hpp"
+#include "support/test_form.hpp"
 #include "support/tracked_session.hpp"
 #include "tracking/rigid_tag_tracker.hpp"
 
@@ -26,7 +26,7 @@ using test::Draw;
 using test::expect_honest;
 using test::Layout;
 using test::Lens;
-using test::long_form;
+using test::nightly;
 using test::ordinary;
 using test::Session;
 
@@ -43,7 +43,7 @@ struct Cell {
 
 std::vector<Cell> cells() {
   std::vector<Cell> list;
-  const bool whole = long_form();
+  const bool whole = nightly();
   const auto add = [&](const std::string& what, const std::vector<double>& few,
                        const std::vector<double>& all,
                        const std::function<void(Session&, double)>& change,
@@ -150,7 +150,7 @@ TEST(TrackingStress, EveryCellIsHonest) {
     auto renderer = PatternRenderer::create(session.camera, session.tags).value();
     auto tracker =
         RigidTagTracker::create(session.camera, TagMap::make(session.tags).value()).value();
-    const int frames = long_form() ? 12 : 3;
+    const int frames = nightly() ? 12 : 3;
     int tracked = 0;
     for (int f = 0; f < frames; ++f) {
       SCOPED_TRACE(f);
@@ -159,7 +159,7 @@ TEST(TrackingStress, EveryCellIsHonest) {
       if (f == 0) seen.light.cover_share = 0.0;
       const PoseEstimate pose = tracker.track(seen.picture(renderer, f)).pose;
       tracked += pose.status == TrackStatus::tracked ? 1 : 0;
-      expect_honest(session, pose, session.truth(f), long_form() ? &all : nullptr);
+      expect_honest(session, pose, session.truth(f), nightly() ? &all : nullptr);
     }
     if (cell.tracked) {
       EXPECT_GE(tracked, frames - 1);
@@ -169,7 +169,7 @@ TEST(TrackingStress, EveryCellIsHonest) {
 }
 
 TEST(TrackingStress, RandomSessionsAreHonest) {
-  const int sessions = long_form() ? 400 : 4;
+  const int sessions = nightly() ? 400 : 4;
   for (int s = 0; s < sessions; ++s) {
     SCOPED_TRACE(s);
     test::SessionKind kind;
@@ -203,7 +203,7 @@ TEST(TrackingStress, ASmearOverSeveralCellsIsNotBelieved) {
   int smeared = 0;  // over more than three cells
   Smeared followed;
   Smeared first;  // of frames without one before them
-  const int sessions = long_form() ? 40 : 8;
+  const int sessions = nightly() ? 40 : 8;
   for (int k = 0; k < sessions; ++k) {
     Draw draw(900U + static_cast<std::uint64_t>(k));
     Session session = ordinary();
@@ -224,7 +224,7 @@ TEST(TrackingStress, ASmearOverSeveralCellsIsNotBelieved) {
     const TagMap map = TagMap::make(session.tags).value();
     auto knows = RigidTagTracker::create(session.camera, map).value();
     auto does_not = RigidTagTracker::create(session.camera, map).value();
-    for (int f = 0; f < 20; ++f) {
+    for (int f = 0; f < (nightly() ? 20 : 10); ++f) {
       SCOPED_TRACE(testing::Message() << "session " << k << ", frame " << f);
       Frame frame = session.picture(renderer, f);
       const double middle = f * session.frame_s;
@@ -256,7 +256,7 @@ TEST(TrackingStress, ASmearOverSeveralCellsIsNotBelieved) {
   RecordProperty("followed", followed.said());
   RecordProperty("first", first.said());
   EXPECT_GT(6 * smeared, frames) << "of " << frames;
-  EXPECT_GT(followed.tracked(), (long_form() ? 1.1 : 0.9) * frames) << "of two trackers";
+  EXPECT_GT(followed.tracked(), (nightly() ? 1.1 : 0.9) * frames) << "of two trackers";
   EXPECT_LT(followed.spread(), 1.0);
   EXPECT_GT(followed.spread(), 0.5);
   EXPECT_LE(followed.beyond, 0.01 * followed.tracked()) << "of " << followed.tracked();
@@ -277,7 +277,7 @@ TEST(TrackingStress, TenThousandFramesWithoutDrift) {
   std::vector<Frame> views;
   for (int f = 0; f < kViews; ++f) views.push_back(session.picture(renderer, f));
   TrackerOptions options;
-  options.mode = long_form() ? TrackingMode::automatic : TrackingMode::fast;
+  options.mode = nightly() ? TrackingMode::automatic : TrackingMode::fast;
   auto tracker =
       RigidTagTracker::create(session.camera, TagMap::make(session.tags).value(), options).value();
   double first = 0.0;
@@ -410,9 +410,9 @@ TEST(TrackingStress, AMovedTagOfFewMisleadsNobody) {
     session.tags = board.tags;
     session.motion.elevation.middle = radians(board.elevation_deg);
     session.motion.distance.middle = board.distance_m;
-    for (std::size_t tag = 0; tag < board.tags.size(); tag += long_form() ? 1 : 2) {
+    for (std::size_t tag = 0; tag < board.tags.size(); tag += nightly() ? 1 : 2) {
       for (const bool sideways : {false, true}) {
-        for (const double by : long_form() ? all : few) {
+        for (const double by : nightly() ? all : few) {
           SCOPED_TRACE(fmt::format("{}: tag {} by {} m {}", board.name, board.tags[tag].id, by,
                                    sideways ? "sideways" : "away"));
           const Session drawn = moved(session, tag, {sideways ? by : 0.0, sideways ? 0.0 : by, 0});
@@ -562,13 +562,13 @@ TEST(TrackingStress, FindsTableAfterJumpBesideItsPrediction) {
 TEST(TrackingStress, TagsThatGetCoveredAreKept) {
   const std::vector<double> few = {0.3};
   const std::vector<double> all = {0.1, 0.2, 0.3};
-  for (const double share : long_form() ? all : few) {
+  for (const double share : nightly() ? all : few) {
     SCOPED_TRACE(share);
     Session session = ordinary();
     auto renderer = PatternRenderer::create(session.camera, session.tags).value();
     auto tracker =
         RigidTagTracker::create(session.camera, TagMap::make(session.tags).value()).value();
-    for (int f = 0; f < (long_form() ? 30 : 8); ++f) {
+    for (int f = 0; f < (nightly() ? 30 : 8); ++f) {
       session.light.cover_share = f < 2 ? 0.0 : share;
       const PoseEstimate pose = tracker.track(session.picture(renderer, f)).pose;
       EXPECT_EQ(pose.status, TrackStatus::tracked) << f << ": " << pose.reason;

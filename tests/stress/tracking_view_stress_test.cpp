@@ -16,7 +16,7 @@
 
 #include "core/evaluation/evaluation.hpp"
 #include "support/random_session.hpp"
-#include "support/stress_form.hpp"
+#include "support/test_form.hpp"
 #include "support/tracked_session.hpp"
 #include "tracking/pose_confidence.hpp"
 #include "tracking/rigid_tag_tracker.hpp"
@@ -28,7 +28,7 @@ using test::Draw;
 using test::expect_honest;
 using test::Layout;
 using test::Lens;
-using test::long_form;
+using test::nightly;
 using test::ordinary;
 using test::Session;
 
@@ -149,7 +149,7 @@ TEST(TrackingStress, AFisheyesRimIsAsGoodAsItsMiddle) {
       session.motion.y.middle = 0.7 * aside;
       auto renderer = PatternRenderer::create(session.camera, session.tags).value();
       RigidTagTracker tracker = tracker_of(session);
-      for (int f = 0; f < (long_form() ? 20 : 5); ++f) {
+      for (int f = 0; f < (nightly() ? 20 : 5); ++f) {
         SCOPED_TRACE(f);
         const CameraPose truth = session.truth(f);
         const PoseEstimate pose = tracker.track(session.picture(renderer, f)).pose;
@@ -302,7 +302,7 @@ TEST(TrackingStress, ALoneTagThatGoesAwayDoesNotFlip) {
   int frames = 0;
   int tracked_readable = 0;
   int readable = 0;  // frames on the way away in which its cells are a pixel across
-  const int sessions = long_form() ? 40 : 5;
+  const int sessions = nightly() ? 40 : 5;
   for (int k = 0; k < sessions; ++k) {
     Draw draw(60U + static_cast<std::uint64_t>(k));
     Session session = ordinary();
@@ -346,7 +346,7 @@ TEST(TrackingStress, ALoneTagsFirstPoseIsNotGuessed) {
   int tracked = 0;
   int open = 0;
   int wrong = 0;
-  const int sessions = long_form() ? 3000 : 120;
+  const int sessions = nightly() ? 3000 : 120;
   for (int k = 0; k < sessions; ++k) {
     SCOPED_TRACE(k);
     test::SessionKind kind;

@@ -151,7 +151,7 @@ inline std::array<std::vector<double>, 6> light_by_pose(const CameraModel& camer
       return Eigen::Vector3d(T_camera_table * (tag.T_table_tag * p));
     };
     for (const EdgeRun& run : pattern.runs()) {
-      constexpr int kStepsPerCell = 64;
+      constexpr int kStepsPerCell = 16;  // of some 6 px: less than half a pixel
       const int steps = kStepsPerCell * (run.end - run.begin);
       constexpr double kStep = 1.0 / kStepsPerCell;
       for (int i = 0; i < steps; ++i) {

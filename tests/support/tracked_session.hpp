@@ -20,7 +20,7 @@ inline Session ordinary() {
   session.tags = layout_of(Layout::sheet, draw);
   session.motion = hand(1, 0.42, radians(62.0), draw);
   session.light.noise_grey = 2.0;
-  session.light.samples = 64;
+  session.light.samples = 32;
   return session;
 }
 

@@ -1,17 +1,22 @@
-// Draws frames for callgrind to count: count_frames TRIANGLES still|moving|cut|over-box|over-ball
-// FRAMES TECHNIQUE:TRANSLUCENCY..., 1280 x 720, video as YUYV, a torus of so many triangles over
-// the table; over-box and over-ball: moving over a phantom, which its shadow climbs. Of each
-// technique counted from the fourth frame on, when programs are compiled and what stays as it is
-// has been made; dumped under its name. Prints how many draw calls the last frame of each had.
-// scripts/count-instructions runs it.
+// Draws frames for callgrind to count, 1280 x 720, video as YUYV:
+//
+//   count_frames FRAMES TRIANGLES:MOTION:TECHNIQUE:TRANSLUCENCY...
+//
+// MOTION: still | moving | cut | over-box | over-ball. A torus of that many triangles moves over
+// the table, or a box if there are 12; over-box and over-ball: over a phantom that receives its
+// shadow. Counting starts at the fourth frame, when programs are compiled and caches are filled.
+// Each count is dumped under its row's name; printed is the number of draw calls in the row's last
+// frame. scripts/count-instructions runs it.
 #include <valgrind/callgrind.h>
 
 #include <algorithm>
 #include <array>
 #include <cstdio>
 #include <optional>
+#include <sstream>
 #include <string>
 #include <string_view>
+#include <vector>
 
 #include "core/text/text.hpp"
 #include "counted_scene.hpp"
@@ -21,22 +26,51 @@ namespace {
 
 using counted::kWarmFrames;
 
+struct Body {
+  int triangles = 0;
+  counted::Motion motion = counted::Motion::still;
+  counted::Receiver receiver = counted::Receiver::none;
+  bool operator==(const Body&) const = default;
+};
 struct Row {
   std::string name;
+  Body body;
   counted::TechniqueChoice choice;
   Translucency translucency = Translucency::blend;
 };
-std::optional<Row> row_of(const std::string& name) {
-  const std::size_t colon = name.find(':');
-  if (colon == std::string::npos) return std::nullopt;
-  const auto choice = counted::technique_of(name.substr(0, colon));
-  const auto translucency = translucency_from_string(name.substr(colon + 1));
-  if (!choice || !translucency) return std::nullopt;
-  return Row{name, *choice, *translucency};
+
+std::optional<Body> body_of(std::string_view triangles, std::string_view motion) {
+  using counted::Motion;
+  using counted::Receiver;
+  struct Kind {
+    std::string_view name;
+    Motion motion;
+    Receiver receiver;
+  };
+  constexpr std::array kKinds = {
+      Kind{"still", Motion::still, Receiver::none}, Kind{"moving", Motion::moving, Receiver::none},
+      Kind{"cut", Motion::cut, Receiver::none}, Kind{"over-box", Motion::moving, Receiver::box},
+      Kind{"over-ball", Motion::moving, Receiver::ball}};
+  const auto count = static_cast<int>(parse_integer(triangles).value_or(0));
+  const auto kind = std::ranges::find(kKinds, motion, &Kind::name);
+  if ((count != 12 && count < 32) || kind == kKinds.end()) return std::nullopt;
+  return Body{count, kind->motion, kind->receiver};
 }
 
-void count(test::Studio& studio, int triangles, counted::Motion motion, int frames,
-           const Row& row) {
+std::optional<Row> row_of(const std::string& name) {
+  std::vector<std::string> parts;
+  std::istringstream fields(name);
+  for (std::string part; std::getline(fields, part, ':');) parts.push_back(part);
+  if (parts.size() != 4) return std::nullopt;
+  const auto body = body_of(parts[0], parts[1]);
+  const auto choice = counted::technique_of(parts[2]);
+  const auto translucency = translucency_from_string(parts[3]);
+  if (!body || !choice || !translucency) return std::nullopt;
+  return Row{name, *body, *choice, *translucency};
+}
+
+void count(test::Studio& studio, int frames, const Row& row) {
+  const auto [triangles, motion, receiver] = row.body;
   const Scene& scene = studio.scene();
   const PoseEstimate pose = counted::pose();
   PlanOptions options;
@@ -69,37 +103,26 @@ void count(test::Studio& studio, int triangles, counted::Motion motion, int fram
 int main(int argc, char** argv) {
   using namespace penumbra;
   const auto misused = [] {
-    std::fprintf(stderr,
-                 "count_frames TRIANGLES still|moving|cut|over-box|over-ball FRAMES "
-                 "TECHNIQUE:TRANSLUCENCY...\n");
+    std::fprintf(stderr, "count_frames FRAMES TRIANGLES:MOTION:TECHNIQUE:TRANSLUCENCY...\n");
     return 2;
   };
-  if (argc < 5) return misused();
-  // No value is none of the numbers asked for.
-  const auto triangles = static_cast<int>(parse_integer(argv[1]).value_or(0));
-  const std::string named = argv[2];
-  using counted::Motion;
-  using counted::Receiver;
-  struct Kind {
-    std::string_view name;
-    Motion motion;
-    Receiver receiver;
-  };
-  constexpr std::array kKinds = {
-      Kind{"still", Motion::still, Receiver::none}, Kind{"moving", Motion::moving, Receiver::none},
-      Kind{"cut", Motion::cut, Receiver::none}, Kind{"over-box", Motion::moving, Receiver::box},
-      Kind{"over-ball", Motion::moving, Receiver::ball}};
-  const auto kind = std::ranges::find(kKinds, std::string_view(argv[2]), &Kind::name);
-  const auto frames = static_cast<int>(parse_integer(argv[3]).value_or(0));
-  if ((triangles != 12 && triangles < 32) || frames < 1 || kind == kKinds.end()) return misused();
+  const auto frames = argc < 3 ? 0 : static_cast<int>(parse_integer(argv[1]).value_or(0));
+  if (frames < 1) return misused();
   counted::use_one_thread_of_software_gl();
-  const auto scene = std::make_shared<const Scene>(counted::scene_of(
-      counted::body(triangles), make_layered_constants(0.7, 2.5, 0.0).value(), kind->receiver));
-  test::Studio studio(scene, counted::camera());
-  for (int i = 4; i < argc; ++i) {
+  std::optional<test::Studio> studio;
+  std::optional<Body> body;
+  for (int i = 2; i < argc; ++i) {
     const auto row = row_of(argv[i]);
     if (!row) return misused();
-    count(studio, triangles, kind->motion, frames, *row);
+    if (body != row->body) {
+      body = row->body;
+      studio.reset();
+      studio.emplace(std::make_shared<const Scene>(counted::scene_of(
+                         counted::body(body->triangles),
+                         make_layered_constants(0.7, 2.5, 0.0).value(), body->receiver)),
+                     counted::camera());
+    }
+    count(*studio, frames, *row);
   }
   return 0;
 }

@@ -1,9 +1,9 @@
 // Soft shadows of one object on one rectangle of the table, 1280 x 720: what layers cost and how
 // far they are from an area light's shadow, beside techniques that are usual on GPUs.
 //
-//   count_soft_shadows count SHAPE FRAMES TECHNIQUE... draws moving frames for callgrind to count,
-//                                                      dumped under the technique's name
-//   count_soft_shadows frame SHAPE TECHNIQUE FILE.ppm  one picture
+//   count_soft_shadows count FRAMES SHAPE:TECHNIQUE... draws moving frames for callgrind to count,
+//                                                      dumped under these names
+//   count_soft_shadows frame SHAPE:TECHNIQUE FILE.ppm  one image
 //   count_soft_shadows errors                          SHAPE TECHNIQUE and four figures a line
 //
 // SHAPE: sphere | torus, of 3000 triangles. TECHNIQUE: one of the program's, or of
@@ -15,6 +15,8 @@
 #include <array>
 #include <cstdio>
 #include <fstream>
+#include <map>
+#include <optional>
 #include <string>
 
 #include "core/text/text.hpp"
@@ -121,7 +123,7 @@ PlanOptions options_of(std::string_view technique) {
 // Calls draw(frame of video, state, plan) for each frame.
 template <class Draw>
 void run_frames(const Scene& scene, const CameraModel& camera, const std::string& technique,
-                int frames, const Draw& draw) {
+                int frames, const std::string& name, const Draw& draw) {
   SceneState state = evaluate_scene(scene, 0.0);
   const std::array<Frame, 2> video = {counted::video(counted::Video::gradients),
                                       counted::video(counted::Video::gradients)};
@@ -134,7 +136,7 @@ void run_frames(const Scene& scene, const CameraModel& camera, const std::string
          plan_frame(scene, state, counted::pose(), camera, options_of(technique)));
   }
   CALLGRIND_STOP_INSTRUMENTATION;
-  CALLGRIND_DUMP_STATS_AT(technique.c_str());
+  CALLGRIND_DUMP_STATS_AT(name.c_str());
 }
 
 // The program's techniques and the peers, each in one context for all of its own.
@@ -143,17 +145,17 @@ class Studios {
   explicit Studios(std::string_view shape)
       : scene_(scene_of(shape)), peers_(scene_), program_(scene_, counted::camera()) {}
 
-  void count(const std::string& technique, int frames) {
+  void count(const std::string& technique, int frames, const std::string& name) {
     if (is_peer(technique)) {
       peers_.choose(counted::soft_technique(technique));
-      run_frames(*scene_, peers_.camera(), technique, frames,
+      run_frames(*scene_, peers_.camera(), technique, frames, name,
                  [&](const Frame& frame, const SceneState& state, const FramePlan& plan) {
                    peers_.draw(frame, state, plan);
                  });
       return;
     }
     program_.context().make_current();
-    run_frames(*scene_, program_.camera(), technique, frames,
+    run_frames(*scene_, program_.camera(), technique, frames, name,
                [&](const Frame& frame, const SceneState&, const FramePlan& plan) {
                  program_.compositor().draw(frame, plan).value();
                });
@@ -183,6 +185,10 @@ int write_picture(const test::Picture& picture, const char* file) {
     out.write(reinterpret_cast<const char*>(picture.rgba.data() + i), 3);
   return out.flush() ? 0 : 1;
 }
+
+struct Choice {
+  std::string shape, technique;
+};
 
 struct Shadow {
   std::vector<int> lost;  // codes of each pixel that the shadow takes
@@ -247,30 +253,35 @@ int print_errors() {
 int main(int argc, char** argv) {
   using namespace penumbra;
   const auto misused = [] {
-    std::fprintf(
-        stderr,
-        "count_soft_shadows count SHAPE FRAMES TECHNIQUE... | frame SHAPE TECHNIQUE FILE.ppm "
-        "| errors\n");
+    std::fprintf(stderr,
+                 "count_soft_shadows count FRAMES SHAPE:TECHNIQUE... | frame SHAPE:TECHNIQUE "
+                 "FILE.ppm | errors\n");
     return 2;
   };
   counted::use_one_thread_of_software_gl();
   const std::string what = argc > 1 ? argv[1] : "";
   if (what == "errors" && argc == 2) return print_errors();
-  if (argc < 5) return misused();
-  const std::string shape = argv[2];
-  if (shape != "sphere" && shape != "torus") return misused();
-  const auto known = [](const char* technique) {
-    return is_peer(technique) || counted::technique_of(technique);
+  if (argc < 4) return misused();
+  const auto choice_of = [](const std::string& name) {
+    const std::size_t colon = std::min(name.find(':'), name.size());
+    Choice choice{name.substr(0, colon), name.substr(std::min(colon + 1, name.size()))};
+    const bool known = (choice.shape == "sphere" || choice.shape == "torus") &&
+                       (is_peer(choice.technique) || counted::technique_of(choice.technique));
+    return known ? std::optional(choice) : std::nullopt;
   };
-  if (what == "frame" && argc == 5 && known(argv[3])) {
-    return write_picture(Studios(shape).picture(argv[3]), argv[4]);
+  if (what == "frame" && argc == 4) {
+    const auto choice = choice_of(argv[2]);
+    return choice ? write_picture(Studios(choice->shape).picture(choice->technique), argv[3])
+                  : misused();
   }
-  const auto frames = static_cast<int>(parse_integer(argv[3]).value_or(0));
+  const auto frames = static_cast<int>(parse_integer(argv[2]).value_or(0));
   if (what != "count" || frames < 1) return misused();
-  Studios studios(shape);
-  for (int i = 4; i < argc; ++i) {
-    if (!known(argv[i])) return misused();
-    studios.count(argv[i], frames);
+  std::map<std::string, Studios> studios;
+  for (int i = 3; i < argc; ++i) {
+    const auto choice = choice_of(argv[i]);
+    if (!choice) return misused();
+    studios.try_emplace(choice->shape, choice->shape)
+        .first->second.count(choice->technique, frames, argv[i]);
   }
   return 0;
 }
