@@ -9,7 +9,6 @@
 #include "core/propagate.hpp"
 #include "core/stopwatch.hpp"
 #include "render/model/cut_out.hpp"
-#include "render/model/kernel_stamp.hpp"
 #include "render/model/model_size.hpp"
 #include "render/model/part_groups.hpp"
 #include "render/shadow/casters/caster.hpp"

@@ -10,38 +10,37 @@
 namespace penumbra {
 namespace {
 
-constexpr int kSightDepth = 5;        // of the search for something that is seen in a face
+constexpr int kSightDepth = 5;        // of the search for a visible part of a face
 constexpr double kFinestStep = 0.25;  // [texels]
-constexpr int kHalvings = 6;          // of an edge on which the cutoff is met
+constexpr int kHalvings = 6;          // bisections of an edge for the point at the cutoff
 
-// Texels, first and last.
-struct Span {
-  std::int64_t first = 0;
-  std::int64_t last = -1;
+struct TexelSpan {
+  std::int64_t first = 0, last = -1;  // inclusive
 };
 
-// The texels that lie at those of an endless row; the second span is for what a repeated texture
-// continues at its other end.
-std::array<Span, 2> wrapped(std::int64_t first, std::int64_t last, std::int64_t size,
-                            TextureWrap wrap) {
+// Maps texels of the endless, wrapped row to those of the texture. A repeated texture may continue
+// at its other end, in the second span.
+std::array<TexelSpan, 2> wrapped(std::int64_t first, std::int64_t last, std::int64_t size,
+                                 TextureWrap wrap) {
   const auto floor_div = [](std::int64_t a, std::int64_t b) { return (a - ((a % b) + b) % b) / b; };
   if (wrap == TextureWrap::clamp) {
     const std::int64_t end = size - 1;
-    return {Span{std::clamp<std::int64_t>(first, 0, end), std::clamp<std::int64_t>(last, 0, end)},
-            {}};
+    return {
+        TexelSpan{std::clamp<std::int64_t>(first, 0, end), std::clamp<std::int64_t>(last, 0, end)},
+        {}};
   }
-  const Span all{0, size - 1};
+  const TexelSpan all{0, size - 1};
   if (last - first + 1 >= size) return {all, {}};
   const std::int64_t round = floor_div(first, size);
   const std::int64_t begin = first - round * size;
   const std::int64_t end = last - round * size;
   if (wrap == TextureWrap::repeat) {
-    if (end < size) return {Span{begin, end}, {}};
-    return {Span{begin, size - 1}, Span{0, end - size}};
+    if (end < size) return {TexelSpan{begin, end}, {}};
+    return {TexelSpan{begin, size - 1}, TexelSpan{0, end - size}};
   }
   if (end >= size) return {all, {}};
-  if (round % 2 == 0) return {Span{begin, end}, {}};
-  return {Span{size - 1 - end, size - 1 - begin}, {}};
+  if (round % 2 == 0) return {TexelSpan{begin, end}, {}};
+  return {TexelSpan{size - 1 - end, size - 1 - begin}, {}};
 }
 
 std::int64_t floor_of(double x) {
@@ -76,7 +75,7 @@ AlphaPyramid::AlphaPyramid(const Texture& texture, const TextureSampling& sampli
 }
 
 AlphaPyramid::Range AlphaPyramid::range(const glm::dvec2& low, const glm::dvec2& high) const {
-  // Texels between whose centres the rectangle lies; of the nearest texel, those that it touches.
+  // Interpolation uses the texels between whose centres the rectangle lies, else those it touches.
   const double shift = sampling_.smooth_near ? 0.5 : 0.0;
   const std::int64_t more = sampling_.smooth_near ? 1 : 0;
   const glm::dvec2 a = low * size() - shift;
@@ -85,8 +84,8 @@ AlphaPyramid::Range AlphaPyramid::range(const glm::dvec2& low, const glm::dvec2&
   const auto rows = wrapped(floor_of(a.y), floor_of(b.y) + more, height_, sampling_.wrap_t);
   std::uint8_t least = 255;
   std::uint8_t greatest = 0;
-  for (const Span& row : rows) {
-    for (const Span& column : columns) {
+  for (const TexelSpan& row : rows) {
+    for (const TexelSpan& column : columns) {
       const std::int64_t longest = std::max(row.last - row.first, column.last - column.first);
       std::size_t n = 0;
       while (n + 1 < levels_.size() && (longest >> n) > 2) ++n;
@@ -153,12 +152,18 @@ FaceOpacity::Face FaceOpacity::face(std::size_t index) const {
   return {corner(index), corner(index + 1), corner(index + 2)};
 }
 
+glm::dvec2 FaceOpacity::Face::least_texcoord() const {
+  return glm::min(a.texcoord, glm::min(b.texcoord, c.texcoord));
+}
+
+glm::dvec2 FaceOpacity::Face::greatest_texcoord() const {
+  return glm::max(a.texcoord, glm::max(b.texcoord, c.texcoord));
+}
+
 FaceSight FaceOpacity::bounds(const Face& face) const {
-  AlphaPyramid::Range texture;
-  if (alpha_) {
-    texture = alpha_->range(glm::min(face.a.texcoord, glm::min(face.b.texcoord, face.c.texcoord)),
-                            glm::max(face.a.texcoord, glm::max(face.b.texcoord, face.c.texcoord)));
-  }
+  const AlphaPyramid::Range texture =
+      alpha_ ? alpha_->range(face.least_texcoord(), face.greatest_texcoord())
+             : AlphaPyramid::Range{};
   const double greatest =
       texture.greatest * std::max({face.a.factor, face.b.factor, face.c.factor});
   if (material_.alpha_mode == AlphaMode::blend) {
@@ -170,7 +175,7 @@ FaceSight FaceOpacity::bounds(const Face& face) const {
   return least >= cutoff ? FaceSight::whole : FaceSight::partial;
 }
 
-// Opacity minus cutoff.
+// Returns opacity minus cutoff.
 double FaceOpacity::excess(const Corner& corner) const {
   const double alpha = alpha_ ? alpha_->at(corner.texcoord) : 1.0;
   return corner.factor * alpha - static_cast<double>(material_.alpha_cutoff);
@@ -188,9 +193,7 @@ bool FaceOpacity::walk(const Face& face, int depth, const Take& take) const {
   const auto& [a, b, c] = face;
   glm::dvec2 extent(0.0);
   if (alpha_) {
-    extent = (glm::max(a.texcoord, glm::max(b.texcoord, c.texcoord)) -
-              glm::min(a.texcoord, glm::min(b.texcoord, c.texcoord))) *
-             alpha_->size();
+    extent = (face.greatest_texcoord() - face.least_texcoord()) * alpha_->size();
   }
   if (depth > 0 && std::max(extent.x, extent.y) > kFinestStep) {
     const Corner ab = between(a, b, 0.5);
@@ -199,7 +202,7 @@ bool FaceOpacity::walk(const Face& face, int depth, const Take& take) const {
     return walk({a, ab, ca}, depth - 1, take) && walk({ab, b, bc}, depth - 1, take) &&
            walk({ca, bc, c}, depth - 1, take) && walk({ab, bc, ca}, depth - 1, take);
   }
-  // Clips the triangle where the opacity is the cutoff: halves an edge, then takes it as linear.
+  // Clips the triangle at the cutoff: bisects an edge, then interpolates linearly.
   const auto crossing = [&](const Corner& p, const Corner& q, double over_p, double over_q) {
     double from = 0.0, to = 1.0;
     for (int step = 0; step < kHalvings; ++step) {

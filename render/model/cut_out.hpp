@@ -1,5 +1,5 @@
-// Which faces of a mesh are seen, by the opacity of its material: textures with alpha cut leaves
-// and fences out of plain faces.
+// Visibility of a mesh's faces by the opacity of its material: textures with alpha cut leaves and
+// fences out of plain faces.
 #pragma once
 
 #include <cstddef>
@@ -14,16 +14,15 @@
 
 namespace penumbra {
 
-// The alpha of a texture, with the least and the greatest of every square of 2^n texels.
+// The alpha of a texture, with the minimum and maximum of every square of 2^n texels.
 class AlphaPyramid {
  public:
   AlphaPyramid(const Texture& texture, const TextureSampling& sampling);
 
   struct Range {
-    double least = 1.0;
-    double greatest = 1.0;
+    double least = 1.0, greatest = 1.0;
   };
-  // Bounds of at() between two corners of a rectangle of texture coordinates.
+  // Returns bounds of at() in a rectangle of texture coordinates.
   [[nodiscard]] Range range(const glm::dvec2& low, const glm::dvec2& high) const;
   [[nodiscard]] double at(const glm::dvec2& texcoord) const;  // 0 to 1
 
@@ -31,10 +30,8 @@ class AlphaPyramid {
 
  private:
   struct Level {
-    std::int64_t width = 0;
-    std::int64_t height = 0;
-    std::vector<std::uint8_t> least;
-    std::vector<std::uint8_t> greatest;
+    std::int64_t width = 0, height = 0;
+    std::vector<std::uint8_t> least, greatest;
   };
   std::int64_t width_;
   std::int64_t height_;
@@ -49,13 +46,13 @@ class FaceOpacity {
  public:
   FaceOpacity(const Model& model, const Mesh& mesh);
 
-  // True if no face of the mesh can be transparent anywhere.
+  // Returns true if no face of the mesh can be transparent anywhere.
   [[nodiscard]] bool all_whole() const { return all_whole_; }
-  // `index`: of the face's first corner in Mesh::indices. Faces with alpha mode BLEND are partial
-  // nowhere: they are hidden where nothing of them is seen, else whole.
+  // `index`: of the face's first corner in Mesh::indices. Faces with alpha mode BLEND are never
+  // partial: they are hidden if fully transparent, else whole.
   [[nodiscard]] FaceSight sight(std::size_t index) const;
-  // Appends the triangles that are seen of a face, three corners each. Edges of the texture are
-  // followed by 2^depth steps along an edge of the face, or by quarters of a texel.
+  // Appends the visible triangles of a face, three corners each. They follow the texture in 2^depth
+  // steps along an edge of the face, or in quarters of a texel.
   void append_seen(std::size_t index, int depth, std::vector<glm::vec3>& corners) const;
 
  private:
@@ -66,30 +63,31 @@ class FaceOpacity {
   };
   struct Face {
     Corner a, b, c;
+    [[nodiscard]] glm::dvec2 least_texcoord() const;
+    [[nodiscard]] glm::dvec2 greatest_texcoord() const;
   };
   [[nodiscard]] Face face(std::size_t index) const;
   [[nodiscard]] FaceSight bounds(const Face& face) const;
   [[nodiscard]] double excess(const Corner& corner) const;
-  // Calls `take` for each triangle that is seen until it returns false.
+  // Calls `take` for each visible triangle until it returns false.
   template <class Take>
   bool walk(const Face& face, int depth, const Take& take) const;
 
   const Mesh& mesh_;
   Material material_;
-  const std::vector<glm::vec2>* texcoords_ = nullptr;  // of the texture
+  const std::vector<glm::vec2>* texcoords_ = nullptr;  // for the texture
   std::optional<AlphaPyramid> alpha_;
   bool all_whole_ = true;
 };
 
-// True if some face of the model is visible in part (alpha mode MASK).
+// Returns true if some face of the model is visible in part (alpha mode MASK).
 [[nodiscard]] bool has_cut_outs(const Model& model);
 
-// The finest steps, by FaceOpacity::append_seen(), with which what is seen of the model's partial
-// faces is at most `most_triangles`; 0 where even those are more.
+// Returns the greatest depth for append_seen() at which the model's partial faces make at most
+// `most_triangles`, or 0.
 [[nodiscard]] int cut_out_depth(const Model& model, std::size_t most_triangles);
 
-// A line for the user where whole faces of a model with cut-outs cast. `file`: what the line is
-// about.
+// Returns a warning that whole faces of a model with cut-outs cast. `file` is named in it.
 [[nodiscard]] std::string warning_of_cut_outs(const std::string& file);
 
 }  // namespace penumbra

@@ -1,4 +1,4 @@
-// Mesh -> mesh: normals where a file has none, and edges short enough to follow a curved lens.
+// Computes normals and tangents that a file lacks, and edges short enough to follow a curved lens.
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -13,24 +13,33 @@
 namespace penumbra {
 namespace {
 
-glm::dvec3 to_double(const glm::vec3& v) {
-  return {v.x, v.y, v.z};
+using TriangleCorners = std::array<glm::dvec3, 3>;
+
+TriangleCorners corners_at(const Mesh& mesh, std::size_t first) {
+  TriangleCorners corners;
+  for (std::size_t k = 0; k < 3; ++k) {
+    corners[k] = glm::dvec3(mesh.positions[mesh.indices[first + k]]);
+  }
+  return corners;
 }
 
-// The angle between two edges that leave a corner [rad]; 0 where one has no length.
-double corner_angle(const glm::dvec3& a, const glm::dvec3& b) {
+// Returns the angle at a corner [rad]; 0 if an edge there has no length.
+double corner_angle(const TriangleCorners& p, std::size_t corner) {
+  const glm::dvec3 a = p[(corner + 1) % 3] - p[corner];
+  const glm::dvec3 b = p[(corner + 2) % 3] - p[corner];
   const double lengths = glm::length(a) * glm::length(b);
   if (!(lengths > 0.0)) return 0.0;
   return std::acos(std::clamp(glm::dot(a, b) / lengths, -1.0, 1.0));
 }
 
-// The same for both triangles at an edge, whichever way round they name it: no cracks.
+// Equal for both directions of an edge: the two triangles at it must split alike.
 float edge_length_squared(const glm::vec3& a, const glm::vec3& b) {
   const glm::vec3 d = a - b;
   return glm::dot(d, d);
 }
 
-glm::vec3 middle(const glm::vec3& a, const glm::vec3& b) {
+template <class Vector>
+Vector middle(const Vector& a, const Vector& b) {
   return a * 0.5F + b * 0.5F;
 }
 
@@ -54,7 +63,7 @@ bool Splitter::splits(std::uint32_t i, std::uint32_t j, float threshold_squared)
   const glm::vec3& a = mesh_.positions[i];
   const glm::vec3& b = mesh_.positions[j];
   if (!(edge_length_squared(a, b) > threshold_squared)) return false;
-  // Where float has no number between the ends there is nothing to split.
+  // The ends may be adjacent floats, without a number between them.
   const glm::vec3 m = middle(a, b);
   return m != a && m != b;
 }
@@ -63,28 +72,25 @@ std::uint32_t Splitter::middle_vertex(std::uint32_t i, std::uint32_t j) {
   const std::uint64_t key = (std::uint64_t{std::min(i, j)} << 32U) | std::max(i, j);
   const auto [entry, is_new] =
       middles_.try_emplace(key, static_cast<std::uint32_t>(mesh_.positions.size()));
-  if (is_new) {
-    mesh_.positions.push_back(middle(mesh_.positions[i], mesh_.positions[j]));
-    const glm::vec3 sum = mesh_.normals[i] + mesh_.normals[j];
+  if (!is_new) return entry->second;
+  const auto add_middle = [i, j](auto& values) {
+    if (!values.empty()) values.push_back(middle(values[i], values[j]));
+  };
+  const auto unit = [](const glm::vec3& sum, const glm::vec3& fallback) {
     const float length = glm::length(sum);
-    mesh_.normals.push_back(length > 1e-6F ? sum / length : mesh_.normals[i]);
-    if (!mesh_.texcoords.empty()) {
-      mesh_.texcoords.push_back(mesh_.texcoords[i] * 0.5F + mesh_.texcoords[j] * 0.5F);
-    }
-    if (!mesh_.texcoords_2.empty()) {
-      mesh_.texcoords_2.push_back(mesh_.texcoords_2[i] * 0.5F + mesh_.texcoords_2[j] * 0.5F);
-    }
-    if (!mesh_.tangents.empty()) {
-      const glm::vec4& a = mesh_.tangents[i];
-      const glm::vec3 both = glm::vec3(a) + glm::vec3(mesh_.tangents[j]);
-      const float size = glm::length(both);
-      mesh_.tangents.push_back(size > 1e-6F ? glm::vec4(both / size, a.w) : a);
-    }
-    if (!mesh_.colors.empty()) {
-      mesh_.colors.push_back(mesh_.colors[i] * 0.5F + mesh_.colors[j] * 0.5F);
-    }
-    mesh_.source_vertex.push_back(mesh_.source_vertex[i]);
+    return length > 1e-6F ? sum / length : fallback;
+  };
+  add_middle(mesh_.positions);
+  add_middle(mesh_.texcoords);
+  add_middle(mesh_.texcoords_2);
+  add_middle(mesh_.colors);
+  mesh_.normals.push_back(unit(mesh_.normals[i] + mesh_.normals[j], mesh_.normals[i]));
+  if (!mesh_.tangents.empty()) {
+    const glm::vec4 a = mesh_.tangents[i];
+    const glm::vec3 sum = glm::vec3(a) + glm::vec3(mesh_.tangents[j]);
+    mesh_.tangents.emplace_back(unit(sum, glm::vec3(a)), a.w);
   }
+  mesh_.source_vertex.push_back(mesh_.source_vertex[i]);
   return entry->second;
 }
 
@@ -107,14 +113,11 @@ void Splitter::split(float threshold_squared) {
       add(v[0], v[1], v[2]);
       continue;
     }
-    // Turned so that one cut is the edge v0-v1, two cuts are v0-v1 and v1-v2.
-    std::size_t first = 0;
-    if (cuts == 1) {
-      while (!cut[first]) ++first;
-    } else if (cuts == 2) {
-      while (cut[(first + 2) % 3]) ++first;
-    }
-    v = {v[first % 3], v[(first + 1) % 3], v[(first + 2) % 3]};
+    // Rotates the corners: one cut is the edge v0-v1, two cuts are v0-v1 and v1-v2.
+    std::ptrdiff_t first = 0;
+    if (cuts == 2) first = cut[0] ? (cut[1] ? 0 : 2) : 1;
+    if (cuts == 1) first = std::ranges::find(cut, true) - cut.begin();
+    std::rotate(v.begin(), v.begin() + first, v.end());
     const std::uint32_t m01 = middle_vertex(v[0], v[1]);
     if (cuts == 1) {
       add(v[0], m01, v[2]);
@@ -142,7 +145,7 @@ void Splitter::split(float threshold_squared) {
     add(m01, m12, m20);
   }
   mesh_.indices = std::move(result);
-  mesh_.node_faces.clear();  // of other faces
+  mesh_.node_faces.clear();  // they refer to the former faces
 }
 
 }  // namespace
@@ -150,14 +153,12 @@ void Splitter::split(float threshold_squared) {
 void generate_normals(Mesh& mesh) {
   std::vector<glm::dvec3> sums(mesh.positions.size(), glm::dvec3(0.0));
   for (std::size_t t = 0; t + 2 < mesh.indices.size(); t += 3) {
-    std::array<glm::dvec3, 3> p;
-    for (std::size_t k = 0; k < 3; ++k) p[k] = to_double(mesh.positions[mesh.indices[t + k]]);
+    const TriangleCorners p = corners_at(mesh, t);
     const glm::dvec3 normal = glm::cross(p[1] - p[0], p[2] - p[0]);
     const double length = glm::length(normal);
     if (!(length > 0.0)) continue;
     for (std::size_t k = 0; k < 3; ++k) {
-      const double angle = corner_angle(p[(k + 1) % 3] - p[k], p[(k + 2) % 3] - p[k]);
-      sums[mesh.indices[t + k]] += normal / length * angle;
+      sums[mesh.indices[t + k]] += normal / length * corner_angle(p, k);
     }
   }
   mesh.normals.clear();
@@ -170,9 +171,8 @@ void generate_normals(Mesh& mesh) {
 
 namespace {
 
-// Where the texture's x points on a face, and whether the layout is mirrored there: its y, up in
-// the picture and so towards smaller v, is not a quarter turn anticlockwise from x. Nothing where
-// the layout has no area.
+// The direction of a texture's x on a face. The layout is mirrored if the texture's y, towards
+// smaller v, is not a quarter turn anticlockwise from x. Unknown for a layout without area.
 struct FaceTangent {
   glm::dvec3 x{0.0};
   bool known = false, mirrored = false;
@@ -180,14 +180,13 @@ struct FaceTangent {
 
 FaceTangent face_tangent(const Mesh& mesh, const std::vector<glm::vec2>& texcoords,
                          std::size_t first) {
-  std::array<glm::dvec3, 3> p;
+  const TriangleCorners p = corners_at(mesh, first);
   std::array<glm::dvec2, 3> t;
   glm::dvec3 normal(0.0);
   for (std::size_t k = 0; k < 3; ++k) {
     const std::uint32_t i = mesh.indices[first + k];
-    p[k] = to_double(mesh.positions[i]);
     t[k] = glm::dvec2(texcoords[i]);
-    normal += to_double(mesh.normals[i]);
+    normal += glm::dvec3(mesh.normals[i]);
   }
   const glm::dvec2 d1 = t[1] - t[0];
   const glm::dvec2 d2 = t[2] - t[0];
@@ -204,7 +203,7 @@ FaceTangent face_tangent(const Mesh& mesh, const std::vector<glm::vec2>& texcoor
   return face;
 }
 
-// Any direction along the surface.
+// Returns any direction along the surface.
 glm::dvec3 some_tangent(const glm::dvec3& normal) {
   const glm::dvec3 axis =
       std::abs(normal.x) < 0.9 ? glm::dvec3(1.0, 0.0, 0.0) : glm::dvec3(0.0, 1.0, 0.0);
@@ -224,22 +223,18 @@ void generate_tangents(Mesh& mesh, bool second) {
     faces[f] = face_tangent(mesh, texcoords, 3 * f);
     if (!faces[f].known) continue;
     const std::size_t side = faces[f].mirrored ? 1 : 0;
-    std::array<glm::dvec3, 3> p;
-    for (std::size_t k = 0; k < 3; ++k) p[k] = to_double(mesh.positions[mesh.indices[3 * f + k]]);
+    const TriangleCorners p = corners_at(mesh, 3 * f);
     for (std::size_t k = 0; k < 3; ++k) {
       const std::uint32_t i = mesh.indices[3 * f + k];
-      const glm::dvec3 n = to_double(mesh.normals[i]);
+      const glm::dvec3 n = glm::dvec3(mesh.normals[i]);
       const glm::dvec3 along = faces[f].x - n * glm::dot(n, faces[f].x);
       const double length = glm::length(along);
       used[i][side] = true;
-      if (length > 1e-9) {
-        const double angle = corner_angle(p[(k + 1) % 3] - p[k], p[(k + 2) % 3] - p[k]);
-        sums[i][side] += along * (angle / length);
-      }
+      if (length > 1e-9) sums[i][side] += along * (corner_angle(p, k) / length);
     }
   }
   const auto tangent = [&mesh](std::size_t i, const glm::dvec3& sum, bool mirrored) {
-    const glm::dvec3 n = to_double(mesh.normals[i]);
+    const glm::dvec3 n = glm::dvec3(mesh.normals[i]);
     const glm::dvec3 along = glm::length(sum) > 1e-9 ? sum : some_tangent(n);
     const double length = glm::length(along);
     return length > 1e-12 ? glm::vec4(glm::vec3(along / length), mirrored ? -1.0F : 1.0F)
@@ -250,7 +245,7 @@ void generate_tangents(Mesh& mesh, bool second) {
     const bool mirrored = used[i][1] && !used[i][0];
     mesh.tangents.push_back(tangent(i, sums[i][mirrored ? 1 : 0], mirrored));
   }
-  // Where both meet, the mirrored faces get a vertex of their own.
+  // Mirrored faces get a separate vertex where they meet others.
   std::vector<std::uint32_t> twin(count, 0);
   const auto repeat = [](auto& values, std::size_t i, std::size_t size) {
     if (values.size() == size) values.push_back(values[i]);
@@ -288,7 +283,7 @@ void append_mesh(Mesh& mesh, const Mesh& more) {
     to.insert(to.end(), from.begin(), from.end());
     to.resize(after, absent);
   };
-  // Stored kernels are of use only where every vertex has one.
+  // Stored kernels are used only if every vertex has one.
   if (mesh.shadow_kernels.size() == before && more.shadow_kernels.size() == more.positions.size()) {
     mesh.shadow_kernels.insert(mesh.shadow_kernels.end(), more.shadow_kernels.begin(),
                                more.shadow_kernels.end());
@@ -337,7 +332,7 @@ Mesh subdivided(const Mesh& mesh, float max_edge_m, std::size_t max_triangles) {
       splitter.split(wanted);
       continue;
     }
-    // Not all: the longest ones, so many that the budget holds.
+    // Splits only the longest ones that the budget allows.
     const auto last = lengths.begin() + static_cast<std::ptrdiff_t>(budget);
     std::nth_element(lengths.begin(), last, lengths.end(), std::greater<>());
     splitter.split(*last);

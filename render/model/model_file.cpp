@@ -1,8 +1,9 @@
-// Model file -> Model: picks the reader, turns the axes, checks whatever came back.
+// Loads a model: picks the reader of its format, turns the axes and checks the result.
 #include <algorithm>
 #include <bit>
 #include <cctype>
 #include <cmath>
+#include <glm/common.hpp>
 #include <limits>
 #include <string>
 #include <system_error>
@@ -11,7 +12,6 @@
 #include "core/propagate.hpp"
 #include "core/text/file.hpp"
 #include "core/text/text_encoding.hpp"
-#include "render/model/kernel_stamp.hpp"
 #include "render/model/model.hpp"
 #include "render/model/model_parts.hpp"
 #include "render/model/shadow_mesh.hpp"
@@ -20,18 +20,17 @@
 namespace penumbra {
 namespace {
 
-bool is_finite(const glm::vec3& v) {
-  return std::isfinite(v.x) && std::isfinite(v.y) && std::isfinite(v.z);
+void drop_kernels(Model& model) {
+  for (Mesh& mesh : model.meshes) mesh.shadow_kernels.clear();
+  model.shadow_kernel_up.reset();
 }
 
-// Kernels that don't belong to this geometry are left out: they are made anew where they are
-// needed, for the same groups and in the same way. `geometry`: the key of the model in the axes
-// that kernels are stored for.
+// Drops stored kernels that do not fit the model; shadows then compute them for the same groups.
+// `geometry`: the model's geometry_key() in the axes that kernels are stored for.
 void check_stored_kernels(Model& model, const std::string& geometry, const std::string& name,
                           const ModelLimits& limits) {
   const auto drop = [&](std::string_view cause) {
-    for (Mesh& mesh : model.meshes) mesh.shadow_kernels.clear();
-    model.shadow_kernel_up.reset();
+    drop_kernels(model);
     model.warnings.push_back(
         fmt::format("{}: its stored shadow kernels are not used and made anew: {}", name, cause));
   };
@@ -57,7 +56,7 @@ void check_stored_kernels(Model& model, const std::string& geometry, const std::
   }
 }
 
-// y up -> z up: (x, y, z) -> (x, -z, y).
+// Turns y up to z up.
 glm::vec3 turned_up(const glm::vec3& v) {
   return {v.x, -v.z, v.y};
 }
@@ -73,13 +72,6 @@ void turn_up(Model& model) {
   model.origin = Eigen::Vector3d(model.origin.x(), -model.origin.z(), model.origin.y());
 }
 
-void leave_out_kernels(Model& model) {
-  for (Mesh& mesh : model.meshes) mesh.shadow_kernels.clear();
-  model.shadow_kernel_up.reset();
-  model.shadow_kernel_groups.clear();
-}
-
-// Turns coordinates of another unit into metres.
 void scale_to_metres(Model& model, double unit_m) {
   const auto scaled = [unit_m](const glm::vec3& v) { return glm::vec3(glm::dvec3(v) * unit_m); };
   for (Mesh& mesh : model.meshes) {
@@ -93,7 +85,7 @@ Eigen::AlignedBox3d bounds_of(const Model& model) {
   return {model.origin + to_eigen(model.min_corner), model.origin + to_eigen(model.max_corner)};
 }
 
-// Of a glTF file as it is usually read: y up, with whatever axes it is read now.
+// Returns the key of a glTF file's model with y up, the axes that kernels are stored for.
 std::string usual_geometry_key(const Model& model, UpAxis up) {
   if (up != UpAxis::z) return geometry_key(model);
   Model usual = model;
@@ -101,7 +93,7 @@ std::string usual_geometry_key(const Model& model, UpAxis up) {
   return geometry_key(usual);
 }
 
-// `name` with slashes for backslashes and without a leading "file:".
+// Returns the name with slashes for backslashes and without a leading "file:".
 std::string plain_path(std::string_view name) {
   constexpr std::string_view kScheme = "file:";
   const bool has_scheme =
@@ -140,7 +132,7 @@ std::string geometry_key(const Model& model) {
     add(static_cast<std::uint32_t>(mesh.positions.size()));
     add(static_cast<std::uint32_t>(mesh.indices.size()));
     for (const glm::vec3& p : mesh.positions) {
-      // -0 and 0 are the same place.
+      // -0 and 0 have the same key.
       for (int i = 0; i < 3; ++i) add(std::bit_cast<std::uint32_t>(p[i] == 0.0F ? 0.0F : p[i]));
     }
     for (const std::uint32_t index : mesh.indices) add(index);
@@ -158,7 +150,6 @@ std::string geometry_key(const Model& model) {
 Result<std::filesystem::path> beside_model(const std::filesystem::path& folder,
                                            std::string_view name) {
   std::string path = plain_path(name);
-  // A colon ends a drive letter or scheme; later on it is part of a file's name.
   if (leaves_folder(name)) {
     path = path.substr(path.rfind('/') + 1);
     if (has_drive_letter(path)) path = path.substr(2);
@@ -169,25 +160,23 @@ Result<std::filesystem::path> beside_model(const std::filesystem::path& folder,
   }
   // Old programs name files in Latin-1; on the disk their names may be UTF-8.
   std::error_code ignored;
-  if (const std::string utf8 = as_utf8(path); utf8 != path &&
-                                              !std::filesystem::exists(folder / path, ignored) &&
-                                              std::filesystem::exists(folder / utf8, ignored)) {
-    path = utf8;
-  }
-  return folder / path;
+  const std::filesystem::path as_written = folder / path;
+  const std::filesystem::path utf8 = folder / as_utf8(path);
+  const bool is_utf8 =
+      !std::filesystem::exists(as_written, ignored) && std::filesystem::exists(utf8, ignored);
+  return is_utf8 ? utf8 : as_written;
 }
 
 bool leaves_folder(std::string_view name) {
   const std::string path = plain_path(name);
-  const std::string first = path.substr(0, path.find('/'));
-  if (path.starts_with('/') || first.find(':') != std::string::npos) return true;
+  // A colon in the first part ends a drive letter or a scheme.
+  if (path.starts_with('/') || path.find(':') < path.find('/')) return true;
   const std::filesystem::path parts(path);
-  return std::any_of(parts.begin(), parts.end(),
-                     [](const std::filesystem::path& part) { return part == ".."; });
+  return std::find(parts.begin(), parts.end(), "..") != parts.end();
 }
 
 Eigen::Vector3d model_origin(const Eigen::AlignedBox3d& bounds) {
-  // At this many times its size from the origin, a float still has a millionth of the size.
+  // At this many times its size from the origin, floats resolve a millionth of the size.
   constexpr double kFar = 64.0;
   if (bounds.isEmpty()) return Eigen::Vector3d::Zero();
   const Eigen::Vector3d middle = bounds.center();
@@ -198,11 +187,7 @@ Eigen::Vector3d model_origin(const Eigen::AlignedBox3d& bounds) {
 void move_origin(Model& model, const Eigen::Vector3d& origin) {
   const Eigen::Vector3d by = model.origin - origin;
   if (by.isZero(0.0)) return;
-  const auto move = [&by](glm::vec3& p) {
-    const Eigen::Vector3d moved = to_eigen(p) + by;
-    p = {static_cast<float>(moved.x()), static_cast<float>(moved.y()),
-         static_cast<float>(moved.z())};
-  };
+  const auto move = [&by](glm::vec3& p) { p = to_glm(to_eigen(p) + by); };
   for (Mesh& mesh : model.meshes) {
     std::ranges::for_each(mesh.positions, move);
     std::ranges::for_each(mesh.shadow_kernels, move);
@@ -214,7 +199,7 @@ void move_origin(Model& model, const Eigen::Vector3d& origin) {
 
 std::optional<std::string> warning_of_distance(const Eigen::AlignedBox3d& bounds, double step,
                                                const std::string& name) {
-  constexpr double kCoarse = 1e-4;  // of the size
+  constexpr double kCoarse = 1e-4;  // share of the size
   if (bounds.isEmpty()) return std::nullopt;
   const double size = bounds.sizes().maxCoeff();
   if (!(size > 0.0) || step <= kCoarse * size) return std::nullopt;
@@ -243,6 +228,105 @@ Result<int> add_texture(Model& model, std::span<const std::uint8_t> bytes, const
   return static_cast<int>(model.textures.size()) - 1;
 }
 
+namespace {
+
+// In double: in float the square of a strange file's vector may overflow or vanish.
+double length_of(const glm::vec3& v) {
+  return std::hypot(static_cast<double>(v.x), static_cast<double>(v.y), static_cast<double>(v.z));
+}
+
+Result<void> check_attributes(Mesh& mesh, const ModelLimits& limits) {
+  for (const glm::vec3& p : mesh.positions) {
+    if (!is_finite(p)) return fail("a vertex is not a finite number; export the model again");
+    const float largest = std::max({std::abs(p.x), std::abs(p.y), std::abs(p.z)});
+    if (largest > static_cast<float>(limits.max_coordinate_m)) {
+      return fail("a vertex lies {} m from the origin, over the {} m allowed", largest,
+                  limits.max_coordinate_m);
+    }
+  }
+  for (glm::vec3& n : mesh.normals) {
+    const double length = length_of(n);
+    if (!std::isfinite(length)) return fail("a normal is not a finite number");
+    n = length > 1e-12 ? glm::vec3(glm::dvec3(n) / length) : glm::vec3(0.0F, 0.0F, 1.0F);
+  }
+  for (const std::vector<glm::vec2>* texcoords : {&mesh.texcoords, &mesh.texcoords_2}) {
+    for (const glm::vec2& t : *texcoords) {
+      if (!(std::abs(t.x) <= 1e6F && std::abs(t.y) <= 1e6F)) {
+        return fail("a texture coordinate is not a number within +-1e6");
+      }
+    }
+  }
+  for (glm::vec4& t : mesh.tangents) {
+    const double length = length_of(glm::vec3(t));
+    if (!std::isfinite(length) || !std::isfinite(t.w)) {
+      return fail("a tangent is not a finite number");
+    }
+    t = length > 1e-12 ? glm::vec4(glm::vec3(glm::dvec3(t) / length), t.w < 0.0F ? -1.0F : 1.0F)
+                       : glm::vec4(1.0F, 0.0F, 0.0F, 1.0F);
+  }
+  for (glm::vec4& c : mesh.colors) {
+    for (int i = 0; i < 4; ++i) {
+      if (!std::isfinite(c[i])) return fail("a vertex colour is not a finite number");
+      c[i] = std::clamp(c[i], 0.0F, 1.0F);
+    }
+  }
+  return {};
+}
+
+// Errors do not name the file and the mesh.
+Result<void> check_mesh(Mesh& mesh, const Model& model, const ModelLimits& limits) {
+  const std::size_t count = mesh.positions.size();
+  const auto fits = [count](const auto& list) { return list.empty() || list.size() == count; };
+  if (mesh.normals.size() != count || mesh.source_vertex.size() != count || !fits(mesh.texcoords) ||
+      !fits(mesh.texcoords_2) || !fits(mesh.tangents) || !fits(mesh.colors) ||
+      mesh.indices.size() % 3 != 0) {
+    return fail("its attributes have different lengths");
+  }
+  if (mesh.material < 0 || static_cast<std::size_t>(mesh.material) >= model.materials.size()) {
+    return fail("material {} does not exist", mesh.material);
+  }
+  PENUMBRA_TRY_VOID(check_attributes(mesh, limits));
+  for (const std::uint32_t index : mesh.indices) {
+    if (index >= count) return fail("a face names vertex {}, there are {}", index, count);
+  }
+  for (const NodeFaces& run : mesh.node_faces) {
+    if (run.node >= model.nodes.size() || run.first_index > mesh.indices.size() ||
+        run.index_count > mesh.indices.size() - run.first_index) {
+      return fail("faces of node {} of {}", run.node, model.nodes.size());
+    }
+  }
+  for (const std::uint32_t source : mesh.source_vertex) {
+    if (source >= model.source_vertex_count) {
+      return fail("source vertex {} of {}", source, model.source_vertex_count);
+    }
+  }
+  return {};
+}
+
+// Errors do not name the file and the material.
+Result<void> check_material(const Material& material, const Model& model) {
+  const auto in_unit = [](float x) { return x >= 0.0F && x <= 1.0F; };  // false for NaN
+  bool good = in_unit(material.metallic) && in_unit(material.roughness);
+  for (int i = 0; i < 4; ++i) good = good && in_unit(material.base_color[i]);
+  for (int i = 0; i < 3; ++i) good = good && in_unit(material.emissive[i]);
+  if (!good) return fail("a factor is outside 0 to 1");
+  if (!(std::abs(material.normal_scale) <= 1e3F) || !in_unit(material.occlusion_strength) ||
+      !(material.alpha_cutoff >= 0.0F && material.alpha_cutoff <= 1e3F)) {
+    return fail("normal scale {}, occlusion strength {} or alpha cutoff {} is out of range",
+                material.normal_scale, material.occlusion_strength, material.alpha_cutoff);
+  }
+  for (const MaterialTexture* texture :
+       {&material.base_color_texture, &material.metallic_roughness_texture,
+        &material.normal_texture, &material.occlusion_texture, &material.emissive_texture}) {
+    if (texture->image >= static_cast<int>(model.textures.size())) {
+      return fail("texture {} does not exist", texture->image);
+    }
+  }
+  return {};
+}
+
+}  // namespace
+
 Result<void> check_model(Model& model, const std::string& name, const ModelLimits& limits) {
   if (model.triangle_count() == 0) {
     return fail("{}: has no triangles; export the model with its faces", name);
@@ -261,121 +345,20 @@ Result<void> check_model(Model& model, const std::string& name, const ModelLimit
   }
   glm::vec3 low(std::numeric_limits<float>::max());
   glm::vec3 high(std::numeric_limits<float>::lowest());
-  const auto max_coordinate = static_cast<float>(limits.max_coordinate_m);
   for (Mesh& mesh : model.meshes) {
-    const std::size_t count = mesh.positions.size();
-    const bool agrees = mesh.normals.size() == count && mesh.source_vertex.size() == count &&
-                        (mesh.texcoords.empty() || mesh.texcoords.size() == count) &&
-                        (mesh.texcoords_2.empty() || mesh.texcoords_2.size() == count) &&
-                        (mesh.tangents.empty() || mesh.tangents.size() == count) &&
-                        (mesh.colors.empty() || mesh.colors.size() == count) &&
-                        mesh.indices.size() % 3 == 0;
-    if (!agrees) {
-      return fail("{}: mesh \"{}\": its attributes have different lengths", name, mesh.name);
-    }
-    if (mesh.material < 0 || static_cast<std::size_t>(mesh.material) >= model.materials.size()) {
-      return fail("{}: mesh \"{}\": material {} does not exist", name, mesh.name, mesh.material);
+    const Result<void> checked = check_mesh(mesh, model, limits);
+    if (!checked) {
+      return fail("{}: mesh \"{}\": {}", name, mesh.name, checked.error().message);
     }
     for (const glm::vec3& p : mesh.positions) {
-      if (!is_finite(p)) {
-        return fail("{}: mesh \"{}\": a vertex is not a finite number; export the model again",
-                    name, mesh.name);
-      }
-      const float largest = std::max({std::abs(p.x), std::abs(p.y), std::abs(p.z)});
-      if (largest > max_coordinate) {
-        return fail("{}: mesh \"{}\": a vertex lies {} m from the origin, over the {} m allowed",
-                    name, mesh.name, largest, limits.max_coordinate_m);
-      }
-      low = glm::vec3(std::min(low.x, p.x), std::min(low.y, p.y), std::min(low.z, p.z));
-      high = glm::vec3(std::max(high.x, p.x), std::max(high.y, p.y), std::max(high.z, p.z));
-    }
-    for (glm::vec3& n : mesh.normals) {
-      // In double: the square of a normal from a strange file may overflow or vanish in float.
-      const double length =
-          std::hypot(static_cast<double>(n.x), static_cast<double>(n.y), static_cast<double>(n.z));
-      if (!std::isfinite(length)) {
-        return fail("{}: mesh \"{}\": a normal is not a finite number", name, mesh.name);
-      }
-      n = length > 1e-12
-              ? glm::vec3(static_cast<float>(n.x / length), static_cast<float>(n.y / length),
-                          static_cast<float>(n.z / length))
-              : glm::vec3(0.0F, 0.0F, 1.0F);
-    }
-    for (const std::vector<glm::vec2>* texcoords : {&mesh.texcoords, &mesh.texcoords_2}) {
-      for (const glm::vec2& t : *texcoords) {
-        if (!(std::abs(t.x) <= 1e6F && std::abs(t.y) <= 1e6F)) {
-          return fail(
-              "{}: mesh \"{}\": a texture coordinate is not a number "
-              "within +-1e6",
-              name, mesh.name);
-        }
-      }
-    }
-    for (glm::vec4& t : mesh.tangents) {
-      const double length =
-          std::hypot(static_cast<double>(t.x), static_cast<double>(t.y), static_cast<double>(t.z));
-      if (!std::isfinite(length) || !std::isfinite(t.w)) {
-        return fail("{}: mesh \"{}\": a tangent is not a finite number", name, mesh.name);
-      }
-      t = length > 1e-12
-              ? glm::vec4(static_cast<float>(t.x / length), static_cast<float>(t.y / length),
-                          static_cast<float>(t.z / length), t.w < 0.0F ? -1.0F : 1.0F)
-              : glm::vec4(1.0F, 0.0F, 0.0F, 1.0F);
-    }
-    for (glm::vec4& c : mesh.colors) {
-      for (int i = 0; i < 4; ++i) {
-        if (!std::isfinite(c[i])) {
-          return fail("{}: mesh \"{}\": a vertex colour is not a finite number", name, mesh.name);
-        }
-        c[i] = std::clamp(c[i], 0.0F, 1.0F);
-      }
-    }
-    for (const std::uint32_t index : mesh.indices) {
-      if (index >= count) {
-        return fail("{}: mesh \"{}\": a face names vertex {}, there are {}", name, mesh.name, index,
-                    count);
-      }
-    }
-    for (const NodeFaces& run : mesh.node_faces) {
-      if (run.node >= model.nodes.size() || run.first_index > mesh.indices.size() ||
-          run.index_count > mesh.indices.size() - run.first_index) {
-        return fail("{}: mesh \"{}\": faces of node {} of {}", name, mesh.name, run.node,
-                    model.nodes.size());
-      }
-    }
-    for (const std::uint32_t source : mesh.source_vertex) {
-      if (source >= model.source_vertex_count) {
-        return fail("{}: mesh \"{}\": source vertex {} of {}", name, mesh.name, source,
-                    model.source_vertex_count);
-      }
+      low = glm::min(low, p);
+      high = glm::max(high, p);
     }
   }
   for (const Material& material : model.materials) {
-    const auto in_unit = [](float x) { return x >= 0.0F && x <= 1.0F; };  // false for NaN
-    bool good = in_unit(material.metallic) && in_unit(material.roughness);
-    for (int i = 0; i < 4; ++i) good = good && in_unit(material.base_color[i]);
-    for (int i = 0; i < 3; ++i) good = good && in_unit(material.emissive[i]);
-    if (!good) {
-      return fail("{}: material \"{}\": a factor is outside 0 to 1", name, material.name);
-    }
-    const bool scaled = std::abs(material.normal_scale) <= 1e3F &&
-                        in_unit(material.occlusion_strength) && material.alpha_cutoff >= 0.0F &&
-                        material.alpha_cutoff <= 1e3F;
-    if (!scaled) {
-      return fail(
-          "{}: material \"{}\": normal scale {}, occlusion strength {} "
-          "or alpha cutoff {} is out "
-          "of range",
-          name, material.name, material.normal_scale, material.occlusion_strength,
-          material.alpha_cutoff);
-    }
-    for (const MaterialTexture* texture :
-         {&material.base_color_texture, &material.metallic_roughness_texture,
-          &material.normal_texture, &material.occlusion_texture, &material.emissive_texture}) {
-      if (texture->image >= static_cast<int>(model.textures.size())) {
-        return fail("{}: material \"{}\": texture {} does not exist", name, material.name,
-                    texture->image);
-      }
+    const Result<void> checked = check_material(material, model);
+    if (!checked) {
+      return fail("{}: material \"{}\": {}", name, material.name, checked.error().message);
     }
   }
   model.min_corner = low;
@@ -385,13 +368,12 @@ Result<void> check_model(Model& model, const std::string& name, const ModelLimit
 
 Result<Model> load_model(const std::filesystem::path& file, const ModelReading& reading) {
   const std::string name = file.string();
-  const UpAxis up = reading.up;
   // The readers check coordinates in the file's own unit.
   ModelLimits limits = reading.limits;
   limits.max_coordinate_m /= reading.unit_m;
   std::string extension = file.extension().string();
-  std::transform(extension.begin(), extension.end(), extension.begin(),
-                 [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
+  std::ranges::transform(extension, extension.begin(),
+                         [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
   const bool gltf = extension == ".glb" || extension == ".gltf";
   if (!gltf && extension != ".obj") {
     return fail("{}: is not a kind of model that can be read; give a .glb, .gltf or .obj file",
@@ -407,14 +389,17 @@ Result<Model> load_model(const std::filesystem::path& file, const ModelReading& 
     if (!model) return model;
     model->name = file.stem().string();
     // The readers give the file's own axes.
-    if (up == UpAxis::y || (up == UpAxis::by_format && gltf)) turn_up(*model);
+    if (reading.up == UpAxis::y || (reading.up == UpAxis::by_format && gltf)) turn_up(*model);
     if (gltf) {
       for (Texture& texture : model->textures) texture.encoded = {};
     }
-    if (!reading.stored_kernels) leave_out_kernels(*model);
+    if (!reading.stored_kernels) {
+      drop_kernels(*model);
+      model->shadow_kernel_groups.clear();
+    }
     // Kernels are stored for the file's own unit.
     std::string geometry;
-    if (model->shadow_kernel_up) geometry = usual_geometry_key(*model, up);
+    if (model->shadow_kernel_up) geometry = usual_geometry_key(*model, reading.up);
     if (reading.unit_m != 1.0) scale_to_metres(*model, reading.unit_m);
     PENUMBRA_TRY_VOID(check_model(*model, name, reading.limits));
     if (model->shadow_kernel_up) check_stored_kernels(*model, geometry, name, reading.limits);

@@ -1,4 +1,4 @@
-// OBJ with its .mtl -> Model, in the file's own axes. Numbers are read in double.
+// Reads an OBJ file with its .mtl files, in the file's own axes. Numbers are read in double.
 #include <algorithm>
 #include <array>
 #include <charconv>
@@ -9,12 +9,33 @@
 #include "core/text/text_encoding.hpp"
 #include "render/model/model_parts.hpp"
 #include "render/model/obj_parts.hpp"
+#include "render/model/to_eigen.hpp"
 
 namespace penumbra {
 namespace {
 
+constexpr std::string_view kBlanks = " \t\r\v\f";
+
+// Returns true if a decimal number beyond the range of doubles is too small, not too large.
+bool is_tiny(std::string_view number) {
+  const std::size_t e = number.find_first_of("eE");
+  const std::string_view mantissa = number.substr(0, e);
+  const std::size_t point = std::min(mantissa.find('.'), mantissa.size());
+  const std::size_t digit = std::min(mantissa.find_first_of("123456789"), mantissa.size());
+  double power = static_cast<double>(point) - static_cast<double>(digit);
+  if (e != std::string_view::npos) {
+    std::string_view text = number.substr(e + 1);
+    if (text.starts_with('+')) text.remove_prefix(1);
+    std::int64_t exponent = 0;
+    const auto error = std::from_chars(text.data(), text.data() + text.size(), exponent).ec;
+    if (error != std::errc()) return text.starts_with('-');
+    power += static_cast<double>(exponent);
+  }
+  return power < 0.0;
+}
+
 constexpr double kMaxTexcoord = 1e6;
-constexpr double kLeastNormal = 1e-30;  // floats hold its parts
+constexpr double kLeastNormal = 1e-30;  // floats hold the components of longer normals
 constexpr double kGreatestNormal = 1e30;
 
 bool continues(std::string_view line) {
@@ -26,16 +47,28 @@ bool is_comment(std::string_view line) {
   return first != std::string_view::npos && line[first] == '#';
 }
 
-constexpr std::array<std::string_view, 2> kNoSurface = {"l", "p"};
 constexpr std::array<std::string_view, 20> kFreeForm = {
     "vp",   "cstype", "deg", "bmat", "step", "curv", "curv2", "surf", "parm", "trim",
     "hole", "scrv",   "sp",  "end",  "con",  "res",  "bsp",   "bzp",  "cdc",  "cdp"};
 constexpr std::array<std::string_view, 12> kObjWithoutEffect = {
     "s",      "mg",     "bevel",      "c_interp",  "d_interp", "lod",
     "usemap", "maplib", "shadow_obj", "trace_obj", "ctech",    "stech"};
-constexpr std::array<std::string_view, 3> kMissing = {
-    "", "a face names a texture coordinate that is not there; it has none",
-    "a face names a normal that is not there; it is computed from the faces"};
+constexpr std::string_view kMissingTexcoord =
+    "a face names a texture coordinate that is not there; it has none";
+constexpr std::string_view kMissingNormal =
+    "a face names a normal that is not there; it is computed from the faces";
+
+// Returns three numbers from words[first] on, or nothing if one is absent or not finite.
+std::optional<Eigen::Vector3d> vector_from(const std::vector<std::string_view>& words,
+                                           std::size_t first) {
+  Eigen::Vector3d vector;
+  for (std::size_t i = 0; i < 3; ++i) {
+    const auto value = first + i < words.size() ? finite_number(words[first + i]) : std::nullopt;
+    if (!value) return std::nullopt;
+    vector[static_cast<Eigen::Index>(i)] = *value;
+  }
+  return vector;
+}
 
 class ObjReader {
  public:
@@ -47,6 +80,7 @@ class ObjReader {
 
  private:
   [[nodiscard]] Result<void> read_lines(std::string_view text);
+  // Errors of this and the next functions do not name the file and the line.
   [[nodiscard]] Result<void> read_line(std::string_view line);
   [[nodiscard]] Result<void> read_position(const std::vector<std::string_view>& words);
   void read_texcoord(const std::vector<std::string_view>& words);
@@ -73,52 +107,44 @@ class ObjReader {
 
 Result<void> ObjReader::read_position(const std::vector<std::string_view>& words) {
   if (words.size() < 4) {
-    return fail("{}: line {}: \"v\" has {} numbers; 3 are needed", name_, line_, words.size() - 1);
+    return fail("\"v\" has {} numbers; 3 are needed", words.size() - 1);
   }
   Eigen::Vector3d position;
   for (std::size_t i = 1; i < 4; ++i) {
     const std::optional<double> value = finite_number(words[i]);
     if (!value && has_decimal_comma(words[i])) {
       return fail(
-          "{}: line {}: \"{}\" has a decimal comma; export the model with decimal points, or "
-          "replace the decimal commas by points",
-          name_, line_, words[i].substr(0, 40));
+          "\"{}\" has a decimal comma; export the model with decimal points, or replace the "
+          "decimal "
+          "commas by points",
+          words[i].substr(0, 40));
     }
     if (!value) {
-      return fail("{}: line {}: \"{}\" is not a finite number; export the model again", name_,
-                  line_, words[i].substr(0, 40));
+      return fail("\"{}\" is not a finite number; export the model again", words[i].substr(0, 40));
     }
     if (std::abs(*value) > kMaxFileCoordinate_m) {
-      return fail("{}: line {}: {} is over the {} allowed; move the model to the origin", name_,
-                  line_, *value, kMaxFileCoordinate_m);
+      return fail("{} is over the {} allowed; move the model to the origin", *value,
+                  kMaxFileCoordinate_m);
     }
     position[static_cast<Eigen::Index>(i) - 1] = *value;
   }
   if (obj_.positions.size() >= limits_.max_vertices) {
-    return fail("{}: line {}: more than the {} vertices allowed", name_, line_,
-                limits_.max_vertices);
+    return fail("more than the {} vertices allowed", limits_.max_vertices);
   }
   obj_.positions.push_back(position);
   // x y z [w] or x y z r g b [...]
-  if (words.size() >= 7) {
-    glm::vec3 color(1.0F);
-    bool finite = true;
-    for (std::size_t i = 4; i < 7; ++i) {
-      const std::optional<double> value = finite_number(words[i]);
-      finite = finite && value;
-      if (value) color[static_cast<int>(i) - 4] = static_cast<float>(std::clamp(*value, 0.0, 1.0));
-    }
-    if (finite) {
-      obj_.colors.resize(obj_.positions.size() - 1, glm::vec3(1.0F));
-      obj_.colors.push_back(color);
-    } else {
-      warnings_.add(line_, "a vertex colour is not of finite numbers and is ignored");
-    }
+  if (words.size() < 7) return {};
+  if (const auto color = vector_from(words, 4)) {
+    obj_.colors.resize(obj_.positions.size() - 1, glm::vec3(1.0F));
+    obj_.colors.push_back(
+        to_glm(color->unaryExpr([](double c) { return std::clamp(c, 0.0, 1.0); })));
+  } else {
+    warnings_.add(line_, "a vertex colour is not of finite numbers and is ignored");
   }
   return {};
 }
 
-// Every line counts, so that the indices of faces stay right: one that can't be read is (0, 0).
+// A line that can't be read counts as (0, 0): faces refer to texture coordinates by index.
 void ObjReader::read_texcoord(const std::vector<std::string_view>& words) {
   glm::vec2 texcoord(0.0F);
   bool good = words.size() > 1;
@@ -134,30 +160,23 @@ void ObjReader::read_texcoord(const std::vector<std::string_view>& words) {
   obj_.texcoords.push_back(texcoord);
 }
 
-// A normal that can't be read is zero, which means none.
+// A normal that can't be read becomes zero, which stands for none.
 void ObjReader::read_normal(const std::vector<std::string_view>& words) {
-  Eigen::Vector3d normal = Eigen::Vector3d::Zero();
-  for (std::size_t i = 1; i < 4 && i < words.size(); ++i) {
-    normal[static_cast<Eigen::Index>(i) - 1] =
-        finite_number(words[i]).value_or(std::numeric_limits<double>::quiet_NaN());
-  }
+  Eigen::Vector3d normal = vector_from(words, 1).value_or(Eigen::Vector3d::Zero());
   const double largest = normal.cwiseAbs().maxCoeff();
-  if (words.size() < 4 || !normal.allFinite() || largest == 0.0) {
+  if (largest == 0.0) {
     warnings_.add(line_, "a normal is not a direction; it is computed from the faces");
-    normal.setZero();
   } else if (!(largest >= kLeastNormal && largest <= kGreatestNormal)) {
     normal = (normal / largest).normalized();
   }
-  obj_.normals.emplace_back(static_cast<float>(normal.x()), static_cast<float>(normal.y()),
-                            static_cast<float>(normal.z()));
+  obj_.normals.push_back(to_glm(normal));
 }
 
-// v, v/vt, v//vn, v/vt/vn; what is empty or 0 behind v is not there. Positive indices may be of
-// what comes later: they are checked at the end.
+// Reads v, v/vt, v//vn or v/vt/vn; an empty or zero vt or vn stands for none. Positive indices may
+// refer to later lines: check_indices() checks them.
 Result<ObjCorner> ObjReader::read_corner(std::string_view word) {
   const auto wrong = [&] {
-    return fail("{}: line {}: \"{}\" is not a corner of a face (v, v/vt, v//vn, v/vt/vn)", name_,
-                line_, word.substr(0, 40));
+    return fail("\"{}\" is not a corner of a face (v, v/vt, v//vn, v/vt/vn)", word.substr(0, 40));
   };
   const std::array<std::size_t, 3> known = {obj_.positions.size(), obj_.texcoords.size(),
                                             obj_.normals.size()};
@@ -178,7 +197,7 @@ Result<ObjCorner> ObjReader::read_corner(std::string_view word) {
       if (part == 0 && !exists) return wrong();
       if (exists) indices[part] = static_cast<std::int32_t>(index);
       if (!exists && value != 0) {
-        warnings_.add(line_, kMissing[part]);
+        warnings_.add(line_, part == 1 ? kMissingTexcoord : kMissingNormal);
       }
     }
     if (slash == std::string_view::npos) break;
@@ -196,8 +215,7 @@ Result<void> ObjReader::read_face(const std::vector<std::string_view>& words) {
     obj_.corners.push_back(corner);
   }
   if (obj_.corners.size() > 3 * limits_.max_triangles + 2) {
-    return fail("{}: line {}: more than the {} triangles allowed", name_, line_,
-                limits_.max_triangles);
+    return fail("more than the {} triangles allowed", limits_.max_triangles);
   }
   face.corner_count = static_cast<std::uint32_t>(obj_.corners.size() - face.first_corner);
   if (face.corner_count < 3) {
@@ -238,7 +256,7 @@ Result<void> ObjReader::read_line(std::string_view line) {
   } else if (key == "o" || key == "g") {
     node_name_ = as_utf8(after_keyword(line));
     node_has_faces_ = false;
-  } else if (is_one_of(key, kNoSurface)) {
+  } else if (key == "l" || key == "p") {
     ++without_surface_;
     warnings_.add(line_, "lines and points have no surface and are skipped");
   } else if (is_one_of(key, kFreeForm)) {
@@ -247,11 +265,9 @@ Result<void> ObjReader::read_line(std::string_view line) {
     warnings_.add(line_, "a line does not start with a word of the OBJ format and is skipped");
   }
   if (obj_.texcoords.size() > 3 * limits_.max_vertices) {
-    return fail("{}: line {}: too many texture coordinates", name_, line_);
+    return fail("too many texture coordinates");
   }
-  if (obj_.normals.size() > 3 * limits_.max_vertices) {
-    return fail("{}: line {}: too many normals", name_, line_);
-  }
+  if (obj_.normals.size() > 3 * limits_.max_vertices) return fail("too many normals");
   return {};
 }
 
@@ -262,8 +278,7 @@ Result<void> ObjReader::read_lines(std::string_view text) {
     std::string_view line = text.substr(at, text.find('\n', at) - at);
     at += line.size() + 1;
     line_ = next_line++;
-    // A backslash at the end: the next line belongs to this one. Not of a comment, where it may be
-    // the end of a path.
+    // A backslash at the end joins the next line. In a comment it may be the end of a path.
     if (continues(line) && !is_comment(line)) {
       joined.clear();
       while (continues(line)) {
@@ -283,7 +298,9 @@ Result<void> ObjReader::read_lines(std::string_view text) {
     if (line.find('\0') != std::string_view::npos) {
       return fail("{}: line {}: is not text; is this an OBJ file?", name_, line_);
     }
-    if (Result<void> read = read_line(line); !read) return read;
+    if (const Result<void> read = read_line(line); !read) {
+      return fail("{}: line {}: {}", name_, line_, read.error().message);
+    }
   }
   if (obj_.faces.empty()) {
     return fail("{}: has no faces{}; is this an OBJ file, and was it exported with its faces?",
@@ -295,7 +312,7 @@ Result<void> ObjReader::read_lines(std::string_view text) {
   return {};
 }
 
-// A vertex must be there; a texture coordinate or normal that is not there is none.
+// Fails for a vertex that does not exist; removes references to other elements that do not exist.
 Result<void> ObjReader::check_indices() {
   const auto is_missing = [](std::int32_t index, std::size_t known) {
     return index >= 0 && static_cast<std::size_t>(index) >= known;
@@ -308,11 +325,11 @@ Result<void> ObjReader::check_indices() {
                     corner.position + 1, obj_.positions.size());
       }
       if (is_missing(corner.texcoord, obj_.texcoords.size())) {
-        warnings_.add(face.line, kMissing[1]);
+        warnings_.add(face.line, kMissingTexcoord);
         corner.texcoord = -1;
       }
       if (is_missing(corner.normal, obj_.normals.size())) {
-        warnings_.add(face.line, kMissing[2]);
+        warnings_.add(face.line, kMissingNormal);
         corner.normal = -1;
       } else if (corner.normal >= 0 &&
                  obj_.normals[static_cast<std::size_t>(corner.normal)] == glm::vec3(0.0F)) {
@@ -323,7 +340,7 @@ Result<void> ObjReader::check_indices() {
   return {};
 }
 
-// Gives the model the materials; per name of a material its index there.
+// Moves the materials into the model. Returns the index there per material name.
 std::vector<int> ObjReader::find_materials() {
   std::vector<bool> named(obj_.material_names.size(), false);
   for (const ObjFace& face : obj_.faces) {
@@ -346,7 +363,7 @@ std::vector<int> ObjReader::find_materials() {
       unknown = name;
     }
   }
-  materials_.give_to(model_, used);
+  materials_.move_to(model_, used);
   if (unknown_count > 0 && !materials_.is_incomplete()) {
     model_.warnings.push_back(fmt::format(
         "{}: material \"{}\"{} is in no material file of the model; its faces are drawn in plain "
@@ -370,6 +387,70 @@ Result<Model> ObjReader::read(std::string_view text) {
 }
 
 }  // namespace
+
+std::vector<std::string_view> obj_words(std::string_view line) {
+  std::vector<std::string_view> words;
+  std::size_t at = 0;
+  while (true) {
+    at = line.find_first_not_of(kBlanks, at);
+    if (at == std::string_view::npos || line[at] == '#') return words;
+    const std::size_t end = std::min(line.find_first_of(kBlanks, at), line.size());
+    words.push_back(line.substr(at, end - at));
+    at = end;
+  }
+}
+
+std::string_view after_keyword(std::string_view line) {
+  for (int word = 0; word < 2; ++word) {
+    line.remove_prefix(std::min(line.find_first_not_of(kBlanks), line.size()));
+    if (word == 0) line.remove_prefix(std::min(line.find_first_of(kBlanks), line.size()));
+  }
+  const std::size_t last = line.find_last_not_of(kBlanks);
+  return line.substr(0, last == std::string_view::npos ? 0 : last + 1);
+}
+
+std::optional<double> finite_number(std::string_view word) {
+  if (word.starts_with('+') && !word.starts_with("+-")) word.remove_prefix(1);
+  double value = 0.0;
+  const auto [end, error] = std::from_chars(word.data(), word.data() + word.size(), value);
+  if (error == std::errc::result_out_of_range && end == word.data() + word.size() &&
+      is_tiny(word)) {
+    return 0.0;
+  }
+  if (error != std::errc() || end != word.data() + word.size() || !std::isfinite(value)) {
+    return std::nullopt;
+  }
+  return value;
+}
+
+bool has_decimal_comma(std::string_view word) {
+  const std::size_t comma = word.find(',');
+  if (comma == std::string_view::npos) return false;
+  std::string with_point(word);
+  with_point[comma] = '.';
+  return finite_number(with_point).has_value();
+}
+
+void LineWarnings::add(std::size_t line, std::string_view kind) {
+  const auto known = std::ranges::find(kinds_, kind, &Kind::text);
+  if (known == kinds_.end()) {
+    kinds_.push_back({std::string(kind), line, line, 1});
+  } else if (known->last_line != line) {
+    known->last_line = line;
+    ++known->count;
+  }
+}
+
+void LineWarnings::append_to(std::vector<std::string>& warnings) const {
+  for (const Kind& kind : kinds_) {
+    const std::string more = kind.count > 1 ? fmt::format(" ({} such lines)", kind.count) : "";
+    warnings.push_back(fmt::format("{}: line {}: {}{}", file_, kind.first_line, kind.text, more));
+  }
+}
+
+bool is_one_of(std::string_view key, std::span<const std::string_view> keys) {
+  return std::ranges::find(keys, key) != keys.end();
+}
 
 Result<Model> read_obj(const std::filesystem::path& file, std::span<const std::uint8_t> bytes,
                        const ModelLimits& limits, double& file_step) {

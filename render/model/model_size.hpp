@@ -1,4 +1,4 @@
-// Units of length, and models whose size suggests that their file has another unit.
+// Units of length, and warnings of models whose size suggests another unit.
 #pragma once
 
 #include <array>
@@ -29,22 +29,21 @@ inline constexpr std::array kLengthUnits = {
   return nullptr;
 }
 
-// Models of other sizes are not expected on a table [m].
+// Range of plausible sizes on a table [m].
 inline constexpr double kLargestOnTable = 5.0;
 inline constexpr double kSmallestOnTable = 0.002;
 
-// How a user gives a model another size.
+// The means by which a user changes a model's size.
 enum class SizeRemedy { unit_option, scene_scale };
 
 struct ModelSize {
-  double scale = 1.0;   // that the model has in its scene
-  double unit_m = 1.0;  // that it was read with
+  double scale = 1.0;   // in the scene
+  double unit_m = 1.0;  // ModelReading::unit_m
   SizeRemedy remedy = SizeRemedy::unit_option;
 };
 
-// A line for the user where a model is larger than 5 m or smaller than 2 mm: its size, the unit
-// that its file is likely in, and what to give. `subject`: what the line is about. Nothing for a
-// model without an extent.
+// Returns a warning, beginning with `subject`, for a model larger than 5 m or smaller than 2 mm:
+// its size, the likely unit of its file and the remedy. Nothing for a model without extent.
 [[nodiscard]] std::optional<std::string> warning_of_size(const Model& model, const ModelSize& size,
                                                          const std::string& subject);
 

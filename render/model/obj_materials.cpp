@@ -1,4 +1,4 @@
-// .mtl -> materials.
+// Reads .mtl files.
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -21,23 +21,23 @@ Material plain_material(const std::string& name) {
   Material plain;
   plain.name = name;
   plain.base_color = glm::vec4(kPlainGrey, kPlainGrey, kPlainGrey, 1.0F);
-  plain.double_sided = true;  // OBJ has no rule for which side of a face is seen
+  plain.double_sided = true;  // OBJ does not define the front of a face
   return plain;
 }
 
-// The format says nothing of light; painting programs mean colours as the screen shows them.
+// The format does not define its colours; modelling programs write them sRGB-encoded.
 float light_of(double value) {
   return linear_from_srgb(static_cast<float>(std::clamp(value, 0.0, 1.0)));
 }
 
-// A number from 0 that is not beyond all reason.
+// Returns a number from 0 to kMaxColor.
 std::optional<double> factor_from(std::string_view word) {
   const std::optional<double> value = finite_number(word);
   if (!value || *value < 0.0 || *value > kMaxColor) return std::nullopt;
   return value;
 }
 
-// r [g b]: green and blue are as red where they are not there. Nothing for other forms.
+// Reads r [g b]: absent components equal red. Nothing for other forms.
 std::optional<glm::vec3> color_from(const std::vector<std::string_view>& words) {
   if (words.size() < 2) return std::nullopt;
   glm::vec3 color(0.0F);
@@ -49,7 +49,7 @@ std::optional<glm::vec3> color_from(const std::vector<std::string_view>& words) 
   return color;
 }
 
-// Name of a file as it is meant: without quotes, "\ " for a blank in it.
+// Removes quotes around a file's name and the backslashes of "\ ".
 std::string unescaped(std::string_view name) {
   if (name.size() >= 2 && name.front() == '"' && name.back() == '"') {
     name = name.substr(1, name.size() - 2);
@@ -62,7 +62,7 @@ std::string unescaped(std::string_view name) {
   return plain;
 }
 
-// Names between blanks that no backslash stands before.
+// Splits names at blanks without a backslash before them.
 std::vector<std::string> split_names(std::string_view text) {
   std::vector<std::string> names(1);
   for (std::size_t i = 0; i < text.size(); ++i) {
@@ -78,7 +78,7 @@ std::vector<std::string> split_names(std::string_view text) {
   return names;
 }
 
-// The text before a word that starts with '#'.
+// Returns the text before a word that starts with '#'.
 std::string_view without_comment(std::string_view text) {
   for (const std::string_view start : {" #", "\t#"}) {
     if (const std::size_t at = text.find(start); at != std::string_view::npos) {
@@ -94,49 +94,46 @@ bool is_beside(const std::filesystem::path& folder, const std::string& name) {
   return path && std::filesystem::is_regular_file(*path, ignored);
 }
 
-// Numbers that an option of a picture takes, at most; nothing for what is not an option.
+// Returns the most arguments that an option of an image takes; nothing for other words.
 std::optional<std::size_t> option_arguments(std::string_view word) {
   if (word == "-o" || word == "-s" || word == "-t") return 3;
   if (word == "-mm") return 2;
-  for (const std::string_view option :
-       {"-blendu", "-blendv", "-cc", "-clamp", "-texres", "-boost", "-bm", "-imfchan", "-type"}) {
-    if (word == option) return 1;
-  }
-  return std::nullopt;
+  static constexpr std::array<std::string_view, 9> kOneArgument = {
+      "-blendu", "-blendv", "-cc", "-clamp", "-texres", "-boost", "-bm", "-imfchan", "-type"};
+  return is_one_of(word, kOneArgument) ? std::optional<std::size_t>(1) : std::nullopt;
 }
 
-struct PictureLine {
+struct ImageLine {
   std::string_view name;
   bool clamps = false;
-  std::string_view ignored;  // an option that changes the picture and is not read
+  std::string_view ignored;  // an option that changes the image and is not supported
 };
 
-// [options] name with blanks
-PictureLine picture_from(std::string_view line) {
-  PictureLine picture{after_keyword(line), false, {}};
+// Reads "[options] name with blanks".
+ImageLine image_from(std::string_view line) {
+  ImageLine image{after_keyword(line), false, {}};
   while (true) {
-    const std::vector<std::string_view> words = obj_words(picture.name);
+    const std::vector<std::string_view> words = obj_words(image.name);
     const auto most = words.empty() ? std::nullopt : option_arguments(words[0]);
-    if (!most || words.size() < 2) return picture;
+    if (!most || words.size() < 2) return image;
     const bool numbers = *most > 1;
     std::size_t used = numbers ? 0 : 1;
     while (numbers && used < *most && used + 2 < words.size() && finite_number(words[used + 1])) {
       ++used;
     }
-    if (words[0] == "-clamp") picture.clamps = words[1] == "on";
+    if (words[0] == "-clamp") image.clamps = words[1] == "on";
     const double neutral = words[0] == "-s" ? 1.0 : 0.0;
     for (std::size_t i = 1; numbers && words[0] != "-mm" && i <= used; ++i) {
-      if (finite_number(words[i]) != neutral) picture.ignored = words[0];
+      if (finite_number(words[i]) != neutral) image.ignored = words[0];
     }
     const std::string_view last = words[used];
-    picture.name.remove_prefix(
-        static_cast<std::size_t>(last.data() + last.size() - picture.name.data()));
-    picture.name.remove_prefix(
-        std::min(picture.name.find_first_not_of(" \t"), picture.name.size()));
+    image.name.remove_prefix(
+        static_cast<std::size_t>(last.data() + last.size() - image.name.data()));
+    image.name.remove_prefix(std::min(image.name.find_first_not_of(" \t"), image.name.size()));
   }
 }
 
-// Highlights and refraction, which nothing is drawn with.
+// Highlights and refraction, which are not drawn.
 constexpr std::array<std::string_view, 8> kMtlWithoutEffect = {
     "Ka", "Ks", "Ns", "Ni", "illum", "sharpness", "Tf", "map_aat"};
 // Words of the format and of its extension for physically based materials.
@@ -145,17 +142,11 @@ constexpr std::array<std::string_view, 23> kMtlIgnored = {
     "map_Ps", "map_RMA", "map_ORM", "map_bump", "map_Bump", "bump",   "norm",   "disp",
     "decal",  "refl",    "Ps",      "Pc",       "Pcr",      "aniso",  "anisor"};
 
-// One material of a file as it is being read.
-struct MaterialLines {
-  ObjMaterial from;
-  bool has_dissolve = false;
-};
-
-void read_material_line(MaterialLines& current, std::string_view line, std::size_t number,
+void read_material_line(ObjMaterial& current, std::string_view line, std::size_t number,
                         LineWarnings& warnings) {
   const std::vector<std::string_view> words = obj_words(line);
   const std::string_view key = words[0];
-  Material& material = current.from.material;
+  Material& material = current.material;
   if (key == "Kd" || key == "Ke") {
     const std::optional<glm::vec3> color = color_from(words);
     if (!color) {
@@ -191,11 +182,11 @@ void read_material_line(MaterialLines& current, std::string_view line, std::size
       material.metallic = factor;
     }
   } else if (key == "map_Kd") {
-    const PictureLine picture = picture_from(line);
-    current.from.picture = std::string(picture.name);
-    current.from.clamps = picture.clamps;
-    if (!picture.ignored.empty()) {
-      warnings.add(number, fmt::format("the option {} of map_Kd is ignored", picture.ignored));
+    const ImageLine image = image_from(line);
+    current.image = std::string(image.name);
+    current.clamps = image.clamps;
+    if (!image.ignored.empty()) {
+      warnings.add(number, fmt::format("the option {} of map_Kd is ignored", image.ignored));
     }
   } else if (key == "map_d") {
     warnings.add(number, "map_d is ignored; its material is drawn without cut-outs");
@@ -216,7 +207,7 @@ std::optional<std::size_t> ObjMaterials::find(const std::string& name) const {
 
 void ObjMaterials::read_files(std::string_view names, std::size_t line) {
   if (names.empty()) return;
-  // A name may have blanks in it, and a comment may follow.
+  // A name may contain blanks, and a comment may follow.
   for (const std::string_view whole : {names, without_comment(names)}) {
     if (is_beside(folder_, unescaped(whole))) return read_file_named(unescaped(whole), line);
   }
@@ -257,14 +248,7 @@ void ObjMaterials::read_file_named(const std::string& name, std::size_t line) {
 
 void ObjMaterials::read_text(std::string_view text, const std::string& file) {
   LineWarnings warnings(file);
-  MaterialLines current;
-  bool has_material = false;
-  const auto finish = [&] {
-    if (!has_material) return;
-    by_name_.try_emplace(current.from.material.name, materials_.size());
-    materials_.push_back(std::move(current.from));
-    has_material = false;
-  };
+  const std::size_t before = materials_.size();
   std::size_t number = 0;
   for (std::size_t at = 0; at < text.size();) {
     std::string_view line = text.substr(at, std::min(text.find('\n', at), text.size()) - at);
@@ -275,31 +259,29 @@ void ObjMaterials::read_text(std::string_view text, const std::string& file) {
     line.remove_prefix(static_cast<std::size_t>(words[0].data() - line.data()));
     if (line.ends_with('\r')) line.remove_suffix(1);
     if (words[0] == "newmtl") {
-      finish();
       if (materials_.size() >= kMaxMaterials) {
         warnings.add(number, fmt::format("only the first {} materials are read", kMaxMaterials));
         break;
       }
-      current = {};
-      has_material = true;
-      current.from.material = plain_material(as_utf8(after_keyword(line)));
-    } else if (has_material) {
-      read_material_line(current, line, number, warnings);
+      const Material plain = plain_material(as_utf8(after_keyword(line)));
+      by_name_.try_emplace(plain.name, materials_.size());
+      materials_.push_back({plain, "", false, false});
+    } else if (materials_.size() > before) {
+      read_material_line(materials_.back(), line, number, warnings);
     } else {
       warnings.add(number, "a line before the first newmtl is skipped");
     }
   }
-  finish();
   warnings.append_to(warnings_);
 }
 
-void ObjMaterials::load_picture(Model& model, ObjMaterial& from) {
-  const std::string_view whole = from.picture;
+void ObjMaterials::load_image(Model& model, ObjMaterial& from) {
+  const std::string_view whole = from.image;
   const bool comment = !is_beside(folder_, unescaped(whole));
   const std::string name = unescaped(comment ? without_comment(whole) : whole);
-  const auto known = pictures_.find(name);
   int& image = from.material.base_color_texture.image;
-  if (known != pictures_.end()) {
+  const auto [known, is_new] = images_.try_emplace(name, -1);
+  if (!is_new) {
     image = known->second;
     return;
   }
@@ -319,17 +301,16 @@ void ObjMaterials::load_picture(Model& model, ObjMaterial& from) {
     warnings_.push_back(fmt::format("{}: material \"{}\": {}; it is drawn in plain colour",
                                     model_name_, from.material.name, loaded.error().message));
   }
-  image = loaded.value_or(-1);
-  pictures_.emplace(name, image);
+  image = known->second = loaded.value_or(-1);
 }
 
-void ObjMaterials::give_to(Model& model, const std::vector<bool>& used) {
+void ObjMaterials::move_to(Model& model, const std::vector<bool>& used) {
   for (std::size_t i = 0; i < materials_.size(); ++i) {
     ObjMaterial& from = materials_[i];
     Material& material = from.material;
-    if (!from.picture.empty() && used[i]) load_picture(model, from);
+    if (!from.image.empty() && used[i]) load_image(model, from);
     if (material.base_color_texture.image >= 0) {
-      // The picture is the colour; many exporters leave a dark Kd beside it.
+      // The image is the colour; many exporters write a dark Kd beside it.
       material.base_color = glm::vec4(1.0F, 1.0F, 1.0F, material.base_color.a);
       TextureSampling& sampling = material.base_color_texture.sampling;
       if (from.clamps) sampling.wrap_s = sampling.wrap_t = TextureWrap::clamp;

@@ -1,4 +1,4 @@
-// Faces of an OBJ file -> triangles -> meshes.
+// Turns the faces of an OBJ file into triangles and meshes.
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -10,25 +10,22 @@
 #include "render/model/model_parts.hpp"
 #include "render/model/obj_parts.hpp"
 #include "render/model/polygon_splitter.hpp"
+#include "render/model/to_eigen.hpp"
 
 namespace penumbra {
 namespace {
 
 constexpr double kCreaseCosine = 0.7071;  // faces that meet at over 45 degrees have an edge
 
-glm::vec3 to_glm(const Eigen::Vector3d& v) {
-  return {static_cast<float>(v.x()), static_cast<float>(v.y()), static_cast<float>(v.z())};
-}
-
 struct ObjTriangles {
   std::vector<ObjCorner> corners;
   std::vector<std::uint32_t> face;  // of each triangle
-  // Normals of triangles that are parts of a flat polygon, in order of the triangles. Slivers of it
-  // have none that can be computed from their corners.
+  // Normals of triangles of a flat polygon, in order of the triangles. Slivers have no normal that
+  // can be computed from their corners.
   std::vector<std::pair<std::size_t, glm::vec3>> normals;
 };
 
-// Adds vertices to the file where outlines cross themselves, and the triangles of its faces.
+// Splits the file's faces into triangles. Adds vertices where outlines cross themselves.
 class FaceSplitter {
  public:
   FaceSplitter(ObjFile& file, const Eigen::Vector3d& origin, LineWarnings& warnings)
@@ -55,7 +52,7 @@ void FaceSplitter::add_triangle(const std::array<std::uint32_t, 3>& triangle, st
   triangles_.face.push_back(face);
 }
 
-// Gives the file a vertex whose attributes are the mean of its neighbours'.
+// Adds a vertex to the file whose attributes are the weighted mean of its neighbours'.
 void FaceSplitter::add_corner(const AddedCorner& added) {
   ObjCorner corner;
   corner.position = static_cast<std::int32_t>(file_.positions.size());
@@ -117,11 +114,11 @@ void FaceSplitter::add(std::uint32_t index) {
   }
 }
 
-// Per corner the normal that a file without normals gets: faces that share the vertex and meet at
-// a flat angle are smoothed together, sharp edges stay sharp.
+// Computes a normal per corner: smooths faces that share the vertex and meet at a flat angle; sharp
+// edges stay sharp.
 std::vector<glm::vec3> creased_normals(const std::vector<glm::vec3>& positions,
                                        const ObjTriangles& triangles) {
-  // Beyond this many faces at a vertex all are smoothed: comparing all pairs would take hours.
+  // With more faces at a vertex all are smoothed: comparing all pairs would take hours.
   constexpr std::uint32_t kMaxPairedFaces = 64;
   struct Corner {
     glm::dvec3 normal{0.0};  // unit
@@ -198,7 +195,7 @@ class MeshBuilder {
       glm::vec2 texcoord(0.0F);
       if (corner.texcoord >= 0) {
         const glm::vec2& from = file.texcoords[static_cast<std::size_t>(corner.texcoord)];
-        texcoord = {from.x, 1.0F - from.y};  // OBJ counts v from the picture's bottom
+        texcoord = {from.x, 1.0F - from.y};  // OBJ counts v from the image's bottom
       }
       mesh.texcoords.push_back(texcoord);
     }
@@ -210,7 +207,7 @@ class MeshBuilder {
     return entry->second;
   }
   void add_triangle(const std::array<std::uint32_t, 3>& triangle, std::uint32_t node) {
-    // A face whose corners coincide stays: it covers nothing, but its vertices are the model's.
+    // Keeps faces whose corners coincide, as their vertices are the model's.
     std::vector<NodeFaces>& runs = mesh.node_faces;
     if (runs.empty() || runs.back().node != node) runs.push_back({node, mesh.indices.size(), 0});
     runs.back().index_count += triangle.size();
@@ -255,7 +252,7 @@ Result<void> add_obj_meshes(Model& model, ObjFile& file, const std::vector<int>&
                 triangles.face.size(), file.positions.size(), limits.max_triangles,
                 limits.max_vertices);
   }
-  // In float from here on.
+  // From here on computes in float.
   std::vector<glm::vec3> positions(file.positions.size());
   for (std::size_t i = 0; i < positions.size(); ++i) {
     positions[i] = to_glm(file.positions[i] - model.origin);

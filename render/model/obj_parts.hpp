@@ -1,10 +1,8 @@
-// The pieces of the OBJ reader: the text's lines, materials, and the way from faces to meshes.
-// Internal to render.
+// The pieces of the OBJ reader: lines of text, materials, and meshes from faces. Internal to
+// render.
 #pragma once
 
 #include <Eigen/Core>
-#include <algorithm>
-#include <array>
 #include <cstdint>
 #include <filesystem>
 #include <glm/vec2.hpp>
@@ -12,6 +10,7 @@
 #include <map>
 #include <optional>
 #include <set>
+#include <span>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -21,23 +20,17 @@
 
 namespace penumbra {
 
-// Words between blanks and tabs, up to one that starts a comment.
+// Returns the words between blanks and tabs, up to one that starts a comment.
 [[nodiscard]] std::vector<std::string_view> obj_words(std::string_view line);
-// The line after its first word, without blanks around.
+// Returns the line after its first word, without blanks around.
 [[nodiscard]] std::string_view after_keyword(std::string_view line);
-// Returns zero for a number too small for a double.
+// Returns zero for a number too small for a double, nothing for text or a number too large.
 [[nodiscard]] std::optional<double> finite_number(std::string_view word);
 // Returns true for a number with a comma in place of the decimal point, "0,5".
 [[nodiscard]] bool has_decimal_comma(std::string_view word);
+[[nodiscard]] bool is_one_of(std::string_view key, std::span<const std::string_view> keys);
 
-template <std::size_t kCount>
-[[nodiscard]] bool is_one_of(std::string_view key,
-                             const std::array<std::string_view, kCount>& keys) {
-  return std::ranges::find(keys, key) != keys.end();
-}
-
-// Collects the warnings of a text file: one for each kind, with its first line and the number of
-// lines.
+// Collects warnings of a text file: one per kind, with its first line and the number of lines.
 class LineWarnings {
  public:
   explicit LineWarnings(std::string file) : file_(std::move(file)) {}
@@ -64,10 +57,10 @@ struct ObjFace {
   std::uint32_t line = 0;
 };
 
-// The file as written, with zero-based indices that exist.
+// The file as written, with zero-based indices of existing elements.
 struct ObjFile {
   std::vector<Eigen::Vector3d> positions;
-  std::vector<glm::vec3> colors;  // 0 to 1 as the screen shows them; one per position, or empty
+  std::vector<glm::vec3> colors;  // sRGB-encoded, 0 to 1; one per position, or empty
   std::vector<glm::vec2> texcoords;
   std::vector<glm::vec3> normals;
   std::vector<ObjCorner> corners;
@@ -79,45 +72,45 @@ struct ObjFile {
 
 struct ObjMaterial {
   Material material;
-  std::string picture;  // of map_Kd, as written; may be ""
-  bool clamps = false;  // the picture is not repeated
+  std::string image;          // file of map_Kd, as written; may be ""
+  bool clamps = false;        // the image is not repeated
+  bool has_dissolve = false;  // a `d` line, which overrides `Tr`
 };
 
-// Materials of the .mtl files that an mtllib line names. Whatever is wrong with them becomes a
-// warning, and the colour plain.
+// Materials of the .mtl files that mtllib lines name. Errors in them become warnings and leave
+// plain colour.
 class ObjMaterials {
  public:
   ObjMaterials(const std::filesystem::path& model_file, const ModelLimits& limits)
       : folder_(model_file.parent_path()), model_name_(model_file.string()), limits_(limits) {}
 
-  // Reads the files that `names` names: one with blanks in its name, or several.
+  // Reads the files that a line names: one with blanks in its name, or several.
   void read_files(std::string_view names, std::size_t line);
-  // Index of a material, or nothing.
   [[nodiscard]] std::optional<std::size_t> find(const std::string& name) const;
-  // Gives the model all materials, with the pictures of those in use, and the plain one as the
-  // last. `used`: one per material.
-  void give_to(Model& model, const std::vector<bool>& used);
+  // Moves all materials into the model, and the plain one as the last. `used`, per material:
+  // whether to load its image.
+  void move_to(Model& model, const std::vector<bool>& used);
   [[nodiscard]] std::size_t size() const { return materials_.size(); }
   [[nodiscard]] bool is_incomplete() const { return incomplete_; }  // a file could not be read
 
  private:
   void read_file_named(const std::string& name, std::size_t line);
   void read_text(std::string_view text, const std::string& file);
-  void load_picture(Model& model, ObjMaterial& from);
+  void load_image(Model& model, ObjMaterial& from);
 
   std::filesystem::path folder_;
   std::string model_name_;
   const ModelLimits& limits_;
   std::vector<ObjMaterial> materials_;
   std::map<std::string, std::size_t> by_name_;
-  std::map<std::string, int> pictures_;  // by path -> Model::textures, -1: can't be had
+  std::map<std::string, int> images_;  // by path -> Model::textures, -1: unreadable
   std::vector<std::string> warnings_;
-  std::set<std::string> files_;  // .mtl files that were named so far
+  std::set<std::string> files_;  // .mtl files named so far
   bool incomplete_ = false;
 };
 
-// Triangles, vertices and normals of the file's faces: one mesh per material. `materials`: per
-// material name, index into Model::materials.
+// Adds the file's faces to the model: one mesh per material. `materials`: index into
+// Model::materials per material name.
 [[nodiscard]] Result<void> add_obj_meshes(Model& model, ObjFile& file,
                                           const std::vector<int>& materials, LineWarnings& warnings,
                                           const ModelLimits& limits, const std::string& name);

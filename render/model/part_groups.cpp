@@ -4,11 +4,9 @@
 #include <cstddef>
 
 namespace penumbra {
-
 namespace {
 
-// * stands for any run of characters, ? for one. Steps back to the last * only, so that no pattern
-// takes long.
+// * matches any run of characters, ? one. Backtracks to the last * only, which bounds the time.
 bool matches(std::string_view pattern, std::string_view name) {
   std::size_t p = 0, n = 0;
   std::size_t star = std::string_view::npos, star_name = 0;
@@ -35,7 +33,7 @@ std::vector<bool> nodes_of_group(const Model& model, const std::string& group) {
   std::vector<bool> members(model.nodes.size(), group == kGroupOfAll);
   for (std::size_t i = 0; i < members.size(); ++i) {
     const ModelNode& node = model.nodes[i];
-    // Parents come first.
+    // Parents precede their children.
     const bool inherited = node.parent >= 0 && members[static_cast<std::size_t>(node.parent)];
     const auto named = [&group](const std::string& name) {
       return !name.empty() && matches(group, name);
@@ -49,24 +47,20 @@ Result<void> check_groups(const Model& model, std::span<const std::string> group
   for (const std::string& group : groups) {
     if (group == kGroupOfAll) continue;
     const std::vector<bool> members = nodes_of_group(model, group);
-    if (std::find(members.begin(), members.end(), true) != members.end()) continue;
+    if (std::ranges::find(members, true) != members.end()) continue;
     constexpr std::size_t kMostNames = 12;
     std::vector<std::string> names;
     for (const ModelNode& node : model.nodes) {
       const std::string& name = node.name.empty() ? node.mesh : node.name;
-      if (!name.empty() && std::find(names.begin(), names.end(), name) == names.end()) {
-        names.push_back(name.substr(0, 60));
+      if (!name.empty() && std::ranges::find(names, name) == names.end()) {
+        names.push_back(names.size() < kMostNames ? name.substr(0, 60) : "...");
       }
       if (names.size() > kMostNames) break;
     }
-    std::string list;
-    for (std::size_t i = 0; i < names.size() && i < kMostNames; ++i) {
-      list += (i == 0 ? "" : ", ") + names[i];
-    }
-    if (names.size() > kMostNames) list += ", ...";
     return fail("group \"{}\": the model \"{}\" has no such node, mesh or object; {}",
                 group.substr(0, 60), model.name,
-                list.empty() ? "it names none: give all" : "there are: all, " + list);
+                names.empty() ? "it names none: give all"
+                              : fmt::format("there are: all, {}", fmt::join(names, ", ")));
   }
   return {};
 }

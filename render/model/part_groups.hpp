@@ -1,9 +1,9 @@
-// Groups of a model's parts that count as one part. Kernels are made for each connected part and
-// each part shrinks about its own: a wall of loose bricks would open at its joints as the umbra
-// shrinks.
+// Groups of a model's parts that count as one part. Each connected part has separate kernels and
+// shrinks towards them: the umbra of a wall of loose bricks would open at its joints.
 //
-// A group is "all", or a name as the model's file has it: of a glTF node or mesh, of an OBJ object
-// or group; * and ? stand for what varies ("brick*"). A node brings everything below it along.
+// A group is "all", or a name in the model's file: of a glTF node or mesh, of an OBJ object or
+// group;
+// * and ? are wildcards ("brick*"). A node includes its descendants.
 #pragma once
 
 #include <span>

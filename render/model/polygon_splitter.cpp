@@ -13,15 +13,13 @@
 namespace penumbra {
 namespace {
 
-// Steps of GLU's sweep beyond those of an ordinary outline; about 2 s.
-constexpr double kMaxSweepSteps = 6e7;
+constexpr double kMaxSweepSteps = 6e7;     // of GLU beyond an ordinary outline's; about 2 s
 constexpr double kOrdinarySteps = 10.0;    // per corner
 constexpr double kStepsOfCrossing = 30.0;  // to make the new corner
 constexpr double kStepsOfCut = 0.2;  // per corner of the face that a reflex corner cuts in two
-// Places closer than this share of the polygon's radius are one. Rounding makes corners that touch
-// an edge cross it by less.
+// Closer places are one, as a share of the radius: corners on an edge cross it by their rounding.
 constexpr double kSamePlace = 1e-9;
-constexpr double kFlatShare = 0.01;      // of the radius that a corner may be off the plane
+constexpr double kFlatShare = 0.01;      // distance of corners from the plane, share of the radius
 constexpr double kAreaTolerance = 1e-6;  // share of the area
 constexpr int kMaxAttempts = 5;
 constexpr double kAttemptAngle = 1.0;     // [rad] between attempts
@@ -36,8 +34,7 @@ double doubled_area(const Eigen::Vector2d& a, const Eigen::Vector2d& b, const Ei
   return cross_2d(b - a, c - a);
 }
 
-// Returns true for edges that meet anywhere but at an end that they share, and for edges that go
-// from such an end in the same direction.
+// Returns true for edges that meet except at a shared end, and for edges that overlap from it.
 bool edges_meet(const Eigen::Vector2d& a, const Eigen::Vector2d& b, const Eigen::Vector2d& c,
                 const Eigen::Vector2d& d) {
   if (a == b || c == d || (a == c && b == d) || (a == d && b == c)) return false;
@@ -56,9 +53,9 @@ bool edges_meet(const Eigen::Vector2d& a, const Eigen::Vector2d& b, const Eigen:
          doubled_area(c, d, a) * doubled_area(c, d, b) <= 0.0;
 }
 
-// Estimates GLU's steps beyond an ordinary outline's: at each corner and each crossing it walks
-// through a list of the edges side by side there, and at each reflex corner along a whole outline.
-// Stops counting beyond `limit`.
+// Estimates GLU's steps beyond an ordinary outline's: it walks the list of edges side by side at
+// each corner and crossing, and a whole outline at each reflex corner. Stops counting beyond
+// `limit`.
 double sweep_steps(std::span<const Eigen::Vector2d> corners, double limit) {
   const std::size_t count = corners.size();
   double reflex = 0.0;
@@ -98,40 +95,7 @@ double sweep_steps(std::span<const Eigen::Vector2d> corners, double limit) {
   return std::max(0.0, beyond_ordinary());
 }
 
-}  // namespace
-
-struct PolygonSplitter::Work {
-  struct DeleteTessellator {
-    void operator()(GLUtesselator* tessellator) const { gluDeleteTess(tessellator); }
-  };
-
-  void project(std::span<const Eigen::Vector3d> corners);
-  [[nodiscard]] Eigen::Vector3d plane_normal() const;
-  [[nodiscard]] bool split_quad(std::span<const Eigen::Vector3d> corners);
-  void turn_axes(double angle);
-  void tessellate();
-  [[nodiscard]] double tessellate_soundly();
-  [[nodiscard]] void* add_corner(const GLdouble* place, void* const* parents,
-                                 const GLfloat* weights);
-
-  std::unique_ptr<GLUtesselator, DeleteTessellator> tessellator{gluNewTess()};
-  double steps_left = kMaxSweepSteps;
-  PolygonSplit split;
-  std::size_t corner_count = 0;
-  // The polygon with its middle at the origin and a radius of 1.
-  Eigen::Vector3d middle = Eigen::Vector3d::Zero();
-  double radius = 0.0;
-  std::vector<Eigen::Vector3d> scaled;
-  Eigen::Vector3d axis_u, axis_v;      // of its plane
-  std::vector<Eigen::Vector2d> flat;   // in its plane; added corners as well
-  std::vector<double> heights;         // over its plane
-  std::vector<std::uint32_t> emitted;  // corners of GLU's triangles
-  bool failed = false;
-};
-
-namespace {
-
-// GLU hands each corner on as a pointer: its index + 1, as null means none.
+// GLU passes a corner as a pointer: its index + 1, as null means none.
 void* to_handle(std::size_t index) {
   return reinterpret_cast<void*>(index + 1);  // NOLINT(performance-no-int-to-ptr)
 }
@@ -141,61 +105,64 @@ std::uint32_t from_handle(const void* handle) {
 
 }  // namespace
 
-// Fills in everything but the triangles.
-void PolygonSplitter::Work::project(std::span<const Eigen::Vector3d> corners) {
-  corner_count = corners.size();
-  // The mean lies in the plane. Taken from the first corner, a polygon far away costs no digits.
-  middle.setZero();
+void PolygonSplitter::DeleteTessellator::operator()(GLUtesselator* tessellator) const {
+  gluDeleteTess(tessellator);
+}
+
+void PolygonSplitter::project(std::span<const Eigen::Vector3d> corners) {
+  corner_count_ = corners.size();
+  // The mean lies in the plane. Relative to the first corner it keeps its digits far away.
+  middle_.setZero();
   for (const Eigen::Vector3d& corner : corners) {
-    middle += (corner - corners[0]) / static_cast<double>(corner_count);
+    middle_ += (corner - corners[0]) / static_cast<double>(corner_count_);
   }
-  middle += corners[0];
-  radius = 0.0;
+  middle_ += corners[0];
+  radius_ = 0.0;
   for (const Eigen::Vector3d& corner : corners) {
-    radius = std::max(radius, (corner - middle).stableNorm());
+    radius_ = std::max(radius_, (corner - middle_).stableNorm());
   }
-  scaled.clear();
+  scaled_.clear();
   for (const Eigen::Vector3d& corner : corners) {
-    scaled.push_back(radius > 0.0 ? Eigen::Vector3d((corner - middle) / radius)
-                                  : Eigen::Vector3d::Zero());
+    scaled_.push_back(radius_ > 0.0 ? Eigen::Vector3d((corner - middle_) / radius_)
+                                    : Eigen::Vector3d::Zero());
   }
-  split = {};
-  flat.clear();
-  heights.clear();
-  emitted.clear();
-  failed = false;
-  split.normal = plane_normal();
-  if (split.normal.isZero(0.0)) return;
-  axis_u = split.normal.unitOrthogonal();
-  axis_v = split.normal.cross(axis_u);
+  split_ = {};
+  flat_.clear();
+  heights_.clear();
+  emitted_.clear();
+  failed_ = false;
+  split_.normal = plane_normal();
+  if (split_.normal.isZero(0.0)) return;
+  axis_u_ = split_.normal.unitOrthogonal();
+  axis_v_ = split_.normal.cross(axis_u_);
   Eigen::Vector2d length = Eigen::Vector2d::Zero();
   Eigen::AlignedBox2d extent;
-  for (const Eigen::Vector3d& p : scaled) {
-    heights.push_back(split.normal.dot(p));
-    flat.emplace_back(axis_u.dot(p), axis_v.dot(p));
-    extent.extend(flat.back());
-    if (std::abs(heights.back()) > kFlatShare) split.is_flat = false;
+  for (const Eigen::Vector3d& p : scaled_) {
+    heights_.push_back(split_.normal.dot(p));
+    flat_.emplace_back(axis_u_.dot(p), axis_v_.dot(p));
+    extent.extend(flat_.back());
+    if (std::abs(heights_.back()) > kFlatShare) split_.is_flat = false;
   }
-  for (std::size_t i = 0; i < flat.size(); ++i) {
-    length += (flat[(i + 1) % flat.size()] - flat[i]).cwiseAbs();
+  for (std::size_t i = 0; i < flat_.size(); ++i) {
+    length += (flat_[(i + 1) % flat_.size()] - flat_[i]).cwiseAbs();
   }
-  // GLU sweeps along u: the other way where fewer edges lie side by side there.
+  // GLU sweeps along u: swaps the axes if fewer edges lie side by side along v.
   if (length.y() * extent.sizes().x() < length.x() * extent.sizes().y()) {
-    const Eigen::Vector3d u = axis_u;
-    axis_u = axis_v;
-    axis_v = -u;
-    for (Eigen::Vector2d& p : flat) p = Eigen::Vector2d(p.y(), -p.x());
+    const Eigen::Vector3d u = axis_u_;
+    axis_u_ = axis_v_;
+    axis_v_ = -u;
+    for (Eigen::Vector2d& p : flat_) p = Eigen::Vector2d(p.y(), -p.x());
   }
 }
 
-// Direction of the area vector (Newell's method), or of the largest triangle with the middle where
-// the areas cancel each other. Zero for a polygon without any area.
-Eigen::Vector3d PolygonSplitter::Work::plane_normal() const {
+// Returns the direction of the area vector (Newell's method); if areas cancel each other, that of
+// the largest triangle with the middle. Zero for a polygon without area.
+Eigen::Vector3d PolygonSplitter::plane_normal() const {
   Eigen::Vector3d sum = Eigen::Vector3d::Zero();
   Eigen::Vector3d largest = Eigen::Vector3d::Zero();
   double total = 0.0;
-  for (std::size_t i = 0; i < scaled.size(); ++i) {
-    const Eigen::Vector3d term = scaled[i].cross(scaled[(i + 1) % scaled.size()]);
+  for (std::size_t i = 0; i < scaled_.size(); ++i) {
+    const Eigen::Vector3d term = scaled_[i].cross(scaled_[(i + 1) % scaled_.size()]);
     sum += term;
     total += term.norm();
     if (term.squaredNorm() > largest.squaredNorm()) largest = term;
@@ -204,9 +171,9 @@ Eigen::Vector3d PolygonSplitter::Work::plane_normal() const {
   return (sum.norm() > kLeastAreaShare * total ? sum : largest).normalized();
 }
 
-// Splits a polygon of four corners along its shorter diagonal that lies inside. Fails where none
-// does: its outline crosses itself.
-bool PolygonSplitter::Work::split_quad(std::span<const Eigen::Vector3d> corners) {
+// Splits a quadrilateral along its shorter diagonal inside. Returns false if none lies inside: the
+// outline crosses itself.
+bool PolygonSplitter::split_quad(std::span<const Eigen::Vector3d> corners) {
   const auto squared_length = [&](std::size_t a, std::size_t b) {
     const Eigen::Vector3f d = corners[b].cast<float>() - corners[a].cast<float>();
     return d.x() * d.x() + d.y() * d.y() + d.z() * d.z();
@@ -216,23 +183,22 @@ bool PolygonSplitter::Work::split_quad(std::span<const Eigen::Vector3d> corners)
   Triangles second = {{{0, 1, 3}, {1, 2, 3}}};
   if (!(squared_length(0, 2) < squared_length(1, 3))) std::swap(first, second);
   const auto take = [&](const Triangles& triangles) {
-    split.triangles.assign(triangles.begin(), triangles.end());
+    split_.triangles.assign(triangles.begin(), triangles.end());
     return true;
   };
-  if (flat.empty()) return take(first);
+  if (flat_.empty()) return take(first);
   const auto is_inside = [&](const Triangles& triangles) {
     return std::ranges::all_of(triangles, [&](const std::array<std::uint32_t, 3>& t) {
-      return doubled_area(flat[t[0]], flat[t[1]], flat[t[2]]) >= 0.0;
+      return doubled_area(flat_[t[0]], flat_[t[1]], flat_[t[2]]) >= 0.0;
     });
   };
   if (is_inside(first)) return take(first);
   return is_inside(second) && take(second);
 }
 
-// Returns the handle of a corner for a place where GLU lets edges meet: a corner that is there, or
-// an added one.
-void* PolygonSplitter::Work::add_corner(const GLdouble* place, void* const* parents,
-                                        const GLfloat* weights) {
+// Returns the handle of the corner at which GLU lets edges meet: an existing or an added one.
+void* PolygonSplitter::add_corner(const GLdouble* place, void* const* parents,
+                                  const GLfloat* weights) {
   // Two corners at one place.
   if (parents[2] == nullptr || parents[3] == nullptr) return parents[0];
   const Eigen::Vector2d p(place[0], place[1]);
@@ -240,90 +206,93 @@ void* PolygonSplitter::Work::add_corner(const GLdouble* place, void* const* pare
   double height = 0.0;
   for (std::size_t i = 0; i < 4; ++i) {
     const std::uint32_t parent = from_handle(parents[i]);
-    if ((flat[parent] - p).norm() < kSamePlace) return parents[i];
+    if ((flat_[parent] - p).norm() < kSamePlace) return parents[i];
     corner.of_corners[i] = parent;
     corner.weights[i] = weights[i];
-    height += static_cast<double>(weights[i]) * heights[parent];
+    height += static_cast<double>(weights[i]) * heights_[parent];
   }
-  corner.position = middle + radius * (p.x() * axis_u + p.y() * axis_v + height * split.normal);
-  split.added.push_back(corner);
-  flat.push_back(p);
-  heights.push_back(height);
-  return to_handle(flat.size() - 1);
+  corner.position =
+      middle_ + radius_ * (p.x() * axis_u_ + p.y() * axis_v_ + height * split_.normal);
+  split_.added.push_back(corner);
+  flat_.push_back(p);
+  heights_.push_back(height);
+  return to_handle(flat_.size() - 1);
 }
 
-// Turns the axes within the polygon's plane. GLU sweeps along u.
-void PolygonSplitter::Work::turn_axes(double angle) {
+// Turns the axes within the polygon's plane, and so the direction of GLU's sweep.
+void PolygonSplitter::turn_axes(double angle) {
   const Eigen::Matrix2d turn = Eigen::Rotation2Dd(-angle).toRotationMatrix();
-  for (Eigen::Vector2d& p : flat) p = turn * p;
-  const Eigen::Vector3d u = axis_u;
-  axis_u = turn(0, 0) * u + turn(0, 1) * axis_v;
-  axis_v = turn(1, 0) * u + turn(1, 1) * axis_v;
+  for (Eigen::Vector2d& p : flat_) p = turn * p;
+  const Eigen::Vector3d u = axis_u_;
+  axis_u_ = turn(0, 0) * u + turn(0, 1) * axis_v_;
+  axis_v_ = turn(1, 0) * u + turn(1, 1) * axis_v_;
 }
 
-void PolygonSplitter::Work::tessellate() {
-  split.triangles.clear();
-  split.added.clear();
-  emitted.clear();
-  flat.resize(corner_count);
-  heights.resize(corner_count);
-  GLUtesselator* glu = tessellator.get();
+void PolygonSplitter::tessellate() {
+  split_.triangles.clear();
+  split_.added.clear();
+  emitted_.clear();
+  flat_.resize(corner_count_);
+  heights_.resize(corner_count_);
+  GLUtesselator* glu = tessellator_.get();
   gluTessBeginPolygon(glu, this);
   gluTessBeginContour(glu);
-  for (std::size_t i = 0; i < corner_count; ++i) {
-    std::array<GLdouble, 3> place = {flat[i].x(), flat[i].y(), 0.0};
+  for (std::size_t i = 0; i < corner_count_; ++i) {
+    std::array<GLdouble, 3> place = {flat_[i].x(), flat_[i].y(), 0.0};
     gluTessVertex(glu, place.data(), to_handle(i));
   }
   gluTessEndContour(glu);
   gluTessEndPolygon(glu);
-  for (std::size_t i = 0; i + 2 < emitted.size(); i += 3) {
-    const std::array<std::uint32_t, 3> t = {emitted[i], emitted[i + 1], emitted[i + 2]};
-    if (t[0] != t[1] && t[1] != t[2] && t[2] != t[0]) split.triangles.push_back(t);
+  for (std::size_t i = 0; i + 2 < emitted_.size(); i += 3) {
+    const std::array<std::uint32_t, 3> t = {emitted_[i], emitted_[i + 1], emitted_[i + 2]};
+    if (t[0] != t[1] && t[1] != t[2] && t[2] != t[0]) split_.triangles.push_back(t);
   }
 }
 
-// Returns the number of attempts. GLU may lose or fold areas where edges lie within rounding of
-// each other, as along a bridge to a hole, and does not in other directions of its sweep. So a
-// result counts that has the outline's area, or that comes out twice.
-double PolygonSplitter::Work::tessellate_soundly() {
+// Returns the number of attempts. GLU may lose or fold areas if edges coincide but for rounding, as
+// along a bridge to a hole; other directions of its sweep avoid that. Accepts a result that has the
+// outline's area or comes out twice.
+double PolygonSplitter::tessellate_soundly() {
   double before = -1.0;
   for (int attempt = 1;; ++attempt) {
     tessellate();
     double own = 0.0;
-    for (std::size_t i = 0; i < corner_count; ++i) {
-      own += cross_2d(flat[i], flat[(i + 1) % corner_count]);
+    for (std::size_t i = 0; i < corner_count_; ++i) {
+      own += cross_2d(flat_[i], flat_[(i + 1) % corner_count_]);
     }
     double covered = 0.0;
     double folded = 0.0;
-    for (const auto& t : split.triangles) {
-      const double area = doubled_area(flat[t[0]], flat[t[1]], flat[t[2]]);
+    for (const auto& t : split_.triangles) {
+      const double area = doubled_area(flat_[t[0]], flat_[t[1]], flat_[t[2]]);
       covered += area;
       folded -= std::min(area, 0.0);
     }
     const double tolerance =
         kRoundedArea + kAreaTolerance * std::max(std::abs(own), std::abs(covered));
-    split.crosses_itself = std::abs(covered - own) > tolerance;
+    split_.crosses_itself = std::abs(covered - own) > tolerance;
     const bool sound =
-        folded <= tolerance && (!split.crosses_itself || std::abs(covered - before) <= tolerance);
-    if (sound || failed || attempt == kMaxAttempts) return attempt;
+        folded <= tolerance && (!split_.crosses_itself || std::abs(covered - before) <= tolerance);
+    if (sound || failed_ || attempt == kMaxAttempts) return attempt;
     before = covered;
     turn_axes(kAttemptAngle);
   }
 }
 
-PolygonSplitter::PolygonSplitter() : work_(std::make_unique<Work>()) {
-  GLUtesselator* glu = work_->tessellator.get();
+PolygonSplitter::PolygonSplitter() : tessellator_(gluNewTess()), steps_left_(kMaxSweepSteps) {
+  GLUtesselator* glu = tessellator_.get();
   if (glu == nullptr) throw std::bad_alloc();
-  const auto vertex = [](void* handle, void* work) {
-    static_cast<Work*>(work)->emitted.push_back(from_handle(handle));
+  const auto vertex = [](void* handle, void* self) {
+    static_cast<PolygonSplitter*>(self)->emitted_.push_back(from_handle(handle));
   };
-  // GLU gives separate triangles where someone listens to edge flags.
+  // A callback for edge flags makes GLU emit separate triangles.
   const auto edge_flag = [](GLboolean, void*) {};
   const auto combine = [](GLdouble* place, void** parents, GLfloat* weights, void** corner,
-                          void* work) {
-    *corner = static_cast<Work*>(work)->add_corner(place, parents, weights);
+                          void* self) {
+    *corner = static_cast<PolygonSplitter*>(self)->add_corner(place, parents, weights);
   };
-  const auto error = [](GLenum, void* work) { static_cast<Work*>(work)->failed = true; };
+  const auto error = [](GLenum, void* self) {
+    static_cast<PolygonSplitter*>(self)->failed_ = true;
+  };
   const auto set = [glu](GLenum which, auto* callback) {
     gluTessCallback(glu, which, reinterpret_cast<_GLUfuncptr>(callback));
   };
@@ -335,27 +304,23 @@ PolygonSplitter::PolygonSplitter() : work_(std::make_unique<Work>()) {
   gluTessNormal(glu, 0.0, 0.0, 1.0);
 }
 
-PolygonSplitter::~PolygonSplitter() = default;
-
 const PolygonSplit& PolygonSplitter::split(std::span<const Eigen::Vector3d> corners) {
   PENUMBRA_ASSERT(corners.size() >= 3);
-  Work& work = *work_;
-  work.project(corners);
-  PolygonSplit& split = work.split;
+  project(corners);
   const auto count = static_cast<std::uint32_t>(corners.size());
-  if (count == 4 && work.split_quad(corners)) return split;
-  if (count == 3 || work.flat.empty()) {
-    for (std::uint32_t i = 1; i + 1 < count; ++i) split.triangles.push_back({0, i, i + 1});
-    return split;
+  if (count == 4 && split_quad(corners)) return split_;
+  if (count == 3 || flat_.empty()) {
+    for (std::uint32_t i = 1; i + 1 < count; ++i) split_.triangles.push_back({0, i, i + 1});
+    return split_;
   }
-  const double steps = sweep_steps(work.flat, work.steps_left);
-  if (steps > work.steps_left) {
-    split.outcome = PolygonSplit::Outcome::too_intricate;
-    return split;
+  const double steps = sweep_steps(flat_, steps_left_);
+  if (steps > steps_left_) {
+    split_.outcome = PolygonSplit::Outcome::too_intricate;
+    return split_;
   }
-  work.steps_left -= steps * work.tessellate_soundly();
-  if (work.failed) split.outcome = PolygonSplit::Outcome::too_intricate;
-  return split;
+  steps_left_ -= steps * tessellate_soundly();
+  if (failed_) split_.outcome = PolygonSplit::Outcome::too_intricate;
+  return split_;
 }
 
 }  // namespace penumbra

@@ -1,4 +1,4 @@
-// Polygon with any outline -> triangles.
+// Splits polygons of any outline into triangles.
 #pragma once
 
 #include <Eigen/Core>
@@ -8,9 +8,11 @@
 #include <span>
 #include <vector>
 
+class GLUtesselator;
+
 namespace penumbra {
 
-// A corner that the polygon does not have: its outline crosses itself there.
+// A corner added where the outline crosses itself.
 struct AddedCorner {
   Eigen::Vector3d position;
   // Mean of the polygon's corners, or of corners added before, with these weights.
@@ -21,13 +23,12 @@ struct AddedCorner {
 struct PolygonSplit {
   enum class Outcome { split, too_intricate };
   Outcome outcome = Outcome::split;
-  // Indices of corners; from the polygon's corner count on, of added ones. They turn as the polygon
-  // does.
+  // Indices of corners, of added ones from the polygon's corner count on. Oriented as the polygon.
   std::vector<std::array<std::uint32_t, 3>> triangles;
   std::vector<AddedCorner> added;
   Eigen::Vector3d normal = Eigen::Vector3d::Zero();  // unit; zero for a polygon without area
-  bool crosses_itself = false;                       // the triangles' area differs from its own
-  bool is_flat = true;                               // to 1 % of its radius
+  bool crosses_itself = false;  // the triangles' area differs from the polygon's
+  bool is_flat = true;          // to 1 % of its radius
 };
 
 // Splits polygons into triangles by GLU's tessellator.
@@ -35,15 +36,14 @@ struct PolygonSplit {
 // The triangles' areas add up to that of a polygon whose outline does not cross itself. It may be
 // concave, touch itself, and visit a bridge to a hole twice. An outline that crosses itself is
 // filled by the non-zero winding rule. A polygon that is not flat is split as seen along its area
-// vector; its corners keep their places. A polygon without any area becomes triangles without area.
+// vector; its corners keep their places. A polygon without area becomes triangles without area.
 //
-// The work for outlines with many crossings or many edges side by side is limited over all polygons
-// of a splitter, as GLU's time grows with the square of their number. Polygons beyond that limit
-// get `too_intricate`.
+// GLU's time grows with the square of the number of crossings and of edges side by side. A splitter
+// limits that work over all of its polygons; those beyond the limit get `too_intricate`.
 class PolygonSplitter {
  public:
   PolygonSplitter();
-  ~PolygonSplitter();
+  // GLU's callbacks hold the splitter's address.
   PolygonSplitter(const PolygonSplitter&) = delete;
   PolygonSplitter& operator=(const PolygonSplitter&) = delete;
 
@@ -52,8 +52,31 @@ class PolygonSplitter {
   [[nodiscard]] const PolygonSplit& split(std::span<const Eigen::Vector3d> corners);
 
  private:
-  struct Work;
-  std::unique_ptr<Work> work_;
+  struct DeleteTessellator {
+    void operator()(GLUtesselator* tessellator) const;
+  };
+  // Computes everything but the triangles.
+  void project(std::span<const Eigen::Vector3d> corners);
+  [[nodiscard]] Eigen::Vector3d plane_normal() const;
+  [[nodiscard]] bool split_quad(std::span<const Eigen::Vector3d> corners);
+  void turn_axes(double angle);
+  void tessellate();
+  [[nodiscard]] double tessellate_soundly();
+  [[nodiscard]] void* add_corner(const double* place, void* const* parents, const float* weights);
+
+  std::unique_ptr<GLUtesselator, DeleteTessellator> tessellator_;
+  double steps_left_;  // of the limit on GLU's work
+  PolygonSplit split_;
+  std::size_t corner_count_ = 0;
+  // The polygon with its middle at the origin and a radius of 1.
+  Eigen::Vector3d middle_ = Eigen::Vector3d::Zero();
+  double radius_ = 0.0;
+  std::vector<Eigen::Vector3d> scaled_;
+  Eigen::Vector3d axis_u_, axis_v_;     // of its plane
+  std::vector<Eigen::Vector2d> flat_;   // in its plane; added corners as well
+  std::vector<double> heights_;         // over its plane
+  std::vector<std::uint32_t> emitted_;  // corners of GLU's triangles
+  bool failed_ = false;
 };
 
 }  // namespace penumbra

@@ -4,29 +4,26 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <glm/common.hpp>
+#include <glm/geometric.hpp>
 #include <limits>
 #include <numeric>
 
 #include "render/model/cut_out.hpp"
-#include "render/model/kernel_stamp.hpp"
 #include "render/model/part_groups.hpp"
+#include "render/model/to_eigen.hpp"
 
 namespace penumbra {
-
 namespace {
 
-// Vertices closer than this are one: a seam of texture coordinates or a soup of triangles must not
-// change a kernel.
+// Seams of texture coordinates and unconnected triangles must not change a kernel.
 constexpr double kWeldDistance = 10e-6;  // [m]
 constexpr double kWeldShare = 1e-4;      // of the longest side, at most
-// Two vertices that are the same but for rounding are a few steps of float apart: of the coordinate
-// that is typical of the model.
+// Relative distance of equal vertices after rounding: a few steps of float.
 constexpr double kRounding = 4.0 * 1.1920929e-7;
-// A cell of the search grid, in weld distances. Most vertices are far enough from their cell's
-// walls to look in one cell only.
+// Cell of the search grid, in weld distances: most vertices need a search of one cell only.
 constexpr double kCellSize = 8.0;
-// Most triangles that cut faces may become.
-constexpr std::size_t kMostPieces = 100'000;
+constexpr std::size_t kMostPieces = 100'000;  // triangles from cut faces
 
 struct CellIndex {
   std::int64_t x, y, z;
@@ -43,7 +40,7 @@ std::uint64_t hash_of(const CellIndex& cell) {
 // Open-addressed table of the cells that hold a position; positions of a cell form a list.
 class WeldGrid {
  public:
-  // Positions no further apart than `distance` [m] are one; of 0, those that are equal.
+  // Welds positions up to `distance` [m] apart; 0: equal ones.
   WeldGrid(std::size_t expected, double distance)
       : squared_distance_(distance * distance),
         cells_per_m_(1.0 / (kCellSize * std::max(distance, kLeastDistance))) {
@@ -54,7 +51,7 @@ class WeldGrid {
     next_.reserve(expected);
   }
 
-  // The index of a position within the weld distance, or of the new one.
+  // Returns the index of a position within the weld distance, or of the new one.
   std::uint32_t find_or_add(const glm::vec3& p, std::vector<glm::vec3>& positions) {
     const double x = static_cast<double>(p.x) * cells_per_m_;
     const double y = static_cast<double>(p.y) * cells_per_m_;
@@ -101,7 +98,7 @@ class WeldGrid {
     }
   }
   static std::int64_t cell_of(double coordinate) {
-    // Far beyond any model; float values up there would not fit an integer.
+    // Beyond any model; larger values would not fit an integer.
     constexpr double kFar = 1e18;
     return static_cast<std::int64_t>(std::floor(std::clamp(coordinate, -kFar, kFar)));
   }
@@ -114,10 +111,8 @@ class WeldGrid {
   [[nodiscard]] std::uint32_t search(const CellIndex& cell, const glm::vec3& p,
                                      const std::vector<glm::vec3>& positions) const {
     for (std::uint32_t i = slots_[slot_of(cell)]; i != kNone; i = next_[i]) {
-      const double dx = static_cast<double>(positions[i].x) - static_cast<double>(p.x);
-      const double dy = static_cast<double>(positions[i].y) - static_cast<double>(p.y);
-      const double dz = static_cast<double>(positions[i].z) - static_cast<double>(p.z);
-      if (dx * dx + dy * dy + dz * dz <= squared_distance_) return i;
+      const glm::dvec3 d = glm::dvec3(positions[i]) - glm::dvec3(p);
+      if (glm::dot(d, d) <= squared_distance_) return i;
     }
     return kNone;
   }
@@ -143,23 +138,18 @@ class UnionFind {
   }
   // The lower index becomes the root, so that parts are numbered by their first position.
   void join(std::uint32_t a, std::uint32_t b) {
-    const std::uint32_t root_a = root(a);
-    const std::uint32_t root_b = root(b);
-    if (root_a < root_b) {
-      parent_[root_b] = root_a;
-    } else {
-      parent_[root_a] = root_b;
-    }
+    const auto [low, high] = std::minmax({root(a), root(b)});
+    parent_[high] = low;
   }
 
  private:
   std::vector<std::uint32_t> parent_;
 };
 
-// Keeps vertices apart that are at one place but were given different kernels.
+// Separates vertices at one place that have different kernels.
 class KernelSplitter {
  public:
-  // `welded` is the position the vertex was welded to, which may be the newest one.
+  // `welded`: the position that the vertex was welded to, possibly the newest one.
   std::uint32_t position_for(std::uint32_t welded, const glm::vec3& kernel, ShadowMesh& mesh) {
     if (next_.size() <= welded) next_.resize(welded + 1U, kNoShadowPosition);
     for (std::size_t i = mesh.stored_kernels.size(); i <= welded; ++i) {
@@ -186,7 +176,7 @@ class KernelSplitter {
   std::vector<std::array<std::uint32_t, 2>> twins_;
 };
 
-// One position of each of the mesh's faces that the group holds.
+// Collects one position of each of the mesh's faces in the group.
 void collect_group(const Mesh& source, const std::vector<std::uint32_t>& welded,
                    const std::vector<bool>& members, const std::string& group,
                    std::vector<std::uint32_t>& positions) {
@@ -207,14 +197,9 @@ void collect_group(const Mesh& source, const std::vector<std::uint32_t>& welded,
   }
 }
 
-bool is_finite_position(const glm::vec3& p) {
-  return std::isfinite(p.x) && std::isfinite(p.y) && std::isfinite(p.z);
-}
-
-// How a shadow mesh is made of a model.
 struct Welding {
-  bool stored = false;                          // with the kernels that came with the model
-  std::optional<int> cut_depth = std::nullopt;  // steps of cut_out.hpp, where faces are cut
+  bool stored = false;                          // keeps the kernels that came with the model
+  std::optional<int> cut_depth = std::nullopt;  // of FaceOpacity::append_seen(), to cut faces
 };
 
 // Makes a mesh with welded positions.
@@ -247,8 +232,8 @@ class Welder {
 void Welder::weld_vertices(const Mesh& source) {
   welded_.resize(source.positions.size());
   for (std::size_t i = 0; i < source.positions.size(); ++i) {
-    // A vertex that is not a number can't cast; its faces are skipped below.
-    welded_[i] = is_finite_position(source.positions[i])
+    // Vertices that are not finite can't cast: add_faces() skips their faces.
+    welded_[i] = is_finite(source.positions[i])
                      ? grid_.find_or_add(source.positions[i], mesh_.positions)
                      : kNoShadowPosition;
     if (welding_.stored && welded_[i] != kNoShadowPosition && i < source.shadow_kernels.size()) {
@@ -262,7 +247,7 @@ void Welder::weld_vertices(const Mesh& source) {
 
 void Welder::add_face(const std::array<std::uint32_t, 3>& face) {
   if (face[0] == face[1] || face[1] == face[2] || face[2] == face[0]) {
-    // No area, but it still holds its neighbours together.
+    // It has no area but connects its neighbours.
     collapsed_edges_.push_back({face[0], face[0] == face[1] ? face[2] : face[1]});
     return;
   }
@@ -275,8 +260,9 @@ void Welder::add_pieces(const FaceOpacity& opacity, std::size_t index, std::uint
   opacity.append_seen(index, *welding_.cut_depth, corners);
   for (std::size_t i = 0; i + 2 < corners.size(); i += 3) {
     std::array<std::uint32_t, 3> piece{};
-    for (std::size_t k = 0; k < 3; ++k)
+    for (std::size_t k = 0; k < 3; ++k) {
       piece[k] = grid_.find_or_add(corners[i + k], mesh_.positions);
+    }
     if (piece[0] == piece[1] || piece[1] == piece[2] || piece[2] == piece[0]) continue;
     mesh_.indices.insert(mesh_.indices.end(), piece.begin(), piece.end());
     for (const std::uint32_t position : piece) pieces_.push_back({corner, position});
@@ -359,7 +345,7 @@ ShadowMesh Welder::make() {
       collect_group(source, welded_, members[group], groups_[group], grouped_[group]);
     }
   }
-  // A position that no vertex with a kernel made.
+  // Positions of vertices without a kernel.
   for (std::size_t i = mesh_.stored_kernels.size(); welding_.stored && i < mesh_.positions.size();
        ++i) {
     mesh_.stored_kernels.push_back(mesh_.positions[i]);
@@ -368,40 +354,29 @@ ShadowMesh Welder::make() {
   return std::move(mesh_);
 }
 
-ShadowMesh welded_mesh(const Model& model, std::span<const std::string> groups,
-                       const Welding& welding) {
-  return Welder(model, groups, welding).make();
-}
-
 }  // namespace
 
 double weld_distance(const Model& model) {
+  const auto greatest = [](const auto& v) { return std::max({v.x, v.y, v.z}); };
   glm::vec3 low(std::numeric_limits<float>::infinity());
   glm::vec3 high(-std::numeric_limits<float>::infinity());
   for (const Mesh& mesh : model.meshes) {
     for (const glm::vec3& p : mesh.positions) {
-      if (!is_finite_position(p)) continue;
-      low = glm::vec3(std::min(low.x, p.x), std::min(low.y, p.y), std::min(low.z, p.z));
-      high = glm::vec3(std::max(high.x, p.x), std::max(high.y, p.y), std::max(high.z, p.z));
+      if (!is_finite(p)) continue;
+      low = glm::min(low, p);
+      high = glm::max(high, p);
     }
   }
-  double side = 0.0;
-  double largest = 0.0;
-  for (int i = 0; i < 3; ++i) {
-    if (!(low[i] <= high[i])) return 0.0;
-    side = std::max(side, static_cast<double>(high[i]) - static_cast<double>(low[i]));
-    largest = std::max(
-        {largest, std::abs(static_cast<double>(low[i])), std::abs(static_cast<double>(high[i]))});
-  }
-  const double distance = std::min(kWeldDistance, kWeldShare * side);
+  if (!(low.x <= high.x)) return 0.0;
+  const double distance =
+      std::min(kWeldDistance, kWeldShare * greatest(glm::dvec3(high) - glm::dvec3(low)));
+  const double largest = greatest(glm::dvec3(glm::max(glm::abs(low), glm::abs(high))));
   if (kRounding * largest <= distance) return distance;
-  // A single vertex far away must not weld what is near: of half of the vertices.
+  // The median coordinate counts: a single vertex far away must not weld others.
   std::vector<float> coordinates;
   for (const Mesh& mesh : model.meshes) {
     for (const glm::vec3& p : mesh.positions) {
-      if (is_finite_position(p)) {
-        coordinates.push_back(std::max({std::abs(p.x), std::abs(p.y), std::abs(p.z)}));
-      }
+      if (is_finite(p)) coordinates.push_back(greatest(glm::abs(p)));
     }
   }
   const auto median = coordinates.begin() + static_cast<std::ptrdiff_t>(coordinates.size() / 2);
@@ -413,11 +388,11 @@ ShadowMesh make_shadow_mesh(const Model& model, std::span<const std::string> gro
                             CutOuts cut_outs) {
   if (groups.empty()) groups = model.shadow_kernel_groups;
   if (cut_outs == CutOuts::what_is_seen && has_cut_outs(model)) {
-    return welded_mesh(model, groups, {.cut_depth = cut_out_depth(model, kMostPieces)});
+    return Welder(model, groups, {.cut_depth = cut_out_depth(model, kMostPieces)}).make();
   }
   const bool stored = model.shadow_kernel_up.has_value();
-  ShadowMesh mesh = welded_mesh(model, groups, {.stored = stored});
-  if (stored && !stored_kernels_fit(model, mesh, groups)) return welded_mesh(model, groups, {});
+  ShadowMesh mesh = Welder(model, groups, {.stored = stored}).make();
+  if (stored && !stored_kernels_fit(model, mesh, groups)) return Welder(model, groups, {}).make();
   return mesh;
 }
 
@@ -425,12 +400,8 @@ std::optional<std::string> warning_of_lost_faces(const Model& model, const std::
   // Only an edge no longer than twice the distance can be welded to one place.
   const double distance = weld_distance(model);
   const auto is_short = [&](const glm::vec3& a, const glm::vec3& b) {
-    double squared = 0.0;
-    for (int i = 0; i < 3; ++i) {
-      const double d = static_cast<double>(a[i]) - static_cast<double>(b[i]);
-      squared += d * d;
-    }
-    return squared <= 4.0 * distance * distance;
+    const glm::dvec3 d = glm::dvec3(a) - glm::dvec3(b);
+    return glm::dot(d, d) <= 4.0 * distance * distance;
   };
   std::size_t faces = 0;
   bool any_short = false;
@@ -443,26 +414,38 @@ std::optional<std::string> warning_of_lost_faces(const Model& model, const std::
     }
   }
   if (!any_short) return std::nullopt;
-  const ShadowMesh welded = welded_mesh(model, {}, {});
-  const std::size_t lost = welded.lost_faces;
+  const std::size_t lost = Welder(model, {}, {}).make().lost_faces;
   if (lost == 0) return std::nullopt;
   if (lost == faces) {
-    // Numbers of six digits, as many programs write them, hold no shape so far away.
+    // Files with six digits, as many programs write them, lose the shape so far away.
     constexpr double kFar = 100.0;  // [m]
-    const double distance_from_origin = model.origin.norm();
+    const double far = model.origin.norm();
+    const std::string remedy =
+        far > kFar
+            ? fmt::format("it lies {:.4g} km from its origin; move it there and export it again",
+                          1e-3 * far)
+            : "export it again, in larger units";
     return fmt::format(
         "{}: casts no shadow: its {} faces have no area, with corners at one place; {}", file,
-        faces,
-        distance_from_origin > kFar
-            ? fmt::format("it lies {:.4g} km from its origin; move it there and export it again",
-                          1e-3 * distance_from_origin)
-            : "export it again, in larger units");
+        faces, remedy);
   }
   return fmt::format(
       "{}: {} of its {} faces cast no shadow: their parts are smaller than {:.2g} m, "
       "the least that is told apart in this model; take away what lies far from the "
       "rest, or make them larger",
       file, lost, faces, distance);
+}
+
+KernelStamp kernel_stamp_from(std::string_view word) {
+  KernelStamp stamp;
+  const std::size_t first = word.find('-');
+  stamp.geometry = word.substr(0, first);
+  if (first == std::string_view::npos) return stamp;
+  const std::string_view rest = word.substr(first + 1);
+  const std::size_t second = rest.find('-');
+  stamp.parts = rest.substr(0, second);
+  if (second != std::string_view::npos) stamp.source = rest.substr(second + 1);
+  return stamp;
 }
 
 std::string parts_key(const ShadowMesh& mesh) {

@@ -1,18 +1,9 @@
 #include "render/scene/layered_constants.hpp"
 
-#include <algorithm>
-#include <cmath>
-#include <limits>
-
 namespace penumbra {
 namespace {
 
-bool positive_and_finite(double value) {
-  return std::isfinite(value) && value > 0.0;
-}
-
-// Shaders divide by H and h_u and multiply by a, in floats: neither these nor their inverses may
-// leave a float's range.
+// Shaders compute with these values and their inverses in floats.
 bool fits_float(double value) {
   return value >= 1e-30 && value <= 1e30;
 }
@@ -43,7 +34,7 @@ Result<LayeredConstants> make_layered_constants(double light_height, double ligh
   LayeredConstants constants;
   constants.light_height = light_height;
   if (std::isinf(light_height)) {
-    // The zenith limit: the light's radius grows with its height, so that only h_u = H / a is left.
+    // The zenith limit: the light's radius grows with its height, and h_u = H / a remains.
     if (umbra_height <= 0.0) {
       return fail("umbra height h_u: is missing; a light at infinity needs it");
     }
@@ -78,13 +69,12 @@ Result<LayeredConstants> make_layered_constants(double light_height, double ligh
 }
 
 Result<LayeredConstants> layered_constants_for_workspace(double max_height, double magnification) {
-  if (!positive_and_finite(max_height)) {
+  if (!std::isfinite(max_height) || max_height <= 0.0) {
     return fail("workspace height: is {}; give metres above 0", max_height);
   }
   if (!std::isfinite(magnification) || magnification <= 1.0) {
     return fail("magnification: is {}; give a number above 1", magnification);
   }
-  // docs/shadows.md#constants: a = M / (M - 1), H = a h_max, so that h_u = h_max.
   const double ratio = magnification / (magnification - 1.0);
   return make_layered_constants(ratio * max_height, ratio, 0.0);
 }

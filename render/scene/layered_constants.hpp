@@ -1,5 +1,5 @@
 // The constants of layered penumbrae (docs/shadows.md#constants): the light's height and size, and
-// the heights in which each layer has matter to project.
+// the range of heights that each layer projects.
 #pragma once
 
 #include <algorithm>
@@ -18,34 +18,33 @@ inline constexpr std::array kShadowLayers = {ShadowLayer::umbra, ShadowLayer::mi
   return layer == ShadowLayer::umbra ? -1 : layer == ShadowLayer::middle ? 0 : 1;
 }
 
-// H > 0: light height above the plane, may be +infinity (then umbra_height says where the umbra
-// vanishes); a > 0: light radius over object radius.
+// H > 0: light height above the plane, may be +infinity; a > 0: light radius over object radius.
 struct LayeredConstants {
   double light_height = 0.9;       // H [m]
   double light_ratio = 3.0;        // a
-  double umbra_height = 0.3;       // h_u = H / a [m]
+  double umbra_height = 0.3;       // h_u = H / a, at which the umbra vanishes for a > 1 [m]
   double magnification_cap = 8.0;  // faces are clipped at h = H (1 - 1/m)
   friend bool operator==(const LayeredConstants&, const LayeredConstants&) = default;
 };
 
-// True if the umbra ends at h_u.
 [[nodiscard]] inline bool umbra_vanishes(const LayeredConstants& constants) {
   return constants.light_ratio > 1.0 || std::isinf(constants.light_height);
 }
 
-// Checked constants. Exactly one of light_ratio, umbra_height may be left at 0: it follows from H /
-// a = h_u. H may be +inf with umbra_height. Fails on non-finite or non-positive values; a <= 1 is
-// legal (the umbra never vanishes).
+// Returns checked constants. One of light_ratio and umbra_height may be 0: it follows from h_u = H
+// / a. H may be +inf with umbra_height. Fails for values that are not positive and finite; with a
+// <= 1 the umbra never vanishes.
 [[nodiscard]] Result<LayeredConstants> make_layered_constants(double light_height,
                                                               double light_ratio,
                                                               double umbra_height);
-// From the highest point an object can take (h_max) and the wanted magnification M > 1 of the
-// middle layer there: a = M / (M - 1), H = a h_max (docs/shadows.md#constants).
+// Computes the constants from the greatest height of objects (h_max) and the magnification M > 1 of
+// the middle layer there: a = M / (M - 1), H = a h_max, so that h_u = h_max
+// (docs/shadows.md#constants).
 [[nodiscard]] Result<LayeredConstants> layered_constants_for_workspace(double max_height,
                                                                        double magnification);
 
-// Heights [low, high] above the plane [m] in which a layer has matter to project: faces are clipped
-// to it. low = 0. high = h_u for the umbra where a > 1, and never above the cap H (1 - 1/m).
+// Heights above the plane [m] to which a layer clips faces. low = 0; high is h_u for an umbra that
+// vanishes, at most the cap H (1 - 1/m).
 struct HeightRange {
   double low = 0.0;
   double high = 0.0;

@@ -12,15 +12,15 @@ namespace penumbra {
 namespace {
 
 constexpr int kCodes = 256;
-constexpr int kOverexposed = 250;       // from this code on a channel may have been clipped
-constexpr double kPaperFrom = 0.95;     // of the pixels that are not overexposed, by luminance
-constexpr double kPaperTo = 0.99;       // brighter ones are glints
-constexpr double kLeastExposed = 0.25;  // of all pixels; else the overexposed ones count too
-constexpr double kDarkest = 1e-3;       // light that noise can't be told from
+constexpr int kOverexposed = 250;       // channels from this code on may be clipped
+constexpr double kPaperFrom = 0.95;     // quantile of the luminance of exposed pixels
+constexpr double kPaperTo = 0.99;       // brighter pixels are glints
+constexpr double kLeastExposed = 0.25;  // share of all pixels; else overexposed ones count as well
+constexpr double kDarkest = 1e-3;       // noise level of linear light
 constexpr double kTimeConstant_s = 0.25;
-constexpr double kForgotten_s = 2.0;
+constexpr double kForgotten_s = 2.0;  // after a longer gap the filter starts again
 
-// Code -> linear light.
+// Returns the linear light of each code.
 std::array<double, kCodes> linear_light(std::optional<double> tone_curve) {
   std::array<double, kCodes> linear{};
   for (int code = 0; code < kCodes; ++code) {
@@ -32,21 +32,18 @@ std::array<double, kCodes> linear_light(std::optional<double> tone_curve) {
   return linear;
 }
 
-struct Codes {
-  std::array<int, 3> rgb{};
-};
+using Rgb = std::array<int, 3>;  // codes, as displayed
 
-// One pixel's colour as it is shown, in codes.
 class PixelReader {
  public:
   explicit PixelReader(const Frame& frame)
       : frame_(frame), conversion_(yuv_conversion(frame.color_matrix, frame.color_range)) {}
 
-  [[nodiscard]] Codes at(int x, int y) const {
+  [[nodiscard]] Rgb at(int x, int y) const {
     switch (frame_.format) {
       case PixelFormat::rgb24: {
         const std::uint8_t* p = texel(0, x, y, 3);
-        return {{p[0], p[1], p[2]}};
+        return {p[0], p[1], p[2]};
       }
       case PixelFormat::yuyv: {
         const std::uint8_t* p = texel(0, x / 2, y, 4);
@@ -57,11 +54,12 @@ class PixelReader {
         return shown(*texel(0, x, y, 1), uv[0], uv[1]);
       }
       case PixelFormat::yuv420p:
-        return shown(*texel(0, x, y, 1), *texel(1, x / 2, y / 2, 1), *texel(2, x / 2, y / 2, 1));
       case PixelFormat::yuv422p:
-        return shown(*texel(0, x, y, 1), *texel(1, x / 2, y, 1), *texel(2, x / 2, y, 1));
-      case PixelFormat::yuv444p:
-        return shown(*texel(0, x, y, 1), *texel(1, x, y, 1), *texel(2, x, y, 1));
+      case PixelFormat::yuv444p: {
+        const int u = frame_.format == PixelFormat::yuv444p ? x : x / 2;
+        const int v = frame_.format == PixelFormat::yuv420p ? y / 2 : y;
+        return shown(*texel(0, x, y, 1), *texel(1, u, v, 1), *texel(2, u, v, 1));
+      }
       case PixelFormat::grey8:
         break;
     }
@@ -72,43 +70,39 @@ class PixelReader {
  private:
   [[nodiscard]] const std::uint8_t* texel(std::size_t plane, int x, int y, int bytes) const {
     const PixelPlane& p = frame_.planes[plane];
-    // Of an odd size the last sample of chroma may be missing.
+    // The last chroma sample of an odd size may be absent.
     const int column = std::min(x, p.width - 1);
     const int row = std::min(y, p.height - 1);
     return p.data + row * p.stride + std::ptrdiff_t{column} * bytes;
   }
-  [[nodiscard]] Codes shown(int y, int u, int v) const {
+  [[nodiscard]] Rgb shown(int y, int u, int v) const {
     const glm::vec3 yuv(static_cast<float>(y), static_cast<float>(u), static_cast<float>(v));
     const glm::vec3 rgb = conversion_.rgb_from_yuv * (yuv - 255.0F * conversion_.offset);
-    Codes codes;
-    for (int c = 0; c < 3; ++c) {
-      codes.rgb[static_cast<std::size_t>(c)] =
-          std::clamp(static_cast<int>(std::lround(rgb[c])), 0, kCodes - 1);
-    }
-    return codes;
+    const auto code = [&rgb](int c) {
+      return std::clamp(static_cast<int>(std::lround(rgb[c])), 0, kCodes - 1);
+    };
+    return {code(0), code(1), code(2)};
   }
 
   const Frame& frame_;
   YuvConversion conversion_;
 };
 
-// Colours summed up by how bright they are.
+// Sums of colours per luma.
 struct Histogram {
   std::array<int, kCodes> count{};
   std::array<Eigen::Vector3d, kCodes> sum;
   int total = 0;
 
   Histogram() { sum.fill(Eigen::Vector3d::Zero()); }
-  void add(const Codes& codes, const Eigen::Vector3d& light) {
-    // BT.601's luma, by 256ths.
-    const auto bin = static_cast<std::size_t>(
-        (77 * codes.rgb[0] + 150 * codes.rgb[1] + 29 * codes.rgb[2]) / 256);
+  void add(const Rgb& rgb, const Eigen::Vector3d& light) {
+    // BT.601's luma in 256ths.
+    const auto bin = static_cast<std::size_t>((77 * rgb[0] + 150 * rgb[1] + 29 * rgb[2]) / 256);
     ++count[bin];
     sum[bin] += light;
     ++total;
   }
-  // The mean colour of those between two shares of all, counted from the darkest; bins that are
-  // partly in it count in part.
+  // Returns the mean colour between two quantiles of luma; bins partly between them count in part.
   [[nodiscard]] Eigen::Vector3d mean_between(double from, double to) const {
     const double first = from * total;
     const double last = to * total;
@@ -141,20 +135,18 @@ VideoLight measure_light(const Frame& frame, std::optional<double> tone_curve) {
   for (int row = 0; row < kLightRows; ++row) {
     const int y = (2 * row + 1) * frame.height / (2 * kLightRows);
     for (int column = 0; column < kLightColumns; ++column) {
-      const Codes codes = pixels.at((2 * column + 1) * frame.width / (2 * kLightColumns), y);
-      const auto light_of = [&](std::size_t c) {
-        return linear[static_cast<std::size_t>(codes.rgb[c])];
-      };
+      const Rgb rgb = pixels.at((2 * column + 1) * frame.width / (2 * kLightColumns), y);
+      const auto light_of = [&](std::size_t c) { return linear[static_cast<std::size_t>(rgb[c])]; };
       const Eigen::Vector3d light(light_of(0), light_of(1), light_of(2));
       sum += light;
-      all.add(codes, light);
-      if (*std::ranges::max_element(codes.rgb) < kOverexposed) exposed.add(codes, light);
+      all.add(rgb, light);
+      if (std::ranges::max(rgb) < kOverexposed) exposed.add(rgb, light);
     }
   }
-  const Histogram& told = exposed.total >= kLeastExposed * all.total ? exposed : all;
+  const Histogram& used = exposed.total >= kLeastExposed * all.total ? exposed : all;
   VideoLight light;
   light.around = (sum / all.total).cwiseMax(kDarkest);
-  light.on_table = (told.mean_between(kPaperFrom, kPaperTo) / kPaperReflectance).cwiseMax(kDarkest);
+  light.on_table = (used.mean_between(kPaperFrom, kPaperTo) / kPaperReflectance).cwiseMax(kDarkest);
   return light;
 }
 
@@ -164,11 +156,8 @@ const VideoLight& LightMeter::look_at(const Frame& frame) {
   const double elapsed_s =
       last_ns_ ? 1e-9 * static_cast<double>(frame.timestamp_ns - *last_ns_) : kForgotten_s;
   last_ns_ = frame.timestamp_ns;
-  if (elapsed_s < 0.0 || elapsed_s >= kForgotten_s) {
-    light_ = now;
-    return light_;
-  }
-  // Ratios are what the eye sees: as fast to dark as to bright.
+  if (elapsed_s < 0.0 || elapsed_s >= kForgotten_s) return light_ = now;
+  // Filters the logarithm: equally fast to dark and to bright.
   const double share = 1.0 - std::exp(-elapsed_s / kTimeConstant_s);
   const auto follow = [share](Eigen::Vector3d& light, const Eigen::Vector3d& target) {
     light = light.array() * (share * (target.array() / light.array()).log()).exp();

@@ -1,4 +1,4 @@
-// A general shadow plane and its own coordinates: (u, v) on the plane, h above it. Metres.
+// The coordinates of a shadow plane: (u, v) on the plane, h above it. Metres.
 #pragma once
 
 #include <Eigen/Core>
@@ -8,15 +8,15 @@
 
 namespace penumbra {
 
-// Normal n (unit, towards the light side), point q on the plane; e1 = normalise(a - (a.n) n) with a
-// = +x, or +y if |n_x| > 0.9; e2 = n x e1. All in the frame the plane is given in.
+// Normal n (unit, towards the light side) and point q on the plane. With a = +x, or +y if |n_x| >
+// 0.9: e1 = normalise(a - (a.n) n), e2 = n x e1. All in the frame of the plane's definition.
 struct PlaneFrame {
   Eigen::Vector3d n = Eigen::Vector3d::UnitZ();
   Eigen::Vector3d q = Eigen::Vector3d::Zero();
   Eigen::Vector3d e1 = Eigen::Vector3d::UnitX();
   Eigen::Vector3d e2 = Eigen::Vector3d::UnitY();
 
-  // `normal` need not be unit, but finite and not zero (caller checks).
+  // `normal` must be finite and not zero.
   [[nodiscard]] static PlaneFrame make(const Eigen::Vector3d& normal,
                                        const Eigen::Vector3d& point) {
     PlaneFrame plane;
@@ -29,14 +29,13 @@ struct PlaneFrame {
     return plane;
   }
 
-  // (u, v, h). q is subtracted first: with a plane far from the origin this is what keeps float and
-  // double alike.
+  // Returns (u, v, h). Subtracting q first keeps float and double alike far from the origin.
   [[nodiscard]] Eigen::Vector3d to_plane(const Eigen::Vector3d& p) const {
     const Eigen::Vector3d d = p - q;
     return {e1.dot(d), e2.dot(d), n.dot(d)};
   }
   [[nodiscard]] Eigen::Vector3d lift(double u, double v) const { return q + u * e1 + v * e2; }
-  // The corners of the square about a disc on the plane.
+  // Returns the corners of the square around a disc on the plane.
   [[nodiscard]] std::array<Eigen::Vector3d, 4> square_about(const Eigen::Vector2d& centre,
                                                             double radius) const {
     const Eigen::Vector3d middle = lift(centre.x(), centre.y());

@@ -1,8 +1,9 @@
-// Scene + time -> where every object is.
+// Evaluates scenes over time.
 #include "render/scene/scene.hpp"
 
 #include <algorithm>
 #include <cmath>
+#include <glm/common.hpp>
 #include <limits>
 #include <numbers>
 #include <set>
@@ -13,11 +14,11 @@
 namespace penumbra {
 namespace {
 
-constexpr double kLongestTurn_s = 3600.0;   // slower spins are looked at for so long
-constexpr std::size_t kHeightSamples = 64;  // of all animations together, besides their keys
+constexpr double kLongestTurn_s = 3600.0;   // limit of the time that slower spins are sampled
+constexpr std::size_t kHeightSamples = 64;  // of all animations, besides their keys
 
-// The spline's velocity at a key: through its two neighbours, in their own times (Catmull-Rom for
-// uneven keys). A loop's first and last key are one key; open ends move as their only segment.
+// Returns the spline's velocity at a key: between its two neighbours (Catmull-Rom for uneven keys).
+// A loop's first and last key are one key; open ends have the velocity of their segment.
 Eigen::Vector3d velocity_at(const Animation& animation, std::size_t key) {
   const std::vector<Keyframe>& keys = animation.keyframes;
   const std::size_t last = keys.size() - 1;
@@ -68,7 +69,7 @@ Placement on_path(const Animation& animation, double time_s) {
                          (t3 - t2) * span * velocity_at(animation, i + 1);
   }
   placement.rotation = a.placement.rotation.slerp(t, b.placement.rotation);
-  // A cubic could swing below 0.
+  // Linear: a cubic may overshoot below 0.
   placement.scale = a.placement.scale + t * (b.placement.scale - a.placement.scale);
   return placement;
 }
@@ -81,7 +82,6 @@ Placement spun(const Animation& animation, double time_s) {
   return placement;
 }
 
-// Where a group is that something is tied to.
 struct PlacedGroup {
   Placement T_table_group;
   double opacity = 1.0;
@@ -103,7 +103,7 @@ PlacedGroup placed_group(const std::string& name, std::span<const GroupEstimate>
 }  // namespace
 
 double opacity_for(TrackStatus status, TrackStatus held_from, double age_s) {
-  // A pose that may be flipped or far off must not look like a tracked one.
+  // A pose that may be wrong must look different from a tracked one.
   constexpr double kUncertainOpacity = 0.5;
   const auto measured = [](TrackStatus of) {
     return of == TrackStatus::uncertain ? kUncertainOpacity : 1.0;
@@ -178,7 +178,7 @@ SceneState evaluate_scene(const Scene& scene, double time_s,
 }
 
 Placement placed_model(const Model& model, const Placement& T_world_object) {
-  // Nothing is rounded for an ordinary model.
+  // Avoids rounding for ordinary models.
   if (model.origin.isZero(0.0)) return T_world_object;
   return {T_world_object * model.origin, T_world_object.rotation, T_world_object.scale};
 }
@@ -216,7 +216,7 @@ std::vector<double> largest_scales(const Scene& scene) {
   std::vector<double> scales;
   scales.reserve(scene.objects.size());
   for (const SceneObject& object : scene.objects) {
-    // Between keys the scale goes straight from one to the next.
+    // The scale is linear between keys.
     double largest = object.animation.keyframes.empty() ? 1.0 : 0.0;
     for (const Keyframe& key : object.animation.keyframes) {
       largest = std::max(largest, key.placement.scale);
@@ -229,7 +229,7 @@ std::vector<double> largest_scales(const Scene& scene) {
 
 namespace {
 
-// The largest of height(model, placement, the largest so far) over all times, one per object;
+// Returns the maximum of height(model, placement, maximum so far) over all times, one per object;
 // -infinity without a model.
 template <class Height>
 std::vector<double> greatest_over_time(const Scene& scene, const Height& height) {
@@ -245,7 +245,7 @@ std::vector<double> greatest_over_time(const Scene& scene, const Height& height)
       times.insert(keys[i].time_s);
     }
   }
-  // A smooth path may swing out beyond its keys.
+  // A smooth path may overshoot its keys.
   for (std::size_t i = 1; end > 0.0 && i <= kHeightSamples; ++i) {
     times.insert(end * static_cast<double>(i) / static_cast<double>(kHeightSamples));
   }
@@ -267,11 +267,8 @@ std::vector<double> greatest_over_time(const Scene& scene, const Height& height)
 std::vector<double> greatest_heights(const Scene& scene, const Eigen::Vector3d& plane_normal,
                                      const Eigen::Vector3d& plane_point) {
   return greatest_over_time(scene, [&](const Model& model, const Placement& at, double) {
-    double radius = 0.0;
-    for (int axis = 0; axis < 3; ++axis) {
-      radius = std::hypot(radius, static_cast<double>(std::max(std::abs(model.min_corner[axis]),
-                                                               std::abs(model.max_corner[axis]))));
-    }
+    const glm::dvec3 reach(glm::max(glm::abs(model.min_corner), glm::abs(model.max_corner)));
+    const double radius = std::hypot(std::hypot(reach.x, reach.y), reach.z);
     return plane_normal.dot(at.position - plane_point) + at.scale * radius;
   });
 }
@@ -279,7 +276,7 @@ std::vector<double> greatest_heights(const Scene& scene, const Eigen::Vector3d& 
 std::vector<double> highest_points(const Scene& scene, const Eigen::Vector3d& plane_normal,
                                    const Eigen::Vector3d& plane_point) {
   return greatest_over_time(scene, [&](const Model& model, const Placement& at, double known) {
-    // Of a box, the corner that lies farthest in the normal's direction.
+    // Height of the bounding box's highest corner over the origin, unscaled.
     const Eigen::Vector3d up = at.rotation.conjugate() * plane_normal;
     double reach = 0.0;
     for (int axis = 0; axis < 3; ++axis) {
@@ -287,7 +284,7 @@ std::vector<double> highest_points(const Scene& scene, const Eigen::Vector3d& pl
                                                              : model.min_corner[axis]);
     }
     const double origin = plane_normal.dot(at.position - plane_point);
-    // The vertices themselves only where the box says that they may be higher than ever before.
+    // Visits the vertices only if the box allows a new maximum.
     if (origin + at.scale * reach <= known) return known;
     double top = -std::numeric_limits<double>::infinity();
     for (const Mesh& mesh : model.meshes) {
@@ -301,13 +298,13 @@ std::vector<double> highest_points(const Scene& scene, const Eigen::Vector3d& pl
 }
 
 void add_default_walls(Scene& scene, ShadowNode& node) {
-  constexpr double kLevel = 0.99;  // of the normal's third coordinate
+  constexpr double kLevel = 0.99;  // least z of a level plane's normal
   for (const int plane : node.planes) {
     if (scene.planes[static_cast<std::size_t>(plane)].normal.z() < kLevel) return;
   }
   if (node.planes.empty() || node.casters.empty()) return;
   const double floor = scene.planes[static_cast<std::size_t>(node.planes.front())].point.z();
-  // How far the casters come in a direction, from the origin.
+  // Returns the casters' greatest coordinate along a direction.
   const auto reach = [&](const Eigen::Vector3d& direction) {
     const std::vector<double> heights = greatest_heights(scene, direction, Eigen::Vector3d::Zero());
     double most = -std::numeric_limits<double>::infinity();

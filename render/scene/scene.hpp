@@ -1,5 +1,5 @@
-// What is drawn into the video: objects, phantoms, planes, lights and shadow nodes. Table frame,
-// metres; read from JSON by scene_file.
+// A scene that is drawn into the video: objects, phantoms, planes, lights and shadow nodes. Table
+// frame, metres.
 #pragma once
 
 #include <Eigen/Core>
@@ -40,8 +40,7 @@ struct Placement {
   }
 };
 
-// Placement of a model's positions, which are relative to Model::origin, where the object that has
-// it stands at `T_world_object`.
+// Returns the placement of a model's positions, which are relative to Model::origin.
 [[nodiscard]] Placement placed_model(const Model& model, const Placement& T_world_object);
 
 struct Keyframe {
@@ -49,14 +48,13 @@ struct Keyframe {
   Placement placement;
 };
 
-// A path through keyframes, and a spin on top of it. Smooth: positions along a cubic whose velocity
-// at a key is that between its two neighbours (Catmull-Rom for keys at uneven times; no kink).
-// Linear: positions along straight lines. Both turn by slerp and scale linearly from key to key.
+// A path through keyframes, and a spin on top of it. Smooth positions follow Catmull-Rom splines
+// for keys at uneven times. Rotations follow slerp, scales are linear.
 struct Animation {
   enum class Interpolation { linear, smooth };
   std::vector<Keyframe> keyframes;  // in order of time; may be empty
   Interpolation interpolation = Interpolation::smooth;
-  bool loop = true;  // the last keyframe leads back to the first; both should agree
+  bool loop = true;  // the last keyframe, which should equal the first, leads back to it
   Eigen::Vector3d spin_axis = Eigen::Vector3d::UnitZ();  // object frame
   double spin_turns_per_s = 0.0;
 };
@@ -66,22 +64,21 @@ struct SceneObject {
   std::shared_ptr<const Model> model;
   std::string model_file;  // as resolved, for messages and caches
   int parent = -1;         // index of an earlier object, or -1: the table
-  // What an object without a parent moves with: a group of tags. Its placement is where it is on
-  // the table while the group stands where the tag map has it.
+  // Group of tags that an object without a parent moves with. The placement holds while the group
+  // stands at its place in the tag map.
   std::string tag_group = std::string(kTableGroup);
-  Placement placement;  // relative to the parent; the animation's keyframes come on top of it
+  Placement placement;  // relative to the parent; T_parent_object = placement * animation
   Animation animation;
   bool casts_shadow = true;
   // Parts that share one light: "all", or names of the model's nodes (part_groups.hpp).
   std::vector<std::string> groups;
   std::shared_ptr<const Model> proxy_model;  // reduced by the author, for casting; may be null
   bool phantom = false;                      // stands for a real thing: writes depth only
-  bool cursor = false;                       // a person's 3D cursor; at most one, on the table
+  bool cursor = false;                       // the user's 3D cursor; at most one, on the table
 };
 
-// Returns the model that casts an object's projected and volume shadows: the author's reduced one
-// where `proxies` is set, else its own. Layered shadows use the reduced one only where its layers
-// agree with the model's (shadow_proxy.hpp). The object must have a model.
+// Returns the model that casts an object's projected and volume shadows: the proxy if `proxies` is
+// set, else its own. Layered shadows check the proxy first (shadow_proxy.hpp).
 [[nodiscard]] const std::shared_ptr<const Model>& casting_model(const SceneObject& object,
                                                                 bool proxies);
 
@@ -89,21 +86,19 @@ struct ScenePlane {
   std::string name;
   Eigen::Vector3d normal = Eigen::Vector3d::UnitZ();  // unit, towards the light side
   Eigen::Vector3d point = Eigen::Vector3d::Zero();
-  std::vector<Eigen::Vector2d>
-      outline;  // simple polygon in the plane's (u, v) [m]; empty: unbounded
-  // The group of tags that the plane moves with. Normal and point are where it is on the table
-  // while the group stands where the tag map has it.
+  std::vector<Eigen::Vector2d> outline;  // simple polygon in (u, v) [m]; empty: unbounded
+  // Group of tags that the plane moves with. Normal and point hold while the group stands at its
+  // place in the tag map.
   std::string tag_group = std::string(kTableGroup);
 };
 
-// The sun over a place on the earth: what it gives is white and as the light says, and nothing
-// while it is under the horizon.
+// The sun over a place on the earth; dark while it is under the horizon.
 struct Sun {
   double latitude_deg = 0.0;   // north > 0
   double longitude_deg = 0.0;  // east > 0
   double start_utc_s = 0.0;    // seconds since 1970-01-01 00:00 UTC, at the scene's time 0
-  double hours_per_s = 0.0;    // how much of the day passes in a second of the scene
-  double north_deg = 0.0;      // where north is on the table: turned left (towards -x) from +y
+  double hours_per_s = 0.0;    // hours of the day per second of the scene
+  double north_deg = 0.0;      // direction of north on the table, from +y towards -x
 };
 
 struct SceneLight {
@@ -114,13 +109,13 @@ struct SceneLight {
   Eigen::Vector3d direction = Eigen::Vector3d::UnitZ();  // directional: unit, TOWARDS the light
   Eigen::Vector3d color = Eigen::Vector3d::Ones();       // linear
   double intensity = 1.0;
-  // A point moves along the keyframes' positions, on top of its own; a direction turns by their
-  // rotations and the spin (table frame).
+  // The keyframes' positions are added to a point's; rotations and spin turn a direction (table
+  // frame).
   Animation animation;
-  std::optional<Sun> sun;  // of a directional light: where its direction comes from
+  std::optional<Sun> sun;  // source of a directional light's direction
 };
 
-// Share of the light that is left in each layer, in linear light, 0 (black) to 1.
+// Share of linear light left in each layer, 0 (black) to 1.
 struct LightFractions {
   double umbra = 0.15;
   double middle = 0.4;
@@ -132,9 +127,8 @@ struct ShadowNode {
   std::string name;
   std::vector<int> casters;  // indices into Scene::objects
   std::vector<int> planes;   // indices into Scene::planes
-  std::vector<int> walls;    // further planes, that `walls` falls on
-  std::vector<int> lights;   // indices into Scene::lights; layered and simple shadows need none;
-                             // empty: the scene's first
+  std::vector<int> walls;    // further planes for the technique `walls`
+  std::vector<int> lights;   // indices into Scene::lights; empty: the first, if one is needed
   ShadowTechnique technique = ShadowTechnique::layered;
   KernelSource kernels = KernelSource::automatic;
   LightMode light_mode = LightMode::proportional;  // of layered shadows; cocl has no other
@@ -143,7 +137,7 @@ struct ShadowNode {
   bool light_rays = false;  // hard and volume: rays from the lights are drawn too
 };
 
-// What a node's layered shadows can't show well: of no use where another technique is drawn.
+// Limits of a node's layered shadows; irrelevant to other techniques.
 struct LayeredAdvice {
   int node = 0;  // index into Scene::shadows
   std::string text;
@@ -156,79 +150,68 @@ struct Scene {
   std::vector<ScenePlane> planes;
   std::vector<SceneLight> lights;
   std::vector<ShadowNode> shadows;
-  // Luminance, up to which shadows' light fractions are as they are given (lifted_by_ambient()): a
-  // bright room's, which most bundled scenes have.
+  // Luminance up to which shadows keep their light fractions (lifted_by_ambient()): a bright room.
   static constexpr double kUsualAmbient = 0.36;
   Eigen::Vector3d ambient = Eigen::Vector3d::Constant(0.35);  // linear
-  std::vector<std::string> warnings;  // what is legal but against the sources' advice
+  std::vector<std::string> warnings;                          // about legal but inadvisable content
   std::vector<LayeredAdvice> layered_advice;
 };
 
-// Where a light is (w = 1), or the unit direction towards it (w = 0), in the table frame; and what
-// it gives.
+// Position of a light (w = 1) or unit direction towards it (w = 0), table frame, and its colour.
 struct PlacedLight {
   Eigen::Vector4d place = Eigen::Vector4d::UnitW();
   Eigen::Vector3d color = Eigen::Vector3d::Ones();  // linear, times the intensity
 };
 
-// What shows the objects of a scene without lights: a lamp over the left shoulder.
+// Returns the light of scenes without lights: a lamp over the left shoulder.
 [[nodiscard]] PlacedLight lamp_of_no_scene();
 
-// A plane in the table frame, its axes carried along by its group.
+// A plane in the table frame; its axes turn with its group.
 struct PlacedPlane {
   PlaneFrame frame;
-  // 1; of a plane tied to a group lower where the group's place is uncertain or held, 0 where it is
-  // not known: then there is no plane.
-  double opacity = 1.0;
+  double opacity = 1.0;  // opacity_for() its group; 0: there is no plane
 };
 
-// Every object's placement, every plane's and every light's, in the table frame at a time after the
-// start.
+// Placements of objects, planes and lights at a time after the start, table frame.
 struct SceneState {
   double time_s = 0.0;
   std::vector<Placement> objects;   // one per Scene::objects
-  std::vector<double> opacities;    // of the objects, as PlacedPlane::opacity; none: all 1
-  std::vector<PlacedPlane> planes;  // one per Scene::planes; none: as the scene has them
+  std::vector<double> opacities;    // of the objects, as PlacedPlane::opacity; empty: all 1
+  std::vector<PlacedPlane> planes;  // one per Scene::planes; empty: as in the scene
   std::vector<PlacedLight> lights;  // one per Scene::lights
-  // That of the video, which the scene's lights are brought to; none: they are as the scene says.
+  // The light that the scene's lights are scaled to; without it they keep the scene's values.
   std::optional<VideoLight> video_light;
 };
-// `groups`: where those beside the table are. What is tied to another one has opacity 0.
+// `groups`: the poses of groups beside the table. Objects and planes of other groups get opacity 0.
 [[nodiscard]] SceneState evaluate_scene(const Scene& scene, double time_s,
                                         std::span<const GroupEstimate> groups = {});
 
 [[nodiscard]] PlacedPlane placed_plane(const Scene& scene, const SceneState& state, int plane);
 [[nodiscard]] double opacity_of(const SceneState& state, int object);
 
-// The groups beside the table that something in the scene is tied to, each once and in order of
-// their names: its objects, and planes that a shadow node names.
+// Returns the groups beside the table that objects, and planes of shadow nodes, move with; sorted.
 [[nodiscard]] std::vector<std::string> tag_groups_of(const Scene& scene);
 
-// How strongly something is drawn whose place has this status: 1 tracked, half of it uncertain; a
-// held place is continued motion, trusted less with every moment, and fades out from how the place
-// before it was drawn; 0 lost.
+// Returns the opacity of things at a pose of this status: 1 tracked, 0.5 uncertain, 0 lost. Held
+// (extrapolated) poses fade out from the opacity of `held_from`.
 [[nodiscard]] double opacity_for(TrackStatus status, TrackStatus held_from, double age_s);
 
-// Over all times, one per Scene::objects: the largest scale in the table frame (or a little more,
-// where the largest of an object and of its parent come at different times).
+// Returns an upper bound of each object's scale in the table frame over all times.
 [[nodiscard]] std::vector<double> largest_scales(const Scene& scene);
-// The farthest that any point of the object's model comes above the plane [m], for each object,
-// over all times: at its keys and at steps between them, a sphere about its origin taken for its
-// shape.
+// Returns the greatest height of each object above the plane over all times [m]: of a sphere around
+// it, at its keys and at steps between them.
 [[nodiscard]] std::vector<double> greatest_heights(const Scene& scene,
                                                    const Eigen::Vector3d& plane_normal,
                                                    const Eigen::Vector3d& plane_point);
-// As the scene has them, nothing turned by hand: each object's highest point above the plane [m],
-// at the same times.
+// Returns the height of each object's highest point above the plane at the same times [m].
 [[nodiscard]] std::vector<double> highest_points(const Scene& scene,
                                                  const Eigen::Vector3d& plane_normal,
                                                  const Eigen::Vector3d& plane_point);
 
-// Virtual walls for `walls` (multiple orthographic shadows): two vertical planes through the far
-// edges of the working volume, which is what the node's casters come to over all times. They stand
-// on the node's first plane and face a viewer at its right and front (x > 0, y < 0). New planes of
-// the scene, named after the node; none where nothing casts, the first plane is not level, or the
-// node has planes that stand up already.
+// Adds virtual walls for the technique `walls` (multiple orthographic shadows): two vertical planes
+// on the node's first plane, through the far edges of the volume that its casters reach over all
+// times. They face a viewer at the right and front (x > 0, y < 0). Adds none without casters or if
+// a plane of the node is not level.
 void add_default_walls(Scene& scene, ShadowNode& node);
 
 // Reads a scene, checks it against the published schema (scenes/scene.schema.json) and loads its

@@ -1,12 +1,11 @@
-// The published schema says what is allowed, valijson checks it, and the message is made here, from
-// the place in the file and the part of the schema that it broke.
+// valijson checks a scene against the published schema. find_violation() explains what it rejects.
 #include "render/scene/scene_json.hpp"
 
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <limits>
 #include <nlohmann/json.hpp>
+#include <numeric>
 #include <optional>
 #include <regex>
 #include <set>
@@ -19,7 +18,6 @@
 #include "core/propagate.hpp"
 #include "core/text/file.hpp"
 #include "core/text/text_encoding.hpp"
-#include "render/scene/scene_schema.hpp"
 
 namespace penumbra {
 namespace {
@@ -36,10 +34,10 @@ std::string shown(const json& value) {
   return shortened(value.dump(-1, ' ', true, json::error_handler_t::replace));
 }
 
-// Steps from one word to the other by inserting, dropping or changing a letter (Levenshtein).
+// Levenshtein distance.
 std::size_t edit_distance(std::string_view a, std::string_view b) {
   std::vector<std::size_t> row(b.size() + 1);
-  for (std::size_t j = 0; j <= b.size(); ++j) row[j] = j;
+  std::iota(row.begin(), row.end(), std::size_t{0});
   for (std::size_t i = 1; i <= a.size(); ++i) {
     std::size_t diagonal = row[0];
     row[0] = i;
@@ -52,12 +50,9 @@ std::size_t edit_distance(std::string_view a, std::string_view b) {
   return row[b.size()];
 }
 
-// --- keys given twice ---
-
-// The JSON reader keeps the last of them without a word, and the other is lost.
+// Finds keys given twice: the JSON reader silently keeps the last one. A callback for json::parse.
 class DuplicateKeys {
  public:
-  // For json::parse.
   bool operator()(json::parse_event_t event, const json& parsed) {
     using Event = json::parse_event_t;
     const bool begins = event == Event::object_start || event == Event::array_start;
@@ -79,8 +74,8 @@ class DuplicateKeys {
  private:
   struct Level {
     bool is_list = false;
-    std::size_t entries = 0;  // of a list, with the one being read
-    std::string key;          // of an object, being read
+    std::size_t entries = 0;  // of a list, including the current one
+    std::string key;          // the current one of an object
     std::set<std::string> keys;
   };
   [[nodiscard]] std::string pointer() const {
@@ -95,9 +90,7 @@ class DuplicateKeys {
   std::optional<std::string> first_;
 };
 
-// --- the first place that breaks the schema ---
-
-// Of UTF-8: bytes that go on with a character don't count.
+// Counts the characters of UTF-8 text: continuation bytes don't count.
 std::size_t character_count(const std::string& text) {
   return static_cast<std::size_t>(std::count_if(text.begin(), text.end(), [](char c) {
     return (static_cast<unsigned char>(c) & 0xC0U) != 0x80U;
@@ -123,8 +116,8 @@ struct Violation {
   std::string cause;
 };
 
-// Walks value and schema side by side, through the keywords that the schema uses. A keyword that is
-// new here goes into schema_keywords() as well.
+// Returns the first place that breaks the schema. Walks value and schema side by side, through the
+// keywords that the schema uses. A unit test names the keywords that are checked here.
 std::optional<Violation> find_violation(const json& root, const json& reference, const json& value,
                                         const std::string& pointer) {
   const json& schema = resolved(root, reference);
@@ -133,21 +126,17 @@ std::optional<Violation> find_violation(const json& root, const json& reference,
     return Violation{pointer, fmt::format("is {}; {}", shown(value), wanted)};
   };
   if (const auto type = schema.find("type"); type != schema.end()) {
-    const bool good = type->is_string()
-                          ? has_type(value, type->get<std::string>())
-                          : std::any_of(type->begin(), type->end(), [&value](const json& one) {
-                              return has_type(value, one.get<std::string>());
-                            });
+    const json types = type->is_array() ? *type : json::array({*type});
+    const bool good = std::ranges::any_of(
+        types, [&value](const json& one) { return has_type(value, one.get<std::string>()); });
     if (!good) return wrong();
   }
   if (const auto choices = schema.find("enum"); choices != schema.end()) {
-    std::vector<std::string> names;
-    for (const json& choice : *choices) names.push_back(choice.get<std::string>());
     if (std::find(choices->begin(), choices->end(), value) == choices->end()) {
-      const std::string given = value.get<std::string>();
-      std::string list;
-      for (const std::string& name : names) list += (list.empty() ? "" : ", ") + name;
-      return Violation{pointer, fmt::format("is \"{}\"; give one of {}", shortened(given), list)};
+      const auto names = choices->get<std::vector<std::string>>();
+      return Violation{pointer,
+                       fmt::format("is \"{}\"; give one of {}", shortened(value.get<std::string>()),
+                                   fmt::join(names, ", "))};
     }
   }
   if (value.is_number()) {
@@ -202,6 +191,7 @@ std::optional<Violation> find_violation(const json& root, const json& reference,
   }
   return std::nullopt;
 }
+
 // "[json.exception.parse_error.101] parse error at line 3, column 5: ..." -> from "parse" on.
 std::string without_tag(std::string_view text) {
   const std::size_t tag = text.find("] ");
@@ -244,24 +234,11 @@ std::string suggestion(std::string_view word, const std::vector<std::string>& kn
     }
   }
   if (nearest != nullptr) return fmt::format("did you mean \"{}\"?", *nearest);
-  std::string list;
-  for (std::size_t i = 0; i < known.size() && i < 20; ++i) {
-    list += (i == 0 ? "" : ", ") + shortened(known[i]);
-  }
-  return known.empty() ? "there are none" : "known are " + list;
-}
-
-std::span<const std::string_view> schema_keywords() {
-  static constexpr std::array<std::string_view, 15> kKeywords = {
-      "$ref",       "additionalProperties",
-      "enum",       "exclusiveMinimum",
-      "items",      "maxItems",
-      "maxLength",  "maximum",
-      "minItems",   "minLength",
-      "minimum",    "pattern",
-      "properties", "required",
-      "type"};
-  return kKeywords;
+  if (known.empty()) return "there are none";
+  std::vector<std::string> shown(known.begin(),
+                                 known.begin() + std::min<std::ptrdiff_t>(20, std::ssize(known)));
+  std::ranges::transform(shown, shown.begin(), shortened);
+  return fmt::format("known are {}", fmt::join(shown, ", "));
 }
 
 Result<json> read_scene_json(const std::filesystem::path& file) {

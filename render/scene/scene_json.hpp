@@ -1,5 +1,4 @@
-// The text of a scene file -> JSON that keeps to the published schema. What a schema can't say
-// (names that must exist, keys that go together) scene_file.cpp checks.
+// Reads the text of a scene file as JSON that keeps to the published schema.
 #pragma once
 
 #include <filesystem>
@@ -12,13 +11,16 @@
 
 namespace penumbra {
 
-// Fails where the file can't be read, is no JSON, gives a key twice or breaks the schema; the
-// message names the place in the file and what to do.
+// Returns the published JSON Schema of scenes, as it was when the program was built.
+[[nodiscard]] std::string_view scene_schema();
+
+// Fails if the file can't be read, is not JSON, has a key twice or breaks the schema; the message
+// names the place in the file and the remedy.
 [[nodiscard]] Result<nlohmann::json> read_scene_json(const std::filesystem::path& file);
 
-// For messages: a long text's beginning, and "did you mean X?" where a word of the list is near,
-// else the list.
+// Returns the beginning of a long text, for messages.
 [[nodiscard]] std::string shortened(const std::string& text);
+// Returns "did you mean X?" if a known word is near, else a list of the known words.
 [[nodiscard]] std::string suggestion(std::string_view word, const std::vector<std::string>& known);
 
 }  // namespace penumbra

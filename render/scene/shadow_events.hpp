@@ -1,6 +1,5 @@
-// Changes between two moments of a scene, as events of Sudarsky's shadow node
-// (docs/shadows.md#shadow-nodes). An event names what changed, never the new value: shadows are
-// computed from the current places.
+// Changes between two states of a scene, as events of Sudarsky's shadow node
+// (docs/shadows.md#shadow-nodes). An event names the change without the new value.
 #pragma once
 
 #include <array>
@@ -28,8 +27,8 @@ struct ShadowEvent {
   friend auto operator<=>(const ShadowEvent&, const ShadowEvent&) = default;
 };
 
-// In order of lights, objects, planes. What a parent or a group of tags carries along moves itself;
-// a plane that is not there in either moment has not moved.
+// Returns events in order of lights, objects, planes. Children move with their parent or group of
+// tags; a plane that is absent in both states has not moved.
 [[nodiscard]] std::vector<ShadowEvent> shadow_events(const SceneState& before,
                                                      const SceneState& now);
 

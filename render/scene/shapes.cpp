@@ -26,7 +26,7 @@ Model finished(std::string name, Mesh mesh) {
   return model;
 }
 
-// The point at a share of a full turn; whole shares give the same floats at both ends.
+// Returns the point at i / count of a full turn; i = 0 and i = count give the same floats.
 glm::vec2 on_circle(int i, int count) {
   const double angle = 2.0 * std::numbers::pi * (i % count) / count;
   return {static_cast<float>(std::cos(angle)), static_cast<float>(std::sin(angle))};
@@ -36,7 +36,7 @@ struct Point {
   glm::vec3 position, normal;
 };
 
-// A sheet of (columns + 1) x (rows + 1) points; corners that coincide make no triangle.
+// Adds a grid of (columns + 1) x (rows + 1) points, without triangles whose corners coincide.
 void add_sheet(Mesh& mesh, int columns, int rows, const std::function<Point(int, int)>& at) {
   const auto first = static_cast<std::uint32_t>(mesh.positions.size());
   for (int row = 0; row <= rows; ++row) {
@@ -74,7 +74,7 @@ Model make_box(const glm::vec3& size) {
       add_sheet(mesh, 1, 1, [&](int column, int row) {
         glm::vec3 p(0.0F);
         p[axis] = side * half[axis];
-        // Seen from outside the other two axes turn right- or left-handed with the side.
+        // Orders the other two axes so that the triangles face outwards.
         const int u = side > 0.0F ? (axis + 1) % 3 : (axis + 2) % 3;
         const int v = side > 0.0F ? (axis + 2) % 3 : (axis + 1) % 3;
         p[u] = column == 0 ? -half[u] : half[u];

@@ -1,4 +1,4 @@
-// Simple bodies without a file: closed, centred on the origin, z up, metres.
+// Simple shapes: closed, centred on the origin, z up, metres.
 #pragma once
 
 #include <glm/vec3.hpp>

@@ -1,4 +1,4 @@
-// The one list of shadow techniques.
+// The one list of shadow techniques, with the kinds of light and of kernels that they use.
 #pragma once
 
 #include <array>
@@ -15,11 +15,25 @@ enum class ShadowTechnique {
   field,    // the same three layers of lights of one size, as power-distance fields: no kernels
   walls,    // simple, onto several planes at once: the table and walls about it
   hard,     // projected from the scene's lights, one layer for each
-  volume,   // a light's shadow volume on everything that is there, for a 3D cursor
+  volume,   // a light's shadow volume on all surfaces, for a 3D cursor
 };
 
 // Lights whose hard shadows one plane can show.
 inline constexpr std::size_t kMaxHardLights = 7;
+
+// The size of the light of layered shadows.
+enum class LightMode {
+  proportional,  // proportional to each part's thickness: all lose their umbra at one height
+  fixed,         // one size: thin parts lose their umbra first (fixed_light.hpp)
+};
+
+// Methods of making shadow kernels.
+enum class KernelSource {
+  automatic,  // from the silhouette, per connected part: the largest disc near each vertex
+  smooth,     // the same, blended over all discs near a vertex: fewer twisted faces
+  per_axis,   // composed of the sets for the three axes (Layered Penumbrae, section 5.3)
+  centroid,   // COCL: one kernel for the whole object, the centroid of its footprint
+};
 
 struct ShadowTechniqueName {
   ShadowTechnique technique;
@@ -35,43 +49,6 @@ inline constexpr std::array kShadowTechniqueNames = {
     ShadowTechniqueName{ShadowTechnique::volume, "volume"},
 };
 
-[[nodiscard]] constexpr std::string_view to_string(ShadowTechnique technique) {
-  for (const ShadowTechniqueName& entry : kShadowTechniqueNames) {
-    if (entry.technique == technique) return entry.name;
-  }
-  return "none";
-}
-[[nodiscard]] constexpr std::optional<ShadowTechnique> shadow_technique_from_string(
-    std::string_view name) {
-  for (const ShadowTechniqueName& entry : kShadowTechniqueNames) {
-    if (entry.name == name) return entry.technique;
-  }
-  return std::nullopt;
-}
-
-// How large the light of layered shadows is.
-enum class LightMode {
-  proportional,  // for each part in proportion to its thickness there: all of it loses its umbra at
-                 // one height
-  fixed,         // one size: thin parts lose their umbra first (fixed_light.hpp)
-};
-[[nodiscard]] constexpr std::string_view to_string(LightMode mode) {
-  return mode == LightMode::fixed ? "fixed" : "proportional";
-}
-[[nodiscard]] constexpr std::optional<LightMode> light_mode_from_string(std::string_view name) {
-  if (name == "proportional") return LightMode::proportional;
-  if (name == "fixed") return LightMode::fixed;
-  return std::nullopt;
-}
-
-// Where shadow kernels come from.
-enum class KernelSource {
-  automatic,  // from the silhouette, per connected part: the largest disc near each vertex
-  smooth,     // the same, blended over all discs near a vertex: fewer twisted faces
-  per_axis,   // composed of the sets for the three axes (Layered Penumbrae, section 5.3)
-  centroid,   // COCL: one kernel for the whole object, the centroid of its footprint
-};
-
 struct KernelSourceName {
   KernelSource source;
   std::string_view name;
@@ -83,18 +60,37 @@ inline constexpr std::array kKernelSourceNames = {
     KernelSourceName{KernelSource::centroid, "cocl"},
 };
 
+// The tables list the values in the order of their enums.
+[[nodiscard]] constexpr std::string_view to_string(ShadowTechnique technique) {
+  return kShadowTechniqueNames[static_cast<std::size_t>(technique)].name;
+}
+[[nodiscard]] constexpr std::string_view to_string(LightMode mode) {
+  return mode == LightMode::fixed ? "fixed" : "proportional";
+}
 [[nodiscard]] constexpr std::string_view to_string(KernelSource source) {
-  for (const KernelSourceName& entry : kKernelSourceNames) {
-    if (entry.source == source) return entry.name;
+  return kKernelSourceNames[static_cast<std::size_t>(source)].name;
+}
+
+template <class Value, class Table>
+[[nodiscard]] constexpr std::optional<Value> value_named(const Table& table,
+                                                         std::string_view wanted) {
+  for (const auto& [value, name] : table) {
+    if (name == wanted) return value;
   }
-  return "auto";
+  return std::nullopt;
+}
+[[nodiscard]] constexpr std::optional<ShadowTechnique> shadow_technique_from_string(
+    std::string_view name) {
+  return value_named<ShadowTechnique>(kShadowTechniqueNames, name);
+}
+[[nodiscard]] constexpr std::optional<LightMode> light_mode_from_string(std::string_view name) {
+  if (name == "proportional") return LightMode::proportional;
+  if (name == "fixed") return LightMode::fixed;
+  return std::nullopt;
 }
 [[nodiscard]] constexpr std::optional<KernelSource> kernel_source_from_string(
     std::string_view name) {
-  for (const KernelSourceName& entry : kKernelSourceNames) {
-    if (entry.name == name) return entry.source;
-  }
-  return std::nullopt;
+  return value_named<KernelSource>(kKernelSourceNames, name);
 }
 
 }  // namespace penumbra

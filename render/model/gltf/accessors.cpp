@@ -1,8 +1,10 @@
 #include "render/model/gltf/accessors.hpp"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstring>
+#include <utility>
 
 #include "core/propagate.hpp"
 #include "render/model/gltf/extensions.hpp"
@@ -10,37 +12,32 @@
 namespace penumbra::gltf {
 namespace {
 
+// Returns the value of a key, or 0.
+template <std::size_t kCount>
+std::size_t look_up(const std::array<std::pair<int, std::size_t>, kCount>& table, int key) {
+  const auto entry = std::ranges::find(table, key, &std::pair<int, std::size_t>::first);
+  return entry == table.end() ? 0 : entry->second;
+}
+
 std::size_t component_size(int type) {
-  switch (type) {
-    case TINYGLTF_COMPONENT_TYPE_BYTE:
-    case TINYGLTF_COMPONENT_TYPE_UNSIGNED_BYTE:
-      return 1;
-    case TINYGLTF_COMPONENT_TYPE_SHORT:
-    case TINYGLTF_COMPONENT_TYPE_UNSIGNED_SHORT:
-      return 2;
-    case TINYGLTF_COMPONENT_TYPE_UNSIGNED_INT:
-    case TINYGLTF_COMPONENT_TYPE_FLOAT:
-      return 4;
-    default:
-      return 0;
-  }
+  static constexpr std::array<std::pair<int, std::size_t>, 6> kBytes = {
+      {{TINYGLTF_COMPONENT_TYPE_BYTE, 1},
+       {TINYGLTF_COMPONENT_TYPE_UNSIGNED_BYTE, 1},
+       {TINYGLTF_COMPONENT_TYPE_SHORT, 2},
+       {TINYGLTF_COMPONENT_TYPE_UNSIGNED_SHORT, 2},
+       {TINYGLTF_COMPONENT_TYPE_UNSIGNED_INT, 4},
+       {TINYGLTF_COMPONENT_TYPE_FLOAT, 4}}};
+  return look_up(kBytes, type);
 }
 
 std::size_t component_count(int type) {
-  switch (type) {
-    case TINYGLTF_TYPE_SCALAR:
-      return 1;
-    case TINYGLTF_TYPE_VEC2:
-      return 2;
-    case TINYGLTF_TYPE_VEC3:
-      return 3;
-    case TINYGLTF_TYPE_VEC4:
-      return 4;
-    case TINYGLTF_TYPE_MAT4:
-      return 16;
-    default:
-      return 0;
-  }
+  static constexpr std::array<std::pair<int, std::size_t>, 5> kCounts = {
+      {{TINYGLTF_TYPE_SCALAR, 1},
+       {TINYGLTF_TYPE_VEC2, 2},
+       {TINYGLTF_TYPE_VEC3, 3},
+       {TINYGLTF_TYPE_VEC4, 4},
+       {TINYGLTF_TYPE_MAT4, 16}}};
+  return look_up(kCounts, type);
 }
 
 template <class T>
@@ -50,7 +47,7 @@ T value_at(const std::uint8_t* bytes) {
   return value;
 }
 
-// One component as a number; normalised integers by the formulas of the glTF specification 3.11.
+// Returns one component as a number; normalised integers by glTF 2.0, section 3.11.
 double component_at(const std::uint8_t* bytes, int type, bool normalised) {
   const auto scaled = [normalised](double value, double largest) {
     return normalised ? std::max(value / largest, -1.0) : value;
@@ -71,7 +68,6 @@ double component_at(const std::uint8_t* bytes, int type, bool normalised) {
   }
 }
 
-// Reads one element into `to`.
 void read_element(const std::uint8_t* from, const tinygltf::Accessor& accessor, double* to) {
   const std::size_t size = component_size(accessor.componentType);
   for (std::size_t c = 0; c < component_count(accessor.type); ++c) {
@@ -90,25 +86,21 @@ bool is_unsigned(int component_type) {
 Result<std::span<const std::uint8_t>> Accessors::view_bytes(int view,
                                                             const std::string& what) const {
   if (!has(gltf_.bufferViews, view)) {
-    return fail("{}: {}: names buffer view {}, there are {}", name_, what, view,
-                gltf_.bufferViews.size());
+    return fail("{}: names buffer view {}, there are {}", what, view, gltf_.bufferViews.size());
   }
   const tinygltf::BufferView& v = gltf_.bufferViews[static_cast<std::size_t>(view)];
   if (v.buffer < 0 || static_cast<std::size_t>(v.buffer) >= buffers_.count()) {
-    return fail("{}: bufferViews/{}: names buffer {}, there are {}", name_, view, v.buffer,
-                buffers_.count());
+    return fail("bufferViews/{}: names buffer {}, there are {}", view, v.buffer, buffers_.count());
   }
   const auto buffer = static_cast<std::size_t>(v.buffer);
   if (const char* compression = compression_of(v); compression && !buffers_.has_data(buffer)) {
-    return fail_compressed(name_, compression);
+    return fail_compressed(compression);
   }
-  const Result<std::span<const std::uint8_t>> data = buffers_.bytes(buffer);
-  if (!data) return data;
-  if (v.byteOffset > data->size() || v.byteLength > data->size() - v.byteOffset) {
-    return fail("{}: bufferViews/{}: reaches past the end of its buffer ({} bytes)", name_, view,
-                data->size());
+  PENUMBRA_TRY(const std::span<const std::uint8_t> data, buffers_.bytes(buffer));
+  if (v.byteOffset > data.size() || v.byteLength > data.size() - v.byteOffset) {
+    return fail("bufferViews/{}: reaches past the end of its buffer ({} bytes)", view, data.size());
   }
-  return data->subspan(v.byteOffset, v.byteLength);
+  return data.subspan(v.byteOffset, v.byteLength);
 }
 
 Result<Accessors::Stretch> Accessors::stretch(int view, const Layout& layout,
@@ -119,19 +111,17 @@ Result<Accessors::Stretch> Accessors::stretch(int view, const Layout& layout,
   if (layout.strided && v.byteStride != 0) {
     stride = v.byteStride;
     if (stride < layout.size || stride > 252 || stride % layout.alignment != 0) {
-      return fail("{}: bufferViews/{}: a byteStride of {} does not suit elements of {} bytes",
-                  name_, view, stride, layout.size);
+      return fail("bufferViews/{}: a byteStride of {} does not suit elements of {} bytes", view,
+                  stride, layout.size);
     }
   }
   if (layout.offset % layout.alignment != 0 || v.byteOffset % layout.alignment != 0) {
-    return fail("{}: {}: is not aligned to its components of {} bytes", name_, what,
-                layout.alignment);
+    return fail("{}: is not aligned to its components of {} bytes", what, layout.alignment);
   }
   // count is at most 2^32 and stride 252: no overflow in 64 bits.
   const std::size_t needed = (layout.count - 1) * stride + layout.size;
   if (layout.offset > bytes.size() || needed > bytes.size() - layout.offset) {
-    return fail("{}: {}: reaches past the end of its buffer view ({} bytes)", name_, what,
-                bytes.size());
+    return fail("{}: reaches past the end of its buffer view ({} bytes)", what, bytes.size());
   }
   return Stretch{bytes.data() + layout.offset, stride};
 }
@@ -144,7 +134,7 @@ Result<void> Accessors::apply_sparse(const tinygltf::Accessor& accessor, Element
   const auto value_offset = static_cast<std::int64_t>(s.values.byteOffset);
   if (!is_unsigned(s.indices.componentType) || s.count <= 0 ||
       static_cast<std::size_t>(s.count) > accessor.count || index_offset < 0 || value_offset < 0) {
-    return fail("{}: {}: its sparse part is malformed", name_, place);
+    return fail("{}: its sparse part is malformed", place);
   }
   const auto count = static_cast<std::size_t>(s.count);
   const std::size_t size = component_size(accessor.componentType);
@@ -160,8 +150,7 @@ Result<void> Accessors::apply_sparse(const tinygltf::Accessor& accessor, Element
     const double to =
         component_at(indices.data + i * indices.stride, s.indices.componentType, false);
     if (!(to < static_cast<double>(accessor.count))) {
-      return fail("{}: {}: a sparse index is {}, there are {} elements", name_, place, to,
-                  accessor.count);
+      return fail("{}: a sparse index is {}, there are {} elements", place, to, accessor.count);
     }
     read_element(values.data + i * values.stride, accessor,
                  elements.values.data() + static_cast<std::size_t>(to) * elements.width);
@@ -171,8 +160,7 @@ Result<void> Accessors::apply_sparse(const tinygltf::Accessor& accessor, Element
 
 Result<Elements> Accessors::elements(int index, const std::string& what) {
   if (!has(gltf_.accessors, index)) {
-    return fail("{}: {}: names accessor {}, there are {}", name_, what, index,
-                gltf_.accessors.size());
+    return fail("{}: names accessor {}, there are {}", what, index, gltf_.accessors.size());
   }
   const tinygltf::Accessor& accessor = gltf_.accessors[static_cast<std::size_t>(index)];
   const std::string place = fmt::format("{} (accessors/{})", what, index);
@@ -180,12 +168,12 @@ Result<Elements> Accessors::elements(int index, const std::string& what) {
   const std::size_t width = component_count(accessor.type);
   // Columns of matrices of smaller components have gaps between them.
   if (size == 0 || width == 0 || (width == 16 && size != 4)) {
-    return fail("{}: {}: its component type or shape is not one for this use", name_, place);
+    return fail("{}: its component type or shape is not one for this use", place);
   }
   // Indices may be up to three per triangle; nothing else is longer.
   const std::size_t most = std::max(limits_.max_vertices, 3 * limits_.max_triangles);
   if (accessor.count == 0 || accessor.count > most) {
-    return fail("{}: {}: has {} elements; 1 to {} can be read", name_, place, accessor.count, most);
+    return fail("{}: has {} elements; 1 to {} can be read", place, accessor.count, most);
   }
   // Without a buffer view they are zeros (glTF 2.0, 5.1.1).
   Elements result{accessor.count, width, {}};
@@ -200,19 +188,17 @@ Result<Elements> Accessors::elements(int index, const std::string& what) {
   } else {
     if (accessor.count * width > zeros_left_) {
       return fail(
-          "{}: {}: has no buffer view; the file has more than {} numbers without data; export the "
+          "{}: has no buffer view; the file has more than {} numbers without data; export the "
           "model again",
-          name_, place, zeros_allowed(limits_));
+          place, limits_.max_vertices);
     }
     zeros_left_ -= accessor.count * width;
     result.values.resize(accessor.count * width, 0.0);
   }
-  if (accessor.sparse.isSparse) {
-    PENUMBRA_TRY_VOID(apply_sparse(accessor, result, place));
-  }
+  if (accessor.sparse.isSparse) PENUMBRA_TRY_VOID(apply_sparse(accessor, result, place));
   for (const double value : result.values) {
     if (!std::isfinite(value)) {
-      return fail("{}: {}: has a number that is not finite; export the model again", name_, place);
+      return fail("{}: has a number that is not finite; export the model again", place);
     }
   }
   return result;
@@ -224,14 +210,13 @@ Result<Elements> Accessors::attribute(const std::map<std::string, int>& list,
   const auto entry = list.find(key);
   if (entry == list.end()) return Elements{};
   const std::string place = what + "/" + key;
-  Result<Elements> found = elements(entry->second, place);
-  if (!found) return found;
-  if (found->width < shape.min_width || found->width > shape.max_width) {
-    return fail("{}: {}: has {} components, {} to {} expected", name_, place, found->width,
-                shape.min_width, shape.max_width);
+  PENUMBRA_TRY(Elements found, elements(entry->second, place));
+  if (found.width < shape.min_width || found.width > shape.max_width) {
+    return fail("{}: has {} components, {} to {} expected", place, found.width, shape.min_width,
+                shape.max_width);
   }
-  if (shape.count != 0 && found->count != shape.count) {
-    return fail("{}: {}: has {} elements for {} vertices", name_, place, found->count, shape.count);
+  if (shape.count != 0 && found.count != shape.count) {
+    return fail("{}: has {} elements for {} vertices", place, found.count, shape.count);
   }
   return found;
 }

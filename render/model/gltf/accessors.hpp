@@ -1,4 +1,5 @@
-// Buffer views and accessors: the numbers of a file, with every range checked.
+// Buffer views and accessors: the numbers of a file, with every range checked. Errors and warnings
+// of the gltf classes name the place in the file; read_gltf() adds the file's name.
 #pragma once
 
 #include <tiny_gltf.h>
@@ -21,7 +22,7 @@ template <class T>
   return index >= 0 && static_cast<std::size_t>(index) < list.size();
 }
 
-// The numbers of an accessor: `count` elements of `width` components.
+// The numbers of an accessor: `count` elements of `width` components each.
 struct Elements {
   std::size_t count = 0;
   std::size_t width = 0;
@@ -32,35 +33,23 @@ struct Elements {
   }
 };
 
-// The size that an attribute must have. The component type is free: integers are normalised or
-// quantised numbers (KHR_mesh_quantization).
+// The size that an attribute must have. Its component type is free (KHR_mesh_quantization).
 struct Shape {
   std::size_t min_width = 1;
   std::size_t max_width = 1;
   std::size_t count = 0;  // of elements; 0: any
 };
 
-// Most components, in all accessors together, that may be zero because they have no buffer view:
-// such an accessor costs the file nothing.
-[[nodiscard]] inline std::size_t zeros_allowed(const ModelLimits& limits) {
-  return limits.max_vertices;
-}
-
 class Accessors {
  public:
-  Accessors(std::string name, const tinygltf::Model& gltf, Buffers& buffers,
-            const ModelLimits& limits)
-      : name_(std::move(name)),
-        gltf_(gltf),
-        buffers_(buffers),
-        limits_(limits),
-        zeros_left_(zeros_allowed(limits)) {}
+  Accessors(const tinygltf::Model& gltf, Buffers& buffers, const ModelLimits& limits)
+      : gltf_(gltf), buffers_(buffers), limits_(limits), zeros_left_(limits.max_vertices) {}
 
   [[nodiscard]] Result<std::span<const std::uint8_t>> view_bytes(int view,
                                                                  const std::string& what) const;
-  // `what`: where the accessor is named.
+  // `what`: the place that names the accessor.
   [[nodiscard]] Result<Elements> elements(int accessor, const std::string& what);
-  // The elements that `list` names by `key`; empty where it does not. `what`: place of the list.
+  // The elements that `list` names by `key`, or none. `what`: the place of the list.
   [[nodiscard]] Result<Elements> attribute(const std::map<std::string, int>& list,
                                            const std::string& key, const Shape& shape,
                                            const std::string& what);
@@ -71,7 +60,7 @@ class Accessors {
   }
 
  private:
-  // A stretch of a buffer, checked: elements that are `stride` bytes apart.
+  // A checked stretch of a buffer: elements that are `stride` bytes apart.
   struct Stretch {
     const std::uint8_t* data = nullptr;
     std::size_t stride = 0;
@@ -88,11 +77,11 @@ class Accessors {
   [[nodiscard]] Result<void> apply_sparse(const tinygltf::Accessor& accessor, Elements& elements,
                                           const std::string& place) const;
 
-  std::string name_;
   const tinygltf::Model& gltf_;
   Buffers& buffers_;
   const ModelLimits& limits_;
-  std::size_t zeros_left_;  // of zeros_allowed()
+  // Components that may still be zero for want of a buffer view: they cost the file nothing.
+  std::size_t zeros_left_;
 };
 
 // Returns true for component types of unsigned integers.

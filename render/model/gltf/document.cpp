@@ -1,12 +1,13 @@
 #include "render/model/gltf/document.hpp"
 
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstring>
 #include <nlohmann/json.hpp>
-#include <optional>
 
 #include "core/propagate.hpp"
 #include "core/text/text_encoding.hpp"
-#include "render/model/gltf/container.hpp"
-#include "render/model/gltf/fields.hpp"
 #include "render/model/model_parts.hpp"
 
 namespace penumbra::gltf {
@@ -14,18 +15,247 @@ namespace {
 
 using Json = nlohmann::json;
 
-// One line of a library's report, without the name of its exception.
+std::uint32_t word_at(std::span<const std::uint8_t> bytes, std::size_t offset) {
+  std::uint32_t word = 0;  // glTF is little-endian, like all supported machines
+  std::memcpy(&word, bytes.data() + offset, 4);
+  return word;
+}
+
+// Returns the nesting depth of the brackets outside strings: readers of JSON recurse.
+int nesting_depth(std::string_view json) {
+  int depth = 0, deepest = 0;
+  bool in_string = false;
+  for (std::size_t i = 0; i < json.size(); ++i) {
+    const char c = json[i];
+    if (in_string) {
+      if (c == '\\') ++i;
+      in_string = c != '"';
+    } else if (c == '"') {
+      in_string = true;
+    } else if (c == '{' || c == '[') {
+      deepest = std::max(deepest, ++depth);
+    } else if (c == '}' || c == ']') {
+      --depth;
+    }
+  }
+  return deepest;
+}
+
+constexpr double kLargestIndex = 2147483647.0;       // of tinygltf's int
+constexpr double kLargestSize = 9007199254740992.0;  // up to here doubles hold all integers
+
+// One step of the path to a value.
+struct Place {
+  const Place* parent = nullptr;
+  std::string_view key;
+  std::size_t index = 0;  // of a list, where the key is empty
+
+  [[nodiscard]] std::string text() const {
+    const std::string step = key.empty() ? std::to_string(index) : std::string(key.substr(0, 80));
+    return parent == nullptr ? step : parent->text() + "/" + step;
+  }
+};
+
+bool is_whole(Json& value, double largest) {
+  if (!value.is_number()) return false;
+  const auto number = value.get<double>();
+  if (!(number >= 0.0 && number <= largest) || number != std::floor(number)) return false;
+  if (value.is_number_float()) value = static_cast<std::uint64_t>(number);
+  return true;
+}
+
+// The values that a field may have.
+struct FieldType {
+  std::string_view expected;
+  bool (*matches)(Json& value);
+};
+bool all_match(Json& values, const FieldType& type) {
+  return std::all_of(values.begin(), values.end(), type.matches);
+}
+constexpr FieldType kIndex{"a whole number from 0 on",
+                           [](Json& v) { return is_whole(v, kLargestIndex); }};
+constexpr FieldType kSize{"a whole number from 0 on",
+                          [](Json& v) { return is_whole(v, kLargestSize); }};
+constexpr FieldType kNumber{"a number", [](Json& v) { return v.is_number(); }};
+constexpr FieldType kFlag{"true or false", [](Json& v) { return v.is_boolean(); }};
+constexpr FieldType kText{"a string", [](Json& v) { return v.is_string(); }};
+constexpr FieldType kObject{"an object", [](Json& v) { return v.is_object(); }};
+constexpr FieldType kIndices{"a list of whole numbers from 0 on",
+                             [](Json& v) { return v.is_array() && all_match(v, kIndex); }};
+constexpr FieldType kNumbers{"a list of numbers",
+                             [](Json& v) { return v.is_array() && all_match(v, kNumber); }};
+constexpr FieldType kTexts{"a list of strings",
+                           [](Json& v) { return v.is_array() && all_match(v, kText); }};
+constexpr FieldType kIndexMap{"an object of whole numbers from 0 on",
+                              [](Json& v) { return v.is_object() && all_match(v, kIndex); }};
+
+std::string quoted(const Json& value) {
+  const std::string text = value.dump(-1, ' ', true, Json::error_handler_t::replace);
+  return text.size() > 40 ? text.substr(0, 40) + "..." : text;
+}
+
+class FieldChecker {
+ public:
+  // `path`: keys and '*' for the elements of a list, with '/' between them.
+  std::optional<std::string> check(Json& at, std::string_view path, const FieldType& type,
+                                   const Place* place = nullptr) {
+    if (path.empty()) {
+      if (type.matches(at)) return std::nullopt;
+      return wrong(at, type.expected, place);
+    }
+    const std::size_t slash = path.find('/');
+    const std::string_view head = path.substr(0, slash);
+    const std::string_view rest = slash == std::string_view::npos ? "" : path.substr(slash + 1);
+    if (head == "*") {
+      if (!at.is_array()) return wrong(at, "a list", place);
+      for (std::size_t i = 0; i < at.size(); ++i) {
+        const Place next{place, {}, i};
+        if (auto fault = check(at[i], rest, type, &next)) return fault;
+      }
+      return std::nullopt;
+    }
+    if (!at.is_object()) return wrong(at, "an object", place);
+    const auto entry = at.find(head);
+    if (entry == at.end()) return std::nullopt;
+    if (entry->is_null()) {
+      at.erase(entry);
+      return std::nullopt;
+    }
+    const Place next{place, head, 0};
+    std::optional<std::string> fault = check(*entry, rest, type, &next);
+    // Lists are never erased: other fields refer to their elements by index.
+    if (!fault || !erases || place == nullptr) return fault;
+    erased.push_back(std::move(*fault));
+    at.erase(entry);
+    return std::nullopt;
+  }
+
+  bool erases = false;  // erases wrong fields in place of returning the fault
+  std::vector<std::string> erased;
+
+ private:
+  static std::string wrong(const Json& value, std::string_view expected, const Place* place) {
+    return fmt::format("{}: is {}; {} is expected", place == nullptr ? "" : place->text(),
+                       quoted(value), expected);
+  }
+};
+
+struct Field {
+  std::string_view path;
+  const FieldType& type;
+};
+
+constexpr std::array kFields{
+    Field{"asset", kObject},
+    Field{"extensionsUsed", kTexts},
+    Field{"extensionsRequired", kTexts},
+    Field{"scene", kIndex},
+    Field{"scenes/*", kObject},
+    Field{"scenes/*/nodes", kIndices},
+    Field{"nodes/*/mesh", kIndex},
+    Field{"nodes/*/skin", kIndex},
+    Field{"nodes/*/children", kIndices},
+    Field{"nodes/*/matrix", kNumbers},
+    Field{"nodes/*/translation", kNumbers},
+    Field{"nodes/*/rotation", kNumbers},
+    Field{"nodes/*/scale", kNumbers},
+    Field{"nodes/*/weights", kNumbers},
+    Field{"nodes/*/extensions", kObject},
+    Field{"nodes/*/extensions/EXT_mesh_gpu_instancing/attributes", kIndexMap},
+    Field{"nodes/*/extensions/KHR_node_visibility/visible", kFlag},
+    Field{"meshes/*/weights", kNumbers},
+    Field{"meshes/*/primitives/*/attributes", kIndexMap},
+    Field{"meshes/*/primitives/*/indices", kIndex},
+    Field{"meshes/*/primitives/*/material", kIndex},
+    Field{"meshes/*/primitives/*/mode", kIndex},
+    Field{"meshes/*/primitives/*/targets/*", kIndexMap},
+    Field{"meshes/*/primitives/*/extensions", kObject},
+    Field{"meshes/*/primitives/*/extensions/KHR_draco_mesh_compression/attributes", kIndexMap},
+    Field{"skins/*/joints", kIndices},
+    Field{"skins/*/inverseBindMatrices", kIndex},
+    Field{"accessors/*/bufferView", kIndex},
+    Field{"accessors/*/byteOffset", kSize},
+    Field{"accessors/*/componentType", kIndex},
+    Field{"accessors/*/normalized", kFlag},
+    Field{"accessors/*/count", kSize},
+    Field{"accessors/*/type", kText},
+    Field{"accessors/*/sparse/count", kIndex},
+    Field{"accessors/*/sparse/indices/bufferView", kIndex},
+    Field{"accessors/*/sparse/indices/byteOffset", kIndex},
+    Field{"accessors/*/sparse/indices/componentType", kIndex},
+    Field{"accessors/*/sparse/values/bufferView", kIndex},
+    Field{"accessors/*/sparse/values/byteOffset", kIndex},
+    Field{"bufferViews/*/buffer", kIndex},
+    Field{"bufferViews/*/byteOffset", kSize},
+    Field{"bufferViews/*/byteLength", kSize},
+    Field{"bufferViews/*/byteStride", kSize},
+    Field{"bufferViews/*/extensions", kObject},
+    Field{"buffers/*/byteLength", kSize},
+    Field{"buffers/*/uri", kText},
+};
+
+// Fields that do not change the shape.
+constexpr std::array kAppearance{
+    Field{"images/*/bufferView", kIndex},
+    Field{"images/*/uri", kText},
+    Field{"textures/*/source", kIndex},
+    Field{"textures/*/sampler", kIndex},
+    Field{"textures/*/extensions", kObject},
+    Field{"samplers/*/magFilter", kIndex},
+    Field{"samplers/*/minFilter", kIndex},
+    Field{"samplers/*/wrapS", kIndex},
+    Field{"samplers/*/wrapT", kIndex},
+    Field{"materials/*/extensions", kObject},
+    Field{"materials/*/alphaMode", kText},
+    Field{"materials/*/alphaCutoff", kNumber},
+    Field{"materials/*/doubleSided", kFlag},
+    Field{"materials/*/emissiveFactor", kNumbers},
+    Field{"materials/*/pbrMetallicRoughness/baseColorFactor", kNumbers},
+    Field{"materials/*/pbrMetallicRoughness/metallicFactor", kNumber},
+    Field{"materials/*/pbrMetallicRoughness/roughnessFactor", kNumber},
+    Field{"materials/*/normalTexture/scale", kNumber},
+    Field{"materials/*/occlusionTexture/strength", kNumber},
+    Field{"materials/*/pbrMetallicRoughness/baseColorTexture/index", kIndex},
+    Field{"materials/*/pbrMetallicRoughness/baseColorTexture/texCoord", kIndex},
+    Field{"materials/*/pbrMetallicRoughness/metallicRoughnessTexture/index", kIndex},
+    Field{"materials/*/pbrMetallicRoughness/metallicRoughnessTexture/texCoord", kIndex},
+    Field{"materials/*/normalTexture/index", kIndex},
+    Field{"materials/*/normalTexture/texCoord", kIndex},
+    Field{"materials/*/occlusionTexture/index", kIndex},
+    Field{"materials/*/occlusionTexture/texCoord", kIndex},
+    Field{"materials/*/emissiveTexture/index", kIndex},
+    Field{"materials/*/emissiveTexture/texCoord", kIndex},
+};
+
+// Checks the type of each field that is read: tinygltf takes a field of a wrong type for an absent
+// one. Returns the place and fault of the first wrong field. Whole numbers written as 1.0 become
+// integers; null becomes absent. Wrong fields of kAppearance are erased and named in `erased`.
+std::optional<std::string> wrong_field(Json& root, std::vector<std::string>& erased) {
+  FieldChecker checker;
+  for (const Field& field : kFields) {
+    if (auto fault = checker.check(root, field.path, field.type)) return fault;
+  }
+  checker.erases = true;
+  for (const Field& field : kAppearance) {
+    if (auto fault = checker.check(root, field.path, field.type)) return fault;
+  }
+  erased = std::move(checker.erased);
+  return std::nullopt;
+}
+
+// Returns the first line of a library's message, without the name of its exception.
 std::string first_line(std::string text) {
   if (text.starts_with("[")) text.erase(0, std::min(text.find("] "), text.size() - 2) + 2);
   const std::string line = text.substr(0, text.find('\n'));
   return line.empty() ? "malformed" : line.substr(0, 200);
 }
 
-void count_extensions(const Json& at, const std::string& place,
-                      std::map<std::string, ExtensionUse>& uses) {
+void find_extensions(const Json& at, const std::string& place,
+                     std::map<std::string, std::string>& first_places) {
   if (at.is_array()) {
     for (std::size_t i = 0; i < at.size(); ++i) {
-      if (at[i].is_structured()) count_extensions(at[i], fmt::format("{}/{}", place, i), uses);
+      if (at[i].is_structured())
+        find_extensions(at[i], fmt::format("{}/{}", place, i), first_places);
     }
   }
   if (!at.is_object()) return;
@@ -33,16 +263,14 @@ void count_extensions(const Json& at, const std::string& place,
     if (key == "extras" || !value.is_structured()) continue;
     if (key == "extensions" && value.is_object()) {
       for (const auto& [extension, content] : value.items()) {
-        ExtensionUse& use = uses[extension];
-        if (use.count++ == 0) use.first_place = place.empty() ? "the file" : place;
+        first_places.try_emplace(extension, place.empty() ? "the file" : place);
       }
     }
-    count_extensions(value, place.empty() ? key : place + "/" + key, uses);
+    find_extensions(value, place.empty() ? key : place + "/" + key, first_places);
   }
 }
 
-// Moves a list of the file's JSON out of it: tinygltf decodes what is in it in its own ways or
-// refuses the file for it.
+// Moves a list out of the file's JSON: tinygltf would decode it differently or refuse the file.
 Json take_list(Json& root, const char* key) {
   const auto entry = root.find(key);
   if (entry == root.end()) return Json::array();
@@ -67,8 +295,8 @@ void prepare_primitives(Json& root) {
   }
 }
 
-// The file's version where it is another than 2; nothing for 2. Files of glTF 1.0 may leave it out:
-// they have objects where 2.0 has arrays.
+// Returns the file's version if it is not 2. Files of glTF 1.0 may omit it: they have objects where
+// 2.0 has arrays.
 std::optional<std::string> other_version(const Json& root) {
   const auto asset = root.find("asset");
   if (asset != root.end() && asset->is_object() && asset->contains("version")) {
@@ -80,11 +308,48 @@ std::optional<std::string> other_version(const Json& root) {
     return text.substr(0, 20);
   }
   const auto meshes = root.find("meshes");
-  return meshes != root.end() && meshes->is_object() ? std::optional<std::string>("1.0")
-                                                     : std::nullopt;
+  if (meshes != root.end() && meshes->is_object()) return "1.0";
+  return std::nullopt;
 }
 
 }  // namespace
+
+Result<Container> open_glb(const std::string& name, std::span<const std::uint8_t> bytes) {
+  constexpr std::uint32_t kMagic = 0x46546C67, kJson = 0x4E4F534A, kBinary = 0x004E4942;
+  if (bytes.size() >= 4 && bytes.size() < 20 && word_at(bytes, 0) == kMagic) {
+    return fail("{}: is cut short; export it again", name);
+  }
+  if (bytes.size() < 20 || word_at(bytes, 0) != kMagic) {
+    return fail("{}: is not a binary glTF file (it does not start with \"glTF\"); export it again",
+                name);
+  }
+  if (word_at(bytes, 4) != 2) {
+    return fail("{}: is glTF version {}; export it as version 2", name, word_at(bytes, 4));
+  }
+  const std::size_t length = word_at(bytes, 8);
+  if (length > bytes.size()) {
+    return fail("{}: is cut off: {} of {} bytes; copy or export it again", name, bytes.size(),
+                length);
+  }
+  Container container;
+  std::size_t offset = 12;
+  for (int chunk = 0; offset < length; ++chunk) {
+    if (length - offset < 8 || word_at(bytes, offset) > length - offset - 8) {
+      return fail("{}: chunk {} reaches past the end of the file; export it again", name, chunk);
+    }
+    const std::size_t size = word_at(bytes, offset);
+    if (chunk == 0) {
+      if (word_at(bytes, offset + 4) != kJson) {
+        return fail("{}: its first chunk is not JSON; export it again", name);
+      }
+      container.json = {reinterpret_cast<const char*>(bytes.data()) + offset + 8, size};
+    } else if (chunk == 1 && word_at(bytes, offset + 4) == kBinary) {
+      container.binary = bytes.subspan(offset + 8, size);
+    }
+    offset += 8 + size;
+  }
+  return container;
+}
 
 Result<Document> parse_document(const std::string& name, std::string_view text) {
   PENUMBRA_TRY(const std::string_view json, without_byte_order_mark(text, name));
@@ -106,7 +371,7 @@ Result<Document> parse_document(const std::string& name, std::string_view text) 
   if (const std::optional<std::string> fault = wrong_field(root, document.erased_fields)) {
     return fail("{}: {}", name, *fault);
   }
-  count_extensions(root, "", document.extensions);
+  find_extensions(root, "", document.extensions);
   for (const Json& buffer : take_list(root, "buffers")) {
     if (!buffer.is_object() || !buffer.contains("byteLength")) {
       return fail("{}: buffers/{}: has no byteLength", name, document.buffers.size());

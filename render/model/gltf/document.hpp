@@ -1,10 +1,13 @@
-// The JSON of a glTF file: typed fields, and what tinygltf makes of them.
+// The chunks of a .glb, and the JSON of a glTF file as tinygltf reads it.
 #pragma once
 
 #include <tiny_gltf.h>
 
 #include <cstddef>
+#include <cstdint>
 #include <map>
+#include <optional>
+#include <span>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -13,6 +16,15 @@
 
 namespace penumbra::gltf {
 
+struct Container {
+  std::string_view json;
+  std::optional<std::span<const std::uint8_t>> binary;  // the data of a .glb's first buffer
+};
+
+// Walks over the chunks of a .glb, each of which lies in the file.
+[[nodiscard]] Result<Container> open_glb(const std::string& name,
+                                         std::span<const std::uint8_t> bytes);
+
 // The source of a buffer's data.
 struct BufferSource {
   std::string uri;  // percent-encoded, or a data URI; empty: none
@@ -20,29 +32,22 @@ struct BufferSource {
 };
 
 struct ImageSource {
-  std::string uri;  // as of a buffer
+  std::string uri;  // as in BufferSource
   int buffer_view = -1;
 };
 
-// The number of `extensions` objects that have an extension, and the place of the first.
-struct ExtensionUse {
-  std::size_t count = 0;
-  std::string first_place;
-};
-
 struct Document {
-  // Without buffers, images, animations, cameras and extensions of the file as a whole. A
-  // primitive's `indices` are one of its attributes.
+  // Without buffers, images, animations, cameras and extensions of the whole file. A primitive's
+  // `indices` are the attribute kIndicesKey.
   tinygltf::Model model;
   std::vector<BufferSource> buffers;
   std::vector<ImageSource> images;
   std::size_t animation_count = 0;
   std::size_t camera_count = 0;
-  std::map<std::string, ExtensionUse> extensions;
-  std::vector<std::string> erased_fields;  // of materials: malformed, with what they were
+  std::map<std::string, std::string> extensions;  // -> the place of the first use
+  std::vector<std::string> erased_fields;  // malformed fields of materials, with their values
 };
 
-// The name of the attribute that holds a primitive's `indices`.
 inline constexpr const char* kIndicesKey = "indices";
 
 // Parses the JSON text of a file. Fields of a wrong type are refused by their place.

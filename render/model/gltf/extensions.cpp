@@ -7,95 +7,66 @@
 namespace penumbra::gltf {
 namespace {
 
-enum class Effect {
-  read,
-  none,
-  light,
-  material,
-  variants,
-  levels,
-  animation,
-  outlines,
-  texture,
-  compression,
-  unknown
-};
+enum class Effect { read, none, ignored, texture, compression, unknown };
 
-// The first entry that an extension's name starts with.
-struct Known {
+// The first entry with which the name of an extension begins applies to it.
+struct KnownExtension {
   std::string_view start;
   Effect effect;
+  std::string_view consequence = "the shape does not depend on it";
 };
+constexpr std::string_view kBaseMaterials = "materials are drawn by their base properties";
+constexpr std::string_view kPlainTextures = "textures are drawn without it";
+constexpr std::string_view kNoLights = "its lights are not used";
+constexpr std::string_view kRestPose = "the rest pose is shown";
 constexpr std::array kKnown{
-    Known{"KHR_mesh_quantization", Effect::read},
-    Known{kInstancing, Effect::read},
-    Known{kVisibility, Effect::read},
-    Known{kDraco, Effect::compression},
-    Known{"EXT_meshopt_compression", Effect::compression},
-    Known{"KHR_meshopt_compression", Effect::compression},
-    Known{"KHR_lights_", Effect::light},
-    Known{"EXT_lights_", Effect::light},
-    Known{"KHR_materials_variants", Effect::variants},
-    Known{"KHR_materials_", Effect::material},
-    Known{"EXT_materials_", Effect::material},
-    Known{"ADOBE_materials_", Effect::material},
-    Known{"NV_materials_", Effect::material},
-    Known{"MSFT_packing_", Effect::material},
-    Known{"KHR_technique", Effect::material},  // _webgl, and techniques_webgl
-    Known{"KHR_texture_", Effect::texture},
-    Known{"EXT_texture_", Effect::texture},
-    Known{"MSFT_texture_dds", Effect::texture},
-    Known{"GOOGLE_texture_basis", Effect::texture},
+    KnownExtension{"KHR_mesh_quantization", Effect::read},
+    KnownExtension{kInstancing, Effect::read},
+    KnownExtension{kVisibility, Effect::read},
+    KnownExtension{kDraco, Effect::compression},
+    KnownExtension{"EXT_meshopt_compression", Effect::compression},
+    KnownExtension{"KHR_meshopt_compression", Effect::compression},
+    KnownExtension{"KHR_lights_", Effect::ignored, kNoLights},
+    KnownExtension{"EXT_lights_", Effect::ignored, kNoLights},
+    KnownExtension{"KHR_materials_variants", Effect::ignored, "the default materials are shown"},
+    KnownExtension{"KHR_materials_", Effect::ignored, kBaseMaterials},
+    KnownExtension{"EXT_materials_", Effect::ignored, kBaseMaterials},
+    KnownExtension{"ADOBE_materials_", Effect::ignored, kBaseMaterials},
+    KnownExtension{"NV_materials_", Effect::ignored, kBaseMaterials},
+    KnownExtension{"MSFT_packing_", Effect::ignored, kBaseMaterials},
+    KnownExtension{"KHR_technique", Effect::ignored,
+                   kBaseMaterials},  // _webgl, and techniques_webgl
+    KnownExtension{"KHR_texture_", Effect::texture, kPlainTextures},
+    KnownExtension{"EXT_texture_", Effect::texture, kPlainTextures},
+    KnownExtension{"MSFT_texture_dds", Effect::texture, kPlainTextures},
+    KnownExtension{"GOOGLE_texture_basis", Effect::texture, kPlainTextures},
     // Data about the model, other levels of detail, sound and behaviour.
-    Known{"KHR_xmp", Effect::none},
-    Known{"KHR_animation_pointer", Effect::animation},
-    Known{"KHR_audio", Effect::none},
-    Known{"KHR_interactivity", Effect::none},
-    Known{"KHR_node_hoverability", Effect::none},
-    Known{"KHR_node_selectability", Effect::none},
-    Known{"KHR_physics_", Effect::none},
-    Known{"KHR_implicit_shapes", Effect::none},
-    Known{"EXT_mesh_features", Effect::none},
-    Known{"EXT_instance_features", Effect::none},
-    Known{"EXT_structural_metadata", Effect::none},
-    Known{"EXT_feature_metadata", Effect::none},
-    Known{"EXT_mesh_manifold", Effect::none},
-    Known{"EXT_property_animation", Effect::animation},
-    Known{"CESIUM_primitive_outline", Effect::outlines},
-    Known{"MSFT_lod", Effect::levels},
-    Known{"AGI_", Effect::none},
-    Known{"OMI_", Effect::none},
+    KnownExtension{"KHR_xmp", Effect::none},
+    KnownExtension{"KHR_animation_pointer", Effect::ignored, kRestPose},
+    KnownExtension{"KHR_audio", Effect::none},
+    KnownExtension{"KHR_interactivity", Effect::none},
+    KnownExtension{"KHR_node_hoverability", Effect::none},
+    KnownExtension{"KHR_node_selectability", Effect::none},
+    KnownExtension{"KHR_physics_", Effect::none},
+    KnownExtension{"KHR_implicit_shapes", Effect::none},
+    KnownExtension{"EXT_mesh_features", Effect::none},
+    KnownExtension{"EXT_instance_features", Effect::none},
+    KnownExtension{"EXT_structural_metadata", Effect::none},
+    KnownExtension{"EXT_feature_metadata", Effect::none},
+    KnownExtension{"EXT_mesh_manifold", Effect::none},
+    KnownExtension{"EXT_property_animation", Effect::ignored, kRestPose},
+    KnownExtension{"CESIUM_primitive_outline", Effect::ignored, "outlines are not drawn"},
+    KnownExtension{"MSFT_lod", Effect::ignored, "the finest level of detail is shown"},
+    KnownExtension{"AGI_", Effect::none},
+    KnownExtension{"OMI_", Effect::none},
 };
 
-Effect effect_of(std::string_view extension) {
-  const auto known = std::ranges::find_if(
-      kKnown, [&](const Known& entry) { return extension.starts_with(entry.start); });
-  return known == kKnown.end() ? Effect::unknown : known->effect;
-}
-
-bool is_required(const Document& document, const std::string& extension) {
-  return std::ranges::count(document.model.extensionsRequired, extension) > 0;
-}
-
-std::string consequence(Effect effect) {
-  switch (effect) {
-    case Effect::light:
-      return "its lights are not used";
-    case Effect::material:
-      return "materials are drawn by their base properties";
-    case Effect::variants:
-      return "the default materials are shown";
-    case Effect::levels:
-      return "the finest level of detail is shown";
-    case Effect::animation:
-      return "the rest pose is shown";
-    case Effect::outlines:
-      return "outlines are not drawn";
-    case Effect::texture:
-      return "textures are drawn without it";
-    default:
-      return "the shape does not depend on it";
-  }
+const KnownExtension& known_extension(std::string_view extension) {
+  static constexpr KnownExtension kUnknown{"", Effect::unknown};
+  const auto entry = std::ranges::find_if(kKnown, [&](const KnownExtension& candidate) {
+    return extension.starts_with(candidate.start);
+  });
+  return entry == kKnown.end() ? kUnknown : *entry;
 }
 
 }  // namespace
@@ -107,61 +78,56 @@ const char* compression_of(const tinygltf::BufferView& view) {
   return nullptr;
 }
 
-tl::unexpected<Error> fail_compressed(const std::string& name, const std::string& extension) {
-  return fail(
-      "{}: needs the glTF extension {}, which can't be read yet; export without compression", name,
-      extension);
+tl::unexpected<Error> fail_compressed(const std::string& extension) {
+  return fail("needs the glTF extension {}, which can't be read yet; export without compression",
+              extension);
 }
 
-Result<void> check_required(const std::string& name, const Document& document) {
+Result<void> check_required(const Document& document) {
   for (const std::string& extension : document.model.extensionsRequired) {
-    const Effect effect = effect_of(extension);
-    if (effect == Effect::compression) return fail_compressed(name, extension.substr(0, 80));
+    const Effect effect = known_extension(extension).effect;
+    if (effect == Effect::compression) return fail_compressed(extension.substr(0, 80));
     if (effect == Effect::unknown) {
-      return fail("{}: needs the glTF extension {}, which can't be read; export without it", name,
+      return fail("needs the glTF extension {}, which can't be read; export without it",
                   extension.substr(0, 80));
     }
   }
   return {};
 }
 
-std::vector<std::string> ignored_content(const std::string& name, const Document& document) {
+std::vector<std::string> ignored_content(const Document& document) {
   std::vector<std::string> lines;
   if (!document.erased_fields.empty()) {
     const std::size_t more = document.erased_fields.size() - 1;
-    lines.push_back(on_one_line(
-        fmt::format("{}: {}{}; the default is taken", name, document.erased_fields.front(),
-                    more > 0 ? fmt::format(" (and {} more such fields)", more) : "")));
+    lines.push_back(fmt::format("{}{}; the default is taken", document.erased_fields.front(),
+                                more > 0 ? fmt::format(" (and {} more such fields)", more) : ""));
   }
   if (document.animation_count > 0) {
-    lines.push_back(fmt::format("{}: its animations ({}) are not played: the rest pose is shown",
-                                name, document.animation_count));
+    lines.push_back(fmt::format("its animations ({}) are not played: the rest pose is shown",
+                                document.animation_count));
   }
   if (document.camera_count > 0) {
-    lines.push_back(fmt::format("{}: its cameras ({}) are not used", name, document.camera_count));
+    lines.push_back(fmt::format("its cameras ({}) are not used", document.camera_count));
   }
   if (const auto& scenes = document.model.scenes; scenes.size() > 1) {
     const auto shown = static_cast<std::size_t>(std::max(document.model.defaultScene, 0));
     const std::string scene = shown < scenes.size() ? scenes[shown].name.substr(0, 60) : "";
-    lines.push_back(
-        on_one_line(fmt::format("{}: has {} scenes; only scenes/{}{} is shown", name, scenes.size(),
-                                shown, scene.empty() ? "" : fmt::format(" (\"{}\")", scene))));
+    lines.push_back(fmt::format("has {} scenes; only scenes/{}{} is shown", scenes.size(), shown,
+                                scene.empty() ? "" : fmt::format(" (\"{}\")", scene)));
   }
   for (const std::string& extension : document.model.extensionsRequired) {
-    const Effect effect = effect_of(extension);
-    if (effect == Effect::read) continue;
-    lines.push_back(fmt::format("{}: needs the glTF extension {}, which is not read: {}", name,
-                                extension.substr(0, 80), consequence(effect)));
+    if (known_extension(extension).effect == Effect::read) continue;
+    lines.push_back(fmt::format("needs the glTF extension {}, which is not read: {}",
+                                extension.substr(0, 80), known_extension(extension).consequence));
   }
-  for (const auto& [extension, use] : document.extensions) {
-    const Effect effect = effect_of(extension);
+  for (const auto& [extension, first_place] : document.extensions) {
+    const auto& [start, effect, consequence] = known_extension(extension);
     // Warnings about textures come from the material reader.
-    const bool quiet = effect == Effect::read || effect == Effect::none ||
-                       effect == Effect::texture || effect == Effect::compression;
-    if (quiet || is_required(document, extension)) continue;
-    lines.push_back(fmt::format("{}: its glTF extension {} ({}) is not read{}", name,
-                                extension.substr(0, 80), use.first_place,
-                                effect == Effect::unknown ? "" : ": " + consequence(effect)));
+    if (effect != Effect::ignored && effect != Effect::unknown) continue;
+    if (std::ranges::count(document.model.extensionsRequired, extension) > 0) continue;
+    lines.push_back(fmt::format(
+        "its glTF extension {} ({}) is not read{}{}", extension.substr(0, 80), first_place,
+        effect == Effect::unknown ? "" : ": ", effect == Effect::unknown ? "" : consequence));
   }
   return lines;
 }

@@ -16,15 +16,13 @@ inline constexpr const char* kDraco = "KHR_draco_mesh_compression";
 // Returns the extension that compresses a buffer view, or nullptr.
 [[nodiscard]] const char* compression_of(const tinygltf::BufferView& view);
 
-// The error for data that is compressed.
-[[nodiscard]] tl::unexpected<Error> fail_compressed(const std::string& name,
-                                                    const std::string& extension);
+// Returns the error for compressed data.
+[[nodiscard]] tl::unexpected<Error> fail_compressed(const std::string& extension);
 
 // Refuses a file that requires an extension which may change its shape and is not read.
-[[nodiscard]] Result<void> check_required(const std::string& name, const Document& document);
+[[nodiscard]] Result<void> check_required(const Document& document);
 
 // Returns warnings about content that the reader ignores, one line per kind.
-[[nodiscard]] std::vector<std::string> ignored_content(const std::string& name,
-                                                       const Document& document);
+[[nodiscard]] std::vector<std::string> ignored_content(const Document& document);
 
 }  // namespace penumbra::gltf

@@ -1,65 +1,67 @@
 #include "render/model/gltf/materials.hpp"
 
 #include <algorithm>
-#include <optional>
+#include <array>
 
 #include "core/propagate.hpp"
 #include "render/model/model_parts.hpp"
 
 namespace penumbra::gltf {
 
+namespace {
+
+struct WrapMode {
+  int code;
+  TextureWrap wrap;
+};
+constexpr std::array kWrapModes{
+    WrapMode{TINYGLTF_TEXTURE_WRAP_REPEAT, TextureWrap::repeat},
+    WrapMode{TINYGLTF_TEXTURE_WRAP_MIRRORED_REPEAT, TextureWrap::mirrored},
+    WrapMode{TINYGLTF_TEXTURE_WRAP_CLAMP_TO_EDGE, TextureWrap::clamp},
+};
+
+struct MinFilter {
+  int code;
+  bool smooth;
+  TextureMipmaps mipmaps;
+};
+constexpr std::array kMinFilters{
+    MinFilter{TINYGLTF_TEXTURE_FILTER_NEAREST, false, TextureMipmaps::none},
+    MinFilter{TINYGLTF_TEXTURE_FILTER_LINEAR, true, TextureMipmaps::none},
+    MinFilter{TINYGLTF_TEXTURE_FILTER_NEAREST_MIPMAP_NEAREST, false, TextureMipmaps::nearest},
+    MinFilter{TINYGLTF_TEXTURE_FILTER_LINEAR_MIPMAP_NEAREST, true, TextureMipmaps::nearest},
+    MinFilter{TINYGLTF_TEXTURE_FILTER_NEAREST_MIPMAP_LINEAR, false, TextureMipmaps::linear},
+    MinFilter{TINYGLTF_TEXTURE_FILTER_LINEAR_MIPMAP_LINEAR, true, TextureMipmaps::linear},
+};
+
+}  // namespace
+
 Result<TextureSampling> MaterialReader::sampling(int index) const {
   TextureSampling result;
   if (index < 0) return result;
   if (!has(gltf_.samplers, index)) {
-    return fail("{}: a texture names sampler {}, there are {}", name_, index,
-                gltf_.samplers.size());
+    return fail("a texture names sampler {}, there are {}", index, gltf_.samplers.size());
   }
   const tinygltf::Sampler& from = gltf_.samplers[static_cast<std::size_t>(index)];
   const auto unknown = [&](const char* field, int value) {
-    return fail("{}: samplers/{}/{}: {} is none of glTF's values", name_, index, field, value);
+    return fail("samplers/{}/{}: {} is none of glTF's values", index, field, value);
   };
-  const auto wrap = [](int value) -> std::optional<TextureWrap> {
-    switch (value) {
-      case TINYGLTF_TEXTURE_WRAP_REPEAT:
-        return TextureWrap::repeat;
-      case TINYGLTF_TEXTURE_WRAP_MIRRORED_REPEAT:
-        return TextureWrap::mirrored;
-      case TINYGLTF_TEXTURE_WRAP_CLAMP_TO_EDGE:
-        return TextureWrap::clamp;
-      default:
-        return std::nullopt;
-    }
-  };
-  const auto s = wrap(from.wrapS);
-  const auto t = wrap(from.wrapT);
-  if (!s) return unknown("wrapS", from.wrapS);
-  if (!t) return unknown("wrapT", from.wrapT);
-  result.wrap_s = *s;
-  result.wrap_t = *t;
+  const auto s = std::ranges::find(kWrapModes, from.wrapS, &WrapMode::code);
+  const auto t = std::ranges::find(kWrapModes, from.wrapT, &WrapMode::code);
+  if (s == kWrapModes.end()) return unknown("wrapS", from.wrapS);
+  if (t == kWrapModes.end()) return unknown("wrapT", from.wrapT);
+  result.wrap_s = s->wrap;
+  result.wrap_t = t->wrap;
   if (from.magFilter == TINYGLTF_TEXTURE_FILTER_NEAREST) {
     result.smooth_near = false;
   } else if (from.magFilter >= 0 && from.magFilter != TINYGLTF_TEXTURE_FILTER_LINEAR) {
     return unknown("magFilter", from.magFilter);
   }
-  switch (from.minFilter) {
-    case TINYGLTF_TEXTURE_FILTER_NEAREST:
-    case TINYGLTF_TEXTURE_FILTER_LINEAR:
-      result.mipmaps = TextureMipmaps::none;
-      break;
-    case TINYGLTF_TEXTURE_FILTER_NEAREST_MIPMAP_NEAREST:
-    case TINYGLTF_TEXTURE_FILTER_LINEAR_MIPMAP_NEAREST:
-      result.mipmaps = TextureMipmaps::nearest;
-      break;
-    case TINYGLTF_TEXTURE_FILTER_NEAREST_MIPMAP_LINEAR:
-    case TINYGLTF_TEXTURE_FILTER_LINEAR_MIPMAP_LINEAR:
-      break;
-    default:
-      if (from.minFilter >= 0) return unknown("minFilter", from.minFilter);
-  }
-  result.smooth_far = from.minFilter != TINYGLTF_TEXTURE_FILTER_NEAREST &&
-                      from.minFilter != TINYGLTF_TEXTURE_FILTER_NEAREST_MIPMAP_NEAREST &&
-                      from.minFilter != TINYGLTF_TEXTURE_FILTER_NEAREST_MIPMAP_LINEAR;
+  if (from.minFilter < 0) return result;
+  const auto filter = std::ranges::find(kMinFilters, from.minFilter, &MinFilter::code);
+  if (filter == kMinFilters.end()) return unknown("minFilter", from.minFilter);
+  result.smooth_far = filter->smooth;
+  result.mipmaps = filter->mipmaps;
   return result;
 }
 
@@ -69,8 +71,7 @@ Result<MaterialTexture> MaterialReader::texture(const Info& info, const std::str
   MaterialTexture result;
   if (info.index < 0) return result;
   if (!has(gltf_.textures, info.index)) {
-    return fail("{}: {}: names texture {}, there are {}", name_, what, info.index,
-                gltf_.textures.size());
+    return fail("{}: names texture {}, there are {}", what, info.index, gltf_.textures.size());
   }
   PENUMBRA_TRY(const TextureSampling sampled,
                sampling(gltf_.textures[static_cast<std::size_t>(info.index)].sampler));
@@ -124,14 +125,13 @@ int MaterialReader::image_of(int index) {
 
 Result<int> MaterialReader::decoded_image(int index) {
   if (!has(document_.images, index)) {
-    return fail("{}: a texture names image {}, there are {}", name_, index,
-                document_.images.size());
+    return fail("a texture names image {}, there are {}", index, document_.images.size());
   }
   const ImageSource& image = document_.images[static_cast<std::size_t>(index)];
-  const std::string place = fmt::format("{}: images/{}", name_, index);
+  const std::string place = fmt::format("images/{}", index);
   if (image.buffer_view >= 0) {
     PENUMBRA_TRY(const std::span<const std::uint8_t> coded,
-                 accessors_.view_bytes(image.buffer_view, fmt::format("images/{}", index)));
+                 accessors_.view_bytes(image.buffer_view, place));
     return add_texture(model_, coded, place, limits_);
   }
   if (image.uri.empty()) return fail("{}: has neither a uri nor a bufferView", place);
@@ -146,7 +146,7 @@ Result<Material> MaterialReader::factors(std::size_t index) const {
   const std::string what = fmt::format("materials/{}", index);
   if (pbr.baseColorFactor.size() != 4 ||
       (!from.emissiveFactor.empty() && from.emissiveFactor.size() != 3)) {
-    return fail("{}: {}: a colour has the wrong number of components", name_, what);
+    return fail("{}: a colour has the wrong number of components", what);
   }
   // Exporters round 1 upwards and write lights brighter than 1.
   constexpr double kRounding = 1e-3;
@@ -169,7 +169,7 @@ Result<Material> MaterialReader::factors(std::size_t index) const {
   } else if (from.alphaMode == "OPAQUE") {
     material.base_color.a = 1.0F;
   } else {
-    return fail("{}: {}/alphaMode: \"{}\" is none of OPAQUE, MASK and BLEND", name_, what,
+    return fail("{}/alphaMode: \"{}\" is none of OPAQUE, MASK and BLEND", what,
                 from.alphaMode.substr(0, 40));
   }
   for (int c = 0; c < 3 && !from.emissiveFactor.empty(); ++c) {
@@ -189,23 +189,15 @@ Result<void> MaterialReader::read_textures(std::size_t index, Material& to) {
   const tinygltf::Material& from = gltf_.materials[index];
   const tinygltf::PbrMetallicRoughness& pbr = from.pbrMetallicRoughness;
   std::vector<int>& sets = texcoord_sets_[index];
-  std::optional<Error> failed;
-  const auto take = [&](MaterialTexture& texture_of, const auto& info, const char* which) {
-    if (failed) return;
-    Result<MaterialTexture> taken =
-        texture(info, fmt::format("materials/{}/{}", index, which), sets);
-    if (taken) {
-      texture_of = *taken;
-    } else {
-      failed = taken.error();
-    }
+  const auto read = [&](const auto& info, const char* which) {
+    return texture(info, fmt::format("materials/{}/{}", index, which), sets);
   };
-  take(to.base_color_texture, pbr.baseColorTexture, "baseColorTexture");
-  take(to.metallic_roughness_texture, pbr.metallicRoughnessTexture, "metallicRoughnessTexture");
-  take(to.normal_texture, from.normalTexture, "normalTexture");
-  take(to.occlusion_texture, from.occlusionTexture, "occlusionTexture");
-  take(to.emissive_texture, from.emissiveTexture, "emissiveTexture");
-  if (failed) return tl::unexpected(*failed);
+  PENUMBRA_TRY(to.base_color_texture, read(pbr.baseColorTexture, "baseColorTexture"));
+  PENUMBRA_TRY(to.metallic_roughness_texture,
+               read(pbr.metallicRoughnessTexture, "metallicRoughnessTexture"));
+  PENUMBRA_TRY(to.normal_texture, read(from.normalTexture, "normalTexture"));
+  PENUMBRA_TRY(to.occlusion_texture, read(from.occlusionTexture, "occlusionTexture"));
+  PENUMBRA_TRY(to.emissive_texture, read(from.emissiveTexture, "emissiveTexture"));
   return {};
 }
 
@@ -215,17 +207,14 @@ Result<void> MaterialReader::read(const std::vector<bool>& used) {
     Material material;
     material.name = gltf_.materials[i].name;
     if (used[i]) {
-      PENUMBRA_TRY(Material read, factors(i));
-      material = std::move(read);
-      if (Result<void> done = read_textures(i, material); !done) return done;
+      PENUMBRA_TRY(material, factors(i));
+      PENUMBRA_TRY_VOID(read_textures(i, material));
     }
     model_.materials.push_back(std::move(material));
   }
-  // The material of primitives without one. The default of the specification (5.19) is a metal,
-  // which would be black without an environment to mirror; here it is a plain white body.
-  Material plain;
-  plain.name = "default";
-  model_.materials.push_back(plain);
+  // Primitives without a material are plain white: the specification's default (5.19) is a metal,
+  // which is black without an environment to reflect.
+  model_.materials.emplace_back().name = "default";
   return {};
 }
 

@@ -11,14 +11,13 @@
 
 namespace penumbra::gltf {
 
-// Reads the materials into a model, in the order of the file, and behind them the one of primitives
-// without a material. Pictures that can't be had become warnings and leave plain colour.
+// Reads the materials into a model, in the order of the file, followed by the one of primitives
+// without a material. An image that can't be read becomes a warning and leaves plain colour.
 class MaterialReader {
  public:
-  MaterialReader(std::string name, const Document& document, const Accessors& accessors,
-                 Buffers& buffers, const ModelLimits& limits, Model& model, Notes& notes)
-      : name_(std::move(name)),
-        document_(document),
+  MaterialReader(const Document& document, const Accessors& accessors, Buffers& buffers,
+                 const ModelLimits& limits, Model& model, Notes& notes)
+      : document_(document),
         gltf_(document.model),
         accessors_(accessors),
         buffers_(buffers),
@@ -26,7 +25,7 @@ class MaterialReader {
         model_(model),
         notes_(notes) {}
 
-  // `used`: per material; the pictures of others are not tried.
+  // `used`, per material: whether to read its factors and images.
   [[nodiscard]] Result<void> read(const std::vector<bool>& used);
 
   // The TEXCOORD sets of a material's textures, at most two.
@@ -42,11 +41,10 @@ class MaterialReader {
   [[nodiscard]] Result<MaterialTexture> texture(const Info& info, const std::string& what,
                                                 std::vector<int>& texcoord_sets);
   [[nodiscard]] Result<TextureSampling> sampling(int sampler) const;
-  // Index into the model's textures, or -1 where the picture can't be had.
+  // Returns an index into the model's textures, or -1 if the image can't be read.
   [[nodiscard]] int image_of(int texture);
   [[nodiscard]] Result<int> decoded_image(int image);
 
-  std::string name_;
   const Document& document_;
   const tinygltf::Model& gltf_;
   const Accessors& accessors_;

@@ -1,5 +1,4 @@
-// The places at which a glTF scene shows its meshes. Writing shadow kernels into the file needs
-// them.
+// The places at which a glTF scene shows its meshes, for writing shadow kernels into the file.
 #pragma once
 
 #include <Eigen/Core>
@@ -16,10 +15,10 @@ namespace penumbra::gltf {
 // A primitive at one place.
 struct PrimitiveUse {
   std::size_t index = 0;            // among the mesh's primitives
-  std::uint32_t source_vertex = 0;  // that Mesh::source_vertex has for its first vertex there
-  // From the primitive's axes to the root's: one for all of its vertices, or one for each (skins).
+  std::uint32_t source_vertex = 0;  // Mesh::source_vertex of its first vertex there
+  // One transform for all of its vertices, or one for each (skins).
   std::vector<Eigen::Matrix4d> T_root_vertex;
-  bool is_hidden = false;  // its transforms leave nothing of its surface
+  bool is_hidden = false;  // its transforms flatten the surface
 };
 
 // A mesh at one place.
@@ -31,7 +30,7 @@ struct MeshUse {
   std::vector<PrimitiveUse> primitives;            // those that have a surface
 };
 
-// In the order in which they are read into a model.
+// Returns them in the order in which they are read into a model.
 [[nodiscard]] Result<std::vector<MeshUse>> mesh_uses(const std::filesystem::path& file);
 
 }  // namespace penumbra::gltf

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <numeric>
 
 #include "core/propagate.hpp"
 #include "render/model/gltf/extensions.hpp"
@@ -37,20 +38,14 @@ bool is_draco_only(const tinygltf::Primitive& primitive, const Accessors& access
 // Writes out a list, strip or fan of triangles.
 std::vector<std::uint32_t> as_list(const std::vector<std::uint32_t>& order, int mode) {
   std::vector<std::uint32_t> result;
-  // Faces whose corners coincide stay in a list; in a strip they only lead on.
-  const bool listed = mode == TINYGLTF_MODE_TRIANGLES;
-  const auto add = [&](std::uint32_t a, std::uint32_t b, std::uint32_t c) {
-    if (listed || (a != b && b != c && c != a)) result.insert(result.end(), {a, b, c});
-  };
-  if (mode == TINYGLTF_MODE_TRIANGLES) {
-    for (std::size_t i = 0; i + 2 < order.size(); i += 3) add(order[i], order[i + 1], order[i + 2]);
-  } else if (mode == TINYGLTF_MODE_TRIANGLE_STRIP) {
-    for (std::size_t i = 0; i + 2 < order.size(); ++i) {
-      const bool odd = i % 2 == 1;
-      add(order[i], order[i + (odd ? 2 : 1)], order[i + (odd ? 1 : 2)]);
-    }
-  } else {
-    for (std::size_t i = 1; i + 1 < order.size(); ++i) add(order[0], order[i], order[i + 1]);
+  const bool is_list = mode == TINYGLTF_MODE_TRIANGLES;
+  for (std::size_t i = 0; i + 2 < order.size(); i += is_list ? 3 : 1) {
+    const std::uint32_t a = order[mode == TINYGLTF_MODE_TRIANGLE_FAN ? 0 : i];
+    std::uint32_t b = order[i + 1];
+    std::uint32_t c = order[i + 2];
+    if (mode == TINYGLTF_MODE_TRIANGLE_STRIP && i % 2 == 1) std::swap(b, c);
+    // Faces whose corners coincide stay in a list; in a strip they only lead on.
+    if (is_list || (a != b && b != c && c != a)) result.insert(result.end(), {a, b, c});
   }
   return result;
 }
@@ -61,7 +56,29 @@ bool has_surface(const tinygltf::Primitive& primitive) {
   return primitive.attributes.contains("POSITION") && mode_of(primitive) >= TINYGLTF_MODE_TRIANGLES;
 }
 
-// The corners' vertices in the order of the file.
+Result<void> check_joints(const Primitive& primitive, std::size_t joint_count) {
+  const SkinWeights& skin = primitive.skin;
+  for (std::size_t k = 0; k < skin.joints.size(); ++k) {
+    // The joint of a weight of 0 has no meaning.
+    if (skin.joints[k] >= joint_count && skin.weights[k] > 0.0) {
+      return fail("{}/attributes/JOINTS_{}: vertex {} names joint {}, the skin has {}",
+                  primitive.place, k % skin.per_vertex / 4, k / skin.per_vertex, skin.joints[k],
+                  joint_count);
+    }
+  }
+  return {};
+}
+
+Eigen::Matrix4d SkinWeights::blended(std::size_t vertex,
+                                     const std::vector<Eigen::Matrix4d>& joint_matrices) const {
+  Eigen::Matrix4d sum = Eigen::Matrix4d::Zero();
+  for (std::size_t k = vertex * per_vertex; k < (vertex + 1) * per_vertex; ++k) {
+    if (weights[k] > 0.0) sum += weights[k] * joint_matrices[joints[k]];
+  }
+  return sum;
+}
+
+// Returns the corners' vertices in the order of the file.
 Result<std::vector<std::uint32_t>> MeshReader::corners(const tinygltf::Primitive& from,
                                                        std::size_t vertices,
                                                        const std::string& what) const {
@@ -69,42 +86,41 @@ Result<std::vector<std::uint32_t>> MeshReader::corners(const tinygltf::Primitive
   const auto entry = from.attributes.find(kIndicesKey);
   if (entry == from.attributes.end()) {
     order.resize(vertices);
-    for (std::size_t i = 0; i < vertices; ++i) order[i] = static_cast<std::uint32_t>(i);
+    std::iota(order.begin(), order.end(), 0U);
     return order;
   }
   const std::string place = what + "/indices";
   PENUMBRA_TRY(const Elements indices, accessors_.elements(entry->second, place));
   const tinygltf::Accessor* accessor = accessors_.find(entry->second);
   if (indices.width != 1 || !is_unsigned(accessor->componentType) || accessor->normalized) {
-    return fail("{}: {}: are not unsigned integers", name_, place);
+    return fail("{}: are not unsigned integers", place);
   }
   order.reserve(indices.count);
   for (const double index : indices.values) {
     if (!(index < static_cast<double>(vertices))) {
-      return fail("{}: {}: names vertex {}, there are {}", name_, place, index, vertices);
+      return fail("{}: names vertex {}, there are {}", place, index, vertices);
     }
     order.push_back(static_cast<std::uint32_t>(index));
   }
   return order;
 }
 
-// Indices of a triangle list; strips and fans are written out.
+// Returns the indices of a triangle list; strips and fans are written out.
 Result<std::vector<std::uint32_t>> MeshReader::triangles(const tinygltf::Primitive& from,
                                                          std::size_t vertices,
                                                          const std::string& what) const {
   const int mode = mode_of(from);
   if (mode > TINYGLTF_MODE_TRIANGLE_FAN) {
-    return fail("{}: {}/mode: {} is none of glTF's values", name_, what, mode);
+    return fail("{}/mode: {} is none of glTF's values", what, mode);
   }
-  const Result<std::vector<std::uint32_t>> order = corners(from, vertices, what);
-  if (!order) return order;
-  if (mode == TINYGLTF_MODE_TRIANGLES && order->size() % 3 != 0) {
-    return fail("{}: {}: has {} indices, not a multiple of 3", name_, what, order->size());
+  PENUMBRA_TRY(const std::vector<std::uint32_t> order, corners(from, vertices, what));
+  if (mode == TINYGLTF_MODE_TRIANGLES && order.size() % 3 != 0) {
+    return fail("{}: has {} indices, not a multiple of 3", what, order.size());
   }
-  std::vector<std::uint32_t> result = as_list(*order, mode);
+  std::vector<std::uint32_t> result = as_list(order, mode);
   if (result.size() / 3 > limits_.max_triangles) {
-    return fail("{}: {}: has {} triangles, more than the {} allowed", name_, what,
-                result.size() / 3, limits_.max_triangles);
+    return fail("{}: has {} triangles, more than the {} allowed", what, result.size() / 3,
+                limits_.max_triangles);
   }
   return result;
 }
@@ -124,7 +140,7 @@ Result<void> MeshReader::read_texcoords(const tinygltf::Primitive& from, const s
   return {};
 }
 
-// Everything but positions and faces.
+// Reads all attributes but positions.
 Result<void> MeshReader::read_attributes(const tinygltf::Primitive& from, const std::string& what,
                                          Mesh& mesh) const {
   const std::size_t count = mesh.positions.size();
@@ -135,7 +151,7 @@ Result<void> MeshReader::read_attributes(const tinygltf::Primitive& from, const 
   PENUMBRA_TRY(const Elements normals, read("NORMAL", 3, 3));
   PENUMBRA_TRY(const Elements colors, read("COLOR_0", 3, 4));
   PENUMBRA_TRY(const Elements kernels, read("_SHADOW_KERNEL", 3, 3));
-  if (Result<void> done = read_texcoords(from, what, mesh); !done) return done;
+  PENUMBRA_TRY_VOID(read_texcoords(from, what, mesh));
   mesh.normals = vectors(normals);
   mesh.shadow_kernels = vectors(kernels);
   const auto number = [](const Elements& elements, std::size_t i, std::size_t c) {
@@ -157,16 +173,13 @@ Result<void> MeshReader::read_targets(const tinygltf::Primitive& from, Primitive
   for (std::size_t t = 0; t < from.targets.size(); ++t) {
     const std::string place = fmt::format("{}/targets/{}", to.place, t);
     MorphTarget target;
-    const auto read = [&](const char* key, std::vector<glm::vec3>& vectors_of) -> Result<void> {
-      PENUMBRA_TRY(
-          const Elements elements,
-          accessors_.attribute(from.targets[t], key, {3, 3, to.mesh.positions.size()}, place));
-      vectors_of = vectors(elements);
-      return {};
+    const auto read = [&](const char* key) -> Result<std::vector<glm::vec3>> {
+      return accessors_.attribute(from.targets[t], key, {3, 3, to.mesh.positions.size()}, place)
+          .map(vectors);
     };
-    if (Result<void> done = read("POSITION", target.positions); !done) return done;
-    if (Result<void> done = read("NORMAL", target.normals); !done) return done;
-    if (Result<void> done = read("TANGENT", target.tangents); !done) return done;
+    PENUMBRA_TRY(target.positions, read("POSITION"));
+    PENUMBRA_TRY(target.normals, read("NORMAL"));
+    PENUMBRA_TRY(target.tangents, read("TANGENT"));
     for (const auto& [key, accessor] : from.targets[t]) {
       if (key.starts_with("TEXCOORD_") || key.starts_with("COLOR_")) {
         notes_.add("its texture coordinates and colours are not morphed", place);
@@ -178,7 +191,7 @@ Result<void> MeshReader::read_targets(const tinygltf::Primitive& from, Primitive
   return {};
 }
 
-// JOINTS_0, WEIGHTS_0 and the sets that follow them.
+// Reads JOINTS_0, WEIGHTS_0 and the sets that follow them.
 Result<SkinWeights> MeshReader::read_skin_weights(const tinygltf::Primitive& from,
                                                   const Primitive& to) const {
   const std::size_t count = to.mesh.positions.size();
@@ -191,7 +204,7 @@ Result<SkinWeights> MeshReader::read_skin_weights(const tinygltf::Primitive& fro
     const auto weights_entry = from.attributes.find(weights_key);
     const bool has_joints = joints_entry != from.attributes.end();
     if (has_joints != (weights_entry != from.attributes.end())) {
-      return fail("{}: {}: has {} without {}", name_, place, has_joints ? joints_key : weights_key,
+      return fail("{}: has {} without {}", place, has_joints ? joints_key : weights_key,
                   has_joints ? weights_key : joints_key);
     }
     if (!has_joints) break;
@@ -202,12 +215,11 @@ Result<SkinWeights> MeshReader::read_skin_weights(const tinygltf::Primitive& fro
     const tinygltf::Accessor* joint_type = accessors_.find(joints_entry->second);
     const tinygltf::Accessor* weight_type = accessors_.find(weights_entry->second);
     if (!is_unsigned(joint_type->componentType) || joint_type->normalized) {
-      return fail("{}: {}/{}: are not unsigned integers", name_, place, joints_key);
+      return fail("{}/{}: are not unsigned integers", place, joints_key);
     }
     if (weight_type->componentType != TINYGLTF_COMPONENT_TYPE_FLOAT &&
         !(is_unsigned(weight_type->componentType) && weight_type->normalized)) {
-      return fail("{}: {}/{}: are neither floats nor normalized unsigned integers", name_, place,
-                  weights_key);
+      return fail("{}/{}: are neither floats nor normalized unsigned integers", place, weights_key);
     }
     joints.push_back(std::move(j));
     weights.push_back(std::move(w));
@@ -221,8 +233,8 @@ Result<SkinWeights> MeshReader::read_skin_weights(const tinygltf::Primitive& fro
       for (std::size_t c = 0; c < 4; ++c) {
         const double weight = weights[set].at(i, c);
         if (weight < 0.0) {
-          return fail("{}: {}/WEIGHTS_{}: vertex {} has a weight of {}; export the model again",
-                      name_, place, set, i, weight);
+          return fail("{}/WEIGHTS_{}: vertex {} has a weight of {}; export the model again", place,
+                      set, i, weight);
         }
         sum += weight;
         skin.weights.push_back(weight);
@@ -248,13 +260,13 @@ Result<SkinWeights> MeshReader::read_skin_weights(const tinygltf::Primitive& fro
 Result<Primitive> MeshReader::read_primitive(const tinygltf::Primitive& from,
                                              const std::string& what,
                                              std::uint32_t first_vertex) const {
-  if (is_draco_only(from, accessors_)) return fail_compressed(name_, kDraco);
+  if (is_draco_only(from, accessors_)) return fail_compressed(kDraco);
   Primitive primitive{what, {}, {}, {}};
   Mesh& mesh = primitive.mesh;
   PENUMBRA_TRY(const Elements positions,
                accessors_.attribute(from.attributes, "POSITION", {3, 3, 0}, what + "/attributes"));
   if (positions.count > limits_.max_vertices) {
-    return fail("{}: {}: has {} vertices, more than the {} allowed", name_, what, positions.count,
+    return fail("{}: has {} vertices, more than the {} allowed", what, positions.count,
                 limits_.max_vertices);
   }
   mesh.positions = vectors(positions);
@@ -263,12 +275,11 @@ Result<Primitive> MeshReader::read_primitive(const tinygltf::Primitive& from,
   }
   const auto materials = static_cast<int>(gltf_.materials.size());
   if (from.material >= materials) {
-    return fail("{}: {}: names material {}, there are {}", name_, what, from.material, materials);
+    return fail("{}: names material {}, there are {}", what, from.material, materials);
   }
   mesh.material = from.material < 0 ? materials : from.material;
   PENUMBRA_TRY_VOID(read_attributes(from, what, mesh));
-  PENUMBRA_TRY(std::vector<std::uint32_t> indices, triangles(from, positions.count, what));
-  mesh.indices = std::move(indices);
+  PENUMBRA_TRY(mesh.indices, triangles(from, positions.count, what));
   PENUMBRA_TRY_VOID(read_targets(from, primitive));
   return primitive;
 }
@@ -283,7 +294,7 @@ Result<void> MeshReader::number_vertices() {
       const tinygltf::Accessor* accessor = accessors_.find(positions->second);
       if (accessor == nullptr) continue;
       if (accessor->count > limits_.max_vertices - vertices) {
-        return fail("{}: has more than the {} vertices allowed", name_, limits_.max_vertices);
+        return fail("has more than the {} vertices allowed", limits_.max_vertices);
       }
       vertices += accessor->count;
       meshes_[m].vertex_count += static_cast<std::uint32_t>(accessor->count);
@@ -302,7 +313,7 @@ Result<std::uint32_t> MeshReader::source_shift_of_next_use(int mesh) {
   const std::uint32_t shift = model_.source_vertex_count - entry.first_vertex.front();
   const std::size_t count = std::size_t{model_.source_vertex_count} + entry.vertex_count;
   if (count > limits_.max_vertices) {
-    return fail("{}: has more than the {} vertices allowed", name_, limits_.max_vertices);
+    return fail("has more than the {} vertices allowed", limits_.max_vertices);
   }
   model_.source_vertex_count = static_cast<std::uint32_t>(count);
   return shift;
@@ -333,17 +344,14 @@ Result<void> MeshReader::read_mesh(std::size_t index, Entry& entry) {
 Result<const std::vector<Primitive>*> MeshReader::mesh(int index, bool skinned) {
   const auto m = static_cast<std::size_t>(index);
   Entry& entry = meshes_[m];
-  if (!entry.primitives) {
-    PENUMBRA_TRY_VOID(read_mesh(m, entry));
-  }
+  if (!entry.primitives) PENUMBRA_TRY_VOID(read_mesh(m, entry));
   if (skinned && !entry.has_skin_weights) {
     entry.has_skin_weights = true;
     std::size_t next = 0;
     for (const tinygltf::Primitive& from : gltf_.meshes[m].primitives) {
       if (!has_surface(from)) continue;
       Primitive& to = (*entry.primitives)[next++];
-      PENUMBRA_TRY(SkinWeights skin, read_skin_weights(from, to));
-      to.skin = std::move(skin);
+      PENUMBRA_TRY(to.skin, read_skin_weights(from, to));
     }
   }
   return &*entry.primitives;

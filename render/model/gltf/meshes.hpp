@@ -1,6 +1,7 @@
 // Primitives: attributes, faces, morph targets and skin weights in the frame of their mesh.
 #pragma once
 
+#include <Eigen/Core>
 #include <cstdint>
 #include <glm/vec3.hpp>
 #include <optional>
@@ -14,7 +15,7 @@
 
 namespace penumbra::gltf {
 
-// Displacements of each vertex at a weight of 1; empty if the target has no such attribute.
+// Displacements of each vertex at a weight of 1; empty for attributes that the target lacks.
 struct MorphTarget {
   std::vector<glm::vec3> positions;
   std::vector<glm::vec3> normals;
@@ -26,6 +27,10 @@ struct SkinWeights {
   std::size_t per_vertex = 0;
   std::vector<std::uint32_t> joints;
   std::vector<double> weights;
+
+  // Returns the weighted sum of the matrices of a vertex's joints.
+  [[nodiscard]] Eigen::Matrix4d blended(std::size_t vertex,
+                                        const std::vector<Eigen::Matrix4d>& joint_matrices) const;
 };
 
 struct Primitive {
@@ -39,13 +44,15 @@ struct Primitive {
 // Returns true for a primitive of triangles with positions.
 [[nodiscard]] bool has_surface(const tinygltf::Primitive& primitive);
 
+// Fails if a vertex follows a joint that the skin does not have.
+[[nodiscard]] Result<void> check_joints(const Primitive& primitive, std::size_t joint_count);
+
 // Reads a mesh when it is first needed: meshes that no node shows may be malformed.
 class MeshReader {
  public:
-  MeshReader(std::string name, const tinygltf::Model& gltf, Accessors& accessors,
-             const MaterialReader& materials, const ModelLimits& limits, Model& model, Notes& notes)
-      : name_(std::move(name)),
-        gltf_(gltf),
+  MeshReader(const tinygltf::Model& gltf, Accessors& accessors, const MaterialReader& materials,
+             const ModelLimits& limits, Model& model, Notes& notes)
+      : gltf_(gltf),
         accessors_(accessors),
         materials_(materials),
         limits_(limits),
@@ -93,7 +100,6 @@ class MeshReader {
                                                              std::size_t vertices,
                                                              const std::string& what) const;
 
-  std::string name_;
   const tinygltf::Model& gltf_;
   Accessors& accessors_;
   const MaterialReader& materials_;

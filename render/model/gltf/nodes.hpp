@@ -1,29 +1,20 @@
-// The node hierarchy: transforms of nodes, and the meshes that are visible.
+// The node hierarchy: transforms of nodes, their instances and skins, and the visible meshes.
 #pragma once
 
 #include <tiny_gltf.h>
 
 #include <Eigen/Core>
 #include <cstdint>
+#include <map>
 #include <optional>
 #include <string>
 #include <vector>
 
 #include "core/error.hpp"
 #include "render/model/gltf/accessors.hpp"
-#include "render/model/gltf/notes.hpp"
 #include "render/model/model.hpp"
 
 namespace penumbra::gltf {
-
-// The state that an animation changes: a transform and morph weights per node.
-struct Pose {
-  std::vector<Result<Eigen::Matrix4d>> T_parent_node;
-  std::vector<std::vector<double>> morph_weights;  // empty: those of the mesh
-};
-
-// The pose that the nodes of a file have without animation.
-[[nodiscard]] Pose rest_pose(const std::string& name, const tinygltf::Model& gltf);
 
 // One mesh at one node.
 struct Placement {
@@ -36,37 +27,40 @@ struct Placement {
 
 class Nodes {
  public:
-  Nodes(std::string name, const tinygltf::Model& gltf, const Pose& pose, Model& model)
-      : name_(std::move(name)), gltf_(gltf), pose_(pose), model_(model) {}
+  Nodes(const tinygltf::Model& gltf, Accessors& accessors, Model& model)
+      : gltf_(gltf), accessors_(accessors), model_(model) {}
 
   // Returns the visible meshes of the default scene, in its order. Adds its nodes to the model.
   [[nodiscard]] Result<std::vector<Placement>> visible_meshes();
 
-  // Returns the transform of a node by its ancestors, inside or outside the scene.
-  [[nodiscard]] Result<Eigen::Matrix4d> T_root_node(int node);
+  // Returns the transforms of a node's instances (EXT_mesh_gpu_instancing), or one identity if it
+  // has none. Fails for more than `most`.
+  [[nodiscard]] Result<std::vector<Eigen::Matrix4d>> instances_of(int node, std::size_t most);
+
+  // Returns T_root_joint times the inverse bind matrix for each joint of a skin
+  // (glTF 2.0, 3.7.3.3). It transforms a vertex of the mesh to the root frame.
+  [[nodiscard]] Result<const std::vector<Eigen::Matrix4d>*> joint_matrices(int skin);
 
  private:
   [[nodiscard]] Result<void> walk(int node, const Eigen::Matrix4d& T_root_parent, int depth,
                                   int parent);
-  [[nodiscard]] std::vector<int> roots() const;
   std::uint32_t add_node(const std::string& node, int mesh, int parent);
+  // Returns the parent of each node, -1 for roots.
+  [[nodiscard]] std::vector<int> find_parents() const;
+  [[nodiscard]] Result<Eigen::Matrix4d> node_transform(std::size_t node) const;
+  // Returns the transform of a node by its ancestors, inside or outside the scene.
+  [[nodiscard]] Result<Eigen::Matrix4d> T_root_node(int node);
+  [[nodiscard]] Result<std::vector<Eigen::Matrix4d>> inverse_bind_matrices(
+      const tinygltf::Skin& skin, const std::string& place) const;
 
-  std::string name_;
   const tinygltf::Model& gltf_;
-  const Pose& pose_;
+  Accessors& accessors_;
   Model& model_;
   std::vector<bool> met_;  // per node
   std::vector<Placement> placements_;
-  std::vector<int> parents_;  // per node, -1 of roots; made when first needed
+  std::vector<int> parents_;  // find_parents(); empty until first needed
   std::vector<std::optional<Eigen::Matrix4d>> T_root_nodes_;
+  std::map<int, std::vector<Eigen::Matrix4d>> joint_matrices_;  // per skin
 };
-
-// Returns the transforms of a node's instances (EXT_mesh_gpu_instancing), or one identity if it has
-// none. Fails where there are more than `most`.
-[[nodiscard]] Result<std::vector<Eigen::Matrix4d>> instances_of(const std::string& name,
-                                                                const tinygltf::Node& node,
-                                                                const std::string& place,
-                                                                Accessors& accessors,
-                                                                std::size_t most);
 
 }  // namespace penumbra::gltf

@@ -8,17 +8,14 @@
 #include <string_view>
 #include <vector>
 
-#include "core/error.hpp"
-
 namespace penumbra::gltf {
 
 class Notes {
  public:
-  // `text` describes what was found at `place` and the consequence. `expected`: valid content,
-  // which is reported only if nothing remains to be shown.
+  // `text` describes what was found at `place` and the consequence. A note that is `expected` is of
+  // valid content and only reported if nothing remains to be shown.
   void add(std::string_view text, const std::string& place, bool expected = false) {
-    const auto note =
-        std::ranges::find_if(notes_, [&](const Note& known) { return known.text == text; });
+    const auto note = std::ranges::find(notes_, text, &Note::text);
     if (note == notes_.end()) {
       notes_.push_back({std::string(text), place, 1, expected});
     } else {
@@ -27,18 +24,16 @@ class Notes {
     }
   }
 
-  // The first line, also of what is expected; empty where there is none.
-  [[nodiscard]] std::string first_line(const std::string& name) const {
-    return notes_.empty() ? "" : line_of(notes_.front(), name);
+  // Returns the line of the first note, expected or not; empty if there is no note.
+  [[nodiscard]] std::string first_line() const {
+    return notes_.empty() ? "" : line_of(notes_.front());
   }
 
-  // One line per kind: the first place, and how many more there are.
-  [[nodiscard]] std::vector<std::string> lines(const std::string& name) const {
-    std::vector<std::string> lines;
+  // Appends one line per kind: the first place, and the number of further ones.
+  void append_to(std::vector<std::string>& lines) const {
     for (const Note& note : notes_) {
-      if (!note.expected) lines.push_back(line_of(note, name));
+      if (!note.expected) lines.push_back(line_of(note));
     }
-    return lines;
   }
 
  private:
@@ -48,9 +43,9 @@ class Notes {
     std::size_t count = 0;
     bool expected = false;
   };
-  static std::string line_of(const Note& note, const std::string& name) {
+  static std::string line_of(const Note& note) {
     const std::string more = note.count > 1 ? fmt::format(" (and {} more)", note.count - 1) : "";
-    return on_one_line(fmt::format("{}: {}{}: {}", name, note.first_place, more, note.text));
+    return fmt::format("{}{}: {}", note.first_place, more, note.text);
   }
 
   std::vector<Note> notes_;

@@ -6,7 +6,6 @@
 #include <cmath>
 #include <limits>
 
-#include "render/model/gltf/skins.hpp"
 #include "render/model/model_parts.hpp"
 #include "render/model/to_eigen.hpp"
 
@@ -16,8 +15,8 @@ namespace {
 // The linear part of an affine transform.
 struct Orientation {
   Eigen::Matrix3d linear;
-  // Normals follow the cofactor matrix (det * inverse transposed), which also exists where the
-  // inverse does not. Scaled to a largest entry of 1; turned back where the transform mirrors.
+  // Transforms normals: det * inverse transposed, which exists without an inverse. Scaled to a
+  // largest entry of 1; negated if the transform mirrors.
   Eigen::Matrix3d cofactor;
   double determinant = 0.0;
   bool has_surface = false;  // false: surfaces become lines or points
@@ -35,10 +34,6 @@ Orientation orientation_of(const Eigen::Matrix4d& T) {
   result.has_surface = size > 0.0;
   if (result.has_surface) result.cofactor /= size;
   return result;
-}
-
-glm::vec3 single(const Eigen::Vector3d& v) {
-  return {static_cast<float>(v.x()), static_cast<float>(v.y()), static_cast<float>(v.z())};
 }
 
 // Transforms one primitive vertex by vertex.
@@ -59,7 +54,7 @@ class VertexTransformer {
 
   [[nodiscard]] const PlacedPrimitive& placed() const { return placed_; }
   [[nodiscard]] const Eigen::AlignedBox3d& bounds() const { return bounds_; }
-  // The resolution of the file's float coordinates where they are placed [m].
+  // Resolution of the file's float coordinates at their places [m].
   [[nodiscard]] double step() const { return step_; }
   [[nodiscard]] bool has_surface() const { return has_surface_; }
   [[nodiscard]] bool is_point() const { return is_point_; }
@@ -67,8 +62,9 @@ class VertexTransformer {
  private:
   using Deltas = std::vector<glm::vec3> MorphTarget::*;
   [[nodiscard]] Eigen::Matrix4d transform(std::size_t vertex) const {
-    return is_skinned_ ? blended(placed_.primitive->skin, vertex, *placed_.placement.joint_matrices)
-                       : placed_.placement.T_root_mesh;
+    const VertexPlacement& placement = placed_.placement;
+    return is_skinned_ ? placed_.primitive->skin.blended(vertex, *placement.joint_matrices)
+                       : placement.T_root_mesh;
   }
   [[nodiscard]] Orientation orientation(std::size_t vertex) const {
     return is_skinned_ ? orientation_of(transform(vertex)) : rigid_;
@@ -76,11 +72,14 @@ class VertexTransformer {
   // Adds the weighted displacements of the morph targets (glTF 2.0, 3.7.2.2).
   [[nodiscard]] Eigen::Vector3d morphed(const glm::vec3& base, std::size_t vertex,
                                         Deltas attribute) const;
-  [[nodiscard]] Eigen::Vector3d morphed_unit(const glm::vec3& base, std::size_t vertex,
-                                             Deltas attribute) const;
   [[nodiscard]] Eigen::Vector3d position(const Eigen::Matrix4d& T, std::size_t vertex) const {
     const Eigen::Vector3d p = morphed(base_.positions[vertex], vertex, &MorphTarget::positions);
     return (T * Eigen::Vector4d(p.x(), p.y(), p.z(), 1.0)).head<3>();
+  }
+  [[nodiscard]] Eigen::Vector3d morphed_unit(const glm::vec3& base, std::size_t vertex,
+                                             Deltas attribute) const {
+    const Eigen::Vector3d sum = morphed(base, vertex, attribute);
+    return is_morphed_ ? sum.stableNormalized() : sum;
   }
   void turn_normals(Mesh& mesh) const;
   void turn_tangents(Mesh& mesh) const;
@@ -108,12 +107,6 @@ Eigen::Vector3d VertexTransformer::morphed(const glm::vec3& base, std::size_t ve
   return sum;
 }
 
-Eigen::Vector3d VertexTransformer::morphed_unit(const glm::vec3& base, std::size_t vertex,
-                                                Deltas attribute) const {
-  const Eigen::Vector3d sum = morphed(base, vertex, attribute);
-  return is_morphed_ ? sum.stableNormalized() : sum;
-}
-
 bool VertexTransformer::measure(double max_coordinate) {
   for (std::size_t i = 0; i < base_.positions.size(); ++i) {
     const Eigen::Matrix4d T = transform(i);
@@ -138,13 +131,13 @@ Mesh VertexTransformer::mesh(const Eigen::Vector3d& origin) const {
   for (std::uint32_t& source : mesh.source_vertex) source += placed_.placement.source_shift;
   for (std::size_t i = 0; i < mesh.positions.size(); ++i) {
     const Eigen::Matrix4d T = transform(i);
-    mesh.positions[i] = single(position(T, i) - origin);
+    mesh.positions[i] = to_glm(position(T, i) - origin);
     if (mesh.shadow_kernels.empty()) continue;
     const glm::vec3& k = mesh.shadow_kernels[i];
     const Eigen::Vector4d kernel = T * Eigen::Vector4d(k.x, k.y, k.z, 1.0);
-    mesh.shadow_kernels[i] = single(kernel.head<3>() - origin);
+    mesh.shadow_kernels[i] = to_glm(kernel.head<3>() - origin);
   }
-  // A mirroring turns triangles inside out: their winding is turned back. A skin mirrors if most of
+  // A mirroring turns triangles inside out: their winding is reversed. A skin mirrors if most of
   // its vertices are mirrored.
   for (std::size_t i = 0; i + 2 < mesh.indices.size() && 2 * mirrored_ > mesh.positions.size();
        i += 3) {
@@ -155,11 +148,11 @@ Mesh VertexTransformer::mesh(const Eigen::Vector3d& origin) const {
   return mesh;
 }
 
-// Vertices that a transform flattens get the normals of the placed faces.
+// Flattened vertices get the normals of the placed faces.
 void VertexTransformer::turn_normals(Mesh& mesh) const {
   if (mesh.normals.empty() || (!is_skinned_ && rigid_.determinant == 0.0)) {
     generate_normals(mesh);
-    mesh.tangents.clear();  // they belong to the normals that are not there (glTF 2.0, 3.7.2.1)
+    mesh.tangents.clear();  // they need the file's normals (glTF 2.0, 3.7.2.1)
     return;
   }
   std::vector<std::size_t> flat;
@@ -168,7 +161,7 @@ void VertexTransformer::turn_normals(Mesh& mesh) const {
     const Eigen::Vector3d normal = morphed_unit(mesh.normals[i], i, &MorphTarget::normals);
     const Eigen::Vector3d turned = (turn.cofactor * normal).stableNormalized();
     if (is_skinned_ && (turn.determinant == 0.0 || turned.isZero(0.0))) flat.push_back(i);
-    mesh.normals[i] = single(turned);
+    mesh.normals[i] = to_glm(turned);
   }
   if (flat.empty()) return;
   std::vector<glm::vec3> turned = std::move(mesh.normals);
@@ -181,10 +174,9 @@ void VertexTransformer::turn_tangents(Mesh& mesh) const {
   for (std::size_t i = 0; i < mesh.tangents.size(); ++i) {
     glm::vec4& t = mesh.tangents[i];
     const Orientation turn = orientation(i);
-    const Eigen::Vector3d tangent =
-        morphed_unit(glm::vec3(t.x, t.y, t.z), i, &MorphTarget::tangents);
+    const Eigen::Vector3d tangent = morphed_unit(glm::vec3(t), i, &MorphTarget::tangents);
     const Eigen::Vector3d turned = (turn.linear * tangent).stableNormalized();
-    t = glm::vec4(single(turned), turn.determinant < 0.0 ? -t.w : t.w);
+    t = glm::vec4(to_glm(turned), turn.determinant < 0.0 ? -t.w : t.w);
   }
 }
 
@@ -199,8 +191,8 @@ Result<void> Placer::collect(PlacedPrimitive placed) {
   vertices_ += mesh.positions.size();
   triangles_ += mesh.indices.size() / 3;
   if (vertices_ > limits_.max_vertices || triangles_ > limits_.max_triangles) {
-    return fail("{}: {}: the model has more than the {} vertices or {} triangles allowed", name_,
-                placed.place, limits_.max_vertices, limits_.max_triangles);
+    return fail("{}: the model has more than the {} vertices or {} triangles allowed", placed.place,
+                limits_.max_vertices, limits_.max_triangles);
   }
   if (!mesh.indices.empty()) collected_.push_back(std::move(placed));
   return {};
@@ -212,11 +204,11 @@ Result<void> Placer::place_all() {
   for (const PlacedPrimitive& placed : collected_) {
     VertexTransformer transformer(placed);
     if (!transformer.measure(kMaxFileCoordinate_m)) {
-      return fail("{}: {}: a vertex lies farther than {:g} units of the file from the origin",
-                  name_, placed.place, kMaxFileCoordinate_m);
+      return fail("{}: a vertex lies farther than {:g} units of the file from the origin",
+                  placed.place, kMaxFileCoordinate_m);
     }
     if (!transformer.has_surface()) {
-      // A scale of 0 on all axes is the way to hide a node (glTF 2.0, 5.25).
+      // A scale of 0 on all axes hides a node (glTF 2.0, 5.25).
       notes_.add("its scale leaves no surface to see; it is ignored", placed.place,
                  transformer.is_point());
       continue;
@@ -230,7 +222,7 @@ Result<void> Placer::place_all() {
     const Eigen::AlignedBox3d centred = transformer.bounds().translated(-model_.origin);
     if (std::max(centred.min().cwiseAbs().maxCoeff(), centred.max().cwiseAbs().maxCoeff()) >
         limits_.max_coordinate_m) {
-      return fail("{}: {}: a vertex lies farther than {} units of the file from the origin", name_,
+      return fail("{}: a vertex lies farther than {} units of the file from the origin",
                   transformer.placed().place, limits_.max_coordinate_m);
     }
     add(transformer.mesh(model_.origin));

@@ -23,7 +23,7 @@ struct VertexPlacement {
   std::uint32_t source_shift = 0;  // MeshReader::source_shift_of_next_use()
 };
 
-// One primitive at one place. Refers to what it is made of.
+// One primitive at one place. The pointers refer to the readers' data.
 struct PlacedPrimitive {
   const Primitive* primitive = nullptr;
   std::vector<double> morph_weights;  // per target, or empty
@@ -32,24 +32,23 @@ struct PlacedPrimitive {
   std::string place;       // of the node in the file
 };
 
-// Returns false for a transform that makes lines or points of surfaces, as one that hides a node.
+// Returns false for a transform that flattens surfaces to lines or points.
 [[nodiscard]] bool keeps_surfaces(const Eigen::Matrix4d& T);
 
 // Collects primitives, then transforms them in double and adds them to a model.
 class Placer {
  public:
-  Placer(std::string name, const ModelLimits& limits, Model& model, Notes& notes)
-      : name_(std::move(name)), limits_(limits), model_(model), notes_(notes) {}
+  Placer(const ModelLimits& limits, Model& model, Notes& notes)
+      : limits_(limits), model_(model), notes_(notes) {}
 
   [[nodiscard]] Result<void> collect(PlacedPrimitive placed);
   [[nodiscard]] Result<void> place_all();
-  // The resolution of the file's coordinates where they are placed; after place_all().
+  // Resolution of the file's coordinates at their places; set by place_all().
   [[nodiscard]] double file_step() const { return file_step_; }
 
  private:
   void add(Mesh mesh);
 
-  std::string name_;
   const ModelLimits& limits_;
   Model& model_;
   Notes& notes_;

@@ -1,10 +1,10 @@
-// .glb and .gltf -> Model, in the file's own axes (y up).
+// Reads .glb and .gltf files, in the file's own axes (y up).
 #include <algorithm>
+#include <glm/geometric.hpp>
 
 #include "core/propagate.hpp"
 #include "core/text/file.hpp"
 #include "render/model/gltf/buffers.hpp"
-#include "render/model/gltf/container.hpp"
 #include "render/model/gltf/document.hpp"
 #include "render/model/gltf/extensions.hpp"
 #include "render/model/gltf/materials.hpp"
@@ -12,35 +12,32 @@
 #include "render/model/gltf/meshes.hpp"
 #include "render/model/gltf/nodes.hpp"
 #include "render/model/gltf/place.hpp"
-#include "render/model/gltf/skins.hpp"
-#include "render/model/gltf/stored_kernels.hpp"
 #include "render/model/model_parts.hpp"
+#include "render/model/to_eigen.hpp"
 
 namespace penumbra {
 namespace gltf {
 namespace {
 
-// Reads the scene of a document. The output of tinygltf is not trusted: every index, range and
-// number is checked.
+// Reads the scene of a document. Checks every index, range and number of tinygltf's output.
 class Reader {
  public:
-  Reader(std::string name, const Document& document, Buffers& buffers, const ModelLimits& limits)
-      : name_(std::move(name)),
-        limits_(limits),
+  // `uses`, if not null, receives the places at which read() puts meshes.
+  Reader(const Document& document, Buffers& buffers, const ModelLimits& limits,
+         std::vector<MeshUse>* uses)
+      : limits_(limits),
+        document_(document),
         gltf_(document.model),
-        pose_(rest_pose(name_, gltf_)),
-        accessors_(name_, gltf_, buffers, limits),
-        materials_(name_, document, accessors_, buffers, limits, model_, notes_),
-        meshes_(name_, gltf_, accessors_, materials_, limits, model_, notes_),
-        nodes_(name_, gltf_, pose_, model_),
-        skins_(name_, gltf_, accessors_, nodes_),
-        placer_(name_, limits, model_, notes_),
-        kernels_(name_, model_) {}
+        buffers_(buffers),
+        uses_(uses),
+        accessors_(gltf_, buffers, limits),
+        materials_(document, accessors_, buffers, limits, model_, notes_),
+        meshes_(gltf_, accessors_, materials_, limits, model_, notes_),
+        nodes_(gltf_, accessors_, model_),
+        placer_(limits, model_, notes_) {}
 
   [[nodiscard]] Result<Model> read();
   [[nodiscard]] double file_step() const { return placer_.file_step(); }
-  // Keeps in `uses` where read() puts meshes.
-  void keep_uses(std::vector<MeshUse>& uses) { uses_ = &uses; }
 
  private:
   [[nodiscard]] std::vector<bool> used_materials(const std::vector<Placement>& placements) const;
@@ -49,22 +46,31 @@ class Reader {
       const Placement& placement, const std::vector<Primitive>& primitives) const;
   // Returns one placement, or one per instance.
   [[nodiscard]] Result<std::vector<VertexPlacement>> vertex_placements(const Placement& placement);
+  void take_kernels(const tinygltf::Value& extras, const Eigen::Matrix3d& linear,
+                    const std::string& what);
+  void finish_kernels();
 
-  std::string name_;
   const ModelLimits& limits_;
+  const Document& document_;
   const tinygltf::Model& gltf_;
+  Buffers& buffers_;
+  std::vector<MeshUse>* uses_;
   Model model_;
   Notes notes_;
-  Pose pose_;
   Accessors accessors_;
   MaterialReader materials_;
   MeshReader meshes_;
   Nodes nodes_;
-  Skins skins_;
   Placer placer_;
-  StoredKernels kernels_;
-  std::vector<MeshUse>* uses_ = nullptr;
+  bool kernels_disagree_ = false;  // about their up direction
 };
+
+// Returns the null value for a key that is absent.
+const tinygltf::Value& value_of(const tinygltf::Value& object, std::string_view key) {
+  static const tinygltf::Value kNull;
+  const std::string name(key);
+  return object.IsObject() && object.Has(name) ? object.Get(name) : kNull;
+}
 
 MeshUse use_of(const Placement& placement, const VertexPlacement& vertices,
                const std::vector<Primitive>& primitives) {
@@ -83,7 +89,7 @@ MeshUse use_of(const Placement& placement, const VertexPlacement& vertices,
       continue;
     }
     for (std::size_t i = 0; i < mesh.positions.size(); ++i) {
-      to.T_root_vertex.push_back(blended(primitive.skin, i, *vertices.joint_matrices));
+      to.T_root_vertex.push_back(primitive.skin.blended(i, *vertices.joint_matrices));
     }
   }
   for (PrimitiveUse& primitive : use.primitives) {
@@ -105,19 +111,19 @@ std::vector<bool> Reader::used_materials(const std::vector<Placement>& placement
   return used;
 }
 
-// Those of the node, else of the mesh, else 0 (glTF 2.0, 3.7.2.2).
+// Returns the weights of the node, else of the mesh, else none (glTF 2.0, 3.7.2.2).
 Result<std::vector<double>> Reader::morph_weights(const Placement& placement,
                                                   const std::vector<Primitive>& primitives) const {
   std::vector<double> weights;
   std::string place = fmt::format("nodes/{}/weights", placement.node);
-  if (placement.node >= 0) weights = pose_.morph_weights[static_cast<std::size_t>(placement.node)];
+  if (placement.node >= 0) weights = gltf_.nodes[static_cast<std::size_t>(placement.node)].weights;
   if (weights.empty()) {
     weights = gltf_.meshes[static_cast<std::size_t>(placement.mesh)].weights;
     place = fmt::format("meshes/{}/weights", placement.mesh);
   }
   for (const Primitive& primitive : primitives) {
     if (!weights.empty() && weights.size() != primitive.targets.size()) {
-      return fail("{}: {}: are {} for the {} morph targets of {}", name_, place, weights.size(),
+      return fail("{}: are {} for the {} morph targets of {}", place, weights.size(),
                   primitive.targets.size(), primitive.place);
     }
   }
@@ -137,14 +143,12 @@ Result<std::vector<VertexPlacement>> Reader::vertex_placements(const Placement& 
       notes_.add(fmt::format("is skinned; its instances ({}) are ignored", kInstancing),
                  placement.place);
     }
-    PENUMBRA_TRY(const auto matrices, skins_.joint_matrices(node.skin));
+    PENUMBRA_TRY(const auto matrices, nodes_.joint_matrices(node.skin));
     result.push_back({placement.T_root_node, matrices});
     return result;
   }
   const std::size_t most = limits_.max_vertices / meshes_.vertex_count(placement.mesh);
-  PENUMBRA_TRY(
-      const auto instances,
-      instances_of(name_, node, fmt::format("nodes/{}", placement.node), accessors_, most));
+  PENUMBRA_TRY(const auto instances, nodes_.instances_of(placement.node, most));
   for (const Eigen::Matrix4d& T_node_instance : instances) {
     result.push_back({placement.T_root_node * T_node_instance, nullptr});
     if (node.extensions.contains(kInstancing)) result.back().T_node_instance = T_node_instance;
@@ -156,7 +160,7 @@ Result<void> Reader::collect(const Placement& placement) {
   const int skin =
       placement.node < 0 ? -1 : gltf_.nodes[static_cast<std::size_t>(placement.node)].skin;
   if (skin >= 0 && !has(gltf_.skins, skin)) {
-    return fail("{}: nodes/{}/skin: names skin {}, there are {}", name_, placement.node, skin,
+    return fail("nodes/{}/skin: names skin {}, there are {}", placement.node, skin,
                 gltf_.skins.size());
   }
   PENUMBRA_TRY(const auto primitives, meshes_.mesh(placement.mesh, skin >= 0));
@@ -165,14 +169,13 @@ Result<void> Reader::collect(const Placement& placement) {
   PENUMBRA_TRY(auto vertex_placements_of, vertex_placements(placement));
   const tinygltf::Value& extras = gltf_.meshes[static_cast<std::size_t>(placement.mesh)].extras;
   for (VertexPlacement& vertices : vertex_placements_of) {
-    PENUMBRA_TRY(const std::uint32_t shift, meshes_.source_shift_of_next_use(placement.mesh));
-    vertices.source_shift = shift;
+    PENUMBRA_TRY(vertices.source_shift, meshes_.source_shift_of_next_use(placement.mesh));
     if (uses_ != nullptr) uses_->push_back(use_of(placement, vertices, *primitives));
     // The stored direction of a skinned mesh is in the root frame.
     const Eigen::Matrix3d linear = skin >= 0 ? Eigen::Matrix3d(Eigen::Matrix3d::Identity())
                                              : vertices.T_root_mesh.topLeftCorner<3, 3>();
     if (skin >= 0 || keeps_surfaces(vertices.T_root_mesh)) {
-      kernels_.take(extras, linear, placement.place);
+      take_kernels(extras, linear, placement.place);
     }
     for (const Primitive& primitive : *primitives) {
       if (vertices.joint_matrices != nullptr) {
@@ -180,18 +183,67 @@ Result<void> Reader::collect(const Placement& placement) {
           notes_.add("has no joints and weights for its skin; it stands where its node is",
                      primitive.place);
         }
-        const Result<void> joints = check_joints(name_, primitive, vertices.joint_matrices->size());
-        if (!joints) return joints;
+        PENUMBRA_TRY_VOID(check_joints(primitive, vertices.joint_matrices->size()));
       }
-      const Result<void> collected =
-          placer_.collect({&primitive, weights, vertices, placement.model_node, placement.place});
-      if (!collected) return collected;
+      PENUMBRA_TRY_VOID(
+          placer_.collect({&primitive, weights, vertices, placement.model_node, placement.place}));
     }
   }
   return {};
 }
 
+// Adds the shadow kernels' metadata in the `extras` of a mesh to the model. `linear` transforms the
+// direction from the mesh's axes to the root's.
+void Reader::take_kernels(const tinygltf::Value& extras, const Eigen::Matrix3d& linear,
+                          const std::string& what) {
+  const tinygltf::Value& up = value_of(extras, kKernelUpKey);
+  if (up.Type() == tinygltf::NULL_TYPE) return;
+  Eigen::Vector3d direction = Eigen::Vector3d::Zero();
+  bool usable = up.IsArray() && up.ArrayLen() == 3;
+  for (int i = 0; usable && i < 3; ++i) {
+    usable = up.Get(i).IsNumber();
+    if (usable) direction[i] = up.Get(i).GetNumberAsDouble();
+  }
+  direction = (linear * direction).stableNormalized();
+  if (!usable || !direction.allFinite() || !(direction.norm() > 0.5)) {
+    model_.warnings.push_back(fmt::format(
+        "{}: {} is no direction; its stored shadow kernels are not used", what, kKernelUpKey));
+    return;
+  }
+  const glm::vec3 turned = to_glm(direction);
+  if (model_.shadow_kernel_up && glm::dot(turned, *model_.shadow_kernel_up) < 0.99999F &&
+      !kernels_disagree_) {
+    model_.warnings.push_back(fmt::format(
+        "{}: its shadow kernels are for another direction than those of other meshes", what));
+    kernels_disagree_ = true;
+  }
+  model_.shadow_kernel_up = turned;
+  const tinygltf::Value& geometry = value_of(extras, kKernelGeometryKey);
+  if (geometry.IsString()) model_.shadow_kernel_geometry = geometry.Get<std::string>();
+  if (!extras.Has(std::string(kKernelGroupsKey))) return;
+  const tinygltf::Value& groups = value_of(extras, kKernelGroupsKey);
+  std::vector<std::string> names;
+  for (std::size_t i = 0; groups.IsArray() && i < groups.ArrayLen(); ++i) {
+    const tinygltf::Value& group = groups.Get(static_cast<int>(i));
+    if (group.IsString()) names.push_back(group.Get<std::string>());
+  }
+  if (!groups.IsArray() || names.size() != groups.ArrayLen() || names.size() > kMaxGroups) {
+    model_.warnings.push_back(fmt::format("{}: {} is no list of names; its parts are not joined",
+                                          what, kKernelGroupsKey));
+    return;
+  }
+  model_.shadow_kernel_groups = std::move(names);
+}
+
+// Drops the kernels if their direction is unknown or the meshes disagree about it.
+void Reader::finish_kernels() {
+  if (kernels_disagree_) model_.shadow_kernel_up.reset();
+  if (model_.shadow_kernel_up) return;
+  for (Mesh& mesh : model_.meshes) mesh.shadow_kernels.clear();
+}
+
 Result<Model> Reader::read() {
+  PENUMBRA_TRY_VOID(check_required(document_));
   model_.culls_back_faces = true;
   PENUMBRA_TRY(const std::vector<Placement> placements, nodes_.visible_meshes());
   PENUMBRA_TRY_VOID(materials_.read(used_materials(placements)));
@@ -201,41 +253,35 @@ Result<Model> Reader::read() {
   }
   PENUMBRA_TRY_VOID(placer_.place_all());
   if (model_.meshes.empty()) {
-    const std::string cause = notes_.first_line(name_);
+    const std::string cause = notes_.first_line();
     if (!cause.empty()) return fail("{}; the scene shows nothing else", cause);
-    return fail("{}: its scene shows no triangles; export the model with its faces", name_);
+    return fail("its scene shows no triangles; export the model with its faces");
   }
-  for (std::string& line : notes_.lines(name_)) model_.warnings.push_back(std::move(line));
-  kernels_.finish();
+  finish_kernels();
+  std::vector<std::string> warnings = ignored_content(document_);
+  warnings.insert(warnings.end(), model_.warnings.begin(), model_.warnings.end());
+  notes_.append_to(warnings);
+  warnings.insert(warnings.end(), buffers_.warnings().begin(), buffers_.warnings().end());
+  model_.warnings = std::move(warnings);
   return std::move(model_);
 }
 
-// Facts about a file that its model does not hold.
-struct FileNotes {
-  double step = 0.0;                     // resolution of its coordinates
-  std::vector<MeshUse>* uses = nullptr;  // null: not wanted
-};
-
+// Sets `file_step`, as read_gltf() does, and fills `uses` if it is not null.
 Result<Model> read_bytes(const std::filesystem::path& file, std::span<const std::uint8_t> bytes,
-                         bool binary, const ModelLimits& limits, FileNotes& notes) {
+                         bool binary, const ModelLimits& limits, double& file_step,
+                         std::vector<MeshUse>* uses) {
   const std::string name = file.string();
   Container container{{reinterpret_cast<const char*>(bytes.data()), bytes.size()}, {}};
   if (binary) {
-    PENUMBRA_TRY(Container opened, open_glb(name, bytes));
-    container = opened;
+    PENUMBRA_TRY(container, open_glb(name, bytes));
   }
   PENUMBRA_TRY(Document document, parse_document(name, container.json));
-  PENUMBRA_TRY_VOID(check_required(name, document));
   Buffers buffers(file, std::move(document.buffers), container.binary, limits.max_file_bytes);
-  Reader reader(name, document, buffers, limits);
-  if (notes.uses != nullptr) reader.keep_uses(*notes.uses);
+  Reader reader(document, buffers, limits, uses);
   Result<Model> model = reader.read();
-  if (!model) return model;
-  notes.step = reader.file_step();
-  std::vector<std::string> ignored = ignored_content(name, document);
-  model->warnings.insert(model->warnings.begin(), ignored.begin(), ignored.end());
-  model->warnings.insert(model->warnings.end(), buffers.warnings().begin(),
-                         buffers.warnings().end());
+  if (!model) return fail_in(name, model.error());
+  file_step = reader.file_step();
+  for (std::string& warning : model->warnings) warning = on_one_line(name + ": " + warning);
   return model;
 }
 
@@ -246,8 +292,9 @@ Result<std::vector<MeshUse>> mesh_uses(const std::filesystem::path& file) {
   PENUMBRA_TRY(const std::vector<std::uint8_t> bytes, read_file(file, limits.max_file_bytes));
   const std::string_view text(reinterpret_cast<const char*>(bytes.data()), bytes.size());
   std::vector<MeshUse> uses;
-  FileNotes notes{.uses = &uses};
-  PENUMBRA_TRY_VOID(read_bytes(file, bytes, text.starts_with("glTF"), limits, notes));
+  double file_step = 0.0;
+  const bool binary = text.starts_with("glTF");
+  PENUMBRA_TRY_VOID(read_bytes(file, bytes, binary, limits, file_step, &uses));
   return uses;
 }
 
@@ -255,10 +302,7 @@ Result<std::vector<MeshUse>> mesh_uses(const std::filesystem::path& file) {
 
 Result<Model> read_gltf(const std::filesystem::path& file, std::span<const std::uint8_t> bytes,
                         bool binary, const ModelLimits& limits, double& file_step) {
-  gltf::FileNotes notes;
-  Result<Model> model = gltf::read_bytes(file, bytes, binary, limits, notes);
-  file_step = notes.step;
-  return model;
+  return gltf::read_bytes(file, bytes, binary, limits, file_step, nullptr);
 }
 
 }  // namespace penumbra

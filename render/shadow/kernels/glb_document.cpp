@@ -9,9 +9,7 @@
 #include "core/text/file.hpp"
 #include "core/text/text_encoding.hpp"
 #include "render/model/gltf/buffers.hpp"
-#include "render/model/gltf/container.hpp"
 #include "render/model/gltf/document.hpp"
-#include "render/model/gltf/uri.hpp"
 #include "render/model/model.hpp"
 
 namespace penumbra {
@@ -121,8 +119,9 @@ Result<GlbDocument> GlbDocument::open(const std::filesystem::path& file,
   gltf::Buffers buffers(file, std::move(parsed.buffers), container.binary, most);
   GlbDocument document;
   document.json = Json::parse(container.json);
-  PENUMBRA_TRY(auto binary, joined_buffers(document.json, buffers));
-  document.binary_ = std::move(binary);
+  auto binary = joined_buffers(document.json, buffers);
+  if (!binary) return fail_in(name, binary.error());
+  document.binary_ = std::move(*binary);
   embed_images(document, buffers, name, warnings);
   return document;
 }

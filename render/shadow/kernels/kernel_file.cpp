@@ -11,8 +11,8 @@
 #include "core/propagate.hpp"
 #include "core/text/text.hpp"
 #include "core/text/text_encoding.hpp"
-#include "render/model/kernel_stamp.hpp"
 #include "render/model/model_parts.hpp"
+#include "render/model/shadow_mesh.hpp"
 #include "render/model/to_eigen.hpp"
 
 namespace penumbra {

@@ -6,7 +6,7 @@
 // One triple per vertex of the model file, in its order; object frame, metres; for the direction
 // `up`. Where a glTF file shows a mesh more than once (several nodes, instances), the vertices of
 // each further time have triples of their own behind all others, in the order in which the scene
-// shows them. "geometry" says what they were made for (kernel_stamp.hpp), "vertex_order" is a hash
+// shows them. "geometry" says what they were made for (KernelStamp), "vertex_order" is a hash
 // of the order of the file's vertices, "groups" names the parts that share one light; each may be
 // absent.
 #pragma once
