@@ -1,10 +1,9 @@
-// Pictures of a target -> a camera that can be trusted, or what is missing: which views count,
-// which lens explains them, what the result is worth, and a verdict in words.
+// Calibrates a camera from images of a target: chooses views and a lens, estimates the uncertainty,
+// and gives a verdict in words.
 #pragma once
 
+#include <array>
 #include <cstdint>
-#include <functional>
-#include <memory>
 #include <optional>
 #include <span>
 #include <stop_token>
@@ -17,39 +16,36 @@
 #include "calib/target/target.hpp"
 #include "calib/target/target_detector.hpp"
 #include "tracking/alignment/tone_estimator.hpp"
+#include "tracking/detection/image_check.hpp"
 
 namespace penumbra {
 
 struct CalibrationOptions {
   std::optional<DistortionModel> model;  // else chosen by cross-validation
   std::optional<BoardShape> shape;       // else chosen by cross-validation
-  // Only lenses that Kalibr's files can say: plumb_bob without k3, and fisheye.
+  // Only lenses that Kalibr's files have: plumb_bob without k3, and fisheye.
   bool for_kalibr = false;
-  int most_views = 60;  // of more, those are taken that differ most
-  // So many candidates are kept in memory, with their pictures; of more, those that are much like
-  // others go before all have come. 0: twice most_views.
-  int most_candidates = 0;
+  int most_views = 60;  // of more, the most different ones are solved; twice as many stay in memory
 };
 
 enum class LeftOut { no, unreadable, not_seen, seen_before, blurred, surplus };
 
-// One picture, used or not.
 struct CalibrationPicture {
   std::string name;
-  TargetView view;  // without corners where it was seen before or is surplus
+  TargetView view;  // without corners if it was seen before or is surplus
   LeftOut reason = LeftOut::no;
-  std::string left_out;            // the reason in words; empty when used
-  int solved = -1;                 // index into CalibrationSolution::views; -1 when left out
+  std::string left_out;            // the reason in words; empty if used
+  int solved = -1;                 // index into CalibrationSolution::views; -1 if not used
   int width = 0;                   // [px]
   int height = 0;                  // [px]
-  std::vector<std::uint8_t> luma;  // rows of `width` bytes; empty where it was left out early
+  std::vector<std::uint8_t> luma;  // rows of `width` bytes; empty if it was rejected early
   [[nodiscard]] ImageView picture() const {
     return {luma.data(), luma.empty() ? 0 : width, height, width};
   }
 };
 
-// Of every picture that was left out: whether it is told, and how many others it stands for, since
-// of more than `most` with one reason only the first is. By picture; nothing for those not told.
+// Selects the unused pictures to report, by picture: if a reason has more than `most` pictures,
+// only the first, with the number of others that it stands for.
 [[nodiscard]] std::vector<std::optional<int>> told_left_out(
     std::span<const CalibrationPicture> pictures, int most);
 
@@ -57,37 +53,34 @@ struct CalibrationPicture {
 struct UncertaintyMap {
   int columns = 0;
   int rows = 0;
-  std::vector<double> sigma_px;  // row by row, at the middles of equal cells; NaN where unreachable
-  // Both infinite for a lens that folds in the image.
+  std::vector<double> sigma_px;  // row by row, at the centres of equal cells; NaN where unreachable
+  // Both infinite for a lens with non-monotonic distortion in the image.
   double mean_px = 0.0;
   double largest_px = 0.0;
 };
-// A lens is good that is known so well everywhere in the image.
+// Largest uncertainty of a good lens.
 inline constexpr double kGoodProjection_px = 0.5;
 [[nodiscard]] UncertaintyMap uncertainty_map(const CameraModel& camera,
                                              const Eigen::MatrixXd& covariance, int columns = 32,
                                              int rows = 24);
 
-// Makes the map no smaller than the difference to another camera that explains the views as well.
-// Where no corner was seen near, both are guessing: there it counts as much as where it differs
-// most from what was seen, even where the two happen to meet.
-void widen(UncertaintyMap& map, const CameraModel& camera, const CameraModel& other,
-           std::span<const CalibrationPicture> pictures);
+// Raises the map to the difference to another camera that explains the views as well
+// (docs/calibration.md#verdict).
+void raise_to_difference(UncertaintyMap& map, const CameraModel& camera, const CameraModel& other,
+                         std::span<const CalibrationPicture> pictures);
 
-// How far two cameras' projections are from each other, over the first one's image: no rotation is
-// fitted.
+// Distance between two cameras' projections over the first one's image, without fitting a rotation.
 struct ProjectionDifference {
   double mean_px = 0.0;
   double largest_px = 0.0;
-  double skipped = 0.0;  // share of the image that one of them does not describe
+  double skipped = 0.0;  // share of the image that one of them does not reach
 };
 [[nodiscard]] ProjectionDifference projection_difference(const CameraModel& a,
                                                          const CameraModel& b);
 
-// By which share of their size tags' black squares are larger than the target file says, from their
-// size in views [px] and the edge shift that each view was solved with [px]: ink, blur and tone
-// curve move edges by the same whatever the size, a wrong size moves them the further the larger
-// the tags are in the picture. Nothing where that is no more than chance, or little.
+// Relative size error of the tags' black squares (0.01: 1 % larger than the target file says), from
+// their sizes [px] and edge shifts [px] in the views; nothing if it is small or not significant.
+// See docs/calibration.md#tag-size.
 [[nodiscard]] std::optional<double> other_size(std::span<const double> sizes_px,
                                                std::span<const double> shifts_px);
 
@@ -103,44 +96,69 @@ struct CameraCalibration {
   std::optional<std::string> other_board;
   UncertaintyMap uncertainty;
   std::optional<TableVolumeUncertainty> table;
-  // Of targets with tags, where the pictures show it: the solution's camera has the exponent.
-  std::optional<ToneEstimate> tone;
-  std::string tone_unknown;  // why there is none
+  std::optional<ToneEstimate> tone;  // of targets with tags; the solution's camera has the exponent
+  std::string tone_unknown;          // why there is none
   double tilt_spread_deg = 0.0;
-  double blur_px = 0.0;  // middle of the used views
+  double blur_px = 0.0;  // median of the used views
   CalibrationGrade grade = CalibrationGrade::poor;
   std::string verdict;              // one line: the grade, why, and what to do
   std::vector<std::string> advice;  // "no views near the top left", ...
 };
 
-// What a solution is worth: fills in the uncertainty, grade, advice and verdict from the rest.
+// Fills in the uncertainty, grade, advice and verdict from the rest (docs/calibration.md#verdict).
 void judge(CameraCalibration& calibration);
 
 class CameraCalibrator {
  public:
   [[nodiscard]] static Result<CameraCalibrator> create(const Target& target,
                                                        const CalibrationOptions& options = {});
-  CameraCalibrator(CameraCalibrator&&) noexcept;
-  CameraCalibrator& operator=(CameraCalibrator&&) noexcept;
-  ~CameraCalibrator();
 
-  // Looks for the target in an image. Fails if the image's size is not that of the others. Images
-  // with mirrored or negative tags are not used; CalibrationPicture::left_out says so.
+  // Searches an image for the target. Fails if the image's size differs from that of the others.
+  // Images with mirrored or negative tags are not used; CalibrationPicture::left_out says so.
   [[nodiscard]] Result<void> add(const std::string& name, ImageView luma);
-  // A picture that can't be read.
   void add_unreadable(const std::string& name, const std::string& why);
-  // Pictures that are held in memory; never more than most_candidates.
-  [[nodiscard]] int held() const;
+  // Images in memory; at most twice as many as the views to solve.
+  [[nodiscard]] std::ptrdiff_t images_in_memory() const;
 
   // Solves, once. An error is one line that says what the pictures lack. Fails soon after `stop`
-  // was requested. `tell` is called by this thread whenever something else begins.
+  // was requested. Calls `tell` on this thread at each step.
   [[nodiscard]] Result<CameraCalibration> finish(std::stop_token stop = {},
                                                  const TellStep& tell = {});
 
  private:
-  struct Impl;
-  explicit CameraCalibrator(std::unique_ptr<Impl> impl);
-  std::unique_ptr<Impl> impl_;
+  CameraCalibrator() = default;
+  [[nodiscard]] std::string problem_of(const TargetView& view, ImageView luma);
+  // Searches for a chessboard of any size, in at most `most_images`: it takes a tenth of a second.
+  void look_for_board(ImageView luma, int most_images);
+  // Names the size that most images show, if it is not the target file's.
+  [[nodiscard]] std::optional<std::string> other_board_in_words() const;
+  [[nodiscard]] Result<void> check_found() const;
+  [[nodiscard]] Result<void> check_markers() const;
+  void leave_out_blurred();
+  void leave_out_surplus();
+  void leave_out(CalibrationPicture& picture, LeftOut reason, std::string words);
+  [[nodiscard]] std::vector<CalibrationView> used_views();
+  void refine_corners(const CalibrationSolution& solution);
+  [[nodiscard]] Result<void> check_solution(const CalibrationSolution& solution,
+                                            const std::vector<CalibrationView>& views) const;
+  [[nodiscard]] Result<ToneEstimate> estimate_tone(CameraCalibration& result) const;
+
+  Target target_;
+  CalibrationOptions options_;
+  std::optional<TargetDetector> detector_;
+  std::optional<ImageCheck> check_;  // of targets with tags
+  bool some_faulty_ = false;         // an image was mirrored or negative
+  std::vector<CalibrationPicture> pictures_;
+  int width_ = 0;
+  int height_ = 0;
+  std::string first_;   // picture that set the size
+  int seen_in_ = 0;     // pictures with a corner of the target
+  int wide_in_ = 0;     // ... whose tags mostly have a border of two cells
+  int candidates_ = 0;  // pictures that are still in use
+  // Sizes of chessboards in some images.
+  std::vector<std::array<int, 2>> boards_seen_;
+  int searched_for_boards_ = 0;
+  std::stop_token stop_;
 };
 
 }  // namespace penumbra

@@ -1,5 +1,5 @@
-// PENUMBRA_ASSERT: a broken precondition of this program, never of its input. On in every build:
-// the checks stand outside inner loops, and a wrong overlay is worse than a stop.
+// PENUMBRA_ASSERT stops at a broken precondition of the program, never of its input, in every
+// build: a wrong overlay is worse than a stop. Not for inner loops.
 #pragma once
 
 #include <cstdio>

@@ -1,4 +1,4 @@
-// What went wrong in the world outside (a file, a device, a shader), as a value.
+// Failures of the world outside (a file, a device, a shader) as values.
 // A message names the file, the field or line, the cause and the remedy: "camera.yaml: image_width:
 // is -3; give the width in pixels". Only main() turns an Error into text on standard error and an
 // exit code.
@@ -22,8 +22,8 @@ struct Error {
 template <class T>
 using Result = tl::expected<T, Error>;
 
-// A message is one line, whatever bytes of a damaged file it quotes: line breaks and other control
-// characters become blanks.
+// Replaces line breaks and other control characters by blanks: a message that quotes a damaged file
+// stays on one line.
 [[nodiscard]] inline std::string on_one_line(std::string text) {
   for (char& c : text) {
     if (static_cast<unsigned char>(c) < 0x20 || c == 0x7F) c = ' ';
@@ -40,7 +40,13 @@ template <class... Args>
 // Puts the place that failed in front of an error from further down: "scene.json: objects[2].model:
 // <message>".
 [[nodiscard]] inline tl::unexpected<Error> fail_in(std::string_view place, const Error& cause) {
-  return tl::unexpected<Error>(Error{on_one_line(fmt::format("{}: {}", place, cause.message))});
+  return fail("{}: {}", place, cause.message);
+}
+// Returns `result`, with the place in front of its error.
+template <class T>
+[[nodiscard]] Result<T> with_place(std::string_view place, Result<T> result) {
+  if (!result) return fail_in(place, result.error());
+  return result;
 }
 
 }  // namespace penumbra

@@ -1,5 +1,5 @@
-// splitmix64 (Steele, Lea and Flood 2014, "Fast splittable pseudorandom number generators"): small,
-// and the same numbers everywhere, unlike the standard library's distributions. Not for secrets.
+// splitmix64 (Steele, Lea and Flood 2014, "Fast splittable pseudorandom number generators"): the
+// same numbers on every platform, unlike the standard library's distributions.
 #pragma once
 
 #include <cstddef>
@@ -10,7 +10,7 @@ namespace penumbra {
 class SplitMix64 {
  public:
   explicit SplitMix64(std::uint64_t seed) : state_(seed) {}
-  // A stream for one purpose; those of one seed have nothing to do with each other.
+  // An independent stream for each purpose of one seed.
   SplitMix64(std::uint64_t seed, std::uint64_t purpose) : state_(seed) {
     state_ = next() ^ (purpose * 0xD1342543DE82EF95U);
   }
@@ -23,10 +23,10 @@ class SplitMix64 {
   double between(double low, double high) {
     return low + (high - low) * (static_cast<double>(next() >> 11U) * 0x1p-53);
   }
-  // In [0, count); count > 0, far below 2^64.
+  // In [0, count); 0 < count, much less than 2^64.
   std::size_t below(std::size_t count) { return static_cast<std::size_t>(next() % count); }
 
-  // What the n-th next() of a seed gives, from 0.
+  // The n-th (from 0) value of next() for this seed.
   [[nodiscard]] static std::uint64_t nth(std::uint64_t seed, std::uint64_t n) {
     return mixed(seed + kStep * (n + 1U));
   }

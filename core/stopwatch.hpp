@@ -17,11 +17,11 @@ class Stopwatch {
     wall_ms_ = now_ms(CLOCK_MONOTONIC);
     cpu_ms_ = now_ms(CLOCK_THREAD_CPUTIME_ID);
   }
-  // Since construction or restart; ask on the thread that started it.
+  // Since construction or restart; to be called on the same thread.
   [[nodiscard]] StageTime elapsed() const {
     return {now_ms(CLOCK_MONOTONIC) - wall_ms_, now_ms(CLOCK_THREAD_CPUTIME_ID) - cpu_ms_};
   }
-  // elapsed() on top of what is there.
+  // Adds elapsed().
   void add_to(double& wall_ms, double& cpu_ms) const {
     const StageTime time = elapsed();
     wall_ms += time.wall_ms;

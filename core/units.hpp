@@ -1,5 +1,5 @@
-// Radians inside, degrees only where a person types or reads them; nanoseconds inside, seconds in
-// files.
+// Angles are radians, and degrees where a person types or reads them. Times are nanoseconds, and
+// seconds in files.
 #pragma once
 
 #include <cmath>
@@ -20,6 +20,13 @@ constexpr double seconds(std::int64_t nanoseconds) {
 }
 inline std::int64_t nanoseconds(double seconds) {
   return std::llround(seconds * 1e9);
+}
+
+// |a - b|, for any two times.
+constexpr std::uint64_t distance_ns(std::int64_t a, std::int64_t b) {
+  const auto unsigned_a = static_cast<std::uint64_t>(a);
+  const auto unsigned_b = static_cast<std::uint64_t>(b);
+  return a > b ? unsigned_a - unsigned_b : unsigned_b - unsigned_a;
 }
 
 }  // namespace penumbra

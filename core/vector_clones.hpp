@@ -1,6 +1,6 @@
-// PENUMBRA_VECTOR_CLONES: compiles a function for the machine's wider vectors as well, chosen when
-// the program starts. Sums and products are rounded one by one (-ffp-contract=off), so every clone
-// gives the same bits. Plain under sanitizers, whose start-up comes after the choice.
+// PENUMBRA_VECTOR_CLONES compiles a function for AVX2 as well; the program chooses when it starts.
+// Every clone gives the same bits (-ffp-contract=off). No clones under sanitizers, which start
+// after the choice.
 #pragma once
 
 #if defined(__x86_64__) && defined(__GNUC__) && !defined(__clang__) && \

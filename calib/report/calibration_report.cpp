@@ -14,7 +14,7 @@
 namespace penumbra {
 namespace {
 
-constexpr double kPlotWidth = 480.0;  // of pictures in the report
+constexpr double kPlotWidth = 480.0;
 
 std::string base64(const std::vector<std::uint8_t>& bytes) {
   constexpr std::string_view kDigits =
@@ -31,28 +31,27 @@ std::string base64(const std::vector<std::uint8_t>& bytes) {
   return out;
 }
 
-// The picture, smaller, as a grey BMP: browsers read it, and no encoder is needed.
+// The image, smaller, as an 8-bit grey BMP: a format that needs no encoder.
 std::string thumbnail(const CalibrationPicture& picture, int width) {
   if (picture.luma.empty()) return {};
   width = std::min(width, picture.width);
   const int height = std::max(1, picture.height * width / picture.width);
   const int stride = (width + 3) / 4 * 4;
   const std::uint32_t offset = 14 + 40 + 1024;
+  const ImageView image = picture.picture();
   std::vector<std::uint8_t> bmp = {'B', 'M'};
   const auto put = [&](std::uint32_t value, int count) {
     for (int i = 0; i < count; ++i) bmp.push_back(static_cast<std::uint8_t>(value >> (8 * i)));
   };
-  put(offset + static_cast<std::uint32_t>(stride * height), 4);
-  put(0, 4);
-  put(offset, 4);
-  put(40, 4);
-  put(static_cast<std::uint32_t>(width), 4);
-  put(static_cast<std::uint32_t>(height), 4);
-  put(1, 2);
-  put(8, 2);
-  for (int i = 0; i < 4; ++i) put(0, 4);
-  put(256, 4);
-  put(0, 4);
+  // File size, reserved, offset of the pixels, header size, width, height.
+  for (const std::uint32_t field :
+       {offset + static_cast<std::uint32_t>(stride * height), 0U, offset, 40U,
+        static_cast<std::uint32_t>(width), static_cast<std::uint32_t>(height)}) {
+    put(field, 4);
+  }
+  put(1, 2);                                                                   // planes
+  put(8, 2);                                                                   // bits
+  for (const std::uint32_t field : {0U, 0U, 0U, 0U, 256U, 0U}) put(field, 4);  // 256 colours
   for (std::uint32_t i = 0; i < 256; ++i) put(i | (i << 8U) | (i << 16U), 4);
   for (int y = height - 1; y >= 0; --y) {  // rows from the bottom
     for (int x = 0; x < stride; ++x) {
@@ -66,10 +65,7 @@ std::string thumbnail(const CalibrationPicture& picture, int width) {
       const int y1 = std::max(y0 + 1, (y + 1) * picture.height / height);
       int sum = 0;
       for (int v = y0; v < y1; ++v) {
-        for (int u = x0; u < x1; ++u)
-          sum +=
-              picture.luma[static_cast<std::size_t>(v) * static_cast<std::size_t>(picture.width) +
-                           static_cast<std::size_t>(u)];
+        for (int u = x0; u < x1; ++u) sum += image.row(v)[u];
       }
       bmp.push_back(static_cast<std::uint8_t>(sum / ((x1 - x0) * (y1 - y0))));
     }
@@ -88,6 +84,12 @@ std::string colour(double share) {
                      mix(170, 100, 40));
 }
 
+std::string svg_line(const Eigen::Vector2d& from, const Eigen::Vector2d& to,
+                     std::string_view style) {
+  return fmt::format("<line x1=\"{:.1f}\" y1=\"{:.1f}\" x2=\"{:.1f}\" y2=\"{:.1f}\" {}/>", from.x(),
+                     from.y(), to.x(), to.y(), style);
+}
+
 std::string plot_begin(double width, double height) {
   return fmt::format(
       "<svg viewBox=\"0 0 {:.0f} {:.0f}\" width=\"{:.0f}\" height=\"{:.0f}\" "
@@ -95,30 +97,29 @@ std::string plot_begin(double width, double height) {
       width, height, width, height);
 }
 
-// Every corner, coloured by the view's turn; residuals as lines where `scale` is given.
-std::string corners_plot(const CameraCalibration& c, double scale) {
-  const CameraModel& camera = c.solution.camera;
-  const double zoom = kPlotWidth / camera.width();
-  const double height = camera.height() * zoom;
-  std::string svg = plot_begin(kPlotWidth, height);
-  svg += fmt::format("<rect width=\"{:.0f}\" height=\"{:.1f}\" fill=\"#fafafa\" stroke=\"#888\"/>",
+// Begins a plot of the image's frame.
+std::string image_plot_begin(const CameraModel& camera) {
+  const double height = camera.height() * (kPlotWidth / camera.width());
+  return plot_begin(kPlotWidth, height) +
+         fmt::format("<rect width=\"{:.0f}\" height=\"{:.1f}\" fill=\"#fafafa\" stroke=\"#888\"/>",
                      kPlotWidth, height);
+}
+
+// All corners, or their residuals `scale` times enlarged if it is positive.
+std::string corners_plot(const CameraCalibration& c, double scale) {
+  const double zoom = kPlotWidth / c.solution.camera.width();
+  std::string svg = image_plot_begin(c.solution.camera);
   for (const CalibrationPicture& picture : c.pictures) {
     if (picture.solved < 0) continue;
     const SolvedView& view = c.solution.views[static_cast<std::size_t>(picture.solved)];
     for (std::size_t i = 0; i < picture.view.corners.size() && i < view.residuals_px.size(); ++i) {
       const Eigen::Vector2d at = zoom * (picture.view.corners[i].pixel + Eigen::Vector2d(0.5, 0.5));
-      const bool outlier = view.outlier[i];
-      if (scale <= 0.0) {
-        svg += fmt::format("<circle cx=\"{:.1f}\" cy=\"{:.1f}\" r=\"1.6\" fill=\"{}\"/>", at.x(),
-                           at.y(), outlier ? "#c33" : "#3169aa");
-        continue;
-      }
-      const Eigen::Vector2d to = at + scale * view.residuals_px[i];
-      svg += fmt::format(
-          "<line x1=\"{:.1f}\" y1=\"{:.1f}\" x2=\"{:.1f}\" y2=\"{:.1f}\" stroke=\"{}\" "
-          "stroke-width=\"0.8\"/>",
-          at.x(), at.y(), to.x(), to.y(), outlier ? "#c33" : "#3169aa");
+      const char* const paint = view.outlier[i] ? "#c33" : "#3169aa";
+      svg += scale <= 0.0
+                 ? fmt::format("<circle cx=\"{:.1f}\" cy=\"{:.1f}\" r=\"1.6\" fill=\"{}\"/>",
+                               at.x(), at.y(), paint)
+                 : svg_line(at, at + scale * view.residuals_px[i],
+                            fmt::format("stroke=\"{}\" stroke-width=\"0.8\"", paint));
     }
   }
   return svg + "</svg>";
@@ -198,8 +199,7 @@ std::string histogram(const CameraCalibration& c) {
   return svg + "</svg>";
 }
 
-// How far the lens moves what lies at an angle from the axis, along the line to the image's far
-// corner [px].
+// Radial distortion [px] along the line from the principal point to the furthest image corner.
 std::string distortion_plot(const CameraModel& camera, const std::optional<CameraModel>& earlier) {
   constexpr double kHeight = 220.0;
   const CameraParameters& p = camera.parameters();
@@ -207,7 +207,7 @@ std::string distortion_plot(const CameraModel& camera, const std::optional<Camer
   const Eigen::Vector2d corner(p.cx < 0.5 * p.width ? p.width - 1.0 : 0.0,
                                p.cy < 0.5 * p.height ? p.height - 1.0 : 0.0);
   const auto curve = [&](const CameraModel& lens) {
-    std::vector<std::pair<double, double>> points;  // [px] from the centre, [px] moved outwards
+    std::vector<std::pair<double, double>> points;  // radius [px], outward displacement [px]
     for (int i = 0; i <= 60; ++i) {
       const Eigen::Vector2d pixel = centre + (corner - centre) * (i / 60.0);
       const auto direction = camera.unproject(pixel);
@@ -222,7 +222,7 @@ std::string distortion_plot(const CameraModel& camera, const std::optional<Camer
     return points;
   };
   const auto mine = curve(camera);
-  const auto other = earlier ? curve(*earlier) : std::vector<std::pair<double, double>>();
+  const auto other = earlier ? curve(*earlier) : decltype(mine)();
   double low = -0.1;
   double high = 0.1;
   for (const auto* points : {&mine, &other}) {
@@ -255,20 +255,15 @@ std::string distortion_plot(const CameraModel& camera, const std::optional<Camer
 std::string camera_table(const CameraCalibration& c) {
   const CameraParameters& p = c.solution.camera.parameters();
   const int count = coefficient_count(p.model);
-  constexpr std::array<const char*, 8> kPolynomial = {"k1", "k2", "p1", "p2",
-                                                      "k3", "k4", "k5", "k6"};
   std::string rows;
   const std::array<double, 4> lens = {p.fx, p.fy, p.cx, p.cy};
   constexpr std::array<const char*, 4> kLens = {"fx [px]", "fy [px]", "cx [px]", "cy [px]"};
   for (int i = 0; i < 4 + count; ++i) {
     const auto k = static_cast<std::size_t>(i);
-    const std::string name = i < 4                                 ? kLens[k]
-                             : p.model == DistortionModel::fisheye ? fmt::format("k{}", i - 3)
-                                                                   : kPolynomial[k - 4];
+    const std::string name = i < 4 ? kLens[k] : coefficient_name(p.model, k - 4);
     const double value = i < 4 ? lens[k] : p.distortion[k - 4];
     const int digits = i < 4 ? 3 : 6;
     const double variance = c.solution.covariance(i, i);
-    // A coefficient that was not solved for is not known to the last digit.
     const bool held = variance == 0.0 && value == 0.0;
     rows += fmt::format(
         "<tr><td>{}</td><td>{:.{}f}</td><td>{}</td></tr>", name, value, held ? 0 : digits,
@@ -282,14 +277,12 @@ std::string camera_table(const CameraCalibration& c) {
                      to_string(p.model), p.width, p.height, rows);
 }
 
-// The corners of the table volume, lower and upper ones, each with what it is worth.
+// The corners of the overlay cube with their uncertainty.
 std::string table_volume_section(const CameraCalibration& c) {
   if (!c.table) return {};
   const CameraModel& camera = c.solution.camera;
   const double zoom = kPlotWidth / camera.width();
-  std::string svg = plot_begin(kPlotWidth, camera.height() * zoom);
-  svg += fmt::format("<rect width=\"{:.0f}\" height=\"{:.1f}\" fill=\"#fafafa\" stroke=\"#888\"/>",
-                     kPlotWidth, camera.height() * zoom);
+  std::string svg = image_plot_begin(camera);
   const auto cube = overlay_cube();
   std::array<Eigen::Vector2d, 8> at;
   for (std::size_t i = 0; i < 8; ++i)
@@ -298,9 +291,7 @@ std::string table_volume_section(const CameraCalibration& c) {
     for (std::size_t j = i + 1; j < 8; ++j) {
       // An edge joins corners that differ in one coordinate.
       if (((cube[i] - cube[j]).cwiseAbs().array() > 1e-9).count() != 1) continue;
-      svg += fmt::format(
-          "<line x1=\"{:.1f}\" y1=\"{:.1f}\" x2=\"{:.1f}\" y2=\"{:.1f}\" stroke=\"#888\"/>",
-          at[i].x(), at[i].y(), at[j].x(), at[j].y());
+      svg += svg_line(at[i], at[j], "stroke=\"#888\"");
     }
   }
   std::string rows;
@@ -318,10 +309,9 @@ std::string table_volume_section(const CameraCalibration& c) {
   return fmt::format(
       "<div class=\"row\"><div><h2>Over the table</h2><p class=\"note\">Corners of a 0.2 m cube on "
       "the table, seen from {:.2f} m: one sigma of where they are drawn [px], with the pose found "
-      "by "
-      "this lens from the tags under it.</p>{}</svg></div><div><h2>Corners</h2><table><tr><th>on "
-      "the "
-      "table</th><th>pose found</th><th>pose known</th></tr>{}</table></div></div>\n",
+      "by this lens from the tags under it.</p>{}</svg></div>"
+      "<div><h2>Corners</h2><table><tr><th>on the table</th><th>pose found</th>"
+      "<th>pose known</th></tr>{}</table></div></div>\n",
       c.table->distance_m, svg, rows);
 }
 
@@ -362,7 +352,7 @@ std::string calibration_report(const CameraCalibration& c, const ReportInput& in
       c.solution.noise_px, c.held_out_px ? fmt::format("{:.3f} px RMS", *c.held_out_px) : "-",
       c.uncertainty.mean_px, c.uncertainty.largest_px, c.tilt_spread_deg, c.blur_px);
 
-  // Not by the largest alone: a lens that is known well everywhere is not to look red.
+  // At least kGoodProjection_px, so that a good lens does not look red.
   const double largest = std::isfinite(c.uncertainty.largest_px)
                              ? std::max(c.uncertainty.largest_px, kGoodProjection_px)
                              : kGoodProjection_px;
@@ -370,17 +360,14 @@ std::string calibration_report(const CameraCalibration& c, const ReportInput& in
   html += fmt::format(
       "<div class=\"row\"><div><h2>Projection uncertainty</h2><p class=\"note\">Standard deviation "
       "of where things are drawn [px], from the covariance of the lens and from what other lenses "
-      "say "
-      "that explain the views as well; up to {} is good.</p>{}</div>"
+      "say that explain the views as well; up to {} is good.</p>{}</div>"
       "<div><h2>Coverage</h2><p class=\"note\">Every corner that was used; red: outliers. What no "
       "corner covers is a guess.</p>{}</div></div>\n"
       "<div class=\"row\"><div><h2>Residuals, {:.0f} times enlarged</h2><p class=\"note\">A "
-      "pattern "
-      "that neighbours share says that the lens is another.</p>{}</div>"
+      "pattern that neighbours share says that the lens is another.</p>{}</div>"
       "<div><h2>Histogram of residuals</h2><p class=\"note\">Both axes; red: a normal distribution "
       "of the same spread.</p>{}<h2>Distortion</h2><p class=\"note\">How far the lens moves a "
-      "point "
-      "outwards{}.</p>{}</div></div>\n",
+      "point outwards{}.</p>{}</div></div>\n",
       kGoodProjection_px,
       heat_map(
           camera, c.uncertainty.columns, c.uncertainty.rows,
@@ -398,8 +385,7 @@ std::string calibration_report(const CameraCalibration& c, const ReportInput& in
     const ProjectionDifference difference = projection_difference(camera, *input.earlier);
     html += fmt::format(
         "<h2>Compared with {}</h2><p class=\"note\">{:.3f} px apart on average, {:.3f} px at most; "
-        "no "
-        "rotation is fitted.</p>{}\n",
+        "no rotation is fitted.</p>{}\n",
         in_markup(input.earlier_name), difference.mean_px, difference.largest_px,
         heat_map(
             camera, 32, 24,
@@ -433,11 +419,12 @@ std::string calibration_report(const CameraCalibration& c, const ReportInput& in
       "<h2>Views</h2><table><tr><th></th><th>picture</th><th>corners</th><th>residual</th>"
       "<th>blur</th><th>distance</th><th></th></tr>\n";
   constexpr int kMostOfAReason = 30;
-  const auto told = told_left_out(c.pictures, kMostOfAReason);
+  const auto reported = told_left_out(c.pictures, kMostOfAReason);
   for (std::size_t i = 0; i < c.pictures.size(); ++i) {
     const CalibrationPicture& picture = c.pictures[i];
-    if (picture.reason != LeftOut::no && !told[i]) continue;
-    const std::string more = told[i].value_or(0) > 0 ? fmt::format(" and {} more", *told[i]) : "";
+    if (picture.reason != LeftOut::no && !reported[i]) continue;
+    const std::string more =
+        reported[i].value_or(0) > 0 ? fmt::format(" and {} more", *reported[i]) : "";
     const SolvedView* view =
         picture.solved < 0 ? nullptr : &c.solution.views[static_cast<std::size_t>(picture.solved)];
     html += fmt::format(

@@ -1,4 +1,4 @@
-// A calibration as one HTML file that needs nothing else: verdict first, then what it rests on.
+// A calibration as one self-contained HTML file: the verdict, then its evidence.
 #pragma once
 
 #include <optional>

@@ -18,16 +18,17 @@
 namespace penumbra {
 namespace {
 
-constexpr int kColumns = 5;  // cells of the image that are to be seen
+constexpr int kColumns = 5;  // cells of the image to cover
 constexpr int kRows = 4;
 constexpr int kCornersInCell = 2;
 constexpr double kCellsNeeded = 0.9;
+constexpr int kViewsNeeded = 12;
 constexpr double kSizesNeeded = 1.6;           // nearest over furthest
 constexpr double kTiltNeeded = radians(40.0);  // between two views
-constexpr double kFirstMove = 0.08;  // of the width: views before a lens is known differ by this
-constexpr double kSameView = 0.01;   // of the width
-constexpr double kSteady = 0.012;    // of the width, from picture to picture
-constexpr double kSharp = 1.6;       // [px] of blur
+constexpr double kFirstMove = 0.08;            // of the width, between views before a lens is known
+constexpr double kSameView = 0.01;             // of the width
+constexpr double kSteady = 0.012;              // of the width, from picture to picture
+constexpr double kSharp = 1.6;                 // [px] of blur
 constexpr std::size_t kFirstViews = 4;
 constexpr std::size_t kViewsPerChoice = 4;  // views until the lens is chosen again
 constexpr double kBadFit = 0.5;             // [px] of noise: another lens may explain the views
@@ -88,8 +89,7 @@ struct ViewGuide::Impl {
   [[nodiscard]] ImageCells image_cells() const { return {kColumns, kRows, width, height}; }
 
   [[nodiscard]] double size_of(const std::vector<TargetCorner>& corners) const {
-    std::vector<const TargetCorner*> at(target.points.size(), nullptr);
-    for (const TargetCorner& corner : corners) at[static_cast<std::size_t>(corner.point)] = &corner;
+    const std::vector<const TargetCorner*> at = corners_by_point(target, corners);
     double sum = 0.0;
     int count = 0;
     for (const auto& [a, b] : target.edges) {
@@ -102,13 +102,13 @@ struct ViewGuide::Impl {
     return count > 0 ? sum / count : 0.0;
   }
 
-  // Share by which the view would lower the mean uncertainty.
+  // Relative reduction of the mean uncertainty by a view.
   [[nodiscard]] double gain_of(const std::vector<TargetCorner>& corners) const {
     const auto information = view_information(solution->camera, solution->board, corners);
     if (!information) return 0.0;
     const Eigen::MatrixXd& P = solution->covariance;
     const double noise = solution->noise_px * solution->noise_px * solution->clustering;
-    // (P^-1 + I / noise)^-1, without inverting P, whose entries are of very different sizes.
+    // (P^-1 + I / noise)^-1 without inverting P, whose entries differ by orders of magnitude.
     const Eigen::MatrixXd one = Eigen::MatrixXd::Identity(P.rows(), P.cols());
     const Eigen::MatrixXd after = (one + P * *information / noise).partialPivLu().solve(P);
     const double mean = uncertainty_map(solution->camera, after, 16, 12).mean_px;
@@ -130,7 +130,7 @@ struct ViewGuide::Impl {
                       : solve_intrinsics(width, height, target.points, views, solver);
     };
     Result<CalibrationSolution> solved = solve_as(lens.model, lens.without_k3);
-    // A wide lens gives no start from which the choice could find it.
+    // The choice can't find a wide lens from a plumb_bob start.
     const bool explains =
         solved && solved->noise_px <= kBadFit && solved->outliers * 20 <= solved->corners;
     if (!options.model && !explains && lens.model == DistortionModel::plumb_bob) {
@@ -179,7 +179,7 @@ struct ViewGuide::Impl {
       progress.certainty = std::min(1.0, options.goal_px / uncertainty.largest_px);
     }
     progress.enough = progress.image >= 1.0 && progress.size >= 1.0 && progress.tilt >= 1.0 &&
-                      progress.certainty >= 1.0 && progress.views >= options.fewest_views;
+                      progress.certainty >= 1.0 && progress.views >= kViewsNeeded;
     const double lowest = std::min({progress.image, progress.size, progress.tilt});
     const auto advise = [&](std::string to_a_person, std::string_view missing_in_a_recording) {
       progress.advice = options.held ? std::move(to_a_person)
@@ -245,7 +245,7 @@ GuideLook ViewGuide::look(ImageView luma) {
   if (self.options.held && !before.empty() &&
       corner_distance(view.corners, before) > kSteady * luma.width)
     return because("it moves: hold still");
-  // The same view once more lowers noise, but brings its errors of light and board twice.
+  // A repeated view lowers the noise, but counts errors of light and board twice.
   const double least_px = (self.solution ? kSameView : kFirstMove) * luma.width;
   for (const CalibrationView& other : self.views) {
     if (corner_distance(view.corners, other.corners) <= least_px)

@@ -13,24 +13,10 @@
 #include "calib/solver/packed_pose.hpp"
 #include "calib/solver/stop_callback.hpp"
 #include "core/propagate.hpp"
+#include "core/statistics.hpp"
 
 namespace penumbra {
 namespace {
-
-CameraParameters camera_of(const LensParameters& lens, DistortionModel model, int width,
-                           int height) {
-  CameraParameters p;
-  p.width = width;
-  p.height = height;
-  p.fx = lens[0];
-  p.fy = lens[1];
-  p.cx = lens[2];
-  p.cy = lens[3];
-  p.model = model;
-  for (std::size_t i = 0; i < static_cast<std::size_t>(coefficient_count(model)); ++i)
-    p.distortion[i] = lens[4 + i];
-  return p;
-}
 
 CameraPose pose_of(const ViewParameters& view) {
   return unpacked<frame::Camera, frame::Table>(
@@ -44,6 +30,14 @@ LensParameters lens_of(const CameraParameters& p) {
   LensParameters lens = {p.fx, p.fy, p.cx, p.cy};
   std::copy(p.distortion.begin(), p.distortion.end(), lens.begin() + 4);
   return lens;
+}
+
+void set_lens(CameraParameters& p, const LensParameters& lens) {
+  p.fx = lens[0];
+  p.fy = lens[1];
+  p.cx = lens[2];
+  p.cy = lens[3];
+  std::copy(lens.begin() + 4, lens.end(), p.distortion.begin());
 }
 
 ViewParameters view_of(const CameraPose& T_board_camera, double edge_shift_px) {
@@ -61,9 +55,8 @@ Bundle::Bundle(int width, int height, std::span<const Eigen::Vector3d> board,
   for (const CalibrationView& view : views) {
     outlier_.push_back(view.outlier.empty() ? std::vector<bool>(view.corners.size(), false)
                                             : view.outlier);
-    bool shifts = false;
-    for (const TargetCorner& corner : view.corners) shifts = shifts || !corner.spread.isZero();
-    shifts_.push_back(shifts);
+    shifts_.push_back(std::ranges::any_of(
+        view.corners, [](const TargetCorner& corner) { return !corner.spread.isZero(); }));
   }
 }
 
@@ -76,7 +69,7 @@ void Bundle::start_shape(const CalibrationSolution& from) {
 
 bool Bundle::solve(int free_coefficients, bool square_pixels, bool move_centre, double noise,
                    double robust_px, int iterations) {
-  // Ceres says on standard error what it tries in vain; what matters is in the result.
+  // Silences Ceres' warnings on standard error about steps that it rejects.
   FLAGS_minloglevel = std::max(FLAGS_minloglevel, static_cast<int>(google::GLOG_ERROR));
   ceres::Problem::Options ownership;
   ownership.cost_function_ownership = ceres::TAKE_OWNERSHIP;
@@ -141,8 +134,8 @@ bool Bundle::solve(int free_coefficients, bool square_pixels, bool move_centre, 
   ceres::Solve(options, &problem, &summary);
   if (!summary.IsSolutionUsable()) return false;
   if (square_pixels) lens[1] = lens[0];
-  return std::all_of(lens.begin(), lens.end(), [](double x) { return std::isfinite(x); }) &&
-         lens[0] > 1.0 && lens[1] > 1.0;
+  return std::ranges::all_of(lens, [](double x) { return std::isfinite(x); }) && lens[0] > 1.0 &&
+         lens[1] > 1.0;
 }
 
 std::optional<Eigen::Vector2d> Bundle::residual(std::size_t v, std::size_t c) {
@@ -164,10 +157,7 @@ double Bundle::distance_at(double share) {
     }
   }
   if (distances.empty()) return 1.0;
-  const auto at = distances.begin() +
-                  static_cast<std::ptrdiff_t>(share * static_cast<double>(distances.size()));
-  std::nth_element(distances.begin(), at, distances.end());
-  return *at;
+  return order_statistic(std::move(distances), share);
 }
 
 bool Bundle::mark_outliers(double limit_px) {
@@ -190,15 +180,18 @@ bool Bundle::mark_outliers(double limit_px) {
 
 Result<CalibrationSolution> Bundle::finish() {
   CalibrationSolution solution;
-  PENUMBRA_TRY(const CameraModel camera,
-               CameraModel::make(camera_of(lens, options_.model, width_, height_)));
-  solution.camera = camera;
+  CameraParameters parameters;
+  parameters.width = width_;
+  parameters.height = height_;
+  parameters.model = options_.model;
+  set_lens(parameters, lens);
+  PENUMBRA_TRY(solution.camera, CameraModel::make(parameters));
   solution.shape = options_.shape;
   solution.board.assign(board_.begin(), board_.end());
   for (std::size_t i = 0; i < board_.size(); ++i) {
     const ShapeParameters& s = options_.shape == BoardShape::free ? shapes_[i] : shapes_[0];
     if (options_.shape == BoardShape::bowed) {
-      solution.board[i].z() += bow_of(board_[i]).dot(Eigen::Vector3d(s[0], s[1], s[2]));
+      solution.board[i].z() += warp_of(board_[i]).dot(Eigen::Vector3d(s[0], s[1], s[2]));
     } else {
       solution.board[i] += Eigen::Vector3d(s[0], s[1], s[2]);
     }
@@ -209,7 +202,7 @@ Result<CalibrationSolution> Bundle::finish() {
       options_.shape == BoardShape::rigid ? 0 : static_cast<int>(3 * shapes_.size());
   const int n = n_lens + n_shape;
   Eigen::MatrixXd S = Eigen::MatrixXd::Zero(n, n);
-  // Per view, the score (gradient) of the lens and shape, poses eliminated.
+  // By view: the score (gradient) of lens and shape, with the pose marginalised.
   std::vector<Eigen::VectorXd> scores;
   double sum = 0.0;
   double sum_all = 0.0;
@@ -293,15 +286,15 @@ Result<CalibrationSolution> Bundle::finish() {
     const Eigen::Vector3d information = (solution.noise_px / prior_sigma().array()).square();
     for (int i = n_lens; i < n; ++i) S(i, i) += information[(i - n_lens) % 3];
   }
-  // Parameters of very different sizes: scaled to ones on the diagonal.
+  // Scaled to ones on the diagonal: the parameters' sizes differ by orders of magnitude.
   const Eigen::VectorXd scale = S.diagonal().cwiseMax(1e-300).cwiseSqrt().cwiseInverse();
   const Eigen::MatrixXd scaled = scale.asDiagonal() * S * scale.asDiagonal();
   const Eigen::LDLT<Eigen::MatrixXd> factor(scaled);
   Eigen::MatrixXd inverse = factor.solve(Eigen::MatrixXd::Identity(n, n));
   if (options_.model == DistortionModel::rational &&
       !(inverse.diagonal().minCoeff() > 0.0 && inverse.allFinite())) {
-    // What a common factor of numerator and denominator is, only the prior says, and less than
-    // rounding does: as little known as can be told, in a direction that moves no pixel.
+    // Only the prior determines a common factor of numerator and denominator, by less than rounding
+    // errors. It moves no pixel; limit its variance.
     const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> eigen(scaled);
     constexpr double kRounding = 1e-13;
     const Eigen::VectorXd values = eigen.eigenvalues().cwiseMax(kRounding);
@@ -314,9 +307,9 @@ Result<CalibrationSolution> Bundle::finish() {
       !(lens_inverse.diagonal().minCoeff() > 0.0)) {
     return fail("the views do not fix the camera; tilt the target in several directions");
   }
-  // Residuals of one view hang together (blur, light, a board that is not flat): compare what
-  // the views' scores scatter by with what independent noise would make them scatter by, in the
-  // directions of the lens (the trace of a sandwich estimate over that of the plain one).
+  // Residuals of one view are correlated (blur, light, board warp). Covariance inflation: the trace
+  // of the sandwich estimate, clustered by view, over that of the plain one, for the lens
+  // parameters.
   Eigen::MatrixXd meat = Eigen::MatrixXd::Zero(n_lens, n_lens);
   for (const Eigen::VectorXd& score : scores) {
     const Eigen::VectorXd step = inverse.topRows(n_lens) * score;
@@ -331,7 +324,7 @@ Result<CalibrationSolution> Bundle::finish() {
                                             scale.head(n_lens).cwiseInverse().asDiagonal());
   const double clustered = ratio.trace() / n_lens / (solution.noise_px * solution.noise_px);
   solution.clustering = std::isfinite(clustered) ? std::clamp(clustered, 1.0, 100.0) : 1.0;
-  // What may not move has no spread.
+  // Parameters that are held have no variance.
   const int n_all = 4 + coefficient_count(options_.model);
   solution.covariance = Eigen::MatrixXd::Zero(n_all, n_all);
   solution.covariance.topLeftCorner(n_lens, n_lens) =
@@ -340,29 +333,27 @@ Result<CalibrationSolution> Bundle::finish() {
 }
 
 Eigen::Vector3d Bundle::prior_sigma() const {
-  // Paper lies in waves, but a printer is true to tenths of a per mille. Were points as free in the
-  // plane as out of it, a stretch or keystone of the whole sheet would be one with the pixels'
-  // aspect and with a principal point that is moved and a camera that is turned in return.
-  const double out_of_plane = options_.free_prior_m > 0.0 ? options_.free_prior_m : radius_ / 500.0;
+  // A printer is more accurate than paper is flat; see docs/calibration.md#board-warp.
+  const double out_of_plane = radius_ / 500.0;
   const double in_plane = 0.1 * out_of_plane;
   return {in_plane, in_plane, out_of_plane};
 }
 
 double Bundle::image_end() const {
   constexpr double kWidest = 1.35;  // [rad] from the axis
-  // As an equidistant lens would have it: no lens that bends outwards less shows more.
+  // Assumes an equidistant lens; lenses that bend rays less reach less far.
   return std::tan(
       std::min(0.5 * std::hypot(width_, height_) / std::sqrt(lens[0] * lens[1]), kWidest));
 }
 
-Eigen::Vector3d Bundle::bow_of(const Eigen::Vector3d& p) const {
+Eigen::Vector3d Bundle::warp_of(const Eigen::Vector3d& p) const {
   const Eigen::Vector3d q = (p - middle_) / radius_;
   return {q.x() * q.x(), q.y() * q.y(), q.x() * q.y()};
 }
 
 CornerTerm Bundle::term_of(const TargetCorner& corner) const {
   const Eigen::Vector3d& p = board_[static_cast<std::size_t>(corner.point)];
-  return {options_.model, p, bow_of(p), options_.shape == BoardShape::bowed, corner.pixel,
+  return {options_.model, p, warp_of(p), options_.shape == BoardShape::bowed, corner.pixel,
           corner.spread};
 }
 

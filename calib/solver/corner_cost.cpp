@@ -4,17 +4,15 @@
 #include <ceres/rotation.h>
 
 #include <algorithm>
-#include <array>
 #include <cmath>
 
 namespace penumbra {
 namespace {
 
 constexpr double kEdgeShiftPrior = 1.0;  // [px]
-// Of an equidistant lens' growth: less is none of a lens, but the start of a fold. By how much less
-// counts as one sigma.
+// Least growth of the distorted radius, relative to an equidistant lens, and its sigma.
 constexpr double kLeastGrowth = 0.3;
-constexpr double kGrowthEdge = 0.03;
+constexpr double kGrowthSigma = 0.03;
 constexpr double kNearest = 1e-6;  // [m] in front of the camera
 
 struct CornerCost {
@@ -24,7 +22,7 @@ struct CornerCost {
   bool operator()(const T* lens, const T* view, const T* shape, T* residual) const {
     T p[3] = {T(term.point.x()), T(term.point.y()), T(term.point.z())};
     if (term.bowed) {
-      p[2] += shape[0] * term.bow.x() + shape[1] * term.bow.y() + shape[2] * term.bow.z();
+      p[2] += shape[0] * term.warp.x() + shape[1] * term.warp.y() + shape[2] * term.warp.z();
     } else {
       for (int i = 0; i < 3; ++i) p[i] += shape[i];
     }
@@ -56,15 +54,13 @@ struct RationalPrior {
 
   template <class T>
   bool operator()(const T* lens, T* residual) const {
-    // A common factor of numerator and denominator changes nothing, and corners hardly tell what is
-    // near one: coefficients of thousands would do as well as small ones. Lenses that need no such
-    // factor have coefficients about 1 where the image reaches beyond 45 degrees, and of what bends
-    // as much in a narrower one.
+    // Keeps the coefficients small, which a common factor of numerator and denominator leaves open.
     const double t_end = std::min(end * end, 1.0);
     const T k1 = lens[4], k2 = lens[5], k3 = lens[8], k4 = lens[9], k5 = lens[10], k6 = lens[11];
     const T* const order[] = {&k1, &k4, &k2, &k5, &k3, &k6};
     for (int i = 0; i < 6; ++i) residual[i] = *order[i] * std::pow(t_end, 1 + i / 2);
-    // From a rectilinear lens (1) to an equidistant one (1 / (1 + r^2)), and some beyond both.
+    // Prefers a growth between that of a rectilinear lens (1) and an equidistant one (1 / (1 +
+    // r^2)).
     for (int i = 0; i < kGrowthSamples; ++i) {
       const double r = end * (i + 1) / kGrowthSamples;
       const double t = r * r;
@@ -76,7 +72,7 @@ struct RationalPrior {
       const double least = 1.0 / (1.0 + t);
       residual[6 + 2 * i] = (growth - std::sqrt(least)) / (0.1 + 0.5 * (1.0 - least));
       const T missing = kLeastGrowth * least - growth;
-      residual[7 + 2 * i] = missing > T(0.0) ? missing / (kGrowthEdge * least) : T(0.0);
+      residual[7 + 2 * i] = missing > T(0.0) ? missing / (kGrowthSigma * least) : T(0.0);
     }
     return true;
   }

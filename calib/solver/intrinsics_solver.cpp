@@ -10,6 +10,7 @@
 
 #include "calib/solver/bundle.hpp"
 #include "core/propagate.hpp"
+#include "core/statistics.hpp"
 #include "tracking/detection/pose_refiner.hpp"
 #include "tracking/detection/pose_solver.hpp"
 
@@ -27,7 +28,7 @@ std::vector<PointObservation> observations_of(const CalibrationView& view,
   return observations;
 }
 
-// Median distance of projected and measured corners [px]; large where something is not seen.
+// Median distance of projected and measured corners [px].
 double median_error(const CameraModel& camera, const CameraPose& pose,
                     std::span<const PointObservation> observations) {
   const auto T_camera_board = pose.inverse();
@@ -36,15 +37,12 @@ double median_error(const CameraModel& camera, const CameraPose& pose,
     const auto pixel = camera.project(T_camera_board * o.p_table);
     errors.push_back(pixel ? (*pixel - o.pixel).norm() : 1e6);
   }
-  const auto middle = errors.begin() + static_cast<std::ptrdiff_t>(errors.size() / 2);
-  std::nth_element(errors.begin(), middle, errors.end());
-  return *middle;
+  return upper_median(std::move(errors));
 }
 
-// A guess of the lens is as good as the poses that it allows.
 struct Guess {
   CameraModel camera;
-  double error_px = std::numeric_limits<double>::infinity();
+  double error_px = std::numeric_limits<double>::infinity();  // of the poses that it allows
 };
 
 std::vector<Guess> guess_lens(int width, int height, std::span<const Eigen::Vector3d> board,
@@ -83,8 +81,7 @@ std::vector<Guess> guess_lens(int width, int height, std::span<const Eigen::Vect
         guesses.push_back({*start, sum / static_cast<double>(chosen.size())});
     }
   }
-  std::sort(guesses.begin(), guesses.end(),
-            [](const Guess& a, const Guess& b) { return a.error_px < b.error_px; });
+  std::ranges::sort(guesses, {}, &Guess::error_px);
   return guesses;
 }
 
@@ -106,10 +103,12 @@ std::optional<CameraPose> best_pose(const CameraModel& camera,
   return best;
 }
 
-constexpr double kBadFit_px = 0.5;     // of noise: such a start is none for a lens of another kind
-constexpr double kFarthest_px = 20.0;  // that a corner is off at a start near by
+constexpr int kMostIterations = 100;
+constexpr double kBadFit_px = 0.5;     // of noise: no start for another model
+constexpr double kFarthest_px = 20.0;  // largest corner error at a start near by
 
-// The lens of another kind that bends rays most like this one; nothing for one that folds at once.
+// Fits the coefficients of another model to a lens. Nothing for a lens with non-monotonic
+// distortion near its centre.
 std::optional<CameraParameters> as_model(const CameraModel& camera, DistortionModel model) {
   const CameraParameters& from = camera.parameters();
   const auto end = camera.unproject(Eigen::Vector2d(0.0, 0.0));
@@ -119,7 +118,7 @@ std::optional<CameraParameters> as_model(const CameraModel& camera, DistortionMo
        std::isfinite(camera.max_radius()) ? 0.98 * camera.max_radius() : kWidest, kWidest});
   if (!(furthest > 0.05)) return std::nullopt;
   constexpr int kSamples = 48;
-  // Unknown are the radial coefficients, in the order of their places in the parameters.
+  // Indices of the unknown radial coefficients.
   const std::vector<std::size_t> places =
       model == DistortionModel::fisheye    ? std::vector<std::size_t>{0, 1, 2, 3}
       : model == DistortionModel::rational ? std::vector<std::size_t>{0, 1, 4, 5, 6, 7}
@@ -143,7 +142,7 @@ std::optional<CameraParameters> as_model(const CameraModel& camera, DistortionMo
     }
     b[i] = bent - at;
   }
-  // Held near 0 by little, since some are as good as others.
+  // A weak prior of 0: several solutions are nearly as good.
   for (Eigen::Index k = 0; k < n; ++k) A(kSamples + k, k) = 1e-4;
   const Eigen::VectorXd solved = A.householderQr().solve(b);
   if (!solved.allFinite()) return std::nullopt;
@@ -172,20 +171,18 @@ Result<CalibrationSolution> polish(Bundle& bundle, const SolverOptions& options,
   };
   if (robust_first) {
     const double scale = std::max(2.0 * noise, 0.5);
-    // Corners far out may be off by much only for want of this lens' further coefficients.
+    // A start with fewer coefficients has large errors far from the centre.
     const double far = std::min(bundle.distance_at(0.95), kFarthest_px);
-    if (far > 2.0 * scale && !bundle.solve(8, false, true, noise, far, options.max_iterations))
+    if (far > 2.0 * scale && !bundle.solve(8, false, true, noise, far, kMostIterations))
       return fails();
-    if (!bundle.solve(8, false, true, noise, scale, options.max_iterations)) return fails();
+    if (!bundle.solve(8, false, true, noise, scale, kMostIterations)) return fails();
     noise = bundle.robust_noise();
   }
   for (int round = 0; round < 5; ++round) {
-    const double limit = std::max(options.outlier_sigmas * noise, 0.02);
-    const bool changed = options.remove_outliers && bundle.mark_outliers(limit);
+    const bool changed = bundle.mark_outliers(std::max(kOutlierSigmas * noise, 0.02));
     if (round > 0 && !changed) break;
-    if (!bundle.solve(8, false, true, noise, 0.0, options.max_iterations)) return fails();
+    if (!bundle.solve(8, false, true, noise, 0.0, kMostIterations)) return fails();
     noise = bundle.robust_noise();
-    if (!options.remove_outliers) break;
   }
   return bundle.finish();
 }
@@ -216,15 +213,8 @@ Result<void> check_views(std::span<const Eigen::Vector3d> board,
 }  // namespace
 
 std::string_view to_string(BoardShape shape) {
-  switch (shape) {
-    case BoardShape::rigid:
-      return "rigid";
-    case BoardShape::bowed:
-      return "bowed";
-    case BoardShape::free:
-      return "free";
-  }
-  return "rigid";
+  constexpr std::array<std::string_view, 3> kNames = {"rigid", "bowed", "free"};
+  return kNames[static_cast<std::size_t>(shape)];
 }
 
 Result<CalibrationSolution> solve_intrinsics(int width, int height,
@@ -257,7 +247,7 @@ Result<CalibrationSolution> solve_intrinsics(int width, int height,
     }
     if (!posed) continue;
     const double loose = std::max(2.0, guess.error_px);
-    // From few to many freedoms: far coefficients fitted to a bad start end in folds.
+    // From few to many parameters: higher coefficients fitted to a bad start become non-monotonic.
     if (!bundle.solve(1, true, false, 1.0, loose, 30)) continue;
     if (!bundle.solve(2, true, true, 1.0, loose, 50)) continue;
     Result<CalibrationSolution> solved = polish(bundle, rough, true);
@@ -310,8 +300,8 @@ Result<CalibrationSolution> solve_intrinsics(const CalibrationSolution& start,
     if (options.stop.stop_requested()) return ended_early();
     bundle.poses.push_back(view_of(*pose, 0.0));
   }
-  const bool known = std::all_of(views.begin(), views.end(),
-                                 [](const CalibrationView& view) { return !view.outlier.empty(); });
+  const bool known =
+      std::ranges::all_of(views, [](const auto& view) { return !view.outlier.empty(); });
   return polish(bundle, options, !known);
 }
 
@@ -367,21 +357,14 @@ std::optional<std::vector<ViewError>> pose_only_errors(const CameraModel& camera
   return errors;
 }
 
-std::optional<double> pose_only_error(const CameraModel& camera,
-                                      std::span<const Eigen::Vector3d> board,
-                                      std::span<const CalibrationView> views) {
-  const auto errors = pose_only_errors(camera, board, views);
-  if (!errors || !std::isfinite(rms_of(*errors))) return std::nullopt;
-  return rms_of(*errors);
-}
-
 std::optional<std::vector<ViewError>> held_out_errors(const CalibrationSolution& solution,
                                                       std::span<const Eigen::Vector3d> board,
                                                       std::span<const CalibrationView> views,
-                                                      const SolverOptions& options, int folds) {
+                                                      const SolverOptions& options) {
+  constexpr std::size_t kParts = 5;
   const std::size_t n = views.size();
-  const std::size_t parts = std::min(static_cast<std::size_t>(std::max(folds, 0)), n);
-  if (n < 4 || parts < 2) return std::nullopt;
+  const std::size_t parts = std::min(kParts, n);
+  if (n < 4) return std::nullopt;
   std::vector<ViewError> errors(n);
   for (std::size_t part = 0; part < parts; ++part) {
     std::vector<CalibrationView> kept;
@@ -403,15 +386,6 @@ std::optional<std::vector<ViewError>> held_out_errors(const CalibrationSolution&
     for (std::size_t i = 0; i < found->size(); ++i) errors[part + i * parts] = (*found)[i];
   }
   return errors;
-}
-
-std::optional<double> held_out_error(const CalibrationSolution& solution,
-                                     std::span<const Eigen::Vector3d> board,
-                                     std::span<const CalibrationView> views,
-                                     const SolverOptions& options, int folds) {
-  const auto errors = held_out_errors(solution, board, views, options, folds);
-  if (!errors || !std::isfinite(rms_of(*errors))) return std::nullopt;
-  return rms_of(*errors);
 }
 
 Eigen::MatrixXd lens_jacobian(const CameraModel& camera, const Eigen::Vector2d& xy) {

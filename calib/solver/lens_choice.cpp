@@ -12,6 +12,7 @@ namespace {
 struct Lens {
   DistortionModel model = DistortionModel::plumb_bob;
   bool without_k3 = false;
+  bool operator==(const Lens&) const = default;
 };
 
 // Simplest first.
@@ -24,49 +25,8 @@ std::vector<Lens> lenses_of(const LensChoice& choice) {
   return {kNoK3, kPlumbBob, {DistortionModel::fisheye}, {DistortionModel::rational}};
 }
 
-}  // namespace
-
-// Each lens twice; where the board is not given, two more boards, and on one of them the lenses
-// that are richer than the simplest.
-int most_steps(const LensChoice& choice, bool shape_given) {
-  const auto lenses = static_cast<int>(lenses_of(choice).size());
-  return shape_given ? 2 * lenses : 3 * lenses + 1;
-}
-
-std::string lens_name(const ModelTrial& trial) {
-  return fmt::format("{}{}", to_string(trial.model), trial.without_k3 ? ", k3 = 0" : "");
-}
-
-std::optional<Eigen::Vector2d> fold_in_image(const CameraModel& camera) {
-  const CameraParameters& p = camera.parameters();
-  const bool whole = p.model == DistortionModel::fisheye && !std::isfinite(camera.max_radius());
-  // Distortion grows outwards: what the border's pixels show is the furthest that there is.
-  constexpr int kSteps = 64;  // along each side
-  const Eigen::Vector2d centre(p.cx, p.cy);
-  std::optional<Eigen::Vector2d> nearest;
-  const auto look_at = [&](double x, double y) {
-    const Eigen::Vector2d pixel(x, y);
-    const auto direction = camera.unproject(pixel);
-    const bool said =
-        direction ? camera.distortion_jacobian(direction->head<2>()).determinant() > 0.0 : whole;
-    if (!said && (!nearest || (pixel - centre).norm() < (*nearest - centre).norm()))
-      nearest = pixel;
-  };
-  for (int i = 0; i <= kSteps; ++i) {
-    const double x = (p.width - 1.0) * i / kSteps;
-    const double y = (p.height - 1.0) * i / kSteps;
-    look_at(x, 0.0);
-    look_at(x, p.height - 1.0);
-    look_at(0.0, y);
-    look_at(p.width - 1.0, y);
-  }
-  return nearest;
-}
-
-namespace {
-
-constexpr double kMuchBetter = 0.85;  // of the held-out error
-// A lens of another kind: it takes more than a target or corners that are not quite true.
+// Ratios of held-out errors: docs/calibration.md#lens-choice.
+constexpr double kMuchBetter = 0.85;
 constexpr double kOtherKind = 0.9;
 constexpr double kMoreOutliers = 0.05;  // of all corners
 constexpr double kSurely = 2.0;         // standard errors over the views
@@ -84,15 +44,14 @@ class Choice {
         trials_(trials),
         most_steps_(most_steps) {}
 
-  // Solves with every lens and leaves out, for all of them, the corners that are outliers to the
-  // one that explains most: to a lens with too few freedoms what is far out is an outlier.
+  // Solves with every lens and rejects, for all of them, the outliers of the one that explains most
+  // corners: a lens with too few parameters has outliers far from the centre.
   void decide_outliers(const std::vector<Lens>& lenses, BoardShape shape);
   void consider(const Lens& lens, BoardShape shape);
-  // The best one by the corners that are outliers to itself: while the board was wrong, that hid
-  // some. But not where it calls many so: then these are what it can't explain. `for_all`: the
-  // lenses that are tried from now on get the same corners.
+  // Solves the best one again with its own outliers, unless these are many more: then it does not
+  // explain the corners. `for_all`: for the lenses that follow as well.
   void find_own_outliers(const std::vector<CalibrationView>& views, bool for_all);
-  // Those that explain the views no worse than the best one, of what is in its way right or wrong.
+  // Marks the lenses that explain the views no worse than the best one.
   void mark_rivals();
   void tell(const Lens& lens, BoardShape shape) {
     ++steps_;
@@ -117,6 +76,10 @@ class Choice {
     return solver;
   }
 
+  void take_outliers(const CalibrationSolution& solution) {
+    for (std::size_t v = 0; v < views_.size(); ++v) views_[v].outlier = solution.views[v].outlier;
+  }
+
   const CalibrationSolution& start_;
   const std::vector<Eigen::Vector3d>& board_;
   std::vector<CalibrationView> views_;
@@ -134,20 +97,18 @@ class Choice {
   std::vector<std::optional<std::vector<ViewError>>> held_out_;  // of each trial
 };
 
-// Corners that are within what is an outlier at this noise [px].
+// Number of corners that are no outliers at this noise [px].
 int explained(const CalibrationSolution& solution, double noise_px) {
-  const double limit = SolverOptions{}.outlier_sigmas * noise_px;
+  const double limit = kOutlierSigmas * noise_px;
   int count = 0;
   for (const SolvedView& view : solution.views) {
-    count += static_cast<int>(
-        std::count_if(view.residuals_px.begin(), view.residuals_px.end(),
-                      [&](const Eigen::Vector2d& r) { return r.norm() <= limit; }));
+    count += static_cast<int>(std::ranges::count_if(
+        view.residuals_px, [&](const Eigen::Vector2d& r) { return r.norm() <= limit; }));
   }
   return count;
 }
 
-// By how much the squared error of a view is smaller in `a` than in `b`, in standard errors over
-// the views; 0 where all are alike.
+// Mean difference of the views' squared errors, `b` - `a`, in standard errors; 0 if all are alike.
 double standard_errors(const std::vector<ViewError>& a, const std::vector<ViewError>& b) {
   const auto n = static_cast<double>(a.size());
   double mean = 0.0;
@@ -160,7 +121,7 @@ double standard_errors(const std::vector<ViewError>& a, const std::vector<ViewEr
   return variance > 0.0 ? mean / std::sqrt(variance) : 0.0;
 }
 
-// By much, or by little, but not for the sake of a few views.
+// True if `a` is much better, or better with significance over the views.
 bool clearly_better(const std::vector<ViewError>& a, const std::vector<ViewError>& b,
                     double worthwhile) {
   const double ratio = rms_of(a) / rms_of(b);
@@ -189,17 +150,15 @@ void Choice::decide_outliers(const std::vector<Lens>& lenses, BoardShape shape) 
   for (const Solved& solved : first_) {
     if (explained(solved.solution, noise) > explained(most->solution, noise)) most = &solved;
   }
-  for (std::size_t v = 0; v < views_.size(); ++v)
-    views_[v].outlier = most->solution.views[v].outlier;
+  take_outliers(most->solution);
 }
 
 void Choice::consider(const Lens& lens, BoardShape shape) {
   if (choice_.stop.stop_requested()) return;
   tell(lens, shape);
   const SolverOptions solver = solver_of(lens, shape);
-  const auto near = std::find_if(first_.begin(), first_.end(), [&](const Solved& s) {
-    return s.lens.model == lens.model && s.lens.without_k3 == lens.without_k3 && s.shape == shape;
-  });
+  const auto near = std::ranges::find_if(
+      first_, [&](const Solved& solved) { return solved.lens == lens && solved.shape == shape; });
   Result<CalibrationSolution> solved = solve_intrinsics(near != first_.end() ? near->solution
                                                         : best               ? best->solution
                                                                              : start_,
@@ -217,7 +176,7 @@ void Choice::consider(const Lens& lens, BoardShape shape) {
   held_out_.push_back(held_out);
   const bool other = best && best->solution.camera.parameters().model != lens.model;
   const double worthwhile = other ? kOtherKind : kWorthwhile;
-  // What explains no view that was left out is worse than what explains some.
+  // A lens without a held-out error is worse than one with it.
   if (fold || (best && !(held_out && (!best_held_out_ ||
                                       clearly_better(*held_out, *best_held_out_, worthwhile)))))
     return;
@@ -245,8 +204,7 @@ void Choice::find_own_outliers(const std::vector<CalibrationView>& views, bool f
     return;
   best->solution = std::move(*again);
   if (!for_all) return;
-  for (std::size_t v = 0; v < views_.size(); ++v)
-    views_[v].outlier = best->solution.views[v].outlier;
+  take_outliers(best->solution);
   best_held_out_ = held_out_errors(best->solution, board_, views_, solver);
   best->held_out_px.reset();
   if (best_held_out_) best->held_out_px = rms_of(*best_held_out_);
@@ -255,6 +213,41 @@ void Choice::find_own_outliers(const std::vector<CalibrationView>& views, bool f
 }
 
 }  // namespace
+
+// Each lens twice; without a given board, two more boards, and more lenses on one of them.
+int most_steps(const LensChoice& choice, bool shape_given) {
+  const auto lenses = static_cast<int>(lenses_of(choice).size());
+  return shape_given ? 2 * lenses : 3 * lenses + 1;
+}
+
+std::string lens_name(const ModelTrial& trial) {
+  return fmt::format("{}{}", to_string(trial.model), trial.without_k3 ? ", k3 = 0" : "");
+}
+
+std::optional<Eigen::Vector2d> fold_in_image(const CameraModel& camera) {
+  const CameraParameters& p = camera.parameters();
+  const bool whole = p.model == DistortionModel::fisheye && !std::isfinite(camera.max_radius());
+  constexpr int kSteps = 64;  // along each side
+  const Eigen::Vector2d centre(p.cx, p.cy);
+  std::optional<Eigen::Vector2d> nearest;
+  const auto look_at = [&](double x, double y) {
+    const Eigen::Vector2d pixel(x, y);
+    const auto direction = camera.unproject(pixel);
+    const bool said =
+        direction ? camera.distortion_jacobian(direction->head<2>()).determinant() > 0.0 : whole;
+    if (!said && (!nearest || (pixel - centre).norm() < (*nearest - centre).norm()))
+      nearest = pixel;
+  };
+  for (int i = 0; i <= kSteps; ++i) {
+    const double x = (p.width - 1.0) * i / kSteps;
+    const double y = (p.height - 1.0) * i / kSteps;
+    look_at(x, 0.0);
+    look_at(x, p.height - 1.0);
+    look_at(0.0, y);
+    look_at(p.width - 1.0, y);
+  }
+  return nearest;
+}
 
 Result<CalibrationSolution> first_solution(int width, int height,
                                            const std::vector<Eigen::Vector3d>& board,
@@ -274,8 +267,7 @@ Result<CalibrationSolution> first_solution(int width, int height,
     if (plainer) best = std::move(plainer);
   }
   solver.model = DistortionModel::fisheye;
-  // A wide lens can't be described by a polynomial in tan(angle): where that fits badly, or not at
-  // all, the other is tried before corners are refined with it.
+  // A polynomial in tan(angle) fits a wide lens badly, or not at all.
   if (!best || best->noise_px > 0.5 || best->outliers * 20 > best->corners) {
     Result<CalibrationSolution> wide = solve_intrinsics(width, height, board, views, solver);
     if (wide && (!best || wide->noise_px < best->noise_px)) return wide;
@@ -293,7 +285,7 @@ Result<ChosenLens> choose_lens(const CalibrationSolution& start,
   tried.decide_outliers(lenses, first_shape);
   for (const Lens& lens : lenses) tried.consider(lens, first_shape);
   std::optional<ChosenLens>& best = tried.best;
-  // A lens that was asked for, but folds for want of corners far out, may do without its last term.
+  // Without corners far out, a requested plumb_bob may be non-monotonic unless k3 = 0.
   if (!best && choice.model == DistortionModel::plumb_bob && !choice.for_kalibr)
     tried.consider({DistortionModel::plumb_bob, true}, first_shape);
   if (best && !shape) {
@@ -301,9 +293,9 @@ Result<ChosenLens> choose_lens(const CalibrationSolution& start,
       return Lens{best->solution.camera.parameters().model, best->without_k3};
     };
     tried.consider(lens_of_best(), BoardShape::bowed);
-    // Offsets of their own need every point seen many times.
+    // Offsets of points need many views.
     if (views.size() >= 8) tried.consider(lens_of_best(), BoardShape::free);
-    // What a board that is not flat hides may need a lens with more freedoms.
+    // Board warp may have concealed that the lens needs more parameters.
     const BoardShape found = best->solution.shape;
     if (found != BoardShape::rigid && !choice.stop.stop_requested())
       tried.find_own_outliers(views, true);
@@ -311,7 +303,7 @@ Result<ChosenLens> choose_lens(const CalibrationSolution& start,
     bool richer = false;
     for (const Lens& lens : lenses) {
       if (found != BoardShape::rigid && richer) tried.consider(lens, found);
-      richer = richer || (lens.model == before.model && lens.without_k3 == before.without_k3);
+      richer = richer || lens == before;
     }
   }
   if (choice.stop.stop_requested()) return fail("ended early");
@@ -336,8 +328,7 @@ Result<ChosenLens> choose_lens(const CalibrationSolution& start,
   }
   return fail(
       "the views do not fix a lens ({}); take views with the target near every corner of the "
-      "image, "
-      "tilted in several directions",
+      "image, tilted in several directions",
       tried.first_error ? tried.first_error->message : "none explains them");
 }
 

@@ -5,9 +5,9 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
-#include <vector>
 
 #include "calib/solver/intrinsics_solver.hpp"
+#include "calib/target/target_edges.hpp"
 #include "calib/target/target_sheet.hpp"
 #include "core/evaluation/evaluation.hpp"
 #include "core/units.hpp"
@@ -20,7 +20,7 @@ constexpr double kElevation = radians(45.0);
 constexpr double kNearest_m = 0.25;
 constexpr double kFurthest_m = 5.0;
 constexpr double kFurther = 1.01;  // from one distance to the next
-constexpr double kMargin = 2.0;    // [px] that corners keep from the picture's edge
+constexpr double kBorder = 2.0;    // [px] from corners to the image's border
 
 CameraPose looking_down(double distance_m) {
   const Eigen::Vector3d middle(0.0, 0.0, 0.1);  // of the cube
@@ -33,8 +33,7 @@ CameraPose looking_down(double distance_m) {
 
 std::optional<Eigen::Vector2d> in_picture(const CameraModel& camera, const Eigen::Vector3d& p) {
   const auto pixel = camera.project(p);
-  if (!pixel || pixel->x() < kMargin || pixel->y() < kMargin ||
-      pixel->x() > camera.width() - 1 - kMargin || pixel->y() > camera.height() - 1 - kMargin)
+  if (!pixel || !is_inside({nullptr, camera.width(), camera.height()}, *pixel, kBorder))
     return std::nullopt;
   return pixel;
 }
@@ -59,10 +58,10 @@ double worst_sigma(const Eigen::MatrixXd& J, const Eigen::MatrixXd& covariance) 
 }  // namespace
 
 double TableVolumeUncertainty::largest_known_pose_px() const {
-  return *std::max_element(known_pose_px.begin(), known_pose_px.end());
+  return std::ranges::max(known_pose_px);
 }
 double TableVolumeUncertainty::largest_tracked_px() const {
-  return *std::max_element(tracked_px.begin(), tracked_px.end());
+  return std::ranges::max(tracked_px);
 }
 
 std::optional<TableVolumeUncertainty> table_volume_uncertainty(const CameraModel& camera,
@@ -83,8 +82,8 @@ std::optional<TableVolumeUncertainty> table_volume_uncertainty(const CameraModel
   }
   if (!whole) return std::nullopt;
 
-  // A lens that is wrong by d moves the tags' corners by J_lens d. The pose that explains those
-  // best is off by -(J_pose' J_pose)^-1 J_pose' J_lens d, summed over the corners.
+  // A lens error d moves the tags' corners by J_lens d. The least-squares pose error, summed over
+  // the corners, is -(J_pose' J_pose)^-1 J_pose' J_lens d.
   const auto sheet = tag_map_of(TagBoard());
   if (!sheet) return std::nullopt;
   const auto T_camera_table = result.T_table_camera.inverse();

@@ -6,7 +6,7 @@
 #include <cmath>
 #include <vector>
 
-#include "calib/survey/luma_sample.hpp"
+#include "calib/target/target_edges.hpp"
 
 namespace penumbra {
 namespace {
@@ -20,18 +20,17 @@ constexpr std::size_t kFewestSamples = 40;
 using Row = Eigen::Matrix<double, kUnknowns, 1>;
 using Normal = Eigen::Matrix<double, kUnknowns, kUnknowns>;
 
-// One place on an edge, and how far along the normal the edge is found from there.
+// A sample on a predicted edge.
 struct EdgeSample {
   Eigen::Vector2d pixel;
   Eigen::Vector2d normal;  // towards larger a or b
   double polarity = 0.0;   // of the change along the normal: 1 from black to white
   double reach = 0.0;      // [px], half a cell
   Row row;                 // d offset / d unknowns
-  double offset = 0.0;
 };
 
-// A homography's displacements around the predicted places: those of its 8 numbers at a point of
-// the tag. `across`, `pixel`: relative to the tag's centre and about 1 in size; `depth` likewise.
+// d pixel / d the 8 parameters of a homography, at a point of the tag. `across`, `pixel`, `depth`:
+// relative to the tag's centre and scaled to about 1.
 Eigen::Matrix<double, 2, 8> displacements(const Eigen::Vector2d& across,
                                           const Eigen::Vector2d& pixel, double depth) {
   const double a = across.x();
@@ -40,38 +39,6 @@ Eigen::Matrix<double, 2, 8> displacements(const Eigen::Vector2d& across,
   basis << a, b, 1.0, 0.0, 0.0, 0.0, pixel.x() * a, pixel.x() * b,  //
       0.0, 0.0, 0.0, a, b, 1.0, pixel.y() * a, pixel.y() * b;
   return basis / depth;
-}
-
-// Distance from the sample, along its normal, of the change between black and white: its centre of
-// mass, seen through a window around `expected` that forgets neighbouring edges. Nothing where
-// there is no such change.
-std::optional<double> find_change(ImageView luma, const EdgeSample& at, double expected,
-                                  double width) {
-  constexpr double kStep = 0.25;  // [px]
-  const int steps = static_cast<int>(at.reach / kStep);
-  double mass = 0.0;
-  double moment = 0.0;
-  std::optional<double> before;
-  for (int s = 0; s <= 2 * steps + 1; ++s) {
-    const double place = (s - steps - 0.5) * kStep;
-    const auto value = sample_luma(luma, at.pixel + (expected + place) * at.normal);
-    if (!value) return std::nullopt;
-    if (before) {
-      const double rise = at.polarity * (*value - *before);
-      const double middle = place - 0.5 * kStep;
-      if (rise > 0.0) {
-        const double weight = rise * std::exp(-0.5 * middle * middle / (width * width));
-        mass += weight;
-        moment += weight * middle;
-      }
-    }
-    before = value;
-  }
-  if (mass < 8.0) return std::nullopt;
-  // The window draws the centre of mass of a change of sigma 0.8 px towards its own middle.
-  const double offset = moment / mass * (1.0 + 0.64 / (width * width));
-  if (!(std::abs(offset) < at.reach)) return std::nullopt;
-  return expected + offset;
 }
 
 class TagFit {
@@ -84,7 +51,7 @@ class TagFit {
         half_m_(0.5 * size_m),
         total_(pattern.total_width()) {}
 
-  // False where an edge is out of sight or the cells are too narrow.
+  // Returns false if an edge is out of sight or the cells are too narrow.
   bool place_samples(const TagPattern& pattern) {
     const auto centre = project({0.0, 0.0});
     if (!centre) return false;
@@ -112,16 +79,18 @@ class TagFit {
       double sum = 0.0;
       double weights = 0.0;
       std::size_t found = 0;
-      for (EdgeSample& sample : samples_) {
+      for (const EdgeSample& sample : samples_) {
         const double expected = sample.row.dot(x_);
         const double width = round < 2 ? 0.6 * sample.reach : std::min(0.6 * sample.reach, 1.2);
-        const auto offset = find_change(luma, sample, expected, width);
-        if (!offset) continue;
+        const auto found_at = find_edge(luma, {sample.pixel, sample.normal, expected, sample.reach,
+                                               width, sample.polarity, 8.0});
+        if (!found_at) continue;
         ++found;
-        const double error = *offset - expected;
+        const double offset = expected + *found_at;
+        const double error = offset - expected;
         const double weight = round == 0 ? 1.0 : 1.0 / (1.0 + std::pow(error / (3.0 * noise_), 2));
         A += weight * sample.row * sample.row.transpose();
-        rhs += weight * *offset * sample.row;
+        rhs += weight * offset * sample.row;
         sum += weight * error * error;
         weights += weight;
       }
@@ -174,7 +143,7 @@ class TagFit {
     if (!first || !last) return false;
     const double length_px = (*last - *first).norm();
     const double cell_px = length_px / (run.end - run.begin);
-    // Where the run ends other edges begin: blur mixes them within two sigmas.
+    // Blur mixes a run with the edges that begin at its ends, within two sigmas.
     const double margin = std::min(1.5 / cell_px, 0.35);
     const double span = run.end - run.begin - 2.0 * margin;
     const int count = std::clamp(static_cast<int>(span * cell_px), 1, 60);

@@ -8,12 +8,12 @@
 #include <Eigen/LU>
 #include <algorithm>
 #include <cmath>
-#include <limits>
 #include <set>
 
 #include "calib/solver/bundle.hpp"
 #include "calib/solver/stop_callback.hpp"
-#include "calib/survey/edge_spread.hpp"
+#include "calib/target/target_edges.hpp"
+#include "core/statistics.hpp"
 #include "tracking/detection/pose_refiner.hpp"
 
 namespace penumbra {
@@ -22,22 +22,13 @@ namespace {
 constexpr double kNearestPoint = 1e-6;    // [m] in front of the camera
 constexpr double kGraphShiftPrior = 0.5;  // [px]
 constexpr double kDetectionNoise = 0.1;   // [px], of one coordinate of a detector's corner
-constexpr double kMeasuredFloor = 0.01;   // [px]: no lens model is truer than this
-// What stays in a tag's corners however often it is seen: light that falls off across it, the ink
-// of its own cells, compression, and where it moves the blur, which draws all edges the same way.
-// It grows with what single corners are off: on rendered recordings 0.02 px of 0.07 where they are
-// sharp, 0.07 of 0.24 where most of them are blurred by more than a cell.
+constexpr double kMeasuredFloor = 0.01;   // [px] sigma of the lens model's error
+// Errors of a tag's corners that all frames have in common (docs/calibration.md#survey).
 constexpr double kCommonError = 0.02;      // [px], at least
 constexpr double kCommonShare = 0.3;       // of the corners' residual (RMS of the distance)
 constexpr std::size_t kFewestFrames = 2;   // that a tag must be seen in
 constexpr std::size_t kMostClusters = 20;  // of neighbouring frames
 constexpr int kTagSize = 6;
-
-std::array<Eigen::Vector3d, 4> corners_of(double size) {
-  const double h = 0.5 * size;
-  return {Eigen::Vector3d(-h, -h, 0.0), Eigen::Vector3d(h, -h, 0.0), Eigen::Vector3d(h, h, 0.0),
-          Eigen::Vector3d(-h, h, 0.0)};
-}
 
 // Four corners of a tag in one frame, whitened.
 struct SightingCost {
@@ -57,7 +48,7 @@ struct SightingCost {
                 const T* lens, T* residual) const {
     std::array<T, 8> k;
     std::copy(lens + 4, lens + kLensSize, k.begin());
-    const auto corners = corners_of(sighting->size_m);
+    const auto corners = tag_corners(sighting->size_m);
     std::array<T, 8> errors;
     for (std::size_t i = 0; i < 4; ++i) {
       const T p[3] = {scale * corners[i].x(), scale * corners[i].y(), T(0.0)};
@@ -87,7 +78,7 @@ struct SightingCost {
 using SightingFunction =
     ceres::AutoDiffCostFunction<SightingCost, 8, kTagSize, kTagSize, 1, kLensSize>;
 
-// The same with camera and lens as they are, and the tag's size free.
+// The same with fixed camera and lens, and a free tag size.
 struct SizedSightingCost {
   SightingCost cost;
   Pose6 camera_pose;
@@ -118,12 +109,6 @@ struct ShiftPrior {
   }
 };
 
-double middle_of(std::vector<double> values) {
-  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-  std::nth_element(values.begin(), middle, values.end());
-  return *middle;
-}
-
 // d (angle-axis, translation) / d [position; turn about the anchor's axes].
 Eigen::Matrix<double, 6, 6> tangent_of(const Pose6& pose) {
   Eigen::Matrix3d turn;  // d turn / d angle-axis, by central differences of the rotation
@@ -142,7 +127,7 @@ Eigen::Matrix<double, 6, 6> tangent_of(const Pose6& pose) {
   return J;
 }
 
-// d corners [px] / d distances by which each of them lies further along the tag's own edges [px].
+// d corners [px] / d their displacements along the tag's edges [px].
 Matrix8d edge_directions(const TagSighting& sighting) {
   const auto& c = sighting.corners_px;
   const Eigen::Vector2d a = (c[1] - c[0] + c[2] - c[3]).normalized();
@@ -155,7 +140,7 @@ Matrix8d edge_directions(const TagSighting& sighting) {
   return directions;
 }
 
-// How the gradients of what is solved for, and of the frame's camera, follow a tag's corners.
+// Derivatives of the gradients by a tag's corners along its edges.
 struct SeenTag {
   int id = 0;
   Eigen::MatrixXd unknowns;
@@ -192,18 +177,14 @@ double TagPlacement::mean_px() const {
 double TagPlacement::median_px() const {
   std::vector<double> errors;
   for (const auto& [frame, error] : errors_px) errors.push_back(error);
-  return errors.empty() ? 0.0 : middle_of(std::move(errors));
+  return upper_median(std::move(errors));
 }
 
 Result<CameraModel> TagGraph::camera() const {
   if (!lens_is_free) return start_;
   CameraParameters p = start_.parameters();
-  p.fx = lens_[0];
-  p.fy = lens_[1];
-  p.cx = lens_[2];
-  p.cy = lens_[3];
-  std::copy(lens_.begin() + 4, lens_.end(), p.distortion.begin());
-  p.overlay_sigma_px.reset();  // that was the other lens's
+  set_lens(p, lens_);
+  p.overlay_sigma_px.reset();  // of the lens as given
   return CameraModel::make(p);
 }
 
@@ -213,7 +194,7 @@ std::vector<PointObservation> TagGraph::placed_in(std::size_t frame) const {
     const auto placed = tags.find(sighting.id);
     if (placed == tags.end()) continue;
     const auto T_anchor_tag = unpacked<frame::Table, frame::Tag>(placed->second);
-    const auto corners = corners_of(sighting.size_m);
+    const auto corners = tag_corners(sighting.size_m);
     for (std::size_t i = 0; i < 4; ++i)
       points.push_back({T_anchor_tag * corners[i], sighting.corners_px[i]});
   }
@@ -264,7 +245,7 @@ void TagGraph::measure(TagPlacement& fit, const std::vector<Seen>& seen,
   fit.errors_px.clear();
   for (const auto& [frame, sighting] : seen) {
     const auto T = unpacked<frame::Camera, frame::Table>(*cameras[frame]) * fit.T_anchor_tag;
-    const auto corners = corners_of(fit.scale * sighting->size_m);
+    const auto corners = tag_corners(fit.scale * sighting->size_m);
     double sum = 0.0;
     for (std::size_t i = 0; i < 4; ++i) {
       const auto pixel = camera.project(T * corners[i]);
@@ -286,13 +267,13 @@ std::optional<TagPlacement> TagGraph::place(int id, double scale, std::size_t fi
   const CameraModel& camera = *lens;
   const std::vector<Seen> seen = seen_of(id, first, last);
   if (seen.size() < kFewestFrames) return std::nullopt;
-  const auto corners = corners_of(scale * seen.front().second->size_m);
+  const auto corners = tag_corners(scale * seen.front().second->size_m);
   std::optional<TagPlacement> best;
   double least = std::numeric_limits<double>::infinity();
   const std::size_t step = std::max<std::size_t>(1, seen.size() / 10);
   for (std::size_t k = 0; k < seen.size() && !stop.stop_requested(); k += step) {
     const auto& [frame, sighting] = seen[k];
-    std::vector<PointObservation> points;  // "table" is the tag here
+    std::vector<PointObservation> points;  // in the tag frame
     for (std::size_t i = 0; i < 4; ++i) points.push_back({corners[i], sighting->corners_px[i]});
     for (const CameraPose& T_tag_camera : solve_pose(camera, points)) {
       const auto T_camera_anchor = unpacked<frame::Camera, frame::Table>(*cameras[frame]);
@@ -316,9 +297,9 @@ std::optional<TagPlacement> TagGraph::fit(int id, bool free_size, std::size_t fi
                                           std::size_t last) const {
   const Result<CameraModel> lens = this->camera();
   if (!lens) return std::nullopt;
-  // A tag of another size than it says lies elsewhere on each ray: sizes are tried one by one.
+  // The tag's distance depends on its size: try sizes from 1/6 to 6 times the nominal one.
   constexpr double kStep = 1.12;
-  constexpr int kSteps = 16;  // 6 times as large, or as small
+  constexpr int kSteps = 16;
   std::optional<TagPlacement> best;
   for (int k = free_size ? -kSteps : 0; k <= (free_size ? kSteps : 0); ++k) {
     auto here = place(id, std::pow(kStep, k), first, last);
@@ -400,7 +381,7 @@ bool TagGraph::adjust(bool robust) {
   return summary.IsSolutionUsable();
 }
 
-bool TagGraph::drop_outliers(double& rms_px, int& corners) {
+bool TagGraph::drop_outliers(double& rms_px) {
   const DistortionModel model = start_.parameters().model;
   std::vector<std::pair<std::pair<std::size_t, int>, double>> all;  // frame and tag; RMS, whitened
   std::map<std::pair<std::size_t, int>, double> squares_px;
@@ -416,12 +397,11 @@ bool TagGraph::drop_outliers(double& rms_px, int& corners) {
   if (all.empty()) return false;
   std::vector<double> sizes;
   for (const auto& [key, size] : all) sizes.push_back(size);
-  // That a whole tag is a few times off where its edges fit well is a lens that is not quite true,
-  // not another tag: what is meant is far out.
-  const double limit = std::max(6.0 * middle_of(std::move(sizes)), 3.0);
+  // A lens error can displace a whole tag by several sigma of its edges: reject only far outliers.
+  const double limit = std::max(6.0 * upper_median(std::move(sizes)), 3.0);
   std::set<std::pair<std::size_t, int>> bad;
   double sum = 0.0;
-  corners = 0;
+  int corners = 0;
   for (const auto& [key, size] : all) {
     if (size > limit) {
       bad.insert(key);
@@ -449,13 +429,12 @@ Result<GraphCovariance> TagGraph::covariance() {
     tangents[id] = tangent_of(pose);
     result.ids.push_back(id);
   }
-  // Unknowns: lens, shift, tags. Cameras are eliminated, frame by frame.
+  // Unknowns: lens, shift, tags. Cameras are marginalised, frame by frame.
   const Eigen::Index n = n_lens + 1 + kTagSize * static_cast<Eigen::Index>(result.ids.size());
   Eigen::MatrixXd S = Eigen::MatrixXd::Zero(n, n);
   S(n_lens, n_lens) = 1.0 / (kGraphShiftPrior * kGraphShiftPrior);
-  std::vector<Eigen::VectorXd> scores;  // by frame: gradients, cameras eliminated
-  // By tag: how the gradient follows errors of its corners, along its own edges, that all frames
-  // have in common [1 / px].
+  std::vector<Eigen::VectorXd> scores;  // by frame: gradients with marginalised cameras
+  // By tag: d gradient / d errors of its corners along its edges that all frames have in common.
   std::map<int, Eigen::MatrixXd> common;
   double sum = 0.0;
   double squares_px = 0.0;
@@ -514,8 +493,8 @@ Result<GraphCovariance> TagGraph::covariance() {
     }
   }
   if (freedom < 4.0) return fail("too few tags and frames to place them; sweep over all of them");
-  result.noise = std::sqrt(sum / freedom);
-  // Unknowns of very different sizes: scaled to ones on the diagonal.
+  const double noise = std::sqrt(sum / freedom);
+  // Scaled to ones on the diagonal: the unknowns' sizes differ by orders of magnitude.
   const Eigen::VectorXd scale = S.diagonal().cwiseMax(1e-300).cwiseSqrt().cwiseInverse();
   const Eigen::MatrixXd scaled = scale.asDiagonal() * S * scale.asDiagonal();
   const Eigen::LDLT<Eigen::MatrixXd> factor(scaled);
@@ -526,8 +505,8 @@ Result<GraphCovariance> TagGraph::covariance() {
     return fail(
         "some tags' places are not fixed; see every tag together with others, in several frames");
   }
-  // Errors of frames that follow one another hang together (light, blur, what the lens model leaves
-  // over): by how much more sums over such stretches scatter than independent errors would.
+  // Errors of neighbouring frames are correlated (light, blur, lens model). Covariance inflation:
+  // the scatter of the scores' sums over stretches of frames, over that of independent errors.
   const std::size_t clusters = std::min(kMostClusters, scores.size());
   std::vector<Eigen::VectorXd> stretches(clusters, Eigen::VectorXd::Zero(n));
   for (std::size_t k = 0; k < scores.size(); ++k)
@@ -535,9 +514,9 @@ Result<GraphCovariance> TagGraph::covariance() {
   double scatter = 0.0;
   for (const Eigen::VectorXd& stretch : stretches) scatter += stretch.dot(inverse * stretch);
   scatter *= static_cast<double>(clusters) / std::max(static_cast<double>(clusters) - 1.0, 1.0);
-  const double ratio = scatter / (static_cast<double>(n) * result.noise * result.noise);
+  const double ratio = scatter / (static_cast<double>(n) * noise * noise);
   result.clustering = std::isfinite(ratio) ? std::clamp(ratio, 1.0, 1000.0) : 1.0;
-  Eigen::MatrixXd covariance = inverse * result.noise * result.noise * result.clustering;
+  Eigen::MatrixXd covariance = inverse * noise * noise * result.clustering;
   const double common_px = std::max(kCommonError, kCommonShare * std::sqrt(squares_px / corners));
   for (const auto& [id, follows] : common) {
     const Eigen::MatrixXd moved = inverse * follows * common_px;

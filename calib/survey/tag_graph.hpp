@@ -1,5 +1,5 @@
-// The graph of a sweep: cameras and tags, chained from an anchor outwards, then adjusted all
-// together, and what the result is worth.
+// The graph of a sweep: cameras and tags, chained from an anchor outwards, then adjusted together,
+// and their covariance.
 #pragma once
 
 #include <Eigen/Core>
@@ -30,35 +30,31 @@ struct TagSighting {
   int id = 0;
   double size_m = 0.0;
   std::array<Eigen::Vector2d, 4> corners_px;
-  // Where the corners move to for each pixel by which the tag's edges lie further out; zero where
-  // that is taken out of them already.
-  std::array<Eigen::Vector2d, 4> spread;
-  Matrix8d whitening = Matrix8d::Identity();  // makes the corners' errors of one size, near 1
+  std::array<Eigen::Vector2d, 4> spread;      // edge_spreads(); zero for corrected corners
+  Matrix8d whitening = Matrix8d::Identity();  // makes the corners' errors independent, of size 1
 };
 
 [[nodiscard]] TagSighting sighting_of(int id, double size_m,
                                       const std::array<Eigen::Vector2d, 4>& corners_px);
 [[nodiscard]] TagSighting sighting_of(int id, double size_m, const MeasuredTag& measured);
 
-// Small motions of everything that was solved for, in this order: lens, then [position; turn] of
-// each tag but the anchor, by id, in the anchor's frame [m, rad].
+// Covariance of the lens, then [position; rotation] of each tag but the anchor, by id, in the
+// anchor's frame [m, rad].
 struct GraphCovariance {
-  Eigen::MatrixXd lens;  // empty where the lens is given
+  Eigen::MatrixXd lens;  // empty for a fixed lens
   std::vector<int> ids;  // of the rows of `tags`, six each
   Eigen::MatrixXd tags;
-  double noise = 0.0;       // of whitened residuals: 1 where the corners are as good as they say
-  double clustering = 1.0;  // by which the covariance was raised: errors of one frame, and of those
-                            // next to it, hang together
+  double clustering = 1.0;  // covariance inflation for correlated errors of neighbouring frames
 };
 
-// Where a tag seems to lie, and how large it seems, by all posed frames that show it.
+// Pose and size of a tag, by all posed frames that show it.
 struct TagPlacement {
   TagPose T_anchor_tag;
-  double scale = 1.0;  // its size over the one that its sightings say
-  // One for each frame that shows it: the frame and how far off its corners are (RMS) [px].
+  double scale = 1.0;  // its size over the nominal one
+  // Each frame that shows it, with the RMS error of its corners.
   std::vector<std::pair<std::size_t, double>> errors_px;
 
-  // Of the errors, none counted for more than kFarOff.
+  // Each error counts as at most kFarOff.
   [[nodiscard]] double mean_px() const;
   [[nodiscard]] double median_px() const;
 };
@@ -72,34 +68,32 @@ class TagGraph {
   std::vector<std::vector<TagSighting>> frames;
   std::map<int, Pose6> tags;                  // placed ones: T_anchor_tag
   std::vector<std::optional<Pose6>> cameras;  // T_camera_anchor, as `frames`
-  double shift = 0.0;  // of edges that were not measured each for itself [px]
+  double shift = 0.0;  // outward, of edges that were not measured one by one [px]
   bool shift_is_free = true;
   bool lens_is_free = false;
-  std::stop_token stop;  // once requested, everything ends soon, with no use
+  std::stop_token stop;  // once requested, everything ends soon without a usable result
 
-  // The lens as given or as solved for, which may be none: an error says why.
+  // The given or solved lens. Fails if the solved parameters are not valid.
   [[nodiscard]] Result<CameraModel> camera() const;
-  // Poses cameras by placed tags. Where two poses explain a frame about as well, none is taken.
+  // Poses cameras by placed tags. A frame with two nearly equal poses gets none.
   void pose_cameras();
   // A frame that is posed, with the tag in it.
   using Seen = std::pair<std::size_t, const TagSighting*>;
   [[nodiscard]] std::vector<Seen> seen_of(int id, std::size_t first = 0,
                                           std::size_t last = kAllFrames) const;
-  // The tag where it explains best what most posed frames of `first` to `last` (half open) show of
-  // it, by one of them; nothing where that are fewer than two. Its size is `scale` times what its
-  // sightings say.
+  // The pose, from one of the posed frames of `first` to `last` (half open), that explains most of
+  // them best; nothing for fewer than two. The size is `scale` times the nominal one.
   [[nodiscard]] std::optional<TagPlacement> place(int id, double scale = 1.0, std::size_t first = 0,
                                                   std::size_t last = kAllFrames) const;
-  // The same by all of them together (cameras as they are), and with the size free where asked.
+  // Least squares over all of these frames, with fixed cameras and, if asked, a free size.
   [[nodiscard]] std::optional<TagPlacement> fit(int id, bool free_size, std::size_t first = 0,
                                                 std::size_t last = kAllFrames) const;
-  // How far off all posed frames show it from where `fit` has it.
+  // Recomputes the errors of `fit` over all posed frames.
   void measure(TagPlacement& fit, int id) const;
-  // Least squares over all of them; false where that fails.
+  // Bundle adjustment; false if it fails.
   bool adjust(bool robust);
-  // Takes out sightings whose corners are off; true if there were any. `rms_px`: of what is left,
-  // 2-D distance.
-  bool drop_outliers(double& rms_px, int& corners);
+  // Removes outlier sightings; true if there were any. `rms_px`: 2-D distance of the rest.
+  bool drop_outliers(double& rms_px);
   [[nodiscard]] Result<GraphCovariance> covariance();
 
  private:

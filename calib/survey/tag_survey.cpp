@@ -6,41 +6,37 @@
 #include <Eigen/Geometry>
 #include <Eigen/LU>
 #include <algorithm>
-#include <array>
 #include <cmath>
-#include <cstdint>
 #include <limits>
+#include <ranges>
 #include <set>
 #include <utility>
-#include <vector>
 
 #include "calib/survey/tag_graph.hpp"
 #include "core/propagate.hpp"
 #include "core/text/text.hpp"
-#include "core/text/yaml_fields.hpp"
 #include "core/units.hpp"
+#include "tracking/math/se3.hpp"
 
 namespace penumbra {
 namespace {
 
-// No tone curve and no blur that leaves a tag readable moves edges by more: what was found instead
-// is an error of the model (a sheet that is not flat, a lens) that scale and shift took up
-// together.
+// Camera response and blur shift a readable tag's edges by less. A larger shift is an error of the
+// model (board warp, lens) that scale and shift took up together.
 constexpr double kMostEdgeShift = 0.5;    // [px]
-constexpr double kFlat = radians(6.0);    // tags of one table are parallel to this
-constexpr double kHigh = 0.03;            // of the tag's size: further off the plane is not on it
-constexpr double kMostLensSpread = 0.02;  // of the focal length: a worse one is not worth having
+constexpr double kFlat = radians(6.0);    // largest angle between tags of one table
+constexpr double kHigh = 0.03;            // largest height over the plane, of the tag's size
+constexpr double kMostLensSpread = 0.02;  // largest relative sigma of the focal length
 
 double size_of(const SurveyOptions& options, int id) {
   const auto named = options.sizes_m.find(id);
   return named != options.sizes_m.end() ? named->second : options.tag_size_m.value_or(0.0);
 }
 
-// The table's plane by the centres of the tags on it, in the anchor's frame, whose origin is the
-// anchor's centre: `turn` takes the anchor's axes to the table's.
+// The plane through the centres of the tags on the table, in the anchor's frame.
 struct TablePlane {
-  Eigen::Matrix3d turn = Eigen::Matrix3d::Identity();
-  Eigen::Vector3d origin = Eigen::Vector3d::Zero();  // of the table, in the anchor's frame [m]
+  Eigen::Matrix3d turn = Eigen::Matrix3d::Identity();  // from the anchor's axes to the table's
+  Eigen::Vector3d origin = Eigen::Vector3d::Zero();    // of the table, in the anchor's frame [m]
 };
 
 TablePlane plane_through(const Eigen::Matrix3Xd& centres) {
@@ -58,13 +54,14 @@ TablePlane plane_through(const Eigen::Matrix3Xd& centres) {
   return plane;
 }
 
-// Ids of the tags that lie flat in one plane with the anchor (and face the same way), by growing
-// sureness: first those near the anchor's own plane, then those near the plane through these.
-std::vector<int> tags_on_table(const std::map<int, TagPose>& tags, int anchor,
-                               const SurveyOptions& options) {
+// Ids of the tags that lie in one plane with the anchor and face the same way: first those near the
+// anchor's plane, then those near the plane through these.
+std::vector<int> tags_on_table(const std::map<int, TagPose>& tags, const SurveyOptions& options) {
+  const int anchor = options.anchor;
+  if (options.plane == SurveyPlane::anchor) return {anchor};
   Eigen::Vector3d normal = Eigen::Vector3d::UnitZ();
   Eigen::Vector3d on_plane = Eigen::Vector3d::Zero();
-  double slack = std::tan(kFlat);  // of the distance: how far the normal may be off
+  double slack = std::tan(kFlat);  // tolerance of the normal
   std::vector<int> members;
   for (int round = 0; round < 4; ++round) {
     members.clear();
@@ -80,7 +77,7 @@ std::vector<int> tags_on_table(const std::map<int, TagPose>& tags, int anchor,
       centres.col(static_cast<Eigen::Index>(i)) = tags.at(members[i]).translation();
     const Eigen::Matrix3Xd around = centres.colwise() - centres.rowwise().mean();
     const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> eigen(around * around.transpose());
-    // On a line they leave the plane open.
+    // Collinear tags do not fix the plane.
     if (eigen.eigenvalues()[1] < std::pow(0.5 * size_of(options, anchor), 2)) return {anchor};
     const TablePlane plane = plane_through(centres);
     normal = plane.turn.row(2).transpose();
@@ -90,69 +87,66 @@ std::vector<int> tags_on_table(const std::map<int, TagPose>& tags, int anchor,
   return members;
 }
 
-// Turns what was solved in the anchor's frame into the table's, covariance included.
-void settle_on_plane(TagSurvey& survey, std::map<int, TagPose> tags, const GraphCovariance& found,
-                     const std::vector<int>& on_plane, int anchor) {
-  std::vector<int> ids;
-  for (const auto& [id, pose] : tags) ids.push_back(id);
-  const auto n = static_cast<Eigen::Index>(ids.size());
+// Transforms tags, cameras and covariance from the anchor's frame to the table's. `tags`:
+// T_anchor_tag of survey.tags, `on_plane`: their ids on the table.
+void settle_on_plane(TagSurvey& survey, const std::map<int, TagPose>& tags,
+                     const GraphCovariance& found, const std::vector<int>& on_plane, int anchor) {
+  const auto n = static_cast<Eigen::Index>(tags.size());
   Eigen::Matrix3Xd centres(3, n);
-  for (Eigen::Index i = 0; i < n; ++i)
-    centres.col(i) = tags.at(ids[static_cast<std::size_t>(i)]).translation();
+  std::vector<Eigen::Index> members;  // columns of `centres`
+  std::vector<int> ids;
+  for (const auto& [id, pose] : tags) {
+    const auto column = static_cast<Eigen::Index>(ids.size());
+    centres.col(column) = pose.translation();
+    if (std::ranges::binary_search(on_plane, id)) members.push_back(column);
+    ids.push_back(id);
+  }
+  const bool is_fitted = on_plane.size() >= 3;
   const auto plane_of = [&](const Eigen::Matrix3Xd& at) {
-    if (on_plane.size() < 3) return TablePlane{};
-    Eigen::Matrix3Xd members(3, on_plane.size());
-    Eigen::Index k = 0;
-    for (Eigen::Index i = 0; i < n; ++i) {
-      if (std::binary_search(on_plane.begin(), on_plane.end(), ids[static_cast<std::size_t>(i)]))
-        members.col(k++) = at.col(i);
-    }
-    return plane_through(members);
+    return is_fitted ? plane_through(at(Eigen::all, members)) : TablePlane{};
   };
   const TablePlane plane = plane_of(centres);
   const Transform<frame::Table, frame::Table> T_table_anchor(plane.turn,
                                                              -(plane.turn * plane.origin));
-  // How plane and origin follow the centres: [turn about the table's axes; origin in them].
+  // d [rotation; origin] of the table, about and in its axes, / d centres.
   Eigen::MatrixXd follow = Eigen::MatrixXd::Zero(6, 3 * n);
-  if (on_plane.size() >= 3) {
+  for (Eigen::Index c = 0; is_fitted && c < 3 * n; ++c) {
     constexpr double kStep = 1e-6;  // [m]
-    for (Eigen::Index c = 0; c < 3 * n; ++c) {
-      if (ids[static_cast<std::size_t>(c / 3)] == anchor) continue;
-      Eigen::Matrix3Xd after = centres;
-      Eigen::Matrix3Xd before = centres;
-      after(c % 3, c / 3) += kStep;
-      before(c % 3, c / 3) -= kStep;
-      const TablePlane a = plane_of(after);
-      const TablePlane b = plane_of(before);
-      const Eigen::Matrix3d W = (a.turn - b.turn) * plane.turn.transpose() / (2.0 * kStep);
-      follow.col(c).head<3>() = Eigen::Vector3d(W(2, 1), W(0, 2), W(1, 0));
-      follow.col(c).tail<3>() = plane.turn * (a.origin - b.origin) / (2.0 * kStep);
-    }
+    if (ids[static_cast<std::size_t>(c / 3)] == anchor) continue;
+    Eigen::Matrix3Xd after = centres;
+    Eigen::Matrix3Xd before = centres;
+    after(c % 3, c / 3) += kStep;
+    before(c % 3, c / 3) -= kStep;
+    const TablePlane a = plane_of(after);
+    const TablePlane b = plane_of(before);
+    const Eigen::Matrix3d W = (a.turn - b.turn) * plane.turn.transpose() / (2.0 * kStep);
+    follow.col(c).head<3>() = Eigen::Vector3d(W(2, 1), W(0, 2), W(1, 0));
+    follow.col(c).tail<3>() = plane.turn * (a.origin - b.origin) / (2.0 * kStep);
   }
-  std::map<int, Eigen::Index> row;  // in the covariance; the anchor has none
-  for (std::size_t i = 0; i < found.ids.size(); ++i)
-    row[found.ids[i]] = 6 * static_cast<Eigen::Index>(i);
+  // First row of a tag in the covariance; the anchor has none.
+  const auto row_of = [&](int id) -> std::optional<Eigen::Index> {
+    const auto at = std::ranges::find(found.ids, id);
+    if (at == found.ids.end()) return std::nullopt;
+    return 6 * (at - found.ids.begin());
+  };
   double heights = 0.0;
   for (Eigen::Index i = 0; i < n; ++i) {
-    const int id = ids[static_cast<std::size_t>(i)];
     SurveyedTag& tag = survey.tags[static_cast<std::size_t>(i)];
-    tag.tag.T_table_tag = T_table_anchor * tags.at(id);
+    tag.tag.T_table_tag = T_table_anchor * tags.at(tag.tag.id);
     const Eigen::Vector3d p = tag.tag.T_table_tag.translation();
-    if (std::binary_search(on_plane.begin(), on_plane.end(), id)) heights += p.z() * p.z();
-    Eigen::Matrix3d cross;
-    cross << 0.0, -p.z(), p.y(), p.z(), 0.0, -p.x(), -p.y(), p.x(), 0.0;
-    // Moved as a whole with plane and origin, and by itself.
+    if (std::ranges::binary_search(on_plane, tag.tag.id)) heights += p.z() * p.z();
+    // Motion of the plane and origin, and the tag's own motion.
     Eigen::MatrixXd J = Eigen::MatrixXd::Zero(6, found.tags.cols());
     for (Eigen::Index k = 0; k < n; ++k) {
-      const auto at = row.find(ids[static_cast<std::size_t>(k)]);
-      if (at == row.end()) continue;
+      const auto row = row_of(ids[static_cast<std::size_t>(k)]);
+      if (!row) continue;
       const Eigen::MatrixXd turned = follow.block(0, 3 * k, 3, 3);
-      J.block(0, at->second, 3, 3) = -cross * turned - follow.block(3, 3 * k, 3, 3);
-      J.block(3, at->second, 3, 3) = turned;
+      J.block(0, *row, 3, 3) = -skew(p) * turned - follow.block(3, 3 * k, 3, 3);
+      J.block(3, *row, 3, 3) = turned;
     }
-    if (const auto own = row.find(id); own != row.end()) {
-      J.block(0, own->second, 3, 3) += plane.turn;
-      J.block(3, own->second + 3, 3, 3) += plane.turn;
+    if (const auto own = row_of(tag.tag.id)) {
+      J.block(0, *own, 3, 3) += plane.turn;
+      J.block(3, *own + 3, 3, 3) += plane.turn;
     }
     tag.covariance = J * found.tags * J.transpose();
   }
@@ -164,11 +158,11 @@ void settle_on_plane(TagSurvey& survey, std::map<int, TagPose> tags, const Graph
   survey.plane_tilt_rad = std::acos(std::min(1.0, plane.turn(2, 2)));
 }
 
-// Which frames are used, and what of them: tags with a known size, once and whole in the picture.
+// The used frames, with tags that are seen once and whole.
 struct SurveyInput {
   std::vector<std::vector<TagSighting>> frames;
-  std::vector<std::size_t> of;  // their numbers in what was given
-  std::map<int, int> seen;      // frames, by id
+  std::vector<std::size_t> of;  // their indices in the given frames
+  std::map<int, int> seen;      // number of frames, by id
   std::set<int> without_size;
 };
 
@@ -196,21 +190,20 @@ SurveyInput input_of(const CameraModel& camera, std::span<const SurveyFrame> fra
     input.of.push_back(f);
     for (std::size_t i = 0; i < frame.tags.size(); ++i) {
       const TagDetection& tag = frame.tags[i];
-      if (times[tag.id] > 1) continue;  // two of them: nobody knows which is meant
+      if (times[tag.id] > 1) continue;  // ambiguous
       double size = size_of(options, tag.id);
       if (size <= 0.0) {
-        // Not placed, but its size can be told.
+        // Not placed, but its size is estimated.
         input.without_size.insert(tag.id);
         size = size_of(options, options.anchor);
         if (size <= 0.0) continue;
       }
-      const bool inside = std::all_of(
-          tag.corners_px.begin(), tag.corners_px.end(), [&](const Eigen::Vector2d& corner) {
-            return corner.x() > 2.0 && corner.y() > 2.0 && corner.x() < camera.width() - 3 &&
-                   corner.y() < camera.height() - 3;
-          });
+      const bool inside = std::ranges::all_of(tag.corners_px, [&](const Eigen::Vector2d& corner) {
+        return corner.x() > 2.0 && corner.y() > 2.0 && corner.x() < camera.width() - 3 &&
+               corner.y() < camera.height() - 3;
+      });
       if (!inside) continue;
-      // Where a tag's edges are found in most frames, one without them is partly hidden.
+      // A tag whose edges are found in most frames, but not here, is partly hidden.
       const bool edges = is_measured(frame, i);
       if (!edges && 2 * measured[tag.id] > detected[tag.id]) continue;
       here.push_back(edges ? sighting_of(tag.id, size, *frame.measured[i])
@@ -221,10 +214,11 @@ SurveyInput input_of(const CameraModel& camera, std::span<const SurveyFrame> fra
   return input;
 }
 
-// From the anchor outwards: cameras from placed tags, tags from posed cameras, all but `without`.
+// Poses cameras by placed tags and places tags by posed cameras, from the anchor outwards, without
+// those in `without`.
 Result<void> chain(TagGraph& graph, const SurveyInput& input, int anchor,
                    const std::set<int>& without) {
-  constexpr double kPlaced = 3.0;  // [px], of most frames: beyond, better cameras are waited for
+  constexpr double kPlaced = 3.0;  // [px] median error; worse tags wait for better cameras
   graph.tags[anchor] = Pose6{};
   for (bool grew = true; grew;) {
     grew = false;
@@ -249,8 +243,7 @@ Result<void> chain(TagGraph& graph, const SurveyInput& input, int anchor,
       return fail(
           "the tags' places do not settle; sweep slower, and over two or more tags at a time");
   }
-  if (std::none_of(graph.cameras.begin(), graph.cameras.end(),
-                   [](const auto& pose) { return pose.has_value(); })) {
+  if (std::ranges::none_of(graph.cameras, [](const auto& pose) { return pose.has_value(); })) {
     return fail("tag {} alone never tells where the camera is; come closer to it, at an angle",
                 anchor);
   }
@@ -260,11 +253,11 @@ Result<void> chain(TagGraph& graph, const SurveyInput& input, int anchor,
 struct SettledGraph {
   TagGraph graph;  // without outliers
   double rms_px = 0.0;
-  std::map<int, double> lost;  // by tag that was placed: share of its sightings that are outliers
-  std::set<int> misfits;       // seen where cameras are known, and not placed
+  std::map<int, double> lost;  // share of outlier sightings, by placed tag
+  std::set<int> misfits;       // seen by posed cameras, but not placed
 };
 
-// Chains and adjusts all tags but `without`.
+// Chains and adjusts all tags that are not in `without`.
 Result<SettledGraph> settle(const CameraModel& camera, const SurveyInput& input, int anchor,
                             const std::set<int>& without, const SurveyOptions& options) {
   SettledGraph result{TagGraph(camera, anchor), 0.0, {}, {}};
@@ -275,11 +268,10 @@ Result<SettledGraph> settle(const CameraModel& camera, const SurveyInput& input,
   PENUMBRA_TRY_VOID(chain(graph, input, anchor, without));
   const TagGraph chained = graph;
   graph.shift_is_free = options.edge_shift;
-  int corners = 0;
   const auto adjust = [&] {
     for (int round = 0; round < 4; ++round) {
       if (!graph.adjust(round == 0)) return false;
-      if (!graph.drop_outliers(result.rms_px, corners) && round > 0) break;
+      if (!graph.drop_outliers(result.rms_px) && round > 0) break;
     }
     return true;
   };
@@ -309,14 +301,14 @@ Result<SettledGraph> settle(const CameraModel& camera, const SurveyInput& input,
   return result;
 }
 
-// A tag that lay in one place up to a frame, and in another one from it on.
+// A tag that moved once.
 struct Movement {
-  std::size_t frame = 0;
+  std::size_t frame = 0;    // first one after it
   double distance_m = 0.0;  // of the corner that moved furthest
   double mean_px = 0.0;     // as TagPlacement's
 };
 
-// `judge` has all sightings, and cameras that this tag has no part in (or not much).
+// `judge` has all sightings, and cameras that hardly depend on this tag.
 std::optional<Movement> movement_of(const TagGraph& judge, int id, double size_m) {
   constexpr std::size_t kFewest = 3;  // sightings in either place
   const auto seen = judge.seen_of(id);
@@ -334,7 +326,7 @@ std::optional<Movement> movement_of(const TagGraph& judge, int id, double size_m
       return before && after;
     };
     if (!fit_parts()) continue;
-    // Where the one explains less from then on than the other.
+    // Moves the split to where the second placement explains more than the first.
     judge.measure(*before, id);
     judge.measure(*after, id);
     double sum = after->mean_px() * static_cast<double>(seen.size());
@@ -354,23 +346,20 @@ std::optional<Movement> movement_of(const TagGraph& judge, int id, double size_m
     here.mean_px = (before->mean_px() * static_cast<double>(split) +
                     after->mean_px() * (n - static_cast<double>(split))) /
                    n;
-    for (const double x : {-0.5 * size_m, 0.5 * size_m}) {
-      for (const double y : {-0.5 * size_m, 0.5 * size_m}) {
-        const Eigen::Vector3d corner(x, y, 0.0);
-        here.distance_m = std::max(
-            here.distance_m, (before->T_anchor_tag * corner - after->T_anchor_tag * corner).norm());
-      }
+    for (const Eigen::Vector3d& corner : tag_corners(size_m)) {
+      here.distance_m = std::max(
+          here.distance_m, (before->T_anchor_tag * corner - after->T_anchor_tag * corner).norm());
     }
     if (!best || here.mean_px < best->mean_px) best = here;
   }
   return best;
 }
 
-// Why a tag does not fit the others, if it does not.
+// Why a tag is inconsistent with the others.
 struct Contradiction {
   std::string words;                  // "tag 7: looks ..."
-  bool moved = false;                 // it is where it is said to be, at times
-  std::optional<MappedTag> apparent;  // its size explains it; T_anchor_tag
+  bool moved = false;                 // during the sweep
+  std::optional<MappedTag> apparent;  // with another size, which explains it; T_anchor_tag
 };
 
 std::optional<Contradiction> contradiction_of(const TagGraph& judge, const SurveyInput& input,
@@ -385,19 +374,15 @@ std::optional<Contradiction> contradiction_of(const TagGraph& judge, const Surve
   Contradiction result;
   if (!sized || (free->mean_px() < kExplains * given->mean_px() &&
                  (!moved || free->mean_px() < 1.5 * moved->mean_px))) {
-    MappedTag tag;
-    tag.id = id;
-    tag.family = options.family;
-    tag.size_m = free->scale * nominal_m;
-    tag.T_table_tag = free->T_anchor_tag;
-    result.apparent = tag;
+    const double size_m = free->scale * nominal_m;
+    result.apparent = MappedTag{id, options.family, size_m, free->T_anchor_tag};
     result.words =
         sized ? fmt::format(
                     "tag {}: looks {:.1f} mm in size, where {:.1f} mm is given; say its size "
                     "with --sizes",
-                    id, tag.size_m * 1e3, nominal_m * 1e3)
+                    id, size_m * 1e3, nominal_m * 1e3)
               : fmt::format("tag {}: has no size, and looks {:.1f} mm; say its size with --sizes",
-                            id, tag.size_m * 1e3);
+                            id, size_m * 1e3);
     return result;
   }
   if (moved && moved->mean_px < kExplains * given->mean_px()) {
@@ -413,13 +398,13 @@ std::optional<Contradiction> contradiction_of(const TagGraph& judge, const Surve
   return result;
 }
 
-// All tags that agree, and what is to be said of the others.
+// The consistent tags, and reasons for the others.
 struct Agreement {
   SettledGraph settled;
   std::map<int, Contradiction> others;
 };
 
-// Takes out one tag after the other that contradicts the rest, worst first.
+// Rejects inconsistent tags one by one, worst first.
 Result<Agreement> agree(const CameraModel& camera, const SurveyInput& input, int anchor,
                         const SurveyOptions& options) {
   constexpr double kMostLost = 0.5;    // of the sightings
@@ -447,9 +432,9 @@ Result<Agreement> agree(const CameraModel& camera, const SurveyInput& input, int
       continue;
     }
     Agreement result{std::move(*settled), {}};
-    std::set<int> untold = result.settled.misfits;
-    untold.insert(input.without_size.begin(), input.without_size.end());
-    for (const int id : untold) {
+    std::set<int> rejected = result.settled.misfits;
+    rejected.insert(input.without_size.begin(), input.without_size.end());
+    for (const int id : rejected) {
       if (auto reported = contradiction_of(judge, input, id, options))
         result.others[id] = std::move(*reported);
     }
@@ -457,7 +442,7 @@ Result<Agreement> agree(const CameraModel& camera, const SurveyInput& input, int
   }
 }
 
-// Whether so many contradict the anchor that it may be the one that is wrong.
+// Returns true if so many tags contradict the anchor that it may be wrong.
 bool anchor_is_doubtful(const Agreement& agreement, const SurveyInput& input, int anchor) {
   const auto lost = agreement.settled.lost.find(anchor);
   if (lost != agreement.settled.lost.end() && lost->second > 0.5) return true;
@@ -465,17 +450,15 @@ bool anchor_is_doubtful(const Agreement& agreement, const SurveyInput& input, in
   return misfits >= 2 && 2 * misfits > input.seen.size() - 1;
 }
 
-// What the others say of the anchor, if they agree among themselves.
+// Explains a doubtful anchor by surveys with other anchors.
 tl::unexpected<Error> blame(const CameraModel& camera, const SurveyInput& input,
                             const SurveyOptions& options) {
-  std::vector<std::pair<int, int>> by_count;
+  std::vector<std::pair<int, int>> by_count;  // most sightings first
   for (const auto& [id, count] : input.seen) {
     if (id != options.anchor) by_count.emplace_back(-count, id);
   }
-  std::sort(by_count.begin(), by_count.end());
-  constexpr std::size_t kTried = 3;
-  for (std::size_t i = 0; i < std::min(kTried, by_count.size()); ++i) {
-    const int other = by_count[i].second;
+  std::ranges::sort(by_count);
+  for (const auto& [count, other] : by_count | std::views::take(3)) {
     const auto agreement = agree(camera, input, other, options);
     if (!agreement || anchor_is_doubtful(*agreement, input, other)) continue;
     const auto reported = agreement->others.find(options.anchor);
@@ -487,11 +470,44 @@ tl::unexpected<Error> blame(const CameraModel& camera, const SurveyInput& input,
       "camera's file of this camera?");
 }
 
+const SurveyedTag* find_tag(const TagSurvey& survey, int id) {
+  const auto found = std::ranges::find(survey.tags, id, [](const auto& tag) { return tag.tag.id; });
+  return found == survey.tags.end() ? nullptr : &*found;
+}
+
+// Adds the tags that are not in the survey, with the reasons.
+void explain_left_out(TagSurvey& survey, const Agreement& agreement, const SurveyInput& input,
+                      int anchor) {
+  const TagPose& T_table_anchor = find_tag(survey, anchor)->tag.T_table_tag;
+  const Transform<frame::Table, frame::Table> settled_on(T_table_anchor.rotation(),
+                                                         T_table_anchor.translation());
+  std::set<int> ids = input.without_size;
+  for (const auto& [id, count] : input.seen) {
+    if (find_tag(survey, id) == nullptr) ids.insert(id);
+  }
+  for (const int id : ids) {
+    const auto reported = agreement.others.find(id);
+    if (reported != agreement.others.end()) {
+      survey.left_out.push_back(reported->second.words);
+      if (!reported->second.apparent) continue;
+      MappedTag& misfit = survey.misfits.emplace_back(*reported->second.apparent);
+      misfit.T_table_tag = settled_on * misfit.T_table_tag;
+    } else if (input.without_size.count(id) > 0) {
+      survey.left_out.push_back(fmt::format("tag {}: has no size", id));
+    } else {
+      const int count = input.seen.at(id);
+      survey.left_out.push_back(
+          fmt::format("tag {}: seen in {} frame{}, not often enough with others that are placed",
+                      id, count, count == 1 ? "" : "s"));
+    }
+  }
+}
+
 }  // namespace
 
 Result<TagSurvey> survey_tags(const CameraModel& camera, std::span<const SurveyFrame> frames,
                               const SurveyOptions& options) {
-  // Ceres says on standard error what it tries in vain; what matters is in the result.
+  // Silences Ceres' warnings on standard error about steps that it rejects.
   FLAGS_minloglevel = std::max(FLAGS_minloglevel, static_cast<int>(google::GLOG_ERROR));
   const SurveyInput input = input_of(camera, frames, options);
   if (input.seen.empty()) {
@@ -552,44 +568,12 @@ Result<TagSurvey> survey_tags(const CameraModel& camera, std::span<const SurveyF
   std::map<int, TagPose> poses;
   for (const auto& [id, pose] : graph.tags) {
     poses[id] = unpacked<frame::Table, frame::Tag>(pose);
-    SurveyedTag tag;
-    tag.tag.id = id;
-    tag.tag.family = options.family;
-    tag.tag.size_m = size_of(options, id);
+    SurveyedTag& tag = result.tags.emplace_back();
+    tag.tag = {id, options.family, size_of(options, id), poses[id]};
     tag.frames = static_cast<int>(graph.seen_of(id).size());
-    result.tags.push_back(tag);
   }
-  const std::vector<int> on_plane = options.plane == SurveyPlane::fitted
-                                        ? tags_on_table(poses, options.anchor, options)
-                                        : std::vector{options.anchor};
-  settle_on_plane(result, std::move(poses), covariance, on_plane, options.anchor);
-  const TagPose T_table_anchor =
-      std::find_if(result.tags.begin(), result.tags.end(), [&](const SurveyedTag& tag) {
-        return tag.tag.id == options.anchor;
-      })->tag.T_table_tag;
-  const Transform<frame::Table, frame::Table> settled_on(T_table_anchor.rotation(),
-                                                         T_table_anchor.translation());
-  std::set<int> left_out = input.without_size;
-  for (const auto& [id, count] : input.seen) {
-    if (graph.tags.count(id) == 0) left_out.insert(id);
-  }
-  for (const int id : left_out) {
-    const auto reported = agreement.others.find(id);
-    if (reported != agreement.others.end()) {
-      result.left_out.push_back(reported->second.words);
-      if (reported->second.apparent) {
-        result.misfits.push_back(*reported->second.apparent);
-        result.misfits.back().T_table_tag = settled_on * result.misfits.back().T_table_tag;
-      }
-    } else if (input.without_size.count(id) > 0) {
-      result.left_out.push_back(fmt::format("tag {}: has no size", id));
-    } else {
-      const int count = input.seen.at(id);
-      result.left_out.push_back(
-          fmt::format("tag {}: seen in {} frame{}, not often enough with others that are placed",
-                      id, count, count == 1 ? "" : "s"));
-    }
-  }
+  settle_on_plane(result, poses, covariance, tags_on_table(poses, options), options.anchor);
+  explain_left_out(result, agreement, input, options.anchor);
   return result;
 }
 
@@ -601,66 +585,16 @@ SurveyFrame measured_frame(const TagSurvey& survey, std::size_t index, const Sur
   const auto T_camera_table = survey.cameras[index]->inverse();
   for (std::size_t i = 0; i < frame.tags.size(); ++i) {
     const int id = frame.tags[i].id;
-    const auto placed = std::find_if(survey.tags.begin(), survey.tags.end(),
-                                     [id](const SurveyedTag& tag) { return tag.tag.id == id; });
-    const auto misfit = std::find_if(survey.misfits.begin(), survey.misfits.end(),
-                                     [id](const MappedTag& tag) { return tag.id == id; });
-    if (placed == survey.tags.end() && misfit == survey.misfits.end()) continue;
-    const MappedTag& tag = placed != survey.tags.end() ? placed->tag : *misfit;
+    const SurveyedTag* placed = find_tag(survey, id);
+    const auto misfit = std::ranges::find(survey.misfits, id, &MappedTag::id);
+    if (placed == nullptr && misfit == survey.misfits.end()) continue;
+    const MappedTag& tag = placed != nullptr ? placed->tag : *misfit;
     const auto pattern = TagPattern::make(tag.family, tag.id);
     if (!pattern) continue;
     result.measured[i] =
         measure_tag(luma, survey.camera, *pattern, tag.size_m, T_camera_table * tag.T_table_tag);
   }
   return result;
-}
-
-Result<void> save_tag_survey(const std::filesystem::path& file, const TagSurvey& survey) {
-  std::string text =
-      "# Tag frame: origin at the tag's centre, x right and y up on the upright printed tag, z out "
-      "of\n# the paper. size_m: edge of the black border's outer square. position, "
-      "quaternion_xyzw: the tag\n# frame in the table frame. covariance: of [position; rotation] "
-      "about table axes [m, rad], row by\n# row.\ntags:\n";
-  for (const SurveyedTag& tag : survey.tags) {
-    const Eigen::Vector3d& p = tag.tag.T_table_tag.translation();
-    const Eigen::Quaterniond& q = tag.tag.T_table_tag.rotation();
-    const Eigen::Matrix<double, 6, 6, Eigen::RowMajor> covariance = tag.covariance;
-    text += fmt::format(
-        "  - {{id: {}, family: {}, size_m: {}, position: [{}, {}, {}], "
-        "quaternion_xyzw: [{}, {}, {}, {}],\n     covariance: [{}]}}\n",
-        tag.tag.id, to_string(tag.tag.family), tag.tag.size_m, p.x(), p.y(), p.z(), q.x(), q.y(),
-        q.z(), q.w(),
-        joined({covariance.data(), static_cast<std::size_t>(covariance.size())}, "{:.6g}"));
-  }
-  return write_text_file(file, text);
-}
-
-Result<std::map<int, double>> load_tag_sizes(const std::filesystem::path& file) {
-  PENUMBRA_TRY(const YAML::Node root, load_yaml_map(file));
-  try {
-    std::map<int, double> sizes;
-    if (YamlFields(root, file.string()).has("tags")) {
-      PENUMBRA_TRY(const TagMap map, load_tag_map(file));
-      for (const MappedTag& tag : map.tags()) sizes[tag.id] = tag.size_m;
-      return sizes;
-    }
-    for (const auto& entry : root) {
-      const std::string key = entry.first.IsScalar() ? entry.first.Scalar() : "";
-      const std::int64_t id = parse_integer(key).value_or(-1);
-      const double size =
-          entry.second.IsScalar() ? parse_number(entry.second.Scalar()).value_or(0.0) : 0.0;
-      if (id < 0 || id > 1'000'000 || !(size >= 0.001 && size <= 10.0)) {
-        return fail("{}: line {}: is no tag's size; give ID: METRES (0.001 to 10)", file.string(),
-                    entry.first.Mark().line + 1);
-      }
-      sizes[static_cast<int>(id)] = size;
-    }
-    if (sizes.empty()) return fail("{}: names no tag; give lines of ID: METRES", file.string());
-    return sizes;
-  } catch (const std::exception& error) {  // yaml-cpp's own, should one get past the checks
-    return fail("{}: is not readable as sizes of tags ({}); correct the file", file.string(),
-                error.what());
-  }
 }
 
 }  // namespace penumbra

@@ -1,4 +1,4 @@
-// Equal cells of an image, and what they are called.
+// Equal cells of an image and their names.
 #pragma once
 
 #include <Eigen/Core>
@@ -20,14 +20,14 @@ struct ImageCells {
     const int j = std::clamp(static_cast<int>(rows * pixel.y() / height), 0, rows - 1);
     return static_cast<std::size_t>(j * columns + i);
   }
-  // Of a cell [px].
+  // The centre of a cell [px].
   [[nodiscard]] Eigen::Vector2d middle(std::size_t cell) const {
     const auto i = static_cast<double>(cell % static_cast<std::size_t>(columns));
     const auto j = static_cast<double>(cell / static_cast<std::size_t>(columns));
     return {(i + 0.5) * width / columns - 0.5, (j + 0.5) * height / rows - 0.5};
   }
   [[nodiscard]] std::size_t count() const { return static_cast<std::size_t>(columns * rows); }
-  // "top left", "top", "left", or "middle" for all that is on no border.
+  // "top left", "top", "left", or "middle" for cells on no border.
   [[nodiscard]] std::string name(std::size_t cell) const {
     const int i = static_cast<int>(cell) % columns;
     const int j = static_cast<int>(cell) / columns;

@@ -34,28 +34,30 @@ void draw_ruler(cairo_t* cr, double x, double y) {
   cairo_stroke(cr);
 }
 
-// Returns the width of a text [m].
-double width_of_text(cairo_t* cr, const std::string& text) {
+void select_font(cairo_t* cr) {
   cairo_select_font_face(cr, "sans-serif", CAIRO_FONT_SLANT_NORMAL, CAIRO_FONT_WEIGHT_NORMAL);
   cairo_set_font_size(cr, kTextSize_m);
+}
+
+// Returns the width of a text [m].
+double width_of_text(cairo_t* cr, const std::string& text) {
+  select_font(cr);
   cairo_text_extents_t extents;
   cairo_text_extents(cr, text.c_str(), &extents);
   return extents.x_advance;
 }
 
 void draw_text(cairo_t* cr, double x, double y, const std::string& text) {
-  cairo_select_font_face(cr, "sans-serif", CAIRO_FONT_SLANT_NORMAL, CAIRO_FONT_WEIGHT_NORMAL);
-  cairo_set_font_size(cr, kTextSize_m);
+  select_font(cr);
   cairo_move_to(cr, x, y);
   cairo_show_text(cr, text.c_str());
 }
 
-// Lengths of a mark on the page's edge [m]: as long as there is room for.
+// Lengths of a mark on the page's edge, by the room for it [m].
 constexpr double kMark = 0.003;
 constexpr double kShortestMark = 0.0015;
 
-// Draws a line from (x, y) along (dx, dy), which is as long as the mark, with a head where it is an
-// axis.
+// Draws a line from (x, y) to (x + dx, y + dy), with an arrow head for an axis.
 void draw_mark(cairo_t* cr, double x, double y, double dx, double dy, bool axis) {
   constexpr double kHead = 0.0008;
   const double end_x = x + dx;
@@ -74,8 +76,8 @@ void draw_mark(cairo_t* cr, double x, double y, double dx, double dy, bool axis)
   cairo_stroke(cr);
 }
 
-// Draws the marks of the origin, which is the board's centre (x, y on the page), on the page's
-// edges, outside of the board and its white margin. A side without room has none.
+// Draws the marks of the origin (x, y on the page) between the board and the page's edges. A side
+// without room has none.
 void draw_origin(cairo_t* cr, const Sheet& sheet, const PageSize& page, double x, double y) {
   constexpr double kGap = 0.001;  // to the board's margin
   const double right = 0.5 * sheet.width + kGap;
@@ -130,7 +132,7 @@ cairo_status_t append(void* to, const unsigned char* data, unsigned int length) 
   return CAIRO_STATUS_SUCCESS;
 }
 
-// Into memory: a file of cairo's own does not say that the disk was full.
+// Draws into memory: cairo's files do not report a full disk.
 Result<std::vector<std::uint8_t>> vector_bytes(const Sheet& sheet, const PageSize& page,
                                                SheetFormat format) {
   std::vector<std::uint8_t> bytes;
@@ -143,11 +145,11 @@ Result<std::vector<std::uint8_t>> vector_bytes(const Sheet& sheet, const PageSiz
   if (pdf) {
     cairo_pdf_surface_set_metadata(surface.get(), CAIRO_PDF_METADATA_TITLE, sheet.caption.c_str());
     cairo_pdf_surface_set_metadata(surface.get(), CAIRO_PDF_METADATA_CREATOR, "penumbra target");
-    // The same sheet is the same file: without this the time of writing would stand in it.
+    // A fixed date: the same sheet is always the same file.
     cairo_pdf_surface_set_metadata(surface.get(), CAIRO_PDF_METADATA_CREATE_DATE,
                                    "2000-01-01T00:00:00Z");
   } else {
-    // Without it some versions of cairo write a size without a unit, which is read as pixels.
+    // Some versions of cairo else write a size without a unit, which readers take as pixels.
     cairo_svg_surface_set_document_unit(surface.get(), CAIRO_SVG_UNIT_PT);
   }
   const Context context(cairo_create(surface.get()), &cairo_destroy);
@@ -174,7 +176,7 @@ Result<std::vector<std::uint8_t>> png_page(const Sheet& sheet, const PageSize& p
   }
   const auto width = static_cast<int>(across);
   const auto height = static_cast<int>(down);
-  // Only ink is drawn: one byte says how much of it a pixel has.
+  // One byte of coverage per pixel: only black is drawn.
   const Surface surface(cairo_image_surface_create(CAIRO_FORMAT_A8, width, height),
                         &cairo_surface_destroy);
   const Context context(cairo_create(surface.get()), &cairo_destroy);

@@ -1,4 +1,4 @@
-// The page that a target is printed on: the target, a ruler, marks for the origin, and what it is.
+// Draws a target's page: the target, a ruler, marks of the origin, and a caption.
 #pragma once
 
 #include <cairo.h>
@@ -25,10 +25,10 @@ struct Sheet {
   double height = 0.0;  // [m]
   std::function<void(cairo_t*, double, double)> draw;
   std::string caption;
-  bool free_at_origin = false;  // nothing is printed there: a cross can be
+  bool free_at_origin = false;  // there is room for a cross
 };
 
-// The page, which is at least as large as the sheet with its margins and footer.
+// Returns the file's bytes. The page must have room for the sheet with its margins and footer.
 [[nodiscard]] Result<std::vector<std::uint8_t>> page_bytes(const Sheet& sheet, const PageSize& page,
                                                            SheetFormat format);
 

@@ -39,40 +39,36 @@ void add_grid(Target& target) {
   }
 }
 
+Result<TagFamily> read_family(const YamlFields& fields, const char* key, const char* remedy) {
+  PENUMBRA_TRY(const std::string name, fields.text(key, remedy));
+  const auto family = tag_family_from_string(name);
+  if (!family) return fail("{}: {}", fields.place_of(key), unknown_tag_family(name));
+  return *family;
+}
+
 Result<Target> read_aprilgrid(const YamlFields& fields) {
   AprilGrid grid;
-  PENUMBRA_TRY(const int columns, fields.integer("tagCols", "give the number of tags across"));
-  PENUMBRA_TRY(const int rows, fields.integer("tagRows", "give the number of tags down"));
-  PENUMBRA_TRY(const double size,
+  PENUMBRA_TRY(grid.columns, fields.integer("tagCols", "give the number of tags across"));
+  PENUMBRA_TRY(grid.rows, fields.integer("tagRows", "give the number of tags down"));
+  PENUMBRA_TRY(grid.tag_size_m,
                fields.number("tagSize", "give the edge of a tag's black square in metres"));
   PENUMBRA_TRY(
-      const double spacing,
+      grid.spacing,
       fields.number("tagSpacing", "give the gap between tags over their size, such as 0.3"));
-  grid.columns = columns;
-  grid.rows = rows;
-  grid.tag_size_m = size;
-  grid.spacing = spacing;
   for (const char* key : {"family", "tagFamily"}) {
     if (!fields.has(key)) continue;
-    PENUMBRA_TRY(const std::string family, fields.text(key, "name a family of tags"));
-    const auto known = tag_family_from_string(family);
-    if (!known) return fail("{}: {}", fields.place_of(key), unknown_tag_family(family));
-    grid.family = *known;
+    PENUMBRA_TRY(grid.family, read_family(fields, key, "name a family of tags"));
     break;
   }
   // codeOffset is Kalibr's.
   for (const char* key : {"first_id", "codeOffset"}) {
     if (!fields.has(key)) continue;
-    PENUMBRA_TRY(const int first, fields.integer(key, "give the id of the bottom left tag"));
-    grid.first_id = first;
+    PENUMBRA_TRY(grid.first_id, fields.integer(key, "give the id of the bottom left tag"));
     break;
   }
-  Result<TagMap> map = tag_map_of(grid);
-  if (!map) return fail_in(fields.place(), map.error());
-  Result<Target> target = tag_target(std::move(*map));
-  if (!target) return fail_in(fields.place(), target.error());
-  target->may_have_squares = true;
-  target->description =
+  PENUMBRA_TRY(Target target, with_place(fields.place(), tag_map_of(grid).and_then(tag_target)));
+  target.may_have_squares = true;
+  target.description =
       fmt::format("{} x {} tags of {:g} mm", grid.columns, grid.rows, grid.tag_size_m * 1e3);
   return target;
 }
@@ -93,50 +89,32 @@ Result<Target> read_chessboard(const YamlFields& fields) {
                   fields.place_of("rowSpacingMeters"), other, square);
     }
   }
-  Result<Target> target = chessboard_target(columns, rows, square);
-  if (!target) return fail_in(fields.place(), target.error());
-  return target;
+  return with_place(fields.place(), chessboard_target(columns, rows, square));
 }
 
 Result<Target> read_charuco(const YamlFields& fields) {
   CharucoBoard board;
-  PENUMBRA_TRY(const int columns, fields.integer("columns", "give the number of squares across"));
-  PENUMBRA_TRY(const int rows, fields.integer("rows", "give the number of squares down"));
-  PENUMBRA_TRY(const double square, fields.number("square_m", "give a square's edge in metres"));
-  PENUMBRA_TRY(const double tag, fields.number("tag_m", "give the edge of a tag's black border"));
-  const char* key = fields.has("dictionary") ? "dictionary" : "family";
-  PENUMBRA_TRY(
-      const std::string family,
-      fields.text(key, "name a dictionary such as DICT_4X4_50, or a family such as tag36h11"));
-  const auto known = tag_family_from_string(family);
-  if (!known) return fail("{}: {}", fields.place_of(key), unknown_tag_family(family));
-  board = {columns, rows, square, tag, *known, 0, false};
+  PENUMBRA_TRY(board.columns, fields.integer("columns", "give the number of squares across"));
+  PENUMBRA_TRY(board.rows, fields.integer("rows", "give the number of squares down"));
+  PENUMBRA_TRY(board.square_m, fields.number("square_m", "give a square's edge in metres"));
+  PENUMBRA_TRY(board.tag_m, fields.number("tag_m", "give the edge of a tag's black border"));
+  PENUMBRA_TRY(board.family,
+               read_family(fields, fields.has("dictionary") ? "dictionary" : "family",
+                           "name a dictionary such as DICT_4X4_50, or a family such as tag36h11"));
   if (fields.has("legacy")) {
-    // What OpenCV calls its own boards before 4.6: their last row begins with a black square.
+    // OpenCV's boards before 4.6: their last row begins with a black square.
     PENUMBRA_TRY(const std::string legacy, fields.text("legacy", "give true or false"));
     if (legacy != "true" && legacy != "false")
       return fail("{}: is '{}'; give true or false", fields.place_of("legacy"), legacy);
     board.first_white = legacy == "true" && board.rows % 2 == 0;
   }
   if (fields.has("first_id")) {
-    PENUMBRA_TRY(const int first, fields.integer("first_id", "give the id of the first tag"));
-    board.first_id = first;
+    PENUMBRA_TRY(board.first_id, fields.integer("first_id", "give the id of the first tag"));
   }
-  Result<Target> target = charuco_target(board);
-  if (!target) return fail_in(fields.place(), target.error());
-  return target;
+  return with_place(fields.place(), charuco_target(board));
 }
 
 }  // namespace
-
-double Target::radius() const {
-  Eigen::Vector3d middle = Eigen::Vector3d::Zero();
-  for (const Eigen::Vector3d& p : points) middle += p;
-  middle /= static_cast<double>(std::max<std::size_t>(points.size(), 1));
-  double largest = 0.0;
-  for (const Eigen::Vector3d& p : points) largest = std::max(largest, (p - middle).norm());
-  return largest;
-}
 
 Result<Target> tag_target(TagMap map) {
   Target target;
@@ -191,7 +169,7 @@ Result<Target> charuco_target(const CharucoBoard& board) {
     return fail("{}: has data outside its border; a ChArUco board takes a family such as tag36h11",
                 to_string(board.family));
   }
-  // Half a cell of white on each side is what its border is told by.
+  // Its border needs half a cell of white on each side to be found.
   const double needed_m = board.tag_m * (pattern.width_at_border() + 1) / pattern.width_at_border();
   if (needed_m > board.square_m * (1.0 + 1e-9)) {
     return fail("a tag of {} m needs a square of {:.4f} m with its white margin, and it is {} m",
@@ -207,19 +185,13 @@ Result<Target> charuco_target(const CharucoBoard& board) {
   for (int j = 0; j < board.rows; ++j) {
     for (int i = 0; i < board.columns; ++i) {
       if ((i + j) % 2 == (board.first_white ? 1 : 0)) continue;  // black
-      MappedTag tag;
-      tag.id = board.first_id + static_cast<int>(tags.size());
-      tag.family = board.family;
-      tag.size_m = board.tag_m;
-      tag.T_table_tag = {Eigen::Quaterniond::Identity(),
-                         {(i - 0.5 * (board.columns - 1)) * board.square_m,
-                          (0.5 * (board.rows - 1) - j) * board.square_m, 0.0}};
-      PENUMBRA_TRY_VOID(TagPattern::make(tag.family, tag.id));
-      tags.push_back(tag);
+      PENUMBRA_TRY(tags.emplace_back(),
+                   flat_tag(board.family, board.first_id + static_cast<int>(tags.size()),
+                            board.tag_m, (i - 0.5 * (board.columns - 1)) * board.square_m,
+                            (0.5 * (board.rows - 1) - j) * board.square_m));
     }
   }
-  PENUMBRA_TRY(TagMap map, TagMap::make(std::move(tags)));
-  target.tags = std::move(map);
+  PENUMBRA_TRY(target.tags, TagMap::make(std::move(tags)));
   target.description = fmt::format("ChArUco board of {} x {} squares of {:g} mm", board.columns,
                                    board.rows, board.square_m * 1e3);
   return target;
@@ -239,29 +211,26 @@ Result<TagMap> tag_map_of(const AprilGrid& grid) {
   std::vector<MappedTag> tags;
   for (int j = 0; j < grid.rows; ++j) {
     for (int i = 0; i < grid.columns; ++i) {
-      MappedTag tag;
-      tag.id = grid.first_id + j * grid.columns + i;
-      tag.family = grid.family;
-      tag.size_m = grid.tag_size_m;
-      tag.T_table_tag = {
-          Eigen::Quaterniond::Identity(),
-          {(i - 0.5 * (grid.columns - 1)) * pitch, (j - 0.5 * (grid.rows - 1)) * pitch, 0.0}};
-      PENUMBRA_TRY_VOID(TagPattern::make(tag.family, tag.id));
-      tags.push_back(tag);
+      PENUMBRA_TRY(
+          tags.emplace_back(),
+          flat_tag(grid.family, grid.first_id + j * grid.columns + i, grid.tag_size_m,
+                   (i - 0.5 * (grid.columns - 1)) * pitch, (j - 0.5 * (grid.rows - 1)) * pitch));
     }
   }
   return TagMap::make(std::move(tags));
 }
 
+Result<MappedTag> flat_tag(TagFamily family, int id, double size_m, double x_m, double y_m) {
+  PENUMBRA_TRY_VOID(TagPattern::make(family, id));
+  return MappedTag{id, family, size_m, {Eigen::Quaterniond::Identity(), {x_m, y_m, 0.0}}};
+}
+
 Result<Target> load_target(const std::filesystem::path& file) {
-  PENUMBRA_TRY(const YAML::Node root, load_yaml_map(file));
-  try {
+  return read_yaml_map(file, "a target", [&](const YAML::Node& root) -> Result<Target> {
     const YamlFields fields(root, file.string());
     if (!fields.has("target_type") && fields.has("tags")) {
       PENUMBRA_TRY(TagMap map, load_tag_map(file));
-      Result<Target> target = tag_target(std::move(map));
-      if (!target) return fail_in(file.string(), target.error());
-      return target;
+      return with_place(file.string(), tag_target(std::move(map)));
     }
     constexpr const char* kRemedy =
         "name aprilgrid, checkerboard or charuco, or give a tags.yaml with its list `tags`";
@@ -270,10 +239,7 @@ Result<Target> load_target(const std::filesystem::path& file) {
     if (type == "checkerboard" || type == "chessboard") return read_chessboard(fields);
     if (type == "charuco") return read_charuco(fields);
     return fail("{}: '{}' is not known; {}", fields.place_of("target_type"), type, kRemedy);
-  } catch (const std::exception& error) {  // yaml-cpp's own, should one get past the checks
-    return fail("{}: is not readable as a target ({}); correct the file", file.string(),
-                error.what());
-  }
+  });
 }
 
 }  // namespace penumbra

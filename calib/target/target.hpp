@@ -1,4 +1,4 @@
-// What is printed on a calibration target: its points, and what of it a detector can recognise.
+// Calibration targets: their points and what a detector recognises.
 #pragma once
 
 #include <Eigen/Core>
@@ -19,11 +19,10 @@ enum class TargetKind { tags, chessboard, charuco };
 // right, y up on the sheet, z out of the paper; metres.
 struct Target {
   TargetKind kind = TargetKind::tags;
-  // Corners that are measured. Of tags: 4 of each, in the order of TagMap and MappedTag::corners().
-  // Of chessboard and charuco: the inner corners, row by row from the top left.
+  // The measured corners. Tags: 4 each, in the order of TagMap and MappedTag::corners(). Chessboard
+  // and charuco: the inner corners, row by row from the top left.
   std::vector<Eigen::Vector3d> points;
-  // Pairs of points with a straight edge between black and white along all of the line between
-  // them: what sharpness is measured at.
+  // Pairs of points with a straight edge between black and white along the whole line between them.
   std::vector<std::pair<int, int>> edges;
   std::optional<TagMap> tags;  // tags, charuco: the markers
   int columns = 0;             // chessboard, charuco: inner corners across
@@ -32,9 +31,6 @@ struct Target {
   // tags in a grid: a Kalibr sheet may have black squares that touch the tags at their corners.
   bool may_have_squares = false;
   std::string description;  // "6 x 6 tags of 30 mm"
-
-  // Largest distance of a point from the middle of all, in the board's plane [m].
-  [[nodiscard]] double radius() const;
 };
 
 // tags.yaml, Kalibr's aprilgrid.yaml (target_type: aprilgrid, tagCols, tagRows, tagSize,
@@ -61,7 +57,8 @@ struct CharucoBoard {
   bool first_white = false;
 };
 [[nodiscard]] Result<Target> charuco_target(const CharucoBoard& board);
-// Kalibr's order: id 0 at the bottom left, ids to the right, then up.
+// Kalibr's order: id 0 at the bottom left, ids to the right, then up. The tags have a border of one
+// cell and no black squares between them, unlike those that Kalibr prints.
 struct AprilGrid {
   int columns = 6;
   int rows = 6;
@@ -71,5 +68,9 @@ struct AprilGrid {
   int first_id = 0;
 };
 [[nodiscard]] Result<TagMap> tag_map_of(const AprilGrid& grid);
+
+// A tag in the table's plane. Fails if the family has no such id.
+[[nodiscard]] Result<MappedTag> flat_tag(TagFamily family, int id, double size_m, double x_m,
+                                         double y_m);
 
 }  // namespace penumbra

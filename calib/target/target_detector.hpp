@@ -1,9 +1,9 @@
-// Luma -> corners of a calibration target with sub-pixel places.
+// Finds the corners of a calibration target in an image.
 #pragma once
 
 #include <Eigen/Core>
 #include <array>
-#include <memory>
+#include <map>
 #include <optional>
 #include <span>
 #include <string>
@@ -14,64 +14,77 @@
 #include "core/error.hpp"
 #include "core/geometry/transform.hpp"
 #include "core/image/image_view.hpp"
+#include "tracking/detection/tag_detector.hpp"
 
 namespace penumbra {
 
 struct TargetCorner {
   int point = 0;          // of Target::points
   Eigen::Vector2d pixel;  // [px], (0, 0) at the centre of the top-left pixel
-  // Where the corner moves to for each pixel by which the edges of its black square move outwards:
-  // what tone curves and blur do to squares (but not to the saddles of chessboards: zero there).
+  // d pixel / d outward shift of its black square's edges, by camera response and blur. Zero at
+  // saddle points.
   Eigen::Vector2d spread = Eigen::Vector2d::Zero();
 };
 
 struct TargetView {
   std::vector<TargetCorner> corners;  // by point; each point once
-  // Sigma of the blur across the target's edges [px], the larger of most edges; 0 when unknown.
+  // Sigma of the blur across the target's edges [px], upper quartile; 0 when unknown.
   double blur_px = 0.0;
   // Tags of this board that were seen with a border of two cells, as Kalibr prints them.
   int two_cell_tags = 0;
-  // Of ChArUco boards: the edge of a marker over that of a square, as seen, and by how many pixels
-  // the marker's edges lie elsewhere than the target file says; nothing where no marker is seen
-  // with the four corners around it.
+  // Median size of a ChArUco board's markers; nothing if no marker is seen with all four corners of
+  // its square.
   struct MarkerShare {
-    double share = 0.0;
-    double edge_px = 0.0;
+    double share = 0.0;    // marker edge over square edge
+    double edge_px = 0.0;  // displacement of the marker's edges against the target file
   };
   std::optional<MarkerShare> markers;
   bool black_squares = false;  // the sheet has Kalibr's squares at the tags' corners
-  // Why there are no corners, or too few: empty when the view can be used.
-  std::string problem;
+  std::string problem;         // why there are too few corners; empty for a usable view
 };
 
-// RMS distance between the corners that two views share [px]; infinite where these are none, or
-// fewer than half of what either of them has.
+// A pointer for each point of the target; null for points that are not seen.
+[[nodiscard]] std::vector<const TargetCorner*> corners_by_point(
+    const Target& target, std::span<const TargetCorner> corners);
+
+// RMS distance [px] between the corners that two views share; infinite if they share fewer than
+// half of the smaller view's.
 [[nodiscard]] double corner_distance(std::span<const TargetCorner> a,
                                      std::span<const TargetCorner> b);
 
-// Numbers of inner corners of the chessboard in the image, the larger one first. A board that is
-// cut off or hidden has fewer. Nothing where no board of at least 3 x 3 is found.
+// Numbers of visible inner corners of the chessboard in the image, the larger one first. Nothing if
+// no board of at least 3 x 3 is found.
 [[nodiscard]] std::optional<std::array<int, 2>> chessboard_size(ImageView luma);
 
 class TargetDetector {
  public:
   [[nodiscard]] static Result<TargetDetector> create(const Target& target);
-  TargetDetector(TargetDetector&&) noexcept;
-  TargetDetector& operator=(TargetDetector&&) noexcept;
-  ~TargetDetector();
-
   [[nodiscard]] TargetView detect(ImageView luma);
 
-  // The corners again, now that camera and pose are known nearly: edges of tags are followed along
-  // the curves that the lens makes of them, and corners that detection missed are looked for where
-  // they must be. `view` is what detect() gave for the same picture.
+  // Refines the corners of detect(), with camera and pose known approximately: follows edges along
+  // the curves of the lens and searches for missed saddle points.
   [[nodiscard]] TargetView refine(ImageView luma, const TargetView& view, const CameraModel& camera,
                                   const CameraPose& T_board_camera) const;
 
  private:
-  struct Impl;
-  explicit TargetDetector(std::unique_ptr<Impl> impl);
-  std::unique_ptr<Impl> impl_;
+  TargetDetector() = default;
+  [[nodiscard]] TargetView detect_tags(ImageView luma);
+  [[nodiscard]] TargetView detect_chessboard(ImageView luma) const;
+  [[nodiscard]] TargetView detect_charuco(ImageView luma);
+  [[nodiscard]] std::optional<TargetView::MarkerShare> marker_share(
+      const TargetView& view, const std::map<std::size_t, TagDetection>& seen) const;
+  [[nodiscard]] double blur_of(ImageView luma, const TargetView& view) const;
+  [[nodiscard]] bool has_squares(ImageView luma, const TargetView& view) const;
+  // Detected tags, by index in the map, without ids that are seen twice (`repeated` counts them).
+  [[nodiscard]] std::map<std::size_t, TagDetection> seen_tags(ImageView luma, TagDetector& detector,
+                                                              int* repeated = nullptr) const;
+
+  Target target_;
+  std::optional<TagDetector> tags_;
+  std::optional<TagDetector> two_cell_tags_;
+  int cells_ = 8;         // of a tag's black square, across
+  double gap_m_ = 0.0;    // between the black squares of neighbouring tags in a grid
+  double spacing_ = 0.0;  // the gap over the tag size, at most 0.5
 };
 
 }  // namespace penumbra

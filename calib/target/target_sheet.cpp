@@ -5,7 +5,6 @@
 #include <algorithm>
 #include <array>
 #include <cctype>
-#include <charconv>
 #include <cmath>
 #include <cstdint>
 #include <vector>
@@ -19,9 +18,12 @@
 namespace penumbra {
 namespace {
 
-// Bounds of the printed scale: true length over nominal length.
-constexpr double kSmallestScale = 0.5;
-constexpr double kLargestScale = 2.0;
+Result<void> check_scale(double printed_scale) {
+  if (printed_scale >= 0.5 && printed_scale <= 2.0) return {};
+  return fail(
+      "the sheet's scale is {}; measure the ruler again: 100 mm should come out at 50 to 200 mm",
+      printed_scale);
+}
 
 struct NamedPage {
   std::string_view name;
@@ -60,7 +62,7 @@ Result<BoardExtent> extent_of(const TagBoard& board) {
                      board.pitch_m * (board.rows - 1) + printed};
 }
 
-// The page as it must lie for the sheet.
+// Turns the page if the sheet only fits so.
 Result<PageSize> turned_page(const Sheet& sheet, const PageSize& page) {
   const double needed_width = std::max(sheet.width, kRulerLength) + 2.0 * kMargin;
   const double needed_height = sheet.height + 2.0 * kMargin + kFooter;
@@ -70,8 +72,7 @@ Result<PageSize> turned_page(const Sheet& sheet, const PageSize& page) {
   if (needed_width > width || needed_height > height) {
     return fail(
         "the board needs {:.0f} x {:.0f} mm with its margins and the 100 mm ruler, and does not "
-        "fit on a page of {:.0f} "
-        "x {:.0f} mm; use a larger --page or a smaller board",
+        "fit on a page of {:.0f} x {:.0f} mm; use a larger --page or a smaller board",
         needed_width * 1e3, needed_height * 1e3, page.width_m * 1e3, page.height_m * 1e3);
   }
   return PageSize{width, height};
@@ -81,8 +82,7 @@ void draw_tag(cairo_t* cr, const TagPattern& pattern, double centre_x, double ce
               double size) {
   const double cell = size / pattern.width_at_border();
   const double half = 0.5 * cell * pattern.total_width();
-  // All black cells as one path, runs of a row at a time: filled together, neighbours leave no
-  // hairline between them.
+  // One path of runs of black cells, filled together: no hairlines between neighbours.
   for (int j = 0; j < pattern.total_width(); ++j) {
     for (int i = 0; i < pattern.total_width();) {
       if (pattern.white(i, j)) {
@@ -99,8 +99,16 @@ void draw_tag(cairo_t* cr, const TagPattern& pattern, double centre_x, double ce
   cairo_fill(cr);
 }
 
-void draw_square(cairo_t* cr, double left, double top, double size) {
-  cairo_rectangle(cr, left, top, size, size);
+// Draws the squares with (i + j) % 2 == first, centred. One path leaves no hairlines between them.
+void draw_squares(cairo_t* cr, int columns, int rows, double square, int first, double centre_x,
+                  double centre_y) {
+  for (int j = 0; j < rows; ++j) {
+    for (int i = (j + first) % 2; i < columns; i += 2) {
+      cairo_rectangle(cr, centre_x + (i - 0.5 * columns) * square,
+                      centre_y + (j - 0.5 * rows) * square, square, square);
+    }
+  }
+  cairo_fill(cr);
 }
 
 void draw_tags(cairo_t* cr, const TagMap& map, double centre_x, double centre_y) {
@@ -121,24 +129,28 @@ bool is_free_at_origin(const TagMap& map, double printed_m) {
   });
 }
 
+// `printed_m`: width of a tag with its white margin.
+Sheet sheet_of_tags(double width, double height, TagMap map, std::string caption,
+                    double printed_m) {
+  const bool free = is_free_at_origin(map, printed_m);
+  return {width, height,
+          [map = std::move(map)](cairo_t* cr, double x, double y) { draw_tags(cr, map, x, y); },
+          std::move(caption), free};
+}
+
 Result<Sheet> sheet_of(const TagBoard& board) {
   PENUMBRA_TRY(const BoardExtent extent, extent_of(board));
-  Result<TagMap> map = tag_map_of(board);
-  if (!map) return tl::unexpected(map.error());
-  const double printed = extent.width - board.pitch_m * (board.columns - 1);
-  const bool free = is_free_at_origin(*map, printed);
-  return Sheet{
-      extent.width, extent.height,
-      [map = std::move(*map)](cairo_t* cr, double x, double y) { draw_tags(cr, map, x, y); },
+  PENUMBRA_TRY(TagMap map, tag_map_of(board));
+  return sheet_of_tags(
+      extent.width, extent.height, std::move(map),
       fmt::format("{} ids {} to {}, black squares {:g} mm, pitch {:g} mm", to_string(board.family),
                   board.first_id, board.first_id + board.columns * board.rows - 1,
                   board.tag_size_m * 1e3, board.pitch_m * 1e3),
-      free};
+      extent.width - board.pitch_m * (board.columns - 1));
 }
 
 Result<Sheet> sheet_of(const AprilGrid& grid) {
-  Result<TagMap> map = tag_map_of(grid);
-  if (!map) return tl::unexpected(map.error());
+  PENUMBRA_TRY(TagMap map, tag_map_of(grid));
   PENUMBRA_TRY(const TagPattern pattern, TagPattern::make(grid.family, grid.first_id));
   const double pitch = grid.tag_size_m * (1.0 + grid.spacing);
   const double printed = grid.tag_size_m * pattern.total_width() / pattern.width_at_border();
@@ -146,28 +158,19 @@ Result<Sheet> sheet_of(const AprilGrid& grid) {
     return fail("spacing {}: tags need {:.3f} of their size between them for their white margins",
                 grid.spacing, printed / grid.tag_size_m - 1.0);
   }
-  const bool free = is_free_at_origin(*map, printed);
-  return Sheet{
-      pitch * (grid.columns - 1) + printed, pitch * (grid.rows - 1) + printed,
-      [map = std::move(*map)](cairo_t* cr, double x, double y) { draw_tags(cr, map, x, y); },
+  return sheet_of_tags(
+      pitch * (grid.columns - 1) + printed, pitch * (grid.rows - 1) + printed, std::move(map),
       fmt::format("{} x {} {}, tagSize {:g} mm, tagSpacing {:g}", grid.columns, grid.rows,
                   to_string(grid.family), grid.tag_size_m * 1e3, grid.spacing),
-      free};
+      printed);
 }
 
 Result<Sheet> sheet_of(const CharucoBoard& board) {
-  auto target = charuco_target(board);
-  if (!target) return tl::unexpected(target.error());
+  PENUMBRA_TRY(auto target, charuco_target(board));
   return Sheet{board.columns * board.square_m, board.rows * board.square_m,
-               [board, map = std::move(*target->tags)](cairo_t* cr, double x, double y) {
-                 // All as one path, so that squares that touch leave no hairline.
-                 for (int j = 0; j < board.rows; ++j) {
-                   for (int i = (j + (board.first_white ? 1 : 0)) % 2; i < board.columns; i += 2) {
-                     draw_square(cr, x + (i - 0.5 * board.columns) * board.square_m,
-                                 y + (j - 0.5 * board.rows) * board.square_m, board.square_m);
-                   }
-                 }
-                 cairo_fill(cr);
+               [board, map = std::move(*target.tags)](cairo_t* cr, double x, double y) {
+                 draw_squares(cr, board.columns, board.rows, board.square_m,
+                              board.first_white ? 1 : 0, x, y);
                  draw_tags(cr, map, x, y);
                },
                fmt::format("ChArUco {} x {}, squares {:g} mm, {} {:g} mm from id {}", board.columns,
@@ -182,13 +185,7 @@ Result<Sheet> sheet_of(const ChessboardSheet& board) {
   const int rows = board.inner_rows + 1;
   return Sheet{(columns + 1) * board.square_m, (rows + 1) * board.square_m,
                [=](cairo_t* cr, double x, double y) {
-                 for (int j = 0; j < rows; ++j) {
-                   for (int i = j % 2; i < columns; i += 2) {
-                     draw_square(cr, x + (i - 0.5 * columns) * board.square_m,
-                                 y + (j - 0.5 * rows) * board.square_m, board.square_m);
-                   }
-                 }
-                 cairo_fill(cr);
+                 draw_squares(cr, columns, rows, board.square_m, 0, x, y);
                },
                fmt::format("{} x {} inner corners, squares {:g} mm", board.inner_columns,
                            board.inner_rows, board.square_m * 1e3),
@@ -207,92 +204,9 @@ std::string measured_line(double printed_scale) {
   return fmt::format("{}{:.10g}\n", kMeasuredLine, 100.0 * printed_scale);
 }
 
-}  // namespace
-
-Result<PageSize> page_size_from_string(std::string_view name) {
-  std::string lower(name);
-  std::transform(lower.begin(), lower.end(), lower.begin(),
-                 [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
-  for (const NamedPage& page : kPages) {
-    if (page.name == lower) return PageSize{page.width_mm * 1e-3, page.height_mm * 1e-3};
-  }
-  if (const std::size_t cross = lower.find('x'); cross != std::string::npos) {
-    const auto millimetres = [&](std::string_view text) {
-      double value = 0.0;
-      const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
-      return error == std::errc() && end == text.data() + text.size() && value >= 20.0 &&
-                     value <= 5000.0
-                 ? value
-                 : 0.0;
-    };
-    const double width = millimetres(std::string_view(lower).substr(0, cross));
-    const double height = millimetres(std::string_view(lower).substr(cross + 1));
-    if (width > 0.0 && height > 0.0) return PageSize{width * 1e-3, height * 1e-3};
-  }
-  std::string known;
-  for (const NamedPage& page : kPages)
-    known += fmt::format("{}{}", known.empty() ? "" : ", ", page.name);
-  return fail("page size '{}' is not known; use {} or WIDTHxHEIGHT in millimetres (20 to 5000)",
-              name, known);
-}
-
-Result<TagMap> tag_map_of(const TagBoard& board, double printed_scale) {
-  PENUMBRA_TRY_VOID(extent_of(board));
-  if (!(printed_scale >= kSmallestScale && printed_scale <= kLargestScale)) {
-    return fail(
-        "the sheet's scale is {}; measure the ruler again: 100 mm should come out at 50 to 200 mm",
-        printed_scale);
-  }
-  std::vector<MappedTag> tags;
-  for (int row = 0; row < board.rows; ++row) {
-    for (int column = 0; column < board.columns; ++column) {
-      MappedTag tag;
-      tag.id = board.first_id + row * board.columns + column;
-      tag.family = board.family;
-      PENUMBRA_TRY_VOID(TagPattern::make(tag.family, tag.id));
-      tag.size_m = board.tag_size_m * printed_scale;
-      tag.T_table_tag = {Eigen::Quaterniond::Identity(),
-                         {(column - 0.5 * (board.columns - 1)) * board.pitch_m * printed_scale,
-                          (0.5 * (board.rows - 1) - row) * board.pitch_m * printed_scale, 0.0}};
-      tags.push_back(tag);
-    }
-  }
-  return TagMap::make(std::move(tags));
-}
-
-Result<void> check_fits(const SheetTarget& target, const PageSize& page) {
-  PENUMBRA_TRY(const Sheet sheet, sheet_of(target));
-  PENUMBRA_TRY_VOID(turned_page(sheet, page));
-  return {};
-}
-
-Result<void> check_fits(const TagBoard& board, const PageSize& page) {
-  return check_fits(SheetTarget(board), page);
-}
-
-Result<void> write_tag_board(const std::filesystem::path& pdf, const TagBoard& board,
-                             const PageSize& page) {
-  return write_sheet(pdf, board, page);
-}
-
-Result<void> write_sheet(const std::filesystem::path& file, const SheetTarget& target,
-                         const PageSize& page, SheetFormat format) {
-  PENUMBRA_TRY(const Sheet sheet, sheet_of(target));
-  PENUMBRA_TRY(const PageSize turned, turned_page(sheet, page));
-  const Result<std::vector<std::uint8_t>> bytes = page_bytes(sheet, turned, format);
-  if (!bytes) return fail_in(file.string(), bytes.error());
-  return write_file(file, *bytes);
-}
-
-namespace {
-
-// All of the file.
+// Text of the target's file.
 Result<std::string> target_text(const SheetTarget& target, double printed_scale) {
-  if (!(printed_scale >= kSmallestScale && printed_scale <= kLargestScale)) {
-    return fail(
-        "the sheet's scale is {}; measure the ruler again: 100 mm should come out at 50 to 200 mm",
-        printed_scale);
-  }
+  PENUMBRA_TRY_VOID(check_scale(printed_scale));
   const std::string measured = measured_line(printed_scale);
   if (const auto* tags = std::get_if<TagBoard>(&target)) {
     PENUMBRA_TRY(const TagMap map, tag_map_of(*tags, printed_scale));
@@ -328,6 +242,58 @@ Result<std::string> target_text(const SheetTarget& target, double printed_scale)
 }
 
 }  // namespace
+
+Result<PageSize> page_size_from_string(std::string_view name) {
+  std::string lower(name);
+  std::ranges::transform(lower, lower.begin(),
+                         [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
+  for (const NamedPage& page : kPages) {
+    if (page.name == lower) return PageSize{page.width_mm * 1e-3, page.height_mm * 1e-3};
+  }
+  if (const std::size_t cross = lower.find('x'); cross != std::string::npos) {
+    const auto width = parse_number(std::string_view(lower).substr(0, cross));
+    const auto height = parse_number(std::string_view(lower).substr(cross + 1));
+    const auto is_side = [](std::optional<double> mm) {
+      return mm && *mm >= 20.0 && *mm <= 5000.0;
+    };
+    if (is_side(width) && is_side(height)) return PageSize{*width * 1e-3, *height * 1e-3};
+  }
+  std::array<std::string_view, kPages.size()> known;
+  std::ranges::transform(kPages, known.begin(), &NamedPage::name);
+  return fail("page size '{}' is not known; use {} or WIDTHxHEIGHT in millimetres (20 to 5000)",
+              name, fmt::join(known, ", "));
+}
+
+Result<TagMap> tag_map_of(const TagBoard& board, double printed_scale) {
+  PENUMBRA_TRY_VOID(extent_of(board));
+  PENUMBRA_TRY_VOID(check_scale(printed_scale));
+  std::vector<MappedTag> tags;
+  for (int row = 0; row < board.rows; ++row) {
+    for (int column = 0; column < board.columns; ++column) {
+      const double x = (column - 0.5 * (board.columns - 1)) * board.pitch_m * printed_scale;
+      const double y = (0.5 * (board.rows - 1) - row) * board.pitch_m * printed_scale;
+      PENUMBRA_TRY(tags.emplace_back(),
+                   flat_tag(board.family, board.first_id + row * board.columns + column,
+                            board.tag_size_m * printed_scale, x, y));
+    }
+  }
+  return TagMap::make(std::move(tags));
+}
+
+Result<void> check_fits(const SheetTarget& target, const PageSize& page) {
+  PENUMBRA_TRY(const Sheet sheet, sheet_of(target));
+  PENUMBRA_TRY_VOID(turned_page(sheet, page));
+  return {};
+}
+
+Result<void> write_sheet(const std::filesystem::path& file, const SheetTarget& target,
+                         const PageSize& page, SheetFormat format) {
+  PENUMBRA_TRY(const Sheet sheet, sheet_of(target));
+  PENUMBRA_TRY(const PageSize turned, turned_page(sheet, page));
+  PENUMBRA_TRY(const std::vector<std::uint8_t> bytes,
+               with_place(file.string(), page_bytes(sheet, turned, format)));
+  return write_file(file, bytes);
+}
 
 Result<void> save_target(const std::filesystem::path& file, const SheetTarget& target,
                          double printed_scale) {

@@ -1,4 +1,4 @@
-// A sheet of tags to print at true scale, and what lies on it.
+// Target sheets to print at true scale, and their target files.
 #pragma once
 
 #include <filesystem>
@@ -33,13 +33,9 @@ struct TagBoard {
   double pitch_m = 0.055;    // from one tag's centre to the next
 };
 
-// Where the tags are. `printed_scale` is true length over nominal length of the sheet as it came
-// out of the printer: 0.992 where the 100 mm ruler measures 99.2 mm. Fails when tags (with their
-// white margins) overlap or the family has no such ids.
+// `printed_scale`: true over nominal length of the printed sheet, 0.992 if the 100 mm ruler
+// measures 99.2 mm. Fails if tags (with their white margins) overlap or the family has no such ids.
 [[nodiscard]] Result<TagMap> tag_map_of(const TagBoard& board, double printed_scale = 1.0);
-
-// Fails, naming both sizes, when the board fits on the page neither upright nor turned.
-[[nodiscard]] Result<void> check_fits(const TagBoard& board, const PageSize& page);
 
 // `inner_columns` x `inner_rows` corners between squares, a white margin of half a square around.
 struct ChessboardSheet {
@@ -48,8 +44,6 @@ struct ChessboardSheet {
   double square_m = 0.022;
 };
 
-// Whatever can be printed. An AprilGrid here has tags with a border of one cell and no black
-// squares between them: libapriltag finds all of its tags, and Kalibr's own has other ones.
 using SheetTarget = std::variant<TagBoard, AprilGrid, CharucoBoard, ChessboardSheet>;
 
 // At true scale: PNG of 600 dots per inch (300 for pages above 100 Mpx), which its pHYs chunk says.
@@ -57,8 +51,10 @@ enum class SheetFormat { pdf, svg, png };
 // By the file's extension, in any case; PDF where there is none. Fails for any other.
 [[nodiscard]] Result<SheetFormat> sheet_format_of(const std::filesystem::path& file);
 
-// As check_fits and write_tag_board, for every kind of sheet.
+// Fails, with both sizes, if the target fits on the page neither upright nor turned.
 [[nodiscard]] Result<void> check_fits(const SheetTarget& target, const PageSize& page);
+// Writes the target, a 100 mm ruler, a caption, and marks of the origin and of x and y on the
+// edges. The page is turned if the target only fits so.
 [[nodiscard]] Result<void> write_sheet(const std::filesystem::path& file, const SheetTarget& target,
                                        const PageSize& page, SheetFormat format = SheetFormat::pdf);
 // The file that load_target() reads: tags.yaml for a TagBoard, else target_type and its numbers,
@@ -66,16 +62,9 @@ enum class SheetFormat { pdf, svg, png };
 [[nodiscard]] Result<void> save_target(const std::filesystem::path& file, const SheetTarget& target,
                                        double printed_scale = 1.0);
 
-// The printed scale that the file was saved with; nothing where that is another sheet's file, or
-// one that was changed since.
+// The printed scale that the file was saved with; nothing if it is not the unchanged file of
+// `target`.
 [[nodiscard]] std::optional<double> printed_scale_of(const std::filesystem::path& file,
                                                      const SheetTarget& target);
-
-// The sheet as PDF: tags as vector shapes, a 100 mm ruler ("measure this: 100 mm"), and a line that
-// says what it is; marks on the edges show where the origin is and which way x and y run. The page
-// is turned to landscape where the board only fits so. Fails, naming both sizes, when it fits
-// neither way, and when the file can't be written.
-[[nodiscard]] Result<void> write_tag_board(const std::filesystem::path& pdf, const TagBoard& board,
-                                           const PageSize& page);
 
 }  // namespace penumbra

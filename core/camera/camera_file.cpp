@@ -2,19 +2,18 @@
 
 #include <algorithm>
 #include <cmath>
-#include <optional>
 
-#include "core/evaluation/running_statistics.hpp"
+#include "core/statistics.hpp"
 #include "core/text/text.hpp"
 
 namespace penumbra {
 namespace {
 
 bool all_finite(const std::vector<double>& values) {
-  return std::all_of(values.begin(), values.end(), [](double x) { return std::isfinite(x); });
+  return std::ranges::all_of(values, [](double x) { return std::isfinite(x); });
 }
 
-// What is not known is left out: readers of numbers have no use for .nan.
+// Omits values that are not known: other programs can't read .nan.
 std::string record_text(const CalibrationRecord& record) {
   std::string text = fmt::format("calibrated_on: {}\n", in_quotes(record.calibrated_on));
   if (record.focus_position && std::isfinite(*record.focus_position))
@@ -23,12 +22,12 @@ std::string record_text(const CalibrationRecord& record) {
       "# one sigma; standard deviations in the order fx fy cx cy k1 ...\n"
       "uncertainty:\n  target: {}\n  views: {}\n",
       in_quotes(record.target), record.views);
-  const auto add = [&text](const char* key, double value) {
-    if (std::isfinite(value)) text += fmt::format("  {}: {:.4f}\n", key, value);
+  const auto add = [&text](const char* key, std::optional<double> value) {
+    if (value && std::isfinite(*value)) text += fmt::format("  {}: {:.4f}\n", key, *value);
   };
   add("rms_px", record.rms_px);
-  if (record.held_out_px) add("held_out_px", *record.held_out_px);
-  if (record.tone_curve_sigma) add("tone_curve", *record.tone_curve_sigma);
+  add("held_out_px", record.held_out_px);
+  add("tone_curve", record.tone_curve_sigma);
   add("projection_mean_px", record.projection_mean_px);
   add("projection_largest_px", record.projection_largest_px);
   if (all_finite(record.standard_deviations)) {
@@ -47,7 +46,7 @@ std::string record_text(const CalibrationRecord& record) {
   return text;
 }
 
-// Kalibr counts every key of a chain's file as a camera.
+// Kalibr reads every key of a camchain file as a camera.
 std::string as_comments(std::string_view text) {
   std::string comments;
   while (!text.empty()) {
@@ -59,74 +58,77 @@ std::string as_comments(std::string_view text) {
   return comments;
 }
 
-std::string ros_text(const CameraParameters& p) {
-  const int count = coefficient_count(p.model);
-  const std::array<double, 9> k = {p.fx, 0.0, p.cx, 0.0, p.fy, p.cy, 0.0, 0.0, 1.0};
-  const std::array<double, 9> r = {1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0};
-  const std::array<double, 12> projection = {p.fx, 0.0, p.cx, 0.0, 0.0, p.fy,
-                                             p.cy, 0.0, 0.0,  0.0, 1.0, 0.0};
-  const std::vector<double> distortion(p.distortion.begin(), p.distortion.begin() + count);
-  // {} writes the shortest digits that read back to the same double.
-  std::string text = "# ROS camera_info; pixel (0, 0) is the centre of the top-left pixel\n";
-  text += fmt::format("image_width: {}\nimage_height: {}\ncamera_name: {}\n", p.width, p.height,
-                      in_quotes(p.name.empty() ? "camera" : p.name));
-  text += fmt::format("camera_matrix:\n  rows: 3\n  cols: 3\n  data: [{}]\n", joined(k));
-  text += fmt::format("distortion_model: {}\n", to_string(p.model));
-  text += fmt::format("distortion_coefficients:\n  rows: 1\n  cols: {}\n  data: [{}]\n", count,
-                      joined(distortion));
-  text += fmt::format("rectification_matrix:\n  rows: 3\n  cols: 3\n  data: [{}]\n", joined(r));
-  text +=
-      fmt::format("projection_matrix:\n  rows: 3\n  cols: 4\n  data: [{}]\n", joined(projection));
-  if (p.tone_curve) text += fmt::format("tone_curve: {}\n", *p.tone_curve);
-  if (p.rolling_shutter_row_s)
-    text += fmt::format("rolling_shutter_row_s: {}\n", *p.rolling_shutter_row_s);
-  if (p.overlay_sigma_px)
-    text += fmt::format("uncertainty:\n  overlay_px: {}\n", *p.overlay_sigma_px);
-  return text;
+std::array<double, 9> camera_matrix(const CameraParameters& p) {
+  return {p.fx, 0.0, p.cx, 0.0, p.fy, p.cy, 0.0, 0.0, 1.0};
 }
 
-// OpenCV reads a number without a point as an integer, and `.` as part of one: always with one.
+// The first `count` distortion coefficients.
+std::span<const double> coefficients(const CameraParameters& p, int count) {
+  return std::span(p.distortion).first(static_cast<std::size_t>(count));
+}
+
+// The shortest digits that read back to the same double.
+std::string shortest(double value) {
+  return fmt::format("{}", value);
+}
+// OpenCV reads a number without a point as an integer, and ". " as part of one.
 std::string with_point(double value) {
-  std::string digits = fmt::format("{}", value);
+  std::string digits = shortest(value);
   if (digits.find_first_of(".e") == std::string::npos) digits += ".";
   return digits;
 }
-template <class Range>
-std::string with_points(const Range& values) {
+std::string with_points(std::span<const double> values) {
   std::string text = "[";
   for (const double value : values) text += (text.size() > 1 ? ", " : "") + with_point(value);
   return text + "]";
 }
 
-std::string opencv_text(const CameraParameters& p) {
-  const int count = coefficient_count(p.model);
-  const std::array<double, 9> k = {p.fx, 0.0, p.cx, 0.0, p.fy, p.cy, 0.0, 0.0, 1.0};
-  const std::vector<double> distortion(p.distortion.begin(), p.distortion.begin() + count);
-  std::string text = "%YAML:1.0\n---\n";
-  text += fmt::format("image_width: {}\nimage_height: {}\n", p.width, p.height);
-  text +=
-      fmt::format("camera_matrix: !!opencv-matrix\n   rows: 3\n   cols: 3\n   dt: d\n   data: {}\n",
-                  with_points(k));
-  text += fmt::format(
-      "distortion_coefficients: !!opencv-matrix\n   rows: {}\n   cols: 1\n   dt: d\n   data: {}\n",
-      count, with_points(distortion));
-  text += fmt::format("fisheye_model: {}\n", p.model == DistortionModel::fisheye ? 1 : 0);
-  if (p.tone_curve) text += fmt::format("tone_curve: {}\n", with_point(*p.tone_curve));
+std::string optional_keys(const CameraParameters& p, std::string_view indent,
+                          std::string (*number)(double)) {
+  std::string text;
+  if (p.tone_curve) text += fmt::format("tone_curve: {}\n", number(*p.tone_curve));
   if (p.rolling_shutter_row_s)
-    text += fmt::format("rolling_shutter_row_s: {}\n", with_point(*p.rolling_shutter_row_s));
+    text += fmt::format("rolling_shutter_row_s: {}\n", number(*p.rolling_shutter_row_s));
   if (p.overlay_sigma_px)
-    text += fmt::format("uncertainty:\n   overlay_px: {}\n", with_point(*p.overlay_sigma_px));
+    text += fmt::format("uncertainty:\n{}overlay_px: {}\n", indent, number(*p.overlay_sigma_px));
   return text;
 }
 
-std::string kalibr_text(const CameraParameters& p) {
-  const std::vector<double> k = {p.fx, p.fy, p.cx, p.cy};
-  const std::vector<double> distortion(p.distortion.begin(), p.distortion.begin() + 4);
+std::string ros_text(const CameraParameters& p) {
+  const int count = coefficient_count(p.model);
   return fmt::format(
-      "cam0:\n  camera_model: pinhole\n  intrinsics: [{}]\n  distortion_model: {}\n"
+      "# ROS camera_info; pixel (0, 0) is the centre of the top-left pixel\n"
+      "image_width: {}\nimage_height: {}\ncamera_name: {}\n"
+      "camera_matrix:\n  rows: 3\n  cols: 3\n  data: [{}]\n"
+      "distortion_model: {}\n"
+      "distortion_coefficients:\n  rows: 1\n  cols: {}\n  data: [{}]\n"
+      "rectification_matrix:\n  rows: 3\n  cols: 3\n  data: [1, 0, 0, 0, 1, 0, 0, 0, 1]\n"
+      "projection_matrix:\n  rows: 3\n  cols: 4\n  data: [{}, 0, {}, 0, 0, {}, {}, 0, 0, 0, 1, 0]\n"
+      "{}",
+      p.width, p.height, in_quotes(p.name.empty() ? "camera" : p.name), joined(camera_matrix(p)),
+      to_string(p.model), count, joined(coefficients(p, count)), p.fx, p.cx, p.fy, p.cy,
+      optional_keys(p, "  ", shortest));
+}
+
+std::string opencv_text(const CameraParameters& p) {
+  const int count = coefficient_count(p.model);
+  return fmt::format(
+      "%YAML:1.0\n---\n"
+      "image_width: {}\nimage_height: {}\n"
+      "camera_matrix: !!opencv-matrix\n   rows: 3\n   cols: 3\n   dt: d\n   data: {}\n"
+      "distortion_coefficients: !!opencv-matrix\n   rows: {}\n   cols: 1\n   dt: d\n   data: {}\n"
+      "fisheye_model: {}\n"
+      "{}",
+      p.width, p.height, with_points(camera_matrix(p)), count, with_points(coefficients(p, count)),
+      p.model == DistortionModel::fisheye ? 1 : 0, optional_keys(p, "   ", with_point));
+}
+
+std::string kalibr_text(const CameraParameters& p) {
+  return fmt::format(
+      "cam0:\n  camera_model: pinhole\n  intrinsics: [{}, {}, {}, {}]\n  distortion_model: {}\n"
       "  distortion_coeffs: [{}]\n  resolution: [{}, {}]\n  rostopic: /camera/image_raw\n",
-      joined(k), p.model == DistortionModel::fisheye ? "equidistant" : "radtan", joined(distortion),
-      p.width, p.height);
+      p.fx, p.fy, p.cx, p.cy, p.model == DistortionModel::fisheye ? "equidistant" : "radtan",
+      joined(coefficients(p, 4)), p.width, p.height);
 }
 
 }  // namespace
@@ -134,36 +136,28 @@ std::string kalibr_text(const CameraParameters& p) {
 Result<void> save_camera(const std::filesystem::path& file, const CameraModel& camera,
                          CameraFileFormat format, const CalibrationRecord* record) {
   CameraParameters p = camera.parameters();
-  if (record != nullptr) p.overlay_sigma_px.reset();  // it has its own
-  std::string text;
-  switch (format) {
-    case CameraFileFormat::ros:
-      text = ros_text(p);
-      break;
-    case CameraFileFormat::opencv:
-      text = opencv_text(p);
-      break;
-    case CameraFileFormat::kalibr:
-      if (p.model == DistortionModel::rational) {
-        return fail(
-            "{}: Kalibr's files have no rational lens; write another format or calibrate "
-            "with --model plumb_bob",
-            file.string());
-      }
-      if (p.model == DistortionModel::plumb_bob && p.distortion[4] != 0.0) {
-        return fail(
-            "{}: Kalibr's radtan lens has no k3, and this one's is {}; without it the lens would "
-            "be "
-            "another: write another format, or calibrate with --format kalibr, which solves for a "
-            "lens without k3",
-            file.string(), p.distortion[4]);
-      }
-      text = kalibr_text(p);
-      break;
+  if (record != nullptr) p.overlay_sigma_px.reset();  // the record has its own
+  if (format == CameraFileFormat::kalibr) {
+    if (p.model == DistortionModel::rational) {
+      return fail(
+          "{}: Kalibr's files have no rational lens; write another format or calibrate "
+          "with --model plumb_bob",
+          file.string());
+    }
+    if (p.model == DistortionModel::plumb_bob && p.distortion[4] != 0.0) {
+      return fail(
+          "{}: Kalibr's radtan lens has no k3, and this one's is {}; without it the lens would be "
+          "another: write another format, or calibrate with --format kalibr, which solves for a "
+          "lens without k3",
+          file.string(), p.distortion[4]);
+    }
   }
+  std::string text = format == CameraFileFormat::ros      ? ros_text(p)
+                     : format == CameraFileFormat::opencv ? opencv_text(p)
+                                                          : kalibr_text(p);
   if (record != nullptr) {
-    const std::string told = record_text(*record);
-    text += format == CameraFileFormat::kalibr ? as_comments(told) : told;
+    const std::string keys = record_text(*record);
+    text += format == CameraFileFormat::kalibr ? as_comments(keys) : keys;
   }
   return write_text_file(file, text);
 }

@@ -2,14 +2,12 @@
 
 #include <Eigen/LU>
 #include <limits>
+#include <utility>
 
 namespace penumbra {
 namespace {
 
-constexpr std::array<std::string_view, 8> kPolynomialNames = {"k1", "k2", "p1", "p2",
-                                                              "k3", "k4", "k5", "k6"};
-
-// Distorted radius of an undistorted one, tangential terms left out.
+// Distorted radius of an undistorted one, without the tangential terms.
 double radial_profile(const CameraParameters& p, double r) {
   const std::array<double, 8>& k = p.distortion;
   if (p.model == DistortionModel::fisheye) {
@@ -24,19 +22,24 @@ double radial_profile(const CameraParameters& p, double r) {
   return r * numerator / denominator;
 }
 
-// First radius at which the profile stops growing. Scanned over the angle from the axis, so that
-// one step is the same share of the field of view everywhere, then refined by bisection.
+Eigen::Vector2d distorted(const CameraParameters& p, const Eigen::Vector2d& xy) {
+  Eigen::Vector2d result;
+  distort<double>(p.model, p.distortion, xy.x(), xy.y(), result.x(), result.y());
+  return result;
+}
+
+// First radius at which the profile stops growing: a scan over the angle from the axis, then
+// bisection.
 double find_max_radius(const CameraParameters& p) {
   constexpr int kSteps = 4096;
   constexpr double kLargestAngle = 1.57;  // just under pi/2: a pinhole sees no further
-  const auto radius_at = [](double angle) { return std::tan(angle); };
   const auto grows = [&](double r) {
     const double step = 1e-6 * (1.0 + r);
     return radial_profile(p, r + step) > radial_profile(p, r);
   };
   double previous = 0.0;
   for (int i = 1; i <= kSteps; ++i) {
-    const double r = radius_at(kLargestAngle * i / kSteps);
+    const double r = std::tan(kLargestAngle * i / kSteps);
     if (!grows(r)) {
       double low = previous;
       double high = r;
@@ -54,81 +57,65 @@ double find_max_radius(const CameraParameters& p) {
 }  // namespace
 
 std::string_view to_string(DistortionModel model) {
-  switch (model) {
-    case DistortionModel::plumb_bob:
-      return "plumb_bob";
-    case DistortionModel::rational:
-      return "rational_polynomial";
-    case DistortionModel::fisheye:
-      return "equidistant";
-  }
-  return "plumb_bob";
+  constexpr std::array<std::string_view, 3> kNames = {"plumb_bob", "rational_polynomial",
+                                                      "equidistant"};
+  return kNames[static_cast<std::size_t>(model)];
 }
 
 int coefficient_count(DistortionModel model) {
-  switch (model) {
-    case DistortionModel::plumb_bob:
-      return 5;
-    case DistortionModel::rational:
-      return 8;
-    case DistortionModel::fisheye:
-      return 4;
-  }
-  return 5;
+  constexpr std::array<int, 3> kCounts = {5, 8, 4};
+  return kCounts[static_cast<std::size_t>(model)];
+}
+
+std::string coefficient_name(DistortionModel model, std::size_t index) {
+  constexpr std::array<const char*, 8> kPolynomial = {"k1", "k2", "p1", "p2",
+                                                      "k3", "k4", "k5", "k6"};
+  return model == DistortionModel::fisheye ? fmt::format("k{}", index + 1) : kPolynomial[index];
 }
 
 Result<CameraModel> CameraModel::make(const CameraParameters& parameters) {
+  const CameraParameters& p = parameters;
   constexpr int kLargestSide = 32768;
-  if (parameters.width < 1 || parameters.width > kLargestSide) {
-    return fail("image_width is {}; give the image's width in pixels (1 to {})", parameters.width,
+  if (p.width < 1 || p.width > kLargestSide) {
+    return fail("image_width is {}; give the image's width in pixels (1 to {})", p.width,
                 kLargestSide);
   }
-  if (parameters.height < 1 || parameters.height > kLargestSide) {
-    return fail("image_height is {}; give the image's height in pixels (1 to {})",
-                parameters.height, kLargestSide);
+  if (p.height < 1 || p.height > kLargestSide) {
+    return fail("image_height is {}; give the image's height in pixels (1 to {})", p.height,
+                kLargestSide);
   }
-  const auto focal_ok = [](double f) { return std::isfinite(f) && f > 1e-3 && f < 1e7; };
-  if (!focal_ok(parameters.fx))
-    return fail("focal length fx is {}; it must be a positive number of pixels", parameters.fx);
-  if (!focal_ok(parameters.fy))
-    return fail("focal length fy is {}; it must be a positive number of pixels", parameters.fy);
-  if (!std::isfinite(parameters.cx) || std::abs(parameters.cx) > 1e6)
-    return fail("principal point cx is {}; it must be a number of pixels", parameters.cx);
-  if (!std::isfinite(parameters.cy) || std::abs(parameters.cy) > 1e6)
-    return fail("principal point cy is {}; it must be a number of pixels", parameters.cy);
-  for (std::size_t i = 0; i < parameters.distortion.size(); ++i) {
-    const bool fisheye = parameters.model == DistortionModel::fisheye;
-    if (!std::isfinite(parameters.distortion[i]) || std::abs(parameters.distortion[i]) > 1e6) {
+  for (const auto& [name, f] : {std::pair("fx", p.fx), std::pair("fy", p.fy)}) {
+    if (!(f > 1e-3 && f < 1e7))
+      return fail("focal length {} is {}; it must be a positive number of pixels", name, f);
+  }
+  for (const auto& [name, c] : {std::pair("cx", p.cx), std::pair("cy", p.cy)}) {
+    if (!(std::abs(c) <= 1e6))
+      return fail("principal point {} is {}; it must be a number of pixels", name, c);
+  }
+  for (std::size_t i = 0; i < p.distortion.size(); ++i) {
+    if (!(std::abs(p.distortion[i]) <= 1e6)) {
       return fail("distortion coefficient {} is {}; it must be a finite number",
-                  fisheye ? fmt::format("k{}", i + 1) : std::string(kPolynomialNames[i]),
-                  parameters.distortion[i]);
+                  coefficient_name(p.model, i), p.distortion[i]);
     }
   }
-  if (parameters.tone_curve && !(std::isfinite(*parameters.tone_curve) &&
-                                 *parameters.tone_curve >= 0.1 && *parameters.tone_curve <= 10.0)) {
-    return fail("tone_curve is {}; it must be an exponent between 0.1 and 10",
-                *parameters.tone_curve);
+  if (p.tone_curve && !(*p.tone_curve >= 0.1 && *p.tone_curve <= 10.0))
+    return fail("tone_curve is {}; it must be an exponent between 0.1 and 10", *p.tone_curve);
+  if (p.rolling_shutter_row_s) {
+    const double row_s = *p.rolling_shutter_row_s;
+    if (!(row_s >= 0.0 && row_s < 1.0)) {
+      return fail("rolling_shutter_row_s is {}; it must be the seconds from row to row", row_s);
+    }
+    constexpr double kLongestReadout_s = 0.2;  // slow cameras take a thirtieth of a second and more
+    if (row_s * p.height > kLongestReadout_s) {
+      return fail(
+          "rolling_shutter_row_s is {}: {} rows then take {:.3g} s, longer than any camera; it "
+          "must be the seconds from one row to the next",
+          row_s, p.height, row_s * p.height);
+    }
   }
-  if (parameters.rolling_shutter_row_s &&
-      !(*parameters.rolling_shutter_row_s >= 0.0 && *parameters.rolling_shutter_row_s < 1.0)) {
-    return fail("rolling_shutter_row_s is {}; it must be the seconds from row to row",
-                *parameters.rolling_shutter_row_s);
-  }
-  // Slow ones take a thirtieth of a second and more, none so long.
-  constexpr double kLongestReadout_s = 0.2;
-  if (parameters.rolling_shutter_row_s &&
-      *parameters.rolling_shutter_row_s * parameters.height > kLongestReadout_s) {
-    return fail(
-        "rolling_shutter_row_s is {}: {} rows then take {:.3g} s, longer than any camera; it must "
-        "be "
-        "the seconds from one row to the next",
-        *parameters.rolling_shutter_row_s, parameters.height,
-        *parameters.rolling_shutter_row_s * parameters.height);
-  }
-  if (parameters.overlay_sigma_px &&
-      !(*parameters.overlay_sigma_px >= 0.0 && *parameters.overlay_sigma_px <= 1e6)) {
+  if (p.overlay_sigma_px && !(*p.overlay_sigma_px >= 0.0 && *p.overlay_sigma_px <= 1e6)) {
     return fail("uncertainty: overlay_px is {}; it must be a number of pixels",
-                *parameters.overlay_sigma_px);
+                *p.overlay_sigma_px);
   }
 
   CameraModel camera;
@@ -136,7 +123,7 @@ Result<CameraModel> CameraModel::make(const CameraParameters& parameters) {
   for (auto i = static_cast<std::size_t>(coefficient_count(parameters.model)); i < 8; ++i)
     camera.parameters_.distortion[i] = 0.0;
   camera.has_distortion_ =
-      parameters.model == DistortionModel::fisheye;  // even with k = 0 it is no pinhole
+      parameters.model == DistortionModel::fisheye;  // even with all coefficients 0
   for (const double k : camera.parameters_.distortion)
     camera.has_distortion_ = camera.has_distortion_ || k != 0.0;
   camera.max_radius_ = camera.has_distortion_ ? find_max_radius(camera.parameters_)
@@ -158,10 +145,9 @@ std::optional<Eigen::Vector2d> CameraModel::project_extended(
   if (!p_camera.allFinite() || p_camera.z() <= 0.0) return std::nullopt;
   const double r = std::hypot(p_camera.x() / p_camera.z(), p_camera.y() / p_camera.z());
   if (!(r > max_radius_)) return project(p_camera);
-  // At max_radius the profile is flat, so its own slope would pile everything up there: continue
-  // with the slope of its chord.
+  // The profile is flat at max_radius: the slope of its chord continues it. `edge` is unchecked
+  // since rounding may put the point just beyond max_radius.
   const double scale = max_radius_ / r;
-  // By rounding, that point may lie just beyond max_radius.
   const Eigen::Vector2d edge =
       project_unchecked({p_camera.x() * scale, p_camera.y() * scale, p_camera.z()});
   const Eigen::Vector2d centre(parameters_.cx, parameters_.cy);
@@ -174,18 +160,14 @@ Eigen::Vector2d CameraModel::project_unchecked(const Eigen::Vector3d& p_camera,
                                                Eigen::Matrix<double, 2, 3>* jacobian) const {
   const double inverse_z = 1.0 / p_camera.z();
   const Eigen::Vector2d xy = p_camera.head<2>() * inverse_z;
-  Eigen::Vector2d distorted = xy;
-  if (has_distortion_)
-    distort<double>(parameters_.model, parameters_.distortion, xy.x(), xy.y(), distorted.x(),
-                    distorted.y());
+  const Eigen::Vector2d xy_d = has_distortion_ ? distorted(parameters_, xy) : xy;
   if (jacobian != nullptr) {
     Eigen::Matrix<double, 2, 3> J_normalise;
     J_normalise << inverse_z, 0.0, -xy.x() * inverse_z, 0.0, inverse_z, -xy.y() * inverse_z;
     *jacobian = Eigen::Vector2d(parameters_.fx, parameters_.fy).asDiagonal() *
                 distortion_jacobian(xy) * J_normalise;
   }
-  return {parameters_.fx * distorted.x() + parameters_.cx,
-          parameters_.fy * distorted.y() + parameters_.cy};
+  return {parameters_.fx * xy_d.x() + parameters_.cx, parameters_.fy * xy_d.y() + parameters_.cy};
 }
 
 Eigen::Matrix2d CameraModel::distortion_jacobian(const Eigen::Vector2d& xy) const {
@@ -231,8 +213,8 @@ std::optional<Eigen::Vector3d> CameraModel::unproject(const Eigen::Vector2d& pix
   const Eigen::Vector2d target((pixel.x() - parameters_.cx) / parameters_.fx,
                                (pixel.y() - parameters_.cy) / parameters_.fy);
   if (!has_distortion_) return Eigen::Vector3d(target.x(), target.y(), 1.0);
-  // Start on the radial profile (it is monotonic up to max_radius), then Newton in two dimensions
-  // for the tangential part.
+  // Bisection on the radial profile, which is monotonic up to max_radius, then Newton steps for the
+  // tangential part.
   const double target_radius = target.norm();
   double low = 0.0;
   double high = std::isfinite(max_radius_) ? max_radius_ : 1.0;
@@ -247,10 +229,7 @@ std::optional<Eigen::Vector3d> CameraModel::unproject(const Eigen::Vector2d& pix
                            ? Eigen::Vector2d(target * (0.5 * (low + high) / target_radius))
                            : Eigen::Vector2d(0.0, 0.0);
   for (int i = 0; i < 30; ++i) {
-    Eigen::Vector2d distorted;
-    distort<double>(parameters_.model, parameters_.distortion, xy.x(), xy.y(), distorted.x(),
-                    distorted.y());
-    const Eigen::Vector2d residual = distorted - target;
+    const Eigen::Vector2d residual = distorted(parameters_, xy) - target;
     if (residual.squaredNorm() < 1e-28) break;
     const Eigen::Matrix2d J = distortion_jacobian(xy);
     if (std::abs(J.determinant()) < 1e-12) break;
@@ -260,10 +239,8 @@ std::optional<Eigen::Vector3d> CameraModel::unproject(const Eigen::Vector2d& pix
     if (step.squaredNorm() < 1e-30) break;
   }
   if (xy.norm() > max_radius_ * (1.0 + 1e-9)) return std::nullopt;
-  Eigen::Vector2d distorted;
-  distort<double>(parameters_.model, parameters_.distortion, xy.x(), xy.y(), distorted.x(),
-                  distorted.y());
-  if ((distorted - target).norm() > 1e-9 * (1.0 + target_radius)) return std::nullopt;
+  if ((distorted(parameters_, xy) - target).norm() > 1e-9 * (1.0 + target_radius))
+    return std::nullopt;
   return Eigen::Vector3d(xy.x(), xy.y(), 1.0);
 }
 

@@ -1,15 +1,24 @@
 // Pinhole camera with lens distortion: camera frame (x right, y down, z forward) <-> pixels.
 // Pixel (0, 0) is the centre of the top-left pixel (OpenCV, ROS).
 //
-//   (x, y) = (X/Z, Y/Z);  (x_d, y_d) = distort(x, y);  u = fx x_d + cx;  v = fy y_d + cy
+//   x = X / Z,  y = Y / Z,  (x_d, y_d) = distort(x, y),  u = fx x_d + cx,  v = fy y_d + cy
 //
-// plumb_bob  k1 k2 p1 p2 k3 (OpenCV order):  r2 = x^2 + y^2,  d = 1 + k1 r2 + k2 r2^2 + k3 r2^3,
-//            x_d = d x + 2 p1 x y + p2 (r2 + 2 x^2),  y_d = d y + p1 (r2 + 2 y^2) + 2 p2 x y
-// rational   k1 k2 p1 p2 k3 k4 k5 k6: the same with d = (1 + k1 r2 + k2 r2^2 + k3 r2^3) / (1 + k4
-// r2 + k5 r2^2 + k6 r2^3) fisheye    k1 k2 k3 k4 (equidistant, Kannala and Brandt; ROS
-// "equidistant", OpenCV fisheye):
-//            theta = atan(r),  theta_d = theta (1 + k1 theta^2 + ... + k4 theta^8),  (x_d, y_d) =
-//            theta_d / r (x, y)
+// plumb_bob (coefficients k1 k2 p1 p2 k3, OpenCV's order):
+//
+//   r2  = x^2 + y^2
+//   d   = 1 + k1 r2 + k2 r2^2 + k3 r2^3
+//   x_d = d x + 2 p1 x y + p2 (r2 + 2 x^2)
+//   y_d = d y + p1 (r2 + 2 y^2) + 2 p2 x y
+//
+// rational (k1 k2 p1 p2 k3 k4 k5 k6): the same with
+//
+//   d = (1 + k1 r2 + k2 r2^2 + k3 r2^3) / (1 + k4 r2 + k5 r2^2 + k6 r2^3)
+//
+// fisheye (k1 k2 k3 k4; Kannala and Brandt, ROS "equidistant", OpenCV fisheye):
+//
+//   theta      = atan(sqrt(r2))
+//   theta_d    = theta (1 + k1 theta^2 + k2 theta^4 + k3 theta^6 + k4 theta^8)
+//   (x_d, y_d) = theta_d / sqrt(r2) (x, y)
 #pragma once
 
 #include <Eigen/Core>
@@ -25,9 +34,11 @@ namespace penumbra {
 
 enum class DistortionModel { plumb_bob, rational, fisheye };
 
-[[nodiscard]] std::string_view to_string(
-    DistortionModel model);  // "plumb_bob", "rational_polynomial", "equidistant" (ROS)
+// ROS's names: "plumb_bob", "rational_polynomial", "equidistant".
+[[nodiscard]] std::string_view to_string(DistortionModel model);
 [[nodiscard]] int coefficient_count(DistortionModel model);  // 5, 8, 4
+// The name of a coefficient: "k1", "p1", ...
+[[nodiscard]] std::string coefficient_name(DistortionModel model, std::size_t index);
 
 struct CameraParameters {
   int width = 0;              // [px]
@@ -37,15 +48,16 @@ struct CameraParameters {
   DistortionModel model = DistortionModel::plumb_bob;
   std::array<double, 8> distortion{};  // unused ones are 0
   std::string name;
-  std::optional<double> tone_curve;  // exponent: linear light = (value / 255) ^ tone_curve
+  // Camera response (gamma exponent): linear light = (value / 255) ^ tone_curve.
+  std::optional<double> tone_curve;
   std::optional<double> rolling_shutter_row_s;  // [s] from one row's read-out to the next
-  // By how much the lens, as far as it is known, displaces the overlay
-  // (core/evaluation/evaluation.hpp) where the pose was found with it: 1 sigma [px].
+  // 1 sigma [px] of the overlay (core/evaluation/evaluation.hpp) due to the lens uncertainty, for
+  // poses found with this lens.
   std::optional<double> overlay_sigma_px;
 };
 
-// Distorts normalised image coordinates; any scalar (double, ceres::Jet), coefficients of the same
-// or of another one.
+// Distorts normalised image coordinates of any scalar type T (double, ceres::Jet). The coefficients
+// may be of another type.
 template <class T, class K>
 void distort(DistortionModel model, const std::array<K, 8>& k, const T& x, const T& y, T& x_d,
              T& y_d) {
@@ -88,39 +100,26 @@ class CameraModel {
   [[nodiscard]] int width() const { return parameters_.width; }
   [[nodiscard]] int height() const { return parameters_.height; }
   [[nodiscard]] bool has_distortion() const { return has_distortion_; }
-  // Largest radius hypot(x, y) of normalised coordinates up to which the distorted radius grows;
-  // beyond it the model folds back and says nothing true. Infinite when it never folds.
+  // Largest radius hypot(x, y) of normalised coordinates up to which the distorted radius grows.
+  // Beyond it the distortion is non-monotonic. Infinite if it is monotonic everywhere.
   [[nodiscard]] double max_radius() const { return max_radius_; }
 
   // Pixel of a point in the camera frame [m]; nothing for a point behind the camera (Z <= 0),
   // beyond max_radius, or not finite. The pixel may lie outside the image.
   [[nodiscard]] std::optional<Eigen::Vector2d> project(const Eigen::Vector3d& p_camera) const;
-  // The same, continued linearly along the radius beyond max_radius, so that what is drawn stays
-  // connected. Still nothing behind the camera.
+  // Continues project() linearly along the radius beyond max_radius, so that drawn shapes stay
+  // connected. Nothing behind the camera.
   [[nodiscard]] std::optional<Eigen::Vector2d> project_extended(
       const Eigen::Vector3d& p_camera) const;
-  // No checks; Z must not be 0. `jacobian`, if given, is d pixel / d p_camera (2x3) by the exact
-  // derivative.
+  // No checks; Z must not be 0. Sets `jacobian`, if given, to d pixel / d p_camera.
   [[nodiscard]] Eigen::Vector2d project_unchecked(
       const Eigen::Vector3d& p_camera, Eigen::Matrix<double, 2, 3>* jacobian = nullptr) const;
 
-  // Direction (x, y, 1) in the camera frame whose projection is `pixel`; nothing when the model
-  // reaches no such pixel.
+  // Direction (x, y, 1) in the camera frame whose projection is `pixel`; nothing if there is none.
   [[nodiscard]] std::optional<Eigen::Vector3d> unproject(const Eigen::Vector2d& pixel) const;
 
   // d distorted / d undistorted normalised coordinates (2x2).
   [[nodiscard]] Eigen::Matrix2d distortion_jacobian(const Eigen::Vector2d& xy) const;
-
-  // Residuals of any scalar: p_camera[3] -> pixel[2], unchecked.
-  template <class T>
-  void project_generic(const T* p_camera, T* pixel) const {
-    T x_d;
-    T y_d;
-    distort<T>(parameters_.model, parameters_.distortion, p_camera[0] / p_camera[2],
-               p_camera[1] / p_camera[2], x_d, y_d);
-    pixel[0] = T(parameters_.fx) * x_d + T(parameters_.cx);
-    pixel[1] = T(parameters_.fy) * y_d + T(parameters_.cy);
-  }
 
  private:
   CameraParameters parameters_;

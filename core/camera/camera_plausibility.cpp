@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <span>
 
 #include "core/text/text.hpp"
@@ -51,13 +52,10 @@ std::optional<std::string> implausible_focal_length(const CameraParameters& p) {
   return std::nullopt;
 }
 
-// Only near the image's centre: fits of wide lenses are often non-monotonic in the corners.
+// Checks the image's centre only: fits of wide lenses are often non-monotonic in the corners.
 std::optional<std::string> non_monotonic_inside(const CameraModel& camera) {
-  if (!std::isfinite(camera.max_radius())) return std::nullopt;
   const CameraParameters& p = camera.parameters();
-  // Just inside max_radius(), so that rounding does not decide.
-  const auto limit = camera.project({camera.max_radius() * (1.0 - 1e-9), 0.0, 1.0});
-  const double limit_px = limit ? (*limit - Eigen::Vector2d(p.cx, p.cy)).norm() : 0.0;
+  const double limit_px = monotonic_radius_px(camera);
   if (limit_px >= 0.5 * std::min(p.width, p.height)) return std::nullopt;
   const std::span coefficients(p.distortion.data(),
                                static_cast<std::size_t>(coefficient_count(p.model)));
@@ -69,6 +67,14 @@ std::optional<std::string> non_monotonic_inside(const CameraModel& camera) {
 }
 
 }  // namespace
+
+double monotonic_radius_px(const CameraModel& camera) {
+  if (!std::isfinite(camera.max_radius())) return std::numeric_limits<double>::infinity();
+  // Just inside max_radius(), so that rounding does not decide.
+  const auto limit = camera.project({camera.max_radius() * (1.0 - 1e-9), 0.0, 1.0});
+  const Eigen::Vector2d centre(camera.parameters().cx, camera.parameters().cy);
+  return limit ? (*limit - centre).norm() : 0.0;
+}
 
 std::optional<std::string> implausible_parameter(const CameraModel& camera) {
   const CameraParameters& p = camera.parameters();

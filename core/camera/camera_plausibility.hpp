@@ -1,4 +1,4 @@
-// Finds camera parameters that can be used but are likely wrong.
+// Finds camera parameters that are usable but likely wrong.
 #pragma once
 
 #include <optional>
@@ -8,8 +8,12 @@
 
 namespace penumbra {
 
-// Describes the first parameter that hardly any camera has: field, value and likely cause, without
-// the file's name. Returns nothing for a plausible camera. The checks, in this order:
+// Distance from the principal point [px] up to which the distortion is monotonic, along the x axis;
+// infinite if it is monotonic everywhere.
+[[nodiscard]] double monotonic_radius_px(const CameraModel& camera);
+
+// Describes the first implausible parameter: field, value and likely cause, without the file's
+// name. Returns nothing for a plausible camera. The checks, in this order:
 // - the principal point lies outside the image (an off-centre crop of an image has that too),
 // - fx and fy differ by more than a factor of 2,
 // - the horizontal field of view is below 1 degree, above 170 degrees (pinhole models) or above 360

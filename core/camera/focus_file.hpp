@@ -6,7 +6,7 @@
 
 namespace penumbra {
 
-// Its `focus_position`, in the units of the camera's control; nothing where the file does not say.
+// Returns `focus_position`, in the units of the camera's control; nothing if the file has none.
 [[nodiscard]] std::optional<double> load_focus_position(const std::filesystem::path& camera_file);
 
 }  // namespace penumbra

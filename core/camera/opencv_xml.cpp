@@ -12,7 +12,7 @@ namespace {
 
 constexpr std::string_view kXmlBlank = " \t\r\n";
 
-// Words of a text; one in double quotes may hold blanks.
+// Splits a text into words; a word in double quotes may hold blanks.
 std::vector<std::string> words_of(std::string_view text) {
   std::vector<std::string> words;
   while (true) {

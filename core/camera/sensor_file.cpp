@@ -1,23 +1,13 @@
 #include "core/camera/sensor_file.hpp"
 
+#include <algorithm>
 #include <cmath>
-#include <string>
-#include <vector>
 
 #include "core/propagate.hpp"
 #include "core/text/yaml_fields.hpp"
 
 namespace penumbra {
 namespace {
-
-Result<std::vector<double>> list_of(const YamlFields& fields, const char* key, std::size_t count,
-                                    const char* remedy) {
-  auto values = fields.numbers(key, remedy);
-  if (values && values->size() != count) {
-    return fail("{}: has {} numbers; {}", fields.place_of(key), values->size(), remedy);
-  }
-  return values;
-}
 
 Result<CameraModel> read_sensor(const YamlFields& fields) {
   CameraParameters parameters;
@@ -37,11 +27,11 @@ Result<CameraModel> read_sensor(const YamlFields& fields) {
                 fields.place_of("distortion_model"), model);
   }
   PENUMBRA_TRY(const auto resolution,
-               list_of(fields, "resolution", 2, "give [width, height] in pixels"));
+               fields.numbers("resolution", 2, "give [width, height] in pixels"));
   PENUMBRA_TRY(const auto intrinsics,
-               list_of(fields, "intrinsics", 4, "give [fu, fv, cu, cv] in pixels"));
+               fields.numbers("intrinsics", 4, "give [fu, fv, cu, cv] in pixels"));
   PENUMBRA_TRY(const auto distortion,
-               list_of(fields, "distortion_coefficients", 4, "give the model's 4 coefficients"));
+               fields.numbers("distortion_coefficients", 4, "give the model's 4 coefficients"));
   for (const double side : resolution) {
     if (side != std::floor(side) || side < 1.0 || side > 32768.0) {
       return fail("{}: {} is no number of pixels from 1 to 32768", fields.place_of("resolution"),
@@ -54,16 +44,14 @@ Result<CameraModel> read_sensor(const YamlFields& fields) {
   parameters.fy = intrinsics[1];
   parameters.cx = intrinsics[2];
   parameters.cy = intrinsics[3];
-  for (std::size_t i = 0; i < 4; ++i) parameters.distortion[i] = distortion[i];
-  auto camera = CameraModel::make(parameters);
-  if (!camera) return fail_in(fields.place(), camera.error());
-  return camera;
+  std::ranges::copy(distortion, parameters.distortion.begin());
+  return with_place(fields.place(), CameraModel::make(parameters));
 }
 
 Result<Transform<frame::Body, frame::Sensor>> read_mounting(const YamlFields& fields) {
   constexpr const char* kMatrix = "give data: the 16 numbers of a 4x4 matrix, row by row";
   PENUMBRA_TRY(const auto matrix, fields.fields("T_BS", kMatrix));
-  PENUMBRA_TRY(const auto numbers, list_of(matrix, "data", 16, kMatrix));
+  PENUMBRA_TRY(const auto numbers, matrix.numbers("data", 16, kMatrix));
   const Eigen::Matrix4d T =
       Eigen::Map<const Eigen::Matrix<double, 4, 4, Eigen::RowMajor>>(numbers.data());
   const Eigen::Matrix3d R = T.topLeftCorner<3, 3>();
@@ -75,25 +63,25 @@ Result<Transform<frame::Body, frame::Sensor>> read_mounting(const YamlFields& fi
   return Transform<frame::Body, frame::Sensor>(R, T.topRightCorner<3, 1>());
 }
 
-}  // namespace
-
-Result<CameraModel> load_euroc_sensor(const std::filesystem::path& file) {
+template <class T>
+Result<T> load_with(const std::filesystem::path& file, Result<T> (*read)(const YamlFields&)) {
   PENUMBRA_TRY(const auto root, load_yaml_map(file));
   try {
-    return read_sensor(YamlFields(root, file.string()));
+    return read(YamlFields(root, file.string()));
   } catch (const YAML::Exception& error) {
     return fail("{}: is not valid YAML ({}); correct the file", file.string(), error.msg);
   }
 }
 
+}  // namespace
+
+Result<CameraModel> load_euroc_sensor(const std::filesystem::path& file) {
+  return load_with(file, read_sensor);
+}
+
 Result<Transform<frame::Body, frame::Sensor>> load_euroc_mounting(
     const std::filesystem::path& file) {
-  PENUMBRA_TRY(const auto root, load_yaml_map(file));
-  try {
-    return read_mounting(YamlFields(root, file.string()));
-  } catch (const YAML::Exception& error) {
-    return fail("{}: is not valid YAML ({}); correct the file", file.string(), error.msg);
-  }
+  return load_with(file, read_mounting);
 }
 
 }  // namespace penumbra

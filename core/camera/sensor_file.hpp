@@ -15,11 +15,10 @@ namespace penumbra {
 
 namespace frame {
 struct Body;    // EuRoC's body frame, in practice the IMU
-struct Sensor;  // of the sensor whose sensor.yaml it is
+struct Sensor;  // the sensor that sensor.yaml describes
 }  // namespace frame
 
-// T_BS of a EuRoC sensor.yaml: where the sensor sits on the body. Fails where it is missing or no
-// rigid transform.
+// T_BS of a EuRoC sensor.yaml. Fails if it is missing or not a rigid transform.
 [[nodiscard]] Result<Transform<frame::Body, frame::Sensor>> load_euroc_mounting(
     const std::filesystem::path& file);
 

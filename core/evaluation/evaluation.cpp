@@ -20,8 +20,8 @@ double quantile(const std::vector<double>& sorted, double share) {
   return sorted[below] + weight * (sorted[above] - sorted[below]);
 }
 
-// d pixel / d p_camera of CameraModel::project_extended: exact inside the lens model, by central
-// differences where it is continued.
+// d pixel / d p_camera of CameraModel::project_extended(), by central differences beyond
+// max_radius.
 std::optional<Eigen::Matrix<double, 2, 3>> projection_jacobian(const CameraModel& camera,
                                                                const Eigen::Vector3d& p) {
   Eigen::Matrix<double, 2, 3> J;
@@ -42,15 +42,68 @@ std::optional<Eigen::Matrix<double, 2, 3>> projection_jacobian(const CameraModel
   return J;
 }
 
-// A corner that is in front of the true camera, but has no place in the picture under the estimate
-// (behind the camera): the angle between the two directions, at the focal length. Leaving it out
-// would call the worst poses the best.
+// Error of a corner that the estimate puts behind the camera: the angle between the two directions
+// times the focal length. Omitting it would favour the worst poses.
 double error_behind_camera_px(const CameraModel& camera, const Eigen::Vector3d& p_estimated,
                               const Eigen::Vector3d& p_true) {
   const double angle =
       std::atan2(p_estimated.stableNormalized().cross(p_true.stableNormalized()).norm(),
                  p_estimated.stableNormalized().dot(p_true.stableNormalized()));
   return std::max(camera.parameters().fx, camera.parameters().fy) * angle;
+}
+
+class ErrorCollector {
+ public:
+  explicit ErrorCollector(const CameraModel& camera) : camera_(camera) {}
+
+  // `consecutive`: the frame before was added too.
+  void add(const CameraPose& estimated, const CameraPose& truth, bool consecutive) {
+    translation_.push_back(1e3 * (estimated.translation() - truth.translation()).norm());
+    rotation_.push_back(degrees(estimated.rotation().angularDistance(truth.rotation())));
+    const OverlayDifference difference = overlay_difference(camera_, estimated, truth);
+    bool any = false;
+    for (std::size_t i = 0; i < difference.valid.size(); ++i) {
+      if (!difference.valid[i]) continue;
+      any = true;
+      corner_.push_back(difference.difference_px[i].norm());
+      if (consecutive && previous_.valid[i]) {
+        change_sum_ += (difference.difference_px[i] - previous_.difference_px[i]).squaredNorm();
+        ++change_count_;
+      }
+    }
+    if (any) frame_.push_back(difference.rms_px());
+    previous_ = difference;
+  }
+
+  void finish(Evaluation& result) {
+    result.translation_mm = statistics_of(std::move(translation_));
+    result.rotation_deg = statistics_of(std::move(rotation_));
+    result.overlay_px = statistics_of(std::move(corner_));
+    result.overlay_frame_px = statistics_of(std::move(frame_));
+    result.jitter_changes = change_count_;
+    result.jitter_px = change_count_ == 0 ? 0.0 : std::sqrt(change_sum_ / change_count_);
+  }
+
+ private:
+  const CameraModel& camera_;
+  std::vector<double> translation_, rotation_, corner_, frame_;
+  OverlayDifference previous_;
+  double change_sum_ = 0.0;
+  int change_count_ = 0;
+};
+
+// Index of the pose nearest in time; the trajectory is not empty.
+std::size_t nearest_index(const Trajectory& trajectory, std::int64_t time_ns) {
+  const auto& poses = trajectory.poses;
+  const auto after = std::ranges::lower_bound(poses, time_ns, {}, &StampedPose::timestamp_ns);
+  if (after == poses.begin()) return 0;
+  const auto index = static_cast<std::size_t>(after - poses.begin());
+  if (after == poses.end()) return index - 1;
+  // As doubles: the difference of two times may exceed 64 bits.
+  const double to_before =
+      static_cast<double>(time_ns) - static_cast<double>(poses[index - 1].timestamp_ns);
+  const double to_after = static_cast<double>(after->timestamp_ns) - static_cast<double>(time_ns);
+  return to_before < to_after ? index - 1 : index;
 }
 
 }  // namespace
@@ -110,65 +163,6 @@ OverlayDifference overlay_difference(const CameraModel& camera, const CameraPose
   return result;
 }
 
-namespace {
-
-// Collects the errors of judged frames.
-class ErrorCollector {
- public:
-  explicit ErrorCollector(const CameraModel& camera) : camera_(camera) {}
-
-  // `consecutive`: the frame before was added too.
-  void add(const CameraPose& estimated, const CameraPose& truth, bool consecutive) {
-    translation_.push_back(1e3 * (estimated.translation() - truth.translation()).norm());
-    rotation_.push_back(degrees(estimated.rotation().angularDistance(truth.rotation())));
-    const OverlayDifference difference = overlay_difference(camera_, estimated, truth);
-    bool any = false;
-    for (std::size_t i = 0; i < difference.valid.size(); ++i) {
-      if (!difference.valid[i]) continue;
-      any = true;
-      corner_.push_back(difference.difference_px[i].norm());
-      if (consecutive && previous_.valid[i]) {
-        change_sum_ += (difference.difference_px[i] - previous_.difference_px[i]).squaredNorm();
-        ++change_count_;
-      }
-    }
-    if (any) frame_.push_back(difference.rms_px());
-    previous_ = difference;
-  }
-
-  void finish(Evaluation& result) {
-    result.translation_mm = statistics_of(std::move(translation_));
-    result.rotation_deg = statistics_of(std::move(rotation_));
-    result.overlay_px = statistics_of(std::move(corner_));
-    result.overlay_frame_px = statistics_of(std::move(frame_));
-    result.jitter_changes = change_count_;
-    result.jitter_px = change_count_ == 0 ? 0.0 : std::sqrt(change_sum_ / change_count_);
-  }
-
- private:
-  const CameraModel& camera_;
-  std::vector<double> translation_, rotation_, corner_, frame_;
-  OverlayDifference previous_;
-  double change_sum_ = 0.0;
-  int change_count_ = 0;
-};
-
-// Index of the pose nearest in time; the trajectory is not empty.
-std::size_t nearest_index(const Trajectory& trajectory, std::int64_t time_ns) {
-  const auto& poses = trajectory.poses;
-  const auto after = std::ranges::lower_bound(poses, time_ns, {}, &StampedPose::timestamp_ns);
-  if (after == poses.begin()) return 0;
-  const auto index = static_cast<std::size_t>(after - poses.begin());
-  if (after == poses.end()) return index - 1;
-  // As doubles: the difference of two times may exceed 64 bits.
-  const double to_before =
-      static_cast<double>(time_ns) - static_cast<double>(poses[index - 1].timestamp_ns);
-  const double to_after = static_cast<double>(after->timestamp_ns) - static_cast<double>(time_ns);
-  return to_before < to_after ? index - 1 : index;
-}
-
-}  // namespace
-
 Evaluation evaluate(const CameraModel& camera, const Trajectory& estimated, const Trajectory& truth,
                     const PairingOptions& options, std::int64_t frame_interval_ns) {
   Evaluation result;
@@ -227,7 +221,7 @@ double expected_overlay_error_px(const CameraModel& camera, const CameraPose& po
     const Eigen::Vector3d p = T_camera_table * corner;
     if (!p.allFinite() || p.z() <= 0.0) continue;
     const std::optional<Eigen::Matrix<double, 2, 3>> J_p = projection_jacobian(camera, p);
-    // Nothing says how far it may be off: leaving it out would make the worst views the best.
+    // Omitting a corner with an unknown error would favour the worst views.
     if (!J_p) return std::numeric_limits<double>::infinity();
     // T exp([nu; omega]) moves the point to p - nu - omega x p = p - nu + [p]x omega.
     Eigen::Matrix<double, 3, 6> J_pose;

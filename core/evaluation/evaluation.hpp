@@ -1,5 +1,4 @@
-// How far an estimated camera path is from the truth, in the table frame, with no alignment (the
-// table frame is known).
+// Errors of an estimated trajectory against the truth, in the table frame and without alignment.
 #pragma once
 
 #include <array>
@@ -10,6 +9,7 @@
 #include "core/evaluation/pairing.hpp"
 #include "core/geometry/group_pose.hpp"
 #include "core/geometry/trajectory.hpp"
+#include "core/statistics.hpp"
 
 namespace penumbra {
 
@@ -17,20 +17,12 @@ namespace penumbra {
 // frame [m].
 [[nodiscard]] std::array<Eigen::Vector3d, 8> overlay_cube();
 
-// In the unit of the values.
-struct Statistics {
-  double rmse = 0.0;
-  double median = 0.0;
-  double p95 = 0.0;
-  double max = 0.0;
-};
 // All zero for no values. median and p95 interpolate linearly between order statistics.
 [[nodiscard]] Statistics statistics_of(std::vector<double> values);
 
-// Where the corners of the overlay cube appear under both poses: estimated - true [px]. Corners
-// behind the true camera are left out (valid[i] false); one that is behind the estimated camera
-// alone counts as the angle between its two directions times the focal length. Beyond the lens
-// model's valid radius the model is continued linearly.
+// Pixels of the overlay cube's corners: estimated - true [px]. Corners behind the true camera are
+// not valid; one behind the estimated camera only counts as the angle between its two directions
+// times the focal length. Projection is CameraModel::project_extended().
 struct OverlayDifference {
   std::array<Eigen::Vector2d, 8> difference_px{};
   std::array<bool, 8> valid{};
@@ -62,18 +54,16 @@ struct Evaluation {
                                   const Trajectory& truth, const PairingOptions& options = {},
                                   std::int64_t frame_interval_ns = 0);
 
-// The camera over the middle of a group of tags (T_middle_camera) at the camera's times at which
-// the group's place on the table (T_table_group) is known, as pose_at() finds it: what a group's
-// overlay error is of. `max_gap_ns` 0: only places at the same times.
+// T_middle_camera of a group of tags at the camera's times for which pose_at() finds the group's
+// pose on the table (T_table_group). `max_gap_ns` 0: only poses at the same times.
 [[nodiscard]] Trajectory over_group(
     const Trajectory& camera, const Trajectory& group,
     const Transform<frame::Group, frame::GroupMiddle>& T_group_middle, std::int64_t max_gap_ns = 0);
 
-// 1 sigma of the overlay error (RMS over the cube's corners) for a pose covariance as in
-// PoseEstimate.
+// Predicted overlay error (1 sigma, RMS over the cube's corners) for PoseEstimate's covariance.
 [[nodiscard]] double expected_overlay_error_px(const CameraModel& camera, const CameraPose& pose,
                                                const Eigen::Matrix<double, 6, 6>& covariance);
-// The same with what the lens itself adds, as far as the camera file says (overlay_sigma_px).
+// Adds the lens uncertainty of the camera file (overlay_sigma_px).
 [[nodiscard]] double with_lens_error_px(const CameraModel& camera, double expected_px);
 
 }  // namespace penumbra

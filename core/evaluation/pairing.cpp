@@ -1,14 +1,11 @@
 #include "core/evaluation/pairing.hpp"
 
 #include <algorithm>
-#include <cmath>
 #include <limits>
 #include <optional>
 #include <utility>
-#include <vector>
 
 #include "core/propagate.hpp"
-#include "core/text/text.hpp"
 #include "core/units.hpp"
 
 namespace penumbra {
@@ -18,13 +15,7 @@ constexpr std::int64_t kSameTime_ns = 1'000;  // what rounding to microseconds c
 constexpr std::int64_t kNearTime_ns = 1'000'000;
 constexpr std::int64_t kMostBeyond_ns = 10'000'000;  // before the first and after the last pose
 
-std::uint64_t distance_ns(std::int64_t a, std::int64_t b) {
-  // unsigned: any two times have a distance
-  return a > b ? static_cast<std::uint64_t>(a) - static_cast<std::uint64_t>(b)
-               : static_cast<std::uint64_t>(b) - static_cast<std::uint64_t>(a);
-}
-
-// On the line through two poses; the time may lie beyond them.
+// Interpolates between two poses, or extrapolates beyond them.
 CameraPose interpolated(const StampedPose& before, const StampedPose& after,
                         std::int64_t timestamp_ns) {
   const double interval = static_cast<double>(distance_ns(after.timestamp_ns, before.timestamp_ns));
@@ -42,7 +33,7 @@ struct TimeUnit {
 constexpr std::array<TimeUnit, 3> kFinerUnits = {
     {{"milliseconds", 1e3}, {"microseconds", 1e6}, {"nanoseconds", 1e9}}};
 
-// Poses that are further apart than this are rarely those of a video.
+// Intervals of poses of a video are rarely beyond these.
 constexpr double kLongestInterval_s = 8.0;
 constexpr double kShortestInterval_s = 1e-5;
 
@@ -53,11 +44,11 @@ std::optional<double> median_interval_s(const Trajectory& trajectory) {
   return seconds(median_interval_ns(trajectory));
 }
 
-// Asks for the unit where poses are 8 s or more apart; photographs and time lapses may be.
+// Asks for the unit of poses that are 8 s or more apart, as those of photographs may be.
 std::optional<std::string> long_interval_text(const NamedTrajectory& named) {
   const std::optional<double> interval_s = median_interval_s(named.trajectory);
   if (!interval_s || *interval_s < kLongestInterval_s) return std::nullopt;
-  // By the interval of a video of 0.2 to 200 frames per second.
+  // Assumes a video of 0.2 to 200 frames per second.
   const TimeUnit& unit = *interval_s < 5e3   ? kFinerUnits[0]
                          : *interval_s < 5e6 ? kFinerUnits[1]
                                              : kFinerUnits[2];
@@ -91,14 +82,14 @@ double duration_s(const Trajectory& trajectory) {
          seconds(trajectory.poses.front().timestamp_ns);
 }
 
-// Fails where the times of one trajectory fill those of the other after scaling by a unit.
+// Fails if the times of one trajectory cover those of the other after scaling by a unit.
 Result<void> check_against_each_other(const NamedTrajectory& estimated,
                                       const NamedTrajectory& truth, const PairingOptions& options) {
   const std::vector<StampedPose>& poses = estimated.trajectory.poses;
   for (const TimeUnit& unit : kFinerUnits) {
     for (const bool truth_is_finer : {false, true}) {
       const double scale = truth_is_finer ? unit.per_second : 1.0 / unit.per_second;
-      // Times that are all near 0 lie inside too: they have to fill the truth's time as well.
+      // Times that are all near 0 lie inside too, but cover nothing.
       const double share = scale * duration_s(estimated.trajectory) / duration_s(truth.trajectory);
       const std::size_t inside =
           count_inside(estimated.trajectory, truth.trajectory, scale, options);

@@ -9,6 +9,8 @@
 #include <utility>
 #include <vector>
 
+#include "core/statistics.hpp"
+
 namespace penumbra {
 namespace {
 
@@ -27,14 +29,14 @@ std::vector<PosePair> pairs_of(const Trajectory& estimated, const Trajectory& tr
   return pairs;
 }
 
-// How one trajectory may have been written.
+// Mistakes in one trajectory.
 struct Convention {
   bool millimetres = false;
   bool w_first = false;
   bool inverse = false;
 };
 
-// The pose that a file of this convention means.
+// Converts a pose from a file with this convention.
 CameraPose converted(const CameraPose& pose, const Convention& from) {
   Eigen::Quaterniond rotation = pose.rotation();
   // The numbers w x y z were read as x y z w.
@@ -61,15 +63,13 @@ double difference_of(const std::vector<PosePair>& pairs, const Convention& of_es
     const double angle = estimated.rotation().angularDistance(truth.rotation());
     angle_sum += angle * angle;
   }
-  const auto middle = distances.begin() + static_cast<std::ptrdiff_t>(distances.size() / 2);
-  std::ranges::nth_element(distances, middle);
   constexpr double kLeastDistance_m = 1e-6;
-  const double distance = std::max(*middle, kLeastDistance_m);
+  const double distance = std::max(upper_median(std::move(distances)), kLeastDistance_m);
   return std::sqrt((position_sum / (distance * distance) + angle_sum) /
                    static_cast<double>(pairs.size()));
 }
 
-// Joins the words of what the convention has.
+// Joins the words of the mistakes with "and".
 std::string in_words(const Convention& convention, const char* millimetres, const char* w_first,
                      const char* inverse) {
   std::string text;

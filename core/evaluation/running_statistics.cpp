@@ -89,10 +89,4 @@ Statistics RunningStatistics::statistics() const {
   return result;
 }
 
-double root_mean_square(std::span<const double> values) {
-  double squares = 0.0;
-  for (const double value : values) squares += value * value;
-  return std::sqrt(squares / static_cast<double>(values.size()));
-}
-
 }  // namespace penumbra

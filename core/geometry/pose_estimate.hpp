@@ -1,7 +1,8 @@
-// Where the camera is, and how far that can be trusted.
+// The estimated camera pose and its uncertainty.
 #pragma once
 
 #include <Eigen/Core>
+#include <cstddef>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -10,27 +11,17 @@
 
 namespace penumbra {
 
-// tracked: the pose is verified and its expected overlay error (1 sigma) is under 2 px; uncertain:
-// above that, or two solutions are open; held: nothing measured in this frame, the last motion is
-// continued for a short while and drawn fading; lost: no pose.
+// tracked: the pose is verified and its predicted overlay error (1 sigma) is under 2 px; uncertain:
+// the error is larger, or two poses are possible; held: nothing was measured in this frame, the
+// pose is extrapolated for at most kHoldSeconds and drawn fading; lost: no pose.
 enum class TrackStatus { tracked, uncertain, held, lost };
 
 [[nodiscard]] constexpr std::string_view to_string(TrackStatus status) {
-  switch (status) {
-    case TrackStatus::tracked:
-      return "tracked";
-    case TrackStatus::uncertain:
-      return "uncertain";
-    case TrackStatus::held:
-      return "held";
-    case TrackStatus::lost:
-      return "lost";
-  }
-  return "lost";
+  constexpr std::string_view kNames[] = {"tracked", "uncertain", "held", "lost"};
+  return kNames[static_cast<std::size_t>(status)];
 }
 
-// How long the last motion is continued with nothing measured, and fades as it is drawn [s].
-inline constexpr double kHoldSeconds = 0.5;
+inline constexpr double kHoldSeconds = 0.5;  // [s]
 
 struct PoseEstimate {
   TrackStatus status = TrackStatus::lost;
@@ -38,25 +29,22 @@ struct PoseEstimate {
   // Covariance of the right perturbation T_table_camera * exp([nu; omega]), [m, rad], camera frame,
   // translation first.
   Eigen::Matrix<double, 6, 6> covariance = Eigen::Matrix<double, 6, 6>::Zero();
-  // Over the corners that were used, per corner (2-D distance); of an alignment, the displacement
-  // of the edges that would leave its residuals.
+  // RMS 2-D distance of the used corners; after an alignment, the edge displacement [px] that
+  // explains its residuals.
   double reprojection_rms_px = 0.0;
-  double expected_overlay_error_px =
-      0.0;  // 1 sigma of the overlay error (see core/evaluation/evaluation.hpp), from the
-            // covariance and what is known of the lens
-  // Reprojection RMS of the second pose that explains a planar target over that of the best one;
-  // infinite when there is only one. Near 1 the view is ambiguous.
+  // 1 sigma [px] of the overlay (core/evaluation/evaluation.hpp), from the covariance and the lens
+  // uncertainty.
+  double expected_overlay_error_px = 0.0;
+  // Reprojection RMS of the second pose of a planar target over that of the best one; infinite if
+  // there is one only. Near 1 the view is ambiguous.
   double ambiguity_ratio = 0.0;
   int tags_used = 0;
-  // Ids of tags in view that contradict the others, as a tag that was moved does: none of them
-  // counts.
-  std::vector<int> tags_left_out;
+  std::vector<int>
+      tags_left_out;   // ids of visible tags that are rejected: inconsistent with the map
   double age_s = 0.0;  // since the last measured pose; 0 unless held
-  // Of the last measured pose, where held: tracked or uncertain. Fading starts from how that one
-  // was drawn.
+  // Status of the last measured pose, where held: tracked or uncertain. Fading starts from it.
   TrackStatus held_from = TrackStatus::tracked;
-  std::string reason;  // why the pose is uncertain, held or lost, in a few words for the HUD; empty
-                       // when tracked
+  std::string reason;  // why the pose is uncertain, held or lost, for the HUD; empty when tracked
 
   [[nodiscard]] bool has_pose() const { return status != TrackStatus::lost; }
 };

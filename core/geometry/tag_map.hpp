@@ -1,4 +1,4 @@
-// What lies on the table: which tags, how large, where. File: tags.yaml (see load_tag_map).
+// The tags on the table, their sizes and poses. File: tags.yaml.
 #pragma once
 
 #include <array>
@@ -14,8 +14,7 @@
 
 namespace penumbra {
 
-// Families of libapriltag; the name in files is the same ("tag36h11"). And the ArUco dictionaries
-// of OpenCV, as in "DICT_4X4_50".
+// Families of libapriltag ("tag36h11" in files) and ArUco dictionaries of OpenCV ("DICT_4X4_50").
 enum class TagFamily {
   tag36h11,
   tag36h10,
@@ -41,29 +40,32 @@ enum class TagFamily {
 };
 
 struct ArucoDictionary {
-  int cells = 4;   // of data, across
-  int count = 50;  // of markers
+  int cells = 4;   // data cells across
+  int count = 50;  // markers
 };
 // Nothing for a family of libapriltag.
 [[nodiscard]] std::optional<ArucoDictionary> aruco_dictionary_of(TagFamily family);
 
 [[nodiscard]] std::string_view to_string(TagFamily family);
-// Names as OpenCV, ROS and AprilTag write them, in any case and with or without separators:
+// Accepts the names of OpenCV, ROS and AprilTag, in any case, with or without separators:
 // "tag36h11", "36h11", "apriltag_36h11", "DICT_APRILTAG_36h11"; "Standard41h12"; "DICT_4X4_50",
 // "4x4_50", "aruco_4x4_50"; "t36h11" (Kalibr).
 [[nodiscard]] std::optional<TagFamily> tag_family_from_string(std::string_view name);
 // "'...' is not known; known: ..."
 [[nodiscard]] std::string unknown_tag_family(std::string_view name);
 
+// Corners of a tag in its own frame [m], in the order libapriltag reports them:
+// (-s/2, -s/2), (s/2, -s/2), (s/2, s/2), (-s/2, s/2).
+[[nodiscard]] std::array<Eigen::Vector3d, 4> tag_corners(double size_m);
+
 struct MappedTag {
   int id = 0;
   TagFamily family = TagFamily::tag36h11;
   double size_m = 0.0;  // edge of the black border's outer square, the white margin not included
   Transform<frame::Table, frame::Tag> T_table_tag;
-  std::string group = "table";  // rigid group; only "table" is fixed to the table frame for certain
+  std::string group = "table";  // rigid group; only "table" is fixed to the table frame
 
-  // Corners in the table frame [m], in the order libapriltag reports them:
-  // (-s/2, -s/2), (s/2, -s/2), (s/2, s/2), (-s/2, s/2) in the tag frame.
+  // tag_corners() in the table frame.
   [[nodiscard]] std::array<Eigen::Vector3d, 4> corners() const;
 };
 
@@ -86,8 +88,7 @@ class TagMap {
 // group?}. Errors name file, tag and field.
 [[nodiscard]] Result<TagMap> load_tag_map(const std::filesystem::path& file);
 
-// Numbers are written so that they read back to the same double.
+// The text of a tags.yaml; numbers read back to the same double.
 [[nodiscard]] std::string tag_map_text(const TagMap& map);
-[[nodiscard]] Result<void> save_tag_map(const std::filesystem::path& file, const TagMap& map);
 
 }  // namespace penumbra

@@ -27,8 +27,8 @@ Eigen::Quaterniond turned_by(const Eigen::Vector3d& vector) {
   return Eigen::Quaterniond(Eigen::AngleAxisd(angle, vector / angle));
 }
 
-// Change of the rotation vector v while exp(v) turns at the body's rate `omega`: the inverse of the
-// right Jacobian of SO(3) (Chirikjian, Stochastic Models II, 10.86).
+// d v / dt while exp(v) turns at the body's rate `omega`: the inverse right Jacobian of SO(3)
+// (Chirikjian, Stochastic Models II, 10.86).
 Eigen::Vector3d rate_of_vector(const Eigen::Vector3d& v, const Eigen::Vector3d& omega) {
   const double angle = v.norm();
   const double factor = angle < 1e-4 ? 1.0 / 12.0
@@ -43,7 +43,7 @@ struct Velocity {
   Eigen::Vector3d angular = Eigen::Vector3d::Zero();  // [rad/s], camera frame
 };
 
-// Between the neighbours of a pose, or between an end and its only one.
+// Velocity between the neighbours of a pose; at an end, between it and its one neighbour.
 Velocity velocity_at(const std::vector<StampedPose>& poses, std::size_t i) {
   const StampedPose& before = poses[i > 0 ? i - 1 : i];
   const StampedPose& after = poses[std::min(i + 1, poses.size() - 1)];
@@ -55,7 +55,7 @@ Velocity velocity_at(const std::vector<StampedPose>& poses, std::size_t i) {
               gap_s};
 }
 
-CameraPose continued(const CameraPose& pose, const Velocity& velocity, double ahead_s) {
+CameraPose extrapolated(const CameraPose& pose, const Velocity& velocity, double ahead_s) {
   return {pose.rotation() * turned_by(ahead_s * velocity.angular),
           pose.translation() + ahead_s * velocity.linear};
 }
@@ -65,13 +65,11 @@ CameraPose continued(const CameraPose& pose, const Velocity& velocity, double ah
 CameraPose pose_between(const Trajectory& trajectory, std::int64_t timestamp_ns) {
   const std::vector<StampedPose>& poses = trajectory.poses;
   PENUMBRA_ASSERT(!poses.empty());
-  const auto later = std::upper_bound(
-      poses.begin(), poses.end(), timestamp_ns,
-      [](std::int64_t time, const StampedPose& pose) { return time < pose.timestamp_ns; });
+  const auto later = std::ranges::upper_bound(poses, timestamp_ns, {}, &StampedPose::timestamp_ns);
   if (later == poses.begin() || later == poses.end()) {
     const std::size_t end = later == poses.begin() ? 0 : poses.size() - 1;
-    return continued(poses[end].T_table_camera, velocity_at(poses, end),
-                     seconds(timestamp_ns - poses[end].timestamp_ns));
+    return extrapolated(poses[end].T_table_camera, velocity_at(poses, end),
+                        seconds(timestamp_ns - poses[end].timestamp_ns));
   }
   const auto i = static_cast<std::size_t>(later - poses.begin()) - 1;
   const CameraPose& begin = poses[i].T_table_camera;
@@ -80,15 +78,14 @@ CameraPose pose_between(const Trajectory& trajectory, std::int64_t timestamp_ns)
   const double u = seconds(timestamp_ns - poses[i].timestamp_ns) / gap_s;
   const Velocity v0 = velocity_at(poses, i);
   const Velocity v1 = velocity_at(poses, i + 1);
-  // Hermite's cubic from 0 to `whole`.
+  // Cubic Hermite from 0 to `whole`.
   const auto cubic = [&](const Eigen::Vector3d& whole, const Eigen::Vector3d& rate0,
                          const Eigen::Vector3d& rate1) -> Eigen::Vector3d {
     return u * u * (3.0 - 2.0 * u) * whole +
            gap_s * (u * (1.0 - u) * (1.0 - u) * rate0 - u * u * (1.0 - u) * rate1);
   };
   const Eigen::Vector3d turn = rotation_vector(begin.rotation().conjugate() * end.rotation());
-  // Half a turn and more from one pose to the next has no velocity to speak of.
-  constexpr double kMostTurn = 2.5;
+  constexpr double kMostTurn = 2.5;  // [rad] between two poses; the velocity of more is ambiguous
   const Eigen::Vector3d vector = turn.norm() < kMostTurn
                                      ? cubic(turn, v0.angular, rate_of_vector(turn, v1.angular))
                                      : Eigen::Vector3d(u * turn);
@@ -98,15 +95,9 @@ CameraPose pose_between(const Trajectory& trajectory, std::int64_t timestamp_ns)
 }
 
 const StampedPose* Trajectory::at(std::int64_t timestamp_ns, std::int64_t tolerance_ns) const {
-  const auto after = std::lower_bound(
-      poses.begin(), poses.end(), timestamp_ns,
-      [](const StampedPose& pose, std::int64_t time) { return pose.timestamp_ns < time; });
+  const auto after = std::ranges::lower_bound(poses, timestamp_ns, {}, &StampedPose::timestamp_ns);
   const auto distance = [&](const StampedPose& pose) {
-    // unsigned: any two times have a distance
-    return pose.timestamp_ns > timestamp_ns ? static_cast<std::uint64_t>(pose.timestamp_ns) -
-                                                  static_cast<std::uint64_t>(timestamp_ns)
-                                            : static_cast<std::uint64_t>(timestamp_ns) -
-                                                  static_cast<std::uint64_t>(pose.timestamp_ns);
+    return distance_ns(pose.timestamp_ns, timestamp_ns);
   };
   const StampedPose* best = nullptr;
   if (after != poses.end()) best = &*after;

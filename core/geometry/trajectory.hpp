@@ -21,8 +21,8 @@ struct StampedPose {
 // Poses in order of time; timestamps increase.
 struct Trajectory {
   std::vector<StampedPose> poses;
-  // As EuRoC's ground truth is: of the body (the IMU), not of the camera.
-  bool of_body = false;
+  bool of_body =
+      false;  // poses of the body (IMU) and not of the camera, as in EuRoC's ground truth
 
   // The pose whose timestamp is nearest to `timestamp_ns`, or null when none is within
   // `tolerance_ns`.
@@ -30,21 +30,19 @@ struct Trajectory {
                                       std::int64_t tolerance_ns = 1'000'000) const;
 };
 
-// The camera between the poses of a trajectory that has any: a curve through all of them with no
-// kink. Its velocity at a pose is that between the two neighbours (Catmull-Rom, for uneven times);
-// positions are cubics, rotations cubics of the rotation vector from the pose before. Beyond the
-// ends the motion goes on at the end's velocity.
+// Interpolates a trajectory that is not empty. The velocity at a pose is that between its two
+// neighbours (Catmull-Rom, for uneven times). Positions are cubics, rotations cubics of the
+// rotation vector from the pose before. Beyond the ends, the end's velocity extrapolates.
 [[nodiscard]] CameraPose pose_between(const Trajectory& trajectory, std::int64_t timestamp_ns);
 
 // Reads a TUM file, or a CSV file as EuRoC's ground truth (data.csv): time in whole nanoseconds,
 // position, quaternion (w x y z, or as the header names it), further columns that are ignored.
-// Errors name file and line: wrong count of numbers, a non-finite number, a quaternion that is no
-// rotation, a time that is no seconds by its size, or that does not come after the one before.
+// Errors name file and line: wrong count of numbers, a non-finite number, a quaternion that is not
+// of length 1, a time too large for seconds or not after the one before.
 [[nodiscard]] Result<Trajectory> load_trajectory(const std::filesystem::path& file);
 [[nodiscard]] Result<void> save_trajectory(const std::filesystem::path& file,
                                            const Trajectory& trajectory);
-// One line, without the line break: timestamps with 9 decimals (they read back to the same
-// nanosecond), numbers with 17 significant digits.
+// One line, without the line break: timestamps with 9 decimals, numbers with 17 significant digits.
 [[nodiscard]] std::string format_tum(const StampedPose& pose);
 
 }  // namespace penumbra

@@ -21,7 +21,7 @@ constexpr std::array<std::string_view, 8> kColumns = {"timestamp", "tx", "ty", "
                                                       "qx",        "qy", "qz", "qw"};
 using PoseFields = std::array<std::string_view, kColumns.size()>;
 
-// Position and quaternion; the error has no place in front yet.
+// Reads position and quaternion. The caller adds the place to errors.
 Result<CameraPose> parse_placement(const PoseFields& fields) {
   std::array<double, kColumns.size()> values{};
   for (std::size_t i = 1; i < fields.size(); ++i) {
@@ -30,8 +30,7 @@ Result<CameraPose> parse_placement(const PoseFields& fields) {
       return fail("{}: '{}' is no finite number; leave out frames that have no pose", kColumns[i],
                   fields[i]);
     }
-    // Farther than the Moon is a slip of units, and its squares leave the range of numbers.
-    constexpr double kFarthest_m = 1e9;
+    constexpr double kFarthest_m = 1e9;  // a larger position has another unit
     if (i <= 3 && std::abs(*value) > kFarthest_m) {
       return fail("{}: {} is no position in metres; give metres in the table's frame", kColumns[i],
                   fields[i]);
@@ -62,7 +61,7 @@ tl::unexpected<Error> fail_with_time(std::string_view text) {
   return fail("timestamp: '{}' is no time; give it in seconds, as a decimal number", text);
 }
 
-// "timestamp tx ty tz qx qy qz qw"; the error has no place in front yet.
+// Reads "timestamp tx ty tz qx qy qz qw". The caller adds the place to errors.
 Result<StampedPose> parse_tum_pose(std::string_view text) {
   PoseFields fields;
   std::size_t count = 0;
@@ -99,7 +98,7 @@ std::vector<std::string_view> split_at_commas(std::string_view text) {
 std::optional<std::int64_t> parse_whole_ns(std::string_view text) {
   const std::size_t e = text.find_first_of("eE");
   if (e == std::string_view::npos) {
-    // A number with decimals is more likely one of seconds.
+    // A number with decimals is more likely in seconds.
     const std::size_t point = text.find('.');
     if (point != std::string_view::npos &&
         text.find_first_not_of('0', point + 1) != std::string_view::npos) {
@@ -113,7 +112,7 @@ std::optional<std::int64_t> parse_whole_ns(std::string_view text) {
   return parse_seconds_as_ns(fmt::format("{}e{}", text.substr(0, e), *exponent - 9));
 }
 
-// Which of the columns 4 to 7 is w, by the header; EuRoC's own files have it first.
+// Returns true if the header puts w into column 7 instead of 4, where EuRoC's own files have it.
 bool header_has_w_last(const std::vector<std::string_view>& header) {
   const auto names_w = [&](std::size_t column) {
     if (column >= header.size()) return false;
@@ -145,10 +144,9 @@ Result<StampedPose> parse_euroc_pose(std::string_view text, bool w_last) {
   return StampedPose{*time, pose, {}};
 }
 
-// Reads line by line what may be either format.
+// Reads a file of either format line by line. The caller adds the place to errors.
 class TrajectoryReader {
  public:
-  // The error has no place in front yet.
   Result<void> read(std::string_view line) {
     std::string comment;
     if (const std::size_t hash = line.find('#'); hash != std::string_view::npos) {
@@ -163,7 +161,7 @@ class TrajectoryReader {
     }
     const bool commas = line.find(',') != std::string_view::npos;
     if (poses.empty()) {
-      // A header that is no comment.
+      // A header without '#'.
       if (commas && line.find("time") != std::string_view::npos) {
         take_header(line);
         return {};
@@ -220,10 +218,9 @@ std::string format_tum(const StampedPose& pose) {
                                  format_ns_as_seconds(pose.timestamp_ns), t.x(), t.y(), t.z(),
                                  q.x(), q.y(), q.z(), q.w());
   if (!pose.comment.empty()) {
-    std::string comment = pose.comment;
-    std::replace_if(
-        comment.begin(), comment.end(), [](char c) { return c == '\n' || c == '\r'; }, ' ');
-    line += " # " + comment;
+    line += " # " + pose.comment;
+    std::ranges::replace(line, '\n', ' ');
+    std::ranges::replace(line, '\r', ' ');
   }
   return line;
 }

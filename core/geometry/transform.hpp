@@ -1,4 +1,4 @@
-// Rigid transforms that carry both of their frames, in the name and in the type.
+// Rigid transforms with both of their frames in the name and in the type.
 //   Transform<Table, Camera> T_table_camera;   p_table = T_table_camera * p_camera
 // T_a_b * T_b_c compiles, T_a_b * T_c_b does not. Right-handed frames, metres.
 #pragma once
@@ -23,7 +23,7 @@ template <class To, class From>
 class Transform {
  public:
   Transform() = default;
-  // The rotation is normalised here, so that products never drift away from a rotation.
+  // Normalises the rotation, so that products do not drift.
   Transform(const Eigen::Quaterniond& rotation, const Eigen::Vector3d& translation)
       : rotation_(rotation.normalized()), translation_(translation) {}
   Transform(const Eigen::Matrix3d& rotation, const Eigen::Vector3d& translation)

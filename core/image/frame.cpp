@@ -1,7 +1,5 @@
 #include "core/image/frame.hpp"
 
-#include <cstring>
-
 #include "core/assert.hpp"
 
 namespace penumbra {
@@ -76,11 +74,9 @@ FrameBuffer allocate_frame(PixelFormat format, int width, int height) {
   std::array<std::size_t, 3> stride{};
   for (std::size_t i = 0; i < static_cast<std::size_t>(layout.count); ++i) {
     const PlaneLayout& plane = layout.planes[i];
-    // Rows start on 16-byte boundaries: what decoders and texture uploads like best.
+    // Rows start on 16-byte boundaries, for decoders and texture uploads.
     stride[i] =
-        (static_cast<std::size_t>(plane.width) * static_cast<std::size_t>(plane.bytes_per_sample) +
-         15U) &
-        ~std::size_t{15};
+        (static_cast<std::size_t>(plane.width * plane.bytes_per_sample) + 15U) & ~std::size_t{15};
     offset[i] = total;
     total += stride[i] * static_cast<std::size_t>(plane.height);
   }

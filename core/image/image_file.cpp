@@ -10,8 +10,6 @@
 #include <cstring>
 #include <memory>
 #include <new>
-#include <string>
-#include <string_view>
 #include <utility>
 
 #include "core/assert.hpp"
@@ -22,22 +20,25 @@
 namespace penumbra {
 namespace {
 
-constexpr int kMaxSide = 32768;                     // [px]
-constexpr std::size_t kMaxPixels = 256'000'000;     // of one picture
-constexpr std::size_t kMaxChunkBytes = 64'000'000;  // of what PNG stores beside the pixels
+constexpr int kMaxSide = 32768;  // [px]
+constexpr std::size_t kMaxPixels = 256'000'000;
+constexpr std::size_t kMaxChunkBytes = 64'000'000;  // of a PNG's chunks beside the pixels
 
-enum class Kind { jpeg, png };
-
-Result<Kind> kind_of(std::span<const std::uint8_t> bytes, const std::string& name) {
+// Decodes with `jpeg` or `png`, by the first bytes.
+template <class Jpeg, class Png>
+auto decode_by_kind(std::span<const std::uint8_t> bytes, const std::string& name, const Jpeg& jpeg,
+                    const Png& png) -> decltype(png()) {
   constexpr std::array<std::uint8_t, 8> kPng{0x89, 'P', 'N', 'G', '\r', '\n', 0x1A, '\n'};
-  const auto starts_with = [&](std::span<const std::uint8_t> magic) {
-    return bytes.size() >= magic.size() &&
-           std::memcmp(bytes.data(), magic.data(), magic.size()) == 0;
-  };
   if (bytes.empty()) return fail("{}: the picture is empty (0 bytes)", name);
-  if (is_jpeg(bytes)) return Kind::jpeg;
-  if (starts_with(kPng)) return Kind::png;
-  return fail("{}: is neither JPEG nor PNG; convert it to one of them", name);
+  const bool is_png =
+      bytes.size() >= kPng.size() && std::equal(kPng.begin(), kPng.end(), bytes.begin());
+  if (!is_png && !is_jpeg(bytes))
+    return fail("{}: is neither JPEG nor PNG; convert it to one of them", name);
+  try {
+    return is_png ? png() : jpeg();
+  } catch (const std::bad_alloc&) {
+    return fail("{}: no memory for the picture", name);
+  }
 }
 
 // --- PNG ---
@@ -51,7 +52,7 @@ tl::unexpected<Error> png_failure(int status, const std::string& name) {
   return fail("{}: damaged PNG ({}); record or copy it again", name, spng_strerror(status));
 }
 
-// Whether the chunks reach the end mark with its check sum (libspng does not miss the latter).
+// Returns true if the chunks reach the end mark with its check sum, which libspng does not require.
 bool reaches_end_mark(std::span<const std::uint8_t> bytes) {
   constexpr std::size_t kAround = 12;  // length, type, check sum
   std::size_t at = 8;
@@ -66,7 +67,12 @@ bool reaches_end_mark(std::span<const std::uint8_t> bytes) {
   return false;
 }
 
-// A decoder over `bytes` that has read the header.
+bool is_grey(const spng_ihdr& header) {
+  return header.color_type == SPNG_COLOR_TYPE_GRAYSCALE ||
+         header.color_type == SPNG_COLOR_TYPE_GRAYSCALE_ALPHA;
+}
+
+// Opens a decoder and reads the header.
 Result<Png> open_png(std::span<const std::uint8_t> bytes, const std::string& name,
                      spng_ihdr& header) {
   if (!reaches_end_mark(bytes)) {
@@ -102,7 +108,7 @@ Result<void> read_png_rows(spng_ctx* png, int format, int flags, std::uint8_t* p
   return {};
 }
 
-// Samples of a 16-bit PNG as they are stored, rows without padding.
+// Stored samples of a 16-bit PNG, rows without padding.
 struct DeepSamples {
   std::size_t channels = 1;
   std::size_t colours = 1;  // channels without alpha
@@ -112,11 +118,9 @@ struct DeepSamples {
 Result<DeepSamples> read_deep_samples(spng_ctx* png, const spng_ihdr& header,
                                       const std::string& name) {
   DeepSamples samples;
-  const bool grey = header.color_type == SPNG_COLOR_TYPE_GRAYSCALE ||
-                    header.color_type == SPNG_COLOR_TYPE_GRAYSCALE_ALPHA;
   const bool alpha = header.color_type == SPNG_COLOR_TYPE_GRAYSCALE_ALPHA ||
                      header.color_type == SPNG_COLOR_TYPE_TRUECOLOR_ALPHA;
-  samples.colours = grey ? 1 : 3;
+  samples.colours = is_grey(header) ? 1 : 3;
   samples.channels = samples.colours + (alpha ? 1 : 0);
   const std::size_t row = samples.channels * header.width;
   samples.values.resize(row * header.height);
@@ -127,14 +131,13 @@ Result<DeepSamples> read_deep_samples(spng_ctx* png, const spng_ihdr& header,
   return samples;
 }
 
-// A 16-bit PNG whose values are in the lowest `sample_bits` bits.
+// Decodes a 16-bit PNG with values in the lowest `sample_bits` bits.
 Result<Frame> decode_deep_png(spng_ctx* png, const spng_ihdr& header, const std::string& name,
                               const DecodeOptions& options) {
   PENUMBRA_TRY(const DeepSamples samples, read_deep_samples(png, header, name));
-  const bool grey = samples.colours == 1;
   FrameBuffer buffer =
-      allocate_frame(grey ? PixelFormat::grey8 : PixelFormat::rgb24, static_cast<int>(header.width),
-                     static_cast<int>(header.height));
+      allocate_frame(is_grey(header) ? PixelFormat::grey8 : PixelFormat::rgb24,
+                     static_cast<int>(header.width), static_cast<int>(header.height));
   const auto stride = static_cast<std::size_t>(buffer.frame.planes[0].stride);
   const auto shift = static_cast<unsigned>(options.sample_bits - 8);
   bool clamped = false;
@@ -163,29 +166,23 @@ Result<Frame> decode_png(std::span<const std::uint8_t> bytes, const std::string&
   const int width = static_cast<int>(header.width);
   const int height = static_cast<int>(header.height);
   const auto columns = static_cast<std::size_t>(width);
-  const bool grey = header.color_type == SPNG_COLOR_TYPE_GRAYSCALE ||
-                    header.color_type == SPNG_COLOR_TYPE_GRAYSCALE_ALPHA;
+  const bool grey = is_grey(header);
   FrameBuffer buffer =
       allocate_frame(grey ? PixelFormat::grey8 : PixelFormat::rgb24, width, height);
   const auto stride = static_cast<std::size_t>(buffer.frame.planes[0].stride);
 
-  // libspng reduces to one grey byte only what has no alpha and up to 8 bits; the rest goes through
-  // RGB, whose three channels are then equal.
+  // libspng reduces to one grey byte only images without alpha and up to 8 bits. Other grey images
+  // are decoded as RGB with three equal channels.
   const bool through_rgb =
       grey && (header.color_type != SPNG_COLOR_TYPE_GRAYSCALE || header.bit_depth > 8);
   if (!through_rgb) {
-    PENUMBRA_TRY_VOID(
-        grey ? read_png_rows(png.get(), SPNG_FMT_G8, 0, buffer.plane_data[0], columns, stride, name)
-             : read_png_rows(png.get(), SPNG_FMT_RGB8, 0, buffer.plane_data[0], columns * 3, stride,
-                             name));
+    PENUMBRA_TRY_VOID(read_png_rows(png.get(), grey ? SPNG_FMT_G8 : SPNG_FMT_RGB8, 0,
+                                    buffer.plane_data[0], columns * (grey ? 1 : 3), stride, name));
     return std::move(buffer.frame);
   }
   std::vector<std::uint8_t> rgb(columns * 3 * static_cast<std::size_t>(height));
-  if (auto read =
-          read_png_rows(png.get(), SPNG_FMT_RGB8, 0, rgb.data(), columns * 3, columns * 3, name);
-      !read) {
-    return tl::unexpected(read.error());
-  }
+  PENUMBRA_TRY_VOID(
+      read_png_rows(png.get(), SPNG_FMT_RGB8, 0, rgb.data(), columns * 3, columns * 3, name));
   for (std::size_t y = 0; y < static_cast<std::size_t>(height); ++y) {
     std::uint8_t* out = buffer.plane_data[0] + y * stride;
     const std::uint8_t* in = rgb.data() + y * columns * 3;
@@ -204,77 +201,6 @@ Result<RgbaImage> decode_png_rgba(std::span<const std::uint8_t> bytes, const std
                                   row_bytes, row_bytes, name));
   return image;
 }
-
-}  // namespace
-
-Result<void> check_image_size(std::uint64_t width, std::uint64_t height, const std::string& name) {
-  if (width == 0 || height == 0) return fail("{}: picture of {}x{} px", name, width, height);
-  if (width > kMaxSide || height > kMaxSide || width * height > kMaxPixels) {
-    return fail("{}: picture of {}x{} px; sides go up to {} px and pictures up to {} Mpx", name,
-                width, height, kMaxSide, kMaxPixels / 1'000'000);
-  }
-  return {};
-}
-
-Result<Frame> decode_image(std::span<const std::uint8_t> bytes, const std::string& name,
-                           const DecodeOptions& options) {
-  PENUMBRA_ASSERT(options.sample_bits >= 8 && options.sample_bits <= 16);
-  PENUMBRA_TRY(const Kind kind, kind_of(bytes, name));
-  try {
-    return kind == Kind::jpeg ? decode_jpeg(bytes, name) : decode_png(bytes, name, options);
-  } catch (const std::bad_alloc&) {
-    return fail("{}: no memory for the picture", name);
-  }
-}
-
-Result<Frame> load_image(const std::filesystem::path& file, const DecodeOptions& options) {
-  PENUMBRA_TRY(const auto bytes, read_file(file));
-  return decode_image(bytes, file.string(), options);
-}
-
-Result<std::optional<SixteenBitSamples>> sixteen_bit_samples(std::span<const std::uint8_t> bytes,
-                                                             const std::string& name) {
-  PENUMBRA_TRY(const Kind kind, kind_of(bytes, name));
-  if (kind != Kind::png) return std::optional<SixteenBitSamples>();
-  try {
-    spng_ihdr header{};
-    PENUMBRA_TRY(const Png png, open_png(bytes, name, header));
-    if (header.bit_depth != 16) return std::optional<SixteenBitSamples>();
-    SixteenBitSamples found;
-    spng_sbit bits{};
-    if (spng_get_sbit(png.get(), &bits) == 0) {
-      const bool grey = header.color_type == SPNG_COLOR_TYPE_GRAYSCALE ||
-                        header.color_type == SPNG_COLOR_TYPE_GRAYSCALE_ALPHA;
-      found.significant_bits =
-          grey ? bits.grayscale_bits : std::max({bits.red_bits, bits.green_bits, bits.blue_bits});
-    }
-    PENUMBRA_TRY(const DeepSamples samples, read_deep_samples(png.get(), header, name));
-    for (std::size_t at = 0; at < samples.values.size(); at += samples.channels) {
-      for (std::size_t c = 0; c < samples.colours; ++c) {
-        found.brightest = std::max<int>(found.brightest, samples.values[at + c]);
-      }
-    }
-    return std::optional<SixteenBitSamples>(found);
-  } catch (const std::bad_alloc&) {
-    return fail("{}: no memory for the picture", name);
-  }
-}
-
-Result<RgbaImage> decode_rgba(std::span<const std::uint8_t> bytes, const std::string& name) {
-  PENUMBRA_TRY(const Kind kind, kind_of(bytes, name));
-  try {
-    return kind == Kind::jpeg ? decode_jpeg_rgba(bytes, name) : decode_png_rgba(bytes, name);
-  } catch (const std::bad_alloc&) {
-    return fail("{}: no memory for the picture", name);
-  }
-}
-
-Result<RgbaImage> load_rgba(const std::filesystem::path& file) {
-  PENUMBRA_TRY(const auto bytes, read_file(file));
-  return decode_rgba(bytes, file.string());
-}
-
-namespace {
 
 // `samples`: rows without padding, of 1 or 3 bytes for each pixel.
 Result<std::vector<std::uint8_t>> encode_png(int width, int height, spng_color_type color,
@@ -318,6 +244,65 @@ Result<void> write_png(const std::filesystem::path& file,
 }
 
 }  // namespace
+
+Result<void> check_image_size(std::uint64_t width, std::uint64_t height, const std::string& name) {
+  if (width == 0 || height == 0) return fail("{}: picture of {}x{} px", name, width, height);
+  if (width > kMaxSide || height > kMaxSide || width * height > kMaxPixels) {
+    return fail("{}: picture of {}x{} px; sides go up to {} px and pictures up to {} Mpx", name,
+                width, height, kMaxSide, kMaxPixels / 1'000'000);
+  }
+  return {};
+}
+
+Result<Frame> decode_image(std::span<const std::uint8_t> bytes, const std::string& name,
+                           const DecodeOptions& options) {
+  PENUMBRA_ASSERT(options.sample_bits >= 8 && options.sample_bits <= 16);
+  return decode_by_kind(
+      bytes, name, [&] { return decode_jpeg(bytes, name); },
+      [&] { return decode_png(bytes, name, options); });
+}
+
+Result<Frame> load_image(const std::filesystem::path& file, const DecodeOptions& options) {
+  PENUMBRA_TRY(const auto bytes, read_file(file));
+  return decode_image(bytes, file.string(), options);
+}
+
+Result<std::optional<SixteenBitSamples>> sixteen_bit_samples(std::span<const std::uint8_t> bytes,
+                                                             const std::string& name) {
+  using Samples = Result<std::optional<SixteenBitSamples>>;
+  const auto of_png = [&]() -> Samples {
+    spng_ihdr header{};
+    PENUMBRA_TRY(const Png png, open_png(bytes, name, header));
+    if (header.bit_depth != 16) return std::nullopt;
+    SixteenBitSamples found;
+    spng_sbit bits{};
+    if (spng_get_sbit(png.get(), &bits) == 0) {
+      found.significant_bits = is_grey(header)
+                                   ? bits.grayscale_bits
+                                   : std::max({bits.red_bits, bits.green_bits, bits.blue_bits});
+    }
+    PENUMBRA_TRY(const DeepSamples samples, read_deep_samples(png.get(), header, name));
+    for (std::size_t at = 0; at < samples.values.size(); at += samples.channels) {
+      for (std::size_t c = 0; c < samples.colours; ++c) {
+        found.brightest = std::max<int>(found.brightest, samples.values[at + c]);
+      }
+    }
+    return found;
+  };
+  return decode_by_kind(
+      bytes, name, [] { return Samples(std::nullopt); }, of_png);
+}
+
+Result<RgbaImage> decode_rgba(std::span<const std::uint8_t> bytes, const std::string& name) {
+  return decode_by_kind(
+      bytes, name, [&] { return decode_jpeg_rgba(bytes, name); },
+      [&] { return decode_png_rgba(bytes, name); });
+}
+
+Result<RgbaImage> load_rgba(const std::filesystem::path& file) {
+  PENUMBRA_TRY(const auto bytes, read_file(file));
+  return decode_rgba(bytes, file.string());
+}
 
 Result<void> save_png(const std::filesystem::path& file, int width, int height,
                       std::span<const std::uint8_t> rgba) {

@@ -1,4 +1,4 @@
-// Pictures in files and in memory. The kind is told by the first bytes, never by the name.
+// Images in files and in memory. The first bytes decide the kind, never the name.
 #pragma once
 
 #include <cstdint>
@@ -15,34 +15,34 @@
 namespace penumbra {
 
 struct DecodeOptions {
-  // Lowest bits of a 16-bit PNG's samples that hold the value, 8 to 16: the upper 8 of them are
-  // kept. 16 is what the PNG specification says; machine-vision cameras store 10, 12 or 14
-  // (see core/image/sample_depth.hpp). A larger value is clamped to white.
+  // Bits of a 16-bit PNG's samples that hold the value, 8 to 16: the upper 8 of them are kept, and
+  // larger values become white. The PNG specification has 16; machine-vision cameras store 10, 12
+  // or 14 (core/image/sample_depth.hpp).
   int sample_bits = 16;
-  bool* clamped = nullptr;  // set to true where a value was clamped
+  bool* clamped = nullptr;  // set to true if a value was clamped
 };
 
-// JPEG -> yuv420p / yuv422p / yuv444p / grey8 as it was coded, full range BT.601 (JFIF), no colour
-// conversion. PNG -> grey8 or rgb24 (palette and 16-bit reduced, alpha dropped). Other chroma
-// layouts of JPEG are converted to yuv444p. A truncated or damaged image is an error, also where
-// a decoder would paper over it; what is no damage of a JPEG is in core/image/jpeg_file.hpp. Sides
-// up to 32768 px, 256 Mpx in all. `name` is put into the error. Thread-safe.
+// JPEG -> yuv420p / yuv422p / yuv444p / grey8 as coded, full range BT.601 (JFIF), without colour
+// conversion; other chroma layouts become yuv444p. PNG -> grey8 or rgb24 (palette and 16-bit
+// reduced, alpha dropped). Fails for a truncated or damaged image, also where a decoder would
+// conceal it; core/image/jpeg_file.hpp lists harmless defects of a JPEG. Sides up to 32768 px, 256
+// Mpx in all. `name` stands in the error. Thread-safe.
 [[nodiscard]] Result<Frame> decode_image(std::span<const std::uint8_t> bytes,
                                          const std::string& name,
                                          const DecodeOptions& options = {});
 [[nodiscard]] Result<Frame> load_image(const std::filesystem::path& file,
                                        const DecodeOptions& options = {});
 
-// Values of a 16-bit PNG, alpha not counted.
+// Values of a 16-bit PNG, without alpha.
 struct SixteenBitSamples {
   int brightest = 0;
   std::optional<int> significant_bits;  // by its sBIT chunk, the largest of its channels
 };
-// Nothing where the bytes are no PNG of 16 bits.
+// Nothing for a JPEG or a PNG of another depth.
 [[nodiscard]] Result<std::optional<SixteenBitSamples>> sixteen_bit_samples(
     std::span<const std::uint8_t> bytes, const std::string& name);
 
-// Fails where an image of this size [px] is not decoded.
+// Fails for a size [px] beyond the limits of decode_image().
 [[nodiscard]] Result<void> check_image_size(std::uint64_t width, std::uint64_t height,
                                             const std::string& name);
 

@@ -1,5 +1,4 @@
-// The size of an image, and a borrowed 8-bit plane: rows of `width` bytes, `stride` bytes apart.
-// Nothing is owned or copied.
+// The size of an image, and a view of an 8-bit plane: rows of `width` bytes, `stride` bytes apart.
 #pragma once
 
 #include <cstddef>

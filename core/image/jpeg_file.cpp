@@ -23,13 +23,13 @@
 namespace penumbra {
 namespace {
 
-constexpr std::size_t kCheapPixels = 16'000'000;  // up to here a size is believed as it stands
-constexpr int kMostScans = 500;  // keeps a small progressive file from costing minutes
+constexpr std::size_t kCheapPixels = 16'000'000;  // no check of the size up to this many pixels
+constexpr int kMostScans = 500;  // a small progressive file could otherwise take minutes
 constexpr int kMostComponents = 3;
 
-// libjpeg's decoder over an image's bytes. It goes on over damage with grey or shifted blocks, and
-// warns; this one ends there. Errors come back by longjmp, as libjpeg is C: no object with a
-// destructor may live in what guarded() calls.
+// libjpeg's decoder, which fails at damage where libjpeg warns and decodes grey or shifted blocks.
+// Errors of libjpeg return by longjmp: code that guarded() calls may not have objects with a
+// destructor.
 class JpegDecoder {
  public:
   explicit JpegDecoder(std::span<const std::uint8_t> bytes) {
@@ -56,7 +56,7 @@ class JpegDecoder {
   JpegDecoder& operator=(const JpegDecoder&) = delete;
   ~JpegDecoder() { jpeg_destroy_decompress(&info_); }
 
-  // Each of these is false where the image is damaged; cause() then says how.
+  // Each of these returns false for a damaged image; cause() then describes the damage.
   [[nodiscard]] bool read_header() {
     return guarded([this] {
       jpeg_create_decompress(&info_);
@@ -113,7 +113,7 @@ class JpegDecoder {
         const auto count = static_cast<std::size_t>(errors.msg_parm.i[0]);
         return count <= (errors.msg_parm.i[1] == JPEG_EOI ? kMostFillBytes : kMostStrayBytes);
       }
-      case JWRN_NOT_SEQUENTIAL:  // parameters of the scan that a baseline image has no use for
+      case JWRN_NOT_SEQUENTIAL:  // scan parameters that a baseline image does not use
       case JWRN_JFIF_MAJOR:
       case JWRN_ADOBE_XFORM:
         return true;
@@ -172,7 +172,7 @@ class JpegDecoder {
     }
   }
 
-  // Once all rows are there: that libjpeg invented none of them.
+  // Fails if libjpeg filled in missing blocks. Called after the last row.
   void require_every_block() {
     for (int i = 0; i < info_.num_components; ++i) {
       if (info_.comp_info[i].quant_table == nullptr) leave("ends before the scan of a component");
@@ -210,7 +210,7 @@ struct JpegSource {
 
 Result<void> check_header(const jpeg_decompress_struct& info, std::size_t bytes,
                           const JpegSource& source) {
-  if (auto ok = check_image_size(info.image_width, info.image_height, source.name); !ok) return ok;
+  PENUMBRA_TRY_VOID(check_image_size(info.image_width, info.image_height, source.name));
   // A block of 64 pixels takes at least one bit of Huffman code.
   const std::size_t pixels = std::size_t{info.image_width} * info.image_height;
   if (pixels > kCheapPixels && pixels / 512 > bytes) {
@@ -231,7 +231,7 @@ Result<void> check_header(const jpeg_decompress_struct& info, std::size_t bytes,
   }
 }
 
-// The frame format with the planes of the image; nothing where it has to be converted.
+// The frame format with the image's planes; nothing for an image that must be converted.
 std::optional<PixelFormat> stored_format(const jpeg_decompress_struct& info) {
   if (info.jpeg_color_space == JCS_GRAYSCALE) return PixelFormat::grey8;
   if (info.jpeg_color_space != JCS_YCbCr) return std::nullopt;
@@ -284,7 +284,7 @@ Result<std::vector<std::uint8_t>> decode_pixels(JpegDecoder& decoder, J_COLOR_SP
   return pixels;
 }
 
-// Other layouts of chroma, and RGB.
+// Converts RGB and other chroma layouts to yuv444p.
 Result<Frame> decode_converted(JpegDecoder& decoder, const JpegSource& source) {
   PENUMBRA_TRY(const auto rgb, decode_pixels(decoder, JCS_RGB, 3, source));
   struct DestroyTurbo {
@@ -306,7 +306,7 @@ Result<Frame> decode_converted(JpegDecoder& decoder, const JpegSource& source) {
   return std::move(buffer.frame);
 }
 
-// Opens a decoder over the image among `bytes`, and hands it to `decode`.
+// Opens a decoder over the image among `bytes` and calls `decode` with it.
 template <class Decode>
 auto with_decoder(std::span<const std::uint8_t> bytes, const JpegSource& source,
                   const Decode& decode) -> decltype(decode(std::declval<JpegDecoder&>())) {

@@ -12,13 +12,11 @@
 
 namespace penumbra {
 
-// A JPEG is used if every one of its blocks was decoded, and not otherwise. What follows the end
-// mark, a missing end mark, a doubled start mark, and a few bytes in front of markers are no damage
-// (core/image/jpeg_outline.hpp).
-
 [[nodiscard]] bool is_jpeg(std::span<const std::uint8_t> bytes);
 
-// The planes, as decode_image() returns them. `remedy` ends the message about a damaged one.
+// Returns the planes, as decode_image() does. Fails unless every block was decoded. Harmless are
+// bytes after the end mark, a missing end mark, a doubled start mark, and a few bytes in front of
+// markers (core/image/jpeg_outline.hpp). `remedy` ends the message about a damaged image.
 [[nodiscard]] Result<Frame> decode_jpeg(std::span<const std::uint8_t> bytes,
                                         const std::string& name,
                                         std::string_view remedy = "record or copy it again");

@@ -53,7 +53,7 @@ class MarkerWalk {
   [[nodiscard]] std::size_t length_at(std::size_t at) const {
     return (std::size_t{bytes_[at]} << 8U) | bytes_[at + 1];
   }
-  // The offset after the segment whose length stands at `at`.
+  // Returns the offset after the segment whose length is at `at`.
   [[nodiscard]] std::optional<std::size_t> after_segment(std::size_t at) const {
     if (at + 2 > bytes_.size()) return std::nullopt;
     const std::size_t length = length_at(at);
@@ -61,7 +61,7 @@ class MarkerWalk {
     return at + length;
   }
 
-  // Moves behind the next marker of the headers, and returns it; nothing where there is none.
+  // Moves behind the headers' next marker and returns it; nothing if there is none.
   std::optional<std::uint8_t> next_marker() {
     std::size_t stray = 0;
     while (at_ + 1 < bytes_.size() && stray <= kMostStrayBytes) {
@@ -125,13 +125,13 @@ class MarkerWalk {
     for (std::size_t i = 0; i < component_count_; ++i) {
       most = std::max(most, bytes_[segment + kFixed + kPerComponent * i + 1] & 0x0F);
     }
-    // The factors of a single component mean nothing.
+    // A single component's sampling factors have no effect.
     out_.block_height = component_count_ == 1 ? 8 : 8 * most;
     is_single_scan_ = marker == 0xC0 || marker == 0xC1;
     return true;
   }
 
-  // From the first block on: the offset of the image's end.
+  // Searches from the first block on; returns the offset of the image's end.
   std::size_t find_end() {
     const std::size_t size = bytes_.size();
     std::size_t end = size;
@@ -158,8 +158,8 @@ class MarkerWalk {
     return without_padding(end);
   }
 
-  // Buffers are filled up with zeros or 0xFF. The first zero may hold codes of the last block (a
-  // flat chroma block has four zero bits), or be the one stuffed after a 0xFF: it stays.
+  // Removes zeros and 0xFF that fill up a buffer. The first zero stays: it may hold codes of the
+  // last block (a flat chroma block has four zero bits) or be stuffed after a 0xFF.
   [[nodiscard]] std::size_t without_padding(std::size_t end) const {
     while (end > at_after_headers() && bytes_[end - 1] == 0xFF) --end;
     std::size_t last = end;

@@ -5,12 +5,9 @@
 #include <algorithm>
 #include <array>
 #include <bit>
-#include <cstdint>
 #include <cstring>
 #include <fstream>
-#include <optional>
 
-#include "core/image/image_file.hpp"
 #include "core/text/file.hpp"
 
 namespace penumbra {
@@ -32,13 +29,8 @@ bool is_sixteen_bit_png(const std::filesystem::path& file) {
 }  // namespace
 
 std::string SampleDepth::text() const {
-  return by_chunk
-             ? fmt::format(
-                   "16-bit images hold {0} bits by their sBIT chunk (brightest value "
-                   "{1}): read as {0}-bit",
-                   bits, brightest)
-             : fmt::format("16-bit images hold {0} bits (brightest value {1}): read as {0}-bit",
-                           bits, brightest);
+  return fmt::format("16-bit images hold {0} bits{1} (brightest value {2}): read as {0}-bit", bits,
+                     by_chunk ? " by their sBIT chunk" : "", brightest);
 }
 
 SampleDepth sample_depth_of(std::span<const std::filesystem::path> images) {

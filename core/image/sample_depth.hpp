@@ -10,8 +10,8 @@
 
 namespace penumbra {
 
-// A PNG of 16 bits uses the full range by its specification. Machine-vision cameras store 10, 12 or
-// 14 bits in it as they are: such an image is nearly black.
+// The PNG specification scales samples to the full 16 bits. Machine-vision cameras store 10, 12 or
+// 14 bits unscaled: such an image is nearly black.
 struct SampleDepth {
   int bits = 16;          // 8 to 14, or 16: the full range
   int brightest = 0;      // largest value of the images that were decoded
@@ -22,10 +22,9 @@ struct SampleDepth {
   [[nodiscard]] std::string text() const;
 };
 
-// Returns one depth for all of these images: that of their sBIT chunk where all values fit into it
-// (else the samples were scaled up, as the specification asks), else the smallest that holds every
-// value. Above 14 bits it is 16. At most kMostLookedAt of the images are decoded, evenly spread;
-// what can't be read or has 8 bits is ignored.
+// Returns one depth for all images: that of their sBIT chunk if all values fit into it (else the
+// samples were scaled up), else the smallest that holds every value; above 14 bits it is 16.
+// Decodes at most kMostLookedAt images, evenly spread; ignores unreadable and 8-bit ones.
 inline constexpr int kMostLookedAt = 256;
 [[nodiscard]] SampleDepth sample_depth_of(std::span<const std::filesystem::path> images);
 
@@ -34,7 +33,7 @@ class ClampWatch {
  public:
   explicit ClampWatch(int sample_bits) : sample_bits_(sample_bits) {}
 
-  // For the decoder of the next image; valid as long as this object.
+  // Options for the next image; valid as long as this object.
   [[nodiscard]] DecodeOptions options() { return {sample_bits_, &clamped_}; }
   // Returns a warning after the first image `name` that was clamped, and nothing later on.
   [[nodiscard]] std::optional<std::string> take_warning(const std::string& name);

@@ -25,27 +25,22 @@ Result<std::vector<std::uint8_t>> read_file(const std::filesystem::path& path,
                                             std::size_t max_bytes) {
   std::error_code error;
   const std::filesystem::file_status status = std::filesystem::status(path, error);
-  if (status.type() == std::filesystem::file_type::not_found) {
+  if (status.type() == std::filesystem::file_type::not_found)
     return fail("{}: no such file", path.string());
-  }
-  if (!std::filesystem::exists(status)) {
+  if (!std::filesystem::exists(status))
     return fail("{}: cannot be read: {}", path.string(), error.message());
-  }
-  if (!std::filesystem::is_regular_file(status)) {
+  if (!std::filesystem::is_regular_file(status))
     return fail("{}: is not a file; give a regular file", path.string());
-  }
   const std::uintmax_t size = std::filesystem::file_size(path, error);
   if (error) return fail("{}: cannot be read: {}", path.string(), error.message());
-  if (size > max_bytes) {
+  if (size > max_bytes)
     return fail("{}: has {} bytes; at most {} are read", path.string(), size, max_bytes);
-  }
   const File file(std::fopen(path.c_str(), "rb"));
   if (!file) return fail("{}: cannot be opened: {}", path.string(), why(errno));
   try {
     std::vector<std::uint8_t> bytes(static_cast<std::size_t>(size));
-    const bool whole =
-        bytes.empty() || std::fread(bytes.data(), 1, bytes.size(), file.get()) == bytes.size();
-    if (!whole) return fail("{}: cannot be read to its end", path.string());
+    if (size > 0 && std::fread(bytes.data(), 1, bytes.size(), file.get()) != bytes.size())
+      return fail("{}: cannot be read to its end", path.string());
     return bytes;
   } catch (const std::bad_alloc&) {
     return fail("{}: no memory for its {} bytes", path.string(), size);
@@ -55,11 +50,8 @@ Result<std::vector<std::uint8_t>> read_file(const std::filesystem::path& path,
 Result<void> write_file(const std::filesystem::path& path, std::span<const std::uint8_t> bytes) {
   File file(std::fopen(path.c_str(), "wb"));
   if (!file) return fail("{}: cannot be written: {}", path.string(), why(errno));
-  const bool written =
-      bytes.empty() || std::fwrite(bytes.data(), 1, bytes.size(), file.get()) == bytes.size();
-  const int write_error = errno;
-  if (!written) return fail("{}: cannot be written: {}", path.string(), why(write_error));
-  if (std::fclose(file.release()) != 0) {
+  if ((!bytes.empty() && std::fwrite(bytes.data(), 1, bytes.size(), file.get()) != bytes.size()) ||
+      std::fclose(file.release()) != 0) {
     return fail("{}: cannot be written: {}", path.string(), why(errno));
   }
   return {};

@@ -1,4 +1,4 @@
-// How alike two words are, to say which one was meant.
+// Suggests the word that was meant by a misspelt one.
 #pragma once
 
 #include <cstddef>
@@ -6,8 +6,7 @@
 
 namespace penumbra {
 
-// How many letters have to be put in, taken out or replaced to make one of the other (Levenshtein
-// 1966), of bytes. 0: they are the same.
+// Edit distance in bytes (Levenshtein 1966).
 [[nodiscard]] std::size_t letters_apart(std::string_view a, std::string_view b);
 
 }  // namespace penumbra

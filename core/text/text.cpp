@@ -10,6 +10,7 @@
 #include <cstdio>
 #include <fstream>
 #include <system_error>
+#include <vector>
 
 #include "core/propagate.hpp"
 #include "core/text/text_encoding.hpp"
@@ -44,7 +45,17 @@ void wait_for_writer(int descriptor, const std::filesystem::path& file) {
           fmt::format("{}: is a named pipe without data; waiting for its writer", file.string()));
     }
   }
-  (void)fcntl(descriptor, F_SETFL, O_RDONLY);  // reading waits
+  (void)fcntl(descriptor, F_SETFL, O_RDONLY);  // from here on, reading blocks
+}
+
+template <class Number>
+std::optional<Number> parse_all(std::string_view text) {
+  if (text.starts_with('+') && !text.starts_with("+-")) text.remove_prefix(1);
+  Number value{};
+  const char* end = text.data() + text.size();
+  const auto [stopped, error] = std::from_chars(text.data(), end, value);
+  if (error != std::errc() || stopped != end) return std::nullopt;
+  return value;
 }
 
 }  // namespace
@@ -64,7 +75,7 @@ Result<std::string> read_text_file(const std::filesystem::path& file, std::size_
   const Descriptor opened(::open(file.c_str(), O_RDONLY | O_CLOEXEC | (is_pipe ? O_NONBLOCK : 0)));
   if (opened.number < 0) return fail("{}: cannot be opened; check its permissions", file.string());
   if (is_pipe) wait_for_writer(opened.number, file);
-  // Read to the end rather than by the size that the file system reports: pipes have none.
+  // The file system's size is not used: pipes have none.
   std::string text;
   std::string block(1 << 16, '\0');
   while (true) {
@@ -103,21 +114,11 @@ std::string_view trim(std::string_view text) {
 }
 
 std::optional<double> parse_number(std::string_view text) {
-  if (text.starts_with('+') && !text.starts_with("+-")) text.remove_prefix(1);
-  double value = 0.0;
-  const char* end = text.data() + text.size();
-  const auto [stopped, error] = std::from_chars(text.data(), end, value);
-  if (error != std::errc() || stopped != end) return std::nullopt;
-  return value;
+  return parse_all<double>(text);
 }
 
 std::optional<std::int64_t> parse_integer(std::string_view text) {
-  if (text.starts_with('+') && !text.starts_with("+-")) text.remove_prefix(1);
-  std::int64_t value = 0;
-  const char* end = text.data() + text.size();
-  const auto [stopped, error] = std::from_chars(text.data(), end, value);
-  if (error != std::errc() || stopped != end) return std::nullopt;
-  return value;
+  return parse_all<std::int64_t>(text);
 }
 
 std::optional<std::int64_t> parse_seconds_as_ns(std::string_view text) {
@@ -127,7 +128,7 @@ std::optional<std::int64_t> parse_seconds_as_ns(std::string_view text) {
     negative = text.front() == '-';
     text.remove_prefix(1);
   }
-  // digits without leading zeros, times 10^exponent
+  // The number is `digits` (without leading zeros) times 10^exponent.
   std::string digits;
   std::int64_t exponent = 0;
   bool any_digit = false;
@@ -175,8 +176,8 @@ std::optional<std::int64_t> parse_seconds_as_ns(std::string_view text) {
 
 std::string format_ns_as_seconds(std::int64_t nanoseconds) {
   const bool negative = nanoseconds < 0;
-  const std::uint64_t size = negative ? 0U - static_cast<std::uint64_t>(nanoseconds)
-                                      : static_cast<std::uint64_t>(nanoseconds);
+  const auto bits = static_cast<std::uint64_t>(nanoseconds);
+  const std::uint64_t size = negative ? 0U - bits : bits;
   return fmt::format("{}{}.{:09}", negative ? "-" : "", size / 1'000'000'000U,
                      size % 1'000'000'000U);
 }
@@ -191,32 +192,23 @@ std::string joined(std::span<const double> values, std::string_view format) {
 }
 
 std::string joined(std::span<const int> values) {
-  std::string text;
-  for (const int value : values) {
-    if (!text.empty()) text += ", ";
-    text += fmt::format("{}", value);
-  }
-  return text;
+  const std::vector<double> numbers(values.begin(), values.end());
+  return joined(numbers, "{:.0f}");
 }
 
 std::string in_markup(std::string_view text) {
   std::string out;
   for (const char c : text) {
-    switch (c) {
-      case '<':
-        out += "&lt;";
-        break;
-      case '>':
-        out += "&gt;";
-        break;
-      case '&':
-        out += "&amp;";
-        break;
-      case '"':
-        out += "&quot;";
-        break;
-      default:
-        out += c;
+    if (c == '<') {
+      out += "&lt;";
+    } else if (c == '>') {
+      out += "&gt;";
+    } else if (c == '&') {
+      out += "&amp;";
+    } else if (c == '"') {
+      out += "&quot;";
+    } else {
+      out += c;
     }
   }
   return out;
@@ -225,12 +217,8 @@ std::string in_markup(std::string_view text) {
 std::string in_quotes(std::string_view text) {
   std::string result = "\"";
   for (const char c : text) {
-    if (c == '"' || c == '\\') {
-      result += '\\';
-      result += c;
-    } else {
-      result += static_cast<unsigned char>(c) < 0x20 ? ' ' : c;
-    }
+    if (c == '"' || c == '\\') result += '\\';
+    result += static_cast<unsigned char>(c) < 0x20 ? ' ' : c;
   }
   return result + "\"";
 }

@@ -12,32 +12,32 @@
 
 namespace penumbra {
 
-// The whole file, without a UTF-8 byte-order mark. Errors name the file: it is missing, a folder,
-// not readable, larger than `max_bytes`, or UTF-16 or UTF-32 text. Waits for the writer of a named
-// pipe.
+// Reads the whole file, without a UTF-8 byte-order mark; waits for the writer of a named pipe.
+// Fails if the file is missing, a folder, not readable, larger than `max_bytes`, or UTF-16 or
+// UTF-32 text.
 [[nodiscard]] Result<std::string> read_text_file(const std::filesystem::path& file,
                                                  std::size_t max_bytes);
-// Sets what receives the line that read_text_file() waits for a writer; it does so after a second.
-// Without it, nothing is reported. To be called before other threads start.
+// Sets the function that gets a line once read_text_file() has waited for a writer for a second.
+// To be called before other threads start.
 void set_wait_notice(void (*notice)(const std::string& line));
 [[nodiscard]] Result<void> write_text_file(const std::filesystem::path& file,
                                            std::string_view text);
 
 [[nodiscard]] std::string_view trim(std::string_view text);  // blanks, tabs, line ends
 
-// The whole of `text` as a number, in the C locale; nothing when there is anything else in it.
-// "nan" and "inf" are numbers here: the caller says that they are not finite.
+// The whole of `text` as a number, in the C locale; nothing if it holds anything else. "nan" and
+// "inf" are numbers here.
 [[nodiscard]] std::optional<double> parse_number(std::string_view text);
 [[nodiscard]] std::optional<std::int64_t> parse_integer(std::string_view text);
 
-// Decimal seconds ("1311868164.363181", "1.4e9") as nanoseconds, exactly: no double between. Digits
-// beyond the nanosecond are rounded to nearest. Nothing for anything else, or beyond +-4e9 s.
+// Decimal seconds ("1311868164.363181", "1.4e9") as nanoseconds, exact up to the nanosecond and
+// rounded to nearest beyond. Nothing for anything else, or beyond +-4e9 s.
 [[nodiscard]] std::optional<std::int64_t> parse_seconds_as_ns(std::string_view text);
 // Seconds with 9 decimals.
 [[nodiscard]] std::string format_ns_as_seconds(std::int64_t nanoseconds);
 
-// "1, 2.5, 3": each value in this format of fmt's. (fmt::join would compile the formatting of
-// numbers into each file that uses it.)
+// "1, 2.5, 3": each value in this format of fmt's. fmt::join would compile the formatting of
+// numbers into each file that uses it.
 [[nodiscard]] std::string joined(std::span<const double> values, std::string_view format = "{}");
 [[nodiscard]] std::string joined(std::span<const int> values);
 

@@ -4,11 +4,7 @@
 #include <array>
 #include <cmath>
 #include <limits>
-#include <optional>
 #include <set>
-#include <string>
-#include <string_view>
-#include <vector>
 
 #include "core/propagate.hpp"
 #include "core/text/spelling.hpp"
@@ -17,19 +13,14 @@
 namespace penumbra {
 namespace {
 
-// What is written there, short enough for a message.
+// The node's text for a message, cut to 40 characters.
 std::string shown(const YAML::Node& node) {
   if (!node.IsScalar()) return node.IsNull() ? "empty" : "not a single value";
-  std::string text = node.Scalar().substr(0, 40);
-  for (char& c : text) {
-    if (static_cast<unsigned char>(c) < 0x20) c = ' ';
-  }
-  return "'" + text + "'";
+  return fmt::format("'{}'", node.Scalar().substr(0, 40));
 }
 
-// What makes a document unreadable though it is YAML: a key that a map names twice (which of the
-// two is meant, nobody knows; YAML forbids it, yaml-cpp takes the first), and aliases that stand
-// for themselves or for more than any file of ours holds.
+// Finds what yaml-cpp accepts but no file should hold: a key that a map has twice (yaml-cpp takes
+// the first), and aliases that expand to themselves or to more than kMostNodes.
 class DocumentCheck {
  public:
   [[nodiscard]] std::optional<std::string> problem(const YAML::Node& node, int depth = 0) {
@@ -62,8 +53,8 @@ class DocumentCheck {
   int nodes_ = 0;
 };
 
-// Without %YAML lines at its head: OpenCV's "%YAML:1.0" is no YAML, and the version changes
-// nothing. Lines keep their numbers.
+// Blanks the %YAML lines at the head: OpenCV's "%YAML:1.0" is not valid YAML. Lines keep their
+// numbers.
 std::string without_version(std::string text) {
   for (std::size_t start = 0; start < text.size();) {
     const std::size_t end = std::min(text.find('\n', start), text.size());
@@ -103,15 +94,11 @@ Result<YAML::Node> parse_yaml_map(const std::string& text, const std::string& na
   }
 }
 
-YAML::Node YamlFields::find(const char* key) const {
-  return map_[key];  // const: never inserts
+bool YamlFields::has(const std::string& key) const {
+  return map_[key].IsDefined();
 }
 
-bool YamlFields::has(const char* key) const {
-  return find(key).IsDefined();
-}
-
-Result<bool> YamlFields::has_optional(const char* key) const {
+Result<bool> YamlFields::has_optional(const std::string& key) const {
   if (has(key)) return true;
   constexpr std::size_t kMisspelt = 2;
   constexpr std::size_t kLongest = 64;
@@ -123,24 +110,24 @@ Result<bool> YamlFields::has_optional(const char* key) const {
     const bool without_unit = std::ranges::any_of(
         kUnits, [&](std::string_view unit) { return key == other + std::string(unit); });
     if (!without_unit && letters_apart(other, key) > kMisspelt) continue;
-    return fail("{}: is not known; is it meant to be `{}`?", place_of(other.c_str()), key);
+    return fail("{}: is not known; is it meant to be `{}`?", place_of(other), key);
   }
   return false;
 }
 
-std::string YamlFields::place_of(const char* key) const {
-  const YAML::Node found = find(key);
+std::string YamlFields::place_of(const std::string& key) const {
+  const YAML::Node found = map_[key];
   if (!found.IsDefined() || found.Mark().line < 0) return fmt::format("{}: {}", place_, key);
   return fmt::format("{}: {} (line {})", place_, key, found.Mark().line + 1);
 }
 
-Result<YAML::Node> YamlFields::node(const char* key, const char* remedy) const {
-  YAML::Node found = find(key);
+Result<YAML::Node> YamlFields::node(const std::string& key, const char* remedy) const {
+  YAML::Node found = map_[key];
   if (!found.IsDefined()) return fail("{}: {}: is missing; {}", place_, key, remedy);
   return found;
 }
 
-Result<double> YamlFields::number(const char* key, const char* remedy) const {
+Result<double> YamlFields::number(const std::string& key, const char* remedy) const {
   PENUMBRA_TRY(const YAML::Node found, node(key, remedy));
   const std::optional<double> value =
       found.IsScalar() ? parse_number(found.Scalar()) : std::nullopt;
@@ -149,7 +136,14 @@ Result<double> YamlFields::number(const char* key, const char* remedy) const {
   return *value;
 }
 
-Result<int> YamlFields::integer(const char* key, const char* remedy) const {
+Result<std::optional<double>> YamlFields::optional_number(const std::string& key,
+                                                          const char* remedy) const {
+  PENUMBRA_TRY(const bool present, has_optional(key));
+  if (!present) return std::nullopt;
+  return number(key, remedy);
+}
+
+Result<int> YamlFields::integer(const std::string& key, const char* remedy) const {
   PENUMBRA_TRY(const YAML::Node found, node(key, remedy));
   const std::optional<std::int64_t> value =
       found.IsScalar() ? parse_integer(found.Scalar()) : std::nullopt;
@@ -159,37 +153,41 @@ Result<int> YamlFields::integer(const char* key, const char* remedy) const {
   return static_cast<int>(*value);
 }
 
-Result<std::string> YamlFields::text(const char* key, const char* remedy) const {
-  const Result<YAML::Node> found = node(key, remedy);
-  if (!found) return tl::unexpected(found.error());
-  if (!found->IsScalar() || found->Scalar().empty())
-    return fail("{}: {} is no text; {}", place_of(key), shown(*found), remedy);
-  return found->Scalar();
+Result<std::string> YamlFields::text(const std::string& key, const char* remedy) const {
+  PENUMBRA_TRY(const YAML::Node found, node(key, remedy));
+  if (!found.IsScalar() || found.Scalar().empty())
+    return fail("{}: {} is no text; {}", place_of(key), shown(found), remedy);
+  return found.Scalar();
 }
 
-Result<std::vector<double>> YamlFields::numbers(const char* key, const char* remedy) const {
-  const Result<YAML::Node> found = node(key, remedy);
-  if (!found) return tl::unexpected(found.error());
-  if (!found->IsSequence()) return fail("{}: is no list of numbers; {}", place_of(key), remedy);
+Result<std::vector<double>> YamlFields::numbers(const std::string& key, const char* remedy) const {
+  PENUMBRA_TRY(const YAML::Node found, node(key, remedy));
+  if (!found.IsSequence()) return fail("{}: is no list of numbers; {}", place_of(key), remedy);
   std::vector<double> values;
-  for (std::size_t i = 0; i < found->size(); ++i) {
-    const YAML::Node item = (*found)[i];
+  for (const YAML::Node& item : found) {
     const std::optional<double> value =
         item.IsScalar() ? parse_number(item.Scalar()) : std::nullopt;
     if (!value || !std::isfinite(*value)) {
-      return fail("{}: value {} is {}, no finite number; {}", place_of(key), i + 1, shown(item),
-                  remedy);
+      return fail("{}: value {} is {}, no finite number; {}", place_of(key), values.size() + 1,
+                  shown(item), remedy);
     }
     values.push_back(*value);
   }
   return values;
 }
 
-Result<YamlFields> YamlFields::fields(const char* key, const char* remedy) const {
-  const Result<YAML::Node> found = node(key, remedy);
-  if (!found) return tl::unexpected(found.error());
-  if (!found->IsMap()) return fail("{}: is no map; {}", place_of(key), remedy);
-  return YamlFields(*found, fmt::format("{}: {}", place_, key));
+Result<std::vector<double>> YamlFields::numbers(const std::string& key, std::size_t count,
+                                                const char* remedy) const {
+  PENUMBRA_TRY(std::vector<double> values, numbers(key, remedy));
+  if (values.size() != count)
+    return fail("{}: has {} numbers; {}", place_of(key), values.size(), remedy);
+  return values;
+}
+
+Result<YamlFields> YamlFields::fields(const std::string& key, const char* remedy) const {
+  PENUMBRA_TRY(const YAML::Node found, node(key, remedy));
+  if (!found.IsMap()) return fail("{}: is no map; {}", place_of(key), remedy);
+  return YamlFields(found, fmt::format("{}: {}", place_, key));
 }
 
 }  // namespace penumbra

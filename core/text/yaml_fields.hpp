@@ -1,50 +1,74 @@
 // Reads fields of YAML files with errors that name the field, the line and the remedy.
-// For the .cpp files of this folder: it brings yaml-cpp along.
+// For .cpp files only: it brings yaml-cpp along.
 #pragma once
 
 #include <yaml-cpp/yaml.h>
 
 #include <cstddef>
+#include <exception>
 #include <filesystem>
 #include <optional>
 #include <string>
+#include <string_view>
+#include <utility>
 #include <vector>
 
 #include "core/error.hpp"
 
 namespace penumbra {
 
-// The root of a YAML file that is a map. yaml-cpp's exceptions end here.
-[[nodiscard]] Result<YAML::Node> load_yaml_map(const std::filesystem::path& file);
-// The same of a file's text; `name` is put into errors.
-[[nodiscard]] Result<YAML::Node> parse_yaml_map(const std::string& text, const std::string& name);
 inline constexpr std::size_t kMaxYamlBytes = std::size_t{8} << 20U;
+
+// Returns the root of a YAML file, which must be a map. Throws nothing.
+[[nodiscard]] Result<YAML::Node> load_yaml_map(const std::filesystem::path& file);
+// Parses a file's text; `name` stands in errors.
+[[nodiscard]] Result<YAML::Node> parse_yaml_map(const std::string& text, const std::string& name);
+
+// Loads a YAML map and returns `read(root)`, a Result. An exception of yaml-cpp in `read` becomes
+// an error that calls the file `kind`: "a tag map".
+template <class Read>
+auto read_yaml_map(const std::filesystem::path& file, std::string_view kind, const Read& read)
+    -> decltype(read(std::declval<const YAML::Node&>())) {
+  const Result<YAML::Node> root = load_yaml_map(file);
+  if (!root) return tl::unexpected(root.error());
+  try {
+    return read(*root);
+  } catch (const std::exception& error) {
+    return fail("{}: is not readable as {} ({}); correct the file", file.string(), kind,
+                error.what());
+  }
+}
 
 // One map of the file. `place` stands in front of every message: "tags.yaml: tags[3]".
 class YamlFields {
  public:
   YamlFields(YAML::Node map, std::string place) : map_(std::move(map)), place_(std::move(place)) {}
 
-  [[nodiscard]] bool has(const char* key) const;
-  // Whether a key that may be left out is there. Fails where it is not, but one that is up to two
-  // letters off or without its unit is: what is misspelt would be ignored.
-  [[nodiscard]] Result<bool> has_optional(const char* key) const;
-  [[nodiscard]] Result<YAML::Node> node(const char* key, const char* remedy) const;
-  [[nodiscard]] Result<double> number(const char* key, const char* remedy) const;
-  [[nodiscard]] Result<int> integer(const char* key, const char* remedy) const;
-  [[nodiscard]] Result<std::string> text(const char* key, const char* remedy) const;
+  [[nodiscard]] bool has(const std::string& key) const;
+  // Returns whether an optional key is present. Fails if it is absent but one like it is present
+  // (edit distance up to 2, or without the unit): a misspelt key would be ignored.
+  [[nodiscard]] Result<bool> has_optional(const std::string& key) const;
+  [[nodiscard]] Result<YAML::Node> node(const std::string& key, const char* remedy) const;
+  [[nodiscard]] Result<double> number(const std::string& key, const char* remedy) const;
+  [[nodiscard]] Result<int> integer(const std::string& key, const char* remedy) const;
+  [[nodiscard]] Result<std::string> text(const std::string& key, const char* remedy) const;
+  // Nothing if the key is absent; fails as has_optional() does.
+  [[nodiscard]] Result<std::optional<double>> optional_number(const std::string& key,
+                                                              const char* remedy) const;
   // A list of finite numbers.
-  [[nodiscard]] Result<std::vector<double>> numbers(const char* key, const char* remedy) const;
-  [[nodiscard]] Result<YamlFields> fields(const char* key, const char* remedy) const;
+  [[nodiscard]] Result<std::vector<double>> numbers(const std::string& key,
+                                                    const char* remedy) const;
+  // The same, of this length.
+  [[nodiscard]] Result<std::vector<double>> numbers(const std::string& key, std::size_t count,
+                                                    const char* remedy) const;
+  [[nodiscard]] Result<YamlFields> fields(const std::string& key, const char* remedy) const;
 
   [[nodiscard]] const std::string& place() const { return place_; }
   // "place: key (line n)"
-  [[nodiscard]] std::string place_of(const char* key) const;
+  [[nodiscard]] std::string place_of(const std::string& key) const;
 
  private:
-  [[nodiscard]] YAML::Node find(const char* key) const;
-
-  YAML::Node map_;
+  const YAML::Node map_;  // const: operator[] never inserts
   std::string place_;
 };
 

@@ -122,7 +122,8 @@ std::optional<test::CameraAndBoard> mrcal(const Corners& corners, const Target& 
   const auto camera = load_camera(folder.path() / "camera-0.cameramodel");
   if (!camera) return std::nullopt;
   test::CameraAndBoard result{*camera, target.points, 0.0};
-  result.rms_px = pose_only_error(result.camera, result.board, views).value_or(0.0);
+  if (const auto errors = pose_only_errors(result.camera, result.board, views))
+    result.rms_px = rms_of(*errors);
   return result;
 }
 
@@ -136,15 +137,16 @@ bool all_see_everything(const Corners& corners, const Target& target) {
   });
 }
 
+Views all_as_inliers(Views views) {
+  for (CalibrationView& view : views) view.outlier.assign(view.corners.size(), false);
+  return views;
+}
+
 // Every calibration on the same corners.
 void compare_on(const char* whose, const Corners& corners, const Target& target, double& first_ms) {
-  SolverOptions same;
-  same.remove_outliers = false;
-  SolverOptions robust;
+  const SolverOptions rigid_board;
   SolverOptions free_board;
   free_board.shape = BoardShape::free;
-  SolverOptions free_same = free_board;
-  free_same.remove_outliers = false;
   const auto row = [&](const char* name, const char* board, int who, const Calibrate& calibrate) {
     const double before = cpu_ms(who);
     const auto found = calibrate(corners.views);
@@ -165,10 +167,11 @@ void compare_on(const char* whose, const Corners& corners, const Target& target,
     row("mrcal, OPENCV5", "true (bowed while solving)", RUSAGE_CHILDREN,
         [&](const Views& views) { return mrcal(corners, target, views); });
   }
-  row("penumbra, every corner", "true", RUSAGE_SELF,
-      [&](const Views& views) { return ours(corners, target, views, same); });
+  row("penumbra, every corner", "true", RUSAGE_SELF, [&](const Views& views) {
+    return ours(corners, target, all_as_inliers(views), rigid_board);
+  });
   row("penumbra, without outliers", "true", RUSAGE_SELF,
-      [&](const Views& views) { return ours(corners, target, views, robust); });
+      [&](const Views& views) { return ours(corners, target, views, rigid_board); });
   if (whole) {
     row("OpenCV calibrateCameraRO", "solved for", RUSAGE_SELF, [&](const Views& views) {
       return test::opencv_calibration(corners.width, corners.height, target.points, views, true,
@@ -176,7 +179,7 @@ void compare_on(const char* whose, const Corners& corners, const Target& target,
     });
   }
   row("penumbra, every corner", "solved for", RUSAGE_SELF,
-      [&](const Views& views) { return ours(corners, target, views, free_same); });
+      [&](const Views& views) { return ours(corners, target, all_as_inliers(views), free_board); });
   row("penumbra, without outliers", "solved for", RUSAGE_SELF,
       [&](const Views& views) { return ours(corners, target, views, free_board); });
 }

@@ -10,6 +10,7 @@
 #include "core/geometry/tag_map.hpp"
 #include "core/geometry/trajectory.hpp"
 #include "core/image/image_file.hpp"
+#include "core/text/text.hpp"
 #include "core/units.hpp"
 #include "replay_support.hpp"
 #include "support/recording_folder.hpp"
@@ -38,7 +39,7 @@ class TagGroups : public testing::Test {
       tag.T_table_tag = {Eigen::Matrix3d(T.rotation() * tag.T_table_tag.rotation_matrix()),
                          T * tag.T_table_tag.translation()};
     }
-    ASSERT_TRUE(save_tag_map(file(name), TagMap::make(tags).value()));
+    ASSERT_TRUE(write_text_file(file(name), tag_map_text(TagMap::make(tags).value())));
   }
   // The same of the scene's wall: where it is for whom believes that map.
   void write_wrong_scene(const std::string& name, const Eigen::Isometry3d& T, bool tied) const {

@@ -89,11 +89,11 @@ std::optional<double> held_out_px(const std::vector<CalibrationView>& views,
         calibrate(views_of_fold(views, fold, kFolds, false));
     if (!found) return std::nullopt;
     const auto left = views_of_fold(views, fold, kFolds, true);
-    const auto error = pose_only_error(found->camera, found->board, left);
-    if (!error) return std::nullopt;
+    const auto errors = pose_only_errors(found->camera, found->board, left);
+    if (!errors || !std::isfinite(rms_of(*errors))) return std::nullopt;
     double corners = 0.0;
     for (const CalibrationView& view : left) corners += static_cast<double>(view.corners.size());
-    sum += *error * *error * corners;
+    sum += rms_of(*errors) * rms_of(*errors) * corners;
     count += corners;
   }
   return std::sqrt(sum / count);

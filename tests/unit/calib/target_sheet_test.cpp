@@ -38,7 +38,7 @@ Frame rendered(const std::filesystem::path& pdf) {
 void expect_true_scale(const TagBoard& board, const PageSize& page) {
   const test::TemporaryFolder folder;
   const std::filesystem::path pdf = folder.path() / "sheet.pdf";
-  const Result<void> written = write_tag_board(pdf, board, page);
+  const Result<void> written = write_sheet(pdf, board, page);
   ASSERT_TRUE(written) << written.error().message;
   const Frame frame = rendered(pdf);
   std::vector<std::uint8_t> scratch;
@@ -339,7 +339,7 @@ TEST(TargetSheet, SaysWhatDoesNotFit) {
   TagBoard board;
   board.columns = 10;
   const auto written =
-      write_tag_board(folder.path() / "sheet.pdf", board, page_size_from_string("a4").value());
+      write_sheet(folder.path() / "sheet.pdf", board, page_size_from_string("a4").value());
   ASSERT_FALSE(written);
   EXPECT_THAT(written.error().message, HasSubstr("does not fit on a page of 210 x 297 mm"));
   EXPECT_FALSE(std::filesystem::exists(folder.path() / "sheet.pdf"));
@@ -348,7 +348,7 @@ TEST(TargetSheet, SaysWhatDoesNotFit) {
   board = TagBoard{};
   board.columns = board.rows = 1;
   const auto narrow =
-      write_tag_board(folder.path() / "sheet.pdf", board, page_size_from_string("80x100").value());
+      write_sheet(folder.path() / "sheet.pdf", board, page_size_from_string("80x100").value());
   ASSERT_FALSE(narrow);
   EXPECT_THAT(narrow.error().message, HasSubstr("ruler"));
   EXPECT_FALSE(std::filesystem::exists(folder.path() / "sheet.pdf"));
@@ -364,8 +364,8 @@ TEST(TargetSheet, SaysWhatDoesNotFit) {
   EXPECT_FALSE(tag_map_of(board));
   EXPECT_THAT(page_size_from_string("b9").error().message, HasSubstr("a4"));
   EXPECT_FALSE(page_size_from_string("210x"));
-  EXPECT_FALSE(write_tag_board(folder.path() / "no-such-folder" / "sheet.pdf", TagBoard{},
-                               page_size_from_string("a4").value()));
+  EXPECT_FALSE(write_sheet(folder.path() / "no-such-folder" / "sheet.pdf", TagBoard{},
+                           page_size_from_string("a4").value()));
 }
 
 }  // namespace

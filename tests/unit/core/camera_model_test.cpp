@@ -70,14 +70,6 @@ TEST_P(EveryModel, JacobianAgreesWithCentralDifferences) {
   }
 }
 
-TEST_P(EveryModel, GenericProjectionIsTheSame) {
-  const CameraModel camera = CameraModel::make(of_model(GetParam())).value();
-  const Eigen::Vector3d p(0.11, -0.2, 0.6);
-  Eigen::Vector2d generic;
-  camera.project_generic(p.data(), generic.data());
-  EXPECT_EQ(generic, camera.project_unchecked(p));
-}
-
 // A strong fisheye, all four coefficients, to 80 degrees from the axis.
 TEST(CameraModel, AStrongFisheyeIsExactToItsRim) {
   CameraParameters p = base();

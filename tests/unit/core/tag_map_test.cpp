@@ -123,7 +123,7 @@ TEST(TagMap, SavesWhatReadsBackTheSame) {
   tags[1].group = "a \"quoted\" wall";
   const TagMap map = TagMap::make(tags).value();
   const test::TemporaryFolder folder;
-  ASSERT_TRUE(save_tag_map(folder.path() / "tags.yaml", map));
+  ASSERT_TRUE(write_text_file(folder.path() / "tags.yaml", tag_map_text(map)));
   const auto read = load_tag_map(folder.path() / "tags.yaml");
   ASSERT_TRUE(read) << read.error().message;
   ASSERT_EQ(read->tags().size(), 2U);

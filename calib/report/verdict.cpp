@@ -1,0 +1,227 @@
+// The uncertainty of a calibration, its grade, and advice. See docs/calibration.md#verdict.
+#include <Eigen/Eigenvalues>
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <limits>
+
+#include "calib/camera_calibration.hpp"
+#include "calib/target/image_cells.hpp"
+#include "core/statistics.hpp"
+#include "core/units.hpp"
+
+namespace penumbra {
+namespace {
+
+constexpr double kGoodTilt_deg = 40.0;
+constexpr std::size_t kGoodViews = 10;
+constexpr double kNear = 0.05;  // of the image's diagonal: the reach of a seen corner
+
+// Names the one of `cells` with the largest uncertainty: "the top left".
+std::string worst_place(const UncertaintyMap& map, const ImageCells& cells) {
+  const ImageCells of_map{map.columns, map.rows, cells.width, cells.height};
+  std::size_t worst = 0;
+  double most = -1.0;
+  for (std::size_t cell = 0; cell < map.sigma_px.size(); ++cell) {
+    if (!(map.sigma_px[cell] > most)) continue;  // also NaN
+    worst = cell;
+    most = map.sigma_px[cell];
+  }
+  return "the " + cells.name(cells.at(of_map.middle(worst)));
+}
+
+}  // namespace
+
+std::string_view to_string(CalibrationGrade grade) {
+  constexpr std::array<std::string_view, 3> kNames = {"good", "usable", "poor"};
+  return kNames[static_cast<std::size_t>(grade)];
+}
+
+UncertaintyMap uncertainty_map(const CameraModel& camera, const Eigen::MatrixXd& covariance,
+                               int columns, int rows) {
+  UncertaintyMap map;
+  map.columns = columns;
+  map.rows = rows;
+  double sum = 0.0;
+  int count = 0;
+  const ImageCells cells{columns, rows, camera.width(), camera.height()};
+  for (std::size_t cell = 0; cell < cells.count(); ++cell) {
+    const auto here = projection_covariance(camera, covariance, cells.middle(cell));
+    if (!here) {
+      map.sigma_px.push_back(std::numeric_limits<double>::quiet_NaN());
+      continue;
+    }
+    // With a covariance that is not finite, nothing is known.
+    double sigma = std::numeric_limits<double>::infinity();
+    if (here->allFinite()) {
+      const Eigen::SelfAdjointEigenSolver<Eigen::Matrix2d> eigen(*here);
+      sigma = std::sqrt(std::max(eigen.eigenvalues()[1], 0.0));
+    }
+    map.sigma_px.push_back(sigma);
+    map.largest_px = std::max(map.largest_px, sigma);
+    sum += sigma;
+    ++count;
+  }
+  map.mean_px = sum / count;
+  // Nothing is known of a lens with non-monotonic distortion in the image.
+  if (count == 0 || (count < columns * rows && fold_in_image(camera)))
+    map.mean_px = map.largest_px = std::numeric_limits<double>::infinity();
+  return map;
+}
+
+void raise_to_difference(UncertaintyMap& map, const CameraModel& camera, const CameraModel& other,
+                         std::span<const CalibrationPicture> pictures) {
+  const double near = kNear * std::hypot(camera.width(), camera.height());
+  const ImageCells cells{map.columns, map.rows, camera.width(), camera.height()};
+  std::vector<double> differences(map.sigma_px.size(), 0.0);
+  std::vector<bool> seen(map.sigma_px.size(), false);  // a corner is near
+  double largest = 0.0;                                // difference in seen cells
+  for (std::size_t cell = 0; cell < cells.count(); ++cell) {
+    const Eigen::Vector2d pixel = cells.middle(cell);
+    const auto direction = camera.unproject(pixel);
+    const auto there = direction ? other.project_extended(*direction) : std::nullopt;
+    if (there) differences[cell] = (*there - pixel).norm();
+    for (const CalibrationPicture& picture : pictures) {
+      if (picture.solved < 0 || seen[cell]) continue;
+      seen[cell] = std::ranges::any_of(picture.view.corners, [&](const TargetCorner& corner) {
+        return (corner.pixel - pixel).norm() < near;
+      });
+    }
+    if (seen[cell]) largest = std::max(largest, differences[cell]);
+  }
+  double sum = 0.0;
+  int count = 0;
+  for (std::size_t cell = 0; cell < cells.count(); ++cell) {
+    double& sigma = map.sigma_px[cell];
+    if (std::isnan(sigma)) continue;
+    sigma = std::max(sigma, seen[cell] ? differences[cell] : largest);
+    map.largest_px = std::max(map.largest_px, sigma);
+    sum += sigma;
+    ++count;
+  }
+  if (std::isfinite(map.mean_px) && count > 0) map.mean_px = sum / count;
+}
+
+ProjectionDifference projection_difference(const CameraModel& a, const CameraModel& b) {
+  constexpr int kColumns = 32;
+  constexpr int kRows = 24;
+  ProjectionDifference difference;
+  int count = 0;
+  for (int j = 0; j < kRows; ++j) {
+    for (int i = 0; i < kColumns; ++i) {
+      const Eigen::Vector2d pixel((a.width() - 1.0) * i / (kColumns - 1),
+                                  (a.height() - 1.0) * j / (kRows - 1));
+      const auto direction = a.unproject(pixel);
+      if (!direction) continue;
+      const auto other = b.project_extended(*direction);
+      if (!other) continue;
+      const double distance = (*other - pixel).norm();
+      difference.mean_px += distance;
+      difference.largest_px = std::max(difference.largest_px, distance);
+      ++count;
+    }
+  }
+  difference.skipped = 1.0 - static_cast<double>(count) / (kColumns * kRows);
+  difference.mean_px =
+      count > 0 ? difference.mean_px / count : std::numeric_limits<double>::quiet_NaN();
+  return difference;
+}
+
+void judge(CameraCalibration& result) {
+  const CalibrationSolution& solution = result.solution;
+  const int width = solution.camera.width();
+  const int height = solution.camera.height();
+  result.uncertainty = uncertainty_map(solution.camera, solution.covariance);
+  // The views do not distinguish these lenses: the difference is uncertain.
+  for (const ModelTrial& trial : result.trials) {
+    if (trial.rival && !trial.fold_px)
+      raise_to_difference(result.uncertainty, solution.camera, trial.camera, result.pictures);
+  }
+  result.table = table_volume_uncertainty(solution.camera, solution.covariance);
+  result.tilt_spread_deg = degrees(tilt_spread(solution.views));
+  std::vector<double> blurs;
+  const ImageCells cells{3, 3, width, height};
+  std::vector<int> seen(cells.count(), 0);
+  for (const CalibrationPicture& picture : result.pictures) {
+    if (picture.solved < 0) continue;
+    blurs.push_back(picture.view.blur_px);
+    for (const TargetCorner& corner : picture.view.corners) ++seen[cells.at(corner.pixel)];
+  }
+  result.blur_px = upper_median(std::move(blurs));
+
+  std::vector<std::string> empty;
+  std::vector<std::string> nearly_empty;
+  for (std::size_t cell = 0; cell < seen.size(); ++cell) {
+    if (seen[cell] * 100 < solution.corners)
+      (seen[cell] == 0 ? empty : nearly_empty).push_back(cells.name(cell));
+  }
+  if (!empty.empty())
+    result.advice.push_back(fmt::format("no views near the {}", fmt::join(empty, ", the ")));
+  if (!nearly_empty.empty())
+    result.advice.push_back(
+        fmt::format("few views near the {}", fmt::join(nearly_empty, ", the ")));
+  const bool places = !result.advice.empty();
+  if (result.other_board) result.advice.insert(result.advice.begin(), *result.other_board);
+  if (result.tilt_spread_deg < kGoodTilt_deg) {
+    // Rounded down, so that 39.9 does not look like 40.
+    result.advice.push_back(
+        fmt::format("tilt the target by 30 to 45 degrees to every side: no two views differ by "
+                    "more than {:.0f} degrees, {:.0f} are good",
+                    std::floor(result.tilt_spread_deg), kGoodTilt_deg));
+  }
+  if (solution.views.size() < kGoodViews) {
+    result.advice.push_back(fmt::format("{} views are few: take {} or more, better 20",
+                                        solution.views.size(), kGoodViews));
+  }
+  if (result.blur_px > 1.5)
+    result.advice.push_back(fmt::format(
+        "images are blurred ({:.1f} px): hold still, focus, more light", result.blur_px));
+  // A lens that explains the views better but is non-monotonic in the image: the chosen one must be
+  // wrong somewhere.
+  std::string non_monotonic;
+  for (const ModelTrial& trial : result.trials) {
+    if (!trial.fold_px || !non_monotonic.empty() || !trial.held_out_px || !result.held_out_px ||
+        *trial.held_out_px >= kWorthwhile * *result.held_out_px)
+      continue;
+    non_monotonic = fmt::format(
+        "{} explains the views better ({:.3f} px), but was not taken, since it is non-monotonic "
+        "near the {}, where too few corners were seen: take views there",
+        lens_name(trial), *trial.held_out_px, cells.name(cells.at(*trial.fold_px)));
+    result.advice.push_back(non_monotonic);
+  }
+  if (solution.shape != BoardShape::rigid)
+    result.advice.emplace_back("the target is not flat or not true: glue it on glass or a board");
+
+  const double error = result.held_out_px.value_or(solution.rms_px);
+  const double sigma = result.uncertainty.largest_px;
+  const bool finite = std::isfinite(sigma) && std::isfinite(error) && non_monotonic.empty();
+  result.grade = finite && sigma <= kGoodProjection_px && error <= 1.0 ? CalibrationGrade::good
+                 : finite && sigma <= 2.0 && error <= 2.0              ? CalibrationGrade::usable
+                                                                       : CalibrationGrade::poor;
+  const std::string worst = std::isfinite(sigma) ? worst_place(result.uncertainty, cells) : "";
+  std::string text = fmt::format(
+      "{}: projection is known to {:.2f} px (1 sigma) at the worst place in the image{}, {:.2f} "
+      "on average; {} are explained to {:.2f} px",
+      to_string(result.grade), sigma, worst.empty() ? "" : fmt::format(" ({})", worst),
+      result.uncertainty.mean_px,
+      result.held_out_px ? "views left out of the solution" : "the views, none of them left out,",
+      error);
+  if (result.grade != CalibrationGrade::good) {
+    if (error > 1.0)
+      result.advice.emplace_back(
+          "the corners are off by too much: is the target flat, the focus fixed?");
+    // Nothing else stands out.
+    if (!(sigma <= kGoodProjection_px) && !places && result.tilt_spread_deg >= kGoodTilt_deg) {
+      result.advice.push_back(
+          fmt::format("take more views: from near, so that the target fills the picture, tilted to "
+                      "every side{}",
+                      worst.empty() ? std::string() : ", and near " + worst));
+    }
+    if (!result.advice.empty()) text += fmt::format("; {}", fmt::join(result.advice, "; "));
+  } else if (places || result.other_board) {
+    text += fmt::format("; {}", result.advice.front());
+  }
+  result.verdict = text;
+}
+
+}  // namespace penumbra

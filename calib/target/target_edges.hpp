@@ -1,0 +1,71 @@
+// Edges between black and white on a printed target, as they appear in an image.
+#pragma once
+
+#include <Eigen/Core>
+#include <algorithm>
+#include <array>
+#include <optional>
+
+#include "core/camera/camera_model.hpp"
+#include "core/geometry/transform.hpp"
+#include "core/image/image_view.hpp"
+
+namespace penumbra {
+
+// Grey level by bilinear interpolation; nothing outside the image. (0, 0) is the centre of the
+// top-left pixel.
+[[nodiscard]] inline std::optional<double> sample_luma(ImageView luma, const Eigen::Vector2d& p) {
+  if (!(p.x() >= 0.0 && p.y() >= 0.0 && p.x() <= luma.width - 1 && p.y() <= luma.height - 1))
+    return std::nullopt;
+  const int x = std::min(static_cast<int>(p.x()), luma.width - 2);
+  const int y = std::min(static_cast<int>(p.y()), luma.height - 2);
+  if (x < 0 || y < 0) return std::nullopt;
+  const double u = p.x() - x;
+  const double v = p.y() - y;
+  const std::uint8_t* a = luma.row(y) + x;
+  const std::uint8_t* b = luma.row(y + 1) + x;
+  return (1.0 - v) * ((1.0 - u) * a[0] + u * a[1]) + v * ((1.0 - u) * b[0] + u * b[1]);
+}
+
+inline constexpr double kCornerBorder = 3.0;  // [px] from a corner to the image's border
+
+// True if `p` is at least `margin` px inside the image.
+[[nodiscard]] bool is_inside(ImageView luma, const Eigen::Vector2d& p, double margin);
+
+// d corner / d outward shift of all edges of a quadrilateral [px], for corners in either order.
+// Camera response and blur shift edges so. Zero where two edges are nearly collinear.
+[[nodiscard]] std::array<Eigen::Vector2d, 4> edge_spreads(
+    const std::array<Eigen::Vector2d, 4>& corners);
+
+// A search across an edge, around pixel + expected * normal [px].
+struct EdgeSearch {
+  Eigen::Vector2d pixel;
+  Eigen::Vector2d normal;
+  double expected = 0.0;
+  double reach = 0.0;              // to both sides; at most 7
+  double width = 0.0;              // sigma of the window that suppresses neighbouring edges
+  std::optional<double> polarity;  // 1: from black to white along the normal, -1: the reverse
+  double least_change = 0.0;       // [grey levels] in the window
+};
+// Offset of the edge from the expected place [px]: the windowed centroid of the grey-level change.
+// Nothing if there is no such change.
+[[nodiscard]] std::optional<double> find_edge(ImageView luma, const EdgeSearch& search);
+
+using CameraFromBoard = Transform<frame::Camera, frame::Table>;
+
+// A tag's four corners [px], where its sides meet that were followed along the curves of the lens.
+// `corners`: on the board [m]; `cells`: of its black square, across. Nothing if less than half of a
+// side is found.
+[[nodiscard]] std::optional<std::array<Eigen::Vector2d, 4>> follow_tag(
+    ImageView luma, const CameraModel& camera, const CameraFromBoard& T_camera_board,
+    const std::array<Eigen::Vector3d, 4>& corners, int cells);
+
+// A saddle point [px] where two edges cross, from `arm_m` of each edge on both sides of it; nothing
+// else lies within `clear_m` of them.
+[[nodiscard]] std::optional<Eigen::Vector2d> follow_crossing(ImageView luma,
+                                                             const CameraModel& camera,
+                                                             const CameraFromBoard& T_camera_board,
+                                                             const Eigen::Vector3d& corner,
+                                                             double arm_m, double clear_m);
+
+}  // namespace penumbra
