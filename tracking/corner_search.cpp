@@ -5,14 +5,13 @@
 
 #include "core/geometry/group_pose.hpp"
 #include "core/stopwatch.hpp"
-#include "tracking/pose_confidence.hpp"
 
 namespace penumbra {
 namespace {
 
-// A second pose whose reprojection RMS is less than this times the best one's may be the true one.
+// RMS of the second pose over that of the best, below which it may be the true one.
 constexpr double kAmbiguityRatio = 1.6;
-constexpr double kMostReprojectionRms_px = 3.0;  // a worse fit is no pose
+constexpr double kMostReprojectionRms_px = 3.0;  // limit of a pose
 
 void take_corners(Measurement& measurement) {
   const BoardPose& board = measurement.by_corners;

@@ -4,7 +4,9 @@
 #include <algorithm>
 #include <cmath>
 
+#include "core/evaluation/evaluation.hpp"
 #include "core/units.hpp"
+#include "tracking/math/se3.hpp"
 #include "tracking/motion/motion_model.hpp"
 #include "tracking/pose_confidence.hpp"
 
@@ -13,35 +15,44 @@ namespace {
 
 // Chi-square of 6 degrees of freedom that 99 % of measurements of a resting group stay under.
 constexpr double kRests = 16.8;
-// Growth of the covariance of a resting group's place from frame to frame: measurements are
-// averaged over about five frames.
+// Growth of a resting group's covariance from frame to frame: averages about five frames.
 constexpr double kForgets = 1.25;
-// A place is shown as long as the averaged one is no farther from it than this; and the average
-// lags no farther behind a motion that is slower than the measurements' covariance shows.
+// Greatest distance of the shown place from the average, and of that from a measurement.
 constexpr double kShownWithin_px = 0.25;
-// Two measurements that lie further apart give no velocity.
+// Longest time between two measurements that give a velocity.
 constexpr double kVelocityLifetime_s = 0.2;
 
-// xi_a of a motion that is xi_b in frame b: T_a_b exp(xi_b) = exp(xi_a) T_a_b.
+// Adjoint Ad of the transform: T_a_b exp(xi_b) = exp(Ad xi_b) T_a_b.
 template <class A, class B>
 Matrix6d adjoint(const Transform<A, B>& T_a_b) {
   const Eigen::Matrix3d R = T_a_b.rotation_matrix();
-  const Eigen::Vector3d& t = T_a_b.translation();
-  Eigen::Matrix3d cross;
-  cross << 0.0, -t.z(), t.y(), t.z(), 0.0, -t.x(), -t.y(), t.x(), 0.0;
   Matrix6d A6 = Matrix6d::Zero();
   A6.topLeftCorner<3, 3>() = R;
-  A6.topRightCorner<3, 3>() = cross * R;
+  A6.topRightCorner<3, 3>() = skew(T_a_b.translation()) * R;
   A6.bottomRightCorner<3, 3>() = R;
   return A6;
 }
 
-// Covariance of the camera over a group's middle by that of the place: what `of_place` is there.
+// Covariance of the camera's pose over a group's middle, from the covariance of the group's place.
 Matrix6d carried_to_camera(const MiddleFromCamera& T_middle_camera, const Matrix6d& of_place) {
-  // Rounding leaves products a little off a rotation.
   const MiddleFromCamera normalised(T_middle_camera.rotation(), T_middle_camera.translation());
   const Matrix6d A = adjoint(normalised.inverse());
   return A * of_place * A.transpose();
+}
+
+// The overlay functions are typed for the table; a group's middle takes its place here.
+CameraPose as_table(const MiddleFromCamera& pose) {
+  return {pose.rotation(), pose.translation()};
+}
+
+double overlay_distance_px(const CameraModel& camera, const MiddleFromCamera& a,
+                           const MiddleFromCamera& b) {
+  return overlay_difference(camera, as_table(a), as_table(b)).rms_px();
+}
+
+double predicted_overlay_px(const CameraModel& camera, const MiddleFromCamera& pose,
+                            const Matrix6d& covariance) {
+  return with_lens_error_px(camera, expected_overlay_error_px(camera, as_table(pose), covariance));
 }
 
 TrackStatus worse(TrackStatus a, TrackStatus b) {
@@ -52,7 +63,6 @@ static_assert(TrackStatus::tracked < TrackStatus::uncertain &&
 
 }  // namespace
 
-// Averages a measurement with those before while they agree.
 bool GroupPlace::take(const CameraModel& camera, const Place& now, bool doubtful,
                       const CameraPose& T_table_camera) {
   const auto apart_px = [&](const TableFromMiddle& a, const TableFromMiddle& b) {
@@ -61,7 +71,7 @@ bool GroupPlace::take(const CameraModel& camera, const Place& now, bool doubtful
   bool agrees = false;
   if (found_) {
     Place& found = *found_;
-    const Vector6d away = motion_between(found.T_table_middle, now.T_table_middle);
+    const Vector6d away = perturbation_between(found.T_table_middle, now.T_table_middle);
     const Matrix6d before = kForgets * found.covariance;
     const Matrix6d total = before + now.covariance;
     const Vector6d weighed = total.ldlt().solve(away);
@@ -70,7 +80,7 @@ bool GroupPlace::take(const CameraModel& camera, const Place& now, bool doubtful
     if (!agrees && doubtful) return false;
     if (agrees) {
       const Matrix6d gain = total.ldlt().solve(before).transpose();  // before total^-1
-      found.T_table_middle = moved(found.T_table_middle, before * weighed);
+      found.T_table_middle = perturbed(found.T_table_middle, before * weighed);
       found.covariance = before - gain * before;
       found.covariance = 0.5 * (found.covariance + found.covariance.transpose()).eval();
       found.timestamp_ns = now.timestamp_ns;
@@ -98,7 +108,7 @@ GroupEstimate GroupPlace::coasting(const CameraModel& camera, double hold_s,
   if (!found_ || !table_pose.has_pose()) return estimate;
   const double age_s = seconds(timestamp_ns - found_->timestamp_ns);
   if (!(age_s >= 0.0) || age_s > hold_s) return estimate;
-  const TableFromMiddle at = moved(shown_, velocity_ * age_s);
+  const TableFromMiddle at = perturbed(shown_, velocity_ * age_s);
   if (!at.is_finite()) return estimate;
   estimate.status = TrackStatus::held;
   estimate.held_from = last_status_;
@@ -119,7 +129,7 @@ GroupEstimate GroupPlace::update(const CameraModel& camera, double hold_s,
   const auto coast = [&](std::string reason) {
     return coasting(camera, hold_s, timestamp_ns, table_pose, std::move(reason));
   };
-  // A clock that jumps back leaves nothing of the past to rely on.
+  // The clock jumped back: forget the past.
   if (found_ && timestamp_ns <= found_->timestamp_ns) found_.reset();
   if (!is_measured(seen.status))
     return coast(seen.reason.empty() ? std::string("not seen") : seen.reason);
@@ -151,14 +161,14 @@ GroupEstimate GroupPlace::measured(const CameraModel& camera, const PoseEstimate
   estimate.rests = rests_;
   const MiddleFromCamera drawn = shown_.inverse() * table_pose.T_table_camera;
   if (rests_) {
-    // Drawn by the table's pose, at a place that more frames than this one know.
+    // Drawn by the table's pose, at a place averaged over several frames.
     estimate.covariance = table_pose.covariance + carried_to_camera(drawn, found_->covariance);
   } else {
     estimate.covariance = seen.covariance;
   }
   estimate.expected_overlay_error_px = predicted_overlay_px(camera, drawn, estimate.covariance);
   if (rests_) {
-    // Both distances are distributed evenly up to their limit.
+    // Both distances are uniformly distributed up to their limit.
     estimate.expected_overlay_error_px =
         std::hypot(estimate.expected_overlay_error_px, kShownWithin_px * std::sqrt(2.0 / 3.0));
   }

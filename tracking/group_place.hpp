@@ -5,23 +5,38 @@
 #include <optional>
 #include <string>
 #include <utility>
+#include <vector>
 
 #include "core/camera/camera_model.hpp"
 #include "core/geometry/group_pose.hpp"
 #include "core/geometry/pose_estimate.hpp"
 #include "tracking/detection/pose_refiner.hpp"
-#include "tracking/group_pose_tracker.hpp"
+#include "tracking/tracked_frame.hpp"
 
 namespace penumbra {
 
-// True if the pose was measured in its frame.
+using MiddleFromCamera = Transform<frame::GroupMiddle, frame::Camera>;
+using TableFromMiddle = Transform<frame::Table, frame::GroupMiddle>;
+
+// Pose of the camera over a group's middle in one frame. Fields as in PoseEstimate.
+struct GroupSighting {
+  TrackStatus status = TrackStatus::lost;
+  MiddleFromCamera T_middle_camera;
+  Matrix6d covariance = Matrix6d::Zero();
+  double reprojection_rms_px = 0.0;
+  int tags_used = 0;
+  std::vector<int> tags_left_out;
+  std::string reason;
+};
+
+// Returns true if the pose was measured in its frame.
 [[nodiscard]] inline bool is_measured(TrackStatus status) {
   return status == TrackStatus::tracked || status == TrackStatus::uncertain;
 }
 
 class GroupPlace {
  public:
-  // Begins where the map has the group.
+  // Begins at the group's place in the map.
   GroupPlace(std::string name, const Transform<frame::Group, frame::GroupMiddle>& T_group_middle)
       : name_(std::move(name)),
         T_group_middle_(T_group_middle),
@@ -29,13 +44,12 @@ class GroupPlace {
 
   // The place as it is shown: within a quarter of a pixel of the average.
   [[nodiscard]] const TableFromMiddle& shown() const { return shown_; }
-  // True if the last measurement is older than this time.
+  // Returns true if the last measurement is older than this time.
   [[nodiscard]] bool is_older_than(std::int64_t timestamp_ns) const {
     return !found_ || found_->timestamp_ns < timestamp_ns;
   }
 
-  // Takes a frame's sighting, with where the camera is over the table. `hold_s`: how long a hidden
-  // group is extrapolated.
+  // Takes a frame's sighting. `hold_s`: how long a hidden group is extrapolated.
   [[nodiscard]] GroupEstimate update(const CameraModel& camera, double hold_s,
                                      std::int64_t timestamp_ns, const PoseEstimate& table_pose,
                                      const GroupSighting& seen);
@@ -46,7 +60,7 @@ class GroupPlace {
     TableFromMiddle T_table_middle;
     Matrix6d covariance = Matrix6d::Zero();  // of T_table_middle * exp(xi)
   };
-  // False where the measurement is doubtful and disagrees with a surer one.
+  // Averages measurements while they agree. False for a doubtful one that disagrees.
   bool take(const CameraModel& camera, const Place& now, bool doubtful,
             const CameraPose& T_table_camera);
   [[nodiscard]] GroupEstimate measured(const CameraModel& camera, const PoseEstimate& table_pose,

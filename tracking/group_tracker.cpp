@@ -10,21 +10,19 @@
 #include "core/units.hpp"
 #include "tracking/detection/background_search.hpp"
 #include "tracking/group_place.hpp"
-#include "tracking/group_pose_tracker.hpp"
 #include "tracking/rigid_tag_tracker.hpp"
 
 namespace penumbra {
 namespace {
 
-// Of a group that is not where it was: frames after its loss in which its old place is looked at,
-// and frames in which the whole image is searched, at half and full resolution in turn; then the
-// intervals of both. A search costs as much as twenty frames of tracking and more.
+// A lost group: frames in which its old place is checked, and the interval after that; the same for
+// searches of the whole image, which cost as twenty frames of tracking or more.
 constexpr int kLooksAtFirst = 15;
 constexpr int kLooksEvery = 4;
 constexpr int kSearchesAtFirst = 2;
 constexpr int kSearchesEvery = 8;
 
-// Whether the image is searched for a group that has not been seen for `unseen` frames.
+// Returns true if the image is searched for a group that was not seen for `unseen` frames.
 bool searches(int unseen) {
   return unseen < kSearchesAtFirst || unseen % kSearchesEvery == 0;
 }
@@ -37,6 +35,40 @@ void add(const TrackTimes& more, TrackTimes& times) {
   times.solve_ms += more.solve_ms;
   times.solve_cpu_ms += more.solve_cpu_ms;
   times.full_detection = times.full_detection || more.full_detection;
+}
+
+GroupSighting sighting_of(PoseEstimate estimate) {
+  return {.status = estimate.status,
+          .T_middle_camera = {estimate.T_table_camera.rotation(),
+                              estimate.T_table_camera.translation()},
+          .covariance = estimate.covariance,
+          .reprojection_rms_px = estimate.reprojection_rms_px,
+          .tags_used = estimate.tags_used,
+          .tags_left_out = std::move(estimate.tags_left_out),
+          .reason = std::move(estimate.reason)};
+}
+
+// A map of the group's tags alone, with the group's middle as its table frame.
+Result<TagMap> map_of_group(const TagMap& tags, const std::string& group) {
+  const auto T_middle_group = middle_of_group(tags, group).inverse();
+  std::vector<MappedTag> own;
+  for (const MappedTag& tag : tags.tags()) {
+    if (tag.group != group) continue;
+    MappedTag& copy = own.emplace_back(tag);
+    const Transform<frame::Group, frame::Tag> T_group_tag(tag.T_table_tag.rotation(),
+                                                          tag.T_table_tag.translation());
+    const auto T_middle_tag = T_middle_group * T_group_tag;
+    copy.T_table_tag = {T_middle_tag.rotation(), T_middle_tag.translation()};
+    copy.group = kTableGroup;
+  }
+  return TagMap::make(std::move(own));
+}
+
+Result<RigidTagTracker> tracker_of_group(const CameraModel& camera, const TagMap& tags,
+                                         const std::string& group, const TrackerOptions& options,
+                                         std::shared_ptr<TagSearch> search) {
+  PENUMBRA_TRY(const TagMap own, map_of_group(tags, group));
+  return RigidTagTracker::create(camera, own, options, std::move(search));
 }
 
 }  // namespace
@@ -68,16 +100,16 @@ Transform<frame::Group, frame::GroupMiddle> middle_of_group(const TagMap& tags,
 
 struct GroupTracker::Impl {
   struct Group {
-    GroupPoseTracker tracker;
+    RigidTagTracker tracker;  // over the group's middle
     GroupPlace place;
     int unseen = 0;  // frames since it was tracked
   };
 
-  // Tags of a frame before this one, and where the camera was over the table in it.
+  // Tags of an earlier frame, and the camera's pose over the table in it.
   struct Past {
     PastTags found;
     PoseEstimate table_pose;
-    bool recent = false;  // not longer ago than a pose is held
+    bool recent = false;  // not longer ago than a pose is extrapolated
   };
 
   CameraModel camera;
@@ -86,23 +118,23 @@ struct GroupTracker::Impl {
   RigidTagTracker table;
   std::vector<Group> groups;
   int skipped = 0;
-  // Beside the tracking; nothing where a frame waits for its search.
+  // Null where a frame waits for its search.
   std::unique_ptr<BackgroundSearch> beside;
   PoseEstimate searched_table_pose;  // of the frame that is searched there
   bool search_due = false;
-  bool search_full = false;  // at which resolution is searched next
+  bool search_full = false;  // resolution of the next search
 
   [[nodiscard]] std::optional<Past> take_search(std::int64_t timestamp_ns);
   void begin_search(const Frame& frame, const PoseEstimate& table_pose);
   [[nodiscard]] TrackedFrame follow_table(const Frame& frame, const Past* past);
-  [[nodiscard]] SharedFrame request_for(const Group& group) const;
+  [[nodiscard]] TrackRequest request_for(const Group& group) const;
   [[nodiscard]] GroupEstimate follow(Group& group, const Frame& frame, const Past* past,
                                      TrackedFrame& result);
 };
 
-SharedFrame GroupTracker::Impl::request_for(const Group& group) const {
-  SharedFrame request;
-  // Where the table was searched for in the frame, what was found is there already.
+TrackRequest GroupTracker::Impl::request_for(const Group& group) const {
+  TrackRequest request;
+  // A search for the table in this frame serves the group as well.
   request.search = search->searched() || (!beside && searches(group.unseen));
   if (beside && options.search_timing == SearchTiming::when_done) {
     request.finest = SearchResolution::quarter;
@@ -110,7 +142,7 @@ SharedFrame GroupTracker::Impl::request_for(const Group& group) const {
   return request;
 }
 
-// Takes the result of a background search, if it is still of use.
+// Takes the result of a background search of an earlier frame.
 std::optional<GroupTracker::Impl::Past> GroupTracker::Impl::take_search(std::int64_t timestamp_ns) {
   if (!beside) return std::nullopt;
   std::optional<PastTags> found = beside->take(options.search_timing == SearchTiming::next_frame);
@@ -128,7 +160,7 @@ void GroupTracker::Impl::begin_search(const Frame& frame, const PoseEstimate& ta
                           return group.unseen == 0;
                         });
   if (all_seen) search_full = false;
-  // A lost table was searched for in the frame already, up to half of the resolution.
+  // The frame was searched for a lost table already, at up to half of the resolution.
   const bool finely = options.search_timing == SearchTiming::when_done && !table_seen;
   if (!table_seen) search_due = finely;
   if (all_seen || search->searched(finely ? SearchResolution::full : SearchResolution::half))
@@ -144,14 +176,13 @@ void GroupTracker::Impl::begin_search(const Frame& frame, const PoseEstimate& ta
 
 // Tracks the table, lost or not.
 TrackedFrame GroupTracker::Impl::follow_table(const Frame& frame, const Past* past) {
-  SharedFrame request;
+  TrackRequest request;
   if (beside && options.search_timing == SearchTiming::when_done) {
     request.finest = SearchResolution::half;
     if (past != nullptr && !is_measured(past->table_pose.status)) {
       const PoseEstimate then = table.locate(past->found.tags);
       if (is_measured(then.status)) {
-        // How the camera moved since is not known. Where it went too far for the tags to be
-        // recognised (on a slow machine, in every frame), what was seen is worth a search here.
+        // Where the motion since is too far to recognise the tags, a search here pays.
         if (past->recent) request.hint = then.T_table_camera;
         request.hint_seen = past->recent;
         request.finest = SearchResolution::full;
@@ -167,16 +198,15 @@ GroupEstimate GroupTracker::Impl::follow(Group& group, const Frame& frame, const
                                          TrackedFrame& result) {
   const PoseEstimate& table_pose = result.pose;
   const int unseen = group.unseen;
-  SharedFrame request = request_for(group);
+  TrackRequest request = request_for(group);
   std::optional<MiddleFromCamera> hint;
-  // Where the group would be seen if it had not moved since. A search of the frame finds more: it
-  // sees tags in wrong places too.
+  // The group's last place. A search of the frame finds more, tags in wrong places too.
   const bool looks = !search->searched() && (unseen < kLooksAtFirst || unseen % kLooksEvery == 0);
   if (looks && is_measured(table_pose.status))
     hint = group.place.shown().inverse() * table_pose.T_table_camera;
   GroupSighting then;  // where the group was seen in the past
   if (past != nullptr && past->recent && unseen > 0 && is_measured(past->table_pose.status))
-    then = group.tracker.locate(past->found.tags);
+    then = sighting_of(group.tracker.locate(past->found.tags));
   const bool was_seen = is_measured(then.status);
   if (was_seen && is_measured(table_pose.status)) {
     // Brought forward by the camera's motion over the table.
@@ -184,11 +214,13 @@ GroupEstimate GroupTracker::Impl::follow(Group& group, const Frame& frame, const
            (past->table_pose.T_table_camera.inverse() * table_pose.T_table_camera);
     request.hint_seen = true;
   }
-  const GroupSighting seen = group.tracker.track(frame, request, hint);
-  add(seen.times, result.times);
+  if (hint) request.hint = CameraPose(hint->rotation(), hint->translation());
+  TrackedFrame tracked = group.tracker.track(frame, request);
+  const GroupSighting seen = sighting_of(std::move(tracked.pose));
+  add(tracked.times, result.times);
   search_due = search_due || (seen.status != TrackStatus::tracked && searches(unseen));
   group.unseen = seen.status == TrackStatus::tracked ? 0 : unseen + 1;
-  // Not verified any more: it is extrapolated from where it was seen.
+  // Not verified in this frame: extrapolate from where it was seen.
   if (was_seen && !is_measured(seen.status) &&
       group.place.is_older_than(past->found.timestamp_ns)) {
     std::ignore = group.place.update(camera, options.hold_s, past->found.timestamp_ns,
@@ -225,16 +257,16 @@ Result<GroupTracker> GroupTracker::create(const CameraModel& camera, const TagMa
         "tag map: no tag belongs to the group 'table', so nothing says where the table is; leave "
         "out `group` for the tags that are fixed to it");
   }
-  PENUMBRA_TRY(TagSearch made,
-               TagSearch::create(families, options.detector, camera.parameters().tone_curve));
+  const std::optional<double>& tone_curve = camera.parameters().tone_curve;
+  PENUMBRA_TRY(TagSearch made, TagSearch::create(families, tone_curve));
   const auto search = std::make_shared<TagSearch>(std::move(made));
   PENUMBRA_TRY(RigidTagTracker table_tracker,
                RigidTagTracker::create(camera, tags, options, search));
   std::vector<Impl::Group> groups;
   for (const std::string& name : names) {
-    PENUMBRA_TRY(GroupPoseTracker tracker,
-                 GroupPoseTracker::create(camera, tags, name, options, search));
-    groups.push_back({std::move(tracker), GroupPlace(name, middle_of_group(tags, name))});
+    Result<RigidTagTracker> tracker = tracker_of_group(camera, tags, name, options, search);
+    if (!tracker) return fail_in(fmt::format("group '{}'", name), tracker.error());
+    groups.push_back({std::move(*tracker), GroupPlace(name, middle_of_group(tags, name))});
   }
   std::unique_ptr<BackgroundSearch> beside;
   const bool needed = options.search_timing == SearchTiming::when_done ||
@@ -242,7 +274,7 @@ Result<GroupTracker> GroupTracker::create(const CameraModel& camera, const TagMa
   if (needed && options.mode != TrackingMode::detect) {
     PENUMBRA_TRY(auto begun,
                  BackgroundSearch::create(
-                     families, options.detector, camera.parameters().tone_curve,
+                     families, tone_curve,
                      options.search_thread || options.search_timing == SearchTiming::when_done));
     beside = std::move(begun);
   }
@@ -275,7 +307,7 @@ TrackedFrame GroupTracker::track(const Frame& frame) {
   m.begin_search(frame, result.pose);
   result.groups_skipped = m.skipped;
   total.add_to(result.times.total_ms, result.times.total_cpu_ms);
-  // No frame waits for another thread, but what tracking takes is what it takes.
+  // No frame waits for another thread, but its CPU time counts.
   if (past && m.beside->has_thread()) result.times.total_cpu_ms += result.times.search_cpu_ms;
   return result;
 }

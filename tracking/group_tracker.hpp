@@ -1,5 +1,4 @@
-// Tracks every rigid group of tags in a frame: the table, and beside it a wall, a held prop. Each
-// group has one tracker; they share the search for tags in a frame.
+// Tracks every rigid group of tags in a frame: the table, and beside it a wall, a held prop.
 #pragma once
 
 #include <memory>
@@ -26,8 +25,8 @@ namespace penumbra {
 
 class GroupTracker {
  public:
-  // `wanted`: the groups beside the table that are tracked; without it, all of them. The table's
-  // poses are the same, bit for bit, whatever is tracked beside it.
+  // `wanted`: the groups beside the table that are tracked; without it, all of them. They do not
+  // change the table's poses. Fails if the map has no tag of the table.
   [[nodiscard]] static Result<GroupTracker> create(
       const CameraModel& camera, const TagMap& tags, const TrackerOptions& options = {},
       const std::optional<std::vector<std::string>>& wanted = std::nullopt);
@@ -35,15 +34,8 @@ class GroupTracker {
   GroupTracker& operator=(GroupTracker&&) noexcept;
   ~GroupTracker();
 
-  // As RigidTagTracker's. Times are those of all groups together.
-  //
-  // A group is looked for where the table's pose and its last place on the table (at first: its
-  // place in the map) put it. Where it is missing, some frames are searched as a whole while the
-  // frames after them are tracked (TrackerOptions::search_timing). What is found is moved by the
-  // camera's motion since, and counts once the alignment verifies it; else the group is
-  // extrapolated from where it was seen. The place of a group that rests on the table is averaged,
-  // and changes in steps of a quarter of a pixel. A group that is not seen for a moment is
-  // extrapolated with its motion.
+  // Tracks frames in order of time. The same frames give the same poses, bit for bit. A frame of
+  // another size than the camera model's is lost. See docs/tracking.md#groups.
   [[nodiscard]] TrackedFrame track(const Frame& frame);
 
  private:

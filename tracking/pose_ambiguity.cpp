@@ -1,5 +1,3 @@
-#include "tracking/pose_ambiguity.hpp"
-
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
@@ -17,13 +15,11 @@ namespace {
 constexpr double kDecides = 9.0;  // log-likelihood ratio from which on the image decides
 // Two poses whose tag corners differ by less than this are treated as one [px].
 constexpr double kSame_px = 0.15;
-// The same in units of the residual displacement, for cells below kRunTogether_sigmas of the point
-// spread, whose edges run together.
+// The same in residual displacements, for cells below kRunTogether_sigmas of the point spread.
 constexpr double kSameResiduals = 2.0;
 constexpr double kRunTogether_sigmas = 5.0;
 
-// The pose from which the verified tags, all in the plane of the first of them, look the same but
-// for perspective: what was farther from the camera than their middle is nearer by as much.
+// The pose from which the verified tags, all in one plane, look the same but for perspective.
 CameraPose mirrored(const RigidTags& group, const CameraPose& pose,
                     std::span<const TagAlignment> seen) {
   const Transform<frame::Camera, frame::Table> T_camera_table = pose.inverse();
@@ -76,8 +72,7 @@ bool add_second_pose(const RigidTags& group, const Alignment& first, const Image
   other.run();
   const std::optional<RefinedPose> second = pose_of(group, other, motion);
   if (!second) {
-    // Cells that read right from one of two poses and wrong from the other are evidence, too, only
-    // where the two look different.
+    // If the cells read right only from one of two different poses, that pose is the true one.
     if (look_the_same(mirror, measurement.best.noise_px)) {
       measurement.second = measurement.best;
       measurement.second->T_table_camera = mirror;
@@ -86,7 +81,7 @@ bool add_second_pose(const RigidTags& group, const Alignment& first, const Image
     }
     return false;
   }
-  // Found again from the other side: the same pose, as far as it is known.
+  // The same pose within its covariance.
   constexpr double kSamePose_sigmas = 2.0;
   if (overlay_difference(group.camera, measurement.best.T_table_camera, second->T_table_camera)
           .rms_px() < kSamePose_sigmas * expected_overlay_error_px(group.camera,
@@ -97,7 +92,7 @@ bool add_second_pose(const RigidTags& group, const Alignment& first, const Image
   double inflation = std::max(measurement.variance_inflation, variance_inflation(other.result));
   double first_residual = measurement.best.noise_px;
   if (second->noise_px < first_residual) {
-    // The first pose had a prediction to fit as well.
+    // The first pose was fitted to a prediction as well.
     other.input.predicted = measurement.best.T_table_camera;
     other.run();
     const std::optional<RefinedPose> again = pose_of(group, other, motion);

@@ -12,26 +12,23 @@
 namespace penumbra {
 namespace {
 
-// Systematic errors that the alignment's covariance, of independent residuals about a true model,
-// does not hold. Tuned on random synthetic sessions, see docs/tracking.md#bias.
+// Systematic errors that the covariance does not include, see docs/tracking.md#bias.
 constexpr double kTagBias_px = 0.01;    // of all edges of a tag together
 constexpr double kSpreadBias_px = 0.1;  // of an edge whose point spread reaches the next edge
 constexpr double kPartsOfTag = 8.0;     // groups of a tag's edges that this displaces alike
 constexpr double kToneBias_px = 0.04;   // of all edges, where the camera response is unknown
-// Of the mean pose during an exposure against the pose in its middle, as a share of what a
-// prediction at constant velocity missed.
+// Error of the mean pose during an exposure, as a share of the missed motion.
 constexpr double kExposureShare = 1.0 / 24.0;
 // Sigma of an edge that is blurred over a unit length: 1 / sqrt(12).
 constexpr double kBlurShare = 0.288675134594813;
 
-// By how much the covariance is larger than that of independent residuals about a true model.
+// Difference from the covariance of independent residuals about a true model.
 struct CovarianceInflation {
   double scatter = 1.0;  // factor: correlated residuals, and tags that disagree
   double bias = 0.0;     // added on top: what displaces a tag as a whole, in every frame alike
 };
 
-// The bias of a tag turns the pose against the other tags. A lone tag takes the pose along by no
-// more than its bias, except where its cells are small against the point spread.
+// The bias of one tag turns the pose against the other tags; that of a lone tag is its own.
 CovarianceInflation inflation_of(const AlignmentResult& result, double blur_px, double noise_px) {
   CovarianceInflation inflation;
   // The disagreement of the tags holds a part of the correlation already.
@@ -50,11 +47,11 @@ CovarianceInflation inflation_of(const AlignmentResult& result, double blur_px, 
   return inflation;
 }
 
-// Which of two poses the estimate takes.
+// The chosen one of two poses.
 struct Choice {
   RefinedPose pose;
   bool open = false;  // the other one stays possible, and shows elsewhere
-  // Distance to the other pose on the overlay, where that stays possible [px].
+  // Overlay distance to the other pose, where that stays possible [px].
   double between_px = 0.0;
 };
 
@@ -82,7 +79,7 @@ Choice choose(const RigidTags& group, const Measurement& measurement,
   return choice;
 }
 
-// Why a pose whose predicted error is too large is uncertain.
+// Reason of a pose whose predicted error is too large.
 std::string reason_of_error(const CameraModel& camera, const PoseEstimate& estimate,
                             double of_pose_px, double map_px) {
   const double predicted_px = estimate.expected_overlay_error_px;
@@ -109,8 +106,7 @@ std::optional<RefinedPose> pose_of(const RigidTags& group, const Alignment& alig
     return std::nullopt;
   RefinedPose pose;
   pose.T_table_camera = result.T_table_camera;
-  // As a displacement of the edges: a blurred edge rises by 1 / (sqrt(2 pi) sigma) of the gain per
-  // pixel. Two axes.
+  // Displacement of the edges: their slope is 1 / (sqrt(2 pi) sigma) of the gain.
   pose.noise_px = result.residual_rms * std::sqrt(2.0 * std::numbers::pi) * lens_blur_px;
   pose.rms_px = std::sqrt(2.0) * pose.noise_px;
   const CovarianceInflation inflation = inflation_of(result, lens_blur_px, pose.noise_px);
@@ -119,7 +115,7 @@ std::optional<RefinedPose> pose_of(const RigidTags& group, const Alignment& alig
   pose.covariance = inflation.scatter * inverse -
                     (inflation.scatter - 1.0) * (inverse * prior_information * inverse).eval();
   if (inflation.bias > 0.0) {
-    // Where the image says nothing of a direction: a metre and a radian.
+    // A metre and a radian where the image gives no information.
     const Matrix6d of_image = inverse_of_spd(inverse) - prior_information;
     pose.covariance += inflation.bias * inverse_of_spd(of_image + Matrix6d::Identity());
   }
@@ -167,9 +163,7 @@ JudgedPose judge(const RigidTags& group, const Measurement& measurement,
   JudgedPose judged;
   PoseEstimate& estimate = judged.estimate;
   estimate.T_table_camera = pose;
-  // Where most of the tags that should be readable are not, the image is blurred or the view
-  // grazing, and the corners that were detected are displaced together: their residuals do not show
-  // that, the share of unread tags does. See docs/tracking.md#unread-tags.
+  // Unread tags show blur or a grazing view, see docs/tracking.md#unread-tags.
   const double share = measurement.aligned
                            ? 1.0
                            : static_cast<double>(std::max(group.in_view(pose), 1)) /

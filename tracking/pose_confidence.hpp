@@ -1,13 +1,15 @@
-// How far a measured pose can be trusted: its covariance, the predicted overlay error, and whether
-// the pose counts as tracked.
+// Confidence in a measured pose: covariance, predicted overlay error, the second pose of a planar
+// target, and whether the pose counts as tracked.
 #pragma once
 
+#include <limits>
 #include <optional>
 #include <string_view>
+#include <vector>
 
 #include "core/geometry/pose_estimate.hpp"
 #include "tracking/alignment/tag_alignment.hpp"
-#include "tracking/measurement.hpp"
+#include "tracking/detection/board_pose.hpp"
 #include "tracking/motion/motion_blur.hpp"
 #include "tracking/rigid_tags.hpp"
 
@@ -16,12 +18,27 @@ namespace penumbra {
 // Predicted overlay error up to which a pose counts as tracked [px].
 inline constexpr double kTrackedOverlay_px = 2.0;
 
-// PoseEstimate's reasons: two poses explain the tags equally well; the tags of the map agree with
-// no pose, because the camera file or the map is wrong. kNotFitting is followed by the residual in
-// parentheses.
+// Values of PoseEstimate::reason. kNotFitting (the camera file or the map is wrong) is followed by
+// the residual in parentheses.
 inline constexpr std::string_view kTwoPoses = "two poses fit";
 inline constexpr std::string_view kContradicting = "the tags contradict each other";
 inline constexpr std::string_view kNotFitting = "the tags do not fit the map";
+
+// Pose measured in one frame, by detection or by alignment.
+struct Measurement {
+  RefinedPose best;
+  std::optional<RefinedPose> second;  // the other pose of a planar target
+  BoardPose by_corners;               // source of `best` and `second` where they are not aligned
+  bool by_ceres = false;              // Ceres refined that
+  double ambiguity_ratio = std::numeric_limits<double>::infinity();
+  int tags_used = 0;
+  std::vector<int> rejected;  // indices into RigidTags::tags
+  bool ambiguous = false;     // the second pose may be the true one
+  bool contradictory = false;
+  bool aligned = false;             // found by an alignment
+  double variance_inflation = 1.0;  // of that alignment; see the function of this name
+  double map_px = 0.0;              // overlay error by a map that the tags contradict [px]
+};
 
 // An alignment's pose with a covariance that holds for real images; nothing where the alignment is
 // not verified. See docs/tracking.md#covariance.
@@ -32,14 +49,20 @@ inline constexpr std::string_view kNotFitting = "the tags do not fit the map";
 void take_alignment(const RigidTags& group, const Alignment& alignment, const RefinedPose& pose,
                     Measurement& measurement);
 
-// Factor of samples that an alignment needs until the noise of its samples leaves a predicted
-// overlay error below the budget. More samples reduce no other error.
+// Factor of samples that an alignment needs for a predicted overlay error below the budget.
 [[nodiscard]] double samples_needed(const CameraModel& camera, const AlignmentResult& result,
                                     double budget_px);
 
+// Aligns the second pose of a few coplanar tags, and lets the image decide between it and the
+// first alignment's pose, measurement.best. Sets the measurement's second pose and ambiguity.
+// Returns true if the image decides for the second, which is `best` then. See
+// docs/tracking.md#two-poses.
+bool add_second_pose(const RigidTags& group, const Alignment& first, const ImageMotion& motion,
+                     Measurement& measurement);
+
 struct JudgedPose {
   PoseEstimate estimate;
-  bool only_lens_uncertain = false;  // uncertain for no other reason than the camera file
+  bool only_lens_uncertain = false;  // uncertain only because of the lens
 };
 
 // The estimate of a measured frame. `predicted` chooses between two poses that both fit.

@@ -1,11 +1,8 @@
 #include "tracking/rigid_tag_tracker.hpp"
 
 #include <cmath>
-#include <limits>
-#include <optional>
 #include <string>
 #include <utility>
-#include <vector>
 
 #include "core/assert.hpp"
 #include "core/evaluation/evaluation.hpp"
@@ -15,11 +12,9 @@
 #include "core/units.hpp"
 #include "tracking/alignment/tag_alignment.hpp"
 #include "tracking/corner_search.hpp"
-#include "tracking/measurement.hpp"
 #include "tracking/motion/motion_blur.hpp"
 #include "tracking/motion/motion_model.hpp"
 #include "tracking/motion/pose_history.hpp"
-#include "tracking/pose_ambiguity.hpp"
 #include "tracking/pose_confidence.hpp"
 #include "tracking/rigid_tags.hpp"
 #include "tracking/tag_consensus.hpp"
@@ -27,20 +22,18 @@
 namespace penumbra {
 namespace {
 
-// Image motion in a thirtieth of a second [px], RMS over the overlay cube: below the first the view
-// rests, above the second it moves again.
+// Image motion in 1/30 s [px], RMS over the overlay cube, at which the view begins to rest or move.
 constexpr double kRests_px = 1.0;
 constexpr double kMoves_px = 1.5;
-constexpr int kFewTags = 3;  // with fewer than these every pixel counts
-// Above this motion blur, of half a frame, is so much wider than the lens's own that more pixels
-// only repeat its error [px].
+constexpr int kFewTags = 3;  // fewer tags are sampled at every pixel
+// Image motion in 1/30 s above which motion blur limits the pose, not the number of pixels [px].
 constexpr double kBlurs_px = 12.0;
 
-// State of frame to frame tracking that a wrong guess must leave as it was.
+// State of frame to frame tracking; a wrong guess must not change it.
 struct Following {
   MotionModel motion;
   TagConsensus consensus;
-  bool branch_open = false;  // which of a planar target's two poses is followed is not known
+  bool branch_open = false;  // either of a planar target's two poses may be the one followed
   bool rests = false;
   int last_tags = 0;
   int last_samples = 0;
@@ -48,8 +41,7 @@ struct Following {
   double last_contrast = 0.0;  // of the last alignment that was verified with a search
 };
 
-// Where an alignment begins: at the predicted pose, or at one from elsewhere, where tags have been
-// seen or not.
+// Start of an alignment: the prediction, or a pose from elsewhere, with tags seen there or not.
 enum class Start { own_motion, hint, seen_hint };
 
 }  // namespace
@@ -61,20 +53,18 @@ struct RigidTagTracker::Impl {
   CornerSearch corners;
   PoseHistory history = {};
   Following state = {};
-  // The last search found tags that contradict each other: where the pattern fits here and there
-  // says nothing.
-  bool contradicted = false;
+  bool contradicted = false;  // the last search found tags that contradict each other
   TrackTimes times = {};
 
-  [[nodiscard]] JudgedPose estimate(const Frame& frame, const SharedFrame& shared);
-  [[nodiscard]] JudgedPose measure(const Frame& frame, const SharedFrame& shared);
+  [[nodiscard]] JudgedPose estimate(const Frame& frame, const TrackRequest& request);
+  [[nodiscard]] JudgedPose measure(const Frame& frame, const TrackRequest& request);
   [[nodiscard]] JudgedPose coast(const Frame& frame, std::string reason) const;
-  // By alignment from a prediction; nothing where that does not verify.
+  // Aligns from the prediction; nothing where that is not verified.
   [[nodiscard]] std::optional<JudgedPose> follow(const Frame& frame, Start start);
   [[nodiscard]] std::optional<JudgedPose> follow_hint(const Frame& frame, const CameraPose& hint,
                                                       Start start);
   [[nodiscard]] std::optional<JudgedPose> follow_far(const Frame& frame);
-  // By detection, refined by alignment where that verifies.
+  // Detects tags, and aligns the pose found where that is verified.
   [[nodiscard]] JudgedPose find(const Frame& frame, const std::optional<CameraPose>& predicted,
                                 SearchResolution finest);
 
@@ -98,7 +88,7 @@ JudgedPose RigidTagTracker::Impl::coast(const Frame& frame, std::string reason) 
   return {history.coast(group.camera, frame.timestamp_ns, options.hold_s, std::move(reason))};
 }
 
-JudgedPose RigidTagTracker::Impl::estimate(const Frame& frame, const SharedFrame& shared) {
+JudgedPose RigidTagTracker::Impl::estimate(const Frame& frame, const TrackRequest& request) {
   if (frame.empty()) return coast(frame, "the frame is empty");
   if (frame.width != group.camera.width() || frame.height != group.camera.height()) {
     JudgedPose lost;
@@ -108,17 +98,17 @@ JudgedPose RigidTagTracker::Impl::estimate(const Frame& frame, const SharedFrame
     return lost;
   }
   history.begin_frame(frame.timestamp_ns);
-  JudgedPose judged = measure(frame, shared);
+  JudgedPose judged = measure(frame, request);
   const PoseEstimate& estimate = judged.estimate;
   if (estimate.status == TrackStatus::lost || estimate.status == TrackStatus::held) return judged;
   const bool is_located = estimate.reason != kTwoPoses && estimate.reason != kContradicting;
-  // A lens that is hardly known is the same in all frames.
+  // An uncertain lens has the same error in all frames.
   const bool continues = estimate.status == TrackStatus::tracked || judged.only_lens_uncertain;
   history.add(frame.timestamp_ns, estimate, is_located, continues);
   return judged;
 }
 
-JudgedPose RigidTagTracker::Impl::measure(const Frame& frame, const SharedFrame& shared) {
+JudgedPose RigidTagTracker::Impl::measure(const Frame& frame, const TrackRequest& request) {
   const std::optional<CameraPose> predicted = history.recent_prediction(frame.timestamp_ns);
   if (options.mode == TrackingMode::detect) {
     Result<Measurement> measurement = corners.detect(group, SearchResolution::full, times);
@@ -132,13 +122,14 @@ JudgedPose RigidTagTracker::Impl::measure(const Frame& frame, const SharedFrame&
        seconds(frame.timestamp_ns - motion.timestamp_ns()) > kPriorLifetime_s))
     motion.reset();
   std::optional<JudgedPose> followed = follow(frame, Start::own_motion);
-  if (!followed && shared.hint && !contradicted)
-    followed = follow_hint(frame, *shared.hint, shared.hint_seen ? Start::seen_hint : Start::hint);
+  if (!followed && request.hint && !contradicted)
+    followed =
+        follow_hint(frame, *request.hint, request.hint_seen ? Start::seen_hint : Start::hint);
   if (!followed && !contradicted) followed = follow_far(frame);
-  if (!followed && !shared.search) return coast(frame, "not where it was");
-  if (shared.begins_finest && shared.finest == SearchResolution::full)
+  if (!followed && !request.search) return coast(frame, "not where it was");
+  if (request.begins_finest && request.finest == SearchResolution::full)
     corners.begin_at_full_resolution();
-  return followed ? *followed : find(frame, predicted, shared.finest);
+  return followed ? *followed : find(frame, predicted, request.finest);
 }
 
 void RigidTagTracker::Impl::set_effort(bool every_pixel) {
@@ -150,7 +141,7 @@ void RigidTagTracker::Impl::choose_effort(double motion_px) {
   state.rests = motion_px < (state.rests ? kMoves_px : kRests_px);
   bool every_pixel = options.mode == TrackingMode::accurate;
   if (options.mode == TrackingMode::automatic) {
-    // Sampling with a budget stops by itself.
+    // Sampling with a budget stops when that is met.
     every_pixel = state.rests || state.last_tags < kFewTags || options.pose_budget_px > 0.0;
   }
   set_effort(every_pixel && motion_px < kBlurs_px);
@@ -163,10 +154,10 @@ void RigidTagTracker::Impl::note_work(const AlignmentResult& result) {
   times.sampling_stopped = result.counters.sampling_stopped;
   times.near_start = !result.counters.wide_stage;
   times.fewer_pixels = options.mode == TrackingMode::automatic && !times.every_pixel &&
-                       !(options.pose_budget_px > 0.0);  // that takes them as it needs them
+                       !(options.pose_budget_px > 0.0);
 }
 
-// An alignment from a pose that only says where to begin.
+// Input of an alignment that `pose` starts but does not constrain.
 AlignmentInput RigidTagTracker::Impl::input_from(const CameraPose& pose) const {
   AlignmentInput input;
   input.luma = corners.frame().image();
@@ -199,8 +190,7 @@ std::optional<RigidTagTracker::Impl::Followed> RigidTagTracker::Impl::align_foll
   note_work(result);
   state.last_start_far = result.counters.far_start;
   state.last_contrast = result.verified ? result.counters.contrast : 0.0;
-  // No tag was seen where these are expected: some of them may fit there by a mistake of the map
-  // that a search would find.
+  // No tag was seen there: a few may fit by a mistake of the map, which a search would find.
   if (start == Start::hint && 3 * result.tags_verified < 2 * result.counters.tags_visible)
     return std::nullopt;
   ImageMotion motion{motion_px, 0.0, {}};
@@ -247,7 +237,7 @@ std::optional<JudgedPose> RigidTagTracker::Impl::follow(const Frame& frame, Star
   if (state.branch_open || start != Start::own_motion) {
     expected.reset();
   } else if (followed->other && !measurement.ambiguous) {
-    // Against what was followed so far one image is not enough: the next one decides.
+    // A single image does not outweigh the frames so far: the next one decides.
     std::swap(measurement.best, *measurement.second);
     measurement.ambiguous = true;
     expected.reset();
@@ -265,25 +255,21 @@ std::optional<JudgedPose> RigidTagTracker::Impl::follow(const Frame& frame, Star
   return judged;
 }
 
-// From a pose that somebody else believes in. It may be off by what the pattern search finds, and
-// says nothing of the pose found.
+// Aligns from a pose that does not constrain the result.
 std::optional<JudgedPose> RigidTagTracker::Impl::follow_hint(const Frame& frame,
                                                              const CameraPose& hint, Start start) {
   if (!hint.is_finite()) return std::nullopt;
-  constexpr double kHintLinear_m = 0.01;
-  constexpr double kHintAngular_rad = 0.03;
-  Matrix6d covariance = Matrix6d::Zero();
-  covariance.diagonal().head<3>().setConstant(kHintLinear_m * kHintLinear_m);
-  covariance.diagonal().tail<3>().setConstant(kHintAngular_rad * kHintAngular_rad);
+  constexpr double kHint_m = 0.01;
+  constexpr double kHint_rad = 0.03;
   const Following before = state;
   state.branch_open = false;
-  state.motion.start(frame.timestamp_ns, hint, covariance);
+  state.motion.start(frame.timestamp_ns, hint, covariance_of(kHint_m, kHint_rad));
   std::optional<JudgedPose> found = follow(frame, start);
   if (!found) state = before;
   return found;
 }
 
-// Where the camera moved much further than the pattern search reaches.
+// Follows a camera that moved further than the pattern search reaches.
 std::optional<JudgedPose> RigidTagTracker::Impl::follow_far(const Frame& frame) {
   if (!state.motion.has_state()) return std::nullopt;
   const MotionPrediction prediction = state.motion.predict(frame.timestamp_ns);
@@ -298,12 +284,12 @@ std::optional<JudgedPose> RigidTagTracker::Impl::follow_far(const Frame& frame) 
     const MotionModel before = state.motion;
     std::optional<JudgedPose> found = follow_hint(frame, *guess, Start::hint);
     if (!found) {
-      contradicted = false;  // it was before this guess, which may be all wrong
+      contradicted = false;  // as before this guess, which may be wrong
       continue;
     }
     times.coarse_search = true;
     if (!state.branch_open) {
-      state.motion = before;  // two poses give a velocity
+      state.motion = before;
       state.motion.update(frame.timestamp_ns, found->estimate.T_table_camera,
                           found->estimate.covariance);
     }
@@ -313,7 +299,7 @@ std::optional<JudgedPose> RigidTagTracker::Impl::follow_far(const Frame& frame) 
 }
 
 void RigidTagTracker::Impl::align_found(const Frame& frame, Measurement& measurement) {
-  // The velocity is not known yet: as if the view moved.
+  // Without a velocity the view counts as moving.
   set_effort(options.mode == TrackingMode::accurate ||
              (options.mode == TrackingMode::automatic &&
               (measurement.tags_used < kFewTags || options.pose_budget_px > 0.0)));
@@ -332,12 +318,10 @@ void RigidTagTracker::Impl::align_found(const Frame& frame, Measurement& measure
   if (best) {
     take_alignment(group, alignment, *best, measurement);
     state.last_tags = result.tags_verified;
-    // Until the velocity is known the view counts as resting and every pixel is used; the rounds
-    // that bring them near need not take all of them. Except with few tags, whose tilt depends on
-    // single edges.
+    // Every pixel is used until the velocity is known, but not in rounds that start far.
     state.last_start_far = options.mode == TrackingMode::automatic && state.last_tags >= kFewTags &&
                            result.counters.far_start;
-    // Few or small tags that face the camera may turn either way, though their corners know one.
+    // Few or small tags that face the camera may have a second pose that their corners don't show.
     constexpr double kUnsure_px = 0.5;
     if (measurement.ambiguous || state.last_tags == 1 ||
         expected_overlay_error_px(group.camera, best->T_table_camera, best->covariance) >
@@ -377,7 +361,6 @@ JudgedPose RigidTagTracker::Impl::find(const Frame& frame,
   }
   const bool was_open = std::exchange(state.branch_open, estimate.reason == kTwoPoses);
   if (state.motion.has_state() && !was_open && !state.branch_open) {
-    // Two poses give a velocity.
     state.motion.update(frame.timestamp_ns, estimate.T_table_camera, estimate.covariance);
   } else {
     state.motion.start(frame.timestamp_ns, estimate.T_table_camera, estimate.covariance);
@@ -392,22 +375,6 @@ RigidTagTracker& RigidTagTracker::operator=(RigidTagTracker&&) noexcept = defaul
 RigidTagTracker::~RigidTagTracker() = default;
 
 Result<RigidTagTracker> RigidTagTracker::create(const CameraModel& camera, const TagMap& tags,
-                                                const TrackerOptions& options) {
-  std::vector<TagFamily> families;
-  for (const MappedTag& tag : tags.tags()) {
-    if (tag.group == kTableGroup) families.push_back(tag.family);
-  }
-  if (families.empty()) {
-    return fail(
-        "tag map: no tag belongs to the group 'table', so nothing says where the table is; leave "
-        "out `group` for the tags that are fixed to it");
-  }
-  PENUMBRA_TRY(TagSearch search,
-               TagSearch::create(families, options.detector, camera.parameters().tone_curve));
-  return create(camera, tags, options, std::make_shared<TagSearch>(std::move(search)));
-}
-
-Result<RigidTagTracker> RigidTagTracker::create(const CameraModel& camera, const TagMap& tags,
                                                 const TrackerOptions& options,
                                                 std::shared_ptr<TagSearch> search) {
   PENUMBRA_ASSERT(search != nullptr);
@@ -418,6 +385,7 @@ Result<RigidTagTracker> RigidTagTracker::create(const CameraModel& camera, const
   for (const MappedTag& tag : tags.tags()) {
     if (tag.group == kTableGroup) group.tags.push_back(tag);
   }
+  PENUMBRA_ASSERT(!group.tags.empty());
   PENUMBRA_TRY(TagAligner aligner, TagAligner::create(camera, group.tags));
   if (options.pose_budget_px > 0.0) {
     aligner.set_sample_need(
@@ -429,19 +397,11 @@ Result<RigidTagTracker> RigidTagTracker::create(const CameraModel& camera, const
       Impl{std::move(group), options, std::move(aligner), CornerSearch(tags, std::move(search))}));
 }
 
-TrackedFrame RigidTagTracker::track(const Frame& frame) {
-  const Stopwatch total;
-  impl_->corners.frame().begin(frame);
-  TrackedFrame result = track(frame, SharedFrame());
-  total.add_to(result.times.total_ms, result.times.total_cpu_ms);
-  return result;
-}
-
-TrackedFrame RigidTagTracker::track(const Frame& frame, const SharedFrame& shared) {
+TrackedFrame RigidTagTracker::track(const Frame& frame, const TrackRequest& request) {
   impl_->times = {};
   TrackedFrame result;
   result.frame = frame;
-  result.pose = impl_->estimate(frame, shared).estimate;
+  result.pose = impl_->estimate(frame, request).estimate;
   result.times = impl_->times;
   return result;
 }

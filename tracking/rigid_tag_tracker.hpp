@@ -1,4 +1,6 @@
-// Tracks the camera over one rigid group of tags, from frame to frame.
+// Tracks the camera over one rigid group of tags, from frame to frame. The group's frame is called
+// the table; GroupTracker gives the tracker of another group a map in which that group is the
+// table.
 #pragma once
 
 #include <memory>
@@ -10,15 +12,13 @@
 #include "core/geometry/pose_estimate.hpp"
 #include "core/geometry/tag_map.hpp"
 #include "core/image/frame.hpp"
-#include "tracking/detection/tag_detector.hpp"
 #include "tracking/detection/tag_search.hpp"
 #include "tracking/tracked_frame.hpp"
 #include "tracking/tracker_options.hpp"
 
 namespace penumbra {
 
-// How a frame is measured whose search is shared with other groups (GroupTracker).
-struct SharedFrame {
+struct TrackRequest {
   // Pose from another group's tracker: tried before tags are searched for.
   std::optional<CameraPose> hint;
   bool hint_seen = false;                            // tags were found there a moment ago
@@ -29,10 +29,8 @@ struct SharedFrame {
 
 class RigidTagTracker {
  public:
-  // Tracks the tags of the map's group `kTableGroup`.
-  [[nodiscard]] static Result<RigidTagTracker> create(const CameraModel& camera, const TagMap& tags,
-                                                      const TrackerOptions& options = {});
-  // Several trackers of one camera share the search of a frame.
+  // Tracks the tags of the map's group `kTableGroup`, one at least. Trackers of one camera share
+  // the search of a frame.
   [[nodiscard]] static Result<RigidTagTracker> create(const CameraModel& camera, const TagMap& tags,
                                                       const TrackerOptions& options,
                                                       std::shared_ptr<TagSearch> search);
@@ -40,15 +38,11 @@ class RigidTagTracker {
   RigidTagTracker& operator=(RigidTagTracker&&) noexcept;
   ~RigidTagTracker();
 
-  // Tracks frames in order of time. The same frames give the same poses, bit for bit. A frame whose
-  // size is not the camera model's is lost, with a reason.
-  [[nodiscard]] TrackedFrame track(const Frame& frame);
-  // The same for a frame that the shared search has begun; the caller takes the total time.
-  [[nodiscard]] TrackedFrame track(const Frame& frame, const SharedFrame& shared);
+  // As GroupTracker's, of a frame that the shared search has begun. The caller adds the total time.
+  [[nodiscard]] TrackedFrame track(const Frame& frame, const TrackRequest& request);
 
-  // Estimates the pose of an earlier frame by its detected tags: tracked, uncertain, or lost with
-  // the reason. The tracked state does not change, except that tags which contradict each other
-  // stop guesses.
+  // Estimates the pose of an earlier frame from its detected tags: tracked, uncertain, or lost with
+  // a reason. Does not change the tracked state, except that contradictory tags stop guesses.
   [[nodiscard]] PoseEstimate locate(std::span<const TagDetection> detections);
 
  private:

@@ -8,7 +8,7 @@ namespace penumbra {
 
 int RigidTags::in_view(const CameraPose& pose) const {
   constexpr double kMargin = 4.0;          // [px] white around the black square
-  constexpr double kSmallestArea = 200.0;  // [px^2]: 8 cells of a bit less than 2 px
+  constexpr double kSmallestArea = 200.0;  // [px^2]: 8 x 8 cells of 1.8 px
   const auto T_camera_table = pose.inverse();
   int count = 0;
   for (const MappedTag& tag : tags) {
@@ -26,7 +26,7 @@ int RigidTags::in_view(const CameraPose& pose) const {
     if (!inside) continue;
     const Eigen::Vector2d a = corners[2] - corners[0];
     const Eigen::Vector2d b = corners[3] - corners[1];
-    // Half the cross product of the diagonals; negative from in front, because rows count down.
+    // Half the cross product of the diagonals, negative from in front: rows count downwards.
     if (-0.5 * (a.x() * b.y() - a.y() * b.x()) >= kSmallestArea) ++count;
   }
   return count;
@@ -51,12 +51,10 @@ std::optional<PixelBox> RigidTags::box_about(const CameraPose& pose) const {
   box.max().array() += room;
   box = box.intersection(image);
   if (box.isEmpty() || box.volume() > kMostOfImage * image.volume()) return std::nullopt;
-  const auto x = static_cast<int>(box.min().x());
-  const auto y = static_cast<int>(box.min().y());
-  const PixelBox pixels{x, y, static_cast<int>(box.max().x()) - x,
-                        static_cast<int>(box.max().y()) - y};
-  if (pixels.width < 1 || pixels.height < 1) return std::nullopt;
-  return pixels;
+  const Eigen::Vector2i begin = box.min().cast<int>();
+  const Eigen::Vector2i size = box.max().cast<int>() - begin;
+  if (size.minCoeff() < 1) return std::nullopt;
+  return PixelBox{begin.x(), begin.y(), size.x(), size.y()};
 }
 
 double RigidTags::corner_distance_px(const CameraPose& a, const CameraPose& b,
@@ -85,10 +83,7 @@ bool most_are_displaced(const AlignmentResult& result) {
 }
 
 Matrix6d loose_covariance() {
-  Matrix6d covariance = Matrix6d::Zero();
-  covariance.diagonal().head<3>().setConstant(0.05 * 0.05);
-  covariance.diagonal().tail<3>().setConstant(0.1 * 0.1);
-  return covariance;
+  return covariance_of(0.05, 0.1);
 }
 
 }  // namespace penumbra

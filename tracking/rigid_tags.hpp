@@ -1,4 +1,4 @@
-// The tags of one rigid group, and the camera that sees them.
+// The tags of one rigid group, and the camera.
 #pragma once
 
 #include <optional>
@@ -20,37 +20,41 @@ struct RigidTags {
   [[nodiscard]] const MappedTag& operator[](int index) const {
     return tags[static_cast<std::size_t>(index)];
   }
-  // Number of tags that lie wholly inside the image under this pose, show their front, and are
-  // large enough to be read.
+  // Number of tags that this pose shows from in front, inside the image, large enough to be read.
   [[nodiscard]] int in_view(const CameraPose& pose) const;
-  // Region of interest: the box about the tags, with as much room as a hand moves in some frames;
-  // nothing where that is most of the image.
+  // Region of interest: the box about the tags with a margin; nothing where that is most of the
+  // image.
   [[nodiscard]] std::optional<PixelBox> box_about(const CameraPose& pose) const;
   // Mean distance between two poses' images of the corners of the verified tags [px].
   [[nodiscard]] double corner_distance_px(const CameraPose& a, const CameraPose& b,
                                           std::span<const TagAlignment> seen) const;
 };
 
-// An alignment that may be repeated, with other tags left out or another motion.
+// An alignment that can be repeated with other rejected tags or another motion.
 struct Alignment {
   TagAligner& aligner;
   AlignmentInput input;
   bool with_search = true;  // align(), or refine() without
   AlignmentResult result = {};
 
-  void run() { result = with_search ? aligner.align(input) : aligner.refine(input); }
-  // Aligns without these tags, and leaves `result` as it is.
+  void run() { result = align(); }
+  // Aligns without these tags; does not change `result`.
   [[nodiscard]] AlignmentResult tried_without(std::span<const int> rejected) {
     input.rejected = rejected;
-    return with_search ? aligner.align(input) : aligner.refine(input);
+    return align();
   }
   void run_without(std::span<const int> rejected) { result = tried_without(rejected); }
+
+ private:
+  [[nodiscard]] AlignmentResult align() {
+    return with_search ? aligner.align(input) : aligner.refine(input);
+  }
 };
 
-// Returns true if more than half as many tags as fit are read clearly but lie elsewhere.
+// Returns true if more than half as many tags as fit are read but lie elsewhere.
 [[nodiscard]] bool most_are_displaced(const AlignmentResult& result);
 
-// Covariance of a pose from elsewhere that only says where to begin.
+// Covariance of a start that does not constrain the pose.
 [[nodiscard]] Matrix6d loose_covariance();
 
 }  // namespace penumbra

@@ -7,7 +7,7 @@
 namespace penumbra {
 namespace {
 
-// Tags that do not fit the pose though they are seen clearly.
+// Number of tags that do not fit the pose though they are seen clearly.
 int displaced_tags(const AlignmentResult& result, std::span<const TagObservation> detected) {
   int count = 0;
   for (const TagAlignment& tag : result.tags) {
@@ -18,8 +18,7 @@ int displaced_tags(const AlignmentResult& result, std::span<const TagObservation
   return count;
 }
 
-// Distance between where each tag is seen alone and where all of them put it [px], RMS over those
-// that can be aligned alone.
+// RMS distance between each tag's own position and its position by the joint pose [px].
 double scatter_px(const RigidTags& group, const Alignment& joint) {
   const CameraPose& pose = joint.result.T_table_camera;
   Alignment alone{joint.aligner, joint.input, false};
@@ -61,17 +60,14 @@ void TagConsensus::doubt_less() {
   doubtful_frames_ = std::max(doubtful_frames_ - 1, 0);
 }
 
-// Returns true if enough tags are left to tell that one more of them is wrong: a bare majority may
-// be the half that was moved, with one or two of the others fitting it.
+// A bare majority may be the moved half, with one or two of the others fitting it.
 bool TagConsensus::may_reject(const AlignmentResult& result) const {
   return 3 * (rejected_.size() + 1) <=
          rejected_.size() + static_cast<std::size_t>(result.counters.tags_visible);
 }
 
-// Returns true if the tags that fit do not clearly outnumber the others. Two or three may fit each
-// other by chance: not where more than a third of what is seen clearly lies elsewhere; nor, for
-// some frames after a contradiction, where they are not most of those in the image or disagree.
-// (For some frames only: the others may be covered, or not there.)
+// Returns true if the tags that fit do not clearly outnumber the others: two or three may fit by
+// chance. For some frames after a contradiction they must be most of the tags in the image.
 bool TagConsensus::is_doubtful(std::span<const TagObservation> detected,
                                const Alignment& alignment) const {
   const AlignmentResult& result = alignment.result;
@@ -84,9 +80,9 @@ bool TagConsensus::is_doubtful(std::span<const TagObservation> detected,
           (result.disagreement >= kDisagree && result.displaced_px >= kDoubtful_px));
 }
 
-// Rejects the tag without which all others agree. Candidates are tried one after the other from
-// where the others' corners put the camera: a pose that was fitted to the wrong tag has equations
-// that know of no better one.
+// Rejects the tag without which all others agree. Each candidate is tried from the pose by the
+// others' corners, because the equations of a pose that was fitted to the wrong tag show no better
+// one.
 void TagConsensus::reject_one(const RigidTags& group, std::span<const TagObservation> detected,
                               Alignment& alignment) {
   constexpr std::size_t kMostToTry = 6;
@@ -138,12 +134,11 @@ bool TagConsensus::settle(const RigidTags& group, std::span<const TagObservation
   if (!result.verified || (result.disagreement < kDisagree && !doubtful)) return true;
   if (!alignment.with_search) reject_one(group, detected, alignment);
   if (doubtful && is_doubtful(detected, alignment)) return false;
-  // What fits here and there only.
+  // Only some of the visible tags fit.
   if (result.verified && result.disagreement >= kDisagree &&
       3 * result.tags_verified < 2 * result.counters.tags_visible)
     return false;
-  // What lens, camera response and paper do to real tags: as far as the pixels that fit the pose
-  // tell, and when each tag is free to move [px].
+  // Errors of real tags by lens, camera response and paper: of a joint pose, and tag by tag [px].
   constexpr double kSuspicious_px = 0.3;
   constexpr double kElsewhere_px = 0.5;
   if (!result.verified || result.disagreement < kDisagree || result.displaced_px < kSuspicious_px)

@@ -1,5 +1,4 @@
-// Which tags fit the map: rejects tags that moved since the map was made, and notices frames in
-// which nothing says which tags are right.
+// Selects the tags that fit the map; rejects tags that moved since the map was made.
 #pragma once
 
 #include <span>
@@ -12,22 +11,20 @@ namespace penumbra {
 
 class TagConsensus {
  public:
-  // Tags that do not count, as places in RigidTags::tags.
+  // Rejected tags, as indices into RigidTags::tags.
   [[nodiscard]] const std::vector<int>& rejected() const { return rejected_; }
-  // Takes over what a detection rejected.
+  // Begins with the tags that a detection rejected.
   void begin(std::vector<int> rejected);
 
-  // Rejects tags that contradict the others and aligns again. False where nothing says which are
-  // right: too many would have to go, or the tags lie elsewhere with no single one to blame.
-  // `detected`: what a detection saw in this frame, where the alignment began with that.
+  // Rejects tags that contradict the others and aligns again. False if the right tags are unknown.
+  // `detected`: tags detected in this frame, if the alignment began with them.
   [[nodiscard]] bool settle(const RigidTags& group, std::span<const TagObservation> detected,
                             Alignment& alignment);
-  // Asks, now or now and then, whether rejected tags agree with the others: one may have been put
-  // back, and corners alone may have blamed the wrong one.
+  // Tests, at once or seldom, if rejected tags agree with the others again.
   void look_again(Alignment& alignment);
   void look_again_seldom(Alignment& alignment);
 
-  // After a search whose tags contradicted each other the next searches want more than a pose.
+  // A search with contradictory tags makes the next frames doubtful.
   void doubt();
   void doubt_less();
   void trust() { doubtful_frames_ = 0; }

@@ -1,4 +1,4 @@
-// A frame with the poses that were found in it, and what finding them took.
+// A frame with its poses, and the times of tracking.
 #pragma once
 
 #include <vector>
@@ -14,8 +14,7 @@ struct TrackTimes {
   double total_ms = 0.0, detect_ms = 0.0, align_ms = 0.0, solve_ms = 0.0;  // wall
   // CPU time of the calling thread, and of a background search.
   double total_cpu_ms = 0.0, detect_cpu_ms = 0.0, align_cpu_ms = 0.0, solve_cpu_ms = 0.0;
-  // Of a background search whose tags this frame used: times of the thread that searched. Its CPU
-  // time is in the total, its wall time only where that thread is this one.
+  // Background search whose tags this frame used. Its CPU time is in the total.
   double search_ms = 0.0, search_cpu_ms = 0.0;
   bool search_came = false;     // whether tags of such a search were used
   bool full_detection = false;  // whether tags were detected in the full frame

@@ -100,8 +100,8 @@ std::optional<Recording> load(const std::filesystem::path& folder) {
 struct Outcome {
   std::vector<double> us;
   Trajectory poses;  // of frames with a verified pose
-  int detections = 0, second_tries = 0;
-  double rounds = 0.0, samples = 0.0, evaluations = 0.0;
+  int detections = 0;
+  double samples = 0.0;
   std::vector<double> ratio;  // error over expected
 };
 
@@ -120,8 +120,8 @@ std::vector<PointObservation> observations_of(const Recording& recording,
 }
 
 std::optional<CameraPose> detect_pose(const Recording& recording, TagDetector& detector,
-                                      ImageView image) {
-  const auto observations = observations_of(recording, detector.detect(image));
+                                      ImageView image, float decimate) {
+  const auto observations = observations_of(recording, detector.detect(image, decimate));
   if (observations.empty()) return std::nullopt;
   const auto starts = solve_pose(recording.camera, observations);
   std::optional<RefinedPose> best;
@@ -135,13 +135,11 @@ std::optional<CameraPose> detect_pose(const Recording& recording, TagDetector& d
 
 Outcome run_detector(const Recording& recording, float decimate) {
   Outcome outcome;
-  TagDetectorOptions options;
-  options.quad_decimate = decimate;
   const std::vector<TagFamily> families = {TagFamily::tag36h11};
-  auto detector = TagDetector::create(families, options);
+  auto detector = TagDetector::create(families);
   for (const LoadedFrame& frame : recording.frames) {
     const double start = thread_cpu_us();
-    const auto pose = detect_pose(recording, *detector, frame.luma_view);
+    const auto pose = detect_pose(recording, *detector, frame.luma_view, decimate);
     outcome.us.push_back(thread_cpu_us() - start);
     if (pose) outcome.poses.poses.push_back({frame.timestamp_ns, *pose, {}});
   }
@@ -162,10 +160,8 @@ Outcome run_alignment(const Recording& recording, AlignmentEffort effort) {
   options.tone_exponent = tone;
   options.blur_px = blur;
   auto aligner = TagAligner::create(recording.camera, recording.tags, options);
-  TagDetectorOptions detector_options;
-  detector_options.quad_decimate = 2.0F;
   const std::vector<TagFamily> families = {TagFamily::tag36h11};
-  auto detector = TagDetector::create(families, detector_options);
+  auto detector = TagDetector::create(families);
   MotionModel motion;
   for (const LoadedFrame& frame : recording.frames) {
     const double start = thread_cpu_us();
@@ -197,7 +193,7 @@ Outcome run_alignment(const Recording& recording, AlignmentEffort effort) {
     if (!pose) {
       ++outcome.detections;
       detected = true;
-      if (const auto found = detect_pose(recording, *detector, frame.luma_view)) {
+      if (const auto found = detect_pose(recording, *detector, frame.luma_view, 2.0F)) {
         AlignmentInput input;
         input.luma = frame.luma_view;
         input.predicted = *found;
@@ -212,10 +208,7 @@ Outcome run_alignment(const Recording& recording, AlignmentEffort effort) {
       if (!pose) motion.reset();
     }
     outcome.us.push_back(thread_cpu_us() - start);
-    outcome.second_tries += counters.second_try ? 1 : 0;
-    outcome.rounds += counters.fine_rounds;
     outcome.samples += counters.samples;
-    outcome.evaluations += counters.evaluations;
     if (pose) outcome.poses.poses.push_back({frame.timestamp_ns, *pose, {}});
     const StampedPose* truth = recording.truth.at(frame.timestamp_ns);
     double error = -1.0;
@@ -226,11 +219,9 @@ Outcome run_alignment(const Recording& recording, AlignmentEffort effort) {
       outcome.ratio.push_back(error / expected);
     }
     if (verbose)
-      std::printf(
-          "  %4zu %s error %.3f expected %.3f visible %d samples %d rounds %d second %d us %.0f\n",
-          outcome.us.size() - 1, detected ? "detect" : "align ", error, expected,
-          counters.tags_visible, counters.samples, counters.fine_rounds,
-          counters.second_try ? 1 : 0, outcome.us.back());
+      std::printf("  %4zu %s error %.3f expected %.3f visible %d samples %d us %.0f\n",
+                  outcome.us.size() - 1, detected ? "detect" : "align ", error, expected,
+                  counters.tags_visible, counters.samples, outcome.us.back());
   }
   return outcome;
 }
@@ -291,10 +282,9 @@ void print(const Recording& recording, const char* method, const Outcome& outcom
       "us %7.0f mean %7.0f",
       recording.name.c_str(), method, errors.size(), outcome.us.size(), under5, over1, frame.rmse,
       frame.median, frame.p95, frame.max, e.jitter_px, median(outcome.us), mean);
-  if (outcome.rounds > 0.0)
+  if (outcome.samples > 0.0)
     std::printf(
-        "  det %d 2nd %d rounds %.1f smp %.0f ev %.1f err/exp %.2f", outcome.detections,
-        outcome.second_tries, outcome.rounds / n, outcome.samples / n, outcome.evaluations / n,
+        "  det %d smp %.0f err/exp %.2f", outcome.detections, outcome.samples / n,
         std::sqrt(ratio / static_cast<double>(std::max<std::size_t>(1, outcome.ratio.size()))));
   std::printf("\n");
   std::fflush(stdout);

@@ -15,7 +15,7 @@
 
 #include "core/evaluation/evaluation.hpp"
 #include "support/random_session.hpp"
-#include "tracking/rigid_tag_tracker.hpp"
+#include "tracking/group_tracker.hpp"
 
 namespace {
 
@@ -60,8 +60,8 @@ int main(int argc, char** argv) {
     const std::vector<MappedTag> bumped =
         with_some_moved(static_cast<std::uint64_t>(s), session.tags, moved_share);
     PatternRenderer after = PatternRenderer::create(session.camera, bumped).value();
-    RigidTagTracker tracker =
-        RigidTagTracker::create(session.camera, TagMap::make(session.tags).value()).value();
+    GroupTracker tracker =
+        GroupTracker::create(session.camera, TagMap::make(session.tags).value()).value();
     for (int f = 0; f < frames; ++f) {
       const Frame frame = session.picture(f >= 2 && moved_share > 0.0 ? after : renderer, f);
       const PoseEstimate pose = tracker.track(frame).pose;

@@ -19,7 +19,7 @@
 #include "support/synthetic_board.hpp"
 #include "tracking/alignment/pattern_renderer.hpp"
 #include "tracking/detection/tag_detector.hpp"
-#include "tracking/rigid_tag_tracker.hpp"
+#include "tracking/group_tracker.hpp"
 
 namespace penumbra {
 namespace {
@@ -46,29 +46,26 @@ const Session& session() {
 
 // Detection alone; `detections` is per frame.
 void detect(benchmark::State& state, float quad_decimate) {
-  TagDetectorOptions options;
-  options.quad_decimate = quad_decimate;
-  TagDetector detector = TagDetector::create(std::array{TagFamily::tag36h11}, options).value();
+  TagDetector detector = TagDetector::create(std::array{TagFamily::tag36h11}).value();
   std::vector<std::uint8_t> scratch;
   std::size_t found = 0;
   std::size_t i = 0;
   for (auto _ : state) {
     const Frame& frame = session().frames[i++ % kFrames];
-    found += detector.detect(luma(frame, scratch)).size();
+    found += detector.detect(luma(frame, scratch), quad_decimate).size();
   }
   state.counters["tags"] = static_cast<double>(found) / static_cast<double>(state.iterations());
 }
 
 // The whole tracker, image in memory -> pose with covariance.
-void track(benchmark::State& state, TrackingMode mode, float quad_decimate) {
+void track(benchmark::State& state, TrackingMode mode) {
   TrackerOptions options;
   options.mode = mode;
-  options.detector.quad_decimate = quad_decimate;
   Trajectory estimated;
   for (auto _ : state) {
     state.PauseTiming();
-    RigidTagTracker tracker =
-        RigidTagTracker::create(*session().recording.camera, *session().recording.tags, options)
+    GroupTracker tracker =
+        GroupTracker::create(*session().recording.camera, *session().recording.tags, options)
             .value();
     estimated.poses.clear();
     state.ResumeTiming();
@@ -143,7 +140,7 @@ void recover(benchmark::State& state) {
     by_pattern = by_box = tracked = squares = 0.0;
     for (const Jump& jump : jumps()) {
       state.PauseTiming();
-      RigidTagTracker tracker = RigidTagTracker::create(camera, tags, options).value();
+      GroupTracker tracker = GroupTracker::create(camera, tags, options).value();
       Frame frame = jump.first;
       for (int f = 0; f < 2; ++f) {
         frame.timestamp_ns = nanoseconds(f / 30.0);
@@ -175,10 +172,9 @@ void recover(benchmark::State& state) {
 
 BENCHMARK_CAPTURE(detect, decimate_1, 1.0F)->Unit(benchmark::kMillisecond);
 BENCHMARK_CAPTURE(detect, decimate_2, 2.0F)->Unit(benchmark::kMillisecond);
-BENCHMARK_CAPTURE(track, decimate_1, TrackingMode::detect, 1.0F)->Unit(benchmark::kMillisecond);
-BENCHMARK_CAPTURE(track, decimate_2, TrackingMode::detect, 2.0F)->Unit(benchmark::kMillisecond);
-BENCHMARK_CAPTURE(track, fast, TrackingMode::fast, 1.0F)->Unit(benchmark::kMillisecond);
-BENCHMARK_CAPTURE(track, accurate, TrackingMode::accurate, 1.0F)->Unit(benchmark::kMillisecond);
+BENCHMARK_CAPTURE(track, detect, TrackingMode::detect)->Unit(benchmark::kMillisecond);
+BENCHMARK_CAPTURE(track, fast, TrackingMode::fast)->Unit(benchmark::kMillisecond);
+BENCHMARK_CAPTURE(track, accurate, TrackingMode::accurate)->Unit(benchmark::kMillisecond);
 BENCHMARK(recover)->Unit(benchmark::kMillisecond);
 
 }  // namespace

@@ -9,6 +9,7 @@
 
 #include "support/paths.hpp"
 #include "support/replay_tracking.hpp"
+#include "support/tracking_mode_name.hpp"
 #include "support/visibility.hpp"
 
 namespace penumbra {

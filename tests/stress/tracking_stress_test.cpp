@@ -16,7 +16,7 @@
 #include "support/random_session.hpp"
 #include "support/test_form.hpp"
 #include "support/tracked_session.hpp"
-#include "tracking/rigid_tag_tracker.hpp"
+#include "tracking/group_tracker.hpp"
 
 namespace penumbra {
 namespace {
@@ -148,8 +148,7 @@ TEST(TrackingStress, EveryCellIsHonest) {
     Session session = ordinary();
     cell.change(session);
     auto renderer = PatternRenderer::create(session.camera, session.tags).value();
-    auto tracker =
-        RigidTagTracker::create(session.camera, TagMap::make(session.tags).value()).value();
+    auto tracker = GroupTracker::create(session.camera, TagMap::make(session.tags).value()).value();
     const int frames = nightly() ? 12 : 3;
     int tracked = 0;
     for (int f = 0; f < frames; ++f) {
@@ -175,8 +174,7 @@ TEST(TrackingStress, RandomSessionsAreHonest) {
     test::SessionKind kind;
     const Session session = test::random_session(5000U + static_cast<std::uint64_t>(s), kind);
     auto renderer = PatternRenderer::create(session.camera, session.tags).value();
-    auto tracker =
-        RigidTagTracker::create(session.camera, TagMap::make(session.tags).value()).value();
+    auto tracker = GroupTracker::create(session.camera, TagMap::make(session.tags).value()).value();
     for (int f = 0; f < 3; ++f)
       expect_honest(session, tracker.track(session.picture(renderer, f)).pose, session.truth(f));
   }
@@ -222,8 +220,8 @@ TEST(TrackingStress, ASmearOverSeveralCellsIsNotBelieved) {
                            (8.0 * session.motion.distance.middle);
     auto renderer = PatternRenderer::create(session.camera, session.tags).value();
     const TagMap map = TagMap::make(session.tags).value();
-    auto knows = RigidTagTracker::create(session.camera, map).value();
-    auto does_not = RigidTagTracker::create(session.camera, map).value();
+    auto knows = GroupTracker::create(session.camera, map).value();
+    auto does_not = GroupTracker::create(session.camera, map).value();
     for (int f = 0; f < (nightly() ? 20 : 10); ++f) {
       SCOPED_TRACE(testing::Message() << "session " << k << ", frame " << f);
       Frame frame = session.picture(renderer, f);
@@ -233,7 +231,7 @@ TEST(TrackingStress, ASmearOverSeveralCellsIsNotBelieved) {
           session.motion.at(middle + 0.5 * session.exposure_s));
       smeared += smear_px > 3.0 * cell_px ? 1 : 0;
       ++frames;
-      const auto track = [&](RigidTagTracker& tracker, Smeared& all) {
+      const auto track = [&](GroupTracker& tracker, Smeared& all) {
         const PoseEstimate pose = tracker.track(frame).pose;
         if (!pose.has_pose()) return;
         EXPECT_TRUE(pose.T_table_camera.is_finite());
@@ -246,7 +244,7 @@ TEST(TrackingStress, ASmearOverSeveralCellsIsNotBelieved) {
         all.wrong += error > 5.0 ? 1 : 0;
       };
       track(does_not, followed);
-      auto begins = RigidTagTracker::create(session.camera, map).value();
+      auto begins = GroupTracker::create(session.camera, map).value();
       track(begins, first);
       frame.exposure_s = session.exposure_s;
       track(knows, followed);
@@ -279,7 +277,7 @@ TEST(TrackingStress, TenThousandFramesWithoutDrift) {
   TrackerOptions options;
   options.mode = nightly() ? TrackingMode::automatic : TrackingMode::fast;
   auto tracker =
-      RigidTagTracker::create(session.camera, TagMap::make(session.tags).value(), options).value();
+      GroupTracker::create(session.camera, TagMap::make(session.tags).value(), options).value();
   double first = 0.0;
   double last = 0.0;
   int tracked = 0;
@@ -311,8 +309,7 @@ TEST(TrackingStress, ACopyOfATagInViewMisleadsNobody) {
   copy.T_table_tag = {copy.T_table_tag.rotation(), Eigen::Vector3d(0.14, 0.0, 0.0)};
   drawn.push_back(copy);
   auto renderer = PatternRenderer::create(session.camera, drawn).value();
-  auto tracker =
-      RigidTagTracker::create(session.camera, TagMap::make(session.tags).value()).value();
+  auto tracker = GroupTracker::create(session.camera, TagMap::make(session.tags).value()).value();
   for (int f = 0; f < 4; ++f) {
     const PoseEstimate pose = tracker.track(session.picture(renderer, f)).pose;
     EXPECT_EQ(pose.status, TrackStatus::tracked) << pose.reason;
@@ -343,8 +340,7 @@ TEST(TrackingStress, ANamesakeOfAMovedTagCounts) {
       TrackerOptions options;
       options.mode = mode;
       auto tracker =
-          RigidTagTracker::create(session.camera, TagMap::make(session.tags).value(), options)
-              .value();
+          GroupTracker::create(session.camera, TagMap::make(session.tags).value(), options).value();
       for (int f = 0; f < 4; ++f) {
         const PoseEstimate pose = tracker.track(session.picture(renderer, f)).pose;
         EXPECT_EQ(pose.status, TrackStatus::tracked) << pose.reason;
@@ -366,8 +362,7 @@ TEST(TrackingStress, ATagThatWasMovedIsLeftOut) {
     const Session session = ordinary();
     const std::vector<MappedTag> drawn = moved(session, 3, {moved_m, 0.0, 0.0}).tags;
     auto renderer = PatternRenderer::create(session.camera, drawn).value();
-    auto tracker =
-        RigidTagTracker::create(session.camera, TagMap::make(session.tags).value()).value();
+    auto tracker = GroupTracker::create(session.camera, TagMap::make(session.tags).value()).value();
     for (int f = 0; f < 4; ++f) {
       const PoseEstimate pose = tracker.track(session.picture(renderer, f)).pose;
       EXPECT_EQ(pose.status, TrackStatus::tracked) << pose.reason;
@@ -418,7 +413,7 @@ TEST(TrackingStress, AMovedTagOfFewMisleadsNobody) {
           const Session drawn = moved(session, tag, {sideways ? by : 0.0, sideways ? 0.0 : by, 0});
           auto renderer = PatternRenderer::create(session.camera, drawn.tags).value();
           auto tracker =
-              RigidTagTracker::create(session.camera, TagMap::make(session.tags).value()).value();
+              GroupTracker::create(session.camera, TagMap::make(session.tags).value()).value();
           bool right = false;
           for (int f = 0; f < 4; ++f) {
             const PoseEstimate pose = tracker.track(session.picture(renderer, f)).pose;
@@ -453,8 +448,7 @@ TEST(TrackingStress, HalfOfTheBoardThatWasMovedMisleadsNobody) {
     for (std::size_t tag = 0; tag < session.tags.size(); tag += 2)
       drawn = moved(drawn, tag, {by, 0.0, 0.0});
     auto renderer = PatternRenderer::create(session.camera, drawn.tags).value();
-    auto tracker =
-        RigidTagTracker::create(session.camera, TagMap::make(session.tags).value()).value();
+    auto tracker = GroupTracker::create(session.camera, TagMap::make(session.tags).value()).value();
     for (int f = 0; f < 6; ++f) {
       const PoseEstimate pose = tracker.track(session.picture(renderer, f)).pose;
       expect_honest(session, pose, session.truth(f));
@@ -478,8 +472,7 @@ TEST(TrackingStress, AContradictionEnds) {
   ASSERT_LT(3 * part.size(), 2 * session.tags.size()) << "fewer than would end it at once";
   auto contradicting = PatternRenderer::create(session.camera, wrong.tags).value();
   auto right = PatternRenderer::create(session.camera, part).value();
-  auto tracker =
-      RigidTagTracker::create(session.camera, TagMap::make(session.tags).value()).value();
+  auto tracker = GroupTracker::create(session.camera, TagMap::make(session.tags).value()).value();
   for (int f = 0; f < 4; ++f) {
     ASSERT_NE(tracker.track(session.picture(contradicting, f)).pose.status, TrackStatus::tracked);
   }
@@ -501,8 +494,7 @@ TEST(TrackingStress, ATagThatWasPutBackCountsAgain) {
   auto right = PatternRenderer::create(session.camera, session.tags).value();
   const Frame moved_picture = session.picture(wrong, 0);
   const Frame picture = session.picture(right, 0);
-  auto tracker =
-      RigidTagTracker::create(session.camera, TagMap::make(session.tags).value()).value();
+  auto tracker = GroupTracker::create(session.camera, TagMap::make(session.tags).value()).value();
   const std::vector<int> left_out = {session.tags[3].id};
   for (int f = 0; f < 260; ++f) {
     Frame frame = f < 130 ? moved_picture : picture;
@@ -535,8 +527,7 @@ TEST(TrackingStress, FindsTableAfterJumpBesideItsPrediction) {
     later.motion.x.middle += jump_m;
     later.motion.roll.middle += radians(turn_deg);
     auto renderer = PatternRenderer::create(session.camera, session.tags).value();
-    auto tracker =
-        RigidTagTracker::create(session.camera, TagMap::make(session.tags).value()).value();
+    auto tracker = GroupTracker::create(session.camera, TagMap::make(session.tags).value()).value();
     for (int f = 0; f < 3; ++f) {
       ASSERT_EQ(tracker.track(session.picture(renderer, f)).pose.status, TrackStatus::tracked);
     }
@@ -566,8 +557,7 @@ TEST(TrackingStress, TagsThatGetCoveredAreKept) {
     SCOPED_TRACE(share);
     Session session = ordinary();
     auto renderer = PatternRenderer::create(session.camera, session.tags).value();
-    auto tracker =
-        RigidTagTracker::create(session.camera, TagMap::make(session.tags).value()).value();
+    auto tracker = GroupTracker::create(session.camera, TagMap::make(session.tags).value()).value();
     for (int f = 0; f < (nightly() ? 30 : 8); ++f) {
       session.light.cover_share = f < 2 ? 0.0 : share;
       const PoseEstimate pose = tracker.track(session.picture(renderer, f)).pose;
@@ -590,7 +580,7 @@ TEST(TrackingStress, CoveredTagsAreKeptInFastMotion) {
       session.light.cover = light;
       auto renderer = PatternRenderer::create(session.camera, session.tags).value();
       auto tracker =
-          RigidTagTracker::create(session.camera, TagMap::make(session.tags).value()).value();
+          GroupTracker::create(session.camera, TagMap::make(session.tags).value()).value();
       for (int f = 0; f < 16; ++f) {
         session.light.cover_share = f < 4 ? 0.0 : 0.3;
         const PoseEstimate pose = tracker.track(session.picture(renderer, f)).pose;
@@ -613,8 +603,7 @@ TEST(TrackingStress, AJumpBetweenClearPicturesSmearsNothing) {
   auto renderer = PatternRenderer::create(session.camera, session.tags).value();
   for (const bool told : {false, true}) {
     SCOPED_TRACE(told);
-    auto tracker =
-        RigidTagTracker::create(session.camera, TagMap::make(session.tags).value()).value();
+    auto tracker = GroupTracker::create(session.camera, TagMap::make(session.tags).value()).value();
     for (int f = 0; f < 12; ++f) {
       Session there = session;
       there.motion.x.middle += f / 3 % 2 == 0 ? 0.0 : 0.03;

@@ -18,8 +18,9 @@
 #include "support/random_session.hpp"
 #include "support/test_form.hpp"
 #include "support/tracked_session.hpp"
+#include "support/tracking_mode_name.hpp"
+#include "tracking/group_tracker.hpp"
 #include "tracking/pose_confidence.hpp"
-#include "tracking/rigid_tag_tracker.hpp"
 
 namespace penumbra {
 namespace {
@@ -32,11 +33,10 @@ using test::nightly;
 using test::ordinary;
 using test::Session;
 
-RigidTagTracker tracker_of(const Session& session, TrackingMode mode = TrackingMode::automatic) {
+GroupTracker tracker_of(const Session& session, TrackingMode mode = TrackingMode::automatic) {
   TrackerOptions options;
   options.mode = mode;
-  return RigidTagTracker::create(session.camera, TagMap::make(session.tags).value(), options)
-      .value();
+  return GroupTracker::create(session.camera, TagMap::make(session.tags).value(), options).value();
 }
 
 double error_px(const Session& session, const PoseEstimate& pose, int frame) {
@@ -54,7 +54,7 @@ TEST(TrackingStress, JumpsOfTheExposureAreFollowed) {
       Session session = ordinary();
       session.light.noise_grey = noise;
       auto renderer = PatternRenderer::create(session.camera, session.tags).value();
-      RigidTagTracker tracker = tracker_of(session, mode);
+      GroupTracker tracker = tracker_of(session, mode);
       for (std::size_t f = 0; f < kGains.size(); ++f) {
         SCOPED_TRACE(f);
         session.light.gain = kGains[f];
@@ -104,7 +104,7 @@ TEST(TrackingStress, TagsThatComeIntoViewAreJoined) {
     session.motion.azimuth.middle = radians(-90.0);
     session.motion.roll.middle = 0.0;
     auto renderer = PatternRenderer::create(session.camera, session.tags).value();
-    RigidTagTracker tracker = tracker_of(session, mode);
+    GroupTracker tracker = tracker_of(session, mode);
     int fewest = 12;
     int most = 0;
     int out = 0;
@@ -148,7 +148,7 @@ TEST(TrackingStress, AFisheyesRimIsAsGoodAsItsMiddle) {
       session.motion.x.middle = aside;
       session.motion.y.middle = 0.7 * aside;
       auto renderer = PatternRenderer::create(session.camera, session.tags).value();
-      RigidTagTracker tracker = tracker_of(session);
+      GroupTracker tracker = tracker_of(session);
       for (int f = 0; f < (nightly() ? 20 : 5); ++f) {
         SCOPED_TRACE(f);
         const CameraPose truth = session.truth(f);
@@ -178,7 +178,7 @@ TEST(TrackingStress, APoseGrowsWithItsTable) {
       sway->amplitude *= times;
     }
     auto renderer = PatternRenderer::create(session.camera, session.tags).value();
-    RigidTagTracker tracker = tracker_of(session);
+    GroupTracker tracker = tracker_of(session);
     for (int f = 0; f < 5; ++f) {
       SCOPED_TRACE(f);
       const PoseEstimate pose = tracker.track(session.picture(renderer, f)).pose;
@@ -203,7 +203,7 @@ TEST(TrackingStress, APoseGrowsWithItsTable) {
 TEST(TrackingStress, TagsTooFarAwayAreLost) {
   Session session = ordinary();
   auto renderer = PatternRenderer::create(session.camera, session.tags).value();
-  RigidTagTracker tracker = tracker_of(session);
+  GroupTracker tracker = tracker_of(session);
   constexpr int kFrames = 60;
   for (int f = 0; f < kFrames; ++f) {
     SCOPED_TRACE(f);
@@ -257,7 +257,7 @@ TEST(TrackingStress, WhatIsDrivenToItsEndIsFollowedFar) {
     Session first = ordinary();
     way.set(first, way.from);
     auto renderer = PatternRenderer::create(first.camera, first.tags).value();
-    RigidTagTracker tracker = tracker_of(first);
+    GroupTracker tracker = tracker_of(first);
     constexpr int kSteps = 60;
     double reached = way.from;
     for (int f = 0; f <= kSteps; ++f) {
@@ -316,7 +316,7 @@ TEST(TrackingStress, ALoneTagThatGoesAwayDoesNotFlip) {
     session.motion.y.middle = place.y();
     const double reach_px = session.camera.parameters().fx * session.tags.front().size_m;
     auto renderer = PatternRenderer::create(session.camera, session.tags).value();
-    RigidTagTracker tracker = tracker_of(session);
+    GroupTracker tracker = tracker_of(session);
     constexpr int kFrames = 160;
     for (int f = 0; f < kFrames; ++f) {
       SCOPED_TRACE(testing::Message() << "session " << k << ", frame " << f);
@@ -397,7 +397,7 @@ TEST(TrackingStress, TheSameTagTwiceIsNotBelieved) {
         session.motion.distance.middle = 0.7;
         const auto drawn = with_copies(session, all ? session.tags.size() : 1);
         auto renderer = PatternRenderer::create(session.camera, drawn).value();
-        RigidTagTracker tracker = tracker_of(session, mode);
+        GroupTracker tracker = tracker_of(session, mode);
         for (int f = 0; f < 3; ++f) {
           SCOPED_TRACE(f);
           const PoseEstimate pose = tracker.track(session.picture(renderer, f)).pose;

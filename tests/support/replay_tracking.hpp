@@ -13,7 +13,7 @@
 #include "core/geometry/trajectory.hpp"
 #include "core/image/image_file.hpp"
 #include "core/text/text.hpp"
-#include "tracking/rigid_tag_tracker.hpp"
+#include "tracking/group_tracker.hpp"
 
 namespace penumbra::test {
 
@@ -86,7 +86,7 @@ class TrackingTrial {
  public:
   static Result<TrackingTrial> create(const RecordedSession& session, const TagMap& tags,
                                       const TrackerOptions& options = {}) {
-    auto tracker = RigidTagTracker::create(session.camera, tags, options);
+    auto tracker = GroupTracker::create(session.camera, tags, options);
     if (!tracker) return tl::unexpected(tracker.error());
     return TrackingTrial(session, std::move(*tracker));
   }
@@ -115,10 +115,10 @@ class TrackingTrial {
   }
 
  private:
-  TrackingTrial(const RecordedSession& session, RigidTagTracker tracker)
+  TrackingTrial(const RecordedSession& session, GroupTracker tracker)
       : session_(&session), tracker_(std::move(tracker)) {}
   const RecordedSession* session_;
-  RigidTagTracker tracker_;
+  GroupTracker tracker_;
   TrackedRecording result_;
   Trajectory tracked_;
 };

@@ -8,7 +8,7 @@
 
 #include "core/evaluation/evaluation.hpp"
 #include "support/random_session.hpp"
-#include "tracking/rigid_tag_tracker.hpp"
+#include "tracking/group_tracker.hpp"
 
 namespace penumbra::test {
 

@@ -7,11 +7,10 @@
 namespace penumbra {
 namespace {
 
-// Coefficients of the vertex (i, j) for `lines` lines per axis, see pattern() in
-// residuals_body.hpp.
+// Coefficients of a vertex for two or three lines, see pattern() in residuals_body.hpp.
 std::array<float, 16> coefficients_of(const TagPattern& pattern, int i, int j, int lines) {
   const auto colour = [&](int di, int dj) { return pattern.white(i + di, j + dj) ? 1.0F : 0.0F; };
-  const int first = lines == 3 ? -1 : 0;  // of the lines; cells count from first - 1
+  const int first = lines == 3 ? -1 : 0;  // first line; the first cell is first - 1
   std::array<float, 16> c{};
   for (int row = 0; row < lines; ++row) {
     const int dj = first + row;
@@ -74,7 +73,7 @@ void add_runs(AlignedTag& tag) {
   }
 }
 
-// As many white as black cells, spread over the tag.
+// Takes equal numbers of white and black cells, spread over the tag.
 void add_search_cells(AlignedTag& tag) {
   std::vector<DataCell> white;
   std::vector<DataCell> black;

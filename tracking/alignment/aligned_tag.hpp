@@ -1,5 +1,5 @@
-// A tag as the alignment sees it: its printed pattern on a lattice, where that lies in the image,
-// and the pixels that are compared with it.
+// A tag in an alignment: its printed pattern on a lattice, the lattice's projection, and the pixels
+// that are compared with it.
 #pragma once
 
 #include <Eigen/Core>
@@ -15,11 +15,11 @@
 
 namespace penumbra {
 
-// Cells of a tag that the pattern search compares at most: sums of so many bytes fit in 16 bits.
+// Most cells of a tag in the pattern search: sums of this number of bytes fit in 16 bits.
 inline constexpr int kMaxSearchCells = 36;
-// With fewer samples a tag has no equations.
+// Fewest samples for a tag to have equations.
 inline constexpr int kFewestSamples = 16;
-// With less of its samples' weight left by Tukey's weights a tag says nothing.
+// Least share of its samples' weight, after Tukey's weights, for a tag to count.
 inline constexpr double kLeastWeightShare = 0.3;
 
 struct AlignedTag {
@@ -30,21 +30,20 @@ struct AlignedTag {
   Eigen::Isometry3d T_table_tag = Eigen::Isometry3d::Identity();
   double cell_m = 0.0;
   int side = 0;  // lattice vertices per side
-  // Vertices, filled up with the last one to a multiple of 16.
+  // Vertices, padded with the last one to a multiple of 16.
   std::vector<float> lattice_a, lattice_b;
-  // Of each vertex for 1, 2 and 3 lines per axis, see simd::Samples.
+  // Coefficients of each vertex for 1, 2 and 3 lines per axis, see simd::Samples.
   std::vector<std::array<float, 4>> coefficients1;
   std::vector<std::array<float, 16>> coefficients2, coefficients3;
   std::vector<simd::RunWalk::Run> runs;  // the pattern's
-  // Cells of the runs along a and of those along b; the last one twice, see simd::Walk.
+  // Cells of the runs along a, and along b, see simd::Walk.
   std::array<std::vector<simd::Walk::Cell>, 2> edge_cells;
   std::vector<DataCell> search_cells;  // as many white as black, the white ones first
   int search_white = 0;
-  // Centres of the search cells in the lattice, and then its four corners; filled up with the last
-  // one.
+  // Centres of the search cells in the lattice, then its four corners; padded with the last one.
   std::vector<float> search_a, search_b;
 
-  // Of the current frame.
+  // The current frame.
   bool rejected = false;  // not looked at
   bool visible = false;
   bool too_small = false;    // if not visible
@@ -54,36 +53,34 @@ struct AlignedTag {
   Eigen::Matrix3d ray_from_lattice = Eigen::Matrix3d::Identity();
   std::array<float, 9> lattice_from_ray{};
   std::vector<float> ray_x, ray_y, pixel_x, pixel_y, depth, ka, kb, rho;  // of the vertices
-  // Of the search points: depth not positive where there is no projection.
+  // Search points; depth is not positive where there is no projection.
   std::vector<float> search_x, search_y, search_depth;
-  Eigen::Vector2d along_a = Eigen::Vector2d::Zero();  // of a cell at the tag's centre [px]
+  Eigen::Vector2d along_a = Eigen::Vector2d::Zero();  // a cell's sides at the tag's centre [px]
   Eigen::Vector2d along_b = Eigen::Vector2d::Zero();
-  double cell_px = 0.0;  // the smaller side of the central cell, across it
+  double cell_px = 0.0;  // smaller and larger width of the central cell
   double cell_max_px = 0.0;
   double correlation = 0.0;
-  // With a rolling shutter: from the camera of the image's middle row to that of the row through
-  // the tag's centre, that row, and the displacement of the tag from row to row [px].
+  // Rolling shutter: motion of the camera from the image's middle row to the row through the tag's
+  // centre, that row, and the displacement of the tag from row to row [px].
   Eigen::Isometry3d row_motion = Eigen::Isometry3d::Identity();
   double row = 0.0;
   Eigen::Vector2d row_shear = Eigen::Vector2d::Zero();
   Eigen::Vector2d motion_px = Eigen::Vector2d::Zero();  // during the exposure
-  // The part of it that is modelled as point spread: all of it, or, where the exposure is seen as
-  // several moments, what falls into each. And the sigma of the point spread along the lattice.
+  // Moments of the exposure, motion within each, and sigma of the point spread with that.
   int moments = 1;
   Eigen::Vector2d spread_px = Eigen::Vector2d::Zero();
   Eigen::Vector2d sigma_cells = Eigen::Vector2d::Zero();
   double gain = 0.0, offset = 0.0;
-  int reach = 1;  // lines per axis that matter at a pixel
+  int reach = 1;  // lines per axis in the model of a pixel
   bool correlated = false;
   simd::Samples samples;             // in the arena
-  std::vector<std::int32_t> vertex;  // theirs
-  // Where an exposure is seen as several moments: the samples as each sees them, and from where.
+  std::vector<std::int32_t> vertex;  // memory of samples.vertex
+  // Samples and poses of each moment, where there are several.
   std::vector<simd::Samples> moment_samples;
   std::vector<simd::AccumulateInput> moment_inputs;
   int capacity = 0;  // [samples]
   int used = 0;      // samples without padding
-  // Of the last selection, step by step or run by run: a step's samples end where the next one's
-  // begin.
+  // Steps or runs of the last selection, with the end of their samples.
   int step_count = 0;
   bool thinned = false;  // not every pixel at an edge was taken
   std::vector<std::int32_t> step_end, step_run;

@@ -2,25 +2,45 @@
 
 #include <Eigen/LU>
 #include <algorithm>
-#include <cmath>
-#include <cstddef>
 #include <utility>
 
 #include "core/assert.hpp"
-
+#include "core/propagate.hpp"
 #include "tracking/math/se3.hpp"
 #include "tracking/math/spd6.hpp"
 
 namespace penumbra {
 namespace {
 
-// The wide stage finds edges from further off: its model is blurred by up to a quarter of a cell.
+// Added blur of the model in the wide stage, which finds edges further off: a quarter of a cell.
 double wide_variance_px2(double cell_px) {
   const double added_px = std::min(2.45, 0.25 * cell_px);
   return added_px * added_px;
 }
 
 }  // namespace
+
+std::array<float, 9> rows_of(const Eigen::Matrix3d& matrix) {
+  std::array<float, 9> rows;
+  Eigen::Map<Eigen::Matrix<float, 3, 3, Eigen::RowMajor>>{rows.data()} = matrix.cast<float>();
+  return rows;
+}
+
+Result<AlignmentProblem> AlignmentProblem::make(const CameraModel& camera,
+                                                std::span<const MappedTag> tags,
+                                                const AlignmentOptions& options) {
+  AlignmentProblem problem;
+  problem.camera = camera;
+  problem.options = options;
+  problem.loops = options.loops != nullptr ? options.loops : &simd::widest_loops();
+  problem.lens = simd::lens_of(camera);
+  problem.set_tone(camera.parameters().tone_curve.value_or(options.tone_exponent));
+  for (const MappedTag& mapped : tags) {
+    PENUMBRA_TRY(AlignedTag tag, AlignedTag::make(mapped));
+    problem.tags.push_back(std::move(tag));
+  }
+  return problem;
+}
 
 void AlignmentProblem::set_tone(double exponent) {
   options.tone_exponent = exponent;
@@ -31,7 +51,7 @@ void AlignmentProblem::set_tone(double exponent) {
 void AlignmentProblem::begin(const AlignmentInput& input) {
   PENUMBRA_ASSERT(input.luma.width == camera.width() && input.luma.height == camera.height() &&
                   !input.luma.empty());
-  // Places of pixels in memory are 32 bits.
+  // Offsets of pixels in memory are 32 bits.
   PENUMBRA_ASSERT(std::abs(input.luma.stride) * input.luma.height < std::ptrdiff_t{1} << 31);
   PENUMBRA_ASSERT(input.predicted.is_finite() && input.covariance.allFinite());
   PENUMBRA_ASSERT(input.velocity.allFinite() && input.exposure_motion.allFinite());
@@ -39,12 +59,10 @@ void AlignmentProblem::begin(const AlignmentInput& input) {
   for (AlignedTag& tag : tags) tag.rejected = false;
   for (const int index : input.rejected) tags[static_cast<std::size_t>(index)].rejected = true;
   image = input.luma;
-  T_predicted = Eigen::Isometry3d::Identity();
   const CameraPose& predicted = input.predicted;
   T_predicted.linear() = predicted.rotation().conjugate().toRotationMatrix();
   T_predicted.translation() = -(T_predicted.linear() * predicted.translation());
-  // A right perturbation of T_table_camera by xi is a left one of T_camera_table by -xi: the same
-  // covariance.
+  // A right perturbation xi of T_table_camera is a left one -xi of T_camera_table.
   prior_covariance = input.covariance;
   prior_information = inverse_of_spd(prior_covariance);
   PENUMBRA_ASSERT(prior_information.allFinite());
@@ -79,20 +97,16 @@ void AlignmentProblem::place(AlignedTag& tag) const {
   tag.ray_from_lattice.col(2) = T.translation() - half * tag.cell_m * (R.col(0) + R.col(1));
   tag.R_lattice_camera = R.transpose();
   tag.centre = -(R.transpose() * T.translation()) / tag.cell_m + Eigen::Vector3d(half, half, 0.0);
-  const Eigen::Matrix3d inverse = tag.ray_from_lattice.inverse() * tag.cell_m;  // S near 1
-  for (int r = 0; r < 3; ++r) {
-    for (int c = 0; c < 3; ++c)
-      tag.lattice_from_ray[static_cast<std::size_t>(3 * r + c)] = static_cast<float>(inverse(r, c));
-  }
+  tag.lattice_from_ray = rows_of(tag.ray_from_lattice.inverse() * tag.cell_m);  // S near 1
 }
 
-// Finds when the tag was read out, and from where.
+// Finds the row at which a rolling shutter read the tag out, and the camera's motion until then.
 void AlignmentProblem::read_out(AlignedTag& tag) const {
   tag.row_motion.setIdentity();
   tag.row_shear.setZero();
   if (row_velocity.isZero()) return;
   place(tag);
-  // A second time from the row found: the first one is off by the motion itself.
+  // The second pass starts at the row found, because the first one is off by the motion itself.
   for (int pass = 0; pass < 2; ++pass) {
     const Eigen::Vector3d p = tag.centre_point();
     if (!(p.z() > 0.0)) return;
@@ -110,18 +124,14 @@ void AlignmentProblem::read_out(AlignedTag& tag) const {
 // Projects lattice points into the arrays of `vertices`, with the rolling shutter.
 void AlignmentProblem::project(AlignedTag& tag, double added_variance_px2,
                                simd::Vertices& vertices) const {
-  std::array<float, 9> M{};
-  for (int r = 0; r < 3; ++r) {
-    for (int c = 0; c < 3; ++c)
-      M[static_cast<std::size_t>(3 * r + c)] = static_cast<float>(tag.ray_from_lattice(r, c));
-  }
+  const std::array<float, 9> M = rows_of(tag.ray_from_lattice);
   simd::Blur blur;
   blur.variance_px2 = static_cast<float>(options.blur_px * options.blur_px + added_variance_px2);
   blur.motion_x_px = static_cast<float>(tag.spread_px.x());
   blur.motion_y_px = static_cast<float>(tag.spread_px.y());
   loops->project(lens, blur, M.data(), tag.lattice_from_ray.data(), vertices);
   if (tag.row_shear.isZero()) return;
-  // A vertex is seen in the row r where it is at that row's time: r = y + shear_y (r - tag's row).
+  // The row r is read out while the vertex is there: r = y + shear_y (r - tag's row).
   const auto row = static_cast<float>(tag.row);
   const Eigen::Vector2f shear = (tag.row_shear / (1.0 - tag.row_shear.y())).cast<float>();
   for (int k = 0; k < vertices.count; ++k) {
@@ -132,32 +142,29 @@ void AlignmentProblem::project(AlignedTag& tag, double added_variance_px2,
 }
 
 void AlignmentProblem::project_search(AlignedTag& tag) const {
-  simd::Vertices points;
-  points.count = static_cast<int>(tag.search_a.size());
-  points.a = tag.search_a.data();
-  points.b = tag.search_b.data();
-  points.pixel_x = tag.search_x.data();
-  points.pixel_y = tag.search_y.data();
-  points.depth = tag.search_depth.data();
+  simd::Vertices points = {.count = static_cast<int>(tag.search_a.size()),
+                           .a = tag.search_a.data(),
+                           .b = tag.search_b.data(),
+                           .pixel_x = tag.search_x.data(),
+                           .pixel_y = tag.search_y.data(),
+                           .depth = tag.search_depth.data()};
   project(tag, 0.0, points);
 }
 
 void AlignmentProblem::project_lattice(AlignedTag& tag, double added_variance_px2) const {
-  simd::Vertices vertices;
-  vertices.count = static_cast<int>(tag.lattice_a.size());
-  vertices.a = tag.lattice_a.data();
-  vertices.b = tag.lattice_b.data();
-  vertices.ray_x = tag.ray_x.data();
-  vertices.ray_y = tag.ray_y.data();
-  vertices.pixel_x = tag.pixel_x.data();
-  vertices.pixel_y = tag.pixel_y.data();
-  vertices.depth = tag.depth.data();
-  vertices.ka = tag.ka.data();
-  vertices.kb = tag.kb.data();
-  if (tag.correlated) vertices.rho = tag.rho.data();
+  simd::Vertices vertices = {.count = static_cast<int>(tag.lattice_a.size()),
+                             .a = tag.lattice_a.data(),
+                             .b = tag.lattice_b.data(),
+                             .ray_x = tag.ray_x.data(),
+                             .ray_y = tag.ray_y.data(),
+                             .pixel_x = tag.pixel_x.data(),
+                             .pixel_y = tag.pixel_y.data(),
+                             .depth = tag.depth.data(),
+                             .ka = tag.ka.data(),
+                             .kb = tag.kb.data(),
+                             .rho = tag.correlated ? tag.rho.data() : nullptr};
   project(tag, added_variance_px2, vertices);
-  // Depths are linear in the lattice, and the lens model's disc is convex: where the four outermost
-  // vertices are seen, all are.
+  // Depths are linear in the lattice and the lens model's disc is convex: corners suffice.
   const auto last = static_cast<std::size_t>(tag.side - 1);
   const auto top = last * static_cast<std::size_t>(tag.side);
   tag.wholly_seen = tag.depth[0] > 0.0F && tag.depth[last] > 0.0F && tag.depth[top] > 0.0F &&
@@ -166,17 +173,12 @@ void AlignmentProblem::project_lattice(AlignedTag& tag, double added_variance_px
 
 const std::int32_t* AlignmentProblem::find_cells(const AlignedTag& tag) {
   cell_places_.resize(std::max(cell_places_.size(), tag.lattice_a.size()));
-  simd::CellCorners corners;
-  corners.pixel_x = tag.pixel_x.data();
-  corners.pixel_y = tag.pixel_y.data();
-  corners.depth = tag.depth.data();
-  loops->cell_places(tag.side, corners, {image.width, image.height, image.stride},
-                     cell_places_.data());
+  loops->cell_places(tag.side, {tag.pixel_x.data(), tag.pixel_y.data(), tag.depth.data()},
+                     {image.width, image.height, image.stride}, cell_places_.data());
   return cell_places_.data();
 }
 
-// Measures how far the tag moves in the image during the exposure, and as how many moments that is
-// modelled.
+// Measures the tag's motion in the image during the exposure, and chooses the number of moments.
 void AlignmentProblem::measure_motion(AlignedTag& tag, const Eigen::Vector3d& centre,
                                       const Eigen::Matrix<double, 2, 3>& J, BlurModel blur) const {
   tag.motion_px.setZero();
@@ -196,8 +198,7 @@ void AlignmentProblem::measure_motion(AlignedTag& tag, const Eigen::Vector3d& ce
     const Eigen::Vector3d corner = tag.point(a, b);
     if (corner.z() > 0.0) longest_px = std::max(longest_px, motion_of(corner).norm());
   }
-  // Point spreads so many sigmas apart, each widened by the motion between them, add up to an even
-  // blur within a three-hundredth of the gain.
+  // Point spreads this far apart add up to an even blur within 1/300 of the gain.
   constexpr double kSigmasApart = 4.0;
   if (blur == BlurModel::moments)
     tag.moments = std::clamp(ceil_of(std::min(longest_px / (kSigmasApart * options.blur_px), 1e5)),
@@ -208,7 +209,7 @@ void AlignmentProblem::measure_motion(AlignedTag& tag, const Eigen::Vector3d& ce
 void AlignmentProblem::place_moments(AlignedTag& tag) {
   std::vector<Eigen::Isometry3d>& path = paths_[static_cast<std::size_t>(tag.moments)];
   if (path.empty()) {
-    // A right perturbation of T_table_camera is a left one of T_camera_table, the other way.
+    // A right perturbation xi of T_table_camera is a left one -xi of T_camera_table.
     for (int k = 0; k < tag.moments; ++k)
       path.push_back(exp_se3(-((k + 0.5) / tag.moments - 0.5) * exposure_motion));
   }
@@ -217,18 +218,13 @@ void AlignmentProblem::place_moments(AlignedTag& tag) {
   for (std::size_t k = 0; k < path.size(); ++k) {
     Eigen::Matrix3d M = path[k].linear() * tag.ray_from_lattice;
     M.col(2) += path[k].translation();
-    const Eigen::Matrix3d inverse = M.inverse() * tag.cell_m;
-    simd::AccumulateInput& input = tag.moment_inputs[k];
-    for (int r = 0; r < 3; ++r) {
-      for (int c = 0; c < 3; ++c)
-        input.lattice_from_ray[3 * r + c] = static_cast<float>(inverse(r, c));
-    }
+    std::ranges::copy(rows_of(M.inverse() * tag.cell_m), tag.moment_inputs[k].lattice_from_ray);
   }
 }
 
 bool AlignmentProblem::measure(AlignedTag& tag, BlurModel blur) const {
   tag.too_small = false;
-  if (!(tag.centre.z() > 0.5)) return false;  // from behind, or the camera lies in the sheet
+  if (!(tag.centre.z() > 0.5)) return false;  // the camera is behind the sheet or in its plane
   const double half = 0.5 * (tag.side - 1);
   const Eigen::Vector3d p = tag.ray_from_lattice * Eigen::Vector3d(half, half, 1.0);
   if (!(p.z() > 0.0)) return false;
@@ -261,12 +257,11 @@ bool AlignmentProblem::measure(AlignedTag& tag, BlurModel blur) const {
   const Eigen::Matrix2d G = basis.inverse();
   const Eigen::Matrix2d cov_lattice = G * cov * G.transpose();
   tag.correlation = cov_lattice(0, 1) / std::sqrt(cov_lattice(0, 0) * cov_lattice(1, 1));
-  // A line matters up to 2.5 sigma. With one line per axis the next is half a cell or more away,
-  // with two a whole one, with three one and a half.
+  // A line matters up to 2.5 sigma; with n lines per axis the next is n / 2 cells away.
   const double sigma_cells = std::sqrt(std::max(cov_lattice(0, 0), cov_lattice(1, 1)));
   if (tag.moments > 1) tag.sigma_cells = cov_lattice.diagonal().cwiseSqrt();
   tag.reach = sigma_cells < 0.2 ? 1 : (sigma_cells < 0.4 ? 2 : 3);
-  // Correlation shows at vertices only, and hardly in the mean of many moments.
+  // Correlation matters at vertices only, and hardly in the mean of many moments.
   constexpr int kMostCorrelated = 2;
   tag.correlated = tag.moments <= kMostCorrelated && std::abs(tag.correlation) > 0.3;
   return true;

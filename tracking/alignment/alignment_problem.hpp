@@ -1,5 +1,4 @@
-// What an alignment solves: where the tags of a group lie in an image at the current pose, and
-// which of them can be used there.
+// State of an alignment: camera, tags, one image, and the tags' projection at the current pose.
 #pragma once
 
 #include <Eigen/Core>
@@ -8,6 +7,7 @@
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
+#include <span>
 #include <vector>
 
 #include "core/camera/camera_model.hpp"
@@ -27,20 +27,28 @@ inline int ceil_of(double x) {
   return -floor_of(-x);
 }
 
+// The matrix by rows, for the SIMD loops.
+[[nodiscard]] std::array<float, 9> rows_of(const Eigen::Matrix3d& matrix);
+
 // Parts of the tags that are projected.
 enum class Projection {
   search,  // the cells that are searched for
-  wide,    // the lattice, blurred as the wide stage's model
-  fine,    // the lattice, as blurred as the image
+  wide,    // the lattice with the blur of the wide stage
+  fine,    // the lattice with the blur of the image
 };
 
-// How motion during the exposure blurs a tag.
+// Model of motion during the exposure.
 enum class BlurModel {
-  point_spread,  // as a Gaussian point spread, one for each tag
-  moments,       // as the mean of what is seen at some moments of the exposure
+  point_spread,  // a Gaussian point spread for each tag
+  moments,       // the mean over some moments of the exposure
 };
 
 struct AlignmentProblem {
+  // Fails when a tag's id does not exist in its family.
+  [[nodiscard]] static Result<AlignmentProblem> make(const CameraModel& camera,
+                                                     std::span<const MappedTag> tags,
+                                                     const AlignmentOptions& options);
+
   CameraModel camera;
   AlignmentOptions options;
   const simd::Loops* loops = nullptr;
@@ -48,7 +56,7 @@ struct AlignmentProblem {
   std::array<float, 256> tone{};  // grey level to linear light
   std::vector<AlignedTag> tags;
 
-  // Of the current frame.
+  // The current frame.
   ImageView image;
   Eigen::Isometry3d T_camera_table = Eigen::Isometry3d::Identity();
   Eigen::Isometry3d T_predicted = Eigen::Isometry3d::Identity();
@@ -70,18 +78,17 @@ struct AlignmentProblem {
   }
   [[nodiscard]] double smallest_cell_px() const;
 
-  // Takes the tags that can be used at the current pose, and projects them.
+  // Sets `active` to the tags that can be used at the current pose, and projects them.
   void find_visible(Projection projection);
-  // Takes a tag to the current pose.
+  // Updates a tag for the current pose.
   void place(AlignedTag& tag) const;
   // Returns true if the tag can be used at the current pose; sets its size and motion in the image.
   [[nodiscard]] bool measure(AlignedTag& tag, BlurModel blur = BlurModel::point_spread) const;
-  // Of a tag that is seen at several moments: where the camera is then.
+  // Sets the poses of a tag at the moments of the exposure.
   void place_moments(AlignedTag& tag);
-  // `added_variance_px2` blurs the model more than the lens does.
+  // `added_variance_px2`: blur of the model beyond the lens's.
   void project_lattice(AlignedTag& tag, double added_variance_px2) const;
-  // The pixel nearest to a cell's centre; false where the cell has no projection or lies outside
-  // the image.
+  // The pixel nearest to a cell's centre; false if there is none in the image.
   [[nodiscard]] bool nearest_cell_pixel(const AlignedTag& tag, const DataCell& cell, int& x,
                                         int& y) const {
     const auto v = static_cast<std::size_t>(cell.j * tag.side + cell.i);
@@ -98,8 +105,8 @@ struct AlignmentProblem {
     y = floor_of(centre_y + 0.5);
     return x >= 0 && y >= 0 && x < image.width && y < image.height;
   }
-  // Places in memory of the pixels nearest to all cells' centres: that of the cell (i, j) at
-  // j * side + i. Valid until the next call.
+  // Offsets in memory of the pixels nearest to the cells' centres, of the cell (i, j) at j * side +
+  // i, or simd::kNowhere. Valid until the next call.
   [[nodiscard]] const std::int32_t* find_cells(const AlignedTag& tag);
 
  private:
@@ -109,8 +116,8 @@ struct AlignmentProblem {
   void measure_motion(AlignedTag& tag, const Eigen::Vector3d& centre,
                       const Eigen::Matrix<double, 2, 3>& J, BlurModel blur) const;
 
-  static constexpr int kMostMoments = 16;  // that an exposure is seen as
-  // For each number of moments, the motions from T_camera_table to them; empty: not computed yet.
+  static constexpr int kMostMoments = 16;
+  // For each number of moments, the motions from T_camera_table to them; computed when needed.
   std::array<std::vector<Eigen::Isometry3d>, kMostMoments + 1> paths_;
   std::vector<std::int32_t> cell_places_;
 };

@@ -2,7 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstddef>
+#include <numeric>
 
 #include "core/assert.hpp"
 
@@ -32,13 +32,9 @@ double EdgeSampler::Band::stride(double reach_px, double length, double tilt, in
 }
 
 std::array<float, 20> EdgeSampler::Band::row_offsets() const {
-  std::array<float, 20> rows = {0.0F,  1.0F,  2.0F,  3.0F,  4.0F,  5.0F,  6.0F,
-                                7.0F,  8.0F,  9.0F,  10.0F, 11.0F, 12.0F, 13.0F,
-                                14.0F, 15.0F, 16.0F, 17.0F, 18.0F, 19.0F};
-  for (int k = 0; k < count; ++k) {
-    const auto at = static_cast<std::size_t>(k);
-    rows[at] = static_cast<float>(offsets[at]);
-  }
+  std::array<float, 20> rows;
+  std::iota(rows.begin(), rows.end(), 0.0F);
+  std::copy_n(offsets.begin(), count, rows.begin());
   return rows;
 }
 
@@ -73,19 +69,17 @@ void EdgeSampler::locate_samples(AlignedTag& tag) const {
         static_cast<std::int32_t>(s.pixel_y[i]) * stride + static_cast<std::int32_t>(s.pixel_x[i]);
 }
 
-// Fills in what the loops need beside pixels, their places in memory (in `vertex`) and guesses of
-// their rays.
+// Completes samples that have pixels, their offsets in memory (in `vertex`) and guesses of rays.
 void EdgeSampler::finish_samples(AlignedTag& tag) {
-  tag.samples.count = (tag.used + simd::kBlock - 1) / simd::kBlock * simd::kBlock;
-  const simd::Samples s = tag.samples;  // a copy, which the floats that are written are not
-  const int padded = s.count;
+  PENUMBRA_ASSERT(tag.used <= tag.capacity);
+  tag.samples.count = padded(tag.used);
+  const simd::Samples s = tag.samples;  // a copy: stores to the arrays can't change it
   problem_.loops->read(problem_.image.data, problem_.tone.data(), tag.used, s);
   if (!tag.row_shear.isZero()) {
-    // From here on the samples are where they would be, had their rows been read out with the
-    // tag's.
+    // Moves the samples to where they would be if their rows were read out with the tag's.
     const auto row = static_cast<float>(tag.row);
     const Eigen::Vector2f shear = tag.row_shear.cast<float>();
-    for (int i = 0; i < padded; ++i) {
+    for (int i = 0; i < s.count; ++i) {
       const float rows = s.pixel_y[i] - row;
       s.pixel_x[i] -= shear.x() * rows;
       s.pixel_y[i] -= shear.y() * rows;
@@ -107,8 +101,7 @@ void EdgeSampler::finish_samples(AlignedTag& tag) {
   }
 }
 
-// Removes samples that saw what lies around the tag, or came near it, at the ends of the exposure:
-// motion blur mixes the tag with surroundings that are not known.
+// Removes samples near the outline at an end of the exposure, blurred with the surroundings.
 void EdgeSampler::keep_on_paper(AlignedTag& tag) const {
   const simd::Samples& s = tag.samples;
   // A line matters up to 2.5 sigma.
@@ -139,23 +132,22 @@ void EdgeSampler::keep_on_paper(AlignedTag& tag) const {
   }
   for (int i = kept; i < tag.used; ++i) s.weight[i] = 0.0F;
   tag.used = kept;
-  tag.samples.count = (kept + simd::kBlock - 1) / simd::kBlock * simd::kBlock;
+  tag.samples.count = padded(kept);
 }
 
-// Fills in what depends on the anchor alone.
+// Fills in the members that depend on the anchor.
 void EdgeSampler::attach(const AlignedTag& tag, const simd::Samples& samples) const {
-  const simd::Samples s = samples;  // a copy, which the floats that are written are not
-  const int padded = s.count;
+  const simd::Samples s = samples;  // a copy: stores to the arrays can't change it
   if (tag.reach == 1) {
     problem_.loops->attach(tag.ka.data(), tag.kb.data(), tag.coefficients1.front().data(), s);
     if (tag.correlated) {
-      for (int i = 0; i < padded; ++i) s.rho[i] = tag.rho[static_cast<std::size_t>(s.vertex[i])];
+      for (int i = 0; i < s.count; ++i) s.rho[i] = tag.rho[static_cast<std::size_t>(s.vertex[i])];
     }
     return;
   }
   const std::vector<std::array<float, 16>>& table =
       tag.reach == 2 ? tag.coefficients2 : tag.coefficients3;
-  for (int i = 0; i < padded; ++i) {
+  for (int i = 0; i < s.count; ++i) {
     const auto v = static_cast<std::size_t>(s.vertex[i]);
     const std::array<float, 16>& c = table[v];
     s.ka[i] = tag.ka[v];
@@ -178,17 +170,13 @@ void EdgeSampler::take_samples(AlignedTag& tag, int capacity) {
 }
 
 void EdgeSampler::evaluate(AlignedTag& tag) const {
+  const bool moments = tag.moments > 1;
   simd::AccumulateInput one;
-  simd::AccumulateInput& in = tag.moments > 1 ? tag.moment_inputs[0] : one;
-  in.reach = tag.reach;
-  in.correlated = tag.correlated;
-  if (tag.moments > 1) {
-    problem_.loops->evaluate_moments(tag.moment_inputs.data(), tag.moment_samples.data(),
-                                     tag.moments);
-    return;
-  }
-  std::copy(tag.lattice_from_ray.begin(), tag.lattice_from_ray.end(), in.lattice_from_ray);
-  problem_.loops->evaluate(in, tag.samples);
+  std::ranges::copy(tag.lattice_from_ray, one.lattice_from_ray);
+  simd::AccumulateInput* const inputs = moments ? tag.moment_inputs.data() : &one;
+  inputs->reach = tag.reach;
+  inputs->correlated = tag.correlated;
+  problem_.loops->evaluate(inputs, moments ? tag.moment_samples.data() : &tag.samples, tag.moments);
 }
 
 void EdgeSampler::select(AlignedTag& tag, bool wide, int cap) {
@@ -197,31 +185,29 @@ void EdgeSampler::select(AlignedTag& tag, bool wide, int cap) {
   tag.thinned = false;
   Band band;
   if (wide) {
-    // Far enough out to feel an edge half a cell away.
+    // Reaches edges half a cell away.
     const double unit = std::max(tag.cell_px / 10.0, 0.3);
     for (const double o : {-5.0, -3.0, -1.0, 1.0, 3.0, 5.0})
       band.offsets[static_cast<std::size_t>(band.count++)] = floor_of(o * unit + 0.5);
   }
-  // Within 2.1 sigma of an edge lies all but a two-hundredth of its information; a limited number
-  // of pixels is best spent closer.
+  // Within 2.1 sigma lies all but 1/200 of an edge's information.
   const double sigmas = problem_.options.effort == AlignmentEffort::accurate ? 2.1 : 1.25;
-  // Motion along an edge does not blur it.
+  // Only motion across an edge blurs it.
   const auto reach_across = [&](const Eigen::Vector2d& along) {
     const double across_px =
         (along.x() * tag.motion_px.y() - along.y() * tag.motion_px.x()) / along.norm();
     return sigmas * std::sqrt(problem_.options.blur_px * problem_.options.blur_px +
                               across_px * across_px / 12.0);
   };
-  std::array<double, 2> reach_px = {sigmas * problem_.options.blur_px,
-                                    sigmas * problem_.options.blur_px};
+  std::array<double, 2> reach_px;
+  reach_px.fill(sigmas * problem_.options.blur_px);
   if (!tag.motion_px.isZero(0.0)) reach_px = {reach_across(tag.along_a), reach_across(tag.along_b)};
-  // Two steps that are nearer to each other may fall on one pixel where the tag is seen smaller.
+  // Closer steps may fall on one pixel where the tag appears smaller.
   constexpr double kLeastStep_px = 1.5;
   // The tilt of a lone tag depends on single edges.
   constexpr std::size_t kFewestTags = 3;
   if (problem_.active.size() >= kFewestTags) {
-    // Lengths by the cells at the tag's centre: of each direction's edges along the image axis they
-    // are nearer to, and along the other one.
+    // Total length of the edges along their nearer image axis, and along the other one.
     double length = 0.0;
     double tilt = 0.0;
     for (const auto& [direction, cell_px] :
@@ -234,18 +220,31 @@ void EdgeSampler::select(AlignedTag& tag, bool wide, int cap) {
     if (stride > kLeastStep_px && length < 1e7) {
       tag.thinned = true;
       step_along(tag, band, reach_px, stride);
-      PENUMBRA_ASSERT(tag.used <= tag.capacity);
       finish_samples(tag);
       return;
     }
   }
   walk_runs(tag, band, reach_px, cap);
-  PENUMBRA_ASSERT(tag.used <= tag.capacity);
   finish_samples(tag);
 }
 
-// Samples each of the lattice's two directions in even steps over all of its edges, about `stride`
-// pixels along the image axis that they are nearer to.
+// `steps`: number of steps, or of runs.
+void EdgeSampler::fill_plan(const Band& band, const std::array<float, 20>& offsets, int steps,
+                            AlignedTag& tag, simd::WalkPlan& plan) const {
+  if (const auto most = static_cast<std::size_t>(steps); tag.step_run.size() < most) {
+    tag.step_end.resize(most);
+    tag.step_run.resize(most);
+  }
+  plan.width = problem_.image.width;
+  plan.height = problem_.image.height;
+  plan.stride = problem_.image.stride;
+  plan.band_count = band.count;
+  plan.offsets = offsets.data();
+  plan.end = tag.step_end.data();
+  plan.run = tag.step_run.data();
+}
+
+// Samples each lattice direction in steps of about `stride` pixels over all of its edges.
 void EdgeSampler::step_along(AlignedTag& tag, const Band& band,
                              const std::array<double, 2>& reach_px, double stride) {
   const std::array<Eigen::Vector2d, 2> cell_px = {tag.along_a, tag.along_b};
@@ -255,34 +254,20 @@ void EdgeSampler::step_along(AlignedTag& tag, const Band& band,
     counts[k] = static_cast<int>(cells[k] * cell_px[k].cwiseAbs().maxCoeff() / stride + 0.5);
   const std::array<int, 2> most_rows = {band.rows_at_most(reach_px[0]),
                                         band.rows_at_most(reach_px[1])};
-  // What is written is up to three pixels more than are counted.
+  // The loops write up to three pixels more than they count.
   take_samples(tag, most_rows[0] * counts[0] + most_rows[1] * counts[1] + 4);
   tag.step_count = counts[0] + counts[1];
-  if (const auto most = static_cast<std::size_t>(tag.step_count) + 16; tag.step_run.size() < most) {
-    tag.step_end.resize(most);
-    tag.step_run.resize(most);
-  }
-  std::array<float, 9> M{};
-  for (int r = 0; r < 3; ++r) {
-    for (int c = 0; c < 3; ++c)
-      M[static_cast<std::size_t>(3 * r + c)] = static_cast<float>(tag.ray_from_lattice(r, c));
-  }
+  const std::array<float, 9> M = rows_of(tag.ray_from_lattice);
   const std::array<float, 20> offsets = band.row_offsets();
   simd::Walk walk;
   walk.ray_from_lattice = M.data();
-  walk.width = problem_.image.width;
-  walk.height = problem_.image.height;
-  walk.stride = problem_.image.stride;
-  walk.band_count = band.count;
-  walk.offsets = offsets.data();
+  fill_plan(band, offsets, tag.step_count + 16, tag, walk);
   if (!tag.row_shear.isZero()) {
     const Eigen::Vector2f shear = (tag.row_shear / (1.0 - tag.row_shear.y())).cast<float>();
     walk.row = static_cast<float>(tag.row);
     walk.shear_x = shear.x();
     walk.shear_y = shear.y();
   }
-  walk.end = tag.step_end.data();
-  walk.run = tag.step_run.data();
   for (const std::size_t k : {0U, 1U}) {
     if (counts[k] == 0) continue;
     walk.cells = tag.edge_cells[k].data();
@@ -298,18 +283,13 @@ void EdgeSampler::step_along(AlignedTag& tag, const Band& band,
   }
 }
 
-// Walks each run pixel by pixel along the image axis it is nearer to, and takes at each step the
-// pixels across it that the blur reaches.
+// Samples each run at steps along the image axis that it is nearer to.
 void EdgeSampler::walk_runs(AlignedTag& tag, const Band& band,
                             const std::array<double, 2>& reach_px, int cap) {
   simd::RunWalk walk;
   constexpr auto kPart = static_cast<std::size_t>(simd::RunWalk::Part::kRuns);
   if (const std::size_t parts = (tag.runs.size() + kPart - 1) / kPart; run_parts_.size() < parts)
     run_parts_.resize(parts);
-  if (tag.step_run.size() < tag.runs.size()) {
-    tag.step_end.resize(tag.runs.size());
-    tag.step_run.resize(tag.runs.size());
-  }
   walk.runs = tag.runs.data();
   walk.count = static_cast<int>(tag.runs.size());
   walk.ray_x = tag.ray_x.data();
@@ -334,16 +314,10 @@ void EdgeSampler::walk_runs(AlignedTag& tag, const Band& band,
   walk.stride_px = band.stride(mean_of(reach_px), length, tilt, cap);
   tag.thinned = walk.stride_px > 1.0;
   walk.most_rows = band.rows_at_most(std::max(reach_px[0], reach_px[1]));
-  // The steps go on from run to run. What is written is up to three pixels more than are counted.
+  // The loops write up to three pixels more than they count.
   take_samples(tag, walk.most_rows * (static_cast<int>(length / walk.stride_px) + 2) + 4);
   const std::array<float, 20> offsets = band.row_offsets();
-  walk.offsets = offsets.data();
-  walk.band_count = band.count;
-  walk.width = problem_.image.width;
-  walk.height = problem_.image.height;
-  walk.stride = problem_.image.stride;
-  walk.end = tag.step_end.data();
-  walk.run = tag.step_run.data();
+  fill_plan(band, offsets, walk.count, tag, walk);
   tag.used = problem_.loops->walk_runs(problem_.lens, walk, tag.samples);
   tag.step_count = walk.walked;
 }
@@ -373,7 +347,7 @@ void EdgeSampler::read_cells(AlignedTag& tag) {
 void EdgeSampler::average_cells(AlignedTag& tag) const {
   const simd::Samples& s = tag.samples;
   const int about = std::min(static_cast<int>(tag.cell_px / 6.0), 3);
-  // With a rolling shutter samples are no longer where their pixels are.
+  // A rolling shutter moves samples away from their pixels.
   if (about == 0 || !tag.row_shear.isZero(0.0)) return;
   for (int k = 0; k < tag.used; ++k) {
     const int x = static_cast<int>(s.pixel_x[k]);
@@ -402,9 +376,7 @@ std::vector<EdgePixel> EdgeSampler::edge_pixels(std::span<const TagAlignment> se
     PENUMBRA_ASSERT(tag.row_shear.isZero() && tag.motion_px.isZero());
     problem_.project_lattice(tag, 0.0);
     arena_.give_back();
-    select(tag, false,
-           problem_.options.effort == AlignmentEffort::accurate ? 1'000'000
-                                                                : problem_.options.samples_per_tag);
+    select(tag, false, kEveryPixel);
     simd::Samples& s = tag.samples;
     evaluate(tag);
     const std::size_t first = pixels.size();

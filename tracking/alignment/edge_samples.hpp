@@ -1,4 +1,4 @@
-// Which pixels an alignment compares with a tag, and what it needs to know about each.
+// Selects the pixels that an alignment compares with a tag.
 #pragma once
 
 #include <array>
@@ -12,43 +12,45 @@
 
 namespace penumbra {
 
+inline constexpr int kEveryPixel = 1'000'000;  // no limit to the samples of a tag
+
 class EdgeSampler {
  public:
   EdgeSampler(AlignmentProblem& problem, std::size_t first_floats)
       : problem_(problem), arena_(first_floats) {}
 
-  // Estimates gain and offset of each tag from its data cells, so that nothing is carried over from
-  // another exposure.
+  // Estimates gain and offset of each tag from its data cells in this image.
   void read_levels();
-  // Gives the samples of all tags back, before the next stage selects its own.
+  // Frees the samples of all tags for the next selection.
   void give_back() { arena_.give_back(); }
   // Selects pixels at the edges of a tag, up to about `cap`.
   void select(AlignedTag& tag, bool wide, int cap);
-  // Samples the cells' centres instead, with the model there.
+  // Samples the centres of the data cells, and evaluates the model there.
   void read_cells(AlignedTag& tag);
-  // Replaces what read_cells read by means of all pixels within a sixth of a cell: less noise.
+  // Replaces the values of read_cells by means over the pixels within a sixth of a cell.
   void average_cells(AlignedTag& tag) const;
-  // The pixels at the edges of the verified tags, see TagAligner.
+  // See TagAligner.
   [[nodiscard]] std::vector<EdgePixel> edge_pixels(std::span<const TagAlignment> seen);
 
   [[nodiscard]] SampleArena& arena() { return arena_; }
 
  private:
-  // Places across an edge that are sampled, in pixels from the edge's own one; none: all within
-  // reach.
+  // Sampled offsets across an edge, in pixels from the edge's own one; none: all within reach.
   struct Band {
     std::array<int, 16> offsets{};
     int count = 0;
     [[nodiscard]] int rows_at_most(double reach_px) const;
-    // Distance of steps along edges of this length for about `cap` samples [px].
+    // Distance between steps along edges of this length for about `cap` samples [px].
     [[nodiscard]] double stride(double reach_px, double length, double tilt, int cap) const;
-    // Rows across an edge, from the first one of a step.
+    // Offsets across an edge from the first row of a step.
     [[nodiscard]] std::array<float, 20> row_offsets() const;
   };
   // `reach_px`: across edges along a, and along b.
   void walk_runs(AlignedTag& tag, const Band& band, const std::array<double, 2>& reach_px, int cap);
   void step_along(AlignedTag& tag, const Band& band, const std::array<double, 2>& reach_px,
                   double stride);
+  void fill_plan(const Band& band, const std::array<float, 20>& offsets, int steps, AlignedTag& tag,
+                 simd::WalkPlan& plan) const;
   void take_samples(AlignedTag& tag, int capacity);
   void locate_samples(AlignedTag& tag) const;
   void finish_samples(AlignedTag& tag);

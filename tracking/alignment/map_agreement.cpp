@@ -7,25 +7,22 @@
 #include <cstddef>
 #include <functional>
 #include <numeric>
-#include <utility>
 
 #include "tracking/math/spd6.hpp"
 
 namespace penumbra {
 namespace {
 
-constexpr std::size_t kFewestCompared = 3;  // tags that can be compared with each other
-constexpr std::size_t kFewCompared = 4;     // more of them outvote one that is wrong, and cost more
+constexpr std::size_t kFewestCompared = 3;  // fewest tags that can be compared with each other
+constexpr std::size_t kFewCompared = 4;     // with more tags one wrong place matters little
 
-// Sum of squares per degree of freedom, three for each tag, six of which the pose takes.
+// Sum of squares per degree of freedom: three for each tag, less six of the pose.
 double per_freedom(double sum, std::size_t tags) {
   constexpr double kOfPose = 6.0;
   return sum / std::max(3.0 * static_cast<double>(tags) - kOfPose, 1.0);
 }
 
-// Covariance of a pose by what lens, camera response and paper do to each real tag, edge by edge
-// and as a whole: tuned so that the tags of a real sheet differ by as much as chance lets them, see
-// docs/tracking.md#map.
+// Pose covariance by lens, camera response and paper at one tag, see docs/tracking.md#map.
 Matrix6d paper_covariance(const AlignedTag& tag, const TagEquations& of) {
   constexpr double kShift_px = 0.05;
   constexpr double kEdge_px = 0.05;
@@ -35,7 +32,7 @@ Matrix6d paper_covariance(const AlignedTag& tag, const TagEquations& of) {
   const double half_px =
       half *
       std::sqrt(std::abs(tag.along_a.x() * tag.along_b.y() - tag.along_a.y() * tag.along_b.x()));
-  // Columns: perturbations of one sigma, about the tag's centre.
+  // Columns: perturbations of one sigma about the tag's centre.
   Matrix6d paper = Matrix6d::Zero();
   paper.block<3, 1>(0, 0) = kShift_px * of.motions.block<3, 1>(0, 0);
   paper.block<3, 1>(0, 1) = kShift_px * of.motions.block<3, 1>(0, 1);
@@ -62,13 +59,7 @@ void MapAgreement::collect(const AlignmentProblem& problem, const PoseSolver& so
     if (!(centre.z() > 0.0)) continue;
     TagEquations& own = equations_.emplace_back();
     own.index = problem.index_of(tag);
-    std::size_t h = 0;
-    for (const auto& [row, column] : {std::pair(0, 0), std::pair(0, 3), std::pair(3, 3)}) {
-      for (int p = 0; p < 3; ++p) {
-        for (int q = row == column ? p : 0; q < 3; ++q, ++h)
-          own.H(row + p, column + q) = own.H(column + q, row + p) = pack.H_camera[h][lane];
-      }
-    }
+    own.H = camera_matrix([&](std::size_t h) { return pack.H_camera[h][lane]; });
     for (int i = 0; i < 6; ++i) own.g[i] = pack.g_camera[i][lane];
     own.g -= solver.slope() * (own.H * solver.last_step());
     own.motions.setZero();
@@ -80,9 +71,7 @@ void MapAgreement::collect(const AlignmentProblem& problem, const PoseSolver& so
   }
 }
 
-// Estimates how far wrong places in the map may have put the pose: the scatter of the tags' own
-// poses beyond what their residuals explain (a random effect by its moments, DerSimonian and Laird
-// 1986), carried through the equations.
+// Estimates the pose error by wrong places in the map, see docs/tracking.md#map.
 void MapAgreement::estimate_map_error(const AlignmentProblem& problem, double variance,
                                       AlignmentResult& result) const {
   double tags_count = 0.0;
@@ -95,7 +84,7 @@ void MapAgreement::estimate_map_error(const AlignmentProblem& problem, double va
   double trace = 0.0;
   for (const TagEquations& of : equations_) {
     const Eigen::LDLT<Matrix6d> solver(of.H);
-    // The little that is seen of a tag at the image's border fixes no pose.
+    // A tag that is cut off by the image's border may fix no pose.
     constexpr double kLeastCondition = 1e-13;
     if (!solver.isPositive() || !(solver.rcond() > kLeastCondition)) continue;
     const Matrix6d own = solver.solve(Matrix6d::Identity());
@@ -120,8 +109,7 @@ void MapAgreement::estimate_map_error(const AlignmentProblem& problem, double va
   const double freedom = 6.0 * (tags_count - 1.0);
   if (!(squares > freedom) || !(trace > 0.0)) return;
   const Matrix6d inverse = inverse_of_spd(H);
-  // One tag that is wrong is so in three directions: what is estimated from three has, with their
-  // Student's t, three times the variance.
+  // An estimate from three numbers has three times the variance (Student's t).
   constexpr double kOfThree = 3.0;
   const Matrix6d off = kOfThree * (squares - freedom) / trace * inverse * H_of_places * inverse;
   if (!off.allFinite()) return;
@@ -135,10 +123,9 @@ void MapAgreement::estimate_map_error(const AlignmentProblem& problem, double va
 
 int MapAgreement::find_outlier(double squares) const {
   const std::size_t count = equations_.size();
-  // What is left without it, per degree of freedom: noise alone falls to a ninth when one of four
-  // tags goes, now and then.
+  // Without one of four tags noise alone sometimes falls to a ninth.
   const double small_part = count > 4 ? 1.0 / 9.0 : 1.0 / 16.0;
-  constexpr std::size_t kMostToTry = 12;  // those that disagree most
+  constexpr std::size_t kMostToTry = 12;  // tags that disagree most
   std::vector<std::size_t> order(count);
   std::iota(order.begin(), order.end(), std::size_t{0});
   std::ranges::stable_sort(order, std::greater<>(),
@@ -170,11 +157,7 @@ int MapAgreement::find_outlier(double squares) const {
   return outlier;
 }
 
-// A tag that was moved has all of its pixels displaced together, by what the pose does not take
-// away: its own equations say by how much it would rather be shifted in the image, and turned in
-// it. (Not how much nearer it would be: a camera response does that to all tags.) Where that is far
-// more than the residuals' variance leaves, and a small part of it once one tag goes, that tag lies
-// elsewhere.
+// Compares shift and turn (no scale, which a camera response changes) preferred by each tag.
 void MapAgreement::check(const AlignmentProblem& problem, const PoseSolver& solver,
                          AlignmentResult& result) {
   collect(problem, solver);
@@ -192,7 +175,7 @@ void MapAgreement::check(const AlignmentProblem& problem, const PoseSolver& solv
   }
   result.displaced_px = std::sqrt(shifts_px2 / static_cast<double>(count));
   result.disagreement = per_freedom(squares, count) / solver.variance();
-  // Less than this is what lens, camera response and paper do to real tags.
+  // Lens, camera response and paper displace real tags by less than this.
   constexpr double kLeast_px = 0.1;
   if (count > kFewestCompared && result.displaced_px >= kLeast_px &&
       result.disagreement >= kDisagree)

@@ -9,14 +9,13 @@
 
 namespace penumbra {
 
-// What one tag says by itself at the solved pose: left perturbation of T_camera_table, gain and
-// offset marginalised.
+// Equations of one tag: left perturbation of T_camera_table, gain and offset marginalised.
 struct TagEquations {
   int index = 0;
   Matrix6d H = Matrix6d::Zero();
   Vector6d g = Vector6d::Zero();
-  // The tag's own motions (a pixel along each image axis at its centre, a radian about the ray to
-  // it) as such perturbations, and the inverse of its equations for them.
+  // Motions by a pixel along each image axis and a radian about the ray, as perturbations,
+  // and the inverse of the equations for them.
   Eigen::Matrix<double, 6, 3> motions = Eigen::Matrix<double, 6, 3>::Zero();
   Eigen::Matrix3d inverse = Eigen::Matrix3d::Zero();
   double squares = 0.0;
@@ -24,8 +23,8 @@ struct TagEquations {
 
 class MapAgreement {
  public:
-  // Fills in the result's displaced_px, disagreement, map_covariance, map_contradicted and
-  // contradicting. The result's design effect is known. See docs/tracking.md#map.
+  // Sets the result's displaced_px, disagreement, map_covariance, map_contradicted and
+  // contradicting. Uses its design_effect. See docs/tracking.md#map.
   void check(const AlignmentProblem& problem, const PoseSolver& solver, AlignmentResult& result);
 
   // Equations of the tags in the last check.
@@ -35,7 +34,7 @@ class MapAgreement {
   void collect(const AlignmentProblem& problem, const PoseSolver& solver);
   void estimate_map_error(const AlignmentProblem& problem, double variance,
                           AlignmentResult& result) const;
-  // The tag without which the others agree; -1: none. `squares`: by which all disagree.
+  // The tag without which the others agree; -1: none. `squares`: of all tags.
   [[nodiscard]] int find_outlier(double squares) const;
 
   std::vector<TagEquations> equations_;

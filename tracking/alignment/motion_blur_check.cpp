@@ -12,24 +12,22 @@
 namespace penumbra {
 namespace {
 
-// Share of the variance from which on an image counts as sharp: a blur of 1.5 cells leaves
-// 16 / 18.
+// Explained share of the variance of a sharp image; a blur of 1.5 cells leaves 16 / 18.
 constexpr double kClear = 8.0 / 9.0;
-// Shift and turn of a pose whose sum no tag may exceed each have half the variance they have alone.
+// Factors of the variance, see docs/tracking.md#motion-blur: shift and turn together,
 constexpr double kShared = 0.5;
-// What the image does not explain displaces a tag by half as far where a motion explains the rest.
+// and a displacement that the image does not explain where a motion explains the rest.
 constexpr double kOwnAway = 0.25;
-// Tags beyond this number do not reduce a common turn any further.
+// More tags do not reduce a common turn any further.
 constexpr double kMostOwn = 12.0;
 
-// Share of the variance that the model explains of the cells that nothing covers: a line through
-// the three fifths of them that are nearest to one (least trimmed squares). Negative where too few
-// are seen.
+// Explained share of the variance of uncovered cells: least trimmed squares of the three
+// fifths that fit best. Negative with too few cells.
 double explained_by_most(const float* models, const float* values, int count) {
   constexpr int kFewest = 16;
   if (count < kFewest) return -1.0;
   constexpr double kShare = 0.6;
-  // The variance of the middle three fifths of a normal distribution.
+  // Variance of the middle three fifths of a normal distribution.
   constexpr double kOfNormal = 0.2145;
   constexpr int kSteps = 5;
   const auto n = static_cast<std::size_t>(count);
@@ -39,7 +37,7 @@ double explained_by_most(const float* models, const float* values, int count) {
   std::vector<double> squares(n);
   double gain = 0.0;
   double spread = 0.0;  // of the models, of all cells
-  double rest = 0.0;    // what is not explained, of those on the line
+  double rest = 0.0;    // residual variance of the three fifths
   for (int step = 0; step < kSteps; ++step) {
     const std::size_t used = step == 0 ? n : most;
     double m = 0.0;
@@ -83,7 +81,7 @@ MotionBlurCheck::MotionBlurCheck(AlignmentProblem& problem, EdgeSampler& sampler
                                  std::span<const TagAlignment> tags,
                                  std::span<const TagEquations> equations, double variance)
     : problem_(problem), sampler_(sampler), equations_(equations), variance_(variance) {
-  // Also tags that are not verified: most of them may be blurred too far.
+  // Includes tags that are not verified, which may be blurred.
   for (const TagAlignment& of : tags) {
     if (of.explained < 0.0) continue;
     seen_.push_back(&problem_.tags[static_cast<std::size_t>(of.index)]);
@@ -100,13 +98,13 @@ double MotionBlurCheck::median() {
 MotionBlurError MotionBlurCheck::check(const std::optional<Vector6d>& motion, bool known,
                                        double longest_cells) {
   if (seen_.empty() || (motion && !motion->allFinite())) return {};
-  // Not by the mean: something may cover some of them.
+  // The median, because some tags may be covered.
   if (problem_.exposure_motion.isZero(0.0) && median() >= kClear) return {};
   const Vector6d motion_before = problem_.exposure_motion;
   measure(motion, longest_cells);
   find_share(motion, known);
   problem_.set_exposure_motion(motion_before);
-  for (AlignedTag* tag : seen_) static_cast<void>(problem_.measure(*tag));
+  for (AlignedTag* tag : seen_) std::ignore = problem_.measure(*tag);
   return sum_up(motion, known);
 }
 
@@ -132,7 +130,7 @@ void MotionBlurCheck::measure(const std::optional<Vector6d>& motion, double long
   }
 }
 
-// Explains the image by a share of the motion, and keeps the share that explains it best.
+// Models the image with a share of the motion, and keeps the best share.
 void MotionBlurCheck::explain_by(const std::optional<Vector6d>& motion, int share) {
   problem_.set_exposure_motion(part_of(motion, share, kShares));
   shares_.clear();
@@ -154,7 +152,7 @@ void MotionBlurCheck::explain_by(const std::optional<Vector6d>& motion, int shar
 
 void MotionBlurCheck::find_share(const std::optional<Vector6d>& motion, bool known) {
   if (!along_.empty() || !others_.empty()) explain_by(motion, 0);
-  if (best_ >= kClear) {  // whatever moved, this image is sharp
+  if (best_ >= kClear) {  // the image is sharp
     along_.clear();
     others_.clear();
   }
@@ -171,7 +169,7 @@ void MotionBlurCheck::find_share(const std::optional<Vector6d>& motion, bool kno
 
 MotionBlurError MotionBlurCheck::sum_up(const std::optional<Vector6d>& motion, bool known) const {
   double squares = 0.0;
-  // A metre and a radian where the tags say nothing.
+  // A metre and a radian where the tags give no information.
   Matrix6d H = variance_ * Matrix6d::Identity();
   for (const TagEquations& of : equations_) H += of.H;
   const Matrix6d inverse = inverse_of_spd(H);
@@ -197,7 +195,7 @@ MotionBlurError MotionBlurCheck::sum_up(const std::optional<Vector6d>& motion, b
     if (!turns || of == equations_.end()) continue;
     const double own2 =
         std::max(count / kMostOwn, 1.0) * (flat2 + (anywhere ? 1.0 : kOwnAway) * away2);
-    // A pixel along each axis, as a motion of the tag's centre.
+    // Motions of the tag's centre by a pixel along each axis.
     const AlignedTag& tag = problem_.tags[static_cast<std::size_t>(blur.index)];
     Eigen::Matrix<double, 2, 3> J;
     std::ignore = problem_.camera.project_unchecked(tag.centre_point(), &J);
@@ -211,7 +209,7 @@ MotionBlurError MotionBlurCheck::sum_up(const std::optional<Vector6d>& motion, b
       error.covariance += 0.5 * own2 * moved * moved.transpose();
     }
   }
-  // Then nothing is known: a metre and a radian.
+  // No information: a metre and a radian.
   if (!error.covariance.allFinite()) error.covariance.setIdentity();
   if (motion && !along_.empty()) error.motion = static_cast<double>(share_) / kShares * *motion;
   error.shift_px = std::sqrt(squares / static_cast<double>(seen_.size()));

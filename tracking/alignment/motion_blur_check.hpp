@@ -12,16 +12,16 @@
 
 namespace penumbra {
 
-// A blurred pattern looks the same at many poses along the motion. This class measures how far the
-// image leaves each tag open, and what that does to the pose. See docs/tracking.md#motion-blur.
+// Measures the displacement of each tag that the image does not exclude, because a blurred pattern
+// looks the same at many poses along the motion. See docs/tracking.md#motion-blur.
 class MotionBlurCheck {
  public:
-  // After an alignment: `tags` that it decoded, their equations and the variance of its residuals.
+  // `tags`, `equations` and `variance` (of the residuals): results of an alignment.
   MotionBlurCheck(AlignmentProblem& problem, EdgeSampler& sampler,
                   std::span<const TagAlignment> tags, std::span<const TagEquations> equations,
                   double variance);
 
-  // See TagAligner::motion_blur_error; no motion: nothing is known of it.
+  // See TagAligner::motion_blur_error.
   [[nodiscard]] MotionBlurError check(const std::optional<Vector6d>& motion, bool known,
                                       double longest_cells);
 
@@ -30,11 +30,11 @@ class MotionBlurCheck {
   struct Blur {
     int index = 0;
     double length_px = 0.0;
-    double cell_px = 0.0;                                 // a cell in its direction
+    double cell_px = 0.0;                                 // of a cell in its direction
     Eigen::Vector2d direction = Eigen::Vector2d::Zero();  // zero: any
     [[nodiscard]] bool anywhere() const { return direction.isZero(0.0); }
   };
-  // Shares of a motion that are tried.
+  // Number of shares of a motion that are tried.
   static constexpr int kShares = 8;
 
   void measure(const std::optional<Vector6d>& motion, double longest_cells);

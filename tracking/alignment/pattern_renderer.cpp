@@ -3,13 +3,13 @@
 #include <Eigen/LU>
 #include <algorithm>
 #include <cmath>
-#include <limits>
 #include <numbers>
 #include <optional>
 #include <random>
 #include <thread>
 
 #include "core/assert.hpp"
+#include "core/propagate.hpp"
 #include "tracking/alignment/tag_pattern.hpp"
 
 namespace penumbra {
@@ -22,14 +22,14 @@ struct Sheet {
   double cell_m = 0.0;
 };
 
-// One tag under one camera pose: rays (x, y, 1) of the camera to lattice coordinates.
+// One tag under one camera pose.
 struct View {
-  Eigen::Matrix3d
-      lattice_from_ray;         // (A, B, S) = matrix * ray; a = A / S, b = B / S, depth = 1 / S
-  std::array<double, 4> box{};  // pixels that may see it: x0, y0, x1, y1
+  // (A, B, S) = matrix * (x, y, 1); a = A / S, b = B / S, depth = 1 / S.
+  Eigen::Matrix3d lattice_from_ray;
+  Eigen::AlignedBox2d box;  // pixels that may see it
 };
 
-// Fraction of k times an irrational number: points that fill an interval evenly.
+// Fraction of k times an irrational number, which fills an interval evenly.
 double scattered(int k, double step) {
   const double value = k * step;
   return value - std::floor(value);
@@ -46,7 +46,7 @@ double spread_cdf(double x, double sigma) {
   return integral(x + 0.5) - integral(x - 0.5);
 }
 
-// Where spread_cdf reaches `share`, by bisection.
+// Inverse of spread_cdf, by bisection.
 double spread_quantile(double share, double sigma) {
   double low = -0.5 - 9.0 * sigma;
   double high = -low;
@@ -57,8 +57,7 @@ double spread_quantile(double share, double sigma) {
   return 0.5 * (low + high);
 }
 
-// Sub-pixel offsets with the point spread's density: a lattice of two dimensions (steps by the
-// golden ratio), whose error falls almost as 1 / count, through the quantiles of each axis.
+// Sub-pixel offsets with the point spread's density: quantiles of a golden-ratio lattice.
 std::vector<Eigen::Vector2d> make_offsets(int count, double sigma) {
   std::vector<Eigen::Vector2d> offsets;
   offsets.reserve(static_cast<std::size_t>(count));
@@ -75,7 +74,7 @@ std::vector<Eigen::Vector2d> make_offsets(int count, double sigma) {
   return offsets;
 }
 
-// Gaussian noise that is the same on every machine (the standard's distributions are not).
+// Gaussian noise that is the same on every machine, which std::normal_distribution is not.
 class Noise {
  public:
   explicit Noise(std::uint64_t seed) : engine_(seed) {}
@@ -113,7 +112,7 @@ void add_noise(std::span<std::uint8_t> rgba, double sigma_grey, std::uint64_t se
 struct PatternRenderer::Impl {
   CameraModel camera;
   std::vector<Sheet> sheets;
-  // Ray of each pixel's centre and its derivative by the pixel; computed when first needed.
+  // Ray of each pixel's centre and its derivative by the pixel, computed on demand.
   struct PixelRay {
     Eigen::Vector2d xy{std::numeric_limits<double>::quiet_NaN(), 0.0};
     Eigen::Matrix2d d_xy_d_pixel;
@@ -154,10 +153,9 @@ struct PatternRenderer::Impl {
         T_camera_tag.translation() - half * sheet.cell_m * (R.col(0) + R.col(1));
     View view;
     view.lattice_from_ray = ray_from_lattice.inverse();
-    // The outline, sampled: with a lens it is curved. Where a part of it projects nowhere the whole
-    // image is searched.
-    constexpr double kInfinity = std::numeric_limits<double>::infinity();
-    view.box = {kInfinity, kInfinity, -kInfinity, -kInfinity};
+    // Samples the outline, which is curved by distortion.
+    const Eigen::AlignedBox2d image(Eigen::Vector2d::Zero(),
+                                    Eigen::Vector2d(camera.width(), camera.height()));
     bool whole_image = false;
     constexpr int kSteps = 8;
     for (int i = 0; i <= kSteps; ++i) {
@@ -165,24 +163,17 @@ struct PatternRenderer::Impl {
         const Eigen::Vector3d p = ray_from_lattice * Eigen::Vector3d(2.0 * half * i / kSteps,
                                                                      2.0 * half * j / kSteps, 1.0);
         const auto pixel = camera.project(p);
-        if (!pixel) {
-          whole_image = true;
-          continue;
-        }
-        view.box[0] = std::min(view.box[0], pixel->x());
-        view.box[1] = std::min(view.box[1], pixel->y());
-        view.box[2] = std::max(view.box[2], pixel->x());
-        view.box[3] = std::max(view.box[3], pixel->y());
+        whole_image = whole_image || !pixel;
+        if (pixel) view.box.extend(*pixel);
       }
     }
-    if (whole_image)
-      view.box = {0.0, 0.0, static_cast<double>(camera.width()),
-                  static_cast<double>(camera.height())};
-    const double extra = margin_px + 0.05 * (view.box[2] - view.box[0] + view.box[3] - view.box[1]);
-    view.box = {view.box[0] - extra, view.box[1] - extra, view.box[2] + extra, view.box[3] + extra};
-    if (!(view.box[2] >= 0.0 && view.box[3] >= 0.0 && view.box[0] <= camera.width() &&
-          view.box[1] <= camera.height()))
-      return std::nullopt;
+    if (whole_image) view.box = image;
+    const Eigen::Vector2d& low = view.box.min();
+    const Eigen::Vector2d& high = view.box.max();
+    const double extra = margin_px + 0.05 * (high.x() - low.x() + high.y() - low.y());
+    view.box.min().array() -= extra;
+    view.box.max().array() += extra;
+    if (!view.box.intersects(image)) return std::nullopt;
     return view;
   }
 };
@@ -197,10 +188,9 @@ Result<PatternRenderer> PatternRenderer::create(const CameraModel& camera,
   auto impl = std::make_unique<Impl>();
   impl->camera = camera;
   for (const MappedTag& tag : tags) {
-    Result<TagPattern> pattern = TagPattern::make(tag.family, tag.id);
-    if (!pattern) return tl::unexpected<Error>(pattern.error());
-    const double cell_m = tag.size_m / pattern->width_at_border();
-    impl->sheets.push_back({std::move(*pattern), tag.T_table_tag, tag.group, cell_m});
+    PENUMBRA_TRY(TagPattern pattern, TagPattern::make(tag.family, tag.id));
+    const double cell_m = tag.size_m / pattern.width_at_border();
+    impl->sheets.push_back({std::move(pattern), tag.T_table_tag, tag.group, cell_m});
   }
   impl->rays.resize(static_cast<std::size_t>(camera.width()) *
                     static_cast<std::size_t>(camera.height()));
@@ -220,7 +210,7 @@ std::vector<double> PatternRenderer::render_light(std::span<const CameraPose> pa
   std::vector<double> light(at(0, height), options.background * options.gain);
 
   const std::vector<Eigen::Vector2d> offsets = make_offsets(options.samples, options.lens_blur_px);
-  // The moment of each sub-sample, in no step with its offset.
+  // The moment of each sub-sample, independent of its offset.
   std::vector<std::size_t> times(offsets.size());
   for (std::size_t s = 0; s < times.size(); ++s) {
     times[s] =
@@ -233,12 +223,12 @@ std::vector<double> PatternRenderer::render_light(std::span<const CameraPose> pa
 
   // views[tag * path.size() + time]
   std::vector<std::optional<View>> views;
-  std::vector<std::vector<int>> rows(
-      static_cast<std::size_t>(height));  // tags that may touch a row
-  std::vector<std::array<int, 4>> boxes(impl_->sheets.size(), {width, height, -1, -1});
+  std::vector<std::vector<int>> rows(static_cast<std::size_t>(height));  // tags near each row
+  std::vector<Eigen::AlignedBox2i> boxes(impl_->sheets.size());
+  const Eigen::Array2d image_size(width, height);
   for (std::size_t k = 0; k < impl_->sheets.size(); ++k) {
     const Sheet& sheet = impl_->sheets[k];
-    std::array<int, 4>& box = boxes[k];
+    Eigen::AlignedBox2i& box = boxes[k];
     for (std::size_t time = 0; time < path.size(); ++time) {
       Transform<frame::Table, frame::Tag> T_table_tag = sheet.T_table_tag;
       for (const GroupPlacement& placement : placements) {
@@ -249,20 +239,17 @@ std::vector<double> PatternRenderer::render_light(std::span<const CameraPose> pa
       }
       views.push_back(impl_->view_of(sheet, path[time], T_table_tag, reach_px + 2.0));
       if (const auto& view = views.back()) {
-        const auto clamp = [](double value, int limit) {
-          return static_cast<int>(std::clamp(value, 0.0, static_cast<double>(limit)));
-        };
-        box[0] = std::min(box[0], clamp(std::floor(view->box[0]), width));
-        box[1] = std::min(box[1], clamp(std::floor(view->box[1]), height));
-        box[2] = std::max(box[2], clamp(std::ceil(view->box[2]), width - 1));
-        box[3] = std::max(box[3], clamp(std::ceil(view->box[3]), height - 1));
+        const Eigen::Array2d low = view->box.min().array().floor().max(0.0).min(image_size);
+        const Eigen::Array2d high = view->box.max().array().ceil().max(0.0).min(image_size - 1.0);
+        box.min() = box.min().cwiseMin(low.cast<int>().matrix());
+        box.max() = box.max().cwiseMax(high.cast<int>().matrix());
       }
     }
-    for (int y = box[1]; y <= box[3]; ++y)
+    for (int y = box.min().y(); y <= box.max().y(); ++y)
       rows[static_cast<std::size_t>(y)].push_back(static_cast<int>(k));
   }
 
-  // What one ray meets at one time: the nearest tag's cell, else the background.
+  // Light of the nearest tag's cell on a ray at one time, else of the background.
   const auto light_at = [&](const std::vector<int>& candidates, std::size_t time,
                             const Eigen::Vector2d& xy) {
     double nearest = 0.0;  // 1 / depth
@@ -285,8 +272,7 @@ std::vector<double> PatternRenderer::render_light(std::span<const CameraPose> pa
     return value;
   };
 
-  // The one light that every sub-sample of a pixel meets, where that is certain: one tag, and cells
-  // of one colour as far as the point spread reaches at any time of the exposure.
+  // Light of a pixel where all sub-samples certainly see the same, else nothing.
   const auto uniform_light = [&](int k, const Impl::PixelRay& ray) -> std::optional<double> {
     if (options.cover_share > 0.0) return std::nullopt;
     const TagPattern& pattern = impl_->sheets[static_cast<std::size_t>(k)].pattern;
@@ -329,8 +315,8 @@ std::vector<double> PatternRenderer::render_light(std::span<const CameraPose> pa
     for (int x = 0; x < width && !in_row.empty(); ++x) {
       candidates.clear();
       for (const int k : in_row) {
-        const std::array<int, 4>& box = boxes[static_cast<std::size_t>(k)];
-        if (x >= box[0] && x <= box[2]) candidates.push_back(k);
+        const Eigen::AlignedBox2i& box = boxes[static_cast<std::size_t>(k)];
+        if (x >= box.min().x() && x <= box.max().x()) candidates.push_back(k);
       }
       if (candidates.empty()) continue;
       const Impl::PixelRay& ray = impl_->ray(x, y);
@@ -342,14 +328,12 @@ std::vector<double> PatternRenderer::render_light(std::span<const CameraPose> pa
         }
       }
       double sum = 0.0;
-      for (std::size_t s = 0; s < offsets.size(); ++s) {
-        const std::size_t time = times[s];
-        sum += light_at(candidates, time, ray.xy + ray.d_xy_d_pixel * offsets[s]);
-      }
+      for (std::size_t s = 0; s < offsets.size(); ++s)
+        sum += light_at(candidates, times[s], ray.xy + ray.d_xy_d_pixel * offsets[s]);
       light[at(x, y)] = options.gain * sum / static_cast<double>(offsets.size());
     }
   };
-  // Rows have nothing in common but what they read.
+  // Rows are independent.
   const int threads = std::clamp(options.threads, 1, height);
   const auto render_rows = [&](int first) {
     std::vector<int> candidates;

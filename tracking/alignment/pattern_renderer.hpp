@@ -1,6 +1,5 @@
-// Exact pictures of tags: poses -> grey image, by super-sampling the printed pattern through the
-// full lens model. Nothing here is shared with the tracker's own image model: what the tracker is
-// measured against must not repeat its approximations.
+// Renders grey images of tags by super-sampling the printed pattern through the full lens model. It
+// shares no code with the tracker's image model, whose approximations it must not repeat.
 #pragma once
 
 #include <cstdint>
@@ -27,35 +26,32 @@ struct GreyImage {
 };
 
 struct PatternRenderOptions {
-  double lens_blur_px =
-      0.5;                   // sigma of the Gaussian point spread; the pixel's own box comes on top
-  double black = 0.06;       // linear light of the ink, 1 = sensor full
-  double white = 0.80;       // of the paper
-  double background = 0.35;  // around the tags
-  double gain = 1.0;         // exposure: multiplies all three
-  double gamma = 1.0;        // tone curve: grey = 255 * linear ^ (1 / gamma)
-  double noise_grey = 0.0;   // sigma of white noise, added after the tone curve [grey levels]
+  double lens_blur_px = 0.5;  // sigma of the Gaussian point spread; the pixel's box is added
+  double black = 0.06;        // linear light of the ink, 1 = sensor full
+  double white = 0.80;        // of the paper
+  double background = 0.35;   // around the tags
+  double gain = 1.0;          // factor of all three, by the exposure
+  double gamma = 1.0;         // tone curve: grey = 255 * linear ^ (1 / gamma)
+  double noise_grey = 0.0;    // sigma of white noise, added after the tone curve [grey levels]
   std::uint64_t seed = 1;
   int samples = 1024;  // per pixel that sees an edge
-  // Share of each tag's printed square that something covers, from its left side; its light.
+  // Covered share of each tag's printed square, from its left side, and the cover's light.
   double cover_share = 0.0;
   double cover = 0.30;
-  // The rows that are drawn, the first and one past the last; the others show the background.
+  // First row that is drawn and the one after the last; other rows show the background.
   int first_row = 0;
   int end_row = std::numeric_limits<int>::max();
-  int threads = 1;  // that draw; the picture is the same, bit for bit
+  int threads = 1;  // the image is the same, bit for bit
 };
 
-// White noise of `sigma_grey` grey levels on RGBA8, each colour for itself, the same on every
-// machine; alpha stays.
+// Adds white noise to each colour of RGBA8, not to alpha; the same on every machine.
 void add_noise(std::span<std::uint8_t> rgba, double sigma_grey, std::uint64_t seed);
 
-// Where a rigid group of tags has moved to, from its place in the tag map.
+// Motion of a rigid group of tags from its place in the tag map.
 struct GroupPlacement {
   std::string group;
   Transform<frame::Table, frame::Table> T_table_group;
-  // Of a group that moves during the exposure: its places, one for each of the camera's poses;
-  // none: it stays at T_table_group.
+  // Its places during the exposure, one for each of the camera's poses; empty: T_table_group.
   std::vector<Transform<frame::Table, frame::Table>> path = {};
 };
 
@@ -68,13 +64,12 @@ class PatternRenderer {
   PatternRenderer& operator=(PatternRenderer&&) noexcept;
   ~PatternRenderer();
 
-  // The picture of an exposure during which the camera takes the poses of `path`, each for the same
-  // share of the time (one pose: no motion). Tags seen from behind are not drawn; the nearest of
-  // overlapping tags wins.
+  // Renders an exposure during which the camera takes the poses of `path` for equal times. Tags
+  // seen from behind are not drawn; the nearest of overlapping tags is.
   [[nodiscard]] GreyImage render(std::span<const CameraPose> path,
                                  const PatternRenderOptions& options,
                                  std::span<const GroupPlacement> placements = {});
-  // The same before the tone curve, the noise and the rounding: linear light per pixel.
+  // The same in linear light per pixel, without tone curve, noise and rounding.
   [[nodiscard]] std::vector<double> render_light(std::span<const CameraPose> path,
                                                  const PatternRenderOptions& options,
                                                  std::span<const GroupPlacement> placements = {});

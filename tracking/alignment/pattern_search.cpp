@@ -3,45 +3,253 @@
 #include <algorithm>
 #include <cmath>
 #include <cstring>
+#include <limits>
 #include <optional>
+#include <span>
+#include <tuple>
+
+#include "tracking/math/se3.hpp"
+#include "tracking/math/spd6.hpp"
 
 namespace penumbra {
 namespace {
 
-constexpr int kSearchPoints = 256;  // in all
+constexpr int kSearchPoints = 256;  // of all tags
 constexpr int kNarrowReach = 15;    // [px]
 constexpr int kCoarsest = 16;       // the smallest image of the pyramid is this times smaller
-// The mean white cell over the mean black one [grey]; below this the peak is one of noise.
+// Least contrast of a peak above noise: mean white cell minus mean black one [grey].
 constexpr double kLeastContrast = 12.0;
-// Share of the contrast that the tags were found with last: a pattern that is displaced against
-// itself shows half of it at most.
+// Share of the last contrast that ends a search: a displaced pattern has half of it at most.
 constexpr double kAsSeen = 0.75;
 // Errors from which the fine stage converges.
 constexpr double kNearError_px = 1.2;
 constexpr double kNearError_cells = 0.2;
-// Error of a top's middle by the grid of rows, as a share of the steps between them.
+// Error of a peak's centre by the spacing of rows, as a share of it.
 constexpr double kRowGrid = 0.1;
+constexpr std::size_t kFewestToJudge = 5;  // tags, to measure their scatter
+
+// Centre of a peak in a score map [rows and columns].
+struct SearchTop {
+  double row = 0.0;
+  double column = 0.0;
+  bool open = false;  // may continue beyond the map
+};
+
+// Centroid of the scores, clamped between foot and shoulder: a peak is flat over a cell.
+template <class Score>
+SearchTop find_top(const SearchWindow& window, std::span<const Score> scores, int row, int column,
+                   double cell) {
+  // Fifths of the peak; a pattern displaced against itself stays under the foot.
+  constexpr int kParts = 5;
+  constexpr int kFoot = 3;
+  constexpr int kShoulder = 4;
+  const int last_row = window.rows - 1;
+  const int last_column = 2 * window.reach;
+  const auto peak =
+      static_cast<int>(scores[static_cast<std::size_t>(row * window.columns + column)]);
+  if (peak <= 0) return {static_cast<double>(row), static_cast<double>(column), true};
+  // The other end of the top is about a cell away from the maximum.
+  const int half = static_cast<int>(std::ceil(cell)) + 1;
+  const int half_rows = (half + window.row_step - 1) / window.row_step;
+  const int r0 = std::max(row - half_rows, 0);
+  const int r1 = std::min(row + half_rows, last_row);
+  const int c0 = std::max(column - half, 0);
+  const int c1 = std::min(column + half, last_column);
+  const int foot = kFoot * peak / kParts;
+  const int shoulder = kShoulder * peak / kParts;
+  double sum = 0.0;
+  double sum_rows = 0.0;
+  double sum_columns = 0.0;
+  bool open = false;
+  for (int r = r0; r <= r1; ++r) {
+    const Score* const of_row = scores.data() + static_cast<std::ptrdiff_t>(r) * window.columns;
+    int of_places = 0;
+    int of_columns = 0;  // from c0
+    int highest = 0;
+    for (int c = c0; c <= c1; ++c) {
+      const int value = of_row[c];
+      const int up = std::clamp(value, foot, shoulder) - foot;
+      of_places += up;
+      of_columns += up * (c - c0);
+      highest = std::max(highest, value);
+    }
+    open = open || ((r == 0 || r == last_row) && highest >= shoulder) ||
+           (c0 == 0 && of_row[0] >= shoulder) ||
+           (c1 == last_column && of_row[last_column] >= shoulder);
+    sum += of_places;
+    sum_rows += static_cast<double>(of_places) * r;
+    sum_columns += static_cast<double>(of_columns) + static_cast<double>(of_places) * c0;
+  }
+  if (!(sum > 0.0)) return {static_cast<double>(row), static_cast<double>(column), open};
+  return {sum_rows / sum, sum_columns / sum, open};
+}
+
+Eigen::Vector2d displacement(const SearchWindow& window, const SearchTop& top) {
+  return {top.column - window.reach, window.first_row + window.row_step * top.row};
+}
+
+struct OwnPeak {
+  int row = 0, column = 0;
+};
+
+// The maximum of a tag's own map within `slack` of `about`. Nothing where the contrast (white over
+// black cells [grey]) is less, or the maximum is on the flank of a higher peak further off.
+std::optional<OwnPeak> own_peak(const AlignedTag& tag, const SearchWindow& window, OwnPeak about,
+                                int slack, double least_contrast) {
+  const int columns = window.columns;
+  const int last_row = window.rows - 1;
+  const int last_column = 2 * window.reach;
+  const int slack_rows = slack / window.row_step;
+  const int r0 = std::max(about.row - slack_rows, 0);
+  const int r1 = std::min(about.row + slack_rows, last_row);
+  const int c0 = std::max(about.column - slack, 0);
+  const int c1 = std::min(about.column + slack, last_column);
+  const auto value = [&](int r, int c) {
+    return tag.scores[static_cast<std::size_t>(r * columns + c)];
+  };
+  int score = -1;
+  int at_row = 0;
+  int at_column = 0;
+  for (int r = r0; r <= r1; ++r) {
+    for (int c = c0; c <= c1; ++c) {
+      if (value(r, c) <= score) continue;
+      score = value(r, c);
+      at_row = r;
+      at_column = c;
+    }
+  }
+  if (2.0 * score / tag.score_points < least_contrast) return std::nullopt;
+  if ((at_row == r0 && r0 > 0 && value(r0 - 1, at_column) > score) ||
+      (at_row == r1 && r1 < last_row && value(r1 + 1, at_column) > score) ||
+      (at_column == c0 && c0 > 0 && value(at_row, c0 - 1) > score) ||
+      (at_column == c1 && c1 < last_column && value(at_row, c1 + 1) > score))
+    return std::nullopt;
+  return OwnPeak{at_row, at_column};
+}
+
+// d pixel / d xi of a point p of the camera frame, for a left perturbation xi of T_camera_table.
+using PointJacobian = Eigen::Matrix<double, 2, 6>;
+PointJacobian jacobian_of(const Eigen::Matrix<double, 2, 3>& J_p, const Eigen::Vector3d& p) {
+  PointJacobian J;
+  J << J_p, -J_p * skew(p);
+  return J;
+}
+
+// Adds w J^T J to the lower triangle.
+void add_point(const PointJacobian& J, double w, Matrix6d& H) {
+#pragma GCC unroll 6
+  for (int row = 0; row < 6; ++row) {
+    const double w0 = w * J(0, row);
+    const double w1 = w * J(1, row);
+#pragma GCC unroll 6
+    for (int column = 0; column <= row; ++column)
+      H(row, column) += w0 * J(0, column) + w1 * J(1, column);
+  }
+}
+
+PointJacobian jacobian_at(const CameraModel& camera, const Eigen::Vector3d& p) {
+  Eigen::Matrix<double, 2, 3> J_p;
+  std::ignore = camera.project_unchecked(p, &J_p);
+  return jacobian_of(J_p, p);
+}
+
+// Fits T_camera_table by Gauss-Newton; a shrinking cutoff of the weights rejects wrong peaks.
+bool fit_displaced(const std::vector<DisplacedTag>& displaced, AlignmentProblem& problem) {
+  Eigen::Isometry3d T = problem.T_camera_table;
+  for (int round = 0; round < 4; ++round) {
+    const double cutoff = round == 0 ? 1e9 : (round == 1 ? 12.0 : 6.0);
+    const Vector6d deviation = log_se3(T * problem.T_predicted.inverse());
+    Matrix6d H = problem.prior_information;
+    Vector6d g = -problem.prior_information * deviation;
+    for (const DisplacedTag& d : displaced) {
+      const Eigen::Vector3d p = T * d.p;
+      if (!(p.z() > 0.0)) continue;
+      Eigen::Matrix<double, 2, 3> J_p;
+      const Eigen::Vector2d r = d.z - problem.camera.project_unchecked(p, &J_p);
+      const double t = r.norm() / (d.sigma_px * cutoff);
+      if (t >= 1.0) continue;
+      const double w = (1.0 - t * t) * (1.0 - t * t) / (d.sigma_px * d.sigma_px);
+      const PointJacobian J = jacobian_of(J_p, p);
+      add_point(J, w, H);
+      g += J.transpose() * (w * r);
+    }
+    const Vector6d xi = solve_spd(H, g);
+    if (!xi.allFinite()) return false;
+    T = exp_se3(xi) * T;
+  }
+  problem.T_camera_table = T;
+  return true;
+}
+
+// Greatest error of the fit at a tag's corner [px], 1 sigma, by the scatter of the tags and the
+// covariance of the prediction. Infinite: unknown.
+double fit_error_px(const std::vector<DisplacedTag>& displaced, const AlignmentProblem& problem) {
+  // Prior of the scatter, worth four numbers.
+  constexpr double kScatter_cells = 0.05;
+  constexpr double kScatterNumbers = 4.0;
+  if (displaced.size() < kFewestToJudge) return std::numeric_limits<double>::infinity();
+  double sum2 = 0.0;
+  double cells = 0.0;
+  Eigen::Vector2d middle = Eigen::Vector2d::Zero();
+  Matrix6d H = Matrix6d::Zero();
+  for (const DisplacedTag& d : displaced) {
+    if (d.open) return std::numeric_limits<double>::infinity();
+    const Eigen::Vector3d p = problem.T_camera_table * d.p;
+    Eigen::Matrix<double, 2, 3> J_p;
+    sum2 += (d.z - problem.camera.project_unchecked(p, &J_p)).squaredNorm();
+    add_point(jacobian_of(J_p, p), 1.0, H);
+    cells += d.cell_px;
+    middle += d.z;
+  }
+  const auto n = static_cast<double>(displaced.size());
+  middle /= n;
+  const double scatter2 = (sum2 + kScatterNumbers * std::pow(kScatter_cells * cells / n, 2)) /
+                          (2.0 * n - 6.0 + kScatterNumbers);
+  const Matrix6d covariance = inverse_of_spd(H / scatter2 + problem.prior_information);
+  double largest2 = 0.0;
+  for (const AlignedTag* tag : problem.active) {
+    // The corner farthest from the centre of all tags.
+    const std::size_t first = tag->search_cells.size();
+    double farthest2 = -1.0;
+    std::size_t corner = 0;
+    for (std::size_t k = 0; k < 4; ++k) {
+      const double distance2 =
+          (Eigen::Vector2d(tag->search_x[first + k], tag->search_y[first + k]) - middle)
+              .squaredNorm();
+      if (!(distance2 > farthest2)) continue;
+      farthest2 = distance2;
+      corner = k;
+    }
+    const double last = tag->side - 1;
+    const Eigen::Vector3d p = tag->point(corner % 2 == 0 ? 0.0 : last, corner < 2 ? 0.0 : last);
+    const PointJacobian J = jacobian_at(problem.camera, p);
+    largest2 = std::max(largest2, (J * covariance * J.transpose()).trace());
+  }
+  return std::sqrt(largest2);
+}
 
 }  // namespace
 
 SearchWindow PatternSearch::window_of(int reach) const {
-  // The peak is about a cell high to each side.
+  // A peak extends about a cell to each side.
   const int row_step =
       std::clamp(static_cast<int>(problem_.smallest_cell_px() / scale_ / 1.75), 1, 4);
-  return SearchWindow::of_reach(reach, row_step);
+  return {reach, row_step};
 }
 
-bool PatternSearch::search_independently() {
+void PatternSearch::begin_full_size() {
   view_ = problem_.image;
   scale_ = 1;
   error_px_ = std::numeric_limits<double>::infinity();
+}
+
+bool PatternSearch::search_independently() {
+  begin_full_size();
   return search_within(window_of(kReach), true, kLeastContrast);
 }
 
 bool PatternSearch::search(double seen_contrast) {
-  view_ = problem_.image;
-  scale_ = 1;
-  error_px_ = std::numeric_limits<double>::infinity();
+  begin_full_size();
   double sigma_px = 0.0;
   double smallest_cell_max_px = 1e9;
   for (const AlignedTag* tag : problem_.active) {
@@ -51,9 +259,8 @@ bool PatternSearch::search(double seen_contrast) {
     sigma_px = std::max(sigma_px, std::sqrt(std::max(spread(0, 0), spread(1, 1))));
   }
   const SearchWindow narrow = window_of(kNarrowReach);
-  if (narrow.holds(0.5 * smallest_cell_max_px)) {  // a top is as wide as a cell
-    // Most predictions are better than they had to be: where the tags are seen near by as clearly
-    // as in the last frame, they are not elsewhere.
+  if (narrow.holds(0.5 * smallest_cell_max_px)) {  // a peak's top is as wide as a cell
+    // The tags are not elsewhere if they are near, with the contrast of the last frame.
     const bool enough = narrow.holds(3.0 * sigma_px);
     const bool likely = seen_contrast > 0.0;
     const double least =
@@ -85,7 +292,7 @@ bool PatternSearch::search_pyramid(bool further) {
   return search_within(window_of(kReach), false, kLeastContrast);
 }
 
-// Averages scale x scale pixels; an incomplete block at the right and below is dropped.
+// Averages scale x scale pixels; drops an incomplete block at the right and below.
 ImageView PatternSearch::shrink(int scale) {
   const int width = problem_.image.width / scale;
   const int height = problem_.image.height / scale;
@@ -110,7 +317,7 @@ ImageView PatternSearch::shrink(int scale) {
   return {small_image_.data(), width, height, width};
 }
 
-// With many tags a part of each one's cells, `pairs` of a white and a black one, is enough.
+// Uses `pairs` white and as many black cells of the tag.
 void PatternSearch::find_cell_windows(const AlignedTag& tag, const SearchWindow& window, int pairs,
                                       CellWindows& windows) {
   pairs = std::min(pairs, tag.search_white);
@@ -121,12 +328,12 @@ void PatternSearch::find_cell_windows(const AlignedTag& tag, const SearchWindow&
   std::array<int, kMaxSearchCells> xs;
   std::array<int, kMaxSearchCells> ys;
   const auto smaller = static_cast<float>(1.0 / scale_);
-  const ImageView view = view_;  // what is written below is not its size
+  const ImageView view = view_;  // a copy: stores below can't change it
   const int last_x = view.width - window.columns;
   const int last_y = view.height - window.rows * window.row_step;
   bool within = true;
   int inside = 0;
-  // Cell k of `pairs` of a colour is cell floor(k * search_white / pairs) of it.
+  // Cell k of a colour is its cell floor(k * search_white / pairs).
   std::size_t at = 0;
   int remainder = 0;
   const int step = tag.search_white / pairs;
@@ -173,7 +380,7 @@ void PatternSearch::find_cell_windows(const AlignedTag& tag, const SearchWindow&
       windows.stride[k] = view.stride;
       continue;
     }
-    // The window leaves the image: a copy with the border's pixels repeated.
+    // The window leaves the image: copies it and repeats the border's pixels.
     const int before = std::clamp(-x, 0, columns);
     const int after = std::clamp(x + columns - view.width, 0, columns);
     const int between = columns - before - after;
@@ -192,8 +399,7 @@ void PatternSearch::find_cell_windows(const AlignedTag& tag, const SearchWindow&
   }
 }
 
-// Computes the maps of scores of all active tags, and their sum; returns the number of cells they
-// are of.
+// Computes the score maps of all active tags and their sum; returns their number of cells.
 int PatternSearch::score_tags(const SearchWindow& window) {
   const int pairs = std::clamp(kSearchPoints / (2 * static_cast<int>(problem_.active.size())), 4,
                                kMaxSearchCells / 2);
@@ -213,7 +419,6 @@ int PatternSearch::score_tags(const SearchWindow& window) {
     total += windows.count;
     problem_.loops->add(tag->scores.data(), size, score_sum_.data());
   }
-  problem_.counters.searched_points += total;
   problem_.counters.searched_px += size;
   return total;
 }
@@ -229,18 +434,17 @@ bool PatternSearch::search_within(const SearchWindow& window, bool independent,
   const double contrast = 2.0 * score_sum_[static_cast<std::size_t>(best)] / total;
   problem_.counters.contrast = contrast;
   if (!independent && contrast < least_contrast) return false;
-  // In the largest window there is no other to look in, and of a cell as large as that some of the
-  // top is better than nothing.
+  // No other window follows the largest: a part of a peak is used where a cell is as large as that.
   const bool largest = window.reach >= kReach;
   const auto elsewhere = [&](const SearchTop& top, double cell_px) {
     if (largest) return top.open && window.holds(cell_px / scale);
-    return top.open || !window.holds(window.displacement(top).lpNorm<Eigen::Infinity>());
+    return top.open || !window.holds(displacement(window, top).lpNorm<Eigen::Infinity>());
   };
   double largest_cell_px = 0.0;
   for (const AlignedTag* tag : problem_.active)
     largest_cell_px = std::max(largest_cell_px, tag->cell_max_px);
   const SearchTop found =
-      window.top_about(score_sum_, best_row, best_column, largest_cell_px / scale);
+      find_top<std::int32_t>(window, score_sum_, best_row, best_column, largest_cell_px / scale);
   if (!largest && elsewhere(found, largest_cell_px)) return false;
   displaced_.clear();
   const Eigen::Isometry3d T_table_camera = problem_.T_camera_table.inverse();
@@ -251,15 +455,15 @@ bool PatternSearch::search_within(const SearchWindow& window, bool independent,
     const std::optional<OwnPeak> peak = own_peak(*tag, window, {best_row, best_column}, slack,
                                                  std::max(kLeastContrast, 0.4 * contrast));
     if (!peak) continue;
-    const SearchTop top =
-        window.top_about(tag->scores, peak->row, peak->column, tag->cell_max_px / scale_);
+    const SearchTop top = find_top<std::int16_t>(window, tag->scores, peak->row, peak->column,
+                                                 tag->cell_max_px / scale_);
     if (elsewhere(top, tag->cell_max_px)) continue;
     const Eigen::Vector3d p_camera = tag->centre_point();
-    // The middle of what is seen of a top that goes on may be off by a part of a cell.
+    // The centre of a peak that is cut off has an error of a part of a cell.
     const double cut_off_px = top.open ? tag->cell_max_px / std::sqrt(12.0) : 0.0;
     displaced_.push_back(
         {T_table_camera * p_camera,
-         problem_.camera.project_unchecked(p_camera) + scale * window.displacement(top),
+         problem_.camera.project_unchecked(p_camera) + scale * displacement(window, top),
          std::hypot(0.4 * scale + 0.1 * tag->cell_px, cut_off_px), tag->cell_px, top.open});
   }
   if (displaced_.empty() || !fit_displaced(displaced_, problem_)) return false;
@@ -267,8 +471,7 @@ bool PatternSearch::search_within(const SearchWindow& window, bool independent,
   return true;
 }
 
-// Prefetches the image around the tags: it is read in no order that a processor foresees, and a
-// frame fresh from a camera or a decoder lies in no near cache.
+// Prefetches the image around the tags, which is read in an order that hardware does not predict.
 void PatternSearch::fetch_ahead(int margin) const {
   float x0 = 1e9F;
   float y0 = 1e9F;

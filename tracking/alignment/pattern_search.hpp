@@ -1,6 +1,7 @@
 // Brings the prediction within a cell: a translational search for the tags' pattern.
 #pragma once
 
+#include <algorithm>
 #include <array>
 #include <cstddef>
 #include <cstdint>
@@ -9,42 +10,69 @@
 
 #include "core/image/image_view.hpp"
 #include "tracking/alignment/alignment_problem.hpp"
-#include "tracking/alignment/displacement_fit.hpp"
-#include "tracking/alignment/search_window.hpp"
 
 namespace penumbra {
 
-// Scores the data cells' pattern at displacements of the predicted tags, one map per tag. The sum
-// of the maps gives the common displacement, each map its own tag's displacement near it. The pose
-// is then fitted to the tags' displacements.
+// The displacements of a search; score maps have every row_step-th row.
+struct SearchWindow {
+  static constexpr int kRim_px = 2;  // a peak at the rim of a window may be the flank of another
+
+  SearchWindow(int reach_, int row_step_)
+      : reach(reach_),
+        columns(2 * (reach + 1)),
+        rows(2 * (reach_ / row_step_) + 1),
+        row_step(row_step_),
+        first_row(-(reach_ / row_step_) * row_step_) {}
+
+  int reach;    // [pixels of the searched image]
+  int columns;  // one more than displacements, which fills the lanes of the SIMD loops
+  int rows;
+  int row_step;
+  int first_row;  // displacement of the first row
+
+  [[nodiscard]] int size() const { return rows * columns; }
+  // Returns true if a peak at this distance is well inside the window.
+  [[nodiscard]] bool holds(double px) const { return px + kRim_px <= std::min(reach, -first_row); }
+};
+
+// Position at which a search found a tag.
+struct DisplacedTag {
+  Eigen::Vector3d p;  // the tag's centre, in the table frame
+  Eigen::Vector2d z;  // that in the image
+  double sigma_px = 0.0;
+  double cell_px = 0.0;
+  bool open = false;  // its peak may continue beyond the searched window
+};
+
+// Scores the data cells' pattern at displacements of the predicted tags, one map per tag, and fits
+// the pose to the displacements of the peaks.
 class PatternSearch {
  public:
   explicit PatternSearch(AlignmentProblem& problem) : problem_(problem) {}
 
-  // Searches as far as the prediction may be off (3 sigma), and everywhere where the pattern is not
-  // well inside that. `seen_contrast`: see AlignmentInput.
+  // Searches within 3 sigma of the prediction, then in the largest window unless the pattern is
+  // well inside. `seen_contrast`: see AlignmentInput. False where nothing is found.
   [[nodiscard]] bool search(double seen_contrast);
-  // The same, where every tag's own highest peak counts, wherever it is.
+  // Searches the largest window for every tag independently.
   [[nodiscard]] bool search_independently();
-  // Searches an image two to sixteen times smaller, which reaches as many times further: the
-  // smaller, the further, as long as a cell keeps a pixel; `further`: half as large again.
+  // Searches an image so much smaller that a cell keeps a pixel; `further`: half of that.
   [[nodiscard]] bool search_pyramid(bool further);
 
-  // How far off the last search put a tag's corner, by how the tags agree [px]; infinite: unknown.
+  // Error of the last search at a tag's corner, by the scatter of the tags [px]; infinite: unknown.
   [[nodiscard]] double error_px() const { return error_px_; }
-  // Whether it left the tags so near that the fine stage, which finds edges over two pixels and
-  // less where cells are small, needs no wide stage before it.
+  // Returns true if the last search ended so near that the fine stage needs no wide stage.
   [[nodiscard]] bool found_near() const;
 
  private:
   static constexpr int kReach = 31;  // [px] to each side
-  // Where the window about each of a tag's cells begins in memory, as many white ones as black.
+  // Begin in memory of the window about each of a tag's cells, as many white ones as black.
   struct CellWindows {
     std::array<const std::uint8_t*, kMaxSearchCells> begin;
     std::array<std::ptrdiff_t, kMaxSearchCells> stride;
-    int white = 0;  // come first
+    int white = 0;  // the first ones
     int count = 0;  // 0: too few of them are seen
   };
+  void begin_full_size();
   [[nodiscard]] SearchWindow window_of(int reach) const;
   void find_cell_windows(const AlignedTag& tag, const SearchWindow& window, int pairs,
                          CellWindows& windows);
@@ -55,7 +83,7 @@ class PatternSearch {
   [[nodiscard]] ImageView shrink(int scale);
 
   AlignmentProblem& problem_;
-  ImageView view_;  // what is searched: the image, or one `scale_` times smaller
+  ImageView view_;  // the image, or one `scale_` times smaller
   int scale_ = 1;
   double error_px_ = std::numeric_limits<double>::infinity();
   std::vector<std::int32_t> score_sum_;

@@ -4,9 +4,7 @@
 #include <array>
 #include <bit>
 #include <cmath>
-#include <cstddef>
 #include <cstdint>
-#include <utility>
 
 #include "core/assert.hpp"
 #include "tracking/math/se3.hpp"
@@ -15,13 +13,12 @@
 namespace penumbra {
 namespace {
 
-// At least a grey level's own rounding.
+// The least variance is that of rounded grey levels.
 double variance_of(double cost, double weight) {
   return std::max(cost / weight, 0.25);
 }
 
-// Calls each(tag, k) for about `count` of the samples that the last equations are of, evenly over
-// all tags' together.
+// Calls each(tag, k) for about `count` of the samples of the last equations, evenly over all tags.
 template <class Each>
 void visit_evenly(const std::vector<AlignedTag*>& tags, int count, const Each& each) {
   int total = 0;
@@ -29,7 +26,7 @@ void visit_evenly(const std::vector<AlignedTag*>& tags, int count, const Each& e
   const int stride = std::max(1, (total + count - 1) / count);
   int next = 0;
   for (const auto* tag : tags) {
-    if (tag->used < kFewestSamples || !(tag->gain > 1.5)) continue;  // not in them
+    if (tag->used < kFewestSamples || !(tag->gain > 1.5)) continue;  // has no equations
     for (; next < tag->used; next += stride) each(*tag, next);
     next -= tag->used;
   }
@@ -62,9 +59,8 @@ void PoseSolver::fill_pack(AlignedTag& tag, double cutoff, simd::TagPack& pack, 
     for (auto& h : pack.H) h[lane] = 0.0;
     return;
   }
-  problem_.counters.samples_evaluated += tag.used;
   simd::AccumulateInput in;
-  std::copy(tag.lattice_from_ray.begin(), tag.lattice_from_ray.end(), in.lattice_from_ray);
+  std::ranges::copy(tag.lattice_from_ray, in.lattice_from_ray);
   for (int c = 0; c < 3; ++c) in.centre[c] = static_cast<float>(tag.centre[c]);
   in.gain = static_cast<float>(tag.gain);
   in.offset = static_cast<float>(tag.offset);
@@ -112,19 +108,11 @@ void PoseSolver::accumulate(double cutoff, Equations& equations) {
     for (std::size_t i = 0; i < H_sum.size(); ++i) H_sum[i] += over_lanes(pack.H_camera[i]);
     for (std::size_t i = 0; i < g_sum.size(); ++i) g_sum[i] += over_lanes(pack.g_camera[i]);
   }
-  Matrix6d& H = equations.H;
-  const double* h = H_sum.data();
-  for (const auto& [row, column] : {std::pair(0, 0), std::pair(0, 3), std::pair(3, 3)}) {
-    for (int p = 0; p < 3; ++p) {
-      for (int q = row == column ? p : 0; q < 3; ++q, ++h)
-        H(row + p, column + q) = H(column + q, row + p) = *h;
-    }
-  }
+  equations.H = camera_matrix([&](std::size_t k) { return H_sum[k]; });
   equations.g = Eigen::Map<const Vector6d>(g_sum.data());
-  ++problem_.counters.evaluations;
 }
 
-// False where the residuals are too few.
+// False with too few residuals.
 bool PoseSolver::take_variance(const Equations& equations) {
   if (!(equations.weight > 12.0)) return false;
   variance_ = variance_of(equations.cost, equations.weight);
@@ -144,7 +132,7 @@ std::optional<PoseSolver::Step> PoseSolver::step(double cutoff, StepBy by) {
   if (!xi.allFinite()) return std::nullopt;
   last_step_ = xi;
   if (by == StepBy::slope) {
-    // This step may be the last, and long: what it takes off the residuals is no noise.
+    // This step may be the last one and long: the residuals that it removes are no noise.
     const double taken = xi.dot(2.0 * equations.g - equations.H * xi);
     variance_ = variance_of(equations.cost - taken, equations.weight);
     information_ = equations.H / variance_;
@@ -174,7 +162,7 @@ double PoseSolver::follow_tags(const Vector6d& xi, const Eigen::Isometry3d& moti
     const std::size_t lane = k % 4;
     AlignedTag& tag = *problem_.active[k];
     if (pack.valid[lane]) {
-      // A gain of nothing or less is no tag; it is kept just above, to come back.
+      // Keeps the gain positive, so that the tag can recover.
       tag.gain = std::max(tag.gain + pack.levels[0][lane], 1.5);
       tag.offset += pack.levels[1][lane];
     }
@@ -186,8 +174,7 @@ double PoseSolver::follow_tags(const Vector6d& xi, const Eigen::Isometry3d& moti
   return moved_px;
 }
 
-// The median is that of a histogram whose classes are the leading bits of the floats (16 to an
-// octave), interpolated within its class.
+// Takes the median from a histogram by the leading bits of the floats, 16 to an octave.
 void PoseSolver::measure_noise() {
   constexpr std::uint32_t kShift = 19;                  // leaves 4 bits of the mantissa
   constexpr std::uint32_t kFirst = (127U - 16U) << 4U;  // 2^-16 of the gain and less
@@ -204,7 +191,7 @@ void PoseSolver::measure_noise() {
   });
   if (count < 16) return;
   const double middle = 0.5 * count;
-  // Octave by octave, then class by class.
+  // Searches by octaves, then by classes.
   int below = 0;
   std::size_t at = 0;
   for (; at + 16 < kClasses; at += 16) {
@@ -222,9 +209,7 @@ void PoseSolver::measure_noise() {
   noise_share_ = 1.4826 * (edge(at) + within * (edge(at + 1) - edge(at)));
 }
 
-// Mean slope of the weighted residuals over all samples, sum of d(w r) / dr over that of w: the
-// weights fall as the residuals grow, so a step by weights falls short by this share. See
-// docs/tracking.md#slope-steps.
+// Sum of d(w r) / dr over sum of w, see docs/tracking.md#slope-steps.
 double PoseSolver::measured_slope(double cutoff) const {
   PENUMBRA_ASSERT(cutoff > 0.0);
   constexpr double kLeast = 0.7;  // 0.83 where residuals are normal

@@ -1,17 +1,34 @@
 // Gauss-Newton steps on the pose of all tags together.
 #pragma once
 
+#include <cstddef>
 #include <optional>
+#include <utility>
 #include <vector>
 
 #include "tracking/alignment/alignment_problem.hpp"
+#include "tracking/alignment/sample_arena.hpp"
 
 namespace penumbra {
+
+// The symmetric matrix of the 21 numbers at(k) of TagPack::H_camera.
+template <class At>
+[[nodiscard]] Matrix6d camera_matrix(const At& at) {
+  Matrix6d H;
+  std::size_t k = 0;
+  for (const auto& [row, column] : {std::pair(0, 0), std::pair(0, 3), std::pair(3, 3)}) {
+    for (int p = 0; p < 3; ++p) {
+      for (int q = row == column ? p : 0; q < 3; ++q, ++k)
+        H(row + p, column + q) = H(column + q, row + p) = at(k);
+    }
+  }
+  return H;
+}
 
 class PoseSolver {
  public:
   enum class StepBy {
-    weights,  // the robust weights as they are
+    weights,  // holds the robust weights constant
     slope,    // differentiates the robust weights as well; usually saves an iteration
   };
   struct Step {
@@ -23,32 +40,27 @@ class PoseSolver {
 
   // Forgets the residuals of another pose.
   void begin();
-  // One step by all active tags; nothing where they are too few. `cutoff`: of Tukey's weights, as a
-  // share of the gain; 0: none.
+  // One step of all active tags; nothing with too few samples. `cutoff`: see tukey_share; 0: none.
   [[nodiscard]] std::optional<Step> step(double cutoff, StepBy by);
-  // Measures the residuals after a step by their median, which what covers a part of the tags does
-  // not change.
+  // Measures the residuals after a step by their median, which is robust against occlusion.
   void measure_noise();
   void forget_noise() { noise_share_ = 0.0; }
 
-  // Residuals of the last equations: sigma over the gain, by the median (0: unknown), and variance
-  // [grey^2].
+  // Residuals: sigma over the gain by the median (0: unknown), and variance [grey^2].
   [[nodiscard]] double noise_share() const { return noise_share_; }
   [[nodiscard]] double variance() const { return variance_; }
-  // Of the left perturbation of T_camera_table, without the prior.
+  // Information of the left perturbation of T_camera_table, without the prior.
   [[nodiscard]] const Matrix6d& information() const { return information_; }
   [[nodiscard]] const Vector6d& last_step() const { return last_step_; }
-  // Share of the equations' H that the last step was solved with.
+  // Factor of the equations' H in the last step.
   [[nodiscard]] double slope() const { return slope_; }
-  // Where Tukey's weights end, as a share of the gain: never cut into the noise itself, and no
-  // further out than its sigma asks for.
+  // Cutoff of Tukey's weights by the noise, as a share of the gain; at most `cutoff`.
   [[nodiscard]] double tukey_share(double cutoff) const;
   // Equations of the active tags, four to a pack.
   [[nodiscard]] const std::vector<simd::TagPack>& packs() const { return packs_; }
 
  private:
-  // Normal equations of the left perturbation of T_camera_table, gains and offsets marginalised,
-  // without the prior.
+  // Left perturbation of T_camera_table, gains and offsets marginalised, without prior.
   struct Equations {
     Matrix6d H;
     Vector6d g;
@@ -59,8 +71,7 @@ class PoseSolver {
   void fill_pack(AlignedTag& tag, double cutoff, simd::TagPack& pack, std::size_t lane);
   [[nodiscard]] bool take_variance(const Equations& equations);
   [[nodiscard]] double measured_slope(double cutoff) const;
-  // Takes the active tags, their gains and offsets to the current pose; returns how far the
-  // farthest corner moved [px].
+  // Updates the active tags for the current pose; returns the farthest corner's motion [px].
   [[nodiscard]] double follow_tags(const Vector6d& xi, const Eigen::Isometry3d& motion);
 
   AlignmentProblem& problem_;
@@ -71,5 +82,10 @@ class PoseSolver {
   Vector6d last_step_ = Vector6d::Zero();
   double slope_ = 1.0;
 };
+
+// Design effect: variance of an edge's mean displacement over that of independent residuals.
+// `cutoff`: of the last step. See docs/tracking.md#design-effect.
+[[nodiscard]] double design_effect(const AlignmentProblem& problem, const PoseSolver& solver,
+                                   SampleArena& arena, double cutoff);
 
 }  // namespace penumbra

@@ -1,4 +1,4 @@
-#include "tracking/alignment/residual_correlation.hpp"
+#include "tracking/alignment/pose_solver.hpp"
 
 #include <algorithm>
 #include <array>
@@ -11,10 +11,10 @@ namespace {
 using Two = double __attribute__((vector_size(16)));
 using Pair = float __attribute__((vector_size(8), may_alias));
 
-// Sums over the edges in one direction of the lattice. A camera response or a bright lamp widens
-// all white areas: a displacement of every edge towards black, which is taken out by direction.
+// Sums over the edges in one lattice direction. A camera response or a bright lamp widens all white
+// areas; that displacement towards black is removed for each direction.
 struct Direction {
-  Two sums{};     // of s and q: leverage times residual, and times slope, of an edge
+  Two sums{};     // of s and q: an edge's leverage times residual, and times slope
   Two squares{};  // of ss and qq
   double products = 0.0;
 
@@ -31,15 +31,14 @@ struct Direction {
   }
 };
 
-// What independent residuals let expect.
+// Expected sums for independent residuals.
 struct Expected {
   double sum = 0.0;
   double squares = 0.0;  // of the edges
   int edges = 0;
 };
 
-// Adds the edges of one tag: the residuals of each run of samples along an edge, projected on what
-// a displacement of that edge would do to them.
+// Adds the edges of one tag.
 void add_edges(const AlignedTag& tag, const simd::Samples& s, double variance,
                std::array<Direction, 2>& directions, Expected& expected) {
   const auto* const pairs = reinterpret_cast<const Pair*>(s.leverage);
@@ -98,9 +97,7 @@ double design_effect(const AlignmentProblem& problem, const PoseSolver& solver, 
   if (free < 4 || !(expected.sum > 0.0)) return 1.0;
   double found = 0.0;
   for (const Direction& direction : directions) found += direction.squares_left();
-  // The residuals are those before the last step, and hold the displacements that it took away: of
-  // an edge in proportion to its expected square, all together as many variances as the step's own.
-  // A step by slope, in the part that the weights left of them.
+  // The residuals include the displacements that the last step removed.
   const Vector6d& step = solver.last_step();
   found -= solver.slope() * solver.slope() * step.dot(solver.information() * step) *
            expected.squares / expected.sum;

@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstring>
 #include <tuple>
 #include <utility>
 
@@ -14,7 +13,6 @@
 #include "tracking/alignment/motion_blur_check.hpp"
 #include "tracking/alignment/pattern_search.hpp"
 #include "tracking/alignment/pose_solver.hpp"
-#include "tracking/alignment/residual_correlation.hpp"
 #include "tracking/alignment/simd/alignment_loops.hpp"
 #include "tracking/alignment/tag_decoding.hpp"
 #include "tracking/math/spd6.hpp"
@@ -24,50 +22,46 @@ namespace {
 
 // Convergence, see docs/tracking.md#convergence.
 constexpr double kCornerMoved_px = 0.25;  // a fine round that moved the tags further is repeated
-constexpr double kConverged_px = 0.03;    // the step after such a one is below a hundredth
+constexpr double kConverged_px = 0.03;
 constexpr double kNearlyConverged_px = 0.06;
-// A step is a quarter to a third of the one before: what follows this one is kConverged_px. The
-// tilt of a lone tag converges more slowly.
-constexpr double kConvergesFrom_px = 0.1;
-// The same in standard deviations of the pose, all six numbers in one; noise makes 2.4.
+constexpr double kConvergesFrom_px = 0.1;  // the step after this one is about kConverged_px
+// Lengths of steps in standard deviations of the pose, all six numbers together.
 constexpr double kConverged_sigmas = 1.0;
 constexpr double kNearlyConverged_sigmas = 3.0;
 constexpr double kSlopeConverged_sigmas = 8.0;  // of a step that differentiates the weights
 constexpr int kFineRounds = 3;
 constexpr int kFineSteps = 5;           // per round at most
+constexpr int kFastSamples = 1920;      // of all tags, where each tag has 128 or more
+constexpr int kFastSamplesOfTag = 400;  // from three tags on
 constexpr int kSparseSamples = 640;     // of all tags
 constexpr double kWideCutoff = 0.8;     // of Tukey's weights, as a share of the gain
 constexpr double kFineCutoff = 0.6;     // the same
-constexpr int kEveryPixel = 1'000'000;  // samples of a tag
 
-// Memory for samples: of every pixel at the edges of tags that fill the image, or this many of each
-// tag, whichever is less. It grows on demand.
+// First memory for samples: the less of two estimates.
 constexpr std::size_t kPixelsPerSample = 12;
 constexpr std::size_t kSamplesPerTag = 4096;
-constexpr std::size_t kFloatsPerSample = 17;  // where cells are large against the blur
+constexpr std::size_t kFloatsPerSample = 17;  // for one line per axis
 
-// Number of samples to ask for so that `blocks` blocks of the SIMD loops come out full: the walk
-// along the edges meets its cap within some samples, and a last one over the brim costs a block.
+// Cap that fills `blocks` blocks of the SIMD loops, with room for a walk that exceeds it.
 constexpr int filled_blocks(int blocks) {
   return (simd::kBlock - 4) * blocks;
 }
 
-// How many samples the fine stage takes of each tag.
+// Numbers of samples of each tag in the fine stage.
 struct FinePlan {
   bool every_pixel = false;
   int cap = 0;
-  int first = 0;              // where sampling may stop early it begins low and grows
-  int sparse_cap = 0;         // of a round that brings the tags near
+  int first = 0;              // lower than the cap where sampling may stop early
+  int sparse_cap = 0;         // of a round far from the pose
   bool sparse_rounds = true;  // rounds that are repeated may use fewer samples and stop early
   bool begins_sparse = false;
-  double near_px = 0.0;  // a step that is shorter may be the last one
+  double near_px = 0.0;  // a shorter step may be the last one
 };
 
 }  // namespace
 
 double variance_inflation(const AlignmentResult& result) {
-  // Tukey's weights at 4.685 sigma: variance E[psi^2] / E[psi']^2 = 1.053 of that of least squares
-  // for normal residuals, while sum(w r^2) / sum(w) and sum(w) say 0.758 / 0.915^2 of it.
+  // By Tukey's weights, 1.053 / (0.758 / 0.915^2), see docs/tracking.md#design-effect.
   constexpr double kTukeyTimes = 1.16;
   return kTukeyTimes * std::max(result.design_effect, 1.0);
 }
@@ -109,15 +103,10 @@ struct TagAligner::Impl {
 void TagAligner::Impl::begin(const AlignmentInput& frame) {
   problem.begin(frame);
   input = frame;
-  result.verified = false;
-  result.tags.clear();
-  result.tags_verified = 0;
-  result.reason = {};
-  result.residual_rms = 0.0;
-  result.design_effect = 1.0;
+  result = {};
 }
 
-// Where a search begins; false where no tag is in view.
+// Projects the tags at the prediction, for a search; false where none is in view.
 bool TagAligner::Impl::look_where_predicted() {
   problem.T_camera_table = problem.T_predicted;
   problem.find_visible(Projection::search);
@@ -128,20 +117,19 @@ AlignmentResult TagAligner::Impl::run(const AlignmentInput& frame, bool with_sea
   begin(frame);
   const Start start = with_search ? Start::search : Start::near_pose;
   bool good = attempt(start, true);
-  // From where it seemed near, with the wide stage.
+  // Repeats an attempt that began near, with the wide stage.
   if (!good && !problem.counters.wide_stage) good = attempt(start, false);
   if (!good && with_search && !problem.active.empty()) {
-    problem.counters.second_try = true;
-    static_cast<void>(attempt(Start::independent_search, false));
+    std::ignore = attempt(Start::independent_search, false);
   }
   report_pose();
   return result;
 }
 
-// Search, wide stage, fine stage, and whether the pose holds.
+// Runs the search, the wide and the fine stage, and verifies the pose.
 bool TagAligner::Impl::attempt(Start start, bool may_be_near) {
   AlignmentCounters& counters = problem.counters;
-  // What an attempt before this one found says nothing of where this one goes.
+  // Forgets the attempt before.
   result.displaced_px = 0.0;
   result.disagreement = 1.0;
   result.map_covariance.setZero();
@@ -155,7 +143,7 @@ bool TagAligner::Impl::attempt(Start start, bool may_be_near) {
     const bool any = look_where_predicted();
     counters.tags_visible = static_cast<int>(problem.active.size());
     if (!any) return fail_for("no tag in view");
-    // Where nothing is found, from where it was predicted.
+    // If the search finds nothing, the pose stays as predicted.
     std::ignore =
         start == Start::search ? search.search(input.seen_contrast) : search.search_independently();
     near = may_be_near && search.found_near();
@@ -185,25 +173,23 @@ FinePlan TagAligner::Impl::plan_fine_stage(bool near) const {
   const auto tags = static_cast<int>(problem.active.size());
   FinePlan plan;
   plan.every_pixel = options.effort == AlignmentEffort::accurate;
-  plan.cap = plan.every_pixel
-                 ? kEveryPixel
-                 : filled_blocks(std::clamp(options.samples / (simd::kBlock * tags), 2,
-                                            std::max(2, options.samples_per_tag / simd::kBlock)));
+  plan.cap = plan.every_pixel ? kEveryPixel
+                              : filled_blocks(std::clamp(kFastSamples / (simd::kBlock * tags), 2,
+                                                         kFastSamplesOfTag / simd::kBlock));
   plan.first = sample_need
                    ? std::min(plan.cap, std::max(input.first_samples / tags, filled_blocks(1)))
                    : plan.cap;
-  // One block of a tag is enough where there are tags enough.
   const int block_of_each = simd::kBlock * tags;
   plan.sparse_cap = filled_blocks(
       std::clamp(kSparseSamples / block_of_each, block_of_each >= kSparseSamples ? 1 : 2, 4));
-  // What is far off is brought near by a few samples first; many are best chosen where they end.
+  // A few samples suffice far from the pose; many are best chosen near it.
   plan.sparse_rounds = !sample_need;
   plan.begins_sparse = plan.sparse_rounds && (input.starts_far || (near && plan.every_pixel));
   plan.near_px = !plan.every_pixel && tags > 2 ? kConvergesFrom_px : kNearlyConverged_px;
   return plan;
 }
 
-// Rounds of sampling at the current pose, until the tags no longer move away from their samples.
+// Samples at the current pose and solves, until the tags no longer move away from their samples.
 bool TagAligner::Impl::fine_stage(bool near) {
   const FinePlan plan = plan_fine_stage(near);
   AlignmentCounters& counters = problem.counters;
@@ -212,7 +198,6 @@ bool TagAligner::Impl::fine_stage(bool near) {
   int samples_before = 0;
   bool sparse = plan.begins_sparse;
   for (int round = 0; round < kFineRounds;) {
-    ++counters.fine_rounds;
     if (round > 0 || !near) problem.find_visible(Projection::fine);
     counters.samples = 0;
     sampler.give_back();
@@ -239,27 +224,24 @@ bool TagAligner::Impl::fine_stage(bool near) {
   return true;
 }
 
-// Steps until the pose rests. Whether the tags moved so far that they need new samples; nothing
-// where they have too few.
+// Steps until the pose converges. True if the tags need new samples; nothing with too few.
 std::optional<bool> TagAligner::Impl::fine_round(const FinePlan& plan, int round, bool near,
                                                  bool sparse) {
   const double settled = plan.every_pixel ? 0.85 : 0.7;
-  // Of few pixels noise leaves more than this.
   const bool within_noise = plan.every_pixel;
   const bool by_slope = within_noise && !sample_need && round > 0 && !sparse;
   const auto by = by_slope ? PoseSolver::StepBy::slope : PoseSolver::StepBy::weights;
   double round_moved = 0.0;
   bool far = false;
   for (int i = 0; i < kFineSteps; ++i) {
-    // The first step of all is by all samples, wherever they seem to lie.
+    // The very first step from near uses all samples, with no cutoff.
     const auto step = solver.step(near && round == 0 && i == 0 ? 0.0 : kFineCutoff, by);
     if (!step) return std::nullopt;
     const double before = solver.noise_share();
     solver.measure_noise();
     round_moved += step->moved_px;
     far = round_moved >= kCornerMoved_px;
-    // While outliers are still being left behind the pose may yet move, except from where it rests
-    // within what noise does.
+    // While outliers are still losing weight the pose may move, unless the step is below noise.
     const bool at_rest =
         solver.noise_share() > settled * before || step->sigmas < kConverged_sigmas;
     const double nearly_sigmas = by_slope ? kSlopeConverged_sigmas : kNearlyConverged_sigmas;
@@ -268,7 +250,7 @@ std::optional<bool> TagAligner::Impl::fine_round(const FinePlan& plan, int round
         solver.noise_share() > 0.9 * before && (!within_noise || step->sigmas < nearly_sigmas))
       break;
     if (i == 0) continue;
-    // A round that is repeated from nearer need not be brought to its end.
+    // A round that will be repeated from nearer need not converge.
     const bool repeated = plan.sparse_rounds && (sparse || (far && round + 1 < kFineRounds));
     if (repeated && step->moved_px < kCornerMoved_px && at_rest) break;
     if (step->moved_px < kConverged_px && at_rest) break;
@@ -281,7 +263,7 @@ int TagAligner::Impl::more_samples(const FinePlan& plan, int now) {
   report_pose();
   const double times = sample_need(result);
   if (times <= 1.0) return now;
-  // A little more than that, so that one more round is enough.
+  // A little more, so that one round is enough.
   const double wanted = 1.1 * times * static_cast<double>(now);
   const int more = wanted < static_cast<double>(plan.cap)
                        ? std::max(static_cast<int>(wanted), 2 * now)
@@ -289,7 +271,7 @@ int TagAligner::Impl::more_samples(const FinePlan& plan, int now) {
   return std::min(more, plan.cap);
 }
 
-// What is known by now, into the result.
+// Writes pose, covariance, counters and residuals into the result.
 void TagAligner::Impl::report_pose() {
   result.counters = problem.counters;
   result.T_table_camera = problem.pose();
@@ -309,22 +291,7 @@ TagAligner::~TagAligner() = default;
 
 Result<TagAligner> TagAligner::create(const CameraModel& camera, std::span<const MappedTag> tags,
                                       const AlignmentOptions& options) {
-  AlignmentProblem problem;
-  problem.camera = camera;
-  problem.options = options;
-  problem.loops = &simd::widest_loops();
-  if (options.instruction_set != nullptr) {
-    for (const simd::Loops* const* v = simd::available_loops(); *v != nullptr; ++v) {
-      if (std::strcmp((*v)->name, options.instruction_set) == 0) problem.loops = *v;
-    }
-  }
-  problem.lens = simd::lens_of(camera);
-  const std::optional<double>& tone_curve = camera.parameters().tone_curve;
-  problem.set_tone(tone_curve ? *tone_curve : options.tone_exponent);
-  for (const MappedTag& mapped : tags) {
-    PENUMBRA_TRY(AlignedTag tag, AlignedTag::make(mapped));
-    problem.tags.push_back(std::move(tag));
-  }
+  PENUMBRA_TRY(AlignmentProblem problem, AlignmentProblem::make(camera, tags, options));
   const std::size_t pixels =
       static_cast<std::size_t>(camera.width()) * static_cast<std::size_t>(camera.height());
   const std::size_t first_floats =
@@ -353,13 +320,6 @@ AlignmentResult TagAligner::align(const AlignmentInput& input) {
 AlignmentResult TagAligner::refine(const AlignmentInput& input) {
   return impl_->run(input, false);
 }
-std::optional<SearchedPose> TagAligner::search(const AlignmentInput& input) {
-  Impl& m = *impl_;
-  m.begin(input);
-  if (!m.look_where_predicted() || !m.search.search(input.seen_contrast)) return std::nullopt;
-  const SearchedPose found = {m.problem.pose(), m.search.error_px()};
-  return found.T_table_camera.is_finite() ? std::optional(found) : std::nullopt;
-}
 std::optional<CameraPose> TagAligner::search_pyramid(const AlignmentInput& input, bool further) {
   Impl& m = *impl_;
   m.begin(input);
@@ -367,18 +327,12 @@ std::optional<CameraPose> TagAligner::search_pyramid(const AlignmentInput& input
   const CameraPose guess = m.problem.pose();
   return guess.is_finite() ? std::optional(guess) : std::nullopt;
 }
-MotionBlurError TagAligner::motion_blur_error(const Vector6d& motion, bool known,
+MotionBlurError TagAligner::motion_blur_error(const std::optional<Vector6d>& motion, bool known,
                                               double longest_cells) {
   Impl& m = *impl_;
   return MotionBlurCheck(m.problem, m.sampler, m.result.tags, m.agreement.equations(),
                          m.solver.variance())
       .check(motion, known, longest_cells);
-}
-MotionBlurError TagAligner::motion_blur_error(double longest_cells) {
-  Impl& m = *impl_;
-  return MotionBlurCheck(m.problem, m.sampler, m.result.tags, m.agreement.equations(),
-                         m.solver.variance())
-      .check(std::nullopt, false, longest_cells);
 }
 std::vector<EdgePixel> TagAligner::edge_pixels() {
   return impl_->sampler.edge_pixels(impl_->result.tags);

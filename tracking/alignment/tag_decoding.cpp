@@ -5,12 +5,11 @@
 #include <cstddef>
 #include <cstdint>
 #include <limits>
-#include <vector>
 
 namespace penumbra {
 namespace {
 
-// Share of the variance of a tag's cells in the image that the model explains.
+// Computes the share of the variance of a tag's cells that the model explains.
 class Explained {
  public:
   void add(double model, double value) {
@@ -43,12 +42,10 @@ struct Cells {
   double explained = -1.0;
 };
 
-// Whether the model is within a twentieth of each cell's own colour at the pixel nearest to its
-// centre. That pixel is at most sqrt(1/2) px off, which is at most that many sigmas of the lens's
-// blur in either direction of the lattice, and half a cell is 0.5 / ka; the model is then as far
-// from the colour as the two nearest lines leave of it, each less than a fortieth beyond 1.96
-// sigmas. The scale of a tag in the image is least at one of its corners; the rest is room for what
-// a lens bends beyond that, and for the centre of four corners.
+// Returns true if the model is within 1/20 of each cell's own colour at its nearest pixel, which is
+// at most sqrt(1/2) px off, by the least scale of the tag's corners. Beyond 1.96 sigmas each of the
+// two nearest lines changes the colour by less than 1/40; the rest of kSigmas allows for
+// distortion.
 bool reads_clearly(const AlignedTag& tag, double blur_px) {
   constexpr double kSigmas = 2.2;
   if (tag.reach != 1 || !tag.wholly_seen) return false;
@@ -60,7 +57,7 @@ bool reads_clearly(const AlignedTag& tag, double blur_px) {
   return 0.5 * static_cast<double>(least) >= kSigmas + std::sqrt(0.5) / blur_px;
 }
 
-// By the cells' own colours.
+// Compares the cells with their own colours.
 Cells read_by_colour(AlignmentProblem& problem, const AlignedTag& tag) {
   const double middle = tag.offset + 0.5 * tag.gain;
   const double covered = 0.25 * tag.gain;
@@ -73,7 +70,7 @@ Cells read_by_colour(AlignmentProblem& problem, const AlignedTag& tag) {
     const double read = static_cast<double>(problem.tone[problem.image.data[place]]) - middle;
     explained.add(cell.white ? 1.0 : 0.0, read);
     ++cells.decidable;
-    // What reads as neither black nor white is covered by something.
+    // A cell between black and white is covered by something.
     const bool decided = std::abs(read) >= covered;
     cells.read += decided ? 1 : 0;
     cells.wrong += decided && (cell.white ? read < 0.0 : read > 0.0) ? 1 : 0;
@@ -82,7 +79,7 @@ Cells read_by_colour(AlignmentProblem& problem, const AlignedTag& tag) {
   return cells;
 }
 
-// By the model's own blurred values at the cells' centres.
+// Compares the cells with the blurred model at their centres.
 Cells read_by_model(EdgeSampler& sampler, AlignedTag& tag) {
   const double middle = tag.offset + 0.5 * tag.gain;
   const double covered = 0.25 * tag.gain;
@@ -111,7 +108,7 @@ void decode_tags(AlignmentProblem& problem, EdgeSampler& sampler, AlignmentResul
   result.tags.clear();
   result.tags_verified = 0;
   int in_image = 0;
-  // Cells are read at whole pixels; what moved by less than this is where it was projected.
+  // Cells are read at whole pixels: less motion needs no new projection.
   constexpr double kSamePixels_px = 0.1;
   const bool projected = problem.moved_since_projection_px < kSamePixels_px;
   for (AlignedTag* tag : problem.active) {
@@ -122,18 +119,15 @@ void decode_tags(AlignmentProblem& problem, EdgeSampler& sampler, AlignmentResul
     check.index = problem.index_of(*tag);
     check.cell_px = tag->cell_px;
     check.gain = tag->gain;
-    check.offset = tag->offset;
     check.weight_share =
         tag->sums.base_weight > 0.0 ? tag->sums.weight / tag->sums.base_weight : 0.0;
-    check.cells_read = cells.read;
-    check.cells_wrong = cells.wrong;
     check.explained = cells.explained;
     const int least = std::max(8, static_cast<int>(tag->pattern.data_cells().size()) / 4);
     const int right = cells.read - cells.wrong;
     check.verified = cells.read >= least && 4 * cells.wrong <= cells.read &&
                      20 * right >= 9 * cells.decidable && check.gain > 12.0 &&
                      check.weight_share > kLeastWeightShare;
-    // Nearly all of a covered tag's cells are not read.
+    // Most cells of a covered tag are not decided.
     check.displaced = check.weight_share <= kLeastWeightShare && cells.decidable >= least &&
                       5 * right >= 4 * cells.decidable;
     in_image += cells.decidable >= least ? 1 : 0;

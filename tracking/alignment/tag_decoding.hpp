@@ -7,8 +7,7 @@
 
 namespace penumbra {
 
-// Reads the data cells of the active tags. Fills in the result's tags, tags_verified, verified and,
-// where it is not, the reason.
+// Sets the result's tags, tags_verified, verified and reason by the active tags' data cells.
 void decode_tags(AlignmentProblem& problem, EdgeSampler& sampler, AlignmentResult& result);
 
 }  // namespace penumbra

@@ -1,4 +1,4 @@
-// What is printed on a tag: its cells and the edges between them, on the tag's lattice.
+// The printed cells of a tag and the edges between them, on the tag's lattice.
 //
 // Lattice coordinates (a, b): unit = one cell, origin at the lower left corner of the whole printed
 // square (white margin included), a right and b up on the upright tag. Cell (i, j) covers
@@ -36,18 +36,17 @@ class TagPattern {
 
   [[nodiscard]] int width_at_border() const { return width_at_border_; }  // [cells]
   [[nodiscard]] int total_width() const { return total_width_; }          // [cells]
-  // Cell colour; outside the printed square what the paper is: white.
+  // Colour of a cell; white outside the printed square.
   [[nodiscard]] bool white(int i, int j) const {
     if (i < 0 || j < 0 || i >= total_width_ || j >= total_width_) return true;
     return cells_[static_cast<std::size_t>(j * total_width_ + i)] != 0;
   }
-  // Whether the family says what the cell is.
+  // Returns true if the family defines the cell.
   [[nodiscard]] bool printed(int i, int j) const {
     if (i < 0 || j < 0 || i >= total_width_ || j >= total_width_) return false;
     return printed_[static_cast<std::size_t>(j * total_width_ + i)] != 0;
   }
-  // All edges inside the printed square. Its outline is no edge: families with data outside the
-  // border say nothing about what lies around them.
+  // All edges inside the printed square. Its outline is none, because the surroundings are unknown.
   [[nodiscard]] const std::vector<EdgeRun>& runs() const { return runs_; }
   [[nodiscard]] const std::vector<DataCell>& data_cells() const { return data_cells_; }
 

@@ -14,25 +14,22 @@
 namespace penumbra {
 namespace {
 
-constexpr double kStart = 1.5;               // an exponent between those of most cameras
-constexpr double kLeast = 0.5, kMost = 4.0;  // beyond lies no camera's curve
+constexpr double kStart = 1.5;               // typical exponent of a camera
+constexpr double kLeast = 0.5, kMost = 4.0;  // range of exponents
 constexpr double kLeastBlur_px = 0.25, kMostBlur_px = 1.6;
-constexpr double kSettledBlur = 0.05;  // of its logarithm, from one alignment to the next
-constexpr double kFartherBlur = 0.3;   // ... and no farther at once, for it is linear near by only
-constexpr int kAlignments = 6;         // of a picture at most
+constexpr double kSettledBlur = 0.05;  // converged change of the blur's logarithm
+constexpr double kFartherBlur = 0.3;   // greatest change of the blur's logarithm in one fit
+constexpr int kAlignments = 6;         // of an image at most
 constexpr int kSteps = 12;             // of Gauss-Newton
 constexpr double kTukey = 4.685;       // in sigmas
-// Of a tag that is used.
+// Limits for the use of a tag.
 constexpr double kLeastContrast = 0.12;               // white - black, 1 = 255 grey levels
-constexpr float kBlackest = 1.0F, kWhitest = 254.0F;  // [grey levels]: cut off
-constexpr std::size_t kMostCutOff = 50;               // one pixel in so many
+constexpr float kBlackest = 1.0F, kWhitest = 254.0F;  // beyond these a pixel is clipped [grey]
+constexpr std::size_t kMostClipped = 50;              // one clipped pixel in this number
 constexpr std::size_t kFewestPixels = 64;
 
-// Of all pictures.
-constexpr int kFewestPictures = 5;
-// What the model misses, as an exponent: no camera's curve is a power (that of sRGB is another one
-// by 0.06 at 0.4 of the exposure), an edge's profile is no normal distribution (0.03 where a lens
-// blurs by 1.2 px), and a printed edge lies some hundredths of a pixel elsewhere.
+constexpr int kFewestImages = 5;
+// Error of the model as an exponent: curves are no powers, see docs/tracking.md#tone-curve.
 constexpr double kModelSigma = 0.1;
 
 struct Levels {
@@ -42,12 +39,11 @@ double clamped(double level) {
   return std::clamp(level, 0.5 / 255.0, 1.0);
 }
 
-// A picture's own exponent, with what its scatter tells of its error.
-struct PictureTone {
-  double exponent = 1.0;
-  double sigma = 0.0;
-  double blur_px = 0.0;
-};
+// Tukey's weight of a residual in units of the cutoff.
+double tukey_weight(double t) {
+  const double inside = std::max(1.0 - t * t, 0.0);
+  return inside * inside;
+}
 
 double median(std::vector<double> values) {
   const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
@@ -55,8 +51,7 @@ double median(std::vector<double> values) {
   return *middle;
 }
 
-// What a pixel should be, and its derivatives by the exponent, the blur's logarithm and the tag's
-// two levels.
+// A pixel's model, and derivatives by exponent and log blur, and by the tag's levels.
 struct Prediction {
   double value = 0.0;
   Eigen::Vector2d by_common;
@@ -94,33 +89,32 @@ struct Curve {
   }
 };
 
-// Straight from black to white; nothing where these are not far enough apart, or the sensor or the
-// coding cut one of them off: that tells nothing of the curve between them.
+// Levels by a linear fit; nothing with too little contrast, or where a level is clipped.
 std::optional<Levels> start_levels(std::span<const EdgePixel> pixels) {
   Eigen::Matrix2d H = Eigen::Matrix2d::Zero();
   Eigen::Vector2d g = Eigen::Vector2d::Zero();
-  std::size_t cut_off = 0;
+  std::size_t clipped = 0;
   for (const EdgePixel& pixel : pixels) {
     const double m = std::clamp(static_cast<double>(pixel.model), 0.0, 1.0);
     const Eigen::Vector2d row(1.0 - m, m);
     H += row * row.transpose();
     g += row * (static_cast<double>(pixel.grey) / 255.0);
-    cut_off += pixel.grey <= kBlackest || pixel.grey >= kWhitest ? 1U : 0U;
+    clipped += pixel.grey <= kBlackest || pixel.grey >= kWhitest ? 1U : 0U;
   }
   const Eigen::Vector2d levels = H.ldlt().solve(g);
   if (!levels.allFinite() || levels[1] - levels[0] < kLeastContrast ||
-      cut_off * kMostCutOff > pixels.size())
+      clipped * kMostClipped > pixels.size())
     return std::nullopt;
   return Levels{clamped(levels[0]), clamped(levels[1])};
 }
 
 struct Fit {
   double exponent = kStart;
-  double log_blur = 0.0;  // over the one that the pixels were modelled with
+  double log_blur = 0.0;  // logarithm of the blur over that of the pixels' model
   double sigma = 0.0;     // of the exponent
 };
 
-// All tags of a picture; `pixels` in the order of their tags.
+// Fits all tags of an image; `pixels` in the order of their tags.
 std::optional<Fit> fit_tone(const std::vector<EdgePixel>& pixels, double start) {
   struct Tag {
     std::span<const EdgePixel> pixels;
@@ -145,12 +139,12 @@ std::optional<Fit> fit_tone(const std::vector<EdgePixel>& pixels, double start) 
     Eigen::Matrix2d H = Eigen::Matrix2d::Zero();
     Eigen::Vector2d g = Eigen::Vector2d::Zero();
     Eigen::Matrix2d scatter = Eigen::Matrix2d::Zero();  // of the tags' gradients
-    struct Eliminated {
+    struct Marginalised {
       Eigen::Matrix2d cross;
       Eigen::Matrix2d inverse;
       Eigen::Vector2d gradient;
     };
-    std::vector<Eliminated> eliminated(tags.size());
+    std::vector<Marginalised> marginalised(tags.size());
     residuals.clear();
     double weight = 0.0;
     double cost = 0.0;
@@ -163,13 +157,11 @@ std::optional<Fit> fit_tone(const std::vector<EdgePixel>& pixels, double start) 
       const Curve curve(fit.exponent, tags[k].levels);
       for (const EdgePixel& pixel : tags[k].pixels) {
         const Prediction p = curve.at(pixel);
-        // The blur as it is by now, to first order.
+        // With the current blur, to first order.
         const double r =
             static_cast<double>(pixel.grey) / 255.0 - p.value - p.by_common[1] * fit.log_blur;
         residuals.push_back(std::abs(r));
-        const double t = r / cutoff;
-        const double inside = std::max(1.0 - t * t, 0.0);
-        const double w = inside * inside;
+        const double w = tukey_weight(r / cutoff);
         common += w * p.by_common * p.by_common.transpose();
         cross += w * p.by_common * p.by_levels.transpose();
         own += w * p.by_levels * p.by_levels.transpose();
@@ -178,10 +170,7 @@ std::optional<Fit> fit_tone(const std::vector<EdgePixel>& pixels, double start) 
         weight += w;
         cost += w * r * r;
       }
-      Eliminated& e = eliminated[k];
-      e.inverse = own.inverse();
-      e.cross = cross;
-      e.gradient = g_own;
+      const Marginalised& e = marginalised[k] = {cross, own.inverse(), g_own};
       if (!e.inverse.allFinite()) return std::nullopt;
       const Eigen::Vector2d g_tag = g_common - cross * e.inverse * g_own;
       H += common - cross * e.inverse * cross.transpose();
@@ -196,7 +185,7 @@ std::optional<Fit> fit_tone(const std::vector<EdgePixel>& pixels, double start) 
     fit.exponent = std::clamp(fit.exponent, kLeast, kMost);
     fit.log_blur = std::clamp(fit.log_blur + moved[1], -kFartherBlur, kFartherBlur);
     for (std::size_t k = 0; k < tags.size(); ++k) {
-      const Eliminated& e = eliminated[k];
+      const Marginalised& e = marginalised[k];
       const Eigen::Vector2d levels =
           e.inverse *
           (e.gradient - e.cross.transpose() *
@@ -205,11 +194,10 @@ std::optional<Fit> fit_tone(const std::vector<EdgePixel>& pixels, double start) 
       now.black = clamped(now.black + levels[0]);
       now.white = clamped(now.white + levels[1]);
     }
-    // Of the residuals themselves, whatever covers a part of the tags left out.
     cutoff = std::max(kTukey * 1.4826 * median(residuals), 1.0 / 255.0);
     const Eigen::Matrix2d inverse = H.inverse();
     const double variance = cost / std::max(weight, 1.0);
-    // By the tags' own scatter, where it is more than that of independent pixels.
+    // The scatter of the tags may exceed that of independent pixels.
     fit.sigma = std::sqrt(std::max(variance * inverse(0, 0), (inverse * scatter * inverse)(0, 0)));
     if (step > 3 && std::abs(fit.exponent - before) < 1e-4) break;
   }
@@ -223,109 +211,85 @@ std::optional<Fit> fit_tone(const std::vector<EdgePixel>& pixels, double start) 
 
 }  // namespace
 
-struct ToneEstimator::Impl {
-  CameraModel camera;
-  TagAligner aligner;
-  std::vector<PictureTone> found;
-  double blur_px = 0.0;  // of the last picture
-};
-
-ToneEstimator::ToneEstimator(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
-ToneEstimator::ToneEstimator(ToneEstimator&&) noexcept = default;
-ToneEstimator& ToneEstimator::operator=(ToneEstimator&&) noexcept = default;
-ToneEstimator::~ToneEstimator() = default;
-
 Result<ToneEstimator> ToneEstimator::create(const CameraModel& camera,
                                             std::span<const MappedTag> tags) {
   CameraParameters p = camera.parameters();
-  p.tone_curve.reset();  // what is looked for
+  p.tone_curve.reset();  // the unknown
   const CameraModel untoned = CameraModel::make(p).value();
   AlignmentOptions options;
   options.effort = AlignmentEffort::accurate;
   options.tone_exponent = kStart;
-  options.min_cell_px = 3.0;  // where an edge is not next to another
+  options.min_cell_px = 3.0;  // so that edges do not overlap
   PENUMBRA_TRY(TagAligner aligner, TagAligner::create(untoned, tags, options));
-  return ToneEstimator(
-      std::make_unique<Impl>(Impl{untoned, std::move(aligner), {}, AlignmentOptions().blur_px}));
+  return ToneEstimator(untoned, std::move(aligner));
 }
 
 bool ToneEstimator::add(ImageView luma, const CameraPose& T_table_camera) {
-  if (luma.empty() || luma.width != impl_->camera.width() ||
-      luma.height != impl_->camera.height() || !T_table_camera.is_finite())
+  if (luma.empty() || luma.width != camera_.width() || luma.height != camera_.height() ||
+      !T_table_camera.is_finite())
     return false;
   AlignmentInput input;
   input.luma = luma;
   input.predicted = T_table_camera;
-  input.covariance.setZero();
-  input.covariance.diagonal().head<3>().setConstant(0.05 * 0.05);
-  input.covariance.diagonal().tail<3>().setConstant(0.1 * 0.1);
-  TagAligner& aligner = impl_->aligner;
+  input.covariance = covariance_of(0.05, 0.1);
   double exponent = kStart;
-  double blur_px = impl_->blur_px;
+  double blur_px = blur_px_;
   for (int i = 0; i < kAlignments; ++i) {
-    aligner.set_blur(blur_px);
-    aligner.set_tone_exponent(exponent);
-    const AlignmentResult result = aligner.refine(input);
+    aligner_.set_blur(blur_px);
+    aligner_.set_tone_exponent(exponent);
+    const AlignmentResult result = aligner_.refine(input);
     if (!result.verified || !result.T_table_camera.is_finite()) return false;
     input.predicted = result.T_table_camera;
-    const std::optional<Fit> fit = fit_tone(aligner.edge_pixels(), exponent);
+    const std::optional<Fit> fit = fit_tone(aligner_.edge_pixels(), exponent);
     if (!fit) return false;
     exponent = fit->exponent;
     const double blur_before = blur_px;
     blur_px = blur_px * std::exp(fit->log_blur);
     if (!(blur_px > kLeastBlur_px && blur_px < kMostBlur_px)) return false;
-    // The pose does not hang on the exponent, but what is fitted does on the blur.
+    // The fit depends on the blur; the pose does not depend on the exponent.
     if (std::abs(std::log(blur_px / blur_before)) > kSettledBlur) continue;
-    impl_->found.push_back({exponent, fit->sigma, blur_px});
-    impl_->blur_px = blur_px;
+    found_.push_back({exponent, fit->sigma, blur_px});
+    blur_px_ = blur_px;
     return true;
   }
   return false;
 }
 
-int ToneEstimator::pictures() const {
-  return static_cast<int>(impl_->found.size());
-}
-
 Result<ToneEstimate> ToneEstimator::estimate() const {
-  const std::vector<PictureTone>& found = impl_->found;
-  if (found.size() < kFewestPictures) {
+  if (found_.size() < kFewestImages) {
     return fail("{} pictures with well exposed tags are too few for a tone curve; {} are enough",
-                found.size(), kFewestPictures);
+                found_.size(), kFewestImages);
   }
   std::vector<double> exponents;
   std::vector<double> blurs;
-  for (const PictureTone& picture : found) {
-    exponents.push_back(picture.exponent);
-    blurs.push_back(picture.blur_px);
+  for (const ImageTone& image : found_) {
+    exponents.push_back(image.exponent);
+    blurs.push_back(image.blur_px);
   }
-  // The pictures' middle one, then the mean of those around it by what each is worth: a picture
-  // with a reflection on its tags is no reason to move.
+  // Weighted mean about the median, robust against images with a reflection on their tags.
   ToneEstimate result;
-  result.pictures = pictures();
+  result.pictures = static_cast<int>(found_.size());
   result.blur_px = median(blurs);
   const double middle = median(exponents);
   std::vector<double> distances;
   for (const double exponent : exponents) distances.push_back(std::abs(exponent - middle));
   const double spread = std::max(1.4826 * median(distances), 1e-3);
+  std::vector<double> weights;
   double weight = 0.0;
   double sum = 0.0;
-  for (const PictureTone& picture : found) {
-    const double t = (picture.exponent - middle) / (kTukey * spread);
-    const double inside = std::max(1.0 - t * t, 0.0);
-    const double w = inside * inside / (picture.sigma * picture.sigma + spread * spread);
-    weight += w;
-    sum += w * picture.exponent;
+  for (const ImageTone& image : found_) {
+    weights.push_back(tukey_weight((image.exponent - middle) / (kTukey * spread)) /
+                      (image.sigma * image.sigma + spread * spread));
+    weight += weights.back();
+    sum += weights.back() * image.exponent;
   }
   result.exponent = sum / weight;
   double squares = 0.0;
   double worth = 0.0;
-  for (const PictureTone& picture : found) {
-    const double t = (picture.exponent - middle) / (kTukey * spread);
-    const double inside = std::max(1.0 - t * t, 0.0);
-    const double w = inside * inside / (picture.sigma * picture.sigma + spread * spread) / weight;
-    const double off = picture.exponent - result.exponent;
-    squares += w * w * std::max(off * off, picture.sigma * picture.sigma);
+  for (std::size_t k = 0; k < found_.size(); ++k) {
+    const double w = weights[k] / weight;
+    const double off = found_[k].exponent - result.exponent;
+    squares += w * w * std::max(off * off, found_[k].sigma * found_[k].sigma);
     worth += w;
   }
   result.sigma = std::hypot(std::sqrt(squares) / worth, kModelSigma);

@@ -1,4 +1,4 @@
-#include "tracking/detection/aruco_codes.hpp"
+#include "tracking/detection/tag_families.hpp"
 
 #include <array>
 

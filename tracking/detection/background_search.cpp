@@ -14,9 +14,8 @@ BackgroundSearch::BackgroundSearch(TagSearch search, bool own_thread) : search_(
 }
 
 Result<std::unique_ptr<BackgroundSearch>> BackgroundSearch::create(
-    std::span<const TagFamily> families, const TagDetectorOptions& options,
-    std::optional<double> tone_exponent, bool own_thread) {
-  PENUMBRA_TRY(TagSearch search, TagSearch::create(families, options, tone_exponent));
+    std::span<const TagFamily> families, std::optional<double> tone_exponent, bool own_thread) {
+  PENUMBRA_TRY(TagSearch search, TagSearch::create(families, tone_exponent));
   return std::unique_ptr<BackgroundSearch>(new BackgroundSearch(std::move(search), own_thread));
 }
 

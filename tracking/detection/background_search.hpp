@@ -1,4 +1,4 @@
-// The tags of a frame, searched for beside the tracking of the frames after it.
+// Searches a frame for tags while the frames after it are tracked.
 #pragma once
 
 #include <condition_variable>
@@ -12,40 +12,35 @@
 
 #include "core/error.hpp"
 #include "core/geometry/tag_map.hpp"
-#include "core/image/frame.hpp"
 #include "core/image/image_view.hpp"
 #include "core/stopwatch.hpp"
-#include "tracking/detection/tag_detector.hpp"
 #include "tracking/detection/tag_search.hpp"
 
 namespace penumbra {
 
-// What was found in a frame of the past.
+// Tags found in an earlier frame.
 struct PastTags {
   std::int64_t timestamp_ns = 0;
   std::vector<TagDetection> tags;
   StageTime time;  // of the thread that searched
 };
 
-// One frame at a time: who asks goes on with newer frames meanwhile, and gives the next one when
-// this one is done. All of it is called by one thread.
+// Searches one frame at a time. All functions are called by one thread.
 class BackgroundSearch {
  public:
-  // `own_thread`: searched by a thread that lives as long as this; else by whoever takes the
-  // result. The same tags either way.
+  // `own_thread`: a thread of this object searches; else take() does. The tags are the same.
   [[nodiscard]] static Result<std::unique_ptr<BackgroundSearch>> create(
-      std::span<const TagFamily> families, const TagDetectorOptions& options,
-      std::optional<double> tone_exponent, bool own_thread);
+      std::span<const TagFamily> families, std::optional<double> tone_exponent, bool own_thread);
   BackgroundSearch(const BackgroundSearch&) = delete;
   BackgroundSearch& operator=(const BackgroundSearch&) = delete;
   ~BackgroundSearch();  // waits for the search that is under way
 
   [[nodiscard]] bool has_thread() const { return thread_.joinable(); }
-  // Whether nothing was begun that has not been taken.
+  // True if take() has returned the last search, or none was begun.
   [[nodiscard]] bool idle() const { return !begun_; }
-  // Has to be idle. The luma is copied, nothing else of the frame is kept.
+  // Begins a search of a copy of the luma. The object must be idle.
   void begin(ImageView luma, std::int64_t timestamp_ns, SearchResolution resolution);
-  // What was found; nothing when idle or, unless `wait`, while it is still searched.
+  // The result of the search; nothing when idle or, unless `wait`, while the search goes on.
   [[nodiscard]] std::optional<PastTags> take(bool wait);
 
  private:
@@ -55,19 +50,20 @@ class BackgroundSearch {
   [[nodiscard]] PastTags search();
   void serve();
 
-  bool begun_ = false;  // of the caller's thread alone, as is all that it writes while `empty`
+  bool begun_ = false;  // only the caller's thread uses it
+  // The thread owns these while `asked`, the caller else.
   TagSearch search_;
   std::vector<std::uint8_t> pixels_;
   ImageView luma_;  // of pixels_
   std::int64_t timestamp_ns_ = 0;
   SearchResolution resolution_ = SearchResolution::full;
+  PastTags found_;
 
   std::mutex mutex_;
   std::condition_variable changed_;
   State state_ = State::empty;  // guarded by mutex_
   bool ends_ = false;           // guarded by mutex_
-  PastTags found_;              // the thread's while `asked`, the caller's when `done`
-  std::thread thread_;          // last: it sees everything above
+  std::thread thread_;          // last: it uses everything above
 };
 
 }  // namespace penumbra

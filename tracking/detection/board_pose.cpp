@@ -11,8 +11,8 @@ namespace {
 
 using Tags = std::vector<TagObservation>;
 
-// A tag contradicts the others when its RMS is over the first, and either over so many times the
-// middle tag's or over what blur does to any tag.
+// A tag contradicts the others when its RMS is over the first limit, and either over this many
+// times the median tag's or over what blur does to any tag.
 constexpr double kOutlier_px = 1.5;
 constexpr double kOutlierTimesMiddle = 2.5;
 constexpr double kOutlierAlways_px = 3.0;
@@ -26,7 +26,7 @@ std::vector<PointObservation> points_of(const Tags& tags) {
   return points;
 }
 
-// Two minima are one when no corner tells them apart: their pixels differ by less than noise.
+// Returns true if the corners of two minima differ by less than noise.
 bool is_same(const CameraModel& camera, const RefinedPose& a, const RefinedPose& b,
              const std::vector<PointObservation>& points) {
   const auto T_a = a.T_table_camera.inverse();
@@ -41,7 +41,7 @@ bool is_same(const CameraModel& camera, const RefinedPose& a, const RefinedPose&
   return std::sqrt(sum / static_cast<double>(points.size())) < 0.02;
 }
 
-// Every distinct minimum that the closed-form starts lead to, best fit first.
+// Distinct minima that the closed-form starts lead to, best fit first.
 std::vector<RefinedPose> minima_of(const CameraModel& camera, const Tags& tags,
                                    const RefinerOptions& options = {}) {
   const std::vector<PointObservation> points = points_of(tags);
@@ -62,31 +62,45 @@ std::vector<RefinedPose> minima_of(const CameraModel& camera, const Tags& tags,
   return distinct;
 }
 
+using Residuals = std::array<Eigen::Vector2d, 4>;  // [px]
+
+// Nothing where a corner projects nowhere.
+std::optional<Residuals> residuals_of(
+    const CameraModel& camera, const TagObservation& tag,
+    const Transform<frame::Camera, frame::Table>& T_camera_table) {
+  Residuals residuals;
+  for (std::size_t i = 0; i < 4; ++i) {
+    const std::optional<Eigen::Vector2d> pixel =
+        camera.project_extended(T_camera_table * tag.corners_table[i]);
+    if (!pixel) return std::nullopt;
+    residuals[i] = *pixel - tag.corners_px[i];
+  }
+  return residuals;
+}
+
 std::vector<double> tag_rms(const CameraModel& camera, const Tags& tags, const CameraPose& pose) {
   const auto T_camera_table = pose.inverse();
   std::vector<double> result;
   for (const TagObservation& tag : tags) {
-    double sum = 0.0;
-    for (std::size_t i = 0; i < 4; ++i) {
-      const std::optional<Eigen::Vector2d> pixel =
-          camera.project_extended(T_camera_table * tag.corners_table[i]);
-      sum += pixel ? (*pixel - tag.corners_px[i]).squaredNorm()
-                   : std::numeric_limits<double>::infinity();
+    const std::optional<Residuals> residuals = residuals_of(camera, tag, T_camera_table);
+    double sum = residuals ? 0.0 : std::numeric_limits<double>::infinity();
+    if (residuals) {
+      for (const Eigen::Vector2d& r : *residuals) sum += r.squaredNorm();
     }
     result.push_back(std::sqrt(sum / 4.0));
   }
   return result;
 }
 
-// Whether the tags do not lie where the map says, with no single one to blame (somebody bumped a
-// part of the board). Noise moves the corners of a tag each its own way; a tag that lies elsewhere
-// has its four moved together, and a pose takes only 6 numbers of that away. So compare, per degree
-// of freedom, how far the tags are displaced as wholes with how far their corners scatter.
+// Returns true if the tags do not lie where the map says, with no single one that is wrong. Noise
+// moves each corner independently; a tag that lies elsewhere has its four moved together, and the
+// pose takes only 6 numbers of that away. Compares, per degree of freedom, the displacement of
+// whole tags with the scatter of their corners.
 bool displaced_as_wholes(const CameraModel& camera, const Tags& tags, const CameraPose& pose) {
-  // Less than this is what lens, tone curve and printing do to real tags [px].
+  // Lens, tone curve and printing displace real tags by less than this [px].
   constexpr double kLeast_px = 0.5;
-  // Independent noise stays under this in 999 of 1000 cases: the F distribution's quantiles of
-  // 2 n - 6 and 6 n degrees of freedom for 4 and 5 tags, and for 6, which bounds those of more.
+  // Quantiles (999 of 1000) of the F distribution of 2 n - 6 and 6 n degrees of freedom, for 4 and
+  // 5 tags, and for 6, which bounds those of more.
   constexpr std::array<double, 3> kGreatestRatio = {9.4, 6.2, 5.0};
   constexpr std::size_t kFewestTags = 4;
   if (tags.size() < kFewestTags) return false;
@@ -96,17 +110,12 @@ bool displaced_as_wholes(const CameraModel& camera, const Tags& tags, const Came
   double between = 0.0;
   double within = 0.0;
   for (const TagObservation& tag : tags) {
-    std::array<Eigen::Vector2d, 4> residual;
+    const std::optional<Residuals> residuals = residuals_of(camera, tag, T_camera_table);
+    if (!residuals) return false;
     Eigen::Vector2d mean = Eigen::Vector2d::Zero();
-    for (std::size_t i = 0; i < 4; ++i) {
-      const std::optional<Eigen::Vector2d> pixel =
-          camera.project_extended(T_camera_table * tag.corners_table[i]);
-      if (!pixel) return false;
-      residual[i] = *pixel - tag.corners_px[i];
-      mean += residual[i] / 4.0;
-    }
+    for (const Eigen::Vector2d& r : *residuals) mean += r / 4.0;
     between += mean.squaredNorm();
-    for (const Eigen::Vector2d& r : residual) within += (r - mean).squaredNorm();
+    for (const Eigen::Vector2d& r : *residuals) within += (r - mean).squaredNorm();
   }
   const auto count = static_cast<double>(tags.size());
   if (between < kLeast_px * kLeast_px * count) return false;
@@ -115,7 +124,7 @@ bool displaced_as_wholes(const CameraModel& camera, const Tags& tags, const Came
   return between_variance > greatest_ratio * within_variance;
 }
 
-// The tag without which the others fit best, and their minima then.
+// The tag without which the others fit best, and their minima without it.
 struct WithoutOne {
   std::size_t index = 0;
   std::vector<RefinedPose> minima;
@@ -123,10 +132,10 @@ struct WithoutOne {
 
 WithoutOne leave_one_out(const CameraModel& camera, const Tags& tags,
                          const std::vector<double>& rms) {
-  // Enough to compare fits: the minima that stay are refined to the end once it is known which.
+  // Enough to compare fits; the minima that stay are refined to the end later.
   RefinerOptions options;
   options.max_iterations = 8;
-  constexpr std::size_t kMostToTry = 12;  // more tags than this outvote one: take the worst
+  constexpr std::size_t kMostToTry = 12;  // with more tags only the worst is tried
   WithoutOne best;
   const auto worst =
       static_cast<std::size_t>(std::max_element(rms.begin(), rms.end()) - rms.begin());
@@ -145,7 +154,7 @@ WithoutOne leave_one_out(const CameraModel& camera, const Tags& tags,
   return best;
 }
 
-// Tags that agree, or all of them where no majority does.
+// Tags that agree, or all tags where no majority does.
 struct Agreement {
   Tags used;
   std::vector<RefinedPose> minima;
@@ -153,9 +162,8 @@ struct Agreement {
   bool agreed = false;
 };
 
-// Rejects the tag without which the rest fits best, again and again, as long as those that stay are
-// the majority. A tag that was moved, misread or half hidden pulls at all the others, so that its
-// own error need not be the largest.
+// Rejects the tag without which the rest fits best, repeatedly, while those that stay are the
+// majority. A wrong tag pulls at all the others, so its own error need not be the largest.
 Agreement reject_outliers(const CameraModel& camera, Tags used) {
   Agreement result;
   result.minima = minima_of(camera, used);
@@ -178,7 +186,7 @@ Agreement reject_outliers(const CameraModel& camera, Tags used) {
       break;
     }
     WithoutOne without = leave_one_out(camera, rest, rms);
-    // Noise alone never falls to a third when one tag goes.
+    // Noise alone never falls to a third without one tag.
     agreed = alike && (without.minima.empty() ||
                        3.0 * without.minima.front().rms_px > rest_minima.front().rms_px);
     if (agreed) break;
@@ -186,7 +194,7 @@ Agreement reject_outliers(const CameraModel& camera, Tags used) {
     rest.erase(rest.begin() + static_cast<std::ptrdiff_t>(without.index));
     rest_minima = std::move(without.minima);
   }
-  // A bare majority may be the half that was moved, with one or two of the others fitting it.
+  // A bare majority may be the moved half, with one or two of the others fitting it.
   result.agreed = agreed && 3 * rejected.size() <= used.size();
   if (!result.agreed) {
     result.used = std::move(used);
@@ -207,12 +215,12 @@ double BoardPose::ambiguity_ratio() const {
 
 bool BoardPose::is_ambiguous(double ratio) const {
   if (!second) return false;
-  // A fit better than corners ever are proves nothing.
+  // A fit better than the noise floor proves nothing.
   const double floor_px = std::sqrt(2.0) * RefinerOptions().noise_floor_px;
   if (second->rms_px < ratio * std::max(best.rms_px, floor_px)) return true;
-  // One tag has 8 numbers for 6 unknowns: by luck the wrong pose fits it perfectly, and the true
-  // one misses it by what noise there is. Take 0.3 px per axis, and leave the second pose out only
-  // where the log-likelihood speaks 18 / 2 against it (1 in 8000 of the right ones).
+  // One tag has 8 numbers for 6 unknowns, so the wrong pose may fit it perfectly. With noise of
+  // 0.3 px per axis, the second pose is dropped where its log-likelihood is 18 / 2 lower (1 in 8000
+  // of the right ones).
   constexpr double kNoise_px = 0.3;
   constexpr double kChiSquare = 18.0;
   const double noise = std::max(kNoise_px, best.noise_px);

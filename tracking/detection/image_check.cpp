@@ -5,17 +5,15 @@
 #include <bit>
 #include <cstddef>
 #include <set>
-#include <utility>
 #include <vector>
 
 #include "core/propagate.hpp"
-#include "tracking/detection/tag_detector.hpp"
 
 namespace penumbra {
 namespace {
 
-constexpr std::size_t kFewestTags = 2;  // one alone may be chance, unless the map has no more
-constexpr int kLargePixels = 500'000;   // above, quads are searched at half the resolution
+constexpr std::size_t kFewestTags = 2;  // a single one may be chance, unless the map has one only
+constexpr int kLargePixels = 500'000;   // above this, quads are searched at half the resolution
 
 struct Copy {
   ImageFault fault;
@@ -46,15 +44,9 @@ std::vector<std::uint8_t> copy_of(ImageView luma, const Copy& copy) {
 }  // namespace
 
 std::string_view to_string(ImageFault fault) {
-  switch (fault) {
-    case ImageFault::mirrored:
-      return "mirrored";
-    case ImageFault::negative:
-      return "negative";
-    case ImageFault::mirrored_negative:
-      break;
-  }
-  return "mirrored and negative";
+  return fault == ImageFault::mirrored   ? "mirrored"
+         : fault == ImageFault::negative ? "negative"
+                                         : "mirrored and negative";
 }
 
 std::string_view advice(ImageFault fault) {
@@ -71,42 +63,28 @@ std::string_view advice(ImageFault fault) {
          "mirror mode and its inversion";
 }
 
-struct ImageCheck::Impl {
-  TagMap tags;
-  TagDetector detector;
-  std::uint64_t images_without_tags = 0;
-  bool done = false;
-
-  [[nodiscard]] bool finds_tags(ImageView luma) {
-    std::set<std::pair<TagFamily, int>> seen;
-    const float decimate = luma.width * luma.height > kLargePixels ? 2.0F : 1.0F;
-    for (const TagDetection& detection : detector.detect(luma, decimate)) {
-      if (tags.find(detection.family, detection.id) != nullptr) {
-        seen.emplace(detection.family, detection.id);
-      }
-    }
-    return seen.size() >= std::min(kFewestTags, tags.tags().size());
-  }
-};
-
-ImageCheck::ImageCheck(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
-ImageCheck::ImageCheck(ImageCheck&&) noexcept = default;
-ImageCheck& ImageCheck::operator=(ImageCheck&&) noexcept = default;
-ImageCheck::~ImageCheck() = default;
-
 Result<ImageCheck> ImageCheck::create(const TagMap& tags) {
-  PENUMBRA_TRY(auto detector, TagDetector::create(tags.families()));
-  return ImageCheck(std::make_unique<Impl>(Impl{tags, std::move(detector)}));
+  PENUMBRA_TRY(TagDetector detector, TagDetector::create(tags.families()));
+  return ImageCheck(tags, std::move(detector));
+}
+
+bool ImageCheck::finds_tags(ImageView luma) {
+  std::set<std::pair<TagFamily, int>> seen;
+  const float decimate = luma.width * luma.height > kLargePixels ? 2.0F : 1.0F;
+  for (const TagDetection& detection : detector_.detect(luma, decimate)) {
+    if (tags_.find(detection.family, detection.id) != nullptr)
+      seen.emplace(detection.family, detection.id);
+  }
+  return seen.size() >= std::min(kFewestTags, tags_.tags().size());
 }
 
 std::optional<ImageFault> ImageCheck::nothing_found(ImageView luma) {
-  Impl& self = *impl_;
-  if (self.done || luma.empty()) return std::nullopt;
-  ++self.images_without_tags;
-  if (self.images_without_tags >= kLastLook) self.done = true;
-  if (!std::has_single_bit(self.images_without_tags)) return std::nullopt;
+  if (done_ || luma.empty()) return std::nullopt;
+  ++images_without_tags_;
+  done_ = images_without_tags_ >= kLastLook;
+  if (!std::has_single_bit(images_without_tags_)) return std::nullopt;
   const auto fault = look(luma);
-  if (fault) self.done = true;
+  if (fault) done_ = true;
   return fault;
 }
 
@@ -114,7 +92,7 @@ std::optional<ImageFault> ImageCheck::look(ImageView luma) {
   if (luma.empty()) return std::nullopt;
   for (const Copy& copy : kCopies) {
     const std::vector<std::uint8_t> pixels = copy_of(luma, copy);
-    if (impl_->finds_tags({pixels.data(), luma.width, luma.height, luma.width})) return copy.fault;
+    if (finds_tags({pixels.data(), luma.width, luma.height, luma.width})) return copy.fault;
   }
   return std::nullopt;
 }

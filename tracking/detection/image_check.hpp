@@ -2,13 +2,14 @@
 #pragma once
 
 #include <cstdint>
-#include <memory>
 #include <optional>
 #include <string_view>
+#include <utility>
 
 #include "core/error.hpp"
 #include "core/geometry/tag_map.hpp"
 #include "core/image/image_view.hpp"
+#include "tracking/detection/tag_detector.hpp"
 
 namespace penumbra {
 
@@ -19,27 +20,28 @@ enum class ImageFault { mirrored, negative, mirrored_negative };
 // Message for users: the fault and its remedy.
 [[nodiscard]] std::string_view advice(ImageFault fault);
 
-// Looks for the map's tags in mirrored and inverted copies of images in which nothing was found.
-// Only the 1st, 2nd, 4th, 8th ... such image is checked, up to the kLastLook-th. Nothing is tracked
-// from such a copy.
+// Searches mirrored and inverted copies of images without tags for the map's tags. Checks only the
+// 1st, 2nd, 4th, 8th ... such image, up to the kLastLook-th.
 class ImageCheck {
  public:
   static constexpr std::uint64_t kLastLook = 1024;
 
   [[nodiscard]] static Result<ImageCheck> create(const TagMap& tags);
-  ImageCheck(ImageCheck&&) noexcept;
-  ImageCheck& operator=(ImageCheck&&) noexcept;
-  ~ImageCheck();
 
   // Takes an image in which none of the tags was found. Returns a fault once.
   [[nodiscard]] std::optional<ImageFault> nothing_found(ImageView luma);
-  // Checks one image, whatever came before it.
+  // Checks one image; does not count it.
   [[nodiscard]] std::optional<ImageFault> look(ImageView luma);
 
  private:
-  struct Impl;
-  explicit ImageCheck(std::unique_ptr<Impl> impl);
-  std::unique_ptr<Impl> impl_;
+  ImageCheck(TagMap tags, TagDetector detector)
+      : tags_(std::move(tags)), detector_(std::move(detector)) {}
+  [[nodiscard]] bool finds_tags(ImageView luma);
+
+  TagMap tags_;
+  TagDetector detector_;
+  std::uint64_t images_without_tags_ = 0;
+  bool done_ = false;
 };
 
 }  // namespace penumbra

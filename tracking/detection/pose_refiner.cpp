@@ -16,22 +16,7 @@ namespace {
 
 constexpr double kNearest = 1e-6;  // [m] in front of the camera
 
-Eigen::Quaterniond exp_quaternion(const Eigen::Vector3d& omega) {
-  const double half = 0.5 * omega.norm();
-  // sin(half) / |omega|, by its series where it would be 0 / 0
-  const double scale = half < 1e-6 ? 0.5 - half * half / 12.0 : 0.5 * std::sin(half) / half;
-  return {std::cos(half), scale * omega.x(), scale * omega.y(), scale * omega.z()};
-}
-
-Eigen::Vector3d log_quaternion(const Eigen::Quaterniond& q) {
-  const double sign = q.w() < 0.0 ? -1.0 : 1.0;  // the shorter way round
-  const double s = q.vec().norm();
-  const double angle = 2.0 * std::atan2(s, sign * q.w());
-  return s < 1e-12 ? Eigen::Vector3d(2.0 * sign * q.vec())
-                   : Eigen::Vector3d(sign * angle / s * q.vec());
-}
-
-// A pose as Ceres holds it: qx qy qz qw tx ty tz of T_table_camera.
+// T_table_camera as a parameter block: qx qy qz qw tx ty tz.
 using PoseParameters = std::array<double, 7>;
 
 CameraPose to_pose(const double* x) {
@@ -43,9 +28,9 @@ void write_pose(const CameraPose& pose, double* x) {
   Eigen::Map<Eigen::Vector3d>(x + 4) = pose.translation();
 }
 
-// Unit quaternions x R^3 with steps in the camera's own axes. Costs write their derivative by the
-// step itself into the first 6 of the 7 columns, and the two Jacobians here only say which those
-// are: Ceres never uses the ambient derivative for anything but this product.
+// Unit quaternions x R^3 with steps in the camera's axes. Costs write their derivative by the step
+// into the first 6 of the 7 columns; the two Jacobians here select these. Ceres uses the ambient
+// derivative only in that product.
 class PoseManifold final : public ceres::Manifold {
  public:
   int AmbientSize() const override { return 7; }
@@ -55,18 +40,15 @@ class PoseManifold final : public ceres::Manifold {
     return true;
   }
   bool PlusJacobian(const double*, double* jacobian) const override {
-    Eigen::Map<Eigen::Matrix<double, 7, 6, Eigen::RowMajor>> J(jacobian);
-    J.setIdentity();
+    Eigen::Map<Eigen::Matrix<double, 7, 6, Eigen::RowMajor>>(jacobian).setIdentity();
     return true;
   }
   bool Minus(const double* y, const double* x, double* y_minus_x) const override {
-    Eigen::Map<Vector6d> difference(y_minus_x);
-    difference = perturbation_between(to_pose(x), to_pose(y));
+    Eigen::Map<Vector6d>{y_minus_x} = perturbation_between(to_pose(x), to_pose(y));
     return true;
   }
   bool MinusJacobian(const double*, double* jacobian) const override {
-    Eigen::Map<Eigen::Matrix<double, 6, 7, Eigen::RowMajor>> J(jacobian);
-    J.setIdentity();
+    Eigen::Map<Eigen::Matrix<double, 6, 7, Eigen::RowMajor>>(jacobian).setIdentity();
     return true;
   }
 };
@@ -121,7 +103,7 @@ std::optional<CameraPose> minimum_by_ceres(const CameraModel& camera,
   solver.max_num_iterations = options.max_iterations;
   solver.num_threads = 1;
   solver.logging_type = ceres::SILENT;
-  // A step under these moves no corner by 1e-4 px.
+  // Shorter steps move no corner by 1e-4 px.
   solver.function_tolerance = 1e-10;
   solver.parameter_tolerance = 1e-10;
   solver.gradient_tolerance = 1e-12;
@@ -131,14 +113,15 @@ std::optional<CameraPose> minimum_by_ceres(const CameraModel& camera,
   return to_pose(x.data());
 }
 
-// The squares' sum of a pose with Huber's loss, and where asked for its normal equations by the
-// step in the camera's own axes. Infinite where a point is not in front of the camera.
+// In steps in the camera's axes.
 struct NormalEquations {
   Matrix6d H = Matrix6d::Zero();  // lower triangle
   Vector6d g = Vector6d::Zero();
 };
+// Sum of squares under Huber's loss; adds the normal equations. Infinite where a point is not in
+// front of the camera.
 double cost_of(const CameraModel& camera, std::span<const PointObservation> observations,
-               const CameraPose& pose, double robust_scale_px, NormalEquations* equations) {
+               const CameraPose& pose, double robust_scale_px, NormalEquations& equations) {
   const auto T_camera_table = pose.inverse();
   const Eigen::Matrix3d R = T_camera_table.rotation_matrix();
   const Eigen::Vector3d& t = T_camera_table.translation();
@@ -147,13 +130,11 @@ double cost_of(const CameraModel& camera, std::span<const PointObservation> obse
   for (const PointObservation& observation : observations) {
     const Eigen::Vector3d p = R * observation.p_table + t;
     if (!(p.z() > kNearest)) return std::numeric_limits<double>::infinity();
-    const Eigen::Vector2d r =
-        camera.project_unchecked(p, equations != nullptr ? &J_point : nullptr) - observation.pixel;
+    const Eigen::Vector2d r = camera.project_unchecked(p, &J_point) - observation.pixel;
     const double square = r.squaredNorm();
     const bool inside = square <= robust_scale_px * robust_scale_px;
     const double error = inside ? 0.0 : std::sqrt(square);
     cost += inside ? square : robust_scale_px * (2.0 * error - robust_scale_px);
-    if (equations == nullptr) continue;
     const double weight = inside ? 1.0 : robust_scale_px / error;
     // The camera's own motion moves the point to p - nu - omega x p = p - nu + [p]x omega.
     std::array<std::array<double, 6>, 2> J;
@@ -168,25 +149,25 @@ double cost_of(const CameraModel& camera, std::span<const PointObservation> obse
       const double w0 = weight * J[0][row];
       const double w1 = weight * J[1][row];
       for (std::size_t column = 0; column <= row; ++column)
-        equations->H(static_cast<int>(row), static_cast<int>(column)) +=
+        equations.H(static_cast<int>(row), static_cast<int>(column)) +=
             w0 * J[0][column] + w1 * J[1][column];
-      equations->g[static_cast<int>(row)] += w0 * r[0] + w1 * r[1];
+      equations.g[static_cast<int>(row)] += w0 * r[0] + w1 * r[1];
     }
   }
   return cost;
 }
 
-// Levenberg and Marquardt, with Huber's weights renewed in every step. Where it starts a point must
-// be in front of the camera.
+// Levenberg-Marquardt with Huber's weights of the current pose. Every point must be in front of the
+// camera at the start.
 std::optional<CameraPose> minimum_near(const CameraModel& camera,
                                        std::span<const PointObservation> observations,
                                        const CameraPose& start, const RefinerOptions& options) {
-  // A step that moves the points by less, RMS, is the last [px].
+  // A step that moves the points by less is the last [px], RMS.
   constexpr double kLastStep_px = 1e-7;
   const double last_step2 = kLastStep_px * kLastStep_px * static_cast<double>(observations.size());
   CameraPose pose = start;
   NormalEquations equations;
-  double cost = cost_of(camera, observations, pose, options.robust_scale_px, &equations);
+  double cost = cost_of(camera, observations, pose, options.robust_scale_px, equations);
   if (!std::isfinite(cost)) return std::nullopt;
   double damping = 1e-4;
   double harder = 2.0;
@@ -199,7 +180,7 @@ std::optional<CameraPose> minimum_near(const CameraModel& camera,
     const CameraPose next = perturbed(pose, step);
     NormalEquations next_equations;
     const double next_cost =
-        cost_of(camera, observations, next, options.robust_scale_px, &next_equations);
+        cost_of(camera, observations, next, options.robust_scale_px, next_equations);
     if (next_cost <= cost) {
       pose = next;
       cost = next_cost;
@@ -210,26 +191,27 @@ std::optional<CameraPose> minimum_near(const CameraModel& camera,
       damping *= harder;
       harder *= 2.0;
     }
-    // With rejected steps too: what is left to gain is rounding.
-    if (moved2 <= last_step2) break;
-    if (!(damping < 1e32)) break;
+    // Rejected steps count as well: only rounding is left.
+    if (moved2 <= last_step2 || !(damping < 1e32)) break;
   }
   return pose;
 }
 
 }  // namespace
 
-CameraPose perturbed(const CameraPose& T_table_camera, const Vector6d& xi) {
-  return {T_table_camera.rotation() * exp_quaternion(xi.tail<3>()),
-          T_table_camera.translation() + T_table_camera.rotation() * xi.head<3>()};
+Eigen::Quaterniond exp_quaternion(const Eigen::Vector3d& omega) {
+  const double half = 0.5 * omega.norm();
+  // sin(half) / |omega|, or its series near 0 / 0
+  const double scale = half < 1e-6 ? 0.5 - half * half / 12.0 : 0.5 * std::sin(half) / half;
+  return {std::cos(half), scale * omega.x(), scale * omega.y(), scale * omega.z()};
 }
 
-Vector6d perturbation_between(const CameraPose& from, const CameraPose& to) {
-  Vector6d xi;
-  const Eigen::Quaterniond inverse = from.rotation().conjugate();
-  xi.head<3>() = inverse * (to.translation() - from.translation());
-  xi.tail<3>() = log_quaternion(inverse * to.rotation());
-  return xi;
+Eigen::Vector3d log_quaternion(const Eigen::Quaterniond& q) {
+  const double sign = q.w() < 0.0 ? -1.0 : 1.0;  // the shorter way round
+  const double s = q.vec().norm();
+  const double angle = 2.0 * std::atan2(s, sign * q.w());
+  return s < 1e-12 ? Eigen::Vector3d(2.0 * sign * q.vec())
+                   : Eigen::Vector3d(sign * angle / s * q.vec());
 }
 
 Eigen::Matrix<double, 2, 6> reprojection_jacobian(const CameraModel& camera,
@@ -264,8 +246,8 @@ std::optional<RefinedPose> refine_pose(const CameraModel& camera,
   RefinedPose result;
   result.T_table_camera = *minimum;
   if (!result.T_table_camera.is_finite()) return std::nullopt;
-  // Information of the weighted problem. Translations are measured in units of the distance, so
-  // that all six directions compare.
+  // Information of the weighted problem. Translations are scaled by the distance, so that all six
+  // directions compare.
   const auto T_refined = result.T_table_camera.inverse();
   Matrix6d information = Matrix6d::Zero();
   double sum = 0.0;
@@ -295,9 +277,8 @@ std::optional<RefinedPose> refine_pose(const CameraModel& camera,
   const Matrix6d inverse = eigen.eigenvectors() * eigen.eigenvalues().cwiseInverse().asDiagonal() *
                            eigen.eigenvectors().transpose();
   result.rms_px = std::sqrt(sum / count);
-  // Variance per axis from the residuals. With few of them that estimate is itself uncertain: the
-  // spread of a chi-square of `freedom` degrees about its mean is sqrt(2 / freedom); take its upper
-  // side.
+  // Variance per axis, at the upper end of its uncertainty: a chi-square of `freedom` degrees
+  // spreads by sqrt(2 / freedom) about its mean.
   const double freedom = std::max(2.0 * count - 6.0, 1.0);
   const double floor2 = options.noise_floor_px * options.noise_floor_px;
   const double variance =

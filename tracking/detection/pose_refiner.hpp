@@ -1,5 +1,4 @@
-// Camera pose by least squares on reprojection errors, with the full lens model and a robust loss,
-// and what it is worth: its covariance.
+// Camera pose and its covariance by robust least squares on reprojection errors.
 #pragma once
 
 #include <Eigen/Core>
@@ -15,24 +14,47 @@ namespace penumbra {
 using Vector6d = Eigen::Matrix<double, 6, 1>;
 using Matrix6d = Eigen::Matrix<double, 6, 6>;
 
-// The pose moved by xi = [nu; omega] (translation first, [m, rad], in the camera's own axes):
-// R exp(omega), t + R nu. To first order T exp(xi).
-[[nodiscard]] CameraPose perturbed(const CameraPose& T_table_camera, const Vector6d& xi);
-// The xi that leads from `from` to `to`.
-[[nodiscard]] Vector6d perturbation_between(const CameraPose& from, const CameraPose& to);
+// Diagonal covariance of a pose with these standard deviations [m, rad] per axis.
+[[nodiscard]] inline Matrix6d covariance_of(double linear_m, double angular_rad) {
+  Matrix6d covariance = Matrix6d::Zero();
+  covariance.diagonal().head<3>().setConstant(linear_m * linear_m);
+  covariance.diagonal().tail<3>().setConstant(angular_rad * angular_rad);
+  return covariance;
+}
 
-// d pixel / d xi at xi = 0, for a point on the table; the point must be in front of the camera.
+// Rotation vector [rad] -> unit quaternion, and back.
+[[nodiscard]] Eigen::Quaterniond exp_quaternion(const Eigen::Vector3d& omega);
+[[nodiscard]] Eigen::Vector3d log_quaternion(const Eigen::Quaterniond& q);
+
+// R exp(omega), t + R nu for xi = [nu; omega] (translation first, [m, rad], axes of From).
+template <class To, class From>
+[[nodiscard]] Transform<To, From> perturbed(const Transform<To, From>& T, const Vector6d& xi) {
+  return {T.rotation() * exp_quaternion(xi.tail<3>()),
+          T.translation() + T.rotation() * xi.head<3>()};
+}
+// The xi that leads from `from` to `to`.
+template <class To, class From>
+[[nodiscard]] Vector6d perturbation_between(const Transform<To, From>& from,
+                                            const Transform<To, From>& to) {
+  Vector6d xi;
+  const Eigen::Quaterniond inverse = from.rotation().conjugate();
+  xi.head<3>() = inverse * (to.translation() - from.translation());
+  xi.tail<3>() = log_quaternion(inverse * to.rotation());
+  return xi;
+}
+
+// d pixel / d xi at xi = 0, for a point on the table, which must be in front of the camera.
 [[nodiscard]] Eigen::Matrix<double, 2, 6> reprojection_jacobian(const CameraModel& camera,
                                                                 const CameraPose& T_table_camera,
                                                                 const Eigen::Vector3d& p_table);
 
 struct RefinerOptions {
   double robust_scale_px = 1.0;  // Huber: errors beyond count linearly
-  // [px] per axis. Corners are never taken to be better than this: what is left of a lens model and
-  // of tone mapping does not show in the residuals.
+  // Least error of a corner [px] per axis: residuals don't show errors of lens model and tone
+  // curve.
   double noise_floor_px = 0.15;
   int max_iterations = 50;
-  // The minimum by ceres::Solve: the same to some thousandths of a pixel, at twenty times the cost.
+  // Uses ceres::Solve: the same to some thousandths of a pixel, at twenty times the cost.
   bool by_ceres = false;
 };
 
@@ -43,8 +65,8 @@ struct RefinedPose {
   double noise_px = 0.0;                   // per axis, as the covariance was scaled
 };
 
-// By Levenberg and Marquardt. Nothing when the start is not in front of every point, the points do
-// not fix the pose, or the solver finds no finite minimum.
+// Levenberg-Marquardt. Nothing when a point is behind the start, the points do not fix the pose, or
+// the minimum is not finite.
 [[nodiscard]] std::optional<RefinedPose> refine_pose(const CameraModel& camera,
                                                      std::span<const PointObservation> observations,
                                                      const CameraPose& start,

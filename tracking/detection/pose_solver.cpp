@@ -5,12 +5,11 @@
 #include <cmath>
 #include <opencv2/calib3d.hpp>
 #include <optional>
-#include <utility>
 
 namespace penumbra {
 namespace {
 
-// Points in a frame of their own: origin at their centroid, z the direction of least spread.
+// Principal axes of points: origin at their centroid, z the direction of least spread.
 struct Spread {
   Eigen::Vector3d centroid = Eigen::Vector3d::Zero();
   Eigen::Matrix3d R_table_own = Eigen::Matrix3d::Identity();
@@ -75,13 +74,11 @@ std::vector<CameraPose> solve_pose(const CameraModel& camera,
       cv::solvePnPGeneric(object, image, cv::Matx33d::eye(), cv::noArray(), rotations, translations,
                           false, planar ? cv::SOLVEPNP_IPPE : cv::SOLVEPNP_SQPNP);
     } catch (const std::exception&) {
-      return;  // points that its checks refuse have no pose
+      return;  // OpenCV refuses points that have no pose
     }
     for (std::size_t i = 0; i < rotations.size(); ++i) {
-      const Eigen::Vector3d r(rotations[i].at<double>(0), rotations[i].at<double>(1),
-                              rotations[i].at<double>(2));
-      const Eigen::Vector3d t(translations[i].at<double>(0), translations[i].at<double>(1),
-                              translations[i].at<double>(2));
+      const Eigen::Vector3d r(rotations[i].ptr<double>());
+      const Eigen::Vector3d t(translations[i].ptr<double>());
       if (!r.allFinite() || !t.allFinite()) continue;
       const double angle = r.norm();
       Eigen::Matrix3d R_camera_own = Eigen::Matrix3d::Identity();
@@ -103,7 +100,7 @@ std::vector<CameraPose> solve_pose(const CameraModel& camera,
   constexpr double kPlanar = 0.002;
   constexpr double kNearlyPlanar = 0.1;
   if (flatness < kNearlyPlanar) solve(true);
-  if (flatness > kPlanar && points.size() >= 4) solve(false);
+  if (flatness > kPlanar) solve(false);
   std::stable_sort(candidates.begin(), candidates.end(),
                    [](const Candidate& a, const Candidate& b) { return a.error < b.error; });
   std::vector<CameraPose> poses;

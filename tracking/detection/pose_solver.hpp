@@ -15,11 +15,10 @@ struct PointObservation {
   Eigen::Vector2d pixel;    // [px]
 };
 
-// Poses that explain the observations, closest fit first. Coplanar points have two (Collins and
-// Bartoli, Infinitesimal Plane-based Pose Estimation, IJCV 2014): both are returned where both see
-// all points from in front. Other points: SQPnP (Terzakis and Lourakis, ECCV 2020), and both planar
-// ones too where the points are nearly coplanar. None for fewer than 4 observations with a ray,
-// points on a line, or numbers that are not finite.
+// Poses that see all points from in front, closest fit first. Coplanar points have up to two (IPPE:
+// Collins and Bartoli, IJCV 2014), other points one (SQPnP: Terzakis and Lourakis, ECCV 2020),
+// nearly coplanar ones all three. None for fewer than 4 observations with a ray, points on a line,
+// or numbers that are not finite.
 [[nodiscard]] std::vector<CameraPose> solve_pose(const CameraModel& camera,
                                                  std::span<const PointObservation> observations);
 

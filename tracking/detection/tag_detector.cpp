@@ -14,16 +14,18 @@ namespace penumbra {
 namespace {
 
 // libapriltag 3.3.0 reads outside its buffers where an image has fewer than 3 rows or columns of
-// 4x4 px threshold tiles; the largest one that crashed was 5 px wide. No tag is readable under
-// this size.
-constexpr int kSmallestSide = 16;    // [px], after decimation
-constexpr int kLargestSide = 32767;  // its cluster points are 16-bit half pixels
+// 4x4 px threshold tiles. No tag is readable under this size [px], after decimation.
+constexpr int kSmallestSide = 16;
+constexpr int kLargestSide = 32767;         // its cluster points are 16-bit half pixels
+constexpr int kMostCorrectedBits = 1;       // detections with more are dropped
+constexpr double kDecodeSharpening = 0.25;  // libapriltag's default
 
 struct DestroyDetections {
   void operator()(zarray_t* detections) const { apriltag_detections_destroy(detections); }
 };
 
-// Finite, convex, wound as the front of a tag is seen, and not collapsed to a line.
+// Returns true if the corners are finite, convex, wound as a tag seen from in front, and not on a
+// line.
 bool is_proper(const std::array<Eigen::Vector2d, 4>& corners) {
   for (std::size_t i = 0; i < 4; ++i) {
     if (!corners[i].allFinite()) return false;
@@ -36,7 +38,7 @@ bool is_proper(const std::array<Eigen::Vector2d, 4>& corners) {
   return true;
 }
 
-// Anything else is rounded down for the image but not for the corners.
+// libapriltag rounds other factors down for the image but not for the corners.
 bool is_decimation(float d) {
   return d == 1.5F || (d >= 1.0F && d <= 8.0F && d == std::floor(d));
 }
@@ -58,7 +60,6 @@ struct TagDetector::Impl {
 
   apriltag_detector_t* detector = nullptr;
   std::vector<Family> families;  // the detector borrows them
-  TagDetectorOptions options;
 };
 
 TagDetector::TagDetector(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
@@ -69,25 +70,15 @@ TagDetector::~TagDetector() = default;
 Result<TagDetector> TagDetector::create(std::span<const TagFamily> families,
                                         const TagDetectorOptions& options) {
   if (families.empty()) return fail("tag detector: no tag family is given; name at least one");
-  const float d = options.quad_decimate;
-  if (!is_decimation(d))
-    return fail("tag detector: quad_decimate is {}; give 1, 1.5 or a whole number up to 8", d);
-  if (options.max_hamming < 0 || options.max_hamming > 2)
-    return fail("tag detector: max_hamming is {}; give 0, 1 or 2", options.max_hamming);
-  if (!std::isfinite(options.decode_sharpening) || options.decode_sharpening < 0.0) {
-    return fail("tag detector: decode_sharpening is {}; give 0 or more", options.decode_sharpening);
-  }
-  if (options.border_cells != 1 && options.border_cells != 2)
-    return fail("tag detector: border_cells is {}; give 1 or 2", options.border_cells);
+  PENUMBRA_ASSERT(options.border_cells == 1 || options.border_cells == 2);
   auto impl = std::make_unique<Impl>();
-  impl->options = options;
   impl->detector = apriltag_detector_create();
   if (impl->detector == nullptr) return fail("tag detector: libapriltag gave none; free memory");
   // With more threads 3.3.0 has races (its union-find and its worker pool).
   impl->detector->nthreads = 1;
   impl->detector->quad_sigma = 0.0F;
-  impl->detector->refine_edges = options.refine_edges;
-  impl->detector->decode_sharpening = options.decode_sharpening;
+  impl->detector->refine_edges = true;
+  impl->detector->decode_sharpening = kDecodeSharpening;
   impl->detector->debug = false;
   std::vector<TagFamily> unique(families.begin(), families.end());
   std::sort(unique.begin(), unique.end());
@@ -107,27 +98,23 @@ Result<TagDetector> TagDetector::create(std::span<const TagFamily> families,
       }
     }
     apriltag_detector_add_family_bits(impl->detector, handle.get(),
-                                      std::min(options.max_hamming, most_corrected_bits(family)));
+                                      std::min(kMostCorrectedBits, most_corrected_bits(family)));
     impl->families.push_back({family, std::move(handle)});
   }
   return TagDetector(std::move(impl));
 }
 
-std::vector<TagDetection> TagDetector::detect(ImageView luma) {
-  return detect(luma, impl_->options.quad_decimate);
-}
-
-std::vector<TagDetection> TagDetector::detect(ImageView luma, float decimate) {
-  PENUMBRA_ASSERT(is_decimation(decimate));
+std::vector<TagDetection> TagDetector::detect(ImageView luma, float quad_decimate) {
+  PENUMBRA_ASSERT(is_decimation(quad_decimate));
   std::vector<TagDetection> result;
   if (luma.empty() || luma.stride < luma.width) return result;
   const auto decimated = [&](int side) {
-    return static_cast<int>(std::floor(static_cast<float>(side) / decimate));
+    return static_cast<int>(std::floor(static_cast<float>(side) / quad_decimate));
   };
   if (std::min(decimated(luma.width), decimated(luma.height)) < kSmallestSide) return result;
   if (std::max(luma.width, luma.height) > kLargestSide || luma.stride > 1 << 24) return result;
 
-  impl_->detector->quad_decimate = decimate;
+  impl_->detector->quad_decimate = quad_decimate;
   // A header over our pixels; libapriltag only reads them (quad_sigma and debug are off).
   image_u8_t image = {luma.width, luma.height, static_cast<std::int32_t>(luma.stride),
                       const_cast<std::uint8_t*>(luma.data)};
@@ -137,7 +124,7 @@ std::vector<TagDetection> TagDetector::detect(ImageView luma, float decimate) {
   for (int i = 0; i < zarray_size(found.get()); ++i) {
     apriltag_detection_t* detection = nullptr;
     zarray_get(found.get(), i, &detection);
-    if (detection == nullptr || detection->hamming > impl_->options.max_hamming) continue;
+    if (detection == nullptr || detection->hamming > kMostCorrectedBits) continue;
     const auto family =
         std::find_if(impl_->families.begin(), impl_->families.end(),
                      [&](const Impl::Family& f) { return f.handle.get() == detection->family; });
@@ -145,9 +132,7 @@ std::vector<TagDetection> TagDetector::detect(ImageView luma, float decimate) {
     TagDetection tag;
     tag.family = family->family;
     tag.id = detection->id;
-    tag.hamming = detection->hamming;
-    tag.decision_margin = detection->decision_margin;
-    // Here pixel (0, 0) is a pixel's centre, there its corner.
+    // libapriltag's pixel (0, 0) is the corner of the top-left pixel.
     for (std::size_t c = 0; c < 4; ++c)
       tag.corners_px[c] = {detection->p[c][0] - 0.5, detection->p[c][1] - 0.5};
     if (is_proper(tag.corners_px)) result.push_back(tag);

@@ -10,17 +10,35 @@
 #include <apriltag/tagStandard41h12.h>
 #include <apriltag/tagStandard52h13.h>
 
+#include <algorithm>
+#include <array>
 #include <cstdlib>
-#include <vector>
 
-#include "tracking/detection/aruco_codes.hpp"
+#include "core/assert.hpp"
 
 namespace penumbra {
 namespace {
 
-// A dictionary has the cells of one of libapriltag's families: only the codes are its own. There
-// each bit has a place of its own, so that turning the tag shifts the code. `destroy` is the
-// family's; its codes are constants of the library, and these are not.
+struct LibraryFamily {
+  TagFamily family;
+  apriltag_family_t* (*create)();
+  void (*destroy)(apriltag_family_t*);
+};
+constexpr std::array<LibraryFamily, 9> kLibraryFamilies = {{
+    {TagFamily::tag36h11, tag36h11_create, tag36h11_destroy},
+    {TagFamily::tag36h10, tag36h10_create, tag36h10_destroy},
+    {TagFamily::tag25h9, tag25h9_create, tag25h9_destroy},
+    {TagFamily::tag16h5, tag16h5_create, tag16h5_destroy},
+    {TagFamily::tag_circle21h7, tagCircle21h7_create, tagCircle21h7_destroy},
+    {TagFamily::tag_circle49h12, tagCircle49h12_create, tagCircle49h12_destroy},
+    {TagFamily::tag_standard41h12, tagStandard41h12_create, tagStandard41h12_destroy},
+    {TagFamily::tag_standard52h13, tagStandard52h13_create, tagStandard52h13_destroy},
+    {TagFamily::tag_custom48h12, tagCustom48h12_create, tagCustom48h12_destroy},
+}};
+
+// Replaces the codes of the library's family with the same cells by the dictionary's. libapriltag
+// orders bits so that turning the tag shifts the code. The library's own codes are constants and
+// must not be freed; these are allocated.
 template <void (*destroy)(apriltag_family_t*)>
 TagFamilyHandle with_aruco_codes(apriltag_family_t* family, const ArucoDictionary& dictionary) {
   const auto destroy_with_codes = [](apriltag_family_t* made) {
@@ -58,33 +76,15 @@ TagFamilyHandle make_tag_family(TagFamily family) {
     if (aruco->cells == 5) return with_aruco_codes<tag25h9_destroy>(tag25h9_create(), *aruco);
     return with_aruco_codes<tag36h11_destroy>(tag36h11_create(), *aruco);
   }
-  switch (family) {
-    case TagFamily::tag36h10:
-      return {tag36h10_create(), tag36h10_destroy};
-    case TagFamily::tag25h9:
-      return {tag25h9_create(), tag25h9_destroy};
-    case TagFamily::tag16h5:
-      return {tag16h5_create(), tag16h5_destroy};
-    case TagFamily::tag_circle21h7:
-      return {tagCircle21h7_create(), tagCircle21h7_destroy};
-    case TagFamily::tag_circle49h12:
-      return {tagCircle49h12_create(), tagCircle49h12_destroy};
-    case TagFamily::tag_standard41h12:
-      return {tagStandard41h12_create(), tagStandard41h12_destroy};
-    case TagFamily::tag_standard52h13:
-      return {tagStandard52h13_create(), tagStandard52h13_destroy};
-    case TagFamily::tag_custom48h12:
-      return {tagCustom48h12_create(), tagCustom48h12_destroy};
-    default:
-      return {tag36h11_create(), tag36h11_destroy};
-  }
+  const auto known = std::ranges::find(kLibraryFamilies, family, &LibraryFamily::family);
+  PENUMBRA_ASSERT(known != kLibraryFamilies.end());
+  return {known->create(), known->destroy};
 }
 
 int most_corrected_bits(TagFamily family) {
   const auto aruco = aruco_dictionary_of(family);
   // With a wrong bit allowed, one in twenty squares of any kind reads as a marker of 4x4_50.
-  if (aruco) return aruco->cells == 4 ? 0 : 2;
-  return 2;
+  return aruco && aruco->cells == 4 ? 0 : 2;
 }
 
 }  // namespace penumbra

@@ -1,6 +1,5 @@
 #include "tracking/detection/tag_search.hpp"
 
-#include <algorithm>
 #include <cmath>
 #include <cstddef>
 
@@ -20,24 +19,17 @@ std::array<std::uint8_t, 256> linearising_table(double exponent) {
 }
 
 float decimation(SearchResolution resolution) {
-  switch (resolution) {
-    case SearchResolution::quarter:
-      return 4.0F;
-    case SearchResolution::half:
-      return 2.0F;
-    case SearchResolution::full:
-      break;
-  }
-  return 1.0F;
+  return resolution == SearchResolution::quarter ? 4.0F
+         : resolution == SearchResolution::half  ? 2.0F
+                                                 : 1.0F;
 }
 
 }  // namespace
 
 Result<TagSearch> TagSearch::create(std::span<const TagFamily> families,
-                                    const TagDetectorOptions& options,
                                     std::optional<double> tone_exponent) {
-  PENUMBRA_TRY(TagDetector detector, TagDetector::create(families, options));
-  TagSearch search(std::move(detector), options.quad_decimate);
+  PENUMBRA_TRY(TagDetector detector, TagDetector::create(families));
+  TagSearch search(std::move(detector));
   if (tone_exponent) search.linearise_ = linearising_table(*tone_exponent);
   return search;
 }
@@ -67,8 +59,7 @@ ImageView TagSearch::in_linear_light(ImageView image) {
 const std::vector<TagDetection>& TagSearch::tags(SearchResolution resolution) {
   if (searched(resolution)) return found_;
   searched_at_ = resolution;
-  found_ =
-      detector_.detect(in_linear_light(image_), std::max(least_decimate_, decimation(resolution)));
+  found_ = detector_.detect(in_linear_light(image_), decimation(resolution));
   return found_;
 }
 
@@ -76,8 +67,8 @@ std::vector<TagDetection> TagSearch::tags_within(const PixelBox& box) {
   PENUMBRA_ASSERT(box.x >= 0 && box.y >= 0 && box.width > 0 && box.height > 0 &&
                   box.x + box.width <= image_.width && box.y + box.height <= image_.height);
   const ImageView part = {image_.row(box.y) + box.x, box.width, box.height, image_.stride};
-  std::vector<TagDetection> tags = detector_.detect(
-      in_linear_light(part), std::max(least_decimate_, decimation(SearchResolution::half)));
+  std::vector<TagDetection> tags =
+      detector_.detect(in_linear_light(part), decimation(SearchResolution::half));
   for (TagDetection& tag : tags) {
     for (Eigen::Vector2d& corner : tag.corners_px) corner += Eigen::Vector2d(box.x, box.y);
   }

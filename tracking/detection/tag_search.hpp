@@ -1,9 +1,8 @@
-// The tags of a frame, searched for once however many groups of tags ask.
+// Searches a frame for tags once; all groups of tags share the result.
 #pragma once
 
 #include <array>
 #include <cstdint>
-#include <memory>
 #include <optional>
 #include <span>
 #include <vector>
@@ -16,7 +15,7 @@
 
 namespace penumbra {
 
-// Quads are searched at so much of the image's resolution, coarse to fine.
+// Resolution at which quads are searched, as a share of the image's; coarse to fine.
 enum class SearchResolution { quarter, half, full };
 
 // A part of the image [px].
@@ -26,39 +25,30 @@ struct PixelBox {
 
 class TagSearch {
  public:
-  // `tone_exponent`: linear light = (grey / 255) ^ exponent, where it is known; tags are then
-  // searched for in linear light, because a tone curve makes white bleed into black and moves every
-  // edge into the tag.
+  // `tone_exponent`: linear light = (grey / 255) ^ exponent. Where known, searches linear light.
   [[nodiscard]] static Result<TagSearch> create(std::span<const TagFamily> families,
-                                                const TagDetectorOptions& options,
                                                 std::optional<double> tone_exponent);
 
-  // The frame that is searched from here on; its pixels must outlive the search.
+  // Begins a frame; its pixels must outlive the search.
   void begin(const Frame& frame);
   void begin(ImageView luma);
   // The frame's luma as it was captured.
   [[nodiscard]] ImageView image() const { return image_; }
-  // Whether the frame was searched already.
-  [[nodiscard]] bool searched() const { return searched_at_.has_value(); }
-  // Whether it was at this resolution or a finer one: asking for it again costs nothing.
-  [[nodiscard]] bool searched(SearchResolution resolution) const {
+  // True if the frame was searched, at this resolution or a finer one.
+  [[nodiscard]] bool searched(SearchResolution resolution = SearchResolution::quarter) const {
     return searched_at_ && *searched_at_ >= resolution;
   }
-  // What was found at this resolution, or at a finer one that somebody asked for before. Valid
-  // until a finer one is asked for.
+  // Tags at this resolution, or at a finer one that was searched. Valid until a finer search.
   [[nodiscard]] const std::vector<TagDetection>& tags(SearchResolution resolution);
-  // Those that lie wholly within a part of the frame, which must be inside of it, at half of the
-  // resolution. Not what tags() then knows.
+  // Tags wholly within `box`, inside the frame, at half resolution. tags() does not keep them.
   [[nodiscard]] std::vector<TagDetection> tags_within(const PixelBox& box);
 
  private:
   [[nodiscard]] ImageView in_linear_light(ImageView image);
 
-  TagSearch(TagDetector detector, float least_decimate)
-      : detector_(std::move(detector)), least_decimate_(least_decimate) {}
+  explicit TagSearch(TagDetector detector) : detector_(std::move(detector)) {}
 
   TagDetector detector_;
-  float least_decimate_ = 1.0F;
   std::optional<std::array<std::uint8_t, 256>> linearise_;
   std::vector<std::uint8_t> luma_scratch_;
   std::vector<std::uint8_t> linear_scratch_;

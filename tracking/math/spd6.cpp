@@ -7,7 +7,7 @@ namespace penumbra {
 namespace {
 
 constexpr int kSize = 6;
-// What a pivot is of its diagonal's element where all but some of its digits are lost.
+// Least pivot as a share of its diagonal element: most digits are lost.
 constexpr double kLeastPivot = 1e-13;
 
 // A = L D L^T, L with ones on its diagonal.
@@ -16,7 +16,7 @@ struct Factors {
   std::array<double, kSize> inverse_D;
 };
 
-// False where A is not positive definite; written so that what is no number is not, either.
+// False where A is not positive definite or has a NaN.
 bool factorise(const Matrix6d& A, Factors& factors) {
   auto& [L, inverse_D] = factors;
   std::array<std::array<double, kSize>, kSize> scaled;  // L D

@@ -32,17 +32,15 @@ ImageMotion motion_found(const PoseHistory& history, const CameraModel& camera, 
   if (!result.verified) return found;
   const auto motion = history.motion_at(frame.timestamp_ns, result.T_table_camera);
   if (!motion) {
-    found.blur = alignment.aligner.motion_blur_error(longest_cells);
+    found.blur = alignment.aligner.motion_blur_error(std::nullopt, false, longest_cells);
     return found;
   }
-  // Frames that lie further apart than this were dropped or exposed for longer in the dark; the
-  // first is assumed.
+  // Frames further apart were dropped or exposed for longer; the first is assumed.
   constexpr double kLongestExposure_s = 1.0 / 30.0;
   const double interval_s = history.frame_interval_s();
   const double exposure_s =
       std::min(frame.exposure_s.value_or(std::min(interval_s, kLongestExposure_s)), interval_s);
-  // Blur may displace either of the two poses of a motion of one step. With a third pose it would
-  // have to displace all of them alike.
+  // With two poses blur may displace either; with three it would displace all alike.
   if (exposure_s > 0.0)
     found.blur = alignment.aligner.motion_blur_error(exposure_s * motion->velocity,
                                                      frame.exposure_s.has_value(),
@@ -67,8 +65,7 @@ void align_at_own_speed(const PoseHistory& history, const CameraModel& camera, c
   if (!(half_readout_s > 0.0) && !(exposure_s > 0.0)) return;
   constexpr double kElsewhere_px = 0.1;
   constexpr double kBlurred_px = 2.0;
-  // A motion that changes by a larger share within a frame is not known well enough to model its
-  // blur, see docs/tracking.md#motion-blur.
+  // Greatest change of a motion whose blur is modelled, see docs/tracking.md#motion-blur.
   constexpr double kEvenly = 0.25;
   constexpr int kTries = 2;
   for (int i = 0; i < kTries && result.verified; ++i) {
@@ -88,8 +85,7 @@ void align_at_own_speed(const PoseHistory& history, const CameraModel& camera, c
     const Vector6d velocity_before = std::exchange(input.velocity, velocity);
     const Vector6d exposure_motion_before = input.exposure_motion;
     if (blurred) input.exposure_motion = exposure_motion;
-    // The image decides whether it is blurred so, and whether the rows were seen from there where
-    // the pose before may be far off itself.
+    // The residuals decide, unless the rows move from a tracked pose.
     const double residual = elsewhere && history.was_tracked()
                                 ? std::numeric_limits<double>::infinity()
                                 : result.residual_rms;
@@ -119,9 +115,12 @@ bool align_with_motion_blur(const PoseHistory& history, const CameraModel& camer
       !most_are_displaced(result)) {
     const MotionBlurError left =
         motion_found(history, camera, frame, alignment, kAlignedBlur_cells).blur;
-    // A pose from which nothing moved by a cell may have slid along a blur that is still there.
-    const bool slid = left.shift_px == 0.0 &&
-                      alignment.aligner.motion_blur_error(kAlignedBlur_cells).shift_px > 0.0;
+    // A pose without motion of a cell may have slid along a blur that is still there.
+    const auto blur_is_left = [&] {
+      const auto any = alignment.aligner.motion_blur_error(std::nullopt, false, kAlignedBlur_cells);
+      return any.shift_px > 0.0;
+    };
+    const bool slid = left.shift_px == 0.0 && blur_is_left();
     if (left.shift_px < blur.shift_px && !slid) {
       blur = left;
       return true;

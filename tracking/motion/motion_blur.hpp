@@ -1,5 +1,4 @@
-// What the camera's motion during an exposure does to an aligned pose, and alignments that model
-// that motion.
+// Effect of motion during an exposure on an aligned pose, and alignments that model it.
 #pragma once
 
 #include "core/image/frame.hpp"
@@ -9,7 +8,7 @@
 
 namespace penumbra {
 
-// The longest blur through which tags are read, by libapriltag and by the alignment [cells].
+// Longest blur through which libapriltag and the alignment read tags [cells].
 inline constexpr double kDetectedBlur_cells = 2.0;
 inline constexpr double kAlignedBlur_cells = 5.0;
 
@@ -24,20 +23,20 @@ struct ImageMotion {
 [[nodiscard]] double image_motion_px(const CameraModel& camera, const CameraPose& pose,
                                      const Vector6d& velocity);
 
-// The motion in a frame by its aligned pose and the poses before it, and what that motion hides of
-// the pose. `longest_cells`: the longest blur that the method which found the pose reads.
+// Motion in a frame and the pose error that it hides. `longest_cells`: the longest blur that the
+// method which found the pose reads.
 [[nodiscard]] ImageMotion motion_found(const PoseHistory& history, const CameraModel& camera,
                                        const Frame& frame, const Alignment& alignment,
                                        double longest_cells);
 
-// Aligns again where the motion that the aligned pose shows differs from the predicted one by so
-// much that a rolling shutter or a known exposure matters.
+// Aligns again where the motion differs from the prediction and a rolling shutter or a known
+// exposure matters.
 void align_at_own_speed(const PoseHistory& history, const CameraModel& camera, const Frame& frame,
                         Alignment& alignment);
 
-// Aligns a blurred frame again with tags that are blurred along its motion: by the exposure, or,
-// where that is unknown, by as much of the frame interval as explains the image best. Keeps the
-// pose of which the blur hides less; true where that is the new one. `blur`: what it hides.
+// Aligns a blurred frame again with a model of its motion: during the exposure, or, where that is
+// unknown, the share of the frame interval that explains the image best. Returns true, and keeps
+// the new pose, if the blur hides less of it. `blur`: the hidden error.
 [[nodiscard]] bool align_with_motion_blur(const PoseHistory& history, const CameraModel& camera,
                                           const Frame& frame, Alignment& alignment,
                                           MotionBlurError& blur);

@@ -10,8 +10,7 @@
 namespace penumbra {
 namespace {
 
-// Accelerations of a hand, as the displacement they add to a prediction over a thirtieth of a
-// second: from a camera at rest to a hard shake (10 mm is 9 m/s^2).
+// Accelerations of a hand, as displacement in 1/30 s (10 mm: 9 m/s^2).
 constexpr double kFrame_s = 1.0 / 30.0;
 constexpr double density(double displacement) {
   return 3.0 * displacement * displacement / (kFrame_s * kFrame_s * kFrame_s);
@@ -20,11 +19,11 @@ constexpr double kStartLinear_m = 0.010, kLeastLinear_m = 0.0003, kMostLinear_m 
 constexpr double kStartAngular_rad = radians(1.0);
 constexpr double kLeastAngular_rad = radians(0.03);
 constexpr double kMostAngular_rad = radians(3.0);
-// How fast a camera in a hand goes, when nothing is known of its motion.
+// Speed of a hand-held camera of unknown motion (1 sigma).
 constexpr double kLinearSpeed_m_s = 0.7;
 constexpr double kAngularSpeed_rad_s = 2.0;
 
-// Moves q towards what the last innovation says: at once when it says more, slowly when less.
+// Adapts q to the last innovation: at once where that is larger, slowly where it is smaller.
 double adapted(double q, double ratio, double least, double most) {
   const double factor =
       ratio > 1.0 ? std::min(ratio, 1000.0) : std::pow(std::max(ratio, 0.05), 0.1);
@@ -34,14 +33,9 @@ double adapted(double q, double ratio, double least, double most) {
 }  // namespace
 
 Matrix6d unforeseen_motion(double age_s) {
-  constexpr double kLinear = 2.0;    // [m/s^2]
-  constexpr double kAngular = 10.0;  // [rad/s^2]
-  const double travel = 0.5 * kLinear * age_s * age_s;
-  const double turn = 0.5 * kAngular * age_s * age_s;
-  Matrix6d covariance = Matrix6d::Zero();
-  covariance.diagonal().head<3>().setConstant(travel * travel);
-  covariance.diagonal().tail<3>().setConstant(turn * turn);
-  return covariance;
+  constexpr double kLinear_m_s2 = 2.0;
+  constexpr double kAngular_rad_s2 = 10.0;
+  return covariance_of(0.5 * kLinear_m_s2 * age_s * age_s, 0.5 * kAngular_rad_s2 * age_s * age_s);
 }
 
 void MotionModel::start(std::int64_t timestamp_ns, const CameraPose& T_table_camera,
@@ -51,8 +45,7 @@ void MotionModel::start(std::int64_t timestamp_ns, const CameraPose& T_table_cam
   state.timestamp_ns = timestamp_ns;
   state.pose = T_table_camera;
   state.P_pose = covariance;
-  state.P_velocity.diagonal().head<3>().setConstant(kLinearSpeed_m_s * kLinearSpeed_m_s);
-  state.P_velocity.diagonal().tail<3>().setConstant(kAngularSpeed_rad_s * kAngularSpeed_rad_s);
+  state.P_velocity = covariance_of(kLinearSpeed_m_s, kAngularSpeed_rad_s);
   state.q_linear = density(kStartLinear_m);
   state.q_angular = density(kStartAngular_rad);
   state_ = state;
@@ -85,13 +78,13 @@ void MotionModel::update(std::int64_t timestamp_ns, const CameraPose& T_table_ca
   PENUMBRA_ASSERT(T_table_camera.is_finite() && covariance.allFinite());
   State next = advanced(timestamp_ns);
   const Vector6d moved = perturbation_between(next.pose, T_table_camera);
-  // The pose's correction is passed on to the velocity as far as the two were known to go together.
+  // The pose's correction changes the velocity by their cross-covariance.
   const Matrix6d gain = next.P_cross * inverse_of_spd(next.P_pose);
   const Matrix6d learned = next.P_pose - covariance;  // E[moved moved^T] if q is right
   const auto ratio = [&](int first) {
     const double expected = learned.diagonal().segment<3>(first).sum();
     const double found = moved.segment<3>(first).squaredNorm();
-    // Where the image says no more than the prediction there is nothing to learn.
+    // Learns nothing where the image says no more than the prediction.
     return expected > 0.1 * next.P_pose.diagonal().segment<3>(first).sum() ? found / expected
                                                                            : 0.999;
   };

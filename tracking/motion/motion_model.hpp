@@ -1,6 +1,5 @@
-// Hand-held motion: the camera goes on as it went, with accelerations whose strength is learned
-// from how far the last predictions were off. A Kalman filter on pose and velocity; the measurement
-// itself (image and prediction weighed together) is the alignment's.
+// Kalman filter on pose and velocity of a hand-held camera; it adapts the strength of the
+// accelerations to its innovations. The alignment combines image and prediction.
 #pragma once
 
 #include <cstdint>
@@ -17,24 +16,21 @@ struct MotionPrediction {
   Vector6d velocity = Vector6d::Zero();    // [m/s, rad/s], camera frame
 };
 
-// What a pose that is continued at constant velocity for `age_s` may be off by (covariance [m^2],
-// [rad^2]): a hand changes its speed by about 2 m/s^2 and 10 rad/s^2 [1 sigma].
+// Covariance of a pose that a hand moved on for `age_s` at constant velocity [m^2, rad^2].
 [[nodiscard]] Matrix6d unforeseen_motion(double age_s);
 
 class MotionModel {
  public:
-  // Forgets everything.
   void reset() { state_.reset(); }
   [[nodiscard]] bool has_state() const { return state_.has_value(); }
   [[nodiscard]] std::int64_t timestamp_ns() const { return state_->timestamp_ns; }
 
-  // Starts from a pose with nothing known of the motion.
+  // Starts from a pose of unknown motion.
   void start(std::int64_t timestamp_ns, const CameraPose& T_table_camera,
              const Matrix6d& covariance);
   // Needs a state; `timestamp_ns` not before the state's.
   [[nodiscard]] MotionPrediction predict(std::int64_t timestamp_ns) const;
-  // What was found at `timestamp_ns` when starting from predict(timestamp_ns): the pose and its
-  // covariance, the prediction included.
+  // Takes the pose found from predict(timestamp_ns), and its covariance, prediction included.
   void update(std::int64_t timestamp_ns, const CameraPose& T_table_camera,
               const Matrix6d& covariance);
 
@@ -43,10 +39,10 @@ class MotionModel {
     std::int64_t timestamp_ns = 0;
     CameraPose pose;
     Vector6d velocity = Vector6d::Zero();  // linear [m/s], then angular [rad/s]
-    Matrix6d P_pose = Matrix6d::Zero();    // squares of [m] and [rad]; the others accordingly
+    Matrix6d P_pose = Matrix6d::Zero();    // squares of [m] and [rad]; the others alike
     Matrix6d P_cross = Matrix6d::Zero();   // velocity (rows), pose (columns)
     Matrix6d P_velocity = Matrix6d::Zero();
-    // Strength of the accelerations: spectral density, [m^2/s^3] and [rad^2/s^3].
+    // Spectral densities of the accelerations [m^2/s^3], [rad^2/s^3].
     double q_linear = 0.0;
     double q_angular = 0.0;
   };

@@ -1,4 +1,4 @@
-// The last measured poses, and what they say of the motion since.
+// The last measured poses and the motion between them.
 #pragma once
 
 #include <cstdint>
@@ -12,8 +12,7 @@
 
 namespace penumbra {
 
-// How long a measured pose still says where the camera is, well enough to choose between two poses
-// or to give a velocity [s].
+// Longest age of a pose that chooses between two poses or gives a velocity [s].
 inline constexpr double kPriorLifetime_s = 0.2;
 
 // Motion of the camera in a frame, as perturbations of its pose per second.
@@ -25,30 +24,26 @@ struct CameraMotion {
 
 class PoseHistory {
  public:
-  // Begins a frame: poses that are not older than it are forgotten, because the clock jumped.
+  // Begins a frame; forgets newer poses, because the clock jumped.
   void begin_frame(std::int64_t timestamp_ns);
-  // Time since the frame before, which an exposure can't exceed [s]; 0: unknown.
+  // Time since the frame before, a limit of the exposure [s]; 0: unknown.
   [[nodiscard]] double frame_interval_s() const { return frame_interval_s_; }
 
-  // Adds the pose of the frame. `is_located`: it is not one of several that lie far apart.
-  // `continues`: the next poses may be predicted from it.
+  // Adds a pose. `is_located`: not one of several far apart. `continues`: predictions may use it.
   void add(std::int64_t timestamp_ns, const PoseEstimate& estimate, bool is_located,
            bool continues);
 
-  // The tracked motion continued at constant velocity, as a rotation about an axis and a
-  // translation in the camera's axes.
+  // The tracked motion continued at constant velocity.
   [[nodiscard]] std::optional<CameraPose> predict(std::int64_t timestamp_ns) const;
   // The same while the last tracked pose is recent.
   [[nodiscard]] std::optional<CameraPose> recent_prediction(std::int64_t timestamp_ns) const;
-  // The motion in a frame with this pose, as if the velocity changed evenly. It uses measured poses
-  // only: a prediction may be missing, or another one.
+  // Motion in a frame with this pose, by measured poses and constant acceleration.
   [[nodiscard]] std::optional<CameraMotion> motion_at(std::int64_t timestamp_ns,
                                                       const CameraPose& pose) const;
-  // Whether the pose before is known well enough to take its motion for the camera's.
+  // Returns true if the pose before was tracked.
   [[nodiscard]] bool was_tracked() const { return measured_->tracked; }
 
-  // The estimate of a frame without a measurement: the motion extrapolated for up to `hold_s`, or
-  // lost.
+  // Extrapolates a frame without a measurement for up to `hold_s`; then lost.
   [[nodiscard]] PoseEstimate coast(const CameraModel& camera, std::int64_t timestamp_ns,
                                    double hold_s, std::string reason) const;
 

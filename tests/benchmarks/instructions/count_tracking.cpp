@@ -22,7 +22,7 @@
 #include "support/replay_tracking.hpp"
 #include "tracking/detection/board_pose.hpp"
 #include "tracking/detection/tag_detector.hpp"
-#include "tracking/rigid_tag_tracker.hpp"
+#include "tracking/group_tracker.hpp"
 
 namespace penumbra {
 namespace {
@@ -34,8 +34,8 @@ std::optional<Method> tracker_of(const test::RecordedSession& session, const std
   const auto mode = tracking_mode_from_string(name);
   if (!mode) return std::nullopt;
   options.mode = *mode;
-  auto tracker = std::make_shared<RigidTagTracker>(
-      RigidTagTracker::create(session.camera, session.tags, options).value());
+  auto tracker = std::make_shared<GroupTracker>(
+      GroupTracker::create(session.camera, session.tags, options).value());
   return [tracker](const Frame& frame) -> std::optional<CameraPose> {
     const PoseEstimate pose = tracker->track(frame).pose;
     if (pose.status != TrackStatus::tracked) return std::nullopt;
@@ -44,12 +44,13 @@ std::optional<Method> tracker_of(const test::RecordedSession& session, const std
 }
 
 Method libapriltag_of(const test::RecordedSession& session, float quad_decimate) {
-  auto detector = std::make_shared<TagDetector>(
-      TagDetector::create(session.tags.families(), {.quad_decimate = quad_decimate}).value());
+  auto detector =
+      std::make_shared<TagDetector>(TagDetector::create(session.tags.families()).value());
   auto scratch = std::make_shared<std::vector<std::uint8_t>>();
-  return [detector, scratch, &session](const Frame& frame) -> std::optional<CameraPose> {
+  return [detector, scratch, quad_decimate,
+          &session](const Frame& frame) -> std::optional<CameraPose> {
     std::vector<TagObservation> observations;
-    for (const TagDetection& seen : detector->detect(luma(frame, *scratch))) {
+    for (const TagDetection& seen : detector->detect(luma(frame, *scratch), quad_decimate)) {
       const MappedTag* tag = session.tags.find(seen.family, seen.id);
       if (tag != nullptr && tag->group == kTableGroup)
         observations.push_back({tag->id, tag->corners(), seen.corners_px});

@@ -7,7 +7,7 @@
 
 #include "core/assert.hpp"
 #include "core/stopwatch.hpp"
-#include "tracking/rigid_tag_tracker.hpp"
+#include "tracking/group_tracker.hpp"
 
 namespace penumbra::peers {
 namespace {
@@ -17,8 +17,8 @@ NamedMethod ours(std::string_view name, TrackingMode mode, const CameraModel& ca
   return {std::string(name), true, [mode, camera, tags] {
             TrackerOptions options;
             options.mode = mode;
-            auto tracker = std::make_shared<RigidTagTracker>(
-                RigidTagTracker::create(camera, tags, options).value());
+            auto tracker =
+                std::make_shared<GroupTracker>(GroupTracker::create(camera, tags, options).value());
             return Method([tracker](const Frame& frame) -> std::optional<Found> {
               const PoseEstimate pose = tracker->track(frame).pose;
               if (!pose.has_pose()) return std::nullopt;

@@ -16,11 +16,12 @@ class Libapriltag : public Peer {
   Libapriltag(const CameraModel& camera, const TagMap& tags, float quad_decimate, PoseBy pose_by)
       : camera_(camera),
         tags_(tags),
-        detector_(TagDetector::create(tags.families(), {.quad_decimate = quad_decimate}).value()),
+        detector_(TagDetector::create(tags.families()).value()),
+        quad_decimate_(quad_decimate),
         pose_by_(pose_by) {}
 
   std::optional<CameraPose> find(ImageView luma) override {
-    const std::vector<TagDetection> detections = detector_.detect(luma);
+    const std::vector<TagDetection> detections = detector_.detect(luma, quad_decimate_);
     if (pose_by_ == PoseBy::pnp) {
       std::vector<PointObservation> points;
       for (const TagDetection& detection : detections)
@@ -42,6 +43,7 @@ class Libapriltag : public Peer {
   CameraModel camera_;
   TagMap tags_;
   TagDetector detector_;
+  float quad_decimate_;
   PoseBy pose_by_;
 };
 

@@ -17,7 +17,7 @@ using Clock = std::chrono::steady_clock;
 constexpr std::array kFamilies = {TagFamily::tag36h11};
 
 std::unique_ptr<BackgroundSearch> search(bool own_thread) {
-  return BackgroundSearch::create(kFamilies, TagDetectorOptions(), 1.6, own_thread).value();
+  return BackgroundSearch::create(kFamilies, 1.6, own_thread).value();
 }
 
 void expect_same(const std::vector<TagDetection>& a, const std::vector<TagDetection>& b) {
@@ -36,7 +36,7 @@ TEST(BackgroundSearch, FindsWhatASearchAtOnceFinds) {
     auto beside = search(own_thread);
     EXPECT_TRUE(beside->idle());
     EXPECT_FALSE(beside->take(true));
-    TagSearch at_once = TagSearch::create(kFamilies, TagDetectorOptions(), 1.6).value();
+    TagSearch at_once = TagSearch::create(kFamilies, 1.6).value();
     for (int f = 0; f < 4; ++f) {
       const Frame frame = stage.picture(f);
       std::vector<std::uint8_t> scratch;

@@ -12,7 +12,6 @@
 
 #include "core/evaluation/evaluation.hpp"
 #include "support/group_stage.hpp"
-#include "tracking/rigid_tag_tracker.hpp"
 
 namespace penumbra {
 namespace group_tracker_test {
@@ -150,7 +149,10 @@ TEST(GroupTracker, TheTableIsTheSameWhateverIsTrackedBesideIt) {
   for (const TrackingMode mode : {TrackingMode::detect, TrackingMode::automatic}) {
     TrackerOptions options;
     options.mode = mode;
-    auto alone = RigidTagTracker::create(stage.camera, stage.map(), options).value();
+    std::vector<MappedTag> of_table = stage.map().tags();
+    std::erase_if(of_table, [](const MappedTag& tag) { return tag.group != kTableGroup; });
+    auto alone =
+        GroupTracker::create(stage.camera, TagMap::make(of_table).value(), options).value();
     auto none = GroupTracker::create(stage.camera, stage.map(), options, std::vector<std::string>())
                     .value();
     auto one = GroupTracker::create(stage.camera, stage.map(), options,

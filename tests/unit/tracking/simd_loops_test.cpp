@@ -117,10 +117,10 @@ TEST(SimdLoops, JacobiansMatchCentralDifferences) {
         xi[k] = step;
         AccumulateInput moved = in;
         set_pose(T * exp_se3(xi), moved);
-        variant.evaluate(moved, set.s);
+        variant.evaluate(&moved, &set.s, 1);
         std::vector<float> plus(set.s.model, set.s.model + set.s.count);
         set_pose(T * exp_se3(-xi), moved);
-        variant.evaluate(moved, set.s);
+        variant.evaluate(&moved, &set.s, 1);
         for (int i = 0; i < set.s.count; ++i) {
           numeric[static_cast<std::size_t>(k)].push_back(
               120.0 *
@@ -129,7 +129,7 @@ TEST(SimdLoops, JacobiansMatchCentralDifferences) {
               (2.0 * step));
         }
       }
-      variant.evaluate(in, set.s);
+      variant.evaluate(&in, &set.s, 1);
       for (int i = 0; i < set.s.count; ++i) {
         // With one sample's weight the gradient is its own Jacobian times its residual.
         for (int j = 0; j < set.s.count; ++j) set.s.weight[j] = i == j ? 1.0F : 0.0F;
@@ -223,11 +223,11 @@ TEST(SimdLoops, EvaluateMomentsAveragesSingleMoments) {
       const auto inputs = moments_of(T, some_motion(), in);
       std::vector<double> mean(static_cast<std::size_t>(set.s.count), 0.0);
       for (std::size_t k = 0; k < kMoments; ++k) {
-        variant.evaluate(inputs[k], moments[k]);
+        variant.evaluate(&inputs[k], &moments[k], 1);
         for (std::size_t i = 0; i < mean.size(); ++i)
           mean[i] += static_cast<double>(set.s.model[i]) / kMoments;
       }
-      variant.evaluate_moments(inputs.data(), moments.data(), kMoments);
+      variant.evaluate(inputs.data(), moments.data(), kMoments);
       for (std::size_t i = 0; i < mean.size(); ++i)
         EXPECT_NEAR(static_cast<double>(set.s.model[i]), mean[i], 1e-6);
     }
@@ -245,10 +245,10 @@ TEST(SimdLoops, ModelsOfAllReachesAgreeForDistantLines) {
   for (const int reach : {1, 2, 3}) {
     in.reach = reach;
     in.correlated = false;
-    variant.evaluate(in, set.s);
+    variant.evaluate(&in, &set.s, 1);
     const std::vector<float> plain(set.s.model, set.s.model + set.s.count);
     in.correlated = true;
-    variant.evaluate(in, set.s);
+    variant.evaluate(&in, &set.s, 1);
     for (int i = 0; i < set.s.count; ++i)
       EXPECT_NEAR(set.s.model[i], plain[static_cast<std::size_t>(i)], 2e-4F);
   }
@@ -266,7 +266,7 @@ TEST(SimdLoops, CorrelatedBlurMatchesBivariateNormal) {
     for (int k = 0; k < 4; ++k) set.s.c[k][i] = k == 3 ? 1.0F : 0.0F;
     set.s.rho[i] = static_cast<float>(correlations[static_cast<std::size_t>(i % 4)]);
   }
-  simd::widest_loops().evaluate(in, set.s);
+  simd::widest_loops().evaluate(&in, &set.s, 1);
   for (int i = 0; i < 16; ++i) {
     const double rho = static_cast<double>(set.s.rho[i]);
     const Eigen::Matrix3d M =
@@ -405,7 +405,7 @@ TEST(SimdLoops, EveryInstructionSetGivesSameBits) {
           const auto inputs = moments_of(T, some_motion(), in);
           const std::array<Samples, kMoments> moments = {set.s, set.s, set.s};
           variant->anchor(inputs[0].lattice_from_ray, reach, 11, set.s);
-          variant->evaluate_moments(inputs.data(), moments.data(), kMoments);
+          variant->evaluate(inputs.data(), moments.data(), kMoments);
           models.emplace_back(set.s.model, set.s.model + set.s.count);
           rays.emplace_back(set.s.ray_x, set.s.ray_x + set.s.count);
           std::vector<std::int16_t> map(64 * 20);

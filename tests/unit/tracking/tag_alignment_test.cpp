@@ -14,6 +14,8 @@
 
 #include "core/evaluation/evaluation.hpp"
 #include "support/synthetic_board.hpp"
+#include "tracking/alignment/alignment_problem.hpp"
+#include "tracking/alignment/pattern_search.hpp"
 #include "tracking/alignment/simd/alignment_loops.hpp"
 #include "tracking/detection/board_pose.hpp"
 #include "tracking/math/se3.hpp"
@@ -378,6 +380,8 @@ TEST_F(TagAlignerTest, PatternSearchPredictsItsError) {
     const std::vector<MappedTag> tags = board(columns, rows, size_m);
     PatternRenderer renderer = PatternRenderer::create(camera_, tags).value();
     auto aligner = TagAligner::create(camera_, tags).value();
+    AlignmentProblem problem = AlignmentProblem::make(camera_, tags, {}).value();
+    PatternSearch search(problem);
     std::vector<double> times;
     int unknown = 0;
     for (int k = 0; k < kPictures; ++k) {
@@ -394,9 +398,11 @@ TEST_F(TagAlignerTest, PatternSearchPredictsItsError) {
       input.covariance = loose_prior(0.0007 * 25.0, 0.0012 * 25.0);
       input.seen_contrast = aligner.align(input).counters.contrast;
       input.predicted = displaced(camera_, tags, truth, 12.0 / kPictures * k, random_);
-      const std::optional<SearchedPose> found = aligner.search(input);
-      ASSERT_TRUE(found) << k;
-      if (!std::isfinite(found->error_px)) {
+      problem.begin(input);
+      problem.T_camera_table = problem.T_predicted;
+      problem.find_visible(Projection::search);
+      ASSERT_TRUE(search.search(input.seen_contrast)) << k;
+      if (!std::isfinite(search.error_px())) {
         ++unknown;
         continue;
       }
@@ -404,11 +410,11 @@ TEST_F(TagAlignerTest, PatternSearchPredictsItsError) {
       for (const MappedTag& tag : tags) {
         for (const Eigen::Vector3d& corner : tag.corners()) {
           const auto at = camera_.project(truth.inverse() * corner);
-          const auto by_search = camera_.project(found->T_table_camera.inverse() * corner);
+          const auto by_search = camera_.project(problem.pose().inverse() * corner);
           if (at && by_search) worst_px = std::max(worst_px, (*at - *by_search).norm());
         }
       }
-      times.push_back(worst_px / found->error_px);
+      times.push_back(worst_px / search.error_px());
     }
     const Statistics s = statistics_of(times);
     RecordProperty(fmt::format("of_{}_x_{}_of_{}_m", columns, rows, size_m),
@@ -873,7 +879,7 @@ TEST_F(TagAlignerTest, MotionBlurErrorAllowsForWrongMotion) {
       const MotionBlurError sure = aligner.motion_blur_error(nearly_none, known);
       EXPECT_EQ(sure.shift_px, 0.0) << "of less than a cell";
       const MotionBlurError any = aligner.motion_blur_error(nearly_none, known, kLongest_cells);
-      const MotionBlurError none = aligner.motion_blur_error(kLongest_cells);
+      const MotionBlurError none = aligner.motion_blur_error(std::nullopt, false, kLongest_cells);
       EXPECT_GT(any.shift_px, 0.3);
       EXPECT_TRUE(any.motion.isZero(0.0)) << "it smeared nothing";
       EXPECT_EQ(any.shift_px, none.shift_px);
@@ -1014,7 +1020,7 @@ TEST_F(TagAlignerTest, MotionBlurErrorNeedsNoKnownMotion) {
       input.covariance = loose_prior(0.0005, 0.001);
       const AlignmentResult result = aligner.refine(input);
       if (!result.verified) return std::optional<double>();
-      const MotionBlurError found = aligner.motion_blur_error(2.0);
+      const MotionBlurError found = aligner.motion_blur_error(std::nullopt, false, 2.0);
       const double told_px =
           expected_overlay_error_px(camera_, result.T_table_camera, found.covariance);
       EXPECT_TRUE(found.motion.isZero(0.0)) << "nobody reported it";
@@ -1123,7 +1129,7 @@ TEST_F(TagAlignerTest, EveryInstructionSetGivesSamePose) {
   std::optional<CameraPose> first_smeared;
   for (const simd::Loops* const* v = simd::available_loops(); *v != nullptr; ++v) {
     AlignmentOptions options;
-    options.instruction_set = (*v)->name;
+    options.loops = *v;
     auto aligner = TagAligner::create(camera_, tags_, options).value();
     const auto expect_same = [&](const AlignmentResult& result, std::optional<CameraPose>& as) {
       ASSERT_TRUE(result.verified);

@@ -92,7 +92,6 @@ TEST(TagDetector, CornersAreInOrderAndPixelCentresAreWholeNumbers) {
     const auto tags = detector.detect(drawn.view());
     ASSERT_EQ(tags.size(), 1U) << i;
     EXPECT_EQ(tags[0].id, i);
-    EXPECT_EQ(tags[0].hamming, 0);
     for (std::size_t k = 0; k < 4; ++k) {
       const Eigen::Vector2d error = tags[0].corners_px[k] - drawn.corners_px[k];
       EXPECT_LT(error.norm(), 0.6) << i << " corner " << k;
@@ -137,14 +136,12 @@ class GuardedPixels {
 TEST(TagDetector, NoSizeOfImageMakesItCrash) {
   const GuardedPixels noise;
   ASSERT_TRUE(noise.guarded());
+  TagDetector detector = TagDetector::create(kFamily).value();
   for (const float decimate : {1.0F, 1.5F, 2.0F, 3.0F, 4.0F}) {
-    TagDetectorOptions options;
-    options.quad_decimate = decimate;
-    TagDetector detector = TagDetector::create(kFamily, options).value();
     for (int height = 1; height <= 40; ++height) {
       for (int width = 1; width <= 40; ++width) {
-        EXPECT_TRUE(detector.detect(noise.view(width, height, width)).empty());
-        EXPECT_TRUE(detector.detect(noise.view(width, height, 64)).empty());
+        EXPECT_TRUE(detector.detect(noise.view(width, height, width), decimate).empty());
+        EXPECT_TRUE(detector.detect(noise.view(width, height, 64), decimate).empty());
       }
     }
   }
@@ -159,18 +156,7 @@ TEST(TagDetector, EmptyViewsHaveNoTags) {
   EXPECT_TRUE(detector.detect({pixels.data(), 0, 100, 100}).empty());
 }
 
-TEST(TagDetector, RefusesOptionsThatTheLibraryMisreads) {
-  const auto refuses = [](TagDetectorOptions options) {
-    EXPECT_FALSE(TagDetector::create(kFamily, options));
-  };
-  for (const float decimate : {0.0F, 0.5F, 2.5F, 9.0F, std::numeric_limits<float>::quiet_NaN()}) {
-    TagDetectorOptions options;
-    options.quad_decimate = decimate;
-    refuses(options);
-  }
-  TagDetectorOptions options;
-  options.max_hamming = 3;
-  refuses(options);
+TEST(TagDetector, NeedsTagFamily) {
   EXPECT_FALSE(TagDetector::create({}));
 }
 
@@ -187,7 +173,6 @@ TEST(TagDetector, TheSameImageGivesTheSameBits) {
 // The rendered sheet's exact corners. Its tone curve lets white bleed into black, so that each
 // corner lies some 0.2 px inside its tag: that cancels over the four, an origin off by half a pixel
 // does not.
-// One detector at several resolutions is several detectors.
 TEST(TagDetector, SearchesQuadsAtTheAskedDecimation) {
   const auto image = load_image(test::recordings_dir() / "tabletop" / "frames" / "000000.jpg");
   ASSERT_TRUE(image);
@@ -197,11 +182,9 @@ TEST(TagDetector, SearchesQuadsAtTheAskedDecimation) {
   std::size_t before = 0;
   for (const float decimate : {4.0F, 2.0F, 1.0F, 2.0F}) {
     SCOPED_TRACE(decimate);
-    TagDetectorOptions options;
-    options.quad_decimate = decimate;
-    TagDetector own = TagDetector::create(kFamily, options).value();
+    TagDetector own = TagDetector::create(kFamily).value();
     const std::vector<TagDetection> found = one.detect(view, decimate);
-    const std::vector<TagDetection> expected = own.detect(view);
+    const std::vector<TagDetection> expected = own.detect(view, decimate);
     ASSERT_EQ(found.size(), expected.size());
     if (decimate == 4.0F) before = found.size();
     EXPECT_GE(found.size(), before) << "finer finds more";
@@ -237,7 +220,7 @@ TEST(TagDetector, AgreesWithTheTruthOfARecording) {
   const auto estimate = estimator.estimate();
   ASSERT_TRUE(estimate) << estimate.error().message;
   const auto inward_px = [&](std::optional<double> tone_exponent) {
-    TagSearch search = TagSearch::create(map.families(), {}, tone_exponent).value();
+    TagSearch search = TagSearch::create(map.families(), tone_exponent).value();
     Eigen::Vector2d sum = Eigen::Vector2d::Zero();
     double inward = 0.0;
     int count = 0;

@@ -9,7 +9,6 @@
 
 #include "support/synthetic_board.hpp"
 #include "tracking/alignment/tag_pattern.hpp"
-#include "tracking/detection/aruco_codes.hpp"
 #include "tracking/detection/tag_detector.hpp"
 
 namespace penumbra {

@@ -1,7 +1,6 @@
 #include "tracking/alignment/simd/alignment_loops.hpp"
 
 #include <array>
-#include <cstddef>
 
 #include "core/camera/camera_model.hpp"
 
@@ -21,15 +20,9 @@ extern const Loops kLoops;
 
 namespace {
 
-struct LoopsList {
-  std::array<const Loops*, 4> loops{};
-  std::size_t count = 0;
-};
-
-// Asks for the features that the loops are compiled for, see CMakeLists.txt.
-LoopsList find_loops() {
-  LoopsList list;
-  list.loops[list.count++] = &generic::kLoops;
+// Null ends the list. Checks the features that the loops are compiled for, see CMakeLists.txt.
+std::array<const Loops*, 4> find_loops() {
+  std::array<const Loops*, 4> loops = {&generic::kLoops};
 #if defined(__x86_64__)
   __builtin_cpu_init();
   const bool v3 = __builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma") &&
@@ -37,15 +30,10 @@ LoopsList find_loops() {
   const bool v4 = v3 && __builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512bw") &&
                   __builtin_cpu_supports("avx512cd") && __builtin_cpu_supports("avx512dq") &&
                   __builtin_cpu_supports("avx512vl");
-  if (v3) list.loops[list.count++] = &avx2::kLoops;
-  if (v4) list.loops[list.count++] = &avx512::kLoops;
+  if (v3) loops[1] = &avx2::kLoops;
+  if (v4) loops[2] = &avx512::kLoops;
 #endif
-  return list;
-}
-
-const LoopsList& all_loops() {
-  static const LoopsList list = find_loops();
-  return list;
+  return loops;
 }
 
 }  // namespace
@@ -66,12 +54,15 @@ Lens lens_of(const CameraModel& camera) {
   return lens;
 }
 
-const Loops& widest_loops() {
-  return *all_loops().loops[all_loops().count - 1];
+const Loops* const* available_loops() {
+  static const std::array<const Loops*, 4> loops = find_loops();
+  return loops.data();
 }
 
-const Loops* const* available_loops() {
-  return all_loops().loops.data();
+const Loops& widest_loops() {
+  const Loops* const* loops = available_loops();
+  while (loops[1] != nullptr) ++loops;
+  return **loops;
 }
 
 }  // namespace penumbra::simd

@@ -1,11 +1,10 @@
 // Inner loops of the pattern alignment, compiled for each instruction set and chosen at run time.
+// Every instruction set gives the same bits: sums run in 16 fixed lanes and no product is fused
+// with a sum. Data are plain arrays of float, because code for a wider instruction set must not
+// instantiate templates that other files share.
 //
-// Everything here is plain arrays of float in structure-of-arrays layout: a file that is compiled
-// for a wider instruction set must not instantiate templates that other files share. Sums run in 16
-// fixed lanes and no product is fused with a sum, so every instruction set gives the same bits.
-//
-// Lattice coordinates (a, b) are those of tag_pattern.hpp; "ray" is (x, y) of the direction
-// (x, y, 1) in the camera frame, without distortion.
+// Lattice coordinates (a, b) are those of tag_pattern.hpp. A ray is (x, y) of the direction (x, y,
+// 1) in the camera frame, without distortion.
 #pragma once
 
 #include <cstddef>
@@ -21,23 +20,22 @@ inline constexpr int kBlock = 64;  // sample arrays are padded to a multiple of 
 
 struct Lens {
   float fx = 0.0F, fy = 0.0F, cx = 0.0F, cy = 0.0F;  // [px]
-  // polynomial: k4 k5 k6 (the denominator of the rational model) are 0
+  // polynomial: the rational model with k4 = k5 = k6 = 0
   enum class Kind { none, polynomial, rational, fisheye } kind = Kind::none;
   float k[8] = {};  // k1 k2 p1 p2 k3 k4 k5 k6, or k1..k4 of the fisheye
-  // Squared radius of rays beyond which the model folds back; infinite when it never does.
+  // Squared radius of rays beyond which the distortion is not monotonic; may be infinite.
   float max_radius2 = __builtin_inff();
 };
 
-// How the image is blurred, as variances in pixels: what the lens and the pixel's box do, and the
-// image's motion during the exposure (a box along `motion`, by its variance).
+// Variance of the blur by the lens and the pixel's box, and motion during the exposure.
 struct Blur {
   float variance_px2 = 0.0F;
   float motion_x_px = 0.0F, motion_y_px = 0.0F;
 };
 
-// Lattice points (a, b) -> ray, pixel, depth (<= 0: behind the camera or beyond the lens model),
-// and the blur there. ka, kb: 1 / sigma along a and b [1/cells]; rho: their correlation. Arrays
-// that are not wanted are null: rho, or rays, ka, kb and rho.
+// Projects lattice points; depth <= 0: behind the camera or beyond the lens model. ka, kb: 1 /
+// sigma of the blur along a and b [1/cells]; rho: their correlation. Arrays may be null: rho, or
+// rays, ka, kb and rho.
 struct Vertices {
   int count = 0;  // multiple of 16
   const float* a = nullptr;
@@ -52,10 +50,9 @@ struct Vertices {
   float* rho = nullptr;
 };
 
-// One tag's samples: pixels with their grey levels and what the model needs of them. The model is
-// anchored at the lattice vertex (va, vb) nearest to the pixel (with two lines per axis: the vertex
-// below and left of it); `c` are its coefficients (see pattern() in residuals_body.hpp), ka, kb and
-// rho its blur.
+// Samples of one tag. The model is anchored at the lattice vertex (va, vb) nearest to the pixel
+// (with two lines per axis: below and left of it), with coefficients `c`, see pattern() in
+// residuals_body.hpp.
 struct Samples {
   int count = 0;  // multiple of kBlock; padding has weight 0
   float* pixel_x = nullptr;
@@ -71,16 +68,15 @@ struct Samples {
   float* kb = nullptr;
   float* rho = nullptr;
   float* c[16] = {};
-  float* model = nullptr;     // out of evaluate: the pattern's blurred value, 0 black to 1 white
-  float* residual = nullptr;  // out of accumulate
-  // Out of leverage: for each sample its leverage times its residual and times its slope, and after
-  // all `count` of these the squares of the leverages.
+  float* model = nullptr;     // by evaluate: the pattern's blurred value, 0 black to 1 white
+  float* residual = nullptr;  // by accumulate
+  // By leverage: pairs of leverage times residual and times slope, then `count` squared leverages.
   float* leverage = nullptr;
 };
 
-// Four tags side by side in a step, the last index the tag. Matrices by rows.
+// Four tags in a step; the last index is the tag. Matrices by rows.
 struct TagPack {
-  double H[36][4] = {};  // of Sums; zero for a tag that is left out
+  double H[36][4] = {};  // of Sums; zero for a tag without equations
   double g[8][4] = {};
   double weight[4] = {};
   double R[9][4] = {};  // lattice from camera
@@ -88,21 +84,19 @@ struct TagPack {
   double per_cell[4] = {};             // [1/m]
   double ray_from_lattice[9][4] = {};  // where the tag is, before the step
   double side_cells[4] = {};
-  // Out of marginalise: whether the tag takes part; the inverse of its gain's and offset's
-  // equations; and its share in those of the camera's motion, gain and offset solved for: upper
-  // triangle of [nu nu, nu omega; , omega omega], as 6, 9 and 6 numbers, and gradient.
+  // By marginalise: validity, inverse of the equations of gain and offset, and marginalised
+  // equations of the camera's motion: [nu nu, nu omega; , omega omega] as 6, 9 and 6 numbers, and
+  // gradient.
   bool valid[4] = {};
   double inverse[3][4] = {};
   double H_camera[21][4] = {};
   double g_camera[6][4] = {};
-  // Out of follow: by how much gain and offset change, and how far the farthest of the tag's
-  // corners goes [rays squared, each axis times the focal length].
+  // By follow: changes of gain and offset, and the farthest corner's squared motion [px^2].
   double levels[2][4] = {};
   double moved_px2[4] = {};
 };
 
-// A step of the camera: left perturbation of T_camera_table, and the motion it is. `slope`: the
-// share of H that it was solved with.
+// A left perturbation of T_camera_table and its motion. `slope`: factor of H in its equations.
 struct CameraStep {
   double xi[6] = {};
   double R[9] = {};
@@ -111,8 +105,8 @@ struct CameraStep {
   double slope = 1.0;
 };
 
-// Normal equations of one tag, parameters (nu, omega) of the right perturbation of
-// T_camera_lattice [cells, rad], gain, offset; residual = value - (gain * model + offset).
+// Normal equations of one tag in (nu, omega) of the right perturbation of T_camera_lattice [cells,
+// rad], gain and offset. Residual: value - (gain * model + offset).
 struct Sums {
   double H[36] = {};         // upper triangle of the 8x8 matrix, row by row
   double g[8] = {};          // J^T W r, with J = -d residual / d parameters
@@ -121,55 +115,55 @@ struct Sums {
   double base_weight = 0.0;  // sum of the samples' own weights
 };
 
-// Steps along edges of one of the lattice's two directions, and the pixels across the edge at each.
-// Edges are walked along the image axis they are nearer to: a step is at the nearest pixel's centre
-// along that axis, and takes the pixels across within `reach_px` of the edge, or, with a band,
-// those at its offsets from the edge's own pixel.
-struct Walk {
-  // All edges of the direction one behind the other, by their cells: a place at distance d along
-  // them is at begin + d in the edge's direction and at `across` in the other, with the record of
-  // cell floor(d); there is one record more than cells.
-  struct Cell {
-    float begin = 0.0F, across = 0.0F;
-    std::int32_t run = 0;  // which edge it is of
-  };
-  const Cell* cells = nullptr;
-  int cell_count = 0;
-  int count = 0;                            // of steps, evenly over all cells
-  const float* ray_from_lattice = nullptr;  // 3 x 3, by rows
-  bool along_b = false;                     // which way the edges go in the lattice
-  bool along_x = false;                     // and which way they are walked in the image
-  int width = 0, height = 0;                // of the image
-  std::ptrdiff_t stride = 0;                // from an image row to the next [bytes]
-  float reach_px = 0.0F;                    // at right angles to the edge
-  int most_rows = 0;                        // pixels at a step
-  int band_count = 0;                       // 0: all within reach
-  const float* offsets = nullptr;           // 0, 1, 2 ..., or the band's; 20 of them
-  // A point at row y is seen displaced by shear (y - row), see Tag::row_shear.
-  float row = 0.0F, shear_x = 0.0F, shear_y = 0.0F;
-  // Out, for each step: where its samples end, and its run (up to a multiple of 16).
+// The image, the pixels at each step along an edge, and the output.
+struct WalkPlan {
+  int width = 0, height = 0;       // of the image
+  std::ptrdiff_t stride = 0;       // from an image row to the next [bytes]
+  int most_rows = 0;               // pixels at a step
+  int band_count = 0;              // 0: all within reach
+  const float* offsets = nullptr;  // 0, 1, 2 ..., or the band's; 20 of them
+  // Output: end of the samples and run of each step (Walk) or of each run with a step (RunWalk).
   std::int32_t* end = nullptr;
   std::int32_t* run = nullptr;
 };
 
-// Edges of a tag, each walked pixel by pixel along the image axis it is nearer to.
-struct RunWalk {
+// Steps along the edges of one lattice direction, at pixel centres on the image axis that the edge
+// is nearer to. Each takes the pixels across the edge within `reach_px`, or at a band's offsets.
+struct Walk : WalkPlan {
+  // Cells of all edges, concatenated: the point at distance d is at begin + d along the edge and at
+  // `across`, by the record of cell floor(d). The last record is there twice.
+  struct Cell {
+    float begin = 0.0F, across = 0.0F;
+    std::int32_t run = 0;  // index of the edge
+  };
+  const Cell* cells = nullptr;
+  int cell_count = 0;
+  int count = 0;                            // steps, evenly over all cells
+  const float* ray_from_lattice = nullptr;  // 3 x 3, by rows
+  bool along_b = false;                     // direction of the edges in the lattice
+  bool along_x = false;                     // axis of the steps in the image
+  float reach_px = 0.0F;                    // at right angles to the edge
+  // A point at row y is displaced by shear (y - row), see AlignedTag::row_shear.
+  float row = 0.0F, shear_x = 0.0F, shear_y = 0.0F;
+};
+
+// Edges of a tag, each walked along the image axis it is nearer to.
+struct RunWalk : WalkPlan {
   struct Run {
     std::uint32_t begin = 0, end = 0;  // vertices
     bool vertical = false;             // in the lattice
   };
-  // Sixteen runs side by side, out of measure_runs. "Along" is the axis of the walk, "across" the
-  // other one.
+  // Sixteen runs, by measure_runs. "Along" is the axis of the walk, "across" the other one.
   struct Part {
     static constexpr int kRuns = 16;
     alignas(64) double length[kRuns];          // [px along]; -1: not to be walked
-    double along_px[kRuns], across_px[kRuns];  // how far the run goes; 0 where it is not seen
-    double along[kRuns], across[kRuns];        // where it begins [px]
+    double along_px[kRuns], across_px[kRuns];  // extent; 0 where the run is not seen
+    double along[kRuns], across[kRuns];        // begin [px]
     double direction[kRuns], slope[kRuns];     // of the walk, 1 or -1, and across by along
     double reach[kRuns];                       // across [px]
-    double ray_x[kRuns], ray_y[kRuns];         // where it begins
-    double per_px_x[kRuns], per_px_y[kRuns];   // and by how much the ray changes along
-    std::int32_t along_x[kRuns];               // whether along is x
+    double ray_x[kRuns], ray_y[kRuns];         // at the begin
+    double per_px_x[kRuns], per_px_y[kRuns];   // change of the ray per pixel along
+    std::int32_t along_x[kRuns];               // 1: along is x
   };
   const Run* runs = nullptr;
   int count = 0;
@@ -178,18 +172,10 @@ struct RunWalk {
   const float* pixel_x = nullptr;
   const float* pixel_y = nullptr;
   const float* depth = nullptr;
-  Part* parts = nullptr;           // (count + 15) / 16
-  double reach_px = 0.0;           // at right angles to the edge
-  double stride_px = 0.0;          // along, from step to step and on from run to run
-  int width = 0, height = 0;       // of the image
-  std::ptrdiff_t stride = 0;       // from an image row to the next [bytes]
-  int most_rows = 0;               // pixels at a step
-  int band_count = 0;              // as in Walk
-  const float* offsets = nullptr;  // as in Walk
-  // Out, for each run with a step: where its samples end, and which run it is; and how many.
-  std::int32_t* end = nullptr;
-  std::int32_t* run = nullptr;
-  int walked = 0;
+  Part* parts = nullptr;   // (count + 15) / 16
+  double reach_px = 0.0;   // at right angles to the edge
+  double stride_px = 0.0;  // along, from step to step; continues from run to run
+  int walked = 0;          // output: number of runs with a step
 };
 
 inline constexpr std::int32_t kNowhere = INT32_MIN;
@@ -207,14 +193,14 @@ struct ImagePlan {
 
 struct AccumulateInput {
   float lattice_from_ray[9] = {};
-  float centre[3] = {};  // the camera's centre in the lattice frame [cells]
+  float centre[3] = {};  // of the camera in the lattice frame [cells]
   float gain = 0.0F, offset = 0.0F;
   float inverse_cutoff = 0.0F;  // of Tukey's weights [1 / grey]; 0: none
-  int reach = 1;                // lines per axis that matter: 1, 2 or 3
+  int reach = 1;                // lines per axis: 1, 2 or 3
   bool correlated = false;      // whether rho is used
 };
 
-// For the effect of a displacement of the edges on the residuals of the last accumulate.
+// The effect of a displacement of the edges on the residuals of the last accumulate.
 struct LeverageInput {
   float inverse_gain = 0.0F;
   float offset = 0.0F;
@@ -225,36 +211,31 @@ struct Loops {
   const char* name;
   void (*project)(const Lens& lens, const Blur& blur, const float* ray_from_lattice,
                   const float* lattice_from_ray, const Vertices& vertices);
-  // Writes pixels, guesses of their rays and, for `vertex`, their places in the image's memory,
-  // from sample `used` on and up to three more than there are; returns where they end.
+  // Writes pixels, guesses of rays and offsets in the image's memory (`vertex`) from sample `used`
+  // on, and overwrites up to three samples more. Returns the end.
   int (*walk)(const Lens& lens, const Walk& walk, const Samples& samples, int used);
   // Fills `parts`; returns the sums of along_px and across_px.
   void (*measure_runs)(const RunWalk& walk, double& along_px, double& across_px);
-  // From the first sample on; writes and returns what `walk` does.
+  // As `walk`, from the first sample on.
   int (*walk_runs)(const Lens& lens, RunWalk& walk, const Samples& samples);
-  // Values of the first `used` samples by their places in the image's memory (in `vertex`) and the
-  // levels' 256 values, and weights of 1; fills up pixels, rays, values and weights to `count`.
+  // Reads the first `used` samples by `vertex` and a table of 256 levels, and pads to `count`.
   void (*read)(const std::uint8_t* pixels, const float* levels, int used, const Samples& samples);
-  // Rays of the pixels (ray_x, ray_y hold a guess within a few pixels), and their anchor on a
-  // lattice of side x side vertices.
+  // Rays from guesses within a few pixels, and anchors on a lattice of side x side vertices.
   void (*prepare)(const Lens& lens, const float* lattice_from_ray, int reach, int side,
                   const Samples& samples);
-  // ka, kb and c of the samples' vertices, for one line per axis: by those of all vertices, four
-  // coefficients each.
+  // ka, kb and c of the anchors with one line per axis, from those of all vertices.
   void (*attach)(const float* ka, const float* kb, const float* coefficients,
                  const Samples& samples);
   void (*accumulate)(const AccumulateInput& input, const Samples& samples, Sums& sums);
-  // The anchors alone, by the rays.
+  // Anchors from the rays.
   void (*anchor)(const float* lattice_from_ray, int reach, int side, const Samples& samples);
-  // Gains and offsets solved for in terms of the camera's motion; returns nothing but in the packs.
+  // Marginalises gains and offsets.
   void (*marginalise)(TagPack* packs, int count);
-  // What the step does to the tags.
+  // Applies a step to the tags.
   void (*follow)(const CameraStep& step, TagPack* packs, int count);
-  // The model alone, at the pose of `input`, into samples.model.
-  void (*evaluate)(const AccumulateInput& input, const Samples& samples);
-  // The mean of what is seen at `count` moments: `inputs` are where the camera is then, `moments`
-  // the same samples, each with the anchor and the blur that it has then.
-  void (*evaluate_moments)(const AccumulateInput* inputs, const Samples* moments, int count);
+  // Writes moments[0].model: the mean over `count` moments with poses `inputs` and the same samples
+  // with the anchors and the blur of each moment.
+  void (*evaluate)(const AccumulateInput* inputs, const Samples* moments, int count);
   void (*leverage)(const LeverageInput& input, const Samples& samples);
   // scores[r * columns + c] = sum over the first `positive` points minus the sum over the others of
   // point[r * row_step * stride + c]; columns: 32 or 64.
@@ -262,17 +243,17 @@ struct Loops {
                  int count, int columns, int rows, int row_step, std::int16_t* scores);
   // sums[k] += scores[k]
   void (*add)(const std::int16_t* scores, int count, std::int32_t* sums);
-  // Of the cell above and right of each vertex of a lattice of side x side: where the pixel nearest
-  // to its centre, the mean of its corners, lies in the image's memory; kNowhere where there is
-  // none. The last vertex of a row has no cell, and the last row has none.
+  // For the cell above and right of each vertex of a lattice of side x side, which the last vertex
+  // of a row and the last row do not have: memory offset of the pixel nearest to its centre, or
+  // kNowhere.
   void (*cell_places)(int side, const CellCorners& corners, const ImagePlan& image,
                       std::int32_t* places);
 };
 
 [[nodiscard]] Lens lens_of(const CameraModel& camera);
-// The widest that this processor runs.
+// For the widest instruction set of this processor.
 [[nodiscard]] const Loops& widest_loops();
-// All that this processor runs, narrowest first; null ends the list.
+// For all instruction sets of this processor, narrowest first; null ends the list.
 [[nodiscard]] const Loops* const* available_loops();
 
 }  // namespace penumbra::simd

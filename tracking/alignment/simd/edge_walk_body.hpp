@@ -1,12 +1,12 @@
-// The pixels at the edges of a tag.
+// Walks along the edges of a tag and finds the pixels there.
 // Included by loops_body.hpp, once for each instruction set, inside its namespace.
 
-// Of |x| < 2^22; a whole number may go down by one.
+// Floor of |x| < 2^22; a whole number may be rounded down by one.
 PENUMBRA_INLINE float round_down(float x) {
   return ((x - 0.5F) + 12582912.0F) - 12582912.0F;
 }
 
-constexpr int kSteps = 16;  // that are placed at a time
+constexpr int kSteps = 16;  // placed at a time
 struct StepBlock {
   alignas(64) float a[kSteps], b[kSteps], walk[kSteps], cross[kSteps], ray_x[kSteps], ray_y[kSteps];
   alignas(64) std::int32_t cell[kSteps], rows[kSteps], place[kSteps];
@@ -39,7 +39,7 @@ PENUMBRA_INLINE void place_steps(const Lens& lens, const Walk& w, StepBlock& blo
     float j01 = 0.0F;
     float j11 = 0.0F;
     distort<kind>(lens, x, y, xd, yd, j00, j01, j11);
-    // The pixel and the edge's direction there; later rows are seen later.
+    // The pixel and the edge's direction there, with the rolling shutter.
     const float dx = (to_x - x * to_z) * inverse;
     const float dy = (to_y - y * to_z) * inverse;
     float u = lens.fx * xd + lens.cx;
@@ -87,7 +87,7 @@ PENUMBRA_INLINE void place_steps(const Lens& lens, const Walk& w, StepBlock& blo
   }
 }
 
-// Where the samples of steps are written to.
+// Output arrays of steps.
 struct StepOutput {
   float* walk;
   float* cross;
@@ -97,8 +97,8 @@ struct StepOutput {
   std::int32_t* end;
 };
 
-// How many rows there are changes from step to step, and no processor foresees it: always four or
-// eight are written, those too many over again by the next step.
+// Rows are written in groups of four, because branches on their number are mispredicted; the next
+// step overwrites those too many.
 template <bool with_rays, bool one_group>
 __attribute__((noinline)) int write_steps(const StepBlock& block, int steps, const float* offsets,
                                           std::int32_t cross_bytes, const StepOutput& out,
@@ -111,9 +111,6 @@ __attribute__((noinline)) int write_steps(const StepBlock& block, int steps, con
   float* const __restrict y_out = out.ray_y;
   std::int32_t* const __restrict place_out = out.place;
   std::int32_t* const __restrict end_out = out.end;
-  Four first_offsets;
-  __builtin_memcpy(&first_offsets, offsets, sizeof first_offsets);
-  const Places first_places = __builtin_convertvector(first_offsets, Places) * cross_bytes;
   std::ptrdiff_t at = used;
   for (int l = 0; l < steps; ++l) {
     const float walk = block.walk[l];
@@ -122,39 +119,26 @@ __attribute__((noinline)) int write_steps(const StepBlock& block, int steps, con
     const Four walk_4 = {walk, walk, walk, walk};
     const Four first_4 = {first, first, first, first};
     const Places place_4 = {place, place, place, place};
-    const Four cross_4 = first_4 + first_offsets;
-    const Places places_4 = place_4 + first_places;
-    __builtin_memcpy(walk_out + at, &walk_4, sizeof walk_4);
-    __builtin_memcpy(cross_out + at, &cross_4, sizeof cross_4);
-    __builtin_memcpy(place_out + at, &places_4, sizeof places_4);
-    if constexpr (with_rays) {
-      const float x = block.ray_x[l];
-      const float y = block.ray_y[l];
-      const Four x_4 = {x, x, x, x};
-      const Four y_4 = {y, y, y, y};
-      __builtin_memcpy(x_out + at, &x_4, sizeof x_4);
-      __builtin_memcpy(y_out + at, &y_4, sizeof y_4);
-    }
     const std::int32_t rows = block.rows[l];
-    if constexpr (!one_group) {
-      for (int i = 4; i < rows; i += 4) {
-        Four more;
-        __builtin_memcpy(&more, offsets + i, sizeof more);
-        const Four cross_i = first_4 + more;
-        const Places places_i = place_4 + __builtin_convertvector(more, Places) * cross_bytes;
-        __builtin_memcpy(walk_out + at + i, &walk_4, sizeof walk_4);
-        __builtin_memcpy(cross_out + at + i, &cross_i, sizeof cross_i);
-        __builtin_memcpy(place_out + at + i, &places_i, sizeof places_i);
-        if constexpr (with_rays) {
-          const float x = block.ray_x[l];
-          const float y = block.ray_y[l];
-          const Four x_4 = {x, x, x, x};
-          const Four y_4 = {y, y, y, y};
-          __builtin_memcpy(x_out + at + i, &x_4, sizeof x_4);
-          __builtin_memcpy(y_out + at + i, &y_4, sizeof y_4);
-        }
+    int i = 0;
+    do {
+      Four across;
+      __builtin_memcpy(&across, offsets + i, sizeof across);
+      const Four cross_4 = first_4 + across;
+      const Places places_4 = place_4 + __builtin_convertvector(across, Places) * cross_bytes;
+      __builtin_memcpy(walk_out + at + i, &walk_4, sizeof walk_4);
+      __builtin_memcpy(cross_out + at + i, &cross_4, sizeof cross_4);
+      __builtin_memcpy(place_out + at + i, &places_4, sizeof places_4);
+      if constexpr (with_rays) {
+        const float x = block.ray_x[l];
+        const float y = block.ray_y[l];
+        const Four x_4 = {x, x, x, x};
+        const Four y_4 = {y, y, y, y};
+        __builtin_memcpy(x_out + at + i, &x_4, sizeof x_4);
+        __builtin_memcpy(y_out + at + i, &y_4, sizeof y_4);
       }
-    }
+      i += 4;
+    } while (!one_group && i < rows);
     at += rows;
     end_out[l] = static_cast<std::int32_t>(at);
   }
@@ -201,31 +185,15 @@ int walk_as(const Lens& lens, const Walk& w, const Samples& s, int used) {
   return used;
 }
 
-template <Lens::Kind kind>
-int walk_of(const Lens& lens, const Walk& w, const Samples& s, int used) {
-  if (w.along_x) {
-    return w.band_count > 0 ? walk_as<kind, true, true>(lens, w, s, used)
-                            : walk_as<kind, true, false>(lens, w, s, used);
-  }
-  return w.band_count > 0 ? walk_as<kind, false, true>(lens, w, s, used)
-                          : walk_as<kind, false, false>(lens, w, s, used);
-}
-
 int walk(const Lens& lens, const Walk& w, const Samples& s, int used) {
-  switch (lens.kind) {
-    case Lens::Kind::none:
-      return walk_of<Lens::Kind::none>(lens, w, s, used);
-    case Lens::Kind::polynomial:
-      return walk_of<Lens::Kind::polynomial>(lens, w, s, used);
-    case Lens::Kind::rational:
-      return walk_of<Lens::Kind::rational>(lens, w, s, used);
-    case Lens::Kind::fisheye:
-      break;
-  }
-  return walk_of<Lens::Kind::fisheye>(lens, w, s, used);
+  return with_lens(lens.kind, [&]<Lens::Kind kind>() {
+    return with_flags(w.along_x, w.band_count > 0, [&]<bool along_x, bool band>() {
+      return walk_as<kind, along_x, band>(lens, w, s, used);
+    });
+  });
 }
 
-// Double precision, as floats at the far end of a run may round to another pixel than its start's.
+// Uses double precision: floats at the far end of a run may round to another pixel.
 void measure_runs(const RunWalk& w, double& along_px, double& across_px) {
   constexpr int kRuns = RunWalk::Part::kRuns;
   along_px = 0.0;
@@ -297,14 +265,14 @@ void measure_runs(const RunWalk& w, double& along_px, double& across_px) {
   }
 }
 
-// Steps of runs that are walked along the same axis, with what is known of their runs.
+// Steps of runs that are walked along the same axis, with the data of their runs.
 struct RunSteps {
   static constexpr int kRoom = kSteps + 4;  // runs are written four steps at a time
   alignas(64) double at[kRoom], along[kRoom], across[kRoom], direction[kRoom], slope[kRoom];
   alignas(64) double reach[kRoom], ray_x[kRoom], ray_y[kRoom], per_px_x[kRoom], per_px_y[kRoom];
 };
 
-// Rounded down, of |x| < 2^20.
+// Floor of |x| < 2^20.
 PENUMBRA_INLINE std::int32_t floor_of_double(double x) {
   constexpr std::int32_t kShift = 1 << 20;
   return static_cast<std::int32_t>(x + kShift) - kShift;
@@ -324,7 +292,7 @@ PENUMBRA_INLINE void place_run_steps(const RunWalk& w, const RunSteps& steps, St
   for (int i = 0; i < kSteps; ++i) {
     const std::int32_t walk =
         floor_of_double(steps.along[i] + steps.direction[i] * steps.at[i] + 0.5);
-    // Where this pixel's centre is along the run.
+    // Distance of this pixel's centre along the run.
     const double exact = steps.direction[i] * (static_cast<double>(walk) - steps.along[i]);
     const double centre = steps.across[i] + steps.slope[i] * exact;
     std::int32_t first = 0;
@@ -373,8 +341,7 @@ int walk_runs_as(RunWalk& w, const Samples& s) {
   StepBlock block = {};
   RunSteps steps = {};
   std::int32_t ends[kSteps];
-  // Of the runs that end in a block: which one, and how many of the block's steps precede the end,
-  // one at least: where a run fills a block and goes on, the next block begins with its steps.
+  // Runs that end in a block: index, and number of the block's steps before the end, one at least.
   std::int32_t ended[kSteps + 1];
   int ended_at[kSteps + 1];
   int used = 0;
@@ -445,7 +412,7 @@ int walk_runs_as(RunWalk& w, const Samples& s) {
 
 int walk_runs(const Lens& lens, RunWalk& w, const Samples& s) {
   // Without distortion a ray is known from its pixel.
-  if (lens.kind == Lens::Kind::none)
-    return w.band_count > 0 ? walk_runs_as<true, false>(w, s) : walk_runs_as<false, false>(w, s);
-  return w.band_count > 0 ? walk_runs_as<true, true>(w, s) : walk_runs_as<false, true>(w, s);
+  return with_flags(
+      w.band_count > 0, lens.kind != Lens::Kind::none,
+      [&]<bool band, bool with_rays>() { return walk_runs_as<band, with_rays>(w, s); });
 }

@@ -1,6 +1,5 @@
-// The body of alignment_loops.hpp, included by one .cpp file per instruction set: PENUMBRA_SIMD
-// names its namespace. A file that is compiled for a wider instruction set must not instantiate
-// templates that other files share, so only builtins and plain arrays are used here.
+// Definitions of alignment_loops.hpp in the namespace PENUMBRA_SIMD, included once for each
+// instruction set. It uses only builtins and plain arrays, see there.
 #include "tracking/alignment/simd/alignment_loops.hpp"
 
 #if defined(__AVX2__)
@@ -12,7 +11,7 @@
 namespace penumbra::simd::PENUMBRA_SIMD {
 namespace {
 
-// Each of these uses what is above it.
+// Each one uses those before it.
 // clang-format off
 #include "tracking/alignment/simd/wide_body.hpp"
 #include "tracking/alignment/simd/projection_body.hpp"
@@ -26,24 +25,10 @@ namespace {
 }  // namespace
 
 extern const Loops kLoops;
-const Loops kLoops = {PENUMBRA_SIMD_NAME,
-                      project,
-                      walk,
-                      measure_runs,
-                      walk_runs,
-                      read,
-                      prepare,
-                      attach,
-                      accumulate,
-                      anchor,
-                      marginalise,
-                      follow,
-                      evaluate,
-                      evaluate_moments,
-                      leverage,
-                      search,
-                      add,
-                      cell_places};
+const Loops kLoops = {
+    PENUMBRA_SIMD_NAME, project, walk,        measure_runs, walk_runs, read,     prepare, attach,
+    accumulate,         anchor,  marginalise, follow,       evaluate,  leverage, search,  add,
+    cell_places};
 
 }  // namespace penumbra::simd::PENUMBRA_SIMD
 

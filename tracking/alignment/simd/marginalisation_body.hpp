@@ -1,17 +1,27 @@
-// Gains and offsets are marginalised (Schur complement), and a step is carried on to the tags.
+// Marginalises gains and offsets (Schur complement), and applies a step to the tags.
 // Included by loops_body.hpp, once for each instruction set, inside its namespace.
 
-// Four doubles side by side: of four tags.
+// Four doubles, one for each of four tags.
 using Pack = double __attribute__((vector_size(32)));
 using PackMask = long long __attribute__((vector_size(32)));
 PENUMBRA_INLINE void load(const double* at, Pack& pack) {
   __builtin_memcpy(&pack, at, sizeof pack);
 }
+template <int count>
+PENUMBRA_INLINE void load(const double (*at)[4], Pack (&packs)[count]) {
+#pragma GCC unroll 36
+  for (int k = 0; k < count; ++k) load(at[k], packs[k]);
+}
 PENUMBRA_INLINE void store(double* at, const Pack& pack) {
   __builtin_memcpy(at, &pack, sizeof pack);
 }
 
-// The rows of R^T A R, for A by rows; where it is symmetric, only the upper triangle.
+// Index into the upper triangle of an 8 x 8 matrix, row by row; p <= q.
+constexpr int upper(int p, int q) {
+  return p * 8 - p * (p - 1) / 2 + q - p;
+}
+
+// Rows of factor R^T A R, for A by rows; of a symmetric A only the upper triangle.
 template <bool symmetric>
 PENUMBRA_INLINE void turned(const Pack* A, const Pack* R, const Pack& factor, double (*out)[4]) {
   Pack AR[9];
@@ -34,20 +44,17 @@ void marginalise(TagPack* packs, int count) {
   for (int n = 0; n < count; ++n) {
     TagPack& pack = packs[n];
     Pack H[36];
+    load(pack.H, H);
     Pack sum = {0.0, 0.0, 0.0, 0.0};
 #pragma GCC unroll 36
-    for (int k = 0; k < 36; ++k) {
-      load(pack.H[k], H[k]);
-      sum += H[k];
-    }
-    const auto at = [](int p, int q) { return p * 8 - p * (p - 1) / 2 + q - p; };
+    for (int k = 0; k < 36; ++k) sum += H[k];
     Pack weight;
     load(pack.weight, weight);
-    const Pack& l00 = H[at(6, 6)];
-    const Pack& l01 = H[at(6, 7)];
-    const Pack& l11 = H[at(7, 7)];
+    const Pack& l00 = H[upper(6, 6)];
+    const Pack& l01 = H[upper(6, 7)];
+    const Pack& l11 = H[upper(7, 7)];
     const Pack det = l00 * l11 - l01 * l01;
-    // Finite, seen by enough samples, and of two levels that can be told apart.
+    // Finite, with enough samples, and with two distinct levels.
     const PackMask valid = (sum - sum == 0.0) & (weight > 8.0) & (det > 1e-6 * (l00 * l11));
     const Pack zero = {0.0, 0.0, 0.0, 0.0};
     const Pack one = {1.0, 1.0, 1.0, 1.0};
@@ -61,17 +68,15 @@ void marginalise(TagPack* packs, int count) {
     store(pack.inverse[1], i01);
     store(pack.inverse[2], i11);
     Pack g[8];
-    for (int p = 0; p < 8; ++p) {
-      load(pack.g[p], g[p]);
-      g[p] = valid ? g[p] : zero;
-    }
+    load(pack.g, g);
+    for (int p = 0; p < 8; ++p) g[p] = valid ? g[p] : zero;
     Pack share0[6];
     Pack share1[6];
     Pack g_tag[6];
 #pragma GCC unroll 6
     for (int p = 0; p < 6; ++p) {
-      const Pack& c0 = H[at(p, 6)];
-      const Pack& c1 = H[at(p, 7)];
+      const Pack& c0 = H[upper(p, 6)];
+      const Pack& c1 = H[upper(p, 7)];
       share0[p] = c0 * i00 + c1 * i01;
       share1[p] = c0 * i01 + c1 * i11;
       g_tag[p] = g[p] - (share0[p] * g[6] + share1[p] * g[7]);
@@ -85,28 +90,27 @@ void marginalise(TagPack* packs, int count) {
       for (int q = 0; q < 3; ++q) {
         const int low = p < q ? p : q;
         const int high = p < q ? q : p;
-        P[3 * p + q] =
-            H[at(low, high)] - (share0[low] * H[at(high, 6)] + share1[low] * H[at(high, 7)]);
+        P[3 * p + q] = H[upper(low, high)] -
+                       (share0[low] * H[upper(high, 6)] + share1[low] * H[upper(high, 7)]);
         Q[3 * p + q] =
-            H[at(p, q + 3)] - (share0[p] * H[at(q + 3, 6)] + share1[p] * H[at(q + 3, 7)]);
-        S[3 * p + q] = H[at(low + 3, high + 3)] - (share0[low + 3] * H[at(high + 3, 6)] +
-                                                   share1[low + 3] * H[at(high + 3, 7)]);
+            H[upper(p, q + 3)] - (share0[p] * H[upper(q + 3, 6)] + share1[p] * H[upper(q + 3, 7)]);
+        S[3 * p + q] = H[upper(low + 3, high + 3)] - (share0[low + 3] * H[upper(high + 3, 6)] +
+                                                      share1[low + 3] * H[upper(high + 3, 7)]);
       }
     }
     // Into the camera's frame: the lattice's motion is [R / cell, K R; 0, R] times the camera's,
-    // with K = skew(centre). The lever first: Q + P K, then S + Q^T K - K (Q + P K).
-    Pack x;
-    Pack y;
-    Pack z;
-    load(pack.centre[0], x);
-    load(pack.centre[1], y);
-    load(pack.centre[2], z);
-    Pack Q_lever[9];
+    // with K = skew(centre). First Q + P K, then S + Q^T K - K (Q + P K).
+    Pack centre[3];
+    load(pack.centre, centre);
+    const Pack& x = centre[0];
+    const Pack& y = centre[1];
+    const Pack& z = centre[2];
+    Pack Q_turned[9];
 #pragma GCC unroll 3
     for (int i = 0; i < 3; ++i) {
-      Q_lever[3 * i] = Q[3 * i] + (P[3 * i + 1] * z - P[3 * i + 2] * y);
-      Q_lever[3 * i + 1] = Q[3 * i + 1] + (P[3 * i + 2] * x - P[3 * i] * z);
-      Q_lever[3 * i + 2] = Q[3 * i + 2] + (P[3 * i] * y - P[3 * i + 1] * x);
+      Q_turned[3 * i] = Q[3 * i] + (P[3 * i + 1] * z - P[3 * i + 2] * y);
+      Q_turned[3 * i + 1] = Q[3 * i + 1] + (P[3 * i + 2] * x - P[3 * i] * z);
+      Q_turned[3 * i + 2] = Q[3 * i + 2] + (P[3 * i] * y - P[3 * i + 1] * x);
     }
 #pragma GCC unroll 3
     for (int i = 0; i < 3; ++i) {
@@ -116,16 +120,16 @@ void marginalise(TagPack* packs, int count) {
     }
 #pragma GCC unroll 3
     for (int j = 0; j < 3; ++j) {
-      S[j] -= Q_lever[6 + j] * y - Q_lever[3 + j] * z;
-      S[3 + j] -= Q_lever[j] * z - Q_lever[6 + j] * x;
-      S[6 + j] -= Q_lever[3 + j] * x - Q_lever[j] * y;
+      S[j] -= Q_turned[6 + j] * y - Q_turned[3 + j] * z;
+      S[3 + j] -= Q_turned[j] * z - Q_turned[6 + j] * x;
+      S[6 + j] -= Q_turned[3 + j] * x - Q_turned[j] * y;
     }
     Pack R[9];
-    for (int k = 0; k < 9; ++k) load(pack.R[k], R[k]);
+    load(pack.R, R);
     Pack per_cell;
     load(pack.per_cell, per_cell);
     turned<true>(P, R, per_cell * per_cell, pack.H_camera);
-    turned<false>(Q_lever, R, per_cell, pack.H_camera + 6);
+    turned<false>(Q_turned, R, per_cell, pack.H_camera + 6);
     turned<true>(S, R, one, pack.H_camera + 15);
     const Pack turn[3] = {g_tag[3] + (g_tag[1] * z - g_tag[2] * y),
                           g_tag[4] + (g_tag[2] * x - g_tag[0] * z),
@@ -145,9 +149,9 @@ void follow(const CameraStep& step, TagPack* packs, int count) {
   for (int n = 0; n < count; ++n) {
     TagPack& pack = packs[n];
     Pack R[9];
-    for (int k = 0; k < 9; ++k) load(pack.R[k], R[k]);
+    load(pack.R, R);
     Pack centre[3];
-    for (int k = 0; k < 3; ++k) load(pack.centre[k], centre[k]);
+    load(pack.centre, centre);
     Pack per_cell;
     load(pack.per_cell, per_cell);
     const double* xi = step.xi;
@@ -161,24 +165,23 @@ void follow(const CameraStep& step, TagPack* packs, int count) {
       const int k = (i + 2) % 3;
       moved[i] += centre[j] * moved[3 + k] - centre[k] * moved[3 + j];
     }
-    const auto at = [](int p, int q) { return p * 8 - p * (p - 1) / 2 + q - p; };
     Pack left[2];
     for (int c = 0; c < 2; ++c) {
       load(pack.g[6 + c], left[c]);
       left[c] *= inverse_slope;
       for (int p = 0; p < 6; ++p) {
         Pack cross;
-        load(pack.H[at(p, 6 + c)], cross);
+        load(pack.H[upper(p, 6 + c)], cross);
         left[c] -= cross * moved[p];
       }
     }
     Pack inverse[3];
-    for (int k = 0; k < 3; ++k) load(pack.inverse[k], inverse[k]);
+    load(pack.inverse, inverse);
     store(pack.levels[0], inverse[0] * left[0] + inverse[1] * left[1]);
     store(pack.levels[1], inverse[1] * left[0] + inverse[2] * left[1]);
-    // The tag's corners, one after the other.
+    // The tag's corners.
     Pack M[9];
-    for (int k = 0; k < 9; ++k) load(pack.ray_from_lattice[k], M[k]);
+    load(pack.ray_from_lattice, M);
     Pack side;
     load(pack.side_cells, side);
     Pack most = {0.0, 0.0, 0.0, 0.0};

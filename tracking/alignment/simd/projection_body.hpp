@@ -1,9 +1,9 @@
-// Lattice points to pixels, with the lens model and the blur there; and pixels of cells.
+// Projects lattice points with the lens model and the blur there, and finds pixels of cells.
 // Included by loops_body.hpp, once for each instruction set, inside its namespace.
 
-// In what follows a Value is a float or a Wide.
+// Value: float or Wide.
 template <class Value>
-PENUMBRA_INLINE Value arc_tangent(const Value& r) {  // of r >= 0; Abramowitz and Stegun 4.4.49
+PENUMBRA_INLINE Value arc_tangent(const Value& r) {  // r >= 0; Abramowitz and Stegun 4.4.49
   const auto large = r > 1.0F;
   const Value x = large ? 1.0F / r : r;
   const Value z = x * x;
@@ -66,24 +66,22 @@ PENUMBRA_INLINE void distort(const Lens& lens, const Value& x, const Value& y, V
 
 // Outputs requested for vertices.
 enum class Wanted {
-  places,           // pixels and depths
-  spread,           // rays and blur too, of a blur that goes no way between the axes
-  slanting_spread,  // of any
-  correlation,      // and that of the blur along the lattice's directions
+  places,          // pixels and depths
+  spread,          // rays and blur as well, for motion along an image axis
+  oblique_spread,  // the same for motion in any direction
+  correlation,     // the correlation of the blur along a and b as well
 };
 
 template <Lens::Kind kind, Wanted wanted>
 void project_as(const Lens& lens_in, const Blur& blur, const float* M_in, const float* N_in,
                 const Vertices& v_in) {
-  // Copies, which the floats that are written are not.
+  // Copies: stores to the arrays can't change them.
   const Lens lens = lens_in;
   const Vertices v = v_in;
   float M[9];
   float N[9];
-  for (int k = 0; k < 9; ++k) {
-    M[k] = M_in[k];
-    N[k] = N_in[k];
-  }
+  __builtin_memcpy(M, M_in, sizeof M);
+  __builtin_memcpy(N, N_in, sizeof N);
   const float inverse_fx = 1.0F / lens.fx;
   const float inverse_fy = 1.0F / lens.fy;
   const float mxx = blur.motion_x_px * blur.motion_x_px * (1.0F / 12.0F);
@@ -137,10 +135,10 @@ void project_as(const Lens& lens_in, const Blur& blur, const float* M_in, const 
     av *= inverse_fy;
     bu *= inverse_fx;
     bv *= inverse_fy;
-    constexpr bool kSlanting = wanted != Wanted::spread;
+    constexpr bool kOblique = wanted != Wanted::spread;
     Wide var_a = au * au * cxx;
     Wide var_b = bu * bu * cxx;
-    if constexpr (kSlanting) {
+    if constexpr (kOblique) {
       var_a += 2.0F * au * av * mxy;
       var_b += 2.0F * bu * bv * mxy;
     }
@@ -157,36 +155,19 @@ void project_as(const Lens& lens_in, const Blur& blur, const float* M_in, const 
   }
 }
 
-template <Lens::Kind kind>
-void project_of(const Lens& lens, const Blur& blur, const float* M, const float* N,
-                const Vertices& v) {
-  if (v.ka == nullptr) {
-    project_as<kind, Wanted::places>(lens, blur, M, N, v);
-  } else if (v.rho != nullptr) {
-    project_as<kind, Wanted::correlation>(lens, blur, M, N, v);
-  } else if (blur.motion_x_px * blur.motion_y_px != 0.0F) {
-    project_as<kind, Wanted::slanting_spread>(lens, blur, M, N, v);
-  } else {
-    project_as<kind, Wanted::spread>(lens, blur, M, N, v);
-  }
-}
-
-void project(const Lens& lens, const Blur& blur, const float* ray_from_lattice,
-             const float* lattice_from_ray, const Vertices& vertices) {
-  switch (lens.kind) {
-    case Lens::Kind::none:
-      project_of<Lens::Kind::none>(lens, blur, ray_from_lattice, lattice_from_ray, vertices);
-      break;
-    case Lens::Kind::polynomial:
-      project_of<Lens::Kind::polynomial>(lens, blur, ray_from_lattice, lattice_from_ray, vertices);
-      break;
-    case Lens::Kind::rational:
-      project_of<Lens::Kind::rational>(lens, blur, ray_from_lattice, lattice_from_ray, vertices);
-      break;
-    case Lens::Kind::fisheye:
-      project_of<Lens::Kind::fisheye>(lens, blur, ray_from_lattice, lattice_from_ray, vertices);
-      break;
-  }
+void project(const Lens& lens, const Blur& blur, const float* M, const float* N,
+             const Vertices& v) {
+  with_lens(lens.kind, [&]<Lens::Kind kind>() {
+    if (v.ka == nullptr) {
+      project_as<kind, Wanted::places>(lens, blur, M, N, v);
+    } else if (v.rho != nullptr) {
+      project_as<kind, Wanted::correlation>(lens, blur, M, N, v);
+    } else if (blur.motion_x_px * blur.motion_y_px != 0.0F) {
+      project_as<kind, Wanted::oblique_spread>(lens, blur, M, N, v);
+    } else {
+      project_as<kind, Wanted::spread>(lens, blur, M, N, v);
+    }
+  });
 }
 
 void cell_places(int side, const CellCorners& v, const ImagePlan& image, std::int32_t* places) {
@@ -205,7 +186,7 @@ void cell_places(int side, const CellCorners& v, const ImagePlan& image, std::in
     const bool seen = (depth[k] > 0.0F) & (depth[k + 1] > 0.0F) & (depth[k + side] > 0.0F) &
                       (depth[k + side + 1] > 0.0F) & (cx >= -0.5F) & (cy >= -0.5F) & (cx < right) &
                       (cy < top);
-    // Cut off and rounded up from a half, which is exact as adding a half is not.
+    // Truncates and rounds up from a half; adding a half would not be exact.
     const float least_x = cx > -0.5F ? cx : -0.5F;
     const float least_y = cy > -0.5F ? cy : -0.5F;
     const float safe_x = least_x < right ? least_x : right;

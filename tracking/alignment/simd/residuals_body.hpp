@@ -1,14 +1,13 @@
-// The blurred pattern at samples, their residuals, and the normal equations of one tag.
+// The blurred pattern at samples, residuals, and the normal equations of one tag.
 // Included by loops_body.hpp, once for each instruction set, inside its namespace.
 
-// The blurred pattern at a pixel and its derivatives by a and b. (a, b) is the place relative to
-// the anchor.
+// The blurred pattern at (a, b) from the anchor, and its derivatives by a and b.
 //
-// One edge per axis: with F the normal distributions of the distances to the vertex's two lines,
-//   m = c0 + c1 Fa + c2 Fb + c3 F(a and b),   c3 the vertex's corner.
-// Two or three per axis (lines 0, 1 or -1, 0, 1 from the anchor): c[4 * j + i] = the change of
-// colour that the vertex of lines i and j makes, c[4 * j + 3] that of row j's line, c[12 + i] that
-// of column i's, c[15] the colour below and left of all.
+// One line per axis: with F the normal distributions of the distances to the vertex's two lines,
+//   m = c0 + c1 Fa + c2 Fb + c3 F(a and b).
+// Two or three lines per axis (0, 1 or -1, 0, 1 from the anchor): c[4 * j + i] is the change of
+// colour at the vertex of lines i and j, c[4 * j + 3] at row j's line, c[12 + i] at column i's,
+// c[15] the colour below and left of all.
 template <int reach, bool correlated>
 PENUMBRA_INLINE Wide pattern(const Wide& a, const Wide& b, const Samples& s, int i, Wide& m_a,
                              Wide& m_b) {
@@ -93,13 +92,13 @@ struct BlockTerms {
   alignas(64) float weighted[kBlock];  // residual
 };
 
-// The sums, lane by lane: 36 of H, the last of which is the weight, 8 of g, cost, base weight.
+// Sums by lane: 36 of H, the last of which is the weight, 8 of g, cost, base weight.
 struct LaneSums {
   static constexpr int kSums = 46;
   alignas(64) float lanes[kSums][kLanes];
 };
 
-// Samples l, l + 16, l + 32 and l + 48 of the block go into lane l.
+// Adds samples l, l + 16, l + 32 and l + 48 of the block to lane l.
 template <bool first>
 __attribute__((noinline)) void add_block(const BlockTerms& block, const float* residuals,
                                          const float* base_weights, LaneSums& sums) {
@@ -144,7 +143,7 @@ __attribute__((noinline)) void add_block(const BlockTerms& block, const float* r
   }
 }
 
-// Four floats as doubles. The compiler's own way to them is twice two.
+// Four floats as doubles; the compiler's own conversion goes by twos.
 using Doubles4 = double __attribute__((vector_size(32)));
 PENUMBRA_INLINE void load(const float* at, Doubles4& four) {
 #if defined(__AVX2__)
@@ -156,8 +155,7 @@ PENUMBRA_INLINE void load(const float* at, Doubles4& four) {
 #endif
 }
 
-// In double, by halves: with a block or two of samples this is as much work as the samples are.
-// `count` is a multiple of 4.
+// Sums the lanes in double precision, by halves. `count` is a multiple of 4.
 PENUMBRA_INLINE void add_lanes(const float (*lanes)[kLanes], int count, double* sums) {
   static_assert(kLanes == 16, "four halvings");
   using Places = long long __attribute__((vector_size(sizeof(Doubles4))));
@@ -195,7 +193,7 @@ __attribute__((noinline)) void add_lanes(const LaneSums& from, Sums& sums) {
   sums.base_weight = last[3];
 }
 
-// What a model of `m` leaves of the samples from `i` on, by Tukey's weights.
+// Residuals of the samples from `i` on for a model of `m`, and Tukey's weights.
 PENUMBRA_INLINE void weigh(const AccumulateInput& in, const Samples& s, int i, const Wide& m,
                            BlockTerms& block, int l) {
   const Wide r = load(s.value + i) - (in.gain * m + in.offset);
@@ -210,10 +208,10 @@ PENUMBRA_INLINE void weigh(const AccumulateInput& in, const Samples& s, int i, c
 
 template <int reach, bool correlated>
 void accumulate_as(const AccumulateInput& in, const Samples& samples, Sums& sums) {
-  // Copies, which the floats that are written are not.
+  // Copies: stores to the arrays can't change them.
   const Samples s = samples;
   const AccumulateInput input = in;
-  const float* const M = input.lattice_from_ray;
+  const LatticeFromRay M(in.lattice_from_ray);
   const float inverse_cz = 1.0F / input.centre[2];
   const float gain = input.gain;
   BlockTerms block;
@@ -222,20 +220,15 @@ void accumulate_as(const AccumulateInput& in, const Samples& samples, Sums& sums
 #pragma GCC unroll 1
     for (int l = 0; l < kBlock; l += kWide) {
       const int i = start + l;
-      const Wide x = load(s.ray_x + i);
-      const Wide y = load(s.ray_y + i);
-      const Wide A = M[0] * x + M[1] * y + M[2];
-      const Wide B = M[3] * x + M[4] * y + M[5];
-      const Wide S = M[6] * x + M[7] * y + M[8];
-      const Wide inverse_s = 1.0F / S;
-      const Wide a = A * inverse_s;
-      const Wide b = B * inverse_s;
+      Wide a;
+      Wide b;
+      M.map(load(s.ray_x + i), load(s.ray_y + i), a, b);
       Wide m_a;
       Wide m_b;
       const Wide m =
           pattern<reach, correlated>(a - load(s.va + i), b - load(s.vb + i), s, i, m_a, m_b);
       weigh(input, s, i, m, block, l);
-      // A tag that moves by (nu, omega) carries its pattern along; along the fixed ray a changes by
+      // The pattern moves with the tag: on the fixed ray, a changes by
       // -(1, 0, qa, qa b, -qa a, -b) . (nu, omega), and b alike.
       const Wide qa = (a - input.centre[0]) * inverse_cz;
       const Wide qb = (b - input.centre[1]) * inverse_cz;
@@ -271,7 +264,7 @@ void leverage(const LeverageInput& in, const Samples& s) {
     const Wide m = (load(value + i) - offset) * inverse_gain - r;
     const Wide t = r * inverse_limit;
     const Wide inside = most(1.0F - t * t, Wide{});
-    const Wide slope = most(m * (1.0F - m), Wide{});  // of a blurred edge, nearly
+    const Wide slope = most(m * (1.0F - m), Wide{});  // approximately, of a blurred edge
     const Wide effect = slope * inside * inside;
     store_pairs(pairs + 2 * static_cast<std::ptrdiff_t>(i), effect * r, effect * slope);
     store(squares + i, effect * effect);
@@ -279,24 +272,7 @@ void leverage(const LeverageInput& in, const Samples& s) {
 }
 
 template <int reach, bool correlated>
-void evaluate_as(const AccumulateInput& in, const Samples& s) {
-  const float* M = in.lattice_from_ray;
-#pragma GCC unroll 1
-  for (int i = 0; i < s.count; i += kWide) {
-    const Wide x = load(s.ray_x + i);
-    const Wide y = load(s.ray_y + i);
-    const Wide inverse_s = 1.0F / (M[6] * x + M[7] * y + M[8]);
-    const Wide a = (M[0] * x + M[1] * y + M[2]) * inverse_s;
-    const Wide b = (M[3] * x + M[4] * y + M[5]) * inverse_s;
-    Wide m_a;
-    Wide m_b;
-    store(s.model + i,
-          pattern<reach, correlated>(a - load(s.va + i), b - load(s.vb + i), s, i, m_a, m_b));
-  }
-}
-
-template <int reach, bool correlated>
-void evaluate_moments_as(const AccumulateInput* inputs, const Samples* moments, int count) {
+void evaluate_as(const AccumulateInput* inputs, const Samples* moments, int count) {
   const Samples s = moments[0];
   const float share = 1.0F / static_cast<float>(count);
 #pragma GCC unroll 1
@@ -306,10 +282,9 @@ void evaluate_moments_as(const AccumulateInput* inputs, const Samples* moments, 
     Wide m = {};
 #pragma GCC unroll 1
     for (int k = 0; k < count; ++k) {
-      const float* const M = inputs[k].lattice_from_ray;
-      const Wide inverse_s = 1.0F / (M[6] * x + M[7] * y + M[8]);
-      const Wide a = (M[0] * x + M[1] * y + M[2]) * inverse_s;
-      const Wide b = (M[3] * x + M[4] * y + M[5]) * inverse_s;
+      Wide a;
+      Wide b;
+      LatticeFromRay(inputs[k].lattice_from_ray).map(x, y, a, b);
       Wide m_a;
       Wide m_b;
       m += pattern<reach, correlated>(a - load(moments[k].va + i), b - load(moments[k].vb + i),
@@ -320,38 +295,13 @@ void evaluate_moments_as(const AccumulateInput* inputs, const Samples* moments, 
 }
 
 void accumulate(const AccumulateInput& in, const Samples& samples, Sums& sums) {
-  if (in.reach == 1) {
-    in.correlated ? accumulate_as<1, true>(in, samples, sums)
-                  : accumulate_as<1, false>(in, samples, sums);
-  } else if (in.reach == 2) {
-    in.correlated ? accumulate_as<2, true>(in, samples, sums)
-                  : accumulate_as<2, false>(in, samples, sums);
-  } else {
-    in.correlated ? accumulate_as<3, true>(in, samples, sums)
-                  : accumulate_as<3, false>(in, samples, sums);
-  }
+  with_reach(in.reach, in.correlated, [&]<int reach, bool correlated>() {
+    accumulate_as<reach, correlated>(in, samples, sums);
+  });
 }
 
-void evaluate(const AccumulateInput& in, const Samples& samples) {
-  if (in.reach == 1) {
-    in.correlated ? evaluate_as<1, true>(in, samples) : evaluate_as<1, false>(in, samples);
-  } else if (in.reach == 2) {
-    in.correlated ? evaluate_as<2, true>(in, samples) : evaluate_as<2, false>(in, samples);
-  } else {
-    in.correlated ? evaluate_as<3, true>(in, samples) : evaluate_as<3, false>(in, samples);
-  }
-}
-
-void evaluate_moments(const AccumulateInput* inputs, const Samples* moments, int count) {
-  const bool correlated = inputs[0].correlated;
-  if (inputs[0].reach == 1) {
-    correlated ? evaluate_moments_as<1, true>(inputs, moments, count)
-               : evaluate_moments_as<1, false>(inputs, moments, count);
-  } else if (inputs[0].reach == 2) {
-    correlated ? evaluate_moments_as<2, true>(inputs, moments, count)
-               : evaluate_moments_as<2, false>(inputs, moments, count);
-  } else {
-    correlated ? evaluate_moments_as<3, true>(inputs, moments, count)
-               : evaluate_moments_as<3, false>(inputs, moments, count);
-  }
+void evaluate(const AccumulateInput* inputs, const Samples* moments, int count) {
+  with_reach(inputs[0].reach, inputs[0].correlated, [&]<int reach, bool correlated>() {
+    evaluate_as<reach, correlated>(inputs, moments, count);
+  });
 }

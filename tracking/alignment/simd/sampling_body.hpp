@@ -1,4 +1,4 @@
-// What samples at pixels need beside them: grey levels, rays, the lattice vertex they belong to.
+// Grey levels, rays and lattice vertices of samples.
 // Included by loops_body.hpp, once for each instruction set, inside its namespace.
 
 void read(const std::uint8_t* pixels, const float* levels, int used, const Samples& s) {
@@ -21,7 +21,7 @@ void read(const std::uint8_t* pixels, const float* levels, int used, const Sampl
   }
 }
 
-// The vertex nearest to a place in the lattice (adding 1.5 * 2^23 rounds).
+// Stores the vertex nearest to a lattice point (adding 1.5 * 2^23 rounds).
 PENUMBRA_INLINE void store_anchor(const Wide& a, const Wide& b, const Wide& last, int side,
                                   const Samples& s, int i) {
   const Wide va = least(most((a + 12582912.0F) - 12582912.0F, Wide{}), last);
@@ -36,11 +36,10 @@ PENUMBRA_INLINE void store_anchor(const Wide& a, const Wide& b, const Wide& last
 template <Lens::Kind kind>
 void prepare_as(const Lens& lens_in, const float* M_in, int reach, int side,
                 const Samples& samples) {
-  // Copies, which the floats that are written are not.
+  // Copies: stores to the arrays can't change them.
   const Lens lens = lens_in;
   const Samples s = samples;
-  float M[9];
-  for (int k = 0; k < 9; ++k) M[k] = M_in[k];
+  const LatticeFromRay M(M_in);
   const Wide last = wide(static_cast<float>(side - 1));
   const float anchor_shift = reach == 2 ? 0.5F : 0.0F;
   const float inverse_fx = 1.0F / lens.fx;
@@ -52,8 +51,7 @@ void prepare_as(const Lens& lens_in, const float* M_in, int reach, int side,
     Wide x = target_x;
     Wide y = target_y;
     if constexpr (kind != Lens::Kind::none) {
-      // Newton from a guess a few pixels off; the second step, with the first one's derivative,
-      // brings it to float precision.
+      // Newton's method; the second step with the first one's derivative reaches float precision.
       Wide xd;
       Wide yd;
       Wide j00;
@@ -72,8 +70,8 @@ void prepare_as(const Lens& lens_in, const float* M_in, int reach, int side,
       inverse_det = 1.0F / (j00 * j11 - j01 * j01);
       step();
       if constexpr (kind == Lens::Kind::fisheye) {
-        // At its rim rays grow as the tangent of their angle: a step by its own derivative more
-        // (0.07 px off without, 75 degrees from the axis and a guess 3 px off).
+        // Rays grow as the tangent of their angle: one more step (0.07 px off without, at 75
+        // degrees).
         distort<kind>(lens, x, y, xd, yd, j00, j01, j11);
         inverse_det = 1.0F / (j00 * j11 - j01 * j01);
         step();
@@ -84,9 +82,9 @@ void prepare_as(const Lens& lens_in, const float* M_in, int reach, int side,
       distort<kind>(lens, x, y, xd, yd, u00, u01, u11);
       step();
     }
-    const Wide inverse_s = 1.0F / (M[6] * x + M[7] * y + M[8]);
-    const Wide a = (M[0] * x + M[1] * y + M[2]) * inverse_s;
-    const Wide b = (M[3] * x + M[4] * y + M[5]) * inverse_s;
+    Wide a;
+    Wide b;
+    M.map(x, y, a, b);
     store(s.ray_x + i, x);
     store(s.ray_y + i, y);
     store_anchor(a - anchor_shift, b - anchor_shift, last, side, s, i);
@@ -94,24 +92,20 @@ void prepare_as(const Lens& lens_in, const float* M_in, int reach, int side,
 }
 
 void anchor(const float* M_in, int reach, int side, const Samples& samples) {
-  const Samples s = samples;  // a copy, which the floats that are written are not
-  float M[9];
-  for (int k = 0; k < 9; ++k) M[k] = M_in[k];
+  const Samples s = samples;  // a copy: stores to the arrays can't change it
+  const LatticeFromRay M(M_in);
   const Wide last = wide(static_cast<float>(side - 1));
   const float anchor_shift = reach == 2 ? 0.5F : 0.0F;
 #pragma GCC unroll 1
   for (int i = 0; i < s.count; i += kWide) {
-    const Wide x = load(s.ray_x + i);
-    const Wide y = load(s.ray_y + i);
-    const Wide inverse_s = 1.0F / (M[6] * x + M[7] * y + M[8]);
-    const Wide a = (M[0] * x + M[1] * y + M[2]) * inverse_s;
-    const Wide b = (M[3] * x + M[4] * y + M[5]) * inverse_s;
+    Wide a;
+    Wide b;
+    M.map(load(s.ray_x + i), load(s.ray_y + i), a, b);
     store_anchor(a - anchor_shift, b - anchor_shift, last, side, s, i);
   }
 }
 
-// What depends on the anchor alone. One record per vertex; four or eight records become as many of
-// each.
+// Gathers ka, kb and coefficients of each anchor; transposes the coefficients of four samples.
 void attach(const float* ka, const float* kb, const float* coefficients, const Samples& s) {
 #if defined(__AVX2__)
   constexpr int kPart = 8;
@@ -119,72 +113,61 @@ void attach(const float* ka, const float* kb, const float* coefficients, const S
   constexpr int kPart = 4;
 #endif
   using Part = float __attribute__((vector_size(4 * kPart)));
+  using Places = std::int32_t __attribute__((vector_size(4 * kPart)));
+#if defined(__AVX2__)
+  constexpr Places kLow = {0, 8, 1, 9, 4, 12, 5, 13};
+  constexpr Places kHigh = {2, 10, 3, 11, 6, 14, 7, 15};
+  constexpr Places kEven = {0, 1, 8, 9, 4, 5, 12, 13};
+  constexpr Places kOdd = {2, 3, 10, 11, 6, 7, 14, 15};
+#else
+  constexpr Places kLow = {0, 4, 1, 5};
+  constexpr Places kHigh = {2, 6, 3, 7};
+  constexpr Places kEven = {0, 1, 4, 5};
+  constexpr Places kOdd = {2, 3, 6, 7};
+#endif
   const std::int32_t* const __restrict vertex = s.vertex;
-  float* const __restrict ka_out = s.ka;
-  float* const __restrict kb_out = s.kb;
-  float* const __restrict c0 = s.c[0];
-  float* const __restrict c1 = s.c[1];
-  float* const __restrict c2 = s.c[2];
-  float* const __restrict c3 = s.c[3];
   for (int i = 0; i < s.count; i += kPart) {
     std::ptrdiff_t v[kPart];
+    Part part_ka{};
+    Part part_kb{};
 #pragma GCC unroll 8
-    for (int k = 0; k < kPart; ++k) v[k] = vertex[i + k];
+    for (int k = 0; k < kPart; ++k) {
+      v[k] = vertex[i + k];
+      part_ka[k] = ka[v[k]];
+      part_kb[k] = kb[v[k]];
+    }
     const auto record = [&](int k) {
       Floats4 four;
       __builtin_memcpy(&four, coefficients + 4 * v[k], sizeof four);
       return four;
     };
+    const auto row = [&](int k) {
 #if defined(__AVX2__)
-    const Part part_ka = {ka[v[0]], ka[v[1]], ka[v[2]], ka[v[3]],
-                          ka[v[4]], ka[v[5]], ka[v[6]], ka[v[7]]};
-    const Part part_kb = {kb[v[0]], kb[v[1]], kb[v[2]], kb[v[3]],
-                          kb[v[4]], kb[v[5]], kb[v[6]], kb[v[7]]};
-    const auto both = [&](int k) {
-      return static_cast<Part>(
-          _mm256_set_m128(static_cast<__m128>(record(k + 4)), static_cast<__m128>(record(k))));
-    };
-    const auto r0 = static_cast<__m256>(both(0));
-    const auto r1 = static_cast<__m256>(both(1));
-    const auto r2 = static_cast<__m256>(both(2));
-    const auto r3 = static_cast<__m256>(both(3));
-    const __m256 low01 = _mm256_unpacklo_ps(r0, r1);
-    const __m256 low23 = _mm256_unpacklo_ps(r2, r3);
-    const __m256 high01 = _mm256_unpackhi_ps(r0, r1);
-    const __m256 high23 = _mm256_unpackhi_ps(r2, r3);
-    _mm256_storeu_ps(c0 + i, _mm256_shuffle_ps(low01, low23, 0x44));
-    _mm256_storeu_ps(c1 + i, _mm256_shuffle_ps(low01, low23, 0xEE));
-    _mm256_storeu_ps(c2 + i, _mm256_shuffle_ps(high01, high23, 0x44));
-    _mm256_storeu_ps(c3 + i, _mm256_shuffle_ps(high01, high23, 0xEE));
+      return __builtin_shufflevector(record(k), record(k + 4), 0, 1, 2, 3, 4, 5, 6, 7);
 #else
-    const Part part_ka = {ka[v[0]], ka[v[1]], ka[v[2]], ka[v[3]]};
-    const Part part_kb = {kb[v[0]], kb[v[1]], kb[v[2]], kb[v[3]]};
-    Floats4 columns[4] = {record(0), record(1), record(2), record(3)};
-    transpose(columns);
-    __builtin_memcpy(c0 + i, &columns[0], sizeof(Floats4));
-    __builtin_memcpy(c1 + i, &columns[1], sizeof(Floats4));
-    __builtin_memcpy(c2 + i, &columns[2], sizeof(Floats4));
-    __builtin_memcpy(c3 + i, &columns[3], sizeof(Floats4));
+      return record(k);
 #endif
-    __builtin_memcpy(ka_out + i, &part_ka, sizeof part_ka);
-    __builtin_memcpy(kb_out + i, &part_kb, sizeof part_kb);
+    };
+    const Part r[4] = {row(0), row(1), row(2), row(3)};
+    const Part low01 = __builtin_shuffle(r[0], r[1], kLow);
+    const Part low23 = __builtin_shuffle(r[2], r[3], kLow);
+    const Part high01 = __builtin_shuffle(r[0], r[1], kHigh);
+    const Part high23 = __builtin_shuffle(r[2], r[3], kHigh);
+    const Part parts[] = {part_ka,
+                          part_kb,
+                          __builtin_shuffle(low01, low23, kEven),
+                          __builtin_shuffle(low01, low23, kOdd),
+                          __builtin_shuffle(high01, high23, kEven),
+                          __builtin_shuffle(high01, high23, kOdd)};
+    float* const arrays[] = {s.ka, s.kb, s.c[0], s.c[1], s.c[2], s.c[3]};
+#pragma GCC unroll 6
+    for (int k = 0; k < 6; ++k) __builtin_memcpy(arrays[k] + i, &parts[k], sizeof(Part));
   }
 }
 
 void prepare(const Lens& lens, const float* lattice_from_ray, int reach, int side,
              const Samples& samples) {
-  switch (lens.kind) {
-    case Lens::Kind::none:
-      prepare_as<Lens::Kind::none>(lens, lattice_from_ray, reach, side, samples);
-      break;
-    case Lens::Kind::polynomial:
-      prepare_as<Lens::Kind::polynomial>(lens, lattice_from_ray, reach, side, samples);
-      break;
-    case Lens::Kind::rational:
-      prepare_as<Lens::Kind::rational>(lens, lattice_from_ray, reach, side, samples);
-      break;
-    case Lens::Kind::fisheye:
-      prepare_as<Lens::Kind::fisheye>(lens, lattice_from_ray, reach, side, samples);
-      break;
-  }
+  with_lens(lens.kind, [&]<Lens::Kind kind>() {
+    prepare_as<kind>(lens, lattice_from_ray, reach, side, samples);
+  });
 }

@@ -1,9 +1,9 @@
-// Vectors of floats as wide as the instruction set, and the functions of them that the loops use.
+// Vectors of floats as wide as the instruction set, and their functions.
 // Included by loops_body.hpp, once for each instruction set, inside its namespace.
 
 constexpr int kLanes = 16;
 
-// As many floats as the instruction set has side by side.
+// Floats in a vector of the instruction set.
 #if defined(__AVX512F__)
 constexpr int kWide = 16;
 #elif defined(__AVX2__)
@@ -38,8 +38,8 @@ PENUMBRA_INLINE Wide square_root(const Wide& x) {
   for (int l = 0; l < kWide; ++l) root[l] = __builtin_sqrtf(x[l]);
   return root;
 }
-// x where it is less, and where it is more; a limit for what is no number. By name, as the compiler
-// has a limit that it knows go through comparisons and blends.
+// Intrinsics, because the compiler turns a constant limit into comparisons and blends; `limit` for
+// NaN.
 PENUMBRA_INLINE Wide least(const Wide& x, const Wide& limit) {
 #if defined(__AVX512F__)
   return _mm512_maskz_min_ps(0xFFFF, x, limit);
@@ -62,7 +62,7 @@ PENUMBRA_INLINE Wide by_sign(const Wide& u, const Wide& negative, const Wide& po
   return reinterpret_cast<WideInts>(u) < 0 ? negative : positive;
 }
 
-// x0 y0 x1 y1 ..., as twice as many floats.
+// Interleaves: x0 y0 x1 y1 ...
 PENUMBRA_INLINE void store_pairs(float* at, const Wide& x, const Wide& y) {
 #if defined(__AVX512F__)
   constexpr WideInts kLow = {0, 16, 1, 17, 2, 18, 3, 19, 4, 20, 5, 21, 6, 22, 7, 23};
@@ -87,7 +87,7 @@ PENUMBRA_INLINE Wide exp_negative(const Wide& x) {
       1.0F +
       f * (1.0F + f * (0.5F + f * (0.16666667F +
                                    f * (0.04166667F + f * (0.00833333F + f * 0.00138889F)))));
-  // Onto the exponent, which what is above the low bits falls off.
+  // Adds n to the exponent; the shift drops the higher bits.
   return reinterpret_cast<Wide>(reinterpret_cast<WideInts>(p) +
                                 (reinterpret_cast<WideInts>(shifted) << 23));
 }
@@ -136,16 +136,46 @@ PENUMBRA_INLINE Wide binormal_cdf(const Wide& x, const Wide& y, const Wide& rho,
   return cdf_x * cdf_y + angle * 0.15915494F * integral;
 }
 
-// Four rows of four -> their columns, or back.
 using Floats4 = float __attribute__((vector_size(16)));
-PENUMBRA_INLINE void transpose(Floats4 (&rows)[4]) {
-  using Places = std::int32_t __attribute__((vector_size(16)));
-  const Floats4 low01 = __builtin_shuffle(rows[0], rows[1], Places{0, 4, 1, 5});
-  const Floats4 low23 = __builtin_shuffle(rows[2], rows[3], Places{0, 4, 1, 5});
-  const Floats4 high01 = __builtin_shuffle(rows[0], rows[1], Places{2, 6, 3, 7});
-  const Floats4 high23 = __builtin_shuffle(rows[2], rows[3], Places{2, 6, 3, 7});
-  rows[0] = __builtin_shuffle(low01, low23, Places{0, 1, 4, 5});
-  rows[1] = __builtin_shuffle(low01, low23, Places{2, 3, 6, 7});
-  rows[2] = __builtin_shuffle(high01, high23, Places{0, 1, 4, 5});
-  rows[3] = __builtin_shuffle(high01, high23, Places{2, 3, 6, 7});
+
+// Maps rays to lattice points; a copy of the matrix, which stores to samples can't change.
+struct LatticeFromRay {
+  explicit LatticeFromRay(const float* rows) { __builtin_memcpy(m, rows, sizeof m); }
+  PENUMBRA_INLINE void map(const Wide& x, const Wide& y, Wide& a, Wide& b) const {
+    const Wide inverse_s = 1.0F / (m[6] * x + m[7] * y + m[8]);
+    a = (m[0] * x + m[1] * y + m[2]) * inverse_s;
+    b = (m[3] * x + m[4] * y + m[5]) * inverse_s;
+  }
+  float m[9];
+};
+
+// Calls f with run-time values as template arguments.
+template <class F>
+PENUMBRA_INLINE auto with_lens(Lens::Kind kind, const F& f) {
+  switch (kind) {
+    case Lens::Kind::none:
+      return f.template operator()<Lens::Kind::none>();
+    case Lens::Kind::polynomial:
+      return f.template operator()<Lens::Kind::polynomial>();
+    case Lens::Kind::rational:
+      return f.template operator()<Lens::Kind::rational>();
+    case Lens::Kind::fisheye:
+      break;
+  }
+  return f.template operator()<Lens::Kind::fisheye>();
+}
+template <class F>
+PENUMBRA_INLINE auto with_flags(bool first, bool second, const F& f) {
+  if (first)
+    return second ? f.template operator()<true, true>() : f.template operator()<true, false>();
+  return second ? f.template operator()<false, true>() : f.template operator()<false, false>();
+}
+template <class F>
+PENUMBRA_INLINE void with_reach(int reach, bool correlated, const F& f) {
+  const auto with = [&]<int lines>() {
+    correlated ? f.template operator()<lines, true>() : f.template operator()<lines, false>();
+  };
+  if (reach == 1) return with.template operator()<1>();
+  if (reach == 2) return with.template operator()<2>();
+  with.template operator()<3>();
 }
