@@ -5,7 +5,7 @@ separate_arguments(NAMES)
 set(entries "")
 foreach(name IN LISTS NAMES)
   file(READ "${FOLDER}/${name}" text)
-  string(APPEND entries "    EmbeddedShader{\"${name}\", R\"glsl(${text})glsl\"},\n")
+  string(APPEND entries "    ShaderText{\"${name}\", R\"glsl(${text})glsl\"},\n")
 endforeach()
 file(CONFIGURE OUTPUT "${OUTPUT}" @ONLY CONTENT [=[
 // Written by cmake/embed_shaders.cmake from render/shaders.
@@ -21,7 +21,7 @@ constexpr std::array kShaders = {
 
 }  // namespace
 
-std::span<const EmbeddedShader> embedded_shaders() {
+std::span<const ShaderText> embedded_shaders() {
   return kShaders;
 }
 

@@ -1,12 +1,13 @@
 #include "render/camera_gl.hpp"
 
+#include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
 
 namespace penumbra {
 namespace {
 
-// Without a fold the lens formulas are followed up to 89 degrees from the axis.
+// Radius up to which monotonic lens models are followed: 89 degrees from the axis.
 constexpr double kLargestRadius = 57.0;
 
 glm::mat4x3 columns(const Eigen::Matrix3d& linear, const Eigen::Vector3d& origin) {
@@ -20,8 +21,8 @@ Eigen::Matrix3d plane_axes(const PlaneFrame& plane) {
   return axes;
 }
 
-// Undistorted normalised coordinates of a pixel; where the model reaches no such pixel, along the
-// chord that lens.glsl (and CameraModel::project_extended) continues on.
+// Returns a pixel's undistorted normalised coordinates; beyond the model's reach, along the chord
+// of lens.glsl and CameraModel::project_extended().
 Eigen::Vector2d undistorted(const CameraModel& camera, const Eigen::Vector2d& pixel) {
   if (const auto ray = camera.unproject(pixel)) return ray->head<2>();
   const CameraParameters& p = camera.parameters();
@@ -46,19 +47,8 @@ LensUniforms make_lens(const CameraModel& camera) {
   const auto& k = p.distortion;
   lens.k_low = {f(k[0]), f(k[1]), f(k[2]), f(k[3])};
   lens.k_high = {f(k[4]), f(k[5]), f(k[6]), f(k[7])};
-  if (camera.has_distortion()) {
-    switch (p.model) {
-      case DistortionModel::plumb_bob:
-        lens.model = 1;
-        break;
-      case DistortionModel::rational:
-        lens.model = 2;
-        break;
-      case DistortionModel::fisheye:
-        lens.model = 3;
-        break;
-    }
-  }
+  static_assert(static_cast<int>(DistortionModel::plumb_bob) == 0);
+  if (camera.has_distortion()) lens.model = 1 + static_cast<int>(p.model);
   lens.max_radius = f(std::isfinite(camera.max_radius()) ? camera.max_radius() : kLargestRadius);
   lens.depth = {f((kFar + kNear) / (kFar - kNear)), f(-2.0 * kFar * kNear / (kFar - kNear))};
   return lens;
@@ -105,7 +95,7 @@ bool ViewFrustum::misses(std::span<const Eigen::Vector3d> hull) const {
          all([this](P p) { return p.y() > y_max * p.z(); });
 }
 
-// Side by side (Sutherland and Hodgman).
+// Sutherland and Hodgman's clipping.
 std::vector<Eigen::Vector3d> ViewFrustum::part_in_view(
     std::span<const Eigen::Vector3d> polygon) const {
   std::vector<Eigen::Vector3d> part(polygon.begin(), polygon.end());
@@ -129,20 +119,13 @@ std::vector<Eigen::Vector3d> ViewFrustum::part_in_view(
 }
 
 ViewFrustum make_frustum(const CameraModel& camera) {
-  // The extremes lie on the border, for the lens maps the view onto the picture continuously and
-  // one to one. Taken at a few places; the margin covers what is between them, and the sag of the
-  // straight edges that triangles are drawn with.
+  // The extremes lie on the border, because the lens model is continuous and one-to-one. The margin
+  // covers the border between samples and the sag of straight edges.
   constexpr int kSteps = 8;
   const double right = camera.width() - 0.5;
   const double bottom = camera.height() - 0.5;
-  ViewFrustum frustum{1e9, -1e9, 1e9, -1e9};
-  const auto include = [&](double u, double v) {
-    const Eigen::Vector2d p = undistorted(camera, {u, v});
-    frustum.x_min = std::min(frustum.x_min, p.x());
-    frustum.x_max = std::max(frustum.x_max, p.x());
-    frustum.y_min = std::min(frustum.y_min, p.y());
-    frustum.y_max = std::max(frustum.y_max, p.y());
-  };
+  Eigen::AlignedBox2d view;
+  const auto include = [&](double u, double v) { view.extend(undistorted(camera, {u, v})); };
   for (int i = 0; i <= kSteps; ++i) {
     const double t = static_cast<double>(i) / kSteps;
     include(-0.5 + t * (right + 0.5), -0.5);
@@ -150,25 +133,21 @@ ViewFrustum make_frustum(const CameraModel& camera) {
     include(-0.5, -0.5 + t * (bottom + 0.5));
     include(right, -0.5 + t * (bottom + 0.5));
   }
-  const double margin_x = 0.05 * (frustum.x_max - frustum.x_min);
-  const double margin_y = 0.05 * (frustum.y_max - frustum.y_min);
-  frustum.x_min -= margin_x;
-  frustum.x_max += margin_x;
-  frustum.y_min -= margin_y;
-  frustum.y_max += margin_y;
-  return frustum;
+  const Eigen::Vector2d margin = 0.05 * view.sizes();
+  const Eigen::Vector2d low = view.min() - margin;
+  const Eigen::Vector2d high = view.max() + margin;
+  return {low.x(), high.x(), low.y(), high.y()};
 }
 
 double longest_edge(const CameraModel& camera) {
   constexpr double kLongestEdge_px = 32.0;
-  constexpr double kTolerance_px = 0.1;  // leaves a part of the 0.15 px allowed to the rest
-  constexpr double kShortest = 0.001;    // [m]; a lens that needs less bends beyond all use
+  constexpr double kTolerance_px = 0.1;  // of 0.15 px for all errors
+  constexpr double kShortest = 0.001;    // [m]
   constexpr double kLongest = 0.02;      // [m]
-  constexpr int kSamples = 12;           // along each side of the picture
+  constexpr int kSamples = 12;           // along each side of the image
   const double focal = std::max(camera.parameters().fx, camera.parameters().fy);
   double length = kLongestEdge_px / focal;  // at depth 1
-  // How far the middle of a chord, at depth 1, is from where the lens shows it grows with the
-  // square of the chord's length.
+  // The error of a chord's middle grows with the square of the chord's length.
   const double half = 0.5 * length;
   double worst = 0.0;
   for (int i = 0; i <= kSamples; ++i) {
@@ -189,7 +168,7 @@ double longest_edge(const CameraModel& camera) {
       }
     }
   }
-  if (worst < 1e-3) return kLongest;  // a pinhole: straight is right
+  if (worst < 1e-3) return kLongest;  // no distortion
   if (worst > kTolerance_px) length *= std::sqrt(kTolerance_px / worst);
   return std::clamp(length * kNearestDistance, kShortest, kLongest);
 }

@@ -1,5 +1,5 @@
-// The one seam between the camera of computer vision (double, Eigen; x right, y down, z forward)
-// and OpenGL (float, GLM). Everything before it is double, everything after it float.
+// Conversion from computer vision's camera (double, Eigen; x right, y down, z forward) to OpenGL
+// (float, GLM).
 #pragma once
 
 #include <Eigen/Core>
@@ -21,9 +21,8 @@ namespace penumbra {
 inline constexpr double kNear = 0.02;  // [m]
 inline constexpr double kFar = 20.0;   // [m]
 
-// Uniforms of lens.glsl: camera frame -> clip coordinates. The pixel whose CENTRE is (0, 0) is the
-// first of the framebuffer's first row, so u = -0.5 is the left edge, NDC -1, and v = -0.5 the top
-// one, NDC -1: the framebuffer's row 0 is the picture's top row.
+// Uniforms of lens.glsl: camera frame -> clip coordinates. Pixel (0, 0) is the first of the
+// framebuffer's first row, the image's top row; u = -0.5 and v = -0.5 are NDC -1.
 struct LensUniforms {
   glm::vec4 scale_offset{1.0F, 1.0F, 0.0F, 0.0F};
   glm::vec4 k_low{0.0F};
@@ -37,7 +36,7 @@ struct LensUniforms {
 [[nodiscard]] glm::vec3 to_gl(const Eigen::Vector3d& v);
 [[nodiscard]] glm::mat3 to_gl(const Eigen::Matrix3d& m);
 
-// Affine maps, composed in double and rounded once. Columns: where x, y, z go, and the origin.
+// Affine maps, composed in double and rounded once. Columns: images of x, y, z and of the origin.
 [[nodiscard]] glm::mat4x3 to_gl(const Placement& placement);
 [[nodiscard]] glm::mat4x3 camera_from_object(const CameraPose& T_table_camera,
                                              const Placement& T_table_object);
@@ -48,22 +47,20 @@ struct LensUniforms {
 [[nodiscard]] glm::mat4x3 plane_from_object(const PlaneFrame& plane,
                                             const Placement& T_table_object);
 
-// Edges of what is drawn are straight in the picture where the lens would bend them. At most this
-// long [m], they are off by no more than about 0.1 px and span at most 32 px, at the nearest
-// distance expected (0.15 m), anywhere in the picture.
+// Nearest distance to draw at [m]: closer up, the sheet's tags are not in view as a whole.
+inline constexpr double kNearestDistance = 0.15;
+// Returns the longest edge [m] that may be drawn straight: at the nearest distance it is at most 32
+// px long and off the bent edge by about 0.1 px.
 [[nodiscard]] double longest_edge(const CameraModel& camera);
-inline constexpr double kNearestDistance =
-    0.15;  // [m]; nearer, the sheet's tags are not seen whole
 
-// What the picture can show, in undistorted normalised coordinates, with a margin: whatever lies
-// outside of it cannot touch a pixel.
+// Bounds of the image in undistorted normalised coordinates, with a margin: nothing outside touches
+// a pixel.
 struct ViewFrustum {
   double x_min = 0.0, x_max = 0.0, y_min = 0.0, y_max = 0.0;
 
-  // Whether the convex hull of the points (camera frame [m]) is certainly out of view.
+  // Returns whether the convex hull of the points (camera frame [m]) is certainly out of view.
   [[nodiscard]] bool misses(std::span<const Eigen::Vector3d> hull) const;
-  // The corners of what of a convex polygon (camera frame [m], in order) may be in view; none where
-  // nothing is.
+  // Clips a convex polygon (corners in order, camera frame [m]) to the view.
   [[nodiscard]] std::vector<Eigen::Vector3d> part_in_view(
       std::span<const Eigen::Vector3d> polygon) const;
 };

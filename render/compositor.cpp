@@ -3,56 +3,64 @@
 #include <epoxy/gl.h>
 
 #include <algorithm>
-#include <optional>
 #include <utility>
-#include <vector>
 
 #include "core/assert.hpp"
 #include "core/propagate.hpp"
 #include "core/stopwatch.hpp"
-#include "render/camera_gl.hpp"
-#include "render/gl/framebuffer.hpp"
-#include "render/gl/gl_error.hpp"
 #include "render/gl/gpu_timer.hpp"
-#include "render/gl/picture_probe.hpp"
 #include "render/gl/pixel_buffer.hpp"
-#include "render/passes/caster_cache.hpp"
-#include "render/passes/draw_context.hpp"
 #include "render/passes/hard_pass.hpp"
-#include "render/passes/layer_painter.hpp"
-#include "render/passes/object_painter.hpp"
-#include "render/passes/object_passes.hpp"
 #include "render/passes/ray_pass.hpp"
 #include "render/passes/received_shadow_pass.hpp"
-#include "render/passes/receivers.hpp"
 #include "render/passes/rectified_video.hpp"
-#include "render/passes/shadow_geometry.hpp"
 #include "render/passes/shadow_pass.hpp"
-#include "render/passes/video_texture.hpp"
 #include "render/passes/volume_pass.hpp"
 
 namespace penumbra {
+namespace {
+
+// Phantoms stand for real things: they write depth only.
+class PhantomPass : public Pass {
+ public:
+  int draw(const DrawContext& context, const FramePlan& plan) override {
+    return context.objects.draw_phantoms(plan, context.lens);
+  }
+};
+
+class ObjectPass : public Pass {
+ public:
+  int draw(const DrawContext& context, const FramePlan& plan) override {
+    return context.objects.draw_objects(plan, context.lens, context.framebuffer);
+  }
+};
+
+// After the shadows, which surfaces that blend don't receive.
+class BlendedPass : public Pass {
+ public:
+  int draw(const DrawContext& context, const FramePlan& plan) override {
+    return context.objects.draw_blended(plan, context.lens, context.framebuffer);
+  }
+};
+
+}  // namespace
+
 struct Compositor::Impl {
   Impl(GlContext& gl, std::shared_ptr<const Scene> shown, const CameraModel& camera,
-       Framebuffer target, ObjectPainter object_painter, Receivers plane_receivers,
-       LayerPainter layer_painter, bool with_pixel_buffers)
+       bool with_pixel_buffers)
       : context(gl),
         scene(std::move(shown)),
         width(camera.width()),
         height(camera.height()),
         lens(make_lens(camera)),
-        framebuffer(std::move(target)),
         pixel_buffers(with_pixel_buffers),
         video(gl.info().api, with_pixel_buffers),
-        objects(std::move(object_painter)),
-        receivers(std::move(plane_receivers)),
         casters(*scene, camera),
-        geometry(casters, camera),
-        painter(std::move(layer_painter)) {}
+        geometry(casters, camera) {}
 
   Impl(const Impl&) = delete;
   Impl& operator=(const Impl&) = delete;
-  // Names are deleted in the context that they were made in.
+  // OpenGL names must be deleted in their context.
   ~Impl() { context.make_current(); }
 
   GlContext& context;
@@ -73,19 +81,24 @@ struct Compositor::Impl {
   CasterCache casters;
   ShadowGeometry geometry;
   LayerPainter painter;
-  // In drawing order: those that write depth, and those that need it with the planes in it.
+  // In drawing order: passes that write depth, and those that need it and the planes'.
   std::vector<std::unique_ptr<Pass>> surfaces, overlays;
   ShadowPass* shadows = nullptr;  // one of `overlays`
   CompositeStats stats;
 
-  Result<void> make_passes(const CameraModel& camera) {
+  Result<void> make_passes(const CameraModel& camera, int samples) {
     const GlApi api = context.info().api;
+    PENUMBRA_TRY(framebuffer, Framebuffer::create(width, height, samples));
+    PENUMBRA_TRY(abilities, probe_picture(api));
+    PENUMBRA_TRY(objects, ObjectPainter::create(api, *scene, camera));
+    PENUMBRA_TRY(receivers, Receivers::create(api, *scene, camera));
+    PENUMBRA_TRY(painter, LayerPainter::create(api, camera));
     const bool multisampled = framebuffer.samples() > 0;
     surfaces.push_back(std::make_unique<PhantomPass>());
     surfaces.push_back(std::make_unique<ObjectPass>());
     PENUMBRA_TRY(auto on_planes, ShadowPass::create(api, camera, geometry, painter, multisampled));
     shadows = on_planes.get();
-    PENUMBRA_TRY(auto hard, HardPass::create(api, *scene, camera));
+    PENUMBRA_TRY(auto hard, HardPass::create(api, camera));
     PENUMBRA_TRY(auto volumes, VolumePass::create(api, camera));
     PENUMBRA_TRY(auto rays, RayPass::create(api, camera));
     overlays.push_back(std::move(on_planes));
@@ -113,8 +126,7 @@ struct Compositor::Impl {
     glStencilMask(0xFF);
     glClear(GL_DEPTH_BUFFER_BIT | GL_STENCIL_BUFFER_BIT);
     for (const std::unique_ptr<Pass>& pass : surfaces) count(pass->draw(draw_context, plan));
-    // After the phantoms: one under a plane is not what its pixels show. Not a pass of its own: its
-    // marks are for the passes that follow.
+    // After the phantoms, which planes may hide. No Pass, because the later passes use its marks.
     stats[Counter::draw_calls] += receivers.begin_frame(plan, lens, plan.volume_lights > 0);
     for (const std::unique_ptr<Pass>& pass : overlays) count(pass->draw(draw_context, plan));
     framebuffer.invalidate_depth_stencil();
@@ -178,21 +190,14 @@ Result<Compositor> Compositor::create(GlContext& context, std::shared_ptr<const 
   glGetIntegerv(GL_MAX_SAMPLES, &most_samples);
   const int samples =
       options.msaa.value_or(multisampling_for(context.info().software, most_samples));
-  PENUMBRA_TRY(auto framebuffer, Framebuffer::create(camera.width(), camera.height(), samples));
   const GlApi api = context.info().api;
-  PENUMBRA_TRY(const auto abilities, probe_picture(api));
-  PENUMBRA_TRY(auto objects, ObjectPainter::create(api, *scene, camera));
-  PENUMBRA_TRY(auto receivers, Receivers::create(api, *scene, camera));
-  PENUMBRA_TRY(auto painter, LayerPainter::create(api, camera));
   const bool on_gpu = !context.info().software;
-  auto impl = std::make_unique<Impl>(context, std::move(scene), camera, std::move(framebuffer),
-                                     std::move(objects), std::move(receivers), std::move(painter),
+  auto impl = std::make_unique<Impl>(context, std::move(scene), camera,
                                      options.pixel_buffers.value_or(on_gpu));
-  impl->abilities = abilities;
-  PENUMBRA_TRY_VOID(impl->make_passes(camera));
-  if (options.gpu_time.value_or(on_gpu)) impl->gpu_timer = GpuTimer::create(api);
+  PENUMBRA_TRY_VOID(impl->make_passes(camera, samples));
+  if (on_gpu) impl->gpu_timer = GpuTimer::create(api);
   if (rectified) impl->rectified.emplace(api, video_camera);
-  // Models, textures and programs are there now, or they are not.
+  // Covers models, textures and programs.
   if (const auto error = noted_gl_error(context.info()))
     return fail("{}: {}", impl->scene->file, gl_error_text(*error));
   return Compositor(std::move(impl));
@@ -237,8 +242,7 @@ Result<CompositeStats> Compositor::draw(const Frame& frame, const FramePlan& pla
   if (m.gpu_timer) m.gpu_timer->end();
   if (!drawn) return tl::unexpected(drawn.error());
   m.video.hold(frame);
-  // A CPU rasteriser works in this process: waited for here, so that its time counts here and not
-  // in the read-back.
+  // Waits for a CPU rasteriser here, so that its time does not count as read-back.
   if (m.context.info().software) glFinish();
   render_clock.add_to(m.stats.render_ms, m.stats.render_cpu_ms);
   if (const auto error = noted_gl_error(m.context.info()))
@@ -282,7 +286,7 @@ Result<CompositeStats> Compositor::take_picture(std::span<std::uint8_t> rgba) {
   PENUMBRA_ASSERT(rgba.size() == m.picture_bytes());
   const Stopwatch clock;
   const auto taken = m.pictures.take(rgba);
-  auto stats = m.read(clock);  // what the driver says of itself comes first
+  auto stats = m.read(clock);  // its error is more specific
   if (!stats || !taken) m.pictures.drop_all();
   if (stats && !taken) return tl::unexpected(taken.error());
   return stats;

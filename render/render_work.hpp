@@ -17,13 +17,12 @@ struct Scene;
 enum class Counter : std::size_t {
   shadow_vertices,     // vertices that the CPU projected or clipped for shadows
   kernel_generations,  // kernel sets, and sets of part lights, for a tilt
-  // Shadows drawn from the geometry of an earlier frame (only the camera moved, or the caster slid
-  // or turned on the plane), and those that were recomputed.
+  // Shadows drawn from the geometry of an earlier frame, and recomputed shadows.
   reprojections,
   triples_recomputed,
   proxy_shadows,      // drawn from a reduced mesh
   proxy_checks,       // comparisons of a reduced mesh with its model
-  proxy_faces_saved,  // by those drawn, over all their layers
+  proxy_faces_saved,  // by proxy_shadows, over all their layers
   // Masks of the layers on a plane: drawn, and kept from an earlier frame.
   layer_masks_drawn,
   layer_masks_kept,
@@ -31,19 +30,18 @@ enum class Counter : std::size_t {
   // Masks of the shadows on phantoms and objects, one for each level: drawn, and kept.
   masks_drawn,
   masks_kept,
-  // The video frame: copied to the GPU, or read by it in the camera's own buffer. Neither for a
-  // frame that was there already.
+  // Video frames copied to the GPU, or read in the camera's own buffer; neither if already there.
   video_copies,
   video_imports,
-  // Through pixel buffers: of the copies, and of images that ask_for_picture() asked for.
+  // Through pixel buffers: copies of the video, and images of ask_for_picture().
   pixel_buffer_uploads,
   pixel_buffer_read_backs,
-  // Faces of the kernel sets made in this frame, and those that turn over in some layer.
+  // Faces of the kernel sets made in this frame, and those twisted in some layer.
   faces_tested,
   faces_twisted,
-  passes_drawn,    // that drew anything: the video and each Pass
+  passes_drawn,    // passes with draw calls, and the video
   passes_skipped,  // entries of the plan's and the passes' `skipped`
-  draw_calls,      // of OpenGL's
+  draw_calls,      // OpenGL draw calls
 };
 // The counters' keys in the report.
 inline constexpr std::array<std::string_view, 21> kCounterNames = {
@@ -72,8 +70,8 @@ class RenderCounters {
   std::array<std::int64_t, kCounterNames.size()> values_{};
 };
 
-// Why something is not drawn. `subject` and `other` of SkippedPass are indices into the scene, of
-// what the comment names.
+// The reason that something is not drawn. The comments name the kinds of SkippedPass::subject and
+// `other`.
 enum class SkipReason {
   no_pose,                 // -
   faded_out,               // -
@@ -106,8 +104,8 @@ inline constexpr std::size_t kSkipReasons =
 
 struct SkippedPass {
   SkipReason reason = SkipReason::no_pose;
-  int subject = -1, other = -1;
-  std::string detail = {};  // of no_pose: why there is none
+  int subject = -1, other = -1;  // indices into the scene
+  std::string detail = {};       // for no_pose: the cause
   friend auto operator<=>(const SkippedPass&, const SkippedPass&) = default;
 };
 
@@ -127,17 +125,17 @@ struct KeptPart {
 // The key in the report: "object_out_of_view", "video", ...
 [[nodiscard]] std::string_view key_of(SkipReason reason);
 [[nodiscard]] std::string_view key_of(KeepReason reason);
-// For a reader: "rotor: outside the view".
+// Text for a user: "rotor: outside the view".
 [[nodiscard]] std::string text_of(const SkippedPass& skipped, const Scene& scene);
 [[nodiscard]] std::string text_of(const KeptPart& kept, const Scene& scene);
 
-// Shadow volumes end this far from the table's origin [m], where a camera less than 8 m away from
-// it still has them before its far plane.
+// Distance of the ends of shadow volumes from the table's origin [m]: before the far plane of a
+// camera less than 8 m away from it.
 inline constexpr double kVolumeReach = 12.0;
 
 struct RenderWork {
   RenderCounters counters;
-  std::vector<SkippedPass> skipped;  // by the passes: known only from the geometry
+  std::vector<SkippedPass> skipped;  // by the passes, for reasons found in the geometry
   std::vector<KeptPart> kept;
 
   [[nodiscard]] std::int64_t& operator[](Counter counter) { return counters[counter]; }

@@ -1,19 +1,19 @@
-// The ways in which what is translucent (shadows, and what fades out) reaches the picture.
+// Modes of drawing translucent fragments: shadows, and objects that fade out.
 #pragma once
 
 #include <array>
 #include <optional>
 #include <string_view>
 
-#include "render/gl/picture_abilities.hpp"
+#include "render/gl/picture_probe.hpp"
 
 namespace penumbra {
 
 enum class Translucency {
-  automatic,      // the first of blend, retexture and mesh that works here
-  blend,          // the picture is multiplied, or mixed, by the blending hardware
-  mesh,           // screen-door: pixels are black or left alone, by an ordered pattern; no blending
-  retexture,      // fragments fetch what lies under them and write it anew; no blending
+  automatic,      // the first of blend, retexture and mesh that works in the context
+  blend,          // the blending hardware multiplies or mixes
+  mesh,           // screen-door: pixels of an ordered pattern are black, the others unchanged
+  retexture,      // fragments fetch the colour under them and write the result
   geometry_mesh,  // the mesh of Layered Penumbrae, as a baseline: black strips on the plane
 };
 
@@ -29,9 +29,9 @@ inline constexpr std::array kTranslucencyNames = {
     TranslucencyName{Translucency::geometry_mesh, "geometry-mesh"},
 };
 
-[[nodiscard]] constexpr std::string_view to_string(Translucency way) {
+[[nodiscard]] constexpr std::string_view to_string(Translucency mode) {
   for (const TranslucencyName& entry : kTranslucencyNames) {
-    if (entry.way == way) return entry.name;
+    if (entry.way == mode) return entry.name;
   }
   return "auto";
 }
@@ -43,28 +43,29 @@ inline constexpr std::array kTranslucencyNames = {
   return std::nullopt;
 }
 
-// What is asked for is what is done; `automatic` is exact where it can be: blending and fetching
-// give the same picture, the first at less cost; a mesh needs neither.
-[[nodiscard]] constexpr Translucency choose_translucency(Translucency asked,
+// Replaces `automatic` by a mode that works. Blending and fetching give the same image, blending at
+// less cost; a mesh needs neither.
+[[nodiscard]] constexpr Translucency choose_translucency(Translucency requested,
                                                          const PictureAbilities& abilities) {
-  if (asked != Translucency::automatic) return asked;
+  if (requested != Translucency::automatic) return requested;
   if (abilities.blends) return Translucency::blend;
   return abilities.fetches ? Translucency::retexture : Translucency::mesh;
 }
 
-// How layered, field and simple shadows reach a plane. Both ways show the same shadow.
+// Drawing of layered, field and simple shadows on a plane. Both methods show the same shadow.
 enum class LayerDrawing {
-  automatic,  // as a mask, which takes less whatever the number of faces (BENCHMARKS.md); but
-              // directly where a pixel has several samples, which smooth edges too, and the casters
-              // on a plane have few faces: the CPU then has next to nothing to do. Simple shadows
-              // directly, where a plane has no others: they are what the others are compared with
-  direct,     // the caster's faces, projected by the GPU, once for each layer; fields as textures
-  mask,  // a picture of all layers, made of the casters' silhouettes, of their faces where they
-         // are open or cut at a height, or of a field's outlines; directly where it can't be
-         // told which way faces turn
+  // A mask (docs/rendering.md#masks); directly if all shadows on a plane are simple, or with
+  // multisampling if the casters have few faces.
+  automatic,
+  // The caster's faces, projected by the GPU, once for each layer; fields as textures.
+  direct,
+  // An image of all layers, made of the casters' silhouettes, of their faces if they are open or
+  // cut
+  // at a height, or of a field's outlines; directly if the orientation of faces is unknown.
+  mask,
 };
 
-// The screen-door's pattern has so many places: densities are multiples of one of them.
+// Number of places in the screen-door's pattern; densities are multiples of one place.
 inline constexpr int kDoorPlaces = 16;
 
 }  // namespace penumbra

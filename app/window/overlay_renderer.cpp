@@ -4,10 +4,8 @@
 #include <imgui.h>
 
 #include <algorithm>
-#include <array>
 #include <cstddef>
 #include <span>
-#include <string_view>
 #include <utility>
 
 #include "core/propagate.hpp"
@@ -17,12 +15,11 @@ namespace penumbra {
 static_assert(sizeof(ImDrawIdx) == 2);
 
 OverlayRenderer::OverlayRenderer(ShaderProgram program)
-    : program_(std::move(program)), fonts_(GlHandle<TextureTraits>::create()) {}
+    : program_(std::move(program)), fonts_(TextureHandle::create()) {}
 
 Result<OverlayRenderer> OverlayRenderer::create(const GlContext& context, ImFontAtlas& fonts) {
-  constexpr std::array<std::string_view, 1> kVertex = {"overlay.vert.glsl"};
-  constexpr std::array<std::string_view, 1> kFragment = {"overlay.frag.glsl"};
-  PENUMBRA_TRY(auto program, ShaderProgram::link(context.info().api, kVertex, kFragment));
+  PENUMBRA_TRY(auto program, ShaderProgram::link(context.info().api, {"overlay.vert.glsl"},
+                                                 {"overlay.frag.glsl"}));
   OverlayRenderer renderer(std::move(program));
   unsigned char* texels = nullptr;
   int width = 0, height = 0;

@@ -27,7 +27,7 @@ class OverlayRenderer {
   explicit OverlayRenderer(ShaderProgram program);
 
   ShaderProgram program_;
-  GlHandle<TextureTraits> fonts_;
+  TextureHandle fonts_;
   VertexArray layout_;
   GlBuffer vertices_{BufferUse::vertices};
   GlBuffer indices_{BufferUse::indices};

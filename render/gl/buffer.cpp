@@ -2,6 +2,8 @@
 
 #include <epoxy/gl.h>
 
+#include <numeric>
+
 namespace penumbra {
 namespace {
 
@@ -29,6 +31,39 @@ void VertexArray::attribute(unsigned index, int count, std::size_t stride, std::
   glEnableVertexAttribArray(index);
   glVertexAttribPointer(index, count, GL_FLOAT, GL_FALSE, static_cast<GLsizei>(stride),
                         reinterpret_cast<const void*>(offset));
+}
+
+void VertexArray::attributes(std::initializer_list<int> counts, unsigned first,
+                             std::size_t offset) {
+  const std::size_t stride = sizeof(float) * std::accumulate(counts.begin(), counts.end(), 0U);
+  for (const int count : counts) {
+    attribute(first++, count, stride, offset);
+    offset += sizeof(float) * static_cast<std::size_t>(count);
+  }
+}
+
+GlMesh::GlMesh(std::initializer_list<int> counts) {
+  layout_.bind();
+  vertices_.bind();
+  VertexArray::attributes(counts);
+}
+
+void GlMesh::write_indices(std::span<const std::uint32_t> indices, BufferLife life) {
+  layout_.bind();
+  indices_.write(indices, life);
+  indexed_ = true;
+  count_ = static_cast<int>(indices.size());
+}
+
+void GlMesh::draw(unsigned mode, int first, int count) const {
+  layout_.bind();
+  if (indexed_) {
+    glDrawElements(
+        mode, count, GL_UNSIGNED_INT,
+        reinterpret_cast<const void*>(sizeof(std::uint32_t) * static_cast<std::size_t>(first)));
+  } else {
+    glDrawArrays(mode, first, count);
+  }
 }
 
 }  // namespace penumbra

@@ -1,9 +1,12 @@
-// Vertex and index buffers, and the vertex arrays that say how they are read.
+// Vertex and index buffers, and the vertex arrays that read them.
 #pragma once
 
+#include <array>
 #include <cstddef>
 #include <cstdint>
+#include <initializer_list>
 #include <span>
+#include <vector>
 
 #include "render/gl/handle.hpp"
 
@@ -14,7 +17,7 @@ enum class BufferLife { once, every_frame };  // how often it is written
 
 class GlBuffer {
  public:
-  explicit GlBuffer(BufferUse use) : use_(use), handle_(GlHandle<BufferTraits>::create()) {}
+  explicit GlBuffer(BufferUse use) : use_(use), handle_(BufferHandle::create()) {}
 
   // Replaces the contents. An index buffer is bound into the vertex array that is bound now.
   void write(std::span<const std::byte> bytes, BufferLife life = BufferLife::once);
@@ -26,19 +29,60 @@ class GlBuffer {
 
  private:
   BufferUse use_;
-  GlHandle<BufferTraits> handle_;
+  BufferHandle handle_;
 };
 
 class VertexArray {
  public:
-  VertexArray() : handle_(GlHandle<VertexArrayTraits>::create()) {}
+  VertexArray() : handle_(VertexArrayHandle::create()) {}
   void bind() const;
-  // `count` floats of the vertex buffer bound now, at `offset` bytes into each `stride` bytes, feed
-  // layout(location = index). This array must be bound.
+  // Feeds layout(location = index) of the bound array from the bound vertex buffer: `count` floats,
+  // `offset` bytes into each `stride` bytes.
   static void attribute(unsigned index, int count, std::size_t stride, std::size_t offset);
+  // The same for consecutive locations, from floats without gaps between them. `counts`: floats of
+  // each location; `offset`: bytes before the first vertex.
+  static void attributes(std::initializer_list<int> counts, unsigned first = 0,
+                         std::size_t offset = 0);
 
  private:
-  GlHandle<VertexArrayTraits> handle_;
+  VertexArrayHandle handle_;
 };
+
+// A vertex array with its own buffers.
+class GlMesh {
+ public:
+  // `counts`: floats of layout(location = 0), 1 ... in a vertex.
+  explicit GlMesh(std::initializer_list<int> counts);
+
+  template <class Vertex>
+  void write(const std::vector<Vertex>& vertices, BufferLife life = BufferLife::once) {
+    layout_.bind();
+    vertices_.write(std::as_bytes(std::span(vertices)), life);
+    count_ = static_cast<int>(vertices.size());
+  }
+  // From here on draw() goes through these indices; to be called after write().
+  void write_indices(std::span<const std::uint32_t> indices, BufferLife life = BufferLife::once);
+  void bind() const { layout_.bind(); }
+  void bind_vertices() const { vertices_.bind(); }
+  // Draws all of it as primitives of this mode, or `count` vertices or indices from `first`.
+  void draw(unsigned mode) const { draw(mode, 0, count_); }
+  void draw(unsigned mode, int first, int count) const;
+  [[nodiscard]] int count() const { return count_; }
+
+ private:
+  VertexArray layout_;
+  GlBuffer vertices_{BufferUse::vertices};
+  GlBuffer indices_{BufferUse::indices};
+  bool indexed_ = false;
+  int count_ = 0;  // of indices, or of vertices without them
+};
+
+// Indices of the two triangles of a cell in a grid of vertices, row by row. `first`: the cell's
+// first corner; `row_length`: vertices in a row.
+[[nodiscard]] inline std::array<std::uint32_t, 6> cell_indices(std::uint32_t first,
+                                                               std::uint32_t row_length) {
+  const std::uint32_t next = first + row_length;
+  return {first, first + 1, next, next, first + 1, next + 1};
+}
 
 }  // namespace penumbra

@@ -1,9 +1,9 @@
-// An OpenGL context: a window (GLFW) or none at all (EGL, Mesa's surfaceless platform where there
-// is no GPU).
+// OpenGL contexts, with a window (GLFW) or offscreen (EGL), and the errors that they report.
 #pragma once
 
 #include <functional>
 #include <memory>
+#include <optional>
 #include <string>
 
 #include "core/error.hpp"
@@ -17,21 +17,29 @@ struct GlInfo {
   std::string renderer;
   std::string version;
   bool software = false;  // a CPU rasteriser: llvmpipe, softpipe, swrast
-  // The driver says when it was reset (GL_KHR_robustness, and the context asked for it); without
-  // that a reset is another error, or the end of the process.
+  // The context reports a reset of the driver (GL_KHR_robustness). Without that a reset shows as
+  // another error, or ends the process.
   bool tells_resets = false;
 };
+// Queries the current context.
+[[nodiscard]] GlInfo current_gl_info(GlApi api);
 
-// What a person did in the window: a key, the mouse, or a finger (which window systems pass on as
-// the left button).
+// Returns the first OpenGL error since the last call and clears the rest; GL_CONTEXT_LOST if the
+// driver was reset.
+[[nodiscard]] std::optional<unsigned> noted_gl_error(const GlInfo& context);
+// Returns the message for a user: the cause and, if there is one, the remedy.
+[[nodiscard]] std::string gl_error_text(unsigned code);
+
+// Input in the window: a key, a mouse button, or a finger (window systems report it as the left
+// button).
 struct WindowEvent {
   enum class Kind { key_down, key_up, button_down, button_up, pointer_moved, scrolled, text };
   static constexpr int kLeft = 0, kRight = 1, kMiddle = 2;  // buttons
 
   Kind kind = Kind::key_down;
-  int code = 0;  // GLFW's of the key or button; of text: the Unicode code point
+  int code = 0;  // GLFW's code of the key or button; for text the Unicode code point
   bool shift = false, control = false, alt = false;
-  // The pointer, in pixels of the window's framebuffer from its top left corner; scrolled: steps.
+  // Pointer [px], from the top left corner of the window's framebuffer; scrolled: steps.
   double x = 0.0, y = 0.0;
 };
 
@@ -43,24 +51,28 @@ class GlContext {
   virtual ~GlContext() = default;
 
   virtual void make_current() = 0;
-  [[nodiscard]] virtual const GlInfo& info() const = 0;
-  // Window only: false once a person asked to close it or its display was lost. Offscreen: always
-  // true.
-  [[nodiscard]] virtual bool poll_events() = 0;
-  // Window only: the X server ended, or another program destroyed the window. The context still
+  [[nodiscard]] const GlInfo& info() const { return info_; }
+
+  // The functions below are for windows; offscreen they do nothing.
+
+  // Returns false once the user closed the window or its display was lost.
+  [[nodiscard]] virtual bool poll_events() { return true; }
+  // Returns whether the X server ended, or another program destroyed the window. The context still
   // draws into framebuffer objects.
   [[nodiscard]] virtual bool display_lost() const { return false; }
-  virtual void swap() = 0;
+  virtual void swap() {}
   // Size of the window's framebuffer [px]; {0, 0} offscreen.
   struct Size {
     int width = 0;
     int height = 0;
   };
-  [[nodiscard]] virtual Size window_size() const = 0;
-  // Called from poll_events().
-  virtual void on_event(std::function<void(const WindowEvent&)> handler) = 0;
-  // To the whole of the screen and back. Offscreen: nothing.
-  virtual void toggle_full_screen() = 0;
+  [[nodiscard]] virtual Size window_size() const { return {}; }
+  // poll_events() calls the handler.
+  virtual void on_event(std::function<void(const WindowEvent&)> /*handler*/) {}
+  virtual void toggle_full_screen() {}
+
+ protected:
+  GlInfo info_;
 };
 
 [[nodiscard]] Result<std::unique_ptr<GlContext>> create_offscreen_context(GlApi api = GlApi::gl33);
@@ -71,7 +83,7 @@ struct WindowOptions {
   GlApi api = GlApi::gl33;
   bool vsync = true;
 };
-// Fails in one line where there is no display.
+// Fails without a display.
 [[nodiscard]] Result<std::unique_ptr<GlContext>> create_window_context(
     const WindowOptions& options);
 [[nodiscard]] bool display_available();  // DISPLAY or WAYLAND_DISPLAY is set

@@ -3,81 +3,53 @@
 #include <epoxy/gl.h>
 
 #include <array>
-#include <optional>
 #include <string_view>
 #include <vector>
 
 #include "render/gl/context.hpp"
-#include "render/gl/context_info.hpp"
 
 namespace penumbra {
 namespace {
 
-bool has_word(const char* words, std::string_view word) {
-  if (words == nullptr) return false;
-  const std::string_view all(words);
-  for (std::size_t at = all.find(word); at != std::string_view::npos; at = all.find(word, at + 1)) {
-    const std::size_t end = at + word.size();
-    if ((at == 0 || all[at - 1] == ' ') && (end == all.size() || all[end] == ' ')) return true;
-  }
-  return false;
+bool has_extension(const char* extensions, const char* name) {
+  return extensions != nullptr && epoxy_extension_in_string(extensions, name);
 }
 
 std::string_view egl_error_name(EGLint error) {
-  switch (error) {
-    case EGL_SUCCESS:
-      return "no error said";
-    case EGL_NOT_INITIALIZED:
-      return "EGL_NOT_INITIALIZED";
-    case EGL_BAD_ALLOC:
-      return "EGL_BAD_ALLOC";
-    case EGL_BAD_ATTRIBUTE:
-      return "EGL_BAD_ATTRIBUTE";
-    case EGL_BAD_CONFIG:
-      return "EGL_BAD_CONFIG";
-    case EGL_BAD_MATCH:
-      return "EGL_BAD_MATCH";
-    default:
-      return "another EGL error";
+  constexpr std::pair<EGLint, std::string_view> kNames[] = {
+      {EGL_SUCCESS, "no error said"},     {EGL_NOT_INITIALIZED, "EGL_NOT_INITIALIZED"},
+      {EGL_BAD_ALLOC, "EGL_BAD_ALLOC"},   {EGL_BAD_ATTRIBUTE, "EGL_BAD_ATTRIBUTE"},
+      {EGL_BAD_CONFIG, "EGL_BAD_CONFIG"}, {EGL_BAD_MATCH, "EGL_BAD_MATCH"}};
+  for (const auto& [code, name] : kNames) {
+    if (code == error) return name;
   }
+  return "another EGL error";
 }
 
 class EglContext final : public GlContext {
  public:
-  EglContext(EGLDisplay display, EGLContext context) : display_(display), context_(context) {}
-  EglContext(const EglContext&) = delete;
-  EglContext& operator=(const EglContext&) = delete;
+  EglContext(EGLDisplay display, EGLContext context, GlApi api)
+      : display_(display),
+        context_(context),
+        api_name_(api == GlApi::gl33 ? EGL_OPENGL_API : EGL_OPENGL_ES_API) {}
   ~EglContext() override {
     if (eglGetCurrentContext() == context_)
       eglMakeCurrent(display_, EGL_NO_SURFACE, EGL_NO_SURFACE, EGL_NO_CONTEXT);
     eglDestroyContext(display_, context_);
-    // The display is the platform's one and other contexts may live on it: eglTerminate would end
-    // them all.
+    // No eglTerminate(): it would end the other contexts of the display.
   }
 
-  bool bind(EGLenum api_name) {
-    api_name_ = api_name;
+  bool bind() {
     eglBindAPI(api_name_);
     return eglMakeCurrent(display_, EGL_NO_SURFACE, EGL_NO_SURFACE, context_) == EGL_TRUE;
   }
   void read_info(GlApi api) { info_ = current_gl_info(api); }
-
-  void make_current() override {
-    eglBindAPI(api_name_);
-    eglMakeCurrent(display_, EGL_NO_SURFACE, EGL_NO_SURFACE, context_);
-  }
-  [[nodiscard]] const GlInfo& info() const override { return info_; }
-  [[nodiscard]] bool poll_events() override { return true; }
-  void swap() override {}
-  [[nodiscard]] Size window_size() const override { return {}; }
-  void on_event(std::function<void(const WindowEvent&)> /*handler*/) override {}
-  void toggle_full_screen() override {}
+  void make_current() override { bind(); }
 
  private:
   EGLDisplay display_;
   EGLContext context_;
-  EGLenum api_name_ = EGL_OPENGL_API;
-  GlInfo info_;
+  EGLenum api_name_;
 };
 
 struct Platform {
@@ -85,19 +57,19 @@ struct Platform {
   EGLDisplay display;
 };
 
-// Displays in the order of preference. The default one needs a window system on some drivers, so it
-// comes last.
+// Displays in the order of preference. The default one comes last: some drivers need a window
+// system for it.
 std::vector<Platform> find_platforms() {
   std::vector<Platform> platforms;
   const char* client = eglQueryString(EGL_NO_DISPLAY, EGL_EXTENSIONS);
-  if (has_word(client, "EGL_EXT_platform_base")) {
-    if (has_word(client, "EGL_MESA_platform_surfaceless")) {
+  if (has_extension(client, "EGL_EXT_platform_base")) {
+    if (has_extension(client, "EGL_MESA_platform_surfaceless")) {
       platforms.push_back({"surfaceless", eglGetPlatformDisplayEXT(EGL_PLATFORM_SURFACELESS_MESA,
                                                                    EGL_DEFAULT_DISPLAY, nullptr)});
     }
-    const bool enumerates =
-        has_word(client, "EGL_EXT_device_base") || has_word(client, "EGL_EXT_device_enumeration");
-    if (enumerates && has_word(client, "EGL_EXT_platform_device")) {
+    const bool enumerates = has_extension(client, "EGL_EXT_device_base") ||
+                            has_extension(client, "EGL_EXT_device_enumeration");
+    if (enumerates && has_extension(client, "EGL_EXT_platform_device")) {
       std::array<EGLDeviceEXT, 16> devices{};
       EGLint count = 0;
       if (eglQueryDevicesEXT(static_cast<EGLint>(devices.size()), devices.data(), &count) ==
@@ -114,19 +86,18 @@ std::vector<Platform> find_platforms() {
   return platforms;
 }
 
-// By which a context asks to be told when the driver was reset; none where it can't. (Its value is
-// EGL_LOSE_CONTEXT_ON_RESET in the core and in both extensions.)
-std::optional<EGLint> reset_notification_attribute(GlApi api, EGLint major, EGLint minor,
-                                                   const char* extensions) {
-  if (api == GlApi::gles30 && has_word(extensions, "EGL_EXT_create_context_robustness"))
+// Returns the attribute that requests reports of driver resets, or EGL_NONE. Its value is
+// EGL_LOSE_CONTEXT_ON_RESET in the core and in both extensions.
+EGLint reset_notification_attribute(GlApi api, EGLint major, EGLint minor, const char* extensions) {
+  if (api == GlApi::gles30 && has_extension(extensions, "EGL_EXT_create_context_robustness"))
     return EGL_CONTEXT_OPENGL_RESET_NOTIFICATION_STRATEGY_EXT;
   const bool core = major > 1 || (major == 1 && minor >= 5);
-  if (core || (api == GlApi::gl33 && has_word(extensions, "EGL_KHR_create_context")))
+  if (core || (api == GlApi::gl33 && has_extension(extensions, "EGL_KHR_create_context")))
     return EGL_CONTEXT_OPENGL_RESET_NOTIFICATION_STRATEGY;
-  return std::nullopt;
+  return EGL_NONE;
 }
 
-// The context, or what this platform lacks.
+// Returns a context, or an error that names what this platform lacks.
 Result<std::unique_ptr<GlContext>> try_platform(const Platform& platform, GlApi api) {
   if (platform.display == EGL_NO_DISPLAY) return fail("{}: not there", platform.name);
   EGLint major = 0;
@@ -134,13 +105,13 @@ Result<std::unique_ptr<GlContext>> try_platform(const Platform& platform, GlApi 
   if (eglInitialize(platform.display, &major, &minor) != EGL_TRUE)
     return fail("{}: {}", platform.name, egl_error_name(eglGetError()));
   const char* extensions = eglQueryString(platform.display, EGL_EXTENSIONS);
-  if (!has_word(extensions, "EGL_KHR_surfaceless_context"))
+  if (!has_extension(extensions, "EGL_KHR_surfaceless_context"))
     return fail("{}: no EGL_KHR_surfaceless_context", platform.name);
 
   const EGLenum api_name = api == GlApi::gl33 ? EGL_OPENGL_API : EGL_OPENGL_ES_API;
   if (eglBindAPI(api_name) != EGL_TRUE) return fail("{}: the API is not there", platform.name);
   EGLConfig config = nullptr;  // EGL_NO_CONFIG_KHR
-  if (!has_word(extensions, "EGL_KHR_no_config_context")) {
+  if (!has_extension(extensions, "EGL_KHR_no_config_context")) {
     const std::array<EGLint, 5> of_config = {
         EGL_RENDERABLE_TYPE, api == GlApi::gl33 ? EGL_OPENGL_BIT : EGL_OPENGL_ES3_BIT,
         EGL_SURFACE_TYPE, EGL_PBUFFER_BIT, EGL_NONE};
@@ -159,16 +130,17 @@ Result<std::unique_ptr<GlContext>> try_platform(const Platform& platform, GlApi 
     return eglCreateContext(platform.display, config, EGL_NO_CONTEXT, attributes.data());
   };
   EGLContext context = EGL_NO_CONTEXT;
-  if (const auto attribute = reset_notification_attribute(api, major, minor, extensions)) {
+  if (const EGLint attribute = reset_notification_attribute(api, major, minor, extensions);
+      attribute != EGL_NONE) {
     std::vector<EGLint> with_notification = wanted;
-    with_notification.insert(with_notification.end(), {*attribute, EGL_LOSE_CONTEXT_ON_RESET});
+    with_notification.insert(with_notification.end(), {attribute, EGL_LOSE_CONTEXT_ON_RESET});
     context = create(with_notification);
   }
   if (context == EGL_NO_CONTEXT) context = create(wanted);
   if (context == EGL_NO_CONTEXT)
     return fail("{}: {}", platform.name, egl_error_name(eglGetError()));
-  auto owner = std::make_unique<EglContext>(platform.display, context);
-  if (!owner->bind(api_name)) return fail("{}: {}", platform.name, egl_error_name(eglGetError()));
+  auto owner = std::make_unique<EglContext>(platform.display, context, api);
+  if (!owner->bind()) return fail("{}: {}", platform.name, egl_error_name(eglGetError()));
   owner->read_info(api);
   return owner;
 }

@@ -6,7 +6,6 @@
 #include <cstdlib>
 
 #include "render/gl/context.hpp"
-#include "render/gl/context_info.hpp"
 #include "render/gl/x11_connection.hpp"
 
 namespace penumbra {
@@ -25,13 +24,13 @@ class GlfwContext final : public GlContext {
     glfwSetWindowUserPointer(window_, this);
     glfwSetKeyCallback(window_, [](GLFWwindow* w, int key, int, int action, int modifiers) {
       if (action == GLFW_REPEAT) return;
-      tell(w, action == GLFW_PRESS ? Kind::key_down : Kind::key_up, key, modifiers);
+      emit(w, action == GLFW_PRESS ? Kind::key_down : Kind::key_up, key, modifiers);
     });
     glfwSetMouseButtonCallback(window_, [](GLFWwindow* w, int button, int action, int modifiers) {
-      tell(w, action == GLFW_PRESS ? Kind::button_down : Kind::button_up, button, modifiers);
+      emit(w, action == GLFW_PRESS ? Kind::button_down : Kind::button_up, button, modifiers);
     });
     glfwSetCursorPosCallback(window_, [](GLFWwindow* w, double, double) {
-      tell(w, Kind::pointer_moved, 0, current_modifiers(w));
+      emit(w, Kind::pointer_moved, 0, current_modifiers(w));
     });
     glfwSetScrollCallback(window_, [](GLFWwindow* w, double x, double y) {
       WindowEvent event;
@@ -41,11 +40,9 @@ class GlfwContext final : public GlContext {
       pass_on(w, event);
     });
     glfwSetCharCallback(window_, [](GLFWwindow* w, unsigned code) {
-      tell(w, Kind::text, static_cast<int>(code), 0);
+      emit(w, Kind::text, static_cast<int>(code), 0);
     });
   }
-  GlfwContext(const GlfwContext&) = delete;
-  GlfwContext& operator=(const GlfwContext&) = delete;
   ~GlfwContext() override {
     if (x11_connection_lost()) return;
     glfwDestroyWindow(window_);
@@ -57,7 +54,6 @@ class GlfwContext final : public GlContext {
   void make_current() override {
     if (!x11_connection_lost()) glfwMakeContextCurrent(window_);
   }
-  [[nodiscard]] const GlInfo& info() const override { return info_; }
   [[nodiscard]] bool poll_events() override {
     if (!x11_connection_lost()) glfwPollEvents();
     return !x11_connection_lost() && glfwWindowShouldClose(window_) == GLFW_FALSE;
@@ -106,8 +102,8 @@ class GlfwContext final : public GlContext {
     const auto* self = static_cast<GlfwContext*>(glfwGetWindowUserPointer(window));
     if (self->on_event_) self->on_event_(event);
   }
-  // With where the pointer is.
-  static void tell(GLFWwindow* window, Kind kind, int code, int modifiers) {
+  // Adds the pointer's position.
+  static void emit(GLFWwindow* window, Kind kind, int code, int modifiers) {
     WindowEvent event;
     event.kind = kind;
     event.code = code;
@@ -128,9 +124,8 @@ class GlfwContext final : public GlContext {
 
   GLFWwindow* window_;
   mutable Size last_size_;
-  GlInfo info_;
   std::function<void(const WindowEvent&)> on_event_;
-  // Where the window was before it filled the screen.
+  // The window's area before it filled the screen.
   int at_x_ = 0, at_y_ = 0, at_width_ = 640, at_height_ = 480;
 };
 
@@ -156,26 +151,24 @@ Result<std::unique_ptr<GlContext>> create_window_context(const WindowOptions& op
   }
   watch_x11_connection();
   glfwDefaultWindowHints();
-  if (options.api == GlApi::gl33) {
-    glfwWindowHint(GLFW_CONTEXT_VERSION_MAJOR, 3);
-    glfwWindowHint(GLFW_CONTEXT_VERSION_MINOR, 3);
+  const bool desktop = options.api == GlApi::gl33;
+  glfwWindowHint(GLFW_CONTEXT_VERSION_MAJOR, 3);
+  glfwWindowHint(GLFW_CONTEXT_VERSION_MINOR, desktop ? 3 : 0);
+  if (desktop) {
     glfwWindowHint(GLFW_OPENGL_PROFILE, GLFW_OPENGL_CORE_PROFILE);
     glfwWindowHint(GLFW_OPENGL_FORWARD_COMPAT, GLFW_TRUE);
   } else {
     glfwWindowHint(GLFW_CLIENT_API, GLFW_OPENGL_ES_API);
     glfwWindowHint(GLFW_CONTEXT_CREATION_API, GLFW_EGL_CONTEXT_API);
-    glfwWindowHint(GLFW_CONTEXT_VERSION_MAJOR, 3);
-    glfwWindowHint(GLFW_CONTEXT_VERSION_MINOR, 0);
   }
-  // The picture is drawn into a framebuffer of its own and copied over: the window needs colour
-  // only.
+  // Images are drawn into framebuffer objects and copied: the window needs colour only.
   glfwWindowHint(GLFW_DEPTH_BITS, 0);
   glfwWindowHint(GLFW_STENCIL_BITS, 0);
   const auto create = [&](int robustness) {
     glfwWindowHint(GLFW_CONTEXT_ROBUSTNESS, robustness);
     return glfwCreateWindow(options.width, options.height, options.title.c_str(), nullptr, nullptr);
   };
-  // To be told when the driver was reset, where it can tell.
+  // With reports of driver resets, if the driver has them.
   GLFWwindow* window = create(GLFW_LOSE_CONTEXT_ON_RESET);
   if (window == nullptr) window = create(GLFW_NO_ROBUSTNESS);
   if (window == nullptr) {

@@ -16,7 +16,29 @@ tl::unexpected<Error> too_large(int width, int height, int largest) {
       width, height, largest);
 }
 
-// Into the window's framebuffer, letterboxed.
+void clear_color(float alpha) {
+  glDisable(GL_SCISSOR_TEST);
+  glColorMask(GL_TRUE, GL_TRUE, GL_TRUE, GL_TRUE);
+  glClearColor(0.0F, 0.0F, 0.0F, alpha);
+  glClear(GL_COLOR_BUFFER_BIT);
+}
+
+// Makes a texture that is filtered by the nearest texel, bound to the active unit.
+TextureHandle nearest_texture() {
+  TextureHandle texture = TextureHandle::create();
+  glBindTexture(GL_TEXTURE_2D, texture.id());
+  glTexParameteri(GL_TEXTURE_2D, GL_TEXTURE_MIN_FILTER, GL_NEAREST);
+  glTexParameteri(GL_TEXTURE_2D, GL_TEXTURE_MAG_FILTER, GL_NEAREST);
+  return texture;
+}
+
+// Allocates the bound texture.
+void store_rgba(bool half_floats, int width, int height) {
+  glTexImage2D(GL_TEXTURE_2D, 0, half_floats ? GL_RGBA16F : GL_RGBA8, width, height, 0, GL_RGBA,
+               half_floats ? GL_HALF_FLOAT : GL_UNSIGNED_BYTE, nullptr);
+}
+
+// Copies into the window's framebuffer, letterboxed.
 void show(GLuint framebuffer, int width, int height, GlContext::Size window) {
   if (window.width <= 0 || window.height <= 0) return;
   const PictureArea area = picture_area(width, height, window);
@@ -24,12 +46,8 @@ void show(GLuint framebuffer, int width, int height, GlContext::Size window) {
   glBindFramebuffer(GL_DRAW_FRAMEBUFFER, 0);
   glBindFramebuffer(GL_READ_FRAMEBUFFER, framebuffer);
   glDisable(GL_SCISSOR_TEST);
-  if (area.width != window.width || area.height != window.height) {
-    glColorMask(GL_TRUE, GL_TRUE, GL_TRUE, GL_TRUE);
-    glClearColor(0.0F, 0.0F, 0.0F, 1.0F);
-    glClear(GL_COLOR_BUFFER_BIT);
-  }
-  // A window's row 0 is its bottom one: turned over here.
+  if (area.width != window.width || area.height != window.height) clear_color(1.0F);
+  // Flipped: a window's row 0 is its bottom row.
   glBlitFramebuffer(0, 0, width, height, area.x, bottom + area.height, area.x + area.width, bottom,
                     GL_COLOR_BUFFER_BIT,
                     area.width == width && area.height == height ? GL_NEAREST : GL_LINEAR);
@@ -63,11 +81,11 @@ Result<Framebuffer> Framebuffer::create(int width, int height, int samples) {
   Framebuffer f;
   f.width_ = width;
   f.height_ = height;
-  f.framebuffer_ = GlHandle<FramebufferTraits>::create();
-  f.color_ = GlHandle<RenderbufferTraits>::create();
-  f.depth_stencil_ = GlHandle<RenderbufferTraits>::create();
+  f.framebuffer_ = FramebufferHandle::create();
+  f.color_ = RenderbufferHandle::create();
+  f.depth_stencil_ = RenderbufferHandle::create();
   glBindRenderbuffer(GL_RENDERBUFFER, f.color_.id());
-  // Of 0 samples: as glRenderbufferStorage.
+  // With 0 samples this is glRenderbufferStorage().
   glRenderbufferStorageMultisample(GL_RENDERBUFFER, samples, GL_RGBA8, width, height);
   if (samples > 0)
     glGetRenderbufferParameteriv(GL_RENDERBUFFER, GL_RENDERBUFFER_SAMPLES, &f.samples_);
@@ -90,50 +108,43 @@ void Framebuffer::bind() const {
   glViewport(0, 0, width_, height_);
 }
 
-void Framebuffer::bind_sums() {
-  if (!sums_framebuffer_) {
-    sums_framebuffer_ = GlHandle<FramebufferTraits>::create();
+void Framebuffer::make_sums() {
+  sums_framebuffer_ = FramebufferHandle::create();
+  const auto store = [this](bool half_floats) {
+    sums_are_half_floats_ = half_floats;
     if (samples_ > 0) {
-      sums_samples_ = GlHandle<RenderbufferTraits>::create();
-      glBindFramebuffer(GL_FRAMEBUFFER, sums_framebuffer_.id());
-      glBindRenderbuffer(GL_RENDERBUFFER, sums_samples_.id());
-      glFramebufferRenderbuffer(GL_FRAMEBUFFER, GL_COLOR_ATTACHMENT0, GL_RENDERBUFFER,
-                                sums_samples_.id());
-      glFramebufferRenderbuffer(GL_FRAMEBUFFER, GL_DEPTH_STENCIL_ATTACHMENT, GL_RENDERBUFFER,
-                                depth_stencil_.id());
-      glRenderbufferStorageMultisample(GL_RENDERBUFFER, samples_, GL_RGBA16F, width_, height_);
-      sums_are_half_floats_ = glCheckFramebufferStatus(GL_FRAMEBUFFER) == GL_FRAMEBUFFER_COMPLETE;
-      if (!sums_are_half_floats_) {
-        glRenderbufferStorageMultisample(GL_RENDERBUFFER, samples_, GL_RGBA8, width_, height_);
-      }
+      glRenderbufferStorageMultisample(GL_RENDERBUFFER, samples_,
+                                       half_floats ? GL_RGBA16F : GL_RGBA8, width_, height_);
     } else {
-      sums_ = GlHandle<TextureTraits>::create();
-      glActiveTexture(GL_TEXTURE0);
-      glBindTexture(GL_TEXTURE_2D, sums_.id());
-      glTexParameteri(GL_TEXTURE_2D, GL_TEXTURE_MIN_FILTER, GL_NEAREST);
-      glTexParameteri(GL_TEXTURE_2D, GL_TEXTURE_MAG_FILTER, GL_NEAREST);
-      glBindFramebuffer(GL_FRAMEBUFFER, sums_framebuffer_.id());
-      glFramebufferTexture2D(GL_FRAMEBUFFER, GL_COLOR_ATTACHMENT0, GL_TEXTURE_2D, sums_.id(), 0);
-      glFramebufferRenderbuffer(GL_FRAMEBUFFER, GL_DEPTH_STENCIL_ATTACHMENT, GL_RENDERBUFFER,
-                                depth_stencil_.id());
-      glTexImage2D(GL_TEXTURE_2D, 0, GL_RGBA16F, width_, height_, 0, GL_RGBA, GL_HALF_FLOAT,
-                   nullptr);
-      sums_are_half_floats_ = glCheckFramebufferStatus(GL_FRAMEBUFFER) == GL_FRAMEBUFFER_COMPLETE;
-      if (!sums_are_half_floats_) {
-        glTexImage2D(GL_TEXTURE_2D, 0, GL_RGBA8, width_, height_, 0, GL_RGBA, GL_UNSIGNED_BYTE,
-                     nullptr);
-      }
+      store_rgba(half_floats, width_, height_);
     }
+  };
+  if (samples_ > 0) {
+    sums_samples_ = RenderbufferHandle::create();
+    glBindFramebuffer(GL_FRAMEBUFFER, sums_framebuffer_.id());
+    glBindRenderbuffer(GL_RENDERBUFFER, sums_samples_.id());
+    glFramebufferRenderbuffer(GL_FRAMEBUFFER, GL_COLOR_ATTACHMENT0, GL_RENDERBUFFER,
+                              sums_samples_.id());
+  } else {
+    glActiveTexture(GL_TEXTURE0);
+    sums_ = nearest_texture();
+    glBindFramebuffer(GL_FRAMEBUFFER, sums_framebuffer_.id());
+    glFramebufferTexture2D(GL_FRAMEBUFFER, GL_COLOR_ATTACHMENT0, GL_TEXTURE_2D, sums_.id(), 0);
   }
-  // Not read where it is drawn into.
+  glFramebufferRenderbuffer(GL_FRAMEBUFFER, GL_DEPTH_STENCIL_ATTACHMENT, GL_RENDERBUFFER,
+                            depth_stencil_.id());
+  store(true);
+  if (glCheckFramebufferStatus(GL_FRAMEBUFFER) != GL_FRAMEBUFFER_COMPLETE) store(false);
+}
+
+void Framebuffer::bind_sums() {
+  if (!sums_framebuffer_) make_sums();
+  // The texture that is drawn into must not be bound for reading.
   glActiveTexture(GL_TEXTURE0);
   glBindTexture(GL_TEXTURE_2D, 0);
   glBindFramebuffer(GL_FRAMEBUFFER, sums_framebuffer_.id());
   glViewport(0, 0, width_, height_);
-  glColorMask(GL_TRUE, GL_TRUE, GL_TRUE, GL_TRUE);
-  glDisable(GL_SCISSOR_TEST);
-  glClearColor(0.0F, 0.0F, 0.0F, 0.0F);
-  glClear(GL_COLOR_BUFFER_BIT);
+  clear_color(0.0F);
 }
 
 void Framebuffer::bind_sums_texture(int unit) {
@@ -159,13 +170,9 @@ void Framebuffer::copy_sums(int unit) {
 void Framebuffer::copy(unsigned from, Copy& to, bool half_floats, int unit) const {
   glActiveTexture(GL_TEXTURE0 + static_cast<GLenum>(unit));
   if (!to.framebuffer) {
-    to.texture = GlHandle<TextureTraits>::create();
-    to.framebuffer = GlHandle<FramebufferTraits>::create();
-    glBindTexture(GL_TEXTURE_2D, to.texture.id());
-    glTexParameteri(GL_TEXTURE_2D, GL_TEXTURE_MIN_FILTER, GL_NEAREST);
-    glTexParameteri(GL_TEXTURE_2D, GL_TEXTURE_MAG_FILTER, GL_NEAREST);
-    glTexImage2D(GL_TEXTURE_2D, 0, half_floats ? GL_RGBA16F : GL_RGBA8, width_, height_, 0, GL_RGBA,
-                 half_floats ? GL_HALF_FLOAT : GL_UNSIGNED_BYTE, nullptr);
+    to.texture = nearest_texture();
+    store_rgba(half_floats, width_, height_);
+    to.framebuffer = FramebufferHandle::create();
     glBindFramebuffer(GL_FRAMEBUFFER, to.framebuffer.id());
     glFramebufferTexture2D(GL_FRAMEBUFFER, GL_COLOR_ATTACHMENT0, GL_TEXTURE_2D, to.texture.id(), 0);
   }
@@ -209,10 +216,7 @@ void Framebuffer::invalidate_depth_stencil() const {
 
 void Framebuffer::clear() const {
   glBindFramebuffer(GL_FRAMEBUFFER, framebuffer_.id());
-  glDisable(GL_SCISSOR_TEST);
-  glColorMask(GL_TRUE, GL_TRUE, GL_TRUE, GL_TRUE);
-  glClearColor(0.0F, 0.0F, 0.0F, 1.0F);
-  glClear(GL_COLOR_BUFFER_BIT);
+  clear_color(1.0F);
 }
 
 void Framebuffer::present(GlContext::Size window) const {
@@ -226,11 +230,9 @@ Result<UploadedPicture> UploadedPicture::create(int width, int height) {
   UploadedPicture picture;
   picture.width_ = width;
   picture.height_ = height;
-  picture.texture_ = GlHandle<TextureTraits>::create();
-  glBindTexture(GL_TEXTURE_2D, picture.texture_.id());
-  glTexParameteri(GL_TEXTURE_2D, GL_TEXTURE_MIN_FILTER, GL_LINEAR);
-  glTexImage2D(GL_TEXTURE_2D, 0, GL_RGBA8, width, height, 0, GL_RGBA, GL_UNSIGNED_BYTE, nullptr);
-  picture.framebuffer_ = GlHandle<FramebufferTraits>::create();
+  picture.texture_ = nearest_texture();
+  store_rgba(false, width, height);
+  picture.framebuffer_ = FramebufferHandle::create();
   glBindFramebuffer(GL_FRAMEBUFFER, picture.framebuffer_.id());
   glFramebufferTexture2D(GL_FRAMEBUFFER, GL_COLOR_ATTACHMENT0, GL_TEXTURE_2D, picture.texture_.id(),
                          0);

@@ -7,16 +7,16 @@
 namespace penumbra {
 
 GpuTimer::GpuTimer(GlApi api) : api_(api) {
-  for (Measured& measured : ring_) measured.query = GlHandle<QueryTraits>::create();
+  for (Measured& measured : ring_) measured.query = QueryHandle::create();
 }
 
 std::optional<GpuTimer> GpuTimer::create(GlApi api) {
-  GLint bits = 0;  // 0: the driver has the query, but no clock
+  GLint bits = 0;  // 0: the driver has the query but no clock
   if (api == GlApi::gl33) {
     glGetQueryiv(GL_TIME_ELAPSED, GL_QUERY_COUNTER_BITS, &bits);
   } else if (epoxy_has_gl_extension("GL_EXT_disjoint_timer_query")) {
     glGetQueryivEXT(GL_TIME_ELAPSED_EXT, GL_QUERY_COUNTER_BITS_EXT, &bits);
-    GLint disjoint = 0;  // from here on
+    GLint disjoint = 0;  // reading it clears it
     glGetIntegerv(GL_GPU_DISJOINT_EXT, &disjoint);
   }
   if (bits == 0) return std::nullopt;

@@ -1,5 +1,5 @@
-// How long the GPU works on what is submitted to it, by its own clock: timer queries, whose results
-// come some frames later and are not waited for.
+// GPU time of draw calls by timer queries. Results arrive some frames later; nothing waits for
+// them.
 #pragma once
 
 #include <array>
@@ -14,27 +14,25 @@ namespace penumbra {
 
 class GpuTimer {
  public:
-  // Results on their way, at most. A GPU is behind by two or three frames.
+  // Pending results; a GPU is behind by two or three frames.
   static constexpr std::size_t kMost = 8;
 
-  // The context is current, now and at every later call. Nothing where the driver can't tell:
-  // OpenGL 3.3 can, OpenGL ES with GL_EXT_disjoint_timer_query.
+  // The context must be current, now and at every later call. Nothing if the driver has no timer:
+  // OpenGL 3.3 has one, OpenGL ES with GL_EXT_disjoint_timer_query.
   [[nodiscard]] static std::optional<GpuTimer> create(GlApi api);
 
-  // Around what is measured; not while another one of the context measures. Where kMost results are
-  // still on their way, this one is not measured.
+  // Enclose what is measured; not nested. With kMost results pending nothing is measured.
   void begin();
   void end();
-  // Adds the times [ms] that are known by now, in their order, each once. Where the GPU's clock
-  // did not run evenly (GL_GPU_DISJOINT_EXT) none of those begun before counts.
+  // Appends the times [ms] that have arrived since the last call. After an interruption of the
+  // GPU's clock (GL_GPU_DISJOINT_EXT) none of those begun before counts.
   void take(std::vector<double>& times_ms);
-  // What was measured so far is not told.
+  // Drops the pending results.
   void forget();
-  [[nodiscard]] std::size_t on_the_way() const { return count_; }
 
  private:
   struct Measured {
-    GlHandle<QueryTraits> query;
+    QueryHandle query;
     bool forgotten = false;
   };
   explicit GpuTimer(GlApi api);

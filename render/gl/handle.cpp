@@ -3,69 +3,46 @@
 #include <epoxy/gl.h>
 
 namespace penumbra {
+namespace {
 
-unsigned BufferTraits::create() {
-  GLuint id = 0;
-  glGenBuffers(1, &id);
-  return id;
-}
-void BufferTraits::destroy(unsigned id) {
-  glDeleteBuffers(1, &id);
-}
+struct NameFunctions {
+  void (*create)(GLsizei, GLuint*);
+  void (*destroy)(GLsizei, const GLuint*);
+};
 
-unsigned VertexArrayTraits::create() {
-  GLuint id = 0;
-  glGenVertexArrays(1, &id);
-  return id;
-}
-void VertexArrayTraits::destroy(unsigned id) {
-  glDeleteVertexArrays(1, &id);
-}
-
-unsigned TextureTraits::create() {
-  GLuint id = 0;
-  glGenTextures(1, &id);
-  return id;
-}
-void TextureTraits::destroy(unsigned id) {
-  glDeleteTextures(1, &id);
-}
-
-unsigned FramebufferTraits::create() {
-  GLuint id = 0;
-  glGenFramebuffers(1, &id);
-  return id;
-}
-void FramebufferTraits::destroy(unsigned id) {
-  glDeleteFramebuffers(1, &id);
+NameFunctions functions_of(GlObject kind) {
+  switch (kind) {
+    case GlObject::buffer:
+      return {glGenBuffers, glDeleteBuffers};
+    case GlObject::vertex_array:
+      return {glGenVertexArrays, glDeleteVertexArrays};
+    case GlObject::texture:
+      return {glGenTextures, glDeleteTextures};
+    case GlObject::framebuffer:
+      return {glGenFramebuffers, glDeleteFramebuffers};
+    case GlObject::renderbuffer:
+      return {glGenRenderbuffers, glDeleteRenderbuffers};
+    case GlObject::query:
+      return {glGenQueries, glDeleteQueries};
+    case GlObject::program:
+      return {[](GLsizei, GLuint* name) { *name = glCreateProgram(); },
+              [](GLsizei, const GLuint* name) { glDeleteProgram(*name); }};
+    case GlObject::shader:
+      return {nullptr, [](GLsizei, const GLuint* name) { glDeleteShader(*name); }};
+  }
+  return {};
 }
 
-unsigned RenderbufferTraits::create() {
-  GLuint id = 0;
-  glGenRenderbuffers(1, &id);
-  return id;
-}
-void RenderbufferTraits::destroy(unsigned id) {
-  glDeleteRenderbuffers(1, &id);
+}  // namespace
+
+unsigned create_gl_object(GlObject kind) {
+  GLuint name = 0;
+  functions_of(kind).create(1, &name);
+  return name;
 }
 
-unsigned QueryTraits::create() {
-  GLuint id = 0;
-  glGenQueries(1, &id);
-  return id;
-}
-void QueryTraits::destroy(unsigned id) {
-  glDeleteQueries(1, &id);
-}
-
-unsigned ProgramTraits::create() {
-  return glCreateProgram();
-}
-void ProgramTraits::destroy(unsigned id) {
-  glDeleteProgram(id);
-}
-void ShaderTraits::destroy(unsigned id) {
-  glDeleteShader(id);
+void delete_gl_object(GlObject kind, unsigned name) {
+  functions_of(kind).destroy(1, &name);
 }
 
 }  // namespace penumbra

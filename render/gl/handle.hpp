@@ -1,32 +1,42 @@
-// Owners of OpenGL names: move-only, four bytes, deleted by their destructor. The context that made
-// the name must be current then.
+// Owners of OpenGL names: move-only, four bytes, deleted by their destructor. The context that
+// made the name must be current then.
 #pragma once
 
 #include <utility>
 
 namespace penumbra {
 
-template <class Traits>
+enum class GlObject {
+  buffer,
+  vertex_array,
+  texture,
+  framebuffer,
+  renderbuffer,
+  query,
+  program,
+  shader
+};
+// Not for shaders: glCreateShader() needs their stage.
+[[nodiscard]] unsigned create_gl_object(GlObject kind);
+void delete_gl_object(GlObject kind, unsigned name);
+
+template <GlObject kind>
 class GlHandle {
  public:
   GlHandle() = default;
-  [[nodiscard]] static GlHandle create() { return GlHandle(Traits::create()); }
+  [[nodiscard]] static GlHandle create() { return GlHandle(create_gl_object(kind)); }
   explicit GlHandle(unsigned id) : id_(id) {}
   GlHandle(GlHandle&& other) noexcept : id_(std::exchange(other.id_, 0U)) {}
   GlHandle& operator=(GlHandle&& other) noexcept {
-    if (this != &other) {
-      reset();
-      id_ = std::exchange(other.id_, 0U);
-    }
+    std::swap(id_, other.id_);
     return *this;
   }
   GlHandle(const GlHandle&) = delete;
   GlHandle& operator=(const GlHandle&) = delete;
-  ~GlHandle() { reset(); }
-
-  void reset() {
-    if (id_ != 0U) Traits::destroy(std::exchange(id_, 0U));
+  ~GlHandle() {
+    if (id_ != 0U) delete_gl_object(kind, id_);
   }
+
   [[nodiscard]] unsigned id() const { return id_; }
   [[nodiscard]] explicit operator bool() const { return id_ != 0U; }
 
@@ -34,36 +44,13 @@ class GlHandle {
   unsigned id_ = 0U;  // 0: none
 };
 
-struct BufferTraits {
-  static unsigned create();
-  static void destroy(unsigned id);
-};
-struct VertexArrayTraits {
-  static unsigned create();
-  static void destroy(unsigned id);
-};
-struct TextureTraits {
-  static unsigned create();
-  static void destroy(unsigned id);
-};
-struct FramebufferTraits {
-  static unsigned create();
-  static void destroy(unsigned id);
-};
-struct RenderbufferTraits {
-  static unsigned create();
-  static void destroy(unsigned id);
-};
-struct QueryTraits {
-  static unsigned create();
-  static void destroy(unsigned id);
-};
-struct ProgramTraits {
-  static unsigned create();
-  static void destroy(unsigned id);
-};
-struct ShaderTraits {  // made for a stage, so there is no create()
-  static void destroy(unsigned id);
-};
+using BufferHandle = GlHandle<GlObject::buffer>;
+using VertexArrayHandle = GlHandle<GlObject::vertex_array>;
+using TextureHandle = GlHandle<GlObject::texture>;
+using FramebufferHandle = GlHandle<GlObject::framebuffer>;
+using RenderbufferHandle = GlHandle<GlObject::renderbuffer>;
+using QueryHandle = GlHandle<GlObject::query>;
+using ProgramHandle = GlHandle<GlObject::program>;
+using ShaderHandle = GlHandle<GlObject::shader>;
 
 }  // namespace penumbra

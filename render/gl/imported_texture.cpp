@@ -5,12 +5,11 @@
 
 #include <array>
 #include <cstdint>
-#include <utility>
 
 namespace penumbra {
 namespace {
 
-// As drm_fourcc.h names layouts: four letters, the first in the lowest byte.
+// A layout's code of drm_fourcc.h: four letters, the first in the lowest byte.
 constexpr EGLint drm_format(const char (&letters)[5]) {
   std::uint32_t code = 0;
   for (std::size_t i = 4; i > 0; --i) {
@@ -19,23 +18,10 @@ constexpr EGLint drm_format(const char (&letters)[5]) {
   return static_cast<EGLint>(code);
 }
 
-// Those whose bytes in memory are red, green, blue, alpha; 0 for what no camera gives.
-EGLint drm_format(TexelFormat format) {
-  switch (format) {
-    case TexelFormat::r8:
-      return drm_format("R8  ");
-    case TexelFormat::rg8:
-      return drm_format("GR88");
-    case TexelFormat::rgb8:
-      return drm_format("BG24");
-    case TexelFormat::rgba8:
-      return drm_format("AB24");
-    case TexelFormat::srgb8_alpha8:
-    case TexelFormat::rgba16f:
-      break;
-  }
-  return 0;
-}
+// Layouts with bytes in the order red, green, blue, alpha, in the order of TexelFormat; 0: cameras
+// don't have it.
+constexpr std::array<EGLint, 6> kDrmFormats = {
+    drm_format("R8  "), drm_format("GR88"), drm_format("BG24"), drm_format("AB24"), 0, 0};
 
 }  // namespace
 
@@ -48,7 +34,7 @@ bool can_import_textures() {
 }
 
 std::optional<ImportedTexture> ImportedTexture::create(const ImportedPlane& plane) {
-  const EGLint format = drm_format(plane.format);
+  const EGLint format = kDrmFormats[static_cast<std::size_t>(plane.format)];
   if (format == 0) return std::nullopt;
   const std::array<EGLint, 13> attributes = {EGL_WIDTH,
                                              plane.width,
@@ -71,7 +57,7 @@ std::optional<ImportedTexture> ImportedTexture::create(const ImportedPlane& plan
   }
   glBindTexture(GL_TEXTURE_2D, texture.handle_.id());
   glEGLImageTargetTexture2DOES(GL_TEXTURE_2D, image);
-  // A driver may have the image and yet no texture of it.
+  // Some drivers make the image and refuse the texture.
   if (glGetError() != GL_NO_ERROR) return std::nullopt;
   glTexParameteri(GL_TEXTURE_2D, GL_TEXTURE_WRAP_S, GL_CLAMP_TO_EDGE);
   glTexParameteri(GL_TEXTURE_2D, GL_TEXTURE_WRAP_T, GL_CLAMP_TO_EDGE);
@@ -81,21 +67,8 @@ std::optional<ImportedTexture> ImportedTexture::create(const ImportedPlane& plan
 }
 
 ImportedTexture::ImportedTexture(void* image)
-    : image_(image), handle_(GlHandle<TextureTraits>::create()) {}
-
-ImportedTexture::ImportedTexture(ImportedTexture&& other) noexcept
-    : image_(std::exchange(other.image_, nullptr)), handle_(std::move(other.handle_)) {}
-
-ImportedTexture& ImportedTexture::operator=(ImportedTexture&& other) noexcept {
-  std::swap(image_, other.image_);
-  std::swap(handle_, other.handle_);
-  return *this;
-}
-
-ImportedTexture::~ImportedTexture() {
-  handle_.reset();
-  if (image_ != nullptr) eglDestroyImageKHR(eglGetCurrentDisplay(), image_);
-}
+    : image_(image, [](void* of) { eglDestroyImageKHR(eglGetCurrentDisplay(), of); }),
+      handle_(TextureHandle::create()) {}
 
 void ImportedTexture::bind(int unit) const {
   glActiveTexture(GL_TEXTURE0 + static_cast<GLenum>(unit));

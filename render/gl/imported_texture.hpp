@@ -1,8 +1,9 @@
-// Textures whose memory is somebody else's: a plane in a camera's buffer (DMA-BUF), read by the GPU
-// where it lies, with no copy.
+// Textures over memory of another device: a plane in a camera's DMA-BUF, which the GPU reads in
+// place without a copy.
 #pragma once
 
 #include <cstddef>
+#include <memory>
 #include <optional>
 
 #include "render/gl/handle.hpp"
@@ -10,7 +11,7 @@
 
 namespace penumbra {
 
-// Whether the context that is current on this thread can have any: it is EGL's, and its driver has
+// Returns whether the current context can import: it is an EGL context whose driver has
 // EGL_EXT_image_dma_buf_import and GL_OES_EGL_image.
 [[nodiscard]] bool can_import_textures();
 
@@ -22,26 +23,21 @@ struct ImportedPlane {
   std::ptrdiff_t stride = 0;             // [bytes]
 };
 
-// Fetched texel by texel. What is in the memory changes as the camera writes it: whoever draws
-// keeps the buffer until the GPU is done.
+// Filtered by the nearest texel. The camera overwrites the memory: the caller keeps the buffer
+// until the GPU has read it.
 class ImportedTexture {
  public:
-  // Nothing where the driver does not take memory of this layout. Only where can_import_textures();
-  // that context is current now, and when this is destroyed.
+  // Nothing if the driver refuses this layout. Requires can_import_textures(); that context must be
+  // current now and at the destruction.
   [[nodiscard]] static std::optional<ImportedTexture> create(const ImportedPlane& plane);
-  ImportedTexture(ImportedTexture&& other) noexcept;
-  ImportedTexture& operator=(ImportedTexture&& other) noexcept;
-  ImportedTexture(const ImportedTexture&) = delete;
-  ImportedTexture& operator=(const ImportedTexture&) = delete;
-  ~ImportedTexture();
-
   void bind(int unit) const;
 
  private:
   explicit ImportedTexture(void* image);
 
-  void* image_ = nullptr;  // EGL's
-  GlHandle<TextureTraits> handle_;
+  // The texture goes before its image.
+  std::unique_ptr<void, void (*)(void*)> image_;
+  TextureHandle handle_;
 };
 
 }  // namespace penumbra

@@ -7,21 +7,20 @@
 namespace penumbra {
 namespace {
 
-// Every driver of OpenGL 3.3 and OpenGL ES 3.0 that multisamples at all has as many.
+// OpenGL 3.3 and OpenGL ES 3.0 guarantee 4 if the driver multisamples at all.
 constexpr int kMostSamples = 4;
 
 }  // namespace
 
 MaskStack::MaskStack()
-    : framebuffer_(GlHandle<FramebufferTraits>::create()),
-      texture_(GlHandle<TextureTraits>::create()) {
+    : framebuffer_(FramebufferHandle::create()), texture_(TextureHandle::create()) {
   GLint most = 0;
   glGetIntegerv(GL_MAX_SAMPLES, &most);
   sample_count_ = std::min(kMostSamples, most);
   if (sample_count_ <= 1) sample_count_ = 0;
   if (sample_count_ > 0) {
-    samples_framebuffer_ = GlHandle<FramebufferTraits>::create();
-    samples_ = GlHandle<RenderbufferTraits>::create();
+    samples_framebuffer_ = FramebufferHandle::create();
+    samples_ = RenderbufferHandle::create();
   }
   bind(0);
   glTexParameteri(GL_TEXTURE_2D_ARRAY, GL_TEXTURE_WRAP_S, GL_CLAMP_TO_EDGE);

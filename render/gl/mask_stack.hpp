@@ -1,5 +1,5 @@
-// Pictures of one size, drawn or uploaded one by one and read as an array texture: which of a
-// shadow's layers lies where, at several heights.
+// Images of one size that are drawn or uploaded one by one and read as an array texture: masks of a
+// shadow's layers at several heights.
 #pragma once
 
 #include <cstdint>
@@ -13,26 +13,24 @@ class MaskStack {
  public:
   MaskStack();
 
-  // RGBA of 8 bits. Storage is kept while this stays as it was; what is in it is not defined
-  // afterwards.
+  // RGBA8. The contents are undefined afterwards.
   void resize(int width, int height, int count);
   // 4 bytes a texel, rows in order.
   void upload(int index, std::span<const std::uint8_t> rgba) const;
-  // For drawing, with its viewport; all 0.
+  // Binds and clears an image for drawing, with its viewport.
   void begin(int index);
-  // Once it is drawn: what its texels hold is the mean over their samples, where the driver has
-  // several of them.
+  // Ends the drawing: a texel becomes the mean of its samples.
   void end() const;
-  // Sampled linearly, with the edge's values beyond it; row 0 of what was drawn is at 0.
+  // Filtered linearly, clamped to the edge; row 0 of what was drawn is at texture coordinate 0.
   void bind(int unit) const;
   static void unbind(int unit);
 
  private:
-  GlHandle<FramebufferTraits> framebuffer_;
-  GlHandle<TextureTraits> texture_;
-  GlHandle<FramebufferTraits> samples_framebuffer_;
-  GlHandle<RenderbufferTraits> samples_;  // of one picture, drawn before it is resolved
-  int sample_count_ = 0;                  // of a texel; 0: the picture is drawn itself
+  FramebufferHandle framebuffer_;
+  TextureHandle texture_;
+  FramebufferHandle samples_framebuffer_;
+  RenderbufferHandle samples_;  // of one image, before it is resolved
+  int sample_count_ = 0;        // per texel; 0: no multisampling
   int samples_width_ = 0;
   int samples_height_ = 0;
   int width_ = 0;

@@ -16,24 +16,23 @@ namespace penumbra {
 namespace {
 
 constexpr int kSide = 4;
-constexpr std::size_t kBytes = std::size_t{4} * kSide * kSide;
-using Pixels = std::array<std::uint8_t, kBytes>;
+using Pixels = std::array<std::uint8_t, std::size_t{4} * kSide * kSide>;
 
-// Codes per channel: a factor of these over another three.
-constexpr std::array<int, 3> kBefore = {200, 120, 40};
-constexpr std::array<int, 3> kFactor = {128, 255, 64};
+// RGBA codes of the framebuffer, of the fragment that multiplies it, and of their product.
+using Rgba = std::array<int, 4>;
+constexpr Rgba kBefore = {200, 120, 40, 255};
+constexpr Rgba kFactor = {128, 255, 64, 255};
+constexpr int product(std::size_t channel) {
+  return (kBefore[channel] * kFactor[channel] + 127) / 255;
+}
 
-glm::vec4 color_of(const std::array<int, 3>& codes) {
-  const auto part = [&codes](std::size_t i) { return static_cast<float>(codes[i]) / 255.0F; };
-  return {part(0), part(1), part(2), 1.0F};
+glm::vec4 color_of(const Rgba& codes) {
+  return glm::vec4(codes[0], codes[1], codes[2], codes[3]) / 255.0F;
 }
 
 bool are_product(const Pixels& pixels) {
   for (std::size_t i = 0; i < pixels.size(); ++i) {
-    const std::size_t channel = i % 4;
-    if (channel == 3) continue;
-    const int expected = (kBefore[channel] * kFactor[channel] + 127) / 255;
-    if (std::abs(static_cast<int>(pixels[i]) - expected) > 1) return false;
+    if (i % 4 != 3 && std::abs(static_cast<int>(pixels[i]) - product(i % 4)) > 1) return false;
   }
   return true;
 }
@@ -41,13 +40,12 @@ bool are_product(const Pixels& pixels) {
 }  // namespace
 
 Result<PictureAbilities> probe_picture(GlApi api) {
-  constexpr std::array<std::string_view, 1> kWhole = {"video.vert.glsl"};
-  constexpr std::array<std::string_view, 1> kFill = {"fill.frag.glsl"};
-  constexpr std::array<std::string_view, 2> kVideo = {"video_texel.glsl", "video.frag.glsl"};
   constexpr std::array<std::string_view, 1> kRgb = {"VIDEO_RGB"};
   PENUMBRA_TRY(auto framebuffer, Framebuffer::create(kSide, kSide));
-  PENUMBRA_TRY(const auto fill, ShaderProgram::link(api, kWhole, kFill));
-  PENUMBRA_TRY(const auto fetch, ShaderProgram::link(api, kWhole, kVideo, kRgb));
+  PENUMBRA_TRY(const auto fill, ShaderProgram::link(api, {"video.vert.glsl"}, {"fill.frag.glsl"}));
+  PENUMBRA_TRY(
+      const auto fetch,
+      ShaderProgram::link(api, {"video.vert.glsl"}, {"video_texel.glsl", "video.frag.glsl"}, kRgb));
   const VertexArray no_vertices;
   framebuffer.bind();
   glDisable(GL_DEPTH_TEST);
@@ -70,12 +68,8 @@ Result<PictureAbilities> probe_picture(GlApi api) {
   framebuffer.read_rgba(pixels);
   abilities.blends = are_product(pixels);
 
-  for (std::size_t i = 0; i < pixels.size(); ++i) {
-    const std::size_t channel = i % 4;
-    pixels[i] = channel == 3
-                    ? std::uint8_t{255}
-                    : static_cast<std::uint8_t>((kBefore[channel] * kFactor[channel] + 127) / 255);
-  }
+  for (std::size_t i = 0; i < pixels.size(); ++i)
+    pixels[i] = static_cast<std::uint8_t>(product(i % 4));
   Texture2d texture(TextureFilter::nearest);
   texture.upload(TexelFormat::rgba8, kSide, kSide, pixels.data(), std::ptrdiff_t{4} * kSide);
   texture.bind(0);

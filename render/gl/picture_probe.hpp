@@ -1,15 +1,19 @@
-// What a context does with translucent fragments, found out by drawing some.
+// Tests by drawing how a context handles translucent fragments.
 #pragma once
 
 #include "core/error.hpp"
 #include "render/gl/context.hpp"
-#include "render/gl/picture_abilities.hpp"
 
 namespace penumbra {
 
-// Draws a few pixels into a framebuffer of its own, of the picture's kind, and reads them back: by
-// what they are, not by what the driver says of itself. Leaves no framebuffer bound. Fails where
-// shaders do not compile.
+// Fragment operations that work in a context.
+struct PictureAbilities {
+  bool blends = true;   // multiplying a fragment with the framebuffer
+  bool fetches = true;  // reading texels in a fragment shader
+};
+
+// Draws a few pixels into its own framebuffer and reads them back. Leaves no framebuffer bound.
+// Fails if a shader does not compile.
 [[nodiscard]] Result<PictureAbilities> probe_picture(GlApi api);
 
 }  // namespace penumbra

@@ -8,15 +8,17 @@
 
 namespace penumbra {
 
+void PixelBuffer::bind(unsigned target, std::size_t size, unsigned usage) {
+  if (!handle) handle = BufferHandle::create();
+  glBindBuffer(target, handle.id());
+  if (bytes == size) return;
+  glBufferData(target, static_cast<GLsizeiptr>(size), nullptr, usage);
+  bytes = size;
+}
+
 std::span<std::uint8_t> UploadBuffers::map(std::size_t bytes) {
-  Buffer& buffer = buffers_[next_];
+  buffers_[next_].bind(GL_PIXEL_UNPACK_BUFFER, bytes, GL_STREAM_DRAW);
   next_ = (next_ + 1) % buffers_.size();
-  if (!buffer.handle) buffer.handle = GlHandle<BufferTraits>::create();
-  glBindBuffer(GL_PIXEL_UNPACK_BUFFER, buffer.handle.id());
-  if (buffer.bytes != bytes) {
-    glBufferData(GL_PIXEL_UNPACK_BUFFER, static_cast<GLsizeiptr>(bytes), nullptr, GL_STREAM_DRAW);
-    buffer.bytes = bytes;
-  }
   void* start = glMapBufferRange(GL_PIXEL_UNPACK_BUFFER, 0, static_cast<GLsizeiptr>(bytes),
                                  GL_MAP_WRITE_BIT | GL_MAP_INVALIDATE_BUFFER_BIT);
   if (start == nullptr) {
@@ -38,13 +40,7 @@ void UploadBuffers::unbind() {
 
 void ReadBackBuffers::ask(const Framebuffer& picture, std::size_t bytes) {
   PENUMBRA_ASSERT(asked_ < kMost);
-  Buffer& buffer = buffers_[(first_ + asked_) % kMost];
-  if (!buffer.handle) buffer.handle = GlHandle<BufferTraits>::create();
-  glBindBuffer(GL_PIXEL_PACK_BUFFER, buffer.handle.id());
-  if (buffer.bytes != bytes) {
-    glBufferData(GL_PIXEL_PACK_BUFFER, static_cast<GLsizeiptr>(bytes), nullptr, GL_STREAM_READ);
-    buffer.bytes = bytes;
-  }
+  buffers_[(first_ + asked_) % kMost].bind(GL_PIXEL_PACK_BUFFER, bytes, GL_STREAM_READ);
   picture.read_rgba_to_buffer();
   glBindBuffer(GL_PIXEL_PACK_BUFFER, 0);
   ++asked_;
@@ -57,7 +53,7 @@ void ReadBackBuffers::drop_last() {
 
 Result<void> ReadBackBuffers::take(std::span<std::uint8_t> rgba) {
   PENUMBRA_ASSERT(asked_ > 0);
-  const Buffer& buffer = buffers_[first_];
+  const PixelBuffer& buffer = buffers_[first_];
   PENUMBRA_ASSERT(buffer.bytes == rgba.size());
   first_ = (first_ + 1) % kMost;
   --asked_;

@@ -1,12 +1,11 @@
-// Buffers of pixels on their way to the GPU and back, so that neither it nor this process waits for
-// the other. A loss where a CPU rasteriser draws: what they copy is copied once more.
+// Pixel buffers for asynchronous transfers to and from the GPU. With a CPU rasteriser they cost one
+// more copy.
 #pragma once
 
 #include <array>
 #include <cstddef>
 #include <cstdint>
 #include <span>
-#include <vector>
 
 #include "core/error.hpp"
 #include "render/gl/framebuffer.hpp"
@@ -14,48 +13,45 @@
 
 namespace penumbra {
 
-// To the GPU: textures take a picture from here when the one before it is read no more.
+struct PixelBuffer {
+  BufferHandle handle;  // made on demand
+  std::size_t bytes = 0;
+  // Binds to `target`, with this size.
+  void bind(unsigned target, std::size_t size, unsigned usage);
+};
+
+// To the GPU: textures are filled from here.
 class UploadBuffers {
  public:
-  // So many bytes of the next buffer, to be written in full; whatever it held is gone, so that
-  // nothing waits for who still reads that. Empty where the driver gives none.
+  // Maps the next buffer, to be written in full; its old contents are dropped. Empty on failure.
   [[nodiscard]] std::span<std::uint8_t> map(std::size_t bytes);
-  // What was written is there, and the buffer is bound for textures to take from until unbind().
-  // False where the driver has lost it; nothing is bound then.
+  // Ends the writing; the buffer stays bound as the source of textures until unbind(). Returns
+  // false, with nothing bound, if the driver lost the contents.
   [[nodiscard]] bool unmap();
   static void unbind();
 
  private:
-  struct Buffer {
-    GlHandle<BufferTraits> handle;  // none until it is needed
-    std::size_t bytes = 0;
-  };
-  // One is written while another is taken from, and a driver may be behind by one more.
-  std::array<Buffer, 3> buffers_;
+  // One is written, one read, and a driver may be behind by one more.
+  std::array<PixelBuffer, 3> buffers_;
   std::size_t next_ = 0;
 };
 
-// From the GPU: a picture that was asked for is had once the next one is being drawn.
+// From the GPU: an image is requested after it is drawn and taken while the next one is drawn.
 class ReadBackBuffers {
  public:
-  // At most so many pictures are on their way.
-  static constexpr std::size_t kMost = 2;
+  static constexpr std::size_t kMost = 2;  // pending images
 
-  // The picture as it is now, width * height * 4 bytes.
+  // Requests the image as it is now, width * height * 4 bytes.
   void ask(const Framebuffer& picture, std::size_t bytes);
   [[nodiscard]] std::size_t asked() const { return asked_; }
-  // The one that was asked for first of those not taken; waits until it is drawn.
+  // Returns the oldest pending image; waits until it is drawn.
   [[nodiscard]] Result<void> take(std::span<std::uint8_t> rgba);
-  // Not wanted any more: the one that was asked for last, or all.
+  // Drops the newest pending image, or all.
   void drop_last();
   void drop_all() { asked_ = 0; }
 
  private:
-  struct Buffer {
-    GlHandle<BufferTraits> handle;
-    std::size_t bytes = 0;
-  };
-  std::array<Buffer, kMost> buffers_;
+  std::array<PixelBuffer, kMost> buffers_;
   std::size_t first_ = 0, asked_ = 0;  // a ring
 };
 

@@ -23,12 +23,11 @@ std::string preamble(GlApi api, std::span<const std::string_view> defines) {
   return text;
 }
 
-// Files are told apart by their line numbers: file i's first line is number i * kLinesPerFile + 1.
-// (The string number of `#line` would say it too, but Mesa always reports 0.)
+// The first line of file i has number i * kLinesPerFile + 1. (`#line` also takes a string number,
+// but Mesa always reports 0.)
 constexpr std::size_t kLinesPerFile = 100'000;
 
-// Compilers say where an error is as "0:LINE" or "0(LINE)": replaced by the file's name and its
-// own line.
+// Replaces a compiler's "0:LINE" or "0(LINE)" by the file's name and its own line.
 std::string with_file_names(std::string_view log, std::span<const ShaderText> files) {
   std::string named;
   while (!log.empty()) {
@@ -55,15 +54,15 @@ std::string with_file_names(std::string_view log, std::span<const ShaderText> fi
   return named;
 }
 
-Result<GlHandle<ShaderTraits>> compile(GlApi api, unsigned stage, std::span<const ShaderText> files,
-                                       std::span<const std::string_view> defines) {
+Result<ShaderHandle> compile(GlApi api, unsigned stage, std::span<const ShaderText> files,
+                             std::span<const std::string_view> defines) {
   std::string text = preamble(api, defines);
   for (std::size_t i = 0; i < files.size(); ++i) {
     text += fmt::format("#line {}\n", i * kLinesPerFile + 1);
     text += files[i].text;
     text += '\n';
   }
-  GlHandle<ShaderTraits> shader(glCreateShader(stage));
+  ShaderHandle shader(glCreateShader(stage));
   const char* bytes = text.c_str();
   glShaderSource(shader.id(), 1, &bytes, nullptr);
   glCompileShader(shader.id());
@@ -81,21 +80,21 @@ Result<GlHandle<ShaderTraits>> compile(GlApi api, unsigned stage, std::span<cons
   return shader;
 }
 
-Result<std::vector<ShaderText>> find_files(std::span<const std::string_view> names) {
+Result<std::vector<ShaderText>> find_files(const ShaderFiles& names) {
   std::vector<ShaderText> files;
   for (const std::string_view name : names) {
     const auto all = embedded_shaders();
-    const auto found = std::ranges::find(all, name, &EmbeddedShader::name);
+    const auto found = std::ranges::find(all, name, &ShaderText::name);
     if (found == all.end()) return fail("shader {} is not part of this program", name);
-    files.push_back({found->name, found->text});
+    files.push_back(*found);
   }
   return files;
 }
 
 }  // namespace
 
-Result<ShaderProgram> ShaderProgram::link(GlApi api, std::span<const std::string_view> vertex_files,
-                                          std::span<const std::string_view> fragment_files,
+Result<ShaderProgram> ShaderProgram::link(GlApi api, const ShaderFiles& vertex_files,
+                                          const ShaderFiles& fragment_files,
                                           std::span<const std::string_view> defines) {
   PENUMBRA_TRY(const auto vertex, find_files(vertex_files));
   PENUMBRA_TRY(const auto fragment, find_files(fragment_files));
@@ -109,7 +108,7 @@ Result<ShaderProgram> ShaderProgram::link_texts(GlApi api, std::span<const Shade
   PENUMBRA_TRY(const auto fragment_shader, compile(api, GL_FRAGMENT_SHADER, fragment, defines));
 
   ShaderProgram program;
-  program.program_ = GlHandle<ProgramTraits>::create();
+  program.program_ = ProgramHandle::create();
   const GLuint id = program.program_.id();
   glAttachShader(id, vertex_shader.id());
   glAttachShader(id, fragment_shader.id());
@@ -136,7 +135,7 @@ Result<ShaderProgram> ShaderProgram::link_texts(GlApi api, std::span<const Shade
     glGetActiveUniform(id, static_cast<GLuint>(i), static_cast<GLsizei>(name.size()), &length,
                        &size, &type, name.data());
     std::string_view plain(name.data(), static_cast<std::size_t>(length));
-    plain = plain.substr(0, plain.find('['));  // an array is known by its name alone
+    plain = plain.substr(0, plain.find('['));  // arrays have the name "values[0]"
     program.uniforms_.emplace_back(std::string(plain), glGetUniformLocation(id, name.data()));
   }
   std::ranges::sort(program.uniforms_);

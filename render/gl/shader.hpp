@@ -1,4 +1,4 @@
-// GLSL files -> a linked program. One body for both APIs: the preamble is the only difference.
+// GLSL files -> a linked program. Both APIs compile the same text behind different preambles.
 #pragma once
 
 #include <glm/mat3x3.hpp>
@@ -18,26 +18,21 @@
 
 namespace penumbra {
 
-// A file of render/shaders, as embedded into the program when it was built.
-struct EmbeddedShader {
+struct ShaderText {
   std::string_view name;  // "lens.glsl"
   std::string_view text;
 };
-[[nodiscard]] std::span<const EmbeddedShader> embedded_shaders();
+// The files of render/shaders, embedded at build time.
+[[nodiscard]] std::span<const ShaderText> embedded_shaders();
 
-// The text of a stage: several files put one behind the other in place of #include.
-struct ShaderText {
-  std::string_view name;
-  std::string_view text;
-};
+using ShaderFiles = std::vector<std::string_view>;  // names; a stage is their concatenation
 
 class ShaderProgram {
  public:
-  // Files by name; `defines` are put into the preamble, each behind `#define `. An error names the
-  // file and the line.
-  [[nodiscard]] static Result<ShaderProgram> link(GlApi api,
-                                                  std::span<const std::string_view> vertex_files,
-                                                  std::span<const std::string_view> fragment_files,
+  ShaderProgram() = default;  // no program
+  // `defines`: text behind `#define `. A compiler's error names the file and the line.
+  [[nodiscard]] static Result<ShaderProgram> link(GlApi api, const ShaderFiles& vertex,
+                                                  const ShaderFiles& fragment,
                                                   std::span<const std::string_view> defines = {});
   [[nodiscard]] static Result<ShaderProgram> link_texts(
       GlApi api, std::span<const ShaderText> vertex, std::span<const ShaderText> fragment,
@@ -45,7 +40,7 @@ class ShaderProgram {
 
   void use() const;
 
-  // Uniforms of the program in use. A name that the compiler optimised away is passed over.
+  // Sets a uniform of the program in use; ignores names that the program does not use.
   void set(std::string_view name, int value) const;
   void set(std::string_view name, float value) const;
   void set(std::string_view name, const glm::vec2& value) const;
@@ -56,10 +51,9 @@ class ShaderProgram {
   void set(std::string_view name, std::span<const glm::vec4> values) const;
 
  private:
-  ShaderProgram() = default;
   [[nodiscard]] int location(std::string_view name) const;
 
-  GlHandle<ProgramTraits> program_;
+  ProgramHandle program_;
   std::vector<std::pair<std::string, int>> uniforms_;  // sorted by name
 };
 

@@ -3,75 +3,43 @@
 #include <epoxy/gl.h>
 
 #include <algorithm>
+#include <array>
 
 namespace penumbra {
 namespace {
 
-struct GlFormat {
+struct TexelLayout {
   GLint internal;
-  GLenum external;
-  GLenum type = GL_UNSIGNED_BYTE;
+  GLenum external, type;
+  int bytes;
 };
-
-GlFormat gl_format(TexelFormat format) {
-  switch (format) {
-    case TexelFormat::r8:
-      return {GL_R8, GL_RED};
-    case TexelFormat::rg8:
-      return {GL_RG8, GL_RG};
-    case TexelFormat::rgb8:
-      return {GL_RGB8, GL_RGB};
-    case TexelFormat::rgba8:
-      return {GL_RGBA8, GL_RGBA};
-    case TexelFormat::srgb8_alpha8:
-      return {GL_SRGB8_ALPHA8, GL_RGBA};
-    case TexelFormat::rgba16f:
-      return {GL_RGBA16F, GL_RGBA, GL_HALF_FLOAT};
-  }
-  return {GL_R8, GL_RED};
+// In the order of TexelFormat.
+constexpr std::array<TexelLayout, 6> kLayouts = {{
+    {GL_R8, GL_RED, GL_UNSIGNED_BYTE, 1},
+    {GL_RG8, GL_RG, GL_UNSIGNED_BYTE, 2},
+    {GL_RGB8, GL_RGB, GL_UNSIGNED_BYTE, 3},
+    {GL_RGBA8, GL_RGBA, GL_UNSIGNED_BYTE, 4},
+    {GL_SRGB8_ALPHA8, GL_RGBA, GL_UNSIGNED_BYTE, 4},
+    {GL_RGBA16F, GL_RGBA, GL_HALF_FLOAT, 8},
+}};
+const TexelLayout& layout_of(TexelFormat format) {
+  return kLayouts[static_cast<std::size_t>(format)];
 }
+
+// In the order of TextureWrap, and of TextureMipmaps for nearest and linear filters.
+constexpr std::array<GLint, 3> kWraps = {GL_REPEAT, GL_MIRRORED_REPEAT, GL_CLAMP_TO_EDGE};
+constexpr std::array<std::array<GLint, 3>, 2> kMinFilters = {
+    {{GL_NEAREST, GL_NEAREST_MIPMAP_NEAREST, GL_NEAREST_MIPMAP_LINEAR},
+     {GL_LINEAR, GL_LINEAR_MIPMAP_NEAREST, GL_LINEAR_MIPMAP_LINEAR}}};
 
 GLint gl_wrap(TextureWrap wrap) {
-  switch (wrap) {
-    case TextureWrap::repeat:
-      return GL_REPEAT;
-    case TextureWrap::mirrored:
-      return GL_MIRRORED_REPEAT;
-    case TextureWrap::clamp:
-      return GL_CLAMP_TO_EDGE;
-  }
-  return GL_REPEAT;
-}
-
-GLint gl_min_filter(const TextureSampling& sampling) {
-  switch (sampling.mipmaps) {
-    case TextureMipmaps::none:
-      return sampling.smooth_far ? GL_LINEAR : GL_NEAREST;
-    case TextureMipmaps::nearest:
-      return sampling.smooth_far ? GL_LINEAR_MIPMAP_NEAREST : GL_NEAREST_MIPMAP_NEAREST;
-    case TextureMipmaps::linear:
-      return sampling.smooth_far ? GL_LINEAR_MIPMAP_LINEAR : GL_NEAREST_MIPMAP_LINEAR;
-  }
-  return GL_LINEAR_MIPMAP_LINEAR;
+  return kWraps[static_cast<std::size_t>(wrap)];
 }
 
 }  // namespace
 
 int bytes_per_texel(TexelFormat format) {
-  switch (format) {
-    case TexelFormat::r8:
-      return 1;
-    case TexelFormat::rg8:
-      return 2;
-    case TexelFormat::rgb8:
-      return 3;
-    case TexelFormat::rgba8:
-    case TexelFormat::srgb8_alpha8:
-      return 4;
-    case TexelFormat::rgba16f:
-      return 8;
-  }
-  return 1;
+  return layout_of(format).bytes;
 }
 
 Texture2d::Texture2d(TextureFilter filter)
@@ -80,14 +48,15 @@ Texture2d::Texture2d(TextureFilter filter)
                                 TextureMipmaps::none}) {}
 
 Texture2d::Texture2d(const TextureSampling& sampling)
-    : handle_(GlHandle<TextureTraits>::create()),
-      mipmaps_(sampling.mipmaps != TextureMipmaps::none) {
+    : handle_(TextureHandle::create()), mipmaps_(sampling.mipmaps != TextureMipmaps::none) {
   glBindTexture(GL_TEXTURE_2D, handle_.id());
   glTexParameteri(GL_TEXTURE_2D, GL_TEXTURE_WRAP_S, gl_wrap(sampling.wrap_s));
   glTexParameteri(GL_TEXTURE_2D, GL_TEXTURE_WRAP_T, gl_wrap(sampling.wrap_t));
   glTexParameteri(GL_TEXTURE_2D, GL_TEXTURE_MAG_FILTER,
                   sampling.smooth_near ? GL_LINEAR : GL_NEAREST);
-  glTexParameteri(GL_TEXTURE_2D, GL_TEXTURE_MIN_FILTER, gl_min_filter(sampling));
+  glTexParameteri(
+      GL_TEXTURE_2D, GL_TEXTURE_MIN_FILTER,
+      kMinFilters[sampling.smooth_far ? 1 : 0][static_cast<std::size_t>(sampling.mipmaps)]);
 }
 
 void Texture2d::upload(TexelFormat format, int width, int height, const std::uint8_t* data,
@@ -112,7 +81,7 @@ void Texture2d::upload_from_buffer(TexelFormat format, int width, int height, st
 
 void Texture2d::put(TexelFormat format, int width, int height, const void* data,
                     std::ptrdiff_t row_texels) {
-  const GlFormat gl = gl_format(format);
+  const TexelLayout& gl = layout_of(format);
   glBindTexture(GL_TEXTURE_2D, handle_.id());
   glPixelStorei(GL_UNPACK_ALIGNMENT, 1);
   glPixelStorei(GL_UNPACK_ROW_LENGTH, static_cast<GLint>(row_texels));

@@ -14,8 +14,8 @@ enum class TexelFormat { r8, rg8, rgb8, rgba8, srgb8_alpha8, rgba16f };
 [[nodiscard]] int bytes_per_texel(TexelFormat format);
 
 enum class TextureFilter {
-  nearest,  // fetched texel by texel
-  linear    // between texels; beyond the last ones, these
+  nearest,
+  linear  // clamped to the edge
 };
 
 class Texture2d {
@@ -23,22 +23,21 @@ class Texture2d {
   explicit Texture2d(TextureFilter filter);
   explicit Texture2d(const TextureSampling& sampling);
 
-  // Rows top to bottom, `stride` bytes apart; row 0 is at texture coordinate 0. Storage is kept
-  // while size and format stay.
+  // Rows top to bottom, `stride` bytes apart; row 0 is at texture coordinate 0.
   void upload(TexelFormat format, int width, int height, const std::uint8_t* data,
               std::ptrdiff_t stride);
-  // The same of rows without gaps, `offset` bytes into the pixel unpack buffer that is bound.
+  // The same from rows without gaps, `offset` bytes into the bound pixel unpack buffer.
   void upload_from_buffer(TexelFormat format, int width, int height, std::size_t offset);
   void bind(int unit) const;
 
  private:
   void put(TexelFormat format, int width, int height, const void* data, std::ptrdiff_t row_texels);
-  GlHandle<TextureTraits> handle_;
+  TextureHandle handle_;
   bool mipmaps_ = false;
   TexelFormat format_ = TexelFormat::r8;
   int width_ = 0;
   int height_ = 0;
-  std::vector<std::uint8_t> packed_;  // for strides that are no whole number of texels
+  std::vector<std::uint8_t> packed_;  // rows without gaps, if the stride is no multiple of a texel
 };
 
 }  // namespace penumbra

@@ -1,4 +1,4 @@
-// How a texture is looked up between and beyond its texels.
+// Filtering and wrapping of textures.
 #pragma once
 
 namespace penumbra {
@@ -9,7 +9,7 @@ enum class TextureMipmaps { none, nearest, linear };
 struct TextureSampling {
   TextureWrap wrap_s = TextureWrap::repeat;
   TextureWrap wrap_t = TextureWrap::repeat;
-  bool smooth_near = true;  // magnified: between texels, or the nearest
+  bool smooth_near = true;  // magnified: linear, or nearest
   bool smooth_far = true;   // minified, within a mipmap
   TextureMipmaps mipmaps = TextureMipmaps::linear;
 

@@ -19,7 +19,7 @@ Watched& watched() {
   return state;
 }
 
-// A function of GLFW that builds for Wayland alone do not have.
+// Looks up a function that GLFW builds for Wayland alone lack.
 template <class Function>
 Function* glfw_function(const char* name) {
   return reinterpret_cast<Function*>(dlsym(RTLD_DEFAULT, name));
@@ -30,7 +30,7 @@ int remember_loss(Display* /*display*/) {
   return 0;
 }
 
-// Xlib's own would end the process; after this one returns, Xlib's functions fail.
+// Xlib's default handler would end the process; after this one Xlib's functions fail.
 void go_on(Display* /*display*/, void* /*data*/) {}
 
 int ignore_but_loss(Display* /*display*/, XErrorEvent* error) {

@@ -8,9 +8,9 @@ namespace penumbra {
 // Remembers the loss of the X server instead of ending the process, as Xlib does by default. Call
 // it after glfwInit(). Other errors of X requests are ignored. Does nothing on Wayland.
 void watch_x11_connection();
-// Counts the window's destruction by another program as a loss, too.
+// Treats the window's destruction by another program as a loss too.
 void watch_x11_window(GLFWwindow* window);
-// Once true, no function of GLFW or Xlib may be called that uses the display.
+// Once true, functions of GLFW and Xlib that use the display must not be called.
 [[nodiscard]] bool x11_connection_lost();
 
 }  // namespace penumbra

@@ -3,35 +3,25 @@
 #include <epoxy/gl.h>
 
 #include <algorithm>
-#include <array>
 #include <limits>
 #include <set>
 #include <utility>
 
 #include "core/assert.hpp"
 #include "core/propagate.hpp"
-#include "render/passes/lens_uniforms.hpp"
-#include "render/passes/light_uniforms.hpp"
+#include "render/passes/uniforms.hpp"
 #include "render/shadow/casters/caster.hpp"
 #include "render/shadow/projected/projected_shadow.hpp"
 
 namespace penumbra {
 
-Result<std::unique_ptr<HardPass>> HardPass::create(GlApi api, const Scene& scene,
-                                                   const CameraModel& camera) {
-  if (scene.lights.size() > kMaxLights) {
-    return fail("{}: lights: {} of them; at most {} can be drawn", scene.file, scene.lights.size(),
-                kMaxLights);
-  }
-  constexpr std::array<std::string_view, 2> kShape = {"lens.glsl", "plane_shape.vert.glsl"};
-  constexpr std::array<std::string_view, 1> kNothing = {"outline.frag.glsl"};
-  constexpr std::array<std::string_view, 2> kReceiver = {"lens.glsl", "receiver.vert.glsl"};
-  constexpr std::array<std::string_view, 3> kLight = {"ambient.glsl", "light_share.glsl",
-                                                      "blocked_light.frag.glsl"};
-  PENUMBRA_TRY(auto shape, ShaderProgram::link(api, kShape, kNothing));
-  PENUMBRA_TRY(auto light, TranslucentProgram::create(api, kReceiver, kLight, kLightDefines));
-  std::unique_ptr<HardPass> pass(new HardPass(std::move(shape), std::move(light)));
-  if (make_lens(camera).model != 0) pass->longest_edge_ = longest_edge(camera);
+Result<std::unique_ptr<HardPass>> HardPass::create(GlApi api, const CameraModel& camera) {
+  auto pass = std::make_unique<HardPass>();
+  PENUMBRA_TRY(
+      pass->shape_program_,
+      ShaderProgram::link(api, {"lens.glsl", "plane_shape.vert.glsl"}, {"fill.frag.glsl"}));
+  PENUMBRA_TRY(pass->light_program_, plane_light_program(api));
+  if (camera.has_distortion()) pass->longest_edge_ = longest_edge(camera);
   return pass;
 }
 
@@ -46,10 +36,7 @@ const ShadowMesh& HardPass::mesh_of(const Scene& scene, const HardShadowDraw& dr
 
 void HardPass::make(const HardShadowDraw& draw, const ShadowMesh& mesh, Shadow& shadow,
                     RenderWork& work) {
-  shadow.valid = true;
-  shadow.plane = draw.plane_frame;
-  shadow.T_table_object = draw.T_table_object;
-  shadow.light = draw.light_place;
+  shadow.made_for = draw;
   const ShadowKernels none{draw.plane_frame.n, mesh.positions, {}};
   const std::vector<CasterVertex> vertices =
       place_caster(mesh, none, draw.T_table_object, draw.plane_frame);
@@ -61,20 +48,10 @@ void HardPass::make(const HardShadowDraw& draw, const ShadowMesh& mesh, Shadow& 
                                draw.plane_frame.to_plane(Eigen::Vector3d::Zero()).head<2>(),
                                *longest_edge_);
   }
-  shadow.low.setConstant(std::numeric_limits<double>::infinity());
-  shadow.high = -shadow.low;
-  for (const PlanePoint& p : triangles) {
-    const Eigen::Vector2d point(static_cast<double>(p.u), static_cast<double>(p.v));
-    shadow.low = shadow.low.cwiseMin(point);
-    shadow.high = shadow.high.cwiseMax(point);
-  }
-  shadow.count = static_cast<int>(triangles.size());
-  shadow.layout.bind();
-  shadow.vertices.write(std::span<const PlanePoint>(triangles), BufferLife::every_frame);
-  if (!shadow.layout_made) {
-    VertexArray::attribute(0, 2, sizeof(PlanePoint), 0);
-    shadow.layout_made = true;
-  }
+  shadow.bounds.setEmpty();
+  for (const PlanePoint& p : triangles)
+    shadow.bounds.extend(Eigen::Vector2d(static_cast<double>(p.u), static_cast<double>(p.v)));
+  shadow.triangles.write(triangles, BufferLife::every_frame);
 }
 
 Result<void> HardPass::prepare(const DrawContext& context, const FramePlan& plan) {
@@ -85,8 +62,9 @@ Result<void> HardPass::prepare(const DrawContext& context, const FramePlan& plan
     const Key key = {draw.object, draw.plane, draw.light};
     if (!seen.insert(key).second) continue;
     Shadow& shadow = shadows_[key];
-    if (plan.reuse && shadow.valid && shadow.plane == draw.plane_frame &&
-        shadow.T_table_object == draw.T_table_object && shadow.light == draw.light_place) {
+    if (const auto& made = shadow.made_for;
+        plan.reuse && made && made->plane_frame == draw.plane_frame &&
+        made->T_table_object == draw.T_table_object && made->light_place == draw.light_place) {
       ++work[Counter::reprojections];
       continue;
     }
@@ -100,11 +78,12 @@ int HardPass::draw_plane(const DrawContext& context, const FramePlan& plan,
                          const PlaneReceiver& receiver) const {
   const LensUniforms& lens = context.lens;
   Receivers& receivers = context.receivers;
-  // What one bit stands for: casters that are equally strong, of one light.
+  // The meaning of one bit: equally strong casters of one light.
   struct Blocked {
     int light = 0;
     float strength = 1.0F;
-    Eigen::Vector2d low, high;
+    Eigen::AlignedBox2d bounds;
+    std::vector<const Shadow*> shadows;
   };
   const auto strength_of = [&](const HardShadowDraw& draw) {
     return receiver.opacity > 0.0F ? std::min(1.0F, draw.opacity / receiver.opacity) : 0.0F;
@@ -115,27 +94,23 @@ int HardPass::draw_plane(const DrawContext& context, const FramePlan& plan,
   }
   const bool apart = kinds.size() <= kMaxHardLights;  // else a light's strongest caster counts
   std::vector<Blocked> lights;
-  std::vector<std::vector<const Shadow*>> shadows;  // of each of them
   std::set<Key> seen;
   for (const HardShadowDraw& draw : plan.hard_shadows) {
     if (draw.plane != receiver.plane) continue;
     const Key key = {draw.object, draw.plane, draw.light};
     const Shadow& shadow = shadows_.at(key);
-    if (shadow.count == 0 || !seen.insert(key).second) continue;
+    if (shadow.triangles.count() == 0 || !seen.insert(key).second) continue;
     const float strength = strength_of(draw);
-    const auto found = std::ranges::find_if(lights, [&](const Blocked& known) {
+    auto found = std::ranges::find_if(lights, [&](const Blocked& known) {
       return known.light == draw.light && (!apart || known.strength == strength);
     });
-    const auto at = static_cast<std::size_t>(found - lights.begin());
     if (found == lights.end()) {
       PENUMBRA_ASSERT(lights.size() < kMaxHardLights);
-      lights.push_back({draw.light, strength, shadow.low, shadow.high});
-      shadows.emplace_back();
+      found = lights.insert(found, {draw.light, strength, {}, {}});
     }
-    lights[at].strength = std::max(lights[at].strength, strength);
-    lights[at].low = lights[at].low.cwiseMin(shadow.low);
-    lights[at].high = lights[at].high.cwiseMax(shadow.high);
-    shadows[at].push_back(&shadow);
+    found->strength = std::max(found->strength, strength);
+    found->bounds.extend(shadow.bounds);
+    found->shadows.push_back(&shadow);
   }
   if (lights.empty()) return 0;
 
@@ -151,9 +126,8 @@ int HardPass::draw_plane(const DrawContext& context, const FramePlan& plan,
     const unsigned bit = 1U << i;
     glStencilMask(bit);
     receivers.stencil_test(bit, 0);
-    for (const Shadow* shadow : shadows[i]) {
-      shadow->layout.bind();
-      glDrawArrays(GL_TRIANGLES, 0, shadow->count);
+    for (const Shadow* shadow : lights[i].shadows) {
+      shadow->triangles.draw(GL_TRIANGLES);
       ++calls;
     }
   }
@@ -162,30 +136,24 @@ int HardPass::draw_plane(const DrawContext& context, const FramePlan& plan,
   glStencilMask(0);
   glStencilOp(GL_KEEP, GL_KEEP, GL_KEEP);
   glDisable(GL_DEPTH_TEST);
-  begin_darkening(context.mode);
+  begin_translucent(context.mode, Blending::darken);
   const ShaderProgram& p = light_program_.get();
-  p.use();
-  p.set("picture_before", kPictureBeforeUnit);
-  p.set("table_from_camera", to_gl(plan.T_table_camera.rotation().toRotationMatrix()));
-  p.set("eye", to_gl(plan.T_table_camera.translation()));
-  p.set("normal", to_gl(receiver.frame.n));
-  p.set("opacity", receiver.opacity);
+  begin_plane_light(p, plan, receiver.frame, receiver.opacity);
   const unsigned all = (1U << lights.size()) - 1U;
   std::vector<float> blocked(plan.lights.size());
   for (unsigned set = 1; set <= all; ++set) {
-    // Of lights whose shadows can't meet there is no pixel.
-    std::fill(blocked.begin(), blocked.end(), 0.0F);
-    Eigen::Vector2d low = Eigen::Vector2d::Constant(-std::numeric_limits<double>::infinity());
-    Eigen::Vector2d high = -low;
+    std::ranges::fill(blocked, 0.0F);
+    const double infinity = std::numeric_limits<double>::infinity();
+    Eigen::AlignedBox2d overlap(Eigen::Vector2d::Constant(-infinity),
+                                Eigen::Vector2d::Constant(infinity));
     for (std::size_t i = 0; i < lights.size(); ++i) {
       if ((set >> i & 1U) == 0) continue;
       float& of_light = blocked[static_cast<std::size_t>(lights[i].light)];
       of_light = std::max(of_light, lights[i].strength);
-      low = low.cwiseMax(lights[i].low);
-      high = high.cwiseMin(lights[i].high);
+      overlap = overlap.intersection(lights[i].bounds);
     }
-    if ((low.array() > high.array()).any()) continue;
-    set_light_uniforms(p, plan, blocked);
+    if (overlap.isEmpty()) continue;
+    set_lights(p, plan, blocked);
     receivers.stencil_test(set, all);
     receivers.draw_grid(p, plan, receiver.frame, lens);
     ++calls;
@@ -195,7 +163,7 @@ int HardPass::draw_plane(const DrawContext& context, const FramePlan& plan,
 
 int HardPass::draw(const DrawContext& context, const FramePlan& plan) {
   if (plan.hard_shadows.empty()) return 0;
-  // No pixel is of two planes: one copy is right for all.
+  // Each pixel shows at most one plane: one copy serves all.
   if (context.mode == Translucency::retexture) context.framebuffer.copy_picture(kPictureBeforeUnit);
   int calls = 0;
   for (const PlaneReceiver& receiver : plan.receivers) {

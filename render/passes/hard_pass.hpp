@@ -1,26 +1,19 @@
 // Hard shadows of the scene's lights on planes. Each light has a stencil bit, set where any caster
-// blocks it, so casters of one light darken a pixel once. Faint casters have separate bits, as far
-// as there are bits. Then the pixels of each set of blocked lights are darkened by the share of the
-// light that these lights give there: the shadows of several lights add up as light does.
+// blocks it, so that casters of one light darken a pixel once. Less opaque casters have separate
+// bits, if there are enough. Then the pixels of each set of blocked lights lose the share of these
+// lights: the shadows of several lights add up as light does.
 #pragma once
 
-#include <glm/vec3.hpp>
+#include <Eigen/Geometry>
 #include <map>
 #include <memory>
 #include <optional>
 #include <tuple>
-#include <vector>
 
-#include "render/camera_gl.hpp"
-#include "render/frame_plan.hpp"
 #include "render/gl/buffer.hpp"
-#include "render/gl/framebuffer.hpp"
-#include "render/gl/shader.hpp"
 #include "render/model/shadow_mesh.hpp"
 #include "render/passes/draw_context.hpp"
-#include "render/passes/receivers.hpp"
 #include "render/passes/translucent_program.hpp"
-#include "render/scene/scene.hpp"
 
 namespace penumbra {
 
@@ -28,7 +21,7 @@ static_assert(kShadowBits == (1U << kMaxHardLights) - 1U, "each light has a sten
 
 class HardPass : public Pass {
  public:
-  [[nodiscard]] static Result<std::unique_ptr<HardPass>> create(GlApi api, const Scene& scene,
+  [[nodiscard]] static Result<std::unique_ptr<HardPass>> create(GlApi api,
                                                                 const CameraModel& camera);
 
   // Clips and projects casters where a caster, plane or light moved.
@@ -36,22 +29,13 @@ class HardPass : public Pass {
   int draw(const DrawContext& context, const FramePlan& plan) override;
 
  private:
-  // One caster's shadow from one light on one plane, on the GPU.
+  // One caster's shadow from one light on one plane.
   struct Shadow {
-    bool valid = false;
-    PlaneFrame plane;
-    Placement T_table_object;
-    Eigen::Vector4d light;
-    Eigen::Vector2d low, high;  // bounds on the plane [m]
-    int count = 0;              // vertices; 0: no shadow
-    bool layout_made = false;
-    VertexArray layout;
-    GlBuffer vertices{BufferUse::vertices};
+    std::optional<HardShadowDraw> made_for;
+    Eigen::AlignedBox2d bounds;  // on the plane [m]
+    GlMesh triangles{2};
   };
   using Key = std::tuple<int, int, int>;  // object, plane, light
-
-  HardPass(ShaderProgram shape, TranslucentProgram light)
-      : shape_program_(std::move(shape)), light_program_(std::move(light)) {}
 
   const ShadowMesh& mesh_of(const Scene& scene, const HardShadowDraw& draw);
   void make(const HardShadowDraw& draw, const ShadowMesh& mesh, Shadow& shadow, RenderWork& work);

@@ -3,23 +3,15 @@
 #include <epoxy/gl.h>
 
 #include <algorithm>
-#include <array>
 #include <cmath>
-#include <cstddef>
 #include <functional>
-#include <span>
-#include <vector>
 
-#include "core/assert.hpp"
 #include "core/propagate.hpp"
-#include "render/passes/lens_uniforms.hpp"
-#include "render/passes/light_uniforms.hpp"
+#include "render/passes/uniforms.hpp"
 #include "render/shadow/layers/receiving_levels.hpp"
 
 namespace penumbra {
 namespace {
-
-constexpr std::array<std::string_view, 2> kVertex = {"lens.glsl", "object.vert.glsl"};
 
 struct Vertex {
   glm::vec3 position;
@@ -27,13 +19,13 @@ struct Vertex {
   glm::vec2 texcoord;
   glm::vec4 color;
 };
-// Beside it, where the material has maps.
+// Further attributes, if the material has maps.
 struct MapVertex {
   glm::vec4 tangent;
   glm::vec2 texcoord_2;
 };
 
-// Texture units; 1 to 7 are other programs'.
+// Texture units; 1 to 7 belong to other programs.
 constexpr int kBaseColorUnit = 0;
 constexpr int kMetalUnit = 8;
 constexpr int kNormalUnit = 9;
@@ -46,7 +38,7 @@ const Material& material_of(const Model& model, int index) {
   return index >= 0 && at < model.materials.size() ? model.materials[at] : plain;
 }
 
-// Asked before they are uploaded: a driver only says that it refuses something.
+// Checked before the upload: a driver's error would not name the image.
 Result<void> images_fit(const Scene& scene) {
   GLint most = 0;
   glGetIntegerv(GL_MAX_TEXTURE_SIZE, &most);
@@ -76,42 +68,35 @@ Result<ObjectPainter> ObjectPainter::create(GlApi api, const Scene& scene,
     return fail("{}: lights: {} of them; at most {} can be drawn", scene.file, scene.lights.size(),
                 kMaxLights);
   }
-  constexpr std::array<std::string_view, 4> kFragment = {"ambient.glsl", "light_share.glsl",
-                                                         "surface_normal.glsl", "object.frag.glsl"};
-  constexpr std::array<std::string_view, 3> kMasked = {"shadow_mask.glsl", "surface_normal.glsl",
-                                                       "masked.frag.glsl"};
-  constexpr std::array<std::string_view, 1> kMaskDefines = {"MAX_LEVELS 64"};
-  static_assert(kMostReceivingLevels == 64);
-  PENUMBRA_TRY(auto program, TranslucentProgram::create(api, kVertex, kFragment, kLightDefines));
-  PENUMBRA_TRY(auto masked, TranslucentProgram::create(api, kVertex, kMasked, kMaskDefines));
-  std::vector<std::string_view> darkens(kLightDefines.begin(), kLightDefines.end());
-  darkens.emplace_back("DARKENS");
-  PENUMBRA_TRY(auto darkening, TranslucentProgram::create(api, kVertex, kFragment, darkens));
   const auto any_material = [&scene](const auto& has) {
     return std::ranges::any_of(scene.objects, [&](const SceneObject& object) {
       return object.model && std::ranges::any_of(object.model->materials, has);
     });
   };
-  std::optional<TranslucentProgram> maps;
-  std::optional<TranslucentProgram> maps_darkening;
-  if (any_material(&Material::has_maps)) {
-    std::vector<std::string_view> defines(kLightDefines.begin(), kLightDefines.end());
+  const ShaderFiles vertex = {"lens.glsl", "object.vert.glsl"};
+  const bool maps = any_material(&Material::has_maps);
+  const auto make = [&](std::vector<std::string_view> defines) -> Result<SurfaceProgram> {
+    const ShaderFiles fragment = {"ambient.glsl", "light_share.glsl", "surface_normal.glsl",
+                                  "object.frag.glsl"};
+    SurfaceProgram program;
+    PENUMBRA_TRY(program.plain, TranslucentProgram::create(api, vertex, fragment, defines));
+    if (!maps) return program;
     defines.emplace_back("MATERIAL_MAPS");
-    PENUMBRA_TRY(auto linked, TranslucentProgram::create(api, kVertex, kFragment, defines));
-    maps = std::move(linked);
-    darkens.emplace_back("MATERIAL_MAPS");
-    PENUMBRA_TRY(auto linked_darkening,
-                 TranslucentProgram::create(api, kVertex, kFragment, darkens));
-    maps_darkening = std::move(linked_darkening);
-  }
-  ObjectPainter pass(api, std::move(program), std::move(maps), std::move(masked));
-  pass.darkening_program_ = std::move(darkening);
-  pass.maps_darkening_program_ = std::move(maps_darkening);
-  pass.blends_ = any_material(
+    PENUMBRA_TRY(program.maps, TranslucentProgram::create(api, vertex, fragment, defines));
+    return program;
+  };
+  ObjectPainter painter;
+  PENUMBRA_TRY(painter.lit_program_, make({kLightDefine}));
+  PENUMBRA_TRY(painter.darkening_program_, make({kLightDefine, "DARKENS"}));
+  static_assert(kMostReceivingLevels == 64);
+  PENUMBRA_TRY(painter.masked_program_,
+               TranslucentProgram::create(
+                   api, vertex, {"shadow_mask.glsl", "surface_normal.glsl", "masked.frag.glsl"},
+                   {"MAX_LEVELS 64"}));
+  painter.blends_ = any_material(
       [](const Material& material) { return material.alpha_mode == AlphaMode::blend; });
-  if (const auto& tone = camera.parameters().tone_curve) {
-    pass.tone_ = {static_cast<float>(1.0 / *tone), 1.0F, 0.0F, 0.0F};
-  }
+  if (const auto& tone = camera.parameters().tone_curve)
+    painter.tone_ = {static_cast<float>(1.0 / *tone), 1.0F, 0.0F, 0.0F};
 
   PENUMBRA_TRY_VOID(images_fit(scene));
 
@@ -120,21 +105,22 @@ Result<ObjectPainter> ObjectPainter::create(GlApi api, const Scene& scene,
   std::map<std::pair<const Model*, float>, std::shared_ptr<GpuModel>> uploaded;
   for (std::size_t i = 0; i < scene.objects.size(); ++i) {
     const auto& model = scene.objects[i].model;
-    pass.descriptions_.push_back(model);
-    if (!model) {
-      pass.models_.emplace_back();
-      continue;
-    }
+    painter.phantoms_.push_back(scene.objects[i].phantom);
+    std::shared_ptr<GpuModel>& gpu = painter.models_.emplace_back();
+    if (!model) continue;
     const float edge = longest_model_edge(longest, scales[i]);
     auto& entry = uploaded[{model.get(), edge}];
-    if (!entry) entry = upload(*model, edge);
-    pass.models_.push_back(entry);
+    if (!entry) entry = upload(model, edge);
+    gpu = entry;
   }
-  return pass;
+  return painter;
 }
 
-std::shared_ptr<ObjectPainter::GpuModel> ObjectPainter::upload(const Model& model, float max_edge) {
+std::shared_ptr<ObjectPainter::GpuModel> ObjectPainter::upload(
+    const std::shared_ptr<const Model>& source_model, float max_edge) {
   auto gpu = std::make_shared<GpuModel>();
+  gpu->source = source_model;
+  const Model& model = *source_model;
   for (const Material& material : model.materials) {
     gpu->materials.push_back({texture_of(*gpu, model, material.base_color_texture, true),
                               texture_of(*gpu, model, material.metallic_roughness_texture, false),
@@ -151,15 +137,9 @@ std::shared_ptr<ObjectPainter::GpuModel> ObjectPainter::upload(const Model& mode
                      i < mesh.colors.size() ? mesh.colors[i] : glm::vec4(1.0F)};
     }
     GpuMesh& out = gpu->meshes.emplace_back();
-    out.index_count = static_cast<int>(mesh.indices.size());
     out.material = mesh.material;
-    out.layout.bind();
-    out.vertices.write(std::span<const Vertex>(vertices));
-    VertexArray::attribute(0, 3, sizeof(Vertex), offsetof(Vertex, position));
-    VertexArray::attribute(1, 3, sizeof(Vertex), offsetof(Vertex, normal));
-    VertexArray::attribute(2, 2, sizeof(Vertex), offsetof(Vertex, texcoord));
-    VertexArray::attribute(3, 4, sizeof(Vertex), offsetof(Vertex, color));
-    out.indices.write(std::span<const std::uint32_t>(mesh.indices));
+    out.surface.write(vertices);
+    out.surface.write_indices(mesh.indices);
     const Material& material = material_of(model, mesh.material);
     if (material.has_maps()) {
       std::vector<MapVertex> maps(mesh.positions.size(), {glm::vec4(0.0F), glm::vec2(0.0F)});
@@ -169,8 +149,7 @@ std::shared_ptr<ObjectPainter::GpuModel> ObjectPainter::upload(const Model& mode
       }
       out.map_vertices.emplace(BufferUse::vertices);
       out.map_vertices->write(std::span<const MapVertex>(maps));
-      VertexArray::attribute(4, 4, sizeof(MapVertex), offsetof(MapVertex, tangent));
-      VertexArray::attribute(5, 2, sizeof(MapVertex), offsetof(MapVertex, texcoord_2));
+      VertexArray::attributes({4, 2}, 4);
     }
     if (material.alpha_mode != AlphaMode::blend) continue;
     for (std::size_t i = 0; i + 2 < mesh.indices.size(); i += 3) {
@@ -201,25 +180,19 @@ const Texture2d* ObjectPainter::texture_of(GpuModel& gpu, const Model& model,
 
 Result<void> ObjectPainter::choose(Translucency mode, std::optional<PixelFormat> video) {
   mode_ = mode;
-  PENUMBRA_TRY_VOID(program_.choose(mode, video));
-  for (auto* const program : {&maps_program_, &darkening_program_, &maps_darkening_program_}) {
-    if (!*program) continue;
-    PENUMBRA_TRY_VOID((*program)->choose(mode, video));
+  for (SurfaceProgram* program : {&lit_program_, &darkening_program_}) {
+    PENUMBRA_TRY_VOID(program->plain.choose(mode, video));
+    if (program->maps) PENUMBRA_TRY_VOID(program->maps->choose(mode, video));
   }
   return masked_program_.choose(mode, video);
 }
 
-ObjectPainter::Programs ObjectPainter::plain_programs() const {
-  return {program_.plain(), maps_program_ ? &maps_program_->plain() : nullptr};
+ObjectPainter::Programs ObjectPainter::SurfaceProgram::opaque() const {
+  return {plain.plain(), maps ? &maps->plain() : nullptr};
 }
 
-ObjectPainter::Programs ObjectPainter::chosen_programs() const {
-  return {program_.get(), maps_program_ ? &maps_program_->get() : nullptr};
-}
-
-ObjectPainter::Programs ObjectPainter::darkening_programs() const {
-  return {darkening_program_->get(),
-          maps_darkening_program_ ? &maps_darkening_program_->get() : nullptr};
+ObjectPainter::Programs ObjectPainter::SurfaceProgram::chosen() const {
+  return {plain.get(), maps ? &maps->get() : nullptr};
 }
 
 template <class Action>
@@ -235,15 +208,14 @@ void ObjectPainter::begin_lit(const Programs& programs, const FramePlan& plan,
                               const LensUniforms& lens) const {
   for_each(programs, [&](const ShaderProgram& program) {
     set_lens(program, lens);
-    set_light_uniforms(program, plan);
+    set_lights(program, plan);
     program.set("tone", tone_);
-    program.set("eye", to_gl(plan.T_table_camera.translation()));
   });
 }
 
-void ObjectPainter::set_material(const ShaderProgram& program, const Model& model,
-                                 const GpuModel& gpu, int index, bool maps) {
-  const Material& material = material_of(model, index);
+void ObjectPainter::set_material(const ShaderProgram& program, const GpuModel& gpu, int index,
+                                 bool maps) {
+  const Material& material = material_of(*gpu.source, index);
   program.set("base_color", glm::vec3(material.base_color));
   program.set("emissive", material.emissive);
   program.set("metallic", material.metallic);
@@ -279,9 +251,7 @@ void ObjectPainter::set_material(const ShaderProgram& program, const Model& mode
 }
 
 int ObjectPainter::draw_some(const ShaderProgram& program, bool maps, const Programs& programs,
-                             const Scene& scene, std::span<const ObjectDraw> draws,
-                             const CameraPose& pose) const {
-  PENUMBRA_ASSERT(models_.size() == scene.objects.size());
+                             std::span<const ObjectDraw> draws, const CameraPose& pose) const {
   int calls = 0;
   bool culls = false;
   program.use();
@@ -289,8 +259,8 @@ int ObjectPainter::draw_some(const ShaderProgram& program, bool maps, const Prog
     const auto index = static_cast<std::size_t>(draw.object);
     const GpuModel* gpu = models_[index].get();
     if (gpu == nullptr) continue;
-    const bool phantom = scene.objects[index].phantom;
-    const Model& model = *descriptions_[index];
+    const bool phantom = phantoms_[index];
+    const Model& model = *gpu->source;
     bool placed = false;
     for (const GpuMesh& mesh : gpu->meshes) {
       const Material& material = material_of(model, mesh.material);
@@ -301,13 +271,12 @@ int ObjectPainter::draw_some(const ShaderProgram& program, bool maps, const Prog
         program.set("camera_from_object", camera_from_object(pose, draw.T_table_object));
         placed = true;
       }
-      set_material(program, model, *gpu, mesh.material, maps);
-      // What is real hides what is behind it whichever way it is wound.
+      set_material(program, *gpu, mesh.material, maps);
+      // Phantoms hide what is behind them with either winding of their faces.
       const bool one_sided = model.culls_back_faces && !material.double_sided && !phantom;
       if (one_sided != culls) one_sided ? glEnable(GL_CULL_FACE) : glDisable(GL_CULL_FACE);
       culls = one_sided;
-      mesh.layout.bind();
-      glDrawElements(GL_TRIANGLES, mesh.index_count, GL_UNSIGNED_INT, nullptr);
+      mesh.surface.draw(GL_TRIANGLES);
       ++calls;
     }
   }
@@ -315,20 +284,17 @@ int ObjectPainter::draw_some(const ShaderProgram& program, bool maps, const Prog
   return calls;
 }
 
-int ObjectPainter::draw_all(const Programs& programs, const Scene& scene,
-                            std::span<const ObjectDraw> draws, const CameraPose& pose) const {
-  glFrontFace(GL_CW);  // counter-clockwise faces, seen in a framebuffer whose
-                       // row 0 is the top
-  int calls = draw_some(programs.plain, false, programs, scene, draws, pose);
-  if (programs.maps != nullptr)
-    calls += draw_some(*programs.maps, true, programs, scene, draws, pose);
+int ObjectPainter::draw_all(const Programs& programs, std::span<const ObjectDraw> draws,
+                            const CameraPose& pose) const {
+  glFrontFace(GL_CW);  // for counter-clockwise faces: row 0 of the framebuffer is the top
+  int calls = draw_some(programs.plain, false, programs, draws, pose);
+  if (programs.maps != nullptr) calls += draw_some(*programs.maps, true, programs, draws, pose);
   return calls;
 }
 
-int ObjectPainter::draw_phantoms(const Scene& scene, const FramePlan& plan,
-                                 const LensUniforms& lens) const {
+int ObjectPainter::draw_phantoms(const FramePlan& plan, const LensUniforms& lens) const {
   if (plan.phantoms.empty()) return 0;
-  const Programs programs = plain_programs();
+  const Programs programs = lit_program_.opaque();
   for_each(programs, [&lens](const ShaderProgram& program) { set_lens(program, lens); });
   glEnable(GL_DEPTH_TEST);
   glDepthFunc(GL_LESS);
@@ -336,15 +302,15 @@ int ObjectPainter::draw_phantoms(const Scene& scene, const FramePlan& plan,
   glDisable(GL_STENCIL_TEST);
   glDisable(GL_BLEND);
   glColorMask(GL_FALSE, GL_FALSE, GL_FALSE, GL_FALSE);
-  const int calls = draw_all(programs, scene, plan.phantoms, plan.T_table_camera);
+  const int calls = draw_all(programs, plan.phantoms, plan.T_table_camera);
   glColorMask(GL_TRUE, GL_TRUE, GL_TRUE, GL_TRUE);
   return calls;
 }
 
-int ObjectPainter::draw_objects(const Scene& scene, const FramePlan& plan, const LensUniforms& lens,
+int ObjectPainter::draw_objects(const FramePlan& plan, const LensUniforms& lens,
                                 Framebuffer& framebuffer) const {
   if (plan.objects.empty()) return 0;
-  const Programs plain = plain_programs();
+  const Programs plain = lit_program_.opaque();
   begin_lit(plain, plan, lens);
   glEnable(GL_DEPTH_TEST);
   glDepthFunc(GL_LESS);
@@ -355,33 +321,30 @@ int ObjectPainter::draw_objects(const Scene& scene, const FramePlan& plan, const
   for (const ObjectDraw& draw : plan.objects) {
     if (draw.opacity < 1.0F) faint.push_back(draw);
   }
-  if (faint.empty()) return draw_all(plain, scene, plan.objects, plan.T_table_camera);
+  if (faint.empty()) return draw_all(plain, plan.objects, plan.T_table_camera);
   int calls = 0;
   if (faint.size() < plan.objects.size()) {
     std::vector<ObjectDraw> solid = plan.objects;
     std::erase_if(solid, [](const ObjectDraw& draw) { return draw.opacity < 1.0F; });
-    calls += draw_all(plain, scene, solid, plan.T_table_camera);
+    calls += draw_all(plain, solid, plan.T_table_camera);
   }
   std::ranges::stable_sort(faint, {}, &ObjectDraw::opacity);
 
   glColorMask(GL_FALSE, GL_FALSE, GL_FALSE, GL_FALSE);
-  calls += draw_all(plain, scene, faint, plan.T_table_camera);
+  calls += draw_all(plain, faint, plan.T_table_camera);
   glColorMask(GL_TRUE, GL_TRUE, GL_TRUE, GL_TRUE);
   glDepthFunc(GL_EQUAL);
   glDepthMask(GL_FALSE);
-  const Programs mixed = chosen_programs();
+  const Programs mixed = lit_program_.chosen();
   if (mode_ == Translucency::retexture) framebuffer.copy_picture(kPictureBeforeUnit);
   begin_lit(mixed, plan, lens);
-  begin_mixing(mode_);
+  begin_translucent(mode_, Blending::mix);
   for (std::span<const ObjectDraw> left = faint; !left.empty();) {
     const float opacity = left.front().opacity;
     std::size_t count = 1;
     while (count < left.size() && left[count].opacity == opacity) ++count;
-    for_each(mixed, [&](const ShaderProgram& program) {
-      program.set("picture_before", kPictureBeforeUnit);
-      set_mixing(mode_, program, opacity);
-    });
-    calls += draw_all(mixed, scene, left.first(count), plan.T_table_camera);
+    for_each(mixed, [&](const ShaderProgram& program) { set_mixing(mode_, program, opacity); });
+    calls += draw_all(mixed, left.first(count), plan.T_table_camera);
     left = left.subspan(count);
   }
   end_translucent();
@@ -395,6 +358,7 @@ int ObjectPainter::draw_blended(const FramePlan& plan, const LensUniforms& lens,
   if (!blends_) return 0;
   struct Surface {
     const ObjectDraw* draw;
+    const GpuModel* model;
     GpuMesh* mesh;
     glm::mat4x3 camera_from_object;
     float depth;  // [m]
@@ -407,17 +371,16 @@ int ObjectPainter::draw_blended(const FramePlan& plan, const LensUniforms& lens,
     for (GpuMesh& mesh : gpu->meshes) {
       if (mesh.faces.empty()) continue;
       const float depth = (to_camera * glm::vec4(mesh.middle, 1.0F)).z;
-      surfaces.push_back({&draw, &mesh, to_camera, depth});
+      surfaces.push_back({&draw, gpu, &mesh, to_camera, depth});
     }
   }
   if (surfaces.empty()) return 0;
   std::ranges::stable_sort(surfaces, std::greater<>(), &Surface::depth);
 
-  const Programs programs = chosen_programs();
+  const Programs programs = lit_program_.chosen();
   const ShaderProgram& program = *programs.maps;
   begin_lit(programs, plan, lens);
   program.use();
-  program.set("picture_before", kPictureBeforeUnit);
   const bool door = mode_ != Translucency::blend && mode_ != Translucency::retexture;
   glFrontFace(GL_CW);
   glDisable(GL_STENCIL_TEST);
@@ -428,9 +391,8 @@ int ObjectPainter::draw_blended(const FramePlan& plan, const LensUniforms& lens,
   std::vector<std::pair<float, std::size_t>> order;
   std::vector<std::uint32_t> sorted;
   for (const Surface& surface : surfaces) {
-    const auto index = static_cast<std::size_t>(surface.draw->object);
     GpuMesh& mesh = *surface.mesh;
-    const Model& model = *descriptions_[index];
+    const Model& model = *surface.model->source;
     order.clear();
     for (std::size_t i = 0; i < mesh.middles.size(); ++i) {
       const glm::vec3 at = surface.camera_from_object * glm::vec4(mesh.middles[i], 1.0F);
@@ -441,17 +403,16 @@ int ObjectPainter::draw_blended(const FramePlan& plan, const LensUniforms& lens,
     for (const auto& [depth, face] : order)
       sorted.insert(sorted.end(), mesh.faces[face].begin(), mesh.faces[face].end());
     if (mode_ == Translucency::retexture) framebuffer.copy_picture(kPictureBeforeUnit);
-    begin_seeing_through(mode_);
+    begin_translucent(mode_, Blending::see_through);
     program.set("opacity", surface.draw->opacity);
     program.set("table_from_object", to_gl(surface.draw->T_table_object));
     program.set("camera_from_object", surface.camera_from_object);
-    set_material(program, model, *models_[index], mesh.material, true);
+    set_material(program, *surface.model, mesh.material, true);
     const bool one_sided =
         model.culls_back_faces && !material_of(model, mesh.material).double_sided;
     one_sided ? glEnable(GL_CULL_FACE) : glDisable(GL_CULL_FACE);
-    mesh.layout.bind();
-    mesh.indices.write(std::span<const std::uint32_t>(sorted), BufferLife::every_frame);
-    glDrawElements(GL_TRIANGLES, mesh.index_count, GL_UNSIGNED_INT, nullptr);
+    mesh.surface.write_indices(sorted, BufferLife::every_frame);
+    mesh.surface.draw(GL_TRIANGLES);
     ++calls;
   }
   glDisable(GL_CULL_FACE);
@@ -460,37 +421,33 @@ int ObjectPainter::draw_blended(const FramePlan& plan, const LensUniforms& lens,
   return calls;
 }
 
-int ObjectPainter::draw_alone(const Scene& scene, const ObjectDraw& draw, const FramePlan& plan,
+int ObjectPainter::draw_alone(const ObjectDraw& draw, const FramePlan& plan,
                               const LensUniforms& lens) const {
-  const Programs programs = plain_programs();
+  const Programs programs = lit_program_.opaque();
   for_each(programs, [&lens](const ShaderProgram& program) { set_lens(program, lens); });
-  return draw_all(programs, scene, {&draw, 1}, plan.T_table_camera);
+  return draw_all(programs, {&draw, 1}, plan.T_table_camera);
 }
 
-int ObjectPainter::draw_darkened(const Scene& scene, const ObjectDraw& draw, const FramePlan& plan,
+int ObjectPainter::draw_darkened(const ObjectDraw& draw, const FramePlan& plan,
                                  const LensUniforms& lens, int light, float opacity,
                                  bool add_up) const {
-  const Programs programs = darkening_programs();
+  const Programs programs = darkening_program_.chosen();
   std::vector<float> blocked(plan.lights.size(), 0.0F);
   blocked.at(static_cast<std::size_t>(light)) = 1.0F;
   for_each(programs, [&](const ShaderProgram& program) {
     set_lens(program, lens);
-    set_light_uniforms(program, plan, blocked);
-    program.set("eye", to_gl(plan.T_table_camera.translation()));
+    set_lights(program, plan, blocked);
     program.set("opacity", opacity);
     program.set("darkens", add_up ? 2 : 1);
-    program.set("picture_before", kPictureBeforeUnit);
-    program.set("sums_before", kSumsBeforeUnit);
   });
-  return draw_all(programs, scene, {&draw, 1}, plan.T_table_camera);
+  return draw_all(programs, {&draw, 1}, plan.T_table_camera);
 }
 
-int ObjectPainter::draw_under_shadow(const Scene& scene, const ObjectDraw& draw,
-                                     const FramePlan& plan, const LensUniforms& lens,
-                                     const ShadowMask& mask, Gathering gathering) const {
+int ObjectPainter::draw_under_shadow(const ObjectDraw& draw, const FramePlan& plan,
+                                     const LensUniforms& lens, const ShadowMask& mask,
+                                     Gathering gathering) const {
   const ShaderProgram& p = masked_program_.get();
   p.use();
-  p.set("picture_before", kPictureBeforeUnit);
   set_lens(p, lens);
   p.set("eye", to_gl(plan.T_table_camera.translation()));
   p.set("mask_from_table", mask.plane_from_table);
@@ -505,7 +462,7 @@ int ObjectPainter::draw_under_shadow(const Scene& scene, const ObjectDraw& draw,
   p.set("mask_step", static_cast<float>(kLevelStep));
   p.set("mask_level_width", static_cast<float>(kLevelWidth));
   p.set("shadow_mask", kShadowMaskUnit);
-  return draw_all({p, nullptr}, scene, {&draw, 1}, plan.T_table_camera);
+  return draw_all({p, nullptr}, {&draw, 1}, plan.T_table_camera);
 }
 
 }  // namespace penumbra

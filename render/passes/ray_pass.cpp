@@ -3,40 +3,35 @@
 #include <epoxy/gl.h>
 
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <set>
-#include <span>
-#include <string_view>
 #include <utility>
 
 #include "core/propagate.hpp"
-#include "render/passes/lens_uniforms.hpp"
+#include "render/passes/uniforms.hpp"
 
 namespace penumbra {
 namespace {
 
 constexpr std::size_t kMostVertices = 12;  // of a caster
 constexpr int kPieces = 48;                // a ray across the whole view, bent by a lens
-// Half widths: a ray is thin beside what it explains, a dot still found in a small picture.
+// Half widths, as fractions of the image's height.
 constexpr double kRayPerHeight = 0.0016;
 constexpr double kDotPerHeight = 0.0075;
 constexpr double kLeastRay_px = 0.6;
 constexpr double kLeastDot_px = 2.2;
 
 glm::vec3 encoded(const glm::vec3& linear) {
-  return {std::pow(std::clamp(linear.r, 0.0F, 1.0F), 1.0F / 2.2F),
-          std::pow(std::clamp(linear.g, 0.0F, 1.0F), 1.0F / 2.2F),
-          std::pow(std::clamp(linear.b, 0.0F, 1.0F), 1.0F / 2.2F)};
+  const auto encode = [](float v) { return std::pow(std::clamp(v, 0.0F, 1.0F), 1.0F / 2.2F); };
+  return {encode(linear.r), encode(linear.g), encode(linear.b)};
 }
 
 }  // namespace
 
 Result<std::unique_ptr<RayPass>> RayPass::create(GlApi api, const CameraModel& camera) {
-  constexpr std::array<std::string_view, 2> kVertex = {"lens.glsl", "ray.vert.glsl"};
-  constexpr std::array<std::string_view, 1> kFragment = {"ray.frag.glsl"};
-  PENUMBRA_TRY(auto program, TranslucentProgram::create(api, kVertex, kFragment));
-  std::unique_ptr<RayPass> pass(new RayPass(std::move(program)));
+  auto pass = std::make_unique<RayPass>();
+  PENUMBRA_TRY(pass->program_,
+               TranslucentProgram::create(api, {"lens.glsl", "ray.vert.glsl"}, {"ray.frag.glsl"}));
   const CameraParameters& p = camera.parameters();
   pass->half_width_ = {static_cast<float>(std::max(kLeastRay_px, kRayPerHeight * p.height) / p.fy),
                        static_cast<float>(std::max(kLeastDot_px, kDotPerHeight * p.height) / p.fy)};
@@ -64,13 +59,9 @@ void RayPass::add_ribbon(const Eigen::Vector3d& from, const Eigen::Vector3d& to,
 }
 
 void RayPass::add_dot(const Eigen::Vector3d& at, const glm::vec3& color) {
-  for (const auto& [x, y] : {std::pair{-1.0F, -1.0F},
-                             {1.0F, -1.0F},
-                             {1.0F, 1.0F},
-                             {-1.0F, -1.0F},
-                             {1.0F, 1.0F},
-                             {-1.0F, 1.0F}}) {
-    corners_.push_back({to_gl(at), glm::vec3(0.0F), {x, y}, color});
+  for (const glm::vec2& corner : {glm::vec2(-1, -1), glm::vec2(1, -1), glm::vec2(1), glm::vec2(-1),
+                                  glm::vec2(1), glm::vec2(-1, 1)}) {
+    corners_.push_back({to_gl(at), glm::vec3(0.0F), corner, color});
   }
 }
 
@@ -92,7 +83,7 @@ int RayPass::draw(const DrawContext& context, const FramePlan& plan) {
       planes.push_back({plane.frame, scene.planes[static_cast<std::size_t>(plane.index)].outline});
     }
     if (batches.empty() || batches.back().opacity != draw.opacity) {
-      batches.push_back({draw.opacity, corners_.size(), 0});
+      batches.push_back({draw.opacity, static_cast<int>(corners_.size()), 0});
     }
     for (const LightRay& ray :
          light_rays(marked->second, draw.T_table_object, draw.light_place, planes)) {
@@ -104,57 +95,48 @@ int RayPass::draw(const DrawContext& context, const FramePlan& plan) {
     if (draw.light_place.w() != 0.0 && lights.insert(draw.light).second) {
       add_dot(draw.light_place.head<3>() / draw.light_place.w(), glm::vec3(1.0F));
     }
-    batches.back().count = corners_.size() - batches.back().first;
+    batches.back().count = static_cast<int>(corners_.size()) - batches.back().first;
   }
 
-  layout_.bind();
-  vertices_.write(std::span<const Corner>(corners_), BufferLife::every_frame);
-  if (!layout_made_) {
-    VertexArray::attribute(0, 3, sizeof(Corner), offsetof(Corner, place));
-    VertexArray::attribute(1, 3, sizeof(Corner), offsetof(Corner, along));
-    VertexArray::attribute(2, 2, sizeof(Corner), offsetof(Corner, corner));
-    VertexArray::attribute(3, 3, sizeof(Corner), offsetof(Corner, color));
-    layout_made_ = true;
-  }
+  triangles_.write(corners_, BufferLife::every_frame);
   const auto begin = [&](const ShaderProgram& program) {
     program.use();
     set_lens(program, context.lens);
     program.set("camera_from_table", camera_from_object(plan.T_table_camera, Placement()));
     program.set("half_width", half_width_);
-    program.set("picture_before", kPictureBeforeUnit);
   };
   begin(program_.plain());
   glColorMask(GL_TRUE, GL_TRUE, GL_TRUE, GL_TRUE);
   glDisable(GL_STENCIL_TEST);
   glEnable(GL_DEPTH_TEST);
   glDepthFunc(GL_LESS);
-  glDepthMask(GL_TRUE);  // of two rays that cross the nearer one is seen
+  glDepthMask(GL_TRUE);  // the nearer of two crossing rays is seen
   const auto faint = [](const Batch& batch) { return batch.opacity < 1.0F; };
   if (std::ranges::none_of(batches, faint)) {
     glDisable(GL_BLEND);
-    glDrawArrays(GL_TRIANGLES, 0, static_cast<GLsizei>(corners_.size()));
+    triangles_.draw(GL_TRIANGLES);
     return 1;
   }
-  // Depth first, then colour where the depth is equal: what overlaps is mixed into the video once.
+  // Depth first, then colour at equal depth: overlapping rays are mixed into the video once.
   glColorMask(GL_FALSE, GL_FALSE, GL_FALSE, GL_FALSE);
-  glDrawArrays(GL_TRIANGLES, 0, static_cast<GLsizei>(corners_.size()));
+  triangles_.draw(GL_TRIANGLES);
   glColorMask(GL_TRUE, GL_TRUE, GL_TRUE, GL_TRUE);
   glDepthFunc(GL_EQUAL);
   glDepthMask(GL_FALSE);
   if (context.mode == Translucency::retexture) context.framebuffer.copy_picture(kPictureBeforeUnit);
-  // Dots of several lights at one vertex have one depth: a pixel is of the first.
+  // Dots of several lights at one vertex have equal depth: the first one is seen.
   glStencilMask(0xFF);
   glClear(GL_STENCIL_BUFFER_BIT);
   glEnable(GL_STENCIL_TEST);
   glStencilFunc(GL_EQUAL, 0, 0xFF);
   glStencilOp(GL_KEEP, GL_KEEP, GL_INCR);
   begin(program_.get());
-  begin_mixing(context.mode);
+  begin_translucent(context.mode, Blending::mix);
   int calls = 1;
   for (const Batch& batch : batches) {
     if (batch.count == 0) continue;
     set_mixing(context.mode, program_.get(), batch.opacity);
-    glDrawArrays(GL_TRIANGLES, static_cast<GLint>(batch.first), static_cast<GLsizei>(batch.count));
+    triangles_.draw(GL_TRIANGLES, batch.first, batch.count);
     ++calls;
   }
   end_translucent();

@@ -1,22 +1,16 @@
 // Light rays through vertices of casters, with dots at the vertices, at their shadows and at the
-// light: drawn last, in front of or behind what the depth buffer says.
+// light; drawn last, with depth test.
 #pragma once
 
-#include <cstddef>
 #include <glm/vec2.hpp>
 #include <glm/vec3.hpp>
 #include <map>
 #include <memory>
 #include <vector>
 
-#include "core/camera/camera_model.hpp"
-#include "render/camera_gl.hpp"
-#include "render/frame_plan.hpp"
 #include "render/gl/buffer.hpp"
-#include "render/gl/framebuffer.hpp"
 #include "render/passes/draw_context.hpp"
 #include "render/passes/translucent_program.hpp"
-#include "render/scene/scene.hpp"
 #include "render/shadow/projected/light_rays.hpp"
 
 namespace penumbra {
@@ -34,26 +28,23 @@ class RayPass : public Pass {
   struct Corner {
     glm::vec3 place;   // table frame [m]
     glm::vec3 along;   // a ribbon's direction; zero: a dot
-    glm::vec2 corner;  // -1 or 1; of a ribbon x alone, across it
+    glm::vec2 corner;  // -1 or 1; x across a ribbon
     glm::vec3 color;   // sRGB-encoded
   };
   struct Batch {
     float opacity = 1.0F;
-    std::size_t first = 0, count = 0;
+    int first = 0, count = 0;  // vertices
   };
-  explicit RayPass(TranslucentProgram program) : program_(std::move(program)) {}
 
   void add_ribbon(const Eigen::Vector3d& from, const Eigen::Vector3d& to, const glm::vec3& color);
   void add_dot(const Eigen::Vector3d& at, const glm::vec3& color);
 
   TranslucentProgram program_;
-  glm::vec2 half_width_{0.0F};  // of a ribbon and of a dot, over the depth
-  int pieces_ = 1;              // of a ray, to follow the lens
+  glm::vec2 half_width_{0.0F};  // of a ribbon and of a dot, divided by the depth
+  int pieces_ = 1;              // per ray, to follow the lens
   std::map<const Model*, std::vector<MarkedVertex>> marked_;
   std::vector<Corner> corners_;
-  VertexArray layout_;
-  GlBuffer vertices_{BufferUse::vertices};
-  bool layout_made_ = false;
+  GlMesh triangles_{3, 3, 2, 3};
 };
 
 }  // namespace penumbra

@@ -7,25 +7,25 @@
 #include <cmath>
 #include <limits>
 
-#include "render/passes/plane_masks.hpp"
-#include "render/passes/translucent_program.hpp"
+#include "render/bounds.hpp"
+#include "render/passes/layers/plane_masks.hpp"
 
 namespace penumbra {
 namespace {
 
-// Each level of a field is recomputed when its caster is lifted.
+// Fewer than of other shadows: a lifted caster recomputes each level.
 constexpr std::size_t kMostFieldLevels = 16;
 constexpr double kFinestTexel = 5e-4;  // [m]
 constexpr int kMostTexels = 1024;      // along a side
-// Of one caster over one receiver; fewer where many of these meet.
+// Limits for one caster over one receiver, and for all pairs that meet.
 constexpr double kMostTexelsInAll = 4e6;
 constexpr double kLeastTexelsInAll = 1e5;
 constexpr double kMostTexelsOfFrame = 64e6;
 constexpr double kLongestLevelStep = 0.03;  // [m]
-constexpr int kTexelsAtOnce = 32;  // sides are whole numbers of these: storage changes rarely
+constexpr int kTexelsAtOnce = 32;           // sides are multiples, so that storage changes rarely
 
-// By powers of two, so that pairs that come and go seldom change it. Depends on all pairs that
-// meet, in view or not: culling must not change the image.
+// Returns the limit of texels for a pair. In powers of two, so that it changes rarely; counts pairs
+// in view or not, because culling must not change the image.
 double most_texels(const FramePlan& plan) {
   const auto pairs =
       static_cast<double>(std::bit_ceil(std::max<std::size_t>(plan.meeting_pairs, 1)));
@@ -37,47 +37,42 @@ Eigen::AlignedBox2d meeting(const ReceivedShadowDraw& draw, const ReceivingSurfa
   Eigen::AlignedBox2d box = surface.bounds();
   if (std::isfinite(draw.radius)) {
     const Eigen::Vector2d reach = Eigen::Vector2d::Constant(draw.radius);
-    box = box.intersection(Eigen::AlignedBox2d(draw.centre - reach, draw.centre + reach));
+    const Eigen::Vector2d& centre = draw.shadow.centre;
+    box = box.intersection(Eigen::AlignedBox2d(centre - reach, centre + reach));
   }
   return box;
 }
 
-// Returns about a pixel where the shadow meets the receiver nearest to the camera, in whole
-// octaves, so that a moving camera seldom changes it [m].
+// Returns the size of a pixel where the shadow meets the receiver nearest to the camera, rounded
+// down to a power of two so that a moving camera rarely changes it [m].
 double texel_for(const FramePlan& plan, const ReceivedShadowDraw& draw,
                  const ReceivingSurface& surface, const Model& model,
                  const Placement& T_table_object, double pixel_at_unit_depth) {
   const auto T_camera_table = plan.T_table_camera.inverse();
-  const auto nearest_corner = [](auto&& depth_of) {
+  const auto nearest = [&](const BoxCorners& corners) {
     double depth = std::numeric_limits<double>::infinity();
-    for (unsigned corner = 0; corner < 8; ++corner) {
-      const auto high = [corner](unsigned axis) { return (corner >> axis & 1U) != 0U; };
-      depth = std::min(depth, depth_of(high(0), high(1), high(2)));
-    }
+    for (const Eigen::Vector3d& corner : corners)
+      depth = std::min(depth, (T_camera_table * corner).z());
     return depth;
   };
-  double depth = nearest_corner([&](bool x, bool y, bool z) {
-    const Eigen::Vector3d p((x ? model.max_corner : model.min_corner).x,
-                            (y ? model.max_corner : model.min_corner).y,
-                            (z ? model.max_corner : model.min_corner).z);
-    return (T_camera_table * (T_table_object * p)).z();
-  });
+  double depth = nearest(box_corners(model, T_table_object));
   const Eigen::AlignedBox2d box = meeting(draw, surface);
   if (!box.isEmpty()) {
     const PlaneFrame& plane = draw.shadow.plane_frame;
-    depth = std::max(depth, nearest_corner([&](bool u, bool v, bool h) {
-                       const Eigen::Vector3d p = plane.lift((u ? box.max() : box.min()).x(),
-                                                            (v ? box.max() : box.min()).y()) +
-                                                 (h ? std::max(draw.top, 0.0) : 0.0) * plane.n;
-                       return (T_camera_table * p).z();
-                     }));
+    BoxCorners corners;
+    for (unsigned i = 0; i < corners.size(); ++i) {
+      corners[i] = plane.lift(((i & 1U) != 0U ? box.max() : box.min()).x(),
+                              ((i & 2U) != 0U ? box.max() : box.min()).y()) +
+                   ((i & 4U) != 0U ? std::max(draw.top, 0.0) : 0.0) * plane.n;
+    }
+    depth = std::max(depth, nearest(corners));
   }
   const double pixel = pixel_at_unit_depth * std::max(depth, kNearestDistance);
   return std::max(kFinestTexel, std::exp2(std::floor(std::log2(pixel))));
 }
 
-// The plane from straight above, `origin` and `extent` in the mask's corners: at depth 1
-// everywhere.
+// The plane from straight above, at depth 1, with `origin` and `origin + extent` in the mask's
+// corners.
 glm::mat4x3 camera_above(const Eigen::Vector2d& origin, const Eigen::Vector2d& extent) {
   const Eigen::Vector2d scale = 2.0 * extent.cwiseInverse();
   const Eigen::Vector2d shift = -origin.cwiseProduct(scale) - Eigen::Vector2d::Ones();
@@ -135,12 +130,12 @@ ReceivedShadowPass::Level ReceivedShadowPass::prepare_level(const Scene& scene,
       levels_[{shadow.node, shadow.object, shadow.plane, draw.receiver, level}];
   made.item = {&caster, &prepared, shadow.node, shadow.object, shadow.plane, plane};
   prepared.last_used = frame_count_;
-  prepared.surface = 0;  // no lens: straight edges may be of any length
+  prepared.surface = 0;  // the coarsest: without a lens edges may have any length
   if (caster.is_empty()) {
     prepared.clear();
     return made;
   }
-  // Casters, planes and lights are counted, not a receiver's levels.
+  // These count shadows, not a receiver's levels.
   constexpr std::array kNotCounted = {Counter::reprojections, Counter::triples_recomputed,
                                       Counter::proxy_shadows};
   std::array<std::int64_t, kNotCounted.size()> before{};
@@ -156,24 +151,24 @@ int ReceivedShadowPass::make_mask(const Scene& scene, const ReceivedShadowDraw& 
   mask.levels.clear();
   Eigen::AlignedBox2d box = meeting(draw, surface.faces);
   if (box.isEmpty()) return 0;
-  // Only what of the caster is over the receiver counts.
+  // Only the part of the caster over the receiver counts.
   LevelSpacing spacing;
   const auto reach = geometry_.reach_of(scene, draw.shadow, surface.faces.lowest(box), work);
   if (reach) {
     box = box.intersection(reach->box);
     if (box.isEmpty()) return 0;
     spacing.clear_below = reach->low;
-    // So that no outline is more than a texel away from its place.
-    spacing.clear_step =
-        std::clamp(2.0 * mask.texel / std::max(reach->rate, 1e-9), kLevelStep, kLongestLevelStep);
+    // Keeps every outline within a texel of its place.
+    spacing.clear_step = std::clamp(2.0 * mask.made_for->texel / std::max(reach->rate, 1e-9),
+                                    kLevelStep, kLongestLevelStep);
   }
   const std::size_t most =
       draw.shadow.technique == ShadowTechnique::field ? kMostFieldLevels : kMostReceivingLevels;
   mask.levels = surface.faces.levels(box, draw.top, most, spacing);
   if (mask.levels.empty()) return 0;
 
-  // On a grid that stays where it is while the caster slides.
-  double texel = mask.texel;
+  // On a grid that is fixed while the caster slides.
+  double texel = mask.made_for->texel;
   Eigen::Array2i size;
   for (;; texel *= 2.0) {
     mask.origin = (box.min() / texel).array().floor() * texel;
@@ -181,14 +176,14 @@ int ReceivedShadowPass::make_mask(const Scene& scene, const ReceivedShadowDraw& 
     if ((texels > kMostTexels).any()) continue;
     size = ((texels / kTexelsAtOnce).ceil() * kTexelsAtOnce).cast<int>();
     if (static_cast<double>(size.prod()) * static_cast<double>(mask.levels.size()) <=
-        mask.most_texels)
+        mask.made_for->most_texels)
       break;
   }
   mask.extent = size.cast<double>().matrix() * texel;
   mask.pictures.resize(size.x(), size.y(), static_cast<int>(mask.levels.size()));
   const MaskCells cells{texel, std::llround(mask.origin.x() / texel),
                         std::llround(mask.origin.y() / texel), size.x(), size.y()};
-  if (!mask.covered) return draw_levels(scene, draw, surface, mask, work);
+  if (!mask.made_for->covered) return draw_levels(scene, draw, surface, mask, work);
   cover_levels(scene, draw, surface, cells, mask, work);
   return 0;
 }
@@ -208,7 +203,7 @@ void ReceivedShadowPass::cover_levels(const Scene& scene, const ReceivedShadowDr
   }
 }
 
-// Fills shares_ with how much of these cells each layer covers, exactly, without OpenGL.
+// Fills shares_ with the exact coverage of these cells by each layer, without OpenGL.
 void ReceivedShadowPass::cover_level(const Level& level, const MaskCells& cells, RenderWork& work) {
   std::ranges::fill(shares_, std::uint8_t{0});
   if (!level.item.prepared->valid) return;
@@ -216,7 +211,7 @@ void ReceivedShadowPass::cover_level(const Level& level, const MaskCells& cells,
       MaskPart::of(level.shadow, *level.item.caster, *level.item.prepared, glm::vec3(0.0F));
   if (part.covers_nothing()) return;
   part.project(part.face_images(work), cells.size, mask_caster_, work);
-  // However large the shadow is: only its part over these cells.
+  // Only the shadow's part over these cells.
   using Cell = Eigen::Vector<std::int64_t, 2>;
   const CellBox all(Cell(cells.u, cells.v),
                     Cell(cells.u + cells.width - 1, cells.v + cells.height - 1));
@@ -235,6 +230,8 @@ int ReceivedShadowPass::draw_levels(const Scene& scene, const ReceivedShadowDraw
   glDisable(GL_DEPTH_TEST);
   glDisable(GL_STENCIL_TEST);
   glDisable(GL_BLEND);
+  const LensUniforms straight;
+  const LayerPainter::Brush white = painter_.plain();
   int calls = 0;
   for (std::size_t i = 0; i < mask.levels.size(); ++i) {
     PlaneFrame plane = surface.plane;
@@ -245,7 +242,8 @@ int ReceivedShadowPass::draw_levels(const Scene& scene, const ReceivedShadowDraw
     for (int layer = 0; layer < 3; ++layer) {
       glColorMask(layer == 0 ? GL_TRUE : GL_FALSE, layer == 1 ? GL_TRUE : GL_FALSE,
                   layer == 2 ? GL_TRUE : GL_FALSE, GL_FALSE);
-      const int drawn = draw_level(level, layer, camera);
+      painter_.begin_plane(white, straight, camera);
+      const int drawn = painter_.draw(level.shadow, level.item, layer, 1, white);
       mask.shows = mask.shows || drawn > 0;
       calls += drawn;
     }
@@ -253,13 +251,6 @@ int ReceivedShadowPass::draw_levels(const Scene& scene, const ReceivedShadowDraw
     mask.pictures.end();
   }
   return calls;
-}
-
-int ReceivedShadowPass::draw_level(const Level& level, int layer, const glm::mat4x3& camera) const {
-  const LensUniforms straight;
-  const LayerPainter::Brush white = painter_.plain();
-  painter_.begin_plane(white, straight, camera);
-  return painter_.draw(level.shadow, level.item, layer, 1, white);
 }
 
 Result<void> ReceivedShadowPass::prepare(const DrawContext& context, const FramePlan& plan) {
@@ -284,23 +275,16 @@ Result<void> ReceivedShadowPass::prepare(const DrawContext& context, const Frame
     const double texel = texel_for(plan, draw, surface.faces,
                                    *scene.objects[static_cast<std::size_t>(draw.receiver)].model,
                                    receiver->T_table_object, pixel_at_unit_depth_);
-    const bool covered = is_covered(scene, plan, draw.shadow);
-    const auto is_it = [&](const Mask& made) {
-      return made.valid && made.covered == covered && made.texel == texel &&
-             made.most_texels == texels && made.surface == surface.version &&
-             made.top == draw.top && same_shapes(made.shadow, draw.shadow);
+    const MaskInputs inputs{draw.shadow, surface.version, draw.top,
+                            texel,       texels,          is_covered(scene, plan, draw.shadow)};
+    const auto is_it = [&](const Mask& mask) {
+      return mask.made_for && mask.made_for->same_as(inputs);
     };
     if (!is_it(masks.now)) std::swap(masks.now, masks.other);
     Mask& mask = masks.now;
     const bool kept = is_it(mask);
     if (!kept) {
-      mask.valid = true;
-      mask.surface = surface.version;
-      mask.top = draw.top;
-      mask.texel = texel;
-      mask.most_texels = texels;
-      mask.covered = covered;
-      mask.shadow = draw.shadow;
+      mask.made_for = inputs;
       calls_ += make_mask(scene, draw, surface, mask, work);
     }
     if (kept && !mask.levels.empty()) {
@@ -333,21 +317,20 @@ int ReceivedShadowPass::draw_shadow(const DrawContext& context, const FramePlan&
   for (std::size_t i = 0; i < mask.levels.size(); ++i) {
     uniforms.levels[i / 4][static_cast<glm::length_t>(i % 4)] = static_cast<float>(mask.levels[i]);
   }
-  return context.objects.draw_under_shadow(context.scene, shown.receiver, plan, context.lens,
-                                           uniforms, gathering);
+  return context.objects.draw_under_shadow(shown.receiver, plan, context.lens, uniforms, gathering);
 }
 
-// Darkens a receiver by the shadows of several casters: where the hardware blends or the background
-// is fetched, their darkest values are gathered in the framebuffer's alpha first.
+// Darkens a receiver by the shadows of several casters. Blended or retextured, their darkest values
+// are gathered in the framebuffer's alpha first.
 int ReceivedShadowPass::draw_casters(const DrawContext& context, const FramePlan& plan,
                                      const std::vector<const Shown*>& casters) const {
   const bool blended = context.mode == Translucency::blend;
   const bool retextured = context.mode == Translucency::retexture;
   Framebuffer& framebuffer = context.framebuffer;
   const auto darken = [&](const Shown& shown, Gathering gathering) {
-    begin_darkening(context.mode);
-    // Blended, each pixel once, though faces may lie in one place; a screen-door's darkest is seen
-    // whatever else is drawn there, and what is retextured is overwritten.
+    begin_translucent(context.mode, Blending::darken);
+    // Blending needs each pixel once, though faces may coincide. Retextured fragments overwrite
+    // each other, and of a screen-door's the darkest is seen.
     if (blended) {
       if (gathering == Gathering::result)
         glBlendFuncSeparate(GL_ZERO, GL_DST_ALPHA, GL_ONE, GL_ZERO);
@@ -389,7 +372,7 @@ int ReceivedShadowPass::draw(const DrawContext& context, const FramePlan& plan) 
   glEnable(GL_DEPTH_TEST);
   glDepthFunc(GL_EQUAL);
   glDepthMask(GL_FALSE);
-  // Parallel planes have one light: a pixel in its shadow for several of them is darkened once.
+  // Parallel planes share a light: a pixel in its shadow for several of them is darkened once.
   std::vector<const Shown*> left;
   for (const Shown& shown : shown_) left.push_back(&shown);
   while (!left.empty()) {
@@ -397,7 +380,7 @@ int ReceivedShadowPass::draw(const DrawContext& context, const FramePlan& plan) 
     const auto other = std::ranges::stable_partition(left, [&normal](const Shown* shown) {
       return (shown->draw->shadow.plane_frame.n - normal).norm() < 1e-3;
     });
-    std::map<int, std::vector<const Shown*>> over;  // by receiver: each pixel shows one at most
+    std::map<int, std::vector<const Shown*>> over;  // by receiver: each pixel shows at most one
     for (auto shown = left.begin(); shown != other.begin(); ++shown)
       over[(*shown)->receiver.object].push_back(*shown);
     left.erase(left.begin(), other.begin());

@@ -1,25 +1,21 @@
 // Layered, field and simple shadows on phantoms and on other virtual objects
-// (docs/rendering.md#shadows-on-receivers). Each shadow that such a receiver may meet on its way to
-// a plane is made as seen along the plane's normal, at each of the receiver's levels as on a plane
-// at that height: covered as masks of planes are, or drawn with several samples a texel. Then the
-// receiver's pixels are darkened by what lies over each of them, once, by the caster that leaves
-// least (through a screen-door, shadows onto planes that face elsewhere are not darker where they
-// meet). A face gets as much of the light as Lambert's law lets it.
+// (docs/rendering.md#shadows-on-receivers). For each shadow that may meet a receiver on its way to
+// a plane, a mask is made along the plane's normal at each of the receiver's levels, as on a plane
+// at that height: covered as masks of planes are, or drawn with several samples a texel. Then each
+// of the receiver's pixels is darkened once, by the darkest shadow over it, with Lambert's law.
 #pragma once
 
-#include <array>
 #include <cstdint>
 #include <map>
+#include <optional>
 #include <tuple>
 #include <utility>
 #include <vector>
 
-#include "core/camera/camera_model.hpp"
 #include "render/gl/mask_stack.hpp"
 #include "render/passes/draw_context.hpp"
-#include "render/passes/layer_painter.hpp"
-#include "render/passes/mask_part.hpp"
-#include "render/passes/shadow_geometry.hpp"
+#include "render/passes/layers/layer_painter.hpp"
+#include "render/passes/layers/mask_part.hpp"
 #include "render/shadow/layers/receiving_levels.hpp"
 
 namespace penumbra {
@@ -31,7 +27,7 @@ class ReceivedShadowPass : public Pass {
   ReceivedShadowPass(const CameraModel& camera, const ShadowGeometry& geometry,
                      LayerPainter& painter, bool multisampled);
 
-  // Draws the masks of what changed, into framebuffers of their own.
+  // Makes the masks of changed shadows, in their own framebuffers.
   [[nodiscard]] Result<void> prepare(const DrawContext& context, const FramePlan& plan) override;
   int draw(const DrawContext& context, const FramePlan& plan) override;
 
@@ -45,20 +41,26 @@ class ReceivedShadowPass : public Pass {
     std::uint64_t last_used = 0;
   };
   // One caster's shadow on the way to a plane, over one receiver.
-  struct Mask {
-    bool valid = false;
+  struct MaskInputs {
     ShadowDraw shadow;
     std::uint64_t surface = 0;  // its version
     double top = 0.0;
-    double texel = 0.0;  // as the view asks for [m]
+    double texel = 0.0;  // for the view [m]
     double most_texels = 0.0;
+    bool covered = false;  // made without drawing
+    [[nodiscard]] bool same_as(const MaskInputs& other) const {
+      return covered == other.covered && texel == other.texel && most_texels == other.most_texels &&
+             surface == other.surface && top == other.top && same_shapes(shadow, other.shadow);
+    }
+  };
+  struct Mask {
+    std::optional<MaskInputs> made_for;
     std::vector<double> levels;
-    bool covered = false;            // made without drawing
     bool shows = false;              // some level is not empty
     Eigen::Vector2d origin, extent;  // of the mask on the plane [m]
     MaskStack pictures;
   };
-  // The last two: a camera at rest may tremble between two sizes of texels.
+  // The last two: a camera at rest may jitter between two sizes of texels.
   struct Masks {
     Mask now, other;
     std::uint64_t last_used = 0;
@@ -76,7 +78,7 @@ class ReceivedShadowPass : public Pass {
 
   const Surface& surface_of(const Scene& scene, const ObjectDraw& receiver, int plane,
                             const PlaneFrame& frame);
-  // Whether a shadow's levels are covered as masks of planes are, not drawn.
+  // Returns whether masks are covered, not drawn.
   [[nodiscard]] bool is_covered(const Scene& scene, const FramePlan& plan,
                                 const ShadowDraw& draw) const;
   [[nodiscard]] Level prepare_level(const Scene& scene, const ReceivedShadowDraw& draw, int level,
@@ -88,7 +90,6 @@ class ReceivedShadowPass : public Pass {
   void cover_level(const Level& level, const MaskCells& cells, RenderWork& work);
   int draw_levels(const Scene& scene, const ReceivedShadowDraw& draw, const Surface& surface,
                   Mask& mask, RenderWork& work);
-  int draw_level(const Level& level, int layer, const glm::mat4x3& camera) const;
   static int draw_shadow(const DrawContext& context, const FramePlan& plan, const Shown& shown,
                          Gathering gathering);
   int draw_casters(const DrawContext& context, const FramePlan& plan,

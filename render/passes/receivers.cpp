@@ -3,41 +3,51 @@
 #include <epoxy/gl.h>
 
 #include <algorithm>
-#include <array>
 #include <cmath>
-#include <cstdint>
 #include <glm/vec2.hpp>
 
 #include "core/assert.hpp"
 #include "core/propagate.hpp"
-#include "render/passes/lens_uniforms.hpp"
+#include "render/passes/uniforms.hpp"
 
 namespace penumbra {
 namespace {
 
-// Cells of at most 16 px at 640 x 480; a lens bends them by less than 0.05 px.
+// Cells of at most 16 px at 640 x 480: a lens bends their edges by less than 0.05 px.
 constexpr int kColumns = 40;
 constexpr int kRows = 30;
 
-}  // namespace
-
+// Returns 1 / depth [1/m] of a plane in front of the eye, which is linear in undistorted normalised
+// coordinates (x, y): the product with (x, y, 1). It solves h(eye + z R (x, y, 1)) = 0.
 glm::vec3 inverse_depth(const CameraPose& T_table_camera, const PlaneFrame& plane) {
-  // z with h(eye + z R (x, y, 1)) = 0.
   const double height = plane.height(T_table_camera.translation());
   return to_gl(Eigen::Vector3d(T_table_camera.rotation().conjugate() * plane.n / -height));
 }
 
-Result<Receivers> Receivers::create(GlApi api, const Scene& scene, const CameraModel& camera) {
-  constexpr std::array<std::string_view, 2> kOutline = {"lens.glsl", "outline.vert.glsl"};
-  constexpr std::array<std::string_view, 2> kPlane = {"lens.glsl", "receiver.vert.glsl"};
-  constexpr std::array<std::string_view, 1> kNothing = {"outline.frag.glsl"};
-  PENUMBRA_TRY(auto outline, ShaderProgram::link(api, kOutline, kNothing));
-  PENUMBRA_TRY(auto plane, ShaderProgram::link(api, kPlane, kNothing));
-  Receivers receivers(std::move(outline), std::move(plane));
+}  // namespace
 
+Result<TranslucentProgram> plane_light_program(GlApi api) {
+  return TranslucentProgram::create(api, {"lens.glsl", "receiver.vert.glsl"},
+                                    {"ambient.glsl", "light_share.glsl", "blocked_light.frag.glsl"},
+                                    {kLightDefine});
+}
+
+void begin_plane_light(const ShaderProgram& program, const FramePlan& plan, const PlaneFrame& plane,
+                       float opacity) {
+  program.use();
+  program.set("table_from_camera", to_gl(plan.T_table_camera.rotation().toRotationMatrix()));
+  program.set("normal", to_gl(plane.n));
+  program.set("opacity", opacity);
+}
+
+Result<Receivers> Receivers::create(GlApi api, const Scene& scene, const CameraModel& camera) {
+  Receivers receivers;
+  PENUMBRA_TRY(receivers.outline_program_,
+               ShaderProgram::link(api, {"lens.glsl", "outline.vert.glsl"}, {"fill.frag.glsl"}));
+  PENUMBRA_TRY(receivers.plane_program_,
+               ShaderProgram::link(api, {"lens.glsl", "receiver.vert.glsl"}, {"fill.frag.glsl"}));
   const double longest = longest_edge(camera);
   for (const ScenePlane& receiver : scene.planes) {
-    Outline& out = receivers.outlines_.emplace_back();
     std::vector<glm::vec2> points;
     for (std::size_t i = 0; i < receiver.outline.size(); ++i) {
       const Eigen::Vector2d& a = receiver.outline[i];
@@ -48,11 +58,8 @@ Result<Receivers> Receivers::create(GlApi api, const Scene& scene, const CameraM
         points.emplace_back(static_cast<float>(p.x()), static_cast<float>(p.y()));
       }
     }
-    if (points.empty()) continue;
-    out.count = static_cast<int>(points.size());
-    out.layout.bind();
-    out.vertices.write(std::span<const glm::vec2>(points));
-    VertexArray::attribute(0, 2, sizeof(glm::vec2), 0);
+    receivers.outlines_.push_back(GlMesh{2});
+    if (!points.empty()) receivers.outlines_.back().write(points);
   }
 
   const ViewFrustum view = make_frustum(camera);
@@ -73,17 +80,14 @@ Result<Receivers> Receivers::create(GlApi api, const Scene& scene, const CameraM
       for (const std::uint32_t i : {a, a + 1, c + 1, a, c + 1, c}) indices.push_back(i);
     }
   }
-  receivers.grid_layout_.bind();
-  receivers.grid_vertices_.write(std::span<const glm::vec2>(corners));
-  VertexArray::attribute(0, 2, sizeof(glm::vec2), 0);
-  receivers.grid_indices_.write(std::span<const std::uint32_t>(indices));
-  receivers.grid_index_count_ = static_cast<int>(indices.size());
+  receivers.grid_.write(corners);
+  receivers.grid_.write_indices(indices);
   return receivers;
 }
 
-void Receivers::turn_outline_over(const Outline& outline, const FramePlan& plan,
-                                  const PlaneFrame& frame, const LensUniforms& lens) const {
-  // A fan whose triangles each turn the bit over leaves it set inside, for any simple polygon.
+void Receivers::invert_outline(const GlMesh& outline, const FramePlan& plan,
+                               const PlaneFrame& frame, const LensUniforms& lens) const {
+  // A fan that inverts the bit with each triangle leaves it set inside, for any simple polygon.
   outline_program_.use();
   set_lens(outline_program_, lens);
   outline_program_.set("camera_from_plane", camera_from_plane(plan.T_table_camera, frame));
@@ -93,8 +97,7 @@ void Receivers::turn_outline_over(const Outline& outline, const FramePlan& plan,
   glStencilMask(kReceiverBit);
   glStencilFunc(GL_ALWAYS, 0, 0xFF);
   glStencilOp(GL_KEEP, GL_KEEP, GL_INVERT);
-  outline.layout.bind();
-  glDrawArrays(GL_TRIANGLE_FAN, 0, outline.count);
+  outline.draw(GL_TRIANGLE_FAN);
 }
 
 void Receivers::draw_grid(const ShaderProgram& program, const FramePlan& plan,
@@ -102,8 +105,7 @@ void Receivers::draw_grid(const ShaderProgram& program, const FramePlan& plan,
   set_lens(program, lens);
   program.set("view_rect", view_rect_);
   program.set("inverse_depth", inverse_depth(plan.T_table_camera, frame));
-  grid_layout_.bind();
-  glDrawElements(GL_TRIANGLES, grid_index_count_, GL_UNSIGNED_INT, nullptr);
+  grid_.draw(GL_TRIANGLES);
 }
 
 void Receivers::draw_place(const FramePlan& plan, const PlaneFrame& frame,
@@ -119,8 +121,8 @@ int Receivers::begin_frame(const FramePlan& plan, const LensUniforms& lens, bool
   if (!depth_drawn_) return 0;
   glEnable(GL_STENCIL_TEST);
   for (const PlaneReceiver& receiver : plan.receivers) {
-    const Outline& outline = outlines_[static_cast<std::size_t>(receiver.plane)];
-    if (outline.count > 0) turn_outline_over(outline, plan, receiver.frame, lens);
+    const GlMesh& outline = outlines_[static_cast<std::size_t>(receiver.plane)];
+    if (outline.count() > 0) invert_outline(outline, plan, receiver.frame, lens);
     plane_program_.use();
     glColorMask(GL_FALSE, GL_FALSE, GL_FALSE, GL_FALSE);
     glDisable(GL_BLEND);
@@ -128,10 +130,10 @@ int Receivers::begin_frame(const FramePlan& plan, const LensUniforms& lens, bool
     glDepthFunc(GL_LESS);
     glDepthMask(GL_TRUE);
     glStencilMask(0);
-    glStencilFunc(outline.count > 0 ? GL_EQUAL : GL_ALWAYS, static_cast<GLint>(kReceiverBit),
+    glStencilFunc(outline.count() > 0 ? GL_EQUAL : GL_ALWAYS, static_cast<GLint>(kReceiverBit),
                   kReceiverBit);
     draw_grid(plane_program_, plan, receiver.frame, lens);
-    if (outline.count > 0) turn_outline_over(outline, plan, receiver.frame, lens);
+    if (outline.count() > 0) invert_outline(outline, plan, receiver.frame, lens);
   }
   glColorMask(GL_TRUE, GL_TRUE, GL_TRUE, GL_TRUE);
   glStencilMask(0xFF);
@@ -144,21 +146,21 @@ void Receivers::begin_plane(const FramePlan& plan, int plane, const PlaneFrame& 
   glEnable(GL_STENCIL_TEST);
   glStencilMask(0xFF);
   if (used_) glClear(GL_STENCIL_BUFFER_BIT);
-  const Outline& outline = outlines_[static_cast<std::size_t>(plane)];
-  if (outline.count > 0) turn_outline_over(outline, plan, frame, lens);
-  marked_ = outline.count > 0 || depth_drawn_;
+  const GlMesh& outline = outlines_[static_cast<std::size_t>(plane)];
+  if (outline.count() > 0) invert_outline(outline, plan, frame, lens);
+  marked_ = outline.count() > 0 || depth_drawn_;
   used_ = marked_;
   glEnable(GL_DEPTH_TEST);
   glDepthFunc(GL_LESS);
   if (depth_drawn_) {
-    // The pixels whose depth is this plane's; with an outline, those of them that are marked.
+    // Marks the pixels with this plane's depth, within its outline.
     plane_program_.use();
     glColorMask(GL_FALSE, GL_FALSE, GL_FALSE, GL_FALSE);
     glDisable(GL_BLEND);
     glDepthFunc(GL_EQUAL);
     glDepthMask(GL_FALSE);
     glStencilMask(kReceiverBit);
-    if (outline.count > 0) {
+    if (outline.count() > 0) {
       glStencilFunc(GL_EQUAL, static_cast<GLint>(kReceiverBit), kReceiverBit);
       glStencilOp(GL_KEEP, GL_ZERO, GL_KEEP);
     } else {

@@ -34,7 +34,7 @@ RectifyingGrid rectifying_grid(const CameraModel& camera) {
   grid.rows = static_cast<int>(std::ceil(camera.height() / kCell_px)) + 1;
   for (int row = 0; row < grid.rows; ++row) {
     for (int column = 0; column < grid.columns; ++column) {
-      // From edge to edge: half a pixel beyond the centres.
+      // From edge to edge of the image.
       const Eigen::Vector2d pixel(-0.5 + std::min(column * kCell_px, 1.0 * camera.width()),
                                   -0.5 + std::min(row * kCell_px, 1.0 * camera.height()));
       grid.picture.push_back(pixel);
@@ -47,46 +47,32 @@ RectifyingGrid rectifying_grid(const CameraModel& camera) {
 }
 
 RectifiedVideo::RectifiedVideo(GlApi api, const CameraModel& camera)
-    : api_(api), width_(camera.width()), height_(camera.height()) {
-  struct Corner {
-    glm::vec2 place;
-    glm::vec2 source;
-  };
+    : program_(api, {"rectified.vert.glsl"}, {"video_texel.glsl", "rectified.frag.glsl"}),
+      width_(camera.width()),
+      height_(camera.height()) {
   const RectifyingGrid grid = rectifying_grid(camera);
-  std::vector<Corner> corners;
+  std::vector<glm::vec4> corners;
   for (std::size_t i = 0; i < grid.picture.size(); ++i) {
     const Eigen::Vector2d& p = grid.picture[i];
     const Eigen::Vector2d& v = grid.video[i];
-    corners.push_back({{static_cast<float>(2.0 * (p.x() + 0.5) / width_ - 1.0),
-                        static_cast<float>(2.0 * (p.y() + 0.5) / height_ - 1.0)},
-                       {static_cast<float>(v.x()), static_cast<float>(v.y())}});
+    corners.emplace_back(static_cast<float>(2.0 * (p.x() + 0.5) / width_ - 1.0),
+                         static_cast<float>(2.0 * (p.y() + 0.5) / height_ - 1.0),
+                         static_cast<float>(v.x()), static_cast<float>(v.y()));
   }
   std::vector<std::uint32_t> indices;
   const auto columns = static_cast<std::uint32_t>(grid.columns);
   for (std::uint32_t row = 0; row + 1 < static_cast<std::uint32_t>(grid.rows); ++row) {
     for (std::uint32_t column = 0; column + 1 < columns; ++column) {
-      const std::uint32_t a = row * columns + column;
-      for (const std::uint32_t i : {a, a + 1, a + columns, a + columns, a + 1, a + columns + 1})
+      for (const std::uint32_t i : cell_indices(row * columns + column, columns))
         indices.push_back(i);
     }
   }
-  layout_.bind();
-  vertices_.write(std::span<const Corner>(corners));
-  VertexArray::attribute(0, 2, sizeof(Corner), offsetof(Corner, place));
-  VertexArray::attribute(1, 2, sizeof(Corner), offsetof(Corner, source));
-  indices_.write(std::span<const std::uint32_t>(indices));
-  index_count_ = static_cast<int>(indices.size());
+  grid_.write(corners);
+  grid_.write_indices(indices);
 }
 
 Result<void> RectifiedVideo::draw(const VideoTexture& video, const Frame& frame) {
-  constexpr std::array<std::string_view, 1> kVertex = {"rectified.vert.glsl"};
-  constexpr std::array<std::string_view, 2> kFragment = {"video_texel.glsl", "rectified.frag.glsl"};
-  std::optional<ShaderProgram>& program = programs_[layout_number(frame.format)];
-  if (!program) {
-    const std::array<std::string_view, 1> defines = {layout_define(frame.format)};
-    PENUMBRA_TRY(auto linked, ShaderProgram::link(api_, kVertex, kFragment, defines));
-    program.emplace(std::move(linked));
-  }
+  PENUMBRA_TRY(const auto program, program_.get(frame.format));
   program->use();
   video.bind_texels(*program, frame, 0);
   program->set("last_pixel", glm::vec2(width_ - 1, height_ - 1));
@@ -94,8 +80,7 @@ Result<void> RectifiedVideo::draw(const VideoTexture& video, const Frame& frame)
   glDisable(GL_STENCIL_TEST);
   glDisable(GL_BLEND);
   glDepthMask(GL_FALSE);
-  layout_.bind();
-  glDrawElements(GL_TRIANGLES, index_count_, GL_UNSIGNED_INT, nullptr);
+  grid_.draw(GL_TRIANGLES);
   return {};
 }
 

@@ -3,17 +3,17 @@
 #include <epoxy/gl.h>
 
 #include <algorithm>
-#include <array>
 #include <set>
 
 #include "core/assert.hpp"
 #include "core/propagate.hpp"
-#include "render/passes/translucent_program.hpp"
+#include "render/bounds.hpp"
+#include "render/model/to_eigen.hpp"
 
 namespace penumbra {
 namespace {
 
-// Of the overshoot that kernels_in_use() reports: a penumbra at 0.65 of the umbra's height.
+// Factor for the overshoot that kernels_in_use() reports: a penumbra at 0.65 of the umbra's height.
 constexpr double kOvershootFactor = 1.65;
 
 // Reports a field that shows none of the layers that it should.
@@ -28,8 +28,8 @@ void note_empty_field(const ShadowDraw& draw, const CachedCaster& caster,
   work.skipped.push_back({SkipReason::field_too_coarse, draw.object});
 }
 
-// Returns whether a plane's shadows may be seen on an object and not on the video: on one behind
-// the plane, below a table or a wall's own body. Any part of its box counts.
+// Returns whether a plane's shadows may be seen on an object and not on the video: part of its box
+// lies behind the plane.
 bool objects_lie_behind_planes(const Scene& scene, const FramePlan& plan) {
   constexpr double kContact = 1e-6;  // [m]
   for (const PlaneReceiver& receiver : plan.receivers) {
@@ -39,13 +39,8 @@ bool objects_lie_behind_planes(const Scene& scene, const FramePlan& plan) {
     for (const ObjectDraw& object : plan.objects) {
       const auto& model = scene.objects[static_cast<std::size_t>(object.object)].model;
       if (!model) continue;
-      for (unsigned corner = 0; corner < 8U; ++corner) {
-        const auto at = [&](int axis) {
-          const bool high = (corner >> static_cast<unsigned>(axis) & 1U) != 0U;
-          return static_cast<double>((high ? model->max_corner : model->min_corner)[axis]);
-        };
-        const Eigen::Vector3d p = object.T_table_object * Eigen::Vector3d(at(0), at(1), at(2));
-        if (!(side * receiver.frame.height(p) >= -kContact)) return true;
+      for (const Eigen::Vector3d& corner : box_corners(*model, object.T_table_object)) {
+        if (!(side * receiver.frame.height(corner) >= -kContact)) return true;
       }
     }
   }
@@ -57,10 +52,10 @@ bool objects_lie_behind_planes(const Scene& scene, const FramePlan& plan) {
 Result<std::unique_ptr<ShadowPass>> ShadowPass::create(GlApi api, const CameraModel& camera,
                                                        const ShadowGeometry& geometry,
                                                        LayerPainter& painter, bool multisampled) {
-  PENUMBRA_TRY(auto mask, MaskQuad::create(api, longest_edge(camera)));
-  PENUMBRA_TRY(auto strips, MeshStrips::create(api, camera));
-  return std::unique_ptr<ShadowPass>(
-      new ShadowPass(camera, geometry, painter, multisampled, std::move(mask), std::move(strips)));
+  std::unique_ptr<ShadowPass> pass(new ShadowPass(camera, geometry, painter, multisampled));
+  PENUMBRA_TRY(pass->mask_quad_, MaskQuad::create(api, longest_edge(camera)));
+  PENUMBRA_TRY(pass->mesh_strips_, MeshStrips::create(api, camera));
+  return pass;
 }
 
 Result<void> ShadowPass::choose(const DrawContext& context, const FramePlan& plan) {
@@ -98,7 +93,7 @@ Result<void> ShadowPass::prepare(const DrawContext& context, const FramePlan& pl
       if (!masked) prepared.surface = geometry_.surface_for(draw, plan, caster, prepared);
       note_empty_field(draw, caster, prepared, work);
       for (const LayerGeometry& layer : prepared.layers) {
-        if (!prepared.reduced || layer.source == LayerSource::nothing) continue;
+        if (!prepared.key.reduced || layer.source == LayerSource::nothing) continue;
         work[Counter::proxy_faces_saved] += static_cast<std::int64_t>(
             (caster.whole.geometry.indices.size() - caster.reduced.geometry.indices.size()) / 3);
       }
@@ -118,8 +113,7 @@ int ShadowPass::draw_plane(const FramePlan& plan, int plane,
   if (casters.size() == 1) {
     return painter_.draw_all(plan.shadows[casters.front()], items_[casters.front()], brush);
   }
-  // All umbrae, then all middles, then all penumbrae; where casters' lights differ, the darkest
-  // first.
+  // All umbrae, then all middles, then all penumbrae; if casters' lights differ, the darkest first.
   struct Fill {
     std::size_t caster;
     int layer;
@@ -138,8 +132,8 @@ int ShadowPass::draw_plane(const FramePlan& plan, int plane,
   return calls;
 }
 
-// Marks the layers in the stencil, each by how dark it is, the penumbra first; then draws strips
-// over all pixels that are equally dark.
+// Marks the layers' levels of darkness in the stencil, the penumbra first; then draws strips over
+// all pixels of one level.
 int ShadowPass::draw_strips(const DrawContext& context, const FramePlan& plan,
                             const PlaneReceiver& receiver, const LayerPainter::Brush& brush) const {
   Receivers& receivers = context.receivers;
@@ -179,7 +173,6 @@ void ShadowPass::bind_background(const DrawContext& context,
   for (const ShaderProgram* program : {&brush.field, &brush.layers, &mask_quad_.program()}) {
     program->use();
     if (fetches_video_) context.video.bind_texels(*program, context.frame, kVideoUnit);
-    program->set("picture_before", kPictureBeforeUnit);
   }
 }
 
@@ -205,11 +198,11 @@ int ShadowPass::draw(const DrawContext& context, const FramePlan& plan) {
       continue;
     }
     if (retextured) bind_background(context, brush);
-    begin_darkening(context.mode);
+    begin_translucent(context.mode, Blending::darken);
     const bool masked = masks_.has_mask(receiver.plane);
     if (masked && masks_.is_empty(receiver.plane)) continue;
     if (!masked && context.mode == Translucency::blend) {
-      // Each pixel once, with the layer that comes first.
+      // Each pixel once, by the first layer.
       receivers.stencil_test(0, kShadowBits);
       glStencilOp(GL_KEEP, GL_KEEP, GL_INCR);
     } else {
@@ -229,7 +222,7 @@ int ShadowPass::draw(const DrawContext& context, const FramePlan& plan) {
 std::vector<CasterKernels> ShadowPass::kernels_in_use() {
   std::vector<CasterKernels> in_use;
   for (const ShadowItem& item : items_) {
-    const KernelKey& key = item.prepared->kernel_key;
+    const KernelKey& key = item.prepared->key.kernels;
     const auto found = item.caster->sets.find(key);
     if (!item.prepared->valid || !key.source || found == item.caster->sets.end()) continue;
     KernelSet& set = found->second;
@@ -240,12 +233,7 @@ std::vector<CasterKernels> ShadowPass::kernels_in_use() {
     std::set<std::array<float, 3>> seen;
     for (const glm::vec3& k : set.made.kernels) {
       if (!seen.insert({k.x, k.y, k.z}).second) continue;
-      const Eigen::Vector2d p =
-          own.T_plane_own *
-          (own.T_own_object * Eigen::Vector3d(static_cast<double>(k.x), static_cast<double>(k.y),
-                                              static_cast<double>(k.z)))
-              .head<2>()
-              .eval();
+      const Eigen::Vector2d p = own.T_plane_own * (own.T_own_object * to_eigen(k)).head<2>().eval();
       const PlaneFrame& plane = item.plane_frame;
       caster.on_plane.emplace_back(plane.q + p.x() * plane.e1 + p.y() * plane.e2);
     }

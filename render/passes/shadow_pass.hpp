@@ -1,23 +1,20 @@
-// Layered, field and simple shadows on planes. Each pixel is darkened once with its darkest layer
-// (umbra before middle before penumbra, over all casters of a plane together): from the plane's
-// mask, or layer by layer. Drawn directly and blended, the stencil holds the first layer, so the
-// umbra comes first; retextured, the last layer drawn is seen, so the penumbra comes first; a
-// screen-door is the same in any order.
+// Layered, field and simple shadows on planes. Each pixel is darkened once by its darkest layer
+// over all casters of a plane (umbra before middle before penumbra): from the plane's mask, or
+// layer by layer. Blended layers mark the stencil, so the umbra comes first; of retextured ones the
+// last is seen, so the penumbra comes first; a screen-door is the same in any order.
 #pragma once
 
 #include <map>
 #include <memory>
 #include <tuple>
-#include <utility>
 #include <vector>
 
-#include "core/camera/camera_model.hpp"
 #include "render/passes/draw_context.hpp"
-#include "render/passes/layer_painter.hpp"
-#include "render/passes/mask_quad.hpp"
-#include "render/passes/mesh_strips.hpp"
-#include "render/passes/plane_masks.hpp"
-#include "render/passes/shadow_geometry.hpp"
+#include "render/passes/layers/layer_painter.hpp"
+#include "render/passes/layers/mask_quad.hpp"
+#include "render/passes/layers/mesh_strips.hpp"
+#include "render/passes/layers/plane_masks.hpp"
+#include "render/passes/layers/shadow_geometry.hpp"
 #include "render/shadow/kernels/twist.hpp"
 
 namespace penumbra {
@@ -35,17 +32,13 @@ class ShadowPass : public Pass {
   [[nodiscard]] Result<void> prepare(const DrawContext& context, const FramePlan& plan) override;
   int draw(const DrawContext& context, const FramePlan& plan) override;
 
-  // The last plan's shadows that are made with kernels. Takes milliseconds for new kernels.
+  // Returns the last plan's shadows with kernels. Takes milliseconds for new kernels.
   [[nodiscard]] std::vector<CasterKernels> kernels_in_use();
 
  private:
   ShadowPass(const CameraModel& camera, const ShadowGeometry& geometry, LayerPainter& painter,
-             bool multisampled, MaskQuad mask, MeshStrips strips)
-      : geometry_(geometry),
-        painter_(painter),
-        masks_(camera, multisampled),
-        mask_quad_(std::move(mask)),
-        mesh_strips_(std::move(strips)) {}
+             bool multisampled)
+      : geometry_(geometry), painter_(painter), masks_(camera, multisampled) {}
 
   [[nodiscard]] Result<void> choose(const DrawContext& context, const FramePlan& plan);
   int draw_plane(const FramePlan& plan, int plane, const LayerPainter::Brush& brush) const;
@@ -58,8 +51,8 @@ class ShadowPass : public Pass {
   PlaneMasks masks_;
   MaskQuad mask_quad_;
   MeshStrips mesh_strips_;
-  bool fetches_video_ = true;  // retextured, and not from a copy
-  // One per shadow of the plan before: (node, object, plane, n-th of these in the plan).
+  bool fetches_video_ = true;  // retextured fragments fetch the video, not a copy
+  // By (node, object, plane, n-th of these in the plan).
   std::map<std::tuple<int, int, int, int>, PreparedShadow> prepared_;
   std::vector<ShadowItem> items_;  // one per shadow of the plan
 };

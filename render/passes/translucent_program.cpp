@@ -3,7 +3,6 @@
 #include <epoxy/gl.h>
 
 #include <algorithm>
-#include <array>
 #include <cmath>
 
 #include "core/propagate.hpp"
@@ -11,15 +10,15 @@
 
 namespace penumbra {
 
-Result<TranslucentProgram> TranslucentProgram::create(
-    GlApi api, std::span<const std::string_view> vertex_files,
-    std::span<const std::string_view> fragment_files, std::span<const std::string_view> defines,
-    Under under) {
+Result<TranslucentProgram> TranslucentProgram::create(GlApi api, ShaderFiles vertex,
+                                                      ShaderFiles fragment,
+                                                      std::vector<std::string_view> defines,
+                                                      Under under) {
   TranslucentProgram program;
   program.api_ = api;
-  program.vertex_files_.assign(vertex_files.begin(), vertex_files.end());
-  program.fragment_files_.assign(fragment_files.begin(), fragment_files.end());
-  program.defines_.assign(defines.begin(), defines.end());
+  program.vertex_files_ = std::move(vertex);
+  program.fragment_files_ = std::move(fragment);
+  program.defines_ = std::move(defines);
   program.under_ = under;
   PENUMBRA_TRY(auto blended, program.link({}));
   program.variants_.emplace_back("", std::move(blended));
@@ -27,23 +26,26 @@ Result<TranslucentProgram> TranslucentProgram::create(
 }
 
 Result<ShaderProgram> TranslucentProgram::link(
-    std::span<const std::string_view> way_defines) const {
-  std::vector<std::string_view> fragment;
-  if (std::ranges::find(way_defines, "OVER_VIDEO") != way_defines.end()) {
+    std::span<const std::string_view> mode_defines) const {
+  ShaderFiles fragment;
+  if (std::ranges::find(mode_defines, "OVER_VIDEO") != mode_defines.end())
     fragment.emplace_back("video_texel.glsl");
-  }
   fragment.emplace_back("translucency.glsl");
   fragment.insert(fragment.end(), fragment_files_.begin(), fragment_files_.end());
   std::vector<std::string_view> defines = defines_;
-  defines.insert(defines.end(), way_defines.begin(), way_defines.end());
-  return ShaderProgram::link(api_, vertex_files_, fragment, defines);
+  defines.insert(defines.end(), mode_defines.begin(), mode_defines.end());
+  PENUMBRA_TRY(auto program, ShaderProgram::link(api_, vertex_files_, fragment, defines));
+  program.use();
+  program.set("picture_before", kPictureBeforeUnit);
+  program.set("sums_before", kSumsBeforeUnit);
+  return program;
 }
 
-Result<void> TranslucentProgram::choose(Translucency way, std::optional<PixelFormat> video) {
+Result<void> TranslucentProgram::choose(Translucency mode, std::optional<PixelFormat> video) {
   std::vector<std::string_view> defines;
-  if (way == Translucency::mesh || way == Translucency::geometry_mesh) {
+  if (mode == Translucency::mesh || mode == Translucency::geometry_mesh) {
     defines = {"SCREEN_DOOR"};
-  } else if (way == Translucency::retexture) {
+  } else if (mode == Translucency::retexture) {
     defines = {"RETEXTURED"};
     if (under_ == Under::video && video) {
       defines.emplace_back("OVER_VIDEO");
@@ -62,45 +64,31 @@ Result<void> TranslucentProgram::choose(Translucency way, std::optional<PixelFor
   return {};
 }
 
-void begin_darkening(Translucency way) {
-  if (way != Translucency::blend) {
+void begin_translucent(Translucency mode, Blending blending) {
+  if (mode != Translucency::blend) {
     glDisable(GL_BLEND);
     return;
   }
   glEnable(GL_BLEND);
-  glBlendFunc(GL_ZERO, GL_SRC_COLOR);
-}
-
-void begin_summing(Translucency way) {
-  if (way != Translucency::blend) {
-    glDisable(GL_BLEND);
-    return;
+  switch (blending) {
+    case Blending::darken:
+      glBlendFunc(GL_ZERO, GL_SRC_COLOR);
+      break;
+    case Blending::sum:
+      glBlendFunc(GL_ONE, GL_ONE);
+      glBlendEquationSeparate(GL_FUNC_ADD, GL_MAX);
+      break;
+    case Blending::mix:
+      glBlendFuncSeparate(GL_CONSTANT_ALPHA, GL_ONE_MINUS_CONSTANT_ALPHA, GL_ZERO, GL_ONE);
+      break;
+    case Blending::see_through:
+      glBlendFuncSeparate(GL_SRC_ALPHA, GL_ONE_MINUS_SRC_ALPHA, GL_ZERO, GL_ONE);
+      break;
   }
-  glEnable(GL_BLEND);
-  glBlendFunc(GL_ONE, GL_ONE);
-  glBlendEquationSeparate(GL_FUNC_ADD, GL_MAX);
 }
 
-void begin_mixing(Translucency way) {
-  if (way != Translucency::blend) {
-    glDisable(GL_BLEND);
-    return;
-  }
-  glEnable(GL_BLEND);
-  glBlendFuncSeparate(GL_CONSTANT_ALPHA, GL_ONE_MINUS_CONSTANT_ALPHA, GL_ZERO, GL_ONE);
-}
-
-void begin_seeing_through(Translucency way) {
-  if (way != Translucency::blend) {
-    glDisable(GL_BLEND);
-    return;
-  }
-  glEnable(GL_BLEND);
-  glBlendFuncSeparate(GL_SRC_ALPHA, GL_ONE_MINUS_SRC_ALPHA, GL_ZERO, GL_ONE);
-}
-
-void set_mixing(Translucency way, const ShaderProgram& program, float opacity) {
-  if (way == Translucency::blend) {
+void set_mixing(Translucency mode, const ShaderProgram& program, float opacity) {
+  if (mode == Translucency::blend) {
     glBlendColor(0.0F, 0.0F, 0.0F, opacity);
   } else {
     program.set("opacity", opacity);

@@ -1,10 +1,8 @@
-// A program whose fragments are translucent, in each of the ways that they can reach the picture
-// (shaders/translucency.glsl).
+// Programs of translucent fragments, in each mode of drawing (shaders/translucency.glsl).
 #pragma once
 
 #include <optional>
 #include <span>
-#include <string>
 #include <string_view>
 #include <utility>
 #include <vector>
@@ -15,60 +13,60 @@
 
 namespace penumbra {
 
-// Texture units that no pass has another use for.
+// Texture units reserved for all passes.
 inline constexpr int kPictureBeforeUnit = 3;
 inline constexpr int kSumsBeforeUnit = 4;
-inline constexpr int kVideoUnit = 5;  // and the two behind it
+inline constexpr int kVideoUnit = 5;  // and the next two
 
-// Where a program's fragments lie.
+// The content under a program's fragments.
 enum class Under {
-  video,    // nothing but video is under any of them: retextured, they fetch it from where it is
-  picture,  // what was drawn before: retextured, they fetch it from a copy
+  video,    // only video: retextured, they fetch it from the video's textures
+  picture,  // anything: retextured, they fetch it from a copy of the framebuffer
 };
 
 class TranslucentProgram {
  public:
-  // As ShaderProgram::link(), for blending; translucency.glsl is put before the fragment files.
-  [[nodiscard]] static Result<TranslucentProgram> create(
-      GlApi api, std::span<const std::string_view> vertex_files,
-      std::span<const std::string_view> fragment_files,
-      std::span<const std::string_view> defines = {}, Under under = Under::picture);
+  TranslucentProgram() = default;  // no program
+  // As ShaderProgram::link(); translucency.glsl is put before the fragment files.
+  [[nodiscard]] static Result<TranslucentProgram> create(GlApi api, ShaderFiles vertex,
+                                                         ShaderFiles fragment,
+                                                         std::vector<std::string_view> defines = {},
+                                                         Under under = Under::picture);
 
-  // From here on get() is the program for this way, linked when it is first asked for. Of the
-  // baseline with geometry that of the mesh: what is not on a plane is drawn so. `video`: the
-  // format of the frames that are fetched; none where the picture under shadows is not the video
-  // pixel by pixel, and is fetched from a copy instead.
-  [[nodiscard]] Result<void> choose(Translucency way, std::optional<PixelFormat> video);
+  // Selects the program that get() returns, and links it on first use. The baseline geometry_mesh
+  // takes mesh outside of planes. `video`: the format of the frames to fetch; none if the
+  // background is not the video pixel by pixel, and a copy is fetched.
+  [[nodiscard]] Result<void> choose(Translucency mode, std::optional<PixelFormat> video);
   [[nodiscard]] const ShaderProgram& get() const { return variants_[chosen_].second; }
-  // What is blended, or drawn where nothing shines through.
+  // The program for blending and for opaque drawing.
   [[nodiscard]] const ShaderProgram& plain() const { return variants_.front().second; }
 
  private:
-  TranslucentProgram() = default;
-  [[nodiscard]] Result<ShaderProgram> link(std::span<const std::string_view> way_defines) const;
+  [[nodiscard]] Result<ShaderProgram> link(std::span<const std::string_view> mode_defines) const;
 
   GlApi api_ = GlApi::gl33;
-  std::vector<std::string_view> vertex_files_, fragment_files_, defines_;
+  ShaderFiles vertex_files_, fragment_files_;
+  std::vector<std::string_view> defines_;
   Under under_ = Under::picture;
-  // By the last of their defines; the first has none.
+  // By their last define; the first has none.
   std::vector<std::pair<std::string_view, ShaderProgram>> variants_;
   std::size_t chosen_ = 0;
 };
 
-// How the picture is darkened, or summed up, by the fragments that follow; with anything but
-// blending they say themselves what becomes of it.
-void begin_darkening(Translucency way);
-void begin_summing(Translucency way);
-// How they are mixed in; of blending, by the opacity that set_mixing() gives.
-void begin_mixing(Translucency way);
-void set_mixing(Translucency way, const ShaderProgram& program, float opacity);
-// The same by an opacity of each fragment: seen_through() of translucency.glsl.
-void begin_seeing_through(Translucency way);
-// Back to opaque.
-void end_translucent();
+// The blending of the fragments that follow.
+enum class Blending {
+  darken,       // multiplied
+  sum,          // added; alpha: the maximum
+  mix,          // mixed in by the opacity of set_mixing()
+  see_through,  // mixed in by the fragment's alpha
+};
+// Sets the blending in mode blend; the shaders do it in all other modes.
+void begin_translucent(Translucency mode, Blending blending);
+void set_mixing(Translucency mode, const ShaderProgram& program, float opacity);
+void end_translucent();  // back to opaque
 
-// How many of a screen-door's places are black where this much of the encoded value is left: as
-// many as take that share of the linear light.
+// Number of a screen-door's places that are black where this fraction of the encoded value is left:
+// they take the same share of the linear light.
 [[nodiscard]] float door_places(float light_left);
 
 }  // namespace penumbra

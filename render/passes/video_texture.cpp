@@ -3,40 +3,22 @@
 #include <epoxy/gl.h>
 
 #include <algorithm>
+#include <array>
 #include <cstring>
 #include <span>
 #include <tuple>
 
 #include "core/propagate.hpp"
+#include "render/scene/yuv_conversion.hpp"
 
 namespace penumbra {
 namespace {
 
-// More than the buffers of one camera. Those of a stream that was set up again fall out at the end.
+// More than the buffers of one camera. Those of an earlier stream are evicted first.
 constexpr std::size_t kMostImported = 12;
-// Pictures that the GPU may be reading while the next one is drawn.
+// Frames that the GPU may be reading while the next one is drawn.
 constexpr std::size_t kMostInUse = 1;
-constexpr GLuint64 kPatience_ns = 1'000'000'000;  // with a GPU that does not get done
-
-enum class Layout : std::size_t { grey, rgb, yuyv, nv12, planar };
-
-Layout layout_of(PixelFormat format) {
-  switch (format) {
-    case PixelFormat::grey8:
-      return Layout::grey;
-    case PixelFormat::rgb24:
-      return Layout::rgb;
-    case PixelFormat::yuyv:
-      return Layout::yuyv;
-    case PixelFormat::nv12:
-      return Layout::nv12;
-    case PixelFormat::yuv420p:
-    case PixelFormat::yuv422p:
-    case PixelFormat::yuv444p:
-      return Layout::planar;
-  }
-  return Layout::planar;
-}
+constexpr GLuint64 kPatience_ns = 1'000'000'000;  // longest wait for the GPU
 
 TexelFormat texel_format(PixelFormat format, std::size_t plane) {
   switch (format) {
@@ -56,8 +38,8 @@ glm::vec2 chroma_step(PixelFormat format) {
           format == PixelFormat::yuv420p || format == PixelFormat::nv12 ? 2.0F : 1.0F};
 }
 
-// The picture's width and height as shares of the first plane's and of the chroma planes': 1, but
-// where a last sample is half outside of it.
+// Returns the image's width and height as fractions of the first plane's and of the chroma planes'
+// sizes: 1 unless the last sample is half outside of the image.
 glm::vec4 plane_extents(const Frame& frame) {
   const glm::vec2 picture(frame.width, frame.height);
   const auto size = [&frame](std::size_t i) {
@@ -71,14 +53,29 @@ glm::vec4 plane_extents(const Frame& frame) {
 
 }  // namespace
 
-std::size_t layout_number(PixelFormat format) {
-  return static_cast<std::size_t>(layout_of(format));
+std::string_view layout_define(PixelFormat format) {
+  switch (format) {
+    case PixelFormat::grey8:
+      return "VIDEO_GREY";
+    case PixelFormat::rgb24:
+      return "VIDEO_RGB";
+    case PixelFormat::yuyv:
+      return "VIDEO_YUYV";
+    case PixelFormat::nv12:
+      return "VIDEO_NV12";
+    default:
+      return "VIDEO_PLANAR";
+  }
 }
 
-std::string_view layout_define(PixelFormat format) {
-  constexpr std::array<std::string_view, kVideoLayouts> kDefines = {
-      "VIDEO_GREY", "VIDEO_RGB", "VIDEO_YUYV", "VIDEO_NV12", "VIDEO_PLANAR"};
-  return kDefines[layout_number(format)];
+Result<const ShaderProgram*> VideoProgram::get(PixelFormat format) {
+  const std::string_view layout = layout_define(format);
+  const auto found = programs_.find(layout);
+  if (found != programs_.end()) return &found->second;
+  std::vector<std::string_view> defines = defines_;
+  defines.push_back(layout);
+  PENUMBRA_TRY(auto linked, ShaderProgram::link(api_, vertex_, fragment_, defines));
+  return &programs_.emplace(layout, std::move(linked)).first->second;
 }
 
 void VideoTexture::bind_texels(const ShaderProgram& program, const Frame& frame,
@@ -105,7 +102,7 @@ VideoTexture::~VideoTexture() {
 }
 
 VideoTexture::Way VideoTexture::upload(const Frame& frame, bool reuse) {
-  // The same buffer, still held by someone, is the same frame: frames are immutable.
+  // The same buffer, still owned, is the same frame: frames are immutable.
   const bool same =
       frame.owner && !uploaded_owner_.expired() && !uploaded_owner_.owner_before(frame.owner) &&
       !frame.owner.owner_before(uploaded_owner_) && frame.planes[0].data == uploaded_data_;
@@ -127,7 +124,7 @@ VideoTexture::Way VideoTexture::upload(const Frame& frame, bool reuse) {
 }
 
 bool VideoTexture::upload_through_buffer(const Frame& frame) {
-  constexpr std::size_t kAlignment = 64;  // of a plane's first byte: whole cache lines are copied
+  constexpr std::size_t kAlignment = 64;  // of a plane's first byte: a cache line
   const auto count = static_cast<std::size_t>(frame.plane_count);
   struct Packed {
     std::size_t offset = 0, row_bytes = 0, rows = 0;
@@ -181,7 +178,7 @@ bool VideoTexture::import(const Frame& frame) {
         ImportedTexture::create({frame.dma_buf.descriptor, texel_format(frame.format, i),
                                  plane.width, plane.height, frame.dma_buf.offset[i], plane.stride});
     if (!texture) {
-      can_import_ = false;  // the next picture has the same layout
+      can_import_ = false;  // later frames have the same layout
       imported_.clear();
       return false;
     }
@@ -204,20 +201,8 @@ void VideoTexture::release(std::size_t most) {
   }
 }
 
-Result<const ShaderProgram*> VideoTexture::program_for(PixelFormat format) {
-  constexpr std::array<std::string_view, 1> kVertex = {"video.vert.glsl"};
-  constexpr std::array<std::string_view, 2> kFragment = {"video_texel.glsl", "video.frag.glsl"};
-  std::optional<ShaderProgram>& program = programs_[layout_number(format)];
-  if (!program) {
-    const std::array<std::string_view, 2> defines = {layout_define(format), "WHOLE_PICTURE"};
-    PENUMBRA_TRY(auto linked, ShaderProgram::link(api_, kVertex, kFragment, defines));
-    program.emplace(std::move(linked));
-  }
-  return &*program;
-}
-
 Result<void> VideoTexture::draw(const Frame& frame) {
-  PENUMBRA_TRY(const auto program, program_for(frame.format));
+  PENUMBRA_TRY(const auto program, program_.get(frame.format));
   const ShaderProgram& p = *program;
   p.use();
   bind_texels(p, frame, 0);
@@ -233,7 +218,7 @@ Result<void> VideoTexture::draw(const Frame& frame) {
 
 void VideoTexture::hold(const Frame& frame) {
   if (!shows_imported_) return;
-  if (!in_use_.empty() && in_use_.back().owner == frame.owner) {  // a picture that stands still
+  if (!in_use_.empty() && in_use_.back().owner == frame.owner) {  // a still image
     glDeleteSync(static_cast<GLsync>(in_use_.back().drawn));
     in_use_.pop_back();
   }

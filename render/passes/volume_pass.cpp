@@ -3,41 +3,63 @@
 #include <epoxy/gl.h>
 
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <functional>
-#include <span>
 
 #include "core/propagate.hpp"
-#include "render/passes/lens_uniforms.hpp"
-#include "render/passes/light_uniforms.hpp"
-#include "render/passes/receivers.hpp"
+#include "render/passes/uniforms.hpp"
 
 namespace penumbra {
 namespace {
 
 constexpr unsigned kCountBits = kMostVolumesCounted;  // how often the ray has entered a volume
 constexpr unsigned kDarkBit = 0x40U;                  // in some caster's shadow
-// Shows the caster itself, which has no shadow on itself; or the plane that is darkened now.
+// The pixel shows the caster itself, which has no shadow on itself; or the plane darkened now.
 constexpr unsigned kMarkBit = 0x80U;
 static_assert((kCountBits & (kDarkBit | kMarkBit)) == 0);
+
+// Returns the volume's triangles, split for a lens if there is a longest edge [m], and the end of
+// each batch in them.
+std::pair<std::vector<glm::vec3>, std::vector<int>> split_batches(
+    const ShadowVolume& volume, std::optional<double> longest_edge) {
+  std::vector<glm::vec3> triangles;
+  std::vector<int> batch_ends;
+  std::size_t begin = 0;
+  for (const std::size_t end : volume.batch_ends) {
+    std::vector<glm::vec3> batch(volume.triangles.begin() + static_cast<std::ptrdiff_t>(begin),
+                                 volume.triangles.begin() + static_cast<std::ptrdiff_t>(end));
+    if (longest_edge) {
+      // The batch's share of all triangles.
+      const auto budget = static_cast<std::size_t>(
+          std::ceil(static_cast<double>(kMostVolumeTriangles) * static_cast<double>(batch.size()) /
+                    static_cast<double>(volume.triangles.size())));
+      batch = split_for_lens(std::move(batch), *longest_edge, budget);
+    }
+    triangles.insert(triangles.end(), batch.begin(), batch.end());
+    batch_ends.push_back(static_cast<int>(triangles.size()));
+    begin = end;
+  }
+  return {std::move(triangles), std::move(batch_ends)};
+}
+
+// Returns whether a volume made for one draw serves another one.
+bool same_volume(const ShadowVolumeDraw& a, const ShadowVolumeDraw& b) {
+  return a.T_table_object == b.T_table_object && a.light_place == b.light_place &&
+         a.floors == b.floors && a.receivers == b.receivers;
+}
 
 }  // namespace
 
 Result<std::unique_ptr<VolumePass>> VolumePass::create(GlApi api, const CameraModel& camera) {
-  constexpr std::array<std::string_view, 1> kWhole = {"video.vert.glsl"};
-  constexpr std::array<std::string_view, 1> kFill = {"fill.frag.glsl"};
-  constexpr std::array<std::string_view, 2> kReceiver = {"lens.glsl", "receiver.vert.glsl"};
-  constexpr std::array<std::string_view, 3> kLight = {"ambient.glsl", "light_share.glsl",
-                                                      "blocked_light.frag.glsl"};
-  constexpr std::array<std::string_view, 1> kSum = {"light_sum.frag.glsl"};
-  PENUMBRA_TRY(auto volume, volume_program(api));
-  PENUMBRA_TRY(auto fill, ShaderProgram::link(api, kWhole, kFill));
-  PENUMBRA_TRY(auto plane, TranslucentProgram::create(api, kReceiver, kLight, kLightDefines));
-  PENUMBRA_TRY(auto light_sum, TranslucentProgram::create(api, kWhole, kSum));
-  std::unique_ptr<VolumePass> pass(
-      new VolumePass(std::move(volume), std::move(fill), std::move(plane), std::move(light_sum)));
-  if (make_lens(camera).model != 0) pass->longest_edge_ = longest_edge(camera);
+  auto pass = std::make_unique<VolumePass>();
+  PENUMBRA_TRY(pass->volume_program_,
+               ShaderProgram::link(api, {"lens.glsl", "volume.vert.glsl"}, {"fill.frag.glsl"}));
+  PENUMBRA_TRY(pass->fill_program_,
+               ShaderProgram::link(api, {"video.vert.glsl"}, {"fill.frag.glsl"}));
+  PENUMBRA_TRY(pass->plane_program_, plane_light_program(api));
+  PENUMBRA_TRY(pass->light_sum_program_,
+               TranslucentProgram::create(api, {"video.vert.glsl"}, {"light_sum.frag.glsl"}));
+  if (camera.has_distortion()) pass->longest_edge_ = longest_edge(camera);
   return pass;
 }
 
@@ -49,9 +71,7 @@ Result<void> VolumePass::prepare(const DrawContext& context, const FramePlan& pl
   RenderWork& work = context.work;
   for (const ShadowVolumeDraw& draw : plan.volumes) {
     Volume& volume = volumes_[{draw.object, draw.light}];
-    if (plan.reuse && volume.valid && volume.T_table_object == draw.T_table_object &&
-        volume.light == draw.light_place && volume.floors == draw.floors &&
-        volume.receivers == draw.receivers) {
+    if (plan.reuse && volume.made_for && same_volume(*volume.made_for, draw)) {
       ++work[Counter::reprojections];
       note_trouble(draw, volume, work);
       continue;
@@ -61,18 +81,16 @@ Result<void> VolumePass::prepare(const DrawContext& context, const FramePlan& pl
     const Model* model = casting_model(object, draw.proxy).get();
     auto& caster = casters_[model];
     if (!caster) caster = std::make_unique<VolumeCaster>(make_shadow_mesh(*model));
-    ShadowVolume made = caster->volume(draw.T_table_object, draw.light_place, draw.floors,
-                                       draw.reach, draw.receivers);
+    const ShadowVolume made = caster->volume(draw.T_table_object, draw.light_place, draw.floors,
+                                             kVolumeReach, draw.receivers);
+    volume.made_for = draw;
     volume.light_inside = made.light_inside;
     volume.ends_above_floors = made.ends_above_floors;
     note_trouble(draw, volume, work);
-    work[Counter::shadow_vertices] +=
-        static_cast<std::int64_t>(volume.buffers.write(made, longest_edge_));
-    volume.valid = true;
-    volume.T_table_object = draw.T_table_object;
-    volume.light = draw.light_place;
-    volume.floors = draw.floors;
-    volume.receivers = draw.receivers;
+    auto [triangles, batch_ends] = split_batches(made, longest_edge_);
+    work[Counter::shadow_vertices] += static_cast<std::int64_t>(triangles.size());
+    volume.surface.write(triangles, BufferLife::every_frame);
+    volume.batch_ends = std::move(batch_ends);
   }
   return {};
 }
@@ -85,9 +103,9 @@ void VolumePass::note_trouble(const ShadowVolumeDraw& draw, const Volume& volume
     work.skipped.push_back({SkipReason::volume_too_far, draw.object, draw.light});
 }
 
-// Where the caster itself is seen.
+// Marks the pixels that show the caster itself.
 int VolumePass::mark_caster(const Drawing& drawing, const ShadowVolumeDraw& draw) const {
-  const auto& [scene, plan, lens, objects, receivers] = drawing;
+  const auto& [plan, lens, objects, receivers] = drawing;
   glColorMask(GL_FALSE, GL_FALSE, GL_FALSE, GL_FALSE);
   glDisable(GL_BLEND);
   glEnable(GL_DEPTH_TEST);
@@ -95,7 +113,7 @@ int VolumePass::mark_caster(const Drawing& drawing, const ShadowVolumeDraw& draw
   glStencilFunc(GL_ALWAYS, static_cast<GLint>(kMarkBit), kMarkBit);
   glStencilOp(GL_KEEP, GL_KEEP, GL_REPLACE);
   glDepthFunc(GL_EQUAL);
-  return objects.draw_alone(scene, {draw.object, draw.T_table_object, 1.0F}, plan, lens);
+  return objects.draw_alone({draw.object, draw.T_table_object, 1.0F}, plan, lens);
 }
 
 void VolumePass::clear_mark() {
@@ -103,17 +121,29 @@ void VolumePass::clear_mark() {
   glClear(GL_STENCIL_BUFFER_BIT);
 }
 
-// Not where the pixel is marked.
 void VolumePass::count(const Drawing& drawing, const ShadowVolumeDraw& draw,
                        std::size_t batch) const {
-  count_volume(volume_program_, drawing.lens,
-               camera_from_object(drawing.plan.T_table_camera, Placement()),
-               volumes_.at({draw.object, draw.light}).buffers, batch, kMarkBit);
+  const Volume& volume = volumes_.at({draw.object, draw.light});
+  glColorMask(GL_FALSE, GL_FALSE, GL_FALSE, GL_FALSE);
+  glDisable(GL_BLEND);
+  glEnable(GL_DEPTH_TEST);
+  volume_program_.use();
+  set_lens(volume_program_, drawing.lens);
+  volume_program_.set("camera_from_table",
+                      camera_from_object(drawing.plan.T_table_camera, Placement()));
+  glDepthFunc(GL_LESS);
+  glStencilMask(kCountBits);
+  glStencilFunc(GL_EQUAL, 0, kMarkBit);
+  glStencilOpSeparate(GL_FRONT, GL_KEEP, GL_DECR_WRAP, GL_KEEP);
+  glStencilOpSeparate(GL_BACK, GL_KEEP, GL_INCR_WRAP, GL_KEEP);
+  const int begin = batch == 0 ? 0 : volume.batch_ends[batch - 1];
+  volume.surface.draw(GL_TRIANGLES, begin, volume.batch_ends[batch] - begin);
+  glDisable(GL_DEPTH_TEST);
 }
 
 int VolumePass::note_volume(const Drawing& drawing, const ShadowVolumeDraw& draw) const {
   int calls = mark_caster(drawing, draw);
-  const std::size_t batches = volumes_.at({draw.object, draw.light}).buffers.batches();
+  const std::size_t batches = volumes_.at({draw.object, draw.light}).batch_ends.size();
   for (std::size_t batch = 0; batch < batches; ++batch) {
     count(drawing, draw, batch);
     note_dark();
@@ -123,7 +153,7 @@ int VolumePass::note_volume(const Drawing& drawing, const ShadowVolumeDraw& draw
   return calls;
 }
 
-// Any count but 0 -> dark, and 0 again.
+// Marks pixels with a count other than 0 as dark, and resets the count.
 void VolumePass::note_dark() const {
   fill_program_.use();
   glStencilMask(kCountBits | kDarkBit);
@@ -133,14 +163,14 @@ void VolumePass::note_dark() const {
   glDrawArrays(GL_TRIANGLES, 0, 3);
 }
 
-// A pixel's stencil is `how.after` once it is darkened: nothing that lies in the same place, as a
-// second plane or a face given twice, darkens it again.
+// A darkened pixel gets the stencil `how.after`: a second surface in the same place does not darken
+// it again.
 int VolumePass::darken(const Drawing& drawing, const ShadowVolumeDraw& draw,
                        const Darkening& how) const {
-  const auto& [scene, plan, lens, objects, receivers] = drawing;
+  const auto& [plan, lens, objects, receivers] = drawing;
   int calls = draw.on_planes ? darken_planes(drawing, draw.light, how) : 0;
   glColorMask(GL_TRUE, GL_TRUE, GL_TRUE, GL_TRUE);
-  begin(how);
+  begin_translucent(mode_, how.add_up ? Blending::sum : Blending::darken);
   glEnable(GL_DEPTH_TEST);
   glDepthFunc(GL_EQUAL);
   glStencilMask(how.written);
@@ -148,7 +178,7 @@ int VolumePass::darken(const Drawing& drawing, const ShadowVolumeDraw& draw,
   glStencilOp(GL_KEEP, GL_KEEP, GL_REPLACE);
   const auto darken_things = [&](const std::vector<ObjectDraw>& things) {
     for (const ObjectDraw& thing : things) {
-      calls += objects.draw_darkened(scene, thing, plan, lens, draw.light,
+      calls += objects.draw_darkened(thing, plan, lens, draw.light,
                                      std::min(thing.opacity, how.strength), how.add_up);
     }
   };
@@ -160,21 +190,13 @@ int VolumePass::darken(const Drawing& drawing, const ShadowVolumeDraw& draw,
   return calls;
 }
 
-void VolumePass::begin(const Darkening& how) const {
-  if (how.add_up) {
-    begin_summing(mode_);
-  } else {
-    begin_darkening(mode_);
-  }
-}
-
 int VolumePass::darken_planes(const Drawing& drawing, int light, const Darkening& how) const {
-  const auto& [scene, plan, lens, objects, receivers] = drawing;
+  const auto& [plan, lens, objects, receivers] = drawing;
   int calls = 0;
   std::vector<float> blocked(plan.lights.size(), 0.0F);
   blocked.at(static_cast<std::size_t>(light)) = 1.0F;
   for (const PlaneReceiver& receiver : plan.receivers) {
-    // The dark pixels that show it: its own depth is there.
+    // Marks the dark pixels that show the plane: its depth is there.
     glColorMask(GL_FALSE, GL_FALSE, GL_FALSE, GL_FALSE);
     glDisable(GL_BLEND);
     glEnable(GL_DEPTH_TEST);
@@ -184,20 +206,14 @@ int VolumePass::darken_planes(const Drawing& drawing, int light, const Darkening
     glStencilOp(GL_KEEP, GL_KEEP, GL_REPLACE);
     receivers.draw_place(plan, receiver.frame, lens);
     glColorMask(GL_TRUE, GL_TRUE, GL_TRUE, GL_TRUE);
-    begin(how);
+    begin_translucent(mode_, how.add_up ? Blending::sum : Blending::darken);
     glDisable(GL_DEPTH_TEST);
     glStencilMask(kMarkBit | how.written);
     glStencilFunc(GL_NOTEQUAL, static_cast<GLint>(how.after), kMarkBit);
     const ShaderProgram& p = plane_program_.get();
-    p.use();
-    p.set("picture_before", kPictureBeforeUnit);
-    p.set("sums_before", kSumsBeforeUnit);
-    p.set("table_from_camera", to_gl(plan.T_table_camera.rotation().toRotationMatrix()));
-    p.set("eye", to_gl(plan.T_table_camera.translation()));
-    p.set("normal", to_gl(receiver.frame.n));
-    p.set("opacity", std::min(receiver.opacity, how.strength));
+    begin_plane_light(p, plan, receiver.frame, std::min(receiver.opacity, how.strength));
     p.set("add_up", how.add_up ? 1 : 0);
-    set_light_uniforms(p, plan, blocked);
+    set_lights(p, plan, blocked);
     receivers.draw_grid(p, plan, receiver.frame, lens);
     end_translucent();
     calls += 2;
@@ -212,18 +228,17 @@ void VolumePass::darken_by_sums(const FramePlan& plan, Framebuffer& framebuffer)
   glColorMask(GL_TRUE, GL_TRUE, GL_TRUE, GL_TRUE);
   glDisable(GL_DEPTH_TEST);
   glDisable(GL_STENCIL_TEST);
-  begin_darkening(mode_);
+  begin_translucent(mode_, Blending::darken);
   const ShaderProgram& p = light_sum_program_.get();
   p.use();
   p.set("sums", 0);
   p.set("encoding", static_cast<float>(1.0 / plan.tone_exponent));
-  p.set("picture_before", kPictureBeforeUnit);
   no_vertices_.bind();
   glDrawArrays(GL_TRIANGLES, 0, 3);
 }
 
-// Casters that are equally strong together. Of others one by one, the strongest first: a pixel in
-// the shadow of several is darkened once, by the first.
+// Draws equally strong casters together; others one by one, the strongest first: a pixel in several
+// shadows is darkened once, by the first.
 int VolumePass::draw_light(const Drawing& drawing, Casters casters, bool add_up) const {
   glStencilMask(0xFF);
   glClear(GL_STENCIL_BUFFER_BIT);
@@ -236,12 +251,12 @@ int VolumePass::draw_light(const Drawing& drawing, Casters casters, bool add_up)
                           {kDarkBit, 0, kDarkBit, casters.front()->opacity, add_up});
   }
   for (const ShadowVolumeDraw* caster : casters) {
-    const std::size_t batches = volumes_.at({caster->object, caster->light}).buffers.batches();
+    const std::size_t batches = volumes_.at({caster->object, caster->light}).batch_ends.size();
     for (std::size_t batch = 0; batch < batches; ++batch) {
       calls += mark_caster(drawing, *caster) + 1;
       count(drawing, *caster, batch);
       clear_mark();
-      // What is dark already counts no more.
+      // Pixels that are dark already don't count.
       fill_program_.use();
       no_vertices_.bind();
       glStencilMask(kCountBits);
@@ -261,21 +276,21 @@ int VolumePass::draw(const DrawContext& context, const FramePlan& plan) {
   Framebuffer& framebuffer = context.framebuffer;
   std::vector<Casters> lights;
   for (const ShadowVolumeDraw& draw : plan.volumes) {
-    if (volumes_.at({draw.object, draw.light}).buffers.batches() == 0) continue;
+    if (volumes_.at({draw.object, draw.light}).batch_ends.size() == 0) continue;
     const auto known = std::ranges::find_if(
         lights, [&draw](const Casters& casters) { return casters.front()->light == draw.light; });
     (known == lights.end() ? lights.emplace_back() : *known).push_back(&draw);
   }
   if (lights.empty()) return 0;
-  // Not of those in view: sums are rounded otherwise than one light's share.
+  // Counted in view or not: sums are rounded, a single light's share is not.
   const bool add_up = plan.volume_lights > 1;
   if (add_up) framebuffer.bind_sums();
-  const Drawing drawing{context.scene, plan, context.lens, context.objects, context.receivers};
+  const Drawing drawing{plan, context.lens, context.objects, context.receivers};
   int calls = 0;
   glEnable(GL_STENCIL_TEST);
   glDepthMask(GL_FALSE);
   for (const Casters& casters : lights) {
-    // A light darkens a pixel once: before it is soon enough for a copy.
+    // A light darkens a pixel once, so one copy before it is enough.
     if (add_up && mode_ != Translucency::blend) {
       framebuffer.copy_sums(kSumsBeforeUnit);
     } else if (!add_up && mode_ == Translucency::retexture) {

@@ -1,5 +1,4 @@
-// Light from the upper half of the room, and from the table below, on a surface whose normal's third
-// coordinate is `up`.
+// Hemisphere light from the room and from the table. `up`: third coordinate of the surface's normal.
 uniform vec3 sky_light;
 uniform vec3 ground_light;
 

@@ -1,12 +1,12 @@
-// What is left of a plane's light where some lights do not reach it.
+// Darkens a plane where some lights do not reach it.
 in vec2 view;
 
 uniform vec3 inverse_depth;  // see receiver.vert.glsl
 uniform mat3 table_from_camera;
 uniform vec3 eye;       // table frame [m]
 uniform vec3 normal;    // of the plane, unit
-uniform float opacity;  // of the overlay
-uniform int add_up;     // 1: the blocked share itself
+uniform float opacity;  // of the shadow
+uniform int add_up;     // 1: writes the blocked share
 
 layout(location = 0) out vec4 color;
 

@@ -1,5 +1,5 @@
-// The darkest layer whose field is > 0 here. Interpolated by hand: the hardware's weights have 8
-// bits only, and differ from one to the other.
+// The darkest layer with a field > 0 here. Interpolated here because the hardware's weights have only
+// 8 bits.
 in vec2 texel;
 uniform sampler2D field;    // umbra, middle, penumbra
 uniform vec2 field_last;    // index of the last texel

@@ -1,9 +1,9 @@
-// A shadow field's rectangle, in a grid fine enough to follow the lens -> its place on the plane.
+// A shadow field's rectangle on its plane, as a grid fine enough to follow the lens.
 layout(location = 0) in vec2 corner;  // 0 .. 1
 
-uniform vec4 field_rect;      // centre of the first texel, then the extents to the last one's [m]
+uniform vec4 field_rect;      // centre of the first texel, extents to the last one's [m]
 uniform vec2 field_last;      // index of the last texel
-uniform vec4 plane_from_own;  // cosine and sine of the turn, then the slide [m]
+uniform vec4 plane_from_own;  // cosine and sine of the turn, slide [m]
 uniform mat4x3 camera_from_plane;
 
 out vec2 texel;
@@ -13,6 +13,5 @@ void main() {
   vec2 p = field_rect.xy + corner * field_rect.zw;
   vec2 place = vec2(plane_from_own.x * p.x - plane_from_own.y * p.y,
                     plane_from_own.y * p.x + plane_from_own.x * p.y) + plane_from_own.zw;
-  // 0.1 % farther in depth, as the layers of shadow.vert.glsl.
-  gl_Position = lens_clip(camera_from_plane * vec4(place, 0.0, 1.0), 1.001);
+  gl_Position = shadow_clip(camera_from_plane, place);
 }

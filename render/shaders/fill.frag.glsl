@@ -1,4 +1,3 @@
-// Every pixel that the stencil lets through.
 uniform vec4 value;
 layout(location = 0) out vec4 color;
 

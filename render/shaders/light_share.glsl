@@ -1,12 +1,11 @@
-// The lights of the scene, and what a surface loses where some of them do not reach it: by Lambert's
-// law each its own share of all light there, so that shadows add up as light does, and a face that a
-// light does not reach anyway loses nothing.
+// The lights of the scene, and the share of all light that a surface loses where some of them are
+// blocked, by Lambert's law: shadows add up as light does.
 uniform int light_count;
 uniform vec4 light_place[MAX_LIGHTS];  // w 1: position; w 0: direction towards the light
-uniform vec4 light_color[MAX_LIGHTS];  // w: the share that is blocked
+uniform vec4 light_color[MAX_LIGHTS];  // w: the blocked share
 uniform float encoding;                // of the video: encoded = linear ^ encoding
 
-// Of all light, linear. `place`: table frame [m]; `normal`: unit.
+// Linear. `place`: table frame [m]; `normal`: unit.
 vec3 blocked_share(vec3 place, vec3 normal) {
   vec3 all = hemisphere(normal.z);
   vec3 blocked = vec3(0.0);
@@ -20,8 +19,8 @@ vec3 blocked_share(vec3 place, vec3 normal) {
   return clamp(blocked / max(all, vec3(1.0e-4)), 0.0, 1.0);
 }
 
-// The picture, encoded, in what light is left; or where several lights are added up, the share
-// itself, for light_sum.frag.glsl.
+// Darkens the encoded image to the light that is left; or with `add_up` writes the share itself, for
+// light_sum.frag.glsl.
 vec4 darkening(vec3 share, float opacity, bool add_up) {
   if (add_up) return added(opacity * vec4(share, 1.0));
   vec3 encoded = pow(1.0 - share, vec3(encoding));

@@ -1,19 +1,19 @@
-// What a shadow leaves of the picture on a surface, by shadow_mask.glsl. Or the least that several of
-// them leave: gathered in the picture's alpha, shadow by shadow, and then taken from there.
+// Darkens a surface by a shadow, by shadow_mask.glsl; or by the darkest of several shadows, which is
+// gathered in the framebuffer's alpha first.
 in vec3 place;
 in vec3 facing;
 
 layout(location = 0) out vec4 color;
 
 uniform vec3 eye;  // table frame
-uniform int gathering;  // 0: nothing; 1: the first shadow; 2: a further one; 3: what was gathered
+uniform int gathering;  // 0: no; 1: the first shadow; 2: a further one; 3: the result
 
 void main() {
   if (gathering == 3) {
 #if defined(RETEXTURED)
     color = darkened(vec3(texelFetch(picture_before, ivec2(gl_FragCoord.xy), 0).a));
 #else
-    color = vec4(1.0);  // the blending takes the picture's own alpha
+    color = vec4(1.0);  // the blending takes the framebuffer's alpha
 #endif
     return;
   }

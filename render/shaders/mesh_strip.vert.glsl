@@ -1,5 +1,5 @@
-// A piece of a black strip on a plane: strips lie at whole multiples of a period, pieces at those of
-// their length, so that a piece is the same whichever others are drawn.
+// A piece of a black strip on a plane. Strips lie at multiples of a period, pieces at multiples of
+// their length.
 layout(location = 0) in vec2 corner;  // 0 .. 1, across and along
 
 uniform mat4x3 camera_from_plane;
@@ -13,5 +13,5 @@ void main() {
   int along = first_piece + gl_InstanceID % pieces;
   vec2 place = vec2(float(across) * strip.x + corner.x * strip.y,
                     (float(along) + corner.y) * strip.z);
-  gl_Position = lens_clip(camera_from_plane * vec4(place, 0.0, 1.0), 1.001);
+  gl_Position = shadow_clip(camera_from_plane, place);
 }

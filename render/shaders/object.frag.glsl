@@ -1,6 +1,5 @@
-// Metal-rough surface under a few lights and a hemisphere of ambient light. Linear light inside,
-// encoded as the video is when written. Or, where shadows fall on the surface, what is left of its
-// light.
+// Metal-rough surface under a few lights and a hemisphere of ambient light. Computes linear light and
+// encodes it as the video. Or, with DARKENS, the light left in shadows on the surface.
 in vec3 place;
 in vec3 facing;
 in vec2 surface;
@@ -22,13 +21,13 @@ uniform vec3 eye;                      // table frame
 // encoded = tone.y * linear ^ tone.x - tone.z; below tone.w linear, as sRGB has it
 uniform vec4 tone;
 #if defined(DARKENS)
-uniform int darkens;    // 1: the shadow on it; 2: the blocked share, for light_sum.frag.glsl
+uniform int darkens;  // 1: the shadow on it; 2: the blocked share, for light_sum.frag.glsl
 #endif
 uniform float opacity;  // of the shadow, or of the surface
 
 #if defined(MATERIAL_MAPS)
-uniform float base_color_by_second;  // 1 where the texture goes by the second coordinates
-// Of each map: x 1 where the material has it, y 1 where it goes by the second coordinates.
+uniform float base_color_by_second;  // 1: the texture uses the second coordinates
+// Each x 1: the material has the map; y 1: it uses the second coordinates.
 uniform vec2 has_metal_map;
 uniform vec2 has_normal_map;
 uniform vec2 has_occlusion_map;
@@ -40,19 +39,19 @@ uniform sampler2D emissive_map;   // decoded by the sampler
 uniform float normal_scale;
 uniform float occlusion_strength;
 uniform float base_alpha;
-uniform float alpha_cutoff;  // under it nothing is drawn; negative: everything is
+uniform float alpha_cutoff;  // nothing is drawn below it; negative: no cutoff
 uniform int alpha_blends;
 
 vec2 map_place(float by_second) {
   return by_second > 0.5 ? surface_2 : surface;
 }
 
-// The surface's normal turned as the map says: of a side that is seen from behind with it.
+// Applies the normal map, on the side that is seen.
 vec3 mapped_normal(vec3 n) {
   vec3 t = along.xyz - n * dot(n, along.xyz);
   float size = length(t);
   if (has_normal_map.x < 0.5 || size < 1.0e-6) return n;
-  // The normal as it was given is turned over with its tangents.
+  // A flipped normal flips its tangents.
   float side = dot(n, facing) < 0.0 ? -1.0 : 1.0;
   t *= side / size;
   vec3 b = cross(n * side, t * side) * along.w * side;
@@ -78,13 +77,13 @@ void main() {
   color = darkening(blocked_share(place, n), opacity, darkens == 2);
 #else
   vec3 albedo = base_color * tint.rgb;
-#if defined(MATERIAL_MAPS)
-  if (has_texture != 0)
-    albedo *= texture(base_color_texture, map_place(base_color_by_second)).rgb;
   vec3 own_light = emissive;
   float metal = metallic;
   float rough = roughness;
   float open = 1.0;
+#if defined(MATERIAL_MAPS)
+  if (has_texture != 0)
+    albedo *= texture(base_color_texture, map_place(base_color_by_second)).rgb;
   if (has_emissive_map.x > 0.5)
     own_light *= texture(emissive_map, map_place(has_emissive_map.y)).rgb;
   if (has_metal_map.x > 0.5) {
@@ -98,10 +97,6 @@ void main() {
   }
 #else
   if (has_texture != 0) albedo *= texture(base_color_texture, surface).rgb;
-#define own_light emissive
-#define metal metallic
-#define rough roughness
-#define open 1.0
 #endif
   float n_v = max(dot(n, view), 1.0e-3);
 
@@ -120,7 +115,7 @@ void main() {
     float n_h = max(dot(n, h), 0.0);
     float v_h = max(dot(view, h), 0.0);
     // GGX distribution, Smith's visibility in its fast form, Schlick's Fresnel term; times pi, so
-    // that a light of intensity 1 shows a white Lambert surface at 1.
+    // that a light of intensity 1 gives a white Lambert surface the value 1.
     float d = n_h * n_h * (alpha2 - 1.0) + 1.0;
     float k = 0.5 * width;
     float visibility = 0.25 / ((n_v * (1.0 - k) + k) * (n_l * (1.0 - k) + k));

@@ -1,4 +1,4 @@
-// Flat shapes and letters over the picture, in pixels from the top left corner.
+// Flat shapes and letters over the image, in pixels from the top left corner.
 layout(location = 0) in vec2 position;
 layout(location = 1) in vec2 texcoord;
 layout(location = 2) in vec4 color;

@@ -8,6 +8,6 @@ uniform float opacity;
 void main() {
   float r2 = dot(from_middle, from_middle);
   if (r2 > 1.0) discard;
-  // A dark rim sets a dot off from what has its colour.
+  // A dark rim separates a dot from a background of its colour.
   color = mixed_in(r2 > 0.55 ? tint * 0.25 : tint, opacity);
 }

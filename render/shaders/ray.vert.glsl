@@ -1,17 +1,17 @@
-// A corner of a light ray's ribbon, or of a dot: as wide in the picture wherever it is.
+// A corner of a light ray's ribbon, or of a dot, with constant width in the image.
 layout(location = 0) in vec3 place;  // table frame [m]
-layout(location = 1) in vec3 along;  // table frame; zero: of a dot
+layout(location = 1) in vec3 along;  // table frame; zero: a dot
 layout(location = 2) in vec2 corner;
 layout(location = 3) in vec3 color;
 
 uniform mat4x3 camera_from_table;
-uniform vec2 half_width;  // of a ribbon and of a dot, over the depth
+uniform vec2 half_width;  // of a ribbon and of a dot, divided by the depth
 
-// Drawn again by another program, a ray has the same depth.
+// Other programs draw a ray at the same depth.
 invariant gl_Position;
 
 out vec3 tint;
-out vec2 from_middle;  // of a dot
+out vec2 from_middle;  // in a dot
 
 void main() {
   tint = color;
@@ -22,7 +22,7 @@ void main() {
     float size = length(side);
     if (size > 0.0) p += side / size * (corner.x * half_width.x * depth);
     from_middle = vec2(0.0);
-    // A little nearer, to be seen on what it touches; dots a little more than rays.
+    // A little nearer, to be visible on surfaces; dots nearer than rays.
     gl_Position = lens_clip(p, 0.998);
   } else {
     p.xy += corner * half_width.y * depth;

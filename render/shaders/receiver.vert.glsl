@@ -1,9 +1,8 @@
-// A plane as the camera sees it, without end: a grid over the view, each point as far away as the
-// plane is there. 1 / depth is linear in the undistorted picture, so the grid need only follow the
-// lens.
+// An unbounded plane: a grid over the view, each point at the plane's depth. 1 / depth is linear in
+// undistorted coordinates, so the grid need only follow the lens.
 layout(location = 0) in vec2 corner;  // 0 .. 1
 
-uniform vec4 view_rect;      // undistorted normalised coordinates: corner, then extents
+uniform vec4 view_rect;      // undistorted normalised coordinates: corner, extents
 uniform vec3 inverse_depth;  // 1/z [1/m] = dot(inverse_depth, (x, y, 1)); <= 0: no plane there
 
 out vec2 view;
@@ -11,8 +10,7 @@ out vec2 view;
 void main() {
   view = view_rect.xy + corner * view_rect.zw;
   vec4 place = lens_clip(vec3(view, 1.0), 1.0);
-  // 0.1 % farther, as the shadows of shadow.vert.glsl. Beyond the horizon it is clipped as what is
-  // too far away.
+  // 0.1 % farther, as shadow_clip(). Points beyond the horizon are clipped as too far.
   float z = lens_depth.x + lens_depth.y / 1.001 * dot(inverse_depth, vec3(view, 1.0));
   gl_Position = vec4(place.xy, z, 1.0);
 }

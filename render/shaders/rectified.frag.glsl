@@ -1,5 +1,5 @@
-// The video between its pixels, black outside of it. Interpolated by hand: the planes of video are
-// of several sizes, and the hardware's weights have 8 bits only.
+// The video between its pixels, black outside of it. Interpolated here because the video's planes
+// differ in size and the hardware's weights have only 8 bits.
 in vec2 source;
 layout(location = 0) out vec4 color;
 

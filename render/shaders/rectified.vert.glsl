@@ -1,6 +1,6 @@
-// A grid over the picture, and where in the video each of its corners is.
+// A grid over the image, with each corner's place in the video.
 layout(location = 0) in vec2 corner;      // NDC
-layout(location = 1) in vec2 from_video;  // [px], (0, 0) is the centre of the top left one
+layout(location = 1) in vec2 from_video;  // [px], (0, 0) is the top left pixel's centre
 
 out vec2 source;
 

@@ -1,6 +1,5 @@
-// A caster's vertex -> its place on the plane in one layer (Layered Penumbrae, section 3): the same
-// formulas as render/shadow/layers/layered_penumbra.hpp, written with 1/H so that a light at the zenith
-// (H = inf, 1/H = 0) is no special case:
+// A caster's vertex -> its place on the plane in one layer (Layered Penumbrae, section 3), as in
+// render/shadow/layers/layered_penumbra.hpp, but with 1/H, which is 0 for a light at the zenith:
 //   q = 1 / (1 - h/H);  umbra k + (1 - h/h_u) q (x - k);  middle x + (h/H) q (x - k);
 //   penumbra x + (h/H + h/h_u) q (x - k)
 layout(location = 0) in vec3 position;
@@ -37,6 +36,5 @@ void main() {
     place = x.xy + (t + h * inverse_umbra_height * q) * (x.xy - k);
     light_left = layer_light.z;
   }
-  // 0.1 % farther in depth: what stands on the plane is in front of it, whatever the rounding.
-  gl_Position = lens_clip(camera_from_plane * vec4(place, 0.0, 1.0), 1.001);
+  gl_Position = shadow_clip(camera_from_plane, place);
 }

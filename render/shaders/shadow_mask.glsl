@@ -1,22 +1,22 @@
-// A shadow that falls along a plane's normal, as pictures of where its layers lie, one for each of
-// several heights above the plane: of each texel, the share that a layer covers.
+// A shadow along a plane's normal: masks at several heights above the plane, whose channels are the
+// coverage of each texel by each layer.
 uniform sampler2DArray shadow_mask;
-uniform vec3 mask_light_left;    // what the layers leave of the encoded picture
+uniform vec3 mask_light_left;    // each layer's factor on the encoded image
 uniform float encoding;          // of the video: encoded = linear ^ encoding
 uniform mat4x3 mask_from_table;  // -> (u, v, h)
 uniform vec3 mask_normal;        // of the plane, table frame
-uniform vec2 mask_origin;        // (u, v) in the pictures' corner [m]
+uniform vec2 mask_origin;        // (u, v) of the masks' corner [m]
 uniform vec2 mask_extent;        // [m]
 uniform vec4 mask_levels[MAX_LEVELS / 4];  // heights [m], ascending
 uniform int mask_count;
-uniform float mask_step;         // farther above all of them nothing receives [m]
-uniform float mask_level_width;  // so far above a level receives as it does [m]
+uniform float mask_step;         // nothing receives farther above the highest level [m]
+uniform float mask_level_width;  // range of heights that receive as a level does [m]
 
 float mask_level(int i) {
   return mask_levels[i / 4][i % 4];
 }
 
-// The encoded factor for a surface at `place` that faces `normal`.
+// The factor on the encoded value of a surface at `place` that faces `normal`.
 float left_under_mask(vec3 place, vec3 normal) {
   vec3 p = mask_from_table * vec4(place, 1.0);
   float facing = dot(mask_normal, normal);
@@ -24,7 +24,7 @@ float left_under_mask(vec3 place, vec3 normal) {
   if (facing <= 0.0 || p.z < -1.0e-4 || p.z > mask_level(mask_count - 1) + mask_step ||
       at != clamp(at, 0.0, 1.0))
     return 1.0;
-  // The lowest level that is no lower than the place, by halving.
+  // Bisects for the lowest level that is not below the place.
   int above = mask_count - 1;
   for (int low = 0; low < above;) {
     int middle = (low + above) / 2;
@@ -34,20 +34,20 @@ float left_under_mask(vec3 place, vec3 normal) {
       above = middle;
   }
   vec3 share = texture(shadow_mask, vec3(at, float(above))).rgb;
-  // Between two levels between their outlines; what a level is given for is all of that level.
+  // Interpolates between two levels, except within a level's width.
   if (above > 0) {
     float low = mask_level(above - 1);
     float high = mask_level(above);
     float lower = clamp((high - p.z) / max(high - low - mask_level_width, 1.0e-4), 0.0, 1.0);
     share = mix(share, texture(shadow_mask, vec3(at, float(above - 1))).rgb, lower);
   }
-  // The share of light that is lost is the light's own, by Lambert's law.
+  // Lambert's law for the light that is lost.
   vec3 lost = (1.0 - pow(mask_light_left, vec3(1.0 / encoding))) * min(facing, 1.0);
   vec3 darkens = 1.0 - pow(max(1.0 - lost, 0.0), vec3(encoding));
-  // Of each layer only what no layer before it covers.
+  // Each layer counts where no darker layer covers.
   share.g = max(share.g, share.r);
   share.b = max(share.b, share.g);
   float left = 1.0 - dot(vec3(share.r, share.g - share.r, share.b - share.g), darkens);
-  // In the picture's own steps: alone, or as the least of several that were put into its alpha.
+  // Rounded to 8 bits, as values gathered in the framebuffer's alpha are.
   return floor(255.0 * left + 0.5) / 255.0;
 }

@@ -1,5 +1,5 @@
-// Unit normal of a surface as the eye sees it: of the inside of an open one the other way, towards
-// the eye where the surface has none. `view`: unit, to the eye.
+// Unit normal of the side that the eye sees; towards the eye if the surface has no normal. `view`:
+// unit, to the eye.
 vec3 surface_normal(vec3 facing, vec3 view) {
   float normal_length = length(facing);
   vec3 n = normal_length > 0.0 ? facing / normal_length : view;

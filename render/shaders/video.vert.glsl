@@ -1,10 +1,10 @@
-// One triangle that covers the picture.
+// One triangle that covers the image.
 #if defined(WHOLE_PICTURE)
-// Of video_texel.glsl: handed on from here, since some renderers (llvmpipe) load a uniform anew for
-// each fragment, and what is flat once.
+// Passed on to video_texel.glsl, because some renderers (llvmpipe) load uniforms for each fragment and
+// flat inputs once.
 uniform vec3 yuv_offset;
 uniform mat3 rgb_from_yuv;
-uniform vec4 plane_extents;  // the picture's, in planes of luma (or all) and of chroma
+uniform vec4 plane_extents;  // the image's extents in the luma (or only) and chroma planes
 
 out vec2 in_plane;
 flat out vec2 chroma_scale;

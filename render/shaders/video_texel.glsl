@@ -1,14 +1,12 @@
 // The video as captured, pixel by pixel: luma is fetched 1:1, chroma from the sample that covers the
-// pixel (a 4:2:0 recording made of the picture gets its own chroma samples back).
+// pixel, so that a 4:2:0 recording of the image gets the same chroma samples.
 uniform sampler2D plane0;
 uniform sampler2D plane1;
 uniform sampler2D plane2;
 
 #if defined(WHOLE_PICTURE)
-// By video.vert.glsl. Sampled at the middle of a pixel of luma, which is half of a texel from the
-// texel's edge, a quarter in one of chroma: interpolation is off by a thousandth of that in pictures
-// of 3840 pixels, so that the texel is the one that is fetched below. A CPU renderer fetches it in a
-// third of the instructions: it has neither levels nor bounds to compare for each fragment.
+// From video.vert.glsl. Sampling at a luma pixel's centre, at least a quarter of a texel from a texel's
+// edge, gives the texel that texelFetch() gives, and takes a CPU renderer a third of the instructions.
 in vec2 in_plane;
 flat in vec2 chroma_scale;
 flat in vec3 flat_yuv_offset;
@@ -22,7 +20,7 @@ uniform vec2 chroma_step;  // luma pixels per chroma sample, 1 or 2
 #endif
 
 vec3 rgb_of(vec3 yuv) {
-  // The matrix has two zeros. What is written to the picture is clamped there.
+  // The matrix has two zeros. The framebuffer clamps.
   yuv -= yuv_offset;
   float grey = rgb_from_yuv[0].r * yuv.x;
   return vec3(grey + rgb_from_yuv[2].r * yuv.z,
@@ -30,12 +28,12 @@ vec3 rgb_of(vec3 yuv) {
               grey + rgb_from_yuv[1].b * yuv.y);
 }
 
-// Y0 U Y1 V of two pixels -> those of one.
+// Y0 U Y1 V of two pixels -> YUV of one.
 vec3 yuv_of_pair(vec4 pair, int column) {
   return vec3((column & 1) == 0 ? pair.r : pair.b, pair.ga);
 }
 
-// These may lie outside of 0 .. 1.
+// Components may lie outside of 0 .. 1.
 #if defined(WHOLE_PICTURE)
 vec3 video_color() {
 #if defined(VIDEO_RGB)

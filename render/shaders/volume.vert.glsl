@@ -1,4 +1,4 @@
-// A shadow volume's surface, into the stencil.
+// A shadow volume's surface, for the stencil.
 layout(location = 0) in vec3 position;  // table frame [m]
 uniform mat4x3 camera_from_table;
 

@@ -84,7 +84,7 @@ class PeerStudio {
     glDepthMask(GL_TRUE);
     glStencilMask(0xFF);
     glClear(GL_DEPTH_BUFFER_BIT | GL_STENCIL_BUFFER_BIT);
-    objects_->draw_objects(*scene_, plan, lens_, *framebuffer_);
+    objects_->draw_objects(plan, lens_, *framebuffer_);
     if (soft_) soft_->draw(lens_, to_camera);
     glFinish();
     if (glGetError() != GL_NO_ERROR) throw std::runtime_error("OpenGL reports an error");

@@ -9,8 +9,8 @@
 #include <string>
 
 #include "core/text/text.hpp"
-#include "render/passes/lens_uniforms.hpp"
 #include "render/passes/translucent_program.hpp"
+#include "render/passes/uniforms.hpp"
 
 namespace penumbra::counted {
 namespace {
@@ -127,7 +127,7 @@ bool summed(SoftTechnique::Kind kind) {
 
 Result<ShaderProgram> link(std::string_view vertex, std::string_view fragment,
                            std::span<const std::string_view> defines) {
-  const auto lens = std::ranges::find(embedded_shaders(), "lens.glsl", &EmbeddedShader::name);
+  const auto lens = std::ranges::find(embedded_shaders(), "lens.glsl", &ShaderText::name);
   const std::array vertex_files = {ShaderText{lens->name, lens->text},
                                    ShaderText{"soft shadow", vertex}};
   const std::array fragment_files = {ShaderText{"soft shadow", fragment}};
@@ -208,8 +208,8 @@ Result<SoftShadows> SoftShadows::create(const ShadowMesh& mesh, SoftTechnique te
   soft.rectangle_vertices_.write(std::span<const glm::vec2>(kCorners));
   VertexArray::attribute(0, 2, sizeof(glm::vec2), 0);
 
-  soft.target_ = GlHandle<FramebufferTraits>::create();
-  soft.texture_ = GlHandle<TextureTraits>::create();
+  soft.target_ = FramebufferHandle::create();
+  soft.texture_ = TextureHandle::create();
   glBindFramebuffer(GL_FRAMEBUFFER, soft.target_.id());
   glActiveTexture(GL_TEXTURE0);
   glBindTexture(GL_TEXTURE_2D, soft.texture_.id());
@@ -222,7 +222,7 @@ Result<SoftShadows> SoftShadows::create(const ShadowMesh& mesh, SoftTechnique te
     }
     glFramebufferTexture2D(GL_FRAMEBUFFER, GL_COLOR_ATTACHMENT0, GL_TEXTURE_2D, soft.texture_.id(),
                            0);
-    soft.stencil_ = GlHandle<TextureTraits>::create();
+    soft.stencil_ = TextureHandle::create();
     glBindTexture(GL_TEXTURE_2D, soft.stencil_.id());
     glTexImage2D(GL_TEXTURE_2D, 0, GL_DEPTH24_STENCIL8, width, height, 0, GL_DEPTH_STENCIL,
                  GL_UNSIGNED_INT_24_8, nullptr);
@@ -346,7 +346,7 @@ void SoftShadows::draw(const LensUniforms& lens, const glm::mat4x3& camera_from_
   glEnable(GL_DEPTH_TEST);
   glDepthFunc(GL_LESS);
   glDepthMask(GL_FALSE);
-  begin_darkening(Translucency::blend);
+  begin_translucent(Translucency::blend, Blending::darken);
   rectangle_layout_.bind();
   glDrawArrays(GL_TRIANGLE_STRIP, 0, 4);
   glDisable(GL_BLEND);

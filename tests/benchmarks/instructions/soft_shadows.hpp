@@ -67,8 +67,8 @@ class SoftShadows {
   GlBuffer rectangle_vertices_{BufferUse::vertices};
   int index_count_ = 0;
   bool faces_outwards_ = true;
-  GlHandle<FramebufferTraits> target_;
-  GlHandle<TextureTraits> texture_, stencil_;
+  FramebufferHandle target_;
+  TextureHandle texture_, stencil_;
   GLuint nearest_ = 0, compared_ = 0;  // samplers; kept until the context ends
   // Of the present frame.
   glm::mat4x3 plane_from_caster_{0.0F};

@@ -43,7 +43,6 @@ class ScriptedWindow final : public GlContext {
   }
   explicit ScriptedWindow(std::deque<WindowEvent> events) : events_(std::move(events)) {}
   void make_current() override {}
-  [[nodiscard]] const GlInfo& info() const override { return info_; }
   [[nodiscard]] bool poll_events() override {
     if (events_.empty()) return open;
     const WindowEvent event = events_.front();
@@ -64,7 +63,6 @@ class ScriptedWindow final : public GlContext {
   Size size{64, 48};
 
  private:
-  GlInfo info_;
   std::deque<WindowEvent> events_;
   std::function<void(const WindowEvent&)> handler_;
 };

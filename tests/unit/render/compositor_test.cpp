@@ -8,7 +8,6 @@
 #include <random>
 
 #include "render/gl/framebuffer.hpp"
-#include "render/gl/gl_error.hpp"
 #include "render/gl/shader.hpp"
 #include "support/shapes.hpp"
 #include "support/studio.hpp"

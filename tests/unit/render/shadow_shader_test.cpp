@@ -41,14 +41,15 @@ class PlaceReader {
     context_ = std::move(*context);
     context_->make_current();
     const auto shaders = embedded_shaders();
-    const auto source = std::ranges::find(shaders, "shadow.vert.glsl", &EmbeddedShader::name);
+    const auto source = std::ranges::find(shaders, "shadow.vert.glsl", &ShaderText::name);
     if (source == shaders.end()) throw std::runtime_error("no shadow.vert.glsl");
     const std::string version = api == GlApi::gl33 ? "#version 330 core\n"
                                                    : "#version 300 es\nprecision highp float;\n"
                                                      "precision highp int;\n";
     program_ = glCreateProgram();
     attach(GL_VERTEX_SHADER, version +
-                                 "vec4 lens_clip(vec3 p, float farther) {\n"
+                                 "vec4 shadow_clip(mat4x3 camera_from_plane, vec2 place) {\n"
+                                 "  vec3 p = camera_from_plane * vec4(place, 0.0, 1.0);\n"
                                  "  return vec4(p.xy, 0.0, 1.0);\n}\n" +
                                  std::string(source->text));
     attach(GL_FRAGMENT_SHADER, version +

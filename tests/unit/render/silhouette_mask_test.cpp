@@ -912,7 +912,7 @@ TEST_F(DrawnMask, SkippingEmptyPiecesChangesNoBit) {
       for (const PoseEstimate& at : {far, near, far, pose()}) {
         FramePlan plan = some.plan(at, by(LayerDrawing::mask, way));
         plan.objects.clear();
-        ASSERT_FALSE(plan.whole_masks);
+        ASSERT_TRUE(plan.reuse);
         const Frame frame = test::plain_frame(kWidth, kHeight, 200);
         const Picture picture = some.draw(frame, plan);
         ASSERT_EQ(
@@ -923,10 +923,10 @@ TEST_F(DrawnMask, SkippingEmptyPiecesChangesNoBit) {
         } else {
           EXPECT_EQ(some.stats()[Counter::mask_pieces_skipped], 0);
         }
-        plan.whole_masks = true;
+        plan.reuse = false;
         EXPECT_EQ(picture, all.draw(frame, plan)) << to_string(way) << " lens " << lens;
         EXPECT_EQ(all.stats()[Counter::mask_pieces_skipped], 0);
-        EXPECT_EQ(picture, some.draw(frame, plan)) << "the switch is heeded for a kept mask";
+        EXPECT_EQ(picture, some.draw(frame, plan));
         EXPECT_EQ(some.stats()[Counter::mask_pieces_skipped], 0);
       }
     }
@@ -948,35 +948,8 @@ TEST_F(DrawnMask, DrawsPiecesOfPresentMask) {
     plan.objects.clear();
     const Picture picture = some.draw(frame, plan);
     EXPECT_GT(some.stats()[Counter::mask_pieces_skipped], 0);
-    plan.whole_masks = true;
+    plan.reuse = false;
     ASSERT_EQ(picture, all.draw(frame, plan)) << i;
-  }
-}
-
-// As far away as the camera is, longer pieces follow the lens to 0.15 px.
-TEST_F(DrawnMask, PiecesFollowLensWithinTolerance) {
-  const auto objects = ring();
-  Studio studio(objects, bent_camera());
-  const auto drawn = [&](const PoseEstimate& at, bool finest) {
-    FramePlan plan = studio.plan(at, by(LayerDrawing::mask));
-    plan.finest_edges = finest;
-    return studio.draw_shadows(test::plain_frame(kWidth, kHeight, 255), plan);
-  };
-  for (const double away : {0.6, 1.0, 1.6}) {
-    const PoseEstimate at = test::tracked(
-        test::look_at({0.1 * away, -0.45 * away, 0.4 * away}, {0.13 * away, 0.1 * away, 0.0}));
-    const Picture now = drawn(at, false);
-    const Picture finest = drawn(at, true);
-    EXPECT_NE(now, finest) << away;
-    int most = 0;
-    int dark = 0;
-    for (std::size_t i = 0; i < now.rgba.size(); i += 4) {
-      most = std::max(most, std::abs(now.rgba[i] - finest.rgba[i]));
-      dark += now.rgba[i] < 200 ? 1 : 0;
-    }
-    EXPECT_GT(dark, 200) << away;
-    // An edge of all of the light, moved by so much of a pixel.
-    EXPECT_LE(most, 0.15 * 255) << away;
   }
 }
 

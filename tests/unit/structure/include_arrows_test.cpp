@@ -145,7 +145,7 @@ TEST(IncludeArrows, FindsPlantedViolations) {
 
 TEST(IncludeArrows, FindsPlantedViolationsInsideModules) {
   const std::vector<std::pair<std::string, std::string>> bad = {
-      {"render/shadow/masks/x.cpp", "render/passes/mask_quad.hpp"},
+      {"render/shadow/masks/x.cpp", "render/passes/layers/mask_quad.hpp"},
       {"render/scene/scene_file.cpp", "render/shadow/layers/layered_penumbra.hpp"},
       {"render/model/x.hpp", "render/shadow/kernels/kernel_file.hpp"},
       {"render/gl/texture.hpp", "render/model/model.hpp"},

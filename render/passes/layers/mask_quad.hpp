@@ -1,4 +1,4 @@
-// Draws a MaskPicture as a textured rectangle on its plane, or those pieces of it that darken
+// Draws a MaskPicture as a textured rectangle on its plane, or only the pieces of it that darken
 // anything.
 #pragma once
 
@@ -9,11 +9,9 @@
 #include <vector>
 
 #include "render/camera_gl.hpp"
-#include "render/gl/buffer.hpp"
-#include "render/gl/shader.hpp"
 #include "render/gl/texture.hpp"
+#include "render/passes/layers/unit_grids.hpp"
 #include "render/passes/translucent_program.hpp"
-#include "render/passes/unit_grids.hpp"
 #include "render/shadow/masks/silhouette_mask.hpp"
 
 namespace penumbra {
@@ -21,7 +19,7 @@ namespace penumbra {
 // One mask on the GPU.
 class MaskTexture {
  public:
-  // `codes`: of finish(), rows in order.
+  // `codes`: from MaskPicture::finish().
   void upload(const MaskCells& cells, std::span<const std::uint8_t> codes);
 
  private:
@@ -30,10 +28,10 @@ class MaskTexture {
 
   Texture2d texture_{TextureFilter::linear};
   glm::vec4 rect_{0.0F};  // corner and extents [m], plane
-  // Of the finest grid's pieces, row by row, a bit each: whether it darkens anything.
+  // One bit for each of the finest grid's pieces, row by row: it darkens something.
   std::array<std::uint64_t, kPieces> darkens_{};
   std::vector<std::uint8_t> darkest_in_column_;  // of some rows
-  // Those of the grid that was drawn last.
+  // The last drawn grid and its pieces.
   VertexArray layout_;
   GlBuffer indices_{BufferUse::indices};
   std::optional<std::size_t> grid_;
@@ -41,32 +39,23 @@ class MaskTexture {
   int index_count_ = 0;
 };
 
-// How a mask is drawn. The pictures are the same: to the bit, and to 0.15 px.
-struct MaskPieces {
-  bool all = false;     // also those that darken nothing
-  bool finest = false;  // as short as the nearest distance expected asks for, whatever the present
-};
-
 class MaskQuad {
  public:
   [[nodiscard]] static Result<MaskQuad> create(GlApi api, double longest_edge_m);
 
-  [[nodiscard]] Result<void> choose(Translucency way, std::optional<PixelFormat> video) {
-    return program_.choose(way, video);
+  [[nodiscard]] Result<void> choose(Translucency mode, std::optional<PixelFormat> video) {
+    return program_.choose(mode, video);
   }
   [[nodiscard]] const ShaderProgram& program() const { return program_.get(); }
-  // How many pieces were left out.
+  // Returns the number of skipped pieces; with `all_pieces`, none is skipped. The image is the
+  // same.
   int draw(MaskTexture& mask, const LensUniforms& lens, const glm::mat4x3& camera_from_plane,
-           const MaskPieces& pieces) const;
+           bool all_pieces) const;
 
  private:
-  MaskQuad(TranslucentProgram program, double longest_edge_m)
-      : program_(std::move(program)), longest_edge_m_(longest_edge_m) {}
-
   TranslucentProgram program_;
   UnitGrids grids_;
-  // At the nearest distance expected pieces are no longer than this, so that they follow the lens.
-  double longest_edge_m_ = 0.0;
+  double longest_edge_m_ = 0.0;  // of pieces that follow the lens at the nearest distance
 };
 
 }  // namespace penumbra

@@ -1,11 +1,16 @@
-#include "render/passes/mask_part.hpp"
+#include "render/passes/layers/mask_part.hpp"
 
 #include "render/shadow/fields/fixed_light.hpp"
 
 namespace penumbra {
 namespace {
 
-constexpr std::array<bool, 3> kNoLayers{};
+std::array<bool, 3> layers_from(const LayerSources& layers, LayerSource source) {
+  return {layers[0] == source, layers[1] == source, layers[2] == source};
+}
+bool any_from(const LayerSources& layers, LayerSource source) {
+  return layers_from(layers, source) != std::array<bool, 3>{};
+}
 
 }  // namespace
 
@@ -13,8 +18,8 @@ MaskPart MaskPart::of(const ShadowDraw& draw, CachedCaster& caster, const Prepar
                       const glm::vec3& light) {
   MaskPart part;
   part.caster = &caster;
-  part.kernels = prepared.kernel_key;
-  part.reduced = prepared.reduced;
+  part.kernels = prepared.key.kernels;
+  part.reduced = prepared.key.reduced;
   part.own = prepared.own;
   part.light = light;
   if (draw.technique == ShadowTechnique::simple) {
@@ -24,29 +29,19 @@ MaskPart MaskPart::of(const ShadowDraw& draw, CachedCaster& caster, const Prepar
     part.light_mode = draw.light_mode;
   }
   if (draw.technique == ShadowTechnique::field) part.outlines = prepared.outlines;
-  for (std::size_t layer = 0; layer < 3; ++layer) {
-    const LayerSource source = prepared.layers[layer].source;
-    part.layers[layer] = source == LayerSource::masked;
-    part.faces[layer] = source == LayerSource::masked_faces;
-    part.sides[layer] = source == LayerSource::masked_outline;
-  }
+  for (std::size_t i = 0; i < 3; ++i) part.layers[i] = prepared.layers[i].source;
   return part;
-}
-
-bool MaskPart::covers_nothing() const {
-  return layers == kNoLayers && faces == kNoLayers && sides == kNoLayers;
 }
 
 bool MaskPart::covers_same_as(const MaskPart& other) const {
   return caster == other.caster && kernels == other.kernels && reduced == other.reduced &&
          own.same_shape(other.own) && own.T_plane_own == other.own.T_plane_own &&
-         constants == other.constants && light_mode == other.light_mode && layers == other.layers &&
-         faces == other.faces && sides == other.sides;
+         constants == other.constants && light_mode == other.light_mode && layers == other.layers;
 }
 
 MaskPart::Faces MaskPart::face_images(RenderWork& work) const {
   Faces images;
-  if (faces == kNoLayers) return images;
+  if (!any_from(layers, LayerSource::masked_faces)) return images;
   const ShadowMesh& mesh = caster->casting_mesh(reduced);
   const CasterBody& body = caster->body(reduced);
   const std::vector<std::uint32_t>& indices = body.oriented ? *body.oriented : mesh.indices;
@@ -59,7 +54,7 @@ MaskPart::Faces MaskPart::face_images(RenderWork& work) const {
     discs = CasterCache::discs_of(*caster, kernels, reduced, own.T_own_object.scale, work);
   }
   for (std::size_t i = 0; i < 3; ++i) {
-    if (!faces[i]) continue;
+    if (layers[i] != LayerSource::masked_faces) continue;
     images[i] = light_mode == LightMode::fixed
                     ? fixed_light_triangles(vertices, discs, indices, constants, kShadowLayers[i])
                     : layer_triangles(vertices, indices, constants, kShadowLayers[i]);
@@ -69,23 +64,24 @@ MaskPart::Faces MaskPart::face_images(RenderWork& work) const {
 
 void MaskPart::project(const Faces& images, double cell, MaskCaster& projected,
                        RenderWork& work) const {
-  if (layers == kNoLayers) {
+  if (!any_from(layers, LayerSource::masked)) {
     projected.begin(own, cell);
   } else {
     const std::vector<glm::vec3>& positions = caster->casting_mesh(reduced).positions;
     projected.project(positions, caster->sets.at(kernels).vertices(reduced).kernels, own, constants,
-                      layers, cell);
+                      layers_from(layers, LayerSource::masked), cell);
     work[Counter::shadow_vertices] += static_cast<std::int64_t>(positions.size());
   }
   for (std::size_t layer = 0; layer < 3; ++layer) {
     projected.project_faces(kShadowLayers[layer], images[layer]);
-    if (sides[layer]) projected.project_outline(kShadowLayers[layer], (*outlines)[layer]);
+    if (layers[layer] == LayerSource::masked_outline)
+      projected.project_outline(kShadowLayers[layer], (*outlines)[layer]);
   }
 }
 
 void MaskPart::cover(MaskCaster& projected, MaskPicture& picture) const {
   static const std::vector<FacePair> kNoEdges;
-  if (layers == kNoLayers) {
+  if (!any_from(layers, LayerSource::masked)) {
     picture.cover(projected, {}, kNoEdges);
   } else {
     picture.cover(projected, caster->casting_mesh(reduced).indices, *caster->body(reduced).edges);

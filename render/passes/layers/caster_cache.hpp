@@ -3,7 +3,6 @@
 
 #include <array>
 #include <cstdint>
-#include <glm/vec3.hpp>
 #include <map>
 #include <memory>
 #include <optional>
@@ -13,38 +12,33 @@
 #include <utility>
 #include <vector>
 
-#include "core/camera/camera_model.hpp"
 #include "render/frame_plan.hpp"
 #include "render/gl/buffer.hpp"
-#include "render/model/shadow_mesh.hpp"
-#include "render/render_work.hpp"
-#include "render/scene/scene.hpp"
 #include "render/shadow/casters/caster_geometry.hpp"
 #include "render/shadow/casters/shadow_proxy.hpp"
 #include "render/shadow/fields/fixed_light.hpp"
 #include "render/shadow/kernels/kernel_direction.hpp"
 #include "render/shadow/kernels/twist.hpp"
 #include "render/shadow/layers/own_frame.hpp"
-#include "render/shadow/masks/silhouette_mask.hpp"
+#include "render/shadow/masks/mesh_edges.hpp"
 
 namespace penumbra {
 
-// For each object of the scene: the longest edge [object units] of the caster made of it, so that
-// its shadow's edges can follow the lens at the nearest distance expected; 0 (no edge needs
-// splitting) for a lens without distortion.
+// Returns for each object of the scene the longest edge [object units] of its caster, so that the
+// shadow's edges follow the lens at the nearest distance; 0 (no splitting) without distortion.
 [[nodiscard]] std::vector<float> longest_caster_edges(const Scene& scene,
                                                       const CameraModel& camera);
 
 struct KernelKey {
   std::optional<KernelSource> source;  // none: the technique uses no kernels
   KernelDirection direction;
-  bool stored = false;  // the kernels that came with the model
+  bool stored = false;  // the kernels in the model's file
   friend auto operator<=>(const KernelKey&, const KernelKey&) = default;
 };
 
-// A mesh that casts, with its faces on the GPU.
+// A casting mesh, with its faces on the GPU.
 struct CasterBody {
-  // An edge of the mesh that was split, between two of its positions; object units.
+  // A split edge between two positions; object units.
   struct LongEdge {
     std::uint32_t a = 0, b = 0;
     float length = 0.0F;
@@ -57,9 +51,9 @@ struct CasterBody {
   std::vector<LongEdge> long_edges;
   GlBuffer indices{BufferUse::indices};
   bool indices_written = false;
-  std::vector<IndexRange> ranges;  // of the coarser surfaces, then of the finest
-  // Of the mesh before it was split, made on demand by can_be_masked(): the edges of a closed mesh,
-  // or the faces of an open one where their orientation is known.
+  std::vector<IndexRange> ranges;  // of the surfaces, from coarse to fine
+  // Made on demand by can_be_masked(), of the unsplit mesh: the edges if it is closed, else the
+  // faces if their orientation is known.
   std::optional<std::vector<FacePair>> edges;
   std::optional<std::vector<std::uint32_t>> oriented;
   bool edges_made = false;
@@ -74,7 +68,7 @@ struct BodyVertices {
 };
 
 struct KernelSet {
-  ShadowKernels made;  // for the full mesh; its positions where the technique needs no kernels
+  ShadowKernels made;  // for the full mesh; its positions if the technique needs no kernels
   BodyVertices whole, reduced;
   TwistReport twist;
   std::optional<double> overshoot;  // layer_spill(), measured on demand
@@ -96,10 +90,10 @@ struct CachedCaster {
   };
 
   ShadowMesh mesh;
-  // Of the kernels that came with the model; the source of those for other tilts too.
+  // Source of the kernels in the model's file; kernels for other tilts have it too.
   KernelSource stored_source = KernelSource::automatic;
   CasterBody whole;
-  // A reduced mesh that may cast layers, and the comparisons that it passed.
+  // A reduced mesh that may cast layers, and the results of its comparisons.
   std::optional<ShadowProxy> proxy;
   CasterBody reduced;
   std::map<ProxyKey, bool> proxy_kept;
@@ -118,7 +112,7 @@ struct CachedCaster {
   [[nodiscard]] const ShadowMesh& casting_mesh(bool use_reduced) const {
     return use_reduced ? proxy->mesh : mesh;
   }
-  // The kernels of a set, one for each position of the casting mesh.
+  // Returns the kernels of a set, one per position of the casting mesh.
   [[nodiscard]] std::span<const glm::vec3> kernels(const KernelSet& set, bool use_reduced) const {
     return std::span<const glm::vec3>(set.vertices(use_reduced).kernels)
         .first(casting_mesh(use_reduced).positions.size());
@@ -129,37 +123,32 @@ class CasterCache {
  public:
   CasterCache(const Scene& scene, const CameraModel& camera);
 
-  // Starts a frame: kernel sets used before it may be evicted.
+  // Starts a frame: older kernel sets may be evicted.
   void begin_frame() { ++frame_count_; }
 
   CachedCaster& caster_of(const Scene& scene, const ShadowDraw& draw);
 
-  // The mesh and kernels that cast a shadow. A field uses only the key.
+  // The mesh and kernels of a shadow. A field uses only the key.
   struct Casting {
     KernelKey key;
     KernelSet* kernels = nullptr;
     bool reduced = false;  // the proxy casts
   };
-  // `to_gpu`: the vertex shader will project the vertices.
+  // `to_gpu`: uploads the vertices, unless the CPU projects them.
   Casting casting(const ShadowDraw& draw, CachedCaster& caster, const OwnFrame& own, bool to_gpu,
                   RenderWork& work);
 
-  // The light sizes of a caster's parts.
+  // Returns the light sizes of a caster's parts.
   static const std::vector<PartDisc>& parts_of(CachedCaster& caster,
                                                const KernelDirection& direction, bool of_field,
                                                RenderWork& work);
-  // The light sizes at a casting mesh's vertices, for lights of one size.
+  // Returns the light sizes at a casting mesh's vertices, for lights of one size.
   static std::vector<VertexDisc> discs_of(CachedCaster& caster, const KernelKey& key, bool reduced,
                                           double scale, RenderWork& work);
-  // True if the CPU projects the vertices, not the vertex shader.
+  // Returns whether the CPU projects the vertices, not the vertex shader.
   [[nodiscard]] static bool projects_on_cpu(const ShadowDraw& draw, const CasterBody& body);
-  // True if masks can show the meshes that may cast this shadow.
+  // Returns whether masks can show the meshes that may cast this shadow.
   [[nodiscard]] static bool can_be_masked(const ShadowDraw& draw, CachedCaster& caster);
-
-  // The longest edge of an object's caster [object units]; 0: no edge is split.
-  [[nodiscard]] float longest_edge_of(int object) const {
-    return edges_[static_cast<std::size_t>(object)];
-  }
 
  private:
   // Model, longest edge, proxy model, groups and cut-outs.
@@ -169,9 +158,10 @@ class CasterCache {
   bool proxy_casts(const ShadowDraw& draw, CachedCaster& caster, const KernelKey& key,
                    KernelSet& set, RenderWork& work);
 
-  std::vector<float> edges_;    // of each scene object
-  std::vector<bool> steady_;    // of each scene object: scale and tilt are constant
-  std::vector<bool> cut_outs_;  // of each scene object: its model has_cut_outs()
+  // One per scene object.
+  std::vector<float> edges_;    // longest_caster_edges()
+  std::vector<bool> steady_;    // scale and tilt are constant
+  std::vector<bool> cut_outs_;  // its model has_cut_outs()
   std::map<Key, std::unique_ptr<CachedCaster>> casters_;
   std::uint64_t frame_count_ = 0;
 };

@@ -1,17 +1,15 @@
-#include "render/passes/caster_cache.hpp"
+#include "render/passes/layers/caster_cache.hpp"
 
 #include <algorithm>
 #include <cmath>
 #include <glm/common.hpp>
 #include <glm/geometric.hpp>
 #include <set>
-#include <span>
 
 #include "render/camera_gl.hpp"
 #include "render/model/cut_out.hpp"
 #include "render/passes/object_painter.hpp"
 #include "render/shadow/casters/caster.hpp"
-#include "render/shadow/fields/fixed_light.hpp"
 #include "render/shadow/kernels/kernel_file.hpp"
 
 namespace penumbra {
@@ -21,13 +19,13 @@ constexpr std::size_t kMaxKernelSets = 64;  // per caster
 constexpr std::size_t kMaxProxyChecks = 4096;
 // A reduced mesh, its edges split for the lens, has at most this share of the model's faces.
 constexpr double kWorthwhileFaces = 0.75;
-// Factors between which faces are tested for twists: from an umbra that has almost vanished to a
-// penumbra at 0.65 of that height.
+// Range of factors in which faces are tested for twists: from an umbra that has almost vanished to
+// a penumbra at 0.65 of that height.
 constexpr double kLeastFactor = 0.05;
 constexpr double kGreatestTestedFactor = 1.65;
 
-// For each object the largest ratio of a shadow edge to the caster's edge: the penumbra's factor at
-// the greatest height that the object reaches.
+// Returns for each object the largest ratio of a shadow edge to the caster's edge: the penumbra's
+// factor at the object's greatest height.
 std::vector<double> largest_magnifications(const Scene& scene) {
   std::vector<double> magnifications(scene.objects.size(), 1.0);
   std::map<int, std::vector<double>> heights_over;  // a plane
@@ -50,7 +48,7 @@ std::vector<double> largest_magnifications(const Scene& scene) {
   return magnifications;
 }
 
-// Times at which the objects' placements are compared: their keys, between keys, and around a spin.
+// Returns times to compare placements at: at keys, between keys, and around a spin.
 std::set<double> sample_times(const Scene& scene) {
   constexpr std::size_t kMostKeys = 32;  // of one object
   constexpr int kSpinSteps = 8;
@@ -67,43 +65,42 @@ std::set<double> sample_times(const Scene& scene) {
   return times;
 }
 
-// The tag group that the object moves with: its root's.
+// Returns the tag group of the object's root.
 const std::string& tag_group_of(const Scene& scene, int object) {
   const SceneObject* at = &scene.objects[static_cast<std::size_t>(object)];
   while (at->parent >= 0) at = &scene.objects[static_cast<std::size_t>(at->parent)];
   return at->tag_group;
 }
 
-// Returns for each object whether its scale and the tilt of its kernels are constant. A proxy is
-// compared once for each tilt, which costs as much as it saves in many frames. Two tag groups may
-// tilt against each other at any time.
+// Returns for each object whether its scale and the tilt of its kernels are constant: a proxy is
+// compared once for each tilt, at the cost of many frames' savings. Tag groups may tilt against
+// each other.
 std::vector<bool> steady_casters(const Scene& scene) {
   std::vector<bool> steady(scene.objects.size(), true);
+  std::set<std::pair<int, int>> shadows;  // caster, plane
   for (const ShadowNode& node : scene.shadows) {
     for (const int plane : node.planes) {
-      const std::string& group = scene.planes[static_cast<std::size_t>(plane)].tag_group;
-      for (const int caster : node.casters) {
-        const auto i = static_cast<std::size_t>(caster);
-        steady[i] = steady[i] && tag_group_of(scene, caster) == group;
-      }
+      for (const int caster : node.casters) shadows.emplace(caster, plane);
     }
+  }
+  const auto plane_at = [&scene](int plane) -> const ScenePlane& {
+    return scene.planes[static_cast<std::size_t>(plane)];
+  };
+  for (const auto& [caster, plane] : shadows) {
+    if (tag_group_of(scene, caster) != plane_at(plane).tag_group)
+      steady[static_cast<std::size_t>(caster)] = false;
   }
   const SceneState start = evaluate_scene(scene, 0.0);
   for (const double time : sample_times(scene)) {
     const SceneState state = evaluate_scene(scene, time);
-    for (const ShadowNode& node : scene.shadows) {
-      for (const int plane : node.planes) {
-        const Eigen::Vector3d& up = scene.planes[static_cast<std::size_t>(plane)].normal;
-        const auto tilt = [&up](const Placement& placement) {
-          return KernelDirection::nearest(placement.rotation.conjugate() * up);
-        };
-        for (const int caster : node.casters) {
-          const auto i = static_cast<std::size_t>(caster);
-          const Placement& now = state.objects[i];
-          const Placement& before = start.objects[i];
-          steady[i] = steady[i] && now.scale == before.scale && tilt(now) == tilt(before);
-        }
-      }
+    for (const auto& [caster, plane] : shadows) {
+      const auto tilt = [&up = plane_at(plane).normal](const Placement& placement) {
+        return KernelDirection::nearest(placement.rotation.conjugate() * up);
+      };
+      const auto i = static_cast<std::size_t>(caster);
+      const Placement& now = state.objects[i];
+      const Placement& before = start.objects[i];
+      steady[i] = steady[i] && now.scale == before.scale && tilt(now) == tilt(before);
     }
   }
   return steady;
@@ -122,8 +119,7 @@ void set_geometry(CasterBody& body, const ShadowMesh& mesh, float max_edge) {
   }
 }
 
-// Kernels that came with the model have no radii: those of generated ones for the same direction
-// serve.
+// Completes kernels from a file, which have no radii, by those of generated kernels.
 void complete_set(CachedCaster& caster, KernelSet& set, RenderWork& work) {
   if (complete_radii(set.made, caster.mesh, set.made.up)) ++work[Counter::kernel_generations];
 }
@@ -159,8 +155,7 @@ void write_vertices(CachedCaster& caster, KernelSet& set, bool reduced, bool to_
   }
   vertices.layout.bind();
   vertices.vertices.write(std::span<const glm::vec3>(interleaved));
-  VertexArray::attribute(0, 3, 2 * sizeof(glm::vec3), 0);
-  VertexArray::attribute(1, 3, 2 * sizeof(glm::vec3), sizeof(glm::vec3));
+  VertexArray::attributes({3, 3});
   body.indices.bind();
 }
 
@@ -270,7 +265,7 @@ bool CasterCache::can_be_masked(const ShadowDraw& draw, CachedCaster& caster) {
           has_edges_or_orientation(caster.reduced, caster.proxy->mesh));
 }
 
-// Depends on the tilt alone, so that the same view always has the same shadow.
+// Depends on the tilt alone, not on earlier frames.
 bool CasterCache::proxy_casts(const ShadowDraw& draw, CachedCaster& caster, const KernelKey& key,
                               KernelSet& set, RenderWork& work) {
   if (!caster.proxy || !draw.proxy || draw.technique != ShadowTechnique::layered) return false;
@@ -303,7 +298,7 @@ const std::vector<PartDisc>& CasterCache::parts_of(CachedCaster& caster,
   const std::pair key(direction, of_field);
   const auto found = caster.part_sets.find(key);
   if (found != caster.part_sets.end()) return found->second;
-  // A few bytes for each part: the cache is emptied when it is full.
+  // A set has a few bytes per part, so a full cache is simply emptied.
   if (caster.part_sets.size() >= 4 * kMaxKernelSets) caster.part_sets.clear();
   ++work[Counter::kernel_generations];
   return caster.part_sets
@@ -329,10 +324,10 @@ CasterCache::Casting CasterCache::casting(const ShadowDraw& draw, CachedCaster& 
         draw.kernels == KernelSource::automatic &&
         (draw.light_mode == LightMode::proportional || have_thickness(caster.stored_source));
     with.key.source = stored_serve ? caster.stored_source : draw.kernels;
-    // From the own frame: turning on the plane changes nothing, not even by rounding.
+    // In the own frame, where turning on the plane changes no bit.
     const Eigen::Vector3d up = own.T_own_object.rotation.conjugate() * Eigen::Vector3d::UnitZ();
     with.key.direction = KernelDirection::nearest(up);
-    // By the tilt itself: the grid's direction may be nearly 2 degrees nearer to the stored one.
+    // By the exact tilt: the grid's direction may be up to 2 degrees nearer to the stored one.
     with.key.stored = stored_serve && has_stored_kernels_for(caster.mesh, up);
   }
   if (draw.technique == ShadowTechnique::field) return with;

@@ -1,17 +1,13 @@
-#include "render/passes/unit_grids.hpp"
+#include "render/passes/layers/unit_grids.hpp"
 
 #include <epoxy/gl.h>
 
-#include <cstdint>
 #include <glm/vec2.hpp>
-#include <span>
-#include <vector>
 
 namespace penumbra {
 
 UnitGrids::UnitGrids() {
   for (std::size_t i = 0; i < kGrids; ++i) {
-    Grid& grid = grids_[i];
     const std::uint32_t pieces = 1U << i;
     std::vector<glm::vec2> corners;
     std::vector<std::uint32_t> indices;
@@ -23,20 +19,10 @@ UnitGrids::UnitGrids() {
         for (const std::uint32_t index : piece(i, row, column)) indices.push_back(index);
       }
     }
-    grid.layout.bind();
-    grid.vertices.write(std::span<const glm::vec2>(corners));
-    bind_corners(i);
-    grid.indices.write(std::span<const std::uint32_t>(indices));
-    grid.index_count = static_cast<int>(indices.size());
+    GlMesh& grid = grids_.emplace_back(GlMesh{2});
+    grid.write(corners);
+    grid.write_indices(indices);
   }
-}
-
-std::array<std::uint32_t, 6> UnitGrids::piece(std::size_t grid, std::uint32_t row,
-                                              std::uint32_t column) {
-  const std::uint32_t corners = (1U << grid) + 1;
-  const std::uint32_t first = row * corners + column;
-  const std::uint32_t above = first + corners;
-  return {first, first + 1, above, above, first + 1, above + 1};
 }
 
 std::size_t UnitGrids::grid_for(double longest, double piece, bool straight) {
@@ -47,13 +33,12 @@ std::size_t UnitGrids::grid_for(double longest, double piece, bool straight) {
 }
 
 void UnitGrids::draw(std::size_t grid) const {
-  grids_[grid].layout.bind();
-  glDrawElements(GL_TRIANGLES, grids_[grid].index_count, GL_UNSIGNED_INT, nullptr);
+  grids_[grid].draw(GL_TRIANGLES);
 }
 
 void UnitGrids::bind_corners(std::size_t grid) const {
-  grids_[grid].vertices.bind();
-  VertexArray::attribute(0, 2, sizeof(glm::vec2), 0);
+  grids_[grid].bind_vertices();
+  VertexArray::attributes({2});
 }
 
 }  // namespace penumbra

@@ -1,4 +1,4 @@
-#include "render/passes/plane_masks.hpp"
+#include "render/passes/layers/plane_masks.hpp"
 
 #include <epoxy/gl.h>
 
@@ -6,34 +6,31 @@
 #include <array>
 #include <cmath>
 #include <limits>
-#include <optional>
-#include <string>
 
 #include "core/assert.hpp"
-#include "render/passes/translucent_program.hpp"
 
 namespace penumbra {
 namespace {
 
 constexpr double kNone = std::numeric_limits<double>::infinity();
 
-// Both from the measurements in docs/rendering.md#mask-cells.
+// Measured, see docs/rendering.md#mask-cells.
 constexpr double kPixelsPerMaskCell = 1.6;
 constexpr double kPixelsPerSeenCell = 1.35;
-constexpr std::int64_t kMostMaskSide = 8192;  // cells, where the driver has textures as large
+constexpr std::int64_t kMostMaskSide = 8192;  // cells
 constexpr int kMaskCellsAtOnce = 1 << 20;
-// Faces of all casters on a plane: with no more, drawing directly takes the CPU far less than a
-// mask (docs/rendering.md#masks).
+// Up to this number of faces on a plane, direct drawing takes the CPU far less than a mask
+// (docs/rendering.md#masks).
 constexpr std::size_t kFewFaces = 500;
 
-// One cell around, which no shadow reaches.
+// With a border of one cell that no shadow reaches.
 MaskCells cells_about(const CellBox& box, double cell) {
   return MaskCells{cell, box.min().x() - 1, box.min().y() - 1,
                    static_cast<int>(box.sizes().x()) + 3, static_cast<int>(box.sizes().y()) + 3};
 }
 
-// What a mask stores of each layer: what it leaves of the encoded value; through a screen-door, the
-// share of places that it leaves open, a number that 8 bits hold exactly.
+// Returns a mask's value of each layer: the fraction left of the encoded value; for a screen-door,
+// the fraction of open places, which 8 bits hold exactly.
 glm::vec3 mask_light(const ShadowDraw& draw, Translucency mode) {
   const glm::vec3 light = layer_light(draw);
   if (mode != Translucency::mesh) return light;
@@ -91,9 +88,9 @@ bool PlaneMasks::has_mask(int plane) const {
   return found != planes_.end() && found->second.in_use;
 }
 
-// Returns the depth of the nearest of a plane's shadows [m] if all of them can be in a mask, and
-// nothing where they can't or nothing casts one. Shadows out of sight count like the rest: culling
-// one shadow must not change how the others are drawn.
+// Returns the depth of a plane's nearest shadow [m]; nothing if some shadow can't be in a mask or
+// nothing casts one. Shadows out of view count too: culling one must not change how the others are
+// drawn.
 std::optional<double> PlaneMasks::depth_of(const Scene& scene, const FramePlan& plan, int plane,
                                            CasterCache& casters, RenderWork& work) const {
   double in_view = kNone;
@@ -128,13 +125,13 @@ std::optional<double> PlaneMasks::depth_of(const Scene& scene, const FramePlan& 
       if (draw.plane == plane && !serves(draw)) serve = false;
     }
   }
-  // Simple shadows alone are drawn directly: one draw call, and the yardstick of the others.
+  // Simple shadows alone are drawn directly, in one draw call.
   if (!layers && plan.layers == LayerDrawing::automatic) return std::nullopt;
   if (!serve) {
     work.skipped.push_back({SkipReason::mask_impossible, plane, not_masked});
     return std::nullopt;
   }
-  // A field drawn directly has no edges that several samples a pixel would smooth.
+  // Multisampling would not smooth the edges of a directly drawn field.
   if (!fields && draws_directly(plan.layers, multisampled_, faces)) return std::nullopt;
   if (anywhere == kNone) return std::nullopt;
   return in_view == kNone ? anywhere : in_view;
@@ -181,15 +178,15 @@ void PlaneMasks::make_plane(const FramePlan& plan, Translucency mode, int plane,
     const ShadowDraw& draw = plan.shadows[i];
     const PreparedShadow& prepared = *items[i].prepared;
     if (draw.plane != plane || !prepared.valid) continue;
-    // Shadows out of sight would make the mask larger. Kernels from a file may lie anywhere.
+    // Shadows out of view would enlarge the mask. Kernels from a file may lie anywhere.
     if (draw.off_outline ||
-        (!prepared.kernel_key.stored && frustum_.misses(square_in_view(draw, plan))))
+        (!prepared.key.kernels.stored && frustum_.misses(square_in_view(draw, plan))))
       continue;
     const MaskPart part = MaskPart::of(draw, *items[i].caster, prepared, mask_light(draw, mode));
     if (!part.covers_nothing()) parts.push_back(part);
   }
-  // By half powers of two, so that a moving camera seldom makes another mask. Depends on the
-  // present frame alone; but where a camera at rest trembles between two sizes, both are kept.
+  // In half powers of two, so that a moving camera rarely makes another mask. Depends on the
+  // present frame alone; a camera at rest may jitter between two sizes, so both are kept.
   const int half_octave = cell_at(mask.depth, kPixelsPerMaskCell);
   const auto receiver = std::ranges::find(plan.receivers, plane, &PlaneReceiver::plane);
   const LayOut lay_out = layout_for(plan, receiver->frame, half_octave);
@@ -220,7 +217,7 @@ void PlaneMasks::draw_masks(int half_octave, std::vector<MaskPart> of, const Lay
   const std::vector<MaskPart>& parts = made.parts;
   ++plane.times_drawn;
   if (casters_.size() < parts.size()) casters_.resize(parts.size());
-  // Worth noting is the cover of parts that have rested since the masks before, while others moved.
+  // Keeps the cover of parts that have not moved since the last masks, while others did.
   std::vector<bool> rests(parts.size(), false);
   for (std::size_t i = 0; parts.size() > 1 && i < parts.size(); ++i) {
     rests[i] = std::ranges::any_of(plane.drawn_before, [&](const MaskPart& before) {
@@ -298,7 +295,7 @@ void PlaneMasks::draw_masks(int half_octave, std::vector<MaskPart> of, const Lay
     made.masks.push_back(std::move(mask));
     ++work[Counter::layer_masks_drawn];
   }
-  // Covers of the last two masks stay: a camera may tremble between two sizes of cells.
+  // Covers of the last two masks stay: a camera may jitter between two sizes of cells.
   std::erase_if(plane.covers,
                 [&](const PartCover& cover) { return cover.last_used + 1 < plane.times_drawn; });
 }
@@ -308,7 +305,7 @@ void PlaneMasks::fill_mask(const MaskLayout::Group& group, const std::vector<boo
   const MaskCells& cells = mask.cells;
   const auto width = static_cast<std::size_t>(cells.width);
   codes_.resize(width * static_cast<std::size_t>(cells.height));
-  // A cut mask may be large: it is made in bands of rows to bound the memory of the sums.
+  // A cut mask may be large: bands of rows bound the memory of the sums.
   const int rows =
       group.cut ? std::clamp(kMaskCellsAtOnce / cells.width, 1, cells.height) : cells.height;
   for (int first_row = 0; first_row < cells.height; first_row += rows) {
@@ -349,7 +346,7 @@ void PlaneMasks::cover_band(const MaskLayout::Group& group, const std::vector<bo
       first = false;
       continue;
     }
-    // Where lights differ, the darkest counts.
+    // The darkest value of different lights counts.
     picture_.finish(light, lighter_codes_);
     std::ranges::transform(codes, lighter_codes_, codes.begin(),
                            [](std::uint8_t a, std::uint8_t b) { return std::min(a, b); });
@@ -360,9 +357,8 @@ int PlaneMasks::draw(const FramePlan& plan, const PlaneReceiver& receiver, const
                      const MaskQuad& quad, RenderWork& work) {
   int calls = 0;
   for (const std::shared_ptr<DrawnMask>& mask : planes_.at(receiver.plane).now.masks) {
-    work[Counter::mask_pieces_skipped] +=
-        quad.draw(mask->texture, lens, camera_from_plane(plan.T_table_camera, receiver.frame),
-                  {plan.whole_masks, plan.finest_edges});
+    work[Counter::mask_pieces_skipped] += quad.draw(
+        mask->texture, lens, camera_from_plane(plan.T_table_camera, receiver.frame), !plan.reuse);
     ++calls;
   }
   return calls;

@@ -1,36 +1,31 @@
-#include "render/passes/mesh_strips.hpp"
+#include "render/passes/layers/mesh_strips.hpp"
 
 #include <epoxy/gl.h>
 
 #include <algorithm>
-#include <array>
 #include <cmath>
-#include <glm/vec2.hpp>
+#include <vector>
 
 #include "core/propagate.hpp"
-#include "render/passes/lens_uniforms.hpp"
+#include "render/passes/uniforms.hpp"
 
 namespace penumbra {
 namespace {
 
 constexpr double kPeriod = 3e-3;    // [m]
-constexpr double kTable = 0.3;      // half its side [m]
-constexpr double kFarthest = 3.0;   // strips beyond this [m] are left out
-constexpr unsigned kDarkest = 127;  // level: black all over
+constexpr double kTable = 0.3;      // half the table's side [m]
+constexpr double kFarthest = 3.0;   // no strips beyond this [m]
+constexpr unsigned kDarkest = 127;  // level of black
 
 }  // namespace
 
 Result<MeshStrips> MeshStrips::create(GlApi api, const CameraModel& camera) {
-  constexpr std::array<std::string_view, 2> kVertex = {"lens.glsl", "mesh_strip.vert.glsl"};
-  constexpr std::array<std::string_view, 1> kFragment = {"fill.frag.glsl"};
-  PENUMBRA_TRY(auto program, ShaderProgram::link(api, kVertex, kFragment));
-  MeshStrips strips(std::move(program));
+  MeshStrips strips;
+  PENUMBRA_TRY(strips.program_,
+               ShaderProgram::link(api, {"lens.glsl", "mesh_strip.vert.glsl"}, {"fill.frag.glsl"}));
   strips.piece_ = camera.has_distortion() ? longest_edge(camera) : kTable;
-  const std::array<glm::vec2, 4> corners = {glm::vec2(0, 0), glm::vec2(1, 0), glm::vec2(0, 1),
-                                            glm::vec2(1, 1)};
-  strips.layout_.bind();
-  strips.vertices_.write(std::span<const glm::vec2>(corners));
-  VertexArray::attribute(0, 2, sizeof(glm::vec2), 0);
+  strips.corners_.write(
+      std::vector<glm::vec2>{glm::vec2(0, 0), glm::vec2(1, 0), glm::vec2(0, 1), glm::vec2(1)});
   return strips;
 }
 
@@ -65,7 +60,7 @@ int MeshStrips::draw(unsigned level, const Eigen::AlignedBox2d& bounds, const Le
   program_.set("pieces", pieces);
   program_.set("strip", glm::vec3(static_cast<float>(kPeriod), static_cast<float>(width),
                                   static_cast<float>(piece_)));
-  layout_.bind();
+  corners_.bind();
   glDrawArraysInstanced(GL_TRIANGLE_STRIP, 0, 4, strips * pieces);
   return 1;
 }

@@ -1,22 +1,20 @@
-#include "render/passes/mask_quad.hpp"
+#include "render/passes/layers/mask_quad.hpp"
 
 #include <epoxy/gl.h>
 
 #include <algorithm>
-#include <array>
 #include <limits>
-#include <string_view>
 #include <utility>
 
 #include "core/propagate.hpp"
 #include "core/vector_clones.hpp"
-#include "render/passes/lens_uniforms.hpp"
 #include "render/passes/object_painter.hpp"
+#include "render/passes/uniforms.hpp"
 
 namespace penumbra {
 namespace {
 
-// With fewer pieces too much of what darkens nothing is drawn; more cost more than they spare.
+// Fewer pieces draw too many cells that darken nothing; more cost more than they save.
 constexpr std::size_t kLeastGrid = 4;
 
 PENUMBRA_VECTOR_CLONES
@@ -36,7 +34,7 @@ void MaskTexture::upload(const MaskCells& cells, std::span<const std::uint8_t> c
            static_cast<float>(cells.size * cells.width),
            static_cast<float>(cells.size * cells.height)};
   grid_.reset();
-  // A piece shows its cells and, between their middles, the next ones.
+  // A piece shows its cells and, by interpolation, their neighbours.
   const auto width = static_cast<std::size_t>(cells.width);
   const auto cells_of = [](std::size_t piece, std::size_t count) {
     const std::size_t first = piece * count / kPieces;
@@ -62,14 +60,15 @@ void MaskTexture::upload(const MaskCells& cells, std::span<const std::uint8_t> c
 }
 
 Result<MaskQuad> MaskQuad::create(GlApi api, double longest_edge_m) {
-  constexpr std::array<std::string_view, 2> kVertex = {"lens.glsl", "mask.vert.glsl"};
-  constexpr std::array<std::string_view, 1> kFragment = {"mask.frag.glsl"};
-  PENUMBRA_TRY(auto program, TranslucentProgram::create(api, kVertex, kFragment, {}, Under::video));
-  return MaskQuad(std::move(program), longest_edge_m);
+  MaskQuad quad;
+  PENUMBRA_TRY(quad.program_, TranslucentProgram::create(api, {"lens.glsl", "mask.vert.glsl"},
+                                                         {"mask.frag.glsl"}, {}, Under::video));
+  quad.longest_edge_m_ = longest_edge_m;
+  return quad;
 }
 
 int MaskQuad::draw(MaskTexture& mask, const LensUniforms& lens,
-                   const glm::mat4x3& camera_from_plane, const MaskPieces& pieces) const {
+                   const glm::mat4x3& camera_from_plane, bool all_pieces) const {
   const ShaderProgram& p = program_.get();
   p.use();
   set_lens(p, lens);
@@ -78,28 +77,24 @@ int MaskQuad::draw(MaskTexture& mask, const LensUniforms& lens,
   p.set("mask", kShadowMaskUnit);
   mask.texture_.bind(kShadowMaskUnit);
 
-  // Longer farther away.
-  double depth = kNearestDistance;
-  if (!pieces.finest) {
-    float nearest = std::numeric_limits<float>::infinity();
-    for (const glm::vec2& corner :
-         {glm::vec2(0, 0), glm::vec2(1, 0), glm::vec2(0, 1), glm::vec2(1)}) {
-      const glm::vec2 at = glm::vec2(mask.rect_) + corner * glm::vec2(mask.rect_.z, mask.rect_.w);
-      nearest = std::min(nearest, (camera_from_plane * glm::vec4(at, 0.0F, 1.0F)).z);
-    }
-    depth = std::max(static_cast<double>(nearest), kNearestDistance);
+  // The length of pieces grows with the depth.
+  float nearest = std::numeric_limits<float>::infinity();
+  for (const glm::vec2& corner :
+       {glm::vec2(0, 0), glm::vec2(1, 0), glm::vec2(0, 1), glm::vec2(1)}) {
+    const glm::vec2 at = glm::vec2(mask.rect_) + corner * glm::vec2(mask.rect_.z, mask.rect_.w);
+    nearest = std::min(nearest, (camera_from_plane * glm::vec4(at, 0.0F, 1.0F)).z);
   }
+  const double depth = std::max(static_cast<double>(nearest), kNearestDistance);
   const auto size = static_cast<double>(std::max(mask.rect_.z, mask.rect_.w));
-  // Without a lens to follow one piece is cheapest: what it darkens nothing of costs less than the
-  // corners of many.
-  const bool straight = lens.model == 0;
+  // Without distortion one piece is cheapest.
   const std::size_t grid =
-      straight ? 0
-               : std::max(kLeastGrid, UnitGrids::grid_for(
-                                          size, longest_edge_m_ * depth / kNearestDistance, false));
-  if (mask.grid_ != grid || mask.all_ != pieces.all) {
+      lens.model == 0
+          ? 0
+          : std::max(kLeastGrid,
+                     UnitGrids::grid_for(size, longest_edge_m_ * depth / kNearestDistance, false));
+  if (mask.grid_ != grid || mask.all_ != all_pieces) {
     mask.grid_ = grid;
-    mask.all_ = pieces.all;
+    mask.all_ = all_pieces;
     const auto shift = static_cast<unsigned>(UnitGrids::kGrids - 1 - grid);
     const std::uint64_t a_piece =
         grid == 0 ? ~std::uint64_t{0} : (std::uint64_t{1} << (1U << shift)) - 1;
@@ -108,7 +103,7 @@ int MaskQuad::draw(MaskTexture& mask, const LensUniforms& lens,
       std::uint64_t darkens = 0;
       for (std::uint32_t i = row << shift; i < (row + 1) << shift; ++i) darkens |= mask.darkens_[i];
       for (std::uint32_t column = 0; column < 1U << grid; ++column) {
-        if (!pieces.all && (darkens >> (column << shift) & a_piece) == 0) continue;
+        if (!all_pieces && (darkens >> (column << shift) & a_piece) == 0) continue;
         for (const std::uint32_t index : UnitGrids::piece(grid, row, column))
           indices.push_back(index);
       }

@@ -1,7 +1,8 @@
-// What a shadow on one plane is drawn from: the geometry of its layers, made on the CPU and kept
-// while its caster only slides or turns on the plane.
+// The geometry of a shadow's layers on one plane, made on the CPU and kept while its caster only
+// slides or turns on the plane.
 #pragma once
 
+#include <Eigen/Geometry>
 #include <array>
 #include <cstdint>
 #include <memory>
@@ -9,28 +10,21 @@
 #include <span>
 #include <vector>
 
-#include "core/camera/camera_model.hpp"
-#include "render/frame_plan.hpp"
-#include "render/gl/buffer.hpp"
-#include "render/passes/caster_cache.hpp"
-#include "render/passes/field_quad.hpp"
-#include "render/render_work.hpp"
+#include "render/passes/layers/caster_cache.hpp"
+#include "render/passes/layers/field_quad.hpp"
 #include "render/shadow/layers/layered_penumbra.hpp"
-#include "render/shadow/layers/own_frame.hpp"
+#include "render/shadow/masks/silhouette_mask.hpp"
 
 namespace penumbra {
 
-// Geometry of a receiver's shadows is freed after this number of frames without use.
+// Frames without use after which the geometry of a receiver's shadows is freed.
 inline constexpr std::uint64_t kFramesKept = 150;
-
-// Tilt and height of layers are kept to float precision; those of fields to 1/32 of a cell.
-inline constexpr int kLayerBits = 26;
 
 enum class LayerSource {
   nothing,
   whole,           // the mesh, projected by the vertex shader
-  placed,          // the mesh's vertices projected on the CPU, with those added for the lens
-  clipped,         // faces cut at a height, or split on the CPU
+  placed,          // vertices projected on the CPU, with those added for the lens
+  clipped,         // faces cut at a height, or split, on the CPU
   field,           // a field's texture
   masked,          // in the plane's mask, by silhouettes
   masked_faces,    // in the mask, face by face: open or cut meshes
@@ -38,7 +32,7 @@ enum class LayerSource {
 };
 using LayerSources = std::array<LayerSource, 3>;
 
-// The outlines of each layer of a field, own frame.
+// Outlines of each layer of a field, own frame.
 using FieldOutlines = std::array<std::vector<OutlineSide>, 3>;
 
 struct LayerGeometry {
@@ -47,29 +41,33 @@ struct LayerGeometry {
   int count = 0;
 };
 
-// The inputs of one shadow, and its buffers on the GPU.
+// The inputs of a shadow's geometry, beside the own frame.
+struct ShadowKey {
+  ShadowTechnique technique = ShadowTechnique::layered;
+  LightMode light_mode = LightMode::proportional;
+  LayeredConstants constants;    // default for simple shadows
+  std::array<bool, 3> layers{};  // wanted; none for fields, which have all
+  bool reduced = false;          // the proxy casts
+  bool masked = false;           // in the plane's mask
+  KernelKey kernels;
+  friend bool operator==(const ShadowKey&, const ShadowKey&) = default;
+};
+
 struct PreparedShadow {
   bool valid = false;
   OwnFrame own;
-  LayeredConstants constants;
-  ShadowTechnique technique = ShadowTechnique::layered;
-  LightMode light_mode = LightMode::proportional;
-  bool reduced = false;  // the proxy casts
-  bool masked = false;   // in the plane's mask
+  ShadowKey key;
   std::array<bool, 3> wanted{};
-  KernelKey kernel_key;
   std::array<LayerGeometry, 3> layers;
   std::size_t surface = 0;  // index of the caster's range that is fine enough in this frame
-  // Of placed layers: the largest ratio of a long edge's image to the edge.
+  // The largest ratio of a long edge's image to the edge, in placed layers.
   double magnification = 1.0;
   std::array<VertexArray, 3> placed_layouts;
   GlBuffer placed{BufferUse::vertices};
-  VertexArray clipped_layout;
-  GlBuffer clipped{BufferUse::vertices};
-  bool clipped_layout_made = false;
+  GlMesh clipped{3, 2};  // (u, v, h) and (ku, kv)
   FieldTexture field;
   std::shared_ptr<const FieldOutlines> outlines;  // of a field in a mask
-  std::uint64_t last_used = 0;                    // frame, of shadows on receivers
+  std::uint64_t last_used = 0;                    // frame, for shadows on receivers
 
   void clear() {
     layers = {};
@@ -85,44 +83,44 @@ struct ShadowItem {
   PlaneFrame plane_frame;
 };
 
-// What of a shadow's layers meets heights above its plane, from one upwards.
+// Bounds of a shadow's layers at all heights above its plane from one upwards.
 struct ShadowReach {
-  // In (u, v) of the plane [m], of all layers at all of these heights; empty: nothing casts there.
+  // (u, v) on the plane [m]; empty: nothing casts there.
   Eigen::AlignedBox2d box;
-  double low = 0.0;   // of what casts there, above the plane [m]
-  double rate = 0.0;  // how far outlines move with the receiving height, at most [m / m]
+  double low = 0.0;   // lowest height of the casting faces [m]
+  double rate = 0.0;  // greatest shift of outlines per receiving height [m / m]
 };
 
-// Factor of each layer on the encoded value of the video.
+// Returns each layer's factor on the encoded value of the video.
 [[nodiscard]] glm::vec3 layer_light(const ShadowDraw& draw);
 
-// A simple shadow is the middle layer of a light at the zenith, whatever the node's own.
+// A simple shadow is the middle layer of a light at the zenith.
 [[nodiscard]] LayeredConstants zenith_constants();
 [[nodiscard]] HeightRange range_of(const ShadowDraw& draw, ShadowLayer layer);
-// Tells for each wanted layer whether all of the mesh, a part, or nothing is in its heights.
+// Returns for each wanted layer whether the whole mesh, a part (clipped) or nothing is in its
+// heights.
 [[nodiscard]] LayerSources cut_layers(const ShadowDraw& draw, const CachedCaster& caster);
-// Positions and kernels in the own frame: sliding and turning leave them as they are.
+// Returns positions and kernels in the own frame, where sliding and turning don't change them.
 [[nodiscard]] std::vector<CasterVertex> own_vertices(const OwnFrame& own,
                                                      std::span<const glm::vec3> positions,
                                                      std::span<const glm::vec3> kernels);
-// Own vertices of what stands on the plane are not cut by rounding.
+// Moves vertices that rounding put below the plane onto it.
 void settle_contact(std::vector<CasterVertex>& vertices);
 
 class ShadowGeometry {
  public:
   ShadowGeometry(CasterCache& casters, const CameraModel& camera);
 
-  // Makes the geometry of a shadow, or keeps what is prepared; `masked`: for a mask.
+  // Makes the geometry of a shadow, or keeps the prepared one; `masked`: for a mask.
   void prepare(const ShadowDraw& draw, CachedCaster& caster, bool masked, PreparedShadow& prepared,
                RenderWork& work) const;
-  // The coarsest of the caster's surfaces whose shadow still follows the lens where it is nearest
-  // to the camera. Depends on the present frame alone: the same placement and pose give the same
-  // image.
+  // Returns the coarsest of the caster's surfaces whose shadow follows the lens where it is nearest
+  // to the camera. Depends on the present frame alone.
   [[nodiscard]] std::size_t surface_for(const ShadowDraw& draw, const FramePlan& plan,
                                         const CachedCaster& caster,
                                         const PreparedShadow& prepared) const;
-  // Bounds of a shadow at heights from `from` upwards; none where they are not known beforehand: of
-  // lights of one size, and of fields.
+  // Returns bounds at heights from `from` upwards; nothing for lights of one size and for fields,
+  // whose bounds are unknown beforehand.
   std::optional<ShadowReach> reach_of(const Scene& scene, const ShadowDraw& draw, double from,
                                       RenderWork& work) const;
 
@@ -137,8 +135,9 @@ class ShadowGeometry {
                   RenderWork& work) const;
 
   CasterCache& casters_;
-  double edge_at_unit_depth_ = 0.0;  // 1 m from the camera, the longest that follows the lens [m]
-  // A pixel at the nearest distance expected: finer cells of a field would not be seen [m].
+  double edge_at_unit_depth_ = 0.0;  // longest edge that follows the lens 1 m from the camera [m]
+  float longest_cut_edge_ = 0.0F;    // the same at the nearest distance; 0: without distortion
+  // Size of a pixel at the nearest distance: finer cells would not be seen [m].
   double finest_field_cell_ = 0.0;
 };
 

@@ -1,18 +1,15 @@
-#include "render/passes/field_quad.hpp"
+#include "render/passes/layers/field_quad.hpp"
 
 #include <algorithm>
 #include <bit>
-#include <cstdint>
 
 #include "core/propagate.hpp"
-#include "render/passes/lens_uniforms.hpp"
-#include "render/passes/object_painter.hpp"
+#include "render/passes/uniforms.hpp"
 
 namespace penumbra {
 namespace {
 
-// To nearest, ties to even. What is out of range is clamped: next to a zero contour nothing is.
-// Under 2^-14 it is 0.
+// Rounds to nearest, ties to even. Clamps to the range; values under 2^-14 become 0.
 std::uint16_t half_float(float value) {
   constexpr float kLargest = 60'000.0F;
   constexpr std::uint32_t kSmallestNormal = 0x38800000U;
@@ -54,10 +51,11 @@ void FieldTexture::upload(const ShadowField& field) {
 }
 
 Result<FieldQuad> FieldQuad::create(GlApi api, double longest_edge_m) {
-  constexpr std::array<std::string_view, 2> kVertex = {"lens.glsl", "field.vert.glsl"};
-  constexpr std::array<std::string_view, 1> kFragment = {"field.frag.glsl"};
-  PENUMBRA_TRY(auto program, TranslucentProgram::create(api, kVertex, kFragment, {}, Under::video));
-  return FieldQuad(std::move(program), longest_edge_m);
+  FieldQuad quad;
+  PENUMBRA_TRY(quad.program_, TranslucentProgram::create(api, {"lens.glsl", "field.vert.glsl"},
+                                                         {"field.frag.glsl"}, {}, Under::video));
+  quad.longest_edge_m_ = longest_edge_m;
+  return quad;
 }
 
 void FieldQuad::begin(const ShaderProgram& program, const LensUniforms& lens,
@@ -79,8 +77,7 @@ void FieldQuad::draw(const ShaderProgram& program, const FieldTexture& field,
                                           static_cast<float>(T_plane_own.sine),
                                           static_cast<float>(T_plane_own.slide.x()),
                                           static_cast<float>(T_plane_own.slide.y())));
-  program.set("layer_wanted",
-              glm::vec3(wanted[0] ? 1.0F : 0.0F, wanted[1] ? 1.0F : 0.0F, wanted[2] ? 1.0F : 0.0F));
+  program.set("layer_wanted", glm::vec3(wanted[0], wanted[1], wanted[2]));
   program.set("layer_light", layer_light);
   field.texture_->bind(0);
   grids_.draw(UnitGrids::grid_for(static_cast<double>(std::max(field.rect_.z, field.rect_.w)),

@@ -2,26 +2,24 @@
 #pragma once
 
 #include <array>
-#include <glm/vec2.hpp>
-#include <glm/vec3.hpp>
-#include <glm/vec4.hpp>
+#include <cstdint>
 #include <optional>
+#include <vector>
 
 #include "render/camera_gl.hpp"
-#include "render/gl/shader.hpp"
 #include "render/gl/texture.hpp"
+#include "render/passes/layers/unit_grids.hpp"
 #include "render/passes/translucent_program.hpp"
-#include "render/passes/unit_grids.hpp"
 #include "render/shadow/fields/power_distance.hpp"
 #include "render/shadow/layers/own_frame.hpp"
 
 namespace penumbra {
 
-// One field on the GPU, in half floats: a zero contour is where it was to 1/2000 of a cell.
+// One field on the GPU, in half floats: they move a zero contour by at most 1/2000 of a cell.
 class FieldTexture {
  public:
   void upload(const ShadowField& field);
-  // Which layers the field has anything of.
+  // Returns for each layer whether it is not empty.
   [[nodiscard]] const std::array<bool, 3>& layers() const { return layers_; }
 
  private:
@@ -37,27 +35,24 @@ class FieldQuad {
  public:
   [[nodiscard]] static Result<FieldQuad> create(GlApi api, double longest_edge_m);
 
-  [[nodiscard]] Result<void> choose(Translucency way, std::optional<PixelFormat> video) {
-    return program_.choose(way, video);
+  [[nodiscard]] Result<void> choose(Translucency mode, std::optional<PixelFormat> video) {
+    return program_.choose(mode, video);
   }
   [[nodiscard]] const TranslucentProgram& program() const { return program_; }
-  // Of each plane, before its fields are drawn: with one of program()'s.
+  // To be called before the fields on a plane are drawn, with one of program()'s.
   void begin(const ShaderProgram& program, const LensUniforms& lens,
              const glm::mat4x3& camera_from_plane);
-  // Darkens to the darkest of the wanted layers, with begin()'s program, which is put in use.
-  // `layer_light`: of each layer, for darkened_by_layer() of translucency.glsl.
+  // Darkens by the darkest of the wanted layers, with begin()'s program. `layer_light`: each
+  // layer's argument of darkened_by_layer() in translucency.glsl.
   void draw(const ShaderProgram& program, const FieldTexture& field,
             const PlanarMotion& T_plane_own, const std::array<bool, 3>& wanted,
             const glm::vec3& layer_light) const;
 
  private:
-  FieldQuad(TranslucentProgram program, double longest_edge_m)
-      : program_(std::move(program)), longest_edge_m_(longest_edge_m) {}
-
   TranslucentProgram program_;
   UnitGrids grids_;
-  double longest_edge_m_ = 0.0;  // pieces are no longer than this, so that they follow the lens
-  bool straight_ = false;        // the lens has no distortion: one piece is exact
+  double longest_edge_m_ = 0.0;  // of pieces that follow the lens
+  bool straight_ = false;        // no distortion: one piece is exact
 };
 
 }  // namespace penumbra

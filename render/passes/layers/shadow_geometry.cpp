@@ -1,20 +1,22 @@
-#include "render/passes/shadow_geometry.hpp"
+#include "render/passes/layers/shadow_geometry.hpp"
 
 #include <algorithm>
 #include <cmath>
-#include <cstddef>
 #include <limits>
 
-#include "render/camera_gl.hpp"
+#include "render/bounds.hpp"
+#include "render/model/to_eigen.hpp"
 #include "render/shadow/casters/caster.hpp"
 #include "render/shadow/fields/fixed_light.hpp"
 
 namespace penumbra {
 namespace {
 
-// A caster that stands on the plane is not cut by rounding: this far below the plane (or above a
-// clip height) still counts as within [m].
+// Rounding must not cut a caster that stands on the plane: this far outside of a range of heights
+// counts as within [m].
 constexpr double kContactTolerance = 1e-6;
+// Precision of tilt and height (OwnFrame::make()): floats' for layers, 1/32 of a cell for fields.
+constexpr int kLayerBits = 26;
 constexpr int kFieldBits = 13;
 
 std::array<bool, 3> wanted_layers(const ShadowDraw& draw) {
@@ -29,26 +31,14 @@ struct HeightMap {
   HeightMap(const PlaneFrame& plane, const Placement& T)
       : gradient(T.scale * (T.rotation.conjugate() * plane.n)), offset(plane.height(T.position)) {}
   [[nodiscard]] double operator()(const glm::vec3& p) const {
-    return gradient.dot(Eigen::Vector3d(static_cast<double>(p.x), static_cast<double>(p.y),
-                                        static_cast<double>(p.z))) +
-           offset;
+    return gradient.dot(to_eigen(p)) + offset;
   }
 };
 
-HeightRange box_heights(const HeightMap& height, const glm::vec3& low, const glm::vec3& high) {
-  HeightRange range{height(low), height(low)};
-  for (int i = 1; i < 8; ++i) {
-    const double h = height({(i & 1) != 0 ? high.x : low.x, (i & 2) != 0 ? high.y : low.y,
-                             (i & 4) != 0 ? high.z : low.z});
-    range.low = std::min(range.low, h);
-    range.high = std::max(range.high, h);
-  }
-  return range;
-}
-HeightRange vertex_heights(const HeightMap& height, const std::vector<glm::vec3>& positions) {
+HeightRange heights_of(const HeightMap& height, std::span<const glm::vec3> points) {
   HeightRange range{std::numeric_limits<double>::infinity(),
                     -std::numeric_limits<double>::infinity()};
-  for (const glm::vec3& p : positions) {
+  for (const glm::vec3& p : points) {
     const double h = height(p);
     range.low = std::min(range.low, h);
     range.high = std::max(range.high, h);
@@ -65,22 +55,11 @@ bool apart(const HeightRange& heights, const HeightRange& range) {
          heights.low > range.high + kContactTolerance;
 }
 
-// Share of the light that is left -> factor for the video's encoded value: darkening linear light
-// by k multiplies the encoded value by k^(1/exponent). Fades to 1 with the overlay's opacity.
+// Converts the fraction of light left into a factor on the encoded value: darkening linear light by
+// k multiplies the encoded value by k^(1/exponent). Fades to 1 with the opacity.
 float encoded_factor(double light_fraction, double tone_exponent, float opacity) {
   const double factor = std::pow(std::clamp(light_fraction, 0.0, 1.0), 1.0 / tone_exponent);
   return static_cast<float>(1.0 - static_cast<double>(opacity) * (1.0 - factor));
-}
-
-// Laid out as the whole caster is: (u, v, h) and (ku, kv); the missing third coordinate is 0.
-void upload_clipped(std::span<const CasterVertex> faces, PreparedShadow& prepared) {
-  prepared.clipped_layout.bind();
-  prepared.clipped.write(faces, BufferLife::every_frame);
-  if (!prepared.clipped_layout_made) {
-    VertexArray::attribute(0, 3, sizeof(CasterVertex), offsetof(CasterVertex, u));
-    VertexArray::attribute(1, 2, sizeof(CasterVertex), offsetof(CasterVertex, ku));
-    prepared.clipped_layout_made = true;
-  }
 }
 
 void upload_placed(const std::array<std::vector<PlanePoint>, 3>& images, const CasterBody& body,
@@ -92,15 +71,11 @@ void upload_placed(const std::array<std::vector<PlanePoint>, 3>& images, const C
     first[i] = all.size();
     all.insert(all.end(), images[i].begin(), images[i].end());
   }
+  prepared.placed.write(std::span<const PlanePoint>(all), BufferLife::every_frame);
   for (std::size_t i = 0; i < 3; ++i) {
     if (images[i].empty()) continue;
-    // Position and kernel are the same place on the plane, where every factor is 1.
+    // Position and kernel are the same point of the plane, where every factor is 1.
     prepared.placed_layouts[i].bind();
-    if (i == 0 || first[i] == 0) {
-      prepared.placed.write(std::span<const PlanePoint>(all), BufferLife::every_frame);
-    } else {
-      prepared.placed.bind();
-    }
     for (const unsigned attribute : {0U, 1U}) {
       VertexArray::attribute(attribute, 2, sizeof(PlanePoint), first[i] * sizeof(PlanePoint));
     }
@@ -110,9 +85,9 @@ void upload_placed(const std::array<std::vector<PlanePoint>, 3>& images, const C
 
 void clip_layers(const ShadowDraw& draw, const CachedCaster& caster, const KernelSet& kernels,
                  PreparedShadow& prepared, RenderWork& work) {
-  const CasterBody& body = caster.body(prepared.reduced);
+  const CasterBody& body = caster.body(prepared.key.reduced);
   const std::vector<CasterVertex> vertices = own_vertices(
-      prepared.own, body.geometry.positions, kernels.vertices(prepared.reduced).kernels);
+      prepared.own, body.geometry.positions, kernels.vertices(prepared.key.reduced).kernels);
   work[Counter::shadow_vertices] += static_cast<std::int64_t>(vertices.size());
 
   std::vector<CasterVertex> clipped;
@@ -131,7 +106,7 @@ void clip_layers(const ShadowDraw& draw, const CachedCaster& caster, const Kerne
     layer.count = static_cast<int>(faces.size());
     clipped.insert(clipped.end(), faces.begin(), faces.end());
   }
-  upload_clipped(clipped, prepared);
+  prepared.clipped.write(clipped, BufferLife::every_frame);
 }
 
 }  // namespace
@@ -162,14 +137,9 @@ std::vector<CasterVertex> own_vertices(const OwnFrame& own, std::span<const glm:
   const PlaneMap map = plane_map(own.T_own_object, PlaneFrame());
   std::vector<CasterVertex> vertices;
   vertices.reserve(positions.size());
-  const auto to_own = [&](const glm::vec3& p) -> Eigen::Vector3d {
-    return map.linear * Eigen::Vector3d(static_cast<double>(p.x), static_cast<double>(p.y),
-                                        static_cast<double>(p.z)) +
-           map.offset;
-  };
   for (std::size_t i = 0; i < positions.size(); ++i) {
-    const Eigen::Vector3d x = to_own(positions[i]);
-    const Eigen::Vector3d k = to_own(kernels[i]);
+    const Eigen::Vector3d x = map.linear * to_eigen(positions[i]) + map.offset;
+    const Eigen::Vector3d k = map.linear * to_eigen(kernels[i]) + map.offset;
     vertices.push_back({static_cast<float>(x.x()), static_cast<float>(x.y()),
                         static_cast<float>(x.z()), static_cast<float>(k.x()),
                         static_cast<float>(k.y())});
@@ -186,7 +156,16 @@ void settle_contact(std::vector<CasterVertex>& vertices) {
 LayerSources cut_layers(const ShadowDraw& draw, const CachedCaster& caster) {
   const HeightMap height(draw.plane_frame, draw.T_table_object);
   // The box is enough in most frames.
-  const HeightRange box = box_heights(height, caster.min_corner, caster.max_corner);
+  const glm::vec3& a = caster.min_corner;
+  const glm::vec3& b = caster.max_corner;
+  const HeightRange box = heights_of(height, std::array<glm::vec3, 8>{a,
+                                                                      {b.x, a.y, a.z},
+                                                                      {a.x, b.y, a.z},
+                                                                      {b.x, b.y, a.z},
+                                                                      {a.x, a.y, b.z},
+                                                                      {b.x, a.y, b.z},
+                                                                      {a.x, b.y, b.z},
+                                                                      b});
   std::optional<HeightRange> exact;
   LayerSources sources{};
   const std::array<bool, 3> wanted = wanted_layers(draw);
@@ -195,7 +174,7 @@ LayerSources cut_layers(const ShadowDraw& draw, const CachedCaster& caster) {
     const HeightRange range = range_of(draw, kShadowLayers[i]);
     HeightRange heights = box;
     if (!within(box, range)) {
-      if (!exact) exact = vertex_heights(height, caster.mesh.positions);
+      if (!exact) exact = heights_of(height, caster.mesh.positions);
       heights = *exact;
     }
     if (apart(heights, range)) continue;
@@ -207,6 +186,9 @@ LayerSources cut_layers(const ShadowDraw& draw, const CachedCaster& caster) {
 ShadowGeometry::ShadowGeometry(CasterCache& casters, const CameraModel& camera)
     : casters_(casters),
       edge_at_unit_depth_(longest_edge(camera) / kNearestDistance),
+      longest_cut_edge_(camera.has_distortion()
+                            ? static_cast<float>(edge_at_unit_depth_ * kNearestDistance)
+                            : 0.0F),
       finest_field_cell_(kNearestDistance /
                          std::max(camera.parameters().fx, camera.parameters().fy)) {}
 
@@ -216,27 +198,26 @@ void ShadowGeometry::prepare(const ShadowDraw& draw, CachedCaster& caster, bool 
   const OwnFrame own =
       OwnFrame::make(draw.T_table_object, draw.plane_frame, draw.T_table_object.scale * caster.size,
                      field ? kFieldBits : kLayerBits);
-  const auto [key, kernels, reduced] = casters_.casting(draw, caster, own, !masked, work);
+  const auto [kernel_key, kernels, reduced] = casters_.casting(draw, caster, own, !masked, work);
   if (reduced) ++work[Counter::proxy_shadows];
-  const bool reused =
-      prepared.valid && prepared.technique == draw.technique && prepared.reduced == reduced &&
-      prepared.masked == masked && prepared.light_mode == draw.light_mode &&
-      prepared.own.same_shape(own) && prepared.kernel_key == key &&
-      (draw.technique == ShadowTechnique::simple || prepared.constants == draw.constants) &&
-      (field || prepared.wanted == wanted_layers(draw));
+  const bool simple = draw.technique == ShadowTechnique::simple;
+  const std::array<bool, 3> wanted = wanted_layers(draw);
+  const ShadowKey key{draw.technique,
+                      draw.light_mode,
+                      simple ? LayeredConstants() : draw.constants,
+                      field ? std::array<bool, 3>() : wanted,
+                      reduced,
+                      masked,
+                      kernel_key};
+  const bool reused = prepared.valid && prepared.key == key && prepared.own.same_shape(own);
   prepared.own = own;
-  prepared.wanted = wanted_layers(draw);
+  prepared.wanted = wanted;
   if (reused) {
     ++work[Counter::reprojections];
   } else {
     ++work[Counter::triples_recomputed];
     prepared.valid = true;
-    prepared.constants = draw.constants;
-    prepared.technique = draw.technique;
-    prepared.light_mode = draw.light_mode;
-    prepared.reduced = reduced;
-    prepared.masked = masked;
-    prepared.kernel_key = key;
+    prepared.key = key;
     prepared.magnification = 1.0;
     prepared.layers = {};
     if (field) {
@@ -259,24 +240,24 @@ void ShadowGeometry::place_layers(const ShadowDraw& draw, CachedCaster& caster, 
                                   PreparedShadow& prepared, RenderWork& work) const {
   const bool fixed =
       draw.technique == ShadowTechnique::layered && draw.light_mode == LightMode::fixed;
-  if (fixed && !prepared.masked) {
+  if (fixed && !prepared.key.masked) {
     image_layers(draw, caster, kernels, prepared, work);
     return;
   }
-  const CasterBody& body = caster.body(prepared.reduced);
+  const CasterBody& body = caster.body(prepared.key.reduced);
   const LayerSources sources = cut_layers(draw, caster);
   bool clips = false;
   for (std::size_t i = 0; i < 3; ++i) {
     if (!prepared.wanted[i]) continue;
     prepared.layers[i].source = sources[i];
     clips = clips || sources[i] == LayerSource::clipped;
-    if (!prepared.masked) continue;
-    // In a light of one size each part loses its umbra at a height of its own.
+    if (!prepared.key.masked) continue;
+    // In a light of one size each part loses its umbra at its own height.
     if (sources[i] == LayerSource::nothing && !fixed) continue;
     const bool closes_up = sources[i] == LayerSource::whole && body.edges && !fixed;
     prepared.layers[i].source = closes_up ? LayerSource::masked : LayerSource::masked_faces;
   }
-  if (prepared.masked) return;
+  if (prepared.key.masked) return;
   if (CasterCache::projects_on_cpu(draw, body)) {
     image_layers(draw, caster, kernels, prepared, work);
   } else if (clips) {
@@ -284,30 +265,24 @@ void ShadowGeometry::place_layers(const ShadowDraw& draw, CachedCaster& caster, 
   }
 }
 
-// Projects on the CPU, by the functions that `penumbra shadow` uses: lights of one size, for which
-// each vertex has a ratio of its own; and casters whose edges are split for the lens. A layer is
-// the straight-edged image of the mesh's faces, and what splitting adds lies on those edges
-// (docs/shadows.md#layers). What is uploaded lies on the plane.
+// Projects on the CPU: lights of one size, whose ratio differs between vertices, and casters whose
+// edges are split for the lens. A layer is the straight-edged image of the mesh's faces; splitting
+// adds vertices on those edges (docs/shadows.md#layers).
 void ShadowGeometry::image_layers(const ShadowDraw& draw, CachedCaster& caster, KernelSet& kernels,
                                   PreparedShadow& prepared, RenderWork& work) const {
   const bool fixed = draw.light_mode == LightMode::fixed;
-  const CasterBody& body = caster.body(prepared.reduced);
-  const ShadowMesh& mesh = caster.casting_mesh(prepared.reduced);
+  const CasterBody& body = caster.body(prepared.key.reduced);
+  const ShadowMesh& mesh = caster.casting_mesh(prepared.key.reduced);
   const Placement& T_own_object = prepared.own.T_own_object;
-  // Kernels are level with their vertices, so that within the threshold of tilt they stay in place.
   std::vector<CasterVertex> vertices =
-      own_vertices(prepared.own, mesh.positions, caster.kernels(kernels, prepared.reduced));
+      own_vertices(prepared.own, mesh.positions, caster.kernels(kernels, prepared.key.reduced));
   settle_contact(vertices);
   work[Counter::shadow_vertices] += static_cast<std::int64_t>(vertices.size());
   std::vector<VertexDisc> discs;
   if (fixed) {
-    discs = CasterCache::discs_of(caster, prepared.kernel_key, prepared.reduced, T_own_object.scale,
-                                  work);
+    discs = CasterCache::discs_of(caster, prepared.key.kernels, prepared.key.reduced,
+                                  T_own_object.scale, work);
   }
-  const float edge = casters_.longest_edge_of(draw.object);
-  // Cut faces are split for the nearest distance expected: the camera may come nearer.
-  const auto longest =
-      edge > 0.0F ? static_cast<float>(edge_at_unit_depth_ * kNearestDistance) : 0.0F;
   prepared.magnification = 1.0;
   std::array<std::vector<PlanePoint>, 3> images;
   std::vector<CasterVertex> cut;
@@ -340,7 +315,7 @@ void ShadowGeometry::image_layers(const ShadowDraw& draw, CachedCaster& caster, 
     const std::vector<PlanePoint> faces = split_long_edges(
         fixed ? fixed_light_triangles(vertices, discs, mesh.indices, draw.constants, which)
               : layer_triangles(vertices, mesh.indices, draw.constants, which),
-        longest);
+        longest_cut_edge_);
     if (faces.empty()) {
       layer.source = LayerSource::nothing;
       continue;
@@ -350,7 +325,7 @@ void ShadowGeometry::image_layers(const ShadowDraw& draw, CachedCaster& caster, 
     layer.count = static_cast<int>(faces.size());
     for (const PlanePoint& p : faces) cut.push_back({p.u, p.v, 0.0F, p.u, p.v});
   }
-  if (!cut.empty()) upload_clipped(cut, prepared);
+  if (!cut.empty()) prepared.clipped.write(cut, BufferLife::every_frame);
   upload_placed(images, body, prepared);
 }
 
@@ -362,17 +337,13 @@ void ShadowGeometry::make_field(const ShadowDraw& draw, CachedCaster& caster,
   const std::vector<PartDisc>& parts =
       CasterCache::parts_of(caster, KernelDirection::nearest(up), true, work);
   const PlaneMap map = plane_map(T_own_object, plane);
-  // What lies on the plane is not cut by the rounding of tilt and height.
+  // The rounding of tilt and height must not cut a caster on the plane.
   const auto contact = static_cast<float>(
       kContactTolerance + std::ldexp(T_own_object.scale * caster.size, 2 - kFieldBits));
   std::vector<CasterVertex> vertices;
   vertices.reserve(caster.mesh.positions.size());
   for (const glm::vec3& p : caster.mesh.positions) {
-    const Eigen::Vector3f x =
-        (map.linear * Eigen::Vector3d(static_cast<double>(p.x), static_cast<double>(p.y),
-                                      static_cast<double>(p.z)) +
-         map.offset)
-            .cast<float>();
+    const Eigen::Vector3f x = (map.linear * to_eigen(p) + map.offset).cast<float>();
     const float h = x.z() < 0.0F && x.z() > -contact ? 0.0F : x.z();
     vertices.push_back({x.x(), x.y(), h, x.x(), x.y()});
   }
@@ -382,7 +353,7 @@ void ShadowGeometry::make_field(const ShadowDraw& draw, CachedCaster& caster,
   const ShadowField field =
       power_distance_layers(vertices, caster.mesh.indices, caster.mesh.part,
                             part_lights(parts, T_own_object, plane), draw.constants, options);
-  if (!prepared.masked) {
+  if (!prepared.key.masked) {
     prepared.field.upload(field);
     return;
   }
@@ -394,35 +365,22 @@ void ShadowGeometry::make_field(const ShadowDraw& draw, CachedCaster& caster,
 std::size_t ShadowGeometry::surface_for(const ShadowDraw& draw, const FramePlan& plan,
                                         const CachedCaster& caster,
                                         const PreparedShadow& prepared) const {
-  const CasterBody& body = caster.body(prepared.reduced);
+  const CasterBody& body = caster.body(prepared.key.reduced);
   const std::size_t finest = body.geometry.coarser.size();
-  if (plan.finest_edges || finest == 0) return finest;
-  std::array<Eigen::Vector3d, 8> corners;
-  Eigen::Vector2d centre = Eigen::Vector2d::Zero();
-  double top = 0.0;
-  for (int i = 0; i < 8; ++i) {
-    const Eigen::Vector3d corner(
-        static_cast<double>((i & 1) != 0 ? caster.max_corner.x : caster.min_corner.x),
-        static_cast<double>((i & 2) != 0 ? caster.max_corner.y : caster.min_corner.y),
-        static_cast<double>((i & 4) != 0 ? caster.max_corner.z : caster.min_corner.z));
-    Eigen::Vector3d& on_plane = corners[static_cast<std::size_t>(i)];
-    on_plane = draw.plane_frame.to_plane(draw.T_table_object * corner);
-    centre += on_plane.head<2>() / 8.0;
-    top = std::max(top, on_plane.z());
-  }
-  double radius = 0.0;
-  for (const Eigen::Vector3d& corner : corners)
-    radius = std::max(radius, (corner.head<2>() - centre).norm());
+  if (finest == 0) return finest;
+  const BoxCorners corners = box_corners(caster.min_corner, caster.max_corner, draw.T_table_object);
+  const Disc disc = footprint(corners, draw.plane_frame);
+  const double top = std::max(heights_above(draw.plane_frame, corners).high, 0.0);
   double magnification = 1.0;
   if (draw.technique != ShadowTechnique::simple) {
     for (const ShadowLayer layer : {ShadowLayer::umbra, ShadowLayer::penumbra})
       magnification = std::max(magnification, layer_factor(draw.constants, layer, top));
   }
-  // A kernel lies inside the circle round the footprint: no image is farther out than this.
-  radius *= 1.05 * (2.0 * magnification - 1.0);
+  // A kernel lies inside the footprint's disc, so no image is farther out than this.
+  const double radius = disc.radius * (1.05 * (2.0 * magnification - 1.0));
   const Eigen::Vector3d axis = plan.T_table_camera.rotation() * Eigen::Vector3d::UnitZ();
   const PlaneFrame& plane = draw.plane_frame;
-  const Eigen::Vector3d middle = plane.q + centre.x() * plane.e1 + centre.y() * plane.e2;
+  const Eigen::Vector3d middle = plane.lift(disc.centre.x(), disc.centre.y());
   const double depth = axis.dot(middle - plan.T_table_camera.translation()) -
                        radius * std::hypot(axis.dot(plane.e1), axis.dot(plane.e2));
   if (depth <= kNearestDistance) return finest;
@@ -450,7 +408,7 @@ std::optional<ShadowReach> ShadowGeometry::reach_of(const Scene& scene, const Sh
   const std::vector<CasterVertex> vertices =
       own_vertices(own, mesh.positions, caster.kernels(*with.kernels, with.reduced));
   work[Counter::shadow_vertices] += static_cast<std::int64_t>(vertices.size());
-  // A face that is cut at a height has its cut's images between those of its vertices.
+  // The images of a cut face lie between those of its vertices.
   std::vector<bool> casts(vertices.size(), false);
   const double least = from - kContactTolerance;
   for (std::size_t i = 0; i + 2 < mesh.indices.size(); i += 3) {
@@ -483,8 +441,8 @@ std::optional<ShadowReach> ShadowGeometry::reach_of(const Scene& scene, const Sh
     if (!layered) continue;
     thickest = std::max(
         thickest, static_cast<double>(std::hypot(vertex.u - vertex.ku, vertex.v - vertex.kv)));
-    // Images lie between that at the vertex's own height and that at the lowest one; where faces
-    // are cut, the cut's factor may be that of any of their points.
+    // Images lie between those at the vertex's height and at the lowest height. A cut has the
+    // factor of any of its face's points.
     for (const ShadowLayer layer : kShadowLayers) {
       const double highest = layer_height_range(c, layer).high;
       const double over = top > highest ? highest : std::clamp(h - from, 0.0, highest);

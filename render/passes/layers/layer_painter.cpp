@@ -1,20 +1,17 @@
-#include "render/passes/layer_painter.hpp"
+#include "render/passes/layers/layer_painter.hpp"
 
 #include <epoxy/gl.h>
 
 #include <algorithm>
-#include <array>
-#include <string_view>
-#include <vector>
 
 #include "core/assert.hpp"
 #include "core/propagate.hpp"
-#include "render/passes/lens_uniforms.hpp"
+#include "render/passes/uniforms.hpp"
 
 namespace penumbra {
 namespace {
 
-// (u, v, h) of the own frame -> of the plane.
+// (u, v, h) of the own frame -> (u, v, h) of the plane.
 glm::mat4x3 plane_from_own(const PlanarMotion& T) {
   const auto c = static_cast<float>(T.cosine);
   const auto s = static_cast<float>(T.sine);
@@ -22,25 +19,28 @@ glm::mat4x3 plane_from_own(const PlanarMotion& T) {
           glm::vec3(static_cast<float>(T.slide.x()), static_cast<float>(T.slide.y()), 0.0F)};
 }
 
-// The argument of darkened_by_layer() in translucency.glsl.
+// Returns each layer's argument of darkened_by_layer() in translucency.glsl.
 glm::vec3 layer_values(const ShadowDraw& draw, const LayerPainter::Brush& brush) {
   const glm::vec3 light = layer_light(draw);
   if (!brush.door) return light;
   return {door_places(light.x), door_places(light.y), door_places(light.z)};
 }
 
-const void* offset_of(const CasterBody::IndexRange& range) {
-  return reinterpret_cast<const void*>(range.first * sizeof(std::uint32_t));
+void draw_range(const CasterBody::IndexRange& range, int instances) {
+  glDrawElementsInstanced(GL_TRIANGLES, static_cast<GLsizei>(range.count), GL_UNSIGNED_INT,
+                          reinterpret_cast<const void*>(range.first * sizeof(std::uint32_t)),
+                          instances);
 }
 
 }  // namespace
 
 Result<LayerPainter> LayerPainter::create(GlApi api, const CameraModel& camera) {
-  constexpr std::array<std::string_view, 2> kVertex = {"lens.glsl", "shadow.vert.glsl"};
-  constexpr std::array<std::string_view, 1> kFragment = {"shadow.frag.glsl"};
-  PENUMBRA_TRY(auto program, TranslucentProgram::create(api, kVertex, kFragment, {}, Under::video));
-  PENUMBRA_TRY(auto field, FieldQuad::create(api, longest_edge(camera)));
-  return LayerPainter(std::move(program), std::move(field));
+  LayerPainter painter;
+  PENUMBRA_TRY(painter.program_,
+               TranslucentProgram::create(api, {"lens.glsl", "shadow.vert.glsl"},
+                                          {"shadow.frag.glsl"}, {}, Under::video));
+  PENUMBRA_TRY(painter.field_quad_, FieldQuad::create(api, longest_edge(camera)));
+  return painter;
 }
 
 Result<void> LayerPainter::choose(Translucency mode, std::optional<PixelFormat> video) {
@@ -83,7 +83,7 @@ int LayerPainter::draw(const ShadowDraw& draw, const ShadowItem& item, int first
   const ShaderProgram& p = brush.layers;
   p.use();
   const bool layered = draw.technique == ShadowTechnique::layered;
-  // H = inf, or a simple shadow, has 1/H = 0; a simple shadow casts its middle layer at factor 1.
+  // 1/H = 0 for H = inf and for a simple shadow, which is a middle layer at factor 1.
   const LayeredConstants& c = draw.constants;
   p.set("inverse_light_height", layered ? static_cast<float>(1.0 / c.light_height) : 0.0F);
   p.set("umbra_height", static_cast<float>(c.umbra_height));
@@ -94,26 +94,19 @@ int LayerPainter::draw(const ShadowDraw& draw, const ShadowItem& item, int first
   p.set("layer_step", brush.penumbra_first ? -1 : 1);
   if (layer.source == LayerSource::whole) {
     p.set("plane_from_caster", plane_from_object(draw.plane_frame, draw.T_table_object));
-    const auto set = item.caster->sets.find(prepared.kernel_key);
-    PENUMBRA_ASSERT(set != item.caster->sets.end());
-    set->second.vertices(prepared.reduced).layout.bind();
-    const auto& range = item.caster->body(prepared.reduced).ranges[prepared.surface];
-    glDrawElementsInstanced(GL_TRIANGLES, static_cast<GLsizei>(range.count), GL_UNSIGNED_INT,
-                            offset_of(range), count);
+    item.caster->sets.at(prepared.key.kernels).vertices(prepared.key.reduced).layout.bind();
+    draw_range(item.caster->body(prepared.key.reduced).ranges[prepared.surface], count);
     return 1;
   }
   PENUMBRA_ASSERT(count == 1);
+  p.set("plane_from_caster", plane_from_own(prepared.own.T_plane_own));
   if (layer.source == LayerSource::placed) {
-    p.set("plane_from_caster", plane_from_own(prepared.own.T_plane_own));
-    const auto& range = item.caster->body(prepared.reduced).ranges[prepared.surface];
     prepared.placed_layouts[static_cast<std::size_t>(first_layer)].bind();
-    glDrawElementsInstanced(GL_TRIANGLES, static_cast<GLsizei>(range.count), GL_UNSIGNED_INT,
-                            offset_of(range), 1);
+    draw_range(item.caster->body(prepared.key.reduced).ranges[prepared.surface], 1);
     return 1;
   }
   if (layer.count == 0) return 0;
-  p.set("plane_from_caster", plane_from_own(prepared.own.T_plane_own));
-  prepared.clipped_layout.bind();
+  prepared.clipped.bind();
   glDrawArraysInstanced(GL_TRIANGLES, layer.first, layer.count, 1);
   return 1;
 }
