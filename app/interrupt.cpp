@@ -7,14 +7,14 @@
 namespace penumbra {
 namespace {
 
-constexpr std::chrono::milliseconds kRequest(1000);  // signals of one request come within it
+constexpr std::chrono::milliseconds kRequest(1000);  // longest time between signals of one request
 
 bool is_ignored(int number) {
   struct sigaction action {};
   return sigaction(number, nullptr, &action) == 0 && action.sa_handler == SIG_IGN;
 }
 
-// Takes one pending signal, if there is one.
+// Takes one pending signal, if any.
 bool take_signal(const sigset_t& watched) {
   const timespec at_once{};
   return sigtimedwait(&watched, nullptr, &at_once) > 0;
@@ -33,7 +33,7 @@ InterruptWatch::InterruptWatch() {
 
 InterruptWatch::~InterruptWatch() {
   stop_ender();
-  // A signal after the last interrupted() would kill the process although the files are closed.
+  // A pending signal would kill the process although its files are closed.
   while (take_signal(watched_)) {
   }
   pthread_sigmask(SIG_SETMASK, &before_, nullptr);
@@ -70,7 +70,7 @@ void InterruptWatch::start_ender(Clock::time_point from, bool by_hangup) {
       const int number = sigwaitinfo(&watched_, &info);
       if (number <= 0) continue;
       if (stopped_) {
-        // A signal from outside that overtook the one of stop_ender() is still to be asked for.
+        // A signal from outside that arrived before that of stop_ender() stays pending.
         if (info.si_pid != getpid()) kill(getpid(), number);
         return;
       }

@@ -1,4 +1,4 @@
-// Ctrl-C, SIGTERM and a closed terminal as a question that a loop asks, so that files are closed
+// Turns Ctrl-C, SIGTERM and a closed terminal into a flag that loops poll, so that files are closed
 // before the end.
 #pragma once
 
@@ -9,14 +9,12 @@
 
 namespace penumbra {
 
-// From construction on, SIGINT, SIGTERM and SIGHUP are blocked in this thread and in every thread
-// it starts, so make one before anything that starts threads (OpenGL, decoders). Until hold() a
-// thread of its own takes them and ends the process at once, as without this. No handler and no
-// global is needed.
+// Blocks SIGINT, SIGTERM and SIGHUP in this thread and all that it starts; construct it before
+// anything that starts threads (OpenGL, decoders). Until hold(), a thread takes them and ends the
+// process at once, as if they were not blocked.
 //
-// SIGHUP is left alone where it was ignored at the start (nohup): blocking it would undo that. The
-// other two are watched in any case, because shells start the background jobs of a script with
-// SIGINT ignored, and a signal is how such a job is ended.
+// SIGHUP stays ignored if it was (nohup). The other two are always watched, because shells start
+// the background jobs of a script with SIGINT ignored.
 class InterruptWatch {
  public:
   InterruptWatch();
@@ -24,13 +22,13 @@ class InterruptWatch {
   InterruptWatch& operator=(const InterruptWatch&) = delete;
   ~InterruptWatch();
 
-  // Call it before the first file is opened: from here on a signal waits to be asked for.
+  // Call it before the first file is opened. From here on signals only set interrupted().
   void hold();
-  // True from the first signal after hold() on. Signals in the second after it belong to the same
+  // True from the first signal after hold() on. Signals within the next second belong to the same
   // request: a closing terminal and timeout(1) send several. A later SIGINT or SIGTERM ends the
-  // process at once, should closing the files hang.
+  // process at once.
   [[nodiscard]] bool interrupted();
-  // The signal is answered, and something else begins: the next one is asked for as it was.
+  // Clears interrupted(): the next signal sets it again.
   void again();
 
  private:

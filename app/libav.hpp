@@ -1,4 +1,4 @@
-// libav's objects, each freed as libav wants it.
+// Owners of libav's objects.
 #pragma once
 
 extern "C" {
@@ -26,7 +26,7 @@ struct CloseAvInput {
 };
 using AvInput = std::unique_ptr<AVFormatContext, CloseAvInput>;
 
-// With the file that it writes to.
+// Also closes the file that it writes to.
 struct CloseAvOutput {
   void operator()(AVFormatContext* output) const {
     avio_closep(&output->pb);
@@ -35,7 +35,7 @@ struct CloseAvOutput {
 };
 using AvOutput = std::unique_ptr<AVFormatContext, CloseAvOutput>;
 
-// What libav says of a negative result.
+// libav's text for a negative result.
 inline std::string av_error_text(int error) {
   std::array<char, AV_ERROR_MAX_STRING_SIZE> text{};
   av_strerror(error, text.data(), text.size());

@@ -9,7 +9,6 @@
 #include <cstdio>
 #include <cstdlib>
 #include <string>
-#include <string_view>
 
 #include "core/text/text_encoding.hpp"
 
@@ -32,15 +31,8 @@ void log_libav(void* source, int level, const char* format, va_list arguments) {
 }
 
 spdlog::level::level_enum spdlog_level(LogLevel level) {
-  switch (level) {
-    case LogLevel::debug:
-      return spdlog::level::debug;
-    case LogLevel::info:
-      return spdlog::level::info;
-    case LogLevel::warning:
-      break;
-  }
-  return spdlog::level::warn;
+  constexpr std::array kLevels = {spdlog::level::debug, spdlog::level::info, spdlog::level::warn};
+  return kLevels[static_cast<std::size_t>(level)];
 }
 
 }  // namespace
@@ -51,7 +43,7 @@ void set_up_logging() {
   spdlog::set_default_logger(logger);
   spdlog::set_level(spdlog::level::warn);
   av_log_set_callback(&log_libav);
-  // Before the first thread and the first display; a person who asks for another level keeps it.
+  // Called before the first thread and display. Keeps a level that the user has set.
   setenv("EGL_LOG_LEVEL", "fatal", 0);
 }
 
@@ -69,7 +61,7 @@ bool set_log_level(std::string_view name) {
 void log_text(LogLevel level, fmt::string_view text, fmt::format_args values) {
   if (!spdlog::should_log(spdlog_level(level))) return;
   const std::string line = as_printable_line(fmt::vformat(text, values));
-  // As a text of its own, not as a format with values.
+  // A string_view_t is not taken as a format.
   spdlog::log(spdlog_level(level), spdlog::string_view_t(line));
 }
 

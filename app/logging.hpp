@@ -1,4 +1,4 @@
-// Diagnostics on standard error, ours and the libraries'.
+// Diagnostics of the program and its libraries on standard error.
 #pragma once
 
 #include <fmt/core.h>
@@ -9,15 +9,14 @@ namespace penumbra {
 
 enum class LogLevel { debug, info, warning };
 
-// spdlog to standard error, warnings and above; what libav has to say goes to the debug level: its
-// failures reach a person as errors of ours, once, and so do those of EGL's drivers.
+// Sends warnings and above to standard error. libav's messages have the debug level and EGL's are
+// off, because their failures are reported as errors of this program.
 void set_up_logging();
 
-// What is told from now on: trace, debug, info, warning, error or off. False for any other name.
+// Sets the level: trace, debug, info, warning, error or off. Returns false for any other name.
 [[nodiscard]] bool set_log_level(std::string_view name);
 
-// Not a template, as spdlog's are: these would compile all of fmt's formatting into each file that
-// logs.
+// No template like spdlog's, which compile fmt's formatting into each file that logs.
 void log_text(LogLevel level, fmt::string_view text, fmt::format_args values);
 
 // log_warning("{}: {}", camera, detail);

@@ -37,7 +37,6 @@ ProgressBar::~ProgressBar() {
   if (terminal_) std::fputs("\r\033[K", stderr);
 }
 
-// Since the start [ms]; nothing where nothing is to be drawn now.
 std::optional<double> ProgressBar::time_to_draw(bool at_once) {
   if (!terminal_) return std::nullopt;
   constexpr double kRedraw_ms = 100.0;
@@ -47,18 +46,19 @@ std::optional<double> ProgressBar::time_to_draw(bool at_once) {
   return now_ms;
 }
 
-void ProgressBar::update(int done) {
-  const auto now_ms = time_to_draw(done >= total_);
-  if (!now_ms) return;
-  std::fprintf(stderr, "\r%s\033[K", progress_text(done, total_, *now_ms, unit_).c_str());
+void ProgressBar::draw(const std::string& text) {
+  std::fprintf(stderr, "\r%s\033[K", text.c_str());
   std::fflush(stderr);
 }
 
+void ProgressBar::update(int done) {
+  if (const auto now_ms = time_to_draw(done >= total_)) {
+    draw(progress_text(done, total_, *now_ms, unit_));
+  }
+}
+
 void ProgressBar::update(const std::string& what, int step, int most) {
-  const auto now_ms = time_to_draw(false);
-  if (!now_ms) return;
-  std::fprintf(stderr, "\r%s\033[K", step_text(what, step, most, *now_ms).c_str());
-  std::fflush(stderr);
+  if (const auto now_ms = time_to_draw(false)) draw(step_text(what, step, most, *now_ms));
 }
 
 }  // namespace penumbra

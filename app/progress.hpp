@@ -1,4 +1,4 @@
-// A progress bar on standard error where that is a terminal; nothing anywhere else.
+// A progress bar on standard error if that is a terminal.
 #pragma once
 
 #include <optional>
@@ -10,18 +10,20 @@ namespace penumbra {
 
 class ProgressBar {
  public:
-  // `unit`: what is counted, for the rate; without one only the bar is drawn.
+  // `unit` of the rate; without one only the bar is drawn.
   explicit ProgressBar(int total, std::string unit = "frames");
   ProgressBar(const ProgressBar&) = delete;
   ProgressBar& operator=(const ProgressBar&) = delete;
-  ~ProgressBar();  // takes the bar away
+  ~ProgressBar();  // clears the bar
 
   void update(int done);
-  // In place of a count: what is going on, as step `step` of at most `most`, and for how long.
+  // Shows step `step` of at most `most`, what it does and the elapsed time.
   void update(const std::string& what, int step, int most);
 
  private:
+  // Returns the time since the start [ms] if the bar is to be drawn now.
   [[nodiscard]] std::optional<double> time_to_draw(bool at_once);
+  static void draw(const std::string& text);
   int total_ = 0;
   std::string unit_;
   bool terminal_ = false;

@@ -1,4 +1,4 @@
-// Where the program's own scenes, models and recordings are, whatever the current folder.
+// Finds the program's own scenes, models and recordings.
 #pragma once
 
 #include <filesystem>
@@ -7,11 +7,10 @@
 
 namespace penumbra {
 
-// A folder that holds scenes/ and recordings/, found in this order: $PENUMBRA_RESOURCES (when it is
-// set it must be right), ../share/penumbra from the program's folder (installed), then the
-// program's folder and those above it (a source tree: build/release/penumbra).
+// The folder with scenes/ and recordings/: $PENUMBRA_RESOURCES if it is set, else ../share/penumbra
+// from the program's folder (installed), else the program's folder or one above it (a source tree).
 [[nodiscard]] Result<std::filesystem::path> find_resources();
-// The same search for a program at `program`; `given` stands for the environment variable.
+// The same for a program at `program`; `given` is the environment variable's value.
 [[nodiscard]] Result<std::filesystem::path> find_resources_of(const std::filesystem::path& program,
                                                               const char* given);
 

@@ -4,8 +4,10 @@
 
 #include <cstdio>
 #include <set>
-#include <string_view>
-#include <system_error>
+
+#include "app/logging.hpp"
+#include "core/camera/camera_file.hpp"
+#include "core/propagate.hpp"
 
 namespace penumbra {
 
@@ -30,22 +32,10 @@ void print_tags(const TagsInUse& tags) {
   std::fflush(stdout);
 }
 
-Result<std::filesystem::path> tags_for_camera(const std::optional<std::filesystem::path>& named,
-                                              const std::string& camera,
-                                              const std::filesystem::path& calibration) {
-  if (named) return *named;
-  constexpr std::string_view kRecording = "recording:";
-  std::error_code ignored;
-  std::string looked_for;
-  if (camera.starts_with(kRecording)) {
-    const auto own = std::filesystem::path(camera.substr(kRecording.size())) / "tags.yaml";
-    if (std::filesystem::exists(own, ignored)) return own;
-    looked_for = own.string() + ", ";
-  }
-  const auto beside = calibration.parent_path() / "tags.yaml";
-  if (std::filesystem::exists(beside, ignored)) return beside;
-  return fail("--tags: no tag map is named, and there is no {}{}; {}", looked_for, beside.string(),
-              kNameATagMap);
+Result<CameraModel> load_chosen_camera(const std::filesystem::path& file, const std::string& name) {
+  PENUMBRA_TRY(LoadedCamera loaded, load_camera_file(file, name));
+  for (const std::string& warning : loaded.warnings) log_warning("{}", warning);
+  return std::move(loaded.camera);
 }
 
 }  // namespace penumbra

@@ -28,8 +28,7 @@ namespace penumbra {
 namespace {
 
 using TakePicture = std::function<Result<bool>(const Picture&)>;
-// Calls `take` for one picture after the other, until it returns false or an error, there are no
-// more, or the stop is requested.
+// Calls `take` for each image until it returns false or an error, or the stop is requested.
 using Pictures = std::function<Result<void>(const TakePicture& take, const std::stop_token& stop)>;
 
 Pictures newest_of(LiveSource& source) {
@@ -38,7 +37,7 @@ Pictures newest_of(LiveSource& source) {
     NewestPicture pictures(source);
     std::vector<std::uint8_t> scratch;
     while (!stop.stop_requested()) {
-      // Asked first: what comes in between is looked at in the next turn.
+      // Before take(), which may receive the last image in between.
       const bool finished = pictures.finished();
       const std::optional<Frame> frame = pictures.take(kPatience);
       if (!frame && finished) {
@@ -66,8 +65,21 @@ Pictures all_of(const std::filesystem::path& recording) {
   };
 }
 
-// Looks at pictures, one after the other, on a thread of its own: a view that is taken is solved
-// for, which takes longer than a window may stand still.
+std::string bar(const char* name, double share) {
+  constexpr int kWidth = 10;
+  const int filled = std::clamp(static_cast<int>(share * kWidth), 0, kWidth);
+  return fmt::format("{} [{:#<{}}{: <{}}]", name, "", filled, "", kWidth - filled);
+}
+
+// "image [######    ]  size [####      ] ..."
+std::string guide_text(const GuideProgress& progress) {
+  return fmt::format("{}  {}  {}  {}  {} views; {}", bar("image", progress.image),
+                     bar("size", progress.size), bar("tilt", progress.tilt),
+                     bar("certainty", progress.certainty), progress.views, progress.advice);
+}
+
+// Checks one image after the other on its own thread, because solving for a view takes longer than
+// a window may stand still.
 class Looking {
  public:
   struct Looked {
@@ -90,12 +102,12 @@ class Looking {
   Looking& operator=(const Looking&) = delete;
   ~Looking() { stop(); }
 
-  // The newest picture that was looked at; nothing when `patience` ended first.
+  // The newest checked image; nothing if `patience` ends first.
   [[nodiscard]] std::optional<Looked> take(std::chrono::milliseconds patience) {
     return looked_.take(patience);
   }
   [[nodiscard]] bool finished() const { return looked_.finished(); }
-  // Nothing is looked at any more; the calibrator is the caller's again.
+  // Ends the thread; the calibrator is the caller's again.
   void stop() {
     stop_.request_stop();
     if (thread_.joinable()) thread_.join();
@@ -127,7 +139,7 @@ class Looking {
     looked_.close();
   }
 
-  // Whether to go on.
+  // Returns false to end.
   [[nodiscard]] Result<bool> look_at(const Picture& picture) {
     ++looks_;
     if (!picture.notice.empty()) log_warning("{}", picture.notice);
@@ -164,7 +176,7 @@ class Looking {
       std::fflush(stderr);
     }
     looked_.put({picture.frame, std::move(look), progress});
-    // Of a recording nobody waits for the rest.
+    // A recording is read to its end.
     return !options_.guide.held || !progress.enough;
   }
 
@@ -174,10 +186,10 @@ class Looking {
     if (options_.keep) {
       name = fmt::format("{:06}.png", progress.views - 1);
       const std::filesystem::path path = *options_.keep / name;
-      if (auto kept = save_grey_png(path, picture); !kept) return kept;
+      PENUMBRA_TRY_VOID(save_grey_png(path, picture));
       file = fmt::format(" ({})", path.string());
     }
-    if (auto added = calibrator_.add(name, picture); !added) return added;
+    PENUMBRA_TRY_VOID(calibrator_.add(name, picture));
     if (bars_) std::fputs("\r\033[K", stderr);
     fmt::print("view {}{}: image {:.0f} %, size {:.0f} %, tilt {:.0f} %, {}; {}{}\n",
                progress.views, file, 100.0 * progress.image, 100.0 * progress.size,
@@ -196,30 +208,40 @@ class Looking {
   std::optional<ImageCheck> check_;  // until the target is seen
   std::stop_source stop_;
   const bool bars_;
-  // The thread's until it has ended:
+  // Used by the thread until it ends:
   std::optional<Error> error_;
   int looks_ = 0;
   int width_ = 0;
   int height_ = 0;
-  std::map<std::string, int> reasons_;  // why pictures were not taken
+  std::map<std::string, int> reasons_;  // of images that were not taken
   Mailbox<Looked> looked_;
-  std::thread thread_;  // last: it uses all of the above
+  std::thread thread_;  // last: it uses the others
 };
 
-std::string bar(const char* name, double share) {
-  constexpr int kWidth = 10;
-  const int filled = std::clamp(static_cast<int>(share * kWidth), 0, kWidth);
-  return fmt::format("{} [{:#<{}}{: <{}}]", name, "", filled, "", kWidth - filled);
+}  // namespace
+
+Result<void> create_keep_folder(const std::filesystem::path& folder) {
+  std::error_code error;
+  std::filesystem::create_directories(folder, error);
+  if (!error && !std::filesystem::is_empty(folder, error) && !error) {
+    return fail("{}: holds files already; name a new folder for the views", folder.string());
+  }
+  if (error) {
+    return fail("{}: is not a folder that can be made and written: {}", folder.string(),
+                error.message());
+  }
+  return {};
 }
 
-Result<Capture> capture(Pictures pictures, const Target& target, const CaptureOptions& options,
-                        InterruptWatch& interrupt, CameraCalibrator& calibrator,
-                        GuideWindow* window) {
+Result<Capture> capture_views(const CaptureSource& source, const Target& target,
+                              CaptureOptions options, InterruptWatch& interrupt,
+                              CameraCalibrator& calibrator, GuideWindow* window) {
   constexpr std::chrono::milliseconds kPatience(30);  // between looks at the window and at Ctrl-C
+  LiveSource* const* camera = std::get_if<LiveSource*>(&source);
   std::stop_source stop;
-  GuideOptions guidance = options.guide;
-  guidance.stop = stop.get_token();
-  PENUMBRA_TRY(auto guide, ViewGuide::create(target, guidance));
+  options.guide.held = camera != nullptr;
+  options.guide.stop = stop.get_token();
+  PENUMBRA_TRY(auto guide, ViewGuide::create(target, options.guide));
   std::optional<ImageCheck> check;
   if (target.tags) {
     PENUMBRA_TRY(auto made, ImageCheck::create(*target.tags));
@@ -227,8 +249,8 @@ Result<Capture> capture(Pictures pictures, const Target& target, const CaptureOp
   }
   const bool bars = window == nullptr && isatty(STDERR_FILENO) == 1;
   CaptureEnd end = CaptureEnd::no_more;
-  Looking looking(std::move(pictures), options, calibrator, std::move(guide), std::move(check),
-                  stop, bars);
+  Looking looking(camera != nullptr ? newest_of(**camera) : all_of(std::get<1>(source)), options,
+                  calibrator, std::move(guide), std::move(check), stop, bars);
   for (std::optional<Stopwatch> since_first; !looking.finished();) {
     auto looked = looking.take(kPatience);
     if (looked && !since_first) since_first.emplace();
@@ -242,7 +264,7 @@ Result<Capture> capture(Pictures pictures, const Target& target, const CaptureOp
     }
     if (interrupt.interrupted()) {
       end = CaptureEnd::interrupted;
-      interrupt.again();  // the views that there are may suffice; the next one ends the rest
+      interrupt.again();  // the views may suffice; the next signal ends the solving
     } else if (window != nullptr && window->closed()) {
       end = CaptureEnd::closed;
       if (window->display_lost()) {
@@ -258,41 +280,6 @@ Result<Capture> capture(Pictures pictures, const Target& target, const CaptureOp
   if (bars) std::fputs("\r\033[K", stderr);
   if (looking.error()) return tl::unexpected(*looking.error());
   return looking.capture(end);
-}
-
-}  // namespace
-
-std::string guide_text(const GuideProgress& progress) {
-  return fmt::format("{}  {}  {}  {}  {} views; {}", bar("image", progress.image),
-                     bar("size", progress.size), bar("tilt", progress.tilt),
-                     bar("certainty", progress.certainty), progress.views, progress.advice);
-}
-
-Result<void> create_keep_folder(const std::filesystem::path& folder) {
-  std::error_code error;
-  std::filesystem::create_directories(folder, error);
-  if (!error && !std::filesystem::is_empty(folder, error) && !error) {
-    return fail("{}: holds files already; name a new folder for the views", folder.string());
-  }
-  if (error) {
-    return fail("{}: is not a folder that can be made and written: {}", folder.string(),
-                error.message());
-  }
-  return {};
-}
-
-Result<Capture> capture_views(LiveSource& source, const Target& target,
-                              const CaptureOptions& options, InterruptWatch& interrupt,
-                              CameraCalibrator& calibrator, GuideWindow* window) {
-  return capture(newest_of(source), target, options, interrupt, calibrator, window);
-}
-
-Result<Capture> capture_views(const std::filesystem::path& recording, const Target& target,
-                              const CaptureOptions& options, InterruptWatch& interrupt,
-                              CameraCalibrator& calibrator, GuideWindow* window) {
-  CaptureOptions each = options;
-  each.guide.held = false;
-  return capture(all_of(recording), target, each, interrupt, calibrator, window);
 }
 
 }  // namespace penumbra

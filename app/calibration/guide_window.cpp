@@ -5,7 +5,6 @@
 #include <imgui.h>
 
 #include <algorithm>
-#include <array>
 #include <chrono>
 #include <cstdint>
 #include <thread>
@@ -22,7 +21,7 @@ namespace penumbra {
 namespace {
 
 constexpr double kFlash_ms = 700.0;
-constexpr int kSmallestWidth = 960;  // of the window at first [px]: a webcam's picture is smaller
+constexpr int kSmallestWidth = 960;  // initial window width [px]; a webcam's image is smaller
 constexpr std::chrono::milliseconds kRest(15);
 
 constexpr ImGuiWindowFlags kPanel = ImGuiWindowFlags_NoDecoration | ImGuiWindowFlags_NoMove |
@@ -73,7 +72,7 @@ void corners_over(const GuideHud& hud, const PictureArea& area, float em) {
   const double scale = static_cast<double>(area.width) / hud.width;
   const float radius = std::max(2.0F, 0.16F * em);
   for (const Eigen::Vector2d& pixel : hud.look.corners_px) {
-    // Pixel 0's centre is half a pixel into the picture.
+    // The centre of pixel 0 is half a pixel from the edge.
     const ImVec2 at(static_cast<float>(area.x + scale * (pixel.x() + 0.5)),
                     static_cast<float>(area.y + scale * (pixel.y() + 0.5)));
     list.AddCircleFilled(at, radius + 1.0F, kDark, 12);
@@ -146,15 +145,13 @@ void verdict(const GuideHud& hud, GlContext::Size size, float em) {
           hud.grade ? std::string(to_string(*hud.grade)) : "no calibration");
     ImGui::SetWindowFontScale(1.0F);
   }
-  // The grade stands above already.
+  // The grade is drawn above.
   const std::string grade = hud.grade ? std::string(to_string(*hud.grade)) + ": " : std::string();
   words(hud.words.starts_with(grade) ? hud.words.substr(grade.size()) : hud.words);
   if (hud.grade || hud.failed) words("Press a key to end.");
   ImGui::PopTextWrapPos();
   ImGui::End();
 }
-
-}  // namespace
 
 void draw_guide(Overlay& overlay, const GuideHud& hud, GlContext::Size size) {
   if (hud.width <= 0 || hud.height <= 0) return;
@@ -170,6 +167,8 @@ void draw_guide(Overlay& overlay, const GuideHud& hud, GlContext::Size size) {
     advice(hud, size, em);
   });
 }
+
+}  // namespace
 
 Result<std::unique_ptr<GuideWindow>> GuideWindow::open(int width, int height) {
   const double scale = std::max(1.0, static_cast<double>(kSmallestWidth) / width);

@@ -1,9 +1,7 @@
-// The window of a calibration: the camera's picture, the target as it was found in it, where views
-// are missing, a bar for each thing that is still needed, what to do next, and at the end the
-// verdict.
+// The window of a calibration: the camera's image with the detected target, the cells without
+// views, a bar for each missing quantity, the next step, and at the end the verdict.
 #pragma once
 
-#include <filesystem>
 #include <memory>
 #include <optional>
 #include <string>
@@ -21,7 +19,7 @@
 
 namespace penumbra {
 
-// What stands over a picture of `width` x `height` px.
+// Overlay of an image of `width` x `height` px.
 struct GuideHud {
   int width = 0;
   int height = 0;
@@ -30,26 +28,24 @@ struct GuideHud {
   double flash = 0.0;                     // 1 when a view has just been taken, falling to 0
   std::string words;                      // in place of the bars: "solving", or the verdict
   std::optional<CalibrationGrade> grade;  // of the verdict
-  bool failed = false;                    // the words say why there is none
+  bool failed = false;                    // the words are an error
 };
-// Over the framebuffer that is bound, which has this size [px].
-void draw_guide(Overlay& overlay, const GuideHud& hud, GlContext::Size size);
 
 class GuideWindow {
  public:
-  // For pictures of this size [px]. Fails in one line where no window can be had.
+  // For images of this size [px].
   [[nodiscard]] static Result<std::unique_ptr<GuideWindow>> open(int width, int height);
   GuideWindow(const GuideWindow&) = delete;
   GuideWindow& operator=(const GuideWindow&) = delete;
   ~GuideWindow();
 
-  // From here on shows this picture, and what was seen in it.
+  // Sets the image and what was seen in it.
   [[nodiscard]] Result<void> show(const Frame& frame, GuideLook look, GuideProgress progress);
-  // From here on these words stand over the last picture.
+  // Sets the words over the last image.
   void say(std::string words, std::optional<CalibrationGrade> grade = std::nullopt,
            bool failed = false);
-  // Draws and answers what was done: Esc and Q close the window, S saves it as a PNG in the current
-  // folder, F fills the screen.
+  // Draws and handles keys: Esc and Q close the window, S saves it as a PNG in the current folder,
+  // F fills the screen.
   void refresh();
   [[nodiscard]] bool closed() const { return closed_; }
   [[nodiscard]] bool display_lost() const { return context_->display_lost(); }
@@ -62,11 +58,11 @@ class GuideWindow {
   void take(const WindowEvent& event);
   void save_picture_of_window();
 
-  std::unique_ptr<GlContext> context_;  // outlives what is drawn with it
+  std::unique_ptr<GlContext> context_;  // outlives its objects
   std::unique_ptr<Overlay> overlay_;
   Framebuffer picture_;
   VideoTexture video_;
-  Frame frame_;  // its buffer is held while it is shown
+  Frame frame_;  // keeps its buffer while it is shown
   GuideHud hud_;
   Stopwatch since_taken_;
   bool taken_ = false;  // any view so far

@@ -24,18 +24,17 @@ bool is_picture(const std::filesystem::path& file) {
 Result<std::vector<std::filesystem::path>> pictures_in(const std::filesystem::path& folder) {
   std::vector<std::filesystem::path> files;
   std::error_code error;
+  std::error_code ignored;
   for (std::filesystem::directory_iterator entry(folder, error), end; !error && entry != end;
        entry.increment(error)) {
-    std::error_code ignored;
-    if (entry->is_regular_file(ignored) && is_picture(entry->path()))
-      files.push_back(entry->path());
+    if (entry->is_regular_file(ignored) && is_picture(*entry)) files.push_back(*entry);
   }
   if (error) return fail("{}: cannot be read: {}", folder.string(), error.message());
   std::sort(files.begin(), files.end());
   return files;
 }
 
-// `source`: what is named in messages.
+// `source` is named in messages.
 Result<void> each_file(const std::filesystem::path& source,
                        const std::vector<std::filesystem::path>& files,
                        const std::function<Result<bool>(const Picture&)>& take) {
@@ -86,7 +85,7 @@ Result<void> for_each_picture(const std::filesystem::path& source,
   }
   OpenRecordingOptions options;
   options.surroundings = false;
-  PENUMBRA_TRY(const Recording recording, open_recording(source, options));
+  PENUMBRA_TRY(const auto recording, open_recording(source, options));
   if (recording.video.empty()) {
     std::vector<std::filesystem::path> files;
     for (const RecordedFrame& frame : recording.frames) files.push_back(frame.file);

@@ -1,4 +1,4 @@
-// Pictures to calibrate from, one after the other: a recording's, or those of a folder.
+// Reads images to calibrate from, of a recording or a folder.
 #pragma once
 
 #include <filesystem>
@@ -14,17 +14,15 @@ namespace penumbra {
 struct Picture {
   std::string name;  // the file's, or "frame 12" of a video
   int index = 0;
-  int count = 0;           // of all pictures, where known; else 0
-  Frame frame;             // as it was decoded; empty where it can't be read
-  ImageView luma;          // of it, empty where it can't be read ...
-  std::string unreadable;  // ... and why
-  // Warning about how images are read. Each one is set on one image only.
-  std::string notice;
+  int count = 0;           // of all images, if known; else 0
+  Frame frame;             // as decoded; empty if unreadable
+  ImageView luma;          // of the frame
+  std::string unreadable;  // the error, if unreadable
+  std::string notice;      // warning about how images are read, on one image only
 };
 
-// Calls `take` for every picture, in order; ends early where it returns false or an error. A
-// camera.yaml, tags.yaml or groundtruth.tum in the folder is not looked at. Fails, naming the
-// folder, where there is nothing to read.
+// Calls `take` for every image in order, until it returns false or an error. Reads no camera.yaml,
+// tags.yaml or groundtruth.tum in the folder. Fails if there are no images.
 [[nodiscard]] Result<void> for_each_picture(
     const std::filesystem::path& source, const std::function<Result<bool>(const Picture&)>& take);
 

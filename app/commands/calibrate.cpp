@@ -1,29 +1,18 @@
-// penumbra calibrate: pictures of a printed target in, camera.yaml and a verdict out.
+// penumbra calibrate: computes camera.yaml and a verdict from images of a printed target.
 
-#include <fmt/format.h>
+#include <fmt/chrono.h>
 
-#include <CLI/App.hpp>
-#include <CLI/Config.hpp>
-#include <CLI/Formatter.hpp>
-#include <algorithm>
 #include <array>
-#include <chrono>
 #include <cmath>
 #include <ctime>
 #include <fstream>
 #include <memory>
 #include <mutex>
-#include <optional>
 #include <stop_token>
-#include <string>
-#include <string_view>
-#include <utility>
-#include <vector>
 
 #include "app/calibration/calibration_capture.hpp"
 #include "app/calibration/guide_window.hpp"
 #include "app/calibration/picture_source.hpp"
-#include "app/commands/command.hpp"
 #include "app/commands/options.hpp"
 #include "app/interrupt.hpp"
 #include "app/live/live_camera.hpp"
@@ -31,7 +20,7 @@
 #include "app/output/output_file.hpp"
 #include "app/output/stoppable.hpp"
 #include "app/progress.hpp"
-#include "app/session/camera_choice.hpp"
+#include "app/tags_in_use.hpp"
 #include "calib/camera_calibration.hpp"
 #include "calib/report/calibration_report.hpp"
 #include "core/camera/camera_file.hpp"
@@ -39,13 +28,6 @@
 
 namespace penumbra {
 namespace {
-
-std::string today() {
-  const std::time_t now = std::time(nullptr);
-  std::tm local{};
-  localtime_r(&now, &local);
-  return fmt::format("{:04}-{:02}-{:02}", local.tm_year + 1900, local.tm_mon + 1, local.tm_mday);
-}
 
 struct CalibrateOptions {
   std::filesystem::path source;
@@ -59,19 +41,16 @@ struct CalibrateOptions {
   std::string format = "auto";
   std::optional<double> focus_position;
   int views = 60;
-  std::optional<std::filesystem::path> keep;
-  bool no_window = false;
-  std::string size;
-  CameraRequest camera;  // if the source is a camera
-  std::optional<double> duration_s;
+  bool window = true;
+  CameraRequest camera;    // if the source is a camera
+  CaptureOptions capture;  // from a camera, or a recording that is played as one
 };
 
 CameraFileFormat format_of(const CalibrateOptions& options) {
   if (options.format == "ros") return CameraFileFormat::ros;
   if (options.format == "opencv") return CameraFileFormat::opencv;
-  if (options.format == "kalibr") return CameraFileFormat::kalibr;
-  const std::string name = options.output.filename().string();
-  if (name.find("camchain") != std::string::npos) return CameraFileFormat::kalibr;
+  const bool chain = options.output.filename().string().find("camchain") != std::string::npos;
+  if (options.format == "kalibr" || chain) return CameraFileFormat::kalibr;
   return options.output.extension() == ".yml" ? CameraFileFormat::opencv : CameraFileFormat::ros;
 }
 
@@ -113,11 +92,11 @@ CalibrationRecord record_of(const CameraCalibration& calibration, const Target& 
 
 void print_summary(const CameraCalibration& calibration) {
   constexpr int kMostOfAReason = 8;
-  const auto told = told_left_out(calibration.pictures, kMostOfAReason);
-  for (std::size_t i = 0; i < told.size(); ++i) {
-    if (!told[i]) continue;
+  const auto listed = told_left_out(calibration.pictures, kMostOfAReason);
+  for (std::size_t i = 0; i < listed.size(); ++i) {
+    if (!listed[i]) continue;
     const CalibrationPicture& picture = calibration.pictures[i];
-    const std::string more = *told[i] > 0 ? fmt::format(" and {} more", *told[i]) : "";
+    const std::string more = *listed[i] > 0 ? fmt::format(" and {} more", *listed[i]) : "";
     fmt::print("left out: {}{}: {}\n", picture.name, more, picture.left_out);
   }
   fmt::print("{:<22}{:<9}{:>13}{:>17}\n", "lens", "board", "residual [px]", "held out [px]");
@@ -151,28 +130,18 @@ void print_summary(const CameraCalibration& calibration) {
   }
 }
 
-struct CalibrateOutputs {
-  OutputFile camera;
-  std::optional<OutputFile> report;
-
-  [[nodiscard]] std::vector<OutputFile*> all() {
-    std::vector<OutputFile*> files = {&camera};
-    if (report) files.push_back(&*report);
-    return files;
-  }
-};
-
-Result<CalibrateOutputs> open_calibrate_outputs(const CalibrateOptions& options) {
-  PENUMBRA_TRY(auto camera, OutputFile::create(options.output));
-  CalibrateOutputs outputs{std::move(camera), std::nullopt};
-  if (!options.report.empty()) {
-    PENUMBRA_TRY(auto report, OutputFile::create(options.report));
-    outputs.report.emplace(std::move(report));
+// The camera's file and, if it is named, the report.
+Result<std::vector<OutputFile>> create_outputs(const CalibrateOptions& options) {
+  std::vector<OutputFile> outputs;
+  for (const std::filesystem::path& path : {options.output, options.report}) {
+    if (path.empty()) continue;
+    PENUMBRA_TRY(auto file, OutputFile::create(path));
+    outputs.push_back(std::move(file));
   }
   return outputs;
 }
 
-// Before anything is solved: cameras of two sizes can't be compared.
+// Fails if the earlier camera is of another size.
 Result<void> check_comparable(const CalibrateOptions& options,
                               const std::optional<CameraModel>& earlier, int width, int height) {
   if (!earlier || (earlier->width() == width && earlier->height() == height)) return {};
@@ -203,10 +172,9 @@ Result<void> read_pictures(const CalibrateOptions& options,
   return {};
 }
 
-// A window for pictures of this size [px], where there is a display and it was not forbidden; else
-// nothing: then it is told on the terminal.
+// Opens a window for images of this size [px]; null without a display or with --no-window.
 std::unique_ptr<GuideWindow> window_for(const CalibrateOptions& options, int width, int height) {
-  if (options.no_window) return nullptr;
+  if (!options.window) return nullptr;
   std::string why = "no display";
   if (display_available()) {
     auto window = GuideWindow::open(width, height);
@@ -218,7 +186,7 @@ std::unique_ptr<GuideWindow> window_for(const CalibrateOptions& options, int wid
   return nullptr;
 }
 
-// The size of the first picture that can be read.
+// The size of the first readable image.
 Result<ImageSize> picture_size(const std::filesystem::path& recording) {
   std::optional<ImageSize> size;
   PENUMBRA_TRY_VOID(for_each_picture(recording, [&](const Picture& picture) -> Result<bool> {
@@ -234,25 +202,23 @@ Result<ImageSize> picture_size(const std::filesystem::path& recording) {
 
 struct Guided {
   Capture capture;
-  std::unique_ptr<GuideWindow> window;  // where there is one
+  std::unique_ptr<GuideWindow> window;  // null without one
 };
 
-// Views are taken from the source, by themselves, and go to `calibrator`.
+// Takes views from the source for `calibrator`.
 Result<Guided> guide(const CalibrateOptions& options, const Target& target,
                      const std::optional<CameraModel>& earlier, InterruptWatch& interrupt,
                      CameraCalibrator& calibrator) {
-  CaptureOptions capture;
+  CaptureOptions capture = options.capture;
   capture.guide.model = calibration_options(options).model;
   capture.guide.for_kalibr = calibration_options(options).for_kalibr;
-  capture.duration_s = options.duration_s;
-  capture.keep = options.keep;
   const auto recording = played_recording(options.source.string());
   std::unique_ptr<LiveSource> camera;
   ImageSize size;
   if (recording) {
     PENUMBRA_TRY(const auto first, picture_size(*recording));
     size = first;
-    // Nobody waits: what says more than a view of a full set does on average is taken.
+    // A view must add more than the average one of a full set.
     capture.guide.least_gain = 0.5 / options.views;
   } else {
     PENUMBRA_TRY(auto opened, open_live_source(options.camera));
@@ -260,15 +226,13 @@ Result<Guided> guide(const CalibrateOptions& options, const Target& target,
     size = {camera->format().width, camera->format().height};
   }
   PENUMBRA_TRY_VOID(check_comparable(options, earlier, size.width, size.height));
-  if (options.keep) {
-    PENUMBRA_TRY_VOID(create_keep_folder(*options.keep));
-  }
+  if (options.capture.keep) PENUMBRA_TRY_VOID(create_keep_folder(*options.capture.keep));
   Guided guided;
   guided.window = window_for(options, size.width, size.height);
   GuideWindow* window = guided.window.get();
+  const CaptureSource source = camera ? CaptureSource(camera.get()) : CaptureSource(*recording);
   PENUMBRA_TRY(auto captured,
-               camera ? capture_views(*camera, target, capture, interrupt, calibrator, window)
-                      : capture_views(*recording, target, capture, interrupt, calibrator, window));
+               capture_views(source, target, capture, interrupt, calibrator, window));
   constexpr int kFewest = 3;
   if (captured.views < kFewest) {
     const std::string why =
@@ -290,9 +254,8 @@ Result<Guided> guide(const CalibrateOptions& options, const Target& target,
 
 Result<CameraCalibration> finish_in(GuideWindow* window, InterruptWatch& interrupt,
                                     CameraCalibrator& calibrator) {
-  // Written where it is solved, read where it is shown.
   std::mutex mutex;
-  SolvingStep latest;
+  SolvingStep latest;  // guarded by mutex
   ProgressBar progress(1);
   int shown = -1;
   return run_stoppable(
@@ -322,20 +285,22 @@ Result<CameraCalibration> finish_in(GuideWindow* window, InterruptWatch& interru
 
 tl::unexpected<Error> ended_early(const CalibrateOptions& options) {
   const std::string kept =
-      options.keep ? fmt::format("; the views are in {}", options.keep->string()) : "";
+      options.capture.keep ? fmt::format("; the views are in {}", options.capture.keep->string())
+                           : "";
   return fail("{}: ended early; no file was written{}", options.source.string(), kept);
 }
 
-Result<void> write_calibration(const CalibrateOptions& options, CalibrateOutputs& outputs,
+Result<void> write_calibration(const CalibrateOptions& options, std::vector<OutputFile>& outputs,
                                const Target& target, const CameraCalibration& calibration,
                                const std::optional<CameraModel>& earlier) {
   const CameraModel& camera = calibration.solution.camera;
-  const std::string date = today();
+  const std::time_t now = std::time(nullptr);
+  std::tm local{};
+  const std::string date = fmt::format("{:%Y-%m-%d}", *localtime_r(&now, &local));
   const CalibrationRecord record = record_of(calibration, target, date, options.focus_position);
-  if (auto saved = save_camera(outputs.camera.partial(), camera, format_of(options), &record);
-      !saved)
-    return outputs.camera.failed(saved.error());
-  if (outputs.report) {
+  if (auto saved = save_camera(outputs[0].partial(), camera, format_of(options), &record); !saved)
+    return outputs[0].failed(saved.error());
+  if (!options.report.empty()) {
     ReportInput input;
     input.title = options.source.string();
     input.date = date;
@@ -344,11 +309,11 @@ Result<void> write_calibration(const CalibrateOptions& options, CalibrateOutputs
       input.target += " (does not show whether the images are mirrored)";
     input.earlier = earlier;
     input.earlier_name = options.compare.string();
-    if (auto written = write_whole(*outputs.report, calibration_report(calibration, input));
-        !written)
-      return written;
+    PENUMBRA_TRY_VOID(write_whole(outputs[1], calibration_report(calibration, input)));
   }
-  return commit_together(outputs.all());
+  std::vector<OutputFile*> files;
+  for (OutputFile& file : outputs) files.push_back(&file);
+  return commit_together(files);
 }
 
 void print_result(const CalibrateOptions& options, const Target& target,
@@ -374,7 +339,7 @@ void print_result(const CalibrateOptions& options, const Target& target,
   std::fflush(stdout);
 }
 
-// Fails for the printed sheet in place of the file that describes it. A pipe is read only once.
+// Fails for the printed sheet in place of the file that describes it. A pipe can be read only once.
 Result<void> check_is_no_sheet(const std::filesystem::path& target) {
   if (is_stream(target)) return {};
   std::ifstream file(target, std::ios::binary);
@@ -397,30 +362,27 @@ Result<ExitCode> run_calibrate(const CalibrateOptions& options) {
     earlier = std::move(loaded);
   }
   interrupt.hold();
-  PENUMBRA_TRY(auto outputs, open_calibrate_outputs(options));
+  PENUMBRA_TRY(auto outputs, create_outputs(options));
   auto calibrator = CameraCalibrator::create(target, calibration_options(options));
   if (!calibrator) return fail_in(options.target.string(), calibrator.error());
 
   std::unique_ptr<GuideWindow> window;
-  bool person_waits = false;  // for the verdict, in the window
+  bool person_waits = false;  // for the verdict in the window
   if (names_camera(options.source.string())) {
     PENUMBRA_TRY(auto guided, guide(options, target, earlier, interrupt, *calibrator));
     window = std::move(guided.window);
     const CaptureEnd end = guided.capture.end;
     person_waits = window && end != CaptureEnd::closed && end != CaptureEnd::interrupted &&
-                   !options.duration_s;
+                   !options.capture.duration_s;
   } else {
     PENUMBRA_TRY_VOID(read_pictures(options, earlier, interrupt, *calibrator));
   }
   if (interrupt.interrupted()) return ended_early(options);
   const auto calibration = finish_in(window.get(), interrupt, *calibrator);
   if (interrupt.interrupted()) return ended_early(options);
-  Result<void> written = {};
-  if (!calibration) {
-    written = fail_in(options.source.string(), calibration.error());
-  } else {
-    written = write_calibration(options, outputs, target, *calibration, earlier);
-  }
+  const Result<void> written =
+      calibration ? write_calibration(options, outputs, target, *calibration, earlier)
+                  : fail_in(options.source.string(), calibration.error());
   if (written) print_result(options, target, *calibration, earlier);
   if (person_waits) {
     if (written) {
@@ -443,85 +405,9 @@ Result<ExitCode> run_calibrate(const CalibrateOptions& options) {
 }  // namespace
 
 void add_calibrate_command(CLI::App& program, ChosenCommand& chosen) {
-  CLI::App* command = program.add_subcommand(
-      "calibrate",
-      "Find a camera's lens from pictures of a printed target, and say what it is worth");
-  add_common_options(*command);
-  const auto options = std::make_shared<CalibrateOptions>();
-  command
-      ->add_option(
-          "source", options->source,
-          "A recording, or a folder of PNG or JPEG pictures (a camera.yaml in it is not read); or "
-          "a camera, v4l2:/dev/video0 or libcamera:0: views are taken by themselves when they say "
-          "something new. recording:FOLDER plays a recording or a folder as if it were one, every "
-          "picture, to the end")
-      ->required()
-      ->type_name("SOURCE");
-  command
-      ->add_option("--target", options->target,
-                   "What was printed: a tags.yaml, an aprilgrid.yaml, a chessboard.yaml, or what "
-                   "penumbra target wrote")
-      ->required()
-      ->type_name("FILE");
-  command->add_option("--output", options->output, "The camera's file")
-      ->required()
-      ->type_name("camera.yaml");
-  command
-      ->add_option("--report", options->report, "What the calibration rests on, as one HTML file")
-      ->type_name("report.html");
-  command
-      ->add_option("--model", options->model,
-                   "Lens: plumb_bob, rational, fisheye, or auto: the simplest that explains views "
-                   "it has not seen")
-      ->check(CLI::IsMember({"auto", "plumb_bob", "rational", "fisheye"}))
-      ->capture_default_str();
-  command
-      ->add_option("--board", options->board,
-                   "The target is rigid (as its file says), bowed, free (every corner a little "
-                   "elsewhere), or auto")
-      ->check(CLI::IsMember({"auto", "rigid", "bowed", "free"}))
-      ->capture_default_str();
-  command
-      ->add_option("--format", options->format,
-                   "Of the camera's file: ros, opencv, kalibr (lenses without k3), or auto: by its "
-                   "name (*.yml is OpenCV's, *camchain* Kalibr's)")
-      ->check(CLI::IsMember({"auto", "ros", "opencv", "kalibr"}))
-      ->capture_default_str();
-  CLI::Option* compare =
-      command->add_option("--compare", options->compare, "An earlier calibration to compare with")
-          ->type_name("FILE");
-  add_camera_name_option(*command, options->compare_name)
-      ->description("Which camera of the file of --compare, where it holds several")
-      ->needs(compare);
-  command
-      ->add_option("--focus-position", options->focus_position,
-                   "Where the lens was focused, as its driver counts: kept in the file")
-      ->check([](const std::string& text) {
-        double position = 0.0;
-        return CLI::detail::lexical_cast(text, position) && std::isfinite(position)
-                   ? std::string()
-                   : fmt::format("'{}' is not a number", text);
-      });
-  command->add_option("--views", options->views, "Most views to solve from")
-      ->check(CLI::Range(3, 1000))
-      ->capture_default_str();
-  command
-      ->add_option(
-          "--keep", options->keep,
-          "A new folder for the views that are taken from a camera or recording:FOLDER (PNG): "
-          "calibrating from it again gives the same")
-      ->type_name("FOLDER");
-  command->add_flag("--no-window", options->no_window,
-                    "Guide on the terminal, also where there is a display");
-  command->add_option("--size", options->size, "Of a camera's pictures")->type_name("WxH");
-  command->add_option("--fps", options->camera.fps, "Of a camera")->check(CLI::Range(0.1, 1000.0));
-  command
-      ->add_option(
-          "--duration", options->duration_s,
-          "Seconds to take views from a camera; then solves and ends, without waiting for a key "
-          "(default: until they are enough, or Ctrl-C)")
-      ->check(CLI::Range(0.1, 1e6));
-  command->footer(
+  CLI::App& command = add_command(
+      program, "calibrate",
+      "Find a camera's lens from pictures of a printed target, and say what it is worth",
       "The last line is the verdict. A camera file is written whatever it says, and none where the "
       "pictures\ncan't fix a camera.\n"
       "A chessboard looks the same in a mirror, and its lens would be mirrored too: check that "
@@ -532,32 +418,92 @@ void add_calibrate_command(CLI::App& program, ChosenCommand& chosen) {
       "report.html\n"
       "  penumbra calibrate v4l2:/dev/video0 --target target.yaml --output camera.yaml --keep "
       "views");
-  command->callback([options, command, &chosen] {
-    claim_outputs(*command, {"--output", "--report"});
+  const auto options = std::make_shared<CalibrateOptions>();
+  add_option(
+      command, "source", "SOURCE", options->source,
+      "A recording, or a folder of PNG or JPEG pictures (a camera.yaml in it is not read); or a "
+      "camera, v4l2:/dev/video0 or libcamera:0: views are taken by themselves when they say "
+      "something new. recording:FOLDER plays a recording or a folder as if it were one, every "
+      "picture, to the end")
+      ->required();
+  add_option(
+      command, "--target", "FILE", options->target,
+      "What was printed: a tags.yaml, an aprilgrid.yaml, a chessboard.yaml, or what penumbra "
+      "target wrote")
+      ->required();
+  add_option(command, "--output", "camera.yaml", options->output, "The camera's file")->required();
+  add_option(command, "--report", "report.html", options->report,
+             "What the calibration rests on, as one HTML file");
+  command
+      .add_option(
+          "--model", options->model,
+          "Lens: plumb_bob, rational, fisheye, or auto: the simplest that explains views it "
+          "has not seen")
+      ->check(CLI::IsMember({"auto", "plumb_bob", "rational", "fisheye"}))
+      ->capture_default_str();
+  command
+      .add_option("--board", options->board,
+                  "The target is rigid (as its file says), bowed, free (every corner a little "
+                  "elsewhere), or auto")
+      ->check(CLI::IsMember({"auto", "rigid", "bowed", "free"}))
+      ->capture_default_str();
+  command
+      .add_option("--format", options->format,
+                  "Of the camera's file: ros, opencv, kalibr (lenses without k3), or auto: by its "
+                  "name (*.yml is OpenCV's, *camchain* Kalibr's)")
+      ->check(CLI::IsMember({"auto", "ros", "opencv", "kalibr"}))
+      ->capture_default_str();
+  CLI::Option* compare = add_option(command, "--compare", "FILE", options->compare,
+                                    "An earlier calibration to compare with");
+  add_camera_name_option(command, options->compare_name)
+      ->description("Which camera of the file of --compare, where it holds several")
+      ->needs(compare);
+  command
+      .add_option("--focus-position", options->focus_position,
+                  "Where the lens was focused, as its driver counts: kept in the file")
+      ->check([](const std::string& text) {
+        double position = 0.0;
+        return CLI::detail::lexical_cast(text, position) && std::isfinite(position)
+                   ? std::string()
+                   : fmt::format("'{}' is not a number", text);
+      });
+  command.add_option("--views", options->views, "Most views to solve from")
+      ->check(CLI::Range(3, 1000))
+      ->capture_default_str();
+  add_option(command, "--keep", "FOLDER", options->capture.keep,
+             "A new folder for the views that are taken from a camera or recording:FOLDER (PNG): "
+             "calibrating from it again gives the same");
+  add_off_flag(command, "--no-window", options->window,
+               "Guide on the terminal, also where there is a display");
+  add_size_option(command, "WxH", options->camera.width, options->camera.height,
+                  "Of a camera's pictures");
+  command.add_option("--fps", options->camera.fps, "Of a camera")->check(CLI::Range(0.1, 1000.0));
+  command
+      .add_option(
+          "--duration", options->capture.duration_s,
+          "Seconds to take views from a camera; then solves and ends, without waiting for a "
+          "key (default: until they are enough, or Ctrl-C)")
+      ->check(CLI::Range(0.1, 1e6));
+  command.callback([options, &command, &chosen] {
+    claim_outputs(command, {"--output", "--report"});
     const std::array outputs = {options->output, options->report};
     const std::array inputs = {options->target, options->compare};
     if (const auto once = check_written_once(outputs, inputs); !once)
-      throw CLI::ValidationError("--output", once.error().message);
+      usage_error("--output", "{}", once.error().message);
     options->camera.source = options->source.string();
+    const auto reject = [&command](std::initializer_list<const char*> names, const char* why) {
+      for (const char* name : names) {
+        if (command.count(name) > 0) usage_error(name, "is for a camera; {}", why);
+      }
+    };
     if (played_recording(options->camera.source)) {
-      for (const char* option : {"--size", "--fps"}) {
-        if (command->count(option) > 0)
-          throw CLI::ValidationError(option, "is for a camera; a recording has its own");
-      }
+      reject({"--size", "--fps"}, "a recording has its own");
     } else if (!names_camera(options->camera.source)) {
-      for (const char* option : {"--size", "--fps", "--duration", "--keep"}) {
-        if (command->count(option) > 0)
-          throw CLI::ValidationError(option, "is for a camera; the source is a folder");
-      }
-    }
-    if (!options->size.empty()) {
-      const ImageSize size = image_size_from("--size", options->size);
-      options->camera.width = size.width;
-      options->camera.height = size.height;
+      reject({"--size", "--fps", "--duration", "--keep"}, "the source is a folder");
     }
     if (format_of(*options) == CameraFileFormat::kalibr && options->model == "rational") {
-      throw CLI::ValidationError(
-          "--model", "rational: Kalibr's files have no such lens; name plumb_bob or fisheye");
+      usage_error("--model",
+                  "rational: Kalibr's files have no such lens; name plumb_bob or fisheye");
     }
     chosen = [options] { return run_calibrate(*options); };
   });

@@ -1,20 +1,14 @@
-// penumbra devices: which cameras there are, what they offer, and why one can't be used.
+// penumbra devices: lists cameras, their formats, and why one can't be used.
 
-#include <fmt/format.h>
 #include <fmt/ranges.h>
 
 #include <algorithm>
-
-#include <CLI/App.hpp>
-#include <CLI/Config.hpp>
-#include <CLI/Formatter.hpp>
 
 #include "app/capture/camera_trouble.hpp"
 #include "app/capture/libcamera_source.hpp"
 #include "app/capture/v4l2/v4l2_device.hpp"
 #include "app/capture/v4l2/v4l2_setup.hpp"
 #include "app/capture/v4l2/v4l2_source.hpp"
-#include "app/commands/command.hpp"
 #include "app/commands/options.hpp"
 
 namespace penumbra {
@@ -32,11 +26,11 @@ std::string text_of(const V4l2Size& size) {
   return text + fmt::format(" at {:.4g}/s", fmt::join(size.rates, "/s, "));
 }
 
-// Without the advice to run this command.
-std::string without_itself(std::string message) {
+// Removes the advice to run this command.
+std::string without_advice(std::string message) {
   for (const std::string_view advice : {"; plug it in, or see what there is: penumbra devices",
                                         "; see what there is: penumbra devices"}) {
-    if (message.ends_with(advice)) message = message.substr(0, message.size() - advice.size());
+    if (message.ends_with(advice)) message.resize(message.size() - advice.size());
   }
   return message;
 }
@@ -52,7 +46,7 @@ Result<ExitCode> list_devices() {
     const auto device = V4l2Device::open(path);
     if (!device) {
       fmt::print("v4l2:{}  can't be used\n  {}\n", path.string(),
-                 without_itself(device.error().message));
+                 without_advice(device.error().message));
       continue;
     }
     const V4l2Identity& about = device->identity();
@@ -96,11 +90,10 @@ Result<ExitCode> list_devices() {
 }  // namespace
 
 void add_devices_command(CLI::App& program, ChosenCommand& chosen) {
-  CLI::App* command = program.add_subcommand(
-      "devices", "List cameras, their formats, sizes and rates, and why one can't be used");
-  add_common_options(*command);
-  command->footer("Example:\n  penumbra devices");
-  command->callback([&chosen] { chosen = list_devices; });
+  add_command(program, "devices",
+              "List cameras, their formats, sizes and rates, and why one can't be used",
+              "Example:\n  penumbra devices")
+      .callback([&chosen] { chosen = list_devices; });
 }
 
 }  // namespace penumbra

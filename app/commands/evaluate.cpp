@@ -1,27 +1,16 @@
-// penumbra evaluate: how far an estimated camera path is from the true one.
+// penumbra evaluate: compares an estimated camera path with the true one.
 
 #include "core/evaluation/evaluation.hpp"
 #include "core/propagate.hpp"
 
-#include <fmt/format.h>
-
-#include <CLI/App.hpp>
-#include <CLI/Config.hpp>
-#include <CLI/Formatter.hpp>
 #include <map>
 #include <memory>
-#include <optional>
-#include <string>
-#include <utility>
-#include <vector>
 
-#include "app/commands/command.hpp"
 #include "app/commands/options.hpp"
 #include "app/logging.hpp"
 #include "app/recording/recording_source.hpp"
 #include "app/report/run_report.hpp"
-#include "app/session/camera_choice.hpp"
-#include "core/evaluation/pairing.hpp"
+#include "app/tags_in_use.hpp"
 #include "core/evaluation/pose_convention_hint.hpp"
 #include "core/geometry/tag_map.hpp"
 #include "core/geometry/trajectory.hpp"
@@ -51,7 +40,7 @@ std::string times_of(const Trajectory& trajectory, std::int64_t offset_ns = 0) {
                      time_of(trajectory.poses.back()));
 }
 
-// Fails where no pose was judged, or where the times are not in seconds.
+// Fails if no pose was judged, or if the times are not in seconds.
 Result<void> check_pairing(const Evaluation& evaluation, const NamedTrajectory& estimated,
                            const NamedTrajectory& truth, const PairingOptions& pairing) {
   for (const auto& [trajectory, name] : {estimated, truth}) {
@@ -72,7 +61,7 @@ Result<void> check_pairing(const Evaluation& evaluation, const NamedTrajectory& 
       times_of(truth.trajectory));
 }
 
-// Of the groups of tags that have both a file of estimated places and one of true ones.
+// Evaluates the groups of tags that have a file of estimated places and one of true ones.
 Result<std::map<std::string, Evaluation>> evaluate_groups(const EvaluateOptions& options,
                                                           const CameraModel& camera,
                                                           const Trajectory& estimated,
@@ -125,18 +114,18 @@ Result<ExitCode> run_evaluate(const EvaluateOptions& options) {
   PENUMBRA_TRY(const auto camera, load_chosen_camera(options.camera, options.camera_name));
   PENUMBRA_TRY(const auto estimated, load_trajectory(options.estimated));
   PENUMBRA_TRY(const auto truth, load_trajectory(options.groundtruth));
-  for (const auto& [trajectory, file] :
-       {std::pair(&estimated, &options.estimated), std::pair(&truth, &options.groundtruth)}) {
-    if (!trajectory->of_body) continue;
+  const std::string estimated_name = options.estimated.string();
+  const std::string truth_name = options.groundtruth.string();
+  const NamedTrajectory named_estimate{estimated, estimated_name};
+  const NamedTrajectory named_truth{truth, truth_name};
+  for (const NamedTrajectory& named : {named_estimate, named_truth}) {
+    if (!named.trajectory.of_body) continue;
     log_warning("{}: EuRoC's poses are of the body (the IMU); they are taken as the camera's",
-                file->string());
+                named.name);
   }
   const Evaluation evaluation = evaluate(camera, estimated, truth, options.pairing);
-  PENUMBRA_TRY_VOID(check_pairing(evaluation, {estimated, options.estimated.string()},
-                                  {truth, options.groundtruth.string()}, options.pairing));
-  if (const auto hint =
-          pose_convention_hint({estimated, options.estimated.string()},
-                               {truth, options.groundtruth.string()}, options.pairing)) {
+  PENUMBRA_TRY_VOID(check_pairing(evaluation, named_estimate, named_truth, options.pairing));
+  if (const auto hint = pose_convention_hint(named_estimate, named_truth, options.pairing)) {
     log_warning("{}", *hint);
   }
   PENUMBRA_TRY(const auto groups, evaluate_groups(options, camera, estimated, truth));
@@ -154,52 +143,41 @@ Result<ExitCode> run_evaluate(const EvaluateOptions& options) {
 }  // namespace
 
 void add_evaluate_command(CLI::App& program, ChosenCommand& chosen) {
-  CLI::App* command = program.add_subcommand(
-      "evaluate", "Compare an estimated camera path with the true one, in the table frame");
-  add_common_options(*command);
-  const auto options = std::make_shared<EvaluateOptions>();
-  command->add_option("--estimated", options->estimated, "Estimated camera poses")
-      ->required()
-      ->type_name("FILE.tum");
-  command
-      ->add_option("--groundtruth", options->groundtruth, "True camera poses, or EuRoC's data.csv")
-      ->required()
-      ->type_name("FILE.tum");
-  command
-      ->add_option("--camera", options->camera, "Camera model: what the overlay error is seen by")
-      ->required()
-      ->type_name("camera.yaml");
-  add_camera_name_option(*command, options->camera_name);
-  CLI::Option* tags = command
-                          ->add_option("--tags", options->tags,
-                                       "Tag map: groups of tags beside the table are compared too")
-                          ->type_name("tags.yaml");
-  CLI::Option* estimated_groups =
-      command
-          ->add_option("--estimated-groups", options->estimated_groups,
-                       "Estimated places of groups on the table: NAME.tum each, as --group-poses "
-                       "of replay and a recorded session have them")
-          ->type_name("FOLDER");
-  CLI::Option* true_groups = command
-                                 ->add_option("--groundtruth-groups", options->groundtruth_groups,
-                                              "Their true places, as simulate writes them")
-                                 ->type_name("FOLDER");
-  tags->needs(estimated_groups)->needs(true_groups);
-  estimated_groups->needs(tags);
-  true_groups->needs(tags);
-  add_pairing_options(*command, options->pairing);
-  command->add_flag("--json", options->json, "JSON instead of a table");
-  command->footer(
+  CLI::App& command = add_command(
+      program, "evaluate", "Compare an estimated camera path with the true one, in the table frame",
       "Each estimated pose is compared with the ground truth at its time, which is interpolated.\n"
       "Beyond its first and last pose it is extrapolated by half of an interval, at most 10 ms.\n"
       "No alignment: the table frame is known. Overlay error: how far the corners of a 0.2 m cube "
       "on the\ntable's origin are from where the true pose shows them; of a group of tags, one on "
-      "the "
-      "middle of its\ntags, drawn by the camera's pose and the group's place.\n\n"
+      "the middle of its\ntags, drawn by the camera's pose and the group's place.\n\n"
       "Example:\n"
       "  penumbra evaluate --estimated out.tum --groundtruth recordings/tabletop/groundtruth.tum "
       "--camera recordings/tabletop/camera.yaml");
-  command->callback([options, &chosen] { chosen = [options] { return run_evaluate(*options); }; });
+  const auto options = std::make_shared<EvaluateOptions>();
+  add_option(command, "--estimated", "FILE.tum", options->estimated, "Estimated camera poses")
+      ->required();
+  add_option(command, "--groundtruth", "FILE.tum", options->groundtruth,
+             "True camera poses, or EuRoC's data.csv")
+      ->required();
+  add_option(command, "--camera", "camera.yaml", options->camera,
+             "Camera model: what the overlay error is seen by")
+      ->required();
+  add_camera_name_option(command, options->camera_name);
+  CLI::Option* tags = add_option(command, "--tags", "tags.yaml", options->tags,
+                                 "Tag map: groups of tags beside the table are compared too");
+  CLI::Option* estimated_groups =
+      add_option(command, "--estimated-groups", "FOLDER", options->estimated_groups,
+                 "Estimated places of groups on the table: NAME.tum each, as --group-poses of "
+                 "replay and a recorded session have them");
+  CLI::Option* true_groups =
+      add_option(command, "--groundtruth-groups", "FOLDER", options->groundtruth_groups,
+                 "Their true places, as simulate writes them");
+  tags->needs(estimated_groups)->needs(true_groups);
+  estimated_groups->needs(tags);
+  true_groups->needs(tags);
+  add_pairing_options(command, options->pairing);
+  command.add_flag("--json", options->json, "JSON instead of a table");
+  command.callback([options, &chosen] { chosen = [options] { return run_evaluate(*options); }; });
 }
 
 }  // namespace penumbra

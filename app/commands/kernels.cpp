@@ -1,18 +1,10 @@
 // penumbra kernels: computes the shadow kernels of a model once and keeps them.
 
-#include <fmt/format.h>
-
-#include <CLI/App.hpp>
-#include <CLI/Config.hpp>
-#include <CLI/Formatter.hpp>
 #include <algorithm>
-#include <cctype>
 #include <cmath>
 #include <memory>
-#include <optional>
-#include <utility>
+#include <ranges>
 
-#include "app/commands/command.hpp"
 #include "app/commands/options.hpp"
 #include "app/interrupt.hpp"
 #include "app/logging.hpp"
@@ -32,8 +24,6 @@ namespace {
 struct KernelsOptions {
   std::filesystem::path model;
   std::filesystem::path output;
-  std::string up = "0,0,1";
-  std::string kernels = "auto";
   std::vector<std::string> groups;
   Eigen::Vector3d direction = Eigen::Vector3d::UnitZ();
   KernelSource source = KernelSource::automatic;
@@ -41,29 +31,17 @@ struct KernelsOptions {
   bool glb = false;
 };
 
-std::string lower_extension(const std::filesystem::path& file) {
-  std::string extension = file.extension().string();
-  std::transform(extension.begin(), extension.end(), extension.begin(),
-                 [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
-  return extension;
-}
-
 Eigen::Vector3d direction_from(const std::string& text) {
-  const auto wrong = [&text] {
-    return CLI::ValidationError("--up", fmt::format("{}: is no direction x,y,z", text));
-  };
-  Eigen::Vector3d direction;
-  std::size_t begin = 0;
-  for (int axis = 0; axis < 3; ++axis) {
-    const std::size_t comma = text.find(',', begin);
-    if ((comma == std::string::npos) != (axis == 2)) throw wrong();
-    const auto number = parse_number(trim(std::string_view(text).substr(
-        begin, comma == std::string::npos ? std::string::npos : comma - begin)));
-    if (!number || !std::isfinite(*number)) throw wrong();
-    direction[axis] = *number;
-    begin = comma + 1;
+  std::vector<double> numbers;
+  for (const auto part : std::views::split(text, ',')) {
+    const auto number = parse_number(trim(std::string_view(part.begin(), part.end())));
+    numbers.push_back(number.value_or(std::nan("")));
   }
-  if (!(direction.stableNorm() > 0.0)) throw wrong();
+  const Eigen::Vector3d direction =
+      numbers.size() == 3 ? Eigen::Vector3d(numbers.data()) : Eigen::Vector3d::Zero();
+  if (!direction.allFinite() || !(direction.stableNorm() > 0.0)) {
+    usage_error("--up", "{}: is no direction x,y,z", text);
+  }
   return direction.stableNormalized();
 }
 
@@ -98,8 +76,7 @@ void warn_of_model(const KernelsOptions& options, const Model& model) {
   if (auto size = warning_of_size(model, {.unit_m = options.unit_m}, options.model.string())) {
     warnings.push_back(std::move(*size));
   }
-  for (std::size_t i = 0; i < warnings.size(); ++i) {
-    const auto here = warnings.begin() + static_cast<std::ptrdiff_t>(i);
+  for (auto here = warnings.begin(); here != warnings.end(); ++here) {
     if (std::find(warnings.begin(), here, *here) == here) log_warning("{}", *here);
   }
 }
@@ -148,56 +125,45 @@ Result<ExitCode> run_kernels(const KernelsOptions& options) {
 }  // namespace
 
 void add_kernels_command(CLI::App& program, ChosenCommand& chosen) {
-  CLI::App* command = program.add_subcommand(
-      "kernels", "Compute the shadow kernels of a model and keep them, in a file or in the model");
-  add_common_options(*command);
+  CLI::App& command =
+      add_command(program, "kernels",
+                  "Compute the shadow kernels of a model and keep them, in a file or in the model",
+                  "Example:\n"
+                  "  penumbra kernels helicopter.glb --output helicopter_kernels.glb\n"
+                  "  penumbra kernels helicopter.glb --up 0,0.2,1 --output kernels.json\n"
+                  "  penumbra kernels house.glb --group \"brick*\" --output house_kernels.glb");
   const auto options = std::make_shared<KernelsOptions>();
-  command->add_option("MODEL", options->model, "The model (.glb, .gltf, .obj)")
-      ->required()
-      ->type_name("FILE");
-  command
-      ->add_option("--up", options->up,
-                   "The direction they are for, in the object's frame (z up). Other tilts get new "
-                   "ones when they are drawn")
-      ->capture_default_str()
-      ->type_name("x,y,z");
-  add_unit_option(*command, options->unit_m);
-  command->add_option("--kernels", options->kernels, "auto, smooth, per-axis or cocl")
-      ->capture_default_str()
-      ->type_name("KERNELS");
-  command
-      ->add_option("--group", options->groups,
-                   "Parts that share one light: all, or a glTF node or mesh or OBJ object by its "
-                   "name (* and ? stand for what varies); may be given again for other groups")
-      ->allow_extra_args(false)
-      ->type_name("all|NAME");
-  command
-      ->add_option("--output", options->output,
-                   "A kernel file, or a model with the attribute _SHADOW_KERNEL, which every "
-                   "command then uses")
-      ->required()
-      ->type_name("FILE.json|FILE.glb");
-  command->footer(
-      "Example:\n"
-      "  penumbra kernels helicopter.glb --output helicopter_kernels.glb\n"
-      "  penumbra kernels helicopter.glb --up 0,0.2,1 --output kernels.json\n"
-      "  penumbra kernels house.glb --group \"brick*\" --output house_kernels.glb");
-  command->callback([command, options, &chosen] {
-    claim_outputs(*command, {"--output"});
-    const std::string extension = lower_extension(options->output);
-    if (extension != ".json" && extension != ".glb" && !is_stream(options->output)) {
-      throw CLI::ValidationError("--output",
-                                 fmt::format("{}: is no .json or .glb", options->output.string()));
-    }
-    options->glb = extension == ".glb";
-    options->direction = direction_from(options->up);
-    const auto source = kernel_source_from_string(options->kernels);
+  add_option(command, "MODEL", "FILE", options->model, "The model (.glb, .gltf, .obj)")->required();
+  add_text_option(
+      command, "--up", "x,y,z",
+      [options](const std::string& text) { options->direction = direction_from(text); },
+      "The direction they are for, in the object's frame (z up). Other tilts get new ones when "
+      "they "
+      "are drawn")
+      ->default_str("0,0,1");
+  add_unit_option(command, options->unit_m);
+  const auto take_source = [options](const std::string& text) {
+    const auto source = kernel_source_from_string(text);
     if (!source) {
-      throw CLI::ValidationError(
-          "--kernels", fmt::format("{}: no such kernels; known: auto, smooth, per-axis, cocl",
-                                   options->kernels));
+      usage_error("--kernels", "{}: no such kernels; known: auto, smooth, per-axis, cocl", text);
     }
     options->source = *source;
+  };
+  add_text_option(command, "--kernels", "KERNELS", take_source, "auto, smooth, per-axis or cocl")
+      ->default_str("auto");
+  add_part_group_option(command, options->groups);
+  add_option(
+      command, "--output", "FILE.json|FILE.glb", options->output,
+      "A kernel file, or a model with the attribute _SHADOW_KERNEL, which every command then "
+      "uses")
+      ->required();
+  command.callback([&command, options, &chosen] {
+    claim_outputs(command, {"--output"});
+    const std::string extension = lower_extension(options->output);
+    if (extension != ".json" && extension != ".glb" && !is_stream(options->output)) {
+      usage_error("--output", "{}: is no .json or .glb", options->output.string());
+    }
+    options->glb = extension == ".glb";
     chosen = [options] { return run_kernels(*options); };
   });
 }

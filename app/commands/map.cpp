@@ -1,21 +1,12 @@
-// penumbra map: from a sweep over loose tags to the tags.yaml that says where they are.
+// penumbra map: makes the tags.yaml of loose tags from a recording that sweeps over them.
 
-#include <fmt/format.h>
-
-#include <CLI/App.hpp>
-#include <CLI/Config.hpp>
-#include <CLI/Formatter.hpp>
 #include <array>
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
 #include <memory>
-#include <optional>
 #include <stop_token>
-#include <utility>
-#include <vector>
 
-#include "app/commands/command.hpp"
 #include "app/commands/options.hpp"
 #include "app/interrupt.hpp"
 #include "app/logging.hpp"
@@ -23,7 +14,7 @@
 #include "app/output/stoppable.hpp"
 #include "app/progress.hpp"
 #include "app/recording/recording_source.hpp"
-#include "app/session/camera_choice.hpp"
+#include "app/tags_in_use.hpp"
 #include "calib/camera_calibration.hpp"
 #include "calib/survey/tag_survey.hpp"
 #include "core/camera/camera_file.hpp"
@@ -40,26 +31,29 @@ struct MapOptions {
   std::string camera_name;
   std::filesystem::path sizes;
   std::filesystem::path output;
-  std::optional<double> tag_size_m;
   std::string family = "tag36h11";
-  int anchor = 0;
   std::string plane = "fitted";
   std::filesystem::path refined_camera;
+  SurveyOptions survey;
 };
 
-// Calls `take(index, luma)` for every frame; false where the user ended it.
+tl::unexpected<Error> ended_early(const MapOptions& options) {
+  return fail("{}: ended early; no file was written", options.recording.string());
+}
+
+// Calls `take(index, luma)` for every frame. Fails if the user ends it.
 template <class Take>
-Result<bool> for_each_luma(const Recording& recording, const char* what, InterruptWatch& interrupt,
-                           const Take& take) {
+Result<void> for_each_luma(const MapOptions& options, const Recording& recording, const char* what,
+                           InterruptWatch& interrupt, const Take& take) {
   PENUMBRA_TRY(auto source, open_recording_source(recording));
   ProgressBar progress(source->frame_count().value_or(0), what);
   std::vector<std::uint8_t> scratch;
   for (std::size_t index = 0;; ++index) {
     PENUMBRA_TRY(const auto frame, source->next());
-    if (!frame) return true;
+    if (!frame) return {};
     take(index, luma(*frame, scratch));
     progress.update(static_cast<int>(index) + 1);
-    if (interrupt.interrupted()) return false;
+    if (interrupt.interrupted()) return ended_early(options);
   }
 }
 
@@ -85,10 +79,10 @@ void print_survey(const TagSurvey& survey, const CameraModel& given, const MapOp
     fmt::print(
         "table: the plane through {} tags, {:.2f} mm (RMS) off it; tag {} alone is tilted by "
         "{:.2f} degrees against it\n",
-        survey.tags_on_plane, survey.flatness_m * 1e3, options.anchor,
+        survey.tags_on_plane, survey.flatness_m * 1e3, options.survey.anchor,
         degrees(survey.plane_tilt_rad));
   } else {
-    fmt::print("table: the plane of tag {}\n", options.anchor);
+    fmt::print("table: the plane of tag {}\n", options.survey.anchor);
   }
   if (!options.refined_camera.empty()) {
     const CameraParameters& p = survey.camera.parameters();
@@ -104,23 +98,20 @@ void print_survey(const TagSurvey& survey, const CameraModel& given, const MapOp
 }
 
 Result<ExitCode> run_map(const MapOptions& options) {
-  SurveyOptions survey;
+  SurveyOptions survey = options.survey;
   survey.family = *tag_family_from_string(options.family);
-  survey.anchor = options.anchor;
-  survey.tag_size_m = options.tag_size_m;
   survey.plane = options.plane == "anchor" ? SurveyPlane::anchor : SurveyPlane::fitted;
   survey.refine_camera = !options.refined_camera.empty();
   if (!options.sizes.empty()) {
     PENUMBRA_TRY(auto sizes, load_tag_sizes(options.sizes));
     survey.sizes_m = std::move(sizes);
   }
-  // Where tags lie is what is looked for: a tags.yaml in the recording is not read.
+  // Reads no tags.yaml: it is the result.
   OpenRecordingOptions open;
   open.surroundings = false;
   PENUMBRA_TRY(auto recording, open_recording(options.recording, open));
   for (const std::string& notice : recording.notices) log_warning("{}", notice);
-  recording.camera_file =
-      options.camera.empty() ? options.recording / "camera.yaml" : options.camera;
+  recording.camera_file = options.camera;
   PENUMBRA_TRY(auto camera, load_chosen_camera(recording.camera_file, options.camera_name));
   recording.camera = std::move(camera);
   InterruptWatch interrupt;
@@ -132,111 +123,94 @@ Result<ExitCode> run_map(const MapOptions& options) {
     refined_camera.emplace(std::move(created));
   }
   PENUMBRA_TRY(auto detector, TagDetector::create(std::array{survey.family}));
-  const auto ended_early = [&] {
-    return fail("{}: ended early; no file was written", options.recording.string());
-  };
   std::vector<SurveyFrame> frames;
-  auto read = for_each_luma(recording, "frames", interrupt, [&](std::size_t, ImageView luma) {
-    frames.push_back({detector.detect(luma), {}});
-  });
-  if (!read) return tl::unexpected(read.error());
-  if (!*read) return ended_early();
-  const auto survey_all = [&] {
-    return run_stoppable(interrupt, [&](std::stop_token stop) {
-      SurveyOptions stoppable = survey;
-      stoppable.stop = std::move(stop);
-      return survey_tags(*recording.camera, frames, stoppable);
+  PENUMBRA_TRY_VOID(
+      for_each_luma(options, recording, "frames", interrupt, [&](std::size_t, ImageView luma) {
+        frames.push_back({detector.detect(luma), {}});
+      }));
+  const auto survey_all = [&]() -> Result<TagSurvey> {
+    auto result = run_stoppable(interrupt, [&](std::stop_token stop) {
+      survey.stop = std::move(stop);
+      return survey_tags(*recording.camera, frames, survey);
     });
+    if (interrupt.interrupted()) return ended_early(options);
+    if (!result) return fail_in(options.recording.string(), result.error());
+    return result;
   };
-  auto result = survey_all();
-  if (interrupt.interrupted()) return ended_early();
-  if (!result) return fail_in(options.recording.string(), result.error());
-  // Edges are measured from where the tags seem to be; once more where one of them turned out not
-  // to fit the others, since it had a part in that.
+  PENUMBRA_TRY(auto result, survey_all());
+  // Edges are measured at the surveyed tags. Rejecting a tag changes the survey, so they are
+  // measured again.
   constexpr int kMostRounds = 3;
   for (int round = 0; round < kMostRounds; ++round) {
-    const std::vector<int> placed = ids_of(*result);
-    read = for_each_luma(recording, "edges", interrupt, [&](std::size_t index, ImageView luma) {
-      if (index < frames.size())
-        frames[index] = measured_frame(*result, index, frames[index], luma);
-    });
-    if (!read) return tl::unexpected(read.error());
-    if (!*read) return ended_early();
-    result = survey_all();
-    if (interrupt.interrupted()) return ended_early();
-    if (!result) return fail_in(options.recording.string(), result.error());
-    if (ids_of(*result) == placed) break;
+    const std::vector<int> placed = ids_of(result);
+    PENUMBRA_TRY_VOID(for_each_luma(
+        options, recording, "edges", interrupt, [&](std::size_t index, ImageView luma) {
+          if (index < frames.size())
+            frames[index] = measured_frame(result, index, frames[index], luma);
+        }));
+    PENUMBRA_TRY(result, survey_all());
+    if (ids_of(result) == placed) break;
   }
-  if (auto saved = save_tag_survey(output.partial(), *result); !saved)
+  if (auto saved = save_tag_survey(output.partial(), result); !saved)
     return output.failed(saved.error());
   if (refined_camera) {
-    if (auto saved = save_camera(refined_camera->partial(), result->camera); !saved)
+    if (auto saved = save_camera(refined_camera->partial(), result.camera); !saved)
       return refined_camera->failed(saved.error());
   }
   std::vector<OutputFile*> files = {&output};
   if (refined_camera) files.push_back(&*refined_camera);
   PENUMBRA_TRY_VOID(commit_together(files));
-  print_survey(*result, *recording.camera, options);
+  print_survey(result, *recording.camera, options);
   return ExitCode::success;
 }
 
 }  // namespace
 
 void add_map_command(CLI::App& program, ChosenCommand& chosen) {
-  CLI::App* command = program.add_subcommand(
-      "map", "Find where loose tags lie, from a recording that sweeps over them");
-  add_common_options(*command);
-  const auto options = std::make_shared<MapOptions>();
-  command->add_option("recording", options->recording, "Recording; a tags.yaml in it is not read")
-      ->required()
-      ->type_name("RECORDING");
-  auto* size =
-      command->add_option("--tag-size", options->tag_size_m, "Edge of every tag's black square [m]")
-          ->check(length_check("m", 0.001, 10.0))
-          ->type_name("METRES");
-  auto* sizes = command
-                    ->add_option("--sizes", options->sizes,
-                                 "Sizes by tag: a YAML file of lines ID: METRES, or a tags.yaml")
-                    ->type_name("FILE");
-  command
-      ->add_option("--anchor", options->anchor,
-                   "The tag that is the table's origin and gives its x axis")
-      ->required()
-      ->check(CLI::NonNegativeNumber)
-      ->type_name("ID");
-  command->add_option("--family", options->family, "Tag family")->capture_default_str();
-  command->add_option("--camera", options->camera, "Camera (default: the recording's)")
-      ->type_name("camera.yaml");
-  add_camera_name_option(*command, options->camera_name);
-  command
-      ->add_option("--plane", options->plane,
-                   "Where z = 0 is: fitted to the tags that lie flat beside the anchor, or the "
-                   "anchor's own plane")
-      ->check(CLI::IsMember({"fitted", "anchor"}))
-      ->capture_default_str();
-  command
-      ->add_option("--refine-camera", options->refined_camera,
-                   "Solve for the lens too, and write it here")
-      ->type_name("camera.yaml");
-  command->add_option("--output", options->output, "Where the tags are, with covariance")
-      ->required()
-      ->type_name("tags.yaml");
-  command->footer(
+  CLI::App& command = add_command(
+      program, "map", "Find where loose tags lie, from a recording that sweeps over them",
       "See every tag together with others, from several sides.\n\n"
       "Example:\n"
       "  penumbra map sweep --tag-size 0.04 --anchor 5 --output tags.yaml");
-  command->callback([command, options, size, sizes, &chosen] {
-    claim_outputs(*command, {"--output", "--refine-camera"});
+  const auto options = std::make_shared<MapOptions>();
+  add_option(command, "recording", "RECORDING", options->recording,
+             "Recording; a tags.yaml in it is not read")
+      ->required();
+  CLI::Option* size = add_option(command, "--tag-size", "METRES", options->survey.tag_size_m,
+                                 "Edge of every tag's black square [m]")
+                          ->check(length_check("m", 0.001, 10.0));
+  CLI::Option* sizes = add_option(command, "--sizes", "FILE", options->sizes,
+                                  "Sizes by tag: a YAML file of lines ID: METRES, or a tags.yaml");
+  add_option(command, "--anchor", "ID", options->survey.anchor,
+             "The tag that is the table's origin and gives its x axis")
+      ->required()
+      ->check(CLI::NonNegativeNumber);
+  command.add_option("--family", options->family, "Tag family")->capture_default_str();
+  add_option(command, "--camera", "camera.yaml", options->camera,
+             "Camera (default: the recording's)");
+  add_camera_name_option(command, options->camera_name);
+  command
+      .add_option("--plane", options->plane,
+                  "Where z = 0 is: fitted to the tags that lie flat beside the anchor, or the "
+                  "anchor's own plane")
+      ->check(CLI::IsMember({"fitted", "anchor"}))
+      ->capture_default_str();
+  add_option(command, "--refine-camera", "camera.yaml", options->refined_camera,
+             "Solve for the lens too, and write it here");
+  add_option(command, "--output", "tags.yaml", options->output,
+             "Where the tags are, with covariance")
+      ->required();
+  command.callback([&command, options, size, sizes, &chosen] {
+    claim_outputs(command, {"--output", "--refine-camera"});
     if (size->count() == 0 && sizes->count() == 0)
-      throw CLI::ValidationError("--tag-size", "give the tags' size, or --sizes FILE");
-    const std::filesystem::path camera =
-        options->camera.empty() ? options->recording / "camera.yaml" : options->camera;
+      usage_error("--tag-size", "give the tags' size, or --sizes FILE");
+    if (options->camera.empty()) options->camera = options->recording / "camera.yaml";
     const std::array outputs = {options->output, options->refined_camera};
-    const std::array inputs = {options->sizes, camera};
+    const std::array inputs = {options->sizes, options->camera};
     if (const auto once = check_written_once(outputs, inputs); !once)
-      throw CLI::ValidationError("--output", once.error().message);
+      usage_error("--output", "{}", once.error().message);
     if (!tag_family_from_string(options->family))
-      throw CLI::ValidationError("--family", unknown_tag_family(options->family));
+      usage_error("--family", "{}", unknown_tag_family(options->family));
     chosen = [options] { return run_map(*options); };
   });
 }

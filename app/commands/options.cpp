@@ -1,11 +1,7 @@
 #include "app/commands/options.hpp"
 
-#include <CLI/App.hpp>
-#include <CLI/Config.hpp>
-#include <CLI/Formatter.hpp>
 #include <algorithm>
 #include <array>
-#include <cctype>
 
 #include "app/logging.hpp"
 #include "app/output/frame_writer.hpp"
@@ -22,145 +18,146 @@ namespace {
 
 constexpr std::string_view kCocl = "cocl";
 
-// A folder may be named with dots, but not by what is meant as a file.
+template <class Names>
+std::string words_of(const Names& names, std::string_view separator) {
+  std::string words;
+  for (const auto& entry : names) {
+    if (!words.empty()) words += separator;
+    words += entry.name;
+  }
+  return words;
+}
+
+// A folder's name may have dots, but not the extension of a file.
 bool names_unknown_video(const std::string& path) {
   constexpr std::array<std::string_view, 14> kFiles = {".avi", ".webm", ".mov",  ".m4v", ".mpg",
                                                        ".ts",  ".ogv",  ".mpeg", ".wmv", ".gif",
                                                        ".png", ".jpg",  ".jpeg", ".y4m"};
-  if (output_kind(path) != OutputKind::folder) return false;
-  std::string extension = std::filesystem::path(path).extension().string();
-  std::transform(extension.begin(), extension.end(), extension.begin(),
-                 [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
-  return std::find(kFiles.begin(), kFiles.end(), extension) != kFiles.end();
+  return output_kind(path) == OutputKind::folder &&
+         std::ranges::find(kFiles, lower_extension(path)) != kFiles.end();
+}
+
+std::optional<LayerDrawing> layer_drawing_from_string(const std::string& name) {
+  if (name == "auto") return LayerDrawing::automatic;
+  if (name == "direct") return LayerDrawing::direct;
+  if (name == "mask") return LayerDrawing::mask;
+  return std::nullopt;
+}
+
+void add_seconds_option(CLI::App& command, const std::string& name, double least, double most,
+                        std::int64_t& variable_ns, const std::string& default_text,
+                        const std::string& description) {
+  const auto take = [=, &variable_ns](const std::string& text) {
+    const auto value = parse_number(text);
+    if (!value || !(*value >= least && *value <= most)) {
+      usage_error(name, "is '{}'; give seconds from {:g} to {:g}", text, least, most);
+    }
+    variable_ns = nanoseconds(*value);
+  };
+  add_text_option(command, name, "SECONDS", take, description)->default_str(default_text);
 }
 
 }  // namespace
 
+CLI::App& add_command(CLI::App& program, const std::string& name, const std::string& description,
+                      const std::string& footer) {
+  CLI::App& command = *program.add_subcommand(name, description);
+  add_common_options(command);
+  command.footer(footer);
+  return command;
+}
+
+void add_common_options(CLI::App& command) {
+  command.set_version_flag("--version", fmt::format("penumbra {}", program_version()),
+                           "Print the version and exit");
+  const auto take = [](const std::string& name) {
+    if (set_log_level(name)) return;
+    usage_error("--log-level", "{}: no such level; known: trace, debug, info, warning, error, off",
+                name);
+  };
+  add_text_option(command, "--log-level", "LEVEL", take,
+                  "What is told on standard error: trace, debug, info, warning, error, off")
+      ->default_str("warning");
+}
+
+CLI::Option* add_text_option(CLI::App& command, const std::string& name, const std::string& type,
+                             const std::function<void(const std::string&)>& take,
+                             const std::string& description) {
+  return command.add_option_function<std::string>(name, take, description)->type_name(type);
+}
+
+void add_off_flag(CLI::App& command, const std::string& name, bool& variable,
+                  const std::string& description) {
+  command.add_flag_callback(
+      name, [&variable] { variable = false; }, description);
+}
+
 std::string known_techniques() {
-  std::string list;
-  for (const ShadowTechniqueName& entry : kShadowTechniqueNames) {
-    if (!list.empty()) list += ", ";
-    // Beside the technique that it is a case of.
-    if (entry.technique == ShadowTechnique::layered) list += std::string(kCocl) + ", ";
-    list += entry.name;
-  }
-  return list;
-}
-
-std::string known_kernels() {
-  std::string list;
-  for (const KernelSourceName& entry : kKernelSourceNames) {
-    if (!list.empty()) list += ", ";
-    list += entry.name;
-  }
-  return list;
-}
-
-std::string known_translucencies() {
-  std::string list;
-  for (const TranslucencyName& entry : kTranslucencyNames) {
-    if (!list.empty()) list += ", ";
-    list += entry.name;
-  }
-  return list;
+  std::string words = words_of(kShadowTechniqueNames, ", ");
+  return words.insert(words.find("layered"), "cocl, ");
 }
 
 void set_technique(ShadowChoice& choice, const std::string& option, const std::string& name) {
-  const auto technique =
-      shadow_technique_from_string(name == kCocl ? "layered" : std::string_view(name));
-  if (!technique) {
-    throw CLI::ValidationError(
-        option, fmt::format("{}: no such technique; known: {}", name, known_techniques()));
-  }
-  choice.technique = technique;
   choice.cocl = name == kCocl;
+  choice.plan.technique = shadow_technique_from_string(choice.cocl ? "layered" : name);
+  if (!choice.plan.technique) {
+    usage_error(option, "{}: no such technique; known: {}", name, known_techniques());
+  }
 }
 
 CLI::Option* add_shadow_options(CLI::App& command, ShadowChoice& choice) {
-  CLI::Option* shadow =
-      command
-          .add_option_function<std::string>(
-              "--shadow",
-              [&choice](const std::string& name) { set_technique(choice, "--shadow", name); },
-              fmt::format("Technique of every shadow in place of the scene's: {}",
-                          known_techniques()))
-          ->type_name("TECHNIQUE");
-  command
-      .add_option_function<std::string>(
-          "--kernels",
-          [&choice](const std::string& name) {
-            const KernelChoice given = kernel_choice_from(name);
-            choice.kernels = given.source;
-            choice.kernel_file = given.file;
-          },
-          fmt::format("Shadow kernels in place of the scene's: {} (auto: from the silhouette, for "
-                      "each part; smooth: the same, blended; per-axis: from the sets of the three "
-                      "axes; cocl: one for the whole object), or a kernel file for the objects of "
-                      "as many vertices",
-                      known_kernels()))
-      ->type_name("KERNELS|FILE.json");
-  command
-      .add_option_function<std::string>(
-          "--light-mode",
-          [&choice](const std::string& name) { choice.light_mode = light_mode_choice_from(name); },
-          "Light of layered shadows in place of the scene's: proportional (for each part by its "
-          "thickness) or fixed (one size)")
-      ->type_name("proportional|fixed");
-  command
-      .add_option_function<std::string>(
-          "--proxy",
-          [&choice](const std::string& name) {
-            if (name != "auto" && name != "none") {
-              throw CLI::ValidationError("--proxy",
-                                         fmt::format("{}: is neither auto nor none", name));
-            }
-            choice.proxies = name == "auto";
-            choice.asks_for_proxies = choice.proxies;
-          },
-          "auto: the reduced model that the scene names (\"proxy\") casts shadows in place of the "
-          "object's; layered ones where their layers agree to 0.98; none: each object casts with "
-          "its "
-          "own mesh")
-      ->type_name("auto|none")
+  PlanOptions& plan = choice.plan;
+  CLI::Option* shadow = add_text_option(
+      command, "--shadow", "TECHNIQUE",
+      [&choice](const std::string& name) { set_technique(choice, "--shadow", name); },
+      "Technique of every shadow in place of the scene's: " + known_techniques());
+  add_text_option(
+      command, "--kernels", "KERNELS|FILE.json",
+      [&choice](const std::string& name) {
+        const KernelChoice given = kernel_choice_from(name);
+        choice.plan.kernels = given.source;
+        choice.kernel_file = given.file;
+      },
+      fmt::format("Shadow kernels in place of the scene's: {} (auto: from the silhouette, for each "
+                  "part; smooth: the same, blended; per-axis: from the sets of the three axes; "
+                  "cocl: one for the whole object), or a kernel file for the objects of as many "
+                  "vertices",
+                  words_of(kKernelSourceNames, ", ")));
+  add_word_option(
+      command, "--light-mode", "proportional|fixed", "mode", plan.light_mode,
+      light_mode_from_string,
+      "Light of layered shadows in place of the scene's: proportional (for each part by "
+      "its thickness) or fixed (one size)");
+  add_text_option(
+      command, "--proxy", "auto|none",
+      [&choice](const std::string& name) {
+        choice.plan.proxies = choice.asks_for_proxies = name == "auto";
+        if (name != "auto" && name != "none") {
+          usage_error("--proxy", "{}: is neither auto nor none", name);
+        }
+      },
+      "auto: the reduced model that the scene names (\"proxy\") casts shadows in place of the "
+      "object's; layered ones where their layers agree to 0.98; none: each object casts with its "
+      "own mesh")
       ->default_str("auto");
-  command
-      .add_option_function<std::string>(
-          "--translucency",
-          [&choice](const std::string& name) {
-            const auto way = translucency_from_string(name);
-            if (!way) {
-              throw CLI::ValidationError(
-                  "--translucency",
-                  fmt::format("{}: no such way; known: {}", name, known_translucencies()));
-            }
-            choice.translucency = *way;
-          },
-          "How shadows, and what fades out, let the video shine through. blend: by the graphics "
-          "hardware; mesh: black pixels in an ordered pattern, as many as light is missing; "
-          "retexture: by fetching the video and writing it darker; geometry-mesh: black strips on "
-          "the table, to compare with; auto: the first of blend, retexture, mesh that works")
-      ->type_name("auto|blend|mesh|retexture|geometry-mesh")
+  add_word_option(
+      command, "--translucency", words_of(kTranslucencyNames, "|"), "way", plan.translucency,
+      translucency_from_string,
+      "How shadows, and what fades out, let the video shine through. blend: by the graphics "
+      "hardware; mesh: black pixels in an ordered pattern, as many as light is missing; "
+      "retexture: by fetching the video and writing it darker; geometry-mesh: black strips on "
+      "the table, to compare with; auto: the first of blend, retexture, mesh that works")
       ->default_str("auto");
-  command
-      .add_option_function<std::string>(
-          "--layers",
-          [&choice](const std::string& name) {
-            if (name != "auto" && name != "direct" && name != "mask") {
-              throw CLI::ValidationError(
-                  "--layers", fmt::format("{}: no such way; known: auto, direct, mask", name));
-            }
-            choice.layers = name == "mask"     ? LayerDrawing::mask
-                            : name == "direct" ? LayerDrawing::direct
-                                               : LayerDrawing::automatic;
-          },
-          "How layered, field and simple shadows are drawn. direct: each face by the graphics "
-          "hardware, once a layer; mask: as a picture on the table, and on each height of what the "
-          "shadow climbs, made of silhouettes, with smooth edges; auto: the mask, which takes "
-          "less, but directly with several samples a pixel (--msaa) and few faces, and where all "
-          "shadows on a plane are simple")
-      ->type_name("auto|direct|mask")
+  add_word_option(
+      command, "--layers", "auto|direct|mask", "way", plan.layers, layer_drawing_from_string,
+      "How layered, field and simple shadows are drawn. direct: each face by the graphics "
+      "hardware, once a layer; mask: as a picture on the table, and on each height of what the "
+      "shadow climbs, made of silhouettes, with smooth edges; auto: the mask, which takes less, "
+      "but "
+      "directly with several samples a pixel (--msaa) and few faces, and where all shadows on a "
+      "plane are simple")
       ->default_str("auto");
-  command.add_flag("--show-rays", choice.light_rays,
+  command.add_flag("--show-rays", plan.light_rays,
                    "Draw rays from the lights through vertices of what casts to the points of the "
                    "shadow that belong to them, for hard and volume");
   return shadow;
@@ -172,34 +169,23 @@ KernelChoice kernel_choice_from(const std::string& text) {
   if (std::filesystem::path(text).has_extension() || std::filesystem::exists(text, ignored)) {
     return {KernelSource::automatic, text};
   }
-  throw CLI::ValidationError(
-      "--kernels", fmt::format("{}: no such kernels; known: {}, or a kernel file (.json)", text,
-                               known_kernels()));
-}
-
-LightMode light_mode_choice_from(const std::string& text) {
-  const auto mode = light_mode_from_string(text);
-  if (!mode) {
-    throw CLI::ValidationError("--light-mode",
-                               fmt::format("{}: no such mode; known: proportional, fixed", text));
-  }
-  return *mode;
+  usage_error("--kernels", "{}: no such kernels; known: {}, or a kernel file (.json)", text,
+              words_of(kKernelSourceNames, ", "));
 }
 
 void warn_of_no_use(const ShadowChoice& choice) {
-  if (choice.technique && *choice.technique != ShadowTechnique::layered) {
-    const auto no_use = [&](std::string_view option) {
-      log_warning("{}: {} shadows have no use for it", option, to_string(*choice.technique));
-    };
-    if (choice.kernels && (choice.kernel_file || *choice.kernels != KernelSource::automatic)) {
-      no_use("--kernels");
-    }
-    if (choice.light_mode &&
-        !(*choice.technique == ShadowTechnique::field && *choice.light_mode == LightMode::fixed)) {
-      no_use("--light-mode");
-    }
-    if (choice.asks_for_proxies) no_use("--proxy");
-  }
+  const PlanOptions& plan = choice.plan;
+  if (!plan.technique || plan.technique == ShadowTechnique::layered) return;
+  const auto no_use = [&](std::string_view option) {
+    log_warning("{}: {} shadows have no use for it", option, to_string(*plan.technique));
+  };
+  if (choice.kernel_file ||
+      plan.kernels.value_or(KernelSource::automatic) != KernelSource::automatic)
+    no_use("--kernels");
+  const bool fixed_field =
+      plan.technique == ShadowTechnique::field && plan.light_mode == LightMode::fixed;
+  if (plan.light_mode && !fixed_field) no_use("--light-mode");
+  if (choice.asks_for_proxies) no_use("--proxy");
 }
 
 void warn_of_no_use(const CLI::App& command, const TrackerOptions& tracking) {
@@ -216,108 +202,84 @@ void warn_of_no_use(const CLI::App& command, const TrackerOptions& tracking) {
   }
 }
 
-void apply(const ShadowChoice& choice, PlanOptions& plan) {
-  plan.technique = choice.technique;
-  plan.kernels = choice.kernels;
-  plan.light_mode = choice.light_mode;
-  plan.proxies = choice.proxies;
-  plan.light_rays = choice.light_rays;
-  plan.translucency = choice.translucency;
-  plan.layers = choice.layers;
+PlanOptions plan_of(const ShadowChoice& choice) {
+  PlanOptions plan = choice.plan;
   if (choice.cocl) {
-    if (choice.kernel_file || (choice.kernels && *choice.kernels != KernelSource::automatic &&
-                               *choice.kernels != KernelSource::centroid)) {
-      throw CLI::ValidationError("--shadow", "cocl has kernels of its own; leave out --kernels");
+    const KernelSource kernels = plan.kernels.value_or(KernelSource::automatic);
+    if (choice.kernel_file ||
+        (kernels != KernelSource::automatic && kernels != KernelSource::centroid)) {
+      usage_error("--shadow", "cocl has kernels of its own; leave out --kernels");
     }
     plan.kernels = KernelSource::centroid;
   }
   if (plan.light_mode == LightMode::fixed && plan.kernels == KernelSource::centroid) {
-    throw CLI::ValidationError("--light-mode",
-                               "fixed needs kernels with a thickness; cocl has none");
+    usage_error("--light-mode", "fixed needs kernels with a thickness; cocl has none");
   }
-}
-
-ImageSize image_size_from(const std::string& option, std::string_view text) {
-  const std::size_t cross = text.find('x');
-  const auto width = parse_integer(text.substr(0, cross));
-  const auto height =
-      cross == std::string_view::npos ? std::nullopt : parse_integer(text.substr(cross + 1));
-  constexpr std::int64_t kLargest = 16384;
-  if (!width || !height || *width < 1 || *height < 1 || *width > kLargest || *height > kLargest)
-    throw CLI::ValidationError(option, fmt::format("{}: is not a size such as 640x480", text));
-  return {static_cast<int>(*width), static_cast<int>(*height)};
+  return plan;
 }
 
 CLI::Option* add_camera_name_option(CLI::App& command, std::string& name) {
-  return command
-      .add_option("--camera-name", name,
-                  "Which camera of a file that holds several (Kalibr's camchain, stereo files of "
-                  "OpenCV)")
-      ->type_name("NAME");
+  return add_option(command, "--camera-name", "NAME", name,
+                    "Which camera of a file that holds several (Kalibr's camchain, stereo files of "
+                    "OpenCV)");
+}
+
+void add_size_option(CLI::App& command, const std::string& type, std::optional<int>& width,
+                     std::optional<int>& height, const std::string& description) {
+  const auto take = [&width, &height](std::string_view text) {
+    constexpr std::int64_t kLargest = 16384;
+    const std::size_t cross = std::min(text.find('x'), text.size() - 1);
+    const auto columns = parse_integer(text.substr(0, cross));
+    const auto rows = parse_integer(text.substr(cross + 1));
+    if (!columns || !rows || std::min(*columns, *rows) < 1 || std::max(*columns, *rows) > kLargest)
+      usage_error("--size", "{}: is not a size such as 640x480", text);
+    width = static_cast<int>(*columns);
+    height = static_cast<int>(*rows);
+  };
+  add_text_option(command, "--size", type, take, description);
+}
+
+CLI::Option* add_fps_option(CLI::App& command, std::optional<double>& fps) {
+  return add_option(command, "--fps", "RATE", fps, "Rate to ask the camera for (default: 30)")
+      ->check(CLI::Range(0.1, 1000.0));
 }
 
 void add_pairing_options(CLI::App& command, PairingOptions& pairing) {
-  const auto seconds_from = [](const std::string& option, const std::string& text, double least,
-                               double most) {
-    const auto value = parse_number(text);
-    if (!value || !(*value >= least && *value <= most)) {
-      throw CLI::ValidationError(
-          option, fmt::format("is '{}'; give seconds from {:g} to {:g}", text, least, most));
-    }
-    return nanoseconds(*value);
-  };
-  command
-      .add_option_function<std::string>(
-          "--max-gap",
-          [seconds_from, &pairing](const std::string& text) {
-            pairing.max_gap_ns = seconds_from("--max-gap", text, 0.0, 1e6);
-          },
-          "The ground truth is interpolated between two of its poses that are at most this far "
-          "apart (0: not at all), and extrapolated by at most 10 ms before its first and after its "
-          "last pose")
-      ->type_name("SECONDS")
-      ->default_str("0.1");
-  command
-      .add_option_function<std::string>(
-          "--time-offset",
-          [seconds_from, &pairing](const std::string& text) {
-            pairing.time_offset_ns = seconds_from("--time-offset", text, -4e9, 4e9);
-          },
-          "Added to the estimate's times (in replay: the recording's): positive where its clock is "
-          "behind that of the ground truth")
-      ->type_name("SECONDS")
-      ->default_str("0");
+  add_seconds_option(
+      command, "--max-gap", 0.0, 1e6, pairing.max_gap_ns, "0.1",
+      "The ground truth is interpolated between two of its poses that are at most this far apart "
+      "(0: not at all), and extrapolated by at most 10 ms before its first and after its last "
+      "pose");
+  add_seconds_option(
+      command, "--time-offset", -4e9, 4e9, pairing.time_offset_ns, "0",
+      "Added to the estimate's times (in replay: the recording's): positive where its clock is "
+      "behind that of the ground truth");
+}
+
+CLI::Option* add_poses_from_option(CLI::App& command, std::optional<std::string>& poses_from) {
+  return add_option(
+      command, "--poses-from", "groundtruth|FILE.tum", poses_from,
+      "Draw with given poses instead of tracking: groundtruth (the recording's), or a "
+      "TUM file");
 }
 
 void add_tracking_options(CLI::App& command, TrackerOptions& tracking) {
-  TrackingMode& mode = tracking.mode;
-  command
-      .add_option_function<std::string>(
-          "--tracking",
-          [&mode](const std::string& name) {
-            const auto known = tracking_mode_from_string(name);
-            if (!known) {
-              throw CLI::ValidationError(
-                  "--tracking",
-                  fmt::format("{}: no such way; known: fast, accurate, auto, detect", name));
-            }
-            mode = *known;
-          },
-          "fast: a limited number of pixels; accurate: every pixel at an edge, but where motion "
-          "blurs them; auto: fast while the view moves, accurate where it rests or few tags are "
-          "seen; detect: every frame by detection, the baseline to compare with")
-      ->type_name("fast|accurate|auto|detect")
+  add_word_option(
+      command, "--tracking", "fast|accurate|auto|detect", "way", tracking.mode,
+      tracking_mode_from_string,
+      "fast: a limited number of pixels; accurate: every pixel at an edge, but where motion blurs "
+      "them; auto: fast while the view moves, accurate where it rests or few tags are seen; "
+      "detect: every frame by detection, the baseline to compare with")
       ->default_str("auto");
+  const auto take_budget = [&tracking](double px) {
+    if (!std::isfinite(px) || !(px > 0.0)) {
+      usage_error("--pose-budget", "is {}; give pixels above 0", px);
+    }
+    tracking.pose_budget_px = px;
+  };
   command
       .add_option_function<double>(
-          "--pose-budget",
-          [&tracking](double px) {
-            if (!std::isfinite(px) || !(px > 0.0)) {
-              throw CLI::ValidationError("--pose-budget",
-                                         fmt::format("is {}; give pixels above 0", px));
-            }
-            tracking.pose_budget_px = px;
-          },
+          "--pose-budget", take_budget,
           "Stop sampling pixels where their noise is expected to move the overlay by less than "
           "this; fast never takes more than without it")
       ->type_name("PX");
@@ -334,122 +296,98 @@ CLI::Option* add_smooth_option(CLI::App& command, bool& smooth) {
       "as measured; the report and the HUD tell how late the drawn one is");
 }
 
-void add_scene_option(CLI::App& command, RunChoice& choice) {
-  command.add_option("--scene", choice.scene, "Scene to draw (default: the program's own)")
-      ->type_name("FILE.json");
+void add_scene_option(CLI::App& command, RunRequest& request) {
+  add_option(command, "--scene", "FILE.json", request.scene,
+             "Scene to draw (default: the program's own)");
 }
 
-void add_window_options(CLI::App& command, RunChoice& choice) {
-  command.add_flag("--no-window", choice.no_window, "Offscreen, also where there is a display");
-  command.add_flag("--no-hud", choice.no_hud, "The window's HUD is hidden at first (H shows it)");
+void add_window_options(CLI::App& command, RunRequest& request) {
+  add_off_flag(command, "--no-window", request.window, "Offscreen, also where there is a display");
+  add_off_flag(command, "--no-hud", request.viewer.hud,
+               "The window's HUD is hidden at first (H shows it)");
 }
 
-Result<void> complete(const RunChoice& choice, RunRequest& request) {
-  if (choice.scene) {
-    request.scene = *choice.scene;
-  } else {
-    PENUMBRA_TRY(const auto resources, find_resources());
-    request.scene = resources / "scenes" / "default.json";
-  }
-  request.kernel_file = choice.shadow.kernel_file;
-  request.plan.skip = !choice.no_skip;
-  request.window = !choice.no_window;
-  request.viewer.hud = !choice.no_hud;
+void take_run_options(const CLI::App& command, const ShadowChoice& shadow, RunRequest& request) {
+  warn_of_no_use(shadow);
+  warn_of_no_use(command, request.tracking);
+  request.plan = plan_of(shadow);
+  request.kernel_file = shadow.kernel_file;
+}
+
+Result<void> complete(RunRequest& request) {
+  if (!request.scene.empty()) return {};
+  PENUMBRA_TRY(const auto resources, find_resources());
+  request.scene = resources / "scenes" / "default.json";
   return {};
 }
 
-void add_frame_options(CLI::App& command, RunRequest& request, RunChoice& choice,
+void add_frame_options(CLI::App& command, RunRequest& request, ShadowChoice& shadow,
                        const std::string& side_by_side) {
-  command
-      .add_option(
-          "--threads", request.threads,
-          "1: one stage after another; more: " + side_by_side + ". The results are the same")
+  add_option(command, "--threads", "N", request.threads,
+             "1: one stage after another; more: " + side_by_side + ". The results are the same")
       ->check(CLI::Range(1, 1024))
-      ->capture_default_str()
-      ->type_name("N");
+      ->capture_default_str();
   command.add_flag("--rectified", request.rectified,
                    "The picture without the lens's distortion; the video is resampled");
-  std::optional<int>* const msaa = &request.msaa;
-  command
-      .add_option_function<std::string>(
-          "--msaa",
-          [msaa](const std::string& text) {
-            msaa->reset();
-            if (text == "auto") return;
-            constexpr std::int64_t kMost = 64;
-            const auto samples = text == "off" ? 0 : parse_integer(text);
-            if (!samples || *samples < 0 || *samples > kMost) {
-              throw CLI::ValidationError(
-                  "--msaa", fmt::format("{}: is neither auto, off nor a number of samples", text));
-            }
-            *msaa = static_cast<int>(*samples);
-          },
-          "Smooth edges of what is drawn, by so many samples of each pixel; auto: 4 on a GPU, off "
-          "where a processor draws, for it pays for each")
-      ->type_name("auto|off|N")
+  const auto take_samples = [&msaa = request.msaa](const std::string& text) {
+    msaa.reset();
+    if (text == "auto") return;
+    constexpr std::int64_t kMost = 64;
+    const auto samples = text == "off" ? 0 : parse_integer(text);
+    if (!samples || *samples < 0 || *samples > kMost) {
+      usage_error("--msaa", "{}: is neither auto, off nor a number of samples", text);
+    }
+    msaa = static_cast<int>(*samples);
+  };
+  add_text_option(command, "--msaa", "auto|off|N", take_samples,
+                  "Smooth edges of what is drawn, by so many samples of each pixel; auto: 4 on a "
+                  "GPU, off where a processor draws, for it pays for each")
       ->default_str("auto");
-  std::optional<bool>* const pixel_buffers = &request.pixel_buffers;
-  command
-      .add_option_function<std::string>(
-          "--pixel-buffers",
-          [pixel_buffers](const std::string& text) {
-            pixel_buffers->reset();
-            if (text != "auto") *pixel_buffers = text == "on";
-          },
-          "Pixels go to the GPU, and pictures that are written come from it, through buffers of "
-          "the "
-          "driver's, so that nobody waits for the other; auto: on with a GPU, off where a "
-          "processor draws. The results are the same")
+  const auto take_pixel_buffers = [&pixel_buffers =
+                                       request.pixel_buffers](const std::string& text) {
+    pixel_buffers.reset();
+    if (text != "auto") pixel_buffers = text == "on";
+  };
+  add_text_option(
+      command, "--pixel-buffers", "auto|on|off", take_pixel_buffers,
+      "Pixels go to the GPU, and pictures that are written come from it, through buffers of the "
+      "driver's, so that nobody waits for the other; auto: on with a GPU, off where a processor "
+      "draws. The results are the same")
       ->check(CLI::IsMember({"auto", "on", "off"}))
-      ->type_name("auto|on|off")
       ->default_str("auto");
-  bool* const video_light = &request.video_light;
-  command.add_flag_callback(
-      "--no-video-light", [video_light] { *video_light = false; },
-      "Light virtual objects as the scene says, whatever light the video shows");
-  command.add_flag("--no-skip", choice.no_skip,
-                   "Do all work, also what can't be seen or was done for an earlier frame; the "
-                   "results are the same");
+  add_off_flag(command, "--no-video-light", request.video_light,
+               "Light virtual objects as the scene says, whatever light the video shows");
+  add_off_flag(command, "--no-skip", shadow.plan.skip,
+               "Do all work, also what can't be seen or was done for an earlier frame; the results "
+               "are the same");
 }
 
 void add_output_options(CLI::App& command, OutputRequest& request) {
-  command
-      .add_option_function<std::string>(
-          "--output",
-          [&request](const std::string& path) {
-            if (names_standard_output(path)) {
-              throw CLI::ValidationError(
-                  "--output", fmt::format("{}: is for text, and these are frames; name a video or "
-                                          "a folder",
-                                          path));
-            }
-            if (names_unknown_video(path)) {
-              throw CLI::ValidationError(
-                  "--output", fmt::format("{}: end it in .mkv (FFV1, lossless) or .mp4 (H.264), or "
-                                          "name a folder",
-                                          path));
-            }
-            request.output = path;
-          },
-          "Composited frames: *.mkv (FFV1, lossless), *.mp4 (H.264), or a folder of "
-          "000000.png ... numbered by frame, which replace those of an earlier run")
-      ->type_name("PATH");
-  CLI::Option* poses = command
-                           .add_option("--poses", request.poses,
-                                       "Tracked poses, as a TUM file; - is standard output")
-                           ->type_name("FILE.tum");
+  const auto take_output = [&request](const std::string& path) {
+    if (names_standard_output(path)) {
+      usage_error("--output", "{}: is for text, and these are frames; name a video or a folder",
+                  path);
+    }
+    if (names_unknown_video(path)) {
+      usage_error("--output",
+                  "{}: end it in .mkv (FFV1, lossless) or .mp4 (H.264), or name a folder", path);
+    }
+    request.output = path;
+  };
+  add_text_option(command, "--output", "PATH", take_output,
+                  "Composited frames: *.mkv (FFV1, lossless), *.mp4 (H.264), or a folder of "
+                  "000000.png ... numbered by frame, which replace those of an earlier run");
+  CLI::Option* poses = add_option(command, "--poses", "FILE.tum", request.poses,
+                                  "Tracked poses, as a TUM file; - is standard output");
   command
       .add_flag("--poses-all", request.poses_all,
                 "Uncertain and held poses too, each after a comment that says so")
       ->needs(poses);
-  command
-      .add_option("--group-poses", request.group_poses,
-                  "Where the tags' groups beside the table are (a wall, a prop): NAME.tum of each, "
-                  "with T_table_group, which is the identity where tags.yaml has it")
-      ->type_name("FOLDER");
-  command
-      .add_option("--report", request.report, "What was measured, as JSON; - is standard output")
-      ->type_name("FILE.json");
+  add_option(command, "--group-poses", "FOLDER", request.group_poses,
+             "Where the tags' groups beside the table are (a wall, a prop): NAME.tum of each, with "
+             "T_table_group, which is the identity where tags.yaml has it");
+  add_option(command, "--report", "FILE.json", request.report,
+             "What was measured, as JSON; - is standard output");
 }
 
 std::function<std::string(const std::string&)> length_check(std::string_view symbol, double least,
@@ -467,7 +405,7 @@ std::function<std::string(const std::string&)> length_check(std::string_view sym
     const std::string_view given_symbol = trim(std::string_view(text).substr(end));
     for (const LengthUnit& given : kLengthUnits) {
       const double value = *number * given.length_m / unit.length_m;
-      // Without a unit, one in which the number makes sense.
+      // Without a unit, the first one that puts the number in range.
       if (!in_range(value) || (!given_symbol.empty() && given.symbol != given_symbol)) continue;
       if (given.symbol == unit.symbol) return fmt::format("{}: {:g}", message, value);
       return fmt::format("{}: {:g} for {:g} {}", message, value, *number, given.symbol);
@@ -476,20 +414,25 @@ std::function<std::string(const std::string&)> length_check(std::string_view sym
   };
 }
 
+void add_part_group_option(CLI::App& command, std::vector<std::string>& groups) {
+  add_option(command, "--group", "all|NAME", groups,
+             "Parts that share one light: all, or a glTF node or mesh or OBJ object by its name (* "
+             "and ? stand for what varies); may be given again for other groups")
+      ->allow_extra_args(false);
+}
+
 void add_unit_option(CLI::App& command, double& unit_m) {
-  command
-      .add_option_function<std::string>(
-          "--unit",
-          [&unit_m](const std::string& symbol) {
-            const LengthUnit* unit = length_unit_from_string(symbol);
-            if (unit == nullptr) {
-              throw CLI::ValidationError("--unit",
-                                         fmt::format("{}: is none of mm, cm, m and in", symbol));
-            }
-            unit_m = unit->length_m;
-          },
-          "Unit of the model's coordinates (default: m)")
-      ->type_name("mm|cm|m|in");
+  const auto take = [&unit_m](const std::string& symbol) {
+    const LengthUnit* unit = length_unit_from_string(symbol);
+    if (unit == nullptr) usage_error("--unit", "{}: is none of mm, cm, m and in", symbol);
+    unit_m = unit->length_m;
+  };
+  add_text_option(command, "--unit", "mm|cm|m|in", take,
+                  "Unit of the model's coordinates (default: m)");
+}
+
+std::string lower_extension(const std::filesystem::path& file) {
+  return CLI::detail::to_lower(file.extension().string());
 }
 
 void claim_outputs(const CLI::App& command, std::initializer_list<const char*> options) {
@@ -499,31 +442,12 @@ void claim_outputs(const CLI::App& command, std::initializer_list<const char*> o
     const std::string& path = command.get_option(option)->results().back();
     if (!names_standard_output(path)) continue;
     if (first != nullptr) {
-      throw CLI::ValidationError(
-          option, fmt::format("{}: standard output is taken by {}; name a file for one of them",
-                              path, first));
+      usage_error(option, "{}: standard output is taken by {}; name a file for one of them", path,
+                  first);
     }
     first = option;
   }
   if (first != nullptr) claim_standard_output();
-}
-
-void add_common_options(CLI::App& command) {
-  command.set_version_flag("--version", fmt::format("penumbra {}", program_version()),
-                           "Print the version and exit");
-  command
-      .add_option_function<std::string>(
-          "--log-level",
-          [](const std::string& name) {
-            if (set_log_level(name)) return;
-            throw CLI::ValidationError(
-                "--log-level",
-                fmt::format("{}: no such level; known: trace, debug, info, warning, error, off",
-                            name));
-          },
-          "What is told on standard error: trace, debug, info, warning, error, off")
-      ->type_name("LEVEL")
-      ->default_str("warning");
 }
 
 }  // namespace penumbra

@@ -1,119 +1,156 @@
-// Options that several commands share.
+// The commands of the program, helpers that add options to them, and options that several share.
 #pragma once
 
+#include <fmt/format.h>
+
+#include <CLI/App.hpp>
+#include <CLI/Config.hpp>
+#include <CLI/Formatter.hpp>
 #include <filesystem>
 #include <functional>
 #include <initializer_list>
 #include <optional>
 #include <string>
 #include <string_view>
+#include <utility>
+#include <vector>
 
-#include "app/output/run_outputs.hpp"
 #include "app/session/run_request.hpp"
+#include "core/error.hpp"
 #include "core/evaluation/pairing.hpp"
-#include "core/image/image_view.hpp"
 #include "render/frame_plan.hpp"
 #include "render/scene/technique.hpp"
 #include "tracking/tracker_options.hpp"
 
-namespace CLI {
-class App;
-class Option;
-}  // namespace CLI
-
 namespace penumbra {
 
-// --shadow, --kernels, --light-mode, --proxy, --layers, --show-rays and --translucency.
-// "cocl" is the layered technique with one kernel per object.
-struct ShadowChoice {
-  std::optional<ShadowTechnique> technique;
-  bool cocl = false;  // by --shadow
-  std::optional<KernelSource> kernels;
-  std::optional<std::filesystem::path> kernel_file;  // in place of a source
-  std::optional<LightMode> light_mode;
-  bool proxies = true;
-  bool light_rays = false;
-  bool asks_for_proxies = false;  // by --proxy auto
-  Translucency translucency = Translucency::automatic;
-  LayerDrawing layers = LayerDrawing::automatic;
+// Exit code of the process. A command returns success, also when Ctrl-C or SIGTERM ended it early
+// and its files are complete. main() makes the others from an Error and from a wrong command line.
+enum class ExitCode : int {
+  success = 0,
+  failure = 1,
+  usage = 2,
 };
-// Gives --shadow back.
+
+// Set while the command line is parsed, run afterwards.
+using ChosenCommand = std::function<Result<ExitCode>()>;
+
+void add_demo_command(CLI::App& program, ChosenCommand& chosen);
+void add_replay_command(CLI::App& program, ChosenCommand& chosen);
+void add_live_command(CLI::App& program, ChosenCommand& chosen);
+void add_devices_command(CLI::App& program, ChosenCommand& chosen);
+void add_evaluate_command(CLI::App& program, ChosenCommand& chosen);
+void add_shadow_command(CLI::App& program, ChosenCommand& chosen);
+void add_target_command(CLI::App& program, ChosenCommand& chosen);
+void add_calibrate_command(CLI::App& program, ChosenCommand& chosen);
+void add_map_command(CLI::App& program, ChosenCommand& chosen);
+void add_kernels_command(CLI::App& program, ChosenCommand& chosen);
+void add_simulate_command(CLI::App& program, ChosenCommand& chosen);
+void add_study_command(CLI::App& program, ChosenCommand& chosen);
+
+// Reports wrong usage of an option: throws CLI::ValidationError.
+template <class... Args>
+[[noreturn]] void usage_error(const std::string& option, fmt::format_string<Args...> text,
+                              Args&&... args) {
+  throw CLI::ValidationError(option, fmt::format(text, std::forward<Args>(args)...));
+}
+
+// Adds a command with --version and --log-level. `footer` ends its help.
+CLI::App& add_command(CLI::App& program, const std::string& name, const std::string& description,
+                      const std::string& footer);
+// --version and --log-level.
+void add_common_options(CLI::App& command);
+
+// Adds an option that sets a variable. `type` stands for its value in the help.
+template <class T>
+CLI::Option* add_option(CLI::App& command, const std::string& name, const std::string& type,
+                        T& variable, const std::string& description) {
+  return command.add_option(name, variable, description)->type_name(type);
+}
+// Adds an option whose text `take` uses, or rejects with usage_error().
+CLI::Option* add_text_option(CLI::App& command, const std::string& name, const std::string& type,
+                             const std::function<void(const std::string&)>& take,
+                             const std::string& description);
+// Adds an option that takes one of several words. `words`: "a|b|c"; `kind` names them in the error.
+template <class T, class FromString>
+CLI::Option* add_word_option(CLI::App& command, const std::string& name, const std::string& words,
+                             const std::string& kind, T& variable, FromString from_string,
+                             const std::string& description) {
+  const auto take = [=, &variable](const std::string& word) {
+    const auto value = from_string(word);
+    if (!value) {
+      usage_error(name, "{}: no such {}; known: {}", word, kind,
+                  fmt::join(CLI::detail::split(words, '|'), ", "));
+    }
+    variable = *value;
+  };
+  return add_text_option(command, name, words, take, description);
+}
+// Adds a flag that sets a variable to false.
+void add_off_flag(CLI::App& command, const std::string& name, bool& variable,
+                  const std::string& description);
+
+// The values of add_shadow_options().
+struct ShadowChoice {
+  PlanOptions plan;
+  bool cocl = false;  // --shadow cocl: the layered technique with one kernel per object
+  std::optional<std::filesystem::path> kernel_file;  // in place of a source
+  bool asks_for_proxies = false;                     // by --proxy auto
+};
+// Returns --shadow.
 CLI::Option* add_shadow_options(CLI::App& command, ShadowChoice& choice);
-// The technique by a word of --shadow, as `option` has it. Throws CLI::ValidationError.
+// Sets the technique that a word of --shadow names; `option` is the one that has it.
 void set_technique(ShadowChoice& choice, const std::string& option, const std::string& name);
-// Logs which of the options the technique that --shadow names has no use for.
+// Logs which options the technique of --shadow does not use.
 void warn_of_no_use(const ShadowChoice& choice);
 void warn_of_no_use(const CLI::App& command, const TrackerOptions& tracking);
-// Over those of the scene. Throws CLI::ValidationError where the options contradict each other.
-void apply(const ShadowChoice& choice, PlanOptions& plan);
+// The plan of the choice. Rejects options that contradict each other.
+[[nodiscard]] PlanOptions plan_of(const ShadowChoice& choice);
 
-// Where kernels come from, by the words of --kernels: a source, or the kernel file in its place.
-// Throws CLI::ValidationError.
+// A value of --kernels: a source, or a kernel file in its place.
 struct KernelChoice {
   KernelSource source = KernelSource::automatic;
   std::optional<std::filesystem::path> file;
 };
 [[nodiscard]] KernelChoice kernel_choice_from(const std::string& text);
-// Throws CLI::ValidationError.
-[[nodiscard]] LightMode light_mode_choice_from(const std::string& text);
 
-// "640x480", as `option` has it. Throws CLI::ValidationError.
-[[nodiscard]] ImageSize image_size_from(const std::string& option, std::string_view text);
-
-// --tracking and --pose-budget.
+// Options that several commands share.
 void add_tracking_options(CLI::App& command, TrackerOptions& tracking);
-
-// --smooth. Gives it back.
 CLI::Option* add_smooth_option(CLI::App& command, bool& smooth);
-
-// --output, --poses, --poses-all and --report.
 void add_output_options(CLI::App& command, OutputRequest& request);
-
-// Options that live and replay share, as parsed; complete() makes a RunRequest of them.
-struct RunChoice {
-  std::optional<std::filesystem::path> scene;  // default: the program's own
-  ShadowChoice shadow;
-  bool no_skip = false, no_window = false, no_hud = false;
-};
-// --scene.
-void add_scene_option(CLI::App& command, RunChoice& choice);
-// --threads, --rectified, --msaa, --pixel-buffers, --no-video-light and --no-skip. `side_by_side`:
-// what more than one thread does, a clause.
-void add_frame_options(CLI::App& command, RunRequest& request, RunChoice& choice,
+void add_scene_option(CLI::App& command, RunRequest& request);
+// `side_by_side` says what more than one thread does, as a clause.
+void add_frame_options(CLI::App& command, RunRequest& request, ShadowChoice& shadow,
                        const std::string& side_by_side);
-// --no-window and --no-hud.
-void add_window_options(CLI::App& command, RunChoice& choice);
-// Completes the request. Fails if the program's own scene is needed and not found.
-[[nodiscard]] Result<void> complete(const RunChoice& choice, RunRequest& request);
+void add_window_options(CLI::App& command, RunRequest& request);
+// Moves the parsed shadow options into the request. Warns of unused ones, rejects contradictions.
+void take_run_options(const CLI::App& command, const ShadowChoice& shadow, RunRequest& request);
+// Sets the program's own scene if the request names none; fails if it is not found.
+[[nodiscard]] Result<void> complete(RunRequest& request);
 
-// --camera-name: which camera of a file that holds several.
 CLI::Option* add_camera_name_option(CLI::App& command, std::string& name);
-
-// --max-gap and --time-offset.
+void add_size_option(CLI::App& command, const std::string& type, std::optional<int>& width,
+                     std::optional<int>& height, const std::string& description);
+CLI::Option* add_fps_option(CLI::App& command, std::optional<double>& fps);
 void add_pairing_options(CLI::App& command, PairingOptions& pairing);
+CLI::Option* add_poses_from_option(CLI::App& command, std::optional<std::string>& poses_from);
+void add_part_group_option(CLI::App& command, std::vector<std::string>& groups);
+void add_unit_option(CLI::App& command, double& unit_m);
 
-// Every word that --shadow takes, from the list in render/scene/technique.hpp.
+// Words that --shadow takes: "none, simple, ...".
 [[nodiscard]] std::string known_techniques();
-// Every word that --kernels takes, from the same place.
-[[nodiscard]] std::string known_kernels();
-// Every word that --translucency takes, from render/translucency.hpp.
-[[nodiscard]] std::string known_translucencies();
 
-// A check for CLI::Option: a length in the unit of this symbol (kLengthUnits), from `least` to
-// `most`. Its message names the unit, and what to type for a value that was given in another one.
+// Checks a length in the unit of this symbol (kLengthUnits). Its message names the unit, and what
+// to type for a value that was given in another one.
 [[nodiscard]] std::function<std::string(const std::string&)> length_check(std::string_view symbol,
                                                                           double least,
                                                                           double most);
 
-// --unit: the length of a model file's unit [m].
-void add_unit_option(CLI::App& command, double& unit_m);
+// The extension of a file's name in lower case: ".png".
+[[nodiscard]] std::string lower_extension(const std::filesystem::path& file);
 
-// To be called once the command line is read: where one of these options names standard output
-// ("-"), everything else that is printed goes to standard error. Throws CLI::ValidationError where
-// two of them do.
+// Call it once the command line is read: if one of these options names standard output ("-"),
+// everything else that is printed goes to standard error. Rejects two that do.
 void claim_outputs(const CLI::App& command, std::initializer_list<const char*> options);
-
-// --version and --log-level.
-void add_common_options(CLI::App& command);
 
 }  // namespace penumbra

@@ -1,16 +1,23 @@
-// The options of penumbra shadow and the job that they describe.
+// penumbra shadow: its options, the job that they describe, and its result as text and picture.
 #pragma once
 
 #include <Eigen/Core>
+#include <array>
+#include <cstddef>
 #include <filesystem>
 #include <optional>
 #include <string>
+#include <utility>
 #include <vector>
 
+#include "app/output/shadow_picture.hpp"
+#include "core/error.hpp"
 #include "render/model/model.hpp"
 #include "render/scene/plane_frame.hpp"
 #include "render/scene/scene.hpp"
 #include "render/scene/technique.hpp"
+#include "render/shadow/casters/shadow_proxy.hpp"
+#include "render/shadow/kernels/twist.hpp"
 #include "render/shadow/layers/layered_penumbra.hpp"
 
 namespace penumbra {
@@ -35,14 +42,9 @@ struct ShadowOptions {
   std::string plane;
   std::string light;
   bool show_kernels = false;
-
-  [[nodiscard]] bool names_light() const {
-    return !light_height.empty() || light_ratio || umbra_height || workspace_height ||
-           magnification;
-  }
 };
 
-// The options once they make sense.
+// The options after their checks.
 struct ShadowJob {
   enum class Technique { layered, field, simple, hard };
   enum class Format { table, json, svg, png };
@@ -62,14 +64,53 @@ struct ShadowJob {
   LayeredConstants constants;
   std::optional<double> workspace_height;  // [m] that the constants were chosen for
   Placement placement;
-  Eigen::Vector3d model_origin = Eigen::Vector3d::Zero();  // once it is read; in the placement too
+  Eigen::Vector3d model_origin = Eigen::Vector3d::Zero();  // set with the placement by loading
   PlaneFrame plane;
   Eigen::Vector4d light = Eigen::Vector4d::Zero();
   bool show_kernels = false;
-  std::vector<std::string> warnings;  // options that this technique has no use for
+  std::vector<std::string> warnings;  // about options that this technique does not use
+
+  // Umbra, middle and penumbra, rather than one shadow.
+  [[nodiscard]] bool has_layers() const {
+    return technique == Technique::layered || technique == Technique::field;
+  }
 };
 
-// Throws CLI::ValidationError where the options make no sense.
+// Throws CLI::ValidationError for wrong options.
 [[nodiscard]] ShadowJob job_from(const ShadowOptions& options);
+
+inline constexpr std::array<std::pair<ShadowLayer, const char*>, 3> kLayerNames = {
+    {{ShadowLayer::umbra, "umbra"},
+     {ShadowLayer::middle, "middle"},
+     {ShadowLayer::penumbra, "penumbra"}}};
+
+// A proxy compared with the mesh.
+struct ProxyResult {
+  std::size_t faces = 0;  // 0: none was made
+  bool used = false;
+  ProxyAgreement agreement;
+};
+
+struct ShadowResult {
+  std::vector<ShadowPicture::Layer> layers;  // umbra, middle, penumbra; or shadow
+  LayerOutline object;
+  std::vector<Eigen::Vector2d> kernels;
+  std::string kernel_source = "none";
+  double kernel_ms = 0.0;
+  std::size_t twisted_faces = 0;
+  std::optional<TwistReport> twists;
+  std::optional<double> spill;  // of proportional lights
+  std::size_t faces = 0;
+  std::size_t vertices = 0;
+  std::size_t parts = 0;
+  ProxyResult proxy;
+  std::vector<std::string> warnings;  // each once, in the order of logging
+};
+
+[[nodiscard]] Result<ShadowResult> compute_shadow(const ShadowJob& job);
+
+[[nodiscard]] std::string shadow_json(const ShadowJob& job, const ShadowResult& result);
+[[nodiscard]] std::string shadow_table(const ShadowJob& job, const ShadowResult& result);
+[[nodiscard]] ShadowPicture picture_of(const ShadowJob& job, const ShadowResult& result);
 
 }  // namespace penumbra

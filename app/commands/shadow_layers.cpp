@@ -1,8 +1,7 @@
-#include "app/commands/shadow_layers.hpp"
+#include "app/commands/shadow_job.hpp"
 
 #include <Eigen/Geometry>
 #include <algorithm>
-#include <cmath>
 #include <limits>
 
 #include "app/logging.hpp"
@@ -29,46 +28,37 @@ void warn(ShadowResult& result, fmt::format_string<Args...> text, Args&&... args
   result.warnings.push_back(std::move(line));
 }
 
-struct KernelSet {
-  ShadowKernels kernels;
-  std::string source;
-  double time_ms = 0.0;
-};
-
-// The casting mesh, and where its kernels may come from.
+// The casting mesh, and the possible sources of its kernels.
 struct Caster {
   ShadowMesh mesh;
   bool kernels_from_file = false;
   std::optional<KernelSource> stored_source;  // of the kernels that came with the model
 };
 
-KernelSet choose_kernels(const ShadowJob& job, const Caster& caster, ShadowResult& result) {
+ShadowKernels choose_kernels(const ShadowJob& job, const Caster& caster, ShadowResult& result) {
   const ShadowMesh& mesh = caster.mesh;
-  const bool from_file = caster.kernels_from_file;
-  const std::optional<KernelSource> stored_source = caster.stored_source;
   const Eigen::Vector3d up = up_in_object(job.placement, job.plane);
-  KernelSet choice;
+  ShadowKernels kernels;
   const Stopwatch watch;
-  if (from_file) {
-    choice.kernels = stored_kernels_of(mesh);
-    choice.source = job.kernel_file.string();
+  if (caster.kernels_from_file) {
+    kernels = stored_kernels_of(mesh);
+    result.kernel_source = job.kernel_file.string();
     if (!has_stored_kernels_for(mesh, up)) {
       warn(result,
            "{}: its kernels are for up {:.3g},{:.3g},{:.3g} and used as they are; the plane's "
-           "normal "
-           "is {:.3g},{:.3g},{:.3g} for the object; a .glb with kernels gets new ones",
-           job.kernel_file.string(), choice.kernels.up.x(), choice.kernels.up.y(),
-           choice.kernels.up.z(), up.x(), up.y(), up.z());
+           "normal is {:.3g},{:.3g},{:.3g} for the object; a .glb with kernels gets new ones",
+           job.kernel_file.string(), kernels.up.x(), kernels.up.y(), kernels.up.z(), up.x(), up.y(),
+           up.z());
     }
   } else {
-    const bool as_stored = stored_source && job.source == KernelSource::automatic;
+    const bool as_stored = caster.stored_source && job.source == KernelSource::automatic;
     const bool stored = as_stored && has_stored_kernels_for(mesh, up);
-    const KernelSource source = as_stored ? *stored_source : job.source;
-    choice.kernels = stored ? stored_kernels_of(mesh) : generate_kernels(mesh, up, source);
-    choice.source = stored ? "stored" : std::string(to_string(source));
+    const KernelSource source = as_stored ? *caster.stored_source : job.source;
+    kernels = stored ? stored_kernels_of(mesh) : generate_kernels(mesh, up, source);
+    result.kernel_source = stored ? "stored" : std::string(to_string(source));
   }
-  choice.time_ms = watch.elapsed().wall_ms;
-  return choice;
+  result.kernel_ms = watch.elapsed().wall_ms;
+  return kernels;
 }
 
 Result<void> add_layer(ShadowResult& result, const std::string& name,
@@ -79,22 +69,20 @@ Result<void> add_layer(ShadowResult& result, const std::string& name,
   return {};
 }
 
-// The least and the greatest factor between the plane and the caster's top.
+// The least and the greatest layer factor between the plane and the caster's top.
 std::pair<double, double> factors_of(std::span<const CasterVertex> vertices,
                                      const LayeredConstants& constants) {
   double top = 0.0;
   for (const CasterVertex& vertex : vertices) top = std::max(top, static_cast<double>(vertex.h));
-  double least = 1.0;
-  double greatest = 1.0;
+  std::pair<double, double> factors = {1.0, 1.0};
   for (const ShadowLayer layer : kShadowLayers) {
     const double s = layer_factor(constants, layer, top);
-    least = std::min(least, s);
-    greatest = std::max(greatest, s);
+    factors = {std::min(factors.first, s), std::max(factors.second, s)};
   }
-  return {least, greatest};
+  return factors;
 }
 
-// Nothing where the mesh is not worth reducing.
+// Returns nothing if the mesh is not worth reducing.
 Result<std::optional<ShadowProxy>> make_proxy(const ShadowJob& job, const ShadowMesh& mesh,
                                               ShadowResult& result) {
   if (job.proxy == ShadowJob::Proxy::simplified) return simplified_caster(mesh);
@@ -105,8 +93,7 @@ Result<std::optional<ShadowProxy>> make_proxy(const ShadowJob& job, const Shadow
   return std::optional<ShadowProxy>(proxy_from_model(mesh, model));
 }
 
-// The plane with its origin under the middle of the caster: near it floats are fine, wherever in
-// the world that is.
+// The plane with its origin under the middle of the caster, where floats are precise.
 PlaneFrame plane_under(const ShadowMesh& mesh, const Placement& placement,
                        const PlaneFrame& plane) {
   Eigen::AlignedBox3d box;
@@ -121,7 +108,7 @@ PlaneFrame plane_under(const ShadowMesh& mesh, const Placement& placement,
   return under;
 }
 
-// Warns of a shadow without an area, and of parts above the light, with the cause.
+// Warns of a shadow without an area and of parts above the light.
 void warn_of_heights(const ShadowJob& job, std::span<const CasterVertex> vertices,
                      std::span<const std::uint32_t> indices, ShadowResult& result) {
   double bottom = std::numeric_limits<double>::infinity();
@@ -140,8 +127,7 @@ void warn_of_heights(const ShadowJob& job, std::span<const CasterVertex> vertice
     warn(result, "{}: is under the plane (its top at {:.3g} m), so there is no shadow", name, top);
     return;
   }
-  const bool layers = job.technique == ShadowJob::Technique::layered ||
-                      job.technique == ShadowJob::Technique::field;
+  const bool layers = job.has_layers();
   const double reach = layer_height_range(job.constants, ShadowLayer::penumbra).high;
   if (layers && bottom >= reach) {
     warn(result,
@@ -195,7 +181,7 @@ void slide(LayerOutline& outline, const Eigen::Vector2d& by) {
   }
 }
 
-// Drops stored kernels that the options can't use, with a warning.
+// Drops stored kernels that the options can't use, and warns of them.
 void check_stored_kernels(const ShadowJob& job, const Model& model, Caster& caster,
                           ShadowResult& result) {
   const std::string name = (caster.kernels_from_file ? job.kernel_file : job.model).string();
@@ -258,7 +244,7 @@ Result<void> add_hard_shadow(const ShadowJob& job, std::span<const CasterVertex>
 Result<void> add_field_layers(const ShadowJob& job, std::span<const CasterVertex> vertices,
                               const ShadowMesh& mesh, const PlaneFrame& plane,
                               ShadowResult& result) {
-  // With as many cells as the renderer uses: what is written is what is painted.
+  // The renderer's number of cells.
   const ShadowField field = power_distance_layers(
       vertices, mesh.indices, mesh.part,
       part_lights(part_discs(mesh, up_in_object(job.placement, plane), kHalfFieldCell, false),
@@ -279,10 +265,7 @@ std::vector<Eigen::Vector2d> kernel_places(std::span<const CasterVertex> vertice
     const Eigen::Vector2d k(static_cast<double>(vertex.ku), static_cast<double>(vertex.kv));
     if (k.allFinite()) places.push_back(k);
   }
-  const auto by_place = [](const Eigen::Vector2d& a, const Eigen::Vector2d& b) {
-    return a.x() < b.x() || (a.x() == b.x() && a.y() < b.y());
-  };
-  std::sort(places.begin(), places.end(), by_place);
+  std::ranges::sort(places, {}, [](const Eigen::Vector2d& p) { return std::pair(p.x(), p.y()); });
   places.erase(std::unique(places.begin(), places.end()), places.end());
   return places;
 }
@@ -306,7 +289,7 @@ Result<void> add_penumbra_layers(const ShadowJob& job, const ShadowMesh& mesh,
     complete_radii(kernels, mesh, up);
     parts = part_discs(mesh, up);
   }
-  // For the tilt of this shadow, which stored kernels are near.
+  // For the exact tilt of this shadow; stored kernels are for one near it.
   const auto at_tilt = [&] {
     ShadowKernels turned = kernels;
     turned.up = up;
@@ -352,10 +335,7 @@ Result<ShadowResult> compute_shadow(const ShadowJob& given) {
   result.parts = mesh.part_count;
   ShadowKernels kernels;
   if (job.technique == ShadowJob::Technique::layered) {
-    KernelSet choice = choose_kernels(job, caster, result);
-    result.kernel_source = choice.source;
-    result.kernel_ms = choice.time_ms;
-    kernels = std::move(choice.kernels);
+    kernels = choose_kernels(job, caster, result);
   } else {
     kernels.kernels = mesh.positions;
   }

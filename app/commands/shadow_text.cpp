@@ -1,4 +1,4 @@
-#include "app/commands/shadow_text.hpp"
+#include "app/commands/shadow_job.hpp"
 
 #include <fmt/format.h>
 
@@ -10,23 +10,16 @@
 namespace penumbra {
 namespace {
 
-nlohmann::ordered_json number_or_inf(double value) {
-  if (std::isinf(value)) return "inf";
-  return value;
+using Json = nlohmann::ordered_json;
+
+Json number_or_inf(double value) {
+  return std::isinf(value) ? Json("inf") : Json(value);
 }
 
-// Which shadow it is, as pictures of several lie side by side.
 std::string technique_words(const ShadowJob& job) {
-  switch (job.technique) {
-    case ShadowJob::Technique::field:
-      return "field shadow";
-    case ShadowJob::Technique::simple:
-      return "simple shadow";
-    case ShadowJob::Technique::hard:
-      return "hard shadow";
-    case ShadowJob::Technique::layered:
-      break;
-  }
+  if (job.technique == ShadowJob::Technique::field) return "field shadow";
+  if (job.technique == ShadowJob::Technique::simple) return "simple shadow";
+  if (job.technique == ShadowJob::Technique::hard) return "hard shadow";
   std::string words = job.source == KernelSource::centroid ? "COCL shadow" : "layered shadow";
   if (!job.kernel_file.empty()) {
     words += fmt::format(", kernels of {}", job.kernel_file.filename().string());
@@ -42,27 +35,25 @@ std::string technique_words(const ShadowJob& job) {
 }  // namespace
 
 std::string shadow_json(const ShadowJob& job, const ShadowResult& result) {
-  nlohmann::ordered_json json;
+  Json json;
   json["H"] = number_or_inf(job.constants.light_height);
   json["a"] = number_or_inf(job.constants.light_ratio);
-  if (job.constants.light_ratio > 1.0) {
-    json["umbra_height"] = job.constants.umbra_height;
-  } else {
-    json["umbra_height"] = "inf";  // it never vanishes
-  }
+  // With a light ratio of at most 1 the umbra never vanishes.
+  json["umbra_height"] =
+      job.constants.light_ratio > 1.0 ? Json(job.constants.umbra_height) : Json("inf");
   const auto ring_json = [](const std::vector<Eigen::Vector2d>& ring) {
-    auto list = nlohmann::ordered_json::array();
+    auto list = Json::array();
     for (const Eigen::Vector2d& p : ring) list.push_back({p.x(), p.y()});
     return list;
   };
   for (const ShadowPicture::Layer& layer : result.layers) {
     auto& layer_json = json["layers"][layer.name];
     layer_json["area"] = layer.outline.area;
-    auto polygons = nlohmann::ordered_json::array();
+    auto polygons = Json::array();
     for (const LayerPolygon& polygon : layer.outline.polygons) {
-      nlohmann::ordered_json polygon_json;
+      Json polygon_json;
       polygon_json["outer"] = ring_json(polygon.outer);
-      polygon_json["holes"] = nlohmann::ordered_json::array();
+      polygon_json["holes"] = Json::array();
       for (const auto& hole : polygon.holes) polygon_json["holes"].push_back(ring_json(hole));
       polygons.push_back(std::move(polygon_json));
     }
@@ -81,7 +72,7 @@ std::string shadow_json(const ShadowJob& job, const ShadowResult& result) {
     proxy["faces"] = result.proxy.faces;
     proxy["of_faces"] = result.faces;
     proxy["least_iou"] = kLeastProxyAgreement;
-    auto& heights = proxy["heights"] = nlohmann::ordered_json::array();
+    auto& heights = proxy["heights"] = Json::array();
     for (std::size_t i = 0; result.proxy.faces > 0 && i < kProxyHeights.size(); ++i) {
       auto& height = heights.emplace_back();
       height["umbra_heights"] = kProxyHeights[i];
@@ -90,7 +81,7 @@ std::string shadow_json(const ShadowJob& job, const ShadowResult& result) {
       }
     }
   }
-  json["warnings"] = nlohmann::ordered_json::array();
+  json["warnings"] = Json::array();
   for (const std::string& warning : result.warnings) json["warnings"].push_back(as_utf8(warning));
   return json.dump() + "\n";
 }
@@ -98,8 +89,7 @@ std::string shadow_json(const ShadowJob& job, const ShadowResult& result) {
 std::string shadow_table(const ShadowJob& job, const ShadowResult& result) {
   std::string table = fmt::format("{}: {} vertices, {} faces\n", job.model.filename().string(),
                                   result.vertices, result.faces);
-  if (job.technique == ShadowJob::Technique::layered ||
-      job.technique == ShadowJob::Technique::field) {
+  if (job.has_layers()) {
     table += fmt::format("light: H = {:g} m, a = {:g}, the umbra {}\n", job.constants.light_height,
                          job.constants.light_ratio,
                          job.constants.light_ratio <= 1.0
@@ -140,8 +130,7 @@ std::string shadow_table(const ShadowJob& job, const ShadowResult& result) {
 ShadowPicture picture_of(const ShadowJob& job, const ShadowResult& result) {
   ShadowPicture picture;
   picture.title = as_utf8(fmt::format("{}, {}", job.model.stem().string(), technique_words(job)));
-  if (job.technique == ShadowJob::Technique::layered ||
-      job.technique == ShadowJob::Technique::field) {
+  if (job.has_layers()) {
     picture.subtitle =
         std::isinf(job.constants.light_height)
             ? fmt::format("light at the zenith, umbra to {:g} m", job.constants.umbra_height)

@@ -1,18 +1,9 @@
-// penumbra simulate SCENE: a synthetic recording with exact truth.
+// penumbra simulate SCENE: makes a synthetic recording with exact truth.
 
-#include <fmt/format.h>
-
-#include <CLI/App.hpp>
-#include <CLI/Config.hpp>
-#include <CLI/Formatter.hpp>
 #include <algorithm>
-#include <cmath>
 #include <memory>
-#include <string>
 #include <thread>
-#include <vector>
 
-#include "app/commands/command.hpp"
 #include "app/commands/options.hpp"
 #include "app/recording/simulate_run.hpp"
 #include "core/propagate.hpp"
@@ -20,8 +11,6 @@
 
 namespace penumbra {
 namespace {
-
-constexpr const char* kBoard = "board";
 
 Result<ExitCode> simulate(const SimulateRequest& request) {
   PENUMBRA_TRY(const auto summary, run_simulate(request));
@@ -54,97 +43,12 @@ CLI::Validator whole_number() {
 }  // namespace
 
 void add_simulate_command(CLI::App& program, ChosenCommand& chosen) {
-  CLI::App* command = program.add_subcommand(
-      "simulate", "Make a synthetic recording with exact truth: tags, lens, motion blur, noise");
-  add_common_options(*command);
-  const auto request = std::make_shared<SimulateRequest>();
-  request->threads = static_cast<int>(std::clamp(std::thread::hardware_concurrency(), 1U, 16U));
-  command
-      ->add_option_function<std::string>(
-          "SCENE",
-          [request](const std::string& scene) {
-            if (scene != kBoard) request->scene = scene;
-          },
-          "Scene whose objects are drawn over the tags, or `board` for the tags alone")
-      ->required()
-      ->type_name("FILE.json|board");
-  command->add_option("--camera", request->camera, "The camera and its lens")
-      ->required()
-      ->type_name("camera.yaml");
-  add_camera_name_option(*command, request->camera_name);
-  command->add_option("--tags", request->tags, "What lies on the table")
-      ->required()
-      ->type_name("tags.yaml");
-  command
-      ->add_option("--trajectory", request->trajectory,
-                   "Camera poses: one frame for each, its exposure half before and half after")
-      ->required()
-      ->type_name("FILE.tum");
-  command
-      ->add_option_function<std::vector<std::string>>(
-          "--group",
-          [request](const std::vector<std::string>& given) {
-            for (const std::string& text : given) {
-              const std::size_t equals = text.rfind('=');
-              if (equals == 0 || equals == std::string::npos || equals + 1 == text.size()) {
-                throw CLI::ValidationError("--group", fmt::format("{}: is no NAME=FILE.tum", text));
-              }
-              if (!request->groups.emplace(text.substr(0, equals), text.substr(equals + 1))
-                       .second) {
-                throw CLI::ValidationError(
-                    "--group", fmt::format("{}: is given twice", text.substr(0, equals)));
-              }
-            }
-          },
-          "Tags of the group NAME move: T_table_group over the same time, the identity where "
-          "tags.yaml has it; may be given again for other groups")
-      ->type_name("NAME=FILE.tum");
-  command->add_option("--output", request->output, "The recording: a new or empty folder")
-      ->required()
-      ->type_name("DIR");
-  command
-      ->add_option("--noise", request->noise_grey,
-                   "Sigma of white noise, after the tone curve [grey levels]")
-      ->check(within(0.0, 255.0))
-      ->capture_default_str();
-  command
-      ->add_option("--blur", request->exposure_s,
-                   "Exposure: the camera moves meanwhile, on a smooth curve through the poses [s]")
-      ->check(within(0.0, 10.0))
-      ->capture_default_str();
-  command->add_option("--seed", request->seed, "Of the noise: the same gives the same bytes")
-      ->check(whole_number())
-      ->capture_default_str();
-  command
-      ->add_option("--tone", request->tone_curve,
-                   "Exponent of the tone curve, light = value ^ exponent (default: tone_curve of "
-                   "the camera file, or 1). The camera file is kept as it is")
-      ->check(within(0.2, 5.0))
-      ->type_name("EXPONENT");
-  command->add_option("--gain", request->gain, "Brightness: multiplies the light")
-      ->check(within(0.001, 1000.0))
-      ->capture_default_str();
-  command->add_option("--lens-blur", request->lens_blur_px, "Sigma of the lens's own blur [px]")
-      ->check(within(0.0, 10.0))
-      ->capture_default_str();
-  CLI::Option* cover = command
-                           ->add_option("--cover", request->cover_share,
-                                        "Share of every tag that something grey hides, from its "
-                                        "left side, its white margin first")
-                           ->check(within(0.0, 1.0))
-                           ->capture_default_str();
-  command
-      ->add_option("--cover-from", request->cover_from,
-                   "The first frame that --cover is for; before it the tags are seen whole")
-      ->check(whole_number())
-      ->needs(cover)
-      ->type_name("FRAME")
-      ->capture_default_str();
-  command->footer(
+  CLI::App& command = add_command(
+      program, "simulate",
+      "Make a synthetic recording with exact truth: tags, lens, motion blur, noise",
       "The recording holds frames/*.png, timestamps.csv, camera.yaml, tags.yaml and "
       "groundtruth.tum\n(groups/NAME.tum for groups of tags beside the table), and opens in every "
-      "command "
-      "that takes one.\n"
+      "command that takes one.\n"
       "Ctrl-C ends early; the recording holds the frames up to then.\n\n"
       "Example:\n"
       "  penumbra simulate board --camera recordings/tabletop/camera.yaml --tags "
@@ -154,7 +58,76 @@ void add_simulate_command(CLI::App& program, ChosenCommand& chosen) {
       "  penumbra replay synthetic --report report.json\n"
       "  penumbra simulate board --camera camera.yaml --tags tags.yaml --trajectory hand.tum "
       "--group prop=prop.tum --output synthetic");
-  command->callback([request, &chosen] { chosen = [request] { return simulate(*request); }; });
+  const auto request = std::make_shared<SimulateRequest>();
+  request->threads = static_cast<int>(std::clamp(std::thread::hardware_concurrency(), 1U, 16U));
+  const auto take_scene = [request](const std::string& scene) {
+    if (scene != "board") request->scene = scene;
+  };
+  add_text_option(command, "SCENE", "FILE.json|board", take_scene,
+                  "Scene whose objects are drawn over the tags, or `board` for the tags alone")
+      ->required();
+  add_option(command, "--camera", "camera.yaml", request->camera, "The camera and its lens")
+      ->required();
+  add_camera_name_option(command, request->camera_name);
+  add_option(command, "--tags", "tags.yaml", request->tags, "What lies on the table")->required();
+  add_option(command, "--trajectory", "FILE.tum", request->trajectory,
+             "Camera poses: one frame for each, its exposure half before and half after")
+      ->required();
+  const auto take_groups = [request](const std::vector<std::string>& given) {
+    for (const std::string& text : given) {
+      const std::size_t equals = text.rfind('=');
+      if (equals == 0 || equals == std::string::npos || equals + 1 == text.size()) {
+        usage_error("--group", "{}: is no NAME=FILE.tum", text);
+      }
+      const std::string name = text.substr(0, equals);
+      if (!request->groups.emplace(name, text.substr(equals + 1)).second) {
+        usage_error("--group", "{}: is given twice", name);
+      }
+    }
+  };
+  command
+      .add_option_function<std::vector<std::string>>(
+          "--group", take_groups,
+          "Tags of the group NAME move: T_table_group over the same time, the identity where "
+          "tags.yaml has it; may be given again for other groups")
+      ->type_name("NAME=FILE.tum");
+  add_option(command, "--output", "DIR", request->output, "The recording: a new or empty folder")
+      ->required();
+  command
+      .add_option("--noise", request->noise_grey,
+                  "Sigma of white noise, after the tone curve [grey levels]")
+      ->check(within(0.0, 255.0))
+      ->capture_default_str();
+  command
+      .add_option("--blur", request->exposure_s,
+                  "Exposure: the camera moves meanwhile, on a smooth curve through the poses [s]")
+      ->check(within(0.0, 10.0))
+      ->capture_default_str();
+  command.add_option("--seed", request->seed, "Of the noise: the same gives the same bytes")
+      ->check(whole_number())
+      ->capture_default_str();
+  add_option(command, "--tone", "EXPONENT", request->tone_curve,
+             "Exponent of the tone curve, light = value ^ exponent (default: tone_curve of the "
+             "camera file, or 1). The camera file is kept as it is")
+      ->check(within(0.2, 5.0));
+  command.add_option("--gain", request->gain, "Brightness: multiplies the light")
+      ->check(within(0.001, 1000.0))
+      ->capture_default_str();
+  command.add_option("--lens-blur", request->lens_blur_px, "Sigma of the lens's own blur [px]")
+      ->check(within(0.0, 10.0))
+      ->capture_default_str();
+  CLI::Option* cover = command
+                           .add_option("--cover", request->cover_share,
+                                       "Share of every tag that something grey hides, from its "
+                                       "left side, its white margin first")
+                           ->check(within(0.0, 1.0))
+                           ->capture_default_str();
+  add_option(command, "--cover-from", "FRAME", request->cover_from,
+             "The first frame that --cover is for; before it the tags are seen whole")
+      ->check(whole_number())
+      ->needs(cover)
+      ->capture_default_str();
+  command.callback([request, &chosen] { chosen = [request] { return simulate(*request); }; });
 }
 
 }  // namespace penumbra

@@ -1,19 +1,10 @@
-// penumbra target: a sheet to print at true scale, and the file that says what lies on it.
+// penumbra target: makes a sheet to print at true scale, and the file that describes it.
 
-#include <fmt/format.h>
 #include <fmt/ranges.h>
 
-#include <CLI/App.hpp>
-#include <CLI/Config.hpp>
-#include <CLI/Formatter.hpp>
-#include <algorithm>
 #include <array>
 #include <memory>
-#include <optional>
-#include <string_view>
-#include <vector>
 
-#include "app/commands/command.hpp"
 #include "app/commands/options.hpp"
 #include "app/output/output_file.hpp"
 #include "app/recording/recording_source.hpp"
@@ -33,7 +24,7 @@ struct TargetOptions {
   std::optional<double> measured_mm;
   std::string type = "tags";
   int first_id = 0;
-  // Each type has its own, where none is given.
+  // Default: that of the type.
   std::optional<int> columns;
   std::optional<int> rows;
   std::optional<double> tag_size_m;
@@ -48,15 +39,20 @@ struct ChosenSheet {
   SheetTarget target;
   SheetFormat format = SheetFormat::pdf;
   PageSize page;
-  std::filesystem::path sheet;
   std::filesystem::path tags;
 };
+
+// Sets columns and rows (of inner corners for a chessboard) where they are given.
+void set_grid(const TargetOptions& options, int& columns, int& rows) {
+  columns = options.columns.value_or(columns);
+  rows = options.rows.value_or(rows);
+}
 
 SheetTarget sheet_target_of(const TargetOptions& options, TagFamily family) {
   if (options.type == "aprilgrid") {
     AprilGrid grid;
-    grid.columns = options.columns.value_or(grid.columns);
-    grid.rows = options.rows.value_or(4);
+    grid.rows = 4;
+    set_grid(options, grid.columns, grid.rows);
     grid.tag_size_m = options.tag_size_m.value_or(grid.tag_size_m);
     grid.spacing = options.spacing.value_or(grid.spacing);
     grid.family = family;
@@ -65,8 +61,7 @@ SheetTarget sheet_target_of(const TargetOptions& options, TagFamily family) {
   }
   if (options.type == "charuco") {
     CharucoBoard board;
-    board.columns = options.columns.value_or(board.columns);
-    board.rows = options.rows.value_or(board.rows);
+    set_grid(options, board.columns, board.rows);
     board.square_m = options.square_m.value_or(board.square_m);
     board.tag_m = options.tag_size_m.value_or(0.73 * board.square_m);
     board.family = family;
@@ -75,14 +70,12 @@ SheetTarget sheet_target_of(const TargetOptions& options, TagFamily family) {
   }
   if (options.type == "chessboard") {
     ChessboardSheet board;
-    board.inner_columns = options.columns.value_or(board.inner_columns);
-    board.inner_rows = options.rows.value_or(board.inner_rows);
+    set_grid(options, board.inner_columns, board.inner_rows);
     board.square_m = options.square_m.value_or(board.square_m);
     return board;
   }
   TagBoard board;
-  board.columns = options.columns.value_or(board.columns);
-  board.rows = options.rows.value_or(board.rows);
+  set_grid(options, board.columns, board.rows);
   board.tag_size_m = options.tag_size_m.value_or(board.tag_size_m);
   board.pitch_m = options.pitch_m.value_or(board.pitch_m);
   board.family = family;
@@ -90,10 +83,10 @@ SheetTarget sheet_target_of(const TargetOptions& options, TagFamily family) {
   return board;
 }
 
-// An option that would change nothing was meant for another type.
+// Rejects options that do not apply to the type of sheet.
 void check_options_of_type(const CLI::App& command, const std::string& type) {
   if (command.count("--dictionary") > 0 && command.count("--family") > 0)
-    throw CLI::ValidationError("--dictionary", "goes in place of --family; name one of them");
+    usage_error("--dictionary", "goes in place of --family; name one of them");
   struct Use {
     const char* option;
     std::vector<std::string_view> types;
@@ -107,66 +100,68 @@ void check_options_of_type(const CLI::App& command, const std::string& type) {
                                             {"--square", {"charuco", "chessboard"}}}};
   for (const Use& use : kUses) {
     if (command.count(use.option) == 0 || std::ranges::count(use.types, type) > 0) continue;
-    throw CLI::ValidationError(use.option,
-                               fmt::format("a sheet of type {} has none (--type {} has)", type,
-                                           fmt::join(use.types, ", ")));
+    usage_error(use.option, "a sheet of type {} has none (--type {} has)", type,
+                fmt::join(use.types, ", "));
   }
 }
 
-// Whatever is wrong here is wrong usage: nothing but the options is looked at.
+// Rejects wrong options; reads no file.
 ChosenSheet target_of(const TargetOptions& options) {
   const auto family =
       tag_family_from_string(options.dictionary.empty() ? options.family : options.dictionary);
   if (!options.dictionary.empty() && (!family || !aruco_dictionary_of(*family))) {
-    throw CLI::ValidationError(
-        "--dictionary", fmt::format("'{}' is not known; name 4x4, 5x5 or 6x6 with 50, 100, 250 or "
-                                    "1000 markers, such as 4x4_50",
-                                    options.dictionary));
+    usage_error(
+        "--dictionary",
+        "'{}' is not known; name 4x4, 5x5 or 6x6 with 50, 100, 250 or 1000 markers, such as "
+        "4x4_50",
+        options.dictionary);
   }
-  if (!family) throw CLI::ValidationError("--family", unknown_tag_family(options.family));
+  if (!family) usage_error("--family", "{}", unknown_tag_family(options.family));
   const SheetTarget target = sheet_target_of(options, *family);
   const auto page = page_size_from_string(options.page);
-  if (!page) throw CLI::ValidationError("--page", page.error().message);
+  if (!page) usage_error("--page", "{}", page.error().message);
   if (const auto fits = check_fits(target, *page); !fits) {
     throw CLI::ValidationError(fits.error().message);
   }
   const auto format = sheet_format_of(options.output);
-  if (!format) throw CLI::ValidationError("--output", format.error().message);
+  if (!format) usage_error("--output", "{}", format.error().message);
   std::filesystem::path tags = options.tags;
   if (tags.empty())
     tags = options.output.parent_path() / (options.type == "tags" ? "tags.yaml" : "target.yaml");
   if (!is_stream(tags) && same_path(options.output, tags)) {
-    throw CLI::ValidationError(
-        "--output", fmt::format("{}: is the file of the tags too (--tags); name two files",
-                                options.output.string()));
+    usage_error("--output", "{}: is the file of the tags too (--tags); name two files",
+                options.output.string());
   }
-  return {target, *format, *page, options.output, tags};
+  return {target, *format, *page, tags};
 }
 
-// Whether there is a file `old` that would not stay the same.
-bool says_otherwise(const std::filesystem::path& old, const std::filesystem::path& replacement) {
+bool exists_as_file(const std::filesystem::path& path) {
   std::error_code ignored;
-  if (is_stream(old) || !std::filesystem::exists(old, ignored)) return false;
+  return !is_stream(path) && std::filesystem::exists(path, ignored);
+}
+
+// Returns true if there is a file `old` with other content than its replacement.
+bool would_change(const std::filesystem::path& old, const std::filesystem::path& replacement) {
+  if (!exists_as_file(old)) return false;
   constexpr std::size_t kMaxBytes = 16'000'000;
   const auto before = read_text_file(old, kMaxBytes);
   const auto after = read_text_file(replacement, kMaxBytes);
   return !before || !after || *before != *after;
 }
 
-// Returns the ruler's length by the file of an earlier run [mm]; nothing where that is not of this
-// sheet.
+// Returns the ruler's length that the file of an earlier run has [mm]; nothing if that file
+// describes another sheet.
 std::optional<double> measured_before(const ChosenSheet& target) {
-  std::error_code ignored;
-  if (is_stream(target.tags) || !std::filesystem::exists(target.tags, ignored)) return std::nullopt;
+  if (!exists_as_file(target.tags)) return std::nullopt;
   const auto scale = printed_scale_of(target.tags, target.target);
-  if (!scale) return std::nullopt;
-  return kRulerMm * *scale;
+  return scale ? std::optional(kRulerMm * *scale) : std::nullopt;
 }
 
-// Without --tags, only a file of the same sheet is replaced, by a new measurement of its ruler.
+// Fails if a file that is not named by --tags would change, except for a new measurement of its
+// ruler.
 Result<void> check_replaceable(const TargetOptions& options, const ChosenSheet& target,
                                const std::filesystem::path& replacement) {
-  if (!options.tags.empty() || !says_otherwise(target.tags, replacement)) return {};
+  if (!options.tags.empty() || !would_change(target.tags, replacement)) return {};
   const auto before = measured_before(target);
   if (!before) {
     return fail(
@@ -184,7 +179,7 @@ Result<void> check_replaceable(const TargetOptions& options, const ChosenSheet& 
 void print_target(const TargetOptions& options, const ChosenSheet& target,
                   std::optional<double> before) {
   const double measured_mm = options.measured_mm.value_or(kRulerMm);
-  fmt::print("sheet: {}\n{}: {}\n", target.sheet.string(),
+  fmt::print("sheet: {}\n{}: {}\n", options.output.string(),
              options.type == "tags" ? "tags" : "target", target.tags.string());
   if (options.measured_mm) {
     fmt::print("ruler: {:g} mm on paper{}: lengths are {:.3f} % of those on the sheet\n",
@@ -199,7 +194,7 @@ void print_target(const TargetOptions& options, const ChosenSheet& target,
 }
 
 Result<ExitCode> run_target(const TargetOptions& options, const ChosenSheet& target) {
-  for (const std::filesystem::path& file : {target.sheet, target.tags}) {
+  for (const std::filesystem::path& file : {options.output, target.tags}) {
     if (is_stream(file)) continue;
     const std::filesystem::path folder = std::filesystem::absolute(file).parent_path();
     if (is_recording(folder)) {
@@ -207,7 +202,7 @@ Result<ExitCode> run_target(const TargetOptions& options, const ChosenSheet& tar
                   folder.string());
     }
   }
-  PENUMBRA_TRY(auto sheet, OutputFile::create(target.sheet));
+  PENUMBRA_TRY(auto sheet, OutputFile::create(options.output));
   PENUMBRA_TRY(auto tags, OutputFile::create(target.tags));
   if (const auto written = write_sheet(sheet.partial(), target.target, target.page, target.format);
       !written) {
@@ -227,76 +222,65 @@ Result<ExitCode> run_target(const TargetOptions& options, const ChosenSheet& tar
 }  // namespace
 
 void add_target_command(CLI::App& program, ChosenCommand& chosen) {
-  CLI::App* command = program.add_subcommand(
-      "target", "Make a sheet to print at true scale, with the file that says what is on it");
-  add_common_options(*command);
+  CLI::App& command =
+      add_command(program, "target",
+                  "Make a sheet to print at true scale, with the file that says what is on it",
+                  "Example:\n"
+                  "  penumbra target --output sheet.pdf --page a4\n"
+                  "  penumbra target --output sheet.pdf --page a4 --measured 99.2\n"
+                  "  penumbra target --type aprilgrid --output grid.pdf");
   const auto options = std::make_shared<TargetOptions>();
-  command->add_option("--output", options->output, "The sheet, at true scale")
-      ->required()
-      ->type_name("FILE.pdf|FILE.svg|FILE.png");
+  add_option(command, "--output", "FILE.pdf|FILE.svg|FILE.png", options->output,
+             "The sheet, at true scale")
+      ->required();
+  add_option(command, "--tags", "FILE.yaml", options->tags,
+             "What lies on the sheet (default: tags.yaml, or target.yaml, beside the sheet)");
   command
-      ->add_option("--tags", options->tags,
-                   "What lies on the sheet (default: tags.yaml, or target.yaml, beside the sheet)")
-      ->type_name("FILE.yaml");
-  command
-      ->add_option("--page", options->page,
-                   "a0 to a5, letter, legal, tabloid, or WIDTHxHEIGHT in millimetres")
+      .add_option("--page", options->page,
+                  "a0 to a5, letter, legal, tabloid, or WIDTHxHEIGHT in millimetres")
       ->capture_default_str();
-  command->add_option("--family", options->family, "Tag family")->capture_default_str();
-  command->add_option(
-      "--dictionary", options->dictionary,
-      "charuco: ArUco's markers in place of a tag family: 4x4_50, 5x5_100, 6x6_250, "
-      "... (of 4x4, 5x5, 6x6 and 50, 100, 250, 1000)");
+  command.add_option("--family", options->family, "Tag family")->capture_default_str();
+  command.add_option("--dictionary", options->dictionary,
+                     "charuco: ArUco's markers in place of a tag family: 4x4_50, 5x5_100, 6x6_250, "
+                     "... (of 4x4, 5x5, 6x6 and 50, 100, 250, 1000)");
   command
-      ->add_option("--type", options->type,
-                   "tags: a table to track on; to calibrate from: aprilgrid, charuco (tags in a "
-                   "chessboard), chessboard")
+      .add_option("--type", options->type,
+                  "tags: a table to track on; to calibrate from: aprilgrid, charuco (tags in a "
+                  "chessboard), chessboard")
       ->check(CLI::IsMember({"tags", "aprilgrid", "charuco", "chessboard"}))
       ->capture_default_str();
-  command->add_option("--first-id", options->first_id, "Id of the first tag")
+  command.add_option("--first-id", options->first_id, "Id of the first tag")
       ->check(CLI::NonNegativeNumber)
       ->capture_default_str();
   command
-      ->add_option("--columns", options->columns,
-                   "Tags or squares across; of a chessboard: inner corners (4, 6, 8, 9)")
+      .add_option("--columns", options->columns,
+                  "Tags or squares across; of a chessboard: inner corners (4, 6, 8, 9)")
       ->check(CLI::Range(1, 100));
   command
-      ->add_option("--rows", options->rows,
-                   "Tags or squares down; of a chessboard: inner corners (3, 4, 6, 6)")
+      .add_option("--rows", options->rows,
+                  "Tags or squares down; of a chessboard: inner corners (3, 4, 6, 6)")
       ->check(CLI::Range(1, 100));
+  add_option(command, "--tag-size", "METRES", options->tag_size_m,
+             "Edge of a tag's black square, white margin not included [m] (0.04, 0.03, 0.0219)")
+      ->check(length_check("m", 0.001, 2.0));
+  add_option(command, "--pitch", "METRES", options->pitch_m,
+             "tags: from one's centre to the next [m] (0.055)")
+      ->check(length_check("m", 0.001, 10.0));
   command
-      ->add_option(
-          "--tag-size", options->tag_size_m,
-          "Edge of a tag's black square, white margin not included [m] (0.04, 0.03, 0.0219)")
-      ->check(length_check("m", 0.001, 2.0))
-      ->type_name("METRES");
-  command
-      ->add_option("--pitch", options->pitch_m, "tags: from one's centre to the next [m] (0.055)")
-      ->check(length_check("m", 0.001, 10.0))
-      ->type_name("METRES");
-  command
-      ->add_option("--spacing", options->spacing,
-                   "aprilgrid: gap between tags over their size (0.3)")
+      .add_option("--spacing", options->spacing,
+                  "aprilgrid: gap between tags over their size (0.3)")
       ->check(CLI::Range(0.01, 10.0));
-  command
-      ->add_option("--square", options->square_m,
-                   "charuco, chessboard: edge of a square [m] (0.03, 0.022)")
-      ->check(length_check("m", 0.001, 2.0))
-      ->type_name("METRES");
-  command
-      ->add_option("--measured", options->measured_mm,
-                   "What the sheet's 100 mm ruler measures on paper [mm]: scales the file, not the "
-                   "sheet. Measured again, the last one counts (default: 100)")
-      ->check(length_check("mm", 50.0, 200.0))
-      ->type_name("MM");
-  command->footer(
-      "Example:\n"
-      "  penumbra target --output sheet.pdf --page a4\n"
-      "  penumbra target --output sheet.pdf --page a4 --measured 99.2\n"
-      "  penumbra target --type aprilgrid --output grid.pdf");
-  command->callback([command, options, &chosen] {
-    claim_outputs(*command, {"--output", "--tags"});
-    check_options_of_type(*command, options->type);
+  add_option(command, "--square", "METRES", options->square_m,
+             "charuco, chessboard: edge of a square [m] (0.03, 0.022)")
+      ->check(length_check("m", 0.001, 2.0));
+  add_option(
+      command, "--measured", "MM", options->measured_mm,
+      "What the sheet's 100 mm ruler measures on paper [mm]: scales the file, not the sheet. "
+      "Measured again, the last one counts (default: 100)")
+      ->check(length_check("mm", 50.0, 200.0));
+  command.callback([&command, options, &chosen] {
+    claim_outputs(command, {"--output", "--tags"});
+    check_options_of_type(command, options->type);
     chosen = [options, target = target_of(*options)] { return run_target(*options, target); };
   });
 }

@@ -1,6 +1,7 @@
 #include "app/live/live_camera.hpp"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <utility>
 
@@ -8,6 +9,7 @@
 #include "app/capture/v4l2/v4l2_device.hpp"
 #include "app/capture/v4l2/v4l2_source.hpp"
 #include "app/recording/recording_feed.hpp"
+#include "app/tags_in_use.hpp"
 #include "core/camera/camera_file.hpp"
 #include "core/camera/focus_file.hpp"
 #include "core/propagate.hpp"
@@ -16,31 +18,15 @@ namespace penumbra {
 namespace {
 
 constexpr std::string_view kRecordingKind = "recording:";
-
-Result<std::unique_ptr<LiveSource>> open_device(const CameraAddress& address,
-                                                const CameraRequest& request,
-                                                RequestedSettings requested) {
-  if (address.kind == CameraAddress::Kind::recording) {
-    PENUMBRA_TRY(const auto recording, open_as_camera(address));
-    return open_recording_feed(recording, request.fps);
-  }
-  requested.width = request.width.value_or(requested.width);
-  requested.height = request.height.value_or(requested.height);
-  requested.fps = request.fps.value_or(requested.fps);
-  requested.format = request.format;
-  requested.recording = request.recorded;
-  requested.controls = request.controls;
-  if (address.kind == CameraAddress::Kind::libcamera) {
-    return open_libcamera_source({requested, address.name, request.dma_buf});
-  }
-  return open_v4l2_source({requested, address.name, request.dma_buf});
-}
+constexpr std::array<std::pair<std::string_view, CameraAddress::Kind>, 3> kCameraKinds = {
+    {{"v4l2:", CameraAddress::Kind::v4l2},
+     {"libcamera:", CameraAddress::Kind::libcamera},
+     {kRecordingKind, CameraAddress::Kind::recording}}};
 
 bool has_size_of(const StreamFormat& format, const CameraModel& camera) {
   return format.width == camera.width() && format.height == camera.height();
 }
 
-// The stream's size is not the calibration's.
 std::string size_mismatch(const CameraRequest& request, const StreamFormat& format,
                           const CameraModel& camera) {
   // The calibrated size was requested already, unless the request names another; a recording has
@@ -61,12 +47,11 @@ std::string size_mismatch(const CameraRequest& request, const StreamFormat& form
 Result<CameraAddress> parse_camera(const std::string& source) {
   using Kind = CameraAddress::Kind;
   if (source.starts_with('/')) return CameraAddress{Kind::v4l2, source};
-  const std::size_t colon = source.find(':');
-  const std::string kind = source.substr(0, colon);
-  const std::string name = colon == std::string::npos ? std::string() : source.substr(colon + 1);
-  if (kind == "v4l2" && !name.empty()) return CameraAddress{Kind::v4l2, name};
-  if (kind == "recording" && !name.empty()) return CameraAddress{Kind::recording, name};
-  if (kind == "libcamera" && !name.empty()) return CameraAddress{Kind::libcamera, name};
+  for (const auto& [prefix, kind] : kCameraKinds) {
+    if (source.starts_with(prefix) && source.size() > prefix.size()) {
+      return CameraAddress{kind, source.substr(prefix.size())};
+    }
+  }
   return fail(
       "--camera {}: is not a camera; give v4l2:/dev/video0 or libcamera:0 (penumbra devices lists "
       "them), or recording:FOLDER",
@@ -74,8 +59,8 @@ Result<CameraAddress> parse_camera(const std::string& source) {
 }
 
 bool names_camera(const std::string& source) {
-  return source.starts_with("v4l2:") || source.starts_with("libcamera:") ||
-         source.starts_with(kRecordingKind);
+  return std::ranges::any_of(kCameraKinds,
+                             [&](const auto& kind) { return source.starts_with(kind.first); });
 }
 
 std::optional<std::filesystem::path> played_recording(const std::string& source) {
@@ -97,11 +82,22 @@ Result<Recording> open_as_camera(const CameraAddress& address) {
 
 Result<std::unique_ptr<LiveSource>> open_camera(const CameraAddress& address,
                                                 const CameraRequest& request,
-                                                const CameraModel& camera) {
+                                                const CameraModel* camera) {
+  if (address.kind == CameraAddress::Kind::recording) {
+    PENUMBRA_TRY(const auto recording, open_as_camera(address));
+    return open_recording_feed(recording, request.fps);
+  }
   RequestedSettings requested;
-  requested.width = camera.width();
-  requested.height = camera.height();
-  return open_device(address, request, requested);
+  requested.width = request.width.value_or(camera ? camera->width() : requested.width);
+  requested.height = request.height.value_or(camera ? camera->height() : requested.height);
+  requested.fps = request.fps.value_or(requested.fps);
+  requested.format = request.format;
+  requested.recording = request.recorded;
+  requested.controls = request.controls;
+  if (address.kind == CameraAddress::Kind::libcamera) {
+    return open_libcamera_source({requested, address.name, request.dma_buf});
+  }
+  return open_v4l2_source({requested, address.name, request.dma_buf});
 }
 
 Result<void> check_size_or_offer_scaling(const CameraRequest& request, const CameraAddress& address,
@@ -128,7 +124,7 @@ Result<CameraModel> calibration_at_size(const CameraRequest& request, const Came
   int width = request.width.value_or(camera.width());
   int height = request.height.value_or(camera.height());
   if (address.kind == CameraAddress::Kind::recording) {
-    PENUMBRA_TRY(const auto feed, open_camera(address, request, camera));
+    PENUMBRA_TRY(const auto feed, open_camera(address, request, &camera));
     width = feed->format().width;
     height = feed->format().height;
   }
@@ -138,20 +134,14 @@ Result<CameraModel> calibration_at_size(const CameraRequest& request, const Came
 }
 
 Result<std::unique_ptr<LiveSource>> open_live_source(const CameraRequest& request,
-                                                     const CameraModel& camera) {
+                                                     const CameraModel* camera) {
   PENUMBRA_TRY(const auto address, parse_camera(request.source));
   PENUMBRA_TRY_VOID(check_camera(address));
   PENUMBRA_TRY(auto source, open_camera(address, request, camera));
-  if (!has_size_of(source->format(), camera)) {
-    return fail("{}", size_mismatch(request, source->format(), camera));
+  if (camera != nullptr && !has_size_of(source->format(), *camera)) {
+    return fail("{}", size_mismatch(request, source->format(), *camera));
   }
   return source;
-}
-
-Result<std::unique_ptr<LiveSource>> open_live_source(const CameraRequest& request) {
-  PENUMBRA_TRY(const auto address, parse_camera(request.source));
-  PENUMBRA_TRY_VOID(check_camera(address));
-  return open_device(address, request, RequestedSettings());
 }
 
 std::optional<std::string> focus_warning(const std::filesystem::path& calibration,
@@ -164,6 +154,23 @@ std::optional<std::string> focus_warning(const std::filesystem::path& calibratio
       "{}: was calibrated at focus_position {}, but the camera is focused at {:.4g}; ask for that "
       "focus (--focus {}), or calibrate again",
       calibration.string(), *calibrated, focus->position, *calibrated);
+}
+
+Result<std::filesystem::path> tags_for_camera(const std::optional<std::filesystem::path>& named,
+                                              const std::string& camera,
+                                              const std::filesystem::path& calibration) {
+  if (named) return *named;
+  std::error_code ignored;
+  std::string looked_for;
+  if (const auto played = played_recording(camera)) {
+    const auto own = *played / "tags.yaml";
+    if (std::filesystem::exists(own, ignored)) return own;
+    looked_for = own.string() + ", ";
+  }
+  const auto beside = calibration.parent_path() / "tags.yaml";
+  if (std::filesystem::exists(beside, ignored)) return beside;
+  return fail("--tags: no tag map is named, and there is no {}{}; {}", looked_for, beside.string(),
+              kNameATagMap);
 }
 
 }  // namespace penumbra

@@ -1,4 +1,4 @@
-// The camera that a command names, opened at the size of its calibration.
+// Opens the camera that a command names, and finds its tag map.
 #pragma once
 
 #include <filesystem>
@@ -29,7 +29,7 @@ struct CameraRequest {
   bool recorded = false;  // images are stored as captured
 };
 
-// A source's name in its parts.
+// The parts of a source's name.
 struct CameraAddress {
   enum class Kind { v4l2, libcamera, recording } kind = Kind::v4l2;
   std::string name;  // of the device, or the recording's folder
@@ -37,16 +37,17 @@ struct CameraAddress {
 [[nodiscard]] Result<CameraAddress> parse_camera(const std::string& source);
 // Returns true for v4l2:..., libcamera:... and recording:..., which are no paths.
 [[nodiscard]] bool names_camera(const std::string& source);
-// The folder of a recording that is played as a camera.
+// The folder of a recording that is played as a camera; nothing for other sources.
 [[nodiscard]] std::optional<std::filesystem::path> played_recording(const std::string& source);
 
 // Fails if a V4L2 device can't be opened; quick, before anything else is set up.
 [[nodiscard]] Result<void> check_camera(const CameraAddress& address);
 [[nodiscard]] Result<Recording> open_as_camera(const CameraAddress& address);
-// Opens the camera at the requested size, or at that of `camera`. The size is not checked.
+// Opens the camera at the requested size; default: that of `camera`, or without one the camera's
+// first. The size is not checked.
 [[nodiscard]] Result<std::unique_ptr<LiveSource>> open_camera(const CameraAddress& address,
                                                               const CameraRequest& request,
-                                                              const CameraModel& camera);
+                                                              const CameraModel* camera);
 // Fails if the stream's size is not the calibration's; offers --scale-calibration if that is exact.
 [[nodiscard]] Result<void> check_size_or_offer_scaling(const CameraRequest& request,
                                                        const CameraAddress& address,
@@ -57,14 +58,18 @@ struct CameraAddress {
                                                       const CameraAddress& address,
                                                       const CameraModel& camera);
 
-// The camera of the request at the size of its calibration.
-[[nodiscard]] Result<std::unique_ptr<LiveSource>> open_live_source(const CameraRequest& request,
-                                                                   const CameraModel& camera);
-// Without a calibration: at the requested size, or at the camera's first.
-[[nodiscard]] Result<std::unique_ptr<LiveSource>> open_live_source(const CameraRequest& request);
-// A warning if the lens is focused elsewhere than when it was calibrated; nothing if it is not, or
-// if either position is unknown.
+// Checks and opens the camera of the request. Fails if its size is not that of `camera`.
+[[nodiscard]] Result<std::unique_ptr<LiveSource>> open_live_source(
+    const CameraRequest& request, const CameraModel* camera = nullptr);
+// A warning if the lens is focused elsewhere than when it was calibrated; nothing if either
+// position is unknown.
 [[nodiscard]] std::optional<std::string> focus_warning(const std::filesystem::path& calibration,
                                                        const std::optional<FocusReading>& focus);
+
+// The tag map for a camera: the one that is named (--tags), that of the recording that is played as
+// a camera, or tags.yaml beside the calibration. Fails if there is none.
+[[nodiscard]] Result<std::filesystem::path> tags_for_camera(
+    const std::optional<std::filesystem::path>& named, const std::string& camera,
+    const std::filesystem::path& calibration);
 
 }  // namespace penumbra

@@ -4,7 +4,6 @@
 
 #include <algorithm>
 #include <filesystem>
-#include <utility>
 
 #include "app/live/live_camera.hpp"
 #include "app/output/output_file.hpp"
@@ -22,6 +21,17 @@ std::uint64_t damaged_frames(const CaptureStats& stats) {
 
 }  // namespace
 
+std::vector<std::pair<std::string, std::int64_t>> fault_counts(const CaptureStats& stats) {
+  std::vector<std::pair<std::string, std::int64_t>> counts;
+  for (std::size_t i = 0; i < kCaptureFaultCount; ++i) {
+    if (stats.faults[i] == 0) continue;
+    counts.emplace_back(name_of(static_cast<CaptureFault>(i)),
+                        static_cast<std::int64_t>(stats.faults[i]));
+  }
+  if (stats.restarts > 0) counts.emplace_back("restarts", stats.restarts);
+  return counts;
+}
+
 LiveHost::LiveHost(Session& session, RunRecorder& run, LiveSource& source, LiveRecorder& recorder,
                    const LiveRequest& request)
     : SessionHost(session, run),
@@ -37,7 +47,7 @@ std::string LiveHost::toggle_recording() {
     const bool failed = writer->counts().error.has_value();
     const std::string folder = writer->folder().string();
     recorder_.stop();
-    // A failed recording has ended already, and the person wants a new one.
+    // A failed recording has ended already; the key starts a new one.
     if (!failed) return "recording ended: " + folder;
   }
   const std::filesystem::path folder =
@@ -62,14 +72,7 @@ void LiveHost::describe(HudState& state, bool debug) const {
   if (!state.trouble && stall_s_ && damaged_frames(stats) > damaged_) {
     state.trouble = "every frame is damaged";
   }
-  for (std::size_t i = 0; i < kCaptureFaultCount; ++i) {
-    if (stats.faults[i] == 0) continue;
-    state.faults.emplace_back(name_of(static_cast<CaptureFault>(i)),
-                              static_cast<std::int64_t>(stats.faults[i]));
-  }
-  if (stats.restarts > 0) {
-    state.faults.emplace_back("restarts", static_cast<std::int64_t>(stats.restarts));
-  }
+  state.faults = fault_counts(stats);
   if (const auto writer = recorder_.writer()) {
     const RecordingCounts counts = writer->counts();
     state.recording =

@@ -4,6 +4,8 @@
 #include <cstdint>
 #include <optional>
 #include <string>
+#include <utility>
+#include <vector>
 
 #include "app/capture/live_source.hpp"
 #include "app/live/live_recorder.hpp"
@@ -15,6 +17,10 @@
 
 namespace penumbra {
 
+// Counts of the camera's faults and restarts that are not 0, by the names in reports.
+[[nodiscard]] std::vector<std::pair<std::string, std::int64_t>> fault_counts(
+    const CaptureStats& stats);
+
 class LiveHost final : public SessionHost {
  public:
   // All outlive this.
@@ -24,14 +30,14 @@ class LiveHost final : public SessionHost {
   [[nodiscard]] std::string toggle_recording() override;
   void describe(HudState& state, bool debug) const override;
 
-  // Returns true once the requested duration has passed, counted from the first image. Without any
-  // image it counts from the start, but allows at least the time that a slow camera needs.
+  // Returns true after the requested duration from the first image. Without any image it counts
+  // from the start and allows at least the time that a slow camera needs.
   [[nodiscard]] bool is_over() const override;
-  // Why the session has no frame, and the remedy.
+  // The message for a session without frames.
   [[nodiscard]] std::string no_frame_text() const;
-  // A complete image came.
+  // Call it for each complete image.
   void set_live();
-  // No complete image came for this long, which is longer than usual.
+  // Call it if no complete image came for this long.
   void set_stalled(std::int64_t stall_ns);
 
  private:

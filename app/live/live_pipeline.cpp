@@ -23,12 +23,11 @@ LivePipeline::LivePipeline(LiveSource& source, Track track, Captured captured, b
       stale_after_ns_(pace_.stale_after_ns()) {
   capture_thread_ = std::thread([this] {
     guarded([this] { capture_all(); });
-    inbox_.close();  // the tracker goes on with what is in it
+    inbox_.close();  // the tracker still takes its content
   });
   if (!side_by_side_) return;
   tracking_thread_ = std::thread([this] {
     guarded([this] { track_all(); });
-    // However it ended, nobody waits for what it would have given or taken.
     inbox_.close();
     ready_.close();
   });
@@ -93,7 +92,7 @@ void LivePipeline::guarded(const std::function<void()>& work) {
   } catch (const std::exception& error) {
     set_error({error.what()});
   }
-  source_.stop();  // whoever ends, the others have nothing left to do
+  source_.stop();  // one thread that ends, ends all
 }
 
 void LivePipeline::set_error(Error error) {
@@ -116,7 +115,7 @@ void LivePipeline::capture_all() {
 
 void LivePipeline::track_all() {
   constexpr std::chrono::milliseconds kPatience(50);
-  // A tracked frame that waits to be drawn grows old; a newer picture is taken when it is gone.
+  // Tracks the next image only after the last one was taken, so that it is fresh.
   while (!inbox_.finished() && ready_.wait_until_empty() && wait_for_drawer()) {
     auto ready = track_next(kPatience);
     if (!ready) continue;
@@ -128,10 +127,10 @@ void LivePipeline::track_all() {
   }
 }
 
-// Until it is time for the next picture, or the drawer waits for it. False when all ends.
+// Waits until the next image is due or the drawer waits for it. Returns false at the end.
 bool LivePipeline::wait_for_drawer() {
   std::unique_lock lock(drawer_mutex_);
-  // The slot is empty: whoever emptied it is about to say so.
+  // ready_ is empty before the drawer has counted the frame that it took.
   drawer_changed_.wait(lock, [this] { return stopping_ || taken_ == handed_over_; });
   if (const auto begin_ns = draw_pace_.begin_at_ns()) {
     const std::chrono::steady_clock::time_point begin{std::chrono::nanoseconds(*begin_ns)};

@@ -1,4 +1,4 @@
-// A camera's pictures, tracked, one after another, for whoever draws them: always the newest.
+// Captures and tracks a camera's images for the drawer, always the newest.
 #pragma once
 
 #include <atomic>
@@ -20,41 +20,39 @@
 
 namespace penumbra {
 
-// The monotonic clock, which drivers stamp frames with.
+// The monotonic clock, which drivers use for timestamps.
 [[nodiscard]] std::int64_t monotonic_ns();
 
-// A frame with its pose, on its way to be drawn.
+// A tracked frame that is ready to be drawn.
 struct ReadyFrame {
   TrackedFrame tracked;
-  StageTime capture_time;  // to decode it
+  StageTime capture_time;  // of decoding
 };
 
-// The camera's thread and, unless frames are tracked by whoever takes them, the tracker's. The
-// newest picture waits for the tracker, older ones are dropped; a tracked frame is always drawn.
-// The tracker begins with a picture as late as it can be ready in time (DrawPace): what waited for
-// a slow drawer would be old when it is seen.
+// Runs the camera's thread and, with `side_by_side`, the tracker's. The newest image waits for the
+// tracker, older ones are dropped; a tracked frame is always drawn. The tracker begins as late as
+// it can be ready in time (DrawPace), so that frames are fresh.
 class LivePipeline {
  public:
   using Track = std::function<TrackedFrame(const Frame&)>;
-  // Each picture as it comes, on the camera's thread; must not wait.
+  // Called with each image on the camera's thread; must not wait.
   using Captured = std::function<void(const CapturedImage&)>;
 
-  // `source` outlives this and is stopped at its end.
+  // `source` outlives this, which stops it at its end.
   LivePipeline(LiveSource& source, Track track, Captured captured, bool side_by_side);
   LivePipeline(const LivePipeline&) = delete;
   LivePipeline& operator=(const LivePipeline&) = delete;
   ~LivePipeline();
 
-  // Nothing where none came in time, or it was damaged.
+  // Nothing if none came in time, or it was damaged.
   [[nodiscard]] std::optional<ReadyFrame> take(std::chrono::milliseconds patience);
-  // Nothing will come any more.
+  // Returns true after the last frame.
   [[nodiscard]] bool finished() const;
-  // For how long there was no whole picture, where that is longer than is usual of the camera: what
-  // is on the screen is not live.
+  // How long the stream has stalled without a complete image; nothing while it is live.
   [[nodiscard]] std::optional<std::int64_t> stale_for_ns() const;
   void stop();
-  // Why it ended by itself, if not well. What the tracker throws is an error too; where frames are
-  // tracked by take(), it throws that.
+  // The error that ended the pipeline, also an exception of the tracker. Without `side_by_side`,
+  // take() throws that.
   [[nodiscard]] std::optional<Error> error() const;
 
  private:
@@ -69,10 +67,9 @@ class LivePipeline {
   const Track track_;
   const Captured captured_;
   const bool side_by_side_;
-  // A whole picture is being tracked; else when the last one was decoded or tracked.
-  std::atomic<bool> tracking_now_ = false;
-  std::atomic<std::int64_t> last_whole_ns_;
-  FramePace pace_;  // of whole pictures; the tracker's thread's
+  std::atomic<bool> tracking_now_ = false;   // a complete image
+  std::atomic<std::int64_t> last_whole_ns_;  // when the last one was decoded or tracked
+  FramePace pace_;                           // of complete images; used by the tracker's thread
   std::atomic<std::int64_t> stale_after_ns_;
   Mailbox<CapturedImage> inbox_;
   Mailbox<ReadyFrame> ready_;

@@ -24,7 +24,7 @@ void LiveRecorder::begin(const std::filesystem::path& folder) {
 void LiveRecorder::record_to(std::shared_ptr<RecordingWriter> writer) {
   reap();
   writer->add_event(monotonic_ns(), "start", head_.camera);
-  scene_told_ = false;
+  scene_recorded_ = false;
   const std::lock_guard lock(mutex_);
   writer_ = std::move(writer);
 }
@@ -38,7 +38,7 @@ void LiveRecorder::stop() {
   }
   if (!writer) return;
   writer->add_event(monotonic_ns(), "end");
-  // The future lives until it is asked; the writer, with its files, only until it is done.
+  // Frees the writer and its files when it is done, not when the future is collected.
   ended_.push_back(std::async(std::launch::async, [writer = std::move(writer)]() mutable {
     Ended ended;
     ended.finished = writer->finish();
@@ -69,11 +69,6 @@ void LiveRecorder::reap() {
   });
 }
 
-std::size_t LiveRecorder::ending() {
-  reap();
-  return ended_.size();
-}
-
 Result<void> LiveRecorder::finish() {
   stop();
   for (const std::future<Ended>& ended : ended_) ended.wait();
@@ -91,8 +86,8 @@ void LiveRecorder::add(const SessionFrame& frame, const Session& session) {
   const auto to = writer();
   if (!to) return;
   const std::int64_t timestamp_ns = frame.tracked.frame.timestamp_ns;
-  if (!scene_told_) {
-    scene_told_ = true;
+  if (!scene_recorded_) {
+    scene_recorded_ = true;
     to->add_event(session.scene_start_ns().value_or(timestamp_ns), kSceneStartEvent);
     for (const SceneEdit& edit : session.edits_so_far()) to->add_scene_edit({timestamp_ns, edit});
   } else {

@@ -1,5 +1,4 @@
-// The recording of a live session that is being written, if any: begun and ended while the camera
-// runs.
+// Recordings of a live session, begun and ended while the camera runs.
 #pragma once
 
 #include <cstddef>
@@ -20,31 +19,29 @@ namespace penumbra {
 
 class LiveRecorder {
  public:
-  // What every recording of the session begins with.
+  // `head` begins every recording of the session.
   explicit LiveRecorder(RecordingHead head) : head_(std::move(head)) {}
   LiveRecorder(const LiveRecorder&) = delete;
   LiveRecorder& operator=(const LiveRecorder&) = delete;
-  ~LiveRecorder() = default;  // waits for what is still being written
+  ~LiveRecorder() = default;  // waits for the writers
 
-  // Makes the folder.
+  // Creates the folder and begins a recording.
   [[nodiscard]] Result<void> start(const std::filesystem::path& folder);
-  // The same without a wait for the disk; what fails is told by writer()->counts() and finish().
+  // The same without waiting for the disk; writer()->counts() and finish() report errors.
   void begin(const std::filesystem::path& folder);
-  // What was given so far is written by a thread of its own: the picture goes on.
+  // Ends the recording; another thread writes the rest.
   void stop();
-  // Ends the last one too; fails where one is incomplete.
+  // Ends and completes all recordings; fails if one is incomplete.
   [[nodiscard]] Result<void> finish();
 
-  // By any thread; null while nothing is recorded.
+  // Thread-safe; null while nothing is recorded.
   [[nodiscard]] std::shared_ptr<RecordingWriter> writer() const;
-  // What belongs to a frame that was drawn; at first also how the scene came to be as it is.
+  // Adds the data of a drawn frame; in a new recording also the earlier edits of the scene.
   void add(const SessionFrame& frame, const Session& session);
-  // Frames of all that are written, and those left out; once finish() has returned, of all.
+  // Frames of the recordings that are complete; after finish(), of all.
   [[nodiscard]] RecordedFrames frames() const { return frames_; }
-  // A line for each recording; once finish() has returned, of all.
+  // A line for each complete recording.
   [[nodiscard]] const std::vector<std::string>& summaries() const { return summaries_; }
-  // How many that were stopped are still being written.
-  [[nodiscard]] std::size_t ending();
 
  private:
   struct Ended {
@@ -53,7 +50,7 @@ class LiveRecorder {
     Result<void> finished;
   };
   void record_to(std::shared_ptr<RecordingWriter> writer);
-  // Lets go of what is written.
+  // Collects the writers that are done.
   void reap();
 
   const RecordingHead head_;
@@ -62,8 +59,8 @@ class LiveRecorder {
   std::vector<std::future<Ended>> ended_;
   RecordedFrames frames_;
   std::vector<std::string> summaries_;
-  std::optional<Error> failed_;  // of the first that is incomplete
-  bool scene_told_ = false;
+  std::optional<Error> failed_;  // of the first incomplete one
+  bool scene_recorded_ = false;
 };
 
 }  // namespace penumbra

@@ -14,10 +14,10 @@
 #include "app/logging.hpp"
 #include "app/output/late_outputs.hpp"
 #include "app/recording/recording_writer.hpp"
-#include "app/session/camera_choice.hpp"
 #include "app/session/image_fault_watch.hpp"
 #include "app/session/session.hpp"
 #include "app/standard_streams.hpp"
+#include "app/tags_in_use.hpp"
 #include "app/window/overlay.hpp"
 #include "app/window/silence.hpp"
 #include "app/window/viewer.hpp"
@@ -31,8 +31,8 @@ namespace {
 
 using std::chrono::milliseconds;
 
-constexpr milliseconds kPatience(50);  // between looks at the window and at Ctrl-C
-constexpr int kFramesToEncode = 4;     // composited frames that wait for the encoder
+constexpr milliseconds kPatience(50);  // interval of polling the window and Ctrl-C
+constexpr int kFramesToEncode = 4;     // queued for the encoder
 constexpr std::size_t kMaxYamlBytes = 16'000'000;
 
 // Fails if an output lies in the recording's folder, or the recording in the folder of images.
@@ -71,8 +71,7 @@ Result<void> check_outputs(const LiveRequest& request, const CameraAddress& addr
 // The start of each recording of this session.
 Result<RecordingHead> recording_head(const LiveRequest& request, const LiveSource& source,
                                      const CameraModel& camera) {
-  // The calibration file word for word, with all that it says of itself, unless it is of another
-  // size or holds other cameras.
+  // A verbatim copy of the calibration file, unless it is of another size or holds other cameras.
   const bool other = request.camera.scale_calibration || !request.camera.camera_name.empty();
   PENUMBRA_TRY(auto camera_yaml, other ? Result<std::string>(ros_camera_text(camera))
                                        : read_text_file(request.camera.calibration, kMaxYamlBytes));
@@ -102,7 +101,6 @@ struct LiveSetup {
 Result<GroupTracker> create_tracker(const LiveRequest& request, const CameraModel& camera,
                                     const TagMap& tags, const Scene& scene) {
   TrackerOptions tracking = request.tracking;
-  // A camera does not wait.
   if (tracking.search_timing != SearchTiming::in_frame) {
     tracking.search_timing = SearchTiming::when_done;
   }
@@ -112,7 +110,7 @@ Result<GroupTracker> create_tracker(const LiveRequest& request, const CameraMode
   return tracker;
 }
 
-// Opens everything, what fails quickly first.
+// Opens everything; the quickest checks come first.
 Result<LiveSetup> open_setup(const LiveRequest& request, InterruptWatch& interrupt) {
   PENUMBRA_TRY(const auto calibrated,
                load_chosen_camera(request.camera.calibration, request.camera.camera_name));
@@ -129,12 +127,11 @@ Result<LiveSetup> open_setup(const LiveRequest& request, InterruptWatch& interru
                                               {camera.width(), camera.height()}));
   TagsInUse used_tags = tags_in_use(request.tags, tags);
   print_tags(used_tags);
-  PENUMBRA_TRY(auto session, Session::create(*context, scene, camera, std::move(tracker),
-                                             session_options(request)));
-  // Before the camera starts: its first images would be old by the time they are drawn.
+  PENUMBRA_TRY(auto session, Session::create(*context, scene, camera, std::move(tracker), request));
+  // Before the camera starts, so that its first images are drawn without delay.
   PENUMBRA_TRY_VOID(session.warm_up(PixelFormat::yuv420p));
 
-  PENUMBRA_TRY(auto source, open_camera(address, request.camera, camera));
+  PENUMBRA_TRY(auto source, open_camera(address, request.camera, &camera));
   PENUMBRA_TRY_VOID(check_size_or_offer_scaling(request.camera, address, source->format(), camera));
   log_info("{}", source->description());
   PENUMBRA_TRY_VOID(check_outputs(request, address));
@@ -158,7 +155,7 @@ Result<LiveSetup> open_setup(const LiveRequest& request, InterruptWatch& interru
 // Draws, shows and writes frames until the session ends.
 class LiveLoop {
  public:
-  // `overlay`: of the window; null if there is none.
+  // `overlay` of the window; null without one.
   LiveLoop(const LiveRequest& request, LiveSetup& setup, InterruptWatch& interrupt,
            std::unique_ptr<Overlay> overlay)
       : request_(request),
@@ -191,7 +188,7 @@ class LiveLoop {
   void draw(ReadyFrame ready);
   void draw_stall();
   void show(Viewer::Picture picture);
-  // An output that can't be written ends; the session continues.
+  // Closes an output that can't be written; the session continues.
   void note_failure(const Result<void>& written);
   void fail_with(const Error& error) {
     failure_ = error;
@@ -210,7 +207,7 @@ class LiveLoop {
   Silence silence_;
   bool stopped_ = false;
   std::optional<Error> failure_;
-  // Images taken before a person paused and shown after it: their age is no latency.
+  // Images up to this time waited for a pause to end: their age is not the latency.
   std::int64_t paused_until_ns_ = std::numeric_limits<std::int64_t>::min();
   ImageFaultWatch image_faults_;
   LivePipeline pipeline_;  // last: its threads use the others
@@ -262,7 +259,7 @@ void LiveLoop::draw(ReadyFrame ready) {
   // Latency: from the driver's timestamp until the image is on the screen (offscreen: drawn).
   const bool paused = timestamp_ns <= paused_until_ns_;
   if (!paused) {
-    // Some drivers stamp a frame with the time at which it is going to end.
+    // Some drivers use the time at which the exposure will end.
     const std::int64_t age_ns = std::max<std::int64_t>(monotonic_ns() - timestamp_ns, 0);
     run_.add_time("latency", {static_cast<double>(age_ns) * 1e-6, 0.0});
   }
@@ -271,7 +268,7 @@ void LiveLoop::draw(ReadyFrame ready) {
 }
 
 void LiveLoop::draw_stall() {
-  note_failure(late_.write_rest());  // no next frame came soon
+  note_failure(late_.write_rest());
   const auto stall_ns = pipeline_.stale_for_ns();
   if (stall_ns) host_.set_stalled(*stall_ns);
   if (auto picture = stall_ns ? silence_.picture(*stall_ns) : std::nullopt) {
@@ -301,8 +298,7 @@ RunReport LiveLoop::report() {
   run_.add_gpu_times(setup_.session->take_gpu_times());
   const CaptureStats stats = setup_.source->faults().stats();
   RunReport report = run_.report();
-  describe_run(request_, *setup_.context,
-               {setup_.session->samples(), setup_.session->pixel_buffers()}, report);
+  describe_run(request_, *setup_.context, *setup_.session, report);
   report.recording = request_.camera.source;
   report.tags = setup_.used_tags;
   report.image_fault = image_faults_.fault();
@@ -313,14 +309,8 @@ RunReport LiveLoop::report() {
   report.frames_damaged = static_cast<int>(stats.undecoded);
   report.interrupted = interrupt_.interrupted();
   report.log_lines_dropped = dropped_log_lines();
-  for (std::size_t i = 0; i < kCaptureFaultCount; ++i) {
-    if (stats.faults[i] == 0) continue;
-    report.camera_faults[std::string(name_of(static_cast<CaptureFault>(i)))] =
-        static_cast<std::int64_t>(stats.faults[i]);
-  }
-  if (stats.restarts > 0) {
-    report.camera_faults["restarts"] = static_cast<std::int64_t>(stats.restarts);
-  }
+  const auto faults = fault_counts(stats);
+  report.camera_faults.insert(faults.begin(), faults.end());
   return report;
 }
 
@@ -339,7 +329,7 @@ Result<RunReport> LiveLoop::finish() {
       frames.written + frames.left_out > 0) {
     report.recorded = frames;
   }
-  // Printed last: a terminal that stalls must not keep the report from being written.
+  // After the report, because a terminal can stall.
   const auto print_recordings = [this] {
     for (const std::string& summary : setup_.recorder->summaries()) fmt::print("{}\n", summary);
   };

@@ -1,5 +1,5 @@
-// A camera, augmented: capture, tracking and drawing each have a thread. The newest frame is drawn,
-// always with the pose of that frame.
+// Augments a camera: capture, tracking and drawing each have a thread. The newest frame is drawn
+// with its own pose.
 #pragma once
 
 #include <filesystem>
@@ -12,17 +12,16 @@
 
 namespace penumbra {
 
-// threads: 1 tracks and draws one frame after the other; the camera has a thread in any case.
+// threads: 1 tracks and draws one frame after the other; the camera always has a thread.
 struct LiveRequest : RunRequest {
   CameraRequest camera;
   std::filesystem::path tags;
   std::optional<std::filesystem::path> record;
-  std::optional<double> duration_s;  // from the first frame; default: until it is stopped
+  std::optional<double> duration_s;  // from the first frame; default: no limit
   bool vsync = true;
 };
 
-// Ends after the duration, by Ctrl-C, or when the window is closed; the files hold everything up to
-// then.
+// Ends after the duration, by Ctrl-C, or when the window is closed; the files are complete then.
 [[nodiscard]] Result<RunReport> run_live(const LiveRequest& request);
 
 }  // namespace penumbra

@@ -1,8 +1,9 @@
 #include "app/replay/comparison.hpp"
 
-#include <utility>
+#include <algorithm>
+#include <array>
+#include <string_view>
 
-#include "app/session/session_host.hpp"
 #include "core/assert.hpp"
 #include "core/propagate.hpp"
 
@@ -31,7 +32,7 @@ Result<Comparison> Comparison::create(GlContext& context, std::shared_ptr<const 
   Comparison comparison(camera, names);
   for (std::size_t i = 0; i < techniques.size(); ++i) {
     options.plan = techniques[i].plan;
-    // Frames are tracked once, by the first.
+    // The first pane tracks the frames for all.
     PENUMBRA_TRY(auto session,
                  Session::create(context, scene, camera,
                                  i == 0 ? std::move(poses) : PoseSource(GivenPoses()), options));
@@ -77,18 +78,11 @@ void Comparison::take_gpu_times() {
 std::vector<PaneReport> Comparison::reports() const {
   std::vector<PaneReport> reports;
   for (const Pane& pane : panes_) {
-    RunReport of_pane = pane.run->report();
-    PaneReport& report = reports.emplace_back();
-    report.technique = pane.name;
-    for (auto& [stage, times] : of_pane.time_ms) {
-      if (stage == "light" || stage == "plan" || stage == "shadow" || stage == "render" ||
-          stage == "gpu" || stage == "readback" || stage == "draw") {
-        report.time_ms.emplace_back(stage, times);
-      }
-    }
-    report.work = std::move(of_pane.work);
-    report.skipped = std::move(of_pane.skipped);
-    report.kept = std::move(of_pane.kept);
+    PaneReport& report = reports.emplace_back(PaneReport{pane.run->report(), pane.name});
+    constexpr std::array<std::string_view, 7> kDrawing = {"light", "plan",     "shadow", "render",
+                                                          "gpu",   "readback", "draw"};
+    std::erase_if(report.time_ms,
+                  [&](const auto& time) { return std::ranges::count(kDrawing, time.first) == 0; });
   }
   return reports;
 }
@@ -96,16 +90,6 @@ std::vector<PaneReport> Comparison::reports() const {
 std::string ComparisonHost::save_screenshot() {
   const PaneGrid& grid = comparison_.grid();
   return save_picture(grid.width(), grid.height(), grid.rgba(), recording_);
-}
-
-void ComparisonHost::describe(HudState& state, bool debug) const {
-  state.frame_count = frame_count_;
-  if (!last_) return;
-  describe_frame(state, *last_, run_);
-  if (!debug) return;
-  state.drawn = last_->composite;
-  describe_reasons(state, *last_, comparison_.scene());
-  state.work = run_.work();
 }
 
 }  // namespace penumbra

@@ -10,15 +10,9 @@
 #include "tracking/group_tracker.hpp"
 
 namespace penumbra {
-namespace {
-
-namespace fs = std::filesystem;
-
-}  // namespace
-
 Result<PoseSource> open_replay_poses(const ReplayRequest& request, const Recording& recording,
                                      const Scene& scene) {
-  const fs::path tags = request.tags.value_or(recording.folder / "tags.yaml");
+  const std::filesystem::path tags = request.tags.value_or(recording.folder / "tags.yaml");
   if (!request.poses_from) {
     TrackerOptions tracking = request.tracking;
     tracking.search_thread = request.threads > 1;
@@ -47,12 +41,13 @@ Result<PoseSource> open_replay_poses(const ReplayRequest& request, const Recordi
     return fail("{}: has no pose within 1 ms of any frame of {}; is it of another recording?",
                 *request.poses_from, recording.folder.string());
   }
-  // Groups as they were tracked together with these poses; else where they truly are.
+  // Group poses that were tracked with these poses, else the true ones.
   std::map<std::string, Trajectory> groups = recording.group_groundtruth;
   if (recording.tags) {
     PENUMBRA_TRY(auto tracked,
-                 load_group_paths(fs::path(*request.poses_from).parent_path() / kGroupPosesFolder,
-                                  other_groups(*recording.tags)));
+                 load_group_paths(
+                     std::filesystem::path(*request.poses_from).parent_path() / kGroupPosesFolder,
+                     other_groups(*recording.tags)));
     for (auto& [group, path] : tracked) groups.insert_or_assign(group, std::move(path));
   }
   return PoseSource(GivenPoses{std::move(trajectory), std::move(groups)});
@@ -78,7 +73,7 @@ void add_accuracy(const ReplayRequest& request, const Recording& recording, cons
   if (!recording.groundtruth) return;
   const CameraModel& camera = *recording.camera;
   const Trajectory& truth = *recording.groundtruth;
-  const Evaluation accuracy = accuracy_of(camera, run, truth, request.pairing);
+  const Evaluation accuracy = accuracy_of(camera, run, run.tracked(), truth, request.pairing);
   if (accuracy.frames_with_truth > 0) {
     report.accuracy = accuracy;
   } else {
@@ -88,7 +83,7 @@ void add_accuracy(const ReplayRequest& request, const Recording& recording, cons
         recording.folder.string());
   }
   if (report.smoothing) {
-    report.smoothing->accuracy = accuracy_as_drawn(camera, run, truth, request.pairing);
+    report.smoothing->accuracy = accuracy_of(camera, run, run.drawn(), truth, request.pairing);
   }
   for (GroupReport& group : report.groups) {
     const auto places = recording.group_groundtruth.find(group.name);

@@ -13,7 +13,7 @@ namespace penumbra {
 [[nodiscard]] Result<PoseSource> open_replay_poses(const ReplayRequest& request,
                                                    const Recording& recording, const Scene& scene);
 
-// Logs a warning if the clocks or units of the ground truth can't belong to the recording.
+// Warns if the clock or unit of the ground truth can't be the recording's.
 void check_groundtruth(const ReplayRequest& request, const Recording& recording);
 // Adds the errors of the poses against the recording's ground truth to the report.
 void add_accuracy(const ReplayRequest& request, const Recording& recording, const RunRecorder& run,

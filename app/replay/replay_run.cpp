@@ -5,7 +5,6 @@
 #include <memory>
 #include <thread>
 #include <utility>
-#include <vector>
 
 #include "app/capture/capture_stats.hpp"
 #include "app/interrupt.hpp"
@@ -32,12 +31,11 @@ namespace {
 
 namespace fs = std::filesystem;
 
-// Frames that tracking runs ahead of drawing, and drawing ahead of encoding.
+// Queued frames between tracking and drawing, and between drawing and encoding.
 constexpr int kTrackAhead = 2;
 constexpr int kEncodeAhead = 2;
 
-// No output may replace what this run reads, or another output; nothing is written into the
-// recording's folder.
+// Fails if an output replaces an input or another output, or lies in the recording's folder.
 Result<void> check_outputs(const ReplayRequest& request, const Recording& recording) {
   std::vector<fs::path> taken = {request.scene};
   if (request.kernel_file) taken.push_back(*request.kernel_file);
@@ -52,12 +50,11 @@ Result<void> check_outputs(const ReplayRequest& request, const Recording& record
 class Pacer {
  public:
   void wait_for(std::int64_t timestamp_ns, double paused_ms) {
-    if (!started_) {
-      started_ = true;
+    if (!first_ns_) {
       first_ns_ = timestamp_ns;
       start_.restart();
     }
-    const double due_ms = static_cast<double>(timestamp_ns - first_ns_) * 1e-6 + paused_ms;
+    const double due_ms = static_cast<double>(timestamp_ns - *first_ns_) * 1e-6 + paused_ms;
     const double early_ms = due_ms - start_.elapsed().wall_ms;
     if (early_ms > 0.0) {
       std::this_thread::sleep_for(std::chrono::duration<double, std::milli>(early_ms));
@@ -65,8 +62,7 @@ class Pacer {
   }
 
  private:
-  bool started_ = false;
-  std::int64_t first_ns_ = 0;
+  std::optional<std::int64_t> first_ns_;
   Stopwatch start_;
 };
 
@@ -96,29 +92,26 @@ class RecordedEdits {
 Result<void> check_range(const ReplayRequest& request, const Recording& recording) {
   const int first = recording.frames.front().number;
   const int last = recording.frames.back().number;
-  const bool past = request.frames.last && *request.frames.last > last + 1;
   if (request.frames.first > last || (request.frames.last && *request.frames.last <= first)) {
     return fail("{}: has no frame in --frames {}:{}; its frames are {} to {}",
                 recording.folder.string(), request.frames.first,
                 request.frames.last ? std::to_string(*request.frames.last) : "", first, last);
   }
-  if (past) {
+  if (request.frames.last && *request.frames.last > last + 1) {
     log_warning("{}: --frames ends at {}, but the last frame is {}", recording.folder.string(),
                 *request.frames.last, last);
   }
   return {};
 }
 
-// Index of the first frame with this number or a greater one: a recording that lost frames has gaps
-// in its numbers.
+// Index of the first frame with this number or a greater one; lost frames leave gaps in the
+// numbers.
 int index_of(const Recording& recording, int number) {
-  const auto found = std::lower_bound(
-      recording.frames.begin(), recording.frames.end(), number,
-      [](const RecordedFrame& frame, int wanted) { return frame.number < wanted; });
+  const auto found = std::ranges::lower_bound(recording.frames, number, {}, &RecordedFrame::number);
   return static_cast<int>(found - recording.frames.begin());
 }
 
-// A grid of panes may be larger than any screen.
+// Scales a grid of panes down to the size of a screen.
 GlContext::Size window_size_for(GlContext::Size picture) {
   constexpr double kWidest = 1600.0;
   constexpr double kTallest = 960.0;
@@ -126,7 +119,7 @@ GlContext::Size window_size_for(GlContext::Size picture) {
   return {static_cast<int>(scale * picture.width), static_cast<int>(scale * picture.height)};
 }
 
-// The edits and lights of the recorded session; of the edits none if the request leaves them out.
+// Loads the edits and lights of the recorded session; without the edits if the request says so.
 Result<SceneEvents> load_events(const ReplayRequest& request, const Recording& recording) {
   auto events = load_scene_events(recording.folder / "events.jsonl");
   if (request.edits) return events;
@@ -181,7 +174,7 @@ Result<Recording> open_checked_recording(const ReplayRequest& request) {
 Result<std::unique_ptr<ReplayView>> open_view(const ReplayRequest& request, ReplaySetup& setup,
                                               std::shared_ptr<const Scene> scene,
                                               PoseSource poses) {
-  SessionOptions options = session_options(request);
+  SessionOptions options = request;
   options.recorded_light = std::move(setup.events.lights);
   options.scene_start_ns =
       setup.events.scene_start_ns.value_or(setup.recording.frames.front().timestamp_ns);
@@ -190,7 +183,7 @@ Result<std::unique_ptr<ReplayView>> open_view(const ReplayRequest& request, Repl
   return std::make_unique<ReplayView>(std::move(view));
 }
 
-// Opens everything, what fails quickly first.
+// Opens everything; the quickest checks come first.
 Result<ReplaySetup> open_setup(const ReplayRequest& request, InterruptWatch& interrupt) {
   ReplaySetup setup;
   PENUMBRA_TRY(setup.recording, open_checked_recording(request));
@@ -228,9 +221,8 @@ Result<ReplaySetup> open_setup(const ReplayRequest& request, InterruptWatch& int
   return setup;
 }
 
-// Draws, shows and writes frame after frame. The next frames are tracked while this one is drawn
-// and the one before it is encoded. Each stage takes the frames in order, so that results do not
-// depend on which thread was faster.
+// Draws, shows and writes the frames. The next ones are tracked while this one is drawn and the one
+// before it is encoded. Each stage takes the frames in order, so results do not depend on timing.
 class ReplayLoop {
  public:
   ReplayLoop(const ReplayRequest& request, ReplaySetup& setup, InterruptWatch& interrupt)
@@ -246,8 +238,8 @@ class ReplayLoop {
         tracked_([this] { return track_next(); }, request.threads > 1 ? kTrackAhead : 0) {}
 
   [[nodiscard]] Result<void> open_viewer();
-  // An output that can't be written is closed, and the rest continues. A frame that can't be read
-  // or drawn ends the run:  // outputs of an earlier run are not replaced then.
+  // Closes an output that can't be written and continues. A frame that can't be read or drawn ends
+  // the run; outputs of an earlier run are not replaced then.
   [[nodiscard]] Result<void> run();
   [[nodiscard]] Result<RunReport> finish();
 
@@ -267,12 +259,13 @@ class ReplayLoop {
   ReplaySetup& setup_;
   InterruptWatch& interrupt_;
   RunRecorder run_;
+  RunHost* host_ = nullptr;  // of the viewer
   std::unique_ptr<Viewer> viewer_;
   LateOutputs late_;
   RecordedEdits edits_;
   Pacer pacer_;
   bool stopped_ = false;
-  std::optional<Error> failure_;                   // of the outputs: the first
+  std::optional<Error> failure_;                   // the first of the outputs
   std::unique_ptr<ImageFaultWatch> image_faults_;  // if frames are tracked
   TrackAhead tracked_;                             // last: its thread uses the others
 };
@@ -280,9 +273,8 @@ class ReplayLoop {
 Result<void> ReplayLoop::open_viewer() {
   if (!setup_.has_window()) return {};
   PENUMBRA_TRY(auto overlay, Overlay::create(*setup_.context));
-  PENUMBRA_TRY(ViewerHost* const host,
-               setup_.view->open_host(*setup_.context, run_, setup_.recording));
-  viewer_ = std::make_unique<Viewer>(*setup_.context, *host, std::move(overlay), request_.viewer);
+  PENUMBRA_TRY(host_, setup_.view->open_host(*setup_.context, run_, setup_.recording));
+  viewer_ = std::make_unique<Viewer>(*setup_.context, *host_, std::move(overlay), request_.viewer);
   return {};
 }
 
@@ -301,7 +293,7 @@ Result<void> ReplayLoop::run() {
     if (item && !*item) break;
     const auto done = item ? draw(std::move(**item)) : tl::unexpected(item.error());
     if (!done) {
-      // The frame before it is complete.
+      // The last frame is complete.
       if (const auto rest = late_.write_rest(); !rest) log_warning("{}", rest.error().message);
       return done;
     }
@@ -329,7 +321,7 @@ Result<void> ReplayLoop::draw(TrackedItem item) {
     pacer_.wait_for(timestamp_ns, viewer_ ? viewer_->paused_ms() : 0.0);
   }
   if (viewer_) {
-    setup_.view->saw(done);
+    host_->saw(done);
     stopped_ = !viewer_->show(interrupt_) || stopped_;
   }
   stopped_ = interrupt_.interrupted() || stopped_;
@@ -349,7 +341,7 @@ void ReplayLoop::write(const SessionFrame& frame) {
 RunReport ReplayLoop::report() {
   setup_.view->take_gpu_times(run_);
   RunReport report = run_.report();
-  describe_run(request_, *setup_.context, setup_.view->drawing(), report);
+  describe_run(request_, *setup_.context, setup_.view->first_session(), report);
   report.recording = request_.recording.string();
   report.tags = setup_.tags;
   if (image_faults_) report.image_fault = image_faults_->fault();
@@ -358,7 +350,7 @@ RunReport ReplayLoop::report() {
   report.panes = setup_.view->pane_reports();
   if (const std::int64_t damaged = setup_.source->damaged(); damaged > 0) {
     report.camera_faults[std::string(name_of(CaptureFault::damaged))] = damaged;
-    // As live counted them.
+    // As in live.
     report.frames_damaged = report.frames_dropped = static_cast<int>(damaged);
     report.frames_captured = report.frames + report.frames_damaged;
   }

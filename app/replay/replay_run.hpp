@@ -1,4 +1,4 @@
-// A recording, replayed: every frame in order through the session, to a window and to files.
+// Replays a recording: every frame in order through the session, to a window and to files.
 #pragma once
 
 #include <filesystem>
@@ -23,12 +23,12 @@ struct ComparedTechnique {
   PlanOptions plan;
 };
 
-// threads: more than 1 decodes, tracks, draws and encodes frames side by side.
+// threads: with more than 1, frames are decoded, tracked, drawn and encoded side by side.
 struct ReplayRequest : RunRequest {
   std::filesystem::path recording;
   std::string camera_name;                    // in a camera.yaml with several cameras
   std::optional<std::filesystem::path> tags;  // instead of the recording's
-  // Two or more, side by side in one image; `plan` is then not used.
+  // Two or more techniques side by side in one image; `plan` is then not used.
   std::vector<ComparedTechnique> compare;
   std::optional<std::string> poses_from;  // "groundtruth" or a TUM file: no tracker
   FrameRange frames;
@@ -37,8 +37,8 @@ struct ReplayRequest : RunRequest {
   bool edits = true;       // edits of the recorded session are repeated
 };
 
-// Every path is checked before the first frame. Stopped by Ctrl-C or by closing the window, the
-// files hold the frames up to then and the report says so; an error leaves none.
+// Checks every path before the first frame. If Ctrl-C or the window ends it, the files hold the
+// frames up to then and the report says so; an error leaves no files.
 [[nodiscard]] Result<RunReport> run_replay(const ReplayRequest& request);
 
 }  // namespace penumbra

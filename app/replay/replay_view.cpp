@@ -43,30 +43,19 @@ void ReplayView::take_gpu_times(RunRecorder& run) {
   }
 }
 
-DrawingSetup ReplayView::drawing() const {
-  if (comparison_) return {comparison_->samples(), comparison_->pixel_buffers()};
-  return {session_->samples(), session_->pixel_buffers()};
-}
-
-Result<ViewerHost*> ReplayView::open_host(GlContext& context, RunRecorder& run,
-                                          const Recording& recording) {
+Result<RunHost*> ReplayView::open_host(GlContext& context, RunRecorder& run,
+                                       const Recording& recording) {
   const int frame_count = static_cast<int>(recording.frames.size());
-  if (!comparison_) {
-    session_host_ = std::make_unique<SessionHost>(*session_, run, frame_count);
-    session_host_->keep_out_of(recording.folder);
-    return session_host_.get();
+  if (comparison_) {
+    const PaneGrid& grid = comparison_->grid();
+    PENUMBRA_TRY(auto picture, UploadedPicture::create(grid.width(), grid.height()));
+    host_ = std::make_unique<ComparisonHost>(*comparison_, context, std::move(picture), run,
+                                             frame_count);
+  } else {
+    host_ = std::make_unique<SessionHost>(*session_, run, frame_count);
   }
-  const PaneGrid& grid = comparison_->grid();
-  PENUMBRA_TRY(auto picture, UploadedPicture::create(grid.width(), grid.height()));
-  comparison_host_ =
-      std::make_unique<ComparisonHost>(*comparison_, context, std::move(picture), run, frame_count);
-  comparison_host_->keep_out_of(recording.folder);
-  return comparison_host_.get();
-}
-
-void ReplayView::saw(const SessionFrame& frame) {
-  if (session_host_) session_host_->saw(frame);
-  if (comparison_host_) comparison_host_->saw(frame);
+  host_->keep_out_of(recording.folder);
+  return host_.get();
 }
 
 GlContext::Size image_size(const ReplayRequest& request, const CameraModel& camera) {

@@ -36,24 +36,24 @@ class ReplayView {
   // Null in a comparison, whose images are complete as soon as they are drawn.
   [[nodiscard]] Session* session() { return session_.get(); }
   void take_gpu_times(RunRecorder& run);
-  [[nodiscard]] DrawingSetup drawing() const;
+  // The session that draws, or the first one of a comparison.
+  [[nodiscard]] const Session& first_session() const {
+    return comparison_ ? comparison_->session() : *session_;
+  }
   [[nodiscard]] std::vector<PaneReport> pane_reports() const {
     return comparison_ ? comparison_->reports() : std::vector<PaneReport>();
   }
 
-  // For a window; owned by the view.
-  [[nodiscard]] Result<ViewerHost*> open_host(GlContext& context, RunRecorder& run,
-                                              const Recording& recording);
-  // Called with each frame before the window shows it.
-  void saw(const SessionFrame& frame);
+  // Returns the host for a window, which the view owns.
+  [[nodiscard]] Result<RunHost*> open_host(GlContext& context, RunRecorder& run,
+                                           const Recording& recording);
 
  private:
   ReplayView() = default;
   std::unique_ptr<Session> session_;
   std::unique_ptr<Comparison> comparison_;
   std::vector<std::uint8_t> pixels_;
-  std::unique_ptr<SessionHost> session_host_;
-  std::unique_ptr<ComparisonHost> comparison_host_;
+  std::unique_ptr<RunHost> host_;
 };
 
 // Size of the image that a replay draws.

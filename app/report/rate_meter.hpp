@@ -1,6 +1,7 @@
-// How many pictures come per second.
+// Measures the frame rate.
 #pragma once
 
+#include <algorithm>
 #include <cstddef>
 #include <deque>
 
@@ -8,15 +9,24 @@ namespace penumbra {
 
 class RateMeter {
  public:
-  // A picture came at this time [ms], of a clock that only goes on.
-  void add(double at_ms);
-  // Over the last pictures [1/s]; 0 for fewer than two. Where the next one is late, as if it came
-  // now: the rate falls while nothing comes.
-  [[nodiscard]] double per_s(double now_ms) const;
+  // Adds a frame at this time [ms] of a monotonic clock.
+  void add(double at_ms) {
+    at_ms_.push_back(at_ms);
+    if (at_ms_.size() > kMostFrames) at_ms_.pop_front();
+  }
+  // The rate over the last frames [1/s]; 0 for fewer than two. A late next frame counts as if it
+  // came now, so the rate falls while none comes.
+  [[nodiscard]] double per_s(double now_ms) const {
+    if (at_ms_.size() < 2 || !(at_ms_.back() > at_ms_.front())) return 0.0;
+    const auto intervals = static_cast<double>(at_ms_.size() - 1);
+    const double measured = intervals / (at_ms_.back() - at_ms_.front());
+    const double at_most = (intervals + 1.0) / std::max(now_ms - at_ms_.front(), 1e-9);
+    return 1e3 * std::min(measured, at_most);
+  }
   void restart() { at_ms_.clear(); }
 
  private:
-  static constexpr std::size_t kMostPictures = 30;
+  static constexpr std::size_t kMostFrames = 30;
   std::deque<double> at_ms_;
 };
 

@@ -1,7 +1,6 @@
 #include "app/report/run_report.hpp"
 
 #include <algorithm>
-#include <array>
 #include <functional>
 #include <nlohmann/json.hpp>
 #include <numeric>
@@ -26,6 +25,11 @@ Json json_of(const StageSummary& s) {
   return {
       {"median", s.median},         {"p95", s.p95},           {"max", s.max},    {"mean", s.mean},
       {"cpu_median", s.cpu_median}, {"cpu_mean", s.cpu_mean}, {"count", s.count}};
+}
+
+// Bytes of a path that are not UTF-8 are replaced.
+std::string json_text(const Json& json) {
+  return json.dump(2, ' ', false, Json::error_handler_t::replace) + "\n";
 }
 
 double ratio_of(int part, int whole) {
@@ -63,14 +67,23 @@ Json counts_json(const Counts& counts) {
   return json;
 }
 
+void add_json(Json& json, const StatusCounts& counts) {
+  json["frames_tracked"] = counts.frames_tracked;
+  json["frames_uncertain"] = counts.frames_uncertain;
+  json["frames_held"] = counts.frames_held;
+  json["frames_lost"] = counts.frames_lost;
+}
+
+std::string status_text(const StatusCounts& counts) {
+  return fmt::format("tracked {}, uncertain {}, held {}, lost {}\n", counts.frames_tracked,
+                     counts.frames_uncertain, counts.frames_held, counts.frames_lost);
+}
+
 Json groups_json(const std::vector<GroupReport>& groups) {
   Json json = Json::object();
   for (const GroupReport& group : groups) {
     Json& of_group = json[group.name];
-    of_group["frames_tracked"] = group.frames_tracked;
-    of_group["frames_uncertain"] = group.frames_uncertain;
-    of_group["frames_held"] = group.frames_held;
-    of_group["frames_lost"] = group.frames_lost;
+    add_json(of_group, group);
     of_group["reprojection_rms_px"] =
         group.tags_measured ? json_of(group.reprojection_rms_px) : Json();
     of_group["tags_left_out"] = counts_json(group.tags_left_out);
@@ -79,7 +92,7 @@ Json groups_json(const std::vector<GroupReport>& groups) {
   return json;
 }
 
-// "expected error 2.7 px" is "expected error N px".
+// Turns "expected error 2.7 px" into "expected error N px".
 std::string without_numbers(const std::string& reason) {
   std::string text;
   const auto is_digit = [](char c) { return c >= '0' && c <= '9'; };
@@ -99,49 +112,28 @@ Json times_json(const std::vector<std::pair<std::string, StageSummary>>& time_ms
   return json;
 }
 
-// What each thread of the pipeline was busy with, per frame, and what the frame rate hangs on: the
-// busiest of them where they run side by side, else all of them, one after another.
+// Busy time per frame of each thread of the pipeline. The critical path is the busiest thread if
+// they run side by side, else all of them.
 Json pipeline_json(const RunReport& report) {
-  constexpr std::array kStages = {"capture", "track", "draw", "encode"};
+  constexpr std::array<std::string_view, 4> kStages = {"capture", "track", "draw", "encode"};
   Json busy = Json::object();
   std::string busiest;
   double most_ms = 0.0;
   double sum_ms = 0.0;
-  for (const char* stage : kStages) {
-    for (const auto& [name, summary] : report.time_ms) {
-      if (name != stage || summary.count == 0 || report.frames == 0) continue;
-      const double ms = summary.mean * static_cast<double>(summary.count) / report.frames;
-      busy[stage] = ms;
-      sum_ms += ms;
-      if (ms > most_ms) {
-        most_ms = ms;
-        busiest = stage;
-      }
-    }
+  for (const auto& [stage, summary] : report.time_ms) {
+    if (std::ranges::count(kStages, stage) == 0 || summary.count == 0 || report.frames == 0)
+      continue;
+    const double ms = summary.mean * static_cast<double>(summary.count) / report.frames;
+    busy[stage] = ms;
+    sum_ms += ms;
+    if (ms > most_ms) busiest = stage;
+    most_ms = std::max(most_ms, ms);
   }
   const bool side_by_side = report.threads > 1;
   return {{"threads", report.threads},
           {"busy_ms_per_frame", busy},
           {"critical_path", side_by_side ? busiest : "every stage"},
           {"critical_ms_per_frame", side_by_side ? most_ms : sum_ms}};
-}
-
-// Number of processed frames that have a true pose at their time.
-int frames_with(const Trajectory& truth, const RunRecorder& run, const PairingOptions& options) {
-  return static_cast<int>(std::ranges::count_if(run.times_ns(), [&](std::int64_t time_ns) {
-    return pose_at(truth, shifted(time_ns, options.time_offset_ns), options.max_gap_ns).has_value();
-  }));
-}
-
-// Errors of poses of a run's frames.
-Evaluation evaluate_run(const CameraModel& camera, const RunRecorder& run, const Trajectory& poses,
-                        const Trajectory& truth, const PairingOptions& options) {
-  Trajectory frames;
-  for (const std::int64_t time_ns : run.times_ns()) frames.poses.push_back({time_ns, {}, {}});
-  Evaluation evaluation = evaluate(camera, poses, truth, options, median_interval_ns(frames));
-  evaluation.frames_with_truth = frames_with(truth, run, options);
-  evaluation.frames_with_pose = evaluation.frames_judged;
-  return evaluation;
 }
 
 Json json_of(const SmoothingReport& smoothing) {
@@ -154,6 +146,11 @@ Json json_of(const SmoothingReport& smoothing) {
 }
 
 }  // namespace
+
+void StatusCounts::add(TrackStatus status) {
+  const std::array counts = {&frames_tracked, &frames_uncertain, &frames_held, &frames_lost};
+  ++*counts[static_cast<std::size_t>(status)];
+}
 
 void StageTimes::add(StageTime time) {
   recent_ms_[wall_ms_.count() % kMostRecent] = time.wall_ms;
@@ -176,7 +173,7 @@ std::optional<double> StageTimes::recent_ms() const {
 
 RunRecorder::RunRecorder(const RunRecorderOptions& options) : keep_paths_(options.keep_paths) {
   if (options.camera) lag_.emplace(*options.camera);
-  // A stage that never ran is told too, with a count of 0.
+  // Stages that never run are reported with a count of 0.
   for (const char* stage :
        {"capture", "track", "detect", "search", "align", "solve", "light", "plan", "shadow",
         "render", "gpu", "readback", "draw", "encode", "frame", "latency"}) {
@@ -185,8 +182,7 @@ RunRecorder::RunRecorder(const RunRecorderOptions& options) : keep_paths_(option
 }
 
 void RunRecorder::add_time(std::string_view stage, StageTime time) {
-  auto found = std::find_if(stages_.begin(), stages_.end(),
-                            [&](const auto& entry) { return entry.first == stage; });
+  const auto found = std::ranges::find(stages_, stage, &std::pair<std::string, StageTimes>::first);
   PENUMBRA_ASSERT(found != stages_.end());
   found->second.add(time);
 }
@@ -201,23 +197,13 @@ void RunRecorder::add_frame(const SessionFrame& frame) {
   const CompositeStats& drawn = frame.composite;
   ++report_.frames;
   report_.translucency = drawn.translucency;
-  switch (pose.status) {
-    case TrackStatus::tracked:
-      ++report_.frames_tracked;
-      expected_px_.add(pose.expected_overlay_error_px);
-      add_tracked(frame);
-      break;
-    case TrackStatus::uncertain:
-      ++report_.frames_uncertain;
-      break;
-    case TrackStatus::held:
-      ++report_.frames_held;
-      break;
-    case TrackStatus::lost:
-      ++report_.frames_lost;
-      break;
+  report_.add(pose.status);
+  if (pose.status == TrackStatus::tracked) {
+    expected_px_.add(pose.expected_overlay_error_px);
+    add_tracked(frame);
+  } else {
+    add_reason(pose.reason);
   }
-  if (pose.status != TrackStatus::tracked) add_reason(pose.reason);
   if (frame.smoothed) {
     lag_ms_.add(frame.smoothed->lag_ms);
     offset_px_.add(frame.smoothed->offset_px);
@@ -269,7 +255,7 @@ void RunRecorder::add_frame(const SessionFrame& frame) {
 }
 
 void RunRecorder::add_reason(const std::string& reason) {
-  constexpr std::size_t kMostKinds = 64;  // there are a dozen; memory stays bounded in any case
+  constexpr std::size_t kMostKinds = 64;  // there are a dozen
   std::string general = without_numbers(reason);
   if (general.empty() || (reasons_.size() >= kMostKinds && !reasons_.contains(general))) {
     general = "other";
@@ -293,34 +279,21 @@ void RunRecorder::add_tracked(const SessionFrame& frame) {
 }
 
 void RunRecorder::add_group(const GroupEstimate& estimate, const TrackedFrame& tracked) {
-  auto found = std::ranges::find(groups_, estimate.name,
-                                 [](const Group& group) { return group.report.name; });
+  const auto name_of_group = [](const Group& group) { return group.report.name; };
+  auto found = std::ranges::find(groups_, estimate.name, name_of_group);
   if (found == groups_.end()) {
     groups_.emplace_back().report.name = estimate.name;
     found = groups_.end() - 1;
     found->T_group_middle = estimate.T_group_middle;
   }
-  switch (estimate.status) {
-    case TrackStatus::tracked: {
-      ++found->report.frames_tracked;
-      if (!keep_paths_) break;
-      const auto T_middle_camera = (estimate.T_table_group * estimate.T_group_middle).inverse() *
-                                   tracked.pose.T_table_camera;
-      found->tracked.poses.push_back(
-          {tracked.frame.timestamp_ns,
-           CameraPose(T_middle_camera.rotation(), T_middle_camera.translation()),
-           {}});
-      break;
-    }
-    case TrackStatus::uncertain:
-      ++found->report.frames_uncertain;
-      break;
-    case TrackStatus::held:
-      ++found->report.frames_held;
-      break;
-    case TrackStatus::lost:
-      ++found->report.frames_lost;
-      break;
+  found->report.add(estimate.status);
+  if (estimate.status == TrackStatus::tracked && keep_paths_) {
+    const auto T_middle_camera =
+        (estimate.T_table_group * estimate.T_group_middle).inverse() * tracked.pose.T_table_camera;
+    found->tracked.poses.push_back(
+        {tracked.frame.timestamp_ns,
+         CameraPose(T_middle_camera.rotation(), T_middle_camera.translation()),
+         {}});
   }
   if (estimate.tags_used > 0) found->reprojection_px.add(estimate.reprojection_rms_px);
   for (const int id : estimate.tags_left_out) ++found->report.tags_left_out[std::to_string(id)];
@@ -333,27 +306,14 @@ const RunRecorder::Group& RunRecorder::group(const std::string& name) const {
   return *found;
 }
 
-const Trajectory& RunRecorder::tracked_over(const std::string& name) const {
-  return group(name).tracked;
-}
-
-Transform<frame::Group, frame::GroupMiddle> RunRecorder::middle_of(const std::string& name) const {
-  return group(name).T_group_middle;
-}
-
-void RunRecorder::add_redrawn(const SessionFrame& frame) {
-  add_work(frame.composite);
-}
-
 void RunRecorder::add_work(const CompositeStats& drawn) {
   work_ += drawn.counters;
-  // Of a frame before this one, or of one drawn again.
+  // The GPU's times arrive with a later frame.
   add_gpu_times(drawn.gpu_ms);
 }
 
 std::optional<double> RunRecorder::recent_ms(std::string_view stage) const {
-  const auto found = std::find_if(stages_.begin(), stages_.end(),
-                                  [&](const auto& entry) { return entry.first == stage; });
+  const auto found = std::ranges::find(stages_, stage, &std::pair<std::string, StageTimes>::first);
   PENUMBRA_ASSERT(found != stages_.end());
   return found->second.recent_ms();
 }
@@ -362,8 +322,7 @@ RunReport RunRecorder::report() const {
   RunReport report = report_;
   report.frames_captured = report.frames;
   for (const auto& [stage, times] : stages_) {
-    // Where the GPU's clock is not read, it is no stage of this run.
-    if (stage == "gpu" && !times.recent_ms()) continue;
+    if (stage == "gpu" && !times.recent_ms()) continue;  // the GPU's clock is not read
     report.time_ms.emplace_back(stage, times.summary());
   }
   report.reprojection_rms_px = reprojection_px_.statistics();
@@ -405,22 +364,26 @@ std::vector<std::pair<std::string, std::int64_t>> RunRecorder::work() const {
   return counts;
 }
 
-Evaluation accuracy_of(const CameraModel& camera, const RunRecorder& run, const Trajectory& truth,
-                       const PairingOptions& options) {
-  return evaluate_run(camera, run, run.tracked(), truth, options);
-}
-
-Evaluation accuracy_as_drawn(const CameraModel& camera, const RunRecorder& run,
-                             const Trajectory& truth, const PairingOptions& options) {
-  return evaluate_run(camera, run, run.drawn(), truth, options);
+Evaluation accuracy_of(const CameraModel& camera, const RunRecorder& run, const Trajectory& poses,
+                       const Trajectory& truth, const PairingOptions& options) {
+  Trajectory frames;
+  for (const std::int64_t time_ns : run.times_ns()) frames.poses.push_back({time_ns, {}, {}});
+  Evaluation evaluation = evaluate(camera, poses, truth, options, median_interval_ns(frames));
+  const auto has_truth = [&](std::int64_t time_ns) {
+    return pose_at(truth, shifted(time_ns, options.time_offset_ns), options.max_gap_ns).has_value();
+  };
+  evaluation.frames_with_truth = static_cast<int>(std::ranges::count_if(run.times_ns(), has_truth));
+  evaluation.frames_with_pose = evaluation.frames_judged;
+  return evaluation;
 }
 
 Evaluation accuracy_of_group(const CameraModel& camera, const RunRecorder& run,
                              const std::string& group, const GroupTruth& truth,
                              const PairingOptions& options) {
-  return evaluate_run(
-      camera, run, run.tracked_over(group),
-      over_group(truth.camera, truth.group, run.middle_of(group), options.max_gap_ns), options);
+  const RunRecorder::Group& found = run.group(group);
+  const Trajectory true_poses =
+      over_group(truth.camera, truth.group, found.T_group_middle, options.max_gap_ns);
+  return accuracy_of(camera, run, found.tracked, true_poses, options);
 }
 
 std::string report_json(const RunReport& report) {
@@ -434,10 +397,7 @@ std::string report_json(const RunReport& report) {
   json["frames_captured"] = report.frames_captured;
   json["frames_dropped"] = report.frames_dropped;
   json["frames_damaged"] = report.frames_damaged;
-  json["frames_tracked"] = report.frames_tracked;
-  json["frames_uncertain"] = report.frames_uncertain;
-  json["frames_held"] = report.frames_held;
-  json["frames_lost"] = report.frames_lost;
+  add_json(json, report);
   json["interrupted"] = report.interrupted;
   if (report.failure) json["failure"] = report.failure->message;
   if (report.log_lines_dropped > 0) json["log_lines_dropped"] = report.log_lines_dropped;
@@ -485,15 +445,14 @@ std::string report_json(const RunReport& report) {
   if (!report.camera_faults.empty()) json["camera_faults"] = counts_json(report.camera_faults);
   if (report.accuracy) json["accuracy"] = json_of(*report.accuracy);
   if (report.smoothing) json["smoothing"] = json_of(*report.smoothing);
-  // A folder name that is no UTF-8 must not cost the report.
-  return json.dump(2, ' ', false, Json::error_handler_t::replace) + "\n";
+  return json_text(json);
 }
 
 std::string evaluation_json(const Evaluation& evaluation,
                             const std::map<std::string, Evaluation>& groups) {
   Json json = json_of(evaluation);
   for (const auto& [name, of_group] : groups) json["groups"][name] = json_of(of_group);
-  return json.dump(2, ' ', false, Json::error_handler_t::replace) + "\n";
+  return json_text(json);
 }
 
 std::string evaluation_table(const Evaluation& evaluation) {
@@ -552,7 +511,7 @@ std::string smoothing_table(const SmoothingReport& smoothing) {
   return text;
 }
 
-// `map`: what says where the tags lie.
+// `map` names the map in the text.
 std::string left_out_lines(const std::map<std::string, std::int64_t>& tags, std::string_view map) {
   constexpr std::size_t kMostNamed = 5;
   std::string text;
@@ -596,8 +555,7 @@ std::string report_table(const RunReport& report) {
   std::string text =
       fmt::format("{}: {} frames of {} x {}{}\n", report.recording, report.frames, report.width,
                   report.height, report.interrupted ? " (interrupted)" : "");
-  text += fmt::format("tracked {}, uncertain {}, held {}, lost {}\n", report.frames_tracked,
-                      report.frames_uncertain, report.frames_held, report.frames_lost);
+  text += status_text(report);
   for (std::size_t i = 0; i < std::min<std::size_t>(report.reasons.size(), 3); ++i) {
     const auto& [general, count] = report.reasons[i];
     const auto first = report.first_reasons.find(general);
@@ -612,7 +570,7 @@ std::string report_table(const RunReport& report) {
         "this camera, its focus and its image size; then check the sizes and places in the map\n";
   }
   text += left_out_lines(report.tags_left_out, "the map");
-  // Uncertain frames have seen it.
+  // The tags were seen in uncertain frames.
   if (!misfit && report.frames > 0 && report.frames_tracked == 0 &&
       2 * report.frames_uncertain < report.frames) {
     std::string why =
@@ -633,9 +591,7 @@ std::string report_table(const RunReport& report) {
   }
   text += camera_fault_lines(report.camera_faults);
   for (const GroupReport& group : report.groups) {
-    text += fmt::format("tag group {}: tracked {}, uncertain {}, held {}, lost {}\n", group.name,
-                        group.frames_tracked, group.frames_uncertain, group.frames_held,
-                        group.frames_lost);
+    text += fmt::format("tag group {}: {}", group.name, status_text(group));
     text += left_out_lines(group.tags_left_out, "the map of its group");
   }
   if (report.log_lines_dropped > 0) {
@@ -645,27 +601,24 @@ std::string report_table(const RunReport& report) {
   text += fmt::format("OpenGL: {}, {}\n\n", report.gl_renderer, report.gl_version);
   text += fmt::format("{:<22}{:>10}{:>10}{:>10}{:>10}\n", "time [ms]", "median", "p95", "max",
                       "CPU mean");
-  for (const auto& [stage, s] : report.time_ms) {
-    if (s.count == 0) continue;
+  const auto add_row = [&text](const std::string& stage, const StageSummary& s) {
     text += fmt::format("{:<22}{:>10.3f}{:>10.3f}{:>10.3f}{:>10.3f}\n", stage, s.median, s.p95,
                         s.max, s.cpu_mean);
+  };
+  for (const auto& [stage, summary] : report.time_ms) {
+    if (summary.count > 0) add_row(stage, summary);
   }
   for (const PaneReport& pane : report.panes) {
-    for (const auto& [stage, s] : pane.time_ms) {
-      if (stage != "shadow" && stage != "render" && stage != "gpu") continue;
-      text += fmt::format("{:<22}{:>10.3f}{:>10.3f}{:>10.3f}{:>10.3f}\n",
-                          pane.technique + ": " + stage, s.median, s.p95, s.max, s.cpu_mean);
+    for (const auto& [stage, summary] : pane.time_ms) {
+      if (stage == "shadow" || stage == "render" || stage == "gpu")
+        add_row(pane.technique + ": " + stage, summary);
     }
   }
-  if (report.accuracy) {
-    text += '\n';
-    text += evaluation_table(*report.accuracy);
-  }
+  if (report.accuracy) text += "\n" + evaluation_table(*report.accuracy);
   if (report.smoothing) text += smoothing_table(*report.smoothing);
   for (const GroupReport& group : report.groups) {
     if (!group.accuracy) continue;
-    text += fmt::format("\ntag group {}\n", group.name);
-    text += evaluation_table(*group.accuracy);
+    text += fmt::format("\ntag group {}\n{}", group.name, evaluation_table(*group.accuracy));
   }
   return text;
 }

@@ -1,4 +1,4 @@
-// What this program was built from, for --version and reports.
+// Versions of the program and its libraries, for --version and reports.
 #pragma once
 
 #include <string>
@@ -8,7 +8,7 @@
 namespace penumbra {
 
 [[nodiscard]] std::string program_version();
-// Name and version of the program, the compiler and the libraries that decide its results.
+// Name and version of the program, the compiler and the libraries that affect results.
 [[nodiscard]] std::vector<std::pair<std::string, std::string>> component_versions();
 
 }  // namespace penumbra

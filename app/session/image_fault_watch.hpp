@@ -6,7 +6,6 @@
 #include <optional>
 #include <vector>
 
-#include "core/geometry/pose_estimate.hpp"
 #include "core/geometry/tag_map.hpp"
 #include "tracking/detection/image_check.hpp"
 #include "tracking/tracked_frame.hpp"
@@ -17,9 +16,8 @@ class ImageFaultWatch {
  public:
   explicit ImageFaultWatch(const TagMap& tags) : tags_(tags) {}
 
-  // Takes every tracked frame, in order. Checks lost frames from the first one on, and once tags
-  // were seen only where they have been lost for kLongLoss frames. Warns of the first fault; no
-  // frame is checked after it. Tracked frames cost nothing.
+  // Call it for every tracked frame in order. Checks lost frames; once tags were seen, only after
+  // kLongLoss of them in a row. Logs the first fault and checks no frame after it.
   void saw(const TrackedFrame& tracked);
   static constexpr int kLongLoss = 60;
   [[nodiscard]] std::optional<ImageFault> fault() const;

@@ -10,16 +10,15 @@ namespace {
 
 constexpr double kLeastCutoff_hz = 1.0;
 constexpr double kCutoffGain_s_px2 = 1.0;
-// Of the velocity, whose noise would else open the filter at rest.
-constexpr double kVelocityCutoff_hz = 2.0;
+constexpr double kVelocityCutoff_hz = 2.0;  // its noise must not open the filter at rest
 
-// The share of what is given that a first-order low-pass takes over within dt.
+// The share of its input that a first-order low-pass takes over within dt.
 double share_within(double dt_s, double cutoff_hz) {
   const double turns = 2.0 * std::numbers::pi * cutoff_hz * dt_s;
   return std::isinf(turns) ? 1.0 : turns / (1.0 + turns);
 }
 
-// Of any two times in order: their difference may be more than a signed number holds.
+// Unsigned, because the difference of two times may exceed a signed number.
 double seconds_between(std::int64_t before_ns, std::int64_t after_ns) {
   return 1e-9 * static_cast<double>(static_cast<std::uint64_t>(after_ns) -
                                     static_cast<std::uint64_t>(before_ns));
@@ -53,12 +52,12 @@ SmoothedPose PoseSmoother::smooth(std::int64_t timestamp_ns, const CameraPose& m
         dt;
     share = share_within(dt, kLeastCutoff_hz + kCutoffGain_s_px2 * speed * speed);
   }
-  const Vector6d way = perturbation_between(last_->drawn.T_table_camera, measured);
+  const Vector6d step_to_measured = perturbation_between(last_->drawn.T_table_camera, measured);
   SmoothedPose drawn;
-  // The offset is all but proportional to what is left of the way: nearer in a few steps.
+  // The offset is nearly proportional to the rest of the step, so a few iterations suffice.
   constexpr int kMostSteps = 8;
   for (int step = 0; step < kMostSteps; ++step) {
-    drawn.T_table_camera = perturbed(last_->drawn.T_table_camera, share * way);
+    drawn.T_table_camera = perturbed(last_->drawn.T_table_camera, share * step_to_measured);
     drawn.offset_px = overlay_difference(camera_, drawn.T_table_camera, measured).rms_px();
     if (drawn.offset_px <= kMostOffset_px && drawn.T_table_camera.is_finite()) {
       drawn.lag_ms = dt > 0.0 ? 1e3 * dt * (1.0 - share) / share : lag_ms * (1.0 - share);

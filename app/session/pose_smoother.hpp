@@ -1,9 +1,6 @@
-// Takes the jitter out of the pose that is drawn: a low-pass filter whose cutoff rises with the
-// square of the speed at which the overlay moves through the picture,
-//   cutoff = 1 Hz + 1 s/px^2 * speed^2    (RMS over the corners of the overlay cube, px/s).
-// At rest it averages over 0.16 s. In a steady motion at speed v the overlay trails by
-// v / (2 pi cutoff): 0.08 px at most, at 1 px/s, and less the faster it goes, where One-Euro's
-// (a cutoff that rises with the speed itself) trails the same number of pixels at any speed.
+// Low-pass filter of the drawn pose. Its cutoff is 1 Hz + 1 s/px^2 * speed^2, with the speed of the
+// overlay (RMS over the cube's corners [px/s]), so the lag stays below 0.08 px in steady motion
+// (docs/tracking.md#smoothing).
 #pragma once
 
 #include <cstdint>
@@ -18,29 +15,25 @@ namespace penumbra {
 
 struct SmoothedPose {
   CameraPose T_table_camera;
-  // How late a motion is drawn that goes on as it does [ms].
-  double lag_ms = 0.0;
-  // The overlay's distance from where the measured pose has it: the overlay error (RMS over the
-  // corners, as in core/evaluation/evaluation.hpp) between the two.
-  double offset_px = 0.0;
+  double lag_ms = 0.0;     // delay of a steady motion [ms]
+  double offset_px = 0.0;  // overlay error (RMS over the cube's corners) against the measured pose
 };
 
 class PoseSmoother {
  public:
-  // Whatever the motion, the overlay stays so near to where it was measured; a jump is followed up
-  // to this at once.
+  // Largest offset of the overlay from the measured one; a jump is followed up to this at once.
   static constexpr double kMostOffset_px = 0.25;
-  // After a longer time without a pose it starts anew [s].
+  // The filter restarts after a longer time without a pose [s].
   static constexpr double kLongestGap_s = 0.5;
 
   explicit PoseSmoother(CameraModel camera) : camera_(std::move(camera)) {}
 
-  // Poses in order of time; the result lies on the way from the last one drawn to the measured one,
-  // never beyond. The first one, and one after a gap or after time ran backwards, is drawn as
-  // measured; so is one whose overlay is behind the camera. A pose at the time of the last one (a
-  // picture that is drawn again) is drawn as that one was.
+  // Call it in order of time. The result lies between the last drawn and the measured pose. The
+  // first pose, one after a gap or a step back in time, and one whose overlay is behind the camera
+  // are drawn as measured. A pose at the last time (an image that is drawn again) is drawn as that
+  // one.
   [[nodiscard]] SmoothedPose smooth(std::int64_t timestamp_ns, const CameraPose& measured);
-  // The pose was lost: the next one is drawn as measured.
+  // The next pose is drawn as measured.
   void reset() { last_.reset(); }
 
  private:
@@ -56,12 +49,12 @@ class PoseSmoother {
   std::optional<Last> last_;
 };
 
-// How late the overlay is where it moves: the delay that explains the distance of its corners
-// between the poses as measured and as drawn best (least squares), from their speeds as measured.
-// Keeps the last two poses.
+// Measures the delay of the drawn overlay while it moves: the one that explains best (least
+// squares) the distance of its corners between the measured and the drawn pose by their measured
+// speed.
 class LagMeter {
  public:
-  // Slower motion says nothing of a delay [px/s], and so do poses that are farther apart [s].
+  // Ignores slower motion [px/s], and poses that are farther apart [s].
   static constexpr double kLeastSpeed_px_s = 5.0;
   static constexpr double kLongestGap_s = 0.25;
 
@@ -69,9 +62,9 @@ class LagMeter {
 
   // Poses in order of time.
   void add(std::int64_t timestamp_ns, const CameraPose& measured, const CameraPose& drawn);
-  // The next pose does not go on from the last one.
+  // The next pose does not follow the last one.
   void restart() { before_ = here_ = std::nullopt; }
-  // [ms]; nothing where the overlay never moved.
+  // [ms]; nothing if the overlay never moved.
   [[nodiscard]] std::optional<double> lag_ms() const;
 
  private:

@@ -54,7 +54,7 @@ Json number(double value) {
   return std::isinf(value) ? Json("inf") : Json(value);
 }
 
-// NaN for what is no number: usable() says no.
+// NaN, which usable() rejects, if it is missing or no number.
 double number_in(const Json& json, const char* key) {
   const auto found = json.find(key);
   if (found == json.end()) return std::numeric_limits<double>::quiet_NaN();
@@ -83,7 +83,7 @@ std::string text_in(const Json& json, const char* key) {
   return found != json.end() && found->is_string() ? found->get<std::string>() : std::string();
 }
 
-// As it is written, not through a double.
+// Exact: not through a double.
 std::optional<std::int64_t> timestamp_of(std::string_view line) {
   constexpr std::string_view kKey = "\"timestamp_s\":";
   const std::size_t at = line.find(kKey);
@@ -92,7 +92,7 @@ std::optional<std::int64_t> timestamp_of(std::string_view line) {
   return parse_seconds_as_ns(trim(rest.substr(0, rest.find_first_of(",}"))));
 }
 
-// The time is a decimal number, to the nanosecond.
+// Writes the time as a decimal number with nanoseconds.
 std::string line_of(std::int64_t timestamp_ns, const Json& json) {
   const std::string text = json.dump(-1, ' ', false, Json::error_handler_t::replace);
   return "{\"timestamp_s\":" + format_ns_as_seconds(timestamp_ns) + "," + text.substr(1);
@@ -116,7 +116,7 @@ std::optional<SceneEdit> edit_in(const Json& json, std::string_view event) {
                             number_in(json, "umbra_height"), number_in(json, "magnification_cap")};
     styled.style.fractions = {number_in(json, "umbra"), number_in(json, "middle"),
                               number_in(json, "penumbra")};
-    // Not there in recordings of earlier programs, and where there are none.
+    // Optional, and unknown to earlier versions.
     const auto rays = json.find("light_rays");
     styled.style.light_rays = rays != json.end() && rays->is_boolean() && rays->get<bool>();
     if (!usable(styled.style)) return std::nullopt;
@@ -132,34 +132,26 @@ std::optional<SceneEdit> edit_in(const Json& json, std::string_view event) {
   return placed;
 }
 
-Result<std::optional<SceneEvent>> event_in(const Json& json, std::string_view line,
-                                           const std::string& name) {
-  if (!json.is_object()) return fail("{}: is no JSON object; remove the line", name);
-  const std::string event = text_in(json, "event");
-  if (event != kMoved && event != kTurned && event != kStyled) return std::nullopt;
-  const auto timestamp_ns = timestamp_of(line);
-  if (!timestamp_ns) return fail("{}: timestamp_s is no time in seconds; remove the line", name);
-  const auto edit = edit_in(json, event);
-  if (!edit) return fail("{}: {}: a number is missing or out of range", name, event);
-  return SceneEvent{*timestamp_ns, *edit};
-}
-
+// Adds the event of a line, if it is one of ours; `name` is the line's in errors.
 Result<void> add_event(std::string_view line, const std::string& name, SceneEvents& events) {
   const Json json = Json::parse(line, nullptr, false);
-  PENUMBRA_TRY(auto event, event_in(json, line, name));
-  if (event) {
-    events.edits.push_back(std::move(*event));
-    return {};
-  }
-  const std::string kind = text_in(json, "event");
-  if (kind == kSceneStartEvent) events.scene_start_ns = timestamp_of(line);
-  if (kind != kLit) return {};
+  if (!json.is_object()) return fail("{}: is no JSON object; remove the line", name);
+  const std::string event = text_in(json, "event");
   const auto timestamp_ns = timestamp_of(line);
-  const auto light = light_in(json);
-  if (!timestamp_ns || !light) {
-    return fail("{}: {}: a number is missing or out of range; remove the line", name, kind);
+  if (event == kSceneStartEvent) events.scene_start_ns = timestamp_ns;
+  if (event == kMoved || event == kTurned || event == kStyled) {
+    if (!timestamp_ns) return fail("{}: timestamp_s is no time in seconds; remove the line", name);
+    const auto edit = edit_in(json, event);
+    if (!edit) return fail("{}: {}: a number is missing or out of range", name, event);
+    events.edits.push_back({*timestamp_ns, *edit});
   }
-  events.lights.push_back({*timestamp_ns, *light});
+  if (event == kLit) {
+    const auto light = light_in(json);
+    if (!timestamp_ns || !light) {
+      return fail("{}: {}: a number is missing or out of range; remove the line", name, event);
+    }
+    events.lights.push_back({*timestamp_ns, *light});
+  }
   return {};
 }
 
@@ -175,7 +167,7 @@ bool apply(Scene& scene, const SceneEdit& edit) {
     if (object == scene.objects.end() || !usable(placed->placement)) return false;
     object->placement = placed->placement;
     object->animation = Animation();
-    object->tag_group = kTableGroup;  // where it was put on the table, it stays
+    object->tag_group = kTableGroup;  // it stays where it was put on the table
     return true;
   }
   const auto& styled = std::get<ShadowStyled>(edit);
@@ -234,10 +226,6 @@ const VideoLight* light_at(const std::vector<LitFrame>& lights, std::int64_t tim
   return later == lights.begin() ? &later->light : &std::prev(later)->light;
 }
 
-Result<std::optional<SceneEvent>> parse_event_line(std::string_view line, const std::string& name) {
-  return event_in(Json::parse(line, nullptr, false), line, name);
-}
-
 Result<SceneEvents> load_scene_events(const std::filesystem::path& file) {
   SceneEvents events;
   std::error_code ignored;
@@ -246,7 +234,7 @@ Result<SceneEvents> load_scene_events(const std::filesystem::path& file) {
   if (!stream || std::filesystem::is_directory(file, ignored)) {
     return fail("{}: cannot be read; see who may read it", file.string());
   }
-  // Line by line: a session of a day has as many as frames.
+  // Line by line, because a long session has many events.
   std::vector<char> buffer(kMaxLineBytes);
   for (std::size_t number = 1;; ++number) {
     stream.getline(buffer.data(), static_cast<std::streamsize>(buffer.size()));

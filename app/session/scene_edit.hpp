@@ -1,6 +1,5 @@
-// What a person changes in a scene while it runs: where an object stands, how a shadow is drawn;
-// and the light that it was drawn in. Written to a recording's events.jsonl, and read from there to
-// happen again.
+// Edits of a scene while it runs (object placements, shadow styles) and the light of its frames.
+// They are written to a recording's events.jsonl and read from there for a replay.
 #pragma once
 
 #include <cstdint>
@@ -17,14 +16,14 @@
 
 namespace penumbra {
 
-// The object stands here from now on, and its own animation ends; what hangs on it comes along.
+// Places an object and its children, and ends the object's animation.
 struct ObjectPlaced {
   std::string object;
-  Placement placement;  // relative to its parent; in the table frame where it has none
-  bool turned = false;  // rather than moved: by this the event is named
+  Placement placement;  // relative to its parent, or in the table frame
+  bool turned = false;  // the event is object_rotated rather than object_moved
 };
 
-// Everything that a shadow node can be given.
+// The style of a shadow node.
 struct ShadowStyle {
   ShadowTechnique technique = ShadowTechnique::layered;
   KernelSource kernels = KernelSource::automatic;
@@ -41,25 +40,21 @@ struct ShadowStyled {
 
 using SceneEdit = std::variant<ObjectPlaced, ShadowStyled>;
 
-// False where the scene has nothing of that name, or a number is of no use: then nothing changes.
+// Returns false and changes nothing if the scene has nothing of that name or a number is invalid.
 bool apply(Scene& scene, const SceneEdit& edit);
 
-// An edit is in effect from the frame with this timestamp on.
+// An edit in effect from the frame with this timestamp on.
 struct SceneEvent {
   std::int64_t timestamp_ns = 0;
   SceneEdit edit;
 };
 
 // A line of events.jsonl, without line break: {"timestamp_s": ..., "event": "object_moved",
-// "object": ..., ...}. Numbers are written so that they are read as they were, bit for bit.
+// "object": ..., ...}. Numbers are read back bit for bit.
 [[nodiscard]] std::string event_line(const SceneEvent& event);
-// Nothing for lines that are other events. Fails on a line that is damaged; `name` is put into the
-// error.
-[[nodiscard]] Result<std::optional<SceneEvent>> parse_event_line(std::string_view line,
-                                                                 const std::string& name);
 
-// The video's light that the frame with this timestamp was drawn in. It follows the frames that
-// were drawn, also those before the recording began: from its pictures alone it can't be had again.
+// The video's light of the frame with this timestamp. It depends on all earlier drawn frames, also
+// on those before the recording.
 struct LitFrame {
   std::int64_t timestamp_ns = 0;
   VideoLight light;
@@ -69,18 +64,17 @@ struct LitFrame {
 [[nodiscard]] std::string light_line(const LitFrame& lit);
 
 struct SceneEvents {
-  std::optional<std::int64_t> scene_start_ns;  // the frames' clock at which the scene's time was 0
+  std::optional<std::int64_t> scene_start_ns;  // timestamp at which the scene's time was 0
   std::vector<SceneEvent> edits;               // in order of time
   std::vector<LitFrame> lights;                // in order of time
 };
-// That of the last frame drawn up to this time; the first one's before it. Nothing where there is
-// none.
+// The light of the last frame up to this time, or of the first one; nullptr if there is none.
 [[nodiscard]] const VideoLight* light_at(const std::vector<LitFrame>& lights,
                                          std::int64_t timestamp_ns);
-// Of a recording; none where the file is not there. A damaged last line is left out: the session
-// was cut off there.
+// Loads the events of a recording; none if there is no file. A damaged last line is ignored,
+// because the session may have been cut off.
 [[nodiscard]] Result<SceneEvents> load_scene_events(const std::filesystem::path& file);
-// The event that says when the scene's time was 0: its name.
+// Name of the event at which the scene's time was 0.
 inline constexpr std::string_view kSceneStartEvent = "scene_start";
 
 }  // namespace penumbra

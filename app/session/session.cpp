@@ -2,7 +2,6 @@
 
 #include <cstring>
 #include <limits>
-#include <string>
 #include <utility>
 
 #include "app/logging.hpp"
@@ -13,15 +12,14 @@
 namespace penumbra {
 namespace {
 
-// A given pose is taken as the truth.
+// Looks up the given poses of the camera and the groups.
 TrackedFrame look_up(const GivenPoses& given_poses, const std::vector<std::string>& groups,
                      const Frame& frame) {
-  const Trajectory& trajectory = given_poses.camera;
   const Stopwatch watch;
   TrackedFrame tracked;
   tracked.frame = frame;
   tracked.pose.ambiguity_ratio = std::numeric_limits<double>::infinity();
-  if (const StampedPose* given = trajectory.at(frame.timestamp_ns); given != nullptr) {
+  if (const StampedPose* given = given_poses.camera.at(frame.timestamp_ns); given != nullptr) {
     tracked.pose.status = TrackStatus::tracked;
     tracked.pose.T_table_camera = given->T_table_camera;
   } else {
@@ -68,11 +66,10 @@ Session::Session(const Scene& scene, const CameraModel& camera, PoseSource poses
 Result<Session> Session::create(GlContext& context, std::shared_ptr<const Scene> scene,
                                 const CameraModel& camera, PoseSource poses,
                                 const SessionOptions& options) {
-  CompositorOptions of_compositor;
-  of_compositor.rectified = options.rectified;
-  of_compositor.msaa = options.msaa;
-  of_compositor.pixel_buffers = options.pixel_buffers;
-  PENUMBRA_TRY(auto compositor, Compositor::create(context, scene, camera, of_compositor));
+  PENUMBRA_TRY(auto compositor, Compositor::create(context, scene, camera,
+                                                   {.rectified = options.rectified,
+                                                    .msaa = options.msaa,
+                                                    .pixel_buffers = options.pixel_buffers}));
   return Session(*scene, options.rectified ? without_distortion(camera) : camera, std::move(poses),
                  options, std::move(compositor));
 }
@@ -91,7 +88,7 @@ Result<void> Session::warm_up(PixelFormat format) {
     std::memset(grey.plane_data[plane], kMiddle,
                 static_cast<std::size_t>(view.stride) * static_cast<std::size_t>(view.height));
   }
-  // Straight down onto the table's middle, from where most of it is seen.
+  // The camera looks straight down onto the table's middle.
   constexpr double kHeight_m = 0.6;
   PoseEstimate pose;
   pose.status = TrackStatus::tracked;
@@ -100,8 +97,7 @@ Result<void> Session::warm_up(PixelFormat format) {
   const SceneState state = evaluate_scene(scene_, 0.0);
   const FramePlan plan = plan_frame(scene_, state, pose, camera_, options_.plan);
   PENUMBRA_TRY_VOID(compositor_.draw(grey.frame, plan));
-  // Nobody should take it for a picture of the camera.
-  compositor_.clear();
+  compositor_.clear();  // the grey frame is never shown
   return {};
 }
 
@@ -201,7 +197,7 @@ Result<void> Session::read_back(std::span<std::uint8_t> rgba) {
 bool Session::edit(const SceneEdit& edit) {
   if (std::holds_alternative<ShadowStyled>(edit) &&
       (options_.plan.technique || options_.plan.kernels || options_.plan.light_rays)) {
-    // What the options said of every node is from now on each node's own.
+    // The options become each node's own style, so that one of them can be edited.
     for (ShadowNode& node : scene_.shadows) {
       const ShadowStyle style = style_in_effect(node);
       node.technique = style.technique;

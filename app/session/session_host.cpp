@@ -1,11 +1,8 @@
 #include "app/session/session_host.hpp"
 
-#include <fmt/format.h>
+#include <fmt/chrono.h>
 
-#include <array>
-#include <cstdint>
 #include <ctime>
-#include <filesystem>
 #include <string_view>
 #include <system_error>
 
@@ -14,12 +11,6 @@
 #include "core/image/image_file.hpp"
 
 namespace penumbra {
-namespace {
-
-constexpr std::array<std::string_view, 7> kStages = {"capture", "track",    "shadow", "render",
-                                                     "gpu",     "readback", "encode"};
-
-}  // namespace
 
 std::filesystem::path free_name(const std::filesystem::path& base, const std::string& extension) {
   std::error_code ignored;
@@ -33,15 +24,7 @@ std::filesystem::path free_name(const std::filesystem::path& base, const std::st
 std::filesystem::path free_name(const std::string& extension) {
   const std::time_t now = std::time(nullptr);
   std::tm local{};
-  localtime_r(&now, &local);
-  std::array<char, 32> text{};
-  const std::size_t length =
-      std::strftime(text.data(), text.size(), "penumbra-%Y%m%d-%H%M%S", &local);
-  return free_name(std::filesystem::path(std::string(text.data(), length)), extension);
-}
-
-void SessionHost::saw(const SessionFrame& frame) {
-  last_ = frame;
+  return free_name(fmt::format("penumbra-{:%Y%m%d-%H%M%S}", *localtime_r(&now, &local)), extension);
 }
 
 void SessionHost::forget_frame() {
@@ -56,10 +39,6 @@ std::vector<HudNode> SessionHost::nodes() const {
   return nodes;
 }
 
-void SessionHost::edit(const SceneEdit& edit) {
-  session_.edit(edit);
-}
-
 void SessionHost::redraw() {
   if (!last_ || last_->tracked.frame.empty()) return;
   auto drawn = session_.redraw(last_->tracked);
@@ -67,7 +46,7 @@ void SessionHost::redraw() {
     log_warning("{}", drawn.error().message);
     return;
   }
-  run_.add_redrawn(*drawn);
+  run_.add_work(drawn->composite);
   last_ = std::move(*drawn);
 }
 
@@ -100,10 +79,10 @@ void describe_frame(HudState& state, const SessionFrame& frame, const RunRecorde
   const auto add = [&](std::string_view stage) {
     if (const auto mean = run.recent_ms(stage)) state.stages.emplace_back(stage, *mean);
   };
-  for (const std::string_view stage : kStages) {
+  for (const char* stage : {"capture", "track", "shadow", "render", "gpu", "readback", "encode"}) {
     add(stage);
-    if (stage != "track") continue;
-    // Only what the last frame went through: the others' times may be old.
+    if (stage != std::string_view("track")) continue;
+    // Only stages of the last frame: the times of the others may be old.
     const TrackTimes& times = frame.tracked.times;
     if (times.detect_ms > 0.0) add("detect");
     if (times.align_ms > 0.0) add("align");
@@ -111,10 +90,16 @@ void describe_frame(HudState& state, const SessionFrame& frame, const RunRecorde
   }
 }
 
-void describe_reasons(HudState& state, const SessionFrame& frame, const Scene& scene) {
-  for (const SkippedPass& skipped : frame.plan.skipped)
-    state.skipped.push_back(text_of(skipped, scene));
-  for (const KeptPart& kept : frame.composite.kept) state.kept.push_back(text_of(kept, scene));
+void RunHost::describe(HudState& state, bool debug) const {
+  state.frame_count = frame_count_;
+  if (!last_) return;
+  describe_frame(state, *last_, run_);
+  if (!debug) return;
+  state.drawn = last_->composite;
+  state.work = run_.work();
+  for (const SkippedPass& skipped : last_->plan.skipped)
+    state.skipped.push_back(text_of(skipped, scene()));
+  for (const KeptPart& kept : last_->composite.kept) state.kept.push_back(text_of(kept, scene()));
 }
 
 std::string SessionHost::toggle_smoothing() {
@@ -123,14 +108,10 @@ std::string SessionHost::toggle_smoothing() {
 }
 
 void SessionHost::describe(HudState& state, bool debug) const {
+  RunHost::describe(state, debug);
   state.smooth = session_.smooth();
-  state.frame_count = frame_count_;
-  if (last_) describe_frame(state, *last_, run_);
   if (!debug || !last_) return;
-  state.drawn = last_->composite;
-  state.work = run_.work();
   const SessionView view = session_.view();
-  describe_reasons(state, *last_, *view.scene);
   for (const CasterKernels& caster : session_.kernels_in_use()) {
     state.twists.push_back({view.scene->objects[static_cast<std::size_t>(caster.object)].name,
                             caster.twist, caster.spill});

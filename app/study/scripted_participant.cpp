@@ -1,7 +1,6 @@
 #include "app/study/scripted_participant.hpp"
 
 #include <algorithm>
-#include <utility>
 
 #include "app/study/study_task.hpp"
 #include "app/window/manipulation.hpp"

@@ -1,4 +1,4 @@
-// Does what a script says, as events of the window: they take the same way as a person's.
+// Turns the actions of a script into window events, which are handled as a person's.
 #pragma once
 
 #include <Eigen/Core>
@@ -18,14 +18,14 @@ class ScriptedParticipant {
  public:
   explicit ScriptedParticipant(StudyScript script) : script_(std::move(script)) {}
 
-  // The next action of the trial that is due by this time since the trial is shown, or nullptr. It
-  // is taken from the script, and so is everything of earlier trials.
+  // Returns the trial's next action that is due by this time since its showing, or nullptr. Drops
+  // the actions of earlier trials.
   [[nodiscard]] const ScriptAction* take(int trial, std::int64_t since_shown_ns);
-  // Whether anything is left to be done in the trial.
+  // Returns true if the trial has further actions.
   [[nodiscard]] bool has_more(int trial) const;
 
-  // Window pixels that the picture on the screen has at the action's place. Fails, naming the line,
-  // where that is not in the picture, or the scene has no such object.
+  // The window events of an action in the shown image. Fails, naming the line, if its place is not
+  // in the image or the scene has no such object.
   [[nodiscard]] Result<std::vector<WindowEvent>> events_of(const ScriptAction& action,
                                                            const SessionView& view,
                                                            GlContext::Size window);
@@ -37,8 +37,8 @@ class ScriptedParticipant {
 
   StudyScript script_;
   std::size_t next_ = 0;
-  int button_ = 0;                                     // that is down
-  Eigen::Vector3d taken_ = Eigen::Vector3d::Zero();    // the point that was pressed on, table frame
+  int button_ = 0;                                     // pressed
+  Eigen::Vector3d taken_ = Eigen::Vector3d::Zero();    // the pressed point, table frame
   Eigen::Vector2d pointer_ = Eigen::Vector2d::Zero();  // [px] of the window
 };
 

@@ -55,14 +55,13 @@ class RecordedFeed final : public StudyFeed {
   std::optional<std::int64_t> last_ns_;  // of the source
 };
 
-// A picture that comes too late for the screen is dropped.
 class CameraFeed final : public StudyFeed {
  public:
   explicit CameraFeed(std::unique_ptr<LiveSource> source)
       : source_(std::move(source)), newest_(*source_) {}
 
   Result<std::optional<StudyPicture>> next() override {
-    // So short that what a person does meanwhile is still timed well.
+    // Short, so that a person's events are timed precisely.
     constexpr std::chrono::milliseconds kPatience(2);
     const bool finished = newest_.finished();
     std::optional<Frame> frame = newest_.take(kPatience);

@@ -28,8 +28,8 @@ Eigen::Vector3d to_tenths_of_mm(const Eigen::Vector3d& p) {
   return (p * 1e4).array().round().matrix() / 1e4;
 }
 
-// Three spheres about the table's middle, at about a third of a turn from each other, so that none
-// hides another and none hangs over another's shadow.
+// Three spheres around the table's middle, about a third of a turn apart, so that none hides
+// another or another's shadow.
 StudySample sample_of_heights(int number, SplitMix64& random) {
   constexpr double kNear_m = 0.060, kFar_m = 0.090;
   constexpr double kTurn = 2.0 * std::numbers::pi / 3.0, kAside = std::numbers::pi / 12.0;
@@ -81,11 +81,11 @@ std::string_view to_string(StudyExperiment experiment) {
 }
 
 std::optional<StudyTechnique> study_technique_from_string(std::string_view name) {
-  constexpr std::string_view kCocl = "cocl";  // layered, with one kernel for the whole object
-  const auto technique = shadow_technique_from_string(name == kCocl ? "layered" : name);
+  const bool cocl = name == "cocl";  // layered, with one kernel for the whole object
+  const auto technique = shadow_technique_from_string(cocl ? "layered" : name);
   if (!technique) return std::nullopt;
   return StudyTechnique{std::string(name), *technique,
-                        name == kCocl ? KernelSource::centroid : KernelSource::automatic};
+                        cocl ? KernelSource::centroid : KernelSource::automatic};
 }
 
 int usual_samples(StudyExperiment experiment) {
@@ -136,7 +136,7 @@ StudyPlan plan_study(const StudyDesign& design) {
                                ? sample_of_heights(number, stimuli)
                                : sample_of_drag(number, stimuli));
   }
-  // Which treatment is which letter of the design is drawn, the design itself is not.
+  // The assignment of treatments to the design's letters is random, the design is not.
   const auto techniques = static_cast<int>(design.techniques.size());
   const std::vector<int> technique_of =
       shuffled(techniques, SplitMix64(design.seed, kTechniqueOrder));

@@ -1,10 +1,9 @@
-// What one participant of a study sees, and in which order: from a seed and the participant's
-// number alone. Pure.
+// Plans what one participant of a study sees, from a seed and the participant's number alone. Pure.
 //
 // The two experiments of Layered Penumbrae, section 2.1: (1) point at the highest of three spheres,
-// (2) drag a sphere onto targets in turn. The paper says how many samples there were, that half of
-// those of (1) were easy and half difficult, and that a sample of (2) had three to five targets; it
-// gives no sizes, places or heights: those below are ours, for a table seen by a handheld camera.
+// (2) drag a sphere onto targets in turn. The paper gives the number of samples, half of them
+// difficult in (1), and three to five targets in (2). Sizes, places and heights are ours, for a
+// table seen by a handheld camera.
 #pragma once
 
 #include <Eigen/Core>
@@ -26,10 +25,10 @@ struct StudyTechnique {
   ShadowTechnique technique = ShadowTechnique::layered;
   KernelSource kernels = KernelSource::automatic;
 };
-// "simple", "layered", "cocl", ...; nothing for any other word.
+// The technique of a word of --shadow; nothing for an unknown word.
 [[nodiscard]] std::optional<StudyTechnique> study_technique_from_string(std::string_view name);
 
-// As the paper's: 20 samples to point at, 5 to drag through.
+// The paper's number of samples: 20 for heights, 5 for drag.
 [[nodiscard]] int usual_samples(StudyExperiment experiment);
 inline constexpr int kMostStudySamples = 1000;
 
@@ -39,16 +38,16 @@ struct StudyDesign {
   int participant = 1;                     // from 1
   std::uint64_t seed = 1;
   int samples = 20;            // per technique
-  double tolerance_m = 0.010;  // a sphere that is let go so near its target is on it; of drag only
+  double tolerance_m = 0.010;  // drag: a sphere released this near its target is on it
 };
-// What must agree for two results to be of one study, as one word without commas:
-// "heights-seed7-samples20-simple+layered". The participant is no part of it.
+// Identifies the results of one study, for all participants, as one word without commas:
+// "heights-seed7-samples20-simple+layered".
 [[nodiscard]] std::string study_name(const StudyDesign& design);
 
-// Row `row` (taken modulo the number of rows) of a Williams design for `count` > 0 treatments: over
-// all rows each treatment comes at each place equally often, and right after each other one equally
-// often. Williams 1949, Austral. J. Sci. Res. A 2:149: 0, 1, n-1, 2, n-2, ... and its cyclic
-// shifts; for an odd count the mirrored rows too.
+// Row `row` (modulo the number of rows) of a Williams design for `count` > 0 treatments: over all
+// rows each treatment comes at each place equally often, and after each other one equally often.
+// Williams 1949, Austral. J. Sci. Res. A 2:149: 0, 1, n-1, 2, n-2, ... and its cyclic shifts; for
+// an odd count the mirrored rows too.
 [[nodiscard]] std::vector<int> williams_row(int count, std::int64_t row);
 [[nodiscard]] int williams_rows(int count);
 
@@ -60,7 +59,7 @@ struct StudySample {
   bool hard = false;                    // heights: the highest two differ by little
   std::vector<Eigen::Vector3d> places;  // heights: three spheres; drag: the ball, then its targets
 };
-// heights: index of the highest sphere.
+// Index of the highest sphere.
 [[nodiscard]] int highest_of(const StudySample& sample);
 
 struct StudyTrial {
@@ -74,10 +73,10 @@ struct StudyTrial {
 struct StudyPlan {
   StudyDesign design;
   std::vector<StudySample> samples;  // the same for every participant
-  std::vector<StudyTrial> trials;    // in the order in which they are shown
+  std::vector<StudyTrial> trials;    // in the order of showing
 };
-// Every technique is a block in which each sample comes once. Techniques follow each other as in
-// the participant's row of a Williams design, and so do the samples in each block.
+// Every technique is a block in which each sample comes once. The order of techniques is the
+// participant's row of a Williams design, and so is that of the samples in each block.
 [[nodiscard]] StudyPlan plan_study(const StudyDesign& design);
 
 }  // namespace penumbra

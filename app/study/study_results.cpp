@@ -6,11 +6,11 @@
 #include <unistd.h>
 
 #include <algorithm>
+#include <array>
 #include <cerrno>
 #include <cmath>
 #include <map>
 #include <system_error>
-#include <utility>
 
 #include "app/logging.hpp"
 #include "core/propagate.hpp"
@@ -24,10 +24,6 @@ namespace fs = std::filesystem;
 
 constexpr std::size_t kMaxResultBytes = std::size_t{256} << 20U;
 constexpr std::size_t kColumns = 17;
-constexpr std::string_view kHeader =
-    "study,experiment,participant,block,trial,technique,sample,step,difficulty,places_m,chosen,"
-    "correct,"
-    "response_time_s,error_m,misses,frames,frames_lost";
 
 std::vector<std::string_view> split(std::string_view text, char separator) {
   std::vector<std::string_view> parts;
@@ -37,12 +33,6 @@ std::vector<std::string_view> split(std::string_view text, char separator) {
     if (end == std::string_view::npos) return parts;
     text.remove_prefix(end + 1);
   }
-}
-
-std::optional<int> count_in(std::string_view text, int least) {
-  const auto number = parse_integer(text);
-  if (!number || *number < least || *number > 1'000'000'000) return std::nullopt;
-  return static_cast<int>(*number);
 }
 
 // "x y z" [m].
@@ -58,8 +48,9 @@ std::optional<Eigen::Vector3d> point_in(std::string_view text) {
   return point;
 }
 
-std::string message_of(int error) {
-  return std::generic_category().message(error);
+tl::unexpected<Error> not_written(const fs::path& file, std::string_view remedy = "") {
+  return fail("{}: cannot be written: {}{}", file.string(), std::generic_category().message(errno),
+              remedy);
 }
 
 std::string with_interval(const std::optional<Interval>& interval, double scale, int decimals) {
@@ -73,7 +64,7 @@ std::string fields_of(double value, const std::optional<Interval>& interval) {
   return text + (interval ? fmt::format(",{:.6f},{:.6f}", interval->low, interval->high) : ",,");
 }
 
-// Values of every participant.
+// Answers of one participant.
 struct Answers {
   std::vector<double> times_s, errors_m;
   int wrong = 0;
@@ -91,23 +82,25 @@ StudySummary of_one(const Answers& answers) {
 
 }  // namespace
 
-std::string_view study_header() {
-  return kHeader;
+std::string format_places(std::span<const Eigen::Vector3d> places) {
+  std::string text;
+  for (const Eigen::Vector3d& p : places) {
+    text += fmt::format("{}{:.4f} {:.4f} {:.4f}", text.empty() ? "" : ";", p.x(), p.y(), p.z());
+  }
+  return text;
+}
+
+std::string_view difficulty_of(bool heights, bool hard) {
+  if (!heights) return "";
+  return hard ? "hard" : "easy";
 }
 
 std::string format_study_row(const StudyRow& row) {
-  std::string places;
-  for (const Eigen::Vector3d& p : row.places) {
-    places += fmt::format("{}{:.4f} {:.4f} {:.4f}", places.empty() ? "" : ";", p.x(), p.y(), p.z());
-  }
   const bool heights = row.places.size() == 3;
   return fmt::format("{},{},{},{},{},{},{},{},{},{},{},{},{},{:.6f},{},{},{}", row.study,
                      heights ? "heights" : "drag", row.participant, row.block, row.trial,
-                     row.technique, row.sample, row.step,
-                     !heights   ? ""
-                     : row.hard ? "hard"
-                                : "easy",
-                     places, row.chosen, row.correct ? 1 : 0,
+                     row.technique, row.sample, row.step, difficulty_of(heights, row.hard),
+                     format_places(row.places), row.chosen, row.correct ? 1 : 0,
                      format_ns_as_seconds(row.response_time_ns), row.error_m, row.misses,
                      row.frames, row.frames_lost);
 }
@@ -125,27 +118,32 @@ std::optional<StudyRow> parse_study_row(std::string_view line) {
     if (!point) return std::nullopt;
     row.places.push_back(*point);
   }
-  const auto participant = count_in(fields[2], 1), block = count_in(fields[3], 1),
-             trial = count_in(fields[4], 1), sample = count_in(fields[6], 1),
-             step = count_in(fields[7], 1), misses = count_in(fields[14], 0),
-             frames = count_in(fields[15], 0), lost = count_in(fields[16], 0);
+  struct Count {
+    std::size_t field;
+    int least;
+    int StudyRow::*value;
+  };
+  constexpr std::array<Count, 8> kCounts = {{{2, 1, &StudyRow::participant},
+                                             {3, 1, &StudyRow::block},
+                                             {4, 1, &StudyRow::trial},
+                                             {6, 1, &StudyRow::sample},
+                                             {7, 1, &StudyRow::step},
+                                             {14, 0, &StudyRow::misses},
+                                             {15, 0, &StudyRow::frames},
+                                             {16, 0, &StudyRow::frames_lost}}};
+  for (const auto& [field, least, value] : kCounts) {
+    const auto count = parse_integer(fields[field]);
+    if (!count || *count < least || *count > 1'000'000'000) return std::nullopt;
+    row.*value = static_cast<int>(*count);
+  }
   const auto time = parse_seconds_as_ns(fields[12]);
   const auto error = parse_number(fields[13]);
   const bool known_words = (fields[11] == "0" || fields[11] == "1") &&
                            (fields[1] == "heights" || fields[1] == "drag") &&
                            (fields[8].empty() || fields[8] == "easy" || fields[8] == "hard");
-  if (!participant || !block || !trial || !sample || !step || !misses || !frames || !lost ||
-      !time || *time < 0 || !error || !std::isfinite(*error) || !known_words || row.study.empty()) {
+  if (!time || *time < 0 || !error || !std::isfinite(*error) || !known_words || row.study.empty()) {
     return std::nullopt;
   }
-  row.participant = *participant;
-  row.block = *block;
-  row.trial = *trial;
-  row.sample = *sample;
-  row.step = *step;
-  row.misses = *misses;
-  row.frames = *frames;
-  row.frames_lost = *lost;
   row.correct = fields[11] == "1";
   row.response_time_ns = *time;
   row.error_m = *error;
@@ -159,40 +157,35 @@ Result<StudyFile> StudyFile::open(const fs::path& file, const StudyDesign& desig
     PENUMBRA_TRY(auto stream, OutputFile::create(file));
     StudyFile results(file, -1);
     results.stream_.emplace(std::move(stream));
-    PENUMBRA_TRY_VOID(results.write_line(std::string(kHeader)));
+    PENUMBRA_TRY_VOID(results.write_line(std::string(kStudyHeader)));
     return results;
   }
   if (fs::exists(file, ignored) && !fs::is_regular_file(file, ignored)) {
     return fail("{}: is not a file that rows can be added to; name another", file.string());
   }
   const int handle = ::open(file.c_str(), O_RDWR | O_CREAT | O_APPEND | O_CLOEXEC, 0666);
-  if (handle < 0) {
-    return fail("{}: cannot be written: {}; choose another place", file.string(),
-                message_of(errno));
-  }
+  if (handle < 0) return not_written(file, "; choose another place");
   StudyFile results(file, handle);
   if (flock(handle, LOCK_EX | LOCK_NB) != 0 && errno == EWOULDBLOCK) {
     return fail("{}: another study is writing to it; wait for its end, or name another file",
                 file.string());
   }
   PENUMBRA_TRY(auto text, read_text_file(file, kMaxResultBytes));
-  // A byte-order mark, which the text does not have.
+  // The text has no byte-order mark.
   const std::uintmax_t mark_bytes = fs::file_size(file, ignored) - text.size();
-  if (kHeader.starts_with(text)) {  // new, or cut off while it was made
-    if (ftruncate(handle, 0) != 0) {
-      return fail("{}: cannot be written: {}", file.string(), message_of(errno));
-    }
-    PENUMBRA_TRY_VOID(results.write_line(std::string(kHeader)));
+  if (kStudyHeader.starts_with(text)) {  // new, or cut off during its creation
+    if (ftruncate(handle, 0) != 0) return not_written(file);
+    PENUMBRA_TRY_VOID(results.write_line(std::string(kStudyHeader)));
     return results;
   }
   const std::string study = study_name(design);
   const std::size_t whole = text.rfind('\n') == std::string::npos ? 0 : text.rfind('\n') + 1;
   const auto lines = split(std::string_view(text).substr(0, whole), '\n');
-  if (lines[0] != kHeader) {
+  if (lines[0] != kStudyHeader) {
     return fail("{}: is no results file of penumbra study; name another file", file.string());
   }
   for (std::size_t i = 1; i < lines.size(); ++i) {
-    if (lines[i].empty() && i + 1 == lines.size()) break;  // behind the last line break
+    if (lines[i].empty() && i + 1 == lines.size()) break;  // after the last line break
     auto row = parse_study_row(lines[i]);
     if (!row) {
       return fail("{}: line {}: is damaged; repair or remove it", file.string(), i + 1);
@@ -214,9 +207,7 @@ Result<StudyFile> StudyFile::open(const fs::path& file, const StudyDesign& desig
   }
   if (whole < text.size()) {
     log_warning("{}: its last line was cut off, and is taken away", file.string());
-    if (ftruncate(handle, static_cast<off_t>(mark_bytes + whole)) != 0) {
-      return fail("{}: cannot be written: {}", file.string(), message_of(errno));
-    }
+    if (ftruncate(handle, static_cast<off_t>(mark_bytes + whole)) != 0) return not_written(file);
   }
   return results;
 }
@@ -228,25 +219,24 @@ StudyFile::StudyFile(StudyFile&& other) noexcept
       rows_(std::move(other.rows_)) {}
 
 StudyFile::~StudyFile() {
-  if (handle_ >= 0) close(handle_);  // and the lock with it
+  if (handle_ >= 0) close(handle_);  // releases the lock
 }
 
 Result<void> StudyFile::write_line(const std::string& text) {
   const std::string line = text + "\n";
   if (stream_) return stream_->append(line);
+  constexpr std::string_view kResumeRemedy = "; free some space and go on with --resume";
   std::size_t done = 0;
   while (done < line.size()) {
     const ssize_t count = write(handle_, line.data() + done, line.size() - done);
     if (count >= 0) {
       done += static_cast<std::size_t>(count);
     } else if (errno != EINTR) {
-      return fail("{}: cannot be written: {}; free some space and go on with --resume",
-                  file_.string(), message_of(errno));
+      return not_written(file_, kResumeRemedy);
     }
   }
-  if (fdatasync(handle_) != 0 && errno != EINVAL) {  // EINVAL: nothing that could be synchronised
-    return fail("{}: cannot be written: {}; free some space and go on with --resume",
-                file_.string(), message_of(errno));
+  if (fdatasync(handle_) != 0 && errno != EINVAL) {  // EINVAL: the file cannot be synchronised
+    return not_written(file_, kResumeRemedy);
   }
   return {};
 }
@@ -257,7 +247,7 @@ Result<void> StudyFile::append(std::span<const StudyRow> rows) {
     lines += (lines.empty() ? "" : "\n") + format_study_row(row);
   }
   if (lines.empty()) return {};
-  if (auto written = write_line(lines); !written) return written;
+  PENUMBRA_TRY_VOID(write_line(lines));
   rows_.insert(rows_.end(), rows.begin(), rows.end());
   return {};
 }

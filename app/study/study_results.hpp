@@ -1,4 +1,4 @@
-// What participants answered: rows of a CSV file that only ever grows, and what they come to.
+// Answers of participants: rows of a CSV file that only grows, and their summary.
 #pragma once
 
 #include <Eigen/Core>
@@ -25,33 +25,37 @@ struct StudyRow {
   int block = 1, trial = 1;
   std::string technique;
   int sample = 1;
-  int step = 1;       // of a drag: which target; else 1
-  bool hard = false;  // of heights
-  // Centres [m]: of heights the three spheres, of a drag the target.
+  int step = 1;       // drag: the target's number; else 1
+  bool hard = false;  // heights
+  // Centres [m]. heights: the three spheres; drag: the target.
   std::vector<Eigen::Vector3d> places;
-  // Of heights which sphere, from 1; of a drag where the ball was left [m].
-  std::string chosen;
-  bool correct = false;               // the highest; within the tolerance
-  std::int64_t response_time_ns = 0;  // since it was shown, or since the target before was reached
-  // Heights: how much higher the highest is than the chosen one; drag: from ball to target.
-  double error_m = 0.0;
-  int misses = 0;       // clicks beside all spheres; drags that ended off the target
-  int frames = 0;       // shown meanwhile
-  int frames_lost = 0;  // of them without a pose: nothing was drawn into them
+  std::string chosen;                 // heights: the sphere, from 1; drag: the ball's place [m]
+  bool correct = false;               // heights: the highest; drag: within the tolerance
+  std::int64_t response_time_ns = 0;  // since it was shown, or since the last target was reached
+  double error_m = 0.0;  // heights: the highest above the chosen one; drag: from ball to target
+  int misses = 0;        // clicks beside all spheres; drags that ended off the target
+  int frames = 0;        // shown during the answer
+  int frames_lost = 0;   // of these without a pose: nothing was drawn
 };
 
-// The columns' names, and a row of them, without line break.
-[[nodiscard]] std::string_view study_header();
+inline constexpr std::string_view kStudyHeader =
+    "study,experiment,participant,block,trial,technique,sample,step,difficulty,places_m,chosen,"
+    "correct,response_time_s,error_m,misses,frames,frames_lost";
+// A row of these columns, without line break.
 [[nodiscard]] std::string format_study_row(const StudyRow& row);
 [[nodiscard]] std::optional<StudyRow> parse_study_row(std::string_view line);
+// "x y z;x y z" [m].
+[[nodiscard]] std::string format_places(std::span<const Eigen::Vector3d> places);
+// "easy" or "hard" for heights, else "".
+[[nodiscard]] std::string_view difficulty_of(bool heights, bool hard);
 
-// A results file, open to be added to.
+// A results file that is open for appending.
 class StudyFile {
  public:
-  // Makes the file, or opens one of the same study. A last line that was cut off (the power failed)
-  // is taken away. Fails, naming the file, where it is of another study or no study at all, where
-  // another study is writing to it, and where it has rows of this participant already, unless
-  // `resume`. A stream (standard output, a pipe) receives the header and this study's rows.
+  // Creates the file, or opens one of the same study. Removes a last line that was cut off. Fails
+  // if the file is of another study or of none, if another study is writing to it, and, unless
+  // `resume`, if it has rows of this participant. A stream receives the header and this study's
+  // rows.
   [[nodiscard]] static Result<StudyFile> open(const std::filesystem::path& file,
                                               const StudyDesign& design, bool resume);
   StudyFile(StudyFile&& other) noexcept;
@@ -60,9 +64,9 @@ class StudyFile {
   StudyFile& operator=(const StudyFile&) = delete;
   ~StudyFile();
 
-  // Every row, those of earlier participants too.
+  // All rows, including those of earlier participants.
   [[nodiscard]] const std::vector<StudyRow>& rows() const { return rows_; }
-  // On the disk when this returns.
+  // The rows are on disk when this returns.
   [[nodiscard]] Result<void> append(std::span<const StudyRow> rows);
 
  private:
@@ -76,15 +80,14 @@ class StudyFile {
 // The first trial of the plan that has no rows.
 [[nodiscard]] std::size_t first_open_trial(const StudyPlan& plan, std::span<const StudyRow> rows);
 
-// Per technique, over all participants. Answers of one participant are no independent sample of
-// people: with several participants, each counts with its own median (and share), and the interval
-// is over participants.
+// Results of a technique. The answers of one participant are not independent: with several
+// participants each one counts by its median (and share), and the interval is over participants.
 struct StudySummary {
   std::string technique;
   int participants = 0, answers = 0;
   std::optional<MedianEstimate> response_time_s;
   std::optional<MedianEstimate> error_m;
-  double wrong_share = 0.0;  // of several participants: the median of their shares
+  double wrong_share = 0.0;  // with several participants the median of their shares
   std::optional<Interval> wrong_interval;
 };
 [[nodiscard]] std::vector<StudySummary> summarise(const StudyDesign& design,

@@ -5,25 +5,23 @@
 #include <algorithm>
 #include <chrono>
 #include <memory>
-#include <string>
 #include <thread>
 #include <utility>
 
 #include "app/interrupt.hpp"
+#include "app/live/live_pipeline.hpp"
 #include "app/logging.hpp"
 #include "app/output/output_file.hpp"
 #include "app/replay/replay_poses.hpp"
 #include "app/replay/replay_run.hpp"
-#include "app/session/camera_choice.hpp"
 #include "app/session/session.hpp"
 #include "app/study/scripted_participant.hpp"
 #include "app/study/study_feed.hpp"
-#include "app/study/study_scene.hpp"
 #include "app/study/study_task.hpp"
+#include "app/tags_in_use.hpp"
 #include "app/window/hud.hpp"
 #include "app/window/overlay.hpp"
 #include "app/window/pointer.hpp"
-#include "core/camera/camera_file.hpp"
 #include "core/geometry/tag_map.hpp"
 #include "core/propagate.hpp"
 #include "core/units.hpp"
@@ -34,20 +32,14 @@ namespace {
 
 namespace fs = std::filesystem;
 
-// A scripted participant waits no longer for a picture that shows the table.
+// Longest wait of a scripted participant for an image that shows the table.
 constexpr std::int64_t kPatience_ns = 30'000'000'000;
-// A person's clock while waiting for the next picture.
+// Interval of polling for events while the next image is not due.
 constexpr std::chrono::milliseconds kPoll(1);
 
-std::int64_t now_ns() {
-  return std::chrono::duration_cast<std::chrono::nanoseconds>(
-             std::chrono::steady_clock::now().time_since_epoch())
-      .count();
-}
-
-// The session, the window and the participant. A person's times are of the monotonic clock: from
-// the swap of the first picture that shows the trial to the event. A script's are of the pictures'
-// own clock, so that nothing depends on how fast the machine is.
+// Runs the trials. A person's times are of the monotonic clock, from the swap of the first image
+// that shows the trial to the event. A script's are of the images' clock, so that they do not
+// depend on the machine's speed.
 class StudyLoop {
  public:
   StudyLoop(GlContext& context, Session& session, StudyFeed& feed, StudyTask& task, StudyFile& file,
@@ -68,7 +60,7 @@ class StudyLoop {
       } else if (command == WindowCommand::full_screen) {
         context_.toggle_full_screen();
       } else if (!script_) {
-        take(event, now_ns());
+        take(event, monotonic_ns());
       }
     });
   }
@@ -101,14 +93,14 @@ class StudyLoop {
   }
 
  private:
-  // ready: a person says when the block begins. pause: nothing is shown. trial: it is shown from
-  // the first picture on whose pose is known.
+  // ready: waits for a person to begin the block. pause: nothing is shown. trial: it is shown from
+  // the first image with a pose.
   enum class Phase { ready, pause, trial };
 
-  [[nodiscard]] std::int64_t time_ns() const { return script_ ? clock_ns_ : now_ns(); }
+  [[nodiscard]] std::int64_t time_ns() const { return script_ ? clock_ns_ : monotonic_ns(); }
   [[nodiscard]] GlContext::Size window() const {
     const GlContext::Size size = context_.window_size();
-    // Offscreen the picture stands for the window.
+    // Offscreen the image is the window.
     if (size.width <= 0) return {session_.camera().width(), session_.camera().height()};
     return size;
   }
@@ -128,18 +120,18 @@ class StudyLoop {
     if (!context_.poll_events()) closed_ = true;
   }
 
-  // Pictures come at their pace; one that is late puts off those behind it.
+  // Waits until the image is due. A late one delays all that follow.
   void wait_for(std::int64_t clock_ns) {
-    const std::int64_t now = now_ns();
+    const std::int64_t now = monotonic_ns();
     due_ns_ = last_clock_ns_ ? std::max(now, due_ns_ + clock_ns - *last_clock_ns_) : now;
     last_clock_ns_ = clock_ns;
-    while (now_ns() < due_ns_ && !closed_) {
+    while (monotonic_ns() < due_ns_ && !closed_) {
       std::this_thread::sleep_for(kPoll);
       poll();
     }
   }
 
-  // What the script says up to this time, on the picture that is on the screen until then.
+  // Does the script's actions up to this time, on the image that is shown.
   [[nodiscard]] Result<void> act_until(std::int64_t clock_ns) {
     if (!task_.shown()) {
       if (phase_ != Phase::trial) return {};
@@ -169,18 +161,11 @@ class StudyLoop {
     switch (event.kind) {
       case Kind::key_down:
         if (command_of_key(event) != WindowCommand::pause) break;  // the space bar
-        if (phase_ == Phase::ready) {
-          leave_ready(time_ns);
-        } else {
-          follow(task_.accept(time_ns), time_ns);
-        }
+        if (leave_ready(time_ns)) break;
+        follow(task_.accept(time_ns), time_ns);
         break;
       case Kind::button_down:
-        if (phase_ == Phase::ready) {
-          leave_ready(time_ns);
-        } else {
-          press(event, time_ns);
-        }
+        if (!leave_ready(time_ns)) press(event, time_ns);
         break;
       case Kind::pointer_moved:
         move(event, time_ns);
@@ -191,28 +176,28 @@ class StudyLoop {
         button_ = -1;
         follow(task_.release(time_ns), time_ns);
         break;
-      case Kind::key_up:
-      case Kind::scrolled:
-      case Kind::text:
+      default:
         break;
     }
   }
-  void leave_ready(std::int64_t time_ns) {
+  bool leave_ready(std::int64_t time_ns) {
+    if (phase_ != Phase::ready) return false;
     phase_ = Phase::pause;
     pause_ends_ns_ = time_ns + pause_ns_;
+    return true;
   }
   void press(const WindowEvent& event, std::int64_t time_ns) {
     pointer_ = {event.x, event.y};
     const SessionView view = session_.view();
     const auto pointer = pointer_in_window(view, window(), pointer_);
     if (!pointer || task_.holding()) return;
-    // As in the paper each button moves in two axes. Its y-z and x-z planes are seen edge-on from
-    // some sides of a view that goes about the table; what stays is up, and sideways in the view.
+    // As in the paper each button moves in two axes. Its y-z and x-z planes can be seen edge-on by
+    // a handheld camera, so the axes here are up, and sideways in the view.
     const bool lift = event.code != WindowEvent::kLeft || event.shift || event.control;
     follow(task_.press(*view.scene, *pointer, lift, time_ns), time_ns);
     if (task_.holding()) button_ = event.code;
   }
-  // A pointer at rest leaves the ball where it is on the table, also where the camera moves on.
+  // A pointer at rest leaves the ball where it is on the table while the camera moves.
   void move(const WindowEvent& event, std::int64_t time_ns) {
     const Eigen::Vector2d at(event.x, event.y);
     if (at == std::exchange(pointer_, at) || !task_.holding()) return;
@@ -237,7 +222,7 @@ class StudyLoop {
     const TrackStatus status = tracked.pose.status;
     const bool lit = phase_ == Phase::trial &&
                      (task_.shown() ? tracked.pose.has_pose() : status == TrackStatus::tracked);
-    if (!lit) {  // nothing is drawn into it
+    if (!lit) {  // draw nothing into it
       tracked.pose.status = TrackStatus::lost;
       tracked.pose.reason = "no trial is shown";
     }
@@ -257,7 +242,7 @@ class StudyLoop {
     return {};
   }
 
-  // What the participant is told; never which technique it is.
+  // Instructions for the participant; they never name the technique.
   [[nodiscard]] std::string words(TrackStatus status) const {
     const StudyTrial& trial = task_.trial();
     const StudyDesign& design = task_.plan().design;
@@ -292,10 +277,10 @@ class StudyLoop {
 
   Phase phase_ = Phase::ready;
   std::int64_t pause_ends_ns_ = 0;
-  std::optional<std::int64_t> trial_began_ns_;  // of a script: with its first picture
-  std::int64_t clock_ns_ = 0;                   // of the last picture
-  std::int64_t due_ns_ = 0;                     // of the last picture, on the monotonic clock
-  std::optional<std::int64_t> last_clock_ns_;   // of the last picture that was waited for
+  std::optional<std::int64_t> trial_began_ns_;         // of a script: with its first image
+  std::int64_t clock_ns_ = 0;                          // of the last image
+  std::int64_t due_ns_ = 0;                            // of the last image, on the monotonic clock
+  std::optional<std::int64_t> last_clock_ns_;          // of the last image that was waited for
   Eigen::Vector2d pointer_ = Eigen::Vector2d::Zero();  // [px] of the window
   int button_ = -1;                                    // that holds the ball
   bool closed_ = false;
@@ -305,22 +290,21 @@ class StudyLoop {
 struct Pictures {
   CameraModel camera;
   PoseSource poses;
-  std::unique_ptr<StudyFeed> feed;  // of a recording; a camera is opened when all else is ready
+  std::unique_ptr<StudyFeed> feed;  // of a recording; a camera is opened last
 };
 
 Result<Pictures> open_pictures(const StudyRequest& request, const Scene& scene) {
-  if (request.recording) {
+  if (!request.from_camera) {
     OpenRecordingOptions options;
     options.tags = request.tags;
     options.require_tags = !request.poses_from;
-    PENUMBRA_TRY(const auto recording, open_recording(*request.recording, options));
+    PENUMBRA_TRY(const auto recording, open_recording(request.recording, options));
     for (const std::string& notice : recording.notices) log_warning("{}", notice);
     if (!is_stream(request.results) && lies_in(request.results, recording.folder)) {
       return fail("{}: lies in the recording {}, which is only read; name a place outside it",
                   request.results.string(), recording.folder.string());
     }
     ReplayRequest replay;
-    replay.recording = *request.recording;
     replay.tags = request.tags;
     replay.poses_from = request.poses_from;
     replay.tracking = request.tracking;
@@ -331,11 +315,11 @@ Result<Pictures> open_pictures(const StudyRequest& request, const Scene& scene) 
   }
   PENUMBRA_TRY(const auto camera,
                load_chosen_camera(request.camera.calibration, request.camera.camera_name));
-  PENUMBRA_TRY(const auto tags, load_tag_map(request.camera_tags));
+  PENUMBRA_TRY(const auto tags, load_tag_map(*request.tags));
   auto tracker =
       GroupTracker::create(camera, tags, request.tracking,
-                           wanted_groups(scene, tags, request.camera_tags, OutputRequest(), true));
-  if (!tracker) return fail_in(request.camera_tags.string(), tracker.error());
+                           wanted_groups(scene, tags, *request.tags, OutputRequest(), true));
+  if (!tracker) return fail_in(request.tags->string(), tracker.error());
   return Pictures{camera, std::move(*tracker), nullptr};
 }
 
@@ -345,10 +329,7 @@ Result<void> check_paths(const StudyRequest& request) {
     if (file) read.push_back(*file);
   }
   if (request.poses_from) read.emplace_back(*request.poses_from);
-  if (!request.recording) {
-    read.push_back(request.camera.calibration);
-    read.push_back(request.camera_tags);
-  }
+  if (request.from_camera) read.push_back(request.camera.calibration);
   if (is_stream(request.results)) return {};
   for (const fs::path& written : {request.results, summary_path(request.results)}) {
     for (const fs::path& file : read) {
@@ -378,7 +359,7 @@ Result<StudyReport> run_study(const StudyRequest& request) {
   const auto scene = std::make_shared<const Scene>(study_scene(request.design.experiment));
   PENUMBRA_TRY(auto pictures, open_pictures(request, *scene));
 
-  // A script has nobody who looks: the window need not wait for the display.
+  // A script does not need vertical synchronisation.
   PENUMBRA_TRY(auto context, open_run_context({request.window, !script},
                                               {pictures.camera.width(), pictures.camera.height()}));
   const bool has_window = context->window_size().width > 0;
@@ -395,12 +376,12 @@ Result<StudyReport> run_study(const StudyRequest& request) {
   }
   std::unique_ptr<StudyFeed> feed = std::move(pictures.feed);
   if (!feed) {
-    PENUMBRA_TRY(auto source, open_live_source(request.camera, pictures.camera));
+    PENUMBRA_TRY(auto source, open_live_source(request.camera, &pictures.camera));
     feed = feed_of_camera(std::move(source));
   }
 
   StudyReport report;
-  std::optional<OutputFile> summary_file;  // beside the answers, which a stream does not have
+  std::optional<OutputFile> summary_file;  // beside the answers, unless they go to a stream
   if (!is_stream(request.results)) {
     report.summary_file = summary_path(request.results);
     PENUMBRA_TRY(auto created, OutputFile::create(report.summary_file));
@@ -416,7 +397,7 @@ Result<StudyReport> run_study(const StudyRequest& request) {
                    request.pause_s);
     done = loop.run(interrupt);
   }
-  // A failure after the display is lost is its consequence.
+  // The lost display is the cause of any other failure.
   if (auto lost = display_loss(*context)) done = tl::unexpected(*lost);
   report.trials = static_cast<int>(plan.trials.size());
   report.answered = static_cast<int>(first_open_trial(plan, file.rows()));

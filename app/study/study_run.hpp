@@ -1,4 +1,4 @@
-// A participant's session: trial after trial in the window, answers into the results file.
+// Runs a participant's session: trials in the window, answers into the results file.
 #pragma once
 
 #include <filesystem>
@@ -19,21 +19,20 @@ struct StudyRequest {
   std::filesystem::path results;
   bool resume = false;
   std::optional<std::filesystem::path> script;  // of a scripted participant
-  double pause_s = 1.0;                         // between two trials, without spheres
-  // Where pictures come from: a recording, or else the camera.
-  std::optional<std::filesystem::path> recording;
-  std::optional<std::filesystem::path> tags;  // instead of the recording's
+  double pause_s = 1.0;                         // without spheres between two trials [s]
+  bool from_camera = false;                     // in place of the recording
+  std::filesystem::path recording;
+  std::optional<std::filesystem::path> tags;  // instead of the recording's; a camera needs them
   std::optional<std::string> poses_from;      // of a recording: "groundtruth" or a TUM file
   CameraRequest camera;
-  std::filesystem::path camera_tags;  // what lies under the camera
   TrackerOptions tracking;
-  bool window = true;  // where there is a display; a person needs one
+  bool window = true;  // if there is a display; a person needs one
 };
 
 struct StudyReport {
   int trials = 0;                      // of the participant
   int answered = 0;                    // of them, so far
-  std::filesystem::path summary_file;  // empty where the answers went to a stream
+  std::filesystem::path summary_file;  // empty if the answers went to a stream
   std::vector<StudySummary> summary;   // of everyone in the results file
 };
 

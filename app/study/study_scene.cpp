@@ -1,4 +1,4 @@
-#include "app/study/study_scene.hpp"
+#include "app/study/study_task.hpp"
 
 #include <memory>
 #include <numeric>

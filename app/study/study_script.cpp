@@ -78,26 +78,23 @@ std::optional<int> button_of(std::string_view word) {
   return std::nullopt;
 }
 
-// Everything behind trial and time.
+// Parses the words after trial and time.
 std::optional<ScriptAction> action_of(Words words) {
   using Kind = ScriptAction::Kind;
   ScriptAction action;
-  Words place;
-  if (words[0] == "click") {
-    action.kind = Kind::click;
-    place = words.subspan(1);
-  } else if (words[0] == "move") {
-    action.kind = Kind::move;
-    place = words.subspan(1);
+  if (words.size() == 1 && (words[0] == "release" || words[0] == "accept")) {
+    action.kind = words[0] == "release" ? Kind::release : Kind::accept;
+    return action;
+  }
+  Words place = words.subspan(1);
+  if (words[0] == "click" || words[0] == "move") {
+    action.kind = words[0] == "click" ? Kind::click : Kind::move;
   } else if (words[0] == "press" && words.size() > 1) {
     const auto button = button_of(words[1]);
     if (!button) return std::nullopt;
     action.kind = Kind::press;
     action.button = *button;
     place = words.subspan(2);
-  } else if ((words[0] == "release" || words[0] == "accept") && words.size() == 1) {
-    action.kind = words[0] == "release" ? Kind::release : Kind::accept;
-    return action;
   } else {
     return std::nullopt;
   }

@@ -1,5 +1,5 @@
-// A scripted participant: what is done in each trial, and when. For tests of a study's set-up: what
-// it writes must be what the script says.
+// A scripted participant: the actions in each trial and their times. It tests the set-up of a
+// study.
 //
 //   # trial  seconds  action
 //   1        1.25     click sphere 2
@@ -9,10 +9,10 @@
 //   3        2.00     release
 //   4        0.50     accept
 //
-// Trials are numbered from 1 over all blocks, seconds count from when the trial's spheres are
-// shown; both go up. A place is `sphere N`, `ball`, `table X Y Z` [m], `pixel U V` of the picture
-// or, for what is held, `by DX DY DZ` [m]: from where it was taken. `accept` is the space bar: the
-// sphere is on its target as well as it will ever be.
+// Trials are numbered from 1 over all blocks, seconds count from the showing of the trial's
+// spheres; both increase. A place is `sphere N`, `ball`, `table X Y Z` [m], `pixel U V` of the
+// image or, for a held object, `by DX DY DZ` [m] from where it was taken. `accept` is the space
+// bar: the sphere is as near its target as the participant can bring it.
 #pragma once
 
 #include <Eigen/Core>
@@ -48,7 +48,7 @@ struct StudyScript {
   std::vector<ScriptAction> actions;
 };
 
-// Errors name the line and what would be right there.
+// Errors name the line and the right form.
 [[nodiscard]] Result<StudyScript> parse_study_script(std::string_view text, std::string name);
 [[nodiscard]] Result<StudyScript> load_study_script(const std::filesystem::path& file);
 

@@ -1,5 +1,4 @@
-// Medians and shares with 95 % confidence intervals, of few values and without assumptions on their
-// distribution. Pure.
+// Medians and shares with distribution-free 95 % confidence intervals, for few values. Pure.
 #pragma once
 
 #include <optional>
@@ -13,7 +12,7 @@ struct Interval {
 
 struct MedianEstimate {
   double median = 0.0;
-  // 95 % or a little more; absent below 6 values, where no two of them hold the median so often.
+  // At least 95 %; absent below 6 values, which are too few for it.
   std::optional<Interval> interval;
 };
 

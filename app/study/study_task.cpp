@@ -1,11 +1,8 @@
 #include "app/study/study_task.hpp"
 
-#include <fmt/format.h>
-
-#include <algorithm>
+#include <array>
 #include <utility>
 
-#include "app/study/study_scene.hpp"
 #include "core/assert.hpp"
 
 namespace penumbra {
@@ -135,7 +132,7 @@ void StudyTask::answer_step(std::int64_t time_ns, Outcome& outcome) {
   StudyRow answer = row();
   answer.step = static_cast<int>(step_);
   answer.places = {target()};
-  answer.chosen = fmt::format("{:.4f} {:.4f} {:.4f}", ball_.x(), ball_.y(), ball_.z());
+  answer.chosen = format_places(std::array{ball_});
   answer.error_m = (ball_ - target()).norm();
   answer.correct = answer.error_m <= plan_.design.tolerance_m;
   answer.response_time_ns = time_ns - step_ns_;

@@ -1,9 +1,8 @@
-// One participant at work: what each trial shows, what a pointer does to it, and what was answered.
-// Knows no window and no clock: whoever calls says when things happened.
+// State of one participant's trials: what is shown, what the pointer does to it, and the answers.
+// It uses no window and no clock; the caller gives the times.
 #pragma once
 
 #include <cstdint>
-#include <optional>
 #include <vector>
 
 #include "app/session/scene_edit.hpp"
@@ -14,40 +13,49 @@
 
 namespace penumbra {
 
+inline constexpr const char* kStudyBall = "ball";
+inline constexpr const char* kStudyTarget = "target";
+[[nodiscard]] std::string study_sphere(int index);  // "sphere 1" is index 0's
+
+// The scene has one shadow node, "shadows", with what every technique needs: the table, two walls
+// at the far edges of the workspace, and a lamp above the middle. The layers' constants are for a
+// workspace up to the highest sphere.
+[[nodiscard]] Scene study_scene(StudyExperiment experiment);
+
 class StudyTask {
  public:
-  // Begins with this trial of the plan, which may be behind the last one.
+  // Begins with this trial of the plan; past the last one, the task is finished.
   StudyTask(StudyPlan plan, std::size_t first_trial);
 
   [[nodiscard]] const StudyPlan& plan() const { return plan_; }
   [[nodiscard]] bool finished() const { return at_ >= plan_.trials.size(); }
-  // Of the present trial; not when finished.
+  // The current trial; not when finished.
   [[nodiscard]] const StudyTrial& trial() const { return plan_.trials[at_]; }
   [[nodiscard]] const StudySample& sample() const {
     return plan_.samples[static_cast<std::size_t>(trial().sample)];
   }
-  // Whether the present trial is on the screen.
+  // Returns true while the current trial is on the screen.
   [[nodiscard]] bool shown() const { return shown_; }
   [[nodiscard]] std::int64_t shown_ns() const { return shown_ns_; }
 
-  // What sets the scene up for the present trial.
+  // Edits that set up the scene for the current trial.
   [[nodiscard]] std::vector<SceneEdit> set_up(const Scene& scene) const;
-  // The trial is on the screen from now on: its time runs.
+  // Marks the trial as shown and starts its time.
   void show(std::int64_t time_ns);
   void count_frame(bool has_pose);
 
-  // What a person does; ignored while no trial is shown. The scene is as edited so far.
+  // Actions of a person; ignored while no trial is shown. The scene has all edits so far.
   struct Outcome {
     std::vector<SceneEdit> edits;
     std::vector<StudyRow> rows;  // of the trial, once it is over
-    bool over = false;           // the next trial is the present one
+    bool over = false;           // the next trial is the current one
   };
   // `lift`: up and sideways rather than along the table.
   [[nodiscard]] Outcome press(const Scene& scene, const PointerView& pointer, bool lift,
                               std::int64_t time_ns);
   [[nodiscard]] Outcome move(const PointerView& pointer);
   [[nodiscard]] Outcome release(std::int64_t time_ns);
-  // The ball is left where it is, on its target or not.
+  // Accepts the ball's place, on its target or not.
   [[nodiscard]] Outcome accept(std::int64_t time_ns);
   [[nodiscard]] bool holding() const { return hand_.holding(); }
 
@@ -61,16 +69,16 @@ class StudyTask {
   std::size_t at_ = 0;
   bool shown_ = false;
   std::int64_t shown_ns_ = 0;
-  std::int64_t step_ns_ = 0;  // when the present step began
-  std::size_t step_ = 1;      // of a drag: which target, from 1
+  std::int64_t step_ns_ = 0;  // start of the current step
+  std::size_t step_ = 1;      // of a drag: the target, from 1
   int misses_ = 0, frames_ = 0, frames_lost_ = 0;
   Eigen::Vector3d ball_ = Eigen::Vector3d::Zero();
   Manipulator hand_;
-  std::vector<StudyRow> rows_;  // of the present trial
+  std::vector<StudyRow> rows_;  // of the current trial
 };
 
-// The scene's present state, ahead of the picture where something was edited since; the target of a
-// drag can't be taken.
+// The scene's current state, with edits that are not drawn yet. The target of a drag can't be
+// picked.
 [[nodiscard]] SceneState takeable(const Scene& scene);
 
 }  // namespace penumbra

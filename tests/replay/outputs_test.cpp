@@ -157,7 +157,7 @@ TEST(TextOutputs, StudyWritesTheSameAnswersEverywhere) {
                                    "--output");
   const std::vector<std::string> lines = test::lines_of(text);
   ASSERT_EQ(lines.size(), 3U);
-  EXPECT_EQ(lines[0], study_header());
+  EXPECT_EQ(lines[0], kStudyHeader);
   for (const std::size_t trial : {1U, 2U}) {
     const auto row = parse_study_row(lines[trial]);
     ASSERT_TRUE(row) << lines[trial];

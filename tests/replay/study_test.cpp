@@ -75,7 +75,7 @@ std::vector<StudyRow> rows_of(const fs::path& results) {
   const std::vector<std::string> lines = lines_of(bytes_of(results));
   for (std::size_t i = 0; i < lines.size(); ++i) {
     if (i == 0) {
-      EXPECT_EQ(lines[0], study_header());
+      EXPECT_EQ(lines[0], kStudyHeader);
       continue;
     }
     const auto row = parse_study_row(lines[i]);

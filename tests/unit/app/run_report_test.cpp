@@ -80,7 +80,7 @@ TEST(RunReport, TheGpusTimeIsAStageOnlyWhereItIsMeasured) {
   }
   SessionFrame again = frame_of(TrackStatus::tracked, 3, false);
   again.composite.gpu_ms = {6.0};
-  run.add_redrawn(again);
+  run.add_work(again.composite);
   run.add_gpu_times(std::vector<double>{8.0});
   const Json json = Json::parse(report_json(run.report()));
   EXPECT_EQ(json["time_ms"]["gpu"]["count"], 5);
@@ -331,7 +331,7 @@ TEST(RunReport, AccuracyIsOfTheTrackedFramesThatWereProcessed) {
     frame.tracked.pose.T_table_camera = i == 4 ? beside : kAbove;
     run.add_frame(frame);
   }
-  const Evaluation accuracy = accuracy_of(camera, run, truth);
+  const Evaluation accuracy = accuracy_of(camera, run, run.tracked(), truth);
   EXPECT_EQ(accuracy.frames_with_truth, 4);
   EXPECT_EQ(accuracy.frames_judged, 3);
   EXPECT_NEAR(accuracy.translation_mm.max, 3.0, 1e-9);

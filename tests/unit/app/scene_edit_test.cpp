@@ -7,6 +7,7 @@
 #include <limits>
 
 #include "support/recording_folder.hpp"
+#include "support/scene_events.hpp"
 #include "support/studio.hpp"
 #include "support/utf16.hpp"
 
@@ -70,11 +71,11 @@ TEST(SceneEdit, AMoveIsReadAsItWasWrittenBitForBit) {
     placed.turned = turned;
     const std::string line = event_line({1311868164363181123, placed});
     EXPECT_THAT(line, testing::HasSubstr(turned ? "\"object_rotated\"" : "\"object_moved\""));
-    const auto event = parse_event_line(line, "test");
-    ASSERT_TRUE(event) << event.error().message;
-    ASSERT_TRUE(event->has_value());
-    EXPECT_EQ((*event)->timestamp_ns, 1311868164363181123);
-    const auto& read = std::get<ObjectPlaced>((*event)->edit);
+    const auto events = test::events_of(line);
+    ASSERT_TRUE(events) << events.error().message;
+    ASSERT_EQ(events->edits.size(), 1U);
+    EXPECT_EQ(events->edits[0].timestamp_ns, 1311868164363181123);
+    const auto& read = std::get<ObjectPlaced>(events->edits[0].edit);
     EXPECT_EQ(read.object, placed.object);
     EXPECT_EQ(read.turned, turned);
     EXPECT_EQ(read.placement.position, placed.placement.position);
@@ -91,9 +92,9 @@ TEST(SceneEdit, AStyleIsReadAsItWasWrittenAlsoAtTheZenith) {
       std::numeric_limits<double>::infinity();
   styled.style.layered.umbra_height = 1.0 / 3.0;
   styled.style.fractions = {0.1, 0.3, 0.7};
-  const auto event = parse_event_line(event_line({5, styled}), "test");
-  ASSERT_TRUE(event && *event);
-  const auto& read = std::get<ShadowStyled>((*event)->edit);
+  const auto events = test::events_of(event_line({5, styled}));
+  ASSERT_TRUE(events && events->edits.size() == 1);
+  const auto& read = std::get<ShadowStyled>(events->edits[0].edit);
   EXPECT_EQ(read.node, styled.node);
   EXPECT_EQ(read.style.technique, styled.style.technique);
   EXPECT_EQ(read.style.kernels, styled.style.kernels);
@@ -102,25 +103,25 @@ TEST(SceneEdit, AStyleIsReadAsItWasWrittenAlsoAtTheZenith) {
   EXPECT_EQ(read.style.fractions.middle, 0.3);
   EXPECT_FALSE(read.style.light_rays) << "as in recordings made before there were any";
   styled.style.light_rays = true;
-  const auto with_rays = parse_event_line(event_line({5, styled}), "test");
-  ASSERT_TRUE(with_rays && *with_rays);
-  EXPECT_TRUE(std::get<ShadowStyled>((*with_rays)->edit).style.light_rays);
+  const auto with_rays = test::events_of(event_line({5, styled}));
+  ASSERT_TRUE(with_rays && with_rays->edits.size() == 1);
+  EXPECT_TRUE(std::get<ShadowStyled>(with_rays->edits[0].edit).style.light_rays);
 }
 
 TEST(SceneEdit, OtherEventsAreNoEditsAndDamagedOnesAreErrors) {
-  const auto other = parse_event_line(R"({"timestamp_s":1.5,"event":"start"})", "test");
+  const auto other = test::events_of(R"({"timestamp_s":1.5,"event":"start"})");
   ASSERT_TRUE(other);
-  EXPECT_FALSE(other->has_value());
+  EXPECT_TRUE(other->edits.empty());
   for (
       const char* bad :
-      {"", "[]", "nonsense", R"({"timestamp_s":1,"event":"object_moved"})",
+      {"[]", "nonsense", R"({"timestamp_s":1,"event":"object_moved"})",
        R"({"event":"object_moved","object":"a","position":[0,0,0],"quaternion_xyzw":[0,0,0,1],"scale":1})",
        R"({"timestamp_s":1,"event":"object_moved","object":"a","position":[0,0],"quaternion_xyzw":[0,0,0,1],"scale":1})",
        R"({"timestamp_s":1,"event":"object_moved","object":"a","position":[0,0,0],"quaternion_xyzw":[0,0,0,9],"scale":1})",
        R"({"timestamp_s":1,"event":"object_moved","object":"a","position":[0,0,"x"],"quaternion_xyzw":[0,0,0,1],"scale":1})",
        R"({"timestamp_s":1,"event":"object_moved","object":"a","position":[0,0,1e300],"quaternion_xyzw":[0,0,0,1],"scale":1})",
        R"({"timestamp_s":1,"event":"shadow_changed","node":"a","technique":"magic"})"}) {
-    EXPECT_FALSE(parse_event_line(bad, "test")) << bad;
+    EXPECT_FALSE(test::events_of(bad)) << bad;
   }
 }
 

@@ -7,6 +7,7 @@
 
 #include "app/session/session.hpp"
 #include "render/scene/shapes.hpp"
+#include "support/scene_events.hpp"
 #include "support/studio.hpp"
 
 namespace penumbra {
@@ -52,7 +53,7 @@ class EditedSession : public testing::Test {
     Frame frame = test::plain_frame(kPictureWidth, kPictureHeight, 200);
     frame.timestamp_ns = 1'000'000'000LL * frame_number++;
     picture.assign(static_cast<std::size_t>(kPictureWidth) * kPictureHeight * 4, 0);
-    return session->step(frame, picture).value();
+    return session->draw(session->track(frame), picture).value();
   }
   [[nodiscard]] ShadowStyled styled(const char* name) const {
     for (const ShadowNode& node : session->view().scene->shadows) {
@@ -230,7 +231,7 @@ TEST_F(EditedSession, ReplayedEditsGiveTheSamePictures) {
   ASSERT_EQ(lines.size(), edits.size());
   restart({});
   for (std::size_t i = 0; i < lines.size(); ++i) {
-    ASSERT_TRUE(session->replay_edit((*parse_event_line(lines[i], "test"))->edit));
+    ASSERT_TRUE(session->replay_edit(test::events_of(lines[i])->edits.at(0).edit));
     EXPECT_TRUE(step().edits.empty());
     EXPECT_EQ(picture, pictures[i]) << "frame " << i;
   }

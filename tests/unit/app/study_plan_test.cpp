@@ -8,7 +8,7 @@
 #include <utility>
 #include <vector>
 
-#include "app/study/study_scene.hpp"
+#include "app/study/study_task.hpp"
 
 namespace penumbra {
 namespace {

@@ -133,7 +133,7 @@ TEST(StudyRow, IsReadAsItWasWritten) {
     EXPECT_FALSE(parse_study_row(damaged)) << wrong;
   }
   const auto commas = [](std::string_view text) { return std::ranges::count(text, ','); };
-  EXPECT_EQ(commas(line), commas(study_header()));
+  EXPECT_EQ(commas(line), commas(kStudyHeader));
 }
 
 // As spreadsheets save it.
@@ -141,7 +141,7 @@ TEST(StudyFile, MayBeginWithAByteOrderMark) {
   const test::TemporaryFolder folder;
   const fs::path path = folder.path() / "answers.csv";
   const std::string row = format_study_row(row_of(design_of(1), 1, 1, 1.0, true)) + "\n";
-  const std::string text = std::string(study_header()) + "\n" + row;
+  const std::string text = std::string(kStudyHeader) + "\n" + row;
   std::ofstream(path) << "\xEF\xBB\xBF" + text + row.substr(0, 20);
   {
     auto file = StudyFile::open(path, design_of(2), false);
@@ -169,7 +169,7 @@ TEST(StudyFile, KeepsWhatIsThereAndRefusesWhatDoesNotBelong) {
     auto file = StudyFile::open(path, first, false);
     ASSERT_TRUE(file) << file.error().message;
     ASSERT_TRUE(file->append(std::vector{row_of(first, 1, 1, 1.0, true)}));
-    EXPECT_EQ(text_of(path), std::string(study_header()) + "\n" +
+    EXPECT_EQ(text_of(path), std::string(kStudyHeader) + "\n" +
                                  format_study_row(row_of(first, 1, 1, 1.0, true)) + "\n");
     const auto twice = StudyFile::open(path, design_of(2), false);
     ASSERT_FALSE(twice);
@@ -205,7 +205,7 @@ TEST(StudyFile, LosesOnlyTheLineThatWasCutOff) {
   const test::TemporaryFolder folder;
   const fs::path path = folder.path() / "answers.csv";
   const StudyDesign design = design_of(1);
-  const std::string whole = std::string(study_header()) + "\n" +
+  const std::string whole = std::string(kStudyHeader) + "\n" +
                             format_study_row(row_of(design, 1, 1, 1.0, true)) + "\n" +
                             format_study_row(row_of(design, 1, 2, 1.5, true)) + "\n";
   const StudyPlan plan = plan_study(design);

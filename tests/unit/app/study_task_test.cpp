@@ -7,7 +7,6 @@
 #include <vector>
 
 #include "app/study/scripted_participant.hpp"
-#include "app/study/study_scene.hpp"
 #include "app/study/study_script.hpp"
 #include "core/text/text.hpp"
 #include "support/cameras.hpp"
