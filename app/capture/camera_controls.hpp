@@ -1,4 +1,4 @@
-// How a person wants a camera to be, whatever library opens it.
+// Requested settings of a camera, for every library that opens one.
 #pragma once
 
 #include <optional>
@@ -7,40 +7,45 @@
 
 namespace penumbra {
 
-// What a person sets; nothing: as the camera is. Focus is always locked where it can be: a lens
-// that moves is another camera model.
+// Empty fields leave the camera as it is. Focus is always locked if possible: a lens that moves is
+// another camera model.
 struct CameraControls {
   std::optional<double> exposure_ms;
   bool auto_exposure = false;
-  std::optional<double> gain;  // in the camera's own steps; times by libcamera
+  std::optional<double> gain;  // V4L2: in the camera's steps; libcamera: a factor
   std::optional<int> white_balance_k;
   bool auto_white_balance = false;
-  std::optional<double> focus;  // in the camera's own steps; dioptres by libcamera
+  std::optional<double> focus;  // V4L2: in the camera's steps; libcamera: dioptres
 };
 
-// The stream that a person wishes for; what the camera grants is obeyed.
+// The requested stream; the camera may grant another one.
 struct RequestedSettings {
   int width = 640;    // [px]
   int height = 480;   // [px]
-  double fps = 30.0;  // where the rate can be set at all
-  // grey, nv12, yu12, yuyv or mjpeg; nothing: the one that costs least at that size and rate.
+  double fps = 30.0;  // only where the rate can be set
+  // grey, nv12, yu12, yuyv or mjpeg; empty: the cheapest one at that size and rate.
   std::optional<std::string> format;
-  // JPEGs are written to disk as they come, others have to be coded: they cost more then.
-  bool recording = false;
+  bool recording = false;  // prefers JPEG, which is stored without encoding
   CameraControls controls;
 };
 
-// Values that a control takes, in the unit of its option.
+// Values that a control accepts, in the unit of its option.
 struct ControlRange {
   double lowest = 0.0;
   double highest = 0.0;
 };
+// "exposure: the camera gives 66.7 ms for 500 ms; it takes 0.06 to 66.7 ms". `unit`: with a blank
+// before it, or empty. `range`: empty if unknown.
+[[nodiscard]] std::string changed_control_text(std::string_view name, std::string_view unit,
+                                               double requested, double given,
+                                               const std::optional<ControlRange>& range);
+
 struct GrantedControl {
   double value = 0.0;
-  std::optional<std::string> warning;  // where the value is not the requested one
+  std::optional<std::string> warning;  // if the value is not the requested one
 };
-// Clamps a requested value to the control's range. `unit`: with a blank before it, or empty. A
-// range that is empty, zero or not finite counts as unknown.
+// Clamps a requested value to the control's range. A range that is empty, zero or not finite counts
+// as unknown.
 [[nodiscard]] GrantedControl granted_control(std::string_view name, std::string_view unit,
                                              double requested, const ControlRange& range);
 

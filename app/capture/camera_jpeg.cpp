@@ -6,22 +6,21 @@
 #include <utility>
 
 #include "app/logging.hpp"
-#include "core/image/image_file.hpp"
 #include "core/image/jpeg_file.hpp"
 #include "core/image/jpeg_outline.hpp"
 
 namespace penumbra {
 namespace {
 
-void keep_first_lines(Frame& frame, int height) {
-  for (std::size_t i = 0; i < static_cast<std::size_t>(frame.plane_count); ++i) {
-    const bool is_half = i > 0 && frame.format == PixelFormat::yuv420p;
-    frame.planes[i].height = is_half ? (height + 1) / 2 : height;
-  }
-  frame.height = height;
+// Hardware encoders pad images to whole blocks of 16 lines: 1088 for 1080. The first lines are the
+// image.
+bool has_padding_lines(const ImageSize& image, const ImageSize& granted) {
+  constexpr int kLargestBlock = 16;
+  return image.width == granted.width && image.height > granted.height &&
+         image.height - granted.height < kLargestBlock;
 }
 
-Frame fitted(Frame frame, const ImageSize& size) {
+Frame without_padding(Frame frame, const ImageSize& size) {
   if (!has_padding_lines({frame.width, frame.height}, size)) return frame;
   static std::atomic<bool> is_reported = false;
   if (!is_reported.exchange(true)) {
@@ -29,38 +28,32 @@ Frame fitted(Frame frame, const ImageSize& size) {
         "JPEGs have {} lines; the first {} are used, the others are their encoder's padding",
         frame.height, size.height);
   }
-  keep_first_lines(frame, size.height);
+  frame.height = size.height;
+  for (std::size_t i = 0; i < static_cast<std::size_t>(frame.plane_count); ++i) {
+    const bool is_half = i > 0 && frame.format == PixelFormat::yuv420p;
+    frame.planes[i].height = is_half ? (size.height + 1) / 2 : size.height;
+  }
   return frame;
 }
 
 }  // namespace
 
-bool has_padding_lines(const ImageSize& image, const ImageSize& granted) {
-  constexpr int kLargestBlock = 16;
-  return image.width == granted.width && image.height > granted.height &&
-         image.height - granted.height < kLargestBlock;
-}
-
 Started<CameraJpeg> receive_camera_jpeg(std::span<const std::uint8_t> bytes,
                                         const ImageSize& granted, std::string_view remedy) {
   const auto outline = outline_jpeg(bytes);
   if (!outline) {
-    return tl::unexpected<Trouble>(
-        {CaptureFault::damaged,
-         fmt::format("an incomplete JPEG is skipped ({}); {}", outline.error().message, remedy)});
+    return fail_with(CaptureFault::damaged, "an incomplete JPEG is skipped ({}); {}",
+                     outline.error().message, remedy);
   }
   const ImageSize size{outline->width, outline->height};
   if (size != granted && !has_padding_lines(size, granted)) {
-    return tl::unexpected<Trouble>(
-        {CaptureFault::wrong_format,
-         fmt::format("a JPEG of {}x{} px is skipped, as the stream is {}x{} px; choose another "
-                     "--size or --format",
-                     size.width, size.height, granted.width, granted.height)});
+    return fail_with(CaptureFault::wrong_format, kOtherJpegSize, size.width, size.height,
+                     granted.width, granted.height);
   }
   CameraJpeg image{outline->bytes, std::nullopt};
   if (outline->has_end_mark) return image;
   auto frame = decode_camera_jpeg(outline->bytes, "a frame", granted, remedy);
-  if (!frame) return tl::unexpected<Trouble>({CaptureFault::damaged, frame.error().message});
+  if (!frame) return fail_with(CaptureFault::damaged, "{}", frame.error().message);
   image.frame = std::move(*frame);
   return image;
 }
@@ -69,7 +62,7 @@ Result<Frame> decode_camera_jpeg(std::span<const std::uint8_t> bytes, const std:
                                  const ImageSize& granted, std::string_view remedy) {
   auto frame = decode_jpeg(bytes, name, remedy);
   if (!frame) return frame;
-  return fitted(std::move(*frame), granted);
+  return without_padding(std::move(*frame), granted);
 }
 
 Result<Frame> decode_recorded_image(std::span<const std::uint8_t> bytes, const std::string& name,
@@ -77,7 +70,7 @@ Result<Frame> decode_recorded_image(std::span<const std::uint8_t> bytes, const s
                                     const DecodeOptions& options) {
   auto frame = decode_image(bytes, name, options);
   if (!frame || !size || !is_jpeg(bytes)) return frame;
-  return fitted(std::move(*frame), *size);
+  return without_padding(std::move(*frame), *size);
 }
 
 }  // namespace penumbra

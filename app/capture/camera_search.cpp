@@ -1,7 +1,5 @@
 #include "app/capture/camera_search.hpp"
 
-#include <utility>
-
 namespace penumbra {
 
 void CameraSearch::begin() {
@@ -9,20 +7,20 @@ void CameraSearch::begin() {
   others_.clear();
 }
 
-std::optional<std::size_t> CameraSearch::find(std::span<const V4l2Identity> there) {
+std::optional<std::size_t> CameraSearch::find(std::span<const V4l2Identity> connected) {
   const bool first_look = std::exchange(first_look_, false);
   std::optional<std::size_t> moved;
-  std::set<std::string> places;  // of new cameras of its make; one may have several devices
-  for (std::size_t i = 0; i < there.size(); ++i) {
-    const V4l2Identity& camera = there[i];
+  std::set<std::string> places;  // of new cameras of its model; one may have several devices
+  for (std::size_t i = 0; i < connected.size(); ++i) {
+    const V4l2Identity& camera = connected[i];
     if (is_in_place(camera)) return i;
-    if (!is_of_make(camera)) continue;
+    if (!is_of_model(camera)) continue;
     if (first_look) others_.insert(camera.bus);
     if (others_.contains(camera.bus)) continue;
     if (places.insert(camera.bus).second) moved = i;
   }
   if (places.size() != 1) return std::nullopt;
-  lost_ = there[*moved];
+  lost_ = connected[*moved];
   return moved;
 }
 

@@ -1,4 +1,4 @@
-// Which of the cameras that are there is the one that was lost.
+// Recognises a lost camera among the connected ones.
 #pragma once
 
 #include <cstddef>
@@ -12,30 +12,30 @@
 
 namespace penumbra {
 
-// Two cameras of one make tell themselves apart by their place on the bus only, and each has its
-// own calibration. So: the one in the old place; or, in a new place, the one of its make that came
-// since it was lost, if there is just one such.
+// Cameras of one model differ only by their place on the bus, and each has its own calibration. So
+// the camera in the old place is the lost one; or, in a new place, the only one of its model that
+// was connected since.
 class CameraSearch {
  public:
   explicit CameraSearch(V4l2Identity lost) : lost_(std::move(lost)) {}
 
   [[nodiscard]] bool is_in_place(const V4l2Identity& camera) const {
-    return is_of_make(camera) && camera.bus == lost_.bus;
+    return is_of_model(camera) && camera.bus == lost_.bus;
   }
   // The camera was lost just now.
   void begin();
-  // Its index among the cameras that are there now. Those of its make that the first look after
-  // begin() finds elsewhere were there before it was lost: others.
-  [[nodiscard]] std::optional<std::size_t> find(std::span<const V4l2Identity> there);
+  // Index of the lost camera among the connected ones. Cameras of its model that the first call
+  // after begin() finds in other places are other cameras.
+  [[nodiscard]] std::optional<std::size_t> find(std::span<const V4l2Identity> connected);
 
  private:
-  [[nodiscard]] bool is_of_make(const V4l2Identity& camera) const {
+  [[nodiscard]] bool is_of_model(const V4l2Identity& camera) const {
     return camera.card == lost_.card && camera.driver == lost_.driver;
   }
 
-  V4l2Identity lost_;  // in the place where it was last
+  V4l2Identity lost_;  // with its last place
   bool first_look_ = true;
-  std::set<std::string> others_;  // where on the bus
+  std::set<std::string> others_;  // their places on the bus
 };
 
 }  // namespace penumbra

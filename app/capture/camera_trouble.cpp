@@ -1,7 +1,6 @@
 #include "app/capture/camera_trouble.hpp"
 
 #include <fcntl.h>
-#include <fmt/format.h>
 #include <unistd.h>
 
 #include <cerrno>

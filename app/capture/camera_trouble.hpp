@@ -1,11 +1,14 @@
 // Reasons why a camera gives no frames, for every library that opens it, and their messages.
 #pragma once
 
+#include <fmt/format.h>
+
 #include <filesystem>
 #include <optional>
 #include <string>
 #include <string_view>
 #include <tl/expected.hpp>
+#include <utility>
 
 #include "app/capture/capture_stats.hpp"
 
@@ -19,14 +22,20 @@ struct Trouble {
 template <class T>
 using Started = tl::expected<T, Trouble>;
 
-// Of an errno, or of its negative as some calls return it.
+template <class... Args>
+[[nodiscard]] tl::unexpected<Trouble> fail_with(CaptureFault fault,
+                                                fmt::format_string<Args...> text, Args&&... args) {
+  return tl::unexpected<Trouble>({fault, fmt::format(text, std::forward<Args>(args)...)});
+}
+
+// Both take an errno, or its negative.
 [[nodiscard]] CaptureFault fault_of(int error);
 [[nodiscard]] std::string message_of(int error);
 
-// Remedy where a camera may not be opened.
+// Remedy if a camera may not be opened.
 inline constexpr std::string_view kJoinVideoGroup =
     "join the video group (sudo usermod -aG video $USER) and log in again";
-// Remedy where the bus of a camera is full.
+// Remedy if the bus of a camera is full.
 inline constexpr std::string_view kFreeBandwidth =
     "its USB bus has no bandwidth left beside the other cameras on it; use --format mjpeg, a "
     "smaller --size or --fps, or a port of another USB controller";
@@ -36,13 +45,13 @@ inline constexpr std::string_view kStreamIsRestarted =
     "log (dmesg)";
 inline constexpr std::string_view kDisconnected =
     "the camera was disconnected; the session continues when it is connected again";
-// Message where this user may not open a camera's device (media*, video*) in `devices`; nothing
-// where all may be opened, or there is none. libcamera reports both as no camera.
+// Message if this user may not open a camera's device (media*, video*) in `devices`; empty if all
+// may be opened, or there is none. libcamera reports both as no camera.
 [[nodiscard]] std::optional<std::string> forbidden_camera_device(
     const std::filesystem::path& devices = "/dev");
 
-// From the moment that no frames come until they do again. Each kind of trouble is counted once in
-// an outage, however long it lasts and however often it is tried. For one thread.
+// The time without frames. Counts each kind of fault once per outage, however often a restart
+// fails. For one thread.
 class Outage {
  public:
   explicit Outage(FaultCounter& faults) : faults_(faults) {}

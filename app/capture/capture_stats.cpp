@@ -11,39 +11,40 @@ namespace {
 // Limits events that no recording takes.
 constexpr std::size_t kMostEvents = 256;
 
+struct FaultText {
+  std::string_view name;
+  std::string_view description;
+};
+constexpr std::array<FaultText, kCaptureFaultCount> kFaultTexts = {{
+    {"silent", "stream stalls"},
+    {"io_error", "I/O errors"},
+    {"disconnected", "disconnections"},
+    {"refused", "requests refused by the driver"},
+    {"busy", "in use by another program"},
+    {"forbidden", "no permission"},
+    {"wrong_format", "frames of another size or format"},
+    {"error_frame", "frames marked as bad by the driver"},
+    {"damaged", "damaged frames"},
+    {"gap", "frames dropped, by the driver's numbers"},
+    {"silent_gap", "frames dropped, by their times"},
+    {"bad_time", "impossible timestamps"},
+    {"slow_rate", "slower frame rates"},
+    {"no_signal", "no signal"},
+}};
+
 }  // namespace
 
 std::string_view name_of(CaptureFault fault) {
-  constexpr std::array<std::string_view, kCaptureFaultCount> kNames = {
-      "silent",     "io_error",     "disconnected", "refused",  "busy",
-      "forbidden",  "wrong_format", "error_frame",  "damaged",  "gap",
-      "silent_gap", "bad_time",     "slow_rate",    "no_signal"};
-  return kNames[static_cast<std::size_t>(fault)];
+  return kFaultTexts[static_cast<std::size_t>(fault)].name;
 }
 
 std::string_view description_of(CaptureFault fault) {
-  constexpr std::array<std::string_view, kCaptureFaultCount> kDescriptions = {
-      "stream stalls",
-      "I/O errors",
-      "disconnections",
-      "requests refused by the driver",
-      "in use by another program",
-      "no permission",
-      "frames of another size or format",
-      "frames marked as bad by the driver",
-      "damaged frames",
-      "frames dropped, by the driver's numbers",
-      "frames dropped, by their times",
-      "impossible timestamps",
-      "slower frame rates",
-      "no signal"};
-  return kDescriptions[static_cast<std::size_t>(fault)];
+  return kFaultTexts[static_cast<std::size_t>(fault)].description;
 }
 
 void FaultCounter::count(CaptureFault fault, std::string_view detail, std::uint64_t times) {
-  const std::int64_t now_ns = std::chrono::duration_cast<std::chrono::nanoseconds>(
-                                  std::chrono::steady_clock::now().time_since_epoch())
-                                  .count();
+  const std::int64_t now_ns =
+      std::chrono::steady_clock::now().time_since_epoch() / std::chrono::nanoseconds(1);
   bool first = false;
   {
     const std::lock_guard lock(mutex_);

@@ -6,30 +6,44 @@
 namespace penumbra {
 namespace {
 
-// A frame is stamped before it arrives, and no driver keeps one for longer than this.
+// No driver keeps a frame for longer than this between its timestamp and its arrival.
 constexpr std::int64_t kOldest_ns = 10'000'000'000;
-// Numbers that jump by more than this were set back, not lost.
+// Numbers that jump by more than this were reset.
 constexpr std::uint32_t kMostLost = 1U << 20U;
-// A pause of this many intervals, with consecutive numbers, has a lost frame in it.
-constexpr double kGap = 1.6;
-// So many long intervals in a row are no gaps but a slower camera.
+// A pause of this many intervals between consecutive numbers contains a lost frame.
+constexpr double kGapIntervals = 1.6;
+// This number of consecutive long intervals means a slower camera, not gaps.
 constexpr std::uint32_t kSlowerAfter = 5;
+// FramePace: limits of a pause.
+constexpr std::int64_t kMissed = 3;  // intervals
+constexpr std::int64_t kSilent_ns = 1'000'000'000;
+constexpr std::int64_t kStarting_ns = 3'000'000'000;
+constexpr int kMostDoublings = 2;  // of kStarting_ns
+constexpr std::int64_t kStale_ns = 250'000'000;
+
+// The granted interval, or entry `n` of the sorted first `count` ones if that is longer.
+template <std::size_t N>
+std::int64_t usual_interval(std::int64_t granted_ns, std::array<std::int64_t, N> intervals_ns,
+                            std::size_t count, std::size_t n) {
+  const auto nth = intervals_ns.begin() + static_cast<std::ptrdiff_t>(n);
+  std::nth_element(intervals_ns.begin(), nth,
+                   intervals_ns.begin() + static_cast<std::ptrdiff_t>(count));
+  return std::max(granted_ns, *nth);
+}
 
 }  // namespace
 
 std::int64_t FrameClock::usual_interval_ns() const {
   const std::size_t count = std::min(intervals_, intervals_ns_.size());
   if (count < kSlowerAfter) return granted_ns_;
-  auto sorted = intervals_ns_;
-  const auto middle = sorted.begin() + static_cast<std::ptrdiff_t>(count / 2);
-  std::nth_element(sorted.begin(), middle, sorted.begin() + static_cast<std::ptrdiff_t>(count));
-  return std::max(granted_ns_, *middle);
+  return usual_interval(granted_ns_, intervals_ns_, count, count / 2);
 }
 
 void FrameClock::judge_interval(std::int64_t interval_ns, bool consecutive, FrameStamp& stamp) {
   const std::int64_t usual_ns = usual_interval_ns();
-  const bool is_long = consecutive && usual_ns > 0 &&
-                       static_cast<double>(interval_ns) > kGap * static_cast<double>(usual_ns);
+  const bool is_long =
+      consecutive && usual_ns > 0 &&
+      static_cast<double>(interval_ns) > kGapIntervals * static_cast<double>(usual_ns);
   if (!is_long) {
     stamp.lost_silent = static_cast<std::uint32_t>(
         std::min<std::uint64_t>(pending_lost_, std::numeric_limits<std::uint32_t>::max()));
@@ -38,8 +52,7 @@ void FrameClock::judge_interval(std::int64_t interval_ns, bool consecutive, Fram
   }
   pending_lost_ += static_cast<std::uint64_t>((interval_ns + usual_ns / 2) / usual_ns - 1);
   if (++long_run_ < kSlowerAfter) return;
-  // Only the slow intervals are kept: their median is the usual one from now on. This interval is
-  // the last of them.
+  // Keeps only the slow intervals, of which this is the last: their median becomes the usual one.
   std::array<std::int64_t, kSlowerAfter> slow_ns{};
   slow_ns.back() = interval_ns;
   for (std::size_t i = 0; i + 1 < kSlowerAfter; ++i) {
@@ -57,8 +70,8 @@ FrameStamp FrameClock::next(std::uint32_t driver_sequence, std::int64_t driver_n
   FrameStamp stamp;
   stamp.timestamp_ns = driver_ns;
   if (monotonic) {
-    // Not of the future, but for drivers that name the moment at which the frame is going to end;
-    // and after the last true one: what stood for a bad time is no measure.
+    // Not in the future, except for drivers that stamp the end of the frame; and after the last
+    // possible driver time, not after its replacements.
     const bool possible = driver_ns <= arrival_ns + usual_interval_ns() &&
                           driver_ns >= arrival_ns - kOldest_ns &&
                           (!any_believed_ || driver_ns > believed_ns_);
@@ -74,7 +87,7 @@ FrameStamp FrameClock::next(std::uint32_t driver_sequence, std::int64_t driver_n
   if (any_) {
     std::uint32_t step = 1;
     if (continuous_) {
-      const std::uint32_t difference = driver_sequence - driver_sequence_;  // wraps as it should
+      const std::uint32_t difference = driver_sequence - driver_sequence_;  // wraps
       if (difference >= 1 && difference <= kMostLost) step = difference;
     }
     stamp.lost_counted = step - 1;
@@ -100,6 +113,38 @@ void FrameClock::restart(std::int64_t interval_ns) {
   pending_lost_ = 0;
   continuous_ = false;
   last_bad_ = false;
+}
+
+void FramePace::saw(std::int64_t timestamp_ns) {
+  if (any_ && timestamp_ns > last_ns_) {
+    intervals_ns_[intervals_++ % intervals_ns_.size()] = timestamp_ns - last_ns_;
+  }
+  last_ns_ = timestamp_ns;
+  any_ = true;
+  fruitless_starts_ = 0;
+}
+
+void FramePace::restart(std::int64_t granted_ns) {
+  if (!any_) ++fruitless_starts_;
+  granted_ns_ = granted_ns;
+  intervals_ = 0;
+  any_ = false;
+}
+
+std::int64_t FramePace::usual_ns() const {
+  const std::size_t count = std::min(intervals_, intervals_ns_.size());
+  if (count == 0) return granted_ns_;
+  return usual_interval(granted_ns_, intervals_ns_, count, (count - 1) / 2);
+}
+
+std::int64_t FramePace::silent_after_ns() const {
+  const std::int64_t starting_ns = kStarting_ns << std::min(fruitless_starts_, kMostDoublings);
+  const std::int64_t least = intervals_ == 0 ? starting_ns : kSilent_ns;
+  return std::max(least, kMissed * usual_ns());
+}
+
+std::int64_t FramePace::stale_after_ns() const {
+  return std::max(kStale_ns, kMissed * usual_ns());
 }
 
 }  // namespace penumbra

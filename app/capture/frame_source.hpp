@@ -1,12 +1,9 @@
-// Where frames come from: a recording on disk or a camera. Everything behind this interface looks
-// the same to the session.
+// Source of frames: a recording on disk or a camera.
 #pragma once
 
 #include <cstdint>
-#include <memory>
 #include <optional>
 
-#include "core/camera/camera_model.hpp"
 #include "core/error.hpp"
 #include "core/image/frame.hpp"
 #include "core/stopwatch.hpp"
@@ -20,15 +17,14 @@ class FrameSource {
   FrameSource& operator=(const FrameSource&) = delete;
   virtual ~FrameSource() = default;
 
-  // The next frame in order; nothing at the end. An error names the file (or device) and what to
-  // do.
+  // The next frame in order; empty at the end. An error names the file (or device) and the remedy.
   [[nodiscard]] virtual Result<std::optional<Frame>> next() = 0;
-  // What reading and decoding the last frame took, on the thread that did it (which may have been
-  // ahead of next()).
+  // Time for reading and decoding the last frame, on the thread that did it (perhaps ahead of
+  // next()).
   [[nodiscard]] virtual StageTime capture_time() const = 0;
-  // How many were left out so far because they can't be decoded, where that is no error.
+  // Number of frames skipped so far because they can't be decoded, if that is no error.
   [[nodiscard]] virtual std::int64_t damaged() const { return 0; }
-  // How many frames there will be, with those left out, where that is known.
+  // Total number of frames, including skipped ones, if known.
   [[nodiscard]] virtual std::optional<int> frame_count() const = 0;
 };
 

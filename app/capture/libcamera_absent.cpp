@@ -1,10 +1,10 @@
-// In place of libcamera_source.cpp where libcamera is not installed.
+// Replaces libcamera_source.cpp if libcamera is not installed.
 #include "app/capture/libcamera_source.hpp"
 
 namespace penumbra {
 namespace {
 
-auto not_built_in() {
+tl::unexpected<Error> not_built_in() {
   return fail(
       "libcamera: is not built into this penumbra; install libcamera-dev and build it again, or "
       "name a V4L2 device (v4l2:/dev/video0)");

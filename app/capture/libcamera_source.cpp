@@ -24,6 +24,7 @@
 #include <cstring>
 #include <deque>
 #include <filesystem>
+#include <functional>
 #include <map>
 #include <mutex>
 #include <type_traits>
@@ -33,10 +34,9 @@
 #include "app/capture/camera_trouble.hpp"
 #include "app/capture/frame_clock.hpp"
 #include "app/capture/frame_layout.hpp"
-#include "app/capture/frame_pace.hpp"
 #include "app/capture/libcamera_versions.hpp"
+#include "app/capture/v4l2/buffer_memory.hpp"
 #include "app/capture/v4l2/buffer_ring.hpp"
-#include "app/capture/v4l2/dma_buf_memory.hpp"
 #include "app/logging.hpp"
 #include "core/propagate.hpp"
 #include "core/text/text.hpp"
@@ -47,27 +47,27 @@ namespace {
 
 namespace lc = libcamera;
 
-// As for V4L2 (v4l2_source.cpp): one being filled, one waiting, and what others hold.
+// Both as in v4l2_source.cpp.
 constexpr unsigned kBuffers = 6;
 constexpr std::size_t kDriverNeeds = 2;
-constexpr auto kRetry = std::chrono::milliseconds(500);  // libcamera looks for all cameras anew
+constexpr auto kRetry = std::chrono::milliseconds(500);        // each try searches for all cameras
 constexpr std::uint64_t kMostBytes = std::uint64_t{1} << 30U;  // of one buffer
 
 struct KnownFormat {
   lc::PixelFormat format;
   const char* option;  // of --format
   const char* name;
-  PixelFormat pixels;  // of what is not a JPEG
+  PixelFormat pixels;  // unless it is JPEG
   bool jpeg;
 };
-// In the order of what a frame costs; see v4l2_source.cpp.
+// In the order of a frame's cost; see v4l2_source.cpp.
 const std::array<KnownFormat, 6>& known_formats() {
   static const std::array<KnownFormat, 6> kFormats{{
       {lc::formats::NV12, "nv12", "NV12", PixelFormat::nv12, false},
       {lc::formats::YUV420, "yu12", "YU12", PixelFormat::yuv420p, false},
       {lc::formats::YUYV, "yuyv", "YUYV", PixelFormat::yuyv, false},
       {lc::formats::MJPEG, "mjpeg", "MJPEG", PixelFormat::yuv420p, true},
-      // Named as a number is written: its bytes in memory are R, G, B.
+      // libcamera's name lists the most significant byte first: in memory it is R, G, B.
       {lc::formats::BGR888, "rgb", "RGB", PixelFormat::rgb24, false},
       {lc::formats::R8, "grey", "GREY", PixelFormat::grey8, false},
   }};
@@ -75,19 +75,17 @@ const std::array<KnownFormat, 6>& known_formats() {
 }
 
 const KnownFormat* find_format(const lc::PixelFormat& format) {
-  for (const KnownFormat& known : known_formats()) {
-    if (known.format == format) return &known;
-  }
-  return nullptr;
+  const auto known = std::ranges::find(known_formats(), format, &KnownFormat::format);
+  return known == known_formats().end() ? nullptr : &*known;
 }
 
-// libcamera allows one manager in a process; it goes when the last camera has been let go.
+// libcamera allows one manager per process; it lives as long as its cameras.
 Result<std::shared_ptr<lc::CameraManager>> camera_manager() {
   static std::mutex mutex;
   static std::weak_ptr<lc::CameraManager> shared;
   const std::lock_guard lock(mutex);
   if (auto manager = shared.lock()) return manager;
-  // What matters is said by the results of the calls. LIBCAMERA_LOG_FILE still takes the rest.
+  // The calls' results report errors. LIBCAMERA_LOG_FILE still takes the log.
   if (std::getenv("LIBCAMERA_LOG_LEVELS") == nullptr) lc::logSetTarget(lc::LoggingTargetNone);
   std::shared_ptr<lc::CameraManager> manager(new lc::CameraManager, [](lc::CameraManager* ended) {
     ended->stop();
@@ -115,28 +113,27 @@ Started<std::shared_ptr<lc::Camera>> find_camera(const lc::CameraManager& manage
     if (camera->id() == name || model_of(*camera) == name) return camera;
   }
   if (const auto closed = forbidden_camera_device(); cameras.empty() && closed) {
-    return tl::unexpected<Trouble>(
-        {CaptureFault::forbidden,
-         fmt::format("libcamera:{}: libcamera finds no camera, and has {}", name, *closed)});
+    return fail_with(CaptureFault::forbidden, "libcamera:{}: libcamera finds no camera, and has {}",
+                     name, *closed);
   }
-  return tl::unexpected<Trouble>(
-      {CaptureFault::disconnected,
-       cameras.empty()
-           ? fmt::format("libcamera:{}: libcamera finds no camera; plug one in, or see what "
-                         "penumbra devices says of it",
-                         name)
-           : fmt::format(
-                 "libcamera:{}: there is no such camera; penumbra devices lists the {} that "
-                 "there are",
-                 name, cameras.size())});
+  if (cameras.empty()) {
+    return fail_with(CaptureFault::disconnected,
+                     "libcamera:{}: libcamera finds no camera; plug one in, or see what penumbra "
+                     "devices says of it",
+                     name);
+  }
+  return fail_with(CaptureFault::disconnected,
+                   "libcamera:{}: there is no such camera; penumbra devices lists the {} that "
+                   "there are",
+                   name, cameras.size());
 }
 
-// A buffer of a stream, mapped to be read. libcamera's buffers are shared memory from the start.
+// A buffer of a stream, mapped read-only. libcamera's buffers are always DMA-BUF.
 class MappedBuffer {
  public:
   // Fails with an errno.
   static tl::expected<MappedBuffer, int> map(const lc::FrameBuffer& buffer) {
-    std::map<int, std::size_t> lengths;  // of each memory, by libcamera's descriptor
+    std::map<int, std::size_t> lengths;  // by libcamera's descriptor
     for (const auto& plane : buffer.planes()) {
       const std::uint64_t end = std::uint64_t{offset_of(plane)} + plane.length;
       if (end == 0 || end > kMostBytes) return tl::unexpected(EINVAL);
@@ -147,10 +144,10 @@ class MappedBuffer {
     MappedBuffer mapped;
     std::map<int, std::span<const std::uint8_t>> bytes;
     for (const auto& [descriptor, length] : lengths) {
-      // One of our own: frames may outlive the camera.
+      // A copy of the descriptor: frames may outlive the camera.
       const int own = fcntl(descriptor, F_DUPFD_CLOEXEC, 0);
       if (own < 0) return tl::unexpected(errno);
-      PENUMBRA_TRY(auto memory, DmaBufMemory::map(own, length));
+      PENUMBRA_TRY(auto memory, BufferMemory::map(own, length));
       bytes[descriptor] = memory.bytes();
       mapped.memories_.push_back(std::move(memory));
     }
@@ -160,50 +157,37 @@ class MappedBuffer {
     return mapped;
   }
 
-  // As libcamera has them.
   [[nodiscard]] const std::vector<std::span<const std::uint8_t>>& planes() const { return planes_; }
-  // The memory that all planes lie in; null where there are several.
-  [[nodiscard]] const DmaBufMemory* memory() const {
+  // The memory of all planes; null if there are several.
+  [[nodiscard]] const BufferMemory* memory() const {
     return memories_.size() == 1 ? &memories_.front() : nullptr;
   }
   void begin_reading() const {
-    for (const DmaBufMemory& memory : memories_) memory.begin_reading();
+    for (const BufferMemory& memory : memories_) memory.begin_reading();
   }
   void end_reading() const {
-    for (const DmaBufMemory& memory : memories_) memory.end_reading();
+    for (const BufferMemory& memory : memories_) memory.end_reading();
   }
 
  private:
   static unsigned offset_of(const lc::FrameBuffer::Plane& plane) {
     return plane.offset == lc::FrameBuffer::Plane::kInvalidOffset ? 0 : plane.offset;
   }
-  std::vector<DmaBufMemory> memories_;
+  std::vector<BufferMemory> memories_;
   std::vector<std::span<const std::uint8_t>> planes_;
 };
 
-// Requests that libcamera has completed, on its own thread, for ours to take.
+// Completed requests, passed from libcamera's thread to ours.
 class Completed {
  public:
   void put(lc::Request* request) {
-    {
-      const std::lock_guard lock(mutex_);
-      requests_.push_back(request);
-    }
-    changed_.notify_all();
+    change([&] { requests_.push_back(request); });
   }
   void disconnect() {
-    {
-      const std::lock_guard lock(mutex_);
-      disconnected_ = true;
-    }
-    changed_.notify_all();
+    change([&] { disconnected_ = true; });
   }
   void stop() {
-    {
-      const std::lock_guard lock(mutex_);
-      stopped_ = true;
-    }
-    changed_.notify_all();
+    change([&] { stopped_ = true; });
   }
   [[nodiscard]] bool stopped() const {
     const std::lock_guard lock(mutex_);
@@ -213,7 +197,7 @@ class Completed {
     const std::lock_guard lock(mutex_);
     return disconnected_;
   }
-  // Nothing after the timeout, when the camera went, or after stop().
+  // Null after the timeout, disconnect() or stop().
   [[nodiscard]] lc::Request* take(std::chrono::milliseconds timeout) {
     std::unique_lock lock(mutex_);
     changed_.wait_for(lock, timeout,
@@ -227,7 +211,7 @@ class Completed {
     std::unique_lock lock(mutex_);
     changed_.wait_for(lock, timeout, [&] { return stopped_; });
   }
-  // Of a stream that ended; the next one starts with nothing.
+  // For the next stream.
   void clear() {
     const std::lock_guard lock(mutex_);
     requests_.clear();
@@ -235,6 +219,15 @@ class Completed {
   }
 
  private:
+  template <class Change>
+  void change(const Change& change) {
+    {
+      const std::lock_guard lock(mutex_);
+      change();
+    }
+    changed_.notify_all();
+  }
+
   mutable std::mutex mutex_;
   std::condition_variable changed_;
   std::deque<lc::Request*> requests_;  // guarded by mutex_
@@ -242,9 +235,9 @@ class Completed {
   bool stopped_ = false;               // guarded by mutex_
 };
 
-// Whether a video device that this process has open is no longer there. libcamera 0.0.3 does not
-// notice that by itself where no udev tells it, and then ends the program in Camera::stop(), by an
-// assertion that all requests came back (pipeline_handler.cpp).
+// Returns true if an open video device of this process was removed. Without udev libcamera 0.0.3
+// does not notice that, and its Camera::stop() then asserts that all requests came back
+// (pipeline_handler.cpp).
 bool a_device_is_gone() {
   std::error_code error;
   for (const auto& entry : std::filesystem::directory_iterator("/proc/self/fd", error)) {
@@ -275,10 +268,10 @@ std::optional<double> number_of(const lc::ControlValue& value) {
   }
 }
 
-// A camera that streams. Stops when destroyed; the memory that frames still hold stays mapped.
+// A streaming camera. The destructor stops it; buffers of frames in use stay mapped.
 class Stream {
  public:
-  // `as_before`: only this camera and format will do.
+  // `as_before`: accepts only this camera and format.
   struct Before {
     std::string id;
     StreamFormat format;
@@ -287,9 +280,7 @@ class Stream {
                                                 const std::optional<Before>& as_before,
                                                 Completed& completed) {
     auto manager = camera_manager();
-    if (!manager) {
-      return tl::unexpected<Trouble>({CaptureFault::io_error, manager.error().message});
-    }
+    if (!manager) return fail_with(CaptureFault::io_error, "{}", manager.error().message);
     PENUMBRA_TRY(auto camera, find_camera(**manager, as_before ? as_before->id : options.camera));
     std::unique_ptr<Stream> stream(new Stream(std::move(*manager), std::move(camera), completed));
     PENUMBRA_TRY_VOID(stream->run(options, as_before));
@@ -316,23 +307,24 @@ class Stream {
 
   [[nodiscard]] const StreamFormat& format() const { return format_; }
   [[nodiscard]] const KnownFormat& known() const { return *known_; }
+  [[nodiscard]] const FrameLayout& layout() const { return layout_; }
   [[nodiscard]] BufferRing& ring() { return *ring_; }
   [[nodiscard]] const std::string& id() const { return camera_->id(); }
   [[nodiscard]] std::string model() const { return model_of(*camera_); }
-  // Whether a GPU may read its buffers where they lie.
+  // Returns true if a GPU may read its buffers in place.
   [[nodiscard]] bool shares() const {
     return share_ && !known_->jpeg && buffers_->front().memory() != nullptr;
   }
   [[nodiscard]] const MappedBuffer& buffer(std::size_t index) const { return (*buffers_)[index]; }
 
-  // Where each plane of a picture lies in buffer `index`, or nothing where it is too short.
+  // A view of buffer `index`; empty if the buffer is too short.
   [[nodiscard]] std::optional<Frame> frame(std::size_t index) const {
     const MappedBuffer& buffer = (*buffers_)[index];
     const auto& planes = buffer.planes();
     Frame frame = layout_.frame;
     const auto count = static_cast<std::size_t>(frame.plane_count);
     for (std::size_t i = 0; i < count; ++i) {
-      const bool own = planes.size() == count;  // else all lie in the first, one behind the other
+      const bool own = planes.size() == count;  // else the first holds all, one behind the other
       const std::span<const std::uint8_t> memory = own ? planes[i] : planes[0];
       const std::size_t offset = own ? 0 : layout_.offset[i];
       const std::size_t bytes = static_cast<std::size_t>(frame.planes[i].stride) *
@@ -361,16 +353,19 @@ class Stream {
 
   [[nodiscard]] tl::unexpected<Trouble> trouble(const char* what, int error) const {
     const CaptureFault fault = fault_of(error);
-    const std::string remedy =
-        std::abs(error) == ENOSPC             ? std::string(kFreeBandwidth)
-        : fault == CaptureFault::busy         ? "another program uses it; close that one"
-        : fault == CaptureFault::forbidden    ? std::string(kJoinVideoGroup)
-        : fault == CaptureFault::disconnected ? "connect the camera again"
-                                              : "see libcamera's log "
-                                                "(LIBCAMERA_LOG_LEVELS=*:DEBUG) and the kernel's "
-                                                "(dmesg)";
-    return tl::unexpected<Trouble>({fault, fmt::format("libcamera:{}: {} fails: {}; {}", id(), what,
-                                                       message_of(error), remedy)});
+    std::string_view remedy =
+        "see libcamera's log (LIBCAMERA_LOG_LEVELS=*:DEBUG) and the kernel's (dmesg)";
+    if (std::abs(error) == ENOSPC) {
+      remedy = kFreeBandwidth;
+    } else if (fault == CaptureFault::busy) {
+      remedy = "another program uses it; close that one";
+    } else if (fault == CaptureFault::forbidden) {
+      remedy = kJoinVideoGroup;
+    } else if (fault == CaptureFault::disconnected) {
+      remedy = "connect the camera again";
+    }
+    return fail_with(fault, "libcamera:{}: {} fails: {}; {}", id(), what, message_of(error),
+                     remedy);
   }
 
   Started<void> run(const LibcameraOptions& options, const std::optional<Before>& as_before) {
@@ -379,9 +374,9 @@ class Stream {
     std::unique_ptr<lc::CameraConfiguration> configuration =
         camera_->generateConfiguration({lc::StreamRole::Viewfinder});
     if (!configuration || configuration->empty()) return trouble("its viewfinder stream", EINVAL);
-    if (auto set = configure(*configuration, options, as_before); !set) return set;
+    PENUMBRA_TRY_VOID(configure(*configuration, options, as_before));
     share_ = options.dma_buf;
-    if (auto allocated = allocate(); !allocated) return allocated;
+    PENUMBRA_TRY_VOID(allocate());
     lc::ControlList controls = start_controls(options);
     camera_->requestCompleted.connect(this, &Stream::complete);
     camera_->disconnected.connect(this, &Stream::disconnect);
@@ -399,32 +394,25 @@ class Stream {
     const lc::Size size(static_cast<unsigned>(options.width),
                         static_cast<unsigned>(options.height));
     const std::vector<lc::PixelFormat> offered = requested.formats().pixelformats();
-    // Tried in the order of what they cost; those that don't come in that size last.
+    // In the order of their cost; those without that size last.
     std::vector<const KnownFormat*> candidates;
     for (const KnownFormat& known : known_formats()) {
-      if (std::find(offered.begin(), offered.end(), known.format) == offered.end()) continue;
+      if (std::ranges::find(offered, known.format) == offered.end()) continue;
       if (as_before && as_before->format.name != known.name) continue;
       if (options.format && *options.format != known.option) continue;
       candidates.push_back(&known);
     }
-    const auto has_size = [&](const KnownFormat* known) {
-      return requested.formats().range(known->format).contains(size) ||
-             std::ranges::count(requested.formats().sizes(known->format), size) > 0;
-    };
-    std::stable_sort(candidates.begin(), candidates.end(),
-                     [&](const KnownFormat* a, const KnownFormat* b) {
-                       const auto merit = [&](const KnownFormat* known) {
-                         return std::pair(has_size(known), options.recording && known->jpeg);
-                       };
-                       return merit(a) > merit(b);
-                     });
+    std::ranges::stable_sort(candidates, std::greater(), [&](const KnownFormat* known) {
+      const bool has_size = requested.formats().range(known->format).contains(size) ||
+                            std::ranges::count(requested.formats().sizes(known->format), size) > 0;
+      return std::pair(has_size, options.recording && known->jpeg);
+    });
     if (candidates.empty()) {
       const std::string format = as_before ? as_before->format.name : options.format.value_or("");
-      return tl::unexpected<Trouble>(
-          {CaptureFault::wrong_format,
-           fmt::format(
-               "libcamera:{}: gives {} frames; choose another --format (see penumbra devices)",
-               id(), format.empty() ? "no NV12, YU12, YUYV, MJPEG, RGB or GREY" : "no " + format)});
+      return fail_with(
+          CaptureFault::wrong_format,
+          "libcamera:{}: gives no {} frames; choose another --format (see penumbra devices)", id(),
+          format.empty() ? "NV12, YU12, YUYV, MJPEG, RGB or GREY" : format);
     }
     known_ = candidates.front();
     requested.pixelFormat = known_->format;
@@ -444,11 +432,10 @@ class Stream {
                                      as_before->format.width == format_.width &&
                                      as_before->format.height == format_.height);
     if (known_ == nullptr || !same || granted.size.isNull()) {
-      return tl::unexpected<Trouble>(
-          {CaptureFault::wrong_format,
-           fmt::format("libcamera:{}: grants {} for {}x{} {}; choose another --size or --format",
+      return fail_with(CaptureFault::wrong_format,
+                       "libcamera:{}: grants {} for {}x{} {}; choose another --size or --format",
                        id(), granted.toString(), options.width, options.height,
-                       candidates.front()->name)});
+                       candidates.front()->name);
     }
     format_.name = known_->name;
     format_.interval_s = 1.0 / options.fps;
@@ -491,17 +478,16 @@ class Stream {
     }
     if (requests_.size() < kDriverNeeds) return trouble("getting memory for frames", ENOMEM);
     buffers_ = buffers;
-    ring_ =
-        BufferRing::create(std::move(first_planes), {[this, buffers](unsigned index) {
-                                                       lc::Request& request = *requests_[index];
-                                                       if (!fresh_[index]) {
-                                                         (*buffers)[index].end_reading();
-                                                         request.reuse(lc::Request::ReuseBuffers);
-                                                       }
-                                                       fresh_[index] = false;
-                                                       return camera_->queueRequest(&request) == 0;
-                                                     },
-                                                     [buffers] { buffers->clear(); }});
+    const auto queue = [this, buffers](unsigned index) {
+      lc::Request& request = *requests_[index];
+      if (!fresh_[index]) {
+        (*buffers)[index].end_reading();
+        request.reuse(lc::Request::ReuseBuffers);
+      }
+      fresh_[index] = false;
+      return camera_->queueRequest(&request) == 0;
+    };
+    ring_ = BufferRing::create(std::move(first_planes), {queue, [buffers] { buffers->clear(); }});
     return {};
   }
 
@@ -513,7 +499,7 @@ class Stream {
     log_warning("libcamera:{}: the camera has no {} to set; it stays as it is", id(), name);
   }
 
-  // Requests one interval between frames, within the range that this size and format have.
+  // Requests a constant interval between frames, within the range of this size and format.
   void set_frame_duration(lc::ControlList& list, double fps) {
     namespace c = lc::controls;
     format_.interval_granted = has(c::FrameDurationLimits);
@@ -540,7 +526,7 @@ class Stream {
     const char* unit;       // with a blank before it, or empty
     double steps_per_unit;  // libcamera's steps in one unit of the option
   };
-  // Sets a control to the requested value, clamped to its range; warns where it is another or there
+  // Sets a control to the requested value, clamped to its range; warns if it was clamped or there
   // is no such control.
   template <class T>
   void set_number(lc::ControlList& list, const lc::Control<T>& control, const NumberControl& about,
@@ -562,7 +548,7 @@ class Stream {
     if (has(control)) list.set(control, value);
   }
 
-  // The requested controls, as far as this camera has them; warns of the others.
+  // The requested controls that this camera has; warns of the others.
   [[nodiscard]] lc::ControlList start_controls(const LibcameraOptions& options) {
     namespace c = lc::controls;
     lc::ControlList list(camera_->controls());
@@ -597,17 +583,16 @@ class Stream {
   }
   void disconnect() { completed_.disconnect(); }
 
-  // Of a camera that is gone: libcamera's thread may be about to hand over a last picture, or to
-  // take a request that was given back, and nothing that stops the stream waits for that. A call
-  // that this thread makes in its turn does: to release the camera, which is refused while it
-  // streams. Two of them, for what comes in its turn may ask for another.
+  // For a removed camera, instead of stop(): libcamera's thread may be completing or queueing a
+  // last request. A blocking call to that thread waits for it: release(), which is refused while
+  // the camera streams. Twice, as pending work may post more.
   void wait_for_libcamera() {
     for (int i = 0; i < 2; ++i) {
       static_cast<void>(camera_->invokeMethod(&lc::Camera::release, lc::ConnectionTypeBlocking));
     }
   }
 
-  // In this order: the manager goes after all that is its own.
+  // In this order: the manager is destroyed after all of its objects.
   const std::shared_ptr<lc::CameraManager> manager_;
   const std::shared_ptr<lc::Camera> camera_;
   Completed& completed_;
@@ -641,12 +626,12 @@ class LibcameraSource final : public LiveSource {
   Result<std::optional<CapturedImage>> next_image() override {
     while (!completed_->stopped()) {
       if (!stream_) {
-        // One that starts and fails at once is not asked without a pause either.
-        if (std::exchange(in_vain_, true)) completed_->wait_for_stop(kRetry);
+        // Pauses also between streams that start and fail at once.
+        if (std::exchange(retrying_, true)) completed_->wait_for_stop(kRetry);
         if (!reopen()) continue;
       }
       if (auto image = receive()) {
-        in_vain_ = false;
+        retrying_ = false;
         return image;
       }
     }
@@ -657,10 +642,11 @@ class LibcameraSource final : public LiveSource {
   [[nodiscard]] StreamFormat format() const override { return before_.format; }
   [[nodiscard]] FaultCounter& faults() override { return faults_; }
   [[nodiscard]] std::vector<std::pair<std::string, std::int64_t>> controls() const override {
-    const Readings now = [this] {
+    Readings now;
+    {
       const std::lock_guard lock(mutex_);
-      return readings_;
-    }();
+      now = readings_;
+    }
     std::vector<std::pair<std::string, std::int64_t>> values;
     const auto add = [&values](const char* name, const auto& value, double factor) {
       if (!value) return;
@@ -752,18 +738,17 @@ class LibcameraSource final : public LiveSource {
       faults_.count(
           CaptureFault::error_frame,
           fmt::format("a frame that the driver marked as bad is skipped; {}", kImproveTransfer));
-      return leave_out(std::move(image));
+      return skip(std::move(image));
     }
     if (!(stream_->known().jpeg ? read_jpeg(index, bytes, image) : read_planes(index, image))) {
-      return leave_out(std::move(image));
+      return skip(std::move(image));
     }
     if (outage_.end()) log_info("libcamera:{}: frames come again", options_.camera);
     faults_.count_frame();
     return image;
   }
 
-  // A camera that gives nothing else may give it without end and without a pause of its own.
-  std::optional<CapturedImage> leave_out(CapturedImage image) {
+  std::optional<CapturedImage> skip(CapturedImage image) {
     image.owner.reset();
     completed_->wait_for_stop(bad_frame_pause(before_.format.interval_s));
     return std::nullopt;
@@ -796,18 +781,15 @@ class LibcameraSource final : public LiveSource {
       return false;
     }
     if (stream_->ring().in_driver() < kDriverNeeds) {
-      std::size_t total = 0;
-      const auto count = static_cast<std::size_t>(frame->plane_count);
-      const auto size_of = [](const PixelPlane& plane) {
-        return static_cast<std::size_t>(plane.stride) * static_cast<std::size_t>(plane.height);
-      };
-      for (std::size_t i = 0; i < count; ++i) total += size_of(frame->planes[i]);
-      const std::shared_ptr<std::uint8_t[]> copy(new std::uint8_t[total]);
-      std::size_t at = 0;
-      for (std::size_t i = 0; i < count; ++i) {
-        std::memcpy(copy.get() + at, frame->planes[i].data, size_of(frame->planes[i]));
-        frame->planes[i].data = copy.get() + at;
-        at += size_of(frame->planes[i]);
+      const FrameLayout& layout = stream_->layout();
+      const std::shared_ptr<std::uint8_t[]> copy(new std::uint8_t[layout.bytes]);
+      for (std::size_t i = 0; i < static_cast<std::size_t>(frame->plane_count); ++i) {
+        PixelPlane& plane = frame->planes[i];
+        std::uint8_t* out = copy.get() + layout.offset[i];
+        std::memcpy(
+            out, plane.data,
+            static_cast<std::size_t>(plane.stride) * static_cast<std::size_t>(plane.height));
+        plane.data = out;
       }
       frame->dma_buf = {};
       image.owner = copy;
@@ -818,7 +800,7 @@ class LibcameraSource final : public LiveSource {
     return true;
   }
 
-  // As the camera says they were for that frame.
+  // Controls of a frame, as the camera reports them.
   struct Readings {
     std::optional<std::int32_t> exposure_us;
     std::optional<float> gain;           // times
@@ -844,7 +826,7 @@ class LibcameraSource final : public LiveSource {
   mutable std::mutex mutex_;
   Readings readings_;  // guarded by mutex_
   const std::unique_ptr<Completed> completed_;
-  bool in_vain_ = false;  // tried to open it again, and no frame came since
+  bool retrying_ = false;  // no frame came since the last restart
   std::unique_ptr<Stream> stream_;
 };
 

@@ -1,7 +1,6 @@
-// A camera by libcamera: what a Raspberry Pi's camera connector and most phones' sensors need.
-// libcamera_source.cpp is the only file that knows libcamera, and what differs between its versions
-// (0.0.3 on Debian 12, 0.5 and later on Raspberry Pi OS); libcamera_absent.cpp stands for it where
-// it is not installed.
+// A camera by libcamera, as a Raspberry Pi's camera connector needs it. Only libcamera_source.cpp
+// includes libcamera (0.0.3 on Debian 12, 0.5 and later on Raspberry Pi OS); libcamera_absent.cpp
+// replaces it if it is not installed.
 #pragma once
 
 #include <memory>
@@ -14,13 +13,12 @@
 namespace penumbra {
 
 struct LibcameraOptions : RequestedSettings {
-  std::string camera = "0";  // its place in the list, its id, or its model's name
-  bool dma_buf = true;       // let a GPU read its buffers where they lie
+  std::string camera = "0";  // index in the list, id, or model
+  bool dma_buf = true;       // lets a GPU read the buffers in place
 };
 
-// Opens the camera and starts its viewfinder stream; an error says why it can't be used. Once it
-// runs, nothing that the camera does is an error: it is counted, and the source goes on trying
-// until stop().
+// Opens the camera and starts its viewfinder stream. Once it runs, faults of the camera are
+// counted, and the source retries until stop().
 [[nodiscard]] Result<std::unique_ptr<LiveSource>> open_libcamera_source(
     const LibcameraOptions& options);
 
@@ -33,9 +31,9 @@ struct LibcameraCamera {
   std::string id;
   std::string model;
   std::vector<LibcameraFormat> formats;
-  std::string problem;  // why it can't be used; empty: it can
+  std::string problem;  // why it can't be used; empty: it can be
 };
-// Every camera that libcamera knows, in its order. Fails where penumbra was built without it.
+// All cameras of libcamera, in its order. Fails if penumbra was built without it.
 [[nodiscard]] Result<std::vector<LibcameraCamera>> list_libcamera_cameras();
 
 }  // namespace penumbra

@@ -76,10 +76,8 @@ std::optional<Frame> LiveSource::decode(const CapturedImage& image) {
       return std::nullopt;
     }
     if (decoded->width != stream.width || decoded->height != stream.height) {
-      faults().count_undecoded(
-          fmt::format("a JPEG of {}x{} px is skipped, as the stream is {}x{} px; choose another "
-                      "--size or --format",
-                      decoded->width, decoded->height, stream.width, stream.height));
+      faults().count_undecoded(fmt::format(kOtherJpegSize, decoded->width, decoded->height,
+                                           stream.width, stream.height));
       return std::nullopt;
     }
     frame = std::move(*decoded);
@@ -95,10 +93,10 @@ Result<std::optional<Frame>> LiveSource::next() {
     PENUMBRA_TRY(auto image, next_image());
     if (!image) return std::optional<Frame>();
     const Stopwatch watch;
-    auto frame = decode(*image);
-    if (!frame) continue;
-    capture_time_ = watch.elapsed();
-    return frame;
+    if (auto frame = decode(*image)) {
+      capture_time_ = watch.elapsed();
+      return frame;
+    }
   }
 }
 

@@ -1,10 +1,9 @@
-// One slot between two threads: the newest item waits in it, an older one that nobody took is
-// dropped and counted. So what is taken is always fresh, and memory stays bounded.
+// One slot between two threads that holds the newest item; older items that were not taken are
+// dropped.
 #pragma once
 
 #include <chrono>
 #include <condition_variable>
-#include <cstdint>
 #include <mutex>
 #include <optional>
 #include <utility>
@@ -14,13 +13,12 @@ namespace penumbra {
 template <class T>
 class Mailbox {
  public:
-  // Never waits for the reader. After close() the item is let go.
+  // Never waits for the reader. Drops the item after close().
   void put(T item) {
-    std::optional<T> older;  // destroyed after the lock is given back: it may be a frame's buffer
+    std::optional<T> older;  // destroyed without the lock: it may be a frame's buffer
     {
       const std::lock_guard lock(mutex_);
       if (closed_) return;
-      if (slot_) ++dropped_;
       older = std::exchange(slot_, std::optional<T>(std::move(item)));
     }
     changed_.notify_all();
@@ -38,14 +36,14 @@ class Mailbox {
     return true;
   }
 
-  // Waits until the slot is empty: for a giver that makes its item only then. False once closed.
+  // Waits until the slot is empty, for a writer that makes its item only then. False once closed.
   [[nodiscard]] bool wait_until_empty() {
     std::unique_lock lock(mutex_);
     changed_.wait(lock, [this] { return closed_ || !slot_; });
     return !closed_;
   }
 
-  // The newest item; nothing when `patience` ended first, or when the box is closed and empty.
+  // The newest item; empty after `patience`, or if the mailbox is closed and empty.
   [[nodiscard]] std::optional<T> take(std::chrono::milliseconds patience) {
     std::optional<T> item;
     {
@@ -57,7 +55,7 @@ class Mailbox {
     return item;
   }
 
-  // Nothing comes in any more; what is in the slot can still be taken. Wakes everyone.
+  // Ends put(); an item in the slot can still be taken. Wakes all threads.
   void close() {
     {
       const std::lock_guard lock(mutex_);
@@ -66,22 +64,17 @@ class Mailbox {
     changed_.notify_all();
   }
 
-  // Closed, and nothing is left to take.
+  // Closed and empty.
   [[nodiscard]] bool finished() const {
     const std::lock_guard lock(mutex_);
     return closed_ && !slot_;
-  }
-  [[nodiscard]] std::uint64_t dropped() const {
-    const std::lock_guard lock(mutex_);
-    return dropped_;
   }
 
  private:
   mutable std::mutex mutex_;
   std::condition_variable changed_;
-  std::optional<T> slot_;      // guarded by mutex_
-  std::uint64_t dropped_ = 0;  // guarded by mutex_
-  bool closed_ = false;        // guarded by mutex_
+  std::optional<T> slot_;  // guarded by mutex_
+  bool closed_ = false;    // guarded by mutex_
 };
 
 }  // namespace penumbra

@@ -1,5 +1,5 @@
-// A camera's newest picture, for programs that look when they have time: one thread waits for the
-// camera, and what comes before the last one was looked at takes its place.
+// A camera's newest image, for slow readers: a thread waits for the camera and drops images that
+// were not taken.
 #pragma once
 
 #include <chrono>
@@ -16,17 +16,16 @@ namespace penumbra {
 
 class NewestPicture {
  public:
-  // `source` outlives it, and is stopped at its end.
+  // `source` outlives this; the destructor stops it.
   explicit NewestPicture(LiveSource& source);
   NewestPicture(const NewestPicture&) = delete;
   NewestPicture& operator=(const NewestPicture&) = delete;
   ~NewestPicture();
 
-  // Nothing where none came in time, or the one that came is broken.
+  // Empty if no image came in time, or a damaged one.
   [[nodiscard]] std::optional<Frame> take(std::chrono::milliseconds patience);
-  // Whether there will be no more.
+  // No more images will come; error() is set if the source failed.
   [[nodiscard]] bool finished() const { return newest_.finished(); }
-  // Why, where that is an error.
   [[nodiscard]] std::optional<Error> error() const;
 
  private:
@@ -37,7 +36,7 @@ class NewestPicture {
   Mailbox<CapturedImage> newest_;
   mutable std::mutex mutex_;
   std::optional<Error> error_;  // guarded by mutex_
-  std::thread capture_;         // the last to begin: it uses the others
+  std::thread capture_;         // last: it uses the others
 };
 
 }  // namespace penumbra

@@ -10,7 +10,7 @@
 #include <optional>
 #include <thread>
 
-#include "app/capture/frame_pace.hpp"
+#include "app/capture/frame_clock.hpp"
 #include "app/capture/live_source.hpp"
 #include "app/capture/mailbox.hpp"
 #include "app/live/draw_pace.hpp"

@@ -12,7 +12,7 @@
 #include "app/live/live_pipeline.hpp"
 #include "app/live/live_recorder.hpp"
 #include "app/logging.hpp"
-#include "app/output/late_outputs.hpp"
+#include "app/output/run_outputs.hpp"
 #include "app/recording/recording_writer.hpp"
 #include "app/session/image_fault_watch.hpp"
 #include "app/session/session.hpp"

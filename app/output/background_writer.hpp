@@ -1,7 +1,12 @@
-// A frame writer that works on a thread of its own, so that encoding does not hold up what draws.
+// A frame writer that encodes on its own thread.
 #pragma once
 
+#include <condition_variable>
+#include <deque>
 #include <memory>
+#include <mutex>
+#include <optional>
+#include <thread>
 #include <vector>
 
 #include "app/output/frame_writer.hpp"
@@ -9,26 +14,44 @@
 
 namespace penumbra {
 
-// Hands frames on to another writer, in the order they came: what is written is the same as
-// without it. An error comes out of the next write() or of finish(); frames after it are dropped.
+// Passes frames to another writer in order. The next write() or finish() returns an error; later
+// frames are dropped.
 class BackgroundWriter final : public FrameWriter {
  public:
-  // At most `depth` frames wait (the memory is bounded: write() waits for a place). Depth 0: no
-  // thread, write() itself encodes.
+  // At most `depth` frames wait, then write() blocks. Depth 0: no thread, write() encodes.
   BackgroundWriter(std::unique_ptr<FrameWriter> writer, int depth);
-  ~BackgroundWriter() override;  // drops what waits
+  ~BackgroundWriter() override;  // drops waiting frames
 
   [[nodiscard]] Result<void> write(std::uint64_t number, std::int64_t timestamp_ns,
                                    std::span<const std::uint8_t> rgba) override;
   [[nodiscard]] Result<void> finish() override;
   void rescue() override;
 
-  // How long each frame took to encode, on the thread that did it: those done since the last call.
+  // Encoding time of each frame since the last call.
   [[nodiscard]] std::vector<StageTime> take_times();
 
  private:
-  struct Impl;
-  std::unique_ptr<Impl> impl_;
+  struct WaitingFrame {
+    std::uint64_t number = 0;
+    std::int64_t timestamp_ns = 0;
+    std::vector<std::uint8_t> rgba;
+  };
+  Result<void> encode(std::uint64_t number, std::int64_t timestamp_ns,
+                      std::span<const std::uint8_t> rgba);
+  Result<void> encode_guarded(const WaitingFrame& frame);
+  void run();
+  void join(bool drop_waiting);
+
+  const std::unique_ptr<FrameWriter> writer_;  // used by the thread until it is joined
+  const std::size_t depth_;
+  std::mutex mutex_;
+  std::condition_variable changed_;
+  std::deque<WaitingFrame> waiting_;              // guarded by mutex_
+  std::vector<std::vector<std::uint8_t>> spare_;  // unused buffers; guarded by mutex_
+  std::vector<StageTime> times_;                  // guarded by mutex_
+  std::optional<Error> error_;                    // the first; guarded by mutex_
+  bool ended_ = false;                            // guarded by mutex_
+  std::thread thread_;
 };
 
 }  // namespace penumbra

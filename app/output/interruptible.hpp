@@ -1,23 +1,28 @@
-// Work that writes one file and cannot be stopped half way, under Ctrl-C and SIGTERM.
+// Long work on its own thread, under Ctrl-C and SIGTERM.
 #pragma once
 
 #include <fmt/format.h>
 
 #include <algorithm>
 #include <chrono>
+#include <cstddef>
 #include <cstdio>
 #include <cstdlib>
 #include <future>
+#include <limits>
+#include <optional>
+#include <stop_token>
 #include <string>
 #include <utility>
 
 #include "app/interrupt.hpp"
 #include "app/output/output_file.hpp"
+#include "app/progress.hpp"
 
 namespace penumbra {
 
-// Waits for the work up to `time`. On a signal the partial file is removed and the process ends at
-// once: the work's thread asks nobody. `watch` must hold.
+// Waits up to `time` for work that can't be stopped. On a signal the partial file is removed and
+// the process ends at once. `watch` must hold.
 template <class T>
 [[nodiscard]] bool is_done_within(std::future<T>& work, std::chrono::milliseconds time,
                                   InterruptWatch& watch, OutputFile& output) {
@@ -34,6 +39,45 @@ template <class T>
     time -= step;
   } while (time.count() > 0);
   return false;
+}
+
+// Runs `work`, which writes one file and can't be stopped (see is_done_within()), and returns its
+// result. After a second a bar shows `progress` (atomic counts `done` of `total`, of `unit`); the
+// bar is empty until there is a total.
+template <class Work, class Progress>
+auto with_progress(const Work& work, const Progress& progress, const std::string& unit,
+                   InterruptWatch& watch, OutputFile& output) {
+  using namespace std::chrono_literals;
+  auto running = std::async(std::launch::async, work);
+  if (!is_done_within(running, 1s, watch, output)) {
+    std::optional<ProgressBar> bar(std::in_place, 1, "");
+    bool counting = false;
+    do {
+      const std::size_t total = progress.total;
+      constexpr auto kMost = static_cast<std::size_t>(std::numeric_limits<int>::max());
+      if (total > 0 && total <= kMost && !counting) {
+        counting = true;
+        bar.emplace(static_cast<int>(total), unit);
+      }
+      bar->update(counting ? static_cast<int>(std::min<std::size_t>(progress.done, total)) : 0);
+    } while (!is_done_within(running, 100ms, watch, output));
+  }
+  return running.get();
+}
+
+// Runs `work(std::stop_token)` and returns its result; the first signal requests the stop. `watch`
+// must hold. Meanwhile this thread calls `turn()` repeatedly, to draw a window.
+template <class Work, class Turn = decltype([] {})>
+[[nodiscard]] auto run_stoppable(InterruptWatch& watch, const Work& work, const Turn& turn = {}) {
+  constexpr std::chrono::milliseconds kTurn(15);
+  std::stop_source stop;
+  auto running =
+      std::async(std::launch::async, [&work, token = stop.get_token()] { return work(token); });
+  while (running.wait_for(kTurn) != std::future_status::ready) {
+    if (watch.interrupted()) stop.request_stop();
+    turn();
+  }
+  return running.get();
 }
 
 }  // namespace penumbra

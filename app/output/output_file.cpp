@@ -13,7 +13,6 @@
 #include <cstdio>
 #include <limits>
 #include <optional>
-#include <system_error>
 #include <thread>
 #include <utility>
 #include <vector>
@@ -29,8 +28,18 @@ namespace fs = std::filesystem;
 
 constexpr std::string_view kStandardOutput = "standard output";
 
-std::string message_of(int error) {
+constexpr int kPartialAttempts = 1000;
+
+std::string system_message(int error) {
   return std::generic_category().message(error);
+}
+
+// "PATH.partial-PID-ATTEMPT". Writers try 0, 1, ... and take the first free name, so that two runs
+// with one target never share it.
+fs::path partial_path(const fs::path& target, int attempt) {
+  fs::path path = target;
+  path += fmt::format(".partial-{}-{}", getpid(), attempt);
+  return path;
 }
 
 // 0, or the error.
@@ -46,7 +55,7 @@ int write_all(int descriptor, std::string_view text) {
   return 0;
 }
 
-// N where the path is one of the descriptor N of this process: /dev/stdout, /dev/fd/N.
+// N if the path names descriptor N of this process: /dev/stdout, /dev/fd/N.
 std::optional<int> descriptor_of(const fs::path& path) {
   if (path == "-") return STDOUT_FILENO;
   constexpr int kMostLinks = 8;
@@ -74,7 +83,7 @@ std::atomic<int>& claimed_output() {
   return descriptor;
 }
 
-// Ctrl-C waits to be asked for while files are open (InterruptWatch).
+// InterruptWatch holds Ctrl-C pending while files are open.
 bool is_interrupted() {
   sigset_t pending;
   sigemptyset(&pending);
@@ -123,7 +132,7 @@ void claim_standard_output() {
   if (claimed_output() >= 0) return;
   std::fflush(stdout);
   const int kept = fcntl(STDOUT_FILENO, F_DUPFD_CLOEXEC, STDERR_FILENO + 1);
-  if (kept < 0) return;  // closed: the output says so itself
+  if (kept < 0) return;  // closed: the output reports it
   claimed_output() = kept;
   dup2(STDERR_FILENO, STDOUT_FILENO);
 }
@@ -131,12 +140,12 @@ void claim_standard_output() {
 Result<OutputFile> OutputFile::create(const fs::path& target) {
   if (target.empty()) return fail("the output path is empty; name a file");
   OutputFile file;
-  file.asked_ = target;
+  file.requested_ = target;
   if (const auto descriptor = descriptor_of(target)) {
     file.direct_ = true;
     int from = *descriptor;
     if (from == STDOUT_FILENO) {
-      file.asked_ = kStandardOutput;
+      file.requested_ = kStandardOutput;
       claim_standard_output();
       from = claimed_output();
     }
@@ -190,7 +199,7 @@ tl::unexpected<Error> OutputFile::not_written(int error) const {
                        : error == EPIPE ? "its reader closed it"
                        : error == EINTR ? "interrupted while waiting for its reader"
                                         : "choose another place or free this one";
-  return fail("{}: cannot be written: {}; {}", asked_.string(), message_of(error), remedy);
+  return fail("{}: cannot be written: {}; {}", requested_.string(), system_message(error), remedy);
 }
 
 OutputFile::OutputFile(OutputFile&& other) noexcept {
@@ -198,11 +207,8 @@ OutputFile::OutputFile(OutputFile&& other) noexcept {
 }
 
 OutputFile& OutputFile::operator=(OutputFile&& other) noexcept {
-  if (this != &other) {
-    OutputFile dropped;
-    swap(dropped);
-    swap(other);
-  }
+  OutputFile taken(std::move(other));
+  swap(taken);
   return *this;
 }
 
@@ -214,7 +220,7 @@ OutputFile::~OutputFile() {
 }
 
 void OutputFile::swap(OutputFile& other) noexcept {
-  asked_.swap(other.asked_);
+  requested_.swap(other.requested_);
   target_.swap(other.target_);
   partial_.swap(other.partial_);
   std::swap(direct_, other.direct_);
@@ -237,9 +243,7 @@ Result<void> OutputFile::open_stream() {
 }
 
 Result<void> OutputFile::append(std::string_view text) {
-  if (direct_) {
-    if (auto opened = open_stream(); !opened) return opened;
-  }
+  if (direct_) PENUMBRA_TRY_VOID(open_stream());
   if (const int error = write_all(open_, text); error != 0) return not_written(error);
   return {};
 }
@@ -251,20 +255,18 @@ Result<void> OutputFile::write_memory_to_stream() {
     const ssize_t count = ::read(memory_, block.data(), block.size());
     if (count < 0) return not_written(errno);
     if (count == 0) return {};
-    if (auto written = append({block.data(), static_cast<std::size_t>(count)}); !written) {
-      return written;
-    }
+    PENUMBRA_TRY_VOID(append({block.data(), static_cast<std::size_t>(count)}));
   }
 }
 
 Result<void> OutputFile::commit() {
   if (direct_) {
-    if (auto written = write_memory_to_stream(); !written) return written;
+    PENUMBRA_TRY_VOID(write_memory_to_stream());
   } else {
     std::error_code error;
     fs::rename(partial_, target_, error);
     if (error) {
-      return fail("{}: cannot be written: {}; choose another place", asked_.string(),
+      return fail("{}: cannot be written: {}; choose another place", requested_.string(),
                   error.message());
     }
   }
@@ -273,8 +275,7 @@ Result<void> OutputFile::commit() {
   return {};
 }
 
-// What was at the path until now, as one more name for it; empty where nothing was. A file system
-// without hard links gets a copy.
+// Another name for the file at the path, or a copy without hard links; empty if there is none.
 Result<fs::path> keep_old(const fs::path& target) {
   std::error_code error;
   if (!fs::exists(fs::symlink_status(target, error))) return fs::path();
@@ -301,8 +302,8 @@ Result<void> commit_together(std::span<OutputFile* const> files) {
   std::ranges::stable_partition(ordered, [](const OutputFile* file) { return !file->direct_; });
   for (OutputFile* file : ordered) {
     Result<fs::path> old = file->direct_ ? Result<fs::path>() : keep_old(file->target_);
-    result =
-        old ? file->commit() : tl::unexpected(renamed(old.error(), file->target_, file->asked_));
+    result = old ? file->commit()
+                 : tl::unexpected(renamed(old.error(), file->target_, file->requested_));
     if (old && !file->direct_) {
       if (result) {
         done.push_back({file->target_, std::move(*old)});
@@ -325,25 +326,73 @@ Result<void> commit_together(std::span<OutputFile* const> files) {
 }
 
 tl::unexpected<Error> OutputFile::failed(const Error& cause) const {
-  return tl::unexpected(renamed(cause, partial_, asked_));
+  return tl::unexpected(renamed(cause, partial_, requested_));
 }
 
-Error renamed(const Error& error, const fs::path& written, const fs::path& asked) {
+Error renamed(const Error& error, const fs::path& written, const fs::path& requested) {
   const std::string from = written.string();
-  const std::string to = asked.string();
-  Error told = error;
-  if (from.empty()) return told;
-  for (std::size_t at = told.message.find(from); at != std::string::npos;
-       at = told.message.find(from, at + to.size())) {
-    told.message.replace(at, from.size(), to);
+  const std::string to = requested.string();
+  std::string text = error.message;
+  for (std::size_t at = from.empty() ? std::string::npos : text.find(from); at != std::string::npos;
+       at = text.find(from, at + to.size())) {
+    text.replace(at, from.size(), to);
   }
-  return told;
+  return {text};
 }
 
-fs::path partial_path(const fs::path& target, int attempt) {
-  fs::path path = target;
-  path += fmt::format(".partial-{}-{}", getpid(), attempt);
-  return path;
+namespace {
+
+// A new, empty folder beside the target.
+fs::path make_beside(const fs::path& target, std::error_code& error) {
+  for (int attempt = 0; attempt < kPartialAttempts; ++attempt) {
+    const fs::path path = partial_path(target, attempt);
+    if (fs::create_directory(path, error)) return path;
+    if (error) return {};
+  }
+  error = std::make_error_code(std::errc::file_exists);
+  return {};
+}
+
+}  // namespace
+
+fs::path folder_name(const fs::path& path) {
+  const fs::path name = path.lexically_normal();
+  return name.has_filename() ? name : name.parent_path();
+}
+
+OutputFolder::~OutputFolder() {
+  std::error_code ignored;
+  if (!partial_.empty()) fs::remove_all(partial_, ignored);
+}
+
+Result<void> OutputFolder::create(const fs::path& target) {
+  target_ = target;
+  std::error_code error;
+  if (target_.has_parent_path()) fs::create_directories(target_.parent_path(), error);
+  if (!error) partial_ = make_beside(target_, error);
+  if (!error) return {};
+  return fail("{}: cannot be made: {}; choose another place", target.string(), error.message());
+}
+
+tl::unexpected<Error> OutputFolder::failed(const Error& cause) const {
+  return tl::unexpected(renamed(cause, partial_, target_));
+}
+
+std::error_code OutputFolder::commit(fs::path* aside) {
+  std::error_code error;
+  if (aside != nullptr) {
+    *aside = make_beside(target_, error);
+    if (!error) fs::rename(target_, *aside, error);
+  }
+  std::error_code ignored;
+  if (!error) {
+    fs::rename(partial_, target_, error);
+    if (error && aside != nullptr) fs::rename(*aside, target_, ignored);
+    if (!error) partial_.clear();
+  } else if (aside != nullptr && !aside->empty()) {
+    fs::remove(*aside, ignored);
+  }
+  return error;
 }
 
 fs::path follow_links(const fs::path& path) {
@@ -393,13 +442,13 @@ bool lies_in(const fs::path& path, const fs::path& folder) {
 Result<void> write_whole(OutputFile& file, const std::string& text) {
   const int handle = ::open(file.partial().c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0666);
   if (handle < 0) {
-    return fail("{}: cannot be written: {}", file.target().string(), message_of(errno));
+    return fail("{}: cannot be written: {}", file.target().string(), system_message(errno));
   }
   int error = write_all(handle, text);
   if (close(handle) != 0 && error == 0) error = errno;
   if (error != 0) {
     return fail("{}: cannot be written: {}; free some space or choose another place",
-                file.target().string(), message_of(error));
+                file.target().string(), system_message(error));
   }
   return {};
 }

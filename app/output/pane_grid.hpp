@@ -1,4 +1,4 @@
-// Pictures of one size beside each other in one, each under its caption.
+// Images of one size side by side in one image, each below its caption.
 #pragma once
 
 #include <cstddef>
@@ -14,17 +14,17 @@ struct GridLayout {
   int rows = 1;
   friend bool operator==(const GridLayout&, const GridLayout&) = default;
 };
-// Up to three panes stand in one row, more in as few rows as make the grid at most four wide: 4 as
-// 2 x 2, 5 and 6 as 3 x 2, 7 and 8 as 4 x 2. `panes` > 0.
+// Up to three panes form one row, more the fewest rows of at most four: 4 as 2 x 2, 5 and 6 as 3 x
+// 2, 7 and 8 as 4 x 2. `panes` > 0.
 [[nodiscard]] GridLayout grid_layout(int panes);
 
 struct GridSize {
   int width = 0, height = 0;  // [px], both even, as video encoders want it
 };
-// Of the whole, with captions, for panes of this size [px].
+// Size of the grid with captions; sizes in [px].
 [[nodiscard]] GridSize grid_size(int pane_width, int pane_height, int panes);
 
-// Captions stand in a band above each pane, never over it: a pane's pixels are its picture's.
+// Captions are in a band above each pane, never over it.
 class PaneGrid {
  public:
   // The panes' size [px], > 0; one caption per pane, at least one.
@@ -40,7 +40,7 @@ class PaneGrid {
   [[nodiscard]] Corner corner_of(std::size_t pane) const;
   // `rgba`: RGBA8 of the pane's size, rows top to bottom.
   void put(std::size_t pane, std::span<const std::uint8_t> rgba);
-  // The whole, width * height * 4 bytes.
+  // The grid, width * height * 4 bytes.
   [[nodiscard]] std::span<const std::uint8_t> rgba() const { return rgba_; }
 
  private:

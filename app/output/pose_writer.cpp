@@ -1,7 +1,5 @@
 #include "app/output/pose_writer.hpp"
 
-#include <utility>
-
 #include "core/geometry/trajectory.hpp"
 #include "core/propagate.hpp"
 #include "core/text/text.hpp"

@@ -1,4 +1,4 @@
-// Poses as they are tracked -> TUM file.
+// Tracked poses -> TUM file.
 #pragma once
 
 #include <cstdint>
@@ -15,9 +15,8 @@ namespace penumbra {
 
 class PoseWriter {
  public:
-  // `all`: uncertain and held poses too, each after a comment line that says so ("# uncertain:
-  // reason"): a line of its own, so that every reader of TUM files still finds eight columns.
-  // `what`: of which pose they are, for people who open the file.
+  // `all`: uncertain and held poses too, each after a comment line ("# uncertain: reason"), so that
+  // pose lines keep eight columns. `what`: the pose's name in the file's first line.
   [[nodiscard]] static Result<PoseWriter> create(const std::filesystem::path& file, bool all,
                                                  std::string_view what = "T_table_camera");
 
@@ -25,12 +24,11 @@ class PoseWriter {
   [[nodiscard]] Result<void> write(std::int64_t timestamp_ns, const PoseEstimate& pose);
   [[nodiscard]] Result<void> write(std::int64_t timestamp_ns, const GroupEstimate& group);
   [[nodiscard]] Result<void> finish();
-  // After an error: leaves the whole lines that were written before under the file's name.
+  // After an error: keeps the complete lines written before.
   void rescue();
 
  private:
   PoseWriter(OutputFile file, bool all) : file_(std::move(file)), all_(all) {}
-  // `pose`: whatever the file holds.
   [[nodiscard]] Result<void> write(std::int64_t timestamp_ns, TrackStatus status,
                                    const std::string& reason, const CameraPose& pose);
   OutputFile file_;

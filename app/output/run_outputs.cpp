@@ -7,8 +7,7 @@
 #include <utility>
 
 #include "app/logging.hpp"
-#include "app/recording/recording_source.hpp"
-#include "app/session/session.hpp"
+#include "core/assert.hpp"
 #include "core/propagate.hpp"
 #include "render/model/cut_out.hpp"
 #include "render/shadow/kernels/kernel_file.hpp"
@@ -19,8 +18,8 @@ namespace {
 
 namespace fs = std::filesystem;
 
-// OpenGL 3.3, or OpenGL ES 3.0 where the driver has no more (Raspberry Pi 4). Fails with what was
-// said of the first.
+// OpenGL 3.3, or OpenGL ES 3.0 if the driver has no more (Raspberry Pi 4). Fails with the error of
+// the first.
 template <typename Create>
 Result<std::unique_ptr<GlContext>> with_either_api(const Create& create) {
   auto context = create(GlApi::gl33);
@@ -61,8 +60,9 @@ Result<void> check_output_paths(const OutputRequest& request, std::vector<fs::pa
 
 std::vector<fs::path> files_of(const Recording& recording) {
   std::vector<fs::path> files;
-  for (const char* name : {"camera.yaml", "tags.yaml", "timestamps.csv", "groundtruth.tum"})
+  for (const char* name : {"camera.yaml", "tags.yaml", "timestamps.csv", "groundtruth.tum"}) {
     files.push_back(recording.folder / name);
+  }
   if (!recording.video.empty()) files.push_back(recording.video);
   return files;
 }
@@ -96,10 +96,11 @@ Result<void> check_apart_from(const Recording& recording, const OutputRequest& r
 }
 
 Result<Scene> load_run_scene(const fs::path& scene, const std::optional<fs::path>& kernel_file) {
-  Result<Scene> loaded = load_scene(scene);
-  if (!loaded || !kernel_file) return loaded;
-  PENUMBRA_TRY(const KernelFile kernels, load_kernel_file(*kernel_file));
-  PENUMBRA_TRY_VOID(give_kernels(*loaded, kernels, kernel_file->string()));
+  PENUMBRA_TRY(Scene loaded, load_scene(scene));
+  if (kernel_file) {
+    PENUMBRA_TRY(const KernelFile kernels, load_kernel_file(*kernel_file));
+    PENUMBRA_TRY_VOID(give_kernels(loaded, kernels, kernel_file->string()));
+  }
   return loaded;
 }
 
@@ -114,13 +115,11 @@ bool is_drawn_by(const ShadowNode& node, std::span<const PlanOptions> plans,
   });
 }
 
-// Names each model of which whole faces cast although it has cut-outs.
+// Warns of models with cut-outs whose whole faces cast shadows.
 void warn_of_cut_outs(const Scene& scene, std::span<const PlanOptions> plans) {
   std::set<std::string> models;
   for (const ShadowNode& node : scene.shadows) {
-    const bool whole_faces =
-        is_drawn_by(node, plans, {ShadowTechnique::layered, ShadowTechnique::volume});
-    if (!whole_faces) continue;
+    if (!is_drawn_by(node, plans, {ShadowTechnique::layered, ShadowTechnique::volume})) continue;
     for (const int caster : node.casters) {
       const SceneObject& object = scene.objects[static_cast<std::size_t>(caster)];
       if (!object.model || !object.casts_shadow || !has_cut_outs(*object.model)) continue;
@@ -172,12 +171,10 @@ Result<RunOutputs> open_outputs(const OutputRequest& request, const FrameFormat&
                                 const std::vector<std::string>& groups, int encode_ahead) {
   RunOutputs outputs;
   if (request.report) {
-    PENUMBRA_TRY(auto file, OutputFile::create(*request.report));
-    outputs.report = std::move(file);
+    PENUMBRA_TRY(outputs.report, OutputFile::create(*request.report));
   }
   if (request.poses) {
-    PENUMBRA_TRY(auto writer, PoseWriter::create(*request.poses, request.poses_all));
-    outputs.poses = std::move(writer);
+    PENUMBRA_TRY(outputs.poses, PoseWriter::create(*request.poses, request.poses_all));
   }
   if (request.group_poses) {
     std::error_code error;
@@ -259,14 +256,42 @@ Result<void> RunOutputs::write_report(const RunReport& measured) {
   return write_text(*report, report_json(measured));
 }
 
+Result<void> LateOutputs::write(const SessionFrame& frame, std::span<const std::uint8_t> pixels) {
+  if (frame.picture != PictureTime::later) {
+    auto rest = write_rest();
+    auto written = outputs_.write(frame.tracked, pixels, run_);
+    return rest ? written : rest;
+  }
+  Result<void> written;
+  if (waiting_) {
+    PENUMBRA_ASSERT(frame.read_back);
+    written = outputs_.write(*waiting_, pixels, run_);
+  }
+  waiting_ = frame.tracked;
+  waiting_->frame = Frame();
+  waiting_->frame.sequence = frame.tracked.frame.sequence;
+  waiting_->frame.timestamp_ns = frame.tracked.frame.timestamp_ns;
+  return written;
+}
+
+Result<void> LateOutputs::write_rest() {
+  if (!waiting_) return {};
+  const TrackedFrame frame = *std::exchange(waiting_, std::nullopt);
+  PENUMBRA_ASSERT(session_ != nullptr);
+  Result<StageTime> taken = session_->take_picture(pixels_);
+  if (taken) {
+    run_.add_time("readback", *taken);
+    return outputs_.write(frame, pixels_, run_);
+  }
+  // Without the image the pose is still written.
+  auto written = outputs_.write_without_picture(frame);
+  return written ? tl::unexpected(taken.error()) : written;
+}
+
 Result<std::unique_ptr<GlContext>> open_window(GlContext::Size picture, bool vsync) {
   return with_either_api([&](GlApi api) {
-    WindowOptions options;
-    options.width = picture.width;
-    options.height = picture.height;
-    options.vsync = vsync;
-    options.api = api;
-    return create_window_context(options);
+    return create_window_context(
+        {.width = picture.width, .height = picture.height, .api = api, .vsync = vsync});
   });
 }
 

@@ -1,4 +1,4 @@
-// What a run writes, and what it draws with: the same for replay and live.
+// Outputs and drawing context of a run, shared by replay and live.
 #pragma once
 
 #include <cstdint>
@@ -15,6 +15,7 @@
 #include "app/output/pose_writer.hpp"
 #include "app/recording/recording_source.hpp"
 #include "app/report/run_report.hpp"
+#include "app/session/session.hpp"
 #include "core/error.hpp"
 #include "core/geometry/tag_map.hpp"
 #include "render/frame_plan.hpp"
@@ -26,20 +27,19 @@ namespace penumbra {
 struct OutputRequest {
   std::optional<std::filesystem::path> output;  // composited frames
   std::optional<std::filesystem::path> poses;
-  bool poses_all = false;  // uncertain and held ones too
-  // A folder, for where groups of tags beside the table are: NAME.tum of each (T_table_group).
-  std::optional<std::filesystem::path> group_poses;
+  bool poses_all = false;                            // uncertain and held ones too
+  std::optional<std::filesystem::path> group_poses;  // folder for NAME.tum of each tag group
   std::optional<std::filesystem::path> report;
 };
 
-// No output may take the place of what is read (`taken`), or of another output.
+// Fails if an output would replace another one or a file in `taken`, which the run reads.
 [[nodiscard]] Result<void> check_output_paths(const OutputRequest& request,
                                               std::vector<std::filesystem::path> taken);
 
-// What of a recording is read beside its frames' pictures; they may be links to elsewhere.
+// The files of a recording except its images; they may be links.
 [[nodiscard]] std::vector<std::filesystem::path> files_of(const Recording& recording);
-// A recording is only read: fails where an output would lie in its folder, or where its pictures
-// lie. `more`: written as well.
+// Fails if an output would lie in the recording's folder, or where its images lie. `more`: another
+// output.
 [[nodiscard]] Result<void> check_apart_from(
     const Recording& recording, const OutputRequest& request,
     const std::optional<std::filesystem::path>& more = std::nullopt);
@@ -50,61 +50,81 @@ struct RunOutputs {
   std::map<std::string, PoseWriter> group_poses;  // by name
   std::optional<OutputFile> report;
 
-  // What is asked for of one frame; the times of those encoded since the last call go to `run`.
-  // `pixels` is empty where no composited frames are wanted. What fails (a full disk) is given up
-  // with what it holds until then, and told by the first error that there was; the others go on.
+  // Writes one frame; encoding times since the last call go to `run`. `pixels`: empty without
+  // `frames`. An output that fails (a full disk) is closed with its content so far, the others
+  // continue; returns the first error.
   [[nodiscard]] Result<void> write(const TrackedFrame& frame, std::span<const std::uint8_t> pixels,
                                    RunRecorder& run);
-  // The same of a frame whose picture is lost.
+  // The same for a frame whose image is lost.
   [[nodiscard]] Result<void> write_without_picture(const TrackedFrame& frame);
-  // Frames and poses are on disk, under their names, when this returns; one that fails does not
-  // keep the others from it.
+  // Puts frames and poses under their names; a failure does not affect the others.
   [[nodiscard]] Result<void> finish(RunRecorder& run);
   [[nodiscard]] Result<void> write_report(const RunReport& measured);
-  // Whether there is anything left to write, frame by frame.
+  // Returns true if any output takes frames.
   [[nodiscard]] bool any() const { return frames || poses || !group_poses.empty(); }
 };
-// `groups`: those whose poses are written, where that is asked for.
-// `encode_ahead`: how many composited frames may wait for an encoder on a thread of its own; 0:
-// they are encoded as they are written.
+// `groups`: written to `group_poses`. `encode_ahead`: number of composited frames that may wait for
+// the encoder's thread; 0: no thread.
 [[nodiscard]] Result<RunOutputs> open_outputs(const OutputRequest& request,
                                               const FrameFormat& format,
                                               const std::vector<std::string>& groups,
                                               int encode_ahead);
 
-// Tells what the scene's file says against advice; of layered shadows where they are drawn.
+// A run's outputs if composited images come one frame late: the last frame is written while the
+// next one is drawn.
+class LateOutputs {
+ public:
+  // All outlive this. `session`: null if images are never late.
+  LateOutputs(Session* session, RunOutputs& outputs, RunRecorder& run)
+      : session_(session), outputs_(outputs), run_(run) {}
+
+  // Writes a frame, or keeps it for the next call if its image is late (SessionFrame::picture).
+  // `pixels`: the frame's image, or the last frame's if this one is late. Fails as
+  // RunOutputs::write().
+  [[nodiscard]] Result<void> write(const SessionFrame& frame, std::span<const std::uint8_t> pixels);
+  // Writes the late frame: before the outputs are finished, or if no frame follows soon. Fails also
+  // if its image is lost.
+  [[nodiscard]] Result<void> write_rest();
+
+ private:
+  Session* session_;
+  RunOutputs& outputs_;
+  RunRecorder& run_;
+  std::optional<TrackedFrame> waiting_;  // without pixels: the camera needs its buffer
+  std::vector<std::uint8_t> pixels_;     // of write_rest()
+};
+
+// Logs the warnings of the scene file, and those about shadows that the plan draws.
 void tell_warnings(const Scene& scene, const PlanOptions& plan);
-// The same for shadows that are drawn by several plans side by side.
+// The same for several plans side by side.
 void tell_warnings(const Scene& scene, std::span<const PlanOptions> plans);
 
-// Warns of what the scene is tied to and the tags (of the file that is named) do not have;
-// `consequence`: what becomes of it.
+// Warns of tag groups that the scene uses and the tag file lacks; `consequence` ends the message.
 void warn_of_unknown_groups(const Scene& scene, const TagMap& tags,
                             const std::filesystem::path& tags_file, std::string_view consequence);
 
-// The groups of tags to be tracked: those that the scene needs; nothing for all of them, where work
-// is not to be skipped or their poses are written. Warns of what the scene is tied to and the tags
-// (of the file that is named) do not have.
+// The tag groups to track: those that the scene needs; empty for all, if their poses are written or
+// `skip` is false. Warns of unknown groups.
 [[nodiscard]] std::optional<std::vector<std::string>> wanted_groups(
     const Scene& scene, const TagMap& tags, const std::filesystem::path& tags_file,
     const OutputRequest& request, bool skip);
 
-// The scene, with the kernels of a file for those of its casters that have as many vertices.
+// Loads the scene; the kernel file replaces the kernels of casters with its vertex counts.
 [[nodiscard]] Result<Scene> load_run_scene(const std::filesystem::path& scene,
                                            const std::optional<std::filesystem::path>& kernel_file);
 
-// A window for a picture of this size [px]. Fails in one line where there is none to be had.
+// A window for an image of this size [px].
 [[nodiscard]] Result<std::unique_ptr<GlContext>> open_window(GlContext::Size picture, bool vsync);
 
 struct WindowChoice {
-  bool window = true;  // where there is a display
+  bool window = true;  // if there is a display
   bool vsync = true;
 };
-// Where there is no display, says so in one line and goes on offscreen.
-// `picture`: what it shows, and how large a window is at first.
+// Without a display it prints a line and continues offscreen. `picture`: size of the image and of
+// the new window [px].
 [[nodiscard]] Result<std::unique_ptr<GlContext>> open_run_context(const WindowChoice& choice,
                                                                   GlContext::Size picture);
-// The error of a run that ended because its window's display was lost; nothing in any other case.
+// The error of a run that ended because its window's display was lost; else empty.
 [[nodiscard]] std::optional<Error> display_loss(const GlContext& context);
 
 }  // namespace penumbra

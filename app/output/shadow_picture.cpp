@@ -3,7 +3,6 @@
 #include <cairo.h>
 
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <limits>
 #include <memory>
@@ -15,7 +14,7 @@ namespace penumbra {
 
 namespace {
 
-// Wood in the light, and what is left of it in each layer.
+// Colours of lit wood; layer_color() has the shaded ones.
 constexpr std::uint32_t kPaper = 0xf4efe6;
 constexpr std::uint32_t kInk = 0x2a2622;
 constexpr std::uint32_t kObject = 0xc8552b;
@@ -24,17 +23,17 @@ constexpr std::uint32_t kKernel = 0x1f6f8b;
 std::uint32_t layer_color(std::string_view name) {
   if (name == "penumbra") return 0xd3cbbf;
   if (name == "middle") return 0x9a9189;
-  return 0x57504b;  // umbra, or the one layer of a hard shadow
+  return 0x57504b;  // umbra, or a hard shadow's only layer
 }
 
-// Everything in millimetres on the sheet, y down.
+// Positions on the sheet in [mm], y down.
 struct Layout {
   double width = 0.0;
   double height = 0.0;
   double map_bottom = 0.0;
   Eigen::Vector2d low = Eigen::Vector2d::Zero();  // plane coordinates of the map's lower left [m]
   double mm_per_m = 1000.0;
-  double unit = 1.0;  // size of small things
+  double unit = 1.0;  // size of letters and lines
 
   [[nodiscard]] Eigen::Vector2d on_sheet(const Eigen::Vector2d& p) const {
     return {margin() + mm_per_m * (p.x() - low.x()), map_bottom - mm_per_m * (p.y() - low.y())};
@@ -65,20 +64,20 @@ Layout lay_out(const ShadowPicture& picture) {
   }
   Eigen::Vector2d size = high - low;
   const double extent = std::max(size.maxCoeff(), 1e-9);
-  // Very long and thin shadows still get a sheet that can hold the legend.
+  // The legend needs room below very narrow shadows, too.
   const Eigen::Vector2d least = size.cwiseMax(0.45 * extent);
   low -= 0.5 * (least - size);
   size = least;
   Layout layout;
   layout.low = low;
-  layout.unit = 10.0 * extent;  // a hundredth of the largest extent, in millimetres
+  layout.unit = 10.0 * extent;  // 1 % of the extent, in [mm]
   layout.width = layout.mm_per_m * size.x() + 2.0 * layout.margin();
   layout.map_bottom = layout.mm_per_m * size.y() + layout.margin() + 7.0 * layout.unit;
   layout.height = layout.map_bottom + 14.0 * layout.unit;
   return layout;
 }
 
-// The longest of 1, 2, 5 x 10^n metres that fits.
+// The largest of 1, 2, 5 x 10^n up to `longest_m`.
 double scale_bar_m(double longest_m) {
   const double power = std::pow(10.0, std::floor(std::log10(longest_m)));
   for (const double step : {5.0, 2.0}) {
@@ -93,7 +92,7 @@ std::string length_text(double metres) {
   return fmt::format("{:g} mm", metres * 1000.0);
 }
 
-// What both kinds of file can do.
+// Drawing operations of SVG and PNG.
 class Canvas {
  public:
   Canvas() = default;
@@ -226,7 +225,7 @@ class CairoCanvas final : public Canvas {
     cairo_set_line_join(cairo_.get(), CAIRO_LINE_JOIN_ROUND);
     cairo_select_font_face(cairo_.get(), "sans-serif", CAIRO_FONT_SLANT_NORMAL,
                            CAIRO_FONT_WEIGHT_NORMAL);
-    // To the last pixel, which the sheet may cover in part only.
+    // Fills the last pixels, too, which the sheet may cover only in part.
     use(kPaper);
     cairo_paint(cairo_.get());
     cairo_scale(cairo_.get(), pixels_per_mm, pixels_per_mm);
@@ -235,8 +234,7 @@ class CairoCanvas final : public Canvas {
   void end_group() override {}
   void fill(const LayerPolygon& polygon, std::uint32_t color) override {
     trace(polygon);
-    use(color);
-    cairo_fill(cairo_.get());
+    fill_path(color);
   }
   void stroke(const LayerPolygon& polygon, std::uint32_t color, double width) override {
     trace(polygon);
@@ -248,13 +246,11 @@ class CairoCanvas final : public Canvas {
     constexpr double kFullTurn = 6.283185307179586;
     cairo_new_path(cairo_.get());
     cairo_arc(cairo_.get(), at.x(), at.y(), radius, 0.0, kFullTurn);
-    use(color);
-    cairo_fill(cairo_.get());
+    fill_path(color);
   }
   void rectangle(double x, double y, double w, double h, std::uint32_t color) override {
     cairo_rectangle(cairo_.get(), x, y, w, h);
-    use(color);
-    cairo_fill(cairo_.get());
+    fill_path(color);
   }
   void text(double x, double y, double size, const std::string& words) override {
     cairo_set_font_size(cairo_.get(), size);
@@ -269,6 +265,10 @@ class CairoCanvas final : public Canvas {
   }
 
  private:
+  void fill_path(std::uint32_t color) {
+    use(color);
+    cairo_fill(cairo_.get());
+  }
   void use(std::uint32_t color) {
     const auto channel = [color](unsigned shift) {
       return static_cast<double>((color >> shift) & 0xffU) / 255.0;

@@ -1,4 +1,4 @@
-// A flat picture of a shadow: its layers, the object's outline and, if wanted, the kernels.
+// A drawing of a shadow: its layers, the object's outline and, optionally, the kernels.
 #pragma once
 
 #include <Eigen/Core>
@@ -18,15 +18,14 @@ struct ShadowPicture {
   };
   std::string title;
   std::string subtitle;                  // below it, smaller; may be empty
-  std::vector<Layer> layers;             // in the order of painting: the largest first
+  std::vector<Layer> layers;             // in drawing order: the largest first
   LayerOutline object;                   // seen straight down
   std::vector<Eigen::Vector2d> kernels;  // dots [m]
 };
 
-// SVG 1.1: a group for each layer, named after it; metres become millimetres on paper, so that
-// lengths can be measured in it.
+// SVG 1.1 at full scale: a group per layer, named after it.
 [[nodiscard]] std::string shadow_svg(const ShadowPicture& picture);
-// The same picture as a PNG of about 1200 pixels across.
+// The same as a PNG of about 1200 pixels across.
 [[nodiscard]] Result<void> write_shadow_png(const std::filesystem::path& file,
                                             const ShadowPicture& picture);
 

@@ -1,4 +1,4 @@
-// Makes items one after another on a thread of its own, a few ahead of who takes them.
+// Makes items in order on a thread, a few ahead of the reader.
 #pragma once
 
 #include <condition_variable>
@@ -14,15 +14,14 @@
 
 namespace penumbra {
 
-// Items come out in the order they were made. The end and the first error come in their place too,
-// after the items before them, and stay: every later next() says the same. The destructor waits for
-// the item that is being made, and no other is begun.
+// The end and the first error also come in order, and every later next() repeats them. The
+// destructor waits only for the item that is being made.
 template <class T>
 class LookAhead {
  public:
-  using Item = Result<std::optional<T>>;  // nothing: the end
+  using Item = Result<std::optional<T>>;  // empty: the end
 
-  // `make` is called by one thread at a time. Depth 0: it is called by next() itself.
+  // `make` is called by one thread at a time. Depth 0: next() calls it.
   LookAhead(std::function<Item()> make, int depth)
       : make_(std::move(make)), depth_(depth > 0 ? static_cast<std::size_t>(depth) : 0) {
     if (depth_ > 0) thread_ = std::thread([this] { run(); });
@@ -93,7 +92,7 @@ class LookAhead {
   std::deque<Item> made_;  // guarded by mutex_
   bool stop_ = false;      // guarded by mutex_
   bool ended_ = false;
-  std::optional<Error> error_;  // what it ended with, if not well
+  std::optional<Error> error_;  // that ended it
   std::thread thread_;
 };
 

@@ -1,9 +1,11 @@
-// Frames as captured -> Matroska with FFV1, whole after every frame.
+// Frames as captured -> Matroska with FFV1, complete after every frame.
 #pragma once
 
+#include <cstdint>
 #include <filesystem>
-#include <memory>
+#include <string>
 
+#include "app/libav.hpp"
 #include "core/error.hpp"
 #include "core/image/frame.hpp"
 
@@ -14,20 +16,22 @@ class LosslessVideo {
   // For frames like `first`: its size, format and colours.
   [[nodiscard]] static Result<LosslessVideo> create(const std::filesystem::path& file,
                                                     const Frame& first);
-  LosslessVideo(LosslessVideo&&) noexcept;
-  LosslessVideo& operator=(LosslessVideo&&) noexcept;
-  ~LosslessVideo();
-
-  // The frame is in the file when this returns. YUYV and NV12 are sorted into planes: every sample
-  // stays as it is.
+  // The frame is in the file when this returns. YUYV and NV12 are stored as planes, sample by
+  // sample.
   [[nodiscard]] Result<void> write(const Frame& frame);
-  // Writes the index; a file without it reads as well.
+  // Writes the index; a file without it can be read, too.
   [[nodiscard]] Result<void> finish();
 
  private:
-  struct Impl;
-  explicit LosslessVideo(std::unique_ptr<Impl> impl);
-  std::unique_ptr<Impl> impl_;
+  [[nodiscard]] Result<void> open(const Frame& first);
+  [[nodiscard]] Result<void> encode();
+  [[nodiscard]] tl::unexpected<Error> failed(const char* what, int error) const;
+
+  std::string name_;
+  PixelFormat format_ = PixelFormat::grey8;
+  AvEncoding av_;
+  std::int64_t first_ns_ = 0;
+  std::int64_t last_pts_ = -1;
 };
 
 }  // namespace penumbra

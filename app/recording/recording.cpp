@@ -3,11 +3,9 @@
 
 #include <algorithm>
 #include <cerrno>
-#include <cstdint>
+#include <charconv>
 #include <functional>
-#include <optional>
-#include <string>
-#include <string_view>
+#include <iterator>
 #include <system_error>
 
 #include "app/recording/recording_source.hpp"
@@ -27,11 +25,11 @@ namespace penumbra {
 namespace {
 
 constexpr std::size_t kMaxListBytes = 256'000'000;
-constexpr std::int64_t kMaxFrameNumber = 999'999'999;  // nine digits in a picture's name
+constexpr std::int64_t kMaxFrameNumber = 999'999'999;  // nine digits in an image's name
 constexpr double kMaxExposure_s = 60.0;
 constexpr std::int64_t kMaxTimeNs = 4'000'000'000'000'000'000;  // differences fit into 64 bits
 
-bool is_there(const std::filesystem::path& path) {
+bool file_exists(const std::filesystem::path& path) {
   std::error_code ignored;
   return std::filesystem::exists(path, ignored);
 }
@@ -41,8 +39,7 @@ bool is_folder(const std::filesystem::path& path) {
   return std::filesystem::is_directory(path, ignored);
 }
 
-// Nothing at that place, as a recording that was cut off leaves it; a place that may not be looked
-// into is something else.
+// Returns true if there is no such file, false if its folder can't be read.
 bool is_missing(const std::filesystem::path& path) {
   std::error_code ignored;
   return std::filesystem::status(path, ignored).type() == std::filesystem::file_type::not_found;
@@ -52,14 +49,14 @@ Result<void> check_readable(const std::filesystem::path& path) {
   std::error_code error;
   const auto status = std::filesystem::status(path, error);
   const bool folder = std::filesystem::is_directory(status);
-  if (status.type() == std::filesystem::file_type::none) {
-    return fail("{}: cannot be read: {}; see who may read it", path.string(), error.message());
+  if (status.type() != std::filesystem::file_type::none) {
+    error.clear();
+    if (access(path.c_str(), folder ? R_OK | X_OK : R_OK) != 0) {
+      error.assign(errno, std::generic_category());
+    }
   }
-  if (access(path.c_str(), folder ? R_OK | X_OK : R_OK) != 0) {
-    return fail("{}: cannot be read: {}; see who may read it", path.string(),
-                std::generic_category().message(errno));
-  }
-  return {};
+  if (!error) return {};
+  return fail("{}: cannot be read: {}; see who may read it", path.string(), error.message());
 }
 
 std::string name_of(const std::filesystem::path& folder) {
@@ -68,8 +65,8 @@ std::string name_of(const std::filesystem::path& folder) {
   return error || whole.filename().empty() ? folder.string() : whole.filename().string();
 }
 
-// What is printed of a line that may be anything.
-std::string shown(std::string_view text) {
+// Quotes the beginning of a damaged line.
+std::string quoted(std::string_view text) {
   std::string out;
   for (const char c : text.substr(0, 40)) out.push_back(c >= ' ' && c <= '~' ? c : '?');
   if (text.size() > 40) out += "...";
@@ -78,12 +75,12 @@ std::string shown(std::string_view text) {
 
 struct Row {
   int line = 0;
-  bool ended = true;  // with a line break: the last line of a file that was cut off has none
+  bool ended = true;  // with a line break, which the last line of a truncated file lacks
   std::vector<std::string_view> fields;
 };
 
-// Comma-separated rows; empty lines and comments are left out. EuRoC's header is a comment too: the
-// first one that speaks of a timestamp.
+// Comma-separated rows without empty lines and comments. EuRoC's header is the first comment that
+// contains "timestamp".
 std::vector<Row> split_rows(std::string_view text) {
   std::vector<Row> rows;
   for (int line = 1; !text.empty(); ++line) {
@@ -109,10 +106,11 @@ std::vector<Row> split_rows(std::string_view text) {
   return rows;
 }
 
-// A picture's path in a listing stays inside the recording.
-bool stays_inside(const std::filesystem::path& path) {
-  return path.is_relative() &&
-         std::none_of(path.begin(), path.end(), [](const auto& part) { return part == ".."; });
+// An image's path in a listing must stay inside the recording.
+bool stays_inside(std::string_view name) {
+  const std::filesystem::path path = name;
+  return !name.empty() && name.find('\0') == std::string_view::npos && path.is_relative() &&
+         std::ranges::find(path, "..") == path.end();
 }
 
 using RowReader = std::function<Result<RecordedFrame>(const Row&)>;
@@ -138,7 +136,7 @@ Result<void> read_rows(const std::vector<Row>& rows, const std::string& csv, con
       }
     }
     if (!frame) {
-      // Being cut off in the middle of its last line is how a listing ends after a crash.
+      // After a crash a listing may end in the middle of a line.
       if (i + 1 == rows.size() && !row.ended && !recording.frames.empty()) {
         recording.notices.push_back(
             fmt::format("{}: line {} is cut off and left out", csv, row.line));
@@ -148,13 +146,14 @@ Result<void> read_rows(const std::vector<Row>& rows, const std::string& csv, con
     }
     recording.frames.push_back(std::move(*frame));
   }
-  return {};
+  if (!recording.frames.empty()) return {};
+  return fail("{}: lists 0 frames; record again, or list the frames there are", csv);
 }
 
 Result<void> list_own(const std::filesystem::path& folder, Recording& recording) {
   const std::filesystem::path csv_file = folder / "timestamps.csv";
   const std::string csv = csv_file.string();
-  if (!is_there(csv_file)) {
+  if (!file_exists(csv_file)) {
     return fail("{}: no such file; a recording needs it, with the lines frame,timestamp_s,file",
                 csv);
   }
@@ -164,26 +163,28 @@ Result<void> list_own(const std::filesystem::path& folder, Recording& recording)
     return fail("{}: is empty; its first line must be frame,timestamp_s,file", csv);
   }
   const auto& header = rows.front().fields;
-  const auto column = [&](std::string_view name) {
-    const auto found = std::find(header.begin(), header.end(), name);
-    return found == header.end() ? std::optional<std::size_t>()
-                                 : static_cast<std::size_t>(found - header.begin());
+  const auto column = [&](std::string_view name) -> std::optional<std::size_t> {
+    const auto found = std::ranges::find(header, name);
+    if (found == header.end()) return std::nullopt;
+    return static_cast<std::size_t>(found - header.begin());
   };
   const auto number_column = column("frame");
   const auto time_column = column("timestamp_s");
   const auto file_column = column("file");
   const auto exposure_column = column("exposure_s");
-  const bool pictures = recording.video.empty();
-  if (!number_column || !time_column || (pictures && !file_column)) {
+  const bool images = recording.video.empty();
+  if (!number_column || !time_column || (images && !file_column)) {
     return fail("{}: line {}: has no column {}; the first line must be frame,timestamp_s,file", csv,
                 rows.front().line,
-                !number_column ? "frame" : (!time_column ? "timestamp_s" : "file"));
+                !number_column ? "frame"
+                : !time_column ? "timestamp_s"
+                               : "file");
   }
   for (const std::string_view name : header) {
     if (!name.starts_with("exposure") || name == "exposure_s") continue;
     recording.notices.push_back(
         fmt::format("{}: column {}: is not read; exposures are read from exposure_s, in seconds",
-                    csv, shown(name)));
+                    csv, quoted(name)));
   }
   const auto read = [&](const Row& row) -> Result<RecordedFrame> {
     if (row.fields.size() != header.size()) {
@@ -195,14 +196,14 @@ Result<void> list_own(const std::filesystem::path& folder, Recording& recording)
     const auto parsed_number = parse_integer(number);
     if (!parsed_number || *parsed_number < 0 || *parsed_number > kMaxFrameNumber) {
       return fail("{}: line {}: frame: '{}' is no frame number (0, 1, 2, ...)", csv, row.line,
-                  shown(number));
+                  quoted(number));
     }
     frame.number = static_cast<int>(*parsed_number);
     const std::string_view time = row.fields[*time_column];
     const auto parsed_time = parse_seconds_as_ns(time);
     if (!parsed_time) {
       return fail("{}: line {}: timestamp_s: '{}' is no finite number of seconds", csv, row.line,
-                  shown(time));
+                  quoted(time));
     }
     frame.timestamp_ns = *parsed_time;
     if (exposure_column && !row.fields[*exposure_column].empty()) {
@@ -210,24 +211,20 @@ Result<void> list_own(const std::filesystem::path& folder, Recording& recording)
       frame.exposure_s = parse_number(exposure);
       if (!frame.exposure_s || !(*frame.exposure_s > 0.0 && *frame.exposure_s <= kMaxExposure_s)) {
         return fail("{}: line {}: exposure_s: '{}' is no time above 0 and up to {} s", csv,
-                    row.line, shown(exposure), kMaxExposure_s);
+                    row.line, quoted(exposure), kMaxExposure_s);
       }
     }
-    if (pictures) {
+    if (images) {
       const std::string_view file = row.fields[*file_column];
-      if (file.empty() || file.find('\0') != std::string_view::npos || !stays_inside(file)) {
+      if (!stays_inside(file)) {
         return fail("{}: line {}: file: '{}' is no path inside the recording", csv, row.line,
-                    shown(file));
+                    quoted(file));
       }
       frame.file = folder / file;
     }
     return frame;
   };
-  if (auto listed = read_rows(rows, csv, read, recording); !listed) return listed;
-  if (recording.frames.empty()) {
-    return fail("{}: lists 0 frames; record again, or list the frames there are", csv);
-  }
-  return {};
+  return read_rows(rows, csv, read, recording);
 }
 
 Result<void> list_euroc(const std::filesystem::path& cam0, Recording& recording) {
@@ -249,26 +246,23 @@ Result<void> list_euroc(const std::filesystem::path& cam0, Recording& recording)
     const auto time = parse_integer(row.fields[0]);
     if (!time || *time > kMaxTimeNs || *time < -kMaxTimeNs) {
       return fail("{}: line {}: timestamp: '{}' is no whole number of nanoseconds", csv, row.line,
-                  shown(row.fields[0]));
+                  quoted(row.fields[0]));
     }
     frame.timestamp_ns = *time;
     const std::string_view file = row.fields[1];
-    if (file.empty() || file.find('\0') != std::string_view::npos || !stays_inside(file)) {
+    if (!stays_inside(file)) {
       return fail("{}: line {}: filename: '{}' is no path inside the recording", csv, row.line,
-                  shown(file));
+                  quoted(file));
     }
     frame.file = cam0 / "data" / file;
     return frame;
   };
-  if (auto listed = read_rows(rows, csv, read, recording); !listed) return listed;
-  if (recording.frames.empty())
-    return fail("{}: lists 0 frames; record again, or list the frames there are", csv);
-  return {};
+  return read_rows(rows, csv, read, recording);
 }
 
-// Drops the frames at the end that are missing or incomplete, as a crash or a full disk leaves
-// them. A frame missing before them is an error.
-Result<void> settle_pictures(Recording& recording) {
+// Drops missing or incomplete frames at the end, after a crash or on a full disk. Earlier frames
+// must not be missing.
+Result<void> drop_incomplete_images(Recording& recording) {
   const std::size_t listed = recording.frames.size();
   std::string first_cause;  // of the first frame that is dropped
   while (!recording.frames.empty()) {
@@ -295,14 +289,13 @@ Result<void> settle_pictures(Recording& recording) {
     return fail("{}; none of the {} listed frames can be decoded", first_cause, listed);
   }
   for (const RecordedFrame& frame : recording.frames) {
-    if (!is_missing(frame.file)) {
-      if (auto readable = check_readable(frame.file); !readable) return readable;
-    } else {
+    if (is_missing(frame.file)) {
       return fail(
           "{}: is listed but missing, and later frames exist; restore it, or remove its line from "
           "the listing",
           frame.file.string());
     }
+    PENUMBRA_TRY_VOID(check_readable(frame.file));
   }
   if (recording.frames.size() < listed) {
     recording.notices.push_back(
@@ -312,12 +305,13 @@ Result<void> settle_pictures(Recording& recording) {
   return {};
 }
 
-Result<void> settle_video(Recording& recording) {
+Result<void> compare_video_length(Recording& recording) {
   PENUMBRA_TRY(const int count, count_video_frames(recording.video));
   const auto stored = static_cast<std::size_t>(count);
   const std::size_t listed = recording.frames.size();
-  if (stored == 0)
+  if (stored == 0) {
     return fail("{}: holds no complete frame; record or copy it again", recording.video.string());
+  }
   if (stored < listed) {
     recording.frames.resize(stored);
     recording.notices.push_back(fmt::format("{}: cut off after frame {}, {} of {} frames",
@@ -331,33 +325,31 @@ Result<void> settle_video(Recording& recording) {
   return {};
 }
 
-// The camera's path by EuRoC's ground truth, which is of the body.
+// Converts EuRoC's ground truth of the body to the camera's path.
 Result<Trajectory> load_euroc_groundtruth(const std::filesystem::path& mav0) {
   const std::filesystem::path folder = mav0 / "state_groundtruth_estimate0";
-  auto truth = load_trajectory(folder / "data.csv");
-  if (!truth) return truth;
+  PENUMBRA_TRY(auto truth, load_trajectory(folder / "data.csv"));
   PENUMBRA_TRY(const auto T_body_camera, load_euroc_mounting(mav0 / "cam0" / "sensor.yaml"));
-  // EuRoC's ground truth is of the body itself, unless its sensor.yaml has another T_BS.
+  // The identity, unless the ground truth's sensor.yaml has another T_BS.
   Transform<frame::Body, frame::Sensor> T_body_truth;
-  if (is_there(folder / "sensor.yaml")) {
-    PENUMBRA_TRY(const auto mounting, load_euroc_mounting(folder / "sensor.yaml"));
-    T_body_truth = mounting;
+  if (file_exists(folder / "sensor.yaml")) {
+    PENUMBRA_TRY(T_body_truth, load_euroc_mounting(folder / "sensor.yaml"));
   }
   const auto T_truth_camera = T_body_truth.inverse() * T_body_camera;
-  for (StampedPose& pose : truth->poses) {
+  for (StampedPose& pose : truth.poses) {
     const CameraPose& world_truth = pose.T_table_camera;
     pose.T_table_camera = {
         world_truth.rotation() * T_truth_camera.rotation(),
         world_truth.rotation() * T_truth_camera.translation() + world_truth.translation()};
   }
-  truth->of_body = false;
+  truth.of_body = false;
   return truth;
 }
 
-// A recording without a ground truth that can be read is replayed all the same.
+// An unreadable ground truth is only a notice.
 void add_euroc_groundtruth(const std::filesystem::path& mav0, Recording& recording) {
   const std::filesystem::path file = mav0 / "state_groundtruth_estimate0" / "data.csv";
-  if (!is_there(file)) return;
+  if (!file_exists(file)) return;
   auto truth = load_euroc_groundtruth(mav0);
   if (!truth) {
     recording.notices.push_back(
@@ -374,41 +366,40 @@ Result<void> load_surroundings(const std::filesystem::path& folder,
                                const OpenRecordingOptions& options, Recording& recording) {
   if (!options.surroundings) return {};
   const std::filesystem::path camera = options.camera.value_or(folder / "camera.yaml");
-  if (options.camera || is_there(camera)) {
+  if (options.camera || file_exists(camera)) {
     PENUMBRA_TRY(auto loaded, load_camera_file(camera, options.camera_name));
-    for (std::string& warning : loaded.warnings) recording.notices.push_back(std::move(warning));
+    std::ranges::move(loaded.warnings, std::back_inserter(recording.notices));
     recording.camera = std::move(loaded.camera);
     recording.camera_file = camera;
-  } else if (!sensor.empty() && is_there(sensor)) {
-    if (!options.camera_name.empty())
+  } else if (!sensor.empty() && file_exists(sensor)) {
+    if (!options.camera_name.empty()) {
       return fail("{}: holds one camera; leave out --camera-name", sensor.string());
-    PENUMBRA_TRY(auto loaded, load_euroc_sensor(sensor));
-    if (const auto text = implausible_parameter(loaded))
+    }
+    PENUMBRA_TRY(recording.camera, load_euroc_sensor(sensor));
+    if (const auto text = implausible_parameter(*recording.camera)) {
       recording.notices.push_back(fmt::format("{}: {}", sensor.string(), *text));
-    recording.camera = std::move(loaded);
+    }
     recording.camera_file = sensor;
   } else if (options.require_camera) {
     return fail("{}: no such file; put the camera's calibration there", camera.string());
   }
 
   const std::filesystem::path tags = options.tags.value_or(folder / "tags.yaml");
-  if (options.tags || is_there(tags)) {
-    PENUMBRA_TRY(auto map, load_tag_map(tags));
-    recording.tags = std::move(map);
+  if (options.tags || file_exists(tags)) {
+    PENUMBRA_TRY(recording.tags, load_tag_map(tags));
   } else if (options.require_tags) {
     return fail("{}: no such file; {}", tags.string(), kNameATagMap);
   }
 
   const std::filesystem::path truth = folder / "groundtruth.tum";
-  if (is_there(truth)) {
-    PENUMBRA_TRY(auto trajectory, load_trajectory(truth));
-    recording.groundtruth = std::move(trajectory);
+  if (file_exists(truth)) {
+    PENUMBRA_TRY(recording.groundtruth, load_trajectory(truth));
   } else if (!sensor.empty()) {
     add_euroc_groundtruth(sensor.parent_path().parent_path(), recording);
   }
   if (!recording.tags) return {};
-  PENUMBRA_TRY(auto paths, load_group_paths(folder / "groups", other_groups(*recording.tags)));
-  recording.group_groundtruth = std::move(paths);
+  PENUMBRA_TRY(recording.group_groundtruth,
+               load_group_paths(folder / "groups", other_groups(*recording.tags)));
   return {};
 }
 
@@ -430,7 +421,7 @@ Result<std::map<std::string, Trajectory>> load_group_paths(const std::filesystem
   std::map<std::string, Trajectory> paths;
   for (const std::string& group : groups) {
     const auto file = group_file(group);
-    if (!file || !is_there(folder / *file)) continue;
+    if (!file || !file_exists(folder / *file)) continue;
     PENUMBRA_TRY(auto trajectory, load_trajectory(folder / *file));
     paths.emplace(group, std::move(trajectory));
   }
@@ -438,16 +429,16 @@ Result<std::map<std::string, Trajectory>> load_group_paths(const std::filesystem
 }
 
 bool is_recording(const std::filesystem::path& folder) {
-  const bool own = is_there(folder / "timestamps.csv") ||
+  const bool own = file_exists(folder / "timestamps.csv") ||
                    (is_folder(folder / "frames") &&
-                    (is_there(folder / "camera.yaml") || is_there(folder / "tags.yaml")));
-  return own || is_there(folder / "mav0" / "cam0" / "data.csv") ||
-         (is_there(folder / "data.csv") && is_folder(folder / "data"));
+                    (file_exists(folder / "camera.yaml") || file_exists(folder / "tags.yaml")));
+  return own || file_exists(folder / "mav0" / "cam0" / "data.csv") ||
+         (file_exists(folder / "data.csv") && is_folder(folder / "data"));
 }
 
 Result<Recording> open_recording(const std::filesystem::path& folder,
                                  const OpenRecordingOptions& options) {
-  if (!is_there(folder)) return fail("{}: no such recording", folder.string());
+  if (!file_exists(folder)) return fail("{}: no such recording", folder.string());
   if (!is_folder(folder)) {
     return fail("{}: is not a folder; a recording is a folder with frames/ or video.mkv",
                 folder.string());
@@ -458,47 +449,61 @@ Result<Recording> open_recording(const std::filesystem::path& folder,
   recording.name = name_of(folder);
 
   const std::filesystem::path cam0 = folder / "mav0" / "cam0";
-  const bool euroc = is_there(cam0 / "data.csv") && !is_there(folder / "timestamps.csv");
-  Result<void> listed;
+  const bool euroc = file_exists(cam0 / "data.csv") && !file_exists(folder / "timestamps.csv");
   if (euroc) {
-    listed = list_euroc(cam0, recording);
+    PENUMBRA_TRY_VOID(list_euroc(cam0, recording));
   } else {
     if (!is_folder(folder / "frames")) {
-      if (!is_there(folder / "video.mkv")) {
+      if (!file_exists(folder / "video.mkv")) {
         return fail(
             "{}: holds neither frames/ nor video.mkv (nor mav0/cam0/data.csv); is it a "
             "recording?",
             folder.string());
       }
       recording.video = folder / "video.mkv";
-    } else if (auto readable = check_readable(folder / "frames"); !readable) {
-      return tl::unexpected(readable.error());
-    } else if (is_there(folder / "video.mkv")) {
-      recording.notices.push_back(
-          fmt::format("{}: has frames/ too, which are read; the video is left out",
-                      (folder / "video.mkv").string()));
+    } else {
+      PENUMBRA_TRY_VOID(check_readable(folder / "frames"));
+      if (file_exists(folder / "video.mkv")) {
+        recording.notices.push_back(
+            fmt::format("{}: has frames/ too, which are read; the video is left out",
+                        (folder / "video.mkv").string()));
+      }
     }
-    listed = list_own(folder, recording);
+    PENUMBRA_TRY_VOID(list_own(folder, recording));
   }
-  if (!listed) return tl::unexpected(listed.error());
-  recording.of_camera = is_there(folder / "controls.json");
-  // Before the frames are looked at: a recording without its camera says just that.
-  if (auto loaded =
-          load_surroundings(folder, euroc ? cam0 / "sensor.yaml" : "", options, recording);
-      !loaded) {
-    return tl::unexpected(loaded.error());
-  }
-  PENUMBRA_TRY_VOID(recording.video.empty() ? settle_pictures(recording) : settle_video(recording));
+  recording.of_camera = file_exists(folder / "controls.json");
+  // Before the frames, so that a missing camera file is the first error.
+  PENUMBRA_TRY_VOID(
+      load_surroundings(folder, euroc ? cam0 / "sensor.yaml" : "", options, recording));
+  PENUMBRA_TRY_VOID(recording.video.empty() ? drop_incomplete_images(recording)
+                                            : compare_video_length(recording));
   if (recording.video.empty()) {
-    std::vector<std::filesystem::path> pictures;
-    for (const RecordedFrame& frame : recording.frames) pictures.push_back(frame.file);
-    const SampleDepth depth = sample_depth_of(pictures);
+    std::vector<std::filesystem::path> images;
+    for (const RecordedFrame& frame : recording.frames) images.push_back(frame.file);
+    const SampleDepth depth = sample_depth_of(images);
     recording.sample_bits = depth.bits;
     if (depth.reduced()) {
       recording.notices.push_back(fmt::format("{}: {}", folder.string(), depth.text()));
     }
   }
   return recording;
+}
+
+std::optional<FrameRange> parse_frame_range(std::string_view text) {
+  const std::size_t colon = text.find(':');
+  if (colon == std::string_view::npos) return std::nullopt;
+  const std::string_view first = text.substr(0, colon);
+  const std::string_view last = text.substr(colon + 1);
+  const auto number = [](std::string_view part) -> std::optional<int> {
+    int value = 0;
+    const auto [end, error] = std::from_chars(part.data(), part.data() + part.size(), value);
+    if (error != std::errc() || end != part.data() + part.size() || value < 0) return std::nullopt;
+    return value;
+  };
+  const auto begin = first.empty() ? 0 : number(first);
+  const auto end = number(last);
+  if (!begin || (!last.empty() && (!end || *end <= *begin))) return std::nullopt;
+  return FrameRange{*begin, end};
 }
 
 double median_frame_interval_s(const Recording& recording) {

@@ -17,7 +17,7 @@
 namespace penumbra {
 namespace {
 
-// Steady time is CLOCK_MONOTONIC here, as drivers use it.
+// CLOCK_MONOTONIC, as in drivers.
 using Clock = std::chrono::steady_clock;
 
 class RecordingFeed final : public LiveSource {
@@ -32,12 +32,11 @@ class RecordingFeed final : public LiveSource {
         interval_(nanoseconds(format_.interval_s)),
         faults_(name_) {}
 
-  // An image that can't be read or has another size or format than the first ones is skipped and
-  // counted, as a camera's is.
+  // Skips and counts images that can't be read or have another size or format than the first one.
   Result<std::optional<CapturedImage>> next_image() override {
     if (!start_) start_ = Clock::now();
     while (true) {
-      // The frame after the last one, or a later one whose time has come.
+      // The next frame, or a later one that is due.
       const auto elapsed = Clock::now() - *start_;
       const std::uint64_t sequence = std::max(
           next_, static_cast<std::uint64_t>(std::max<std::int64_t>(0, elapsed / interval_)));
@@ -58,8 +57,7 @@ class RecordingFeed final : public LiveSource {
       next_ = sequence + 1;
       CapturedImage image;
       image.sequence = sequence;
-      image.timestamp_ns =
-          std::chrono::duration_cast<std::chrono::nanoseconds>(due.time_since_epoch()).count();
+      image.timestamp_ns = due.time_since_epoch() / std::chrono::nanoseconds(1);
       const std::size_t index = sequence % frames_.size();
       image.exposure_s = frames_[index].exposure_s;
       if (!(video_file_.empty() ? take(frames_[index].file, image)
@@ -81,9 +79,6 @@ class RecordingFeed final : public LiveSource {
   [[nodiscard]] StreamFormat format() const override { return format_; }
   [[nodiscard]] FaultCounter& faults() override { return faults_; }
   [[nodiscard]] std::string_view damage_remedy() const override { return kRecordAgain; }
-  [[nodiscard]] std::vector<std::pair<std::string, std::int64_t>> controls() const override {
-    return {};
-  }
   [[nodiscard]] std::string description() const override {
     return fmt::format("recording {} as a camera, {} {}x{} at {:.4g}/s", name_, format_.name,
                        format_.width, format_.height, 1.0 / format_.interval_s);
@@ -92,22 +87,22 @@ class RecordingFeed final : public LiveSource {
   static constexpr const char* kJpegName = "MJPEG";
 
  private:
-  bool is_other(const std::string& what) {
-    faults_.count(
-        CaptureFault::wrong_format,
-        fmt::format("{}: an image of another size or format than the first is skipped", what));
+  bool skip(CaptureFault fault, std::string_view detail) {
+    faults_.count(fault, detail);
     return false;
   }
+  bool skip_other(const std::string& what) {
+    return skip(
+        CaptureFault::wrong_format,
+        fmt::format("{}: an image of another size or format than the first is skipped", what));
+  }
 
-  // False where it is skipped.
+  // False if it is skipped.
   bool take_frame(Result<Frame> frame, const std::string& what, CapturedImage& image) {
-    if (!frame) {
-      faults_.count(CaptureFault::damaged, frame.error().message);
-      return false;
-    }
+    if (!frame) return skip(CaptureFault::damaged, frame.error().message);
     if (frame->width != format_.width || frame->height != format_.height ||
         frame->format != pixels_) {
-      return is_other(what);
+      return skip_other(what);
     }
     image.frame = std::move(*frame);
     image.owner = image.frame.owner;
@@ -116,18 +111,9 @@ class RecordingFeed final : public LiveSource {
     return true;
   }
 
-  // Counts a damaged frame as captured: the report lists damaged and late frames apart.
-  void count_refused(const Trouble& trouble, const std::string& what) {
-    const std::string text = fmt::format("{}: {}", what, trouble.message);
-    if (trouble.fault != CaptureFault::damaged) return (void)is_other(what);
-    faults_.count_frame();
-    faults_.count_undecoded(text);
-  }
-
   Result<Frame> frame_of_video(std::size_t index) {
     if (!video_ || index < video_at_) {
-      PENUMBRA_TRY(auto opened, VideoReader::open(video_file_));
-      video_ = std::move(opened);
+      PENUMBRA_TRY(video_, VideoReader::open(video_file_));
       video_at_ = 0;
     }
     if (index > video_at_) {
@@ -141,17 +127,18 @@ class RecordingFeed final : public LiveSource {
 
   bool take(const std::filesystem::path& file, CapturedImage& image) {
     auto bytes = read_file(file);
-    if (!bytes) {
-      faults_.count(CaptureFault::damaged, bytes.error().message);
-      return false;
-    }
+    if (!bytes) return skip(CaptureFault::damaged, bytes.error().message);
     if (format_.name == kJpegName) {
       auto received = receive_camera_jpeg(*bytes, {format_.width, format_.height}, kRecordAgain);
       if (!received) {
-        count_refused(received.error(), file.string());
+        const Trouble& trouble = received.error();
+        if (trouble.fault != CaptureFault::damaged) return skip_other(file.string());
+        // Counts as captured: the report lists damaged and late frames separately.
+        faults_.count_frame();
+        faults_.count_undecoded(fmt::format("{}: {}", file.string(), trouble.message));
         return false;
       }
-      // Moving a vector leaves its bytes where they are.
+      // Moving the vector keeps the spans valid.
       const auto kept = std::make_shared<const std::vector<std::uint8_t>>(std::move(*bytes));
       image.jpeg = received->bytes;
       if (received->frame) image.frame = std::move(*received->frame);
@@ -166,12 +153,12 @@ class RecordingFeed final : public LiveSource {
 
   const std::string name_;
   const std::vector<RecordedFrame> frames_;
-  const std::filesystem::path video_file_;  // empty: its pictures are files
+  const std::filesystem::path video_file_;  // empty: images are files
   ClampWatch clamps_;
   std::optional<VideoReader> video_;
-  std::size_t video_at_ = 0;  // the frame that it gives next
+  std::size_t video_at_ = 0;  // its next frame
   const StreamFormat format_;
-  const PixelFormat pixels_;  // where an image is not a JPEG
+  const PixelFormat pixels_;  // unless images are JPEGs
   const std::chrono::nanoseconds interval_;
   FaultCounter faults_;
   std::optional<Clock::time_point> start_;
@@ -181,8 +168,8 @@ class RecordingFeed final : public LiveSource {
   bool stopped_ = false;  // guarded by mutex_
 };
 
-// The first frame that can be decoded: a camera's recording may begin with a damaged one.
-Result<Frame> first_picture(const Recording& recording) {
+// The first frame that can be decoded: a live session's recording may begin with a damaged one.
+Result<Frame> first_image(const Recording& recording) {
   const auto& camera = recording.camera;
   const auto size = camera ? std::optional(ImageSize{camera->width(), camera->height()})
                            : std::optional<ImageSize>();
@@ -198,7 +185,7 @@ Result<Frame> first_picture(const Recording& recording) {
 }
 
 Result<Frame> first_frame(const Recording& recording) {
-  if (recording.video.empty()) return first_picture(recording);
+  if (recording.video.empty()) return first_image(recording);
   PENUMBRA_TRY(auto video, VideoReader::open(recording.video));
   PENUMBRA_TRY(auto frame, video.next());
   if (!frame) {

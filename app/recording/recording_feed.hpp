@@ -1,5 +1,5 @@
-// A recording that plays as if it were a camera: at its own pace, over and over, and who is late
-// loses frames. For trying things out and for tests.
+// A recording played as a camera: at its own rate, in a loop, and a slow reader loses frames. For
+// trials and tests.
 #pragma once
 
 #include <memory>
@@ -10,8 +10,7 @@
 
 namespace penumbra {
 
-// `fps`: another pace than the recorded one. A damaged frame is skipped and counted, as a camera's
-// is.
+// `fps`: replaces the recorded rate. Damaged frames are skipped and counted, as a camera's are.
 [[nodiscard]] Result<std::unique_ptr<LiveSource>> open_recording_feed(const Recording& recording,
                                                                       std::optional<double> fps);
 

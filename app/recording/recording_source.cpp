@@ -18,31 +18,29 @@ namespace {
 
 struct TimedFrame {
   Frame frame;
-  StageTime time;  // to read and decode it
+  StageTime time;  // for reading and decoding
 };
 
-// Frame after frame: what the look-ahead thread calls.
+// Decodes the frames in order, on the look-ahead thread.
 class Decoder {
  public:
-  Decoder(std::vector<RecordedFrame> frames, std::optional<VideoReader> video,
-          const Recording& recording)
-      : frames_(std::move(frames)),
+  // `recording`: with the frames to decode.
+  Decoder(Recording recording, std::optional<VideoReader> video)
+      : recording_(std::move(recording)),
         video_(std::move(video)),
-        video_file_(recording.video),
-        camera_file_(recording.camera_file),
-        of_camera_(recording.of_camera),
-        clamps_(recording.sample_bits),
-        faults_(recording.folder.string()) {
-    if (const auto& camera = recording.camera) size_ = ImageSize{camera->width(), camera->height()};
+        clamps_(recording_.sample_bits),
+        faults_(recording_.folder.string()) {
+    if (const auto& camera = recording_.camera) {
+      size_ = ImageSize{camera->width(), camera->height()};
+    }
   }
 
   Result<std::optional<TimedFrame>> next() {
-    while (at_ < frames_.size()) {
+    while (at_ < recording_.frames.size()) {
       const Stopwatch watch;
-      const RecordedFrame& listed = frames_[at_++];
-      PENUMBRA_TRY(auto frame, video_ ? next_of_video(listed) : next_picture(listed));
-      if (!frame) continue;
-      return timed(std::move(*frame), listed, watch);
+      const RecordedFrame& listed = recording_.frames[at_++];
+      PENUMBRA_TRY(auto frame, video_ ? next_of_video(listed) : next_image(listed));
+      if (frame) return timed(std::move(*frame), listed, watch);
     }
     return std::optional<TimedFrame>();
   }
@@ -58,7 +56,7 @@ class Decoder {
       return fail(
           "{}: is of {}x{} px, but {} is {}x{} px; give this recording its own camera file, or "
           "calibrate at its image size (penumbra calibrate)",
-          camera_file_.string(), size_->width, size_->height, place(listed), frame.width,
+          recording_.camera_file.string(), size_->width, size_->height, place(listed), frame.width,
           frame.height);
     }
     frame.sequence = static_cast<std::uint64_t>(listed.number);
@@ -68,7 +66,7 @@ class Decoder {
   }
 
   [[nodiscard]] std::string place(const RecordedFrame& listed) const {
-    return video_ ? fmt::format("{}: frame {}", video_file_.string(), listed.number)
+    return video_ ? fmt::format("{}: frame {}", recording_.video.string(), listed.number)
                   : listed.file.string();
   }
 
@@ -80,14 +78,14 @@ class Decoder {
     return frame;
   }
 
-  // Nothing where it is damaged, as the camera gave it: live left it out too.
-  Result<std::optional<Frame>> next_picture(const RecordedFrame& listed) {
+  // Empty if a live session's frame is damaged: the session skipped it, too.
+  Result<std::optional<Frame>> next_image(const RecordedFrame& listed) {
     PENUMBRA_TRY(const auto bytes, read_file(listed.file));
     const std::string name = listed.file.string();
     auto frame = decode_recorded_image(bytes, name, size_, clamps_.options());
     if (const auto warning = clamps_.take_warning(name)) log_warning("{}", *warning);
     if (frame) return std::optional<Frame>(std::move(*frame));
-    if (!of_camera_) {
+    if (!recording_.of_camera) {
       return fail("{}, or remove its line from the listing", frame.error().message);
     }
     faults_.count(CaptureFault::damaged,
@@ -95,11 +93,8 @@ class Decoder {
     return std::optional<Frame>();
   }
 
-  const std::vector<RecordedFrame> frames_;
+  const Recording recording_;
   std::optional<VideoReader> video_;
-  const std::filesystem::path video_file_;
-  const std::filesystem::path camera_file_;
-  const bool of_camera_;
   ClampWatch clamps_;
   FaultCounter faults_;
   std::optional<ImageSize> size_;
@@ -142,17 +137,14 @@ Result<std::unique_ptr<FrameSource>> open_recording_source(const Recording& reco
   }
   std::optional<VideoReader> video;
   if (!recording.video.empty()) {
-    PENUMBRA_TRY(auto opened, VideoReader::open(recording.video));
-    if (options.first > 0) {
-      PENUMBRA_TRY_VOID(opened.skip(options.first));
-    }
-    video = std::move(opened);
+    PENUMBRA_TRY(video, VideoReader::open(recording.video));
+    if (options.first > 0) PENUMBRA_TRY_VOID(video->skip(options.first));
   }
-  std::vector<RecordedFrame> frames(recording.frames.begin() + options.first,
-                                    recording.frames.begin() + last);
-  const int count = last - options.first;
-  auto decoder = std::make_unique<Decoder>(std::move(frames), std::move(video), recording);
-  return std::make_unique<RecordingSource>(count, std::move(decoder), options.look_ahead);
+  Recording part = recording;
+  part.frames.assign(recording.frames.begin() + options.first, recording.frames.begin() + last);
+  auto decoder = std::make_unique<Decoder>(std::move(part), std::move(video));
+  return std::make_unique<RecordingSource>(last - options.first, std::move(decoder),
+                                           options.look_ahead);
 }
 
 }  // namespace penumbra

@@ -1,13 +1,13 @@
-// A recording on disk: what it holds, and its frames in order.
+// A recording on disk and its frames in order.
 //
 //   camera.yaml tags.yaml frames/000000.jpg ... (or video.mkv) timestamps.csv groundtruth.tum?
-//   groups/NAME.tum? ...   where the groups of tags beside the table truly are
-//   (timestamps.csv: frame,timestamp_s,file, and exposure_s where it is known)
-//   poses.tum? group-poses/NAME.tum? ...   camera and groups as they were tracked live
+//   groups/NAME.tum? ...                   ground truth of the tag groups beside the table
+//   (timestamps.csv: frame,timestamp_s,file, and exposure_s if known)
+//   poses.tum? group-poses/NAME.tum? ...   camera and groups as tracked live
 //
-// EuRoC/ASL folders open too: mav0/cam0/data.csv (timestamp [ns], filename), mav0/cam0/data/*.png,
-// mav0/cam0/sensor.yaml, mav0/state_groundtruth_estimate0/data.csv, and camera.yaml / tags.yaml /
-// groundtruth.tum beside mav0 where given.
+// EuRoC/ASL folders: mav0/cam0/data.csv (timestamp [ns], filename), mav0/cam0/data/*.png,
+// mav0/cam0/sensor.yaml, mav0/state_groundtruth_estimate0/data.csv, and optionally camera.yaml,
+// tags.yaml, groundtruth.tum beside mav0.
 #pragma once
 
 #include <cstdint>
@@ -19,6 +19,7 @@
 #include <vector>
 
 #include "app/capture/frame_source.hpp"
+#include "core/camera/camera_model.hpp"
 #include "core/geometry/tag_map.hpp"
 #include "core/geometry/trajectory.hpp"
 
@@ -31,67 +32,67 @@ struct RecordedFrame {
   std::filesystem::path file;        // empty when the frames are in a video
 };
 
-// The listing of a recording: everything but the pixels.
+// A recording without its pixels.
 struct Recording {
   std::filesystem::path folder;
   std::string name;
   std::vector<RecordedFrame> frames;  // in order of time
   std::filesystem::path video;        // video.mkv, or empty
-  int sample_bits = 16;               // of 16-bit pictures, as DecodeOptions'
-  // What a camera gave, whole or not: by the controls.json that only such a recording has.
-  bool of_camera = false;
-  std::optional<CameraModel> camera;  // absent only where allowed (stills to calibrate from)
-  std::filesystem::path camera_file;  // that `camera` was read from
+  int sample_bits = 16;               // of 16-bit images, as DecodeOptions'
+  bool of_camera = false;             // a live session (has controls.json); frames may be damaged
+  std::optional<CameraModel> camera;  // empty only if allowed (stills to calibrate from)
+  std::filesystem::path camera_file;  // of `camera`
   std::optional<TagMap> tags;
   std::optional<Trajectory> groundtruth;
-  // Of groups of tags beside the table, by their names: T_table_group.
-  std::map<std::string, Trajectory> group_groundtruth;
-  std::vector<std::string> notices;  // e.g. "cut off after frame 83 of 120"
+  std::map<std::string, Trajectory> group_groundtruth;  // T_table_group by group name
+  std::vector<std::string> notices;                     // e.g. "cut off after frame 83 of 120"
 };
 
 struct OpenRecordingOptions {
   bool require_camera = true;
   bool require_tags = true;
-  // Whether camera, tags and ground truth are read at all: calibration looks at pixels only.
-  bool surroundings = true;
-  std::string camera_name;                      // of a camera file with several cameras
+  bool surroundings = true;  // reads camera, tags and ground truth; calibration needs only pixels
+  std::string camera_name;   // in a camera file with several cameras
   std::optional<std::filesystem::path> camera;  // instead of the recording's
   std::optional<std::filesystem::path> tags;    // instead of the recording's
 };
 
-// NAME.tum, the file of a group of tags in a folder of them; nothing where the name can be no
-// file's ('/', "..", too long).
+// NAME.tum, the file of a tag group; empty if the name can't be a file name ('/', "..", too long).
 [[nodiscard]] std::optional<std::filesystem::path> group_file(const std::string& group);
 
-// The paths (T_table_group) that a folder of such files has of these groups.
+// The paths (T_table_group) of these groups in a folder of such files.
 [[nodiscard]] Result<std::map<std::string, Trajectory>> load_group_paths(
     const std::filesystem::path& folder, const std::vector<std::string>& groups);
-// The folder beside a file of camera poses that holds those of groups.
+// The folder of group poses beside a file of camera poses.
 inline constexpr std::string_view kGroupPosesFolder = "group-poses";
 
-// Whether the folder is a recording, or the camera's folder of an EuRoC one, by what lies in it.
+// Returns true if the folder is a recording or the camera's folder of an EuRoC one, by its files.
 [[nodiscard]] bool is_recording(const std::filesystem::path& folder);
 
-// Errors name the file and what is wrong: no such folder, no camera.yaml, a bad line in
-// timestamps.csv, 0 frames, a listed frame that is missing (except at the end: then the recording
-// opens up to its last whole frame, with a notice).
+// Fails on a missing folder or camera.yaml, a bad line in timestamps.csv, 0 frames, or a missing
+// frame; frames missing at the end are only a notice.
 [[nodiscard]] Result<Recording> open_recording(const std::filesystem::path& folder,
                                                const OpenRecordingOptions& options = {});
 
 // Median time between frames, at least 0.1 ms [s].
 [[nodiscard]] double median_frame_interval_s(const Recording& recording);
 
-struct RecordingSourceOptions {
-  int first = 0;  // frames [first, last) by position in the list
+// Frames [first, last).
+struct FrameRange {
+  int first = 0;
   std::optional<int> last;
-  int look_ahead = 4;  // frames decoded ahead on a thread of its own; 0: decode when asked
+};
+// "A:B", "A:" or ":B"; empty if it is malformed or holds no frame.
+[[nodiscard]] std::optional<FrameRange> parse_frame_range(std::string_view text);
+
+struct RecordingSourceOptions : FrameRange {  // by position in the list
+  int look_ahead = 4;                         // frames decoded ahead on a thread; 0: no thread
 };
 
-// Frames as recorded: JPEG is decoded to its own YUV planes, PNG to grey or RGB, FFV1 to the stored
-// planes; nothing is converted. `sequence` is the frame's number in the listing. Every frame must
-// have the camera model's size; lines that an encoder padded a JPEG with do not count. An image
-// that can't be decoded is an error, except in a camera's recording: there it is skipped as it was
-// while recording, logged once and counted.
+// Frames as recorded, without conversion: JPEG gives its YUV planes, PNG grey or RGB, FFV1 the
+// stored planes. `sequence` is the frame's number in the listing. Every frame must have the camera
+// model's size, without a JPEG's padding. An image that can't be decoded is an error; in a live
+// session's recording it is skipped as in the session, logged once and counted.
 [[nodiscard]] Result<std::unique_ptr<FrameSource>> open_recording_source(
     const Recording& recording, const RecordingSourceOptions& options = {});
 

@@ -32,50 +32,47 @@ namespace {
 namespace fs = std::filesystem;
 using Json = nlohmann::ordered_json;
 
-// What waits for the disk: a second of video, and lines for far longer.
+// Limits of the queue: a second of video, and lines for much longer.
 constexpr std::size_t kMostImages = 32;
 constexpr std::size_t kMostLines = 4096;
-// How old controls.json may be: what it says is of then, should the program be killed.
+// Largest age of controls.json if the program is killed.
 constexpr std::chrono::seconds kControlsAge(1);
 
-Result<void> write_all(int descriptor, std::span<const std::uint8_t> bytes, const fs::path& file) {
-  while (!bytes.empty()) {
-    const ssize_t count = write(descriptor, bytes.data(), bytes.size());
-    if (count < 0 && errno == EINTR) continue;
-    if (count <= 0) {
-      return fail("{}: cannot be written: {}; free some space or choose another place",
-                  file.string(), std::generic_category().message(errno));
-    }
-    bytes = bytes.subspan(static_cast<std::size_t>(count));
-  }
-  return {};
-}
-
-// A file that is only added to, line by line.
-class LineFile {
+// A new file that only grows.
+class GrowingFile {
  public:
-  LineFile() = default;
-  LineFile(const LineFile&) = delete;
-  LineFile& operator=(const LineFile&) = delete;
-  ~LineFile() {
+  GrowingFile() = default;
+  GrowingFile(const GrowingFile&) = delete;
+  GrowingFile& operator=(const GrowingFile&) = delete;
+  ~GrowingFile() {
     if (descriptor_ >= 0) close(descriptor_);
   }
-  Result<void> create(const fs::path& file) {
+  Result<void> create(const fs::path& file, const char* remedy = "choose another place") {
     file_ = file;
     descriptor_ = ::open(file.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_APPEND | O_CLOEXEC, 0666);
-    if (descriptor_ < 0) {
-      return fail("{}: cannot be written: {}; choose another place", file.string(),
-                  std::generic_category().message(errno));
+    return descriptor_ < 0 ? failed(remedy) : Result<void>();
+  }
+  Result<void> add(std::span<const std::uint8_t> bytes) {
+    while (!bytes.empty()) {
+      const ssize_t count = write(descriptor_, bytes.data(), bytes.size());
+      if (count < 0 && errno == EINTR) continue;
+      if (count <= 0) return failed(kFreeSpace);
+      bytes = bytes.subspan(static_cast<std::size_t>(count));
     }
     return {};
   }
-  Result<void> add(std::string_view line) {
+  Result<void> add_line(std::string_view line) {
     const std::string whole = std::string(line) + '\n';
-    return write_all(descriptor_,
-                     {reinterpret_cast<const std::uint8_t*>(whole.data()), whole.size()}, file_);
+    return add({reinterpret_cast<const std::uint8_t*>(whole.data()), whole.size()});
   }
 
+  static constexpr const char* kFreeSpace = "free some space or choose another place";
+
  private:
+  [[nodiscard]] Result<void> failed(const char* remedy) const {
+    return fail("{}: cannot be written: {}; {}", file_.string(),
+                std::generic_category().message(errno), remedy);
+  }
   fs::path file_;
   int descriptor_ = -1;
 };
@@ -94,21 +91,24 @@ std::string event_text(std::int64_t timestamp_ns, std::string_view event, std::s
   json["event"] = event;
   if (!detail.empty()) json["detail"] = detail;
   const std::string text = json.dump(-1, ' ', false, Json::error_handler_t::replace);
-  // The time is written as a decimal number, to the nanosecond.
+  // A JSON double would not keep the nanoseconds.
   return fmt::format("{{\"timestamp_s\":{},{}", format_ns_as_seconds(timestamp_ns), text.substr(1));
 }
 
 }  // namespace
 
 struct RecordingWriter::Impl {
-  fs::path folder;
+  Impl(fs::path folder_to_make, RecordingHead recording_head)
+      : folder(std::move(folder_to_make)), head(std::move(recording_head)) {}
+
+  const fs::path folder;
   RecordingHead head;
-  LineFile timestamps, poses, events;
-  std::map<std::string, LineFile> group_poses;  // of the groups that were tracked so far
-  std::set<std::string> nameless_groups;        // of these, those that were told to have no file
+  GrowingFile timestamps, poses, events;
+  std::map<std::string, GrowingFile> group_poses;  // of the groups tracked so far
+  std::set<std::string> nameless_groups;           // reported: their names can't be file names
   std::optional<LosslessVideo> video;
-  bool with_exposure = false;  // as the first picture has it
-  bool is_open = false;        // the folder is there and ours
+  bool with_exposure = false;  // as in the first image
+  bool is_open = false;        // the folder was made
 
   mutable std::mutex mutex;
   std::condition_variable changed;
@@ -116,18 +116,23 @@ struct RecordingWriter::Impl {
   std::size_t images_waiting = 0;  // guarded by mutex
   RecordingCounts counts;          // guarded by mutex
   bool closing = false;            // guarded by mutex
-  std::uint64_t left_out = 0;      // guarded by mutex: pictures since the last one that was taken
-  std::int64_t left_out_ns = 0;    // guarded by mutex: the time of the first of them
+  std::uint64_t gap_frames = 0;    // guarded by mutex: images dropped since the last accepted one
+  std::int64_t gap_start_ns = 0;   // guarded by mutex: time of the first of them
   std::chrono::steady_clock::time_point controls_written;
   std::thread thread;
 
+  [[nodiscard]] RecordingCounts counts_now() const {
+    const std::lock_guard lock(mutex);
+    return counts;
+  }
+  void set_error(const Error& error) {
+    const std::lock_guard lock(mutex);
+    counts.error = error.message;
+  }
+
   Result<void> write_controls() {
     Json json;
-    RecordingCounts now;
-    {
-      const std::lock_guard lock(mutex);
-      now = counts;
-    }
+    const RecordingCounts now = counts_now();
     if (head.read_controls) {
       if (auto read = head.read_controls(); !read.empty()) head.controls = std::move(read);
     }
@@ -155,7 +160,7 @@ struct RecordingWriter::Impl {
       return fail("{}: is there already and not empty; name a new folder to record to",
                   folder.string());
     }
-    // Deepest first: removed in that order should the rest fail.
+    // Deepest first: the order of removal if the rest fails.
     std::vector<fs::path> made;
     for (fs::path part = folder; !part.empty() && !fs::exists(part, error);
          part = part.parent_path()) {
@@ -173,7 +178,7 @@ struct RecordingWriter::Impl {
     return filled;
   }
 
-  // The folder with all that it begins with.
+  // Makes the folder and its first files.
   Result<void> fill() {
     std::error_code error;
     fs::create_directories(folder, error);
@@ -181,19 +186,13 @@ struct RecordingWriter::Impl {
     if (error) {
       return fail("{}: cannot be made: {}; choose another place", folder.string(), error.message());
     }
-    if (auto written = write_text_file(folder / "camera.yaml", head.camera_yaml); !written) {
-      return written;
-    }
-    if (auto written = write_text_file(folder / "tags.yaml", head.tags_yaml); !written) {
-      return written;
-    }
-    if (auto written = write_controls(); !written) return written;
-    if (auto made = events.create(folder / "events.jsonl"); !made) return made;
-    if (auto made = poses.create(folder / "poses.tum"); !made) return made;
-    if (auto made = poses.add("# timestamp tx ty tz qx qy qz qw (T_table_camera, tracked poses)");
-        !made) {
-      return made;
-    }
+    PENUMBRA_TRY_VOID(write_text_file(folder / "camera.yaml", head.camera_yaml));
+    PENUMBRA_TRY_VOID(write_text_file(folder / "tags.yaml", head.tags_yaml));
+    PENUMBRA_TRY_VOID(write_controls());
+    PENUMBRA_TRY_VOID(events.create(folder / "events.jsonl"));
+    PENUMBRA_TRY_VOID(poses.create(folder / "poses.tum"));
+    PENUMBRA_TRY_VOID(
+        poses.add_line("# timestamp tx ty tz qx qy qz qw (T_table_camera, tracked poses)"));
     return timestamps.create(folder / "timestamps.csv");
   }
 
@@ -201,46 +200,43 @@ struct RecordingWriter::Impl {
     return head.format.name == "MJPEG" || head.format.name == "JPEG";
   }
 
-  // The first line, once it is known what there is to say of a picture.
+  // The first line; it depends on the first image.
   Result<void> begin_listing() {
-    const char* more = with_exposure ? ",exposure_s" : "";
-    return timestamps.add(fmt::format("frame,timestamp_s,file{}", more));
+    return timestamps.add_line(with_exposure ? "frame,timestamp_s,file,exposure_s"
+                                             : "frame,timestamp_s,file");
   }
 
-  // The picture first, then the line that lists it.
+  Result<void> write_jpeg(const CapturedImage& image, const fs::path& file) {
+    GrowingFile out;
+    PENUMBRA_TRY_VOID(out.create(file, GrowingFile::kFreeSpace));
+    const auto outline = outline_jpeg(image.jpeg);
+    const Result<void> written =
+        outline ? out.add(normalized_jpeg(*outline, head.format.height)) : out.add(image.jpeg);
+    if (!written) {
+      std::error_code ignored;
+      fs::remove(file, ignored);
+    }
+    return written;
+  }
+
+  // The image before the line that lists it.
   Result<void> write_image(const CapturedImage& image, std::uint64_t number) {
     std::string name = "video.mkv";
     if (image.is_jpeg()) {
       name = fmt::format("frames/{:06}.jpg", number);
-      const fs::path file = folder / name;
-      const int descriptor = ::open(file.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0666);
-      if (descriptor < 0) {
-        return fail("{}: cannot be written: {}; free some space or choose another place",
-                    file.string(), std::generic_category().message(errno));
-      }
-      const auto outline = outline_jpeg(image.jpeg);
-      const Result<void> written =
-          outline ? write_all(descriptor, normalized_jpeg(*outline, head.format.height), file)
-                  : write_all(descriptor, image.jpeg, file);
-      close(descriptor);
-      if (!written) {
-        std::error_code ignored;
-        fs::remove(file, ignored);
-        return written;
-      }
+      PENUMBRA_TRY_VOID(write_jpeg(image, folder / name));
     } else {
       if (!video) {
-        PENUMBRA_TRY(auto made, LosslessVideo::create(folder / name, image.frame));
-        video = std::move(made);
+        PENUMBRA_TRY(video, LosslessVideo::create(folder / name, image.frame));
       }
-      if (auto written = video->write(image.frame); !written) return written;
+      PENUMBRA_TRY_VOID(video->write(image.frame));
     }
     std::string line =
         fmt::format("{},{},{}", number, format_ns_as_seconds(image.timestamp_ns), name);
     if (with_exposure) {
       line += image.exposure_s ? fmt::format(",{:.7g}", *image.exposure_s) : std::string(",");
     }
-    return timestamps.add(line);
+    return timestamps.add_line(line);
   }
 
   Result<void> write_group(const PoseLine& pose) {
@@ -264,28 +260,21 @@ struct RecordingWriter::Impl {
                     error.message());
       }
       file = group_poses.try_emplace(pose.group).first;
-      if (auto made = file->second.create(in / *name); !made) return made;
-      if (auto head_line =
-              file->second.add("# timestamp tx ty tz qx qy qz qw (T_table_group, tracked poses)");
-          !head_line) {
-        return head_line;
-      }
+      PENUMBRA_TRY_VOID(file->second.create(in / *name));
+      PENUMBRA_TRY_VOID(
+          file->second.add_line("# timestamp tx ty tz qx qy qz qw (T_table_group, tracked poses)"));
     }
-    return file->second.add(pose.text);
+    return file->second.add_line(pose.text);
   }
 
   Result<void> write(const Item& item) {
     if (const auto* image = std::get_if<CapturedImage>(&item)) {
-      std::uint64_t number = 0;
-      {
-        const std::lock_guard lock(mutex);
-        number = counts.written;
-      }
+      const std::uint64_t number = counts_now().written;
       if (number == 0) {
         with_exposure = image->exposure_s.has_value();
-        if (auto written = begin_listing(); !written) return written;
+        PENUMBRA_TRY_VOID(begin_listing());
       }
-      if (auto written = write_image(*image, number); !written) return written;
+      PENUMBRA_TRY_VOID(write_image(*image, number));
       {
         const std::lock_guard lock(mutex);
         ++counts.written;
@@ -294,9 +283,9 @@ struct RecordingWriter::Impl {
       return number == 0 || old ? write_controls() : Result<void>();
     }
     if (const auto* pose = std::get_if<PoseLine>(&item)) {
-      return pose->group.empty() ? poses.add(pose->text) : write_group(*pose);
+      return pose->group.empty() ? poses.add_line(pose->text) : write_group(*pose);
     }
-    return events.add(std::get<EventLine>(item).text);
+    return events.add_line(std::get<EventLine>(item).text);
   }
 
   template <class Work>
@@ -308,13 +297,12 @@ struct RecordingWriter::Impl {
     }
   }
 
-  // `opened`: the folder is there.
+  // `opened`: the folder was made.
   void run(bool opened) {
     if (!opened) {
       if (auto made = guarded([this] { return open(); }); !made) {
         log_warning("{}; nothing is recorded, the session continues", made.error().message);
-        const std::lock_guard lock(mutex);
-        counts.error = made.error().message;
+        set_error(made.error());
       }
     }
     while (true) {
@@ -326,24 +314,23 @@ struct RecordingWriter::Impl {
         item = std::move(queue.front());
         queue.pop_front();
         if (std::holds_alternative<CapturedImage>(*item)) --images_waiting;
-        if (counts.error) continue;  // the disk is full, say: what comes is let go
+        if (counts.error) continue;  // drops the rest
       }
       if (auto written = guarded([&] { return write(*item); }); !written) {
         log_warning("{}; the recording is closed, the session continues", written.error().message);
-        const std::lock_guard lock(mutex);
-        counts.error = written.error().message;
+        set_error(written.error());
       }
     }
   }
 
-  // The mutex is held.
-  void tell_left_out() {
-    if (left_out == 0) return;
+  // Queues the event of dropped images. The mutex is held.
+  void report_gap() {
+    if (gap_frames == 0) return;
     queue.push_back(
-        EventLine{event_text(left_out_ns, "left_out",
-                             fmt::format("{} {}, the disk or the encoder was too slow", left_out,
-                                         left_out == 1 ? "frame" : "frames"))});
-    left_out = 0;
+        EventLine{event_text(gap_start_ns, "left_out",
+                             fmt::format("{} {}, the disk or the encoder was too slow", gap_frames,
+                                         gap_frames == 1 ? "frame" : "frames"))});
+    gap_frames = 0;
   }
 
   void add(Item item) {
@@ -360,13 +347,13 @@ struct RecordingWriter::Impl {
       if (is_image ? images_waiting >= kMostImages : queue.size() >= kMostLines) {
         if (is_image) {
           first_dropped = ++counts.dropped == 1;
-          if (left_out++ == 0) left_out_ns = std::get<CapturedImage>(item).timestamp_ns;
+          if (gap_frames++ == 0) gap_start_ns = std::get<CapturedImage>(item).timestamp_ns;
         } else {
           first_line_dropped = ++counts.lines_dropped == 1;
         }
       } else {
         if (is_image) {
-          tell_left_out();
+          report_gap();
           ++images_waiting;
         }
         queue.push_back(std::move(item));
@@ -399,19 +386,15 @@ RecordingWriter::~RecordingWriter() {
 
 Result<std::unique_ptr<RecordingWriter>> RecordingWriter::create(const fs::path& folder,
                                                                  const RecordingHead& head) {
-  auto impl = std::make_unique<Impl>();
-  impl->folder = folder;
-  impl->head = head;
+  auto impl = std::make_unique<Impl>(folder, head);
   PENUMBRA_TRY_VOID(impl->open());
   return std::unique_ptr<RecordingWriter>(new RecordingWriter(std::move(impl), true));
 }
 
 std::unique_ptr<RecordingWriter> RecordingWriter::begin(const fs::path& folder,
                                                         const RecordingHead& head) {
-  auto impl = std::make_unique<Impl>();
-  impl->folder = folder;
-  impl->head = head;
-  return std::unique_ptr<RecordingWriter>(new RecordingWriter(std::move(impl), false));
+  return std::unique_ptr<RecordingWriter>(
+      new RecordingWriter(std::make_unique<Impl>(folder, head), false));
 }
 
 void RecordingWriter::add_image(const CapturedImage& image) {
@@ -447,8 +430,7 @@ const std::filesystem::path& RecordingWriter::folder() const {
 }
 
 RecordingCounts RecordingWriter::counts() const {
-  const std::lock_guard lock(impl_->mutex);
-  return impl_->counts;
+  return impl_->counts_now();
 }
 
 Result<void> RecordingWriter::finish() {
@@ -456,24 +438,18 @@ Result<void> RecordingWriter::finish() {
   if (!m.thread.joinable()) return {};
   {
     const std::lock_guard lock(m.mutex);
-    m.tell_left_out();
+    m.report_gap();
     m.closing = true;
   }
   m.changed.notify_all();
   m.thread.join();
-  if (m.video && !m.counts.error) {
-    if (auto finished = m.video->finish(); !finished) m.counts.error = finished.error().message;
-  }
-  if (!m.counts.error && m.counts.written == 0) {
-    if (auto begun = m.begin_listing(); !begun) m.counts.error = begun.error().message;
-  }
-  // Also where writing ended early: as far as it can be.
-  const bool whole = !m.counts.error;
-  if (m.is_open) {
-    if (auto written = m.write_controls(); !written && whole) {
-      m.counts.error = written.error().message;
-    }
-  }
+  const auto attempt = [&m](const Result<void>& done) {
+    if (!done && !m.counts.error) m.counts.error = done.error().message;
+  };
+  if (m.video && !m.counts.error) attempt(m.video->finish());
+  if (!m.counts.error && m.counts.written == 0) attempt(m.begin_listing());
+  // Also after an error, if that is possible.
+  if (m.is_open) attempt(m.write_controls());
   if (m.counts.error) return fail("{}", *m.counts.error);
   return {};
 }

@@ -1,9 +1,8 @@
-// A live session on disk, as a recording: what the camera gave, unchanged, while it runs.
+// A live session as a recording on disk.
 //
-// Everything is only ever added to, a frame before the line that lists it: whenever the program or
-// the disk ends, what is there opens, less at most the frame that was being written. Writing has a
-// thread of its own; when the disk is too slow, frames are left out and counted, and the picture on
-// the screen goes on.
+// Files only grow, and a frame is written before the line that lists it: the recording opens after
+// any crash, less at most the last frame. A thread writes; if the disk is too slow, frames are
+// dropped and counted, and the live image continues.
 #pragma once
 
 #include <cstdint>
@@ -24,11 +23,11 @@
 namespace penumbra {
 
 struct RecordingHead {
-  std::string camera;  // for people: which camera, at what
+  std::string camera;  // for users: camera and stream
   StreamFormat format;
   std::vector<std::pair<std::string, std::int64_t>> controls;
-  // Asked for them again while the recording goes on, by the writer's thread: some cameras say what
-  // they are only with their frames. Nothing: they stay.
+  // Reads the controls again during the recording, on the writer's thread: some cameras report them
+  // only with frames. An empty result keeps the last ones.
   std::function<std::vector<std::pair<std::string, std::int64_t>>()> read_controls;
   std::string camera_yaml;  // the text of the file
   std::string tags_yaml;
@@ -36,30 +35,27 @@ struct RecordingHead {
 
 struct RecordingCounts {
   std::uint64_t written = 0;
-  std::uint64_t dropped = 0;         // writing could not keep up
-  std::uint64_t lines_dropped = 0;   // poses, light, events: for more than a minute it could not
+  std::uint64_t dropped = 0;         // images that came too fast
+  std::uint64_t lines_dropped = 0;   // poses, light, events after more than a minute of that
   std::optional<std::string> error;  // why writing ended early
 };
 
 class RecordingWriter {
  public:
-  // Makes the folder; one that holds anything already is refused. Where that fails, nothing stays
-  // of what it made.
+  // Makes the folder, or fails and leaves nothing. Refuses a folder that is not empty.
   [[nodiscard]] static Result<std::unique_ptr<RecordingWriter>> create(
       const std::filesystem::path& folder, const RecordingHead& head);
-  // The same without a wait for the disk: that the folder can't be made is told by counts() and
-  // finish(), as what goes wrong later.
+  // The same without waiting for the disk: counts() and finish() report a failure.
   [[nodiscard]] static std::unique_ptr<RecordingWriter> begin(const std::filesystem::path& folder,
                                                               const RecordingHead& head);
   RecordingWriter(const RecordingWriter&) = delete;
   RecordingWriter& operator=(const RecordingWriter&) = delete;
   ~RecordingWriter();  // as finish()
 
-  // None of these waits for the disk. JPEGs are stored byte for byte, but for what cameras
-  // do to their marks and size (normalized_jpeg()), other frames lossless as FFV1 with a check sum
-  // for each slice. By any thread.
+  // None of these waits for the disk. By any thread. JPEGs are stored byte for byte, except for
+  // repairs (normalized_jpeg()), other frames as FFV1 with a checksum per slice.
   void add_image(const CapturedImage& image);
-  // Tracked ones are kept.
+  // Both keep only tracked poses.
   void add_pose(std::int64_t timestamp_ns, const PoseEstimate& pose);
   void add_group(std::int64_t timestamp_ns, const GroupEstimate& group);
   void add_event(std::int64_t timestamp_ns, std::string_view event, std::string_view detail = {});
@@ -68,7 +64,7 @@ class RecordingWriter {
   [[nodiscard]] const std::filesystem::path& folder() const;
   [[nodiscard]] RecordingCounts counts() const;
 
-  // Everything added so far is written when this returns; nothing can be added after it.
+  // Writes everything added so far; nothing can be added after it.
   [[nodiscard]] Result<void> finish();
 
  private:

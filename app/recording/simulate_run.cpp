@@ -4,10 +4,7 @@
 #include <array>
 #include <cmath>
 #include <limits>
-#include <map>
 #include <memory>
-#include <optional>
-#include <string>
 #include <system_error>
 #include <utility>
 #include <vector>
@@ -37,83 +34,42 @@ namespace {
 
 namespace fs = std::filesystem;
 
+tl::unexpected<Error> cannot_be_made(const fs::path& folder, const std::error_code& error) {
+  return fail("{}: cannot be made: {}; choose another place", folder.string(), error.message());
+}
+
 constexpr std::size_t kLargestText = std::size_t{16} << 20U;
-constexpr int kMostMoments = 64;       // of an exposure, of the tags
-constexpr int kMostSceneMoments = 16;  // of the objects: each is drawn in full
+constexpr int kMostMoments = 64;       // of an exposure, for the tags
+constexpr int kMostSceneMoments = 16;  // for the objects, which are drawn in full each time
 constexpr double kMomentApart_px = 0.25;
 
-// A new folder beside the one that is wanted, renamed at the end, removed where there is none.
-class RecordingFolder {
- public:
-  RecordingFolder() = default;
-  RecordingFolder(const RecordingFolder&) = delete;
-  RecordingFolder& operator=(const RecordingFolder&) = delete;
-  ~RecordingFolder() {
-    std::error_code ignored;
-    if (!partial_.empty()) fs::remove_all(partial_, ignored);
-  }
-
-  Result<void> create(const fs::path& folder) {
-    target_ = folder.lexically_normal();
-    if (!target_.has_filename()) target_ = target_.parent_path();  // "out/" is "out"
-    std::error_code error;
-    if (fs::exists(target_, error)) {
-      if (!fs::is_directory(target_, error)) {
-        return fail("{}: is not a folder; name a new one for the recording", folder.string());
-      }
-      if (fs::directory_iterator(target_, error) != fs::directory_iterator() || error) {
-        return fail("{}: is there already and not empty; name a new folder for the recording",
-                    folder.string());
-      }
+Result<void> create_recording_folder(const fs::path& path, OutputFolder& folder) {
+  const fs::path target = folder_name(path);
+  std::error_code error;
+  if (fs::exists(target, error)) {
+    if (!fs::is_directory(target, error)) {
+      return fail("{}: is not a folder; name a new one for the recording", path.string());
     }
-    error.clear();
-    if (target_.has_parent_path()) fs::create_directories(target_.parent_path(), error);
-    for (int attempt = 0; !error && attempt < kPartialAttempts; ++attempt) {
-      const fs::path path = partial_path(target_, attempt);
-      if (fs::create_directory(path, error)) {
-        partial_ = path;
-        break;
-      }
+    if (fs::directory_iterator(target, error) != fs::directory_iterator() || error) {
+      return fail("{}: is there already and not empty; name a new folder for the recording",
+                  path.string());
     }
-    if (!error && !partial_.empty()) fs::create_directory(partial_ / "frames", error);
-    if (error || partial_.empty()) {
-      return fail("{}: cannot be made: {}; choose another place", folder.string(),
-                  error ? error.message() : "every name beside it is taken");
-    }
-    return {};
   }
-  [[nodiscard]] const fs::path& partial() const { return partial_; }
-  // What went wrong in the partial folder, told of the one that is wanted.
-  [[nodiscard]] tl::unexpected<Error> failed(const Error& cause) const {
-    return tl::unexpected(renamed(cause, partial_, target_));
-  }
-
-  Result<void> commit() {
-    std::error_code error;
-    fs::rename(partial_, target_, error);  // over an empty folder too
-    if (error) {
-      return fail("{}: cannot be made: {}; choose another place", target_.string(),
-                  error.message());
-    }
-    partial_.clear();
-    return {};
-  }
-
- private:
-  fs::path target_;
-  fs::path partial_;
-};
+  PENUMBRA_TRY_VOID(folder.create(target));
+  fs::create_directory(folder.partial() / "frames", error);
+  if (error) return cannot_be_made(path, error);
+  return {};
+}
 
 Result<Trajectory> load_path(const fs::path& file) {
-  auto path = load_trajectory(file);
-  if (!path) return path;
-  if (path->poses.empty())
+  PENUMBRA_TRY(auto path, load_trajectory(file));
+  if (path.poses.empty()) {
     return fail("{}: has no pose; give one line for each frame", file.string());
+  }
   return path;
 }
 
-// The paths of the groups that move. Each has to begin and end with the camera's: how it goes on is
-// nobody's to say.
+// The paths of the groups that move. Each must span the time of the camera's.
 Result<std::map<std::string, Trajectory>> load_group_paths(const SimulateRequest& request,
                                                            const TagMap& tags,
                                                            const Trajectory& camera) {
@@ -121,10 +77,9 @@ Result<std::map<std::string, Trajectory>> load_group_paths(const SimulateRequest
   const std::vector<std::string> there = other_groups(tags);
   for (const auto& [group, file] : request.groups) {
     if (std::ranges::find(there, group) == there.end()) {
-      std::string names;
-      for (const std::string& name : there) names += (names.empty() ? "" : ", ") + name;
-      return fail("--group {}: {} has no such group; it has {}", group, request.tags.string(),
-                  names.empty() ? "none beside the table" : names);
+      return fail(
+          "--group {}: {} has no such group; it has {}", group, request.tags.string(),
+          there.empty() ? "none beside the table" : fmt::format("{}", fmt::join(there, ", ")));
     }
     if (!group_file(group)) {
       return fail("--group {}: can be no file's name; give it another in {}", group,
@@ -194,24 +149,26 @@ class Simulation {
     }
     PatternRenderOptions light = light_;
     light.cover_share = number < request_.cover_from ? 0.0 : request_.cover_share;
-    // Each frame's noise is its own, and does not depend on the frames before.
+    // A frame's noise does not depend on the other frames.
     light.seed = SplitMix64::nth(request_.seed, static_cast<std::uint64_t>(number));
-    if (!session_) {
-      light.noise_grey = request_.noise_grey;
-      const GreyImage image = renderer_.render(poses, light, placements);
-      return save_grey_png(file, image.view());
-    }
-    // The scene is drawn over the blurred tags at several moments, and the pictures' light is
-    // averaged: an object's edge is as blurred as its motion makes it. The noise comes last.
+    if (!session_) light.noise_grey = request_.noise_grey;
     const GreyImage tags = renderer_.render(poses, light, placements);
+    if (!session_) return save_grey_png(file, tags.view());
+    // Draws the scene over the blurred tags at several moments and averages their light, which
+    // blurs the objects' edges by their motion. The noise comes last.
     PENUMBRA_TRY(auto drawn, draw_scene(tags, moments(middle_ns, kMostSceneMoments)));
     add_noise(drawn, request_.noise_grey, light.seed);
     return save_png(file, camera_.width(), camera_.height(), drawn);
   }
 
  private:
-  // Moments of an exposure, each standing for the same share of it: close enough for the image to
-  // move by a fraction of a pixel from one to the next.
+  static GroupPose group_pose(const Trajectory& path, std::int64_t time_ns) {
+    const CameraPose place = pose_between(path, time_ns);
+    return {place.rotation(), place.translation()};
+  }
+
+  // Centres of equal parts of an exposure, close enough that the image moves by a fraction of a
+  // pixel from one to the next.
   [[nodiscard]] std::vector<std::int64_t> moments(std::int64_t middle_ns, int most) const {
     const std::int64_t exposure_ns = nanoseconds(request_.exposure_s);
     int count = 1;
@@ -223,17 +180,15 @@ class Simulation {
               .rms_px();
       for (const auto& [group, path] : groups_) {
         const auto over_group = [&](std::int64_t time_ns) {
-          const CameraPose place = pose_between(path, time_ns);
-          const GroupPose T_table_group(place.rotation(), place.translation());
-          const auto T_middle_camera =
-              (T_table_group * middles_.at(group)).inverse() * pose_between(path_, time_ns);
+          const auto T_middle_camera = (group_pose(path, time_ns) * middles_.at(group)).inverse() *
+                                       pose_between(path_, time_ns);
           return CameraPose(T_middle_camera.rotation(), T_middle_camera.translation());
         };
         const double of_group =
             overlay_difference(camera_, over_group(begin_ns), over_group(end_ns)).rms_px();
         moved_px = std::isfinite(of_group) ? std::max(moved_px, of_group) : of_group;
       }
-      // Where the table's middle is not seen nothing says how far the image moves.
+      // Not finite if the table's middle is outside the image.
       count = std::isfinite(moved_px) && moved_px > 0.0 && moved_px < kMostMoments * kMomentApart_px
                   ? static_cast<int>(std::ceil(2.0 * moved_px / kMomentApart_px)) + 1
                   : kMostMoments;
@@ -254,8 +209,9 @@ class Simulation {
     std::vector<std::uint8_t> rgba(4 * pixels);
     std::vector<double> sum(times.size() > 1 ? 3 * pixels : 0);
     std::array<double, 256> linear{};
-    for (std::size_t i = 0; i < linear.size(); ++i)
+    for (std::size_t i = 0; i < linear.size(); ++i) {
       linear[i] = std::pow(static_cast<double>(i) / 255.0, light_.gamma);
+    }
     for (const std::int64_t time : times) {
       TrackedFrame tracked;
       tracked.frame.width = tags.width;
@@ -271,9 +227,7 @@ class Simulation {
         group.name = name;
         group.status = TrackStatus::tracked;
         const auto path = groups_.find(name);
-        if (path == groups_.end()) continue;
-        const CameraPose place = pose_between(path->second, time);
-        group.T_table_group = {place.rotation(), place.translation()};
+        if (path != groups_.end()) group.T_table_group = group_pose(path->second, time);
       }
       PENUMBRA_TRY_VOID(session_->draw(std::move(tracked), rgba));
       if (times.size() == 1) return rgba;
@@ -307,27 +261,27 @@ class Simulation {
 Result<SimulateSummary> run_simulate(const SimulateRequest& request) {
   InterruptWatch interrupt;  // first: OpenGL and the renderer start threads
 
-  auto camera = load_chosen_camera(request.camera, request.camera_name);
-  if (!camera) return tl::unexpected(camera.error());
+  PENUMBRA_TRY(auto camera, load_chosen_camera(request.camera, request.camera_name));
   PENUMBRA_TRY(const auto tags, load_tag_map(request.tags));
   PENUMBRA_TRY(auto path, load_path(request.trajectory));
-  // The files go into the recording as they are, with all that they say.
-  auto camera_text = request.camera_name.empty() ? read_text_file(request.camera, kLargestText)
-                                                 : Result<std::string>(ros_camera_text(*camera));
-  if (!camera_text) return tl::unexpected(camera_text.error());
+  // The recording gets the files' texts as they are.
+  PENUMBRA_TRY(auto camera_text, request.camera_name.empty()
+                                     ? read_text_file(request.camera, kLargestText)
+                                     : Result<std::string>(ros_camera_text(camera)));
   PENUMBRA_TRY(const auto tags_text, read_text_file(request.tags, kLargestText));
-  if (camera->parameters().rolling_shutter_row_s.value_or(0.0) != 0.0) {
-    // ... but what would be made up for when it is replayed.
+  if (camera.parameters().rolling_shutter_row_s.value_or(0.0) != 0.0) {
+    // Replay would correct for a rolling shutter that the images don't have.
     log_warning(
         "{}: rolling_shutter_row_s: rows are exposed at once here; it is left out of the recording",
         request.camera.string());
-    CameraParameters at_once = camera->parameters();
+    CameraParameters at_once = camera.parameters();
     at_once.rolling_shutter_row_s.reset();
-    camera = CameraModel::make(at_once);
-    if (!camera) return fail_in(request.camera.string(), camera.error());
-    camera_text = ros_camera_text(*camera);
+    auto made = CameraModel::make(at_once);
+    if (!made) return fail_in(request.camera.string(), made.error());
+    camera = std::move(*made);
+    camera_text = ros_camera_text(camera);
   }
-  auto renderer = PatternRenderer::create(*camera, tags.tags());
+  auto renderer = PatternRenderer::create(camera, tags.tags());
   if (!renderer) return fail_in(request.tags.string(), renderer.error());
 
   if (request.cover_from >= static_cast<int>(path.poses.size()) && request.cover_from > 0) {
@@ -336,30 +290,28 @@ Result<SimulateSummary> run_simulate(const SimulateRequest& request) {
   }
   PENUMBRA_TRY(auto groups, load_group_paths(request, tags, path));
 
-  std::shared_ptr<const Scene> scene;
   std::unique_ptr<GlContext> context;
-  Simulation simulation(request, std::move(*camera), std::move(path), std::move(groups), tags,
+  Simulation simulation(request, std::move(camera), std::move(path), std::move(groups), tags,
                         std::move(*renderer));
   if (request.scene) {
     PENUMBRA_TRY(auto loaded, load_scene(*request.scene));
-    scene = std::make_shared<const Scene>(std::move(loaded));
+    auto scene = std::make_shared<const Scene>(std::move(loaded));
     tell_warnings(*scene, PlanOptions());
-    PENUMBRA_TRY(auto opened, open_run_context({false, false}, {simulation.camera().width(),
-                                                                simulation.camera().height()}));
-    context = std::move(opened);
-    PENUMBRA_TRY_VOID(simulation.add_scene(*context, scene));
+    PENUMBRA_TRY(context, open_run_context({false, false}, {simulation.camera().width(),
+                                                            simulation.camera().height()}));
+    PENUMBRA_TRY_VOID(simulation.add_scene(*context, std::move(scene)));
   }
 
   interrupt.hold();
-  RecordingFolder folder;
-  PENUMBRA_TRY_VOID(folder.create(request.output));
-  if (auto written = write_text_file(folder.partial() / "camera.yaml", *camera_text); !written)
-    return folder.failed(written.error());
-  if (auto written = write_text_file(folder.partial() / "tags.yaml", tags_text); !written)
-    return folder.failed(written.error());
+  OutputFolder folder;
+  PENUMBRA_TRY_VOID(create_recording_folder(request.output, folder));
+  const auto write_file = [&folder](const fs::path& name, const std::string& text) {
+    return write_text_file(folder.partial() / name, text);
+  };
+  Result<void> written = write_file("camera.yaml", camera_text);
+  if (written) written = write_file("tags.yaml", tags_text);
 
   SimulateSummary summary;
-  // An instant's exposure has no length to tell.
   const bool exposed = request.exposure_s > 0.0;
   std::string listing = fmt::format("frame,timestamp_s,file{}\n", exposed ? ",exposure_s" : "");
   Trajectory truth;
@@ -367,12 +319,13 @@ Result<SimulateSummary> run_simulate(const SimulateRequest& request) {
   for (const std::string& group : other_groups(tags)) {
     if (group_file(group)) group_truth[group];
   }
+  if (!written) return folder.failed(written.error());
   {
     ProgressBar progress(simulation.frames());
     for (int i = 0; i < simulation.frames() && !summary.interrupted; ++i) {
       const std::string name = fmt::format("frames/{:06}.png", i);
-      if (auto written = simulation.write_frame(i, folder.partial() / name); !written)
-        return folder.failed(written.error());
+      written = simulation.write_frame(i, folder.partial() / name);
+      if (!written) return folder.failed(written.error());
       StampedPose pose = simulation.path().poses[static_cast<std::size_t>(i)];
       pose.comment.clear();
       listing += fmt::format("{},{},{}", i, format_ns_as_seconds(pose.timestamp_ns), name);
@@ -390,25 +343,22 @@ Result<SimulateSummary> run_simulate(const SimulateRequest& request) {
       summary.interrupted = interrupt.interrupted();
     }
   }
-  if (auto written = save_trajectory(folder.partial() / "groundtruth.tum", truth); !written)
-    return folder.failed(written.error());
-  if (!group_truth.empty()) {
-    std::error_code error;
+  written = save_trajectory(folder.partial() / "groundtruth.tum", truth);
+  std::error_code error;
+  if (written && !group_truth.empty()) {
     fs::create_directory(folder.partial() / "groups", error);
-    if (error) {
-      return fail("{}: cannot be made: {}; choose another place",
-                  (request.output / "groups").string(), error.message());
-    }
+    if (error) return cannot_be_made(request.output / "groups", error);
   }
   for (const auto& [group, places] : group_truth) {
+    if (!written) break;
     std::string text = "# timestamp tx ty tz qx qy qz qw: T_table_group, seconds and metres\n";
     for (const StampedPose& place : places.poses) text += format_tum(place) + "\n";
-    const auto written = write_text_file(folder.partial() / "groups" / *group_file(group), text);
-    if (!written) return folder.failed(written.error());
+    written = write_file(fs::path("groups") / *group_file(group), text);
   }
-  if (auto written = write_text_file(folder.partial() / "timestamps.csv", listing); !written)
-    return folder.failed(written.error());
-  PENUMBRA_TRY_VOID(folder.commit());
+  if (written) written = write_file("timestamps.csv", listing);
+  if (!written) return folder.failed(written.error());
+  error = folder.commit();
+  if (error) return cannot_be_made(folder.target(), error);
   return summary;
 }
 

@@ -12,14 +12,13 @@ extern "C" {
 #include <utility>
 
 #include "app/libav.hpp"
-#include "core/assert.hpp"
 #include "core/propagate.hpp"
 
 namespace penumbra {
 namespace {
 
-// Between the blocks of a Matroska file lie headers of some 20 to 60 bytes; after damage the reader
-// looks for the next cluster, and what it jumped over shows as a larger gap.
+// Headers between the blocks of a Matroska file have 20 to 60 bytes. A larger gap is damage that
+// the demuxer skipped to the next cluster.
 constexpr std::int64_t kMaxGapBytes = 512;
 constexpr std::int64_t kMaxPixels = 256'000'000;
 
@@ -27,7 +26,7 @@ constexpr std::int64_t kMaxPixels = 256'000'000;
 class Demuxer {
  public:
   static Result<Demuxer> open(const std::filesystem::path& file) {
-    // libav writes to standard error by itself; our errors carry what it has to say.
+    // Our errors carry libav's messages, which go to standard error otherwise.
     av_log_set_level(AV_LOG_QUIET);
     Demuxer demuxer;
     demuxer.name_ = file.string();
@@ -100,10 +99,9 @@ class Demuxer {
   std::int64_t end_of_last_ = 0;  // [bytes]
 };
 
-// FFV1 version 3 (RFC 9043, section 4.9): each slice ends with its size (3 bytes) and, where the
-// file has check sums, an error status (1 byte) and a CRC-32 over the slice and itself that comes
-// out as 0. Slices are found from the packet's end. libav's decoder only conceals a slice whose sum
-// is wrong.
+// FFV1 version 3 (RFC 9043, section 4.9): each slice ends with its size (3 bytes) and, in files
+// with checksums, an error status (1 byte) and a CRC that makes the CRC-32 of the slice 0. Slices
+// are found from the packet's end. libav's decoder only conceals a slice with a wrong sum.
 enum class SliceSums { none, right, wrong, no_chain };
 
 SliceSums check_slices(std::span<const std::uint8_t> packet, std::size_t trailer) {
@@ -126,11 +124,11 @@ SliceSums check_slices(std::span<const std::uint8_t> packet, std::size_t trailer
 constexpr std::size_t kTrailerWithSum = 8;
 constexpr std::size_t kTrailerWithout = 3;
 
-// The pixel formats that are passed on, and how.
+// Pixel formats that are passed on as planes.
 struct Mapping {
   AVPixelFormat stored;
   PixelFormat format;
-  bool full_range;  // where the file does not say
+  bool full_range;  // if the file does not declare it
 };
 constexpr std::array<Mapping, 9> kPlanar{{
     {AV_PIX_FMT_GRAY8, PixelFormat::grey8, true},
@@ -144,8 +142,8 @@ constexpr std::array<Mapping, 9> kPlanar{{
     {AV_PIX_FMT_YUYV422, PixelFormat::yuyv, false},
 }};
 
-// Where the R, G and B of a pixel lie. libav gives 8-bit RGB of FFV1 as bgr0 or bgra (0rgb on a
-// big-endian machine), later versions as planes.
+// Positions of a pixel's R, G and B. libav decodes 8-bit RGB of FFV1 to bgr0 or bgra (0rgb on a
+// big-endian machine), later versions to planes.
 struct RgbLayout {
   AVPixelFormat stored;
   std::array<int, 3> plane;   // of R, G, B
@@ -177,7 +175,7 @@ Frame to_rgb(const AVFrame& stored, const RgbLayout& layout) {
   return std::move(buffer.frame);
 }
 
-// Views of the decoder's own buffer.
+// A view of the decoder's buffer.
 Frame to_planar(Av<AVFrame> stored, const Mapping& mapping) {
   Frame frame;
   frame.width = stored->width;
@@ -209,9 +207,9 @@ Frame to_planar(Av<AVFrame> stored, const Mapping& mapping) {
 struct VideoReader::Impl {
   Demuxer demuxer;
   Av<AVCodecContext> decoder;
-  std::deque<Av<AVPacket>> waiting;  // read while skipping: since the last key frame
-  int frame = 0;                     // number of the next one
-  bool broken = false;               // by a damaged frame, until the next key frame
+  std::deque<Av<AVPacket>> waiting;  // skipped packets since the last key frame
+  int frame = 0;                     // number of the next frame
+  bool broken = false;               // a frame since the last key frame was damaged
   bool has_sums = false;
 
   tl::unexpected<Error> damaged(std::string_view what) const {
@@ -220,7 +218,7 @@ struct VideoReader::Impl {
 
   Result<void> verify(const AVPacket& packet) {
     const AVCodecParameters& parameters = demuxer.parameters();
-    // Versions 0 and 1 carry no configuration, and no check sums.
+    // Versions 0 and 1 have no configuration and no checksums.
     if (parameters.codec_id != AV_CODEC_ID_FFV1 || parameters.extradata_size <= 0) return {};
     const std::span<const std::uint8_t> bytes(packet.data, static_cast<std::size_t>(packet.size));
     const SliceSums sums = check_slices(bytes, kTrailerWithSum);
@@ -233,7 +231,7 @@ struct VideoReader::Impl {
     return {};
   }
 
-  // The next frame. After a damaged one those that are told as changes to it are damaged too.
+  // Frames that refer to a damaged frame are damaged, too.
   Result<Av<AVFrame>> decode_next(const AVPacket& packet) {
     broken = broken && (packet.flags & AV_PKT_FLAG_KEY) == 0;
     auto decoded =
@@ -287,7 +285,7 @@ Result<VideoReader> VideoReader::open(const std::filesystem::path& file) {
   }
   impl->decoder.reset(avcodec_alloc_context3(codec));
   if (!impl->decoder) return fail("{}: no memory for the decoder", file.string());
-  impl->decoder->thread_count = 1;  // looking ahead is done by who reads
+  impl->decoder->thread_count = 1;  // LookAhead reads ahead
   impl->decoder->max_pixels = kMaxPixels;
   impl->decoder->err_recognition = AV_EF_CRCCHECK | AV_EF_EXPLODE;
   int status = avcodec_parameters_to_context(impl->decoder.get(), &parameters);
@@ -301,8 +299,7 @@ Result<VideoReader> VideoReader::open(const std::filesystem::path& file) {
 
 Result<void> VideoReader::skip(int count) {
   const int target = impl_->frame + count;
-  // One packet more than is skipped, since only the next one tells whether those before it are
-  // needed.
+  // One packet more, as only the next key frame makes earlier packets unnecessary.
   while (impl_->frame + static_cast<int>(impl_->waiting.size()) <= target) {
     PENUMBRA_TRY(const AVPacket* packet, impl_->demuxer.next());
     if (packet == nullptr) break;
@@ -314,7 +311,7 @@ Result<void> VideoReader::skip(int count) {
     if (!impl_->waiting.back()) return fail("{}: no memory", impl_->demuxer.name());
   }
   while (impl_->frame < target && !impl_->waiting.empty()) {
-    (void)impl_->decode_next(*impl_->waiting.front());  // one that is wanted tells of it
+    (void)impl_->decode_next(*impl_->waiting.front());  // next() reports errors
     impl_->waiting.pop_front();
   }
   return {};
@@ -328,8 +325,7 @@ Result<std::optional<Frame>> VideoReader::next() {
     impl_->waiting.pop_front();
     packet = kept.get();
   } else {
-    PENUMBRA_TRY(const AVPacket* read, impl_->demuxer.next());
-    packet = read;
+    PENUMBRA_TRY(packet, impl_->demuxer.next());
   }
   if (packet == nullptr) return std::optional<Frame>();
   PENUMBRA_TRY(auto decoded, impl_->decode_next(*packet));

@@ -1,4 +1,4 @@
-// Lossless video -> frames: Matroska with FFV1 (or raw planes), through libav.
+// Frames of a lossless video: Matroska with FFV1 or raw planes.
 #pragma once
 
 #include <filesystem>
@@ -18,13 +18,12 @@ class VideoReader {
   VideoReader& operator=(VideoReader&&) noexcept;
   ~VideoReader();
 
-  // Reads over the next `count` frames, those that are damaged too; only what the frame after them
-  // builds on is decoded.
+  // Skips the next `count` frames, damaged ones too; decodes only those that the next frame refers
+  // to.
   [[nodiscard]] Result<void> skip(int count);
-  // The next frame as stored, viewing the decoder's memory; RGB layouts become rgb24. Sequence and
-  // timestamp are 0: the times in the file are never read. Nothing at the end. Damage (a check sum
-  // that is wrong, a block that is lost) is an error; of a single frame it is one of this frame and
-  // of those that build on it, and reading goes on after them.
+  // The next frame as stored, viewing the decoder's memory; RGB layouts become rgb24. Empty at the
+  // end. Sequence and timestamp are 0. Fails on damage (a wrong checksum, a lost block); a damaged
+  // frame and those that refer to it fail one by one, and later frames can be read.
   [[nodiscard]] Result<std::optional<Frame>> next();
 
  private:
@@ -33,8 +32,7 @@ class VideoReader {
   std::unique_ptr<Impl> impl_;
 };
 
-// How many whole frames the file holds, without decoding them. A file that was cut off counts up to
-// its last whole one.
+// Number of complete frames, without decoding them; a file may be cut off.
 [[nodiscard]] Result<int> count_video_frames(const std::filesystem::path& file);
 
 }  // namespace penumbra

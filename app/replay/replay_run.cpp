@@ -9,7 +9,6 @@
 #include "app/capture/capture_stats.hpp"
 #include "app/interrupt.hpp"
 #include "app/logging.hpp"
-#include "app/output/late_outputs.hpp"
 #include "app/output/run_outputs.hpp"
 #include "app/progress.hpp"
 #include "app/recording/look_ahead.hpp"

@@ -6,7 +6,7 @@
 #include <string>
 #include <vector>
 
-#include "app/recording/frame_range.hpp"
+#include "app/recording/recording_source.hpp"
 #include "app/report/run_report.hpp"
 #include "app/session/run_request.hpp"
 #include "core/error.hpp"

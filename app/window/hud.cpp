@@ -64,6 +64,10 @@ constexpr std::array kHelp = {
     KeyHelp{"K, wheel", "the scene's 3D cursor follows the pointer; higher, lower"},
 };
 
+bool is_plain_key(const WindowEvent& event) {
+  return event.kind == WindowEvent::Kind::key_down && !event.control && !event.alt;
+}
+
 }  // namespace
 
 std::span<const KeyHelp> key_help() {
@@ -71,7 +75,7 @@ std::span<const KeyHelp> key_help() {
 }
 
 std::optional<WindowCommand> command_of_key(const WindowEvent& event) {
-  if (event.kind != WindowEvent::Kind::key_down || event.control || event.alt) return std::nullopt;
+  if (!is_plain_key(event)) return std::nullopt;
   const auto key = std::ranges::find(kKeys, event.code, &Key::code);
   return key != kKeys.end() ? std::optional(key->command) : std::nullopt;
 }
@@ -85,15 +89,12 @@ std::vector<ShadowTechnique> techniques_by_key() {
 }
 
 std::optional<ShadowTechnique> technique_of_key(const WindowEvent& event) {
-  if (event.kind != WindowEvent::Kind::key_down || event.control || event.alt) return std::nullopt;
-  int number = -1;
-  if (event.code >= GLFW_KEY_0 && event.code <= GLFW_KEY_9) number = event.code - GLFW_KEY_0;
-  if (event.code >= GLFW_KEY_KP_0 && event.code <= GLFW_KEY_KP_9) {
-    number = event.code - GLFW_KEY_KP_0;
-  }
+  if (!is_plain_key(event)) return std::nullopt;
+  const int first = event.code >= GLFW_KEY_KP_0 ? GLFW_KEY_KP_0 : GLFW_KEY_0;
+  const int number = event.code - first;
   if (number == 0) return ShadowTechnique::none;
   const std::vector<ShadowTechnique> techniques = techniques_by_key();
-  if (number < 1 || static_cast<std::size_t>(number) > techniques.size()) return std::nullopt;
+  if (number < 1 || number > std::min(9, static_cast<int>(techniques.size()))) return std::nullopt;
   return techniques[static_cast<std::size_t>(number) - 1];
 }
 
@@ -107,27 +108,25 @@ ShadowTechnique technique_after(ShadowTechnique technique) {
 HudStatus status_of(const PoseEstimate& pose) {
   HudStatus status;
   status.text = to_string(pose.status);
-  const std::string why = pose.reason.empty() ? "" : ": " + pose.reason;
   switch (pose.status) {
     case TrackStatus::tracked:
       status.color = {0.45F, 0.92F, 0.45F, 1.0F};
       return status;
     case TrackStatus::uncertain:
       status.color = {1.0F, 0.78F, 0.25F, 1.0F};
-      status.text += why;
-      return status;
+      break;
     case TrackStatus::held: {
-      // Never quite gone: it is there to be read.
+      // Fades with the age, but stays readable.
       const double left = std::clamp(1.0 - pose.age_s / kHoldSeconds, 0.0, 1.0);
       status.color = {0.50F, 0.80F, 1.0F, static_cast<float>(0.45 + 0.55 * left)};
-      status.text += fmt::format(" {:.2f} s", pose.age_s) + why;
-      return status;
+      status.text += fmt::format(" {:.2f} s", pose.age_s);
+      break;
     }
     case TrackStatus::lost:
       status.color = {1.0F, 0.45F, 0.40F, 1.0F};
-      status.text += why;
-      return status;
+      break;
   }
+  if (!pose.reason.empty()) status.text += ": " + pose.reason;
   return status;
 }
 
@@ -171,16 +170,14 @@ std::string smoothing_in_words(const SmoothedPose& smoothed) {
 }
 
 std::string technique_in_words(std::span<const HudNode> nodes) {
-  std::vector<std::string> words;
+  std::vector<std::string_view> words;
   for (const HudNode& node : nodes) {
     const bool cocl = node.style.technique == ShadowTechnique::layered &&
                       node.style.kernels == KernelSource::centroid;
-    const std::string word(cocl ? "cocl" : to_string(node.style.technique));
+    const std::string_view word = cocl ? "cocl" : to_string(node.style.technique);
     if (std::ranges::find(words, word) == words.end()) words.push_back(word);
   }
-  std::string text;
-  for (const std::string& word : words) text += (text.empty() ? "" : ", ") + word;
-  return text.empty() ? "none" : text;
+  return words.empty() ? "none" : fmt::format("{}", fmt::join(words, ", "));
 }
 
 std::vector<std::string> reasons_in_words(const HudState& state) {
@@ -206,8 +203,8 @@ std::string in_words(Translucency asked, Translucency drawn) {
   return fmt::format("{} ({})", to_string(asked), to_string(drawn));
 }
 
-Translucency translucency_after(Translucency way) {
-  const auto at = std::ranges::find(kTranslucencyNames, way, &TranslucencyName::way);
+Translucency translucency_after(Translucency mode) {
+  const auto at = std::ranges::find(kTranslucencyNames, mode, &TranslucencyName::way);
   return at + 1 == kTranslucencyNames.end() ? kTranslucencyNames.front().way : (at + 1)->way;
 }
 

@@ -1,5 +1,4 @@
-// What the window says about the session and what it offers to do: plain data and words. overlay
-// draws it, viewer acts on it.
+// State, words and commands of the window. Overlay draws them, Viewer acts on them.
 #pragma once
 
 #include <Eigen/Core>
@@ -18,12 +17,11 @@
 #include "core/geometry/group_pose.hpp"
 #include "core/geometry/pose_estimate.hpp"
 #include "render/compositor.hpp"
-#include "render/frame_plan.hpp"
 #include "render/gl/context.hpp"
 
 namespace penumbra {
 
-// What a key or a button of the window does.
+// Command of a key or a button.
 enum class WindowCommand {
   quit,
   pause,
@@ -42,23 +40,33 @@ enum class WindowCommand {
   reach,
   turn,
   put,
-  cursor,  // the scene's 3D cursor follows the pointer, or rests
+  cursor,  // the scene's 3D cursor follows the pointer, or stops
   next_technique,
   next_translucency,
-  next_node,  // which shadow node the keys for techniques are for: all, or one
+  next_node,  // selects the shadow nodes that the keys for techniques change: all, or one
 };
+
+// Modes of a drag in the order of DragMode, and their commands.
+struct DragCommand {
+  const char* name;
+  WindowCommand command;
+};
+inline constexpr std::array<DragCommand, 4> kDragCommands = {{{"slide", WindowCommand::slide},
+                                                              {"lift", WindowCommand::lift},
+                                                              {"reach", WindowCommand::reach},
+                                                              {"turn", WindowCommand::turn}}};
 
 struct KeyHelp {
   std::string_view keys;
   std::string_view what;
 };
-// As the help panel and the documentation list them.
+// In the order of the help panel and the documentation.
 [[nodiscard]] std::span<const KeyHelp> key_help();
-// Nothing for a key that does nothing, or a number key: that is technique_of_key().
+// Empty for a key without a command, also for the number keys of technique_of_key().
 [[nodiscard]] std::optional<WindowCommand> command_of_key(const WindowEvent& event);
-// 1 is the first technique after none, and so on; 0 is none.
+// Key 0 is none, 1 the first technique after none, and so on.
 [[nodiscard]] std::optional<ShadowTechnique> technique_of_key(const WindowEvent& event);
-// The techniques in the order of their keys.
+// In the order of their keys.
 [[nodiscard]] std::vector<ShadowTechnique> techniques_by_key();
 [[nodiscard]] ShadowTechnique technique_after(ShadowTechnique technique);
 
@@ -82,46 +90,45 @@ struct HudTwist {
 struct HudState {
   bool live = false;
   bool has_picture = false;
-  std::uint64_t frame = 0;         // its number
+  std::uint64_t frame = 0;         // number
   std::optional<int> frame_count;  // of a recording
   PoseEstimate pose;
   std::vector<GroupEstimate> groups;                   // of tags, beside the table
-  double frames_per_s = 0.0;                           // new ones shown
-  std::vector<std::pair<std::string, double>> stages;  // wall, mean of the last frames [ms]
+  double frames_per_s = 0.0;                           // new frames shown
+  std::vector<std::pair<std::string, double>> stages;  // mean wall time of the last frames [ms]
   std::optional<double> latency_ms;                    // from the camera's timestamp to the swap
-  std::optional<double> silent_s;  // for so long the camera has given no whole picture
-  std::optional<bool> smooth;      // whether the pose is smoothed as it is drawn; nothing: can't be
-  std::optional<SmoothedPose> smoothed;                      // what that did to the last picture
-  int frames_dropped = 0;                                    // too late to be shown
+  std::optional<double> silent_s;                      // time since the last whole frame
+  std::optional<bool> smooth;            // smoothing of the drawn pose; empty: not available
+  std::optional<SmoothedPose> smoothed;  // its effect on the last frame
+  int frames_dropped = 0;                // too late to be shown
   std::vector<std::pair<std::string, std::int64_t>> faults;  // of the camera, counted
-  std::optional<std::string> trouble;                        // of the camera, right now
+  std::optional<std::string> trouble;                        // current fault of the camera
   std::optional<HudRecording> recording;
   std::vector<HudNode> nodes;
-  Translucency translucency = Translucency::automatic;        // asked for
-  Translucency translucency_drawn = Translucency::automatic;  // in the last picture
+  Translucency translucency = Translucency::automatic;        // requested
+  Translucency translucency_drawn = Translucency::automatic;  // in the last frame
 
-  // For the debug view; filled only where it is open.
-  CompositeStats drawn;                                    // of the last picture
+  // For the debug view; filled only while it is open.
+  CompositeStats drawn;                                    // of the last frame
   std::vector<std::pair<std::string, std::int64_t>> work;  // since the start
-  std::vector<std::string> skipped, kept;                  // what, and why
+  std::vector<std::string> skipped, kept;                  // each with its reason
   std::vector<HudTwist> twists;
-  std::vector<Eigen::Vector2d> kernels_px;  // where kernels are in the picture
+  std::vector<Eigen::Vector2d> kernels_px;  // in the image
   int picture_width = 0, picture_height = 0;
 
-  // The viewer's own.
+  // Set by the viewer.
   bool paused = false;
   std::string selected;  // object; empty: none
   DragMode drag = DragMode::slide;
-  std::string message;  // what was just done; empty when it is old
+  std::string message;  // about the last command; empty after a while
 };
 
-// What is open and how it is laid out.
 struct HudPanels {
-  bool help = false, debug = false, panels = false;
+  bool help = false, debug = false, panels = false;  // open
   bool compact = false;  // few words and large buttons, for small screens
 };
 
-// What was clicked.
+// Commands and edits of clicks.
 struct HudActions {
   std::vector<WindowCommand> commands;
   std::vector<SceneEdit> edits;
@@ -137,35 +144,35 @@ struct HudStatus {
 };
 [[nodiscard]] HudStatus status_of(const PoseEstimate& pose);
 [[nodiscard]] HudStatus status_of(const GroupEstimate& group);  // "wall: tracked"
-// What a person must know also where the HUD is hidden: that the picture stands still, and why, and
-// that a recording failed. Nothing else.
+// Warnings that are shown even while the HUD is hidden: a stalled image, its cause, a failed
+// recording.
 [[nodiscard]] std::vector<std::string> warnings_of(const HudState& state);
-// "latency 45 ms", or how old the picture is by now; empty: neither is known.
+// "latency 45 ms", or the age of a stalled frame; empty if neither is known.
 [[nodiscard]] std::string age_in_words(const HudState& state);
-// "REC folder   26 frames, 3 left out", or that it failed.
+// "REC folder   26 frames, 3 left out", or "recording FAILED: ...".
 [[nodiscard]] std::string recording_in_words(const HudRecording& recording);
-// Of the debug view: "left out: rotor: outside the view", then "kept: video: ...", a line each; of
-// each kind kMostReasons at most, and then how many more there are.
+// For the debug view, a line each: "left out: rotor: outside the view", then "kept: video: ...".
+// Lists kMostReasons of each kind and the number of the others.
 [[nodiscard]] std::vector<std::string> reasons_in_words(const HudState& state);
 inline constexpr std::size_t kMostReasons = 10;
 // "smoothed: 12 ms late, 0.05 px".
 [[nodiscard]] std::string smoothing_in_words(const SmoothedPose& smoothed);
-// "layered", "cocl", or a list where nodes differ.
+// "layered", "cocl", or a list if nodes differ.
 [[nodiscard]] std::string technique_in_words(std::span<const HudNode> nodes);
 
-// "mesh"; of what was chosen by itself "auto (blend)".
+// "mesh", or "auto (blend)".
 [[nodiscard]] std::string in_words(Translucency asked, Translucency drawn);
-[[nodiscard]] Translucency translucency_after(Translucency way);
+[[nodiscard]] Translucency translucency_after(Translucency mode);
 
-// What a node's constants come from (docs/shadows.md#constants): the height at which the umbra
-// vanishes and the middle layer's magnification there. Nothing where it never vanishes (a <= 1).
+// The workspace that determines a node's constants (docs/shadows.md#constants).
 struct Workspace {
-  double height_m = 0.3;
-  double magnification = 1.5;
+  double height_m = 0.3;       // at which the umbra vanishes
+  double magnification = 1.5;  // of the middle layer there
 };
+// Empty if the umbra never vanishes (a <= 1).
 [[nodiscard]] std::optional<Workspace> workspace_of(const LayeredConstants& constants);
 
-// Light fractions with the shadow's strength taken back: 1 leaves them, 0 is no shadow.
+// Reduces the strength of a shadow: opacity 1 keeps its light fractions, 0 removes it.
 [[nodiscard]] LightFractions with_opacity(const LightFractions& full, double opacity);
 
 }  // namespace penumbra

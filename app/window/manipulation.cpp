@@ -11,10 +11,10 @@
 namespace penumbra {
 namespace {
 
-// No drag goes farther from the camera than this times the distance at which the object was taken:
-// near the horizon a pixel is metres.
+// Limits a drag's distance from the camera, in multiples of the grabbed point's: near the horizon a
+// pixel is metres.
 constexpr double kFarthest = 6.0;
-// The vertical plane of a lift is met at a good angle up to here (sine of ray to plane).
+// Smallest sine of the angle between the ray and a lift's vertical plane.
 constexpr double kFlattest = 0.35;
 constexpr double kParallel = 1e-9;
 
@@ -22,7 +22,6 @@ Eigen::Vector3d to_double(const glm::vec3& p) {
   return {static_cast<double>(p.x), static_cast<double>(p.y), static_cast<double>(p.z)};
 }
 
-// Distance along the ray, in units of its direction's length, to a box that is met.
 bool meets_box(const Ray& ray, const Eigen::Vector3d& low, const Eigen::Vector3d& high) {
   double enter = 0.0;
   double leave = std::numeric_limits<double>::infinity();
@@ -40,7 +39,7 @@ bool meets_box(const Ray& ray, const Eigen::Vector3d& low, const Eigen::Vector3d
   return enter <= leave;
 }
 
-// Moeller and Trumbore: distance along the ray to the triangle, both of its sides.
+// Distance along the ray to either side of the triangle (Moeller and Trumbore).
 std::optional<double> meet_triangle(const Ray& ray, const Eigen::Vector3d& a,
                                     const Eigen::Vector3d& b, const Eigen::Vector3d& c) {
   const Eigen::Vector3d ab = b - a;
@@ -57,7 +56,7 @@ std::optional<double> meet_triangle(const Ray& ray, const Eigen::Vector3d& a,
   return t;
 }
 
-// Where the ray meets the plane; nothing behind it or along it.
+// Distance along the ray to the plane; empty if it is behind or parallel.
 std::optional<double> meet_plane(const Ray& ray, const Eigen::Vector3d& normal,
                                  const Eigen::Vector3d& point) {
   const double along = ray.direction.dot(normal);
@@ -66,10 +65,18 @@ std::optional<double> meet_plane(const Ray& ray, const Eigen::Vector3d& normal,
   return t > 0.0 ? std::optional(t) : std::nullopt;
 }
 
-// Level, at right angles to where the ray goes on the table: the vertical plane through a point
-// that holds `right`.
+// Level normal of the vertical plane that contains `right`.
 Eigen::Vector3d facing(const PointerView& pointer) {
   return pointer.right.cross(Eigen::Vector3d::UnitZ()).normalized();
+}
+
+// The topmost ancestor of an object, or the object itself.
+int root_of(const Scene& scene, int object) {
+  int root = object;
+  while (scene.objects[static_cast<std::size_t>(root)].parent >= 0) {
+    root = scene.objects[static_cast<std::size_t>(root)].parent;
+  }
+  return root;
 }
 
 }  // namespace
@@ -83,8 +90,7 @@ std::optional<PointerView> view_at(const CameraModel& camera, const CameraPose& 
   view.pixel = pixel;
   Eigen::Vector3d right = T_table_camera.rotation() * Eigen::Vector3d::UnitX();
   right.z() = 0.0;
-  // Held upright as a picture on a wall is turned by 90 degrees, no direction of it is level but
-  // the other one.
+  // An image turned by 90 degrees has its x axis vertical: its y axis is level then.
   if (right.norm() < 1e-3) {
     right = T_table_camera.rotation() * Eigen::Vector3d::UnitY();
     right.z() = 0.0;
@@ -102,8 +108,8 @@ std::optional<PickedPoint> pick(const Scene& scene, const SceneState& state, con
     const SceneObject& object = scene.objects[i];
     if (!object.model || opacity_of(state, static_cast<int>(i)) <= 0.0) continue;
     const Placement T = placed_model(*object.model, state.objects[i]);
-    // In the object's frame, so that a model need not be moved; the direction keeps its length
-    // there, and with it the distance along the ray.
+    // In the object's frame. The direction is scaled too, so distances along the ray stay in
+    // metres.
     const Eigen::Quaterniond back = T.rotation.conjugate();
     const Ray local{back * (ray.origin - T.position) / T.scale, back * ray.direction / T.scale};
     if (!meets_box(local, to_double(object.model->min_corner),
@@ -120,14 +126,6 @@ std::optional<PickedPoint> pick(const Scene& scene, const SceneState& state, con
     }
   }
   return nearest;
-}
-
-int root_of(const Scene& scene, int object) {
-  int root = object;
-  while (scene.objects[static_cast<std::size_t>(root)].parent >= 0) {
-    root = scene.objects[static_cast<std::size_t>(root)].parent;
-  }
-  return root;
 }
 
 double lowest_point(const Scene& scene, const SceneState& state, int root) {
@@ -190,9 +188,9 @@ std::optional<ObjectPlaced> Manipulator::drag(const PointerView& pointer) const 
         const auto t = meet_plane(pointer.ray, normal, grab.point);
         if (!t || *t > kFarthest * grab.distance) return std::nullopt;
         shift = pointer.ray.origin + *t * pointer.ray.direction - grab.point;
-        shift -= shift.dot(normal) * normal;  // what rounding left
+        shift -= shift.dot(normal) * normal;  // removes the rounding error
       } else {
-        // Seen from above, height has no place in the picture: up in it is up.
+        // Seen from above, height is invisible: up in the image moves up.
         const double metres_per_px = grab.distance * pointer.radians_per_px;
         shift =
             metres_per_px * (moved.x() * grab.pointer.right - moved.y() * Eigen::Vector3d::UnitZ());
@@ -202,7 +200,7 @@ std::optional<ObjectPlaced> Manipulator::drag(const PointerView& pointer) const 
       break;
     }
     case DragMode::reach: {
-      // The plane through the eye, seen edge-on: what is drawn to the right goes away.
+      // The plane through the eye is seen edge-on: dragging to the right moves away.
       const double metres_per_px = grab.distance * pointer.radians_per_px;
       Eigen::Vector3d shift = metres_per_px * (-moved.x() * facing(grab.pointer) -
                                                moved.y() * Eigen::Vector3d::UnitZ());
@@ -211,7 +209,7 @@ std::optional<ObjectPlaced> Manipulator::drag(const PointerView& pointer) const 
       break;
     }
     case DragMode::turn: {
-      // The width of the picture is one turn.
+      // A drag over the image's width is one turn.
       const double angle_per_px = 2.0 * std::numbers::pi / std::max(1.0, pointer.width_px);
       const Eigen::AngleAxisd yaw(moved.x() * angle_per_px, Eigen::Vector3d::UnitZ());
       const Eigen::AngleAxisd tilt(moved.y() * angle_per_px, grab.pointer.right);

@@ -11,7 +11,6 @@
 #include <cmath>
 #include <filesystem>
 #include <map>
-#include <string>
 #include <system_error>
 #include <utility>
 #include <vector>
@@ -27,17 +26,18 @@ namespace {
 
 constexpr const char* kFontFile = "/usr/share/fonts/truetype/dejavu/DejaVuSans.ttf";
 constexpr std::array<float, 3> kFontSizes = {15.0F, 18.0F, 24.0F};  // [px]
-// A finger needs so much [px at a font of 15 px].
-constexpr float kTouchHeight = 46.0F;
-constexpr float kHelpWidth = 48.0F;    // with less [em] its lines are broken
-constexpr float kHelpColumns = 26.0F;  // with less [em] a key stands above what it does
-constexpr float kPanelWidth = 12.0F;   // [em] with less its words are cut
-constexpr int kHandheldHeight = 400;   // of a window with less [px] either way every line counts
+constexpr float kTouchHeight = 46.0F;  // of a button for fingers [px at a font of 15 px]
+constexpr float kHelpWidth = 48.0F;    // [em] narrower windows wrap the help's lines
+constexpr float kHelpColumns = 26.0F;  // [em] narrower windows show a key above its text
+constexpr float kPanelWidth = 12.0F;   // [em] narrower panels cut their words
+constexpr int kHandheldHeight = 400;   // [px] smaller windows, either way, show fewer lines
 constexpr std::size_t kMostDebugLines = 10;
 
 constexpr ImGuiWindowFlags kPlain = ImGuiWindowFlags_NoDecoration | ImGuiWindowFlags_NoMove |
                                     ImGuiWindowFlags_NoSavedSettings |
                                     ImGuiWindowFlags_NoFocusOnAppearing | ImGuiWindowFlags_NoNav;
+constexpr ImGuiWindowFlags kFitted = kPlain | ImGuiWindowFlags_AlwaysAutoResize;
+constexpr ImGuiWindowFlags kScrolled = kFitted & ~ImGuiWindowFlags_NoScrollbar;
 
 ImVec4 to_imgui(const HudColor& color) {
   return {color.red, color.green, color.blue, color.alpha};
@@ -78,32 +78,36 @@ std::string frame_in_words(const HudState& state) {
                            : fmt::format("frame {}", state.frame);
 }
 
-std::string_view word_of(DragMode mode) {
-  switch (mode) {
-    case DragMode::slide:
-      return "slide";
-    case DragMode::lift:
-      return "lift";
-    case DragMode::reach:
-      return "reach";
-    case DragMode::turn:
-      return "turn";
+std::string stage_times(const HudState& state) {
+  std::string times;
+  for (const auto& [stage, ms] : state.stages) {
+    times += fmt::format("{}{} {:.1f}", times.empty() ? "" : "   ", stage, ms);
   }
-  return "slide";
+  return times.empty() ? times : times + " ms";
 }
 
-WindowCommand after(DragMode mode) {
-  switch (mode) {
-    case DragMode::slide:
-      return WindowCommand::lift;
-    case DragMode::lift:
-      return WindowCommand::reach;
-    case DragMode::reach:
-      return WindowCommand::turn;
-    case DragMode::turn:
-      return WindowCommand::slide;
+const char* name_of(DragMode mode) {
+  return kDragCommands[static_cast<std::size_t>(mode)].name;
+}
+
+WindowCommand next_drag(DragMode mode) {
+  return kDragCommands[(static_cast<std::size_t>(mode) + 1) % kDragCommands.size()].command;
+}
+
+// A list of named values below `shown`; returns true if one was chosen.
+template <class Entry, class Value, std::size_t N>
+bool choose(const char* id, const std::string& shown, const std::array<Entry, N>& entries,
+            Value Entry::*value_of, Value& value) {
+  if (!ImGui::BeginCombo(id, shown.c_str())) return false;
+  bool chosen = false;
+  for (const Entry& entry : entries) {
+    if (ImGui::Selectable(std::string(entry.name).c_str(), entry.*value_of == value)) {
+      value = entry.*value_of;
+      chosen = true;
+    }
   }
-  return WindowCommand::slide;
+  ImGui::EndCombo();
+  return chosen;
 }
 
 }  // namespace
@@ -149,11 +153,10 @@ struct Overlay::Impl {
     return {};
   }
 
-  // Sizes that follow the letters.
+  // Sets sizes in proportion to the letters.
   void set_style(GlContext::Size size, bool compact) {
-    // As on a wide screen, whatever the window's proportions.
-    const int height = std::min(size.height, size.width * 9 / 16);
-    const std::size_t at = height < 600 ? 0 : height < 900 ? 1 : 2;
+    const int wide_height = std::min(size.height, size.width * 9 / 16);  // of a wide screen
+    const std::size_t at = wide_height < 600 ? 0 : wide_height < 900 ? 1 : 2;
     font = sized[at];
     em = kFontSizes[at];
     ImGuiStyle style;
@@ -178,7 +181,9 @@ struct Overlay::Impl {
   void begin_drawing(GlContext::Size size, bool compact) {
     ImGui::SetCurrentContext(imgui);
     ImGuiIO& io = ImGui::GetIO();
-    io.DisplaySize = {static_cast<float>(size.width), static_cast<float>(size.height)};
+    width = static_cast<float>(size.width);
+    height = static_cast<float>(size.height);
+    io.DisplaySize = {width, height};
     io.DeltaTime = std::max(1e-4F, static_cast<float>(since_last.elapsed().wall_ms * 1e-3));
     since_last.restart();
     for (std::size_t i = 0; i < down.size(); ++i) {
@@ -200,7 +205,7 @@ struct Overlay::Impl {
     ImGui::SetNextWindowPos(at, ImGuiCond_Always, pivot);
     ImGui::Begin(name, nullptr, flags);
   }
-  // Where it is, so that clicks on it are not taken for clicks into the picture.
+  // Records its rectangle, so that clicks on it do not reach the image.
   void end_window() {
     const ImVec2 at = ImGui::GetWindowPos();
     const ImVec2 size = ImGui::GetWindowSize();
@@ -208,20 +213,26 @@ struct Overlay::Impl {
     ImGui::End();
   }
 
-  void button(const char* label, WindowCommand command, HudActions& actions, ImVec2 size = {}) {
-    if (ImGui::Button(label, size)) actions.commands.push_back(command);
+  void button(const std::string& label, WindowCommand command, HudActions& actions,
+              ImVec2 size = {}) {
+    if (ImGui::Button(label.c_str(), size)) actions.commands.push_back(command);
   }
 
-  void status(const HudState& state) {
+  // Shows the pose's status; returns the rate and age of the frames.
+  static std::string pose_status(const HudState& state, int rate_digits) {
     const HudStatus status = status_of(state.pose);
     text(status.color, state.has_picture ? status.text : "waiting for the first picture");
     if (state.paused) {
       ImGui::SameLine();
       text({1.0F, 0.9F, 0.3F, 1.0F}, "  PAUSED");
     }
-    std::string rate = fmt::format("{:.1f} frames/s", state.frames_per_s);
-    if (const std::string age = age_in_words(state); !age.empty()) rate += "   " + age;
-    text(rate + "   " + frame_in_words(state));
+    const std::string age = age_in_words(state);
+    return fmt::format("{:.{}f} frames/s{}{}", state.frames_per_s, rate_digits,
+                       age.empty() ? "" : "   ", age);
+  }
+
+  void status(const HudState& state) {
+    text(pose_status(state, 1) + "   " + frame_in_words(state));
     text(measured_tags(state.pose));
     if (state.smoothed) text(kQuiet, smoothing_in_words(*state.smoothed));
     for (const GroupEstimate& group : state.groups) {
@@ -229,12 +240,27 @@ struct Overlay::Impl {
       text(of_group.color, of_group.text);
     }
     text("shadows: " + technique_in_words(state.nodes));
-    std::string times;
-    for (const auto& [stage, ms] : state.stages) {
-      times += fmt::format("{}{} {:.1f}", times.empty() ? "" : "   ", stage, ms);
-    }
-    if (!times.empty()) text(kQuiet, times + " ms");
+    if (const std::string times = stage_times(state); !times.empty()) text(kQuiet, times);
     camera_and_recording(state);
+  }
+
+  // A strip of measurements. A handheld's small screen shows fewer of them.
+  void compact_status(const HudState& state, bool handheld) {
+    std::string line = pose_status(state, 0);
+    if (handheld) {
+      const float right = ImGui::GetItemRectMax().x + ImGui::CalcTextSize(line.c_str()).x;
+      if (right + 1.4F * em < width) {
+        ImGui::SameLine();
+        line.insert(0, "  ");
+      }
+      text(line);
+      text(measured_tags(state.pose));
+    } else {
+      text(line + "   " + measured_tags(state.pose));
+      if (const std::string times = stage_times(state); !times.empty()) text(kQuiet, times);
+      if (state.smoothed) text(kQuiet, smoothing_in_words(*state.smoothed));
+    }
+    camera_and_recording(state, !handheld);
   }
 
   void camera_and_recording(const HudState& state, bool selection = true) {
@@ -250,81 +276,53 @@ struct Overlay::Impl {
       if (recording.error) text(kWarning, *recording.error);
     }
     if (selection && !state.selected.empty()) {
-      text(kQuiet, fmt::format("selected: {}   drag: {}", state.selected, word_of(state.drag)));
+      text(kQuiet, fmt::format("selected: {}   drag: {}", state.selected, name_of(state.drag)));
     }
   }
 
-  void full_layout(const HudState& state, GlContext::Size size, HudActions& actions) {
-    const auto width = static_cast<float>(size.width);
-    const auto height = static_cast<float>(size.height);
+  void full_layout(const HudState& state, HudActions& actions) {
     const float gap = 0.5F * em;
-    begin_window("status", {gap, gap}, {0.0F, 0.0F}, kPlain | ImGuiWindowFlags_AlwaysAutoResize);
+    begin_window("status", {gap, gap}, {0.0F, 0.0F}, kFitted);
     ImGui::PushTextWrapPos(0.45F * width);
     status(state);
+    end_status();
+    begin_window("buttons", {gap, height - gap}, {0.0F, 1.0F}, kFitted);
+    std::vector<std::pair<std::string, WindowCommand>> buttons = {
+        {"Help F1", WindowCommand::help},
+        {"Panels P", WindowCommand::panels},
+        {"Debug D", WindowCommand::debug},
+        {state.paused ? "Go on" : "Pause", WindowCommand::pause},
+        {"Picture S", WindowCommand::screenshot}};
+    if (state.live) {
+      buttons.emplace_back(state.recording ? "Stop rec. R" : "Record R", WindowCommand::record);
+    }
+    buttons.emplace_back(fmt::format("Drag: {}###drag", name_of(state.drag)),
+                         next_drag(state.drag));
+    buttons.emplace_back("Hide H", WindowCommand::hud);
+    for (std::size_t i = 0; i < buttons.size(); ++i) {
+      if (i > 0) ImGui::SameLine();
+      button(buttons[i].first, buttons[i].second, actions);
+    }
+    end_buttons();
+  }
+
+  void end_status() {
     ImGui::PopTextWrapPos();
     status_bottom = ImGui::GetWindowPos().y + ImGui::GetWindowSize().y;
     end_window();
-    begin_window("buttons", {gap, height - gap}, {0.0F, 1.0F},
-                 kPlain | ImGuiWindowFlags_AlwaysAutoResize);
-    button("Help F1", WindowCommand::help, actions);
-    ImGui::SameLine();
-    button("Panels P", WindowCommand::panels, actions);
-    ImGui::SameLine();
-    button("Debug D", WindowCommand::debug, actions);
-    ImGui::SameLine();
-    button(state.paused ? "Go on" : "Pause", WindowCommand::pause, actions);
-    ImGui::SameLine();
-    button("Picture S", WindowCommand::screenshot, actions);
-    if (state.live) {
-      ImGui::SameLine();
-      button(state.recording ? "Stop rec. R" : "Record R", WindowCommand::record, actions);
-    }
-    ImGui::SameLine();
-    button(fmt::format("Drag: {}###drag", word_of(state.drag)).c_str(), after(state.drag), actions);
-    ImGui::SameLine();
-    button("Hide H", WindowCommand::hud, actions);
+  }
+  void end_buttons() {
     buttons_height = ImGui::GetWindowSize().y;
     end_window();
   }
 
-  // A strip of measurements above, a row of large buttons below.
-  void compact_layout(const HudState& state, GlContext::Size size, HudActions& actions) {
-    const auto width = static_cast<float>(size.width);
-    const auto height = static_cast<float>(size.height);
+  // Status above, a row of large buttons below.
+  void compact_layout(const HudState& state, HudActions& actions) {
     ImGui::SetNextWindowSize({width, 0.0F});
     begin_window("status", {0.0F, 0.0F}, {0.0F, 0.0F}, kPlain);
     ImGui::PushTextWrapPos(width - 0.6F * em);
-    const HudStatus status = status_of(state.pose);
-    text(status.color, state.has_picture ? status.text : "waiting for the first picture");
-    if (state.paused) {
-      ImGui::SameLine();
-      text({1.0F, 0.9F, 0.3F, 1.0F}, "  PAUSED");
-    }
-    std::string line = fmt::format("{:.0f} frames/s", state.frames_per_s);
-    if (const std::string age = age_in_words(state); !age.empty()) line += "   " + age;
-    // A handheld's screen is for the picture: what a stage takes is told on larger ones.
-    const bool handheld = size.height < kHandheldHeight || size.width < kHandheldHeight;
-    if (handheld) {
-      const float right = ImGui::GetItemRectMax().x + ImGui::CalcTextSize(line.c_str()).x;
-      if (right + 1.4F * em < width) {
-        ImGui::SameLine();
-        line.insert(0, "  ");
-      }
-      text(line);
-      text(measured_tags(state.pose));
-    } else {
-      text(line + "   " + measured_tags(state.pose));
-      std::string times;
-      for (const auto& [stage, ms] : state.stages) {
-        times += fmt::format("{}{} {:.1f}", times.empty() ? "" : "   ", stage, ms);
-      }
-      if (!times.empty()) text(kQuiet, times + " ms");
-    }
-    if (state.smoothed && !handheld) text(kQuiet, smoothing_in_words(*state.smoothed));
-    camera_and_recording(state, !handheld);
-    ImGui::PopTextWrapPos();
-    status_bottom = ImGui::GetWindowPos().y + ImGui::GetWindowSize().y;
-    end_window();
+    compact_status(state, std::min(width, height) < static_cast<float>(kHandheldHeight));
+    end_status();
 
     ImGui::SetNextWindowSize({width, 0.0F});
     ImGui::PushStyleVar(ImGuiStyleVar_WindowPadding, ImVec2(0.2F * em, 0.2F * em));
@@ -333,7 +331,7 @@ struct Overlay::Impl {
     begin_window("buttons", {0.0F, height}, {0.0F, 1.0F}, kPlain);
     std::vector<std::pair<std::string, WindowCommand>> buttons = {
         {technique_in_words(state.nodes) + "###technique", WindowCommand::next_technique},
-        {fmt::format("{}###drag", word_of(state.drag)), after(state.drag)},
+        {fmt::format("{}###drag", name_of(state.drag)), next_drag(state.drag)},
         {state.paused ? "go on###pause" : "pause###pause", WindowCommand::pause},
         {"picture", WindowCommand::screenshot}};
     if (state.live) {
@@ -345,8 +343,7 @@ struct Overlay::Impl {
     buttons.emplace_back("panels", WindowCommand::panels);
     buttons.emplace_back("help", WindowCommand::help);
     buttons.emplace_back("hide", WindowCommand::hud);
-    // In as many rows as it takes for their words to be read; whatever they say just now, for no
-    // button may come to lie under a finger that means another.
+    // As many rows as the longest words need, so that a button never moves when its word changes.
     float widest = 0.0F;
     for (const char* words : {"layered", "picture", "go on", "stop rec", "panels"}) {
       widest = std::max(widest, ImGui::CalcTextSize(words).x + 0.2F * em);
@@ -357,56 +354,25 @@ struct Overlay::Impl {
     };
     std::size_t in_row = buttons.size();
     while (in_row > 2 && width_of(in_row) < widest) in_row = (in_row + 1) / 2;
-    const float each = width_of(in_row);
+    const ImVec2 each(width_of(in_row), kTouchHeight * em / kFontSizes[0]);
     for (std::size_t i = 0; i < buttons.size(); ++i) {
       if (i % in_row > 0) ImGui::SameLine();
-      button(buttons[i].first.c_str(), buttons[i].second, actions,
-             {each, kTouchHeight * em / kFontSizes[0]});
+      button(buttons[i].first, buttons[i].second, actions, each);
     }
-    buttons_height = ImGui::GetWindowSize().y;
-    end_window();
+    end_buttons();
     ImGui::PopStyleVar(3);
-  }
-
-  // Of all shadows together.
-  static void translucency_panel(const HudState& state, HudActions& actions) {
-    const std::string words = in_words(state.translucency, state.translucency_drawn);
-    if (!ImGui::BeginCombo("##translucency", fmt::format("translucency: {}", words).c_str()))
-      return;
-    for (const TranslucencyName& entry : kTranslucencyNames) {
-      if (ImGui::Selectable(std::string(entry.name).c_str(), entry.way == state.translucency)) {
-        actions.translucency = entry.way;
-      }
-    }
-    ImGui::EndCombo();
   }
 
   void node_panel(const HudNode& node, HudActions& actions) {
     ImGui::PushID(node.name.c_str());
     text({1.0F, 1.0F, 1.0F, 1.0F}, node.name);
     ShadowStyle style = node.style;
-    bool changed = false;
-    if (ImGui::BeginCombo("##technique",
-                          fmt::format("technique: {}", to_string(style.technique)).c_str())) {
-      for (const ShadowTechniqueName& entry : kShadowTechniqueNames) {
-        if (ImGui::Selectable(std::string(entry.name).c_str(),
-                              entry.technique == style.technique)) {
-          style.technique = entry.technique;
-          changed = true;
-        }
-      }
-      ImGui::EndCombo();
-    }
-    if (style.technique == ShadowTechnique::layered &&
-        ImGui::BeginCombo("##kernels",
-                          fmt::format("kernels: {}", to_string(style.kernels)).c_str())) {
-      for (const KernelSourceName& entry : kKernelSourceNames) {
-        if (ImGui::Selectable(std::string(entry.name).c_str(), entry.source == style.kernels)) {
-          style.kernels = entry.source;
-          changed = true;
-        }
-      }
-      ImGui::EndCombo();
+    bool changed = choose("##technique", fmt::format("technique: {}", to_string(style.technique)),
+                          kShadowTechniqueNames, &ShadowTechniqueName::technique, style.technique);
+    if (style.technique == ShadowTechnique::layered) {
+      changed = choose("##kernels", fmt::format("kernels: {}", to_string(style.kernels)),
+                       kKernelSourceNames, &KernelSourceName::source, style.kernels) ||
+                changed;
     }
     if (style.technique == ShadowTechnique::hard || style.technique == ShadowTechnique::volume) {
       changed = ImGui::Checkbox("light rays", &style.light_rays) || changed;
@@ -418,22 +384,23 @@ struct Overlay::Impl {
     ImGui::PopID();
   }
 
-  // H and a by the height that objects come up to and the middle layer's size there.
+  // Sets H and a by the height of the workspace and the middle layer's magnification there.
   bool workspace_panel(ShadowStyle& style) {
     if (style.technique == ShadowTechnique::simple || style.technique == ShadowTechnique::none) {
       return false;
     }
     const std::optional<Workspace> known = workspace_of(style.layered);
     const Workspace workspace = known.value_or(Workspace());
-    auto height = static_cast<float>(100.0 * workspace.height_m);
+    auto height_cm = static_cast<float>(100.0 * workspace.height_m);
     auto magnification = static_cast<float>(workspace.magnification);
-    bool changed = ImGui::SliderFloat("##height", &height, 5.0F, 100.0F, "workspace height %.0f cm",
-                                      ImGuiSliderFlags_AlwaysClamp | ImGuiSliderFlags_Logarithmic);
+    bool changed =
+        ImGui::SliderFloat("##height", &height_cm, 5.0F, 100.0F, "workspace height %.0f cm",
+                           ImGuiSliderFlags_AlwaysClamp | ImGuiSliderFlags_Logarithmic);
     changed = ImGui::SliderFloat("##magnification", &magnification, 1.05F, 4.0F,
                                  "magnified there x %.2f", ImGuiSliderFlags_AlwaysClamp) ||
               changed;
     if (changed) {
-      const auto constants = layered_constants_for_workspace(0.01 * static_cast<double>(height),
+      const auto constants = layered_constants_for_workspace(0.01 * static_cast<double>(height_cm),
                                                              static_cast<double>(magnification));
       if (constants) {
         const double cap = style.layered.magnification_cap;
@@ -457,7 +424,7 @@ struct Overlay::Impl {
     const auto same = [](const LightFractions& a, const LightFractions& b) {
       return a.umbra == b.umbra && a.middle == b.middle && a.penumbra == b.penumbra;
     };
-    // Set from elsewhere: that is the whole strength.
+    // Changed by another source: that is full strength.
     if (!same(with_opacity(strength.full, strength.opacity), style.fractions)) {
       strength = {style.fractions, 1.0};
     }
@@ -484,7 +451,7 @@ struct Overlay::Impl {
     return changed;
   }
 
-  // Before what a scene may have many of: a small screen shows it without scrolling.
+  // First, so that a small screen shows it without scrolling.
   void smoothing_panel(const HudState& state, HudActions& actions) {
     if (!state.smooth) return;
     bool smooth = *state.smooth;
@@ -495,37 +462,39 @@ struct Overlay::Impl {
     ImGui::Separator();
   }
 
-  void panels(const HudState& state, const HudPanels& open, GlContext::Size size,
-              HudActions& actions) {
-    const auto width = static_cast<float>(size.width);
-    const auto height = static_cast<float>(size.height);
+  void panels(const HudState& state, const HudPanels& open, HudActions& actions) {
     const float below = open.compact ? buttons_height + 0.3F * em : 0.5F * em;
-    // On a handheld's screen over the measurements, for the sliders need the height.
-    const float top = open.compact && size.height >= kHandheldHeight ? status_bottom + 0.3F * em
-                      : open.compact                                 ? 0.0F
-                                                                     : 0.5F * em;
-    // Half of a screen that is wide enough for their words.
+    float top = 0.5F * em;
+    if (open.compact) {
+      // A handheld's panels cover the status, as the sliders need the height.
+      const bool handheld = height < static_cast<float>(kHandheldHeight);
+      top = handheld ? 0.0F : status_bottom + 0.3F * em;
+    }
+    // Half of the screen if that is wide enough for their words.
     const bool narrow = 0.46F * width < kPanelWidth * em;
     const ImVec2 most(!open.compact ? 19.0F * em : (narrow ? width : 0.46F * width),
                       height - top - below);
     ImGui::SetNextWindowSizeConstraints({most.x, 0.0F}, most);
     begin_window("shadows", {width - (open.compact ? 0.0F : 0.5F * em), top}, {1.0F, 0.0F},
-                 (kPlain & ~ImGuiWindowFlags_NoScrollbar) | ImGuiWindowFlags_AlwaysAutoResize);
+                 kScrolled);
     ImGui::PushItemWidth(-1.0F);
-    ImGui::PushTextWrapPos(0.0F);  // at the end of what the scroll bar leaves
+    ImGui::PushTextWrapPos(0.0F);  // before the scroll bar
     smoothing_panel(state, actions);
-    translucency_panel(state, actions);
+    Translucency translucency = state.translucency;
+    if (choose("##translucency",
+               "translucency: " + in_words(state.translucency, state.translucency_drawn),
+               kTranslucencyNames, &TranslucencyName::way, translucency)) {
+      actions.translucency = translucency;
+    }
     for (const HudNode& node : state.nodes) node_panel(node, actions);
     if (state.nodes.empty()) text("the scene has no shadows");
     ImGui::PopTextWrapPos();
     ImGui::PopItemWidth();
-    if (ImGui::Button("close", {ImGui::GetContentRegionAvail().x, 0.0F})) {
-      actions.commands.push_back(WindowCommand::panels);
-    }
+    button("close", WindowCommand::panels, actions, {ImGui::GetContentRegionAvail().x, 0.0F});
     end_window();
   }
 
-  // Over the picture and under every window.
+  // Over the image and below every window.
   void kernel_dots(const HudState& state, GlContext::Size size) const {
     if (state.picture_width <= 0 || state.picture_height <= 0) return;
     const PictureArea area = picture_area(state.picture_width, state.picture_height, size);
@@ -534,20 +503,18 @@ struct Overlay::Impl {
     const ImU32 dot = ImGui::ColorConvertFloat4ToU32(to_imgui(kKernelDot));
     const float radius = std::max(1.5F, 0.12F * em);
     for (const Eigen::Vector2d& pixel : state.kernels_px) {
-      // Pixel 0's centre is half a pixel into the picture.
+      // The centre of pixel 0 is at 0.5.
       const ImVec2 at(static_cast<float>(area.x + scale * (pixel.x() + 0.5)),
                       static_cast<float>(area.y + scale * (pixel.y() + 0.5)));
       list.AddCircleFilled(at, radius, dot, 8);
     }
   }
 
-  void debug(const HudState& state, const HudPanels& open, GlContext::Size size) {
-    const float most_width = (open.compact ? 1.0F : 0.5F) * static_cast<float>(size.width) - em;
-    ImGui::SetNextWindowSizeConstraints(
-        {14.0F * em, 0.0F},
-        {most_width, static_cast<float>(size.height) - status_bottom - 4.0F * em});
-    begin_window("debug", {0.5F * em, status_bottom + 0.5F * em}, {0.0F, 0.0F},
-                 (kPlain & ~ImGuiWindowFlags_NoScrollbar) | ImGuiWindowFlags_AlwaysAutoResize);
+  void debug(const HudState& state, const HudPanels& open) {
+    const float most_width = (open.compact ? 1.0F : 0.5F) * width - em;
+    ImGui::SetNextWindowSizeConstraints({14.0F * em, 0.0F},
+                                        {most_width, height - status_bottom - 4.0F * em});
+    begin_window("debug", {0.5F * em, status_bottom + 0.5F * em}, {0.0F, 0.0F}, kScrolled);
     const CompositeStats& s = state.drawn;
     ImGui::PushTextWrapPos(most_width - em);
     text(fmt::format(
@@ -571,28 +538,22 @@ struct Overlay::Impl {
     end_window();
   }
 
-  void help(GlContext::Size size, bool compact, HudActions& actions) {
-    const auto width = static_cast<float>(size.width);
-    const auto height = static_cast<float>(size.height);
+  void help(bool compact, HudActions& actions) {
     const bool narrow = compact && width < kHelpWidth * em;
     ImGui::SetNextWindowSizeConstraints({narrow ? width - em : 0.0F, 0.0F},
                                         {width - em, height - em});
     ImGui::PushStyleColor(ImGuiCol_WindowBg, ImVec4(0.05F, 0.06F, 0.08F, 0.94F));
     ImGui::SetNextWindowFocus();
-    begin_window("help", {0.5F * width, 0.5F * height}, {0.5F, 0.5F},
-                 (kPlain & ~ImGuiWindowFlags_NoScrollbar) | ImGuiWindowFlags_AlwaysAutoResize);
+    begin_window("help", {0.5F * width, 0.5F * height}, {0.5F, 0.5F}, kScrolled);
     float column = 0.0F;
     for (const KeyHelp& key : key_help()) {
       column = std::max(column,
                         ImGui::CalcTextSize(key.keys.data(), key.keys.data() + key.keys.size()).x);
     }
     const auto close = [&] {
-      if (ImGui::Button("close", {ImGui::GetContentRegionAvail().x, 0.0F})) {
-        actions.commands.push_back(WindowCommand::help);
-      }
+      button("close", WindowCommand::help, actions, {ImGui::GetContentRegionAvail().x, 0.0F});
     };
-    if (compact) {  // a finger reaches them without scrolling
-      // What keys do elsewhere, and no other button does.
+    if (compact) {  // first: without scrolling. Commands that have keys but no other button
       const float half =
           0.5F * (ImGui::GetContentRegionAvail().x - ImGui::GetStyle().ItemSpacing.x);
       button("full screen", WindowCommand::full_screen, actions, {half, 0.0F});
@@ -618,25 +579,44 @@ struct Overlay::Impl {
     ImGui::PopStyleColor();
   }
 
-  void message(const HudState& state, GlContext::Size size) {
+  void message(const HudState& state) {
     if (state.message.empty()) return;
     const float above = buttons_height + em;
-    const auto width = static_cast<float>(size.width);
-    begin_window("message", {0.5F * width, static_cast<float>(size.height) - above}, {0.5F, 1.0F},
-                 kPlain | ImGuiWindowFlags_AlwaysAutoResize | ImGuiWindowFlags_NoInputs);
+    begin_window("message", {0.5F * width, height - above}, {0.5F, 1.0F},
+                 kFitted | ImGuiWindowFlags_NoInputs);
     ImGui::PushTextWrapPos(width - 1.2F * em);
     text(state.message);
     ImGui::PopTextWrapPos();
     ImGui::End();
   }
 
+  // A window of words without buttons, in the middle or in a corner.
+  void words_window(const char* name, bool in_the_middle, const std::vector<std::string>& lines,
+                    const std::optional<HudColor>& color) {
+    const float gap = 0.5F * em;
+    begin_window(name, in_the_middle ? ImVec2(0.5F * width, 0.5F * height) : ImVec2(gap, gap),
+                 in_the_middle ? ImVec2(0.5F, 0.5F) : ImVec2(0.0F, 0.0F),
+                 kFitted | ImGuiWindowFlags_NoInputs);
+    ImGui::PushTextWrapPos(0.8F * width);
+    for (const std::string& line : lines) {
+      if (color) {
+        text(*color, line);
+      } else {
+        text(line);
+      }
+    }
+    ImGui::PopTextWrapPos();
+    end_window();
+  }
+
   ImFontAtlas fonts;  // before the context that uses it
   ImGuiContext* imgui;
   std::array<ImFont*, kFontSizes.size()> sized{};
   ImFont* font = nullptr;
-  float em = 15.0F;  // height of the letters [px]
+  float em = 15.0F;                   // height of the letters [px]
+  float width = 0.0F, height = 0.0F;  // of the window [px]
   std::optional<OverlayRenderer> renderer;
-  // A press and release between two drawings still is a click.
+  // `pressed` keeps a press that is released before the next drawing.
   std::array<bool, 3> pressed{}, down{};
   std::vector<std::array<float, 4>> windows;  // left, top, right, bottom
   float status_bottom = 0.0F;
@@ -645,7 +625,7 @@ struct Overlay::Impl {
     LightFractions full;
     double opacity = 1.0;
   };
-  std::map<std::string, Strength> strengths;  // of the nodes, by name
+  std::map<std::string, Strength> strengths;  // by node name
   Stopwatch since_last;
 };
 
@@ -715,18 +695,18 @@ void Overlay::draw(const HudState& state, const HudPanels& panels, GlContext::Si
   Impl& m = *impl_;
   m.begin_drawing(size, panels.compact);
   if (panels.compact) {
-    m.compact_layout(state, size, actions);
+    m.compact_layout(state, actions);
   } else {
-    m.full_layout(state, size, actions);
+    m.full_layout(state, actions);
   }
-  // A small window has room for one of them.
+  // A small window shows one of them.
   const bool panels_fit = !panels.compact || !panels.help;
   const bool debug_fits = panels_fit && (!panels.compact || !panels.panels);
   if (panels.debug) m.kernel_dots(state, size);
-  if (panels.debug && debug_fits) m.debug(state, panels, size);
-  if (panels.panels && panels_fit) m.panels(state, panels, size, actions);
-  if (panels.help) m.help(size, panels.compact, actions);
-  m.message(state, size);
+  if (panels.debug && debug_fits) m.debug(state, panels);
+  if (panels.panels && panels_fit) m.panels(state, panels, actions);
+  if (panels.help) m.help(panels.compact, actions);
+  m.message(state);
   m.end_drawing(size);
 }
 
@@ -734,36 +714,17 @@ void Overlay::draw_hidden(const HudState& state, GlContext::Size size) {
   if (size.width <= 0 || size.height <= 0) return;
   const std::vector<std::string> warnings = warnings_of(state);
   if (warnings.empty() && state.message.empty()) return;
-  Impl& m = *impl_;
-  m.begin_drawing(size, false);
-  if (!warnings.empty()) {
-    const float gap = 0.5F * m.em;
-    m.begin_window("warnings", {gap, gap}, {0.0F, 0.0F},
-                   kPlain | ImGuiWindowFlags_AlwaysAutoResize | ImGuiWindowFlags_NoInputs);
-    ImGui::PushTextWrapPos(0.8F * static_cast<float>(size.width));
-    for (const std::string& warning : warnings) text(kWarning, warning);
-    ImGui::PopTextWrapPos();
-    m.end_window();
-  }
-  m.message(state, size);
-  m.end_drawing(size);
+  impl_->begin_drawing(size, false);
+  if (!warnings.empty()) impl_->words_window("warnings", false, warnings, kWarning);
+  impl_->message(state);
+  impl_->end_drawing(size);
 }
 
 void Overlay::draw_words(const std::string& words, bool in_the_middle, GlContext::Size size) {
   if (size.width <= 0 || size.height <= 0) return;
-  Impl& m = *impl_;
-  m.begin_drawing(size, false);
-  const auto width = static_cast<float>(size.width);
-  const auto height = static_cast<float>(size.height);
-  const float gap = 0.5F * m.em;
-  m.begin_window("words", in_the_middle ? ImVec2(0.5F * width, 0.5F * height) : ImVec2(gap, gap),
-                 in_the_middle ? ImVec2(0.5F, 0.5F) : ImVec2(0.0F, 0.0F),
-                 kPlain | ImGuiWindowFlags_AlwaysAutoResize | ImGuiWindowFlags_NoInputs);
-  ImGui::PushTextWrapPos(0.8F * width);
-  text(words);
-  ImGui::PopTextWrapPos();
-  m.end_window();
-  m.end_drawing(size);
+  impl_->begin_drawing(size, false);
+  impl_->words_window("words", in_the_middle, {words}, std::nullopt);
+  impl_->end_drawing(size);
 }
 
 void Overlay::draw_own(GlContext::Size size, const std::function<void(float em)>& lay_out) {

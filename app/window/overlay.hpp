@@ -1,5 +1,5 @@
-// The HUD over the picture, with Dear ImGui: what is measured, panels to change what is drawn,
-// buttons. Draws into the window only, never into the picture that is written.
+// The HUD over the image, with Dear ImGui: measurements, panels, buttons. Draws only into the
+// window, never into written images.
 #pragma once
 
 #include <functional>
@@ -20,25 +20,22 @@ class Overlay {
   Overlay& operator=(const Overlay&) = delete;
   ~Overlay();
 
-  // Pointer and keys, as they happen.
   void handle(const WindowEvent& event);
-  // Whether something of the last drawing lies at this pixel of the window, or waits for a click
-  // anywhere (an open list).
+  // Returns true if the last drawing covers this pixel of the window, or a list is open, which
+  // takes every click.
   [[nodiscard]] bool covers(double x, double y) const;
-  // Whether keys are being typed into a field.
+  // Returns true while keys go to a text field.
   [[nodiscard]] bool typing() const;
 
-  // Over the framebuffer that is bound, which has this size [px]. What was clicked since the last
-  // drawing is added to `actions`.
+  // All draw over the bound framebuffer, which has this size [px].
+  // Adds the clicks since the last drawing to `actions`.
   void draw(const HudState& state, const HudPanels& panels, GlContext::Size size,
             HudActions& actions);
-  // Where the HUD is hidden: what a person must know all the same (warnings_of), and what was just
-  // done. Mostly nothing. Takes no clicks.
+  // While the HUD is hidden: warnings_of() and the message. Takes no clicks.
   void draw_hidden(const HudState& state, GlContext::Size size);
-  // Only these words, in place of the HUD: in the middle, or in a corner. Takes no clicks.
+  // These words instead of the HUD, in the middle or in a corner. Takes no clicks.
   void draw_words(const std::string& words, bool in_the_middle, GlContext::Size size);
-  // What `lay_out` lays out with Dear ImGui, in place of the HUD; it is given the height of the
-  // letters [px].
+  // The Dear ImGui windows of `lay_out` instead of the HUD; `em`: height of the letters [px].
   void draw_own(GlContext::Size size, const std::function<void(float em)>& lay_out);
 
  private:
@@ -47,7 +44,7 @@ class Overlay {
   std::unique_ptr<Impl> impl_;
 };
 
-// Whether a window is so small that only the compact layout fits [px].
+// Returns true if only the compact layout fits into the window [px].
 [[nodiscard]] bool is_small(GlContext::Size window);
 
 }  // namespace penumbra

@@ -1,7 +1,5 @@
-// Draws what Dear ImGui has laid out, in OpenGL 3.3 or OpenGL ES 3.0.
+// Draws Dear ImGui's draw lists, in OpenGL 3.3 or OpenGL ES 3.0.
 #pragma once
-
-#include <vector>
 
 #include "core/error.hpp"
 #include "render/gl/buffer.hpp"
@@ -19,8 +17,8 @@ class OverlayRenderer {
   // Uploads the fonts. `context` is current on this thread, now and at every later call.
   [[nodiscard]] static Result<OverlayRenderer> create(const GlContext& context, ImFontAtlas& fonts);
 
-  // Into the framebuffer that is bound, over all of it. What OpenGL is set to afterwards is what
-  // the compositor leaves behind too: no blending, no scissor, no program that matters.
+  // Draws over the bound framebuffer. Leaves the OpenGL state as the compositor does: no blending,
+  // no scissor, any program.
   void draw(const ImDrawData& data, GlContext::Size size);
 
  private:

@@ -5,19 +5,12 @@
 namespace penumbra {
 namespace {
 
-// Pixels of the picture in one of the window.
+// Image pixels per window pixel.
 double scale_of(const CameraModel& camera, const PictureArea& area) {
   return static_cast<double>(camera.width()) / area.width;
 }
 
 }  // namespace
-
-Eigen::Vector2d picture_from_window(const CameraModel& camera, GlContext::Size window,
-                                    const Eigen::Vector2d& window_px) {
-  const PictureArea area = picture_area(camera.width(), camera.height(), window);
-  return (window_px - Eigen::Vector2d(area.x, area.y)) * scale_of(camera, area) -
-         Eigen::Vector2d::Constant(0.5);
-}
 
 Eigen::Vector2d window_from_picture(const CameraModel& camera, GlContext::Size window,
                                     const Eigen::Vector2d& picture_px) {
@@ -29,8 +22,11 @@ Eigen::Vector2d window_from_picture(const CameraModel& camera, GlContext::Size w
 std::optional<PointerView> pointer_in_window(const SessionView& view, GlContext::Size window,
                                              const Eigen::Vector2d& window_px) {
   if (view.camera == nullptr || !view.T_table_camera) return std::nullopt;
-  return view_at(*view.camera, *view.T_table_camera,
-                 picture_from_window(*view.camera, window, window_px));
+  const PictureArea area = picture_area(view.camera->width(), view.camera->height(), window);
+  const Eigen::Vector2d pixel =
+      (window_px - Eigen::Vector2d(area.x, area.y)) * scale_of(*view.camera, area) -
+      Eigen::Vector2d::Constant(0.5);
+  return view_at(*view.camera, *view.T_table_camera, pixel);
 }
 
 }  // namespace penumbra

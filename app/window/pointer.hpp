@@ -1,5 +1,5 @@
-// From a place in the window to what is there: window pixels, whose first corner is (0, 0), and the
-// picture's pixels, whose first centre is (0, 0).
+// Conversions between window pixels, whose first corner is (0, 0), and image pixels, whose first
+// centre is (0, 0).
 #pragma once
 
 #include <Eigen/Core>
@@ -12,11 +12,9 @@
 
 namespace penumbra {
 
-[[nodiscard]] Eigen::Vector2d picture_from_window(const CameraModel& camera, GlContext::Size window,
-                                                  const Eigen::Vector2d& window_px);
 [[nodiscard]] Eigen::Vector2d window_from_picture(const CameraModel& camera, GlContext::Size window,
                                                   const Eigen::Vector2d& picture_px);
-// Nothing outside of the picture, or without a pose.
+// Empty outside of the image, or without a pose.
 [[nodiscard]] std::optional<PointerView> pointer_in_window(const SessionView& view,
                                                            GlContext::Size window,
                                                            const Eigen::Vector2d& window_px);

@@ -7,7 +7,7 @@ namespace penumbra {
 std::optional<TrackedFrame> Silence::picture(std::int64_t silence_ns) {
   if (!last_) return std::nullopt;
   TrackedFrame tracked = *last_;
-  // What was measured was measured of a picture that is no longer the camera's.
+  // A repeated frame has no measurement of its own.
   tracked.pose.tags_used = 0;
   bool gone = true;
   const auto hold = [&gone, silence_ns](auto& pose) {
@@ -19,8 +19,8 @@ std::optional<TrackedFrame> Silence::picture(std::int64_t silence_ns) {
   };
   hold(tracked.pose);
   for (GroupEstimate& group : tracked.groups) hold(group);
-  // Drawn for the last time; its buffer goes back: a driver that lost its camera waits for every
-  // one of them before it takes the camera again.
+  // Drawn for the last time. Returns its buffer: a driver that lost its camera needs every buffer
+  // back before it accepts the camera again.
   if (gone) last_.reset();
   tracked.pose.reason = "no complete frame from the camera";
   return tracked;

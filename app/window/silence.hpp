@@ -1,4 +1,4 @@
-// What is on the screen while the camera gives no whole picture.
+// Frames on the screen while the camera's stream stalls.
 #pragma once
 
 #include <cstdint>
@@ -8,14 +8,14 @@
 
 namespace penumbra {
 
-// The last picture, its pose held and fading, then no pose: never a still picture that looks live.
+// Repeats the last frame with its pose held and fading, then without a pose: a stalled image must
+// never look live.
 class Silence {
  public:
   void saw(const TrackedFrame& tracked) { last_ = tracked; }
-  // Whether what is on the screen may still be drawn again.
+  // Returns true if there is a frame to draw again.
   [[nodiscard]] bool holds() const { return last_.has_value(); }
-  // What to draw after so long a silence; nothing when that is on the screen already. Poses are as
-  // old as they were when the picture came, and the silence more.
+  // The frame to draw after this stall, poses aged by it; empty if nothing changes on the screen.
   [[nodiscard]] std::optional<TrackedFrame> picture(std::int64_t silence_ns);
 
  private:

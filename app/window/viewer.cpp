@@ -11,10 +11,10 @@
 namespace penumbra {
 namespace {
 
-// While paused the picture is drawn again at an easy rate: the window may be resized or uncovered.
+// Interval between drawings while paused, as the window may be resized or uncovered.
 constexpr std::chrono::milliseconds kPausedRefresh(30);
 constexpr double kMessage_ms = 4000.0;
-constexpr double kCorner_px = 48.0;  // a touch here brings a hidden HUD back
+constexpr double kCorner_px = 48.0;  // a touch here shows a hidden HUD
 
 }  // namespace
 
@@ -74,7 +74,6 @@ void Viewer::draw_hud() {
   panels_.compact = compact_.value_or(is_small(size));
   HudActions actions;
   overlay_->draw(state, panels_, size, actions);
-  ++hud_drawings_;
   act_on_clicks(std::move(actions));
 }
 
@@ -91,10 +90,13 @@ void Viewer::take(const WindowEvent& event) {
     case Kind::key_down:
       take_key(event);
       break;
+    case Kind::pointer_moved:
+      pointer_ = {event.x, event.y};
+      pointer_moved_ = true;
+      break;
     case Kind::button_down:
     case Kind::button_up:
-    case Kind::pointer_moved:
-      take_pointer(event);
+      take_button(event);
       break;
     case Kind::scrolled:
       if (cursor_ && !over_hud()) {
@@ -119,12 +121,8 @@ void Viewer::take_key(const WindowEvent& event) {
   if (const auto command = command_of_key(event)) act(*command);
 }
 
-void Viewer::take_pointer(const WindowEvent& event) {
+void Viewer::take_button(const WindowEvent& event) {
   pointer_ = {event.x, event.y};
-  if (event.kind == WindowEvent::Kind::pointer_moved) {
-    pointer_moved_ = true;
-    return;
-  }
   if (event.kind == WindowEvent::Kind::button_up) {
     if (event.code != drag_button_) return;
     pointer_moved_ = true;
@@ -155,7 +153,7 @@ std::optional<PointerView> Viewer::pointer_view() const {
   return pointer_in_window(host_.view(), context_.window_size(), pointer_);
 }
 
-// Once for all the moves since the last picture.
+// Once per frame for all moves.
 void Viewer::follow_pointer() {
   if (!std::exchange(pointer_moved_, false)) return;
   const double raised = std::exchange(raise_m_, 0.0);
@@ -184,13 +182,14 @@ void Viewer::set_technique(ShadowTechnique technique) {
     node.style.technique = technique;
     edit(ShadowStyled{node.name, node.style});
   }
-  say((node_ ? *node_ : std::string("shadows")) + ": " + std::string(to_string(technique)));
+  show_message((node_ ? *node_ : std::string("shadows")) + ": " +
+               std::string(to_string(technique)));
 }
 
-void Viewer::set_translucency(Translucency way) {
-  host_.set_translucency(way);
+void Viewer::set_translucency(Translucency mode) {
+  host_.set_translucency(mode);
   edited_ = true;
-  say("translucency: " + std::string(to_string(host_.translucency())));
+  show_message("translucency: " + std::string(to_string(host_.translucency())));
 }
 
 std::vector<HudNode> Viewer::chosen_nodes() const {
@@ -199,7 +198,7 @@ std::vector<HudNode> Viewer::chosen_nodes() const {
   return nodes;
 }
 
-void Viewer::say(std::string message) {
+void Viewer::show_message(std::string message) {
   if (message.empty()) return;
   log_info("{}", message);
   message_ = std::move(message);
@@ -207,6 +206,10 @@ void Viewer::say(std::string message) {
 }
 
 void Viewer::act(WindowCommand command) {
+  const auto toggle_panel = [this](bool& open) {
+    open = !open;
+    hud_ = hud_ || open;
+  };
   switch (command) {
     case WindowCommand::quit:
       closed_ = true;
@@ -218,10 +221,10 @@ void Viewer::act(WindowCommand command) {
       paused_ = step_ = true;
       break;
     case WindowCommand::screenshot:
-      say(host_.save_screenshot());
+      show_message(host_.save_screenshot());
       break;
     case WindowCommand::record:
-      say(host_.toggle_recording());
+      show_message(host_.toggle_recording());
       break;
     case WindowCommand::full_screen:
       context_.toggle_full_screen();
@@ -230,35 +233,27 @@ void Viewer::act(WindowCommand command) {
       hud_ = !hud_;
       break;
     case WindowCommand::help:
-      panels_.help = !panels_.help;
-      hud_ = hud_ || panels_.help;
+      toggle_panel(panels_.help);
       break;
     case WindowCommand::debug:
-      panels_.debug = !panels_.debug;
-      hud_ = hud_ || panels_.debug;
+      toggle_panel(panels_.debug);
       break;
     case WindowCommand::panels:
-      panels_.panels = !panels_.panels;
-      hud_ = hud_ || panels_.panels;
+      toggle_panel(panels_.panels);
       break;
     case WindowCommand::layout:
       compact_ = !compact_.value_or(is_small(context_.window_size()));
       break;
     case WindowCommand::smooth:
-      say(host_.toggle_smoothing());
-      edited_ = true;  // a picture that stands still is drawn again
+      show_message(host_.toggle_smoothing());
+      edited_ = true;  // draws a paused frame again
       break;
     case WindowCommand::slide:
-      drag_ = DragMode::slide;
-      break;
     case WindowCommand::lift:
-      drag_ = DragMode::lift;
-      break;
     case WindowCommand::reach:
-      drag_ = DragMode::reach;
-      break;
     case WindowCommand::turn:
-      drag_ = DragMode::turn;
+      drag_ = static_cast<DragMode>(
+          std::ranges::find(kDragCommands, command, &DragCommand::command) - kDragCommands.begin());
       break;
     case WindowCommand::put: {
       const SessionView view = host_.view();
@@ -273,9 +268,9 @@ void Viewer::act(WindowCommand command) {
           scene != nullptr &&
           std::ranges::find(scene->objects, true, &SceneObject::cursor) != scene->objects.end();
       cursor_ = has_one && !cursor_;
-      say(!has_one  ? "the scene has no 3D cursor"
-          : cursor_ ? "the 3D cursor follows the pointer; the wheel lifts it"
-                    : "the 3D cursor rests");
+      show_message(!has_one  ? "the scene has no 3D cursor"
+                   : cursor_ ? "the 3D cursor follows the pointer; the wheel lifts it"
+                             : "the 3D cursor rests");
       break;
     }
     case WindowCommand::next_technique: {
@@ -293,7 +288,7 @@ void Viewer::act(WindowCommand command) {
       const auto next = node_ && at != nodes.end() ? at + 1 : nodes.begin();
       const bool all = next == nodes.end() || (node_ && at == nodes.end());
       node_ = all ? std::nullopt : std::optional(next->name);
-      say("keys change the technique of " + (node_ ? *node_ : std::string("all shadows")));
+      show_message("keys change the technique of " + (node_ ? *node_ : std::string("all shadows")));
       break;
     }
   }

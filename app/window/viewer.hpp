@@ -1,8 +1,7 @@
-// The window: shows each picture with the HUD over it, answers keys, mouse and touch.
+// The window: shows each frame with the HUD over it, handles keys, mouse and touch.
 #pragma once
 
 #include <Eigen/Core>
-#include <array>
 #include <memory>
 #include <optional>
 #include <string>
@@ -18,7 +17,7 @@
 
 namespace penumbra {
 
-// What the window shows and acts on: a run, live or replayed. What a run cannot do, does nothing.
+// The run behind the window, live or replayed. The defaults are for what a run cannot do.
 class ViewerHost {
  public:
   ViewerHost() = default;
@@ -26,23 +25,23 @@ class ViewerHost {
   ViewerHost& operator=(const ViewerHost&) = delete;
   virtual ~ViewerHost() = default;
 
-  // Draws the last picture into the window.
+  // Draws the last frame into the window.
   virtual void present() = 0;
-  // What it shows; without a scene nothing can be taken.
+  // Without a scene no object can be dragged.
   [[nodiscard]] virtual SessionView view() const { return {}; }
   [[nodiscard]] virtual std::vector<HudNode> nodes() const { return {}; }
   virtual void edit(const SceneEdit& /*edit*/) {}
   [[nodiscard]] virtual Translucency translucency() const { return Translucency::automatic; }
-  virtual void set_translucency(Translucency /*way*/) {}
-  // Draws the last picture again with what was edited, while it stands still.
+  virtual void set_translucency(Translucency /*mode*/) {}
+  // Draws the last frame again with the edits, while paused.
   virtual void redraw() {}
-  // Whether the run is to end, also out of a pause.
+  // The run should end, even from a pause.
   [[nodiscard]] virtual bool is_over() const { return false; }
-  // Says what became of it, for the person.
+  // Return a message about the result.
   [[nodiscard]] virtual std::string save_screenshot() { return {}; }
   [[nodiscard]] virtual std::string toggle_recording() { return {}; }
   [[nodiscard]] virtual std::string toggle_smoothing() { return {}; }
-  // Fills in what was measured; `debug`: for the debug view too.
+  // Fills in the measurements; `debug`: for the debug view too.
   virtual void describe(HudState& /*state*/, bool /*debug*/) const {}
 };
 
@@ -52,40 +51,35 @@ struct ViewerOptions {
 
 class Viewer {
  public:
-  // `context` has a window; both outlive the viewer. Without an overlay nothing is drawn over the
-  // picture, and keys work all the same.
+  // `context` has a window; both references outlive the viewer. Without an overlay there is no HUD.
   Viewer(GlContext& context, ViewerHost& host, std::unique_ptr<Overlay> overlay,
          const ViewerOptions& options = {});
   Viewer(const Viewer&) = delete;
   Viewer& operator=(const Viewer&) = delete;
   ~Viewer();
 
-  // What show() shows: the next frame's picture, or the one that is on the screen, perhaps drawn
-  // again. The frame rate counts the former.
+  // The next frame, or the last one again; only the former counts for the frame rate.
   enum class Picture { next, same };
-  // Shows the last picture and answers what was done; while paused until that ends, a step is asked
-  // for, the run is over, or the program is interrupted. False once the window was closed.
+  // Shows the last frame and handles events; while paused until the pause or the run ends, a step
+  // is requested, or the program is interrupted. False once the window was closed.
   [[nodiscard]] bool show(InterruptWatch& interrupt, Picture picture = Picture::next);
-  // How long the pauses were, all together [ms]: time that does not count for pacing.
+  // Total time of the pauses [ms], which does not count for pacing.
   [[nodiscard]] double paused_ms() const { return paused_ms_; }
-  [[nodiscard]] bool paused() const { return paused_; }
-  // How often the HUD was laid out and drawn: not at all while it is hidden.
-  [[nodiscard]] int hud_drawings() const { return hud_drawings_; }
 
  private:
   void draw_hud();
   void take(const WindowEvent& event);
   void take_key(const WindowEvent& event);
-  void take_pointer(const WindowEvent& event);
+  void take_button(const WindowEvent& event);
   void act(WindowCommand command);
   void act_on_clicks(HudActions actions);
   void edit(const SceneEdit& edit);
-  // Of the nodes that the keys are for.
+  // Changes the nodes that the keys select.
   void set_technique(ShadowTechnique technique);
-  void set_translucency(Translucency way);
+  void set_translucency(Translucency mode);
   [[nodiscard]] std::vector<HudNode> chosen_nodes() const;
-  void say(std::string message);
-  // Nothing outside of the picture, or without a pose.
+  void show_message(std::string message);
+  // Empty outside of the image, or without a pose.
   [[nodiscard]] std::optional<PointerView> pointer_view() const;
   [[nodiscard]] bool over_hud() const;
   void follow_pointer();
@@ -94,19 +88,18 @@ class Viewer {
   ViewerHost& host_;
   std::unique_ptr<Overlay> overlay_;
   HudPanels panels_;
-  std::optional<bool> compact_;  // as a person chose it; else by the window's size
+  std::optional<bool> compact_;  // as chosen; empty: by the window's size
   bool hud_ = true;
   bool paused_ = false, step_ = false, closed_ = false, edited_ = false;
   double paused_ms_ = 0.0;
-  int hud_drawings_ = 0;
   Manipulator manipulator_;
-  std::optional<std::string> node_;  // that keys change; none: all
+  std::optional<std::string> node_;  // that keys change; empty: all
   DragMode drag_ = DragMode::slide;
-  int drag_button_ = -1;                               // that holds the object
+  int drag_button_ = -1;                               // of the current drag
   Eigen::Vector2d pointer_ = Eigen::Vector2d::Zero();  // [px] of the window
   bool pointer_moved_ = false;
   bool cursor_ = false;   // the scene's 3D cursor follows the pointer
-  double raise_m_ = 0.0;  // of the cursor, asked for since the last picture
+  double raise_m_ = 0.0;  // of the cursor, since the last frame
   std::string message_;
   Stopwatch since_message_;
   RateMeter shown_;

@@ -35,8 +35,7 @@ std::shared_ptr<const void> BufferRing::lend(unsigned index) {
     PENUMBRA_ASSERT(in_driver_ > 0);
     --in_driver_;
   }
-  // Lets the ring go itself: whoever keeps a weak_ptr keeps this function too, and with it the
-  // memory, and with that the device.
+  // Resets the ring itself: a weak_ptr keeps this deleter alive, and with it the memory and device.
   return {buffers_[index].data(), [ring = shared_from_this(), index](const void*) mutable {
             ring->give_back(index);
             ring.reset();
@@ -44,7 +43,7 @@ std::shared_ptr<const void> BufferRing::lend(unsigned index) {
 }
 
 void BufferRing::give_back(unsigned index) {
-  // The lock is held over the call: after close() returned, no other thread is in the driver.
+  // Holds the lock during the call: after close() no thread is in the driver.
   const std::lock_guard lock(mutex_);
   if (closed_) return;
   if (driver_.queue(index)) {

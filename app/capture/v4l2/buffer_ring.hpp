@@ -1,6 +1,6 @@
-// The buffers that a camera's driver fills, lent to frames. A frame's last owner gives its buffer
-// back, on whatever thread that is and also after the camera was closed: the ring lives as long as
-// anyone holds one of its buffers.
+// The buffers that a camera's driver fills, lent to frames. A frame's last owner returns its
+// buffer, on any thread and also after the camera was closed: every lent buffer keeps the ring
+// alive.
 #pragma once
 
 #include <cstddef>
@@ -15,11 +15,9 @@ namespace penumbra {
 
 class BufferRing : public std::enable_shared_from_this<BufferRing> {
  public:
-  // What the ring does with the memory and the driver: queue buffer `index` for filling (false: the
-  // driver refused), and let all the memory go, once, at the very end.
   struct Driver {
-    std::function<bool(unsigned index)> queue;
-    std::function<void()> release;
+    std::function<bool(unsigned index)> queue;  // for filling; false: the driver refused
+    std::function<void()> release;              // frees all the memory, once, at the end
   };
 
   [[nodiscard]] static std::shared_ptr<BufferRing> create(
@@ -28,20 +26,19 @@ class BufferRing : public std::enable_shared_from_this<BufferRing> {
   BufferRing& operator=(const BufferRing&) = delete;
   ~BufferRing();
 
-  // Gives every buffer to the driver. False: the driver refused one.
+  // Queues every buffer. False: the driver refused one.
   [[nodiscard]] bool queue_all();
-  // A buffer that the driver has filled; when the result and its copies are gone, the buffer goes
-  // back to the driver.
+  // Takes a buffer that the driver has filled; the last copy of the result queues it again.
   [[nodiscard]] std::shared_ptr<const void> lend(unsigned index);
   [[nodiscard]] std::span<const std::uint8_t> buffer(unsigned index) const {
     return buffers_[index];
   }
   [[nodiscard]] std::size_t size() const { return buffers_.size(); }
-  // How many buffers the driver has to fill.
+  // Number of buffers that the driver has to fill.
   [[nodiscard]] std::size_t in_driver() const;
-  // Whether the driver refused a buffer that came back: the stream has to be set up again.
+  // The driver refused a returned buffer: the stream must be restarted.
   [[nodiscard]] bool refused() const;
-  // From now on buffers that come back stay here. The driver is not called any more.
+  // Ends all calls of the driver; returned buffers stay here.
   void close();
 
  private:

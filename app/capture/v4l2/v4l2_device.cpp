@@ -9,7 +9,6 @@
 #include <cerrno>
 #include <cstring>
 #include <functional>
-#include <system_error>
 
 #include "app/capture/camera_trouble.hpp"
 #include "core/text/text.hpp"
@@ -19,14 +18,8 @@ namespace {
 
 namespace fs = std::filesystem;
 
-// A broken driver's lists don't go on for ever.
+// Bounds the lists of a broken driver.
 constexpr unsigned kMostEntries = 256;
-
-template <std::size_t N>
-std::string text_of(const __u8 (&field)[N]) {
-  const auto* begin = reinterpret_cast<const char*>(field);
-  return on_one_line(std::string(begin, strnlen(begin, N)));
-}
 
 double rate_of(const v4l2_fract& interval) {
   return interval.numerator > 0 ? static_cast<double>(interval.denominator) / interval.numerator
@@ -79,7 +72,7 @@ std::vector<V4l2Size> sizes_of(const V4l2Device& device, std::uint32_t fourcc) {
   return sizes;
 }
 
-// Whether a person may have set it.
+// Returns true if a user can set the control.
 bool is_setting(const v4l2_queryctrl& about) {
   constexpr std::uint32_t kNotSet =
       V4L2_CTRL_FLAG_READ_ONLY | V4L2_CTRL_FLAG_INACTIVE | V4L2_CTRL_FLAG_VOLATILE;
@@ -90,6 +83,11 @@ bool is_setting(const v4l2_queryctrl& about) {
 }
 
 }  // namespace
+
+std::string v4l2_text(std::span<const std::uint8_t> field) {
+  const auto* begin = reinterpret_cast<const char*>(field.data());
+  return on_one_line(std::string(begin, strnlen(begin, field.size())));
+}
 
 std::string fourcc_text(std::uint32_t fourcc) {
   std::string text;
@@ -118,13 +116,12 @@ std::string v4l2_help(const fs::path& path, int error) {
       return fmt::format(
           "{}: cannot be opened: {}; unplug the camera and plug it in again, or see the kernel's "
           "log (dmesg)",
-          name, std::generic_category().message(error));
+          name, message_of(error));
   }
 }
 
 std::string v4l2_call_help(const fs::path& path, const char* call, int error) {
-  const std::string what =
-      fmt::format("{}: {} fails: {}", path.string(), call, std::generic_category().message(error));
+  const std::string what = fmt::format("{}: {} fails: {}", path.string(), call, message_of(error));
   switch (error) {
     case ENOSPC:
       return fmt::format("{}: {}", path.string(), kFreeBandwidth);
@@ -141,12 +138,9 @@ std::string v4l2_call_help(const fs::path& path, const char* call, int error) {
     case EOVERFLOW:
       return what + "; try another USB port or cable, and see the kernel's log (dmesg)";
     default:
-      break;
+      return fault_of(error) == CaptureFault::io_error ? what + "; see the kernel's log (dmesg)"
+                                                       : v4l2_help(path, error);
   }
-  if (fault_of(error) == CaptureFault::io_error) {
-    return what + "; see the kernel's log (dmesg)";
-  }
-  return v4l2_help(path, error);
 }
 
 std::string multi_planar_text(const fs::path& path, const std::string& card) {
@@ -162,16 +156,14 @@ Result<V4l2Device> V4l2Device::open(const fs::path& path) {
   device.path_ = path;
   device.descriptor_ = ::open(path.c_str(), O_RDWR | O_NONBLOCK | O_CLOEXEC);
   if (device.descriptor_ < 0) return fail("{}", v4l2_help(path, errno));
-  if (!fs::is_character_file(path, ignored)) {
-    return fail("{}: is not a camera; see what there is: penumbra devices", path.string());
-  }
   v4l2_capability about{};
-  const int error = device.call(VIDIOC_QUERYCAP, &about);
+  const int error =
+      fs::is_character_file(path, ignored) ? device.call(VIDIOC_QUERYCAP, &about) : ENOTTY;
   if (error == ENOTTY || error == EINVAL) {
     return fail("{}: is not a camera; see what there is: penumbra devices", path.string());
   }
   if (error != 0) return fail("{}", v4l2_help(path, error));
-  device.identity_ = {text_of(about.driver), text_of(about.card), text_of(about.bus_info)};
+  device.identity_ = {v4l2_text(about.driver), v4l2_text(about.card), v4l2_text(about.bus_info)};
   const std::uint32_t can =
       (about.capabilities & V4L2_CAP_DEVICE_CAPS) != 0 ? about.device_caps : about.capabilities;
   if ((can & V4L2_CAP_VIDEO_CAPTURE) == 0) {
@@ -190,10 +182,9 @@ Result<V4l2Device> V4l2Device::open(const fs::path& path) {
   return device;
 }
 
-V4l2Device::V4l2Device(V4l2Device&& other) noexcept
-    : path_(std::move(other.path_)),
-      identity_(std::move(other.identity_)),
-      descriptor_(std::exchange(other.descriptor_, -1)) {}
+V4l2Device::V4l2Device(V4l2Device&& other) noexcept {
+  *this = std::move(other);
+}
 
 V4l2Device& V4l2Device::operator=(V4l2Device&& other) noexcept {
   std::swap(path_, other.path_);
@@ -221,17 +212,25 @@ std::vector<V4l2Format> V4l2Device::formats() const {
     entry.type = V4L2_BUF_TYPE_VIDEO_CAPTURE;
     if (call(VIDIOC_ENUM_FMT, &entry) != 0) break;
     formats.push_back(
-        {entry.pixelformat, text_of(entry.description), sizes_of(*this, entry.pixelformat)});
+        {entry.pixelformat, v4l2_text(entry.description), sizes_of(*this, entry.pixelformat)});
   }
   return formats;
 }
 
+int V4l2Device::request_buffers(unsigned& count) const {
+  v4l2_requestbuffers request{};
+  request.count = count;
+  request.type = V4L2_BUF_TYPE_VIDEO_CAPTURE;
+  request.memory = V4L2_MEMORY_MMAP;
+  const int error = call(VIDIOC_REQBUFS, &request);
+  count = request.count;
+  return error;
+}
+
 bool V4l2Device::busy() const {
-  // Gives back the buffers that this descriptor has, none; refused while another one has some.
-  v4l2_requestbuffers none{};
-  none.type = V4L2_BUF_TYPE_VIDEO_CAPTURE;
-  none.memory = V4L2_MEMORY_MMAP;
-  return call(VIDIOC_REQBUFS, &none) == EBUSY;
+  // Frees the buffers of this descriptor, none; refused while another descriptor has some.
+  unsigned none = 0;
+  return request_buffers(none) == EBUSY;
 }
 
 std::optional<V4l2Controls> V4l2Device::controls() const {
@@ -251,10 +250,10 @@ std::optional<V4l2Controls> V4l2Device::controls() const {
       v4l2_control control{};
       control.id = entry.id;
       const int error = call(VIDIOC_G_CTRL, &control);
-      // Of a camera that hangs each would be waited for in turn.
+      // A camera that hangs would time out once per control.
       if (error == ENODEV || error == EIO || error == ETIMEDOUT) return std::nullopt;
       if (error == 0) {
-        controls.named.emplace_back(text_of(entry.name), control.value);
+        controls.named.emplace_back(v4l2_text(entry.name), control.value);
         if (is_setting(entry)) controls.settings.push_back({entry.id, control.value, is_switch});
       }
     }

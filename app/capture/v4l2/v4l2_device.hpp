@@ -4,6 +4,7 @@
 #include <cstdint>
 #include <filesystem>
 #include <optional>
+#include <span>
 #include <string>
 #include <utility>
 #include <vector>
@@ -15,11 +16,11 @@ namespace penumbra {
 struct V4l2Size {
   int width = 0;   // [px]
   int height = 0;  // [px]
-  // Any size from this one up to max_width x max_height, where the driver lists a range.
+  // Larger than the above if the driver lists a range of sizes.
   int max_width = 0;
   int max_height = 0;
-  // [1/s], the highest first; all of them, or where any up to the highest can be set, `any_rate`
-  // and both ends. None where the driver does not say. Of a range of sizes: of its largest.
+  // [1/s], the highest first: every rate, or both ends of a range if `any_rate`. Empty if the
+  // driver does not report them. A range of sizes has the rates of its largest.
   std::vector<double> rates;
   bool any_rate = false;
 
@@ -35,16 +36,15 @@ struct V4l2Format {
   std::vector<V4l2Size> sizes;
 };
 
-// A control of those that every camera may have (brightness, gain, exposure, ...) and its value.
+// A standard control (brightness, gain, exposure, ...) and its value.
 struct V4l2Setting {
   std::uint32_t id = 0;
   std::int32_t value = 0;
   bool is_switch = false;  // or a menu, for example of automatic modes
 };
 struct V4l2Controls {
-  std::vector<std::pair<std::string, std::int64_t>> named;  // all that are numbers
-  // Controls that a user can set: not those that the camera adjusts or that only its driver has.
-  std::vector<V4l2Setting> settings;
+  std::vector<std::pair<std::string, std::int64_t>> named;  // every readable number or switch
+  std::vector<V4l2Setting> settings;                        // those that a user can set
 };
 
 // Range of a numeric control, in its own steps.
@@ -61,31 +61,32 @@ struct V4l2Identity {
 // An open device; closed by the destructor.
 class V4l2Device {
  public:
-  // Errors say what to do: no such device, no permission (the video group), not a camera.
+  // Fails with the remedy: no such device, no permission (the video group), not a camera.
   [[nodiscard]] static Result<V4l2Device> open(const std::filesystem::path& path);
   V4l2Device(V4l2Device&& other) noexcept;
   V4l2Device& operator=(V4l2Device&& other) noexcept;
   ~V4l2Device();
 
-  // ioctl that goes on after signals. 0, or the error's number.
+  // ioctl, repeated after signals. Returns 0 or the errno.
   [[nodiscard]] int call(unsigned long request, void* argument) const;
   [[nodiscard]] int descriptor() const { return descriptor_; }
   [[nodiscard]] const std::filesystem::path& path() const { return path_; }
   [[nodiscard]] const V4l2Identity& identity() const { return identity_; }
 
   [[nodiscard]] std::vector<V4l2Format> formats() const;
+  // VIDIOC_REQBUFS for mapped buffers; sets `count` to the granted number. Returns 0 or the errno.
+  [[nodiscard]] int request_buffers(unsigned& count) const;
   // Returns true while another program has its buffers: it can't stream then.
   [[nodiscard]] bool busy() const;
-  // Nothing where the device goes, or does not answer, meanwhile.
+  // Empty if the device disappears or does not answer.
   [[nodiscard]] std::optional<V4l2Controls> controls() const;
-  // As far as they are other now and can be set: switches first, for while something is automatic
-  // many drivers take no value for it.
+  // Sets those that differ. Switches go first: many drivers refuse a value while its control is
+  // automatic.
   void restore(const std::vector<V4l2Setting>& settings) const;
-  // Its value; nothing where there is no such control.
+  // Both are empty if there is no such control.
   [[nodiscard]] std::optional<std::int32_t> control(std::uint32_t id) const;
-  // Nothing where there is no such control.
   [[nodiscard]] std::optional<V4l2Range> range(std::uint32_t id) const;
-  // False: there is no such control, or it can't be set to that.
+  // False if there is no such control, or it refuses the value.
   bool set_control(std::uint32_t id, std::int32_t value) const;
 
  private:
@@ -98,13 +99,14 @@ class V4l2Device {
 // /dev/video*, in the order of their numbers.
 [[nodiscard]] std::vector<std::filesystem::path> list_v4l2_paths();
 [[nodiscard]] std::string fourcc_text(std::uint32_t fourcc);
+// A text field of a V4L2 struct, on one line.
+[[nodiscard]] std::string v4l2_text(std::span<const std::uint8_t> field);
 // Describes the fault and its remedy where opening the device fails with this error (an errno).
 [[nodiscard]] std::string v4l2_help(const std::filesystem::path& path, int error);
-// The same where `call` (an ioctl or what is done with it) fails on an open device.
+// The same for a `call` (an ioctl or its purpose) that fails on an open device.
 [[nodiscard]] std::string v4l2_call_help(const std::filesystem::path& path, const char* call,
                                          int error);
-
-// Message for a device that has the multi-planar interface alone.
+// Message for a device that has only the multi-planar interface.
 [[nodiscard]] std::string multi_planar_text(const std::filesystem::path& path,
                                             const std::string& card);
 

@@ -14,8 +14,6 @@
 namespace penumbra {
 namespace {
 
-constexpr double kExposureStepsPerMs = 10.0;  // V4L2_CID_EXPOSURE_ABSOLUTE counts in 100 us
-
 struct NumberControl {
   std::uint32_t id;
   const char* name;
@@ -23,46 +21,44 @@ struct NumberControl {
   const char* unit;  // with a blank before it, or empty
 };
 constexpr NumberControl kFocus{V4L2_CID_FOCUS_ABSOLUTE, "focus", 1.0, ""};
-constexpr NumberControl kExposure{V4L2_CID_EXPOSURE_ABSOLUTE, "exposure", kExposureStepsPerMs,
-                                  " ms"};
+constexpr NumberControl kExposure{V4L2_CID_EXPOSURE_ABSOLUTE, "exposure", 10.0, " ms"};  // 100 us
 constexpr NumberControl kGain{V4L2_CID_GAIN, "gain", 1.0, ""};
 constexpr NumberControl kWhiteBalance{V4L2_CID_WHITE_BALANCE_TEMPERATURE, "white balance", 1.0,
                                       " K"};
 
-std::int32_t in_steps(double value) {
-  constexpr double kMost = std::numeric_limits<std::int32_t>::max();
-  return static_cast<std::int32_t>(std::lround(std::clamp(value, -kMost, kMost)));
+void warn_of_missing(const V4l2Device& device, const char* name) {
+  log_warning("{}: the camera has no {} to set; it stays as it is", device.path().string(), name);
 }
 
-void set_number(const V4l2Device& device, const NumberControl& control, double asked, bool report) {
-  const std::int32_t steps = in_steps(asked * control.steps_per_unit);
-  if (!device.set_control(control.id, steps)) {
-    const auto range = device.range(control.id);
-    if (!report) return;
-    if (!range) {
-      log_warning("{}: the camera has no {} to set; it stays as it is", device.path().string(),
-                  control.name);
-      return;
-    }
-    log_warning("{}: {} {:.6g}{} is refused and stays as it is; it takes {:.6g} to {:.6g}{}",
-                device.path().string(), control.name, asked, control.unit,
-                range->minimum / control.steps_per_unit, range->maximum / control.steps_per_unit,
-                control.unit);
-    return;
+void set_number(const V4l2Device& device, const NumberControl& control, double requested,
+                bool report) {
+  constexpr double kMost = std::numeric_limits<std::int32_t>::max();
+  const auto steps = static_cast<std::int32_t>(
+      std::lround(std::clamp(requested * control.steps_per_unit, -kMost, kMost)));
+  const bool done = device.set_control(control.id, steps);
+  const auto given = done ? device.control(control.id) : std::nullopt;
+  if (!report || (done && (!given || *given == steps))) return;
+  std::optional<ControlRange> range;
+  if (const auto in_steps = device.range(control.id)) {
+    range = {in_steps->minimum / control.steps_per_unit,
+             in_steps->maximum / control.steps_per_unit};
   }
-  const auto got = device.control(control.id);
-  if (!report || !got || *got == steps) return;
-  log_warning("{}: {}", device.path().string(),
-              changed_control_text(control.name, control.steps_per_unit, control.unit, asked, *got,
-                                   device.range(control.id)));
+  if (done) {
+    log_warning("{}: {}", device.path().string(),
+                changed_control_text(control.name, control.unit, requested,
+                                     *given / control.steps_per_unit, range));
+  } else if (range) {
+    log_warning("{}: {} {:.6g}{} is refused and stays as it is; it takes {:.6g} to {:.6g}{}",
+                device.path().string(), control.name, requested, control.unit, range->lowest,
+                range->highest, control.unit);
+  } else {
+    warn_of_missing(device, control.name);
+  }
 }
 
 void set_switch(const V4l2Device& device, const char* name, std::uint32_t id, std::int32_t value,
                 bool report) {
-  const bool done = device.set_control(id, value);
-  if (report && !done) {
-    log_warning("{}: the camera has no {} to set; it stays as it is", device.path().string(), name);
-  }
+  if (!device.set_control(id, value) && report) warn_of_missing(device, name);
 }
 
 std::string text_of(const v4l2_rect& r) {
@@ -81,38 +77,42 @@ std::optional<v4l2_rect> selection(const V4l2Device& device, std::uint32_t targe
   return about.r;
 }
 
+void set_selection(const V4l2Device& device, std::uint32_t target, const v4l2_rect& rectangle) {
+  v4l2_selection requested{};
+  requested.type = V4L2_BUF_TYPE_VIDEO_CAPTURE;
+  requested.target = target;
+  requested.r = rectangle;
+  (void)device.call(VIDIOC_S_SELECTION, &requested);
+}
+
+void report_reset(const V4l2Device& device, const char* name, bool done, const std::string& before,
+                  const std::string& after) {
+  if (done) {
+    log_info("{}: {} set back from {} to {}", device.path().string(), name, before, after);
+  } else {
+    log_warning(
+        "{}: its {} of {} can't be set back to {}; the view differs from the calibrated one",
+        device.path().string(), name, before, after);
+  }
+}
+
 void reset_selection(const V4l2Device& device, const char* name, std::uint32_t target,
                      std::uint32_t default_target) {
   const auto now = selection(device, target);
   const auto whole = selection(device, default_target);
   if (!now || !whole || equal(*now, *whole)) return;
-  v4l2_selection wanted{};
-  wanted.type = V4L2_BUF_TYPE_VIDEO_CAPTURE;
-  wanted.target = target;
-  wanted.r = *whole;
-  (void)device.call(VIDIOC_S_SELECTION, &wanted);
+  set_selection(device, target, *whole);
   const auto then = selection(device, target);
-  if (then && equal(*then, *now)) {
-    log_warning(
-        "{}: its {} of {} can't be set back to {}; the view differs from the calibrated one",
-        device.path().string(), name, text_of(*now), text_of(*whole));
-  } else {
-    log_info("{}: {} set back from {} to {}", device.path().string(), name, text_of(*now),
-             text_of(then.value_or(*whole)));
-  }
+  const bool done = !then || !equal(*then, *now);
+  report_reset(device, name, done, text_of(*now), text_of(done ? then.value_or(*whole) : *whole));
 }
 
 void reset_number(const V4l2Device& device, const char* name, std::uint32_t id) {
   const auto now = device.control(id);
   const auto range = device.range(id);
   if (!now || !range || *now == range->usual) return;
-  if (device.set_control(id, range->usual) && device.control(id) == range->usual) {
-    log_info("{}: {} set back from {} to {}", device.path().string(), name, *now, range->usual);
-  } else {
-    log_warning(
-        "{}: its {} of {} can't be set back to {}; the view differs from the calibrated one",
-        device.path().string(), name, *now, range->usual);
-  }
+  const bool done = device.set_control(id, range->usual) && device.control(id) == range->usual;
+  report_reset(device, name, done, std::to_string(*now), std::to_string(range->usual));
 }
 
 }  // namespace
@@ -129,11 +129,7 @@ Result<void> fill_frame(const V4l2Device& device, std::uint32_t width, std::uint
   const v4l2_rect frame{0, 0, width, height};
   auto filled = selection(device, V4L2_SEL_TGT_COMPOSE);
   if (!filled || equal(*filled, frame)) return {};
-  v4l2_selection wanted{};
-  wanted.type = V4L2_BUF_TYPE_VIDEO_CAPTURE;
-  wanted.target = V4L2_SEL_TGT_COMPOSE;
-  wanted.r = frame;
-  (void)device.call(VIDIOC_S_SELECTION, &wanted);
+  set_selection(device, V4L2_SEL_TGT_COMPOSE, frame);
   filled = selection(device, V4L2_SEL_TGT_COMPOSE);
   if (!filled || equal(*filled, frame)) return {};
   return fail(
@@ -192,26 +188,12 @@ std::optional<std::string> input_problem(const V4l2Device& device) {
   }};
   for (const auto& [bits, what] : kProblems) {
     if ((input.status & bits) == 0) continue;
-    const std::string name(reinterpret_cast<const char*>(input.name),
-                           strnlen(reinterpret_cast<const char*>(input.name), sizeof input.name));
     return fmt::format(
         "input {} ({}) {}; connect and switch on its source, or choose another input (v4l2-ctl -d "
         "{} --list-inputs)",
-        index, on_one_line(name), what, device.path().string());
+        index, v4l2_text(input.name), what, device.path().string());
   }
   return std::nullopt;
-}
-
-std::string changed_control_text(const std::string& name, double steps_per_unit,
-                                 const std::string& unit, double asked, std::int32_t got,
-                                 const std::optional<V4l2Range>& range) {
-  std::string text = fmt::format("{}: the camera gives {:.6g}{} for {:.6g}{}", name,
-                                 got / steps_per_unit, unit, asked, unit);
-  if (range) {
-    text += fmt::format("; it takes {:.6g} to {:.6g}{}", range->minimum / steps_per_unit,
-                        range->maximum / steps_per_unit, unit);
-  }
-  return text;
 }
 
 void set_controls(const V4l2Device& device, const CameraControls& requested, bool report) {

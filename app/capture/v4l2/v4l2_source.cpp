@@ -13,7 +13,6 @@
 #include <cmath>
 #include <cstring>
 #include <ctime>
-#include <limits>
 #include <mutex>
 #include <tuple>
 #include <utility>
@@ -23,9 +22,8 @@
 #include "app/capture/camera_trouble.hpp"
 #include "app/capture/frame_clock.hpp"
 #include "app/capture/frame_layout.hpp"
-#include "app/capture/frame_pace.hpp"
+#include "app/capture/v4l2/buffer_memory.hpp"
 #include "app/capture/v4l2/buffer_ring.hpp"
-#include "app/capture/v4l2/v4l2_buffer.hpp"
 #include "app/capture/v4l2/v4l2_device.hpp"
 #include "app/capture/v4l2/v4l2_setup.hpp"
 #include "app/logging.hpp"
@@ -35,25 +33,24 @@
 namespace penumbra {
 namespace {
 
-// One being filled, one waiting, and what the mailbox, the tracker, the renderer and the writer
-// hold.
+// One being filled, one waiting, and those of mailbox, tracker, renderer and writer.
 constexpr unsigned kBuffers = 6;
-// With fewer than this in the driver it would have to lose frames: pictures are copied then.
+// With fewer buffers the driver would drop frames: frames are copied then.
 constexpr std::size_t kDriverNeeds = 2;
 constexpr int kRetry_ms = 200;  // between attempts to open the camera again
 constexpr int kFirstTries = 3;  // a camera that was just closed may need a moment
-// Every camera of the machine is looked at so often while this one is away and no other comes.
+// Interval between searches of all devices while the camera is away and none is added.
 constexpr std::int64_t kLookAround_ns = 2'000'000'000;
 
 struct KnownFormat {
   std::uint32_t fourcc;
   const char* option;  // of --format
   const char* name;
-  PixelFormat pixels;  // of what is not a JPEG
+  PixelFormat pixels;  // unless it is JPEG
   bool jpeg;
 };
-// In the order of what a frame costs: read as it lies, unpacked, decoded. Grey costs least of all,
-// but a person wants to see colour: it comes last, for cameras that have nothing else.
+// In the order of a frame's cost: read in place, unpacked, decoded. Grey is cheapest but comes
+// last, for cameras without colour.
 constexpr std::array<KnownFormat, 6> kFormats{{
     {V4L2_PIX_FMT_NV12, "nv12", "NV12", PixelFormat::nv12, false},
     {V4L2_PIX_FMT_YUV420, "yu12", "YU12", PixelFormat::yuv420p, false},
@@ -83,10 +80,10 @@ FrameLayout layout_of(const KnownFormat& known, const v4l2_pix_format& granted) 
   return layout;
 }
 
-// While the camera chooses, what the control says is of no frame in particular.
+// Empty under automatic exposure: the control's value belongs to no particular frame.
 std::optional<double> exposure_in_effect(const V4l2Device& device) {
-  const auto way = device.control(V4L2_CID_EXPOSURE_AUTO);
-  if (way && *way != V4L2_EXPOSURE_MANUAL && *way != V4L2_EXPOSURE_SHUTTER_PRIORITY) {
+  const auto mode = device.control(V4L2_CID_EXPOSURE_AUTO);
+  if (mode && *mode != V4L2_EXPOSURE_MANUAL && *mode != V4L2_EXPOSURE_SHUTTER_PRIORITY) {
     return std::nullopt;
   }
   const auto steps = device.control(V4L2_CID_EXPOSURE_ABSOLUTE);
@@ -94,12 +91,12 @@ std::optional<double> exposure_in_effect(const V4l2Device& device) {
   return steps && *steps > 0 ? std::optional(kStep_s * *steps) : std::nullopt;
 }
 
-// A camera that streams: the device, its buffers, what it granted. Stops when destroyed; buffers
-// that frames still hold stay mapped until those are gone.
+// A streaming device with its buffers. The destructor stops it; buffers of frames in use stay
+// mapped.
 class Stream {
  public:
-  // `as_before`: only this format will do. `settings`: control values to restore; the requested
-  // ones go before.
+  // `as_before`: accepts only this format. `settings`: control values to restore; the requested
+  // ones take precedence.
   static Started<std::unique_ptr<Stream>> start(V4l2Device device, const V4l2Options& options,
                                                 const std::optional<StreamFormat>& as_before,
                                                 const std::vector<V4l2Setting>& settings = {}) {
@@ -107,7 +104,7 @@ class Stream {
     if (!as_before) reset_view(*stream->device_);
     PENUMBRA_TRY_VOID(stream->set_format(options, as_before));
     stream->set_rate(options.fps);
-    // Before restore(), which switches it off as in the stream before.
+    // Before restore(), which switches it off as in the last stream.
     stream->autofocus_before_ = stream->device_->control(V4L2_CID_FOCUS_AUTO);
     stream->device_->restore(settings);
     set_controls(*stream->device_, options.controls, !as_before);
@@ -127,12 +124,10 @@ class Stream {
     if (ring_) ring_->close();
     int type = V4L2_BUF_TYPE_VIDEO_CAPTURE;
     (void)device_->call(VIDIOC_STREAMOFF, &type);
-    // Gives the device free for others (and for us, again) though frames may still have it mapped.
-    v4l2_requestbuffers none{};
-    none.type = V4L2_BUF_TYPE_VIDEO_CAPTURE;
-    none.memory = V4L2_MEMORY_MMAP;
-    (void)device_->call(VIDIOC_REQBUFS, &none);
-    // Other programs find the camera's autofocus as it was.
+    // Frees the device for others (and for us, again) though frames may still have it mapped.
+    unsigned none = 0;
+    (void)device_->request_buffers(none);
+    // Leaves the camera's autofocus to other programs as it was.
     if (autofocus_before_ && *autofocus_before_ != 0) {
       (void)device_->set_control(V4L2_CID_FOCUS_AUTO, *autofocus_before_);
     }
@@ -141,33 +136,30 @@ class Stream {
   [[nodiscard]] const std::shared_ptr<const V4l2Device>& device() const { return device_; }
   [[nodiscard]] BufferRing& ring() { return *ring_; }
   [[nodiscard]] const StreamFormat& format() const { return format_; }
-  // Of every frame; nothing where the camera chooses it.
+  // Constant for all frames; empty under automatic exposure.
   [[nodiscard]] std::optional<double> exposure_s() const { return exposure_s_; }
-  // In steps, once it is locked; nothing where the camera does not say.
+  // In steps, once it is locked; empty if the camera does not report it.
   [[nodiscard]] std::optional<double> focus() const { return focus_; }
   [[nodiscard]] const KnownFormat& known() const { return *known_; }
   [[nodiscard]] const FrameLayout& layout() const { return layout_; }
-  [[nodiscard]] const V4l2Buffer& buffer(unsigned index) const { return (*buffers_)[index]; }
-  // Why the driver did not take a buffer back, as an errno.
+  [[nodiscard]] const BufferMemory& buffer(unsigned index) const { return (*buffers_)[index]; }
+  // The errno of the driver's last refusal of a buffer.
   [[nodiscard]] int refusal() const { return refusal_; }
-  [[nodiscard]] bool shares() const { return buffer(0).shared().has_value(); }
+  [[nodiscard]] bool shares() const { return buffer(0).is_shared(); }
 
  private:
   explicit Stream(V4l2Device device)
       : device_(std::make_shared<const V4l2Device>(std::move(device))) {}
 
   Started<void> choose(const V4l2Options& options, const std::optional<StreamFormat>& as_before) {
-    // By: the size is there, the rate is reached, what a frame costs.
-    using Merit = std::tuple<bool, double, int>;
+    using Merit = std::tuple<bool, double, int>;  // has the size, rate [1/s], -cost
     std::optional<Merit> best;
     for (const V4l2Format& offered : device_->formats()) {
-      const auto known = std::find_if(kFormats.begin(), kFormats.end(), [&](const auto& format) {
-        return format.fourcc == offered.fourcc;
-      });
+      const auto known = std::ranges::find(kFormats, offered.fourcc, &KnownFormat::fourcc);
       if (known == kFormats.end()) continue;
       if (as_before && as_before->name != known->name) continue;
       if (options.format && *options.format != known->option) continue;
-      bool has_size = offered.sizes.empty();  // the driver does not say
+      bool has_size = offered.sizes.empty();  // the driver does not report it
       double rate = options.fps;
       for (const V4l2Size& size : offered.sizes) {
         if (!size.covers(options.width, options.height)) continue;
@@ -184,15 +176,14 @@ class Stream {
       }
     }
     if (best) return {};
-    return tl::unexpected<Trouble>(
-        {CaptureFault::wrong_format,
-         no_format_text(device_->path(), device_->formats(),
-                        as_before ? as_before->name : options.format.value_or(""))});
+    return fail_with(CaptureFault::wrong_format, "{}",
+                     no_format_text(device_->path(), device_->formats(),
+                                    as_before ? as_before->name : options.format.value_or("")));
   }
 
   Started<void> set_format(const V4l2Options& options,
                            const std::optional<StreamFormat>& as_before) {
-    if (auto chosen = choose(options, as_before); !chosen) return chosen;
+    PENUMBRA_TRY_VOID(choose(options, as_before));
     v4l2_format requested{};
     requested.type = V4L2_BUF_TYPE_VIDEO_CAPTURE;
     requested.fmt.pix.width = static_cast<std::uint32_t>(options.width);
@@ -210,22 +201,20 @@ class Stream {
         !as_before || (as_before->width == format_.width && as_before->height == format_.height);
     if (granted.pixelformat != known_->fourcc || !same || granted.width == 0 ||
         granted.height == 0) {
-      return tl::unexpected<Trouble>(
-          {CaptureFault::wrong_format,
-           fmt::format("{}: grants {}x{} {} for {}x{} {}; choose another --size or --format",
+      return fail_with(CaptureFault::wrong_format,
+                       "{}: grants {}x{} {} for {}x{} {}; choose another --size or --format",
                        device_->path().string(), granted.width, granted.height,
                        fourcc_text(granted.pixelformat), options.width, options.height,
-                       known_->name)});
+                       known_->name);
     }
     if (const auto problem = field_problem(granted.field)) {
-      return tl::unexpected<Trouble>(
-          {CaptureFault::wrong_format,
-           fmt::format("{}: {}; choose a progressive size or input (penumbra devices, v4l2-ctl -d "
-                       "{} --list-inputs)",
-                       device_->path().string(), *problem, device_->path().string())});
+      return fail_with(CaptureFault::wrong_format,
+                       "{0}: {1}; choose a progressive size or input (penumbra devices, v4l2-ctl "
+                       "-d {0} --list-inputs)",
+                       device_->path().string(), *problem);
     }
     if (auto filled = fill_frame(*device_, granted.width, granted.height); !filled) {
-      return tl::unexpected<Trouble>({CaptureFault::wrong_format, filled.error().message});
+      return fail_with(CaptureFault::wrong_format, "{}", filled.error().message);
     }
     if (!known_->jpeg) layout_ = layout_of(*known_, granted);
     return {};
@@ -237,7 +226,7 @@ class Stream {
     v4l2_fract& interval = parameters.parm.capture.timeperframe;
     interval = {1000, static_cast<std::uint32_t>(std::lround(fps * 1000.0))};
     format_.interval_s = 1.0 / fps;
-    // A driver without rates answers with an error, and goes on at its own.
+    // A driver without rates returns an error and keeps its own rate.
     format_.interval_granted = device_->call(VIDIOC_S_PARM, &parameters) == 0 &&
                                interval.numerator > 0 && interval.denominator > 0;
     if (format_.interval_granted) {
@@ -246,18 +235,15 @@ class Stream {
   }
 
   Started<void> map_buffers(bool share) {
-    v4l2_requestbuffers request{};
-    request.count = kBuffers;
-    request.type = V4L2_BUF_TYPE_VIDEO_CAPTURE;
-    request.memory = V4L2_MEMORY_MMAP;
-    if (const int error = device_->call(VIDIOC_REQBUFS, &request); error != 0) {
+    unsigned count = kBuffers;
+    if (const int error = device_->request_buffers(count); error != 0) {
       return trouble(*device_, "VIDIOC_REQBUFS", error);
     }
-    if (request.count < kDriverNeeds) return trouble(*device_, "mapping its buffers", ENOMEM);
-    auto buffers = std::make_shared<std::vector<V4l2Buffer>>();
+    if (count < kDriverNeeds) return trouble(*device_, "mapping its buffers", ENOMEM);
+    auto buffers = std::make_shared<std::vector<BufferMemory>>();
     std::vector<std::span<const std::uint8_t>> views;
-    for (unsigned i = 0; i < request.count; ++i) {
-      auto buffer = V4l2Buffer::map(*device_, i, share);
+    for (unsigned i = 0; i < count; ++i) {
+      auto buffer = BufferMemory::map(*device_, i, share);
       if (!buffer) return trouble(*device_, "mapping its buffers", buffer.error());
       views.push_back(buffer->bytes());
       buffers->push_back(std::move(*buffer));
@@ -277,22 +263,22 @@ class Stream {
     return {};
   }
 
-  // These outlive the ring's use of them: the destructor closes the ring.
+  // The first two outlive the ring's use of them: the destructor closes the ring.
   const std::shared_ptr<const V4l2Device> device_;
-  std::atomic<int> refusal_ = EINVAL;  // why a buffer was not taken back, an errno
+  std::atomic<int> refusal_ = EINVAL;  // errno of the last refused buffer
   const KnownFormat* known_ = nullptr;
   StreamFormat format_;
   std::optional<double> exposure_s_;
   std::optional<double> focus_;
   std::optional<std::int32_t> autofocus_before_;  // V4L2_CID_FOCUS_AUTO
   FrameLayout layout_;
-  std::shared_ptr<const std::vector<V4l2Buffer>> buffers_;
+  std::shared_ptr<const std::vector<BufferMemory>> buffers_;
   std::shared_ptr<BufferRing> ring_;
 };
 
 class V4l2Source final : public LiveSource {
  public:
-  // `stop`: an eventfd, which becomes its own.
+  // `stop`: an eventfd, owned by this.
   V4l2Source(V4l2Options options, std::unique_ptr<Stream> stream, int stop)
       : options_(with_focus(std::move(options), stream->focus())),
         path_(stream->device()->path()),
@@ -315,12 +301,12 @@ class V4l2Source final : public LiveSource {
   Result<std::optional<CapturedImage>> next_image() override {
     while (!stopped()) {
       if (!stream_) {
-        // One that starts and fails at once is not asked without a pause either.
-        if (std::exchange(in_vain_, true)) wait(kRetry_ms);
+        // Pauses also between streams that start and fail at once.
+        if (std::exchange(retrying_, true)) wait(kRetry_ms);
         if (!reopen()) continue;
       }
       if (auto image = dequeue()) {
-        in_vain_ = false;
+        retrying_ = false;
         return image;
       }
     }
@@ -335,11 +321,12 @@ class V4l2Source final : public LiveSource {
   [[nodiscard]] StreamFormat format() const override { return format_; }
   [[nodiscard]] FaultCounter& faults() override { return faults_; }
   [[nodiscard]] std::vector<std::pair<std::string, std::int64_t>> controls() const override {
-    // Of a device that may go meanwhile, and take its time about it: not under the lock.
-    const std::shared_ptr<const V4l2Device> device = [this] {
+    std::shared_ptr<const V4l2Device> device;
+    {
       const std::lock_guard lock(mutex_);
-      return device_;
-    }();
+      device = device_;
+    }
+    // Without the lock: a device that disappears may answer slowly.
     auto controls = device ? device->controls() : std::nullopt;
     const auto exposure_s = controls ? exposure_in_effect(*device) : std::nullopt;
     const std::lock_guard lock(mutex_);
@@ -360,7 +347,7 @@ class V4l2Source final : public LiveSource {
   }
 
  private:
-  // A camera that comes back is focused as it was when it was opened.
+  // A camera that returns is focused as it was when it was opened.
   static V4l2Options with_focus(V4l2Options options, std::optional<double> focus) {
     if (focus) options.controls.focus = focus;
     return options;
@@ -398,7 +385,7 @@ class V4l2Source final : public LiveSource {
         fmt::format("the stream failed: {}", message_of(error)));
   }
 
-  // The camera where it was, or where it came back: another number, perhaps another socket.
+  // The camera under its old or a new number, perhaps in another socket.
   Started<V4l2Device> find() {
     std::vector<std::filesystem::path> paths = {options_.device, path_};
     const bool around = look_around();
@@ -406,14 +393,14 @@ class V4l2Source final : public LiveSource {
       for (auto& path : list_v4l2_paths()) paths.push_back(std::move(path));
     }
     std::optional<Trouble> first;
-    std::vector<V4l2Device> there;
+    std::vector<V4l2Device> connected;
     std::vector<V4l2Identity> identities;
     for (const auto& path : paths) {
       auto device = V4l2Device::open(path);
       if (device) {
         if (search_.is_in_place(device->identity())) return std::move(*device);
         identities.push_back(device->identity());
-        there.push_back(std::move(*device));
+        connected.push_back(std::move(*device));
       } else if (!first) {
         const bool exists = access(path.c_str(), F_OK) == 0;
         const bool allowed = exists && access(path.c_str(), R_OK | W_OK) == 0;
@@ -422,17 +409,17 @@ class V4l2Source final : public LiveSource {
       }
     }
     if (around) {
-      if (const auto found = search_.find(identities)) return std::move(there[*found]);
+      if (const auto found = search_.find(identities)) return std::move(connected[*found]);
     }
-    return tl::unexpected<Trouble>(
-        first.value_or(Trouble{CaptureFault::disconnected,
-                               fmt::format("{}: is another camera now; connect the one that was "
-                                           "used, or start again with this one",
-                                           options_.device.string())}));
+    if (first) return tl::unexpected(*first);
+    return fail_with(CaptureFault::disconnected,
+                     "{}: is another camera now; connect the one that was used, or start again "
+                     "with this one",
+                     options_.device.string());
   }
 
-  // Whether to open every camera that there is, and not just the device where this one was: just
-  // after it was lost, when a device came, went or got another owner, and now and then.
+  // Returns true if find() should open every device: right after the camera was lost, when a device
+  // was added, removed or changed its owner, and every kLookAround_ns.
   bool look_around() {
     std::string listing;
     for (const auto& path : list_v4l2_paths()) {
@@ -450,7 +437,7 @@ class V4l2Source final : public LiveSource {
     return true;
   }
 
-  // What others call reads the device of the stream that runs.
+  // Under the lock, as other threads read the running stream's device.
   void set_stream(std::unique_ptr<Stream> stream) {
     {
       const std::lock_guard lock(mutex_);
@@ -462,11 +449,12 @@ class V4l2Source final : public LiveSource {
 
   bool reopen() {
     auto started = find().and_then([&](V4l2Device device) {
-      // A camera that was without power has forgotten how it was set.
-      const std::vector<V4l2Setting> settings = [this] {
+      // A camera without power loses its settings.
+      std::vector<V4l2Setting> settings;
+      if (is_gone_) {
         const std::lock_guard lock(mutex_);
-        return is_gone_ ? controls_.settings : std::vector<V4l2Setting>();
-      }();
+        settings = controls_.settings;
+      }
       return Stream::start(std::move(device), options_, format_, settings);
     });
     if (!started) {
@@ -485,7 +473,7 @@ class V4l2Source final : public LiveSource {
     return true;
   }
 
-  // One buffer; nothing where there was none, or none that is any good.
+  // The next good image; empty on a fault.
   std::optional<CapturedImage> dequeue() {
     std::array<pollfd, 2> waiting{
         {{stream_->device()->descriptor(), POLLIN, 0}, {stop_, POLLIN, 0}}};
@@ -501,7 +489,7 @@ class V4l2Source final : public LiveSource {
       return std::nullopt;
     }
     if (stream_->ring().refused()) {
-      // A device that failed or went tells so here too, before or in place of VIDIOC_DQBUF.
+      // A failed or lost device may show here before VIDIOC_DQBUF.
       const int error = stream_->refusal();
       lose_stream(fault_of(error), "VIDIOC_QBUF", error);
       return std::nullopt;
@@ -525,9 +513,8 @@ class V4l2Source final : public LiveSource {
     return receive(buffer);
   }
 
-  // A camera that gives nothing else may give it without end and without a pause of its own.
-  std::optional<CapturedImage> leave_out(CapturedImage image, CaptureFault fault,
-                                         std::string_view what) {
+  std::optional<CapturedImage> skip(CapturedImage image, CaptureFault fault,
+                                    std::string_view what) {
     faults_.count(fault, what);
     image.owner.reset();
     (void)wait(static_cast<int>(bad_frame_pause(format_.interval_s).count()));
@@ -554,7 +541,7 @@ class V4l2Source final : public LiveSource {
     pace_.saw(stamp.timestamp_ns);
 
     if ((buffer.flags & V4L2_BUF_FLAG_ERROR) != 0 || buffer.bytesused == 0) {
-      return leave_out(
+      return skip(
           std::move(image), CaptureFault::error_frame,
           fmt::format("a frame that the driver marked as bad is skipped; {}", kImproveTransfer));
     }
@@ -564,13 +551,13 @@ class V4l2Source final : public LiveSource {
     if (stream_->known().jpeg) {
       auto received = receive_camera_jpeg(bytes, {format_.width, format_.height});
       if (!received) {
-        return leave_out(std::move(image), received.error().fault, received.error().message);
+        return skip(std::move(image), received.error().fault, received.error().message);
       }
       bytes = received->bytes;
       if (received->frame) image.frame = std::move(*received->frame);
     } else if (bytes.size() < stream_->layout().bytes) {
-      return leave_out(std::move(image), CaptureFault::error_frame,
-                       fmt::format("a frame with too few bytes is skipped; {}", kImproveTransfer));
+      return skip(std::move(image), CaptureFault::error_frame,
+                  fmt::format("a frame with too few bytes is skipped; {}", kImproveTransfer));
     }
 
     const bool copied = stream_->ring().in_driver() < kDriverNeeds;
@@ -587,8 +574,9 @@ class V4l2Source final : public LiveSource {
       for (std::size_t i = 0; i < static_cast<std::size_t>(image.frame.plane_count); ++i) {
         image.frame.planes[i].data = bytes.data() + stream_->layout().offset[i];
       }
-      if (const auto& shared = stream_->buffer(buffer.index).shared(); shared && !copied) {
-        image.frame.dma_buf = {shared->descriptor(), shared->number(), stream_->layout().offset};
+      if (const BufferMemory& memory = stream_->buffer(buffer.index);
+          memory.is_shared() && !copied) {
+        image.frame.dma_buf = {memory.descriptor(), memory.number(), stream_->layout().offset};
       }
       image.frame.sequence = image.sequence;
       image.frame.timestamp_ns = image.timestamp_ns;
@@ -602,19 +590,19 @@ class V4l2Source final : public LiveSource {
   std::filesystem::path path_;  // where the camera is now
   const std::string card_;
   CameraSearch search_;
-  std::optional<std::pair<std::string, std::int64_t>> looked_around_;  // at what, and when [ns]
+  std::optional<std::pair<std::string, std::int64_t>> looked_around_;  // device listing, time [ns]
   const StreamFormat format_;
   const bool shares_;  // as it was started
   FaultCounter faults_;
   Outage outage_{faults_};
   FrameClock clock_;
   FramePace pace_;
-  const int stop_;        // an eventfd
-  bool in_vain_ = false;  // tried to open it again, and no frame came since
-  bool is_gone_ = false;  // was unplugged since the last stream
+  const int stop_;         // an eventfd
+  bool retrying_ = false;  // no frame came since the last restart
+  bool is_gone_ = false;   // was unplugged since the last stream
   mutable std::mutex mutex_;
-  std::shared_ptr<const V4l2Device> device_;  // guarded by mutex_: of the stream, if there is one
-  // Guarded by mutex_; as they were last read.
+  std::shared_ptr<const V4l2Device> device_;  // of the running stream; guarded by mutex_
+  // As last read; guarded by mutex_.
   mutable std::optional<double> exposure_s_;
   mutable V4l2Controls controls_;
   std::unique_ptr<Stream> stream_;

@@ -1,4 +1,4 @@
-// A camera by Video4Linux: buffers of the driver, mapped and lent to frames without a copy.
+// A camera by Video4Linux: frames view the driver's mapped buffers without a copy.
 #pragma once
 
 #include <cstdint>
@@ -13,16 +13,16 @@ namespace penumbra {
 
 struct V4l2Options : RequestedSettings {
   std::filesystem::path device = "/dev/video0";
-  bool dma_buf = true;  // share its buffers, where the driver can
+  bool dma_buf = true;  // shares its buffers if the driver can
 };
 
-// Opens the camera and starts it; an error says why it can't be used. Once it runs, nothing that
-// the camera does is an error: it is counted, and the source goes on trying until stop().
+// Opens the camera and starts it. Once it runs, faults of the camera are counted, and the source
+// retries until stop().
 [[nodiscard]] Result<std::unique_ptr<LiveSource>> open_v4l2_source(const V4l2Options& options);
 
-// What a driver's description of its colours (v4l2_pix_format) means for luma and chroma: where it
-// leaves the encoding or the range open, as its colour space has them. Of encodings that are
-// neither BT.601's nor BT.709's (BT.2020, SMPTE 240M) BT.709 is the nearer one.
+// Luma and chroma of a driver's colours (v4l2_pix_format); the colour space decides if encoding or
+// range are default. Encodings other than BT.601 and BT.709 (BT.2020, SMPTE 240M) count as BT.709,
+// which is nearer.
 struct VideoColors {
   ColorMatrix matrix = ColorMatrix::bt601;
   ColorRange range = ColorRange::limited;
@@ -31,7 +31,7 @@ struct VideoColors {
 [[nodiscard]] VideoColors v4l2_colors(std::uint32_t colorspace, std::uint32_t ycbcr_enc,
                                       std::uint32_t quantization);
 
-// Whether pictures of this format can be read.
+// Returns true if frames of this format can be read.
 [[nodiscard]] bool reads_v4l2_format(std::uint32_t fourcc);
 
 }  // namespace penumbra

@@ -1,4 +1,4 @@
-#include "app/capture/frame_pace.hpp"
+#include "app/capture/frame_clock.hpp"
 
 #include <gtest/gtest.h>
 

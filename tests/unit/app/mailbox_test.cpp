@@ -11,15 +11,13 @@ namespace {
 
 using std::chrono::milliseconds;
 
-TEST(Mailbox, TheNewestItemIsTakenAndOlderOnesAreCounted) {
+TEST(Mailbox, TakeGivesTheNewestItem) {
   Mailbox<int> box;
   box.put(1);
   box.put(2);
   box.put(3);
   EXPECT_EQ(box.take(milliseconds(0)), 3);
-  EXPECT_EQ(box.dropped(), 2U);
   EXPECT_EQ(box.take(milliseconds(0)), std::nullopt);
-  EXPECT_EQ(box.dropped(), 2U);
 }
 
 TEST(Mailbox, ADroppedItemIsLetGoAtOnce) {
@@ -58,10 +56,9 @@ TEST(Mailbox, HandedOverItemsAllArriveInOrder) {
   }
   giver.join();
   EXPECT_EQ(expected, 1000);
-  EXPECT_EQ(box.dropped(), 0U);
 }
 
-TEST(Mailbox, BetweenThreadsItemsGrowAndNoneIsUncounted) {
+TEST(Mailbox, ItemsStayInOrderBetweenThreads) {
   Mailbox<std::unique_ptr<int>> box;
   constexpr int kItems = 20000;
   std::thread giver([&] {
@@ -69,17 +66,14 @@ TEST(Mailbox, BetweenThreadsItemsGrowAndNoneIsUncounted) {
     box.close();
   });
   int last = -1;
-  std::uint64_t taken = 0;
   while (!box.finished()) {
     const auto item = box.take(milliseconds(100));
     if (!item) continue;
     ASSERT_GT(**item, last);
     last = **item;
-    ++taken;
   }
   giver.join();
   EXPECT_EQ(last, kItems - 1);
-  EXPECT_EQ(taken + box.dropped(), static_cast<std::uint64_t>(kItems));
 }
 
 TEST(Mailbox, AGiverCanWaitForAnEmptySlot) {

@@ -10,7 +10,7 @@
 #include <nlohmann/json.hpp>
 
 #include "app/progress.hpp"
-#include "app/recording/frame_range.hpp"
+#include "app/recording/recording_source.hpp"
 #include "app/session/session_host.hpp"
 
 namespace penumbra {

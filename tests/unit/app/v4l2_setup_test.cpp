@@ -30,10 +30,10 @@ TEST(V4l2Setup, AcceptsProgressiveFramesOnly) {
   }
 }
 
-TEST(V4l2Setup, NamesWhatTheDriverMadeOfARequest) {
-  EXPECT_EQ(changed_control_text("exposure", 10.0, " ms", 500.0, 2047, V4l2Range{3, 2047, 250}),
+TEST(CameraControls, ReportTheValueThatTheDriverGrantsInstead) {
+  EXPECT_EQ(changed_control_text("exposure", " ms", 500.0, 204.7, ControlRange{0.3, 204.7}),
             "exposure: the camera gives 204.7 ms for 500 ms; it takes 0.3 to 204.7 ms");
-  EXPECT_EQ(changed_control_text("focus", 1.0, "", 999.0, 250, std::nullopt),
+  EXPECT_EQ(changed_control_text("focus", "", 999.0, 250.0, std::nullopt),
             "focus: the camera gives 250 for 999");
 }
 

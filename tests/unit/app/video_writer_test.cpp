@@ -1,4 +1,4 @@
-#include "app/output/video_writer.hpp"
+#include "app/output/frame_writer.hpp"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>

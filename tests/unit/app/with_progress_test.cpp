@@ -1,6 +1,6 @@
 // The progress bar of long work, on a terminal and in a pipe.
 
-#include "app/output/with_progress.hpp"
+#include "app/output/interruptible.hpp"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>

@@ -1,0 +1,47 @@
+// A driver's buffer, mapped read-only. As DMA-BUF (memory that Linux shares among devices) a GPU
+// reads it in place, and it stays valid after the camera is gone.
+#pragma once
+
+#include <cstdint>
+#include <span>
+#include <tl/expected.hpp>
+
+#include "app/capture/v4l2/v4l2_device.hpp"
+
+namespace penumbra {
+
+class BufferMemory {
+ public:
+  // Maps the first `length` bytes of a DMA-BUF. Owns the descriptor, on failure too. Fails with an
+  // errno.
+  [[nodiscard]] static tl::expected<BufferMemory, int> map(int descriptor, std::size_t length);
+  // Maps buffer `index` of a device (V4L2_MEMORY_MMAP); as DMA-BUF if `share` and the driver
+  // exports it: a camera then comes back under its own number although frames are still in use.
+  // Fails with an errno.
+  [[nodiscard]] static tl::expected<BufferMemory, int> map(const V4l2Device& device, unsigned index,
+                                                           bool share);
+  BufferMemory(BufferMemory&& other) noexcept;
+  BufferMemory& operator=(BufferMemory&& other) noexcept;
+  BufferMemory(const BufferMemory&) = delete;
+  BufferMemory& operator=(const BufferMemory&) = delete;
+  ~BufferMemory();
+
+  [[nodiscard]] std::span<const std::uint8_t> bytes() const { return bytes_; }
+  [[nodiscard]] bool is_shared() const { return descriptor_ >= 0; }
+  // The DMA-BUF, owned by this; -1 if not shared.
+  [[nodiscard]] int descriptor() const { return descriptor_; }
+  // Unique in this process, never used again.
+  [[nodiscard]] std::uint64_t number() const { return number_; }
+  // The CPU reads shared memory between these, which keep its caches coherent.
+  void begin_reading() const;
+  void end_reading() const;
+
+ private:
+  BufferMemory() = default;
+
+  std::span<const std::uint8_t> bytes_;
+  int descriptor_ = -1;
+  std::uint64_t number_ = 0;
+};
+
+}  // namespace penumbra
