@@ -1,4 +1,4 @@
-// Whether the constants of automatic kernels (render/shadow/kernels/kernel_tuning.hpp) lie on
+// Whether the constants of automatic kernels (render/shadow/kernels/shadow_kernels.hpp) lie on
 // plateaus: each is varied alone over silhouettes made at random, none of them a test's.
 //
 //   kernel_constants_benchmark [SHAPES]      (default: 400)
@@ -22,7 +22,7 @@
 
 #include "render/shadow/casters/caster.hpp"
 #include "render/shadow/fields/power_distance.hpp"
-#include "render/shadow/kernels/kernel_tuning.hpp"
+#include "render/shadow/kernels/shadow_kernels.hpp"
 #include "render/shadow/layers/coverage.hpp"
 #include "support/shapes.hpp"
 
@@ -246,8 +246,8 @@ Agreement judge(const std::vector<Silhouette>& silhouettes, const KernelTuning& 
   };
   for (const Silhouette& silhouette : silhouettes) {
     const double start = cpu_ms();
-    const ShadowKernels kernels =
-        generate_tuned_kernels(silhouette.mesh, silhouette.plane.n, tuning);
+    const ShadowKernels kernels = generate_kernels(silhouette.mesh, silhouette.plane.n,
+                                                   KernelSource::automatic, nullptr, tuning);
     mean.cpu_ms += (cpu_ms() - start) / static_cast<double>(silhouettes.size());
     for (const Silhouette::Level& level : silhouette.levels) {
       const auto vertices =

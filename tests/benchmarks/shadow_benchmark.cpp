@@ -18,7 +18,7 @@
 #include "models/glb_writer.hpp"
 #include "render/shadow/casters/caster.hpp"
 #include "render/shadow/fields/power_distance.hpp"
-#include "render/shadow/kernels/kernel_tuning.hpp"
+#include "render/shadow/kernels/shadow_kernels.hpp"
 #include "render/shadow/layers/coverage.hpp"
 #include "render/shadow/layers/layer_polygons.hpp"
 #include "support/kernel_quality.hpp"
@@ -168,7 +168,8 @@ void kernels(benchmark::State& state, Shape shape, KernelSource source) {
   const Placement placement = {0.4 * constants.umbra_height * plane.n,
                                Eigen::Quaterniond::Identity(), 1.0};
   const auto usual = place_caster(mesh, generate_kernels(mesh, up, source), placement, plane);
-  const auto exact = place_caster(mesh, generate_tuned_kernels(mesh, up, fine), placement, plane);
+  const auto exact = place_caster(
+      mesh, generate_kernels(mesh, up, KernelSource::automatic, nullptr, fine), placement, plane);
   const Canvas canvas =
       canvas_round(layer_triangles(exact, mesh.indices, constants, ShadowLayer::penumbra));
   for (const auto& [layer, name] : {std::pair{ShadowLayer::umbra, "umbra_iou"},

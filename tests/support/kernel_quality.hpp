@@ -5,6 +5,7 @@
 #include <map>
 #include <string>
 
+#include "support/field_sample.hpp"
 #include "support/shadow_cases.hpp"
 
 namespace penumbra::test {
@@ -60,7 +61,7 @@ struct QualityCase {
       for (int column = 0; column < mask.size; ++column) {
         const Eigen::Vector2d p =
             mask.origin + mask.pixel * Eigen::Vector2d(column + 0.5, row + 0.5);
-        mask.bits[mask.index(column, row)] = field.sample(layer, p) > 0.0F ? 1 : 0;
+        mask.bits[mask.index(column, row)] = field_at(field, layer, p) > 0.0F ? 1 : 0;
       }
     }
     return iou_with(mask, key);

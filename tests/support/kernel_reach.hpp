@@ -8,7 +8,6 @@
 #include <vector>
 
 #include "render/scene/plane_frame.hpp"
-#include "render/shadow/kernels/kernel_tuning.hpp"
 #include "render/shadow/kernels/shadow_kernels.hpp"
 #include "render/shadow/layers/layer_polygons.hpp"
 #include "support/shadow_cases.hpp"

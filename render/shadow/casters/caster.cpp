@@ -1,6 +1,7 @@
 #include "render/shadow/casters/caster.hpp"
 
 #include "core/assert.hpp"
+#include "render/model/to_eigen.hpp"
 
 namespace penumbra {
 
@@ -18,9 +19,7 @@ std::vector<CasterVertex> place_caster(const ShadowMesh& mesh, const ShadowKerne
   PENUMBRA_ASSERT(kernels.kernels.size() == mesh.positions.size());
   const PlaneMap map = plane_map(T_world_object, plane);
   const auto to_plane = [&](const glm::vec3& p) -> Eigen::Vector3d {
-    return map.linear * Eigen::Vector3d(static_cast<double>(p.x), static_cast<double>(p.y),
-                                        static_cast<double>(p.z)) +
-           map.offset;
+    return map.linear * to_eigen(p) + map.offset;
   };
   std::vector<CasterVertex> vertices;
   vertices.reserve(mesh.positions.size());
@@ -38,11 +37,7 @@ std::vector<PartLight> part_lights(std::span<const PartDisc> discs, const Placem
   std::vector<PartLight> lights;
   lights.reserve(discs.size());
   for (const PartDisc& disc : discs) {
-    const Eigen::Vector3d centre =
-        map.linear * Eigen::Vector3d(static_cast<double>(disc.centre.x),
-                                     static_cast<double>(disc.centre.y),
-                                     static_cast<double>(disc.centre.z)) +
-        map.offset;
+    const Eigen::Vector3d centre = map.linear * to_eigen(disc.centre) + map.offset;
     lights.push_back({centre.head<2>(), T_world_object.scale * static_cast<double>(disc.radius)});
   }
   return lights;

@@ -1,5 +1,4 @@
-// A shadow mesh with its kernels, placed in the world and seen from a plane: what the layers are
-// computed from.
+// A shadow mesh with its kernels, placed in the world and seen from a plane: the layers' input.
 #pragma once
 
 #include <span>
@@ -13,8 +12,7 @@
 
 namespace penumbra {
 
-// Object coordinates to plane coordinates (u, v, h): linear p + offset. The offset is taken
-// relative to the plane's point first, so that a plane far from the origin costs no digits.
+// Object coordinates to plane coordinates (u, v, h): linear p + offset.
 struct PlaneMap {
   Eigen::Matrix3d linear;
   Eigen::Vector3d offset;  // [m]

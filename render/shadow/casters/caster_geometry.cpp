@@ -3,18 +3,13 @@
 #include <algorithm>
 #include <cmath>
 #include <glm/geometric.hpp>
+#include <optional>
 #include <unordered_map>
 
 #include "core/assert.hpp"
 
 namespace penumbra {
 namespace {
-
-constexpr std::uint32_t kNotSplit = 0xFFFFFFFFU;
-
-std::uint64_t edge_key(std::uint32_t a, std::uint32_t b) {
-  return static_cast<std::uint64_t>(std::min(a, b)) << 32U | std::max(a, b);
-}
 
 constexpr float kCoarser = 1.41421356F;  // between the lengths of one surface and the next
 
@@ -29,50 +24,54 @@ float longest_edge_of(const CasterGeometry& g) {
   return longest;
 }
 
+// Appends a triangle split at the middles of its edges, where these are given. midpoints[i] is that
+// of the edge from corners[i].
+template <class Vertex>
+void append_split(std::array<Vertex, 3> corners, std::array<std::optional<Vertex>, 3> midpoints,
+                  std::vector<Vertex>& to) {
+  const auto& [a, b, c] = corners;
+  const auto& [ab, bc, ca] = midpoints;
+  const auto turn = [&] {
+    std::ranges::rotate(corners, corners.begin() + 1);
+    std::ranges::rotate(midpoints, midpoints.begin() + 1);
+  };
+  switch (3 - std::ranges::count(midpoints, false, &std::optional<Vertex>::has_value)) {
+    case 0:
+      to.insert(to.end(), {a, b, c});
+      return;
+    case 1:
+      while (!ab) turn();
+      to.insert(to.end(), {a, *ab, c, *ab, b, c});
+      return;
+    case 2:
+      while (ca) turn();
+      to.insert(to.end(), {*ab, b, *bc, a, *ab, *bc, a, *bc, c});
+      return;
+    default:
+      to.insert(to.end(), {a, *ab, *ca, *ab, b, *bc, *ca, *bc, c, *ab, *bc, *ca});
+  }
+}
+
 // Halves every edge that is longer than this, in all of its faces.
 void split_once(CasterGeometry& g, float max_edge_m) {
   std::unordered_map<std::uint64_t, std::uint32_t> midpoints;
   std::vector<std::uint32_t> next;
   next.reserve(g.indices.size() * 2);
-  const auto midpoint = [&](std::uint32_t a, std::uint32_t b) {
-    if (!(glm::distance(g.positions[a], g.positions[b]) > max_edge_m)) return kNotSplit;
+  const auto midpoint = [&](std::uint32_t a, std::uint32_t b) -> std::optional<std::uint32_t> {
+    if (!(glm::distance(g.positions[a], g.positions[b]) > max_edge_m)) return std::nullopt;
+    const auto [low, high] = std::minmax({a, b});
     const auto [entry, is_new] =
-        midpoints.try_emplace(edge_key(a, b), static_cast<std::uint32_t>(g.positions.size()));
+        midpoints.try_emplace(static_cast<std::uint64_t>(low) << 32U | high,
+                              static_cast<std::uint32_t>(g.positions.size()));
     if (is_new) {
       g.positions.push_back(0.5F * (g.positions[a] + g.positions[b]));
-      g.midpoint_of.push_back({std::min(a, b), std::max(a, b)});
+      g.midpoint_of.push_back({low, high});
     }
     return entry->second;
   };
-  const auto add = [&next](std::uint32_t a, std::uint32_t b, std::uint32_t c) {
-    next.insert(next.end(), {a, b, c});
-  };
   for (std::size_t i = 0; i + 2 < g.indices.size(); i += 3) {
-    std::array<std::uint32_t, 3> v = {g.indices[i], g.indices[i + 1], g.indices[i + 2]};
-    std::array<std::uint32_t, 3> m = {midpoint(v[0], v[1]), midpoint(v[1], v[2]),
-                                      midpoint(v[2], v[0])};  // of the edge that starts at v
-    const auto count = 3 - std::ranges::count(m, kNotSplit);
-    const auto turn = [&] {
-      std::ranges::rotate(v, v.begin() + 1);
-      std::ranges::rotate(m, m.begin() + 1);
-    };
-    if (count == 0) {
-      add(v[0], v[1], v[2]);
-    } else if (count == 1) {
-      while (m[0] == kNotSplit) turn();
-      add(v[0], m[0], v[2]);
-      add(m[0], v[1], v[2]);
-    } else if (count == 2) {
-      while (m[2] != kNotSplit) turn();
-      add(m[0], v[1], m[1]);
-      add(v[0], m[0], m[1]);
-      add(v[0], m[1], v[2]);
-    } else {
-      add(v[0], m[0], m[2]);
-      add(m[0], v[1], m[1]);
-      add(m[2], m[1], v[2]);
-      add(m[0], m[1], m[2]);
-    }
+    const auto [a, b, c] = std::array{g.indices[i], g.indices[i + 1], g.indices[i + 2]};
+    append_split<std::uint32_t>({a, b, c}, {midpoint(a, b), midpoint(b, c), midpoint(c, a)}, next);
   }
   g.indices = std::move(next);
 }
@@ -92,8 +91,7 @@ CasterGeometry split_long_edges(const ShadowMesh& mesh, float max_edge_m,
   if (!(max_edge_m > 0.0F)) return g;
   float longest = longest_edge_of(g);
   if (!std::isfinite(longest)) return g;
-  // The longest edges first: a surface that is fine enough for a length has none split that are
-  // shorter.
+  // The longest edges first, so that no shorter edge of a coarser surface is split.
   float length = max_edge_m;
   while (length * kCoarser < longest) length *= kCoarser;
   for (; longest > max_edge_m && g.indices.size() / 3 < max_triangles;
@@ -114,45 +112,25 @@ void add_midpoints(const CasterGeometry& geometry, std::vector<PlanePoint>& imag
   for (const auto& [a, b] : geometry.midpoint_of) images.push_back(middle(images[a], images[b]));
 }
 
-std::vector<PlanePoint> split_long_edges(std::vector<PlanePoint> triangles, float longest,
-                                         std::size_t max_triangles) {
+std::vector<PlanePoint> split_long_edges(std::vector<PlanePoint> triangles, float longest) {
+  constexpr std::size_t kMaxTriangles = 200'000;
   if (!(longest > 0.0F)) return triangles;
-  const auto is_long = [longest](const PlanePoint& a, const PlanePoint& b) {
+  bool splitting = true;
+  const auto midpoint = [&](const PlanePoint& a, const PlanePoint& b) -> std::optional<PlanePoint> {
     const float u = b.u - a.u;
     const float v = b.v - a.v;
-    return u * u + v * v > longest * longest;
+    if (!(u * u + v * v > longest * longest)) return std::nullopt;
+    splitting = true;
+    return middle(a, b);
   };
   std::vector<PlanePoint> next;
-  for (bool splitting = true; splitting && triangles.size() / 3 < max_triangles;) {
+  while (splitting && triangles.size() / 3 < kMaxTriangles) {
     splitting = false;
     next.clear();
     next.reserve(triangles.size());
     for (std::size_t i = 0; i + 2 < triangles.size(); i += 3) {
-      std::array<PlanePoint, 3> v = {triangles[i], triangles[i + 1], triangles[i + 2]};
-      std::array<bool, 3> split = {is_long(v[0], v[1]), is_long(v[1], v[2]), is_long(v[2], v[0])};
-      const auto count = std::ranges::count(split, true);
-      if (count == 0) {
-        next.insert(next.end(), v.begin(), v.end());
-        continue;
-      }
-      splitting = true;
-      const auto turn = [&] {
-        std::ranges::rotate(v, v.begin() + 1);
-        std::ranges::rotate(split, split.begin() + 1);
-      };
-      while (!split[0] || (count == 2 && split[2])) turn();
-      const PlanePoint ab = middle(v[0], v[1]);
-      if (count == 1) {
-        next.insert(next.end(), {v[0], ab, v[2], ab, v[1], v[2]});
-        continue;
-      }
-      const PlanePoint bc = middle(v[1], v[2]);
-      if (count == 2) {
-        next.insert(next.end(), {ab, v[1], bc, v[0], ab, bc, v[0], bc, v[2]});
-        continue;
-      }
-      const PlanePoint ca = middle(v[2], v[0]);
-      next.insert(next.end(), {v[0], ab, ca, ab, v[1], bc, ca, bc, v[2], ab, bc, ca});
+      const auto [a, b, c] = std::array{triangles[i], triangles[i + 1], triangles[i + 2]};
+      append_split<PlanePoint>({a, b, c}, {midpoint(a, b), midpoint(b, c), midpoint(c, a)}, next);
     }
     triangles.swap(next);
   }
@@ -161,8 +139,7 @@ std::vector<PlanePoint> split_long_edges(std::vector<PlanePoint> triangles, floa
 
 std::vector<glm::vec3> level_kernels(const CasterGeometry& geometry, const ShadowKernels& kernels) {
   PENUMBRA_ASSERT(kernels.kernels.size() == geometry.mesh_positions);
-  const glm::vec3 up(static_cast<float>(kernels.up.x()), static_cast<float>(kernels.up.y()),
-                     static_cast<float>(kernels.up.z()));
+  const glm::vec3 up(kernels.up.x(), kernels.up.y(), kernels.up.z());
   std::vector<glm::vec3> levelled;
   levelled.reserve(geometry.positions.size());
   for (std::size_t i = 0; i < geometry.mesh_positions; ++i) {

@@ -9,6 +9,7 @@
 #include <numeric>
 
 #include "core/assert.hpp"
+#include "render/model/to_eigen.hpp"
 #include "render/shadow/casters/caster.hpp"
 #include "render/shadow/fields/fixed_light.hpp"
 #include "render/shadow/layers/coverage.hpp"
@@ -23,7 +24,7 @@ constexpr double kShareOfMany = 0.25;
 constexpr double kWorthwhileShare = 0.75;  // a proxy with more of the faces spares too little
 constexpr int kComparedCells = 256;        // along a layer's longer side
 
-// The nearest of many points.
+// A k-d tree for the nearest of many points.
 class PointTree {
  public:
   explicit PointTree(const std::vector<glm::vec3>& points) : points_(points) {
@@ -83,33 +84,24 @@ class PointTree {
 
 double agreement(std::span<const PlanePoint> a, std::span<const PlanePoint> b) {
   if (a.empty() && b.empty()) return 1.0;
-  Eigen::Vector2f low = Eigen::Vector2f::Constant(std::numeric_limits<float>::infinity());
-  Eigen::Vector2f high = -low;
-  for (const std::span<const PlanePoint> points : {a, b}) {
-    for (const PlanePoint& p : points) {
-      low = low.cwiseMin(Eigen::Vector2f(p.u, p.v));
-      high = high.cwiseMax(Eigen::Vector2f(p.u, p.v));
-    }
-  }
-  const Eigen::Vector2f size = high - low;
+  const Eigen::AlignedBox2f box = bounds_of(a).merged(bounds_of(b));
+  const Eigen::Vector2f size = box.sizes();
   const float longer = size.maxCoeff();
-  // All in one point, or beyond what floats tell apart: nothing to see.
+  // In one point, or beyond the range of floats.
   if (!(longer > 0.0F) || !std::isfinite(longer)) return 1.0;
   const float cell = longer / static_cast<float>(kComparedCells);
   const auto cells = [cell](float length) {
     return std::clamp(static_cast<int>(std::ceil(length / cell)), 1, kComparedCells);
   };
-  Coverage first(low, cell, cells(size.x()), cells(size.y()));
+  Coverage first(box.min(), cell, cells(size.x()), cells(size.y()));
   Coverage second = first;
   first.cover(a);
   second.cover(b);
   return first.iou(second);
 }
 
-// A mesh with its kernels at a height.
-struct Caster {
+struct ComparedMesh {
   const ShadowMesh& mesh;
-  const ShadowKernels& kernels;
   std::vector<VertexDisc> discs;  // of a fixed light
 
   [[nodiscard]] std::vector<PlanePoint> layer(std::span<const CasterVertex> vertices,
@@ -128,8 +120,7 @@ std::optional<ShadowProxy> simplified_caster(const ShadowMesh& full) {
   const double share = faces > kManyFaces ? kShareOfMany : kShareOfFew;
   const auto target = 3 * static_cast<std::size_t>(share * static_cast<double>(faces));
   std::vector<std::uint32_t> indices(full.indices.size());
-  // Any error of the surface is allowed here: the layers decide.
-  constexpr float kAnyError = 1.0F;
+  constexpr float kAnyError = 1.0F;  // the layers decide
   indices.resize(meshopt_simplify(indices.data(), full.indices.data(), full.indices.size(),
                                   &full.positions.front().x, full.positions.size(),
                                   sizeof(glm::vec3), target, kAnyError));
@@ -190,8 +181,8 @@ ProxyAgreement compare_with_proxy(const ShadowMesh& full, const ShadowKernels& k
                                   const ProxyUse& use, bool thorough) {
   PENUMBRA_ASSERT(kernels.kernels.size() == full.positions.size());
   const ShadowKernels carried = carried_kernels(proxy, kernels);
-  Caster whole{full, kernels, {}};
-  Caster reduced{proxy.mesh, carried, {}};
+  ComparedMesh whole{full, {}};
+  ComparedMesh reduced{proxy.mesh, {}};
   if (use.light_mode == LightMode::fixed) {
     whole.discs = vertex_discs(full, kernels, parts, use.scale);
     reduced.discs = vertex_discs(proxy.mesh, carried, parts, use.scale);
@@ -200,15 +191,14 @@ ProxyAgreement compare_with_proxy(const ShadowMesh& full, const ShadowKernels& k
   double bottom = std::numeric_limits<double>::infinity();
   double top = -bottom;
   for (const glm::vec3& p : full.positions) {
-    const double h = use.scale * plane.height({static_cast<double>(p.x), static_cast<double>(p.y),
-                                               static_cast<double>(p.z)});
+    const double h = use.scale * plane.height(to_eigen(p));
     bottom = std::min(bottom, h);
     top = std::max(top, h);
   }
   ProxyAgreement result;
-  // The umbra is most sensitive, and most where it is least.
+  // From the top: the umbra is the most sensitive layer, most so where it is smallest.
   for (std::size_t at = kProxyHeights.size(); at-- > 0;) {
-    // Its middle at the height, or standing on the plane.
+    // With its middle at the height, or standing on the plane.
     const double lift =
         std::max(-bottom, kProxyHeights[at] * use.constants.umbra_height - 0.5 * (bottom + top));
     const Placement placed{lift * plane.n, Eigen::Quaterniond::Identity(), use.scale};

@@ -1,10 +1,7 @@
 // A reduced mesh that casts layered shadows in place of its model
-// (docs/shadows.md#reduced-casters). Kernels are made for the full mesh and carried over from the
-// nearest of its vertices. The mesh casts only where each of its layers agrees with the full mesh's
-// (intersection over union) to 0.98 at both heights, 0.2 and 0.6 h_u.
+// (docs/shadows.md#reduced-casters).
 #pragma once
 
-#include <Eigen/Core>
 #include <array>
 #include <cstdint>
 #include <optional>
@@ -26,10 +23,10 @@ struct ShadowProxy {
 // Meshes of up to this number of faces are not reduced.
 inline constexpr std::size_t kLeastProxyFaces = 2000;
 inline constexpr double kLeastProxyAgreement = 0.98;
-inline constexpr std::array kProxyHeights = {0.2, 0.6};  // of h_u, of the middle of the object
+inline constexpr std::array kProxyHeights = {0.2, 0.6};  // of the object's middle, in h_u
 
-// Reduces a mesh to half of its faces, a quarter above 20,000, by meshoptimizer. Nothing for
-// kLeastProxyFaces or fewer, and where borders leave more than three quarters of the faces.
+// Reduces a mesh to half of its faces, a quarter above 20,000. Nothing for kLeastProxyFaces or
+// fewer, and where borders leave more than three quarters of the faces.
 [[nodiscard]] std::optional<ShadowProxy> simplified_caster(const ShadowMesh& full);
 
 // Makes a proxy of the author's reduced model, in the same object frame.
@@ -51,9 +48,9 @@ struct ProxyUse {
   double scale = 1.0;
 };
 
-// Compares the layers for the kernels' own up direction. `kernels` are the full mesh's; `parts` (of
-// part_discs) are needed for a fixed light only, and the radii of the kernels too. Where not
-// `thorough`, it stops at the first layer that breaks the rule and leaves the rest at 0.
+// Compares the layers for the kernels' up direction. `kernels` are those of the full mesh; `parts`
+// (part_discs) and the radii of the kernels are needed for a fixed light only. Without `thorough`
+// it stops at the first layer that disagrees and leaves the rest at 0.
 [[nodiscard]] ProxyAgreement compare_with_proxy(const ShadowMesh& full,
                                                 const ShadowKernels& kernels,
                                                 std::span<const PartDisc> parts,

@@ -11,21 +11,17 @@ namespace penumbra {
 namespace {
 
 struct DiscVertex {
-  Eigen::Vector2d x;
-  Eigen::Vector2d k;
-  double h = 0.0;
-  double radius = 0.0;
-  double part_radius = 0.0;
+  Eigen::Vector2d x, k;
+  double h = 0.0, radius = 0.0, part_radius = 0.0;
   bool at_end = false;  // on the cut where the umbra has shrunk to its kernel
 };
 
-// How fast the light's edge wanders, per height: lambda times this is what the factor gains. The
-// zenith limit replaces a / H by 1 / h_u.
+// R_L / H: lambda times this, over the vertex's own radius, is the factor's gain per height.
 double light_slope(const DiscVertex& vertex, const LayeredConstants& constants) {
-  return vertex.part_radius / constants.umbra_height;  // R_L / H
+  return vertex.part_radius / constants.umbra_height;
 }
 
-// H R - R_L h over H: the umbra is where it is positive.
+// (H R - R_L h) / H: the umbra is where it is positive.
 double umbra_left(const DiscVertex& vertex, const LayeredConstants& constants) {
   return vertex.radius - light_slope(vertex, constants) * vertex.h;
 }
@@ -39,8 +35,8 @@ DiscVertex between(const DiscVertex& a, const DiscVertex& b, double t) {
           false};
 }
 
-Eigen::Vector2d image_of(const DiscVertex& vertex, const LayeredConstants& constants,
-                         ShadowLayer layer) {
+Eigen::Vector2d disc_image(const DiscVertex& vertex, const LayeredConstants& constants,
+                           ShadowLayer layer) {
   if (vertex.at_end) return vertex.k;
   if (vertex.radius <= 0.0) return vertex.x;
   // 1 / (1 - h / H), which is 1 in the zenith limit.
@@ -57,7 +53,7 @@ struct DiscFace {
   void add(const DiscVertex& vertex) { vertices[count++] = vertex; }
 };
 
-// Keeps where `value` is >= 0; the cut gets what `assign` says.
+// Keeps the part of a face where value(vertex) >= 0; assign(vertex) completes the new ones.
 template <class Value, class Assign>
 DiscFace clip(const DiscFace& face, Value value, Assign assign) {
   DiscFace clipped;
@@ -68,7 +64,7 @@ DiscFace clip(const DiscFace& face, Value value, Assign assign) {
     const double b = value(to);
     if (a >= 0.0) clipped.add(from);
     if ((a >= 0.0) == (b >= 0.0) || a == 0.0 || b == 0.0) continue;
-    // Always from the inner end, so that both faces of an edge get the same point.
+    // From the inner end, so that both faces of an edge get the same point.
     DiscVertex cut = a > 0.0 ? between(from, to, a / (a - b)) : between(to, from, b / (b - a));
     assign(cut);
     clipped.add(cut);
@@ -77,15 +73,15 @@ DiscFace clip(const DiscFace& face, Value value, Assign assign) {
 }
 
 DiscVertex disc_vertex(const CasterVertex& vertex, const VertexDisc& disc) {
-  return {{static_cast<double>(vertex.u), static_cast<double>(vertex.v)},
-          {static_cast<double>(vertex.ku), static_cast<double>(vertex.kv)},
+  return {Eigen::Vector2f(vertex.u, vertex.v).cast<double>(),
+          Eigen::Vector2f(vertex.ku, vertex.kv).cast<double>(),
           static_cast<double>(vertex.h),
           static_cast<double>(disc.radius),
           static_cast<double>(disc.part_radius),
           false};
 }
 
-bool is_finite(const DiscVertex& vertex) {
+bool is_finite_disc(const DiscVertex& vertex) {
   return vertex.x.allFinite() && vertex.k.allFinite() && std::isfinite(vertex.h) &&
          std::isfinite(vertex.radius) && std::isfinite(vertex.part_radius);
 }
@@ -116,20 +112,43 @@ double twice_area(const Eigen::Vector2d& a, const Eigen::Vector2d& b, const Eige
   return p.x() * q.y() - p.y() * q.x();
 }
 
+PlanePoint to_point(const Eigen::Vector2d& p) {
+  return {static_cast<float>(p.x()), static_cast<float>(p.y())};
+}
+
+// A face seen edge-on has no side that could turn over.
+bool is_edge_on(const Eigen::Vector2d& a, const Eigen::Vector2d& b, const Eigen::Vector2d& c) {
+  constexpr double kEdgeOnArea = 1e-7;
+  const double size = std::max((b - a).squaredNorm(), (c - a).squaredNorm());
+  return !(std::abs(twice_area(a, b, c)) > kEdgeOnArea * size);
+}
+
+bool turns_over(const std::array<DiscVertex, 3>& corners, const LayeredConstants& constants) {
+  for (const ShadowLayer layer : kShadowLayers) {
+    const DiscFace face = clipped_face(corners, constants, layer);
+    for (std::size_t i = 2; i < face.count; ++i) {
+      const DiscVertex& a = face.vertices[0];
+      const DiscVertex& b = face.vertices[i - 1];
+      const DiscVertex& c = face.vertices[i];
+      const double image =
+          twice_area(disc_image(a, constants, layer), disc_image(b, constants, layer),
+                     disc_image(c, constants, layer));
+      if (!is_edge_on(a.x, b.x, c.x) && twice_area(a.x, b.x, c.x) * image < 0.0) return true;
+    }
+  }
+  return false;
+}
+
 template <class Use>
 void for_each_face(std::span<const CasterVertex> vertices, std::span<const VertexDisc> discs,
                    std::span<const std::uint32_t> indices, Use use) {
   PENUMBRA_ASSERT(discs.size() == vertices.size());
   for (std::size_t i = 0; i + 2 < indices.size(); i += 3) {
+    const auto face = indices.subspan(i, 3);
+    if (std::ranges::max(face) >= vertices.size()) continue;
     std::array<DiscVertex, 3> corners;
-    bool usable = true;
-    for (std::size_t j = 0; j < 3 && usable; ++j) {
-      usable = indices[i + j] < vertices.size();
-      if (!usable) break;
-      corners[j] = disc_vertex(vertices[indices[i + j]], discs[indices[i + j]]);
-      usable = is_finite(corners[j]);
-    }
-    if (usable) use(corners);
+    for (std::size_t j = 0; j < 3; ++j) corners[j] = disc_vertex(vertices[face[j]], discs[face[j]]);
+    if (std::ranges::all_of(corners, is_finite_disc)) use(corners);
   }
 }
 
@@ -157,10 +176,9 @@ std::optional<std::vector<PlanePoint>> fixed_light_images(std::span<const Caster
   images.reserve(vertices.size());
   for (std::size_t i = 0; i < vertices.size(); ++i) {
     const DiscVertex vertex = disc_vertex(vertices[i], discs[i]);
-    if (!is_finite(vertex) || vertex.h < 0.0 || vertex.h > cap) return std::nullopt;
+    if (!is_finite_disc(vertex) || vertex.h < 0.0 || vertex.h > cap) return std::nullopt;
     if (layer == ShadowLayer::umbra && umbra_left(vertex, constants) < 0.0) return std::nullopt;
-    const Eigen::Vector2d p = image_of(vertex, constants, layer);
-    images.push_back({static_cast<float>(p.x()), static_cast<float>(p.y())});
+    images.push_back(to_point(disc_image(vertex, constants, layer)));
   }
   return images;
 }
@@ -173,9 +191,8 @@ std::vector<PlanePoint> fixed_light_triangles(std::span<const CasterVertex> vert
   std::vector<PlanePoint> triangles;
   for_each_face(vertices, discs, indices, [&](const std::array<DiscVertex, 3>& corners) {
     const DiscFace face = clipped_face(corners, constants, layer);
-    const auto point = [&](std::size_t i) -> PlanePoint {
-      const Eigen::Vector2d p = image_of(face.vertices[i], constants, layer);
-      return {static_cast<float>(p.x()), static_cast<float>(p.y())};
+    const auto point = [&](std::size_t i) {
+      return to_point(disc_image(face.vertices[i], constants, layer));
     };
     for (std::size_t i = 2; i < face.count; ++i) {
       triangles.insert(triangles.end(), {point(0), point(i - 1), point(i)});
@@ -188,36 +205,15 @@ TwistReport fixed_light_twists(std::span<const CasterVertex> vertices,
                                std::span<const VertexDisc> discs,
                                std::span<const std::uint32_t> indices,
                                const LayeredConstants& constants) {
-  // A face that is seen edge-on has no side to turn.
-  constexpr double kEdgeOn = 1e-7;
   TwistReport report;
   double tested_area = 0.0;
   double twisted_area = 0.0;
-  const auto turns = [&](const std::array<DiscVertex, 3>& corners) {
-    for (const ShadowLayer layer : kShadowLayers) {
-      const DiscFace face = clipped_face(corners, constants, layer);
-      for (std::size_t i = 2; i < face.count; ++i) {
-        const DiscVertex& a = face.vertices[0];
-        const DiscVertex& b = face.vertices[i - 1];
-        const DiscVertex& c = face.vertices[i];
-        const double seen = twice_area(a.x, b.x, c.x);
-        const double image =
-            twice_area(image_of(a, constants, layer), image_of(b, constants, layer),
-                       image_of(c, constants, layer));
-        const double size = std::max((b.x - a.x).squaredNorm(), (c.x - a.x).squaredNorm());
-        if (std::abs(seen) > kEdgeOn * size && seen * image < 0.0) return true;
-      }
-    }
-    return false;
-  };
   for_each_face(vertices, discs, indices, [&](const std::array<DiscVertex, 3>& corners) {
     const double area = std::abs(twice_area(corners[0].x, corners[1].x, corners[2].x));
-    const double size = std::max((corners[1].x - corners[0].x).squaredNorm(),
-                                 (corners[2].x - corners[0].x).squaredNorm());
-    if (!(area > kEdgeOn * size)) return;
+    if (is_edge_on(corners[0].x, corners[1].x, corners[2].x)) return;
     ++report.faces_tested;
     tested_area += area;
-    if (!turns(corners)) return;
+    if (!turns_over(corners, constants)) return;
     ++report.faces_twisted;
     twisted_area += area;
   });

@@ -1,10 +1,8 @@
-// Layered penumbrae of a light of one size (docs/shadows.md#lights-of-one-size). The plain layers
-// give each part a light in proportion to its thickness there, so that all of it loses its umbra at
-// one height; a real light has one radius R_L, and thin parts lose theirs first:
+// Layered penumbrae of a light of one size (docs/shadows.md#lights-of-one-size):
 //
-//   s_lambda(h) = (H + lambda (R_L / R) h) / (H - h),   R the radius of the disc at the kernel
+//   s_lambda(h) = (H + lambda (R_L / R) h) / (H - h)
 //
-// R_L = a * (median radius of the vertex's part). The umbra is cut where H R = R_L h.
+// R is the radius of the disc at the kernel, R_L = a * (median radius of the vertex's part).
 #pragma once
 
 #include <cstdint>
@@ -17,8 +15,7 @@
 
 namespace penumbra {
 
-// What a vertex knows besides its place and kernel [m]. A vertex without a disc (radius 0) has its
-// kernel at itself and never moves.
+// Radii of a vertex [m]. A vertex without a disc (radius 0) has its kernel at itself.
 struct VertexDisc {
   float radius = 0.0F;       // of the disc at the vertex's kernel
   float part_radius = 0.0F;  // of the vertex's part
@@ -30,20 +27,20 @@ struct VertexDisc {
                                                    std::span<const PartDisc> parts, double scale);
 
 // The imaginary vertices of a layer, one per vertex. Nothing where part of the mesh lies beyond the
-// layer's heights: its faces have to be cut, as fixed_light_triangles() does.
+// layer's heights: fixed_light_triangles() cuts its faces.
 [[nodiscard]] std::optional<std::vector<PlanePoint>> fixed_light_images(
     std::span<const CasterVertex> vertices, std::span<const VertexDisc> discs,
     const LayeredConstants& constants, ShadowLayer layer);
 
-// As layer_triangles().
+// As layer_triangles(). The umbra is cut where H R = R_L h.
 [[nodiscard]] std::vector<PlanePoint> fixed_light_triangles(std::span<const CasterVertex> vertices,
                                                             std::span<const VertexDisc> discs,
                                                             std::span<const std::uint32_t> indices,
                                                             const LayeredConstants& constants,
                                                             ShadowLayer layer);
 
-// Faces with a layer in which they are turned over, where they are: unlike find_twists() not for a
-// range of factors, as each vertex has its own.
+// Counts the faces that turn over in a layer at their own heights. (find_twists() tests a range of
+// factors; here each vertex has its own.)
 [[nodiscard]] TwistReport fixed_light_twists(std::span<const CasterVertex> vertices,
                                              std::span<const VertexDisc> discs,
                                              std::span<const std::uint32_t> indices,

@@ -16,11 +16,9 @@ constexpr std::size_t kStrip = 16;  // columns of a strip: two copies of 256 row
 
 // values[i] = min(values[i], squares[i] + lift) for at least the first `count`.
 PENUMBRA_VECTOR_CLONES
-void lower(float* values, const float* squares, std::size_t count, float lift) {
+void lower(float* __restrict values, const float* __restrict squares, std::size_t count,
+           float lift) {
   for (std::size_t block = 0; block < count; block += kBlock) {
-#if defined(__GNUC__) && !defined(__clang__)
-#pragma GCC ivdep  // two arrays
-#endif
     for (std::size_t i = block; i < block + kBlock; ++i) {
       const float value = squares[i] + lift;
       values[i] = value < values[i] ? value : values[i];
@@ -28,50 +26,38 @@ void lower(float* values, const float* squares, std::size_t count, float lift) {
   }
 }
 
-// `from` and `to` have a row of infinity before and after the `count` cells they start with.
-// Returns which of them has the result.
+// to[i] = min(from[i], neighbours in the column + rise). `from` has a row of infinity before and
+// after its `count` cells.
 PENUMBRA_VECTOR_CLONES
-float* spread_columns(float* from, float* to, std::size_t count, int steps) {
-  for (int step = 1; step <= steps; ++step) {
-    const auto rise = static_cast<float>(2 * step - 1);
-    const float* before = from - kStrip;
-    const float* here = from;
-    const float* after = from + kStrip;
-    float* out = to;
-#if defined(__GNUC__) && !defined(__clang__)
-#pragma GCC ivdep  // two arrays
-#endif
-    for (std::size_t i = 0; i < count; ++i) {
-      const float beside = (before[i] < after[i] ? before[i] : after[i]) + rise;
-      out[i] = beside < here[i] ? beside : here[i];
-    }
-    std::swap(from, to);
+void spread_columns(const float* __restrict from, float* __restrict to, std::size_t count,
+                    float rise) {
+  const float* before = from - kStrip;
+  const float* after = from + kStrip;
+  for (std::size_t i = 0; i < count; ++i) {
+    const float beside = (before[i] < after[i] ? before[i] : after[i]) + rise;
+    to[i] = beside < from[i] ? beside : from[i];
   }
-  return from;
 }
 
-// A strip of columns out of the rows, and back: there, what is beyond the bound is far.
+// Copies a strip of columns out of the rows.
 PENUMBRA_VECTOR_CLONES
-void take_strip(const float* values, std::size_t stride, std::size_t height, float* strip) {
+void take_strip(const float* __restrict values, std::size_t stride, std::size_t height,
+                float* __restrict strip) {
   for (std::size_t i = 0; i < height; ++i) {
     const float* from = values + i * stride;
     float* to = strip + i * kStrip;
-#if defined(__GNUC__) && !defined(__clang__)
-#pragma GCC ivdep  // two arrays
-#endif
     for (std::size_t j = 0; j < kStrip; ++j) to[j] = from[j];
   }
 }
+
+// Copies it back; what is beyond the bound becomes kFar.
 PENUMBRA_VECTOR_CLONES
-void put_strip(const float* strip, std::size_t width, std::size_t stride, std::size_t height,
-               float bound, float* values) {
+void put_strip(const float* __restrict strip, std::size_t stride, std::size_t height, float bound,
+               float* __restrict values) {
   for (std::size_t i = 0; i < height; ++i) {
-    const float* from = strip + i * width;
+    const float* from = strip + i * kStrip;
     float* to = values + i * stride;
-#if defined(__GNUC__) && !defined(__clang__)
-#pragma GCC ivdep
-#endif
-    for (std::size_t j = 0; j < width; ++j) {
+    for (std::size_t j = 0; j < kStrip; ++j) {
       to[j] = from[j] <= bound ? from[j] : PowerTransform::kFar;
     }
   }
@@ -84,10 +70,6 @@ void PowerTransform::start(int width, int height) {
   height_ = height;
   stride_ = (static_cast<std::size_t>(width) + 2 * kStrip - 1) / kStrip * kStrip;
   sites_.clear();
-}
-
-void PowerTransform::add(int column, int row, float radius) {
-  sites_.push_back({column, row, radius});
 }
 
 void PowerTransform::run() {
@@ -131,11 +113,16 @@ void PowerTransform::run() {
     std::fill_n(strip + kStrip + count, kStrip, kUnreached);
   }
   float* strip = strips_.data() + kStrip;
+  const int steps = std::min(reach, height_ - 1);
   for (std::size_t left = 0; left < static_cast<std::size_t>(width_); left += kStrip) {
     take_strip(values_.data() + left, stride_, height, strip);
-    const float* result =
-        spread_columns(strip, strip + strip_size, count, std::min(reach, height_ - 1));
-    put_strip(result, kStrip, stride_, height, bound_, values_.data() + left);
+    float* from = strip;
+    float* to = strip + strip_size;
+    for (int step = 1; step <= steps; ++step) {
+      spread_columns(from, to, count, static_cast<float>(2 * step - 1));
+      std::swap(from, to);
+    }
+    put_strip(from, stride_, height, bound_, values_.data() + left);
   }
 }
 

@@ -1,11 +1,11 @@
 #include "render/shadow/kernels/footprint.hpp"
 
+#include <Eigen/Geometry>
 #include <algorithm>
 #include <array>
 #include <bit>
 #include <cmath>
 #include <limits>
-#include <numeric>
 
 #include "core/vector_clones.hpp"
 
@@ -16,13 +16,11 @@ namespace {
 constexpr int kMaxSideCells = 512;
 constexpr std::size_t kWordCells = 64;
 constexpr std::size_t kRowBlock = 8;  // rows are whole vectors of floats
-// A cell's centre this close to a face counts as covered, so that rounding opens no crack between
-// neighbouring faces.
+// A cell whose centre is this close to a face is covered: rounding opens no crack between faces.
 constexpr float kEdgeTolerance = 1e-3F;  // [cells]
-// Of a silhouette's size: what rounding may bend an edge by, and the shortest edge with a
-// direction.
-constexpr float kFlatCorner = 1e-6F;
-constexpr float kShortEdge = 1e-2F;
+// Shares of a silhouette's size.
+constexpr float kFlatCorner = 1e-6F;  // rounding bends an edge by less
+constexpr float kShortEdge = 1e-2F;   // shorter edges have no direction
 // An angle that no regular shape has between its edges and corners, 0.37 rad.
 constexpr float kAskewCosine = 0.93232F;
 constexpr float kAskewSine = 0.36162F;
@@ -32,15 +30,13 @@ float cross(const Eigen::Vector2f& a, const Eigen::Vector2f& b) {
   return a.x() * b.y() - a.y() * b.x();
 }
 
-// squared[x] = min over x' of (x - x')^2 + g2[x'] within each row: from near x' to far ones, four
-// steps at a time, many x at once. A step of dx can no longer lower a value of less than dx^2, nor
-// any within dx of the row's ends: rows begin and end with a 0, which is also nearer than what lies
-// beyond, so that a neighbour in the row before or after lowers nothing. There is a row before the
-// first and after the last. All numbers are small integers: exact; their bits sort as they do, and
-// the largest of integers is found many at once.
+// squared[x] = min over x' of (x - x')^2 + g2[x'] within each row, from near x' to far ones, until
+// a step of dx can lower no value. Rows begin and end with a 0, so that the neighbouring rows lower
+// nothing; there is a row before the first and after the last. Exact: all numbers are small
+// integers, whose bits sort as they do.
 PENUMBRA_VECTOR_CLONES
-void lower_rows(const float* g2, float* squared, std::size_t rows, std::size_t stride,
-                std::size_t width) {
+void lower_rows(const float* __restrict g2, float* __restrict squared, std::size_t rows,
+                std::size_t stride, std::size_t width) {
   for (std::size_t row = 0; row < rows; ++row) {
     const float* here = g2 + row * stride;
     float* out = squared + row * stride;
@@ -55,9 +51,6 @@ void lower_rows(const float* g2, float* squared, std::size_t rows, std::size_t s
       const float* right = here + first + dx;
       float* lowered = out + first;
       std::int32_t largest = 0;
-#if defined(__GNUC__) && !defined(__clang__)
-#pragma GCC ivdep  // two arrays
-#endif
       for (std::size_t x = 0; x < count; ++x) {
         const auto at = static_cast<std::ptrdiff_t>(x);
         const float near = step + (left[at] < right[at] ? left[at] : right[at]);
@@ -77,6 +70,7 @@ void lower_rows(const float* g2, float* squared, std::size_t rows, std::size_t s
     }
   }
 }
+
 PENUMBRA_VECTOR_CLONES
 void take_roots(float* values, std::size_t count) {
   for (std::size_t i = 0; i < count; ++i) values[i] = std::sqrt(values[i]);
@@ -84,29 +78,23 @@ void take_roots(float* values, std::size_t count) {
 
 // here[x] = 1 more than before[x] where covered, else 0.
 PENUMBRA_VECTOR_CLONES
-void step_down(const float* before, const float* covered, float* here, std::size_t width) {
-#if defined(__GNUC__) && !defined(__clang__)
-#pragma GCC ivdep  // three arrays
-#endif
+void step_down(const float* before, const float* covered, float* __restrict here,
+               std::size_t width) {
   for (std::size_t x = 0; x < width; ++x) here[x] = (before[x] + 1.0F) * covered[x];
 }
-// here[x] = no more than 1 more than below[x].
+
+// here[x] = min(here[x], below[x] + 1).
 PENUMBRA_VECTOR_CLONES
-void step_up(const float* below, float* here, std::size_t width) {
-#if defined(__GNUC__) && !defined(__clang__)
-#pragma GCC ivdep  // two arrays
-#endif
+void step_up(const float* below, float* __restrict here, std::size_t width) {
   for (std::size_t x = 0; x < width; ++x) {
     const float step = below[x] + 1.0F;
     here[x] = step < here[x] ? step : here[x];
   }
 }
-// Both copies of some values get their squares.
+
+// Squares `values`, and copies the squares.
 PENUMBRA_VECTOR_CLONES
-void take_squares(float* values, float* squares, std::size_t count) {
-#if defined(__GNUC__) && !defined(__clang__)
-#pragma GCC ivdep  // two arrays
-#endif
+void take_squares(float* __restrict values, float* __restrict squares, std::size_t count) {
   for (std::size_t i = 0; i < count; ++i) {
     const float square = values[i] * values[i];
     values[i] = square;
@@ -114,7 +102,7 @@ void take_squares(float* values, float* squares, std::size_t count) {
   }
 }
 
-// Cells of a row as bits to cells as floats: blocks of eight.
+// Writes the cells of a row, given as bits, as floats: blocks of eight.
 PENUMBRA_VECTOR_CLONES
 void spread_bits(const std::uint64_t* words, std::size_t blocks, float* cells) {
   for (std::size_t block = 0; block < blocks; ++block) {
@@ -125,7 +113,7 @@ void spread_bits(const std::uint64_t* words, std::size_t blocks, float* cells) {
   }
 }
 
-// How many runs of covered cells a row has. The cell before its first is not covered.
+// Returns the number of runs of covered cells in a row. The cell before it is not covered.
 PENUMBRA_VECTOR_CLONES
 std::int32_t runs_of(const float* row, std::size_t width) {
   std::int32_t runs = 0;
@@ -134,8 +122,8 @@ std::int32_t runs_of(const float* row, std::size_t width) {
   return runs;
 }
 
-// Andrew's monotone chain; sorts `points`. A corner that stands out by no more than `flat` is none:
-// rounding must not make corners of what lies along an edge.
+// Andrew's monotone chain; sorts `points`. Corners that stand out by no more than `flat` are
+// dropped: rounding must not make corners along an edge.
 void convex_hull(std::vector<Eigen::Vector2f>& points, float flat,
                  std::vector<Eigen::Vector2f>& hull) {
   std::sort(points.begin(), points.end(), [](const Eigen::Vector2f& a, const Eigen::Vector2f& b) {
@@ -159,8 +147,8 @@ void convex_hull(std::vector<Eigen::Vector2f>& points, float flat,
   if (hull.size() > 1) hull.pop_back();
 }
 
-// Points that may lie on the convex hull, all corners of it among them: all of a few; of many those
-// outside a polygon of the highest and lowest of each column.
+// Finds points that include all corners of the convex hull: all of a few points; of many points
+// those outside a polygon of the highest and lowest of each column.
 void gather_hull_candidates(std::span<const Eigen::Vector2f> points,
                             std::vector<Eigen::Vector2f>& candidates,
                             std::vector<Eigen::Vector2f>& hull) {
@@ -170,12 +158,10 @@ void gather_hull_candidates(std::span<const Eigen::Vector2f> points,
     candidates.assign(points.begin(), points.end());
     return;
   }
-  float left = points[0].x();
-  float right = points[0].x();
-  for (const Eigen::Vector2f& p : points) {
-    left = std::min(left, p.x());
-    right = std::max(right, p.x());
-  }
+  Eigen::AlignedBox2f bounds;
+  for (const Eigen::Vector2f& p : points) bounds.extend(p);
+  const float left = bounds.min().x();
+  const float right = bounds.max().x();
   struct Column {
     Eigen::Vector2f low, high;
     bool used = false;
@@ -232,9 +218,9 @@ void gather_hull_candidates(std::span<const Eigen::Vector2f> points,
 
 }  // namespace
 
-// The least rectangle round a convex polygon has a side along one of its edges. Of equal ones, and
-// of a rectangle's own directions, the points themselves choose: neither the axes that they are
-// given in nor rounding must, or what is turned would get another raster.
+// The least rectangle round a convex polygon has a side along one of its edges. Between equal
+// rectangles, and between a rectangle's directions, the points choose: if their axes or rounding
+// did, turned points would get another raster.
 void FootprintRaster::choose_axis(std::span<const Eigen::Vector2f> points, float size) {
   axis_ = Eigen::Vector2f::UnitX();
   rectangles_.clear();
@@ -260,7 +246,7 @@ void FootprintRaster::choose_axis(std::span<const Eigen::Vector2f> points, float
     rectangles_.push_back(rectangle);
   }
   if (rectangles_.empty()) return;
-  // From the middle to the first point that is clearly off it, and askew from there: so no two
+  // From the middle to the first point that is clearly off it, turned by an angle such that no two
   // directions are equally near to it.
   Eigen::Vector2f reference = Eigen::Vector2f::UnitX();
   for (const Eigen::Vector2f& p : points) {
@@ -305,14 +291,9 @@ bool FootprintRaster::fit(std::span<const Eigen::Vector2f> points, int cell_budg
   convex_hull(hull_candidates_, kFlatCorner * size, hull_);
   choose_axis(points, size);
 
-  Eigen::Vector2f low = Eigen::Vector2f::Constant(std::numeric_limits<float>::infinity());
-  Eigen::Vector2f high = -low;
-  for (const Eigen::Vector2f& p : hull_) {
-    const Eigen::Vector2f own(axis_.dot(p), cross(axis_, p));
-    low = low.cwiseMin(own);
-    high = high.cwiseMax(own);
-  }
-  const Eigen::Vector2f extent = high - low;
+  Eigen::AlignedBox2f box;  // along and across the axis
+  for (const Eigen::Vector2f& p : hull_) box.extend(Eigen::Vector2f(axis_.dot(p), cross(axis_, p)));
+  const Eigen::Vector2f extent = box.sizes();
   const float longer = extent.maxCoeff();
   cell_ = std::max(std::sqrt(extent.x() * extent.y() / static_cast<float>(cell_budget)),
                    longer / static_cast<float>(kMaxSideCells));
@@ -328,7 +309,7 @@ bool FootprintRaster::fit(std::span<const Eigen::Vector2f> points, int cell_budg
   stride_ = (static_cast<std::size_t>(width_) + kRowBlock - 1) / kRowBlock * kRowBlock;
   // Centred, so that a symmetric silhouette gets a symmetric raster.
   const Eigen::Vector2f corner =
-      0.5F * (low + high) -
+      0.5F * (box.min() + box.max()) -
       0.5F * cell_ * Eigen::Vector2f(static_cast<float>(width_), static_cast<float>(height_));
   origin_ = {axis_.x() * corner.x() - axis_.y() * corner.y(),
              axis_.y() * corner.x() + axis_.x() * corner.y()};
@@ -345,7 +326,7 @@ bool FootprintRaster::cover(std::span<const Eigen::Vector2f> points,
   for (std::size_t i = 0; i + 2 < faces.size(); i += 3) {
     cover_triangle(cells_[faces[i]], cells_[faces[i + 1]], cells_[faces[i + 2]]);
   }
-  // Thinner than a cell on the whole: centres alone would leave gaps.
+  // Centres alone would leave gaps in a silhouette thinner than a cell.
   std::size_t covered = 0;
   for (const std::uint64_t word : bits_) covered += static_cast<std::size_t>(std::popcount(word));
   if (covered < static_cast<std::size_t>(std::max(width_, height_))) {
@@ -386,8 +367,7 @@ void FootprintRaster::cover_triangle(Eigen::Vector2f a, Eigen::Vector2f b, Eigen
   const float slope_bc = slope(b, c);
   for (int row = first_row; row < end_row; ++row) {
     const float y = std::clamp(static_cast<float>(row) + 0.5F, a.y(), c.y());
-    // The long edge a-c bounds the span on one side, a-b or b-c on the other. A level edge has both
-    // its ends at this height.
+    // A level edge has both its ends at this height.
     const float across = a.x() + (y - a.y()) * slope_ac;
     const float other = y < b.y() ? a.x() + (y - a.y()) * slope_ab : b.x() + (y - b.y()) * slope_bc;
     float left = std::min(across, other);
@@ -427,17 +407,11 @@ void FootprintRaster::cover_cells(int row, std::size_t first, std::size_t end) {
 }
 
 std::size_t FootprintRaster::covered_count() const {
-  std::array<float, 8> lanes{};  // exact: there are fewer cells than 2^24
-  std::size_t i = 0;
-  for (; i + lanes.size() <= covered_.size(); i += lanes.size()) {
-    for (std::size_t lane = 0; lane < lanes.size(); ++lane) lanes[lane] += covered_[i + lane];
-  }
-  for (; i < covered_.size(); ++i) lanes[0] += covered_[i];
-  return static_cast<std::size_t>(std::accumulate(lanes.begin(), lanes.end(), 0.0F));
+  return static_cast<std::size_t>(std::ranges::count(covered_, 1.0F));
 }
 
 void FootprintRaster::fill_small_holes(double share) {
-  // Most small parts have one run of cells in each row, and then no hole.
+  // With one run of cells in each row, as most small parts have, there is no hole.
   bool one_run_per_row = true;
   for (int row = 1; row + 1 < height_ && one_run_per_row; ++row) {
     one_run_per_row = runs_of(covered_row(row), stride()) <= 1;

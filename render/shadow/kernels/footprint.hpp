@@ -8,29 +8,26 @@
 
 namespace penumbra {
 
-// Square cells in a rectangle that may be turned: the least rectangle round the points, so that
-// turning the points turns the raster with them: the same cells are covered, rounding apart. Of
-// rectangles that are equally small the points' own order chooses. Cell (column, row) has its
+// Square cells in the least rectangle round the points, so that turning the points turns the raster
+// with them. Between equal rectangles the order of the points chooses. Cell (column, row) has its
 // centre at (column + 0.5, row + 0.5) in cell coordinates; rows run along the longer side. There is
-// an empty margin of one cell on each side. One object serves many silhouettes one after another
-// without allocating anew.
+// an empty margin of one cell on each side. One object serves many silhouettes and keeps its
+// memory.
 class FootprintRaster {
  public:
-  // Fits the rectangle and covers the cells whose centres lie in a face; `faces` holds three
-  // indices into `points` per face. The rectangle gets about `cell_budget` cells. False, and no
-  // cells, where the points have no extent. Points are finite [m].
+  // Fits a rectangle of about `cell_budget` cells and covers those whose centres lie in a face.
+  // `points` are finite [m], `faces` three indices each. False where the points have no extent.
   bool cover(std::span<const Eigen::Vector2f> points, std::span<const std::uint32_t> faces,
              int cell_budget);
 
-  // Covers enclosed holes of less than `share` of the covered cells: missing faces.
+  // Covers enclosed holes of less than `share` of the covered cells.
   void fill_small_holes(double share);
 
-  // Covers what is between two covered cells of a row or column that are at most so many apart:
-  // joints.
+  // Covers up to `most` cells between two covered ones of a row or column.
   void bridge_gaps(int most);
 
-  // Exact Euclidean distance transform: depth() is the distance from a covered cell's centre to the
-  // nearest centre that is not covered [cells], 0 in those.
+  // Exact Euclidean distance transform: from the centre of each covered cell to the nearest centre
+  // that is not covered [cells].
   void compute_depth();
 
   [[nodiscard]] int width() const { return width_; }    // [cells]
@@ -42,7 +39,7 @@ class FootprintRaster {
     return covered_.data() + row_offset(row);
   }
   [[nodiscard]] const float* depth_row(int row) const { return depth_.data() + row_offset(row); }
-  // From one row to the next: a multiple of 8. Cells from width() on are not covered.
+  // Cells from one row to the next, a multiple of 8; those from width() on are not covered.
   [[nodiscard]] std::size_t stride() const { return stride_; }
 
   [[nodiscard]] Eigen::Vector2f to_cells(const Eigen::Vector2f& p) const {
@@ -83,7 +80,7 @@ class FootprintRaster {
     std::uint32_t size;
     bool open;  // reaches the margin
   };
-  std::vector<std::uint64_t> bits_;  // a cell each while faces are covered, row_words_ to a row
+  std::vector<std::uint64_t> bits_;  // cells while faces are covered, row_words_ per row
   std::size_t row_words_ = 0;
   std::vector<Eigen::Vector2f> cells_;
   std::vector<Eigen::Vector2f> hull_;

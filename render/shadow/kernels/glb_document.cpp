@@ -1,7 +1,5 @@
 #include "render/shadow/kernels/glb_document.hpp"
 
-#include <algorithm>
-#include <array>
 #include <cstring>
 #include <limits>
 
@@ -11,6 +9,7 @@
 #include "render/model/gltf/buffers.hpp"
 #include "render/model/gltf/document.hpp"
 #include "render/model/model.hpp"
+#include "render/model/model_parts.hpp"
 
 namespace penumbra {
 namespace {
@@ -102,6 +101,18 @@ std::string media_type_of(std::span<const std::uint8_t> image) {
   return "";
 }
 
+void note_kernels(Json& mesh, const KernelFile& kernels, const Eigen::Vector3d& up) {
+  Json& extras = mesh["extras"];
+  if (!extras.is_object()) extras = Json::object();
+  extras[std::string(kKernelUpKey)] = {up.x(), up.y(), up.z()};
+  extras.erase(std::string(kKernelGeometryKey));
+  if (!kernels.geometry.empty()) extras[std::string(kKernelGeometryKey)] = kernels.geometry;
+  extras.erase(std::string(kKernelGroupsKey));
+  if (kernels.groups.empty()) return;
+  Json& groups = extras[std::string(kKernelGroupsKey)] = Json::array();
+  for (const std::string& group : kernels.groups) groups.push_back(as_utf8(group));
+}
+
 Result<GlbDocument> GlbDocument::open(const std::filesystem::path& file,
                                       std::vector<std::string>& warnings) {
   const std::string name = file.string();
@@ -133,10 +144,6 @@ std::size_t GlbDocument::add_view(std::span<const std::uint8_t> bytes, std::opti
   binary_.insert(binary_.end(), bytes.begin(), bytes.end());
   json["bufferViews"].push_back(std::move(view));
   return json["bufferViews"].size() - 1;
-}
-
-std::size_t GlbDocument::add_vectors(std::span<const glm::vec3> vectors) {
-  return add(vectors, kFloat, "VEC3", vectors.size(), kArrayBuffer);
 }
 
 bool GlbDocument::overwrite(std::size_t offset, std::span<const glm::vec3> vectors) {

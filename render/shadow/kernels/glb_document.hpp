@@ -1,4 +1,4 @@
-// A glTF document that is edited and written as one .glb.
+// A glTF document that is edited and written as one .glb. Internal to kernels/.
 #pragma once
 
 #include <cstddef>
@@ -12,6 +12,7 @@
 #include <vector>
 
 #include "core/error.hpp"
+#include "render/shadow/kernels/kernel_file.hpp"
 
 namespace penumbra {
 
@@ -20,8 +21,8 @@ class GlbDocument {
   using Json = nlohmann::ordered_json;
 
   GlbDocument() = default;
-  // A .glb or .gltf with the buffers and pictures that lie beside it. A picture that can't be had
-  // keeps its name and gets a line in `warnings`.
+  // Opens a .glb or .gltf with the buffers and images beside it. An image that can't be read keeps
+  // its name and gets a line in `warnings`.
   [[nodiscard]] static Result<GlbDocument> open(const std::filesystem::path& file,
                                                 std::vector<std::string>& warnings);
 
@@ -36,17 +37,21 @@ class GlbDocument {
   std::size_t add_view(std::span<const std::uint8_t> bytes, std::optional<int> target = {});
   // Adds an accessor and a buffer view for it; returns the accessor's index.
   template <class T>
-  std::size_t add(std::span<const T> data, int component, const char* type, std::size_t count,
-                  int target) {
+  std::size_t add(const std::vector<T>& data, int component, const char* type, int target) {
+    const std::span<const T> values(data);
     const std::size_t view =
-        add_view({reinterpret_cast<const std::uint8_t*>(data.data()), data.size_bytes()}, target);
-    json["accessors"].push_back(
-        {{"bufferView", view}, {"componentType", component}, {"count", count}, {"type", type}});
+        add_view({reinterpret_cast<const std::uint8_t*>(data.data()), values.size_bytes()}, target);
+    json["accessors"].push_back({{"bufferView", view},
+                                 {"componentType", component},
+                                 {"count", data.size()},
+                                 {"type", type}});
     return json["accessors"].size() - 1;
   }
-  std::size_t add_vectors(std::span<const glm::vec3> vectors);
+  std::size_t add_vectors(const std::vector<glm::vec3>& vectors) {
+    return add(vectors, kFloat, "VEC3", kArrayBuffer);
+  }
 
-  // Replaces bytes of the binary chunk; false where they are not there.
+  // Replaces bytes of the binary chunk; false where it has none there.
   [[nodiscard]] bool overwrite(std::size_t offset, std::span<const glm::vec3> vectors);
 
   // The bytes of the file.
@@ -56,7 +61,18 @@ class GlbDocument {
   std::vector<std::uint8_t> binary_;
 };
 
-// The media type of a PNG or JPEG by its first bytes; "" of others.
+// The media type of a PNG or JPEG by its first bytes; "" for others.
 [[nodiscard]] std::string media_type_of(std::span<const std::uint8_t> image);
+
+// The object frame is z up, the file y up.
+[[nodiscard]] inline Eigen::Vector3d to_file_axes(const Eigen::Vector3d& p) {
+  return {p.x(), p.z(), -p.y()};
+}
+[[nodiscard]] inline glm::vec3 to_file_axes(const glm::vec3& p) {
+  return {p.x, p.z, p.y == 0.0F ? 0.0F : -p.y};
+}
+
+// Writes the stamp and groups of kernels, and their direction in the mesh's axes, into a mesh.
+void note_kernels(GlbDocument::Json& mesh, const KernelFile& kernels, const Eigen::Vector3d& up);
 
 }  // namespace penumbra

@@ -1,6 +1,4 @@
-// Which kernel set serves an up direction. Kernels are made for a grid of directions, no more than
-// 2 degrees from any (docs/shadows.md#kernel-directions): the same tilt always gets the same
-// kernels, whatever was drawn before, and sets can be kept.
+// The grid of directions that kernels are made for (docs/shadows.md#kernel-directions).
 #pragma once
 
 #include <Eigen/Core>
@@ -9,8 +7,7 @@
 
 namespace penumbra {
 
-// A cell of a cube's three faces, by two angles from the face's axis. d and -d are the same (k(d) =
-// k(-d)).
+// A cell of a cube's three faces, by two angles from the face's axis. d and -d are the same.
 struct KernelDirection {
   int axis = 2;  // of the largest component
   int a = 0;     // angles towards the next two axes, in steps

@@ -3,10 +3,11 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
-#include <limits>
 #include <memory>
 #include <nlohmann/json.hpp>
+#include <numbers>
 #include <optional>
+#include <tuple>
 
 #include "core/propagate.hpp"
 #include "core/text/text.hpp"
@@ -23,19 +24,11 @@ constexpr std::size_t kMaxKernelFileBytes = std::size_t{1} << 30U;
 constexpr double kMaxCoordinate = ModelLimits().max_coordinate_m;
 
 std::optional<double> number_from(const nlohmann::json& json) {
-  if (!json.is_number()) return std::nullopt;
-  const double value = json.get<double>();
-  if (!std::isfinite(value)) return std::nullopt;
-  return value;
+  if (!json.is_number() || !std::isfinite(json.get<double>())) return std::nullopt;
+  return json.get<double>();
 }
 
-glm::vec3 moved(const glm::vec3& p, const Eigen::Vector3d& by) {
-  const Eigen::Vector3d sum = to_eigen(p) + by;
-  return {static_cast<float>(sum.x()), static_cast<float>(sum.y()), static_cast<float>(sum.z())};
-}
-
-// A hash of which vertex of the file each vertex of the meshes is. Two files may hold the same
-// surface with their vertices in another order, and the triples of a kernel file are in that order.
+// A hash of the order of the file's vertices, in which the triples of a kernel file are.
 std::string vertex_order_key(const Model& model) {
   std::uint64_t hash = 1469598103934665603ULL;  // FNV-1a over 32-bit words
   for (const Mesh& mesh : model.meshes) {
@@ -85,19 +78,15 @@ Result<KernelFile> load_kernel_file(const std::filesystem::path& file) {
   for (std::size_t i = 0; i < kernels.size(); ++i) {
     const Eigen::Vector3d kernel = kernels[i] - result.origin;
     if (kernel.cwiseAbs().maxCoeff() > kMaxCoordinate) {
-      // Named by the number that is the largest: the middle of all may lie far from the others.
-      std::size_t farthest = 0;
-      const auto value = [&kernels](std::size_t n) {
-        return kernels[n / 3][static_cast<Eigen::Index>(n % 3)];
-      };
-      for (std::size_t n = 1; n < 3 * kernels.size(); ++n) {
-        if (std::abs(value(n)) > std::abs(value(farthest))) farthest = n;
-      }
+      // The message names the largest number: the middle of all may lie far from the others.
+      const Eigen::Map<const Eigen::VectorXd> values(kernels.front().data(),
+                                                     static_cast<Eigen::Index>(list->size()));
+      Eigen::Index farthest = 0;
+      values.cwiseAbs().maxCoeff(&farthest);
       return fail("{}: kernels[{}]: is {:g} m, farther away than a model may be ({:g} m)", name,
-                  farthest, value(farthest), kMaxCoordinate);
+                  farthest, values[farthest], kMaxCoordinate);
     }
-    result.kernels.emplace_back(static_cast<float>(kernel.x()), static_cast<float>(kernel.y()),
-                                static_cast<float>(kernel.z()));
+    result.kernels.emplace_back(kernel.x(), kernel.y(), kernel.z());
   }
   const auto up = json.find("up");
   if (up != json.end()) {
@@ -112,19 +101,14 @@ Result<KernelFile> load_kernel_file(const std::filesystem::path& file) {
     }
     result.up.stableNormalize();
   }
-  const auto geometry = json.find("geometry");
-  if (geometry != json.end()) {
-    if (!geometry->is_string()) {
-      return fail("{}: geometry: is not a text; leave it out or make the file anew", name);
-    }
-    result.geometry = geometry->get<std::string>();
-  }
-  const auto order = json.find("vertex_order");
-  if (order != json.end()) {
-    if (!order->is_string()) {
-      return fail("{}: vertex_order: is not a text; leave it out or make the file again", name);
-    }
-    result.vertex_order = order->get<std::string>();
+  for (const auto& [key, value, again] :
+       {std::tuple("geometry", &result.geometry, "anew"),
+        std::tuple("vertex_order", &result.vertex_order, "again")}) {
+    const auto text_of_key = json.find(key);
+    if (text_of_key == json.end()) continue;
+    if (!text_of_key->is_string())
+      return fail("{}: {}: is not a text; leave it out or make the file {}", name, key, again);
+    *value = text_of_key->get<std::string>();
   }
   const auto groups = json.find("groups");
   if (groups != json.end()) {
@@ -147,9 +131,8 @@ std::string kernel_file_json(const KernelFile& kernels) {
   auto& list = json["kernels"] = nlohmann::ordered_json::array();
   for (const glm::vec3& k : kernels.kernels) {
     for (int axis = 0; axis < 3; ++axis) {
-      // As float, so that the file has no digits that a float does not hold.
       if (kernels.origin.isZero(0.0)) {
-        list.push_back(k[axis]);
+        list.push_back(k[axis]);  // a float, which is written with its own digits only
       } else {
         list.push_back(kernels.origin[axis] + static_cast<double>(k[axis]));
       }
@@ -169,7 +152,7 @@ Result<bool> attach_kernels(Model& model, const KernelFile& kernels, const std::
     model.warnings.push_back(
         fmt::format("{}: was made before the model \"{}\" changed; its kernels are made anew", file,
                     model.name));
-    // What they say of parts and kind holds on.
+    // Their source and groups stay valid.
     model.shadow_kernel_geometry = kernels.geometry;
     model.shadow_kernel_groups = kernels.groups;
     return false;
@@ -179,12 +162,11 @@ Result<bool> attach_kernels(Model& model, const KernelFile& kernels, const std::
     mesh.shadow_kernels.resize(mesh.positions.size());
     for (std::size_t i = 0; i < mesh.positions.size(); ++i) {
       const glm::vec3& kernel = kernels.kernels[mesh.source_vertex[i]];
-      mesh.shadow_kernels[i] = by.isZero(0.0) ? kernel : moved(kernel, by);
+      const Eigen::Vector3d moved = to_eigen(kernel) + by;
+      mesh.shadow_kernels[i] = by.isZero(0.0) ? kernel : glm::vec3(moved.x(), moved.y(), moved.z());
     }
   }
-  model.shadow_kernel_up =
-      glm::vec3(static_cast<float>(kernels.up.x()), static_cast<float>(kernels.up.y()),
-                static_cast<float>(kernels.up.z()));
+  model.shadow_kernel_up = glm::vec3(kernels.up.x(), kernels.up.y(), kernels.up.z());
   model.shadow_kernel_geometry = kernels.geometry;
   model.shadow_kernel_groups = kernels.groups;
   return true;
@@ -247,9 +229,8 @@ KernelFile kernels_to_keep(const Model& model, const ShadowMesh& mesh, const Sha
   result.vertex_order = vertex_order_key(model);
   result.kernels.assign(mesh.from_source.size(), glm::vec3(0.0F));
   for (std::size_t i = 0; i < mesh.from_source.size(); ++i) {
-    if (mesh.from_source[i] != kNoShadowPosition) {
+    if (mesh.from_source[i] != kNoShadowPosition)
       result.kernels[i] = kernels.kernels[mesh.from_source[i]];
-    }
   }
   return result;
 }
@@ -267,6 +248,8 @@ KernelSource stored_kernel_source(const Model& model) {
 }
 
 bool has_stored_kernels_for(const ShadowMesh& mesh, const Eigen::Vector3d& up) {
+  // Up to this angle from their own direction kernels still serve.
+  constexpr double kKernelTiltRad = 2.0 * std::numbers::pi / 180.0;
   if (mesh.stored_kernels.empty()) return false;
   const Eigen::Vector3d own = to_eigen(mesh.stored_up);
   // The sine keeps small angles, which the cosine loses.

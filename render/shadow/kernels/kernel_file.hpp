@@ -4,11 +4,10 @@
 //    "groups": ["brick*"]}
 //
 // One triple per vertex of the model file, in its order; object frame, metres; for the direction
-// `up`. Where a glTF file shows a mesh more than once (several nodes, instances), the vertices of
-// each further time have triples of their own behind all others, in the order in which the scene
-// shows them. "geometry" says what they were made for (KernelStamp), "vertex_order" is a hash
-// of the order of the file's vertices, "groups" names the parts that share one light; each may be
-// absent.
+// `up`. Where a glTF file shows a mesh more than once (nodes, instances), each further time has its
+// triples behind all others, in the order of the scene. "geometry" is a stamp (KernelStamp),
+// "vertex_order" a hash of the vertices' order, "groups" the parts that share one light; each may
+// be absent.
 #pragma once
 
 #include <Eigen/Core>
@@ -25,52 +24,47 @@
 namespace penumbra {
 
 struct KernelFile {
-  // One per vertex of the model file, object frame [m], relative to `origin` (Model::origin). The
-  // JSON file has the sums.
+  // One per vertex of the model file, object frame [m], relative to `origin` (Model::origin).
   std::vector<glm::vec3> kernels;
   Eigen::Vector3d origin = Eigen::Vector3d::Zero();
   Eigen::Vector3d up = Eigen::Vector3d::UnitZ();  // unit
-  std::string geometry;                           // "" where the file does not say
-  std::string vertex_order;                       // the same
+  std::string geometry, vertex_order;             // "" where the file has none
   std::vector<std::string> groups;                // of parts that are one (part_groups.hpp)
 };
 
 [[nodiscard]] Result<KernelFile> load_kernel_file(const std::filesystem::path& file);
 [[nodiscard]] std::string kernel_file_json(const KernelFile& kernels);
 
-// Gives a model the kernels of a file, in place of those it came with. True where they were taken;
-// false, with a warning in the model, where the model has changed since they were made. Fails where
-// the file is for another number of vertices.
+// Gives a model the kernels of a file, in place of those it came with. Returns false, with a
+// warning in the model, where the model has changed since they were made. Fails where the file is
+// for another number of vertices.
 [[nodiscard]] Result<bool> attach_kernels(Model& model, const KernelFile& kernels,
                                           const std::string& file);
 
-// Gives them to every casting model of the scene that has as many vertices (of those, where the
-// file says which model it is for and that one is there, to it alone). What was not taken is in the
-// scene's warnings, and so is what does not fit the groups of an object. Fails where no caster has
-// that number of vertices.
+// Gives them to every casting model of the scene with this number of vertices, or only to the model
+// that the file names, where that is there. Adds warnings to the scene for kernels that do not fit
+// the model or the groups of an object. Fails where no caster has that number of vertices.
 [[nodiscard]] Result<void> give_kernels(Scene& scene, const KernelFile& kernels,
                                         const std::string& file);
 
-// What to keep: a vertex of the file that no face uses gets the origin.
+// Makes the file of a mesh's kernels. A vertex that no face uses gets the origin.
 [[nodiscard]] KernelFile kernels_to_keep(const Model& model, const ShadowMesh& mesh,
                                          const ShadowKernels& kernels, KernelSource source,
                                          std::span<const std::string> groups = {});
 
 // The kernels that came with the mesh.
 [[nodiscard]] ShadowKernels stored_kernels_of(const ShadowMesh& mesh);
-// Up to here from their own direction kernels still serve (docs/shadows.md#kernel-directions).
-inline constexpr double kKernelTiltRad = 2.0 * 3.14159265358979323846 / 180.0;
-// Whether the mesh came with kernels that serve this direction. k(d) = k(-d).
+// Returns true if the mesh came with kernels that serve this direction or its opposite
+// (docs/shadows.md#kernel-directions).
 [[nodiscard]] bool has_stored_kernels_for(const ShadowMesh& mesh, const Eigen::Vector3d& up);
-// Kernels that were kept have no radii: gives them those of the discs made for `up`. False where
+// Gives stored kernels, which have no radii, those of the discs made for `up`. Returns false where
 // they have their own.
 bool complete_radii(ShadowKernels& kernels, const ShadowMesh& mesh, const Eigen::Vector3d& up);
 
-// How the kernels that came with the model were made, and are to be made for other tilts.
+// The source of the kernels that came with the model; kernels for other tilts get the same.
 [[nodiscard]] KernelSource stored_kernel_source(const Model& model);
 
-// Whether a light of one size can use such kernels: those of the centroid have no thickness to
-// compare with it.
+// Returns true if a light of one size can use such kernels: those of the centroid have no radii.
 [[nodiscard]] inline bool have_thickness(KernelSource source) {
   return source != KernelSource::centroid;
 }

@@ -15,15 +15,13 @@
 #include "render/model/model_parts.hpp"
 #include "render/model/to_eigen.hpp"
 #include "render/shadow/kernels/glb_document.hpp"
-#include "render/shadow/kernels/kernel_extras.hpp"
 
 namespace penumbra {
 namespace {
 
 using Json = GlbDocument::Json;
 
-// How often accessors and views are read, by whatever: what only old kernels are in may be written
-// over.
+// The number of readers of each accessor and view: what only old kernels read may be overwritten.
 struct Readers {
   std::map<std::size_t, int> of_accessor, of_view;
 };
@@ -65,11 +63,10 @@ Readers readers_of(const Json& json) {
   return readers;
 }
 
-// Kernels that are there already, of as many vertices, one behind the other and read by nothing
-// else (tools that join equal data let a position and a kernel share it), give their place to the
-// new ones: a file that is stored again and again does not grow.
+// Overwrites the kernels that the file has, so that it does not grow when it is stored again. False
+// where they have another count, are not dense, or share their data with another attribute.
 bool replace_vectors(GlbDocument& document, const Readers& readers, const Json& attributes,
-                     std::span<const glm::vec3> vectors) {
+                     const std::vector<glm::vec3>& vectors) {
   const Json& json = document.json;
   const auto there = attributes.find("_SHADOW_KERNEL");
   if (there == attributes.end()) return false;
@@ -86,7 +83,7 @@ bool replace_vectors(GlbDocument& document, const Readers& readers, const Json& 
   const Json& view = json.at("bufferViews").at(view_index);
   const bool dense = !view.contains("byteStride") || view.at("byteStride") == sizeof(glm::vec3);
   const bool own = readers.of_view.at(view_index) == 1 &&
-                   view.value("byteLength", std::size_t{0}) == vectors.size_bytes() &&
+                   view.value("byteLength", std::size_t{0}) == std::span(vectors).size_bytes() &&
                    accessor.value("byteOffset", std::size_t{0}) == 0;
   if (!dense || !own || view.value("buffer", 0) != 0) return false;
   return document.overwrite(view.value("byteOffset", std::size_t{0}), vectors);
@@ -102,15 +99,125 @@ class KernelWriter {
         name_(std::move(name)),
         readers_(readers_of(document.json)) {}
 
-  [[nodiscard]] Result<void> add(const gltf::MeshUse& use);
+  [[nodiscard]] Result<void> add(const gltf::MeshUse& use) {
+    // A node of scale 0 is invisible: its mesh stays as it is, and such instances are dropped.
+    if (std::ranges::all_of(use.primitives, &gltf::PrimitiveUse::is_hidden)) return {};
+    bool is_copy = false;
+    const std::size_t mesh = mesh_of(use, is_copy);
+    for (const gltf::PrimitiveUse& primitive : use.primitives) {
+      if (primitive.is_hidden) continue;
+      // Copied, because adding accessors may reallocate the document.
+      Json attributes = document_.json.at("meshes")
+                            .at(mesh)
+                            .at("primitives")
+                            .at(primitive.index)
+                            .at("attributes");
+      const auto positions = attributes.at("POSITION").get<std::size_t>();
+      const auto count =
+          document_.json.at("accessors").at(positions).at("count").get<std::size_t>();
+      PENUMBRA_TRY(const auto local, local_kernels(primitive, count));
+      if (!is_copy && replace_vectors(document_, readers_, attributes, local)) continue;
+      attributes["_SHADOW_KERNEL"] = document_.add_vectors(local);
+      document_.json.at("meshes").at(mesh).at("primitives").at(primitive.index)["attributes"] =
+          std::move(attributes);
+    }
+    const Eigen::Matrix4d& T_root_vertex = use.primitives.front().T_root_vertex.front();
+    const Eigen::Matrix3d linear = use.is_skinned
+                                       ? Eigen::Matrix3d(Eigen::Matrix3d::Identity())
+                                       : Eigen::Matrix3d(T_root_vertex.topLeftCorner<3, 3>());
+    note_kernels(document_.json.at("meshes").at(mesh), kernels_,
+                 (linear.inverse() * to_file_axes(kernels_.up)).normalized());
+    return {};
+  }
+
   // To be called once all uses are added.
-  void finish();
+  void finish() {
+    if (instances_.empty()) return;
+    bool is_used = false;
+    for (Json& node : document_.json.at("nodes")) {
+      if (!node.contains("extensions")) continue;
+      Json& extensions = node.at("extensions");
+      const int index = static_cast<int>(&node - &document_.json.at("nodes").at(0));
+      if (instances_.contains(index)) {
+        // Erasing moves what follows: `extensions` is not used after it.
+        extensions.erase(gltf::kInstancing);
+        if (extensions.empty()) node.erase("extensions");
+        node.erase("mesh");
+        node.erase("weights");
+      } else {
+        is_used = is_used || extensions.contains(gltf::kInstancing);
+      }
+    }
+    for (const char* list : {"extensionsUsed", "extensionsRequired"}) {
+      if (is_used || !document_.json.contains(list)) continue;
+      Json& names = document_.json.at(list);
+      std::erase_if(names.get_ref<Json::array_t&>(),
+                    [](const Json& name) { return name == gltf::kInstancing; });
+      if (names.empty()) document_.json.erase(list);
+    }
+  }
 
  private:
-  [[nodiscard]] std::size_t mesh_of(const gltf::MeshUse& use, bool& is_copy);
-  void add_instance(const gltf::MeshUse& use, std::size_t mesh);
+  // A mesh keeps its place for its first use and is copied for others, with common data.
+  [[nodiscard]] std::size_t mesh_of(const gltf::MeshUse& use, bool& is_copy) {
+    Json& meshes = document_.json.at("meshes");
+    auto mesh = static_cast<std::size_t>(use.mesh);
+    is_copy = !written_.insert(use.mesh).second;
+    if (is_copy) {
+      Json copy = meshes.at(mesh);
+      meshes.push_back(std::move(copy));
+      mesh = meshes.size() - 1;
+    }
+    if (use.T_node_instance) {
+      add_instance(use, mesh);
+    } else if (use.node >= 0) {
+      document_.json.at("nodes").at(static_cast<std::size_t>(use.node))["mesh"] = mesh;
+    }
+    return mesh;
+  }
+
+  // Instances become nodes in front of the node's other children.
+  void add_instance(const gltf::MeshUse& use, std::size_t mesh) {
+    Json& nodes = document_.json.at("nodes");
+    Json instance = {{"mesh", mesh}};
+    instance["matrix"] =
+        std::vector<double>(use.T_node_instance->data(), use.T_node_instance->data() + 16);
+    const auto parent = static_cast<std::size_t>(use.node);
+    if (nodes.at(parent).contains("weights")) instance["weights"] = nodes.at(parent).at("weights");
+    nodes.push_back(std::move(instance));
+    Json& node = nodes.at(parent);
+    if (!node.contains("children")) node["children"] = Json::array();
+    Json& children = node.at("children");
+    const auto place = static_cast<std::ptrdiff_t>(instances_[use.node]++);
+    children.insert(children.begin() + place, nodes.size() - 1);
+  }
+
   [[nodiscard]] Result<std::vector<glm::vec3>> local_kernels(const gltf::PrimitiveUse& use,
-                                                             std::size_t count) const;
+                                                             std::size_t count) const {
+    if (use.source_vertex + count > kernels_.kernels.size()) {
+      return fail("{}: has more vertices than there are kernels", name_);
+    }
+    std::vector<Eigen::Affine3d> T_vertex_root;
+    for (const Eigen::Matrix4d& T_root_vertex : use.T_root_vertex) {
+      T_vertex_root.emplace_back(Eigen::Affine3d(T_root_vertex).inverse());
+      if (!T_vertex_root.back().matrix().allFinite()) {
+        return fail(
+            "{}: one of its meshes is flattened by its node or joints; store the kernels in a "
+            ".json "
+            "file",
+            name_);
+      }
+    }
+    std::vector<glm::vec3> local(count);
+    for (std::size_t i = 0; i < count; ++i) {
+      const Eigen::Affine3d& T = T_vertex_root.at(T_vertex_root.size() == 1 ? 0 : i);
+      const Eigen::Vector3d k =
+          T * to_file_axes((kernels_.origin + to_eigen(kernels_.kernels[use.source_vertex + i])) /
+                           unit_m_);
+      local[i] = {k.x(), k.y(), k.z()};
+    }
+    return local;
+  }
 
   GlbDocument& document_;
   const KernelFile& kernels_;
@@ -120,119 +227,6 @@ class KernelWriter {
   std::set<int> written_;                 // meshes of the file
   std::map<int, std::size_t> instances_;  // per node, how many nodes stand for its instances
 };
-
-// A mesh keeps its place for its first use and is copied for others, with common data.
-std::size_t KernelWriter::mesh_of(const gltf::MeshUse& use, bool& is_copy) {
-  Json& meshes = document_.json.at("meshes");
-  auto mesh = static_cast<std::size_t>(use.mesh);
-  is_copy = !written_.insert(use.mesh).second;
-  if (is_copy) {
-    Json copy = meshes.at(mesh);
-    meshes.push_back(std::move(copy));
-    mesh = meshes.size() - 1;
-  }
-  if (use.T_node_instance) {
-    add_instance(use, mesh);
-  } else if (use.node >= 0) {
-    document_.json.at("nodes").at(static_cast<std::size_t>(use.node))["mesh"] = mesh;
-  }
-  return mesh;
-}
-
-// Instances become nodes in front of the node's other children.
-void KernelWriter::add_instance(const gltf::MeshUse& use, std::size_t mesh) {
-  Json& nodes = document_.json.at("nodes");
-  Json instance = {{"mesh", mesh}};
-  instance["matrix"] =
-      std::vector<double>(use.T_node_instance->data(), use.T_node_instance->data() + 16);
-  const auto parent = static_cast<std::size_t>(use.node);
-  if (nodes.at(parent).contains("weights")) instance["weights"] = nodes.at(parent).at("weights");
-  nodes.push_back(std::move(instance));
-  Json& node = nodes.at(parent);
-  if (!node.contains("children")) node["children"] = Json::array();
-  Json& children = node.at("children");
-  const auto place = static_cast<std::ptrdiff_t>(instances_[use.node]++);
-  children.insert(children.begin() + place, nodes.size() - 1);
-}
-
-Result<std::vector<glm::vec3>> KernelWriter::local_kernels(const gltf::PrimitiveUse& use,
-                                                           std::size_t count) const {
-  if (use.source_vertex + count > kernels_.kernels.size()) {
-    return fail("{}: has more vertices than there are kernels", name_);
-  }
-  std::vector<Eigen::Affine3d> T_vertex_root;
-  for (const Eigen::Matrix4d& T_root_vertex : use.T_root_vertex) {
-    T_vertex_root.emplace_back(Eigen::Affine3d(T_root_vertex).inverse());
-    if (!T_vertex_root.back().matrix().allFinite()) {
-      return fail(
-          "{}: one of its meshes is flattened by its node or joints; store the kernels in a .json "
-          "file",
-          name_);
-    }
-  }
-  std::vector<glm::vec3> local(count);
-  for (std::size_t i = 0; i < count; ++i) {
-    const Eigen::Affine3d& T = T_vertex_root.at(T_vertex_root.size() == 1 ? 0 : i);
-    const Eigen::Vector3d k =
-        T * to_file_axes((kernels_.origin + to_eigen(kernels_.kernels[use.source_vertex + i])) /
-                         unit_m_);
-    local[i] = {static_cast<float>(k.x()), static_cast<float>(k.y()), static_cast<float>(k.z())};
-  }
-  return local;
-}
-
-Result<void> KernelWriter::add(const gltf::MeshUse& use) {
-  // Nothing is seen of a node of scale 0, and its mesh stays as it is. Such instances are dropped.
-  if (std::ranges::all_of(use.primitives, &gltf::PrimitiveUse::is_hidden)) return {};
-  bool is_copy = false;
-  const std::size_t mesh = mesh_of(use, is_copy);
-  for (const gltf::PrimitiveUse& primitive : use.primitives) {
-    if (primitive.is_hidden) continue;
-    // Copied, because adding accessors may reallocate the document.
-    Json attributes =
-        document_.json.at("meshes").at(mesh).at("primitives").at(primitive.index).at("attributes");
-    const auto positions = attributes.at("POSITION").get<std::size_t>();
-    const auto count = document_.json.at("accessors").at(positions).at("count").get<std::size_t>();
-    PENUMBRA_TRY(const auto local, local_kernels(primitive, count));
-    if (!is_copy && replace_vectors(document_, readers_, attributes, local)) continue;
-    attributes["_SHADOW_KERNEL"] = document_.add_vectors(local);
-    document_.json.at("meshes").at(mesh).at("primitives").at(primitive.index)["attributes"] =
-        std::move(attributes);
-  }
-  const Eigen::Matrix4d& T_root_vertex = use.primitives.front().T_root_vertex.front();
-  const Eigen::Matrix3d linear = use.is_skinned
-                                     ? Eigen::Matrix3d(Eigen::Matrix3d::Identity())
-                                     : Eigen::Matrix3d(T_root_vertex.topLeftCorner<3, 3>());
-  note_kernels(document_.json.at("meshes").at(mesh), kernels_,
-               (linear.inverse() * to_file_axes(kernels_.up)).normalized());
-  return {};
-}
-
-void KernelWriter::finish() {
-  if (instances_.empty()) return;
-  bool is_used = false;
-  for (Json& node : document_.json.at("nodes")) {
-    if (!node.contains("extensions")) continue;
-    Json& extensions = node.at("extensions");
-    const int index = static_cast<int>(&node - &document_.json.at("nodes").at(0));
-    if (instances_.contains(index)) {
-      // Erasing moves what follows: `extensions` is not used after it.
-      extensions.erase(gltf::kInstancing);
-      if (extensions.empty()) node.erase("extensions");
-      node.erase("mesh");
-      node.erase("weights");
-    } else {
-      is_used = is_used || extensions.contains(gltf::kInstancing);
-    }
-  }
-  for (const char* list : {"extensionsUsed", "extensionsRequired"}) {
-    if (is_used || !document_.json.contains(list)) continue;
-    Json& names = document_.json.at(list);
-    std::erase_if(names.get_ref<Json::array_t&>(),
-                  [](const Json& name) { return name == gltf::kInstancing; });
-    if (names.empty()) document_.json.erase(list);
-  }
-}
 
 Result<KernelGlb> add_to_document(const std::filesystem::path& file, const KernelFile& kernels,
                                   double unit_m) {
@@ -250,18 +244,6 @@ Result<KernelGlb> add_to_document(const std::filesystem::path& file, const Kerne
 }
 
 }  // namespace
-
-void note_kernels(Json& mesh, const KernelFile& kernels, const Eigen::Vector3d& up) {
-  Json& extras = mesh["extras"];
-  if (!extras.is_object()) extras = Json::object();
-  extras[std::string(kKernelUpKey)] = {up.x(), up.y(), up.z()};
-  extras.erase(std::string(kKernelGeometryKey));
-  if (!kernels.geometry.empty()) extras[std::string(kKernelGeometryKey)] = kernels.geometry;
-  extras.erase(std::string(kKernelGroupsKey));
-  if (kernels.groups.empty()) return;
-  Json& groups = extras[std::string(kKernelGroupsKey)] = Json::array();
-  for (const std::string& group : kernels.groups) groups.push_back(as_utf8(group));
-}
 
 Result<KernelGlb> add_kernels_to_gltf(const std::filesystem::path& file, const KernelFile& kernels,
                                       double unit_m) {

@@ -1,5 +1,6 @@
 // A new .glb of a model that came in another format.
 #include <algorithm>
+#include <glm/common.hpp>
 #include <limits>
 #include <nlohmann/json.hpp>
 #include <optional>
@@ -9,7 +10,6 @@
 #include "core/text/text_encoding.hpp"
 #include "render/model/model_parts.hpp"
 #include "render/shadow/kernels/glb_document.hpp"
-#include "render/shadow/kernels/kernel_extras.hpp"
 #include "render/shadow/kernels/kernel_glb.hpp"
 
 namespace penumbra {
@@ -22,15 +22,13 @@ constexpr int kMirroredRepeat = 33648;
 constexpr int kClampToEdge = 33071;
 
 std::size_t add_vertices(GlbDocument& document, const Mesh& mesh) {
-  std::vector<glm::vec3> points(mesh.positions.size());
+  std::vector<glm::vec3> points;
   glm::vec3 low(std::numeric_limits<float>::max());
   glm::vec3 high(std::numeric_limits<float>::lowest());
-  for (std::size_t i = 0; i < points.size(); ++i) {
-    points[i] = to_file_axes(mesh.positions[i]);
-    for (int axis = 0; axis < 3; ++axis) {
-      low[axis] = std::min(low[axis], points[i][axis]);
-      high[axis] = std::max(high[axis], points[i][axis]);
-    }
+  for (const glm::vec3& position : mesh.positions) {
+    const glm::vec3& point = points.emplace_back(to_file_axes(position));
+    low = glm::min(low, point);
+    high = glm::max(high, point);
   }
   const std::size_t accessor = document.add_vectors(points);
   document.json.at("accessors").at(accessor)["min"] = {low.x, low.y, low.z};
@@ -67,9 +65,8 @@ Mesh faces_of(const Mesh& mesh, const NodeFaces& run, std::vector<std::uint32_t>
     }
     own.indices.push_back(index);
   }
-  for (std::size_t i = 0; i < run.index_count; ++i) {
+  for (std::size_t i = 0; i < run.index_count; ++i)
     new_index[mesh.indices[run.first_index + i]] = kNoVertex;
-  }
   return own;
 }
 
@@ -95,9 +92,7 @@ std::vector<NamedMesh> split_by_node(const Model& model) {
 std::string stamp_of(const std::vector<NamedMesh>& pieces, const std::string& stamp) {
   Model written;
   for (const NamedMesh& piece : pieces) {
-    const auto same =
-        std::find_if(written.meshes.begin(), written.meshes.end(),
-                     [&piece](const Mesh& mesh) { return mesh.material == piece.mesh.material; });
+    const auto same = std::ranges::find(written.meshes, piece.mesh.material, &Mesh::material);
     if (same == written.meshes.end()) {
       written.meshes.push_back(piece.mesh);
     } else {
@@ -116,12 +111,12 @@ void add_named_node(Json& json, const Model& model, const NamedMesh& piece) {
     json["nodes"][top]["name"] = as_utf8(piece.mesh.name);
   } else {
     json["nodes"][top]["name"] = as_utf8(model.nodes[*piece.node].name);
-    for (int parent = model.nodes[*piece.node].parent; parent >= 0;
-         parent = model.nodes[static_cast<std::size_t>(parent)].parent) {
-      json["nodes"].push_back(
-          {{"name", as_utf8(model.nodes[static_cast<std::size_t>(parent)].name)},
-           {"children", Json::array({top})}});
+    int parent = model.nodes[*piece.node].parent;
+    while (parent >= 0) {
+      const auto& node = model.nodes[static_cast<std::size_t>(parent)];
+      json["nodes"].push_back({{"name", as_utf8(node.name)}, {"children", Json::array({top})}});
       top = json["nodes"].size() - 1;
+      parent = node.parent;
     }
   }
   if (!model.origin.isZero(0.0)) {
@@ -132,19 +127,11 @@ void add_named_node(Json& json, const Model& model, const NamedMesh& piece) {
 }
 
 int wrap_mode(TextureWrap wrap) {
-  switch (wrap) {
-    case TextureWrap::mirrored:
-      return kMirroredRepeat;
-    case TextureWrap::clamp:
-      return kClampToEdge;
-    case TextureWrap::repeat:
-      break;
-  }
-  return kRepeat;
+  if (wrap == TextureWrap::mirrored) return kMirroredRepeat;
+  return wrap == TextureWrap::clamp ? kClampToEdge : kRepeat;
 }
 
-// Returns true for a texture that still is the image file that it came with, in a format that glTF
-// holds.
+// Returns true if a texture still is the image file that it came with, in a format of glTF.
 bool has_own_image(const Texture& texture) {
   if (media_type_of(texture.encoded).empty()) return false;
   const auto decoded = decode_rgba(texture.encoded, "");
@@ -157,69 +144,64 @@ class MaterialWriter {
   explicit MaterialWriter(GlbDocument& document) : document_(document) {}
 
   // Returns the number of images that can't be embedded.
-  std::size_t add_images(const Model& model);
-  void add(const Material& material);
+  std::size_t add_images(const Model& model) {
+    std::size_t left_out = 0;
+    for (const Texture& texture : model.textures) {
+      if (!has_own_image(texture)) {
+        ++left_out;
+        images_.push_back(-1);
+        continue;
+      }
+      const std::size_t view = document_.add_view(texture.encoded);
+      Json& images = document_.json["images"];
+      images.push_back({{"bufferView", view}, {"mimeType", media_type_of(texture.encoded)}});
+      images_.push_back(static_cast<int>(images.size()) - 1);
+    }
+    return left_out;
+  }
+
+  void add(const Material& from) {
+    const glm::vec4& c = from.base_color;
+    Json material = {{"name", as_utf8(from.name)},
+                     {"pbrMetallicRoughness",
+                      {{"baseColorFactor", {c.r, c.g, c.b, c.a}},
+                       {"metallicFactor", from.metallic},
+                       {"roughnessFactor", from.roughness}}},
+                     {"emissiveFactor", {from.emissive.r, from.emissive.g, from.emissive.b}}};
+    material["doubleSided"] = from.double_sided;
+    if (from.alpha_mode == AlphaMode::mask) {
+      material["alphaMode"] = "MASK";
+      material["alphaCutoff"] = from.alpha_cutoff;
+    } else if (from.alpha_mode == AlphaMode::blend || c.a < 1.0F) {
+      material["alphaMode"] = "BLEND";
+    }
+    Json& base = material["pbrMetallicRoughness"];
+    add_texture(base, "baseColorTexture", from.base_color_texture);
+    add_texture(base, "metallicRoughnessTexture", from.metallic_roughness_texture);
+    add_texture(material, "normalTexture", from.normal_texture);
+    if (material.contains("normalTexture")) material["normalTexture"]["scale"] = from.normal_scale;
+    add_texture(material, "occlusionTexture", from.occlusion_texture);
+    if (material.contains("occlusionTexture")) {
+      material["occlusionTexture"]["strength"] = from.occlusion_strength;
+    }
+    add_texture(material, "emissiveTexture", from.emissive_texture);
+    document_.json["materials"].push_back(std::move(material));
+  }
 
  private:
-  void add_texture(Json& to, const char* key, const MaterialTexture& texture);
+  void add_texture(Json& to, const char* key, const MaterialTexture& texture) {
+    if (texture.image < 0 || images_.at(static_cast<std::size_t>(texture.image)) < 0) return;
+    Json& json = document_.json;
+    json["samplers"].push_back({{"wrapS", wrap_mode(texture.sampling.wrap_s)},
+                                {"wrapT", wrap_mode(texture.sampling.wrap_t)}});
+    json["textures"].push_back({{"sampler", json["samplers"].size() - 1},
+                                {"source", images_[static_cast<std::size_t>(texture.image)]}});
+    to[key] = {{"index", json["textures"].size() - 1}};
+  }
 
   GlbDocument& document_;
   std::vector<int> images_;  // per texture of the model, -1 for one that is not written
 };
-
-std::size_t MaterialWriter::add_images(const Model& model) {
-  std::size_t left_out = 0;
-  for (const Texture& texture : model.textures) {
-    if (!has_own_image(texture)) {
-      ++left_out;
-      images_.push_back(-1);
-      continue;
-    }
-    const std::size_t view = document_.add_view(texture.encoded);
-    Json& images = document_.json["images"];
-    images.push_back({{"bufferView", view}, {"mimeType", media_type_of(texture.encoded)}});
-    images_.push_back(static_cast<int>(images.size()) - 1);
-  }
-  return left_out;
-}
-
-void MaterialWriter::add_texture(Json& to, const char* key, const MaterialTexture& texture) {
-  if (texture.image < 0 || images_.at(static_cast<std::size_t>(texture.image)) < 0) return;
-  Json& json = document_.json;
-  json["samplers"].push_back({{"wrapS", wrap_mode(texture.sampling.wrap_s)},
-                              {"wrapT", wrap_mode(texture.sampling.wrap_t)}});
-  json["textures"].push_back({{"sampler", json["samplers"].size() - 1},
-                              {"source", images_[static_cast<std::size_t>(texture.image)]}});
-  to[key] = {{"index", json["textures"].size() - 1}};
-}
-
-void MaterialWriter::add(const Material& from) {
-  const glm::vec4& c = from.base_color;
-  Json material = {{"name", as_utf8(from.name)},
-                   {"pbrMetallicRoughness",
-                    {{"baseColorFactor", {c.r, c.g, c.b, c.a}},
-                     {"metallicFactor", from.metallic},
-                     {"roughnessFactor", from.roughness}}},
-                   {"emissiveFactor", {from.emissive.r, from.emissive.g, from.emissive.b}}};
-  material["doubleSided"] = from.double_sided;
-  if (from.alpha_mode == AlphaMode::mask) {
-    material["alphaMode"] = "MASK";
-    material["alphaCutoff"] = from.alpha_cutoff;
-  } else if (from.alpha_mode == AlphaMode::blend || c.a < 1.0F) {
-    material["alphaMode"] = "BLEND";
-  }
-  Json& base = material["pbrMetallicRoughness"];
-  add_texture(base, "baseColorTexture", from.base_color_texture);
-  add_texture(base, "metallicRoughnessTexture", from.metallic_roughness_texture);
-  add_texture(material, "normalTexture", from.normal_texture);
-  if (material.contains("normalTexture")) material["normalTexture"]["scale"] = from.normal_scale;
-  add_texture(material, "occlusionTexture", from.occlusion_texture);
-  if (material.contains("occlusionTexture")) {
-    material["occlusionTexture"]["strength"] = from.occlusion_strength;
-  }
-  add_texture(material, "emissiveTexture", from.emissive_texture);
-  document_.json["materials"].push_back(std::move(material));
-}
 
 Json add_attributes(GlbDocument& document, const Mesh& mesh, const KernelFile& kernels) {
   Json attributes;
@@ -229,13 +211,11 @@ Json add_attributes(GlbDocument& document, const Mesh& mesh, const KernelFile& k
   attributes["NORMAL"] = document.add_vectors(vectors);
   if (!mesh.colors.empty()) {
     attributes["COLOR_0"] =
-        document.add(std::span<const glm::vec4>(mesh.colors), GlbDocument::kFloat, "VEC4",
-                     mesh.colors.size(), GlbDocument::kArrayBuffer);
+        document.add(mesh.colors, GlbDocument::kFloat, "VEC4", GlbDocument::kArrayBuffer);
   }
   if (!mesh.texcoords.empty()) {
     attributes["TEXCOORD_0"] =
-        document.add(std::span<const glm::vec2>(mesh.texcoords), GlbDocument::kFloat, "VEC2",
-                     mesh.texcoords.size(), GlbDocument::kArrayBuffer);
+        document.add(mesh.texcoords, GlbDocument::kFloat, "VEC2", GlbDocument::kArrayBuffer);
   }
   vectors.clear();
   for (const std::uint32_t source : mesh.source_vertex) {
@@ -266,9 +246,8 @@ Result<KernelGlb> make_document(const Model& model, KernelFile kernels) {
   for (const NamedMesh& piece : pieces) {
     const Mesh& from = piece.mesh;
     Json attributes = add_attributes(document, from, kernels);
-    const std::size_t indices =
-        document.add(std::span<const std::uint32_t>(from.indices), GlbDocument::kUnsignedInt,
-                     "SCALAR", from.indices.size(), GlbDocument::kElementArrayBuffer);
+    const std::size_t indices = document.add(from.indices, GlbDocument::kUnsignedInt, "SCALAR",
+                                             GlbDocument::kElementArrayBuffer);
     Json primitive = {{"attributes", std::move(attributes)}, {"indices", indices}};
     primitive["material"] = from.material;
     const bool has_name = piece.node && !model.nodes[*piece.node].mesh.empty();

@@ -1,6 +1,5 @@
-// Twisted faces: those whose image turns over while a layer shrinks or grows
-// (docs/shadows.md#fold-overs). With coverage by union they open no hole; this counts them, and
-// measures what they cover too much.
+// Twisted faces: faces whose image turns over while a layer shrinks or grows
+// (docs/shadows.md#fold-overs).
 #pragma once
 
 #include <Eigen/Core>
@@ -24,19 +23,18 @@ struct TwistReport {
 struct CasterKernels {
   int node = 0, object = 0, plane = 0;  // indices into the scene
   TwistReport twist;
-  double spill = 0.0;                     // of its penumbra, by layer_spill()
-  std::vector<Eigen::Vector3d> on_plane;  // where the kernels are: table frame [m], each once
+  double spill = 0.0;                     // layer_spill() of its penumbra
+  std::vector<Eigen::Vector3d> on_plane;  // the distinct kernels: table frame [m]
 };
 
-// For every factor from `least` to `greatest`, the same for all corners of a face.
+// Tests every factor from `least` to `greatest`, the same for all corners of a face.
 [[nodiscard]] TwistReport find_twists(std::span<const CasterVertex> vertices,
                                       std::span<const std::uint32_t> indices, double least,
                                       double greatest);
 
-// Spill: the share of a growing layer (factor > 1 for all vertices alike) that lies outside of the
-// outline which every point of the surface would draw by itself with an automatic kernel of its
-// own: what faces between different kernels cover too much, turned over or not. To a cell of 1/192
-// of the layer's longer side. 0 where there is nothing to compare.
+// Overshoot of a layer that grows by one factor > 1: the share outside the outline that a kernel
+// for each point of the surface would give. To a cell of 1/192 of the layer's longer side; 0 where
+// there is nothing to compare.
 [[nodiscard]] double layer_spill(const ShadowMesh& mesh, const ShadowKernels& kernels,
                                  double factor);
 

@@ -14,6 +14,12 @@ float crossing(const Eigen::Vector2f& a, const Eigen::Vector2f& b, float y) {
 
 }  // namespace
 
+Eigen::AlignedBox2f bounds_of(std::span<const PlanePoint> points) {
+  Eigen::AlignedBox2f box;
+  for (const PlanePoint& p : points) box.extend(Eigen::Vector2f(p.u, p.v));
+  return box;
+}
+
 Coverage::Coverage(const Eigen::Vector2f& low, float cell, int width, int height)
     : low_(low),
       cell_(cell),

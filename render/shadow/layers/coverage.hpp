@@ -1,7 +1,7 @@
 // The cells of a grid that triangles cover, to compare layers with each other.
 #pragma once
 
-#include <Eigen/Core>
+#include <Eigen/Geometry>
 #include <cstddef>
 #include <cstdint>
 #include <span>
@@ -11,19 +11,22 @@
 
 namespace penumbra {
 
-// One bit per cell whose centre a triangle covers; the same grid for both of what is compared.
+// Bounds of points in plane coordinates [m].
+[[nodiscard]] Eigen::AlignedBox2f bounds_of(std::span<const PlanePoint> points);
+
+// One bit per cell whose centre a triangle covers.
 class Coverage {
  public:
   // Square cells of this size [m] from the lowest corner, in plane coordinates [m].
   Coverage(const Eigen::Vector2f& low, float cell, int width, int height);
 
-  // Three points each, of either orientation. What lies outside the grid is left out.
+  // Three points each, of either orientation. Points may lie outside the grid.
   void cover(std::span<const PlanePoint> triangles);
   // The cells whose centres lie in a square round a point [m].
   void cover_square(const PlanePoint& centre, float half_side);
 
   [[nodiscard]] std::size_t count() const;
-  // Cells that both cover.
+  // Counts the cells that both cover; here and below `other` has the same grid.
   [[nodiscard]] std::size_t count_with(const Coverage& other) const;
   // Intersection over union; 1 where both are empty.
   [[nodiscard]] double iou(const Coverage& other) const;
@@ -38,7 +41,7 @@ class Coverage {
   Eigen::Vector2f low_;
   float cell_;
   int width_, height_;  // [cells]
-  std::size_t words_;   // of a row
+  std::size_t words_;   // per row
   std::vector<std::uint64_t> bits_;
 };
 

@@ -1,11 +1,12 @@
 #include "render/shadow/layers/layer_polygons.hpp"
 
+#include <Eigen/Geometry>
 #include <algorithm>
 #include <array>
 #include <clipper.hpp>
 #include <cmath>
 #include <cstdint>
-#include <limits>
+#include <numeric>
 
 namespace penumbra {
 
@@ -35,17 +36,9 @@ struct Grid {
 };
 
 Grid grid_round(std::span<const PlanePoint> points) {
-  Eigen::Vector2d low = Eigen::Vector2d::Constant(std::numeric_limits<double>::infinity());
-  Eigen::Vector2d high = -low;
-  for (const PlanePoint& point : points) {
-    const Eigen::Vector2d p(static_cast<double>(point.u), static_cast<double>(point.v));
-    low = low.cwiseMin(p);
-    high = high.cwiseMax(p);
-  }
-  Grid grid;
-  grid.middle = 0.5 * (low + high);
-  grid.step = 0.5 * (high - low).maxCoeff() / kGridHalf;
-  return grid;
+  Eigen::AlignedBox2d box;
+  for (const PlanePoint& p : points) box.extend(Eigen::Vector2f(p.u, p.v).cast<double>());
+  return {0.5 * (box.min() + box.max()), 0.5 * box.sizes().maxCoeff() / kGridHalf};
 }
 
 using Corner = std::array<std::int32_t, 2>;
@@ -73,7 +66,7 @@ struct Triangle {
   }
 };
 
-// Those with an area, turned counter-clockwise.
+// The triangles with an area, turned counter-clockwise.
 std::vector<Triangle> snapped_triangles(std::span<const PlanePoint> points, const Grid& grid) {
   std::vector<Triangle> triangles;
   triangles.reserve(points.size() / 3);
@@ -94,25 +87,20 @@ std::vector<Triangle> snapped_triangles(std::span<const PlanePoint> points, cons
 }
 
 // The boundary of all triangles, as directed edges. An edge between two neighbours runs both ways
-// and drops out, so what is left of a mesh is its silhouettes; the winding number round every point
-// is the number of triangles that cover it.
+// and drops out. The winding number round a point is the number of triangles that cover it.
 std::vector<Edge> boundary_edges(std::span<const Triangle> triangles) {
   std::vector<Edge> edges;
   edges.reserve(3 * triangles.size());
-  const auto add = [&edges](std::uint64_t from, std::uint64_t to) {
-    edges.push_back(from < to ? Edge{from, to, 1} : Edge{to, from, -1});
-  };
   for (const Triangle& triangle : triangles) {
-    const std::uint64_t p = key_of(triangle.a);
-    const std::uint64_t q = key_of(triangle.b);
-    const std::uint64_t r = key_of(triangle.c);
-    add(p, q);
-    add(q, r);
-    add(r, p);
+    const std::array corners = {key_of(triangle.a), key_of(triangle.b), key_of(triangle.c)};
+    for (std::size_t i = 0; i < 3; ++i) {
+      const std::uint64_t from = corners[i];
+      const std::uint64_t to = corners[(i + 1) % 3];
+      edges.push_back(from < to ? Edge{from, to, 1} : Edge{to, from, -1});
+    }
   }
-  std::sort(edges.begin(), edges.end(), [](const Edge& a, const Edge& b) {
-    return a.from < b.from || (a.from == b.from && a.to < b.to);
-  });
+  const auto ends = [](const Edge& edge) { return std::pair(edge.from, edge.to); };
+  std::ranges::sort(edges, {}, ends);
   std::vector<Edge> left;
   for (std::size_t i = 0; i < edges.size();) {
     Edge sum = edges[i];
@@ -122,24 +110,20 @@ std::vector<Edge> boundary_edges(std::span<const Triangle> triangles) {
     for (; sum.count > 0; --sum.count) left.push_back({sum.from, sum.to, 1});
     for (; sum.count < 0; ++sum.count) left.push_back({sum.to, sum.from, 1});
   }
-  std::sort(left.begin(), left.end(), [](const Edge& a, const Edge& b) {
-    return a.from < b.from || (a.from == b.from && a.to < b.to);
-  });
+  std::ranges::sort(left, {}, ends);
   return left;
 }
 
-// As many edges leave a corner as arrive, so walks along them close.
+// Joins the edges to closed walks: as many edges leave a corner as arrive.
 ClipperLib::Paths closed_walks(const std::vector<Edge>& edges) {
   ClipperLib::Paths walks;
   std::vector<bool> used(edges.size(), false);
   // Edges are sorted by `from`: next_unused[i] of a corner's first edge skips those walked already.
   std::vector<std::size_t> next_unused(edges.size());
-  for (std::size_t i = 0; i < edges.size(); ++i) next_unused[i] = i;
+  std::iota(next_unused.begin(), next_unused.end(), 0U);
   const auto first_from = [&edges](std::uint64_t corner) {
-    return static_cast<std::size_t>(
-        std::lower_bound(edges.begin(), edges.end(), corner,
-                         [](const Edge& edge, std::uint64_t key) { return edge.from < key; }) -
-        edges.begin());
+    return static_cast<std::size_t>(std::ranges::lower_bound(edges, corner, {}, &Edge::from) -
+                                    edges.begin());
   };
   for (std::size_t start = 0; start < edges.size(); ++start) {
     if (used[start]) continue;
@@ -161,10 +145,10 @@ ClipperLib::Paths closed_walks(const std::vector<Edge>& edges) {
   return walks;
 }
 
-// Of a union made in pieces, each is this many times shorter than what goes in one.
+// Pieces of a union have this many times fewer edges than a union made at once.
 constexpr std::size_t kPiecesShorter = 10;
 
-// Throws what Clipper throws; false where it gives up.
+// Throws clipperException; returns false where Clipper gives up.
 template <class Solution>
 bool unite(const ClipperLib::Paths& paths, Solution& solution) {
   // Faces seen edge-on leave nothing; Clipper would call that a failure.
@@ -175,9 +159,9 @@ bool unite(const ClipperLib::Paths& paths, Solution& solution) {
                          ClipperLib::pftPositive);
 }
 
-// Closed paths, positive inside, whose union is that of the triangles. Where their boundary is too
-// long for one go it is that of the two halves of the plane united, and so on: what lies inside is
-// gone before the halves meet. Changes the order of the triangles.
+// Finds closed paths, positive inside, whose union is that of the triangles. Where their boundary
+// is too long, the triangles are halved and each half is united: crossings inside are gone before
+// the halves meet. Changes the order of the triangles.
 bool outline_paths(std::span<Triangle> triangles, std::size_t edges_at_once,
                    std::size_t edges_of_a_piece, ClipperLib::Paths& outline) {
   const std::vector<Edge> edges = boundary_edges(triangles);
@@ -185,17 +169,10 @@ bool outline_paths(std::span<Triangle> triangles, std::size_t edges_at_once,
     outline = closed_walks(edges);
     return true;
   }
-  Corner low = triangles.front().a;
-  Corner high = low;
-  for (const Triangle& triangle : triangles) {
-    for (std::size_t axis = 0; axis < 2; ++axis) {
-      low[axis] = std::min(low[axis], triangle.a[axis]);
-      high[axis] = std::max(high[axis], triangle.a[axis]);
-    }
-  }
-  const std::size_t axis =
-      static_cast<std::int64_t>(high[0]) - low[0] < static_cast<std::int64_t>(high[1]) - low[1] ? 1
-                                                                                                : 0;
+  Eigen::AlignedBox<std::int64_t, 2> box;
+  for (const Triangle& triangle : triangles)
+    box.extend(Eigen::Vector<std::int64_t, 2>(triangle.a[0], triangle.a[1]));
+  const std::size_t axis = box.sizes().x() < box.sizes().y() ? 1 : 0;
   const std::size_t half = triangles.size() / 2;
   std::nth_element(triangles.begin(), triangles.begin() + static_cast<std::ptrdiff_t>(half),
                    triangles.end(), [axis](const Triangle& a, const Triangle& b) {
@@ -217,9 +194,8 @@ Result<LayerOutline> union_of_triangles(std::span<const PlanePoint> triangles,
                                         std::size_t edges_at_once) {
   LayerOutline outline;
   for (const PlanePoint& p : triangles) {
-    if (!std::isfinite(p.u) || !std::isfinite(p.v)) {
+    if (!std::isfinite(p.u) || !std::isfinite(p.v))
       return fail("shadow layer: has a point that is not finite; check the model and the pose");
-    }
   }
   if (triangles.size() < 3) return outline;
   const Grid grid = grid_round(triangles);

@@ -21,13 +21,10 @@ struct LayerOutline {
   std::vector<LayerPolygon> polygons;
 };
 
-// Three points per triangle, either orientation, overlapping as they like. Coordinates are rounded
-// to 1e-9 of the layer's size. Specks under 1e-12 m^2 are left out.
-//
-// A boundary of more edges than `edges_at_once` (those that two neighbours share do not count) is
-// made in pieces, which are united. The union is the same, but for that rounding: a polygon library
-// finds every crossing of two edges, also those that the union covers, and a soup of faces has
-// hundreds of millions of them.
+// Three points per triangle, of either orientation; triangles may overlap. Coordinates are rounded
+// to 1e-9 of the layer's size; specks under 1e-12 m^2 are dropped. Triangles with a boundary of
+// more edges than `edges_at_once` are united in pieces: else Clipper would find all crossings of
+// edges inside the union, of which a soup of faces has hundreds of millions.
 [[nodiscard]] Result<LayerOutline> union_of_triangles(std::span<const PlanePoint> triangles,
                                                       std::size_t edges_at_once = 6000);
 

@@ -10,8 +10,8 @@ namespace {
 
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
 
-// The least float >= value. A clip height rounded up makes `h >= clip` for a float h the same
-// statement as for the exact clip height: one predicate for clipping and for factors.
+// The least float >= value. With a clip height rounded up, `h >= clip` holds for the same floats h
+// as with the exact height.
 float rounded_up(double value) {
   const auto nearest = static_cast<float>(value);
   return static_cast<double>(nearest) < value
@@ -24,8 +24,8 @@ bool is_finite(const CasterVertex& vertex) {
          std::isfinite(vertex.ku) && std::isfinite(vertex.kv);
 }
 
-// Where the edge between the two vertices meets a height that lies between theirs. Always computed
-// from the lower vertex, so that the two faces of an edge get the same point.
+// The point of an edge at a height between those of its ends. Computed from the lower vertex, so
+// that both faces of an edge get the same point.
 CasterVertex at_height(const CasterVertex& a, const CasterVertex& b, float height) {
   const CasterVertex& low = a.h <= b.h ? a : b;
   const CasterVertex& high = a.h <= b.h ? b : a;
@@ -39,7 +39,7 @@ CasterVertex at_height(const CasterVertex& a, const CasterVertex& b, float heigh
           mix(low.kv, high.kv)};
 }
 
-// s - 1 of the middle and penumbra layers, which float keeps to full accuracy next to contact.
+// s - 1 of the middle and penumbra layers: full accuracy next to contact.
 float layer_growth_f(const LayeredConstants& constants, ShadowLayer layer, float h) {
   const float high = rounded_up(layer_height_range(constants, layer).high);
   const float height = std::clamp(h, 0.0F, high);
@@ -110,8 +110,7 @@ float layer_factor_f(const LayeredConstants& constants, ShadowLayer layer, float
   }
   const auto light = static_cast<float>(constants.light_height);
   const auto ratio = static_cast<float>(constants.light_ratio);
-  // The product of two floats is exact in double. Next to h_u, where the terms cancel, this keeps
-  // what 1 - (a - 1) t would lose (3e-8).
+  // The product is exact in double, which counts next to h_u, where the terms cancel.
   const double left =
       static_cast<double>(light) - static_cast<double>(ratio) * static_cast<double>(height);
   return std::max(0.0F, static_cast<float>(left) / (light - height));
@@ -126,32 +125,25 @@ std::vector<CasterVertex> clip_to_heights(std::span<const CasterVertex> vertices
   const float high = rounded_up(range.high);
   if (!(low < high)) return triangles;
   for (std::size_t i = 0; i + 2 < indices.size(); i += 3) {
-    if (indices[i] >= vertices.size() || indices[i + 1] >= vertices.size() ||
-        indices[i + 2] >= vertices.size()) {
-      continue;
-    }
+    if (std::ranges::max(indices.subspan(i, 3)) >= vertices.size()) continue;
     const CasterVertex& a = vertices[indices[i]];
     const CasterVertex& b = vertices[indices[i + 1]];
     const CasterVertex& c = vertices[indices[i + 2]];
     if (!is_finite(a) || !is_finite(b) || !is_finite(c)) continue;
     const float lowest = std::min({a.h, b.h, c.h});
     const float highest = std::max({a.h, b.h, c.h});
-    // A face that lies in the plane is in contact and casts; one at the upper limit has vanished.
+    // A face in the plane casts; one at the upper limit has vanished.
     if (highest < low || lowest >= high) continue;
     if (lowest >= low && highest <= high) {
       triangles.insert(triangles.end(), {a, b, c});
       continue;
     }
-    ClippedFace face;
-    face.add(a);
-    face.add(b);
-    face.add(c);
+    ClippedFace face{{a, b, c}, 3};
     if (lowest < low) face = clip_face(face, low, true);
     if (highest > high) face = clip_face(face, high, false);
-    for (std::size_t corner = 2; corner < face.count; ++corner) {
-      triangles.insert(triangles.end(),
-                       {face.vertices[0], face.vertices[corner - 1], face.vertices[corner]});
-    }
+    const std::array<CasterVertex, 6>& v = face.vertices;
+    for (std::size_t corner = 2; corner < face.count; ++corner)
+      triangles.insert(triangles.end(), {v[0], v[corner - 1], v[corner]});
   }
   return triangles;
 }
@@ -177,18 +169,16 @@ std::vector<PlanePoint> layer_triangles(std::span<const CasterVertex> vertices,
       clip_to_heights(vertices, indices, layer_height_range(constants, layer));
   std::vector<PlanePoint> triangles;
   triangles.reserve(clipped.size());
-  for (const CasterVertex& vertex : clipped) {
+  for (const CasterVertex& vertex : clipped)
     triangles.push_back(project_to_layer(vertex, constants, layer));
-  }
   return triangles;
 }
 
 std::vector<PlanePoint> orthogonal_triangles(std::span<const CasterVertex> vertices,
                                              std::span<const std::uint32_t> indices) {
   std::vector<PlanePoint> triangles;
-  for (const CasterVertex& vertex : clip_to_heights(vertices, indices, {0.0, kInfinity})) {
+  for (const CasterVertex& vertex : clip_to_heights(vertices, indices, {0.0, kInfinity}))
     triangles.push_back({vertex.u, vertex.v});
-  }
   return triangles;
 }
 

@@ -1,15 +1,12 @@
-// Layered penumbrae: the three layers of a shadow cast straight down (Layered Penumbrae, sections 3
-// and 5; docs/shadows.md#layers).
+// Layered penumbrae: the three layers of a shadow cast straight down (docs/shadows.md#layers).
 //
 //   s_lambda(h) = (H + lambda a h) / (H - h),   lambda = -1 umbra, 0 middle, +1 penumbra
-//   x_lambda    = k + s_lambda(h) (x - k)       x, k in plane coordinates (u, v); h the height
-//   above the plane
+//   x_lambda    = k + s_lambda(h) (x - k)
 //
-// Zenith limit H = inf with the umbra-vanish height h_u given: s = 1 + lambda h / h_u. The vertex
-// shader has the same formulas.
+// x, k in plane coordinates (u, v), h the height above the plane. Zenith limit H = inf with the
+// umbra's height h_u: s = 1 + lambda h / h_u. The vertex shader has the same formulas.
 #pragma once
 
-#include <array>
 #include <cstdint>
 #include <span>
 #include <vector>
@@ -18,11 +15,9 @@
 
 namespace penumbra {
 
-// s_lambda(h) for h inside the layer's range (clamped to it). float: within 4e-7 (1 + |s|) H / (H -
-// h) of the exact value.
+// s_lambda(h), and ds_lambda/dh [1/m]; h is clamped to the layer's range.
 [[nodiscard]] double layer_factor(const LayeredConstants& constants, ShadowLayer layer, double h);
 [[nodiscard]] float layer_factor_f(const LayeredConstants& constants, ShadowLayer layer, float h);
-// ds_lambda/dh [1/m], for h inside the layer's range (clamped to it).
 [[nodiscard]] double layer_rate(const LayeredConstants& constants, ShadowLayer layer, double h);
 
 // A vertex of a caster in plane coordinates, with its kernel [m].
@@ -31,9 +26,9 @@ struct CasterVertex {
   float ku = 0.0F, kv = 0.0F;
 };
 
-// Triangles clipped to a height range, as a plain triangle list. New vertices get u, v and k
-// interpolated along the edge and h assigned the clip height exactly (so that their factor is
-// exactly 1 at the plane and 0 at h_u). Non-finite faces are left out.
+// Clips triangles to a height range. New vertices get u, v and k interpolated along the edge and h
+// exactly the clip height, so that their factor is exactly 1 at the plane and 0 at h_u. Faces that
+// are not finite are ignored.
 [[nodiscard]] std::vector<CasterVertex> clip_to_heights(std::span<const CasterVertex> vertices,
                                                         std::span<const std::uint32_t> indices,
                                                         const HeightRange& range);
@@ -45,13 +40,13 @@ struct PlanePoint {
 [[nodiscard]] PlanePoint project_to_layer(const CasterVertex& vertex,
                                           const LayeredConstants& constants, ShadowLayer layer);
 
-// A whole layer: the faces clipped to its heights and projected, three points per triangle. Their
-// union is the layer; they overlap and have both orientations.
+// A layer's faces, clipped to its heights and projected, three points per triangle. The layer is
+// their union; they overlap and have both orientations.
 [[nodiscard]] std::vector<PlanePoint> layer_triangles(std::span<const CasterVertex> vertices,
                                                       std::span<const std::uint32_t> indices,
                                                       const LayeredConstants& constants,
                                                       ShadowLayer layer);
-// The same for the orthogonal shadow: matter above the plane, projected straight down.
+// The orthogonal shadow: matter above the plane, projected straight down.
 [[nodiscard]] std::vector<PlanePoint> orthogonal_triangles(std::span<const CasterVertex> vertices,
                                                            std::span<const std::uint32_t> indices);
 

@@ -10,12 +10,9 @@
 namespace penumbra {
 namespace {
 
-// Steeper faces get next to nothing of a light that comes straight down.
-constexpr double kLeastCosine = 0.02;
+constexpr double kLeastCosine = 0.02;  // steeper faces get little of a light straight above
 constexpr double kLevelCosine = 0.999;
-// What stands on the plane touches it: its own bottom is no level, nor is what lies under the
-// plane.
-constexpr double kContact = 1e-4;  // [m]
+constexpr double kContact = 1e-4;  // lower faces touch the plane or lie under it: no level [m]
 
 }  // namespace
 

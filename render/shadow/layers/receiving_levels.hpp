@@ -1,5 +1,5 @@
-// What of a thing faces a plane's light, and the heights at which it is shadowed: each
-// receives as a plane of its own does.
+// The faces of a receiver that face a plane's light, and the heights at which it is shadowed
+// (docs/rendering.md#shadows-on-receivers).
 #pragma once
 
 #include <Eigen/Geometry>
@@ -12,35 +12,33 @@
 
 namespace penumbra {
 
-// Slopes have a level this often, where that is not too many. What lies between two levels receives
-// a mixture of theirs; what lies farther than this above the highest receives nothing.
-inline constexpr double kLevelStep = 4e-3;  // [m]
-// What lies so far above a level is as good as on it.
-inline constexpr double kLevelWidth = 5e-4;  // [m]
+// Distance of the levels of slopes. Heights between two levels receive a mixture of theirs; heights
+// farther than this above the highest level receive nothing.
+inline constexpr double kLevelStep = 4e-3;   // [m]
+inline constexpr double kLevelWidth = 5e-4;  // heights this far above a level count as on it [m]
 
-// How often slopes have one at most.
+// Least distances of the levels of slopes.
 struct LevelSpacing {
   double step = kLevelStep;  // [m]
-  // Of what lies lower [m]: no less than `step`. All of the caster is over that, and its outlines
-  // change slowly enough.
+  // Below `clear_below`, where all of the caster is higher and its outlines change slowly [m].
   double clear_below = -1.0, clear_step = kLevelStep;
 };
 
 class ReceivingSurface {
  public:
   ReceivingSurface() = default;
-  // Of faces above the plane that are not upright, however they are wound.
+  // Takes the faces above the plane that are not upright, of either orientation.
   ReceivingSurface(const Model& model, const Placement& T_table_object, const PlaneFrame& plane);
 
   // In (u, v) of the plane [m]; empty where nothing receives.
   [[nodiscard]] const Eigen::AlignedBox2d& bounds() const { return bounds_; }
-  // Of what lies over the rectangle: heights above the plane [m], ascending, from 0 to `top`. Those
-  // of level faces to 0.5 mm, the lowest of what is as good as one height; where faces slope, as
-  // `spacing` says. No more than `most` (> 1): of more they are spaced evenly.
+  // Levels of the faces over the rectangle: heights above the plane [m], ascending, up to `top`.
+  // Level faces within kLevelWidth share the lowest height; slopes are spaced by `spacing`. More
+  // than `most` (> 1) levels are replaced by `most` evenly spaced ones.
   [[nodiscard]] std::vector<double> levels(const Eigen::AlignedBox2d& over, double top,
                                            std::size_t most,
                                            const LevelSpacing& spacing = {}) const;
-  // The lowest height of what lies over the rectangle [m]; infinite where nothing does.
+  // The lowest height of the faces over the rectangle [m]; infinite without any.
   [[nodiscard]] double lowest(const Eigen::AlignedBox2d& over) const;
 
  private:

@@ -2,29 +2,19 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstddef>
-#include <utility>
+#include <limits>
 
 namespace penumbra {
 namespace {
 
-// A mask with fewer cells along each side is neither split nor cut, so that it is kept wherever the
-// camera goes. All masks of a plane have at most kMostCells, which take 8 MiB of the GPU's memory
-// and some milliseconds where casters move.
+// A mask with fewer cells along each side is neither split nor cut: it is kept however the camera
+// moves.
 constexpr std::int64_t kCellsOfWhole = 1024;
-constexpr double kMostCells = 1 << 23;
+constexpr double kMostCells = 1 << 23;  // in all masks of a plane: 8 MiB
 // The visible part is rounded to multiples of this, so that a small camera motion keeps it.
 constexpr std::int64_t kCutCells = 256;
 
-}  // namespace
-
-double cell_size(int half_octave) {
-  return std::exp2(0.5 * half_octave);
-}
-
-namespace {
-
-// With all of the light around it.
+// With a border of lit cells.
 CellBox with_border(const CellBox& box) {
   const Eigen::Vector<std::int64_t, 2> one(1, 1);
   return {box.min() - one, box.max() + one};
@@ -40,7 +30,7 @@ Eigen::AlignedBox2d on_plane(const CellBox& box, double cell) {
           cell * (box.max().cast<double>() + Eigen::Vector2d::Ones())};
 }
 
-// What holds the same in cells of another size, whatever has been rounded.
+// A box that holds the same in cells of another size, rounding included.
 CellBox in_cells_of(const CellBox& box, int from, int to) {
   if (from == to) return box;
   const Eigen::AlignedBox2d place = on_plane(box, cell_size(from) / cell_size(to));
@@ -48,7 +38,7 @@ CellBox in_cells_of(const CellBox& box, int from, int to) {
                       place.max().array().floor().matrix().cast<std::int64_t>()});
 }
 
-// The cells of what is seen of a group, by whole multiples of kCutCells.
+// The cells of the visible part, in whole multiples of kCutCells.
 CellBox seen_cells(const Eigen::AlignedBox2d& seen, double cell) {
   const double step = cell * kCutCells;
   const Eigen::Vector2d first = (seen.min() / step).array().floor();
@@ -62,7 +52,7 @@ struct PartGroup {
   CellBox box;
 };
 
-// Of parts whose boxes meet, and boxes of those, until none does.
+// Joins parts whose boxes meet, until no boxes of groups meet.
 std::vector<PartGroup> meeting_groups(std::span<const CellBox> boxes) {
   std::vector<PartGroup> groups;
   for (std::size_t i = 0; i < boxes.size(); ++i) {
@@ -85,6 +75,10 @@ std::vector<PartGroup> meeting_groups(std::span<const CellBox> boxes) {
 }
 
 }  // namespace
+
+double cell_size(int half_octave) {
+  return std::exp2(0.5 * half_octave);
+}
 
 MaskLayout lay_out_masks(std::span<const CellBox> bounds, int half_octave, std::int64_t most,
                          const std::function<SeenPart(const Eigen::AlignedBox2d&)>& seen) {

@@ -2,9 +2,6 @@
 
 #include <algorithm>
 #include <array>
-#include <cmath>
-#include <cstddef>
-#include <limits>
 #include <map>
 #include <tuple>
 #include <utility>
@@ -52,7 +49,6 @@ std::optional<std::vector<FacePair>> paired_edges(std::span<const std::uint32_t>
 
 std::optional<std::vector<std::uint32_t>> oriented_faces(std::span<const glm::vec3> positions,
                                                          std::span<const std::uint32_t> indices) {
-  // Vertices of one place are one, whatever their kernels.
   std::map<std::tuple<float, float, float>, std::uint32_t> places;
   std::vector<std::uint32_t> place_of;
   place_of.reserve(positions.size());

@@ -1,4 +1,4 @@
-// Edges and orientation of meshes, from which masks tell what the meshes cover.
+// Edges and orientation of meshes, for masks.
 #pragma once
 
 #include <cstdint>
@@ -15,13 +15,12 @@ struct FacePair {
   std::uint32_t forward = 0, back = 0;  // faces
 };
 // Returns all edges of a closed mesh, in which every edge runs as often one way as the other;
-// nothing for other meshes. Where more than two faces meet in an edge, they are paired in any
-// order.
+// nothing for other meshes. More than two faces at an edge are paired in any order.
 [[nodiscard]] std::optional<std::vector<FacePair>> paired_edges(
     std::span<const std::uint32_t> indices);
 
-// Returns the triangles, flipped such that no edge runs the same way in two faces (vertices at one
-// place count as one), without those of no area. Nothing where that is impossible, as on a Moebius
+// Returns the triangles that have an area, flipped such that no edge runs the same way in two
+// faces; vertices at one place count as one. Nothing where that is impossible, as on a Moebius
 // strip, or where three faces meet in an edge.
 [[nodiscard]] std::optional<std::vector<std::uint32_t>> oriented_faces(
     std::span<const glm::vec3> positions, std::span<const std::uint32_t> indices);

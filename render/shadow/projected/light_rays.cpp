@@ -14,7 +14,7 @@ namespace {
 // Vertices nearer to a chosen one than this share of the model's size are the same corner.
 constexpr double kSameCorner = 1e-4;
 
-// Neighbours in a list of colours far from each other: turns of the hue by the golden section.
+// A colour far from those of the neighbouring indices: the hue turns by the golden section.
 glm::vec3 color_of(std::size_t index) {
   constexpr double kGolden = 0.61803398875;
   const double hue = 6.0 * std::fmod(0.02 + kGolden * static_cast<double>(index), 1.0);
@@ -37,7 +37,7 @@ bool inside(const Eigen::Vector2d& p, std::span<const Eigen::Vector2d> outline) 
   return in;
 }
 
-// Where the light throws the point onto the plane, if it does.
+// The shadow of a point on the plane, if it has one there.
 std::optional<Eigen::Vector3d> thrown_onto(const RayReceiver& plane, const Eigen::Vector4d& light,
                                            const Eigen::Vector3d& point) {
   const double height = light_height(plane.frame, light);

@@ -1,6 +1,5 @@
-// Rays from a light through vertices of what casts a shadow, on to the points where these vertices
-// throw theirs: what corresponds to what (Sudarsky, "Generating Dynamic Shadows for Virtual Reality
-// Applications", figure 4).
+// Rays from a light through vertices of a caster to the shadows of these vertices (Sudarsky,
+// "Generating Dynamic Shadows for Virtual Reality Applications", figure 4).
 #pragma once
 
 #include <Eigen/Core>
@@ -19,9 +18,9 @@ struct MarkedVertex {
   Eigen::Vector3d position = Eigen::Vector3d::Zero();  // object frame [m]
   glm::vec3 color{1.0F};                               // linear light
 };
-// Vertices that stand for the whole model, at most `most`: the one farthest from the middle of its
-// box, then again and again the one farthest from those chosen (a box gives its corners). Their
-// colours are the model's own where it has one per vertex, and otherwise differ from each other.
+// Chooses at most `most` vertices: the one farthest from the middle of the model's box, then each
+// time the one farthest from those chosen (a box gives its corners). Colours are the model's where
+// it has one per vertex, and otherwise differ from each other.
 [[nodiscard]] std::vector<MarkedVertex> marked_vertices(const Model& model, std::size_t most);
 
 // A parallel light's rays begin this far before the vertex [m].
@@ -29,7 +28,7 @@ inline constexpr double kParallelRay = 0.25;
 
 struct RayReceiver {
   PlaneFrame frame;
-  std::span<const Eigen::Vector2d> outline;  // none: the plane has no end
+  std::span<const Eigen::Vector2d> outline;  // empty: infinite
 };
 struct LightRay {
   Eigen::Vector3d from;    // the light, or for a parallel one a point towards it
@@ -37,9 +36,8 @@ struct LightRay {
   Eigen::Vector3d shadow;
   glm::vec3 color;
 };
-// One ray for each vertex whose shadow falls onto one of the planes: as far as the first plane on
-// its way. `light` as in projected_shadow.hpp, table frame. No rays through vertices that throw no
-// shadow: under the plane, or level with the light or above it.
+// One ray for each vertex whose shadow falls onto one of the planes, to the nearest of them.
+// `light` as in projected_shadow.hpp, table frame.
 [[nodiscard]] std::vector<LightRay> light_rays(std::span<const MarkedVertex> vertices,
                                                const Placement& T_table_object,
                                                const Eigen::Vector4d& light,

@@ -1,10 +1,7 @@
 #include "render/shadow/projected/projected_shadow.hpp"
 
 #include <algorithm>
-#include <cmath>
 #include <limits>
-#include <optional>
-#include <utility>
 
 #include "render/shadow/layers/split_edges.hpp"
 
@@ -12,7 +9,7 @@ namespace penumbra {
 
 namespace {
 
-// Faces end this share of the light's height below the light, where shadows would be infinite.
+// Faces end this share of the light's height below it (Sudarsky's epsilon): shadows stay finite.
 constexpr double kLightMargin = 1e-3;
 
 // In plane coordinates: a place, or a direction.
@@ -69,11 +66,11 @@ std::vector<PlanePoint> projected_triangles(std::span<const CasterVertex> vertic
 }
 
 std::vector<PlanePoint> split_for_lens(const std::vector<PlanePoint>& triangles,
-                                       const Eigen::Vector2d& centre, double longest_edge,
-                                       std::size_t max_triangles) {
-  constexpr double kDrawn_m = 30.0;  // nothing is drawn of what is farther from the centre
-  const auto place = [](const PlanePoint& p) {
-    return Eigen::Vector2d(static_cast<double>(p.u), static_cast<double>(p.v));
+                                       const Eigen::Vector2d& centre, double longest_edge) {
+  constexpr std::size_t kMaxTriangles = 200'000;
+  constexpr double kDrawn_m = 30.0;  // nothing farther from the centre is drawn
+  const auto place = [](const PlanePoint& p) -> Eigen::Vector2d {
+    return Eigen::Vector2f(p.u, p.v).cast<double>();
   };
   const auto middle = [](const PlanePoint& a, const PlanePoint& b) {
     return PlanePoint{0.5F * (a.u + b.u), 0.5F * (a.v + b.v)};
@@ -91,7 +88,7 @@ std::vector<PlanePoint> split_for_lens(const std::vector<PlanePoint>& triangles,
       return (p - q).norm() /
              (coarser * std::max(longest_edge, kSplitShare * (distance - kSplitNear_m)));
     };
-    return split_triangles(triangles, excess, middle, too_far, max_triangles);
+    return split_triangles(triangles, excess, middle, too_far, kMaxTriangles);
   });
 }
 

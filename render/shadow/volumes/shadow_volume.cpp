@@ -6,24 +6,32 @@
 #include <glm/geometric.hpp>
 #include <limits>
 #include <map>
-#include <numeric>
 #include <optional>
 #include <utility>
 
-#include "core/assert.hpp"
+#include "render/model/to_eigen.hpp"
 #include "render/shadow/layers/split_edges.hpp"
 
 namespace penumbra {
 namespace {
 
-// The far end lies this far under a floor [m], behind whatever rounding makes of the floor.
+// The far end lies this far under a floor, so that rounding does not lift it above [m].
 constexpr double kUnderFloor = 0.02;
-// Of a volume's reach: what is farther away than this has a volume that may be too short.
+// The volume of a caster farther away than this share of the reach may be too short.
 constexpr double kFarCaster = 0.5;
 
-glm::vec3 to_float(const Eigen::Vector3d& p) {
-  return {static_cast<float>(p.x()), static_cast<float>(p.y()), static_cast<float>(p.z())};
-}
+// A point light, or a parallel one.
+struct VolumeLight {
+  explicit VolumeLight(const Eigen::Vector4d& light)
+      : local(light.w() != 0.0),
+        from(local ? Eigen::Vector3d(light.head<3>() / light.w()) : light.head<3>().normalized()) {}
+  [[nodiscard]] Eigen::Vector3d away(const Eigen::Vector3d& p) const {
+    return local ? Eigen::Vector3d(p - from) : Eigen::Vector3d(-from);
+  }
+
+  bool local;
+  Eigen::Vector3d from;  // its place, or the direction towards it
+};
 
 // t >= 0 with |p + t d| = radius; 0 where p is outside already.
 double leaves_sphere(const Eigen::Vector3d& p, const Eigen::Vector3d& d, double radius) {
@@ -34,15 +42,15 @@ double leaves_sphere(const Eigen::Vector3d& p, const Eigen::Vector3d& d, double 
   return (-b + std::sqrt(b * b - a * c)) / a;
 }
 
-// How many lit faces lie above one another as the light sees them, at points of a grid.
+// Counts the lit faces that lie above one another as the light sees them, at points of a grid.
 class LightGrid {
  public:
   static constexpr int kSide = 160;
-  // So many at the points leave room for what lies between them.
+  // Leaves room for what lies between the points.
   static constexpr unsigned kMost = kMostVolumesCounted - 15U;
 
   LightGrid(const std::vector<Eigen::Vector3d>& points, const std::vector<bool>& used,
-            const Eigen::Vector3d& light, bool local)
+            const VolumeLight& light)
       : counts_(static_cast<std::size_t>(kSide) * kSide, 0U) {
     Eigen::Vector3d middle = Eigen::Vector3d::Zero();
     double count = 0.0;
@@ -52,17 +60,17 @@ class LightGrid {
       count += 1.0;
     }
     if (count > 0.0) middle /= count;
-    Eigen::Vector3d forward = (local ? Eigen::Vector3d(middle - light) : -light).normalized();
+    Eigen::Vector3d forward = light.away(middle).normalized();
     if (!(forward.norm() > 0.5)) forward = Eigen::Vector3d::UnitZ();  // in the very middle
     const Eigen::Vector3d right = forward.unitOrthogonal();
     const Eigen::Vector3d up = forward.cross(right);
     Eigen::AlignedBox2d box;
     for (std::size_t i = 0; i < points.size(); ++i) {
-      const Eigen::Vector3d p = local ? Eigen::Vector3d(points[i] - light) : points[i];
+      const Eigen::Vector3d p = light.local ? light.away(points[i]) : points[i];
       Eigen::Vector2d seen(right.dot(p), up.dot(p));
-      if (local) {
-        // By the angle from the axis, all round the light: it may stand amid what casts. Triangles
-        // are small or few; that their edges are not quite straight there changes no count by much.
+      if (light.local) {
+        // By the angle from the axis, all round the light. Edges are not quite straight there,
+        // which changes no count by much: triangles are small or few.
         const double beside = seen.norm();
         seen *= beside > 0.0 ? std::atan2(beside, forward.dot(p)) / beside : 0.0;
       }
@@ -85,7 +93,6 @@ class LightGrid {
     const auto high = p[0].cwiseMax(p[1]).cwiseMax(p[2]).eval();
     const int last_row = std::min(kSide - 1, static_cast<int>(high.y()));
     for (int y = std::max(0, static_cast<int>(std::ceil(low.y()))); y <= last_row; ++y) {
-      // Where the row enters and leaves the triangle.
       double begin = high.x();
       double end = low.x();
       for (std::size_t c = 0; c < 3; ++c) {
@@ -114,11 +121,7 @@ class LightGrid {
 }  // namespace
 
 VolumeCaster::VolumeCaster(const ShadowMesh& mesh) : indices_(mesh.indices) {
-  positions_.reserve(mesh.positions.size());
-  for (const glm::vec3& p : mesh.positions) {
-    positions_.emplace_back(static_cast<double>(p.x), static_cast<double>(p.y),
-                            static_cast<double>(p.z));
-  }
+  for (const glm::vec3& p : mesh.positions) positions_.push_back(to_eigen(p));
   closed_.assign(mesh.part_count, true);
   std::map<std::pair<std::uint32_t, std::uint32_t>, std::uint32_t> edge_of;
   std::vector<int> balance;
@@ -141,26 +144,20 @@ VolumeCaster::VolumeCaster(const ShadowMesh& mesh) : indices_(mesh.indices) {
   for (std::size_t i = 0; i < sides_.size(); ++i) {
     if (balance[sides_[i].edge] != 0) closed_[part_[i / 3]] = false;
   }
-  faces_by_part_.resize(part_.size());
-  std::iota(faces_by_part_.begin(), faces_by_part_.end(), 0U);
-  std::ranges::stable_sort(faces_by_part_, {}, [this](std::uint32_t face) { return part_[face]; });
+  faces_by_part_.sort(part_.size(), mesh.part_count, [this](std::size_t i) { return part_[i]; });
   std::vector<Eigen::AlignedBox3d> boxes(mesh.part_count);
-  for (std::size_t i = 0; i < indices_.size(); ++i) {
+  for (std::size_t i = 0; i < indices_.size(); ++i)
     boxes[part_[i / 3]].extend(positions_[indices_[i]]);
-  }
-  for (const Eigen::AlignedBox3d& box : boxes) {
+  for (const Eigen::AlignedBox3d& box : boxes)
     balls_.push_back(box.isEmpty() ? Ball() : Ball{box.center(), 0.5 * box.diagonal().norm()});
-  }
-  // Turned inside out: what is closed has its faces to the outside.
   std::vector<double> volume(mesh.part_count, 0.0);
   for (std::size_t face = 0; face < part_.size(); ++face) {
     const Eigen::Vector3d& a = positions_[indices_[3 * face]];
     volume[part_[face]] +=
         a.dot(positions_[indices_[3 * face + 1]].cross(positions_[indices_[3 * face + 2]]));
   }
-  for (std::size_t part = 0; part < volume.size(); ++part) {
+  for (std::size_t part = 0; part < volume.size(); ++part)
     outside_.push_back(closed_[part] && volume[part] < 0.0 ? -1.0 : 1.0);
-  }
 }
 
 bool may_shadow(const Eigen::Vector4d& light, const Ball& caster, const Ball& receiver) {
@@ -182,7 +179,8 @@ bool may_shadow(const Eigen::Vector4d& light, const Ball& caster, const Ball& re
   return between <= std::asin(caster.radius / near) + std::asin(receiver.radius / far);
 }
 
-ShadowVolume VolumeCaster::volume(const Placement& T_table_object, const Eigen::Vector4d& light,
+ShadowVolume VolumeCaster::volume(const Placement& T_table_object,
+                                  const Eigen::Vector4d& homogeneous_light,
                                   std::span<const PlaneFrame> floors, double reach,
                                   std::span<const Ball> receivers) const {
   std::vector<Eigen::Vector3d> near(positions_.size());
@@ -192,14 +190,12 @@ ShadowVolume VolumeCaster::volume(const Placement& T_table_object, const Eigen::
     const Ball ball{T_table_object * balls_[part].middle,
                     T_table_object.scale * balls_[part].radius};
     needed[part] = std::ranges::any_of(
-        receivers, [&](const Ball& receiver) { return may_shadow(light, ball, receiver); });
+        receivers, [&](const Ball& other) { return may_shadow(homogeneous_light, ball, other); });
   }
   ShadowVolume result;
-  const bool local = light.w() != 0.0;
-  const Eigen::Vector3d from =
-      local ? Eigen::Vector3d(light.head<3>() / light.w()) : light.head<3>().normalized();
+  const VolumeLight light(homogeneous_light);
   const auto finite = [](const Eigen::Vector3d& p) { return p.allFinite(); };
-  if (!from.allFinite() || !std::ranges::all_of(near, finite)) return result;
+  if (!light.from.allFinite() || !std::ranges::all_of(near, finite)) return result;
 
   // Faces that count, each turned towards the light: +1 as it is, -1 the other way round.
   const std::size_t faces = indices_.size() / 3;
@@ -210,10 +206,10 @@ ShadowVolume VolumeCaster::volume(const Placement& T_table_object, const Eigen::
     const Eigen::Vector3d& a = near[indices_[3 * face]];
     const Eigen::Vector3d normal =
         (near[indices_[3 * face + 1]] - a).cross(near[indices_[3 * face + 2]] - a);
-    const Eigen::Vector3d to_light = local ? Eigen::Vector3d(from - a) : from;
-    // A light in the face's own plane does not light it.
+    const Eigen::Vector3d to_light = -light.away(a);
     const std::uint32_t part = part_[face];
     if (!needed[part]) continue;
+    // A light in the face's own plane does not light it.
     const double facing = outside_[part] * normal.dot(to_light);
     const double least = 1e-9 * normal.norm() * to_light.norm();
     if (facing > least) {
@@ -231,8 +227,8 @@ ShadowVolume VolumeCaster::volume(const Placement& T_table_object, const Eigen::
     if (closed_[part] && lit[part] == 0 && turned_away[part] > 0) result.light_inside = true;
   }
 
-  // One factor for the whole volume, so that its walls and far end keep the shape of the light's
-  // cone: p + t (p - L), or p - t L.
+  // One factor t for the whole volume, so that it keeps the shape of the light's cone: its far end
+  // is p + t (p - L), or p - t L.
   double to_floors = floors.empty() ? std::numeric_limits<double>::infinity() : 0.0;
   double to_sphere = std::numeric_limits<double>::infinity();
   double farthest = 0.0;  // from the table's origin
@@ -240,12 +236,9 @@ ShadowVolume VolumeCaster::volume(const Placement& T_table_object, const Eigen::
   for (std::size_t face = 0; face < faces; ++face) {
     for (std::size_t k = 0; k < 3 && turn[face] != 0; ++k) used[indices_[3 * face + k]] = true;
   }
-  const auto away = [&](const Eigen::Vector3d& p) {
-    return local ? Eigen::Vector3d(p - from) : Eigen::Vector3d(-from);
-  };
   for (std::size_t i = 0; i < near.size(); ++i) {
     if (!used[i]) continue;
-    const Eigen::Vector3d direction = away(near[i]);
+    const Eigen::Vector3d direction = light.away(near[i]);
     to_sphere = std::min(to_sphere, leaves_sphere(near[i], direction, reach));
     farthest = std::max(farthest, near[i].norm());
     for (const PlaneFrame& floor : floors) {
@@ -256,7 +249,7 @@ ShadowVolume VolumeCaster::volume(const Placement& T_table_object, const Eigen::
           std::max(to_floors, fall > 0.0 ? height / fall : std::numeric_limits<double>::infinity());
     }
   }
-  // Of what is near the table it is right to end there: the floor that it would come to is beyond.
+  // The volume of a caster near the table may end there: the floor that it would reach is beyond.
   result.ends_above_floors = !floors.empty() && std::isfinite(to_floors) && to_sphere < to_floors &&
                              farthest > kFarCaster * reach;
   const double t = std::min(to_floors, to_sphere);
@@ -264,12 +257,13 @@ ShadowVolume VolumeCaster::volume(const Placement& T_table_object, const Eigen::
   std::vector<glm::vec3> here(near.size());
   std::vector<glm::vec3> far(near.size());
   for (std::size_t i = 0; i < near.size(); ++i) {
-    here[i] = to_float(near[i]);
-    far[i] = to_float(near[i] + t * away(near[i]));
+    const Eigen::Vector3d end = near[i] + t * light.away(near[i]);
+    here[i] = {near[i].x(), near[i].y(), near[i].z()};
+    far[i] = {end.x(), end.y(), end.z()};
   }
 
   const auto add = [&result](const glm::vec3& a, const glm::vec3& b, const glm::vec3& c) {
-    for (const glm::vec3& p : {a, b, c}) result.triangles.push_back(p);
+    result.triangles.insert(result.triangles.end(), {a, b, c});
   };
   std::vector<int> silhouette(edges_.size(), 0);
   const auto add_part = [&](std::span<const std::uint32_t> part) {
@@ -299,20 +293,14 @@ ShadowVolume VolumeCaster::volume(const Placement& T_table_object, const Eigen::
       }
     }
   };
-  // Where more lit faces than the stencil counts might lie above one another, it is looked up how
-  // many do.
+  // Only more lit faces than the stencil counts can lie above one another too often.
   std::size_t all_lit = 0;
   for (const int count : lit) all_lit += static_cast<std::size_t>(count);
   std::optional<LightGrid> grid;
-  if (all_lit > kMostVolumesCounted) grid.emplace(near, used, from, local);
-  for (std::size_t begin = 0; begin < faces;) {
-    const std::uint32_t part = part_[faces_by_part_[begin]];
-    std::size_t end = begin;
-    while (end < faces && part_[faces_by_part_[end]] == part) ++end;
-    const std::span<const std::uint32_t> own =
-        std::span(faces_by_part_).subspan(begin, end - begin);
-    begin = end;
+  if (all_lit > kMostVolumesCounted) grid.emplace(near, used, light);
+  for (std::size_t part = 0; part < lit.size(); ++part) {
     if (lit[part] == 0) continue;
+    const std::span<const std::uint32_t> own = faces_by_part_[part];
     if (grid) {
       const auto cover = [&] {
         for (const std::uint32_t face : own) {
@@ -334,17 +322,12 @@ ShadowVolume VolumeCaster::volume(const Placement& T_table_object, const Eigen::
   return result;
 }
 
-// As volume_of(): to the floors, where a quotient of two linear functions is largest in a corner of
-// what it is over, or to the sphere.
+// As VolumeCaster::volume(): to the sphere or to the floors, where the quotient of two linear
+// functions is largest at a corner of the hull.
 std::vector<Eigen::Vector3d> hull_of_volume(std::span<const Eigen::Vector3d> points,
-                                            const Eigen::Vector4d& light,
+                                            const Eigen::Vector4d& homogeneous_light,
                                             std::span<const PlaneFrame> floors, double reach) {
-  const bool local = light.w() != 0.0;
-  const Eigen::Vector3d from =
-      local ? Eigen::Vector3d(light.head<3>() / light.w()) : light.head<3>().normalized();
-  const auto away = [&](const Eigen::Vector3d& p) {
-    return local ? Eigen::Vector3d(p - from) : Eigen::Vector3d(-from);
-  };
+  const VolumeLight light(homogeneous_light);
   Eigen::Vector3d middle = Eigen::Vector3d::Zero();
   for (const Eigen::Vector3d& p : points) middle += p / static_cast<double>(points.size());
   double farthest = 0.0;  // from the table's origin
@@ -354,13 +337,13 @@ std::vector<Eigen::Vector3d> hull_of_volume(std::span<const Eigen::Vector3d> poi
     farthest = std::max(farthest, p.norm());
     radius = std::max(radius, (p - middle).norm());
     for (const PlaneFrame& floor : floors) {
-      const double fall = -floor.n.dot(away(p));
+      const double fall = -floor.n.dot(light.away(p));
       const double height = floor.height(p) + kUnderFloor;
       to_floors = std::max(to_floors, fall > 0.0 ? std::max(height, 0.0) / fall
                                                  : std::numeric_limits<double>::infinity());
     }
   }
-  const double shortest = away(middle).norm() - (local ? radius : 0.0);
+  const double shortest = light.away(middle).norm() - (light.local ? radius : 0.0);
   if (!(shortest > 0.0)) return {};
   constexpr double kRounding = 1.0 + 1e-6;
   const double t = kRounding * std::min(to_floors, (reach + farthest) / shortest);
@@ -368,7 +351,7 @@ std::vector<Eigen::Vector3d> hull_of_volume(std::span<const Eigen::Vector3d> poi
   std::vector<Eigen::Vector3d> hull;
   for (const Eigen::Vector3d& p : points) {
     hull.push_back(p);
-    hull.emplace_back(p + t * away(p));
+    hull.emplace_back(p + t * light.away(p));
   }
   return hull;
 }

@@ -9,6 +9,7 @@
 #include <numbers>
 
 #include "render/shadow/casters/caster.hpp"
+#include "support/field_sample.hpp"
 #include "support/shadow_cases.hpp"
 #include "support/shapes.hpp"
 
@@ -32,8 +33,8 @@ test::Mask mask_of(const ShadowField& field, ShadowLayer layer, double half, int
   for (int row = 0; row < pixels; ++row)
     for (int column = 0; column < pixels; ++column)
       mask.bits[mask.index(column, row)] =
-          field.sample(layer, mask.origin + mask.pixel * Eigen::Vector2d(column + 0.5, row + 0.5)) >
-                  0.0F
+          test::field_at(field, layer,
+                         mask.origin + mask.pixel * Eigen::Vector2d(column + 0.5, row + 0.5)) > 0.0F
               ? 1
               : 0;
   return mask;
@@ -108,16 +109,15 @@ TEST(PowerDistance, ABallUnderANearLightAsRaysSeeIt) {
   EXPECT_GT(test::iou(mask_of(field, ShadowLayer::umbra, 0.15).bits, truth.all.bits), 0.94);
 }
 
-// Umbrae of lower matter from the whole part's raster against those of faces cut at the level: both
-// ways are judged by rays, and nothing else differs.
-TEST(PowerDistance, LevelsFromOneRasterAreAsGoodAsCutOnes) {
+// Casters whose lower matter has umbrae of its own.
+TEST(PowerDistance, UmbraMatchesRaysForTiltedCasters) {
   test::ShapeBuilder cone;
   std::vector<std::uint32_t> ring;
   for (int i = 0; i < 40; ++i) {
     const double turn = 2.0 * std::numbers::pi * i / 40;
     ring.push_back(cone.vertex(0.04 * std::cos(turn), 0.04 * std::sin(turn), 0.0));
   }
-  const std::uint32_t tip = cone.vertex(0.01, 0.0, 0.06);
+  const std::uint32_t tip = cone.vertex(0.0, 0.0, 0.06);
   const std::uint32_t foot = cone.vertex(0.0, 0.0, -0.03);
   for (std::size_t i = 0; i < 40; ++i) {
     cone.triangle(ring[i], ring[(i + 1) % 40], tip);
@@ -126,42 +126,26 @@ TEST(PowerDistance, LevelsFromOneRasterAreAsGoodAsCutOnes) {
   test::ShapeBuilder ball;
   ball.sphere(0.05, 24, 48);
   const LayeredConstants constants = make_layered_constants(0.9, 3.0, 0.0).value();
-  double of_fast = 0.0;
-  double of_exact = 0.0;
+  int compared = 0;
   for (const Model& model : {test::box_model(0.08), cone.build(), ball.build()}) {
     const ShadowMesh mesh = make_shadow_mesh(model);
     for (const double tilt : {0.0, 0.7, 2.0}) {
       const Placement placement = {
           Eigen::Vector3d(0, 0, 0.12),
           Eigen::Quaterniond(Eigen::AngleAxisd(tilt, Eigen::Vector3d(1, 2, 0).normalized())), 1.0};
-      const ShadowField fast = field_of(mesh, placement, constants);
-      ShadowFieldOptions options;
-      options.levels = FieldLevels::cut;
-      const ShadowField exact = field_of(mesh, placement, constants, options);
-      ASSERT_EQ(fast.width, exact.width);
-      EXPECT_EQ(fast.middle, exact.middle);
-      EXPECT_EQ(fast.penumbra, exact.penumbra);
       const PlaneFrame plane;
       const PartLight light =
           part_lights(part_discs(mesh, up_in_object(placement, plane)), placement, plane)[0];
-      ASSERT_LT(light.centre.norm(), 0.02);
-      EXPECT_GT(test::iou(mask_of(fast, ShadowLayer::umbra, 0.12).bits,
-                          mask_of(exact, ShadowLayer::umbra, 0.12).bits),
-                0.97)
-          << tilt;
       // The rays start from above the origin.
       if (light.centre.norm() > 1e-3) continue;
       const Truth truth = ray_cast(mesh, placement, 0.9, 3.0 * light.radius, 0.12);
-      const auto agreement = [&](const ShadowField& field) {
-        return test::iou(mask_of(field, ShadowLayer::umbra, 0.12).bits, truth.all.bits);
-      };
-      EXPECT_GT(agreement(fast), agreement(exact) - 0.01) << tilt;
-      of_fast += agreement(fast);
-      of_exact += agreement(exact);
+      const ShadowField field = field_of(mesh, placement, constants);
+      EXPECT_GT(test::iou(mask_of(field, ShadowLayer::umbra, 0.12).bits, truth.all.bits), 0.9)
+          << compared << " " << tilt;
+      ++compared;
     }
   }
-  EXPECT_GT(of_exact, 0.0);
-  EXPECT_GT(of_fast, 0.998 * of_exact);
+  EXPECT_GE(compared, 6);
 }
 
 TEST(PowerDistance, LightsOfSmallPartsFromFewerCells) {
@@ -302,7 +286,7 @@ TEST(PowerDistance, TotalOnNothingAndOnNonsense) {
     const ShadowField field = power_distance_layers(vertices, indices, part, lights, constants);
     for (const ShadowLayer layer : kShadowLayers)
       for (const float value : field.layer(layer)) ASSERT_FALSE(std::isnan(value));
-    EXPECT_EQ(field.sample(ShadowLayer::umbra, {1e9, 0.0}), -1.0F);
+    EXPECT_EQ(test::field_at(field, ShadowLayer::umbra, {1e9, 0.0}), -1.0F);
   }
 }
 

@@ -18,7 +18,6 @@
 #include <vector>
 
 #include "render/shadow/casters/caster.hpp"
-#include "render/shadow/kernels/kernel_tuning.hpp"
 #include "render/shadow/kernels/shadow_kernels.hpp"
 #include "render/shadow/kernels/twist.hpp"
 #include "render/shadow/layers/layer_polygons.hpp"

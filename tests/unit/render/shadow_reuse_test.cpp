@@ -8,6 +8,7 @@
 #include "render/shadow/casters/caster.hpp"
 #include "render/shadow/kernels/kernel_direction.hpp"
 #include "render/shadow/layers/own_frame.hpp"
+#include "support/field_sample.hpp"
 #include "support/shapes.hpp"
 #include "support/studio.hpp"
 
@@ -328,7 +329,7 @@ TEST(ShadowField, IsDrawnWhereTheFieldIs) {
           Eigen::Rotation2Dd(-yaw) * (on_table.head<2>() - placement.position.head<2>());
       std::size_t layer = 3;
       for (std::size_t i = 0; i < 3 && layer == 3; ++i) {
-        if (field.sample(kShadowLayers[i], p) > 0.0F) layer = i;
+        if (test::field_at(field, kShadowLayers[i], p) > 0.0F) layer = i;
       }
       ++size[layer];
       constexpr std::array kLightLeft = {0.15, 0.4, 0.83, 1.0};

@@ -1,0 +1,47 @@
+// Faces of a caster clipped and projected from the light of each part. Internal to fields/.
+#pragma once
+
+#include <Eigen/Geometry>
+#include <array>
+#include <cstdint>
+#include <span>
+#include <vector>
+
+#include "render/shadow/fields/power_distance.hpp"
+
+namespace penumbra {
+
+// Shares of a part's height. The umbra is the union of the umbrae of the whole part and of the
+// matter below each share (docs/shadows.md#fields).
+inline constexpr std::array<double, 2> kLevels = {0.5, 0.02};
+
+// A projected corner: position on the plane and radius of the light's image there.
+struct FieldPoint {
+  float x, y, rho;
+};
+
+struct PartMatter {
+  std::size_t begin = 0, end = 0;  // into ProjectedParts::corners
+  Eigen::AlignedBox2f matter;      // of its points
+  Eigen::AlignedBox2f reach;       // of the discs round these
+  // rho at kLevels and at the part's top; levels < 0: none.
+  std::array<float, kLevels.size()> levels = {-1.0F, -1.0F};
+  float top = 0.0F;
+};
+
+// Faces of all parts, clipped and projected [m].
+struct ProjectedParts {
+  std::vector<FieldPoint> points;
+  std::vector<std::uint32_t> corners;  // indices into points, three per face
+  std::vector<PartMatter> parts;
+  Eigen::AlignedBox2f reach;  // of all parts
+};
+
+// As power_distance_layers(). Parts without a face, or larger than any table, are skipped.
+[[nodiscard]] ProjectedParts project_parts(std::span<const CasterVertex> vertices,
+                                           std::span<const std::uint32_t> indices,
+                                           std::span<const std::uint32_t> part,
+                                           std::span<const PartLight> lights,
+                                           const LayeredConstants& constants);
+
+}  // namespace penumbra

@@ -1,0 +1,170 @@
+#include "render/shadow/masks/mask_caster.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+#include "core/assert.hpp"
+#include "render/shadow/casters/caster.hpp"
+
+namespace penumbra {
+namespace {
+
+// Places from the object's origin, so that products of their differences fit into 64 bits.
+constexpr float kFarthest = 1 << 29;
+
+}  // namespace
+
+void MaskCaster::begin(const OwnFrame& own, double cell) {
+  wanted_ = {};
+  bounds_.setEmpty();
+  for (std::vector<Place>& faces : faces_) faces.clear();
+  for (std::vector<Place>& sides : sides_) sides.clear();
+  T_plane_own_ = own.T_plane_own;
+  cell_ = cell;
+  first_ = (T_plane_own_.slide / cell).array().floor().cast<std::int64_t>();
+}
+
+std::optional<MaskCaster::Place> MaskCaster::place_of(const PlanePoint& p) const {
+  const Eigen::Vector2d on_plane =
+      T_plane_own_ * Eigen::Vector2d(static_cast<double>(p.u), static_cast<double>(p.v));
+  Eigen::Vector2d at = kPlaces * (on_plane / cell_ - first_.cast<double>());
+  constexpr double kMost = kFarthest;
+  if (!(std::abs(at.x()) <= kMost && std::abs(at.y()) <= kMost)) {
+    if (!at.allFinite()) return std::nullopt;
+    at = at.cwiseMax(-kMost).cwiseMin(kMost);
+  }
+  return Place{std::llround(at.x()), std::llround(at.y())};
+}
+
+void MaskCaster::extend_bounds(const Place& place) {
+  bounds_.extend(first_ + Place(place.x() >> kPlaceBits, place.y() >> kPlaceBits));
+}
+
+void MaskCaster::project_faces(ShadowLayer layer, std::span<const PlanePoint> triangles) {
+  std::vector<Place>& places = faces_[static_cast<std::size_t>(layer)];
+  places.clear();
+  places.reserve(triangles.size());
+  for (std::size_t i = 0; i + 2 < triangles.size(); i += 3) {
+    const std::array<std::optional<Place>, 3> face = {
+        place_of(triangles[i]), place_of(triangles[i + 1]), place_of(triangles[i + 2])};
+    if (!face[0] || !face[1] || !face[2]) continue;
+    for (const std::optional<Place>& place : face) {
+      places.push_back(*place);
+      extend_bounds(*place);
+    }
+  }
+}
+
+void MaskCaster::project_outline(ShadowLayer layer, std::span<const OutlineSide> sides) {
+  std::vector<Place>& places = sides_[static_cast<std::size_t>(layer)];
+  places.clear();
+  places.reserve(2 * sides.size());
+  for (const OutlineSide& side : sides) {
+    const std::optional<Place> from = place_of(side.from);
+    const std::optional<Place> to = place_of(side.to);
+    if (!from || !to) {  // a line that isn't closed bounds nothing
+      places.clear();
+      return;
+    }
+    places.insert(places.end(), {*from, *to});
+  }
+  for (const Place& place : places) extend_bounds(place);
+}
+
+void MaskCaster::project(std::span<const glm::vec3> positions, std::span<const glm::vec3> kernels,
+                         const OwnFrame& own, const LayeredConstants& constants,
+                         const std::array<bool, 3>& wanted, double cell) {
+  PENUMBRA_ASSERT(kernels.size() >= positions.size());
+  begin(own, cell);
+  wanted_ = wanted;
+  if (positions.empty()) return;
+  // Turned on the plane, in cells, from the cell under the object's origin.
+  const PlaneMap map = plane_map(own.T_own_object, PlaneFrame());
+  Eigen::Matrix3d turn = Eigen::Matrix3d::Identity();
+  turn.topLeftCorner<2, 2>() << own.T_plane_own.cosine, -own.T_plane_own.sine, own.T_plane_own.sine,
+      own.T_plane_own.cosine;
+  const Eigen::Matrix3d linear = turn * map.linear;
+  Eigen::Vector3d offset = turn * map.offset;
+  offset.head<2>() += cell * (own.T_plane_own.slide / cell - first_.cast<double>());
+  std::array<float, 9> m{};
+  for (Eigen::Index i = 0; i < 9; ++i)
+    m[static_cast<std::size_t>(i)] = static_cast<float>(linear(i / 3, i % 3));
+  const auto x0 = static_cast<float>(offset.x());
+  const auto y0 = static_cast<float>(offset.y());
+  const auto h0 = static_cast<float>(offset.z());
+  const auto inverse_light = static_cast<float>(1.0 / constants.light_height);
+  const auto umbra_height = static_cast<float>(constants.umbra_height);
+  const auto inverse_umbra = static_cast<float>(1.0 / constants.umbra_height);
+  const auto cap = static_cast<float>(layer_height_range(constants, ShadowLayer::middle).high);
+  const auto places = static_cast<float>(kPlaces / cell);
+
+  images_.resize(positions.size());
+  constexpr float kMost = std::numeric_limits<float>::max();
+  Images low{{kMost, kMost, kMost, kMost}, {kMost, kMost, kMost, kMost}};
+  Images high{{-kMost, -kMost, -kMost, -kMost}, {-kMost, -kMost, -kMost, -kMost}};
+  for (std::size_t i = 0; i < positions.size(); ++i) {
+    const glm::vec3& p = positions[i];
+    const glm::vec3& q = kernels[i];
+    const float u = m[0] * p.x + m[1] * p.y + m[2] * p.z + x0;
+    const float v = m[3] * p.x + m[4] * p.y + m[5] * p.z + y0;
+    float h = m[6] * p.x + m[7] * p.y + m[8] * p.z + h0;
+    h = h > 0.0F ? h : 0.0F;
+    h = h < cap ? h : cap;
+    const float ku = m[0] * q.x + m[1] * q.y + m[2] * q.z + x0;
+    const float kv = m[3] * q.x + m[4] * q.y + m[5] * q.z + y0;
+    // As shadow.vert.glsl, but from k for all layers: exact to 1/256 of a cell.
+    const float r = 1.0F / (1.0F - h * inverse_light);
+    const float t = h * inverse_light * r;
+    const float umbra = (umbra_height - h) * inverse_umbra * r;
+    const std::array<float, 4> factor = {umbra > 0.0F ? umbra : 0.0F, 1.0F + t,
+                                         1.0F + t + h * inverse_umbra * r, 0.0F};
+    constexpr float kRound = 3 << 22;  // adding it rounds to a whole number
+    Images& image = images_[i];
+    for (std::size_t layer = 0; layer < 4; ++layer) {
+      image.u[layer] = (ku + factor[layer] * (u - ku)) * places + kRound - kRound;
+      image.v[layer] = (kv + factor[layer] * (v - kv)) * places + kRound - kRound;
+    }
+    for (std::size_t layer = 0; layer < 4; ++layer) {
+      low.u[layer] = image.u[layer] < low.u[layer] ? image.u[layer] : low.u[layer];
+      low.v[layer] = image.v[layer] < low.v[layer] ? image.v[layer] : low.v[layer];
+      high.u[layer] = image.u[layer] > high.u[layer] ? image.u[layer] : high.u[layer];
+      high.v[layer] = image.v[layer] > high.v[layer] ? image.v[layer] : high.v[layer];
+    }
+  }
+  for (std::size_t layer = 0; layer < 3; ++layer) {
+    if (!wanted_[layer]) continue;
+    // Without a finite place the lowest is higher than the highest.
+    const auto within = [](float lowest, float highest) {
+      return lowest >= -kFarthest && highest <= kFarthest && lowest <= highest;
+    };
+    if (!within(low.u[layer], high.u[layer]) || !within(low.v[layer], high.v[layer])) {
+      clamp_places();
+      return;
+    }
+    extend_bounds(low.place(layer));
+    extend_bounds(high.place(layer));
+  }
+}
+
+// A face with a place that is not a number turns neither way, so that none of its edges counts.
+void MaskCaster::clamp_places() {
+  bounds_.setEmpty();
+  constexpr float kNone = std::numeric_limits<float>::quiet_NaN();
+  for (Images& image : images_) {
+    for (std::size_t layer = 0; layer < 3; ++layer) {
+      if (!wanted_[layer]) continue;
+      float& u = image.u[layer];
+      float& v = image.v[layer];
+      if (!std::isfinite(u) || !std::isfinite(v)) {
+        u = v = kNone;
+        continue;
+      }
+      u = std::clamp(u, -kFarthest, kFarthest);
+      v = std::clamp(v, -kFarthest, kFarthest);
+      extend_bounds(image.place(layer));
+    }
+  }
+}
+
+}  // namespace penumbra
