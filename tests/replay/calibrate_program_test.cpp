@@ -292,7 +292,10 @@ TEST_F(CalibrateProgram, AMeasuredRulerCorrectsTheTargetsFile) {
     const auto twice = load_target(file);
     ASSERT_TRUE(twice) << twice.error().message;
     test::write_text(file, nominal);
-    EXPECT_NEAR(twice->radius() / load_target(file)->radius(), 1.004, 1e-7);
+    const auto length = [](const Target& target) {
+      return (target.points.back() - target.points.front()).norm();
+    };
+    EXPECT_NEAR(length(*twice) / length(load_target(file).value()), 1.004, 1e-7);
     ASSERT_EQ(print({"--measured", "100.4"}).exit_code, 0);
     // Without a word of the ruler, what was measured stays.
     const std::string measured_text = read_text_file(file, 1 << 20).value();

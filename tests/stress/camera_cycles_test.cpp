@@ -57,7 +57,7 @@ TEST(CameraCycles, LeaveNothingBehind) {
   ASSERT_TRUE(camera) << camera.error().message;
   const int cycles = std::stoi(from_environment("PENUMBRA_CAMERA_CYCLES", "40"));
   const auto cycle = [&] {
-    auto source = open_live_source(request, *camera);
+    auto source = open_live_source(request, &*camera);
     ASSERT_TRUE(source) << source.error().message;
     // A frame that outlives its camera, as one in the window does.
     auto frame = (*source)->next();
