@@ -271,6 +271,12 @@ void MaskPicture::add_edge(Steps& sums, std::size_t layer, const Place& from, co
   if (v0 == v1 || std::max(v0, v1) <= 0 || std::min(v0, v1) >= bottom) return;
   if (std::min(from.x(), to.x()) >= right) return;
   const bool down = v1 > v0;
+  const std::int64_t first_row = (down ? v0 : v0 - 1) >> MaskCaster::kPlaceBits;
+  if (first_row == (down ? v1 - 1 : v1) >> MaskCaster::kPlaceBits) {  // most edges
+    const Place corner(0, MaskCaster::kPlaces * first_row);
+    add_in_row(sums, layer, sign, first_row, from - corner, to - corner);
+    return;
+  }
   const std::int64_t rise = down ? v1 - v0 : v0 - v1;
   const std::int64_t run = to.x() - from.x();
   const auto row_of = [this](std::int64_t v) {
@@ -308,16 +314,20 @@ void MaskPicture::add_in_row(Steps& sums, std::size_t layer, int sign, std::int6
   };
   const std::int64_t first = from.x() >> MaskCaster::kPlaceBits;
   const std::int64_t last = to.x() >> MaskCaster::kPlaceBits;
+  const std::int64_t end_cell = cells_.width - 1;
+  const std::int64_t rise = to.y() - from.y();
+  if (first == last && first >= 0 && first <= end_cell) {  // most edges
+    add(first, rise, from.x() + to.x() - 2 * MaskCaster::kPlaces * first);
+    return;
+  }
   const bool right = last >= first;
   const std::int64_t run = right ? to.x() - from.x() : from.x() - to.x();
-  const std::int64_t rise = to.y() - from.y();
   // v where the edge comes to a column's border.
   const auto v_at = [&](std::int64_t u) {
     return from.y() + quotient(rise * (right ? u - from.x() : from.x() - u), run);
   };
   // The part left of the mask covers its rows from the first cell on; the part right of it counts
   // for nothing.
-  const std::int64_t end_cell = cells_.width - 1;
   std::int64_t v = from.y();
   std::int64_t cell = first;
   if (right && first < 0) {
