@@ -107,7 +107,7 @@ class CameraJpegFuzz : public testing::TestWithParam<test::JpegKind> {
   const ImageSize size_{GetParam().width, GetParam().height};
 };
 
-TEST_P(CameraJpegFuzz, NeverUsesMoreThanLibjpegDecodesInFull) {
+TEST_P(CameraJpegFuzz, AcceptsOnlyImagesThatLibjpegDecodesInFull) {
   test::Random random(11);
   const int count = per_kind(300, 3500);
   int used = 0;
@@ -202,7 +202,7 @@ std::string with_harmless_change(const std::string& sound, test::Random& random)
   return bytes;
 }
 
-TEST_P(CameraJpegFuzz, UsesEveryImageWhoseBlocksAreAllThere) {
+TEST_P(CameraJpegFuzz, AcceptsCompleteImagesAfterHarmlessChanges) {
   test::Random random(12);
   const auto expected = received(sound_, size_);
   ASSERT_TRUE(expected) << expected.error().message;
@@ -220,7 +220,7 @@ TEST_P(CameraJpegFuzz, UsesEveryImageWhoseBlocksAreAllThere) {
   }
 }
 
-INSTANTIATE_TEST_SUITE_P(Of, CameraJpegFuzz, testing::ValuesIn(test::jpeg_kinds()),
+INSTANTIATE_TEST_SUITE_P(Kinds, CameraJpegFuzz, testing::ValuesIn(test::jpeg_kinds()),
                          [](const auto& test) { return std::string(test.param.name); });
 
 }  // namespace

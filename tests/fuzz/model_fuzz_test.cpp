@@ -104,14 +104,14 @@ int fuzz_model(const std::string& good, const std::string& extension, int count,
   return accepted;
 }
 
-TEST(Fuzz, DamagedGlb) {
+TEST(ModelFuzz, LoadsOrRejectsDamagedGlb) {
   const std::string good = contents(test::source_dir() / "scenes/models/helicopter_tail_rotor.glb");
   const int accepted = fuzz_model(good, ".glb", 3000, 1);
   EXPECT_GT(accepted, 0);
   EXPECT_LT(accepted, 3000);
 }
 
-TEST(Fuzz, DamagedMaterials) {
+TEST(ModelFuzz, LoadsOrRejectsDamagedMaterials) {
   test::TexturedSquare square;
   square.material =
       R"("pbrMetallicRoughness":{"baseColorTexture":{"index":0},"metallicRoughnessTexture":{"index":1,)"
@@ -132,7 +132,7 @@ TEST(Fuzz, DamagedMaterials) {
   EXPECT_LT(with_given, 1000);
 }
 
-TEST(Fuzz, DamagedGltf) {
+TEST(ModelFuzz, LoadsOrRejectsDamagedGltf) {
   // The same JSON as text, its buffer embedded.
   const std::string json =
       R"({"asset":{"version":"2.0"},"scene":0,"scenes":[{"nodes":[0]}],"nodes":[{"mesh":0,)"
@@ -190,7 +190,7 @@ std::string moved_gltf(bool binary) {
   return binary ? file.glb() : file.gltf();
 }
 
-TEST(Fuzz, DamagedSkinsTargetsAndInstances) {
+TEST(ModelFuzz, LoadsOrRejectsDamagedSkinsMorphTargetsAndInstances) {
   for (const bool binary : {false, true}) {
     const char* extension = binary ? ".glb" : ".gltf";
     const int accepted = fuzz_model(moved_gltf(binary), extension, 4000, binary ? 7 : 8);
@@ -199,7 +199,7 @@ TEST(Fuzz, DamagedSkinsTargetsAndInstances) {
   }
 }
 
-TEST(Fuzz, DamagedObj) {
+TEST(ModelFuzz, LoadsOrRejectsDamagedObj) {
   std::string good = "o thing\nusemtl paint\n";
   for (int i = 0; i < 40; ++i) {
     good +=
@@ -212,7 +212,7 @@ TEST(Fuzz, DamagedObj) {
   EXPECT_LT(accepted, 4000);
 }
 
-TEST(Fuzz, RandomBytes) {
+TEST(ModelFuzz, RejectsRandomBytes) {
   test::TemporaryFolder folder;
   std::mt19937 random(4);
   for (int i = 0; i < 600; ++i) {

@@ -125,7 +125,7 @@ std::string jpeg_of(int subsampling, int flags) {
   return bytes;
 }
 
-TEST(PictureFuzz, Jpeg) {
+TEST(ImageFuzz, DecodesOrRejectsDamagedJpeg) {
   test::Random random(1);
   Tally tally;
   for (const int subsampling :
@@ -145,7 +145,7 @@ TEST(PictureFuzz, Jpeg) {
   report(tally);
 }
 
-TEST(PictureFuzz, Png) {
+TEST(ImageFuzz, DecodesOrRejectsDamagedPng) {
   test::Random random(2);
   Tally tally;
   for (const auto& [type, depth] : {std::pair{SPNG_COLOR_TYPE_GRAYSCALE, 8},

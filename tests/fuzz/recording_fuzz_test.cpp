@@ -50,7 +50,7 @@ void expect_finite(const CameraParameters& p) {
   for (const double k : p.distortion) ASSERT_TRUE(std::isfinite(k));
 }
 
-TEST(RecordingFuzz, CameraFile) {
+TEST(RecordingFuzz, ReadsOrRejectsDamagedCameraFile) {
   const test::TemporaryFolder folder;
   const auto file = folder.path() / "camera.yaml";
   Random random(11);
@@ -79,7 +79,7 @@ TEST(RecordingFuzz, CameraFile) {
 }
 
 // Camera files of other programs: ROS messages, OpenCV's FileStorage as YAML, JSON and XML, Kalibr.
-TEST(RecordingFuzz, CameraFileLayouts) {
+TEST(RecordingFuzz, ReadsOrRejectsDamagedForeignCameraFiles) {
   const std::array<std::string, 5> layouts = {
       "header:\n  stamp:\n    sec: 17\n    nanosec: 5\n  frame_id: cam\nheight: 480\nwidth: 640\n"
       "distortion_model: plumb_bob\nd:\n- 0.1\n- -0.05\n- 0.001\n- 0.002\n- 0.0\nk: [500, 0, 320, "
@@ -122,7 +122,7 @@ TEST(RecordingFuzz, CameraFileLayouts) {
   report(tally);
 }
 
-TEST(RecordingFuzz, SensorFile) {
+TEST(RecordingFuzz, ReadsOrRejectsDamagedSensorFile) {
   const test::TemporaryFolder folder;
   const auto file = folder.path() / "sensor.yaml";
   const std::string whole =
@@ -145,7 +145,7 @@ TEST(RecordingFuzz, SensorFile) {
   report(tally);
 }
 
-TEST(RecordingFuzz, TagMap) {
+TEST(RecordingFuzz, ReadsOrRejectsDamagedTagMap) {
   const test::TemporaryFolder folder;
   const auto file = folder.path() / "tags.yaml";
   Random random(13);
@@ -169,7 +169,7 @@ TEST(RecordingFuzz, TagMap) {
   report(tally);
 }
 
-TEST(RecordingFuzz, DeeplyNestedYamlIsAnError) {
+TEST(RecordingFuzz, RejectsDeeplyNestedYaml) {
   const test::TemporaryFolder folder;
   const auto file = folder.path() / "tags.yaml";
   for (const char* open : {"[", "{", "- ", "{a: ", "? "}) {
@@ -181,7 +181,7 @@ TEST(RecordingFuzz, DeeplyNestedYamlIsAnError) {
   }
 }
 
-TEST(RecordingFuzz, Trajectory) {
+TEST(RecordingFuzz, ReadsOrRejectsDamagedTrajectory) {
   const test::TemporaryFolder folder;
   const auto file = folder.path() / "groundtruth.tum";
   std::string euroc = "#timestamp, p_x [m], p_y [m], p_z [m], q_w [], q_x [], q_y [], q_z []\n";
@@ -212,7 +212,7 @@ TEST(RecordingFuzz, Trajectory) {
   report(tally);
 }
 
-TEST(RecordingFuzz, Listing) {
+TEST(RecordingFuzz, OpensOrRejectsDamagedFrameList) {
   const test::TemporaryFolder root;
   const auto folder = root.path() / "small";
   test::write_recording(folder, 6);
@@ -236,7 +236,7 @@ TEST(RecordingFuzz, Listing) {
   report(tally);
 }
 
-TEST(RecordingFuzz, Video) {
+TEST(RecordingFuzz, OpensOrRejectsDamagedVideo) {
   const test::TemporaryFolder root;
   const auto folder = root.path() / "filmed";
   test::write_recording(folder, 6, "");

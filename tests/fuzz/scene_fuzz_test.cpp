@@ -11,7 +11,7 @@
 namespace penumbra {
 namespace {
 
-TEST(Fuzz, DamagedScene) {
+TEST(SceneFuzz, LoadsOrRejectsDamagedScene) {
   std::ifstream stream(test::source_dir() / "scenes/default.json");
   std::string good((std::istreambuf_iterator<char>(stream)), {});
   // Shapes in place of models, so that reading models does not take the time.

@@ -11,7 +11,7 @@
 namespace penumbra {
 namespace {
 
-TEST(Fuzz, DamagedStudyScript) {
+TEST(StudyFuzz, ReadsOrRejectsDamagedScript) {
   const std::string good =
       "# trial seconds action\n1 1.25 click sphere 2\n2 0.9 click table 0.05 0.1 0.04\n"
       "2 1.0 click pixel 320 240\n3 1.0 press left ball\n3 1.5 move by 0.03 -0.02 0\n"
@@ -46,7 +46,7 @@ TEST(Fuzz, DamagedStudyScript) {
   EXPECT_LT(accepted, kCount * 9 / 10);
 }
 
-TEST(Fuzz, DamagedStudyRow) {
+TEST(StudyFuzz, ReadsOrRejectsDamagedResultRow) {
   StudyRow row;
   row.study = "heights-seed1-samples3-layered";
   row.technique = "layered";

@@ -133,8 +133,8 @@ struct Case {
   ShadowTechnique technique;
   int frame;
 };
-class Golden : public testing::TestWithParam<Case> {};
-INSTANTIATE_TEST_SUITE_P(Solids, Golden,
+class SolidsScene : public testing::TestWithParam<Case> {};
+INSTANTIATE_TEST_SUITE_P(Golden, SolidsScene,
                          testing::Values(Case{"tabletop", ShadowTechnique::layered, 0},
                                          Case{"tabletop", ShadowTechnique::layered, 75},
                                          Case{"tabletop", ShadowTechnique::simple, 0},
@@ -146,7 +146,7 @@ INSTANTIATE_TEST_SUITE_P(Solids, Golden,
                                   std::to_string(instance.param.frame);
                          });
 
-TEST_P(Golden, CompositedFrame) {
+TEST_P(SolidsScene, CompositedFrameMatchesGolden) {
   const Case& c = GetParam();
   const auto view = half_size_view(c.recording, c.frame);
   ASSERT_TRUE(view) << view.error().message;
@@ -177,7 +177,7 @@ INSTANTIATE_TEST_SUITE_P(Golden, DefaultScene,
                                   std::to_string(instance.param.frame);
                          });
 
-TEST_P(DefaultScene, CompositedFrame) {
+TEST_P(DefaultScene, CompositedFrameMatchesGolden) {
   const Case& c = GetParam();
   const auto view = half_size_view(c.recording, c.frame);
   ASSERT_TRUE(view) << view.error().message;
@@ -194,9 +194,9 @@ struct TranslucentCase {
   ShadowTechnique technique;
   int frame;
 };
-class Translucent : public testing::TestWithParam<TranslucentCase> {};
+class TranslucentScene : public testing::TestWithParam<TranslucentCase> {};
 INSTANTIATE_TEST_SUITE_P(
-    Golden, Translucent,
+    Golden, TranslucentScene,
     testing::Values(TranslucentCase{Translucency::mesh, ShadowTechnique::layered, 60},
                     TranslucentCase{Translucency::mesh, ShadowTechnique::layered, 110},
                     TranslucentCase{Translucency::mesh, ShadowTechnique::field, 60},
@@ -211,7 +211,7 @@ INSTANTIATE_TEST_SUITE_P(
       return name;
     });
 
-TEST_P(Translucent, CompositedFrame) {
+TEST_P(TranslucentScene, CompositedFrameMatchesGolden) {
   const TranslucentCase& c = GetParam();
   const auto view = half_size_view("tabletop", c.frame);
   ASSERT_TRUE(view) << view.error().message;
@@ -224,7 +224,7 @@ TEST_P(Translucent, CompositedFrame) {
 }
 
 // Without the lens's distortion.
-TEST(RectifiedGolden, CompositedFrame) {
+TEST(RectifiedView, CompositedFrameMatchesGolden) {
   const auto view = half_size_view("tabletop", 60);
   ASSERT_TRUE(view) << view.error().message;
   const auto loaded = load_scene(test::source_dir() / "scenes" / "default.json");
@@ -289,7 +289,7 @@ INSTANTIATE_TEST_SUITE_P(Golden, BundledScene, testing::ValuesIn(kSceneCases),
                                               : name;
                          });
 
-TEST_P(BundledScene, CompositedFrame) {
+TEST_P(BundledScene, CompositedFrameMatchesGolden) {
   const SceneCase& c = GetParam();
   const auto view = half_size_view(c.recording, c.frame);
   ASSERT_TRUE(view) << view.error().message;
@@ -314,7 +314,7 @@ TEST_P(BundledScene, CompositedFrame) {
       image_of(studio.draw(view->frame, plan))));
 }
 
-TEST(BundledScenes, AllHaveAGoldenPictureAndALineInTheReadme) {
+TEST(BundledSceneList, HasGoldenImageAndReadmeLineForEveryScene) {
   std::set<std::string> with_picture = {"default"};
   for (const SceneCase& c : kSceneCases) with_picture.insert(c.scene);
   std::ifstream stream(test::source_dir() / "README.md");
@@ -330,7 +330,7 @@ TEST(BundledScenes, AllHaveAGoldenPictureAndALineInTheReadme) {
 }
 
 // Before the recording ends the shadow has met the phantom: without it, the picture is another one.
-TEST(DefaultSceneTest, ItsShadowMeetsThePhantom) {
+TEST(DefaultScenePhantom, ReceivesShadowBeforeRecordingEnds) {
   const auto view = half_size_view("tabletop", 116);
   ASSERT_TRUE(view) << view.error().message;
   const auto scene = load_scene(test::source_dir() / "scenes" / "default.json");
@@ -347,8 +347,8 @@ TEST(DefaultSceneTest, ItsShadowMeetsThePhantom) {
 
 // What the golden pictures are of is what the program writes: its frames, whole, against the same
 // frame drawn here.
-class Program : public testing::TestWithParam<Case> {};
-INSTANTIATE_TEST_SUITE_P(Golden, Program,
+class ReplayCommand : public testing::TestWithParam<Case> {};
+INSTANTIATE_TEST_SUITE_P(Golden, ReplayCommand,
                          testing::Values(Case{"tabletop", ShadowTechnique::layered, 60},
                                          Case{"tabletop", ShadowTechnique::hard, 110},
                                          Case{"corner", ShadowTechnique::layered, 30}),
@@ -358,7 +358,7 @@ INSTANTIATE_TEST_SUITE_P(Golden, Program,
                                   std::to_string(instance.param.frame);
                          });
 
-TEST_P(Program, WritesTheSameFrame) {
+TEST_P(ReplayCommand, WritesFrameDrawnByCompositor) {
   const Case& c = GetParam();
   const auto folder = test::recordings_dir() / c.recording;
   const test::TemporaryFolder out;
@@ -392,8 +392,8 @@ std::string layer_name(ShadowLayer layer) {
 }
 
 // The comparison must see a wrong shadow: each layer left out, and each moved by 2 px.
-class WrongShadow : public testing::TestWithParam<ShadowLayer> {};
-INSTANTIATE_TEST_SUITE_P(Golden, WrongShadow, testing::ValuesIn(kShadowLayers),
+class GoldenLayerComparison : public testing::TestWithParam<ShadowLayer> {};
+INSTANTIATE_TEST_SUITE_P(Golden, GoldenLayerComparison, testing::ValuesIn(kShadowLayers),
                          [](const auto& layer) { return layer_name(layer.param); });
 
 void keep_only(ShadowDraw& draw, ShadowLayer layer) {
@@ -407,7 +407,7 @@ void leave_out(ShadowDraw& draw, ShadowLayer layer) {
   draw.penumbra = draw.penumbra && layer != ShadowLayer::penumbra;
 }
 
-TEST_P(WrongShadow, LeftOutIsSeen) {
+TEST_P(GoldenLayerComparison, DetectsMissingLayer) {
   const auto view = half_size_view("tabletop", 0);
   ASSERT_TRUE(view) << view.error().message;
   const RgbaImage right = composite(*view, ShadowTechnique::layered);
@@ -420,7 +420,7 @@ TEST_P(WrongShadow, LeftOutIsSeen) {
   }
 }
 
-TEST_P(WrongShadow, MovedByTwoPixelsIsSeen) {
+TEST_P(GoldenLayerComparison, DetectsLayerShiftedByTwoPixels) {
   const auto view = half_size_view("tabletop", 0);
   ASSERT_TRUE(view) << view.error().message;
   const RgbaImage right = composite(*view, ShadowTechnique::layered);
@@ -449,7 +449,7 @@ TEST_P(WrongShadow, MovedByTwoPixelsIsSeen) {
   }
 }
 
-TEST(GoldenComparison, Tolerance) {
+TEST(GoldenComparison, AcceptsTwoCodesAndOneOutlierInTenThousand) {
   RgbaImage a{100, 100, std::vector<std::uint8_t>(40'000, 100)};
   RgbaImage b = a;
   EXPECT_TRUE(compare(a, b).exact);

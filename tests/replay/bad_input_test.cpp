@@ -15,7 +15,7 @@ namespace {
 namespace fs = std::filesystem;
 
 // The first frames of a bundled recording, to be damaged.
-class BadInput : public testing::Test {
+class ReplayInput : public testing::Test {
  protected:
   static constexpr int kFrames = 6;
 
@@ -63,7 +63,7 @@ class BadInput : public testing::Test {
   TemporaryFolder folder_;
 };
 
-TEST_F(BadInput, NoneWhereNothingIsDamaged) {
+TEST_F(ReplayInput, AcceptsUndamagedRecording) {
   const ProgramResult result =
       penumbra({"replay", recording(), "--report", file("report.json"), "--output", file("out")});
   EXPECT_EQ(result.exit_code, 0) << result.err;
@@ -71,7 +71,7 @@ TEST_F(BadInput, NoneWhereNothingIsDamaged) {
   EXPECT_EQ(contents_of(file("out")).size(), static_cast<std::size_t>(kFrames));
 }
 
-TEST_F(BadInput, ATagIdThatTheFamilyHasNotNamesTheFile) {
+TEST_F(ReplayInput, RejectsTagIdOutsideFamily) {
   std::string tags = bytes_of(recording() / "tags.yaml");
   const std::size_t at = tags.find("id: ");
   ASSERT_NE(at, std::string::npos);
@@ -80,24 +80,24 @@ TEST_F(BadInput, ATagIdThatTheFamilyHasNotNamesTheFile) {
   expect_replay_fails({}, {"tags.yaml", "99999", "0 to 586"});
 }
 
-TEST_F(BadInput, AKeyThatIsThereTwice) {
+TEST_F(ReplayInput, RejectsDuplicateYamlKey) {
   write(recording() / "camera.yaml",
         bytes_of(recording() / "camera.yaml") + "\nimage_width: 640\n");
   expect_replay_fails({}, {"camera.yaml", "image_width", "twice"});
 }
 
-TEST_F(BadInput, APositionFartherThanTheMoon) {
+TEST_F(ReplayInput, RejectsImplausiblyFarPosition) {
   write(file("far.tum"), "0.0 1e30 0 0 0 0 0 1\n");
   expect_replay_fails({"--poses-from", file("far.tum")}, {"far.tum", "tx", "1e30"});
 }
 
-TEST_F(BadInput, APictureThatIsNoFileIsNoCutOffEnd) {
+TEST_F(ReplayInput, RejectsFolderInPlaceOfFrameFile) {
   fs::remove(recording() / "frames" / "000005.jpg");
   fs::create_directory(recording() / "frames" / "000005.jpg");
   expect_replay_fails({}, {"000005.jpg", "is not a file"});
 }
 
-TEST_F(BadInput, WhatMayNotBeReadIsNotCalledMissing) {
+TEST_F(ReplayInput, ReportsPermissionDeniedInsteadOfMissing) {
   // To root everything is readable, so the program runs as nobody, from a place that nobody may
   // look into.
   const fs::path copy = file("penumbra");
@@ -131,19 +131,19 @@ TEST_F(BadInput, WhatMayNotBeReadIsNotCalledMissing) {
   fs::permissions(recording(), fs::perms::all);
 }
 
-TEST_F(BadInput, TruncatedJpeg) {
+TEST_F(ReplayInput, RejectsTruncatedJpeg) {
   const fs::path picture = recording() / "frames" / "000003.jpg";
   fs::resize_file(picture, fs::file_size(picture) / 2);
   expect_replay_fails({}, {"000003.jpg", "damaged"});
   expect_replay_fails({"--threads", "1"}, {"000003.jpg", "damaged"});
 }
 
-TEST_F(BadInput, MissingCamera) {
+TEST_F(ReplayInput, RejectsMissingCameraFile) {
   fs::remove(recording() / "camera.yaml");
   expect_replay_fails({}, {"camera.yaml", "no such file"});
 }
 
-TEST_F(BadInput, DuplicateTag) {
+TEST_F(ReplayInput, RejectsDuplicateTagId) {
   std::string tags = bytes_of(recording() / "tags.yaml");
   // The second tag gets the first one's id.
   const std::size_t first = tags.find("id:");
@@ -156,7 +156,7 @@ TEST_F(BadInput, DuplicateTag) {
   expect_replay_fails({}, {"tags.yaml", "twice"});
 }
 
-TEST_F(BadInput, SceneThatBreaksTheSchema) {
+TEST_F(ReplayInput, RejectsSceneThatViolatesSchema) {
   write(file("scene.json"), R"({"nonsense": true})");
   expect_replay_fails({"--scene", file("scene.json")}, {"scene.json", "nonsense"});
   write(file("scene.json"), R"({"objects": 7})");
@@ -166,7 +166,7 @@ TEST_F(BadInput, SceneThatBreaksTheSchema) {
   expect_replay_fails({"--scene", file("none.json")}, {"none.json", "no such file"});
 }
 
-TEST_F(BadInput, ModelsThatAreNoModels) {
+TEST_F(ReplayInput, RejectsInvalidModelFiles) {
   write(file("scene.json"), R"({"objects": [{"name": "thing", "model": "thing.glb"}]})");
   expect_replay_fails({"--scene", file("scene.json")}, {"thing.glb", "no such file"});
   std::mt19937 random(5);
@@ -184,17 +184,17 @@ TEST_F(BadInput, ModelsThatAreNoModels) {
   EXPECT_EQ(penumbra({"replay", recording(), "--scene", file("scene.json")}).exit_code, 0);
 }
 
-TEST_F(BadInput, NoFrames) {
+TEST_F(ReplayInput, RejectsRecordingWithoutFrames) {
   write(recording() / "timestamps.csv", "frame,timestamp_s,file\n");
   expect_replay_fails({}, {"timestamps.csv", "0 frames"});
 }
 
-TEST_F(BadInput, ListedFrameIsMissing) {
+TEST_F(ReplayInput, RejectsMissingListedFrame) {
   fs::remove(recording() / "frames" / "000002.jpg");
   expect_replay_fails({}, {"000002.jpg"});
 }
 
-TEST_F(BadInput, CutOffAtTheEndOpensUpToThere) {
+TEST_F(ReplayInput, ReplaysTruncatedRecordingUpToItsEnd) {
   fs::remove(recording() / "frames" / "000004.jpg");
   fs::remove(recording() / "frames" / "000005.jpg");
   const ProgramResult result = penumbra({"replay", recording(), "--report", file("report.json")});
@@ -203,7 +203,7 @@ TEST_F(BadInput, CutOffAtTheEndOpensUpToThere) {
   EXPECT_THAT(result.err, testing::HasSubstr("warning"));
 }
 
-TEST_F(BadInput, PosesThatAreNoPoses) {
+TEST_F(ReplayInput, RejectsInvalidPoseFiles) {
   write(file("poses.tum"), "0.0 0 0 1 0 0 0 1\n1.0 0 nan 1 0 0 0 1\n");
   expect_replay_fails({"--poses-from", file("poses.tum")}, {"poses.tum", "line 2", "nan"});
   write(file("poses.tum"), "5000.0 0 0 1 0 0 0 1\n");
@@ -212,11 +212,11 @@ TEST_F(BadInput, PosesThatAreNoPoses) {
   expect_replay_fails({"--poses-from", "groundtruth"}, {"groundtruth.tum"});
 }
 
-TEST_F(BadInput, NoRecording) {
+TEST_F(ReplayInput, RejectsMissingRecording) {
   expect_failure(penumbra({"replay", file("nowhere")}), {"nowhere"});
 }
 
-TEST_F(BadInput, OutputsThatCannotBeWritten) {
+TEST_F(ReplayInput, RejectsUnwritableOutputs) {
   const std::string missing = file("no") / "out.mkv";
   expect_failure(penumbra({"replay", recording(), "--output", missing}), {missing});
   expect_failure(penumbra({"replay", recording(), "--poses", file("no") / "out.tum"}), {"out.tum"});
@@ -229,7 +229,7 @@ TEST_F(BadInput, OutputsThatCannotBeWritten) {
                  {"one"});
 }
 
-TEST_F(BadInput, OutputsInTheRecordingAreRefused) {
+TEST_F(ReplayInput, RejectsOutputsInsideRecording) {
   const auto before = contents_of(recording() / "frames");
   const std::size_t entries = contents_of(recording()).size();
   for (const fs::path& output :
@@ -251,7 +251,7 @@ TEST_F(BadInput, OutputsInTheRecordingAreRefused) {
 }
 
 // EuRoC's frames are named by their time, all digits: they were taken for an earlier output.
-TEST_F(BadInput, FramesOfAnEurocRecordingAreNoOutput) {
+TEST_F(ReplayInput, RejectsEurocFrameFolderAsOutput) {
   const fs::path euroc = file("euroc");
   const fs::path data = euroc / "mav0" / "cam0" / "data";
   ASSERT_EQ(penumbra({"replay", recording(), "--output", file("pictures")}).exit_code, 0);

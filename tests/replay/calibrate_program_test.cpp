@@ -38,7 +38,7 @@ namespace {
 using testing::HasSubstr;
 using testing::Not;
 
-class CalibrateProgram : public testing::Test {
+class CalibrateCommand : public testing::Test {
  protected:
   void SetUp() override {
     if (test::shared_dir().empty()) GTEST_SKIP() << "no shared recordings beside the checkout";
@@ -83,8 +83,10 @@ class CalibrateProgram : public testing::Test {
  private:
   test::TemporaryFolder folder_;
 };
+class TargetMeasurement : public CalibrateCommand {};
+class MapCommand : public CalibrateCommand {};
 
-TEST_F(CalibrateProgram, FindsTheLensOfTheTagGrid) {
+TEST_F(CalibrateCommand, RecoversCameraFromAprilGrid) {
   const auto report = folder() / "report.html";
   const auto result =
       calibrate(shared("recordings/calibration"), shared("recordings/calibration/aprilgrid.yaml"),
@@ -112,7 +114,7 @@ TEST_F(CalibrateProgram, FindsTheLensOfTheTagGrid) {
   EXPECT_THAT(html, Not(HasSubstr("http")));  // nothing is fetched
 }
 
-TEST_F(CalibrateProgram, FindsTheLensOfTheChessboard) {
+TEST_F(CalibrateCommand, RecoversCameraFromChessboard) {
   const auto result =
       calibrate(shared("recordings/chessboard"), shared("recordings/chessboard/chessboard.yaml"));
   ASSERT_EQ(result.exit_code, 0) << result.err;
@@ -129,7 +131,7 @@ TEST_F(CalibrateProgram, FindsTheLensOfTheChessboard) {
   EXPECT_THAT(result.out, Not(HasSubstr("mirror")));
 }
 
-TEST_F(CalibrateProgram, NamesTheSizeOfTheChessboardThatIsPrinted) {
+TEST_F(CalibrateCommand, ReportsDetectedChessboardSizeOnMismatch) {
   const auto target = folder() / "target.yaml";
   const auto images = some_frames("recordings/chessboard", 8);
   for (const auto& [columns, rows] : {std::pair(8, 5), std::pair(10, 7)}) {
@@ -146,7 +148,7 @@ TEST_F(CalibrateProgram, NamesTheSizeOfTheChessboardThatIsPrinted) {
   }
 }
 
-TEST_F(CalibrateProgram, WritesALensThatKalibrsFilesCanSay) {
+TEST_F(CalibrateCommand, WritesKalibrCamchainForSupportedModelsOnly) {
   const auto chain = folder() / "camchain.yaml";
   const auto source = shared("recordings/chessboard");
   const std::vector<std::string> arguments = {
@@ -164,7 +166,7 @@ TEST_F(CalibrateProgram, WritesALensThatKalibrsFilesCanSay) {
   EXPECT_EQ(test::run_program(test::program(), rational).exit_code, 2);
 }
 
-TEST_F(CalibrateProgram, ReadsKalibrsSquares) {
+TEST_F(CalibrateCommand, DetectsAprilGridWithCornerSquares) {
   const auto result = calibrate(shared("recordings/calibration-kalibr"),
                                 shared("recordings/calibration-kalibr/aprilgrid.yaml"));
   ASSERT_EQ(result.exit_code, 0) << result.err;
@@ -173,7 +175,7 @@ TEST_F(CalibrateProgram, ReadsKalibrsSquares) {
   EXPECT_NEAR(camera->parameters().fx, 531.7, 1.5);
 }
 
-TEST_F(CalibrateProgram, IgnoresTheCameraInTheSource) {
+TEST_F(CalibrateCommand, IgnoresCameraFileOfSource) {
   const auto copy = folder() / "copy";
   std::filesystem::copy(shared("recordings/chessboard"), copy,
                         std::filesystem::copy_options::recursive);
@@ -186,7 +188,7 @@ TEST_F(CalibrateProgram, IgnoresTheCameraInTheSource) {
   EXPECT_EQ(result.exit_code, 0) << result.err;
 }
 
-TEST_F(CalibrateProgram, RefusesWhatCannotWork) {
+TEST_F(CalibrateCommand, RejectsUnusableInputs) {
   const auto grid = shared("recordings/calibration/aprilgrid.yaml");
   const auto chessboard = shared("recordings/chessboard/chessboard.yaml");
   expect_refused(calibrate(shared("recordings/chessboard"), grid), "is it the right target file");
@@ -209,7 +211,7 @@ TEST_F(CalibrateProgram, RefusesWhatCannotWork) {
 }
 
 // Kalibr's own print, photographed by others: its tags have a border of two cells.
-TEST_F(CalibrateProgram, RefusesBordersOfTwoCellsAndSaysSo) {
+TEST_F(CalibrateCommand, RejectsTagsWithTwoCellBorders) {
   const auto pictures = folder() / "kalibr";
   std::filesystem::create_directories(pictures);
   for (const char* name : {"a.png", "b.png", "c.png"})
@@ -223,7 +225,7 @@ TEST_F(CalibrateProgram, RefusesBordersOfTwoCellsAndSaysSo) {
   EXPECT_THAT(result.err, HasSubstr("3 of 3 pictures"));
 }
 
-TEST_F(CalibrateProgram, RefusesToCompareWithACameraOfAnotherSizeBeforeItSolves) {
+TEST_F(CalibrateCommand, RejectsComparisonCameraOfOtherSizeBeforeSolving) {
   CameraParameters p = load_camera(shared("recordings/chessboard/camera.yaml"))->parameters();
   p.width = 1280;
   const auto earlier = folder() / "earlier.yaml";
@@ -238,7 +240,7 @@ TEST_F(CalibrateProgram, RefusesToCompareWithACameraOfAnotherSizeBeforeItSolves)
 }
 
 // What is read stays as it is, and no two files of a run are one.
-TEST_F(CalibrateProgram, WritesOverNothingThatItReads) {
+TEST_F(CalibrateCommand, NeverOverwritesItsInputs) {
   const std::string text =
       "target_type: aprilgrid\ntagCols: 6\ntagRows: 6\ntagSize: 0.03\n"
       "tagSpacing: 0.3\n";
@@ -267,7 +269,7 @@ TEST_F(CalibrateProgram, WritesOverNothingThatItReads) {
 }
 
 // As the README has it: print, measure, say it.
-TEST_F(CalibrateProgram, AMeasuredRulerCorrectsTheTargetsFile) {
+TEST_F(TargetMeasurement, CorrectsTargetFileOfEveryKind) {
   for (const char* type : {"tags", "aprilgrid", "charuco", "chessboard"}) {
     SCOPED_TRACE(type);
     const auto at = folder() / type;
@@ -315,7 +317,7 @@ TEST_F(CalibrateProgram, AMeasuredRulerCorrectsTheTargetsFile) {
 }
 
 // Views that all show the target from the front: focal length and distance can't be told apart.
-TEST_F(CalibrateProgram, RefusesViewsFromTheFrontOnly) {
+TEST_F(CalibrateCommand, RejectsPurelyFrontalViews) {
   const auto camera = load_camera(shared("recordings/calibration/camera.yaml"));
   const auto tags = load_tag_map(shared("recordings/calibration/tags.yaml"));
   ASSERT_TRUE(camera && tags);
@@ -337,7 +339,7 @@ TEST_F(CalibrateProgram, RefusesViewsFromTheFrontOnly) {
 }
 
 // A folder of pictures where some can't be read: those are left out, each with its reason.
-TEST_F(CalibrateProgram, LeavesOutPicturesThatCannotBeRead) {
+TEST_F(CalibrateCommand, SkipsUnreadableImages) {
   const auto pictures = folder() / "pictures";
   std::filesystem::create_directories(pictures);
   const auto source = shared("recordings/chessboard");
@@ -356,10 +358,10 @@ TEST_F(CalibrateProgram, LeavesOutPicturesThatCannotBeRead) {
 }
 
 // The calibration recording as a person would hold the target: each picture for a while.
-class CalibrateFromCamera : public CalibrateProgram {
+class CalibrateFromCamera : public CalibrateCommand {
  protected:
   void SetUp() override {
-    CalibrateProgram::SetUp();
+    CalibrateCommand::SetUp();
     if (IsSkipped()) return;
     std::filesystem::create_directories(held());
     const auto source = shared("recordings/calibration");
@@ -398,7 +400,7 @@ int pixels_like(const RgbaImage& image, int red, int green, int blue) {
   return count;
 }
 
-TEST_F(CalibrateFromCamera, GuidesInAWindowAndRepeatsFromTheViewsThatItKept) {
+TEST_F(CalibrateFromCamera, GuidesInWindowAndReproducesResultFromKeptViews) {
   ASSERT_EQ(std::system("command -v Xvfb >/dev/null 2>&1 && command -v xdotool >/dev/null 2>&1"), 0)
       << "scripts/setup installs both";
   std::vector<std::string> words = {
@@ -449,7 +451,7 @@ TEST_F(CalibrateFromCamera, GuidesInAWindowAndRepeatsFromTheViewsThatItKept) {
 
 // Every picture is looked at, whatever is next to it, and it ends by itself: the lens is the one
 // that the same pictures give offline.
-TEST_F(CalibrateFromCamera, PlaysARecordingThroughAndIsAsGoodAsOffline) {
+TEST_F(CalibrateFromCamera, MatchesOfflineCalibrationOnPlayedRecording) {
   const auto source = shared("recordings/calibration");
   const std::vector<std::string> fixed = {"--model", "plumb_bob", "--board", "rigid"};
   const auto offline = calibrate(source, source / "aprilgrid.yaml", fixed);
@@ -470,7 +472,7 @@ TEST_F(CalibrateFromCamera, PlaysARecordingThroughAndIsAsGoodAsOffline) {
   EXPECT_EQ(sized.exit_code, 2) << sized.err;
 }
 
-TEST_F(CalibrateFromCamera, EndedBeforeThereAreEnoughViewsWritesNothingAndSaysSo) {
+TEST_F(CalibrateFromCamera, WritesNoResultWhenInterruptedWithTooFewViews) {
   hold(1, 2000);
   const auto result =
       test::run_program(test::program(), arguments({}), {}, {}, [this](pid_t process) {
@@ -491,7 +493,7 @@ TEST_F(CalibrateFromCamera, EndedBeforeThereAreEnoughViewsWritesNothingAndSaysSo
 }
 
 // The views that were taken are solved for, and kept for another time.
-TEST_F(CalibrateFromCamera, SolvesFromTheViewsThereAreWhenTheDisplayIsLost) {
+TEST_F(CalibrateFromCamera, SolvesFromKeptViewsWhenDisplayIsLost) {
   ASSERT_EQ(std::system("command -v Xvfb >/dev/null 2>&1"), 0) << "scripts/setup installs it";
   hold(32, 40);
   test::VirtualDisplay display;
@@ -515,7 +517,7 @@ TEST_F(CalibrateFromCamera, SolvesFromTheViewsThereAreWhenTheDisplayIsLost) {
   EXPECT_EQ(test::read_bytes(output()), first);
 }
 
-TEST_F(CalibrateFromCamera, KeepsTheViewsWhenTheDisplayIsLostBeforeThereAreEnough) {
+TEST_F(CalibrateFromCamera, KeepsViewsWhenDisplayIsLostTooEarlyToSolve) {
   ASSERT_EQ(std::system("command -v Xvfb >/dev/null 2>&1"), 0) << "scripts/setup installs it";
   hold(1, 2000);
   test::VirtualDisplay display;
@@ -533,7 +535,7 @@ TEST_F(CalibrateFromCamera, KeepsTheViewsWhenTheDisplayIsLostBeforeThereAreEnoug
 
 // Ctrl-C and SIGTERM at any time, also while it is solved: it ends soon, and leaves everything as
 // it was.
-TEST_F(CalibrateProgram, EndsSoonAndCleanlyByASignal) {
+TEST_F(CalibrateCommand, StopsPromptlyOnSignalAndKeepsOldFiles) {
   const auto results = folder() / "results";
   std::filesystem::create_directories(results);
   const auto in_results = [&](const char* name) { return (results / name).string(); };
@@ -574,7 +576,7 @@ TEST_F(CalibrateProgram, EndsSoonAndCleanlyByASignal) {
   }
 }
 
-TEST_F(CalibrateProgram, SaysWhatTheLensIsWorthOverTheTable) {
+TEST_F(CalibrateCommand, ReportsPredictedErrorOverTable) {
   const auto report = folder() / "report.html";
   const auto source = shared("recordings/chessboard");
   const auto result =
@@ -593,7 +595,7 @@ TEST_F(CalibrateProgram, SaysWhatTheLensIsWorthOverTheTable) {
   }
 }
 
-TEST_F(CalibrateProgram, RefusesAGridOfOtherProportions) {
+TEST_F(CalibrateCommand, RejectsAprilGridOfWrongProportions) {
   const auto wrong = folder() / "wrong.yaml";
   test::write_text(wrong,
                    "target_type: aprilgrid\ntagCols: 6\ntagRows: 6\ntagSize: 0.033\n"
@@ -602,7 +604,7 @@ TEST_F(CalibrateProgram, RefusesAGridOfOtherProportions) {
                  "smaller than the target file says");
 }
 
-TEST_F(CalibrateProgram, MapFindsTheTabletop) {
+TEST_F(MapCommand, RecoversTabletopTags) {
   const auto tags = folder() / "tags.yaml";
   const auto result = test::run_program(
       test::program(), {"map", shared("recordings/tabletop").string(), "--tag-size", "0.04",
@@ -654,7 +656,7 @@ TEST_F(CalibrateProgram, MapFindsTheTabletop) {
   EXPECT_GT(squares / count, 0.1);
 }
 
-TEST_F(CalibrateProgram, MapNamesATagOfAnotherSize) {
+TEST_F(MapCommand, ReportsAndRejectsTagOfWrongSize) {
   const auto sizes = folder() / "sizes.yaml";
   std::string lines;
   for (int id = 0; id < 12; ++id) lines += fmt::format("{}: {}\n", id, id == 7 ? 0.06 : 0.04);
@@ -670,7 +672,7 @@ TEST_F(CalibrateProgram, MapNamesATagOfAnotherSize) {
   EXPECT_EQ(found->tags().size(), 11U);
 }
 
-TEST_F(CalibrateProgram, MapSolvesForTheLensWhenAsked) {
+TEST_F(MapCommand, RefinesCameraWhenRequested) {
   const auto tags = folder() / "tags.yaml";
   const auto camera = folder() / "refined.yaml";
   const auto result =

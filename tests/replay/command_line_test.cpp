@@ -14,7 +14,7 @@ namespace {
 using testing::AllOf;
 using testing::HasSubstr;
 
-TEST(CommandLine, EveryCommandHasHelpWithAnExample) {
+TEST(CommandLine, PrintsHelpWithExampleForEveryCommand) {
   EXPECT_EQ(penumbra({"--help"}).exit_code, 0);
   EXPECT_THAT(penumbra({"--help"}).out, HasSubstr("Example:\n  penumbra demo"));
   for (const char* command : {"demo", "replay", "live", "devices", "evaluate", "calibrate", "map",
@@ -28,16 +28,16 @@ TEST(CommandLine, EveryCommandHasHelpWithAnExample) {
   }
 }
 
-TEST(CommandLine, VersionIsOneLine) {
+TEST(CommandLine, PrintsVersionInOneLine) {
   const ProgramResult version = penumbra({"--version"});
   EXPECT_EQ(version.exit_code, 0);
   EXPECT_THAT(version.out, testing::MatchesRegex("penumbra [0-9]+\\.[0-9]+\\.[0-9]+\n"));
   EXPECT_EQ(penumbra({"replay", "--version"}).out, version.out);
 }
 
-class WrongUsage : public testing::TestWithParam<std::vector<std::string>> {};
+class CommandLineUsage : public testing::TestWithParam<std::vector<std::string>> {};
 INSTANTIATE_TEST_SUITE_P(
-    CommandLine, WrongUsage,
+    Arguments, CommandLineUsage,
     testing::Values(
         std::vector<std::string>{}, std::vector<std::string>{"sing"},
         std::vector<std::string>{"replay"},
@@ -128,9 +128,15 @@ INSTANTIATE_TEST_SUITE_P(
         std::vector<std::string>{"calibrate", "pictures", "--target", "t.yaml", "--output",
                                  "c.yaml", "--keep", "views"},
         std::vector<std::string>{"evaluate"},
-        std::vector<std::string>{"evaluate", "--estimated", "a.tum"}));
+        std::vector<std::string>{"evaluate", "--estimated", "a.tum"}),
+    [](const auto& test) {
+      std::string name = fmt::format("{}", fmt::join(test.param, "_"));
+      std::ranges::replace_if(
+          name, [](unsigned char c) { return std::isalnum(c) == 0; }, '_');
+      return name.empty() ? std::string("NoArguments") : name;
+    });
 
-TEST_P(WrongUsage, IsExitCode2AndOneLine) {
+TEST_P(CommandLineUsage, RejectsErrorWithExitCode2AndOneLine) {
   const ProgramResult result = penumbra(GetParam());
   EXPECT_EQ(result.exit_code, 2);
   EXPECT_EQ(result.out, "");
@@ -139,7 +145,7 @@ TEST_P(WrongUsage, IsExitCode2AndOneLine) {
   EXPECT_THAT(result.err, HasSubstr("--help"));
 }
 
-TEST(CommandLine, NamesTheUnitOfALengthAndWhatToType) {
+TEST(CommandLine, ReportsUnitAndExampleForInvalidLength) {
   struct Case {
     std::vector<std::string> arguments;
     const char* message;
@@ -173,7 +179,7 @@ TEST(CommandLine, NamesTheUnitOfALengthAndWhatToType) {
   }
 }
 
-TEST(CommandLine, TakesEveryKindOfKernels) {
+TEST(CommandLine, AcceptsEveryKernelSource) {
   for (const KernelSourceName& entry : kKernelSourceNames) {
     const ProgramResult result =
         penumbra({"replay", "no-such-recording", "--kernels", std::string(entry.name)});
@@ -184,19 +190,19 @@ TEST(CommandLine, TakesEveryKindOfKernels) {
               HasSubstr("known: auto, smooth, per-axis, cocl"));
 }
 
-TEST(CommandLine, AnUnknownTechniqueListsTheKnownOnes) {
+TEST(CommandLine, ListsKnownTechniquesForUnknownOne) {
   const ProgramResult result = penumbra({"replay", "r", "--shadow", "pink"});
   EXPECT_THAT(result.err, HasSubstr("pink"));
   EXPECT_THAT(result.err, HasSubstr("none, simple, cocl, layered"));
 }
 
-TEST(CommandLine, AnUnknownTranslucencyListsTheKnownOnes) {
+TEST(CommandLine, ListsKnownTranslucenciesForUnknownOne) {
   const ProgramResult result = penumbra({"replay", "r", "--translucency", "glass"});
   EXPECT_THAT(result.err, HasSubstr("glass"));
   EXPECT_THAT(result.err, HasSubstr("auto, blend, mesh, retexture, geometry-mesh"));
 }
 
-TEST(CommandLine, AnUnknownCommandListsTheKnownOnes) {
+TEST(CommandLine, ListsKnownCommandsForUnknownOne) {
   const ProgramResult result = penumbra({"bogus"});
   EXPECT_EQ(result.exit_code, 2);
   EXPECT_THAT(result.err, HasSubstr("'bogus' is no command"));
@@ -205,7 +211,7 @@ TEST(CommandLine, AnUnknownCommandListsTheKnownOnes) {
   }
 }
 
-TEST(CommandLine, AnUnknownOptionIsToldWithTheOneThatWasMeant) {
+TEST(CommandLine, SuggestsSimilarOptionForUnknownOne) {
   for (const std::string option : {"--traking", "--trackin", "--trakcing"}) {
     const ProgramResult result = penumbra({"replay", "r", option, "fast"});
     EXPECT_EQ(result.exit_code, 2);
@@ -226,7 +232,7 @@ TEST(CommandLine, AnUnknownOptionIsToldWithTheOneThatWasMeant) {
   EXPECT_THAT(penumbra({"replay", "--", "r", "second"}).err, HasSubstr("second"));
 }
 
-TEST(CommandLine, HelpComesByItsNameToo) {
+TEST(CommandLine, AcceptsHelpAsCommand) {
   for (const char* command : {"replay", "live", "simulate"}) {
     const ProgramResult named = penumbra({"help", command});
     EXPECT_EQ(named.exit_code, 0);
@@ -247,7 +253,7 @@ TEST(CommandLine, HelpComesByItsNameToo) {
 }
 
 // Given poses are not tracked, and detection samples what it finds.
-TEST(CommandLine, WhatHasNoUseIsTold) {
+TEST(CommandLine, ReportsOptionsWithoutEffect) {
   const ProgramResult given =
       penumbra({"replay", "no-such-recording", "--poses-from", "groundtruth", "--tracking", "fast",
                 "--pose-budget", "0.1"});
@@ -263,13 +269,13 @@ TEST(CommandLine, WhatHasNoUseIsTold) {
   EXPECT_THAT(detected.err, HasSubstr("--pose-budget: detection has no use for it"));
 }
 
-TEST(CommandLine, AnEmptyValueIsToldByItsOption) {
+TEST(CommandLine, RejectsEmptyOptionValues) {
   EXPECT_THAT(penumbra({"replay", "r", "--output", ""}).err, HasSubstr("--output: is empty"));
   EXPECT_THAT(penumbra({"replay", "r", "--scene="}).err, HasSubstr("--scene"));
   EXPECT_THAT(penumbra({"replay", ""}).err, HasSubstr("RECORDING: is empty"));
 }
 
-TEST(Target, WritesASheetAndItsTags) {
+TEST(TargetCommand, WritesSheetAndTagMap) {
   const TemporaryFolder folder;
   const std::filesystem::path sheet = folder.path() / "sheet.pdf";
   ASSERT_EQ(penumbra({"target", "--output", sheet}).exit_code, 0);
@@ -278,7 +284,7 @@ TEST(Target, WritesASheetAndItsTags) {
   EXPECT_EQ(contents_of(folder.path()).size(), 2U);
 }
 
-TEST(Target, AsksBeforeItReplacesTagsThatSaySomethingElse) {
+TEST(TargetCommand, KeepsDifferentTagMapUnlessNamedExplicitly) {
   const TemporaryFolder folder;
   const std::filesystem::path sheet = folder.path() / "sheet.pdf";
   const std::filesystem::path tags = folder.path() / "tags.yaml";
@@ -294,7 +300,7 @@ TEST(Target, AsksBeforeItReplacesTagsThatSaySomethingElse) {
   EXPECT_NE(contents_of(folder.path()), before);
 }
 
-TEST(Target, LeavesARecordingAlone) {
+TEST(TargetCommand, RejectsRecordingAsOutputFolder) {
   const TemporaryFolder folder;
   std::ofstream(folder.path() / "timestamps.csv") << "frame,timestamp_s,file\n";
   std::ofstream(folder.path() / "tags.yaml") << "precious";
@@ -304,13 +310,13 @@ TEST(Target, LeavesARecordingAlone) {
   EXPECT_EQ(contents_of(folder.path()).size(), 2U);
 }
 
-TEST(CommandLine, WrongResourcesAreAFailure) {
+TEST(CommandLine, FailsOnMissingResources) {
   expect_failure(penumbra({"demo", "--kernels", "/nowhere/k.json"}), {"/nowhere/k.json"});
   expect_failure(penumbra({"demo"}, {"PENUMBRA_RESOURCES=/nowhere"}),
                  {"PENUMBRA_RESOURCES", "/nowhere"});
 }
 
-TEST(Evaluate, ATrajectoryAgainstItselfIsExact) {
+TEST(EvaluateCommand, ReportsZeroErrorForIdenticalTrajectories) {
   const std::string truth = bundled("tabletop") + "/groundtruth.tum";
   const std::string camera = bundled("tabletop") + "/camera.yaml";
   const ProgramResult result = penumbra(
@@ -333,7 +339,7 @@ TEST(Evaluate, ATrajectoryAgainstItselfIsExact) {
 }
 
 // Truth at every third frame, of a clock that is 2 s ahead.
-TEST(Evaluate, InterpolatesTheTruthAndCountsWhatItCanNotJudge) {
+TEST(EvaluateCommand, InterpolatesTruthAndCountsUncoveredFrames) {
   const TemporaryFolder folder;
   const std::string camera = bundled("tabletop") + "/camera.yaml";
   std::string estimated;
@@ -374,7 +380,7 @@ TEST(Evaluate, InterpolatesTheTruthAndCountsWhatItCanNotJudge) {
   EXPECT_EQ(evaluate({"--time-offset", "inf"}).exit_code, 2);
 }
 
-TEST(Evaluate, ReadsTheFilesOfTheSharedCases) {
+TEST(EvaluateCommand, ReadsSharedTrajectoryAndCameraFiles) {
   const std::filesystem::path shared = shared_dir();
   if (shared.empty()) GTEST_SKIP() << "no shared data beside the checkout";
   const std::filesystem::path cases = shared / "cases";
@@ -411,7 +417,7 @@ TEST(Evaluate, ReadsTheFilesOfTheSharedCases) {
 }
 
 // Usual mistakes in files of true poses: one line more, and the same numbers.
-TEST(Evaluate, HintsAtUnitsOrderAndDirection) {
+TEST(EvaluateCommand, HintsAtWrongUnitsQuaternionOrderAndDirection) {
   const TemporaryFolder folder;
   const std::string truth = bundled("tabletop") + "/groundtruth.tum";
   const auto written = load_trajectory(truth).value();
@@ -443,7 +449,7 @@ TEST(Evaluate, HintsAtUnitsOrderAndDirection) {
   EXPECT_EQ(evaluate("same.tum", [](const CameraPose& pose) { return pose; }).err, "");
 }
 
-TEST(Evaluate, ReportsTheTimeOffset) {
+TEST(EvaluateCommand, ReportsTimeOffset) {
   const std::string truth = bundled("tabletop") + "/groundtruth.tum";
   std::vector<std::string> arguments = {"evaluate",
                                         "--estimated",
@@ -466,7 +472,7 @@ TEST(Evaluate, ReportsTheTimeOffset) {
   EXPECT_EQ(nlohmann::json::parse(penumbra(arguments).out)["time_offset_s"], 0.0);
 }
 
-TEST(Evaluate, AsksWhichCameraOfSeveral) {
+TEST(EvaluateCommand, RequiresCameraNameForMultiCameraFile) {
   const TemporaryFolder folder;
   const std::string truth = bundled("tabletop") + "/groundtruth.tum";
   const std::string chain = folder.path() / "camchain.yaml";
@@ -486,7 +492,7 @@ TEST(Evaluate, AsksWhichCameraOfSeveral) {
   expect_failure(penumbra(arguments), {chain, "cam2", "left, right"});
 }
 
-TEST(CommandLine, CameraNameNeedsTheFileThatItIsFor) {
+TEST(CommandLine, RejectsCameraNameWithoutCameraFile) {
   const ProgramResult calibrated = penumbra(
       {"calibrate", "views", "--target", "t.yaml", "--output", "c.yaml", "--camera-name", "left"});
   EXPECT_EQ(calibrated.exit_code, 2);
@@ -497,7 +503,7 @@ TEST(CommandLine, CameraNameNeedsTheFileThatItIsFor) {
   EXPECT_THAT(study.err, HasSubstr("--calibration"));
 }
 
-TEST(Evaluate, SeesAMovedCamera) {
+TEST(EvaluateCommand, MeasuresOneMillimetreErrorInOneFrame) {
   const TemporaryFolder folder;
   // 1 mm higher in one frame of the 120.
   std::string moved;
@@ -528,7 +534,7 @@ TEST(Evaluate, SeesAMovedCamera) {
   EXPECT_GT(json["overlay_px"]["max"].get<double>(), 0.1);
 }
 
-TEST(Evaluate, FailsInOneLineOnWhatItCannotCompare) {
+TEST(EvaluateCommand, FailsInOneLineOnIncomparableFiles) {
   const TemporaryFolder folder;
   const std::string truth = bundled("tabletop") + "/groundtruth.tum";
   const std::string camera = bundled("tabletop") + "/camera.yaml";

@@ -30,7 +30,7 @@ RgbaImage pane_of(const RgbaImage& picture, const PaneGrid& grid, std::size_t pa
   return cut;
 }
 
-class Compare : public testing::Test {
+class CompareOption : public testing::Test {
  protected:
   [[nodiscard]] std::string file(const std::string& name) const {
     return (folder_.path() / name).string();
@@ -81,13 +81,13 @@ class Compare : public testing::Test {
   TemporaryFolder folder_;
 };
 
-TEST_F(Compare, EveryPaneIsTheFrameOfItsTechniqueBitForBit) {
+TEST_F(CompareOption, DrawsEachPaneLikeItsTechniqueAlone) {
   expect_panes({"layered", "simple", "walls", "hard"});
   expect_panes({"none", "cocl", "field", "volume", "layered", "simple", "walls", "hard"});
   expect_panes({"layered", "cocl"}, {"--kernels", "smooth", "--threads", "1"});
 }
 
-TEST_F(Compare, WhatWasMovedWhileItWasRecordedIsMovedInEveryPane) {
+TEST_F(CompareOption, AppliesRecordedObjectMovesInEveryPane) {
   const std::filesystem::path recording = folder_.path() / "recording";
   std::filesystem::create_directory(recording);
   for (const auto& entry : std::filesystem::directory_iterator(bundled("tabletop"))) {
@@ -116,7 +116,7 @@ TEST_F(Compare, WhatWasMovedWhileItWasRecordedIsMovedInEveryPane) {
   }
 }
 
-TEST_F(Compare, WarnsOfCutOutsInAnyPane) {
+TEST_F(CompareOption, WarnsOfCutOutMaterialsInAnyPane) {
   const RgbaImage half = image_of(8, 8, [](int x, int) {
     return std::array<int, 4>{90, 90, 90, x < 4 ? 255 : 0};
   });
@@ -137,7 +137,7 @@ TEST_F(Compare, WarnsOfCutOutsInAnyPane) {
   EXPECT_THAT(said("simple,layered"), HasSubstr("cut.glb: its materials cut holes into faces"));
 }
 
-TEST_F(Compare, WritesEveryKindOfOutputAndItsReport) {
+TEST_F(CompareOption, WritesAllOutputsAndReport) {
   const std::vector<std::string> names = {"layered", "simple", "hard"};
   const GridSize size = grid_size(640, 480, 3);
   const ProgramResult lossless =
@@ -195,7 +195,7 @@ TEST_F(Compare, WritesEveryKindOfOutputAndItsReport) {
   EXPECT_EQ(report.at("compare").at("hard").at("work").at("kernel_generations"), 0);
 }
 
-TEST_F(Compare, TheWindowChangesNothing) {
+TEST_F(CompareOption, WritesSameFramesWithWindow) {
   ASSERT_TRUE(has_xvfb()) << "no Xvfb: scripts/setup installs it";
   ASSERT_EQ(replay({"--compare", "layered,hard", "--output", file("offscreen")}).exit_code, 0);
   const ProgramResult shown =
@@ -208,7 +208,7 @@ TEST_F(Compare, TheWindowChangesNothing) {
   EXPECT_EQ(contents_of(file("window")), contents_of(file("offscreen")));
 }
 
-TEST_F(Compare, SaysWhatIsWrongWithTheList) {
+TEST_F(CompareOption, ReportsErrorsInTechniqueList) {
   const auto said = [&](const std::vector<std::string>& words) {
     const ProgramResult result = replay(words);
     EXPECT_EQ(result.exit_code, 2) << result.err;

@@ -41,7 +41,7 @@ test::ProgramResult with_files_up_to(int kib, const std::vector<std::string>& ar
   return test::run_program("/bin/bash", words);
 }
 
-TEST(Live, TracksDrawsAndRecordsAndTheRecordingReplaysToTheSamePoses) {
+TEST(LiveCommand, RecordsSessionThatReplaysToSamePoses) {
   const test::TemporaryFolder temporary;
   const auto path = [&](const char* name) { return (temporary.path() / name).string(); };
   const auto done = penumbra(live({"--duration", "3", "--record", path("session"), "--poses",
@@ -84,7 +84,7 @@ TEST(Live, TracksDrawsAndRecordsAndTheRecordingReplaysToTheSamePoses) {
 }
 
 // A camera that now and then gives half a picture with both marks; the recording keeps it.
-TEST(Live, ARecordingWithADamagedPictureReplaysWhatLiveSaw) {
+TEST(LiveCommand, RecordsDamagedFramesForIdenticalReplay) {
   const test::TemporaryFolder temporary;
   const auto path = [&](const char* name) { return (temporary.path() / name).string(); };
   const std::filesystem::path camera = temporary.path() / "camera";
@@ -122,7 +122,7 @@ TEST(Live, ARecordingWithADamagedPictureReplaysWhatLiveSaw) {
   }
 }
 
-TEST(Live, OneAfterTheOtherItTracksTheSame) {
+TEST(LiveCommand, TracksWithOneThread) {
   const test::TemporaryFolder temporary;
   const auto path = [&](const char* name) { return (temporary.path() / name).string(); };
   const auto done = penumbra(live({"--duration", "2", "--threads", "1", "--fps", "15", "--poses",
@@ -135,7 +135,7 @@ TEST(Live, OneAfterTheOtherItTracksTheSame) {
   EXPECT_EQ(report["pipeline"]["threads"], 1);
 }
 
-TEST(Live, ACalibrationOfAnotherSizeIsScaledOnlyWhereThatIsExact) {
+TEST(LiveCommand, ScalesCalibrationOnlyWhenExact) {
   const test::TemporaryFolder temporary;
   const auto path = [&](const char* name) { return (temporary.path() / name).string(); };
   const CameraModel camera = load_camera(calibration()).value();
@@ -192,7 +192,7 @@ TEST(Live, ACalibrationOfAnotherSizeIsScaledOnlyWhereThatIsExact) {
   }
 }
 
-TEST(Live, TakesTheNamedCameraOfAFileWithSeveral) {
+TEST(LiveCommand, SelectsNamedCameraFromMultiCameraFile) {
   const test::TemporaryFolder temporary;
   const auto path = [&](const char* name) { return (temporary.path() / name).string(); };
   const CameraModel camera = load_camera(calibration()).value();
@@ -231,7 +231,7 @@ TEST(Live, TakesTheNamedCameraOfAFileWithSeveral) {
 }
 
 // Damage is told as damage, not as lateness.
-TEST(Live, DamagedFramesAreCountedApartFromLateOnes) {
+TEST(LiveCommand, CountsDamagedFramesSeparatelyFromLateFrames) {
   const test::TemporaryFolder temporary;
   const auto camera = temporary.path() / "camera";
   std::filesystem::create_directories(camera / "frames");
@@ -266,7 +266,7 @@ TEST(Live, DamagedFramesAreCountedApartFromLateOnes) {
 
 // A camera's driver would leave it out too; and a recording of this one holds the others. Of each
 // kind there are some in a row, so that a machine that is late meets one of them.
-TEST(Live, PicturesOfAnotherKindAreLeftOut) {
+TEST(LiveCommand, RejectsFramesOfOtherSizeOrFormat) {
   for (const bool jpeg : {false, true}) {
     SCOPED_TRACE(jpeg ? "JPEG" : "PNG");
     const test::TemporaryFolder temporary;
@@ -312,7 +312,7 @@ TEST(Live, PicturesOfAnotherKindAreLeftOut) {
   }
 }
 
-TEST(Live, TheRecordingThatItPlaysIsOnlyRead) {
+TEST(LiveCommand, NeverWritesToPlayedRecording) {
   const test::TemporaryFolder temporary;
   const auto camera = temporary.path() / "camera";
   std::filesystem::copy(bundled("tabletop"), camera, std::filesystem::copy_options::recursive);
@@ -334,7 +334,7 @@ TEST(Live, TheRecordingThatItPlaysIsOnlyRead) {
   EXPECT_EQ(test::contents_of(camera / "frames"), pictures);
 }
 
-TEST(Live, ASmoothedPoseTellsHowLateItIs) {
+TEST(LiveCommand, ReportsLagOfSmoothedPoses) {
   const test::TemporaryFolder temporary;
   const std::string report_file = (temporary.path() / "report.json").string();
   const auto done = penumbra(live({"--duration", "3", "--smooth", "--report", report_file}));
@@ -344,7 +344,7 @@ TEST(Live, ASmoothedPoseTellsHowLateItIs) {
   EXPECT_LE(report["smoothing"]["offset_px"]["max"].get<double>(), 0.25);
 }
 
-TEST(Live, CtrlCEndsCleanlyAndLeavesReadableFiles) {
+TEST(LiveCommand, KeepsReadableFilesOnCtrlC) {
   const test::TemporaryFolder temporary;
   const auto session = temporary.path() / "session";
   std::thread interrupter;
@@ -368,7 +368,7 @@ TEST(Live, CtrlCEndsCleanlyAndLeavesReadableFiles) {
   EXPECT_EQ(replayed.err, "");
 }
 
-TEST(Live, ARecordingThatCouldNotBeWrittenIsAFailureAndThePictureGoesOn) {
+TEST(LiveCommand, ContinuesThenFailsWhenRecordingCannotBeWritten) {
   const test::TemporaryFolder temporary;
   const std::string session = (temporary.path() / "session").string();
   constexpr int kLessThanAFrame = 8;
@@ -383,7 +383,7 @@ TEST(Live, ARecordingThatCouldNotBeWrittenIsAFailureAndThePictureGoesOn) {
 }
 
 // A video that can't be written any more costs that video alone.
-TEST(Live, WhatCannotBeWrittenDoesNotTakeTheRestWithIt) {
+TEST(LiveCommand, KeepsOtherOutputsWhenVideoCannotBeWritten) {
   const test::TemporaryFolder temporary;
   const auto path = [&](const char* name) { return (temporary.path() / name).string(); };
   constexpr int kAMomentOfVideo = 3072;
@@ -423,7 +423,7 @@ TEST(Live, WhatCannotBeWrittenDoesNotTakeTheRestWithIt) {
 }
 
 // Poses that can't be written any more: those of before stay, in whole lines.
-TEST(Live, PosesOfAFullDiskEndWithAWholeLine) {
+TEST(LiveCommand, EndsPoseFileWithWholeLineWhenDiskIsFull) {
   const test::TemporaryFolder temporary;
   const std::string poses = (temporary.path() / "live.tum").string();
   const auto done = with_files_up_to(1, live({"--duration", "2", "--poses", poses}));
@@ -438,7 +438,7 @@ TEST(Live, PosesOfAFullDiskEndWithAWholeLine) {
 
 #ifdef PENUMBRA_RESET_DRIVER
 // Of a graphics driver that was reset nothing more can be asked. What was made until then is kept.
-TEST(Live, AGraphicsDriverThatIsResetEndsTheSessionAndLeavesWhatWasMade) {
+TEST(LiveCommand, KeepsOutputsWhenGraphicsDriverIsReset) {
   const test::TemporaryFolder temporary;
   const auto path = [&](const char* name) { return (temporary.path() / name).string(); };
   const auto environment = [](int at) {
@@ -480,7 +480,7 @@ TEST(Live, AGraphicsDriverThatIsResetEndsTheSessionAndLeavesWhatWasMade) {
 #endif
 
 // A replay that its recording ends early does not replace what an earlier one made.
-TEST(Live, AReplayThatEndsEarlyLeavesWhatWasThere) {
+TEST(LiveCommand, KeepsEarlierOutputsWhenReplayFails) {
   const test::TemporaryFolder temporary;
   const auto path = [&](const char* name) { return (temporary.path() / name).string(); };
   std::filesystem::copy(bundled("tabletop"), path("played"),
@@ -496,7 +496,7 @@ TEST(Live, AReplayThatEndsEarlyLeavesWhatWasThere) {
   EXPECT_FALSE(std::filesystem::exists(path("report.json")));
 }
 
-TEST(Live, ARecordingAsVideoPlaysAsACameraToo) {
+TEST(LiveCommand, PlaysVideoRecordingAsCamera) {
   const test::TemporaryFolder temporary;
   const auto path = [&](const char* name) { return (temporary.path() / name).string(); };
   std::filesystem::create_directory(path("video"));
@@ -528,7 +528,7 @@ TEST(Live, ARecordingAsVideoPlaysAsACameraToo) {
   EXPECT_EQ(replayed.exit_code, 0) << replayed.err;
 }
 
-TEST(Live, SaysWhyNothingIsTracked) {
+TEST(LiveCommand, ReportsWhyNoFrameIsTracked) {
   const test::TemporaryFolder temporary;
   const auto path = [&](const char* name) { return (temporary.path() / name).string(); };
   // The same family, but none of the tags that lie there.
@@ -543,7 +543,7 @@ TEST(Live, SaysWhyNothingIsTracked) {
   EXPECT_FALSE(test::read_json(path("report.json"))["tracking"]["not_tracked"].empty());
 }
 
-TEST(Live, SaysWhatIsMissingInOneLine) {
+TEST(LiveCommand, ReportsMissingInputsInOneLine) {
   test::expect_failure(penumbra({"live", "--no-window"}), {"--calibration", "penumbra calibrate"});
   test::expect_failure(penumbra({"live", "--no-window", "--camera", "v4l2:/dev/no-such-camera",
                                  "--calibration", calibration()}),
@@ -562,7 +562,7 @@ TEST(Live, SaysWhatIsMissingInOneLine) {
   test::expect_failure(penumbra(live({"--record", full.path().string()})), {"not empty"});
 }
 
-TEST(Live, WhatIsRecordedAndWhatIsWrittenLieApart) {
+TEST(LiveCommand, RejectsOutputsInsideRecordedSession) {
   const test::TemporaryFolder temporary;
   const auto path = [&](const char* name) { return (temporary.path() / name).string(); };
   for (const auto& [option, place] : std::vector<std::pair<std::string, std::string>>{
@@ -576,7 +576,7 @@ TEST(Live, WhatIsRecordedAndWhatIsWrittenLieApart) {
   EXPECT_TRUE(std::filesystem::is_empty(temporary.path()));
 }
 
-TEST(Live, WrongUsageIsExitCode2) {
+TEST(LiveCommand, RejectsWrongUsageWithExitCode2) {
   const auto much = penumbra(live({"--gain", "1e9"}));
   EXPECT_EQ(much.exit_code, 2);
   EXPECT_EQ(penumbra(live({"--size", "640"})).exit_code, 2);
@@ -593,7 +593,7 @@ TEST(Live, WrongUsageIsExitCode2) {
 }
 
 // Only a machine that does not start is a reason to skip what cameras do on it.
-TEST(LiveScript, IsSkippedWhereThereIsNoMachineAndFailsWhereItIsNotSetUp) {
+TEST(TestLiveScript, SkipsWithoutVirtualMachineAndFailsWithoutSetup) {
   const test::TemporaryFolder temporary;
   const auto machine = [&](const char* name, const std::string& script) {
     const auto file = temporary.path() / name;
@@ -612,7 +612,7 @@ TEST(LiveScript, IsSkippedWhereThereIsNoMachineAndFailsWhereItIsNotSetUp) {
   EXPECT_EQ(no_command.exit_code, 127) << no_command.err;
 }
 
-TEST(Devices, ListsWhatThereIs) {
+TEST(DevicesCommand, ListsCameraBackends) {
   const auto done = penumbra({"devices"});
   EXPECT_EQ(done.exit_code, 0) << done.err;
   EXPECT_NE(done.out.find("libcamera"), std::string::npos) << done.out;

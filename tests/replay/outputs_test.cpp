@@ -42,7 +42,7 @@ test::ProgramResult in_shell(const std::string& script, const fs::path& folder) 
                            {}, folder);
 }
 
-TEST(StandardOutput, HoldsPosesAndNothingElse) {
+TEST(StandardOutput, ReceivesOnlyPoses) {
   const TemporaryFolder folder;
   const auto file = folder.path() / "poses.tum";
   ASSERT_EQ(
@@ -58,7 +58,7 @@ TEST(StandardOutput, HoldsPosesAndNothingElse) {
   }
 }
 
-TEST(StandardOutput, HoldsTheReport) {
+TEST(StandardOutput, ReceivesReport) {
   const auto result =
       penumbra({"replay", bundled("corner"), "--no-window", "--frames", "0:2", "--report", "-"});
   EXPECT_EQ(result.exit_code, 0) << result.err;
@@ -67,7 +67,7 @@ TEST(StandardOutput, HoldsTheReport) {
   EXPECT_EQ(report["frames"], 2);
 }
 
-TEST(StandardOutput, HoldsShadowsKernelsAndTargets) {
+TEST(StandardOutput, ReceivesShadowsKernelsAndTargets) {
   const TemporaryFolder folder;
   const auto same_as_file = [&](std::vector<std::string> arguments, const std::string& option,
                                 const std::string& name) {
@@ -119,7 +119,7 @@ std::string same_in_file_output_and_pipe(const std::vector<std::string>& argumen
   return text;
 }
 
-TEST(TextOutputs, CalibrateWritesTheSameCameraEverywhere) {
+TEST(TextOutput, WritesSameCameraToFileStdoutAndPipe) {
   if (test::shared_dir().empty()) GTEST_SKIP() << "no shared recordings beside the checkout";
   const fs::path source = test::shared_dir() / "recordings" / "chessboard";
   const std::string text =
@@ -135,7 +135,7 @@ TEST(TextOutputs, CalibrateWritesTheSameCameraEverywhere) {
   EXPECT_TRUE(camera->parameters().overlay_sigma_px);
 }
 
-TEST(TextOutputs, MapWritesTheSameTagsEverywhere) {
+TEST(TextOutput, WritesSameTagMapToFileStdoutAndPipe) {
   const std::string text = same_in_file_output_and_pipe(
       {"map", bundled("tabletop"), "--tag-size", "0.04", "--anchor", "5"}, "--output");
   const TemporaryFolder folder;
@@ -146,7 +146,7 @@ TEST(TextOutputs, MapWritesTheSameTagsEverywhere) {
   EXPECT_LT(tags->find(TagFamily::tag36h11, 5)->T_table_tag.translation().norm(), 1e-4);
 }
 
-TEST(TextOutputs, StudyWritesTheSameAnswersEverywhere) {
+TEST(TextOutput, WritesSameStudyResultsToFileStdoutAndPipe) {
   const TemporaryFolder folder;
   const fs::path script = folder.path() / "script.txt";
   test::write_text(script, "1 0.5 click sphere 2\n2 0.25 click sphere 1\n");
@@ -167,7 +167,7 @@ TEST(TextOutputs, StudyWritesTheSameAnswersEverywhere) {
   }
 }
 
-TEST(StandardOutput, IsRefusedForTwoOutputs) {
+TEST(StandardOutput, RejectsSecondOutput) {
   const TemporaryFolder folder;
   using Arguments = std::vector<std::string>;
   for (const Arguments& arguments :
@@ -188,7 +188,7 @@ TEST(StandardOutput, IsRefusedForTwoOutputs) {
   EXPECT_THAT(frames.err, HasSubstr("name a video or a folder"));
 }
 
-TEST(StandardOutput, IsAppendedToWhereTheShellSaysSo) {
+TEST(StandardOutput, AppendsWhenShellRedirectsWithAppend) {
   const TemporaryFolder folder;
   const auto result = in_shell("echo first > log; penumbra shadow '" + cube() +
                                    "' --output /dev/stdout >> log; echo last "
@@ -203,7 +203,7 @@ TEST(StandardOutput, IsAppendedToWhereTheShellSaysSo) {
 }
 
 // The reader is gone before anything is written.
-TEST(StandardOutput, FailsInOneLineWhenItsReaderIsGone) {
+TEST(StandardOutput, FailsInOneLineWhenReaderIsGone) {
   const TemporaryFolder folder;
   for (const std::string& command :
        {"replay '" + bundled("corner") + "' --no-window --frames 0:8 --poses -",
@@ -216,7 +216,7 @@ TEST(StandardOutput, FailsInOneLineWhenItsReaderIsGone) {
 }
 
 // One after the other, as a script reads them.
-TEST(NamedPipes, CarryPosesAndReport) {
+TEST(NamedPipe, CarriesPosesAndReport) {
   const TemporaryFolder folder;
   const fs::path poses = folder.path() / "poses";
   const fs::path report = folder.path() / "report";
@@ -234,7 +234,7 @@ TEST(NamedPipes, CarryPosesAndReport) {
 }
 
 // The reader and the writer come after the notice.
-TEST(NamedPipes, WaitIsReportedOnce) {
+TEST(NamedPipe, ReportsWaitOnce) {
   const TemporaryFolder folder;
   const fs::path pipe = folder.path() / "pipe";
   ASSERT_EQ(mkfifo(pipe.c_str(), 0600), 0);
@@ -260,7 +260,7 @@ TEST(NamedPipes, WaitIsReportedOnce) {
   EXPECT_EQ(nlohmann::json::parse(written.out)["translation_mm"]["max"], 0.0);
 }
 
-TEST(NamedPipes, CtrlCEndsTheWaitForAReader) {
+TEST(NamedPipe, StopsWaitingForReaderOnCtrlC) {
   const TemporaryFolder folder;
   const fs::path pipe = folder.path() / "pipe";
   ASSERT_EQ(mkfifo(pipe.c_str(), 0600), 0);
@@ -279,7 +279,7 @@ TEST(NamedPipes, CtrlCEndsTheWaitForAReader) {
 
 // --- the tag map ---
 
-TEST(TagMapInUse, IsPrintedAndReported) {
+TEST(TagMapInUse, AppearsInOutputAndReport) {
   const TemporaryFolder folder;
   const auto named = folder.path() / "mine.yaml";
   fs::copy_file(bundled("corner") + "/tags.yaml", named);
@@ -304,7 +304,7 @@ TEST(TagMapInUse, IsPrintedAndReported) {
   }
 }
 
-TEST(TagMapInUse, IsNeverAssumed) {
+TEST(TagMapInUse, ComesFromRecordingOrCalibrationNeverFromDefault) {
   const TemporaryFolder folder;
   const auto recording = folder.path() / "recording";
   test::write_recording(recording, 2);
@@ -374,7 +374,7 @@ void write_deep_recording(const fs::path& folder, int bits, bool with_chunk) {
   }
 }
 
-TEST(DarkSixteenBitPictures, AreTrackedAsTheirEightBitOriginals) {
+TEST(DarkSixteenBitImages, TrackLikeEightBitOriginals) {
   const TemporaryFolder folder;
   std::map<std::string, std::string> poses;
   for (const auto& [bits, with_chunk] :
@@ -391,7 +391,7 @@ TEST(DarkSixteenBitPictures, AreTrackedAsTheirEightBitOriginals) {
   }
 }
 
-TEST(DarkSixteenBitPictures, OfTheSharedCasesAreTracked) {
+TEST(DarkSixteenBitImages, TrackInSharedCases) {
   if (test::shared_dir().empty()) GTEST_SKIP() << "no shared data beside the checkout";
   const auto cases = test::shared_dir() / "cases" / "dark-16-bit-pictures";
   const TemporaryFolder folder;
@@ -438,7 +438,7 @@ void negate(std::vector<std::uint8_t>& row) {
   for (std::uint8_t& value : row) value = static_cast<std::uint8_t>(255 - value);
 }
 
-TEST(MirroredAndNegative, AreNamedByReplayAndLive) {
+TEST(ImageFault, IsReportedForMirroredAndNegativeImages) {
   const TemporaryFolder folder;
   const auto mirrored = changed_recording(folder.path() / "mirrored", mirror);
   const auto negative = changed_recording(folder.path() / "negative", negate);
@@ -461,7 +461,7 @@ TEST(MirroredAndNegative, AreNamedByReplayAndLive) {
   EXPECT_EQ(plain.err, "");
 }
 
-TEST(MirroredAndNegative, AreNamedWhereTheyBeginInMidSession) {
+TEST(ImageFault, IsReportedWhenMirroringBeginsMidSession) {
   const TemporaryFolder folder;
   const auto recording = changed_recording(folder.path() / "mirrored", mirror);
   // One frame as it is, then mirrored ones: the last pose is extrapolated for half a second first.
@@ -483,7 +483,7 @@ TEST(MirroredAndNegative, AreNamedWhereTheyBeginInMidSession) {
   EXPECT_THAT(result.err, HasSubstr("the images are mirrored"));
 }
 
-TEST(MirroredAndNegative, AreRefusedByCalibrateWithTags) {
+TEST(ImageFault, StopsCalibrationFromMirroredTags) {
   const TemporaryFolder folder;
   const auto recording = changed_recording(folder.path() / "mirrored", mirror);
   const auto output = folder.path() / "camera.yaml";

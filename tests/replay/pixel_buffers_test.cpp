@@ -15,7 +15,7 @@
 namespace penumbra::test {
 namespace {
 
-class PixelBufferRuns : public testing::Test {
+class PixelBufferOption : public testing::Test {
  protected:
   [[nodiscard]] std::string path(const std::string& name) const {
     return (folder_.path() / name).string();
@@ -63,7 +63,7 @@ class PixelBufferRuns : public testing::Test {
   TemporaryFolder folder_;
 };
 
-TEST_F(PixelBufferRuns, AReplayWritesTheSameFiles) {
+TEST_F(PixelBufferOption, WritesSameFilesInReplay) {
   for (const char* threads : {"1", "2"}) {
     for (const char* frames : {"20:32", "57:58"}) {  // one frame has none behind it
       SCOPED_TRACE(fmt::format("{} threads, frames {}", threads, frames));
@@ -101,7 +101,7 @@ TEST_F(PixelBufferRuns, AReplayWritesTheSameFiles) {
   }
 }
 
-TEST_F(PixelBufferRuns, WhereThereIsOnlyOpenGlEsAndInAComparisonTheyAreTheSameToo) {
+TEST_F(PixelBufferOption, WritesSameFramesOnOpenGlEsAndInComparisons) {
   const std::vector<std::string> arguments = {"replay", bundled("corner"), "--frames", "0:4"};
   const std::vector<std::string> embedded = {"MESA_GL_VERSION_OVERRIDE=3.1"};
   ASSERT_EQ(run("off", arguments, "off", embedded).exit_code, 0);
@@ -121,7 +121,7 @@ TEST_F(PixelBufferRuns, WhereThereIsOnlyOpenGlEsAndInAComparisonTheyAreTheSameTo
   EXPECT_EQ(contents_of(path("compared-on")), contents_of(path("compared-off")));
 }
 
-TEST_F(PixelBufferRuns, ByThemselvesAProcessorThatDrawsGoesWithout) {
+TEST_F(PixelBufferOption, DefaultsToOffOnSoftwareRenderers) {
   ASSERT_EQ(run("auto", {"replay", bundled("corner"), "--frames", "0:3"}, "auto").exit_code, 0);
   const auto report = read_json(path("auto.json"));
   const auto renderer = report["gl"]["renderer"].get<std::string>();
@@ -134,7 +134,7 @@ TEST_F(PixelBufferRuns, ByThemselvesAProcessorThatDrawsGoesWithout) {
   EXPECT_THAT(wrong.err, testing::HasSubstr("--pixel-buffers"));
 }
 
-TEST_F(PixelBufferRuns, AnErrorLeavesWhatItLeavesWithout) {
+TEST_F(PixelBufferOption, LeavesSameFilesAfterError) {
   std::filesystem::copy(bundled("tabletop"), path("played"),
                         std::filesystem::copy_options::recursive);
   std::filesystem::remove(path("played/frames/000030.jpg"));
@@ -151,7 +151,7 @@ TEST_F(PixelBufferRuns, AnErrorLeavesWhatItLeavesWithout) {
   }
 }
 
-TEST_F(PixelBufferRuns, CtrlCLosesNoFrame) {
+TEST_F(PixelBufferOption, KeepsEveryFrameOnCtrlC) {
   for (const char* threads : {"1", "2"}) {
     std::vector<std::string> arguments = {
         "replay",   bundled("tabletop"), "--threads", threads,     "--realtime", "--pixel-buffers",
@@ -184,7 +184,7 @@ TEST_F(PixelBufferRuns, CtrlCLosesNoFrame) {
   }
 }
 
-TEST_F(PixelBufferRuns, AFullDiskCostsTheVideoAloneAndNoPose) {
+TEST_F(PixelBufferOption, ClosesOnlyVideoWhenDiskIsFull) {
   constexpr int kAMomentOfVideo = 3072;
   const auto done =
       with_files_up_to(kAMomentOfVideo, {"replay", bundled("tabletop"), "--no-window",
@@ -204,7 +204,7 @@ TEST_F(PixelBufferRuns, AFullDiskCostsTheVideoAloneAndNoPose) {
   EXPECT_EQ(poses->poses.size(), report["frames_tracked"].get<std::size_t>());
 }
 
-TEST_F(PixelBufferRuns, LiveWritesEveryFrameThatItDrew) {
+TEST_F(PixelBufferOption, WritesEveryDrawnFrameInLive) {
   for (const char* threads : {"1", "2"}) {
     // Also those before a camera that gives nothing any more for a while: slower than the drawing.
     for (const char* fps : {"30", "5"}) {
@@ -217,7 +217,7 @@ TEST_F(PixelBufferRuns, LiveWritesEveryFrameThatItDrew) {
   }
 }
 
-TEST_F(PixelBufferRuns, LiveIsInterruptedAndLosesNoFrame) {
+TEST_F(PixelBufferOption, KeepsEveryFrameWhenLiveIsInterrupted) {
   std::thread interrupter;
   std::vector<std::string> arguments =
       live({"--no-window", "--pixel-buffers", "on", "--record", path("session"), "--output",
@@ -239,7 +239,7 @@ TEST_F(PixelBufferRuns, LiveIsInterruptedAndLosesNoFrame) {
 
 #ifdef PENUMBRA_RESET_DRIVER
 // The picture that was on its way is gone with the driver, its pose is not.
-TEST_F(PixelBufferRuns, AResetOfTheDriverCostsThePictureThatWasOnItsWay) {
+TEST_F(PixelBufferOption, LosesOnlyPendingFrameOnDriverReset) {
   const auto done = run("live.mkv", live({"--duration", "30"}), "on",
                         {"LD_PRELOAD=" PENUMBRA_RESET_DRIVER, "PENUMBRA_TEST_RESET_AT=60"});
   EXPECT_EQ(done.exit_code, 1);

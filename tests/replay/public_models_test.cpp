@@ -147,7 +147,7 @@ void expect_area(const std::optional<double>& area, const std::optional<double>&
   EXPECT_NEAR(*area, *expected, 1e-5 * *expected + 1e-8 * 1e4 * extent_m * extent_m);
 }
 
-TEST_P(PublicModels, HaveTheAreasOfTheTable) {
+TEST_P(PublicModels, MatchReferenceAreas) {
   const std::string folder = GetParam();
   const auto models = expected_models();
   int tried = 0;

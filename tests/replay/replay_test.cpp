@@ -41,7 +41,7 @@ int pose_count(const fs::path& file) {
   return count;
 }
 
-TEST(ReplayTest, TabletopIsTrackedInEveryFrameWithinTwoPixels) {
+TEST(ReplayCommand, TracksTabletopInEveryFrameWithinTwoPixels) {
   const TemporaryFolder folder;
   const Replay done =
       replay(folder.path(), {bundled("tabletop"), "--poses", folder.path() / "out.tum"});
@@ -86,7 +86,7 @@ TEST(ReplayTest, TabletopIsTrackedInEveryFrameWithinTwoPixels) {
   EXPECT_NEAR(again["jitter_px"].get<double>(), accuracy["jitter_px"].get<double>(), 1e-9);
 }
 
-TEST(ReplayTest, CornerWithTagsInTwoPlanesIsTracked) {
+TEST(ReplayCommand, TracksCornerWithTagsInTwoPlanes) {
   const TemporaryFolder folder;
   const Replay done = replay(folder.path(), {bundled("corner")});
   ASSERT_EQ(done.result.exit_code, 0) << done.result.err;
@@ -97,8 +97,9 @@ TEST(ReplayTest, CornerWithTagsInTwoPlanesIsTracked) {
 }
 
 class SharedRecordings : public testing::TestWithParam<const char*> {};
-INSTANTIATE_TEST_SUITE_P(ReplayTest, SharedRecordings,
-                         testing::Values("shake", "grazing", "still", "single", "reentry"));
+INSTANTIATE_TEST_SUITE_P(Replay, SharedRecordings,
+                         testing::Values("shake", "grazing", "still", "single", "reentry"),
+                         [](const auto& test) { return std::string(test.param); });
 
 TEST_P(SharedRecordings, ReplayWithEveryFrameAccountedFor) {
   const fs::path shared = shared_dir();
@@ -119,7 +120,7 @@ TEST_P(SharedRecordings, ReplayWithEveryFrameAccountedFor) {
   EXPECT_EQ(pose_count(folder.path() / "out.tum"), done.report["frames_tracked"].get<int>());
 }
 
-TEST(ReplayTest, TheSameCommandTwiceGivesTheSameBytes) {
+TEST(ReplayCommand, WritesSameBytesWhenRunTwice) {
   const TemporaryFolder folder;
   const auto run = [&](const std::string& name, const std::vector<std::string>& more) {
     const fs::path base = folder.path() / name;
@@ -152,7 +153,7 @@ TEST(ReplayTest, TheSameCommandTwiceGivesTheSameBytes) {
 }
 
 // Poses that look more and more past the table: objects, then their shadows leave the picture.
-TEST(ReplayTest, WithoutSkippingTheFramesAreTheSameAndNothingIsSkipped) {
+TEST(ReplayCommand, DrawsSameFramesWithoutSkipping) {
   const TemporaryFolder folder;
   std::string poses;
   int frame = 0;
@@ -190,7 +191,7 @@ TEST(ReplayTest, WithoutSkippingTheFramesAreTheSameAndNothingIsSkipped) {
   EXPECT_EQ(reports["no-skip"]["work"]["passes_skipped"], 0);
 }
 
-TEST(ReplayTest, FramesAreNamedByTheirNumbers) {
+TEST(ReplayCommand, NamesFramesByTheirNumbers) {
   const TemporaryFolder folder;
   const fs::path recording = folder.path() / "gaps";
   fs::copy(bundled("corner"), recording, fs::copy_options::recursive);
@@ -211,7 +212,7 @@ TEST(ReplayTest, FramesAreNamedByTheirNumbers) {
   expect_failure(penumbra({"replay", recording, "--frames", "3:6"}), {"gaps", "3:6"});
 }
 
-TEST(ReplayTest, OutputNamesMayHoldAColonOrBeLinksToNothingYet) {
+TEST(ReplayCommand, AcceptsOutputNamesWithColonsAndDanglingLinks) {
   const TemporaryFolder folder;
   const fs::path video = folder.path() / "http:out.mkv";
   fs::create_symlink("pictures", folder.path() / "link");
@@ -232,7 +233,7 @@ TEST(ReplayTest, OutputNamesMayHoldAColonOrBeLinksToNothingYet) {
   EXPECT_EQ(contents_of(folder.path() / "pictures").size(), 2U);
 }
 
-TEST(ReplayTest, TheWholeTabletopTwiceGivesTheSameBytes) {
+TEST(ReplayCommand, WritesSameBytesForWholeTabletopRunTwice) {
   const TemporaryFolder folder;
   for (const char* name : {"a", "b", "a.mkv", "b.mkv"}) {
     const fs::path output = folder.path() / name;
@@ -253,7 +254,7 @@ TEST(ReplayTest, TheWholeTabletopTwiceGivesTheSameBytes) {
 }
 
 // Frames in equal frames out, by name and by number: a harness once passed with 0 frames replayed.
-TEST(ReplayTest, WritesExactlyTheFramesAskedFor) {
+TEST(ReplayCommand, WritesExactlyRequestedFrames) {
   const TemporaryFolder folder;
   const Replay done =
       replay(folder.path(), {bundled("tabletop"), "--frames", "57:63", "--output",
@@ -272,7 +273,7 @@ TEST(ReplayTest, WritesExactlyTheFramesAskedFor) {
                  {"tabletop", "0 to 119"});
 }
 
-TEST(ReplayTest, TrackingSaysHowAFrameIsMeasured) {
+TEST(ReplayCommand, MeasuresFramesByTrackingMode) {
   const TemporaryFolder folder;
   double rmse_detect = 0.0;
   for (const char* mode : {"detect", "fast", "accurate", "auto"}) {
@@ -294,7 +295,7 @@ TEST(ReplayTest, TrackingSaysHowAFrameIsMeasured) {
   }
 }
 
-TEST(ReplayTest, APoseBudgetStopsSampling) {
+TEST(ReplayCommand, StopsSamplingWithinPoseBudget) {
   const TemporaryFolder folder;
   const auto run = [&folder](std::vector<std::string> options) {
     options.insert(options.begin(), {bundled("tabletop"), "--frames", "0:20"});
@@ -336,7 +337,7 @@ TEST(ReplayTest, APoseBudgetStopsSampling) {
   }
 }
 
-TEST(ReplayTest, SmoothingChangesWhatIsDrawnAndNotThePosesThatAreWritten) {
+TEST(ReplayCommand, SmoothsDrawingButNotWrittenPoses) {
   const test::TemporaryFolder temporary;
   const auto path = [&](const char* name) { return (temporary.path() / name).string(); };
   const auto run = [&](const std::string& name, const std::vector<std::string>& more) {
@@ -379,7 +380,7 @@ TEST(ReplayTest, SmoothingChangesWhatIsDrawnAndNotThePosesThatAreWritten) {
             2);
 }
 
-TEST(ReplayTest, GivenPosesNeedNoTracker) {
+TEST(ReplayCommand, SkipsTrackingForGivenPoses) {
   const TemporaryFolder folder;
   const Replay truth =
       replay(folder.path(), {bundled("tabletop"), "--frames", "10:14", "--poses-from",
@@ -404,7 +405,7 @@ TEST(ReplayTest, GivenPosesNeedNoTracker) {
   EXPECT_NE(contents_of(folder.path() / "given"), contents_of(folder.path() / "truth"));
 }
 
-TEST(ReplayTest, TechniquesAreDifferentPictures) {
+TEST(ReplayCommand, DrawsEachTechniqueDifferently) {
   const TemporaryFolder folder;
   std::map<std::string, std::string> pictures;
   for (const char* technique :
@@ -428,7 +429,7 @@ TEST(ReplayTest, TechniquesAreDifferentPictures) {
 }
 
 // Of every way the report says which it was, and with it skipping changes no byte.
-TEST(ReplayTest, TranslucencyIsForcedToldAndTheSameWithoutSkipping) {
+TEST(ReplayCommand, AppliesAndReportsForcedTranslucency) {
   const TemporaryFolder folder;
   std::map<std::string, std::map<std::string, std::string>> frames;
   for (const std::string way : {"auto", "blend", "mesh", "retexture", "geometry-mesh"}) {
@@ -472,7 +473,7 @@ NamedReplay replay_named(const TemporaryFolder& folder, const std::string& name,
   return {contents_of(folder.path() / name), done.report};
 }
 
-TEST(ReplayTest, RectifiedTheLensIsGoneAndNothingElse) {
+TEST(ReplayCommand, RectifiesFramesWithoutChangingPoses) {
   const TemporaryFolder folder;
   const auto run = [&](const std::string& name, const std::vector<std::string>& more) {
     return replay_named(folder, name, "30:33", more).pictures;
@@ -488,7 +489,7 @@ TEST(ReplayTest, RectifiedTheLensIsGoneAndNothingElse) {
 
 // Objects take the video's light, the same whatever runs beside what, and the poses know nothing of
 // it.
-TEST(ReplayTest, ObjectsAreLitAsTheVideoIs) {
+TEST(ReplayCommand, LightsObjectsLikeVideo) {
   const TemporaryFolder folder;
   const auto run = [&](const std::string& name, const std::vector<std::string>& more) {
     return replay_named(folder, name, "10:16", more);
@@ -504,9 +505,9 @@ TEST(ReplayTest, ObjectsAreLitAsTheVideoIs) {
 }
 
 // One frame of a scene of the helicopter alone, tilted by nothing, drawn with these options.
-class HelicopterReplay : public testing::Test {
+class ReplayShadowOptions : public testing::Test {
  protected:
-  HelicopterReplay() {
+  ReplayShadowOptions() {
     std::ofstream(scene()) << R"({"objects":[{"name":"helicopter","position":[0,0,0.08],"model":")"
                            << model()
                            << R"("}],"lights":[{"name":"lamp","kind":"point","position":[0,0,0.7]}],
@@ -537,7 +538,7 @@ class HelicopterReplay : public testing::Test {
   std::string last_warnings_;
 };
 
-TEST_F(HelicopterReplay, TakesKernelsFromAFile) {
+TEST_F(ReplayShadowOptions, ReadsKernelsFromFile) {
   const std::string automatic = picture({});
   for (const char* source : {"auto", "cocl", "smooth"}) {
     const std::string kernels = file("k.json");
@@ -553,7 +554,7 @@ TEST_F(HelicopterReplay, TakesKernelsFromAFile) {
 }
 
 // A light's shadows without a light: told once, whatever the number of frames.
-TEST_F(HelicopterReplay, AMissingLightIsTold) {
+TEST_F(ReplayShadowOptions, WarnsOnceOfMissingLight) {
   std::ofstream(scene()) << R"({"objects":[{"name":"helicopter","position":[0,0,0.08],"model":")"
                          << model() << R"("}],"shadows":[{"name":"s","technique":"layered"}]})";
   for (const char* technique : {"hard", "volume"}) {
@@ -569,7 +570,7 @@ TEST_F(HelicopterReplay, AMissingLightIsTold) {
 }
 
 // Told in one line that names the option and the technique; what is of use is not told.
-TEST_F(HelicopterReplay, OptionsOfNoUseAreTold) {
+TEST_F(ReplayShadowOptions, WarnsOfOptionsWithoutEffect) {
   using Words = std::vector<std::string>;
   for (const auto& [technique, words] :
        std::vector<std::pair<std::string, Words>>{{"hard", {"--kernels", "smooth"}},
@@ -597,7 +598,7 @@ TEST_F(HelicopterReplay, OptionsOfNoUseAreTold) {
   }
 }
 
-TEST_F(HelicopterReplay, KernelsThatDoNotFitAreTold) {
+TEST_F(ReplayShadowOptions, ReportsMismatchedKernels) {
   const auto with = [&](const std::string& text) {
     std::ofstream(file("k.json"), std::ios::binary) << text;
     return replay({"--kernels", file("k.json")}, file("frames"));
@@ -616,7 +617,7 @@ TEST_F(HelicopterReplay, KernelsThatDoNotFitAreTold) {
   EXPECT_EQ(picture({"--kernels", file("k.json")}), picture({}));
 }
 
-TEST_F(HelicopterReplay, LightOfOneSize) {
+TEST_F(ReplayShadowOptions, DrawsFixedLightModeDifferently) {
   const std::string proportional = picture({});
   EXPECT_EQ(picture({"--light-mode", "proportional"}), proportional);
   const std::string fixed = picture({"--light-mode", "fixed"});
@@ -624,7 +625,7 @@ TEST_F(HelicopterReplay, LightOfOneSize) {
   EXPECT_EQ(picture({"--light-mode", "fixed", "--no-skip"}), fixed);
 }
 
-TEST(ReplayTest, CtrlCLeavesReadableFiles) {
+TEST(ReplayCommand, KeepsReadableFilesOnCtrlC) {
   const TemporaryFolder folder;
   const ProgramResult result = run_program(
       program(),
@@ -653,7 +654,7 @@ TEST(ReplayTest, CtrlCLeavesReadableFiles) {
 
 // The recording's true poses are a pipe that nobody fills: set-up hangs there for as long as the
 // test wants.
-TEST(ReplayTest, CtrlCEndsSetUpAtOnceAndLeavesNothing) {
+TEST(ReplayCommand, StopsSetupOnSignalAndLeavesNoFile) {
   for (const int number : {SIGINT, SIGTERM}) {
     const TemporaryFolder folder;
     const fs::path recording = folder.path() / "recording";
@@ -689,7 +690,7 @@ TEST(ReplayTest, CtrlCEndsSetUpAtOnceAndLeavesNothing) {
 }
 
 // MESA_GL_VERSION_OVERRIDE takes OpenGL 3.3 away, as on a Raspberry Pi 4.
-TEST(ReplayTest, GoesOnWithOpenGlEsWhereThereIsNoOpenGl33) {
+TEST(ReplayCommand, FallsBackToOpenGlEs) {
   const TemporaryFolder folder;
   const ProgramResult result =
       penumbra({"replay", bundled("corner"), "--frames", "0:2", "--output", folder.path() / "out",
@@ -701,7 +702,7 @@ TEST(ReplayTest, GoesOnWithOpenGlEsWhereThereIsNoOpenGl33) {
   EXPECT_EQ(contents_of(folder.path() / "out").size(), 2U);
 }
 
-TEST(ReplayTest, LogLevelsTellMore) {
+TEST(ReplayCommand, LogsFramesOnlyAtDebugLevel) {
   const std::vector<std::string> arguments = {"replay", bundled("corner"), "--frames", "0:2",
                                               "--log-level"};
   auto with = [&](const char* level) {
@@ -718,7 +719,7 @@ TEST(ReplayTest, LogLevelsTellMore) {
                                         HasSubstr("debug: frame 1: tracked")));
 }
 
-TEST(ReplayTest, AWindowShowsTheSameFrames) {
+TEST(ReplayCommand, WritesSameFramesWithWindow) {
   ASSERT_TRUE(has_xvfb()) << "no Xvfb: scripts/setup installs it";
   const fs::path with_display = test::source_dir() / "tests/support/with-display";
   const TemporaryFolder folder;
@@ -738,7 +739,7 @@ TEST(ReplayTest, AWindowShowsTheSameFrames) {
 }
 
 // Kernels and layers are made anew when they must be and no oftener: said by the report's counts.
-TEST(ReplayTest, WhatStaysOrSlidesIsComputedOnce) {
+TEST(ReplayCommand, ComputesKernelsOnceForStillOrSlidingObjects) {
   const TemporaryFolder folder;
   struct Case {
     std::string name;
@@ -774,7 +775,7 @@ TEST(ReplayTest, WhatStaysOrSlidesIsComputedOnce) {
   }
 }
 
-TEST(ReplayTest, ADisplayThatIsNotThereIsToldAndReplayGoesOn) {
+TEST(ReplayCommand, ContinuesOffscreenWithoutDisplay) {
   const ProgramResult result =
       run_program(program(), {"replay", bundled("corner"), "--frames", "0:2"}, {"DISPLAY=:987"});
   EXPECT_EQ(result.exit_code, 0) << result.err;
@@ -782,7 +783,7 @@ TEST(ReplayTest, ADisplayThatIsNotThereIsToldAndReplayGoesOn) {
   EXPECT_THAT(lines_of(result.out).at(0), HasSubstr("going on offscreen"));
 }
 
-TEST(ReplayTest, DemoEndsWithItsVideo) {
+TEST(DemoCommand, WritesVideo) {
   const TemporaryFolder folder;
   const ProgramResult result = run_program(program(), {"demo"}, {}, folder.path());
   ASSERT_EQ(result.exit_code, 0) << result.err;

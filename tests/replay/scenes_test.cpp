@@ -30,7 +30,7 @@ class Scenes : public testing::TestWithParam<std::string> {};
 INSTANTIATE_TEST_SUITE_P(Bundled, Scenes, testing::ValuesIn(bundled_scenes()),
                          [](const auto& instance) { return instance.param; });
 
-TEST_P(Scenes, ReplaysTheTabletop) {
+TEST_P(Scenes, ReplayOverTabletop) {
   const TemporaryFolder folder;
   const ProgramResult result =
       penumbra({"replay", bundled("tabletop"), "--scene", scene_file(GetParam()), "--frames",
@@ -119,7 +119,7 @@ TEST_P(Sessions, AreTheSameWithoutSkipping) {
 
 // A tree of 26,000 faces under the sun, which goes its way, and a lantern, which stands: what is
 // computed again is the sun's shadow alone.
-TEST(AnimatedLight, OverATreeTouchesItsOwnShadowsAlone) {
+TEST(AnimatedLight, RecomputesOnlyItsOwnShadows) {
   const TemporaryFolder folder;
   constexpr int kFrames = 8;
   const auto work_of = [&](const std::vector<std::string>& more) {

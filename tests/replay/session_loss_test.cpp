@@ -231,7 +231,7 @@ TEST_P(SessionLoss, LeavesWholeOutputsAtAnyMoment) {
   }
 }
 
-INSTANTIATE_TEST_SUITE_P(Of, SessionLoss,
+INSTANTIATE_TEST_SUITE_P(Losses, SessionLoss,
                          testing::Values(Loss::log_reader, Loss::stalled_log_reader,
                                          Loss::output_reader, Loss::terminal, Loss::display,
                                          Loss::log_disk),
@@ -245,7 +245,7 @@ int exit_code_with(const std::string& redirection, const std::vector<std::string
   return RunningProgram(words).exit_code();
 }
 
-TEST(StandardStreams, FailureExitsWithOneWhenStandardErrorIsFullOrClosed) {
+TEST(StandardStreams, KeepExitCodesWhenStderrIsFullOrClosed) {
   for (const char* redirection : {"2>/dev/full", "2>&-", ">&- 2>&-", "<&- >&- 2>&-"}) {
     SCOPED_TRACE(redirection);
     EXPECT_EQ(exit_code_with(redirection, {"replay", "nothing"}), 1);
@@ -253,7 +253,7 @@ TEST(StandardStreams, FailureExitsWithOneWhenStandardErrorIsFullOrClosed) {
   }
 }
 
-TEST(StandardStreams, CommandThatPrintsItsResultFailsWhenStandardOutputIsFullOrClosed) {
+TEST(StandardStreams, FailPrintingCommandsWhenStdoutIsFullOrClosed) {
   for (const char* redirection : {">&-", ">/dev/full", ">&- 2>&-", ">/dev/full 2>/dev/full"}) {
     SCOPED_TRACE(redirection);
     EXPECT_EQ(exit_code_with(redirection, {"devices"}), 1);
@@ -269,7 +269,7 @@ TEST(StandardStreams, CommandThatPrintsItsResultFailsWhenStandardOutputIsFullOrC
 }
 
 // A lost log alone costs nothing; nor do output files take the place of a closed descriptor.
-TEST(StandardStreams, LiveWritesItsOutputsWhenStreamsAreClosedOrFull) {
+TEST(StandardStreams, LetLiveWriteOutputsWhenClosedOrFull) {
   for (const auto& [redirection, expected_code] : std::vector<std::pair<std::string, int>>{
            {"2>&-", 0}, {"2>/dev/full", 0}, {"<&- >&- 2>&-", 1}, {">/dev/full 2>/dev/full", 1}}) {
     SCOPED_TRACE(redirection);
@@ -291,7 +291,7 @@ void read_until(int descriptor, std::string& text, const std::string& word) {
   }
 }
 
-TEST(StandardStreams, LogReaderThatReadsAgainFindsTheNumberOfDroppedLines) {
+TEST(StandardStreams, ReportDroppedLinesWhenLogReaderResumes) {
   for (const bool is_terminal : {false, true}) {
     SCOPED_TRACE(is_terminal ? "terminal" : "pipe");
     const TemporaryFolder folder;
@@ -331,7 +331,7 @@ TEST(StandardStreams, LogReaderThatReadsAgainFindsTheNumberOfDroppedLines) {
 }
 
 // Printing waits for the terminal; the outputs do not.
-TEST(StandardStreams, StalledTerminalDoesNotKeepOutputsFromBeingWritten) {
+TEST(StandardStreams, LetLiveWriteOutputsWhenTerminalStalls) {
   const LiveSession session;
   int ends[2] = {-1, -1};
   ASSERT_EQ(openpty(&ends[0], &ends[1], nullptr, nullptr, nullptr), 0);
@@ -357,7 +357,7 @@ TEST(StandardStreams, StalledTerminalDoesNotKeepOutputsFromBeingWritten) {
   EXPECT_EQ(running.exit_code(), 0);
 }
 
-TEST(Hangup, IsIgnoredWhenItWasIgnoredAtTheStart) {
+TEST(HangupSignal, StaysIgnoredWhenIgnoredAtStart) {
   const TemporaryFolder folder;
   const std::string report_file = (folder.path() / "report.json").string();
   const std::string poses = (folder.path() / "out.tum").string();
@@ -376,7 +376,7 @@ TEST(Hangup, IsIgnoredWhenItWasIgnoredAtTheStart) {
 }
 
 // A closing terminal sends SIGHUP more than once, timeout(1) SIGTERM twice.
-TEST(Interrupt, SignalsThatFollowAtOnceDoNotKeepOutputsFromBeingClosed) {
+TEST(Interrupt, ClosesOutputsDespiteRepeatedSignals) {
   for (const int number : {SIGHUP, SIGTERM, SIGINT}) {
     SCOPED_TRACE(number);
     const LiveSession session;
@@ -420,7 +420,7 @@ TEST(DisplayLoss, EndsReplayWithWholeOutputs) {
   }
 }
 
-TEST(DisplayLoss, CountsAWindowThatAnotherProgramDestroys) {
+TEST(DisplayLoss, EndsLiveWithWholeOutputsWhenWindowIsDestroyed) {
   ASSERT_TRUE(has_xvfb()) << "no Xvfb: scripts/setup installs it";
   ASSERT_EQ(std::system("command -v xdotool >/dev/null 2>&1"), 0) << "scripts/setup installs it";
   const VirtualDisplay display;

@@ -39,8 +39,9 @@ class ShadowCommand : public testing::Test {
   TemporaryFolder folder_;
   std::string last_warnings_;
 };
+class KernelsCommand : public ShadowCommand {};
 
-TEST_F(ShadowCommand, ASquareScalesByTheFormulas) {
+TEST_F(ShadowCommand, ScalesSquareByLayerFormula) {
   const auto json = layers({file("square.obj"), "--light-height", "0.9", "--light-ratio", "3"});
   EXPECT_EQ(json["H"], 0.9);
   EXPECT_EQ(json["a"], 3.0);
@@ -66,7 +67,7 @@ TEST_F(ShadowCommand, ASquareScalesByTheFormulas) {
   EXPECT_LT(json["twists"]["spill"], 0.01);
 }
 
-TEST_F(ShadowCommand, AModelWithoutExtentIsTold) {
+TEST_F(ShadowCommand, WarnsOfModelWithoutExtent) {
   write("point.obj", "v 1 1 1\nv 1 1 1\nv 1 1 1\nv 1 1 1\nf 1 2 3\nf 1 3 4\n");
   layers({file("point.obj")});
   const auto lines = lines_of(last_warnings_);
@@ -79,7 +80,7 @@ TEST_F(ShadowCommand, AModelWithoutExtentIsTold) {
       << last_warnings_;
 }
 
-TEST_F(ShadowCommand, UnitScalesModelAndItsKernels) {
+TEST_F(ShadowCommand, ScalesModelAndKernelsByUnit) {
   write("mm.obj", "v -100 -100 100\nv 100 -100 100\nv 100 100 100\nv -100 100 100\nf 1 2 3 4\n");
   const auto in_metres = layers({file("square.obj")});
   EXPECT_EQ(in_metres["warnings"], nlohmann::json::array());
@@ -106,7 +107,7 @@ TEST_F(ShadowCommand, UnitScalesModelAndItsKernels) {
   EXPECT_THAT(wrong.err, HasSubstr("--unit"));
 }
 
-TEST_F(ShadowCommand, WarningsAreInTheJsonAndPrinted) {
+TEST_F(ShadowCommand, PrintsWarningsAndWritesThemToJson) {
   write("large.obj", "v 0 0 1\nv 64 0 1\nv 64 64 1\nf 1 2 3\n");
   const auto json = layers({file("large.obj"), "--technique", "simple"});
   ASSERT_EQ(json["warnings"].size(), 1U) << json["warnings"];
@@ -119,7 +120,7 @@ TEST_F(ShadowCommand, WarningsAreInTheJsonAndPrinted) {
   EXPECT_THAT(kernels.err, HasSubstr("use --unit mm"));
 }
 
-TEST_F(ShadowCommand, WarningsOfProxyArePrinted) {
+TEST_F(ShadowCommand, PrintsWarningsOfProxy) {
   const std::string square = "v 0 0 1\nv 1 0 1\nv 1 1 1\nv 0 1 1\nf 1 2 3 4\n";
   write("square.obj", square);
   write("proxy.obj", square + "l 1 2\n");
@@ -128,7 +129,7 @@ TEST_F(ShadowCommand, WarningsOfProxyArePrinted) {
   EXPECT_THAT(last_warnings_, HasSubstr("proxy.obj: line 6: lines and points"));
 }
 
-TEST_F(ShadowCommand, NamesThatAreNotUtf8ReachNoJsonWriter) {
+TEST_F(ShadowCommand, ConvertsNamesToUtf8InJson) {
   write("l\xE4tin.obj", "o T\xF6pf\nusemtl gr\xFCn\nv 0 0 1\nv 64 0 1\nv 64 64 1\nf 1 2 3\n");
   const auto json = layers({file("l\xE4tin.obj")});
   ASSERT_FALSE(json["warnings"].empty());
@@ -141,7 +142,7 @@ TEST_F(ShadowCommand, NamesThatAreNotUtf8ReachNoJsonWriter) {
   EXPECT_EQ(layers({file("k.glb")})["kernels"]["source"], "stored");
 }
 
-TEST_F(ShadowCommand, SharedCutOutsCastWhatIsSeen) {
+TEST_F(ShadowCommand, CastsShadowsOfVisiblePartsOfCutOuts) {
   if (shared_dir().empty()) GTEST_SKIP() << "no shared data beside the checkout";
   const fs::path cases = shared_dir() / "cases" / "gltf-cut-out-casts-all";
   const auto cut = layers({cases / "alpha_MASK.gltf", "--technique", "simple"});
@@ -161,7 +162,7 @@ TEST_F(ShadowCommand, SharedCutOutsCastWhatIsSeen) {
   }
 }
 
-TEST_F(ShadowCommand, ConstantsByEveryWay) {
+TEST_F(ShadowCommand, DerivesLightConstantsFromAnyOptionPair) {
   EXPECT_EQ(layers({file("square.obj"), "--light-height", "inf", "--umbra-height", "0.3"})["H"],
             "inf");
   auto json = layers({file("square.obj"), "--workspace-height", "0.3", "--magnification", "1.5"});
@@ -177,7 +178,7 @@ TEST_F(ShadowCommand, ConstantsByEveryWay) {
   EXPECT_NEAR(json["umbra_height"].get<double>(), 0.2, 1e-12);
 }
 
-TEST_F(ShadowCommand, OptionsThatContradictEachOtherAreWrongUsage) {
+TEST_F(ShadowCommand, RejectsContradictoryOptions) {
   using Words = std::vector<std::string>;
   for (const Words& words :
        {Words{"--light-ratio", "3", "--umbra-height", "0.3"},
@@ -200,7 +201,7 @@ TEST_F(ShadowCommand, OptionsThatContradictEachOtherAreWrongUsage) {
   }
 }
 
-TEST_F(ShadowCommand, OptionsOfNoUseAreTold) {
+TEST_F(ShadowCommand, WarnsOfOptionsWithoutEffect) {
   using Words = std::vector<std::string>;
   for (const Words& words :
        {Words{"--kernels", "smooth", "--technique", "simple"},
@@ -226,7 +227,7 @@ TEST_F(ShadowCommand, OptionsOfNoUseAreTold) {
   }
 }
 
-TEST_F(ShadowCommand, AWrongLightIsBlamedOnItsOption) {
+TEST_F(ShadowCommand, NamesOptionOfInvalidLight) {
   for (const auto& [option, number] : {std::pair{"--light-ratio", "inf"},
                                        {"--umbra-height", "inf"},
                                        {"--light-ratio", "1e40"},
@@ -239,7 +240,7 @@ TEST_F(ShadowCommand, AWrongLightIsBlamedOnItsOption) {
   }
 }
 
-TEST_F(ShadowCommand, PoseAndPlane) {
+TEST_F(ShadowCommand, AppliesPoseAndPlane) {
   // Lifted to the height where the umbra vanishes; the plane's normal turned with the object.
   auto json = layers({file("square.obj"), "--pose", "0 0 0.2 0 0 0 1"});
   EXPECT_EQ(json["layers"]["umbra"]["area"], 0.0);
@@ -249,7 +250,7 @@ TEST_F(ShadowCommand, PoseAndPlane) {
   EXPECT_NEAR(json["layers"]["middle"]["area"].get<double>(), 0.04 * std::pow(0.9 / 0.7, 2), 1e-5);
 }
 
-TEST_F(ShadowCommand, FarFromTheOriginAndOfAnySize) {
+TEST_F(ShadowCommand, KeepsAreaFarFromOriginAndAtAnySize) {
   // 100 m away the square is as large as here.
   const auto here = layers({file("square.obj")});
   const auto there =
@@ -302,7 +303,7 @@ TEST_F(ShadowCommand, FarFromTheOriginAndOfAnySize) {
   }
 }
 
-TEST_F(ShadowCommand, OneLayerForSimpleAndHard) {
+TEST_F(ShadowCommand, WritesOneLayerForSimpleAndHard) {
   auto json = layers({file("square.obj"), "--technique", "simple"});
   ASSERT_EQ(json["layers"].size(), 1U);
   EXPECT_NEAR(json["layers"]["shadow"]["area"].get<double>(), 0.04, 1e-8);
@@ -314,7 +315,7 @@ TEST_F(ShadowCommand, OneLayerForSimpleAndHard) {
   EXPECT_THAT(last_warnings_, HasSubstr("warn"));
 }
 
-TEST_F(ShadowCommand, TellsWhyAShadowIsMissing) {
+TEST_F(ShadowCommand, ReportsWhyShadowIsMissing) {
   const std::string cube = (source_dir() / "scenes" / "models" / "cube.glb").string();
   const auto lifted = [&](const char* z, const char* technique = "layered") {
     return layers({cube, "--technique", technique, "--pose", fmt::format("0 0 {} 0 0 0 1", z)});
@@ -357,7 +358,7 @@ TEST_F(ShadowCommand, TellsWhyAShadowIsMissing) {
 }
 
 // In contact the layers are one and the shadow is whole: nothing to warn of.
-TEST_F(ShadowCommand, AContactShadowIsAShadow) {
+TEST_F(ShadowCommand, AcceptsContactShadowWithoutWarning) {
   const std::string square = file("square.obj");
   for (const char* technique : {"layered", "simple"}) {
     const auto json = layers({square, "--technique", technique, "--pose", "0 0 -0.1 0 0 0 1"});
@@ -370,7 +371,7 @@ TEST_F(ShadowCommand, AContactShadowIsAShadow) {
   EXPECT_THAT(last_warnings_, HasSubstr("under the plane"));
 }
 
-TEST_F(ShadowCommand, WhatLeavesTheWorkspaceIsTold) {
+TEST_F(ShadowCommand, WarnsOfObjectAboveWorkspace) {
   const auto at = [this](const char* height) {
     layers({file("square.obj"), "--workspace-height", "0.3", "--magnification", "1.5", "--pose",
             std::string("0 0 ") + height + " 0 0 0 1"});
@@ -384,7 +385,7 @@ TEST_F(ShadowCommand, WhatLeavesTheWorkspaceIsTold) {
   EXPECT_THAT(table.out, testing::Not(HasSubstr("vanishes at")));
 }
 
-TEST_F(ShadowCommand, PicturesAndTable) {
+TEST_F(ShadowCommand, WritesSvgAndTable) {
   const std::string ring = (source_dir() / "scenes" / "models" / "ring.glb").string();
   EXPECT_EQ(penumbra({"shadow", ring, "--show-kernels", "--output", file("ring.svg")}).exit_code,
             0);
@@ -417,7 +418,7 @@ TEST_F(ShadowCommand, PicturesAndTable) {
   }
 }
 
-TEST_F(ShadowCommand, StoredKernelsAreUsedUntilTheModelChanges) {
+TEST_F(ShadowCommand, UsesStoredKernelsUntilModelChanges) {
   for (const std::string& model :
        {file("square.obj").string(),
         (source_dir() / "scenes" / "models" / "helicopter.glb").string()}) {
@@ -447,7 +448,7 @@ TEST_F(ShadowCommand, StoredKernelsAreUsedUntilTheModelChanges) {
   EXPECT_THAT(last_warnings_, HasSubstr("changed"));
 }
 
-TEST_F(ShadowCommand, StoredKernelsWithoutThicknessServeNoLightOfOneSize) {
+TEST_F(ShadowCommand, RecomputesKernelsWithoutThicknessForFixedLight) {
   const std::string ring = (source_dir() / "scenes" / "models" / "ring.glb").string();
   const std::vector<std::string> light = {"--pose", "0 0 0.1 0 0 0 1", "--light-mode", "fixed"};
   const auto with = [&](std::vector<std::string> words) {
@@ -468,7 +469,7 @@ TEST_F(ShadowCommand, StoredKernelsWithoutThicknessServeNoLightOfOneSize) {
   EXPECT_EQ(last_warnings_, "");
 }
 
-TEST_F(ShadowCommand, AModelThatChangedAroundItsKernelsIsNoticed) {
+TEST_F(ShadowCommand, DetectsModelChangedAfterKernelsWereStored) {
   for (const std::string& model :
        {file("square.obj").string(),
         (source_dir() / "scenes" / "models" / "helicopter.glb").string()}) {
@@ -501,7 +502,7 @@ TEST_F(ShadowCommand, AModelThatChangedAroundItsKernelsIsNoticed) {
   }
 }
 
-TEST_F(ShadowCommand, KernelsSayOneLine) {
+TEST_F(KernelsCommand, PrintsOneLine) {
   const ProgramResult result = penumbra({"kernels", source_dir() / "scenes/models/tree.glb",
                                          "--kernels", "per-axis", "--output", file("k.json")});
   EXPECT_EQ(result.exit_code, 0);
@@ -510,7 +511,7 @@ TEST_F(ShadowCommand, KernelsSayOneLine) {
 }
 
 // One mesh on two nodes: its vertices have two places each, and a file keeps one kernel.
-TEST_F(ShadowCommand, KernelsOfAMeshThatTwoNodesUseServeBoth) {
+TEST_F(KernelsCommand, StoresKernelsForBothNodesOfSharedMesh) {
   const auto scene = [](const std::string& nodes) {
     // Three vertices (0 0 0), (0.1 0 0), (0 0 0.1) and a face of them.
     return R"({"asset":{"version":"2.0"},"scene":0,"scenes":[{"nodes":)" + nodes +
@@ -548,7 +549,7 @@ TEST_F(ShadowCommand, KernelsOfAMeshThatTwoNodesUseServeBoth) {
                  {"k.json", "3 triples", "6 vertices"});
 }
 
-TEST_F(ShadowCommand, GroupsArePartsThatShareALight) {
+TEST_F(ShadowCommand, TreatsGroupAsOnePart) {
   // Two tiles side by side, which share no vertex.
   write("tiles.obj",
         "o left\nv -0.1 0 0.1\nv 0 0 0.1\nv 0 0.1 0.1\nv -0.1 0.1 0.1\nf 1 2 3\nf 1 3 4\n"
@@ -572,7 +573,7 @@ TEST_F(ShadowCommand, GroupsArePartsThatShareALight) {
 
 // A wall of bricks with joints as wide as masons make them is as thick as the wall, not as a brick:
 // its umbra is one with joints across it, not a brick's in each brick.
-TEST_F(ShadowCommand, AGroupIsMeasuredAcrossItsJoints) {
+TEST_F(ShadowCommand, MeasuresGroupThicknessAcrossJoints) {
   std::string wall;
   int vertices = 0;
   const auto brick = [&](double x, double y, double width, double height) {
@@ -614,7 +615,7 @@ TEST_F(ShadowCommand, AGroupIsMeasuredAcrossItsJoints) {
   EXPECT_GT(field({"--group", "brick*"}), plate);
 }
 
-TEST_F(ShadowCommand, StoredKernelsOfOtherPartsAreMadeAnew) {
+TEST_F(ShadowCommand, RecomputesStoredKernelsOfOtherGroups) {
   write("tiles.obj",
         "o left\nv -0.1 0 0.1\nv 0 0 0.1\nv 0 0.1 0.1\nv -0.1 0.1 0.1\nf 1 2 3\nf 1 3 4\n"
         "o right\nv 0 -0.02 0.1\nv 0.1 -0.02 0.1\nv 0.1 0.08 0.1\nv 0 0.08 0.1\nf 5 6 7\n"
@@ -657,7 +658,7 @@ TEST_F(ShadowCommand, StoredKernelsOfOtherPartsAreMadeAnew) {
 
 // Who stores kernels says once which parts are one and how kernels are made; a tilt that needs
 // others gets those of the same groups and kind.
-TEST_F(ShadowCommand, StoredGroupsAndKindHoldForOtherTilts) {
+TEST_F(ShadowCommand, KeepsStoredGroupsAndKindForOtherTilts) {
   write("tiles.obj",
         "o left\nv -0.1 0 0.1\nv 0 0 0.1\nv 0 0.1 0.1\nv -0.1 0.1 0.1\nf 1 2 3\nf 1 3 4\n"
         "o right\nv 0 -0.02 0.1\nv 0.1 -0.02 0.1\nv 0.1 0.08 0.1\nv 0 0.08 0.1\nf 5 6 7\n"
@@ -694,7 +695,7 @@ TEST_F(ShadowCommand, StoredGroupsAndKindHoldForOtherTilts) {
   }
 }
 
-TEST_F(ShadowCommand, AKernelFileNamesItsGroups) {
+TEST_F(KernelsCommand, WritesGroupsToKernelFile) {
   const std::string square = file("square.obj");
   ASSERT_EQ(penumbra({"kernels", square, "--group", "all", "--output", file("k.json")}).exit_code,
             0);
@@ -710,7 +711,7 @@ TEST_F(ShadowCommand, AKernelFileNamesItsGroups) {
 }
 
 // Numbers in millimetres, or of a broken writer: nothing on a table is a thousand kilometres off.
-TEST_F(ShadowCommand, KernelsFarAwayAreRefused) {
+TEST_F(ShadowCommand, RejectsImplausiblyFarKernels) {
   const std::string square = file("square.obj");
   ASSERT_EQ(penumbra({"kernels", square, "--output", file("k.json")}).exit_code, 0);
   auto json = nlohmann::json::parse(bytes_of(file("k.json")));
@@ -720,7 +721,7 @@ TEST_F(ShadowCommand, KernelsFarAwayAreRefused) {
                  {"far.json", "kernels[4]", "-1e+09 m"});
 }
 
-TEST_F(ShadowCommand, StoredKernelsAreReadWithOtherAxesToo) {
+TEST_F(ShadowCommand, ReadsStoredKernelsWithOtherUpAxis) {
   const std::string model = (source_dir() / "scenes" / "models" / "l_shape.glb").string();
   ASSERT_EQ(penumbra({"kernels", model, "--up", "0,-1,0", "--output", file("kept.glb")}).exit_code,
             0);
@@ -728,7 +729,7 @@ TEST_F(ShadowCommand, StoredKernelsAreReadWithOtherAxesToo) {
   EXPECT_EQ(last_warnings_, "");
 }
 
-TEST_F(ShadowCommand, AModelThatIsWrittenAnewKeepsItsNames) {
+TEST_F(KernelsCommand, KeepsPartNamesInRewrittenModel) {
   // Two groups that share an edge and whose materials alternate, beside a third.
   write("house.mtl", "newmtl red\nKd 1 0 0\nnewmtl blue\nKd 0 0 1\n");
   write("house.obj",
@@ -761,7 +762,7 @@ TEST_F(ShadowCommand, AModelThatIsWrittenAnewKeepsItsNames) {
                  {"house.glb", "roof", "wall 1, wall 2, tower"});
 }
 
-TEST_F(ShadowCommand, KernelsStoredAgainTakeThePlaceOfTheOld) {
+TEST_F(KernelsCommand, ReplacesStoredKernels) {
   const std::string model = (source_dir() / "scenes" / "models" / "helicopter.glb").string();
   ASSERT_EQ(penumbra({"kernels", model, "--output", file("one.glb")}).exit_code, 0);
   ASSERT_EQ(penumbra({"kernels", file("one.glb"), "--kernels", "smooth", "--up", "0,0.3,1",
@@ -777,7 +778,7 @@ TEST_F(ShadowCommand, KernelsStoredAgainTakeThePlaceOfTheOld) {
 
 // Tools that join equal data let a position and a kernel share it: storing kernels again must leave
 // the positions.
-TEST_F(ShadowCommand, KernelsStoredAgainLeaveWhatElseReadsTheOld) {
+TEST_F(KernelsCommand, KeepsSharedDataWhenReplacingKernels) {
   ASSERT_EQ(penumbra({"kernels", file("square.obj"), "--output", file("one.glb")}).exit_code, 0);
   const std::string glb = bytes_of(file("one.glb"));
   const auto word = [](const std::string& bytes, std::size_t at) {
@@ -803,7 +804,7 @@ TEST_F(ShadowCommand, KernelsStoredAgainLeaveWhatElseReadsTheOld) {
   EXPECT_EQ(last_warnings_, "");
 }
 
-TEST_F(ShadowCommand, AModelOfOnePointHasKernels) {
+TEST_F(KernelsCommand, WritesKernelsForSinglePoint) {
   write("point.obj", "v 0.1 0.2 0.3\nf 1 1 1\n");
   ASSERT_EQ(penumbra({"kernels", file("point.obj"), "--output", file("point.json")}).exit_code, 0);
   const auto kernels = read_json(file("point.json"))["kernels"];
@@ -818,7 +819,7 @@ TEST_F(ShadowCommand, AModelOfOnePointHasKernels) {
   EXPECT_THAT(last_warnings_, HasSubstr("casts no shadow: its 1 faces have no area"));
 }
 
-TEST_F(ShadowCommand, AProxySaysHowWellItAgrees) {
+TEST_F(ShadowCommand, ReportsProxyAgreement) {
   const std::string models = source_dir() / "scenes" / "models";
   const auto plain = layers({models + "/tree.glb", "--pose", "0 0 0.05 0 0 0 1"});
   EXPECT_FALSE(plain.contains("proxy"));
@@ -846,7 +847,7 @@ TEST_F(ShadowCommand, AProxySaysHowWellItAgrees) {
                  {"none.glb"});
 }
 
-TEST_F(ShadowCommand, OneKernelSpillsARing) {
+TEST_F(ShadowCommand, ReportsOvershootOfRingWithOneKernel) {
   const std::string ring = (source_dir() / "scenes" / "models" / "ring.glb").string();
   EXPECT_LT(layers({ring, "--pose", "0 0 0.1 0 0 0 1"})["twists"]["spill"], 0.02);
   const auto fixed = layers({ring, "--pose", "0 0 0.1 0 0 0 1", "--light-mode", "fixed"});
@@ -859,7 +860,7 @@ TEST_F(ShadowCommand, OneKernelSpillsARing) {
             0.3);
 }
 
-TEST_F(ShadowCommand, EndedEarlyLeavesNoPartialFile) {
+TEST_F(ShadowCommand, LeavesNoPartialFileWhenInterrupted) {
   std::string soup;
   for (int i = 0; i < 60000; ++i) {
     const double x = std::fmod(i * 0.6180339887, 1.0), y = std::fmod(i * 0.7548776662, 1.0);
@@ -886,7 +887,7 @@ TEST_F(ShadowCommand, EndedEarlyLeavesNoPartialFile) {
 
 // On a disk that takes no byte: the file that was asked for is named, not the one that is written
 // meanwhile.
-TEST_F(ShadowCommand, WhatCannotBeWrittenIsNamedAsItWasAskedFor) {
+TEST_F(ShadowCommand, NamesRequestedFileWhenDiskIsFull) {
   const auto on_a_full_disk = [](std::vector<std::string> arguments) {
     arguments.insert(arguments.begin(),
                      {"-c", "trap '' XFSZ; ulimit -f 0; exec \"$0\" \"$@\"", program().string()});
@@ -914,7 +915,7 @@ TEST_F(ShadowCommand, WhatCannotBeWrittenIsNamedAsItWasAskedFor) {
       "session");
 }
 
-TEST_F(ShadowCommand, FailsInOneLine) {
+TEST_F(ShadowCommand, FailsInOneLineOnInvalidInput) {
   expect_failure(penumbra({"shadow", file("none.obj")}), {"none.obj"});
   write("bad.glb", "no model");
   expect_failure(penumbra({"shadow", file("bad.glb")}), {"bad.glb"});

@@ -16,7 +16,7 @@
 namespace penumbra::test {
 namespace {
 
-class ShadowVectorsByProgram : public testing::Test {
+class ShadowCommandVectors : public testing::Test {
  protected:
   void SetUp() override {
     if (shared_dir().empty()) GTEST_SKIP() << "no shared data beside the checkout";
@@ -105,7 +105,7 @@ void expect_layer(const nlohmann::json& layer, const nlohmann::json& expected,
   }
 }
 
-TEST_F(ShadowVectorsByProgram, EveryLayerCase) {
+TEST_F(ShadowCommandVectors, MatchLayerCases) {
   const nlohmann::json index = read_json(vectors() / "index.json");
   ASSERT_GT(index.at("cases").size(), 10U);
   for (const auto& entry : index.at("cases")) {
@@ -133,7 +133,7 @@ TEST_F(ShadowVectorsByProgram, EveryLayerCase) {
   }
 }
 
-TEST_F(ShadowVectorsByProgram, HeightSweeps) {
+TEST_F(ShadowCommandVectors, MatchHeightSweeps) {
   for (const auto& entry : std::filesystem::directory_iterator(vectors())) {
     if (!entry.path().filename().string().starts_with("sweep_")) continue;
     SCOPED_TRACE(entry.path().filename().string());
@@ -176,7 +176,7 @@ void write_obj(const std::string& path, const std::vector<double>& xyz,
 }
 
 // Cubes that reach through the plane, up to the light and above it: the polygon on a receiver.
-TEST_F(ShadowVectorsByProgram, ProjectiveClip) {
+TEST_F(ShadowCommandVectors, MatchProjectiveClip) {
   const nlohmann::json json = read_json(vectors() / "projective_clip.json");
   ASSERT_GE(json.at("cases").size(), 5U);
   std::size_t number = 0;
@@ -202,7 +202,7 @@ TEST_F(ShadowVectorsByProgram, ProjectiveClip) {
 
 // Each point as a triangle of a tenth of a millimetre: its shadow is where the oracle says, or
 // there is none.
-TEST_F(ShadowVectorsByProgram, ProjectionPoints) {
+TEST_F(ShadowCommandVectors, MatchProjectionPoints) {
   const nlohmann::json json = read_json(vectors() / "projection_points.json");
   std::size_t shadows = 0;
   std::size_t others = 0;
@@ -256,7 +256,7 @@ TEST_F(ShadowVectorsByProgram, ProjectionPoints) {
 
 // The volume's bitmaps are of a plane: its hard shadow, looked up along the pixels' rays, is the
 // same, wherever the eye is.
-TEST_F(ShadowVectorsByProgram, ShadowVolumesOnAPlane) {
+TEST_F(ShadowCommandVectors, MatchShadowVolumesOnPlane) {
   const nlohmann::json json = read_json(vectors() / "shadow_volume.json");
   for (const auto& entry : json.at("cases")) {
     const auto hull = entry.at("caster_hull_points").get<std::vector<double>>();
@@ -316,7 +316,7 @@ TEST_F(ShadowVectorsByProgram, ShadowVolumesOnAPlane) {
 }
 
 // A light at infinity, kernels or fields made by the program, ray-cast masks.
-TEST_F(ShadowVectorsByProgram, KernelQuality) {
+TEST_F(ShadowCommandVectors, ReachRequiredKernelQuality) {
   const QualityCases all;
   ASSERT_FALSE(all.cases().empty());
   double field_mean[2] = {0.0, 0.0};

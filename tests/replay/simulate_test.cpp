@@ -18,7 +18,7 @@ namespace {
 
 using testing::HasSubstr;
 
-class Simulate : public testing::Test {
+class SimulateCommand : public testing::Test {
  protected:
   void SetUp() override {
     write_text(file("camera.yaml"),
@@ -74,7 +74,7 @@ class Simulate : public testing::Test {
   TemporaryFolder folder_;
 };
 
-TEST_F(Simulate, WhatItWritesIsTrackedToItsTruth) {
+TEST_F(SimulateCommand, WritesRecordingThatTracksToItsTruth) {
   const ProgramResult made = run("made", {"--noise", "2", "--blur", "0.008", "--seed", "3"});
   ASSERT_EQ(made.exit_code, 0) << made.err;
   EXPECT_EQ(made.err, "");
@@ -96,7 +96,7 @@ TEST_F(Simulate, WhatItWritesIsTrackedToItsTruth) {
 
 // Rows are exposed at once: what a camera's rolling shutter would be made up for is not in the
 // recording.
-TEST_F(Simulate, ARollingShutterIsLeftOutOfTheRecording) {
+TEST_F(SimulateCommand, OmitsRollingShutterFromRecording) {
   write_text(file("camera.yaml"),
              bytes_of(file("camera.yaml")) + "rolling_shutter_row_s: 0.00005\n");
   write_path(6, 0.02);
@@ -110,7 +110,7 @@ TEST_F(Simulate, ARollingShutterIsLeftOutOfTheRecording) {
   EXPECT_LT(read_json(file("report.json"))["accuracy"]["overlay_px"]["max"].get<double>(), 0.5);
 }
 
-TEST_F(Simulate, TheSameSeedGivesTheSameBytes) {
+TEST_F(SimulateCommand, WritesSameBytesForSameSeed) {
   ASSERT_EQ(run("a", {"--noise", "3", "--blur", "0.01", "--seed", "7"}).exit_code, 0);
   ASSERT_EQ(run("b", {"--noise", "3", "--blur", "0.01", "--seed", "7"}).exit_code, 0);
   ASSERT_EQ(run("c", {"--noise", "3", "--blur", "0.01", "--seed", "8"}).exit_code, 0);
@@ -124,7 +124,7 @@ TEST_F(Simulate, TheSameSeedGivesTheSameBytes) {
   EXPECT_EQ(bytes_of(file("a/groundtruth.tum")), bytes_of(file("c/groundtruth.tum")));
 }
 
-TEST_F(Simulate, NoiseIsAsLoudAsAskedAndNewInEveryFrame) {
+TEST_F(SimulateCommand, AddsIndependentNoiseOfRequestedSigma) {
   write_path(2, 0.0);
   ASSERT_EQ(run("quiet").exit_code, 0);
   ASSERT_EQ(run("loud", {"--noise", "5"}).exit_code, 0);
@@ -139,7 +139,7 @@ TEST_F(Simulate, NoiseIsAsLoudAsAskedAndNewInEveryFrame) {
 }
 
 // A box's width along the motion, nothing across it, its middle where the sharp edge is.
-TEST_F(Simulate, ExposureBlursAlongTheMotionAboutTheTruth) {
+TEST_F(SimulateCommand, BlursAlongMotionCentredOnTruth) {
   write_path(6, 0.012);  // 8 px a frame
   ASSERT_EQ(run("sharp").exit_code, 0);
   ASSERT_EQ(run("blurred", {"--blur", "0.0333333"}).exit_code, 0);
@@ -175,7 +175,7 @@ TEST_F(Simulate, ExposureBlursAlongTheMotionAboutTheTruth) {
   EXPECT_NEAR(centre_sharp, centre_blurred, 0.05) << "the truth is the middle of the exposure";
 }
 
-TEST_F(Simulate, ToneGainAndCoverDoWhatTheySay) {
+TEST_F(SimulateCommand, AppliesToneGainAndCover) {
   ASSERT_EQ(run("plain").exit_code, 0);
   ASSERT_EQ(run("toned", {"--tone", "2.2"}).exit_code, 0);
   ASSERT_EQ(run("dark", {"--gain", "0.25"}).exit_code, 0);
@@ -194,7 +194,7 @@ TEST_F(Simulate, ToneGainAndCoverDoWhatTheySay) {
 }
 
 // No detection reads a tag whose edge is hidden; the tracker holds on to one that it knows.
-TEST_F(Simulate, WhatIsCoveredLaterIsTrackedOn) {
+TEST_F(SimulateCommand, KeepsTagsTrackableWhenCoveredLater) {
   ASSERT_EQ(run("plain").exit_code, 0);
   ASSERT_EQ(run("covered", {"--cover", "0.4"}).exit_code, 0);
   ASSERT_EQ(run("later", {"--cover", "0.4", "--cover-from", "1"}).exit_code, 0);
@@ -212,7 +212,7 @@ TEST_F(Simulate, WhatIsCoveredLaterIsTrackedOn) {
   EXPECT_EQ(later->wrong, 0);
 }
 
-TEST_F(Simulate, AScenesObjectsAreDrawnOverTheTags) {
+TEST_F(SimulateCommand, DrawsSceneObjectsOverTags) {
   const std::string scene = (source_dir() / "scenes" / "default.json").string();
   ASSERT_EQ(run("plain").exit_code, 0);
   const ProgramResult made = run("scene", {"--blur", "0.01"}, scene);
@@ -230,7 +230,7 @@ TEST_F(Simulate, AScenesObjectsAreDrawnOverTheTags) {
   EXPECT_EQ(tracked->wrong, 0);
 }
 
-TEST_F(Simulate, WhatIsWrongIsSaidInALine) {
+TEST_F(SimulateCommand, ReportsErrorsInOneLine) {
   const auto with = [&](const char* option, const std::string& value) {
     std::vector<std::string> arguments = {
         "simulate",        "board",        "--camera",       file("camera.yaml"), "--tags",

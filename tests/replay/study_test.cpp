@@ -139,7 +139,7 @@ void check_heights(const StudyPlan& plan, const std::vector<Expected>& expected,
   }
 }
 
-TEST(Window, StudyWritesTheScriptedTimesAndErrors) {
+TEST(StudyCommand, WritesScriptedTimesAndErrors) {
   ASSERT_TRUE(has_xvfb()) << "no Xvfb: scripts/setup installs it";
   const TemporaryFolder folder;
   const StudyPlan plan =
@@ -179,7 +179,7 @@ TEST(Window, StudyWritesTheScriptedTimesAndErrors) {
 }
 
 // Whatever the moment, the answers given until then are whole, and the participant can go on.
-TEST(DisplayLoss, EndsAStudyWithWholeAnswers) {
+TEST(DisplayLoss, EndsStudyWithWholeAnswers) {
   ASSERT_TRUE(has_xvfb()) << "no Xvfb: scripts/setup installs it";
   for (const int number : {SIGKILL, SIGTERM}) {
     SCOPED_TRACE(number);
@@ -211,7 +211,7 @@ TEST(DisplayLoss, EndsAStudyWithWholeAnswers) {
 }
 
 // Slides along the table and lifts; each target is missed once, then met to a few millimetres.
-TEST(Window, StudyWritesTheScriptedDrags) {
+TEST(StudyCommand, WritesScriptedDrags) {
   ASSERT_TRUE(has_xvfb()) << "no Xvfb: scripts/setup installs it";
   const TemporaryFolder folder;
   const StudyPlan plan = plan_study(design_of(StudyExperiment::drag, 1, {"layered", "walls"}));
@@ -315,7 +315,7 @@ class StillView {
 
 // A person's way through it: clicks that the X server sends, times of the clock on the wall. The
 // second half is done after the window was closed.
-TEST(Window, APersonAnswersWithTheMouse) {
+TEST(StudyCommand, AcceptsMouseClicksAsAnswers) {
   ASSERT_TRUE(has_xvfb()) << "no Xvfb: scripts/setup installs it";
   ASSERT_EQ(std::system("command -v xdotool >/dev/null"), 0) << "scripts/setup installs it";
   const TemporaryFolder folder;
@@ -396,7 +396,7 @@ Drags separate_drags(const StillView& view) {
 }
 
 // The other experiment with a hand at the mouse.
-TEST(Window, APersonDragsWithTheMouse) {
+TEST(StudyCommand, AcceptsMouseDragsAsAnswers) {
   ASSERT_TRUE(has_xvfb()) << "no Xvfb: scripts/setup installs it";
   ASSERT_EQ(std::system("command -v xdotool >/dev/null"), 0) << "scripts/setup installs it";
   const TemporaryFolder folder;
@@ -420,7 +420,7 @@ TEST(Window, APersonDragsWithTheMouse) {
   }
 }
 
-TEST(Study, GoesOnWhereItWasBrokenOff) {
+TEST(StudyCommand, ResumesInterruptedSession) {
   const TemporaryFolder folder;
   const StudyPlan plan = plan_study(design_of(StudyExperiment::heights, 2, {"layered", "walls"}));
   const fs::path script = folder.path() / "script.txt", results = folder.path() / "answers.csv";
@@ -440,7 +440,7 @@ TEST(Study, GoesOnWhereItWasBrokenOff) {
 }
 
 // A recording that plays as a camera: its own pace, the pictures' own clock.
-TEST(Study, RunsOnTheLivePicture) {
+TEST(StudyCommand, RunsOnLiveCamera) {
   const TemporaryFolder folder;
   const StudyPlan plan = plan_study(design_of(StudyExperiment::heights, 1, {"layered"}));
   const fs::path script = folder.path() / "script.txt", results = folder.path() / "answers.csv";
@@ -457,7 +457,7 @@ TEST(Study, RunsOnTheLivePicture) {
   EXPECT_EQ(rows[0].chosen, "2");
 }
 
-TEST(Study, ErrorsAreOneLine) {
+TEST(StudyCommand, ReportsErrorsInOneLine) {
   const TemporaryFolder folder;
   const StudyDesign design = design_of(StudyExperiment::heights, 1, {"layered"});
   const fs::path script = folder.path() / "script.txt", results = folder.path() / "answers.csv";

@@ -136,7 +136,7 @@ class TagGroups : public testing::Test {
 
 // Where the wall stands is measured and not taken from the map: maps that are wrong by centimetres
 // give the same picture.
-TEST_F(TagGroups, TheWallsPlaceIsMeasured) {
+TEST_F(TagGroups, MeasuresWallPoseDespiteWrongMap) {
   Eigen::Isometry3d wrong = Eigen::Isometry3d::Identity();
   wrong.translate(Eigen::Vector3d(0.01, 0.03, -0.02));
   wrong.rotate(Eigen::AngleAxisd(radians(9.0), Eigen::Vector3d(0.4, 1.0, 0.7).normalized()));
@@ -189,7 +189,7 @@ TEST_F(TagGroups, TheWallsPlaceIsMeasured) {
   }
 }
 
-TEST_F(TagGroups, AWallAtRestKeepsItsShadow) {
+TEST_F(TagGroups, ReusesShadowOfWallAtRest) {
   const ProgramResult run =
       penumbra({"replay", bundled("corner"), "--no-window", "--tags",
                 (recordings_dir() / "corner" / "tags-wall.yaml").string(), "--scene",
@@ -203,7 +203,7 @@ TEST_F(TagGroups, AWallAtRestKeepsItsShadow) {
 }
 
 // A prop in the hand against the exact truth, in all that a run says of it.
-TEST_F(TagGroups, AHeldPropIsTrackedToItsTruth) {
+TEST_F(TagGroups, TracksHandHeldPropToItsTruth) {
   write_simulation(24);
   write_prop_scene("scene.json");
   const ProgramResult made = penumbra(simulation("made"));
@@ -290,7 +290,7 @@ TEST_F(TagGroups, AHeldPropIsTrackedToItsTruth) {
 }
 
 // A session that is recorded has the places of its groups, and replays with them.
-TEST_F(TagGroups, ALiveSessionKeepsThePlacesOfItsGroups) {
+TEST_F(TagGroups, RecordsGroupPosesInLiveSession) {
   write_simulation(24);
   write_prop_scene("scene.json");
   ASSERT_EQ(penumbra(simulation("made")).exit_code, 0);
@@ -335,7 +335,7 @@ TEST_F(TagGroups, ALiveSessionKeepsThePlacesOfItsGroups) {
 }
 
 // A scene that needs no group has none tracked, says so, and loses nothing by it.
-TEST_F(TagGroups, WhatTheSceneDoesNotNeedIsNotTracked) {
+TEST_F(TagGroups, SkipsGroupsUnusedByScene) {
   write_simulation(6);
   ASSERT_EQ(penumbra(simulation("made")).exit_code, 0);
   const std::string scene = (source_dir() / "scenes" / "default.json").string();
@@ -366,7 +366,7 @@ TEST_F(TagGroups, WhatTheSceneDoesNotNeedIsNotTracked) {
 }
 
 // The synthetic scene's own objects ride on the prop.
-TEST_F(TagGroups, SimulatedObjectsRideOnTheirGroup) {
+TEST_F(TagGroups, DrawsSimulatedObjectsOnTheirGroup) {
   write_simulation(4);
   write_prop_scene("scene.json");
   ASSERT_EQ(penumbra(simulation("board")).exit_code, 0);
@@ -394,7 +394,7 @@ TEST_F(TagGroups, SimulatedObjectsRideOnTheirGroup) {
   EXPECT_GT(changed("000003.png"), 200);
 }
 
-TEST_F(TagGroups, WhatIsWrongIsSaidInALine) {
+TEST_F(TagGroups, ReportsErrorsInOneLine) {
   write_simulation(4);
   const auto with_group = [&](const std::string& group) {
     std::vector<std::string> arguments = simulation("never");

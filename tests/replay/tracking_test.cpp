@@ -71,7 +71,7 @@ INSTANTIATE_TEST_SUITE_P(Tracking, TrackedRecordings, testing::ValuesIn(expectat
                                   std::string(to_string(test.param.mode));
                          });
 
-TEST_P(TrackedRecordings, WhatIsTrackedIsRight) {
+TEST_P(TrackedRecordings, StayWithinErrorBounds) {
   const Expected& expected = GetParam();
   const std::filesystem::path shared = test::shared_dir();
   if (!expected.bundled && shared.empty())
@@ -102,7 +102,7 @@ TEST_P(TrackedRecordings, WhatIsTrackedIsRight) {
 
 // The overlay of a camera at rest keeps still: its change from frame to frame beside that of
 // detection.
-TEST(Still, TheOverlayKeepsStill) {
+TEST(StillRecording, HasLessJitterThanDetection) {
   const std::filesystem::path shared = test::shared_dir();
   if (shared.empty()) GTEST_SKIP() << "no shared recordings beside the checkout";
   const auto jitter_px = [&](TrackingMode mode) {
@@ -119,7 +119,7 @@ TEST(Still, TheOverlayKeepsStill) {
 }
 
 // One of five tags was moved, or the map has it wrong, at a grazing view: each of them, both ways.
-TEST(Grazing, AMovedTagIsLeftOutAndMisleadsNobody) {
+TEST(GrazingRecording, KeepsPoseWhenOneTagMoved) {
   const std::filesystem::path shared = test::shared_dir();
   if (shared.empty()) GTEST_SKIP() << "no shared recordings beside the checkout";
   const auto session = test::load_session(shared / "recordings" / "grazing");
@@ -156,7 +156,7 @@ TEST(Grazing, AMovedTagIsLeftOutAndMisleadsNobody) {
 
 // A camera that gives every third frame of a hand that shakes: the pattern is found again without
 // a search for tags, mostly.
-TEST(Shake, WhatJumpsBetweenFramesIsFoundByThePattern) {
+TEST(ShakeRecording, RecoversByPatternSearchAfterJumps) {
   const std::filesystem::path shared = test::shared_dir();
   if (shared.empty()) GTEST_SKIP() << "no shared recordings beside the checkout";
   const std::filesystem::path folder = shared / "recordings" / "shake";
@@ -184,7 +184,7 @@ TEST(Shake, WhatJumpsBetweenFramesIsFoundByThePattern) {
 }
 
 // The board leaves the view and comes back.
-TEST(Reentry, NothingIsReportedWhileTheBoardIsAwayAndItIsBackAtOnce) {
+TEST(ReentryRecording, ReportsNoPoseWhileBoardIsAwayAndRecoversAtOnce) {
   const std::filesystem::path shared = test::shared_dir();
   if (shared.empty()) GTEST_SKIP() << "no shared recordings beside the checkout";
   const std::filesystem::path folder = shared / "recordings" / "reentry";

@@ -16,7 +16,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-TEST(Window, PicturesAreTheSameWithAndWithoutWindowAndHud) {
+TEST(Window, WritesSameFramesWithAndWithoutHud) {
   ASSERT_TRUE(has_xvfb()) << "no Xvfb: scripts/setup installs it";
   const TemporaryFolder folder;
   const auto arguments = [&](const std::string& name, const std::vector<std::string>& more) {
@@ -40,7 +40,7 @@ TEST(Window, PicturesAreTheSameWithAndWithoutWindowAndHud) {
 }
 
 // What was done while it was recorded happens again, the same each time, and can be left out.
-TEST(Window, RecordedEditsAreReplayed) {
+TEST(Window, ReplaysRecordedEdits) {
   const TemporaryFolder folder;
   const fs::path recording = folder.path() / "recording";
   fs::create_directory(recording);
@@ -80,7 +80,7 @@ TEST(Window, RecordedEditsAreReplayed) {
 
 // A person's hand in a live session: what was dragged there replays to the same pictures, bit for
 // bit, at the poses that the session had.
-TEST(Window, ADragIsRecordedAndReplaysToTheSamePictures) {
+TEST(Window, RecordsDragThatReplaysToSameFrames) {
   ASSERT_TRUE(has_xvfb()) << "no Xvfb: scripts/setup installs it";
   ASSERT_EQ(std::system("command -v xdotool >/dev/null 2>&1"), 0) << "scripts/setup installs it";
   const TemporaryFolder folder;
@@ -169,7 +169,7 @@ int pixels_drawn(const fs::path& picture, const RgbaImage& video) {
 
 // Keys in a live session whose camera is slow: the picture is never one that stands still and looks
 // live, the screenshots show what the window shows, and what was recorded between two R replays.
-TEST(Window, ALiveSessionFadesWhileItsCameraIsSilentAndIsRecordedByKey) {
+TEST(Window, FadesOnStreamStallAndRecordsByKey) {
   ASSERT_TRUE(has_xvfb()) << "no Xvfb: scripts/setup installs it";
   ASSERT_EQ(std::system("command -v xdotool >/dev/null 2>&1"), 0) << "scripts/setup installs it";
   const TemporaryFolder folder;
@@ -241,7 +241,7 @@ TEST(Window, ALiveSessionFadesWhileItsCameraIsSilentAndIsRecordedByKey) {
 
 // Started in the folder of the recording that it plays, neither pictures nor recordings are saved
 // there by a key.
-TEST(Window, NothingIsSavedIntoTheRecordingThatIsPlayed) {
+TEST(Window, NeverSavesIntoPlayedRecording) {
   ASSERT_TRUE(has_xvfb()) << "no Xvfb: scripts/setup installs it";
   ASSERT_EQ(std::system("command -v xdotool >/dev/null 2>&1"), 0) << "scripts/setup installs it";
   const TemporaryFolder folder;

@@ -32,7 +32,7 @@ Target target_of(const Photographs& set) {
 
 class CalibrationPhotographs : public testing::TestWithParam<Photographs> {};
 
-TEST_P(CalibrationPhotographs, AreExplainedAsWellAsByOpenCvAndBetterWhereHeldOut) {
+TEST_P(CalibrationPhotographs, FitAsWellAsOpenCvAndBetterOnHeldOutViews) {
   if (test::shared_dir().empty()) GTEST_SKIP() << "no photographs beside the checkout";
   const Target target = target_of(GetParam());
   TargetDetector detector = TargetDetector::create(target).value();
@@ -81,7 +81,13 @@ INSTANTIATE_TEST_SUITE_P(
                     Photographs{"swatbotics/calibration", 7, 5, 15},
                     Photographs{"photonvision-calib/squares-lifecam-480", 10, 10, 14},
                     Photographs{"photonvision-calib/squares-gloworm-320x240", 8, 6, 24},
-                    Photographs{"photonvision-calib/charuco-lifecam-480", 7, 7, 15, true}));
+                    Photographs{"photonvision-calib/charuco-lifecam-480", 7, 7, 15, true}),
+    [](const auto& test) {
+      std::string name = test.param.folder;
+      std::ranges::replace_if(
+          name, [](char c) { return c == '/' || c == '-'; }, '_');
+      return name;
+    });
 
 }  // namespace
 }  // namespace penumbra

@@ -109,7 +109,7 @@ CameraModel plumb_bob(double f, std::array<double, 8> distortion) {
 // A verdict may be less than good for a right lens, but never good for a wrong one, for any lens
 // and any placement of the board. Usually one calibration of half of the cases, nightly three of
 // each.
-TEST(CalibrationVerdict, IsNeverGoodWhereTheLensIsWrong) {
+TEST(CalibrationVerdict, IsNeverGoodForWrongLens) {
   const Lens lenses[] = {
       {"plumb_bob", plumb_bob(531.0, {-0.215, 0.062, 0.0008, -0.0006, -0.004}), 0.4},
       {"plumb_bob, strong", plumb_bob(480.0, {-0.33, 0.15, 0.0005, -0.0003, -0.035}), 0.35},

@@ -48,7 +48,7 @@ unsigned sum_of(const Frame& frame) {
   return sum;
 }
 
-TEST(CameraCycles, LeaveNothingBehind) {
+TEST(CameraCycles, LeakNoDescriptorThreadOrMemory) {
   CameraRequest request;
   const std::string board = (test::recordings_dir() / "tabletop").string();
   request.source = from_environment("PENUMBRA_CAMERA", "recording:" + board);

@@ -105,7 +105,7 @@ double area_at(const ShadowField& field, ShadowLayer layer) {
   return union_of_triangles(field_triangles(field, layer)).value().area;
 }
 
-RC_GTEST_PROP(LayerProperties, FloatStaysWithinItsBoundOfTheExactFactor, ()) {
+RC_GTEST_PROP(LayerProperties, FloatFactorStaysWithinErrorBound, ()) {
   const LayeredConstants given = any_constants();
   LayeredConstants constants = given;
   constants.light_height = static_cast<double>(static_cast<float>(given.light_height));
@@ -156,7 +156,7 @@ RC_GTEST_PROP(LayerProperties, FactorsAreOrderedAndMonotonic, ()) {
   }
 }
 
-RC_GTEST_PROP(LayerProperties, LimitsOfHeightLightAndRatio, ()) {
+RC_GTEST_PROP(LayerProperties, FactorsReachLimitsOfHeightLightAndRatio, ()) {
   const double h_u = real(0.1, 1.0);
   const double a = real(1.5, 8.0);
   const LayeredConstants constants = make_layered_constants(a * h_u, a, 0.0).value();
@@ -187,7 +187,7 @@ RC_GTEST_PROP(LayerProperties, LimitsOfHeightLightAndRatio, ()) {
   }
 }
 
-RC_GTEST_PROP(LayerProperties, TotalOnAnySoupOfAnySize, ()) {
+RC_GTEST_PROP(LayerProperties, AcceptTriangleSoupOfAnySize, ()) {
   const double size = std::pow(10.0, real(-4.0, 4.0));
   const ShadowMesh mesh = make_shadow_mesh(any_soup(size));
   const PlaneFrame plane = any_plane(*rc::gen::inRange(0, 2) == 0 ? 0.1 : 100.0);
@@ -212,7 +212,7 @@ RC_GTEST_PROP(LayerProperties, TotalOnAnySoupOfAnySize, ()) {
   RC_ASSERT(0.0 <= spill && spill <= 1.0);
 }
 
-RC_GTEST_PROP(LayerProperties, VerticesThatAreNoNumbersAreLeftOut, ()) {
+RC_GTEST_PROP(LayerProperties, IgnoreNonFiniteVertices, ()) {
   Model model = any_soup(0.1);
   auto& positions = model.meshes[0].positions;
   const auto victim =
@@ -237,7 +237,7 @@ RC_GTEST_PROP(LayerProperties, VerticesThatAreNoNumbersAreLeftOut, ()) {
 }
 
 // Sliding on the plane and turning about its normal moves the layers rigidly.
-RC_GTEST_PROP(LayerProperties, EquivariantUnderSlidesAndYaw, ()) {
+RC_GTEST_PROP(LayerProperties, AreEquivariantUnderTranslationAndYaw, ()) {
   const ShadowMesh mesh = make_shadow_mesh(any_soup(0.1));
   const LayeredConstants constants = any_constants();
   const PlaneFrame plane;
@@ -266,7 +266,7 @@ RC_GTEST_PROP(LayerProperties, EquivariantUnderSlidesAndYaw, ()) {
 }
 
 // A level star-shaped footprint with its kernel in the middle: umbra inside middle inside penumbra.
-RC_GTEST_PROP(LayerProperties, LayersOfAStarNest, ()) {
+RC_GTEST_PROP(LayerProperties, LayersNestForStarShapedFootprint, ()) {
   std::vector<CasterVertex> vertices = {{0.0F, 0.0F, 0.0F, 0.0F, 0.0F}};
   std::vector<std::uint32_t> indices;
   const int corners = *rc::gen::inRange(5, 20);
@@ -302,7 +302,7 @@ RC_GTEST_PROP(LayerProperties, LayersOfAStarNest, ()) {
 // The layers that are drawn, against the formulas in long double from the vertices as given, at any
 // distance of the plane from the origin. The factor is within 2.11 of the exact one; the rest is
 // the rounding of coordinates.
-RC_GTEST_PROP(LayerProperties, FloatLayersStayByTheExactOnes, ()) {
+RC_GTEST_PROP(LayerProperties, FloatLayersMatchExactLayers, ()) {
   const ShadowMesh mesh = make_shadow_mesh(any_soup(0.1));
   LayeredConstants constants = any_constants();
   if (!std::isinf(constants.light_height)) {
@@ -349,7 +349,7 @@ RC_GTEST_PROP(LayerProperties, FloatLayersStayByTheExactOnes, ()) {
 }
 
 // The limits of whole layers, not only of their factors.
-RC_GTEST_PROP(LayerProperties, LayersAtTheLimitsOfHeightLightAndRatio, ()) {
+RC_GTEST_PROP(LayerProperties, LayersReachLimitsOfHeightLightAndRatio, ()) {
   const double h_u = real(0.2, 0.5);
   const double a = real(1.5, 6.0);
   const LayeredConstants constants = make_layered_constants(a * h_u, a, 0.0).value();
@@ -410,7 +410,7 @@ RC_GTEST_PROP(LayerProperties, LayersAtTheLimitsOfHeightLightAndRatio, ()) {
 }
 
 // Faces without an area and slivers add nothing to a layer, whatever their kernels are.
-RC_GTEST_PROP(LayerProperties, SliversAndFacesWithoutAreaAddNothing, ()) {
+RC_GTEST_PROP(LayerProperties, SliversAndDegenerateFacesAddNoArea, ()) {
   const ShadowMesh mesh = make_shadow_mesh(any_body());
   const LayeredConstants constants = any_constants();
   const Placement placement = {Eigen::Vector3d(0, 0, real(0.0, 0.2)), any_rotation(), 1.0};
@@ -449,7 +449,7 @@ RC_GTEST_PROP(LayerProperties, SliversAndFacesWithoutAreaAddNothing, ()) {
 }
 
 // Fields, layers of one light and hard shadows take any soup too; a field's layers nest.
-RC_GTEST_PROP(LayerProperties, EveryTechniqueIsTotalOnAnySoup, ()) {
+RC_GTEST_PROP(LayerProperties, EveryTechniqueAcceptsTriangleSoup, ()) {
   const double size = std::pow(10.0, real(-4.0, 4.0));
   const ShadowMesh mesh = make_shadow_mesh(any_soup(size));
   const PlaneFrame plane = any_plane(*rc::gen::inRange(0, 2) == 0 ? 0.1 : 100.0);
@@ -517,7 +517,7 @@ Model rounded_otherwise(Model model, std::mt19937& random) {
 // they are the same, and so are the layers (docs/shadows.md#kernels, rule 2, and 2.10). What a turn
 // may change is what rounding the coordinates changes without it: which of equally large and
 // equally near discs wins.
-RC_GTEST_PROP(LayerProperties, KernelsMadeAnewTurnWithTheBody, ()) {
+RC_GTEST_PROP(LayerProperties, RegeneratedKernelsRotateWithBody, ()) {
   const Model model = *rc::gen::inRange(0, 4) == 0 ? any_ring() : any_body();
   const Eigen::Vector3d up = Eigen::Vector3d(real(-0.5, 0.5), real(-0.5, 0.5), 1.0).normalized();
   const Eigen::Matrix3d R = Eigen::AngleAxisd(real(-3.0, 3.0), up).toRotationMatrix();
@@ -584,7 +584,7 @@ RC_GTEST_PROP(LayerProperties, KernelsMadeAnewTurnWithTheBody, ()) {
 // No pop: a micrometre of height changes a layer by next to nothing, also where vertices pass the
 // plane, the umbra height and the cap. Level faces apart, which appear at once when they come
 // through the plane: so the body is tilted.
-RC_GTEST_PROP(LayerProperties, NoLayerJumps, ()) {
+RC_GTEST_PROP(LayerProperties, LayersChangeContinuouslyWithHeight, ()) {
   const ShadowMesh mesh = make_shadow_mesh(any_body());
   const LayeredConstants constants = make_layered_constants(0.9, 3.0, 0.0).value();
   const Eigen::Quaterniond tilt(
@@ -624,7 +624,7 @@ RC_GTEST_PROP(LayerProperties, NoLayerJumps, ()) {
 // A whole rise of an inclined bar, through the plane and the umbra height: at most 1 % of the
 // layer's size per millimetre (docs/shadows.md#layers; skipping faces instead of clipping them
 // gives 44 %), and a little more while it comes out of the plane, of which it is 0.16 m tall.
-TEST(ShadowStress, ARisingBarChangesByOnePercentPerMillimetre) {
+TEST(ShadowStress, LimitsChangePerMillimetreOfRisingBar) {
   for (const int segments : {3, 12}) {
     test::ShapeBuilder shape;
     shape.limb({-0.08, 0, -0.08}, {0.08, 0.01, 0.08}, 0.01, 0.012, segments);
@@ -663,7 +663,7 @@ TEST(ShadowStress, ARisingBarChangesByOnePercentPerMillimetre) {
 // However faces turn over, a layer stays within the caster's outline widened by as much as its
 // vertices may move: spill is bounded by the kernels' reach alone (docs/shadows.md#fold-overs, 2.6
 // rule 5), and that by the thickness of the parts, which their outlines say.
-RC_GTEST_PROP(LayerProperties, NoSpillBeyondTheReachOfTheKernels, ()) {
+RC_GTEST_PROP(LayerProperties, OvershootStaysWithinKernelReach, ()) {
   // Closed bodies: a soup has faces seen edge-on, which no outline shows and a layer may open.
   const ShadowMesh mesh = make_shadow_mesh(any_body());
   const LayeredConstants constants = make_layered_constants(0.9, 3.0, 0.0).value();
@@ -776,7 +776,7 @@ double spill(const ShadowMesh& mesh, double s) {
   return outside / all;
 }
 
-TEST(ShadowStress, TwistedFacesSpillLittle) {
+TEST(ShadowStress, BoundsOvershootOfTwistedFaces) {
   if (test::shared_dir().empty()) GTEST_SKIP() << "no shared data beside the checkout";
   for (const char* name : {"sphere", "cube6", "bar", "lshape", "letter_r", "torus", "tube",
                            "helicopter", "stairs", "hand"}) {
@@ -790,7 +790,7 @@ TEST(ShadowStress, TwistedFacesSpillLittle) {
 }
 
 // The union in one go and in pieces, of a soup.
-RC_GTEST_PROP(LayerProperties, UnionsInPiecesAreTheSame, ()) {
+RC_GTEST_PROP(LayerProperties, UnionInPiecesMatchesWholeUnion, ()) {
   std::vector<PlanePoint> triangles;
   const double size = std::pow(10.0, real(-2.0, 0.0));
   const int faces = *rc::gen::inRange(1, 150);
@@ -809,7 +809,7 @@ RC_GTEST_PROP(LayerProperties, UnionsInPiecesAreTheSame, ()) {
   }
 }
 
-TEST(ShadowStress, TwentyFiveThousandUnconnectedFacesUnite) {
+TEST(ShadowStress, UnitesTwentyFiveThousandUnconnectedFaces) {
   std::mt19937 random(5);
   std::uniform_real_distribution<float> unit(-1.0F, 1.0F);
   std::vector<PlanePoint> triangles;
@@ -828,7 +828,7 @@ TEST(ShadowStress, TwentyFiveThousandUnconnectedFacesUnite) {
 
 // Objects of 0.1 mm and of 10 km: the layers of one are those of the other, to scale, if the light
 // is. (Under 10 um vertices are one, so that a body of 0.1 mm may have few.)
-TEST(ShadowStress, LayersScaleWithTheObject) {
+TEST(ShadowStress, ScalesLayersWithObjectSize) {
   const Model unit = [] {
     test::ShapeBuilder shape;
     shape.prism({{0.0, 0.0}, {1.0, 0.0}, {1.0, 0.3}, {0.3, 0.3}, {0.3, 1.0}, {0.0, 1.0}}, 0.0, 0.2);
@@ -880,7 +880,7 @@ TEST(ShadowStress, LayersScaleWithTheObject) {
   }
 }
 
-TEST(ShadowStress, AFieldOfAMillionTriangles) {
+TEST(ShadowStress, ComputesFieldOfMillionTriangles) {
   const ShadowMesh mesh = make_shadow_mesh(test::torus_model(500, 1000));
   const LayeredConstants constants = make_layered_constants(0.9, 3.0, 0.0).value();
   const Placement placement = {Eigen::Vector3d(0, 0, 0.1), Eigen::Quaterniond::Identity(), 1.0};
@@ -913,7 +913,7 @@ TEST(ShadowStress, AFieldOfAMillionTriangles) {
   EXPECT_LT(layer_spill(mesh, kernels, 1.65), 0.02) << "what twists does no harm";
 }
 
-TEST(ShadowStress, AMillionTriangles) {
+TEST(ShadowStress, ComputesLayersOfMillionTriangles) {
   const Model model = test::torus_model(500, 1000);
   const ShadowMesh mesh = make_shadow_mesh(model);
   EXPECT_EQ(mesh.indices.size(), 3'000'000U);

@@ -50,7 +50,7 @@ void expect_honest(const Stage& stage, const TrackedFrame& tracked, int frame,
   }
 }
 
-TEST(TagGroupStress, AnIdMayBelongToOneGroupOnly) {
+TEST(TagGroupStress, RejectsIdInTwoGroups) {
   std::vector<MappedTag> tags = wall();
   tags.push_back(tags.front());
   tags.back().group = "block";
@@ -60,7 +60,7 @@ TEST(TagGroupStress, AnIdMayBelongToOneGroupOnly) {
 }
 
 // A second print of one of the block's tags lies on the table.
-TEST(TagGroupStress, ACopyOfAGroupsTagMisleadsNobody) {
+TEST(TagGroupStress, IgnoresCopyOfGroupTag) {
   const Stage stage({wall(), block()});
   for (const int copied : {test::kBlockId, test::kWallId + 1}) {
     std::vector<MappedTag> drawn = stage.tags;
@@ -87,7 +87,7 @@ TEST(TagGroupStress, ACopyOfAGroupsTagMisleadsNobody) {
 }
 
 // One tag alone has two poses; turned over slowly it goes through straight-on and edge-on views.
-TEST(TagGroupStress, AGroupOfOneTagIsNeverSureOfTheWrongPose) {
+TEST(TagGroupStress, NeverTracksWrongPoseOfSingleTagGroup) {
   std::vector<MappedTag> one = block();
   one.resize(1);
   for (const double size_m : {0.025, 0.07}) {
@@ -114,7 +114,7 @@ TEST(TagGroupStress, AGroupOfOneTagIsNeverSureOfTheWrongPose) {
 }
 
 // The block is carried through between camera and wall, then before the table's tags.
-TEST(TagGroupStress, OneGroupPassesBeforeTheOther) {
+TEST(TagGroupStress, TracksGroupsThatOccludeEachOther) {
   const Stage stage({wall(), block()});
   GroupTracker tracker = stage.tracker();
   int wall_tracked = 0;
@@ -139,7 +139,7 @@ TEST(TagGroupStress, OneGroupPassesBeforeTheOther) {
 
 // The map has one of the wall's tags, or half of them, elsewhere than they are; and two groups at
 // each other's places.
-TEST(TagGroupStress, MapsThatContradictThePicture) {
+TEST(TagGroupStress, NeverTracksWrongPoseWhenMapIsInconsistent) {
   for (const int wrong : {1, 3}) {
     SCOPED_TRACE(wrong);
     const Stage stage({wall()});
@@ -185,7 +185,7 @@ TEST(TagGroupStress, MapsThatContradictThePicture) {
 }
 
 // Twelve groups of one tag each, all moving their own way.
-TEST(TagGroupStress, ManyGroups) {
+TEST(TagGroupStress, TracksTwelveIndependentGroups) {
   std::vector<std::vector<MappedTag>> parts;
   for (int k = 0; k < 12; ++k) {
     std::vector<MappedTag> one = block();

@@ -141,7 +141,7 @@ std::vector<Cell> cells() {
   return list;
 }
 
-TEST(TrackingStress, EveryCellIsHonest) {
+TEST(TrackingStress, PredictsErrorInEveryCondition) {
   Beyond all;
   for (const Cell& cell : cells()) {
     SCOPED_TRACE(cell.name);
@@ -167,7 +167,7 @@ TEST(TrackingStress, EveryCellIsHonest) {
   EXPECT_LE(all.beyond, 0.005 * all.tracked) << "of " << all.tracked;
 }
 
-TEST(TrackingStress, RandomSessionsAreHonest) {
+TEST(TrackingStress, PredictsErrorOnRandomSessions) {
   const int sessions = nightly() ? 400 : 4;
   for (int s = 0; s < sessions; ++s) {
     SCOPED_TRACE(s);
@@ -196,7 +196,7 @@ struct Smeared {
 
 // A hand that shakes so that its tags smear over several cells, its exposure known or not: what is
 // expected of the error is what the error is, also where the pose is one of many that look alike.
-TEST(TrackingStress, ASmearOverSeveralCellsIsNotBelieved) {
+TEST(TrackingStress, PredictsErrorUnderStrongMotionBlur) {
   int frames = 0;
   int smeared = 0;  // over more than three cells
   Smeared followed;
@@ -267,7 +267,7 @@ TEST(TrackingStress, ASmearOverSeveralCellsIsNotBelieved) {
 }
 
 // There and back over the same pictures: what drifts has nothing to hide behind.
-TEST(TrackingStress, TenThousandFramesWithoutDrift) {
+TEST(TrackingStress, TracksTenThousandFramesWithoutDrift) {
   Session session = ordinary();
   session.camera = test::lens_camera(Lens::plumb_bob, 320, 240, 0.85);
   auto renderer = PatternRenderer::create(session.camera, session.tags).value();
@@ -302,7 +302,7 @@ TEST(TrackingStress, TenThousandFramesWithoutDrift) {
 }
 
 // A second print of a tag of the map lies on the table.
-TEST(TrackingStress, ACopyOfATagInViewMisleadsNobody) {
+TEST(TrackingStress, IgnoresCopyOfMappedTag) {
   const Session session = ordinary();
   std::vector<MappedTag> drawn = session.tags;
   MappedTag copy = drawn[5];
@@ -325,7 +325,7 @@ Session moved(Session session, std::size_t tag, const Eigen::Vector3d& by) {
 
 // Tags of two families may have the same ids: it is the moved one of them that is left out, and its
 // namesake that counts.
-TEST(TrackingStress, ANamesakeOfAMovedTagCounts) {
+TEST(TrackingStress, KeepsSameIdOfOtherFamilyWhenTagMoved) {
   Session session = ordinary();
   const auto half = session.tags.size() / 2;
   for (std::size_t k = 0; k < half; ++k) {
@@ -356,7 +356,7 @@ TEST(TrackingStress, ANamesakeOfAMovedTagCounts) {
 }
 
 // A tag lies elsewhere than the map has it, by less than a cell and by more than a tag.
-TEST(TrackingStress, ATagThatWasMovedIsLeftOut) {
+TEST(TrackingStress, RejectsMovedTag) {
   for (const double moved_m : {0.002, 0.004, 0.012, 0.1}) {
     SCOPED_TRACE(moved_m);
     const Session session = ordinary();
@@ -381,7 +381,7 @@ TEST(TrackingStress, ATagThatWasMovedIsLeftOut) {
 
 // Few tags, seen grazingly: a pose that fits all of them halfway is many pixels off. Whichever tag
 // was moved, and wherever to, no frame is tracked so, and the one that is left out is that one.
-TEST(TrackingStress, AMovedTagOfFewMisleadsNobody) {
+TEST(TrackingStress, NeverTracksWrongPoseWhenOneOfFewTagsMoved) {
   struct Board {
     const char* name;
     std::vector<MappedTag> tags;
@@ -440,7 +440,7 @@ TEST(TrackingStress, AMovedTagOfFewMisleadsNobody) {
 }
 
 // Half of the board was moved as one piece: nothing says which half is right.
-TEST(TrackingStress, HalfOfTheBoardThatWasMovedMisleadsNobody) {
+TEST(TrackingStress, NeverTracksWrongPoseWhenHalfOfBoardMoved) {
   for (const double by : {0.003, 0.006}) {
     SCOPED_TRACE(by);
     const Session session = ordinary();
@@ -460,7 +460,7 @@ TEST(TrackingStress, HalfOfTheBoardThatWasMovedMisleadsNobody) {
 }
 
 // After such frames a part of the tags is enough again, though the others are not there.
-TEST(TrackingStress, AContradictionEnds) {
+TEST(TrackingStress, RecoversAfterInconsistentFrames) {
   const Session session = ordinary();
   Session wrong = session;
   for (std::size_t tag = 0; tag < session.tags.size(); tag += 2)
@@ -486,7 +486,7 @@ TEST(TrackingStress, AContradictionEnds) {
 }
 
 // A tag that was moved is looked at again: when it was put back it counts, and before that not.
-TEST(TrackingStress, ATagThatWasPutBackCountsAgain) {
+TEST(TrackingStress, UsesMovedTagAgainAfterItIsPutBack) {
   Session session = ordinary();
   session.motion.x.amplitude = session.motion.y.amplitude = 0.0;
   const Session elsewhere = moved(session, 3, {0.004, 0.0, 0.0});
@@ -514,7 +514,7 @@ TEST(TrackingStress, ATagThatWasPutBackCountsAgain) {
 
 // After a jerk of the hand the pattern is searched for further off, then tags where they were, then
 // in the whole frame; the first of these that finds it is enough.
-TEST(TrackingStress, FindsTableAfterJumpBesideItsPrediction) {
+TEST(TrackingStress, FindsTableAfterJumpAwayFromPrediction) {
   int found_by_pattern = 0;
   int found_in_box = 0;
   // The pattern search does not turn the pattern.
@@ -550,7 +550,7 @@ TEST(TrackingStress, FindsTableAfterJumpBesideItsPrediction) {
 }
 
 // A part of every tag is covered once tracking has begun: all frames are kept.
-TEST(TrackingStress, TagsThatGetCoveredAreKept) {
+TEST(TrackingStress, KeepsTagsThatBecomeCovered) {
   const std::vector<double> few = {0.3};
   const std::vector<double> all = {0.1, 0.2, 0.3};
   for (const double share : nightly() ? all : few) {
@@ -570,7 +570,7 @@ TEST(TrackingStress, TagsThatGetCoveredAreKept) {
 }
 
 // What covers a part of every tag explains none of its cells, as a smear would, but smears nothing.
-TEST(TrackingStress, CoveredTagsAreKeptInFastMotion) {
+TEST(TrackingStress, KeepsCoveredTagsInFastMotion) {
   for (const double light : {0.3, 0.8}) {
     for (const double times : {6.0, 12.0}) {
       SCOPED_TRACE(testing::Message() << "cover of light " << light << ", motion x " << times);
@@ -594,7 +594,7 @@ TEST(TrackingStress, CoveredTagsAreKeptInFastMotion) {
 
 // A camera that was put elsewhere between two sharp pictures did not move within them, however long
 // they were exposed.
-TEST(TrackingStress, AJumpBetweenClearPicturesSmearsNothing) {
+TEST(TrackingStress, AssumesNoMotionBlurForJumpBetweenSharpFrames) {
   Session session = ordinary();
   for (test::Sway* sway :
        {&session.motion.x, &session.motion.y, &session.motion.distance, &session.motion.elevation,

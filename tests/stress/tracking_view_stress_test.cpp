@@ -45,7 +45,7 @@ double error_px(const Session& session, const PoseEstimate& pose, int frame) {
 
 // A camera that sets its exposure anew, a lamp that is switched: up to ten times as much light, or
 // a tenth, from one frame to the next, while the hand moves on.
-TEST(TrackingStress, JumpsOfTheExposureAreFollowed) {
+TEST(TrackingStress, TracksThroughExposureJumps) {
   constexpr std::array<double, 12> kGains = {1.0, 0.3, 1.0,  0.15, 1.2, 0.12,
                                              1.2, 2.5, 0.25, 0.25, 1.0, 0.1};
   for (const TrackingMode mode : {TrackingMode::fast, TrackingMode::automatic}) {
@@ -97,7 +97,7 @@ Seen seen_at(const Session& session, const CameraPose& at, double margin_px) {
 
 // The camera turns from a corner of the sheet to all of it and away again: each tag counts as soon
 // as it is seen, and nothing is searched for.
-TEST(TrackingStress, TagsThatComeIntoViewAreJoined) {
+TEST(TrackingStress, AddsTagsAsTheyEnterView) {
   for (const TrackingMode mode : {TrackingMode::fast, TrackingMode::accurate}) {
     SCOPED_TRACE(to_string(mode));
     Session session = ordinary();
@@ -135,7 +135,7 @@ TEST(TrackingStress, TagsThatComeIntoViewAreJoined) {
 }
 
 // A strong fisheye sees the sheet at its rim, where the lens's last coefficients are pixels.
-TEST(TrackingStress, AFisheyesRimIsAsGoodAsItsMiddle) {
+TEST(TrackingStress, TracksAtFisheyeRimAsWellAsAtCentre) {
   for (const double focal : {0.35, 0.45}) {
     for (const double aside : {0.0, 0.25, 0.4}) {
       SCOPED_TRACE(testing::Message() << "focal " << focal << ", aside " << aside);
@@ -165,7 +165,7 @@ TEST(TrackingStress, AFisheyesRimIsAsGoodAsItsMiddle) {
 
 // A table a hundred times as large a hundred times as far off looks the same: the pose is the same,
 // in other units.
-TEST(TrackingStress, APoseGrowsWithItsTable) {
+TEST(TrackingStress, ScalesPoseWithTableSize) {
   for (const double times : {0.1, 100.0}) {
     SCOPED_TRACE(times);
     Session session = ordinary();
@@ -200,7 +200,7 @@ TEST(TrackingStress, APoseGrowsWithItsTable) {
 }
 
 // Tags that keep their size while the camera goes away are lost, and it is said.
-TEST(TrackingStress, TagsTooFarAwayAreLost) {
+TEST(TrackingStress, LosesTagsTooFarAway) {
   Session session = ordinary();
   auto renderer = PatternRenderer::create(session.camera, session.tags).value();
   GroupTracker tracker = tracker_of(session);
@@ -225,7 +225,7 @@ TEST(TrackingStress, TagsTooFarAwayAreLost) {
 
 // Each thing driven from where it is easy to where nothing can be seen, a step a frame: how far a
 // pose is expected at least, and that nothing is believed beyond.
-TEST(TrackingStress, WhatIsDrivenToItsEndIsFollowedFar) {
+TEST(TrackingStress, TracksDegradingConditionsToExpectedLimits) {
   struct Way {
     const char* name;
     double from, to, tracked_to;
@@ -297,7 +297,7 @@ double least_width_px(const Session& session, const CameraPose& at) {
 // A lone tag that goes away until it is seven pixels wide, and comes back: its other pose explains
 // the picture there as well as the true one, and what the model misses may favour it. The one that
 // was followed stays.
-TEST(TrackingStress, ALoneTagThatGoesAwayDoesNotFlip) {
+TEST(TrackingStress, KeepsPoseOfRecedingSingleTagWithoutFlip) {
   int tracked = 0;
   int frames = 0;
   int tracked_readable = 0;
@@ -342,7 +342,7 @@ TEST(TrackingStress, ALoneTagThatGoesAwayDoesNotFlip) {
 
 // A lone tag in the first frame, any lens, tone curve, light, tilt: which of its poses it is, is
 // said only where the picture shows it.
-TEST(TrackingStress, ALoneTagsFirstPoseIsNotGuessed) {
+TEST(TrackingStress, LeavesAmbiguousFirstPoseOfSingleTagOpen) {
   int tracked = 0;
   int open = 0;
   int wrong = 0;
@@ -376,7 +376,7 @@ TEST(TrackingStress, ALoneTagsFirstPoseIsNotGuessed) {
 
 // Prints of the same tag twice: the copy is out wherever others say which is which, by detection
 // too; where nothing does, nothing is tracked.
-TEST(TrackingStress, TheSameTagTwiceIsNotBelieved) {
+TEST(TrackingStress, RejectsDuplicatePrintsOfTags) {
   const auto with_copies = [](const Session& session, std::size_t count) {
     std::vector<MappedTag> drawn = session.tags;
     for (std::size_t k = 0; k < count; ++k) {

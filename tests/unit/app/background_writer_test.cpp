@@ -50,9 +50,9 @@ BackgroundWriter slow_writer(Log& log, int depth, std::uint64_t bad = kNone, boo
   return BackgroundWriter(std::make_unique<SlowWriter>(log, bad, throws), depth);
 }
 
-class EncodeDepth : public testing::TestWithParam<int> {};
+class BackgroundWriterQueue : public testing::TestWithParam<int> {};
 
-TEST_P(EncodeDepth, EveryFrameIsWrittenInItsOrderWithItsOwnPixels) {
+TEST_P(BackgroundWriterQueue, WritesFramesInOrderWithTheirPixels) {
   Log log;
   auto writer = slow_writer(log, GetParam());
   std::vector<std::uint8_t> pixels(16);
@@ -74,7 +74,7 @@ TEST_P(EncodeDepth, EveryFrameIsWrittenInItsOrderWithItsOwnPixels) {
   EXPECT_TRUE(writer.take_times().empty()) << "each time is told once";
 }
 
-TEST_P(EncodeDepth, AnErrorComesOutAtTheLatestAtTheEndAndNothingIsFinished) {
+TEST_P(BackgroundWriterQueue, ReportsErrorByTheEndAndDoesNotFinish) {
   for (const bool throws : {false, true}) {
     if (throws && GetParam() == 0) continue;  // on the caller's own thread it simply flies on
     Log log;
@@ -92,7 +92,7 @@ TEST_P(EncodeDepth, AnErrorComesOutAtTheLatestAtTheEndAndNothingIsFinished) {
   }
 }
 
-TEST_P(EncodeDepth, LetGoWithoutFinishItEndsAndFinishesNothing) {
+TEST_P(BackgroundWriterQueue, StopsWithoutFinishingWhenDestroyed) {
   Log log;
   {
     auto writer = slow_writer(log, GetParam());
@@ -102,7 +102,8 @@ TEST_P(EncodeDepth, LetGoWithoutFinishItEndsAndFinishesNothing) {
   EXPECT_EQ(log.finished, 0);
 }
 
-INSTANTIATE_TEST_SUITE_P(Encode, EncodeDepth, testing::Values(0, 1, 4));
+INSTANTIATE_TEST_SUITE_P(Depths, BackgroundWriterQueue, testing::Values(0, 1, 4),
+                         [](const auto& test) { return "Depth" + std::to_string(test.param); });
 
 }  // namespace
 }  // namespace penumbra

@@ -40,7 +40,7 @@ struct FakeDriver {
   }
 };
 
-TEST(BufferRing, TheLastOwnerGivesTheBufferBack) {
+TEST(BufferRing, ReturnsBufferWhenLastOwnerIsGone) {
   FakeDriver driver;
   const auto ring = driver.ring();
   ASSERT_TRUE(ring->queue_all());
@@ -57,7 +57,7 @@ TEST(BufferRing, TheLastOwnerGivesTheBufferBack) {
   EXPECT_EQ(driver.queued.back(), *index);
 }
 
-TEST(BufferRing, MemoryStaysUntilTheLastFrameIsGoneThoughTheRingWasClosed) {
+TEST(BufferRing, KeepsMemoryUntilLastFrameIsGoneAfterClose) {
   FakeDriver driver;
   auto ring = driver.ring();
   ASSERT_TRUE(ring->queue_all());
@@ -75,7 +75,7 @@ TEST(BufferRing, MemoryStaysUntilTheLastFrameIsGoneThoughTheRingWasClosed) {
 
 // What only wants to know whether a picture is the one it saw before must not keep a device that
 // was unplugged from coming back under its own number.
-TEST(BufferRing, AWeakPointerKeepsNoMemory) {
+TEST(BufferRing, FreesMemoryDespiteWeakPointers) {
   FakeDriver driver;
   auto ring = driver.ring();
   ASSERT_TRUE(ring->queue_all());
@@ -91,7 +91,7 @@ TEST(BufferRing, AWeakPointerKeepsNoMemory) {
   EXPECT_TRUE(seen.expired());
 }
 
-TEST(BufferRing, ARefusalIsRemembered) {
+TEST(BufferRing, RemembersRefusedBuffer) {
   FakeDriver driver;
   const auto ring = driver.ring();
   ASSERT_TRUE(ring->queue_all());
@@ -103,7 +103,7 @@ TEST(BufferRing, ARefusalIsRemembered) {
   EXPECT_EQ(ring->in_driver(), 3U);
 }
 
-TEST(BufferRing, ADriverThatTakesNoBufferIsToldAtOnce) {
+TEST(BufferRing, FailsAtOnceWhenDriverRefusesBuffers) {
   FakeDriver driver;
   driver.refuses = true;
   EXPECT_FALSE(driver.ring()->queue_all());
@@ -111,7 +111,7 @@ TEST(BufferRing, ADriverThatTakesNoBufferIsToldAtOnce) {
 
 // A camera thread fills, two others read and let go; what a reader sees does not change while it
 // holds it.
-TEST(BufferRing, ThreadsShareIt) {
+TEST(BufferRing, KeepsFramesUnchangedAcrossThreads) {
   FakeDriver driver;
   auto ring = driver.ring();
   ASSERT_TRUE(ring->queue_all());

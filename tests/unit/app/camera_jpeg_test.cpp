@@ -48,7 +48,7 @@ std::string with_height(std::string jpeg, int height) {
   return jpeg;
 }
 
-TEST(CameraJpegGate, UsesImagesAsCamerasSendThem) {
+TEST(CameraJpegGate, AcceptsImagesAsCamerasSendThem) {
   const std::string sound = tabletop_frame(0);
   const std::string older = tabletop_frame(1);
   const std::string unended = sound.substr(0, sound.size() - 2);
@@ -67,7 +67,7 @@ TEST(CameraJpegGate, UsesImagesAsCamerasSendThem) {
   }
 }
 
-TEST(CameraJpegGate, DecodesOnlyWhatHasNoEndMark) {
+TEST(CameraJpegGate, DecodesOnlyImagesWithoutEndMarker) {
   const std::string sound = tabletop_frame(0);
   const auto ended = receive_camera_jpeg(view_of(sound + "xx"), kTabletop);
   ASSERT_TRUE(ended);
@@ -76,7 +76,7 @@ TEST(CameraJpegGate, DecodesOnlyWhatHasNoEndMark) {
   EXPECT_TRUE(receive_camera_jpeg(view_of(sound.substr(0, sound.size() - 2)), kTabletop)->frame);
 }
 
-TEST(CameraJpegGate, SkipsHalfImagesWithTheRemedy) {
+TEST(CameraJpegGate, RejectsTruncatedImagesWithRemedy) {
   const std::string sound = tabletop_frame(0);
   for (const std::size_t length :
        {std::size_t{0}, std::size_t{2}, std::size_t{300}, sound.size() / 2, sound.size() - 40}) {
@@ -97,7 +97,7 @@ TEST(CameraJpegGate, SkipsHalfImagesWithTheRemedy) {
 }
 
 // The end of a scan is where a progressive image can end with a mark and still lack coefficients.
-TEST(CameraJpegGate, LiveAndReplayRefuseAProgressiveImageThatLacksScans) {
+TEST(CameraJpegGate, RejectsProgressiveImagesThatLackScans) {
   test::JpegKind kind = test::jpeg_kinds()[0];
   kind.progressive = true;
   const ImageSize size{kind.width, kind.height};
@@ -115,7 +115,7 @@ TEST(CameraJpegGate, LiveAndReplayRefuseAProgressiveImageThatLacksScans) {
   }
 }
 
-TEST(CameraJpegGate, UsesTheFirstLinesOfAPaddedImage) {
+TEST(CameraJpegGate, CropsPaddedImageToGrantedHeight) {
   const std::string sound = tabletop_frame(0);
   const auto expected = live_frame(sound, kTabletop);
   ASSERT_TRUE(expected);
@@ -132,7 +132,7 @@ TEST(CameraJpegGate, UsesTheFirstLinesOfAPaddedImage) {
   }
 }
 
-TEST(CameraJpegGate, ReportsBothSizesOfAnotherImage) {
+TEST(CameraJpegGate, ReportsBothSizesOnMismatch) {
   const std::string sound = tabletop_frame(0);
   for (const ImageSize granted : {ImageSize{640, 464}, {640, 481}, {632, 480}, {320, 240}}) {
     const auto received = receive_camera_jpeg(view_of(sound), granted);
@@ -145,7 +145,7 @@ TEST(CameraJpegGate, ReportsBothSizesOfAnotherImage) {
   }
 }
 
-TEST(CameraJpegGate, LeavesPaddingOfOtherFormatsAlone) {
+TEST(CameraJpegGate, KeepsPaddingOfOtherFormats) {
   const test::TemporaryFolder folder;
   const std::vector<std::uint8_t> grey(std::size_t{64} * 48);
   const auto file = folder.path() / "a.png";
@@ -190,7 +190,7 @@ TEST(CameraJpegGate, RecordsNormalizedImages) {
 }
 
 // A recording as a camera is judged like a camera: it may begin with half an image.
-TEST(CameraJpegGate, ARecordingAsACameraSkipsHalfImages) {
+TEST(CameraJpegGate, SkipsTruncatedImagesOfPlayedRecording) {
   const test::TemporaryFolder temporary;
   const std::filesystem::path folder = temporary.path() / "recording";
   test::write_recording(folder, 4);
@@ -223,7 +223,7 @@ struct SharedCase {
 
 class SharedCameraJpegs : public testing::TestWithParam<SharedCase> {};
 
-TEST_P(SharedCameraJpegs, AreUsed) {
+TEST_P(SharedCameraJpegs, AreAccepted) {
   const auto shared = test::shared_dir();
   if (shared.empty()) GTEST_SKIP() << "no shared data beside the checkout";
   const auto folder = shared / "cases" / "capture" / GetParam().folder;

@@ -9,7 +9,7 @@
 namespace penumbra {
 namespace {
 
-TEST(FrameLayout, PlanesLieOneBehindTheOther) {
+TEST(FrameLayout, PlacesPlanesConsecutively) {
   const FrameLayout nv12 = frame_layout(PixelFormat::nv12, 640, 480, 704);
   EXPECT_EQ(nv12.frame.plane_count, 2);
   EXPECT_EQ(nv12.offset[1], 704U * 480U);
@@ -34,7 +34,7 @@ TEST(FrameLayout, PlanesLieOneBehindTheOther) {
 
 // By the kernel's documentation of colour spaces: what is left open hangs on the colour space, and
 // what is said holds whatever that is.
-TEST(V4l2Colors, AreWhatTheDriverSays) {
+TEST(V4l2Colors, FollowColorspaceFieldsOfDriver) {
   constexpr VideoColors kBt601{ColorMatrix::bt601, ColorRange::limited};
   constexpr VideoColors kBt601Full{ColorMatrix::bt601, ColorRange::full};
   constexpr VideoColors kBt709{ColorMatrix::bt709, ColorRange::limited};
@@ -63,13 +63,13 @@ TEST(V4l2Colors, AreWhatTheDriverSays) {
   EXPECT_EQ(of(V4L2_COLORSPACE_JPEG, V4L2_YCBCR_ENC_601, V4L2_QUANTIZATION_LIM_RANGE), kBt601);
 }
 
-TEST(FrameLayout, AStrideThatIsTooSmallOrUnknownIsRaised) {
+TEST(FrameLayout, RaisesStrideThatIsTooSmallOrUnknown) {
   EXPECT_EQ(frame_layout(PixelFormat::grey8, 640, 480, 0).frame.planes[0].stride, 640);
   EXPECT_EQ(frame_layout(PixelFormat::yuyv, 640, 480, 640).frame.planes[0].stride, 1280);
   EXPECT_EQ(frame_layout(PixelFormat::rgb24, 640, 480, -1).frame.planes[0].stride, 1920);
 }
 
-TEST(FrameLayout, OddSizesHaveRoomForTheirLastChroma) {
+TEST(FrameLayout, ReservesLastChromaOfOddSizes) {
   const FrameLayout odd = frame_layout(PixelFormat::nv12, 641, 481, 704);
   EXPECT_EQ(odd.frame.planes[1].width, 321);
   EXPECT_EQ(odd.frame.planes[1].height, 241);
@@ -84,7 +84,7 @@ struct WithOrientation {
   int orientation = 1;
 };
 
-TEST(LibcameraVersions, ATurnedCameraIsShownUprightByEither) {
+TEST(LibcameraRotation, TurnsImageUprightInBothApiVersions) {
   const auto transform_of = [](int angle, bool* possible) {
     *possible = angle % 180 == 0;
     return angle;

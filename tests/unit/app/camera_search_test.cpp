@@ -15,26 +15,26 @@ const V4l2Identity kMovedToo = {"uvcvideo", "Webcam", "usb-5"};
 
 using There = std::vector<V4l2Identity>;
 
-TEST(CameraSearch, TheCameraInTheOldPlaceIsIt) {
+TEST(CameraSearch, FindsCameraAtItsOldPort) {
   CameraSearch search(kLost);
   EXPECT_EQ(search.find(There{kTwin, kOther, kLost}), 2U);
 }
 
-TEST(CameraSearch, ATwinThatWasThereIsAnother) {
+TEST(CameraSearch, IgnoresTwinPresentBeforeLoss) {
   CameraSearch search(kLost);
   search.begin();
   for (int i = 0; i < 5; ++i) EXPECT_EQ(search.find(There{kOther, kTwin}), std::nullopt);
   EXPECT_EQ(search.find(There{kOther, kTwin, kLost}), 2U);
 }
 
-TEST(CameraSearch, OneThatCameInAnotherPlaceIsIt) {
+TEST(CameraSearch, FindsCameraReconnectedAtOtherPort) {
   CameraSearch search(kLost);
   search.begin();
   EXPECT_EQ(search.find(There{kOther, kTwin}), std::nullopt);
   EXPECT_EQ(search.find(There{kOther, kTwin, kMoved, kMoved}), 2U);
 }
 
-TEST(CameraSearch, OfTwoThatCameNeitherIsTaken) {
+TEST(CameraSearch, ChoosesNeitherOfTwoNewCandidates) {
   CameraSearch search(kLost);
   search.begin();
   EXPECT_EQ(search.find(There{}), std::nullopt);
@@ -42,7 +42,7 @@ TEST(CameraSearch, OfTwoThatCameNeitherIsTaken) {
   EXPECT_EQ(search.find(There{kMoved, kMovedToo, kLost}), 2U);
 }
 
-TEST(CameraSearch, EveryLossIsLookedAtAnew) {
+TEST(CameraSearch, StartsOverAtEveryLoss) {
   CameraSearch search(kLost);
   search.begin();
   EXPECT_EQ(search.find(There{}), std::nullopt);

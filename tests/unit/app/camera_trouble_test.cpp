@@ -18,7 +18,7 @@ namespace {
 using testing::AllOf;
 using testing::HasSubstr;
 
-TEST(Outage, EachKindOfTroubleIsCountedOnceUntilAFrameComes) {
+TEST(Outage, CountsEachFaultOnceUntilNextFrame) {
   FaultCounter faults("camera");
   Outage outage(faults);
   EXPECT_FALSE(outage.end());
@@ -39,7 +39,7 @@ TEST(Outage, EachKindOfTroubleIsCountedOnceUntilAFrameComes) {
   EXPECT_EQ(faults.stats().of(CaptureFault::disconnected), 2U);
 }
 
-TEST(CountStamp, NamesARemedyForEveryFault) {
+TEST(CountStamp, NamesRemedyForEveryFault) {
   FaultCounter faults("camera");
   FrameStamp stamp;
   stamp.lost_counted = 2;
@@ -59,7 +59,7 @@ TEST(CountStamp, NamesARemedyForEveryFault) {
   EXPECT_THAT(events[3].detail, HasSubstr("add light"));
 }
 
-TEST(CameraTrouble, ADeviceThatMayNotBeOpenedIsNamed) {
+TEST(CameraTrouble, NamesDeviceWithoutPermission) {
   const test::TemporaryFolder devices;
   const auto place = [&](const char* name) { return devices.path() / name; };
   std::filesystem::permissions(devices.path(), std::filesystem::perms(0755));
@@ -88,7 +88,7 @@ TEST(CameraTrouble, ADeviceThatMayNotBeOpenedIsNamed) {
   EXPECT_NE(told->find("video group"), std::string::npos) << *told;
 }
 
-TEST(CameraTrouble, ErrorsAreFaultsWithEitherSign) {
+TEST(CameraTrouble, MapsErrnoOfEitherSignToFault) {
   for (const int sign : {1, -1}) {
     EXPECT_EQ(fault_of(sign * ENODEV), CaptureFault::disconnected);
     EXPECT_EQ(fault_of(sign * ENXIO), CaptureFault::disconnected);

@@ -7,7 +7,7 @@ namespace {
 
 constexpr std::int64_t kMillisecond_ns = 1'000'000;
 
-TEST(DrawPace, KnowsNothingAtFirst) {
+TEST(DrawPace, HasNoEstimateBeforeFirstDraw) {
   DrawPace pace;
   EXPECT_FALSE(pace.begin_at_ns());
   pace.prepared(5 * kMillisecond_ns);
@@ -18,7 +18,7 @@ TEST(DrawPace, KnowsNothingAtFirst) {
   EXPECT_FALSE(pace.begin_at_ns()) << "no drawing came to its end";
 }
 
-TEST(DrawPace, WhatIsDrawnNextIsReadyWhenItIsAskedForAndNoSooner) {
+TEST(DrawPace, StartsWorkJustInTimeForNextDraw) {
   DrawPace pace;
   pace.prepared(5 * kMillisecond_ns);
   pace.took(0);
@@ -34,7 +34,7 @@ TEST(DrawPace, WhatIsDrawnNextIsReadyWhenItIsAskedForAndNoSooner) {
   EXPECT_EQ(pace.begin_at_ns(), (200 + 50 - 8 - 1) * kMillisecond_ns);
 }
 
-TEST(DrawPace, WhereDrawingIsFasterNothingWaits) {
+TEST(DrawPace, StartsWorkAtOnceWhenDrawingIsFaster) {
   DrawPace pace;
   pace.prepared(20 * kMillisecond_ns);
   pace.took(0);
@@ -44,7 +44,7 @@ TEST(DrawPace, WhereDrawingIsFasterNothingWaits) {
 }
 
 // A window that was paused for a minute, or one slow picture, is forgotten.
-TEST(DrawPace, OnlyTheLastFewCount) {
+TEST(DrawPace, UsesOnlyRecentDurations) {
   DrawPace pace;
   std::int64_t now_ns = 0;
   const auto draw = [&](std::int64_t duration_ns) {

@@ -20,7 +20,7 @@ class Camera {
   FrameClock clock{10 * kMs};
 };
 
-TEST(FrameClock, CountsFromZeroWithTheDriversTimes) {
+TEST(FrameClock, CountsFromZeroWithDriverTimestamps) {
   Camera camera;
   for (std::uint32_t i = 0; i < 50; ++i) {
     const FrameStamp stamp = camera.frame(100 + i, 10 * i);
@@ -31,7 +31,7 @@ TEST(FrameClock, CountsFromZeroWithTheDriversTimes) {
   }
 }
 
-TEST(FrameClock, AGapInTheNumbersIsCountedOnce) {
+TEST(FrameClock, CountsSequenceGapOnce) {
   Camera camera;
   (void)camera.frame(5, 0);
   const FrameStamp stamp = camera.frame(9, 40);
@@ -40,7 +40,7 @@ TEST(FrameClock, AGapInTheNumbersIsCountedOnce) {
   EXPECT_EQ(stamp.sequence, 4U);
 }
 
-TEST(FrameClock, CountsAGapInTheTimesOnceFramesComeInTimeAgain) {
+TEST(FrameClock, CountsTimestampGapOnceFramesAreRegularAgain) {
   Camera camera;
   for (std::uint32_t i = 0; i < 20; ++i) (void)camera.frame(i, 10 * i);
   const FrameStamp late = camera.frame(20, 240);
@@ -50,7 +50,7 @@ TEST(FrameClock, CountsAGapInTheTimesOnceFramesComeInTimeAgain) {
   EXPECT_EQ(camera.frame(22, 260).lost_silent, 0U);
 }
 
-TEST(FrameClock, CountsGapsInARowTogether) {
+TEST(FrameClock, SumsConsecutiveTimestampGaps) {
   Camera camera;
   for (std::uint32_t i = 0; i < 20; ++i) (void)camera.frame(i, 10 * i);
   EXPECT_EQ(camera.frame(20, 220).lost_silent, 0U);  // 2 missing
@@ -59,7 +59,7 @@ TEST(FrameClock, CountsGapsInARowTogether) {
   EXPECT_EQ(camera.frame(23, 300).lost_silent, 7U);
 }
 
-TEST(FrameClock, CountsNoGapOfACameraThatIsSlowerThanGrantedFromTheStart) {
+TEST(FrameClock, CountsNoGapForCameraSlowerThanGranted) {
   for (const std::int64_t interval_ms : {17, 20, 30, 100, 1000}) {
     Camera camera;
     int reported = 0;
@@ -77,7 +77,7 @@ TEST(FrameClock, CountsNoGapOfACameraThatIsSlowerThanGrantedFromTheStart) {
   }
 }
 
-TEST(FrameClock, CountsNoGapWhenTheRateHalves) {
+TEST(FrameClock, CountsNoGapWhenRateHalves) {
   Camera camera;
   for (std::uint32_t i = 0; i < 50; ++i) (void)camera.frame(i, 10 * i);
   std::int64_t slower_ns = 0;
@@ -89,7 +89,7 @@ TEST(FrameClock, CountsNoGapWhenTheRateHalves) {
   EXPECT_EQ(slower_ns, 20 * kMs);
 }
 
-TEST(FrameClock, ReportsNoSlowerCameraForLossesThatTheDriverCounts) {
+TEST(FrameClock, ReportsNoSlowerRateForLossesDriverCounts) {
   Camera camera;
   for (std::uint32_t i = 0; i < 100; ++i) {
     const FrameStamp stamp = camera.frame(3 * i, 30 * i);
@@ -99,7 +99,7 @@ TEST(FrameClock, ReportsNoSlowerCameraForLossesThatTheDriverCounts) {
   }
 }
 
-TEST(FrameClock, NumbersWrapAt32Bits) {
+TEST(FrameClock, WrapsSequenceAt32Bits) {
   Camera camera;
   (void)camera.frame(0xFFFFFFFFU, 0);
   const FrameStamp stamp = camera.frame(0, 10);
@@ -107,7 +107,7 @@ TEST(FrameClock, NumbersWrapAt32Bits) {
   EXPECT_EQ(stamp.sequence, 1U);
 }
 
-TEST(FrameClock, NumbersThatFallBackOrRepeatAreNoGap) {
+TEST(FrameClock, CountsNoGapForDecreasingOrRepeatedSequence) {
   Camera camera;
   (void)camera.frame(1000, 0);
   EXPECT_EQ(camera.frame(3, 10).sequence, 1U);
@@ -115,7 +115,7 @@ TEST(FrameClock, NumbersThatFallBackOrRepeatAreNoGap) {
   EXPECT_EQ(camera.frame(4, 30).lost_counted, 0U);
 }
 
-TEST(FrameClock, ATimeThatCannotBeTrueIsReplacedByTheArrival) {
+TEST(FrameClock, ReplacesImplausibleTimestampByArrival) {
   Camera camera;
   (void)camera.frame(0, 0);
   // Just before the end of 64-bit nanoseconds, then wrapped to the beginning; then backwards.
@@ -133,7 +133,7 @@ TEST(FrameClock, ATimeThatCannotBeTrueIsReplacedByTheArrival) {
 }
 
 // One wrong time spoils no other: neither one ahead of the clock nor one that came late.
-TEST(FrameClock, OneWrongTimeLeavesTheOthersTrue) {
+TEST(FrameClock, KeepsOtherTimestampsAfterOneWrong) {
   for (const std::int64_t wrong_ms : {std::int64_t{500}, std::int64_t{-50}}) {
     Camera camera;
     for (std::uint32_t i = 0; i < 20; ++i) (void)camera.frame(i, 10 * i);
@@ -156,7 +156,7 @@ TEST(FrameClock, OneWrongTimeLeavesTheOthersTrue) {
 }
 
 // Some drivers name the moment at which the frame is going to end.
-TEST(FrameClock, AnEndOfTheFrameThatIsToComeIsNoWrongTime) {
+TEST(FrameClock, AcceptsTimestampAtEndOfFrame) {
   Camera camera;
   for (std::uint32_t i = 0; i < 20; ++i) {
     const std::int64_t now = kStart + 10 * i * kMs;
@@ -164,7 +164,7 @@ TEST(FrameClock, AnEndOfTheFrameThatIsToComeIsNoWrongTime) {
   }
 }
 
-TEST(FrameClock, TimesAlwaysGrow) {
+TEST(FrameClock, ReturnsIncreasingTimestamps) {
   FrameClock clock(10 * kMs);
   const FrameStamp first = clock.next(0, 0, false, kStart);
   const FrameStamp second = clock.next(1, 0, false, kStart);
@@ -173,7 +173,7 @@ TEST(FrameClock, TimesAlwaysGrow) {
   EXPECT_FALSE(second.bad_time);  // this driver never promised a clock
 }
 
-TEST(FrameClock, ARestartIsNoGap) {
+TEST(FrameClock, CountsNoGapAcrossRestart) {
   Camera camera;
   for (std::uint32_t i = 0; i < 20; ++i) (void)camera.frame(i, 10 * i);
   camera.clock.restart(10 * kMs);

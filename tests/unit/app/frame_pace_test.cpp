@@ -7,7 +7,7 @@ namespace {
 
 constexpr std::int64_t kMillisecond = 1'000'000;
 
-TEST(FramePace, AUsualCameraIsSilentAfterASecondAndStaleAfterAQuarter) {
+TEST(FramePace, DeclaresStallAfterOneSecondAndStaleAfterQuarter) {
   FramePace pace(33 * kMillisecond);
   for (int i = 0; i < 10; ++i) pace.saw(i * 33 * kMillisecond);
   EXPECT_EQ(pace.usual_ns(), 33 * kMillisecond);
@@ -16,7 +16,7 @@ TEST(FramePace, AUsualCameraIsSilentAfterASecondAndStaleAfterAQuarter) {
 }
 
 // Also one that promised more than it gives.
-TEST(FramePace, ASlowCameraIsNeverSilentOrStaleBetweenItsFrames) {
+TEST(FramePace, NeverDeclaresStallBetweenFramesOfSlowCamera) {
   for (const std::int64_t granted_ns : {std::int64_t{0}, 33 * kMillisecond, 1000 * kMillisecond}) {
     FramePace pace(granted_ns);
     pace.saw(0);
@@ -32,7 +32,7 @@ TEST(FramePace, ASlowCameraIsNeverSilentOrStaleBetweenItsFrames) {
   }
 }
 
-TEST(FramePace, ACameraThatStartsHasThreeSecondsForItsFirstFrames) {
+TEST(FramePace, AllowsThreeSecondsForFirstFrames) {
   FramePace pace(33 * kMillisecond);
   EXPECT_EQ(pace.silent_after_ns(), 3000 * kMillisecond);
   pace.saw(0);
@@ -44,7 +44,7 @@ TEST(FramePace, ACameraThatStartsHasThreeSecondsForItsFirstFrames) {
   EXPECT_EQ(pace.usual_ns(), 33 * kMillisecond);
 }
 
-TEST(FramePace, WaitsTwiceAsLongAfterEachStartWithoutAFrame) {
+TEST(FramePace, DoublesWaitAfterEachStartWithoutFrame) {
   FramePace pace(33 * kMillisecond);
   EXPECT_EQ(pace.silent_after_ns(), 3000 * kMillisecond);
   for (const std::int64_t wait_ms : {6000, 12000, 12000, 12000}) {
@@ -57,7 +57,7 @@ TEST(FramePace, WaitsTwiceAsLongAfterEachStartWithoutAFrame) {
 }
 
 // An outage makes no patient watcher.
-TEST(FramePace, OneLongIntervalChangesNothing) {
+TEST(FramePace, IgnoresSingleLongInterval) {
   FramePace pace(33 * kMillisecond);
   std::int64_t at = 0;
   for (int i = 0; i < 10; ++i) pace.saw(at += 33 * kMillisecond);

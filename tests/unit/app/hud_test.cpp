@@ -11,7 +11,7 @@
 namespace penumbra {
 namespace {
 
-TEST(Hud, EveryStatusHasItsWordAndAColourOfItsOwn) {
+TEST(Hud, DistinguishesStatusByWordAndColour) {
   std::set<std::array<float, 3>> colors;
   PoseEstimate pose;
   pose.reason = "no tag seen";
@@ -26,7 +26,7 @@ TEST(Hud, EveryStatusHasItsWordAndAColourOfItsOwn) {
   EXPECT_EQ(colors.size(), 4U);
 }
 
-TEST(Hud, AHeldPoseFadesAndSaysItsAge) {
+TEST(Hud, FadesCoastingPoseAndShowsItsAge) {
   PoseEstimate pose;
   pose.status = TrackStatus::held;
   pose.age_s = 0.1;
@@ -38,7 +38,7 @@ TEST(Hud, AHeldPoseFadesAndSaysItsAge) {
   EXPECT_THAT(old.text, testing::HasSubstr("0.40 s"));
 }
 
-TEST(Hud, AGroupsStatusIsTheTablesWithItsName) {
+TEST(Hud, PrefixesGroupStatusWithItsName) {
   GroupEstimate group;
   group.name = "wall";
   group.status = TrackStatus::tracked;
@@ -49,7 +49,7 @@ TEST(Hud, AGroupsStatusIsTheTablesWithItsName) {
   EXPECT_EQ(status_of(group).text, "wall: held 0.25 s: not seen");
 }
 
-TEST(Hud, TechniquesInWords) {
+TEST(Hud, ListsTechniquesOfNodes) {
   std::vector<HudNode> nodes(3);
   EXPECT_EQ(technique_in_words(nodes), "layered");
   nodes[1].style.kernels = KernelSource::centroid;
@@ -59,7 +59,7 @@ TEST(Hud, TechniquesInWords) {
 }
 
 // The numbers of docs/shadows.md#constants, and back.
-TEST(Hud, TheWorkspaceOfConstantsIsTheOneTheyWereMadeFor) {
+TEST(Hud, RecoversWorkspaceFromConstants) {
   for (const double magnification : {1.25, 1.5, 2.0}) {
     const LayeredConstants constants = layered_constants_for_workspace(0.3, magnification).value();
     const auto workspace = workspace_of(constants);
@@ -74,14 +74,14 @@ TEST(Hud, TheWorkspaceOfConstantsIsTheOneTheyWereMadeFor) {
   EXPECT_EQ(zenith->magnification, 1.0);
 }
 
-TEST(Hud, StrengthGoesFromNoShadowToTheWholeOne) {
+TEST(Hud, InterpolatesOpacityFromNoneToFull) {
   const LightFractions full;
   EXPECT_EQ(with_opacity(full, 0.0).umbra, 1.0);
   EXPECT_DOUBLE_EQ(with_opacity(full, 1.0).umbra, full.umbra);
   EXPECT_DOUBLE_EQ(with_opacity(full, 0.5).penumbra, 0.5 * (1.0 + full.penumbra));
 }
 
-TEST(Hud, KeysAndTheirHelp) {
+TEST(Hud, MapsKeysToCommandsAndHelp) {
   std::string help;
   for (const KeyHelp& key : key_help()) help += std::string(key.keys) + " ";
   for (const char* name : {"F1", "H", "D", "P", "C", "S", "R", "F11", "Esc", "space", "B", "M"}) {
@@ -104,7 +104,7 @@ TEST(Hud, KeysAndTheirHelp) {
   EXPECT_FALSE(technique_of_key(event));
 }
 
-TEST(Hud, WhatWasLeftOutOrKeptHasItsReason) {
+TEST(Hud, ListsReasonsForSkippedAndReusedParts) {
   HudState state;
   EXPECT_TRUE(reasons_in_words(state).empty());
   state.skipped = {"rotor: outside the view", "leaf: too high for an umbra"};
@@ -123,13 +123,13 @@ TEST(Hud, WhatWasLeftOutOrKeptHasItsReason) {
   EXPECT_EQ(lines.back(), "kept: floor: its mask is that of an earlier picture");
 }
 
-TEST(Hud, TranslucencyInWords) {
+TEST(Hud, FormatsTranslucency) {
   EXPECT_EQ(in_words(Translucency::mesh, Translucency::mesh), "mesh");
   EXPECT_EQ(in_words(Translucency::automatic, Translucency::retexture), "auto (retexture)");
   EXPECT_EQ(in_words(Translucency::automatic, Translucency::automatic), "auto");
 }
 
-TEST(Hud, EveryTechniqueComesByGoingOn) {
+TEST(Hud, CyclesThroughEveryTechnique) {
   std::set<ShadowTechnique> seen;
   ShadowTechnique technique = ShadowTechnique::none;
   for (std::size_t i = 0; i < techniques_by_key().size(); ++i) {

@@ -75,10 +75,10 @@ TrackedFrame as_it_is(const Frame& frame) {
 
 void let_go(const CapturedImage& /*image*/) {}
 
-class PipelineWays : public testing::TestWithParam<bool> {};
+class LivePipelineThreading : public testing::TestWithParam<bool> {};
 
 // A still picture of which nothing whole follows is not live, though the camera goes on giving.
-TEST_P(PipelineWays, APictureGrowsStaleWhileTheOthersComeDamaged) {
+TEST_P(LivePipelineThreading, MarksFrameStaleWhileOthersAreDamaged) {
   FedCamera camera;
   LivePipeline pipeline(camera, as_it_is, let_go, GetParam());
   camera.give(0);
@@ -101,7 +101,7 @@ TEST_P(PipelineWays, APictureGrowsStaleWhileTheOthersComeDamaged) {
   EXPECT_EQ(pipeline.stale_for_ns(), std::nullopt);
 }
 
-TEST_P(PipelineWays, ASlowCameraIsNotStaleBetweenItsFrames) {
+TEST_P(LivePipelineThreading, KeepsSlowCameraFreshBetweenFrames) {
   FedCamera camera(1.0);
   LivePipeline pipeline(camera, as_it_is, let_go, GetParam());
   camera.give(0);
@@ -113,11 +113,11 @@ TEST_P(PipelineWays, ASlowCameraIsNotStaleBetweenItsFrames) {
   }
 }
 
-INSTANTIATE_TEST_SUITE_P(All, PipelineWays, testing::Bool(), [](const auto& test) {
-  return test.param ? std::string("SideBySide") : std::string("OneAfterTheOther");
+INSTANTIATE_TEST_SUITE_P(Threading, LivePipelineThreading, testing::Bool(), [](const auto& test) {
+  return test.param ? std::string("Threaded") : std::string("SingleThread");
 });
 
-TEST(LivePipeline, WhatTheTrackerThrowsEndsItWithThatError) {
+TEST(LivePipeline, EndsWithErrorOfThrowingTracker) {
   FedCamera camera;
   LivePipeline pipeline(
       camera,
@@ -140,7 +140,7 @@ TEST(LivePipeline, WhatTheTrackerThrowsEndsItWithThatError) {
 }
 
 // What is drawn next was taken when the one before it began to be drawn, not before.
-TEST(LivePipeline, NoPictureIsTakenWhileATrackedOneWaits) {
+TEST(LivePipeline, TakesNoFrameWhileTrackedOneWaits) {
   FedCamera camera;
   std::atomic<int> tracked = 0;
   LivePipeline pipeline(
@@ -166,7 +166,7 @@ TEST(LivePipeline, NoPictureIsTakenWhileATrackedOneWaits) {
 
 // It would be a whole drawing old. How much of a drawing's time goes by first is what counts, not
 // how long that is.
-TEST(LivePipeline, WhatIsDrawnNextIsBegunLateInADrawing) {
+TEST(LivePipeline, BeginsTrackingLateDuringDraw) {
   FedCamera camera;
   LivePipeline pipeline(camera, as_it_is, let_go, true);
   std::atomic<bool> over = false;
@@ -199,7 +199,7 @@ TEST(LivePipeline, WhatIsDrawnNextIsBegunLateInADrawing) {
 }
 
 // Also while it waits for its time.
-TEST(LivePipeline, EndsWhileADrawingGoesOn) {
+TEST(LivePipeline, StopsDuringDraw) {
   FedCamera camera;
   LivePipeline pipeline(camera, as_it_is, let_go, true);
   for (int i = 0; i < 3; ++i) {
@@ -216,7 +216,7 @@ TEST(LivePipeline, EndsWhileADrawingGoesOn) {
   EXPECT_TRUE(pipeline.finished());
 }
 
-TEST(LivePipeline, AFaultIsStampedWhenItHappens) {
+TEST(FaultCounter, StampsFaultWhenItHappens) {
   FaultCounter faults("a camera");
   const std::int64_t before_ns = monotonic_ns();
   faults.count(CaptureFault::gap, "frames are missing");
@@ -236,7 +236,7 @@ int open_descriptors() {
   return count;
 }
 
-TEST(LiveRecorder, RecordingsThatEndedHoldNothing) {
+TEST(LiveRecorder, ReleasesDescriptorsOfEndedRecordings) {
   const test::TemporaryFolder temporary;
   RecordingHead head;
   head.camera = "a camera";
@@ -270,7 +270,7 @@ TEST(LiveRecorder, RecordingsThatEndedHoldNothing) {
   EXPECT_NE(finished.error().message.find("not empty"), std::string::npos);
 }
 
-TEST(FocusWarning, OnlyWhereTheLensIsFocusedElsewhere) {
+TEST(FocusWarning, AppearsOnlyWhenFocusDiffersFromCalibration) {
   const test::TemporaryFolder temporary;
   const auto file = temporary.path() / "camera.yaml";
   const auto with = [&](const std::string& line, std::optional<FocusReading> focus) {

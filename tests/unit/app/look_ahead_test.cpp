@@ -12,9 +12,9 @@ namespace {
 
 using Numbers = LookAhead<int>;
 
-class Depths : public testing::TestWithParam<int> {};
+class LookAheadDepth : public testing::TestWithParam<int> {};
 
-TEST_P(Depths, ItemsComeInOrderAndTheEndStays) {
+TEST_P(LookAheadDepth, DeliversItemsInOrderAndStaysAtEnd) {
   int made = 0;
   Numbers numbers(
       [&]() -> Numbers::Item {
@@ -34,7 +34,7 @@ TEST_P(Depths, ItemsComeInOrderAndTheEndStays) {
   }
 }
 
-TEST_P(Depths, AnErrorComesInItsPlaceAndStays) {
+TEST_P(LookAheadDepth, DeliversErrorInOrderAndKeepsIt) {
   int made = 0;
   Numbers numbers(
       [&]() -> Numbers::Item {
@@ -51,16 +51,17 @@ TEST_P(Depths, AnErrorComesInItsPlaceAndStays) {
   EXPECT_EQ(made, 3);
 }
 
-TEST_P(Depths, AnExceptionIsAnError) {
+TEST_P(LookAheadDepth, ConvertsExceptionToError) {
   Numbers numbers([]() -> Numbers::Item { throw std::runtime_error("thrown"); }, GetParam());
   const auto item = numbers.next();
   ASSERT_FALSE(item);
   EXPECT_EQ(item.error().message, "thrown");
 }
 
-INSTANTIATE_TEST_SUITE_P(All, Depths, testing::Values(0, 1, 2, 7));
+INSTANTIATE_TEST_SUITE_P(All, LookAheadDepth, testing::Values(0, 1, 2, 7),
+                         [](const auto& test) { return "Depth" + std::to_string(test.param); });
 
-TEST(LookAhead, NeverMakesMoreThanItsDepthAhead) {
+TEST(LookAhead, NeverProducesMoreThanDepthAhead) {
   std::atomic<int> made = 0;
   std::atomic<int> taken = 0;
   std::atomic<int> most = 0;
@@ -80,7 +81,7 @@ TEST(LookAhead, NeverMakesMoreThanItsDepthAhead) {
   EXPECT_LE(most.load(), 3 + 1);
 }
 
-TEST(LookAhead, LeavingEarlyJoinsTheThreadAndFreesWhatWaits) {
+TEST(LookAhead, JoinsThreadAndFreesItemsWhenDestroyedEarly) {
   const auto counted = std::make_shared<int>(7);
   for (int round = 0; round < 200; ++round) {
     LookAhead<std::shared_ptr<int>> items(
@@ -90,7 +91,7 @@ TEST(LookAhead, LeavingEarlyJoinsTheThreadAndFreesWhatWaits) {
   EXPECT_EQ(counted.use_count(), 1);
 }
 
-TEST(LookAhead, WorksAheadOfWhoTakes) {
+TEST(LookAhead, ProducesAheadOfConsumer) {
   std::atomic<int> made = 0;
   Numbers numbers([&]() -> Numbers::Item { return std::optional<int>(made++); }, 4);
   while (made.load() < 4) std::this_thread::yield();  // with nobody asking

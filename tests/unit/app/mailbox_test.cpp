@@ -20,7 +20,7 @@ TEST(Mailbox, TakeGivesTheNewestItem) {
   EXPECT_EQ(box.take(milliseconds(0)), std::nullopt);
 }
 
-TEST(Mailbox, ADroppedItemIsLetGoAtOnce) {
+TEST(Mailbox, ReleasesDroppedItemAtOnce) {
   Mailbox<std::shared_ptr<int>> box;
   const auto first = std::make_shared<int>(1);
   box.put(first);
@@ -29,7 +29,7 @@ TEST(Mailbox, ADroppedItemIsLetGoAtOnce) {
   EXPECT_EQ(first.use_count(), 1);
 }
 
-TEST(Mailbox, AfterCloseTheLastItemIsStillThereAndNothingMoreComesIn) {
+TEST(Mailbox, KeepsLastItemAfterCloseAndAcceptsNoMore) {
   Mailbox<int> box;
   box.put(1);
   box.close();
@@ -42,7 +42,7 @@ TEST(Mailbox, AfterCloseTheLastItemIsStillThereAndNothingMoreComesIn) {
   EXPECT_EQ(box.take(std::chrono::hours(1)), std::nullopt);
 }
 
-TEST(Mailbox, HandedOverItemsAllArriveInOrder) {
+TEST(Mailbox, DeliversHandedOverItemsInOrder) {
   Mailbox<int> box;
   std::thread giver([&] {
     for (int i = 0; i < 1000; ++i) ASSERT_TRUE(box.hand_over(i));
@@ -76,7 +76,7 @@ TEST(Mailbox, ItemsStayInOrderBetweenThreads) {
   EXPECT_EQ(last, kItems - 1);
 }
 
-TEST(Mailbox, AGiverCanWaitForAnEmptySlot) {
+TEST(Mailbox, LetsProducerWaitForEmptySlot) {
   Mailbox<int> box;
   EXPECT_TRUE(box.wait_until_empty());
   box.put(1);
@@ -95,7 +95,7 @@ TEST(Mailbox, AGiverCanWaitForAnEmptySlot) {
   ended.join();
 }
 
-TEST(Mailbox, CloseWakesAWaitingGiver) {
+TEST(Mailbox, WakesWaitingProducerOnClose) {
   Mailbox<int> box;
   box.put(1);
   std::thread giver([&] { EXPECT_FALSE(box.hand_over(2)); });

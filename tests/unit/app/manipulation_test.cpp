@@ -20,9 +20,9 @@ std::shared_ptr<const Model> box(float x, float y, float z) {
 }
 
 // A table seen at an angle, through a lens.
-class Hands : public testing::Test {
+class Manipulation : public testing::Test {
  protected:
-  Hands() {
+  Manipulation() {
     cube = builder.add(box(0.1F, 0.1F, 0.1F), at(0.05, 0.02, 0.25));
     far_cube = builder.add(box(0.1F, 0.1F, 0.1F), at(0.05, 0.4, 0.05));
     wing = builder.add(box(0.3F, 0.02F, 0.02F), at(0.0, 0.0, 0.06));
@@ -47,7 +47,7 @@ class Hands : public testing::Test {
   int cube = 0, far_cube = 0, wing = 0, wall = 0, hidden = 0;
 };
 
-TEST_F(Hands, TheRayOfAPixelGoesThroughWhatIsSeenThere) {
+TEST_F(Manipulation, CastsPixelRayThroughVisiblePoint) {
   for (const Eigen::Vector3d& p : {Eigen::Vector3d(0.0, 0.0, 0.0), Eigen::Vector3d(0.3, 0.2, 0.1),
                                    Eigen::Vector3d(-0.3, -0.1, 0.0)}) {
     const PointerView view = pointer_at(p);
@@ -59,7 +59,7 @@ TEST_F(Hands, TheRayOfAPixelGoesThroughWhatIsSeenThere) {
   }
 }
 
-TEST_F(Hands, TheNearestSurfaceIsPicked) {
+TEST_F(Manipulation, PicksNearestSurface) {
   // In one line from the camera: the near cube before the far one.
   const Ray ray{{0.05, -1.0, 0.25}, Eigen::Vector3d(0.0, 1.0, 0.0)};
   const auto picked = pick(scene(), state(), ray);
@@ -70,7 +70,7 @@ TEST_F(Hands, TheNearestSurfaceIsPicked) {
   EXPECT_FALSE(pick(scene(), state(), {{2.0, -1.0, 0.25}, Eigen::Vector3d(0, 1, 0)})) << "beside";
 }
 
-TEST_F(Hands, ScaledAndTurnedObjectsArePickedWhereTheyAre) {
+TEST_F(Manipulation, PicksScaledAndRotatedObjects) {
   test::SceneBuilder turned;
   turned.add(box(0.1F, 0.2F, 0.3F), at(0.3, 0.1, 0.2, {0, 1, 0}, 0.5 * std::numbers::pi, 2.0));
   const SceneState now = evaluate_scene(turned.scene(), 0.0);
@@ -80,7 +80,7 @@ TEST_F(Hands, ScaledAndTurnedObjectsArePickedWhereTheyAre) {
   EXPECT_NEAR(picked->distance, 1.0, 1e-6);
 }
 
-TEST_F(Hands, WhatAPhantomHidesCannotBeTaken) {
+TEST_F(Manipulation, RejectsObjectsHiddenByPhantom) {
   Manipulator hands;
   const Ray ray{{-0.3, -1.0, 0.02}, Eigen::Vector3d(0.0, 1.0, 0.0)};
   PointerView pointer;
@@ -91,7 +91,7 @@ TEST_F(Hands, WhatAPhantomHidesCannotBeTaken) {
   EXPECT_TRUE(hands.selected().empty());
 }
 
-TEST_F(Hands, APartTakesItsWholeAlong) {
+TEST_F(Manipulation, MovesWholeObjectWithPickedPart) {
   Manipulator hands;
   const auto taken = hands.take(scene(), state(), pointer_at({0.18, 0.0, 0.31}), DragMode::slide);
   ASSERT_TRUE(taken);
@@ -99,7 +99,7 @@ TEST_F(Hands, APartTakesItsWholeAlong) {
   EXPECT_EQ(taken->placement.position, Eigen::Vector3d(0.05, 0.02, 0.25)) << "held where it was";
 }
 
-TEST_F(Hands, ASlideKeepsThePointUnderThePointerAndTheHeight) {
+TEST_F(Manipulation, SlidesPointUnderPointerAtConstantHeight) {
   Manipulator hands;
   const Eigen::Vector3d top(0.05, -0.02, 0.30);
   ASSERT_TRUE(hands.take(scene(), state(), pointer_at(top), DragMode::slide));
@@ -110,14 +110,14 @@ TEST_F(Hands, ASlideKeepsThePointUnderThePointerAndTheHeight) {
   EXPECT_EQ(moved->placement.position.z(), 0.25) << "to the last bit";
 }
 
-TEST_F(Hands, AboveTheHorizonASlideStaysWhereItWas) {
+TEST_F(Manipulation, StopsSlideAboveHorizon) {
   pose = look_at({0.0, -0.8, 0.3}, {0.0, 0.0, 0.28});
   Manipulator hands;
   ASSERT_TRUE(hands.take(scene(), state(), pointer_at({0.05, -0.03, 0.25}), DragMode::slide));
   EXPECT_FALSE(hands.drag(view_at(camera, pose, {320.0, 5.0}).value()));
 }
 
-TEST_F(Hands, ALiftMovesUpAndSidewaysOnly) {
+TEST_F(Manipulation, LiftsUpAndSidewaysOnly) {
   Manipulator hands;
   const Eigen::Vector3d front(0.05, -0.03, 0.25);
   const PointerView start = pointer_at(front);
@@ -129,7 +129,7 @@ TEST_F(Hands, ALiftMovesUpAndSidewaysOnly) {
   EXPECT_LT((done - shift).norm(), 1e-6);
 }
 
-TEST_F(Hands, NothingIsPushedBelowTheTable) {
+TEST_F(Manipulation, KeepsObjectsAboveTable) {
   Manipulator hands;
   const Eigen::Vector3d front(0.05, -0.03, 0.25);
   ASSERT_TRUE(hands.take(scene(), state(), pointer_at(front), DragMode::lift));
@@ -138,7 +138,7 @@ TEST_F(Hands, NothingIsPushedBelowTheTable) {
   EXPECT_NEAR(moved->placement.position.z(), 0.05, 1e-7) << "it stands on the table";
 }
 
-TEST_F(Hands, SeenFromAboveUpInThePictureLifts) {
+TEST_F(Manipulation, LiftsByUpwardDragWhenSeenFromAbove) {
   pose = look_at({0.05, 0.0199, 1.2}, {0.05, 0.02, 0.0});
   Manipulator hands;
   const PointerView start = pointer_at({0.05, -0.02, 0.30});
@@ -151,7 +151,7 @@ TEST_F(Hands, SeenFromAboveUpInThePictureLifts) {
   EXPECT_NEAR(moved->placement.position.x(), 0.05, 1e-9);
 }
 
-TEST_F(Hands, AReachMovesUpAndAwayOnly) {
+TEST_F(Manipulation, ReachesUpAndAwayOnly) {
   Manipulator hands;
   const PointerView start = pointer_at({0.05, -0.03, 0.25});
   ASSERT_TRUE(hands.take(scene(), state(), start, DragMode::reach));
@@ -174,7 +174,7 @@ TEST_F(Hands, AReachMovesUpAndAwayOnly) {
   EXPECT_NEAR(hands.drag(pointer)->placement.position.z(), 0.05, 1e-7);
 }
 
-TEST_F(Hands, ATurnIsAboutTheTablesNormalAndThePicturesHorizontal) {
+TEST_F(Manipulation, TurnsAboutTableNormalAndImageHorizontal) {
   Manipulator hands;
   const PointerView start = pointer_at({0.05, -0.03, 0.25});
   ASSERT_TRUE(hands.take(scene(), state(), start, DragMode::turn));
@@ -193,7 +193,7 @@ TEST_F(Hands, ATurnIsAboutTheTablesNormalAndThePicturesHorizontal) {
   EXPECT_LT(turned->placement.rotation.angularDistance(tilt), 1e-9);
 }
 
-TEST_F(Hands, AnUnmovedPointerMovesNothing) {
+TEST_F(Manipulation, KeepsObjectWhenPointerRests) {
   for (const DragMode mode : {DragMode::slide, DragMode::lift, DragMode::reach, DragMode::turn}) {
     Manipulator hands;
     const PointerView start = pointer_at({0.05, -0.03, 0.25});
@@ -209,7 +209,7 @@ TEST_F(Hands, AnUnmovedPointerMovesNothing) {
   }
 }
 
-TEST_F(Hands, TheSelectedObjectIsPutOnTheTable) {
+TEST_F(Manipulation, PutsSelectedObjectOnTable) {
   Manipulator hands;
   const PointerView target = pointer_at({-0.1, -0.15, 0.0});
   EXPECT_FALSE(hands.put(scene(), state(), target)) << "nothing is selected";
@@ -220,7 +220,7 @@ TEST_F(Hands, TheSelectedObjectIsPutOnTheTable) {
   EXPECT_LT((put->placement.position - Eigen::Vector3d(-0.1, -0.15, 0.05)).norm(), 1e-6);
 }
 
-TEST_F(Hands, TheCursorHoversUnderThePointer) {
+TEST_F(Manipulation, PlacesCursorUnderPointer) {
   const PointerView target = pointer_at({-0.1, -0.15, 0.25});
   EXPECT_FALSE(cursor_at(scene(), state(), target, 0.0)) << "the scene has none";
   builder.scene().objects[static_cast<std::size_t>(cube)].cursor = true;

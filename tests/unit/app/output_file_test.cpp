@@ -27,7 +27,7 @@ std::string text_of(const fs::path& file) {
   return {std::istreambuf_iterator<char>(stream), std::istreambuf_iterator<char>()};
 }
 
-TEST(OutputFile, AppearsWhenItIsWhole) {
+TEST(OutputFile, AppearsWhenComplete) {
   const test::TemporaryFolder folder;
   const fs::path target = folder.path() / "a.json";
   auto file = OutputFile::create(target);
@@ -38,7 +38,7 @@ TEST(OutputFile, AppearsWhenItIsWhole) {
   EXPECT_FALSE(fs::exists(file->partial()));
 }
 
-TEST(OutputFile, LeavesNothingWhenItIsDropped) {
+TEST(OutputFile, LeavesNothingWhenDestroyedUncommitted) {
   const test::TemporaryFolder folder;
   {
     auto file = OutputFile::create(folder.path() / "a.json");
@@ -49,7 +49,7 @@ TEST(OutputFile, LeavesNothingWhenItIsDropped) {
   EXPECT_TRUE(fs::is_empty(folder.path()));
 }
 
-TEST(OutputFile, TellsFailuresOfTheNameThatWasAskedFor) {
+TEST(OutputFile, ReportsFailuresWithRequestedName) {
   const test::TemporaryFolder folder;
   fs::create_symlink(folder.path() / "real", folder.path() / "link");
   auto file = OutputFile::create(folder.path() / "link");
@@ -64,7 +64,7 @@ TEST(OutputFile, TellsFailuresOfTheNameThatWasAskedFor) {
             "a/frames/3.png: no");
 }
 
-TEST(OutputFile, SeveralAreThereTogetherOrNotAtAll) {
+TEST(OutputFile, CommitsSeveralFilesAtomically) {
   const test::TemporaryFolder folder;
   const fs::path replaced = folder.path() / "replaced";
   const fs::path made = folder.path() / "made";
@@ -91,7 +91,7 @@ TEST(OutputFile, SeveralAreThereTogetherOrNotAtAll) {
   EXPECT_EQ(std::distance(fs::directory_iterator(folder.path()), {}), 3) << "a part is left";
 }
 
-TEST(OutputFile, TwoRunsWithOneTargetDoNotMeet) {
+TEST(OutputFile, UsesDistinctPartialFilesForSameTarget) {
   const test::TemporaryFolder folder;
   auto one = OutputFile::create(folder.path() / "a.json");
   auto other = OutputFile::create(folder.path() / "a.json");
@@ -103,7 +103,7 @@ TEST(OutputFile, TwoRunsWithOneTargetDoNotMeet) {
   EXPECT_EQ(text_of(folder.path() / "a.json"), "other");
 }
 
-TEST(OutputFile, WritesThroughALink) {
+TEST(OutputFile, WritesThroughSymlink) {
   const test::TemporaryFolder folder;
   fs::create_directory(folder.path() / "real");
   std::ofstream(folder.path() / "real" / "a") << "old";
@@ -115,14 +115,14 @@ TEST(OutputFile, WritesThroughALink) {
   EXPECT_EQ(text_of(folder.path() / "real" / "a"), "new");
 }
 
-TEST(OutputFile, WritesADeviceDirectly) {
+TEST(OutputFile, WritesDeviceDirectly) {
   auto file = OutputFile::create("/dev/null");
   ASSERT_TRUE(file) << file.error().message;
   EXPECT_TRUE(write_text(*file, "text"));
   EXPECT_TRUE(fs::is_character_file("/dev/null"));
 }
 
-TEST(OutputFile, AFullDiskIsAnError) {
+TEST(OutputFile, FailsWhenDiskIsFull) {
   auto file = OutputFile::create("/dev/full");
   ASSERT_TRUE(file) << file.error().message;
   const auto written = write_text(*file, "text");
@@ -141,7 +141,7 @@ std::string read_through_pipe(const fs::path& pipe, const Write& write) {
   return reader.get();
 }
 
-TEST(OutputFile, WritesIntoANamedPipe) {
+TEST(OutputFile, WritesToNamedPipe) {
   const test::TemporaryFolder folder;
   const fs::path pipe = folder.path() / "pipe";
   const std::string long_text(1'000'000, 'x');  // more than a pipe holds
@@ -156,7 +156,7 @@ TEST(OutputFile, WritesIntoANamedPipe) {
   EXPECT_EQ(std::distance(fs::directory_iterator(folder.path()), {}), 1) << "a part is left";
 }
 
-TEST(OutputFile, WaitsForThePipesReaderWithItsFirstByte) {
+TEST(OutputFile, WaitsForPipeReaderAtFirstByte) {
   const test::TemporaryFolder folder;
   ASSERT_EQ(mkfifo((folder.path() / "pipe").c_str(), 0600), 0);
   // Neither waits: two pipes may be read one after the other.
@@ -164,7 +164,7 @@ TEST(OutputFile, WaitsForThePipesReaderWithItsFirstByte) {
   EXPECT_TRUE(OutputFile::create(folder.path() / "pipe"));
 }
 
-TEST(OutputFile, WritesPosesIntoAPipeAsTheyCome) {
+TEST(PoseWriter, StreamsPosesToPipe) {
   const test::TemporaryFolder folder;
   const fs::path pipe = folder.path() / "pipe";
   ASSERT_EQ(mkfifo(pipe.c_str(), 0600), 0);
@@ -188,7 +188,7 @@ TEST(OutputFile, WritesPosesIntoAPipeAsTheyCome) {
 }
 
 // An open descriptor is written where it stands, and its file is not replaced.
-TEST(OutputFile, WritesIntoAnOpenDescriptor) {
+TEST(OutputFile, WritesToOpenDescriptor) {
   const test::TemporaryFolder folder;
   const fs::path path = folder.path() / "log";
   std::ofstream(path) << "before ";
@@ -207,7 +207,7 @@ TEST(OutputFile, WritesIntoAnOpenDescriptor) {
   EXPECT_FALSE(OutputFile::create("/dev/fd/876")) << "not open";
 }
 
-TEST(OutputFile, RecognisesStreamsByTheirPaths) {
+TEST(OutputFile, RecognisesStreamPaths) {
   const test::TemporaryFolder folder;
   std::ofstream(folder.path() / "file") << "";
   for (const char* stream : {"-", "/dev/stdout", "/dev/fd/1", "/proc/self/fd/1"}) {
@@ -251,7 +251,7 @@ TEST(PoseWriter, WritesTrackedPosesOnly) {
   EXPECT_EQ(read->poses[0].T_table_camera.translation(), Eigen::Vector3d(0.1, -0.2, 0.7));
 }
 
-TEST(PoseWriter, WritesAllWithACommentWhereAskedTo) {
+TEST(PoseWriter, WritesAllPosesWithCommentsWhenRequested) {
   const test::TemporaryFolder folder;
   write_every_state(folder.path() / "a.tum", true);
   const auto read = load_trajectory(folder.path() / "a.tum");

@@ -47,7 +47,7 @@ HudState busy_state() {
   return state;
 }
 
-TEST(HudWords, TheAgeOfAPictureStandsInPlaceOfItsLatency) {
+TEST(HudText, ShowsFrameAgeInPlaceOfLatency) {
   HudState state;
   EXPECT_EQ(age_in_words(state), "");
   EXPECT_TRUE(warnings_of(state).empty());
@@ -106,9 +106,9 @@ void keep(const Shot& shot, const std::string& name) {
   ASSERT_TRUE(save_png(file, shot.width, shot.height, shot.rgba));
 }
 
-class OverlayOf : public testing::TestWithParam<GlApi> {
+class HudOverlay : public testing::TestWithParam<GlApi> {
  protected:
-  OverlayOf() : context(create_offscreen_context(GetParam()).value()) {
+  HudOverlay() : context(create_offscreen_context(GetParam()).value()) {
     overlay = Overlay::create(*context).value();
   }
   [[nodiscard]] std::string prefix() const { return GetParam() == GlApi::gl33 ? "gl-" : "gles-"; }
@@ -116,7 +116,7 @@ class OverlayOf : public testing::TestWithParam<GlApi> {
   std::unique_ptr<Overlay> overlay;
 };
 
-TEST_P(OverlayOf, EveryLayoutIsDrawnAndLeavesThePictureInView) {
+TEST_P(HudOverlay, DrawsEveryLayoutAndKeepsFrameVisible) {
   struct Case {
     const char* name;
     int width, height;
@@ -154,7 +154,7 @@ TEST_P(OverlayOf, EveryLayoutIsDrawnAndLeavesThePictureInView) {
 }
 
 // In the debug view, where the picture lies in a window of other proportions.
-TEST_P(OverlayOf, KernelsAreDotsWhereTheyAre) {
+TEST_P(HudOverlay, DrawsKernelsAsDotsInDebugView) {
   HudState state;
   state.has_picture = true;
   state.picture_width = 320;
@@ -179,7 +179,7 @@ TEST_P(OverlayOf, KernelsAreDotsWhereTheyAre) {
 }
 
 // A line each in the debug view, and nowhere else.
-TEST_P(OverlayOf, WhatWasLeftOutOrKeptIsReadInTheDebugView) {
+TEST_P(HudOverlay, ListsSkippedAndReusedPartsInDebugViewOnly) {
   HudState plain = busy_state();
   plain.skipped.clear();
   plain.kept.clear();
@@ -215,7 +215,7 @@ TEST_P(OverlayOf, WhatWasLeftOutOrKeptIsReadInTheDebugView) {
   keep(shot_of(both, true), prefix() + "reasons-1280x720");
 }
 
-TEST_P(OverlayOf, AClickIsACommandAlsoWhenItIsShorterThanAPicture) {
+TEST_P(HudOverlay, TurnsClickShorterThanFrameIntoCommand) {
   HudActions actions;
   HudPanels panels;
   panels.compact = true;
@@ -238,7 +238,7 @@ TEST_P(OverlayOf, AClickIsACommandAlsoWhenItIsShorterThanAPicture) {
 
 // Who has only a finger gets out of full screen, and out of the program: in the help of the compact
 // layout there are buttons for it.
-TEST_P(OverlayOf, TheCompactHelpHasButtonsForFullScreenAndQuit) {
+TEST_P(HudOverlay, OffersFullScreenAndQuitButtonsInCompactHelp) {
   constexpr int kWidth = 480;
   constexpr int kHeight = 320;
   constexpr int kStep_px = 16;
@@ -273,7 +273,7 @@ TEST_P(OverlayOf, TheCompactHelpHasButtonsForFullScreenAndQuit) {
 }
 
 // Who takes part in a study sees what to do, and nothing that could be clicked.
-TEST_P(OverlayOf, WordsStandInPlaceOfTheHud) {
+TEST_P(HudOverlay, ReplacesHudByStudyInstructions) {
   HudActions actions;
   shoot(*overlay, busy_state(), {}, 640, 480, actions);
   for (const bool in_the_middle : {true, false}) {
@@ -299,7 +299,7 @@ TEST_P(OverlayOf, WordsStandInPlaceOfTheHud) {
 }
 
 // Drags along every height of the open panel until one of its sliders answers.
-TEST_P(OverlayOf, ASliderIsAnEdit) {
+TEST_P(HudOverlay, TurnsSliderDragIntoEdit) {
   HudActions actions;
   HudPanels panels;
   panels.panels = true;
@@ -336,7 +336,7 @@ TEST_P(OverlayOf, ASliderIsAnEdit) {
 }
 
 // Clicks down the panel until the list of ways opens, and down the list until each was chosen.
-TEST_P(OverlayOf, TheListOfTranslucenciesGivesEachOfThem) {
+TEST_P(HudOverlay, SelectsEveryTranslucencyFromList) {
   HudPanels panels;
   panels.panels = true;
   HudState state = busy_state();
@@ -370,7 +370,7 @@ TEST_P(OverlayOf, TheListOfTranslucenciesGivesEachOfThem) {
   EXPECT_EQ(chosen.size(), kTranslucencyNames.size());
 }
 
-TEST_P(OverlayOf, ThePictureUnderItIsTheSameToTheLastBit) {
+TEST_P(HudOverlay, KeepsFrameUnderneathUnchanged) {
   test::SceneBuilder builder;
   builder.add(test::finished(make_box({0.1F, 0.1F, 0.1F}), glm::vec4(0.8F, 0.2F, 0.1F, 1.0F)),
               test::at(0, 0, 0.1));
@@ -393,7 +393,7 @@ TEST_P(OverlayOf, ThePictureUnderItIsTheSameToTheLastBit) {
   }
 }
 
-INSTANTIATE_TEST_SUITE_P(BothApis, OverlayOf, testing::Values(GlApi::gl33, GlApi::gles30),
+INSTANTIATE_TEST_SUITE_P(BothApis, HudOverlay, testing::Values(GlApi::gl33, GlApi::gles30),
                          [](const auto& api) {
                            return api.param == GlApi::gl33 ? "Gl33" : "Gles30";
                          });

@@ -9,7 +9,7 @@
 namespace penumbra {
 namespace {
 
-TEST(PaneGrid, IsAsWideAsTheNumberOfPanesAsks) {
+TEST(PaneGrid, ChoosesColumnsByPaneCount) {
   const std::map<int, GridLayout> expected = {{1, {1, 1}}, {2, {2, 1}}, {3, {3, 1}}, {4, {2, 2}},
                                               {5, {3, 2}}, {6, {3, 2}}, {7, {4, 2}}, {8, {4, 2}}};
   for (const auto& [panes, layout] : expected) EXPECT_EQ(grid_layout(panes), layout) << panes;
@@ -20,10 +20,11 @@ std::vector<std::uint8_t> plain(int width, int height, std::uint8_t value) {
       std::size_t{4} * static_cast<std::size_t>(width) * static_cast<std::size_t>(height), value);
 }
 
-class PaneGridOf : public testing::TestWithParam<int> {};
-INSTANTIATE_TEST_SUITE_P(PaneGrid, PaneGridOf, testing::Values(2, 3, 4, 5, 6, 7, 8));
+class PaneGridLayout : public testing::TestWithParam<int> {};
+INSTANTIATE_TEST_SUITE_P(Panes, PaneGridLayout, testing::Values(2, 3, 4, 5, 6, 7, 8),
+                         [](const auto& test) { return "Panes" + std::to_string(test.param); });
 
-TEST_P(PaneGridOf, EachPaneIsWhereItIsSaidToBeAndNothingElseChanges) {
+TEST_P(PaneGridLayout, PlacesEachPaneAndChangesNothingElse) {
   constexpr int kWidth = 61;
   constexpr int kHeight = 47;
   const auto panes = static_cast<std::size_t>(GetParam());
@@ -81,7 +82,7 @@ std::vector<int> caption_of(const PaneGrid& grid, std::size_t pane, int pane_wid
   return brightest;
 }
 
-TEST(PaneGrid, CaptionsCanBeReadAndFit) {
+TEST(PaneGrid, DrawsReadableCaptionsThatFit) {
   constexpr int kWidth = 320;
   constexpr int kBand = 20;
   const PaneGrid grid(

@@ -21,7 +21,7 @@ using testing::ElementsAre;
 using testing::HasSubstr;
 
 // The depth is found from 256 of the 300 images; the seventh is not one of them.
-TEST(PictureSource, WarnsOfValuesAboveTheDepthOfTheOthers) {
+TEST(ImageSource, WarnsOfValuesAboveDepthOfOthers) {
   const test::TemporaryFolder folder;
   constexpr int kCount = 300;
   constexpr int kSkipped = 6;

@@ -33,7 +33,7 @@ void write(const fs::path& folder, const std::vector<std::uint64_t>& numbers) {
   ASSERT_TRUE(finished) << finished.error().message;
 }
 
-TEST(PngWriter, HoldsPicturesNumberedByFrameAndNothingElse) {
+TEST(PngWriter, WritesOnlyImagesNumberedByFrame) {
   const test::TemporaryFolder temporary;
   const fs::path folder = temporary.path() / "new" / "out";
   write(folder, {7, 8, 123456});
@@ -46,14 +46,14 @@ TEST(PngWriter, HoldsPicturesNumberedByFrameAndNothingElse) {
               testing::ElementsAre(1, 2, 3, 4, 5, 6));
 }
 
-TEST(PngWriter, ReplacesAnEarlierSetWhole) {
+TEST(PngWriter, ReplacesEarlierSetCompletely) {
   const test::TemporaryFolder temporary;
   write(temporary.path() / "out", {0, 1, 2});
   write(temporary.path() / "out/", {1});
   EXPECT_EQ(names_in(temporary.path() / "out"), (std::set<std::string>{"000001.png"}));
 }
 
-TEST(PngWriter, RefusesAFolderThatHoldsOtherThings) {
+TEST(PngWriter, RejectsFolderWithOtherFiles) {
   const test::TemporaryFolder temporary;
   std::ofstream(temporary.path() / "letter.txt") << "dear";
   const auto writer = create_png_writer(temporary.path(), {2, 1, 0.03});
@@ -62,7 +62,7 @@ TEST(PngWriter, RefusesAFolderThatHoldsOtherThings) {
   EXPECT_EQ(names_in(temporary.path()), (std::set<std::string>{"letter.txt"}));
 }
 
-TEST(PngWriter, RefusesTheFramesOfARecording) {
+TEST(PngWriter, RejectsFramesFolderOfRecording) {
   const test::TemporaryFolder temporary;
   const fs::path frames = temporary.path() / "frames";
   fs::create_directory(frames);
@@ -75,7 +75,7 @@ TEST(PngWriter, RefusesTheFramesOfARecording) {
 }
 
 // EuRoC names pictures by their time: all digits too.
-TEST(PngWriter, RefusesPicturesNamedByTime) {
+TEST(PngWriter, RejectsFolderOfImagesNamedByTime) {
   const test::TemporaryFolder temporary;
   const fs::path folder = temporary.path() / "data";
   fs::create_directory(folder);
@@ -87,7 +87,7 @@ TEST(PngWriter, RefusesPicturesNamedByTime) {
   EXPECT_EQ(names_in(folder), (std::set<std::string>{"000001.png"}));
 }
 
-TEST(PngWriter, WritesThroughALink) {
+TEST(PngWriter, WritesThroughSymlink) {
   const test::TemporaryFolder temporary;
   write(temporary.path() / "real", {0, 1});
   fs::create_directory_symlink(temporary.path() / "real", temporary.path() / "link");
@@ -97,7 +97,7 @@ TEST(PngWriter, WritesThroughALink) {
   EXPECT_EQ(names_in(temporary.path()), (std::set<std::string>{"link", "real"}));
 }
 
-TEST(PngWriter, TwoRunsWithOneTargetDoNotMeet) {
+TEST(PngWriter, KeepsTwoRunsWithSameTargetApart) {
   const test::TemporaryFolder temporary;
   const fs::path folder = temporary.path() / "out";
   auto one = create_png_writer(folder, {2, 1, 0.03});
@@ -112,7 +112,7 @@ TEST(PngWriter, TwoRunsWithOneTargetDoNotMeet) {
   EXPECT_EQ(names_in(temporary.path()), (std::set<std::string>{"out"}));
 }
 
-TEST(PngWriter, WithoutFinishTheOldFolderStays) {
+TEST(PngWriter, KeepsOldFolderWithoutFinish) {
   const test::TemporaryFolder temporary;
   const fs::path folder = temporary.path() / "out";
   write(folder, {0, 1});
@@ -125,7 +125,7 @@ TEST(PngWriter, WithoutFinishTheOldFolderStays) {
   EXPECT_EQ(names_in(temporary.path()), (std::set<std::string>{"out"}));
 }
 
-TEST(PngWriter, RefusesAFileAndNoFramesAtAll) {
+TEST(PngWriter, RejectsFileAsTargetAndEmptyOutput) {
   const test::TemporaryFolder temporary;
   std::ofstream(temporary.path() / "file") << "x";
   EXPECT_FALSE(create_png_writer(temporary.path() / "file", {2, 1, 0.03}));

@@ -73,7 +73,7 @@ Jitter jitter_at_rest(double noise) {
   return {evaluate(desk_camera(), measured, truth), evaluate(desk_camera(), drawn, truth)};
 }
 
-TEST(PoseSmoother, AtRestLittleJitterIsLeft) {
+TEST(PoseSmoother, ReducesJitterAtRest) {
   const auto [before, after] = jitter_at_rest(3e-5);  // as this tracker measures it
   EXPECT_GT(before.jitter_px, 0.03) << "there is something to take out";
   EXPECT_LT(after.jitter_px, before.jitter_px / 5.0);
@@ -84,7 +84,7 @@ TEST(PoseSmoother, AtRestLittleJitterIsLeft) {
   EXPECT_LT(smoothed.overlay_px.rmse, noisy.overlay_px.rmse / 2.0);
 }
 
-TEST(PoseSmoother, ASteadyMotionIsAsLateAsItSaysAndNeverMoreThanATenthOfAPixel) {
+TEST(PoseSmoother, ReportsLagOfSteadyMotionAndBoundsOffset) {
   for (const double px_s : {0.1, 0.3, 1.0, 3.0, 10.0, 100.0, 1000.0}) {
     SCOPED_TRACE(px_s);
     PoseSmoother smoother(desk_camera());
@@ -114,7 +114,7 @@ TEST(PoseSmoother, ASteadyMotionIsAsLateAsItSaysAndNeverMoreThanATenthOfAPixel) 
   }
 }
 
-TEST(PoseSmoother, APathThatIsShownLaterIsFoundToBeLate) {
+TEST(PoseSmoother, MeasuresLagOfDelayedPath) {
   Trajectory measured, drawn;
   for (int i = 0; i < 60; ++i) {
     const std::int64_t at = nanoseconds(1.0 + i * kFrame_s);
@@ -126,7 +126,7 @@ TEST(PoseSmoother, APathThatIsShownLaterIsFoundToBeLate) {
   EXPECT_NEAR(lag_ms(measured, measured).value(), 0.0, 1e-9);
 }
 
-TEST(PoseSmoother, AJumpIsFollowedAtOnceAndNotOvershot) {
+TEST(PoseSmoother, FollowsJumpWithoutOvershoot) {
   for (const double jump_px : {0.5, 5.0, 50.0, 200.0}) {
     SCOPED_TRACE(jump_px);
     PoseSmoother smoother(desk_camera());
@@ -149,7 +149,7 @@ TEST(PoseSmoother, AJumpIsFollowedAtOnceAndNotOvershot) {
   }
 }
 
-TEST(PoseSmoother, StartsAnewAfterALossAGapAndATimeThatRanBackwards) {
+TEST(PoseSmoother, RestartsAfterLossGapAndBackwardTime) {
   const CameraPose a = shifted(0.0);
   const CameraPose b = shifted(0.1);  // near enough to be drawn elsewhere
   const std::int64_t second = 1'000'000'000;
@@ -170,7 +170,7 @@ TEST(PoseSmoother, StartsAnewAfterALossAGapAndATimeThatRanBackwards) {
   expect_as_measured(smoother.smooth(2 * second, b));
 }
 
-TEST(PoseSmoother, APictureThatIsDrawnAgainIsDrawnTheSame) {
+TEST(PoseSmoother, ReturnsSamePoseForRepeatedFrame) {
   PoseSmoother smoother(desk_camera());
   (void)smoother.smooth(0, shifted(0.0));
   const SmoothedPose first = smoother.smooth(33'000'000, shifted(0.1));
@@ -183,7 +183,7 @@ TEST(PoseSmoother, APictureThatIsDrawnAgainIsDrawnTheSame) {
 }
 
 // A hand's walk with jumps, at times that are uneven or repeated.
-RC_GTEST_PROP(PoseSmoother, StaysNearAndOnTheWayWhateverTheMotionAndTheTimes, ()) {
+RC_GTEST_PROP(PoseSmoother, StaysWithinBoundsForAnyMotionAndTimes, ()) {
   Draw draw(*rc::gen::arbitrary<std::uint64_t>());
   const CameraModel camera = desk_camera();
   PoseSmoother smoother(camera);
@@ -218,7 +218,7 @@ RC_GTEST_PROP(PoseSmoother, StaysNearAndOnTheWayWhateverTheMotionAndTheTimes, ()
 }
 
 // Numbers of any size, as a tracker gone wrong may give them.
-RC_GTEST_PROP(PoseSmoother, IsFiniteForWhateverIsFinite, ()) {
+RC_GTEST_PROP(PoseSmoother, ReturnsFinitePosesForFiniteInput, ()) {
   Draw draw(*rc::gen::arbitrary<std::uint64_t>());
   PoseSmoother smoother(desk_camera());
   const double huge = std::numeric_limits<double>::max();
@@ -247,7 +247,7 @@ RC_GTEST_PROP(PoseSmoother, IsFiniteForWhateverIsFinite, ()) {
   }
 }
 
-TEST(PoseSmoother, WhatIsNotFiniteIsHandedOnAndForgotten) {
+TEST(PoseSmoother, PassesNonFinitePoseThroughAndRestarts) {
   PoseSmoother smoother(desk_camera());
   (void)smoother.smooth(0, shifted(0.0));
   const double nan = std::numeric_limits<double>::quiet_NaN();

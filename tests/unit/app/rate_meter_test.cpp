@@ -5,7 +5,7 @@
 namespace penumbra {
 namespace {
 
-TEST(RateMeter, IsOfThePicturesThatCame) {
+TEST(RateMeter, MeasuresRateOfReceivedFrames) {
   RateMeter rate;
   EXPECT_EQ(rate.per_s(0.0), 0.0);
   rate.add(0.0);
@@ -22,7 +22,7 @@ TEST(RateMeter, IsOfThePicturesThatCame) {
   EXPECT_NEAR(rate.per_s(40'600.0), 50.0, 1e-9);
 }
 
-TEST(RateMeter, FallsWhileNothingComes) {
+TEST(RateMeter, DecreasesWhileNoFrameArrives) {
   RateMeter rate;
   for (int i = 0; i <= 10; ++i) rate.add(100.0 * i);
   EXPECT_NEAR(rate.per_s(1100.0), 10.0, 1e-9);

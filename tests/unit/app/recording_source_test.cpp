@@ -73,9 +73,9 @@ bool same_pixels(const Frame& a, const Frame& b) {
   return true;
 }
 
-class RecordingOfFrames : public testing::Test {
+class FrameFolderRecording : public testing::Test {
  protected:
-  RecordingOfFrames() { test::write_recording(folder(), kFrames); }
+  FrameFolderRecording() { test::write_recording(folder(), kFrames); }
   [[nodiscard]] std::filesystem::path folder() const { return root_.path() / "small"; }
   [[nodiscard]] std::filesystem::path frame(int number) const {
     return folder() / "frames" / (test::number6(number) + ".jpg");
@@ -91,7 +91,7 @@ class RecordingOfFrames : public testing::Test {
   TemporaryFolder root_;
 };
 
-TEST_F(RecordingOfFrames, EveryFrameComesInOrderWithItsTime) {
+TEST_F(FrameFolderRecording, DeliversFramesInOrderWithTimestamps) {
   const auto recording = open_recording(folder() / "");
   ASSERT_TRUE(recording) << recording.error().message;
   EXPECT_EQ(recording->name, "small");
@@ -116,7 +116,7 @@ TEST_F(RecordingOfFrames, EveryFrameComesInOrderWithItsTime) {
   }
 }
 
-TEST_F(RecordingOfFrames, ARangeOfFramesIsHalfOpen) {
+TEST_F(FrameFolderRecording, TreatsFrameRangeAsHalfOpen) {
   const auto recording = open_recording(folder());
   ASSERT_TRUE(recording);
   RecordingSourceOptions options;
@@ -138,7 +138,7 @@ TEST_F(RecordingOfFrames, ARangeOfFramesIsHalfOpen) {
   }
 }
 
-TEST_F(RecordingOfFrames, CanBeLeftInTheMiddle) {
+TEST_F(FrameFolderRecording, KeepsFrameValidAfterSourceIsClosed) {
   const auto recording = open_recording(folder());
   ASSERT_TRUE(recording);
   for (int taken = 0; taken < kFrames; ++taken) {
@@ -154,14 +154,14 @@ TEST_F(RecordingOfFrames, CanBeLeftInTheMiddle) {
   }
 }
 
-TEST_F(RecordingOfFrames, AFolderThatIsNoRecordingIsNamed) {
+TEST_F(FrameFolderRecording, RejectsFolderThatIsNoRecording) {
   EXPECT_THAT(error_of(folder() / "none"), HasSubstr("small/none: no such recording"));
   EXPECT_THAT(error_of(folder() / "camera.yaml"), HasSubstr("is not a folder"));
   const TemporaryFolder empty;
   EXPECT_THAT(error_of(empty.path()), HasSubstr("neither frames/ nor video.mkv"));
 }
 
-TEST_F(RecordingOfFrames, WhatIsMissingIsNamed) {
+TEST_F(FrameFolderRecording, NamesMissingFile) {
   for (const char* name : {"camera.yaml", "tags.yaml", "timestamps.csv"}) {
     test::write_recording(folder(), kFrames);
     std::filesystem::remove(folder() / name);
@@ -169,7 +169,7 @@ TEST_F(RecordingOfFrames, WhatIsMissingIsNamed) {
   }
 }
 
-TEST_F(RecordingOfFrames, OnlyWhatIsAskedForIsNeeded) {
+TEST_F(FrameFolderRecording, RequiresOnlyRequestedFiles) {
   std::filesystem::remove(folder() / "camera.yaml");
   std::filesystem::remove(folder() / "tags.yaml");
   std::filesystem::remove(folder() / "groundtruth.tum");
@@ -182,7 +182,7 @@ TEST_F(RecordingOfFrames, OnlyWhatIsAskedForIsNeeded) {
   EXPECT_EQ(play(*recording).frames.size(), std::size_t{kFrames});
 }
 
-TEST_F(RecordingOfFrames, CameraAndTagsCanComeFromElsewhere) {
+TEST_F(FrameFolderRecording, ReadsCameraAndTagsFromOtherPaths) {
   const TemporaryFolder elsewhere;
   std::filesystem::rename(folder() / "camera.yaml", elsewhere.path() / "c.yaml");
   std::filesystem::rename(folder() / "tags.yaml", elsewhere.path() / "t.yaml");
@@ -196,17 +196,17 @@ TEST_F(RecordingOfFrames, CameraAndTagsCanComeFromElsewhere) {
   EXPECT_THAT(missing.error().message, HasSubstr("none.yaml"));
 }
 
-TEST_F(RecordingOfFrames, ATagListedTwiceIsAnError) {
+TEST_F(FrameFolderRecording, RejectsDuplicateTag) {
   replace("tags.yaml", "{id: 1,", "{id: 0,");
   EXPECT_THAT(error_of(folder()), AllOf(HasSubstr("tags.yaml"), HasSubstr("0")));
 }
 
-TEST_F(RecordingOfFrames, ATruePoseWithNanIsAnError) {
+TEST_F(FrameFolderRecording, RejectsGroundtruthWithNan) {
   replace("groundtruth.tum", "-0.3", "nan");
   EXPECT_THAT(error_of(folder()), AllOf(HasSubstr("groundtruth.tum"), HasSubstr("2")));
 }
 
-TEST_F(RecordingOfFrames, NoFramesIsAnError) {
+TEST_F(FrameFolderRecording, RejectsEmptyFrameList) {
   write_text(folder() / "timestamps.csv", "frame,timestamp_s,file\n");
   EXPECT_THAT(error_of(folder()), AllOf(HasSubstr("timestamps.csv"), HasSubstr("0 frames")));
   write_text(folder() / "timestamps.csv", "");
@@ -218,7 +218,7 @@ struct BadLine {
   const char* message;
 };
 
-TEST_F(RecordingOfFrames, ABadLineIsNamedWithItsCause) {
+TEST_F(FrameFolderRecording, NamesInvalidLineAndCause) {
   const std::string good = test::read_bytes(folder() / "timestamps.csv");
   for (const BadLine& bad : {BadLine{"3,nan,frames/000003.jpg", "timestamp_s: 'nan'"},
                              {"3,inf,frames/000003.jpg", "timestamp_s: 'inf'"},
@@ -243,7 +243,7 @@ TEST_F(RecordingOfFrames, ABadLineIsNamedWithItsCause) {
 }
 
 // A column of its own, which may be empty in some lines.
-TEST_F(RecordingOfFrames, ExposuresAreReadWhereTheyAreListed) {
+TEST_F(FrameFolderRecording, ReadsListedExposures) {
   const std::string good = test::read_bytes(folder() / "timestamps.csv");
   const auto listing = [&](const std::string& third) {
     std::string text;
@@ -281,12 +281,12 @@ TEST_F(RecordingOfFrames, ExposuresAreReadWhereTheyAreListed) {
   }
 }
 
-TEST_F(RecordingOfFrames, AHeaderWithoutTheColumnsIsAnError) {
+TEST_F(FrameFolderRecording, RejectsHeaderWithoutRequiredColumns) {
   replace("timestamps.csv", "timestamp_s", "time");
   EXPECT_THAT(error_of(folder()), AllOf(HasSubstr("line 1"), HasSubstr("timestamp_s")));
 }
 
-TEST_F(RecordingOfFrames, WindowsLineEndsCommentsAndColumnOrderDoNotMatter) {
+TEST_F(FrameFolderRecording, AcceptsCrlfCommentsAndAnyColumnOrder) {
   std::string text = "\xEF\xBB\xBF# made by hand\r\nfile,frame,exposure,timestamp_s\r\n\r\n";
   for (int i = 0; i < kFrames; ++i) {
     text += "frames/" + test::number6(i) + ".jpg, " + std::to_string(2 * i) + ",x, " +
@@ -301,12 +301,12 @@ TEST_F(RecordingOfFrames, WindowsLineEndsCommentsAndColumnOrderDoNotMatter) {
   EXPECT_EQ(played.frames[3].timestamp_ns, 3'500'000'000);
 }
 
-TEST_F(RecordingOfFrames, AMissingFrameInTheMiddleIsAnError) {
+TEST_F(FrameFolderRecording, RejectsMissingFrameInMiddle) {
   std::filesystem::remove(frame(3));
   EXPECT_THAT(error_of(folder()), AllOf(HasSubstr("frames/000003.jpg"), HasSubstr("missing")));
 }
 
-TEST_F(RecordingOfFrames, MissingFramesAtTheEndLeaveANotice) {
+TEST_F(FrameFolderRecording, ReportsMissingFramesAtEnd) {
   std::filesystem::remove(frame(7));
   std::filesystem::remove(frame(6));
   const auto recording = open_recording(folder());
@@ -318,7 +318,7 @@ TEST_F(RecordingOfFrames, MissingFramesAtTheEndLeaveANotice) {
   EXPECT_EQ(play(*recording).frames.size(), 6U);
 }
 
-TEST_F(RecordingOfFrames, ALastFrameThatIsNotWholeLeavesANotice) {
+TEST_F(FrameFolderRecording, DropsTruncatedLastFrameWithNotice) {
   const std::string whole = test::read_bytes(frame(7));
   for (const std::size_t length : {std::size_t{0}, whole.size() / 2, whole.size() - 8}) {
     write_text(frame(7), whole.substr(0, length));
@@ -331,7 +331,7 @@ TEST_F(RecordingOfFrames, ALastFrameThatIsNotWholeLeavesANotice) {
   }
 }
 
-TEST_F(RecordingOfFrames, AListingCutInItsLastLineOpens) {
+TEST_F(FrameFolderRecording, OpensFrameListTruncatedInLastLine) {
   const std::string whole = test::read_bytes(folder() / "timestamps.csv");
   const std::size_t last_line = whole.rfind("7,1311868164");
   for (std::size_t length = last_line + 1; length < whole.size() - 1; ++length) {
@@ -349,7 +349,7 @@ TEST_F(RecordingOfFrames, AListingCutInItsLastLineOpens) {
   EXPECT_EQ(open_recording(folder())->frames.size(), 7U);
 }
 
-TEST_F(RecordingOfFrames, ADamagedFrameInTheMiddleIsAnErrorInItsPlace) {
+TEST_F(FrameFolderRecording, ReportsDamagedFrameInItsOrder) {
   const std::string whole = test::read_bytes(frame(3));
   write_text(frame(3), whole.substr(0, whole.size() / 2));
   const auto recording = open_recording(folder());
@@ -365,7 +365,7 @@ TEST_F(RecordingOfFrames, ADamagedFrameInTheMiddleIsAnErrorInItsPlace) {
 }
 
 // Whatever a camera gave is recorded, and what live could not decode replay leaves out too.
-TEST_F(RecordingOfFrames, ADamagedFrameOfACameraIsLeftOutAndCounted) {
+TEST_F(FrameFolderRecording, SkipsAndCountsDamagedCameraFrames) {
   const std::string whole = test::read_bytes(frame(3));
   write_text(frame(0), whole.substr(0, whole.size() / 3));
   write_text(frame(3), whole.substr(0, whole.size() / 2));
@@ -395,12 +395,12 @@ TEST_F(RecordingOfFrames, ADamagedFrameOfACameraIsLeftOutAndCounted) {
   EXPECT_THAT(play(*recording).error, HasSubstr("000004.jpg"));
 }
 
-TEST_F(RecordingOfFrames, NoWholeFrameIsAnError) {
+TEST_F(FrameFolderRecording, RejectsRecordingWithoutReadableFrame) {
   for (int i = 0; i < kFrames; ++i) write_text(frame(i), "garbage");
   EXPECT_THAT(error_of(folder()), AllOf(HasSubstr("000000.jpg"), HasSubstr("none of the 8")));
 }
 
-TEST_F(RecordingOfFrames, AFrameOfAnotherSizeIsAnErrorWithBothSizes) {
+TEST_F(FrameFolderRecording, RejectsFrameOfOtherSizeNamingBothSizes) {
   write_text(frame(2), test::jpeg_of(2, 32, 24));
   EXPECT_THAT(error_of(folder()),
               AllOf(HasSubstr("000002.jpg"), HasSubstr("32x24"), HasSubstr("64x48")));
@@ -429,9 +429,9 @@ void fill_planes(AVFrame& frame, int index) {
   }
 }
 
-class RecordingOfVideo : public testing::Test {
+class VideoRecording : public testing::Test {
  protected:
-  RecordingOfVideo() { test::write_recording(folder(), kFrames, ""); }
+  VideoRecording() { test::write_recording(folder(), kFrames, ""); }
   [[nodiscard]] std::filesystem::path folder() const { return root_.path() / "filmed"; }
   [[nodiscard]] std::filesystem::path video() const { return folder() / "video.mkv"; }
 
@@ -453,7 +453,7 @@ struct Stored {
   PixelFormat format;
 };
 
-TEST_F(RecordingOfVideo, EveryLayoutComesBackExactly) {
+TEST_F(VideoRecording, DecodesEveryPixelLayoutExactly) {
   for (const Stored& layout : {Stored{AV_PIX_FMT_GRAY8, AV_CODEC_ID_FFV1, PixelFormat::grey8},
                                {AV_PIX_FMT_YUV420P, AV_CODEC_ID_FFV1, PixelFormat::yuv420p},
                                {AV_PIX_FMT_YUV422P, AV_CODEC_ID_FFV1, PixelFormat::yuv422p},
@@ -498,7 +498,7 @@ struct Packed {
   std::array<int, 3> offset;
 };
 
-TEST_F(RecordingOfVideo, RgbLayoutsBecomeRgb) {
+TEST_F(VideoRecording, ConvertsRgbLayoutsToRgb24) {
   for (const Packed& layout : {Packed{AV_PIX_FMT_BGR0, AV_CODEC_ID_FFV1, {2, 1, 0}},
                                {AV_PIX_FMT_BGRA, AV_CODEC_ID_FFV1, {2, 1, 0}},
                                {AV_PIX_FMT_RGBA, AV_CODEC_ID_RAWVIDEO, {0, 1, 2}}}) {
@@ -525,7 +525,7 @@ TEST_F(RecordingOfVideo, RgbLayoutsBecomeRgb) {
   }
 }
 
-TEST_F(RecordingOfVideo, RangeAndMatrixAreThoseOfTheFile) {
+TEST_F(VideoRecording, ReadsColorRangeAndMatrixFromFile) {
   test::VideoSpec spec;
   test::write_video(video(), spec, fill_planes);
   EXPECT_EQ(play(*open_recording(folder())).frames[0].color_range, ColorRange::limited);
@@ -537,7 +537,7 @@ TEST_F(RecordingOfVideo, RangeAndMatrixAreThoseOfTheFile) {
   EXPECT_EQ(play(*open_recording(folder())).frames[0].color_matrix, ColorMatrix::bt709);
 }
 
-TEST_F(RecordingOfVideo, AnyRangeOfFramesIsTheSameAsInTheWhole) {
+TEST_F(VideoRecording, DecodesAnyFrameRangeLikeWhole) {
   for (const int gop : {1, 3, 100}) {
     test::VideoSpec spec;
     spec.gop = gop;
@@ -561,7 +561,7 @@ TEST_F(RecordingOfVideo, AnyRangeOfFramesIsTheSameAsInTheWhole) {
 }
 
 // Reading over frames begins anywhere: between key frames, on one, and after having read over some.
-TEST_F(RecordingOfVideo, FramesAreReadOverFromAnywhere) {
+TEST_F(VideoRecording, SkipsFramesFromAnyPosition) {
   std::mt19937 random(7);
   for (const int gop : {1, 3, 5, 100}) {
     SCOPED_TRACE(gop);
@@ -586,7 +586,7 @@ TEST_F(RecordingOfVideo, FramesAreReadOverFromAnywhere) {
 }
 
 // A damaged frame is told, and so is what builds on it; from the next key frame on all is right.
-TEST_F(RecordingOfVideo, ReadingGoesOnAfterADamagedFrame) {
+TEST_F(VideoRecording, ContinuesAfterDamagedFrame) {
   for (const int gop : {1, 4}) {
     SCOPED_TRACE(gop);
     const Played whole = play_with_key_frames(gop);
@@ -622,14 +622,14 @@ TEST_F(RecordingOfVideo, ReadingGoesOnAfterADamagedFrame) {
   }
 }
 
-TEST_F(RecordingOfVideo, GarbageIsNamed) {
+TEST_F(VideoRecording, RejectsGarbageFile) {
   write_text(video(), "this is no video at all");
   EXPECT_THAT(error_of(folder()), AllOf(HasSubstr("video.mkv"), HasSubstr("Matroska")));
   write_text(video(), "");
   EXPECT_THAT(error_of(folder()), HasSubstr("video.mkv"));
 }
 
-TEST_F(RecordingOfVideo, ALossyVideoIsRefusedByName) {
+TEST_F(VideoRecording, RejectsLossyCodecByName) {
   test::VideoSpec spec;
   spec.codec = AV_CODEC_ID_MPEG4;
   spec.gop = 12;
@@ -637,7 +637,7 @@ TEST_F(RecordingOfVideo, ALossyVideoIsRefusedByName) {
   EXPECT_THAT(error_of(folder()), AllOf(HasSubstr("video.mkv"), HasSubstr("mpeg4")));
 }
 
-TEST_F(RecordingOfVideo, TenBitsAreRefusedByName) {
+TEST_F(VideoRecording, RejectsTenBitFormatByName) {
   test::VideoSpec spec;
   spec.format = AV_PIX_FMT_YUV420P10LE;
   test::write_video(video(), spec, [](AVFrame& frame, int) {
@@ -650,7 +650,7 @@ TEST_F(RecordingOfVideo, TenBitsAreRefusedByName) {
   EXPECT_THAT(error_of(folder()), AllOf(HasSubstr("video.mkv"), HasSubstr("yuv420p10le")));
 }
 
-TEST_F(RecordingOfVideo, AnotherSizeThanTheCamerasIsAnErrorWithBoth) {
+TEST_F(VideoRecording, RejectsSizeOtherThanCameras) {
   test::VideoSpec spec;
   spec.width = 32;
   test::write_video(video(), spec, fill_planes);
@@ -658,7 +658,7 @@ TEST_F(RecordingOfVideo, AnotherSizeThanTheCamerasIsAnErrorWithBoth) {
               AllOf(HasSubstr("video.mkv: frame 0"), HasSubstr("32x48"), HasSubstr("64x48")));
 }
 
-TEST_F(RecordingOfVideo, CutAnywhereItOpensUpToItsLastWholeFrame) {
+TEST_F(VideoRecording, OpensTruncatedVideoUpToLastWholeFrame) {
   test::write_video(video(), {}, fill_planes);
   const std::string whole = test::read_bytes(video());
   const Played all = play(*open_recording(folder()));
@@ -683,7 +683,7 @@ TEST_F(RecordingOfVideo, CutAnywhereItOpensUpToItsLastWholeFrame) {
   EXPECT_GT(opened, 50);
 }
 
-TEST_F(RecordingOfVideo, AFlippedBitNeverGivesOtherPixels) {
+TEST_F(VideoRecording, NeverReturnsWrongPixelsForFlippedBit) {
   for (const AVPixelFormat format : {AV_PIX_FMT_GRAY8, AV_PIX_FMT_YUV420P}) {
     test::VideoSpec spec;
     spec.format = format;
@@ -713,7 +713,7 @@ TEST_F(RecordingOfVideo, AFlippedBitNeverGivesOtherPixels) {
   }
 }
 
-TEST_F(RecordingOfVideo, FewerOrMoreFramesThanListedLeaveANotice) {
+TEST_F(VideoRecording, ReportsFrameCountMismatch) {
   test::VideoSpec spec;
   spec.frames = kFrames - 2;
   test::write_video(video(), spec, fill_planes);
@@ -733,9 +733,9 @@ TEST_F(RecordingOfVideo, FewerOrMoreFramesThanListedLeaveANotice) {
 
 // --- EuRoC ---
 
-class RecordingOfEuroc : public testing::Test {
+class EurocRecording : public testing::Test {
  protected:
-  RecordingOfEuroc() {
+  EurocRecording() {
     std::filesystem::create_directories(cam0() / "data");
     std::string list = "#timestamp [ns],filename\n";
     for (int i = 0; i < kFrames; ++i) {
@@ -764,7 +764,7 @@ class RecordingOfEuroc : public testing::Test {
   TemporaryFolder root_;
 };
 
-TEST_F(RecordingOfEuroc, OpensWithItsSensorAsCamera) {
+TEST_F(EurocRecording, ReadsCameraFromSensorFile) {
   const auto recording = open_recording(folder());
   ASSERT_TRUE(recording) << recording.error().message;
   EXPECT_EQ(recording->camera->parameters().fx, 45.8654);
@@ -778,14 +778,14 @@ TEST_F(RecordingOfEuroc, OpensWithItsSensorAsCamera) {
   EXPECT_EQ(played.frames[7].sequence, 7U);
 }
 
-TEST_F(RecordingOfEuroc, EquidistantIsFisheyeAndACameraFileWins) {
+TEST_F(EurocRecording, MapsEquidistantToFisheyeAndPrefersCameraFile) {
   write_sensor("equidistant");
   EXPECT_EQ(open_recording(folder())->camera->parameters().model, DistortionModel::fisheye);
   write_text(folder() / "camera.yaml", test::small_camera_yaml());
   EXPECT_EQ(open_recording(folder())->camera->parameters().fx, 53.0);
 }
 
-TEST_F(RecordingOfEuroc, RefusesACameraName) {
+TEST_F(EurocRecording, RejectsCameraName) {
   OpenRecordingOptions options;
   options.camera_name = "left";
   const auto recording = open_recording(folder(), options);
@@ -795,7 +795,7 @@ TEST_F(RecordingOfEuroc, RefusesACameraName) {
 }
 
 // The ground truth is of the body; T_BS says where the camera sits on it.
-TEST_F(RecordingOfEuroc, GroundTruthIsMovedFromTheBodyToTheCamera) {
+TEST_F(EurocRecording, TransformsGroundtruthFromBodyToCamera) {
   const std::filesystem::path truth = folder() / "mav0" / "state_groundtruth_estimate0";
   std::filesystem::create_directories(truth);
   // A quarter turn about z at (1, 2, 3), and half a second later.
@@ -842,13 +842,13 @@ TEST_F(RecordingOfEuroc, GroundTruthIsMovedFromTheBodyToTheCamera) {
   EXPECT_THAT(damaged->notices.at(0), AllOf(HasSubstr("data.csv"), HasSubstr("line 1")));
 }
 
-TEST_F(RecordingOfEuroc, AnUnknownModelIsNamed) {
+TEST_F(EurocRecording, NamesUnknownDistortionModel) {
   write_sensor("fov");
   EXPECT_THAT(error_of(folder()),
               AllOf(HasSubstr("sensor.yaml"), HasSubstr("distortion_model"), HasSubstr("fov")));
 }
 
-TEST_F(RecordingOfEuroc, ABadLineIsNamed) {
+TEST_F(EurocRecording, NamesInvalidLine) {
   write_text(cam0() / "data.csv",
              "#timestamp [ns],filename\n1403636579763555584,1403636579763555584.png\n1e9,b.png\n");
   EXPECT_THAT(error_of(folder()), AllOf(HasSubstr("data.csv: line 3"), HasSubstr("1e9")));

@@ -83,7 +83,7 @@ OpenRecordingOptions no_camera() {
   return options;
 }
 
-TEST(RecordingWriter, KeepsTheCamerasOwnBytesAndTimes) {
+TEST(RecordingWriter, StoresCameraBytesAndTimestampsUnchanged) {
   const test::TemporaryFolder temporary;
   const fs::path folder = temporary.path() / "session";
   auto writer = RecordingWriter::create(folder, head_for("MJPEG", 640, 480));
@@ -121,7 +121,7 @@ TEST(RecordingWriter, KeepsTheCamerasOwnBytesAndTimes) {
 }
 
 // What is known of a picture is kept with it; a group has a file from its first tracked pose on.
-TEST(RecordingWriter, KeepsExposuresAndPlacesOfGroups) {
+TEST(RecordingWriter, StoresExposuresAndGroupPoses) {
   const test::TemporaryFolder temporary;
   const fs::path folder = temporary.path() / "session";
   auto writer = RecordingWriter::create(folder, head_for("MJPEG", 640, 480));
@@ -157,7 +157,7 @@ TEST(RecordingWriter, KeepsExposuresAndPlacesOfGroups) {
   EXPECT_EQ(path.poses[0].T_table_camera.translation(), Eigen::Vector3d(0.25, 0.0, 0.5));
 }
 
-TEST(RecordingWriter, TellsOnceOfAGroupWhoseNameCanBeNoFiles) {
+TEST(RecordingWriter, WarnsOnceOfGroupNameUnusableAsFileName) {
   const test::TemporaryFolder temporary;
   const fs::path folder = temporary.path() / "session";
   testing::internal::CaptureStdout();  // where the log goes unless a program sets it up
@@ -188,7 +188,7 @@ TEST(RecordingWriter, TellsOnceOfAGroupWhoseNameCanBeNoFiles) {
 }
 
 // A recording without a picture is told by its listing, and so is one without exposures.
-TEST(RecordingWriter, TheListingHasItsHeadInAnyCase) {
+TEST(RecordingWriter, WritesFrameListHeaderInAnyCase) {
   for (const bool with_picture : {false, true}) {
     const test::TemporaryFolder temporary;
     const fs::path folder = temporary.path() / "session";
@@ -202,9 +202,9 @@ TEST(RecordingWriter, TheListingHasItsHeadInAnyCase) {
   }
 }
 
-class RawFormats : public testing::TestWithParam<PixelFormat> {};
+class RawRecording : public testing::TestWithParam<PixelFormat> {};
 
-TEST_P(RawFormats, EverySampleComesBack) {
+TEST_P(RawRecording, RoundTripsEverySample) {
   const test::TemporaryFolder temporary;
   const fs::path folder = temporary.path() / "session";
   auto writer = RecordingWriter::create(folder, head_for("raw", kWidth, kHeight));
@@ -258,11 +258,14 @@ TEST_P(RawFormats, EverySampleComesBack) {
   }
 }
 
-INSTANTIATE_TEST_SUITE_P(All, RawFormats,
-                         testing::Values(PixelFormat::grey8, PixelFormat::yuyv, PixelFormat::nv12,
-                                         PixelFormat::yuv420p));
+INSTANTIATE_TEST_SUITE_P(
+    Formats, RawRecording,
+    testing::Values(PixelFormat::grey8, PixelFormat::yuyv, PixelFormat::nv12, PixelFormat::yuv420p),
+    [](const auto& test) {
+      return std::vector<std::string>({"Grey8", "Yuyv", "Nv12", "Yuv420p"}).at(test.index);
+    });
 
-TEST(RecordingWriter, RefusesAFolderThatHoldsSomething) {
+TEST(RecordingWriter, RejectsNonEmptyFolder) {
   const test::TemporaryFolder temporary;
   ASSERT_TRUE(write_text_file(temporary.path() / "thesis.txt", "words"));
   const auto writer = RecordingWriter::create(temporary.path(), head_for("MJPEG", 640, 480));
@@ -271,7 +274,7 @@ TEST(RecordingWriter, RefusesAFolderThatHoldsSomething) {
 }
 
 // Where it could not begin nothing stays, so that the same name is free once there is space.
-TEST(RecordingWriter, AFolderThatCouldNotBeMadeIsGone) {
+TEST(RecordingWriter, RemovesFolderWhenCreationFails) {
   for (const bool waits : {true, false}) {
     const test::TemporaryFolder temporary;
     const fs::path folder = temporary.path() / "of" / "today" / "session";
@@ -300,7 +303,7 @@ TEST(RecordingWriter, AFolderThatCouldNotBeMadeIsGone) {
 }
 
 // What is there of others stays.
-TEST(RecordingWriter, AFolderThatIsRefusedLaterKeepsWhatItHolds) {
+TEST(RecordingWriter, KeepsContentsOfFolderRejectedLater) {
   const test::TemporaryFolder temporary;
   ASSERT_TRUE(write_text_file(temporary.path() / "camera.yaml", "mine"));
   auto writer = RecordingWriter::begin(temporary.path(), head_for("MJPEG", 640, 480));
@@ -312,7 +315,7 @@ TEST(RecordingWriter, AFolderThatIsRefusedLaterKeepsWhatItHolds) {
 }
 
 // Some cameras say what they are only with their frames.
-TEST(RecordingWriter, ControlsAreAskedForAgainWhileItGoesOn) {
+TEST(RecordingWriter, RereadsControlsDuringRecording) {
   const test::TemporaryFolder temporary;
   const fs::path folder = temporary.path() / "session";
   RecordingHead head = head_for("MJPEG", 640, 480);
@@ -341,7 +344,7 @@ TEST(RecordingWriter, ControlsAreAskedForAgainWhileItGoesOn) {
   EXPECT_NE(controls().find("\"frames_written\": 2"), std::string::npos) << controls();
 }
 
-TEST(RecordingWriter, ADiskThatIsTooSlowLosesFramesAndCountsThem) {
+TEST(RecordingWriter, DropsAndCountsFramesWhenDiskIsTooSlow) {
   const test::TemporaryFolder temporary;
   auto writer =
       RecordingWriter::create(temporary.path() / "session", head_for("raw", kWidth, kHeight));
@@ -369,9 +372,9 @@ TEST(RecordingWriter, ADiskThatIsTooSlowLosesFramesAndCountsThem) {
 }
 
 // What a process that is killed at any moment leaves: everything that it had said was written.
-class Killed : public testing::TestWithParam<bool> {};
+class KilledRecording : public testing::TestWithParam<bool> {};
 
-TEST_P(Killed, WhatWasWrittenOpensAndReads) {
+TEST_P(KilledRecording, OpensAndReadsBack) {
   const bool raw = GetParam();
   constexpr int kKills = 40;
   using Counter = std::atomic<std::uint64_t>;
@@ -417,7 +420,7 @@ TEST_P(Killed, WhatWasWrittenOpensAndReads) {
   munmap(memory, sizeof(Counter));
 }
 
-INSTANTIATE_TEST_SUITE_P(Formats, Killed, testing::Bool(), [](const auto& test) {
+INSTANTIATE_TEST_SUITE_P(Formats, KilledRecording, testing::Bool(), [](const auto& test) {
   return test.param ? std::string("Raw") : std::string("Jpeg");
 });
 

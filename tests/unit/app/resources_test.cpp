@@ -18,7 +18,7 @@ void make_resources(const fs::path& folder) {
   fs::create_directories(folder / "recordings");
 }
 
-TEST(Resources, OfASourceTreeAreAboveTheProgram) {
+TEST(Resources, AreFoundAboveProgramInSourceTree) {
   const test::TemporaryFolder root;
   make_resources(root.path());
   const auto found = find_resources_of(root.path() / "build" / "release" / "penumbra", nullptr);
@@ -26,7 +26,7 @@ TEST(Resources, OfASourceTreeAreAboveTheProgram) {
   EXPECT_EQ(*found, root.path());
 }
 
-TEST(Resources, OfAnInstalledProgramAreInShare) {
+TEST(Resources, AreFoundInShareWhenInstalled) {
   const test::TemporaryFolder root;
   make_resources(root.path());
   make_resources(root.path() / "usr" / "share" / "penumbra");
@@ -35,7 +35,7 @@ TEST(Resources, OfAnInstalledProgramAreInShare) {
   EXPECT_EQ(*found, root.path() / "usr" / "share" / "penumbra");
 }
 
-TEST(Resources, TheEnvironmentComesFirstAndMustBeRight) {
+TEST(Resources, PreferEnvironmentVariableAndRejectInvalidOne) {
   const test::TemporaryFolder root;
   make_resources(root.path() / "tree");
   make_resources(root.path() / "given");
@@ -47,14 +47,14 @@ TEST(Resources, TheEnvironmentComesFirstAndMustBeRight) {
   EXPECT_THAT(wrong.error().message, testing::HasSubstr("PENUMBRA_RESOURCES"));
 }
 
-TEST(Resources, NoneIsAnErrorThatSaysWhatToDo) {
+TEST(Resources, ReportMissingFolderWithRemedy) {
   const test::TemporaryFolder root;
   const auto found = find_resources_of(root.path() / "bin" / "penumbra", nullptr);
   ASSERT_FALSE(found);
   EXPECT_THAT(found.error().message, testing::HasSubstr("PENUMBRA_RESOURCES"));
 }
 
-TEST(InterruptWatch, CountsSignalsInQuickSuccessionOnceAndRestoresTheMask) {
+TEST(InterruptWatch, CountsRepeatedSignalsOnceAndRestoresMask) {
   sigset_t before;
   pthread_sigmask(SIG_BLOCK, nullptr, &before);
   {

@@ -60,7 +60,7 @@ SessionFrame frame_of(TrackStatus status, std::int64_t timestamp_ns, bool full_d
 
 // The GPU's times come some frames late, two at once or none: each counts once. Where it has no
 // clock that is read there is no such stage.
-TEST(RunReport, TheGpusTimeIsAStageOnlyWhereItIsMeasured) {
+TEST(RunReport, ListsGpuStageOnlyWhenMeasured) {
   RunRecorder without;
   without.add_frame(frame_of(TrackStatus::tracked, 0, true));
   EXPECT_FALSE(Json::parse(report_json(without.report()))["time_ms"].contains("gpu"));
@@ -97,7 +97,7 @@ TEST(RunReport, TheGpusTimeIsAStageOnlyWhereItIsMeasured) {
   EXPECT_EQ((gpu - 1)->first, "render");
 }
 
-TEST(RunReport, SaysHowTagsWereFoundAgain) {
+TEST(RunReport, ReportsHowTagsWereRedetected) {
   RunRecorder run;
   run.add_frame(frame_of(TrackStatus::tracked, 0, true));
   auto by_box = frame_of(TrackStatus::tracked, 10, false);
@@ -114,7 +114,7 @@ TEST(RunReport, SaysHowTagsWereFoundAgain) {
   EXPECT_EQ(tracking["coarse_searches"], 1);
 }
 
-TEST(RunReport, SaysWhatTheTrackerDidNotLookAt) {
+TEST(RunReport, ReportsWorkSkippedByTracker) {
   RunRecorder run;
   run.add_frame(frame_of(TrackStatus::tracked, 0, true));
   EXPECT_TRUE(Json::parse(report_json(run.report()))["tracking"]["skipped"].empty());
@@ -139,7 +139,7 @@ TEST(RunReport, SaysWhatTheTrackerDidNotLookAt) {
 }
 
 // A search beside the frames took its time, though no frame waited for it.
-TEST(RunReport, ASearchBesideTheFramesIsAStageAndAFullDetection) {
+TEST(RunReport, ReportsBackgroundSearchAsStageAndDetection) {
   RunRecorder run;
   SessionFrame frame = frame_of(TrackStatus::tracked, 0, false);
   run.add_frame(frame);
@@ -153,7 +153,7 @@ TEST(RunReport, ASearchBesideTheFramesIsAStageAndAFullDetection) {
   EXPECT_DOUBLE_EQ(json["time_ms"]["search"]["cpu_mean"], 11.0);
 }
 
-TEST(RunReport, HasEveryFieldOfTheContract) {
+TEST(RunReport, HasEveryDocumentedField) {
   RunRecorder run;
   run.add_time("capture", {1.0, 0.5});
   run.add_frame(frame_of(TrackStatus::tracked, 0, true));
@@ -271,7 +271,7 @@ CameraModel pinhole() {
 // Looking straight down from 1 m: camera x = table x, camera y = -table y.
 const CameraPose kAbove(Eigen::Quaterniond(0.0, 1.0, 0.0, 0.0), {0.0, 0.0, 1.0});
 
-TEST(RunReport, SaysWhyFramesWereNotTracked) {
+TEST(RunReport, CountsReasonsOfUntrackedFrames) {
   RunRecorder run;
   const auto add = [&run](TrackStatus status, const char* reason) {
     SessionFrame frame = frame_of(status, 10 * run.frames(), true);
@@ -303,7 +303,7 @@ TEST(RunReport, SaysWhyFramesWereNotTracked) {
   EXPECT_LE(run.report().reasons.size(), 65U) << "memory is bounded";
 }
 
-TEST(RunReport, NamesTheCameraFileWhereTagsFitNoPose) {
+TEST(RunReport, SuggestsCameraFileWhenTagsFitNoPose) {
   for (const char* reason :
        {"the tags do not fit the map (22.4 px)", "the tags contradict each other"}) {
     RunRecorder run;
@@ -319,7 +319,7 @@ TEST(RunReport, NamesTheCameraFileWhereTagsFitNoPose) {
   }
 }
 
-TEST(RunReport, AccuracyIsOfTheTrackedFramesThatWereProcessed) {
+TEST(RunReport, ComputesAccuracyFromTrackedFramesOnly) {
   const CameraModel camera = pinhole();
   const CameraPose beside(Eigen::Quaterniond(0.0, 1.0, 0.0, 0.0), {0.003, 0.0, 1.0});
   Trajectory truth;
@@ -340,7 +340,7 @@ TEST(RunReport, AccuracyIsOfTheTrackedFramesThatWereProcessed) {
 }
 
 // A group's errors are those of the camera over its middle: of what is drawn there.
-TEST(RunReport, GroupsAreCountedAndComparedWithTheirTruth) {
+TEST(RunReport, ReportsGroupCountsAndErrors) {
   const CameraModel camera = pinhole();
   Trajectory truth;
   Trajectory places;
@@ -393,7 +393,7 @@ TEST(RunReport, GroupsAreCountedAndComparedWithTheirTruth) {
 }
 
 // A live session has no end: after the first thousands of frames nothing is kept for each of them.
-TEST(RunReport, MemoryDoesNotGrowWithTheFrames) {
+TEST(RunReport, UsesConstantMemoryForManyFrames) {
   RunRecorder run({.camera = pinhole(), .keep_paths = false});
   SessionFrame frame = frame_of(TrackStatus::tracked, 0, true);
   frame.tracked.pose.T_table_camera = kAbove;
@@ -423,7 +423,7 @@ TEST(RunReport, MemoryDoesNotGrowWithTheFrames) {
 }
 
 // What could not be decoded is no matter of time.
-TEST(RunReport, SaysOfCapturedFramesWhyTheyAreNotShown) {
+TEST(RunReport, ReportsWhyCapturedFramesWereDropped) {
   RunReport report;
   report.frames = 14;
   report.frames_captured = 249;
@@ -439,7 +439,7 @@ TEST(RunReport, SaysOfCapturedFramesWhyTheyAreNotShown) {
   EXPECT_THAT(words(235), testing::HasSubstr("captured 249, of which 235 damaged\n"));
 }
 
-TEST(RunReport, SaysWhatBecameOfRecordedFrames) {
+TEST(RunReport, CountsRecordedFrames) {
   RunReport report;
   EXPECT_FALSE(Json::parse(report_json(report)).contains("recorded"));
   report.recorded = {40, 86};
@@ -448,7 +448,7 @@ TEST(RunReport, SaysWhatBecameOfRecordedFrames) {
   EXPECT_EQ(json["recorded"]["left_out"], 86);
 }
 
-TEST(StageTimes, TheLastThirtyAreRecent) {
+TEST(StageTimes, AveragesLastThirtyAsRecent) {
   StageTimes times;
   EXPECT_FALSE(times.recent_ms());
   for (int i = 1; i <= 100; ++i) {
@@ -471,7 +471,7 @@ TEST(FrameRange, IsHalfOpen) {
   }
 }
 
-TEST(ProgressText, FillsUp) {
+TEST(ProgressText, FillsBarWithProgress) {
   EXPECT_EQ(progress_text(0, 10, 0.0).substr(0, 32), "[" + std::string(30, ' ') + "]");
   EXPECT_EQ(progress_text(5, 10, 500.0),
             "[" + std::string(15, '#') + std::string(15, ' ') + "]    5/10  10.0 frames/s");
@@ -482,7 +482,7 @@ TEST(ProgressText, FillsUp) {
   EXPECT_EQ(progress_text(10, 10, 500.0).substr(0, 32), "[" + std::string(30, '#') + "]");
 }
 
-TEST(RunReport, TableDescribesCameraFaultsAndDroppedLogLines) {
+TEST(RunReport, DescribesCameraFaultsAndDroppedLogLines) {
   RunReport report;
   report.camera_faults = {{"damaged", 3}, {"gap", 12}, {"restarts", 1}};
   report.log_lines_dropped = 7;

@@ -27,7 +27,7 @@ ObjectPlaced placed_somewhere() {
   return placed;
 }
 
-TEST(SceneEdit, APlacedObjectStaysThereAndItsAnimationEnds) {
+TEST(SceneEdit, EndsAnimationOfPlacedObject) {
   SceneBuilder builder;
   builder.add(nullptr, test::at(0, 0, 0));
   Scene scene = builder.scene();
@@ -42,7 +42,7 @@ TEST(SceneEdit, APlacedObjectStaysThereAndItsAnimationEnds) {
   }
 }
 
-TEST(SceneEdit, WhatIsNotThereOrOfNoUseChangesNothing) {
+TEST(SceneEdit, IgnoresUnknownTargetsAndInvalidValues) {
   SceneBuilder builder;
   builder.add(nullptr, test::at(1, 2, 3));
   Scene scene = builder.scene();
@@ -65,7 +65,7 @@ TEST(SceneEdit, WhatIsNotThereOrOfNoUseChangesNothing) {
   EXPECT_EQ(scene.shadows[0].fractions.umbra, LightFractions().umbra);
 }
 
-TEST(SceneEdit, AMoveIsReadAsItWasWrittenBitForBit) {
+TEST(SceneEdit, RoundTripsMoveExactly) {
   ObjectPlaced placed = placed_somewhere();
   for (const bool turned : {false, true}) {
     placed.turned = turned;
@@ -84,7 +84,7 @@ TEST(SceneEdit, AMoveIsReadAsItWasWrittenBitForBit) {
   }
 }
 
-TEST(SceneEdit, AStyleIsReadAsItWasWrittenAlsoAtTheZenith) {
+TEST(SceneEdit, RoundTripsStyleIncludingZenithLight) {
   ShadowStyled styled{"a \"node\"", {}};
   styled.style.technique = ShadowTechnique::field;
   styled.style.kernels = KernelSource::per_axis;
@@ -108,7 +108,7 @@ TEST(SceneEdit, AStyleIsReadAsItWasWrittenAlsoAtTheZenith) {
   EXPECT_TRUE(std::get<ShadowStyled>(with_rays->edits[0].edit).style.light_rays);
 }
 
-TEST(SceneEdit, OtherEventsAreNoEditsAndDamagedOnesAreErrors) {
+TEST(SceneEdit, IgnoresOtherEventsAndRejectsDamagedOnes) {
   const auto other = test::events_of(R"({"timestamp_s":1.5,"event":"start"})");
   ASSERT_TRUE(other);
   EXPECT_TRUE(other->edits.empty());
@@ -125,7 +125,7 @@ TEST(SceneEdit, OtherEventsAreNoEditsAndDamagedOnesAreErrors) {
   }
 }
 
-TEST(SceneEdit, AFileCutOffInItsLastLineIsReadUpToThere) {
+TEST(SceneEdit, ReadsFileTruncatedInLastLine) {
   const test::TemporaryFolder folder;
   const auto file = folder.path() / "events.jsonl";
   EXPECT_TRUE(load_scene_events(file)->edits.empty()) << "no file, no edits";
@@ -144,7 +144,7 @@ TEST(SceneEdit, AFileCutOffInItsLastLineIsReadUpToThere) {
   EXPECT_THAT(damaged.error().message, testing::HasSubstr("line 1"));
 }
 
-TEST(SceneEdit, EventsMayBeginWithAByteOrderMark) {
+TEST(SceneEdit, AcceptsByteOrderMark) {
   const test::TemporaryFolder folder;
   const auto file = folder.path() / "events.jsonl";
   const std::string start = "{\"timestamp_s\":0.5,\"event\":\"scene_start\"}\n";
@@ -162,7 +162,7 @@ TEST(SceneEdit, EventsMayBeginWithAByteOrderMark) {
   }
 }
 
-TEST(SceneEdit, LightIsReadAsItWasWrittenBitForBit) {
+TEST(SceneEdit, RoundTripsVideoLightExactly) {
   const test::TemporaryFolder folder;
   const auto file = folder.path() / "events.jsonl";
   const VideoLight first = {{1.0 / 3.0, 0.1, 2.5}, {1e-3, 0.7, 1.0 / 7.0}};

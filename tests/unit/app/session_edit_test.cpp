@@ -71,7 +71,7 @@ class EditedSession : public testing::Test {
 };
 
 // Whatever is drawn before the first picture, for the driver's sake, is no picture of the camera.
-TEST_F(EditedSession, WarmedUpItShowsBlack) {
+TEST_F(EditedSession, DrawsBlackAfterWarmUp) {
   ASSERT_TRUE(session->warm_up(PixelFormat::yuv420p));
   picture.assign(static_cast<std::size_t>(kPictureWidth) * kPictureHeight * 4, 77);
   ASSERT_TRUE(session->read_back(picture));
@@ -83,7 +83,7 @@ TEST_F(EditedSession, WarmedUpItShowsBlack) {
 }
 
 // The light of a session that is played again is that session's, whatever its pictures show.
-TEST_F(EditedSession, RecordedLightStandsForWhatWouldBeMeasured) {
+TEST_F(EditedSession, UsesRecordedLightInPlaceOfMeasuredOne) {
   const auto drawn_with = [&](std::vector<LitFrame> recorded) {
     Trajectory poses;
     poses.poses.push_back({0, test::look_at({0.1, -0.5, 0.5}, {0, 0, 0}), {}});
@@ -109,7 +109,7 @@ TEST_F(EditedSession, RecordedLightStandsForWhatWouldBeMeasured) {
   EXPECT_EQ(picture, bright);
 }
 
-TEST_F(EditedSession, LightFractionsComputeNothing) {
+TEST_F(EditedSession, ReusesShadowsWhenLightFractionsChange) {
   EXPECT_EQ(step().composite[Counter::triples_recomputed], 2);
   const auto before = picture;
   EXPECT_EQ(step().composite[Counter::triples_recomputed], 0);
@@ -124,7 +124,7 @@ TEST_F(EditedSession, LightFractionsComputeNothing) {
   EXPECT_EQ(after.composite[Counter::reprojections], 2);
 }
 
-TEST_F(EditedSession, HAndAProjectThatNodeAnewWithTheSameKernels) {
+TEST_F(EditedSession, ReprojectsOnlyEditedNodeWhenLightConstantsChange) {
   step();
   const auto before = picture;
   ShadowStyled edit = styled("right");
@@ -137,7 +137,7 @@ TEST_F(EditedSession, HAndAProjectThatNodeAnewWithTheSameKernels) {
   EXPECT_EQ(after.composite[Counter::kernel_generations], 0);
 }
 
-TEST_F(EditedSession, KernelsAreMadeForThatNodeOnceAndKept) {
+TEST_F(EditedSession, GeneratesKernelsOnceForEditedNode) {
   step();
   ShadowStyled edit = styled("left");
   const ShadowStyled original = edit;
@@ -153,7 +153,7 @@ TEST_F(EditedSession, KernelsAreMadeForThatNodeOnceAndKept) {
   EXPECT_EQ(after.composite[Counter::triples_recomputed], 1);
 }
 
-TEST_F(EditedSession, TheTechniqueChangesOneNode) {
+TEST_F(EditedSession, ChangesTechniqueOfEditedNodeOnly) {
   step();
   const auto before = picture;
   ShadowStyled edit = styled("left");
@@ -168,7 +168,7 @@ TEST_F(EditedSession, TheTechniqueChangesOneNode) {
   EXPECT_TRUE(step().edits.empty()) << "told once";
 }
 
-TEST_F(EditedSession, WhatTheOptionsSaidStaysForTheOtherNodes) {
+TEST_F(EditedSession, KeepsOptionTechniqueForOtherNodes) {
   PlanOptions plan;
   plan.technique = ShadowTechnique::simple;
   restart(plan);
@@ -182,7 +182,7 @@ TEST_F(EditedSession, WhatTheOptionsSaidStaysForTheOtherNodes) {
   EXPECT_EQ(styled("left").style.technique, ShadowTechnique::layered);
 }
 
-TEST_F(EditedSession, AMovedObjectIsRedrawnAndASlideComputesNothing) {
+TEST_F(EditedSession, RedrawsMovedObjectAndReusesShadowOnSlide) {
   step();
   const auto before = picture;
   Placement placement = test::at(-0.12, 0.05, 0.1);
@@ -198,7 +198,7 @@ TEST_F(EditedSession, AMovedObjectIsRedrawnAndASlideComputesNothing) {
   EXPECT_FALSE(session->edit(ObjectPlaced{"nobody", placement, false}));
 }
 
-TEST_F(EditedSession, ARedrawnFrameKeepsTheEditsForTheNextOne) {
+TEST_F(EditedSession, KeepsEditsForNextFrameAfterRedraw) {
   const SessionFrame first = step();
   ASSERT_TRUE(session->edit(ObjectPlaced{"object1", test::at(0, 0.1, 0.1), false}));
   EXPECT_TRUE(session->redraw(first.tracked)->edits.empty());
@@ -209,7 +209,7 @@ TEST_F(EditedSession, ARedrawnFrameKeepsTheEditsForTheNextOne) {
 }
 
 // An edit that is replayed gives the frames that it gave, bit for bit.
-TEST_F(EditedSession, ReplayedEditsGiveTheSamePictures) {
+TEST_F(EditedSession, ReplaysEditsToSameFrames) {
   const std::vector<SceneEdit> edits = {
       ObjectPlaced{
           "object2",

@@ -19,13 +19,13 @@ TrackedFrame frame_with(TrackStatus table, TrackStatus wall, double wall_age_s =
   return tracked;
 }
 
-TEST(Silence, HasNothingToShowBeforeTheFirstPicture) {
+TEST(StreamStall, HasNothingToShowBeforeFirstFrame) {
   Silence silence;
   EXPECT_FALSE(silence.holds());
   EXPECT_FALSE(silence.picture(100 * kMs));
 }
 
-TEST(Silence, APoseIsHeldAsWhatItWasAndThenLost) {
+TEST(StreamStall, CoastsPoseThenLosesIt) {
   for (const TrackStatus before : {TrackStatus::tracked, TrackStatus::uncertain}) {
     SCOPED_TRACE(to_string(before));
     Silence silence;
@@ -50,7 +50,7 @@ TEST(Silence, APoseIsHeldAsWhatItWasAndThenLost) {
   }
 }
 
-TEST(Silence, EachGroupFadesFromItsOwnAge) {
+TEST(StreamStall, FadesEachGroupFromItsOwnAge) {
   const double half_s = 0.5 * kHoldSeconds;
   Silence silence;
   silence.saw(frame_with(TrackStatus::tracked, TrackStatus::held, half_s));

@@ -28,7 +28,7 @@ StudyDesign design_of(StudyExperiment experiment, int participant, int samples,
 
 // What a Williams design is for: each treatment at each place, and right after each other one,
 // equally often.
-TEST(StudyPlan, WilliamsDesignIsBalanced) {
+TEST(StudyPlan, BalancesWilliamsDesign) {
   for (int n = 1; n <= 9; ++n) {
     std::map<std::pair<int, int>, int> at_place, after;
     const int rows = williams_rows(n);
@@ -50,7 +50,7 @@ TEST(StudyPlan, WilliamsDesignIsBalanced) {
   }
 }
 
-TEST(StudyPlan, EveryParticipantSeesEverySampleOncePerTechnique) {
+TEST(StudyPlan, AssignsEverySampleOncePerTechnique) {
   std::map<std::pair<int, int>, int> blocks_of_technique;  // technique, block
   for (int participant = 1; participant <= 6; ++participant) {
     const StudyPlan plan = plan_study(
@@ -76,7 +76,7 @@ TEST(StudyPlan, EveryParticipantSeesEverySampleOncePerTechnique) {
   for (const auto& [what, count] : blocks_of_technique) EXPECT_EQ(count, 2);
 }
 
-TEST(StudyPlan, ComesFromSeedAndParticipantAlone) {
+TEST(StudyPlan, DependsOnlyOnSeedAndParticipant) {
   const auto design = design_of(StudyExperiment::heights, 1, 20, {"layered", "walls"});
   const StudyPlan plan = plan_study(design);
   const StudyPlan again = plan_study(design);
@@ -101,7 +101,7 @@ TEST(StudyPlan, ComesFromSeedAndParticipantAlone) {
   EXPECT_EQ(plan.samples[0].places[0], Eigen::Vector3d(0.0295, -0.0641, 0.0832));
 }
 
-TEST(StudyPlan, HeightsHaveOneHighestSphereByTheDifficultysGap) {
+TEST(StudyPlan, SeparatesHighestSphereByDifficultyGap) {
   const StudyPlan plan =
       plan_study(design_of(StudyExperiment::heights, 1, 500, {"layered", "walls"}));
   std::map<int, int> highest;
@@ -136,7 +136,7 @@ TEST(StudyPlan, HeightsHaveOneHighestSphereByTheDifficultysGap) {
   for (int i = 0; i < 3; ++i) EXPECT_NEAR(highest[i], 500.0 / 3.0, 45.0) << i;
 }
 
-TEST(StudyPlan, DragsHaveThreeToFiveTargetsInReach) {
+TEST(StudyPlan, CreatesThreeToFiveReachableDragTargets) {
   const StudyPlan plan = plan_study(design_of(StudyExperiment::drag, 1, 300, {"layered"}));
   std::map<std::size_t, int> counts;
   for (const StudySample& sample : plan.samples) {
@@ -153,7 +153,7 @@ TEST(StudyPlan, DragsHaveThreeToFiveTargetsInReach) {
   EXPECT_EQ(counts.rbegin()->first, 5U);
 }
 
-TEST(StudyPlan, NameHoldsWhatMustAgree) {
+TEST(StudyPlan, NamesStudyByParametersThatMustAgree) {
   auto design = design_of(StudyExperiment::heights, 1, 20, {"layered", "cocl"});
   EXPECT_EQ(study_name(design), "heights-seed7-samples20-layered+cocl");
   design.participant = 5;
@@ -166,7 +166,7 @@ TEST(StudyPlan, NameHoldsWhatMustAgree) {
 }
 
 // Whatever the technique needs is there.
-TEST(StudyScene, HasCastersPlanesWallsAndALight) {
+TEST(StudyScene, HasCastersPlanesWallsAndLight) {
   for (const StudyExperiment experiment : {StudyExperiment::heights, StudyExperiment::drag}) {
     const Scene scene = study_scene(experiment);
     ASSERT_EQ(scene.shadows.size(), 1U);

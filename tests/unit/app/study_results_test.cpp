@@ -20,7 +20,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-TEST(StudyStatistics, MedianAndItsIntervalAreOrderStatistics) {
+TEST(StudyStatistics, ComputesMedianIntervalFromOrderStatistics) {
   EXPECT_FALSE(median_of({}));
   const std::array five = {5.0, 1.0, 4.0, 2.0, 3.0};
   ASSERT_TRUE(median_of(five));
@@ -49,7 +49,7 @@ TEST(StudyStatistics, MedianAndItsIntervalAreOrderStatistics) {
 }
 
 // What it promises, of a skewed distribution as times are.
-TEST(StudyStatistics, IntervalHoldsTheMedianAsOftenAsItSays) {
+TEST(StudyStatistics, CoversMedianAtNominalRate) {
   std::mt19937_64 random(3);
   std::lognormal_distribution<double> times(1.0, 0.8);
   const double truth = std::exp(1.0);
@@ -65,7 +65,7 @@ TEST(StudyStatistics, IntervalHoldsTheMedianAsOftenAsItSays) {
   EXPECT_NEAR(static_cast<double>(held) / kRuns, 0.9586, 0.0130);
 }
 
-TEST(StudyStatistics, ShareHasWilsonsInterval) {
+TEST(StudyStatistics, ComputesWilsonIntervalOfShare) {
   // Newcombe 1998, Statistics in Medicine 17:857, table I: 81/263, 15/148, 0/20, 1/29.
   struct Known {
     int hits, count;
@@ -114,7 +114,7 @@ std::string text_of(const fs::path& file) {
   return {std::istreambuf_iterator<char>(stream), {}};
 }
 
-TEST(StudyRow, IsReadAsItWasWritten) {
+TEST(StudyRow, RoundTripsThroughText) {
   const StudyRow row = row_of(design_of(4), 2, 1, 1.25, false);
   const std::string line = format_study_row(row);
   EXPECT_EQ(line,
@@ -137,7 +137,7 @@ TEST(StudyRow, IsReadAsItWasWritten) {
 }
 
 // As spreadsheets save it.
-TEST(StudyFile, MayBeginWithAByteOrderMark) {
+TEST(StudyFile, AcceptsByteOrderMark) {
   const test::TemporaryFolder folder;
   const fs::path path = folder.path() / "answers.csv";
   const std::string row = format_study_row(row_of(design_of(1), 1, 1, 1.0, true)) + "\n";
@@ -161,7 +161,7 @@ TEST(StudyFile, MayBeginWithAByteOrderMark) {
   }
 }
 
-TEST(StudyFile, KeepsWhatIsThereAndRefusesWhatDoesNotBelong) {
+TEST(StudyFile, KeepsExistingRowsAndRejectsForeignOnes) {
   const test::TemporaryFolder folder;
   const fs::path path = folder.path() / "answers.csv";
   const StudyDesign first = design_of(1);
@@ -201,7 +201,7 @@ TEST(StudyFile, KeepsWhatIsThereAndRefusesWhatDoesNotBelong) {
 }
 
 // Power that fails while a row is written costs that row and no other.
-TEST(StudyFile, LosesOnlyTheLineThatWasCutOff) {
+TEST(StudyFile, LosesOnlyTruncatedLine) {
   const test::TemporaryFolder folder;
   const fs::path path = folder.path() / "answers.csv";
   const StudyDesign design = design_of(1);
@@ -233,7 +233,7 @@ TEST(StudyFile, LosesOnlyTheLineThatWasCutOff) {
   EXPECT_EQ(text_of(path), damaged);
 }
 
-TEST(StudySummary, CountsOnePersonsAnswersOrPersons) {
+TEST(StudySummary, CountsAnswersOfOneParticipantOrParticipants) {
   std::vector<StudyRow> rows;
   for (int i = 0; i < 10; ++i) rows.push_back(row_of(design_of(1), 1, 1, 1.0 + i, i < 8));
   auto summary = summarise(design_of(1), rows);

@@ -62,7 +62,7 @@ class Bench {
 
 constexpr std::int64_t kSecond = 1'000'000'000;
 
-TEST(StudyTask, HeightsAreAnsweredByTheFirstSphereThatIsHit) {
+TEST(StudyTask, RecordsFirstHitSphereAsHeightAnswer) {
   Bench bench(StudyExperiment::heights, {0.0, 0.0, 1.0});
   StudyTask& task = bench.task_;
   // Before it is shown nothing counts.
@@ -109,7 +109,7 @@ TEST(StudyTask, HeightsAreAnsweredByTheFirstSphereThatIsHit) {
       task.plan().design.techniques[static_cast<std::size_t>(task.trial().technique)].kernels);
 }
 
-TEST(StudyTask, DragsAreAnsweredWhereTheBallIsLetGoNearItsTarget) {
+TEST(StudyTask, RecordsDragWhenBallIsReleasedNearTarget) {
   Bench bench(StudyExperiment::drag, {0.1, -0.7, 0.45});
   StudyTask& task = bench.task_;
   bench.begin(0);
@@ -154,7 +154,7 @@ TEST(StudyTask, DragsAreAnsweredWhereTheBallIsLetGoNearItsTarget) {
 }
 
 // Who can't reach the target says so; what stands between eye and ball is no obstacle.
-TEST(StudyTask, AcceptLeavesTheBallAndTheTargetCannotBeTaken) {
+TEST(StudyTask, KeepsBallOnAcceptAndIgnoresTargetPicks) {
   Bench bench(StudyExperiment::drag, {0.1, -0.7, 0.45});
   StudyTask& task = bench.task_;
   bench.begin(0);
@@ -171,7 +171,7 @@ TEST(StudyTask, AcceptLeavesTheBallAndTheTargetCannotBeTaken) {
   EXPECT_EQ(bench.rows_[2].response_time_ns, 0);
 }
 
-TEST(StudyScript, MayBeginWithAByteOrderMark) {
+TEST(StudyScript, AcceptsByteOrderMark) {
   const test::TemporaryFolder folder;
   const auto file = folder.path() / "script.txt";
   const std::string text = "1 1.25 click sphere 2\n";
@@ -187,7 +187,7 @@ TEST(StudyScript, MayBeginWithAByteOrderMark) {
   }
 }
 
-TEST(StudyScript, IsReadWithCommentsAndBlanks) {
+TEST(StudyScript, ReadsCommentsAndBlanks) {
   const auto script = parse_study_script(
       "# a participant\n"
       "1\t1.25  click sphere 2   # the highest\r\n"
@@ -213,7 +213,7 @@ TEST(StudyScript, IsReadWithCommentsAndBlanks) {
   EXPECT_EQ(actions[6].kind, ScriptAction::Kind::accept);
 }
 
-TEST(StudyScript, ErrorsNameTheLine) {
+TEST(StudyScript, NamesLineOfError) {
   const auto refused = [](const std::string& text, const std::string& line,
                           const std::string& what) {
     const auto script = parse_study_script(text, "s.txt");
@@ -242,7 +242,7 @@ TEST(StudyScript, ErrorsNameTheLine) {
 }
 
 // The pixels that a script's places come to, in a window that is larger than the picture.
-TEST(ScriptedParticipant, PointsWhereTheScriptSays) {
+TEST(ScriptedParticipant, PointsAtScriptedPlaces) {
   Bench bench(StudyExperiment::drag, {0.1, -0.7, 0.45});
   bench.begin(0);
   SessionView view;

@@ -37,7 +37,7 @@ TEST(CameraControls, ReportTheValueThatTheDriverGrantsInstead) {
             "focus: the camera gives 250 for 999");
 }
 
-TEST(V4l2Setup, AdvisesWhereNoFormatCanBeRead) {
+TEST(V4l2Setup, AdvisesWhenNoFormatIsReadable) {
   V4l2Format uyvy;
   uyvy.fourcc = V4L2_PIX_FMT_UYVY;
   EXPECT_THAT(no_format_text("/dev/video3", {uyvy}, ""),
@@ -54,7 +54,7 @@ TEST(V4l2Setup, AdvisesLibcameraForMultiPlanarDevices) {
                     HasSubstr("libcamera:0"), HasSubstr("penumbra devices")));
 }
 
-TEST(CameraControls, AreClampedToTheirRangeWithAWarning) {
+TEST(CameraControls, ClampToRangeWithWarning) {
   const GrantedControl exposure = granted_control("exposure", " ms", 500.0, {0.06, 66.7});
   EXPECT_EQ(exposure.value, 66.7);
   EXPECT_EQ(exposure.warning,
@@ -72,7 +72,7 @@ TEST(CameraControls, AreClampedToTheirRangeWithAWarning) {
   }
 }
 
-TEST(V4l2Setup, AdvisesWhereTheUsbBusIsFull) {
+TEST(V4l2Setup, AdvisesWhenUsbBandwidthIsExhausted) {
   const std::string text = v4l2_call_help("/dev/video0", "VIDIOC_STREAMON", ENOSPC);
   EXPECT_THAT(text, HasSubstr("bandwidth"));
   EXPECT_THAT(text, HasSubstr("--format mjpeg"));
@@ -81,7 +81,7 @@ TEST(V4l2Setup, AdvisesWhereTheUsbBusIsFull) {
   EXPECT_EQ(fault_of(ENOSPC), CaptureFault::busy) << "trying again at once would not help";
 }
 
-TEST(V4l2Setup, AdviceFitsTheError) {
+TEST(V4l2Setup, GivesAdviceForEachError) {
   const auto help = [](int error) { return v4l2_call_help("/dev/video0", "VIDIOC_S_FMT", error); };
   EXPECT_THAT(help(EINVAL), HasSubstr("choose another --format or --size"));
   EXPECT_THAT(help(EPIPE), HasSubstr("libcamera"));

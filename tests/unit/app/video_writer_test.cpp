@@ -47,7 +47,7 @@ std::string bytes_of(const fs::path& file) {
   return {std::istreambuf_iterator<char>(stream), std::istreambuf_iterator<char>()};
 }
 
-TEST(VideoWriter, Ffv1GivesEveryPixelAndTimeBack) {
+TEST(VideoWriter, StoresEveryPixelAndTimestampInFfv1) {
   const test::TemporaryFolder folder;
   const fs::path file = folder.path() / "a.mkv";
   const auto pictures = noise(37, 23, 5);
@@ -76,16 +76,18 @@ TEST(VideoWriter, Ffv1GivesEveryPixelAndTimeBack) {
   }
 }
 
-class EveryCodec : public testing::TestWithParam<VideoCodec> {
+class VideoWriterCodec : public testing::TestWithParam<VideoCodec> {
  protected:
   [[nodiscard]] static std::string extension() {
     return GetParam() == VideoCodec::ffv1 ? ".mkv" : ".mp4";
   }
 };
-INSTANTIATE_TEST_SUITE_P(VideoWriter, EveryCodec,
-                         testing::Values(VideoCodec::ffv1, VideoCodec::h264));
+INSTANTIATE_TEST_SUITE_P(Codecs, VideoWriterCodec,
+                         testing::Values(VideoCodec::ffv1, VideoCodec::h264), [](const auto& test) {
+                           return test.param == VideoCodec::ffv1 ? "Ffv1" : "H264";
+                         });
 
-TEST_P(EveryCodec, TheSameFramesGiveTheSameBytes) {
+TEST_P(VideoWriterCodec, WritesSameBytesForSameFrames) {
   const test::TemporaryFolder folder;
   const auto pictures = noise(64, 48, 8);
   std::vector<std::int64_t> times;
@@ -98,7 +100,7 @@ TEST_P(EveryCodec, TheSameFramesGiveTheSameBytes) {
   EXPECT_EQ(bytes_of(first), bytes_of(second));
 }
 
-TEST_P(EveryCodec, FramesOfOneTimeStayApart) {
+TEST_P(VideoWriterCodec, SeparatesFramesWithEqualTimestamps) {
   const test::TemporaryFolder folder;
   const fs::path file = folder.path() / ("a" + extension());
   write_all(file, GetParam(), {32, 32, 1.0 / 30.0}, noise(32, 32, 3), {7, 7, 7});
@@ -108,7 +110,7 @@ TEST_P(EveryCodec, FramesOfOneTimeStayApart) {
   EXPECT_LT(video.pictures[1].time_s, video.pictures[2].time_s);
 }
 
-TEST_P(EveryCodec, WithoutFinishNothingIsLeftAndTheOldFileStays) {
+TEST_P(VideoWriterCodec, KeepsOldFileWithoutFinish) {
   const test::TemporaryFolder folder;
   const fs::path file = folder.path() / ("a" + extension());
   std::ofstream(file) << "old";
@@ -121,7 +123,7 @@ TEST_P(EveryCodec, WithoutFinishNothingIsLeftAndTheOldFileStays) {
   EXPECT_EQ(std::distance(fs::directory_iterator(folder.path()), fs::directory_iterator()), 1);
 }
 
-TEST_P(EveryCodec, SaysBeforeTheWorkThatAPathCannotBeWritten) {
+TEST_P(VideoWriterCodec, RejectsUnwritablePathBeforeEncoding) {
   const test::TemporaryFolder folder;
   const fs::path missing = folder.path() / "no" / ("a" + extension());
   const auto in_no_folder = create_video_writer(missing, GetParam(), {32, 32, 1.0 / 30.0});
@@ -134,7 +136,7 @@ TEST_P(EveryCodec, SaysBeforeTheWorkThatAPathCannotBeWritten) {
   EXPECT_THAT(on_folder.error().message, testing::HasSubstr("is a folder"));
 }
 
-TEST_P(EveryCodec, AVideoOfNoFramesIsAnError) {
+TEST_P(VideoWriterCodec, FailsForVideoWithoutFrames) {
   const test::TemporaryFolder folder;
   auto writer =
       create_video_writer(folder.path() / ("a" + extension()), GetParam(), {32, 32, 1.0 / 30.0});
@@ -149,12 +151,15 @@ struct H264Case {
   double kr, kb;  // luma weights of red and blue
 };
 class H264Colors : public testing::TestWithParam<H264Case> {};
-INSTANTIATE_TEST_SUITE_P(VideoWriter, H264Colors,
+INSTANTIATE_TEST_SUITE_P(Sizes, H264Colors,
                          testing::Values(H264Case{64, 48, AVCOL_SPC_SMPTE170M, 0.299, 0.114},
                                          H264Case{37, 23, AVCOL_SPC_SMPTE170M, 0.299, 0.114},
-                                         H264Case{64, 720, AVCOL_SPC_BT709, 0.2126, 0.0722}));
+                                         H264Case{64, 720, AVCOL_SPC_BT709, 0.2126, 0.0722}),
+                         [](const auto& test) {
+                           return fmt::format("{}x{}", test.param.width, test.param.height);
+                         });
 
-TEST_P(H264Colors, AreTaggedAsTheyAreCoded) {
+TEST_P(H264Colors, MatchColorTagsOfStream) {
   const H264Case& expected = GetParam();
   const test::TemporaryFolder folder;
   const fs::path file = folder.path() / "a.mp4";

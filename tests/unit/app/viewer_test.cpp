@@ -111,7 +111,7 @@ class Host : public ViewerHost {
   std::optional<std::string> trouble;  // of the camera
 };
 
-TEST(Viewer, ShowsEachPictureOnce) {
+TEST(Viewer, PresentsEachFrameOnce) {
   ScriptedWindow window(std::deque<int>{0, kX, 0});
   InterruptWatch interrupt;
   Host host;
@@ -122,7 +122,7 @@ TEST(Viewer, ShowsEachPictureOnce) {
   EXPECT_EQ(viewer.paused_ms(), 0.0);
 }
 
-TEST(Viewer, EscapeAndQClose) {
+TEST(Viewer, ClosesOnEscapeAndQ) {
   for (const int code : {kEscape, kQ}) {
     ScriptedWindow window(std::deque<int>{0, code});
     InterruptWatch interrupt;
@@ -133,7 +133,7 @@ TEST(Viewer, EscapeAndQClose) {
   }
 }
 
-TEST(Viewer, AClosedWindowIsSeen) {
+TEST(Viewer, EndsWhenWindowIsClosed) {
   ScriptedWindow window(std::deque<int>{});
   window.open = false;
   InterruptWatch interrupt;
@@ -142,7 +142,7 @@ TEST(Viewer, AClosedWindowIsSeen) {
   EXPECT_FALSE(viewer.show(interrupt));
 }
 
-TEST(Viewer, SpacePausesUntilSpace) {
+TEST(Viewer, PausesUntilSpaceIsPressedAgain) {
   ScriptedWindow window(std::deque<int>{kSpace, 0, 0, kSpace, 0});
   InterruptWatch interrupt;
   Host host;
@@ -154,7 +154,7 @@ TEST(Viewer, SpacePausesUntilSpace) {
   EXPECT_EQ(window.swaps, 5);
 }
 
-TEST(Viewer, APauseEndsByClosing) {
+TEST(Viewer, EndsPauseOnClose) {
   ScriptedWindow window(std::deque<int>{kSpace, 0, kEscape});
   InterruptWatch interrupt;
   Host host;
@@ -162,7 +162,7 @@ TEST(Viewer, APauseEndsByClosing) {
   EXPECT_FALSE(viewer.show(interrupt));
 }
 
-TEST(Viewer, APauseEndsWithTheRun) {
+TEST(Viewer, EndsPauseWithRun) {
   ScriptedWindow window(std::deque<int>{kSpace, 0, 0});
   InterruptWatch interrupt;
   Host host;
@@ -172,7 +172,7 @@ TEST(Viewer, APauseEndsWithTheRun) {
   EXPECT_EQ(host.presented, 3);
 }
 
-TEST(Viewer, AStepShowsOneMoreAndPausesAgain) {
+TEST(Viewer, PresentsOneFramePerStep) {
   ScriptedWindow window(std::deque<int>{kPeriod, 0, kPeriod, kEscape});
   Host host;
   InterruptWatch interrupt;
@@ -184,7 +184,7 @@ TEST(Viewer, AStepShowsOneMoreAndPausesAgain) {
   EXPECT_FALSE(viewer.show(interrupt));
 }
 
-TEST(Viewer, KeysDoWhatTheHelpSays) {
+TEST(Viewer, ExecutesCommandsOfKeys) {
   ScriptedWindow window(std::deque<int>{'S', 'R', 'F', 300, '3', '0', 'N'});
   Host host;
   InterruptWatch interrupt;
@@ -206,7 +206,7 @@ TEST(Viewer, KeysDoWhatTheHelpSays) {
   EXPECT_EQ(last().style.technique, technique_after(host.style.technique));
 }
 
-TEST(Viewer, KeysChangeOneNodeOrAll) {
+TEST(Viewer, EditsOneNodeOrAllByKey) {
   ScriptedWindow window(std::deque<int>{'G', '3', 'G', 'N', 'G', '1'});
   Host host;
   InterruptWatch interrupt;
@@ -224,7 +224,7 @@ TEST(Viewer, KeysChangeOneNodeOrAll) {
   EXPECT_EQ(last().style.technique, techniques_by_key()[0]);
 }
 
-TEST(Viewer, MGoesThroughTheWaysOfTranslucency) {
+TEST(Viewer, CyclesTranslucencyOnM) {
   std::deque<int> keys(kTranslucencyNames.size(), 'M');
   ScriptedWindow window(keys);
   Host host;
@@ -240,7 +240,7 @@ TEST(Viewer, MGoesThroughTheWaysOfTranslucency) {
   EXPECT_TRUE(host.edits.empty()) << "it is nothing of the scene";
 }
 
-TEST(Viewer, SmoothingIsToggledAndShownInAPauseToo) {
+TEST(Viewer, TogglesSmoothingDuringPause) {
   ScriptedWindow window(std::deque<int>{'J', kSpace, 'J', 0, kSpace});
   Host host;
   InterruptWatch interrupt;
@@ -253,7 +253,7 @@ TEST(Viewer, SmoothingIsToggledAndShownInAPauseToo) {
   EXPECT_TRUE(host.edits.empty()) << "it is nothing of the scene";
 }
 
-TEST(Viewer, WhatIsChangedInAPauseIsDrawnAgainOnce) {
+TEST(Viewer, RedrawsOnceForChangeDuringPause) {
   ScriptedWindow window(std::deque<int>{kSpace, 0, '1', 0, 0, kSpace});
   Host host;
   InterruptWatch interrupt;
@@ -262,7 +262,7 @@ TEST(Viewer, WhatIsChangedInAPauseIsDrawnAgainOnce) {
   EXPECT_EQ(host.redrawn, 1);
 }
 
-TEST(Viewer, TheMouseDragsAnObjectWhereverTheWindowLetterboxesIt) {
+TEST(Viewer, DragsObjectByMouseInLetterboxedWindow) {
   test::SceneBuilder builder;
   builder.add(test::finished(make_box({0.2F, 0.2F, 0.2F}), glm::vec4(1.0F)),
               test::at(0.0, 0.0, 0.1));
@@ -296,7 +296,7 @@ TEST(Viewer, TheMouseDragsAnObjectWhereverTheWindowLetterboxesIt) {
 }
 
 // Only where it is asked for: a pointer that passes changes no picture.
-TEST(Viewer, TheCursorFollowsThePointerWhereItIsAskedFor) {
+TEST(Viewer, MovesCursorWithPointerOnlyWhenEnabled) {
   test::SceneBuilder builder;
   builder.add(test::finished(make_box({0.02F, 0.02F, 0.02F}), glm::vec4(1.0F)),
               test::at(0.0, 0.0, 0.1));
@@ -349,7 +349,7 @@ class ViewerWithHud : public testing::Test {
   InterruptWatch interrupt;
 };
 
-TEST_F(ViewerWithHud, HiddenItIsNotDrawn) {
+TEST_F(ViewerWithHud, DrawsNothingWhenHidden) {
   ScriptedWindow window(std::deque<int>{0, kX, 'H', 'D', 'H', 0});
   window.size = {640, 480};
   ViewerOptions options;
@@ -367,7 +367,7 @@ TEST_F(ViewerWithHud, HiddenItIsNotDrawn) {
 }
 
 // Also a clean picture may not stand still as if it were live.
-TEST_F(ViewerWithHud, HiddenItStillSaysWhatMustBeKnown) {
+TEST_F(ViewerWithHud, DrawsWarningsWhenHidden) {
   ScriptedWindow window(std::deque<int>{0, 0});
   window.size = {640, 480};
   ViewerOptions options;
@@ -389,7 +389,7 @@ TEST_F(ViewerWithHud, HiddenItStillSaysWhatMustBeKnown) {
   EXPECT_EQ(host.hud_drawings, 0);
 }
 
-TEST_F(ViewerWithHud, ATouchInTheCornerBringsItBack) {
+TEST_F(ViewerWithHud, ReappearsOnTouchInCorner) {
   ScriptedWindow window(
       std::deque<WindowEvent>{pointer(WindowEvent::Kind::button_down, 10.0, 10.0)});
   window.size = {640, 480};
@@ -401,7 +401,7 @@ TEST_F(ViewerWithHud, ATouchInTheCornerBringsItBack) {
 }
 
 // An object that lies under a button is not taken by a click on the button.
-TEST_F(ViewerWithHud, AClickOnItDoesNotReachThePicture) {
+TEST_F(ViewerWithHud, ConsumesClicksOnItsButtons) {
   test::SceneBuilder builder;
   builder.add(test::finished(make_box({2.0F, 2.0F, 0.1F}), glm::vec4(1.0F)), test::at(0, 0, 0));
   const Scene& scene = builder.scene();

@@ -91,7 +91,7 @@ class WithProgress : public testing::Test {
   }
 };
 
-TEST_F(WithProgress, ABarOnATerminalCountsAndIsTakenAway) {
+TEST_F(WithProgress, DrawsAndErasesBarOnTerminal) {
   int ours = -1;
   int theirs = -1;
   ASSERT_EQ(openpty(&ours, &theirs, nullptr, nullptr, nullptr), 0);
@@ -114,7 +114,7 @@ TEST_F(WithProgress, ABarOnATerminalCountsAndIsTakenAway) {
   EXPECT_THAT(text, EndsWith("\r\033[K"));
 }
 
-TEST_F(WithProgress, NoBarWhereWorkIsShort) {
+TEST_F(WithProgress, DrawsNoBarForShortWork) {
   int ours = -1;
   int theirs = -1;
   ASSERT_EQ(openpty(&ours, &theirs, nullptr, nullptr, nullptr), 0);
@@ -123,7 +123,7 @@ TEST_F(WithProgress, NoBarWhereWorkIsShort) {
   EXPECT_EQ(error.finish(), "");
 }
 
-TEST_F(WithProgress, NothingInAPipe) {
+TEST_F(WithProgress, WritesNothingToPipe) {
   std::array<int, 2> ends{};
   ASSERT_EQ(pipe(ends.data()), 0);
   CapturedError error(ends[0], ends[1]);

@@ -151,7 +151,7 @@ TEST(CameraCalibrator, FreesSurplusPicturesOfLongSweep) {
   EXPECT_LT(projection_difference(camera, found->solution.camera).mean_px, 2.0);
 }
 
-TEST(ToldLeftOut, IsOneOfManyWithTheSameReason) {
+TEST(ReportedRejections, ListOneImagePerRepeatedReason) {
   std::vector<CalibrationPicture> pictures(8);
   pictures[1].reason = LeftOut::blurred;
   for (const std::size_t i : {2U, 4U, 5U}) pictures[i].reason = LeftOut::surplus;
@@ -164,7 +164,7 @@ TEST(ToldLeftOut, IsOneOfManyWithTheSameReason) {
 }
 
 // Black squares of another size than the file says, and what only looks so.
-TEST(OtherSize, IsWhatGrowsWithTheTagsInThePicture) {
+TEST(TagSizeMismatch, IsFoundFromShiftsThatGrowWithTagSize) {
   std::mt19937 rng(3);
   std::normal_distribution<double> noise(0.0, 0.02);
   std::uniform_real_distribution<double> size(25.0, 70.0);
@@ -191,7 +191,7 @@ TEST(OtherSize, IsWhatGrowsWithTheTagsInThePicture) {
   EXPECT_FALSE(other_size(std::vector<double>(20, std::nan("")), std::vector<double>(20, 0.5)));
 }
 
-TEST(ProjectionDifference, SaysWhatItCouldNotCompare) {
+TEST(ProjectionDifference, ReportsShareItCouldNotCompare) {
   const CameraModel camera = test::desk_camera();
   EXPECT_EQ(projection_difference(camera, camera).skipped, 0.0);
   CameraParameters p = camera.parameters();
@@ -203,7 +203,7 @@ TEST(ProjectionDifference, SaysWhatItCouldNotCompare) {
 }
 
 // OpenCV reads what is written for it, to the last digit.
-TEST(CameraFile, OpenCvReadsTheSameNumbers) {
+TEST(CameraFile, IsReadByOpenCvWithSameNumbers) {
   const test::TemporaryFolder folder;
   for (const CameraModel& camera : {test::desk_camera(), test::wide_lens()}) {
     const auto file = folder.path() / "camera.yml";
@@ -237,7 +237,7 @@ TEST(CameraFile, OpenCvReadsTheSameNumbers) {
   }
 }
 
-TEST(CameraFile, LeavesOutWhatIsNoNumber) {
+TEST(CameraFile, OmitsNonFiniteValues) {
   const test::TemporaryFolder folder;
   const auto file = folder.path() / "camera.yaml";
   CalibrationRecord record;

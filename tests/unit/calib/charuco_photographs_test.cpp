@@ -44,7 +44,7 @@ Result<CameraCalibration> calibrate_from(const CharucoBoard& board) {
 }
 
 // Markers of another size are found all the same.
-TEST(CharucoPhotographs, AMarkerOfAnotherSizeThanTheFileSaysIsTold) {
+TEST(CharucoPhotographs, ReportMarkerSizeThatDiffersFromFile) {
   if (test::shared_dir().empty()) GTEST_SKIP() << "no photographs beside the checkout";
   for (const double share : {0.68, 0.82}) {
     CharucoBoard board = photographed_board();
@@ -58,7 +58,7 @@ TEST(CharucoPhotographs, AMarkerOfAnotherSizeThanTheFileSaysIsTold) {
   }
 }
 
-TEST(CharucoPhotographs, AreCalibratedFrom) {
+TEST(CharucoPhotographs, YieldCalibration) {
   if (test::shared_dir().empty()) GTEST_SKIP() << "no photographs beside the checkout";
   const auto result = calibrate_from(photographed_board());
   ASSERT_TRUE(result) << result.error().message;

@@ -16,7 +16,7 @@ namespace {
 
 using testing::HasSubstr;
 
-TEST(IntrinsicsSolver, FindsAWebcamWithoutAStart) {
+TEST(IntrinsicsSolver, CalibratesWebcamWithoutInitialGuess) {
   std::mt19937 rng(1);
   const CameraModel truth = test::desk_camera();
   const auto board = test::flat_board();
@@ -28,7 +28,7 @@ TEST(IntrinsicsSolver, FindsAWebcamWithoutAStart) {
   EXPECT_NEAR(solved->camera.parameters().fx, 531.7, 1e-3);
 }
 
-TEST(IntrinsicsSolver, FindsAWideLensWithoutAStart) {
+TEST(IntrinsicsSolver, CalibratesFisheyeWithoutInitialGuess) {
   std::mt19937 rng(2);
   const CameraModel truth = test::wide_lens();
   const auto board = test::flat_board();
@@ -40,7 +40,7 @@ TEST(IntrinsicsSolver, FindsAWideLensWithoutAStart) {
   EXPECT_LT(projection_difference(truth, solved->camera).mean_px, 1e-3);
 }
 
-TEST(IntrinsicsSolver, LeavesOutCornersThatAreWrong) {
+TEST(IntrinsicsSolver, RejectsOutlierCorners) {
   std::mt19937 rng(3);
   const CameraModel truth = test::desk_camera();
   const auto board = test::flat_board();
@@ -61,7 +61,7 @@ TEST(IntrinsicsSolver, LeavesOutCornersThatAreWrong) {
   EXPECT_GT(projection_difference(truth, spoilt->camera).mean_px, 0.2) << "they do spoil it";
 }
 
-TEST(IntrinsicsSolver, FindsTheBowOfABoard) {
+TEST(IntrinsicsSolver, EstimatesBoardWarp) {
   std::mt19937 rng(4);
   const CameraModel truth = test::desk_camera();
   const auto board = test::flat_board();
@@ -111,7 +111,7 @@ double error_with(BoardShape shape,
   return sum;
 }
 
-TEST(IntrinsicsSolver, ABoardOfItsOwnMendsWavesAndLeavesTheLensToATrueBoard) {
+TEST(IntrinsicsSolver, CorrectsWavyBoardWithoutHarmingFlatOne) {
   const auto waves = [](Eigen::Vector3d& p, std::mt19937& rng) {
     std::normal_distribution<double> print(0.0, 2e-5);
     p += Eigen::Vector3d(print(rng), print(rng),
@@ -129,7 +129,7 @@ TEST(IntrinsicsSolver, ABoardOfItsOwnMendsWavesAndLeavesTheLensToATrueBoard) {
 
 // The size of a chessboard's squares is no part of the lens: a wrong one makes all distances wrong
 // by as much, and nothing in the views can tell.
-TEST(IntrinsicsSolver, TheLensDoesNotHangOnTheSizeOfTheSquares) {
+TEST(IntrinsicsSolver, KeepsLensIndependentOfSquareSize) {
   std::mt19937 rng(7);
   const auto board = test::flat_board();
   auto twice = board;
@@ -144,7 +144,7 @@ TEST(IntrinsicsSolver, TheLensDoesNotHangOnTheSizeOfTheSquares) {
               2.0, 1e-4);
 }
 
-TEST(IntrinsicsSolver, LensJacobianIsThatOfCentralDifferences) {
+TEST(IntrinsicsSolver, MatchesLensJacobianToCentralDifferences) {
   for (const CameraModel& camera : {test::desk_camera(), test::wide_lens()}) {
     const CameraParameters& p = camera.parameters();
     const int count = 4 + coefficient_count(p.model);
@@ -166,7 +166,7 @@ TEST(IntrinsicsSolver, LensJacobianIsThatOfCentralDifferences) {
   }
 }
 
-TEST(IntrinsicsSolver, SaysWhatTwoViewsLack) {
+TEST(IntrinsicsSolver, RejectsTwoViewsWithReason) {
   std::mt19937 rng(5);
   const auto board = test::flat_board();
   const auto views = test::simulate_views(test::desk_camera(), board, {.views = 2}, rng);
@@ -176,7 +176,7 @@ TEST(IntrinsicsSolver, SaysWhatTwoViewsLack) {
 }
 
 // Short form of the stress test: true projections lie where the covariance says they may.
-TEST(IntrinsicsSolver, UncertaintyHoldsWhatItPromises) {
+TEST(IntrinsicsSolver, PredictsUncertaintyConsistentWithErrors) {
   const CameraModel truth = test::desk_camera();
   const auto board = test::flat_board();
   int inside = 0;

@@ -29,7 +29,7 @@ CameraModel lens(DistortionModel model, double f, std::array<double, 8> distorti
   return CameraModel::make(p).value();
 }
 
-TEST(FoldInImage, IsWhereTheLensStopsGrowing) {
+TEST(NonMonotonicDistortion, IsLocatedWhereRadiusStopsGrowing) {
   EXPECT_FALSE(fold_in_image(test::desk_camera()));
   EXPECT_FALSE(fold_in_image(test::wide_lens()));
   // r (1 - r^2 / 3) grows up to r = 1, which is 2/3: 133 px at f = 200. The picture's upper and
@@ -50,7 +50,7 @@ TEST(FoldInImage, IsWhereTheLensStopsGrowing) {
   EXPECT_FALSE(fold_in_image(lens(DistortionModel::fisheye, 150.0, {})));
 }
 
-TEST(UncertaintyMap, IsNotBoundedForALensThatFolds) {
+TEST(UncertaintyMap, IsUnboundedForNonMonotonicLens) {
   const CameraModel folds = lens(DistortionModel::plumb_bob, 450.0, {-1.0 / 3.0});
   const Eigen::MatrixXd tiny = 1e-12 * Eigen::MatrixXd::Identity(9, 9);
   EXPECT_LT(uncertainty_map(test::desk_camera(), tiny).largest_px, 0.1);
@@ -80,7 +80,7 @@ Chosen choose(const CameraModel& truth, const test::ViewOptions& options, unsign
   return {std::move(chosen), std::move(trials)};
 }
 
-TEST(LensChoice, TakesTheSimplestLensThatExplainsTheViews) {
+TEST(LensChoice, ChoosesSimplestLensThatExplainsViews) {
   const test::ViewOptions few = {.views = 8, .noise_px = 0.15};
   const Chosen plain =
       choose(lens(DistortionModel::plumb_bob, 531.7, {-0.215, 0.062, 0.0008, -0.0006}), few, 21);
@@ -95,7 +95,7 @@ TEST(LensChoice, TakesTheSimplestLensThatExplainsTheViews) {
   EXPECT_FALSE(strong.lens->without_k3);
 }
 
-TEST(LensChoice, TakesAFisheyeLensWhereTheViewsNeedIt) {
+TEST(LensChoice, ChoosesFisheyeWhenViewsNeedIt) {
   const Chosen wide =
       choose(test::wide_lens(), {.views = 20, .noise_px = 0.1, .distance_m = 0.15}, 23);
   ASSERT_TRUE(wide.lens) << wide.lens.error().message;
@@ -103,7 +103,7 @@ TEST(LensChoice, TakesAFisheyeLensWhereTheViewsNeedIt) {
 }
 
 // Few, noisy views in the middle of the image: far out the coefficients may say anything.
-TEST(LensChoice, NeverTakesALensThatFoldsInTheImage) {
+TEST(LensChoice, NeverChoosesNonMonotonicLens) {
   int refused = 0;
   for (unsigned seed = 0; seed < 12; ++seed) {
     std::mt19937 rng(300 + seed);
@@ -143,7 +143,7 @@ TEST(LensChoice, NeverTakesALensThatFoldsInTheImage) {
 
 // Seen in the corners: what a lens with too few freedoms calls outliers there is not left out, and
 // a rational lens seldom folds there.
-TEST(LensChoice, FarCornersAreNoOutliersWhereALensExplainsThem) {
+TEST(LensChoice, KeepsFarCornersThatRicherLensExplains) {
   const CameraModel truth = test::rational_lens();
   int found = 0;
   for (unsigned seed = 24; seed < 29; ++seed) {
@@ -161,7 +161,7 @@ TEST(LensChoice, FarCornersAreNoOutliersWhereALensExplainsThem) {
   EXPECT_GE(found, 4);
 }
 
-TEST(LensChoice, CornersThatAreWrongAreLeftOutForEveryLens) {
+TEST(LensChoice, RejectsOutlierCornersForEveryLens) {
   std::mt19937 rng(25);
   const auto board = test::flat_board();
   auto views = test::simulate_views(test::desk_camera(), board, {.noise_px = 0.05}, rng);
@@ -214,7 +214,7 @@ CameraCalibration sure_of_itself() {
   return c;
 }
 
-TEST(Verdict, IsPoorWhereALensThatFoldsExplainsMore) {
+TEST(CalibrationVerdict, IsPoorWhenNonMonotonicLensFitsBetter) {
   CameraCalibration c = sure_of_itself();
   judge(c);
   ASSERT_EQ(c.grade, CalibrationGrade::good) << c.verdict;
@@ -235,7 +235,7 @@ TEST(Verdict, IsPoorWhereALensThatFoldsExplainsMore) {
   EXPECT_EQ(c.grade, CalibrationGrade::good) << c.verdict;
 }
 
-TEST(Verdict, KnowsNoMoreThanLensesThatExplainTheViewsAlike) {
+TEST(CalibrationVerdict, IncludesSpreadOfEquallyGoodLenses) {
   CameraCalibration c = sure_of_itself();
   ModelTrial other = c.trials.front();
   other.chosen = false;
@@ -253,7 +253,7 @@ TEST(Verdict, KnowsNoMoreThanLensesThatExplainTheViewsAlike) {
 }
 
 // Where the projection is known nowhere, a person is told what to do all the same.
-TEST(Verdict, SaysWhatToDoAlsoWhereNothingIsKnown) {
+TEST(CalibrationVerdict, GivesAdviceWhenProjectionIsUnknown) {
   CameraCalibration c = sure_of_itself();
   c.solution.covariance = std::numeric_limits<double>::infinity() * Eigen::MatrixXd::Ones(9, 9);
   judge(c);
@@ -262,7 +262,7 @@ TEST(Verdict, SaysWhatToDoAlsoWhereNothingIsKnown) {
   EXPECT_THAT(c.verdict, HasSubstr("take more views"));
 }
 
-TEST(Verdict, IsNotLedByWhatARivalGuessesWhereNothingWasSeen) {
+TEST(CalibrationVerdict, LimitsRivalDifferencesOutsideSeenArea) {
   CameraCalibration c = sure_of_itself();
   ModelTrial other = c.trials.front();
   other.chosen = false;
@@ -286,7 +286,7 @@ TEST(Verdict, IsNotLedByWhatARivalGuessesWhereNothingWasSeen) {
 }
 
 // Two lenses may cross where nothing was seen: that they agree there says nothing.
-TEST(Verdict, KnowsNothingBetterWhereTwoGuessesMeet) {
+TEST(CalibrationVerdict, KeepsUncertaintyWhereRivalLensesCross) {
   CameraCalibration c = sure_of_itself();
   ModelTrial other = c.trials.front();
   other.chosen = false;
@@ -312,7 +312,7 @@ TEST(Verdict, KnowsNothingBetterWhereTwoGuessesMeet) {
   }
 }
 
-TEST(Verdict, SaysWhatToDoNext) {
+TEST(CalibrationVerdict, AdvisesNextViews) {
   // Too little tilt, nearly enough of it.
   CameraCalibration c = sure_of_itself();
   c.solution.views[0].T_board_camera = tilted(39.9);

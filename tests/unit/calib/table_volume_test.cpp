@@ -31,7 +31,7 @@ double worst(const Eigen::Matrix2d& squares) {
   return std::sqrt(Eigen::SelfAdjointEigenSolver<Eigen::Matrix2d>(squares).eigenvalues()[1]);
 }
 
-TEST(TableVolume, IsWhatWrongLensesDoToTheCube) {
+TEST(TableVolume, MatchesCubeErrorOfPerturbedLenses) {
   std::mt19937 rng(3);
   const CameraModel truth = test::desk_camera();
   const auto board = test::flat_board();
@@ -91,7 +91,7 @@ TEST(TableVolume, IsWhatWrongLensesDoToTheCube) {
   EXPECT_GT(volume->largest_tracked_px(), 0.0);
 }
 
-TEST(TableVolume, IsNothingWhereTheCubeIsNeverWhole) {
+TEST(TableVolume, IsEmptyWhenCubeNeverFitsImage) {
   CameraParameters p = test::desk_camera().parameters();
   p.fx *= 40.0;
   p.fy *= 40.0;

@@ -71,7 +71,7 @@ class TagEdges : public testing::Test {
   }
 };
 
-TEST_F(TagEdges, AreWhereTheyArePrinted) {
+TEST_F(TagEdges, MatchPrintedPositions) {
   PatternRenderOptions render;
   render.noise_grey = 2.0;
   const Errors errors = measure(render);
@@ -81,7 +81,7 @@ TEST_F(TagEdges, AreWhereTheyArePrinted) {
   EXPECT_NEAR(errors.shift.norm(), 0.0, 0.02);
 }
 
-TEST_F(TagEdges, AToneCurveMovesEdgesAndNoCorners) {
+TEST_F(TagEdges, ShiftWithCameraResponseButKeepCorners) {
   PatternRenderOptions render;
   render.noise_grey = 2.0;
   render.gamma = 2.2;
@@ -92,7 +92,7 @@ TEST_F(TagEdges, AToneCurveMovesEdgesAndNoCorners) {
   EXPECT_NEAR(errors.size_px, 0.0, 0.015);
 }
 
-TEST_F(TagEdges, NoisePassesIntoTheCovariance) {
+TEST_F(TagEdges, PropagateNoiseToCovariance) {
   PatternRenderOptions render;
   render.noise_grey = 12.0;
   const Errors errors = measure(render);
@@ -101,7 +101,7 @@ TEST_F(TagEdges, NoisePassesIntoTheCovariance) {
   EXPECT_LT(errors.chi2, 3.0);
 }
 
-TEST_F(TagEdges, NarrowCellsAndHiddenTagsGiveNothing) {
+TEST_F(TagEdges, AreNotMeasuredOnNarrowCellsOrHiddenTags) {
   EXPECT_EQ(measure({}, 3.2).tags, 0);
   PatternRenderOptions hidden;
   hidden.cover_share = 0.6;

@@ -66,14 +66,14 @@ class TagSurveyTest : public testing::Test {
   }();
 };
 
-TEST_F(TagSurveyTest, FindsTheShiftThatAToneCurveMakes) {
+TEST_F(TagSurveyTest, EstimatesEdgeShiftOfCameraResponse) {
   const auto survey = survey_tags(camera_, sweep(camera_, board_, 0.2), options_);
   ASSERT_TRUE(survey) << survey.error().message;
   EXPECT_NEAR(survey->edge_shift_px, 0.2, 0.05);
   EXPECT_NEAR(pitch(*survey), 0.08, 1e-4);
 }
 
-TEST_F(TagSurveyTest, BelievesNoShiftThatIsTooLargeForOne) {
+TEST_F(TagSurveyTest, RejectsImplausiblyLargeEdgeShift) {
   const auto survey = survey_tags(camera_, sweep(camera_, board_, 1.2), options_);
   ASSERT_TRUE(survey) << survey.error().message;
   EXPECT_EQ(survey->edge_shift_px, 0.0);
@@ -112,7 +112,7 @@ std::vector<GreyImage> pictures_of(const CameraModel& camera, const std::vector<
   return pictures;
 }
 
-TEST_F(TagSurveyTest, EdgesTakeTheToneCurveOutOfTheMap) {
+TEST_F(TagSurveyTest, RemovesCameraResponseBiasByEdges) {
   const auto pictures = pictures_of(camera_, board_, 12, 1);
   const auto survey = survey_pictures(camera_, board_, pictures, options_);
   ASSERT_TRUE(survey) << survey.error().message;
@@ -133,7 +133,7 @@ TEST_F(TagSurveyTest, EdgesTakeTheToneCurveOutOfTheMap) {
   EXPECT_GT(squares / count, 0.01) << "its covariance says nothing";
 }
 
-TEST_F(TagSurveyTest, SolvesForTheLensWhenAsked) {
+TEST_F(TagSurveyTest, RefinesCameraWhenRequested) {
   CameraParameters off = camera_.parameters();
   off.fx *= 1.02;
   off.fy *= 1.02;
@@ -157,7 +157,7 @@ TEST_F(TagSurveyTest, SolvesForTheLensWhenAsked) {
 }
 
 // The anchor is a tag that lies on a pencil; one of the others stands upright.
-TEST_F(TagSurveyTest, TheTableIsWhereMostTagsLie) {
+TEST_F(TagSurveyTest, FitsTablePlaneToMostTags) {
   const Eigen::Quaterniond tilted(
       Eigen::AngleAxisd(radians(3.0), Eigen::Vector3d(1.0, 1.0, 0.0).normalized()));
   board_[0].T_table_tag = {tilted,
@@ -191,7 +191,7 @@ TEST_F(TagSurveyTest, TheTableIsWhereMostTagsLie) {
 
 // Whose size is not what is said of it: it is left out and named with the size that it seems to
 // have; the others are where they are without it.
-TEST_F(TagSurveyTest, NamesATagOfAnotherSize) {
+TEST_F(TagSurveyTest, RejectsAndNamesTagOfWrongSize) {
   for (const double factor : {0.5, 0.9, 1.5, 3.0}) {
     SCOPED_TRACE(factor);
     auto board = board_;
@@ -222,7 +222,7 @@ TEST_F(TagSurveyTest, NamesATagOfAnotherSize) {
   }
 }
 
-TEST_F(TagSurveyTest, NamesTheAnchorWhereItIsTheOneThatDoesNotFit) {
+TEST_F(TagSurveyTest, NamesAnchorThatDoesNotFit) {
   board_[0].size_m *= 1.4;
   const auto survey = survey_tags(camera_, sweep(camera_, board_, 0.0), options_);
   ASSERT_FALSE(survey);
@@ -230,7 +230,7 @@ TEST_F(TagSurveyTest, NamesTheAnchorWhereItIsTheOneThatDoesNotFit) {
               testing::StartsWith("the anchor, tag 0: looks 84.0 mm in size, where 60.0 mm"));
 }
 
-TEST_F(TagSurveyTest, TellsTheSizeOfATagThatHasNone) {
+TEST_F(TagSurveyTest, ReportsSizeOfTagWithoutGivenSize) {
   options_.tag_size_m.reset();
   for (int id = 0; id < 5; ++id) options_.sizes_m[id] = 0.06;
   board_[5].size_m = 0.045;
@@ -243,7 +243,7 @@ TEST_F(TagSurveyTest, TellsTheSizeOfATagThatHasNone) {
 }
 
 // Pushed by a hand during the sweep, early or late.
-TEST_F(TagSurveyTest, NamesATagThatMoved) {
+TEST_F(TagSurveyTest, RejectsAndNamesMovedTag) {
   for (const std::size_t when : {std::size_t{3}, std::size_t{6}, std::size_t{9}}) {
     for (const int id : {3, 0}) {  // 0 is the anchor
       SCOPED_TRACE(fmt::format("tag {} at {}", id, when));
@@ -272,7 +272,7 @@ TEST_F(TagSurveyTest, NamesATagThatMoved) {
 }
 
 // Pictures in which a hand hides a tag, or half of it: they are not counted for it.
-TEST_F(TagSurveyTest, CountsOnlyFramesThatSayWhereATagIs) {
+TEST_F(TagSurveyTest, CountsOnlyInlierFramesOfTag) {
   auto frames = sweep(camera_, board_, 0.0);
   for (const std::size_t f : {2U, 7U}) {
     for (Eigen::Vector2d& corner : frames[f].tags[2].corners_px)
@@ -288,7 +288,7 @@ TEST_F(TagSurveyTest, CountsOnlyFramesThatSayWhereATagIs) {
 // Errors as the survey takes them to be: corners by their covariance, and of each tag one error
 // along its edges that all frames have in common. Where tags then are scatters as their covariance
 // says: over many surveys the squares of the normalised errors are chi-square distributed.
-TEST_F(TagSurveyTest, CovarianceIsWhatErrorsAre) {
+TEST_F(TagSurveyTest, PredictsCovarianceConsistentWithErrors) {
   constexpr int kSurveys = 60;
   constexpr double kNoise = 0.08;    // [px], of a coordinate
   constexpr double kCommon = 0.025;  // [px]
@@ -347,7 +347,7 @@ TEST_F(TagSurveyTest, CovarianceIsWhatErrorsAre) {
   }
 }
 
-TEST_F(TagSurveyTest, LeavesTheShiftOutWhenAsked) {
+TEST_F(TagSurveyTest, OmitsEdgeShiftWhenDisabled) {
   options_.edge_shift = false;
   const auto survey = survey_tags(camera_, sweep(camera_, board_, 0.0), options_);
   ASSERT_TRUE(survey) << survey.error().message;

@@ -67,11 +67,11 @@ void expect_true_scale(const TagBoard& board, const PageSize& page) {
     EXPECT_LT((difference - offset).norm(), 1e-4) << "0.1 mm";
 }
 
-TEST(TargetSheet, IsPrintedAtTrueScale) {
+TEST(TargetSheet, PrintsAtTrueScale) {
   expect_true_scale(TagBoard{}, page_size_from_string("a4").value());
 }
 
-TEST(TargetSheet, AnyPageFamilyAndLayout) {
+TEST(TargetSheet, PrintsAnyPageFamilyAndLayoutAtTrueScale) {
   expect_true_scale({TagFamily::tag36h11, 100, 2, 5, 0.03, 0.04},
                     page_size_from_string("letter").value());
   expect_true_scale({TagFamily::tag25h9, 3, 3, 2, 0.035, 0.05},
@@ -100,10 +100,10 @@ SheetInHand printed(const SheetTarget& sheet, const PageSize& page) {
   return hand;
 }
 
-class EverySheet : public testing::TestWithParam<std::pair<SheetTarget, const char*>> {};
+class PrintedSheet : public testing::TestWithParam<std::pair<SheetTarget, const char*>> {};
 
 // Nothing is scaled to fit: place and turn of the page are the only freedoms.
-TEST_P(EverySheet, IsWhatItsFileSays) {
+TEST_P(PrintedSheet, MatchesItsTargetFile) {
   const SheetInHand hand =
       printed(GetParam().first, page_size_from_string(GetParam().second).value());
   EXPECT_EQ(hand.view.problem, "");
@@ -128,7 +128,7 @@ TEST_P(EverySheet, IsWhatItsFileSays) {
 }
 
 INSTANTIATE_TEST_SUITE_P(
-    Kinds, EverySheet,
+    Kinds, PrintedSheet,
     testing::Values(std::pair<SheetTarget, const char*>{TagBoard{}, "a4"},
                     std::pair<SheetTarget, const char*>{AprilGrid{6, 5, 0.026, 0.25}, "a4"},
                     std::pair<SheetTarget, const char*>{AprilGrid{}, "a3"},
@@ -140,10 +140,15 @@ INSTANTIATE_TEST_SUITE_P(
                     std::pair<SheetTarget, const char*>{
                         TagBoard{TagFamily::tag36h11, 0, 1, 1, 0.04, 0.055}, "80x120"},
                     std::pair<SheetTarget, const char*>{ChessboardSheet{}, "a4"},
-                    std::pair<SheetTarget, const char*>{ChessboardSheet{7, 9, 0.018}, "letter"}));
+                    std::pair<SheetTarget, const char*>{ChessboardSheet{7, 9, 0.018}, "letter"}),
+    [](const auto& test) {
+      return std::vector<std::string>({"TagBoard", "AprilGrid", "CharucoBoard", "Chessboard"})
+                 .at(test.param.first.index()) +
+             "_" + test.param.second;
+    });
 
 // The ruler's two ends are the first and last ink of the longest dark row below the board.
-TEST_P(EverySheet, HasARulerOfAHundredMillimetres) {
+TEST_P(PrintedSheet, HasRulerOfHundredMillimetres) {
   const SheetInHand hand =
       printed(GetParam().first, page_size_from_string(GetParam().second).value());
   std::vector<std::uint8_t> scratch;
@@ -190,7 +195,7 @@ double density_of(const std::filesystem::path& png) {
   return density;
 }
 
-TEST_P(EverySheet, IsWrittenAsPngAtTrueScale) {
+TEST_P(PrintedSheet, IsWrittenAsPngAtTrueScale) {
   const auto& [sheet, page_name] = GetParam();
   const test::TemporaryFolder folder;
   const auto png = folder.path() / "sheet.png";
@@ -209,7 +214,7 @@ TEST_P(EverySheet, IsWrittenAsPngAtTrueScale) {
   }
 }
 
-TEST_P(EverySheet, IsWrittenAsSvgOfThePagesSize) {
+TEST_P(PrintedSheet, IsWrittenAsSvgOfPageSize) {
   const auto& [sheet, page_name] = GetParam();
   const test::TemporaryFolder folder;
   const auto svg = folder.path() / "sheet.svg";
@@ -231,7 +236,7 @@ TEST_P(EverySheet, IsWrittenAsSvgOfThePagesSize) {
   EXPECT_NEAR(std::min(width, height), std::min(page.width_m, page.height_m), 1e-5);
 }
 
-TEST_P(EverySheet, HasATitle) {
+TEST_P(PrintedSheet, HasTitle) {
   const test::TemporaryFolder folder;
   const auto pdf = folder.path() / "sheet.pdf";
   ASSERT_TRUE(write_sheet(pdf, GetParam().first, page_size_from_string(GetParam().second).value()));
@@ -271,16 +276,16 @@ void expect_axes(const SheetTarget& target, double x_mark_m, double y_mark_m, do
   }
 }
 
-TEST(TargetSheet, MarksItsAxesOnTheEdges) {
+TEST(TargetSheet, MarksAxesOnEdges) {
   expect_axes(TagBoard{}, 0.1100, 0.0825, 0.0010);  // 215 x 160 mm with its white margins
 }
 
 // 2 mm are left between the board and the page's margin.
-TEST(TargetSheet, MarksTheAxesOfACharucoBoard) {
+TEST(TargetSheet, MarksAxesOfCharucoBoard) {
   expect_axes(CharucoBoard{}, 0.1225, 0.0920, 0.0007);  // 240 x 180 mm
 }
 
-TEST(TargetSheet, FormatIsThatOfTheExtension) {
+TEST(TargetSheet, ChoosesFormatByExtension) {
   EXPECT_EQ(sheet_format_of("a.pdf").value(), SheetFormat::pdf);
   EXPECT_EQ(sheet_format_of("a.PNG").value(), SheetFormat::png);
   EXPECT_EQ(sheet_format_of("b/a.svg").value(), SheetFormat::svg);
@@ -288,7 +293,7 @@ TEST(TargetSheet, FormatIsThatOfTheExtension) {
   EXPECT_THAT(sheet_format_of("a.jpg").error().message, HasSubstr(".pdf, .svg or .png"));
 }
 
-TEST(TargetSheet, RefusesAPngThatIsTooLarge) {
+TEST(TargetSheet, RejectsTooLargePng) {
   const test::TemporaryFolder folder;
   const auto png = folder.path() / "sheet.png";
   const auto written = write_sheet(png, TagBoard{}, {5.0, 5.0}, SheetFormat::png);
@@ -298,7 +303,7 @@ TEST(TargetSheet, RefusesAPngThatIsTooLarge) {
 }
 
 // Every kind of sheet at several scales; other sheets and changed files are not recognised.
-TEST_P(EverySheet, KnowsTheScaleThatItsFileWasSavedWith) {
+TEST_P(PrintedSheet, RecoversScaleSavedInItsFile) {
   const test::TemporaryFolder folder;
   const auto file = folder.path() / "target.yaml";
   const SheetTarget& sheet = GetParam().first;
@@ -316,7 +321,7 @@ TEST_P(EverySheet, KnowsTheScaleThatItsFileWasSavedWith) {
   EXPECT_FALSE(printed_scale_of(folder.path() / "missing.yaml", sheet));
 }
 
-TEST(TargetSheet, IdsRunInReadingOrderAroundTheCentre) {
+TEST(TargetSheet, NumbersTagsInReadingOrderAroundCentre) {
   const TagMap map = tag_map_of(TagBoard{}).value();
   EXPECT_EQ(map.tags().size(), 12U);
   EXPECT_TRUE(map.find(TagFamily::tag36h11, 0)
@@ -327,14 +332,14 @@ TEST(TargetSheet, IdsRunInReadingOrderAroundTheCentre) {
                   .isApprox(Eigen::Vector3d(0.0825, -0.055, 0.0)));
 }
 
-TEST(TargetSheet, AMeasuredRulerScalesTheMap) {
+TEST(TargetSheet, ScalesTagMapByMeasuredRuler) {
   const TagMap map = tag_map_of(TagBoard{}, 0.992).value();
   EXPECT_NEAR(map.tags()[0].size_m, 0.04 * 0.992, 1e-12);
   EXPECT_NEAR(map.tags()[0].T_table_tag.translation().x(), -0.0825 * 0.992, 1e-12);
   EXPECT_FALSE(tag_map_of(TagBoard{}, 0.0992)) << "99.2 given as metres or the like";
 }
 
-TEST(TargetSheet, SaysWhatDoesNotFit) {
+TEST(TargetSheet, ReportsBoardThatDoesNotFitPage) {
   const test::TemporaryFolder folder;
   TagBoard board;
   board.columns = 10;

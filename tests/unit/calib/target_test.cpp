@@ -19,7 +19,7 @@ Result<Target> target_of(const std::string& text) {
   return load_target(file);
 }
 
-TEST(Target, KalibrsGridCountsFromTheBottomLeft) {
+TEST(Target, CountsKalibrGridFromBottomLeft) {
   const auto target = target_of(
       "target_type: 'aprilgrid'\ntagCols: 6\ntagRows: 4\ntagSize: 0.03\ntagSpacing: 0.3\n");
   ASSERT_TRUE(target) << target.error().message;
@@ -35,7 +35,7 @@ TEST(Target, KalibrsGridCountsFromTheBottomLeft) {
   EXPECT_TRUE(target->may_have_squares);
 }
 
-TEST(Target, ChessboardsOfBothKinds) {
+TEST(Target, ReadsChessboardsOfBothFormats) {
   const auto ours =
       target_of("target_type: checkerboard\ninner_cols: 9\ninner_rows: 6\nsquare_m: 0.025\n");
   ASSERT_TRUE(ours) << ours.error().message;
@@ -49,7 +49,7 @@ TEST(Target, ChessboardsOfBothKinds) {
   EXPECT_EQ(kalibr->points.size(), ours->points.size());
 }
 
-TEST(Target, CharucoHasATagInEveryWhiteSquare) {
+TEST(Target, PlacesTagInEveryWhiteCharucoSquare) {
   const auto target = target_of(
       "target_type: charuco\ncolumns: 8\nrows: 6\nsquare_m: 0.03\ntag_m: 0.022\nfamily: "
       "tag36h11\n");
@@ -58,7 +58,7 @@ TEST(Target, CharucoHasATagInEveryWhiteSquare) {
   EXPECT_EQ(target->tags->tags().size(), 24U);
 }
 
-TEST(Target, CharucoIsReadWithOpenCvsDictionaries) {
+TEST(Target, ReadsCharucoWithOpenCvDictionaries) {
   const std::string text =
       "target_type: charuco\ncolumns: 8\nrows: 8\nsquare_m: 0.0254\ntag_m: 0.01905\n";
   const auto board = target_of(text + "dictionary: DICT_4X4_50\n");
@@ -73,7 +73,7 @@ TEST(Target, CharucoIsReadWithOpenCvsDictionaries) {
   EXPECT_FALSE(target_of(text + "dictionary: 4x4_50\nlegacy: perhaps\n"));
 }
 
-TEST(Target, SaysWhatIsWrong) {
+TEST(Target, NamesInvalidValue) {
   const auto message = [](const std::string& text) {
     const auto target = target_of(text);
     return target ? std::string("(no error)") : target.error().message;

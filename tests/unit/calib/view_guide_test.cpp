@@ -16,7 +16,7 @@ namespace penumbra {
 namespace {
 
 // What views say one by one, added up, is what the solver says of them all together.
-TEST(ViewInformation, AddsUpToTheSolversCovariance) {
+TEST(ViewInformation, AddsUpToSolverCovariance) {
   std::mt19937 rng(5);
   const CameraModel truth = test::desk_camera();
   const auto board = test::flat_board();
@@ -36,7 +36,7 @@ TEST(ViewInformation, AddsUpToTheSolversCovariance) {
 }
 
 // Tags' edges move by an amount of each view's own, which takes information away from their sizes.
-TEST(ViewInformation, AddsUpForTagsToo) {
+TEST(ViewInformation, AddsUpToSolverCovarianceForTags) {
   std::mt19937 rng(6);
   const CameraModel truth = test::desk_camera();
   const auto board = test::flat_board();
@@ -90,7 +90,7 @@ class ViewGuideTest : public testing::Test {
   std::uint64_t seed_ = 0;
 };
 
-TEST_F(ViewGuideTest, TakesWhatSaysSomethingNewAndEndsWithTheLensKnown) {
+TEST_F(ViewGuideTest, TakesInformativeViewsUntilLensIsKnown) {
   EXPECT_THAT(guide_.progress().advice, testing::HasSubstr("show the target"));
 
   double before_px = 1e9;
@@ -119,7 +119,7 @@ TEST_F(ViewGuideTest, TakesWhatSaysSomethingNewAndEndsWithTheLensKnown) {
   EXPECT_LT(look.gain, 0.03);
 }
 
-TEST_F(ViewGuideTest, SaysWhyAPictureIsNotTaken) {
+TEST_F(ViewGuideTest, ReportsWhyImageIsRejected) {
   const std::vector<std::uint8_t> grey(1280 * 720, 128);
   EXPECT_EQ(guide_.look({grey.data(), 1280, 720, 1280}).why, "no tag of the target is seen");
   const GreyImage one = picture({0.0, 0.0, 0.0}, 0.5, radians(80.0), 0.0);

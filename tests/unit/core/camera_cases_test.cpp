@@ -56,7 +56,7 @@ void expect_pinhole(const Result<LoadedCamera>& camera) {
   EXPECT_EQ(p.cy, 240.0);
 }
 
-TEST(RosCameraInfo, MissingCoefficientsAreZeroAndZerosBeyondTheModelAreIgnored) {
+TEST(RosCameraInfo, FillsMissingCoefficientsAndIgnoresZerosBeyondModel) {
   struct Case {
     const char* model;
     const char* coefficients;
@@ -109,7 +109,7 @@ TEST(RosCameraInfo, MissingCoefficientsAreZeroAndZerosBeyondTheModelAreIgnored) 
   }
 }
 
-TEST(RosCameraInfo, MissingModelIsAssumedWithAWarning) {
+TEST(RosCameraInfo, AssumesMissingModelWithWarning) {
   for (const char* model : {"", "distortion_model: ''\n", "camera_model: pinhole\n"}) {
     const auto camera = read_camera(ros_text(model, "[0.1, -0.05, 0.001, 0.002, 0.0]"));
     expect_pinhole(camera);
@@ -123,7 +123,7 @@ TEST(RosCameraInfo, MissingModelIsAssumedWithAWarning) {
               HasSubstr("is it meant to be `distortion_model`?"));
 }
 
-TEST(RosCameraInfo, CoefficientsOfOtherModelsAreRefusedByName) {
+TEST(RosCameraInfo, RejectsCoefficientsOfOtherModelsByName) {
   const std::string rational = "distortion_model: rational_polynomial\n";
   EXPECT_THAT(error_of(ros_text(rational, "[0,0,0,0,0,0,0,0,0.01,0,0,0]")),
               AllOf(HasSubstr("number 9 (s1, of a thin prism) is 0.01"), HasSubstr("line")));
@@ -143,7 +143,7 @@ constexpr const char* kMessageEnd =
     "binning_x: 0\nbinning_y: 0\nroi:\n  x_offset: 0\n  y_offset: 0\n  height: 0\n  width: 0\n"
     "  do_rectify: false\n---\n";
 
-TEST(RosMessage, IsReadAsTopicEchoPrintsIt) {
+TEST(RosMessage, IsReadAsPrintedByTopicEcho) {
   const std::string ros2 =
       std::string(
           "header:\n  stamp:\n    sec: 1700000000\n    nanosec: 5\n  frame_id: cam\n"
@@ -181,7 +181,7 @@ TEST(RosMessage, IsReadAsTopicEchoPrintsIt) {
   EXPECT_FALSE(straight->camera.has_distortion());
 }
 
-TEST(RosMessage, IsRefusedForPartialImagesOrNoCalibration) {
+TEST(RosMessage, IsRejectedForPartialImageOrMissingCalibration) {
   const std::string head =
       "height: 480\nwidth: 640\ndistortion_model: plumb_bob\nd: []\n"
       "k: [500, 0, 320, 0, 501, 240, 0, 0, 1]\n";
@@ -193,7 +193,7 @@ TEST(RosMessage, IsRefusedForPartialImagesOrNoCalibration) {
               HasSubstr("not calibrated"));
 }
 
-TEST(OpenCvFile, IsRecognisedByContentNotByItsFirstLine) {
+TEST(OpenCvFile, IsRecognisedByContentNotByFirstLine) {
   for (const char* head :
        {"%YAML:1.0\n---\n", "\xEF\xBB\xBF%YAML:1.0\n---\n", "# calibrated by me\n%YAML:1.0\n---\n",
         "\n\n%YAML:1.0\n", "%YAML 1.2\n---\n", "%YAML 1.1\n---\n", "---\n", ""}) {
@@ -235,7 +235,7 @@ std::string opencv_xml(const std::string& coefficients) {
          coefficients + "</data></distortion_coefficients>\n</opencv_storage>\n";
 }
 
-TEST(OpenCvFile, WarnsOfFourCoefficientsWithoutAModel) {
+TEST(OpenCvFile, WarnsOfFourCoefficientsWithoutModel) {
   for (const std::string& text :
        {opencv_text("%YAML:1.0\n---\n", "0.1, -0.05, 0.001, 0.002"),
         opencv_xml("0.1 -0.05 0.001 0.002"), opencv_json("0.1, -0.05, 0.001, 0.002")}) {
@@ -257,7 +257,7 @@ TEST(OpenCvFile, WarnsOfFourCoefficientsWithoutAModel) {
   EXPECT_THAT(read_camera(opencv_text("", "0., 0., 0., 0."))->warnings, IsEmpty());
 }
 
-TEST(OpenCvFile, IsRefusedWithAMirrorParameter) {
+TEST(OpenCvFile, IsRejectedWithMirrorParameter) {
   const std::string text = opencv_text("%YAML:1.0\n---\n", "0.1, -0.05, 0.001, 0.002, 0.");
   const std::string matrix = "xi: !!opencv-matrix\n   rows: 1\n   cols: 1\n   dt: d\n   data: [ ";
   for (const std::string& xi : {std::string("xi: 0.9\n"), matrix + "0.9 ]\n"}) {
@@ -287,7 +287,7 @@ TEST(OpenCvFile, IsReadAsJsonAndXml) {
   }
 }
 
-TEST(OpenCvFile, DamagedXmlIsRefusedInOneLine) {
+TEST(OpenCvFile, IsRejectedInOneLineWhenXmlIsDamaged) {
   EXPECT_THAT(error_of("<?xml version=\"1.0\"?>\n<opencv_storage><a>1</b></opencv_storage>"),
               AllOf(HasSubstr("line 2"), HasSubstr("XML")));
   EXPECT_THAT(error_of("<html><body>404</body></html>"), HasSubstr("no FileStorage of OpenCV"));
@@ -300,7 +300,7 @@ TEST(OpenCvFile, DamagedXmlIsRefusedInOneLine) {
   EXPECT_THAT(error_of(deep), HasSubstr("XML"));
 }
 
-TEST(OpenCvFile, NeedsANameWhenItHoldsTwoCameras) {
+TEST(OpenCvFile, RequiresNameWhenItHoldsTwoCameras) {
   const std::string matrix =
       ": !!opencv-matrix\n   rows: 3\n   cols: 3\n   dt: d\n   data: [ 500., 0., 320., 0., 501., "
       "240., 0., 0., 1. ]\n";
@@ -324,7 +324,7 @@ std::string kalibr_camera(const std::string& name, double fx) {
       name, fx);
 }
 
-TEST(KalibrChain, CamerasHaveAnyNameAndOneOfSeveralIsChosen) {
+TEST(KalibrChain, AcceptsAnyCameraNameAndSelectsOneOfSeveral) {
   for (const char* name : {"cam0", "cam1", "camera_center"}) {
     expect_pinhole(read_camera(kalibr_camera(name, 500.0)));
     expect_pinhole(read_camera(kalibr_camera(name, 500.0), name));
@@ -337,7 +337,7 @@ TEST(KalibrChain, CamerasHaveAnyNameAndOneOfSeveralIsChosen) {
   EXPECT_FALSE(error_of(kalibr_camera("cam0", 500.0), "cam1").empty());
 }
 
-TEST(CameraName, OfAFileWithOneCameraMustBeItsOwn) {
+TEST(CameraName, MustMatchSingleCameraOfFile) {
   const std::string text = ros_text("distortion_model: plumb_bob\n", "[]");
   expect_pinhole(read_camera(text, "cam"));
   EXPECT_THAT(error_of(text, "left"), AllOf(HasSubstr("'cam'"), HasSubstr("--camera-name")));
@@ -356,7 +356,7 @@ class SharedCameraCase : public testing::Test {
   std::filesystem::path shared_;
 };
 
-TEST_F(SharedCameraCase, CoefficientsAreReadByTheDefinitions) {
+TEST_F(SharedCameraCase, ReadsCoefficientsByDefinition) {
   const std::string folder = "camera-info-coefficients/";
   for (const char* file : {"ros_empty_D_emptymodel.yaml", "ros_empty_D_plumb.yaml"}) {
     const auto camera = load(folder + file);
@@ -383,7 +383,7 @@ TEST_F(SharedCameraCase, CoefficientsAreReadByTheDefinitions) {
   EXPECT_EQ(load(folder + "ros_missing_model.yaml")->warnings.size(), 1U);
 }
 
-TEST_F(SharedCameraCase, OpenCvAndKalibrFilesAreReadByTheirContent) {
+TEST_F(SharedCameraCase, ReadsOpenCvAndKalibrFilesByContent) {
   const std::string folder = "opencv-yaml-not-recognised/";
   for (const char* file : {"cv_bom.yaml", "cv_json.json", "cv_leading_comment.yaml",
                            "cv_no_header.yaml", "cv_xml.xml", "cv_yaml12_header.yaml"}) {

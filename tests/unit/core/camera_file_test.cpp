@@ -38,7 +38,7 @@ class CameraFile : public testing::Test {
   std::filesystem::path file_ = folder_.path() / "camera.yaml";
 };
 
-TEST_F(CameraFile, TheMatrixWinsOverFlatNumbers) {
+TEST_F(CameraFile, PrefersMatrixOverFlatNumbers) {
   const auto camera = load(camera_text());
   ASSERT_TRUE(camera) << camera.error().message;
   const CameraParameters& p = camera->parameters();
@@ -67,7 +67,7 @@ TEST_F(CameraFile, ReadsEveryModelUnderBothKeys) {
             DistortionModel::fisheye);
 }
 
-TEST_F(CameraFile, ErrorsNameFileAndField) {
+TEST_F(CameraFile, NamesFileAndFieldOfError) {
   refuses("", "map");
   refuses(camera_text("distortion_model: omnidirectional"), "omnidirectional");
   refuses(camera_text("distortion_model: plumb_bob", "[1, 2]"), "distortion_coefficients");
@@ -102,7 +102,7 @@ TEST_F(CameraFile, ErrorsNameFileAndField) {
   EXPECT_FALSE(load_camera(folder_.path() / "absent.yaml"));
 }
 
-TEST_F(CameraFile, WhatTheLensAddsToTheOverlaysErrorIsRead) {
+TEST_F(CameraFile, ReadsOverlayErrorOfLens) {
   EXPECT_FALSE(load(camera_text())->parameters().overlay_sigma_px);
   EXPECT_FALSE(load(camera_text() + "uncertainty: {views: 3}\n")->parameters().overlay_sigma_px);
   const auto of_corners =
@@ -123,7 +123,7 @@ TEST_F(CameraFile, WhatTheLensAddsToTheOverlaysErrorIsRead) {
 }
 
 // A k1 of -5000 shows a fortieth of the image and nothing around it.
-TEST_F(CameraFile, RefusesDistortionThatIsNonMonotonicNearThePrincipalPoint) {
+TEST_F(CameraFile, RejectsDistortionNonMonotonicNearPrincipalPoint) {
   refuses(camera_text("distortion_model: plumb_bob", "[-5000, 0, 0, 0, 0]"), "non-monotonic");
   refuses(camera_text("distortion_model: plumb_bob", "[-20, 0, 0, 0, 0]"), "distortion");
   refuses(camera_text("distortion_model: equidistant", "[-20, 0, 0, 0]"), "non-monotonic");
@@ -136,7 +136,7 @@ TEST_F(CameraFile, RefusesDistortionThatIsNonMonotonicNearThePrincipalPoint) {
   EXPECT_TRUE(load(camera_text("distortion_model: plumb_bob", "[-1.2, 0, 0, 0, 0]")));
 }
 
-TEST_F(CameraFile, WhatIsWrittenReadsBackBitForBit) {
+TEST_F(CameraFile, RoundTripsExactly) {
   for (const DistortionModel model :
        {DistortionModel::plumb_bob, DistortionModel::rational, DistortionModel::fisheye}) {
     CameraParameters p;
@@ -179,7 +179,7 @@ TEST_F(CameraFile, WhatIsWrittenReadsBackBitForBit) {
 }
 
 // Binning puts the pixels 2 p and 2 p + 1 into p: half a pixel beside 2 p.
-TEST_F(CameraFile, ACalibrationIsScaledByWholePixels) {
+TEST_F(CameraFile, ScalesCalibrationByWholePixels) {
   const auto camera = load(camera_text() + "rolling_shutter_row_s: 0.00003\ntone_curve: 2.2\n");
   ASSERT_TRUE(camera) << camera.error().message;
   for (const auto& [width, height, scale] :
@@ -211,7 +211,7 @@ TEST_F(CameraFile, ACalibrationIsScaledByWholePixels) {
   }
 }
 
-TEST_F(CameraFile, TheTextIsThatOfTheFile) {
+TEST_F(CameraFile, FormatsSameTextAsFile) {
   const auto camera = load(camera_text());
   ASSERT_TRUE(camera);
   ASSERT_TRUE(save_camera(file_, *camera));

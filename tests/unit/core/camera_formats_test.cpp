@@ -38,7 +38,7 @@ Result<CameraModel> read(const std::string& text) {
   return load_camera(folder.path() / "camera");
 }
 
-TEST(CameraFormats, EachIsReadBackAsItWasWritten) {
+TEST(CameraFormats, RoundTripEveryFormatAndModel) {
   const test::TemporaryFolder folder;
   for (const auto format :
        {CameraFileFormat::ros, CameraFileFormat::opencv, CameraFileFormat::kalibr}) {
@@ -68,7 +68,7 @@ TEST(CameraFormats, EachIsReadBackAsItWasWritten) {
   }
 }
 
-TEST(CameraFormats, KalibrsLensHasFourCoefficients) {
+TEST(CameraFormats, LimitKalibrToFourCoefficients) {
   const test::TemporaryFolder folder;
   CameraParameters p = camera_of(DistortionModel::plumb_bob).parameters();
   p.distortion[4] = 0.0;
@@ -91,7 +91,7 @@ TEST(CameraFormats, KalibrsLensHasFourCoefficients) {
 }
 
 // Kalibr takes every key of the file for a camera.
-TEST(CameraFormats, KalibrsChainsHoldNothingButTheCamera) {
+TEST(CameraFormats, WriteOnlyCameraToKalibrChain) {
   const test::TemporaryFolder folder;
   CameraParameters p = camera_of(DistortionModel::plumb_bob).parameters();
   p.distortion[4] = 0.0;
@@ -109,7 +109,7 @@ TEST(CameraFormats, KalibrsChainsHoldNothingButTheCamera) {
   EXPECT_THAT(text, Not(HasSubstr("focus_position")));
 }
 
-TEST(CameraFormats, ADocumentThatHoldsItselfIsToldInALine) {
+TEST(CameraFormats, RejectSelfReferencingDocuments) {
   const test::TemporaryFolder folder;
   std::string bomb = "a0: &a0 [1, 1]\n";
   for (int i = 1; i < 28; ++i) {
@@ -131,7 +131,7 @@ TEST(CameraFormats, ADocumentThatHoldsItselfIsToldInALine) {
   EXPECT_TRUE(loaded) << loaded.error().message;
 }
 
-TEST(CameraFormats, ReadsMrcalsModels) {
+TEST(CameraFormats, ReadMrcalModels) {
   const auto camera = read(
       "{\n    'lensmodel':  'LENSMODEL_OPENCV5',\n\n    # extrinsics are rt_fromref\n"
       "    'extrinsics': [ 0, 0, 0, 0, 0, 0,],\n\n    # focal lengths, centre\n"
@@ -148,7 +148,7 @@ TEST(CameraFormats, ReadsMrcalsModels) {
   EXPECT_THAT(splined.error().message, HasSubstr("LENSMODEL_OPENCV8"));
 }
 
-TEST(CameraFormats, ReadsWhatOpenCvWrites) {
+TEST(CameraFormats, ReadOpenCvFiles) {
   const auto camera = read(
       "%YAML:1.0\n---\ncalibration_time: \"Tue\"\nimage_width: 640\nimage_height: 480\n"
       "camera_matrix: !!opencv-matrix\n   rows: 3\n   cols: 3\n   dt: d\n"
@@ -166,7 +166,7 @@ TEST(CameraFormats, ReadsWhatOpenCvWrites) {
   EXPECT_THAT(tilted.error().message, HasSubstr("tilt"));
 }
 
-TEST(CameraFormats, ReadsKalibrsChains) {
+TEST(CameraFormats, ReadKalibrChains) {
   const auto camera = read(
       "cam0:\n  cam_overlaps: []\n  camera_model: pinhole\n  distortion_coeffs: [-0.2, 0.06, "
       "0.0008, -0.0006]\n  distortion_model: radtan\n  intrinsics: [531.7, 530.0, 322.3, 237.6]\n"

@@ -39,15 +39,15 @@ void expect_jacobian_of_differences(const CameraModel& camera, const Eigen::Vect
   }
 }
 
-class EveryModel : public testing::TestWithParam<DistortionModel> {};
-INSTANTIATE_TEST_SUITE_P(CameraModel, EveryModel,
+class CameraProjection : public testing::TestWithParam<DistortionModel> {};
+INSTANTIATE_TEST_SUITE_P(Models, CameraProjection,
                          testing::Values(DistortionModel::plumb_bob, DistortionModel::rational,
                                          DistortionModel::fisheye),
                          [](const auto& instance) {
                            return std::string(to_string(instance.param));
                          });
 
-TEST_P(EveryModel, UnprojectInvertsProject) {
+TEST_P(CameraProjection, UnprojectInvertsProject) {
   const CameraModel camera = CameraModel::make(of_model(GetParam())).value();
   for (double v = -20.0; v <= 500.0; v += 13.0) {
     for (double u = -20.0; u <= 660.0; u += 17.0) {
@@ -60,7 +60,7 @@ TEST_P(EveryModel, UnprojectInvertsProject) {
   }
 }
 
-TEST_P(EveryModel, JacobianAgreesWithCentralDifferences) {
+TEST_P(CameraProjection, JacobianMatchesCentralDifferences) {
   const CameraModel camera = CameraModel::make(of_model(GetParam())).value();
   std::mt19937 random(7);
   std::uniform_real_distribution<double> across(-0.5, 0.5);
@@ -71,7 +71,7 @@ TEST_P(EveryModel, JacobianAgreesWithCentralDifferences) {
 }
 
 // A strong fisheye, all four coefficients, to 80 degrees from the axis.
-TEST(CameraModel, AStrongFisheyeIsExactToItsRim) {
+TEST(CameraModel, ProjectsStrongFisheyeExactlyToRim) {
   CameraParameters p = base();
   p.fx = p.fy = 0.35 * p.width;
   p.model = DistortionModel::fisheye;
@@ -101,7 +101,7 @@ TEST(CameraModel, AStrongFisheyeIsExactToItsRim) {
   }
 }
 
-TEST(CameraModel, NothingBehindTheCameraOrNotFinite) {
+TEST(CameraModel, RejectsPointsBehindCameraAndNonFinite) {
   const CameraModel camera = CameraModel::make(base()).value();
   const double nan = std::numeric_limits<double>::quiet_NaN();
   EXPECT_FALSE(camera.project({0.0, 0.0, 0.0}));
@@ -111,7 +111,7 @@ TEST(CameraModel, NothingBehindTheCameraOrNotFinite) {
   EXPECT_FALSE(camera.project_extended({0.0, 0.0, -1.0}));
 }
 
-TEST(CameraModel, FindsWhereTheModelFolds) {
+TEST(CameraModel, LimitsRadiusToMonotonicRange) {
   CameraParameters p = base();
   p.distortion = {-0.28, 0.0, 0.0, 0.0, 0.0};
   const CameraModel camera = CameraModel::make(p).value();
@@ -131,7 +131,7 @@ TEST(CameraModel, FindsWhereTheModelFolds) {
   EXPECT_FALSE(camera.unproject({p.cx + 0.75 * p.fx, p.cy}));
 }
 
-TEST(CameraModel, AgreesWithOpenCvsPublishedFormulaAtAPoint) {
+TEST(CameraModel, MatchesOpenCvFormulaAtPoint) {
   const CameraModel camera = CameraModel::make(base()).value();
   const double x = 0.3;
   const double y = -0.2;
@@ -145,7 +145,7 @@ TEST(CameraModel, AgreesWithOpenCvsPublishedFormulaAtAPoint) {
   EXPECT_NEAR(pixel->y(), 530.4 * yd + 237.6, 1e-9);
 }
 
-TEST(CameraModel, RefusesWhatIsNoCamera) {
+TEST(CameraModel, RejectsInvalidParameters) {
   const double nan = std::numeric_limits<double>::quiet_NaN();
   auto refuses = [](CameraParameters p, const char* field) {
     const auto camera = CameraModel::make(p);

@@ -94,7 +94,7 @@ TEST(CameraPlausibility, NamesFieldValueAndCause) {
   EXPECT_THAT(warning_of(p), HasSubstr("733 degrees"));
 }
 
-TEST(CameraPlausibility, NamesDistortionThatIsNonMonotonicInsideTheImage) {
+TEST(CameraPlausibility, NamesDistortionNonMonotonicInsideImage) {
   CameraParameters p = usual();
   p.distortion = {-2.0};
   EXPECT_THAT(warning_of(p), AllOf(HasSubstr("[-2, 0, 0, 0, 0] of plumb_bob"),
@@ -104,7 +104,7 @@ TEST(CameraPlausibility, NamesDistortionThatIsNonMonotonicInsideTheImage) {
   EXPECT_THAT(warning_of(p), HasSubstr("[-0.8, 0, 0, 0] of equidistant"));
 }
 
-TEST(CameraPlausibility, WarningNamesTheFile) {
+TEST(CameraPlausibility, NamesFileInWarning) {
   const test::TemporaryFolder folder;
   const fs::path file = folder.path() / "camera.yaml";
   CameraParameters p = usual();

@@ -29,7 +29,7 @@ CameraPose above(double x, double y, double z) {
   return {Eigen::Quaterniond(0.0, 1.0, 0.0, 0.0), Eigen::Vector3d(x, y, z)};
 }
 
-TEST(Evaluation, StatisticsInterpolate) {
+TEST(Evaluation, InterpolatesPercentiles) {
   const Statistics s = statistics_of({4.0, 1.0, 3.0, 2.0});
   EXPECT_DOUBLE_EQ(s.median, 2.5);
   EXPECT_DOUBLE_EQ(s.max, 4.0);
@@ -39,7 +39,7 @@ TEST(Evaluation, StatisticsInterpolate) {
   EXPECT_EQ(statistics_of({7.0}).p95, 7.0);
 }
 
-TEST(Evaluation, TheCubeStandsOnTheTable) {
+TEST(Evaluation, PlacesOverlayCubeOnTable) {
   const auto cube = overlay_cube();
   int low = 0;
   for (const Eigen::Vector3d& p : cube) {
@@ -51,7 +51,7 @@ TEST(Evaluation, TheCubeStandsOnTheTable) {
   EXPECT_EQ(low, 4);
 }
 
-TEST(Evaluation, AShiftMovesNearAndFarCornersByHand) {
+TEST(Evaluation, MatchesHandComputedCornerShifts) {
   // From 1 m, a shift of 1 mm moves the corners on the table by 500 * 0.001 / 1 = 0.5 px, those at
   // 0.2 m by 500 * 0.001 / 0.8 = 0.625 px, against the shift.
   const OverlayDifference d =
@@ -65,14 +65,14 @@ TEST(Evaluation, AShiftMovesNearAndFarCornersByHand) {
   EXPECT_NEAR(d.rms_px(), std::sqrt((0.25 + 0.390625) / 2.0), 1e-9);
 }
 
-TEST(Evaluation, CornersBehindTheCameraAreLeftOut) {
+TEST(Evaluation, IgnoresCornersBehindCamera) {
   const OverlayDifference d =
       overlay_difference(pinhole(), above(0.0, 0.0, 0.1), above(0.0, 0.0, 0.1));
   for (std::size_t i = 0; i < 8; ++i) EXPECT_EQ(d.valid[i], overlay_cube()[i].z() == 0.0);
   EXPECT_EQ(d.rms_px(), 0.0);
 }
 
-TEST(Evaluation, APoseThatSeesNothingIsTheWorstNotTheBest) {
+TEST(Evaluation, RatesPoseWithoutVisibleCornersWorst) {
   // Under the table, looking away from it: the true picture has every corner, the estimate none.
   const OverlayDifference d = overlay_difference(pinhole(), above(0, 0, -1.0), above(0, 0, 1.0));
   for (std::size_t i = 0; i < 8; ++i) {
@@ -90,7 +90,7 @@ TEST(Evaluation, APoseThatSeesNothingIsTheWorstNotTheBest) {
   EXPECT_EQ(e.jitter_changes, 0) << "one frame has no jitter, which is not one of 0";
 }
 
-TEST(Evaluation, ARecordingByHand) {
+TEST(Evaluation, MatchesHandComputedRecording) {
   Trajectory truth;
   Trajectory estimated;
   for (int i = 0; i < 5; ++i) truth.poses.push_back({i * 33'333'000LL, above(0.0, 0.0, 1.0), {}});
@@ -122,7 +122,7 @@ TEST(Evaluation, ARecordingByHand) {
 
 // A circle of 0.3 m at 2 rad/s, seen by motion capture at 100 Hz: a chord lies inside the circle by
 // r (1 - cos(w T / 2)) at its middle, which is where every estimate falls.
-TEST(Evaluation, InterpolatedTruthHasTheErrorOfAChord) {
+TEST(Evaluation, InterpolatesTruthWithChordError) {
   constexpr double kRadius = 0.3;
   constexpr double kRate = 2.0;
   constexpr std::int64_t kInterval = 10'000'000;
@@ -154,7 +154,7 @@ TEST(Evaluation, InterpolatedTruthHasTheErrorOfAChord) {
 }
 
 // An estimate at three times the truth's rate: no true pose counts twice.
-TEST(Evaluation, CountsTruePosesWithPoseOnceEach) {
+TEST(Evaluation, CountsEachTruePoseOnce) {
   Trajectory truth;
   Trajectory estimated;
   for (int i = 0; i < 6; ++i) truth.poses.push_back({i * 90'000'000LL, above(0, 0, 1), {}});
@@ -165,7 +165,7 @@ TEST(Evaluation, CountsTruePosesWithPoseOnceEach) {
   EXPECT_EQ(e.frames_with_truth, 6);
 }
 
-TEST(Evaluation, CountsWhatCanNotBeJudgedByCause) {
+TEST(Evaluation, CountsUnjudgedFramesByCause) {
   Trajectory truth;
   Trajectory estimated;
   for (const int ms : {0, 33, 67, 267, 300})
@@ -183,7 +183,7 @@ TEST(Evaluation, CountsWhatCanNotBeJudgedByCause) {
 
 // The shared case: 20 frames at 30 Hz against motion capture at 100 Hz. The figures are those of an
 // independent calculation (Python: bisection, quaternion logarithm and exponential).
-TEST(Evaluation, AgreesWithAnIndependentCalculation) {
+TEST(Evaluation, MatchesIndependentCalculation) {
   const std::filesystem::path shared = test::shared_dir();
   if (shared.empty()) GTEST_SKIP() << "no shared data beside the checkout";
   const std::filesystem::path folder = shared / "cases" / "evaluate-times";
@@ -198,7 +198,7 @@ TEST(Evaluation, AgreesWithAnIndependentCalculation) {
   EXPECT_NEAR(e.rotation_deg.rmse, 0.023888263930, 1e-9);
 }
 
-TEST(Evaluation, RotationIsTheWholeAngle) {
+TEST(Evaluation, MeasuresWholeRotationAngle) {
   Trajectory truth;
   Trajectory estimated;
   truth.poses.push_back({0, above(0, 0, 1.0), {}});
@@ -213,7 +213,7 @@ TEST(Evaluation, RotationIsTheWholeAngle) {
   EXPECT_NEAR(evaluate(pinhole(), estimated, truth).rotation_deg.max, 1.0, 1e-9);
 }
 
-TEST(Evaluation, ExpectedErrorIsWhatSamplesOfTheCovarianceShow) {
+TEST(Evaluation, PredictsOverlayErrorOfCovarianceSamples) {
   CameraParameters p = pinhole().parameters();
   p.distortion = {-0.215, 0.062, 0.0008, -0.0006, -0.004};
   const CameraModel camera = CameraModel::make(p).value();

@@ -118,7 +118,7 @@ struct JpegCase {
 
 class JpegLayouts : public testing::TestWithParam<JpegCase> {};
 
-TEST_P(JpegLayouts, KeepTheirPlanesAlsoWithOddSides) {
+TEST_P(JpegLayouts, KeepPlanesWithOddSizes) {
   for (const auto& [width, height] : {std::pair{64, 48}, {61, 47}, {17, 16}, {3, 1}, {1, 1}}) {
     const Bytes rgb = smooth_rgb(width, height);
     for (const int flags : {0, TJFLAG_PROGRESSIVE}) {
@@ -137,15 +137,20 @@ TEST_P(JpegLayouts, KeepTheirPlanesAlsoWithOddSides) {
   }
 }
 
-INSTANTIATE_TEST_SUITE_P(All, JpegLayouts,
+INSTANTIATE_TEST_SUITE_P(Subsampling, JpegLayouts,
                          testing::Values(JpegCase{TJSAMP_GRAY, PixelFormat::grey8},
                                          JpegCase{TJSAMP_420, PixelFormat::yuv420p},
                                          JpegCase{TJSAMP_422, PixelFormat::yuv422p},
                                          JpegCase{TJSAMP_444, PixelFormat::yuv444p},
                                          JpegCase{TJSAMP_440, PixelFormat::yuv444p},
-                                         JpegCase{TJSAMP_411, PixelFormat::yuv444p}));
+                                         JpegCase{TJSAMP_411, PixelFormat::yuv444p}),
+                         [](const auto& test) {
+                           return std::vector<std::string>(
+                                      {"Grey", "Yuv420", "Yuv422", "Yuv444", "Yuv440", "Yuv411"})
+                               .at(test.index);
+                         });
 
-TEST(Jpeg, GreyWithUnusualSamplingFactorsIsTheSamePicture) {
+TEST(Jpeg, DecodesGreyWithUnusualSamplingFactors) {
   const Bytes rgb = smooth_rgb(61, 47);
   Bytes bytes = encode_jpeg(rgb, 61, 47, TJSAMP_GRAY);
   const auto usual = decode_image(bytes, "picture");
@@ -167,7 +172,7 @@ TEST(Jpeg, GreyWithUnusualSamplingFactorsIsTheSamePicture) {
   }
 }
 
-TEST(Jpeg, CutAnywhereBeforeItsEndMarkIsAnError) {
+TEST(Jpeg, RejectsFileTruncatedBeforeEndMarker) {
   const Bytes whole = encode_jpeg(smooth_rgb(61, 47), 61, 47, TJSAMP_420);
   ASSERT_TRUE(decode_image(whole, "whole"));
   for (std::size_t length = 0; length < whole.size() - 2; ++length) {
@@ -178,7 +183,7 @@ TEST(Jpeg, CutAnywhereBeforeItsEndMarkIsAnError) {
   }
 }
 
-TEST(Jpeg, ADecoderWarningInTheMiddleIsAnError) {
+TEST(Jpeg, RejectsFileWithDecoderWarning) {
   Bytes bytes = encode_jpeg(smooth_rgb(320, 240), 320, 240, TJSAMP_420);
   // An end mark in the middle of the entropy-coded data.
   bytes[bytes.size() / 2] = 0xFF;
@@ -189,7 +194,7 @@ TEST(Jpeg, ADecoderWarningInTheMiddleIsAnError) {
 }
 
 // As many webcams give every picture.
-TEST(Jpeg, FillBytesBeforeTheEndMarkChangeNothing) {
+TEST(Jpeg, AcceptsFillBytesBeforeEndMarker) {
   for (const int flags : {0, TJFLAG_PROGRESSIVE}) {
     const Bytes plain = encode_jpeg(smooth_rgb(61, 47), 61, 47, TJSAMP_420, flags);
     const auto expected = decode_image(plain, "plain.jpg");
@@ -224,7 +229,7 @@ TEST(Jpeg, FillBytesBeforeTheEndMarkChangeNothing) {
 }
 
 // Fill bytes at the end hide nothing of what went wrong before them.
-TEST(Jpeg, FillBytesExcuseNoDamage) {
+TEST(Jpeg, RejectsDamageDespiteFillBytes) {
   Bytes bytes = encode_jpeg(smooth_rgb(320, 240), 320, 240, TJSAMP_420);
   bytes.insert(bytes.end() - 2, 3, std::uint8_t{0});
   ASSERT_TRUE(decode_image(bytes, "filled.jpg"));
@@ -243,7 +248,7 @@ TEST(Jpeg, FillBytesExcuseNoDamage) {
   EXPECT_FALSE(decode_rgba(shorter, "shorter.jpg"));
 }
 
-TEST(Jpeg, AHeaderThatPromisesTooMuchIsRefused) {
+TEST(Jpeg, RejectsHeaderWithExcessiveSize) {
   Bytes bytes = encode_jpeg(smooth_rgb(64, 48), 64, 48, TJSAMP_420);
   for (std::size_t i = 0; i + 9 < bytes.size(); ++i) {
     if (bytes[i] == 0xFF && bytes[i + 1] == 0xC0) {
@@ -281,7 +286,7 @@ Bytes encode_grey_ramp(int depth, bool alpha, bool interlaced) {
                     depth, interlaced);
 }
 
-TEST(Png, EveryKindOfGreyBecomesOneByte) {
+TEST(Png, ConvertsEveryGreyTypeToEightBits) {
   for (const bool interlaced : {false, true}) {
     for (const int depth : {1, 2, 4, 8, 16}) {
       for (const bool alpha : {false, true}) {
@@ -302,7 +307,7 @@ TEST(Png, EveryKindOfGreyBecomesOneByte) {
   }
 }
 
-TEST(Png, ColourComesBackExactlyAlsoInterlaced) {
+TEST(Png, DecodesColourExactlyAlsoInterlaced) {
   const Bytes rgb = smooth_rgb(61, 47);
   for (const bool interlaced : {false, true}) {
     const auto frame =
@@ -318,7 +323,7 @@ TEST(Png, ColourComesBackExactlyAlsoInterlaced) {
   }
 }
 
-TEST(Png, APaletteBecomesRgb) {
+TEST(Png, ConvertsPaletteToRgb) {
   spng_plte palette{};
   palette.n_entries = 2;
   palette.entries[0] = {10, 20, 30, 255};
@@ -332,7 +337,7 @@ TEST(Png, APaletteBecomesRgb) {
   EXPECT_EQ(sample(*frame, 0, 5, 1), 30);
 }
 
-TEST(Png, CutAnywhereIsAnError) {
+TEST(Png, RejectsTruncatedFile) {
   const Bytes whole = encode_png(smooth_rgb(16, 12), 16, 12, SPNG_COLOR_TYPE_TRUECOLOR, 8);
   ASSERT_TRUE(decode_image(whole, "whole"));
   for (std::size_t length = 0; length < whole.size(); ++length) {
@@ -342,7 +347,7 @@ TEST(Png, CutAnywhereIsAnError) {
   }
 }
 
-TEST(Png, EveryFlippedBitIsAnError) {
+TEST(Png, RejectsEveryFlippedBit) {
   const Bytes whole = encode_png(smooth_rgb(16, 12), 16, 12, SPNG_COLOR_TYPE_TRUECOLOR, 8);
   for (std::size_t i = 0; i < whole.size(); ++i) {
     Bytes broken = whole;
@@ -353,7 +358,7 @@ TEST(Png, EveryFlippedBitIsAnError) {
   }
 }
 
-TEST(Png, SavedPicturesReadBackTheSame) {
+TEST(Png, RoundTripsSavedRgbaImages) {
   const test::TemporaryFolder folder;
   const int width = 61;
   const int height = 47;
@@ -373,7 +378,7 @@ TEST(Png, SavedPicturesReadBackTheSame) {
   EXPECT_EQ(read->pixels, rgba);
 }
 
-TEST(Png, SavedGreyPicturesReadBackTheSame) {
+TEST(Png, RoundTripsSavedGreyImages) {
   const test::TemporaryFolder folder;
   constexpr int kWidth = 37;
   constexpr int kHeight = 11;
@@ -396,13 +401,13 @@ TEST(Png, SavedGreyPicturesReadBackTheSame) {
   }
 }
 
-TEST(Png, AFolderThatIsNotThereIsAnErrorWithItsName) {
+TEST(Png, NamesMissingFolderWhenSaving) {
   const auto saved = save_png("/nonexistent/folder/a.png", 1, 1, Bytes(4));
   ASSERT_FALSE(saved);
   EXPECT_NE(saved.error().message.find("/nonexistent/folder/a.png"), std::string::npos);
 }
 
-TEST(Rgba, AJpegIsOpaqueAndNearItsSource) {
+TEST(DecodeRgba, ReturnsOpaqueJpegCloseToSource) {
   const Bytes rgb = smooth_rgb(61, 47);
   const auto image = decode_rgba(encode_jpeg(rgb, 61, 47, TJSAMP_420), "picture");
   ASSERT_TRUE(image) << image.error().message;
@@ -413,7 +418,7 @@ TEST(Rgba, AJpegIsOpaqueAndNearItsSource) {
   }
 }
 
-TEST(ImageFile, OtherFilesAreNamedAsSuch) {
+TEST(ImageFile, NamesFilesThatAreNoImages) {
   const test::TemporaryFolder folder;
   EXPECT_NE(load_image(folder.path() / "none.jpg").error().message.find("none.jpg: no such file"),
             std::string::npos);

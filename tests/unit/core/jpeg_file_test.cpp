@@ -40,7 +40,7 @@ TEST_P(CameraJpegKind, DecodesInFull) {
   EXPECT_EQ(expected_->height, GetParam().height);
 }
 
-TEST_P(CameraJpegKind, IgnoresWhatFollowsTheEndMark) {
+TEST_P(CameraJpegKind, IgnoresBytesAfterEndMarker) {
   ASSERT_TRUE(expected_);
   const std::string older = test::encode_jpeg_kind(GetParam(), 5);
   for (const std::string& trail :
@@ -53,7 +53,7 @@ TEST_P(CameraJpegKind, IgnoresWhatFollowsTheEndMark) {
   }
 }
 
-TEST_P(CameraJpegKind, NeedsNoEndMarkWhereEveryBlockIsThere) {
+TEST_P(CameraJpegKind, NeedsNoEndMarkerWhenBlocksAreComplete) {
   ASSERT_TRUE(expected_);
   const std::string unended = sound_.substr(0, sound_.size() - 2);
   expect_same(unended);
@@ -63,7 +63,7 @@ TEST_P(CameraJpegKind, NeedsNoEndMarkWhereEveryBlockIsThere) {
   expect_same(unended + test::encode_jpeg_kind(GetParam(), 3));  // the next image
 }
 
-TEST_P(CameraJpegKind, IsRefusedWhereBlocksAreMissing) {
+TEST_P(CameraJpegKind, IsRejectedWhenBlocksAreMissing) {
   const std::size_t headers = test::headers_length(sound_);
   for (std::size_t length = 0; length + 2 < sound_.size();
        length += length < headers ? 13 : (length + 40 < sound_.size() ? 5 : 1)) {
@@ -77,7 +77,7 @@ TEST_P(CameraJpegKind, IsRefusedWhereBlocksAreMissing) {
   }
 }
 
-TEST_P(CameraJpegKind, SkipsADoubledStartMark) {
+TEST_P(CameraJpegKind, SkipsDoubledStartMarker) {
   ASSERT_TRUE(expected_);
   expect_same("\xFF\xD8" + sound_);
   expect_same("\xFF\xD8\xFF\xD8\xFF" + sound_);
@@ -87,7 +87,7 @@ TEST_P(CameraJpegKind, SkipsADoubledStartMark) {
               sound_);
 }
 
-TEST_P(CameraJpegKind, IgnoresAFewBytesInFrontOfRestartMarks) {
+TEST_P(CameraJpegKind, IgnoresFewBytesBeforeRestartMarkers) {
   ASSERT_TRUE(expected_);
   const auto restarts = test::restarts_of(sound_);
   EXPECT_EQ(restarts.empty(), GetParam().restart_rows == 0);
@@ -119,17 +119,17 @@ TEST_P(CameraJpegKind, IsNormalizedForOtherPrograms) {
   }
 }
 
-INSTANTIATE_TEST_SUITE_P(Of, CameraJpegKind, testing::ValuesIn(test::jpeg_kinds()),
+INSTANTIATE_TEST_SUITE_P(Kinds, CameraJpegKind, testing::ValuesIn(test::jpeg_kinds()),
                          [](const auto& test) { return std::string(test.param.name); });
 
-TEST(CameraJpeg, ReportsTheLineWhereBlocksEnd) {
+TEST(CameraJpeg, ReportsLineWhereBlocksEnd) {
   const std::string sound = test::encode_jpeg_kind(test::jpeg_kinds()[0]);
   const std::string cause = cause_of(sound.substr(0, sound.size() * 3 / 4));
   EXPECT_NE(cause.find("premature end of data segment, after line 48 of 72"), std::string::npos)
       << cause;
 }
 
-TEST(CameraJpeg, RefusesAComponentWithoutAScan) {
+TEST(CameraJpeg, RejectsComponentWithoutScan) {
   test::JpegKind kind = test::jpeg_kinds()[0];
   kind.separate_scans = true;
   const std::string sound = test::encode_jpeg_kind(kind);
@@ -144,7 +144,7 @@ TEST(CameraJpeg, RefusesAComponentWithoutAScan) {
 }
 
 // An image with any number of missing scans is refused, with an end mark and without.
-TEST(CameraJpeg, RefusesAProgressiveImageThatLacksScans) {
+TEST(CameraJpeg, RejectsProgressiveImageThatLacksScans) {
   for (const int components : {1, 3}) {
     test::JpegKind kind = test::jpeg_kinds()[0];
     kind.components = components;
@@ -163,7 +163,7 @@ TEST(CameraJpeg, RefusesAProgressiveImageThatLacksScans) {
   }
 }
 
-TEST(CameraJpeg, PaddingLinesAreCutWhereTheRowsOfBlocksStayTheSame) {
+TEST(CameraJpeg, CropsPaddingOnlyWithinLastBlockRow) {
   test::JpegKind kind = test::jpeg_kinds()[0];
   kind.width = 64;
   kind.height = 80;

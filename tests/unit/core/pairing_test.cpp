@@ -48,7 +48,7 @@ TEST(Pairing, InterpolatesPositionLinearlyAndRotationBySlerp) {
   }
 }
 
-TEST(Pairing, TakesPoseItselfWhenTimesDifferByRounding) {
+TEST(Pairing, ReturnsExactPoseWhenTimesDifferByRounding) {
   const Trajectory truth = even_motion(10, 10 * kMs, 1'403'636'579'763'555'527);
   for (std::size_t i = 0; i < truth.poses.size(); ++i) {
     for (const std::int64_t off : {-1000, -500, 0, 499, 1000}) {
@@ -60,7 +60,7 @@ TEST(Pairing, TakesPoseItselfWhenTimesDifferByRounding) {
   }
 }
 
-TEST(Pairing, NamesWhyThereIsNoTruePose) {
+TEST(Pairing, NamesReasonForMissingTruePose) {
   Trajectory truth = even_motion(3, 50 * kMs);  // 0 to 100 ms
   truth.poses.push_back({300 * kMs, at_x(0.3), {}});
   EXPECT_TRUE(pose_at(truth, 60 * kMs, kMaxGap));
@@ -82,7 +82,7 @@ TEST(Pairing, NamesWhyThereIsNoTruePose) {
   EXPECT_EQ(pose_at(one, 2 * kMs, kMaxGap).error(), NotJudged::outside_truth);
 }
 
-TEST(Pairing, ExtrapolatesByHalfAnIntervalAndAtMostTenMilliseconds) {
+TEST(Pairing, ExtrapolatesHalfIntervalAtMostTenMilliseconds) {
   struct Case {
     std::int64_t interval_ns;
     std::int64_t most_ns;
@@ -102,13 +102,13 @@ TEST(Pairing, ExtrapolatesByHalfAnIntervalAndAtMostTenMilliseconds) {
   }
 }
 
-TEST(Pairing, WithoutGapsTakesOnlyPosesWithinOneMillisecond) {
+TEST(Pairing, TakesOnlyPosesWithinOneMillisecondWithoutGaps) {
   const Trajectory truth = even_motion(10, 10 * kMs);
   EXPECT_EQ(pose_at(truth, 21 * kMs, 0)->translation().x(), 0.02);
   EXPECT_EQ(pose_at(truth, 25 * kMs, 0).error(), NotJudged::gap_too_long);
 }
 
-TEST(Pairing, InterpolatesTheShortWayAndStaysFiniteNearHalfTurns) {
+TEST(Pairing, InterpolatesShortestRotationNearHalfTurns) {
   for (const double angle : {0.0, 1e-12, 1.0, std::numbers::pi - 1e-9, std::numbers::pi,
                              std::numbers::pi + 1e-9, 2.0 * std::numbers::pi - 1e-12}) {
     for (const double sign : {1.0, -1.0}) {
@@ -135,7 +135,7 @@ TEST(Pairing, InterpolatesTheShortWayAndStaysFiniteNearHalfTurns) {
 }
 
 // The interpolated pose is finite and lies between its neighbours for any times and poses.
-TEST(Pairing, KeepsToTheSegmentForAnyTimes) {
+TEST(Pairing, StaysOnSegmentForAnyTimes) {
   std::mt19937_64 random(7);
   constexpr std::int64_t kFarthest = 4'000'000'000'000'000'000;
   std::uniform_int_distribution<std::int64_t> any_time(-kFarthest, kFarthest);
@@ -178,14 +178,14 @@ TEST(Pairing, KeepsToTheSegmentForAnyTimes) {
   EXPECT_GT(judged, 300);
 }
 
-TEST(Pairing, ShiftedTimesNeverWrapAround) {
+TEST(Pairing, SaturatesShiftedTimes) {
   constexpr std::int64_t kMost = std::numeric_limits<std::int64_t>::max();
   EXPECT_EQ(shifted(5, -7), -2);
   EXPECT_EQ(shifted(kMost - 1, 5), kMost);
   EXPECT_EQ(shifted(-kMost, -5), std::numeric_limits<std::int64_t>::min());
 }
 
-TEST(Pairing, MedianIntervalIgnoresLostFrames) {
+TEST(Pairing, IgnoresLostFramesInMedianInterval) {
   Trajectory t = even_motion(10, 33 * kMs);
   t.poses.erase(t.poses.begin() + 4, t.poses.begin() + 6);
   EXPECT_EQ(median_interval_ns(t), 33 * kMs);
@@ -197,7 +197,7 @@ std::string unit_error(const Trajectory& estimated, const Trajectory& truth) {
   return checked ? "" : checked.error().message;
 }
 
-TEST(UnitsOfTime, AreRefusedByNameWhereTheyFitAnotherUnit) {
+TEST(TimestampUnits, AreRejectedByNameWhenTheyFitAnotherUnit) {
   const Trajectory truth = even_motion(120, 33 * kMs);
   EXPECT_EQ(unit_error(truth, truth), "");
   EXPECT_EQ(unit_error(even_motion(120, 5 * kMs), even_motion(60, 10 * kMs)), "");
@@ -224,7 +224,7 @@ TEST(UnitsOfTime, AreRefusedByNameWhereTheyFitAnotherUnit) {
   EXPECT_THAT(unit_error(even_motion(120, 33), truth), HasSubstr("too near"));
 }
 
-TEST(UnitsOfTime, WarnOfLongIntervalsWherePosesAreJudged) {
+TEST(TimestampUnits, WarnOfLongIntervalsBetweenPoses) {
   // Photographs, one each 10 s, against themselves and against motion capture at 100 Hz.
   const Trajectory photographs = even_motion(12, 10'000 * kMs);
   const auto same = check_units_of_time({photographs, "e.tum"}, {photographs, "t.tum"}, {});
@@ -238,7 +238,7 @@ TEST(UnitsOfTime, WarnOfLongIntervalsWherePosesAreJudged) {
   EXPECT_THAT(*check_units_of_time({capture, "e.tum"}, {capture, "t.tum"}, {}), testing::IsEmpty());
 }
 
-TEST(UnitsOfTime, DoNotFailWhereTimesDoNotOverlap) {
+TEST(TimestampUnits, AreAcceptedWhenTimesDoNotOverlap) {
   const Trajectory truth = even_motion(120, 33 * kMs);
   EXPECT_EQ(unit_error(even_motion(120, 33 * kMs, 1'000'000 * kMs), truth), "");
   EXPECT_EQ(unit_error(even_motion(1, 33 * kMs), truth), "");

@@ -84,7 +84,7 @@ std::string hint_for(const Trajectory& estimated, const Trajectory& truth) {
   return pose_convention_hint({estimated, "est.tum"}, {truth, "truth.tum"}, {}).value_or("");
 }
 
-TEST(PoseConventionHint, NeverHintsForRightTruth) {
+TEST(PoseConventionHint, IsEmptyForCorrectTruth) {
   std::mt19937 random(1);
   for (int i = 0; i < kTrajectories; ++i) {
     const Trajectory truth = random_trajectory(random);
@@ -93,7 +93,7 @@ TEST(PoseConventionHint, NeverHintsForRightTruth) {
   }
 }
 
-TEST(PoseConventionHint, NeverHintsForUnrelatedTrajectories) {
+TEST(PoseConventionHint, IsEmptyForUnrelatedTrajectories) {
   std::mt19937 random(2);
   for (int i = 0; i < kTrajectories; ++i) {
     const Trajectory truth = random_trajectory(random);
@@ -111,7 +111,7 @@ TEST(PoseConventionHint, NeverHintsForUnrelatedTrajectories) {
   }
 }
 
-TEST(PoseConventionHint, NamesTheConvention) {
+TEST(PoseConventionHint, NamesConvention) {
   struct Case {
     Change change;
     std::vector<const char*> words;
@@ -139,7 +139,7 @@ TEST(PoseConventionHint, NamesTheConvention) {
   }
 }
 
-TEST(PoseConventionHint, NamesTheEstimateWhereItIsTheOther) {
+TEST(PoseConventionHint, NamesEstimateWhenItDiffers) {
   std::mt19937 random(4);
   for (int i = 0; i < kTrajectories; ++i) {
     const Trajectory truth = random_trajectory(random);

@@ -9,7 +9,7 @@ namespace penumbra {
 namespace {
 
 // The published generator's first numbers for the seed 1234567.
-TEST(SplitMix64, GivesThePublishedNumbers) {
+TEST(SplitMix64, ReproducesPublishedSequence) {
   constexpr std::array<std::uint64_t, 5> kExpected = {6457827717110365317U, 3203168211198807973U,
                                                       9817491932198370423U, 4593380528125082431U,
                                                       16408922859458223821U};
@@ -20,7 +20,7 @@ TEST(SplitMix64, GivesThePublishedNumbers) {
   }
 }
 
-TEST(SplitMix64, RangesAndStreams) {
+TEST(SplitMix64, StaysInRangeAndSeparatesStreams) {
   SplitMix64 random(7);
   std::set<std::size_t> seen;
   for (int i = 0; i < 1000; ++i) {

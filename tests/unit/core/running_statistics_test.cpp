@@ -65,7 +65,7 @@ void expect_near_exact(const std::vector<double>& values) {
   RC_ASSERT(found.max == *std::ranges::max_element(values));
 }
 
-TEST(RunningStatistics, FewValuesAreExact) {
+TEST(RunningStatistics, IsExactForFewValues) {
   Draw draw(3);
   std::vector<double> values;
   for (std::size_t i = 0; i < RunningStatistics::kMostExact; ++i) {
@@ -85,7 +85,7 @@ TEST(RunningStatistics, FewValuesAreExact) {
   }
 }
 
-TEST(RunningStatistics, OfNothingAllIsZero) {
+TEST(RunningStatistics, IsZeroWithoutValues) {
   const RunningStatistics nothing;
   EXPECT_TRUE(nothing.empty());
   const Statistics s = nothing.statistics();
@@ -95,7 +95,7 @@ TEST(RunningStatistics, OfNothingAllIsZero) {
   }
 }
 
-TEST(RunningStatistics, WhatIsNotFiniteIsLeftOut) {
+TEST(RunningStatistics, IgnoresNonFiniteValues) {
   RunningStatistics statistics;
   for (std::size_t i = 0; i < 2 * RunningStatistics::kMostExact; ++i) {
     for (const double value : {std::nan(""), kInfinity, -kInfinity, 2.0}) statistics.add(value);
@@ -108,7 +108,7 @@ TEST(RunningStatistics, WhatIsNotFiniteIsLeftOut) {
 }
 
 // As many values as are still exact, one more, and many; of one size, of all sizes, a few only.
-RC_GTEST_PROP(RunningStatistics, ManyValuesAreAsExactAsTheirBins, ()) {
+RC_GTEST_PROP(RunningStatistics, StaysWithinBinErrorForManyValues, ()) {
   Draw draw(*rc::gen::arbitrary<std::uint64_t>());
   const std::size_t more[] = {1, 2, 100, 3 * RunningStatistics::kMostExact};
   const std::size_t count =
@@ -134,7 +134,7 @@ RC_GTEST_PROP(RunningStatistics, ManyValuesAreAsExactAsTheirBins, ()) {
   RC_ASSERT(std::abs(statistics.mean() - mean) <= 1e-12 * exact.rmse);
 }
 
-RC_GTEST_PROP(RunningStatistics, WhateverIsAddedAllIsFiniteAndInOrder, ()) {
+RC_GTEST_PROP(RunningStatistics, StaysFiniteAndOrderedForAnyInput, ()) {
   Draw draw(*rc::gen::arbitrary<std::uint64_t>());
   const bool many = draw() < 0.5;
   RunningStatistics statistics;

@@ -54,7 +54,7 @@ class SampleDepthTest : public testing::Test {
   std::vector<std::filesystem::path> pictures_;
 };
 
-TEST_F(SampleDepthTest, IsTheSmallestThatHoldsEveryValue) {
+TEST_F(SampleDepthTest, IsSmallestDepthThatHoldsEveryValue) {
   for (const auto& [brightest, bits] : {std::pair{0, 16},
                                         {1, 8},
                                         {255, 8},
@@ -75,7 +75,7 @@ TEST_F(SampleDepthTest, IsTheSmallestThatHoldsEveryValue) {
   }
 }
 
-TEST_F(SampleDepthTest, IsOneForAllPictures) {
+TEST_F(SampleDepthTest, IsCommonToAllImages) {
   add(png_of(ramp(700)));
   add(png_of(ramp(3000)));
   add(png_of(ramp(90)));
@@ -86,7 +86,7 @@ TEST_F(SampleDepthTest, IsOneForAllPictures) {
   EXPECT_FALSE(found().reduced());
 }
 
-TEST_F(SampleDepthTest, IsThatOfTheChunkWhereTheValuesFit) {
+TEST_F(SampleDepthTest, FollowsChunkWhenValuesFit) {
   add(png_of(ramp(700), {.significant_bits = 12}));
   EXPECT_EQ(found().bits, 12);
   EXPECT_TRUE(found().by_chunk);
@@ -113,7 +113,7 @@ TEST_F(SampleDepthTest, IgnoresOtherFiles) {
 }
 
 // The upper 8 of the bits that hold the value, in every layout; a larger value is white.
-TEST(DecodeImage, KeepsTheUpperBitsOfReducedSamples) {
+TEST(DecodeImage, KeepsUpperBitsOfReducedSamples) {
   const Layout layouts[] = {{},
                             {.interlaced = true},
                             {SPNG_COLOR_TYPE_GRAYSCALE_ALPHA, 2, true},
@@ -145,7 +145,7 @@ TEST(DecodeImage, KeepsTheUpperBitsOfReducedSamples) {
   }
 }
 
-TEST(ClampWatch, WarnsOnceOfValuesAboveTheDepth) {
+TEST(ClampWatch, WarnsOnceOfValuesAboveDepth) {
   ClampWatch watch(10);
   for (const auto& [brightest, warns] : {std::pair{1023, false}, {1024, true}, {4000, false}}) {
     const auto frame = decode_image(png_of(ramp(brightest)), "a.png", watch.options());
@@ -159,7 +159,7 @@ TEST(ClampWatch, WarnsOnceOfValuesAboveTheDepth) {
   }
 }
 
-TEST(DecodeImage, ReadsTheSharedDarkPicturesAsTheirEightBitOriginals) {
+TEST(DecodeImage, ReadsDarkImagesLikeEightBitOriginals) {
   if (test::shared_dir().empty()) GTEST_SKIP() << "no shared data beside the checkout";
   const auto cases = test::shared_dir() / "cases" / "dark-16-bit-pictures";
   for (const auto& [name, bits] : {std::pair{"r_gray10in16", 10}, {"r_gray12in16", 12}}) {

@@ -7,7 +7,7 @@
 namespace penumbra {
 namespace {
 
-TEST(Spelling, CountsLettersPutInTakenOutAndReplaced) {
+TEST(EditDistance, CountsInsertionsDeletionsAndReplacements) {
   EXPECT_EQ(letters_apart("", ""), 0U);
   EXPECT_EQ(letters_apart("", "abc"), 3U);
   EXPECT_EQ(letters_apart("--tracking", "--tracking"), 0U);

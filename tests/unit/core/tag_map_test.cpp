@@ -32,7 +32,7 @@ class TagMapFile : public testing::Test {
   std::filesystem::path file_ = folder_.path() / "tags.yaml";
 };
 
-TEST_F(TagMapFile, ReadsATagAndPlacesItsCorners) {
+TEST_F(TagMapFile, ReadsTagAndPlacesItsCorners) {
   const auto map = load(std::string("tags:\n") + kTag);
   ASSERT_TRUE(map) << map.error().message;
   const MappedTag* tag = map->find(TagFamily::tag36h11, 3);
@@ -62,7 +62,7 @@ TEST_F(TagMapFile, ReadsGroupsAndEveryFamily) {
   }
 }
 
-TEST_F(TagMapFile, ErrorsNameFileTagAndField) {
+TEST_F(TagMapFile, NamesFileTagAndFieldOfError) {
   const std::string head = "tags:\n";
   refuses("", "map");
   refuses("tags: 3\n", "tags");
@@ -96,7 +96,7 @@ TEST_F(TagMapFile, ErrorsNameFileTagAndField) {
   refuses(std::string(100000, '['), "YAML");
 }
 
-TEST(TagMap, ChecksWhatCodeGivesIt) {
+TEST(TagMap, RejectsInvalidTags) {
   MappedTag tag;
   tag.size_m = 0.1;
   EXPECT_TRUE(TagMap::make({tag}));
@@ -111,7 +111,7 @@ TEST(TagMap, ChecksWhatCodeGivesIt) {
   EXPECT_FALSE(TagMap::make({bad}));
 }
 
-TEST(TagMap, SavesWhatReadsBackTheSame) {
+TEST(TagMap, RoundTripsThroughFile) {
   std::vector<MappedTag> tags(2);
   tags[0].id = 3;
   tags[0].size_m = 0.1 / 3.0;
@@ -155,7 +155,7 @@ TEST(TagMap, ReadsEverySharedMap) {
   EXPECT_GE(read, 8);
 }
 
-TEST(TagFamilyName, IsReadAsOpenCvRosAndAprilTagWriteIt) {
+TEST(TagFamilyName, IsReadInOpenCvRosAndAprilTagSpelling) {
   struct Names {
     TagFamily family;
     std::vector<const char*> names;
@@ -180,14 +180,14 @@ TEST(TagFamilyName, IsReadAsOpenCvRosAndAprilTagWriteIt) {
   }
 }
 
-TEST(TagFamilyName, OfEveryFamilyReadsBack) {
+TEST(TagFamilyName, RoundTripsForEveryFamily) {
   for (int i = 0; i <= static_cast<int>(TagFamily::aruco_6x6_1000); ++i) {
     const auto family = static_cast<TagFamily>(i);
     EXPECT_EQ(tag_family_from_string(to_string(family)), family) << to_string(family);
   }
 }
 
-TEST(TagFamilyName, ThatIsUnknownIsRefusedWithTheKnownOnes) {
+TEST(TagFamilyName, IsRejectedWithKnownNamesWhenUnknown) {
   for (const char* name : {"", "tag", "dict", "DICT_", "tag36h12", "DICT_36h11", "aruco_36h11",
                            "DICT_7X7_50", "DICT_ARUCO_ORIGINAL", "DICT_ARUCO_MIP_36h12", "4x4",
                            "4x4_500", "t", "tt36h11", ":", "tag36h11 x"}) {

@@ -10,22 +10,22 @@ namespace {
 
 using namespace std::string_view_literals;
 
-TEST(ByteOrderMark, Utf8MarkIsSkipped) {
+TEST(ByteOrderMark, IsSkippedInUtf8Text) {
   EXPECT_EQ(without_byte_order_mark("\xEF\xBB\xBFv 0 0 0\n", "a.obj").value(), "v 0 0 0\n");
   EXPECT_EQ(without_byte_order_mark("\xEF\xBB\xBF", "a.obj").value(), "");
 }
 
-TEST(ByteOrderMark, TextWithoutMarkIsUnchanged) {
+TEST(ByteOrderMark, LeavesTextWithoutMarkUnchanged) {
   for (const std::string_view text : {""sv, "v"sv, "v 0"sv, "\xEF\xBB"sv, "a\0b"sv}) {
     EXPECT_EQ(without_byte_order_mark(text, "a.obj").value(), text);
   }
 }
 
-TEST(ByteOrderMark, OnlyTheFirstMarkIsSkipped) {
+TEST(ByteOrderMark, IsSkippedOnlyOnce) {
   EXPECT_EQ(without_byte_order_mark("\xEF\xBB\xBF\xEF\xBB\xBFv", "a.obj").value(), "\xEF\xBB\xBFv");
 }
 
-TEST(ByteOrderMark, WideEncodingsAreRefusedByName) {
+TEST(ByteOrderMark, RejectsUtf16AndUtf32ByName) {
   for (const std::string_view text :
        {"\xFF\xFE#\0 \0"sv, "\xFE\xFF\0#\0 "sv, "\xFF\xFE"sv, "#\0 \0"sv, "\0#\0 "sv}) {
     const auto result = without_byte_order_mark(text, "a.tum");

@@ -12,7 +12,7 @@
 namespace penumbra {
 namespace {
 
-TEST(Text, SecondsBecomeExactNanoseconds) {
+TEST(Text, ParsesSecondsToExactNanoseconds) {
   EXPECT_EQ(parse_seconds_as_ns("0"), 0);
   EXPECT_EQ(parse_seconds_as_ns("0.033333"), 33333000);
   EXPECT_EQ(parse_seconds_as_ns("1311868164.363181"), 1311868164363181000);
@@ -26,27 +26,27 @@ TEST(Text, SecondsBecomeExactNanoseconds) {
   EXPECT_EQ(parse_seconds_as_ns("0000000000000000000000001"), 1000000000);
 }
 
-TEST(Text, DigitsBeyondTheNanosecondAreRounded) {
+TEST(Text, RoundsDigitsBeyondNanosecond) {
   EXPECT_EQ(parse_seconds_as_ns("0.0000000004"), 0);
   EXPECT_EQ(parse_seconds_as_ns("0.0000000005"), 1);
   EXPECT_EQ(parse_seconds_as_ns("0.9999999999"), 1000000000);
   EXPECT_EQ(parse_seconds_as_ns("1e-30"), 0);
 }
 
-TEST(Text, WhatIsNoTimeIsRefused) {
+TEST(Text, RejectsInvalidTimes) {
   for (const char* text : {"", "-", ".", "abc", "1.2.3", "nan", "inf", "1e", "1e400", "12 3",
                            "99999999999", "--1", "1,5", "0x10"}) {
     EXPECT_EQ(parse_seconds_as_ns(text), std::nullopt) << text;
   }
 }
 
-RC_GTEST_PROP(Text, WrittenTimesReadBack, ()) {
+RC_GTEST_PROP(Text, RoundTripsTimes, ()) {
   const auto time =
       *rc::gen::inRange<std::int64_t>(-4'000'000'000'000'000'000, 4'000'000'000'000'000'000);
   RC_ASSERT(parse_seconds_as_ns(format_ns_as_seconds(time)) == time);
 }
 
-TEST(Text, NumbersAreTakenWhole) {
+TEST(Text, ParsesOnlyCompleteNumbers) {
   EXPECT_EQ(parse_number("-1.5e3"), -1500.0);
   EXPECT_EQ(parse_number("+2"), 2.0);
   EXPECT_TRUE(std::isnan(parse_number("nan").value()));
@@ -57,7 +57,7 @@ TEST(Text, NumbersAreTakenWhole) {
   EXPECT_EQ(parse_integer("99999999999999999999"), std::nullopt);
 }
 
-TEST(Text, FilesThatCannotBeReadAreNamed) {
+TEST(Text, NamesFilesThatCannotBeRead) {
   const test::TemporaryFolder folder;
   const auto missing = read_text_file(folder.path() / "none.txt", 10);
   ASSERT_FALSE(missing);
@@ -69,12 +69,12 @@ TEST(Text, FilesThatCannotBeReadAreNamed) {
   EXPECT_FALSE(write_text_file(folder.path() / "no" / "a.txt", "x"));
 }
 
-TEST(Text, InMarkupHasNoMarkupOfItsOwn) {
+TEST(Text, EscapesMarkup) {
   EXPECT_EQ(in_markup("<b title=\"a & b\">"), "&lt;b title=&quot;a &amp; b&quot;&gt;");
   EXPECT_EQ(in_markup("0.3 m"), "0.3 m");
 }
 
-TEST(TextFile, IsReadWithoutItsByteOrderMark) {
+TEST(TextFile, IsReadWithoutByteOrderMark) {
   const test::TemporaryFolder folder;
   const std::filesystem::path file = folder.path() / "a.txt";
   ASSERT_TRUE(write_text_file(file, "\xEF\xBB\xBFtext"));

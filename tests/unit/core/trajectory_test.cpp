@@ -43,7 +43,7 @@ TEST_F(TrajectoryFile, ReadsPosesAndComments) {
   EXPECT_EQ(read->poses[2].T_table_camera.rotation().x(), 1.0);
 }
 
-TEST_F(TrajectoryFile, ErrorsNameFileAndLine) {
+TEST_F(TrajectoryFile, NamesFileAndLineOfError) {
   refuses("0 0 0 0 0 0 0\n", "line 1");
   refuses("0 0 0 0 0 0 0 1\n# x\n1 0 0 0 0 0 0 1 5\n", "line 3");
   refuses("0 nan 0 0 0 0 0 1\n", "tx");
@@ -58,7 +58,7 @@ TEST_F(TrajectoryFile, ErrorsNameFileAndLine) {
   EXPECT_FALSE(load_trajectory(folder_.path() / "absent.tum"));
 }
 
-TEST_F(TrajectoryFile, NamesTheUnitOfTimesThatAreTooLargeForSeconds) {
+TEST_F(TrajectoryFile, NamesUnitOfTimestampsTooLargeForSeconds) {
   refuses("1604644894000 0 0 0 0 0 0 1\n", "milliseconds; divide by 1e3");
   refuses("1604644894000000 0 0 0 0 0 0 1\n", "microseconds; divide by 1e6");
   refuses("1403636579763555584 0 0 0 0 0 0 1\n", "nanoseconds; divide by 1e9");
@@ -73,7 +73,7 @@ TEST_F(TrajectoryFile, SkipsByteOrderMarkAndNamesUtf16) {
   refuses(std::string_view("\xFF\xFE#\0 \0\n\0", 8), "UTF-16");
 }
 
-TEST_F(TrajectoryFile, ReadsEurocsGroundTruth) {
+TEST_F(TrajectoryFile, ReadsEurocGroundtruth) {
   const char* header =
       "#timestamp, p_RS_R_x [m], p_RS_R_y [m], p_RS_R_z [m], q_RS_w [], q_RS_x [], q_RS_y [], "
       "q_RS_z [], v_RS_R_x [m s^-1]\n";
@@ -99,7 +99,7 @@ TEST_F(TrajectoryFile, ReadsEurocsGroundTruth) {
   EXPECT_FALSE(load("1 2 3 4 0 0 0 1\n")->of_body);
 }
 
-TEST_F(TrajectoryFile, RefusesOtherCsvFilesByName) {
+TEST_F(TrajectoryFile, RejectsOtherCsvFilesByName) {
   refuses("1403636580838555648,4.5,-1.8,0.75\n", "has 4 values between commas");
   refuses("1.25,4.5,-1.8,0.75,1,0,0,0\n", "no whole number of nanoseconds");
   refuses("1,4.5,-1.8,0.75,0.6,0.6,0,0\n", "no rotation");
@@ -108,7 +108,7 @@ TEST_F(TrajectoryFile, RefusesOtherCsvFilesByName) {
   refuses("1e99999999999,0,0,1,1,0,0,0\n", "nanoseconds");
 }
 
-TEST(TrajectoryCases, SharedFilesAreReadOrNamed) {
+TEST(TrajectoryCases, ReadOrNameSharedFiles) {
   const std::filesystem::path shared = test::shared_dir();
   if (shared.empty()) GTEST_SKIP() << "no shared data beside the checkout";
   const std::filesystem::path folder = shared / "cases" / "tum-byte-order-mark";
@@ -138,7 +138,7 @@ TEST(TrajectoryCases, SharedFilesAreReadOrNamed) {
   EXPECT_THAT(checked.error().message, testing::HasSubstr("milliseconds"));
 }
 
-TEST_F(TrajectoryFile, WhatIsWrittenReadsBackBitForBit) {
+TEST_F(TrajectoryFile, RoundTripsExactly) {
   Trajectory trajectory;
   for (int i = 0; i < 20; ++i) {
     StampedPose pose;
@@ -171,7 +171,7 @@ CameraPose on_the_way(double t) {
       Eigen::Vector3d(0.3 * t, -0.2 * t, 1.0 + 0.1 * t)};
 }
 
-TEST(Trajectory, AnEvenMotionGoesOnBetweenAndBeyondItsPoses) {
+TEST(Trajectory, InterpolatesAndExtrapolatesEvenMotion) {
   Trajectory t;
   for (const double time : {0.0, 0.4, 0.5, 1.1, 1.2})
     t.poses.push_back({nanoseconds(time), on_the_way(time), {}});
@@ -185,7 +185,7 @@ TEST(Trajectory, AnEvenMotionGoesOnBetweenAndBeyondItsPoses) {
   EXPECT_EQ(pose_between(one, 5).translation(), t.poses[1].T_table_camera.translation());
 }
 
-TEST(Trajectory, ACurveThroughPosesHasNoKink) {
+TEST(Trajectory, InterpolatesWithoutKink) {
   Trajectory t;
   for (int i = 0; i < 8; ++i) {
     const double a = 0.7 * i;
@@ -214,7 +214,7 @@ TEST(Trajectory, ACurveThroughPosesHasNoKink) {
   }
 }
 
-TEST(Trajectory, FindsTheNearestPose) {
+TEST(Trajectory, FindsNearestPose) {
   Trajectory t;
   for (const std::int64_t time : {0, 10, 20, 40}) t.poses.push_back({time, {}, {}});
   EXPECT_EQ(t.at(0, 0), &t.poses[0]);

@@ -20,7 +20,7 @@ TEST(BesideModel, KeepsRelativePaths) {
   }
 }
 
-TEST(BesideModel, FindsLatin1NamesThatAreUtf8OnTheDisk) {
+TEST(BesideModel, FindsLatin1NamesStoredAsUtf8) {
   const test::ModelFolder folder;
   const auto utf8 = folder.write("B\xC3\xA4r.png", "");
   EXPECT_EQ(beside_model(folder.path(), "B\xE4r.png").value(), utf8);
@@ -41,7 +41,7 @@ TEST(BesideModel, SkipsFileScheme) {
   EXPECT_EQ(beside_model("m", "file:///home/me/t.png").value(), "m/t.png");
 }
 
-TEST(BesideModel, TakesLastPartOfPathThatLeavesTheFolder) {
+TEST(BesideModel, TakesLastPartOfPathOutsideFolder) {
   for (const std::string name :
        {"/t.png", "/etc/t.png", "../t.png", "a/../../t.png", "a/../t.png", R"(..\t.png)",
         R"(C:\Users\me\t.png)", "c:/t.png", "C:t.png", R"(\\server\share\t.png)", "//server/t.png",
@@ -52,7 +52,7 @@ TEST(BesideModel, TakesLastPartOfPathThatLeavesTheFolder) {
   }
 }
 
-TEST(BesideModel, RefusesNameWithoutLastPart) {
+TEST(BesideModel, RejectsNameWithoutLastPart) {
   for (const std::string_view name :
        {""sv, "."sv, ".."sv, "/"sv, "a/"sv, "../.."sv, "a/."sv, "C:"sv, R"(C:\)"sv, "C:.."sv,
         "file:"sv, "t.png\0"sv, "a\0/t.png"sv}) {

@@ -98,7 +98,7 @@ std::vector<double> volumes(const Part& part) {
   return all;
 }
 
-TEST(BundledModels, FilesAreWhatMakeModelsWrites) {
+TEST(BundledModels, MatchFilesWrittenByMakeModels) {
   std::set<std::string> expected;
   for (const Model& model : bundled_models()) {
     const std::string name = model.name + ".glb";
@@ -120,7 +120,7 @@ TEST(BundledModels, FilesAreWhatMakeModelsWrites) {
   EXPECT_EQ(present, expected);
 }
 
-TEST(BundledModels, AreMadeTheSameTwice) {
+TEST(BundledModels, AreGeneratedDeterministically) {
   const std::vector<Model> again = models::make_bundled_models();
   ASSERT_EQ(again.size(), bundled_models().size());
   for (std::size_t i = 0; i < again.size(); ++i) {
@@ -131,7 +131,7 @@ TEST(BundledModels, AreMadeTheSameTwice) {
   }
 }
 
-TEST(BundledModels, FilesAreSmall) {
+TEST(BundledModels, HaveSmallFiles) {
   std::uintmax_t sum = 0;
   for (const auto& entry : std::filesystem::directory_iterator(models_dir())) {
     EXPECT_LT(entry.file_size(), 1'500'000U) << entry.path();
@@ -140,7 +140,7 @@ TEST(BundledModels, FilesAreSmall) {
   EXPECT_LT(sum, 4'000'000U);
 }
 
-TEST(BundledModels, NumbersAreSound) {
+TEST(BundledModels, HaveValidNumbers) {
   for (const Model& model : bundled_models()) {
     for (const Mesh& mesh : model.meshes) {
       SCOPED_TRACE(model.name + ": " + mesh.name);
@@ -160,7 +160,7 @@ TEST(BundledModels, NumbersAreSound) {
   }
 }
 
-TEST(BundledModels, NoFaceIsDegenerate) {
+TEST(BundledModels, HaveNoDegenerateFaces) {
   for (const Model& model : bundled_models()) {
     for (const Mesh& mesh : model.meshes) {
       double thinnest = 1.0;
@@ -180,7 +180,7 @@ TEST(BundledModels, NoFaceIsDegenerate) {
 }
 
 // Shading normals look the way their faces do, so that winding and normals agree.
-TEST(BundledModels, NormalsFaceTheWayTheirFacesDo) {
+TEST(BundledModels, HaveNormalsAlignedWithFaces) {
   for (const Model& model : bundled_models()) {
     for (const Mesh& mesh : model.meshes) {
       std::size_t against = 0;
@@ -196,7 +196,7 @@ TEST(BundledModels, NormalsFaceTheWayTheirFacesDo) {
   }
 }
 
-TEST(BundledModels, EveryPartIsClosedAndFacesOut) {
+TEST(BundledModels, HaveClosedPartsFacingOutwards) {
   for (const Model& model : bundled_models()) {
     for (const auto& [name, part] : parts_of(model)) {
       EXPECT_EQ(open_edges(part), 0U) << model.name << ": " << name;
@@ -206,13 +206,13 @@ TEST(BundledModels, EveryPartIsClosedAndFacesOut) {
   }
 }
 
-TEST(BundledModels, AnOpenPartWouldBeSeen) {
+TEST(BundledModels, FailClosednessCheckForOpenPart) {
   Model sphere = models::make_sphere();
   sphere.meshes.front().indices.resize(sphere.meshes.front().indices.size() - 3);
   EXPECT_EQ(open_edges(parts_of(sphere).begin()->second), 3U);
 }
 
-TEST(BundledModels, VolumesFollowTheFormulas) {
+TEST(BundledModels, HaveVolumesOfTheirFormulas) {
   const auto volume = [](const Model& model) {
     return volumes(parts_of(model).begin()->second).front() * 1e9;  // [mm^3]
   };
@@ -225,7 +225,7 @@ TEST(BundledModels, VolumesFollowTheFormulas) {
   EXPECT_NEAR(volume(models::make_tube()) / (M_PI * 60.0 * (400.0 - 225.0)), 0.9972, 0.0005);
 }
 
-TEST(BundledModels, StandWhereTheirFramesSay) {
+TEST(BundledModels, StandAtTheirDocumentedOrigin) {
   for (const Model& model : bundled_models()) {
     const bool rotor = model.name.find("rotor") != std::string::npos;
     if (!rotor) {
@@ -242,7 +242,7 @@ TEST(BundledModels, StandWhereTheirFramesSay) {
   }
 }
 
-TEST(BundledModels, HelicopterIsOfTheSizeItClaims) {
+TEST(BundledModels, IncludeHelicopterOfDocumentedSize) {
   const Model helicopter = models::make_helicopter();
   const Model rotor = models::make_helicopter_rotor();
   const Model tail_rotor = models::make_helicopter_tail_rotor();
@@ -268,7 +268,7 @@ TEST(BundledModels, HelicopterIsOfTheSizeItClaims) {
   }
 }
 
-TEST(BundledModels, TreeAndHandAreAsBigAsShadowStudiesNeed) {
+TEST(BundledModels, IncludeTreeAndHandOfRequiredComplexity) {
   const auto welded = [](const Model& model) {
     std::size_t count = 0;
     for (const auto& [name, part] : parts_of(model)) count += part.points.size();

@@ -86,7 +86,7 @@ std::array<double, 3> reference_rgb(const Frame& f, int x, int y) {
 }
 
 // Passes of the frame graph that drew something, and OpenGL's draw calls, which may be more.
-TEST(Compositor, CountsPassesAndDrawCallsApart) {
+TEST(Compositor, CountsPassesAndDrawCallsSeparately) {
   SceneBuilder builder;
   builder.add(box(0.06, glm::vec4(1.0F)), test::at(0, 0, 0.1));
   builder.add(box(0.05, glm::vec4(1.0F)), test::at(0.1, 0, 0.06));
@@ -128,7 +128,7 @@ TEST(Compositor, CountsPassesAndDrawCallsApart) {
       << "the video, and what is seen through";
 }
 
-TEST(Compositor, VideoIsDrawnPixelByPixelInEveryFormat) {
+TEST(Compositor, DrawsVideoPixelExactInEveryFormat) {
   SceneBuilder empty;
   for (const GlApi api : {GlApi::gl33, GlApi::gles30}) {
     // Odd sizes, whose last chroma sample is half outside; and such that a texel is a small part of
@@ -211,7 +211,7 @@ std::vector<CameraPose> views() {
 
 const std::array<double, 8> kBent = {-0.28, 0.09, 0.0012, -0.0009, -0.006};
 
-TEST(Compositor, LeavingOutWhatCannotShowChangesNoBit) {
+TEST(Compositor, DrawsSameFrameWhenSkippingInvisibleParts) {
   const auto scene = busy_scene();
   const CameraModel camera = test::camera_of(320, 240, 260.0, DistortionModel::plumb_bob, kBent);
   Studio with(scene, camera);
@@ -233,7 +233,7 @@ TEST(Compositor, LeavingOutWhatCannotShowChangesNoBit) {
   EXPECT_GT(skipped, 60U);
 }
 
-TEST(Compositor, BothApisAndEveryRunDrawTheSame) {
+TEST(Compositor, DrawsSameFrameOnBothApisAndEveryRun) {
   const auto scene = busy_scene();
   const CameraModel camera = test::camera_of(320, 240, 260.0, DistortionModel::plumb_bob, kBent);
   Studio desktop(scene, camera, GlApi::gl33);
@@ -256,7 +256,7 @@ TEST(Compositor, BothApisAndEveryRunDrawTheSame) {
   }
 }
 
-TEST(Compositor, PhantomsHideAndAreNotSeen) {
+TEST(Compositor, UsesPhantomsAsInvisibleOccluders) {
   const CameraModel camera = test::camera_of(320, 240, 300.0);
   const CameraPose pose = test::look_at({0.0, -0.5, 0.3}, {0.0, 0.0, 0.05});
   const Frame frame = test::plain_frame(320, 240, 200);
@@ -284,7 +284,7 @@ TEST(Compositor, PhantomsHideAndAreNotSeen) {
   EXPECT_LT(changed(hidden), seen / 3);
 }
 
-TEST(Compositor, NothingOfAShadowIsSeenFromBehindThePlane) {
+TEST(Compositor, DrawsNoShadowSeenFromBehindPlane) {
   SceneBuilder builder;
   builder.add(box(0.1, glm::vec4(1.0F)), test::at(0, 0, 0.2));
   Studio studio(builder.build(), test::camera_of(320, 240, 300.0));
@@ -298,7 +298,7 @@ TEST(Compositor, NothingOfAShadowIsSeenFromBehindThePlane) {
   }
 }
 
-TEST(Compositor, AHeldPoseFadesOut) {
+TEST(Compositor, FadesOutCoastingPose) {
   SceneBuilder builder;
   builder.add(box(0.1, {0.9F, 0.1F, 0.1F, 1.0F}), test::at(0, 0, 0.15));
   Studio studio(builder.build(), test::camera_of(320, 240, 300.0));
@@ -327,7 +327,7 @@ TEST(Compositor, AHeldPoseFadesOut) {
   EXPECT_FALSE(studio.plan(pose).has_pose);
 }
 
-TEST(Compositor, RefusesAFrameOfAnotherSize) {
+TEST(Compositor, RejectsFrameOfOtherSize) {
   SceneBuilder builder;
   Studio studio(builder.build(), test::camera_of(64, 48, 60.0));
   const auto drawn = studio.compositor().draw(test::plain_frame(48, 64, 0), FramePlan());
@@ -335,7 +335,7 @@ TEST(Compositor, RefusesAFrameOfAnotherSize) {
   EXPECT_THAT(drawn.error().message, testing::HasSubstr("48 x 64"));
 }
 
-TEST(Compositor, ReportsWhatTheDriverRefusesInTheSameFrame) {
+TEST(Compositor, ReportsDriverErrorInSameFrame) {
   SceneBuilder builder;
   Studio studio(builder.build(), test::camera_of(64, 48, 60.0));
   const Frame frame = test::plain_frame(64, 48, 0);
@@ -355,7 +355,7 @@ GLenum get_error() {
 }
 
 // As a driver does that was reset, for ever; and one that is out of memory.
-TEST(Compositor, ReportsALostContextInOneLine) {
+TEST(Compositor, ReportsLostContextInOneLine) {
   SceneBuilder builder;
   Studio studio(builder.build(), test::camera_of(64, 48, 60.0));
   const Frame frame = test::plain_frame(64, 48, 0);
@@ -386,7 +386,7 @@ GLenum reset_status() {
 }
 
 // Some drivers tell of a reset only when they are asked.
-TEST(Compositor, AsksWhetherTheDriverWasReset) {
+TEST(Compositor, DetectsDriverReset) {
   for (const GlApi api : {GlApi::gl33, GlApi::gles30}) {
     const auto context = create_offscreen_context(api);
     ASSERT_TRUE(context);
@@ -416,7 +416,7 @@ TEST(Compositor, AsksWhetherTheDriverWasReset) {
 }
 
 // What was noted while models and textures went to the GPU is told before the first frame.
-TEST(Compositor, ReportsWhatTheDriverRefusesOfAScene) {
+TEST(Compositor, ReportsDriverErrorWhileLoadingScene) {
   const auto context = create_offscreen_context();
   ASSERT_TRUE(context);
   SceneBuilder builder;
@@ -427,7 +427,7 @@ TEST(Compositor, ReportsWhatTheDriverRefusesOfAScene) {
   EXPECT_TRUE(Compositor::create(**context, builder.build(), test::camera_of(64, 48, 60.0)));
 }
 
-TEST(Framebuffer, RefusesASizeThatNoDriverHolds) {
+TEST(Framebuffer, RejectsSizeBeyondDriverLimit) {
   const auto context = create_offscreen_context();
   ASSERT_TRUE(context);
   const auto made = Framebuffer::create(10'000'000, 48);
@@ -435,7 +435,7 @@ TEST(Framebuffer, RefusesASizeThatNoDriverHolds) {
   EXPECT_THAT(made.error().message, testing::HasSubstr("10000000 x 48 px is too large"));
 }
 
-TEST(GlError, SaysWhatItMeansAndWhatToDo) {
+TEST(GlError, DescribesCauseAndRemedy) {
   EXPECT_THAT(gl_error_text(GL_OUT_OF_MEMORY), testing::HasSubstr("out of memory; use a smaller"));
   EXPECT_THAT(gl_error_text(GL_CONTEXT_LOST), testing::HasSubstr("was reset"));
   EXPECT_THAT(gl_error_text(GL_INVALID_OPERATION), testing::HasSubstr("refuses"));
@@ -449,7 +449,7 @@ TEST(GlError, SaysWhatItMeansAndWhatToDo) {
   EXPECT_FALSE(noted_gl_error((*context)->info()));
 }
 
-TEST(Compositor, RefusesMoreLightsThanItDraws) {
+TEST(Compositor, RejectsMoreLightsThanSupported) {
   SceneBuilder builder;
   builder.scene().lights.resize(9);
   const auto context = create_offscreen_context();
@@ -459,7 +459,7 @@ TEST(Compositor, RefusesMoreLightsThanItDraws) {
   EXPECT_THAT(made.error().message, testing::HasSubstr("lights: 9"));
 }
 
-TEST(Shader, AnErrorNamesTheFileAndTheLine) {
+TEST(Shader, NamesFileAndLineOfError) {
   for (const GlApi api : {GlApi::gl33, GlApi::gles30}) {
     const auto context = create_offscreen_context(api);
     ASSERT_TRUE(context) << context.error().message;
@@ -473,7 +473,7 @@ TEST(Shader, AnErrorNamesTheFileAndTheLine) {
   }
 }
 
-TEST(Context, SaysWhatItIs) {
+TEST(GlContext, ReportsRendererAndApi) {
   for (const GlApi api : {GlApi::gl33, GlApi::gles30}) {
     const auto context = create_offscreen_context(api);
     ASSERT_TRUE(context) << context.error().message;
@@ -484,7 +484,7 @@ TEST(Context, SaysWhatItIs) {
   }
 }
 
-TEST(Compositor, AnImageThatIsTooLargeIsNamed) {
+TEST(Compositor, NamesImageBeyondDriverLimit) {
   const auto plain = box(0.05, glm::vec4(1.0F));
   auto model = std::make_shared<Model>(*plain);
   constexpr int kWidth = 1 << 17;  // more than any driver takes

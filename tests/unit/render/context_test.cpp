@@ -35,7 +35,7 @@ EGLContext create_without_notification(EGLDisplay display, EGLConfig config, EGL
   return EGL_NO_CONTEXT;
 }
 
-TEST(OffscreenContext, ComesAlsoFromADriverThatTellsOfNoReset) {
+TEST(OffscreenContext, IsCreatedWithoutResetNotification) {
   for (const GlApi api : {GlApi::gl33, GlApi::gles30}) {
     const auto usual = create_offscreen_context(api);
     ASSERT_TRUE(usual) << usual.error().message;

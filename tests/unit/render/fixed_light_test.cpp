@@ -29,7 +29,7 @@ struct Square {
   }
 };
 
-TEST(FixedLight, IsProportionalWhereThicknessIsThatOfThePart) {
+TEST(FixedLight, MatchesProportionalLightAtPartThickness) {
   const double infinity = std::numeric_limits<double>::infinity();
   for (const LayeredConstants& constants : {make_layered_constants(0.9, 3.0, 0.0).value(),
                                             make_layered_constants(infinity, 0.0, 0.3).value()}) {
@@ -43,7 +43,7 @@ TEST(FixedLight, IsProportionalWhereThicknessIsThatOfThePart) {
   }
 }
 
-TEST(FixedLight, ThinPartsLoseTheirUmbraFirst) {
+TEST(FixedLight, ShrinksUmbraOfThinPartsFirst) {
   const LayeredConstants constants = make_layered_constants(0.9, 3.0, 0.0).value();
   // Half as thick: a_i = 2 a, so that the umbra is gone at half the height.
   const double s = (0.9 - 6.0 * 0.1) / (0.9 - 0.1);
@@ -54,7 +54,7 @@ TEST(FixedLight, ThinPartsLoseTheirUmbraFirst) {
   EXPECT_NEAR(Square(0.1F, 0.5F, 1.0F).area(constants, ShadowLayer::penumbra), 4.0 * p * p, 1e-4);
 }
 
-TEST(FixedLight, FacesAreCutWhereTheirUmbraEnds) {
+TEST(FixedLight, CutsFacesWhereUmbraEnds) {
   const LayeredConstants constants = make_layered_constants(0.9, 3.0, 0.0).value();
   Square square(0.0F, 1.0F, 1.0F);
   square.vertices[1].h = square.vertices[2].h = 0.6F;  // the umbra ends half way, at 0.3 m
@@ -62,7 +62,7 @@ TEST(FixedLight, FacesAreCutWhereTheirUmbraEnds) {
   EXPECT_NEAR(square.area(constants, ShadowLayer::umbra), 1.0, 1e-5);
 }
 
-TEST(FixedLight, VerticesWithoutADiscStayAndNothingIsNaN) {
+TEST(FixedLight, KeepsVerticesWithoutDiscFinite) {
   const LayeredConstants constants = make_layered_constants(0.9, 3.0, 0.0).value();
   Square square(0.1F, 0.0F, 0.0F);
   for (CasterVertex& vertex : square.vertices) {

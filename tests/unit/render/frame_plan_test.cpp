@@ -143,7 +143,7 @@ TEST(FramePlan, ReportsOtherSkipReasons) {
   EXPECT_THAT(whats(plan_of(beside, above())), testing::ElementsAre("shadow_off_receiver"));
 }
 
-TEST(FramePlan, OptionsOverrideNodes) {
+TEST(FramePlan, OverridesNodesByOptions) {
   SceneBuilder builder;
   builder.add(cube(0.02), test::at(0, 0, 0.1));
   PlanOptions options;
@@ -176,7 +176,7 @@ TEST(FramePlan, FadesOverlayOfUncertainPose) {
   EXPECT_FALSE(plan_of(builder, pose).has_pose);
 }
 
-TEST(FramePlan, FadesOverlayOfHeldPoseOverTime) {
+TEST(FramePlan, FadesOverlayOfCoastingPoseOverTime) {
   SceneBuilder builder;
   PoseEstimate pose = above();
   pose.status = TrackStatus::held;

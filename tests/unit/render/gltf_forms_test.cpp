@@ -17,7 +17,7 @@ using testing::ElementsAre;
 using testing::HasSubstr;
 using testing::IsEmpty;
 
-class GltfForms : public test::ModelCase {
+class GltfModelFile : public test::ModelCase {
  protected:
   // A square of 0.1 m at one node.
   static GltfBuilder square() {
@@ -41,7 +41,7 @@ class GltfForms : public test::ModelCase {
 
 // --- buffers ---
 
-TEST_F(GltfForms, DataUrisOfAnyMediaTypeAreRead) {
+TEST_F(GltfModelFile, ReadsDataUrisOfAnyMediaType) {
   GltfBuilder file = square();
   std::string escaped;
   for (const char c : file.binary) {
@@ -68,7 +68,7 @@ TEST_F(GltfForms, DataUrisOfAnyMediaTypeAreRead) {
   EXPECT_THAT(error_of(loaded(file.gltf())), HasSubstr("malformed at character 2"));
 }
 
-TEST_F(GltfForms, ByteLengthBeyondTheDataIsNamed) {
+TEST_F(GltfModelFile, NamesByteLengthBeyondData) {
   GltfBuilder file = square();
   file.json["buffers"] = {{{"byteLength", file.binary.size() + 1},
                            {"uri", "data:;base64," + test::base64(file.binary)}}};
@@ -85,7 +85,7 @@ TEST_F(GltfForms, ByteLengthBeyondTheDataIsNamed) {
   expect_square(file);
 }
 
-TEST_F(GltfForms, NamesOfFilesAreDecodedByRfc3986) {
+TEST_F(GltfModelFile, DecodesFileNamesByRfc3986) {
   GltfBuilder file = square();
   for (const auto& [uri, name] :
        std::map<std::string, std::string>{{"a+b.bin", "a+b.bin"},
@@ -101,7 +101,7 @@ TEST_F(GltfForms, NamesOfFilesAreDecodedByRfc3986) {
   }
 }
 
-TEST_F(GltfForms, BuffersThatNothingUsesAreNotRead) {
+TEST_F(GltfModelFile, IgnoresUnusedBuffers) {
   GltfBuilder file = square();
   file.json["buffers"] = {
       {{"byteLength", file.binary.size()}, {"uri", "data:;base64," + test::base64(file.binary)}},
@@ -114,7 +114,7 @@ TEST_F(GltfForms, BuffersThatNothingUsesAreNotRead) {
   EXPECT_THAT(error_of(loaded(file.gltf())), HasSubstr("missing.bin: not found"));
 }
 
-TEST_F(GltfForms, AccessorsWithoutABufferViewAreZeros) {
+TEST_F(GltfModelFile, ReadsAccessorsWithoutBufferViewAsZeros) {
   GltfBuilder file = square();
   file.json["accessors"].push_back({{"componentType", 5126}, {"count", 4}, {"type", "VEC2"}});
   file.primitive()["attributes"]["TEXCOORD_0"] = file.json["accessors"].size() - 1;
@@ -126,7 +126,7 @@ TEST_F(GltfForms, AccessorsWithoutABufferViewAreZeros) {
   EXPECT_THAT(model->meshes[0].indices, testing::Each(0U));
 }
 
-TEST_F(GltfForms, NumbersWithoutDataAreLimitedInTotal) {
+TEST_F(GltfModelFile, LimitsElementsWithoutBufferView) {
   GltfBuilder file = square();
   for (const char* attribute : {"NORMAL", "COLOR_0"}) {
     const bool is_color = std::string(attribute) == "COLOR_0";
@@ -151,14 +151,14 @@ TEST_F(GltfForms, NumbersWithoutDataAreLimitedInTotal) {
   EXPECT_THAT(error_of(loaded(file.gltf())), HasSubstr("has no buffer view"));
 }
 
-TEST_F(GltfForms, WholeNumbersMayBeWrittenWithAPoint) {
+TEST_F(GltfModelFile, AcceptsWholeNumbersWrittenWithPoint) {
   GltfBuilder file = square();
   file.json["nodes"][0]["mesh"] = 0.0;
   file.json["bufferViews"][1]["byteOffset"] = 48.0;
   expect_square(file);
 }
 
-TEST_F(GltfForms, FieldsOfAWrongTypeAreNamed) {
+TEST_F(GltfModelFile, NamesFieldsOfWrongType) {
   const auto error_with = [&](const nlohmann::json::json_pointer& field,
                               const nlohmann::json& value) {
     GltfBuilder file = square();
@@ -179,11 +179,11 @@ TEST_F(GltfForms, FieldsOfAWrongTypeAreNamed) {
               HasSubstr("bufferViews/0/byteOffset: is 0.5"));
 }
 
-TEST_F(GltfForms, ByteOrderMarkIsAccepted) {
+TEST_F(GltfModelFile, AcceptsByteOrderMark) {
   expect_square(loaded("\xEF\xBB\xBF" + square().gltf()));
 }
 
-TEST_F(GltfForms, FilesOutsideTheFolderAreTakenFromBesideTheModel) {
+TEST_F(GltfModelFile, ReadsFilesOutsideFolderFromModelFolder) {
   GltfBuilder file = square();
   write("data.bin", file.binary);
   for (const char* uri : {"..%2Fother/data.bin", "C:%5Cmodels%5Cdata.bin", "/srv/data.bin"}) {
@@ -192,7 +192,7 @@ TEST_F(GltfForms, FilesOutsideTheFolderAreTakenFromBesideTheModel) {
   }
 }
 
-TEST_F(GltfForms, ModelsFarFromTheOriginKeepTheirShape) {
+TEST_F(GltfModelFile, KeepsShapeOfModelsFarFromOrigin) {
   GltfBuilder file = square();
   file.json["nodes"][0]["translation"] = {300'000.0, 2.0, -500'000.0};
   file.json["nodes"][0]["scale"] = {0.01, 1, 1};
@@ -217,7 +217,7 @@ TEST_F(GltfForms, ModelsFarFromTheOriginKeepTheirShape) {
 
 // --- what has no surface ---
 
-TEST_F(GltfForms, LinesAndPointsBesideFacesAreLeftOut) {
+TEST_F(GltfModelFile, IgnoresLinesAndPointsBesideFaces) {
   for (int mode = 0; mode < 4; ++mode) {
     GltfBuilder file = square();
     nlohmann::json lines = file.primitive();
@@ -234,7 +234,7 @@ TEST_F(GltfForms, LinesAndPointsBesideFacesAreLeftOut) {
   EXPECT_THAT(error_of(loaded(file.gltf())), HasSubstr("primitives/0/mode: 7 is none of glTF's"));
 }
 
-TEST_F(GltfForms, MeshesThatNoNodeShowsDoNotMatter) {
+TEST_F(GltfModelFile, IgnoresMeshesWithoutNode) {
   GltfBuilder file = square();
   nlohmann::json broken = file.json["meshes"][0];
   broken["primitives"][0]["mode"] = 1;
@@ -244,7 +244,7 @@ TEST_F(GltfForms, MeshesThatNoNodeShowsDoNotMatter) {
   expect_square(file);
 }
 
-TEST_F(GltfForms, PrimitiveWithoutPositionsIsLeftOut) {
+TEST_F(GltfModelFile, IgnoresPrimitiveWithoutPositions) {
   GltfBuilder file = square();
   nlohmann::json& primitives = file.json["meshes"][0]["primitives"];
   primitives.push_back({{"attributes", {{"NORMAL", 0}}}, {"indices", 1}});
@@ -255,7 +255,7 @@ TEST_F(GltfForms, PrimitiveWithoutPositionsIsLeftOut) {
   EXPECT_EQ(model->source_vertex_count, 4U);
 }
 
-TEST_F(GltfForms, NodesOfScaleZeroAreHidden) {
+TEST_F(GltfModelFile, HidesNodesOfZeroScale) {
   GltfBuilder file = square();
   file.node({{"mesh", 0}, {"scale", {0, 0, 0}}, {"children", {3}}});
   file.node({{"mesh", 0}, {"matrix", {0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 1}}});
@@ -263,7 +263,7 @@ TEST_F(GltfForms, NodesOfScaleZeroAreHidden) {
   expect_square(file);
 }
 
-TEST_F(GltfForms, NodesThatAreFlattenedToALineAreLeftOut) {
+TEST_F(GltfModelFile, IgnoresNodesFlattenedToLine) {
   GltfBuilder file = square();
   file.node({{"mesh", 0}, {"name", "lid"}, {"scale", {1, 0, 0}}});
   file.node({{"mesh", 0}, {"scale", {0, 1, 0}}});
@@ -271,7 +271,7 @@ TEST_F(GltfForms, NodesThatAreFlattenedToALineAreLeftOut) {
 }
 
 // A body that is flattened to a plane casts the outline of the plane, from both of its sides.
-TEST_F(GltfForms, NodesThatAreFlattenedToAPlaneKeepTheirSurface) {
+TEST_F(GltfModelFile, KeepsSurfaceOfNodesFlattenedToPlane) {
   GltfBuilder file;
   const std::size_t box =
       file.mesh({0, 0, 0, 1, 0, 0, 0, 1, 0, 0, 0, 1}, {0, 2, 1, 0, 1, 3, 0, 3, 2, 1, 2, 3});
@@ -285,7 +285,7 @@ TEST_F(GltfForms, NodesThatAreFlattenedToAPlaneKeepTheirSurface) {
   for (const glm::vec3& n : model->meshes[0].normals) EXPECT_NEAR(glm::length(n), 1.0F, 1e-6F);
 }
 
-TEST_F(GltfForms, HiddenNodesHideWhatHangsOnThem) {
+TEST_F(GltfModelFile, HidesChildrenOfHiddenNodes) {
   const auto visible = [](bool shown) {
     return nlohmann::json{{"KHR_node_visibility", {{"visible", shown}}}};
   };
@@ -298,7 +298,7 @@ TEST_F(GltfForms, HiddenNodesHideWhatHangsOnThem) {
   expect_square(file);
 }
 
-TEST_F(GltfForms, InstancesAreCopiesAtTheirOwnPlaces) {
+TEST_F(GltfModelFile, PlacesCopyOfMeshForEachInstance) {
   GltfBuilder file = square();
   file.json["nodes"][0]["translation"] = {0, 1, 0};
   file.json["nodes"][0]["scale"] = {2, 1, 1};
@@ -327,7 +327,7 @@ TEST_F(GltfForms, InstancesAreCopiesAtTheirOwnPlaces) {
               HasSubstr("nodes/0/extensions/EXT_mesh_gpu_instancing/attributes: have 1 and 3"));
 }
 
-TEST_F(GltfForms, InstancesAreCountedBeforeTheyAreMade) {
+TEST_F(GltfModelFile, LimitsInstancesBeforeCreatingThem) {
   GltfBuilder file = square();
   const std::vector<float> places(std::size_t{3} * 6, 0.5F);
   file.json["nodes"][0]["extensions"]["EXT_mesh_gpu_instancing"]["attributes"]["TRANSLATION"] =
@@ -342,7 +342,7 @@ TEST_F(GltfForms, InstancesAreCountedBeforeTheyAreMade) {
               HasSubstr("nodes/0: has 6 instances; 5 of this mesh can be read"));
 }
 
-TEST_F(GltfForms, SharedCasesOfNodesHaveTheirRightArea) {
+TEST_F(GltfModelFile, MatchesAreaOfSharedNodeCases) {
   // Areas of shadows; bodies overlap themselves, so only the front faces of boxes count here.
   for (const auto& [file, area] : std::map<std::string, double>{
            {"gltf-hidden-node/scale0_all.gltf", 0.01},
@@ -382,7 +382,7 @@ TEST_F(GltfForms, SharedCasesOfNodesHaveTheirRightArea) {
 
 // --- materials ---
 
-TEST_F(GltfForms, FactorsAreClamped) {
+TEST_F(GltfModelFile, ClampsMaterialFactors) {
   GltfBuilder file = square();
   file.primitive()["material"] = 0;
   file.json["materials"] = {{{"pbrMetallicRoughness",
@@ -399,7 +399,7 @@ TEST_F(GltfForms, FactorsAreClamped) {
   EXPECT_EQ(loaded(file.gltf())->materials[0].emissive, glm::vec3(1, 0, 0));
 }
 
-TEST_F(GltfForms, PicturesThatCannotBeHadLeavePlainColour) {
+TEST_F(GltfModelFile, FallsBackToPlainColourWithoutImage) {
   GltfBuilder file = square();
   file.primitive()["material"] = 0;
   file.json["materials"] = {
@@ -441,7 +441,7 @@ TEST_F(GltfForms, PicturesThatCannotBeHadLeavePlainColour) {
   expect_plain("textures/0: has only an image of the glTF extension EXT_texture_webp");
 }
 
-TEST_F(GltfForms, PictureOfAFallbackIsRead) {
+TEST_F(GltfModelFile, ReadsFallbackImage) {
   GltfBuilder file = square();
   file.primitive()["material"] = 0;
   file.json["materials"] = {{{"pbrMetallicRoughness", {{"baseColorTexture", {{"index", 0}}}}}}};
@@ -454,7 +454,7 @@ TEST_F(GltfForms, PictureOfAFallbackIsRead) {
   expect_square(file);
 }
 
-TEST_F(GltfForms, PicturesOfUnusedMaterialsAreNotTried) {
+TEST_F(GltfModelFile, IgnoresImagesOfUnusedMaterials) {
   GltfBuilder file = square();
   file.json["materials"] = {{{"emissiveTexture", {{"index", 0}}}, {"alphaMode", "GLOW"}}};
   file.json["textures"] = {{{"source", 0}}};
@@ -462,7 +462,7 @@ TEST_F(GltfForms, PicturesOfUnusedMaterialsAreNotTried) {
   expect_square(file);
 }
 
-TEST_F(GltfForms, MalformedFieldsOfMaterialsAreNamedAndLeftOut) {
+TEST_F(GltfModelFile, NamesAndIgnoresMalformedMaterialFields) {
   GltfBuilder file = square();
   file.primitive()["material"] = 0;
   file.json["materials"] = {{{"pbrMetallicRoughness", {{"metallicFactor", "1"}}}}};
@@ -472,7 +472,7 @@ TEST_F(GltfForms, MalformedFieldsOfMaterialsAreNamedAndLeftOut) {
 
 // --- extensions and what is not read ---
 
-TEST_F(GltfForms, RequiredExtensionsThatChangeNoShapeAreNamed) {
+TEST_F(GltfModelFile, NamesRequiredExtensionsThatKeepShape) {
   for (const char* extension :
        {"KHR_materials_unlit", "KHR_materials_emissive_strength", "KHR_materials_variants",
         "KHR_materials_pbrSpecularGlossiness", "KHR_texture_transform", "KHR_texture_basisu",
@@ -485,7 +485,7 @@ TEST_F(GltfForms, RequiredExtensionsThatChangeNoShapeAreNamed) {
   }
 }
 
-TEST_F(GltfForms, RequiredExtensionsThatMayChangeTheShapeAreRefused) {
+TEST_F(GltfModelFile, RejectsRequiredExtensionsThatMayChangeShape) {
   for (const char* extension : {"EXT_of_tomorrow", "CESIUM_RTC", "KHR_gaussian_splatting"}) {
     GltfBuilder file = square();
     file.json["extensionsRequired"] = {extension};
@@ -495,7 +495,7 @@ TEST_F(GltfForms, RequiredExtensionsThatMayChangeTheShapeAreRefused) {
   }
 }
 
-TEST_F(GltfForms, CompressedDataIsRefusedByItsExtension) {
+TEST_F(GltfModelFile, RejectsCompressedDataByExtension) {
   GltfBuilder file = square();
   for (const char* extension :
        {"KHR_draco_mesh_compression", "EXT_meshopt_compression", "KHR_meshopt_compression"}) {
@@ -523,7 +523,7 @@ TEST_F(GltfForms, CompressedDataIsRefusedByItsExtension) {
   EXPECT_THAT(error_of(loaded(meshopt.gltf())), HasSubstr("extension EXT_meshopt_compression"));
 }
 
-TEST_F(GltfForms, UsedExtensionsWithVisibleContentAreNamed) {
+TEST_F(GltfModelFile, NamesUsedExtensionsWithVisibleContent) {
   for (const auto& [extension, consequence] : std::map<std::string, std::string>{
            {"KHR_materials_variants", "the default materials are shown"},
            {"MSFT_lod", "the finest level of detail is shown"},
@@ -539,7 +539,7 @@ TEST_F(GltfForms, UsedExtensionsWithVisibleContentAreNamed) {
   expect_square(file);
 }
 
-TEST_F(GltfForms, SceneThatIsShownIsNamedAmongSeveral) {
+TEST_F(GltfModelFile, NamesShownSceneAmongSeveral) {
   GltfBuilder file = square();
   file.json["scenes"].push_back({{"name", "night"}, {"nodes", {0}}});
   expect_square_with_warning(file, "has 2 scenes; only scenes/0 is shown");
@@ -547,7 +547,7 @@ TEST_F(GltfForms, SceneThatIsShownIsNamedAmongSeveral) {
   expect_square_with_warning(file, "has 2 scenes; only scenes/1 (\"night\") is shown");
 }
 
-TEST_F(GltfForms, WhatIsIgnoredIsNamedOncePerKind) {
+TEST_F(GltfModelFile, NamesIgnoredContentOncePerKind) {
   GltfBuilder file = square();
   file.json["animations"] = {nlohmann::json::object(), nlohmann::json::object()};
   file.json["cameras"] = {{{"type", "no camera at all"}}};

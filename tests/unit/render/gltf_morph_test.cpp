@@ -29,7 +29,7 @@ double area(const Result<Model>& model) {
   return model ? test::seen_area(*model).front : -1.0;
 }
 
-TEST_F(GltfMorph, WeightsOfTheMeshAreItsDefault) {
+TEST_F(GltfMorph, UsesMeshWeightsByDefault) {
   GltfBuilder file = morphed_square();
   EXPECT_NEAR(area(loaded(file.gltf())), 0.01, 1e-9) << "no weights are weights of 0";
   file.json["meshes"][0]["weights"] = {1.0};
@@ -38,7 +38,7 @@ TEST_F(GltfMorph, WeightsOfTheMeshAreItsDefault) {
   EXPECT_NEAR(area(loaded(file.gltf())), 0.0125, 1e-9);
 }
 
-TEST_F(GltfMorph, WeightsOfTheNodeWin) {
+TEST_F(GltfMorph, PrefersNodeWeights) {
   GltfBuilder file = morphed_square();
   file.json["meshes"][0]["weights"] = {1.0};
   file.json["nodes"][0]["weights"] = {0.5};
@@ -50,7 +50,7 @@ TEST_F(GltfMorph, WeightsOfTheNodeWin) {
   EXPECT_THAT(model->warnings, IsEmpty());
 }
 
-TEST_F(GltfMorph, SparseTargetsMoveTheirVerticesAlone) {
+TEST_F(GltfMorph, MovesOnlyVerticesOfSparseTargets) {
   GltfBuilder file = morphed_square();
   // Without a buffer view: zeros elsewhere.
   const std::size_t alone = file.sparse_accessor(4, {2, 3}, {0.1F, 0, 0, 0.1F, 0, 0});
@@ -70,7 +70,7 @@ TEST_F(GltfMorph, SparseTargetsMoveTheirVerticesAlone) {
   EXPECT_NEAR(model->max_corner.x, 0.4F, 1e-7F);
 }
 
-TEST_F(GltfMorph, TargetsAddUp) {
+TEST_F(GltfMorph, SumsTargets) {
   GltfBuilder file = morphed_square();
   file.primitive()["targets"].push_back(file.primitive()["targets"][0]);
   file.primitive()["targets"].push_back(nlohmann::json::object());
@@ -78,7 +78,7 @@ TEST_F(GltfMorph, TargetsAddUp) {
   EXPECT_NEAR(area(loaded(file.gltf())), 0.0225, 1e-8);
 }
 
-TEST_F(GltfMorph, NormalsAndTangentsAreMorphed) {
+TEST_F(GltfMorph, MorphsNormalsAndTangents) {
   GltfBuilder file = morphed_square();
   nlohmann::json& attributes = file.primitive()["attributes"];
   std::vector<float> up, to_x, tangents, texcoords;
@@ -112,7 +112,7 @@ TEST_F(GltfMorph, NormalsAndTangentsAreMorphed) {
   EXPECT_EQ(mesh.tangents[1], glm::vec4(0, 0, -1, -1));
 }
 
-TEST_F(GltfMorph, TargetsComeBeforeTheSkin) {
+TEST_F(GltfMorph, AppliesTargetsBeforeSkin) {
   GltfBuilder file = morphed_square();
   nlohmann::json& attributes = file.primitive()["attributes"];
   attributes["JOINTS_0"] = file.accessor(std::vector<std::uint8_t>(16, 0), "VEC4");
@@ -124,7 +124,7 @@ TEST_F(GltfMorph, TargetsComeBeforeTheSkin) {
   EXPECT_NEAR(area(loaded(file.gltf())), 0.18, 1e-7);
 }
 
-TEST_F(GltfMorph, DamageIsRefusedByItsField) {
+TEST_F(GltfMorph, RejectsDamageByNamingField) {
   const auto error_with = [&](const auto& damage) {
     GltfBuilder file = morphed_square();
     damage(file);
@@ -166,7 +166,7 @@ TEST_F(GltfMorph, DamageIsRefusedByItsField) {
               HasSubstr("from the origin"));
 }
 
-TEST_F(GltfMorph, SharedCasesHaveTheirRightSize) {
+TEST_F(GltfMorph, MatchesSizeOfSharedCases) {
   const auto mesh = shared_case("gltf-morph-default-weights/morph_mesh_weights.gltf");
   if (!mesh) GTEST_SKIP() << "no shared data beside the checkout";
   EXPECT_NEAR(area(*mesh), 0.02, 1e-8);

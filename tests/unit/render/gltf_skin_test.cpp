@@ -41,7 +41,7 @@ GltfBuilder skinned_square(const nlohmann::json& mesh_node, const nlohmann::json
 
 const nlohmann::json kNoFields = nlohmann::json::object();
 
-TEST_F(GltfSkin, ScaledJointScalesItsVertices) {
+TEST_F(GltfSkin, ScalesVerticesOfScaledJoint) {
   const auto model = loaded(
       skinned_square(kNoFields, {{"scale", {2, 2, 2}}, {"translation", {0.2, 0.05, 0}}}).gltf());
   ASSERT_TRUE(model) << error_of(model);
@@ -52,7 +52,7 @@ TEST_F(GltfSkin, ScaledJointScalesItsVertices) {
   EXPECT_THAT(model->warnings, IsEmpty());
 }
 
-TEST_F(GltfSkin, TransformOfTheMeshNodeAndItsParentsIsIgnored) {
+TEST_F(GltfSkin, IgnoresTransformOfMeshNodeAndParents) {
   GltfBuilder file = skinned_square({{"scale", {3, 3, 3}}, {"translation", {5, 0, 0}}},
                                     {{"translation", {0.2, 0, 0}}});
   file.json["nodes"].push_back({{"children", {0}}, {"scale", {7, 7, 7}}});
@@ -63,7 +63,7 @@ TEST_F(GltfSkin, TransformOfTheMeshNodeAndItsParentsIsIgnored) {
   EXPECT_NEAR(model->min_corner.x, 0.2F, 1e-6F);
 }
 
-TEST_F(GltfSkin, ArmatureInCentimetresIsScaledDown) {
+TEST_F(GltfSkin, AppliesScaleAboveArmature) {
   GltfBuilder file = skinned_square({{"scale", {1, 1, 1}}}, {{"translation", {10, 0, 0}}});
   file.json["nodes"].push_back({{"children", {1}}, {"scale", {0.01, 0.01, 0.01}}});
   file.json["scenes"][0]["nodes"] = {0, 2};
@@ -73,7 +73,7 @@ TEST_F(GltfSkin, ArmatureInCentimetresIsScaledDown) {
   EXPECT_NEAR(model->origin.x() + static_cast<double>(model->min_corner.x), 0.1, 1e-7);
 }
 
-TEST_F(GltfSkin, JointsOutsideTheSceneHaveThePlaceOfTheirAncestors) {
+TEST_F(GltfSkin, PlacesJointsOutsideSceneByAncestors) {
   GltfBuilder file = skinned_square(kNoFields, {{"translation", {0.5, 0, 0}}});
   file.json["nodes"].push_back({{"children", {1}}, {"translation", {0, 0.25, 0}}});
   file.json["scenes"][0]["nodes"] = {0};
@@ -83,7 +83,7 @@ TEST_F(GltfSkin, JointsOutsideTheSceneHaveThePlaceOfTheirAncestors) {
   EXPECT_EQ(model->min_corner.z, 0.25F);
 }
 
-TEST_F(GltfSkin, MissingInverseBindMatricesAreIdentities) {
+TEST_F(GltfSkin, TreatsMissingInverseBindMatricesAsIdentity) {
   GltfBuilder file = skinned_square(kNoFields, {{"translation", {0.5, 0, 0}}});
   file.json["skins"][0].erase("inverseBindMatrices");
   const auto model = loaded(file.gltf());
@@ -91,7 +91,7 @@ TEST_F(GltfSkin, MissingInverseBindMatricesAreIdentities) {
   EXPECT_EQ(model->min_corner.x, 0.5F);
 }
 
-TEST_F(GltfSkin, InstancesOfSkinnedMeshAreNamed) {
+TEST_F(GltfSkin, NamesIgnoredInstancesOfSkinnedMesh) {
   GltfBuilder file = skinned_square(kNoFields, kNoFields);
   file.json["nodes"][0]["extensions"]["EXT_mesh_gpu_instancing"]["attributes"]["TRANSLATION"] =
       file.accessor(std::vector<float>{0, 0, 0, 1, 0, 0}, "VEC3");
@@ -102,7 +102,7 @@ TEST_F(GltfSkin, InstancesOfSkinnedMeshAreNamed) {
                                                      "(EXT_mesh_gpu_instancing) are ignored")));
 }
 
-TEST_F(GltfSkin, OneMeshFollowsTheSkinOfEachOfItsNodes) {
+TEST_F(GltfSkin, FollowsSkinOfEachNodeOfSharedMesh) {
   GltfBuilder file = skinned_square(kNoFields, {{"translation", {0.5, 0, 0}}});
   const std::size_t other = file.node({{"translation", {-0.5, 0, 0}}});
   file.json["skins"].push_back({{"joints", {other}}});
@@ -116,7 +116,7 @@ TEST_F(GltfSkin, OneMeshFollowsTheSkinOfEachOfItsNodes) {
   EXPECT_EQ(model->meshes[0].positions[8].x, 0.0F);
 }
 
-TEST_F(GltfSkin, MirroredArmatureKeepsTheOutsideOut) {
+TEST_F(GltfSkin, KeepsOutsideOfMirroredArmature) {
   GltfBuilder file = skinned_square(kNoFields, {{"scale", {-1, 1, 1}}});
   file.primitive()["attributes"]["NORMAL"] =
       file.accessor(std::vector<float>{0, 1, 0, 0, 1, 0, 0, 1, 0, 0, 1, 0}, "VEC3");
@@ -128,7 +128,7 @@ TEST_F(GltfSkin, MirroredArmatureKeepsTheOutsideOut) {
   EXPECT_EQ(model->meshes[0].normals[0], glm::vec3(0, 0, 1));
 }
 
-TEST_F(GltfSkin, StoredKernelsFollowTheirVertices) {
+TEST_F(GltfSkin, MovesStoredKernelsWithVertices) {
   GltfBuilder file =
       skinned_square(kNoFields, {{"scale", {2, 2, 2}}, {"translation", {0.5, 0, 0}}});
   file.primitive()["attributes"]["_SHADOW_KERNEL"] =
@@ -140,7 +140,7 @@ TEST_F(GltfSkin, StoredKernelsFollowTheirVertices) {
   EXPECT_EQ(model->meshes[0].shadow_kernels, model->meshes[0].positions);
 }
 
-TEST_F(GltfSkin, WeightsAreScaledToASumOfOne) {
+TEST_F(GltfSkin, NormalizesWeights) {
   GltfBuilder file = skinned_square(kNoFields, {{"translation", {0.5, 0, 0}}});
   std::vector<float> weights;
   for (int i = 0; i < 4; ++i) weights.insert(weights.end(), {0.25F, 0, 0, 0.25F});
@@ -152,7 +152,7 @@ TEST_F(GltfSkin, WeightsAreScaledToASumOfOne) {
   EXPECT_THAT(model->warnings, ElementsAre(HasSubstr("do not add up to 1")));
 }
 
-TEST_F(GltfSkin, VerticesWithoutWeightsFollowTheirFirstJoint) {
+TEST_F(GltfSkin, BindsVerticesWithoutWeightsToFirstJoint) {
   GltfBuilder file = skinned_square(kNoFields, {{"translation", {0.5, 0, 0}}});
   file.primitive()["attributes"]["WEIGHTS_0"] =
       file.accessor(std::vector<std::uint8_t>(16, 0), "VEC4", true);
@@ -162,7 +162,7 @@ TEST_F(GltfSkin, VerticesWithoutWeightsFollowTheirFirstJoint) {
   EXPECT_THAT(model->warnings, ElementsAre(HasSubstr("vertices without weights")));
 }
 
-TEST_F(GltfSkin, MeshWithoutJointsStandsWhereItsNodeIs) {
+TEST_F(GltfSkin, PlacesMeshWithoutJointsAtItsNode) {
   GltfBuilder file = skinned_square({{"translation", {0.3, 0, 0}}}, kNoFields);
   file.primitive()["attributes"].erase("JOINTS_0");
   file.primitive()["attributes"].erase("WEIGHTS_0");
@@ -172,7 +172,7 @@ TEST_F(GltfSkin, MeshWithoutJointsStandsWhereItsNodeIs) {
   EXPECT_THAT(model->warnings, ElementsAre(HasSubstr("no joints and weights for its skin")));
 }
 
-TEST_F(GltfSkin, JointsOfScaleZeroLeaveNothing) {
+TEST_F(GltfSkin, DropsSurfaceOfZeroScaleJoints) {
   GltfBuilder file = skinned_square(kNoFields, {{"scale", {0, 0, 0}}});
   EXPECT_THAT(error_of(loaded(file.gltf())), HasSubstr("leaves no surface"));
   file.node({{"mesh", 0}});
@@ -182,7 +182,7 @@ TEST_F(GltfSkin, JointsOfScaleZeroLeaveNothing) {
   EXPECT_THAT(model->warnings, IsEmpty());
 }
 
-TEST_F(GltfSkin, DamageIsRefusedByItsField) {
+TEST_F(GltfSkin, RejectsDamageByNamingField) {
   const auto error_with = [&](const auto& damage) {
     GltfBuilder file = skinned_square(kNoFields, kNoFields);
     damage(file);
@@ -400,7 +400,7 @@ class RandomSkin {
   std::vector<Eigen::Matrix4d> T_root_joint_, joint_matrices_;
 };
 
-TEST_F(GltfSkin, MatchesTheFormulaForRandomArmatures) {
+TEST_F(GltfSkin, MatchesFormulaForRandomArmatures) {
   std::size_t normals = 0;
   for (unsigned seed = 0; seed < 200; ++seed) {
     const RandomSkin skin(seed);
@@ -426,7 +426,7 @@ TEST_F(GltfSkin, MatchesTheFormulaForRandomArmatures) {
   EXPECT_GT(normals, 1500U);
 }
 
-TEST_F(GltfSkin, SharedCasesHaveTheirRightSizeAndPlace) {
+TEST_F(GltfSkin, MatchesSizeAndPlaceOfSharedCases) {
   const auto scaled = shared_case("gltf-skin-ignored/skin_joint_scaled.gltf");
   if (!scaled) GTEST_SKIP() << "no shared data beside the checkout";
   ASSERT_TRUE(*scaled) << error_of(*scaled);

@@ -21,6 +21,8 @@ class GpuTime : public testing::TestWithParam<GlApi> {
       : context(create_offscreen_context(GetParam()).value()),
         framebuffer(Framebuffer::create(160, 120).value()),
         timer(GpuTimer::create(GetParam())) {}
+  // Tests may make another context current.
+  ~GpuTime() override { context->make_current(); }
   // Measures one frame as the compositor does. Returns the number of times that arrived before it.
   std::size_t draw() {
     const std::size_t arrived = take();
@@ -51,7 +53,7 @@ class GpuTime : public testing::TestWithParam<GlApi> {
   std::optional<GpuTimer> timer;
 };
 
-TEST_P(GpuTime, IsToldOfEveryFrameOnceAndNotManyFramesLate) {
+TEST_P(GpuTime, IsReportedOncePerFrameWithBoundedDelay) {
   if (!measured()) GTEST_SKIP() << "the driver has no GL_EXT_disjoint_timer_query";
   constexpr std::size_t kFrames = 40;
   std::size_t told = 0;
@@ -65,7 +67,7 @@ TEST_P(GpuTime, IsToldOfEveryFrameOnceAndNotManyFramesLate) {
 }
 
 // A GPU that is far behind: those that find no query free are not measured, the others once.
-TEST_P(GpuTime, ResultsThatComeLateAreNotWaitedForAndNotLost) {
+TEST_P(GpuTime, ArrivesLateWithoutWaiting) {
   if (!measured()) GTEST_SKIP() << "the driver has no GL_EXT_disjoint_timer_query";
   draw();
   draw();
@@ -84,7 +86,7 @@ TEST_P(GpuTime, ResultsThatComeLateAreNotWaitedForAndNotLost) {
   EXPECT_EQ(drain(), 1U);
 }
 
-TEST_P(GpuTime, WhatWasDrawnToWarmUpIsNotTold) {
+TEST_P(GpuTime, ExcludesWarmUpDraws) {
   if (!measured()) GTEST_SKIP() << "the driver has no GL_EXT_disjoint_timer_query";
   draw();
   timer->forget();
@@ -93,9 +95,9 @@ TEST_P(GpuTime, WhatWasDrawnToWarmUpIsNotTold) {
 }
 
 // OpenGL ES alone has clocks that may not; OpenGL's always do.
-class UnevenGpuTime : public GpuTime {};
+class DisjointGpuTime : public GpuTime {};
 
-TEST_P(UnevenGpuTime, DoesNotCount) {
+TEST_P(DisjointGpuTime, IsDiscarded) {
   if (!measured()) GTEST_SKIP() << "the driver has no GL_EXT_disjoint_timer_query";
   draw();
   draw();
@@ -117,7 +119,7 @@ TEST_P(UnevenGpuTime, DoesNotCount) {
 }
 
 // Nobody asks for it where a CPU rasteriser draws: its time is that of the stage itself.
-TEST_P(GpuTime, IsMeasuredByItselfOnlyWhereAGpuDraws) {
+TEST_P(GpuTime, IsOffByDefaultOnSoftwareRenderers) {
   test::SceneBuilder empty;
   Studio shown(empty.build(), test::camera_of(64, 48, 50.0), GetParam());
   if (!shown.context().info().software) GTEST_SKIP() << "a GPU draws";
@@ -130,7 +132,8 @@ TEST_P(GpuTime, IsMeasuredByItselfOnlyWhereAGpuDraws) {
   EXPECT_EQ(told + shown.compositor().take_gpu_times().size(), 0U);
 }
 
-INSTANTIATE_TEST_SUITE_P(OpenGlEs, UnevenGpuTime, testing::Values(GlApi::gles30));
+INSTANTIATE_TEST_SUITE_P(Apis, DisjointGpuTime, testing::Values(GlApi::gles30),
+                         [](const auto&) { return "OpenGlEs"; });
 INSTANTIATE_TEST_SUITE_P(BothApis, GpuTime, testing::Values(GlApi::gl33, GlApi::gles30),
                          [](const auto& api) {
                            return api.param == GlApi::gl33 ? "OpenGl" : "OpenGlEs";

@@ -152,11 +152,11 @@ struct LensCase {
 };
 class HardShadow : public testing::TestWithParam<LensCase> {};
 INSTANTIATE_TEST_SUITE_P(Lenses, HardShadow,
-                         testing::Values(LensCase{"straight", straight_camera()},
-                                         LensCase{"bent", bent_camera()}),
+                         testing::Values(LensCase{"undistorted", straight_camera()},
+                                         LensCase{"distorted", bent_camera()}),
                          [](const auto& instance) { return std::string(instance.param.name); });
 
-TEST_P(HardShadow, AgreesWithTheCpusProjection) {
+TEST_P(HardShadow, MatchesCpuProjection) {
   struct Case {
     const char* name;
     std::shared_ptr<const Model> model;
@@ -187,7 +187,7 @@ TEST_P(HardShadow, AgreesWithTheCpusProjection) {
   }
 }
 
-TEST_P(HardShadow, OnASlantedPlaneThatEnds) {
+TEST_P(HardShadow, EndsAtOutlineOfSlantedPlane) {
   SceneBuilder builder = with_lights({lamp(-0.2, -0.3, 0.5)});
   builder.add(box(0.08, 0.08, 0.08), test::at(0.0, 0.0, 0.08, {1, 1, 0}, 0.4));
   ScenePlane& plane = builder.scene().planes[0];
@@ -224,7 +224,7 @@ TEST_P(HardShadow, OnASlantedPlaneThatEnds) {
 
 // Two boxes and three lights: a pixel that misses two of them loses what those two give, and one
 // that misses a light because of both boxes loses it once.
-TEST(HardShadowLight, AddsUpAsLightDoes) {
+TEST(HardShadowLight, IsRemovedOncePerLight) {
   SceneBuilder builder = with_lights(
       {lamp(-0.25, 0.0, 0.5, 0.8), lamp(0.2, 0.25, 0.4, 0.5), parallel(0.1, -0.3, 0.9, 0.6)});
   builder.add(box(0.1, 0.1, 0.02), test::at(0.0, 0.0, 0.08));
@@ -284,7 +284,7 @@ TEST(HardShadowLight, FadesWithItsCaster) {
   EXPECT_LE(wrong, 60);
 }
 
-TEST(HardShadowLight, NoneFromBelowAndTheFirstWhereNoneIsNamed) {
+TEST(HardShadowLight, IsIgnoredFromBelowAndDefaultsToFirst) {
   SceneBuilder builder = with_lights({lamp(0.0, 0.0, -0.2), parallel(0.2, 0.1, -0.5)});
   builder.add(box(0.1, 0.1, 0.02), test::at(0.0, 0.0, 0.08));
   Studio studio(builder.build(), straight_camera());
@@ -305,7 +305,7 @@ TEST(HardShadowLight, NoneFromBelowAndTheFirstWhereNoneIsNamed) {
   EXPECT_EQ(dark.plan(slanted()).hard_shadows.size(), 0U);
 }
 
-TEST(HardShadowLight, SkippingChangesNoPixel) {
+TEST(HardShadowLight, MatchesFrameWithoutSkipping) {
   for (int i = 0; i < 12; ++i) {
     SceneBuilder builder = with_lights({lamp(-0.25, 0.0, 0.3, 0.8), parallel(0.5, -0.3, 0.3, 0.6)});
     builder.add(box(0.1, 0.1, 0.02), test::at(0.9 - 0.15 * i, 0.0, 0.08));
@@ -324,7 +324,7 @@ TEST(HardShadowLight, SkippingChangesNoPixel) {
   }
 }
 
-TEST(HardShadowWork, OnlyWhatMovedIsProjectedAgain) {
+TEST(HardShadowWork, ReprojectsOnlyMovedLightsAndObjects) {
   SceneBuilder builder = with_lights({lamp(-0.25, 0.0, 0.5), lamp(0.2, 0.25, 0.4)});
   builder.add(box(0.1, 0.1, 0.02), test::at(0.0, 0.0, 0.08));
   builder.add(box(0.04, 0.04, 0.02), test::at(0.1, 0.1, 0.08));

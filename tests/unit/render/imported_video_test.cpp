@@ -77,7 +77,7 @@ Frame noise(PixelFormat format, int width, int height, unsigned seed) {
 
 class ImportedVideo : public testing::TestWithParam<GlApi> {};
 
-TEST_P(ImportedVideo, IsTheCopiedOneInEveryFormat) {
+TEST_P(ImportedVideo, MatchesCopiedVideoInEveryFormat) {
   constexpr int kWidth = 64, kHeight = 48;
   constexpr std::size_t kMostBytes = std::size_t{kWidth} * kHeight * 4;
   for (const PixelFormat format : {PixelFormat::grey8, PixelFormat::rgb24, PixelFormat::yuyv,
@@ -111,7 +111,7 @@ TEST_P(ImportedVideo, IsTheCopiedOneInEveryFormat) {
 }
 
 // The camera gets no buffer back that is being read, and in the end all of them.
-TEST_P(ImportedVideo, BuffersGoBackWhenTheGpuIsDone) {
+TEST_P(ImportedVideo, ReturnsBuffersWhenGpuIsDone) {
   constexpr int kWidth = 64, kHeight = 48;
   test::SceneBuilder empty;
   auto studio =

@@ -25,7 +25,7 @@ KernelFile kernel_file_for(const Model& model) {
                          KernelSource::automatic);
 }
 
-TEST(KernelFile, IsRefusedForTheSameSurfaceWithItsVerticesInAnotherOrder) {
+TEST(KernelFile, IsRejectedForReorderedVertices) {
   const test::ModelFolder folder;
   const auto first = folder.obj(kSquare);
   ASSERT_TRUE(first) << first.error().message;
@@ -47,7 +47,7 @@ TEST(KernelFile, IsRefusedForTheSameSurfaceWithItsVerticesInAnotherOrder) {
   EXPECT_THAT(other->warnings[0], HasSubstr("was made before the model \"model\" changed"));
 }
 
-TEST(KernelFile, WithoutVertexOrderIsTakenAsItIs) {
+TEST(KernelFile, IsAcceptedWithoutVertexOrder) {
   const test::ModelFolder folder;
   auto model = folder.obj(kSquare);
   ASSERT_TRUE(model) << model.error().message;

@@ -139,7 +139,7 @@ Json json_of(const fs::path& glb) {
   return Json::parse(bytes->begin() + 20, bytes->begin() + 20 + size);
 }
 
-TEST_F(KernelGlb, CopiesOfOneMeshHaveKernelsOfTheirOwn) {
+TEST_F(KernelGlb, StoresSeparateKernelsForCopiesOfMesh) {
   GltfMaker maker;
   maker.json["meshes"] = Json::array();
   const Json wheel = maker.box();
@@ -166,7 +166,7 @@ TEST_F(KernelGlb, CopiesOfOneMeshHaveKernelsOfTheirOwn) {
   EXPECT_EQ(fs::file_size(folder() / "again.glb"), size);
 }
 
-TEST_F(KernelGlb, InstancesBecomeNodesWithKernelsOfTheirOwn) {
+TEST_F(KernelGlb, ConvertsInstancesToNodesWithSeparateKernels) {
   GltfMaker maker;
   const Json box = maker.box();
   maker.json["meshes"] = Json::array();
@@ -188,7 +188,7 @@ TEST_F(KernelGlb, InstancesBecomeNodesWithKernelsOfTheirOwn) {
   EXPECT_FALSE(json.contains("extensionsUsed"));
 }
 
-TEST_F(KernelGlb, SkinnedMeshKeepsKernelsInItsOwnAxes) {
+TEST_F(KernelGlb, StoresKernelsOfSkinnedMeshInItsAxes) {
   GltfMaker maker;
   Json box = maker.box();
   std::vector<std::uint8_t> joints;
@@ -210,7 +210,7 @@ TEST_F(KernelGlb, SkinnedMeshKeepsKernelsInItsOwnAxes) {
   expect_both_forms(maker.write(folder()), folder() / "kept.glb");
 }
 
-TEST_F(KernelGlb, HiddenNodesKeepTheirMesh) {
+TEST_F(KernelGlb, KeepsMeshOfHiddenNodes) {
   // By scale 0 on all axes or on two, before, between and behind uses that are seen.
   for (
       const std::string nodes :
@@ -231,7 +231,7 @@ TEST_F(KernelGlb, HiddenNodesKeepTheirMesh) {
   }
 }
 
-TEST_F(KernelGlb, HiddenInstanceIsDropped) {
+TEST_F(KernelGlb, DropsHiddenInstance) {
   GltfMaker maker;
   const Json box = maker.box();
   maker.json["meshes"] = Json::array();
@@ -254,7 +254,7 @@ TEST_F(KernelGlb, HiddenInstanceIsDropped) {
   expect_kernels_as_made(*kept);
 }
 
-TEST_F(KernelGlb, BuffersThatNothingUsesMayBeMissing) {
+TEST_F(KernelGlb, AllowsMissingUnusedBuffers) {
   GltfMaker maker;
   const Json box = maker.box();
   maker.json["meshes"] = Json::array();
@@ -272,7 +272,7 @@ TEST_F(KernelGlb, BuffersThatNothingUsesMayBeMissing) {
   }
 }
 
-TEST_F(KernelGlb, RefusesFlattenedMeshAndNamesJson) {
+TEST_F(KernelGlb, RejectsFlattenedMeshAndSuggestsJson) {
   GltfMaker maker;
   const Json box = maker.box();
   maker.json["meshes"] = Json::array();
@@ -287,7 +287,7 @@ TEST_F(KernelGlb, RefusesFlattenedMeshAndNamesJson) {
   EXPECT_THAT(written.error().message, HasSubstr("store the kernels in a .json file"));
 }
 
-TEST_F(KernelGlb, PicturesBesideTheModelAreEmbedded) {
+TEST_F(KernelGlb, EmbedsImagesBesideModel) {
   const std::vector<std::uint8_t> rgba = {255, 0, 0, 255, 0, 255, 0, 255};
   ASSERT_TRUE(save_png(folder() / "red green.png", 2, 1, rgba));
   GltfMaker maker;
@@ -313,7 +313,7 @@ TEST_F(KernelGlb, PicturesBesideTheModelAreEmbedded) {
   EXPECT_EQ(model->textures[0].rgba, rgba);
 }
 
-TEST_F(KernelGlb, PictureThatIsMissingIsNamed) {
+TEST_F(KernelGlb, NamesMissingImage) {
   GltfMaker maker;
   const Json box = maker.box();
   maker.json["meshes"] = Json::array();
@@ -333,7 +333,7 @@ constexpr const char* kTexturedObj =
     "mtllib m.mtl\no T\xF6pfchen\nusemtl gr\xFCn\nv 0 0 20\nv 64 0 20\nv 64 64 20\nv 0 64 30\n"
     "vt 0 0\nvt 1 0\nvt 1 1\nvt 0 1\nf 1/1 2/2 3/3\nf 1/1 3/3 4/4\n";
 
-TEST_F(KernelGlb, ObjWithLatin1NamesAndPictureIsWrittenInMetres) {
+TEST_F(KernelGlb, ConvertsObjWithLatin1NamesAndImageToMetres) {
   const std::vector<std::uint8_t> rgba = {255, 0, 0, 255, 0, 255, 0, 255};
   ASSERT_TRUE(save_png(folder() / "p.png", 2, 1, rgba));
   write("m.mtl", "newmtl gr\xFCn\nmap_Kd p.png\n");
@@ -359,7 +359,7 @@ TEST_F(KernelGlb, ObjWithLatin1NamesAndPictureIsWrittenInMetres) {
             fs::file_size(folder() / "p.png"));
 }
 
-TEST_F(KernelGlb, ObjFarFromItsOriginKeepsItsPlace) {
+TEST_F(KernelGlb, KeepsPlaceOfObjFarFromOrigin) {
   const fs::path file =
       write("far.obj", "v 300 500 20\nv 301 500 20\nv 301 501 20.5\nv 300 501 21\nf 1 2 3 4\n");
   const Result<Model> model = load_model(file);
@@ -374,7 +374,7 @@ TEST_F(KernelGlb, ObjFarFromItsOriginKeepsItsPlace) {
   expect_kernels_as_made(*kept);
 }
 
-TEST_F(KernelGlb, KernelsAreStoredInTheUnitOfTheirFile) {
+TEST_F(KernelGlb, StoresKernelsInUnitOfFile) {
   GltfMaker maker;
   const Json box = maker.box();
   maker.json["meshes"] = Json::array();
@@ -402,7 +402,7 @@ TEST_F(KernelGlb, KernelsAreStoredInTheUnitOfTheirFile) {
   EXPECT_TRUE(as_metres->shadow_kernel_up);
 }
 
-TEST_F(KernelGlb, SharedCasesOfHiddenNodesAndUnusedBuffersAreWritten) {
+TEST_F(KernelGlb, WritesSharedCasesOfHiddenNodesAndUnusedBuffers) {
   const fs::path cases = test::shared_dir() / "cases";
   if (test::shared_dir().empty()) GTEST_SKIP() << "no shared data beside the checkout";
   for (const std::string file :
@@ -413,7 +413,7 @@ TEST_F(KernelGlb, SharedCasesOfHiddenNodesAndUnusedBuffersAreWritten) {
   }
 }
 
-TEST_F(KernelGlb, SharedCaseWithLatin1NamesIsWritten) {
+TEST_F(KernelGlb, WritesSharedCaseWithLatin1Names) {
   const fs::path shared = test::shared_dir();
   if (shared.empty()) GTEST_SKIP() << "no shared data beside the checkout";
   const Result<Model> model = load_model(shared / "cases" / "kernels-name-not-utf8" / "latin1.obj");

@@ -6,7 +6,7 @@
 namespace penumbra {
 namespace {
 
-TEST(KernelQuality, AutomaticKernelsReachTheRequiredAgreement) {
+TEST(KernelQuality, ReachesRequiredIouWithAutomaticKernels) {
   const test::QualityCases all;
   if (all.cases().empty()) GTEST_SKIP() << "no shared data beside the checkout";
   double sum[2] = {0.0, 0.0};
@@ -22,7 +22,7 @@ TEST(KernelQuality, AutomaticKernelsReachTheRequiredAgreement) {
   EXPECT_GE(sum[1], 0.96);
 }
 
-TEST(KernelQuality, FieldsReachTheRequiredAgreement) {
+TEST(KernelQuality, ReachesRequiredIouWithFields) {
   const test::QualityCases all;
   if (all.cases().empty()) GTEST_SKIP() << "no shared data beside the checkout";
   double sum[2] = {0.0, 0.0};

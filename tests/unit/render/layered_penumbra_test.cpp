@@ -11,14 +11,14 @@ namespace {
 
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
 
-TEST(LayeredConstants, RatioAndUmbraHeightFollowFromEachOther) {
+TEST(LayeredConstants, DeriveRatioAndUmbraHeightFromEachOther) {
   const LayeredConstants from_ratio = make_layered_constants(0.9, 3.0, 0.0).value();
   EXPECT_DOUBLE_EQ(from_ratio.umbra_height, 0.3);
   const LayeredConstants from_height = make_layered_constants(0.9, 0.0, 0.3).value();
   EXPECT_DOUBLE_EQ(from_height.light_ratio, 3.0);
 }
 
-TEST(LayeredConstants, WorkspaceRuleOfTheSpecification) {
+TEST(LayeredConstants, FollowWorkspaceRuleOfSpecification) {
   // M = 1.25 -> H = 1.50, a = 5; M = 1.5 -> 0.90, 3; M = 2 -> 0.60, 2, all for h_max = 0.30.
   const struct {
     double magnification, light_height, ratio;
@@ -34,7 +34,7 @@ TEST(LayeredConstants, WorkspaceRuleOfTheSpecification) {
   }
 }
 
-TEST(LayeredConstants, RefusesWhatIsNoLight) {
+TEST(LayeredConstants, RejectInvalidLights) {
   const double nan = std::numeric_limits<double>::quiet_NaN();
   EXPECT_FALSE(make_layered_constants(0.0, 3.0, 0.0));
   EXPECT_FALSE(make_layered_constants(-1.0, 3.0, 0.0));
@@ -65,7 +65,7 @@ TEST(LayeredConstants, RefusesWhatIsNoLight) {
               testing::HasSubstr("light ratio"));
 }
 
-TEST(LayerFactor, ContactVanishAndZenith) {
+TEST(LayerFactor, HasExactValuesAtContactUmbraHeightAndZenith) {
   const LayeredConstants constants = make_layered_constants(0.9, 3.0, 0.0).value();
   const LayeredConstants zenith = make_layered_constants(kInfinity, 0.0, 0.3).value();
   for (const ShadowLayer layer : kShadowLayers) {
@@ -85,7 +85,7 @@ TEST(LayerFactor, ContactVanishAndZenith) {
   EXPECT_NEAR(layer_factor(constants, ShadowLayer::middle, 2.0), 8.0, 1e-12);
 }
 
-TEST(LayerHeightRange, CapUmbraHeightAndTheirOrder) {
+TEST(LayerHeightRange, IsLimitedByCapAndUmbraHeight) {
   const LayeredConstants usual = make_layered_constants(0.9, 3.0, 0.0).value();
   EXPECT_DOUBLE_EQ(layer_height_range(usual, ShadowLayer::umbra).high, 0.3);
   EXPECT_DOUBLE_EQ(layer_height_range(usual, ShadowLayer::middle).high, 0.9 * 7.0 / 8.0);
@@ -97,7 +97,7 @@ TEST(LayerHeightRange, CapUmbraHeightAndTheirOrder) {
   EXPECT_GT(layer_factor(grows, ShadowLayer::umbra, 0.5), 1.0);
 }
 
-TEST(ClipToHeights, CutsAtBothEndsAndKeepsWhatIsInside) {
+TEST(ClipToHeights, CutsAtBothEndsAndKeepsInside) {
   const LayeredConstants constants = make_layered_constants(0.9, 3.0, 0.0).value();
   const std::vector<CasterVertex> vertices = {{0.0F, 0.0F, -0.1F, 0.0F, 0.0F},
                                               {1.0F, 0.0F, 0.5F, 0.5F, 0.0F},
@@ -131,7 +131,7 @@ TEST(ClipToHeights, CutsAtBothEndsAndKeepsWhatIsInside) {
   EXPECT_GT(vanished, 0);
 }
 
-TEST(ClipToHeights, LeavesOutWhatCannotCast) {
+TEST(ClipToHeights, DropsFacesThatCannotCast) {
   const LayeredConstants constants = make_layered_constants(0.9, 3.0, 0.0).value();
   const float nan = std::numeric_limits<float>::quiet_NaN();
   const std::vector<CasterVertex> vertices = {{0.0F, 0.0F, 0.4F, 0.0F, 0.0F},
@@ -152,7 +152,7 @@ TEST(ClipToHeights, LeavesOutWhatCannotCast) {
   EXPECT_TRUE(clip_to_heights(vertices, out_of_range, middle).empty());
 }
 
-TEST(ProjectToLayer, ContactIsExact) {
+TEST(ProjectToLayer, IsExactAtContact) {
   const LayeredConstants constants = make_layered_constants(0.9, 3.0, 0.0).value();
   const CasterVertex vertex = {0.123456F, -0.98765F, 0.0F, 0.1F, -0.3F};
   for (const ShadowLayer layer : {ShadowLayer::middle, ShadowLayer::penumbra}) {

@@ -59,7 +59,7 @@ double worst_ratio(const Color& a, const Color& b) {
   return (a.array() / b.array()).log().abs().maxCoeff();
 }
 
-TEST(LightMeterTest, FindsTheLightOnADesk) {
+TEST(LightMeter, MeasuresLightOnDesk) {
   for (const Color& light : {Color(0.9, 0.9, 0.9), Color(0.3, 0.3, 0.3), Color(0.05, 0.05, 0.05),
                              Color(0.9, 0.7, 0.45), Color(0.3, 0.4, 0.6)}) {
     for (const Reflectance scene : {&desk, &desk_with_lamp}) {
@@ -71,14 +71,14 @@ TEST(LightMeterTest, FindsTheLightOnADesk) {
 }
 
 // What lies about is dark where things are dark, however much light falls on them.
-TEST(LightMeterTest, TheMeanIsOfWhatIsThere) {
+TEST(LightMeter, MeasuresMeanOfVisibleSurfaces) {
   const auto wood = [](int, int) { return Color(0.2, 0.15, 0.1); };
   const VideoLight found = measure_light(rgb_frame(wood, Color::Ones()), std::nullopt);
   EXPECT_LT(worst_ratio(found.around, {0.2, 0.15, 0.1}), 0.02);
 }
 
 // The same picture in every layout that a camera gives, to the rounding of their codes.
-TEST(LightMeterTest, EveryPixelFormatTellsTheSame) {
+TEST(LightMeter, MeasuresSameLightInEveryPixelFormat) {
   for (const ColorRange range : {ColorRange::full, ColorRange::limited}) {
     std::optional<VideoLight> expected;
     for (const PixelFormat format : {PixelFormat::yuv444p, PixelFormat::yuv422p,
@@ -113,7 +113,7 @@ TEST(LightMeterTest, EveryPixelFormatTellsTheSame) {
   }
 }
 
-TEST(LightMeterTest, ExtremesGiveFiniteLight) {
+TEST(LightMeter, ReturnsFiniteLightForExtremes) {
   for (const double shown : {0.0, 1e-4, 1.0, 100.0}) {
     for (const std::optional<double> tone :
          {std::optional<double>(), std::optional<double>(2.2), std::optional<double>(10.0)}) {
@@ -133,7 +133,7 @@ TEST(LightMeterTest, ExtremesGiveFiniteLight) {
   }
 }
 
-TEST(LightMeterTest, FollowsALampAndNotTheNoise) {
+TEST(LightMeter, FollowsLampButNotNoise) {
   LightMeter meter(std::nullopt);
   constexpr std::int64_t kFrame_ns = 33'333'333;
   std::int64_t now = 5'000'000'000;
@@ -164,7 +164,7 @@ TEST(LightMeterTest, FollowsALampAndNotTheNoise) {
 }
 
 // A frame that is drawn again, in a pause, changes nothing; going back in time begins anew.
-TEST(LightMeterTest, TheSameFramesGiveTheSameLight) {
+TEST(LightMeter, IsDeterministicForSameFrames) {
   std::array<VideoLight, 2> ends;
   for (std::size_t run = 0; run < 2; ++run) {
     LightMeter meter(std::nullopt);
@@ -210,7 +210,7 @@ class LitSheet : public testing::Test {
 
 // As paper there would look: in a dim video dim, in a warm one warm, and no brighter for a scene
 // with many lamps.
-TEST_F(LitSheet, IsAsBrightAsPaperInTheVideo) {
+TEST_F(LitSheet, IsAsBrightAsPaperInVideo) {
   for (const Color& light :
        {Color(0.6, 0.6, 0.6), Color(0.15, 0.15, 0.15), Color(0.5, 0.35, 0.2)}) {
     for (const double lamp : {0.9, 3.0}) {
@@ -227,7 +227,7 @@ TEST_F(LitSheet, IsAsBrightAsPaperInTheVideo) {
   EXPECT_LT(dimmed.maxCoeff(), 255.0 * encode(0.6 * 0.62));
 }
 
-TEST_F(LitSheet, WithoutAVideosLightTheSceneDecides) {
+TEST_F(LitSheet, UsesSceneLightWithoutVideoLight) {
   const Color a = shown(std::nullopt, 0.4, camera());
   EXPECT_GT(a.y(), 190.0);
   // Light of the scene's own strength changes nothing but what comes from below.
@@ -237,7 +237,7 @@ TEST_F(LitSheet, WithoutAVideosLightTheSceneDecides) {
 }
 
 // The camera's tone curve shows the same light by other codes.
-TEST_F(LitSheet, IsEncodedAsTheCameraDoes) {
+TEST_F(LitSheet, IsEncodedWithCameraResponse) {
   CameraParameters p = camera().parameters();
   p.tone_curve = 1.0;
   const VideoLight light{Color::Constant(0.5), Color::Constant(0.2)};
@@ -252,7 +252,7 @@ TEST_F(LitSheet, IsEncodedAsTheCameraDoes) {
 }
 
 // Of its light, a shadow on the table takes the same share whatever the video's light is.
-TEST(VideoLightTest, ShadowsOnTheTableStayAsTheyAre) {
+TEST(VideoLight, KeepsShadowStrengthOnTable) {
   test::SceneBuilder builder;
   test::ShapeBuilder block;
   block.box(-0.05, -0.05, 0.0, 0.05, 0.05, 0.1);

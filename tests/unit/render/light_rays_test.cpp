@@ -22,7 +22,7 @@ using test::Studio;
 constexpr int kSide = 240;
 const RayReceiver kTable{PlaneFrame{}, {}};
 
-TEST(MarkedVertices, OfABoxAreItsCornersEachInItsOwnColour) {
+TEST(MarkedVertices, AreBoxCornersInDistinctColours) {
   const auto marked = marked_vertices(*test::box(0.04, 0.06, 0.08), 12);
   ASSERT_EQ(marked.size(), 8U);
   for (std::size_t i = 0; i < marked.size(); ++i) {
@@ -35,7 +35,7 @@ TEST(MarkedVertices, OfABoxAreItsCornersEachInItsOwnColour) {
   }
 }
 
-TEST(MarkedVertices, AreFewOfManyAndHaveTheModelsColours) {
+TEST(MarkedVertices, AreLimitedInNumberAndUseModelColours) {
   auto model = std::make_shared<Model>(*test::ring());
   EXPECT_EQ(marked_vertices(*model, 12).size(), 12U);
   for (Mesh& mesh : model->meshes) {
@@ -50,7 +50,7 @@ TEST(MarkedVertices, AreFewOfManyAndHaveTheModelsColours) {
 
 const std::vector<MarkedVertex> kOne = {{{0.1, 0.0, 0.2}, glm::vec3(1.0F)}};
 
-TEST(LightRays, GoThroughTheVertexToItsShadow) {
+TEST(LightRays, PassThroughVertexToItsShadow) {
   const auto local = light_rays(kOne, Placement(), {0.0, 0.0, 0.6, 1.0}, {{kTable}});
   ASSERT_EQ(local.size(), 1U);
   EXPECT_EQ(local[0].from, Eigen::Vector3d(0.0, 0.0, 0.6));
@@ -64,7 +64,7 @@ TEST(LightRays, GoThroughTheVertexToItsShadow) {
   EXPECT_LT((before - Eigen::Vector3d(1.0, 0.0, 1.0).normalized()).norm(), 1e-12);
 }
 
-TEST(LightRays, EndAtTheFirstPlaneThatTheyMeet) {
+TEST(LightRays, EndAtFirstPlaneTheyMeet) {
   const RayReceiver wall{PlaneFrame::make({-1.0, 0.0, 0.0}, {0.12, 0.0, 0.0}), {}};
   const std::vector<RayReceiver> planes = {kTable, wall};
   const auto rays = light_rays(kOne, Placement(), {0.0, 0.0, 0.6, 1.0}, planes);
@@ -79,7 +79,7 @@ TEST(LightRays, EndAtTheFirstPlaneThatTheyMeet) {
   EXPECT_NEAR(on[0].shadow.z(), 0.0, 1e-12);
 }
 
-TEST(LightRays, NoneWhereNoShadowIsThrown) {
+TEST(LightRays, AreOmittedWhereNoShadowIsCast) {
   const auto through = [&](double z, const Eigen::Vector4d& light) {
     return light_rays(kOne, test::at(0.0, 0.0, z), light, {{kTable}}).size();
   };
@@ -123,7 +123,7 @@ int color_at(const Picture& picture, const Eigen::Vector2i& at) {
 
 class DrawnRays : public testing::TestWithParam<bool> {};
 INSTANTIATE_TEST_SUITE_P(Lenses, DrawnRays, testing::Bool(), [](const auto& instance) {
-  return std::string(instance.param ? "bent" : "straight");
+  return std::string(instance.param ? "distorted" : "undistorted");
 });
 
 TEST_P(DrawnRays, HaveDotsAtVerticesAndShadowsAndLinesBetween) {
@@ -158,7 +158,7 @@ TEST_P(DrawnRays, HaveDotsAtVerticesAndShadowsAndLinesBetween) {
   }
 }
 
-TEST(DrawnRaysTest, AreHiddenByWhatIsInFront) {
+TEST(RayOverlay, IsHiddenByObjectsInFront) {
   const CameraModel camera = test::camera_of(kSide, kSide, 260.0);
   SceneBuilder builder = lit_box();
   builder.scene().shadows[0].light_rays = true;
@@ -184,7 +184,7 @@ TEST(DrawnRaysTest, AreHiddenByWhatIsInFront) {
   EXPECT_GT(colorful_without, 300);
 }
 
-TEST(DrawnRaysTest, AreDrawnWhereTheyAreAskedForAlone) {
+TEST(RayOverlay, IsDrawnOnlyWhenEnabled) {
   const CameraModel camera = test::camera_of(kSide, kSide, 260.0);
   SceneBuilder builder = lit_box();
   Studio plain(builder.build(), camera);
@@ -207,7 +207,7 @@ TEST(DrawnRaysTest, AreDrawnWhereTheyAreAskedForAlone) {
   EXPECT_EQ(plain.plan(kFromFront, asked).rays.size(), 1U);
 }
 
-TEST(DrawnRaysTest, FadeWithThePose) {
+TEST(RayOverlay, FadesWithPose) {
   const CameraModel camera = test::camera_of(kSide, kSide, 260.0);
   Studio studio(lit_box().build(), camera);
   PlanOptions options;
@@ -234,7 +234,7 @@ TEST(DrawnRaysTest, FadeWithThePose) {
 }
 
 // Dots of two lights at one vertex are one dot, also where they are mixed into the video.
-TEST(DrawnRaysTest, OfAFadingObjectAreMixedInOnce) {
+TEST(RayOverlay, BlendsDotsOfFadingObjectOnce) {
   const CameraModel camera = test::camera_of(kSide, kSide, 260.0);
   SceneBuilder builder = lit_box();
   SceneLight other = builder.scene().lights[0];
@@ -278,7 +278,7 @@ TEST(DrawnRaysTest, OfAFadingObjectAreMixedInOnce) {
 }
 
 // What can't be seen is not drawn, and the picture is the same.
-TEST(DrawnRaysTest, OutOfViewAreLeftOut) {
+TEST(RayOverlay, SkipsRaysOutOfView) {
   std::mt19937 random(3);
   const auto within = [&random](double low, double high) {
     return std::uniform_real_distribution<double>(low, high)(random);

@@ -118,14 +118,14 @@ float linear(int code) {
 constexpr const char* kPlain =
     R"("pbrMetallicRoughness":{"baseColorFactor":[0.7,0.5,0.3,1],"metallicFactor":0.2,"roughnessFactor":0.4})";
 
-TEST(Materials, ASquareIsSeen) {
+TEST(Materials, DrawsPlainSquare) {
   const Picture picture = drawn(square_of(kPlain));
   int other = 0;
   EXPECT_GT(inside([&](int x, int y, double, double) { other += picture.red(x, y) != 120; }), 5000);
   EXPECT_GT(other, 5000);
 }
 
-TEST(Materials, MetalAndRoughnessOfATextureAreThoseOfFactors) {
+TEST(Materials, MatchesFactorsByMetallicRoughnessTexture) {
   const auto textured = [](int rough, int metal) {
     return drawn(square_of(
         R"("pbrMetallicRoughness":{"baseColorFactor":[0.7,0.5,0.3,1],"metallicFactor":0.9,"roughnessFactor":0.8,"metallicRoughnessTexture":{"index":0}})",
@@ -141,7 +141,7 @@ TEST(Materials, MetalAndRoughnessOfATextureAreThoseOfFactors) {
   EXPECT_GT(largest_difference(textured(60, 20), by_factors(140, 200)), 20);
 }
 
-TEST(Materials, LightOfATextureIsThatOfAFactor) {
+TEST(Materials, MatchesFactorByEmissiveTexture) {
   const auto emissive = [](const std::string& more, std::vector<RgbaImage> images) {
     return drawn(square_of(std::string(kPlain) + "," + more, std::move(images)));
   };
@@ -154,7 +154,7 @@ TEST(Materials, LightOfATextureIsThatOfAFactor) {
   EXPECT_GT(largest_difference(textured, drawn(square_of(kPlain))), 20);
 }
 
-TEST(Materials, OcclusionTakesAmbientLightAlone) {
+TEST(Materials, DarkensOnlyAmbientLightByOcclusion) {
   const auto open = [](int red, double strength) {
     return drawn(
         square_of(std::string(kPlain) +
@@ -182,7 +182,7 @@ std::vector<std::array<float, 3>> normals_of(float right, float towards_top, flo
 }
 constexpr const char* kBumpy = R"(,"normalTexture":{"index":0})";
 
-TEST(Materials, NormalsOfATextureAreThoseOfGeometry) {
+TEST(Materials, MatchesGeometryByNormalTexture) {
   const std::array<std::array<int, 3>, 3> texels = {
       {{204, 128, 230}, {128, 204, 230}, {60, 90, 220}}};
   for (const auto& [r, g, b] : texels) {
@@ -211,7 +211,7 @@ TEST(Materials, NormalsOfATextureAreThoseOfGeometry) {
   }
 }
 
-TEST(Materials, NormalsFollowTheLayoutOfTheTexture) {
+TEST(Materials, OrientsNormalTextureByItsLayout) {
   const auto [x, y, z] = decoded(204, 160, 230);
   const auto [sx, sy, sz] = decoded(204, 160, 230, 0.5);
   TexturedSquare bumpy = square_of(std::string(kPlain) + kBumpy, {one_color(204, 160, 230)});
@@ -240,7 +240,7 @@ TEST(Materials, NormalsFollowTheLayoutOfTheTexture) {
 
 // A layout that meets its mirror image along an edge: the vertices there are split, and each half
 // has its own tangents.
-TEST(Materials, AMirroredHalfHasTangentsOfItsOwn) {
+TEST(Materials, SplitsTangentsAtMirroredTexture) {
   TexturedSquare bumpy = square_of(std::string(kPlain) + kBumpy, {one_color(204, 128, 230)});
   // The diagonal is u = v; the halves are mirrored at it.
   bumpy.texcoords = {{0, 0}, {1, 0}, {1, 1}, {1, 0}};
@@ -259,7 +259,7 @@ TEST(Materials, AMirroredHalfHasTangentsOfItsOwn) {
 }
 
 // Each half of a picture is the material of that half.
-TEST(Materials, TexturesAreWhereTheirCoordinatesSay) {
+TEST(Materials, PlacesTexturesByCoordinates) {
   const auto halves = [](std::array<int, 4> left, std::array<int, 4> right) {
     return test::image_of(2, 1, [=](int x, int) { return x == 0 ? left : right; });
   };
@@ -287,7 +287,7 @@ TEST(Materials, TexturesAreWhereTheirCoordinatesSay) {
   EXPECT_EQ(wrong, 0);
 }
 
-TEST(Materials, TexturesGoOnAsTheirSamplerSays) {
+TEST(Materials, WrapsTexturesBySampler) {
   const auto across = [](int wrap) {
     TexturedSquare square = square_of(
         R"("emissiveFactor":[1,1,1],"emissiveTexture":{"index":0},"pbrMetallicRoughness":{"baseColorFactor":[0,0,0,1]})",
@@ -319,7 +319,7 @@ TEST(Materials, TexturesGoOnAsTheirSamplerSays) {
 constexpr const char* kCut =
     R"("pbrMetallicRoughness":{"baseColorFactor":[0.7,0.5,0.3,0.8],"baseColorTexture":{"index":0}},"alphaMode":"MASK","alphaCutoff":0.4)";
 
-TEST(Materials, WhatIsUnderTheCutoffIsNotThere) {
+TEST(Materials, RemovesPixelsBelowAlphaCutoff) {
   const auto cut = [](int left, int right) {
     TexturedSquare square =
         square_of(kCut, {test::image_of(2, 1, [=](int x, int) {
@@ -361,7 +361,7 @@ std::string solid(double r, double g, double b) {
       R"("pbrMetallicRoughness":{{"baseColorFactor":[{},{},{},1],"metallicFactor":0}})", r, g, b);
 }
 
-TEST(Materials, WhatBlendsIsMixedByItsOpacity) {
+TEST(Materials, BlendsByOpacity) {
   const Picture opaque = drawn(square_of(solid(0.8, 0.3, 0.1)));
   for (const Translucency way : {Translucency::blend, Translucency::retexture}) {
     const Picture mixed = drawn(square_of(glass(0.8, 0.3, 0.1, 0.35)), {0.3, way});
@@ -388,7 +388,7 @@ TEST(Materials, WhatBlendsIsMixedByItsOpacity) {
 }
 
 // Whatever their order in the scene, the farther is drawn first, and over what is solid.
-TEST(Materials, WhatBlendsIsDrawnFromTheFarthestOn) {
+TEST(Materials, SortsBlendedObjectsBackToFront) {
   const auto red = model_of(square_of(glass(0.9, 0.1, 0.1, 0.5)));
   const auto green = model_of(square_of(glass(0.1, 0.9, 0.1, 0.5)));
   const auto white = model_of(square_of(solid(0.9, 0.9, 0.9)));
@@ -404,7 +404,7 @@ TEST(Materials, WhatBlendsIsDrawnFromTheFarthestOn) {
 }
 
 // The same within a mesh, by triangle.
-TEST(Materials, TrianglesThatBlendAreDrawnFromTheFarthestOn) {
+TEST(Materials, SortsBlendedTrianglesBackToFront) {
   const auto stack = [](bool turned) {
     auto model = std::make_shared<Model>();
     Material material;
@@ -436,7 +436,7 @@ TEST(Materials, TrianglesThatBlendAreDrawnFromTheFarthestOn) {
 }
 
 // A faint overlay takes as much from what blends.
-TEST(Materials, WhatBlendsFadesWithTheOverlay) {
+TEST(Materials, FadesBlendedMaterialsWithOverlay) {
   SceneBuilder builder = builder_with();
   builder.add(model_of(square_of(glass(0.8, 0.3, 0.1, 0.6))), test::at(0, 0, kHeight), false);
   Studio studio(builder.build(), camera());
@@ -452,7 +452,7 @@ TEST(Materials, WhatBlendsFadesWithTheOverlay) {
   EXPECT_EQ(wrong, 0);
 }
 
-TEST(Materials, OnlyTheFrontIsSeenUnlessBothSidesAre) {
+TEST(Materials, DrawsBackFacesOnlyWhenDoubleSided) {
   TexturedSquare square = square_of(kPlain);
   square.node = R"("rotation":[1,0,0,0])";  // upside down
   const Picture video = drawn(AtHeights{{nullptr, 0.0}});
@@ -481,7 +481,7 @@ TEST(Materials, OnlyTheFrontIsSeenUnlessBothSidesAre) {
   EXPECT_GT(hidden, 5000);
 }
 
-TEST(Materials, WhatIsLeftOutIsTold) {
+TEST(Materials, ReportsIgnoredMaterialFeatures) {
   TexturedSquare square = square_of(
       R"("pbrMetallicRoughness":{"baseColorTexture":{"index":0,"extensions":{"KHR_texture_transform":{"scale":[2,2]}}}})",
       {one_color(200, 100, 50)});
@@ -499,7 +499,7 @@ TEST(Materials, WhatIsLeftOutIsTold) {
               HasSubstr("materials/0/emissiveTexture: is ignored: it is the third"));
 }
 
-TEST(Materials, WhatIsWrongIsRefused) {
+TEST(Materials, RejectsInvalidMaterials) {
   const auto material = [](const std::string& fields) {
     return square_of(fields, {one_color(200, 100, 50)});
   };

@@ -61,7 +61,7 @@ class ModelFile : public testing::Test {
   test::TemporaryFolder folder_;
 };
 
-TEST_F(ModelFile, GltfIsTurnedFromYUpToZUp) {
+TEST_F(ModelFile, RotatesGltfFromYUpToZUp) {
   const Result<Model> model = gltf();
   ASSERT_TRUE(model) << error_of(model);
   ASSERT_EQ(model->triangle_count(), 1U);
@@ -71,7 +71,7 @@ TEST_F(ModelFile, GltfIsTurnedFromYUpToZUp) {
   EXPECT_EQ(model->source_vertex_count, 3U);
 }
 
-TEST_F(ModelFile, MirroringNodeKeepsTheOutsideOut) {
+TEST_F(ModelFile, KeepsOutsideOfMirroredNode) {
   const Result<Model> model = gltf(R"({"mesh":0})", R"({"mesh":0,"scale":[-1,1,1]})");
   ASSERT_TRUE(model) << error_of(model);
   const Mesh& mesh = model->meshes[0];
@@ -82,7 +82,7 @@ TEST_F(ModelFile, MirroringNodeKeepsTheOutsideOut) {
   EXPECT_EQ(mesh.normals[0], glm::vec3(0, -1, 0));
 }
 
-TEST_F(ModelFile, MalformedGltfIsRefusedByName) {
+TEST_F(ModelFile, RejectsMalformedGltfByName) {
   const std::string nodes = R"("nodes":[{"mesh":0}])";
   EXPECT_THAT(error_of(gltf("\"byteLength\":36", "\"byteLength\":3600")),
               HasSubstr("bufferViews/0: reaches past the end of its buffer (42 bytes)"));
@@ -112,7 +112,7 @@ TEST_F(ModelFile, MalformedGltfIsRefusedByName) {
               HasSubstr("names mesh 0, there are 0"));
 }
 
-TEST_F(ModelFile, NodesNestNoDeeperThanAllowed) {
+TEST_F(ModelFile, LimitsNodeNesting) {
   std::string nodes = "\"nodes\":[";
   for (int i = 0; i < 100; ++i) nodes += fmt::format("{{\"children\":[{}]}},", i + 1);
   nodes += "{\"mesh\":0}]";
@@ -123,7 +123,7 @@ TEST_F(ModelFile, NodesNestNoDeeperThanAllowed) {
 }
 
 // A draw call for each would take seconds per frame.
-TEST_F(ModelFile, NodesOfOneMaterialAreOneMesh) {
+TEST_F(ModelFile, MergesNodesOfOneMaterialIntoOneMesh) {
   constexpr int kNodes = 20'000;
   std::string nodes = "\"nodes\":[", list;
   for (int i = 0; i < kNodes; ++i) {
@@ -168,7 +168,7 @@ TEST_F(ModelFile, NodesOfOneMaterialAreOneMesh) {
   }
 }
 
-TEST_F(ModelFile, TooManyMaterialsAreRefused) {
+TEST_F(ModelFile, RejectsTooManyMaterials) {
   ModelLimits limits;
   limits.max_meshes = 2;
   std::string text, materials;
@@ -183,7 +183,7 @@ TEST_F(ModelFile, TooManyMaterialsAreRefused) {
   EXPECT_TRUE(load_model(file));
 }
 
-TEST_F(ModelFile, NodesWithoutAnExtentAreRefusedByName) {
+TEST_F(ModelFile, RejectsNodesWithoutExtentByName) {
   EXPECT_THAT(error_of(gltf(R"({"mesh":0})", R"({"mesh":0,"name":"lid","scale":[0,0,0]})")),
               HasSubstr("nodes/0 (\"lid\"): its scale leaves no surface to see"));
   EXPECT_THAT(error_of(gltf(R"({"mesh":0})", R"({"mesh":0,"scale":[0,1,0]})")),
@@ -191,7 +191,7 @@ TEST_F(ModelFile, NodesWithoutAnExtentAreRefusedByName) {
   EXPECT_TRUE(gltf(R"({"mesh":0})", R"({"mesh":0,"scale":[1,1,0]})")) << "flat is not nothing";
 }
 
-TEST_F(ModelFile, ObjLinesGoOnAfterABackslash) {
+TEST_F(ModelFile, ContinuesObjLinesAfterBackslash) {
   const Result<Model> model =
       obj("# from C:\\models\\\nv 0 0 0\nv 1 \\\r\n 0 \\\n 0\nv 0 1 0\nf 1 2\\\n 3\n");
   ASSERT_TRUE(model) << error_of(model);
@@ -202,7 +202,7 @@ TEST_F(ModelFile, ObjLinesGoOnAfterABackslash) {
   EXPECT_THAT(error_of(obj("v 0 0 \\")), HasSubstr("line 1: \"v\" has 2 numbers"));
 }
 
-TEST_F(ModelFile, FilesOutsideTheFolderAreNotRead) {
+TEST_F(ModelFile, NeverReadsFilesOutsideFolder) {
   std::filesystem::create_directory(folder_.path() / "inner");
   write("inner/model.gltf", kTriangle);
   write("data.bin", triangle_data());
@@ -216,7 +216,7 @@ TEST_F(ModelFile, FilesOutsideTheFolderAreNotRead) {
   EXPECT_THAT(error_of(gltf("data.bin", "missing.bin")), HasSubstr("missing.bin: not found"));
 }
 
-TEST_F(ModelFile, SparseAccessorReplacesElements) {
+TEST_F(ModelFile, ReplacesElementsBySparseAccessor) {
   // The second point becomes the bytes of the buffer's third one.
   const Result<Model> model =
       gltf("\"count\":3,\"type\":\"VEC3\"",
@@ -227,7 +227,7 @@ TEST_F(ModelFile, SparseAccessorReplacesElements) {
   EXPECT_EQ(model->meshes[0].positions[1], glm::vec3(0, 0, 1));
 }
 
-TEST_F(ModelFile, BinaryContainerIsCheckedBeforeTheReader) {
+TEST_F(ModelFile, ValidatesGlbContainer) {
   std::ifstream stream(test::source_dir() / "scenes/models/helicopter_rotor.glb", std::ios::binary);
   const std::string good((std::istreambuf_iterator<char>(stream)), {});
   ASSERT_TRUE(load_model(write("good.glb", good)));
@@ -246,7 +246,7 @@ TEST_F(ModelFile, BinaryContainerIsCheckedBeforeTheReader) {
               HasSubstr("chunk 1 reaches past the end"));
 }
 
-TEST_F(ModelFile, ObjIsTakenAsWrittenAndTurnedOnRequest) {
+TEST_F(ModelFile, ReadsObjAxesAsWrittenOrRotatedOnRequest) {
   const std::string text = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 5\nf 1 2 -2\n";
   const Result<Model> model = obj(text);
   ASSERT_TRUE(model) << error_of(model);
@@ -258,7 +258,7 @@ TEST_F(ModelFile, ObjIsTakenAsWrittenAndTurnedOnRequest) {
   EXPECT_EQ(turned->meshes[0].positions[2], glm::vec3(0, 0, 1));
 }
 
-TEST_F(ModelFile, MalformedObjIsRefusedWithItsLine) {
+TEST_F(ModelFile, RejectsMalformedObjWithLine) {
   EXPECT_THAT(error_of(obj("v 0 0 0\nv nan 0 0\nv 0 1 0\nf 1 2 3\n")),
               HasSubstr("line 2: \"nan\" is not a finite number"));
   EXPECT_THAT(error_of(obj("v 0 0 0\nv inf 0 0\nv 0 1 0\nf 1 2 3\n")),
@@ -275,14 +275,14 @@ TEST_F(ModelFile, MalformedObjIsRefusedWithItsLine) {
   EXPECT_THAT(error_of(obj("# nothing\n")), HasSubstr("has no faces"));
 }
 
-TEST_F(ModelFile, ObjWithoutItsMaterialFileSaysSo) {
+TEST_F(ModelFile, WarnsOfMissingObjMaterialFile) {
   const Result<Model> model = obj("mtllib lost.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n");
   ASSERT_TRUE(model) << error_of(model);
   EXPECT_THAT(model->warnings,
               testing::ElementsAre(testing::AllOf(HasSubstr("line 1"), HasSubstr("lost.mtl"))));
 }
 
-TEST_F(ModelFile, ObjMaterialsColourTheirFaces) {
+TEST_F(ModelFile, ColoursFacesByObjMaterials) {
   write("m.mtl", "newmtl paint\nKd 1 0.5 0\nKe 0 0 1\n");
   const Result<Model> model =
       obj("mtllib m.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nv 1 1 0\nusemtl paint\nf 1 2 3\nusemtl "
@@ -294,7 +294,7 @@ TEST_F(ModelFile, ObjMaterialsColourTheirFaces) {
   EXPECT_EQ(model->materials[0].emissive.b, 1.0F);
 }
 
-TEST_F(ModelFile, OtherFilesAreRefused) {
+TEST_F(ModelFile, RejectsOtherFiles) {
   EXPECT_THAT(error_of(load_model(folder_.path() / "no.glb")), HasSubstr("no.glb"));
   EXPECT_THAT(error_of(load_model(write("a.ply", "ply"))), HasSubstr("give a .glb, .gltf or .obj"));
   EXPECT_THAT(error_of(load_model(write("a.glb", ""))), HasSubstr("is empty"));
@@ -322,7 +322,7 @@ void expect_closed(const Model& model, const std::string& name) {
   }
 }
 
-TEST(Models, ShippedModelsAreClosed) {
+TEST(BundledModelFiles, AreClosed) {
   for (const char* name : {"helicopter", "helicopter_rotor", "helicopter_tail_rotor"}) {
     const Result<Model> model =
         load_model(test::source_dir() / "scenes/models" / (std::string(name) + ".glb"));
@@ -331,7 +331,7 @@ TEST(Models, ShippedModelsAreClosed) {
   }
 }
 
-TEST(Models, ShippedModelsAreWhatTheToolWrites) {
+TEST(BundledModelFiles, MatchOutputOfMakeModels) {
   test::TemporaryFolder folder;
   const std::string command = std::string(PENUMBRA_MAKE_MODELS) + " " + folder.path().string() +
                               " > " + (folder.path() / "log").string();
@@ -348,7 +348,7 @@ TEST(Models, ShippedModelsAreWhatTheToolWrites) {
   }
 }
 
-TEST(Shapes, AreClosedAndOfTheirSize) {
+TEST(Shapes, AreClosedAndOfRequestedSize) {
   expect_closed(make_box({0.1F, 0.2F, 0.3F}), "box");
   expect_closed(make_sphere(0.1F), "sphere");
   expect_closed(make_cylinder(0.1F, 0.3F), "cylinder");
@@ -356,7 +356,7 @@ TEST(Shapes, AreClosedAndOfTheirSize) {
   EXPECT_EQ(make_box({0.1F, 0.2F, 0.3F}).max_corner, glm::vec3(0.05F, 0.1F, 0.15F));
 }
 
-TEST(Subdivided, LeavesNoLongEdgeAndNoCrack) {
+TEST(Subdivision, LeavesNoLongEdgeAndNoCrack) {
   Model box = make_box({0.1F, 0.2F, 0.3F});
   const Mesh fine = subdivided(box.meshes[0], 0.03F);
   for (std::size_t t = 0; t < fine.indices.size(); t += 3) {

@@ -27,18 +27,18 @@ Eigen::AlignedBox3d box(const Eigen::Vector3d& middle, double size) {
   return {Eigen::Vector3d(middle - half), Eigen::Vector3d(middle + half)};
 }
 
-TEST(ModelOrigin, IsZeroForModelNearTheOrigin) {
+TEST(ModelOrigin, IsZeroForModelNearOrigin) {
   EXPECT_TRUE(model_origin({}).isZero(0.0));
   EXPECT_TRUE(model_origin(box({0, 0, 0}, 0.1)).isZero(0.0));
   EXPECT_TRUE(model_origin(box({6, -6, 6}, 0.1)).isZero(0.0));
 }
 
-TEST(ModelOrigin, IsTheMiddleOfModelFarAway) {
+TEST(ModelOrigin, IsCentreOfModelFarAway) {
   EXPECT_EQ(model_origin(box({0, -7, 0}, 0.1)), Eigen::Vector3d(0, -7, 0));
   EXPECT_EQ(model_origin(box({3e5, 5e5, 0}, 1.0)), Eigen::Vector3d(3e5, 5e5, 0));
 }
 
-TEST(ModelOrigin, WarnsWhereCoordinatesAreTooCoarse) {
+TEST(ModelOrigin, WarnsWhenCoordinatesAreTooCoarse) {
   EXPECT_EQ(warning_of_distance(box({3e5, 5e5, 0}, 1.0), 1e-9, "m"), std::nullopt);
   EXPECT_THAT(warning_of_distance(box({3e5, 4e5, 0}, 1.0), 0.03, "m").value_or(""),
               HasSubstr("m: lies 500 km from its origin, where coordinates are exact to 0.03 m"));
@@ -61,7 +61,7 @@ class FarModel : public testing::Test {
   test::ModelFolder folder_;
 };
 
-TEST_F(FarModel, KeepsItsShapeAndPlace) {
+TEST_F(FarModel, KeepsShapeAndPlace) {
   for (const Eigen::Vector3d& place : {Eigen::Vector3d(3e5, 5e5, 0), Eigen::Vector3d(1e4, 2e4, 3),
                                        Eigen::Vector3d(458074.6, 5429380.17, 162.9)}) {
     const Result<Model> model = folder_.obj(disc(place.x(), place.y(), place.z()));
@@ -73,7 +73,7 @@ TEST_F(FarModel, KeepsItsShapeAndPlace) {
   }
 }
 
-TEST_F(FarModel, IsPlacedInDouble) {
+TEST_F(FarModel, IsPlacedInDoublePrecision) {
   const Result<Model> model = folder_.obj(disc(3e5, 5e5, 0));
   ASSERT_TRUE(model) << model.error().message;
   const Placement T{{-6e5, -1e6, 0.25}, Eigen::Quaterniond::Identity(), 2.0};
@@ -87,7 +87,7 @@ TEST_F(FarModel, IsPlacedInDouble) {
   EXPECT_EQ(placed_model(near, {{1, 2, 3}, odd, 0.7}), (Placement{{1, 2, 3}, odd, 0.7}));
 }
 
-TEST_F(FarModel, MovedOriginLeavesTheModelInItsPlace) {
+TEST_F(FarModel, KeepsPlaceWhenOriginMoves) {
   Result<Model> model = folder_.obj(disc(3e5, 5e5, 0));
   ASSERT_TRUE(model) << model.error().message;
   const float x = model->meshes[0].positions[0].x;
@@ -97,7 +97,7 @@ TEST_F(FarModel, MovedOriginLeavesTheModelInItsPlace) {
   EXPECT_EQ(model->origin.x(), 3e5 - 8.0);
 }
 
-TEST_F(FarModel, KernelFilesHaveTheFilesCoordinates) {
+TEST_F(FarModel, StoresKernelFilesInFileCoordinates) {
   Result<Model> model = folder_.obj(disc(3e5, 5e5, 1));
   ASSERT_TRUE(model) << model.error().message;
   const ShadowMesh mesh = make_shadow_mesh(*model);
@@ -124,7 +124,7 @@ TEST_F(FarModel, KernelFilesHaveTheFilesCoordinates) {
   }());
 }
 
-TEST_F(FarModel, ShapeThatItsNumbersLostGetsTheRightAdvice) {
+TEST_F(FarModel, WarnsOfShapeLostToPrecision) {
   const Result<Model> model =
       folder_.obj("v 583095 583095 0\nv 583095 583095 0\nv 583095 583095 0\nf 1 2 3\n");
   ASSERT_TRUE(model) << model.error().message;
@@ -140,7 +140,7 @@ TEST_F(FarModel, ShapeThatItsNumbersLostGetsTheRightAdvice) {
   EXPECT_THAT(coarse->warnings, ElementsAre(HasSubstr("coordinates are exact to 2.2e-05 m only")));
 }
 
-TEST_F(FarModel, WarnsInMetresWhereTheFileHasAnotherUnit) {
+TEST_F(FarModel, WarnsInMetresForOtherUnits) {
   const auto file = folder_.write("model.obj", "v 1e11 0 0\nv 1e11 0.1 0\nv 1e11 0 0.1\nf 1 2 3\n");
   const Result<Model> model = load_model(file, {.unit_m = 0.001});
   ASSERT_TRUE(model) << model.error().message;
@@ -226,7 +226,7 @@ std::vector<std::string> lines_of(const FramePlan& plan) {
 
 class FarModelPlan : public testing::TestWithParam<ShadowTechnique> {};
 
-TEST_P(FarModelPlan, IsThatOfModelAtTheOrigin) {
+TEST_P(FarModelPlan, MatchesPlanOfModelAtOrigin) {
   for (const bool skip : {true, false}) {
     PlanOptions options;
     options.technique = GetParam();
@@ -251,7 +251,7 @@ INSTANTIATE_TEST_SUITE_P(Technique, FarModelPlan,
                            return std::string(to_string(technique.param));
                          });
 
-TEST(FarModelCases, SharedFilesHaveTheirArea) {
+TEST(FarModelCases, MatchAreaOfSharedFiles) {
   if (test::shared_dir().empty()) GTEST_SKIP() << "no shared cases beside the checkout";
   const std::filesystem::path folder = test::shared_dir() / "cases" / "obj-far-from-origin";
   // By the shoelace formula, from the corners as they are written.

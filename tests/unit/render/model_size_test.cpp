@@ -27,7 +27,7 @@ class ModelSize : public testing::Test {
   test::TemporaryFolder folder_;
 };
 
-TEST_F(ModelSize, UnitTurnsCoordinatesIntoMetres) {
+TEST_F(ModelSize, ConvertsCoordinatesToMetres) {
   const std::filesystem::path file = write("square.obj", kSquare);
   const Result<Model> model = load_model(file, {.unit_m = 0.001});
   ASSERT_TRUE(model);
@@ -35,7 +35,7 @@ TEST_F(ModelSize, UnitTurnsCoordinatesIntoMetres) {
   EXPECT_EQ(model->max_corner, glm::vec3(0.064F, 0.064F, 0.032F));
 }
 
-TEST_F(ModelSize, LimitOfCoordinatesIsInMetres) {
+TEST_F(ModelSize, LimitsCoordinatesInMetres) {
   const std::filesystem::path file = write("far.obj", "v 0 0 0\nv 3000000 0 0\nv 0 1 0\nf 1 2 3\n");
   EXPECT_FALSE(load_model(file));
   EXPECT_TRUE(load_model(file, {.unit_m = 0.001}));
@@ -48,7 +48,7 @@ Model sized(float x, float z) {
   return model;
 }
 
-TEST(WarningOfSize, NamesSizeAndLikelyUnit) {
+TEST(SizeWarning, NamesSizeAndLikelyUnit) {
   using testing::Optional;
   EXPECT_THAT(warning_of_size(sized(64.0F, 1.0F), {}, "m.obj"),
               Optional(std::string("m.obj: is 64 m wide; in millimetres? use --unit mm")));
@@ -65,7 +65,7 @@ TEST(WarningOfSize, NamesSizeAndLikelyUnit) {
               Optional(std::string("m: is 1e+06 m wide; use scale 1e-07")));
 }
 
-TEST(WarningOfSize, IsSilentForSizesOfATable) {
+TEST(SizeWarning, IsAbsentForTableSizes) {
   for (const float size : {0.0021F, 0.1F, 4.99F}) {
     EXPECT_FALSE(warning_of_size(sized(size, 0.0F), {}, "m"));
   }
@@ -73,7 +73,7 @@ TEST(WarningOfSize, IsSilentForSizesOfATable) {
   EXPECT_FALSE(warning_of_size(sized(64.0F, 0.0F), {.scale = 0.001}, "scaled"));
 }
 
-TEST(WarningOfSize, BundledScenesHaveNone) {
+TEST(SizeWarning, IsAbsentForBundledScenes) {
   for (const auto& entry : std::filesystem::directory_iterator(test::source_dir() / "scenes")) {
     if (entry.path().extension() != ".json" || entry.path().stem().extension() == ".schema")
       continue;
@@ -85,7 +85,7 @@ TEST(WarningOfSize, BundledScenesHaveNone) {
   }
 }
 
-TEST_F(ModelSize, PhantomMayHaveAnySize) {
+TEST_F(ModelSize, AcceptsPhantomOfAnySize) {
   write("square.obj", kSquare);
   const std::filesystem::path file = write("scene.json", R"({"objects": [], "phantoms": [
     {"name": "wall", "model": "square.obj"}], "shadows": []})");
@@ -94,7 +94,7 @@ TEST_F(ModelSize, PhantomMayHaveAnySize) {
   EXPECT_THAT(scene->warnings, testing::IsEmpty());
 }
 
-TEST_F(ModelSize, SceneNamesModelsFarFromTheTable) {
+TEST_F(ModelSize, WarnsOfSceneModelsFarFromTable) {
   write("far.obj", "v 458074 5429380 1\nv 458075 5429380 1\nv 458074 5429381 1\nf 1 2 3\n");
   write("beside.obj", "v 300 400 1\nv 301 400 1\nv 300 401 1\nf 1 2 3\n");
   const std::filesystem::path file = write("scene.json", R"({"objects": [
@@ -113,7 +113,7 @@ TEST_F(ModelSize, SceneNamesModelsFarFromTheTable) {
                              "[-300.5, -400.5, -1] brings its middle there")));
 }
 
-TEST_F(ModelSize, SceneNamesOddSizeOncePerModel) {
+TEST_F(ModelSize, WarnsOfOddSizeOncePerModel) {
   write("square.obj", kSquare);
   const std::filesystem::path file = write("scene.json", R"({"objects": [
     {"name": "a", "model": "square.obj"}, {"name": "b", "model": "square.obj"},

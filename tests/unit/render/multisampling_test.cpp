@@ -42,7 +42,7 @@ void keep(const test::Picture& picture, const std::string& name) {
                        picture.height, picture.rgba));
 }
 
-TEST(Multisampling, IsChosenByTheRenderer) {
+TEST(Multisampling, IsChosenByRenderer) {
   EXPECT_EQ(multisampling_for(true, 8), 0);
   EXPECT_EQ(multisampling_for(false, 8), 4);
   EXPECT_EQ(multisampling_for(false, 2), 2);
@@ -51,7 +51,7 @@ TEST(Multisampling, IsChosenByTheRenderer) {
   EXPECT_EQ(studio.compositor().samples() == 0, studio.context().info().software);
 }
 
-TEST(Multisampling, MoreSamplesThanTheDriverHasAreRefused) {
+TEST(Multisampling, RejectsMoreSamplesThanDriverSupports) {
   auto context = create_offscreen_context().value();
   CompositorOptions options;
   options.msaa = 1'000'000;
@@ -61,7 +61,7 @@ TEST(Multisampling, MoreSamplesThanTheDriverHasAreRefused) {
 }
 
 // Against the mean of 8 x 8 pixels for each.
-TEST(Multisampling, SmoothsTheEdgesOfObjects) {
+TEST(Multisampling, SmoothsObjectEdges) {
   constexpr int kFiner = 8;
   test::SceneBuilder builder;
   builder.add(test::finished(make_box({0.14F, 0.09F, 0.06F}), glm::vec4(0.9F, 0.3F, 0.2F, 1.0F)),
@@ -117,7 +117,7 @@ TEST(Multisampling, SmoothsTheEdgesOfObjects) {
 }
 
 // Everything that is drawn, in every way: the same picture but for edges.
-TEST(Multisampling, ChangesNothingButEdges) {
+TEST(Multisampling, ChangesOnlyEdges) {
   const auto scene = std::make_shared<const Scene>(
       load_scene(test::source_dir() / "scenes" / "default.json").value());
   for (const GlApi api : {GlApi::gl33, GlApi::gles30}) {
@@ -161,7 +161,7 @@ TEST(Multisampling, ChangesNothingButEdges) {
 }
 
 // Casters of few faces are then drawn directly, with edges as smooth as a mask's.
-TEST(Multisampling, LeavesFewFacesToTheGpu) {
+TEST(Multisampling, DrawsFewFacesDirectly) {
   const auto scene_of = [](int around) {
     test::ShapeBuilder shape;
     shape.torus(0.06, 0.02, around, 16);  // twice 16 times as many faces

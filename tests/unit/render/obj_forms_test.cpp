@@ -21,7 +21,7 @@ const std::string kCorners = "v 0 0 0\nv 0.1 0 0\nv 0.1 0.1 0\nv 0 0.1 0\n";
 const std::string kRed = "newmtl red\nKd 1 0 0\n";
 const std::string kBox = "usemtl red\nf 1 2 3 4\n";
 
-class ObjForms : public testing::Test {
+class ObjModelFile : public testing::Test {
  protected:
   // A square of 100 cm2 with these warnings.
   template <class Matcher>
@@ -53,7 +53,7 @@ class ObjForms : public testing::Test {
   test::ModelFolder folder_;
 };
 
-TEST_F(ObjForms, CornersMayEndInSlashes) {
+TEST_F(ObjModelFile, AcceptsCornersEndingInSlashes) {
   for (const std::string face : {"f 1/ 2/ 3/ 4/", "f 1// 2// 3// 4//", "f 1/0/0 2/0 3//0 4"}) {
     expect_square(kCorners + face + "\n", IsEmpty());
   }
@@ -61,7 +61,7 @@ TEST_F(ObjForms, CornersMayEndInSlashes) {
   expect_square(kCorners + "vn 0 0 1\nf 1/0/1 2/0/1 3/0/1 4/0/1\n", IsEmpty());
 }
 
-TEST_F(ObjForms, DecimalCommasAreNamed) {
+TEST_F(ObjModelFile, NamesDecimalCommas) {
   const Result<Model> model = folder_.obj("v 0 0 0\nv 0,5 0,0 1,0\n");
   ASSERT_FALSE(model);
   EXPECT_THAT(model.error().message, HasSubstr("line 2: \"0,5\" has a decimal comma"));
@@ -75,12 +75,12 @@ TEST_F(ObjForms, DecimalCommasAreNamed) {
   EXPECT_THAT(warning, HasSubstr("decimal commas"));
 }
 
-TEST_F(ObjForms, CommentsMayFollowAnything) {
+TEST_F(ObjModelFile, AcceptsCommentsAnywhere) {
   expect_square("v 0 0 0 # first\nv 0.1 0 0\nv 0.1 0.1 0 #third\nv 0 0.1 0\nf 1 2 3 4 # bottom\n",
                 IsEmpty());
 }
 
-TEST_F(ObjForms, FacesWithoutSurfaceAreSkippedAndNamed) {
+TEST_F(ObjModelFile, SkipsAndNamesFacesWithoutSurface) {
   expect_square(kCorners + "f 1 2 3 4\nf 1\nf 1 2\n",
                 ElementsAre(AllOf(HasSubstr("line 6: a face has fewer than 3 corners"),
                                   HasSubstr("(2 such lines)"))));
@@ -91,7 +91,7 @@ TEST_F(ObjForms, FacesWithoutSurfaceAreSkippedAndNamed) {
                 ElementsAre(HasSubstr("line 6: a line does not start with a word of the OBJ")));
 }
 
-TEST_F(ObjForms, AbsentNormalsAndTextureCoordinatesAreNamed) {
+TEST_F(ObjModelFile, NamesAbsentNormalsAndTextureCoordinates) {
   expect_square(kCorners + "f 1//1 2//1 3//1 4//1\n",
                 ElementsAre(HasSubstr("line 5: a face names a normal that is not there")));
   expect_square(kCorners + "f 1/1 2/-3 3/3 4/4\n",
@@ -101,17 +101,17 @@ TEST_F(ObjForms, AbsentNormalsAndTextureCoordinatesAreNamed) {
                                   HasSubstr("(2 such lines)"))));
 }
 
-TEST_F(ObjForms, ColoursThatAreNotNumbersAreIgnored) {
+TEST_F(ObjModelFile, IgnoresNonFiniteColours) {
   expect_square("v 0 0 0\nv 0.1 0 0\nv 0.1 0.1 0 nan nan nan\nv 0 0.1 0\nf 1 2 3 4\n",
                 ElementsAre(HasSubstr("line 3: a vertex colour is not of finite numbers")));
 }
 
-TEST_F(ObjForms, ByteOrderMarkIsSkipped) {
+TEST_F(ObjModelFile, SkipsByteOrderMark) {
   expect_square("\xEF\xBB\xBF" + kCorners + "v 5 5 0\nf 1 2 3 4\n", IsEmpty());
   EXPECT_EQ(color_of("\xEF\xBB\xBF" + kRed), glm::vec4(1, 0, 0, 1));
 }
 
-TEST_F(ObjForms, WideTextIsNamed) {
+TEST_F(ObjModelFile, NamesUtf16Text) {
   std::string wide = "\xFF\xFE";
   for (const char c : kCorners) wide += {c, '\0'};
   const Result<Model> model = folder_.obj(wide);
@@ -122,7 +122,7 @@ TEST_F(ObjForms, WideTextIsNamed) {
   EXPECT_THAT(warning, HasSubstr("m.mtl: is UTF-16 text"));
 }
 
-TEST_F(ObjForms, ColoursMayHaveOneNumberOrMoreThanThree) {
+TEST_F(ObjModelFile, AcceptsColoursOfOneOrMoreThanThreeNumbers) {
   EXPECT_NEAR(color_of("newmtl red\nKd 0.5\n").b, 0.21404F, 1e-4F);
   EXPECT_EQ(color_of("newmtl red\nKd 1 0 0 # red\n"), glm::vec4(1, 0, 0, 1));
   std::string warning;
@@ -130,7 +130,7 @@ TEST_F(ObjForms, ColoursMayHaveOneNumberOrMoreThanThree) {
   EXPECT_THAT(warning, HasSubstr("m.mtl: line 2: Kd has over three numbers"));
 }
 
-TEST_F(ObjForms, ColoursOfOtherFormsAreNamedAndPlain) {
+TEST_F(ObjModelFile, NamesAndIgnoresInvalidColours) {
   for (const std::string form : {"spectral file.rfl", "xyz 1 1 1", "nan 0 0", "-1 0 0", ""}) {
     std::string warning;
     EXPECT_EQ(color_of("newmtl red\nKd " + form + "\n", &warning), glm::vec4(0.6F, 0.6F, 0.6F, 1))
@@ -139,7 +139,7 @@ TEST_F(ObjForms, ColoursOfOtherFormsAreNamedAndPlain) {
   }
 }
 
-TEST_F(ObjForms, IgnoredLinesOfMaterialFilesAreNamedOncePerKind) {
+TEST_F(ObjModelFile, NamesIgnoredMaterialLinesOncePerKind) {
   // Words about highlights and refraction, which are drawn nowhere, are silent.
   EXPECT_EQ(color_of(kRed + "Ka 1 1 1\nKs 1 1 1\nNs 90\nNi 1.5\nillum 2\nsharpness 60\nTf 1 1 1\n"),
             glm::vec4(1, 0, 0, 1));
@@ -158,7 +158,7 @@ TEST_F(ObjForms, IgnoredLinesOfMaterialFilesAreNamedOncePerKind) {
   EXPECT_THAT(warning, HasSubstr("m.mtl: line 1: a line before the first newmtl is skipped"));
 }
 
-TEST_F(ObjForms, MaterialFileIsReadOnce) {
+TEST_F(ObjModelFile, ReadsMaterialFileOnce) {
   folder_.write("m.mtl", kRed + "fnord\n");
   for (const std::string file : {"m.mtl", "gone.mtl"}) {
     std::string text = "mtllib " + file + "\n" + kCorners + kBox;
@@ -167,7 +167,7 @@ TEST_F(ObjForms, MaterialFileIsReadOnce) {
   }
 }
 
-TEST_F(ObjForms, TinyNumbersAreZero) {
+TEST_F(ObjModelFile, ReadsTinyNumbersAsZero) {
   const std::string zeros(400, '0');
   for (const std::string& tiny :
        {std::string("1e-400"), std::string("-1e-400"), std::string("1e-99999999999999999999"),
@@ -181,14 +181,14 @@ TEST_F(ObjForms, TinyNumbersAreZero) {
   }
 }
 
-TEST_F(ObjForms, NumbersMayHaveAPlusSign) {
+TEST_F(ObjModelFile, AcceptsPlusSigns) {
   expect_square("v +0 0 0\nv +0.1 0 0\nv 0.1 +1e-1 0\nv 0 0.1 0\nf +1 +2 3 +4\n", IsEmpty());
   EXPECT_FALSE(folder_.obj(kCorners + "f +1 +-2 3 4\n"));
   EXPECT_FALSE(folder_.obj(kCorners + "f ++1 2 3 4\n"));
   EXPECT_FALSE(folder_.obj(kCorners + "f + 2 3 4\n"));
 }
 
-TEST_F(ObjForms, HaloIsOpacity) {
+TEST_F(ObjModelFile, TreatsHaloAsOpacity) {
   std::string warning;
   const Material material = material_of(kRed + "d -halo 0.5\n", &warning);
   EXPECT_EQ(material.base_color.a, 0.5F);
@@ -196,7 +196,7 @@ TEST_F(ObjForms, HaloIsOpacity) {
   EXPECT_THAT(warning, HasSubstr("-halo"));
 }
 
-TEST_F(ObjForms, MaterialFilesAreFoundByWhatTheirNamesMean) {
+TEST_F(ObjModelFile, ResolvesMaterialFileNames) {
   folder_.write("red.mtl", kRed);
   folder_.write("blue.mtl", "newmtl blue\nKd 0 0 1\n");
   folder_.write("my red.mtl", kRed);
@@ -210,7 +210,7 @@ TEST_F(ObjForms, MaterialFilesAreFoundByWhatTheirNamesMean) {
   }
 }
 
-TEST_F(ObjForms, MaterialFileOutsideTheFolderIsLookedForBesideTheModel) {
+TEST_F(ObjModelFile, FindsMaterialFileOutsideFolderBesideModel) {
   for (const std::string name : {"../red.mtl", "C:\\models\\red.mtl", "/models/red.mtl"}) {
     std::filesystem::remove(folder_.path() / "red.mtl");
     Result<Model> model = folder_.obj("mtllib " + name + "\n" + kCorners + kBox);
@@ -225,13 +225,13 @@ TEST_F(ObjForms, MaterialFileOutsideTheFolderIsLookedForBesideTheModel) {
   }
 }
 
-TEST_F(ObjForms, UnknownMaterialIsNamed) {
+TEST_F(ObjModelFile, NamesUnknownMaterial) {
   folder_.write("m.mtl", kRed);
   expect_square("mtllib m.mtl\n" + kCorners + "usemtl rde\nf 1 2 3 4\n",
                 ElementsAre(HasSubstr("material \"rde\" is in no material file")));
 }
 
-TEST_F(ObjForms, NamesMayHaveBlanksAndOtherEncodings) {
+TEST_F(ObjModelFile, AcceptsNamesWithBlanksAndOtherEncodings) {
   folder_.write("m.mtl", "newmtl my gr\xFCn\nKd 0 1 0\n");
   const Result<Model> model =
       folder_.obj("mtllib m.mtl\no T\xF6pfchen\n" + kCorners + "usemtl my gr\xFCn\nf 1 2 3 4\n");
@@ -241,7 +241,7 @@ TEST_F(ObjForms, NamesMayHaveBlanksAndOtherEncodings) {
   EXPECT_THAT(model->warnings, IsEmpty());
 }
 
-TEST_F(ObjForms, PicturesThatCantBeHadLeaveThePlainColour) {
+TEST_F(ObjModelFile, FallsBackToPlainColourWithoutImage) {
   folder_.write("t.tga", std::string("\0\0\2\0\0\0\0\0\0\0\0\0\1\0\1\0\30\0abc", 21));
   const std::string whole = test::png_bytes(test::one_color(200, 90, 30));
   folder_.write("half.png", whole.substr(0, whole.size() / 2));
@@ -256,7 +256,7 @@ TEST_F(ObjForms, PicturesThatCantBeHadLeaveThePlainColour) {
       << "a picture that no face uses is not looked for";
 }
 
-TEST_F(ObjForms, PicturesAreFoundByWhatTheirNamesMean) {
+TEST_F(ObjModelFile, ResolvesImageNames) {
   const auto bytes = test::png_bytes(test::one_color(200, 90, 30));
   const std::string png(bytes.begin(), bytes.end());
   folder_.write("t.png", png);
@@ -277,7 +277,7 @@ TEST_F(ObjForms, PicturesAreFoundByWhatTheirNamesMean) {
   EXPECT_THAT(warning, HasSubstr("is outside the model's folder"));
 }
 
-TEST_F(ObjForms, VertexThatIsNotThereIsAnError) {
+TEST_F(ObjModelFile, RejectsMissingVertex) {
   for (const std::string face : {"f 1 2 5", "f 1 2 0", "f 1 2 -5", "f 1 2 x", "f 1 2 3/1/1/1"}) {
     const Result<Model> model = folder_.obj(kCorners + face + "\n");
     ASSERT_FALSE(model) << face;
@@ -286,7 +286,7 @@ TEST_F(ObjForms, VertexThatIsNotThereIsAnError) {
 }
 
 // Model files and material files with damage, polygons of all kinds among them.
-TEST_F(ObjForms, DamagedFilesAreReadOrRefusedInOneLine) {
+TEST_F(ObjModelFile, ReadsOrRejectsDamagedFilesInOneLine) {
   std::string obj = "mtllib m.mtl\no thing\nusemtl red\n", face = "f";
   for (int i = 0; i < 24; ++i) {
     obj += fmt::format("v {} {} {} 1 0.5 0\nvt {} 0.5\nvn 0 0 1\n", (i * 7) % 24 * 0.01,
@@ -324,7 +324,7 @@ TEST_F(ObjForms, DamagedFilesAreReadOrRefusedInOneLine) {
   EXPECT_LT(accepted, 4000);
 }
 
-TEST(ObjFormCases, SharedFilesHaveTheirArea) {
+TEST(ObjModelFileCases, MatchAreaOfSharedFiles) {
   if (test::shared_dir().empty()) GTEST_SKIP() << "no shared cases beside the checkout";
   const std::filesystem::path cases = test::shared_dir() / "cases";
   int count = 0;

@@ -27,7 +27,7 @@ const std::string kPlus =
     "v 0.06 0.06 0.05\nv 0.06 0.09 0.05\nv 0.03 0.09 0.05\nv 0.03 0.06 0.05\nv 0 0.06 0.05\n"
     "v 0 0.03 0.05\nv 0.03 0.03 0.05\n";
 
-TEST_F(ObjPolygon, ConcaveOutlineKeepsItsArea) {
+TEST_F(ObjPolygon, KeepsAreaOfConcaveOutline) {
   const Result<Model> model = folder_.obj(kPlus + "f 1 2 3 4 5 6 7 8 9 10 11 12\n");
   ASSERT_TRUE(model) << model.error().message;
   EXPECT_EQ(model->triangle_count(), 10U);
@@ -37,13 +37,13 @@ TEST_F(ObjPolygon, ConcaveOutlineKeepsItsArea) {
   for (const glm::vec3& normal : model->meshes[0].normals) EXPECT_EQ(normal, glm::vec3(0, 0, 1));
 }
 
-TEST_F(ObjPolygon, TrianglesTurnAsThePolygonDoes) {
+TEST_F(ObjPolygon, KeepsOrientationOfPolygon) {
   const Result<Model> model = folder_.obj(kPlus + "f 12 11 10 9 8 7 6 5 4 3 2 1\n");
   ASSERT_TRUE(model) << model.error().message;
   EXPECT_NEAR(area_vector(*model).z(), -45e-4, 45e-10);
 }
 
-TEST_F(ObjPolygon, CornersKeepTheirTextureCoordinatesAndNormals) {
+TEST_F(ObjPolygon, KeepsTextureCoordinatesAndNormalsOfCorners) {
   std::string text = kPlus, face = "f";
   for (int i = 1; i <= 12; ++i) {
     text += fmt::format("vt {} 0.25\nvn 0 {} 1\n", 0.01 * i, 0.1 * i);
@@ -62,7 +62,7 @@ TEST_F(ObjPolygon, CornersKeepTheirTextureCoordinatesAndNormals) {
 }
 
 // A square hole that a bridge joins to a square, and a U that names corners twice in a row.
-TEST_F(ObjPolygon, KeyholesAndDoubledCornersKeepTheirArea) {
+TEST_F(ObjPolygon, KeepsAreaOfKeyholesAndDoubledCorners) {
   Result<Model> model = folder_.obj(
       "v 0 0 0.05\nv 0.03 0.03 0.05\nv 0.03 0.07 0.05\nv 0.07 0.07 0.05\nv 0.07 0.03 0.05\n"
       "v 0.1 0 0.05\nv 0.1 0.1 0.05\nv 0 0.1 0.05\nf 1 2 3 4 5 2 1 6 7 8\n");
@@ -77,13 +77,13 @@ TEST_F(ObjPolygon, KeyholesAndDoubledCornersKeepTheirArea) {
   EXPECT_THAT(model->warnings, IsEmpty());
 }
 
-TEST_F(ObjPolygon, QuadKeepsItsShorterDiagonal) {
+TEST_F(ObjPolygon, SplitsQuadAlongShorterDiagonal) {
   const Result<Model> model = folder_.obj("v 0 0 0\nv 2 0 0\nv 3 1 0\nv 0 1 0\nf 1 2 3 4\n");
   ASSERT_TRUE(model) << model.error().message;
   EXPECT_THAT(model->meshes[0].source_vertex, ElementsAre(0, 1, 3, 2));
 }
 
-TEST_F(ObjPolygon, CrossingOutlineIsFilledAndNamedOnce) {
+TEST_F(ObjPolygon, FillsAndNamesCrossingOutlineOnce) {
   const Result<Model> model = folder_.obj(
       "v 0 0 0 1 0 0\nv 1 1 0 1 0 0\nv 1 0 0 1 0 0\nv 0 1 0 1 0 0\nvt 0 0\nvt 1 1\nvt 1 0\n"
       "vt 0 1\nf 1/1 2/2 3/3 4/4\nf 1/1 2/2 3/3 4/4\n");
@@ -106,14 +106,14 @@ TEST_F(ObjPolygon, CrossingOutlineIsFilledAndNamedOnce) {
   EXPECT_EQ(make_shadow_mesh(*model).from_source.size(), 6U);
 }
 
-TEST_F(ObjPolygon, FaceThatIsNotFlatIsNamed) {
+TEST_F(ObjPolygon, NamesFaceThatIsNotFlat) {
   const Result<Model> model = folder_.obj("v 0 0 0\nv 1 0 0\nv 1 1 0.5\nv 0 1 0\nf 1 2 3 4\n");
   ASSERT_TRUE(model) << model.error().message;
   EXPECT_EQ(model->triangle_count(), 2U);
   EXPECT_THAT(model->warnings, ElementsAre(HasSubstr("line 5: a face is not flat")));
 }
 
-TEST_F(ObjPolygon, IntricateFaceIsSkippedAndNamed) {
+TEST_F(ObjPolygon, SkipsAndNamesIntricateFace) {
   std::string text, face = "f";
   for (int i = 0; i < 3000; ++i) {
     text += fmt::format("v {} {} 0\n", (i * 7919) % 3001, (i * 104729) % 2999);
@@ -126,7 +126,7 @@ TEST_F(ObjPolygon, IntricateFaceIsSkippedAndNamed) {
               ElementsAre(HasSubstr("line 3001: a face crosses itself too often")));
 }
 
-TEST_F(ObjPolygon, FaceMayHaveHundredsOfCorners) {
+TEST_F(ObjPolygon, AcceptsFaceWithHundredsOfCorners) {
   std::string text, face = "f";
   for (int i = 0; i < 300; ++i) {
     const double angle = 2.0 * M_PI * i / 300;
@@ -145,7 +145,7 @@ struct SharedCase {
   std::size_t faces;
 };
 
-TEST(ObjPolygonCases, SharedFilesHaveTheirArea) {
+TEST(ObjPolygonCases, MatchAreaOfSharedFiles) {
   if (test::shared_dir().empty()) GTEST_SKIP() << "no shared cases beside the checkout";
   const std::filesystem::path folder = test::shared_dir() / "cases";
   for (const auto& [file, area_cm2, faces] : std::vector<SharedCase>{
@@ -164,7 +164,7 @@ TEST(ObjPolygonCases, SharedFilesHaveTheirArea) {
 }
 
 // Three polygons that are not level. The shoelace formula gives their areas as seen from above.
-TEST(ObjPolygonCases, SharedFileOfPolygonsThatAreNotLevelHasItsArea) {
+TEST(ObjPolygonCases, MatchAreaOfTiltedPolygons) {
   if (test::shared_dir().empty()) GTEST_SKIP() << "no shared cases beside the checkout";
   const std::filesystem::path file =
       test::shared_dir() / "cases" / "obj-concave-polygon" / "issue-319-002-tinyobjloader.obj";

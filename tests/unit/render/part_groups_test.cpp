@@ -95,7 +95,7 @@ Shape wall_umbra(const std::vector<std::string>& groups) {
   return shape;
 }
 
-TEST(PartGroups, AWallOpensAtItsJointsUnlessItIsOne) {
+TEST(PartGroups, CloseJointsOfWallInOneGroup) {
   const Shape loose = wall_umbra({});
   EXPECT_GT(loose.pieces, 10U) << "every brick shrinks about itself";
   for (const char* group : {"all", "wall", "brick_*", "brick_?_?"}) {
@@ -106,7 +106,7 @@ TEST(PartGroups, AWallOpensAtItsJointsUnlessItIsOne) {
   }
 }
 
-TEST(PartGroups, HoldWhatTheirNamesSay) {
+TEST(PartGroups, ContainPartsMatchedByName) {
   const Model model = brick_wall();
   const std::uint32_t loose = make_shadow_mesh(model).part_count;
   EXPECT_EQ(loose, 19U);  // 4 + 5 + 4 + 5 bricks and a ball
@@ -126,7 +126,7 @@ TEST(PartGroups, HoldWhatTheirNamesSay) {
   EXPECT_EQ(one.positions, many.positions);
 }
 
-TEST(PartGroups, AnUnknownNameIsToldWithThoseThereAre) {
+TEST(PartGroups, ListKnownNamesForUnknownOne) {
   const Model model = brick_wall();
   EXPECT_TRUE(check_groups(model, std::vector<std::string>{"all", "wall", "b*"}));
   const auto checked = check_groups(model, std::vector<std::string>{"wall", "tower"});
@@ -142,7 +142,7 @@ TEST(PartGroups, AnUnknownNameIsToldWithThoseThereAre) {
   EXPECT_TRUE(check_groups(named, std::vector<std::string>{pattern + "a"}));
 }
 
-TEST(PartGroups, NamesComeFromTheFile) {
+TEST(PartGroups, UseNodeNamesOfFile) {
   const test::TemporaryFolder folder;
   const auto obj = folder.path() / "two.obj";
   std::ofstream(obj) << "o left\nv 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"

@@ -125,7 +125,7 @@ Model ramp(double length, double slope, double cell) {
   return shape.build();
 }
 
-TEST(ReceivingLevels, AreWhereTheSurfaceFacesTheLight) {
+TEST(ReceivingLevels, LieOnSurfacesFacingLight) {
   const Model cube = make_box(glm::vec3(0.1F));
   const auto top = levels_of(cube, test::at(0.2, 0.1, 0.05, {0, 0, 1}, 0.7));
   ASSERT_FALSE(top.empty());
@@ -149,7 +149,7 @@ TEST(ReceivingLevels, AreWhereTheSurfaceFacesTheLight) {
 }
 
 // Not by how finely it is cut into faces.
-TEST(ReceivingLevels, OfSlopesLieCloseTogether) {
+TEST(ReceivingLevels, AreCloselySpacedOnSlopes) {
   const auto check = [](const std::vector<double>& levels, double low, double high) {
     ASSERT_GT(levels.size(), 2U);
     EXPECT_LE(levels.size(), 64U);
@@ -171,7 +171,7 @@ TEST(ReceivingLevels, OfSlopesLieCloseTogether) {
   check(levels_of(make_box(glm::vec3(0.4F)), test::at(0, 0, 0, {1, 0, 0}, 0.7)), 0.0, 0.28);
 }
 
-TEST(ReceivingLevels, OfAnyTriangles) {
+TEST(ReceivingLevels, AreSortedAndBoundedForTriangleSoup) {
   std::mt19937 random(3);
   std::uniform_real_distribution<double> place(-0.2, 0.2);
   int with_levels = 0;
@@ -234,7 +234,7 @@ INSTANTIATE_TEST_SUITE_P(
     [](const auto& instance) { return std::string(instance.param.name); });
 
 // The top of a real box is a plane like any other.
-TEST_P(PhantomShadow, OnALevelTopIsThatOfAPlaneThere) {
+TEST_P(PhantomShadow, MatchesPlaneShadowOnLevelTop) {
   constexpr double kTop = 0.07;
   const Placement placement = test::at(0.015, 0.01, 0.2, {0.3, 1.0, 0.2}, 0.4);
   const auto scene = [&](bool phantom) {
@@ -387,7 +387,7 @@ TEST_P(PhantomShadow, HasSmoothEdges) {
 
 // Of a beam that is long beside what it is over: the whole shadow is larger than any picture of
 // what it falls on, and what of it is there is covered like any other.
-TEST(PhantomShadow, OfALargeCasterIsCovered) {
+TEST(PhantomShadow, CoversShadowOfLargeCaster) {
   for (const double length : {0.3, 3.0, 300.0}) {
     for (const LightMode light_mode : {LightMode::proportional, LightMode::fixed}) {
       SCOPED_TRACE(length);
@@ -424,7 +424,7 @@ TEST(PhantomShadow, OfALargeCasterIsCovered) {
 }
 
 // Against the exact shadow at each height, in four by four places of a pixel.
-TEST(PhantomShadow, HasSmoothEdgesOnASlope) {
+TEST(PhantomShadow, HasSmoothEdgesOnSlope) {
   constexpr double kSlope = 0.4;
   constexpr double kOnTheRim = -1.0;  // whose own edge is that of a face
   for (const int count : {1, 3}) {
@@ -479,11 +479,11 @@ TEST(PhantomShadow, HasSmoothEdgesOnASlope) {
 }
 
 // Every pixel of a ball, real or virtual, against the shadow on a plane at its own height.
-class OnABall : public testing::TestWithParam<bool> {};
-INSTANTIATE_TEST_SUITE_P(Of, OnABall, testing::Bool(), [](const auto& instance) {
+class SphereShadow : public testing::TestWithParam<bool> {};
+INSTANTIATE_TEST_SUITE_P(Receivers, SphereShadow, testing::Bool(), [](const auto& instance) {
   return std::string(instance.param ? "phantom" : "object");
 });
-TEST_P(OnABall, IsThatOfItsHeights) {
+TEST_P(SphereShadow, MatchesShadowAtEachHeight) {
   SceneBuilder builder = builder_with(ShadowTechnique::layered);
   const auto caster = l_shape();
   const Placement placement = test::at(0.0, 0.0, 0.17, {0, 0, 1}, 0.4);
@@ -527,7 +527,7 @@ TEST_P(OnABall, IsThatOfItsHeights) {
 }
 
 // What stands beside a real thing and no higher throws nothing on its top.
-TEST_P(PhantomShadow, FallsDownwards) {
+TEST_P(PhantomShadow, FallsOnlyDownwards) {
   SceneBuilder builder = builder_with(GetParam().technique, GetParam().light_mode);
   builder.add(box(0.04, 0.04, 0.06), test::at(0.0, 0.0, 0.03));
   builder.add(box(0.04, 0.04, 0.08), test::at(0.0, 0.0, 0.04), false, true);
@@ -553,7 +553,7 @@ void add_anywhere(SceneBuilder& builder, std::mt19937& random, bool upright, boo
 }
 
 // What is left out or kept changes nothing.
-TEST_P(PhantomShadow, IsTheSameWhatsoeverIsSkipped) {
+TEST_P(PhantomShadow, IsIndependentOfSkipping) {
   std::mt19937 random(5);
   int left_out = 0;
   int drawn = 0;
@@ -577,7 +577,7 @@ TEST_P(PhantomShadow, IsTheSameWhatsoeverIsSkipped) {
   EXPECT_GT(drawn, 3);
 }
 
-TEST_P(PhantomShadow, IsKeptWhileOnlyTheCameraMoves) {
+TEST_P(PhantomShadow, IsReusedWhileOnlyCameraMoves) {
   SceneBuilder builder = builder_with(GetParam().technique, GetParam().light_mode);
   builder.add(l_shape(), test::at(0.0, 0.0, 0.15));
   builder.add(box(0.08, 0.08, 0.04), test::at(0.02, 0.0, 0.02), false, true);
@@ -615,7 +615,7 @@ TEST_P(PhantomShadow, IsKeptWhileOnlyTheCameraMoves) {
 }
 
 // Whatever changes between two frames, the second is as if it were the first.
-TEST(PhantomShadow, IsMadeAnewWhereItChanged) {
+TEST(PhantomShadow, IsRecomputedAfterEachKindOfChange) {
   SceneBuilder builder = builder_with(ShadowTechnique::layered);
   builder.scene().shadows[0].kernels = KernelSource::centroid;
   builder.add(l_shape(), test::at(0.0, 0.0, 0.15, {1, 0, 0}, 0.3));
@@ -716,7 +716,7 @@ Eigen::AlignedBox2d around(double x, double y, double half_x, double half_y) {
 }
 
 // A thin plate that lies on a step, of many.
-TEST(PhantomShadow, OnEveryStepOfAStaircase) {
+TEST(PhantomShadow, FallsOnEveryStepOfStaircase) {
   for (const int step : {2, 5, 8}) {
     SCOPED_TRACE(step);
     const double height = 0.015 * (step + 1);
@@ -729,7 +729,7 @@ TEST(PhantomShadow, OnEveryStepOfAStaircase) {
   }
 }
 
-TEST(PhantomShadow, OfAPlateThatIsThinnerThanALipBesideIt) {
+TEST(PhantomShadow, FallsFromPlateThinnerThanLipBesideIt) {
   ShapeBuilder shape;
   shape.box(-0.06, -0.06, 0.0, 0.06, 0.06, 0.03);
   shape.box(0.04, -0.06, 0.0, 0.06, 0.06, 0.0304);
@@ -740,7 +740,7 @@ TEST(PhantomShadow, OfAPlateThatIsThinnerThanALipBesideIt) {
 }
 
 // A face without a normal is taken to face the eye: no picture gets what is not a number.
-TEST(PhantomShadow, OfASurfaceWithoutNormals) {
+TEST(PhantomShadow, StaysFiniteOnSurfaceWithoutNormals) {
   Model bare = *solid(standing_box(0.12, 0.06));
   for (Mesh& mesh : bare.meshes) mesh.normals.assign(mesh.normals.size(), glm::vec3(0.0F));
   SceneBuilder builder = builder_with(ShadowTechnique::simple);
@@ -759,7 +759,7 @@ TEST(PhantomShadow, OfASurfaceWithoutNormals) {
 }
 
 // Of what is wound inwards too.
-TEST(PhantomShadow, DoesNotDependOnTheWayFacesAreWound) {
+TEST(PhantomShadow, IsIndependentOfFaceWinding) {
   Model turned = standing_box(0.12, 0.06);
   for (Mesh& mesh : turned.meshes) {
     for (std::size_t i = 0; i + 2 < mesh.indices.size(); i += 3)
@@ -773,7 +773,7 @@ TEST(PhantomShadow, DoesNotDependOnTheWayFacesAreWound) {
 
 // Of one caster the first layer counts, as on planes, also where it is the fainter one; of several
 // the darkest.
-TEST(PhantomShadow, HasTheDarkestLayerOfAllCasters) {
+TEST(PhantomShadow, UsesDarkestLayerOfAllCasters) {
   const Model block = standing_box(0.16, 0.06);
   const auto all = around(0, 0, 0.075, 0.075);
   const OnBoth fractions =
@@ -812,7 +812,7 @@ TEST(PhantomShadow, HasTheDarkestLayerOfAllCasters) {
 
 // By itself or gathered with another one's that lies elsewhere: what is out of sight, and so left
 // out, changes nothing.
-TEST(PhantomShadow, IsTheSameBesideAnother) {
+TEST(PhantomShadow, IsIndependentOfNeighbouringShadow) {
   SceneBuilder builder = builder_with(ShadowTechnique::layered);
   builder.add(l_shape(), test::at(-0.07, 0.0, 0.16, {0, 0, 1}, 0.4));
   builder.add(l_shape(), test::at(0.09, 0.0, 0.2, {0, 0, 1}, 0.9));
@@ -849,7 +849,7 @@ TEST(PhantomShadow, IsTheSameBesideAnother) {
 
 // A ramp: what hovers as far over it everywhere throws nothing upwards, and the same shade all
 // along.
-TEST(PhantomShadow, StaysUnderItsCaster) {
+TEST(PhantomShadow, StaysBelowItsCaster) {
   const auto darkened = [](double over, double x) {
     SceneBuilder builder = builder_with(ShadowTechnique::layered);
     builder.add(box(0.03, 0.06, 0.002), test::at(x, 0.0, 0.001 + 0.5 * x + over));
@@ -874,7 +874,7 @@ TEST(PhantomShadow, StaysUnderItsCaster) {
 }
 
 // Two boards at an angle: whichever comes first.
-TEST(PhantomShadow, OfTwoPlanesDoesNotDependOnTheirOrder) {
+TEST(PhantomShadow, IsIndependentOfPlaneOrder) {
   const auto picture = [](bool swapped) {
     SceneBuilder builder = builder_with(ShadowTechnique::layered);
     ScenePlane& board = builder.scene().planes.emplace_back(builder.scene().planes[0]);
@@ -899,7 +899,7 @@ TEST(PhantomShadow, OfTwoPlanesDoesNotDependOnTheirOrder) {
 }
 
 // It leaves nothing behind for the passes that come after it.
-TEST(PhantomShadow, LeavesHardShadowsAlone) {
+TEST(PhantomShadow, KeepsHardShadowsUnchanged) {
   const auto picture = [](bool simple, bool hard) {
     SceneBuilder builder = builder_with(ShadowTechnique::simple);
     builder.scene().lights.emplace_back().position = {0.3, 0.1, 0.6};
@@ -940,7 +940,7 @@ TEST(PhantomShadow, LeavesHardShadowsAlone) {
 }
 
 // A caster that is skipped changes nothing of the others' shadows on the same phantom.
-TEST(PhantomShadow, OfOneNodeDoesNotDependOnAnother) {
+TEST(PhantomShadow, IsIndependentOfOtherNodes) {
   SceneBuilder builder = builder_with(ShadowTechnique::layered);
   builder.add(l_shape(), test::at(0.0, 0.0, 0.15));
   builder.add(l_shape(), test::at(0.6, 0.0, 0.1));
@@ -981,7 +981,7 @@ TEST(PhantomShadow, DarkensOnce) {
 }
 
 // A board's shadow falls along the board's normal.
-TEST(PhantomShadow, FallsTowardsItsPlane) {
+TEST(PhantomShadow, FallsAlongNormalOfItsPlane) {
   SceneBuilder builder = builder_with(ShadowTechnique::simple);
   builder.scene().planes[0].normal = {0.0, -1.0, 0.0};
   builder.scene().planes[0].point = {0.0, 0.3, 0.0};
@@ -1003,7 +1003,7 @@ TEST(PhantomShadow, FallsTowardsItsPlane) {
 
 // The top of a virtual box is a plane like any other, its sides lose nothing, and it hides the
 // shadow on the table behind it.
-TEST_P(PhantomShadow, OnTheTopOfAnotherObjectIsThatOfAPlaneThere) {
+TEST_P(PhantomShadow, MatchesPlaneShadowOnTopOfObject) {
   constexpr double kTop = 0.07;
   const Placement placement = test::at(0.015, 0.01, 0.2, {0.3, 1.0, 0.2}, 0.4);
   const auto scene = [&](bool object) {
@@ -1053,7 +1053,7 @@ TEST_P(PhantomShadow, OnTheTopOfAnotherObjectIsThatOfAPlaneThere) {
 
 // As casters come: tilted, cut at the umbra's height and under their light's, in parts. What is
 // left out of a picture of the layers is nothing that shows.
-TEST(PhantomShadow, OnAnyLevelTopIsThatOfAPlaneThere) {
+TEST(PhantomShadow, MatchesPlaneShadowOnAnyLevelTop) {
   std::mt19937 random(11);
   const auto within = [&random](double low, double high) {
     return std::uniform_real_distribution<double>(low, high)(random);
@@ -1100,7 +1100,7 @@ TEST(PhantomShadow, OnAnyLevelTopIsThatOfAPlaneThere) {
 }
 
 // Nothing of an object falls on itself, whatever overhangs.
-TEST_P(PhantomShadow, NoObjectShadowsItself) {
+TEST_P(PhantomShadow, NeverFallsOnItsCaster) {
   ShapeBuilder shape;
   shape.box(-0.01, -0.01, 0.0, 0.01, 0.01, 0.1);
   shape.box(-0.06, -0.06, 0.1, 0.06, 0.06, 0.11);
@@ -1114,7 +1114,7 @@ TEST_P(PhantomShadow, NoObjectShadowsItself) {
 }
 
 // What hangs on an object is of one thing with it; what hangs on a joint is by itself.
-TEST(PhantomShadow, NothingFallsOnWhatItHangsOn) {
+TEST(PhantomShadow, IsOmittedWithinOneObjectHierarchy) {
   for (const bool on_model : {true, false}) {
     SceneBuilder builder = builder_with(ShadowTechnique::layered);
     const int base = builder.add(on_model ? box(0.1, 0.1, 0.05) : nullptr, test::at(0, 0, 0.025));
@@ -1130,7 +1130,7 @@ TEST(PhantomShadow, NothingFallsOnWhatItHangsOn) {
 
 // What stands on a real thing, and moves with it, throws its shadow on it all the same, and is by
 // itself.
-TEST(PhantomShadow, FallsOnTheRealThingThatItHangsOn) {
+TEST(PhantomShadow, FallsOnPhantomParent) {
   SceneBuilder builder = builder_with(ShadowTechnique::layered);
   const int base = builder.add(box(0.1, 0.1, 0.05), test::at(0, 0, 0.025));
   builder.scene().objects[static_cast<std::size_t>(base)].phantom = true;
@@ -1151,7 +1151,7 @@ TEST(PhantomShadow, FallsOnTheRealThingThatItHangsOn) {
 }
 
 // The first layer over all casters, as on planes: two together are as each pixel's darker one.
-TEST_P(PhantomShadow, IsTheDarkestOfAllCastersOnAnotherObject) {
+TEST_P(PhantomShadow, IsDarkestOfAllCastersOnObject) {
   SceneBuilder builder = builder_with(GetParam().technique, GetParam().light_mode);
   const int first = builder.add(l_shape(), test::at(0.0, 0.0, 0.16));
   const int second = builder.add(l_shape(), test::at(0.03, 0.02, 0.22, {0, 0, 1}, 1.0));
@@ -1181,7 +1181,7 @@ TEST_P(PhantomShadow, IsTheDarkestOfAllCastersOnAnotherObject) {
   EXPECT_GT(of_both, 500);
 }
 
-TEST_P(PhantomShadow, OnObjectsIsTheSameWhatsoeverIsSkipped) {
+TEST_P(PhantomShadow, IsIndependentOfSkippingOnObjects) {
   std::mt19937 random(6);
   int left_out = 0;
   int drawn = 0;
@@ -1211,7 +1211,7 @@ TEST_P(PhantomShadow, OnObjectsIsTheSameWhatsoeverIsSkipped) {
 }
 
 // Shadows do not fall on what blends: nothing is drawn for it, and the picture is the same.
-TEST(PhantomShadow, WhatBlendsIsNoReceiver) {
+TEST(PhantomShadow, SkipsBlendedReceivers) {
   const auto glass = std::make_shared<Model>(*box(0.2, 0.2, 0.06));
   ASSERT_FALSE(glass->materials.empty());
   for (Material& material : glass->materials) {
@@ -1248,7 +1248,7 @@ TEST(PhantomShadow, WhatBlendsIsNoReceiver) {
 }
 
 // Retextured it is the blended one to rounding; through a screen-door it is somewhere.
-TEST(PhantomShadow, OnObjectsIsTheSameWithoutBlending) {
+TEST(PhantomShadow, FallsOnObjectsInEveryTranslucencyMode) {
   SceneBuilder builder = builder_with(ShadowTechnique::layered);
   builder.add(l_shape(), test::at(0.0, 0.0, 0.16));
   builder.add(box(0.2, 0.2, 0.06), test::at(0.02, 0.0, 0.03), false);
@@ -1281,7 +1281,7 @@ TEST(PhantomShadow, OnObjectsIsTheSameWithoutBlending) {
 }
 
 // How fine a shadow on a thing is hangs on what meets there, and not on what else the scene has.
-TEST(PhantomShadow, IsAsFineWhateverIsFarAway) {
+TEST(PhantomShadow, KeepsResolutionDespiteDistantObjects) {
   const auto drawn = [](int far_away, bool skip) {
     SceneBuilder builder = builder_with(ShadowTechnique::layered);
     ShapeBuilder torus;
@@ -1306,7 +1306,7 @@ TEST(PhantomShadow, IsAsFineWhateverIsFarAway) {
 }
 
 // Under a caster a slope has fewer levels, evenly; beside it as many as ever.
-TEST(ReceivingLevels, OfSlopesAreFartherApartUnderACasterThatIsClear) {
+TEST(ReceivingLevels, AreSpacedWiderUnderClearCaster) {
   const ReceivingSurface surface(ramp(0.2, 0.5, 0.002), Placement(), PlaneFrame());
   const auto levels = surface.levels(kEverywhere, 1.0, 64, {kLevelStep, 0.06, 0.02});
   EXPECT_NEAR(levels.front(), 0.001, 1e-6);

@@ -60,7 +60,7 @@ class PixelBuffers : public testing::TestWithParam<GlApi> {
   }
 };
 
-TEST_P(PixelBuffers, TheVideoIsTheSameInEveryFormatSizeAndStride) {
+TEST_P(PixelBuffers, UploadVideoUnchangedInEveryFormatSizeAndStride) {
   for (const auto& [width, height] : {std::pair{64, 48}, std::pair{37, 23}, std::pair{1, 1}}) {
     const auto direct = studio(width, height, with_pixel_buffers(false));
     const auto buffered = studio(width, height, with_pixel_buffers(true));
@@ -86,7 +86,7 @@ TEST_P(PixelBuffers, TheVideoIsTheSameInEveryFormatSizeAndStride) {
   }
 }
 
-TEST_P(PixelBuffers, AFrameThatIsThereIsKeptAndSaysSo) {
+TEST_P(PixelBuffers, ReuseAndReportFrameAlreadyUploaded) {
   for (const bool on : {false, true}) {
     const auto shown = studio(64, 48, with_pixel_buffers(on));
     const Frame frame = small_noise(1);
@@ -105,7 +105,7 @@ TEST_P(PixelBuffers, AFrameThatIsThereIsKeptAndSaysSo) {
   }
 }
 
-TEST_P(PixelBuffers, WhatTheDriverLosesIsUploadedDirectly) {
+TEST_P(PixelBuffers, FallBackToDirectUploadWhenDriverLosesBuffer) {
   const auto shown = studio(64, 48, with_pixel_buffers(true));
   const auto direct = studio(64, 48, with_pixel_buffers(false));
   shown->draw(small_noise(1), FramePlan());
@@ -135,7 +135,7 @@ TEST_P(PixelBuffers, WhatTheDriverLosesIsUploadedDirectly) {
   }
 }
 
-TEST_P(PixelBuffers, PicturesComeLaterInTheOrderInWhichTheyWereDrawn) {
+TEST_P(PixelBuffers, ReturnFramesInDrawingOrder) {
   for (const int samples : {0, 4}) {
     CompositorOptions options = with_pixel_buffers(true);
     options.msaa = samples;
@@ -165,7 +165,7 @@ TEST_P(PixelBuffers, PicturesComeLaterInTheOrderInWhichTheyWereDrawn) {
   }
 }
 
-TEST_P(PixelBuffers, APictureThatTheDriverLosesIsAnErrorAndNoOtherTakesItsPlace) {
+TEST_P(PixelBuffers, ReportLostFrameWithoutReplacingIt) {
   const auto shown = studio(64, 48, with_pixel_buffers(true));
   Compositor& compositor = shown->compositor();
   Picture picture = shown->draw(small_noise(1), FramePlan());
@@ -194,7 +194,7 @@ TEST_P(PixelBuffers, APictureThatTheDriverLosesIsAnErrorAndNoOtherTakesItsPlace)
 }
 
 // What a CPU rasteriser draws is in this process's memory: buffers would be one copy more.
-TEST_P(PixelBuffers, AreUsedByThemselvesOnlyWhereAGpuDraws) {
+TEST_P(PixelBuffers, AreOffByDefaultOnSoftwareRenderers) {
   const auto shown = studio(64, 48, {});
   EXPECT_EQ(shown->compositor().pixel_buffers(), !shown->context().info().software);
   shown->draw(small_noise(1), FramePlan());

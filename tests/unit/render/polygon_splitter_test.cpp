@@ -162,7 +162,7 @@ Outline dressed(const Outline& outline, Random& random) {
   return result;
 }
 
-TEST(PolygonSplitter, TriangleAreasAddUpForRandomSimplePolygons) {
+TEST(PolygonSplitter, KeepsAreaOfRandomSimplePolygons) {
   const std::vector<std::pair<std::string, std::function<Outline(std::size_t, Random&)>>> kinds = {
       {"star", star},
       {"comb", comb},
@@ -218,7 +218,7 @@ TEST(PolygonSplitter, SplitsConcaveQuadInside) {
   }
 }
 
-TEST(PolygonSplitter, CrossingOutlineIsFilledByNonZeroWinding) {
+TEST(PolygonSplitter, FillsCrossingOutlineByNonZeroWinding) {
   const auto split_area = [](const Outline& outline, bool crosses) {
     PolygonSplitter splitter;
     const Polygon corners = in_space(outline);
@@ -240,7 +240,7 @@ TEST(PolygonSplitter, CrossingOutlineIsFilledByNonZeroWinding) {
   EXPECT_EQ(split_area(there_and_back, false), 0.0);
 }
 
-TEST(PolygonSplitter, CrossingIsTheMeanOfCorners) {
+TEST(PolygonSplitter, InterpolatesCrossingFromCorners) {
   const Polygon corners = in_space({{0, 0}, {4, 4}, {4, 0}, {0, 4}});
   PolygonSplitter splitter;
   const PolygonSplit& split = splitter.split(corners);
@@ -254,7 +254,7 @@ TEST(PolygonSplitter, CrossingIsTheMeanOfCorners) {
   EXPECT_LT((mean - added.position).norm(), 1e-6);
 }
 
-TEST(PolygonSplitter, NamesPolygonThatIsNotFlat) {
+TEST(PolygonSplitter, DetectsPolygonThatIsNotFlat) {
   Polygon corners = in_space({{0, 0}, {1, 0}, {1, 1}, {0, 1}});
   corners[2].z() = 0.004;
   PolygonSplitter splitter;
@@ -268,7 +268,7 @@ TEST(PolygonSplitter, NamesPolygonThatIsNotFlat) {
   EXPECT_LT((areas_of(corners, split).vector - outline).norm(), 1e-9);
 }
 
-TEST(PolygonSplitter, PolygonWithoutAreaKeepsItsCorners) {
+TEST(PolygonSplitter, KeepsCornersOfPolygonWithoutArea) {
   PolygonSplitter splitter;
   const Polygon point(6, Eigen::Vector3d(1, 2, 3));
   EXPECT_EQ(splitter.split(point).triangles.size(), 4U);
@@ -277,7 +277,7 @@ TEST(PolygonSplitter, PolygonWithoutAreaKeepsItsCorners) {
 }
 
 // GLU's time would grow to hours.
-TEST(PolygonSplitter, IntricatePolygonsEndSoon) {
+TEST(PolygonSplitter, RejectsIntricatePolygonsInBoundedTime) {
   const auto start = std::chrono::steady_clock::now();
   Random random(3);
   Outline crossing, overlapping = {{0, 1}}, spikes, zigzag;

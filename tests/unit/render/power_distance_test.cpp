@@ -78,7 +78,7 @@ Truth ray_cast(const ShadowMesh& mesh, const Placement& placement, double H, dou
   return truth;
 }
 
-TEST(PowerDistance, ABoxUnderANearLightAsRaysSeeIt) {
+TEST(PowerDistance, MatchesRayCastShadowOfBox) {
   const ShadowMesh mesh = make_shadow_mesh(test::box_model(0.08));
   const Placement placement = {Eigen::Vector3d(0, 0, 0.12),
                                Eigen::Quaterniond(Eigen::AngleAxisd(0.3, Eigen::Vector3d::UnitZ())),
@@ -94,7 +94,7 @@ TEST(PowerDistance, ABoxUnderANearLightAsRaysSeeIt) {
   EXPECT_GT(agreement(ShadowLayer::umbra, truth.all), 0.95);
 }
 
-TEST(PowerDistance, ABallUnderANearLightAsRaysSeeIt) {
+TEST(PowerDistance, MatchesRayCastShadowOfSphere) {
   test::ShapeBuilder shape;
   shape.sphere(0.05, 24, 48);
   const ShadowMesh mesh = make_shadow_mesh(shape.build());
@@ -148,7 +148,7 @@ TEST(PowerDistance, UmbraMatchesRaysForTiltedCasters) {
   EXPECT_GE(compared, 6);
 }
 
-TEST(PowerDistance, LightsOfSmallPartsFromFewerCells) {
+TEST(PowerDistance, KeepsLightRadiiWithFewerCells) {
   // What the coarser cells change of a radius is less than a quarter of a cell of the field.
   for (const ShadowMesh& mesh :
        {make_shadow_mesh(test::bush_model(60)), make_shadow_mesh(test::box_model(0.08))}) {
@@ -166,7 +166,7 @@ TEST(PowerDistance, LightsOfSmallPartsFromFewerCells) {
   }
 }
 
-TEST(PowerDistance, LayersMeetInContactAndTheUmbraVanishes) {
+TEST(PowerDistance, JoinsLayersAtContactAndLosesUmbraWithHeight) {
   test::ShapeBuilder shape;
   shape.prism({{-0.05, -0.05}, {0.05, -0.05}, {0.05, 0.05}, {-0.05, 0.05}}, 0.0, 0.0);
   const ShadowMesh mesh = make_shadow_mesh(shape.build());
@@ -186,7 +186,7 @@ TEST(PowerDistance, LayersMeetInContactAndTheUmbraVanishes) {
 
 // Nothing of the umbra is lost where a body sinks into the plane: no light is in the section,
 // though no face lies there. An open surface has no inside.
-TEST(PowerDistance, ABodyThatReachesUnderThePlaneHasNoHole) {
+TEST(PowerDistance, LeavesNoHoleInBodyReachingBelowPlane) {
   const LayeredConstants constants;
   const auto umbra = [&](const ShadowMesh& mesh, double z, double tilt) {
     const ShadowField field = field_of(
@@ -216,7 +216,7 @@ TEST(PowerDistance, ABodyThatReachesUnderThePlaneHasNoHole) {
   EXPECT_LT(umbra(open, 0.0, 0.0), 0.0105);
 }
 
-TEST(PowerDistance, NestsEverywhere) {
+TEST(PowerDistance, NestsLayersEverywhere) {
   const ShadowMesh mesh = make_shadow_mesh(test::bush_model(60));
   const LayeredConstants constants = make_layered_constants(0.9, 3.0, 0.0).value();
   const ShadowField field =
@@ -228,7 +228,7 @@ TEST(PowerDistance, NestsEverywhere) {
 }
 
 // Every point is left as often as it is come to, and the area inside is that of the triangles.
-TEST(PowerDistance, OutlinesAreClosedLinesRoundTheTriangles) {
+TEST(PowerDistance, TracesClosedOutlinesAroundTriangles) {
   for (const double height : {0.02, 0.1, 0.2}) {
     const Placement placement{
         Eigen::Vector3d(0.01, 0.02, height),
@@ -267,7 +267,7 @@ TEST(PowerDistance, OutlinesAreClosedLinesRoundTheTriangles) {
   EXPECT_TRUE(field_outline(none, ShadowLayer::umbra).empty());
 }
 
-TEST(PowerDistance, TotalOnNothingAndOnNonsense) {
+TEST(PowerDistance, AcceptsEmptyAndInvalidInput) {
   const LayeredConstants constants = make_layered_constants(0.9, 3.0, 0.0).value();
   EXPECT_EQ(power_distance_layers({}, {}, {}, {}, constants).width, 0);
   const float nan = std::numeric_limits<float>::quiet_NaN();

@@ -51,7 +51,7 @@ void expect_as_brute_force(PowerTransform& transform, int width, int height,
   }
 }
 
-TEST(PowerTransform, IsTheLeastOverAllSitesWhereItMatters) {
+TEST(PowerTransform, MatchesBruteForceMinimum) {
   std::mt19937 random(7);
   PowerTransform transform;  // one for all: what it keeps must not matter
   for (const auto& [width, height, count, largest] : {std::tuple{40, 30, 25, 9.0F},
@@ -70,7 +70,7 @@ TEST(PowerTransform, IsTheLeastOverAllSitesWhereItMatters) {
   }
 }
 
-TEST(PowerTransform, NothingAndDiscsLargerThanTheRaster) {
+TEST(PowerTransform, AcceptsNoSiteAndDiscsLargerThanRaster) {
   PowerTransform transform;
   expect_as_brute_force(transform, 20, 10, {});
   expect_as_brute_force(transform, 20, 10, {{3, 4, 500.0F}});

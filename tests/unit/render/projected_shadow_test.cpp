@@ -108,7 +108,7 @@ double shadow_area(const Cube& cube, const Eigen::Vector4d& light) {
   return outline ? outline->area : -1.0;
 }
 
-TEST(ProjectedShadow, PrintedExamplesHold) {
+TEST(ProjectedShadow, MatchesPrintedExamples) {
   const Eigen::Vector3d p(1.0, 1.0, 2.0);
   const Eigen::Vector4d antishadow = project_from_light({2.25, 0.0, 1.0, 1.0}, kTable, p);
   EXPECT_EQ(antishadow.w(), -1.0);
@@ -123,7 +123,7 @@ TEST(ProjectedShadow, PrintedExamplesHold) {
 
 // Blinn's matrices for z = 0, row vectors, as printed but for their errors: with x_L and y_L in the
 // third row, and S = P M.
-TEST(ProjectedShadow, PrintedMatricesHold) {
+TEST(ProjectedShadow, MatchesPrintedMatrices) {
   const auto blinn = [](const Eigen::Vector4d& light) {
     Eigen::Matrix4d m;
     m << light.z(), 0.0, 0.0, 0.0,                //
@@ -159,7 +159,7 @@ TEST(ProjectedShadow, PrintedMatricesHold) {
 
 // The command list of figure 3 gives the matrix up to the factor sin 45 degrees: TRAN, ROT, SCAL,
 // PERS, ROT, TRAN and a flattening.
-TEST(ProjectedShadow, PrintedCommandListGivesMatrix) {
+TEST(ProjectedShadow, MatchesPrintedCommandList) {
   const Eigen::Vector3d light(2.25, -5.0, 5.0);
   const auto move = [](const Eigen::Vector3d& by) {
     Eigen::Matrix4d m = Eigen::Matrix4d::Identity();
@@ -196,7 +196,7 @@ TEST(ProjectedShadow, CastsOnlyBetweenPlaneAndLight) {
 
 // A cube beside the light, half above it: two points a face are needed there, and the printed
 // heuristic gives one, whichever neighbour comes first.
-TEST(ProjectedShadow, PrintedHeuristicDiffersFromClipping) {
+TEST(ProjectedShadow, DiffersFromPrintedHeuristicByClipping) {
   struct Mesh {
     std::vector<CasterVertex> vertices;
     std::vector<std::uint32_t> indices;

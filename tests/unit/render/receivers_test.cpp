@@ -113,10 +113,10 @@ class SimpleShadow {
 
 class SeveralPlanes : public testing::TestWithParam<bool> {};
 INSTANTIATE_TEST_SUITE_P(Lenses, SeveralPlanes, testing::Bool(), [](const auto& instance) {
-  return std::string(instance.param ? "bent" : "straight");
+  return std::string(instance.param ? "distorted" : "undistorted");
 });
 
-TEST_P(SeveralPlanes, EachPixelHasTheShadowOfThePlaneThatItShows) {
+TEST_P(SeveralPlanes, ShowShadowOfVisiblePlaneInEachPixel) {
   const CameraModel camera = GetParam() ? bent_camera() : straight_camera();
   Studio studio(room().build(), camera);
   const FramePlan plan = studio.plan(slanted());
@@ -150,7 +150,7 @@ TEST_P(SeveralPlanes, EachPixelHasTheShadowOfThePlaneThatItShows) {
   EXPECT_LE(differing, 90) << "edges only";
 }
 
-TEST(SeveralPlanesTest, OrderOfPlanesAndSkippingChangeNothing) {
+TEST(ReceiverPlanes, DrawSameFrameInAnyOrderAndWithSkipping) {
   Scene scene = room().scene();
   const auto draw = [&](bool skip) {
     Studio studio(std::make_shared<const Scene>(scene), bent_camera());
@@ -168,7 +168,7 @@ TEST(SeveralPlanesTest, OrderOfPlanesAndSkippingChangeNothing) {
 }
 
 // Of two planes one of which is out of view, the other's shadow is that of the plane alone.
-TEST(SeveralPlanesTest, APlaneOutOfViewChangesNothing) {
+TEST(ReceiverPlanes, IgnorePlaneOutOfView) {
   SceneBuilder builder = room();
   builder.scene().planes[1].point.y() = 60.0;
   builder.scene().planes[2].point.x() = -60.0;
@@ -180,7 +180,7 @@ TEST(SeveralPlanesTest, APlaneOutOfViewChangesNothing) {
   EXPECT_EQ(a, b);
 }
 
-TEST(DefaultWalls, StandAtTheFarEdgesOfWhatCastersComeTo) {
+TEST(DefaultWalls, StandAtFarEdgesOfCasterPaths) {
   SceneBuilder builder;
   builder.add(box(0.02, 0.02, 0.02), test::at(0.1, -0.1, 0.05));
   Keyframe start;

@@ -34,7 +34,7 @@ Eigen::Vector2d exact(const CameraModel& camera, const CameraModel& straight, do
   return *camera.project_extended(*straight.unproject({x, y}));
 }
 
-TEST(Rectified, TheGridIsRightToATenthOfAPixel) {
+TEST(Rectification, ComputesGridAccurateToTenthOfPixel) {
   for (const CameraModel& camera : lenses()) {
     const CameraModel straight = without_distortion(camera);
     EXPECT_FALSE(straight.has_distortion());
@@ -67,7 +67,7 @@ TEST(Rectified, TheGridIsRightToATenthOfAPixel) {
 
 // A frame whose luma rises from left to right and from top to bottom says where each pixel of the
 // picture was taken from.
-TEST(Rectified, EveryPixelIsTheVideosAtItsRay) {
+TEST(Rectification, SamplesVideoAlongRayOfEachPixel) {
   for (const GlApi api : {GlApi::gl33, GlApi::gles30}) {
     for (const CameraModel& camera : lenses()) {
       for (const bool across : {true, false}) {
@@ -111,7 +111,7 @@ TEST(Rectified, EveryPixelIsTheVideosAtItsRay) {
 
 // What stands on the table is drawn where the table is in the straight picture: over a frame whose
 // only mark is drawn where the true lens puts it.
-TEST(Rectified, TheOverlayIsOnTheVideo) {
+TEST(Rectification, AlignsOverlayWithVideo) {
   for (const CameraModel& camera : lenses()) {
     const CameraPose pose = test::look_at({0.05, -0.35, 0.4}, {0.0, 0.0, 0.0});
     test::SceneBuilder builder;
@@ -163,7 +163,7 @@ TEST(Rectified, TheOverlayIsOnTheVideo) {
 }
 
 // Retextured, shadows lie on what the straight picture shows and not on the video's own pixels.
-TEST(Rectified, RetexturedShadowsAreOnTheStraightPicture) {
+TEST(Rectification, PlacesRetexturedShadowsInRectifiedFrame) {
   test::SceneBuilder builder;
   builder.add(test::ring(), test::at(0.0, 0.0, 0.08));
   const auto scene = builder.build();

@@ -53,7 +53,7 @@ class SceneFile : public testing::Test {
   test::TemporaryFolder folder_;
 };
 
-TEST_F(SceneFile, MayBeginWithAByteOrderMark) {
+TEST_F(SceneFile, AcceptsByteOrderMark) {
   const std::string text = "{\"objects\":[" + kBox + "]}";
   const Result<Scene> scene = load("\xEF\xBB\xBF" + text);
   ASSERT_TRUE(scene) << scene.error().message;
@@ -64,7 +64,7 @@ TEST_F(SceneFile, MayBeginWithAByteOrderMark) {
   }
 }
 
-TEST_F(SceneFile, DefaultSceneLoadsWithoutWarnings) {
+TEST_F(SceneFile, LoadsDefaultSceneWithoutWarnings) {
   const Result<Scene> scene = load_scene(test::source_dir() / "scenes/default.json");
   ASSERT_TRUE(scene) << scene.error().message;
   EXPECT_TRUE(scene->warnings.empty());
@@ -80,7 +80,7 @@ TEST_F(SceneFile, DefaultSceneLoadsWithoutWarnings) {
   EXPECT_GT(evaluate_scene(*scene, 3.8).objects[0].position.z(), 0.14);
 }
 
-TEST_F(SceneFile, ViolationsNameThePlaceAndWhatIsAllowed) {
+TEST_F(SceneFile, NamesPlaceAndAllowedValuesOfViolations) {
   EXPECT_THAT(error_of("{"), HasSubstr("scene.json: is not JSON: parse error at line 1"));
   EXPECT_THAT(error_of("[]"),
               HasSubstr("scene.json: /: is an empty list; give an object that says what is drawn"));
@@ -111,7 +111,7 @@ TEST_F(SceneFile, ViolationsNameThePlaceAndWhatIsAllowed) {
               HasSubstr("/planes/0/normal: has no length"));
 }
 
-TEST_F(SceneFile, ANameTooLongHasItsPlace) {
+TEST_F(SceneFile, NamesPlaceOfTooLongName) {
   EXPECT_THAT(error_of(R"({"objects":[{"name":")" + std::string(300, 'a') + "\"}]}"),
               HasSubstr("/objects/0/name: is \"aaaa"));
   // Characters are counted, not bytes: 200 of two bytes each are allowed.
@@ -120,7 +120,7 @@ TEST_F(SceneFile, ANameTooLongHasItsPlace) {
   EXPECT_TRUE(load(R"({"name":")" + umlauts + R"(","objects":[]})"));
 }
 
-TEST_F(SceneFile, AKeyGivenTwiceIsRefused) {
+TEST_F(SceneFile, RejectsDuplicateKey) {
   EXPECT_THAT(error_of(R"({"objects":[],"objects":[]})"),
               HasSubstr("scene.json: /objects: is given twice; remove one of them"));
   EXPECT_THAT(
@@ -173,11 +173,11 @@ void expect_known_keywords(const nlohmann::json& schema, const std::string& plac
   }
 }
 
-TEST_F(SceneFile, EveryKeywordOfTheSchemaIsExplained) {
+TEST_F(SceneFile, UsesOnlySupportedSchemaKeywords) {
   expect_known_keywords(nlohmann::json::parse(scene_schema()), "#");
 }
 
-TEST_F(SceneFile, SchemaNamesEveryTechniqueAndKindOfKernels) {
+TEST_F(SceneFile, ListsEveryTechniqueAndKernelKindInSchema) {
   const nlohmann::json schema = nlohmann::json::parse(scene_schema());
   const nlohmann::json& node = schema.at("definitions").at("shadow").at("properties");
   nlohmann::json techniques, kernels;
@@ -194,7 +194,7 @@ TEST_F(SceneFile, SchemaNamesEveryTechniqueAndKindOfKernels) {
   }
 }
 
-TEST_F(SceneFile, ObjectsAndPlanesMoveWithTheirGroupOfTags) {
+TEST_F(SceneFile, AttachesObjectsAndPlanesToTagGroups) {
   const auto scene = load(
       R"({"objects":[{"name":"a","shape":{"kind":"box","size":[1,1,1]},"tag_group":"prop"},
                      {"name":"b","shape":{"kind":"box","size":[1,1,1]},"parent":"a"},
@@ -218,7 +218,7 @@ TEST_F(SceneFile, ObjectsAndPlanesMoveWithTheirGroupOfTags) {
               HasSubstr("/planes/0/tag_group: is 7; give the group of tags"));
 }
 
-TEST_F(SceneFile, OneObjectMayBeTheCursor) {
+TEST_F(SceneFile, AllowsOneCursorObject) {
   const auto object = [](const char* name, const char* keys) {
     return std::string(R"({"name":")") + name +
            R"(","shape":{"kind":"box","size":[1,1,1]},"cursor":true)" + keys + "}";
@@ -234,7 +234,7 @@ TEST_F(SceneFile, OneObjectMayBeTheCursor) {
               HasSubstr("/phantoms/0/cursor: is for virtual objects"));
 }
 
-TEST_F(SceneFile, ObjectsSayWhatCasts) {
+TEST_F(SceneFile, ReadsGroupsAndProxiesOfObjects) {
   const auto object = [this](const std::string& keys) {
     return R"({"objects":[{"name":"a","model":")" +
            (test::source_dir() / "scenes/models/helicopter.glb").string() + "\"" + keys + "}]}";
@@ -263,7 +263,7 @@ TEST_F(SceneFile, ObjectsSayWhatCasts) {
 }
 
 // Once for a model, however often it stands in the scene.
-TEST_F(SceneFile, WhatAModelHasToSayIsPassedOn) {
+TEST_F(SceneFile, PassesOnModelWarningsOnce) {
   std::ofstream(folder_.path() / "thing.obj")
       << "mtllib lost.mtl\nv 0 0 0\nv 0.1 0 0\nv 0 0.1 0\nf 1 2 3\n";
   const Result<Scene> scene =
@@ -274,7 +274,7 @@ TEST_F(SceneFile, WhatAModelHasToSayIsPassedOn) {
               testing::ElementsAre(testing::AllOf(HasSubstr("thing.obj"), HasSubstr("lost.mtl"))));
 }
 
-TEST_F(SceneFile, ThatNothingCastsAShadowIsToldUnlessItIsMeant) {
+TEST_F(SceneFile, WarnsWhenNothingCastsShadow) {
   const auto warnings = [this](const std::string& shadows) {
     const Result<Scene> scene = load(fmt::format(R"({{"objects":[{}]{}}})", kBox, shadows));
     EXPECT_TRUE(scene) << scene.error().message;
@@ -285,7 +285,7 @@ TEST_F(SceneFile, ThatNothingCastsAShadowIsToldUnlessItIsMeant) {
   EXPECT_TRUE(warnings(R"(,"shadows":[{"name":"shadow","technique":"layered"}])").empty());
 }
 
-TEST_F(SceneFile, AdviceOnTheLightThatIsNotFollowedIsTold) {
+TEST_F(SceneFile, WarnsWhenLightAdviceIsNotFollowed) {
   // The box has a footprint of radius 0.0707 m; its shadow falls on a sheet of half width W.
   const auto warnings = [this](const std::string& layered, double half_width) {
     const Result<Scene> scene = load(fmt::format(
@@ -325,7 +325,7 @@ TEST_F(SceneFile, AdviceOnTheLightThatIsNotFollowedIsTold) {
   }
 }
 
-TEST_F(SceneFile, WhatComesAboveTheWorkspaceOrTheLightIsTold) {
+TEST_F(SceneFile, WarnsOfObjectsAboveWorkspaceOrLight) {
   // The box's top is 0.05 m above its middle; the sheet is wide enough for anything.
   const auto warnings = [this](const std::string& where, const std::string& layered) {
     const Result<Scene> scene = load(fmt::format(
@@ -365,7 +365,7 @@ TEST_F(SceneFile, WhatComesAboveTheWorkspaceOrTheLightIsTold) {
                         "raise the light"));
 }
 
-TEST_F(SceneFile, MoreLightsThanAPlaneShowsAreTold) {
+TEST_F(SceneFile, WarnsOfMoreLightsThanPlaneSupports) {
   const auto warnings = [this](int count, const std::string& technique) {
     std::string lights;
     std::string names;
@@ -386,7 +386,7 @@ TEST_F(SceneFile, MoreLightsThanAPlaneShowsAreTold) {
   EXPECT_EQ(warnings(8, "volume"), "");
 }
 
-TEST_F(SceneFile, LightModesAreChecked) {
+TEST_F(SceneFile, ValidatesLightModes) {
   const auto node = [](const std::string& keys) {
     return "{\"objects\":[" + kBox + R"(],"shadows":[{"name":"s","technique":"layered")" + keys +
            "}]}";
@@ -402,7 +402,7 @@ TEST_F(SceneFile, LightModesAreChecked) {
               HasSubstr("/shadows/0/light_mode: is \"fixed\", which needs kernels"));
 }
 
-TEST_F(SceneFile, ShadowNodesAreChecked) {
+TEST_F(SceneFile, ValidatesShadowNodes) {
   EXPECT_THAT(shadow_error(R"("casters":["bax"])"),
               HasSubstr("/shadows/0/casters/0: there is no object \"bax\"; did you mean \"box\"?"));
   EXPECT_THAT(shadow_error(R"("planes":["floor"])"), HasSubstr("there is no plane \"floor\""));
@@ -440,7 +440,7 @@ Scene moving(const std::string& interpolation, bool loop) {
   return scene;
 }
 
-TEST_F(SceneFile, AnimationPassesItsKeysExactlyAndIsContinuous) {
+TEST_F(SceneFile, InterpolatesKeyframesExactlyAndContinuously) {
   for (const char* interpolation : {"linear", "smooth"}) {
     const Scene scene = moving(interpolation, true);
     const auto at = [&scene](double t) { return evaluate_scene(scene, t).objects[0]; };
@@ -455,7 +455,7 @@ TEST_F(SceneFile, AnimationPassesItsKeysExactlyAndIsContinuous) {
   }
 }
 
-TEST_F(SceneFile, SmoothPathHasNoKinkAtItsKeysNorWhereItLoops) {
+TEST_F(SceneFile, SmoothsPathAtKeyframesAndLoop) {
   const Scene scene = moving("smooth", true);
   const auto at = [&scene](double t) { return evaluate_scene(scene, t).objects[0].position; };
   for (const double key : {1.5, 3.0, 4.0}) {
@@ -465,13 +465,13 @@ TEST_F(SceneFile, SmoothPathHasNoKinkAtItsKeysNorWhereItLoops) {
   }
 }
 
-TEST_F(SceneFile, PathThatDoesNotLoopRestsAtItsEnds) {
+TEST_F(SceneFile, RestsAtEndsOfNonLoopingPath) {
   const Scene scene = moving("smooth", false);
   EXPECT_EQ(evaluate_scene(scene, 0.0).objects[0].position, Eigen::Vector3d(0, 0, 0));
   EXPECT_EQ(evaluate_scene(scene, 99.0).objects[0].position, Eigen::Vector3d(0, 0, 0));
 }
 
-TEST_F(SceneFile, ChildrenFollowTheirParentsAndSpin) {
+TEST_F(SceneFile, MovesAndSpinsChildrenWithParents) {
   const Result<Scene> scene =
       load("{\"objects\":[" + kBox +
            R"(,{"name":"child","parent":"box","shape":{"kind":"sphere","radius":0.1},)"
@@ -485,7 +485,7 @@ TEST_F(SceneFile, ChildrenFollowTheirParentsAndSpin) {
   EXPECT_LT((child * Eigen::Vector3d(1, 0, 0) - Eigen::Vector3d(2, 2, 1)).norm(), 1e-12);
 }
 
-TEST_F(SceneFile, LightsMoveAndTheSunKeepsTheCalendar) {
+TEST_F(SceneFile, MovesLightsAndFollowsSunCalendar) {
   const auto sun = [](const std::string& keys) {
     return R"({"objects":[],"lights":[{"name":"l","kind":"sun")" + keys + "}]}";
   };
@@ -513,7 +513,7 @@ TEST_F(SceneFile, LightsMoveAndTheSunKeepsTheCalendar) {
   EXPECT_EQ(evaluate_scene(*moving, 2.0).lights[0].place, Eigen::Vector4d(0.5, 0, 1, 1));
 }
 
-TEST_F(SceneFile, WallsAreTheNodesOrMadeForIt) {
+TEST_F(SceneFile, UsesNamedWallsOrCreatesDefaults) {
   const std::string wall = R"("planes":[{"name":"table"},{"name":"wall","normal":[0,-1,0]}],)";
   const std::string node = R"("shadows":[{"name":"s","technique":"walls","planes":["table"])";
   const Result<Scene> named =

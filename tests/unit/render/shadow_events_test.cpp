@@ -54,7 +54,7 @@ Animation along(const Eigen::Vector3d& to, double until_s) {
   return animation;
 }
 
-TEST(ShadowEvents, NameWhatChanged) {
+TEST(ShadowEvents, ListChangedObjectsAndLights) {
   SceneState before;
   before.objects.resize(3);
   before.lights.resize(2);
@@ -123,7 +123,7 @@ TEST(AnimatedLight, MovesAndTurns) {
   EXPECT_EQ(state.lights[1].color, Eigen::Vector3d::Constant(0.5));
 }
 
-TEST(Sun, StandsWhereTheAlmanacsSay) {
+TEST(Sun, MatchesAlmanacPositions) {
   // The worked example of I. Reda and A. Andreas, "Solar position algorithm for solar radiation
   // applications" (NREL/TP-560-34302): 2003-10-17 19:30:30 UTC.
   const SunPosition sun = sun_position(1066419030.0, 39.742476, -105.1786);
@@ -135,7 +135,7 @@ TEST(Sun, StandsWhereTheAlmanacsSay) {
   EXPECT_NEAR(sun_position(1774017960.0, 90.0, 0.0).elevation_rad, 0.0, 0.01 * kDegree);
 }
 
-TEST(Sun, LightsTheTableFromItsSide) {
+TEST(Sun, LightsTableFromItsDirection) {
   const SunPosition east{90.0 * kDegree, 30.0 * kDegree};
   const Eigen::Vector3d d = direction_to(east, 0.0);
   EXPECT_LT((d - Eigen::Vector3d(std::cos(30 * kDegree), 0.0, 0.5)).norm(), 1e-12);

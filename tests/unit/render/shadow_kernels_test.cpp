@@ -34,7 +34,7 @@ Model l_shape() {
   return shape.build();
 }
 
-TEST(ShadowKernels, ACubeScalesAsACube) {
+TEST(ShadowKernels, CollapseToCentreOfCube) {
   const ShadowMesh mesh = make_shadow_mesh(test::box_model(0.08));
   for (const KernelSource source : {KernelSource::automatic, KernelSource::smooth,
                                     KernelSource::per_axis, KernelSource::centroid}) {
@@ -45,7 +45,7 @@ TEST(ShadowKernels, ACubeScalesAsACube) {
   }
 }
 
-TEST(ShadowKernels, ALevelRingGetsARing) {
+TEST(ShadowKernels, FormRingForLevelRing) {
   const ShadowMesh mesh = make_shadow_mesh(test::torus_model(12, 64));
   const ShadowKernels kernels =
       generate_kernels(mesh, Eigen::Vector3d::UnitZ(), KernelSource::automatic);
@@ -58,7 +58,7 @@ TEST(ShadowKernels, ALevelRingGetsARing) {
   }
 }
 
-TEST(ShadowKernels, AnUprightTubeGetsARingAndALyingOneASpine) {
+TEST(ShadowKernels, FormRingForUprightTubeAndSpineForLyingOne) {
   test::ShapeBuilder shape;  // a pipe: two limbs of different radius, closed at its ends by nothing
   shape.limb({0, 0, 0}, {0, 0, 0.1}, 0.03, 0.03, 48);
   shape.limb({0, 0, 0}, {0, 0, 0.1}, 0.02, 0.02, 48);
@@ -87,7 +87,7 @@ TEST(ShadowKernels, AnUprightTubeGetsARingAndALyingOneASpine) {
   }
 }
 
-TEST(ShadowKernels, AnLKeepsItsCorner) {
+TEST(ShadowKernels, StayInArmsOfLShape) {
   const ShadowMesh mesh = make_shadow_mesh(l_shape());
   const ShadowKernels kernels =
       generate_kernels(mesh, Eigen::Vector3d::UnitZ(), KernelSource::automatic);
@@ -101,7 +101,7 @@ TEST(ShadowKernels, AnLKeepsItsCorner) {
   }
 }
 
-TEST(ShadowKernels, FollowTheMeshWhenItMovesOrTurnsAboutUp) {
+TEST(ShadowKernels, FollowMeshUnderTranslationAndYaw) {
   const Model model = l_shape();
   const Eigen::Vector3d up = Eigen::Vector3d(0.3, -0.2, 1.0).normalized();
   const Eigen::Matrix3d R = Eigen::AngleAxisd(0.7, up).toRotationMatrix();
@@ -121,7 +121,7 @@ TEST(ShadowKernels, FollowTheMeshWhenItMovesOrTurnsAboutUp) {
   }
 }
 
-TEST(ShadowKernels, SeenFromBelowAreTheSame) {
+TEST(ShadowKernels, AreEqualSeenFromBelow) {
   const ShadowMesh mesh = make_shadow_mesh(l_shape());
   const Eigen::Vector3d up(0.3, -0.2, 0.4);
   for (const KernelSource source : {KernelSource::automatic, KernelSource::smooth,
@@ -131,14 +131,14 @@ TEST(ShadowKernels, SeenFromBelowAreTheSame) {
   }
 }
 
-TEST(ShadowKernels, TheSameTwice) {
+TEST(ShadowKernels, AreDeterministic) {
   const ShadowMesh mesh = make_shadow_mesh(test::bush_model(40));
   const Eigen::Vector3d up(0.1, 0.2, 1.0);
   EXPECT_EQ(generate_kernels(mesh, up, KernelSource::automatic).kernels,
             generate_kernels(mesh, up, KernelSource::automatic).kernels);
 }
 
-TEST(ShadowKernels, SplittingVerticesOrFlippingFacesChangesNothing) {
+TEST(ShadowKernels, IgnoreSplitVerticesAndFlippedFaces) {
   const Model model = test::torus_model(12, 48);
   Model soup;
   Mesh& mesh = soup.meshes.emplace_back();
@@ -165,7 +165,7 @@ TEST(ShadowKernels, SplittingVerticesOrFlippingFacesChangesNothing) {
   }
 }
 
-TEST(ShadowKernels, MissingFacesAreFilled) {
+TEST(ShadowKernels, FillMissingFaces) {
   Model model = test::torus_model(40, 120);
   const ShadowMesh whole = make_shadow_mesh(model);
   std::vector<std::uint32_t> kept;
@@ -215,7 +215,7 @@ TEST(ShadowKernels, StayWithinReachOfTheirDisc) {
 }
 
 // What the test above would say of kernels that are too far away.
-TEST(ShadowKernels, OneKernelForABarIsOutOfReach) {
+TEST(ShadowKernels, ExceedReachWithOneKernelForBar) {
   test::ShapeBuilder shape;
   shape.box(-0.1, -0.01, -0.01, 0.1, 0.01, 0.01);
   const ShadowMesh mesh = make_shadow_mesh(shape.build());
@@ -226,7 +226,7 @@ TEST(ShadowKernels, OneKernelForABarIsOutOfReach) {
   }
 }
 
-TEST(ShadowKernels, TotalOnWhatIsHardlyAMesh) {
+TEST(ShadowKernels, StayFiniteForDegenerateMeshes) {
   const auto all_finite = [](const Model& model, const char* what) {
     const ShadowMesh mesh = make_shadow_mesh(model);
     for (const KernelSource source : {KernelSource::automatic, KernelSource::smooth,
@@ -264,7 +264,7 @@ TEST(ShadowKernels, TotalOnWhatIsHardlyAMesh) {
   all_finite(model, "denormal differences");
 }
 
-TEST(ShadowKernels, AVertexWithoutAFaceStaysWhereItIs) {
+TEST(ShadowKernels, KeepVertexWithoutFaceInPlace) {
   Model model = test::box_model(0.1);
   model.meshes[0].positions.emplace_back(1.0F, 2.0F, 3.0F);
   model.meshes[0].source_vertex.push_back(8);
@@ -273,7 +273,7 @@ TEST(ShadowKernels, AVertexWithoutAFaceStaysWhereItIs) {
   EXPECT_EQ(kernels.kernels.back(), mesh.positions.back());
 }
 
-TEST(ShadowKernels, EachPartHasItsOwn) {
+TEST(ShadowKernels, AreSeparateForEachPart) {
   test::ShapeBuilder shape;
   shape.box(-0.2, -0.02, 0, -0.16, 0.02, 0.04);
   shape.box(0.16, -0.02, 0, 0.2, 0.02, 0.04);
@@ -286,7 +286,7 @@ TEST(ShadowKernels, EachPartHasItsOwn) {
   }
 }
 
-TEST(ShadowKernels, TellHowFarTheyAre) {
+TEST(ShadowKernels, ReportProgress) {
   const ShadowMesh mesh = make_shadow_mesh(test::bush_model(40));
   for (const KernelSource source : {KernelSource::automatic, KernelSource::smooth,
                                     KernelSource::per_axis, KernelSource::centroid}) {
@@ -299,7 +299,7 @@ TEST(ShadowKernels, TellHowFarTheyAre) {
   }
 }
 
-TEST(ShadowKernels, PerAxisIsExactOnAnAxisAndAMixtureBetween) {
+TEST(ShadowKernels, AreExactOnAxisAndInterpolatedBetweenForPerAxis) {
   const ShadowMesh mesh = make_shadow_mesh(l_shape());
   const auto direct = generate_kernels(mesh, Eigen::Vector3d::UnitZ(), KernelSource::automatic);
   const auto composed = generate_kernels(mesh, Eigen::Vector3d::UnitZ(), KernelSource::per_axis);
@@ -315,7 +315,7 @@ TEST(ShadowKernels, PerAxisIsExactOnAnAxisAndAMixtureBetween) {
 }
 
 // Of rasters of all shapes, with holes and bays: against every cell that is not covered.
-TEST(Footprint, DepthIsTheDistanceToTheNearestCellOutside) {
+TEST(Footprint, MeasuresDistanceToNearestOutsideCell) {
   std::mt19937 random(7);
   std::uniform_real_distribution<float> unit(0.0F, 1.0F);
   FootprintRaster raster;

@@ -26,7 +26,7 @@ Model soup_of(const Model& model) {
   return soup;
 }
 
-TEST(ShadowMesh, WeldsASoupBackTogether) {
+TEST(ShadowMesh, WeldsTriangleSoup) {
   const Model model = test::torus_model(12, 32);
   const ShadowMesh mesh = make_shadow_mesh(soup_of(model));
   EXPECT_EQ(mesh.positions.size(), model.meshes[0].positions.size());
@@ -38,7 +38,7 @@ TEST(ShadowMesh, WeldsASoupBackTogether) {
   }
 }
 
-TEST(ShadowMesh, WeldDistanceIsTenMicrometresAcrossEveryCellWall) {
+TEST(ShadowMesh, WeldsWithinTenMicrometresAcrossCells) {
   for (float at = 0.0F; at < 300e-6F; at += 3e-6F) {
     Model model;
     Mesh& mesh = model.meshes.emplace_back();
@@ -56,7 +56,7 @@ TEST(ShadowMesh, WeldDistanceIsTenMicrometresAcrossEveryCellWall) {
 }
 
 // Whatever unit a file is in, its model has the same parts and, but for their size, kernels.
-TEST(ShadowMesh, AModelOfAnyUnitHasTheSamePartsAndKernels) {
+TEST(ShadowMesh, KeepsPartsAndKernelsInAnyUnit) {
   test::ShapeBuilder shape;
   shape.box(0.01, 0.02, 0.0, 0.08, 0.05, 0.03);
   shape.limb({-0.05, -0.04, 0.01}, {0.03, -0.06, 0.08}, 0.011, 0.006, 9);
@@ -90,7 +90,7 @@ TEST(ShadowMesh, AModelOfAnyUnitHasTheSamePartsAndKernels) {
 }
 
 // A vertex far away says nothing of how finely the others are given.
-TEST(ShadowMesh, OneVertexFarAwayWeldsNothing) {
+TEST(ShadowMesh, KeepsWeldDistanceDespiteFarVertex) {
   Model model = test::box_model(0.1);
   model.meshes[0].positions.emplace_back(1e6F, 0.0F, 0.0F);
   model.meshes[0].source_vertex.push_back(8);
@@ -99,7 +99,7 @@ TEST(ShadowMesh, OneVertexFarAwayWeldsNothing) {
   EXPECT_EQ(make_shadow_mesh(model).positions.size(), 9U);
 }
 
-TEST(ShadowMesh, PartsThatCastNothingAreTold) {
+TEST(ShadowMesh, WarnsOfPartsThatCastNothing) {
   Model point = test::box_model(0.1);
   for (glm::vec3& p : point.meshes[0].positions) p = {0.1F, 0.2F, 0.3F};
   auto told = warning_of_lost_faces(point, "point.obj");
@@ -120,7 +120,7 @@ TEST(ShadowMesh, PartsThatCastNothingAreTold) {
   EXPECT_EQ(warning_of_lost_faces(shape.build(), "sphere.obj"), std::nullopt);
 }
 
-TEST(ShadowMesh, PartsAreConnectedComponentsOverAllMeshes) {
+TEST(ShadowMesh, FindsConnectedComponentsOverAllMeshes) {
   test::ShapeBuilder shape;
   shape.box(0, 0, 0, 0.1, 0.1, 0.1);
   shape.box(0.3, 0, 0, 0.4, 0.1, 0.1);
@@ -137,7 +137,7 @@ TEST(ShadowMesh, PartsAreConnectedComponentsOverAllMeshes) {
   }
 }
 
-TEST(ShadowMesh, LeavesOutWhatIsNotFiniteOrOutOfRange) {
+TEST(ShadowMesh, DropsNonFiniteAndOutOfRangeVertices) {
   Model model = test::box_model(0.1);
   Mesh& mesh = model.meshes[0];
   const std::size_t faces = mesh.indices.size();
@@ -155,7 +155,7 @@ TEST(ShadowMesh, LeavesOutWhatIsNotFiniteOrOutOfRange) {
   EXPECT_EQ(shadow.from_source[11], kNoShadowPosition);
 }
 
-TEST(ShadowMesh, OfNothingIsNothing) {
+TEST(ShadowMesh, IsEmptyForEmptyModel) {
   const ShadowMesh mesh = make_shadow_mesh(Model());
   EXPECT_TRUE(mesh.positions.empty());
   EXPECT_EQ(mesh.part_count, 0U);

@@ -37,7 +37,7 @@ std::int64_t twice_area(const std::array<WholePoint, 3>& p) {
 
 // Images of faces at 4096 factors, in whole numbers: a face is twisted if at one of them its area
 // has turned its sign.
-TEST(ShadowOwnCases, TwistedFacesAreThoseWhoseImageTurnsOver) {
+TEST(ShadowReference, FindsTwistedFacesByExactImages) {
   constexpr std::int64_t kSteps = 4096;         // per unit of factor
   constexpr std::int64_t kLeast = kSteps / 16;  // 0.0625
   constexpr std::int64_t kGreatest = kSteps * 27 / 16;
@@ -116,7 +116,7 @@ TEST(ShadowOwnCases, TwistedFacesAreThoseWhoseImageTurnsOver) {
 
 // Boxes with one kernel each inside, in steps of 1 cm from under the plane to above the cap: at
 // each height of the box its image is a rectangle about the kernel, and the largest holds the rest.
-TEST(ShadowOwnCases, AreasOfBoxesWhileRisingThroughPlaneUmbraHeightAndCap) {
+TEST(ShadowReference, MatchesAreasOfRisingBoxes) {
   struct Light {
     double height, ratio, umbra_height;
   };
@@ -243,7 +243,7 @@ double area_by_slabs(const std::vector<PlanePoint>& triangles) {
   return static_cast<double>(area);
 }
 
-TEST(ShadowOwnCases, UnionsHaveTheAreaOfTheirSlabs) {
+TEST(ShadowReference, MatchesSlabAreasOfUnions) {
   EXPECT_NEAR(area_by_slabs({{0, 0}, {2, 0}, {0, 2}, {1, 0}, {3, 0}, {1, 2}}), 3.5, 1e-12);
   std::mt19937 random(17);
   std::uniform_real_distribution<float> anywhere(-1.0F, 1.0F);
@@ -267,7 +267,7 @@ TEST(ShadowOwnCases, UnionsHaveTheAreaOfTheirSlabs) {
 
 // Level flat bodies of one thickness under a disc at the zenith: all dark is what lies deeper in
 // the body than its radius times h / h_u, and not all lit what lies no farther out.
-TEST(ShadowOwnCases, KernelsOfBodiesOfOneThickness) {
+TEST(ShadowReference, MatchesAreasOfBodiesOfOneThickness) {
   static constexpr double kRadius = 0.015;  // half the thickness
   struct Body {
     const char* name;

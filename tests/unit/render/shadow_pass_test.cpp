@@ -182,7 +182,7 @@ std::vector<std::uint8_t> cpu_layer(const Scene& scene, ShadowLayer layer) {
   return covered_by(points);
 }
 
-TEST(ShadowPass, AreasOfALevelDiscAreTheFactorsSquared) {
+TEST(ShadowPass, DrawsLevelDiscWithSquaredFactorAreas) {
   struct Case {
     LayeredConstants constants;
     double h;
@@ -210,7 +210,7 @@ TEST(ShadowPass, AreasOfALevelDiscAreTheFactorsSquared) {
   }
 }
 
-TEST(ShadowPass, AreasOfACube) {
+TEST(ShadowPass, DrawsCubeWithLayerFactorAreas) {
   const LayeredConstants constants = constants_with(0.9, 3.0);
   SceneBuilder builder;
   builder.add(box(0.08, 0.08, 0.08), test::at(0.003, 0.005, 0.1));
@@ -226,7 +226,7 @@ TEST(ShadowPass, AreasOfACube) {
               0.02 * penumbra);
 }
 
-TEST(ShadowPass, LayersNestForADiscAndACube) {
+TEST(ShadowPass, NestsLayersOfDiscAndCube) {
   for (const auto& model : {disc(0.05), box(0.08, 0.05, 0.06)}) {
     SceneBuilder builder;
     builder.add(model, test::at(0.0, 0.0, 0.12, {0, 0, 1}, 0.3));
@@ -293,7 +293,7 @@ std::vector<std::uint8_t> cpu_light_layer(const Scene& scene, ShadowLayer layer)
                                           scene.shadows[0].layered, layer));
 }
 
-TEST(ShadowPass, LightOfOneSizeMatchesProjectionOnCpu) {
+TEST(ShadowPass, MatchesProjectionOnCpuForFixedLight) {
   // Thick at one end and thin at the other, so that the two modes differ.
   ShapeBuilder club;
   club.limb({-0.06, 0.0, 0.0}, {0.06, 0.01, 0.0}, 0.025, 0.006, 24);
@@ -427,7 +427,7 @@ TEST(ShadowPass, MatchesShadowCommandThroughLens) {
 
 // A bar of 0.2 m at 30 degrees that rises through h_u: its umbra shrinks without a jump, though it
 // has 12 triangles only (docs/shadows.md#layers).
-TEST(ShadowPass, UmbraOfARisingBarShrinksEvenly) {
+TEST(ShadowPass, ShrinksUmbraOfRisingBarEvenly) {
   double last = -1.0;
   double start = 0.0;
   double largest_jump = 0.0;
@@ -449,7 +449,7 @@ TEST(ShadowPass, UmbraOfARisingBarShrinksEvenly) {
   EXPECT_EQ(last, 0.0) << "wholly above h_u";
 }
 
-TEST(ShadowPass, OverlappingCastersDarkenAPixelOnceWithItsDarkestLayer) {
+TEST(ShadowPass, DarkensPixelOnceByDarkestLayer) {
   SceneBuilder both;
   SceneBuilder one;
   SceneBuilder other;
@@ -485,7 +485,7 @@ TEST(ShadowPass, OverlappingCastersDarkenAPixelOnceWithItsDarkestLayer) {
   EXPECT_EQ(values, expected);
 }
 
-TEST(ShadowPass, SimpleShadowIsFootprint) {
+TEST(ShadowPass, DrawsFootprintAsSimpleShadow) {
   SceneBuilder builder;
   builder.add(box(0.08, 0.05, 0.02), test::at(0, 0, 0.2));
   Studio studio(builder.build(), overhead_camera());
@@ -497,7 +497,7 @@ TEST(ShadowPass, SimpleShadowIsFootprint) {
   EXPECT_NEAR(dark * square(kEyeHeight / kFocal), 0.08 * 0.05, 0.01 * 0.08 * 0.05);
 }
 
-TEST(ShadowPass, ReceiverOutlineCutsTheShadow) {
+TEST(ShadowPass, CutsShadowAtReceiverOutline) {
   SceneBuilder builder;
   builder.add(box(0.16, 0.16, 0.02), test::at(0, 0, 0.05));
   // An L; its inner corner lies at the origin, under the shadow.
@@ -564,7 +564,7 @@ TEST(ShadowPass, ReportsKernelsInUse) {
   EXPECT_TRUE(studio.compositor().kernels_in_use().empty());
 }
 
-TEST(ShadowPass, KernelDirectionsAreWithinTwoDegrees) {
+TEST(ShadowPass, QuantizesKernelDirectionsWithinTwoDegrees) {
   for (int i = 0; i < 2000; ++i) {
     const Eigen::Vector3d d =
         Eigen::Vector3d(std::sin(i * 1.7), std::sin(i * 2.3 + 1.0), std::sin(i * 3.1 + 2.0))
@@ -576,7 +576,7 @@ TEST(ShadowPass, KernelDirectionsAreWithinTwoDegrees) {
   EXPECT_EQ(KernelDirection::nearest({0, 0, 1}).up(), Eigen::Vector3d(0, 0, 1));
 }
 
-TEST(ShadowPass, SplittingKeepsTheSurfaceAndItsKernels) {
+TEST(ShadowPass, KeepsSurfaceAndKernelsWhenSplitting) {
   ShapeBuilder shape;
   shape.box(-0.1, -0.05, 0.0, 0.1, 0.05, 0.02);
   const ShadowMesh mesh = make_shadow_mesh(shape.build());

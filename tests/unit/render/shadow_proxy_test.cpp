@@ -60,7 +60,7 @@ double agreement(const ShadowMesh& full, const ShadowProxy& proxy, double height
   return test::iou(first.bits, second.bits);
 }
 
-TEST(ShadowProxy, AgreementMatchesFinerRaster) {
+TEST(ShadowProxy, MatchesAgreementOfFinerRaster) {
   for (const char* name : {"hand.glb", "tree.glb", "helicopter.glb", "spiral_staircase.glb"}) {
     SCOPED_TRACE(name);
     const ShadowMesh full = bundled(name);
@@ -133,7 +133,7 @@ TEST(ShadowProxy, CarriesKernelsFromNearestVertex) {
   }
 }
 
-TEST(ShadowProxy, ReducesNoMeshOfFewFaces) {
+TEST(ShadowProxy, NeverReducesMeshOfFewFaces) {
   EXPECT_FALSE(simplified_caster(make_shadow_mesh(test::torus_model(10, 30))));
   EXPECT_FALSE(simplified_caster(ShadowMesh{}));
 }
@@ -219,7 +219,7 @@ TEST_F(DrawnProxy, CastsOnlyForObjectsOfConstantTiltAndScale) {
   EXPECT_EQ(checks({test::at(0, 0, 0), test::at(0, 0, 0, z, 0.0, 1.1)}, 0.0), 0) << "scaled";
 }
 
-TEST_F(DrawnProxy, IsRejectedWhereItsLayersDiffer) {
+TEST_F(DrawnProxy, IsRejectedWhenItsLayersDiffer) {
   SceneBuilder builder = ball(test::at(0.0, 0.0, 0.1));
   builder.scene().objects[0].proxy_model.reset();
   Studio none(builder.build(), camera());

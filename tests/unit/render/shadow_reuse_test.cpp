@@ -186,7 +186,7 @@ TEST_P(ShadowReuse, KeepsKernelsWhenConstantsChange) {
   }
 }
 
-TEST_P(ShadowReuse, MakesKernelsForTiltBeyondThreshold) {
+TEST_P(ShadowReuse, GeneratesKernelsForTiltBeyondThreshold) {
   const Placement start = GetParam().placement;
   Stage stage(GetParam().technique, l_model(), start, GetParam().light_mode);
   stage.draw(start);
@@ -220,7 +220,7 @@ std::shared_ptr<const Model> l_with_stored_kernels(const std::string& stamp = ""
   return std::make_shared<const Model>(std::move(model));
 }
 
-TEST(StoredKernels, ServeTwoDegreesAndNoMore) {
+TEST(StoredKernels, ServeTiltsUpToTwoDegrees) {
   const auto model = l_with_stored_kernels();
   for (int i = 0; i < 3; ++i) {
     const Eigen::Vector3d axis(std::cos(0.75 * i), std::sin(0.75 * i), 0.0);
@@ -234,7 +234,7 @@ TEST(StoredKernels, ServeTwoDegreesAndNoMore) {
   }
 }
 
-TEST(StoredKernels, WithoutThicknessServeNoLightOfOneSize) {
+TEST(StoredKernels, RequireThicknessForFixedLight) {
   const Placement placement = test::at(0.0, 0.0, 0.05);
   for (const auto& [stamp, serves] :
        {std::pair<std::string, bool>{"g-p-cocl", false}, {"g-p-auto", true}, {"", true}}) {
@@ -250,7 +250,7 @@ TEST(StoredKernels, WithoutThicknessServeNoLightOfOneSize) {
   }
 }
 
-TEST(StoredKernels, ForOtherTiltsAreOfTheirKind) {
+TEST(StoredKernels, KeepTheirKindForOtherTilts) {
   const Placement tilted = turned(test::at(0.0, 0.0, 0.08), {1, 0, 0}, 20.0 * kDegree);
   const auto picture = [&](std::shared_ptr<const Model> model, KernelSource source) {
     Stage stage(ShadowTechnique::layered, std::move(model), tilted, LightMode::proportional,
@@ -266,7 +266,7 @@ TEST(StoredKernels, ForOtherTiltsAreOfTheirKind) {
       << "a kind that is asked for goes before";
 }
 
-TEST(ShadowField, ATiltThatMovesNoEdgeIsReused) {
+TEST(ShadowField, IsReusedForTiltThatMovesNoEdge) {
   // Level: in the middle of a step of the rounding.
   const Placement level = test::at(0.0, 0.0, 0.1);
   Stage stage(ShadowTechnique::field, l_model(), level);
@@ -278,7 +278,7 @@ TEST(ShadowField, ATiltThatMovesNoEdgeIsReused) {
   EXPECT_EQ(stage.stats()[Counter::triples_recomputed], 1);
 }
 
-TEST(OwnFrame, PutsTheObjectWhereItIs) {
+TEST(OwnFrame, ReproducesObjectPlacement) {
   for (int i = 0; i < 200; ++i) {
     const PlaneFrame plane =
         PlaneFrame::make(Eigen::Vector3d(std::sin(1.3 * i), std::sin(2.1 * i), std::cos(0.7 * i)) +
@@ -299,7 +299,7 @@ TEST(OwnFrame, PutsTheObjectWhereItIs) {
 }
 
 // Pixels of the field itself, looked up on the table.
-TEST(ShadowField, IsDrawnWhereTheFieldIs) {
+TEST(ShadowField, MatchesFieldValuesOnPlane) {
   const Placement unturned = test::at(0.0, 0.0, 0.09);
   const double yaw = 0.6;
   Placement placement = turned(unturned, Eigen::Vector3d::UnitZ(), yaw);
@@ -343,7 +343,7 @@ TEST(ShadowField, IsDrawnWhereTheFieldIs) {
   EXPECT_LE(differing, 5);
 }
 
-TEST(ShadowField, OverlappingCastersDarkenOnce) {
+TEST(ShadowField, DarkensOnceForOverlappingCasters) {
   SceneBuilder both, one, other;
   const Placement a = test::at(-0.02, 0.0, 0.1);
   const Placement b = test::at(0.03, 0.02, 0.15, {1, 0, 0}, 0.3);
@@ -371,7 +371,7 @@ TEST(ShadowField, OverlappingCastersDarkenOnce) {
   EXPECT_GT(overlap, 500);
 }
 
-TEST(ShadowField, ACardOnThePlaneIsNotCutByRounding) {
+TEST(ShadowField, DrawsWholeCardOnPlaneDespiteRounding) {
   for (const double angle : {0.0, 0.7, 2.9}) {
     // The plane is slanted, and the card lies in it: every height is a rounding error.
     SceneBuilder builder;

@@ -154,7 +154,7 @@ double bound_of(double exact, double H, double h) {
   return 4e-7 * (1.0 + std::abs(exact)) * (std::isinf(H) ? 1.0 : H / (H - h));
 }
 
-TEST_P(ShadowShader, FactorsOfTheVectorsWithinTheFloatBound) {
+TEST_P(ShadowShader, MatchesReferenceFactorsWithinFloatBound) {
   if (test::shared_dir().empty()) GTEST_SKIP() << "no shared data beside the checkout";
   PlaceReader reader(GetParam());
   const nlohmann::json json = test::read_json(test::shared_dir() / "vectors" / "factors.json");
@@ -179,7 +179,7 @@ TEST_P(ShadowShader, FactorsOfTheVectorsWithinTheFloatBound) {
 
 // Own inputs, exact in long double: lights near, far and at the zenith; heights all over each
 // layer's range and close to both of its ends.
-TEST_P(ShadowShader, FactorsWithinTheFloatBound) {
+TEST_P(ShadowShader, MatchesExactFactorsWithinFloatBound) {
   PlaceReader reader(GetParam());
   std::mt19937 random(11);
   std::uniform_real_distribution<double> unit(0.0, 1.0);
@@ -227,7 +227,7 @@ TEST_P(ShadowShader, FactorsWithinTheFloatBound) {
 
 // Contact and the collapse are exact whatever the rounding: at the plane every layer is the vertex,
 // at h_u the umbra is the kernel.
-TEST_P(ShadowShader, ContactAndCollapseAreExact) {
+TEST_P(ShadowShader, IsExactAtContactAndUmbraHeight) {
   PlaceReader reader(GetParam());
   const double inf = std::numeric_limits<double>::infinity();
   for (const LayeredConstants& constants : {make_layered_constants(0.9, 3.0, 0.0).value(),

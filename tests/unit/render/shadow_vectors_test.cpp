@@ -145,7 +145,7 @@ void expect_layer(const nlohmann::json& expected, const nlohmann::json& toleranc
   EXPECT_GE(test::iou(polygons.bits, theirs.bits), iou_min);
 }
 
-TEST(ShadowVectors, EveryLayerCase) {
+TEST(ShadowVectors, MatchLayerCases) {
   if (vectors_dir().empty()) GTEST_SKIP() << "no shared data beside the checkout";
   const nlohmann::json index = test::read_json(vectors_dir() / "index.json");
   std::size_t cases = 0;
@@ -208,7 +208,7 @@ TEST(ShadowVectors, EveryLayerCase) {
   EXPECT_GT(cases, 0U);
 }
 
-TEST(ShadowVectors, FactorsWithinTheFloatBound) {
+TEST(ShadowVectors, MatchFactorsWithinFloatBound) {
   if (vectors_dir().empty()) GTEST_SKIP() << "no shared data beside the checkout";
   const nlohmann::json json = test::read_json(vectors_dir() / "factors.json");
   ASSERT_GT(json.at("cases").size(), 0U);
@@ -233,7 +233,7 @@ TEST(ShadowVectors, FactorsWithinTheFloatBound) {
   }
 }
 
-TEST(ShadowVectors, AreasWhileRisingThroughPlaneAndUmbraHeight) {
+TEST(ShadowVectors, MatchAreasOfHeightSweeps) {
   if (vectors_dir().empty()) GTEST_SKIP() << "no shared data beside the checkout";
   std::size_t sweeps = 0;
   for (const auto& file : std::filesystem::directory_iterator(vectors_dir())) {
@@ -263,7 +263,7 @@ TEST(ShadowVectors, AreasWhileRisingThroughPlaneAndUmbraHeight) {
   EXPECT_GT(sweeps, 0U);
 }
 
-TEST(ShadowVectors, TwistedFaces) {
+TEST(ShadowVectors, MatchTwistedFaceCounts) {
   if (vectors_dir().empty()) GTEST_SKIP() << "no shared data beside the checkout";
   const nlohmann::json json = test::read_json(vectors_dir() / "twist.json");
   ASSERT_GT(json.at("cases").size(), 0U);

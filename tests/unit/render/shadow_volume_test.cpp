@@ -73,7 +73,7 @@ bool closed(const std::vector<glm::vec3>& triangles) {
   return std::ranges::all_of(edges, [](const auto& edge) { return edge.second == 0; });
 }
 
-TEST(ShadowVolume, IsClosedWhateverCastsIt) {
+TEST(ShadowVolume, IsClosedForAnyCaster) {
   ShapeBuilder cube;
   cube.box(-0.05, -0.05, 0.1, 0.05, 0.05, 0.2);
   ShapeBuilder torus;
@@ -134,7 +134,7 @@ TEST(ShadowVolume, ReportsLightInsideCaster) {
 }
 
 // What the author reduced casts, projected and as a volume; not where proxies are switched off.
-TEST(ShadowVolume, IsCastByAuthorsReducedModel) {
+TEST(ShadowVolume, UsesAuthoredProxyModel) {
   for (const ShadowTechnique technique : {ShadowTechnique::hard, ShadowTechnique::volume}) {
     SceneBuilder builder = with_light({0.0, 0.0, 0.6});
     builder.scene().shadows[0].technique = technique;
@@ -279,10 +279,10 @@ INSTANTIATE_TEST_SUITE_P(
         testing::Bool()),
     [](const auto& instance) {
       return std::string(std::get<0>(instance.param).name) +
-             (std::get<1>(instance.param) ? "_bent" : "");
+             (std::get<1>(instance.param) ? "_distorted" : "");
     });
 
-TEST_P(VolumeView, DarkensWhatTheLightDoesNotReach) {
+TEST_P(VolumeView, DarkensUnlitPixelsOnly) {
   const auto& [view, bent] = GetParam();
   const Eigen::Vector3d light(-0.25, 0.05, 0.6);
   SceneBuilder builder = with_light(light);
@@ -373,7 +373,7 @@ TEST_P(VolumeView, DarkensWhatTheLightDoesNotReach) {
 
 // Where a tag group's place is uncertain or held, what is tied to it is drawn faintly: the shadow
 // of it, and on it. A pixel in two shadows has the stronger one.
-TEST(ShadowVolume, FadesWithWhatCastsAndWithWhatReceives) {
+TEST(ShadowVolume, FadesWithCasterAndReceiver) {
   const Eigen::Vector3d light(-0.15, 0.05, 0.6);
   SceneBuilder builder = with_light(light);
   const std::vector<Block> casters = {{test::at(0.0, 0.0, 0.2), {0.05, 0.04, 0.01}},
@@ -466,7 +466,7 @@ TEST(ShadowVolume, FadesWithWhatCastsAndWithWhatReceives) {
 
 // Three lights, two casters, two nodes: what each node's lights throw of its own casters, against
 // rays; a pixel that misses several lights has lost the sum of their shares, each once.
-TEST(ShadowVolume, EveryLightOfEveryNodeThrows) {
+TEST(ShadowVolume, DrawsEveryLightOfEveryNode) {
   const std::vector<Eigen::Vector3d> lights = {
       {-0.2, 0.05, 0.6}, {0.15, -0.25, 0.5}, {0.2, 0.3, 0.7}};
   SceneBuilder builder = with_light(lights[0]);
@@ -535,7 +535,7 @@ TEST(ShadowVolume, EveryLightOfEveryNodeThrows) {
 }
 
 // More closed parts above one another than the stencil counts to: nothing comes out of it light.
-TEST(ShadowVolume, OfManyPartsAboveOneAnotherIsDark) {
+TEST(ShadowVolume, StaysDarkForManyStackedParts) {
   ShapeBuilder stack;
   constexpr int kParts = 128;  // twice round
   for (int i = 0; i < kParts; ++i) {
@@ -564,7 +564,7 @@ TEST(ShadowVolume, OfManyPartsAboveOneAnotherIsDark) {
 }
 
 // Planes in the same place, as two names for one table: each pixel loses the light's share once.
-TEST(ShadowVolume, OnPlanesInTheSamePlaceIsDarkOnce) {
+TEST(ShadowVolume, DarkensCoincidentPlanesOnce) {
   SceneBuilder builder = with_light({-0.2, 0.05, 0.6});
   builder.add(box(0.08, 0.08, 0.02), test::at(0.0, 0.0, 0.1));
   const auto once = picture_of(builder);
@@ -627,7 +627,7 @@ TEST(ShadowVolume, CarriesProjectedShadowsOntoPhantoms) {
 }
 
 // Volumes that no phantom is in are left out, and only those: the pictures are the same.
-TEST(ShadowVolume, OfProjectedShadowsAreMadeForPhantomsTheyMeet) {
+TEST(ShadowVolume, ExtendsProjectedShadowsOnlyToPhantomsTheyMeet) {
   std::mt19937 random(11);
   const auto within = [&random](double low, double high) {
     return std::uniform_real_distribution<double>(low, high)(random);
@@ -664,7 +664,7 @@ TEST(ShadowVolume, OfProjectedShadowsAreMadeForPhantomsTheyMeet) {
 
 // One light of two nodes, projected by one and as a volume by the other: what both keep it from
 // loses it once.
-TEST(ShadowVolume, AndProjectedShadowsOfOneLightAreOne) {
+TEST(ShadowVolume, CountsLightOnceWithProjectedShadow) {
   SceneBuilder builder = with_light({-0.2, 0.05, 0.6});
   builder.add(box(0.08, 0.08, 0.02), test::at(0.0, 0.0, 0.1));
   builder.add(box(0.06, 0.1, 0.02), test::at(0.02, 0.01, 0.2));
@@ -680,7 +680,7 @@ TEST(ShadowVolume, AndProjectedShadowsOfOneLightAreOne) {
 
 // Two lights, one projected and one as a volume: where both are missing their shares are gone
 // together.
-TEST(ShadowVolume, AndProjectedShadowsOfTwoLightsAddUp) {
+TEST(ShadowVolume, AddsToProjectedShadowOfOtherLight) {
   SceneBuilder builder = with_light({-0.2, 0.05, 0.6});
   SceneLight& second = builder.scene().lights.emplace_back(builder.scene().lights[0]);
   second.name = "second";
@@ -697,7 +697,7 @@ TEST(ShadowVolume, AndProjectedShadowsOfTwoLightsAddUp) {
 
 // What lies under a plane is not what its pixels show: they are darkened by the plane's shadow
 // alone.
-TEST(ShadowVolume, OfProjectedShadowsLeavesPhantomsUnderThePlane) {
+TEST(ShadowVolume, IgnoresPhantomsUnderPlane) {
   SceneBuilder builder = with_light({-0.2, 0.05, 0.6});
   builder.scene().shadows[0].technique = ShadowTechnique::hard;
   builder.add(box(0.08, 0.08, 0.02), test::at(0.0, 0.0, 0.1));
@@ -707,7 +707,7 @@ TEST(ShadowVolume, OfProjectedShadowsLeavesPhantomsUnderThePlane) {
 }
 
 // Many faces are not many above one another: they are counted at once.
-TEST(ShadowVolume, OfTreeHasFewBatches) {
+TEST(ShadowVolume, HasFewBatchesForTree) {
   const Result<Model> tree = load_model(test::source_dir() / "scenes" / "models" / "tree.glb");
   ASSERT_TRUE(tree) << tree.error().message;
   const VolumeCaster caster(make_shadow_mesh(*tree));
@@ -721,7 +721,7 @@ TEST(ShadowVolume, OfTreeHasFewBatches) {
   }
 }
 
-TEST(ShadowVolume, OfAClosedPartThatIsInsideOutIsTheSame) {
+TEST(ShadowVolume, IsUnchangedForInvertedClosedPart) {
   ShapeBuilder cube;
   cube.box(-0.05, -0.05, 0.1, 0.05, 0.05, 0.2);
   ShadowMesh mesh = mesh_of(cube);
@@ -773,7 +773,7 @@ TEST(ShadowVolume, IsDrawnOnceForTwoNodes) {
   EXPECT_TRUE(bounded.volumes.at(0).floors.empty()) << "as far as anything receives";
 }
 
-TEST(ShadowVolume, EmptyDepthIsNeverDark) {
+TEST(ShadowVolume, NeverDarkensEmptyDepth) {
   SceneBuilder builder = with_light({0.0, 0.0, 0.5});
   builder.add(ring(), test::at(0.0, 0.0, 0.2));
   builder.scene().planes[0].outline = {{0.03, -0.06}, {0.15, -0.06}, {0.15, 0.06}, {0.03, 0.06}};
@@ -798,7 +798,7 @@ TEST(ShadowVolume, EmptyDepthIsNeverDark) {
   EXPECT_GT(dark, 100);
 }
 
-TEST(ShadowVolume, IsMadeAgainWhereItsCasterOrLightMovedOnly) {
+TEST(ShadowVolume, IsRecomputedOnlyWhenCasterOrLightMoves) {
   SceneBuilder builder = with_light({0.1, 0.2, 0.8}, SceneLight::Kind::directional);
   builder.add(ring(), test::at(0.0, 0.0, 0.2));
   builder.add(box(0.02, 0.02, 0.02), test::at(0.1, 0.0, 0.1));
@@ -870,7 +870,7 @@ TEST(ShadowVolume, IsSkippedOutOfView) {
   EXPECT_GT(drawn, 20);
 }
 
-TEST(ShadowVolume, DrawsNothingWhereAllIsOutOfView) {
+TEST(ShadowVolume, DrawsNothingWhenAllIsOutOfView) {
   SceneBuilder builder = with_light({3.1, 0.0, 0.6});
   builder.scene().shadows[0].light_rays = true;
   builder.add(box(0.1, 0.1, 0.1), test::at(3.0, 0.0, 0.1));

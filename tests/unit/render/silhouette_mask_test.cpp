@@ -337,7 +337,7 @@ TEST(SilhouetteMask, MatchesFacesOfOpenAndCutMeshes) {
 }
 
 // Bit for bit, whatever else is in the mask and wherever it begins.
-TEST(SilhouetteMask, CasterIsUnchangedByOthers) {
+TEST(SilhouetteMask, KeepsCasterUnchangedByOthers) {
   const glm::vec3 light(0.4F, 0.6F, 0.9F);
   const Placed ring = place(*torus(), test::at(0.31, -0.22, 0.1, {1, 0.3, 0}, 0.5));
   const Placed left = place(*box(), test::at(0.03, -0.2, 0.15, {0, 1, 0.2}, 0.4));
@@ -357,7 +357,7 @@ TEST(SilhouetteMask, CasterIsUnchangedByOthers) {
   EXPECT_GT(dark, 1000);
 }
 
-TEST(SilhouetteMask, ShowsDarkestLayer) {
+TEST(SilhouetteMask, KeepsDarkestLayer) {
   // The box is high above: the ring's layers lie in its penumbra.
   const Placed ring = place(*torus(), test::at(0, 0, 0.05));
   const Placed high = place(*box(), test::at(0, 0, 0.2));
@@ -418,7 +418,7 @@ ShadowField some_field(int i, std::mt19937& generator) {
 }
 
 // A field's outline covers what its triangles do, but for rounding, wherever it lies.
-TEST(SilhouetteMask, OutlinesMatchTheirTriangles) {
+TEST(SilhouetteMask, MatchesTrianglesOfOutlines) {
   std::mt19937 generator(7);
   for (int i = 0; i < 60; ++i) {
     const ShadowField field = some_field(i, generator);
@@ -520,7 +520,7 @@ MaskCells cells_around(const MaskCaster& caster, double cell) {
 }
 
 // Bit by bit, wherever its edges run: through the part's corners and along its borders too.
-TEST(SilhouetteMask, PartOfRasterMatchesWholeRaster) {
+TEST(SilhouetteMask, MatchesWholeRasterInParts) {
   std::mt19937 random(23);
   const auto whole_number = [&random](int low, int high) {
     return std::uniform_int_distribution<int>(low, high)(random);
@@ -855,7 +855,7 @@ class DrawnMask : public testing::Test {
   }
 };
 
-TEST_F(DrawnMask, EdgesAreSmoothAndTheRestIsTheSame) {
+TEST_F(DrawnMask, SmoothsEdgesOnly) {
   for (const auto& objects :
        {ring(), scene({{table_and_ball(), test::at(0.02, 0.01, 0.06, {0, 1, 0.3}, 0.3)},
                        {torus(), test::at(-0.04, -0.02, 0.15)}})}) {
@@ -876,7 +876,7 @@ TEST_F(DrawnMask, EdgesAreSmoothAndTheRestIsTheSame) {
   }
 }
 
-TEST_F(DrawnMask, FollowsTheLens) {
+TEST_F(DrawnMask, FollowsLensDistortion) {
   Studio studio(ring(), bent_camera());
   const Picture direct = shadows(studio, by(LayerDrawing::direct));
   const Picture mask = shadows(studio, by(LayerDrawing::mask));
@@ -898,7 +898,7 @@ TEST_F(DrawnMask, FollowsTheLens) {
 }
 
 // By any way and with any lens, bit for bit; also of a mask that was kept from another view.
-TEST_F(DrawnMask, SkippingEmptyPiecesChangesNoBit) {
+TEST_F(DrawnMask, IsUnchangedBySkippingEmptyPieces) {
   const auto objects = scene({{torus(), test::at(-0.15, 0.02, 0.1, {1, 0.2, 0}, 0.4)},
                               {table_and_ball(), test::at(0.12, 0.1, 0.05)}});
   const PoseEstimate near = test::tracked(test::look_at({0.05, -0.2, 0.25}, {0.0, 0.05, 0.0}));
@@ -953,7 +953,7 @@ TEST_F(DrawnMask, DrawsPiecesOfPresentMask) {
   }
 }
 
-TEST_F(DrawnMask, IsSameInEveryModeAndApi) {
+TEST_F(DrawnMask, IsEqualInEveryModeAndApi) {
   const auto objects = scene({{torus(), test::at(0.0, 0.0, 0.1, {1, 0.2, 0}, 0.4)},
                               {torus(), test::at(0.9, 2.0, 0.1)}});  // one out of view
   Studio studio(objects, camera());
@@ -983,7 +983,7 @@ int door_place(int x, int y) {
 
 // Over white: the same places where the layers' edges are not near; and near them no fewer than the
 // lightest of the layers there has, and no more than the darkest.
-TEST_F(DrawnMask, ScreenDoorHasSamePlacesAsDirectDrawing) {
+TEST_F(DrawnMask, CoversSamePixelsAsDirectScreenDoor) {
   for (const LightFractions& fractions :
        {LightFractions(), LightFractions{0.0, 0.28, 0.83}, LightFractions{0.41, 0.62, 0.95}}) {
     for (const bool lens : {false, true}) {
@@ -1030,7 +1030,7 @@ TEST_F(DrawnMask, ScreenDoorHasSamePlacesAsDirectDrawing) {
   }
 }
 
-TEST_F(DrawnMask, IsKeptUntilACasterMoves) {
+TEST_F(DrawnMask, IsReusedUntilCasterMoves) {
   const auto objects = ring();
   Studio studio(objects, camera());
   const Frame frame = test::plain_frame(kWidth, kHeight, 255);
@@ -1106,7 +1106,7 @@ class MaskByFaces : public DrawnMask {
   static constexpr double kUmbraEnds = 0.28;
 };
 
-TEST_F(MaskByFaces, EdgesAreSmoothAndTheRestIsTheSame) {
+TEST_F(MaskByFaces, SmoothsEdgesOnly) {
   ASSERT_NEAR(kConstants.umbra_height, kUmbraEnds, 1e-12);
   const Eigen::Vector3d tilt(1, 0.2, 0);
   const struct {
@@ -1150,7 +1150,7 @@ TEST_F(MaskByFaces, EdgesAreSmoothAndTheRestIsTheSame) {
 }
 
 // No seam where neighbours meet: a caster rises through the heights where it is cut.
-TEST_F(MaskByFaces, MovingCutLeavesNoSeam) {
+TEST_F(MaskByFaces, LeavesNoSeamAtMovingCut) {
   const auto objects = scene({{torus(), test::at(0, 0, 0)}});
   Studio studio(objects, camera());
   Studio fine(objects, camera(4.0));
@@ -1183,7 +1183,7 @@ TEST_F(MaskByFaces, RejectsMeshWithoutOrientation) {
 }
 
 // The darkest layer of all counts, drawn directly as in a mask.
-TEST_F(MaskByFaces, NodesOfDifferentLightsShareAMask) {
+TEST_F(MaskByFaces, SharesMaskBetweenNodesOfDifferentLights) {
   Scene two = *scene({{torus(), test::at(0, 0, 0.1, {1, 0.2, 0}, 0.4)},
                       {table_and_ball(), test::at(0.03, 0.02, 0.06)}});
   two.shadows.push_back(two.shadows[0]);
@@ -1224,7 +1224,7 @@ TEST_F(MaskByFaces, NodesOfDifferentLightsShareAMask) {
 
 // Fields and simple shadows have a mask's edges too; alone, simple ones are drawn as they always
 // were unless a mask is asked for.
-TEST_F(DrawnMask, HoldsEveryTechnique) {
+TEST_F(DrawnMask, SupportsEveryTechnique) {
   struct Case {
     const char* what;
     std::vector<ShadowTechnique> of;
@@ -1285,7 +1285,7 @@ TEST_F(DrawnMask, HoldsEveryTechnique) {
 
 // Of several casters those that rested since the mask before are not projected and covered again;
 // the picture is that of a mask drawn again.
-TEST_F(DrawnMask, CoversOnlyMovingCastersAgain) {
+TEST_F(DrawnMask, RedrawsOnlyMovingCasters) {
   const auto objects = scene({{torus(), test::at(0.0, 0.0, 0.1, {1, 0.2, 0}, 0.4)},
                               {table_and_ball(), test::at(-0.1, 0.02, 0.05)},
                               {box(), test::at(0.1, 0.0, kConstants.umbra_height)}});
@@ -1400,7 +1400,7 @@ TEST(MaskLayout, GroupsPartsThatMeet) {
   EXPECT_GT(apart, 50);
 }
 
-TEST(MaskLayout, IsOneMaskWhenOfModerateSize) {
+TEST(MaskLayout, UsesOneMaskForModerateSize) {
   const std::vector<CellBox> bounds = {
       {Eigen::Vector<std::int64_t, 2>(-500, 3), Eigen::Vector<std::int64_t, 2>(-400, 20)},
       {Eigen::Vector<std::int64_t, 2>(300, -30), Eigen::Vector<std::int64_t, 2>(500, 7)}};
@@ -1455,7 +1455,7 @@ class LargeMask : public DrawnMask {
   }
 };
 
-TEST_F(LargeMask, EdgesAreSmoothAndTheRestIsTheSame) {
+TEST_F(LargeMask, SmoothsEdgesOnly) {
   const PoseEstimate from_above = seen_from({0.05, -0.38, 0.36}, {0.0, 0.0, 0.0});
   // The beam goes on behind the camera.
   const PoseEstimate close = seen_from({0.1, -0.1, 0.15}, {0.0, 0.05, 0.0});
@@ -1491,7 +1491,7 @@ TEST_F(LargeMask, EdgesAreSmoothAndTheRestIsTheSame) {
 }
 
 // Whatever came before, and by any way to darken the video.
-TEST_F(LargeMask, DependsOnPresentFrameOnly) {
+TEST_F(LargeMask, DependsOnlyOnPresentFrame) {
   const std::vector<PoseEstimate> path = {seen_from({0.05, -0.38, 0.36}, {0.0, 0.0, 0.0}),
                                           seen_from({0.06, -0.37, 0.36}, {0.0, 0.02, 0}),
                                           seen_from({0.15, -0.3, 0.3}, {0.1, 0.02, 0.0}),
@@ -1518,7 +1518,7 @@ TEST_F(LargeMask, DependsOnPresentFrameOnly) {
   }
 }
 
-TEST_F(LargeMask, IsKeptForSmallCameraMotion) {
+TEST_F(LargeMask, IsReusedForSmallCameraMotion) {
   for (const auto& of : {long_beam(), four_rings()}) {
     Studio studio(of, camera_of_height(720));
     static_cast<void>(
@@ -1540,7 +1540,7 @@ TEST_F(LargeMask, IsKeptForSmallCameraMotion) {
   }
 }
 
-TEST_F(LargeMask, DrawsOnlyGroupOfMovingCasterAgain) {
+TEST_F(LargeMask, RedrawsOnlyGroupOfMovingCaster) {
   const auto objects = four_rings();
   Studio studio(objects, camera_of_height(720));
   const PoseEstimate from = seen_from({0.05, -0.38, 0.36}, {0.0, 0.0, 0.0});

@@ -81,7 +81,7 @@ int differing(const Picture& a, const Picture& b) {
   return count;
 }
 
-TEST(TagGroup, WhatIsTiedGoesWhereItsGroupIs) {
+TEST(TagGroup, MovesAttachedObjectsWithGroup) {
   test::SceneBuilder builder = before_a_wall();
   builder.scene().objects[0].tag_group = "prop";
   const int child = builder.add(box(0.01), test::at(0.1, 0.0, 0.0));
@@ -114,7 +114,7 @@ TEST(TagGroup, WhatIsTiedGoesWhereItsGroupIs) {
   EXPECT_EQ(rest.planes[0].opacity, 1.0);
 }
 
-TEST(TagGroup, WhatIsNotSeenIsNotThere) {
+TEST(TagGroup, HidesObjectsOfUnseenGroup) {
   test::SceneBuilder builder = before_a_wall();
   builder.scene().objects[0].tag_group = "prop";
   builder.add(box(0.02), test::at(0.05, 0.05, 0.05));
@@ -152,7 +152,7 @@ TEST(TagGroup, WhatIsNotSeenIsNotThere) {
   }
 }
 
-TEST(TagGroup, AnUncertainOrHeldPlaceIsDrawnFaintly) {
+TEST(TagGroup, FadesUncertainOrCoastingGroup) {
   test::SceneBuilder builder = before_a_wall();
   builder.scene().objects[0].tag_group = "wall";
   builder.add(box(0.02), test::at(0.05, 0.05, 0.05));
@@ -184,7 +184,7 @@ TEST(TagGroup, AnUncertainOrHeldPlaceIsDrawnFaintly) {
 }
 
 // The picture of a wall that was carried somewhere is the picture of a scene whose wall is there.
-TEST(TagGroup, TheShadowFallsWhereTheWallIs) {
+TEST(TagGroup, CastsShadowOnMovedWall) {
   const Eigen::Vector3d shift(0.02, 0.06, -0.01);
   test::SceneBuilder there = before_a_wall(false);
   there.scene().planes[kWall].point += shift;
@@ -208,7 +208,7 @@ TEST(TagGroup, TheShadowFallsWhereTheWallIs) {
 }
 
 // Turned about its normal by a right angle, its outline is turned.
-TEST(TagGroup, TheOutlineTurnsWithTheWall) {
+TEST(TagGroup, RotatesOutlineWithWall) {
   test::SceneBuilder turned = before_a_wall(false);
   ScenePlane& wall = turned.scene().planes[kWall];
   const PlaneFrame frame = PlaneFrame::make(wall.normal, wall.point);
@@ -235,7 +235,7 @@ TEST(TagGroup, TheOutlineTurnsWithTheWall) {
 }
 
 // Each object as faint as its own group, in one picture.
-TEST(TagGroup, FaintAndSolidObjectsInOnePicture) {
+TEST(TagGroup, DrawsFaintAndSolidObjectsTogether) {
   test::SceneBuilder builder;
   builder.scene().shadows.clear();
   builder.add(box(0.06), test::at(-0.1, 0.0, 0.03), false);
@@ -302,7 +302,7 @@ TEST(TagGroup, RecomputesOnlyShadowsOfMovedPlane) {
   }
 }
 
-TEST(TagGroup, MovedPlaneIsAnEvent) {
+TEST(TagGroup, ReportsMovedPlaneAsEvent) {
   const auto scene = before_a_wall().build();
   const auto state = [&](const std::vector<GroupEstimate>& groups) {
     return evaluate_scene(*scene, 0.0, groups);

@@ -148,7 +148,7 @@ void keep_layer(FramePlan& plan, int layer) {
   }
 }
 
-TEST(Translucency, EveryWordIsAWay) {
+TEST(Translucency, RoundTripsEveryName) {
   for (const auto& [way, name] : kTranslucencyNames) {
     EXPECT_EQ(to_string(way), name);
     EXPECT_EQ(translucency_from_string(name), way);
@@ -156,7 +156,7 @@ TEST(Translucency, EveryWordIsAWay) {
   EXPECT_FALSE(translucency_from_string("glass"));
 }
 
-TEST(Translucency, WhatIsAskedForIsDoneAndTheRestByWhatWorks) {
+TEST(Translucency, UsesRequestedModeElseSupportedOne) {
   for (const bool blends : {false, true}) {
     for (const bool fetches : {false, true}) {
       const PictureAbilities abilities{blends, fetches};
@@ -174,7 +174,7 @@ TEST(Translucency, WhatIsAskedForIsDoneAndTheRestByWhatWorks) {
 // In every 4 x 4 pixels that lie wholly in one layer, wherever they begin, the share of pixels that
 // are left alone is the layer's light fraction: to the last pixel where it is a multiple of 1/16,
 // to half a pixel of 16 where not.
-TEST(Mesh, DensitiesAreTheLightFractions) {
+TEST(ScreenDoor, MatchesLightFractionsByDensity) {
   struct Case {
     LightFractions fractions;
     std::array<int, 3> black;  // of 16
@@ -217,7 +217,7 @@ TEST(Mesh, DensitiesAreTheLightFractions) {
 // Places of the pattern that are dark are dark in everything darker: layers and casters may be
 // drawn in any order, each by itself or all at once. (A mask's edges are graded; what holds there
 // is DrawnMask.AScreenDoorHasTheSamePlaces.)
-TEST(Mesh, IsNested) {
+TEST(ScreenDoor, NestsDarkerPatterns) {
   SceneBuilder builder = plate({0.15, 0.4, 0.83});
   builder.add(ring(), test::at(0.04, 0.03, 0.06));
   Studio studio(builder.build(), bent_camera());
@@ -264,7 +264,7 @@ TEST(Mesh, IsNested) {
 }
 
 // What a fading pose leaves of shadows and objects is a share of the pattern too.
-TEST(Mesh, WhatFadesHasFewerPlaces) {
+TEST(ScreenDoor, ThinsOutWithFadingPose) {
   SceneBuilder builder;
   builder.add(box(0.2, 0.2, 0.02), test::at(0, 0, 0.01), false);
   Studio studio(builder.build(), straight_camera());
@@ -291,7 +291,7 @@ TEST(Mesh, WhatFadesHasFewerPlaces) {
 
 // Retextured, the picture is the blended one to the rounding of a code: shadows on planes and
 // phantoms, of several lights, on virtual things, and what fades.
-TEST(Retexture, IsWhatBlendingGives) {
+TEST(Retexture, MatchesBlending) {
   for (const auto& builder : {busy(), busy_on_both()}) {
     for (const GlApi api : {GlApi::gl33, GlApi::gles30}) {
       Studio studio(builder.build(), bent_camera(), api);
@@ -320,7 +320,7 @@ TEST(Retexture, IsWhatBlendingGives) {
 
 // A plane may lie before a thing of the scene: what is written anew there is that thing, and by
 // masks also what darkens nothing.
-TEST(Retexture, ShadowsOnThingsBehindAPlaneAreOnThoseThings) {
+TEST(Retexture, KeepsShadowsOnObjectsBehindPlane) {
   SceneBuilder builder = busy_on_both();
   builder.add(box(0.4, 0.004, 0.2), test::at(0.0, 0.154, 0.1));   // the wall's body
   builder.add(box(0.2, 0.2, 0.02), test::at(0.05, 0.0, -0.015));  // below the table
@@ -347,7 +347,7 @@ TEST(Retexture, ShadowsOnThingsBehindAPlaneAreOnThoseThings) {
 }
 
 // Half of a solid ray and half of what is there without it.
-TEST(Retexture, FaintRaysAreMixedInOnce) {
+TEST(Retexture, BlendsFaintRaysOnce) {
   Studio studio(busy().build(), bent_camera());
   const Frame frame = noise(PixelFormat::nv12);
   const auto draw = [&](bool faint, bool rays) {
@@ -446,7 +446,7 @@ class Watch {
   }
 };
 
-TEST(Translucency, OnlyBlendBlends) {
+TEST(Translucency, EnablesBlendingOnlyInBlendMode) {
   Studio studio(busy_on_both().build(), bent_camera());
   const Frame frame = noise(PixelFormat::yuv420p);
   const auto draw_all = [&](Translucency way, LayerDrawing layers) {
@@ -480,7 +480,7 @@ TEST(Translucency, OnlyBlendBlends) {
 }
 
 // On a plane without end neither the mesh nor fetching needs a stencil; blending does.
-TEST(Translucency, MeshAndRetextureNeedNoStencilOnATable) {
+TEST(Translucency, NeedsNoStencilForMeshAndRetextureOnTable) {
   SceneBuilder builder = busy();
   builder.scene().planes.resize(1);
   builder.scene().shadows[0].walls.clear();
@@ -501,7 +501,7 @@ TEST(Translucency, MeshAndRetextureNeedNoStencilOnATable) {
   EXPECT_EQ(stencilled(Translucency::retexture), 0);
 }
 
-TEST(Translucency, LeavingOutWhatCannotShowChangesNoBit) {
+TEST(Translucency, DrawsSameFrameWhenSkippingInvisibleParts) {
   const auto scene = busy_on_both().build();
   Studio with(scene, bent_camera());
   Studio without(scene, bent_camera());
@@ -524,7 +524,7 @@ TEST(Translucency, LeavingOutWhatCannotShowChangesNoBit) {
   EXPECT_GT(skipped, 30U);
 }
 
-TEST(Translucency, BothApisDrawTheSame) {
+TEST(Translucency, DrawsSameFrameOnBothApis) {
   const auto scene = busy_on_both().build();
   Studio desktop(scene, bent_camera(), GlApi::gl33);
   Studio embedded(scene, bent_camera(), GlApi::gles30);
@@ -545,7 +545,7 @@ TEST(Translucency, BothApisDrawTheSame) {
 }
 
 // Strips so near that they are many pixels wide: their share of each layer is the layer's.
-TEST(GeometryMesh, TakesTheLayersShareOfTheLight) {
+TEST(GeometryMesh, MatchesLightFractionOfLayer) {
   const LightFractions fractions{0.15, 0.4, 0.83};
   Studio studio(plate(fractions).build(), test::camera_of(900, 900, 1200.0));
   const PoseEstimate near = test::tracked(test::look_at({0.0, -0.01, 0.2}, {0.0, 0.0, 0.0}));
@@ -582,7 +582,7 @@ void enable_without_blending(GLenum ability) {
   if (ability != GL_BLEND) driver_enable(ability);
 }
 
-TEST(PictureProbe, FindsWhatWorks) {
+TEST(TranslucencyProbe, DetectsSupportedModes) {
   for (const GlApi api : {GlApi::gl33, GlApi::gles30}) {
     const auto context = create_offscreen_context(api).value();
     context->make_current();
@@ -600,7 +600,7 @@ TEST(PictureProbe, FindsWhatWorks) {
   }
 }
 
-TEST(PictureProbe, MakesAutoFetchWhereTheDriverDoesNotBlend) {
+TEST(TranslucencyProbe, SelectsRetextureWhenDriverDoesNotBlend) {
   const auto drawn = [](Studio& studio) {
     (void)studio.draw(white(), studio.plan(above()));
     return studio.stats().translucency;

@@ -14,7 +14,7 @@ double spill_of(const Model& model, KernelSource source, const Eigen::Vector3d& 
   return layer_spill(mesh, generate_kernels(mesh, up, source), 1.65);
 }
 
-TEST(LayerSpill, IsLittleOfAutomaticKernelsAndMuchOfOneKernelForARing) {
+TEST(LayerOvershoot, IsSmallForAutomaticAndLargeForSingleKernels) {
   test::ShapeBuilder bar;
   bar.box(-0.1, -0.01, 0.0, 0.1, 0.01, 0.02);
   const Model rod = bar.build();
@@ -28,7 +28,7 @@ TEST(LayerSpill, IsLittleOfAutomaticKernelsAndMuchOfOneKernelForARing) {
   }
 }
 
-TEST(LayerSpill, IsTheSameFarFromTheOrigin) {
+TEST(LayerOvershoot, IsIndependentOfDistanceFromOrigin) {
   for (const KernelSource source : {KernelSource::automatic, KernelSource::centroid}) {
     for (const bool rod : {true, false}) {
       test::ShapeBuilder shape, far;
@@ -43,7 +43,7 @@ TEST(LayerSpill, IsTheSameFarFromTheOrigin) {
   }
 }
 
-TEST(LayerSpill, IsNothingWhereThereIsNothing) {
+TEST(LayerOvershoot, IsBoundedForDegenerateMeshes) {
   const Eigen::Vector3d up(0, 0, 1);
   EXPECT_EQ(layer_spill({}, {}, 1.5), 0.0);
   Model model;
@@ -56,7 +56,7 @@ TEST(LayerSpill, IsNothingWhereThereIsNothing) {
   }
 }
 
-TEST(Coverage, CountsCellsWhoseCentresAreInside) {
+TEST(Coverage, CountsCellsWithCentreInside) {
   Coverage grid({-1.0F, -1.0F}, 0.1F, 20, 20);
   Coverage other = grid;
   EXPECT_EQ(grid.iou(other), 1.0) << "both empty";

@@ -43,7 +43,7 @@ extern "C" GLFWwindow* glfwCreateWindow(int width, int height, const char* title
 namespace penumbra {
 namespace {
 
-TEST(Window, WithoutADisplayFailsInOneLine) {
+TEST(Window, FailsInOneLineWithoutDisplay) {
   if (display_available()) GTEST_SKIP() << "there is a display";
   const auto window = create_window_context({});
   ASSERT_FALSE(window);
@@ -51,7 +51,7 @@ TEST(Window, WithoutADisplayFailsInOneLine) {
   EXPECT_THAT(window.error().message, testing::Not(testing::HasSubstr("\n")));
 }
 
-TEST(Window, ShowsThePictureUprightAndLetterboxed) {
+TEST(Window, ShowsFrameUprightAndLetterboxed) {
   if (!display_available()) GTEST_SKIP() << "no display: DISPLAY and WAYLAND_DISPLAY are not set";
   WindowOptions options;
   options.width = 300;
@@ -93,7 +93,7 @@ TEST(Window, ShowsThePictureUprightAndLetterboxed) {
   }
 }
 
-TEST(Window, ShowsAlsoWhatADriverDrawsThatTellsOfNoReset) {
+TEST(Window, ShowsFrameWithoutResetNotification) {
   if (!display_available()) GTEST_SKIP() << "no display: DISPLAY and WAYLAND_DISPLAY are not set";
   WindowOptions options;
   options.vsync = false;

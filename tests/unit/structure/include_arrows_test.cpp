@@ -106,7 +106,7 @@ std::vector<std::string> violations_in(const std::string& module, const std::str
   return found;
 }
 
-TEST(IncludeArrows, HoldInWholeTree) {
+TEST(IncludeRules, HoldInWholeTree) {
   std::vector<std::string> found;
   int files = 0;
   for (const auto& [module, allowed] : kAllowed) {
@@ -128,7 +128,7 @@ TEST(IncludeArrows, HoldInWholeTree) {
   EXPECT_THAT(found, testing::IsEmpty());
 }
 
-TEST(IncludeArrows, FindsPlantedViolations) {
+TEST(IncludeRules, DetectPlantedViolations) {
   EXPECT_THAT(
       violations_in("render", "render/x.cpp", "#include \"tracking/detection/tag_detector.hpp\"\n"),
       testing::SizeIs(1));
@@ -143,7 +143,7 @@ TEST(IncludeArrows, FindsPlantedViolations) {
               testing::IsEmpty());
 }
 
-TEST(IncludeArrows, FindsPlantedViolationsInsideModules) {
+TEST(IncludeRules, DetectPlantedViolationsInsideModules) {
   const std::vector<std::pair<std::string, std::string>> bad = {
       {"render/shadow/masks/x.cpp", "render/passes/layers/mask_quad.hpp"},
       {"render/scene/scene_file.cpp", "render/shadow/layers/layered_penumbra.hpp"},

@@ -29,7 +29,7 @@ void expect_same(const std::vector<TagDetection>& a, const std::vector<TagDetect
 }
 
 // Whoever searches: the tags that are found at once. The pixels may change in the meantime.
-TEST(BackgroundSearch, FindsWhatASearchAtOnceFinds) {
+TEST(BackgroundSearch, FindsSameTagsAsImmediateSearch) {
   const test::Stage stage({test::wall()});
   for (const bool own_thread : {false, true}) {
     SCOPED_TRACE(own_thread);
@@ -63,7 +63,7 @@ TEST(BackgroundSearch, FindsWhatASearchAtOnceFinds) {
   }
 }
 
-TEST(BackgroundSearch, NobodyWaitsForItWhoDoesNotWantTo) {
+TEST(BackgroundSearch, NeverBlocksCaller) {
   const test::Stage stage({test::wall()});
   const Frame frame = stage.picture(0);
   std::vector<std::uint8_t> scratch;

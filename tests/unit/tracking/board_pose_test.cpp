@@ -29,7 +29,7 @@ class BoardPoseTest : public testing::Test {
   std::mt19937 random_{21};
 };
 
-TEST_F(BoardPoseTest, ASheetOfTagsFixesThePose) {
+TEST_F(BoardPoseTest, EstimatesPoseFromTagSheet) {
   const auto board =
       estimate_board_pose(camera_, observe(camera_, truth_, sheet(), kNoise_px, random_));
   ASSERT_TRUE(board);
@@ -40,7 +40,7 @@ TEST_F(BoardPoseTest, ASheetOfTagsFixesThePose) {
   EXPECT_LT(error_px(*board), 0.5);
 }
 
-TEST_F(BoardPoseTest, AMovedTagIsFoundAndLeftOut) {
+TEST_F(BoardPoseTest, RejectsMovedTag) {
   for (const std::size_t count : {3U, 4U, 12U}) {
     for (std::size_t moved = 0; moved < count; ++moved) {
       std::vector<MappedTag> really = sheet();
@@ -60,7 +60,7 @@ TEST_F(BoardPoseTest, AMovedTagIsFoundAndLeftOut) {
   }
 }
 
-TEST_F(BoardPoseTest, AMisreadIdIsFoundAndLeftOut) {
+TEST_F(BoardPoseTest, RejectsMisreadId) {
   auto seen = observe(camera_, truth_, sheet(), kNoise_px, random_);
   seen.resize(6);
   seen[2].corners_table = sheet()[11].corners();
@@ -70,7 +70,7 @@ TEST_F(BoardPoseTest, AMisreadIdIsFoundAndLeftOut) {
   EXPECT_LT(error_px(*board), 1.0);
 }
 
-TEST_F(BoardPoseTest, TwoTagsThatDisagreeAreAContradiction) {
+TEST_F(BoardPoseTest, ReportsInconsistencyOfTwoTags) {
   auto seen = observe(camera_, truth_, sheet(), kNoise_px, random_);
   seen.resize(2);
   for (Eigen::Vector3d& corner : seen[1].corners_table) corner.x() += 0.02;
@@ -79,7 +79,7 @@ TEST_F(BoardPoseTest, TwoTagsThatDisagreeAreAContradiction) {
   EXPECT_TRUE(board->contradictory);
 }
 
-TEST_F(BoardPoseTest, HalfOfTheTagsWrongIsAContradiction) {
+TEST_F(BoardPoseTest, ReportsInconsistencyWhenHalfOfTagsAreWrong) {
   auto seen = observe(camera_, truth_, sheet(), kNoise_px, random_);
   seen.resize(4);
   for (Eigen::Vector3d& corner : seen[0].corners_table) corner.x() += 0.02;
@@ -90,7 +90,7 @@ TEST_F(BoardPoseTest, HalfOfTheTagsWrongIsAContradiction) {
 }
 
 // A part of the board was bumped: no tag is an outlier by itself, and the fit is not that bad.
-TEST_F(BoardPoseTest, ABumpedHalfOfTheBoardIsAContradictionAndNoiseIsNone) {
+TEST_F(BoardPoseTest, ReportsInconsistencyOfBumpedHalfButNotOfNoise) {
   for (int trial = 0; trial < 200; ++trial) {
     std::vector<MappedTag> really = sheet();
     auto map = really;
@@ -114,7 +114,7 @@ TEST_F(BoardPoseTest, ABumpedHalfOfTheBoardIsAContradictionAndNoiseIsNone) {
   }
 }
 
-TEST_F(BoardPoseTest, ASmallFrontalTagIsReportedAsOpen) {
+TEST_F(BoardPoseTest, ReportsSmallFrontalTagAsAmbiguous) {
   // 24 px wide, 20 degrees: solvers choose the wrong one of its two poses in almost a third of the
   // views. The report must say so in every one where the choice is wrong.
   int wrong = 0;
@@ -133,7 +133,7 @@ TEST_F(BoardPoseTest, ASmallFrontalTagIsReportedAsOpen) {
   EXPECT_GT(wrong, 5) << "the case must be a hard one";
 }
 
-TEST_F(BoardPoseTest, WhatIsNotFiniteIsIgnored) {
+TEST_F(BoardPoseTest, IgnoresNonFiniteValues) {
   auto seen = observe(camera_, truth_, sheet(), kNoise_px, random_);
   seen[0].corners_px[2].x() = std::numeric_limits<double>::quiet_NaN();
   seen[5].corners_table[1].z() = std::numeric_limits<double>::infinity();
@@ -146,7 +146,7 @@ TEST_F(BoardPoseTest, WhatIsNotFiniteIsIgnored) {
   EXPECT_FALSE(estimate_board_pose(camera_, {}));
 }
 
-TEST_F(BoardPoseTest, CollapsedCornersFixNoPose) {
+TEST_F(BoardPoseTest, DerivesNoPoseFromCollapsedCorners) {
   auto seen = observe(camera_, truth_, sheet(), 0.0, random_);
   seen.resize(1);
   for (Eigen::Vector2d& corner : seen[0].corners_px) corner = Eigen::Vector2d(100.0, 100.0);
@@ -159,7 +159,7 @@ TEST_F(BoardPoseTest, CollapsedCornersFixNoPose) {
   }
 }
 
-TEST_F(BoardPoseTest, TheSameTagsGiveTheSameBits) {
+TEST_F(BoardPoseTest, IsDeterministic) {
   const auto seen = observe(camera_, truth_, sheet(), kNoise_px, random_);
   const auto a = estimate_board_pose(camera_, seen);
   const auto b = estimate_board_pose(camera_, seen);

@@ -31,7 +31,7 @@ using test::Stage;
 using test::turned;
 using test::wall;
 
-TEST(GroupTracker, GroupsAreThoseOfTheMapInItsOrder) {
+TEST(GroupTracker, ListsGroupsOfMapInOrder) {
   const Stage stage({block(), wall()});
   EXPECT_THAT(other_groups(stage.map()), ElementsAre("block", "wall"));
   const auto middle = middle_of_group(stage.map(), "wall");
@@ -44,7 +44,7 @@ TEST(GroupTracker, GroupsAreThoseOfTheMapInItsOrder) {
   EXPECT_EQ(tracked.groups[1].name, "wall");
 }
 
-TEST(GroupTracker, AMapWithoutTheTableOrWithAnUnknownTagIsRefusedByName) {
+TEST(GroupTracker, RejectsMapWithoutTableOrWithUnknownTag) {
   const auto no_table =
       GroupTracker::create(Stage({}).camera, TagMap::make(wall()).value(), TrackerOptions());
   ASSERT_FALSE(no_table);
@@ -58,7 +58,7 @@ TEST(GroupTracker, AMapWithoutTheTableOrWithAnUnknownTagIsRefusedByName) {
 
 // What is where the map has it, is where the map has it: and stays there, bit for bit, while the
 // camera moves.
-TEST(GroupTracker, AGroupAtRestIsMeasuredAndKeepsItsPlace) {
+TEST(GroupTracker, KeepsPoseOfGroupAtRest) {
   const Stage stage({wall()});
   GroupTracker tracker = stage.tracker();
   int changes = 0;
@@ -82,7 +82,7 @@ TEST(GroupTracker, AGroupAtRestIsMeasuredAndKeepsItsPlace) {
 }
 
 // The map is wrong about where the wall stands; the picture is not.
-TEST(GroupTracker, AWallThatWasMovedIsFollowed) {
+TEST(GroupTracker, TracksMovedWall) {
   const Stage stage({wall()});
   GroupTracker tracker = stage.tracker();
   const Placement leaning(turned(12.0, {1.0, 0.3, 0.6}), Eigen::Vector3d(0.02, 0.03, -0.01));
@@ -101,7 +101,7 @@ TEST(GroupTracker, AWallThatWasMovedIsFollowed) {
 }
 
 // A block in the hand and a camera in the other, against the exact truth.
-TEST(GroupTracker, AHeldPropIsFollowedThroughItsMotion) {
+TEST(GroupTracker, TracksHandHeldProp) {
   const Stage stage({wall(), block()});
   GroupTracker tracker = stage.tracker();
   int tracked_frames = 0;
@@ -130,7 +130,7 @@ TEST(GroupTracker, AHeldPropIsFollowedThroughItsMotion) {
 
 // A fraction of a pixel in each frame, less than the measurements' own errors: what is averaged and
 // shown must not stay behind by more than it may.
-TEST(GroupTracker, ASlowMotionDoesNotHideInTheNoise) {
+TEST(GroupTracker, TracksSlowMotionBelowNoise) {
   const Stage stage({block()});
   GroupTracker tracker = stage.tracker();
   for (int f = 0; f < 24; ++f) {
@@ -144,7 +144,7 @@ TEST(GroupTracker, ASlowMotionDoesNotHideInTheNoise) {
   }
 }
 
-TEST(GroupTracker, TheTableIsTheSameWhateverIsTrackedBesideIt) {
+TEST(GroupTracker, KeepsTablePoseIndependentOfOtherGroups) {
   const Stage stage({wall(), block()});
   for (const TrackingMode mode : {TrackingMode::detect, TrackingMode::automatic}) {
     TrackerOptions options;
@@ -185,7 +185,7 @@ TEST(GroupTracker, TheTableIsTheSameWhateverIsTrackedBesideIt) {
   }
 }
 
-TEST(GroupTracker, AGroupNeverSeenHasNoPlaceAndCostsFewSearches) {
+TEST(GroupTracker, ReportsUnseenGroupLostWithFewSearches) {
   Stage stage({wall(), block()});
   std::vector<MappedTag> drawn = stage.tags;
   std::erase_if(drawn, [](const MappedTag& tag) { return tag.group == "block"; });
@@ -203,7 +203,7 @@ TEST(GroupTracker, AGroupNeverSeenHasNoPlaceAndCostsFewSearches) {
   EXPECT_LE(detections, kFrames / 4);
 }
 
-TEST(GroupTracker, AHiddenGroupIsHeldThenLostThenFoundWhereverItIs) {
+TEST(GroupTracker, CoastsHiddenGroupThenFindsItAnywhere) {
   const Stage stage({wall()});
   std::vector<MappedTag> hidden = stage.tags;
   std::erase_if(hidden, [](const MappedTag& tag) { return tag.group == "wall"; });
@@ -251,7 +251,7 @@ TEST(GroupTracker, AHiddenGroupIsHeldThenLostThenFoundWhereverItIs) {
 }
 
 // Where it was, it is found in the first frame that shows it, without a search.
-TEST(GroupTracker, WhatComesBackToItsPlaceIsTrackedAtOnce) {
+TEST(GroupTracker, TracksReturningGroupAtOnce) {
   const Stage stage({wall()});
   std::vector<MappedTag> hidden = stage.tags;
   std::erase_if(hidden, [](const MappedTag& tag) { return tag.group == "wall"; });
@@ -263,7 +263,7 @@ TEST(GroupTracker, WhatComesBackToItsPlaceIsTrackedAtOnce) {
   EXPECT_FALSE(tracked.times.full_detection);
 }
 
-TEST(GroupTracker, WithoutTheTableNothingHasAPlaceOnIt) {
+TEST(GroupTracker, LosesGroupsWithoutTable) {
   const Stage stage({wall()});
   std::vector<MappedTag> bare = stage.tags;
   std::erase_if(bare, [](const MappedTag& tag) { return tag.group == "table"; });
@@ -282,7 +282,7 @@ TEST(GroupTracker, WithoutTheTableNothingHasAPlaceOnIt) {
   EXPECT_THAT(last.reason, HasSubstr("table"));
 }
 
-TEST(GroupTracker, TheSameFramesGiveTheSameBits) {
+TEST(GroupTracker, IsDeterministic) {
   const Stage stage({wall(), block()});
   GroupTracker a = stage.tracker();
   GroupTracker b = stage.tracker();
@@ -332,7 +332,7 @@ Arrival arrive(const Stage& stage, const TrackerOptions& options, int patience_m
   return arrival;
 }
 
-TEST(GroupTracker, OnceTheTableIsTrackedNoFrameWaitsForASearch) {
+TEST(GroupTracker, NeverWaitsForSearchOnceTableIsTracked) {
   const Stage stage({wall(), block()});
   TrackerOptions options;
   options.search_timing = SearchTiming::in_frame;
@@ -391,7 +391,7 @@ TEST(GroupTracker, OnceTheTableIsTrackedNoFrameWaitsForASearch) {
 }
 
 // Given the time, a search that nobody waits for comes in the next frame too.
-TEST(GroupTracker, ASearchThatNobodyWaitsForFindsTheSame) {
+TEST(GroupTracker, FindsSameGroupsByBackgroundSearch) {
   const Stage stage({wall(), block()});
   TrackerOptions options;
   options.search_timing = SearchTiming::when_done;
@@ -424,7 +424,7 @@ TEST(GroupTracker, ASearchThatNobodyWaitsForFindsTheSame) {
 
 // On a machine that takes seconds for a frame, the view has changed whenever a search beside the
 // frames is done.
-TEST(GroupTracker, ASlowMachineFindsTheTableToo) {
+TEST(GroupTracker, FindsTableOnSlowMachine) {
   const Stage stage({wall()});
   for (const SearchTiming timing : {SearchTiming::in_frame, SearchTiming::when_done}) {
     TrackerOptions options;
@@ -441,7 +441,7 @@ TEST(GroupTracker, ASlowMachineFindsTheTableToo) {
   }
 }
 
-TEST(GroupTracker, EmptyAndMisfittingFramesAndClocksThatJump) {
+TEST(GroupTracker, RecoversFromInvalidFramesAndClockJumps) {
   const Stage stage({wall()});
   GroupTracker tracker = stage.tracker();
   for (int f = 0; f < 3; ++f) static_cast<void>(tracker.track(stage.picture(f)));

@@ -44,7 +44,7 @@ GreyImage negative(GreyImage image) {
   return image;
 }
 
-TEST(ImageCheck, RecognisesMirroredAndNegativePictures) {
+TEST(ImageCheck, RecognisesMirroredAndNegativeImages) {
   const std::vector<MappedTag> tags = test::board(3, 2, 0.06);
   const TagMap map = TagMap::make(tags).value();
   for (const std::uint64_t seed : {1U, 2U, 3U}) {
@@ -60,7 +60,7 @@ TEST(ImageCheck, RecognisesMirroredAndNegativePictures) {
   }
 }
 
-TEST(ImageCheck, FindsNothingInPicturesOfOtherTags) {
+TEST(ImageCheck, FindsNothingInImagesOfOtherTags) {
   const std::vector<MappedTag> tags = test::board(3, 2, 0.06);
   std::vector<MappedTag> others = tags;
   for (MappedTag& tag : others) tag.id += 100;
@@ -72,7 +72,7 @@ TEST(ImageCheck, FindsNothingInPicturesOfOtherTags) {
 }
 
 // The 1st, 2nd, 4th, 8th ... picture are looked at; a fault is reported once.
-TEST(ImageCheck, LooksAtFewPictures) {
+TEST(ImageCheck, ChecksFewImagesAndReportsOnce) {
   const std::vector<MappedTag> tags = test::board(3, 2, 0.06);
   const GreyImage fault = mirrored(view_of(tags, 1));
   const std::vector<std::uint8_t> grey(640 * 480, 128);
@@ -84,7 +84,7 @@ TEST(ImageCheck, LooksAtFewPictures) {
   for (int i = 9; i <= 16; ++i) EXPECT_EQ(check.nothing_found(fault.view()), std::nullopt) << i;
 }
 
-TEST(ImageCheck, ChecksEveryImageThatItIsAskedFor) {
+TEST(ImageCheck, ChecksEveryRequestedImage) {
   const std::vector<MappedTag> tags = test::board(3, 2, 0.06);
   const GreyImage plain = view_of(tags, 1);
   auto check = ImageCheck::create(TagMap::make(tags).value()).value();
@@ -95,7 +95,7 @@ TEST(ImageCheck, ChecksEveryImageThatItIsAskedFor) {
   EXPECT_EQ(check.look({}), std::nullopt);
 }
 
-TEST(ImageCheck, RecognisesTheSharedPictures) {
+TEST(ImageCheck, RecognisesSharedImages) {
   if (test::shared_dir().empty()) GTEST_SKIP() << "no shared data beside the checkout";
   const auto cases = test::shared_dir() / "cases" / "mirrored-or-negative-sheet";
   const TagMap map = load_tag_map(test::recordings_dir() / "tabletop" / "tags.yaml").value();

@@ -22,7 +22,7 @@ Matrix6d measured(double sigma_m, double sigma_rad) {
   return P;
 }
 
-TEST(MotionModel, ContinuesASteadyMotionWithoutDrift) {
+TEST(MotionModel, PredictsSteadyMotionWithoutDrift) {
   Vector6d velocity;
   velocity << 0.2, -0.1, 0.05, 0.3, 0.2, -0.4;
   CameraPose pose(Eigen::Quaterniond::Identity(), Eigen::Vector3d(0.0, 0.0, 0.5));
@@ -45,7 +45,7 @@ TEST(MotionModel, ContinuesASteadyMotionWithoutDrift) {
   EXPECT_LT(error_rad, 1e-4);
 }
 
-TEST(MotionModel, ExpectsLittleOfACameraAtRestAndMuchAfterAJerk) {
+TEST(MotionModel, WidensCovarianceAfterJerk) {
   CameraPose pose(Eigen::Quaterniond::Identity(), Eigen::Vector3d(0.0, 0.0, 0.5));
   MotionModel motion;
   motion.start(0, pose, measured(2e-4, 5e-4));
@@ -66,7 +66,7 @@ TEST(MotionModel, ExpectsLittleOfACameraAtRestAndMuchAfterAJerk) {
   EXPECT_GT(std::sqrt(motion.predict(62 * kFrame_ns).covariance(0, 0)), 0.005);
 }
 
-TEST(MotionModel, CovarianceStaysPositive) {
+TEST(MotionModel, KeepsCovariancePositiveDefinite) {
   std::mt19937_64 random(3);
   std::normal_distribution<double> n(0.0, 1.0);
   CameraPose pose(Eigen::Quaterniond::Identity(), Eigen::Vector3d(0.0, 0.0, 0.5));

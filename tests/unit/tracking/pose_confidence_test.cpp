@@ -14,7 +14,7 @@ namespace {
 
 using testing::HasSubstr;
 
-class JudgeTest : public ::testing::Test {
+class PoseConfidence : public ::testing::Test {
  protected:
   // A measurement whose predicted overlay error is this.
   [[nodiscard]] Measurement measured(double error_px) const {
@@ -43,33 +43,33 @@ class JudgeTest : public ::testing::Test {
   const CameraPose pose_ = test::looking_at(Eigen::Vector3d::Zero(), 0.5, 1.0, 0.3, 0.0);
 };
 
-TEST_F(JudgeTest, TracksPoseBelowLimit) {
+TEST_F(PoseConfidence, TracksPoseBelowLimit) {
   const JudgedPose judged = judge(group_, measured(1.0), std::nullopt);
   EXPECT_EQ(judged.estimate.status, TrackStatus::tracked);
   EXPECT_NEAR(judged.estimate.expected_overlay_error_px, 1.0, 1e-6);
   EXPECT_EQ(judged.estimate.reason, "");
 }
 
-TEST_F(JudgeTest, IsUncertainAboveLimit) {
+TEST_F(PoseConfidence, IsUncertainAboveLimit) {
   const JudgedPose judged = judge(group_, measured(3.0), std::nullopt);
   EXPECT_EQ(judged.estimate.status, TrackStatus::uncertain);
   EXPECT_EQ(judged.estimate.reason, "expected error 3.0 px");
   EXPECT_FALSE(judged.only_lens_uncertain);
 }
 
-TEST_F(JudgeTest, IsUncertainWhenTagsContradict) {
+TEST_F(PoseConfidence, IsUncertainWhenTagsAreInconsistent) {
   Measurement measurement = measured(0.1);
   measurement.contradictory = true;
   EXPECT_EQ(judge(group_, measurement, std::nullopt).estimate.reason, kContradicting);
 }
 
-TEST_F(JudgeTest, IsUncertainWhenTwoPosesFit) {
+TEST_F(PoseConfidence, IsUncertainWhenTwoPosesFit) {
   Measurement measurement = measured(0.1);
   add_second(measurement, 0.4);
   EXPECT_EQ(judge(group_, measurement, std::nullopt).estimate.reason, kTwoPoses);
 }
 
-TEST_F(JudgeTest, PredictionChoosesBetweenTwoPoses) {
+TEST_F(PoseConfidence, ChoosesBetweenTwoPosesByPrediction) {
   Measurement measurement = measured(0.1);
   add_second(measurement, 0.4);
   const CameraPose second = measurement.second->T_table_camera;
@@ -81,7 +81,7 @@ TEST_F(JudgeTest, PredictionChoosesBetweenTwoPoses) {
   EXPECT_EQ(other.estimate.T_table_camera.matrix(), second.matrix());
 }
 
-TEST_F(JudgeTest, BlamesLensWhenOnlyTheCameraFileIsUncertain) {
+TEST_F(PoseConfidence, BlamesLensWhenOnlyCameraFileIsUncertain) {
   CameraParameters parameters = group_.camera.parameters();
   parameters.overlay_sigma_px = 5.0;
   const RigidTags group{CameraModel::make(parameters).value(), group_.tags};
@@ -91,14 +91,14 @@ TEST_F(JudgeTest, BlamesLensWhenOnlyTheCameraFileIsUncertain) {
   EXPECT_TRUE(judged.only_lens_uncertain);
 }
 
-TEST_F(JudgeTest, BlamesMapWhenItAddsTheError) {
+TEST_F(PoseConfidence, BlamesMapWhenItAddsError) {
   Measurement measurement = measured(3.0);
   measurement.map_px = 2.9;
   EXPECT_THAT(judge(group_, measurement, std::nullopt).estimate.reason,
               HasSubstr("do not lie as the map says"));
 }
 
-TEST_F(JudgeTest, UnreadTagsEnlargeErrorOfDetectedPose) {
+TEST_F(PoseConfidence, EnlargesErrorOfDetectedPoseByUnreadTags) {
   Measurement measurement = measured(0.5);
   measurement.aligned = false;
   measurement.tags_used = 1;
@@ -107,7 +107,7 @@ TEST_F(JudgeTest, UnreadTagsEnlargeErrorOfDetectedPose) {
   EXPECT_NEAR(judged.estimate.expected_overlay_error_px, 0.5 * std::sqrt(6.0), 1e-6);
 }
 
-TEST_F(JudgeTest, ReportsIdsOfRejectedTags) {
+TEST_F(PoseConfidence, ReportsIdsOfRejectedTags) {
   Measurement measurement = measured(0.5);
   measurement.rejected = {4};
   EXPECT_THAT(judge(group_, measurement, std::nullopt).estimate.tags_left_out,

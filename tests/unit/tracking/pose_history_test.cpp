@@ -46,7 +46,7 @@ TEST(PoseHistory, PredictsConstantVelocity) {
   EXPECT_NEAR(predicted->translation().x(), 0.04, 1e-9);
 }
 
-TEST(PoseHistory, RecentPredictionEndsAfterLifetime) {
+TEST(PoseHistory, EndsRecentPredictionAfterLifetime) {
   const PoseHistory history = steady_history(2);
   EXPECT_TRUE(history.recent_prediction(3 * kFrame_ns));
   EXPECT_FALSE(history.recent_prediction(2 * kFrame_ns + 250'000'000));
@@ -59,7 +59,7 @@ TEST(PoseHistory, ForgetsPosesWhenClockJumpsBack) {
   EXPECT_FALSE(history.motion_at(2 * kFrame_ns, tracked_at(0.0).T_table_camera));
 }
 
-TEST(PoseHistory, MotionOfThreePosesHasChangeOfVelocity) {
+TEST(PoseHistory, DerivesChangeOfVelocityFromThreePoses) {
   const PoseHistory history = steady_history(2);
   const auto steady = history.motion_at(3 * kFrame_ns, tracked_at(0.03).T_table_camera);
   ASSERT_TRUE(steady);
@@ -72,7 +72,7 @@ TEST(PoseHistory, MotionOfThreePosesHasChangeOfVelocity) {
   EXPECT_NEAR(faster->velocity.head<3>().norm(), 0.75, 1e-6);
 }
 
-TEST(PoseHistory, PosesThatAreNotLocatedGiveNoMotion) {
+TEST(PoseHistory, DerivesNoMotionFromUnlocatedPoses) {
   PoseHistory history;
   history.begin_frame(kFrame_ns);
   history.add(kFrame_ns, tracked_at(0.0), false, true);

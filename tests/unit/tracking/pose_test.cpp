@@ -33,12 +33,13 @@ CameraModel camera_of(DistortionModel model) {
   return CameraModel::make(p).value();
 }
 
-class EveryLens : public testing::TestWithParam<DistortionModel> {};
-INSTANTIATE_TEST_SUITE_P(PoseRefiner, EveryLens,
+class PoseRefinerLens : public testing::TestWithParam<DistortionModel> {};
+INSTANTIATE_TEST_SUITE_P(Lenses, PoseRefinerLens,
                          testing::Values(DistortionModel::plumb_bob, DistortionModel::rational,
-                                         DistortionModel::fisheye));
+                                         DistortionModel::fisheye),
+                         [](const auto& test) { return std::string(to_string(test.param)); });
 
-TEST_P(EveryLens, JacobianAgreesWithCentralDifferences) {
+TEST_P(PoseRefinerLens, MatchesJacobianToCentralDifferences) {
   const CameraModel camera = camera_of(GetParam());
   std::mt19937 random(5);
   std::uniform_real_distribution<double> unit(-1.0, 1.0);
@@ -57,7 +58,7 @@ TEST_P(EveryLens, JacobianAgreesWithCentralDifferences) {
   }
 }
 
-TEST_P(EveryLens, ExactCornersGiveTheExactPose) {
+TEST_P(PoseRefinerLens, RecoversExactPoseFromExactCorners) {
   const CameraModel camera = camera_of(GetParam());
   std::mt19937 random(6);
   const CameraPose truth = looking_at_origin(0.55, 0.6, 0.4, -0.3);
@@ -73,7 +74,7 @@ TEST_P(EveryLens, ExactCornersGiveTheExactPose) {
   }
 }
 
-TEST(PoseRefiner, PerturbationsGoThereAndBack) {
+TEST(PoseRefiner, InvertsPerturbations) {
   const CameraPose pose = looking_at_origin(0.5, 0.4, 1.0, 2.0);
   for (const double size : {0.0, 1e-13, 1e-7, 1e-3, 1.0, 3.0}) {
     Vector6d xi;
@@ -83,7 +84,7 @@ TEST(PoseRefiner, PerturbationsGoThereAndBack) {
   }
 }
 
-TEST(PoseRefiner, AWrongStartStillEndsAtTheTruth) {
+TEST(PoseRefiner, ConvergesFromWrongStart) {
   const CameraModel camera = desk_camera();
   std::mt19937 random(8);
   const CameraPose truth = looking_at_origin(0.5, 0.5, 0.2, 0.1);
@@ -96,7 +97,7 @@ TEST(PoseRefiner, AWrongStartStillEndsAtTheTruth) {
 }
 
 // From the same start, the same minimum: with noise, corners that are off, one tag and many.
-TEST_P(EveryLens, TheMinimumIsTheOneThatCeresFinds) {
+TEST_P(PoseRefinerLens, FindsSameMinimumAsCeres) {
   const CameraModel camera = camera_of(GetParam());
   std::mt19937 random(12);
   std::uniform_real_distribution<double> unit(-1.0, 1.0);
@@ -145,7 +146,7 @@ TEST_P(EveryLens, TheMinimumIsTheOneThatCeresFinds) {
 // The normalised error squared of 6 parameters has mean 6 when the covariance is right. With the
 // variance estimated from f = 2n - 6 residuals and its upper side taken, it is
 // 6 f / (f - 2) / (1 + sqrt(2 / f)).
-TEST(PoseRefiner, TheCovarianceIsWhatTrialsShow) {
+TEST(PoseRefiner, PredictsCovarianceOfTrials) {
   const CameraModel camera = desk_camera();
   std::mt19937 random(9);
   for (const double noise : {0.3, 0.8}) {
@@ -181,7 +182,7 @@ struct Reprojection {
   }
 };
 
-TEST_P(EveryLens, TheCovarianceIsTheOneThatCeresFinds) {
+TEST_P(PoseRefinerLens, FindsSameCovarianceAsCeres) {
   const CameraModel camera = camera_of(GetParam());
   std::mt19937 random(11);
   for (const auto& tags : {sheet(), std::vector<MappedTag>{flat_tag(0, 0.02, 0.01, 0.08)}}) {
@@ -221,7 +222,7 @@ TEST_P(EveryLens, TheCovarianceIsTheOneThatCeresFinds) {
   }
 }
 
-TEST(PoseRefiner, FewCornersPromiseNoMoreThanTheyKeep) {
+TEST(PoseRefiner, PredictsErrorOfFewCornersConservatively) {
   const CameraModel camera = desk_camera();
   std::mt19937 random(10);
   const std::vector<MappedTag> one = {flat_tag(0, 0.0, 0.0, 0.06)};
@@ -242,7 +243,7 @@ TEST(PoseRefiner, FewCornersPromiseNoMoreThanTheyKeep) {
   EXPECT_GT(std::sqrt(error2 / promised2), 0.4) << "nor is it worth nothing";
 }
 
-TEST(PoseRefiner, RefusesWhatFixesNoPose) {
+TEST(PoseRefiner, RejectsDegenerateInput) {
   const CameraModel camera = desk_camera();
   std::mt19937 random(11);
   const CameraPose truth = looking_at_origin(0.5, 0.3, 0.0, 0.0);
@@ -263,7 +264,7 @@ TEST(PoseRefiner, RefusesWhatFixesNoPose) {
   EXPECT_FALSE(refine_pose(camera, points, truth));
 }
 
-TEST(PoseSolver, FindsBothPosesOfASmallTag) {
+TEST(PoseSolver, FindsBothPosesOfSmallTag) {
   const CameraModel camera = desk_camera();
   std::mt19937 random(12);
   int both = 0;
@@ -284,7 +285,7 @@ TEST(PoseSolver, FindsBothPosesOfASmallTag) {
   EXPECT_GE(truth_among_them, 95);
 }
 
-TEST(PoseSolver, PointsOffThePlaneHaveOnePose) {
+TEST(PoseSolver, FindsOnePoseForNonPlanarPoints) {
   const CameraModel camera = desk_camera();
   std::mt19937 random(13);
   std::vector<MappedTag> tags = sheet();
@@ -301,7 +302,7 @@ TEST(PoseSolver, PointsOffThePlaneHaveOnePose) {
   EXPECT_LT(perturbation_between(truth, starts[0]).norm(), 1e-4);
 }
 
-TEST(PoseSolver, DegenerateInputHasNone) {
+TEST(PoseSolver, FindsNoPoseForDegenerateInput) {
   const CameraModel camera = desk_camera();
   const double nan = std::numeric_limits<double>::quiet_NaN();
   std::mt19937 random(14);

@@ -263,7 +263,7 @@ TEST_F(RigidTagTrackerOnTabletop, DetectsOnceThenAligns) {
   }
 }
 
-TEST_F(RigidTagTrackerOnTabletop, AutomaticModeTakesEveryPixelWhenViewRests) {
+TEST_F(RigidTagTrackerOnTabletop, SamplesEveryPixelInAutomaticModeAtRest) {
   auto tracker = GroupTracker::create(*camera_, *map_).value();
   int moving = 0;
   for (std::size_t i = 0; i < 60; ++i) {
@@ -374,7 +374,7 @@ TEST_F(RigidTagTrackerOnTabletop, SkipsCornerSolveWhenPatternIsAligned) {
   EXPECT_FALSE(first.times.corner_solve_skipped);
 }
 
-TEST_F(RigidTagTrackerOnTabletop, DetectionAndAlignmentAgreeWithinErrors) {
+TEST_F(RigidTagTrackerOnTabletop, AgreesBetweenDetectionAndAlignmentWithinErrors) {
   TrackerOptions detect_options;
   detect_options.mode = TrackingMode::detect;
   auto detect = GroupTracker::create(*camera_, *map_, detect_options).value();

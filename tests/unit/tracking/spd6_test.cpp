@@ -27,7 +27,7 @@ Matrix6d random_spd(std::mt19937_64& random, double condition, double scale) {
   return 0.5 * (A + A.transpose());
 }
 
-TEST(Spd6, SolvesAsWellAsLdltDoesWithItsPivots) {
+TEST(Spd6, MatchesAccuracyOfPivotedLdlt) {
   std::mt19937_64 random(7);
   std::normal_distribution<double> normal;
   using Long6 = Eigen::Matrix<long double, 6, 6>;
@@ -61,7 +61,7 @@ TEST(Spd6, SolvesAsWellAsLdltDoesWithItsPivots) {
   }
 }
 
-TEST(Spd6, ReadsTheLowerTriangleAndGivesASymmetricInverse) {
+TEST(Spd6, ReadsLowerTriangleAndReturnsSymmetricInverse) {
   std::mt19937_64 random(3);
   const Matrix6d A = random_spd(random, 100.0, 1.0);
   Matrix6d lower = A.triangularView<Eigen::Lower>();
@@ -74,7 +74,7 @@ TEST(Spd6, ReadsTheLowerTriangleAndGivesASymmetricInverse) {
 }
 
 // What is not positive definite is LDLT's, which has an answer where there is one.
-TEST(Spd6, WhatIsNotPositiveDefiniteIsSolvedWithPivots) {
+TEST(Spd6, FallsBackToPivotedLdltForIndefiniteMatrix) {
   std::mt19937_64 random(5);
   const Vector6d b = Vector6d::LinSpaced(1.0, 2.0);
   const auto same = [](const auto& a, const auto& c) {
@@ -98,7 +98,7 @@ TEST(Spd6, WhatIsNotPositiveDefiniteIsSolvedWithPivots) {
 }
 
 // From metres seen to a nanometre to radians that nobody knows.
-TEST(Spd6, KeepsToTheRangeOfDoubles) {
+TEST(Spd6, CoversRangeOfDoubles) {
   for (const double size : {1e-150, 1e-30, 1e30, 1e150}) {
     SCOPED_TRACE(size);
     Matrix6d A = 2.0 * Matrix6d::Identity();

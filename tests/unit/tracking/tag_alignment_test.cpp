@@ -251,7 +251,7 @@ TEST_F(TagAlignerTest, StopsSamplingWhenBudgetIsMet) {
   EXPECT_EQ(asked, 1);
 }
 
-TEST_F(TagAlignerTest, ConvergesFromMoreThanACellAway) {
+TEST_F(TagAlignerTest, ConvergesFromMoreThanOneCellAway) {
   auto aligner = TagAligner::create(camera_, tags_).value();
   PatternRenderOptions render;
   render.noise_grey = 2.0;
@@ -1142,7 +1142,7 @@ TEST_F(TagAlignerTest, EveryInstructionSetGivesSamePose) {
   }
 }
 
-TEST(Se3, LogarithmUndoesTheExponential) {
+TEST(Se3, LogarithmInvertsExponential) {
   std::mt19937_64 random(1);
   std::normal_distribution<double> n(0.0, 1.0);
   for (const double scale : {1e-9, 1e-5, 1e-2, 1.0}) {

@@ -82,7 +82,7 @@ Drawn draw_tag(int id, Eigen::Vector2d centre, double side_px, double angle, int
   return drawn;
 }
 
-TEST(TagDetector, CornersAreInOrderAndPixelCentresAreWholeNumbers) {
+TEST(TagDetector, OrdersCornersAndPlacesPixelCentresAtIntegers) {
   TagDetector detector = TagDetector::create(kFamily).value();
   Eigen::Vector2d sum = Eigen::Vector2d::Zero();
   int count = 0;
@@ -133,7 +133,7 @@ class GuardedPixels {
   bool guarded_ = false;
 };
 
-TEST(TagDetector, NoSizeOfImageMakesItCrash) {
+TEST(TagDetector, AcceptsImagesOfAnySize) {
   const GuardedPixels noise;
   ASSERT_TRUE(noise.guarded());
   TagDetector detector = TagDetector::create(kFamily).value();
@@ -147,7 +147,7 @@ TEST(TagDetector, NoSizeOfImageMakesItCrash) {
   }
 }
 
-TEST(TagDetector, EmptyViewsHaveNoTags) {
+TEST(TagDetector, FindsNoTagInEmptyViews) {
   TagDetector detector = TagDetector::create(kFamily).value();
   EXPECT_TRUE(detector.detect({}).empty());
   const std::vector<std::uint8_t> pixels(100 * 100, 128);
@@ -160,7 +160,7 @@ TEST(TagDetector, NeedsTagFamily) {
   EXPECT_FALSE(TagDetector::create({}));
 }
 
-TEST(TagDetector, TheSameImageGivesTheSameBits) {
+TEST(TagDetector, IsDeterministic) {
   const Drawn drawn = draw_tag(7, {70.3, 60.8}, 50.0, 0.4, 0);
   TagDetector a = TagDetector::create(kFamily).value();
   TagDetector b = TagDetector::create(kFamily).value();
@@ -173,7 +173,7 @@ TEST(TagDetector, TheSameImageGivesTheSameBits) {
 // The rendered sheet's exact corners. Its tone curve lets white bleed into black, so that each
 // corner lies some 0.2 px inside its tag: that cancels over the four, an origin off by half a pixel
 // does not.
-TEST(TagDetector, SearchesQuadsAtTheAskedDecimation) {
+TEST(TagDetector, SearchesQuadsAtRequestedDecimation) {
   const auto image = load_image(test::recordings_dir() / "tabletop" / "frames" / "000000.jpg");
   ASSERT_TRUE(image);
   std::vector<std::uint8_t> scratch;
@@ -198,7 +198,7 @@ TEST(TagDetector, SearchesQuadsAtTheAskedDecimation) {
 
 // Tone-mapped pictures have the corners inside the tags: white bleeds into black. In linear light,
 // by the exponent that the pictures themselves say, they lie where they are.
-TEST(TagDetector, AgreesWithTheTruthOfARecording) {
+TEST(TagDetector, MatchesTruthOfRecording) {
   const auto recording = test::recordings_dir() / "tabletop";
   ASSERT_TRUE(std::filesystem::exists(recording / "camera.yaml")) << recording;
   const CameraModel camera = load_camera(recording / "camera.yaml").value();

@@ -26,7 +26,7 @@ std::uint64_t turned(std::uint64_t code, int cells) {
   return result;
 }
 
-TEST(ArucoCodes, AreAsFarApartAsTheyAreCorrected) {
+TEST(ArucoCodes, HaveDistanceForTheirErrorCorrection) {
   for (int number = static_cast<int>(TagFamily::aruco_4x4_50);
        number <= static_cast<int>(TagFamily::aruco_6x6_1000); ++number) {
     const auto family = static_cast<TagFamily>(number);
@@ -49,7 +49,7 @@ TEST(ArucoCodes, AreAsFarApartAsTheyAreCorrected) {
 }
 
 // The first marker of OpenCV's documentation, as it is printed: rows from the top, 1 is white.
-TEST(ArucoCodes, ArePrintedTheWayUpThatOpenCvPrintsThem) {
+TEST(ArucoCodes, AreOrientedLikeOpenCv) {
   const auto pattern = TagPattern::make(TagFamily::aruco_4x4_50, 0);
   ASSERT_TRUE(pattern);
   ASSERT_EQ(pattern->total_width(), 8);

@@ -29,7 +29,7 @@ void expect_same_as_drawing(TagFamily family, apriltag_family_t* handle, int id)
   std::free(drawing);
 }
 
-TEST(TagPattern, CellsAreThoseOfTheLibrarysDrawing) {
+TEST(TagPattern, MatchesCellsDrawnByAprilTagLibrary) {
   apriltag_family_t* tag36h11 = tag36h11_create();
   for (const int id : {0, 1, 17, 585, 586})
     expect_same_as_drawing(TagFamily::tag36h11, tag36h11, id);
@@ -45,7 +45,7 @@ TEST(TagPattern, CellsAreThoseOfTheLibrarysDrawing) {
   tagCircle21h7_destroy(circle);
 }
 
-TEST(TagPattern, RunsCoverEveryColourChangeOnce) {
+TEST(TagPattern, CoversEveryColourChangeOnceByRuns) {
   const Result<TagPattern> pattern = TagPattern::make(TagFamily::tag36h11, 7);
   ASSERT_TRUE(pattern.has_value());
   const int width = pattern->total_width();
@@ -78,7 +78,7 @@ TEST(TagPattern, RunsCoverEveryColourChangeOnce) {
   EXPECT_EQ(border_sides, 4);
 }
 
-TEST(TagPattern, KnowsWhatIsPrinted) {
+TEST(TagPattern, ReportsPrintedCells) {
   const TagPattern square = TagPattern::make(TagFamily::tag36h11, 7).value();
   const TagPattern round = TagPattern::make(TagFamily::tag_circle21h7, 2).value();
   for (const TagPattern* pattern : {&square, &round}) {
@@ -93,7 +93,7 @@ TEST(TagPattern, KnowsWhatIsPrinted) {
   }
 }
 
-TEST(TagPattern, ChecksTheIdAgainstTheFamily) {
+TEST(TagPattern, RejectsIdOutsideFamily) {
   EXPECT_FALSE(TagPattern::make(TagFamily::tag36h11, 587).has_value());
   EXPECT_FALSE(TagPattern::make(TagFamily::tag16h5, -1).has_value());
 }

@@ -104,7 +104,7 @@ const Views& board_views() {
   return views;
 }
 
-TEST(ToneEstimator, FindsTheExponentOfThePictures) {
+TEST(ToneEstimator, EstimatesExponentOfImages) {
   for (const double noise : {0.0, 2.0, 8.0}) {
     for (const double exponent : {1.0, 1.2, 1.6, 2.0, 2.4}) {
       SCOPED_TRACE(fmt::format("exponent {}, noise {}", exponent, noise));
@@ -120,7 +120,7 @@ TEST(ToneEstimator, FindsTheExponentOfThePictures) {
 }
 
 // Brighter by a factor, a power law stays the same power law.
-TEST(ToneEstimator, ExposureDoesNotMatter) {
+TEST(ToneEstimator, IsIndependentOfExposure) {
   for (const double gain : {0.3, 0.6, 1.15}) {
     const auto estimate = board_views().shown(power(1.6), 2.0, gain).estimate();
     ASSERT_TRUE(estimate) << gain << ": " << estimate.error().message;
@@ -128,7 +128,7 @@ TEST(ToneEstimator, ExposureDoesNotMatter) {
   }
 }
 
-TEST(ToneEstimator, BlurIsFoundToo) {
+TEST(ToneEstimator, EstimatesBlur) {
   for (const double lens_px : {0.2, 0.8, 1.2}) {
     PatternRenderOptions options = sharp();
     options.lens_blur_px = lens_px;
@@ -142,7 +142,7 @@ TEST(ToneEstimator, BlurIsFoundToo) {
   }
 }
 
-TEST(ToneEstimator, WhatCoversAThirdOfEveryTagIsLeftOut) {
+TEST(ToneEstimator, IgnoresCoveredThirdOfEveryTag) {
   PatternRenderOptions options = sharp();
   options.cover_share = 0.3;
   const Views views(options, kPictures, board(4, 3, 0.04));
@@ -154,7 +154,7 @@ TEST(ToneEstimator, WhatCoversAThirdOfEveryTagIsLeftOut) {
 }
 
 // sRGB is no power law, but near one: what an alignment loses by not knowing comes back.
-TEST(ToneEstimator, TheExponentFoundTakesTheBiasAway) {
+TEST(ToneEstimator, RemovesAlignmentBiasByEstimatedExponent) {
   const Views& views = board_views();
   const auto estimate = views.shown(srgb, 0.0).estimate();
   ASSERT_TRUE(estimate) << estimate.error().message;
@@ -186,7 +186,7 @@ TEST(ToneEstimator, TheExponentFoundTakesTheBiasAway) {
 
 // What is no power law has another nearest one at another exposure: not by more than the estimate
 // says.
-TEST(ToneEstimator, ExposuresOfACurveThatIsNoPowerLawAgreeAsFarAsItSays) {
+TEST(ToneEstimator, BoundsExponentChangeAcrossSrgbExposures) {
   const auto bright = board_views().shown(srgb, 2.0).estimate();
   ASSERT_TRUE(bright) << bright.error().message;
   for (const double gain : {0.4, 0.7, 1.15}) {
@@ -197,7 +197,7 @@ TEST(ToneEstimator, ExposuresOfACurveThatIsNoPowerLawAgreeAsFarAsItSays) {
 }
 
 // A picture with a curve of its own (a reflection, another exposure program) among the others.
-TEST(ToneEstimator, OnePictureThatDisagreesIsLeftOut) {
+TEST(ToneEstimator, RejectsInconsistentImage) {
   const Views& views = board_views();
   ToneEstimator estimator = ToneEstimator::create(views.camera(), views.tags()).value();
   for (int k = 0; k < views.count(); ++k) {
@@ -209,7 +209,7 @@ TEST(ToneEstimator, OnePictureThatDisagreesIsLeftOut) {
   EXPECT_NEAR(estimate->exponent, 1.4, 0.03);
 }
 
-TEST(ToneEstimator, PicturesThatDisagreeFixNothing) {
+TEST(ToneEstimator, FailsForInconsistentImages) {
   const Views& views = board_views();
   ToneEstimator estimator = ToneEstimator::create(views.camera(), views.tags()).value();
   for (int k = 0; k < views.count(); ++k)
@@ -221,7 +221,7 @@ TEST(ToneEstimator, PicturesThatDisagreeFixNothing) {
       << estimate.error().message;
 }
 
-TEST(ToneEstimator, TooFewPicturesFixNothing) {
+TEST(ToneEstimator, FailsForTooFewImages) {
   const Views& views = board_views();
   ToneEstimator estimator = ToneEstimator::create(views.camera(), views.tags()).value();
   for (int k = 0; k < 4; ++k)
@@ -231,7 +231,7 @@ TEST(ToneEstimator, TooFewPicturesFixNothing) {
   EXPECT_NE(estimate.error().message.find("4 pictures"), std::string::npos);
 }
 
-TEST(ToneEstimator, WhatSaysNothingIsNotTaken) {
+TEST(ToneEstimator, RejectsUninformativeImages) {
   const Views& views = board_views();
   const GreyImage good = views.picture(0, power(1.4), 2.0);
   ToneEstimator estimator = ToneEstimator::create(views.camera(), views.tags()).value();
@@ -256,7 +256,7 @@ TEST(ToneEstimator, WhatSaysNothingIsNotTaken) {
   EXPECT_TRUE(estimator.add(good.view(), views.start(0)));
 }
 
-TEST(ToneEstimator, TheSamePicturesGiveTheSameBits) {
+TEST(ToneEstimator, IsDeterministic) {
   const auto first = board_views().shown(power(1.7), 5.0).estimate();
   const auto second = board_views().shown(power(1.7), 5.0).estimate();
   ASSERT_TRUE(first && second);
