@@ -30,7 +30,7 @@ std::string text_of(const V4l2Size& size) {
 std::string without_advice(std::string message) {
   for (const std::string_view advice : {"; plug it in, or see what there is: penumbra devices",
                                         "; see what there is: penumbra devices"}) {
-    if (message.ends_with(advice)) message.resize(message.size() - advice.size());
+    if (message.ends_with(advice)) message = message.substr(0, message.size() - advice.size());
   }
   return message;
 }

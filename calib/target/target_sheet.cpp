@@ -166,9 +166,10 @@ Result<Sheet> sheet_of(const AprilGrid& grid) {
 }
 
 Result<Sheet> sheet_of(const CharucoBoard& board) {
-  PENUMBRA_TRY(auto target, charuco_target(board));
+  auto target = charuco_target(board);
+  if (!target) return tl::unexpected(target.error());
   return Sheet{board.columns * board.square_m, board.rows * board.square_m,
-               [board, map = std::move(*target.tags)](cairo_t* cr, double x, double y) {
+               [board, map = std::move(*target->tags)](cairo_t* cr, double x, double y) {
                  draw_squares(cr, board.columns, board.rows, board.square_m,
                               board.first_white ? 1 : 0, x, y);
                  draw_tags(cr, map, x, y);

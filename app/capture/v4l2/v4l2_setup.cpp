@@ -36,8 +36,9 @@ void set_number(const V4l2Device& device, const NumberControl& control, double r
   const auto steps = static_cast<std::int32_t>(
       std::lround(std::clamp(requested * control.steps_per_unit, -kMost, kMost)));
   const bool done = device.set_control(control.id, steps);
-  const auto given = done ? device.control(control.id) : std::nullopt;
-  if (!report || (done && (!given || *given == steps))) return;
+  // What the camera does not report is taken as set.
+  const std::int32_t given = done ? device.control(control.id).value_or(steps) : steps;
+  if (!report || (done && given == steps)) return;
   std::optional<ControlRange> range;
   if (const auto in_steps = device.range(control.id)) {
     range = {in_steps->minimum / control.steps_per_unit,
@@ -46,7 +47,7 @@ void set_number(const V4l2Device& device, const NumberControl& control, double r
   if (done) {
     log_warning("{}: {}", device.path().string(),
                 changed_control_text(control.name, control.unit, requested,
-                                     *given / control.steps_per_unit, range));
+                                     given / control.steps_per_unit, range));
   } else if (range) {
     log_warning("{}: {} {:.6g}{} is refused and stays as it is; it takes {:.6g} to {:.6g}{}",
                 device.path().string(), control.name, requested, control.unit, range->lowest,
