@@ -182,7 +182,7 @@ TrackedFrame GroupTracker::Impl::follow_table(const Frame& frame, const Past* pa
     if (past != nullptr && !is_measured(past->table_pose.status)) {
       const PoseEstimate then = table.locate(past->found.tags);
       if (is_measured(then.status)) {
-        // Where the motion since is too far to recognise the tags, a search here pays.
+        // A search pays here if the tags moved too far to be recognised.
         if (past->recent) request.hint = then.T_table_camera;
         request.hint_seen = past->recent;
         request.finest = SearchResolution::full;

@@ -7,7 +7,7 @@ namespace penumbra {
 std::optional<TrackedFrame> Silence::picture(std::int64_t silence_ns) {
   if (!last_) return std::nullopt;
   TrackedFrame tracked = *last_;
-  // A repeated frame has no measurement of its own.
+  // A repeated frame is not measured again.
   tracked.pose.tags_used = 0;
   bool gone = true;
   const auto hold = [&gone, silence_ns](auto& pose) {

@@ -36,7 +36,7 @@ void set_number(const V4l2Device& device, const NumberControl& control, double r
   const auto steps = static_cast<std::int32_t>(
       std::lround(std::clamp(requested * control.steps_per_unit, -kMost, kMost)));
   const bool done = device.set_control(control.id, steps);
-  // What the camera does not report is taken as set.
+  // A value that the camera does not report counts as set.
   const std::int32_t given = done ? device.control(control.id).value_or(steps) : steps;
   if (!report || (done && given == steps)) return;
   std::optional<ControlRange> range;
