@@ -305,6 +305,16 @@ class PartField {
     return least_[near] + rise * std::min(kHalfCell, (high_near - least_[near]) / (rise + fall));
   }
 
+  // rho is at_row + slope_x * column, clamped to low and high.
+  void cover_span(const FieldSpan& span, float at_row, float slope_x, float low, float high) {
+    for (int column = span.first; column < span.end; ++column) {
+      const float rho = std::clamp(at_row + slope_x * static_cast<float>(column), low, high);
+      const std::size_t i = index_of(column, span.line);
+      greatest_[i] = std::max(greatest_[i], rho);
+      least_[i] = std::min(least_[i], rho);
+    }
+  }
+
   void cover_triangle(FieldPoint a, FieldPoint b, FieldPoint c, Gaps& gaps) {
     sort_by_y(a, b, c);
     const float area = (b.x - a.x) * (c.y - a.y) - (b.y - a.y) * (c.x - a.x);
@@ -323,12 +333,7 @@ class PartField {
     const bool covers_rows = for_each_span(a, b, c, window_, [&](const FieldSpan& span) {
       const float y = static_cast<float>(span.line) + 0.5F + bottom;
       const float at_row = a.rho + slope_y * (y - a.y) + slope_x * to_first;
-      for (int column = span.first; column < span.end; ++column) {
-        const float rho = std::clamp(at_row + slope_x * static_cast<float>(column), low, high);
-        const std::size_t i = index_of(column, span.line);
-        greatest_[i] = std::max(greatest_[i], rho);
-        least_[i] = std::min(least_[i], rho);
-      }
+      cover_span(span, at_row, slope_x, low, high);
       lower_gaps(span, gaps.x[index_of(span.first - 1, span.line)],
                  gaps.x[index_of(span.end, span.line)]);
     });

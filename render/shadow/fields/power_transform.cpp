@@ -26,17 +26,22 @@ void lower(float* __restrict values, const float* __restrict squares, std::size_
   }
 }
 
-// to[i] = min(from[i], neighbours in the column + rise). `from` has a row of infinity before and
-// after its `count` cells.
+// Each step takes from[i] = min(from[i], neighbours in the column + 2 step - 1). `from` and `to`
+// have a row of infinity before and after the `count` cells. Returns the one that holds the result.
 PENUMBRA_VECTOR_CLONES
-void spread_columns(const float* __restrict from, float* __restrict to, std::size_t count,
-                    float rise) {
-  const float* before = from - kStrip;
-  const float* after = from + kStrip;
-  for (std::size_t i = 0; i < count; ++i) {
-    const float beside = (before[i] < after[i] ? before[i] : after[i]) + rise;
-    to[i] = beside < from[i] ? beside : from[i];
+float* spread_columns(float* from, float* to, std::size_t count, int steps) {
+  for (int step = 1; step <= steps; ++step) {
+    const auto rise = static_cast<float>(2 * step - 1);
+    const float* before = from - kStrip;
+    const float* after = from + kStrip;
+#pragma GCC ivdep  // two arrays
+    for (std::size_t i = 0; i < count; ++i) {
+      const float beside = (before[i] < after[i] ? before[i] : after[i]) + rise;
+      to[i] = beside < from[i] ? beside : from[i];
+    }
+    std::swap(from, to);
   }
+  return from;
 }
 
 // Copies a strip of columns out of the rows.
@@ -116,13 +121,8 @@ void PowerTransform::run() {
   const int steps = std::min(reach, height_ - 1);
   for (std::size_t left = 0; left < static_cast<std::size_t>(width_); left += kStrip) {
     take_strip(values_.data() + left, stride_, height, strip);
-    float* from = strip;
-    float* to = strip + strip_size;
-    for (int step = 1; step <= steps; ++step) {
-      spread_columns(from, to, count, static_cast<float>(2 * step - 1));
-      std::swap(from, to);
-    }
-    put_strip(from, stride_, height, bound_, values_.data() + left);
+    const float* spread = spread_columns(strip, strip + strip_size, count, steps);
+    put_strip(spread, stride_, height, bound_, values_.data() + left);
   }
 }
 
