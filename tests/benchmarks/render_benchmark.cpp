@@ -29,7 +29,8 @@ struct Studio {
 
 // Of a bundled scene.
 Studio& studio(const std::string& scene) {
-  static std::map<std::string, Studio> studios;
+  // Never destroyed: a driver may be unloaded before statics are.
+  static auto& studios = *new std::map<std::string, Studio>;
   const auto [found, is_new] = studios.try_emplace(scene);
   Studio& s = found->second;
   if (is_new) {

@@ -232,7 +232,8 @@ TEST(RectifiedView, CompositedFrameMatchesGolden) {
   const auto scene = std::make_shared<const Scene>(*loaded);
   const auto context = create_offscreen_context();
   ASSERT_TRUE(context) << context.error().message;
-  auto compositor = Compositor::create(**context, scene, view->camera, {true});
+  auto compositor =
+      Compositor::create(**context, scene, view->camera, {.rectified = true, .msaa = 0});
   ASSERT_TRUE(compositor) << compositor.error().message;
   const FramePlan plan =
       plan_frame(*scene, lit(*scene, *view, 2.0), test::tracked(view->T_table_camera),
@@ -363,8 +364,8 @@ TEST_P(ReplayCommand, WritesFrameDrawnByCompositor) {
   const auto folder = test::recordings_dir() / c.recording;
   const test::TemporaryFolder out;
   const auto ran = test::run_program(
-      test::program(), {"replay", folder, "--no-window", "--poses-from", "groundtruth", "--shadow",
-                        std::string(to_string(c.technique)), "--frames",
+      test::program(), {"replay", folder, "--no-window", "--msaa", "off", "--poses-from",
+                        "groundtruth", "--shadow", std::string(to_string(c.technique)), "--frames",
                         fmt::format("{}:{}", c.frame, c.frame + 1), "--output", out.path()});
   ASSERT_EQ(ran.exit_code, 0) << ran.err;
   const auto written = load_rgba(out.path() / fmt::format("{:06}.png", c.frame));

@@ -149,11 +149,12 @@ struct Picture {
   friend bool operator==(const Picture&, const Picture&) = default;
 };
 
-// A context and a compositor on it.
+// A context and a compositor on it. One sample a pixel, also on a GPU: images are compared by
+// pixel.
 class Studio {
  public:
   Studio(std::shared_ptr<const Scene> scene, const CameraModel& camera, GlApi api = GlApi::gl33,
-         const CompositorOptions& options = {})
+         const CompositorOptions& options = {.msaa = 0})
       : scene_(std::move(scene)), camera_(camera) {
     auto context = create_offscreen_context(api);
     if (!context) throw std::runtime_error(context.error().message);

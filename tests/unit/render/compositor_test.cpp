@@ -152,7 +152,9 @@ TEST(Compositor, DrawsVideoPixelExactInEveryFormat) {
                 ASSERT_EQ(picture.at(x, y)[3], 255);
               }
             }
-            EXPECT_LE(worst, 0.51) << static_cast<int>(format) << " " << width;
+            // A GPU's texture filter may interpolate chroma with 8 bits of weight.
+            EXPECT_LE(worst, studio.context().info().software ? 0.51 : 0.6)
+                << static_cast<int>(format) << " " << width;
           }
         }
       }

@@ -47,7 +47,7 @@ TEST(Multisampling, IsChosenByRenderer) {
   EXPECT_EQ(multisampling_for(false, 8), 4);
   EXPECT_EQ(multisampling_for(false, 2), 2);
   EXPECT_EQ(multisampling_for(false, 0), 0);
-  test::Studio studio(test::SceneBuilder().build(), view_of(1));
+  test::Studio studio(test::SceneBuilder().build(), view_of(1), GlApi::gl33, {});
   EXPECT_EQ(studio.compositor().samples() == 0, studio.context().info().software);
 }
 

@@ -21,7 +21,7 @@ using test::ReplacedGl;
 using test::Studio;
 
 CompositorOptions with_pixel_buffers(bool on) {
-  CompositorOptions options;
+  CompositorOptions options{.msaa = 0};
   options.pixel_buffers = on;
   return options;
 }

@@ -81,8 +81,9 @@ TEST(Rectification, SamplesVideoAlongRayOfEachPixel) {
         }
         const auto context = create_offscreen_context(api).value();
         context->make_current();
-        auto compositor =
-            Compositor::create(*context, test::SceneBuilder().build(), camera, {true}).value();
+        auto compositor = Compositor::create(*context, test::SceneBuilder().build(), camera,
+                                             {.rectified = true, .msaa = 0})
+                              .value();
         Picture picture{kWidth, kHeight, std::vector<std::uint8_t>(4 * kWidth * kHeight)};
         ASSERT_TRUE(compositor.draw(buffer.frame, FramePlan()));
         ASSERT_TRUE(compositor.read_back(picture.rgba));
@@ -119,8 +120,9 @@ TEST(Rectification, AlignsOverlayWithVideo) {
     const auto scene = builder.build();
     const auto context = create_offscreen_context().value();
     context->make_current();
-    auto bent = Compositor::create(*context, scene, camera).value();
-    auto rectified = Compositor::create(*context, scene, camera, {true}).value();
+    auto bent = Compositor::create(*context, scene, camera, {.msaa = 0}).value();
+    auto rectified =
+        Compositor::create(*context, scene, camera, {.rectified = true, .msaa = 0}).value();
     const auto draw = [&](Compositor& compositor, const CameraModel& view, const Frame& frame,
                           bool with_object) {
       FramePlan plan = plan_frame(*scene, evaluate_scene(*scene, 0.0), test::tracked(pose), view);
@@ -177,7 +179,8 @@ TEST(Rectification, PlacesRetexturedShadowsInRectifiedFrame) {
   }
   const auto context = create_offscreen_context().value();
   context->make_current();
-  auto compositor = Compositor::create(*context, scene, camera, {true}).value();
+  auto compositor =
+      Compositor::create(*context, scene, camera, {.rectified = true, .msaa = 0}).value();
   const auto draw = [&](Translucency way) {
     PlanOptions options;
     options.translucency = way;
