@@ -27,7 +27,7 @@ struct LensUniforms {
   glm::vec4 scale_offset{1.0F, 1.0F, 0.0F, 0.0F};
   glm::vec4 k_low{0.0F};
   glm::vec4 k_high{0.0F};
-  int model = 0;  // 0: no distortion, 1: plumb_bob, 2: rational, 3: fisheye
+  int model = 0;  // 0: no distortion, else 1 + DistortionModel
   float max_radius = 1.0F;
   glm::vec2 depth{0.0F};
 };

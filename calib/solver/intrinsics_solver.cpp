@@ -55,9 +55,9 @@ std::vector<Guess> guess_lens(int width, int height, std::span<const Eigen::Vect
   for (std::size_t v = 0; v < views.size() && chosen.size() < kMostViews; v += step)
     chosen.push_back(observations_of(views[v], board));
   std::vector<Guess> guesses;
-  const bool fisheye = model == DistortionModel::fisheye;
+  const bool polynomial = is_polynomial(model);
   for (const double k1 :
-       fisheye ? std::vector<double>{0.0} : std::vector<double>{0.0, -0.15, -0.3}) {
+       polynomial ? std::vector<double>{0.0, -0.15, -0.3} : std::vector<double>{0.0}) {
     for (double f = 0.25; f < 5.0 && !options.stop.stop_requested(); f *= 1.2) {
       CameraParameters p;
       p.width = width;
@@ -65,7 +65,7 @@ std::vector<Guess> guess_lens(int width, int height, std::span<const Eigen::Vect
       p.fx = p.fy = f * std::max(width, height);
       p.cx = 0.5 * (width - 1);
       p.cy = 0.5 * (height - 1);
-      p.model = fisheye ? model : DistortionModel::plumb_bob;
+      p.model = polynomial ? DistortionModel::plumb_bob : model;
       p.distortion[0] = k1;
       const Result<CameraModel> camera = CameraModel::make(p);
       if (!camera) continue;
@@ -107,6 +107,18 @@ constexpr int kMostIterations = 100;
 constexpr double kBadFit_px = 0.5;     // of noise: no start for another model
 constexpr double kFarthest_px = 20.0;  // largest corner error at a start near by
 
+std::vector<std::size_t> radial_coefficients(DistortionModel model) {
+  switch (model) {
+    case DistortionModel::plumb_bob:
+      return {0, 1, 4};
+    case DistortionModel::rational:
+      return {0, 1, 4, 5, 6, 7};
+    case DistortionModel::fisheye:
+      return {0, 1, 2, 3};
+  }
+  return {};
+}
+
 // Fits the coefficients of another model to a lens. Nothing for a lens with non-monotonic
 // distortion near its centre.
 std::optional<CameraParameters> as_model(const CameraModel& camera, DistortionModel model) {
@@ -118,16 +130,12 @@ std::optional<CameraParameters> as_model(const CameraModel& camera, DistortionMo
        std::isfinite(camera.max_radius()) ? 0.98 * camera.max_radius() : kWidest, kWidest});
   if (!(furthest > 0.05)) return std::nullopt;
   constexpr int kSamples = 48;
-  // Indices of the unknown radial coefficients.
-  const std::vector<std::size_t> places =
-      model == DistortionModel::fisheye    ? std::vector<std::size_t>{0, 1, 2, 3}
-      : model == DistortionModel::rational ? std::vector<std::size_t>{0, 1, 4, 5, 6, 7}
-                                           : std::vector<std::size_t>{0, 1, 4};
+  const std::vector<std::size_t> places = radial_coefficients(model);
   const auto n = static_cast<Eigen::Index>(places.size());
   Eigen::MatrixXd A = Eigen::MatrixXd::Zero(kSamples + n, n);
   Eigen::VectorXd b = Eigen::VectorXd::Zero(kSamples + n);
   std::array<double, 8> radial = from.distortion;
-  if (from.model != DistortionModel::fisheye) radial[2] = radial[3] = 0.0;
+  if (is_polynomial(from.model)) radial[2] = radial[3] = 0.0;
   for (int i = 0; i < kSamples; ++i) {
     const double r = furthest * (i + 1) / kSamples;
     double bent = 0.0;
@@ -149,7 +157,7 @@ std::optional<CameraParameters> as_model(const CameraModel& camera, DistortionMo
   CameraParameters to = from;
   to.model = model;
   to.distortion = {};
-  if (from.model != DistortionModel::fisheye && model != DistortionModel::fisheye) {
+  if (is_polynomial(from.model) && is_polynomial(model)) {
     to.distortion[2] = from.distortion[2];
     to.distortion[3] = from.distortion[3];
   }
@@ -276,8 +284,7 @@ Result<CalibrationSolution> solve_intrinsics(const CalibrationSolution& start,
   CameraParameters parameters = start.camera.parameters();
   Bundle bundle(parameters.width, parameters.height, board, views, options);
   if (parameters.model != options.model) {
-    const bool from_fisheye = parameters.model == DistortionModel::fisheye;
-    if (from_fisheye || options.model == DistortionModel::fisheye) {
+    if (!is_polynomial(parameters.model) || !is_polynomial(options.model)) {
       const bool explains = start.noise_px <= kBadFit_px && start.outliers * 20 <= start.corners;
       const auto alike = explains ? as_model(start.camera, options.model) : std::nullopt;
       if (!alike)

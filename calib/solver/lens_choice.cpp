@@ -226,7 +226,7 @@ std::string lens_name(const ModelTrial& trial) {
 
 std::optional<Eigen::Vector2d> fold_in_image(const CameraModel& camera) {
   const CameraParameters& p = camera.parameters();
-  const bool whole = p.model == DistortionModel::fisheye && !std::isfinite(camera.max_radius());
+  const bool whole = !is_polynomial(p.model) && !std::isfinite(camera.max_radius());
   constexpr int kSteps = 64;  // along each side
   const Eigen::Vector2d centre(p.cx, p.cy);
   std::optional<Eigen::Vector2d> nearest;

@@ -10,10 +10,15 @@ namespace {
 // Distorted radius of an undistorted one, without the tangential terms.
 double radial_profile(const CameraParameters& p, double r) {
   const std::array<double, 8>& k = p.distortion;
-  if (p.model == DistortionModel::fisheye) {
-    const double t = std::atan(r);
-    const double t2 = t * t;
-    return t * (1.0 + t2 * (k[0] + t2 * (k[1] + t2 * (k[2] + t2 * k[3]))));
+  switch (p.model) {
+    case DistortionModel::fisheye: {
+      const double t = std::atan(r);
+      const double t2 = t * t;
+      return t * (1.0 + t2 * (k[0] + t2 * (k[1] + t2 * (k[2] + t2 * k[3]))));
+    }
+    case DistortionModel::plumb_bob:
+    case DistortionModel::rational:
+      break;
   }
   const double r2 = r * r;
   const double numerator = 1.0 + r2 * (k[0] + r2 * (k[1] + r2 * k[4]));
@@ -56,21 +61,45 @@ double find_max_radius(const CameraParameters& p) {
 
 }  // namespace
 
-std::string_view to_string(DistortionModel model) {
-  constexpr std::array<std::string_view, 3> kNames = {"plumb_bob", "rational_polynomial",
-                                                      "equidistant"};
-  return kNames[static_cast<std::size_t>(model)];
+std::string_view short_name(DistortionModel model) {
+  switch (model) {
+    case DistortionModel::plumb_bob:
+      return "plumb_bob";
+    case DistortionModel::rational:
+      return "rational";
+    case DistortionModel::fisheye:
+      return "fisheye";
+  }
+  return {};
 }
 
 int coefficient_count(DistortionModel model) {
-  constexpr std::array<int, 3> kCounts = {5, 8, 4};
-  return kCounts[static_cast<std::size_t>(model)];
+  switch (model) {
+    case DistortionModel::plumb_bob:
+      return 5;
+    case DistortionModel::rational:
+      return 8;
+    case DistortionModel::fisheye:
+      return 4;
+  }
+  return 0;
+}
+
+bool is_polynomial(DistortionModel model) {
+  switch (model) {
+    case DistortionModel::plumb_bob:
+    case DistortionModel::rational:
+      return true;
+    case DistortionModel::fisheye:
+      break;
+  }
+  return false;
 }
 
 std::string coefficient_name(DistortionModel model, std::size_t index) {
   constexpr std::array<const char*, 8> kPolynomial = {"k1", "k2", "p1", "p2",
                                                       "k3", "k4", "k5", "k6"};
-  return model == DistortionModel::fisheye ? fmt::format("k{}", index + 1) : kPolynomial[index];
+  return is_polynomial(model) ? kPolynomial[index] : fmt::format("k{}", index + 1);
 }
 
 Result<CameraModel> CameraModel::make(const CameraParameters& parameters) {
@@ -122,8 +151,7 @@ Result<CameraModel> CameraModel::make(const CameraParameters& parameters) {
   camera.parameters_ = parameters;
   for (auto i = static_cast<std::size_t>(coefficient_count(parameters.model)); i < 8; ++i)
     camera.parameters_.distortion[i] = 0.0;
-  camera.has_distortion_ =
-      parameters.model == DistortionModel::fisheye;  // even with all coefficients 0
+  camera.has_distortion_ = !is_polynomial(parameters.model);  // even with all coefficients 0
   for (const double k : camera.parameters_.distortion)
     camera.has_distortion_ = camera.has_distortion_ || k != 0.0;
   camera.max_radius_ = camera.has_distortion_ ? find_max_radius(camera.parameters_)
@@ -177,19 +205,24 @@ Eigen::Matrix2d CameraModel::distortion_jacobian(const Eigen::Vector2d& xy) cons
   const double y = xy.y();
   const double r2 = x * x + y * y;
   Eigen::Matrix2d J;
-  if (parameters_.model == DistortionModel::fisheye) {
-    if (r2 < 1e-16) return Eigen::Matrix2d::Identity();
-    const double r = std::sqrt(r2);
-    const double t = std::atan(r);
-    const double t2 = t * t;
-    const double theta_d = t * (1.0 + t2 * (k[0] + t2 * (k[1] + t2 * (k[2] + t2 * k[3]))));
-    const double dtheta_d =
-        1.0 + t2 * (3.0 * k[0] + t2 * (5.0 * k[1] + t2 * (7.0 * k[2] + t2 * 9.0 * k[3])));
-    const double scale = theta_d / r;
-    const double dscale_over_r = (dtheta_d / (1.0 + r2) - scale) / r2;  // (d scale / d r) / r
-    J << scale + dscale_over_r * x * x, dscale_over_r * x * y, dscale_over_r * x * y,
-        scale + dscale_over_r * y * y;
-    return J;
+  switch (parameters_.model) {
+    case DistortionModel::fisheye: {
+      if (r2 < 1e-16) return Eigen::Matrix2d::Identity();
+      const double r = std::sqrt(r2);
+      const double t = std::atan(r);
+      const double t2 = t * t;
+      const double theta_d = t * (1.0 + t2 * (k[0] + t2 * (k[1] + t2 * (k[2] + t2 * k[3]))));
+      const double dtheta_d =
+          1.0 + t2 * (3.0 * k[0] + t2 * (5.0 * k[1] + t2 * (7.0 * k[2] + t2 * 9.0 * k[3])));
+      const double scale = theta_d / r;
+      const double dscale_over_r = (dtheta_d / (1.0 + r2) - scale) / r2;  // (d scale / d r) / r
+      J << scale + dscale_over_r * x * x, dscale_over_r * x * y, dscale_over_r * x * y,
+          scale + dscale_over_r * y * y;
+      return J;
+    }
+    case DistortionModel::plumb_bob:
+    case DistortionModel::rational:
+      break;
   }
   double radial = 1.0 + r2 * (k[0] + r2 * (k[1] + r2 * k[4]));
   double dradial = k[0] + r2 * (2.0 * k[1] + r2 * 3.0 * k[4]);  // by r2

@@ -32,11 +32,32 @@
 
 namespace penumbra {
 
+// A switch over the models has no default: the compiler then names the places of a new one.
 enum class DistortionModel { plumb_bob, rational, fisheye };
+inline constexpr std::array kDistortionModels = {
+    DistortionModel::plumb_bob, DistortionModel::rational, DistortionModel::fisheye};
 
-// ROS's names: "plumb_bob", "rational_polynomial", "equidistant".
-[[nodiscard]] std::string_view to_string(DistortionModel model);
-[[nodiscard]] int coefficient_count(DistortionModel model);  // 5, 8, 4
+// ROS's names.
+[[nodiscard]] constexpr std::string_view to_string(DistortionModel model) {
+  switch (model) {
+    case DistortionModel::plumb_bob:
+      return "plumb_bob";
+    case DistortionModel::rational:
+      return "rational_polynomial";
+    case DistortionModel::fisheye:
+      return "equidistant";
+  }
+  return {};
+}
+static_assert(static_cast<std::size_t>(kDistortionModels.back()) + 1 == kDistortionModels.size() &&
+                  to_string(static_cast<DistortionModel>(kDistortionModels.size())).empty(),
+              "kDistortionModels lists all models in the order of the enum");
+
+// The names of `penumbra calibrate --model`.
+[[nodiscard]] std::string_view short_name(DistortionModel model);
+[[nodiscard]] int coefficient_count(DistortionModel model);
+// Returns true for the models whose first coefficients are k1 k2 p1 p2 k3.
+[[nodiscard]] bool is_polynomial(DistortionModel model);
 // The name of a coefficient: "k1", "p1", ...
 [[nodiscard]] std::string coefficient_name(DistortionModel model, std::size_t index);
 
@@ -64,20 +85,25 @@ void distort(DistortionModel model, const std::array<K, 8>& k, const T& x, const
   using std::atan2;
   using std::sqrt;
   const T r2 = x * x + y * y;
-  if (model == DistortionModel::fisheye) {
-    if (r2 < T(1e-16)) {  // theta_d / r -> 1
-      x_d = x;
-      y_d = y;
+  switch (model) {
+    case DistortionModel::fisheye: {
+      if (r2 < T(1e-16)) {  // theta_d / r -> 1
+        x_d = x;
+        y_d = y;
+        return;
+      }
+      const T r = sqrt(r2);
+      const T theta = atan2(r, T(1.0));
+      const T t2 = theta * theta;
+      const T scale =
+          theta * (T(1.0) + t2 * (T(k[0]) + t2 * (T(k[1]) + t2 * (T(k[2]) + t2 * T(k[3]))))) / r;
+      x_d = scale * x;
+      y_d = scale * y;
       return;
     }
-    const T r = sqrt(r2);
-    const T theta = atan2(r, T(1.0));
-    const T t2 = theta * theta;
-    const T scale =
-        theta * (T(1.0) + t2 * (T(k[0]) + t2 * (T(k[1]) + t2 * (T(k[2]) + t2 * T(k[3]))))) / r;
-    x_d = scale * x;
-    y_d = scale * y;
-    return;
+    case DistortionModel::plumb_bob:
+    case DistortionModel::rational:
+      [[likely]] break;  // without the attribute this path saves registers
   }
   T radial = T(1.0) + r2 * (T(k[0]) + r2 * (T(k[1]) + r2 * T(k[4])));
   if (model == DistortionModel::rational) {

@@ -46,10 +46,18 @@ Lens lens_of(const CameraModel& camera) {
   lens.cx = static_cast<float>(p.cx);
   lens.cy = static_cast<float>(p.cy);
   for (std::size_t k = 0; k < 8; ++k) lens.k[k] = static_cast<float>(p.distortion[k]);
-  lens.kind = !camera.has_distortion()               ? Lens::Kind::none
-              : p.model == DistortionModel::fisheye  ? Lens::Kind::fisheye
-              : p.model == DistortionModel::rational ? Lens::Kind::rational
-                                                     : Lens::Kind::polynomial;
+  switch (p.model) {
+    case DistortionModel::plumb_bob:
+      lens.kind = Lens::Kind::polynomial;
+      break;
+    case DistortionModel::rational:
+      lens.kind = Lens::Kind::rational;
+      break;
+    case DistortionModel::fisheye:
+      lens.kind = Lens::Kind::fisheye;
+      break;
+  }
+  if (!camera.has_distortion()) lens.kind = Lens::Kind::none;
   lens.max_radius2 = static_cast<float>(camera.max_radius() * camera.max_radius());
   return lens;
 }

@@ -30,7 +30,7 @@ PENUMBRA_INLINE void distort(const Lens& lens, const Value& x, const Value& y, V
     j00 = Value{} + 1.0F;
     j01 = Value{};
     j11 = Value{} + 1.0F;
-  } else if constexpr (kind != Lens::Kind::fisheye) {
+  } else if constexpr (kind == Lens::Kind::polynomial || kind == Lens::Kind::rational) {
     Value radial = 1.0F + r2 * (k[0] + r2 * (k[1] + r2 * k[4]));
     Value d_radial = k[0] + r2 * (2.0F * k[1] + r2 * 3.0F * k[4]);
     if constexpr (kind == Lens::Kind::rational) {
@@ -46,6 +46,7 @@ PENUMBRA_INLINE void distort(const Lens& lens, const Value& x, const Value& y, V
     j01 = xy2 * d_radial + 2.0F * (k[2] * x + k[3] * y);
     j11 = radial + 2.0F * y * y * d_radial + 6.0F * k[2] * y + 2.0F * k[3] * x;
   } else {
+    static_assert(kind == Lens::Kind::fisheye, "a lens without a formula");
     const Value least2 = Value{} + 1e-8F;
     const Value r2_safe = r2 > least2 ? r2 : least2;
     const Value r = square_root(r2_safe);
