@@ -56,15 +56,27 @@ CameraFileFormat format_of(const CalibrateOptions& options) {
 
 CalibrationOptions calibration_options(const CalibrateOptions& options) {
   CalibrationOptions result;
-  if (options.model == "plumb_bob") result.model = DistortionModel::plumb_bob;
-  if (options.model == "rational") result.model = DistortionModel::rational;
-  if (options.model == "fisheye") result.model = DistortionModel::fisheye;
+  for (const DistortionModel model : kDistortionModels) {
+    if (options.model == short_name(model)) result.model = model;
+  }
   if (options.board == "rigid") result.shape = BoardShape::rigid;
   if (options.board == "bowed") result.shape = BoardShape::bowed;
   if (options.board == "free") result.shape = BoardShape::free;
   result.most_views = options.views;
   result.for_kalibr = format_of(options) == CameraFileFormat::kalibr;
   return result;
+}
+
+void check_model_of_format(const CalibrateOptions& options) {
+  const CameraFileFormat format = format_of(options);
+  const std::optional<DistortionModel> model = calibration_options(options).model;
+  if (!model || model_name(*model, format)) return;
+  std::vector<std::string_view> held;
+  for (const DistortionModel other : kDistortionModels) {
+    if (model_name(other, format)) held.push_back(short_name(other));
+  }
+  usage_error("--model", "{}: {}'s files have no such lens; name {}", options.model,
+              to_string(format), fmt::join(held, " or "));
 }
 
 CalibrationRecord record_of(const CameraCalibration& calibration, const Target& target,
@@ -434,12 +446,14 @@ void add_calibrate_command(CLI::App& program, ChosenCommand& chosen) {
   add_option(command, "--output", "camera.yaml", options->output, "The camera's file")->required();
   add_option(command, "--report", "report.html", options->report,
              "What the calibration rests on, as one HTML file");
-  command
-      .add_option(
-          "--model", options->model,
-          "Lens: plumb_bob, rational, fisheye, or auto: the simplest that explains views it "
-          "has not seen")
-      ->check(CLI::IsMember({"auto", "plumb_bob", "rational", "fisheye"}))
+  std::vector<std::string> models;
+  for (const DistortionModel model : kDistortionModels) models.emplace_back(short_name(model));
+  const std::string model_help =
+      fmt::format("Lens: {}, or auto: the simplest that explains views it has not seen",
+                  fmt::join(models, ", "));
+  models.insert(models.begin(), "auto");
+  command.add_option("--model", options->model, model_help)
+      ->check(CLI::IsMember(models))
       ->capture_default_str();
   command
       .add_option("--board", options->board,
@@ -501,10 +515,7 @@ void add_calibrate_command(CLI::App& program, ChosenCommand& chosen) {
     } else if (!names_camera(options->camera.source)) {
       reject({"--size", "--fps", "--duration", "--keep"}, "the source is a folder");
     }
-    if (format_of(*options) == CameraFileFormat::kalibr && options->model == "rational") {
-      usage_error("--model",
-                  "rational: Kalibr's files have no such lens; name plumb_bob or fisheye");
-    }
+    check_model_of_format(*options);
     chosen = [options] { return run_calibrate(*options); };
   });
 }

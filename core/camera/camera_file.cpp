@@ -120,37 +120,71 @@ std::string opencv_text(const CameraParameters& p) {
       "fisheye_model: {}\n"
       "{}",
       p.width, p.height, with_points(camera_matrix(p)), count, with_points(coefficients(p, count)),
-      p.model == DistortionModel::fisheye ? 1 : 0, optional_keys(p, "   ", with_point));
+      model_name(p.model, CameraFileFormat::opencv).value(), optional_keys(p, "   ", with_point));
 }
 
 std::string kalibr_text(const CameraParameters& p) {
   return fmt::format(
       "cam0:\n  camera_model: pinhole\n  intrinsics: [{}, {}, {}, {}]\n  distortion_model: {}\n"
       "  distortion_coeffs: [{}]\n  resolution: [{}, {}]\n  rostopic: /camera/image_raw\n",
-      p.fx, p.fy, p.cx, p.cy, p.model == DistortionModel::fisheye ? "equidistant" : "radtan",
+      p.fx, p.fy, p.cx, p.cy, model_name(p.model, CameraFileFormat::kalibr).value(),
       joined(coefficients(p, 4)), p.width, p.height);
 }
 
 }  // namespace
 
+std::string_view to_string(CameraFileFormat format) {
+  switch (format) {
+    case CameraFileFormat::ros:
+      return "ROS";
+    case CameraFileFormat::opencv:
+      return "OpenCV";
+    case CameraFileFormat::kalibr:
+      return "Kalibr";
+  }
+  return {};
+}
+
+std::optional<std::string_view> model_name(DistortionModel model, CameraFileFormat format) {
+  using Name = std::optional<std::string_view>;
+  const auto named = [&](Name opencv, Name kalibr) -> Name {
+    switch (format) {
+      case CameraFileFormat::ros:
+        return to_string(model);
+      case CameraFileFormat::opencv:
+        return opencv;
+      case CameraFileFormat::kalibr:
+        return kalibr;
+    }
+    return std::nullopt;
+  };
+  switch (model) {
+    case DistortionModel::plumb_bob:
+      return named("0", "radtan");
+    case DistortionModel::rational:
+      return named("0", std::nullopt);
+    case DistortionModel::fisheye:
+      return named("1", "equidistant");
+  }
+  return std::nullopt;
+}
+
 Result<void> save_camera(const std::filesystem::path& file, const CameraModel& camera,
                          CameraFileFormat format, const CalibrationRecord* record) {
   CameraParameters p = camera.parameters();
   if (record != nullptr) p.overlay_sigma_px.reset();  // the record has its own
-  if (format == CameraFileFormat::kalibr) {
-    if (p.model == DistortionModel::rational) {
-      return fail(
-          "{}: Kalibr's files have no rational lens; write another format or calibrate "
-          "with --model plumb_bob",
-          file.string());
-    }
-    if (p.model == DistortionModel::plumb_bob && p.distortion[4] != 0.0) {
-      return fail(
-          "{}: Kalibr's radtan lens has no k3, and this one's is {}; without it the lens would be "
-          "another: write another format, or calibrate with --format kalibr, which solves for a "
-          "lens without k3",
-          file.string(), p.distortion[4]);
-    }
+  if (!model_name(p.model, format)) {
+    return fail(
+        "{}: {}'s files have no {} lens; write another format or calibrate with --model plumb_bob",
+        file.string(), to_string(format), short_name(p.model));
+  }
+  if (format == CameraFileFormat::kalibr && p.model == DistortionModel::plumb_bob &&
+      p.distortion[4] != 0.0) {
+    return fail(
+        "{}: Kalibr's radtan lens has no k3, and this one's is {}; without it the lens would be "
+        "another: write another format, or calibrate with --format kalibr, which solves for a "
+        "lens without k3",
+        file.string(), p.distortion[4]);
   }
   std::string text = format == CameraFileFormat::ros      ? ros_text(p)
                      : format == CameraFileFormat::opencv ? opencv_text(p)

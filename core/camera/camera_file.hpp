@@ -37,6 +37,11 @@ struct LoadedCamera {
 [[nodiscard]] Result<CameraModel> load_camera(const std::filesystem::path& file);
 
 enum class CameraFileFormat { ros, opencv, kalibr };
+[[nodiscard]] std::string_view to_string(CameraFileFormat format);  // "ROS", "OpenCV", "Kalibr"
+// A lens model's name in files of the format, or its value of OpenCV's key fisheye_model. Nothing
+// if the format can't hold the model.
+[[nodiscard]] std::optional<std::string_view> model_name(DistortionModel model,
+                                                         CameraFileFormat format);
 
 // How a camera was calibrated: extra keys that readers of ROS and OpenCV files ignore.
 struct CalibrationRecord {
@@ -57,7 +62,7 @@ struct CalibrationRecord {
   std::optional<double> tone_curve_sigma;
 };
 
-// Fails for a lens that the format does not have: Kalibr has no rational model and no k3.
+// Fails for a lens that the format can't hold: model_name() is empty, or Kalibr's lack of k3.
 [[nodiscard]] Result<void> save_camera(const std::filesystem::path& file, const CameraModel& camera,
                                        CameraFileFormat format = CameraFileFormat::ros,
                                        const CalibrationRecord* record = nullptr);

@@ -114,6 +114,24 @@ Result<void> take_matrix(const YamlFields& fields, const std::string& key, Camer
   return {};
 }
 
+// The models' names in files of the format: "plumb_bob, rational_polynomial or equidistant".
+std::string model_names(CameraFileFormat format, const char* last = nullptr) {
+  std::vector<std::string_view> names;
+  for (const DistortionModel model : kDistortionModels) {
+    if (const auto name = model_name(model, format)) names.push_back(*name);
+  }
+  if (last != nullptr) names.emplace_back(last);
+  const std::string_view final_name = names.back();
+  names.pop_back();
+  return fmt::format("{} or {}", fmt::join(names, ", "), final_name);
+}
+
+std::optional<DistortionModel> model_named(std::string_view name, CameraFileFormat format) {
+  const auto found = std::ranges::find_if(
+      kDistortionModels, [&](DistortionModel model) { return model_name(model, format) == name; });
+  return found != kDistortionModels.end() ? std::optional(*found) : std::nullopt;
+}
+
 // Takes coefficients in the order of ROS and OpenCV, for p.model; missing ones are 0.
 Result<void> take_coefficients(const PlacedNumbers& given, CameraParameters& p) {
   const std::vector<double>& d = given.values;
@@ -125,9 +143,9 @@ Result<void> take_coefficients(const PlacedNumbers& given, CameraParameters& p) 
   const auto count = static_cast<std::size_t>(coefficient_count(p.model));
   for (std::size_t i = count; i < d.size(); ++i) {
     if (d[i] == 0.0) continue;
-    if (p.model == DistortionModel::fisheye) {
-      return fail("{}: number {} is {}, but equidistant has 4; is it another distortion_model?",
-                  given.place, i + 1, d[i]);
+    if (!is_polynomial(p.model)) {
+      return fail("{}: number {} is {}, but {} has {}; is it another distortion_model?",
+                  given.place, i + 1, d[i], to_string(p.model), count);
     }
     if (i >= 8) {
       return fail(
@@ -181,22 +199,21 @@ bool is_opencv_matrix(const YAML::Node& node) {
 
 // Returns the lens model that the file names; nothing if it names none.
 Result<std::optional<DistortionModel>> named_model(const YamlFields& fields) {
-  constexpr const char* kModel =
-      "name plumb_bob, rational_polynomial or equidistant (also: fisheye)";
+  const std::string remedy =
+      fmt::format("name {} (also: fisheye)", model_names(CameraFileFormat::ros));
   PENUMBRA_TRY(const bool named, fields.has_optional("distortion_model"));
   const std::string key =
       named || !fields.has("camera_model") ? "distortion_model" : "camera_model";
   if (fields.has(key)) {
-    PENUMBRA_TRY(const YAML::Node node, fields.node(key, kModel));
+    PENUMBRA_TRY(const YAML::Node node, fields.node(key, remedy.c_str()));
     if (!node.IsNull() && !(node.IsScalar() && node.Scalar().empty())) {
-      PENUMBRA_TRY(const std::string model, fields.text(key, kModel));
-      if (model == "plumb_bob") return DistortionModel::plumb_bob;
-      if (model == "rational_polynomial") return DistortionModel::rational;
-      if (model == "equidistant" || model == "fisheye") return DistortionModel::fisheye;
+      PENUMBRA_TRY(const std::string model, fields.text(key, remedy.c_str()));
+      if (const auto known = model_named(model, CameraFileFormat::ros)) return known;
+      if (model == "fisheye") return DistortionModel::fisheye;
       const bool projection = key == "camera_model" && model == "pinhole";
       if (!projection)
         return fail("{}: the lens model '{}' is not supported; {}", fields.place_of(key), model,
-                    kModel);
+                    remedy);
     }
   }
   if (fields.has("fisheye_model")) {
@@ -263,8 +280,8 @@ Result<void> check_no_mirror(const YamlFields& fields, const std::string& suffix
   if (mirror == values.end()) return {};
   return fail(
       "{}: is {}: the omnidirectional camera model (cv::omnidir) is not supported; calibrate as "
-      "plumb_bob, rational_polynomial or equidistant (penumbra calibrate)",
-      fields.place_of(key), *mirror);
+      "{} (penumbra calibrate)",
+      fields.place_of(key), *mirror, model_names(CameraFileFormat::ros));
 }
 
 // Returns a warning if the file names no lens model and its coefficients fit more than one.
@@ -343,17 +360,19 @@ Result<ReadCamera> read_kalibr(const YamlFields& camera) {
   PENUMBRA_TRY_VOID(read_size(camera, "resolution", p));
   take_pinhole(k, p);
   PENUMBRA_TRY(const std::string model,
-               camera.text("distortion_model", "name radtan, equidistant or none"));
+               camera.text("distortion_model",
+                           ("name " + model_names(CameraFileFormat::kalibr, "none")).c_str()));
   if (model == "none") return read;
   PENUMBRA_TRY(const std::vector<double> d,
                camera.numbers("distortion_coeffs", "give the model's 4 coefficients"));
-  if (model != "radtan" && model != "equidistant")
-    return fail("{}: the lens model '{}' is not supported; use radtan or equidistant",
-                camera.place_of("distortion_model"), model);
+  const std::optional<DistortionModel> lens = model_named(model, CameraFileFormat::kalibr);
+  if (!lens)
+    return fail("{}: the lens model '{}' is not supported; use {}",
+                camera.place_of("distortion_model"), model, model_names(CameraFileFormat::kalibr));
   if (d.size() != 4 && !(model == "radtan" && d.size() == 5))
     return fail("{}: has {} numbers, but {} has 4", camera.place_of("distortion_coeffs"), d.size(),
                 model);
-  p.model = model == "radtan" ? DistortionModel::plumb_bob : DistortionModel::fisheye;
+  p.model = *lens;
   std::copy(d.begin(), d.end(), p.distortion.begin());
   return read;
 }
