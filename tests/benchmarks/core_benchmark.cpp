@@ -10,33 +10,10 @@
 #include <string>
 #include <vector>
 
-#include "core/camera/camera_model.hpp"
+#include "support/cameras.hpp"
 
 namespace penumbra {
 namespace {
-
-CameraModel camera_of(DistortionModel model) {
-  CameraParameters p;
-  p.width = 640;
-  p.height = 480;
-  p.fx = 531.7;
-  p.fy = 530.4;
-  p.cx = 322.3;
-  p.cy = 237.6;
-  p.model = model;
-  switch (model) {
-    case DistortionModel::plumb_bob:
-      p.distortion = {-0.215, 0.062, 0.0008, -0.0006, -0.004};
-      break;
-    case DistortionModel::rational:
-      p.distortion = {0.5, -0.1, 0.001, -0.0005, 0.02, 0.8, -0.05, 0.03};
-      break;
-    case DistortionModel::fisheye:
-      p.distortion = {-0.02, 0.004, -0.001, 0.0002};
-      break;
-  }
-  return CameraModel::make(p).value();
-}
 
 std::vector<Eigen::Vector2d> pixels() {
   std::mt19937 random(1);
@@ -127,7 +104,7 @@ double off_px(const CameraModel& camera, const std::vector<Eigen::Vector3d>& unp
 }
 
 void project(benchmark::State& state, DistortionModel model) {
-  const CameraModel camera = camera_of(model);
+  const CameraModel camera = test::lens_of(model);
   const std::vector<Eigen::Vector3d> all = rays(camera);
   for (auto _ : state) {
     for (const Eigen::Vector3d& ray : all) benchmark::DoNotOptimize(camera.project_unchecked(ray));
@@ -135,14 +112,14 @@ void project(benchmark::State& state, DistortionModel model) {
   count_items(state, apart_px(camera));
 }
 void project_opencv(benchmark::State& state, DistortionModel model) {
-  const CameraModel camera = camera_of(model);
+  const CameraModel camera = test::lens_of(model);
   const OpenCvCamera other(camera);
   for (auto _ : state) benchmark::DoNotOptimize(other.project());
   count_items(state, apart_px(camera));
 }
 
 void unproject(benchmark::State& state, DistortionModel model) {
-  const CameraModel camera = camera_of(model);
+  const CameraModel camera = test::lens_of(model);
   const std::vector<Eigen::Vector2d> all = pixels();
   for (auto _ : state) {
     for (const Eigen::Vector2d& pixel : all) benchmark::DoNotOptimize(camera.unproject(pixel));
@@ -150,15 +127,14 @@ void unproject(benchmark::State& state, DistortionModel model) {
   count_items(state, off_px(camera, rays(camera)));
 }
 void unproject_opencv(benchmark::State& state, DistortionModel model) {
-  const CameraModel camera = camera_of(model);
+  const CameraModel camera = test::lens_of(model);
   const OpenCvCamera other(camera);
   for (auto _ : state) benchmark::DoNotOptimize(other.unproject());
   count_items(state, off_px(camera, other.unproject()));
 }
 
 [[maybe_unused]] const bool kRegistered = [] {
-  for (const DistortionModel model :
-       {DistortionModel::plumb_bob, DistortionModel::rational, DistortionModel::fisheye}) {
+  for (const DistortionModel model : kDistortionModels) {
     const std::string lens(to_string(model));
     const auto add = [&](const std::string& name, auto function) {
       benchmark::RegisterBenchmark((name).c_str(), function, model);

@@ -18,4 +18,21 @@ inline CameraModel desk_camera() {
   return CameraModel::make(p).value();
 }
 
+// The same webcam with a lens of each model.
+inline CameraModel lens_of(DistortionModel model) {
+  CameraParameters p = desk_camera().parameters();
+  p.model = model;
+  switch (model) {
+    case DistortionModel::plumb_bob:
+      break;
+    case DistortionModel::rational:
+      p.distortion = {0.5, -0.1, 0.001, -0.0005, 0.02, 0.8, -0.05, 0.03};
+      break;
+    case DistortionModel::fisheye:
+      p.distortion = {-0.02, 0.004, -0.001, 0.0002};
+      break;
+  }
+  return CameraModel::make(p).value();
+}
+
 }  // namespace penumbra::test

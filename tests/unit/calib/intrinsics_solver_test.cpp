@@ -40,6 +40,22 @@ TEST(IntrinsicsSolver, CalibratesFisheyeWithoutInitialGuess) {
   EXPECT_LT(projection_difference(truth, solved->camera).mean_px, 1e-3);
 }
 
+TEST(IntrinsicsSolver, CalibratesEveryModelWithoutInitialGuess) {
+  const auto board = test::flat_board();
+  for (const DistortionModel model : kDistortionModels) {
+    SCOPED_TRACE(to_string(model));
+    std::mt19937 rng(12);
+    const CameraModel truth = test::lens_of(model);
+    const auto views = test::simulate_views(truth, board, {.noise_px = 0.0}, rng);
+    SolverOptions options;
+    options.model = model;
+    const auto solved = solve_intrinsics(640, 480, board, views, options);
+    ASSERT_TRUE(solved) << solved.error().message;
+    EXPECT_EQ(solved->camera.parameters().model, model);
+    EXPECT_LT(projection_difference(truth, solved->camera).mean_px, 1e-3);
+  }
+}
+
 TEST(IntrinsicsSolver, RejectsOutlierCorners) {
   std::mt19937 rng(3);
   const CameraModel truth = test::desk_camera();

@@ -7,6 +7,7 @@
 #include <utility>
 
 #include "core/text/text.hpp"
+#include "support/cameras.hpp"
 #include "support/paths.hpp"
 
 namespace penumbra {
@@ -137,29 +138,25 @@ TEST_F(CameraFile, RejectsDistortionNonMonotonicNearPrincipalPoint) {
 }
 
 TEST_F(CameraFile, RoundTripsExactly) {
-  for (const DistortionModel model :
-       {DistortionModel::plumb_bob, DistortionModel::rational, DistortionModel::fisheye}) {
-    CameraParameters p;
-    p.width = 1280;
-    p.height = 720;
-    p.fx = 1000.0 / 3.0;
-    p.fy = 331.7;
-    p.cx = 640.25;
-    p.cy = 359.0 + 1e-12;
-    p.model = model;
-    p.distortion = {-0.1 / 3.0, 0.01, -0.001, 0.0002};
+  for (const DistortionModel model : kDistortionModels) {
+    CameraParameters p = test::lens_of(model).parameters();
+    p.fx = 1600.0 / 3.0;
+    p.cy = 239.0 + 1e-12;
+    p.distortion[0] /= 3.0;
     p.name = "a \"quoted\" \\ name";
     p.tone_curve = 1.55;
     p.rolling_shutter_row_s = 1.0 / 48000.0;
     p.overlay_sigma_px = 0.1 / 3.0;
     const CameraModel camera = CameraModel::make(p).value();
-    ASSERT_TRUE(save_camera(file_, camera, CameraFileFormat::opencv));
-    const auto read_opencv = load_camera(file_);
-    ASSERT_TRUE(read_opencv) << read_opencv.error().message;
-    EXPECT_EQ(read_opencv->parameters().distortion, p.distortion);
-    EXPECT_EQ(read_opencv->parameters().tone_curve, p.tone_curve);
-    EXPECT_EQ(read_opencv->parameters().rolling_shutter_row_s, p.rolling_shutter_row_s);
-    EXPECT_EQ(read_opencv->parameters().overlay_sigma_px, p.overlay_sigma_px);
+    if (model_name(model, CameraFileFormat::opencv)) {
+      ASSERT_TRUE(save_camera(file_, camera, CameraFileFormat::opencv));
+      const auto read_opencv = load_camera(file_);
+      ASSERT_TRUE(read_opencv) << read_opencv.error().message;
+      EXPECT_EQ(read_opencv->parameters().distortion, p.distortion);
+      EXPECT_EQ(read_opencv->parameters().tone_curve, p.tone_curve);
+      EXPECT_EQ(read_opencv->parameters().rolling_shutter_row_s, p.rolling_shutter_row_s);
+      EXPECT_EQ(read_opencv->parameters().overlay_sigma_px, p.overlay_sigma_px);
+    }
     ASSERT_TRUE(save_camera(file_, camera));
     const auto read = load_camera(file_);
     ASSERT_TRUE(read) << read.error().message;

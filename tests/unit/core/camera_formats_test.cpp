@@ -10,6 +10,7 @@
 
 #include "core/camera/camera_file.hpp"
 #include "core/text/text.hpp"
+#include "support/cameras.hpp"
 #include "support/paths.hpp"
 
 namespace penumbra {
@@ -18,17 +19,10 @@ namespace {
 using testing::HasSubstr;
 using testing::Not;
 
-CameraModel camera_of(DistortionModel model) {
-  CameraParameters p;
-  p.width = 640;
-  p.height = 480;
-  p.fx = 531.7;
-  p.fy = 530.0;
-  p.cx = 322.3;
-  p.cy = 237.6;
-  p.model = model;
-  p.distortion = {-0.2, 0.06, 0.0008, -0.0006};
-  if (model == DistortionModel::rational) p.distortion[7] = 0.01;
+// Kalibr's files have no k3.
+CameraModel without_k3() {
+  CameraParameters p = test::desk_camera().parameters();
+  p.distortion[4] = 0.0;
   return CameraModel::make(p).value();
 }
 
@@ -42,18 +36,21 @@ TEST(CameraFormats, RoundTripEveryFormatAndModel) {
   const test::TemporaryFolder folder;
   for (const auto format :
        {CameraFileFormat::ros, CameraFileFormat::opencv, CameraFileFormat::kalibr}) {
-    for (const auto model :
-         {DistortionModel::plumb_bob, DistortionModel::rational, DistortionModel::fisheye}) {
-      const CameraModel camera = camera_of(model);
+    for (const DistortionModel model : kDistortionModels) {
+      SCOPED_TRACE(testing::Message() << to_string(format) << ' ' << to_string(model));
+      const CameraModel camera =
+          model == DistortionModel::plumb_bob ? without_k3() : test::lens_of(model);
       CalibrationRecord record;
       record.calibrated_on = "2026-03-01";
       record.target = "tags: \"30 mm\"";
       record.standard_deviations = {0.1, 0.1};
       record.held_out_px = 0.2;
       const auto saved = save_camera(folder.path() / "camera", camera, format, &record);
-      if (format == CameraFileFormat::kalibr && model == DistortionModel::rational) {
+      if (!model_name(model, format)) {
         ASSERT_FALSE(saved);
-        EXPECT_THAT(saved.error().message, HasSubstr("no rational lens"));
+        EXPECT_THAT(saved.error().message,
+                    HasSubstr(fmt::format("{}'s files have no {} lens", to_string(format),
+                                          short_name(model))));
         continue;
       }
       ASSERT_TRUE(saved) << saved.error().message;
@@ -68,11 +65,14 @@ TEST(CameraFormats, RoundTripEveryFormatAndModel) {
   }
 }
 
+TEST(CameraFormats, KalibrHoldsNoRationalLens) {
+  EXPECT_FALSE(model_name(DistortionModel::rational, CameraFileFormat::kalibr));
+}
+
 TEST(CameraFormats, LimitKalibrToFourCoefficients) {
   const test::TemporaryFolder folder;
-  CameraParameters p = camera_of(DistortionModel::plumb_bob).parameters();
-  p.distortion[4] = 0.0;
-  const CameraModel camera = CameraModel::make(p).value();
+  const CameraModel camera = without_k3();
+  CameraParameters p = camera.parameters();
   const auto saved = save_camera(folder.path() / "chain", camera, CameraFileFormat::kalibr);
   ASSERT_TRUE(saved) << saved.error().message;
   const auto chain = YAML::LoadFile((folder.path() / "chain").string())["cam0"];
@@ -93,14 +93,12 @@ TEST(CameraFormats, LimitKalibrToFourCoefficients) {
 // Kalibr takes every key of the file for a camera.
 TEST(CameraFormats, WriteOnlyCameraToKalibrChain) {
   const test::TemporaryFolder folder;
-  CameraParameters p = camera_of(DistortionModel::plumb_bob).parameters();
-  p.distortion[4] = 0.0;
   CalibrationRecord record;
   record.calibrated_on = "2024-05-06";
   record.target = "a board";
   record.focus_position = std::numeric_limits<double>::infinity();
-  const CameraModel camera = CameraModel::make(p).value();
-  ASSERT_TRUE(save_camera(folder.path() / "chain", camera, CameraFileFormat::kalibr, &record));
+  ASSERT_TRUE(
+      save_camera(folder.path() / "chain", without_k3(), CameraFileFormat::kalibr, &record));
   const auto root = YAML::LoadFile((folder.path() / "chain").string());
   ASSERT_EQ(root.size(), 1U);
   EXPECT_TRUE(root["cam0"].IsMap());

@@ -18,15 +18,6 @@ CameraParameters base() {
   return test::desk_camera().parameters();
 }
 
-CameraParameters of_model(DistortionModel model) {
-  CameraParameters p = base();
-  p.model = model;
-  if (model == DistortionModel::rational)
-    p.distortion = {0.5, -0.1, 0.001, -0.0005, 0.02, 0.8, -0.05, 0.03};
-  if (model == DistortionModel::fisheye) p.distortion = {-0.02, 0.004, -0.001, 0.0002};
-  return p;
-}
-
 void expect_jacobian_of_differences(const CameraModel& camera, const Eigen::Vector3d& p) {
   Eigen::Matrix<double, 2, 3> J;
   std::ignore = camera.project_unchecked(p, &J);
@@ -40,15 +31,13 @@ void expect_jacobian_of_differences(const CameraModel& camera, const Eigen::Vect
 }
 
 class CameraProjection : public testing::TestWithParam<DistortionModel> {};
-INSTANTIATE_TEST_SUITE_P(Models, CameraProjection,
-                         testing::Values(DistortionModel::plumb_bob, DistortionModel::rational,
-                                         DistortionModel::fisheye),
+INSTANTIATE_TEST_SUITE_P(Models, CameraProjection, testing::ValuesIn(kDistortionModels),
                          [](const auto& instance) {
                            return std::string(to_string(instance.param));
                          });
 
 TEST_P(CameraProjection, UnprojectInvertsProject) {
-  const CameraModel camera = CameraModel::make(of_model(GetParam())).value();
+  const CameraModel camera = test::lens_of(GetParam());
   for (double v = -20.0; v <= 500.0; v += 13.0) {
     for (double u = -20.0; u <= 660.0; u += 17.0) {
       const auto ray = camera.unproject({u, v});
@@ -61,7 +50,7 @@ TEST_P(CameraProjection, UnprojectInvertsProject) {
 }
 
 TEST_P(CameraProjection, JacobianMatchesCentralDifferences) {
-  const CameraModel camera = CameraModel::make(of_model(GetParam())).value();
+  const CameraModel camera = test::lens_of(GetParam());
   std::mt19937 random(7);
   std::uniform_real_distribution<double> across(-0.5, 0.5);
   for (int i = 0; i < 200; ++i) {

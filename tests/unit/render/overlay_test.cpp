@@ -8,6 +8,7 @@
 #include <numbers>
 
 #include "render/camera_gl.hpp"
+#include "support/cameras.hpp"
 #include "support/studio.hpp"
 
 namespace penumbra {
@@ -17,26 +18,28 @@ using test::SceneBuilder;
 using test::Studio;
 
 struct Lens {
-  const char* name;
-  DistortionModel model;
-  std::array<double, 8> k;
+  std::string name;
+  DistortionModel model = DistortionModel::plumb_bob;
+  std::array<double, 8> k{};
 };
 std::ostream& operator<<(std::ostream& out, const Lens& lens) {
   return out << lens.name;
 }
-const std::array kLenses = {
-    Lens{"none", DistortionModel::plumb_bob, {}},
-    Lens{"plumb_bob", DistortionModel::plumb_bob, {-0.28, 0.09, 0.0012, -0.0009, -0.006}},
-    Lens{
-        "rational", DistortionModel::rational, {0.5, -0.1, 0.001, -0.0005, 0.02, 0.8, -0.05, 0.03}},
-    Lens{"fisheye", DistortionModel::fisheye, {-0.02, 0.004, -0.001, 0.0002}}};
+std::vector<Lens> lenses() {
+  std::vector<Lens> all = {Lens{"none"}};
+  for (const DistortionModel model : kDistortionModels) {
+    all.push_back(
+        {std::string(short_name(model)), model, test::lens_of(model).parameters().distortion});
+  }
+  return all;
+}
 
 class OverlayProjection : public testing::TestWithParam<std::tuple<Lens, GlApi>> {};
 INSTANTIATE_TEST_SUITE_P(Lenses, OverlayProjection,
-                         testing::Combine(testing::ValuesIn(kLenses),
+                         testing::Combine(testing::ValuesIn(lenses()),
                                           testing::Values(GlApi::gl33, GlApi::gles30)),
                          [](const auto& instance) {
-                           return std::string(std::get<0>(instance.param).name) +
+                           return std::get<0>(instance.param).name +
                                   (std::get<1>(instance.param) == GlApi::gl33 ? "_gl33"
                                                                               : "_gles30");
                          });
@@ -195,7 +198,7 @@ TEST_P(OverlayProjection, FrustumContainsAllVisibleRays) {
 // Beyond the fold the drawing goes on along the chord, as CameraModel::project_extended: nothing
 // comes back into the picture.
 TEST(Overlay, ExtendsProjectionBeyondNonMonotonicRadius) {
-  CameraParameters p = camera_with(kLenses[0]).parameters();
+  CameraParameters p = camera_with({}).parameters();
   p.distortion = {-0.28, 0.0, 0.0, 0.0, 0.0};
   const CameraModel camera = CameraModel::make(p).value();
   ASSERT_LT(camera.max_radius(), 1.2);

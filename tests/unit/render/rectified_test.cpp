@@ -7,6 +7,7 @@
 #include <cmath>
 
 #include "render/passes/rectified_video.hpp"
+#include "support/cameras.hpp"
 #include "support/shapes.hpp"
 #include "support/studio.hpp"
 #include "support/studio_models.hpp"
@@ -20,13 +21,11 @@ constexpr int kWidth = 640;
 constexpr int kHeight = 480;
 
 std::vector<CameraModel> lenses() {
-  return {test::camera_of(kWidth, kHeight, 560.0, DistortionModel::plumb_bob,
-                          {-0.28, 0.08, 0.001, -0.0008, -0.006}),
-          test::camera_of(kWidth, kHeight, 520.0, DistortionModel::plumb_bob, {0.18, -0.04}),
-          test::camera_of(kWidth, kHeight, 500.0, DistortionModel::rational,
-                          {0.31, -0.05, 0.0006, -0.0004, 0.002, 0.62, -0.02, 0.004}),
-          test::camera_of(kWidth, kHeight, 420.0, DistortionModel::fisheye,
-                          {-0.04, 0.012, -0.006, 0.001})};
+  std::vector<CameraModel> all;
+  for (const DistortionModel model : kDistortionModels) all.push_back(test::lens_of(model));
+  // One that bends outwards.
+  all.push_back(test::camera_of(kWidth, kHeight, 520.0, DistortionModel::plumb_bob, {0.18, -0.04}));
+  return all;
 }
 
 // Where the pixel's ray meets the video; as it is without a grid.

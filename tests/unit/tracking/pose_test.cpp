@@ -24,23 +24,12 @@ using test::observe;
 using test::points_of;
 using test::sheet;
 
-CameraModel camera_of(DistortionModel model) {
-  CameraParameters p = desk_camera().parameters();
-  p.model = model;
-  if (model == DistortionModel::rational)
-    p.distortion = {0.5, -0.1, 0.001, -0.0005, 0.02, 0.8, -0.05, 0.03};
-  if (model == DistortionModel::fisheye) p.distortion = {-0.02, 0.004, -0.001, 0.0002};
-  return CameraModel::make(p).value();
-}
-
 class PoseRefinerLens : public testing::TestWithParam<DistortionModel> {};
-INSTANTIATE_TEST_SUITE_P(Lenses, PoseRefinerLens,
-                         testing::Values(DistortionModel::plumb_bob, DistortionModel::rational,
-                                         DistortionModel::fisheye),
+INSTANTIATE_TEST_SUITE_P(Lenses, PoseRefinerLens, testing::ValuesIn(kDistortionModels),
                          [](const auto& test) { return std::string(to_string(test.param)); });
 
 TEST_P(PoseRefinerLens, MatchesJacobianToCentralDifferences) {
-  const CameraModel camera = camera_of(GetParam());
+  const CameraModel camera = test::lens_of(GetParam());
   std::mt19937 random(5);
   std::uniform_real_distribution<double> unit(-1.0, 1.0);
   for (int i = 0; i < 100; ++i) {
@@ -59,7 +48,7 @@ TEST_P(PoseRefinerLens, MatchesJacobianToCentralDifferences) {
 }
 
 TEST_P(PoseRefinerLens, RecoversExactPoseFromExactCorners) {
-  const CameraModel camera = camera_of(GetParam());
+  const CameraModel camera = test::lens_of(GetParam());
   std::mt19937 random(6);
   const CameraPose truth = looking_at_origin(0.55, 0.6, 0.4, -0.3);
   for (const auto& tags : {sheet(), std::vector<MappedTag>{flat_tag(0, 0.02, 0.01, 0.08)}}) {
@@ -98,7 +87,7 @@ TEST(PoseRefiner, ConvergesFromWrongStart) {
 
 // From the same start, the same minimum: with noise, corners that are off, one tag and many.
 TEST_P(PoseRefinerLens, FindsSameMinimumAsCeres) {
-  const CameraModel camera = camera_of(GetParam());
+  const CameraModel camera = test::lens_of(GetParam());
   std::mt19937 random(12);
   std::uniform_real_distribution<double> unit(-1.0, 1.0);
   int compared = 0;
@@ -183,7 +172,7 @@ struct Reprojection {
 };
 
 TEST_P(PoseRefinerLens, FindsSameCovarianceAsCeres) {
-  const CameraModel camera = camera_of(GetParam());
+  const CameraModel camera = test::lens_of(GetParam());
   std::mt19937 random(11);
   for (const auto& tags : {sheet(), std::vector<MappedTag>{flat_tag(0, 0.02, 0.01, 0.08)}}) {
     for (int i = 0; i < 5; ++i) {

@@ -10,10 +10,11 @@
 #include <cstring>
 #include <limits>
 #include <random>
+#include <string>
 #include <utility>
 #include <vector>
 
-#include "core/camera/camera_model.hpp"
+#include "support/cameras.hpp"
 #include "tracking/math/se3.hpp"
 
 namespace penumbra {
@@ -361,6 +362,13 @@ simd::Lens wide_lens(simd::Lens::Kind kind) {
   return lens;
 }
 
+std::vector<simd::Lens::Kind> lens_kinds() {
+  std::vector<simd::Lens::Kind> kinds = {simd::Lens::Kind::none};
+  for (const DistortionModel model : kDistortionModels)
+    kinds.push_back(simd::lens_of(test::lens_of(model)).kind);
+  return kinds;
+}
+
 // Sums run in fixed lanes and nothing is fused: every instruction set gives the same bits, and so
 // the same poses on every machine.
 TEST(SimdLoops, EveryInstructionSetGivesSameBits) {
@@ -378,8 +386,7 @@ TEST(SimdLoops, EveryInstructionSetGivesSameBits) {
   ASSERT_FALSE(all.empty());
   for (const int reach : {1, 2, 3}) {
     for (const bool correlated : {false, true}) {
-      for (const auto kind : {simd::Lens::Kind::none, simd::Lens::Kind::polynomial,
-                              simd::Lens::Kind::rational, simd::Lens::Kind::fisheye}) {
+      for (const simd::Lens::Kind kind : lens_kinds()) {
         std::vector<Sums> results;
         std::vector<std::vector<float>> models;
         std::vector<std::vector<float>> rays;
@@ -450,8 +457,7 @@ TEST(SimdLoops, ProjectGivesSameValuesForAnyOutputs) {
     std::array<std::vector<float>, 8> arrays;
     simd::Vertices v;
   };
-  for (const auto kind : {simd::Lens::Kind::none, simd::Lens::Kind::polynomial,
-                          simd::Lens::Kind::rational, simd::Lens::Kind::fisheye}) {
+  for (const simd::Lens::Kind kind : lens_kinds()) {
     for (const Eigen::Vector2f& motion :
          {Eigen::Vector2f(0.0F, 0.0F), Eigen::Vector2f(3.0F, 0.0F), Eigen::Vector2f(3.0F, -2.0F)}) {
       SCOPED_TRACE(testing::Message() << static_cast<int>(kind) << ' ' << motion.transpose());
@@ -529,23 +535,21 @@ TEST(SimdLoops, ProjectGivesSameValuesForAnyOutputs) {
 // the axis: pixels of rays and rays of pixels are those of the camera model in double.
 TEST(SimdLoops, LensMatchesCameraModel) {
   struct Case {
-    const char* name;
+    std::string name;
     DistortionModel model;
     double focal_px;
     std::array<double, 8> k;
     double radius;  // of rays
   };
-  const std::array<Case, 5> cases = {{
+  std::vector<Case> cases = {
       {"none", DistortionModel::plumb_bob, 530.0, {}, 0.9},
-      {"plumb_bob", DistortionModel::plumb_bob, 530.0, {-0.21, 0.06, 8e-4, -6e-4, -0.004}, 0.8},
-      {"rational",
-       DistortionModel::rational,
-       530.0,
-       {0.31, -0.05, 6e-4, -4e-4, 0.002, 0.62, -0.02, 0.004},
-       0.9},
-      {"fisheye", DistortionModel::fisheye, 240.0, {-0.04, 0.012, -0.006, 0.001}, 3.73},
-      {"equidistant", DistortionModel::fisheye, 240.0, {}, 3.73},
-  }};
+      {"wide_fisheye", DistortionModel::fisheye, 240.0, {-0.04, 0.012, -0.006, 0.001}, 3.73},
+      {"wide_fisheye_without_coefficients", DistortionModel::fisheye, 240.0, {}, 3.73},
+  };
+  for (const DistortionModel model : kDistortionModels) {
+    const CameraParameters p = test::lens_of(model).parameters();
+    cases.push_back({std::string(to_string(model)), model, p.fx, p.distortion, 0.8});
+  }
   std::mt19937 random(8);
   std::uniform_real_distribution<double> u(-1.0, 1.0);
   for (const Case& c : cases) {
