@@ -11,7 +11,7 @@
 #include "app/commands/options.hpp"
 #include "app/logging.hpp"
 #include "app/standard_streams.hpp"
-#include "core/text/spelling.hpp"
+#include "core/text/edit_distance.hpp"
 #include "core/text/text.hpp"
 #include "core/text/text_encoding.hpp"
 
@@ -59,7 +59,7 @@ std::optional<std::string> unknown_option(const CLI::App& program) {
       std::string meant;
       for (const CLI::Option* option : reader->get_options()) {
         if (!option->nonpositional() || option->get_name().empty()) continue;
-        const std::size_t typos = letters_apart(name, option->get_name());
+        const std::size_t typos = edit_distance(name, option->get_name());
         if (typos >= least) continue;
         least = typos;
         meant = option->get_name();

@@ -24,7 +24,7 @@ using Result = tl::expected<T, Error>;
 
 // Replaces line breaks and other control characters by blanks: a message that quotes a damaged file
 // stays on one line.
-[[nodiscard]] inline std::string on_one_line(std::string text) {
+[[nodiscard]] inline std::string without_control_characters(std::string text) {
   for (char& c : text) {
     if (static_cast<unsigned char>(c) < 0x20 || c == 0x7F) c = ' ';
   }
@@ -34,7 +34,8 @@ using Result = tl::expected<T, Error>;
 // return fail("{}: {}: ...", file, field);
 template <class... Args>
 [[nodiscard]] tl::unexpected<Error> fail(fmt::format_string<Args...> text, Args&&... args) {
-  return tl::unexpected<Error>(Error{on_one_line(fmt::format(text, std::forward<Args>(args)...))});
+  return tl::unexpected<Error>(
+      Error{without_control_characters(fmt::format(text, std::forward<Args>(args)...))});
 }
 
 // Puts the place that failed in front of an error from further down: "scene.json: objects[2].model:

@@ -110,8 +110,8 @@ Result<Measurement> CornerSearch::find(const RigidTags& group, SearchResolution 
     const std::vector<TagDetection> tags_there = search_->tags_within(*box);
     detect.add_to(times.detect_ms, times.detect_cpu_ms);
     Result<Measurement> there = measure(group, tags_there, times);
-    times.box_detection = there && is_conclusive(group, *there);
-    if (times.box_detection) return there;
+    times.roi_detection = there && is_conclusive(group, *there);
+    if (times.roi_detection) return there;
   }
   const bool first = !std::exchange(searched_before_, true) && finest == SearchResolution::full;
   if (finest == SearchResolution::full && std::exchange(full_next_, !full_next_))

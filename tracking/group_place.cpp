@@ -52,7 +52,8 @@ double overlay_distance_px(const CameraModel& camera, const MiddleFromCamera& a,
 
 double predicted_overlay_px(const CameraModel& camera, const MiddleFromCamera& pose,
                             const Matrix6d& covariance) {
-  return with_lens_error_px(camera, expected_overlay_error_px(camera, as_table(pose), covariance));
+  return add_lens_uncertainty_px(camera,
+                                 predicted_overlay_error_px(camera, as_table(pose), covariance));
 }
 
 TrackStatus worse(TrackStatus a, TrackStatus b) {
@@ -118,7 +119,7 @@ GroupEstimate GroupPlace::coasting(const CameraModel& camera, double hold_s,
   const MiddleFromCamera T_middle_camera = at.inverse() * table_pose.T_table_camera;
   const Matrix6d of_group = found_->covariance + unforeseen_motion(age_s);
   estimate.covariance = table_pose.covariance + carried_to_camera(T_middle_camera, of_group);
-  estimate.expected_overlay_error_px =
+  estimate.predicted_overlay_error_px =
       predicted_overlay_px(camera, T_middle_camera, estimate.covariance);
   return estimate;
 }
@@ -166,17 +167,17 @@ GroupEstimate GroupPlace::measured(const CameraModel& camera, const PoseEstimate
   } else {
     estimate.covariance = seen.covariance;
   }
-  estimate.expected_overlay_error_px = predicted_overlay_px(camera, drawn, estimate.covariance);
+  estimate.predicted_overlay_error_px = predicted_overlay_px(camera, drawn, estimate.covariance);
   if (rests_) {
     // Both distances are uniformly distributed up to their limit.
-    estimate.expected_overlay_error_px =
-        std::hypot(estimate.expected_overlay_error_px, kShownWithin_px * std::sqrt(2.0 / 3.0));
+    estimate.predicted_overlay_error_px =
+        std::hypot(estimate.predicted_overlay_error_px, kShownWithin_px * std::sqrt(2.0 / 3.0));
   }
   estimate.status = worse(seen.status, table_pose.status);
   if (estimate.status == TrackStatus::tracked &&
-      !(estimate.expected_overlay_error_px < kTrackedOverlay_px)) {
+      !(estimate.predicted_overlay_error_px < kTrackedOverlay_px)) {
     estimate.status = TrackStatus::uncertain;
-    estimate.reason = fmt::format("expected error {:.1f} px", estimate.expected_overlay_error_px);
+    estimate.reason = fmt::format("expected error {:.1f} px", estimate.predicted_overlay_error_px);
   } else if (estimate.status == TrackStatus::uncertain) {
     estimate.reason = seen.status == TrackStatus::uncertain
                           ? seen.reason

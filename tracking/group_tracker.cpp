@@ -297,7 +297,7 @@ TrackedFrame GroupTracker::track(const Frame& frame) {
   const std::optional<Impl::Past> past = m.take_search(frame.timestamp_ns);
   TrackedFrame result = m.follow_table(frame, past ? &*past : nullptr);
   if (past) {
-    result.times.search_came = true;
+    result.times.search_used = true;
     result.times.search_ms = past->found.time.wall_ms;
     result.times.search_cpu_ms = past->found.time.cpu_ms;
   }

@@ -84,9 +84,9 @@ bool add_second_pose(const RigidTags& group, const Alignment& first, const Image
   // The same pose within its covariance.
   constexpr double kSamePose_sigmas = 2.0;
   if (overlay_difference(group.camera, measurement.best.T_table_camera, second->T_table_camera)
-          .rms_px() < kSamePose_sigmas * expected_overlay_error_px(group.camera,
-                                                                   measurement.best.T_table_camera,
-                                                                   measurement.best.covariance))
+          .rms_px() < kSamePose_sigmas * predicted_overlay_error_px(group.camera,
+                                                                    measurement.best.T_table_camera,
+                                                                    measurement.best.covariance))
     return false;
   const double samples = static_cast<double>(other.result.counters.samples);
   double inflation = std::max(measurement.variance_inflation, variance_inflation(other.result));

@@ -82,7 +82,7 @@ Choice choose(const RigidTags& group, const Measurement& measurement,
 // Reason of a pose whose predicted error is too large.
 std::string reason_of_error(const CameraModel& camera, const PoseEstimate& estimate,
                             double of_pose_px, double map_px) {
-  const double predicted_px = estimate.expected_overlay_error_px;
+  const double predicted_px = estimate.predicted_overlay_error_px;
   if (!std::isfinite(predicted_px)) return "the table's centre is out of sight";
   if (of_pose_px < kTrackedOverlay_px) {
     return fmt::format(
@@ -122,7 +122,7 @@ std::optional<RefinedPose> pose_of(const RigidTags& group, const Alignment& alig
   pose.covariance += result.map_covariance + motion.blur.covariance;
   pose.covariance = 0.5 * (pose.covariance + pose.covariance.transpose()).eval();
   const double predicted_px =
-      expected_overlay_error_px(group.camera, result.T_table_camera, pose.covariance);
+      predicted_overlay_error_px(group.camera, result.T_table_camera, pose.covariance);
   if (predicted_px > 0.0 && std::isfinite(predicted_px)) {
     const double blur_px =
         std::min(kBlurShare * std::hypot(motion.predicted_px, motion.missed_px), pose.rms_px);
@@ -143,13 +143,13 @@ void take_alignment(const RigidTags& group, const Alignment& alignment, const Re
   measurement.tags_used = result.tags_verified;
   if (result.map_contradicted)
     measurement.map_px =
-        expected_overlay_error_px(group.camera, pose.T_table_camera, result.map_covariance);
+        predicted_overlay_error_px(group.camera, pose.T_table_camera, result.map_covariance);
 }
 
 double samples_needed(const CameraModel& camera, const AlignmentResult& result, double budget_px) {
   const double noise_px =
       std::sqrt(variance_inflation(result)) *
-      expected_overlay_error_px(camera, result.T_table_camera, result.covariance);
+      predicted_overlay_error_px(camera, result.T_table_camera, result.covariance);
   const double tone_px = camera.parameters().tone_curve ? 0.0 : kToneBias_px;
   const double left = budget_px * budget_px - tone_px * tone_px;
   if (!(left > 0.0) || !std::isfinite(noise_px)) return std::numeric_limits<double>::infinity();
@@ -174,17 +174,17 @@ JudgedPose judge(const RigidTags& group, const Measurement& measurement,
   estimate.tags_used = measurement.tags_used;
   for (const int index : measurement.rejected) estimate.tags_left_out.push_back(group[index].id);
   const double of_pose_px = std::hypot(
-      expected_overlay_error_px(group.camera, pose, estimate.covariance), chosen.between_px);
-  estimate.expected_overlay_error_px = with_lens_error_px(group.camera, of_pose_px);
+      predicted_overlay_error_px(group.camera, pose, estimate.covariance), chosen.between_px);
+  estimate.predicted_overlay_error_px = add_lens_uncertainty_px(group.camera, of_pose_px);
   estimate.status = TrackStatus::uncertain;
   if (measurement.contradictory) {
     estimate.reason = kContradicting;
   } else if (chosen.open) {
     estimate.reason = kTwoPoses;
-  } else if (!(estimate.expected_overlay_error_px < kTrackedOverlay_px)) {
+  } else if (!(estimate.predicted_overlay_error_px < kTrackedOverlay_px)) {
     estimate.reason = reason_of_error(group.camera, estimate, of_pose_px, measurement.map_px);
     judged.only_lens_uncertain =
-        std::isfinite(estimate.expected_overlay_error_px) && of_pose_px < kTrackedOverlay_px;
+        std::isfinite(estimate.predicted_overlay_error_px) && of_pose_px < kTrackedOverlay_px;
   } else {
     estimate.status = TrackStatus::tracked;
   }

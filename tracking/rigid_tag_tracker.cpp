@@ -287,7 +287,7 @@ std::optional<JudgedPose> RigidTagTracker::Impl::follow_far(const Frame& frame) 
       contradicted = false;  // as before this guess, which may be wrong
       continue;
     }
-    times.coarse_search = true;
+    times.pyramid_search = true;
     if (!state.branch_open) {
       state.motion = before;
       state.motion.update(frame.timestamp_ns, found->estimate.T_table_camera,
@@ -324,7 +324,7 @@ void RigidTagTracker::Impl::align_found(const Frame& frame, Measurement& measure
     // Few or small tags that face the camera may have a second pose that their corners don't show.
     constexpr double kUnsure_px = 0.5;
     if (measurement.ambiguous || state.last_tags == 1 ||
-        expected_overlay_error_px(group.camera, best->T_table_camera, best->covariance) >
+        predicted_overlay_error_px(group.camera, best->T_table_camera, best->covariance) >
             kUnsure_px) {
       add_second_pose(group, alignment, motion, measurement);
     } else {

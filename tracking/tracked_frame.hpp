@@ -16,10 +16,10 @@ struct TrackTimes {
   double total_cpu_ms = 0.0, detect_cpu_ms = 0.0, align_cpu_ms = 0.0, solve_cpu_ms = 0.0;
   // Background search whose tags this frame used. Its CPU time is in the total.
   double search_ms = 0.0, search_cpu_ms = 0.0;
-  bool search_came = false;     // whether tags of such a search were used
+  bool search_used = false;     // whether tags of such a search were used
   bool full_detection = false;  // whether tags were detected in the full frame
-  bool coarse_search = false;   // whether the pyramid search found the pattern
-  bool box_detection = false;   // whether detection in a region of interest was enough
+  bool pyramid_search = false;  // whether the pyramid search found the pattern
+  bool roi_detection = false;   // whether detection in a region of interest was enough
   bool every_pixel = false;     // whether the last alignment could use every pixel at an edge
   int samples = 0;              // pixels that the last alignment used
   // Tags of the map that the last alignment skipped.

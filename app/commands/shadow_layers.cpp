@@ -22,7 +22,7 @@ namespace {
 // Logs a line about the model or its shadow and keeps it.
 template <class... Args>
 void warn(ShadowResult& result, fmt::format_string<Args...> text, Args&&... args) {
-  std::string line = on_one_line(fmt::format(text, std::forward<Args>(args)...));
+  std::string line = without_control_characters(fmt::format(text, std::forward<Args>(args)...));
   if (std::ranges::find(result.warnings, line) != result.warnings.end()) return;
   log_warning("{}", line);
   result.warnings.push_back(std::move(line));

@@ -137,13 +137,13 @@ class Simulation {
     const std::int64_t middle_ns = path_.poses[static_cast<std::size_t>(number)].timestamp_ns;
     const std::vector<std::int64_t> times = moments(middle_ns, kMostMoments);
     std::vector<CameraPose> poses;
-    for (const std::int64_t time : times) poses.push_back(pose_between(path_, time));
+    for (const std::int64_t time : times) poses.push_back(interpolate_pose(path_, time));
     std::vector<GroupPlacement> placements;
     for (const auto& [group, path] : groups_) {
       GroupPlacement& placement = placements.emplace_back();
       placement.group = group;
       for (const std::int64_t time : times) {
-        const CameraPose place = pose_between(path, time);
+        const CameraPose place = interpolate_pose(path, time);
         placement.path.emplace_back(place.rotation(), place.translation());
       }
     }
@@ -163,7 +163,7 @@ class Simulation {
 
  private:
   static GroupPose group_pose(const Trajectory& path, std::int64_t time_ns) {
-    const CameraPose place = pose_between(path, time_ns);
+    const CameraPose place = interpolate_pose(path, time_ns);
     return {place.rotation(), place.translation()};
   }
 
@@ -175,13 +175,13 @@ class Simulation {
     if (exposure_ns > 0) {
       const std::int64_t begin_ns = middle_ns - exposure_ns / 2;
       const std::int64_t end_ns = middle_ns + exposure_ns / 2;
-      double moved_px =
-          overlay_difference(camera_, pose_between(path_, begin_ns), pose_between(path_, end_ns))
-              .rms_px();
+      double moved_px = overlay_difference(camera_, interpolate_pose(path_, begin_ns),
+                                           interpolate_pose(path_, end_ns))
+                            .rms_px();
       for (const auto& [group, path] : groups_) {
         const auto over_group = [&](std::int64_t time_ns) {
           const auto T_middle_camera = (group_pose(path, time_ns) * middles_.at(group)).inverse() *
-                                       pose_between(path_, time_ns);
+                                       interpolate_pose(path_, time_ns);
           return CameraPose(T_middle_camera.rotation(), T_middle_camera.translation());
         };
         const double of_group =
@@ -220,7 +220,7 @@ class Simulation {
       tracked.frame.planes[0] = {tags.pixels.data(), tags.width, tags.height, tags.width};
       tracked.frame.plane_count = 1;
       tracked.pose.status = TrackStatus::tracked;
-      tracked.pose.T_table_camera = pose_between(path_, time);
+      tracked.pose.T_table_camera = interpolate_pose(path_, time);
       tracked.pose.ambiguity_ratio = std::numeric_limits<double>::infinity();
       for (const std::string& name : tied_) {
         GroupEstimate& group = tracked.groups.emplace_back();
@@ -335,7 +335,7 @@ Result<SimulateSummary> run_simulate(const SimulateRequest& request) {
         StampedPose& place = places.poses.emplace_back();
         place.timestamp_ns = pose.timestamp_ns;
         if (moves != simulation.groups().end()) {
-          place.T_table_camera = pose_between(moves->second, pose.timestamp_ns);
+          place.T_table_camera = interpolate_pose(moves->second, pose.timestamp_ns);
         }
       }
       truth.poses.push_back(std::move(pose));

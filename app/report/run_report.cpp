@@ -199,7 +199,7 @@ void RunRecorder::add_frame(const SessionFrame& frame) {
   report_.translucency = drawn.translucency;
   report_.add(pose.status);
   if (pose.status == TrackStatus::tracked) {
-    expected_px_.add(pose.expected_overlay_error_px);
+    expected_px_.add(pose.predicted_overlay_error_px);
     add_tracked(frame);
   } else {
     add_reason(pose.reason);
@@ -221,19 +221,19 @@ void RunRecorder::add_frame(const SessionFrame& frame) {
   for (const int id : pose.tags_left_out) ++report_.tags_left_out[std::to_string(id)];
   if (keep_paths_) times_ns_.push_back(frame.tracked.frame.timestamp_ns);
   if (pose.tags_used > 0) reprojection_px_.add(pose.reprojection_rms_px);
-  if (times.search_came) ++report_.full_detections;
+  if (times.search_used) ++report_.full_detections;
   if (times.full_detection) {
     ++report_.full_detections;
-  } else if (times.box_detection) {
+  } else if (times.roi_detection) {
     ++report_.box_detections;
   } else if (pose.tags_used > 0) {
     ++report_.tracked_updates;
-    if (times.coarse_search) ++report_.coarse_searches;
+    if (times.pyramid_search) ++report_.coarse_searches;
   }
 
   add_time("track", {times.total_ms, times.total_cpu_ms});
   if (times.detect_ms > 0.0) add_time("detect", {times.detect_ms, times.detect_cpu_ms});
-  if (times.search_came) add_time("search", {times.search_ms, times.search_cpu_ms});
+  if (times.search_used) add_time("search", {times.search_ms, times.search_cpu_ms});
   if (times.align_ms > 0.0) add_time("align", {times.align_ms, times.align_cpu_ms});
   if (times.solve_ms > 0.0) add_time("solve", {times.solve_ms, times.solve_cpu_ms});
   if (frame.light_time.wall_ms > 0.0) add_time("light", frame.light_time);

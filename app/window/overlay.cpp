@@ -62,7 +62,7 @@ std::string measured_tags(const PoseEstimate& pose) {
     words += fmt::format("   reprojection {:.2f} px", pose.reprojection_rms_px);
   }
   if (pose.status == TrackStatus::tracked || pose.status == TrackStatus::uncertain) {
-    words += fmt::format("   expected overlay {:.2f} px", pose.expected_overlay_error_px);
+    words += fmt::format("   expected overlay {:.2f} px", pose.predicted_overlay_error_px);
   }
   return words;
 }

@@ -212,8 +212,8 @@ Trajectory over_group(const Trajectory& camera, const Trajectory& group,
   return over;
 }
 
-double expected_overlay_error_px(const CameraModel& camera, const CameraPose& pose,
-                                 const Eigen::Matrix<double, 6, 6>& covariance) {
+double predicted_overlay_error_px(const CameraModel& camera, const CameraPose& pose,
+                                  const Eigen::Matrix<double, 6, 6>& covariance) {
   const auto T_camera_table = pose.inverse();
   double sum = 0.0;
   int count = 0;
@@ -236,8 +236,8 @@ double expected_overlay_error_px(const CameraModel& camera, const CameraPose& po
   return std::sqrt(sum / count);
 }
 
-double with_lens_error_px(const CameraModel& camera, double expected_px) {
-  return std::hypot(expected_px, camera.parameters().overlay_sigma_px.value_or(0.0));
+double add_lens_uncertainty_px(const CameraModel& camera, double predicted_px) {
+  return std::hypot(predicted_px, camera.parameters().overlay_sigma_px.value_or(0.0));
 }
 
 }  // namespace penumbra

@@ -61,9 +61,9 @@ struct Evaluation {
     const Transform<frame::Group, frame::GroupMiddle>& T_group_middle, std::int64_t max_gap_ns = 0);
 
 // Predicted overlay error (1 sigma, RMS over the cube's corners) for PoseEstimate's covariance.
-[[nodiscard]] double expected_overlay_error_px(const CameraModel& camera, const CameraPose& pose,
-                                               const Eigen::Matrix<double, 6, 6>& covariance);
+[[nodiscard]] double predicted_overlay_error_px(const CameraModel& camera, const CameraPose& pose,
+                                                const Eigen::Matrix<double, 6, 6>& covariance);
 // Adds the lens uncertainty of the camera file (overlay_sigma_px).
-[[nodiscard]] double with_lens_error_px(const CameraModel& camera, double expected_px);
+[[nodiscard]] double add_lens_uncertainty_px(const CameraModel& camera, double predicted_px);
 
 }  // namespace penumbra

@@ -33,7 +33,7 @@ struct GroupEstimate {
   // Covariance of T_middle_camera * exp([nu; omega]) as it is drawn, [m, rad], camera frame.
   Eigen::Matrix<double, 6, 6> covariance = Eigen::Matrix<double, 6, 6>::Zero();
   // 1 sigma of the overlay error of a cube that stands on the group's middle.
-  double expected_overlay_error_px = 0.0;
+  double predicted_overlay_error_px = 0.0;
   // The following are PoseEstimate's, for the group's own tags.
   double reprojection_rms_px = 0.0;
   int tags_used = 0;  // 0: not measured in this frame

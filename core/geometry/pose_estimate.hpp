@@ -34,7 +34,7 @@ struct PoseEstimate {
   double reprojection_rms_px = 0.0;
   // 1 sigma [px] of the overlay (core/evaluation/evaluation.hpp), from the covariance and the lens
   // uncertainty.
-  double expected_overlay_error_px = 0.0;
+  double predicted_overlay_error_px = 0.0;
   // Reprojection RMS of the second pose of a planar target over that of the best one; infinite if
   // there is one only. Near 1 the view is ambiguous.
   double ambiguity_ratio = 0.0;

@@ -62,7 +62,7 @@ CameraPose extrapolated(const CameraPose& pose, const Velocity& velocity, double
 
 }  // namespace
 
-CameraPose pose_between(const Trajectory& trajectory, std::int64_t timestamp_ns) {
+CameraPose interpolate_pose(const Trajectory& trajectory, std::int64_t timestamp_ns) {
   const std::vector<StampedPose>& poses = trajectory.poses;
   PENUMBRA_ASSERT(!poses.empty());
   const auto later = std::ranges::upper_bound(poses, timestamp_ns, {}, &StampedPose::timestamp_ns);

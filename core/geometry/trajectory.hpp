@@ -33,7 +33,7 @@ struct Trajectory {
 // Interpolates a trajectory that is not empty. The velocity at a pose is that between its two
 // neighbours (Catmull-Rom, for uneven times). Positions are cubics, rotations cubics of the
 // rotation vector from the pose before. Beyond the ends, the end's velocity extrapolates.
-[[nodiscard]] CameraPose pose_between(const Trajectory& trajectory, std::int64_t timestamp_ns);
+[[nodiscard]] CameraPose interpolate_pose(const Trajectory& trajectory, std::int64_t timestamp_ns);
 
 // Reads a TUM file, or a CSV file as EuRoC's ground truth (data.csv): time in whole nanoseconds,
 // position, quaternion (w x y z, or as the header names it), further columns that are ignored.

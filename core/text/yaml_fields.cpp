@@ -7,7 +7,7 @@
 #include <set>
 
 #include "core/propagate.hpp"
-#include "core/text/spelling.hpp"
+#include "core/text/edit_distance.hpp"
 #include "core/text/text.hpp"
 
 namespace penumbra {
@@ -109,7 +109,7 @@ Result<bool> YamlFields::has_optional(const std::string& key) const {
     if (other.size() > kLongest) continue;
     const bool without_unit = std::ranges::any_of(
         kUnits, [&](std::string_view unit) { return key == other + std::string(unit); });
-    if (!without_unit && letters_apart(other, key) > kMisspelt) continue;
+    if (!without_unit && edit_distance(other, key) > kMisspelt) continue;
     return fail("{}: is not known; is it meant to be `{}`?", place_of(other), key);
   }
   return false;

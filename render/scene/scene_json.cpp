@@ -5,7 +5,6 @@
 #include <cmath>
 #include <limits>
 #include <nlohmann/json.hpp>
-#include <numeric>
 #include <optional>
 #include <regex>
 #include <set>
@@ -16,6 +15,7 @@
 #include <valijson/validator.hpp>
 
 #include "core/propagate.hpp"
+#include "core/text/edit_distance.hpp"
 #include "core/text/file.hpp"
 #include "core/text/text_encoding.hpp"
 
@@ -32,22 +32,6 @@ std::string shown(const json& value) {
     return value.empty() ? "an empty list" : fmt::format("a list of {}", value.size());
   }
   return shortened(value.dump(-1, ' ', true, json::error_handler_t::replace));
-}
-
-// Levenshtein distance.
-std::size_t edit_distance(std::string_view a, std::string_view b) {
-  std::vector<std::size_t> row(b.size() + 1);
-  std::iota(row.begin(), row.end(), std::size_t{0});
-  for (std::size_t i = 1; i <= a.size(); ++i) {
-    std::size_t diagonal = row[0];
-    row[0] = i;
-    for (std::size_t j = 1; j <= b.size(); ++j) {
-      const std::size_t above = row[j];
-      row[j] = std::min({above + 1, row[j - 1] + 1, diagonal + (a[i - 1] == b[j - 1] ? 0U : 1U)});
-      diagonal = above;
-    }
-  }
-  return row[b.size()];
 }
 
 // Finds keys given twice: the JSON reader silently keeps the last one. A callback for json::parse.

@@ -215,7 +215,7 @@ Outcome run_alignment(const Recording& recording, AlignmentEffort effort) {
     double expected = 0.0;
     if (pose && truth != nullptr) {
       error = overlay_difference(recording.camera, *pose, truth->T_table_camera).rms_px();
-      expected = expected_overlay_error_px(recording.camera, *pose, covariance);
+      expected = predicted_overlay_error_px(recording.camera, *pose, covariance);
       outcome.ratio.push_back(error / expected);
     }
     if (verbose)

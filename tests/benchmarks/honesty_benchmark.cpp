@@ -79,7 +79,7 @@ int main(int argc, char** argv) {
             kind.haste, kind.tone_known ? 1 : 0, session.light.gamma, session.exposure_s, moved,
             session.light.noise_grey, session.light.lens_blur_px,
             std::string(to_string(pose.status)).c_str(), pose.tags_used, error,
-            pose.expected_overlay_error_px, pose.reprojection_rms_px,
+            pose.predicted_overlay_error_px, pose.reprojection_rms_px,
             pose.has_pose()
                 ? corner_distance_px(session.camera, session.tags, pose.T_table_camera, truth)
                 : -1.0,
@@ -101,9 +101,9 @@ int main(int argc, char** argv) {
         if (pose.status != TrackStatus::tracked) continue;
         ++group.tracked;
         group.errors.push_back(error);
-        group.ratios.push_back(error / pose.expected_overlay_error_px);
+        group.ratios.push_back(error / pose.predicted_overlay_error_px);
         if (error > 1.0) ++group.over_1px;
-        if (error > 1.0 && error > 4.0 * pose.expected_overlay_error_px) ++group.over_4_sigma;
+        if (error > 1.0 && error > 4.0 * pose.predicted_overlay_error_px) ++group.over_4_sigma;
       }
     }
   }

@@ -148,7 +148,7 @@ class SyntheticTrials {
       PatternRenderOptions render = options(k);
       render.noise_grey = noise_grey;
       const double bound_px =
-          with_bound ? expected_overlay_error_px(
+          with_bound ? predicted_overlay_error_px(
                            camera_, truth,
                            pose_bound(renderer_, camera_, tags_, truth, render, noise_grey))
                      : 0.0;

@@ -151,8 +151,8 @@ void recover(benchmark::State& state) {
       state.ResumeTiming();
       const TrackedFrame found = tracker.track(frame);
       state.PauseTiming();
-      by_pattern += found.times.coarse_search ? 1.0 : 0.0;
-      by_box += found.times.box_detection ? 1.0 : 0.0;
+      by_pattern += found.times.pyramid_search ? 1.0 : 0.0;
+      by_box += found.times.roi_detection ? 1.0 : 0.0;
       if (found.pose.status == TrackStatus::tracked) {
         tracked += 1.0;
         const double error =

@@ -176,8 +176,8 @@ TEST(ShakeRecording, RecoversByPatternSearchAfterJumps) {
   int found_by_pattern = 0;
   int detected = 0;
   for (const TrackedFrame& frame : result->frames) {
-    found_by_pattern += frame.times.coarse_search ? 1 : 0;
-    detected += frame.times.full_detection || frame.times.box_detection ? 1 : 0;
+    found_by_pattern += frame.times.pyramid_search ? 1 : 0;
+    detected += frame.times.full_detection || frame.times.roi_detection ? 1 : 0;
   }
   EXPECT_GE(found_by_pattern, 4);
   EXPECT_LE(detected, found_by_pattern);

@@ -35,7 +35,7 @@ void expect_honest(const Stage& stage, const TrackedFrame& tracked, int frame,
     if (!group.has_pose()) continue;
     EXPECT_TRUE(group.T_table_group.is_finite());
     EXPECT_TRUE(group.covariance.allFinite());
-    EXPECT_FALSE(std::isnan(group.expected_overlay_error_px));
+    EXPECT_FALSE(std::isnan(group.predicted_overlay_error_px));
     EXPECT_GE(static_cast<int>(group.status), static_cast<int>(tracked.pose.status));
     if (group.status != TrackStatus::tracked) {
       EXPECT_NE(group.reason, "");
@@ -45,8 +45,8 @@ void expect_honest(const Stage& stage, const TrackedFrame& tracked, int frame,
     const double error = stage.error_px(tracked, group, frame,
                                         place == at.end() ? test::Placement() : place->second);
     EXPECT_LT(error, 5.0);
-    EXPECT_LT(error, std::max(1.0, 4.0 * group.expected_overlay_error_px));
-    EXPECT_LT(group.expected_overlay_error_px, 2.0);
+    EXPECT_LT(error, std::max(1.0, 4.0 * group.predicted_overlay_error_px));
+    EXPECT_LT(group.predicted_overlay_error_px, 2.0);
   }
 }
 

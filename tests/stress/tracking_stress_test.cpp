@@ -239,8 +239,8 @@ TEST(TrackingStress, PredictsErrorUnderStrongMotionBlur) {
         if (pose.status != TrackStatus::tracked) return;
         const double error =
             overlay_difference(session.camera, pose.T_table_camera, session.truth(f)).rms_px();
-        all.over_expected.push_back(error / pose.expected_overlay_error_px);
-        all.beyond += error > std::max(1.0, 4.0 * pose.expected_overlay_error_px) ? 1 : 0;
+        all.over_expected.push_back(error / pose.predicted_overlay_error_px);
+        all.beyond += error > std::max(1.0, 4.0 * pose.predicted_overlay_error_px) ? 1 : 0;
         all.wrong += error > 5.0 ? 1 : 0;
       };
       track(does_not, followed);
@@ -534,8 +534,8 @@ TEST(TrackingStress, FindsTableAfterJumpAwayFromPrediction) {
     const TrackedFrame jumped = tracker.track(later.picture(renderer, 3));
     EXPECT_EQ(jumped.pose.status, TrackStatus::tracked) << jumped.pose.reason;
     expect_honest(session, jumped.pose, later.truth(3));
-    const bool by_pattern = jumped.times.coarse_search;
-    const bool in_box = jumped.times.box_detection;
+    const bool by_pattern = jumped.times.pyramid_search;
+    const bool in_box = jumped.times.roi_detection;
     EXPECT_FALSE(by_pattern && in_box);
     EXPECT_EQ(jumped.times.full_detection, !by_pattern && !in_box);
     if (by_pattern) {
@@ -585,7 +585,7 @@ TEST(TrackingStress, KeepsCoveredTagsInFastMotion) {
         session.light.cover_share = f < 4 ? 0.0 : 0.3;
         const PoseEstimate pose = tracker.track(session.picture(renderer, f)).pose;
         EXPECT_EQ(pose.status, TrackStatus::tracked) << f << ": " << pose.reason;
-        EXPECT_LT(pose.expected_overlay_error_px, 0.8);
+        EXPECT_LT(pose.predicted_overlay_error_px, 0.8);
         expect_honest(session, pose, session.truth(f));
       }
     }

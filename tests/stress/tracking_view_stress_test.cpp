@@ -63,7 +63,7 @@ TEST(TrackingStress, TracksThroughExposureJumps) {
         EXPECT_EQ(frame.pose.status, TrackStatus::tracked) << frame.pose.reason;
         EXPECT_EQ(frame.pose.tags_used, 12);
         EXPECT_EQ(frame.times.full_detection, f == 0);
-        EXPECT_FALSE(frame.times.box_detection);
+        EXPECT_FALSE(frame.times.roi_detection);
         expect_honest(session, frame.pose, session.truth(number));
         EXPECT_LT(error_px(session, frame.pose, number), 0.5);
       }

@@ -34,20 +34,20 @@ inline void expect_honest(const Session& session, const PoseEstimate& pose, cons
   if (!pose.has_pose()) return;
   EXPECT_TRUE(pose.T_table_camera.is_finite());
   EXPECT_TRUE(pose.covariance.allFinite());
-  EXPECT_FALSE(std::isnan(pose.expected_overlay_error_px));
+  EXPECT_FALSE(std::isnan(pose.predicted_overlay_error_px));
   if (pose.status != TrackStatus::tracked) return;
   const double error = overlay_difference(session.camera, pose.T_table_camera, truth).rms_px();
   EXPECT_LT(error, 5.0);
-  const bool beyond = error > std::max(1.0, 4.0 * pose.expected_overlay_error_px);
+  const bool beyond = error > std::max(1.0, 4.0 * pose.predicted_overlay_error_px);
   if (of_many != nullptr) {
     ++of_many->tracked;
     of_many->beyond += beyond ? 1 : 0;
-    EXPECT_LT(error, std::max(1.0, 6.0 * pose.expected_overlay_error_px));
+    EXPECT_LT(error, std::max(1.0, 6.0 * pose.predicted_overlay_error_px));
   } else {
-    EXPECT_FALSE(beyond) << error << " px where " << pose.expected_overlay_error_px
+    EXPECT_FALSE(beyond) << error << " px where " << pose.predicted_overlay_error_px
                          << " were expected";
   }
-  EXPECT_LT(pose.expected_overlay_error_px, 2.0);
+  EXPECT_LT(pose.predicted_overlay_error_px, 2.0);
 }
 
 }  // namespace penumbra::test

@@ -293,7 +293,7 @@ Result<ToneEstimate> ToneEstimator::estimate() const {
     worth += w;
   }
   result.sigma = std::hypot(std::sqrt(squares) / worth, kModelSigma);
-  if (!(result.sigma <= kToneKnown)) {
+  if (!(result.sigma <= kGreatestToneSigma)) {
     return fail("the pictures leave the tone curve's exponent open by {:.2f}", result.sigma);
   }
   return result;

@@ -24,7 +24,7 @@
 namespace penumbra {
 
 // Greatest error of a useful exponent [1 sigma]; a larger one does as much harm as no exponent.
-inline constexpr double kToneKnown = 0.25;
+inline constexpr double kGreatestToneSigma = 0.25;
 
 struct ToneEstimate {
   double exponent = 1.0;  // linear light = (grey / 255) ^ exponent
@@ -44,8 +44,8 @@ class ToneEstimator {
   // blurred. Takes as long as some alignments of every pixel.
   bool add(ImageView luma, const CameraPose& T_table_camera);
 
-  // Fails with too few images, and when they leave a sigma above kToneKnown. The same images give
-  // the same bits.
+  // Fails with too few images, and when they leave a sigma above kGreatestToneSigma. The same
+  // images give the same bits.
   [[nodiscard]] Result<ToneEstimate> estimate() const;
 
  private:

@@ -84,8 +84,8 @@ PoseEstimate PoseHistory::coast(const CameraModel& camera, std::int64_t timestam
   estimate.age_s = age_s;
   estimate.ambiguity_ratio = std::numeric_limits<double>::infinity();
   estimate.covariance = last_->covariance + unforeseen_motion(age_s);
-  estimate.expected_overlay_error_px = with_lens_error_px(
-      camera, expected_overlay_error_px(camera, estimate.T_table_camera, estimate.covariance));
+  estimate.predicted_overlay_error_px = add_lens_uncertainty_px(
+      camera, predicted_overlay_error_px(camera, estimate.T_table_camera, estimate.covariance));
   return estimate;
 }
 

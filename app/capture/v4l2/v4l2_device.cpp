@@ -86,7 +86,7 @@ bool is_setting(const v4l2_queryctrl& about) {
 
 std::string v4l2_text(std::span<const std::uint8_t> field) {
   const auto* begin = reinterpret_cast<const char*>(field.data());
-  return on_one_line(std::string(begin, strnlen(begin, field.size())));
+  return without_control_characters(std::string(begin, strnlen(begin, field.size())));
 }
 
 std::string fourcc_text(std::uint32_t fourcc) {

@@ -281,7 +281,8 @@ Result<Model> read_bytes(const std::filesystem::path& file, std::span<const std:
   Result<Model> model = reader.read();
   if (!model) return fail_in(name, model.error());
   file_step = reader.file_step();
-  for (std::string& warning : model->warnings) warning = on_one_line(name + ": " + warning);
+  for (std::string& warning : model->warnings)
+    warning = without_control_characters(name + ": " + warning);
   return model;
 }
 

@@ -76,7 +76,7 @@ void embed_images(GlbDocument& document, gltf::Buffers& buffers, const std::stri
     std::string type = bytes ? media_type_of(*bytes) : "";
     if (type.empty()) type = document.json.at("images").at(i).value("mimeType", "");
     if (!bytes || type.empty()) {
-      warnings.push_back(on_one_line(fmt::format(
+      warnings.push_back(without_control_characters(fmt::format(
           "{}: images/{}: is not in the .glb, which names it: {}", name, i,
           bytes ? "its kind is unknown; " + uri.substr(0, 80) : bytes.error().message)));
       continue;

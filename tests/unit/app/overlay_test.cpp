@@ -28,7 +28,7 @@ HudState busy_state() {
   state.pose.reason = "two poses explain the picture";
   state.pose.tags_used = 12;
   state.pose.reprojection_rms_px = 0.213;
-  state.pose.expected_overlay_error_px = 2.61;
+  state.pose.predicted_overlay_error_px = 2.61;
   state.frames_per_s = 29.8;
   state.stages = {
       {"capture", 1.2}, {"track", 6.4}, {"align", 4.1}, {"shadow", 0.3}, {"render", 5.2}};

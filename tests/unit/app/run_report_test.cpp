@@ -39,7 +39,7 @@ SessionFrame frame_of(TrackStatus status, std::int64_t timestamp_ns, bool full_d
   frame.tracked.pose.tags_used =
       status == TrackStatus::tracked || status == TrackStatus::uncertain ? 4 : 0;
   frame.tracked.pose.reprojection_rms_px = 0.25;
-  frame.tracked.pose.expected_overlay_error_px = status == TrackStatus::tracked ? 0.125 : 7.0;
+  frame.tracked.pose.predicted_overlay_error_px = status == TrackStatus::tracked ? 0.125 : 7.0;
   frame.tracked.times.total_ms = 3.0;
   if (full_detection) frame.tracked.times.detect_ms = 2.0;
   frame.tracked.times.full_detection = full_detection;
@@ -101,10 +101,10 @@ TEST(RunReport, ReportsHowTagsWereRedetected) {
   RunRecorder run;
   run.add_frame(frame_of(TrackStatus::tracked, 0, true));
   auto by_box = frame_of(TrackStatus::tracked, 10, false);
-  by_box.tracked.times.box_detection = true;
+  by_box.tracked.times.roi_detection = true;
   run.add_frame(by_box);
   auto by_pattern = frame_of(TrackStatus::tracked, 20, false);
-  by_pattern.tracked.times.coarse_search = true;
+  by_pattern.tracked.times.pyramid_search = true;
   run.add_frame(by_pattern);
   run.add_frame(frame_of(TrackStatus::tracked, 30, false));
   const Json tracking = Json::parse(report_json(run.report()))["tracking"];
@@ -143,7 +143,7 @@ TEST(RunReport, ReportsBackgroundSearchAsStageAndDetection) {
   RunRecorder run;
   SessionFrame frame = frame_of(TrackStatus::tracked, 0, false);
   run.add_frame(frame);
-  frame.tracked.times.search_came = true;
+  frame.tracked.times.search_used = true;
   frame.tracked.times.search_ms = 12.0;
   frame.tracked.times.search_cpu_ms = 11.0;
   run.add_frame(frame);

@@ -225,7 +225,7 @@ TEST(Evaluation, PredictsOverlayErrorOfCovarianceSamples) {
   for (int i = 0; i < 36; ++i) root(i / 6, i % 6) = 1e-4 * normal(random);
   root.topRows<3>() *= 3.0;
   const Eigen::Matrix<double, 6, 6> covariance = root * root.transpose();
-  const double expected = expected_overlay_error_px(camera, looking_down, covariance);
+  const double expected = predicted_overlay_error_px(camera, looking_down, covariance);
   double sum = 0.0;
   constexpr int kTrials = 20000;
   for (int i = 0; i < kTrials; ++i) {
@@ -245,13 +245,13 @@ TEST(Evaluation, PredictsOverlayErrorOfCovarianceSamples) {
   for (const double depth : {0.1, 0.03, 0.01, 0.003, 0.001, 0.0003}) {
     const CameraPose near(Eigen::Quaterniond(0.0, 1.0, 0.0, 0.0),
                           Eigen::Vector3d(0.02, 0.01, 0.2 + depth));
-    const double here = expected_overlay_error_px(camera, near, covariance);
+    const double here = predicted_overlay_error_px(camera, near, covariance);
     EXPECT_GT(here, before);
     before = here;
   }
   EXPECT_GT(before, 1e4 * expected);
   // Looking away there is nothing to draw on, so nothing to trust.
-  EXPECT_TRUE(std::isinf(expected_overlay_error_px(camera, above(0, 0, -1.0), covariance)));
+  EXPECT_TRUE(std::isinf(predicted_overlay_error_px(camera, above(0, 0, -1.0), covariance)));
 }
 
 }  // namespace

@@ -176,13 +176,13 @@ TEST(Trajectory, InterpolatesAndExtrapolatesEvenMotion) {
   for (const double time : {0.0, 0.4, 0.5, 1.1, 1.2})
     t.poses.push_back({nanoseconds(time), on_the_way(time), {}});
   for (const double time : {-0.3, 0.0, 0.1, 0.4, 0.47, 0.8, 1.13, 1.2, 1.5}) {
-    const CameraPose pose = pose_between(t, nanoseconds(time));
+    const CameraPose pose = interpolate_pose(t, nanoseconds(time));
     EXPECT_LT((pose.translation() - on_the_way(time).translation()).norm(), 1e-9) << time;
     EXPECT_LT(pose.rotation().angularDistance(on_the_way(time).rotation()), 1e-8) << time;
   }
   Trajectory one;
   one.poses = {t.poses[1]};
-  EXPECT_EQ(pose_between(one, 5).translation(), t.poses[1].T_table_camera.translation());
+  EXPECT_EQ(interpolate_pose(one, 5).translation(), t.poses[1].T_table_camera.translation());
 }
 
 TEST(Trajectory, InterpolatesWithoutKink) {
@@ -199,11 +199,11 @@ TEST(Trajectory, InterpolatesWithoutKink) {
   for (std::size_t i = 1; i + 1 < t.poses.size(); ++i) {
     const std::int64_t time = t.poses[i].timestamp_ns;
     const CameraPose& pose = t.poses[i].T_table_camera;
-    EXPECT_LT((pose_between(t, time).translation() - pose.translation()).norm(), 1e-12);
-    EXPECT_LT(pose_between(t, time).rotation().angularDistance(pose.rotation()), 1e-7);
+    EXPECT_LT((interpolate_pose(t, time).translation() - pose.translation()).norm(), 1e-12);
+    EXPECT_LT(interpolate_pose(t, time).rotation().angularDistance(pose.rotation()), 1e-7);
     constexpr std::int64_t kStep = 10'000;
-    const CameraPose before = pose_between(t, time - kStep);
-    const CameraPose after = pose_between(t, time + kStep);
+    const CameraPose before = interpolate_pose(t, time - kStep);
+    const CameraPose after = interpolate_pose(t, time + kStep);
     const auto T_before = before.inverse() * pose;
     const auto T_after = pose.inverse() * after;
     EXPECT_LT((T_before.translation() - T_after.translation()).norm(),

@@ -154,7 +154,7 @@ TEST_F(BoardPoseTest, DerivesNoPoseFromCollapsedCorners) {
   if (board) {
     EXPECT_TRUE(board->best.T_table_camera.is_finite());
     EXPECT_GT(
-        expected_overlay_error_px(camera_, board->best.T_table_camera, board->best.covariance),
+        predicted_overlay_error_px(camera_, board->best.T_table_camera, board->best.covariance),
         2.0);
   }
 }

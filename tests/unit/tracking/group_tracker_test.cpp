@@ -71,7 +71,7 @@ TEST(GroupTracker, KeepsPoseOfGroupAtRest) {
     EXPECT_EQ(estimate.tags_used, 6);
     const double error = stage.error_px(tracked, estimate, f);
     EXPECT_LT(error, 0.5);
-    EXPECT_LT(error, 4.0 * estimate.expected_overlay_error_px);
+    EXPECT_LT(error, 4.0 * estimate.predicted_overlay_error_px);
     if (f > 0) {
       EXPECT_TRUE(estimate.rests);
       changes += estimate.T_table_group.matrix() != before.matrix() ? 1 : 0;
@@ -121,7 +121,7 @@ TEST(GroupTracker, TracksHandHeldProp) {
     ++tracked_frames;
     const double error = stage.error_px(tracked, estimate, f, at);
     EXPECT_LT(error, 3.0) << f;
-    EXPECT_LT(error, std::max(0.5, 4.0 * estimate.expected_overlay_error_px)) << f;
+    EXPECT_LT(error, std::max(0.5, 4.0 * estimate.predicted_overlay_error_px)) << f;
     EXPECT_TRUE(estimate.covariance.allFinite());
   }
   EXPECT_GE(tracked_frames, 28);
@@ -140,7 +140,7 @@ TEST(GroupTracker, TracksSlowMotionBelowNoise) {
     ASSERT_TRUE(estimate.has_pose()) << estimate.reason;
     const double error = stage.error_px(tracked, estimate, f, at);
     EXPECT_LT(error, 0.9) << f;
-    EXPECT_LT(error, 3.0 * estimate.expected_overlay_error_px) << f;
+    EXPECT_LT(error, 3.0 * estimate.predicted_overlay_error_px) << f;
   }
 }
 
@@ -224,8 +224,8 @@ TEST(GroupTracker, CoastsHiddenGroupThenFindsItAnywhere) {
       ++held;
       EXPECT_NEAR(estimate.age_s, (f - 3) / 30.0, 1e-6);
       EXPECT_EQ(estimate.held_from, TrackStatus::tracked);
-      EXPECT_GT(estimate.expected_overlay_error_px, promised);
-      promised = estimate.expected_overlay_error_px;
+      EXPECT_GT(estimate.predicted_overlay_error_px, promised);
+      promised = estimate.predicted_overlay_error_px;
       if (held > 1) {
         EXPECT_EQ(estimate.T_table_group.matrix(), last.matrix()) << "it rested";
       }
@@ -349,7 +349,7 @@ TEST(GroupTracker, NeverWaitsForSearchOnceTableIsTracked) {
     EXPECT_EQ(frame.pose.status, TrackStatus::tracked);
     EXPECT_FALSE(frame.times.full_detection);
     EXPECT_EQ(frame.times.detect_ms, 0.0);
-    came += frame.times.search_came ? 1 : 0;
+    came += frame.times.search_used ? 1 : 0;
     waited += waiting.frames[f].times.full_detection ? 1 : 0;
     for (const char* group : {"wall", "block"}) {
       SCOPED_TRACE(group);
@@ -360,10 +360,10 @@ TEST(GroupTracker, NeverWaitsForSearchOnceTableIsTracked) {
       EXPECT_EQ(a.reason, b.reason);
       EXPECT_EQ(a.T_table_group.matrix(), b.T_table_group.matrix());
       EXPECT_EQ(a.covariance, b.covariance);
-      EXPECT_EQ(frame.times.search_came, threaded.frames[f].times.search_came);
+      EXPECT_EQ(frame.times.search_used, threaded.frames[f].times.search_used);
       // What a search takes is part of what tracking takes, whichever thread did it.
       for (const TrackedFrame* one : {&frame, &threaded.frames[f]}) {
-        EXPECT_EQ(one->times.search_cpu_ms > 0.0, one->times.search_came);
+        EXPECT_EQ(one->times.search_cpu_ms > 0.0, one->times.search_used);
         EXPECT_GT(one->times.total_cpu_ms, one->times.search_cpu_ms);
       }
       // Of a search in the frame the same poses, a frame after both were found.

@@ -26,7 +26,7 @@ class PoseConfidence : public ::testing::Test {
     return measurement;
   }
   [[nodiscard]] Matrix6d covariance_of(double error_px) const {
-    const double unit = expected_overlay_error_px(group_.camera, pose_, Matrix6d::Identity());
+    const double unit = predicted_overlay_error_px(group_.camera, pose_, Matrix6d::Identity());
     return error_px * error_px / (unit * unit) * Matrix6d::Identity();
   }
   // A second pose, turned about the table's x axis.
@@ -46,7 +46,7 @@ class PoseConfidence : public ::testing::Test {
 TEST_F(PoseConfidence, TracksPoseBelowLimit) {
   const JudgedPose judged = judge(group_, measured(1.0), std::nullopt);
   EXPECT_EQ(judged.estimate.status, TrackStatus::tracked);
-  EXPECT_NEAR(judged.estimate.expected_overlay_error_px, 1.0, 1e-6);
+  EXPECT_NEAR(judged.estimate.predicted_overlay_error_px, 1.0, 1e-6);
   EXPECT_EQ(judged.estimate.reason, "");
 }
 
@@ -104,7 +104,7 @@ TEST_F(PoseConfidence, EnlargesErrorOfDetectedPoseByUnreadTags) {
   measurement.tags_used = 1;
   ASSERT_EQ(group_.in_view(pose_), 6);
   const JudgedPose judged = judge(group_, measurement, std::nullopt);
-  EXPECT_NEAR(judged.estimate.expected_overlay_error_px, 0.5 * std::sqrt(6.0), 1e-6);
+  EXPECT_NEAR(judged.estimate.predicted_overlay_error_px, 0.5 * std::sqrt(6.0), 1e-6);
 }
 
 TEST_F(PoseConfidence, ReportsIdsOfRejectedTags) {

@@ -88,7 +88,7 @@ TEST(PoseHistory, CoastsWithGrowingErrorUntilHoldTime) {
   EXPECT_EQ(soon.status, TrackStatus::held);
   EXPECT_EQ(soon.held_from, TrackStatus::tracked);
   EXPECT_EQ(soon.reason, "hidden");
-  EXPECT_GT(later.expected_overlay_error_px, soon.expected_overlay_error_px);
+  EXPECT_GT(later.predicted_overlay_error_px, soon.predicted_overlay_error_px);
   EXPECT_EQ(history.coast(camera, 6 * kFrame_ns, 0.1, "hidden").status, TrackStatus::lost);
 }
 

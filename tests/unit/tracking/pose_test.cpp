@@ -224,7 +224,7 @@ TEST(PoseRefiner, PredictsErrorOfFewCornersConservatively) {
     ASSERT_TRUE(refined);
     const double e = overlay_difference(camera, refined->T_table_camera, truth).rms_px();
     const double p =
-        expected_overlay_error_px(camera, refined->T_table_camera, refined->covariance);
+        predicted_overlay_error_px(camera, refined->T_table_camera, refined->covariance);
     error2 += e * e;
     promised2 += p * p;
   }

@@ -101,8 +101,8 @@ TEST_F(RigidTagTrackerOnTabletop, ExtrapolatesForHoldTimeThenIsLost) {
     ASSERT_EQ(held.status, TrackStatus::held);
     EXPECT_NEAR(held.age_s, seconds(listed_[i].timestamp_ns - listed_[kSeen].timestamp_ns), 1e-12);
     EXPECT_THAT(held.reason, testing::HasSubstr("no tag"));
-    EXPECT_GT(held.expected_overlay_error_px, promised) << "it must get less certain";
-    promised = held.expected_overlay_error_px;
+    EXPECT_GT(held.predicted_overlay_error_px, promised) << "it must get less certain";
+    promised = held.predicted_overlay_error_px;
     if (i == kSeen + 2) {
       // Continued, it is nearer to the truth than standing still would be.
       const std::int64_t time = listed_[i].timestamp_ns;
@@ -206,16 +206,17 @@ TEST_F(RigidTagTrackerOnTabletop, AddsLensErrorToPredictedError) {
       ASSERT_EQ(a.status, TrackStatus::tracked);
       EXPECT_EQ(b.status, TrackStatus::tracked);
       EXPECT_EQ(a.T_table_camera.matrix(), b.T_table_camera.matrix());
-      EXPECT_NEAR(b.expected_overlay_error_px, std::hypot(a.expected_overlay_error_px, 0.7), 1e-12);
+      EXPECT_NEAR(b.predicted_overlay_error_px, std::hypot(a.predicted_overlay_error_px, 0.7),
+                  1e-12);
       EXPECT_EQ(c.status, TrackStatus::uncertain);
-      EXPECT_GT(c.expected_overlay_error_px, 3.0);
+      EXPECT_GT(c.predicted_overlay_error_px, 3.0);
       EXPECT_THAT(c.reason, testing::HasSubstr("calibrate"));
     }
     const std::int64_t later = listed_[4].timestamp_ns;
     const PoseEstimate a = plain.track(grey_frame(640, 480, later)).pose;
     const PoseEstimate b = known.track(grey_frame(640, 480, later)).pose;
     ASSERT_EQ(b.status, TrackStatus::held);
-    EXPECT_NEAR(b.expected_overlay_error_px, std::hypot(a.expected_overlay_error_px, 0.7), 1e-12);
+    EXPECT_NEAR(b.predicted_overlay_error_px, std::hypot(a.predicted_overlay_error_px, 0.7), 1e-12);
     EXPECT_EQ(hardly_known.track(grey_frame(640, 480, later)).pose.status, TrackStatus::held)
         << "the lens is the same in the next frame";
   }
@@ -236,7 +237,7 @@ TEST_F(RigidTagTrackerOnTabletop, IsDeterministic) {
       EXPECT_EQ(x.status, y.status);
       EXPECT_EQ(x.T_table_camera.matrix(), y.T_table_camera.matrix());
       EXPECT_EQ(x.covariance, y.covariance);
-      EXPECT_EQ(x.expected_overlay_error_px, y.expected_overlay_error_px);
+      EXPECT_EQ(x.predicted_overlay_error_px, y.predicted_overlay_error_px);
     }
   }
 }
@@ -388,7 +389,7 @@ TEST_F(RigidTagTrackerOnTabletop, AgreesBetweenDetectionAndAlignmentWithinErrors
     ASSERT_EQ(b.status, TrackStatus::tracked);
     const double between =
         overlay_difference(*camera_, a.T_table_camera, b.T_table_camera).rms_px();
-    const double expected = std::hypot(a.expected_overlay_error_px, b.expected_overlay_error_px);
+    const double expected = std::hypot(a.predicted_overlay_error_px, b.predicted_overlay_error_px);
     EXPECT_LT(between, 3.0 * expected) << "frame " << i;
     ratio2 += between * between / (expected * expected * kFrames);
   }
@@ -484,7 +485,7 @@ TEST(RigidTagTracker, FollowsLoneTagWithoutTrustingMirroredPose) {
         ++tracked;
         const double error = overlay_difference(camera, pose.T_table_camera, truth).rms_px();
         EXPECT_LT(error, 5.0) << "path " << path << ", frame " << i;
-        EXPECT_LT(error, 4.0 * pose.expected_overlay_error_px);
+        EXPECT_LT(error, 4.0 * pose.predicted_overlay_error_px);
       }
     }
     EXPECT_GE(tracked, size_m > 0.05 ? 80 : 1) << size_m;

@@ -147,7 +147,7 @@ TEST_F(TagAlignerTest, StaysNearCramerRaoBoundWithNoise) {
     PatternRenderOptions render;
     const std::array<CameraPose, 1> path = {truth};
     const std::vector<double> light = renderer_.render_light(path, render);
-    const double bound = expected_overlay_error_px(
+    const double bound = predicted_overlay_error_px(
         camera_, truth, test::pose_bound(renderer_, camera_, tags_, truth, render, 2.0));
     for (int j = 0; j < kPictures; ++j) {
       std::normal_distribution<double> noise(0.0, 2.0);
@@ -169,7 +169,7 @@ TEST_F(TagAlignerTest, StaysNearCramerRaoBoundWithNoise) {
             ratio * ratio / (kPoses * kPictures);
         if (effort == AlignmentEffort::accurate) {
           const double expected =
-              expected_overlay_error_px(camera_, result.T_table_camera, result.covariance);
+              predicted_overlay_error_px(camera_, result.T_table_camera, result.covariance);
           expected2 += expected * expected / (bound * bound * kPoses * kPictures);
         }
       }
@@ -203,7 +203,7 @@ TEST_F(TagAlignerTest, StopsSamplingWhenBudgetIsMet) {
   const AlignmentResult all = align(aligner, image, start, 2.0);
   ASSERT_TRUE(all.verified);
   const auto expected_px = [this](const AlignmentResult& result) {
-    return expected_overlay_error_px(camera_, result.T_table_camera, result.covariance);
+    return predicted_overlay_error_px(camera_, result.T_table_camera, result.covariance);
   };
   // The last has more than every pixel says.
   int asked = 0;
@@ -363,7 +363,7 @@ TEST_F(TagAlignerTest, SkipsWideStageWhenSearchEndsNear) {
       ++skipped;
       errors.push_back(
           overlay_px(result.T_table_camera, truth) /
-          expected_overlay_error_px(camera_, result.T_table_camera, result.covariance));
+          predicted_overlay_error_px(camera_, result.T_table_camera, result.covariance));
     }
     EXPECT_GE(skipped, 12);
     EXPECT_LT(statistics_of(errors).rmse, 3.0);  // residuals along an edge are correlated
@@ -831,7 +831,7 @@ TEST_F(TagAlignerTest, MotionBlurErrorIncludesRotation) {
     ASSERT_TRUE(result.verified);
     const CameraPose pose = result.T_table_camera;
     const MotionBlurError error = aligner.motion_blur_error(motion, true);
-    const double told_px = expected_overlay_error_px(camera_, pose, error.covariance);
+    const double told_px = predicted_overlay_error_px(camera_, pose, error.covariance);
     EXPECT_GT(told_px, error.shift_px) << "the overlay stands above the tags";
     // Of each tag by itself. So little of it that no corner is left out.
     const double each_px = std::numbers::sqrt2 * error.shift_px;
@@ -897,7 +897,7 @@ TEST_F(TagAlignerTest, MotionBlurErrorAllowsForWrongMotion) {
   EXPECT_GT(any.shift_px, 0.99 * sure.shift_px);
   EXPECT_LT(any.shift_px, 1.2 * sure.shift_px);
   const auto turns_px = [&](const MotionBlurError& error) {
-    return expected_overlay_error_px(camera_, view.input.predicted, error.covariance);
+    return predicted_overlay_error_px(camera_, view.input.predicted, error.covariance);
   };
   EXPECT_GT(turns_px(any), turns_px(sure));
   EXPECT_LT(turns_px(any), 1.5 * turns_px(sure));
@@ -991,7 +991,7 @@ TEST_F(TagAlignerTest, MapCovarianceCoversMovedTagAmongFew) {
         // A pose to which the wrong one counts little (Tukey's weights) is right.
         const double error_px = overlay_difference(camera_, result.T_table_camera, truth).rms_px();
         const double expected_px =
-            expected_overlay_error_px(camera_, result.T_table_camera, result.map_covariance);
+            predicted_overlay_error_px(camera_, result.T_table_camera, result.map_covariance);
         EXPECT_LT(error_px, std::max(1.0, 4.0 * expected_px));
         EXPECT_LT(expected_px, std::max(1.0, 10.0 * error_px));
         reported += expected_px > 0.5 ? 1 : 0;
@@ -1022,7 +1022,7 @@ TEST_F(TagAlignerTest, MotionBlurErrorNeedsNoKnownMotion) {
       if (!result.verified) return std::optional<double>();
       const MotionBlurError found = aligner.motion_blur_error(std::nullopt, false, 2.0);
       const double told_px =
-          expected_overlay_error_px(camera_, result.T_table_camera, found.covariance);
+          predicted_overlay_error_px(camera_, result.T_table_camera, found.covariance);
       EXPECT_TRUE(found.motion.isZero(0.0)) << "nobody reported it";
       EXPECT_GE(told_px, found.shift_px) << "it may have turned";
       return std::optional(found.shift_px);
