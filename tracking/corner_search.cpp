@@ -26,9 +26,9 @@ bool shows_most(const RigidTags& group, const Measurement& measurement) {
   return 3 * measurement.tags_used >= 2 * group.in_view(measurement.best.T_table_camera);
 }
 
-// Returns true if a finer search would find no other pose, nor tags that contradict each other.
+// Returns true if a finer search would find no other pose, nor inconsistent tags.
 bool is_conclusive(const RigidTags& group, const Measurement& measurement) {
-  return !measurement.contradictory && !measurement.ambiguous && measurement.tags_used > 1 &&
+  return !measurement.inconsistent && !measurement.ambiguous && measurement.tags_used > 1 &&
          shows_most(group, measurement);
 }
 
@@ -73,7 +73,7 @@ Result<Measurement> CornerSearch::measure(const RigidTags& group,
   measurement.by_corners = std::move(*board);
   take_corners(measurement);
   measurement.tags_used = measurement.by_corners.tags_used;
-  measurement.contradictory = measurement.by_corners.contradictory;
+  measurement.inconsistent = measurement.by_corners.inconsistent;
   measurement.rejected = measurement.by_corners.rejected;
   if (measurement.best.rms_px > kMostReprojectionRms_px)
     return fail("{} ({:.1f} px)", kNotFitting, measurement.best.rms_px);
@@ -124,7 +124,7 @@ Result<Measurement> CornerSearch::find(const RigidTags& group, SearchResolution 
     return fail("few of the tags are seen yet");
   }
   Result<Measurement> half = detect(group, SearchResolution::half, times);
-  const bool enough = half && !half->contradictory && shows_most(group, *half);
+  const bool enough = half && !half->inconsistent && shows_most(group, *half);
   if (!first || enough) return half;
   Result<Measurement> full = detect(group, SearchResolution::full, times);
   return full ? full : half;

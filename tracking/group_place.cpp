@@ -64,7 +64,7 @@ static_assert(TrackStatus::tracked < TrackStatus::uncertain &&
 
 }  // namespace
 
-bool GroupPlace::take(const CameraModel& camera, const Place& now, bool doubtful,
+bool GroupPlace::take(const CameraModel& camera, const Place& now, bool uncertain,
                       const CameraPose& T_table_camera) {
   const auto apart_px = [&](const TableFromMiddle& a, const TableFromMiddle& b) {
     return overlay_distance_px(camera, a.inverse() * T_table_camera, b.inverse() * T_table_camera);
@@ -78,7 +78,7 @@ bool GroupPlace::take(const CameraModel& camera, const Place& now, bool doubtful
     const Vector6d weighed = total.ldlt().solve(away);
     agrees = away.dot(weighed) < kRests &&
              apart_px(found.T_table_middle, now.T_table_middle) <= kShownWithin_px;
-    if (!agrees && doubtful) return false;
+    if (!agrees && uncertain) return false;
     if (agrees) {
       const Matrix6d gain = total.ldlt().solve(before).transpose();  // before total^-1
       found.T_table_middle = perturbed(found.T_table_middle, before * weighed);
@@ -143,9 +143,9 @@ GroupEstimate GroupPlace::update(const CameraModel& camera, double hold_s,
   now.covariance = A * (table_pose.covariance + seen.covariance) * A.transpose();
   if (!now.T_table_middle.is_finite() || !now.covariance.allFinite())
     return coast("no finite place");
-  const bool doubtful = worse(seen.status, table_pose.status) != TrackStatus::tracked;
+  const bool uncertain = worse(seen.status, table_pose.status) != TrackStatus::tracked;
   const bool old = found_ && seconds(timestamp_ns - found_->timestamp_ns) > hold_s;
-  if (!take(camera, now, doubtful && !old, table_pose.T_table_camera))
+  if (!take(camera, now, uncertain && !old, table_pose.T_table_camera))
     return coast(seen.reason.empty() ? table_pose.reason : seen.reason);
   return measured(camera, table_pose, seen);
 }

@@ -60,8 +60,8 @@ class GroupPlace {
     TableFromMiddle T_table_middle;
     Matrix6d covariance = Matrix6d::Zero();  // of T_table_middle * exp(xi)
   };
-  // Averages measurements while they agree. False for a doubtful one that disagrees.
-  bool take(const CameraModel& camera, const Place& now, bool doubtful,
+  // Averages measurements while they agree. False for an uncertain one that disagrees.
+  bool take(const CameraModel& camera, const Place& now, bool uncertain,
             const CameraPose& T_table_camera);
   [[nodiscard]] GroupEstimate measured(const CameraModel& camera, const PoseEstimate& table_pose,
                                        const GroupSighting& seen);

@@ -141,7 +141,7 @@ void take_alignment(const RigidTags& group, const Alignment& alignment, const Re
   measurement.aligned = true;
   measurement.variance_inflation = variance_inflation(result);
   measurement.tags_used = result.tags_verified;
-  if (result.map_contradicted)
+  if (result.map_inconsistent)
     measurement.map_px =
         predicted_overlay_error_px(group.camera, pose.T_table_camera, result.map_covariance);
 }
@@ -177,7 +177,7 @@ JudgedPose judge(const RigidTags& group, const Measurement& measurement,
       predicted_overlay_error_px(group.camera, pose, estimate.covariance), chosen.between_px);
   estimate.predicted_overlay_error_px = add_lens_uncertainty_px(group.camera, of_pose_px);
   estimate.status = TrackStatus::uncertain;
-  if (measurement.contradictory) {
+  if (measurement.inconsistent) {
     estimate.reason = kContradicting;
   } else if (chosen.open) {
     estimate.reason = kTwoPoses;

@@ -34,10 +34,10 @@ struct Measurement {
   int tags_used = 0;
   std::vector<int> rejected;  // indices into RigidTags::tags
   bool ambiguous = false;     // the second pose may be the true one
-  bool contradictory = false;
+  bool inconsistent = false;
   bool aligned = false;             // found by an alignment
   double variance_inflation = 1.0;  // of that alignment; see the function of this name
-  double map_px = 0.0;              // overlay error by a map that the tags contradict [px]
+  double map_px = 0.0;              // overlay error by a map that the tags do not fit [px]
 };
 
 // An alignment's pose with a covariance that holds for real images; nothing where the alignment is

@@ -53,7 +53,7 @@ struct RigidTagTracker::Impl {
   CornerSearch corners;
   PoseHistory history = {};
   Following state = {};
-  bool contradicted = false;  // the last search found tags that contradict each other
+  bool found_inconsistent = false;  // the tags that the last search found are inconsistent
   TrackTimes times = {};
 
   [[nodiscard]] JudgedPose estimate(const Frame& frame, const TrackRequest& request);
@@ -122,10 +122,10 @@ JudgedPose RigidTagTracker::Impl::measure(const Frame& frame, const TrackRequest
        seconds(frame.timestamp_ns - motion.timestamp_ns()) > kPriorLifetime_s))
     motion.reset();
   std::optional<JudgedPose> followed = follow(frame, Start::own_motion);
-  if (!followed && request.hint && !contradicted)
+  if (!followed && request.hint && !found_inconsistent)
     followed =
         follow_hint(frame, *request.hint, request.hint_seen ? Start::seen_hint : Start::hint);
-  if (!followed && !contradicted) followed = follow_far(frame);
+  if (!followed && !found_inconsistent) followed = follow_far(frame);
   if (!followed && !request.search) return coast(frame, "not where it was");
   if (request.begins_finest && request.finest == SearchResolution::full)
     corners.begin_at_full_resolution();
@@ -183,7 +183,7 @@ std::optional<RigidTagTracker::Impl::Followed> RigidTagTracker::Impl::align_foll
   alignment.run();
   if (result.verified && !from_hint) align_at_own_speed(history, camera, frame, alignment);
   if (!state.consensus.settle(group, corners.observations(), alignment)) {
-    contradicted = true;
+    found_inconsistent = true;
     return std::nullopt;
   }
   state.consensus.look_again_seldom(alignment);
@@ -284,7 +284,7 @@ std::optional<JudgedPose> RigidTagTracker::Impl::follow_far(const Frame& frame) 
     const MotionModel before = state.motion;
     std::optional<JudgedPose> found = follow_hint(frame, *guess, Start::hint);
     if (!found) {
-      contradicted = false;  // as before this guess, which may be wrong
+      found_inconsistent = false;  // as before this guess, which may be wrong
       continue;
     }
     times.pyramid_search = true;
@@ -308,7 +308,7 @@ void RigidTagTracker::Impl::align_found(const Frame& frame, Measurement& measure
   Alignment alignment{aligner, input_from(measurement.best.T_table_camera), false};
   alignment.run();
   consensus.look_again(alignment);
-  measurement.contradictory = !consensus.settle(group, corners.observations(), alignment);
+  measurement.inconsistent = !consensus.settle(group, corners.observations(), alignment);
   measurement.rejected = consensus.rejected();
   const AlignmentResult& result = alignment.result;
   note_work(result);
@@ -331,10 +331,10 @@ void RigidTagTracker::Impl::align_found(const Frame& frame, Measurement& measure
       measurement.second.reset();
     }
   }
-  if (measurement.contradictory) {
-    consensus.doubt_less();
+  if (measurement.inconsistent) {
+    consensus.count_strict_frame();
   } else {
-    consensus.trust();
+    consensus.end_strict_frames();
   }
 }
 
@@ -343,8 +343,8 @@ JudgedPose RigidTagTracker::Impl::find(const Frame& frame,
                                        SearchResolution finest) {
   Result<Measurement> measurement = corners.find(group, finest, predicted, times);
   if (!measurement) return coast(frame, measurement.error().message);
-  if (measurement->contradictory) {
-    state.consensus.doubt();
+  if (measurement->inconsistent) {
+    state.consensus.begin_strict_frames();
   } else {
     const Stopwatch align;
     align_found(frame, *measurement);
@@ -354,8 +354,8 @@ JudgedPose RigidTagTracker::Impl::find(const Frame& frame,
   times.corner_solve_skipped = !measurement->by_ceres;
   JudgedPose judged = judge(group, *measurement, predicted);
   const PoseEstimate& estimate = judged.estimate;
-  contradicted = measurement->contradictory;
-  if (contradicted) {
+  found_inconsistent = measurement->inconsistent;
+  if (found_inconsistent) {
     state.motion.reset();
     return judged;
   }
@@ -415,7 +415,7 @@ PoseEstimate RigidTagTracker::locate(std::span<const TagDetection> detections) {
     return lost;
   }
   CornerSearch::refine(m.group, *measurement, m.times);
-  m.contradicted = measurement->contradictory;
+  m.found_inconsistent = measurement->inconsistent;
   return judge(m.group, *measurement, std::nullopt).estimate;
 }
 

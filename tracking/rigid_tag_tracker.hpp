@@ -42,7 +42,7 @@ class RigidTagTracker {
   [[nodiscard]] TrackedFrame track(const Frame& frame, const TrackRequest& request);
 
   // Estimates the pose of an earlier frame from its detected tags: tracked, uncertain, or lost with
-  // a reason. Does not change the tracked state, except that contradictory tags stop guesses.
+  // a reason. Does not change the tracked state, except that inconsistent tags stop guesses.
   [[nodiscard]] PoseEstimate locate(std::span<const TagDetection> detections);
 
  private:

@@ -76,10 +76,10 @@ double RigidTags::corner_distance_px(const CameraPose& a, const CameraPose& b,
   return count > 0.0 ? sum / count : 0.0;
 }
 
-bool most_are_displaced(const AlignmentResult& result) {
-  const auto displaced = std::ranges::count_if(
-      result.tags, [](const TagAlignment& tag) { return !tag.verified && tag.displaced; });
-  return result.verified && result.tags_verified < 2 * displaced;
+bool most_are_inconsistent(const AlignmentResult& result) {
+  const auto inconsistent = std::ranges::count_if(
+      result.tags, [](const TagAlignment& tag) { return !tag.verified && tag.inconsistent; });
+  return result.verified && result.tags_verified < 2 * inconsistent;
 }
 
 Matrix6d loose_covariance() {

@@ -52,7 +52,7 @@ struct Alignment {
 };
 
 // Returns true if more than half as many tags as fit are read but lie elsewhere.
-[[nodiscard]] bool most_are_displaced(const AlignmentResult& result);
+[[nodiscard]] bool most_are_inconsistent(const AlignmentResult& result);
 
 // Covariance of a start that does not constrain the pose.
 [[nodiscard]] Matrix6d loose_covariance();

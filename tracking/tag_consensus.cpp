@@ -8,12 +8,13 @@ namespace penumbra {
 namespace {
 
 // Number of tags that do not fit the pose though they are seen clearly.
-int displaced_tags(const AlignmentResult& result, std::span<const TagObservation> detected) {
+int inconsistent_tags(const AlignmentResult& result, std::span<const TagObservation> detected) {
   int count = 0;
   for (const TagAlignment& tag : result.tags) {
     if (tag.verified) continue;
-    const bool seen = std::ranges::find(detected, tag.index, &TagObservation::id) != detected.end();
-    count += tag.displaced || seen ? 1 : 0;
+    const bool seen =
+        std::ranges::find(detected, tag.index, &TagObservation::index) != detected.end();
+    count += tag.inconsistent || seen ? 1 : 0;
   }
   return count;
 }
@@ -51,13 +52,13 @@ void TagConsensus::begin(std::vector<int> rejected) {
   frames_rejected_ = 0;
 }
 
-void TagConsensus::doubt() {
-  constexpr int kDoubtfulFrames = 5;
-  doubtful_frames_ = kDoubtfulFrames;
+void TagConsensus::begin_strict_frames() {
+  constexpr int kStrictFrames = 5;
+  strict_frames_ = kStrictFrames;
 }
 
-void TagConsensus::doubt_less() {
-  doubtful_frames_ = std::max(doubtful_frames_ - 1, 0);
+void TagConsensus::count_strict_frame() {
+  strict_frames_ = std::max(strict_frames_ - 1, 0);
 }
 
 // A bare majority may be the moved half, with one or two of the others fitting it.
@@ -67,17 +68,17 @@ bool TagConsensus::may_reject(const AlignmentResult& result) const {
 }
 
 // Returns true if the tags that fit do not clearly outnumber the others: two or three may fit by
-// chance. For some frames after a contradiction they must be most of the tags in the image.
-bool TagConsensus::is_doubtful(std::span<const TagObservation> detected,
-                               const Alignment& alignment) const {
+// chance. In strict frames they must be most of the tags in the image.
+bool TagConsensus::lacks_majority(std::span<const TagObservation> detected,
+                                  const Alignment& alignment) const {
   const AlignmentResult& result = alignment.result;
   if (!result.verified) return false;
-  if (alignment.with_search) return most_are_displaced(result);
-  if (result.tags_verified < 2 * displaced_tags(result, detected)) return true;
-  constexpr double kDoubtful_px = 0.15;  // where one tag may have bent the others' pose
-  return doubtful_frames_ > 0 &&
+  if (alignment.with_search) return most_are_inconsistent(result);
+  if (result.tags_verified < 2 * inconsistent_tags(result, detected)) return true;
+  constexpr double kStrict_px = 0.15;  // where one tag may have bent the others' pose
+  return strict_frames_ > 0 &&
          (3 * result.tags_verified < 2 * result.counters.tags_in_image ||
-          (result.disagreement >= kDisagree && result.displaced_px >= kDoubtful_px));
+          (result.disagreement >= kDisagree && result.displacement_px >= kStrict_px));
 }
 
 // Rejects the tag without which all others agree. Each candidate is tried from the pose by the
@@ -100,10 +101,10 @@ void TagConsensus::reject_one(const RigidTags& group, std::span<const TagObserva
     without.push_back(candidate.index);
     std::vector<TagObservation> others;
     for (const TagObservation& seen : detected) {
-      if (std::ranges::find(without, seen.id) == without.end()) others.push_back(seen);
+      if (std::ranges::find(without, seen.index) == without.end()) others.push_back(seen);
     }
     const Result<BoardPose> start = estimate_board_pose(group.camera, others);
-    if (!start || start->contradictory || !start->best.T_table_camera.is_finite()) continue;
+    if (!start || start->inconsistent || !start->best.T_table_camera.is_finite()) continue;
     alignment.input.predicted = start->best.T_table_camera;
     const AlignmentResult rest = alignment.tried_without(without);
     if (!rest.verified || rest.tags_verified < rest.counters.tags_in_image ||
@@ -124,16 +125,16 @@ void TagConsensus::reject_one(const RigidTags& group, std::span<const TagObserva
 bool TagConsensus::settle(const RigidTags& group, std::span<const TagObservation> detected,
                           Alignment& alignment) {
   const AlignmentResult& result = alignment.result;
-  while (result.verified && result.contradicting >= 0) {
+  while (result.verified && result.inconsistent_tag >= 0) {
     if (!may_reject(result)) return false;
-    rejected_.push_back(result.contradicting);
+    rejected_.push_back(result.inconsistent_tag);
     frames_rejected_ = 0;
     alignment.run_without(rejected_);
   }
-  const bool doubtful = is_doubtful(detected, alignment);
-  if (!result.verified || (result.disagreement < kDisagree && !doubtful)) return true;
+  const bool no_majority = lacks_majority(detected, alignment);
+  if (!result.verified || (result.disagreement < kDisagree && !no_majority)) return true;
   if (!alignment.with_search) reject_one(group, detected, alignment);
-  if (doubtful && is_doubtful(detected, alignment)) return false;
+  if (no_majority && lacks_majority(detected, alignment)) return false;
   // Only some of the visible tags fit.
   if (result.verified && result.disagreement >= kDisagree &&
       3 * result.tags_verified < 2 * result.counters.tags_visible)
@@ -141,7 +142,8 @@ bool TagConsensus::settle(const RigidTags& group, std::span<const TagObservation
   // Errors of real tags by lens, camera response and paper: of a joint pose, and tag by tag [px].
   constexpr double kSuspicious_px = 0.3;
   constexpr double kElsewhere_px = 0.5;
-  if (!result.verified || result.disagreement < kDisagree || result.displaced_px < kSuspicious_px)
+  if (!result.verified || result.disagreement < kDisagree ||
+      result.displacement_px < kSuspicious_px)
     return true;
   constexpr int kSeldom = 15;  // [frames]
   if (alignment.with_search && frames_unasked_++ % kSeldom != 0) return true;

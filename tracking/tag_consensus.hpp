@@ -16,30 +16,31 @@ class TagConsensus {
   // Begins with the tags that a detection rejected.
   void begin(std::vector<int> rejected);
 
-  // Rejects tags that contradict the others and aligns again. False if the right tags are unknown.
-  // `detected`: tags detected in this frame, if the alignment began with them.
+  // Rejects tags that are inconsistent with the others and aligns again. False if the right tags
+  // are unknown. `detected`: tags detected in this frame, if the alignment began with them.
   [[nodiscard]] bool settle(const RigidTags& group, std::span<const TagObservation> detected,
                             Alignment& alignment);
   // Tests, at once or seldom, if rejected tags agree with the others again.
   void look_again(Alignment& alignment);
   void look_again_seldom(Alignment& alignment);
 
-  // A search with contradictory tags makes the next frames doubtful.
-  void doubt();
-  void doubt_less();
-  void trust() { doubtful_frames_ = 0; }
+  // After a search with inconsistent tags some frames are strict: the tags that fit must be most of
+  // those in the image.
+  void begin_strict_frames();
+  void count_strict_frame();
+  void end_strict_frames() { strict_frames_ = 0; }
 
  private:
   [[nodiscard]] bool may_reject(const AlignmentResult& result) const;
-  [[nodiscard]] bool is_doubtful(std::span<const TagObservation> detected,
-                                 const Alignment& alignment) const;
+  [[nodiscard]] bool lacks_majority(std::span<const TagObservation> detected,
+                                    const Alignment& alignment) const;
   void reject_one(const RigidTags& group, std::span<const TagObservation> detected,
                   Alignment& alignment);
 
   std::vector<int> rejected_;
   int frames_rejected_ = 0;  // frames since a tag was rejected or asked again
   int frames_unasked_ = 0;   // frames in which all tags disagreed and were not tried one by one
-  int doubtful_frames_ = 0;
+  int strict_frames_ = 0;    // still to come
 };
 
 }  // namespace penumbra

@@ -47,7 +47,7 @@ inline std::vector<TagObservation> observe(const CameraModel& camera, const Came
   std::vector<TagObservation> observations;
   for (const MappedTag& tag : tags) {
     TagObservation observation;
-    observation.id = tag.id;
+    observation.index = tag.id;
     observation.corners_table = tag.corners();
     bool seen = true;
     for (std::size_t i = 0; i < 4; ++i) {

@@ -117,7 +117,7 @@ void MapAgreement::estimate_map_error(const AlignmentProblem& problem, double va
   // Chi-square's 99 % (Wilson and Hilferty, The distribution of chi-square, 1931).
   constexpr double kNormal99 = 2.326;
   const double ninth = 2.0 / (9.0 * freedom);
-  result.map_contradicted =
+  result.map_inconsistent =
       squares > freedom * std::pow(1.0 - ninth + kNormal99 * std::sqrt(ninth), 3.0);
 }
 
@@ -173,13 +173,13 @@ void MapAgreement::check(const AlignmentProblem& problem, const PoseSolver& solv
     squares += of.squares;
     shifts_px2 += shift.head<2>().squaredNorm();
   }
-  result.displaced_px = std::sqrt(shifts_px2 / static_cast<double>(count));
+  result.displacement_px = std::sqrt(shifts_px2 / static_cast<double>(count));
   result.disagreement = per_freedom(squares, count) / solver.variance();
   // Lens, camera response and paper displace real tags by less than this.
   constexpr double kLeast_px = 0.1;
-  if (count > kFewestCompared && result.displaced_px >= kLeast_px &&
+  if (count > kFewestCompared && result.displacement_px >= kLeast_px &&
       result.disagreement >= kDisagree)
-    result.contradicting = find_outlier(squares);
+    result.inconsistent_tag = find_outlier(squares);
 }
 
 }  // namespace penumbra

@@ -23,8 +23,8 @@ struct TagEquations {
 
 class MapAgreement {
  public:
-  // Sets the result's displaced_px, disagreement, map_covariance, map_contradicted and
-  // contradicting. Uses its design_effect. See docs/tracking.md#map.
+  // Sets the result's displacement_px, disagreement, map_covariance, map_inconsistent and
+  // inconsistent_tag. Uses its design_effect. See docs/tracking.md#map.
   void check(const AlignmentProblem& problem, const PoseSolver& solver, AlignmentResult& result);
 
   // Equations of the tags in the last check.

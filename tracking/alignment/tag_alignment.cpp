@@ -130,11 +130,11 @@ AlignmentResult TagAligner::Impl::run(const AlignmentInput& frame, bool with_sea
 bool TagAligner::Impl::attempt(Start start, bool may_be_near) {
   AlignmentCounters& counters = problem.counters;
   // Forgets the attempt before.
-  result.displaced_px = 0.0;
+  result.displacement_px = 0.0;
   result.disagreement = 1.0;
   result.map_covariance.setZero();
-  result.map_contradicted = false;
-  result.contradicting = -1;
+  result.map_inconsistent = false;
+  result.inconsistent_tag = -1;
   counters.far_start = false;
   counters.sampling_stopped = false;
   problem.T_camera_table = problem.T_predicted;

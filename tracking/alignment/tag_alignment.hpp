@@ -72,8 +72,8 @@ struct TagAlignment {
   double weight_share = 0.0;  // of the samples, after Tukey's weights
   // Share of the variance of its cells that the model explains; negative with too few cells.
   double explained = -1.0;
-  bool displaced = false;  // its cells read right, its edges are elsewhere
-  double cell_px = 0.0;    // the smaller width of a cell
+  bool inconsistent = false;  // its cells read right, its edges are elsewhere
+  double cell_px = 0.0;       // the smaller width of a cell
 };
 
 struct AlignmentCounters {
@@ -98,13 +98,13 @@ struct AlignmentResult {
   double design_effect = 1.0;
   // RMS displacement of whole tags from the map [px], and its variance over that expected from
   // independent residuals; of three tags and more, else 0 and 1.
-  double displaced_px = 0.0;
+  double displacement_px = 0.0;
   double disagreement = 1.0;
   // Pose covariance by wrong places of two to four tags in the map, beyond noise; mostly zero.
-  // map_contradicted: at a significance of 1 %.
+  // map_inconsistent: at a significance of 1 %.
   Matrix6d map_covariance = Matrix6d::Zero();
-  bool map_contradicted = false;
-  int contradicting = -1;          // index of the tag without which the others agree; -1: none
+  bool map_inconsistent = false;
+  int inconsistent_tag = -1;       // index of the tag without which the others agree; -1: none
   std::vector<TagAlignment> tags;  // the visible ones
   int tags_verified = 0;
   AlignmentCounters counters;

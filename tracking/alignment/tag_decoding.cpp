@@ -128,8 +128,8 @@ void decode_tags(AlignmentProblem& problem, EdgeSampler& sampler, AlignmentResul
                      20 * right >= 9 * cells.decidable && check.gain > 12.0 &&
                      check.weight_share > kLeastWeightShare;
     // Most cells of a covered tag are not decided.
-    check.displaced = check.weight_share <= kLeastWeightShare && cells.decidable >= least &&
-                      5 * right >= 4 * cells.decidable;
+    check.inconsistent = check.weight_share <= kLeastWeightShare && cells.decidable >= least &&
+                         5 * right >= 4 * cells.decidable;
     in_image += cells.decidable >= least ? 1 : 0;
     result.tags_verified += check.verified ? 1 : 0;
     result.tags.push_back(check);

@@ -11,8 +11,8 @@ namespace {
 
 using Tags = std::vector<TagObservation>;
 
-// A tag contradicts the others when its RMS is over the first limit, and either over this many
-// times the median tag's or over what blur does to any tag.
+// A tag is inconsistent with the others when its RMS is over the first limit, and either over this
+// many times the median tag's or over what blur does to any tag.
 constexpr double kOutlier_px = 1.5;
 constexpr double kOutlierTimesMiddle = 2.5;
 constexpr double kOutlierAlways_px = 3.0;
@@ -96,7 +96,7 @@ std::vector<double> tag_rms(const CameraModel& camera, const Tags& tags, const C
 // moves each corner independently; a tag that lies elsewhere has its four moved together, and the
 // pose takes only 6 numbers of that away. Compares, per degree of freedom, the displacement of
 // whole tags with the scatter of their corners.
-bool displaced_as_wholes(const CameraModel& camera, const Tags& tags, const CameraPose& pose) {
+bool several_are_inconsistent(const CameraModel& camera, const Tags& tags, const CameraPose& pose) {
   // Lens, tone curve and printing displace real tags by less than this [px].
   constexpr double kLeast_px = 0.5;
   // Quantiles (999 of 1000) of the F distribution of 2 n - 6 and 6 n degrees of freedom, for 4 and
@@ -190,7 +190,7 @@ Agreement reject_outliers(const CameraModel& camera, Tags used) {
     agreed = alike && (without.minima.empty() ||
                        3.0 * without.minima.front().rms_px > rest_minima.front().rms_px);
     if (agreed) break;
-    rejected.push_back(rest[without.index].id);
+    rejected.push_back(rest[without.index].index);
     rest.erase(rest.begin() + static_cast<std::ptrdiff_t>(without.index));
     rest_minima = std::move(without.minima);
   }
@@ -245,8 +245,8 @@ Result<BoardPose> estimate_board_pose(const CameraModel& camera,
   if (found.minima.empty()) return fail("the corners in view do not fix a pose");
   BoardPose result;
   result.best = found.minima.front();
-  result.contradictory =
-      !found.agreed || displaced_as_wholes(camera, found.used, result.best.T_table_camera);
+  result.inconsistent =
+      !found.agreed || several_are_inconsistent(camera, found.used, result.best.T_table_camera);
   if (found.minima.size() > 1) result.second = found.minima[1];
   result.points = points_of(found.used);
   result.tags_used = static_cast<int>(found.used.size());

@@ -1,5 +1,5 @@
-// Camera pose from the corners of several tags. Rejects tags that contradict the others, and
-// reports whether a second pose explains the view as well.
+// Camera pose from the corners of several tags. Rejects tags that are inconsistent with the
+// others, and reports whether a second pose explains the view as well.
 #pragma once
 
 #include <Eigen/Core>
@@ -17,7 +17,7 @@ namespace penumbra {
 
 // Corners of one tag on the table and in the image.
 struct TagObservation {
-  int id = 0;                                    // the caller's; BoardPose::rejected returns it
+  int index = 0;                                 // in the caller's list, as RigidTags::tags
   std::array<Eigen::Vector3d, 4> corners_table;  // [m]
   std::array<Eigen::Vector2d, 4> corners_px;
 };
@@ -27,10 +27,10 @@ struct BoardPose {
   // The other minimum of a planar target; it fits worse.
   std::optional<RefinedPose> second;
   int tags_used = 0;
-  std::vector<int> rejected;             // TagObservation::id of those that contradict the rest
+  std::vector<int> rejected;             // TagObservation::index of tags inconsistent with the rest
   std::vector<PointObservation> points;  // the corners that the poses fit
-  // True if the tags contradict each other with no majority that is right.
-  bool contradictory = false;
+  // True if the tags are inconsistent with the map and no majority of them is right.
+  bool inconsistent = false;
   // RMS of the second pose over that of the best; infinite without a second.
   [[nodiscard]] double ambiguity_ratio() const;
   // True if the second pose may be the true one: its RMS is less than `ratio` times that of the

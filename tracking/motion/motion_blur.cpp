@@ -111,8 +111,8 @@ bool align_with_motion_blur(const PoseHistory& history, const CameraModel& camer
   alignment.run();
   const bool enough = result.tags_verified >= 2 && 4 * result.tags_verified >= 3 * tags_before;
   // As shares of the gain: a model that is blurred as the image is restores the contrast, too.
-  if (result.verified && enough && result.residual_rms <= residual && result.contradicting < 0 &&
-      !most_are_displaced(result)) {
+  if (result.verified && enough && result.residual_rms <= residual && result.inconsistent_tag < 0 &&
+      !most_are_inconsistent(result)) {
     const MotionBlurError left =
         motion_found(history, camera, frame, alignment, kAlignedBlur_cells).blur;
     // A pose without motion of a cell may have slid along a blur that is still there.

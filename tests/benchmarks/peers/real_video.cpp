@@ -103,9 +103,9 @@ Result<RealVideo> load_real_video(const std::filesystem::path& folder) {
     }
     std::vector<PointObservation> corners;
     const Result<BoardPose> board = estimate_board_pose(footage.camera, observations);
-    if (board && !board->contradictory) {
+    if (board && !board->inconsistent) {
       for (const TagObservation& observation : observations) {
-        if (std::count(board->rejected.begin(), board->rejected.end(), observation.id) > 0)
+        if (std::count(board->rejected.begin(), board->rejected.end(), observation.index) > 0)
           continue;
         for (std::size_t k = 0; k < 4; ++k)
           corners.push_back({observation.corners_table[k], observation.corners_px[k]});

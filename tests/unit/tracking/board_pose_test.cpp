@@ -35,7 +35,7 @@ TEST_F(BoardPoseTest, EstimatesPoseFromTagSheet) {
   ASSERT_TRUE(board);
   EXPECT_EQ(board->tags_used, 12);
   EXPECT_THAT(board->rejected, testing::IsEmpty());
-  EXPECT_FALSE(board->contradictory);
+  EXPECT_FALSE(board->inconsistent);
   EXPECT_GT(board->ambiguity_ratio(), 5.0);
   EXPECT_LT(error_px(*board), 0.5);
 }
@@ -54,7 +54,7 @@ TEST_F(BoardPoseTest, RejectsMovedTag) {
       const auto board = estimate_board_pose(camera_, seen);
       ASSERT_TRUE(board);
       EXPECT_THAT(board->rejected, testing::ElementsAre(static_cast<int>(moved))) << count;
-      EXPECT_FALSE(board->contradictory);
+      EXPECT_FALSE(board->inconsistent);
       EXPECT_LT(error_px(*board), 3.0);
     }
   }
@@ -76,7 +76,7 @@ TEST_F(BoardPoseTest, ReportsInconsistencyOfTwoTags) {
   for (Eigen::Vector3d& corner : seen[1].corners_table) corner.x() += 0.02;
   const auto board = estimate_board_pose(camera_, seen);
   ASSERT_TRUE(board);
-  EXPECT_TRUE(board->contradictory);
+  EXPECT_TRUE(board->inconsistent);
 }
 
 TEST_F(BoardPoseTest, ReportsInconsistencyWhenHalfOfTagsAreWrong) {
@@ -86,7 +86,7 @@ TEST_F(BoardPoseTest, ReportsInconsistencyWhenHalfOfTagsAreWrong) {
   for (Eigen::Vector3d& corner : seen[2].corners_table) corner.y() -= 0.03;
   const auto board = estimate_board_pose(camera_, seen);
   ASSERT_TRUE(board);
-  EXPECT_TRUE(board->contradictory);
+  EXPECT_TRUE(board->inconsistent);
 }
 
 // A part of the board was bumped: no tag is an outlier by itself, and the fit is not that bad.
@@ -103,13 +103,13 @@ TEST_F(BoardPoseTest, ReportsInconsistencyOfBumpedHalfButNotOfNoise) {
     for (std::size_t i = 0; i < map.size(); ++i) bumped[i].corners_table = map[i].corners();
     const auto board = estimate_board_pose(camera_, bumped);
     ASSERT_TRUE(board);
-    EXPECT_TRUE(board->contradictory) << trial;
-    // Noise, however strong, is no contradiction.
+    EXPECT_TRUE(board->inconsistent) << trial;
+    // Noise, however strong, is no inconsistency.
     for (const double noise : {0.2, 0.6, 1.0}) {
       const auto noisy =
           estimate_board_pose(camera_, observe(camera_, truth_, sheet(), noise, random_));
       ASSERT_TRUE(noisy);
-      EXPECT_FALSE(noisy->contradictory) << noise << ", " << trial;
+      EXPECT_FALSE(noisy->inconsistent) << noise << ", " << trial;
     }
   }
 }

@@ -59,7 +59,7 @@ TEST_F(PoseConfidence, IsUncertainAboveLimit) {
 
 TEST_F(PoseConfidence, IsUncertainWhenTagsAreInconsistent) {
   Measurement measurement = measured(0.1);
-  measurement.contradictory = true;
+  measurement.inconsistent = true;
   EXPECT_EQ(judge(group_, measurement, std::nullopt).estimate.reason, kContradicting);
 }
 

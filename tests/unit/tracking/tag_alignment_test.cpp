@@ -842,7 +842,7 @@ TEST_F(TagAlignerTest, MotionBlurErrorIncludesRotation) {
       std::vector<TagObservation> seen;
       for (const TagAlignment& tag : result.tags) {
         TagObservation of;
-        of.id = tag.index;
+        of.index = tag.index;
         of.corners_table = tags_[static_cast<std::size_t>(tag.index)].corners();
         const auto at = [&](double share, const Eigen::Vector3d& point) {
           return camera_.project(perturbed(pose, share * motion).inverse() * point).value();
