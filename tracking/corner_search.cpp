@@ -34,9 +34,9 @@ bool is_conclusive(const RigidTags& group, const Measurement& measurement) {
 
 }  // namespace
 
-Result<Measurement> CornerSearch::measure(const RigidTags& group,
-                                          std::span<const TagDetection> detections,
-                                          TrackTimes& times) {
+MeasurementResult CornerSearch::measure(const RigidTags& group,
+                                        std::span<const TagDetection> detections,
+                                        TrackTimes& times) {
   const Stopwatch solve;
   observations_.clear();
   bool seen_twice = false;
@@ -62,12 +62,14 @@ Result<Measurement> CornerSearch::measure(const RigidTags& group,
   Result<BoardPose> board = estimate_board_pose(group.camera, observations_);
   solve.add_to(times.solve_ms, times.solve_cpu_ms);
   if (!board) {
-    if (observations_.empty() && seen_twice) return fail("the same tag is in view twice");
+    if (observations_.empty() && seen_twice)
+      return tl::unexpected(not_measured("the same tag is in view twice"));
     // One alone may be a pattern that happens to look like a tag.
     if (observations_.empty() && unknown_tags > 1) {
-      return fail("{} tags in view, none of them of this board (--tags)", unknown_tags);
+      return tl::unexpected(not_measured(
+          fmt::format("{} tags in view, none of them of this board (--tags)", unknown_tags)));
     }
-    return tl::unexpected(board.error());
+    return tl::unexpected(not_measured(board.error().message));
   }
   Measurement measurement;
   measurement.by_corners = std::move(*board);
@@ -76,7 +78,7 @@ Result<Measurement> CornerSearch::measure(const RigidTags& group,
   measurement.inconsistent = measurement.by_corners.inconsistent;
   measurement.rejected = measurement.by_corners.rejected;
   if (measurement.best.rms_px > kMostReprojectionRms_px)
-    return fail("{} ({:.1f} px)", kNotFitting, measurement.best.rms_px);
+    return tl::unexpected(PoseReason{PoseCause::misfit, measurement.best.rms_px});
   return measurement;
 }
 
@@ -88,8 +90,8 @@ void CornerSearch::refine(const RigidTags& group, Measurement& measurement, Trac
   solve.add_to(times.solve_ms, times.solve_cpu_ms);
 }
 
-Result<Measurement> CornerSearch::detect(const RigidTags& group, SearchResolution resolution,
-                                         TrackTimes& times) {
+MeasurementResult CornerSearch::detect(const RigidTags& group, SearchResolution resolution,
+                                       TrackTimes& times) {
   const bool again = search_->searched(resolution);
   const Stopwatch detect;
   const std::vector<TagDetection>& detections = search_->tags(resolution);
@@ -100,16 +102,16 @@ Result<Measurement> CornerSearch::detect(const RigidTags& group, SearchResolutio
   return measure(group, detections, times);
 }
 
-Result<Measurement> CornerSearch::find(const RigidTags& group, SearchResolution finest,
-                                       const std::optional<CameraPose>& predicted,
-                                       TrackTimes& times) {
+MeasurementResult CornerSearch::find(const RigidTags& group, SearchResolution finest,
+                                     const std::optional<CameraPose>& predicted,
+                                     TrackTimes& times) {
   const auto box =
       predicted && finest != SearchResolution::quarter ? group.box_about(*predicted) : std::nullopt;
   if (box && !search_->searched(SearchResolution::half)) {
     const Stopwatch detect;
     const std::vector<TagDetection> tags_there = search_->tags_within(*box);
     detect.add_to(times.detect_ms, times.detect_cpu_ms);
-    Result<Measurement> there = measure(group, tags_there, times);
+    MeasurementResult there = measure(group, tags_there, times);
     times.roi_detection = there && is_conclusive(group, *there);
     if (times.roi_detection) return there;
   }
@@ -117,16 +119,16 @@ Result<Measurement> CornerSearch::find(const RigidTags& group, SearchResolution 
   if (finest == SearchResolution::full && std::exchange(full_next_, !full_next_))
     return detect(group, SearchResolution::full, times);
   // A quarter of the resolution costs a quarter of what half of it does.
-  Result<Measurement> quarter = detect(group, SearchResolution::quarter, times);
+  MeasurementResult quarter = detect(group, SearchResolution::quarter, times);
   if (quarter && is_conclusive(group, *quarter)) return quarter;
   if (finest == SearchResolution::quarter) {
     if (!quarter) return quarter;
-    return fail("few of the tags are seen yet");
+    return tl::unexpected(not_measured("few of the tags are seen yet"));
   }
-  Result<Measurement> half = detect(group, SearchResolution::half, times);
+  MeasurementResult half = detect(group, SearchResolution::half, times);
   const bool enough = half && !half->inconsistent && shows_most(group, *half);
   if (!first || enough) return half;
-  Result<Measurement> full = detect(group, SearchResolution::full, times);
+  MeasurementResult full = detect(group, SearchResolution::full, times);
   return full ? full : half;
 }
 

@@ -4,10 +4,11 @@
 #include <memory>
 #include <optional>
 #include <span>
+#include <tl/expected.hpp>
 #include <vector>
 
-#include "core/error.hpp"
 #include "core/geometry/tag_map.hpp"
+#include "core/geometry/tracking_reasons.hpp"
 #include "tracking/detection/board_pose.hpp"
 #include "tracking/detection/tag_search.hpp"
 #include "tracking/pose_confidence.hpp"
@@ -16,6 +17,9 @@
 
 namespace penumbra {
 
+// A measurement, or why there is none.
+using MeasurementResult = tl::expected<Measurement, PoseReason>;
+
 class CornerSearch {
  public:
   // `map`: all known tags. `search` may be shared with other groups.
@@ -23,17 +27,17 @@ class CornerSearch {
       : map_(std::move(map)), search_(std::move(search)) {}
 
   // Searches the whole frame at one resolution.
-  [[nodiscard]] Result<Measurement> detect(const RigidTags& group, SearchResolution resolution,
-                                           TrackTimes& times);
+  [[nodiscard]] MeasurementResult detect(const RigidTags& group, SearchResolution resolution,
+                                         TrackTimes& times);
   // Searches the predicted region, then the whole frame, at low and at full resolution in turn. The
   // first frame is searched at every resolution.
-  [[nodiscard]] Result<Measurement> find(const RigidTags& group, SearchResolution finest,
-                                         const std::optional<CameraPose>& predicted,
-                                         TrackTimes& times);
+  [[nodiscard]] MeasurementResult find(const RigidTags& group, SearchResolution finest,
+                                       const std::optional<CameraPose>& predicted,
+                                       TrackTimes& times);
   // Pose by the corners of detected tags, by this project's own solver.
-  [[nodiscard]] Result<Measurement> measure(const RigidTags& group,
-                                            std::span<const TagDetection> detections,
-                                            TrackTimes& times);
+  [[nodiscard]] MeasurementResult measure(const RigidTags& group,
+                                          std::span<const TagDetection> detections,
+                                          TrackTimes& times);
   // Refines a measurement by Ceres unless it was aligned.
   static void refine(const RigidTags& group, Measurement& measurement, TrackTimes& times);
 
@@ -42,7 +46,7 @@ class CornerSearch {
   void begin_at_low_resolution() { full_next_ = false; }
 
   [[nodiscard]] TagSearch& frame() const { return *search_; }
-  // Tags of the last measurement; their ids are indices into RigidTags::tags.
+  // Tags of the last measurement; their indices are of RigidTags::tags.
   [[nodiscard]] std::span<const TagObservation> observations() const { return observations_; }
 
  private:

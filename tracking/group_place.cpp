@@ -101,7 +101,7 @@ bool GroupPlace::take(const CameraModel& camera, const Place& now, bool uncertai
 
 GroupEstimate GroupPlace::coasting(const CameraModel& camera, double hold_s,
                                    std::int64_t timestamp_ns, const PoseEstimate& table_pose,
-                                   std::string reason) const {
+                                   PoseReason reason) const {
   GroupEstimate estimate;
   estimate.name = name_;
   estimate.T_group_middle = T_group_middle_;
@@ -126,39 +126,39 @@ GroupEstimate GroupPlace::coasting(const CameraModel& camera, double hold_s,
 
 GroupEstimate GroupPlace::update(const CameraModel& camera, double hold_s,
                                  std::int64_t timestamp_ns, const PoseEstimate& table_pose,
-                                 const GroupSighting& seen) {
-  const auto coast = [&](std::string reason) {
+                                 const PoseEstimate& seen) {
+  const auto coast = [&](PoseReason reason) {
     return coasting(camera, hold_s, timestamp_ns, table_pose, std::move(reason));
   };
   // The clock jumped back: forget the past.
   if (found_ && timestamp_ns <= found_->timestamp_ns) found_.reset();
   if (!is_measured(seen.status))
-    return coast(seen.reason.empty() ? std::string("not seen") : seen.reason);
+    return coast(seen.reason.cause == PoseCause::none ? not_measured("not seen") : seen.reason);
   if (!is_measured(table_pose.status))
-    return coast(fmt::format("the table is {}", to_string(table_pose.status)));
+    return coast(not_measured(fmt::format("the table is {}", to_string(table_pose.status))));
   Place now;
   now.timestamp_ns = timestamp_ns;
-  now.T_table_middle = table_pose.T_table_camera * seen.T_middle_camera.inverse();
-  const Matrix6d A = adjoint(seen.T_middle_camera);
+  const MiddleFromCamera T_middle_camera = over_middle(seen);
+  now.T_table_middle = table_pose.T_table_camera * T_middle_camera.inverse();
+  const Matrix6d A = adjoint(T_middle_camera);
   now.covariance = A * (table_pose.covariance + seen.covariance) * A.transpose();
   if (!now.T_table_middle.is_finite() || !now.covariance.allFinite())
-    return coast("no finite place");
+    return coast(not_measured("no finite place"));
   const bool uncertain = worse(seen.status, table_pose.status) != TrackStatus::tracked;
   const bool old = found_ && seconds(timestamp_ns - found_->timestamp_ns) > hold_s;
   if (!take(camera, now, uncertain && !old, table_pose.T_table_camera))
-    return coast(seen.reason.empty() ? table_pose.reason : seen.reason);
+    return coast(seen.reason.cause == PoseCause::none ? table_pose.reason : seen.reason);
   return measured(camera, table_pose, seen);
 }
 
 GroupEstimate GroupPlace::measured(const CameraModel& camera, const PoseEstimate& table_pose,
-                                   const GroupSighting& seen) {
+                                   const PoseEstimate& seen) {
   GroupEstimate estimate;
   estimate.name = name_;
   estimate.T_group_middle = T_group_middle_;
   estimate.T_table_group = shown_ * T_group_middle_.inverse();
-  estimate.reprojection_rms_px = seen.reprojection_rms_px;
-  estimate.tags_used = seen.tags_used;
-  estimate.tags_left_out = seen.tags_left_out;
+  const MeasuredTags& tags = seen;
+  static_cast<MeasuredTags&>(estimate) = tags;
   estimate.rests = rests_;
   const MiddleFromCamera drawn = shown_.inverse() * table_pose.T_table_camera;
   if (rests_) {
@@ -177,11 +177,11 @@ GroupEstimate GroupPlace::measured(const CameraModel& camera, const PoseEstimate
   if (estimate.status == TrackStatus::tracked &&
       !(estimate.predicted_overlay_error_px < kTrackedOverlay_px)) {
     estimate.status = TrackStatus::uncertain;
-    estimate.reason = fmt::format("expected error {:.1f} px", estimate.predicted_overlay_error_px);
+    estimate.reason = {PoseCause::large_error, estimate.predicted_overlay_error_px};
   } else if (estimate.status == TrackStatus::uncertain) {
     estimate.reason = seen.status == TrackStatus::uncertain
                           ? seen.reason
-                          : fmt::format("the table is uncertain: {}", table_pose.reason);
+                          : PoseReason{PoseCause::uncertain_table, 0.0, text_of(table_pose.reason)};
   }
   last_status_ = estimate.status;
   return estimate;

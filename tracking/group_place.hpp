@@ -5,7 +5,6 @@
 #include <optional>
 #include <string>
 #include <utility>
-#include <vector>
 
 #include "core/camera/camera_model.hpp"
 #include "core/geometry/group_pose.hpp"
@@ -18,16 +17,10 @@ namespace penumbra {
 using MiddleFromCamera = Transform<frame::GroupMiddle, frame::Camera>;
 using TableFromMiddle = Transform<frame::Table, frame::GroupMiddle>;
 
-// Pose of the camera over a group's middle in one frame. Fields as in PoseEstimate.
-struct GroupSighting {
-  TrackStatus status = TrackStatus::lost;
-  MiddleFromCamera T_middle_camera;
-  Matrix6d covariance = Matrix6d::Zero();
-  double reprojection_rms_px = 0.0;
-  int tags_used = 0;
-  std::vector<int> tags_left_out;
-  std::string reason;
-};
+// The pose in an estimate of a group's own tracker, whose table frame is the group's middle.
+[[nodiscard]] inline MiddleFromCamera over_middle(const PoseEstimate& seen) {
+  return {seen.T_table_camera.rotation(), seen.T_table_camera.translation()};
+}
 
 // Returns true if the pose was measured in its frame.
 [[nodiscard]] inline bool is_measured(TrackStatus status) {
@@ -49,10 +42,11 @@ class GroupPlace {
     return !found_ || found_->timestamp_ns < timestamp_ns;
   }
 
-  // Takes a frame's sighting. `hold_s`: how long a hidden group is extrapolated.
+  // Takes a frame's estimate by the group's own tracker. `hold_s`: how long a hidden group is
+  // extrapolated.
   [[nodiscard]] GroupEstimate update(const CameraModel& camera, double hold_s,
                                      std::int64_t timestamp_ns, const PoseEstimate& table_pose,
-                                     const GroupSighting& seen);
+                                     const PoseEstimate& seen);
 
  private:
   struct Place {
@@ -64,10 +58,10 @@ class GroupPlace {
   bool take(const CameraModel& camera, const Place& now, bool uncertain,
             const CameraPose& T_table_camera);
   [[nodiscard]] GroupEstimate measured(const CameraModel& camera, const PoseEstimate& table_pose,
-                                       const GroupSighting& seen);
+                                       const PoseEstimate& seen);
   [[nodiscard]] GroupEstimate coasting(const CameraModel& camera, double hold_s,
                                        std::int64_t timestamp_ns, const PoseEstimate& table_pose,
-                                       std::string reason) const;
+                                       PoseReason reason) const;
 
   std::string name_;
   Transform<frame::Group, frame::GroupMiddle> T_group_middle_;

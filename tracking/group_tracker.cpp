@@ -37,17 +37,6 @@ void add(const TrackTimes& more, TrackTimes& times) {
   times.full_detection = times.full_detection || more.full_detection;
 }
 
-GroupSighting sighting_of(PoseEstimate estimate) {
-  return {.status = estimate.status,
-          .T_middle_camera = {estimate.T_table_camera.rotation(),
-                              estimate.T_table_camera.translation()},
-          .covariance = estimate.covariance,
-          .reprojection_rms_px = estimate.reprojection_rms_px,
-          .tags_used = estimate.tags_used,
-          .tags_left_out = std::move(estimate.tags_left_out),
-          .reason = std::move(estimate.reason)};
-}
-
 // A map of the group's tags alone, with the group's middle as its table frame.
 Result<TagMap> map_of_group(const TagMap& tags, const std::string& group) {
   const auto T_middle_group = middle_of_group(tags, group).inverse();
@@ -204,19 +193,19 @@ GroupEstimate GroupTracker::Impl::follow(Group& group, const Frame& frame, const
   const bool looks = !search->searched() && (unseen < kLooksAtFirst || unseen % kLooksEvery == 0);
   if (looks && is_measured(table_pose.status))
     hint = group.place.shown().inverse() * table_pose.T_table_camera;
-  GroupSighting then;  // where the group was seen in the past
+  PoseEstimate then;  // where the group was seen in the past
   if (past != nullptr && past->recent && unseen > 0 && is_measured(past->table_pose.status))
-    then = sighting_of(group.tracker.locate(past->found.tags));
+    then = group.tracker.locate(past->found.tags);
   const bool was_seen = is_measured(then.status);
   if (was_seen && is_measured(table_pose.status)) {
     // Brought forward by the camera's motion over the table.
-    hint = then.T_middle_camera *
-           (past->table_pose.T_table_camera.inverse() * table_pose.T_table_camera);
+    hint =
+        over_middle(then) * (past->table_pose.T_table_camera.inverse() * table_pose.T_table_camera);
     request.hint_seen = true;
   }
   if (hint) request.hint = CameraPose(hint->rotation(), hint->translation());
-  TrackedFrame tracked = group.tracker.track(frame, request);
-  const GroupSighting seen = sighting_of(std::move(tracked.pose));
+  const TrackedFrame tracked = group.tracker.track(frame, request);
+  const PoseEstimate& seen = tracked.pose;
   add(tracked.times, result.times);
   search_due = search_due || (seen.status != TrackStatus::tracked && searches(unseen));
   group.unseen = seen.status == TrackStatus::tracked ? 0 : unseen + 1;

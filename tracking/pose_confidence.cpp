@@ -4,7 +4,6 @@
 #include <cmath>
 #include <limits>
 #include <numbers>
-#include <string>
 
 #include "core/evaluation/evaluation.hpp"
 #include "tracking/math/spd6.hpp"
@@ -80,20 +79,15 @@ Choice choose(const RigidTags& group, const Measurement& measurement,
 }
 
 // Reason of a pose whose predicted error is too large.
-std::string reason_of_error(const CameraModel& camera, const PoseEstimate& estimate,
-                            double of_pose_px, double map_px) {
+PoseReason reason_of_error(const CameraModel& camera, const PoseEstimate& estimate,
+                           double of_pose_px, double map_px) {
   const double predicted_px = estimate.predicted_overlay_error_px;
-  if (!std::isfinite(predicted_px)) return "the table's centre is out of sight";
-  if (of_pose_px < kTrackedOverlay_px) {
-    return fmt::format(
-        "the camera file knows its lens to {:.1f} px only; calibrate it from more views",
-        camera.parameters().overlay_sigma_px.value_or(0.0));
-  }
-  if (of_pose_px * of_pose_px - map_px * map_px < kTrackedOverlay_px * kTrackedOverlay_px) {
-    return fmt::format("the few tags in view do not lie as the map says: expected error {:.1f} px",
-                       predicted_px);
-  }
-  return fmt::format("expected error {:.1f} px", predicted_px);
+  if (!std::isfinite(predicted_px)) return {PoseCause::out_of_sight};
+  if (of_pose_px < kTrackedOverlay_px)
+    return {PoseCause::uncertain_lens, camera.parameters().overlay_sigma_px.value_or(0.0)};
+  const bool by_map =
+      of_pose_px * of_pose_px - map_px * map_px < kTrackedOverlay_px * kTrackedOverlay_px;
+  return {by_map ? PoseCause::uncertain_map : PoseCause::large_error, predicted_px};
 }
 
 }  // namespace
@@ -172,15 +166,16 @@ JudgedPose judge(const RigidTags& group, const Measurement& measurement,
   estimate.reprojection_rms_px = chosen.pose.rms_px;
   estimate.ambiguity_ratio = measurement.ambiguity_ratio;
   estimate.tags_used = measurement.tags_used;
-  for (const int index : measurement.rejected) estimate.tags_left_out.push_back(group[index].id);
+  for (const int index : measurement.rejected)
+    estimate.tags_rejected.push_back({group[index].id, TagRejection::inconsistent});
   const double of_pose_px = std::hypot(
       predicted_overlay_error_px(group.camera, pose, estimate.covariance), chosen.between_px);
   estimate.predicted_overlay_error_px = add_lens_uncertainty_px(group.camera, of_pose_px);
   estimate.status = TrackStatus::uncertain;
   if (measurement.inconsistent) {
-    estimate.reason = kContradicting;
+    estimate.reason = {PoseCause::inconsistent_tags};
   } else if (chosen.open) {
-    estimate.reason = kTwoPoses;
+    estimate.reason = {PoseCause::two_poses};
   } else if (!(estimate.predicted_overlay_error_px < kTrackedOverlay_px)) {
     estimate.reason = reason_of_error(group.camera, estimate, of_pose_px, measurement.map_px);
     judged.only_lens_uncertain =

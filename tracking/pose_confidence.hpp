@@ -4,7 +4,6 @@
 
 #include <limits>
 #include <optional>
-#include <string_view>
 #include <vector>
 
 #include "core/geometry/pose_estimate.hpp"
@@ -17,12 +16,6 @@ namespace penumbra {
 
 // Predicted overlay error up to which a pose counts as tracked [px].
 inline constexpr double kTrackedOverlay_px = 2.0;
-
-// Values of PoseEstimate::reason. kNotFitting (the camera file or the map is wrong) is followed by
-// the residual in parentheses.
-inline constexpr std::string_view kTwoPoses = "two poses fit";
-inline constexpr std::string_view kContradicting = "the tags contradict each other";
-inline constexpr std::string_view kNotFitting = "the tags do not fit the map";
 
 // Pose measured in one frame, by detection or by alignment.
 struct Measurement {

@@ -1,7 +1,6 @@
 #include "tracking/rigid_tag_tracker.hpp"
 
 #include <cmath>
-#include <string>
 #include <utility>
 
 #include "core/assert.hpp"
@@ -58,7 +57,7 @@ struct RigidTagTracker::Impl {
 
   [[nodiscard]] JudgedPose estimate(const Frame& frame, const TrackRequest& request);
   [[nodiscard]] JudgedPose measure(const Frame& frame, const TrackRequest& request);
-  [[nodiscard]] JudgedPose coast(const Frame& frame, std::string reason) const;
+  [[nodiscard]] JudgedPose coast(const Frame& frame, PoseReason reason) const;
   // Aligns from the prediction; nothing where that is not verified.
   [[nodiscard]] std::optional<JudgedPose> follow(const Frame& frame, Start start);
   [[nodiscard]] std::optional<JudgedPose> follow_hint(const Frame& frame, const CameraPose& hint,
@@ -84,24 +83,25 @@ struct RigidTagTracker::Impl {
   void note_work(const AlignmentResult& result);
 };
 
-JudgedPose RigidTagTracker::Impl::coast(const Frame& frame, std::string reason) const {
+JudgedPose RigidTagTracker::Impl::coast(const Frame& frame, PoseReason reason) const {
   return {history.coast(group.camera, frame.timestamp_ns, options.hold_s, std::move(reason))};
 }
 
 JudgedPose RigidTagTracker::Impl::estimate(const Frame& frame, const TrackRequest& request) {
-  if (frame.empty()) return coast(frame, "the frame is empty");
+  if (frame.empty()) return coast(frame, not_measured("the frame is empty"));
   if (frame.width != group.camera.width() || frame.height != group.camera.height()) {
     JudgedPose lost;
     lost.estimate.reason =
-        fmt::format("the frame is {}x{}, the camera file says {}x{}", frame.width, frame.height,
-                    group.camera.width(), group.camera.height());
+        not_measured(fmt::format("the frame is {}x{}, the camera file says {}x{}", frame.width,
+                                 frame.height, group.camera.width(), group.camera.height()));
     return lost;
   }
   history.begin_frame(frame.timestamp_ns);
   JudgedPose judged = measure(frame, request);
   const PoseEstimate& estimate = judged.estimate;
   if (estimate.status == TrackStatus::lost || estimate.status == TrackStatus::held) return judged;
-  const bool is_located = estimate.reason != kTwoPoses && estimate.reason != kContradicting;
+  const PoseCause cause = estimate.reason.cause;
+  const bool is_located = cause != PoseCause::two_poses && cause != PoseCause::inconsistent_tags;
   // An uncertain lens has the same error in all frames.
   const bool continues = estimate.status == TrackStatus::tracked || judged.only_lens_uncertain;
   history.add(frame.timestamp_ns, estimate, is_located, continues);
@@ -111,8 +111,8 @@ JudgedPose RigidTagTracker::Impl::estimate(const Frame& frame, const TrackReques
 JudgedPose RigidTagTracker::Impl::measure(const Frame& frame, const TrackRequest& request) {
   const std::optional<CameraPose> predicted = history.recent_prediction(frame.timestamp_ns);
   if (options.mode == TrackingMode::detect) {
-    Result<Measurement> measurement = corners.detect(group, SearchResolution::full, times);
-    if (!measurement) return coast(frame, measurement.error().message);
+    MeasurementResult measurement = corners.detect(group, SearchResolution::full, times);
+    if (!measurement) return coast(frame, measurement.error());
     CornerSearch::refine(group, *measurement, times);
     return judge(group, *measurement, predicted);
   }
@@ -126,7 +126,7 @@ JudgedPose RigidTagTracker::Impl::measure(const Frame& frame, const TrackRequest
     followed =
         follow_hint(frame, *request.hint, request.hint_seen ? Start::seen_hint : Start::hint);
   if (!followed && !found_inconsistent) followed = follow_far(frame);
-  if (!followed && !request.search) return coast(frame, "not where it was");
+  if (!followed && !request.search) return coast(frame, not_measured("not where it was"));
   if (request.begins_finest && request.finest == SearchResolution::full)
     corners.begin_at_full_resolution();
   return followed ? *followed : find(frame, predicted, request.finest);
@@ -245,7 +245,7 @@ std::optional<JudgedPose> RigidTagTracker::Impl::follow(const Frame& frame, Star
   JudgedPose judged = judge(group, measurement, expected);
   const PoseEstimate& estimate = judged.estimate;
   state.branch_open = estimate.status == TrackStatus::uncertain && measurement.ambiguous &&
-                      estimate.reason == kTwoPoses;
+                      estimate.reason.cause == PoseCause::two_poses;
   const CameraPose& aligned = followed->best.T_table_camera;
   if (start == Start::own_motion && estimate.T_table_camera.matrix() == aligned.matrix()) {
     state.motion.update(frame.timestamp_ns, aligned, followed->filter_covariance);
@@ -341,8 +341,8 @@ void RigidTagTracker::Impl::align_found(const Frame& frame, Measurement& measure
 JudgedPose RigidTagTracker::Impl::find(const Frame& frame,
                                        const std::optional<CameraPose>& predicted,
                                        SearchResolution finest) {
-  Result<Measurement> measurement = corners.find(group, finest, predicted, times);
-  if (!measurement) return coast(frame, measurement.error().message);
+  MeasurementResult measurement = corners.find(group, finest, predicted, times);
+  if (!measurement) return coast(frame, measurement.error());
   if (measurement->inconsistent) {
     state.consensus.begin_strict_frames();
   } else {
@@ -359,7 +359,8 @@ JudgedPose RigidTagTracker::Impl::find(const Frame& frame,
     state.motion.reset();
     return judged;
   }
-  const bool was_open = std::exchange(state.branch_open, estimate.reason == kTwoPoses);
+  const bool was_open =
+      std::exchange(state.branch_open, estimate.reason.cause == PoseCause::two_poses);
   if (state.motion.has_state() && !was_open && !state.branch_open) {
     state.motion.update(frame.timestamp_ns, estimate.T_table_camera, estimate.covariance);
   } else {
@@ -408,10 +409,10 @@ TrackedFrame RigidTagTracker::track(const Frame& frame, const TrackRequest& requ
 
 PoseEstimate RigidTagTracker::locate(std::span<const TagDetection> detections) {
   Impl& m = *impl_;
-  Result<Measurement> measurement = m.corners.measure(m.group, detections, m.times);
+  MeasurementResult measurement = m.corners.measure(m.group, detections, m.times);
   if (!measurement) {
     PoseEstimate lost;
-    lost.reason = measurement.error().message;
+    lost.reason = measurement.error();
     return lost;
   }
   CornerSearch::refine(m.group, *measurement, m.times);

@@ -16,11 +16,11 @@ Result<PoseWriter> PoseWriter::create(const std::filesystem::path& file, bool al
 }
 
 Result<void> PoseWriter::write(std::int64_t timestamp_ns, const PoseEstimate& pose) {
-  return write(timestamp_ns, pose.status, pose.reason, pose.T_table_camera);
+  return write(timestamp_ns, pose.status, text_of(pose.reason), pose.T_table_camera);
 }
 
 Result<void> PoseWriter::write(std::int64_t timestamp_ns, const GroupEstimate& group) {
-  return write(timestamp_ns, group.status, group.reason,
+  return write(timestamp_ns, group.status, text_of(group.reason),
                {group.T_table_group.rotation(), group.T_table_group.translation()});
 }
 

@@ -10,7 +10,6 @@
 #include "core/assert.hpp"
 #include "core/text/text.hpp"
 #include "core/units.hpp"
-#include "tracking/pose_confidence.hpp"
 
 namespace penumbra {
 namespace {
@@ -67,16 +66,22 @@ Json counts_json(const Counts& counts) {
   return json;
 }
 
-void add_json(Json& json, const StatusCounts& counts) {
+void add_json(Json& json, const TrackingCounts& counts) {
   json["frames_tracked"] = counts.frames_tracked;
   json["frames_uncertain"] = counts.frames_uncertain;
   json["frames_held"] = counts.frames_held;
   json["frames_lost"] = counts.frames_lost;
 }
 
-std::string status_text(const StatusCounts& counts) {
+std::string status_text(const TrackingCounts& counts) {
   return fmt::format("tracked {}, uncertain {}, held {}, lost {}\n", counts.frames_tracked,
                      counts.frames_uncertain, counts.frames_held, counts.frames_lost);
+}
+
+void add_rejected_tags(Json& json, const TrackingCounts& counts) {
+  for (std::size_t i = 0; i < kTagRejections; ++i) {
+    json[std::string(key_of(static_cast<TagRejection>(i)))] = counts_json(counts.tags_rejected[i]);
+  }
 }
 
 Json groups_json(const std::vector<GroupReport>& groups) {
@@ -86,7 +91,7 @@ Json groups_json(const std::vector<GroupReport>& groups) {
     add_json(of_group, group);
     of_group["reprojection_rms_px"] =
         group.tags_measured ? json_of(group.reprojection_rms_px) : Json();
-    of_group["tags_left_out"] = counts_json(group.tags_left_out);
+    add_rejected_tags(of_group, group);
     if (group.accuracy) of_group["accuracy"] = json_of(*group.accuracy);
   }
   return json;
@@ -147,9 +152,11 @@ Json json_of(const SmoothingReport& smoothing) {
 
 }  // namespace
 
-void StatusCounts::add(TrackStatus status) {
+void TrackingCounts::add(TrackStatus status, const MeasuredTags& tags) {
   const std::array counts = {&frames_tracked, &frames_uncertain, &frames_held, &frames_lost};
   ++*counts[static_cast<std::size_t>(status)];
+  for (const RejectedTag& tag : tags.tags_rejected)
+    ++tags_rejected[static_cast<std::size_t>(tag.reason)][std::to_string(tag.id)];
 }
 
 void StageTimes::add(StageTime time) {
@@ -197,7 +204,7 @@ void RunRecorder::add_frame(const SessionFrame& frame) {
   const CompositeStats& drawn = frame.composite;
   ++report_.frames;
   report_.translucency = drawn.translucency;
-  report_.add(pose.status);
+  report_.add(pose.status, pose);
   if (pose.status == TrackStatus::tracked) {
     expected_px_.add(pose.predicted_overlay_error_px);
     add_tracked(frame);
@@ -218,7 +225,6 @@ void RunRecorder::add_frame(const SessionFrame& frame) {
   skip("pixels_while_moving", times.fewer_pixels ? 1 : 0);
   skip("wide_stage", times.near_start ? 1 : 0);
   skip("corner_solve", times.corner_solve_skipped ? 1 : 0);
-  for (const int id : pose.tags_left_out) ++report_.tags_left_out[std::to_string(id)];
   if (keep_paths_) times_ns_.push_back(frame.tracked.frame.timestamp_ns);
   if (pose.tags_used > 0) reprojection_px_.add(pose.reprojection_rms_px);
   if (times.search_used) ++report_.full_detections;
@@ -254,14 +260,13 @@ void RunRecorder::add_frame(const SessionFrame& frame) {
   for (const KeptPart& part : drawn.kept) ++kept_[static_cast<std::size_t>(part.reason)];
 }
 
-void RunRecorder::add_reason(const std::string& reason) {
+void RunRecorder::add_reason(const PoseReason& reason) {
   constexpr std::size_t kMostKinds = 64;  // there are a dozen
-  std::string general = without_numbers(reason);
-  if (general.empty() || (reasons_.size() >= kMostKinds && !reasons_.contains(general))) {
-    general = "other";
-  }
-  ++reasons_[general];
-  report_.first_reasons.try_emplace(general, general == "other" ? general : reason);
+  const std::string general = without_numbers(text_of(reason));
+  const bool other =
+      general.empty() || (reasons_.size() >= kMostKinds && !reasons_.contains(general));
+  ReasonCount& count = reasons_[other ? "other" : general];
+  if (count.frames++ == 0 && !other) count.first = reason;
 }
 
 void RunRecorder::add_tracked(const SessionFrame& frame) {
@@ -286,7 +291,7 @@ void RunRecorder::add_group(const GroupEstimate& estimate, const TrackedFrame& t
     found = groups_.end() - 1;
     found->T_group_middle = estimate.T_group_middle;
   }
-  found->report.add(estimate.status);
+  found->report.add(estimate.status, estimate);
   if (estimate.status == TrackStatus::tracked && keep_paths_) {
     const auto T_middle_camera =
         (estimate.T_table_group * estimate.T_group_middle).inverse() * tracked.pose.T_table_camera;
@@ -296,7 +301,6 @@ void RunRecorder::add_group(const GroupEstimate& estimate, const TrackedFrame& t
          {}});
   }
   if (estimate.tags_used > 0) found->reprojection_px.add(estimate.reprojection_rms_px);
-  for (const int id : estimate.tags_left_out) ++found->report.tags_left_out[std::to_string(id)];
 }
 
 const RunRecorder::Group& RunRecorder::group(const std::string& name) const {
@@ -336,7 +340,7 @@ RunReport RunRecorder::report() const {
   }
   report.reasons.assign(reasons_.begin(), reasons_.end());
   std::ranges::stable_sort(report.reasons, std::greater(),
-                           &std::pair<std::string, std::int64_t>::second);
+                           [](const auto& reason) { return reason.second.frames; });
   report.work = work();
   const auto add_counts = [](auto& counts, const auto& by_reason, auto first) {
     for (std::size_t i = 0; i < by_reason.size(); ++i) {
@@ -422,9 +426,11 @@ std::string report_json(const RunReport& report) {
       {"box_detections", report.box_detections},
       {"tracked_updates", report.tracked_updates},
       {"pixels_sampled", report.pixels_sampled},
-      {"not_tracked", counts_json(report.reasons)},
-      {"skipped", counts_json(report.tracking_skipped)},
-      {"tags_left_out", counts_json(report.tags_left_out)}};
+      {"not_tracked", Json::object()},
+      {"skipped", counts_json(report.tracking_skipped)}};
+  for (const auto& [general, count] : report.reasons)
+    json["tracking"]["not_tracked"][general] = count.frames;
+  add_rejected_tags(json["tracking"], report);
   if (const auto& fault = report.image_fault) {
     json["tracking"]["image_fault"] = to_string(*fault);
   }
@@ -512,16 +518,15 @@ std::string smoothing_table(const SmoothingReport& smoothing) {
 }
 
 // `map` names the map in the text.
-std::string left_out_lines(const std::map<std::string, std::int64_t>& tags, std::string_view map) {
-  constexpr std::size_t kMostNamed = 5;
+std::string rejected_tag_lines(const TrackingCounts& counts, std::string_view map) {
+  constexpr std::size_t kMostNamed = 5;  // for each reason
   std::string text;
-  std::size_t named = 0;
-  for (const auto& [id, frames] : tags) {
-    if (++named > kMostNamed) break;
-    text += fmt::format(
-        "tag {} does not lie where {} has it: left out of {} frames (measure it, or make a map: "
-        "penumbra map)\n",
-        id, map, frames);
+  for (std::size_t i = 0; i < kTagRejections; ++i) {
+    std::size_t named = 0;
+    for (const auto& [id, frames] : counts.tags_rejected[i]) {
+      if (++named > kMostNamed) break;
+      text += text_of(static_cast<TagRejection>(i), id, map, frames) + "\n";
+    }
   }
   return text;
 }
@@ -529,8 +534,8 @@ std::string left_out_lines(const std::map<std::string, std::int64_t>& tags, std:
 // Returns true if no frame was tracked, mostly because no pose fits the detected tags.
 bool tags_fit_no_pose(const RunReport& report) {
   if (report.frames_tracked > 0 || report.reasons.empty()) return false;
-  const std::string& reason = report.reasons.front().first;
-  return reason.starts_with(kContradicting) || reason.starts_with(kNotFitting);
+  const PoseCause cause = report.reasons.front().second.first.cause;
+  return cause == PoseCause::inconsistent_tags || cause == PoseCause::misfit;
 }
 
 // "camera: damaged frames: 3 (damaged)".
@@ -558,10 +563,11 @@ std::string report_table(const RunReport& report) {
   text += status_text(report);
   for (std::size_t i = 0; i < std::min<std::size_t>(report.reasons.size(), 3); ++i) {
     const auto& [general, count] = report.reasons[i];
-    const auto first = report.first_reasons.find(general);
-    const std::string& reason = first == report.first_reasons.end() ? general : first->second;
-    text += fmt::format("not tracked: {} ({} frame{}{})\n", reason, count, count == 1 ? "" : "s",
-                        count > 1 && reason != general ? ", numbers of the first" : "");
+    const std::string first = text_of(count.first);
+    const std::string& reason = first.empty() ? general : first;
+    text += fmt::format("not tracked: {} ({} frame{}{})\n", reason, count.frames,
+                        count.frames == 1 ? "" : "s",
+                        count.frames > 1 && reason != general ? ", numbers of the first" : "");
   }
   const bool misfit = tags_fit_no_pose(report);
   if (misfit) {
@@ -569,7 +575,7 @@ std::string report_table(const RunReport& report) {
         "no frame was tracked, though tags of the map were read: check that the camera file is of "
         "this camera, its focus and its image size; then check the sizes and places in the map\n";
   }
-  text += left_out_lines(report.tags_left_out, "the map");
+  text += rejected_tag_lines(report, "the map");
   // The tags were seen in uncertain frames.
   if (!misfit && report.frames > 0 && report.frames_tracked == 0 &&
       2 * report.frames_uncertain < report.frames) {
@@ -592,7 +598,7 @@ std::string report_table(const RunReport& report) {
   text += camera_fault_lines(report.camera_faults);
   for (const GroupReport& group : report.groups) {
     text += fmt::format("tag group {}: {}", group.name, status_text(group));
-    text += left_out_lines(group.tags_left_out, "the map of its group");
+    text += rejected_tag_lines(group, "the map of its group");
   }
   if (report.log_lines_dropped > 0) {
     text += fmt::format("log: {} lines dropped, because standard error could not be written\n",

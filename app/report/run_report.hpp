@@ -18,6 +18,7 @@
 #include "core/evaluation/evaluation.hpp"
 #include "core/evaluation/running_statistics.hpp"
 #include "core/geometry/group_pose.hpp"
+#include "core/geometry/tracking_reasons.hpp"
 #include "core/stopwatch.hpp"
 #include "render/render_work.hpp"
 #include "render/scene/shadow_events.hpp"
@@ -45,18 +46,19 @@ class StageTimes {
   std::array<double, kMostRecent> recent_ms_{};  // a ring
 };
 
-// Frames by the status of their pose.
-struct StatusCounts {
+// Frames by the status of their pose, and the tags measured in them.
+struct TrackingCounts {
   int frames_tracked = 0, frames_uncertain = 0, frames_held = 0, frames_lost = 0;
-  void add(TrackStatus status);
+  Statistics reprojection_rms_px;  // over the frames in which tags were measured
+  bool tags_measured = false;      // in any frame
+  // By TagRejection, and by the tag's id: frames in which it was rejected.
+  std::array<std::map<std::string, std::int64_t>, kTagRejections> tags_rejected;
+  void add(TrackStatus status, const MeasuredTags& tags);
 };
 
 // A group of tags beside the table.
-struct GroupReport : StatusCounts {
+struct GroupReport : TrackingCounts {
   std::string name;
-  Statistics reprojection_rms_px;  // over the frames in which its tags were measured
-  bool tags_measured = false;
-  std::map<std::string, std::int64_t> tags_left_out;  // as RunReport's
   // Errors of the camera over the group's middle, in the tracked frames.
   std::optional<Evaluation> accuracy;
 };
@@ -89,7 +91,13 @@ struct RecordedFrames {
   std::int64_t left_out = 0;  // the disk or the encoder was too slow
 };
 
-struct RunReport : StatusCounts, WorkReport {
+// Untracked frames with the same reason but for its numbers.
+struct ReasonCount {
+  std::int64_t frames = 0;
+  PoseReason first;  // with the numbers of the first frame
+};
+
+struct RunReport : TrackingCounts, WorkReport {
   std::string recording;
   std::string scene;
   std::optional<TagsInUse> tags;          // nothing if poses are given without any
@@ -100,10 +108,7 @@ struct RunReport : StatusCounts, WorkReport {
   int frames_damaged = 0;  // of those dropped: they could not be decoded; others came too late
   // Reasons why frames were not tracked, the most frequent first. Numbers in a reason are replaced
   // by N, so that it counts as one.
-  std::vector<std::pair<std::string, std::int64_t>> reasons;
-  std::map<std::string, std::string> first_reasons;  // with the numbers of their first frame
-  // By id, frames in which a tag was inconsistent with the map.
-  std::map<std::string, std::int64_t> tags_left_out;
+  std::vector<std::pair<std::string, ReasonCount>> reasons;
   bool interrupted = false;
   // The error that ended the run early, or that closed an output; the rest is as reported here.
   std::optional<Error> failure;
@@ -113,10 +118,8 @@ struct RunReport : StatusCounts, WorkReport {
   std::string gl_renderer;
   std::string gl_version;
   Translucency translucency = Translucency::automatic;  // of the last frame; automatic: none drawn
-  Statistics reprojection_rms_px;   // over the frames in which tags were measured
-  bool tags_measured = false;       // in any frame
-  Statistics expected_overlay_px;   // PoseEstimate's, over the tracked frames
-  int full_detections = 0;          // frames searched as a whole
+  Statistics expected_overlay_px;                       // PoseEstimate's, over the tracked frames
+  int full_detections = 0;                              // frames searched as a whole
   int coarse_searches = 0;          // of tracked_updates: found by the pyramid search
   int box_detections = 0;           // frames searched by ROI detection
   int tracked_updates = 0;          // frames measured without such a search
@@ -172,7 +175,7 @@ class RunRecorder {
   [[nodiscard]] RunReport report() const;
 
  private:
-  void add_reason(const std::string& reason);
+  void add_reason(const PoseReason& reason);
   void add_tracked(const SessionFrame& frame);
   void add_group(const GroupEstimate& estimate, const TrackedFrame& tracked);
 
@@ -186,7 +189,7 @@ class RunRecorder {
   RunningStatistics lag_ms_, offset_px_;  // of frames drawn with a smoothed pose
   std::optional<LagMeter> lag_;           // of those that were tracked
   std::vector<Group> groups_;
-  std::map<std::string, std::int64_t> reasons_;
+  std::map<std::string, ReasonCount> reasons_;
   RenderCounters work_;
   std::array<std::int64_t, kSkipReasons> skipped_{};
   std::array<std::int64_t, kKeepReasons> kept_{};

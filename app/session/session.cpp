@@ -23,7 +23,7 @@ TrackedFrame look_up(const GivenPoses& given_poses, const std::vector<std::strin
     tracked.pose.status = TrackStatus::tracked;
     tracked.pose.T_table_camera = given->T_table_camera;
   } else {
-    tracked.pose.reason = "no pose given for this time";
+    tracked.pose.reason = not_measured("no pose given for this time");
   }
   for (const std::string& name : groups) {
     GroupEstimate& group = tracked.groups.emplace_back();
@@ -35,7 +35,7 @@ TrackedFrame look_up(const GivenPoses& given_poses, const std::vector<std::strin
       group.T_table_group = {place->T_table_camera.rotation(), place->T_table_camera.translation()};
     } else {
       group.status = TrackStatus::lost;
-      group.reason = "no place given for this time";
+      group.reason = not_measured("no place given for this time");
     }
   }
   const StageTime time = watch.elapsed();

@@ -224,7 +224,7 @@ class StudyLoop {
                      (task_.shown() ? tracked.pose.has_pose() : status == TrackStatus::tracked);
     if (!lit) {  // draw nothing into it
       tracked.pose.status = TrackStatus::lost;
-      tracked.pose.reason = "no trial is shown";
+      tracked.pose.reason = not_measured("no trial is shown");
     }
     PENUMBRA_TRY_VOID(session_.draw(std::move(tracked)));
     if (context_.window_size().width > 0) {

@@ -126,7 +126,8 @@ HudStatus status_of(const PoseEstimate& pose) {
       status.color = {1.0F, 0.45F, 0.40F, 1.0F};
       break;
   }
-  if (!pose.reason.empty()) status.text += ": " + pose.reason;
+  if (const std::string reason = text_of(pose.reason); !reason.empty())
+    status.text += ": " + reason;
   return status;
 }
 

@@ -22,7 +22,7 @@ std::optional<TrackedFrame> Silence::picture(std::int64_t silence_ns) {
   // Drawn for the last time. Returns its buffer: a driver that lost its camera needs every buffer
   // back before it accepts the camera again.
   if (gone) last_.reset();
-  tracked.pose.reason = "no complete frame from the camera";
+  tracked.pose.reason = not_measured("no complete frame from the camera");
   return tracked;
 }
 

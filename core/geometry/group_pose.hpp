@@ -4,7 +4,6 @@
 #include <Eigen/Core>
 #include <string>
 #include <string_view>
-#include <vector>
 
 #include "core/geometry/pose_estimate.hpp"
 #include "core/geometry/transform.hpp"
@@ -24,7 +23,7 @@ struct GroupMiddle;
 
 using GroupPose = Transform<frame::Table, frame::Group>;  // T_table_group
 
-struct GroupEstimate {
+struct GroupEstimate : MeasuredTags {
   std::string name;
   // Status of the group's pose on the table: never better than that of the table.
   TrackStatus status = TrackStatus::lost;
@@ -34,14 +33,11 @@ struct GroupEstimate {
   Eigen::Matrix<double, 6, 6> covariance = Eigen::Matrix<double, 6, 6>::Zero();
   // 1 sigma of the overlay error of a cube that stands on the group's middle.
   double predicted_overlay_error_px = 0.0;
-  // The following are PoseEstimate's, for the group's own tags.
-  double reprojection_rms_px = 0.0;
-  int tags_used = 0;  // 0: not measured in this frame
-  std::vector<int> tags_left_out;
   bool rests = false;  // on the table, as far as can be measured
+  // As in PoseEstimate.
   double age_s = 0.0;
   TrackStatus held_from = TrackStatus::tracked;
-  std::string reason;
+  PoseReason reason;
 
   [[nodiscard]] bool has_pose() const { return status != TrackStatus::lost; }
 };

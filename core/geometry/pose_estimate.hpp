@@ -3,10 +3,10 @@
 
 #include <Eigen/Core>
 #include <cstddef>
-#include <string>
 #include <string_view>
 #include <vector>
 
+#include "core/geometry/tracking_reasons.hpp"
 #include "core/geometry/transform.hpp"
 
 namespace penumbra {
@@ -23,28 +23,31 @@ enum class TrackStatus { tracked, uncertain, held, lost };
 
 inline constexpr double kHoldSeconds = 0.5;  // [s]
 
-struct PoseEstimate {
+// What a frame shows of a group's tags.
+struct MeasuredTags {
+  // RMS 2-D distance of the used corners; after an alignment, the edge displacement [px] that
+  // explains its residuals.
+  double reprojection_rms_px = 0.0;
+  int tags_used = 0;  // 0: not measured in this frame
+  std::vector<RejectedTag> tags_rejected;
+};
+
+struct PoseEstimate : MeasuredTags {
   TrackStatus status = TrackStatus::lost;
   CameraPose T_table_camera;  // meaningless when lost
   // Covariance of the right perturbation T_table_camera * exp([nu; omega]), [m, rad], camera frame,
   // translation first.
   Eigen::Matrix<double, 6, 6> covariance = Eigen::Matrix<double, 6, 6>::Zero();
-  // RMS 2-D distance of the used corners; after an alignment, the edge displacement [px] that
-  // explains its residuals.
-  double reprojection_rms_px = 0.0;
   // 1 sigma [px] of the overlay (core/evaluation/evaluation.hpp), from the covariance and the lens
   // uncertainty.
   double predicted_overlay_error_px = 0.0;
   // Reprojection RMS of the second pose of a planar target over that of the best one; infinite if
   // there is one only. Near 1 the view is ambiguous.
   double ambiguity_ratio = 0.0;
-  int tags_used = 0;
-  std::vector<int>
-      tags_left_out;   // ids of visible tags that are rejected: inconsistent with the map
   double age_s = 0.0;  // since the last measured pose; 0 unless held
   // Status of the last measured pose, where held: tracked or uncertain. Fading starts from it.
   TrackStatus held_from = TrackStatus::tracked;
-  std::string reason;  // why the pose is uncertain, held or lost, for the HUD; empty when tracked
+  PoseReason reason;
 
   [[nodiscard]] bool has_pose() const { return status != TrackStatus::lost; }
 };

@@ -84,7 +84,7 @@ int main(int argc, char** argv) {
                 ? corner_distance_px(session.camera, session.tags, pose.T_table_camera, truth)
                 : -1.0,
             1e3 * (pose.T_table_camera.translation() - truth.translation()).norm(),
-            pose.reason.c_str());
+            text_of(pose.reason).c_str());
         std::fflush(stdout);
       }
       const std::string blur = moved < 0.5   ? "<0.5"

@@ -87,9 +87,9 @@ TEST_P(TrackedRecordings, StayWithinErrorBounds) {
     if (pose.status == TrackStatus::tracked) {
       EXPECT_GE(result->overlay_px[i], 0.0) << "frame " << i << " has no truth";
       EXPECT_LT(result->overlay_px[i], expected.max_px) << "frame " << i;
-      EXPECT_EQ(pose.reason, "");
+      EXPECT_EQ(pose.reason.cause, PoseCause::none);
     } else {
-      EXPECT_NE(pose.reason, "") << "frame " << i;
+      EXPECT_NE(pose.reason.cause, PoseCause::none) << "frame " << i;
     }
   }
   int detections = 0;

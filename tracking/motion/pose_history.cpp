@@ -70,7 +70,7 @@ std::optional<CameraMotion> PoseHistory::motion_at(std::int64_t timestamp_ns,
 }
 
 PoseEstimate PoseHistory::coast(const CameraModel& camera, std::int64_t timestamp_ns, double hold_s,
-                                std::string reason) const {
+                                PoseReason reason) const {
   PoseEstimate estimate;
   estimate.reason = std::move(reason);
   if (!last_) return estimate;

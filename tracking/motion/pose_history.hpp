@@ -3,7 +3,6 @@
 
 #include <cstdint>
 #include <optional>
-#include <string>
 
 #include "core/camera/camera_model.hpp"
 #include "core/geometry/pose_estimate.hpp"
@@ -45,7 +44,7 @@ class PoseHistory {
 
   // Extrapolates a frame without a measurement for up to `hold_s`; then lost.
   [[nodiscard]] PoseEstimate coast(const CameraModel& camera, std::int64_t timestamp_ns,
-                                   double hold_s, std::string reason) const;
+                                   double hold_s, PoseReason reason) const;
 
  private:
   struct TimedPose {

@@ -14,7 +14,7 @@ namespace {
 TEST(Hud, DistinguishesStatusByWordAndColour) {
   std::set<std::array<float, 3>> colors;
   PoseEstimate pose;
-  pose.reason = "no tag seen";
+  pose.reason = not_measured("no tag seen");
   for (const TrackStatus status :
        {TrackStatus::tracked, TrackStatus::uncertain, TrackStatus::held, TrackStatus::lost}) {
     pose.status = status;
@@ -45,7 +45,7 @@ TEST(Hud, PrefixesGroupStatusWithItsName) {
   EXPECT_EQ(status_of(group).text, "wall: tracked");
   group.status = TrackStatus::held;
   group.age_s = 0.25;
-  group.reason = "not seen";
+  group.reason = not_measured("not seen");
   EXPECT_EQ(status_of(group).text, "wall: held 0.25 s: not seen");
 }
 

@@ -227,7 +227,7 @@ PoseEstimate pose_of(TrackStatus status) {
   PoseEstimate pose;
   pose.status = status;
   pose.T_table_camera = CameraPose(Eigen::Quaterniond(0.5, 0.5, -0.5, 0.5), {0.1, -0.2, 0.7});
-  if (status != TrackStatus::tracked) pose.reason = "one tag";
+  if (status != TrackStatus::tracked) pose.reason = not_measured("one tag");
   return pose;
 }
 

@@ -275,7 +275,7 @@ TEST(RunReport, CountsReasonsOfUntrackedFrames) {
   RunRecorder run;
   const auto add = [&run](TrackStatus status, const char* reason) {
     SessionFrame frame = frame_of(status, 10 * run.frames(), true);
-    frame.tracked.pose.reason = reason;
+    if (*reason != 0) frame.tracked.pose.reason = not_measured(reason);
     run.add_frame(frame);
   };
   add(TrackStatus::uncertain, "expected error 2.7 px");
@@ -304,17 +304,17 @@ TEST(RunReport, CountsReasonsOfUntrackedFrames) {
 }
 
 TEST(RunReport, SuggestsCameraFileWhenTagsFitNoPose) {
-  for (const char* reason :
-       {"the tags do not fit the map (22.4 px)", "the tags contradict each other"}) {
+  for (const PoseReason& reason :
+       {PoseReason{PoseCause::misfit, 22.4}, PoseReason{PoseCause::inconsistent_tags}}) {
     RunRecorder run;
     SessionFrame frame = frame_of(TrackStatus::lost, 0, true);
     frame.tracked.pose.reason = reason;
     run.add_frame(frame);
     const std::string table = report_table(run.report());
-    EXPECT_THAT(table, testing::HasSubstr(std::string(reason) + " (1 frame)\n"
-                                                                "no frame was tracked, though tags "
-                                                                "of the map were read: check that "
-                                                                "the camera file"));
+    EXPECT_THAT(table, testing::HasSubstr(text_of(reason) + " (1 frame)\n"
+                                                            "no frame was tracked, though tags "
+                                                            "of the map were read: check that "
+                                                            "the camera file"));
     EXPECT_THAT(table, testing::Not(testing::HasSubstr("is the sheet")));
   }
 }
@@ -364,7 +364,7 @@ TEST(RunReport, ReportsGroupCountsAndErrors) {
                            Eigen::Vector3d(i == 1 ? 0.104 : 0.1, 0.02, 0.0)};
     group.tags_used = i < 3 ? 2 : 0;
     group.reprojection_rms_px = 0.1;
-    if (i < 2) group.tags_left_out = {41};
+    if (i < 2) group.tags_rejected = {{41, TagRejection::inconsistent}};
     run.add_frame(frame);
   }
   RunReport report = run.report();

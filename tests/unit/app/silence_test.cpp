@@ -36,7 +36,7 @@ TEST(StreamStall, CoastsPoseThenLosesIt) {
     EXPECT_EQ(early->pose.held_from, before) << "it fades from what it was drawn as";
     EXPECT_DOUBLE_EQ(early->pose.age_s, 0.1);
     EXPECT_EQ(early->pose.tags_used, 0) << "nothing is measured of a picture that is old";
-    EXPECT_FALSE(early->pose.reason.empty());
+    EXPECT_EQ(early->pose.reason.cause, PoseCause::not_measured);
     EXPECT_EQ(early->groups[0].status, TrackStatus::lost) << "what had no pose gets none";
     const auto again = silence.picture(200 * kMs);
     ASSERT_TRUE(again);

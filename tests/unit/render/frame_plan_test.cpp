@@ -59,7 +59,7 @@ TEST(FramePlan, DrawsNothingWithoutPose) {
   SceneBuilder builder;
   builder.add(cube(0.05), test::at(0, 0, 0.1));
   PoseEstimate lost;
-  lost.reason = "no tag found";
+  lost.reason = not_measured("no tag found");
   const FramePlan plan = plan_of(builder, lost);
   EXPECT_FALSE(plan.has_pose);
   EXPECT_TRUE(plan.objects.empty() && plan.shadows.empty());

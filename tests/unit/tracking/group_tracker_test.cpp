@@ -66,8 +66,8 @@ TEST(GroupTracker, KeepsPoseOfGroupAtRest) {
   for (int f = 0; f < 20; ++f) {
     const TrackedFrame tracked = tracker.track(stage.picture(f));
     const GroupEstimate& estimate = named(tracked, "wall");
-    ASSERT_EQ(estimate.status, TrackStatus::tracked) << estimate.reason;
-    EXPECT_EQ(estimate.reason, "");
+    ASSERT_EQ(estimate.status, TrackStatus::tracked) << text_of(estimate.reason);
+    EXPECT_EQ(estimate.reason.cause, PoseCause::none);
     EXPECT_EQ(estimate.tags_used, 6);
     const double error = stage.error_px(tracked, estimate, f);
     EXPECT_LT(error, 0.5);
@@ -93,7 +93,7 @@ TEST(GroupTracker, TracksMovedWall) {
               : Placement(leaning.rotation(), leaning.translation() + Eigen::Vector3d(0, 0.004, 0));
     const TrackedFrame tracked = tracker.track(stage.picture(f, {{"wall", at}}));
     const GroupEstimate& estimate = named(tracked, "wall");
-    ASSERT_EQ(estimate.status, TrackStatus::tracked) << f << ": " << estimate.reason;
+    ASSERT_EQ(estimate.status, TrackStatus::tracked) << f << ": " << text_of(estimate.reason);
     EXPECT_LT(stage.error_px(tracked, estimate, f, at), 0.6) << f;
     const Eigen::Vector3d p(0.0, 0.14, 0.1);
     EXPECT_LT((estimate.T_table_group * p - at * p).norm(), 0.001) << f;
@@ -115,7 +115,7 @@ TEST(GroupTracker, TracksHandHeldProp) {
     detections += tracked.times.full_detection ? 1 : 0;
     EXPECT_EQ(named(tracked, "wall").status, TrackStatus::tracked);
     if (estimate.status != TrackStatus::tracked) {
-      EXPECT_NE(estimate.reason, "");
+      EXPECT_NE(estimate.reason.cause, PoseCause::none);
       continue;
     }
     ++tracked_frames;
@@ -137,7 +137,7 @@ TEST(GroupTracker, TracksSlowMotionBelowNoise) {
     const Placement at = shifted(0.00015 * f, 0.0001 * f, 0.0);
     const TrackedFrame tracked = tracker.track(stage.picture(f, {{"block", at}}));
     const GroupEstimate& estimate = named(tracked, "block");
-    ASSERT_TRUE(estimate.has_pose()) << estimate.reason;
+    ASSERT_TRUE(estimate.has_pose()) << text_of(estimate.reason);
     const double error = stage.error_px(tracked, estimate, f, at);
     EXPECT_LT(error, 0.9) << f;
     EXPECT_LT(error, 3.0 * estimate.predicted_overlay_error_px) << f;
@@ -196,7 +196,7 @@ TEST(GroupTracker, ReportsUnseenGroupLostWithFewSearches) {
     const TrackedFrame tracked = tracker.track(stage.picture(f % 8, {}, &drawn));
     const GroupEstimate& estimate = named(tracked, "block");
     EXPECT_EQ(estimate.status, TrackStatus::lost);
-    EXPECT_NE(estimate.reason, "");
+    EXPECT_NE(estimate.reason.cause, PoseCause::none);
     detections += tracked.times.full_detection ? 1 : 0;
   }
   EXPECT_GE(detections, 2);
@@ -218,7 +218,7 @@ TEST(GroupTracker, CoastsHiddenGroupThenFindsItAnywhere) {
     const TrackedFrame tracked = tracker.track(stage.picture(f, {}, &hidden));
     const GroupEstimate& estimate = named(tracked, "wall");
     EXPECT_EQ(tracked.pose.status, TrackStatus::tracked);
-    EXPECT_NE(estimate.reason, "");
+    EXPECT_NE(estimate.reason.cause, PoseCause::none);
     if (f < 4 + 6) {
       ASSERT_EQ(estimate.status, TrackStatus::held) << f;
       ++held;
@@ -259,7 +259,8 @@ TEST(GroupTracker, TracksReturningGroupAtOnce) {
   for (int f = 0; f < 3; ++f) static_cast<void>(tracker.track(stage.picture(f)));
   for (int f = 3; f < 13; ++f) static_cast<void>(tracker.track(stage.picture(f, {}, &hidden)));
   const TrackedFrame tracked = tracker.track(stage.picture(13));
-  EXPECT_EQ(named(tracked, "wall").status, TrackStatus::tracked) << named(tracked, "wall").reason;
+  EXPECT_EQ(named(tracked, "wall").status, TrackStatus::tracked)
+      << text_of(named(tracked, "wall").reason);
   EXPECT_FALSE(tracked.times.full_detection);
 }
 
@@ -279,7 +280,7 @@ TEST(GroupTracker, LosesGroupsWithoutTable) {
     EXPECT_GE(static_cast<int>(last.status), static_cast<int>(tracked.pose.status));
   }
   EXPECT_EQ(last.status, TrackStatus::lost);
-  EXPECT_THAT(last.reason, HasSubstr("table"));
+  EXPECT_THAT(text_of(last.reason), HasSubstr("table"));
 }
 
 TEST(GroupTracker, IsDeterministic) {
@@ -357,7 +358,7 @@ TEST(GroupTracker, NeverWaitsForSearchOnceTableIsTracked) {
       // With a thread the same bits.
       const GroupEstimate& b = named(threaded.frames[f], group);
       EXPECT_EQ(a.status, b.status);
-      EXPECT_EQ(a.reason, b.reason);
+      EXPECT_EQ(text_of(a.reason), text_of(b.reason));
       EXPECT_EQ(a.T_table_group.matrix(), b.T_table_group.matrix());
       EXPECT_EQ(a.covariance, b.covariance);
       EXPECT_EQ(frame.times.search_used, threaded.frames[f].times.search_used);
@@ -401,7 +402,7 @@ TEST(GroupTracker, FindsSameGroupsByBackgroundSearch) {
     ASSERT_GE(first, kArrives) << group;
     for (std::size_t f = static_cast<std::size_t>(first); f < live.frames.size(); ++f) {
       const GroupEstimate& estimate = named(live.frames[f], group);
-      EXPECT_EQ(estimate.status, TrackStatus::tracked) << estimate.reason;
+      EXPECT_EQ(estimate.status, TrackStatus::tracked) << text_of(estimate.reason);
       EXPECT_LT(
           stage.error_px(live.frames[f], estimate, static_cast<int>(f), live.truth[f].at(group)),
           0.6);
@@ -416,7 +417,7 @@ TEST(GroupTracker, FindsSameGroupsByBackgroundSearch) {
   bool found = false;
   for (const TrackedFrame& frame : hurried.frames) {
     const bool tracked = frame.pose.status == TrackStatus::tracked;
-    EXPECT_TRUE(tracked || !found) << frame.pose.reason;
+    EXPECT_TRUE(tracked || !found) << text_of(frame.pose.reason);
     found = found || tracked;
   }
   EXPECT_TRUE(found);
@@ -455,7 +456,8 @@ TEST(GroupTracker, RecoversFromInvalidFramesAndClockJumps) {
   Frame back = stage.picture(1);
   back.timestamp_ns = 5;
   const TrackedFrame again = tracker.track(back);
-  EXPECT_EQ(named(again, "wall").status, TrackStatus::tracked) << named(again, "wall").reason;
+  EXPECT_EQ(named(again, "wall").status, TrackStatus::tracked)
+      << text_of(named(again, "wall").reason);
 }
 
 }  // namespace

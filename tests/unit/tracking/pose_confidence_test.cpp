@@ -47,26 +47,27 @@ TEST_F(PoseConfidence, TracksPoseBelowLimit) {
   const JudgedPose judged = judge(group_, measured(1.0), std::nullopt);
   EXPECT_EQ(judged.estimate.status, TrackStatus::tracked);
   EXPECT_NEAR(judged.estimate.predicted_overlay_error_px, 1.0, 1e-6);
-  EXPECT_EQ(judged.estimate.reason, "");
+  EXPECT_EQ(judged.estimate.reason.cause, PoseCause::none);
 }
 
 TEST_F(PoseConfidence, IsUncertainAboveLimit) {
   const JudgedPose judged = judge(group_, measured(3.0), std::nullopt);
   EXPECT_EQ(judged.estimate.status, TrackStatus::uncertain);
-  EXPECT_EQ(judged.estimate.reason, "expected error 3.0 px");
+  EXPECT_EQ(text_of(judged.estimate.reason), "expected error 3.0 px");
   EXPECT_FALSE(judged.only_lens_uncertain);
 }
 
 TEST_F(PoseConfidence, IsUncertainWhenTagsAreInconsistent) {
   Measurement measurement = measured(0.1);
   measurement.inconsistent = true;
-  EXPECT_EQ(judge(group_, measurement, std::nullopt).estimate.reason, kContradicting);
+  EXPECT_EQ(judge(group_, measurement, std::nullopt).estimate.reason.cause,
+            PoseCause::inconsistent_tags);
 }
 
 TEST_F(PoseConfidence, IsUncertainWhenTwoPosesFit) {
   Measurement measurement = measured(0.1);
   add_second(measurement, 0.4);
-  EXPECT_EQ(judge(group_, measurement, std::nullopt).estimate.reason, kTwoPoses);
+  EXPECT_EQ(judge(group_, measurement, std::nullopt).estimate.reason.cause, PoseCause::two_poses);
 }
 
 TEST_F(PoseConfidence, ChoosesBetweenTwoPosesByPrediction) {
@@ -87,14 +88,14 @@ TEST_F(PoseConfidence, BlamesLensWhenOnlyCameraFileIsUncertain) {
   const RigidTags group{CameraModel::make(parameters).value(), group_.tags};
   const JudgedPose judged = judge(group, measured(1.0), std::nullopt);
   EXPECT_EQ(judged.estimate.status, TrackStatus::uncertain);
-  EXPECT_THAT(judged.estimate.reason, HasSubstr("the camera file knows its lens"));
+  EXPECT_THAT(text_of(judged.estimate.reason), HasSubstr("the camera file knows its lens"));
   EXPECT_TRUE(judged.only_lens_uncertain);
 }
 
 TEST_F(PoseConfidence, BlamesMapWhenItAddsError) {
   Measurement measurement = measured(3.0);
   measurement.map_px = 2.9;
-  EXPECT_THAT(judge(group_, measurement, std::nullopt).estimate.reason,
+  EXPECT_THAT(text_of(judge(group_, measurement, std::nullopt).estimate.reason),
               HasSubstr("do not lie as the map says"));
 }
 
@@ -107,11 +108,11 @@ TEST_F(PoseConfidence, EnlargesErrorOfDetectedPoseByUnreadTags) {
   EXPECT_NEAR(judged.estimate.predicted_overlay_error_px, 0.5 * std::sqrt(6.0), 1e-6);
 }
 
-TEST_F(PoseConfidence, ReportsIdsOfRejectedTags) {
+TEST_F(PoseConfidence, ReportsRejectedTags) {
   Measurement measurement = measured(0.5);
   measurement.rejected = {4};
-  EXPECT_THAT(judge(group_, measurement, std::nullopt).estimate.tags_left_out,
-              testing::ElementsAre(group_.tags[4].id));
+  EXPECT_THAT(judge(group_, measurement, std::nullopt).estimate.tags_rejected,
+              testing::ElementsAre(RejectedTag{group_.tags[4].id, TagRejection::inconsistent}));
 }
 
 }  // namespace
