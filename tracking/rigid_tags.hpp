@@ -38,7 +38,7 @@ struct Alignment {
   AlignmentResult result = {};
 
   void run() { result = align(); }
-  // Aligns without these tags; does not change `result`.
+  // Aligns without these tags; does not change `result`. Replaces input.rejected for later runs.
   [[nodiscard]] AlignmentResult tried_without(std::span<const int> rejected) {
     input.rejected = rejected;
     return align();

@@ -91,7 +91,7 @@ struct RecordedFrames {
   std::int64_t left_out = 0;  // the disk or the encoder was too slow
 };
 
-// Untracked frames with the same reason but for its numbers.
+// Untracked frames whose reasons differ only in their numbers.
 struct ReasonCount {
   std::int64_t frames = 0;
   PoseReason first;  // with the numbers of the first frame
@@ -117,9 +117,10 @@ struct RunReport : TrackingCounts, WorkReport {
   bool pixel_buffers = false;          // pixels are transferred through the driver's buffers
   std::string gl_renderer;
   std::string gl_version;
-  Translucency translucency = Translucency::automatic;  // of the last frame; automatic: none drawn
-  Statistics expected_overlay_px;                       // PoseEstimate's, over the tracked frames
-  int full_detections = 0;                              // frames searched as a whole
+  // Of the last frame; automatic: none drawn.
+  Translucency translucency = Translucency::automatic;
+  Statistics expected_overlay_px;   // PoseEstimate's, over the tracked frames
+  int full_detections = 0;          // frames searched as a whole
   int coarse_searches = 0;          // of tracked_updates: found by the pyramid search
   int box_detections = 0;           // frames searched by ROI detection
   int tracked_updates = 0;          // frames measured without such a search

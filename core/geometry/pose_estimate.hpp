@@ -23,7 +23,7 @@ enum class TrackStatus { tracked, uncertain, held, lost };
 
 inline constexpr double kHoldSeconds = 0.5;  // [s]
 
-// What a frame shows of a group's tags.
+// Tags used and rejected in a frame.
 struct MeasuredTags {
   // RMS 2-D distance of the used corners; after an alignment, the edge displacement [px] that
   // explains its residuals.

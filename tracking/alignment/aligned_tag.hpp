@@ -43,7 +43,9 @@ struct AlignedTag {
   // Centres of the search cells in the lattice, then its four corners; padded with the last one.
   std::vector<float> search_a, search_b;
 
-  // The current frame.
+  // The current frame. AlignmentProblem::begin() sets `rejected` only. find_visible() and the
+  // stages write the rest, of tags that are not rejected; the others keep values of an earlier
+  // frame.
   bool rejected = false;  // not looked at
   bool visible = false;
   bool too_small = false;    // if not visible

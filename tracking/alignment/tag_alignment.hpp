@@ -135,6 +135,9 @@ struct MotionBlurError {
   Vector6d motion = Vector6d::Zero();
 };
 
+// align(), refine() and search_pyramid() begin a new frame and forget the last result; only the
+// options and the sample need survive. motion_blur_error() and edge_pixels() read the state of the
+// last align() or refine(), so no search_pyramid() may come between.
 class TagAligner {
  public:
   // `tags`: of one rigid group. Fails when a tag's id does not exist in its family.
