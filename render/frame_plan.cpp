@@ -562,12 +562,6 @@ class Planner {
 
 }  // namespace
 
-bool same_shapes(const ShadowDraw& a, const ShadowDraw& b) {
-  return a.technique == b.technique && a.kernels == b.kernels && a.light_mode == b.light_mode &&
-         a.proxy == b.proxy && a.plane_frame == b.plane_frame &&
-         a.T_table_object == b.T_table_object && a.constants == b.constants;
-}
-
 const ObjectDraw* drawn_object(const FramePlan& plan, int object) {
   for (const std::vector<ObjectDraw>* draws : {&plan.phantoms, &plan.objects}) {
     const auto found = std::ranges::find(*draws, object, &ObjectDraw::object);

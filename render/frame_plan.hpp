@@ -47,9 +47,8 @@ struct PlaneReceiver {
   float opacity = 1.0F;  // of its shadows; at most the overlay's
 };
 
-// One caster's layered, field or simple shadow on one plane. `walls` are simple shadows.
-struct ShadowDraw {
-  int node = 0, object = 0, plane = 0;  // indices into the scene
+// What determines the shapes of a caster's layers on a plane, however dark and visible they are.
+struct ShadowShape {
   ShadowTechnique technique = ShadowTechnique::layered;
   KernelSource kernels = KernelSource::automatic;
   LightMode light_mode = LightMode::proportional;
@@ -57,6 +56,12 @@ struct ShadowDraw {
   PlaneFrame plane_frame;
   Placement T_table_object;
   LayeredConstants constants;
+  friend bool operator==(const ShadowShape&, const ShadowShape&) = default;
+};
+
+// One caster's layered, field or simple shadow on one plane. `walls` are simple shadows.
+struct ShadowDraw : ShadowShape {
+  int node = 0, object = 0, plane = 0;                // indices into the scene
   LightFractions fractions;                           // the scene's, lifted by its ambient light
   double tone_exponent = kUsualToneExponent;          // FramePlan::tone_exponent
   bool umbra = true, middle = true, penumbra = true;  // which layers have anything to draw
@@ -66,9 +71,6 @@ struct ShadowDraw {
   Eigen::Vector2d centre = Eigen::Vector2d::Zero();
   double radius = 0.0;
 };
-
-// Returns whether their layers have the same shapes, however dark and visible they are.
-[[nodiscard]] bool same_shapes(const ShadowDraw& a, const ShadowDraw& b);
 
 // The part of such a shadow that falls on a phantom or on another virtual object above the plane:
 // cast along the normal onto every height of the receiver, as on a plane there

@@ -278,7 +278,7 @@ Result<void> ReceivedShadowPass::prepare(const DrawContext& context, const Frame
     const MaskInputs inputs{draw.shadow, surface.version, draw.top,
                             texel,       texels,          is_covered(scene, plan, draw.shadow)};
     const auto is_it = [&](const Mask& mask) {
-      return mask.made_for && mask.made_for->same_as(inputs);
+      return mask.made_for == inputs;
     };
     if (!is_it(masks.now)) std::swap(masks.now, masks.other);
     Mask& mask = masks.now;

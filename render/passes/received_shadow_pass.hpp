@@ -42,16 +42,13 @@ class ReceivedShadowPass : public Pass {
   };
   // One caster's shadow on the way to a plane, over one receiver.
   struct MaskInputs {
-    ShadowDraw shadow;
+    ShadowShape shadow;
     std::uint64_t surface = 0;  // its version
     double top = 0.0;
     double texel = 0.0;  // for the view [m]
     double most_texels = 0.0;
     bool covered = false;  // made without drawing
-    [[nodiscard]] bool same_as(const MaskInputs& other) const {
-      return covered == other.covered && texel == other.texel && most_texels == other.most_texels &&
-             surface == other.surface && top == other.top && same_shapes(shadow, other.shadow);
-    }
+    friend bool operator==(const MaskInputs&, const MaskInputs&) = default;
   };
   struct Mask {
     std::optional<MaskInputs> made_for;

@@ -33,12 +33,6 @@ MaskPart MaskPart::of(const ShadowDraw& draw, CachedCaster& caster, const Prepar
   return part;
 }
 
-bool MaskPart::covers_same_as(const MaskPart& other) const {
-  return caster == other.caster && kernels == other.kernels && reduced == other.reduced &&
-         own.same_shape(other.own) && own.T_plane_own == other.own.T_plane_own &&
-         constants == other.constants && light_mode == other.light_mode && layers == other.layers;
-}
-
 MaskPart::Faces MaskPart::face_images(RenderWork& work) const {
   Faces images;
   if (!any_from(layers, LayerSource::masked_faces)) return images;

@@ -6,7 +6,8 @@
 
 namespace penumbra {
 
-struct MaskPart {
+// What determines the cells that a part covers.
+struct MaskShape {
   CachedCaster* caster = nullptr;
   KernelKey kernels;
   bool reduced = false;
@@ -14,6 +15,10 @@ struct MaskPart {
   LayeredConstants constants;
   LightMode light_mode = LightMode::proportional;
   LayerSources layers{};  // masked by silhouettes, face by face, or by a field's outlines
+  friend bool operator==(const MaskShape&, const MaskShape&) = default;
+};
+
+struct MaskPart : MaskShape {
   std::shared_ptr<const FieldOutlines> outlines;
   glm::vec3 light{0.0F};  // light left in each layer, as the mask stores it
 
@@ -22,7 +27,7 @@ struct MaskPart {
                      const glm::vec3& light);
 
   [[nodiscard]] bool covers_nothing() const { return layers == LayerSources{}; }
-  [[nodiscard]] bool covers_same_as(const MaskPart& other) const;
+  [[nodiscard]] bool covers_same_as(const MaskShape& other) const { return *this == other; }
   [[nodiscard]] bool same_as(const MaskPart& other) const {
     return light == other.light && covers_same_as(other);
   }

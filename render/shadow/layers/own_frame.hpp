@@ -32,11 +32,9 @@ struct OwnFrame {
                                      double size, int bits);
 
   [[nodiscard]] bool same_shape(const OwnFrame& other) const {
-    const Placement& a = T_own_object;
-    const Placement& b = other.T_own_object;
-    return a.position == b.position && a.rotation.coeffs() == b.rotation.coeffs() &&
-           a.scale == b.scale;
+    return T_own_object == other.T_own_object;
   }
+  friend bool operator==(const OwnFrame&, const OwnFrame&) = default;
 };
 
 }  // namespace penumbra
