@@ -26,7 +26,7 @@ Disc shadow_bounds(const BoxCorners& corners, const ShadowDraw& draw, double top
   double s = 1.0;
   // With a part's light over its middle and at most a times its size, the image of the rim is at
   // most r + 2 t r + a t r away, less than the (2 s - 1) r of kernels.
-  if (draw.technique != ShadowTechnique::simple) {
+  if (traits_of(draw.technique).has_penumbra) {
     for (const ShadowLayer layer : {ShadowLayer::umbra, ShadowLayer::penumbra}) {
       const HeightRange range = layer_height_range(draw.constants, layer);
       s = std::max(s, layer_factor(draw.constants, layer, std::clamp(top, range.low, range.high)));
@@ -49,7 +49,7 @@ bool misses_outline(const Eigen::AlignedBox2d& box, const std::vector<Eigen::Vec
 
 // Returns whether the layers lie in their disc: not those of kernels from a file.
 bool is_bounded(const ShadowDraw& draw, const Model& model) {
-  return draw.technique != ShadowTechnique::layered || !model.shadow_kernel_up;
+  return !traits_of(draw.technique).uses_kernels || !model.shadow_kernel_up;
 }
 
 class Planner {
@@ -90,7 +90,6 @@ class Planner {
         continue;
       }
       for (const int plane_index : planes_of(node, technique)) {
-        const ScenePlane& plane = scene_.planes[static_cast<std::size_t>(plane_index)];
         const PlacedPlane placed = placed_plane(scene_, state_, plane_index);
         const PlaneFrame& frame = placed.frame;
         if (placed.opacity <= 0.0) {
@@ -109,33 +108,19 @@ class Planner {
             plan_.receivers.end()) {
           plan_.receivers.push_back(receiver);
         }
-        if (technique == ShadowTechnique::volume) continue;  // once for all planes: below
-        if (technique == ShadowTechnique::hard) {
-          plan_hard_shadows(node, static_cast<int>(n), receiver);
-          continue;
-        }
-        const LightFractions fractions =
-            lifted_by_ambient(node.fractions, scene_, state_.lights, frame.n, frame.q);
-        for (const int caster : node.casters) {
-          ShadowDraw draw;
-          draw.node = static_cast<int>(n);
-          draw.object = caster;
-          draw.plane = plane_index;
-          draw.technique =
-              technique == ShadowTechnique::walls ? ShadowTechnique::simple : technique;
-          draw.kernels = options_.kernels.value_or(node.kernels);
-          // A single kernel for the whole object has no thickness to scale a light by.
-          if (technique == ShadowTechnique::layered && draw.kernels != KernelSource::centroid) {
-            draw.light_mode = options_.light_mode.value_or(node.light_mode);
-          }
-          draw.proxy = options_.proxies;
-          draw.plane_frame = frame;
-          draw.T_table_object = placement_of_model(caster);
-          draw.constants = node.layered;
-          draw.fractions = fractions;
-          draw.tone_exponent = plan_.tone_exponent;
-          draw.opacity = std::min(receiver.opacity, opacity_of_object(caster));
-          plan_shadow(draw, plane);
+        switch (technique) {
+          case ShadowTechnique::simple:
+          case ShadowTechnique::layered:
+          case ShadowTechnique::field:
+          case ShadowTechnique::walls:
+            plan_layers(node, static_cast<int>(n), technique, receiver);
+            break;
+          case ShadowTechnique::hard:
+            plan_hard_shadows(node, static_cast<int>(n), receiver);
+            break;
+          case ShadowTechnique::volume:  // once for all planes: below
+          case ShadowTechnique::none:
+            break;
         }
       }
       if (technique == ShadowTechnique::volume) {
@@ -174,19 +159,45 @@ class Planner {
     return report && skip(SkipReason::casts_no_shadow, object);
   }
 
-  void plan_shadow(ShadowDraw draw, const ScenePlane& plane) {
+  void plan_layers(const ShadowNode& node, int node_index, ShadowTechnique technique,
+                   const PlaneReceiver& receiver) {
+    const LightFractions fractions = lifted_by_ambient(node.fractions, scene_, state_.lights,
+                                                       receiver.frame.n, receiver.frame.q);
+    for (const int caster : node.casters) {
+      ShadowDraw draw;
+      draw.node = node_index;
+      draw.object = caster;
+      draw.plane = receiver.plane;
+      draw.technique = technique == ShadowTechnique::walls ? ShadowTechnique::simple : technique;
+      draw.kernels = options_.kernels.value_or(node.kernels);
+      // A single kernel for the whole object has no thickness to scale a light by.
+      if (traits_of(technique).uses_kernels && draw.kernels != KernelSource::centroid) {
+        draw.light_mode = options_.light_mode.value_or(node.light_mode);
+      }
+      draw.proxy = options_.proxies;
+      draw.plane_frame = receiver.frame;
+      draw.T_table_object = placement_of_model(caster);
+      draw.constants = node.layered;
+      draw.fractions = fractions;
+      draw.tone_exponent = plan_.tone_exponent;
+      draw.opacity = std::min(receiver.opacity, opacity_of_object(caster));
+      plan_shadow(draw);
+    }
+  }
+
+  void plan_shadow(ShadowDraw draw) {
     if (!casts(draw.object)) return;
     const Model& model = *object_at(draw.object).model;
-    if (draw.technique == ShadowTechnique::simple) draw.umbra = draw.penumbra = false;
+    if (!traits_of(draw.technique).has_penumbra) draw.umbra = draw.penumbra = false;
     const BoxCorners corners = box_corners(model, draw.T_table_object);
     const HeightRange heights = heights_above(draw.plane_frame, corners);
     const Disc bounds = shadow_bounds(corners, draw, heights.high);
     draw.centre = bounds.centre;
     draw.radius = bounds.radius;
-    draw.off_outline =
-        is_bounded(draw, model) && misses_outline({bounds.centre.array() - bounds.radius,
-                                                   bounds.centre.array() + bounds.radius},
-                                                  plane.outline);
+    draw.off_outline = is_bounded(draw, model) &&
+                       misses_outline({bounds.centre.array() - bounds.radius,
+                                       bounds.centre.array() + bounds.radius},
+                                      scene_.planes[static_cast<std::size_t>(draw.plane)].outline);
     plan_receivers_under(draw, model, heights.high);
     const ShadowDraw whole = draw;
     if (options_.skip && !something_to_see(draw, model, heights)) {
@@ -418,7 +429,7 @@ class Planner {
 
   // Plans rays for the techniques whose shadows depend on a light.
   void plan_rays(const ShadowNode& node, ShadowTechnique technique) {
-    if (technique != ShadowTechnique::hard && technique != ShadowTechnique::volume) return;
+    if (!traits_of(technique).uses_lights) return;
     std::vector<LightRayDraw::Plane> planes;
     for (const int index : node.planes) {
       const auto seen = std::ranges::find(plan_.receivers, index, &PlaneReceiver::plane);
@@ -501,10 +512,9 @@ class Planner {
   bool something_to_see(ShadowDraw& draw, const Model& model, const HeightRange& heights) {
     if (heights.high < -kContactTolerance_m)
       return skip(SkipReason::shadow_below_plane, draw.object);
-    if (draw.technique != ShadowTechnique::simple) {
+    if (traits_of(draw.technique).has_penumbra) {
       // In a light of one size each part keeps its umbra up to its own height.
-      const bool one_light =
-          draw.technique == ShadowTechnique::field || draw.light_mode == LightMode::fixed;
+      const bool one_light = has_one_light_size(draw);
       const auto above = [&](ShadowLayer layer) {
         return heights.low >
                layer_height_range(draw.constants, one_light ? ShadowLayer::middle : layer).high +
@@ -561,6 +571,10 @@ class Planner {
 };
 
 }  // namespace
+
+bool has_one_light_size(const ShadowShape& shadow) {
+  return traits_of(shadow.technique).has_one_light_size || shadow.light_mode == LightMode::fixed;
+}
 
 const ObjectDraw* drawn_object(const FramePlan& plan, int object) {
   for (const std::vector<ObjectDraw>* draws : {&plan.phantoms, &plan.objects}) {

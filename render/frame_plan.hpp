@@ -59,6 +59,10 @@ struct ShadowShape {
   friend bool operator==(const ShadowShape&, const ShadowShape&) = default;
 };
 
+// Returns whether the light has one size for all parts, so that each loses its umbra at its own
+// height.
+[[nodiscard]] bool has_one_light_size(const ShadowShape& shadow);
+
 // One caster's layered, field or simple shadow on one plane. `walls` are simple shadows.
 struct ShadowDraw : ShadowShape {
   int node = 0, object = 0, plane = 0;                // indices into the scene

@@ -175,16 +175,17 @@ KernelChoice kernel_choice_from(const std::string& text) {
 
 void warn_of_no_use(const ShadowChoice& choice) {
   const PlanOptions& plan = choice.plan;
-  if (!plan.technique || plan.technique == ShadowTechnique::layered) return;
+  if (!plan.technique) return;
+  const TechniqueTraits traits = traits_of(*plan.technique);
+  if (traits.uses_kernels) return;
   const auto no_use = [&](std::string_view option) {
     log_warning("{}: {} shadows have no use for it", option, to_string(*plan.technique));
   };
   if (choice.kernel_file ||
       plan.kernels.value_or(KernelSource::automatic) != KernelSource::automatic)
     no_use("--kernels");
-  const bool fixed_field =
-      plan.technique == ShadowTechnique::field && plan.light_mode == LightMode::fixed;
-  if (plan.light_mode && !fixed_field) no_use("--light-mode");
+  const bool is_fixed = traits.has_one_light_size && plan.light_mode == LightMode::fixed;
+  if (plan.light_mode && !is_fixed) no_use("--light-mode");
   if (choice.asks_for_proxies) no_use("--proxy");
 }
 

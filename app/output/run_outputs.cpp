@@ -106,12 +106,11 @@ Result<Scene> load_run_scene(const fs::path& scene, const std::optional<fs::path
 
 namespace {
 
-// Returns true if one of the plans draws the node's shadows with one of the techniques.
+// Returns true if one of the plans draws the node's shadows with a technique of that trait.
 bool is_drawn_by(const ShadowNode& node, std::span<const PlanOptions> plans,
-                 std::initializer_list<ShadowTechnique> techniques) {
+                 bool TechniqueTraits::*trait) {
   return std::ranges::any_of(plans, [&](const PlanOptions& plan) {
-    return std::ranges::find(techniques, plan.technique.value_or(node.technique)) !=
-           techniques.end();
+    return traits_of(plan.technique.value_or(node.technique)).*trait;
   });
 }
 
@@ -119,7 +118,7 @@ bool is_drawn_by(const ShadowNode& node, std::span<const PlanOptions> plans,
 void warn_of_cut_outs(const Scene& scene, std::span<const PlanOptions> plans) {
   std::set<std::string> models;
   for (const ShadowNode& node : scene.shadows) {
-    if (!is_drawn_by(node, plans, {ShadowTechnique::layered, ShadowTechnique::volume})) continue;
+    if (!is_drawn_by(node, plans, &TechniqueTraits::ignores_cut_outs)) continue;
     for (const int caster : node.casters) {
       const SceneObject& object = scene.objects[static_cast<std::size_t>(caster)];
       if (!object.model || !object.casts_shadow || !has_cut_outs(*object.model)) continue;
@@ -135,7 +134,7 @@ void tell_warnings(const Scene& scene, std::span<const PlanOptions> plans) {
   for (const std::string& warning : scene.warnings) log_warning("{}", warning);
   for (const LayeredAdvice& advice : scene.layered_advice) {
     const ShadowNode& node = scene.shadows[static_cast<std::size_t>(advice.node)];
-    if (is_drawn_by(node, plans, {ShadowTechnique::layered, ShadowTechnique::field})) {
+    if (is_drawn_by(node, plans, &TechniqueTraits::has_penumbra)) {
       log_warning("{}", advice.text);
     }
   }

@@ -369,12 +369,12 @@ struct Overlay::Impl {
     ShadowStyle style = node.style;
     bool changed = choose("##technique", fmt::format("technique: {}", to_string(style.technique)),
                           kShadowTechniqueNames, &ShadowTechniqueName::technique, style.technique);
-    if (style.technique == ShadowTechnique::layered) {
+    if (traits_of(style.technique).uses_kernels) {
       changed = choose("##kernels", fmt::format("kernels: {}", to_string(style.kernels)),
                        kKernelSourceNames, &KernelSourceName::source, style.kernels) ||
                 changed;
     }
-    if (style.technique == ShadowTechnique::hard || style.technique == ShadowTechnique::volume) {
+    if (traits_of(style.technique).uses_lights) {
       changed = ImGui::Checkbox("light rays", &style.light_rays) || changed;
     }
     changed = workspace_panel(style) || changed;

@@ -277,9 +277,7 @@ Result<void> ReceivedShadowPass::prepare(const DrawContext& context, const Frame
                                    receiver->T_table_object, pixel_at_unit_depth_);
     const MaskInputs inputs{draw.shadow, surface.version, draw.top,
                             texel,       texels,          is_covered(scene, plan, draw.shadow)};
-    const auto is_it = [&](const Mask& mask) {
-      return mask.made_for == inputs;
-    };
+    const auto is_it = [&](const Mask& mask) { return mask.made_for == inputs; };
     if (!is_it(masks.now)) std::swap(masks.now, masks.other);
     Mask& mask = masks.now;
     const bool kept = is_it(mask);

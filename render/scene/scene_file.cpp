@@ -637,7 +637,7 @@ Result<void> SceneReader::read_shadow(const Entry& from) {
            "with a light_ratio of 1 or less the umbra never vanishes; give more than 1");
     }
   }
-  if (node.technique == ShadowTechnique::layered || node.technique == ShadowTechnique::field) {
+  if (traits_of(node.technique).has_penumbra) {
     advise_on_size(node, from.place);
     advise_on_height(node, from);
   }

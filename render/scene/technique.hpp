@@ -18,6 +18,35 @@ enum class ShadowTechnique {
   volume,   // a light's shadow volume on all surfaces, for a 3D cursor
 };
 
+// What the planning and the drawing ask of every technique.
+struct TechniqueTraits {
+  // Casts umbra, middle and penumbra by ShadowNode::layered. A ShadowDraw without them is the
+  // middle layer, straight down.
+  bool has_penumbra = false;
+  bool has_one_light_size = false;  // as with LightMode::fixed
+  bool uses_kernels = false;
+  bool uses_outlines = false;     // masks take outlines that the CPU makes of any mesh
+  bool ignores_cut_outs = false;  // casts whole faces, as kernels are of them
+  bool uses_lights = false;       // casts from the scene's lights, which may show rays
+};
+[[nodiscard]] constexpr TechniqueTraits traits_of(ShadowTechnique technique) {
+  switch (technique) {
+    case ShadowTechnique::none:
+    case ShadowTechnique::simple:
+    case ShadowTechnique::walls:
+      return {};
+    case ShadowTechnique::layered:
+      return {.has_penumbra = true, .uses_kernels = true, .ignores_cut_outs = true};
+    case ShadowTechnique::field:
+      return {.has_penumbra = true, .has_one_light_size = true, .uses_outlines = true};
+    case ShadowTechnique::hard:
+      return {.uses_lights = true};
+    case ShadowTechnique::volume:
+      return {.ignores_cut_outs = true, .uses_lights = true};
+  }
+  return {};
+}
+
 // Lights whose hard shadows one plane can show.
 inline constexpr std::size_t kMaxHardLights = 7;
 
@@ -48,6 +77,8 @@ inline constexpr std::array kShadowTechniqueNames = {
     ShadowTechniqueName{ShadowTechnique::hard, "hard"},
     ShadowTechniqueName{ShadowTechnique::volume, "volume"},
 };
+static_assert(kShadowTechniqueNames.size() ==
+              static_cast<std::size_t>(ShadowTechnique::volume) + 1);
 
 struct KernelSourceName {
   KernelSource source;
@@ -59,6 +90,7 @@ inline constexpr std::array kKernelSourceNames = {
     KernelSourceName{KernelSource::per_axis, "per-axis"},
     KernelSourceName{KernelSource::centroid, "cocl"},
 };
+static_assert(kKernelSourceNames.size() == static_cast<std::size_t>(KernelSource::centroid) + 1);
 
 // The tables list the values in the order of their enums.
 [[nodiscard]] constexpr std::string_view to_string(ShadowTechnique technique) {

@@ -193,8 +193,7 @@ CachedCaster& CasterCache::caster_of(const Scene& scene, const ShadowDraw& draw)
   const auto index = static_cast<std::size_t>(draw.object);
   const SceneObject& object = scene.objects[index];
   const float edge = edges_[index];
-  // Kernels are of whole faces.
-  const CutOuts cut_outs = cut_outs_[index] && draw.technique != ShadowTechnique::layered
+  const CutOuts cut_outs = cut_outs_[index] && !traits_of(draw.technique).ignores_cut_outs
                                ? CutOuts::what_is_seen
                                : CutOuts::whole_faces;
   auto& entry =
@@ -255,20 +254,21 @@ KernelSet& CasterCache::kernels_of(CachedCaster& caster, const KernelKey& key, R
 }
 
 bool CasterCache::projects_on_cpu(const ShadowDraw& draw, const CasterBody& body) {
-  return draw.technique == ShadowTechnique::layered &&
+  return traits_of(draw.technique).uses_kernels &&
          (draw.light_mode == LightMode::fixed || !body.geometry.coarser.empty());
 }
 
 bool CasterCache::can_be_masked(const ShadowDraw& draw, CachedCaster& caster) {
-  return has_edges_or_orientation(caster.whole, caster.mesh) &&
-         (!caster.proxy || !draw.proxy ||
-          has_edges_or_orientation(caster.reduced, caster.proxy->mesh));
+  return traits_of(draw.technique).uses_outlines ||
+         (has_edges_or_orientation(caster.whole, caster.mesh) &&
+          (!caster.proxy || !draw.proxy ||
+           has_edges_or_orientation(caster.reduced, caster.proxy->mesh)));
 }
 
 // Depends on the tilt alone, not on earlier frames.
 bool CasterCache::proxy_casts(const ShadowDraw& draw, CachedCaster& caster, const KernelKey& key,
                               KernelSet& set, RenderWork& work) {
-  if (!caster.proxy || !draw.proxy || draw.technique != ShadowTechnique::layered) return false;
+  if (!caster.proxy || !draw.proxy || !traits_of(draw.technique).uses_kernels) return false;
   if (!steady_[static_cast<std::size_t>(draw.object)]) return false;
   const LayeredConstants& c = draw.constants;
   const CachedCaster::ProxyKey proxy_key{
@@ -319,7 +319,7 @@ std::vector<VertexDisc> CasterCache::discs_of(CachedCaster& caster, const Kernel
 CasterCache::Casting CasterCache::casting(const ShadowDraw& draw, CachedCaster& caster,
                                           const OwnFrame& own, bool to_gpu, RenderWork& work) {
   Casting with;
-  if (draw.technique == ShadowTechnique::layered) {
+  if (traits_of(draw.technique).uses_kernels) {
     const bool stored_serve =
         draw.kernels == KernelSource::automatic &&
         (draw.light_mode == LightMode::proportional || have_thickness(caster.stored_source));
@@ -330,7 +330,7 @@ CasterCache::Casting CasterCache::casting(const ShadowDraw& draw, CachedCaster& 
     // By the exact tilt: the grid's direction may be up to 2 degrees nearer to the stored one.
     with.key.stored = stored_serve && has_stored_kernels_for(caster.mesh, up);
   }
-  if (draw.technique == ShadowTechnique::field) return with;
+  if (traits_of(draw.technique).uses_outlines) return with;
   with.kernels = &kernels_of(caster, with.key, work);
   with.reduced = proxy_casts(draw, caster, with.key, *with.kernels, work);
   const bool on_cpu = projects_on_cpu(draw, caster.body(with.reduced));

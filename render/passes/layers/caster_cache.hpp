@@ -128,7 +128,7 @@ class CasterCache {
 
   CachedCaster& caster_of(const Scene& scene, const ShadowDraw& draw);
 
-  // The mesh and kernels of a shadow. A field uses only the key.
+  // The mesh and kernels of a shadow. A technique that uses outlines has only the key.
   struct Casting {
     KernelKey key;
     KernelSet* kernels = nullptr;

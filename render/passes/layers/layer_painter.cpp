@@ -82,7 +82,7 @@ int LayerPainter::draw(const ShadowDraw& draw, const ShadowItem& item, int first
   }
   const ShaderProgram& p = brush.layers;
   p.use();
-  const bool layered = draw.technique == ShadowTechnique::layered;
+  const bool layered = traits_of(draw.technique).has_penumbra;
   // 1/H = 0 for H = inf and for a simple shadow, which is a middle layer at factor 1.
   const LayeredConstants& c = draw.constants;
   p.set("inverse_light_height", layered ? static_cast<float>(1.0 / c.light_height) : 0.0F);

@@ -22,13 +22,9 @@ MaskPart MaskPart::of(const ShadowDraw& draw, CachedCaster& caster, const Prepar
   part.reduced = prepared.key.reduced;
   part.own = prepared.own;
   part.light = light;
-  if (draw.technique == ShadowTechnique::simple) {
-    part.constants = zenith_constants();
-  } else {
-    part.constants = draw.constants;
-    part.light_mode = draw.light_mode;
-  }
-  if (draw.technique == ShadowTechnique::field) part.outlines = prepared.outlines;
+  part.constants = traits_of(draw.technique).has_penumbra ? draw.constants : zenith_constants();
+  part.light_mode = draw.light_mode;
+  part.outlines = prepared.outlines;
   for (std::size_t i = 0; i < 3; ++i) part.layers[i] = prepared.layers[i].source;
   return part;
 }

@@ -100,18 +100,16 @@ std::optional<double> PlaneMasks::depth_of(const Scene& scene, const FramePlan& 
   bool fields = false;
   int not_masked = -1;  // object
   const auto serves = [&](const ShadowDraw& draw) {
-    const bool field = draw.technique == ShadowTechnique::field;
-    fields = fields || field;
-    layers = layers || draw.technique != ShadowTechnique::simple;
+    fields = fields || draw.technique == ShadowTechnique::field;
+    layers = layers || traits_of(draw.technique).has_penumbra;
     CachedCaster& caster = casters.caster_of(scene, draw);
     faces += caster.mesh.indices.size() / 3;
     if (caster.is_empty()) return true;
-    if (!field && !CasterCache::can_be_masked(draw, caster)) {
+    if (!CasterCache::can_be_masked(draw, caster)) {
       not_masked = draw.object;
       return false;
     }
-    const bool one_size = field || draw.light_mode == LightMode::fixed;
-    if (!one_size && cut_layers(draw, caster) == LayerSources{}) return true;
+    if (!has_one_light_size(draw) && cut_layers(draw, caster) == LayerSources{}) return true;
     const std::array<Eigen::Vector3d, 4> square = square_in_view(draw, plan);
     double nearest = kNone;
     for (const Eigen::Vector3d& corner : square) nearest = std::min(nearest, corner.z());

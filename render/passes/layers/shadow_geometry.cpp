@@ -4,6 +4,7 @@
 #include <cmath>
 #include <limits>
 
+#include "core/assert.hpp"
 #include "render/bounds.hpp"
 #include "render/model/to_eigen.hpp"
 #include "render/shadow/casters/caster.hpp"
@@ -127,7 +128,7 @@ LayeredConstants zenith_constants() {
 }
 
 HeightRange range_of(const ShadowDraw& draw, ShadowLayer layer) {
-  if (draw.technique == ShadowTechnique::simple)
+  if (!traits_of(draw.technique).has_penumbra)
     return {0.0, std::numeric_limits<double>::infinity()};
   return layer_height_range(draw.constants, layer);
 }
@@ -200,11 +201,10 @@ void ShadowGeometry::prepare(const ShadowDraw& draw, CachedCaster& caster, bool 
                      field ? kFieldBits : kLayerBits);
   const auto [kernel_key, kernels, reduced] = casters_.casting(draw, caster, own, !masked, work);
   if (reduced) ++work[Counter::proxy_shadows];
-  const bool simple = draw.technique == ShadowTechnique::simple;
   const std::array<bool, 3> wanted = wanted_layers(draw);
   const ShadowKey key{draw.technique,
                       draw.light_mode,
-                      simple ? LayeredConstants() : draw.constants,
+                      traits_of(draw.technique).has_penumbra ? draw.constants : LayeredConstants(),
                       field ? std::array<bool, 3>() : wanted,
                       reduced,
                       masked,
@@ -220,10 +220,20 @@ void ShadowGeometry::prepare(const ShadowDraw& draw, CachedCaster& caster, bool 
     prepared.key = key;
     prepared.magnification = 1.0;
     prepared.layers = {};
-    if (field) {
-      make_field(draw, caster, prepared, work);
-    } else {
-      place_layers(draw, caster, *kernels, prepared, work);
+    prepared.outlines.reset();
+    switch (draw.technique) {
+      case ShadowTechnique::simple:
+      case ShadowTechnique::layered:
+        place_layers(draw, caster, *kernels, prepared, work);
+        break;
+      case ShadowTechnique::field:
+        make_field(draw, caster, prepared, work);
+        break;
+      case ShadowTechnique::none:
+      case ShadowTechnique::walls:
+      case ShadowTechnique::hard:
+      case ShadowTechnique::volume:
+        PENUMBRA_ASSERT(false);  // not planned as a ShadowDraw
     }
   }
   if (!field) return;
@@ -238,8 +248,7 @@ void ShadowGeometry::prepare(const ShadowDraw& draw, CachedCaster& caster, bool 
 
 void ShadowGeometry::place_layers(const ShadowDraw& draw, CachedCaster& caster, KernelSet& kernels,
                                   PreparedShadow& prepared, RenderWork& work) const {
-  const bool fixed =
-      draw.technique == ShadowTechnique::layered && draw.light_mode == LightMode::fixed;
+  const bool fixed = draw.light_mode == LightMode::fixed;
   if (fixed && !prepared.key.masked) {
     image_layers(draw, caster, kernels, prepared, work);
     return;
@@ -372,7 +381,7 @@ std::size_t ShadowGeometry::surface_for(const ShadowDraw& draw, const FramePlan&
   const Disc disc = footprint(corners, draw.plane_frame);
   const double top = std::max(heights_above(draw.plane_frame, corners).high, 0.0);
   double magnification = 1.0;
-  if (draw.technique != ShadowTechnique::simple) {
+  if (traits_of(draw.technique).has_penumbra) {
     for (const ShadowLayer layer : {ShadowLayer::umbra, ShadowLayer::penumbra})
       magnification = std::max(magnification, layer_factor(draw.constants, layer, top));
   }
@@ -395,9 +404,8 @@ std::size_t ShadowGeometry::surface_for(const ShadowDraw& draw, const FramePlan&
 
 std::optional<ShadowReach> ShadowGeometry::reach_of(const Scene& scene, const ShadowDraw& draw,
                                                     double from, RenderWork& work) const {
-  const bool layered =
-      draw.technique == ShadowTechnique::layered && draw.light_mode == LightMode::proportional;
-  if (!layered && draw.technique != ShadowTechnique::simple) return std::nullopt;
+  if (has_one_light_size(draw)) return std::nullopt;
+  const bool layered = traits_of(draw.technique).has_penumbra;
   CachedCaster& caster = casters_.caster_of(scene, draw);
   ShadowReach reach;
   if (caster.is_empty()) return reach;
