@@ -31,8 +31,15 @@ void log_libav(void* source, int level, const char* format, va_list arguments) {
 }
 
 spdlog::level::level_enum spdlog_level(LogLevel level) {
-  constexpr std::array kLevels = {spdlog::level::debug, spdlog::level::info, spdlog::level::warn};
-  return kLevels[static_cast<std::size_t>(level)];
+  switch (level) {
+    case LogLevel::debug:
+      return spdlog::level::debug;
+    case LogLevel::info:
+      return spdlog::level::info;
+    case LogLevel::warning:
+      break;
+  }
+  return spdlog::level::warn;
 }
 
 }  // namespace

@@ -41,16 +41,16 @@ enum class Counter : std::size_t {
   faces_twisted,
   passes_drawn,    // passes with draw calls, and the video
   passes_skipped,  // entries of the plan's and the passes' `skipped`
-  draw_calls,      // OpenGL draw calls
+  draw_calls,      // OpenGL draw calls; stays last
 };
 // The counters' keys in the report.
-inline constexpr std::array<std::string_view, 21> kCounterNames = {
-    "shadow_vertices",  "kernel_generations",  "reprojections",        "triples_recomputed",
-    "proxy_shadows",    "proxy_checks",        "proxy_faces_saved",    "layer_masks_drawn",
-    "layer_masks_kept", "mask_pieces_skipped", "phantom_masks_drawn",  "phantom_masks_kept",
-    "video_copies",     "video_imports",       "pixel_buffer_uploads", "pixel_buffer_read_backs",
-    "kernel_faces",     "twisted_faces",       "passes_drawn",         "passes_skipped",
-    "draw_calls"};
+inline constexpr auto kCounterNames = std::to_array<std::string_view>(
+    {"shadow_vertices",  "kernel_generations",  "reprojections",        "triples_recomputed",
+     "proxy_shadows",    "proxy_checks",        "proxy_faces_saved",    "layer_masks_drawn",
+     "layer_masks_kept", "mask_pieces_skipped", "phantom_masks_drawn",  "phantom_masks_kept",
+     "video_copies",     "video_imports",       "pixel_buffer_uploads", "pixel_buffer_read_backs",
+     "kernel_faces",     "twisted_faces",       "passes_drawn",         "passes_skipped",
+     "draw_calls"});
 static_assert(kCounterNames.size() == static_cast<std::size_t>(Counter::draw_calls) + 1);
 
 class RenderCounters {
@@ -99,8 +99,6 @@ enum class SkipReason {
   light_inside_caster,     // object, light
   volume_too_far,          // object, light
 };
-inline constexpr std::size_t kSkipReasons =
-    static_cast<std::size_t>(SkipReason::volume_too_far) + 1;
 
 struct SkippedPass {
   SkipReason reason = SkipReason::no_pose;
@@ -115,7 +113,6 @@ enum class KeepReason {
   layer_mask,    // plane
   phantom_mask,  // receiver, caster
 };
-inline constexpr std::size_t kKeepReasons = static_cast<std::size_t>(KeepReason::phantom_mask) + 1;
 
 struct KeptPart {
   KeepReason reason = KeepReason::video;

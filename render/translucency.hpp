@@ -28,6 +28,8 @@ inline constexpr std::array kTranslucencyNames = {
     TranslucencyName{Translucency::retexture, "retexture"},
     TranslucencyName{Translucency::geometry_mesh, "geometry-mesh"},
 };
+static_assert(kTranslucencyNames.size() ==
+              static_cast<std::size_t>(Translucency::geometry_mesh) + 1);
 
 [[nodiscard]] constexpr std::string_view to_string(Translucency mode) {
   for (const TranslucencyName& entry : kTranslucencyNames) {

@@ -11,6 +11,7 @@ namespace {
 // Limits events that no recording takes.
 constexpr std::size_t kMostEvents = 256;
 
+// In the order of CaptureFault.
 struct FaultText {
   std::string_view name;
   std::string_view description;
@@ -31,6 +32,7 @@ constexpr std::array<FaultText, kCaptureFaultCount> kFaultTexts = {{
     {"slow_rate", "slower frame rates"},
     {"no_signal", "no signal"},
 }};
+static_assert(!kFaultTexts.back().name.empty());
 
 }  // namespace
 

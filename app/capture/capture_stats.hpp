@@ -2,6 +2,7 @@
 #pragma once
 
 #include <array>
+#include <cstddef>
 #include <cstdint>
 #include <mutex>
 #include <optional>
@@ -25,9 +26,10 @@ enum class CaptureFault {
   silent_gap,    // frames missing only by their times
   bad_time,      // an impossible timestamp
   slow_rate,     // fewer frames per second than granted or before
-  no_signal,     // nothing connected to the input, by the driver
+  no_signal,     // nothing connected to the input, by the driver; stays last
 };
-inline constexpr std::size_t kCaptureFaultCount = 14;
+inline constexpr std::size_t kCaptureFaultCount =
+    static_cast<std::size_t>(CaptureFault::no_signal) + 1;
 
 // As in reports: "disconnected".
 [[nodiscard]] std::string_view name_of(CaptureFault fault);

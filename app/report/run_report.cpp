@@ -255,9 +255,8 @@ void RunRecorder::add_frame(const SessionFrame& frame) {
   }
   add_work(drawn);
   for (const ShadowEvent& event : frame.events) ++events_[static_cast<std::size_t>(event.kind)];
-  for (const SkippedPass& pass : frame.plan.skipped)
-    ++skipped_[static_cast<std::size_t>(pass.reason)];
-  for (const KeptPart& part : drawn.kept) ++kept_[static_cast<std::size_t>(part.reason)];
+  for (const SkippedPass& pass : frame.plan.skipped) ++skipped_[pass.reason];
+  for (const KeptPart& part : drawn.kept) ++kept_[part.reason];
 }
 
 void RunRecorder::add_reason(const PoseReason& reason) {
@@ -342,14 +341,8 @@ RunReport RunRecorder::report() const {
   std::ranges::stable_sort(report.reasons, std::greater(),
                            [](const auto& reason) { return reason.second.frames; });
   report.work = work();
-  const auto add_counts = [](auto& counts, const auto& by_reason, auto first) {
-    for (std::size_t i = 0; i < by_reason.size(); ++i) {
-      const auto reason = static_cast<decltype(first)>(i);
-      if (by_reason[i] > 0) counts[std::string(key_of(reason))] += by_reason[i];
-    }
-  };
-  add_counts(report.skipped, skipped_, SkipReason());
-  add_counts(report.kept, kept_, KeepReason());
+  for (const auto& [reason, count] : skipped_) report.skipped[std::string(key_of(reason))] += count;
+  for (const auto& [reason, count] : kept_) report.kept[std::string(key_of(reason))] += count;
   for (const Group& group : groups_) {
     GroupReport& of_group = report.groups.emplace_back(group.report);
     of_group.reprojection_rms_px = group.reprojection_px.statistics();

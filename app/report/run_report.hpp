@@ -192,8 +192,8 @@ class RunRecorder {
   std::vector<Group> groups_;
   std::map<std::string, ReasonCount> reasons_;
   RenderCounters work_;
-  std::array<std::int64_t, kSkipReasons> skipped_{};
-  std::array<std::int64_t, kKeepReasons> kept_{};
+  std::map<SkipReason, std::int64_t> skipped_;
+  std::map<KeepReason, std::int64_t> kept_;
   std::array<std::int64_t, kShadowEventNames.size()> events_{};  // by ShadowEventKind
 };
 

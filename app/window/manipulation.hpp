@@ -51,7 +51,7 @@ struct PickedPoint {
 [[nodiscard]] std::optional<ObjectPlaced> cursor_at(const Scene& scene, const SceneState& state,
                                                     const PointerView& pointer, double raised);
 
-enum class DragMode { slide, lift, reach, turn };
+enum class DragMode { slide, lift, reach, turn };  // in the order of kDragCommands
 
 class Manipulator {
  public:

@@ -87,6 +87,7 @@ std::string stage_times(const HudState& state) {
 }
 
 const char* name_of(DragMode mode) {
+  static_assert(kDragCommands.size() == static_cast<std::size_t>(DragMode::turn) + 1);
   return kDragCommands[static_cast<std::size_t>(mode)].name;
 }
 

@@ -1,7 +1,6 @@
 // The uncertainty of a calibration, its grade, and advice. See docs/calibration.md#verdict.
 #include <Eigen/Eigenvalues>
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <limits>
 
@@ -33,8 +32,15 @@ std::string worst_place(const UncertaintyMap& map, const ImageCells& cells) {
 }  // namespace
 
 std::string_view to_string(CalibrationGrade grade) {
-  constexpr std::array<std::string_view, 3> kNames = {"good", "usable", "poor"};
-  return kNames[static_cast<std::size_t>(grade)];
+  switch (grade) {
+    case CalibrationGrade::good:
+      return "good";
+    case CalibrationGrade::usable:
+      return "usable";
+    case CalibrationGrade::poor:
+      return "poor";
+  }
+  return {};
 }
 
 UncertaintyMap uncertainty_map(const CameraModel& camera, const Eigen::MatrixXd& covariance,

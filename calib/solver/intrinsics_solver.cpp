@@ -221,8 +221,15 @@ Result<void> check_views(std::span<const Eigen::Vector3d> board,
 }  // namespace
 
 std::string_view to_string(BoardShape shape) {
-  constexpr std::array<std::string_view, 3> kNames = {"rigid", "bowed", "free"};
-  return kNames[static_cast<std::size_t>(shape)];
+  switch (shape) {
+    case BoardShape::rigid:
+      return "rigid";
+    case BoardShape::bowed:
+      return "bowed";
+    case BoardShape::free:
+      return "free";
+  }
+  return {};
 }
 
 Result<CalibrationSolution> solve_intrinsics(int width, int height,

@@ -17,8 +17,17 @@ namespace penumbra {
 enum class TrackStatus { tracked, uncertain, held, lost };
 
 [[nodiscard]] constexpr std::string_view to_string(TrackStatus status) {
-  constexpr std::string_view kNames[] = {"tracked", "uncertain", "held", "lost"};
-  return kNames[static_cast<std::size_t>(status)];
+  switch (status) {
+    case TrackStatus::tracked:
+      return "tracked";
+    case TrackStatus::uncertain:
+      return "uncertain";
+    case TrackStatus::held:
+      return "held";
+    case TrackStatus::lost:
+      return "lost";
+  }
+  return {};
 }
 
 inline constexpr double kHoldSeconds = 0.5;  // [s]

@@ -18,10 +18,23 @@ constexpr EGLint drm_format(const char (&letters)[5]) {
   return static_cast<EGLint>(code);
 }
 
-// Layouts with bytes in the order red, green, blue, alpha, in the order of TexelFormat; 0: cameras
-// don't have it.
-constexpr std::array<EGLint, 6> kDrmFormats = {
-    drm_format("R8  "), drm_format("GR88"), drm_format("BG24"), drm_format("AB24"), 0, 0};
+// Returns the layout with bytes in the order red, green, blue, alpha; 0: cameras don't have it.
+EGLint drm_format_of(TexelFormat format) {
+  switch (format) {
+    case TexelFormat::r8:
+      return drm_format("R8  ");
+    case TexelFormat::rg8:
+      return drm_format("GR88");
+    case TexelFormat::rgb8:
+      return drm_format("BG24");
+    case TexelFormat::rgba8:
+      return drm_format("AB24");
+    case TexelFormat::srgb8_alpha8:
+    case TexelFormat::rgba16f:
+      break;
+  }
+  return 0;
+}
 
 }  // namespace
 
@@ -34,7 +47,7 @@ bool can_import_textures() {
 }
 
 std::optional<ImportedTexture> ImportedTexture::create(const ImportedPlane& plane) {
-  const EGLint format = kDrmFormats[static_cast<std::size_t>(plane.format)];
+  const EGLint format = drm_format_of(plane.format);
   if (format == 0) return std::nullopt;
   const std::array<EGLint, 13> attributes = {EGL_WIDTH,
                                              plane.width,

@@ -13,24 +13,31 @@ struct TexelLayout {
   GLenum external, type;
   int bytes;
 };
-// In the order of TexelFormat.
-constexpr std::array<TexelLayout, 6> kLayouts = {{
-    {GL_R8, GL_RED, GL_UNSIGNED_BYTE, 1},
-    {GL_RG8, GL_RG, GL_UNSIGNED_BYTE, 2},
-    {GL_RGB8, GL_RGB, GL_UNSIGNED_BYTE, 3},
-    {GL_RGBA8, GL_RGBA, GL_UNSIGNED_BYTE, 4},
-    {GL_SRGB8_ALPHA8, GL_RGBA, GL_UNSIGNED_BYTE, 4},
-    {GL_RGBA16F, GL_RGBA, GL_HALF_FLOAT, 8},
-}};
-const TexelLayout& layout_of(TexelFormat format) {
-  return kLayouts[static_cast<std::size_t>(format)];
+TexelLayout layout_of(TexelFormat format) {
+  switch (format) {
+    case TexelFormat::r8:
+      return {GL_R8, GL_RED, GL_UNSIGNED_BYTE, 1};
+    case TexelFormat::rg8:
+      return {GL_RG8, GL_RG, GL_UNSIGNED_BYTE, 2};
+    case TexelFormat::rgb8:
+      return {GL_RGB8, GL_RGB, GL_UNSIGNED_BYTE, 3};
+    case TexelFormat::rgba8:
+      return {GL_RGBA8, GL_RGBA, GL_UNSIGNED_BYTE, 4};
+    case TexelFormat::srgb8_alpha8:
+      return {GL_SRGB8_ALPHA8, GL_RGBA, GL_UNSIGNED_BYTE, 4};
+    case TexelFormat::rgba16f:
+      return {GL_RGBA16F, GL_RGBA, GL_HALF_FLOAT, 8};
+  }
+  return {};
 }
 
 // In the order of TextureWrap, and of TextureMipmaps for nearest and linear filters.
 constexpr std::array<GLint, 3> kWraps = {GL_REPEAT, GL_MIRRORED_REPEAT, GL_CLAMP_TO_EDGE};
+static_assert(kWraps.size() == static_cast<std::size_t>(TextureWrap::clamp) + 1);
 constexpr std::array<std::array<GLint, 3>, 2> kMinFilters = {
     {{GL_NEAREST, GL_NEAREST_MIPMAP_NEAREST, GL_NEAREST_MIPMAP_LINEAR},
      {GL_LINEAR, GL_LINEAR_MIPMAP_NEAREST, GL_LINEAR_MIPMAP_LINEAR}}};
+static_assert(kMinFilters[0].size() == static_cast<std::size_t>(TextureMipmaps::linear) + 1);
 
 GLint gl_wrap(TextureWrap wrap) {
   return kWraps[static_cast<std::size_t>(wrap)];

@@ -16,10 +16,12 @@ enum class ShadowEventKind {
   object_moved,
   object_resized,
   object_rotated,
-  plane_moved,
+  plane_moved,  // stays last
 };
-inline constexpr std::array<std::string_view, 5> kShadowEventNames = {
-    "light_moved", "object_moved", "object_resized", "object_rotated", "plane_moved"};
+inline constexpr auto kShadowEventNames = std::to_array<std::string_view>(
+    {"light_moved", "object_moved", "object_resized", "object_rotated", "plane_moved"});
+static_assert(kShadowEventNames.size() ==
+              static_cast<std::size_t>(ShadowEventKind::plane_moved) + 1);
 
 struct ShadowEvent {
   ShadowEventKind kind = ShadowEventKind::light_moved;
