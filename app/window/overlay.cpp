@@ -387,9 +387,7 @@ struct Overlay::Impl {
 
   // Sets H and a by the height of the workspace and the middle layer's magnification there.
   bool workspace_panel(ShadowStyle& style) {
-    if (style.technique == ShadowTechnique::simple || style.technique == ShadowTechnique::none) {
-      return false;
-    }
+    if (!traits_of(style.technique).has_penumbra) return false;
     const std::optional<Workspace> known = workspace_of(style.layered);
     const Workspace workspace = known.value_or(Workspace());
     auto height_cm = static_cast<float>(100.0 * workspace.height_m);
@@ -420,7 +418,8 @@ struct Overlay::Impl {
   }
 
   bool strength_panel(const HudNode& node, ShadowStyle& style) {
-    if (style.technique == ShadowTechnique::none) return false;
+    const TechniqueTraits traits = traits_of(style.technique);
+    if (style.technique == ShadowTechnique::none || traits.uses_lights) return false;
     Strength& strength = strengths[node.name];
     const auto same = [](const LightFractions& a, const LightFractions& b) {
       return a.umbra == b.umbra && a.middle == b.middle && a.penumbra == b.penumbra;
@@ -441,11 +440,11 @@ struct Overlay::Impl {
       return true;
     };
     bool changed = slider("strength", strength.opacity);
-    if (style.technique != ShadowTechnique::simple) {
+    if (traits.has_penumbra) {
       changed = slider("light in the umbra", strength.full.umbra) || changed;
     }
     changed = slider("light in the middle layer", strength.full.middle) || changed;
-    if (style.technique != ShadowTechnique::simple) {
+    if (traits.has_penumbra) {
       changed = slider("light in the penumbra", strength.full.penumbra) || changed;
     }
     if (changed) style.fractions = with_opacity(strength.full, strength.opacity);

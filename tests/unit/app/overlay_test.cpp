@@ -298,12 +298,15 @@ TEST_P(HudOverlay, ReplacesHudByStudyInstructions) {
   }
 }
 
-// Drags along every height of the open panel until one of its sliders answers.
-TEST_P(HudOverlay, TurnsSliderDragIntoEdit) {
+// The settings that change where the pointer drags along every height of the open panel.
+struct DraggedSettings {
+  bool constants = false, strength = false;
+};
+DraggedSettings drag_along_panel(Overlay& overlay, const HudState& state) {
   HudActions actions;
   HudPanels panels;
   panels.panels = true;
-  const auto draw = [&] { shoot(*overlay, busy_state(), panels, 640, 400, actions); };
+  const auto draw = [&] { shoot(overlay, state, panels, 640, 400, actions); };
   draw();
   draw();
   WindowEvent event;
@@ -311,28 +314,47 @@ TEST_P(HudOverlay, TurnsSliderDragIntoEdit) {
     event.y = y;
     event.x = 450.0;
     event.kind = WindowEvent::Kind::pointer_moved;
-    overlay->handle(event);
+    overlay.handle(event);
     draw();
     event.kind = WindowEvent::Kind::button_down;
-    overlay->handle(event);
+    overlay.handle(event);
     draw();
     event.kind = WindowEvent::Kind::pointer_moved;
     event.x = 480.0;
-    overlay->handle(event);
+    overlay.handle(event);
     draw();
     event.kind = WindowEvent::Kind::button_up;
-    overlay->handle(event);
+    overlay.handle(event);
     draw();
   }
-  bool constants = false, strength = false;
+  DraggedSettings changed;
   for (const SceneEdit& edit : actions.edits) {
     const auto& style = std::get<ShadowStyled>(edit).style;
     EXPECT_EQ(std::get<ShadowStyled>(edit).node, "layers on the table");
-    constants = constants || style.layered.light_height != LayeredConstants().light_height;
-    strength = strength || style.fractions.umbra != LightFractions().umbra;
+    changed.constants =
+        changed.constants || style.layered.light_height != LayeredConstants().light_height;
+    changed.strength = changed.strength || style.fractions.umbra != LightFractions().umbra;
   }
-  EXPECT_TRUE(constants);
-  EXPECT_TRUE(strength);
+  return changed;
+}
+
+TEST_P(HudOverlay, TurnsSliderDragIntoEdit) {
+  const DraggedSettings changed = drag_along_panel(*overlay, busy_state());
+  EXPECT_TRUE(changed.constants);
+  EXPECT_TRUE(changed.strength);
+}
+
+TEST_P(HudOverlay, HidesSlidersThatDoNotActOnTechnique) {
+  for (const ShadowTechnique technique :
+       {ShadowTechnique::walls, ShadowTechnique::hard, ShadowTechnique::volume}) {
+    HudState state = busy_state();
+    for (HudNode& node : state.nodes) node.style.technique = technique;
+    const DraggedSettings changed = drag_along_panel(*overlay, state);
+    EXPECT_FALSE(changed.constants) << to_string(technique);
+    if (traits_of(technique).uses_lights) {
+      EXPECT_FALSE(changed.strength) << to_string(technique);
+    }
+  }
 }
 
 // Clicks down the panel until the list of ways opens, and down the list until each was chosen.
