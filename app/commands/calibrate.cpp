@@ -414,6 +414,34 @@ Result<ExitCode> run_calibrate(const CalibrateOptions& options) {
   return ExitCode::success;
 }
 
+std::string check_number(const std::string& text) {
+  double number = 0.0;
+  return CLI::detail::lexical_cast(text, number) && std::isfinite(number)
+             ? std::string()
+             : fmt::format("'{}' is not a number", text);
+}
+
+// Reports options that do not fit the source or each other.
+void check_options(CLI::App& command, CalibrateOptions& options) {
+  claim_outputs(command, {"--output", "--report"});
+  const std::array outputs = {options.output, options.report};
+  const std::array inputs = {options.target, options.compare};
+  if (const auto once = check_written_once(outputs, inputs); !once)
+    usage_error("--output", "{}", once.error().message);
+  options.camera.source = options.source.string();
+  const auto reject = [&command](std::initializer_list<const char*> names, const char* why) {
+    for (const char* name : names) {
+      if (command.count(name) > 0) usage_error(name, "is for a camera; {}", why);
+    }
+  };
+  if (played_recording(options.camera.source)) {
+    reject({"--size", "--fps"}, "a recording has its own");
+  } else if (!names_camera(options.camera.source)) {
+    reject({"--size", "--fps", "--duration", "--keep"}, "the source is a folder");
+  }
+  check_model_of_format(options);
+}
+
 }  // namespace
 
 void add_calibrate_command(CLI::App& program, ChosenCommand& chosen) {
@@ -475,12 +503,7 @@ void add_calibrate_command(CLI::App& program, ChosenCommand& chosen) {
   command
       .add_option("--focus-position", options->focus_position,
                   "Where the lens was focused, as its driver counts: kept in the file")
-      ->check([](const std::string& text) {
-        double position = 0.0;
-        return CLI::detail::lexical_cast(text, position) && std::isfinite(position)
-                   ? std::string()
-                   : fmt::format("'{}' is not a number", text);
-      });
+      ->check(check_number);
   command.add_option("--views", options->views, "Most views to solve from")
       ->check(CLI::Range(3, 1000))
       ->capture_default_str();
@@ -499,23 +522,7 @@ void add_calibrate_command(CLI::App& program, ChosenCommand& chosen) {
           "key (default: until they are enough, or Ctrl-C)")
       ->check(CLI::Range(0.1, 1e6));
   command.callback([options, &command, &chosen] {
-    claim_outputs(command, {"--output", "--report"});
-    const std::array outputs = {options->output, options->report};
-    const std::array inputs = {options->target, options->compare};
-    if (const auto once = check_written_once(outputs, inputs); !once)
-      usage_error("--output", "{}", once.error().message);
-    options->camera.source = options->source.string();
-    const auto reject = [&command](std::initializer_list<const char*> names, const char* why) {
-      for (const char* name : names) {
-        if (command.count(name) > 0) usage_error(name, "is for a camera; {}", why);
-      }
-    };
-    if (played_recording(options->camera.source)) {
-      reject({"--size", "--fps"}, "a recording has its own");
-    } else if (!names_camera(options->camera.source)) {
-      reject({"--size", "--fps", "--duration", "--keep"}, "the source is a folder");
-    }
-    check_model_of_format(*options);
+    check_options(command, *options);
     chosen = [options] { return run_calibrate(*options); };
   });
 }

@@ -40,6 +40,20 @@ CLI::Validator whole_number() {
       "N");
 }
 
+// Takes NAME=FILE.tum for each group.
+void take_groups(const std::vector<std::string>& given, SimulateRequest& request) {
+  for (const std::string& text : given) {
+    const std::size_t equals = text.rfind('=');
+    if (equals == 0 || equals == std::string::npos || equals + 1 == text.size()) {
+      usage_error("--group", "{}: is no NAME=FILE.tum", text);
+    }
+    const std::string name = text.substr(0, equals);
+    if (!request.groups.emplace(name, text.substr(equals + 1)).second) {
+      usage_error("--group", "{}: is given twice", name);
+    }
+  }
+}
+
 }  // namespace
 
 void add_simulate_command(CLI::App& program, ChosenCommand& chosen) {
@@ -73,21 +87,10 @@ void add_simulate_command(CLI::App& program, ChosenCommand& chosen) {
   add_option(command, "--trajectory", "FILE.tum", request->trajectory,
              "Camera poses: one frame for each, its exposure half before and half after")
       ->required();
-  const auto take_groups = [request](const std::vector<std::string>& given) {
-    for (const std::string& text : given) {
-      const std::size_t equals = text.rfind('=');
-      if (equals == 0 || equals == std::string::npos || equals + 1 == text.size()) {
-        usage_error("--group", "{}: is no NAME=FILE.tum", text);
-      }
-      const std::string name = text.substr(0, equals);
-      if (!request->groups.emplace(name, text.substr(equals + 1)).second) {
-        usage_error("--group", "{}: is given twice", name);
-      }
-    }
-  };
   command
       .add_option_function<std::vector<std::string>>(
-          "--group", take_groups,
+          "--group",
+          [request](const std::vector<std::string>& given) { take_groups(given, *request); },
           "Tags of the group NAME move: T_table_group over the same time, the identity where "
           "tags.yaml has it; may be given again for other groups")
       ->type_name("NAME=FILE.tum");

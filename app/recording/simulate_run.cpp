@@ -256,6 +256,32 @@ class Simulation {
   std::optional<Session> session_;
 };
 
+Result<CameraModel> without_rolling_shutter(const CameraModel& camera, const fs::path& file) {
+  CameraParameters at_once = camera.parameters();
+  at_once.rolling_shutter_row_s.reset();
+  auto made = CameraModel::make(at_once);
+  if (!made) return fail_in(file.string(), made.error());
+  return made;
+}
+
+// Adds each group's true place at a time.
+void add_places(const Simulation& simulation, std::int64_t timestamp_ns,
+                std::map<std::string, Trajectory>& group_truth) {
+  for (auto& [group, places] : group_truth) {
+    const auto moves = simulation.groups().find(group);
+    StampedPose& place = places.poses.emplace_back();
+    place.timestamp_ns = timestamp_ns;
+    if (moves != simulation.groups().end())
+      place.T_table_camera = interpolate_pose(moves->second, timestamp_ns);
+  }
+}
+
+std::string text_of_places(const Trajectory& places) {
+  std::string text = "# timestamp tx ty tz qx qy qz qw: T_table_group, seconds and metres\n";
+  for (const StampedPose& place : places.poses) text += format_tum(place) + "\n";
+  return text;
+}
+
 }  // namespace
 
 Result<SimulateSummary> run_simulate(const SimulateRequest& request) {
@@ -274,11 +300,7 @@ Result<SimulateSummary> run_simulate(const SimulateRequest& request) {
     log_warning(
         "{}: rolling_shutter_row_s: rows are exposed at once here; it is left out of the recording",
         request.camera.string());
-    CameraParameters at_once = camera.parameters();
-    at_once.rolling_shutter_row_s.reset();
-    auto made = CameraModel::make(at_once);
-    if (!made) return fail_in(request.camera.string(), made.error());
-    camera = std::move(*made);
+    PENUMBRA_TRY(camera, without_rolling_shutter(camera, request.camera));
     camera_text = ros_camera_text(camera);
   }
   auto renderer = PatternRenderer::create(camera, tags.tags());
@@ -315,7 +337,7 @@ Result<SimulateSummary> run_simulate(const SimulateRequest& request) {
   const bool exposed = request.exposure_s > 0.0;
   std::string listing = fmt::format("frame,timestamp_s,file{}\n", exposed ? ",exposure_s" : "");
   Trajectory truth;
-  std::map<std::string, Trajectory> group_truth;
+  std::map<std::string, Trajectory> group_truth;  // T_table_group
   for (const std::string& group : other_groups(tags)) {
     if (group_file(group)) group_truth[group];
   }
@@ -330,14 +352,7 @@ Result<SimulateSummary> run_simulate(const SimulateRequest& request) {
       pose.comment.clear();
       listing += fmt::format("{},{},{}", i, format_ns_as_seconds(pose.timestamp_ns), name);
       listing += exposed ? fmt::format(",{:.7g}\n", request.exposure_s) : std::string("\n");
-      for (auto& [group, places] : group_truth) {
-        const auto moves = simulation.groups().find(group);
-        StampedPose& place = places.poses.emplace_back();
-        place.timestamp_ns = pose.timestamp_ns;
-        if (moves != simulation.groups().end()) {
-          place.T_table_camera = interpolate_pose(moves->second, pose.timestamp_ns);
-        }
-      }
+      add_places(simulation, pose.timestamp_ns, group_truth);
       truth.poses.push_back(std::move(pose));
       progress.update(++summary.frames);
       summary.interrupted = interrupt.interrupted();
@@ -351,9 +366,7 @@ Result<SimulateSummary> run_simulate(const SimulateRequest& request) {
   }
   for (const auto& [group, places] : group_truth) {
     if (!written) break;
-    std::string text = "# timestamp tx ty tz qx qy qz qw: T_table_group, seconds and metres\n";
-    for (const StampedPose& place : places.poses) text += format_tum(place) + "\n";
-    written = write_file(fs::path("groups") / *group_file(group), text);
+    written = write_file(fs::path("groups") / *group_file(group), text_of_places(places));
   }
   if (written) written = write_file("timestamps.csv", listing);
   if (!written) return folder.failed(written.error());

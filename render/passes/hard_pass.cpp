@@ -74,17 +74,8 @@ Result<void> HardPass::prepare(const DrawContext& context, const FramePlan& plan
   return {};
 }
 
-int HardPass::draw_plane(const DrawContext& context, const FramePlan& plan,
-                         const PlaneReceiver& receiver) const {
-  const LensUniforms& lens = context.lens;
-  Receivers& receivers = context.receivers;
-  // The meaning of one bit: equally strong casters of one light.
-  struct Blocked {
-    int light = 0;
-    float strength = 1.0F;
-    Eigen::AlignedBox2d bounds;
-    std::vector<const Shadow*> shadows;
-  };
+std::vector<HardPass::Blocked> HardPass::blocked_lights(const FramePlan& plan,
+                                                        const PlaneReceiver& receiver) const {
   const auto strength_of = [&](const HardShadowDraw& draw) {
     return receiver.opacity > 0.0F ? std::min(1.0F, draw.opacity / receiver.opacity) : 0.0F;
   };
@@ -112,6 +103,14 @@ int HardPass::draw_plane(const DrawContext& context, const FramePlan& plan,
     found->bounds.extend(shadow.bounds);
     found->shadows.push_back(&shadow);
   }
+  return lights;
+}
+
+int HardPass::draw_plane(const DrawContext& context, const FramePlan& plan,
+                         const PlaneReceiver& receiver) const {
+  const LensUniforms& lens = context.lens;
+  Receivers& receivers = context.receivers;
+  const std::vector<Blocked> lights = blocked_lights(plan, receiver);
   if (lights.empty()) return 0;
 
   receivers.begin_plane(plan, receiver.plane, receiver.frame, lens);

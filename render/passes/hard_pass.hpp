@@ -36,9 +36,18 @@ class HardPass : public Pass {
     GlMesh triangles{2};
   };
   using Key = std::tuple<int, int, int>;  // object, plane, light
+  // The meaning of one stencil bit: equally strong casters of one light.
+  struct Blocked {
+    int light = 0;
+    float strength = 1.0F;
+    Eigen::AlignedBox2d bounds;
+    std::vector<const Shadow*> shadows;
+  };
 
   const ShadowMesh& mesh_of(const Scene& scene, const HardShadowDraw& draw);
   void make(const HardShadowDraw& draw, const ShadowMesh& mesh, Shadow& shadow, RenderWork& work);
+  [[nodiscard]] std::vector<Blocked> blocked_lights(const FramePlan& plan,
+                                                    const PlaneReceiver& receiver) const;
   int draw_plane(const DrawContext& context, const FramePlan& plan,
                  const PlaneReceiver& receiver) const;
 

@@ -69,6 +69,30 @@ std::vector<PlaneMasks::PartCover>::iterator PlaneMasks::Plane::cover_of(const M
   });
 }
 
+const CellBox* PlaneMasks::DrawnMasks::bounds_of(const MaskPart& part) const {
+  if (!made) return nullptr;
+  const auto found = std::ranges::find_if(
+      parts, [&part](const MaskPart& known) { return known.covers_same_as(part); });
+  return found == parts.end() ? nullptr : &bounds[static_cast<std::size_t>(found - parts.begin())];
+}
+
+std::shared_ptr<PlaneMasks::DrawnMask> PlaneMasks::DrawnMasks::mask_of(
+    const MaskCells& cells, const std::vector<MaskPart>& of) const {
+  const auto found = std::ranges::find_if(masks, [&](const std::shared_ptr<DrawnMask>& known) {
+    return known->cells == cells && std::ranges::equal(known->parts, of, &MaskPart::same_as);
+  });
+  return found == masks.end() ? nullptr : *found;
+}
+
+std::shared_ptr<PlaneMasks::DrawnMask> PlaneMasks::DrawnMasks::take_spare() {
+  const auto spare = std::ranges::find_if(
+      masks, [](const std::shared_ptr<DrawnMask>& mask) { return mask.use_count() == 1; });
+  if (spare == masks.end()) return std::make_shared<DrawnMask>();
+  std::shared_ptr<DrawnMask> mask = std::move(*spare);
+  masks.erase(spare);
+  return mask;
+}
+
 void PlaneMasks::plan(const Scene& scene, const FramePlan& plan, Translucency mode,
                       CasterCache& casters, RenderWork& work) {
   for (auto& [plane, mask] : planes_) mask.in_use = false;
@@ -235,10 +259,8 @@ void PlaneMasks::draw_masks(int half_octave, std::vector<MaskPart> of, const Lay
   for (std::size_t i = 0; i < parts.size(); ++i) {
     const CellBox* known = nullptr;
     for (const DrawnMasks* before : {&older, &plane.other}) {
-      if (!rests[i] || !before->made || before->half_octave != half_octave) continue;
-      for (std::size_t k = 0; k < before->parts.size() && known == nullptr; ++k) {
-        if (before->parts[k].covers_same_as(parts[i])) known = &before->bounds[k];
-      }
+      if (rests[i] && before->half_octave == half_octave && known == nullptr)
+        known = before->bounds_of(parts[i]);
     }
     if (known == nullptr) project(i, cell_size(half_octave));
     made.bounds.push_back(known != nullptr ? *known : casters_[i].bounds());
@@ -250,14 +272,7 @@ void PlaneMasks::draw_masks(int half_octave, std::vector<MaskPart> of, const Lay
     for (const std::size_t i : group.parts) of_group.push_back(parts[i]);
     std::shared_ptr<DrawnMask> mask;
     for (const DrawnMasks* before : {&older, &plane.other}) {
-      const auto shows_it = [&](const std::shared_ptr<DrawnMask>& known) {
-        return known->cells == group.cells &&
-               std::ranges::equal(known->parts, of_group, &MaskPart::same_as);
-      };
-      const auto found = std::ranges::find_if(before->masks, shows_it);
-      if (found == before->masks.end()) continue;
-      mask = *found;
-      break;
+      if (!mask) mask = before->mask_of(group.cells, of_group);
     }
     if (mask) {
       ++work[Counter::layer_masks_kept];
@@ -281,12 +296,7 @@ void PlaneMasks::draw_masks(int half_octave, std::vector<MaskPart> of, const Lay
       }
       plane.covers.push_back(std::move(cover));
     }
-    // Reuse the storage of a mask that is no longer shown.
-    for (std::shared_ptr<DrawnMask>& spare : older.masks) {
-      if (spare.use_count() == 1 && !mask) mask = std::move(spare);
-    }
-    std::erase(older.masks, nullptr);
-    if (!mask) mask = std::make_shared<DrawnMask>();
+    mask = older.take_spare();
     mask->cells = group.cells;
     mask->parts = std::move(of_group);
     fill_mask(group, noted, plane, *mask);

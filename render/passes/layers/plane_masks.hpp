@@ -52,6 +52,12 @@ class PlaneMasks {
     std::vector<CellBox> bounds;  // of each part [cells]
     MaskLayout layout;
     std::vector<std::shared_ptr<DrawnMask>> masks;  // one per group
+    // Return the bounds of such a part, and the mask of such parts; null if there are none.
+    [[nodiscard]] const CellBox* bounds_of(const MaskPart& part) const;
+    [[nodiscard]] std::shared_ptr<DrawnMask> mask_of(const MaskCells& cells,
+                                                     const std::vector<MaskPart>& of) const;
+    // Returns the storage of a mask that is no longer shown, or new storage.
+    [[nodiscard]] std::shared_ptr<DrawnMask> take_spare();
   };
   // The coverage of a mask's cells by one of several casters.
   struct PartCover {

@@ -118,6 +118,37 @@ class LightGrid {
   unsigned most_ = 0;
 };
 
+// Where the volume of the points in use ends: at p + t (p - L), or p - t L. One factor t for all
+// keeps the shape of the light's cone.
+struct VolumeEnd {
+  double t = 0.0;  // no volume unless finite and positive
+  bool above_floors = false;
+};
+VolumeEnd end_of_volume(std::span<const Eigen::Vector3d> near, const std::vector<bool>& used,
+                        const VolumeLight& light, std::span<const PlaneFrame> floors,
+                        double reach) {
+  double to_floors = floors.empty() ? std::numeric_limits<double>::infinity() : 0.0;
+  double to_sphere = std::numeric_limits<double>::infinity();
+  double farthest = 0.0;  // from the table's origin
+  for (std::size_t i = 0; i < near.size(); ++i) {
+    if (!used[i]) continue;
+    const Eigen::Vector3d direction = light.away(near[i]);
+    to_sphere = std::min(to_sphere, leaves_sphere(near[i], direction, reach));
+    farthest = std::max(farthest, near[i].norm());
+    for (const PlaneFrame& floor : floors) {
+      const double fall = -floor.n.dot(direction);
+      const double height = floor.height(near[i]) + kUnderFloor;
+      if (height <= 0.0) continue;
+      to_floors =
+          std::max(to_floors, fall > 0.0 ? height / fall : std::numeric_limits<double>::infinity());
+    }
+  }
+  // The volume of a caster near the table may end there: the floor that it would reach is beyond.
+  const bool above_floors = !floors.empty() && std::isfinite(to_floors) && to_sphere < to_floors &&
+                            farthest > kFarCaster * reach;
+  return {std::min(to_floors, to_sphere), above_floors};
+}
+
 }  // namespace
 
 VolumeCaster::VolumeCaster(const ShadowMesh& mesh) : indices_(mesh.indices) {
@@ -179,6 +210,74 @@ bool may_shadow(const Eigen::Vector4d& light, const Ball& caster, const Ball& re
   return between <= std::asin(caster.radius / near) + std::asin(receiver.radius / far);
 }
 
+VolumeCaster::LitFaces VolumeCaster::lit_faces(std::span<const Eigen::Vector3d> near,
+                                               const std::vector<bool>& needed,
+                                               const Eigen::Vector4d& homogeneous_light) const {
+  const VolumeLight light(homogeneous_light);
+  const std::size_t faces = indices_.size() / 3;
+  LitFaces lit{std::vector<int>(faces, 0), std::vector<int>(closed_.size(), 0)};
+  std::vector<int> turned_away(closed_.size(), 0);
+  for (std::size_t face = 0; face < faces; ++face) {
+    const Eigen::Vector3d& a = near[indices_[3 * face]];
+    const Eigen::Vector3d normal =
+        (near[indices_[3 * face + 1]] - a).cross(near[indices_[3 * face + 2]] - a);
+    const Eigen::Vector3d to_light = -light.away(a);
+    const std::uint32_t part = part_[face];
+    if (!needed[part]) continue;
+    // A light in the face's own plane does not light it.
+    const double facing = outside_[part] * normal.dot(to_light);
+    const double least = 1e-9 * normal.norm() * to_light.norm();
+    if (facing > least) {
+      lit.turn[face] = outside_[part] > 0.0 ? 1 : -1;
+      ++lit.by_part[part];
+    } else if (facing < -least) {
+      ++turned_away[part];
+      if (!closed_[part]) {
+        lit.turn[face] = -1;
+        ++lit.by_part[part];
+      }
+    }
+  }
+  for (std::size_t part = 0; part < closed_.size(); ++part) {
+    if (closed_[part] && lit.by_part[part] == 0 && turned_away[part] > 0) lit.light_inside = true;
+  }
+  return lit;
+}
+
+void VolumeCaster::add_part(std::span<const std::uint32_t> part, const std::vector<int>& turn,
+                            const Ends& ends, std::vector<int>& silhouette,
+                            std::vector<glm::vec3>& triangles) const {
+  const auto& [here, far] = ends;
+  const auto add = [&triangles](const glm::vec3& a, const glm::vec3& b, const glm::vec3& c) {
+    triangles.insert(triangles.end(), {a, b, c});
+  };
+  for (const std::uint32_t face : part) {
+    if (turn[face] == 0) continue;
+    const std::uint32_t a = indices_[3 * face];
+    const std::uint32_t b = indices_[3 * face + (turn[face] > 0 ? 1U : 2U)];
+    const std::uint32_t c = indices_[3 * face + (turn[face] > 0 ? 2U : 1U)];
+    add(here[a], here[b], here[c]);
+    add(far[a], far[c], far[b]);
+    for (std::size_t k = 0; k < 3; ++k) {
+      const Side& side = sides_[3 * face + k];
+      silhouette[side.edge] += turn[face] * side.sign;
+    }
+  }
+  for (const std::uint32_t face : part) {
+    for (std::size_t k = 0; k < 3; ++k) {
+      const std::uint32_t edge = sides_[3 * face + k].edge;
+      // Along a face from a to b, the wall runs from b to a.
+      const auto [a, b] = silhouette[edge] > 0 ? std::pair(edges_[edge].a, edges_[edge].b)
+                                               : std::pair(edges_[edge].b, edges_[edge].a);
+      for (int n = std::abs(silhouette[edge]); n > 0; --n) {
+        add(here[b], here[a], far[a]);
+        add(here[b], far[a], far[b]);
+      }
+      silhouette[edge] = 0;
+    }
+  }
+}
+
 ShadowVolume VolumeCaster::volume(const Placement& T_table_object,
                                   const Eigen::Vector4d& homogeneous_light,
                                   std::span<const PlaneFrame> floors, double reach,
@@ -197,114 +296,37 @@ ShadowVolume VolumeCaster::volume(const Placement& T_table_object,
   const auto finite = [](const Eigen::Vector3d& p) { return p.allFinite(); };
   if (!light.from.allFinite() || !std::ranges::all_of(near, finite)) return result;
 
-  // Faces that count, each turned towards the light: +1 as it is, -1 the other way round.
-  const std::size_t faces = indices_.size() / 3;
-  std::vector<int> turn(faces, 0);
-  std::vector<int> lit(closed_.size(), 0);
-  std::vector<int> turned_away(closed_.size(), 0);
-  for (std::size_t face = 0; face < faces; ++face) {
-    const Eigen::Vector3d& a = near[indices_[3 * face]];
-    const Eigen::Vector3d normal =
-        (near[indices_[3 * face + 1]] - a).cross(near[indices_[3 * face + 2]] - a);
-    const Eigen::Vector3d to_light = -light.away(a);
-    const std::uint32_t part = part_[face];
-    if (!needed[part]) continue;
-    // A light in the face's own plane does not light it.
-    const double facing = outside_[part] * normal.dot(to_light);
-    const double least = 1e-9 * normal.norm() * to_light.norm();
-    if (facing > least) {
-      turn[face] = outside_[part] > 0.0 ? 1 : -1;
-      ++lit[part];
-    } else if (facing < -least) {
-      ++turned_away[part];
-      if (!closed_[part]) {
-        turn[face] = -1;
-        ++lit[part];
-      }
-    }
-  }
-  for (std::size_t part = 0; part < lit.size(); ++part) {
-    if (closed_[part] && lit[part] == 0 && turned_away[part] > 0) result.light_inside = true;
-  }
-
-  // One factor t for the whole volume, so that it keeps the shape of the light's cone: its far end
-  // is p + t (p - L), or p - t L.
-  double to_floors = floors.empty() ? std::numeric_limits<double>::infinity() : 0.0;
-  double to_sphere = std::numeric_limits<double>::infinity();
-  double farthest = 0.0;  // from the table's origin
+  const LitFaces lit = lit_faces(near, needed, homogeneous_light);
+  result.light_inside = lit.light_inside;
   std::vector<bool> used(near.size());
-  for (std::size_t face = 0; face < faces; ++face) {
-    for (std::size_t k = 0; k < 3 && turn[face] != 0; ++k) used[indices_[3 * face + k]] = true;
+  for (std::size_t face = 0; face < lit.turn.size(); ++face) {
+    for (std::size_t k = 0; k < 3 && lit.turn[face] != 0; ++k) used[indices_[3 * face + k]] = true;
   }
-  for (std::size_t i = 0; i < near.size(); ++i) {
-    if (!used[i]) continue;
-    const Eigen::Vector3d direction = light.away(near[i]);
-    to_sphere = std::min(to_sphere, leaves_sphere(near[i], direction, reach));
-    farthest = std::max(farthest, near[i].norm());
-    for (const PlaneFrame& floor : floors) {
-      const double fall = -floor.n.dot(direction);
-      const double height = floor.height(near[i]) + kUnderFloor;
-      if (height <= 0.0) continue;
-      to_floors =
-          std::max(to_floors, fall > 0.0 ? height / fall : std::numeric_limits<double>::infinity());
-    }
-  }
-  // The volume of a caster near the table may end there: the floor that it would reach is beyond.
-  result.ends_above_floors = !floors.empty() && std::isfinite(to_floors) && to_sphere < to_floors &&
-                             farthest > kFarCaster * reach;
-  const double t = std::min(to_floors, to_sphere);
-  if (!std::isfinite(t) || !(t > 0.0)) return result;
-  std::vector<glm::vec3> here(near.size());
-  std::vector<glm::vec3> far(near.size());
-  for (std::size_t i = 0; i < near.size(); ++i) {
-    const Eigen::Vector3d end = near[i] + t * light.away(near[i]);
-    here[i] = {near[i].x(), near[i].y(), near[i].z()};
-    far[i] = {end.x(), end.y(), end.z()};
+  const VolumeEnd volume_end = end_of_volume(near, used, light, floors, reach);
+  result.ends_above_floors = volume_end.above_floors;
+  if (!std::isfinite(volume_end.t) || !(volume_end.t > 0.0)) return result;
+  Ends ends;
+  ends.near.reserve(near.size());
+  ends.far.reserve(near.size());
+  for (const Eigen::Vector3d& p : near) {
+    const Eigen::Vector3d end = p + volume_end.t * light.away(p);
+    ends.near.emplace_back(p.x(), p.y(), p.z());
+    ends.far.emplace_back(end.x(), end.y(), end.z());
   }
 
-  const auto add = [&result](const glm::vec3& a, const glm::vec3& b, const glm::vec3& c) {
-    result.triangles.insert(result.triangles.end(), {a, b, c});
-  };
   std::vector<int> silhouette(edges_.size(), 0);
-  const auto add_part = [&](std::span<const std::uint32_t> part) {
-    for (const std::uint32_t face : part) {
-      if (turn[face] == 0) continue;
-      const std::uint32_t a = indices_[3 * face];
-      const std::uint32_t b = indices_[3 * face + (turn[face] > 0 ? 1U : 2U)];
-      const std::uint32_t c = indices_[3 * face + (turn[face] > 0 ? 2U : 1U)];
-      add(here[a], here[b], here[c]);
-      add(far[a], far[c], far[b]);
-      for (std::size_t k = 0; k < 3; ++k) {
-        const Side& side = sides_[3 * face + k];
-        silhouette[side.edge] += turn[face] * side.sign;
-      }
-    }
-    for (const std::uint32_t face : part) {
-      for (std::size_t k = 0; k < 3; ++k) {
-        const std::uint32_t edge = sides_[3 * face + k].edge;
-        // Along a face from a to b, the wall runs from b to a.
-        const auto [a, b] = silhouette[edge] > 0 ? std::pair(edges_[edge].a, edges_[edge].b)
-                                                 : std::pair(edges_[edge].b, edges_[edge].a);
-        for (int n = std::abs(silhouette[edge]); n > 0; --n) {
-          add(here[b], here[a], far[a]);
-          add(here[b], far[a], far[b]);
-        }
-        silhouette[edge] = 0;
-      }
-    }
-  };
   // Only more lit faces than the stencil counts can lie above one another too often.
   std::size_t all_lit = 0;
-  for (const int count : lit) all_lit += static_cast<std::size_t>(count);
+  for (const int count : lit.by_part) all_lit += static_cast<std::size_t>(count);
   std::optional<LightGrid> grid;
   if (all_lit > kMostVolumesCounted) grid.emplace(near, used, light);
-  for (std::size_t part = 0; part < lit.size(); ++part) {
-    if (lit[part] == 0) continue;
+  for (std::size_t part = 0; part < lit.by_part.size(); ++part) {
+    if (lit.by_part[part] == 0) continue;
     const std::span<const std::uint32_t> own = faces_by_part_[part];
     if (grid) {
       const auto cover = [&] {
         for (const std::uint32_t face : own) {
-          if (turn[face] == 0) continue;
+          if (lit.turn[face] == 0) continue;
           grid->cover(indices_[3 * face], indices_[3 * face + 1], indices_[3 * face + 2]);
         }
       };
@@ -316,7 +338,7 @@ ShadowVolume VolumeCaster::volume(const Placement& T_table_object,
         cover();
       }
     }
-    add_part(own);
+    add_part(own, lit.turn, ends, silhouette, result.triangles);
   }
   if (!result.triangles.empty()) result.batch_ends.push_back(result.triangles.size());
   return result;

@@ -61,6 +61,25 @@ class VolumeCaster {
     int sign = 1;  // +1: the face runs from a to b
   };
 
+  struct LitFaces {
+    // Of each face: 0 if it does not count, +1 if it is turned towards the light, -1 if it counts
+    // the other way round.
+    std::vector<int> turn;
+    std::vector<int> by_part;  // number of faces that count
+    bool light_inside = false;
+  };
+  // Both ends of the volume, for each position.
+  struct Ends {
+    std::vector<glm::vec3> near, far;
+  };
+
+  [[nodiscard]] LitFaces lit_faces(std::span<const Eigen::Vector3d> near,
+                                   const std::vector<bool>& needed,
+                                   const Eigen::Vector4d& homogeneous_light) const;
+  // Adds the triangles of one part's faces. `silhouette`: 0 for each edge, before and after.
+  void add_part(std::span<const std::uint32_t> part, const std::vector<int>& turn, const Ends& ends,
+                std::vector<int>& silhouette, std::vector<glm::vec3>& triangles) const;
+
   std::vector<Eigen::Vector3d> positions_;
   std::vector<std::uint32_t> indices_;
   std::vector<Side> sides_;  // three per face
