@@ -3,6 +3,7 @@
 #include <gmock/gmock.h>
 
 #include <Eigen/Geometry>
+#include <algorithm>
 
 #include "core/geometry/trajectory.hpp"
 #include "render/scene/technique.hpp"
@@ -14,17 +15,30 @@ namespace {
 using testing::AllOf;
 using testing::HasSubstr;
 
+// Returns the names under "Subcommands:" in the program's help.
+std::vector<std::string> commands_of(const std::string& help) {
+  std::vector<std::string> commands;
+  const std::vector<std::string> lines = lines_of(help);
+  auto line = std::ranges::find(lines, "Subcommands:");
+  while (line != lines.end() && ++line != lines.end() && line->starts_with("  ")) {
+    const std::string name = line->substr(2, line->find(' ', 2) - 2);
+    if (!name.empty()) commands.push_back(name);  // else a description goes on
+  }
+  return commands;
+}
+
 TEST(CommandLine, PrintsHelpWithExampleForEveryCommand) {
-  EXPECT_EQ(penumbra({"--help"}).exit_code, 0);
-  EXPECT_THAT(penumbra({"--help"}).out, HasSubstr("Example:\n  penumbra demo"));
-  for (const char* command : {"demo", "replay", "live", "devices", "evaluate", "calibrate", "map",
-                              "target", "shadow", "kernels", "simulate", "study"}) {
+  const ProgramResult overview = penumbra({"--help"});
+  EXPECT_EQ(overview.exit_code, 0);
+  EXPECT_THAT(overview.out, HasSubstr("Example:\n  penumbra demo"));
+  const std::vector<std::string> commands = commands_of(overview.out);
+  EXPECT_THAT(commands, testing::IsSupersetOf({"demo", "replay", "live", "study"}));
+  for (const std::string& command : commands) {
     const ProgramResult help = penumbra({command, "--help"});
     EXPECT_EQ(help.exit_code, 0);
-    EXPECT_THAT(help.out, HasSubstr(std::string("Example:\n  penumbra ") + command));
+    EXPECT_THAT(help.out, HasSubstr("Example:\n  penumbra " + command));
     EXPECT_THAT(help.out, HasSubstr("--log-level"));
     EXPECT_EQ(help.err, "");
-    EXPECT_THAT(penumbra({"--help"}).out, HasSubstr(command));
   }
 }
 

@@ -13,6 +13,7 @@
 #include <thread>
 
 #include "replay_support.hpp"
+#include "support/techniques.hpp"
 
 namespace penumbra::test {
 namespace {
@@ -408,8 +409,7 @@ TEST(ReplayCommand, SkipsTrackingForGivenPoses) {
 TEST(ReplayCommand, DrawsEachTechniqueDifferently) {
   const TemporaryFolder folder;
   std::map<std::string, std::string> pictures;
-  for (const char* technique :
-       {"none", "simple", "walls", "hard", "cocl", "layered", "field", "volume"}) {
+  for (const std::string& technique : shadow_words_without({})) {
     const ProgramResult result =
         penumbra({"replay", bundled("tabletop"), "--frames", "30:31", "--poses-from", "groundtruth",
                   "--shadow", technique, "--output", folder.path() / technique});

@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "replay/replay_support.hpp"
+#include "support/techniques.hpp"
 #include "support/test_form.hpp"
 
 namespace penumbra::test {
@@ -61,7 +62,8 @@ std::vector<Session> sessions() {
     if (test::nightly() || scene == "corner" || scene == "default")
       sessions.push_back({scene, "corner", ""});
   }
-  for (const char* technique : {"simple", "cocl", "field", "walls", "hard", "volume"})
+  for (const std::string& technique :
+       shadow_words_without({ShadowTechnique::none, ShadowTechnique::layered}))
     sessions.push_back({"default", "tabletop", technique});
   for (const char* technique : {"layered", "field", "hard"})
     sessions.push_back({"stack", "tabletop", technique});

@@ -13,6 +13,7 @@
 #include "support/model_text.hpp"
 #include "support/shapes.hpp"
 #include "support/studio.hpp"
+#include "support/techniques.hpp"
 
 namespace penumbra {
 namespace {
@@ -244,9 +245,7 @@ TEST_P(FarModelPlan, MatchesPlanOfModelAtOrigin) {
 }
 
 INSTANTIATE_TEST_SUITE_P(Technique, FarModelPlan,
-                         testing::Values(ShadowTechnique::layered, ShadowTechnique::simple,
-                                         ShadowTechnique::walls, ShadowTechnique::hard,
-                                         ShadowTechnique::field, ShadowTechnique::volume),
+                         testing::ValuesIn(test::techniques_without({ShadowTechnique::none})),
                          [](const auto& technique) {
                            return std::string(to_string(technique.param));
                          });

@@ -12,6 +12,7 @@
 #include "support/paths.hpp"
 #include "support/shapes.hpp"
 #include "support/studio.hpp"
+#include "support/techniques.hpp"
 
 namespace penumbra {
 namespace {
@@ -128,10 +129,7 @@ TEST(Multisampling, ChangesOnlyEdges) {
     test::Studio plain(scene, view_of(1), api, one);
     test::Studio smooth(scene, view_of(1), api, several);
     const Frame frame = test::plain_frame(kViewWidth, kViewHeight, 200);
-    for (const ShadowTechnique technique :
-         {ShadowTechnique::none, ShadowTechnique::simple, ShadowTechnique::walls,
-          ShadowTechnique::hard, ShadowTechnique::layered, ShadowTechnique::field,
-          ShadowTechnique::volume}) {
+    for (const ShadowTechnique technique : test::techniques_without({})) {
       for (const Translucency way : {Translucency::blend, Translucency::mesh,
                                      Translucency::retexture, Translucency::geometry_mesh}) {
         const std::string name =

@@ -12,6 +12,7 @@
 #include "support/shadow_triples.hpp"
 #include "support/shapes.hpp"
 #include "support/studio.hpp"
+#include "support/techniques.hpp"
 
 namespace penumbra {
 namespace tag_group_test {
@@ -118,9 +119,7 @@ TEST(TagGroup, HidesObjectsOfUnseenGroup) {
   test::SceneBuilder builder = before_a_wall();
   builder.scene().objects[0].tag_group = "prop";
   builder.add(box(0.02), test::at(0.05, 0.05, 0.05));
-  for (const ShadowTechnique technique :
-       {ShadowTechnique::layered, ShadowTechnique::field, ShadowTechnique::simple,
-        ShadowTechnique::hard, ShadowTechnique::volume}) {
+  for (const ShadowTechnique technique : test::techniques_without({ShadowTechnique::none})) {
     PlanOptions options;
     options.technique = technique;
     for (const bool skip : {true, false}) {
@@ -193,8 +192,8 @@ TEST(TagGroup, CastsShadowOnMovedWall) {
   Studio fixed(there.build(), camera());
   Studio old(unmoved.build(), camera());
   const Frame frame = test::plain_frame(kWidth, kHeight, 190);
-  for (const ShadowTechnique technique : {ShadowTechnique::layered, ShadowTechnique::field,
-                                          ShadowTechnique::simple, ShadowTechnique::hard}) {
+  for (const ShadowTechnique technique :
+       test::techniques_without({ShadowTechnique::none, ShadowTechnique::volume})) {
     SCOPED_TRACE(std::string(to_string(technique)));
     PlanOptions options;
     options.technique = technique;
@@ -271,8 +270,8 @@ TEST(TagGroup, RecomputesOnlyShadowsOfMovedPlane) {
   const Frame frame = test::plain_frame(kWidth, kHeight, 190);
   const PlaneFrame wall =
       PlaneFrame::make(studio.scene().planes[kWall].normal, studio.scene().planes[kWall].point);
-  for (const ShadowTechnique technique : {ShadowTechnique::layered, ShadowTechnique::field,
-                                          ShadowTechnique::simple, ShadowTechnique::hard}) {
+  for (const ShadowTechnique technique :
+       test::techniques_without({ShadowTechnique::none, ShadowTechnique::volume})) {
     SCOPED_TRACE(std::string(to_string(technique)));
     PlanOptions options;
     options.technique = technique;

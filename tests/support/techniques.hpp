@@ -1,0 +1,33 @@
+// Lists of shadow techniques for tests, which cover a new one by themselves.
+#pragma once
+
+#include <algorithm>
+#include <initializer_list>
+#include <string>
+#include <vector>
+
+#include "render/scene/technique.hpp"
+
+namespace penumbra::test {
+
+// Returns all techniques but those given.
+inline std::vector<ShadowTechnique> techniques_without(
+    std::initializer_list<ShadowTechnique> excluded) {
+  std::vector<ShadowTechnique> techniques;
+  for (const ShadowTechniqueName& entry : kShadowTechniqueNames) {
+    if (std::ranges::find(excluded, entry.technique) == excluded.end())
+      techniques.push_back(entry.technique);
+  }
+  return techniques;
+}
+
+// Returns the words of --shadow but those given.
+inline std::vector<std::string> shadow_words_without(
+    std::initializer_list<ShadowTechnique> excluded) {
+  std::vector<std::string> words = {"cocl"};
+  for (const ShadowTechnique technique : techniques_without(excluded))
+    words.emplace_back(to_string(technique));
+  return words;
+}
+
+}  // namespace penumbra::test

@@ -1,0 +1,25 @@
+#include "render/scene/technique.hpp"
+
+#include <gtest/gtest.h>
+
+namespace penumbra {
+namespace {
+
+// to_string() takes the value as the place in the table.
+TEST(TechniqueNames, AreInOrderOfEnum) {
+  for (const auto& [technique, name] : kShadowTechniqueNames) EXPECT_EQ(to_string(technique), name);
+  for (const auto& [source, name] : kKernelSourceNames) EXPECT_EQ(to_string(source), name);
+}
+
+TEST(TechniqueTraits, AgreeWithOneAnother) {
+  for (const auto& [technique, name] : kShadowTechniqueNames) {
+    const TechniqueTraits traits = traits_of(technique);
+    EXPECT_FALSE(traits.uses_lights && traits.has_penumbra) << name;
+    if (!traits.uses_kernels) continue;
+    EXPECT_TRUE(traits.has_penumbra && traits.ignores_cut_outs) << name;
+    EXPECT_FALSE(traits.uses_outlines) << name << ": its vertices have no kernels then";
+  }
+}
+
+}  // namespace
+}  // namespace penumbra
