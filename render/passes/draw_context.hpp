@@ -39,8 +39,10 @@ class Pass {
                                              const FramePlan& /*plan*/) {
     return {};
   }
-  // Draws the prepared plan over the earlier passes. Restores depth test, stencil and blending.
-  // Returns the number of draw calls since prepare().
+  // Draws the prepared plan over the earlier passes. Returns the number of draw calls since
+  // prepare(). Before and after: colour and depth are written (all masks on), depth function
+  // GL_LESS; stencil test, blending and face culling are off. The depth test may be on or off, the
+  // stencil holds anything.
   virtual int draw(const DrawContext& context, const FramePlan& plan) = 0;
 };
 
