@@ -47,7 +47,7 @@ struct PlaneReceiver {
   float opacity = 1.0F;  // of its shadows; at most the overlay's
 };
 
-// What determines the shapes of a caster's layers on a plane, however dark and visible they are.
+// The inputs of the shapes of a caster's layers on a plane, however dark and visible they are.
 struct ShadowShape {
   ShadowTechnique technique = ShadowTechnique::layered;
   KernelSource kernels = KernelSource::automatic;

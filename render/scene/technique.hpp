@@ -18,7 +18,7 @@ enum class ShadowTechnique {
   volume,   // a light's shadow volume on all surfaces, for a 3D cursor
 };
 
-// What the planning and the drawing ask of every technique.
+// Properties of a technique that planning, drawing and the window depend on.
 struct TechniqueTraits {
   // Casts umbra, middle and penumbra by ShadowNode::layered. A ShadowDraw without them is the
   // middle layer, straight down.

@@ -6,7 +6,7 @@
 
 namespace penumbra {
 
-// What determines the cells that a part covers.
+// The inputs of the cells that a part covers.
 struct MaskShape {
   CachedCaster* caster = nullptr;
   KernelKey kernels;

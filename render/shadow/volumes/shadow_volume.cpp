@@ -118,8 +118,8 @@ class LightGrid {
   unsigned most_ = 0;
 };
 
-// Where the volume of the points in use ends: at p + t (p - L), or p - t L. One factor t for all
-// keeps the shape of the light's cone.
+// The end of the volume of the points in use: p + t (p - L), or p - t L. One factor t for all keeps
+// the shape of the light's cone.
 struct VolumeEnd {
   double t = 0.0;  // no volume unless finite and positive
   bool above_floors = false;

@@ -62,7 +62,7 @@ class VolumeCaster {
   };
 
   struct LitFaces {
-    // Of each face: 0 if it does not count, +1 if it is turned towards the light, -1 if it counts
+    // One per face: 0 if it does not count, +1 if it is turned towards the light, -1 if it counts
     // the other way round.
     std::vector<int> turn;
     std::vector<int> by_part;  // number of faces that count
