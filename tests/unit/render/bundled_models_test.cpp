@@ -1,5 +1,5 @@
-// The models under scenes/models: the files are what make_models writes, and what they hold is fit
-// to be drawn and to cast shadows.
+// The models in scenes/models are what make_models writes, and they are fit to be drawn and to cast
+// shadows.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -37,7 +37,7 @@ std::size_t triangle_count(const Model& model) {
   return count;
 }
 
-// A part is all meshes of one name; where its materials meet, vertices stand on the same point.
+// A part joins all meshes of one name. Where its materials meet, vertices share positions.
 struct Part {
   std::map<std::array<float, 3>, std::size_t> points;
   std::vector<std::array<std::size_t, 3>> faces;
@@ -59,7 +59,7 @@ std::map<std::string, Part> parts_of(const Model& model) {
   return parts;
 }
 
-// Edges that are not run through exactly once in either direction.
+// Counts the edges that are not traversed exactly once in each direction.
 std::size_t open_edges(const Part& part) {
   std::map<std::pair<std::size_t, std::size_t>, int> runs;
   for (const auto& face : part.faces)
@@ -72,7 +72,7 @@ std::size_t open_edges(const Part& part) {
   return open;
 }
 
-// Signed volume [m^3] of every connected surface: positive where its outside is outside.
+// Signed volume [m^3] of every connected surface: positive if its faces point outwards.
 std::vector<double> volumes(const Part& part) {
   std::vector<std::size_t> root(part.points.size());
   for (std::size_t i = 0; i < root.size(); ++i) root[i] = i;
@@ -179,7 +179,7 @@ TEST(BundledModels, HaveNoDegenerateFaces) {
   }
 }
 
-// Shading normals look the way their faces do, so that winding and normals agree.
+// Shading normals point to the front of their faces: winding and normals agree.
 TEST(BundledModels, HaveNormalsAlignedWithFaces) {
   for (const Model& model : bundled_models()) {
     for (const Mesh& mesh : model.meshes) {
@@ -219,7 +219,7 @@ TEST(BundledModels, HaveVolumesOfTheirFormulas) {
   EXPECT_NEAR(volume(models::make_cube()), 64000.0, 1.0);
   EXPECT_NEAR(volume(models::make_bar()), 17280.0, 1.0);
   EXPECT_NEAR(volume(models::make_l_shape()), 20.0 * (60.0 * 20.0 + 40.0 * 20.0), 1.0);
-  // Inscribed facets hold a little less than the round body.
+  // Inscribed facets enclose a little less than the round body.
   EXPECT_NEAR(volume(models::make_sphere()) / (4.0 / 3.0 * M_PI * std::pow(25.0, 3)), 0.99, 0.01);
   EXPECT_NEAR(volume(models::make_ring()) / (2.0 * M_PI * 40.0 * M_PI * 64.0), 0.98, 0.015);
   EXPECT_NEAR(volume(models::make_tube()) / (M_PI * 60.0 * (400.0 - 225.0)), 0.9972, 0.0005);
@@ -232,7 +232,7 @@ TEST(BundledModels, StandAtTheirDocumentedOrigin) {
       EXPECT_NEAR(model.min_corner.z, 0.0F, 1e-6F) << model.name;
       continue;
     }
-    // A rotor turns about its origin: its blades reach equally far to all sides.
+    // A rotor turns about its origin, so its blades reach equally far to all sides.
     const glm::length_t axis = model.name == "helicopter_rotor" ? 2 : 1;
     EXPECT_LT(model.max_corner[axis] - model.min_corner[axis], 0.006F) << model.name;
     const glm::length_t across = axis == 2 ? 1 : 2;
@@ -252,7 +252,7 @@ TEST(BundledModels, IncludeHelicopterOfDocumentedSize) {
   EXPECT_GT(triangle_count(helicopter), 2000U);
   EXPECT_LT(triangle_count(helicopter) + triangle_count(rotor) + triangle_count(tail_rotor), 8000U);
 
-  // The mast ends where the main rotor's hub goes, and nothing of the body stands in its blades.
+  // The mast ends at the main rotor's hub, and the body stays clear of the blades.
   const auto parts = parts_of(helicopter);
   double mast_top = 0.0;
   for (const auto& [p, i] : parts.at("mast").points) mast_top = std::max<double>(mast_top, p[2]);

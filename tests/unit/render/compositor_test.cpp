@@ -40,7 +40,7 @@ Frame noise_frame(PixelFormat format, int width, int height, ColorMatrix matrix,
   return buffer.frame;
 }
 
-// The standards' formulas, in double, for one pixel.
+// Formulas of the colour standards, in double, for one pixel.
 std::array<double, 3> reference_rgb(const Frame& f, int x, int y) {
   const auto byte = [&f](std::size_t plane, int bx, int by) {
     return static_cast<double>(f.planes[plane].data[by * f.planes[plane].stride + bx]);
@@ -85,7 +85,7 @@ std::array<double, 3> reference_rgb(const Frame& f, int x, int y) {
   return {clip(r), clip(g), clip(b)};
 }
 
-// Passes of the frame graph that drew something, and OpenGL's draw calls, which may be more.
+// A pass of the frame graph that draws something counts once, however many draw calls it makes.
 TEST(Compositor, CountsPassesAndDrawCallsSeparately) {
   SceneBuilder builder;
   builder.add(box(0.06, glm::vec4(1.0F)), test::at(0, 0, 0.1));
@@ -114,7 +114,7 @@ TEST(Compositor, CountsPassesAndDrawCallsSeparately) {
   EXPECT_GT(studio.stats()[Counter::draw_calls], 3);
   part.phantoms = plan.objects;
   studio.draw(frame, part);
-  EXPECT_EQ(studio.stats()[Counter::passes_drawn], 3) << "phantoms are a pass of their own";
+  EXPECT_EQ(studio.stats()[Counter::passes_drawn], 3) << "phantoms are a separate pass";
   EXPECT_EQ(studio.stats()[Counter::draw_calls], 5);
 
   SceneBuilder glass;
@@ -125,14 +125,14 @@ TEST(Compositor, CountsPassesAndDrawCallsSeparately) {
   seen_through.draw(
       frame, seen_through.plan(test::tracked(test::look_at({0.0, -0.4, 0.5}, {0.0, 0.0, 0.0}))));
   EXPECT_EQ(seen_through.stats()[Counter::passes_drawn], 2)
-      << "the video, and what is seen through";
+      << "the video and the translucent object";
 }
 
 TEST(Compositor, DrawsVideoPixelExactInEveryFormat) {
   SceneBuilder empty;
   for (const GlApi api : {GlApi::gl33, GlApi::gles30}) {
-    // Odd sizes, whose last chroma sample is half outside; and such that a texel is a small part of
-    // the whole.
+    // Odd sizes put half of the last chroma sample outside; in large frames a texel is a small part
+    // of the whole.
     for (const auto& [width, height] : {std::pair{64, 48}, std::pair{37, 23}, std::pair{3841, 3},
                                         std::pair{4096, 2}, std::pair{5, 2161}}) {
       Studio studio(empty.build(), test::camera_of(width, height, 50.0), api);
@@ -202,12 +202,12 @@ std::vector<CameraPose> views() {
     const double turn = 0.4 * i;
     const double up = 0.08 + 0.05 * (i % 9);
     const Eigen::Vector3d eye(0.45 * std::cos(turn), 0.45 * std::sin(turn), up);
-    // Targets that wander off, so that objects and shadows leave the view on all sides.
+    // The targets wander, so that objects and shadows leave the view on all sides.
     poses.push_back(test::look_at(eye, {0.3 * std::sin(2.1 * i), 0.3 * std::cos(1.3 * i), 0.02}));
   }
   poses.push_back(test::look_at({0.06, 0.01, 0.1}, {0.3, 0.1, 0.05}));  // among the objects
   poses.push_back(test::look_at({0.3, 0.3, -0.2}, {0.0, 0.0, 0.1}));    // from under the table
-  poses.push_back(test::look_at({0.3, 0.3, 0.2}, {0.6, 0.6, 0.1}));     // away from it all
+  poses.push_back(test::look_at({0.3, 0.3, 0.2}, {0.6, 0.6, 0.1}));     // away from everything
   return poses;
 }
 
@@ -315,7 +315,7 @@ TEST(Compositor, FadesOutCoastingPose) {
     pose.status = TrackStatus::held;
     pose.age_s = 0.25;
     const Picture half = studio.draw(frame, studio.plan(pose, options));
-    // What a mask holds is rounded by itself, in both pictures.
+    // A mask's values are rounded separately in both frames.
     const double most = layers == LayerDrawing::direct ? 1.01 : 1.01 + 0.5 * 200 / 255 * 1.5;
     for (std::size_t i = 0; i < full.rgba.size(); ++i) {
       if (i % 4 == 3) {
@@ -341,13 +341,13 @@ TEST(Compositor, ReportsDriverErrorInSameFrame) {
   SceneBuilder builder;
   Studio studio(builder.build(), test::camera_of(64, 48, 60.0));
   const Frame frame = test::plain_frame(64, 48, 0);
-  glEnable(0xFFFF);  // no such thing
+  glEnable(0xFFFF);  // not a capability of OpenGL
   const auto drawn = studio.compositor().draw(frame, FramePlan());
   ASSERT_FALSE(drawn);
   EXPECT_THAT(drawn.error().message, testing::HasSubstr("frame 0: the graphics driver refuses"));
   EXPECT_THAT(drawn.error().message, testing::HasSubstr("0x500"));
   EXPECT_TRUE(studio.compositor().draw(frame, FramePlan()))
-      << "one frame's error is not the next's";
+      << "an error is reported for its own frame only";
 }
 
 PFNGLGETERRORPROC driver_get_error = nullptr;
@@ -356,7 +356,7 @@ GLenum get_error() {
   return noted_always == GL_NO_ERROR ? driver_get_error() : noted_always;
 }
 
-// As a driver does that was reset, for ever; and one that is out of memory.
+// Simulates a driver that reports a reset forever, and one that is out of memory.
 TEST(Compositor, ReportsLostContextInOneLine) {
   SceneBuilder builder;
   Studio studio(builder.build(), test::camera_of(64, 48, 60.0));
@@ -387,7 +387,7 @@ GLenum reset_status() {
   return driver_was_reset ? GL_UNKNOWN_CONTEXT_RESET : driver_reset_status();
 }
 
-// Some drivers tell of a reset only when they are asked.
+// Some drivers report a reset only when asked.
 TEST(Compositor, DetectsDriverReset) {
   for (const GlApi api : {GlApi::gl33, GlApi::gles30}) {
     const auto context = create_offscreen_context(api);
@@ -406,7 +406,7 @@ TEST(Compositor, DetectsDriverReset) {
     const auto made = Compositor::create(**context, builder.build(), camera);
     GlInfo silent = (*context)->info();
     silent.tells_resets = false;
-    EXPECT_FALSE(noted_gl_error(silent)) << "not asked where the context can't say";
+    EXPECT_FALSE(noted_gl_error(silent)) << "not asked if the context can't report resets";
     driver_was_reset = false;
     epoxy_glGetGraphicsResetStatus = driver_reset_status;
     ASSERT_FALSE(drawn);
@@ -417,7 +417,7 @@ TEST(Compositor, DetectsDriverReset) {
   }
 }
 
-// What was noted while models and textures went to the GPU is told before the first frame.
+// Errors noted while models and textures are uploaded are reported before the first frame.
 TEST(Compositor, ReportsDriverErrorWhileLoadingScene) {
   const auto context = create_offscreen_context();
   ASSERT_TRUE(context);
@@ -442,7 +442,7 @@ TEST(GlError, DescribesCauseAndRemedy) {
   EXPECT_THAT(gl_error_text(GL_CONTEXT_LOST), testing::HasSubstr("was reset"));
   EXPECT_THAT(gl_error_text(GL_INVALID_OPERATION), testing::HasSubstr("refuses"));
   EXPECT_THAT(gl_error_text(0x9999), testing::HasSubstr("0x9999"));
-  // Of a context that reports for ever, one line is told and no more are waited for.
+  // A context that reports errors forever gives one line; the program does not wait for more.
   const auto context = create_offscreen_context();
   ASSERT_TRUE(context);
   EXPECT_FALSE(noted_gl_error((*context)->info()));
@@ -489,7 +489,7 @@ TEST(GlContext, ReportsRendererAndApi) {
 TEST(Compositor, NamesImageBeyondDriverLimit) {
   const auto plain = box(0.05, glm::vec4(1.0F));
   auto model = std::make_shared<Model>(*plain);
-  constexpr int kWidth = 1 << 17;  // more than any driver takes
+  constexpr int kWidth = 1 << 17;  // more than any driver supports
   model->textures.push_back(
       {kWidth, 1, std::vector<std::uint8_t>(std::size_t{4} * kWidth, std::uint8_t{200})});
   model->materials[0].base_color_texture.image = 0;

@@ -1,4 +1,4 @@
-// Contexts of drivers that do not tell of a reset: they come all the same, and say so.
+// Drivers without reset notification still give a context, which reports that it lacks it.
 #include "render/gl/context.hpp"
 
 #include <epoxy/egl.h>
@@ -50,7 +50,7 @@ TEST(OffscreenContext, IsCreatedWithoutResetNotification) {
     EXPECT_FALSE((*context)->info().tells_resets);
     EXPECT_EQ((*context)->info().renderer, (*usual)->info().renderer);
     EXPECT_EQ((*context)->info().version, (*usual)->info().version);
-    // It draws, and asks for nothing that the driver does not have.
+    // It draws and requests nothing that the driver lacks.
     auto compositor =
         Compositor::create(**context, test::SceneBuilder().build(), test::camera_of(64, 48, 50.0));
     ASSERT_TRUE(compositor) << compositor.error().message;

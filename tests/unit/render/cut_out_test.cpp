@@ -1,4 +1,4 @@
-// Faces that are transparent everywhere or in part: what of them casts.
+// The shadows of faces that are fully or partly transparent.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -15,7 +15,7 @@ namespace {
 
 using Alpha = std::function<int(int, int)>;
 
-// A square of 10 cm in the plane z = 0 whose texture of size x size texels covers it once.
+// A square of 10 cm in the plane z = 0, covered once by a texture of size x size texels.
 Model textured_square(int size, const Alpha& alpha) {
   Model model;
   Texture texture{size, size, {}};

@@ -1,5 +1,5 @@
-// glTF files in the forms that other programs write: URIs, buffers, images, extensions, instances,
-// hidden nodes, and content that is ignored with a warning.
+// glTF files as other programs write them: URIs, buffers, images, extensions, instances, hidden
+// nodes, and content that is ignored with a warning.
 #include <gmock/gmock.h>
 
 #include <Eigen/Core>
@@ -19,7 +19,7 @@ using testing::IsEmpty;
 
 class GltfModelFile : public test::ModelCase {
  protected:
-  // A square of 0.1 m at one node.
+  // A square of 0.1 m in one node.
   static GltfBuilder square() {
     GltfBuilder file;
     file.node({{"mesh", file.square(0.1F)}});
@@ -79,7 +79,7 @@ TEST_F(GltfModelFile, NamesByteLengthBeyondData) {
               HasSubstr("reaches past the end of its buffer (10 bytes)"));
   file.json["buffers"][0]["byteLength"] = -5;
   EXPECT_THAT(error_of(loaded(file.gltf())), HasSubstr("buffers/0/byteLength: is -5"));
-  // More data than the buffer has is allowed.
+  // A data URI may hold more data than the buffer.
   file.json["buffers"][0] = {{"byteLength", file.binary.size()},
                              {"uri", "data:;base64," + test::base64(file.binary + "more")}};
   expect_square(file);
@@ -119,7 +119,7 @@ TEST_F(GltfModelFile, ReadsAccessorsWithoutBufferViewAsZeros) {
   file.json["accessors"].push_back({{"componentType", 5126}, {"count", 4}, {"type", "VEC2"}});
   file.primitive()["attributes"]["TEXCOORD_0"] = file.json["accessors"].size() - 1;
   expect_square(file);
-  // Indices too: two faces at vertex 0.
+  // Indices without data are zeros as well: both faces consist of vertex 0.
   file.json["accessors"][1].erase("bufferView");
   const auto model = loaded(file.gltf());
   ASSERT_TRUE(model) << error_of(model);
@@ -134,7 +134,7 @@ TEST_F(GltfModelFile, LimitsElementsWithoutBufferView) {
         {{"componentType", 5126}, {"count", 4}, {"type", is_color ? "VEC4" : "VEC3"}});
     file.primitive()["attributes"][attribute] = file.json["accessors"].size() - 1;
   }
-  // Normals and colours have 28 numbers; 40 are allowed with the corners.
+  // Normals and colours are 28 numbers; with the corners, 40 are allowed.
   file.json["accessors"][1].erase("bufferView");
   const auto with_corners = [&](int count) {
     file.json["accessors"][1]["count"] = count;
@@ -145,7 +145,7 @@ TEST_F(GltfModelFile, LimitsElementsWithoutBufferView) {
   EXPECT_TRUE(with_corners(12)) << error_of(with_corners(12));
   EXPECT_THAT(error_of(with_corners(15)),
               HasSubstr("has no buffer view; the file has more than 40 numbers without data"));
-  // A short file that asks for 2 GB.
+  // A short file that requests 2 GB.
   file.json["accessors"][1]["count"] = 60'000'000;
   file.json["accessors"][1]["type"] = "VEC4";
   EXPECT_THAT(error_of(loaded(file.gltf())), HasSubstr("has no buffer view"));
@@ -206,7 +206,7 @@ TEST_F(GltfModelFile, KeepsShapeOfModelsFarFromOrigin) {
       model->origin + Eigen::Vector3d(model->min_corner.x, model->min_corner.y, 0.0);
   EXPECT_NEAR(corner.x(), 300'000.25, 1e-6);
   EXPECT_NEAR(corner.y(), 499'999.9, 1e-6);
-  // Names a file whose own floats have lost the shape.
+  // A file whose own floats have lost the shape gives a warning.
   GltfBuilder coarse;
   coarse.node(
       {{"mesh", coarse.mesh({3e5F, 0, 0, 3e5F, 0, 0.1F, 300000.09375F, 0, 0.1F}, {0, 1, 2})}});
@@ -215,7 +215,7 @@ TEST_F(GltfModelFile, KeepsShapeOfModelsFarFromOrigin) {
   EXPECT_THAT(lost->warnings, ElementsAre(HasSubstr("km from its origin")));
 }
 
-// --- what has no surface ---
+// --- primitives without a surface ---
 
 TEST_F(GltfModelFile, IgnoresLinesAndPointsBesideFaces) {
   for (int mode = 0; mode < 4; ++mode) {
@@ -270,7 +270,7 @@ TEST_F(GltfModelFile, IgnoresNodesFlattenedToLine) {
   expect_square_with_warning(file, "nodes/1 (\"lid\") (and 1 more): its scale leaves no surface");
 }
 
-// A body that is flattened to a plane casts the outline of the plane, from both of its sides.
+// A body flattened to a plane casts the same outline from both sides.
 TEST_F(GltfModelFile, KeepsSurfaceOfNodesFlattenedToPlane) {
   GltfBuilder file;
   const std::size_t box =
@@ -307,7 +307,7 @@ TEST_F(GltfModelFile, PlacesCopyOfMeshForEachInstance) {
       file.json["nodes"][0]["extensions"]["EXT_mesh_gpu_instancing"]["attributes"];
   attributes["TRANSLATION"] =
       file.accessor(std::vector<float>{0, 0, 0, 1, 0, 0, 2, 0.5F, 0}, "VEC3");
-  // The third is turned over; the second is mirrored.
+  // The second instance is mirrored, the third turned over.
   attributes["ROTATION"] =
       file.accessor(std::vector<float>{0, 0, 0, 1, 0, half, 0, half, 1, 0, 0, 0}, "VEC4");
   attributes["SCALE"] = file.accessor(std::vector<float>{1, 1, 1, 1, 1, -3, 0.5F, 1, 1}, "VEC3");
@@ -319,7 +319,7 @@ TEST_F(GltfModelFile, PlacesCopyOfMeshForEachInstance) {
   EXPECT_EQ(model->triangle_count(), 6U);
   EXPECT_NEAR(test::seen_area(*model).front, 0.02 + 0.06, 1e-8);
   EXPECT_NEAR(test::seen_area(*model).back, 0.01, 1e-8);
-  // The third: x from 2 to 2.05, doubled by the node.
+  // The third instance: x from 2 to 2.05, doubled by the node.
   EXPECT_NEAR(model->max_corner.x, 4.1F, 1e-6F);
   EXPECT_NEAR(model->max_corner.z, 1.5F, 1e-6F);
   attributes["SCALE"] = file.accessor(std::vector<float>{1, 1, 1}, "VEC3");
@@ -343,7 +343,8 @@ TEST_F(GltfModelFile, LimitsInstancesBeforeCreatingThem) {
 }
 
 TEST_F(GltfModelFile, MatchesAreaOfSharedNodeCases) {
-  // Areas of shadows; bodies overlap themselves, so only the front faces of boxes count here.
+  // Areas of shadows. The bodies overlap in projection, so only the front faces of boxes count
+  // here.
   for (const auto& [file, area] : std::map<std::string, double>{
            {"gltf-hidden-node/scale0_all.gltf", 0.01},
            {"gltf-hidden-node/scale0_two_axes.gltf", 0.01},
@@ -470,7 +471,7 @@ TEST_F(GltfModelFile, NamesAndIgnoresMalformedMaterialFields) {
       file, "materials/0/pbrMetallicRoughness/metallicFactor: is \"1\"; a number is expected");
 }
 
-// --- extensions and what is not read ---
+// --- extensions and unread content ---
 
 TEST_F(GltfModelFile, NamesRequiredExtensionsThatKeepShape) {
   for (const char* extension :
@@ -505,7 +506,7 @@ TEST_F(GltfModelFile, RejectsCompressedDataByExtension) {
     EXPECT_THAT(error_of(loaded(file.gltf())), HasSubstr(expected));
     EXPECT_THAT(error_of(loaded(file.glb(), "model.glb")), HasSubstr(expected));
   }
-  // Used, not required, and there is no other data.
+  // The extension is used but not required, and the file has no other data.
   GltfBuilder draco = square();
   draco.primitive()["extensions"]["KHR_draco_mesh_compression"] = {
       {"bufferView", 0}, {"attributes", {{"POSITION", 0}}}};

@@ -1,4 +1,4 @@
-// Skinned glTF meshes: the rest pose by joints, weights and inverse bind matrices.
+// Skinned glTF meshes in their rest pose: joints, weights and inverse bind matrices.
 #include <gmock/gmock.h>
 
 #include <Eigen/Geometry>
@@ -20,7 +20,7 @@ class GltfSkin : public test::ModelCase {};
 
 const std::vector<float> kIdentity = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1};
 
-// A square of 0.1 m whose four vertices follow joint 0 of a skin of one joint: node 1.
+// A square of 0.1 m. Its four vertices follow the only joint of its skin, node 1.
 GltfBuilder skinned_square(const nlohmann::json& mesh_node, const nlohmann::json& joint) {
   GltfBuilder file;
   const std::size_t mesh = file.square(0.1F);
@@ -260,7 +260,7 @@ TEST_F(GltfSkin, RejectsDamageByNamingField) {
               HasSubstr("nodes/0"));
 }
 
-// A random file and the formula of glTF 2.0, 3.7.3.3, evaluated apart from the reader.
+// A random file, and its vertices by the formula of glTF 2.0, 3.7.3.3, independent of the reader.
 class RandomSkin {
  public:
   explicit RandomSkin(unsigned seed) : random_(seed) {
@@ -301,12 +301,12 @@ class RandomSkin {
       T_root_joint_.push_back(root ? local : Eigen::Matrix4d(T_root_joint_[parent] * local));
       if (!root) file.json["nodes"][1 + parent]["children"].push_back(1 + j);
     }
-    // Half of the armatures hang in the scene, the others do not.
+    // Half of the armatures are in the scene graph, the others are not.
     if (below(2) == 0) file.json["scenes"][0]["nodes"].push_back(1);
     std::vector<float> matrices;
     nlohmann::json joints;
     for (std::size_t j = 0; j < count; ++j) {
-      // Inverse of a random bind pose, scaled like the armature.
+      // Inverse of a random bind pose with the armature's scale.
       Eigen::Affine3d bind = Eigen::Affine3d::Identity();
       bind.translate(Eigen::Vector3d(uniform(-1, 1), uniform(-1, 1), uniform(-1, 1)));
       bind.rotate(Eigen::AngleAxisd(uniform(-3, 3), Eigen::Vector3d::UnitY()));
@@ -320,7 +320,7 @@ class RandomSkin {
         {{"joints", joints}, {"inverseBindMatrices", file.accessor(matrices, "MAT4")}}};
   }
 
-  // Writes one set of four weights as `encoding` says and returns what they decode to.
+  // Writes one set of four weights in the given encoding and returns the decoded values.
   template <class T>
   std::vector<double> add_weights(const std::string& key, const std::vector<double>& weights,
                                   double largest) {
@@ -389,7 +389,7 @@ class RandomSkin {
       }
       positions.push_back(moved);
       const Eigen::Vector3d normal = linear.inverse().transpose() * n;
-      // Normals say nothing where a blend nearly flattens space.
+      // A normal is meaningless where the blended matrix nearly flattens space.
       const bool sure = std::abs(linear.determinant()) > 1e-3 * std::pow(linear.norm(), 3);
       normals.push_back(sure ? normal.normalized() : Eigen::Vector3d(Eigen::Vector3d::Zero()));
     }
@@ -412,7 +412,7 @@ TEST_F(GltfSkin, MatchesFormulaForRandomArmatures) {
     for (std::size_t i = 0; i < mesh.positions.size(); ++i) {
       const auto expect_vector = [&](const glm::vec3& got, const Eigen::Vector3d& expected,
                                      double tolerance) {
-        // The object frame: (x, -z, y) of the file.
+        // The object frame is (x, -z, y) of the file.
         EXPECT_NEAR(got.x, expected.x(), tolerance) << "seed " << seed << " vertex " << i;
         EXPECT_NEAR(got.y, -expected.z(), tolerance) << "seed " << seed << " vertex " << i;
         EXPECT_NEAR(got.z, expected.y(), tolerance) << "seed " << seed << " vertex " << i;
@@ -442,8 +442,8 @@ TEST_F(GltfSkin, MatchesSizeAndPlaceOfSharedCases) {
   ASSERT_TRUE(simple && *simple) << error_of(*simple);
   EXPECT_NEAR((*simple)->min_corner.x, -0.5F, 1e-6F);
   EXPECT_NEAR((*simple)->max_corner.x, 0.5F, 1e-6F);
-  // All of its ten joints take the plane of 2 m by 2 m to one of 200 m by 200 m; the weights add up
-  // to 1 over its three sets.
+  // Each of its ten joints maps the 2 m by 2 m plane to 200 m by 200 m. The weights of its three
+  // sets sum to 1.
   const auto quad = shared_case("gltf-skin-ignored/quad_skin-assimp.glb");
   ASSERT_TRUE(quad && *quad) << error_of(*quad);
   double area = 0.0;

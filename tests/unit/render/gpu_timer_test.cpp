@@ -1,4 +1,4 @@
-// The GPU's own clock: every frame's time is told once, some frames later, and none is waited for.
+// Each frame's GPU time is reported once, some frames later, without blocking.
 #include "render/gl/gpu_timer.hpp"
 
 #include <gtest/gtest.h>
@@ -21,9 +21,10 @@ class GpuTime : public testing::TestWithParam<GlApi> {
       : context(create_offscreen_context(GetParam()).value()),
         framebuffer(Framebuffer::create(160, 120).value()),
         timer(GpuTimer::create(GetParam())) {}
-  // Tests may make another context current.
+  // A test may make another context current.
   ~GpuTime() override { context->make_current(); }
-  // Measures one frame as the compositor does. Returns the number of times that arrived before it.
+  // Measures one frame as the compositor does. Returns the number of earlier frames' times that
+  // arrived.
   std::size_t draw() {
     const std::size_t arrived = take();
     timer->begin();
@@ -42,7 +43,7 @@ class GpuTime : public testing::TestWithParam<GlApi> {
     glFinish();
     return take();
   }
-  // Whether the driver has the queries at all; OpenGL 3.3 must.
+  // Returns true if the driver has timer queries. OpenGL 3.3 must have them.
   [[nodiscard]] bool measured() const {
     EXPECT_TRUE(timer || GetParam() == GlApi::gles30);
     return timer.has_value();
@@ -56,17 +57,18 @@ class GpuTime : public testing::TestWithParam<GlApi> {
 TEST_P(GpuTime, IsReportedOncePerFrameWithBoundedDelay) {
   if (!measured()) GTEST_SKIP() << "the driver has no GL_EXT_disjoint_timer_query";
   constexpr std::size_t kFrames = 40;
-  std::size_t told = 0;
+  std::size_t reported = 0;
   for (std::size_t drawn = 0; drawn < kFrames; ++drawn) {
-    told += draw();
-    EXPECT_LE(told, drawn) << "of those before it";
-    EXPECT_GE(told + GpuTimer::kMost, drawn);
+    reported += draw();
+    EXPECT_LE(reported, drawn) << "only earlier frames are reported";
+    EXPECT_GE(reported + GpuTimer::kMost, drawn);
   }
-  EXPECT_EQ(told + drain(), kFrames);
+  EXPECT_EQ(reported + drain(), kFrames);
   EXPECT_EQ(drain(), 0U);
 }
 
-// A GPU that is far behind: those that find no query free are not measured, the others once.
+// With a GPU that is far behind, frames that find no free query are not measured; the others are
+// reported once.
 TEST_P(GpuTime, ArrivesLateWithoutWaiting) {
   if (!measured()) GTEST_SKIP() << "the driver has no GL_EXT_disjoint_timer_query";
   draw();
@@ -94,7 +96,7 @@ TEST_P(GpuTime, ExcludesWarmUpDraws) {
   EXPECT_EQ(drain(), 1U);
 }
 
-// OpenGL ES alone has clocks that may not; OpenGL's always do.
+// Only OpenGL ES reports disjoint clocks.
 class DisjointGpuTime : public GpuTime {};
 
 TEST_P(DisjointGpuTime, IsDiscarded) {
@@ -112,24 +114,24 @@ TEST_P(DisjointGpuTime, IsDiscarded) {
           get(name, value);
           if (name == GL_GPU_DISJOINT_EXT) *value = 1;
         });
-    EXPECT_EQ(draw(), 0U);  // and what was drawn before
+    EXPECT_EQ(draw(), 0U);  // nor the time of the frame before
   }
-  EXPECT_EQ(draw(), 1U) << "that one began behind the question";
+  EXPECT_EQ(draw(), 1U) << "this frame began after the disjoint check";
   EXPECT_EQ(drain(), 1U);
 }
 
-// Nobody asks for it where a CPU rasteriser draws: its time is that of the stage itself.
+// A CPU rasteriser draws inside the stage that is already timed.
 TEST_P(GpuTime, IsOffByDefaultOnSoftwareRenderers) {
   test::SceneBuilder empty;
   Studio shown(empty.build(), test::camera_of(64, 48, 50.0), GetParam());
   if (!shown.context().info().software) GTEST_SKIP() << "a GPU draws";
-  std::size_t told = 0;
+  std::size_t reported = 0;
   for (int i = 0; i < 10; ++i) {
     shown.draw(test::plain_frame(64, 48, 90), FramePlan());
-    told += shown.stats().gpu_ms.size();
+    reported += shown.stats().gpu_ms.size();
   }
   glFinish();
-  EXPECT_EQ(told + shown.compositor().take_gpu_times().size(), 0U);
+  EXPECT_EQ(reported + shown.compositor().take_gpu_times().size(), 0U);
 }
 
 INSTANTIATE_TEST_SUITE_P(Apis, DisjointGpuTime, testing::Values(GlApi::gles30),

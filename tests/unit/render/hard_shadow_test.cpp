@@ -1,4 +1,5 @@
-// Hard shadows as drawn: sets of pixels against the CPU's projection, light against Lambert's law.
+// Drawn hard shadows: their pixels against a projection on the CPU, their light against Lambert's
+// law.
 #include <gtest/gtest.h>
 
 #include <array>
@@ -63,7 +64,7 @@ SceneBuilder with_lights(const std::vector<SceneLight>& lights) {
   return builder;
 }
 
-// Where the ray of a pixel's centre meets a plane.
+// Intersection of a pixel centre's ray with a plane.
 std::optional<Eigen::Vector3d> seen_at(const CameraModel& camera, const CameraPose& pose,
                                        const PlaneFrame& plane, int x, int y) {
   const auto ray = camera.unproject({static_cast<double>(x), static_cast<double>(y)});
@@ -74,7 +75,7 @@ std::optional<Eigen::Vector3d> seen_at(const CameraModel& camera, const CameraPo
   return pose.translation() + t * direction;
 }
 
-// Whether any face of a scene's casters keeps the light away there.
+// Tests if any face of the scene's casters blocks the light at a point.
 class Blocked {
  public:
   Blocked(const Scene& scene, int light, const PlaneFrame& plane) : plane_(plane) {
@@ -98,8 +99,8 @@ class Blocked {
   std::vector<PlanePoint> triangles_;
 };
 
-// Red of white video that misses these shares of the lights (scene.ambient as it is), by the
-// formulas of blocked_light.frag.glsl.
+// Red value of white video from which these shares of the lights are blocked (ambient light stays),
+// by the formulas of blocked_light.frag.glsl.
 double expected_red(const Scene& scene, const std::vector<double>& blocked, const PlaneFrame& plane,
                     const Eigen::Vector3d& place) {
   const double up = 0.5 + 0.5 * plane.n.z();
@@ -117,9 +118,9 @@ double expected_red(const Scene& scene, const std::vector<double>& blocked, cons
 }
 
 struct Agreement {
-  int dark = 0;       // pixels that should be
+  int dark = 0;       // pixels that should be dark
   int differing = 0;  // by more than 1.5 codes
-  int deepest = 0;    // the largest number of lights that a pixel misses
+  int deepest = 0;    // largest number of lights blocked at one pixel
 };
 Agreement agreement(const Scene& scene, const CameraModel& camera, const PoseEstimate& pose,
                     const Picture& picture, const PlaneFrame& plane = {}) {
@@ -182,7 +183,7 @@ TEST_P(HardShadow, MatchesCpuProjection) {
     const Picture picture = studio.draw_shadows(white(), studio.plan(slanted()));
     const Agreement a = agreement(studio.scene(), GetParam().camera, slanted(), picture);
     EXPECT_GT(a.dark, 200) << c.name;
-    // Only centres that fall on an edge: rounding, and 0.1 px of the lens.
+    // Only centres that fall on an edge may differ: rounding, and the lens's 0.1 px.
     EXPECT_LE(a.differing, 4 + a.dark / 100) << c.name << ", " << a.dark << " px";
   }
 }
@@ -222,8 +223,8 @@ TEST_P(HardShadow, EndsAtOutlineOfSlantedPlane) {
   EXPECT_EQ(wrong, 0);
 }
 
-// Two boxes and three lights: a pixel that misses two of them loses what those two give, and one
-// that misses a light because of both boxes loses it once.
+// Two boxes and three lights. A pixel that misses two lights loses the light of both; a light
+// blocked by both boxes is removed once.
 TEST(HardShadowLight, IsRemovedOncePerLight) {
   SceneBuilder builder = with_lights(
       {lamp(-0.25, 0.0, 0.5, 0.8), lamp(0.2, 0.25, 0.4, 0.5), parallel(0.1, -0.3, 0.9, 0.6)});
@@ -237,8 +238,8 @@ TEST(HardShadowLight, IsRemovedOncePerLight) {
   EXPECT_LE(a.differing, 4 + a.dark / 60);
 }
 
-// A caster whose tag group is held keeps away as much less light as it is drawn fainter; where it
-// stands in another one's shadow, that one's counts.
+// A caster of a coasting group blocks light in proportion to its opacity. Where two casters
+// overlap, the more opaque one counts.
 TEST(HardShadowLight, FadesWithItsCaster) {
   SceneBuilder builder = with_lights({lamp(-0.25, 0.0, 0.5, 0.8), parallel(0.1, -0.3, 0.9, 0.6)});
   builder.add(box(0.1, 0.1, 0.02), test::at(0.0, 0.0, 0.08));
@@ -338,7 +339,7 @@ TEST(HardShadowWork, ReprojectsOnlyMovedLightsAndObjects) {
                      studio.stats()[Counter::reprojections]);
   };
   plan.T_table_camera = test::look_at({-0.2, -0.5, 0.6}, {0, 0, 0});
-  EXPECT_EQ(redraw(), std::pair(std::int64_t{0}, std::int64_t{4})) << "the camera alone";
+  EXPECT_EQ(redraw(), std::pair(std::int64_t{0}, std::int64_t{4})) << "only the camera moved";
   EXPECT_EQ(studio.stats()[Counter::shadow_vertices], 0);
   for (HardShadowDraw& draw : plan.hard_shadows) {
     if (draw.light == 1) draw.light_place.x() += 0.01;

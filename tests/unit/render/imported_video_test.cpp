@@ -1,5 +1,5 @@
-// Pictures that the GPU reads in the camera's own buffer are those that are copied to it, to the
-// last bit. Whether a driver reads them there is its own choice: Mesa's llvmpipe does from 24.3 on.
+// Frames that the GPU reads from the camera's own buffer equal copied frames bit for bit. The
+// driver chooses if it imports: Mesa's llvmpipe does since 24.3.
 #include <gtest/gtest.h>
 #include <sys/mman.h>
 #include <unistd.h>
@@ -22,7 +22,7 @@ namespace {
 using test::Picture;
 using test::Studio;
 
-// Memory that several can map, in place of a camera's.
+// Memory that can be mapped several times, as a stand-in for a camera's.
 class SharedBuffer {
  public:
   SharedBuffer(std::size_t bytes, std::uint64_t number)
@@ -38,7 +38,7 @@ class SharedBuffer {
     munmap(bytes_, size_);
     close(descriptor_);
   }
-  // The frame's pixels, in here.
+  // Copies the frame's pixels into this buffer.
   [[nodiscard]] Frame filled(const Frame& from) {
     Frame frame = from;
     const std::uint8_t* first = from.planes[0].data;
@@ -84,7 +84,7 @@ TEST_P(ImportedVideo, MatchesCopiedVideoInEveryFormat) {
                                    PixelFormat::nv12, PixelFormat::yuv420p, PixelFormat::yuv422p}) {
     test::SceneBuilder empty;
     Studio studio(empty.build(), test::camera_of(kWidth, kHeight, 50.0), GetParam());
-    // Two buffers in turn, as a camera fills them, and each again.
+    // Two buffers in turn, as a camera fills them; each is used twice.
     SharedBuffer first(kMostBytes, 1), second(kMostBytes, 2);
     std::int64_t imports = 0;
     for (unsigned i = 0; i < 6; ++i) {
@@ -96,12 +96,12 @@ TEST_P(ImportedVideo, MatchesCopiedVideoInEveryFormat) {
       EXPECT_EQ(studio.stats()[Counter::video_copies] + studio.stats()[Counter::video_imports], 1);
       imports += studio.stats()[Counter::video_imports];
       ASSERT_EQ(read.rgba, copied.rgba) << static_cast<int>(format) << " " << i;
-      // Standing still it is there.
+      // An unchanged frame is neither copied nor imported again.
       EXPECT_EQ(studio.draw(shared, FramePlan()).rgba, copied.rgba);
       EXPECT_EQ(studio.stats()[Counter::video_copies] + studio.stats()[Counter::video_imports], 0);
     }
-    // A driver reads a layout, or it does not (RGB, say) and the picture is copied: never now and
-    // then.
+    // A driver either imports a layout every time or never (RGB, say), in which case the frame is
+    // copied.
     EXPECT_TRUE(imports == 0 || imports == 6) << imports;
     if (!can_import_textures()) {
       EXPECT_EQ(imports, 0);
@@ -110,7 +110,8 @@ TEST_P(ImportedVideo, MatchesCopiedVideoInEveryFormat) {
   }
 }
 
-// The camera gets no buffer back that is being read, and in the end all of them.
+// A buffer goes back to the camera only when the GPU has finished reading it; in the end all of
+// them do.
 TEST_P(ImportedVideo, ReturnsBuffersWhenGpuIsDone) {
   constexpr int kWidth = 64, kHeight = 48;
   test::SceneBuilder empty;

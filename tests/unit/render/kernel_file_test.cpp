@@ -10,7 +10,7 @@ namespace {
 
 using testing::HasSubstr;
 
-// The same square in two files, whose `v` lines are in another order.
+// The same square in two files with different orders of `v` lines.
 constexpr const char* kSquare =
     "v 0 0 0.1\nv 1 0 0.1\nv 1 1 0.1\nv 0 1 0.1\nv 0.5 0.5 0.4\n"
     "f 1 2 5\nf 2 3 5\nf 3 4 5\nf 4 1 5\n";

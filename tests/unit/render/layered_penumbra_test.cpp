@@ -49,7 +49,7 @@ TEST(LayeredConstants, RejectInvalidLights) {
   EXPECT_FALSE(make_layered_constants(kInfinity, 3.0, 0.3));
   EXPECT_FALSE(layered_constants_for_workspace(0.3, 1.0));
   EXPECT_FALSE(layered_constants_for_workspace(nan, 1.5));
-  // What floats can't hold, or not divide by.
+  // Values that floats can't represent or divide by.
   EXPECT_FALSE(make_layered_constants(4e38, 3.0, 0.0));
   EXPECT_FALSE(make_layered_constants(1e-300, 3.0, 0.0));
   EXPECT_FALSE(make_layered_constants(0.9, 1e39, 0.0));
@@ -81,7 +81,7 @@ TEST(LayerFactor, HasExactValuesAtContactUmbraHeightAndZenith) {
                            std::nextafter(static_cast<float>(constants.umbra_height), 1.0F)),
             0.0F);
   EXPECT_EQ(layer_factor(zenith, ShadowLayer::umbra, 0.4), 0.0);
-  // Never at or above H: the factor of the cap, not a mirrored one.
+  // At H and above, the factor of the cap holds, not a mirrored one.
   EXPECT_NEAR(layer_factor(constants, ShadowLayer::middle, 2.0), 8.0, 1e-12);
 }
 
@@ -89,7 +89,7 @@ TEST(LayerHeightRange, IsLimitedByCapAndUmbraHeight) {
   const LayeredConstants usual = make_layered_constants(0.9, 3.0, 0.0).value();
   EXPECT_DOUBLE_EQ(layer_height_range(usual, ShadowLayer::umbra).high, 0.3);
   EXPECT_DOUBLE_EQ(layer_height_range(usual, ShadowLayer::middle).high, 0.9 * 7.0 / 8.0);
-  // h_u above the cap: the cap cuts the umbra too.
+  // With h_u above the cap, the cap limits the umbra too.
   const LayeredConstants small = make_layered_constants(0.9, 1.05, 0.0).value();
   EXPECT_DOUBLE_EQ(layer_height_range(small, ShadowLayer::umbra).high, 0.9 * 7.0 / 8.0);
   const LayeredConstants grows = make_layered_constants(0.9, 0.5, 0.0).value();

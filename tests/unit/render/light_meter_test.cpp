@@ -1,4 +1,4 @@
-// The light of a video, measured from its pixels and given to virtual objects.
+// The light measured from a video's pixels, and virtual objects lit by it.
 #include "render/scene/light_meter.hpp"
 
 #include <gtest/gtest.h>
@@ -20,10 +20,11 @@ double encode(double linear) {
   return v <= 0.0031308 ? 12.92 * v : 1.055 * std::pow(v, 1.0 / 2.4) - 0.055;
 }
 
-// What reflects which share of the light, over the picture.
+// Reflectance at each pixel.
 using Reflectance = Color (*)(int x, int y);
 
-// A desk: dark wood of many shades, and a sheet of paper of a tenth of the picture, half of it ink.
+// A desk of dark wood in many shades. A sheet of paper covers a tenth of the frame; half of it is
+// ink.
 Color desk(int x, int y) {
   if (x >= 200 && x < 330 && y >= 150 && y < 390) {
     return Color::Constant(((x / 13 + y / 13) & 1) == 0 ? kPaperReflectance : 0.04);
@@ -31,7 +32,7 @@ Color desk(int x, int y) {
   const double shade = 0.10 + 0.12 * ((x * 7 + y * 3) % 97) / 97.0;
   return {1.3 * shade, shade, 0.6 * shade};
 }
-// The same with a lamp in view, much brighter than any paper.
+// The desk with a lamp in view, much brighter than any paper.
 Color desk_with_lamp(int x, int y) {
   return x > 560 && y < 120 ? Color(Color::Constant(30.0)) : desk(x, y);
 }
@@ -70,14 +71,14 @@ TEST(LightMeter, MeasuresLightOnDesk) {
   }
 }
 
-// What lies about is dark where things are dark, however much light falls on them.
+// Mean surface brightness is low over dark surfaces, however strong the light is.
 TEST(LightMeter, MeasuresMeanOfVisibleSurfaces) {
   const auto wood = [](int, int) { return Color(0.2, 0.15, 0.1); };
   const VideoLight found = measure_light(rgb_frame(wood, Color::Ones()), std::nullopt);
   EXPECT_LT(worst_ratio(found.around, {0.2, 0.15, 0.1}), 0.02);
 }
 
-// The same picture in every layout that a camera gives, to the rounding of their codes.
+// The same frame in every pixel layout of a camera, up to rounding of the codes.
 TEST(LightMeter, MeasuresSameLightInEveryPixelFormat) {
   for (const ColorRange range : {ColorRange::full, ColorRange::limited}) {
     std::optional<VideoLight> expected;
@@ -108,7 +109,7 @@ TEST(LightMeter, MeasuresSameLightInEveryPixelFormat) {
       EXPECT_EQ(found.on_table, expected->on_table) << static_cast<int>(format);
       EXPECT_EQ(found.around, expected->around) << static_cast<int>(format);
     }
-    // BT.601: red 170 + 1.402 * 12, green and blue less; limited range is stretched.
+    // BT.601: red 170 + 1.402 * 12, green and blue lower; limited range is stretched.
     EXPECT_GT(expected->around.x(), expected->around.z());
   }
 }
@@ -126,7 +127,7 @@ TEST(LightMeter, ReturnsFiniteLightForExtremes) {
       }
     }
   }
-  // Of one pixel, and of a picture that is thinner than the grid.
+  // A frame of one pixel, and a frame that is narrower than the grid.
   for (const int width : {1, 7}) {
     const VideoLight found = measure_light(test::plain_frame(width, 1, 188), std::nullopt);
     EXPECT_NEAR(found.around.x(), 0.5029, 1e-3);
@@ -147,7 +148,7 @@ TEST(LightMeter, FollowsLampButNotNoise) {
     if (i > 20) largest_step = std::max(largest_step, std::abs(std::log(seen / last)));
     last = seen;
   }
-  // A code in 255 of something bright is 2.2 / 255 = 0.0086 of its light.
+  // One code in 255 of a bright surface is 2.2 / 255 = 0.0086 of its light.
   EXPECT_LT(largest_step, 0.004);
 
   const Color before = meter.look_at(rgb_frame(desk, dim, now)).on_table;
@@ -163,7 +164,7 @@ TEST(LightMeter, FollowsLampButNotNoise) {
   EXPECT_LT(worst_ratio(meter.look_at(rgb_frame(desk, bright, now)).on_table, bright), 0.15);
 }
 
-// A frame that is drawn again, in a pause, changes nothing; going back in time begins anew.
+// A frame drawn again during a pause changes nothing; a step back in time restarts the filter.
 TEST(LightMeter, IsDeterministicForSameFrames) {
   std::array<VideoLight, 2> ends;
   for (std::size_t run = 0; run < 2; ++run) {
@@ -180,7 +181,7 @@ TEST(LightMeter, IsDeterministicForSameFrames) {
   EXPECT_EQ(ends[0].around, ends[1].around);
 }
 
-// A white sheet in the air, level, filling the picture's middle; what it shows.
+// A level white sheet that fills the middle of the frame, and its drawn colour.
 class LitSheet : public testing::Test {
  protected:
   static Color shown(const std::optional<VideoLight>& light, double lamp, const CameraModel& camera,
@@ -208,20 +209,20 @@ class LitSheet : public testing::Test {
   static CameraModel camera() { return test::camera_of(160, 120, 150.0); }
 };
 
-// As paper there would look: in a dim video dim, in a warm one warm, and no brighter for a scene
-// with many lamps.
+// The sheet looks like paper there: dim in a dim video, warm in a warm one, and no brighter for a
+// scene with many lamps.
 TEST_F(LitSheet, IsAsBrightAsPaperInVideo) {
   for (const Color& light :
        {Color(0.6, 0.6, 0.6), Color(0.15, 0.15, 0.15), Color(0.5, 0.35, 0.2)}) {
     for (const double lamp : {0.9, 3.0}) {
       const Color color = shown(VideoLight{light, 0.3 * light}, lamp, camera());
       for (int c = 0; c < 3; ++c) {
-        // What is not from the lamp is a little cooler, and what mirrors is added.
+        // Ambient light is a little cooler than the lamp, and specular reflection is added.
         EXPECT_NEAR(color[c], 255.0 * encode(light[c]), 14.0) << c << " " << light.transpose();
       }
     }
   }
-  // Dimmed by its author it is darker than paper.
+  // If the scene's author dims the light, the sheet is darker than paper.
   const Color light = Color::Constant(0.6);
   const Color dimmed = shown(VideoLight{light, 0.3 * light}, 0.1, camera());
   EXPECT_LT(dimmed.maxCoeff(), 255.0 * encode(0.6 * 0.62));
@@ -230,13 +231,13 @@ TEST_F(LitSheet, IsAsBrightAsPaperInVideo) {
 TEST_F(LitSheet, UsesSceneLightWithoutVideoLight) {
   const Color a = shown(std::nullopt, 0.4, camera());
   EXPECT_GT(a.y(), 190.0);
-  // Light of the scene's own strength changes nothing but what comes from below.
+  // Scene light at its own strength changes only the light from below.
   const Color sky = Color(0.35 * 1.08, 0.35 * 1.12, 0.35 * 1.18);
   EXPECT_EQ(shown(VideoLight{Color::Ones(), Color::Constant(0.2)}, 0.4, camera()), a)
       << sky.transpose();
 }
 
-// The camera's tone curve shows the same light by other codes.
+// Another camera response (tone curve) encodes the same light by other codes.
 TEST_F(LitSheet, IsEncodedWithCameraResponse) {
   CameraParameters p = camera().parameters();
   p.tone_curve = 1.0;
@@ -251,7 +252,7 @@ TEST_F(LitSheet, IsEncodedWithCameraResponse) {
   }
 }
 
-// Of its light, a shadow on the table takes the same share whatever the video's light is.
+// A shadow on the table removes the same share of light for any light of the video.
 TEST(VideoLight, KeepsShadowStrengthOnTable) {
   test::SceneBuilder builder;
   test::ShapeBuilder block;

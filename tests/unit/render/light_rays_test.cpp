@@ -1,4 +1,4 @@
-// Light rays: which vertices they go through, where they end, and that they are drawn with depth.
+// Light rays: the vertices they pass through, their ends, and their depth test.
 #include "render/shadow/projected/light_rays.hpp"
 
 #include <gtest/gtest.h>
@@ -71,7 +71,7 @@ TEST(LightRays, EndAtFirstPlaneTheyMeet) {
   ASSERT_EQ(rays.size(), 1U);
   EXPECT_NEAR(rays[0].shadow.x(), 0.12, 1e-12);
   EXPECT_NEAR(rays[0].shadow.z(), 0.6 - 0.4 * 1.2, 1e-12);
-  // Past the wall's outline it goes on to the table.
+  // Outside the wall's outline the ray goes on to the table.
   const std::vector<Eigen::Vector2d> small = {{0.5, 0.5}, {0.6, 0.5}, {0.6, 0.6}};
   const std::vector<RayReceiver> with_hole = {kTable, {wall.frame, small}};
   const auto on = light_rays(kOne, Placement(), {0.0, 0.0, 0.6, 1.0}, with_hole);
@@ -85,7 +85,7 @@ TEST(LightRays, AreOmittedWhereNoShadowIsCast) {
   };
   EXPECT_EQ(through(0.0, {0.0, 0.0, 0.6, 1.0}), 1U);
   EXPECT_EQ(through(0.5, {0.0, 0.0, 0.6, 1.0}), 0U) << "above the light: an antishadow";
-  EXPECT_EQ(through(0.4, {0.0, 0.0, 0.6, 1.0}), 0U) << "level with it";
+  EXPECT_EQ(through(0.4, {0.0, 0.0, 0.6, 1.0}), 0U) << "level with the light";
   EXPECT_EQ(through(-0.3, {0.0, 0.0, 0.6, 1.0}), 0U) << "under the plane: a false shadow";
   EXPECT_EQ(through(0.0, {0.0, 0.0, -0.6, 1.0}), 0U) << "light under the plane";
   EXPECT_EQ(through(0.0, {0.0, 0.0, -1.0, 0.0}), 0U) << "light under the horizon";
@@ -108,14 +108,14 @@ Frame grey() {
   return test::plain_frame(kSide, kSide, 128);
 }
 
-// The pixel where a point of the table frame is seen.
+// Pixel of a point in the table frame.
 Eigen::Vector2i pixel_of(const CameraModel& camera, const CameraPose& pose,
                          const Eigen::Vector3d& p) {
   const auto pixel = camera.project(pose.inverse() * p);
   return pixel->array().round().cast<int>();
 }
 
-// How colourful a pixel is: the video is grey, and so are shadows.
+// Colourfulness of a pixel. The video and the shadows are grey.
 int color_at(const Picture& picture, const Eigen::Vector2i& at) {
   const std::uint8_t* p = picture.at(at.x(), at.y());
   return std::max({p[0], p[1], p[2]}) - std::min({p[0], p[1], p[2]});
@@ -134,7 +134,7 @@ TEST_P(DrawnRays, HaveDotsAtVerticesAndShadowsAndLinesBetween) {
   PlanOptions options;
   options.light_rays = true;
   FramePlan plan = studio.plan(kFromFront, options);
-  plan.objects.clear();  // nothing in front of anything
+  plan.objects.clear();  // nothing occludes the rays
   const Picture picture = studio.draw(grey(), plan);
   const auto rays = light_rays(marked_vertices(*builder.scene().objects[0].model, 12),
                                test::at(0.0, 0.0, 0.15), {0.0, 0.0, 0.4, 1.0}, {{kTable}});
@@ -143,7 +143,7 @@ TEST_P(DrawnRays, HaveDotsAtVerticesAndShadowsAndLinesBetween) {
   for (const LightRay& ray : rays) {
     EXPECT_GT(color_at(picture, pixel_of(camera, pose, ray.vertex)), 60);
     EXPECT_GT(color_at(picture, pixel_of(camera, pose, ray.shadow)), 60);
-    // Halfway to the light, and on to the shadow.
+    // Points halfway to the light and halfway to the shadow.
     for (const Eigen::Vector3d& p : {Eigen::Vector3d(0.4 * ray.from + 0.6 * ray.vertex),
                                      Eigen::Vector3d(0.5 * ray.vertex + 0.5 * ray.shadow)}) {
       const Eigen::Vector2i at = pixel_of(camera, pose, p);
@@ -162,7 +162,7 @@ TEST(RayOverlay, IsHiddenByObjectsInFront) {
   const CameraModel camera = test::camera_of(kSide, kSide, 260.0);
   SceneBuilder builder = lit_box();
   builder.scene().shadows[0].light_rays = true;
-  // A phantom as large as the view, nearer than all of it.
+  // A phantom that covers the whole view in front of everything.
   builder.add(test::box(1.0, 0.002, 1.0), test::at(0.1, -0.3, 0.3), false, true);
   Studio hidden(builder.build(), camera);
   const Picture picture = hidden.draw(grey(), hidden.plan(kFromFront));
@@ -196,8 +196,8 @@ TEST(RayOverlay, IsDrawnOnlyWhenEnabled) {
   const Picture by_option = plain.draw(grey(), plain.plan(kFromFront, asked));
   EXPECT_NE(without, by_option);
   EXPECT_EQ(node.draw(grey(), node.plan(kFromFront)), by_option);
-  EXPECT_EQ(plain.draw(grey(), plain.plan(kFromFront)), without) << "and left no trace";
-  // A shadow that no light throws has no rays.
+  EXPECT_EQ(plain.draw(grey(), plain.plan(kFromFront)), without) << "the next frame is unchanged";
+  // Without a light, a shadow has no rays.
   for (const ShadowTechnique technique :
        {ShadowTechnique::simple, ShadowTechnique::layered, ShadowTechnique::none}) {
     asked.technique = technique;
@@ -233,7 +233,7 @@ TEST(RayOverlay, FadesWithPose) {
   EXPECT_GT(old, 20);
 }
 
-// Dots of two lights at one vertex are one dot, also where they are mixed into the video.
+// Dots of two lights at one vertex are blended once.
 TEST(RayOverlay, BlendsDotsOfFadingObjectOnce) {
   const CameraModel camera = test::camera_of(kSide, kSide, 260.0);
   SceneBuilder builder = lit_box();
@@ -246,10 +246,10 @@ TEST(RayOverlay, BlendsDotsOfFadingObjectOnce) {
   Studio studio(scene, camera);
   SceneState state = evaluate_scene(*scene, 0.0);
   state.opacities = {0.5};
-  const auto drawn = [&](Translucency way, std::size_t rays) {
+  const auto drawn = [&](Translucency mode, std::size_t rays) {
     PlanOptions options;
     options.light_rays = true;
-    options.translucency = way;
+    options.translucency = mode;
     FramePlan plan = plan_frame(*scene, state, kFromFront, camera, options);
     EXPECT_EQ(plan.rays.size(), 2U);
     plan.rays.resize(rays);
@@ -269,15 +269,15 @@ TEST(RayOverlay, BlendsDotsOfFadingObjectOnce) {
     }
   }
   EXPECT_GE(dots, 2);
-  // Fetched and written anew nothing can be mixed in twice: the same picture.
+  // Retexturing replaces the video, so it can't blend twice: the frame is the same.
   const Picture fetched = drawn(Translucency::retexture, 2);
   int differ = 0;
   for (std::size_t i = 0; i < two.rgba.size(); ++i)
     differ += std::abs(fetched.rgba[i] - two.rgba[i]) > 1 ? 1 : 0;
-  EXPECT_LE(differ, 60) << "where pieces of equal depth have other colours, the first or the last";
+  EXPECT_LE(differ, 60) << "at equal depth the first or the last colour wins";
 }
 
-// What can't be seen is not drawn, and the picture is the same.
+// Skipping rays out of view must not change the frame.
 TEST(RayOverlay, SkipsRaysOutOfView) {
   std::mt19937 random(3);
   const auto within = [&random](double low, double high) {

@@ -1,5 +1,5 @@
-// Materials of glTF: each map against the same as factors or geometry, pixel by pixel; what is seen
-// through, and from which side; and what is refused.
+// glTF materials: each map against equal factors or geometry, pixel by pixel; transparency, culling
+// of back faces, and rejected materials.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -62,7 +62,7 @@ SceneBuilder builder_with(double ambient = 0.3) {
 }
 struct Drawing {
   double ambient = 0.3;
-  Translucency way = Translucency::blend;
+  Translucency mode = Translucency::blend;
   GlApi api = GlApi::gl33;
   bool phantom = false;
 };
@@ -73,14 +73,14 @@ Picture drawn(const AtHeights& at_heights, const Drawing& how = {}) {
     builder.add(model, test::at(0, 0, height), false, how.phantom);
   Studio studio(builder.build(), camera(), how.api);
   PlanOptions options;
-  options.translucency = how.way;
+  options.translucency = how.mode;
   return studio.draw(test::plain_frame(kSide, kSide, 120), studio.plan(pose(), options));
 }
 Picture drawn(const TexturedSquare& square, const Drawing& how = {}) {
   return drawn({{model_of(square), kHeight}}, how);
 }
 
-// Every pixel well inside the square at this height, with its place on it [m].
+// Visits every pixel well inside the square at this height, with its position on the square [m].
 template <class Action>
 int inside(const Action& action, double height = kHeight) {
   int count = 0;
@@ -169,14 +169,14 @@ TEST(Materials, DarkensOnlyAmbientLightByOcclusion) {
   EXPECT_GT(largest_difference(open(102, 1.0), ambient(1.0)), 10);
 }
 
-// n: the texel; the square's own normal turned to where the texel says it points.
+// Unit normal that a texel of the normal map encodes, in the square's tangent space.
 std::array<float, 3> decoded(int r, int g, int b, double scale = 1.0) {
   const Eigen::Vector3d n = Eigen::Vector3d(scale * (2.0 * r / 255.0 - 1.0),
                                             scale * (2.0 * g / 255.0 - 1.0), 2.0 * b / 255.0 - 1.0)
                                 .normalized();
   return {static_cast<float>(n.x()), static_cast<float>(n.y()), static_cast<float>(n.z())};
 }
-// In the file's axes: up is y, the texture's top is at -z.
+// In the file's axes: y is up, and the texture's top is at -z.
 std::vector<std::array<float, 3>> normals_of(float right, float towards_top, float up) {
   return std::vector<std::array<float, 3>>(4, {right, up, -towards_top});
 }
@@ -198,14 +198,15 @@ TEST(Materials, MatchesGeometryByNormalTexture) {
     EXPECT_LE(largest_difference(drawn(bumpy, {0.3, Translucency::blend, GlApi::gles30}), expected),
               1);
     EXPECT_GT(largest_difference(drawn(bumpy), drawn(square_of(kPlain))), 5);
-    // Given otherwise than the layout says: they count. A quarter turn: the texture's x to its top.
+    // Tangents that differ from the texture layout are used: here a quarter turn, the texture's x
+    // points to its top.
     bumpy.tangents = std::vector<std::array<float, 4>>(4, {0, 0, -1, 1});
     geometry.normals = normals_of(-y, x, z);
     EXPECT_LE(largest_difference(drawn(bumpy), drawn(geometry)), 1) << "turned";
     bumpy.tangents = std::vector<std::array<float, 4>>(4, {1, 0, 0, -1});
     geometry.normals = normals_of(x, -y, z);
     EXPECT_LE(largest_difference(drawn(bumpy), drawn(geometry)), 1) << "mirrored";
-    // Tangents of normals that are not there are none.
+    // Tangents without normals are ignored.
     bumpy.normals.clear();
     EXPECT_LE(largest_difference(drawn(bumpy), expected), 1) << "without normals";
   }
@@ -216,7 +217,7 @@ TEST(Materials, OrientsNormalTextureByItsLayout) {
   const auto [sx, sy, sz] = decoded(204, 160, 230, 0.5);
   TexturedSquare bumpy = square_of(std::string(kPlain) + kBumpy, {one_color(204, 160, 230)});
   TexturedSquare geometry = square_of(kPlain);
-  // Mirrored, left is right.
+  // A mirrored layout: left becomes right.
   bumpy.texcoords = {{1, 1}, {0, 1}, {0, 0}, {1, 0}};
   geometry.normals = normals_of(-x, y, z);
   EXPECT_LE(largest_difference(drawn(bumpy), drawn(geometry)), 1);
@@ -224,25 +225,25 @@ TEST(Materials, OrientsNormalTextureByItsLayout) {
   bumpy.texcoords = {{0, 0}, {0, 1}, {1, 1}, {1, 0}};
   geometry.normals = normals_of(-y, x, z);
   EXPECT_LE(largest_difference(drawn(bumpy), drawn(geometry)), 1);
-  // By a node that mirrors.
+  // A node that mirrors.
   bumpy.texcoords = TexturedSquare().texcoords;
   bumpy.node = R"("scale":[-1,1,1])";
   geometry.normals = normals_of(-x, y, z);
   EXPECT_LE(largest_difference(drawn(bumpy), drawn(geometry)), 1);
   bumpy.tangents = std::vector<std::array<float, 4>>(4, {1, 0, 0, 1});
   EXPECT_LE(largest_difference(drawn(bumpy), drawn(geometry)), 1);
-  // Half as steep.
+  // Half the normal scale.
   bumpy = square_of(std::string(kPlain) + R"(,"normalTexture":{"index":0,"scale":0.5})",
                     {one_color(204, 160, 230)});
   geometry.normals = normals_of(sx, sy, sz);
   EXPECT_LE(largest_difference(drawn(bumpy), drawn(geometry)), 1);
 }
 
-// A layout that meets its mirror image along an edge: the vertices there are split, and each half
+// The layout meets its mirror image along an edge. The vertices there are split, so that each half
 // has its own tangents.
 TEST(Materials, SplitsTangentsAtMirroredTexture) {
   TexturedSquare bumpy = square_of(std::string(kPlain) + kBumpy, {one_color(204, 128, 230)});
-  // The diagonal is u = v; the halves are mirrored at it.
+  // The halves are mirrored at the diagonal u = v.
   bumpy.texcoords = {{0, 0}, {1, 0}, {1, 1}, {1, 0}};
   const auto model = model_of(bumpy);
   ASSERT_EQ(model->meshes.size(), 1U);
@@ -258,7 +259,6 @@ TEST(Materials, SplitsTangentsAtMirroredTexture) {
   EXPECT_NE(mesh.tangents[mesh.indices[0]].w, mesh.tangents[mesh.indices[3]].w);
 }
 
-// Each half of a picture is the material of that half.
 TEST(Materials, PlacesTexturesByCoordinates) {
   const auto halves = [](std::array<int, 4> left, std::array<int, 4> right) {
     return test::image_of(2, 1, [=](int x, int) { return x == 0 ? left : right; });
@@ -298,7 +298,7 @@ TEST(Materials, WrapsTexturesBySampler) {
     square.texcoords = {{-1, 1}, {2, 1}, {2, 0}, {-1, 0}};
     return drawn(square);
   };
-  // Sixths of the square, bright or not.
+  // Each sixth of the square is bright or dark.
   const std::map<int, std::array<bool, 6>> expected = {
       {10497, {false, true, false, true, false, true}},
       {33071, {false, false, false, true, true, true}},
@@ -338,7 +338,7 @@ TEST(Materials, RemovesPixelsBelowAlphaCutoff) {
       wrong += picture.at(x, y)[c] != (px < 0.0 ? 120 : whole.at(x, y)[c]) ? 1 : 0;
   });
   EXPECT_EQ(wrong, 0);
-  // A real thing hides no more than there is of it.
+  // A phantom occludes only where its material is not cut out.
   SceneBuilder builder = builder_with();
   builder.add(model_of(cut(120, 135)), test::at(0, 0, 0.1), false, true);
   builder.add(model_of(square_of(kPlain)), test::at(0, 0, kHeight), false);
@@ -363,8 +363,8 @@ std::string solid(double r, double g, double b) {
 
 TEST(Materials, BlendsByOpacity) {
   const Picture opaque = drawn(square_of(solid(0.8, 0.3, 0.1)));
-  for (const Translucency way : {Translucency::blend, Translucency::retexture}) {
-    const Picture mixed = drawn(square_of(glass(0.8, 0.3, 0.1, 0.35)), {0.3, way});
+  for (const Translucency mode : {Translucency::blend, Translucency::retexture}) {
+    const Picture mixed = drawn(square_of(glass(0.8, 0.3, 0.1, 0.35)), {0.3, mode});
     int wrong = 0;
     inside([&](int x, int y, double, double) {
       for (int c = 0; c < 3; ++c) {
@@ -373,9 +373,9 @@ TEST(Materials, BlendsByOpacity) {
       }
       EXPECT_EQ(mixed.at(x, y)[3], 255);
     });
-    EXPECT_EQ(wrong, 0) << to_string(way);
+    EXPECT_EQ(wrong, 0) << to_string(mode);
   }
-  // Through a screen-door, 6 pixels of 16.
+  // A screen-door pattern covers 6 of 16 pixels.
   const Picture door = drawn(square_of(glass(0.8, 0.3, 0.1, 0.35)), {0.3, Translucency::mesh});
   int open = 0;
   int wrong = 0;
@@ -387,15 +387,15 @@ TEST(Materials, BlendsByOpacity) {
   EXPECT_NEAR(static_cast<double>(open) / all, 10.0 / 16.0, 0.02);
 }
 
-// Whatever their order in the scene, the farther is drawn first, and over what is solid.
+// Blended objects follow the opaque ones, the farthest first.
 TEST(Materials, SortsBlendedObjectsBackToFront) {
   const auto red = model_of(square_of(glass(0.9, 0.1, 0.1, 0.5)));
   const auto green = model_of(square_of(glass(0.1, 0.9, 0.1, 0.5)));
   const auto white = model_of(square_of(solid(0.9, 0.9, 0.9)));
-  for (const Translucency way :
+  for (const Translucency mode :
        {Translucency::blend, Translucency::retexture, Translucency::mesh}) {
-    SCOPED_TRACE(to_string(way));
-    const Drawing how{0.3, way};
+    SCOPED_TRACE(to_string(mode));
+    const Drawing how{0.3, mode};
     const Picture one = drawn({{red, 0.1}, {green, kHeight}, {white, 0.0}}, how);
     const Picture other = drawn({{white, 0.0}, {green, kHeight}, {red, 0.1}}, how);
     EXPECT_EQ(one, other);
@@ -403,7 +403,6 @@ TEST(Materials, SortsBlendedObjectsBackToFront) {
   }
 }
 
-// The same within a mesh, by triangle.
 TEST(Materials, SortsBlendedTrianglesBackToFront) {
   const auto stack = [](bool turned) {
     auto model = std::make_shared<Model>();
@@ -435,7 +434,7 @@ TEST(Materials, SortsBlendedTrianglesBackToFront) {
   EXPECT_EQ(one, drawn({{stack(true), 0.0}}));
 }
 
-// A faint overlay takes as much from what blends.
+// A fading overlay reduces the opacity of blended materials by the same factor.
 TEST(Materials, FadesBlendedMaterialsWithOverlay) {
   SceneBuilder builder = builder_with();
   builder.add(model_of(square_of(glass(0.8, 0.3, 0.1, 0.6))), test::at(0, 0, kHeight), false);
@@ -459,16 +458,17 @@ TEST(Materials, DrawsBackFacesOnlyWhenDoubleSided) {
   EXPECT_EQ(drawn(square), video);
   square.material += R"(,"doubleSided":true)";
   EXPECT_GT(largest_difference(drawn(square), video), 20);
-  // The back of a bumpy one is its front, turned over with it.
+  // Seen from behind, a normal-mapped face is its front turned over.
   square = square_of(std::string(kPlain) + R"(,"doubleSided":true,"normalTexture":{"index":0})",
                      {one_color(204, 128, 230)});
   square.node = R"("rotation":[1,0,0,0])";
   const auto [x, y, z] = decoded(204, 128, 230);
   TexturedSquare geometry = square_of(kPlain);
-  // Half a turn about the texture's x leaves it; seen from behind all of the frame is turned over.
+  // Half a turn about the texture's x axis keeps that axis; from behind, the whole tangent frame is
+  // turned over.
   geometry.normals = normals_of(-x, y, z);
   EXPECT_LE(largest_difference(drawn(square), drawn(geometry)), 1);
-  // A real thing hides what is behind it from either side.
+  // A phantom occludes from both sides.
   SceneBuilder builder = builder_with();
   TexturedSquare real = square_of(kPlain);
   real.node = R"("rotation":[1,0,0,0])";

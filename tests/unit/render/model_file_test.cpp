@@ -1,4 +1,4 @@
-// Models from files: what is read, and what is refused with which line.
+// Models from files: the formats that are read, and the line that an error names.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -20,7 +20,7 @@ namespace {
 
 using testing::HasSubstr;
 
-// A triangle in the xy plane of the file; each test changes a word of it.
+// A triangle in the file's xy plane; each test changes a part of the text.
 const std::string kTriangle = R"({"asset":{"version":"2.0"},"scene":0,"scenes":[{"nodes":[0]}],
 "nodes":[{"mesh":0}],"meshes":[{"primitives":[{"attributes":{"POSITION":0},"indices":1}]}],
 "accessors":[{"bufferView":0,"componentType":5126,"count":3,"type":"VEC3"},
@@ -66,7 +66,7 @@ TEST_F(ModelFile, RotatesGltfFromYUpToZUp) {
   ASSERT_TRUE(model) << error_of(model);
   ASSERT_EQ(model->triangle_count(), 1U);
   EXPECT_EQ(model->meshes[0].positions[2], glm::vec3(0, 0, 1));
-  // Counter-clockwise about +z of the file, which is -y of the object frame.
+  // Counter-clockwise about the file's +z, which is -y of the object frame.
   EXPECT_EQ(model->meshes[0].normals[0], glm::vec3(0, -1, 0));
   EXPECT_EQ(model->source_vertex_count, 3U);
 }
@@ -122,7 +122,7 @@ TEST_F(ModelFile, LimitsNodeNesting) {
               HasSubstr("JSON is nested deeper than 64"));
 }
 
-// A draw call for each would take seconds per frame.
+// A draw call for each node would take seconds per frame.
 TEST_F(ModelFile, MergesNodesOfOneMaterialIntoOneMesh) {
   constexpr int kNodes = 20'000;
   std::string nodes = "\"nodes\":[", list;
@@ -140,7 +140,8 @@ TEST_F(ModelFile, MergesNodesOfOneMaterialIntoOneMesh) {
   replace(R"({"nodes":[0]})", "{\"nodes\":[" + list + "]}");
   const std::string triangle = R"({"attributes":{"POSITION":0},"indices":1})";
   const std::string metal = R"({"attributes":{"POSITION":0},"indices":1,"material":0})";
-  // Of the plain material, of a metal, and of the plain one with texture coordinates.
+  // Primitives with the plain material, with a metal, and with the plain material and texture
+  // coordinates.
   replace(R"("meshes":[{"primitives":[)" + triangle + "]}]",
           R"("materials":[{"name":"metal"}],"meshes":[{"name":"a","primitives":[)" + triangle +
               R"(]},{"name":"b","primitives":[)" + metal + R"(]},{"name":"c","primitives":[)" +
@@ -152,10 +153,10 @@ TEST_F(ModelFile, MergesNodesOfOneMaterialIntoOneMesh) {
   EXPECT_EQ(model->meshes[0].name, "a");
   EXPECT_EQ(model->meshes[1].name, "b");
   EXPECT_EQ(model->triangle_count(), std::size_t{kNodes});
-  // Each use of a mesh has separate vertices; those of the first uses come first.
+  // Each use of a mesh has separate vertices; the first uses come first.
   EXPECT_EQ(model->source_vertex_count, 3U * kNodes);
   const Mesh& plain = model->meshes[0];
-  // Triangle t is of node t + t / 2: every third one is of metal.
+  // Plain triangle t belongs to node t + t / 2: every third node is metal.
   for (const std::uint32_t t : {0U, 1U, 2U, 9'999U}) {
     const std::uint32_t node = t + t / 2 + t % 2;
     for (std::uint32_t k = 0; k < 3; ++k) {
@@ -188,7 +189,7 @@ TEST_F(ModelFile, RejectsNodesWithoutExtentByName) {
               HasSubstr("nodes/0 (\"lid\"): its scale leaves no surface to see"));
   EXPECT_THAT(error_of(gltf(R"({"mesh":0})", R"({"mesh":0,"scale":[0,1,0]})")),
               HasSubstr("nodes/0: its scale leaves no surface to see"));
-  EXPECT_TRUE(gltf(R"({"mesh":0})", R"({"mesh":0,"scale":[1,1,0]})")) << "flat is not nothing";
+  EXPECT_TRUE(gltf(R"({"mesh":0})", R"({"mesh":0,"scale":[1,1,0]})")) << "a flat node is kept";
 }
 
 TEST_F(ModelFile, ContinuesObjLinesAfterBackslash) {
@@ -217,7 +218,7 @@ TEST_F(ModelFile, NeverReadsFilesOutsideFolder) {
 }
 
 TEST_F(ModelFile, ReplacesElementsBySparseAccessor) {
-  // The second point becomes the bytes of the buffer's third one.
+  // The sparse accessor replaces the second point by the buffer's third one.
   const Result<Model> model =
       gltf("\"count\":3,\"type\":\"VEC3\"",
            "\"count\":3,\"type\":\"VEC3\",\"sparse\":{\"count\":1,\"indices\":{\"bufferView\":1,"
@@ -235,7 +236,7 @@ TEST_F(ModelFile, ValidatesGlbContainer) {
               HasSubstr("is cut off"));
   EXPECT_THAT(error_of(load_model(write("noise.glb", std::string(500, 'x')))),
               HasSubstr("does not start with \"glTF\""));
-  // The binary chunk 8 bytes longer than the file.
+  // The binary chunk claims 8 bytes more than the file has.
   std::string longer = good;
   std::uint32_t json = 0, bin = 0;
   std::memcpy(&json, good.data() + 12, 4);
@@ -300,7 +301,7 @@ TEST_F(ModelFile, RejectsOtherFiles) {
   EXPECT_THAT(error_of(load_model(write("a.glb", ""))), HasSubstr("is empty"));
 }
 
-// Every edge of a closed body is walked once each way.
+// Each edge of a closed body is traversed once in each direction.
 void expect_closed(const Model& model, const std::string& name) {
   const ShadowMesh mesh = make_shadow_mesh(model);
   EXPECT_EQ(mesh.indices.size() / 3, model.triangle_count()) << name << ": faces collapsed";

@@ -1,4 +1,4 @@
-// Models far from the origin of their file.
+// Models far from their file's origin.
 #include <fmt/format.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -47,7 +47,7 @@ TEST(ModelOrigin, WarnsWhenCoordinatesAreTooCoarse) {
 
 class FarModel : public testing::Test {
  protected:
-  // A disc of 32 corners with a radius of 0.5 m.
+  // A disc of radius 0.5 m with 32 corners.
   static std::string disc(double x, double y, double z) {
     std::string text, face = "f";
     for (int i = 0; i < 32; ++i) {
@@ -151,8 +151,8 @@ TEST_F(FarModel, WarnsInMetresForOtherUnits) {
                                                    "0.0001 m"))));
 }
 
-// A caster above another object and a phantom beside it; all of them have the same model. With
-// `origin` the model lies there, and the placements bring it back.
+// One model three times: a caster above an object and beside a phantom. With `origin`, the model
+// lies there in its file, and the placements compensate for it.
 FramePlan plan_of_models_at(const Eigen::Vector3d& origin, const PlanOptions& options) {
   test::ShapeBuilder shape;
   shape.box(-0.025, -0.025, -0.025, 0.025, 0.025, 0.025);
@@ -185,7 +185,7 @@ FramePlan plan_of_models_at(const Eigen::Vector3d& origin, const PlanOptions& op
                     test::camera_of(320, 240, 300.0), options);
 }
 
-// One line per draw, to a micrometre.
+// One line per draw, rounded to a micrometre.
 std::vector<std::string> lines_of(const FramePlan& plan) {
   std::vector<std::string> lines;
   const auto text = [](const auto& numbers) {
@@ -253,7 +253,7 @@ INSTANTIATE_TEST_SUITE_P(Technique, FarModelPlan,
 TEST(FarModelCases, MatchAreaOfSharedFiles) {
   if (test::shared_dir().empty()) GTEST_SKIP() << "no shared cases beside the checkout";
   const std::filesystem::path folder = test::shared_dir() / "cases" / "obj-far-from-origin";
-  // By the shoelace formula, from the corners as they are written.
+  // Areas by the shoelace formula from the corners as written.
   for (const auto& [file, area_cm2] : {std::pair{"disc-1m-at-100km.obj", 7803.2848},
                                        {"disc-10cm-at-10km.obj", 78.0584},
                                        {"far.obj", 100.0},

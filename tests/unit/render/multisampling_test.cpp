@@ -1,4 +1,4 @@
-// Several samples a pixel: smooth edges, and otherwise the same picture whatever is drawn.
+// Multisampling smooths edges and changes nothing else.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -20,7 +20,8 @@ namespace {
 constexpr int kViewWidth = 320;
 constexpr int kViewHeight = 240;
 
-// The same view with `times` as many pixels a side: pixel (0, 0) covers the first times x times.
+// The same view with `times` as many pixels per side: its first times x times pixels cover pixel
+// (0, 0).
 CameraModel view_of(int times) {
   CameraParameters p;
   p.width = times * kViewWidth;
@@ -35,7 +36,7 @@ PoseEstimate view_pose() {
   return test::tracked(test::look_at({0.25, -0.45, 0.4}, {0.0, 0.0, 0.05}));
 }
 
-// For looking at: PENUMBRA_MSAA_PICTURES=FOLDER.
+// Writes frames for inspection if PENUMBRA_MSAA_PICTURES=FOLDER is set.
 void keep(const test::Picture& picture, const std::string& name) {
   const char* folder = std::getenv("PENUMBRA_MSAA_PICTURES");
   if (folder == nullptr) return;
@@ -61,7 +62,7 @@ TEST(Multisampling, RejectsMoreSamplesThanDriverSupports) {
   EXPECT_NE(made.error().message.find("--msaa"), std::string::npos) << made.error().message;
 }
 
-// Against the mean of 8 x 8 pixels for each.
+// The reference is the mean of 8 x 8 pixels.
 TEST(Multisampling, SmoothsObjectEdges) {
   constexpr int kFiner = 8;
   test::SceneBuilder builder;
@@ -117,7 +118,6 @@ TEST(Multisampling, SmoothsObjectEdges) {
   }
 }
 
-// Everything that is drawn, in every way: the same picture but for edges.
 TEST(Multisampling, ChangesOnlyEdges) {
   const auto scene = std::make_shared<const Scene>(
       load_scene(test::source_dir() / "scenes" / "default.json").value());
@@ -130,14 +130,14 @@ TEST(Multisampling, ChangesOnlyEdges) {
     test::Studio smooth(scene, view_of(1), api, several);
     const Frame frame = test::plain_frame(kViewWidth, kViewHeight, 200);
     for (const ShadowTechnique technique : test::techniques_without({})) {
-      for (const Translucency way : {Translucency::blend, Translucency::mesh,
-                                     Translucency::retexture, Translucency::geometry_mesh}) {
+      for (const Translucency mode : {Translucency::blend, Translucency::mesh,
+                                      Translucency::retexture, Translucency::geometry_mesh}) {
         const std::string name =
-            std::string(to_string(technique)) + "-" + std::string(to_string(way));
+            std::string(to_string(technique)) + "-" + std::string(to_string(mode));
         SCOPED_TRACE(name);
         PlanOptions options;
         options.technique = technique;
-        options.translucency = way;
+        options.translucency = mode;
         const test::Picture a = plain.draw(frame, plain.plan(view_pose(), options, 0.8));
         const test::Picture b = smooth.draw(frame, smooth.plan(view_pose(), options, 0.8));
         keep(a, name + "-plain");
@@ -158,7 +158,8 @@ TEST(Multisampling, ChangesOnlyEdges) {
   }
 }
 
-// Casters of few faces are then drawn directly, with edges as smooth as a mask's.
+// With multisampling, casters of few faces are drawn directly; their edges are as smooth as a
+// mask's.
 TEST(Multisampling, DrawsFewFacesDirectly) {
   const auto scene_of = [](int around) {
     test::ShapeBuilder shape;

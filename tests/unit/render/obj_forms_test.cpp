@@ -1,4 +1,4 @@
-// OBJ and MTL files as programs write them.
+// OBJ and MTL files as other programs write them.
 #include <fmt/format.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -23,7 +23,7 @@ const std::string kBox = "usemtl red\nf 1 2 3 4\n";
 
 class ObjModelFile : public testing::Test {
  protected:
-  // A square of 100 cm2 with these warnings.
+  // Expects a square of 100 cm^2 with these warnings.
   template <class Matcher>
   void expect_square(const std::string& text, const Matcher& warnings) {
     const Result<Model> model = folder_.obj(text);
@@ -31,7 +31,7 @@ class ObjModelFile : public testing::Test {
     EXPECT_NEAR(area_of(*model), 0.01, 1e-8) << text;
     EXPECT_THAT(model->warnings, warnings) << text;
   }
-  // The material of the square's first face, with this .mtl.
+  // Material of the square's first face with this .mtl.
   Material material_of(const std::string& mtl, std::string* warning = nullptr) {
     folder_.write("m.mtl", mtl);
     const Result<Model> model = folder_.obj("mtllib m.mtl\n" + kCorners + kBox);
@@ -140,7 +140,7 @@ TEST_F(ObjModelFile, NamesAndIgnoresInvalidColours) {
 }
 
 TEST_F(ObjModelFile, NamesIgnoredMaterialLinesOncePerKind) {
-  // Words about highlights and refraction, which are drawn nowhere, are silent.
+  // Keywords about highlights and refraction, which are not drawn, give no warning.
   EXPECT_EQ(color_of(kRed + "Ka 1 1 1\nKs 1 1 1\nNs 90\nNi 1.5\nillum 2\nsharpness 60\nTf 1 1 1\n"),
             glm::vec4(1, 0, 0, 1));
   for (const std::string key :
@@ -253,7 +253,7 @@ TEST_F(ObjModelFile, FallsBackToPlainColourWithoutImage) {
     EXPECT_THAT(warning, AllOf(HasSubstr("material \"red\""), HasSubstr("drawn in plain colour")));
   }
   EXPECT_EQ(color_of(kRed + "newmtl other\nmap_Kd gone.png\n"), glm::vec4(1, 0, 0, 1))
-      << "a picture that no face uses is not looked for";
+      << "an image that no face uses is not searched for";
 }
 
 TEST_F(ObjModelFile, ResolvesImageNames) {
@@ -285,7 +285,7 @@ TEST_F(ObjModelFile, RejectsMissingVertex) {
   }
 }
 
-// Model files and material files with damage, polygons of all kinds among them.
+// Damaged model and material files, with polygons of all kinds.
 TEST_F(ObjModelFile, ReadsOrRejectsDamagedFilesInOneLine) {
   std::string obj = "mtllib m.mtl\no thing\nusemtl red\n", face = "f";
   for (int i = 0; i < 24; ++i) {

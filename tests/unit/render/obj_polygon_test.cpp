@@ -61,7 +61,7 @@ TEST_F(ObjPolygon, KeepsTextureCoordinatesAndNormalsOfCorners) {
   }
 }
 
-// A square hole that a bridge joins to a square, and a U that names corners twice in a row.
+// A square hole joined to a square by a bridge, and a U with doubled corners.
 TEST_F(ObjPolygon, KeepsAreaOfKeyholesAndDoubledCorners) {
   Result<Model> model = folder_.obj(
       "v 0 0 0.05\nv 0.03 0.03 0.05\nv 0.03 0.07 0.05\nv 0.07 0.07 0.05\nv 0.07 0.03 0.05\n"
@@ -92,7 +92,7 @@ TEST_F(ObjPolygon, FillsAndNamesCrossingOutlineOnce) {
   EXPECT_THAT(model->warnings,
               ElementsAre(testing::AllOf(HasSubstr("line 9: a face's outline crosses itself"),
                                          HasSubstr("(2 such lines)"))));
-  // The crossing is a new vertex, behind those of the file.
+  // The crossing becomes a new vertex after those of the file.
   EXPECT_EQ(model->source_vertex_count, 6U);
   const Mesh& mesh = model->meshes[0];
   for (std::size_t i = 0; i < mesh.positions.size(); ++i) {
@@ -163,14 +163,14 @@ TEST(ObjPolygonCases, MatchAreaOfSharedFiles) {
   }
 }
 
-// Three polygons that are not level. The shoelace formula gives their areas as seen from above.
+// Three tilted polygons. The shoelace formula gives their areas seen from above.
 TEST(ObjPolygonCases, MatchAreaOfTiltedPolygons) {
   if (test::shared_dir().empty()) GTEST_SKIP() << "no shared cases beside the checkout";
   const std::filesystem::path file =
       test::shared_dir() / "cases" / "obj-concave-polygon" / "issue-319-002-tinyobjloader.obj";
   const Result<Model> model = load_model(file);
   ASSERT_TRUE(model) << model.error().message;
-  // Two of its 19 corners are at one place.
+  // Two of the 19 corners coincide.
   EXPECT_EQ(model->triangle_count(), 13U);
   constexpr double kArea_cm2 = 30679.211 + 149699.826 + 15457.629;
   EXPECT_NEAR(1e4 * std::abs(test::area_vector(*model).z()), kArea_cm2, 1e-5 * kArea_cm2);

@@ -1,4 +1,4 @@
-// What the vertex shader makes of the lens, measured in pixels against CameraModel::project.
+// The lens distortion of the vertex shader, measured in pixels against CameraModel::project.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -48,7 +48,7 @@ CameraModel camera_with(const Lens& lens) {
   CameraParameters p;
   p.width = 640;
   p.height = 480;
-  p.fx = 400.0;  // wide, so that the lens bends a lot
+  p.fx = 400.0;  // wide angle: strong distortion
   p.fy = 391.0;
   p.cx = 331.7;
   p.cy = 229.2;
@@ -57,7 +57,7 @@ CameraModel camera_with(const Lens& lens) {
   return CameraModel::make(p).value();
 }
 
-// Corners of a disc that faces the camera, camera frame.
+// Corners of a disc that faces the camera, in the camera frame.
 std::vector<Eigen::Vector3d> rim(const Eigen::Vector3d& centre, double radius, int corners) {
   std::vector<Eigen::Vector3d> points;
   for (int i = 0; i < corners; ++i) {
@@ -67,7 +67,7 @@ std::vector<Eigen::Vector3d> rim(const Eigen::Vector3d& centre, double radius, i
   return points;
 }
 
-// The disc's exact picture: its closely sampled outline, projected in double.
+// Image of the disc: its densely sampled outline, projected in double.
 std::vector<Eigen::Vector2d> exact_outline(const CameraModel& camera, const Eigen::Vector3d& centre,
                                            double radius) {
   const std::vector<Eigen::Vector3d> corners = rim(centre, radius, 64);
@@ -80,8 +80,8 @@ std::vector<Eigen::Vector2d> exact_outline(const CameraModel& camera, const Eige
   return outline;
 }
 
-// Centroid of the pixels whose centres lie inside: pixels are counted in the exact picture as they
-// are in the drawn one, so that only the drawing's error is left.
+// Centroid of the pixels whose centres lie inside the outline. The drawn disc is counted the same
+// way, so that only the drawing's error remains.
 Eigen::Vector2d counted_centroid(const std::vector<Eigen::Vector2d>& outline, int& count) {
   Eigen::Vector2d low = outline.front();
   Eigen::Vector2d high = outline.front();
@@ -113,7 +113,7 @@ Eigen::Vector2d counted_centroid(const std::vector<Eigen::Vector2d>& outline, in
 TEST_P(OverlayProjection, DrawsWhereCameraModelProjects) {
   const CameraModel camera = camera_with(std::get<0>(GetParam()));
   const CameraPose pose = test::look_at({0.3, -0.2, 0.9}, {0.0, 0.05, 0.0});
-  // Discs that face the camera, placed at pixels all over the picture; drawn one model per disc.
+  // Discs that face the camera at pixels all over the frame, one model per disc.
   std::vector<std::vector<Eigen::Vector2d>> expected;
   SceneBuilder builder;
   int at = 0;
@@ -169,7 +169,7 @@ TEST_P(OverlayProjection, DrawsWhereCameraModelProjects) {
   std::printf("overlay error: worst %.3f px, mean (%.4f, %.4f) px over %zu discs\n", worst,
               bias.x(), bias.y(), expected.size());
   EXPECT_LE(worst, 0.15);
-  EXPECT_LE(bias.norm(), 0.02) << "half a pixel off would show here";
+  EXPECT_LE(bias.norm(), 0.02) << "a half-pixel offset would show here";
 }
 
 TEST_P(OverlayProjection, FrustumContainsAllVisibleRays) {
@@ -189,14 +189,14 @@ TEST_P(OverlayProjection, FrustumContainsAllVisibleRays) {
   const std::array<Eigen::Vector3d, 2> beside = {Eigen::Vector3d(9, 0, 1),
                                                  Eigen::Vector3d(9, 1, 1)};
   EXPECT_TRUE(frustum.misses(beside));
-  // Both points are out of view, what is between them is not.
+  // Both points are out of view, but the segment between them is not.
   const std::array<Eigen::Vector3d, 2> across = {Eigen::Vector3d(-9, 0, 1),
                                                  Eigen::Vector3d(9, 0, 1)};
   EXPECT_FALSE(frustum.misses(across));
 }
 
-// Beyond the fold the drawing goes on along the chord, as CameraModel::project_extended: nothing
-// comes back into the picture.
+// Beyond the maximum of a non-monotonic distortion the projection continues linearly, as in
+// CameraModel::project_extended. Nothing reappears in the frame.
 TEST(Overlay, ExtendsProjectionBeyondNonMonotonicRadius) {
   CameraParameters p = camera_with({}).parameters();
   p.distortion = {-0.28, 0.0, 0.0, 0.0, 0.0};
@@ -204,7 +204,8 @@ TEST(Overlay, ExtendsProjectionBeyondNonMonotonicRadius) {
   ASSERT_LT(camera.max_radius(), 1.2);
   Model far;
   Mesh& mesh = far.meshes.emplace_back();
-  // A plate from 60 to 80 degrees off the axis; folded, it would cover the picture's middle.
+  // A plate from 60 to 80 degrees off the axis. If the projection folded back, it would cover the
+  // middle of the frame.
   for (int i = 0; i < 40; ++i) {
     for (int j = 0; j < 2; ++j) {
       const double angle = (60.0 + 0.5 * i) * std::numbers::pi / 180.0;
@@ -224,7 +225,7 @@ TEST(Overlay, ExtendsProjectionBeyondNonMonotonicRadius) {
   }
 }
 
-// A curve in the picture, of a line in the camera frame, closely sampled: row at a column.
+// Row at column x of a densely sampled curve.
 double row_at(const std::vector<Eigen::Vector2d>& curve, double x) {
   for (std::size_t i = 0; i + 1 < curve.size(); ++i) {
     const Eigen::Vector2d& a = curve[i];
@@ -245,8 +246,9 @@ CameraModel strong_lens() {
   return CameraModel::make(p).value();
 }
 
-// Where a strip from (x0, y0) to (x1, y1), `width` wide downwards, at depth z of the camera frame
-// is drawn, against where it is: the largest mean over a window of columns, of both of its edges.
+// Compares the drawn and the exact position of a strip at depth z in the camera frame, from (x0,
+// y0) to (x1, y1), `width` wide downwards. Returns the largest mean error over a window of columns,
+// for both edges.
 double worst_window_px(const CameraModel& camera, const std::vector<double>& top_rows,
                        const std::vector<double>& bottom_rows,
                        const std::function<bool(int, int)>& covered) {
@@ -288,8 +290,8 @@ std::vector<double> rows_of_line(const CameraModel& camera, const Eigen::Vector3
   return rows;
 }
 
-// A long thin thing near the picture's upper rim, as near as the camera comes, that grows to ten
-// times the size it starts with: its edges must follow the lens even then.
+// A long thin object near the upper border, at the nearest distance of the camera, grows tenfold.
+// Its edges must follow the lens all the way.
 TEST(Overlay, BendsLongEdgesWithLensCloseUp) {
   const CameraModel camera = strong_lens();
   const Eigen::Vector3d a(-0.09, -0.0500, 0.15), b(0.09, -0.0330, 0.15);
@@ -318,8 +320,8 @@ TEST(Overlay, BendsLongEdgesWithLensCloseUp) {
   EXPECT_LE(worst, 0.15);
 }
 
-// A level strip's penumbra, twice as long as the strip, fills the image at the nearest distance and
-// farther away, where edges are split into longer pieces.
+// A level strip's penumbra is twice as long as the strip. It fills the image at the nearest
+// distance and farther away, where edges are split into longer pieces.
 TEST(Overlay, LongShadowEdgesFollowTheLensAtEveryDistance) {
   const CameraModel camera = strong_lens();
   for (const double times : {1.0, 1.7, 4.0, 11.0}) {
@@ -341,7 +343,7 @@ TEST(Overlay, LongShadowEdgesFollowTheLensAtEveryDistance) {
     builder.scene().shadows[0].kernels = KernelSource::centroid;
     builder.scene().shadows[0].fractions = {0.0, 0.0, 0.0};
     builder.add(test::finished(strip, glm::vec4(1.0F)), test::at(0, 0, height));
-    // The camera looks straight down: camera x is table x, camera y is -table y.
+    // The camera looks straight down: its x is the table's x, its y is the table's -y.
     Eigen::Matrix3d R;
     R << 1, 0, 0, 0, -1, 0, 0, 0, -1;
     const CameraPose pose(R, Eigen::Vector3d(0.0, 0.0, 0.15 * times));
@@ -357,7 +359,7 @@ TEST(Overlay, LongShadowEdgesFollowTheLensAtEveryDistance) {
                                          rows_of_line(camera, shadow(a + down), shadow(b + down)),
                                          [&](int x, int y) { return picture.red(x, y) < 100; });
     std::printf("long shadow at %.2f m: worst %.3f px\n", 0.15 * times, worst);
-    // Farther edges are split in proportion to their distance only (kSplitShare).
+    // Far edges are split only in proportion to their distance (kSplitShare).
     EXPECT_LE(worst, times < 10.0 ? 0.15 : 0.25);
   }
 }

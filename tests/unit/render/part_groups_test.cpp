@@ -1,4 +1,4 @@
-// Parts that an author takes for one: a wall of loose bricks.
+// Groups join parts that form one body, such as the loose bricks of a wall.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -21,8 +21,8 @@ namespace {
 using testing::ElementsAre;
 using testing::HasSubstr;
 
-// A brick wall that lies on its side, every other row by half a brick: corners meet no corners.
-// Each brick is a node of its own below "wall"; a ball beside it is not.
+// A brick wall that lies on its side; alternate rows are shifted by half a brick, so that corners
+// do not meet. Each brick is a node below "wall"; the ball beside it is not.
 Model brick_wall() {
   Model model;
   model.nodes.push_back({"wall", "", -1});
@@ -43,7 +43,7 @@ Model brick_wall() {
     for (int i = 0; x < 0.16 - 1e-9; ++i) {
       const double length = i == 0 && row % 2 == 1 ? 0.02 : std::min(0.04, 0.16 - x);
       test::ShapeBuilder brick;
-      // Laid a little unevenly, so that no two share a corner.
+      // The bricks lie a little unevenly, so that no two share a corner.
       const double z = 0.0002 * ((2 * row + i) % 5);
       brick.box(x, y, z, x + length, y + 0.02, z + 0.02);
       add(brick, fmt::format("brick_{}_{}", row, i), 0);
@@ -74,7 +74,7 @@ struct Shape {
   double area = 0.0;
   double holes = 0.0;  // share of the area
 };
-// Of the wall's umbra at a height where it has lost a good part.
+// Shape of the wall's umbra at a height where it has lost a good part of its area.
 Shape wall_umbra(const std::vector<std::string>& groups) {
   const ShadowMesh mesh = make_shadow_mesh(brick_wall(), groups);
   const PlaneFrame plane;
@@ -116,10 +116,10 @@ TEST(PartGroups, ContainPartsMatchedByName) {
   EXPECT_EQ(parts({"all"}), 1U);
   EXPECT_EQ(parts({"wall"}), 2U);
   EXPECT_EQ(parts({"brick_0_*"}), loose - 3U);
-  EXPECT_EQ(parts({"brick_0_*", "brick_1_*"}), loose - 3U - 4U) << "each a group of its own";
+  EXPECT_EQ(parts({"brick_0_*", "brick_1_*"}), loose - 3U - 4U) << "one group per pattern";
   EXPECT_EQ(parts({"brick_0_*", "brick_?_0"}), loose - 3U - 3U) << "they meet in one brick";
   EXPECT_EQ(parts({"ball"}), loose);
-  // Every position keeps its kernel set: grouping renumbers parts and nothing else.
+  // Grouping only renumbers parts: every position keeps its kernel set.
   const ShadowMesh one = make_shadow_mesh(model, std::vector<std::string>{"all"});
   const ShadowMesh many = make_shadow_mesh(model);
   EXPECT_EQ(one.indices, many.indices);
@@ -133,7 +133,7 @@ TEST(PartGroups, ListKnownNamesForUnknownOne) {
   ASSERT_FALSE(checked);
   EXPECT_THAT(checked.error().message, HasSubstr("\"tower\""));
   EXPECT_THAT(checked.error().message, HasSubstr("wall, brick_0_0"));
-  // No pattern takes long.
+  // Matching takes no long time for any pattern.
   Model named;
   named.nodes.push_back({std::string(5000, 'a'), "", -1});
   std::string pattern;

@@ -1,5 +1,5 @@
-// Layered, field and simple shadows on phantoms: each height of a phantom against the shadow on a
-// plane there, and what may be kept or left out.
+// Layered, field and simple shadows on phantoms and objects. Each height of a receiver is compared
+// with the shadow on a plane at that height; reuse and skipping must not change it.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -31,14 +31,14 @@ constexpr int kSide = 300;
 Frame white() {
   return test::plain_frame(kSide, kSide, 255);
 }
-// On the plane with edges between pixels: what is drawn on receivers is compared with what is on
-// either side of them.
+// Draws the plane's shadow without masks, so that its edges run between pixels. Shadows on
+// receivers are compared with the values on both sides of such an edge.
 Picture draw_directly(Studio& studio, FramePlan plan) {
   plan.layers = LayerDrawing::direct;
   return studio.draw_shadows(white(), plan);
 }
-// How far a value is out of the range of this pixel and of those around it, which has both sides of
-// an edge in it.
+// Distance of a value from the range of this pixel and its neighbours, which contain both sides of
+// an edge.
 double off(double value, const Picture& picture, int x, int y) {
   int low = 255;
   int high = 0;
@@ -59,7 +59,7 @@ PoseEstimate from(const Eigen::Vector3d& eye) {
 std::shared_ptr<const Model> solid(const Model& shape) {
   return test::finished(shape, glm::vec4(1.0F));
 }
-// Two arms of unequal length.
+// An L with arms of unequal length.
 std::shared_ptr<const Model> l_shape() {
   ShapeBuilder shape;
   shape.box(-0.04, -0.04, 0.0, 0.05, -0.015, 0.02);
@@ -77,7 +77,7 @@ SceneBuilder builder_with(ShadowTechnique technique,
   return builder;
 }
 
-// The caster, the scene's first object, is not in the picture, and its shadow is.
+// Removes the scene's first object, the caster, from the frame; its shadow stays.
 FramePlan without_caster(FramePlan plan) {
   std::erase_if(plan.objects, [](const ObjectDraw& draw) { return draw.object == 0; });
   return plan;
@@ -102,7 +102,7 @@ Model standing_box(double side, double height) {
   shape.box(-side / 2, -side / 2, 0.0, side / 2, side / 2, height);
   return shape.build();
 }
-// Twenty steps of 15 mm, 20 mm deep each, along x.
+// Twenty steps along x, 15 mm high and 20 mm deep.
 Model staircase() {
   ShapeBuilder shape;
   for (int i = 0; i < 20; ++i) {
@@ -110,7 +110,7 @@ Model staircase() {
   }
   return shape.build();
 }
-// From x = 0 to `length`, as high as its slope says; in cells of `cell`.
+// A ramp from x = 0 to `length` that rises by `slope`, in cells of size `cell`.
 Model ramp(double length, double slope, double cell) {
   ShapeBuilder shape;
   const int count = static_cast<int>(std::lround(length / cell));
@@ -131,7 +131,7 @@ TEST(ReceivingLevels, LieOnSurfacesFacingLight) {
   ASSERT_FALSE(top.empty());
   EXPECT_NEAR(top.back(), 0.1, 1e-7);
   EXPECT_TRUE(levels_of(cube, test::at(0, 0, -0.06)).empty()) << "under the plane";
-  // Two steps.
+  // Two levels, one for each step.
   ShapeBuilder steps;
   steps.box(0, 0, 0, 0.05, 0.1, 0.02);
   steps.box(0.05, 0, 0, 0.1, 0.1, 0.06);
@@ -140,7 +140,7 @@ TEST(ReceivingLevels, LieOnSurfacesFacingLight) {
   EXPECT_NEAR(two[0], 0.02, 1e-7);
   EXPECT_NEAR(two[1], 0.06, 1e-7);
   EXPECT_EQ(levels_of(staircase(), Placement()).size(), 20U);
-  // What is over the caster, or beside it, does not count.
+  // Levels above the caster or beside it do not count.
   EXPECT_EQ(levels_of(staircase(), Placement(), 0.16).size(), 10U);
   const ReceivingSurface surface(staircase(), Placement(), PlaneFrame());
   const Eigen::AlignedBox2d third(Eigen::Vector2d(0.045, 0.0), Eigen::Vector2d(0.055, 0.01));
@@ -148,7 +148,7 @@ TEST(ReceivingLevels, LieOnSurfacesFacingLight) {
   EXPECT_NEAR(surface.levels(third, 1.0, 64)[0], 0.045, 1e-7);
 }
 
-// Not by how finely it is cut into faces.
+// The spacing must not depend on the size of the faces.
 TEST(ReceivingLevels, AreCloselySpacedOnSlopes) {
   const auto check = [](const std::vector<double>& levels, double low, double high) {
     ASSERT_GT(levels.size(), 2U);
@@ -202,7 +202,7 @@ TEST(ReceivingLevels, AreSortedAndBoundedForTriangleSoup) {
     EXPECT_TRUE(std::ranges::is_sorted(levels));
     EXPECT_GE(levels.front(), lowest - 1e-6);
     EXPECT_LE(levels.back(), highest + 1e-6);
-    // Wound the other way they are the same.
+    // Inverted winding gives the same levels.
     Model turned = model;
     for (Mesh& mesh : turned.meshes) {
       for (std::size_t k = 0; k + 2 < mesh.indices.size(); k += 3)
@@ -220,8 +220,8 @@ struct Technique {
   const char* name;
   ShadowTechnique technique;
   LightMode light_mode = LightMode::proportional;
-  // Where they are drawn [codes]: a simple shadow's only step is as high as three layers', and a
-  // field is cut off at its texels' middles.
+  // Limit of the RMS error at drawn edges [codes]. A simple shadow's single step is as high as the
+  // three of layered shadows; a field's edges follow the middles of its texels.
   double drawn_edge_error = 6.0;
 };
 class PhantomShadow : public testing::TestWithParam<Technique> {};
@@ -233,7 +233,7 @@ INSTANTIATE_TEST_SUITE_P(
                     Technique{"field", ShadowTechnique::field, LightMode::proportional, 8.5}),
     [](const auto& instance) { return std::string(instance.param.name); });
 
-// The top of a real box is a plane like any other.
+// The top of a phantom box shows the same shadow as a plane.
 TEST_P(PhantomShadow, MatchesPlaneShadowOnLevelTop) {
   constexpr double kTop = 0.07;
   const Placement placement = test::at(0.015, 0.01, 0.2, {0.3, 1.0, 0.2}, 0.4);
@@ -267,7 +267,7 @@ TEST_P(PhantomShadow, MatchesPlaneShadowOnLevelTop) {
         wrong += off(on_phantom.red(x, y), on_plane, x, y) > 2.0 ? 1 : 0;
         continue;
       }
-      // Its front, which gets nothing of a light from straight above.
+      // The box's front gets no light from straight above, so it has no shadow.
       const Eigen::Vector3d q = eye + (-0.05 - eye.y()) / d.y() * d;
       const bool front = std::abs(q.x() - 0.02) < 0.0595 && q.z() > 0.0005 && q.z() < kTop - 0.0005;
       dark_sides += front && on_phantom.red(x, y) != 255 ? 1 : 0;
@@ -278,11 +278,11 @@ TEST_P(PhantomShadow, MatchesPlaneShadowOnLevelTop) {
   EXPECT_EQ(dark_sides, 0);
 }
 
-// What layered casters leave of a light from straight above at a place: the darkest layer that it
-// lies in, on a plane at its own height.
+// Share of a light from straight above that layered casters leave at a point: the darkest layer
+// over the point, on a plane at the point's height.
 class LeftOfLight {
  public:
-  // Casters turn about the vertical only.
+  // Casters may be rotated about the vertical only.
   explicit LeftOfLight(const ShadowNode& node) : node_(node) {}
   void add(const Model& caster, const Placement& placement) {
     ShadowMesh mesh = make_shadow_mesh(caster);
@@ -329,7 +329,7 @@ class LeftOfLight {
   std::vector<Caster> casters_;
 };
 
-// The middle of the first pixel of a larger one is half a small pixel further out.
+// The middle of a large frame's first pixel lies half a small pixel further out.
 CameraModel camera_by(int times) {
   CameraParameters p;
   p.width = p.height = kSide * times;
@@ -350,8 +350,8 @@ std::vector<CasterAt> some_casters(int count) {
   return casters;
 }
 
-// Edges against four by four times as many pixels, on what is level and what is bent, of one caster
-// and of several whose darkest counts.
+// The reference has four by four times as many pixels. Grounds are level or curved; with several
+// casters the darkest counts.
 TEST_P(PhantomShadow, HasSmoothEdges) {
   const std::vector<std::pair<const char*, CasterAt>> grounds = {
       {"level", {box(0.6, 0.6, 0.06), test::at(0.0, 0.0, 0.03)}},
@@ -370,7 +370,7 @@ TEST_P(PhantomShadow, HasSmoothEdges) {
         plan.layers = layers;
         return studio.draw_shadows(test::plain_frame(kSide * times, kSide * times, 255), plan);
       };
-      // Drawn and covered, layers are the same but for edges.
+      // Direct drawing and masks agree everywhere but at edges.
       const Picture fine = draw(4, LayerDrawing::direct);
       for (const LayerDrawing layers : {LayerDrawing::direct, LayerDrawing::mask}) {
         const test::EdgeError error = test::edge_error(draw(1, layers), fine, 4);
@@ -385,8 +385,8 @@ TEST_P(PhantomShadow, HasSmoothEdges) {
   }
 }
 
-// Of a beam that is long beside what it is over: the whole shadow is larger than any picture of
-// what it falls on, and what of it is there is covered like any other.
+// The beam is much longer than the receiver, so that its whole shadow does not fit into any mask.
+// The part on the receiver must still be covered.
 TEST(PhantomShadow, CoversShadowOfLargeCaster) {
   for (const double length : {0.3, 3.0, 300.0}) {
     for (const LightMode light_mode : {LightMode::proportional, LightMode::fixed}) {
@@ -412,7 +412,7 @@ TEST(PhantomShadow, CoversShadowOfLargeCaster) {
       const test::EdgeError covered =
           test::edge_error(draw(coarse, 1, LayerDrawing::mask), reference, 4);
       EXPECT_EQ(coarse.stats()[Counter::masks_drawn], 1);
-      EXPECT_LT(coarse.stats()[Counter::draw_calls], calls) << "its layers are not drawn";
+      EXPECT_LT(coarse.stats()[Counter::draw_calls], calls) << "layers are not drawn";
       std::printf("beam of %.1f m: covered %.2f, drawn %.2f codes RMS over %d pixels\n", length,
                   covered.rms, drawn.rms, covered.edges);
       EXPECT_GT(covered.edges, 100);
@@ -423,10 +423,10 @@ TEST(PhantomShadow, CoversShadowOfLargeCaster) {
   }
 }
 
-// Against the exact shadow at each height, in four by four places of a pixel.
+// The reference is the exact shadow at each height, at four by four points of a pixel.
 TEST(PhantomShadow, HasSmoothEdgesOnSlope) {
   constexpr double kSlope = 0.4;
-  constexpr double kOnTheRim = -1.0;  // whose own edge is that of a face
+  constexpr double kOnTheRim = -1.0;  // beyond the ramp's own edge
   for (const int count : {1, 3}) {
     SCOPED_TRACE(count);
     SceneBuilder builder = builder_with(ShadowTechnique::layered);
@@ -442,7 +442,7 @@ TEST(PhantomShadow, HasSmoothEdgesOnSlope) {
     FramePlan plan = studio.plan(pose);
     plan.shadows.clear();
     const Picture picture = studio.draw_shadows(white(), plan);
-    // The ramp's own plane: z = 0.001 - 0.1 + slope * (x + 0.4).
+    // The plane of the ramp: z = 0.001 - 0.1 + slope * (x + 0.4).
     const Eigen::Vector3d normal(-kSlope, 0.0, 1.0);
     const double offset = 0.001 - 0.1 + kSlope * 0.4;
     const auto expected_at = [&](double x, double y) {
@@ -478,7 +478,7 @@ TEST(PhantomShadow, HasSmoothEdgesOnSlope) {
   }
 }
 
-// Every pixel of a ball, real or virtual, against the shadow on a plane at its own height.
+// Each pixel of a phantom or virtual ball is compared with the shadow on a plane at its height.
 class SphereShadow : public testing::TestWithParam<bool> {};
 INSTANTIATE_TEST_SUITE_P(Receivers, SphereShadow, testing::Bool(), [](const auto& instance) {
   return std::string(instance.param ? "phantom" : "object");
@@ -510,7 +510,7 @@ TEST_P(SphereShadow, MatchesShadowAtEachHeight) {
       const Eigen::Vector3d d = (pose.T_table_camera.rotation() * *ray).normalized();
       const double b = d.dot(eye - middle);
       const double under = b * b - (eye - middle).squaredNorm() + kRadius * kRadius;
-      if (under < 4e-5) continue;  // its rim is that of a polyhedron
+      if (under < 4e-5) continue;  // the silhouette is a polyline
       const Eigen::Vector3d p = eye + (-b - std::sqrt(under)) * d;
       const double facing = std::max((p - middle).z() / kRadius, 0.0);
       const double lost = (1.0 - left_of_light.at(p)) * facing;
@@ -526,7 +526,7 @@ TEST_P(SphereShadow, MatchesShadowAtEachHeight) {
   EXPECT_LT(wrong, 0.03 * dark) << "more than edges, of " << dark;
 }
 
-// What stands beside a real thing and no higher throws nothing on its top.
+// A caster beside a phantom, and no higher than it, casts nothing onto its top.
 TEST_P(PhantomShadow, FallsOnlyDownwards) {
   SceneBuilder builder = builder_with(GetParam().technique, GetParam().light_mode);
   builder.add(box(0.04, 0.04, 0.06), test::at(0.0, 0.0, 0.03));
@@ -538,8 +538,8 @@ TEST_P(PhantomShadow, FallsOnlyDownwards) {
   EXPECT_EQ(with, draw_directly(studio, plan));
 }
 
-// An L somewhere, and somewhere a box, upright or tilted: a phantom, or a virtual object that casts
-// as well.
+// Adds an L and a box at random places, upright or tilted. The box is a phantom or a virtual object
+// that casts a shadow too.
 void add_anywhere(SceneBuilder& builder, std::mt19937& random, bool upright, bool phantom) {
   const auto within = [&random](double low, double high) {
     return std::uniform_real_distribution<double>(low, high)(random);
@@ -552,7 +552,6 @@ void add_anywhere(SceneBuilder& builder, std::mt19937& random, bool upright, boo
               !phantom, phantom);
 }
 
-// What is left out or kept changes nothing.
 TEST_P(PhantomShadow, IsIndependentOfSkipping) {
   std::mt19937 random(5);
   int left_out = 0;
@@ -584,13 +583,13 @@ TEST_P(PhantomShadow, IsReusedWhileOnlyCameraMoves) {
   const auto scene = builder.build();
   Studio studio(scene, camera());
   PlanOptions direct;
-  direct.layers = LayerDrawing::direct;  // a mask of the plane has cells as fine as the camera sees
+  direct.layers = LayerDrawing::direct;  // plane masks depend on the camera's distance
   studio.draw(white(), studio.plan(from({0.1, -0.3, 0.5}), direct));
   EXPECT_EQ(studio.stats()[Counter::masks_drawn], 1);
   EXPECT_EQ(studio.stats()[Counter::masks_kept], 0);
   const CompositeStats first = studio.stats();
   EXPECT_EQ(studio.stats()[Counter::triples_recomputed], 1)
-      << "a phantom's top is no plane of the scene";
+      << "a phantom's top is not a plane of the scene";
   const FramePlan moved = studio.plan(from({-0.2, -0.3, 0.4}), direct);
   const Picture kept = studio.draw(white(), moved);
   EXPECT_EQ(studio.stats()[Counter::masks_drawn], 0);
@@ -600,21 +599,21 @@ TEST_P(PhantomShadow, IsReusedWhileOnlyCameraMoves) {
   EXPECT_EQ(studio.stats()[Counter::proxy_shadows], first[Counter::proxy_shadows]);
   Studio fresh(scene, camera());
   EXPECT_EQ(kept, fresh.draw(white(), fresh.plan(from({-0.2, -0.3, 0.4}), direct)));
-  // The caster slides: drawn anew, from what there is.
+  // If the caster slides, the shadow is drawn again from the stored geometry.
   FramePlan slid = moved;
   for (ShadowDraw& draw : slid.shadows) draw.T_table_object.position.x() += 0.01;
   for (ReceivedShadowDraw& draw : slid.received_shadows)
     draw.shadow.T_table_object.position.x() += 0.01;
   EXPECT_NE(studio.draw(white(), slid), kept);
   EXPECT_EQ(studio.stats()[Counter::masks_drawn], 1);
-  // All corners are looked at once, for where they reach, by what tells that beforehand.
-  const bool tells = GetParam().technique != ShadowTechnique::field &&
-                     GetParam().light_mode == LightMode::proportional;
-  EXPECT_EQ(studio.stats()[Counter::shadow_vertices], tells ? 14 : 0);
+  // For these techniques the extent of the shadow is computed once from all vertices.
+  const bool measures_vertices = GetParam().technique != ShadowTechnique::field &&
+                                 GetParam().light_mode == LightMode::proportional;
+  EXPECT_EQ(studio.stats()[Counter::shadow_vertices], measures_vertices ? 14 : 0);
   EXPECT_EQ(studio.stats()[Counter::kernel_generations], 0);
 }
 
-// Whatever changes between two frames, the second is as if it were the first.
+// After any change between two frames, the second equals a first frame.
 TEST(PhantomShadow, IsRecomputedAfterEachKindOfChange) {
   SceneBuilder builder = builder_with(ShadowTechnique::layered);
   builder.scene().shadows[0].kernels = KernelSource::centroid;
@@ -671,7 +670,7 @@ TEST(PhantomShadow, IsRecomputedAfterEachKindOfChange) {
   }
 }
 
-// Which pixels of a real thing's level part are dark, and on a plane there.
+// Counts dark pixels on a phantom's level part and on a plane at the same height.
 struct OnBoth {
   int on_phantom = 0, on_plane = 0, unlike = 0;
 };
@@ -715,7 +714,7 @@ Eigen::AlignedBox2d around(double x, double y, double half_x, double half_y) {
   return {middle - half, middle + half};
 }
 
-// A thin plate that lies on a step, of many.
+// A thin plate lies on one of the many steps.
 TEST(PhantomShadow, FallsOnEveryStepOfStaircase) {
   for (const int step : {2, 5, 8}) {
     SCOPED_TRACE(step);
@@ -739,7 +738,7 @@ TEST(PhantomShadow, FallsFromPlateThinnerThanLipBesideIt) {
   EXPECT_LT(both.unlike, 0.01 * both.on_plane);
 }
 
-// A face without a normal is taken to face the eye: no picture gets what is not a number.
+// A face without a normal is treated as facing the eye, so that no pixel becomes NaN.
 TEST(PhantomShadow, StaysFiniteOnSurfaceWithoutNormals) {
   Model bare = *solid(standing_box(0.12, 0.06));
   for (Mesh& mesh : bare.meshes) mesh.normals.assign(mesh.normals.size(), glm::vec3(0.0F));
@@ -758,7 +757,7 @@ TEST(PhantomShadow, StaysFiniteOnSurfaceWithoutNormals) {
   EXPECT_GT(dark, 800);
 }
 
-// Of what is wound inwards too.
+// Inverted winding gives the same shadow.
 TEST(PhantomShadow, IsIndependentOfFaceWinding) {
   Model turned = standing_box(0.12, 0.06);
   for (Mesh& mesh : turned.meshes) {
@@ -771,8 +770,8 @@ TEST(PhantomShadow, IsIndependentOfFaceWinding) {
   EXPECT_LT(both.unlike, 0.01 * both.on_plane);
 }
 
-// Of one caster the first layer counts, as on planes, also where it is the fainter one; of several
-// the darkest.
+// For one caster the first layer wins, as on planes, even if it is the fainter one. Among several
+// casters the darkest wins.
 TEST(PhantomShadow, UsesDarkestLayerOfAllCasters) {
   const Model block = standing_box(0.16, 0.06);
   const auto all = around(0, 0, 0.075, 0.075);
@@ -786,7 +785,7 @@ TEST(PhantomShadow, UsesDarkestLayerOfAllCasters) {
   EXPECT_LT(fractions.unlike, 0.01 * fractions.on_plane);
   const OnBoth opacity =
       compare(block, l_shape(), test::at(0, 0, 0.15), 0.06, all, [](FramePlan& plan) {
-        // A second, fainter one beside it.
+        // A second, fainter caster beside it.
         const auto add_faint = [](auto& draws, const auto& shadow_of) {
           const auto count = draws.size();
           for (std::size_t i = 0; i < count; ++i) {
@@ -810,8 +809,8 @@ TEST(PhantomShadow, UsesDarkestLayerOfAllCasters) {
   EXPECT_LT(opacity.unlike, 0.01 * opacity.on_plane);
 }
 
-// By itself or gathered with another one's that lies elsewhere: what is out of sight, and so left
-// out, changes nothing.
+// Another caster's shadow elsewhere on the receiver must not change this one, drawn alone or
+// gathered into one mask.
 TEST(PhantomShadow, IsIndependentOfNeighbouringShadow) {
   SceneBuilder builder = builder_with(ShadowTechnique::layered);
   builder.add(l_shape(), test::at(-0.07, 0.0, 0.16, {0, 0, 1}, 0.4));
@@ -826,10 +825,10 @@ TEST(PhantomShadow, IsIndependentOfNeighbouringShadow) {
   ASSERT_EQ(plan.received_shadows.size(), 2U);
   FramePlan alone = plan;
   alone.received_shadows.resize(1);
-  for (const Translucency way :
+  for (const Translucency mode :
        {Translucency::blend, Translucency::mesh, Translucency::retexture}) {
-    SCOPED_TRACE(to_string(way));
-    plan.translucency = alone.translucency = way;
+    SCOPED_TRACE(to_string(mode));
+    plan.translucency = alone.translucency = mode;
     const Picture both = studio.draw(white(), plan);
     const Picture one = studio.draw(white(), alone);
     int unlike = 0;
@@ -847,8 +846,8 @@ TEST(PhantomShadow, IsIndependentOfNeighbouringShadow) {
   }
 }
 
-// A ramp: what hovers as far over it everywhere throws nothing upwards, and the same shade all
-// along.
+// A plate hovers at a constant distance over a ramp, then below its surface. It must not cast
+// upwards.
 TEST(PhantomShadow, StaysBelowItsCaster) {
   const auto darkened = [](double over, double x) {
     SceneBuilder builder = builder_with(ShadowTechnique::layered);
@@ -873,7 +872,7 @@ TEST(PhantomShadow, StaysBelowItsCaster) {
   }
 }
 
-// Two boards at an angle: whichever comes first.
+// Two boards meet at an angle. The order of the planes must not matter.
 TEST(PhantomShadow, IsIndependentOfPlaneOrder) {
   const auto picture = [](bool swapped) {
     SceneBuilder builder = builder_with(ShadowTechnique::layered);
@@ -898,12 +897,12 @@ TEST(PhantomShadow, IsIndependentOfPlaneOrder) {
   EXPECT_EQ(unlike, 0);
 }
 
-// It leaves nothing behind for the passes that come after it.
+// The pass leaves no OpenGL state behind that changes later passes.
 TEST(PhantomShadow, KeepsHardShadowsUnchanged) {
   const auto picture = [](bool simple, bool hard) {
     SceneBuilder builder = builder_with(ShadowTechnique::simple);
     builder.scene().lights.emplace_back().position = {0.3, 0.1, 0.6};
-    // Too small for the shadow on it to be drawn.
+    // The plane is too small to show the shadow.
     builder.scene().planes[0].outline = {{0.4, 0.4}, {0.41, 0.4}, {0.41, 0.41}};
     builder.add(box(0.04, 0.04, 0.01), test::at(-0.02, 0.0, 0.12));
     builder.add(box(0.04, 0.04, 0.01), test::at(0.1, 0.02, 0.05));
@@ -939,7 +938,7 @@ TEST(PhantomShadow, KeepsHardShadowsUnchanged) {
   EXPECT_EQ(unlike, 0);
 }
 
-// A caster that is skipped changes nothing of the others' shadows on the same phantom.
+// Skipping one caster must not change the others' shadows on the same phantom.
 TEST(PhantomShadow, IsIndependentOfOtherNodes) {
   SceneBuilder builder = builder_with(ShadowTechnique::layered);
   builder.add(l_shape(), test::at(0.0, 0.0, 0.15));
@@ -959,7 +958,7 @@ TEST(PhantomShadow, IsIndependentOfOtherNodes) {
   EXPECT_EQ(studio.draw(white(), studio.plan(pose)), studio.draw(white(), studio.plan(pose, all)));
 }
 
-// Several casters, and planes in one place: the darkest, once.
+// Several casters, or coincident planes, darken a pixel once, by the darkest.
 TEST(PhantomShadow, DarkensOnce) {
   const auto picture = [](int casters, int planes) {
     SceneBuilder builder = builder_with(ShadowTechnique::simple);
@@ -980,7 +979,7 @@ TEST(PhantomShadow, DarkensOnce) {
   EXPECT_EQ(picture(3, 3), once);
 }
 
-// A board's shadow falls along the board's normal.
+// A board's shadow falls along the board's normal, onto the box before it.
 TEST(PhantomShadow, FallsAlongNormalOfItsPlane) {
   SceneBuilder builder = builder_with(ShadowTechnique::simple);
   builder.scene().planes[0].normal = {0.0, -1.0, 0.0};
@@ -1001,8 +1000,8 @@ TEST(PhantomShadow, FallsAlongNormalOfItsPlane) {
   EXPECT_EQ(red_at({0.0, 0.05, 0.1}), 255) << "its top";
 }
 
-// The top of a virtual box is a plane like any other, its sides lose nothing, and it hides the
-// shadow on the table behind it.
+// The top of a virtual box shows the same shadow as a plane, its sides stay unchanged, and it
+// occludes the shadow on the table behind it.
 TEST_P(PhantomShadow, MatchesPlaneShadowOnTopOfObject) {
   constexpr double kTop = 0.07;
   const Placement placement = test::at(0.015, 0.01, 0.2, {0.3, 1.0, 0.2}, 0.4);
@@ -1051,8 +1050,8 @@ TEST_P(PhantomShadow, MatchesPlaneShadowOnTopOfObject) {
   EXPECT_LT(changed, 0.03 * dark) << "more than the top's rim";
 }
 
-// As casters come: tilted, cut at the umbra's height and under their light's, in parts. What is
-// left out of a picture of the layers is nothing that shows.
+// Casters are tilted, cut at the umbra height and below the light, and in parts. Skipping layers
+// must not remove anything visible.
 TEST(PhantomShadow, MatchesPlaneShadowOnAnyLevelTop) {
   std::mt19937 random(11);
   const auto within = [&random](double low, double high) {
@@ -1099,7 +1098,6 @@ TEST(PhantomShadow, MatchesPlaneShadowOnAnyLevelTop) {
   EXPECT_GT(on_any, 10000);
 }
 
-// Nothing of an object falls on itself, whatever overhangs.
 TEST_P(PhantomShadow, NeverFallsOnItsCaster) {
   ShapeBuilder shape;
   shape.box(-0.01, -0.01, 0.0, 0.01, 0.01, 0.1);
@@ -1113,7 +1111,8 @@ TEST_P(PhantomShadow, NeverFallsOnItsCaster) {
   EXPECT_TRUE(studio.plan(from({0.1, -0.35, 0.6}), all).received_shadows.empty());
 }
 
-// What hangs on an object is of one thing with it; what hangs on a joint is by itself.
+// An object casts nothing onto its parent or siblings; children of a joint without a model count as
+// separate objects.
 TEST(PhantomShadow, IsOmittedWithinOneObjectHierarchy) {
   for (const bool on_model : {true, false}) {
     SceneBuilder builder = builder_with(ShadowTechnique::layered);
@@ -1128,8 +1127,7 @@ TEST(PhantomShadow, IsOmittedWithinOneObjectHierarchy) {
   }
 }
 
-// What stands on a real thing, and moves with it, throws its shadow on it all the same, and is by
-// itself.
+// A phantom receives the shadows of its children, and they cast on one another.
 TEST(PhantomShadow, FallsOnPhantomParent) {
   SceneBuilder builder = builder_with(ShadowTechnique::layered);
   const int base = builder.add(box(0.1, 0.1, 0.05), test::at(0, 0, 0.025));
@@ -1150,7 +1148,7 @@ TEST(PhantomShadow, FallsOnPhantomParent) {
   EXPECT_TRUE(falls(high, low));
 }
 
-// The first layer over all casters, as on planes: two together are as each pixel's darker one.
+// As on planes, each pixel shows the darkest of all casters.
 TEST_P(PhantomShadow, IsDarkestOfAllCastersOnObject) {
   SceneBuilder builder = builder_with(GetParam().technique, GetParam().light_mode);
   const int first = builder.add(l_shape(), test::at(0.0, 0.0, 0.16));
@@ -1210,7 +1208,7 @@ TEST_P(PhantomShadow, IsIndependentOfSkippingOnObjects) {
   EXPECT_GT(drawn, 3);
 }
 
-// Shadows do not fall on what blends: nothing is drawn for it, and the picture is the same.
+// Blended materials receive no shadow, and skipping them does not change the frame.
 TEST(PhantomShadow, SkipsBlendedReceivers) {
   const auto glass = std::make_shared<Model>(*box(0.2, 0.2, 0.06));
   ASSERT_FALSE(glass->materials.empty());
@@ -1247,15 +1245,15 @@ TEST(PhantomShadow, SkipsBlendedReceivers) {
   }
 }
 
-// Retextured it is the blended one to rounding; through a screen-door it is somewhere.
+// Retexturing equals blending up to rounding. A screen-door pattern darkens some of the pixels.
 TEST(PhantomShadow, FallsOnObjectsInEveryTranslucencyMode) {
   SceneBuilder builder = builder_with(ShadowTechnique::layered);
   builder.add(l_shape(), test::at(0.0, 0.0, 0.16));
   builder.add(box(0.2, 0.2, 0.06), test::at(0.02, 0.0, 0.03), false);
   Studio studio(builder.build(), camera());
-  const auto drawn = [&](Translucency way, bool received) {
+  const auto drawn = [&](Translucency mode, bool received) {
     PlanOptions options;
-    options.translucency = way;
+    options.translucency = mode;
     FramePlan plan = studio.plan(from({0.1, -0.35, 0.6}), options);
     if (!received) plan.received_shadows.clear();
     return studio.draw(white(), plan);
@@ -1280,7 +1278,7 @@ TEST(PhantomShadow, FallsOnObjectsInEveryTranslucencyMode) {
   EXPECT_LT(black, 0.9 * dark);
 }
 
-// How fine a shadow on a thing is hangs on what meets there, and not on what else the scene has.
+// The resolution of a shadow on a receiver must not depend on other objects of the scene.
 TEST(PhantomShadow, KeepsResolutionDespiteDistantObjects) {
   const auto drawn = [](int far_away, bool skip) {
     SceneBuilder builder = builder_with(ShadowTechnique::layered);
@@ -1305,7 +1303,7 @@ TEST(PhantomShadow, KeepsResolutionDespiteDistantObjects) {
   EXPECT_EQ(alone, drawn(40, false));
 }
 
-// Under a caster a slope has fewer levels, evenly; beside it as many as ever.
+// Under a caster a slope has fewer, evenly spaced levels; beside it the spacing is the usual one.
 TEST(ReceivingLevels, AreSpacedWiderUnderClearCaster) {
   const ReceivingSurface surface(ramp(0.2, 0.5, 0.002), Placement(), PlaneFrame());
   const auto levels = surface.levels(kEverywhere, 1.0, 64, {kLevelStep, 0.06, 0.02});

@@ -1,5 +1,4 @@
-// Pixels that go to the GPU and come from it through buffers of the driver's are the same, to the
-// last bit.
+// Frames uploaded and read back through pixel buffers equal direct transfers bit for bit.
 #include "render/gl/pixel_buffer.hpp"
 
 #include <gtest/gtest.h>
@@ -26,7 +25,7 @@ CompositorOptions with_pixel_buffers(bool on) {
   return options;
 }
 
-// Noise, with so many bytes behind each row.
+// A frame of noise with `gap` bytes of padding after each row.
 Frame noise_of(PixelFormat format, int width, int height, int gap, unsigned seed) {
   FrameBuffer buffer = allocate_frame(format, width, height);
   Frame frame = buffer.frame;
@@ -70,7 +69,7 @@ TEST_P(PixelBuffers, UploadVideoUnchangedInEveryFormatSizeAndStride) {
     for (const PixelFormat format :
          {PixelFormat::grey8, PixelFormat::rgb24, PixelFormat::yuyv, PixelFormat::nv12,
           PixelFormat::yuv420p, PixelFormat::yuv422p, PixelFormat::yuv444p}) {
-      // More often than the ring has buffers.
+      // More frames than the ring has buffers.
       for (const int gap : {0, 1, 2, 3, 5, 64}) {
         const Frame frame = noise_of(format, width, height, gap, ++seed);
         const Picture expected = direct->draw(frame, FramePlan());
@@ -147,7 +146,7 @@ TEST_P(PixelBuffers, ReturnFramesInDrawingOrder) {
     for (unsigned i = 0; i < 7; ++i) {
       const Frame frame = noise_of(PixelFormat::yuv444p, 37, 23, 1, i);
       expected.push_back(at_once->draw(frame, FramePlan()));
-      // Which reads it at once, as a screenshot does.
+      // A screenshot reads the frame at once in the same way.
       ASSERT_EQ(shown->draw(frame, FramePlan()), expected.back());
       EXPECT_EQ(compositor.pictures_asked_for(), i > 0 ? 1U : 0U);
       const auto asked = compositor.ask_for_picture();
@@ -193,7 +192,7 @@ TEST_P(PixelBuffers, ReportLostFrameWithoutReplacingIt) {
   EXPECT_EQ(picture, expected);
 }
 
-// What a CPU rasteriser draws is in this process's memory: buffers would be one copy more.
+// A CPU rasteriser draws into this process's memory, where pixel buffers would only add a copy.
 TEST_P(PixelBuffers, AreOffByDefaultOnSoftwareRenderers) {
   const auto shown = studio(64, 48, {});
   EXPECT_EQ(shown->compositor().pixel_buffers(), !shown->context().info().software);

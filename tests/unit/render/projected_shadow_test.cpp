@@ -1,4 +1,4 @@
-// The hard shadow of a point or parallel light, against printed examples and an exact oracle.
+// The hard shadow of a point or parallel light, compared with printed examples and an exact oracle.
 #include "render/shadow/projected/projected_shadow.hpp"
 
 #include <gtest/gtest.h>
@@ -16,15 +16,15 @@ namespace {
 
 const Eigen::Vector4d kTable(0.0, 0.0, 1.0, 0.0);
 
-// The printed formulas. A plane is the covector (n, -n.q); its product with a point or light is a
+// The printed formulas. A plane is the covector (n, -n.q). Its product with a point or light is a
 // signed height.
 
-// M = (L.G) I - G L for row vectors, P' = P M.
+// M = (L.G) I - G L for row vectors; P' = P M.
 Eigen::Matrix4d shadow_matrix(const Eigen::Vector4d& light, const Eigen::Vector4d& plane) {
   return light.dot(plane) * Eigen::Matrix4d::Identity() - plane * light.transpose();
 }
 
-// P M. w > 0 where the light throws the point onto the plane.
+// P M. w > 0 if the light projects the point onto the plane.
 Eigen::Vector4d project_from_light(const Eigen::Vector4d& light, const Eigen::Vector4d& plane,
                                    const Eigen::Vector3d& point) {
   return (point.homogeneous().transpose() * shadow_matrix(light, plane)).transpose();
@@ -35,20 +35,21 @@ enum class ShadowOfPoint {
   at_or_above_light,  // an antishadow, or no shadow at all
   below_plane,        // a false shadow: the light reaches it only through the plane
 };
-// For a light above the plane.
+// Requires a light above the plane.
 ShadowOfPoint classify_shadow(const Eigen::Vector4d& light, const Eigen::Vector4d& plane,
                               const Eigen::Vector3d& point) {
   const double d_light = plane.dot(light);
   const double d_point = plane.dot(point.homogeneous());
-  // w = d_L w_P - d_P w_L; the light's side comes first: under the plane w is positive too.
+  // w = d_L w_P - d_P w_L. The light's side is tested first, since below the plane w is positive
+  // too.
   if (d_light - d_point * light.w() <= 0.0) return ShadowOfPoint::at_or_above_light;
   return d_point < 0.0 ? ShadowOfPoint::below_plane : ShadowOfPoint::shadow;
 }
 
-// The printed heuristic in place of clipping (Sudarsky). A vertex level with or above a local light
-// is replaced by the one point Q + c (P_j - Q) on its edge to one good neighbour P_j, Q being where
-// the edge meets the plane through the light; a vertex without a good neighbour is dropped with its
-// faces. The neighbour is the first that `indices` name.
+// The printed heuristic that replaces clipping (Sudarsky). A vertex at or above the height of a
+// local light is replaced by the point Q + c (P_j - Q) on its edge to a neighbour P_j below the
+// light. Q is the intersection of the edge with the plane through the light. A vertex without such
+// a neighbour is dropped with its faces. P_j is the first such neighbour in `indices`.
 std::vector<PlanePoint> projected_triangles_as_printed(std::span<const CasterVertex> vertices,
                                                        std::span<const std::uint32_t> indices,
                                                        const Eigen::Vector4d& light,
@@ -67,7 +68,7 @@ std::vector<PlanePoint> projected_triangles_as_printed(std::span<const CasterVer
         if (usable[i] || !good(j)) continue;
         const CasterVertex& bad = vertices[i];
         const CasterVertex& near = vertices[j];
-        // From the bad vertex to Q, and on by c of the way to the neighbour.
+        // The replacement goes from the vertex past Q, by the share c of the rest to the neighbour.
         const double to_q = (static_cast<double>(bad.h) - top) /
                             (static_cast<double>(bad.h) - static_cast<double>(near.h));
         const auto t = static_cast<float>(to_q + c * (1.0 - to_q));
@@ -87,7 +88,7 @@ std::vector<PlanePoint> projected_triangles_as_printed(std::span<const CasterVer
   return projected_triangles(replaced, kept, light, plane);
 }
 
-// A cube of edge 1 with its middle at a height, as two triangles a side.
+// A cube of edge 1 at a height of its middle, two triangles per side.
 struct Cube {
   std::vector<CasterVertex> vertices;
   std::vector<std::uint32_t> indices = {0, 2, 1, 0, 3, 2, 4, 5, 6, 4, 6, 7, 0, 1, 5, 0, 5, 4,
@@ -121,7 +122,7 @@ TEST(ProjectedShadow, MatchesPrintedExamples) {
   EXPECT_LT((parallel.hnormalized() - Eigen::Vector3d(-0.45, 1.8, 0.0)).norm(), 1e-12);
 }
 
-// Blinn's matrices for z = 0, row vectors, as printed but for their errors: with x_L and y_L in the
+// Blinn's matrices for z = 0, row vectors. Two misprints are corrected: x_L and y_L belong to the
 // third row, and S = P M.
 TEST(ProjectedShadow, MatchesPrintedMatrices) {
   const auto blinn = [](const Eigen::Vector4d& light) {
@@ -137,28 +138,29 @@ TEST(ProjectedShadow, MatchesPrintedMatrices) {
         Eigen::Vector4d(1.45, -0.8, 2.0, 0.0)}) {
     EXPECT_EQ(shadow_matrix(light, kTable), blinn(light));
   }
-  // The parallel one over z_L is the shear.
+  // The parallel light's matrix divided by z_L is the shear.
   Eigen::Matrix4d shear;
   shear << 1.0, 0.0, 0.0, 0.0,           //
       0.0, 1.0, 0.0, 0.0,                //
       -1.45 / 2.0, 0.8 / 2.0, 0.0, 0.0,  //
       0.0, 0.0, 0.0, 1.0;
   EXPECT_LT((shadow_matrix({1.45, -0.8, 2.0, 0.0}, kTable) / 2.0 - shear).norm(), 1e-15);
-  // The printed alpha, -z_P / (z_P - z_L), has the wrong sign: the point leaves the plane.
+  // The printed alpha, -z_P / (z_P - z_L), has the wrong sign: the point does not land on the
+  // plane.
   const Eigen::Vector3d p(1.0, 1.0, 2.0);
   const Eigen::Vector3d l(2.25, 0.0, 1.0);
   const double alpha = p.z() / (p.z() - l.z());
   EXPECT_LT((p - alpha * (p - l) - Eigen::Vector3d(3.5, -1.0, 0.0)).norm(), 1e-12);
   EXPECT_LT((p + alpha * (p - l) - Eigen::Vector3d(-1.5, 3.0, 4.0)).norm(), 1e-12);
-  // And so has x_L been printed as z_L in the antishadow's matrix: it sends the point elsewhere.
+  // In the antishadow's matrix, x_L is misprinted as z_L and sends the point elsewhere.
   Eigen::Matrix4d printed = -blinn({2.25, 0.0, 1.0, 1.0});
   printed(2, 0) = l.z();
   const Eigen::Vector4d wrong = (p.homogeneous().transpose() * printed).transpose();
   EXPECT_LT((wrong.hnormalized() - Eigen::Vector3d(1.0, -1.0, 0.0)).norm(), 1e-12);
 }
 
-// The command list of figure 3 gives the matrix up to the factor sin 45 degrees: TRAN, ROT, SCAL,
-// PERS, ROT, TRAN and a flattening.
+// The commands of figure 3 (TRAN, ROT, SCAL, PERS, ROT, TRAN and a flattening) give the matrix up
+// to the factor sin 45 degrees.
 TEST(ProjectedShadow, MatchesPrintedCommandList) {
   const Eigen::Vector3d light(2.25, -5.0, 5.0);
   const auto move = [](const Eigen::Vector3d& by) {
@@ -176,7 +178,7 @@ TEST(ProjectedShadow, MatchesPrintedCommandList) {
   const double q = s / (1.0 - near / far);
   Eigen::Matrix4d perspective;
   perspective << s, 0, 0, 0, 0, s, 0, 0, 0, 0, q, s, 0, 0, -q * near, 0;
-  // The list is written from the outside in: the last command meets the point first.
+  // The last command of the list is applied to the point first.
   const Eigen::Matrix4d made = move(-light) * half_turn * perspective *
                                scale(light.z(), light.z(), 1.0) * half_turn * move(light) *
                                scale(1.0, 1.0, 0.0);
@@ -194,14 +196,14 @@ TEST(ProjectedShadow, CastsOnlyBetweenPlaneAndLight) {
   EXPECT_NEAR(shadow_area(Cube(1.0F), {0.0, 0.0, 2.0, 0.0}), 1.0, 1e-6);
 }
 
-// A cube beside the light, half above it: two points a face are needed there, and the printed
+// The cube beside the light is half above it. Clipping needs two points per face; the printed
 // heuristic gives one, whichever neighbour comes first.
 TEST(ProjectedShadow, DiffersFromPrintedHeuristicByClipping) {
   struct Mesh {
     std::vector<CasterVertex> vertices;
     std::vector<std::uint32_t> indices;
   };
-  // Each side in cells x cells squares.
+  // Each side consists of cells x cells squares.
   const auto cube = [](int cells) {
     Mesh mesh;
     const auto point = [&](float x, float y, float z) {
@@ -236,7 +238,7 @@ TEST(ProjectedShadow, DiffersFromPrintedHeuristicByClipping) {
     return mesh;
   };
   const Eigen::Vector4d light(0.0, 0.0, 2.1, 1.0);
-  constexpr int kPixels = 600;  // of a receiver of 12 m
+  constexpr int kPixels = 600;  // per side of a receiver of 12 m
   const auto mask_of = [](const std::vector<PlanePoint>& triangles) {
     test::Mask mask({-6.0, -6.0}, 12.0 / kPixels, kPixels);
     mask.cover(triangles);
@@ -260,12 +262,12 @@ TEST(ProjectedShadow, DiffersFromPrintedHeuristicByClipping) {
       worst = std::min(worst, iou);
       best = std::max(best, iou);
     }
-    EXPECT_LT(worst, 0.95) << "c = " << c << ": as good as clipping";
+    EXPECT_LT(worst, 0.95) << "c = " << c << ": no worse than clipping";
     EXPECT_GT(worst, 0.5) << c;
-    EXPECT_GT(best, worst + 0.01) << "c = " << c << ": the order of faces is told to matter";
+    EXPECT_GT(best, worst + 0.01) << "c = " << c << ": the order of faces should matter";
   }
-  EXPECT_GT(similarity(cube(6), 0, 0.02), 0.99) << "small faces hide it";
-  // Where no vertex is at the light's height or above, it is the same thing.
+  EXPECT_GT(similarity(cube(6), 0, 0.02), 0.99) << "small faces hide the difference";
+  // Without a vertex at or above the light's height, both agree exactly.
   Mesh low = coarse;
   for (CasterVertex& vertex : low.vertices) vertex.h -= 1.0F;
   EXPECT_EQ(similarity(low, 0, 0.1), 1.0);
@@ -293,7 +295,7 @@ TEST(ProjectedShadow, MatchesReferencePoints) {
         EXPECT_NEAR(matrix(static_cast<Eigen::Index>(i / 4), static_cast<Eigen::Index>(i % 4)),
                     rows.at(i), 1e-8);
       }
-      // What is drawn, from plane coordinates: the same point.
+      // The drawn projection works in plane coordinates and must give the same point.
       const bool throws_shadow = entry.at("classification") == "shadow";
       const Eigen::Vector3d n = plane.head<3>();
       const PlaneFrame frame = PlaneFrame::make(n, -plane.w() / n.squaredNorm() * n);

@@ -1,4 +1,4 @@
-// Several planes at once: each pixel has the shadow of the plane that it shows.
+// Several planes: each pixel shows the shadow of the plane that is visible there.
 #include <gtest/gtest.h>
 
 #include <cmath>
@@ -36,7 +36,7 @@ Frame white() {
   return test::plain_frame(kSide, kSide, 255);
 }
 
-// A table without end; a back wall with a piece of table behind it; a left wall.
+// An unbounded table, a back wall with table behind it, and a left wall.
 SceneBuilder room() {
   SceneBuilder builder;
   const auto wall = [&](const char* name, const Eigen::Vector3d& normal,
@@ -59,7 +59,7 @@ SceneBuilder room() {
   return builder;
 }
 
-// Which of the scene's planes a pixel shows: -1 for none.
+// Index of the visible plane at a pixel, or -1.
 int plane_shown(const Scene& scene, const CameraModel& camera, const CameraPose& pose, int x, int y,
                 Eigen::Vector3d& place) {
   const auto ray = camera.unproject({static_cast<double>(x), static_cast<double>(y)});
@@ -88,7 +88,7 @@ int plane_shown(const Scene& scene, const CameraModel& camera, const CameraPose&
   return shown;
 }
 
-// The orthogonal shadow of a scene's casters on one of its planes.
+// The orthogonal shadow of the scene's casters on one of its planes.
 class SimpleShadow {
  public:
   SimpleShadow(const Scene& scene, std::size_t plane) {
@@ -122,7 +122,7 @@ TEST_P(SeveralPlanes, ShowShadowOfVisiblePlaneInEachPixel) {
   const FramePlan plan = studio.plan(slanted());
   EXPECT_EQ(plan.receivers.size(), 3U);
   const Picture picture = studio.draw_shadows(white(), plan);
-  // Once: never darker than one shadow, seams between planes included.
+  // A pixel is darkened once, also where planes meet.
   const int dark = static_cast<int>(std::lround(255.0 * std::pow(0.4, 1.0 / 2.2)));
   std::vector<int> size(3);
   std::vector<SimpleShadow> shadows;
@@ -130,7 +130,7 @@ TEST_P(SeveralPlanes, ShowShadowOfVisiblePlaneInEachPixel) {
   Scene table = studio.scene();
   table.planes.resize(1);
   int differing = 0;
-  int hidden = 0;  // the table's shadow, behind the wall
+  int hidden = 0;  // pixels of the table's shadow behind the wall
   for (int y = 0; y < kSide; ++y) {
     for (int x = 0; x < kSide; ++x) {
       Eigen::Vector3d p;
@@ -146,7 +146,7 @@ TEST_P(SeveralPlanes, ShowShadowOfVisiblePlaneInEachPixel) {
     }
   }
   for (std::size_t i = 0; i < size.size(); ++i) EXPECT_GT(size[i], 500) << i;
-  EXPECT_GT(hidden, 300) << "the wall has something to hide";
+  EXPECT_GT(hidden, 300) << "the wall occludes a shadow";
   EXPECT_LE(differing, 90) << "edges only";
 }
 
@@ -167,7 +167,7 @@ TEST(ReceiverPlanes, DrawSameFrameInAnyOrderAndWithSkipping) {
   EXPECT_EQ(draw(true), first);
 }
 
-// Of two planes one of which is out of view, the other's shadow is that of the plane alone.
+// A plane out of view must not change the other plane's shadow.
 TEST(ReceiverPlanes, IgnorePlaneOutOfView) {
   SceneBuilder builder = room();
   builder.scene().planes[1].point.y() = 60.0;
@@ -198,7 +198,7 @@ TEST(DefaultWalls, StandAtFarEdgesOfCasterPaths) {
   EXPECT_NEAR(builder.scene().planes[2].point.x(), -0.2 - r, 1e-6);
   EXPECT_NEAR(builder.scene().planes[1].outline[2].y(), 0.15 + r, 1e-6);
   EXPECT_NEAR(builder.scene().planes[1].outline[2].x(), 0.15 + r, 1e-6);
-  // A node with a wall of its own has what it needs.
+  // A node with its own wall gets no default walls.
   builder.scene().shadows[0].planes = {0, 1};
   builder.scene().shadows[0].walls.clear();
   add_default_walls(builder.scene(), builder.scene().shadows[0]);

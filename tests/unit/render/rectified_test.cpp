@@ -1,5 +1,4 @@
-// The picture without the lens's distortion: where each of its pixels is in the video, and the
-// overlay on it.
+// The image without lens distortion: each pixel's place in the video, and the overlay on it.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -23,12 +22,12 @@ constexpr int kHeight = 480;
 std::vector<CameraModel> lenses() {
   std::vector<CameraModel> all;
   for (const DistortionModel model : kDistortionModels) all.push_back(test::lens_of(model));
-  // One that bends outwards.
+  // A lens with outward distortion.
   all.push_back(test::camera_of(kWidth, kHeight, 520.0, DistortionModel::plumb_bob, {0.18, -0.04}));
   return all;
 }
 
-// Where the pixel's ray meets the video; as it is without a grid.
+// Intersection of the pixel's ray with the distorted video, computed without the grid.
 Eigen::Vector2d exact(const CameraModel& camera, const CameraModel& straight, double x, double y) {
   return *camera.project_extended(*straight.unproject({x, y}));
 }
@@ -45,14 +44,14 @@ TEST(Rectification, ComputesGridAccurateToTenthOfPixel) {
         const auto corner = [&](int dx, int dy) {
           return static_cast<std::size_t>((row + dy) * grid.columns + column + dx);
         };
-        // Both triangles' sides and middles, where the chord is farthest from the bow.
+        // The grid's error is largest in the middle of the triangles' sides.
         for (const auto& [a, b] :
              {std::pair(corner(0, 0), corner(1, 0)), std::pair(corner(0, 0), corner(0, 1)),
               std::pair(corner(1, 0), corner(0, 1))}) {
           const Eigen::Vector2d middle = 0.5 * (grid.picture[a] + grid.picture[b]);
           const Eigen::Vector2d source = 0.5 * (grid.video[a] + grid.video[b]);
           const Eigen::Vector2d truth = exact(camera, straight, middle.x(), middle.y());
-          // Of what can be seen in the video.
+          // Only points that are visible in the video count.
           if (truth.x() < -1 || truth.y() < -1 || truth.x() > kWidth || truth.y() > kHeight)
             continue;
           worst = std::max(worst, (source - truth).norm());
@@ -64,8 +63,8 @@ TEST(Rectification, ComputesGridAccurateToTenthOfPixel) {
   }
 }
 
-// A frame whose luma rises from left to right and from top to bottom says where each pixel of the
-// picture was taken from.
+// The frame's luma rises from left to right and from top to bottom, so that it encodes the source
+// position of each pixel.
 TEST(Rectification, SamplesVideoAlongRayOfEachPixel) {
   for (const GlApi api : {GlApi::gl33, GlApi::gles30}) {
     for (const CameraModel& camera : lenses()) {
@@ -94,7 +93,7 @@ TEST(Rectification, SamplesVideoAlongRayOfEachPixel) {
             const Eigen::Vector2d at = exact(camera, straight, x, y);
             if (at.x() > 0 && at.y() > 0 && at.x() < kWidth - 1 && at.y() < kHeight - 1) {
               ++inside;
-              // Rounded to codes twice; 0.1 px of the grid are 0.03 of them.
+              // Two roundings to codes; the grid's 0.1 px correspond to 0.03 codes.
               ASSERT_NEAR(picture.red(x, y), luma(at.x(), at.y()), 1.05) << x << " " << y;
             } else if (at.x() < -1 || at.y() < -1 || at.x() > kWidth || at.y() > kHeight) {
               ++outside;
@@ -103,14 +102,14 @@ TEST(Rectification, SamplesVideoAlongRayOfEachPixel) {
           }
         }
         EXPECT_GT(inside, 20'000);
-        (void)outside;  // only a lens that bends outwards leaves such pixels
+        (void)outside;  // only a lens with outward distortion leaves such pixels
       }
     }
   }
 }
 
-// What stands on the table is drawn where the table is in the straight picture: over a frame whose
-// only mark is drawn where the true lens puts it.
+// The video has one mark, drawn through the true lens. In the rectified image the overlay must
+// cover it.
 TEST(Rectification, AlignsOverlayWithVideo) {
   for (const CameraModel& camera : lenses()) {
     const CameraPose pose = test::look_at({0.05, -0.35, 0.4}, {0.0, 0.0, 0.0});
@@ -131,7 +130,7 @@ TEST(Rectification, AlignsOverlayWithVideo) {
       EXPECT_TRUE(compositor.read_back(picture.rgba));
       return picture;
     };
-    // The object as the lens shows it becomes the video.
+    // The object as seen through the lens becomes the video.
     const Frame grey = test::plain_frame(kWidth, kHeight, 30);
     const Picture seen = draw(bent, camera, grey, true);
     FrameBuffer video = allocate_frame(PixelFormat::grey8, kWidth, kHeight);
@@ -163,7 +162,7 @@ TEST(Rectification, AlignsOverlayWithVideo) {
   }
 }
 
-// Retextured, shadows lie on what the straight picture shows and not on the video's own pixels.
+// Retextured shadows must sample the rectified image, not the distorted video.
 TEST(Rectification, PlacesRetexturedShadowsInRectifiedFrame) {
   test::SceneBuilder builder;
   builder.add(test::ring(), test::at(0.0, 0.0, 0.08));
@@ -180,9 +179,9 @@ TEST(Rectification, PlacesRetexturedShadowsInRectifiedFrame) {
   context->make_current();
   auto compositor =
       Compositor::create(*context, scene, camera, {.rectified = true, .msaa = 0}).value();
-  const auto draw = [&](Translucency way) {
+  const auto draw = [&](Translucency mode) {
     PlanOptions options;
-    options.translucency = way;
+    options.translucency = mode;
     const auto pose = test::tracked(test::look_at({0.05, -0.35, 0.4}, {0.0, 0.0, 0.0}));
     FramePlan plan = plan_frame(*scene, evaluate_scene(*scene, 0.0), pose, straight, options);
     plan.objects.clear();

@@ -1,4 +1,4 @@
-// Scenes from JSON, and where their objects are in time.
+// Scenes from JSON, and the motion of their objects.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -22,8 +22,8 @@ using testing::HasSubstr;
 
 const std::string kBox = R"({"name":"box","shape":{"kind":"box","size":[0.1,0.1,0.1]}})";
 
-// All that a scene of one node says against advice, a line each.
-std::string told_by(const Scene& scene) {
+// Warnings and advice of a scene with one node, one per line.
+std::string warnings_and_advice(const Scene& scene) {
   std::string all;
   for (const std::string& warning : scene.warnings) all += warning + "\n";
   for (const LayeredAdvice& advice : scene.layered_advice) {
@@ -75,7 +75,8 @@ TEST_F(SceneFile, LoadsDefaultSceneWithoutWarnings) {
   // a = M / (M - 1), H = a h_max
   EXPECT_NEAR(scene->shadows[0].layered.light_ratio, 3.0, 1e-12);
   EXPECT_NEAR(scene->shadows[0].layered.light_height, 3.0 * 0.24, 1e-12);
-  // It lifts within a recording of four seconds, from near contact to where the layers part.
+  // The object rises within four seconds of recording, from near contact to a height where the
+  // layers separate.
   EXPECT_LT(evaluate_scene(*scene, 0.0).objects[0].position.z(), 0.02);
   EXPECT_GT(evaluate_scene(*scene, 3.8).objects[0].position.z(), 0.14);
 }
@@ -132,13 +133,13 @@ TEST_F(SceneFile, RejectsDuplicateKey) {
       << "the same key of two objects";
 }
 
-// The messages walk the schema by themselves: what they do not know would go unexplained.
+// find_violation() walks the schema itself, so that it must know every keyword in it.
 void expect_known_keywords(const nlohmann::json& schema, const std::string& place) {
   static const std::set<std::string_view> kTypes = {"object", "array", "string", "boolean",
                                                     "number"};
   static const std::set<std::string_view> kDescribing = {"$schema", "title", "description",
                                                          "definitions"};
-  // Those that find_violation() in scene_json.cpp checks.
+  // Keywords that find_violation() in scene_json.cpp checks.
   static const std::set<std::string_view> kChecked = {"$ref",       "additionalProperties",
                                                       "enum",       "exclusiveMinimum",
                                                       "items",      "maxItems",
@@ -163,7 +164,7 @@ void expect_known_keywords(const nlohmann::json& schema, const std::string& plac
     } else if (key == "additionalProperties") {
       EXPECT_EQ(value, false) << place;
     } else if (key == "$ref") {
-      EXPECT_EQ(schema.size(), 1U) << place << ": what stands beside a $ref does not count";
+      EXPECT_EQ(schema.size(), 1U) << place << ": keywords beside a $ref are ignored";
     }
   }
   if (!schema.contains("$ref")) {
@@ -204,7 +205,7 @@ TEST_F(SceneFile, AttachesObjectsAndPlanesToTagGroups) {
           "shadows":[{"name":"s","technique":"simple","planes":["q"],"walls":["p"]}]})");
   ASSERT_TRUE(scene) << scene.error().message;
   EXPECT_EQ(scene->objects[0].tag_group, "prop");
-  EXPECT_EQ(scene->objects[1].tag_group, "table") << "its parent says it";
+  EXPECT_EQ(scene->objects[1].tag_group, "table") << "inherited from its parent";
   EXPECT_EQ(scene->objects[2].tag_group, "table");
   EXPECT_EQ(scene->objects[3].tag_group, "prop");
   EXPECT_EQ(scene->planes[0].tag_group, "wall");
@@ -262,7 +263,7 @@ TEST_F(SceneFile, ReadsGroupsAndProxiesOfObjects) {
   EXPECT_EQ(own->objects[0].proxy_model->name, "cube");
 }
 
-// Once for a model, however often it stands in the scene.
+// A model's warning appears once, however many objects use the model.
 TEST_F(SceneFile, PassesOnModelWarningsOnce) {
   std::ofstream(folder_.path() / "thing.obj")
       << "mtllib lost.mtl\nv 0 0 0\nv 0.1 0 0\nv 0 0.1 0\nf 1 2 3\n";
@@ -294,7 +295,7 @@ TEST_F(SceneFile, WarnsWhenLightAdviceIsNotFollowed) {
         R"("layered":{3}}}]}})",
         kBox, -half_width, half_width, layered));
     EXPECT_TRUE(scene) << scene.error().message;
-    return told_by(*scene);
+    return warnings_and_advice(*scene);
   };
   const std::string m15 = R"({"workspace_height":0.3,"magnification":1.5})";
   // W / (2 r) = 1.5 at W = 0.2121 m.
@@ -310,7 +311,7 @@ TEST_F(SceneFile, WarnsWhenLightAdviceIsNotFollowed) {
               HasSubstr("the umbra never vanishes"));
   EXPECT_THAT(warnings(R"({"light_height":0.3,"light_ratio":0.5})", 5.0),
               HasSubstr("the umbra never vanishes"));
-  // Both ways of giving constants are the same light (docs/shadows.md#constants).
+  // Both forms of the constants describe the same light (docs/shadows.md#constants).
   const std::vector<std::array<double, 4>> examples = {
       {0.3, 1.25, 1.5, 5.0}, {0.3, 1.5, 0.9, 3.0}, {0.3, 2.0, 0.6, 2.0}};
   for (const auto& [h, m, H, a] : examples) {
@@ -326,28 +327,29 @@ TEST_F(SceneFile, WarnsWhenLightAdviceIsNotFollowed) {
 }
 
 TEST_F(SceneFile, WarnsOfObjectsAboveWorkspaceOrLight) {
-  // The box's top is 0.05 m above its middle; the sheet is wide enough for anything.
+  // The box's top is 0.05 m above its middle; the sheet is wide enough for all cases.
   const auto warnings = [this](const std::string& where, const std::string& layered) {
     const Result<Scene> scene = load(fmt::format(
         R"({{"objects":[{{"name":"box","shape":{{"kind":"box","size":[0.1,0.1,0.1]}},{}}}],)"
         R"("shadows":[{{"name":"s","technique":"layered","layered":{}}}]}})",
         where, layered));
     if (!scene) return scene.error().message;
-    return told_by(*scene);
+    return warnings_and_advice(*scene);
   };
   const std::string workspace = R"({"workspace_height":0.2,"magnification":1.5})";  // H = 0.6
   EXPECT_EQ(warnings(R"("position":[0,0,0.15])", workspace), "");
   EXPECT_THAT(warnings(R"("position":[0,0,0.16])", workspace),
               HasSubstr("/shadows/0: \"box\" comes to 0.21 m above \"table\", beyond the "
                         "workspace_height of 0.2 m, and has no umbra there"));
-  // Turned by 45 degrees it is higher by 0.0207 m; and where its path leads counts, not its start.
+  // A rotation by 45 degrees raises the top by 0.0207 m. The highest point of the path counts, not
+  // its start.
   EXPECT_THAT(warnings(R"("position":[0,0,0.14],"rotation_deg":[0,45,0])", workspace),
               HasSubstr("comes to 0.2107 m"));
   EXPECT_THAT(warnings(R"("position":[0,0,0.05],"animation":{"keyframes":[{"time_s":0},)"
                        R"({"time_s":1,"position":[0,0,0.2]},{"time_s":2}]})",
                        workspace),
               HasSubstr("comes to 0.3 m"));
-  // Turned by a spin alone; and what counts is the shape, not the box about it.
+  // A spin alone rotates it too. The shape's extent counts, not that of its bounding box.
   EXPECT_THAT(
       warnings(R"("position":[0,0,0.14],"animation":{"spin":{"axis":[0,1,0],"turns_per_s":0.1}})",
                workspace),
@@ -356,7 +358,7 @@ TEST_F(SceneFile, WarnsOfObjectsAboveWorkspaceOrLight) {
       warnings(R"("position":[0,0,0.12],"animation":{"spin":{"axis":[0,1,0],"turns_per_s":0.1}})",
                workspace),
       "");
-  // A light that was named is one where the umbra may vanish; its reach is told.
+  // An explicitly given light may have a vanishing umbra; only its cap is warned of.
   const std::string light = R"({"light_height":0.6,"light_ratio":3})";  // cap at 0.525 m
   EXPECT_EQ(warnings(R"("position":[0,0,0.16])", light), "");
   EXPECT_EQ(warnings(R"("position":[0,0,0.47])", light), "");
@@ -378,7 +380,7 @@ TEST_F(SceneFile, WarnsOfMoreLightsThanPlaneSupports) {
         R"({{"objects":[{}],"lights":[{}],"shadows":[{{"name":"s","technique":"{}","lights":[{}]}}]}})",
         kBox, lights, technique, names));
     EXPECT_TRUE(scene) << scene.error().message;
-    return told_by(*scene);
+    return warnings_and_advice(*scene);
   };
   EXPECT_EQ(warnings(7, "hard"), "");
   EXPECT_THAT(warnings(8, "hard"), HasSubstr("8 lights throw projected shadows onto \"table\", "

@@ -1,4 +1,4 @@
-// How shadows are drawn, and how dark: what that may hang on, and what not.
+// The choice of drawing method, and the darkness of shadows: their dependence on view and scene.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -34,7 +34,7 @@ Frame grey() {
   return test::plain_frame(kSide, kSide, kGrey);
 }
 
-// A block of 12 faces in view and another thing, which is out of sight; or nothing else.
+// A block of 12 faces in view, and optionally a second object out of sight.
 enum class Other { none, cut, whole, off_outline };
 SceneBuilder block_and(Other other) {
   SceneBuilder builder;
@@ -42,7 +42,7 @@ SceneBuilder block_and(Other other) {
   if (other == Other::cut) builder.add(block(0.05), test::at(8, 0, 0));
   if (other == Other::whole) builder.add(block(0.05), test::at(8, 0, 0.06));
   if (other == Other::off_outline) {
-    // In view, and nearer to the camera than the other.
+    // The visible block, which is nearer to the camera than the second object.
     builder.scene().planes[0].outline = {{-0.2, -0.08}, {0.2, -0.08}, {0.2, 0.2}, {-0.2, 0.2}};
     builder.add(block(0.05), test::at(0.0, -0.2, 0.05));
   }
@@ -70,9 +70,9 @@ TEST(ShadowChoice, DoesNotDependOnCulledShadows) {
   }
 }
 
-// From `high` up downwards until the size of what is made changes, then to and fro by a hundredth
-// of a millimetre: nothing is made any more. `drawn_at`: height -> picture, how much was made for
-// it. The height below, and its picture.
+// Finds by bisection the height at which the size of the masks changes, then moves across it by a
+// hundredth of a millimetre: no mask may be drawn again. `drawn_at` maps a height to the frame and
+// the number of masks drawn for it. Returns the lower height and its frame.
 template <typename DrawnAt>
 std::pair<double, Picture> tremble(const DrawnAt& drawn_at, double high, double low) {
   constexpr double kStep = 1e-5;
@@ -88,7 +88,7 @@ std::pair<double, Picture> tremble(const DrawnAt& drawn_at, double high, double 
   for (int i = 0; i < 10; ++i) {
     const auto [up, up_made] = drawn_at(high);
     const auto [down, down_made] = drawn_at(low);
-    EXPECT_EQ(up, above) << "what came before does not matter";
+    EXPECT_EQ(up, above) << "earlier frames do not matter";
     EXPECT_EQ(down, below);
     made += up_made + down_made;
   }
@@ -153,8 +153,7 @@ TEST(ShadowChoice, ReusesNothingWithNoSkip) {
   }
 }
 
-// The darkest value of every technique, and everything else, is the light that is left as the
-// camera encodes it.
+// For every technique, the darkest value is the remaining light encoded with the camera response.
 TEST(ShadowTone, FollowsCameraResponse) {
   struct Case {
     ShadowTechnique technique;
@@ -179,7 +178,7 @@ TEST(ShadowTone, FollowsCameraResponse) {
       Studio studio(builder.build(), CameraModel::make(parameters).value());
       PlanOptions options;
       options.technique = c.technique;
-      // Edges of masks are mixed as they are encoded; on phantoms all edges are.
+      // Edges of masks, and all edges on phantoms, are mixed after encoding.
       options.layers = LayerDrawing::direct;
       pictures.push_back(studio.draw_shadows(grey(), studio.plan(from_height(0.6), options)));
     }
@@ -215,7 +214,7 @@ TEST(LiftedByAmbient, RisesWithShareOfAmbientLight) {
     scene.ambient.setConstant(ambient);
     return lifted_by_ambient(given, scene, lights, Eigen::Vector3d::UnitZ(), {0.1, 0.0, 0.0});
   };
-  PlacedLight above;  // straight over the place, of which all arrives
+  PlacedLight above;  // straight above the point, unattenuated
   above.place = {0.1, 0.0, 2.0, 1.0};
   PlacedLight sideways;
   sideways.place = {1.0, 0.0, 0.0, 0.0};
@@ -223,12 +222,12 @@ TEST(LiftedByAmbient, RisesWithShareOfAmbientLight) {
     EXPECT_EQ(lifted(little, {above}).umbra, given.umbra);
     EXPECT_EQ(lifted(little, {above}).penumbra, given.penumbra);
   }
-  // 1.36 of light in all, of 1.66: what is taken away is 0.85 of 1.36 in 1.66.
+  // Total light is 1.66, of which the lamp gives 1.36; the shadow removes 0.85 of the lamp's share.
   EXPECT_NEAR(lifted(0.66, {above}).umbra, 1.0 - 0.85 * 1.36 / 1.66, 1e-9);
   EXPECT_NEAR(lifted(0.66, {above}).middle, 1.0 - 0.6 * 1.36 / 1.66, 1e-9);
   EXPECT_NEAR(lifted(0.66, {above}).penumbra, 1.0 - 0.17 * 1.36 / 1.66, 1e-9);
   EXPECT_NEAR(lifted(0.66, {above, sideways}).umbra, lifted(0.66, {above}).umbra, 1e-9)
-      << "what arrives edge on gives nothing";
+      << "light at grazing incidence adds nothing";
   EXPECT_NEAR(lifted(0.66, {}).umbra, lifted(0.66, {lamp_of_no_scene()}).umbra, 1e-9);
   double before = given.umbra;
   for (const double more : {0.37, 0.5, 1.0, 10.0, 1e6}) {
@@ -239,7 +238,7 @@ TEST(LiftedByAmbient, RisesWithShareOfAmbientLight) {
     EXPECT_LE(now.penumbra, 1.0);
     before = now.umbra;
   }
-  EXPECT_GT(before, 0.999) << "a shadow drowns";
+  EXPECT_GT(before, 0.999) << "strong ambient light hides the shadow";
 }
 
 TEST(LiftedByAmbient, MatchesDrawnShadow) {

@@ -1,4 +1,4 @@
-// The shadow node's events, what they make be computed again, animated lights and the sun.
+// Events of the shadow node and the recomputation they cause; animated lights and the sun.
 #include "render/scene/shadow_events.hpp"
 
 #include <gtest/gtest.h>
@@ -88,14 +88,14 @@ TEST(ShadowEvents, RecomputeOnlyAffectedTriples) {
   for (const double time : {0.0, 0.4, 0.8, 1.0, 1.5, 2.0, 2.0, 3.0}) {
     const SceneState state = evaluate_scene(studio.scene(), time);
     FramePlan plan = studio.plan(pose, all, time);
-    plan.reuse = true;  // nothing is left out, but nothing made twice either
+    plan.reuse = true;  // nothing is skipped, and unchanged triples are reused
     studio.draw(test::plain_frame(kSide, kSide, 255), plan);
     std::size_t expected = 12;
     if (before) {
       const auto events = shadow_events(*before, state);
       expected = test::affected_triples(studio.scene(), node, events).size();
       EXPECT_EQ(events.size(), time <= 1.0 ? 2U : time <= 2.0 && before->time_s < 2.0 ? 1U : 0U);
-      // Light 0: 6 triples; object 0: 4, of which 2 are of that light too, once.
+      // Light 0 has 6 triples. Object 0 has 4, 2 of which belong to that light and count once.
       EXPECT_EQ(expected, time <= 1.0 ? 8U : time <= 2.0 && before->time_s < 2.0 ? 4U : 0U);
     }
     EXPECT_EQ(studio.stats()[Counter::triples_recomputed], static_cast<std::int64_t>(expected))
@@ -124,12 +124,12 @@ TEST(AnimatedLight, MovesAndTurns) {
 }
 
 TEST(Sun, MatchesAlmanacPositions) {
-  // The worked example of I. Reda and A. Andreas, "Solar position algorithm for solar radiation
-  // applications" (NREL/TP-560-34302): 2003-10-17 19:30:30 UTC.
+  // Example of I. Reda and A. Andreas, "Solar position algorithm for solar radiation applications"
+  // (NREL/TP-560-34302): 2003-10-17 19:30:30 UTC.
   const SunPosition sun = sun_position(1066419030.0, 39.742476, -105.1786);
   EXPECT_NEAR(sun.azimuth_rad / kDegree, 194.34024, 0.02);
   EXPECT_NEAR(sun.elevation_rad / kDegree, 39.872046, 0.02);
-  // At the pole its height is its declination: 23.44 degrees at the solstice of 2026-06-21 08:24.
+  // At the pole, elevation equals declination: 23.44 degrees at the solstice of 2026-06-21 08:24.
   EXPECT_NEAR(sun_position(1782030240.0, 90.0, 0.0).elevation_rad / kDegree, 23.44, 0.01);
   // Equinox, 2026-03-20 14:46 UTC.
   EXPECT_NEAR(sun_position(1774017960.0, 90.0, 0.0).elevation_rad, 0.0, 0.01 * kDegree);
@@ -139,7 +139,7 @@ TEST(Sun, LightsTableFromItsDirection) {
   const SunPosition east{90.0 * kDegree, 30.0 * kDegree};
   const Eigen::Vector3d d = direction_to(east, 0.0);
   EXPECT_LT((d - Eigen::Vector3d(std::cos(30 * kDegree), 0.0, 0.5)).norm(), 1e-12);
-  // North turned left, to -x: east is +y.
+  // North turned to -x, so that east is +y.
   EXPECT_LT((direction_to(east, 90.0) - Eigen::Vector3d(0.0, std::cos(30 * kDegree), 0.5)).norm(),
             1e-12);
   Scene scene;

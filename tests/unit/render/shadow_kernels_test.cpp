@@ -54,16 +54,16 @@ TEST(ShadowKernels, FormRingForLevelRing) {
     const Eigen::Vector2d k = to_eigen(kernels.kernels[i]).head<2>();
     EXPECT_NEAR(k.norm(), 0.05, 0.0015);
     EXPECT_NEAR(kernels.radius[i], 0.012, 0.0012);
-    EXPECT_GT(k.normalized().dot(x.normalized()), 0.98) << "its own side of the ring";
+    EXPECT_GT(k.normalized().dot(x.normalized()), 0.98) << "on its side of the ring";
   }
 }
 
 TEST(ShadowKernels, FormRingForUprightTubeAndSpineForLyingOne) {
-  test::ShapeBuilder shape;  // a pipe: two limbs of different radius, closed at its ends by nothing
+  test::ShapeBuilder shape;  // a pipe with two radii and open ends
   shape.limb({0, 0, 0}, {0, 0, 0.1}, 0.03, 0.03, 48);
   shape.limb({0, 0, 0}, {0, 0, 0.1}, 0.02, 0.02, 48);
   Model model = shape.build();
-  // Join inside and outside by annuli at both ends.
+  // Annuli close both ends between the inner and outer surface.
   Mesh& mesh = model.meshes[0];
   for (std::uint32_t i = 0; i < 48; ++i) {
     const std::uint32_t j = (i + 1) % 48;
@@ -93,7 +93,7 @@ TEST(ShadowKernels, StayInArmsOfLShape) {
       generate_kernels(mesh, Eigen::Vector3d::UnitZ(), KernelSource::automatic);
   for (std::size_t i = 0; i < mesh.positions.size(); ++i) {
     const Eigen::Vector2d k = to_eigen(kernels.kernels[i]).head<2>();
-    // In one of the arms, near its middle line, never in the empty quarter.
+    // The kernel is near the middle line of one of the arms, never in the empty quarter.
     const bool in_lower_arm = std::abs(k.y() - 0.015) < 0.004;
     const bool in_left_arm = std::abs(k.x() - 0.015) < 0.004;
     EXPECT_TRUE(in_lower_arm || in_left_arm) << k.transpose();
@@ -187,8 +187,8 @@ TEST(ShadowKernels, FillMissingFaces) {
   EXPECT_LT(off, whole.positions.size() / 50);
 }
 
-// |x - k| <= 1.5 r and a cell, r the disc about k inside the silhouette, which is measured here
-// on polygons; and the radius that comes with a kernel is that disc's.
+// |x - k| <= 1.5 r plus one cell, where r is the radius of the largest disc about k inside the
+// silhouette, measured on polygons. The radius stored with a kernel is that of this disc.
 TEST(ShadowKernels, StayWithinReachOfTheirDisc) {
   for (const Model& model : {l_shape(), test::torus_model(12, 64), test::box_model(0.1)}) {
     const ShadowMesh mesh = make_shadow_mesh(model);
@@ -199,11 +199,11 @@ TEST(ShadowKernels, StayWithinReachOfTheirDisc) {
       ASSERT_EQ(kernels.radius.size(), mesh.positions.size());
       for (std::size_t i = 0; i < reach.size(); ++i) {
         ASSERT_GT(reach[i].cell, 0.0);
-        EXPECT_GT(reach[i].inside, 0.0) << "a kernel outside of its silhouette";
+        EXPECT_GT(reach[i].inside, 0.0) << "a kernel outside its silhouette";
         EXPECT_LE(reach[i].distance, test::farthest_allowed(reach[i]));
         EXPECT_NEAR(static_cast<double>(kernels.radius[i]), reach[i].inside, reach[i].cell);
       }
-      // Means of such kernels need not lie inside, but no farther than the largest disc reaches.
+      // A mean of such kernels may lie outside, but no farther than the largest disc reaches.
       const ShadowKernels smooth = generate_kernels(mesh, up, KernelSource::smooth);
       double farthest = 0.0;
       for (const test::KernelReach& at : reach)
@@ -214,7 +214,7 @@ TEST(ShadowKernels, StayWithinReachOfTheirDisc) {
   }
 }
 
-// What the test above would say of kernels that are too far away.
+// The check above fails for kernels that are too far away.
 TEST(ShadowKernels, ExceedReachWithOneKernelForBar) {
   test::ShapeBuilder shape;
   shape.box(-0.1, -0.01, -0.01, 0.1, 0.01, 0.01);
@@ -314,7 +314,7 @@ TEST(ShadowKernels, AreExactOnAxisAndInterpolatedBetweenForPerAxis) {
   }
 }
 
-// Of rasters of all shapes, with holes and bays: against every cell that is not covered.
+// Random rasters with holes and bays, compared with a search over all uncovered cells.
 TEST(Footprint, MeasuresDistanceToNearestOutsideCell) {
   std::mt19937 random(7);
   std::uniform_real_distribution<float> unit(0.0F, 1.0F);

@@ -13,7 +13,7 @@
 namespace penumbra {
 namespace {
 
-// Each triangle with three vertices of its own.
+// Gives each triangle separate vertices.
 Model soup_of(const Model& model) {
   Model soup;
   Mesh& mesh = soup.meshes.emplace_back();
@@ -45,17 +45,17 @@ TEST(ShadowMesh, WeldsWithinTenMicrometresAcrossCells) {
     mesh.positions = {{at, -at, at},
                       {at + 9e-6F, -at, at},
                       {at, -at + 12e-6F, at},
-                      {0.2F, 0.0F, 0.0F}};  // the size of a thing on a table
+                      {0.2F, 0.0F, 0.0F}};  // about the size of an object on a table
     mesh.indices = {0, 1, 2};
     const ShadowMesh welded = make_shadow_mesh(model);
     EXPECT_EQ(welded.positions.size(), 3U) << at;
     EXPECT_TRUE(welded.indices.empty()) << "the face has collapsed";
-    EXPECT_EQ(welded.part_count, 2U) << "but still holds its ends together";
+    EXPECT_EQ(welded.part_count, 2U) << "but still connects its ends";
     EXPECT_EQ(welded.lost_faces, 1U);
   }
 }
 
-// Whatever unit a file is in, its model has the same parts and, but for their size, kernels.
+// The unit of a file must not change the parts, nor the kernels up to scale.
 TEST(ShadowMesh, KeepsPartsAndKernelsInAnyUnit) {
   test::ShapeBuilder shape;
   shape.box(0.01, 0.02, 0.0, 0.08, 0.05, 0.03);
@@ -71,7 +71,7 @@ TEST(ShadowMesh, KeepsPartsAndKernelsInAnyUnit) {
     std::mt19937 random(5);
     for (glm::vec3& p : scaled.meshes[0].positions) {
       p *= scale;
-      // As files are written: every corner of a face is rounded for itself.
+      // Each corner of a face is rounded separately, as in files.
       for (int i = 0; i < 3; ++i) p[i] = std::nextafter(p[i], random() % 2 == 0 ? 1e9F : -1e9F);
     }
     const ShadowMesh other = make_shadow_mesh(scaled);
@@ -89,7 +89,7 @@ TEST(ShadowMesh, KeepsPartsAndKernelsInAnyUnit) {
   }
 }
 
-// A vertex far away says nothing of how finely the others are given.
+// A distant vertex does not show the precision of the others.
 TEST(ShadowMesh, KeepsWeldDistanceDespiteFarVertex) {
   Model model = test::box_model(0.1);
   model.meshes[0].positions.emplace_back(1e6F, 0.0F, 0.0F);
@@ -102,20 +102,20 @@ TEST(ShadowMesh, KeepsWeldDistanceDespiteFarVertex) {
 TEST(ShadowMesh, WarnsOfPartsThatCastNothing) {
   Model point = test::box_model(0.1);
   for (glm::vec3& p : point.meshes[0].positions) p = {0.1F, 0.2F, 0.3F};
-  auto told = warning_of_lost_faces(point, "point.obj");
-  ASSERT_TRUE(told.has_value());
-  EXPECT_THAT(*told, testing::StartsWith("point.obj: "));
-  EXPECT_THAT(*told, testing::HasSubstr("12 faces"));
-  EXPECT_THAT(*told, testing::HasSubstr("export"));
+  auto warning = warning_of_lost_faces(point, "point.obj");
+  ASSERT_TRUE(warning.has_value());
+  EXPECT_THAT(*warning, testing::StartsWith("point.obj: "));
+  EXPECT_THAT(*warning, testing::HasSubstr("12 faces"));
+  EXPECT_THAT(*warning, testing::HasSubstr("export"));
 
-  test::ShapeBuilder shape;  // a box that is told apart, and one of 4 um that is not
+  test::ShapeBuilder shape;  // a box above the weld distance, and one of 4 um below it
   shape.box(0.0, 0.0, 0.0, 0.1, 0.1, 0.1);
   shape.box(0.2, 0.0, 0.0, 0.200004, 4e-6, 4e-6);
-  told = warning_of_lost_faces(shape.build(), "two.obj");
-  ASSERT_TRUE(told.has_value());
-  EXPECT_THAT(*told, testing::HasSubstr("12 of its 24 faces"));
+  warning = warning_of_lost_faces(shape.build(), "two.obj");
+  ASSERT_TRUE(warning.has_value());
+  EXPECT_THAT(*warning, testing::HasSubstr("12 of its 24 faces"));
 
-  // Faces at a sphere's poles have no area, and their neighbours cast for them.
+  // Faces at a sphere's poles have no area; their neighbours cast instead.
   shape.sphere(0.05, 12, 24);
   EXPECT_EQ(warning_of_lost_faces(shape.build(), "sphere.obj"), std::nullopt);
 }
@@ -145,7 +145,7 @@ TEST(ShadowMesh, DropsNonFiniteAndOutOfRangeVertices) {
   mesh.positions.emplace_back(0.0F, std::numeric_limits<float>::infinity(), 0.0F);
   mesh.positions.emplace_back(3e38F, -3e38F, 0.0F);
   mesh.source_vertex.insert(mesh.source_vertex.end(), {8, 9, 10});
-  model.source_vertex_count = 12;  // one vertex of the file is used by no mesh
+  model.source_vertex_count = 12;  // one vertex of the file is unused
   mesh.indices.insert(mesh.indices.end(), {0, 1, 8, 0, 1, 9, 0, 1, 10, 0, 1, 4000000000U});
   const ShadowMesh shadow = make_shadow_mesh(model);
   EXPECT_EQ(shadow.indices.size(), faces + 3);

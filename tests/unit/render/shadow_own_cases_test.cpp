@@ -1,5 +1,5 @@
-// Cases of the project's own, with answers that other means than the program's give: closed forms,
-// exact integers, slabs between crossings, distances to shapes.
+// Cases whose answers come from independent methods: closed forms, exact integers, slabs between
+// crossings, distances to shapes.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -35,8 +35,8 @@ std::int64_t twice_area(const std::array<WholePoint, 3>& p) {
   return (p[1].x - p[0].x) * (p[2].y - p[0].y) - (p[1].y - p[0].y) * (p[2].x - p[0].x);
 }
 
-// Images of faces at 4096 factors, in whole numbers: a face is twisted if at one of them its area
-// has turned its sign.
+// Images of faces at 4096 factors in integer arithmetic. A face is twisted if the sign of its area
+// changes at one of them.
 TEST(ShadowReference, FindsTwistedFacesByExactImages) {
   constexpr std::int64_t kSteps = 4096;         // per unit of factor
   constexpr std::int64_t kLeast = kSteps / 16;  // 0.0625
@@ -46,18 +46,18 @@ TEST(ShadowReference, FindsTwistedFacesByExactImages) {
   std::uniform_int_distribution<std::int64_t> wander(-60, 60);
   std::size_t all_twisted = 0;
   std::size_t all_ambiguous = 0;
-  std::size_t only_between = 0;  // twisted at neither end
+  std::size_t only_between = 0;  // twisted, but at neither end of the range
   for (int set = 0; set < 10; ++set) {
     std::vector<WholePoint> x(40);
     std::vector<WholePoint> k(40);
     std::vector<CasterVertex> vertices;
     for (std::size_t i = 0; i < x.size(); ++i) {
       x[i] = {place(random), place(random)};
-      // Kernels near their vertices, some far, many shared.
+      // Kernels are near their vertices, some far away, many shared.
       k[i] = i % 4 == 0   ? WholePoint{place(random) / 4, place(random) / 4}
              : i % 4 == 1 ? k[i - 1]
                           : WholePoint{x[i].x + wander(random), x[i].y + wander(random)};
-      constexpr float kUnit = 1.0F / 1024.0F;  // whole numbers of it are exact in float
+      constexpr float kUnit = 1.0F / 1024.0F;  // multiples are exact in float
       vertices.push_back({static_cast<float>(x[i].x) * kUnit, static_cast<float>(x[i].y) * kUnit,
                           0.1F, static_cast<float>(k[i].x) * kUnit,
                           static_cast<float>(k[i].y) * kUnit});
@@ -91,7 +91,7 @@ TEST(ShadowReference, FindsTwistedFacesByExactImages) {
       for (std::int64_t step = kLeast; step <= kGreatest; ++step)
         least = std::min(least, against(step));
       tested_area += static_cast<double>(std::abs(whole));
-      // Less than this is between two steps; nothing of these sets is.
+      // Areas below this could change sign between two steps; these sets contain none.
       ambiguous += least >= 0.0 && least < 1e-6 ? 1U : 0U;
       if (least >= 0.0) continue;
       ++twisted;
@@ -110,12 +110,12 @@ TEST(ShadowReference, FindsTwistedFacesByExactImages) {
   }
   EXPECT_GT(all_twisted, 100U);
   EXPECT_LT(all_twisted, 500U);
-  EXPECT_GT(only_between, 0U) << "faces that turn over and back";
+  EXPECT_GT(only_between, 0U) << "faces that fold over and back";
   EXPECT_LE(all_ambiguous, 3U);
 }
 
-// Boxes with one kernel each inside, in steps of 1 cm from under the plane to above the cap: at
-// each height of the box its image is a rectangle about the kernel, and the largest holds the rest.
+// Boxes with one kernel each rise in steps of 1 cm from below the plane to above the cap. At each
+// height the image is a rectangle about the kernel, and the largest one contains the others.
 TEST(ShadowReference, MatchesAreasOfRisingBoxes) {
   struct Light {
     double height, ratio, umbra_height;
@@ -123,7 +123,7 @@ TEST(ShadowReference, MatchesAreasOfRisingBoxes) {
   constexpr double kThick = 0.05;
   constexpr double kWide = 0.06;
   constexpr double kDeep = 0.04;
-  constexpr double kApart = 0.05;  // from one's middle to the other's, less than a penumbra is wide
+  constexpr double kApart = 0.05;  // between the boxes' middles; less than a penumbra's width
   test::ShapeBuilder shape;
   shape.box(0, 0, 0, kWide, kDeep, kThick);
   shape.box(kWide + kApart, 0, 0, 2 * kWide + kApart, kDeep, kThick);
@@ -141,7 +141,7 @@ TEST(ShadowReference, MatchesAreasOfRisingBoxes) {
     const LayeredConstants constants =
         make_layered_constants(light.height, light.ratio, light.umbra_height).value();
     const double h_u = light.umbra_height > 0.0 ? light.umbra_height : light.height / light.ratio;
-    // A magnification of 8 at most; at the zenith no cap.
+    // The magnification is at most 8; at the zenith there is no cap.
     const double cap = std::isinf(light.height) ? kInfinity : light.height * (1.0 - 1.0 / 8.0);
     int shadows = 0;
     for (int step = -10; step <= 100; ++step) {
@@ -162,7 +162,7 @@ TEST(ShadowReference, MatchesAreasOfRisingBoxes) {
         if (from < to - 1e-9) {
           const double s = std::max(factor(from), factor(to));
           const double both = 2.0 * kWide * kDeep * s * s;
-          // The boxes and their kernels are alike: their images are so far apart.
+          // The two images are congruent and displaced by kApart.
           const double overlap = std::max(0.0, kWide * s - (kWide + kApart)) * kDeep * s;
           expected = both - overlap;
           ++shadows;
@@ -170,7 +170,7 @@ TEST(ShadowReference, MatchesAreasOfRisingBoxes) {
         const auto outline =
             union_of_triangles(layer_triangles(vertices, mesh.indices, constants, layer));
         ASSERT_TRUE(outline);
-        // Contact, and what is left of an umbra at h_u, hang on the last bit of a height.
+        // At contact and at h_u, the result depends on the last bit of a height.
         if (std::abs(low + kThick) < 1e-6 || std::abs(from - to) < 1e-6) continue;
         EXPECT_NEAR(outline->area, expected, 2e-5 * expected + 1e-12)
             << "H " << light.height << ", layer " << lambda << ", at " << low;
@@ -180,8 +180,8 @@ TEST(ShadowReference, MatchesAreasOfRisingBoxes) {
   }
 }
 
-// Between two neighbouring places where edges begin, end or cross, what triangles cover of a
-// vertical line changes linearly: its length in the middle times the width is the area.
+// Between neighbouring events (edges that begin, end or cross), the covered length of a vertical
+// line is linear. The length in the middle times the width is therefore the area.
 double area_by_slabs(const std::vector<PlanePoint>& triangles) {
   using Number = long double;
   struct Edge {
@@ -249,7 +249,7 @@ TEST(ShadowReference, MatchesSlabAreasOfUnions) {
   std::uniform_real_distribution<float> anywhere(-1.0F, 1.0F);
   std::uniform_int_distribution<int> whole(-4, 4);
   for (int set = 0; set < 60; ++set) {
-    // Every other set on a grid, where edges and corners coincide.
+    // Every other set lies on a grid, where edges and corners coincide.
     const bool grid = set % 2 == 1;
     const auto coordinate = [&] {
       return grid ? static_cast<float>(whole(random)) / 16.0F : anywhere(random);
@@ -265,8 +265,9 @@ TEST(ShadowReference, MatchesSlabAreasOfUnions) {
   }
 }
 
-// Level flat bodies of one thickness under a disc at the zenith: all dark is what lies deeper in
-// the body than its radius times h / h_u, and not all lit what lies no farther out.
+// Level, flat bodies of uniform thickness under a disc light at the zenith. The umbra contains the
+// points deeper in the body than its radius times h / h_u; the penumbra extends by the same
+// distance outwards.
 TEST(ShadowReference, MatchesAreasOfBodiesOfOneThickness) {
   static constexpr double kRadius = 0.015;  // half the thickness
   struct Body {
@@ -354,8 +355,8 @@ TEST(ShadowReference, MatchesAreasOfBodiesOfOneThickness) {
           mesh, kernels,
           {Eigen::Vector3d(0, 0, share * kUmbraHeight), Eigen::Quaterniond::Identity(), 1.0},
           PlaneFrame());
-      // A kernel may be a cell's diagonal off, and as much as two discs that count as equally large
-      // differ; the layer moves by its share of that. And the outline is a polygon.
+      // Tolerance: a kernel may be off by a cell's diagonal, plus the difference of two discs that
+      // count as equal. The layer moves by its share of that. The outline is a polygon.
       const double cells =
           std::clamp(tuning.cells_per_root * std::sqrt(static_cast<double>(mesh.positions.size())),
                      static_cast<double>(tuning.least_side_cells),
@@ -388,8 +389,7 @@ TEST(ShadowReference, MatchesAreasOfBodiesOfOneThickness) {
         RecordProperty(std::string(body.name) + (lambda_of(layer) < 0 ? "_umbra" : "_penumbra") +
                            (share < 0.5 ? "_low" : "_high"),
                        std::to_string(worst / off));
-        // And it goes all the way round: a boundary that is nowhere else has the exact layer's
-        // area.
+        // The outline lies on the exact one; equal area shows that it has no gap.
         const double half = kRadius + reach;
         const double exact = body.name[0] == 'd' ? std::numbers::pi * half * half
                              : body.name[0] == 'c'

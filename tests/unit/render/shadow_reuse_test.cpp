@@ -1,5 +1,5 @@
-// What a change between two frames makes the CPU do again (docs/shadows.md#own-frame), for every
-// technique; and shadow fields as drawn.
+// The CPU's work after each kind of change between two frames (docs/shadows.md#own-frame), for
+// every technique; and shadow fields as drawn.
 #include <gtest/gtest.h>
 
 #include <cmath>
@@ -58,7 +58,7 @@ Placement turned(const Placement& placement, const Eigen::Vector3d& axis, double
   return result;
 }
 
-// One caster, moved by hand.
+// One caster that the test moves.
 class Stage {
  public:
   Stage(ShadowTechnique technique, std::shared_ptr<const Model> model, const Placement& start,
@@ -78,7 +78,7 @@ class Stage {
   Picture draw(const Placement& placement, const PoseEstimate& pose = overhead(),
                const LayeredConstants* constants = nullptr) {
     PlanOptions options;
-    options.layers = LayerDrawing::direct;  // a mask is made anew where the caster slides
+    options.layers = LayerDrawing::direct;  // a sliding caster would need a new mask
     FramePlan plan = studio_.plan(pose, options);
     if (plan.shadows.size() != 1) throw std::runtime_error("one shadow is expected");
     plan.shadows[0].T_table_object = placement;
@@ -96,17 +96,17 @@ struct Case {
   const char* name;
   ShadowTechnique technique;
   Placement placement;
-  bool on_cpu;  // whether the CPU has to touch vertices when something changes
+  bool on_cpu;  // true if a change makes the CPU process vertices
   LightMode light_mode = LightMode::proportional;
 };
 class ShadowReuse : public testing::TestWithParam<Case> {
  protected:
-  // Kernels; and for a light of one size the sizes of the parts too.
+  // One set of kernels; a light of fixed size also needs one set of part sizes.
   static int sets_per_tilt() {
     if (GetParam().technique == ShadowTechnique::simple) return 0;
     return GetParam().light_mode == LightMode::fixed ? 2 : 1;
   }
-  // Nothing but the place of what there is already.
+  // Only the placement of existing geometry changes.
   static void expect_reused(const CompositeStats& stats, const char* what) {
     EXPECT_EQ(stats[Counter::shadow_vertices], 0) << what;
     EXPECT_EQ(stats[Counter::kernel_generations], 0) << what;
@@ -119,7 +119,8 @@ class ShadowReuse : public testing::TestWithParam<Case> {
     EXPECT_EQ(stats[Counter::triples_recomputed], 1) << what;
   }
 };
-// Tilted about a slanted axis, so that no rounding is exact; "clipped" reaches under the plane.
+// The tilt is about a slanted axis, so that no rounding is exact. "Clipped" reaches below the
+// plane.
 const Placement kFree = test::at(0.01, 0.02, 0.11, {1.0, 0.4, 0.2}, 0.33);
 const Placement kClipped = test::at(0.01, 0.02, 0.01, {1.0, 0.4, 0.2}, 0.33);
 INSTANTIATE_TEST_SUITE_P(
@@ -157,7 +158,7 @@ TEST_P(ShadowReuse, KeepsGeometryWhileCasterSlidesAndTurns) {
     expect_reused(stage.stats(), "slid and turned");
     if (i % 10 != 0) continue;
     Stage fresh(GetParam().technique, l_model(), placement, GetParam().light_mode);
-    EXPECT_EQ(moved, fresh.draw(placement)) << "the picture does not depend on what was before";
+    EXPECT_EQ(moved, fresh.draw(placement)) << "the frame does not depend on earlier frames";
   }
 }
 
@@ -210,7 +211,7 @@ TEST_P(ShadowReuse, GeneratesKernelsForTiltBeyondThreshold) {
   EXPECT_EQ(stage.stats()[Counter::kernel_generations], 0) << "kept from the start";
 }
 
-// Kernels that no generation makes, so that what is drawn tells which are in use.
+// Kernels that no generator makes, so that the drawn shadow shows if they are in use.
 std::shared_ptr<const Model> l_with_stored_kernels(const std::string& stamp = "") {
   Model model = *l_model();
   for (Mesh& mesh : model.meshes)
@@ -241,7 +242,7 @@ TEST(StoredKernels, RequireThicknessForFixedLight) {
     for (const LightMode mode : {LightMode::proportional, LightMode::fixed}) {
       Stage stage(ShadowTechnique::layered, l_with_stored_kernels(stamp), placement, mode);
       stage.draw(placement);
-      // With a light of one size one more for the radii, and the parts.
+      // A light of fixed size also generates radii, and parts.
       const int others = mode == LightMode::fixed ? (serves ? 2 : 1) : 0;
       EXPECT_EQ(stage.stats()[Counter::kernel_generations],
                 others + (serves || mode == LightMode::proportional ? 0 : 1))
@@ -263,11 +264,11 @@ TEST(StoredKernels, KeepTheirKindForOtherTilts) {
   EXPECT_EQ(picture(l_with_stored_kernels("g-p-cocl"), KernelSource::automatic), centroid);
   EXPECT_EQ(picture(l_with_stored_kernels("g-p-auto"), KernelSource::automatic), automatic);
   EXPECT_EQ(picture(l_with_stored_kernels("g-p-smooth"), KernelSource::centroid), centroid)
-      << "a kind that is asked for goes before";
+      << "a requested kind has priority";
 }
 
 TEST(ShadowField, IsReusedForTiltThatMovesNoEdge) {
-  // Level: in the middle of a step of the rounding.
+  // A level caster lies in the middle of a rounding step.
   const Placement level = test::at(0.0, 0.0, 0.1);
   Stage stage(ShadowTechnique::field, l_model(), level);
   const Picture before = stage.draw(level);
@@ -298,7 +299,7 @@ TEST(OwnFrame, ReproducesObjectPlacement) {
   }
 }
 
-// Pixels of the field itself, looked up on the table.
+// Evaluates the field at each pixel's point on the table.
 TEST(ShadowField, MatchesFieldValuesOnPlane) {
   const Placement unturned = test::at(0.0, 0.0, 0.09);
   const double yaw = 0.6;
@@ -339,7 +340,7 @@ TEST(ShadowField, MatchesFieldValuesOnPlane) {
     }
   }
   for (std::size_t i = 0; i < 3; ++i) EXPECT_GT(size[i], 300) << i;
-  // Half floats move an edge by 1/2000 cell at most: pixels whose centre is that near to it.
+  // Half floats move an edge by at most 1/2000 cell, which affects pixels with a centre that close.
   EXPECT_LE(differing, 5);
 }
 
@@ -355,7 +356,7 @@ TEST(ShadowField, DarkensOnceForOverlappingCasters) {
     builder.scene().shadows[0].technique = ShadowTechnique::field;
     Studio studio(builder.build(), camera());
     PlanOptions options;
-    options.layers = LayerDrawing::direct;  // in a mask shares of a pixel add up
+    options.layers = LayerDrawing::direct;  // in a mask, covered shares of a pixel add up
     return studio.draw_shadows(white(), studio.plan(overhead(), options));
   };
   const Picture together = draw(both);
@@ -373,7 +374,7 @@ TEST(ShadowField, DarkensOnceForOverlappingCasters) {
 
 TEST(ShadowField, DrawsWholeCardOnPlaneDespiteRounding) {
   for (const double angle : {0.0, 0.7, 2.9}) {
-    // The plane is slanted, and the card lies in it: every height is a rounding error.
+    // The card lies in the slanted plane, so that every height is a rounding error.
     SceneBuilder builder;
     Placement placement = test::at(0.0, 0.0, 0.0, {1.0, 0.3, 0.0}, 0.4);
     const Eigen::Vector3d normal = placement.rotation * Eigen::Vector3d::UnitZ();
@@ -386,7 +387,7 @@ TEST(ShadowField, DrawsWholeCardOnPlaneDespiteRounding) {
       PlanOptions options;
       options.layers = layers;
       const Picture picture = studio.draw_shadows(white(), studio.plan(overhead(), options));
-      constexpr int kHalfUmbra = (255 + 107) / 2;  // of a pixel that an edge runs through
+      constexpr int kHalfUmbra = (255 + 107) / 2;  // of a pixel on an edge
       int dark = 0;
       for (int y = 0; y < kSide; ++y)
         for (int x = 0; x < kSide; ++x) dark += picture.red(x, y) < kHalfUmbra ? 1 : 0;

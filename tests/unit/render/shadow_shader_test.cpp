@@ -1,5 +1,5 @@
-// The places that the vertex shader computes, read back from it by transform feedback, against the
-// exact factors: its formulas are written otherwise than those of the CPU.
+// Places computed by the vertex shader, read back by transform feedback and compared with exact
+// factors. The shader's formulas differ from the CPU's.
 #include <epoxy/gl.h>
 #include <fmt/format.h>
 #include <gtest/gtest.h>
@@ -32,7 +32,7 @@ struct Vertex {
   glm::vec3 position{0.0F}, kernel{0.0F};
 };
 
-// shadow.vert.glsl with a lens that passes on the place on the plane.
+// Runs shadow.vert.glsl with a lens that passes on the place on the plane.
 class PlaceReader {
  public:
   explicit PlaceReader(GlApi api) {
@@ -64,7 +64,7 @@ class PlaceReader {
     array_ = std::make_unique<VertexArray>();
     input_ = std::make_unique<GlBuffer>(BufferUse::vertices);
     glGenBuffers(1, &output_);
-    // Nothing is drawn, yet drawing needs something to draw into.
+    // Draw calls need a framebuffer although nothing is rasterised.
     glGenFramebuffers(1, &framebuffer_);
     glGenRenderbuffers(1, &pixel_);
     glBindRenderbuffer(GL_RENDERBUFFER, pixel_);
@@ -81,7 +81,7 @@ class PlaceReader {
     glDeleteProgram(program_);
   }
 
-  // Places of one layer. Uniforms as ShadowPass sets them.
+  // Places of one layer's vertices; the uniforms are set as ShadowPass sets them.
   std::vector<glm::vec2> places(const LayeredConstants& c, ShadowLayer layer,
                                 std::span<const Vertex> vertices) {
     glUseProgram(program_);
@@ -148,8 +148,8 @@ class PlaceReader {
 
 class ShadowShader : public testing::TestWithParam<GlApi> {};
 
-// A vertex 1 m from its kernel: its image is as far from it as the factor says
-// (docs/shadows.md#layers: within 4e-7 (1 + |s|) H / (H - h) of the exact one).
+// A vertex lies 1 m from its kernel, so that its image's distance equals the factor
+// (docs/shadows.md#layers: error within 4e-7 (1 + |s|) H / (H - h)).
 double bound_of(double exact, double H, double h) {
   return 4e-7 * (1.0 + std::abs(exact)) * (std::isinf(H) ? 1.0 : H / (H - h));
 }
@@ -177,14 +177,14 @@ TEST_P(ShadowShader, MatchesReferenceFactorsWithinFloatBound) {
   }
 }
 
-// Own inputs, exact in long double: lights near, far and at the zenith; heights all over each
-// layer's range and close to both of its ends.
+// Exact factors in long double for lights near, far and at the zenith, with heights over each
+// layer's whole range and close to both ends.
 TEST_P(ShadowShader, MatchesExactFactorsWithinFloatBound) {
   PlaceReader reader(GetParam());
   std::mt19937 random(11);
   std::uniform_real_distribution<double> unit(0.0, 1.0);
   const auto in_float = [](double value) { return static_cast<double>(static_cast<float>(value)); };
-  double worst = 0.0;  // share of the bound
+  double worst = 0.0;  // as a share of the bound
   for (int set = 0; set < 200; ++set) {
     const bool zenith = set % 5 == 0;
     const double H = zenith ? std::numeric_limits<double>::infinity()
@@ -201,7 +201,7 @@ TEST_P(ShadowShader, MatchesExactFactorsWithinFloatBound) {
                               : i % 3 == 1 ? high * (1.0 - 1e-6 * where)
                                            : high * 1e-6 * where;
         const auto h = static_cast<float>(height);
-        if (static_cast<double>(h) > high) continue;  // rounded up past the end
+        if (static_cast<double>(h) > high) continue;  // rounded beyond the end of the range
         vertices.push_back({{1.0F, 0.0F, h}, {}});
       }
       const auto places = reader.places(constants, layer, vertices);
@@ -221,12 +221,12 @@ TEST_P(ShadowShader, MatchesExactFactorsWithinFloatBound) {
       }
     }
   }
-  EXPECT_GT(worst, 0.01) << "floats round: nothing was compared";
+  EXPECT_GT(worst, 0.01) << "float rounding must show in the comparison";
   RecordProperty("worst_share_of_the_bound", fmt::format("{:.3f}", worst));
 }
 
-// Contact and the collapse are exact whatever the rounding: at the plane every layer is the vertex,
-// at h_u the umbra is the kernel.
+// Contact and collapse are exact for any rounding: at the plane each layer equals the vertex, at
+// h_u the umbra equals the kernel.
 TEST_P(ShadowShader, IsExactAtContactAndUmbraHeight) {
   PlaceReader reader(GetParam());
   const double inf = std::numeric_limits<double>::infinity();
@@ -241,7 +241,7 @@ TEST_P(ShadowShader, IsExactAtContactAndUmbraHeight) {
       EXPECT_EQ(place, glm::vec2(0.31F, -0.17F)) << lambda_of(layer);
     }
     const auto umbra = reader.places(constants, ShadowLayer::umbra, vertices);
-    EXPECT_NEAR(umbra[0].x, 0.31F, 6e-8F);  // anchored at its kernel
+    EXPECT_NEAR(umbra[0].x, 0.31F, 6e-8F);  // the umbra is anchored at its kernel
     EXPECT_NEAR(umbra[0].y, -0.17F, 6e-8F);
     EXPECT_EQ(umbra[1], glm::vec2(0.1F, 0.07F));
   }

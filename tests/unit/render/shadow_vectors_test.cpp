@@ -13,7 +13,7 @@ std::filesystem::path vectors_dir() {
   return test::shared_dir().empty() ? std::filesystem::path() : test::shared_dir() / "vectors";
 }
 
-// Mesh and kernels as given, vertex for vertex: nothing welded.
+// Mesh and kernels exactly as given: vertices are not welded.
 struct GivenCaster {
   ShadowMesh mesh;
   ShadowKernels kernels;
@@ -56,11 +56,10 @@ double ring_moment(const test::Ring& ring, Eigen::Vector2d& moment) {
   return area;
 }
 
-// Whether a point lies inside the union of the triangles where two of them meet: in an edge whose
-// ends both have, to the last bit, and that they lie on either side of. Whatever the arithmetic,
-// such a point is none of the union's boundary.
+// Tests if a point lies on an edge that two triangles share exactly, one on either side. Such a
+// point is inside their union for any arithmetic.
 bool on_seam(const Eigen::Vector2d& p, const std::vector<PlanePoint>& triangles) {
-  constexpr double kNear = 1e-8;  // [m]: the floats of the layer, the ten digits of the samples
+  constexpr double kNear = 1e-8;  // [m]: float layers, and samples of ten digits
   const auto in_double = [&](std::size_t i) {
     return Eigen::Vector2d(static_cast<double>(triangles[i].u),
                            static_cast<double>(triangles[i].v));
@@ -121,7 +120,7 @@ void expect_layer(const nlohmann::json& expected, const nlohmann::json& toleranc
   EXPECT_LT((moment / signed_area - test::point_from(expected.at("centroid"))).norm(),
             5.0 * boundary);
 
-  // Masks of 1024 pixels across, of the triangles themselves and of the oracle's polygons.
+  // Masks 1024 pixels wide of the triangles and of the oracle's polygons.
   const double extent = 1.02 * (high - low).maxCoeff();
   const Eigen::Vector2d corner = 0.5 * (low + high) - Eigen::Vector2d::Constant(0.5 * extent);
   test::Mask ours(corner, extent / 1024.0, 1024);
@@ -131,9 +130,9 @@ void expect_layer(const nlohmann::json& expected, const nlohmann::json& toleranc
   theirs.cover(test::rings_from(expected.at("polygons")));
   polygons.cover(rings);
 
-  // The union of the oracle, in rounded double precision, left slits without width between faces
-  // that share an edge, and some of its samples lie on them: inside the layer, up to 50 mm from
-  // its boundary, which its own polygons show too. Exactly those are left out.
+  // The oracle's union has zero-width slits between faces that share an edge, a result of rounding.
+  // Some of its samples lie on such slits: inside the layer, up to 50 mm from its boundary. Only
+  // these are skipped.
   for (const auto& sample : expected.at("boundary_samples")) {
     const Eigen::Vector2d p = test::point_from(sample);
     const double distance = test::distance_to_rings(p, rings);

@@ -1,4 +1,4 @@
-// Shadow volumes: closed surfaces, and what they darken against points looked up one by one.
+// Shadow volumes are closed surfaces; their darkening is compared with rays to the light.
 #include "render/shadow/volumes/shadow_volume.hpp"
 
 #include <gtest/gtest.h>
@@ -51,14 +51,14 @@ ShadowMesh mesh_of(ShapeBuilder shape) {
 }
 const PlaneFrame kTable;
 
-// From the right and above.
+// View from the right and above.
 std::vector<std::uint8_t> picture_of(const SceneBuilder& builder) {
   Studio studio(builder.build(), test::camera_of(kSide, kSide, 260.0));
   const PoseEstimate pose = test::tracked(test::look_at({0.3, -0.4, 0.5}, {0.0, 0.0, 0.0}));
   return studio.draw(white(), studio.plan(pose)).rgba;
 }
 
-// Every edge is run through as often one way as the other.
+// Tests if each edge is traversed equally often in both directions.
 bool closed(const std::vector<glm::vec3>& triangles) {
   const auto key = [](const glm::vec3& p) { return std::tuple(p.x, p.y, p.z); };
   std::map<std::pair<std::tuple<float, float, float>, std::tuple<float, float, float>>, int> edges;
@@ -78,7 +78,7 @@ TEST(ShadowVolume, IsClosedForAnyCaster) {
   cube.box(-0.05, -0.05, 0.1, 0.05, 0.05, 0.2);
   ShapeBuilder torus;
   torus.torus(0.06, 0.02, 16, 40);
-  ShapeBuilder open;  // three sides of a box, one of them turned the wrong way
+  ShapeBuilder open;  // three sides of a box, one of them with inverted winding
   open.quad(open.vertex(0, 0, 0.1), open.vertex(0.1, 0, 0.1), open.vertex(0.1, 0.1, 0.1),
             open.vertex(0, 0.1, 0.1));
   open.quad(open.vertex(0, 0, 0.1), open.vertex(0.1, 0, 0.1), open.vertex(0.1, 0, 0.2),
@@ -98,7 +98,7 @@ TEST(ShadowVolume, IsClosedForAnyCaster) {
       EXPECT_TRUE(closed(split_for_lens(volume.triangles, 0.01)));
       float lowest = 1.0F;
       for (const glm::vec3& p : volume.triangles) lowest = std::min(lowest, p.z);
-      EXPECT_LT(lowest, 0.0F) << "it reaches through the table";
+      EXPECT_LT(lowest, 0.0F) << "the volume reaches through the table";
     }
   }
 }
@@ -110,7 +110,7 @@ TEST(ShadowVolume, IsEmptyForLightInsideCaster) {
   const ShadowVolume inside = caster.volume({}, {0.0, 0.0, 0.15, 1.0}, {{kTable}}, 12.0);
   EXPECT_TRUE(inside.light_inside);
   EXPECT_TRUE(inside.triangles.empty());
-  // In the plane of its top: that face counts as unlit, two sides remain.
+  // For a light in the plane of its top, that face counts as unlit and two sides remain.
   const ShadowVolume level = caster.volume({}, {0.3, 0.3, 0.2, 1.0}, {{kTable}}, 12.0);
   EXPECT_FALSE(level.light_inside);
   EXPECT_TRUE(closed(level.triangles));
@@ -122,7 +122,7 @@ TEST(ShadowVolume, ReportsLightInsideCaster) {
   builder.add(box(0.02, 0.02, 0.02), test::at(0.08, 0.0, 0.05));
   Studio studio(builder.build(), test::camera_of(kSide, kSide, 260.0));
   const FramePlan plan = studio.plan(test::tracked(test::look_at({0.3, -0.4, 0.5}, {0, 0, 0})));
-  for (int frame = 0; frame < 2; ++frame) {  // made, and drawn again
+  for (int frame = 0; frame < 2; ++frame) {  // computed, then reused
     studio.draw(white(), plan);
     ASSERT_EQ(studio.stats().skipped.size(), 1U);
     const SkippedPass& skipped = studio.stats().skipped[0];
@@ -133,7 +133,7 @@ TEST(ShadowVolume, ReportsLightInsideCaster) {
   }
 }
 
-// What the author reduced casts, projected and as a volume; not where proxies are switched off.
+// The author's proxy casts in projected shadows and volumes, unless proxies are switched off.
 TEST(ShadowVolume, UsesAuthoredProxyModel) {
   for (const ShadowTechnique technique : {ShadowTechnique::hard, ShadowTechnique::volume}) {
     SceneBuilder builder = with_light({0.0, 0.0, 0.6});
@@ -161,15 +161,15 @@ TEST(ShadowVolume, UsesAuthoredProxyModel) {
   }
 }
 
-// The cases of the oracle: a bitmap of the table, seen from outside, from inside the volume, and
-// with the near plane in the volume's wall.
+// The oracle gives bitmaps of the table, seen from outside and inside the volume, and with the near
+// plane in the volume's wall.
 TEST(ShadowVolume, MatchesReferenceMasks) {
   if (test::shared_dir().empty()) GTEST_SKIP() << "no shared data beside the checkout";
   const auto json = test::read_json(test::shared_dir() / "vectors" / "shadow_volume.json");
   std::size_t count = 0;
   for (const auto& entry : json.at("cases")) {
     const auto xyz = entry.at("caster_hull_points").get<std::vector<double>>();
-    ASSERT_EQ(xyz.size(), 24U) << "boxes are all that is hulled here";
+    ASSERT_EQ(xyz.size(), 24U) << "only boxes are supported here";
     Eigen::Vector3d low = Eigen::Vector3d::Constant(1e9);
     Eigen::Vector3d high = -low;
     for (std::size_t i = 0; i < xyz.size(); i += 3) {
@@ -212,11 +212,11 @@ TEST(ShadowVolume, MatchesReferenceMasks) {
   EXPECT_GE(count, 3U);
 }
 
-// A box in the table frame, for rays.
+// A box in the table frame for ray tests.
 struct Block {
   Placement placement;
   Eigen::Vector3d half;
-  // The first t > least at which p + t d enters or leaves it.
+  // Smallest t > least at which p + t d crosses the box's surface.
   [[nodiscard]] double hit(const Eigen::Vector3d& p, const Eigen::Vector3d& d, double least) const {
     const Eigen::Vector3d from =
         placement.rotation.conjugate() * (p - placement.position) / placement.scale;
@@ -232,7 +232,7 @@ struct Block {
     if (enter > leave || leave <= least) return std::numeric_limits<double>::infinity();
     return enter > least ? enter : leave;
   }
-  // Of the face that a point of its surface lies on.
+  // Normal of the face that contains this surface point.
   [[nodiscard]] Eigen::Vector3d normal(const Eigen::Vector3d& p) const {
     const Eigen::Vector3d at =
         placement.rotation.conjugate() * (p - placement.position) / placement.scale;
@@ -244,7 +244,7 @@ struct Block {
   }
 };
 
-// The share of all red light at a place that one light gives, by Lambert's law.
+// One light's share of all red light at a point, by Lambert's law.
 double share_of(int light, const FramePlan& plan, const Scene& scene, const Eigen::Vector3d& place,
                 const Eigen::Vector3d& normal) {
   const double up = 0.5 + 0.5 * normal.z();
@@ -265,9 +265,9 @@ struct View {
   Eigen::Vector3d eye, target;
 };
 
-// The table, a phantom box and a virtual one, and a caster of two boxes: every pixel against the
-// ray from what it shows to the light. From outside, from within the shadow, and with its wall
-// through the near plane.
+// The table, a phantom box, a virtual box and a caster of two boxes. Each pixel is compared with
+// the ray from its surface point to the light: seen from outside, from within the shadow, and with
+// the volume's wall through the near plane.
 class VolumeView : public testing::TestWithParam<std::tuple<View, bool>> {};
 INSTANTIATE_TEST_SUITE_P(
     Views, VolumeView,
@@ -310,7 +310,7 @@ TEST_P(VolumeView, DarkensUnlitPixelsOnly) {
   none.technique = ShadowTechnique::none;
   const Picture without = studio.draw(white(), studio.plan(pose, none));
 
-  std::vector<int> expected(std::size_t{kSide} * kSide, -1);  // in shadow or not; -1: not compared
+  std::vector<int> expected(std::size_t{kSide} * kSide, -1);  // 1: in shadow, -1: not compared
   std::vector<bool> off(expected.size());
   int dark = 0;
   int on_phantom = 0;
@@ -335,17 +335,17 @@ TEST_P(VolumeView, DarkensUnlitPixelsOnly) {
       }
       double caster = t;
       for (const Block& block : casters) caster = std::min(caster, block.hit(view.eye, d, kNear));
-      if (caster < t || !std::isfinite(t)) continue;  // a caster's own picture
+      if (caster < t || !std::isfinite(t)) continue;  // pixels of the caster itself
       const Eigen::Vector3d place = view.eye + t * d;
       const Eigen::Vector3d to_light = light - place;
       bool blocked = false;
       for (const Block& block : casters)
         blocked = blocked || block.hit(place, to_light, 1e-9) < 1.0;
-      // A face turned away from the light has nothing of it to lose.
+      // A face turned away from the light loses nothing.
       const Eigen::Vector3d normal =
           shown != nullptr ? shown->normal(place) : Eigen::Vector3d::UnitZ();
       const double cosine = normal.dot(to_light.normalized());
-      if (cosine > 0.0 && cosine < 0.03) continue;  // less than a code
+      if (cosine > 0.0 && cosine < 0.03) continue;  // a difference of less than a code
       away += blocked && cosine < 0.0 ? 1 : 0;
       blocked = blocked && cosine > 0.0;
       ++compared;
@@ -357,13 +357,13 @@ TEST_P(VolumeView, DarkensUnlitPixelsOnly) {
       off[static_cast<std::size_t>(kSide * y + x)] = drawn != blocked;
     }
   }
-  // An edge may fall to either side of a pixel's centre: but where the pixels around are in light
-  // or in shadow all alike, none is wrong.
+  // A pixel centre may fall on either side of an edge. Pixels whose whole neighbourhood is lit or
+  // in shadow must match.
   const auto [beside_no_edge, wrong_there] = test::beside_no_edge(kSide, expected, off);
   EXPECT_GT(beside_no_edge, 5000);
   EXPECT_EQ(wrong_there, 0) << "of " << beside_no_edge;
   EXPECT_GT(dark, 1000);
-  EXPECT_GT(compared - dark, 1000) << "not all of it";
+  EXPECT_GT(compared - dark, 1000) << "some pixels are lit";
   if (std::string(view.name) == "outside") {
     EXPECT_GT(on_phantom, 50);
     EXPECT_GT(away, 50);
@@ -371,8 +371,8 @@ TEST_P(VolumeView, DarkensUnlitPixelsOnly) {
   EXPECT_LE(wrong, 20 + dark / 60) << dark << " dark of " << compared;
 }
 
-// Where a tag group's place is uncertain or held, what is tied to it is drawn faintly: the shadow
-// of it, and on it. A pixel in two shadows has the stronger one.
+// Objects of an uncertain or coasting group are drawn faintly, and so are their shadows and the
+// shadows on them. A pixel in two shadows shows the stronger one.
 TEST(ShadowVolume, FadesWithCasterAndReceiver) {
   const Eigen::Vector3d light(-0.15, 0.05, 0.6);
   SceneBuilder builder = with_light(light);
@@ -408,7 +408,7 @@ TEST(ShadowVolume, FadesWithCasterAndReceiver) {
   plan.volumes.clear();
   const Picture without = studio.draw(white(), plan);
 
-  std::map<std::pair<float, float>, int> seen;  // by receiver's and caster's opacity
+  std::map<std::pair<float, float>, int> seen;  // keyed by receiver's and caster's opacity
   int wrong = 0;
   for (int y = 0; y < kSide; ++y) {
     for (int x = 0; x < kSide; ++x) {
@@ -452,7 +452,7 @@ TEST(ShadowVolume, FadesWithCasterAndReceiver) {
   }
   EXPECT_LE(wrong, 350) << "more than edges of " << kSide * kSide;
 
-  // All at one opacity: the same, whichever way it is drawn.
+  // With uniform opacity, both drawing methods give the same frame.
   FramePlan even = studio.plan(pose);
   const Picture solid = studio.draw(white(), even);
   even.phantoms[0].opacity = 0.999999F;
@@ -464,8 +464,8 @@ TEST(ShadowVolume, FadesWithCasterAndReceiver) {
   EXPECT_EQ(other, 0);
 }
 
-// Three lights, two casters, two nodes: what each node's lights throw of its own casters, against
-// rays; a pixel that misses several lights has lost the sum of their shares, each once.
+// Three lights, two casters and two nodes. Each node's lights act on its casters only. A pixel that
+// misses several lights loses the sum of their shares, each once.
 TEST(ShadowVolume, DrawsEveryLightOfEveryNode) {
   const std::vector<Eigen::Vector3d> lights = {
       {-0.2, 0.05, 0.6}, {0.15, -0.25, 0.5}, {0.2, 0.3, 0.7}};
@@ -499,11 +499,11 @@ TEST(ShadowVolume, DrawsEveryLightOfEveryNode) {
   ASSERT_EQ(plan.volumes.size(), 4U);
   plan.objects.clear();
   const Picture solid = studio.draw(white(), plan);
-  // Drawn caster by caster, with as good as no difference.
+  // An opacity just below 1 selects drawing caster by caster.
   plan.volumes[0].opacity = 0.999999F;
   const Picture faint = studio.draw(white(), plan);
 
-  std::map<int, int> seen;  // by the lights missed
+  std::map<int, int> seen;  // keyed by the set of missed lights
   int wrong = 0;
   int apart = 0;
   for (int y = 0; y < kSide; ++y) {
@@ -534,10 +534,10 @@ TEST(ShadowVolume, DrawsEveryLightOfEveryNode) {
   EXPECT_EQ(apart, 0);
 }
 
-// More closed parts above one another than the stencil counts to: nothing comes out of it light.
+// More closed parts overlap than the stencil can count; the result must stay dark.
 TEST(ShadowVolume, StaysDarkForManyStackedParts) {
   ShapeBuilder stack;
-  constexpr int kParts = 128;  // twice round
+  constexpr int kParts = 128;  // twice the range of the stencil counter
   for (int i = 0; i < kParts; ++i) {
     const double z = 0.05 + 0.001 * i;
     stack.box(-0.05, -0.05, z, 0.05, 0.05, z + 0.0005);
@@ -563,7 +563,7 @@ TEST(ShadowVolume, StaysDarkForManyStackedParts) {
   EXPECT_LT(picture.red(kSide / 2, kSide / 2), 250);
 }
 
-// Planes in the same place, as two names for one table: each pixel loses the light's share once.
+// Coincident planes, like two names for one table, darken each pixel once.
 TEST(ShadowVolume, DarkensCoincidentPlanesOnce) {
   SceneBuilder builder = with_light({-0.2, 0.05, 0.6});
   builder.add(box(0.08, 0.08, 0.02), test::at(0.0, 0.0, 0.1));
@@ -574,8 +574,8 @@ TEST(ShadowVolume, DarkensCoincidentPlanesOnce) {
   EXPECT_EQ(picture_of(builder), once);
 }
 
-// A projected shadow ends where a phantom stands on its plane: what the light's ray meets first is
-// the phantom. Against rays, with the planes' part unchanged.
+// A projected shadow ends where a phantom stands on its plane, because the phantom blocks the ray
+// first. Phantoms are compared with rays; the plane's shadow must stay unchanged.
 TEST(ShadowVolume, CarriesProjectedShadowsOntoPhantoms) {
   const Eigen::Vector3d light(-0.25, 0.05, 0.6);
   SceneBuilder builder = with_light(light);
@@ -626,7 +626,7 @@ TEST(ShadowVolume, CarriesProjectedShadowsOntoPhantoms) {
   EXPECT_LE(wrong, 20) << "more than edges, of " << dark;
 }
 
-// Volumes that no phantom is in are left out, and only those: the pictures are the same.
+// Only volumes without a phantom inside are skipped, which must not change the frame.
 TEST(ShadowVolume, ExtendsProjectedShadowsOnlyToPhantomsTheyMeet) {
   std::mt19937 random(11);
   const auto within = [&random](double low, double high) {
@@ -662,8 +662,8 @@ TEST(ShadowVolume, ExtendsProjectedShadowsOnlyToPhantomsTheyMeet) {
   EXPECT_GT(drawn, 5);
 }
 
-// One light of two nodes, projected by one and as a volume by the other: what both keep it from
-// loses it once.
+// One light serves two nodes, by projection and by volume. A pixel in both shadows loses its light
+// once.
 TEST(ShadowVolume, CountsLightOnceWithProjectedShadow) {
   SceneBuilder builder = with_light({-0.2, 0.05, 0.6});
   builder.add(box(0.08, 0.08, 0.02), test::at(0.0, 0.0, 0.1));
@@ -678,8 +678,7 @@ TEST(ShadowVolume, CountsLightOnceWithProjectedShadow) {
   EXPECT_EQ(picture_of(builder), volumes);
 }
 
-// Two lights, one projected and one as a volume: where both are missing their shares are gone
-// together.
+// Two lights, one projected and one as a volume: a pixel that misses both loses both shares.
 TEST(ShadowVolume, AddsToProjectedShadowOfOtherLight) {
   SceneBuilder builder = with_light({-0.2, 0.05, 0.6});
   SceneLight& second = builder.scene().lights.emplace_back(builder.scene().lights[0]);
@@ -695,8 +694,8 @@ TEST(ShadowVolume, AddsToProjectedShadowOfOtherLight) {
   EXPECT_EQ(picture_of(builder), volumes);
 }
 
-// What lies under a plane is not what its pixels show: they are darkened by the plane's shadow
-// alone.
+// A phantom below the plane is hidden by it. The pixels there are darkened only by the plane's
+// shadow.
 TEST(ShadowVolume, IgnoresPhantomsUnderPlane) {
   SceneBuilder builder = with_light({-0.2, 0.05, 0.6});
   builder.scene().shadows[0].technique = ShadowTechnique::hard;
@@ -706,7 +705,7 @@ TEST(ShadowVolume, IgnoresPhantomsUnderPlane) {
   EXPECT_EQ(picture_of(builder), alone);
 }
 
-// Many faces are not many above one another: they are counted at once.
+// Parts that do not overlap share a batch of stencil counting.
 TEST(ShadowVolume, HasFewBatchesForTree) {
   const Result<Model> tree = load_model(test::source_dir() / "scenes" / "models" / "tree.glb");
   ASSERT_TRUE(tree) << tree.error().message;
@@ -714,7 +713,7 @@ TEST(ShadowVolume, HasFewBatchesForTree) {
   for (const Eigen::Vector4d& light :
        {Eigen::Vector4d(0.3, 0.1, 0.9, 1.0), Eigen::Vector4d(-0.4, 0.1, 0.3, 1.0),
         Eigen::Vector4d(0.2, 0.3, 0.9, 0.0), Eigen::Vector4d(0.9, 0.0, 0.2, 0.0),
-        Eigen::Vector4d(0.01, 0.0, 0.2, 1.0)}) {  // the last amid its leaves
+        Eigen::Vector4d(0.01, 0.0, 0.2, 1.0)}) {  // the last one amid the leaves
     const ShadowVolume volume = caster.volume({}, light, {{kTable}}, 12.0);
     EXPECT_FALSE(volume.triangles.empty());
     EXPECT_LE(volume.batch_ends.size(), 3U);
@@ -737,7 +736,7 @@ TEST(ShadowVolume, IsUnchangedForInvertedClosedPart) {
   EXPECT_EQ(volume.triangles.size(), right);
   EXPECT_TRUE(closed(volume.triangles));
   EXPECT_TRUE(caster.volume({}, inside, {{kTable}}, 12.0).light_inside);
-  // A card with two sides has nothing inside, also where it is seen edge-on.
+  // A double-sided card has no inside, even if seen edge-on.
   ShapeBuilder card;
   const auto a = card.vertex(0, 0, 0.1), b = card.vertex(0.1, 0, 0.1),
              c = card.vertex(0.1, 0.1, 0.1), d = card.vertex(0, 0.1, 0.1);
@@ -747,7 +746,7 @@ TEST(ShadowVolume, IsUnchangedForInvertedClosedPart) {
       VolumeCaster(mesh_of(card)).volume({}, {0.3, 0.3, 0.1, 1.0}, {{kTable}}, 12.0).light_inside);
 }
 
-// Two nodes with the same caster and light: made once, and long enough for the receivers of both.
+// Two nodes share caster and light. The volume is made once, long enough for the receivers of both.
 TEST(ShadowVolume, IsDrawnOnceForTwoNodes) {
   SceneBuilder builder = with_light({-0.2, 0.05, 0.6});
   builder.add(box(0.08, 0.08, 0.02), test::at(0.0, 0.0, 0.1));
@@ -770,7 +769,7 @@ TEST(ShadowVolume, IsDrawnOnceForTwoNodes) {
   builder.scene().planes[1].outline = {{-1, -1}, {1, -1}, {1, 1}, {-1, 1}};
   const FramePlan bounded =
       Studio(builder.build(), test::camera_of(kSide, kSide, 260.0)).plan(pose);
-  EXPECT_TRUE(bounded.volumes.at(0).floors.empty()) << "as far as anything receives";
+  EXPECT_TRUE(bounded.volumes.at(0).floors.empty()) << "it extends to the farthest receiver";
 }
 
 TEST(ShadowVolume, NeverDarkensEmptyDepth) {
@@ -792,7 +791,7 @@ TEST(ShadowVolume, NeverDarkensEmptyDepth) {
       const Eigen::Vector3d eye = plan.T_table_camera.translation();
       const Eigen::Vector3d p = eye - d * (eye.z() / d.z());
       EXPECT_LE((p.head<2>() - Eigen::Vector2d(0.09, 0.0)).cwiseAbs().maxCoeff(), 0.062)
-          << "off the sheet";
+          << "outside the sheet";
     }
   }
   EXPECT_GT(dark, 100);
@@ -813,19 +812,19 @@ TEST(ShadowVolume, IsRecomputedOnlyWhenCasterOrLightMoves) {
   plan.volumes[1].T_table_object.position.z() += 0.01;
   studio.draw(white(), plan);
   EXPECT_EQ(studio.stats()[Counter::triples_recomputed], 1);
-  // A floor that sinks: the volume must reach through it.
+  // The volume must grow to reach a floor that sinks.
   for (ShadowVolumeDraw& draw : plan.volumes) draw.floors[0].q.z() -= 0.3;
   studio.draw(white(), plan);
   EXPECT_EQ(studio.stats()[Counter::triples_recomputed], 2);
 }
 
-// What can't be seen is not made, and the picture is the same; of one light and of two.
+// Skipped volumes must not change the frame, for one light and for two.
 TEST(ShadowVolume, IsSkippedOutOfView) {
   std::mt19937 random(5);
   const auto within = [&random](double low, double high) {
     return std::uniform_real_distribution<double>(low, high)(random);
   };
-  int left_out = 0;
+  int skipped_count = 0;
   int drawn = 0;
   for (int i = 0; i < 40; ++i) {
     SceneBuilder builder =
@@ -857,16 +856,16 @@ TEST(ShadowVolume, IsSkippedOutOfView) {
     all.skip = false;
     const FramePlan skipping = studio.plan(pose);
     const FramePlan whole = studio.plan(pose, all);
-    const auto told =
+    const auto reported =
         std::ranges::count(skipping.skipped, SkipReason::volume_out_of_view, &SkippedPass::reason);
-    EXPECT_EQ(skipping.volumes.size() + static_cast<std::size_t>(told), whole.volumes.size());
+    EXPECT_EQ(skipping.volumes.size() + static_cast<std::size_t>(reported), whole.volumes.size());
     EXPECT_EQ(
         std::ranges::count(whole.skipped, SkipReason::volume_out_of_view, &SkippedPass::reason), 0);
-    left_out += static_cast<int>(told);
+    skipped_count += static_cast<int>(reported);
     drawn += static_cast<int>(skipping.volumes.size());
     EXPECT_EQ(studio.draw(white(), skipping).rgba, studio.draw(white(), whole).rgba) << i;
   }
-  EXPECT_GT(left_out, 20);
+  EXPECT_GT(skipped_count, 20);
   EXPECT_GT(drawn, 20);
 }
 
@@ -885,7 +884,7 @@ TEST(ShadowVolume, DrawsNothingWhenAllIsOutOfView) {
                                                "object1: its shadow volume is outside the view"}));
   const Picture picture = studio.draw(white(), plan);
   EXPECT_EQ(studio.stats()[Counter::shadow_vertices], 0);
-  EXPECT_LE(studio.stats()[Counter::draw_calls], 2) << "the video and where the plane is";
+  EXPECT_LE(studio.stats()[Counter::draw_calls], 2) << "the video and the plane's stencil";
   PlanOptions all;
   all.skip = false;
   EXPECT_EQ(picture, studio.draw(white(), studio.plan(pose, all)));
@@ -893,21 +892,21 @@ TEST(ShadowVolume, DrawsNothingWhenAllIsOutOfView) {
 }
 
 TEST(ShadowVolume, ReportsCasterThatIsTooLarge) {
-  const auto told = [](double length) {
+  const auto reported = [](double length) {
     SceneBuilder builder = with_light({0.05, -0.05, 0.7});
     builder.add(box(length, 0.02, 0.02), test::at(0.0, 0.0, 0.08));
     Studio studio(builder.build(), test::camera_of(kSide, kSide, 260.0));
     const PoseEstimate pose = test::tracked(test::look_at({0.3, -0.4, 0.5}, {0.0, 0.0, 0.0}));
-    for (int frame = 0; frame < 2; ++frame) {  // made, and drawn again
+    for (int frame = 0; frame < 2; ++frame) {  // computed, then reused
       studio.draw(white(), studio.plan(pose));
     }
     return studio.stats().skipped.size() == 1 &&
            studio.stats().skipped[0].reason == SkipReason::volume_too_far;
   };
-  EXPECT_FALSE(told(0.5));
-  EXPECT_FALSE(told(10.0));
-  EXPECT_TRUE(told(22.0));
-  EXPECT_TRUE(told(40.0));
+  EXPECT_FALSE(reported(0.5));
+  EXPECT_FALSE(reported(10.0));
+  EXPECT_TRUE(reported(22.0));
+  EXPECT_TRUE(reported(40.0));
 }
 
 }  // namespace

@@ -1,5 +1,4 @@
-// Layers as a mask on their plane: what it covers, and that it shows the same shadow as the faces
-// that it is made of.
+// Masks of shadow layers on a plane: their coverage, and their agreement with directly drawn faces.
 #include "render/shadow/masks/silhouette_mask.hpp"
 
 #include <gtest/gtest.h>
@@ -74,13 +73,13 @@ TEST(PairedEdges, ExistForClosedMeshesOnly) {
     EXPECT_FALSE(paired_edges(turned)) << left_out;
   }
   EXPECT_TRUE(paired_edges({})->empty());
-  // Four faces about one edge, as of two wedges that touch.
+  // Four faces share one edge, as in two wedges that touch.
   const std::vector<std::uint32_t> wedges = {0, 1, 2, 0, 3, 1, 0, 2, 3, 1, 3, 2,
                                              0, 1, 4, 0, 5, 1, 0, 4, 5, 1, 5, 4};
   EXPECT_TRUE(paired_edges(wedges));
 }
 
-// Faces with a common edge run along it in different ways.
+// Tests if neighbouring faces traverse their common edge in opposite directions.
 bool are_oriented(const std::vector<std::uint32_t>& faces) {
   std::set<std::pair<std::uint32_t, std::uint32_t>> edges;
   for (std::size_t i = 0; i < faces.size(); i += 3) {
@@ -111,7 +110,7 @@ TEST(OrientedFaces, FlipFacesToMatchNeighbours) {
   }
   const std::vector<glm::vec3> places = {{0, 0, 0}, {1, 0, 0}, {0, 1, 0},
                                          {0, 0, 1}, {1, 1, 1}, {1, 0, 0}};
-  // Three faces about one edge, also where vertices are only of the same place.
+  // Three faces share one edge, also if its vertices are only at equal positions.
   EXPECT_FALSE(oriented_faces(places, std::vector<std::uint32_t>{0, 1, 2, 0, 1, 3, 0, 1, 4}));
   EXPECT_FALSE(oriented_faces(places, std::vector<std::uint32_t>{0, 1, 2, 0, 5, 3, 1, 0, 4}));
   const auto two = oriented_faces(places, std::vector<std::uint32_t>{0, 1, 2, 0, 5, 3});
@@ -160,7 +159,7 @@ Mask draw(const std::vector<const Placed*>& casters, const glm::vec3& light, dou
   mask.cells = {cell, bounds.min().x() - 1, bounds.min().y() - 1,
                 static_cast<int>(bounds.sizes().x()) + 3, static_cast<int>(bounds.sizes().y()) + 3};
   MaskPicture picture;
-  // Twice: nothing is left over from the first.
+  // The second pass must not depend on the first.
   for (int again = 0; again < 2; ++again) {
     picture.begin(mask.cells);
     for (std::size_t i = 0; i < casters.size(); ++i) {
@@ -172,7 +171,7 @@ Mask draw(const std::vector<const Placed*>& casters, const glm::vec3& light, dou
   return mask;
 }
 
-// Which of 8 x 8 points of a cell lie in a layer's faces.
+// Share of 8 x 8 points of a cell that lie in a layer's faces.
 double covered_share(const std::vector<PlanePoint>& faces, double cell, std::int64_t u,
                      std::int64_t v) {
   int inside = 0;
@@ -196,7 +195,7 @@ double covered_share(const std::vector<PlanePoint>& faces, double cell, std::int
   return inside / 64.0;
 }
 
-// The area of each layer in every cell, of bodies in all poses, by the faces themselves.
+// Compares each layer's coverage of every cell with the faces, for closed bodies in random poses.
 TEST(SilhouetteMask, MatchesFacesOfClosedMesh) {
   std::mt19937 random(5);
   std::uniform_real_distribution<double> one(-1.0, 1.0);
@@ -232,7 +231,8 @@ TEST(SilhouetteMask, MatchesFacesOfClosedMesh) {
           area += expected;
         }
       }
-      // Where a body covers a part of a cell twice, that is added up: up to half a cell too much.
+      // If a body covers part of a cell twice, the coverages add up: at most half a cell too
+      // much.
       EXPECT_LT(most, trial % 3 == 0 ? 0.1 : 0.5) << trial << " layer " << layer;
       EXPECT_GT(area, 5.0) << trial << " layer " << layer;
       EXPECT_LT(std::abs(sum), 0.006 * area + 0.3) << trial << " layer " << layer;
@@ -240,7 +240,7 @@ TEST(SilhouetteMask, MatchesFacesOfClosedMesh) {
   }
 }
 
-// Open and cut faces, one by one; neighbours leave no seam, whatever they are rounded to.
+// Open and cut meshes are covered face by face. Neighbouring faces leave no seam for any rounding.
 TEST(SilhouetteMask, MatchesFacesOfOpenAndCutMeshes) {
   std::mt19937 random(11);
   std::uniform_real_distribution<double> one(-1.0, 1.0);
@@ -276,7 +276,7 @@ TEST(SilhouetteMask, MatchesFacesOfOpenAndCutMeshes) {
       picture.begin(mask.cells);
       picture.cover(caster, {}, {});
       picture.finish(light, mask.codes);
-      // Taken, and laid into a larger picture, it is the same.
+      // A cover taken from one raster and put into a larger one gives the same mask.
       MaskCells larger = mask.cells;
       larger.u -= 5;
       larger.v -= 7;
@@ -290,7 +290,7 @@ TEST(SilhouetteMask, MatchesFacesOfOpenAndCutMeshes) {
       picture.begin(larger);
       picture.cover(cover);
       picture.finish(light, again.codes);
-      // As shares of cells, some of them the picture's own.
+      // The shares of cells in a window that only partly overlaps the raster.
       MaskCells part = mask.cells;
       part.u += 3;
       part.v -= 2;
@@ -328,15 +328,15 @@ TEST(SilhouetteMask, MatchesFacesOfOpenAndCutMeshes) {
           }
         }
       }
-      // Of a thin rest of an umbra, sheets are added up in more cells than elsewhere.
+      // Overlapping sheets add up in more cells if only a thin rest of the umbra remains.
       EXPECT_LT(std::abs(sum), 0.003 * area + 2.5) << trial << " layer " << layer;
-      // Where two sheets cover different parts of a cell, the larger counts.
+      // If two sheets cover different parts of a cell, the larger coverage counts.
       EXPECT_LT(most, trial % 4 == 1 ? 0.12 : 0.5) << trial << " layer " << layer;
     }
   }
 }
 
-// Bit for bit, whatever else is in the mask and wherever it begins.
+// Other casters and the origin of the mask must not change a caster's cells by a bit.
 TEST(SilhouetteMask, KeepsCasterUnchangedByOthers) {
   const glm::vec3 light(0.4F, 0.6F, 0.9F);
   const Placed ring = place(*torus(), test::at(0.31, -0.22, 0.1, {1, 0.3, 0}, 0.5));
@@ -358,7 +358,7 @@ TEST(SilhouetteMask, KeepsCasterUnchangedByOthers) {
 }
 
 TEST(SilhouetteMask, KeepsDarkestLayer) {
-  // The box is high above: the ring's layers lie in its penumbra.
+  // The box is high above, and the ring's layers lie in its penumbra.
   const Placed ring = place(*torus(), test::at(0, 0, 0.05));
   const Placed high = place(*box(), test::at(0, 0, 0.2));
   const glm::vec3 light(0.1F, 0.5F, 0.9F);
@@ -386,7 +386,7 @@ TEST(SilhouetteMask, IsEmptyWithoutCasters) {
   EXPECT_TRUE(caster.bounds().isEmpty());
   caster.project({}, {}, none.own, kConstants, {true, true, true}, 0.001);
   EXPECT_TRUE(caster.bounds().isEmpty());
-  // Far from the plane's origin the same cells, moved.
+  // Far from the plane's origin the same cells result, shifted.
   const Mask near = draw({&none}, glm::vec3(0.0F, 0.5F, 0.8F), 0.001);
   Placed far = none;
   far.own.T_plane_own.slide += Eigen::Vector2d(512.0, -256.0);
@@ -408,7 +408,7 @@ ShadowField some_field(int i, std::mt19937& generator) {
   for (std::vector<float>* layer : {&field.umbra, &field.middle, &field.penumbra}) {
     layer->resize(count);
     const float least = noise(generator);
-    // Some wholly inside, and some that touch 0.
+    // Some layers cover the whole field, others have places that touch 0.
     for (float& value : *layer) {
       value = i % 7 == 0 ? 1.0F : noise(generator) - least;
       if (std::abs(value) < 0.05F) value = 0.0F;
@@ -417,7 +417,7 @@ ShadowField some_field(int i, std::mt19937& generator) {
   return field;
 }
 
-// A field's outline covers what its triangles do, but for rounding, wherever it lies.
+// A field's outline covers the same cells as its triangles up to rounding, at any position.
 TEST(SilhouetteMask, MatchesTrianglesOfOutlines) {
   std::mt19937 generator(7);
   for (int i = 0; i < 60; ++i) {
@@ -447,7 +447,7 @@ TEST(SilhouetteMask, MatchesTrianglesOfOutlines) {
     };
     const std::vector<std::uint8_t> outlined = picture_of(true);
     const std::vector<std::uint8_t> faces = picture_of(false);
-    // Within faces that turn over where they are thin, sums are rounded otherwise.
+    // In thin faces that fold over, sums round differently.
     ASSERT_EQ(outlined.size(), faces.size()) << i;
     for (std::size_t cell = 0; cell < faces.size(); ++cell)
       ASSERT_NEAR(outlined[cell], faces[cell], 2) << i;
@@ -474,9 +474,9 @@ TEST(SilhouetteMask, IgnoresOutlinesThatAreNotFinite) {
 
 // ---- parts of a mask, and many sheets ----
 
-// Triangles in cells of one size, and what some of a picture's cells have of them: of all layers
-// the same.
-constexpr double kUnit = 1.0 / 1024.0;  // so that places are exact
+// Triangles in cells of one size, equal for all layers, and their coverage of some of a raster's
+// cells.
+constexpr double kUnit = 1.0 / 1024.0;  // keeps coordinates exact
 using Triangles = std::vector<Eigen::Vector2d>;
 OwnFrame unmoved() {
   return OwnFrame::make(Placement(), PlaneFrame(), 0.1, 26);
@@ -491,7 +491,7 @@ MaskCaster caster_of(const Triangles& corners) {
   for (const ShadowLayer layer : kShadowLayers) caster.project_faces(layer, points);
   return caster;
 }
-// A closed mesh, by its outlines.
+// A closed mesh that is covered by its outlines.
 struct Body {
   std::vector<glm::vec3> positions;
   std::vector<std::uint32_t> indices;
@@ -503,7 +503,7 @@ struct Body {
   }
 };
 using Cover = std::function<void(MaskPicture&)>;
-// By a picture of `cells`, those of `part`.
+// Rasters `cells` and returns the shares of `part`.
 std::vector<std::uint8_t> shares_of(MaskPicture& picture, const Cover& cover,
                                     const MaskCells& cells, const MaskCells& part) {
   std::vector<std::uint8_t> shares(std::size_t{4} * static_cast<std::size_t>(part.width) *
@@ -519,7 +519,8 @@ MaskCells cells_around(const MaskCaster& caster, double cell) {
           static_cast<int>(box.sizes().y()) + 3};
 }
 
-// Bit by bit, wherever its edges run: through the part's corners and along its borders too.
+// A part equals the whole raster bit by bit, also if edges run through its corners or along its
+// borders.
 TEST(SilhouetteMask, MatchesWholeRasterInParts) {
   std::mt19937 random(23);
   const auto whole_number = [&random](int low, int high) {
@@ -546,7 +547,7 @@ TEST(SilhouetteMask, MatchesWholeRasterInParts) {
           << " at " << part.u - whole.u << ", " << part.v - whole.v;
       const bool dark = std::ranges::any_of(expected, [](std::uint8_t share) { return share > 0; });
       (dark ? partly : beside) += 1;
-      // As codes, too; and nothing is left over.
+      // Codes are equal too, and no state is left over.
       std::vector<std::uint8_t> all;
       std::vector<std::uint8_t> some;
       of_whole.begin(whole);
@@ -568,7 +569,7 @@ TEST(SilhouetteMask, MatchesWholeRasterInParts) {
   };
   for (int trial = 0; trial < 60; ++trial) {
     SCOPED_TRACE(trial);
-    // On corners and borders of cells, or anywhere; small and large.
+    // Vertices lie on corners and borders of cells or anywhere; triangles are small or large.
     const int reach = trial % 5 == 0 ? 300 : 24;
     const int fine = trial % 2 == 0 ? 1 : 256;
     Triangles corners;
@@ -603,7 +604,7 @@ TEST(SilhouetteMask, MatchesWholeRasterInParts) {
   EXPECT_GT(beside, 200);
 }
 
-// Larger than any picture: against what half planes cover, and each part against parts of it.
+// Meshes larger than any raster are compared with coverage by half planes, and parts with parts.
 TEST(SilhouetteMask, MatchesReferenceForMeshLargerThanRaster) {
   std::mt19937 random(29);
   std::uniform_real_distribution<double> one(-1.0, 1.0);
@@ -612,7 +613,7 @@ TEST(SilhouetteMask, MatchesReferenceForMeshLargerThanRaster) {
   int edges = 0;
   for (const double reach : {3e3, 2e5, 1.9e6}) {
     for (int trial = 0; trial < 30; ++trial) {
-      // One side of it passes by the picture.
+      // One side of the triangle runs close to the raster.
       const Eigen::Vector2d along = Eigen::Vector2d(one(random), one(random)).normalized();
       const Eigen::Vector2d across(-along.y(), along.x());
       const Eigen::Vector2d through(15.0 * one(random), 10.0 * one(random));
@@ -625,7 +626,7 @@ TEST(SilhouetteMask, MatchesReferenceForMeshLargerThanRaster) {
       MaskCaster caster = caster_of(trial % 2 == 0 ? Triangles{a, b, c} : Triangles{a, c, b});
       const Cover cover = [&](MaskPicture& to) { to.cover(caster, {}, {}); };
       const auto shares = shares_of(picture, cover, cells, cells);
-      // Where floats have put its corners.
+      // Corners as rounded to float.
       const auto placed = [](const Eigen::Vector2d& p) -> Eigen::Vector2d {
         return Eigen::Vector2d(static_cast<double>(static_cast<float>(kUnit * p.x())),
                                static_cast<double>(static_cast<float>(kUnit * p.y()))) /
@@ -635,7 +636,7 @@ TEST(SilhouetteMask, MatchesReferenceForMeshLargerThanRaster) {
       const Eigen::Vector2d side = placed(b) - from;
       for (int v = 0; v < cells.height; ++v) {
         for (int u = 0; u < cells.width; ++u) {
-          // In 256 places of the cell, where its corners are not all on one side.
+          // Sample 256 points of each cell that an edge crosses.
           const auto is_inside = [&](double x, double y) {
             const Eigen::Vector2d d = Eigen::Vector2d(static_cast<double>(cells.u + u) + x,
                                                       static_cast<double>(cells.v + v) + y) -
@@ -653,7 +654,7 @@ TEST(SilhouetteMask, MatchesReferenceForMeshLargerThanRaster) {
           }
           const double expected = 255.0 * inside / 256.0;
           const int share = shares[static_cast<std::size_t>(4 * (v * cells.width + u))];
-          // By places of a cell along its borders, and by points in it.
+          // The code samples points along a cell's borders, the reference points in its interior.
           ASSERT_NEAR(share, expected, 8.0) << reach << " " << trial << ": " << u << ", " << v;
           edges += inside > 0 && inside < 256 ? 1 : 0;
         }
@@ -665,7 +666,7 @@ TEST(SilhouetteMask, MatchesReferenceForMeshLargerThanRaster) {
   EXPECT_GT(edges, 1000);
 }
 
-// What is not finite, or beyond what can be told, leaves the rest as it is.
+// Vertices that are not finite or out of range must not change the other body's coverage.
 TEST(SilhouetteMask, IgnoresVerticesThatAreNotFinite) {
   const float infinity = std::numeric_limits<float>::infinity();
   const float nan = std::numeric_limits<float>::quiet_NaN();
@@ -706,7 +707,7 @@ TEST(SilhouetteMask, IgnoresVerticesThatAreNotFinite) {
         dark += of_rest[i] == 255 ? 1 : 0;
       }
       EXPECT_GT(dark, 2000);
-      // One of its places: still what the first box covers is covered.
+      // If only one vertex is bad, the first box's coverage remains.
       Body pierced = body;
       pierced.positions.back()[static_cast<int>(axis)] = wrong;
       const auto of_more = shares(pierced);
@@ -720,8 +721,7 @@ TEST(SilhouetteMask, IgnoresVerticesThatAreNotFinite) {
   EXPECT_TRUE(caster_of({{0, 0}, {far, 1}, {3, 4}}).bounds().isEmpty());
 }
 
-// However many faces lie over each other, whether they are covered by themselves, by their
-// outlines, or were taken before.
+// Any number of faces may overlap, covered by themselves, by outlines, or from stored covers.
 TEST(SilhouetteMask, DoesNotOverflowForManySheets) {
   const Triangles triangle = {{2.3, 1.2}, {30.7, 4.1}, {12.4, 25.9}};
   const auto open = [&](std::size_t count, bool turn_some) {
@@ -732,7 +732,7 @@ TEST(SilhouetteMask, DoesNotOverflowForManySheets) {
     }
     return caster_of(corners);
   };
-  // Flat bodies of four faces, three of them one way over each place.
+  // Flat bodies of four faces; three of the faces have the same winding.
   const auto closed = [](std::size_t count) {
     Body body;
     for (std::size_t i = 0; i < count; ++i) {
@@ -764,7 +764,7 @@ TEST(SilhouetteMask, DoesNotOverflowForManySheets) {
     for (std::size_t i = 0; i < shares_in_part.size(); ++i)
       ASSERT_GE(shares_in_part[i], few_of_part[i]) << i;
   };
-  constexpr std::size_t kFew = 4000;  // of any kind
+  constexpr std::size_t kFew = 4000;  // faces or bodies
   const std::size_t many_of[] = {16384, 20000, 32767, 32768, 40000, 65536};
   for (const bool turn_some : {false, true}) {
     MaskCaster few = open(kFew, turn_some);
@@ -775,7 +775,7 @@ TEST(SilhouetteMask, DoesNotOverflowForManySheets) {
       SCOPED_TRACE(count);
       MaskCaster many = open(turn_some ? 2 * count : count, turn_some);
       check([&](MaskPicture& to) { to.cover(many, {}, {}); }, shares, of_part);
-      // Several of few, as covers.
+      // Several stored covers, each with fewer faces.
       MaskPicture of_one;
       MaskCover cover;
       of_one.begin(cells);
@@ -815,7 +815,7 @@ CameraModel camera(double times = 1.0) {
   p.width = static_cast<int>(kWidth * times);
   p.height = static_cast<int>(kHeight * times);
   p.fx = p.fy = 420.0 * times;
-  // The middle of the first pixel of the larger one is half a small pixel further out.
+  // The middle of the large frame's first pixel lies half a small pixel further out.
   p.cx = (160.0 + 0.5) * times - 0.5;
   p.cy = (120.0 + 0.5) * times - 0.5;
   return CameraModel::make(p).value();
@@ -881,7 +881,7 @@ TEST_F(DrawnMask, FollowsLensDistortion) {
   const Picture direct = shadows(studio, by(LayerDrawing::direct));
   const Picture mask = shadows(studio, by(LayerDrawing::mask));
   EXPECT_EQ(studio.stats()[Counter::layer_masks_drawn], 1);
-  // An edge in another pixel would differ by a layer over its length.
+  // A misplaced edge would differ by a layer's step along its length.
   int off = 0;
   int dark = 0;
   for (int y = 2; y + 2 < kHeight; ++y) {
@@ -897,7 +897,7 @@ TEST_F(DrawnMask, FollowsLensDistortion) {
   EXPECT_EQ(off, 0);
 }
 
-// By any way and with any lens, bit for bit; also of a mask that was kept from another view.
+// Frames agree bit for bit in any mode and with any lens, also for a mask kept from another view.
 TEST_F(DrawnMask, IsUnchangedBySkippingEmptyPieces) {
   const auto objects = scene({{torus(), test::at(-0.15, 0.02, 0.1, {1, 0.2, 0}, 0.4)},
                               {table_and_ball(), test::at(0.12, 0.1, 0.05)}});
@@ -907,24 +907,25 @@ TEST_F(DrawnMask, IsUnchangedBySkippingEmptyPieces) {
     const CameraModel by_camera = lens ? bent_camera() : camera();
     Studio some(objects, by_camera);
     Studio all(objects, by_camera);
-    for (const Translucency way :
+    for (const Translucency mode :
          {Translucency::blend, Translucency::retexture, Translucency::mesh}) {
       for (const PoseEstimate& at : {far, near, far, pose()}) {
-        FramePlan plan = some.plan(at, by(LayerDrawing::mask, way));
+        FramePlan plan = some.plan(at, by(LayerDrawing::mask, mode));
         plan.objects.clear();
         ASSERT_TRUE(plan.reuse);
         const Frame frame = test::plain_frame(kWidth, kHeight, 200);
         const Picture picture = some.draw(frame, plan);
         ASSERT_EQ(
             some.stats()[Counter::layer_masks_drawn] + some.stats()[Counter::layer_masks_kept], 1);
-        // Half of the rectangle about both, and more; without a lens to follow it is one piece.
+        // More than half of the rectangle around both casters is empty; without a lens the mask is
+        // one piece.
         if (lens) {
           EXPECT_GT(some.stats()[Counter::mask_pieces_skipped], 128);
         } else {
           EXPECT_EQ(some.stats()[Counter::mask_pieces_skipped], 0);
         }
         plan.reuse = false;
-        EXPECT_EQ(picture, all.draw(frame, plan)) << to_string(way) << " lens " << lens;
+        EXPECT_EQ(picture, all.draw(frame, plan)) << to_string(mode) << " lens " << lens;
         EXPECT_EQ(all.stats()[Counter::mask_pieces_skipped], 0);
         EXPECT_EQ(picture, some.draw(frame, plan));
         EXPECT_EQ(some.stats()[Counter::mask_pieces_skipped], 0);
@@ -933,7 +934,7 @@ TEST_F(DrawnMask, IsUnchangedBySkippingEmptyPieces) {
   }
 }
 
-// Of a caster that slides and turns: its edges cross pieces' borders anywhere.
+// A caster slides and turns, so that its edges cross the borders of pieces anywhere.
 TEST_F(DrawnMask, DrawsPiecesOfPresentMask) {
   const auto objects = ring();
   Studio some(objects, bent_camera());
@@ -968,21 +969,21 @@ TEST_F(DrawnMask, IsEqualInEveryModeAndApi) {
   const Picture retextured = shadows(studio, by(LayerDrawing::mask, Translucency::retexture));
   for (std::size_t i = 0; i < blended.rgba.size(); ++i)
     ASSERT_NEAR(retextured.rgba[i], blended.rgba[i], 1);
-  // By itself, as it has 1024 faces and more.
+  // Automatic choice takes a mask, because the casters have at least 1024 faces.
   EXPECT_EQ(shadows(studio, by(LayerDrawing::automatic)), blended);
-  // Strips are drawn over what the stencil marks: there is no mask.
+  // Strips are drawn where the stencil is set, without a mask.
   EXPECT_EQ(shadows(studio, by(LayerDrawing::mask, Translucency::geometry_mesh)),
             shadows(studio, by(LayerDrawing::direct, Translucency::geometry_mesh)));
 }
 
-// Which of the 16 places of a screen-door a pixel is (translucency.glsl).
+// Index of a pixel in the 16-pixel screen-door pattern (translucency.glsl).
 int door_place(int x, int y) {
   const int either = x ^ y;
   return ((either & 1) << 3) | ((y & 1) << 2) | (either & 2) | ((y & 2) >> 1);
 }
 
-// Over white: the same places where the layers' edges are not near; and near them no fewer than the
-// lightest of the layers there has, and no more than the darkest.
+// Over white video, the same pixels are dark away from the layers' edges. Near an edge their number
+// lies between those of the lightest and the darkest layer.
 TEST_F(DrawnMask, CoversSamePixelsAsDirectScreenDoor) {
   for (const LightFractions& fractions :
        {LightFractions(), LightFractions{0.0, 0.28, 0.83}, LightFractions{0.41, 0.62, 0.95}}) {
@@ -995,7 +996,7 @@ TEST_F(DrawnMask, CoversSamePixelsAsDirectScreenDoor) {
       EXPECT_EQ(studio.stats()[Counter::layer_masks_drawn], 0);
       const Picture mask = shadows(studio, by(LayerDrawing::mask, Translucency::mesh));
       EXPECT_EQ(studio.stats()[Counter::layer_masks_drawn], 1);
-      // The way is not another light: each has a mask of its own.
+      // A change of mode is not a change of light: each mode has a separate mask.
       const Picture blended = shadows(studio, by(LayerDrawing::mask));
       EXPECT_EQ(studio.stats()[Counter::layer_masks_drawn], 1);
       EXPECT_NE(blended, mask);
@@ -1056,10 +1057,10 @@ TEST_F(DrawnMask, IsReusedUntilCasterMoves) {
     state.objects[0].position += step;
     EXPECT_EQ(draw(first).first, 1);
   }
-  EXPECT_EQ(draw(first).second, before) << "whatever came between";
+  EXPECT_EQ(draw(first).second, before) << "frames in between do not matter";
 }
 
-// Of scenes whose layers are cut, of open meshes and of lights of one size.
+// Scenes with cut layers, open meshes and lights of fixed size.
 class MaskByFaces : public DrawnMask {
  protected:
   static std::shared_ptr<const Model> open_torus(bool turn_some = false) {
@@ -1072,7 +1073,7 @@ class MaskByFaces : public DrawnMask {
       std::swap(indices[i], indices[i + 1]);
     return test::finished(model, glm::vec4(0.5F));
   }
-  // A band with a half turn in it.
+  // A Moebius strip.
   static std::shared_ptr<const Model> moebius() {
     constexpr int kSteps = 24;
     constexpr double kHalf = 0.015;
@@ -1087,7 +1088,7 @@ class MaskByFaces : public DrawnMask {
       add(i, -kHalf);
       add(i, kHalf);
     }
-    // The last of one side meets the first of the other.
+    // The last vertex of one side meets the first of the other.
     const auto at = [](int i, int side) {
       const int turned = i == kSteps ? 1 - side : side;
       return static_cast<std::uint32_t>(2 * (i % kSteps) + turned);
@@ -1112,8 +1113,8 @@ TEST_F(MaskByFaces, SmoothsEdgesOnly) {
   const struct {
     const char* what;
     std::shared_ptr<const Scene> of;
-    // Of what direct drawing has; the least for an edge is a share of the step that it is. Near its
-    // end an umbra is narrower than a cell, over which it is spread.
+    // Largest edge error as a share of direct drawing's. Near its end an umbra is narrower than a
+    // cell and is spread over it.
     double most;
   } cases[] = {
       {"open", scene({{open_torus(), test::at(0, 0, 0.1, tilt, 0.4)}}), 0.4},
@@ -1149,7 +1150,7 @@ TEST_F(MaskByFaces, SmoothsEdgesOnly) {
   }
 }
 
-// No seam where neighbours meet: a caster rises through the heights where it is cut.
+// A caster rises through its cut heights; neighbouring faces must leave no seam.
 TEST_F(MaskByFaces, LeavesNoSeamAtMovingCut) {
   const auto objects = scene({{torus(), test::at(0, 0, 0)}});
   Studio studio(objects, camera());
@@ -1168,7 +1169,7 @@ TEST_F(MaskByFaces, LeavesNoSeamAtMovingCut) {
   }
 }
 
-// Where it can't be told which way faces turn, all of the plane is drawn directly.
+// Without a consistent orientation of faces, the whole plane is drawn directly.
 TEST_F(MaskByFaces, RejectsMeshWithoutOrientation) {
   const auto objects = scene({{moebius(), test::at(0, 0, 0.1)}, {torus(), test::at(0.1, 0, 0.1)}});
   Studio studio(objects, camera());
@@ -1179,10 +1180,10 @@ TEST_F(MaskByFaces, RejectsMeshWithoutOrientation) {
   EXPECT_EQ(skipped.reason, SkipReason::mask_impossible);
   EXPECT_NE(text_of(skipped, *objects).find(objects->objects[0].name), std::string::npos);
   EXPECT_EQ(asked, shadows(studio, by(LayerDrawing::direct)));
-  EXPECT_TRUE(studio.stats().skipped.empty()) << "nobody asked for one";
+  EXPECT_TRUE(studio.stats().skipped.empty()) << "no mask was requested";
 }
 
-// The darkest layer of all counts, drawn directly as in a mask.
+// Masks and direct drawing show the darkest layer of all nodes.
 TEST_F(MaskByFaces, SharesMaskBetweenNodesOfDifferentLights) {
   Scene two = *scene({{torus(), test::at(0, 0, 0.1, {1, 0.2, 0}, 0.4)},
                       {table_and_ball(), test::at(0.03, 0.02, 0.06)}});
@@ -1198,7 +1199,7 @@ TEST_F(MaskByFaces, SharesMaskBetweenNodesOfDifferentLights) {
   EXPECT_EQ(coarse.stats()[Counter::layer_masks_drawn], 1);
   EXPECT_LT(mask.rms, 6.0);
   EXPECT_LE(mask.largest_elsewhere, 1);
-  // Every pixel drawn directly is that of the node that darkens it more.
+  // Directly drawn, each pixel equals that of the node that darkens it more.
   const Picture both = shadows(coarse, by(LayerDrawing::direct));
   std::array<Picture, 2> alone;
   for (std::size_t i = 0; i < 2; ++i) {
@@ -1222,14 +1223,14 @@ TEST_F(MaskByFaces, SharesMaskBetweenNodesOfDifferentLights) {
   EXPECT_GT(of_second, 20);
 }
 
-// Fields and simple shadows have a mask's edges too; alone, simple ones are drawn as they always
-// were unless a mask is asked for.
+// Masks smooth the edges of fields and simple shadows too. Simple shadows alone use a mask only on
+// request.
 TEST_F(DrawnMask, SupportsEveryTechnique) {
   struct Case {
     const char* what;
     std::vector<ShadowTechnique> of;
-    int automatic;  // masks
-    double most;    // [codes RMS]; a simple shadow's one step is as high as several of layers
+    int automatic;  // number of masks
+    double most;    // [codes RMS]; a simple shadow has one step of several layers' height
   };
   constexpr auto kSimple = ShadowTechnique::simple;
   constexpr auto kField = ShadowTechnique::field;
@@ -1270,7 +1271,7 @@ TEST_F(DrawnMask, SupportsEveryTechnique) {
     Studio recreated(objects, camera());
     EXPECT_EQ(shadows(recreated, by(LayerDrawing::automatic)), c.automatic == 1 ? mask : direct);
     EXPECT_EQ(recreated.stats()[Counter::layer_masks_drawn], c.automatic);
-    // Where nothing moves, nothing is drawn again; and without reuse all is, to the same picture.
+    // Without motion nothing is drawn again. Without reuse all is, with the same result.
     EXPECT_EQ(shadows(recreated, by(LayerDrawing::mask)), mask);
     EXPECT_EQ(shadows(recreated, by(LayerDrawing::mask)), mask);
     EXPECT_EQ(recreated.stats()[Counter::layer_masks_kept], 1);
@@ -1283,8 +1284,8 @@ TEST_F(DrawnMask, SupportsEveryTechnique) {
   }
 }
 
-// Of several casters those that rested since the mask before are not projected and covered again;
-// the picture is that of a mask drawn again.
+// Casters that rested since the last mask are neither projected nor covered again, and the frame
+// equals one drawn afresh.
 TEST_F(DrawnMask, RedrawsOnlyMovingCasters) {
   const auto objects = scene({{torus(), test::at(0.0, 0.0, 0.1, {1, 0.2, 0}, 0.4)},
                               {table_and_ball(), test::at(-0.1, 0.02, 0.05)},
@@ -1306,10 +1307,10 @@ TEST_F(DrawnMask, RedrawsOnlyMovingCasters) {
         static_cast<std::int64_t>(make_shadow_mesh(*objects->objects[i].model).positions.size());
   }
   ASSERT_GT(alone[0], 2 * alone[2]);
-  // The box, the box, the ring, all, the ring, the ring.
+  // Moves of the box, the box, the ring, all, the ring, the ring.
   const std::vector<std::vector<std::size_t>> moves = {{2}, {2}, {0}, {0, 1, 2}, {0}, {0}};
-  // What rested is projected once more when it is known to rest, and noted down. The box is, as its
-  // umbra is cut: whole for two layers, and face by face for the third.
+  // A caster found at rest is projected once more for its cover to be stored. The box counts twice,
+  // since its umbra is cut: closed for two layers, and face by face for the third.
   const std::vector<std::int64_t> projected = {all, 2 * alone[2], alone[0] + 2 * alone[2],
                                                all, all,          alone[0]};
   for (std::size_t i = 0; i < moves.size(); ++i) {
@@ -1326,7 +1327,7 @@ TEST_F(DrawnMask, RedrawsOnlyMovingCasters) {
   }
 }
 
-// ---- what is large or spread ----
+// ---- large or spread-out shadows ----
 
 TEST(MaskLayout, GroupsPartsThatMeet) {
   std::mt19937 random(7);
@@ -1345,7 +1346,7 @@ TEST(MaskLayout, GroupsPartsThatMeet) {
       bounds.emplace_back(
           low, low + Eigen::Vector<std::int64_t, 2>(between(0, longest), between(0, longest)));
     }
-    bounds.emplace_back();  // of what casts nothing
+    bounds.emplace_back();  // of an object that casts nothing
     const auto seen = [&](const Eigen::AlignedBox2d& box) {
       const Eigen::AlignedBox2d part = box.intersection(view);
       return part.isEmpty() ? SeenPart{} : SeenPart{part, kSize + trial % 3 - 1};
@@ -1369,7 +1370,7 @@ TEST(MaskLayout, GroupsPartsThatMeet) {
             cell_size(kSize) * (bounds[i].max().cast<double>() + Eigen::Vector2d::Ones()));
         if (group.cut) needed = needed.intersection(view);
         if (needed.isEmpty()) continue;
-        // But for rounding.
+        // Compared up to rounding.
         EXPECT_TRUE((rect.min().array() <= needed.min().array() + 1e-9).all());
         EXPECT_TRUE((rect.max().array() >= needed.max().array() - 1e-9).all());
       }
@@ -1405,7 +1406,7 @@ TEST(MaskLayout, UsesOneMaskForModerateSize) {
       {Eigen::Vector<std::int64_t, 2>(-500, 3), Eigen::Vector<std::int64_t, 2>(-400, 20)},
       {Eigen::Vector<std::int64_t, 2>(300, -30), Eigen::Vector<std::int64_t, 2>(500, 7)}};
   const MaskLayout layout = lay_out_masks(bounds, -22, 4096, [](const Eigen::AlignedBox2d&) {
-    ADD_FAILURE() << "not asked for";
+    ADD_FAILURE() << "not requested";
     return SeenPart{};
   });
   ASSERT_EQ(layout.groups.size(), 1U);
@@ -1440,7 +1441,7 @@ class LargeMask : public DrawnMask {
                   {torus(), test::at(0.0, -0.12, 0.05, {1, 0.2, 0}, 0.2)},
                   {torus(), test::at(0.0, 0.1, 0.1)}});
   }
-  // Slanted, so that a picture of all of it would have millions of cells.
+  // The beam is slanted, so that a mask of all of it would have millions of cells.
   static std::shared_ptr<const Scene> long_beam() {
     return scene({{beam(2.0), test::at(0.0, 0.0, 0.06, {0, 0, 1}, 0.35)},
                   {torus(), test::at(0.1, -0.1, 0.05, {1, 0.2, 0}, 0.2)}});
@@ -1457,7 +1458,7 @@ class LargeMask : public DrawnMask {
 
 TEST_F(LargeMask, SmoothsEdgesOnly) {
   const PoseEstimate from_above = seen_from({0.05, -0.38, 0.36}, {0.0, 0.0, 0.0});
-  // The beam goes on behind the camera.
+  // The beam extends behind the camera.
   const PoseEstimate close = seen_from({0.1, -0.1, 0.15}, {0.0, 0.05, 0.0});
   const struct {
     const char* what;
@@ -1490,7 +1491,7 @@ TEST_F(LargeMask, SmoothsEdgesOnly) {
   }
 }
 
-// Whatever came before, and by any way to darken the video.
+// Earlier frames and the blending mode must not matter.
 TEST_F(LargeMask, DependsOnlyOnPresentFrame) {
   const std::vector<PoseEstimate> path = {seen_from({0.05, -0.38, 0.36}, {0.0, 0.0, 0.0}),
                                           seen_from({0.06, -0.37, 0.36}, {0.0, 0.02, 0}),
@@ -1504,10 +1505,10 @@ TEST_F(LargeMask, DependsOnlyOnPresentFrame) {
     Studio studio(of, by_camera);
     Studio whole(of, by_camera);
     for (std::size_t i = 0; i < path.size(); ++i) {
-      for (const Translucency way :
+      for (const Translucency mode :
            {Translucency::blend, Translucency::retexture, Translucency::mesh}) {
-        SCOPED_TRACE(std::to_string(i) + " " + std::string(to_string(way)));
-        PlanOptions options = by(LayerDrawing::mask, way);
+        SCOPED_TRACE(std::to_string(i) + " " + std::string(to_string(mode)));
+        PlanOptions options = by(LayerDrawing::mask, mode);
         const Picture picture = drawn(studio, path[i], options);
         Studio fresh(of, by_camera);
         EXPECT_EQ(picture, drawn(fresh, path[i], options));

@@ -43,7 +43,7 @@ std::vector<GroupEstimate> seen(const std::string& name, const GroupPose& pose,
   return groups;
 }
 
-// A box over the table before a wall that is tied to a group of tags.
+// A box over the table, in front of a wall that may be attached to a tag group.
 constexpr int kWall = 1;
 test::SceneBuilder before_a_wall(bool tied = true) {
   test::SceneBuilder builder;
@@ -99,7 +99,7 @@ TEST(TagGroup, MovesAttachedObjectsWithGroup) {
       const auto index = static_cast<std::size_t>(i);
       EXPECT_LT((state.objects[index] * p - T * (rest.objects[index] * p)).norm(), 1e-12);
       EXPECT_EQ(opacity_of(state, i), 1.0);
-      EXPECT_EQ(opacity_of(rest, i), 0.0) << "nobody knows where the prop is";
+      EXPECT_EQ(opacity_of(rest, i), 0.0) << "the prop's place is unknown";
     }
     EXPECT_EQ(state.objects[static_cast<std::size_t>(free)] * p,
               rest.objects[static_cast<std::size_t>(free)] * p);
@@ -108,7 +108,7 @@ TEST(TagGroup, MovesAttachedObjectsWithGroup) {
   const PlaneFrame was = PlaneFrame::make(scene.planes[kWall].normal, scene.planes[kWall].point);
   const PlaneFrame& is = state.planes[kWall].frame;
   const GroupPose& W = groups[1].T_table_group;
-  EXPECT_LT((is.lift(0.1, 0.2) - W * was.lift(0.1, 0.2)).norm(), 1e-12) << "its axes turn with it";
+  EXPECT_LT((is.lift(0.1, 0.2) - W * was.lift(0.1, 0.2)).norm(), 1e-12) << "its axes turn too";
   EXPECT_LT((is.n - W.rotation() * was.n).norm(), 1e-12);
   EXPECT_EQ(state.planes[kWall].opacity, 1.0);
   EXPECT_EQ(rest.planes[kWall].opacity, 0.0);
@@ -182,7 +182,7 @@ TEST(TagGroup, FadesUncertainOrCoastingGroup) {
   EXPECT_EQ(plan_of(builder.scene(), groups).receivers.size(), 1U);
 }
 
-// The picture of a wall that was carried somewhere is the picture of a scene whose wall is there.
+// A wall moved by its group gives the same frame as a scene with the wall there.
 TEST(TagGroup, CastsShadowOnMovedWall) {
   const Eigen::Vector3d shift(0.02, 0.06, -0.01);
   test::SceneBuilder there = before_a_wall(false);
@@ -202,11 +202,11 @@ TEST(TagGroup, CastsShadowOnMovedWall) {
     const Picture b = fixed.draw(frame, plan_of(fixed.scene(), {}, options));
     const Picture c = old.draw(frame, plan_of(old.scene(), {}, options));
     EXPECT_EQ(a, b);
-    EXPECT_GT(differing(a, c), 40) << "it must matter where the wall is";
+    EXPECT_GT(differing(a, c), 40) << "the wall's place must matter";
   }
 }
 
-// Turned about its normal by a right angle, its outline is turned.
+// If a wall turns about its normal by a right angle, its outline turns too.
 TEST(TagGroup, RotatesOutlineWithWall) {
   test::SceneBuilder turned = before_a_wall(false);
   ScenePlane& wall = turned.scene().planes[kWall];
@@ -233,7 +233,7 @@ TEST(TagGroup, RotatesOutlineWithWall) {
   }
 }
 
-// Each object as faint as its own group, in one picture.
+// Each object has its group's opacity, in one frame.
 TEST(TagGroup, DrawsFaintAndSolidObjectsTogether) {
   test::SceneBuilder builder;
   builder.scene().shadows.clear();
@@ -264,7 +264,7 @@ TEST(TagGroup, DrawsFaintAndSolidObjectsTogether) {
   EXPECT_GT(between, 500);
 }
 
-// docs/shadows.md#own-frame, with the plane in the place of the object.
+// Reuse as in docs/shadows.md#own-frame, with the plane moving instead of the object.
 TEST(TagGroup, RecomputesOnlyShadowsOfMovedPlane) {
   Studio studio(before_a_wall().build(), camera());
   const Frame frame = test::plain_frame(kWidth, kHeight, 190);
@@ -275,7 +275,7 @@ TEST(TagGroup, RecomputesOnlyShadowsOfMovedPlane) {
     SCOPED_TRACE(std::string(to_string(technique)));
     PlanOptions options;
     options.technique = technique;
-    options.layers = LayerDrawing::direct;  // a mask is made anew where a shadow slides
+    options.layers = LayerDrawing::direct;  // a sliding shadow would need a new mask
     const auto draw = [&](const GroupPose& pose, double eye_x) {
       studio.draw(frame, plan_of(studio.scene(), seen("wall", pose), options, viewer(eye_x)));
       return studio.stats();
@@ -289,10 +289,10 @@ TEST(TagGroup, RecomputesOnlyShadowsOfMovedPlane) {
     const CompositeStats away = draw(placed({0, 0.01, 0}), 0.15);
     EXPECT_EQ(away[Counter::triples_recomputed], 1) << "the table's stays";
     EXPECT_EQ(away[Counter::reprojections], 1);
-    if (technique == ShadowTechnique::hard) continue;  // its light does not go along
+    if (technique == ShadowTechnique::hard) continue;  // its light does not move along
     const Eigen::Vector3d along = 0.03 * wall.e1 - 0.01 * wall.e2;
     const CompositeStats slid = draw(placed(Eigen::Vector3d(0, 0.01, 0) + along), 0.15);
-    EXPECT_EQ(slid[Counter::reprojections], 2) << "along itself";
+    EXPECT_EQ(slid[Counter::reprojections], 2) << "the plane moves along itself";
     EXPECT_EQ(slid[Counter::triples_recomputed], 0);
     EXPECT_EQ(slid[Counter::shadow_vertices], 0);
     EXPECT_EQ(slid[Counter::kernel_generations], 0);

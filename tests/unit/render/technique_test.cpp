@@ -5,7 +5,7 @@
 namespace penumbra {
 namespace {
 
-// to_string() takes the value as the place in the table.
+// to_string() uses the value as the index into the table.
 TEST(TechniqueNames, AreInOrderOfEnum) {
   for (const auto& [technique, name] : kShadowTechniqueNames) EXPECT_EQ(to_string(technique), name);
   for (const auto& [source, name] : kKernelSourceNames) EXPECT_EQ(to_string(source), name);

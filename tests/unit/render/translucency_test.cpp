@@ -1,5 +1,5 @@
-// The ways in which shadows, and what fades out, let the picture shine through: densities and order
-// of the mesh, what is fetched against what is blended, and that only `blend` blends.
+// Translucency modes of shadows and fading overlays: densities and order of the mesh, retexturing
+// against blending, and that only `blend` enables blending.
 #include <epoxy/gl.h>
 #include <gtest/gtest.h>
 
@@ -56,7 +56,7 @@ Frame noise(PixelFormat format) {
   return buffer.frame;
 }
 
-// From above, all three layers of a plate seen beside each other.
+// View from above of a plate with all three layers side by side.
 SceneBuilder plate(const LightFractions& fractions) {
   SceneBuilder builder;
   builder.add(box(0.12, 0.12, 0.004), test::at(0.0, 0.0, 0.1));
@@ -68,7 +68,7 @@ PoseEstimate above() {
   return test::tracked(test::look_at({0.02, -0.06, 0.45}, {0.0, 0.0, 0.0}));
 }
 
-// Casters over a table, a wall with an outline and a phantom; two lights.
+// Casters over a table, a wall with an outline, a phantom, and two lights.
 SceneBuilder busy() {
   SceneBuilder builder;
   builder.add(ring(), test::at(0.05, 0.0, 0.1, {1, 0, 0}, 0.4));
@@ -93,7 +93,7 @@ SceneBuilder busy() {
   builder.scene().shadows[0].lights = {0, 1};
   return builder;
 }
-// Onto both planes: what falls on the phantom has two directions.
+// The node casts onto both planes, so that shadows on the phantom have two directions.
 SceneBuilder busy_on_both() {
   SceneBuilder builder = busy();
   builder.scene().shadows[0].planes = {0, 1};
@@ -107,9 +107,9 @@ std::vector<CameraPose> views() {
           test::look_at({0.5, -0.2, 0.2}, {0.4, 0.4, 0.0})};
 }
 
-PlanOptions options_of(Translucency way, ShadowTechnique technique = ShadowTechnique::layered) {
+PlanOptions options_of(Translucency mode, ShadowTechnique technique = ShadowTechnique::layered) {
   PlanOptions options;
-  options.translucency = way;
+  options.translucency = mode;
   options.technique = technique;
   return options;
 }
@@ -149,9 +149,9 @@ void keep_layer(FramePlan& plan, int layer) {
 }
 
 TEST(Translucency, RoundTripsEveryName) {
-  for (const auto& [way, name] : kTranslucencyNames) {
-    EXPECT_EQ(to_string(way), name);
-    EXPECT_EQ(translucency_from_string(name), way);
+  for (const auto& [mode, name] : kTranslucencyNames) {
+    EXPECT_EQ(to_string(mode), name);
+    EXPECT_EQ(translucency_from_string(name), mode);
   }
   EXPECT_FALSE(translucency_from_string("glass"));
 }
@@ -160,8 +160,8 @@ TEST(Translucency, UsesRequestedModeElseSupportedOne) {
   for (const bool blends : {false, true}) {
     for (const bool fetches : {false, true}) {
       const PictureAbilities abilities{blends, fetches};
-      for (const Translucency way : kWithoutBlending)
-        EXPECT_EQ(choose_translucency(way, abilities), way);
+      for (const Translucency mode : kWithoutBlending)
+        EXPECT_EQ(choose_translucency(mode, abilities), mode);
       EXPECT_EQ(choose_translucency(Translucency::blend, abilities), Translucency::blend);
       EXPECT_EQ(choose_translucency(Translucency::automatic, abilities),
                 blends    ? Translucency::blend
@@ -171,13 +171,12 @@ TEST(Translucency, UsesRequestedModeElseSupportedOne) {
   }
 }
 
-// In every 4 x 4 pixels that lie wholly in one layer, wherever they begin, the share of pixels that
-// are left alone is the layer's light fraction: to the last pixel where it is a multiple of 1/16,
-// to half a pixel of 16 where not.
+// In each 4 x 4 block wholly within one layer, at any position, the share of untouched pixels is
+// the layer's light fraction: exactly for multiples of 1/16, otherwise to half a pixel of 16.
 TEST(ScreenDoor, MatchesLightFractionsByDensity) {
   struct Case {
     LightFractions fractions;
-    std::array<int, 3> black;  // of 16
+    std::array<int, 3> black;  // black pixels of 16
   };
   for (const Case& c : {Case{{0.0625, 0.4375, 0.8125}, {15, 9, 3}},
                         Case{{0.15, 0.4, 0.83}, {14, 10, 3}}, Case{{0.0, 0.5, 1.0}, {16, 8, 0}}}) {
@@ -214,9 +213,9 @@ TEST(ScreenDoor, MatchesLightFractionsByDensity) {
   }
 }
 
-// Places of the pattern that are dark are dark in everything darker: layers and casters may be
-// drawn in any order, each by itself or all at once. (A mask's edges are graded; what holds there
-// is DrawnMask.AScreenDoorHasTheSamePlaces.)
+// The dark pixels of a pattern are dark in every darker one, so that layers and casters may be
+// drawn in any order, separately or together. (Edges of masks are graded; see
+// DrawnMask.CoversSamePixelsAsDirectScreenDoor.)
 TEST(ScreenDoor, NestsDarkerPatterns) {
   SceneBuilder builder = plate({0.15, 0.4, 0.83});
   builder.add(ring(), test::at(0.04, 0.03, 0.06));
@@ -238,7 +237,7 @@ TEST(ScreenDoor, NestsDarkerPatterns) {
       together.rgba[i] = std::min(together.rgba[i], picture.rgba[i]);
   }
   EXPECT_EQ(together, whole);
-  // The same place in all three layers of one caster, where the layers lie over each other.
+  // Overlapping layers of one caster use the same pixels.
   FramePlan solid = plan;
   for (ShadowDraw& draw : solid.shadows) draw.fractions = {0.0, 0.0, 0.0};
   std::array<Picture, 3> masks;
@@ -263,7 +262,7 @@ TEST(ScreenDoor, NestsDarkerPatterns) {
   EXPECT_EQ(studio.draw_shadows(white(), plan), whole);
 }
 
-// What a fading pose leaves of shadows and objects is a share of the pattern too.
+// The opacity of a fading pose scales the share of pattern pixels as well.
 TEST(ScreenDoor, ThinsOutWithFadingPose) {
   SceneBuilder builder;
   builder.add(box(0.2, 0.2, 0.02), test::at(0, 0, 0.01), false);
@@ -289,25 +288,25 @@ TEST(ScreenDoor, ThinsOutWithFadingPose) {
   EXPECT_EQ(seen, 60 * 60 / 2);
 }
 
-// Retextured, the picture is the blended one to the rounding of a code: shadows on planes and
-// phantoms, of several lights, on virtual things, and what fades.
+// Retexturing equals blending up to the rounding of a code: shadows on planes, phantoms and
+// objects, of several lights, and fading overlays.
 TEST(Retexture, MatchesBlending) {
   for (const auto& builder : {busy(), busy_on_both()}) {
     for (const GlApi api : {GlApi::gl33, GlApi::gles30}) {
       Studio studio(builder.build(), bent_camera(), api);
       const Frame frame = noise(PixelFormat::nv12);
       const auto poses = views();
-      const std::size_t count = api == GlApi::gl33 ? 3 : 1;  // both draw the same: another test
+      const std::size_t count = api == GlApi::gl33 ? 3 : 1;  // another test compares the APIs
       for (const auto& [technique, name] : kShadowTechniqueNames) {
         for (const CameraPose& view : std::span(poses).first(count)) {
           for (const double age_s : {0.0, 0.25}) {
             PoseEstimate pose = test::tracked(view);
             if (age_s > 0.0) pose.status = TrackStatus::held;
             pose.age_s = age_s;
-            const auto draw = [&](Translucency way) {
-              return studio.draw(frame, studio.plan(pose, options_of(way, technique)));
+            const auto draw = [&](Translucency mode) {
+              return studio.draw(frame, studio.plan(pose, options_of(mode, technique)));
             };
-            // A faint object may be darkened: blended, it is rounded twice.
+            // A faint object that is darkened is rounded twice when blended.
             EXPECT_LE(largest_difference(draw(Translucency::blend), draw(Translucency::retexture)),
                       age_s > 0.0 ? 2 : 1)
                 << name << " " << age_s;
@@ -318,8 +317,8 @@ TEST(Retexture, MatchesBlending) {
   }
 }
 
-// A plane may lie before a thing of the scene: what is written anew there is that thing, and by
-// masks also what darkens nothing.
+// A plane may lie in front of an object. Retexturing must keep the object there, also where a mask
+// is empty.
 TEST(Retexture, KeepsShadowsOnObjectsBehindPlane) {
   SceneBuilder builder = busy_on_both();
   builder.add(box(0.4, 0.004, 0.2), test::at(0.0, 0.154, 0.1));   // the wall's body
@@ -331,8 +330,8 @@ TEST(Retexture, KeepsShadowsOnObjectsBehindPlane) {
                                           ShadowTechnique::simple, ShadowTechnique::walls}) {
     for (const LayerDrawing layers : {LayerDrawing::mask, LayerDrawing::direct}) {
       for (const CameraPose& view : {views()[0], views()[1]}) {
-        const auto draw = [&](Translucency way, bool skip) {
-          PlanOptions options = options_of(way, technique);
+        const auto draw = [&](Translucency mode, bool skip) {
+          PlanOptions options = options_of(mode, technique);
           options.layers = layers;
           options.skip = skip;
           return studio.draw(frame, studio.plan(test::tracked(view), options));
@@ -346,7 +345,7 @@ TEST(Retexture, KeepsShadowsOnObjectsBehindPlane) {
   }
 }
 
-// Half of a solid ray and half of what is there without it.
+// The mean of a frame with solid rays and one without.
 TEST(Retexture, BlendsFaintRaysOnce) {
   Studio studio(busy().build(), bent_camera());
   const Frame frame = noise(PixelFormat::nv12);
@@ -382,8 +381,8 @@ TEST(Retexture, FetchesEveryVideoFormat) {
         PixelFormat::yuv420p, PixelFormat::yuv422p, PixelFormat::yuv444p}) {
     for (const ShadowTechnique technique : {ShadowTechnique::layered, ShadowTechnique::field}) {
       const Frame frame = noise(format);
-      const auto draw = [&](Translucency way) {
-        return studio.draw_shadows(frame, studio.plan(above(), options_of(way, technique)));
+      const auto draw = [&](Translucency mode) {
+        return studio.draw_shadows(frame, studio.plan(above(), options_of(mode, technique)));
       };
       const Picture blended = draw(Translucency::blend);
       EXPECT_LE(largest_difference(blended, draw(Translucency::retexture)), 1);
@@ -392,7 +391,7 @@ TEST(Retexture, FetchesEveryVideoFormat) {
   }
 }
 
-// What OpenGL is set to when something is drawn, by functions put in the place of the driver's.
+// Records OpenGL state at each draw call by replacing the driver's functions.
 struct Watched {
   std::int64_t draws = 0, blended = 0, stencilled = 0;
 };
@@ -449,13 +448,13 @@ class Watch {
 TEST(Translucency, EnablesBlendingOnlyInBlendMode) {
   Studio studio(busy_on_both().build(), bent_camera());
   const Frame frame = noise(PixelFormat::yuv420p);
-  const auto draw_all = [&](Translucency way, LayerDrawing layers) {
+  const auto draw_all = [&](Translucency mode, LayerDrawing layers) {
     for (const auto& [technique, name] : kShadowTechniqueNames) {
       for (const bool faint : {false, true}) {
         PoseEstimate pose = test::tracked(views().front());
         if (faint) pose.status = TrackStatus::held;
         pose.age_s = faint ? 0.25 : 0.0;
-        PlanOptions options = options_of(way, technique);
+        PlanOptions options = options_of(mode, technique);
         options.light_rays = true;
         options.layers = layers;
         const Picture picture = studio.draw(frame, studio.plan(pose, options));
@@ -464,14 +463,14 @@ TEST(Translucency, EnablesBlendingOnlyInBlendMode) {
     }
   };
   constexpr std::array kLayers = {LayerDrawing::direct, LayerDrawing::mask};
-  // The driver's functions are known then.
+  // The first draws load the driver's functions.
   for (const LayerDrawing layers : kLayers) draw_all(Translucency::blend, layers);
   for (const LayerDrawing layers : kLayers) {
-    for (const Translucency way : kWithoutBlending) {
+    for (const Translucency mode : kWithoutBlending) {
       const Watch watch;
-      draw_all(way, layers);
+      draw_all(mode, layers);
       EXPECT_GT(watched.draws, 100);
-      EXPECT_EQ(watched.blended, 0) << to_string(way);
+      EXPECT_EQ(watched.blended, 0) << to_string(mode);
     }
     const Watch watch;
     draw_all(Translucency::blend, layers);
@@ -479,16 +478,16 @@ TEST(Translucency, EnablesBlendingOnlyInBlendMode) {
   }
 }
 
-// On a plane without end neither the mesh nor fetching needs a stencil; blending does.
+// On an unbounded plane, only blending needs a stencil.
 TEST(Translucency, NeedsNoStencilForMeshAndRetextureOnTable) {
   SceneBuilder builder = busy();
   builder.scene().planes.resize(1);
   builder.scene().shadows[0].walls.clear();
   Studio studio(builder.build(), bent_camera());
   const Frame frame = noise(PixelFormat::yuyv);
-  const auto stencilled = [&](Translucency way) {
+  const auto stencilled = [&](Translucency mode) {
     const auto draw = [&] {
-      (void)studio.draw(frame, studio.plan(test::tracked(views().front()), options_of(way)));
+      (void)studio.draw(frame, studio.plan(test::tracked(views().front()), options_of(mode)));
     };
     draw();
     const Watch watch;
@@ -507,9 +506,9 @@ TEST(Translucency, DrawsSameFrameWhenSkippingInvisibleParts) {
   Studio without(scene, bent_camera());
   const Frame frame = noise(PixelFormat::nv12);
   std::size_t skipped = 0;
-  for (const Translucency way : kWithoutBlending) {
+  for (const Translucency mode : kWithoutBlending) {
     for (const auto& [technique, name] : kShadowTechniqueNames) {
-      PlanOptions some = options_of(way, technique);
+      PlanOptions some = options_of(mode, technique);
       PlanOptions all = some;
       all.skip = false;
       for (const CameraPose& view : views()) {
@@ -517,7 +516,7 @@ TEST(Translucency, DrawsSameFrameWhenSkippingInvisibleParts) {
         skipped += plan.skipped.size();
         ASSERT_EQ(with.draw(frame, plan),
                   without.draw(frame, without.plan(test::tracked(view), all)))
-            << to_string(way) << " " << name << " " << view.translation().transpose();
+            << to_string(mode) << " " << name << " " << view.translation().transpose();
       }
     }
   }
@@ -529,22 +528,22 @@ TEST(Translucency, DrawsSameFrameOnBothApis) {
   Studio desktop(scene, bent_camera(), GlApi::gl33);
   Studio embedded(scene, bent_camera(), GlApi::gles30);
   const Frame frame = noise(PixelFormat::nv12);
-  for (const Translucency way : kWithoutBlending) {
+  for (const Translucency mode : kWithoutBlending) {
     for (const auto& [technique, name] : kShadowTechniqueNames) {
       for (const CameraPose& view : views()) {
-        const FramePlan plan = desktop.plan(test::tracked(view), options_of(way, technique));
+        const FramePlan plan = desktop.plan(test::tracked(view), options_of(mode, technique));
         const Picture one = desktop.draw(frame, plan);
         const Picture other = embedded.draw(frame, plan);
         int over = 0;
         for (std::size_t i = 0; i < one.rgba.size(); ++i)
           over += std::abs(one.rgba[i] - other.rgba[i]) > 2 ? 1 : 0;
-        EXPECT_LE(over, 8) << to_string(way) << " " << name;
+        EXPECT_LE(over, 8) << to_string(mode) << " " << name;
       }
     }
   }
 }
 
-// Strips so near that they are many pixels wide: their share of each layer is the layer's.
+// The strips are many pixels wide, and their share of each layer is the layer's.
 TEST(GeometryMesh, MatchesLightFractionOfLayer) {
   const LightFractions fractions{0.15, 0.4, 0.83};
   Studio studio(plate(fractions).build(), test::camera_of(900, 900, 1200.0));
@@ -576,7 +575,7 @@ TEST(GeometryMesh, MatchesLightFractionOfLayer) {
   }
 }
 
-// A driver that has no blending is found out, and `auto` then fetches.
+// Simulates a driver that does not blend.
 void (*driver_enable)(GLenum);
 void enable_without_blending(GLenum ability) {
   if (ability != GL_BLEND) driver_enable(ability);

@@ -1,5 +1,5 @@
-// The window, where there is a display (a desktop, or tests/support/with-display); else, that its
-// absence is said.
+// The window, if there is a display (a desktop, or tests/support/with-display); otherwise, the
+// reported error.
 #include <dlfcn.h>
 #include <epoxy/gl.h>
 #define GLFW_INCLUDE_NONE
@@ -25,7 +25,7 @@ Function* glfw_function(const char* name) {
 
 }  // namespace
 
-// In place of the library's, which these call: a driver that gives no context that tells of resets.
+// Replaces the library's functions by those of a driver without reset notification.
 extern "C" void glfwWindowHint(int hint, int value) {
   if (hint == GLFW_CONTEXT_ROBUSTNESS) robustness_asked_for = value;
   glfw_function<decltype(glfwWindowHint)>("glfwWindowHint")(hint, value);
@@ -75,7 +75,7 @@ TEST(Window, ShowsFrameUprightAndLetterboxed) {
     compositor.present();
     ASSERT_EQ(size.width, 300);
     ASSERT_EQ(size.height, 240);
-    // 300 x 200 in 300 x 240: 20 rows of black above and below. A window's row 0 is its lowest.
+    // 300 x 200 in 300 x 240: 20 black rows above and below. A window's row 0 is its lowest.
     const auto value = [](int x, int y_from_bottom) {
       std::array<std::uint8_t, 4> pixel{};
       glBindFramebuffer(GL_READ_FRAMEBUFFER, 0);
@@ -104,7 +104,7 @@ TEST(Window, ShowsFrameWithoutResetNotification) {
     const auto context = create_window_context(options);
     refuses_reset_notification = false;
     ASSERT_TRUE(context) << context.error().message;
-    EXPECT_EQ(windows_refused, 1) << "it is asked for first";
+    EXPECT_EQ(windows_refused, 1) << "requested first";
     EXPECT_FALSE((*context)->info().tells_resets);
     auto compositor =
         Compositor::create(**context, test::SceneBuilder().build(), test::camera_of(64, 48, 50.0));
