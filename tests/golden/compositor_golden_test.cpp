@@ -1,5 +1,5 @@
-// Composited frames of recorded video against golden pictures, 320 x 240, at true poses; and the
-// proof that the comparison can fail.
+// Composited frames of recorded video, 320 x 240, at true poses, compared with golden images; and
+// evidence that the comparison can fail.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -27,7 +27,7 @@ using test::compare;
 using test::matches_golden;
 using test::Studio;
 
-// A recorded frame, its camera and its true pose, all at half the size.
+// A recorded frame, its camera and its true pose, at half size.
 struct View {
   CameraModel camera;
   Frame frame;
@@ -58,7 +58,7 @@ Result<View> half_size_view(const std::string& recording, int number) {
   p.height /= 2;
   p.fx *= 0.5;
   p.fy *= 0.5;
-  p.cx = 0.5 * p.cx - 0.25;  // pixel (0, 0) is the mean of four, centred half a pixel further in
+  p.cx = 0.5 * p.cx - 0.25;  // pixel (0, 0) is the mean of four
   p.cy = 0.5 * p.cy - 0.25;
   View view{CameraModel::make(p).value(), {}, {}};
   FrameBuffer buffer = allocate_frame(frame->format, p.width, p.height);
@@ -71,7 +71,7 @@ Result<View> half_size_view(const std::string& recording, int number) {
   return view;
 }
 
-// Solids over the sheet: level and tilted, one umbra cut at its height.
+// Solids over the sheet: level and tilted, one of them cut at the umbra height.
 std::shared_ptr<const Scene> solids() {
   test::SceneBuilder builder;
   test::ShapeBuilder ring;
@@ -99,7 +99,7 @@ RgbaImage image_of(const test::Picture& picture) {
   return {picture.width, picture.height, picture.rgba};
 }
 
-// As the program draws a first frame: lit by it.
+// Scene state of a first frame as the program draws it, lit by the video.
 SceneState lit(const Scene& scene, const View& view, double time_s,
                std::span<const GroupEstimate> groups = {}) {
   SceneState state = evaluate_scene(scene, time_s, groups);
@@ -119,7 +119,7 @@ RgbaImage composite(const View& view, ShadowTechnique technique,
   return image_of(studio.draw(view.frame, plan));
 }
 
-// In the scene's own light.
+// Draws with the scene's own light.
 RgbaImage composite(const View& view, ShadowTechnique technique) {
   Studio studio(solids(), view.camera);
   PlanOptions options;
@@ -155,7 +155,7 @@ TEST_P(SolidsScene, CompositedFrameMatchesGolden) {
       composite(*view, c.technique)));
 }
 
-// The scene that the program ships with, at the time of the frame.
+// The default scene at the frame's time.
 class DefaultScene : public testing::TestWithParam<Case> {};
 INSTANTIATE_TEST_SUITE_P(Golden, DefaultScene,
                          testing::Values(Case{"tabletop", ShadowTechnique::layered, 0},
@@ -188,7 +188,7 @@ TEST_P(DefaultScene, CompositedFrameMatchesGolden) {
       composite(*view, c.technique, std::make_shared<const Scene>(*scene), c.frame / 30.0)));
 }
 
-// The same without blending.
+// The default scene without blending.
 struct TranslucentCase {
   Translucency translucency;
   ShadowTechnique technique;
@@ -223,7 +223,7 @@ TEST_P(TranslucentScene, CompositedFrameMatchesGolden) {
                                        c.frame / 30.0, c.translucency)));
 }
 
-// Without the lens's distortion.
+// The default scene without lens distortion.
 TEST(RectifiedView, CompositedFrameMatchesGolden) {
   const auto view = half_size_view("tabletop", 60);
   ASSERT_TRUE(view) << view.error().message;
@@ -249,12 +249,12 @@ TEST(RectifiedView, CompositedFrameMatchesGolden) {
       compare(picture, composite(*view, ShadowTechnique::layered, scene, 2.0)).acceptable());
 }
 
-// Every other scene that is bundled, as README.md's table says, with its own technique and others.
+// The other bundled scenes of README.md's table, with their own technique and others.
 struct SceneCase {
   const char* scene;
   const char* recording;
   int frame;
-  std::optional<ShadowTechnique> technique = std::nullopt;  // none: the scene's
+  std::optional<ShadowTechnique> technique = std::nullopt;  // none: the scene's technique
 };
 constexpr std::array kSceneCases = {
     SceneCase{"boxes", "tabletop", 45},
@@ -299,7 +299,7 @@ TEST_P(BundledScene, CompositedFrameMatchesGolden) {
   EXPECT_TRUE(loaded->warnings.empty()) << loaded->warnings.front();
   EXPECT_TRUE(loaded->layered_advice.empty()) << loaded->layered_advice.front().text;
   const auto scene = std::make_shared<const Scene>(*loaded);
-  // The upright board stands where the tag map has it.
+  // The upright board's pose as in the tag map.
   GroupEstimate wall;
   wall.name = "wall";
   wall.status = TrackStatus::tracked;
@@ -330,7 +330,7 @@ TEST(BundledSceneList, HasGoldenImageAndReadmeLineForEveryScene) {
   EXPECT_GE(with_picture.size(), 8U);
 }
 
-// Before the recording ends the shadow has met the phantom: without it, the picture is another one.
+// The shadow reaches the phantom before the recording ends: without the phantom the image differs.
 TEST(DefaultScenePhantom, ReceivesShadowBeforeRecordingEnds) {
   const auto view = half_size_view("tabletop", 116);
   ASSERT_TRUE(view) << view.error().message;
@@ -346,8 +346,8 @@ TEST(DefaultScenePhantom, ReceivesShadowBeforeRecordingEnds) {
   EXPECT_NE(at_frame(*scene).pixels, at_frame(without).pixels);
 }
 
-// What the golden pictures are of is what the program writes: its frames, whole, against the same
-// frame drawn here.
+// The program must write the frames of the golden images: full-size frames of `replay` are compared
+// with the frames drawn here.
 class ReplayCommand : public testing::TestWithParam<Case> {};
 INSTANTIATE_TEST_SUITE_P(Golden, ReplayCommand,
                          testing::Values(Case{"tabletop", ShadowTechnique::layered, 60},
@@ -382,7 +382,7 @@ TEST_P(ReplayCommand, WritesFrameDrawnByCompositor) {
   const View view{*camera, *frame, truth->poses.at(at).T_table_camera};
   const auto shared = std::make_shared<const Scene>(*scene);
   EXPECT_TRUE(compare(*written, composite(view, c.technique, shared, time_s)).acceptable());
-  // And the comparison tells this frame from the next.
+  // The comparison distinguishes this frame from the next one.
   EXPECT_FALSE(
       compare(*written, composite(view, c.technique, shared, time_s + 1.0 / 30.0)).acceptable());
 }
@@ -392,7 +392,7 @@ std::string layer_name(ShadowLayer layer) {
   return kNames[static_cast<std::size_t>(layer)];
 }
 
-// The comparison must see a wrong shadow: each layer left out, and each moved by 2 px.
+// The comparison must detect wrong shadows: each layer removed, and each layer moved by 2 px.
 class GoldenLayerComparison : public testing::TestWithParam<ShadowLayer> {};
 INSTANTIATE_TEST_SUITE_P(Golden, GoldenLayerComparison, testing::ValuesIn(kShadowLayers),
                          [](const auto& layer) { return layer_name(layer.param); });
@@ -413,7 +413,7 @@ TEST_P(GoldenLayerComparison, DetectsMissingLayer) {
   ASSERT_TRUE(view) << view.error().message;
   const RgbaImage right = composite(*view, ShadowTechnique::layered);
   Studio studio(solids(), view->camera);
-  // Of one object only, the hardest to see.
+  // Only one object's layer changes, which is hardest to detect.
   for (std::size_t object = 0; object < 3; ++object) {
     FramePlan plan = studio.plan(test::tracked(view->T_table_camera));
     leave_out(plan.shadows.at(object), GetParam());
@@ -428,7 +428,7 @@ TEST_P(GoldenLayerComparison, DetectsLayerShiftedByTwoPixels) {
   Studio studio(solids(), view->camera);
   const FramePlan plan = studio.plan(test::tracked(view->T_table_camera));
   for (std::size_t object = 0; object < 3; ++object) {
-    // How far on the table 2 px are, there.
+    // Distance on the table that corresponds to 2 px there.
     const Eigen::Vector3d at = plan.shadows.at(object).T_table_object.position;
     const auto pixel = [&](double dx) {
       return *view->camera.project(plan.T_table_camera.inverse() *
@@ -444,7 +444,7 @@ TEST_P(GoldenLayerComparison, DetectsLayerShiftedByTwoPixels) {
     const auto difference = compare(image_of(studio.draw(view->frame, moved)), right);
     EXPECT_FALSE(difference.acceptable()) << object << ": " << difference.over_tolerance;
 
-    // In place, the layer drawn apart is the same picture.
+    // Without the shift, the separately drawn layer gives the same image.
     moved.shadows.back().T_table_object.position = at;
     EXPECT_TRUE(compare(image_of(studio.draw(view->frame, moved)), right).exact) << object;
   }
