@@ -1,4 +1,4 @@
-// Real photographs: no worse than OpenCV on the same corners, and better on views held out.
+// Real photographs: as good as OpenCV on the same corners, and better on held-out views.
 #include <gtest/gtest.h>
 
 #include "app/calibration/picture_source.hpp"
@@ -15,7 +15,7 @@ struct Photographs {
   int columns;  // inner corners
   int rows;
   std::size_t views;
-  bool charuco = false;  // with the first markers of DICT_4X4_50
+  bool charuco = false;  // first markers of DICT_4X4_50
 };
 
 Target target_of(const Photographs& set) {
@@ -56,7 +56,7 @@ TEST_P(CalibrationPhotographs, FitAsWellAsOpenCvAndBetterOnHeldOutViews) {
   for (CalibrationView& view : without_outliers) view.outlier.assign(view.corners.size(), false);
   const auto solved = solve_intrinsics(width, height, target.points, without_outliers);
   ASSERT_TRUE(solved) << solved.error().message;
-  // Both are at the same minimum; OpenCV stops a little before it.
+  // Both reach the same minimum; OpenCV stops slightly before it.
   EXPECT_LE(solved->rms_all_px, peer->rms_px * 1.0001);
   EXPECT_GE(solved->rms_all_px, peer->rms_px * 0.99);
 

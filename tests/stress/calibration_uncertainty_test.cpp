@@ -1,4 +1,4 @@
-// Simulated calibrations: the true projection lies inside the predicted 3 sigma. The nightly form
+// Simulated calibrations: the true projection lies within the predicted 3 sigma. The nightly run
 // does 200 of them.
 #include <gtest/gtest.h>
 
@@ -15,9 +15,9 @@
 namespace penumbra {
 namespace {
 
-// How many image points lie where a calibration says they may.
+// Number of image points within the predicted error.
 struct Hits {
-  int inside = 0;  // 3 sigma
+  int inside = 0;  // within 3 sigma
   int all = 0;
   double chi2 = 0.0;
 
@@ -71,8 +71,8 @@ TEST(CalibrationUncertainty, PredictsProjectionErrorOfSimulatedCalibrations) {
   hits.expect_honest();
 }
 
-// The lens chosen by cross-validation, as `penumbra calibrate` does: one that is simpler than the
-// truth is so only where that does not show.
+// The lens model is chosen by cross-validation, as in `penumbra calibrate`. It may be simpler than
+// the truth only if the difference is negligible.
 TEST(CalibrationUncertainty, PredictsProjectionErrorOfChosenLensModel) {
   const CameraModel truth = test::desk_camera();
   const auto board = test::flat_board();
@@ -95,7 +95,7 @@ TEST(CalibrationUncertainty, PredictsProjectionErrorOfChosenLensModel) {
 struct Lens {
   const char* name;
   CameraModel camera;
-  double distance_m;  // from which the board fills a third of the picture
+  double distance_m;  // at which the board fills a third of the image
 };
 
 CameraModel plumb_bob(double f, std::array<double, 8> distortion) {
@@ -106,9 +106,8 @@ CameraModel plumb_bob(double f, std::array<double, 8> distortion) {
   return CameraModel::make(p).value();
 }
 
-// A verdict may be less than good for a right lens, but never good for a wrong one, for any lens
-// and any placement of the board. Usually one calibration of half of the cases, nightly three of
-// each.
+// The verdict for a wrong lens must never be good, for any lens and any placement of the board. The
+// usual run takes one calibration of half of the cases, the nightly run three of each.
 TEST(CalibrationVerdict, IsNeverGoodForWrongLens) {
   const Lens lenses[] = {
       {"plumb_bob", plumb_bob(531.0, {-0.215, 0.062, 0.0008, -0.0006, -0.004}), 0.4},
@@ -134,7 +133,7 @@ TEST(CalibrationVerdict, IsNeverGoodForWrongLens) {
               {.views = 14, .noise_px = noise_px, .distance_m = lens.distance_m, .reach = reach},
               rng);
           const auto start = first_solution(width, height, board, views, {});
-          if (!start) continue;  // refused
+          if (!start) continue;  // the calibration was rejected
           CameraCalibration c;
           const auto chosen = choose_lens(*start, board, views, {}, std::nullopt, c.trials);
           if (!chosen) continue;

@@ -1,7 +1,6 @@
-// A camera that is opened and closed again and again leaves nothing behind: no descriptor, no
-// thread, no memory. The bundled recording plays as the camera, or $PENUMBRA_CAMERA is one
-// ("v4l2:/dev/video0", with its calibration in $PENUMBRA_CAMERA_CALIBRATION);
-// $PENUMBRA_CAMERA_CYCLES says how often.
+// Opening and closing a camera repeatedly leaks no descriptor, thread or memory. The camera is the
+// bundled recording or $PENUMBRA_CAMERA ("v4l2:/dev/video0", with its calibration in
+// $PENUMBRA_CAMERA_CALIBRATION); $PENUMBRA_CAMERA_CYCLES sets the number of cycles.
 #include <fmt/format.h>
 #include <gtest/gtest.h>
 #include <malloc.h>
@@ -41,7 +40,7 @@ Held held() {
   return now;
 }
 
-// Of the first row's bytes: memory that is gone would end the program.
+// Reads the first row, which crashes if the memory was released.
 unsigned sum_of(const Frame& frame) {
   unsigned sum = 0;
   for (int i = 0; i < frame.planes[0].width; ++i) sum += frame.planes[0].data[i];
@@ -59,14 +58,14 @@ TEST(CameraCycles, LeakNoDescriptorThreadOrMemory) {
   const auto cycle = [&] {
     auto source = open_live_source(request, &*camera);
     ASSERT_TRUE(source) << source.error().message;
-    // A frame that outlives its camera, as one in the window does.
+    // The frame outlives its camera, as the window's frame does.
     auto frame = (*source)->next();
     ASSERT_TRUE(frame && *frame);
     (*source)->stop();
     source->reset();
     EXPECT_NE(sum_of(**frame), 0U);
   };
-  // Libraries set themselves up once.
+  // Libraries initialise themselves during the first cycles.
   for (int i = 0; i < std::max(4, cycles / 10); ++i) cycle();
   const Held before = held();
   for (int i = 0; i < cycles && !testing::Test::HasFailure(); ++i) cycle();

@@ -42,7 +42,7 @@ PlaneFrame any_plane(double distance) {
                                              real(-distance, distance)));
 }
 
-// A soup of faces, some of them slivers, points, repeated or unconnected.
+// A random soup of faces; some are slivers, points, repeated or unconnected.
 Model any_soup(double size) {
   Model model;
   Mesh& mesh = model.meshes.emplace_back();
@@ -75,8 +75,8 @@ Eigen::Quaterniond any_rotation() {
   return q.norm() > 0.1 ? q.normalized() : Eigen::Quaterniond::Identity();
 }
 
-// Limbs and boxes in any directions, overlapping as they like, some apart: closed parts with a
-// thickness, unlike a soup.
+// Limbs and boxes in random directions, overlapping or apart: closed parts with a thickness, unlike
+// a soup.
 Model any_body() {
   test::ShapeBuilder shape;
   const int pieces = *rc::gen::inRange(1, 5);
@@ -114,7 +114,7 @@ RC_GTEST_PROP(LayerProperties, FloatFactorStaysWithinErrorBound, ()) {
     constants.umbra_height = constants.light_height / constants.light_ratio;
   for (const ShadowLayer layer : kShadowLayers) {
     const double high = std::min(layer_height_range(constants, layer).high, 3.0);
-    // Everywhere, and next to both ends.
+    // Heights over the whole range and next to both ends.
     const double where = real(0.0, 1.0);
     const int kind = *rc::gen::inRange(0, 3);
     const auto h = static_cast<float>(kind == 0   ? where * high
@@ -123,7 +123,7 @@ RC_GTEST_PROP(LayerProperties, FloatFactorStaysWithinErrorBound, ()) {
     const auto H = static_cast<long double>(constants.light_height);
     const auto a = static_cast<long double>(constants.light_ratio);
     const auto exact_h = static_cast<long double>(h);
-    if (static_cast<double>(h) > high) continue;  // rounded up past the end
+    if (static_cast<double>(h) > high) continue;  // rounded beyond the end of the range
     const long double exact =
         std::isinf(constants.light_height)
             ? 1.0L + lambda_of(layer) * exact_h / static_cast<long double>(constants.umbra_height)
@@ -160,7 +160,7 @@ RC_GTEST_PROP(LayerProperties, FactorsReachLimitsOfHeightLightAndRatio, ()) {
   const double h_u = real(0.1, 1.0);
   const double a = real(1.5, 8.0);
   const LayeredConstants constants = make_layered_constants(a * h_u, a, 0.0).value();
-  // h -> 0: rates lambda: (1 + lambda a) / H.
+  // h -> 0: the rates are lambda: (1 + lambda a) / H.
   for (const ShadowLayer layer : kShadowLayers) {
     const double h = 1e-7 * h_u;
     const double rate = (layer_factor(constants, layer, h) - 1.0) / h;
@@ -224,7 +224,7 @@ RC_GTEST_PROP(LayerProperties, IgnoreNonFiniteVertices, ()) {
   const ShadowMesh mesh = make_shadow_mesh(model);
   for (const glm::vec3& p : mesh.positions) RC_ASSERT(finite(p));
   RC_ASSERT(mesh.from_source[victim] == kNoShadowPosition);
-  // And in the layer itself, should one come by another way.
+  // The layer ignores such vertices as well.
   std::vector<CasterVertex> vertices(6, CasterVertex{0.0F, 0.1F, 0.05F, 0.0F, 0.0F});
   vertices[1].u = 0.3F;
   vertices[2].v = 0.4F;
@@ -236,7 +236,6 @@ RC_GTEST_PROP(LayerProperties, IgnoreNonFiniteVertices, ()) {
   RC_ASSERT(layer_triangles(vertices, indices, constants, ShadowLayer::middle).size() == 3U);
 }
 
-// Sliding on the plane and turning about its normal moves the layers rigidly.
 RC_GTEST_PROP(LayerProperties, AreEquivariantUnderTranslationAndYaw, ()) {
   const ShadowMesh mesh = make_shadow_mesh(any_soup(0.1));
   const LayeredConstants constants = any_constants();
@@ -246,7 +245,7 @@ RC_GTEST_PROP(LayerProperties, AreEquivariantUnderTranslationAndYaw, ()) {
   const Eigen::Vector3d slide(real(-1, 1), real(-1, 1), 0.0);
   const Eigen::Quaterniond turn(Eigen::AngleAxisd(yaw, Eigen::Vector3d::UnitZ()));
   const Placement after = {turn * before.position + slide, turn * before.rotation, 1.0};
-  // The kernels stay: the up direction in the object's frame is the same.
+  // The kernels stay unchanged, since the up direction in the object frame is the same.
   const Eigen::Vector3d up = up_in_object(before, plane);
   RC_ASSERT((up - up_in_object(after, plane)).norm() < 1e-12);
   const ShadowKernels kernels = generate_kernels(mesh, up, KernelSource::automatic);
@@ -265,7 +264,7 @@ RC_GTEST_PROP(LayerProperties, AreEquivariantUnderTranslationAndYaw, ()) {
   }
 }
 
-// A level star-shaped footprint with its kernel in the middle: umbra inside middle inside penumbra.
+// A level star-shaped footprint with its kernel in the middle.
 RC_GTEST_PROP(LayerProperties, LayersNestForStarShapedFootprint, ()) {
   std::vector<CasterVertex> vertices = {{0.0F, 0.0F, 0.0F, 0.0F, 0.0F}};
   std::vector<std::uint32_t> indices;
@@ -299,9 +298,9 @@ RC_GTEST_PROP(LayerProperties, LayersNestForStarShapedFootprint, ()) {
   }
 }
 
-// The layers that are drawn, against the formulas in long double from the vertices as given, at any
-// distance of the plane from the origin. The factor is within 2.11 of the exact one; the rest is
-// the rounding of coordinates.
+// Drawn layers against the formulas in long double, from the vertices as given, at any distance of
+// the plane from the origin. The factor's error is bounded by equation 2.11, the rest by the
+// rounding of coordinates.
 RC_GTEST_PROP(LayerProperties, FloatLayersMatchExactLayers, ()) {
   const ShadowMesh mesh = make_shadow_mesh(any_soup(0.1));
   LayeredConstants constants = any_constants();
@@ -328,7 +327,7 @@ RC_GTEST_PROP(LayerProperties, FloatLayersMatchExactLayers, ()) {
     for (std::size_t i = 0; i < vertices.size(); ++i) {
       const Eigen::Vector3d x = exact(mesh.positions[i]);
       const Eigen::Vector3d k = exact(kernels.kernels[i]);
-      // A rounding of the height next to a clip height may fall on its other side.
+      // The rounding of a height next to a clip height may put it on the other side.
       if (x.z() < 1e-6 || x.z() > range.high - 1e-6) continue;
       const double s = layer_factor(constants, kShadowLayers[layer], x.z());
       const Eigen::Vector2d expected = k.head<2>() + s * (x - k).head<2>();
@@ -348,12 +347,12 @@ RC_GTEST_PROP(LayerProperties, FloatLayersMatchExactLayers, ()) {
   }
 }
 
-// The limits of whole layers, not only of their factors.
+// Limits of whole layers, not only of their factors.
 RC_GTEST_PROP(LayerProperties, LayersReachLimitsOfHeightLightAndRatio, ()) {
   const double h_u = real(0.2, 0.5);
   const double a = real(1.5, 6.0);
   const LayeredConstants constants = make_layered_constants(a * h_u, a, 0.0).value();
-  // A level, flat body, all of it at one height.
+  // A level, flat body: all vertices have one height.
   Model model = any_body();
   for (glm::vec3& p : model.meshes[0].positions) p.z = 0.0F;
   const ShadowMesh mesh = make_shadow_mesh(model);
@@ -371,10 +370,10 @@ RC_GTEST_PROP(LayerProperties, LayersReachLimitsOfHeightLightAndRatio, ()) {
       mesh.indices));
   if (footprint < 1e-5) return;
   for (const ShadowLayer layer : kShadowLayers) {
-    // h = 0 and h -> 0: contact, every layer the orthogonal shadow.
+    // h = 0 and h -> 0: at contact every layer is the orthogonal shadow.
     RC_ASSERT(std::abs(area_of(layers_at(constants, 0.0, layer)) - footprint) < 1e-5 * footprint);
     RC_ASSERT(std::abs(area_of(layers_at(constants, 1e-6, layer)) - footprint) < 1e-3 * footprint);
-    // Under the plane nothing; at and above the light the cap, never an antishadow.
+    // Nothing below the plane. At and above the light the cap applies, never an antishadow.
     RC_ASSERT(layers_at(constants, -1e-6, layer).empty());
     RC_ASSERT(layers_at(constants, a * h_u, layer).empty());
     RC_ASSERT(layers_at(constants, 2.0 * a * h_u, layer).empty());
@@ -386,8 +385,8 @@ RC_GTEST_PROP(LayerProperties, LayersReachLimitsOfHeightLightAndRatio, ()) {
         area_of(layers_at(make_layered_constants(1e6 * h_u, 0.0, h_u).value(), h, layer));
     RC_ASSERT(std::abs(zenith - high) < 1e-3 * footprint);
   }
-  // h -> h_u from below: the umbra shrinks onto its kernels, which have no area where they are one
-  // per part; at h_u it is gone.
+  // h -> h_u from below: the umbra shrinks onto its kernels, which have no area with one kernel per
+  // part. At h_u it is gone.
   const ShadowKernels single =
       generate_kernels(mesh, Eigen::Vector3d::UnitZ(), KernelSource::centroid);
   const auto nearly = place_caster(
@@ -396,8 +395,7 @@ RC_GTEST_PROP(LayerProperties, LayersReachLimitsOfHeightLightAndRatio, ()) {
   RC_ASSERT(area_of(layer_triangles(nearly, mesh.indices, constants, ShadowLayer::umbra)) <
             1e-5 * footprint);
   RC_ASSERT(layers_at(constants, 1.0001 * h_u, ShadowLayer::umbra).empty());
-  // a -> 1: the umbra keeps the size of the object; a little less and it grows, a little more and
-  // it shrinks.
+  // a -> 1: the umbra keeps the object's size, continuously from both sides of 1.
   const double h = 0.5 * h_u;
   const double same =
       area_of(layers_at(make_layered_constants(h_u, 1.0, 0.0).value(), h, ShadowLayer::umbra));
@@ -409,7 +407,7 @@ RC_GTEST_PROP(LayerProperties, LayersReachLimitsOfHeightLightAndRatio, ()) {
   }
 }
 
-// Faces without an area and slivers add nothing to a layer, whatever their kernels are.
+// Degenerate faces and slivers add no area to a layer, whichever kernels they have.
 RC_GTEST_PROP(LayerProperties, SliversAndDegenerateFacesAddNoArea, ()) {
   const ShadowMesh mesh = make_shadow_mesh(any_body());
   const LayeredConstants constants = any_constants();
@@ -448,7 +446,7 @@ RC_GTEST_PROP(LayerProperties, SliversAndDegenerateFacesAddNoArea, ()) {
   }
 }
 
-// Fields, layers of one light and hard shadows take any soup too; a field's layers nest.
+// Fields, layers of one light and hard shadows accept any soup; a field's layers nest.
 RC_GTEST_PROP(LayerProperties, EveryTechniqueAcceptsTriangleSoup, ()) {
   const double size = std::pow(10.0, real(-4.0, 4.0));
   const ShadowMesh mesh = make_shadow_mesh(any_soup(size));
@@ -489,7 +487,7 @@ RC_GTEST_PROP(LayerProperties, EveryTechniqueAcceptsTriangleSoup, ()) {
     RC_ASSERT(std::isfinite(p.u) && std::isfinite(p.v));
 }
 
-// Rings of any shape, lying as they like: round outlines of hundreds of vertices.
+// Rings of any shape and orientation: round outlines of hundreds of vertices.
 Model any_ring() {
   test::ShapeBuilder shape;
   shape.torus(real(0.03, 0.06), real(0.005, 0.02), *rc::gen::inRange(8, 20),
@@ -502,21 +500,20 @@ Model any_ring() {
   return model;
 }
 
-// Each coordinate moved to a neighbour among floats, or left.
+// Moves each coordinate to a neighbouring float, or leaves it.
 Model rounded_otherwise(Model model, std::mt19937& random) {
   for (glm::vec3& p : model.meshes[0].positions) {
     for (int i = 0; i < 3; ++i) {
-      const auto way = random() % 3;
-      if (way != 0) p[i] = std::nextafter(p[i], way == 1 ? 1.0F : -1.0F);
+      const auto direction = random() % 3;
+      if (direction != 0) p[i] = std::nextafter(p[i], direction == 1 ? 1.0F : -1.0F);
     }
   }
   return model;
 }
 
-// Kernels turn with what is turned about the plane's normal: generated anew for the turned body,
-// they are the same, and so are the layers (docs/shadows.md#kernels, rule 2, and 2.10). What a turn
-// may change is what rounding the coordinates changes without it: which of equally large and
-// equally near discs wins.
+// Kernels generated for a body turned about the plane's normal are the turned kernels, and the
+// layers follow (docs/shadows.md#kernels, rule 2, and 2.10). Rounding may change which of several
+// equally large and near discs wins; the comparison allows that.
 RC_GTEST_PROP(LayerProperties, RegeneratedKernelsRotateWithBody, ()) {
   const Model model = *rc::gen::inRange(0, 4) == 0 ? any_ring() : any_body();
   const Eigen::Vector3d up = Eigen::Vector3d(real(-0.5, 0.5), real(-0.5, 0.5), 1.0).normalized();
@@ -536,8 +533,8 @@ RC_GTEST_PROP(LayerProperties, RegeneratedKernelsRotateWithBody, ()) {
   double size = 0.0;
   for (const glm::vec3& p : mesh.positions)
     size = std::max(size, (exact(p) - exact(mesh.positions[0])).norm());
-  // A raster lies along an edge of no less than 1 % of a part's size: its direction is known to
-  // some hundred roundings.
+  // A raster's direction follows an edge of at least 1 % of a part's size, so it is known to some
+  // hundred roundings.
   const double allowed = 1e-5 * size;
   const auto off = [&](const ShadowKernels& before, std::size_t i) {
     const Eigen::Vector3d d = exact(after.kernels[i]) - R * exact(before.kernels[i]);
@@ -554,7 +551,7 @@ RC_GTEST_PROP(LayerProperties, RegeneratedKernelsRotateWithBody, ()) {
       std::erase_if(chosen_otherwise, [&](std::size_t i) { return off(other, i) <= allowed; });
     }
     RC_ASSERT(chosen_otherwise.empty());
-    return;  // of the layers nothing is known but that they are as good
+    return;  // ambiguous kernels; the layers need not agree
   }
 
   const LayeredConstants constants = make_layered_constants(0.9, 3.0, 0.0).value();
@@ -564,7 +561,7 @@ RC_GTEST_PROP(LayerProperties, RegeneratedKernelsRotateWithBody, ()) {
   const auto turned_vertices = place_caster(turned_mesh, after, placement, plane);
   for (const ShadowLayer layer : kShadowLayers) {
     const auto triangles = layer_triangles(vertices, mesh.indices, constants, layer);
-    // No outline is longer than all edges together, and none of them moves further than this.
+    // No outline is longer than the sum of all edges, and none moves further than this.
     double edges = 0.0;
     for (std::size_t i = 0; i < triangles.size(); ++i) {
       const PlanePoint& p = triangles[i];
@@ -581,9 +578,9 @@ RC_GTEST_PROP(LayerProperties, RegeneratedKernelsRotateWithBody, ()) {
   }
 }
 
-// No pop: a micrometre of height changes a layer by next to nothing, also where vertices pass the
-// plane, the umbra height and the cap. Level faces apart, which appear at once when they come
-// through the plane: so the body is tilted.
+// A micrometre of height changes a layer only minimally, also where vertices pass the plane, the
+// umbra height and the cap. Level faces would appear at once as they pass the plane, so the body is
+// tilted.
 RC_GTEST_PROP(LayerProperties, LayersChangeContinuouslyWithHeight, ()) {
   const ShadowMesh mesh = make_shadow_mesh(any_body());
   const LayeredConstants constants = make_layered_constants(0.9, 3.0, 0.0).value();
@@ -592,7 +589,7 @@ RC_GTEST_PROP(LayerProperties, LayersChangeContinuouslyWithHeight, ()) {
   const PlaneFrame plane;
   const ShadowKernels kernels = generate_kernels(
       mesh, up_in_object({Eigen::Vector3d::Zero(), tilt, 1.0}, plane), KernelSource::automatic);
-  // Half of the time exactly where a vertex passes one of the heights.
+  // Half of the starts lie exactly where a vertex passes one of these heights.
   double start = real(-0.1, 0.9);
   if (*rc::gen::inRange(0, 2) == 0) {
     const glm::vec3& p = mesh.positions[static_cast<std::size_t>(
@@ -614,16 +611,17 @@ RC_GTEST_PROP(LayerProperties, LayersChangeContinuouslyWithHeight, ()) {
       area[side][i] = area_of(layer_triangles(vertices, mesh.indices, constants, kShadowLayers[i]));
   }
   for (std::size_t i = 0; i < 3; ++i) {
-    // A face of at most 0.1 m by 0.1 m, at 17 degrees or more, enlarged up to 8 or 32 times where
-    // it is cut at the cap: 1 um of height is at most 4 um along it.
+    // A face of at most 0.1 m by 0.1 m, inclined by 17 degrees or more, is enlarged up to 8 or 32
+    // times where it is cut at the cap. One micrometre of height is then at most 4 um along it.
     const double longest = 0.3 * (i == 0 ? 1.0 : i == 1 ? 8.0 : 32.0);
     RC_ASSERT(std::abs(area[1][i] - area[0][i]) <= 8.0 * kStep * longest * longest / 0.1 + 1e-8);
   }
 }
 
-// A whole rise of an inclined bar, through the plane and the umbra height: at most 1 % of the
-// layer's size per millimetre (docs/shadows.md#layers; skipping faces instead of clipping them
-// gives 44 %), and a little more while it comes out of the plane, of which it is 0.16 m tall.
+// A whole rise of an inclined bar, through the plane and the umbra height. A layer changes by at
+// most 1 % of its size per millimetre (docs/shadows.md#layers; skipping faces instead of clipping
+// them gives 44 %). The limit is a little larger while the bar, 0.16 m tall, emerges from the
+// plane.
 TEST(ShadowStress, LimitsChangePerMillimetreOfRisingBar) {
   for (const int segments : {3, 12}) {
     test::ShapeBuilder shape;
@@ -648,7 +646,8 @@ TEST(ShadowStress, LimitsChangePerMillimetreOfRisingBar) {
             union_of_triangles(layer_triangles(vertices, mesh.indices, constants, kShadowLayers[i]))
                 .value()
                 .area;
-        // Of its own size; of the footprint's where it has just come, or nearly gone.
+        // The share refers to the layer's size, or to the footprint's for a layer that has just
+        // appeared or nearly vanished.
         const double share = step < 95 ? 0.015 : 0.01;
         EXPECT_LE(std::abs(area - before[i]), share * std::max({area, before[i], footprint}))
             << "layer " << i << " at " << step << " mm";
@@ -660,11 +659,12 @@ TEST(ShadowStress, LimitsChangePerMillimetreOfRisingBar) {
   }
 }
 
-// However faces turn over, a layer stays within the caster's outline widened by as much as its
-// vertices may move: spill is bounded by the kernels' reach alone (docs/shadows.md#fold-overs, 2.6
-// rule 5), and that by the thickness of the parts, which their outlines say.
+// However faces fold over, a layer stays within the caster's outline widened by the largest
+// movement of its vertices. Overshoot is bounded only by the kernels' reach
+// (docs/shadows.md#fold-overs, 2.6 rule 5), which the thickness of the parts bounds.
 RC_GTEST_PROP(LayerProperties, OvershootStaysWithinKernelReach, ()) {
-  // Closed bodies: a soup has faces seen edge-on, which no outline shows and a layer may open.
+  // The bodies are closed: a soup has faces seen edge-on, which have no outline but may open in a
+  // layer.
   const ShadowMesh mesh = make_shadow_mesh(any_body());
   const LayeredConstants constants = make_layered_constants(0.9, 3.0, 0.0).value();
   const Placement placement = {Eigen::Vector3d(0, 0, real(0.1, 0.15)), any_rotation(), 1.0};
@@ -672,8 +672,8 @@ RC_GTEST_PROP(LayerProperties, OvershootStaysWithinKernelReach, ()) {
   const ShadowKernels kernels =
       generate_kernels(mesh, up_in_object(placement, plane), KernelSource::automatic);
   const auto vertices = place_caster(mesh, kernels, placement, plane);
-  // How far the vertices may move, of what is known without the kernels: their heights, and how
-  // thick the body's parts are.
+  // Largest movement of the vertices that heights and the thickness of parts allow, without the
+  // kernels.
   const auto reach = test::kernel_reach(mesh, kernels);
   double moved = 0.0;
   for (std::size_t i = 0; i < reach.size(); ++i) {
@@ -700,10 +700,10 @@ RC_GTEST_PROP(LayerProperties, OvershootStaysWithinKernelReach, ()) {
   }
 }
 
-// Coverage outside the outline that every point of the surface draws by itself with a kernel of its
-// own: what coarse faces between different kernels add, twisted or not (docs/shadows.md#fold-overs
-// (3)). For growing layers; a shrinking one is torn apart there where kernels change, and faces
-// mend it.
+// Coverage outside the outline that the surface's points draw if each has its own kernel: the
+// addition by coarse faces between different kernels, twisted or not (docs/shadows.md#fold-overs
+// (3)). It holds for growing layers; a shrinking one tears where kernels change, and faces close
+// the gaps.
 double spill(const ShadowMesh& mesh, double s) {
   float extent = 0.0F;
   const glm::vec3 first = mesh.positions.front();
@@ -755,7 +755,7 @@ double spill(const ShadowMesh& mesh, double s) {
   };
   test::Mask layer = empty;
   cover(layer, mesh, coarse_image, kInfinity);
-  // Of the fine surface, faces that a change of kernel tears apart are none of the outline.
+  // In the fine surface, faces torn apart by a change of kernel do not count as outline.
   test::Mask reference = empty;
   cover(reference, fine, fine_image, 4.0 * empty.pixel);
   for (const Eigen::Vector2d& p : fine_image) {
@@ -789,7 +789,7 @@ TEST(ShadowStress, BoundsOvershootOfTwistedFaces) {
   }
 }
 
-// The union in one go and in pieces, of a soup.
+// The union of a soup, computed at once and in pieces.
 RC_GTEST_PROP(LayerProperties, UnionInPiecesMatchesWholeUnion, ()) {
   std::vector<PlanePoint> triangles;
   const double size = std::pow(10.0, real(-2.0, 0.0));
@@ -826,8 +826,8 @@ TEST(ShadowStress, UnitesTwentyFiveThousandUnconnectedFaces) {
   EXPECT_NEAR(outline->area, mask.area(), 2e-3 * mask.area());
 }
 
-// Objects of 0.1 mm and of 10 km: the layers of one are those of the other, to scale, if the light
-// is. (Under 10 um vertices are one, so that a body of 0.1 mm may have few.)
+// Objects of 0.1 mm and of 10 km have the same layers up to scale, if the light scales too.
+// (Vertices are welded within 10 um, so a body of 0.1 mm must be simple.)
 TEST(ShadowStress, ScalesLayersWithObjectSize) {
   const Model unit = [] {
     test::ShapeBuilder shape;
@@ -843,7 +843,7 @@ TEST(ShadowStress, ScalesLayersWithObjectSize) {
     for (glm::vec3& p : model.meshes[0].positions) p *= static_cast<float>(size);
     const ShadowMesh mesh = make_shadow_mesh(model);
     ASSERT_EQ(mesh.positions.size(), unit.meshes[0].positions.size()) << size;
-    // 100 m from the origin, or as far as the object is large.
+    // The plane is 100 m from the origin, or the object's size if that is larger.
     const PlaneFrame plane =
         PlaneFrame::make({0.3, -0.5, 0.8}, std::max(100.0, size) * Eigen::Vector3d(0.6, -0.3, 0.7));
     const Placement placement = {plane.q + 0.6 * size * plane.n, tilt, 1.0};
@@ -855,7 +855,7 @@ TEST(ShadowStress, ScalesLayersWithObjectSize) {
         power_distance_layers(vertices, mesh.indices, mesh.part,
                               part_lights(part_discs(mesh, up), placement, plane), constants);
     for (std::size_t i = 0; i < 3; ++i) {
-      // Areas of the size-1 object; unions are made to 1e-12 m^2, so they are scaled before.
+      // Areas at scale 1, since unions are exact to 1e-12 m^2 only.
       const auto area_at_size_1 = [size](std::vector<PlanePoint> triangles) {
         for (PlanePoint& p : triangles) {
           p.u = static_cast<float>(static_cast<double>(p.u) / size);
@@ -873,7 +873,7 @@ TEST(ShadowStress, ScalesLayersWithObjectSize) {
         EXPECT_GT(by_field, 0.05);
         continue;
       }
-      // What the rounding of coordinates to float moves a raster's cells, and no more.
+      // Tolerance: rounding to float moves the cells of a raster.
       EXPECT_NEAR(by_kernels, kernels_of[i], 0.01 * kernels_of[i]) << size << " layer " << i;
       EXPECT_NEAR(by_field, field_of[i], 0.01 * field_of[i]) << size << " layer " << i;
     }
@@ -892,8 +892,8 @@ TEST(ShadowStress, ComputesFieldOfMillionTriangles) {
   const ShadowField field =
       power_distance_layers(place_caster(mesh, none, placement, plane), mesh.indices, mesh.part,
                             part_lights(discs, placement, plane), constants);
-  // Under the light the ring of radius 0.05, 0.012 thick, grows by H / (H - h) = 1.125 and its rims
-  // wander by a r h / (H - h).
+  // Below the light the ring of radius 0.05 and thickness 0.012 grows by H / (H - h) = 1.125, and
+  // its rims move by a r h / (H - h).
   const double grown = 1.125;
   const double rim = 3.0 * 0.012 * 0.1 / 0.8;
   const auto ring = [&](double out) {
@@ -904,13 +904,13 @@ TEST(ShadowStress, ComputesFieldOfMillionTriangles) {
   EXPECT_NEAR(area_at(field, ShadowLayer::middle), ring(0.0), 0.02 * ring(0.0));
   EXPECT_NEAR(area_at(field, ShadowLayer::penumbra), ring(rim), 0.02 * ring(rim));
   EXPECT_NEAR(area_at(field, ShadowLayer::umbra), ring(-rim), 0.05 * ring(-rim));
-  // What else looks at every face.
+  // The other stages that visit every face.
   const auto kernels = generate_kernels(mesh, plane.n, KernelSource::automatic);
   const auto vertices = place_caster(mesh, kernels, placement, plane);
   const double share = find_twists(vertices, mesh.indices, 0.05, 1.65).area_share;
   EXPECT_GT(share, 0.0);
   EXPECT_LT(share, 1.0);
-  EXPECT_LT(layer_spill(mesh, kernels, 1.65), 0.02) << "what twists does no harm";
+  EXPECT_LT(layer_spill(mesh, kernels, 1.65), 0.02) << "twisted faces do not overshoot";
 }
 
 TEST(ShadowStress, ComputesLayersOfMillionTriangles) {
@@ -927,7 +927,7 @@ TEST(ShadowStress, ComputesLayersOfMillionTriangles) {
       union_of_triangles(layer_triangles(vertices, mesh.indices, constants, ShadowLayer::penumbra));
   ASSERT_TRUE(outline);
   ASSERT_EQ(outline->polygons.size(), 1U);
-  // A ring's shadow is a ring: one hole, and specks where neighbouring kernels part.
+  // A ring's shadow is a ring: one hole, and small specks where neighbouring kernels differ.
   double largest = 0.0;
   double all = 0.0;
   for (const auto& hole : outline->polygons[0].holes) {

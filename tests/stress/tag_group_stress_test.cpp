@@ -1,6 +1,5 @@
-// Several rigid groups of tags where they are hard: copies, single tags, edge-on views, one passing
-// before the other, maps that contradict the picture. Whatever it is, nothing is ever non-finite
-// and no wrong place is called tracked.
+// Rigid tag groups in difficult cases: duplicates, single tags, edge-on views, occlusion by another
+// group, inconsistent maps. No result is ever non-finite, and no wrong pose is called tracked.
 #include <fmt/format.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -27,7 +26,7 @@ using test::Stage;
 using test::turned;
 using test::wall;
 
-// Where the groups truly are.
+// Checks poses and covariances against the true placements `at`.
 void expect_honest(const Stage& stage, const TrackedFrame& tracked, int frame,
                    const Placements& at) {
   for (const GroupEstimate& group : tracked.groups) {
@@ -86,7 +85,7 @@ TEST(TagGroupStress, IgnoresCopyOfGroupTag) {
   }
 }
 
-// One tag alone has two poses; turned over slowly it goes through straight-on and edge-on views.
+// A single tag has two poses. Turned over slowly, it passes through frontal and edge-on views.
 TEST(TagGroupStress, NeverTracksWrongPoseOfSingleTagGroup) {
   std::vector<MappedTag> one = block();
   one.resize(1);
@@ -113,7 +112,7 @@ TEST(TagGroupStress, NeverTracksWrongPoseOfSingleTagGroup) {
   }
 }
 
-// The block is carried through between camera and wall, then before the table's tags.
+// The block is carried between camera and wall, then in front of the table's tags.
 TEST(TagGroupStress, TracksGroupsThatOccludeEachOther) {
   const Stage stage({wall(), block()});
   GroupTracker tracker = stage.tracker();
@@ -137,15 +136,14 @@ TEST(TagGroupStress, TracksGroupsThatOccludeEachOther) {
   EXPECT_GE(block_seen, frames - 4);
 }
 
-// The map has one of the wall's tags, or half of them, elsewhere than they are; and two groups at
-// each other's places.
+// The map has one or half of the wall's tags at wrong places; then it has two groups exchanged.
 TEST(TagGroupStress, NeverTracksWrongPoseWhenMapIsInconsistent) {
   for (const int wrong : {1, 3}) {
     SCOPED_TRACE(wrong);
     const Stage stage({wall()});
     std::vector<MappedTag> drawn = stage.tags;
     int left = wrong;
-    int moved_id = -1;  // the last one's
+    int moved_id = -1;  // id of the last one
     for (MappedTag& tag : drawn) {
       if (tag.group != "wall" || left-- <= 0) continue;
       moved_id = tag.id;
@@ -161,14 +159,14 @@ TEST(TagGroupStress, NeverTracksWrongPoseWhenMapIsInconsistent) {
         EXPECT_EQ(named(tracked, "wall").status, TrackStatus::tracked);
         EXPECT_THAT(named(tracked, "wall").tags_rejected,
                     testing::ElementsAre(testing::Field(&RejectedTag::id, moved_id)));
-        EXPECT_THAT(tracked.pose.tags_rejected, testing::IsEmpty()) << "it is none of the table's";
+        EXPECT_THAT(tracked.pose.tags_rejected, testing::IsEmpty()) << "not a tag of the table";
       } else {
         EXPECT_NE(named(tracked, "wall").status, TrackStatus::tracked)
-            << "nothing says which half is right";
+            << "the correct half is ambiguous";
       }
     }
   }
-  // Each where the other is mapped: the picture decides for each.
+  // Each group is where the other is mapped: the image decides for each.
   std::vector<MappedTag> far = wall(3, 1);
   for (MappedTag& tag : far) {
     tag.id += 50;
@@ -187,7 +185,7 @@ TEST(TagGroupStress, NeverTracksWrongPoseWhenMapIsInconsistent) {
   }
 }
 
-// Twelve groups of one tag each, all moving their own way.
+// Twelve groups of one tag each, with independent motions.
 TEST(TagGroupStress, TracksTwelveIndependentGroups) {
   std::vector<std::vector<MappedTag>> parts;
   for (int k = 0; k < 12; ++k) {

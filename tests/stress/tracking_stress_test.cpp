@@ -1,6 +1,6 @@
-// Tracking at the ends of what a picture can be: exact synthetic frames with one thing driven far.
-// Whatever it is, nothing is ever non-finite and no wrong pose is called tracked; where a pose is
-// to be expected, there is one. The nightly form walks the whole ranges.
+// Tracking at the limits of image quality: exact synthetic frames with one condition varied over
+// its range. No result is ever non-finite, no wrong pose is called tracked, and there is a pose
+// where one is expected. The nightly run covers the whole ranges.
 #include <fmt/format.h>
 #include <gtest/gtest.h>
 
@@ -42,7 +42,7 @@ double distance_for(const Session& session, double side_px) {
 struct Cell {
   std::string name;
   std::function<void(Session&)> change;
-  bool tracked = true;  // whether a pose is expected in most frames
+  bool tracked = true;  // true if most frames should have a pose
 };
 
 std::vector<Cell> cells() {
@@ -61,7 +61,7 @@ std::vector<Cell> cells() {
   add(
       "noise", {0, 12}, {0, 1, 2, 4, 8, 12}, [](Session& s, double v) { s.light.noise_grey = v; },
       always);
-  // The cells are about 6 px; the exposure is cut at the frame's end.
+  // The cells are about 6 px wide; the exposure is limited to the frame interval.
   add(
       "blur cells", {1, 3}, {0.25, 0.5, 1, 1.5, 2, 3},
       [](Session& s, double v) {
@@ -80,7 +80,7 @@ std::vector<Cell> cells() {
         s.tags = test::layout_of(Layout::one, draw);
         if (v > 200.0) s.camera = test::lens_camera(Lens::plumb_bob, 1280, 960, 0.85);
         s.motion.distance.middle = distance_for(s, v);
-        // The overlay's cube is 0.2 m: it must stay before the camera.
+        // The overlay's cube of 0.2 m must stay in front of the camera.
         const double scale = std::max(1.0, 0.5 / s.motion.distance.middle);
         for (MappedTag& tag : s.tags) tag.size_m *= scale;
         s.motion.distance.middle *= scale;
@@ -157,7 +157,7 @@ TEST(TrackingStress, PredictsErrorInEveryCondition) {
     int tracked = 0;
     for (int f = 0; f < frames; ++f) {
       SCOPED_TRACE(f);
-      // No detection reads a tag that is covered; what is followed may come to be.
+      // Detection can't read a covered tag, but a tracked tag may become covered.
       Session seen = session;
       if (f == 0) seen.light.cover_share = 0.0;
       const PoseEstimate pose = tracker.track(seen.picture(renderer, f)).pose;
@@ -184,34 +184,34 @@ TEST(TrackingStress, PredictsErrorOnRandomSessions) {
   }
 }
 
-// Of tracked frames.
-struct Smeared {
-  int beyond = 0;  // by more than four times what was expected
-  int wrong = 0;   // more than 5 px off
-  std::vector<double> over_expected;
+// Statistics of the tracked frames.
+struct Blurred {
+  int beyond = 0;  // error above four times the predicted one
+  int wrong = 0;   // error above 5 px
+  std::vector<double> over_predicted;
 
-  [[nodiscard]] int tracked() const { return static_cast<int>(over_expected.size()); }
-  [[nodiscard]] double spread() const { return statistics_of(over_expected).rmse; }
-  [[nodiscard]] std::string said() const {
-    return fmt::format("{} tracked, {} beyond 4 sigma, {} wrong, {:.2f} of what is expected RMS",
+  [[nodiscard]] int tracked() const { return static_cast<int>(over_predicted.size()); }
+  [[nodiscard]] double spread() const { return statistics_of(over_predicted).rmse; }
+  [[nodiscard]] std::string summary() const {
+    return fmt::format("{} tracked, {} beyond 4 sigma, {} wrong, {:.2f} of the predicted error RMS",
                        tracked(), beyond, wrong, spread());
   }
 };
 
-// A hand that shakes so that its tags smear over several cells, its exposure known or not: what is
-// expected of the error is what the error is, also where the pose is one of many that look alike.
+// A shaking hand blurs the tags over several cells, with the exposure known or not. The predicted
+// error must match the actual one, also if the pose is one of many similar ones.
 TEST(TrackingStress, PredictsErrorUnderStrongMotionBlur) {
   int frames = 0;
-  int smeared = 0;  // over more than three cells
-  Smeared followed;
-  Smeared first;  // of frames without one before them
+  int blurred = 0;  // by more than three cells
+  Blurred followed;
+  Blurred first;  // of frames without a previous frame
   const int sessions = nightly() ? 40 : 8;
   for (int k = 0; k < sessions; ++k) {
     Draw draw(900U + static_cast<std::uint64_t>(k));
     Session session = ordinary();
     session.light.seed = static_cast<std::uint64_t>(k) + 1;
     session.light.lens_blur_px = draw.between(0.4, 0.8);
-    // Of 12 tags, some of 7 and of 48.
+    // Most sessions have 12 tags, some 7 or 48.
     const Layout layout = k % 8 == 7 ? Layout::many : k % 3 == 2 ? Layout::loose : Layout::sheet;
     session.tags = test::layout_of(layout, draw);
     session.motion =
@@ -230,12 +230,12 @@ TEST(TrackingStress, PredictsErrorUnderStrongMotionBlur) {
       SCOPED_TRACE(testing::Message() << "session " << k << ", frame " << f);
       Frame frame = session.picture(renderer, f);
       const double middle = f * session.frame_s;
-      const double smear_px = test::corner_distance_px(
+      const double blur_px = test::corner_distance_px(
           session.camera, session.tags, session.motion.at(middle - 0.5 * session.exposure_s),
           session.motion.at(middle + 0.5 * session.exposure_s));
-      smeared += smear_px > 3.0 * cell_px ? 1 : 0;
+      blurred += blur_px > 3.0 * cell_px ? 1 : 0;
       ++frames;
-      const auto track = [&](GroupTracker& tracker, Smeared& all) {
+      const auto track = [&](GroupTracker& tracker, Blurred& all) {
         const PoseEstimate pose = tracker.track(frame).pose;
         if (!pose.has_pose()) return;
         EXPECT_TRUE(pose.T_table_camera.is_finite());
@@ -243,7 +243,7 @@ TEST(TrackingStress, PredictsErrorUnderStrongMotionBlur) {
         if (pose.status != TrackStatus::tracked) return;
         const double error =
             overlay_difference(session.camera, pose.T_table_camera, session.truth(f)).rms_px();
-        all.over_expected.push_back(error / pose.predicted_overlay_error_px);
+        all.over_predicted.push_back(error / pose.predicted_overlay_error_px);
         all.beyond += error > std::max(1.0, 4.0 * pose.predicted_overlay_error_px) ? 1 : 0;
         all.wrong += error > 5.0 ? 1 : 0;
       };
@@ -254,10 +254,10 @@ TEST(TrackingStress, PredictsErrorUnderStrongMotionBlur) {
       track(knows, followed);
     }
   }
-  RecordProperty("smeared", fmt::format("{} of {} frames", smeared, frames));
-  RecordProperty("followed", followed.said());
-  RecordProperty("first", first.said());
-  EXPECT_GT(6 * smeared, frames) << "of " << frames;
+  RecordProperty("blurred", fmt::format("{} of {} frames", blurred, frames));
+  RecordProperty("followed", followed.summary());
+  RecordProperty("first", first.summary());
+  EXPECT_GT(6 * blurred, frames) << "of " << frames;
   EXPECT_GT(followed.tracked(), (nightly() ? 1.1 : 0.9) * frames) << "of two trackers";
   EXPECT_LT(followed.spread(), 1.0);
   EXPECT_GT(followed.spread(), 0.5);
@@ -270,7 +270,7 @@ TEST(TrackingStress, PredictsErrorUnderStrongMotionBlur) {
   EXPECT_LE(first.beyond, 0.01 * first.tracked()) << "of " << first.tracked();
 }
 
-// There and back over the same pictures: what drifts has nothing to hide behind.
+// There and back over the same images: drift would accumulate.
 TEST(TrackingStress, TracksTenThousandFramesWithoutDrift) {
   Session session = ordinary();
   session.camera = test::lens_camera(Lens::plumb_bob, 320, 240, 0.85);
@@ -305,7 +305,7 @@ TEST(TrackingStress, TracksTenThousandFramesWithoutDrift) {
   EXPECT_LT(last, first + 0.02);
 }
 
-// A second print of a tag of the map lies on the table.
+// A second print of a mapped tag lies on the table.
 TEST(TrackingStress, IgnoresCopyOfMappedTag) {
   const Session session = ordinary();
   std::vector<MappedTag> drawn = session.tags;
@@ -327,8 +327,8 @@ Session moved(Session session, std::size_t tag, const Eigen::Vector3d& by) {
   return session;
 }
 
-// Tags of two families may have the same ids: it is the moved one of them that is left out, and its
-// namesake that counts.
+// Tags of two families may share ids: only the moved tag is rejected, and the other one still
+// counts.
 TEST(TrackingStress, KeepsSameIdOfOtherFamilyWhenTagMoved) {
   Session session = ordinary();
   const auto half = session.tags.size() / 2;
@@ -359,7 +359,7 @@ TEST(TrackingStress, KeepsSameIdOfOtherFamilyWhenTagMoved) {
   }
 }
 
-// A tag lies elsewhere than the map has it, by less than a cell and by more than a tag.
+// A tag lies away from its mapped place, by less than a cell up to more than a tag.
 TEST(TrackingStress, RejectsMovedTag) {
   for (const double moved_m : {0.002, 0.004, 0.012, 0.1}) {
     SCOPED_TRACE(moved_m);
@@ -373,8 +373,8 @@ TEST(TrackingStress, RejectsMovedTag) {
       expect_honest(session, pose, session.truth(f));
       EXPECT_LT(overlay_difference(session.camera, pose.T_table_camera, session.truth(f)).rms_px(),
                 0.6);
-      // By a quarter of a cell only its weight falls, and farther than the aligner looks it reads
-      // as no tag at all: neither needs leaving out. None but it is.
+      // A tag moved by a quarter of a cell only loses weight. Beyond the aligner's search range it
+      // is not read as a tag. Neither needs a rejection, but no other tag may be rejected.
       for (const RejectedTag& tag : pose.tags_rejected) EXPECT_EQ(tag.id, session.tags[3].id);
       if (moved_m == 0.004) {
         EXPECT_EQ(pose.tags_rejected, only(session.tags[3]));
@@ -383,8 +383,9 @@ TEST(TrackingStress, RejectsMovedTag) {
   }
 }
 
-// Few tags, seen grazingly: a pose that fits all of them halfway is many pixels off. Whichever tag
-// was moved, and wherever to, no frame is tracked so, and the one that is left out is that one.
+// With few tags at grazing view, a pose that half fits all of them is many pixels off. For each
+// moved tag and direction, no frame may be tracked with such a pose, and only that tag may be
+// rejected.
 TEST(TrackingStress, NeverTracksWrongPoseWhenOneOfFewTagsMoved) {
   struct Board {
     const char* name;
@@ -401,7 +402,7 @@ TEST(TrackingStress, NeverTracksWrongPoseWhenOneOfFewTagsMoved) {
   const std::vector<double> few = {0.0, 0.004, 0.008};
   const std::vector<double> all = {0.0, -0.005, 0.003, 0.005, 0.01};
   int named = 0;
-  int told = 0;
+  int reported = 0;
   int cases_of_fewer = 0;
   int cases = 0;
   for (const Board& board : boards) {
@@ -426,13 +427,12 @@ TEST(TrackingStress, NeverTracksWrongPoseWhenOneOfFewTagsMoved) {
             if (by == 0.0) {
               EXPECT_EQ(pose.status, TrackStatus::tracked) << text_of(pose.reason);
             }
-            // Nothing says which of so few is right, unless one lies further off than is looked
-            // for.
+            // With so few tags the moved one is ambiguous, unless it lies outside the search range.
             if (board.tags.size() > 3 || std::abs(by) < 0.004) continue;
             ++cases_of_fewer;
-            told += pose.reason.cause == PoseCause::uncertain_map ? 1 : 0;
+            reported += pose.reason.cause == PoseCause::uncertain_map ? 1 : 0;
           }
-          if (std::abs(by) < 0.005 || board.tags.size() < 4) continue;  // nobody need be blamed
+          if (std::abs(by) < 0.005 || board.tags.size() < 4) continue;  // no rejection is required
           ++cases;
           named += right ? 1 : 0;
         }
@@ -440,10 +440,10 @@ TEST(TrackingStress, NeverTracksWrongPoseWhenOneOfFewTagsMoved) {
     }
   }
   EXPECT_GE(named, 0.75 * cases) << "of " << cases;
-  EXPECT_GE(told, 0.4 * cases_of_fewer) << "of " << cases_of_fewer;
+  EXPECT_GE(reported, 0.4 * cases_of_fewer) << "of " << cases_of_fewer;
 }
 
-// Half of the board was moved as one piece: nothing says which half is right.
+// Half of the board was moved as one piece, so that the correct half is ambiguous.
 TEST(TrackingStress, NeverTracksWrongPoseWhenHalfOfBoardMoved) {
   for (const double by : {0.003, 0.006}) {
     SCOPED_TRACE(by);
@@ -463,7 +463,8 @@ TEST(TrackingStress, NeverTracksWrongPoseWhenHalfOfBoardMoved) {
   }
 }
 
-// After such frames a part of the tags is enough again, though the others are not there.
+// After inconsistent frames, a part of the tags suffices for tracking, although the others stay
+// hidden.
 TEST(TrackingStress, RecoversAfterInconsistentFrames) {
   const Session session = ordinary();
   Session wrong = session;
@@ -473,7 +474,7 @@ TEST(TrackingStress, RecoversAfterInconsistentFrames) {
   for (std::size_t tag = 0; tag < session.tags.size(); ++tag) {
     if (tag % 2 == 0 || tag == 1) part.push_back(session.tags[tag]);
   }
-  ASSERT_LT(3 * part.size(), 2 * session.tags.size()) << "fewer than would end it at once";
+  ASSERT_LT(3 * part.size(), 2 * session.tags.size()) << "fewer than needed for immediate recovery";
   auto contradicting = PatternRenderer::create(session.camera, wrong.tags).value();
   auto right = PatternRenderer::create(session.camera, part).value();
   auto tracker = GroupTracker::create(session.camera, TagMap::make(session.tags).value()).value();
@@ -489,7 +490,7 @@ TEST(TrackingStress, RecoversAfterInconsistentFrames) {
   }
 }
 
-// A tag that was moved is looked at again: when it was put back it counts, and before that not.
+// A rejected tag counts again after it is put back, and not before.
 TEST(TrackingStress, UsesMovedTagAgainAfterItIsPutBack) {
   Session session = ordinary();
   session.motion.x.amplitude = session.motion.y.amplitude = 0.0;
@@ -515,12 +516,12 @@ TEST(TrackingStress, UsesMovedTagAgainAfterItIsPutBack) {
   }
 }
 
-// After a jerk of the hand the pattern is searched for further off, then tags where they were, then
-// in the whole frame; the first of these that finds it is enough.
+// After a jerk, the pattern is searched for in a larger range, then tags near their last places,
+// then in the whole frame. The first successful search is enough.
 TEST(TrackingStress, FindsTableAfterJumpAwayFromPrediction) {
   int found_by_pattern = 0;
   int found_in_box = 0;
-  // The pattern search does not turn the pattern.
+  // The pattern search is translational.
   for (const auto& [jump_m, turn_deg] :
        {std::pair(0.05, 0.0), std::pair(0.09, 0.0), std::pair(0.13, 0.0), std::pair(0.0, 40.0)}) {
     SCOPED_TRACE(testing::Message() << jump_m << " m, " << turn_deg << " degrees");
@@ -552,7 +553,7 @@ TEST(TrackingStress, FindsTableAfterJumpAwayFromPrediction) {
   EXPECT_GE(found_in_box, 1);
 }
 
-// A part of every tag is covered once tracking has begun: all frames are kept.
+// A part of every tag becomes covered during tracking; no frame may be lost.
 TEST(TrackingStress, KeepsTagsThatBecomeCovered) {
   const std::vector<double> few = {0.3};
   const std::vector<double> all = {0.1, 0.2, 0.3};
@@ -572,7 +573,8 @@ TEST(TrackingStress, KeepsTagsThatBecomeCovered) {
   }
 }
 
-// What covers a part of every tag explains none of its cells, as a smear would, but smears nothing.
+// A partly covered tag explains none of its hidden cells, like a blurred one, but it must not be
+// taken for motion blur.
 TEST(TrackingStress, KeepsCoveredTagsInFastMotion) {
   for (const double light : {0.3, 0.8}) {
     for (const double times : {6.0, 12.0}) {
@@ -595,8 +597,8 @@ TEST(TrackingStress, KeepsCoveredTagsInFastMotion) {
   }
 }
 
-// A camera that was put elsewhere between two sharp pictures did not move within them, however long
-// they were exposed.
+// A camera that jumped between two sharp frames did not move during them, however long the
+// exposure.
 TEST(TrackingStress, AssumesNoMotionBlurForJumpBetweenSharpFrames) {
   Session session = ordinary();
   for (test::Sway* sway :
@@ -604,14 +606,14 @@ TEST(TrackingStress, AssumesNoMotionBlurForJumpBetweenSharpFrames) {
         &session.motion.azimuth, &session.motion.roll})
     sway->amplitude = 0.0;
   auto renderer = PatternRenderer::create(session.camera, session.tags).value();
-  for (const bool told : {false, true}) {
-    SCOPED_TRACE(told);
+  for (const bool with_exposure : {false, true}) {
+    SCOPED_TRACE(with_exposure);
     auto tracker = GroupTracker::create(session.camera, TagMap::make(session.tags).value()).value();
     for (int f = 0; f < 12; ++f) {
       Session there = session;
       there.motion.x.middle += f / 3 % 2 == 0 ? 0.0 : 0.03;
       Frame frame = there.picture(renderer, f);
-      if (told) frame.exposure_s = 0.02;
+      if (with_exposure) frame.exposure_s = 0.02;
       const PoseEstimate pose = tracker.track(frame).pose;
       EXPECT_EQ(pose.status, TrackStatus::tracked) << f << ": " << text_of(pose.reason);
       expect_honest(there, pose, there.truth(f));

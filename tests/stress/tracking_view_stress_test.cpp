@@ -1,5 +1,5 @@
-// What a view may do while it is tracked: the light jumps, tags come into it, it goes to the end of
-// what can be seen, a strong fisheye sees the tags at its rim, prints lie on the table twice.
+// Views that change during tracking: exposure jumps, tags that enter the view, the limits of
+// visibility, tags at a fisheye's rim, and duplicate prints.
 #include <fmt/format.h>
 #include <gtest/gtest.h>
 
@@ -43,8 +43,8 @@ double error_px(const Session& session, const PoseEstimate& pose, int frame) {
   return overlay_difference(session.camera, pose.T_table_camera, session.truth(frame)).rms_px();
 }
 
-// A camera that sets its exposure anew, a lamp that is switched: up to ten times as much light, or
-// a tenth, from one frame to the next, while the hand moves on.
+// A change of exposure or of a lamp: up to ten times as much light, or a tenth, from one frame to
+// the next while the hand moves.
 TEST(TrackingStress, TracksThroughExposureJumps) {
   constexpr std::array<double, 12> kGains = {1.0, 0.3, 1.0,  0.15, 1.2, 0.12,
                                              1.2, 2.5, 0.25, 0.25, 1.0, 0.1};
@@ -71,8 +71,8 @@ TEST(TrackingStress, TracksThroughExposureJumps) {
   }
 }
 
-// Tags of the map with every corner at least `margin_px` inside the picture, or with none nearer to
-// it than that.
+// Numbers of mapped tags with every corner at least `margin_px` inside the image, and with every
+// corner at least that far outside.
 struct Seen {
   int wholly = 0, not_at_all = 0;
 };
@@ -95,8 +95,8 @@ Seen seen_at(const Session& session, const CameraPose& at, double margin_px) {
   return seen;
 }
 
-// The camera turns from a corner of the sheet to all of it and away again: each tag counts as soon
-// as it is seen, and nothing is searched for.
+// The camera turns from a corner of the sheet to all of it and back. Each tag counts as soon as it
+// is visible, without a search.
 TEST(TrackingStress, AddsTagsAsTheyEnterView) {
   for (const TrackingMode mode : {TrackingMode::fast, TrackingMode::accurate}) {
     SCOPED_TRACE(to_string(mode));
@@ -134,7 +134,7 @@ TEST(TrackingStress, AddsTagsAsTheyEnterView) {
   }
 }
 
-// A strong fisheye sees the sheet at its rim, where the lens's last coefficients are pixels.
+// A strong fisheye sees the sheet at its rim, where the last coefficients amount to pixels.
 TEST(TrackingStress, TracksAtFisheyeRimAsWellAsAtCentre) {
   for (const double focal : {0.35, 0.45}) {
     for (const double aside : {0.0, 0.25, 0.4}) {
@@ -163,8 +163,8 @@ TEST(TrackingStress, TracksAtFisheyeRimAsWellAsAtCentre) {
   }
 }
 
-// A table a hundred times as large a hundred times as far off looks the same: the pose is the same,
-// in other units.
+// A table a hundred times as large at a hundred times the distance gives the same image, and the
+// pose scales.
 TEST(TrackingStress, ScalesPoseWithTableSize) {
   for (const double times : {0.1, 100.0}) {
     SCOPED_TRACE(times);
@@ -184,8 +184,8 @@ TEST(TrackingStress, ScalesPoseWithTableSize) {
       const PoseEstimate pose = tracker.track(session.picture(renderer, f)).pose;
       const CameraPose truth = session.truth(f);
       ASSERT_TRUE(pose.has_pose()) << text_of(pose.reason);
-      // The overlay's cube is 0.2 m whatever the table is: seen from a few centimetres it does not
-      // say how good a pose is.
+      // The overlay's cube is always 0.2 m. From a few centimetres its error does not measure the
+      // pose.
       if (times > 1.0) {
         EXPECT_EQ(pose.status, TrackStatus::tracked) << text_of(pose.reason);
         expect_honest(session, pose, truth);
@@ -199,7 +199,7 @@ TEST(TrackingStress, ScalesPoseWithTableSize) {
   }
 }
 
-// Tags that keep their size while the camera goes away are lost, and it is said.
+// Tags that recede at constant size are lost, and the status reports it.
 TEST(TrackingStress, LosesTagsTooFarAway) {
   Session session = ordinary();
   auto renderer = PatternRenderer::create(session.camera, session.tags).value();
@@ -223,16 +223,16 @@ TEST(TrackingStress, LosesTagsTooFarAway) {
   }
 }
 
-// Each thing driven from where it is easy to where nothing can be seen, a step a frame: how far a
-// pose is expected at least, and that nothing is believed beyond.
+// One condition degrades step by step from easy to invisible. The pose must be tracked up to the
+// given limit, and no wrong pose may be tracked beyond it.
 TEST(TrackingStress, TracksDegradingConditionsToExpectedLimits) {
-  struct Way {
+  struct Condition {
     const char* name;
     double from, to, tracked_to;
     bool inverse;
     std::function<void(Session&, double)> set;
   };
-  const std::vector<Way> ways = {
+  const std::vector<Condition> conditions = {
       {"side px", 25.0, 8.0, 10.0, true,
        [](Session& s, double v) {
          Draw draw(3);
@@ -252,39 +252,40 @@ TEST(TrackingStress, TracksDegradingConditionsToExpectedLimits) {
          s.light.noise_grey = 1.0;
        }},
   };
-  for (const Way& way : ways) {
-    SCOPED_TRACE(way.name);
+  for (const Condition& condition : conditions) {
+    SCOPED_TRACE(condition.name);
     Session first = ordinary();
-    way.set(first, way.from);
+    condition.set(first, condition.from);
     auto renderer = PatternRenderer::create(first.camera, first.tags).value();
     GroupTracker tracker = tracker_of(first);
     constexpr int kSteps = 60;
-    double reached = way.from;
+    double reached = condition.from;
     for (int f = 0; f <= kSteps; ++f) {
-      // As a hand would: evenly in the distance.
+      // If `inverse`, the reciprocal changes evenly, like a hand that moves evenly in distance.
       const double share = static_cast<double>(f) / kSteps;
-      const double value = way.inverse
-                               ? 1.0 / (1.0 / way.from + (1.0 / way.to - 1.0 / way.from) * share)
-                               : way.from + (way.to - way.from) * share;
+      const double value =
+          condition.inverse
+              ? 1.0 / (1.0 / condition.from + (1.0 / condition.to - 1.0 / condition.from) * share)
+              : condition.from + (condition.to - condition.from) * share;
       SCOPED_TRACE(value);
       Session now = ordinary();
-      way.set(now, value);
+      condition.set(now, value);
       const PoseEstimate pose = tracker.track(now.picture(renderer, f)).pose;
       expect_honest(now, pose, now.truth(f));
       if (pose.status != TrackStatus::tracked) {
         EXPECT_NE(pose.reason.cause, PoseCause::none);
       }
-      const bool expected = (value - way.tracked_to) * (way.to - way.from) <= 0.0;
+      const bool expected = (value - condition.tracked_to) * (condition.to - condition.from) <= 0.0;
       if (pose.status == TrackStatus::tracked) reached = value;
       if (expected) {
         EXPECT_EQ(pose.status, TrackStatus::tracked) << text_of(pose.reason);
       }
     }
-    RecordProperty(way.name, fmt::format("tracked to {:.3g}", reached));
+    RecordProperty(condition.name, fmt::format("tracked to {:.3g}", reached));
   }
 }
 
-// The shorter way across the first tag in the picture.
+// Width of the first tag in the image across its longer sides [px].
 double least_width_px(const Session& session, const CameraPose& at) {
   std::vector<Eigen::Vector2d> corners;
   for (const Eigen::Vector3d& corner : session.tags.front().corners())
@@ -294,14 +295,13 @@ double least_width_px(const Session& session, const CameraPose& at) {
   return std::abs(a.x() * b.y() - a.y() * b.x()) / std::max(a.norm(), b.norm());
 }
 
-// A lone tag that goes away until it is seven pixels wide, and comes back: its other pose explains
-// the picture there as well as the true one, and what the model misses may favour it. The one that
-// was followed stays.
+// A single tag recedes until it is seven pixels wide, and returns. There its second pose explains
+// the image as well as the true one, and model errors may favour it. The tracked pose must be kept.
 TEST(TrackingStress, KeepsPoseOfRecedingSingleTagWithoutFlip) {
   int tracked = 0;
   int frames = 0;
   int tracked_readable = 0;
-  int readable = 0;  // frames on the way away in which its cells are a pixel across
+  int readable = 0;  // frames on the way out with cells of at least a pixel
   const int sessions = nightly() ? 40 : 5;
   for (int k = 0; k < sessions; ++k) {
     Draw draw(60U + static_cast<std::uint64_t>(k));
@@ -328,7 +328,7 @@ TEST(TrackingStress, KeepsPoseOfRecedingSingleTagWithoutFlip) {
       const bool is_tracked = pose.status == TrackStatus::tracked;
       tracked += is_tracked ? 1 : 0;
       ++frames;
-      // Found again on the way back it may be open, as it should.
+      // On the way back the pose may be ambiguous after a new detection.
       if (2 * f > kFrames || least_width_px(now, now.truth(f)) < 8.0) continue;
       tracked_readable += is_tracked ? 1 : 0;
       ++readable;
@@ -340,8 +340,8 @@ TEST(TrackingStress, KeepsPoseOfRecedingSingleTagWithoutFlip) {
   EXPECT_GE(tracked_readable, 0.97 * readable) << "of " << readable;
 }
 
-// A lone tag in the first frame, any lens, tone curve, light, tilt: which of its poses it is, is
-// said only where the picture shows it.
+// A single tag in the first frame, with any lens, camera response, light and tilt. Its pose is
+// reported as tracked only if the image determines it.
 TEST(TrackingStress, LeavesAmbiguousFirstPoseOfSingleTagOpen) {
   int tracked = 0;
   int open = 0;
@@ -375,8 +375,8 @@ TEST(TrackingStress, LeavesAmbiguousFirstPoseOfSingleTagOpen) {
   EXPECT_LE(wrong, 0.002 * tracked);
 }
 
-// Prints of the same tag twice: the copy is out wherever others say which is which, by detection
-// too; where nothing does, nothing is tracked.
+// Duplicate prints of tags are rejected if other tags show which print is right, also in detection.
+// Without such tags, nothing is tracked.
 TEST(TrackingStress, RejectsDuplicatePrintsOfTags) {
   const auto with_copies = [](const Session& session, std::size_t count) {
     std::vector<MappedTag> drawn = session.tags;
@@ -410,8 +410,7 @@ TEST(TrackingStress, RejectsDuplicatePrintsOfTags) {
           expect_honest(session, pose, session.truth(f));
           if (!few) {
             EXPECT_EQ(pose.status, TrackStatus::tracked) << text_of(pose.reason);
-            // Detection can't say which print it is; where the pattern is followed the right one
-            // counts.
+            // Detection can't distinguish the prints; alignment keeps the right one.
             EXPECT_EQ(pose.tags_used, mode == TrackingMode::detect ? 11 : 12);
           }
         }
