@@ -1,9 +1,10 @@
-// Recordings with exact truth through the pattern alignment and through full-frame libapriltag with
-// PnP, one thread, in one run: time against overlay error.
+// Compares pattern alignment with full-frame libapriltag and PnP, on recordings with exact truth,
+// on one thread, in one run: time and overlay error.
 //
 //   alignment_benchmark FOLDER_OF_RECORDINGS [name ...] [tone=EXPONENT|estimated] [blur=PX] [-n]
 //
-// tone=estimated: as 30 frames of each recording say, aligned without one. -n: without libapriltag.
+// tone=estimated: estimates the exponent from 30 frames of each recording, aligned without one.
+// -n: without libapriltag.
 #include <time.h>
 
 #include <Eigen/LU>
@@ -99,10 +100,10 @@ std::optional<Recording> load(const std::filesystem::path& folder) {
 
 struct Outcome {
   std::vector<double> us;
-  Trajectory poses;  // of frames with a verified pose
+  Trajectory poses;  // of the frames with a verified pose
   int detections = 0;
   double samples = 0.0;
-  std::vector<double> ratio;  // error over expected
+  std::vector<double> ratio;  // error over predicted error
 };
 
 std::vector<PointObservation> observations_of(const Recording& recording,
@@ -226,7 +227,7 @@ Outcome run_alignment(const Recording& recording, AlignmentEffort effort) {
   return outcome;
 }
 
-// From the poses that alignment finds without a tone curve.
+// Estimates the camera response from poses that are aligned without one.
 void estimate_tone(const Recording& recording) {
   tone = 1.0;
   const Outcome aligned = run_alignment(recording, AlignmentEffort::accurate);

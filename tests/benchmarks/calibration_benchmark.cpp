@@ -1,5 +1,5 @@
-// Our calibration beside OpenCV's and mrcal's, on the same corners of real photographs, in one run:
-// CPU time beside residuals and held-out error. Prints Markdown.
+// Compares our calibration with OpenCV's and mrcal's on the same corners of real photographs, in
+// one run: CPU time, residuals and held-out error. Prints Markdown.
 //
 //   calibration_benchmark FOLDER_OF_PHOTOGRAPHS
 #include <fmt/format.h>
@@ -37,7 +37,7 @@ struct Photographs {
   int columns;  // inner corners
   int rows;
   double square_m;
-  bool charuco = false;  // with the first markers of DICT_4X4_50, three quarters of a square wide
+  bool charuco = false;  // markers: the first of DICT_4X4_50, 3/4 of a square wide
 };
 constexpr Photographs kSets[] = {{"opencv-chessboard", 9, 6, 0.025},
                                  {"swatbotics/calibration", 7, 5, 0.025},
@@ -56,7 +56,7 @@ Target target_of(const Photographs& set) {
   return charuco_target(board).value();
 }
 
-// CPU time of this process, or of the programs that it has run [ms].
+// CPU time of this process, or of its finished child processes [ms].
 double cpu_ms(int who) {
   rusage usage{};
   getrusage(who, &usage);
@@ -98,8 +98,8 @@ bool has_mrcal() {
   return std::system("command -v mrcal-calibrate-cameras > /dev/null 2>&1") == 0;
 }
 
-// Debian's mrcal as the program that it is; its start is part of its time. Its board is solved for
-// (a bow), but its files say the camera alone: the board stays flat here.
+// Runs Debian's mrcal as a program, so that its time includes the start. It estimates the board
+// warp, but its files hold only the camera: the held-out error uses a flat board.
 std::optional<test::CameraAndBoard> mrcal(const Corners& corners, const Target& target,
                                           const Views& views) {
   const test::TemporaryFolder folder;
@@ -142,7 +142,7 @@ Views all_as_inliers(Views views) {
   return views;
 }
 
-// Every calibration on the same corners.
+// Runs every calibration on the same corners.
 void compare_on(const char* whose, const Corners& corners, const Target& target, double& first_ms) {
   const SolverOptions rigid_board;
   SolverOptions free_board;
@@ -198,7 +198,7 @@ void compare(const std::filesystem::path& root, const Photographs& set) {
   double first_ms = 0.0;
   compare_on("OpenCV's", corners, target, first_ms);
 
-  // The program as it is used, from pictures: corners of its own, lens and board chosen.
+  // The program as users run it, from images: it detects the corners and chooses lens and board.
   const double before = cpu_ms(RUSAGE_SELF);
   CameraCalibrator calibrator = CameraCalibrator::create(target).value();
   const auto read = for_each_picture(folder, [&](const Picture& picture) -> Result<bool> {
@@ -225,8 +225,8 @@ void compare(const std::filesystem::path& root, const Photographs& set) {
       chosen.model = trial.model;
       chosen.without_k3 = trial.without_k3;
     }
-    // Over every corner, as in the other rows: what the program says is of the corners that it
-    // kept.
+    // The error is over all corners, as in the other rows; the program's report counts only the
+    // corners that it kept.
     const auto held_out = test::held_out_px(
         own.views, [&](const Views& views) { return ours(own, target, views, chosen); });
     std::printf(

@@ -1,5 +1,5 @@
-// Camera model: projection and its inverse beside OpenCV's, time beside error: of a projection, the
-// distance to OpenCV's; of the inverse, what is off when its ray is projected again.
+// Compares the camera model's projection and inverse with OpenCV's: time and error. A projection's
+// error is the distance to OpenCV's; an inverse's is the reprojection error of its ray.
 #include <benchmark/benchmark.h>
 
 #include <Eigen/Core>
@@ -30,7 +30,7 @@ std::vector<Eigen::Vector3d> rays(const CameraModel& camera) {
   return all;
 }
 
-// The same camera as OpenCV takes it, and the rays.
+// The camera in OpenCV's form, and the rays.
 class OpenCvCamera {
  public:
   explicit OpenCvCamera(const CameraModel& camera)

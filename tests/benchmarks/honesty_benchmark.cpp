@@ -1,10 +1,10 @@
-// How far what the tracker expects of its own error can be trusted: random synthetic sessions, the
-// real overlay error over the expected one.
+// Consistency of the predicted overlay error: its ratio to the actual error on random synthetic
+// sessions.
 //
 //   honesty_benchmark [sessions=N] [first=SEED] [frames=N] [near] [moved=SHARE] [csv]
 //
-// near: the camera as near as 6 cm, within the overlay's cube. moved: before the third frame so
-// many of the tags (a share, rounded) are pushed aside together, by up to a tag's size.
+// near: distances down to 6 cm, within the overlay's cube. moved: before the third frame, this
+// share of the tags (rounded) is moved together by up to a tag's size.
 #include <algorithm>
 #include <cstdio>
 #include <cstdlib>

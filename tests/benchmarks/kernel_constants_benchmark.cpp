@@ -1,12 +1,12 @@
-// Whether the constants of automatic kernels (render/shadow/kernels/shadow_kernels.hpp) lie on
-// plateaus: each is varied alone over silhouettes made at random, none of them a test's.
+// Sensitivity of the constants of automatic kernels (render/shadow/kernels/shadow_kernels.hpp):
+// each is varied alone over random silhouettes that no test uses. They should lie on plateaus.
 //
 //   kernel_constants_benchmark [SHAPES]      (default: 400)
 //   scripts/benchmark --only kernel_constants
 //
-// A level, flat body under a light at the zenith has an exact shadow: its outline shrunk by the
-// radius of the light's image is the umbra, grown by it the penumbra. The layers of each set of
-// kernels are compared with that at two heights.
+// A level, flat body under a light at the zenith has an exact shadow: its outline eroded by the
+// radius of the light's image is the umbra, dilated by it the penumbra. The layers of each set of
+// kernels are compared with it at two heights.
 #include <fmt/format.h>
 
 #include <array>
@@ -30,7 +30,7 @@ namespace penumbra {
 namespace {
 
 constexpr double kUmbraHeight = 0.3;              // [m]
-constexpr std::array kHeightShares = {0.3, 0.6};  // of it
+constexpr std::array kHeightShares = {0.3, 0.6};  // of the umbra height
 constexpr int kPixels = 256;
 
 using Random = std::mt19937;
@@ -38,7 +38,7 @@ double uniform(Random& random, double from, double to) {
   return std::uniform_real_distribution<double>(from, to)(random);
 }
 
-// A closed outline r(turn) about the origin, as rings of vertices from the middle outwards.
+// Adds a closed outline r(turn) about the origin as rings of vertices from the middle outwards.
 void add_round(test::ShapeBuilder& shape, const std::function<double(double)>& radius) {
   constexpr std::uint32_t kRings = 4;
   constexpr std::uint32_t kSegments = 72;
@@ -90,7 +90,7 @@ Model round_body(Random& random) {
   return shape.build();
 }
 
-// A band of `half_width(t)` along `path(t)`, t from 0 to 1: left edge, middle and right edge.
+// Adds a band of `half_width(t)` along `path(t)`, t from 0 to 1: left edge, middle and right edge.
 void add_band(test::ShapeBuilder& shape, const std::function<Eigen::Vector2d(double)>& path,
               const std::function<double(double)>& half_width) {
   constexpr int kSteps = 40;
@@ -129,7 +129,7 @@ Model ribbon(Random& random) {
   return shape.build();
 }
 
-// A trunk that thins out, and branches from points of its middle.
+// A trunk that thins out, with branches from points of its middle line.
 Model limbs(Random& random) {
   test::ShapeBuilder shape;
   const double thick = uniform(random, 0.008, 0.022);
@@ -194,7 +194,7 @@ struct Silhouette {
 };
 
 Silhouette make_silhouette(Model model, Random& random) {
-  // Turned by chance: rasters lie along edges otherwise.
+  // A random turn, since rasters would otherwise align with edges.
   const double turn = uniform(random, 0.0, 6.0);
   for (glm::vec3& p : model.meshes[0].positions) {
     const Eigen::Vector2d q = Eigen::Rotation2Dd(turn) *
@@ -236,7 +236,7 @@ Silhouette make_silhouette(Model model, Random& random) {
 }
 
 struct Agreement {
-  double umbra = 0.0, penumbra = 0.0, cpu_ms = 0.0;  // means
+  double umbra = 0.0, penumbra = 0.0, cpu_ms = 0.0;  // means over all silhouettes
 };
 
 Agreement judge(const std::vector<Silhouette>& silhouettes, const KernelTuning& tuning) {
@@ -274,7 +274,7 @@ void run(int count) {
         make_silhouette(kKinds[static_cast<std::size_t>(i) % kKinds.size()](random), random));
   }
   fmt::print("{} silhouettes      value   IoU umbra  penumbra   CPU [ms]\n", count);
-  // Sets one constant and says whether that is its usual value.
+  // Sets one constant and returns true if the value is the usual one.
   using Set = std::function<bool(KernelTuning&, double)>;
   const auto vary = [&](const char* name, const std::vector<double>& values, const Set& set) {
     for (const double value : values) {
@@ -298,7 +298,7 @@ void run(int count) {
   vary("ridge_slope", {0.4, 0.5, 0.6, 0.7, 0.8, 0.9}, member(&KernelTuning::ridge_slope));
   vary("cells_of_all", {0, 4096, 16384, 131072}, member(&KernelTuning::cells_of_all));
   vary("most_side_cells", {64, 96, 128, 192, 256}, member(&KernelTuning::most_side_cells));
-  // As one of thousands of parts, where the floor of them all does not hold.
+  // The mesh as one of thousands of parts, where the minimum over all parts does not apply.
   const auto of_many = [&](auto KernelTuning::*field) {
     return [set = member(field)](KernelTuning& tuning, double value) {
       tuning.cells_of_all = 0;

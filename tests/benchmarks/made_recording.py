@@ -1,4 +1,4 @@
-"""A recording in 1280 x 720 and the bundled scene with its helicopter in the air, made by `penumbra simulate`."""
+"""Makes a recording of 1280 x 720 by `penumbra simulate`, and the bundled scene with its helicopter in the air."""
 import json
 import pathlib
 import subprocess
@@ -8,7 +8,7 @@ FIRST_POSE = 45  # 1.5 s from the start
 
 
 def make(program, folder, frames):
-    """The bundled motion over the bundled tags, without noise. Returns the recording's folder and the scene's file."""
+    """Simulates the bundled motion over the bundled tags without noise. Returns the recording's folder and the scene's file."""
     bundled = ROOT / "recordings" / "tabletop"
     (folder / "camera.yaml").write_text("image_width: 1280\nimage_height: 720\ncamera_matrix: {rows: 3, cols: 3, data: [1063.4, 0, 644.6, 0, "
                                         "1060.8, 355.2, 0, 0, 1]}\ndistortion_model: plumb_bob\ndistortion_coefficients: {rows: 1, cols: 5, "

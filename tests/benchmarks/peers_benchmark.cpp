@@ -1,10 +1,10 @@
-// Our tracker and its peers on the same frames in one run, one thread, CPU time beside error; and
-// every goal of tracking beside what was reached. Prints Markdown.
+// Compares our tracker with its peers on the same frames in one run, on one thread: CPU time,
+// error, and every tracking goal with the reached value. Prints Markdown.
 //
 //   peers_benchmark FOLDER_OF_RECORDINGS [REAL_VIDEO|-] [RESULTS.json] [repetitions=N]
 //                   [only=NAME,...] [quick]
 //
-// REAL_VIDEO: visp-rbt-sequence (peers/comparison.hpp). quick: few synthetic pictures.
+// REAL_VIDEO: visp-rbt-sequence (peers/comparison.hpp). quick: few synthetic images.
 #include <fmt/format.h>
 
 #include <algorithm>
@@ -95,7 +95,7 @@ std::string of_three(const std::vector<Outcome>& outcomes, Value value) {
                      value(outcome_of(outcomes, kAccurate)), value(outcome_of(outcomes, kAuto)));
 }
 
-// The default mode decides whether a goal that names none is met.
+// The default mode decides if a goal without a named mode is met.
 template <class Holds>
 bool by_default(const std::vector<Outcome>& outcomes, Holds holds) {
   return holds(outcome_of(outcomes, kAuto));
@@ -209,8 +209,8 @@ void add_goals(const Footage& footage, const std::filesystem::path& folder,
   }
 }
 
-// How far the tags' corners lie in each frame from where the reference puts them [px RMS], from
-// where the pose by libapriltag's corners (decimate 1) does, and from these corners themselves.
+// RMS distance of the tags' reprojected corners in each frame [px] to the reference, to the pose
+// from libapriltag's corners (decimate 1), and to these corners.
 struct Reprojection {
   std::vector<double> to_reference, to_detected, to_corners;
 };
@@ -310,7 +310,7 @@ void add_synthetic_goals(bool quick, std::vector<Goal>& goals) {
                    "100 %; <= 0.035",
                    fmt::format("{:.0f} %; {:.4f}", 100.0 * covered.found_share(), covered.rms_px()),
                    covered.found == covered.runs && covered.rms_px() <= 0.035});
-  // Cells of these pictures are about 10 px.
+  // The cells are about 10 px wide.
   for (const auto& [cells, least] : {std::pair(0.8, 0.98), std::pair(1.6, 0.90)}) {
     const test::TrialScore score = trials.basin(10.0 * cells, quick ? 2 : 12, 12);
     goals.push_back({"synthetic, start error",
@@ -330,8 +330,7 @@ Frame frame_of(const GreyImage& image) {
   return buffer.frame;
 }
 
-// Exact pictures with noise, every method over the same ones: the error over the least that any
-// method can have with that noise.
+// Exact images with noise, the same for every method: error over the Cramer-Rao bound.
 void compare_with_bound(bool quick) {
   test::SyntheticTrials trials;
   const int views = quick ? 4 : 24;

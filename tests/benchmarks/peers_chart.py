@@ -1,4 +1,4 @@
-"""Draws run time against error of the tracker and its peers: what peers_benchmark measured -> SVG."""
+"""Draws run time against error of the tracker and its peers: results of peers_benchmark -> SVG."""
 import math
 
 from scatter_chart import PANEL_H, PANEL_W, panel, picture
@@ -13,7 +13,7 @@ def colour_of(name):
 
 
 def label_of(row):
-    """Without the words that all rows share; how many frames have a pose, and how many of these are wrong, where not all are good."""
+    """The name without the words that all rows share; if not all frames are good, also the numbers of poses and of wrong poses."""
     label = row["name"].replace(" + PnP", "").replace(" + our pose", ", our pose")
     good = row["posed"] - row["wrong"]
     return label if good == row["frames"] else f"{label} ({good}/{row['frames']})"

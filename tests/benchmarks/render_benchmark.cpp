@@ -1,7 +1,6 @@
-// A composited frame at 640 x 480 by technique: whole frame (upload, video, object, shadow), CPU
-// time of this thread and of the software rasteriser's (LP_NUM_THREADS=0 keeps it on this one).
-// Beside it the error of what is skipped: how many pixels differ from the same frames drawn with
-// every pass in place.
+// Composited frames at 640 x 480 by technique: upload, video, object and shadow. CPU time of this
+// thread, which includes the software rasteriser's (LP_NUM_THREADS=0). Also counts the pixels that
+// skipping changes against frames drawn with every pass.
 #include <benchmark/benchmark.h>
 
 #include <algorithm>
@@ -27,9 +26,9 @@ struct Studio {
   std::unique_ptr<Compositor> compositor;
 };
 
-// Of a bundled scene.
+// Returns the studio of a bundled scene.
 Studio& studio(const std::string& scene) {
-  // Never destroyed: a driver may be unloaded before statics are.
+  // The map is leaked, since a driver may be unloaded before statics are destroyed.
   static auto& studios = *new std::map<std::string, Studio>;
   const auto [found, is_new] = studios.try_emplace(scene);
   Studio& s = found->second;
@@ -63,7 +62,7 @@ FramePlan plan_of(const Studio& s, const Frame& frame, const PlanOptions& option
   return plan_at(s, frame, seconds(frame.timestamp_ns), options);
 }
 
-// Pixels per frame that skipping changes: none, if it is right.
+// Number of pixels per frame that skipping changes; 0 is correct.
 double pixels_changed_by_skipping(Studio& s, PlanOptions options) {
   std::vector<std::uint8_t> with(640 * 480 * 4), without(with.size());
   std::size_t changed = 0;
@@ -107,15 +106,15 @@ void composite(benchmark::State& state, ShadowTechnique technique,
   state.counters["pixels_changed_by_skipping"] = changed;
 }
 
-// Hard shadows of a tree of 26,000 faces from the sun and from a lantern, while nothing moves but
-// the camera, and while the sun does: what the update costs, beside the frame.
+// Hard shadows of a tree of 26,000 faces from the sun and a lantern, while only the camera moves
+// and while the sun moves: update cost and frame time.
 void tree_under_two_lights(benchmark::State& state, ShadowTechnique technique, bool sun_moves) {
   Studio& s = studio("tree");
   PlanOptions options;
   options.technique = technique;
   std::vector<std::uint8_t> rgba(640 * 480 * 4);
   constexpr double kStart_s = 1.0;
-  constexpr double kStep_s = 0.001;  // as many as are asked for, before the sun goes down
+  constexpr double kStep_s = 0.001;  // enough steps before sunset
   std::size_t i = 0;
   CompositeStats sum;
   for (auto _ : state) {

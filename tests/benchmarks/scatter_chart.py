@@ -1,12 +1,11 @@
-"""Scatter charts as SVG: one method a dot, run time (log) to the right, error (log) upwards."""
+"""Scatter charts as SVG: one dot per method, run time (log) to the right, error (log) upwards."""
 
 INK, FAINT, RULE = "#1d2430", "#5b6675", "#d5dae1"
 PANEL_W, PANEL_H = 400, 300
 
 
 def place_labels(points, width):
-    """A place for each label beside its point, where it meets no other label or point: the free one nearest to it. Rather not next to
-    another's point, whose name it would seem to be."""
+    """Places each label beside its point at the nearest position without overlap, away from other points if possible."""
     taken = [(x - 7, y - 7, x + 7, y + 7) for _, x, y in points]
     placed = []
     for name, x, y in sorted(points, key=lambda p: p[2]):
@@ -33,7 +32,7 @@ def place_labels(points, width):
 
 
 def panel(points, title, left, top, x_ticks, y_ticks, colour_of):
-    """points: (label, x, y), already in the panel's pixels; ticks: (x or y in pixels, label)."""
+    """points: (label, x, y) in the panel's pixels; ticks: (x or y in pixels, label)."""
     out = [f'<g transform="translate({left} {top})">',
            f'<text x="0" y="-14" font-size="15" font-weight="600" fill="{INK}">{title}</text>']
     for x, label in x_ticks:
@@ -52,7 +51,7 @@ def panel(points, title, left, top, x_ticks, y_ticks, colour_of):
 
 
 def picture(width, height, left, title, subtitle, body, x_label, y_label, y_label_at):
-    """The whole SVG around its panels."""
+    """Returns the whole SVG with its panels."""
     out = [f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width} {height}" width="{width}" height="{height}" '
            f'font-family="DejaVu Sans, Helvetica, Arial, sans-serif" font-size="12">',
            f'<rect width="{width}" height="{height}" fill="#ffffff"/>',

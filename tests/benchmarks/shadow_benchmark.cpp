@@ -1,5 +1,4 @@
-// Time of what shadows need on the CPU, beside its error: welding, kernels, layers, fields,
-// polygons.
+// CPU time and error of the shadow stages: welding, kernels, layers, fields, polygons.
 #include <benchmark/benchmark.h>
 
 #include <algorithm>
@@ -42,7 +41,7 @@ constexpr std::array kShapes = {std::pair{Shape::hand, "hand 3k faces"},
                                 std::pair{Shape::tree, "tree 23k faces in 1463 parts"},
                                 std::pair{Shape::bush, "bush 23k faces in 1463 parts"}};
 
-// Empty for what is not there.
+// Returns an empty mesh for a missing shape.
 ShadowMesh mesh_of(Shape shape) {
   switch (shape) {
     case Shape::hand:
@@ -59,7 +58,7 @@ ShadowMesh mesh_of(Shape shape) {
   return {};
 }
 
-// A model whose weld gives the mesh again.
+// A model whose weld reproduces the mesh.
 Model model_of(const ShadowMesh& mesh) {
   Model model;
   model.meshes.emplace_back();
@@ -68,7 +67,7 @@ Model model_of(const ShadowMesh& mesh) {
   return model;
 }
 
-// Median CPU time of a few runs.
+// Median CPU time of several runs.
 double cpu_ms(const std::function<void()>& work) {
   std::vector<double> times;
   for (int i = 0; i < 7; ++i) {
@@ -84,7 +83,7 @@ double cpu_ms(const std::function<void()>& work) {
   return times[3];
 }
 
-// A soup: every face has vertices of its own, each up to 2 um from where it belongs.
+// A triangle soup: each face has separate vertices, up to 2 um from their places.
 Model soup_of(const ShadowMesh& mesh) {
   Model model;
   Mesh& soup = model.meshes.emplace_back();
@@ -98,8 +97,8 @@ Model soup_of(const ShadowMesh& mesh) {
   return model;
 }
 
-// Beside the time how far welding moved the farthest vertex, which may be 10 um, and how many
-// vertices are too many or too few.
+// Also measures the largest distance that welding moved a vertex (at most 10 um), and the number of
+// vertices too many or too few.
 void weld(benchmark::State& state, Shape shape) {
   const ShadowMesh mesh = mesh_of(shape);
   const Model model = soup_of(mesh);
@@ -115,7 +114,7 @@ void weld(benchmark::State& state, Shape shape) {
                                             static_cast<double>(mesh.positions.size()));
 }
 
-// A layer, or its field, as cells: 512 along the longer side of the penumbra.
+// Raster of a layer or its field: 512 cells along the longer side of the penumbra.
 struct Canvas {
   Eigen::Vector2f low, high;
   [[nodiscard]] Coverage covered(const std::vector<PlanePoint>& triangles) const {
@@ -136,9 +135,8 @@ Canvas canvas_round(const std::vector<PlanePoint>& penumbra) {
   return canvas;
 }
 
-// Beside the time: what rasters of four times as many cells along each side would change (IoU of
-// umbra and penumbra at 0.4 h_u with those kernels), and the time as a ratio to reading the model
-// from a .glb.
+// Also measures the change by rasters of four times as many cells per side (IoU of umbra and
+// penumbra at 0.4 h_u with those kernels), and the time relative to reading the model from a .glb.
 void kernels(benchmark::State& state, Shape shape, KernelSource source) {
   const ShadowMesh mesh = mesh_of(shape);
   const Eigen::Vector3d up = Eigen::Vector3d(0.1, 0.2, 1.0);
@@ -180,7 +178,7 @@ void kernels(benchmark::State& state, Shape shape, KernelSource source) {
   }
 }
 
-// Agreement with ray-cast shadows beside the time of all 20 cases: mean IoU of umbra and penumbra.
+// Time of all 20 cases and agreement with ray-cast shadows: mean IoU of umbra and penumbra.
 void agreement(benchmark::State& state, std::optional<KernelSource> kernels) {
   const test::QualityCases all;
   if (all.cases().empty()) {
@@ -208,7 +206,7 @@ BENCHMARK_CAPTURE(agreement, automatic, KernelSource::automatic)->Unit(benchmark
 BENCHMARK_CAPTURE(agreement, smooth, KernelSource::smooth)->Unit(benchmark::kMillisecond);
 BENCHMARK_CAPTURE(agreement, field, std::nullopt)->Unit(benchmark::kMillisecond);
 
-// Beside the time how its umbra and penumbra agree with a field of 1024 cells (IoU).
+// Also measures the IoU of umbra and penumbra with a field of 1024 cells.
 void field(benchmark::State& state, Shape shape, bool own_lights) {
   const ShadowMesh mesh = mesh_of(shape);
   const PlaneFrame plane;
@@ -239,8 +237,7 @@ void field(benchmark::State& state, Shape shape, bool own_lights) {
   }
 }
 
-// Beside the time how far the parts' radii are from those on the finest rasters: the mean of the
-// relative error.
+// Also measures the mean relative error of the parts' radii against the finest rasters.
 void discs(benchmark::State& state, Shape shape) {
   const ShadowMesh mesh = mesh_of(shape);
   const Eigen::Vector3d up = Eigen::Vector3d::UnitZ();
@@ -257,8 +254,8 @@ void discs(benchmark::State& state, Shape shape) {
   state.counters["radius_error_%"] = 100.0 * sum / std::max(count, 1.0);
 }
 
-// Beside the time how far the three areas are from those of the layers' cells, 512 along the longer
-// side: the mean of the relative error. The cells are known to some 0.1 %.
+// Also measures the mean relative error of the three areas against rasterised layers, 512 cells
+// along the longer side. Those are exact to about 0.1 %.
 void polygons(benchmark::State& state, Shape shape) {
   const ShadowMesh mesh = mesh_of(shape);
   const PlaneFrame plane;
@@ -284,7 +281,7 @@ void polygons(benchmark::State& state, Shape shape) {
   state.counters["area_error_%"] = 100.0 * error;
 }
 
-// Every shape under every stage, by name.
+// Registers every shape under every stage.
 const bool kRegistered = [] {
   for (const auto& [shape, name] : kShapes) {
     if ((shape == Shape::hand || shape == Shape::tree) && test::shared_dir().empty()) continue;

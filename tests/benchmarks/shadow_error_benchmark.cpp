@@ -1,11 +1,11 @@
-// Run time against error of every shadow technique: the layers of eight meshes against a ray-cast
-// area light, and what kernels cost beside reading a model.
+// Run time and error of every shadow technique: layers of eight meshes against a ray-cast area
+// light. Also the time of kernels relative to reading a model.
 //
 //   shadow_error_benchmark [RESULTS.json]
 //
-// The light is at the zenith (H = infinity), a disc of its own for each connected part, as wide as
-// the part is thick: what the layers model (docs/shadows.md#kernels and 2.9c). Without Embree there
-// is no reference, and only times are given.
+// The light is at the zenith (H = infinity). Each connected part has a disc light as wide as the
+// part is thick, which is the light that the layers model (docs/shadows.md#kernels and 2.9c).
+// Without Embree there is no reference, and only times are given.
 #include <fmt/format.h>
 
 #include <Eigen/Geometry>
@@ -49,7 +49,7 @@ double cpu_now_ms() {
   return 1e3 * static_cast<double>(now.tv_sec) + 1e-6 * static_cast<double>(now.tv_nsec);
 }
 
-// Median CPU time of one run; at least 3 runs, and some more of what is short.
+// Median CPU time of one run; at least 3 runs, more for short ones.
 double cpu_ms(const std::function<void()>& work) {
   std::vector<double> times;
   double total = 0.0;
@@ -68,7 +68,7 @@ struct Layers {
   std::array<std::vector<std::uint8_t>, 3> bits;  // umbra, middle, penumbra
 };
 
-// A mesh over the plane, and the grid its shadow is judged on.
+// A mesh over the plane, and the grid on which its shadow is compared.
 struct Scene {
   std::string name;
   ShadowMesh mesh;
@@ -81,7 +81,7 @@ struct Scene {
   [[nodiscard]] std::vector<CasterVertex> place(const ShadowKernels& kernels) const {
     return place_caster(mesh, kernels, placement, plane);
   }
-  [[nodiscard]] double slope(std::size_t part) const {  // of the light: radius per height
+  [[nodiscard]] double slope(std::size_t part) const {  // radius of the part's light per height
     return static_cast<double>(discs[part].radius) / constants.umbra_height;
   }
 };
@@ -98,7 +98,7 @@ Scene make_scene(const std::string& name, const Model& model) {
     low = low.cwiseMin(q);
     high = high.cwiseMax(q);
   }
-  // High enough for the whole body to stay above the plane and under h_u.
+  // The whole body stays above the plane and below h_u.
   const double h_u = std::max(0.3, 1.4 * (high.z() - low.z()));
   scene.constants =
       make_layered_constants(std::numeric_limits<double>::infinity(), 0.0, h_u).value();
@@ -124,7 +124,7 @@ std::vector<std::uint8_t> covered(const Scene& scene, const std::vector<PlanePoi
   return mask.bits;
 }
 
-// Points of the unit disc, evenly spread (a sunflower), its centre first.
+// Evenly spread points of the unit disc (a sunflower), its centre first.
 std::vector<Eigen::Vector2f> light_samples(int count, int on_rim) {
   std::vector<Eigen::Vector2f> samples;
   const double golden = std::numbers::pi * (3.0 - std::sqrt(5.0));
@@ -144,7 +144,7 @@ struct Window {
   int left, right, bottom, top;  // pixels; right and top are one past the last
 };
 
-// Where a part of the body may cast, its light `slope` wide.
+// Pixels onto which a part of the body may cast, for a light of this `slope`.
 Window window_of(const Scene& scene, std::span<const Eigen::Vector3f> points, double slope) {
   Eigen::Vector2d low = Eigen::Vector2d::Constant(std::numeric_limits<double>::infinity());
   Eigen::Vector2d high = -low;
@@ -171,7 +171,7 @@ Layers empty_layers() {
 }
 
 #ifdef PENUMBRA_EMBREE
-// Rays from every pixel to the lights of the parts.
+// Casts rays from every pixel to the lights of the parts.
 class RayCaster {
  public:
   explicit RayCaster(const Scene& scene) : scene_(scene), device_(rtcNewDevice("threads=1")) {
@@ -202,7 +202,7 @@ class RayCaster {
   RayCaster(const RayCaster&) = delete;
   RayCaster& operator=(const RayCaster&) = delete;
 
-  // Building the trees over the faces, which a tilt asks for.
+  // Time to build the trees over the faces, which each new tilt needs.
   [[nodiscard]] double build_ms() const { return build_ms_; }
 
   [[nodiscard]] Layers cast(const std::vector<Eigen::Vector2f>& samples) const {
@@ -294,9 +294,9 @@ class RayCaster {
 };
 #endif
 
-// Percentage-closer soft shadows (Fernando 2005): a map of heights seen from the light's centre, a
-// search for what blocks, and a filter as wide as the light's image at the blockers' mean height.
-// One light for all parts, the thickest one's.
+// Percentage-closer soft shadows (Fernando 2005): a height map seen from the light's centre, a
+// blocker search, and a filter as wide as the light's image at the blockers' mean height. All parts
+// share one light, that of the thickest one.
 class SoftShadow {
  public:
   explicit SoftShadow(const Scene& scene) : scene_(scene) {
@@ -384,8 +384,8 @@ class SoftShadow {
 };
 
 struct Measured {
-  double height_ms = 0.0;  // CPU, when the body rises
-  double tilt_ms = 0.0;    // CPU, when it tilts: kernels, part lights or trees too
+  double height_ms = 0.0;  // CPU time when the body rises
+  double tilt_ms = 0.0;    // CPU time when it tilts: also kernels, part lights or trees
   Layers layers;
 };
 
@@ -418,8 +418,8 @@ Measured measure_kernels(const Scene& scene, KernelSource source, bool fixed_lig
   return measured;
 }
 
-// With the reduced mesh that casts in pictures where its layers agree to 0.98, and with the model
-// where none does; a tilt has the comparison too.
+// Uses the reduced mesh that casts where its layers agree to 0.98, and the model where none does. A
+// tilt includes the comparison.
 Measured measure_proxy(const Scene& scene) {
   const Eigen::Vector3d up = Eigen::Vector3d::UnitZ();
   const ShadowKernels kernels = generate_kernels(scene.mesh, up, KernelSource::automatic);
@@ -631,7 +631,7 @@ void compare_techniques(nlohmann::ordered_json& results) {
 #endif
 }
 
-// Meshes that are worth reducing: what the proxy saves and what it costs in error.
+// For meshes worth reducing: time saved by the proxy and error added.
 void compare_proxies(nlohmann::ordered_json& results) {
   fmt::print(
       "\n{:<22} {:>7} {:>6}  {:<9} {:>10} {:>10}   {:^25} {:^20}\n{:62}{:>10}   {:>7} {:>8} {:>8} "
@@ -681,7 +681,7 @@ void compare_proxies(nlohmann::ordered_json& results) {
   }
 }
 
-// Kernels of meshes read from a file in the same run.
+// Compares kernel generation with reading the mesh from a file in the same run.
 void compare_kernels_with_reading(nlohmann::ordered_json& results) {
   const test::TemporaryFolder folder;
   const auto torus_file = [&](const char* name, int rings, int segments) {
@@ -729,7 +729,7 @@ void compare_kernels_with_reading(nlohmann::ordered_json& results) {
   }
 }
 
-// What has a goal in milliseconds on one core.
+// Times with a goal in milliseconds on one core.
 void compare_with_goals(nlohmann::ordered_json& results) {
   const ShadowMesh torus = make_shadow_mesh(test::torus_model(24, 64));
   const PlaneFrame plane;

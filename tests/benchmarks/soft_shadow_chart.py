@@ -1,4 +1,4 @@
-"""Draws what a soft shadow takes of a frame against its error, by the table of count-instructions in instructions.md -> SVG."""
+"""Draws cost against error of soft shadows from the table of count-instructions in instructions.md -> SVG."""
 import math
 import pathlib
 import re
@@ -28,14 +28,14 @@ def colour_of(name):
 
 
 def spanned(values):
-    """The steps that values lie between."""
+    """Returns the largest step below and the smallest step above the values."""
     low = max(step for step in STEPS if step <= min(values))
     high = min(step for step in STEPS if step >= max(values))
     return [step for step in STEPS if low <= step <= high]
 
 
 def draw(file):
-    """Nothing where the section does not have the table."""
+    """Writes the chart, unless the section lacks the table."""
     shapes = measured()
     if not shapes:
         return

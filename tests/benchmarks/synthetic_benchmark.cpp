@@ -1,4 +1,4 @@
-// The pattern alignment on exact synthetic pictures: error over the Cramer-Rao bound, occlusion,
+// Pattern alignment on exact synthetic images: error over the Cramer-Rao bound, occlusion,
 // basin of convergence, motion blur.
 //
 //   synthetic_benchmark [bias] [noise] [cover] [basin] [blur] [samples=N]

@@ -1,5 +1,5 @@
-// The pattern alignment on exact synthetic pictures, in trials with a score: six tags of 60 mm
-// whose cells are about 10 px across, seen by a 1280x720 camera with a lens.
+// Scored trials of the pattern alignment on exact synthetic images: six tags of 60 mm with cells of
+// about 10 px, seen by a 1280x720 camera with lens distortion.
 #pragma once
 
 #include <algorithm>
@@ -20,11 +20,11 @@ namespace penumbra::test {
 
 struct TrialScore {
   int runs = 0;
-  int found = 0;               // verified, and nearer than 3 px
-  int wrong = 0;               // verified, and further off
-  std::vector<double> errors;  // of what was found, overlay [px]
+  int found = 0;               // verified, with an error below 3 px
+  int wrong = 0;               // verified, with a larger error
+  std::vector<double> errors;  // overlay errors of found poses [px]
   std::vector<double> us;
-  double ratio2 = 0.0;  // sum of (error / bound)^2, where the bound was asked for
+  double ratio2 = 0.0;  // sum of (error / bound)^2, if the bound was requested
 
   [[nodiscard]] double found_share() const { return runs > 0 ? 1.0 * found / runs : 0.0; }
   [[nodiscard]] double rms_px() const { return statistics_of(errors).rmse; }
@@ -35,9 +35,9 @@ class SyntheticTrials {
  public:
   explicit SyntheticTrials(int samples = PatternRenderOptions().samples) : samples_(samples) {}
 
-  // Pictures with white noise [grey levels], each view `draws` times with other noise: one draw's
-  // error over its bound scatters by as much as itself. Start errors of 2 px. With the Cramer-Rao
-  // bound where asked for (gain and offset of each tag unknown).
+  // Images with white noise [grey levels]; each view is drawn `draws` times with new noise, since a
+  // single error over its bound scatters by its own size. Start errors are 2 px. The Cramer-Rao
+  // bound is optional (gain and offset of each tag unknown).
   [[nodiscard]] TrialScore noise(AlignmentEffort effort, double noise_grey, int views,
                                  bool with_bound, int draws = 1) {
     TagAligner aligner = make_aligner(effort);
@@ -50,8 +50,8 @@ class SyntheticTrials {
     return score;
   }
 
-  // The same pictures, with the bound, for methods that need no start: `find` is given each picture
-  // and says where the camera is, or nothing.
+  // The same images, with the bound, for methods without a start pose: `find` takes an image and
+  // returns the camera's pose or nothing.
   template <class Find>
   void noise_by(double noise_grey, int views, int draws, std::vector<TrialScore>& scores,
                 Find find) {
@@ -70,7 +70,7 @@ class SyntheticTrials {
   [[nodiscard]] const CameraModel& camera() const { return camera_; }
   [[nodiscard]] const std::vector<MappedTag>& tags() const { return tags_; }
 
-  // A share of every tag covered; noise 2.
+  // Covers a share of every tag; noise 2.
   [[nodiscard]] TrialScore cover(double share, int views) {
     TagAligner aligner = make_aligner(AlignmentEffort::fast);
     std::mt19937_64 random(11);
@@ -86,7 +86,7 @@ class SyntheticTrials {
     return score;
   }
 
-  // From starts that are off by so much at the tags' corners, in the mean; noise 2.
+  // Start errors are `start_px` at the tags' corners on average; noise 2.
   [[nodiscard]] TrialScore basin(double start_px, int views, int starts) {
     TagAligner aligner = make_aligner(AlignmentEffort::fast);
     std::mt19937_64 random(13);
@@ -104,7 +104,7 @@ class SyntheticTrials {
     return score;
   }
 
-  // Motion blur of a length at the tags' corners, known to the alignment or not; noise 2.
+  // Motion blur of this length at the tags' corners, known to the alignment or not; noise 2.
   [[nodiscard]] TrialScore blur(double length_px, bool known, int views) {
     TagAligner aligner = make_aligner(AlignmentEffort::fast);
     std::mt19937_64 random(17);
@@ -180,7 +180,7 @@ class SyntheticTrials {
     AlignmentInput input;
     input.luma = image.view();
     input.predicted = start;
-    // The start errors' own size.
+    // The prior has the size of the start errors.
     input.covariance = loose_prior(0.0007 * start_px, 0.0012 * start_px);
     input.exposure_motion = motion;
     const Stopwatch watch;

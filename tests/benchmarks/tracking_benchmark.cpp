@@ -1,6 +1,5 @@
-// Detection and pose: CPU time per frame beside the overlay error against exact truth, on the
-// bundled recording; and what finding the tags again costs once a hand jerked, on synthetic
-// pictures.
+// Detection and pose: CPU time per frame and overlay error against exact truth on the bundled
+// recording; and the cost of recovery after a jerk, on synthetic images.
 #include <benchmark/benchmark.h>
 
 #include <algorithm>
@@ -57,7 +56,7 @@ void detect(benchmark::State& state, float quad_decimate) {
   state.counters["tags"] = static_cast<double>(found) / static_cast<double>(state.iterations());
 }
 
-// The whole tracker, image in memory -> pose with covariance.
+// The whole tracker: image in memory -> pose with covariance.
 void track(benchmark::State& state, TrackingMode mode) {
   TrackerOptions options;
   options.mode = mode;
@@ -83,8 +82,8 @@ void track(benchmark::State& state, TrackingMode mode) {
   state.counters["overlay_max_px"] = evaluation.overlay_px.max;
 }
 
-// Views of six tags at 1280 x 720, and of each the next frame, for which the camera turned by 50 to
-// 120 px (cells are 10 px).
+// Views of six tags at 1280 x 720, each with the next frame after the camera turned by 50 to 120 px
+// (cells are 10 px).
 struct Jump {
   CameraPose before, after;
   Frame first, second;
@@ -128,13 +127,14 @@ const std::vector<Jump>& jumps() {
   return jumps;
 }
 
-// The frame after each jump alone. `by_pattern`, `by_box`: share of these that were found so.
+// Times only the frame after each jump. `by_pattern` and `by_box` are the shares of frames found by
+// these searches.
 void recover(benchmark::State& state) {
   TrackerOptions options;
   options.mode = TrackingMode::fast;
   const CameraModel camera = test::wide_camera();
   const TagMap tags = TagMap::make(test::board(3, 2, 0.06)).value();
-  static_cast<void>(jumps());  // made once, not in the time
+  static_cast<void>(jumps());  // prepared outside the timed part
   double by_pattern = 0.0, by_box = 0.0, tracked = 0.0, squares = 0.0;
   for (auto _ : state) {
     by_pattern = by_box = tracked = squares = 0.0;

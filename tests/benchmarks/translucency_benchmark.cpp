@@ -1,5 +1,6 @@
-// What shadows without blending look like: of each layer, drawn alone, the share of black pixels in
-// windows of 16 x 16 px, and the pixels inside of it that change when the camera moves by 0.37 px.
+// Pattern quality of shadows without blending. For each layer, drawn alone: the share of black
+// pixels in windows of 16 x 16 px, and the pixels inside it that change when the camera moves by
+// 0.37 px.
 #include <fmt/format.h>
 
 #include <algorithm>
@@ -37,7 +38,8 @@ FramePlan one_layer(FramePlan plan, std::size_t layer) {
   return plan;
 }
 
-// Straight down from this height [m], that much aside; a plate whose shadow fills most of the view.
+// Camera that looks straight down from this height [m] with this offset, and a plate whose shadow
+// fills most of the view.
 struct View {
   double height = 0.5;
   [[nodiscard]] test::SceneBuilder scene() const {
@@ -58,12 +60,12 @@ struct View {
 };
 
 struct Pattern {
-  double mean = 0.0, sd = 0.0, least = 1.0, most = 0.0;  // share of black in windows
-  double flips = 0.0;                                    // share of pixels inside
+  double mean = 0.0, sd = 0.0, least = 1.0, most = 0.0;  // share of black pixels in windows
+  double flips = 0.0;                                    // share of the pixels inside
   int windows = 0;
 };
 
-Pattern pattern_of(const View& view, Translucency way, std::size_t layer) {
+Pattern pattern_of(const View& view, Translucency mode, std::size_t layer) {
   test::Studio studio(view.scene().build(), test::camera_of(kSide, kSide, kFocal_px));
   const Frame white = test::plain_frame(kSide, kSide, 255);
   const auto draw = [&](Translucency how, double aside_px) {
@@ -73,8 +75,8 @@ Pattern pattern_of(const View& view, Translucency way, std::size_t layer) {
   };
   const test::Picture inside = draw(Translucency::blend, 0.0);
   const test::Picture inside_after = draw(Translucency::blend, kStep_px);
-  const test::Picture before = draw(way, 0.0);
-  const test::Picture after = draw(way, kStep_px);
+  const test::Picture before = draw(mode, 0.0);
+  const test::Picture after = draw(mode, kStep_px);
   Pattern pattern;
   std::vector<double> shares;
   for (int y = 0; y + kWindow_px <= kSide; y += 5) {
@@ -113,9 +115,9 @@ Pattern pattern_of(const View& view, Translucency way, std::size_t layer) {
   return pattern;
 }
 
-void print_row(const char* name, const View& view, Translucency way) {
+void print_row(const char* name, const View& view, Translucency mode) {
   for (std::size_t layer = 0; layer < kLayers.size(); ++layer) {
-    const Pattern p = pattern_of(view, way, layer);
+    const Pattern p = pattern_of(view, mode, layer);
     fmt::print("{:<24} {:>6.2f} {:>9} {:>7.4f} {:>7.4f} {:>7.4f} {:>7.4f} {:>7.4f} {:>8.2f} %\n",
                name, view.height, kLayers[layer].name, 1.0 - kLayers[layer].light, p.mean, p.sd,
                p.least, p.most, 100.0 * p.flips);

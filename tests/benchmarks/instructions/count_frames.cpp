@@ -1,12 +1,12 @@
-// Draws frames for callgrind to count, 1280 x 720, video as YUYV:
+// Draws frames for callgrind to count: 1280 x 720, YUYV video.
 //
 //   count_frames FRAMES TRIANGLES:MOTION:TECHNIQUE:TRANSLUCENCY...
 //
-// MOTION: still | moving | cut | over-box | over-ball. A torus of that many triangles moves over
-// the table, or a box if there are 12; over-box and over-ball: over a phantom that receives its
-// shadow. Counting starts at the fourth frame, when programs are compiled and caches are filled.
-// Each count is dumped under its row's name; printed is the number of draw calls in the row's last
-// frame. scripts/count-instructions runs it.
+// MOTION: still | moving | cut | over-box | over-ball. The caster, a torus of TRIANGLES triangles
+// (12: a box), moves over the table; with over-box and over-ball, over a phantom that receives its
+// shadow. Counting starts at the fourth frame, after programs are compiled and caches filled. Each
+// count is dumped under its row's name; the number of draw calls in the row's last frame is
+// printed. scripts/count-instructions runs it.
 #include <valgrind/callgrind.h>
 
 #include <algorithm>
@@ -71,8 +71,8 @@ std::optional<Row> row_of(const std::string& name) {
   return Row{name, *body, *choice, *translucency};
 }
 
-// Draws the warm frames of a row, and `frames` more, counted if there are any. Returns the draw
-// calls of the last one.
+// Draws the warm-up frames of a row and `frames` more, which are counted. Returns the draw calls of
+// the last one.
 std::int64_t draw_row(test::Studio& studio, const Row& row, int frames) {
   const auto [triangles, motion, receiver] = row.body;
   studio.context().make_current();
@@ -84,7 +84,7 @@ std::int64_t draw_row(test::Studio& studio, const Row& row, int frames) {
   options.translucency = row.translucency;
   SceneState state = evaluate_scene(scene, 0.0);
   const auto video = triangles == 12 ? counted::Video::checkerboard : counted::Video::gradients;
-  // In turn, so that each is uploaded.
+  // Two frames in turn, so that each is uploaded.
   const std::array<Frame, 2> frames_of_video = {counted::video(video), counted::video(video)};
   std::int64_t calls = 0;
   for (int i = 0; i < kWarmFrames + frames; ++i) {
@@ -124,7 +124,7 @@ int main(int argc, char** argv) {
                             make_layered_constants(0.7, 2.5, 0.0).value(), row->body.receiver)),
                         counted::camera());
   }
-  // Shaders are compiled before callgrind instruments the code, which it does once: each time it
+  // All shaders are compiled before callgrind's only start of instrumentation, since each start
   // translates all code again.
   const auto studio_of = [&studios](const Body& body) -> test::Studio& {
     return studios.at({body.triangles, body.receiver});

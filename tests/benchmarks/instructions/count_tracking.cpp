@@ -1,8 +1,8 @@
-// Tracks a recording for callgrind to count: count_tracking RECORDING WARM FRAMES METHOD..., where
-// a method is a tracking mode, or libapriltag-1 or -2: all of the picture at that decimation and
-// the pose of its corners. Of each method counted from frame WARM on, over so many; dumped under
-// its name. Prints the overlay error of each [px], RMS over the counted frames, all of which have
-// to have a pose. scripts/count-instructions runs it.
+// Tracks a recording for callgrind to count: count_tracking RECORDING WARM FRAMES METHOD...
+// A method is a tracking mode, or libapriltag-1 or -2: full-frame detection at that decimation, and
+// the pose of its corners. Counts FRAMES frames of each method from frame WARM on, and dumps them
+// under its name. Prints each method's overlay error [px], the RMS over the counted frames, which
+// must all have a pose. scripts/count-instructions runs it.
 #include <valgrind/callgrind.h>
 
 #include <cmath>

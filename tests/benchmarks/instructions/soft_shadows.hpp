@@ -1,8 +1,8 @@
-// Soft shadows by techniques that are usual on GPUs, to compare the layered ones with: an object's
-// shadow on a plane under a disc of light at the zenith. A shadow map seen from there
-// (orthographic, over the shadow's own rectangle of the plane) read once, by PCF or by PCSS
-// (Fernando, 2005), and hard shadows from many points of the light averaged (Heckbert and Herf,
-// 1997). Each darkens the rectangle in the picture by one draw, blended.
+// Soft shadows by common GPU techniques, for comparison with the layered ones: an object's shadow
+// on a plane under a disc light at the zenith. They are a shadow map (orthographic, over the
+// shadow's rectangle) read once, by PCF or by PCSS (Fernando, 2005), and the average of hard
+// shadows from many points of the light (Heckbert and Herf, 1997). Each darkens the rectangle by
+// one blended draw.
 #pragma once
 
 #include <epoxy/gl.h>
@@ -25,9 +25,9 @@ struct SoftTechnique {
   enum class Kind {
     hard,      // the map's nearest texel
     pcf,       // the mean of 4 x 4 texels, filtered
-    pcss,      // `samples` for the search and as many for the filter
-    average,   // of `samples` hard shadows, in a picture of the plane as large as the map
-    reference  // the same with each of the picture's pixels for itself: the area light
+    pcss,      // `samples` each for the search and for the filter
+    average,   // `samples` hard shadows on a plane image of the map's size
+    reference  // the same for each pixel of the image: the area light
   };
   Kind kind = Kind::hard;
   int samples = 1;
@@ -36,18 +36,18 @@ struct SoftTechnique {
 
 struct SoftLight {
   double slope = 0.0;    // the light's radius over its height, seen from the plane
-  float ambient = 0.0F;  // the share of light that nothing blocks
+  float ambient = 0.0F;  // share of light that is never blocked
 };
 
 class SoftShadows {
  public:
-  // The context is current, now and at every later call.
+  // The context must be current now and at each later call.
   [[nodiscard]] static Result<SoftShadows> create(const ShadowMesh& mesh, SoftTechnique technique,
                                                   const SoftLight& light, GlContext::Size picture);
-  // What is drawn before the picture: the map, or the sum of hard shadows.
+  // Draws the map, or the sum of hard shadows, before the frame.
   void prepare(const Placement& T_table_object, const PlaneFrame& plane, const LensUniforms& lens,
                const glm::mat4x3& camera_from_plane);
-  // Into the framebuffer that is bound, behind the objects in it.
+  // Draws the shadow into the bound framebuffer, behind the objects in it.
   void draw(const LensUniforms& lens, const glm::mat4x3& camera_from_plane) const;
 
  private:
@@ -70,7 +70,7 @@ class SoftShadows {
   FramebufferHandle target_;
   TextureHandle texture_, stencil_;
   GLuint nearest_ = 0, compared_ = 0;  // samplers; kept until the context ends
-  // Of the present frame.
+  // State of the present frame.
   glm::mat4x3 plane_from_caster_{0.0F};
   glm::vec4 bounds_{0.0F};  // lowest (u, v), then the extents [m]
   float top_ = 0.0F;        // [m]

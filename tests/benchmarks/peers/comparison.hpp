@@ -1,4 +1,4 @@
-// One method after the other over the same frames: time and error of each.
+// Runs several methods over the same frames and measures time and error of each.
 #pragma once
 
 #include <filesystem>
@@ -16,7 +16,7 @@
 
 namespace penumbra::peers {
 
-// Frames in memory, grey levels and times, and what is known of them.
+// Frames in memory with grey levels and times, and their reference data.
 struct Footage {
   std::string name;
   CameraModel camera;
@@ -27,47 +27,47 @@ struct Footage {
 
 struct Found {
   CameraPose T_table_camera;
-  bool tracked = true;  // false: our own tracker calls it uncertain or held
+  bool tracked = true;  // false: our tracker reports uncertain or coasting (held)
 };
 
-// Stateful: frames come in order, a new one for each run.
+// A stateful method: frames come in order, and each run makes a new one.
 using Method = std::function<std::optional<Found>(const Frame&)>;
 struct NamedMethod {
   std::string name;
   bool ours = false;
-  std::function<Method()> make;  // null where the library is not there
+  std::function<Method()> make;  // null if the library is missing
 };
 
-// Our tracker in three modes, libapriltag (decimate 1 and 2, pose by PnP and by our own
-// refinement), OpenCV's aruco, ViSP.
+// Our tracker in three modes, libapriltag (decimate 1 and 2; pose by PnP and by our refinement),
+// OpenCV's aruco, ViSP.
 [[nodiscard]] std::vector<NamedMethod> all_methods(const CameraModel& camera, const TagMap& tags);
 
 struct Outcome {
   std::string name;
   bool ours = false;
-  std::vector<double> ms;          // CPU time of every frame, the least of the repetitions
-  std::vector<double> overlay_px;  // of every frame that counts as tracked; negative for the others
-  std::vector<CameraPose> poses;   // of every frame; identity where there is none
+  std::vector<double> ms;          // CPU time of every frame, minimum of the repetitions
+  std::vector<double> overlay_px;  // of every tracked frame; negative for the others
+  std::vector<CameraPose> poses;   // of every frame; identity without a pose
   std::vector<bool> posed;
-  Evaluation evaluation;  // of the tracked frames
+  Evaluation evaluation;  // over the tracked frames
   int tracked = 0;
-  int wrong = 0;  // tracked, and more than 5 px off
-  int flips = 0;  // nearer to the truth mirrored at the line of sight, and more than 1 px off
+  int wrong = 0;  // tracked, with an error above 5 px
+  int flips = 0;  // nearer to the mirrored truth, with an error above 1 px
 
   [[nodiscard]] double median_ms() const;
   [[nodiscard]] double mean_ms() const;
-  [[nodiscard]] int within(double px) const;  // tracked frames that are nearer
-  [[nodiscard]] int beyond(double px) const;  // tracked frames that are further off
-  // Frames' RMS over the tracked ones.
+  [[nodiscard]] int within(double px) const;  // tracked frames with a smaller error
+  [[nodiscard]] int beyond(double px) const;  // tracked frames with a larger error
+  // Largest RMS error of a tracked frame.
   [[nodiscard]] double largest_px() const;
 };
 
-// Runs all methods `repetitions` times in turn. Error columns need the footage's truth.
+// Runs all methods `repetitions` times in turn. Errors need the footage's truth.
 [[nodiscard]] std::vector<Outcome> compare(const Footage& footage,
                                            const std::vector<NamedMethod>& methods,
                                            int repetitions);
 
-// The named one; there must be one.
+// Outcome of the named method, which must exist.
 [[nodiscard]] const Outcome& outcome_of(const std::vector<Outcome>& outcomes,
                                         std::string_view name);
 
@@ -78,12 +78,12 @@ inline constexpr std::string_view kDecimate1 = "libapriltag d1 + PnP";
 inline constexpr std::string_view kDecimate1Ours = "libapriltag d1 + our pose";
 inline constexpr std::string_view kDecimate2 = "libapriltag d2 + PnP";
 
-// visp-rbt-sequence: a folder of frames/NNNN.png, cam.json, apriltag_data.json. The tags' places
-// and the reference's poses, in `truth`, are those of a bundle adjustment over the points inside
-// the tags where four cells meet (saddle_points.hpp); libapriltag's corners only say where to look.
+// visp-rbt-sequence: a folder of frames/NNNN.png, cam.json, apriltag_data.json. The tags' poses and
+// the reference poses in `truth` come from a bundle adjustment over the points inside the tags
+// where four cells meet (saddle_points.hpp). libapriltag's corners only give the search regions.
 struct RealVideo {
   Footage footage;
-  std::vector<std::vector<PointObservation>> corners;  // by libapriltag, decimate 1; per frame
+  std::vector<std::vector<PointObservation>> corners;  // by libapriltag with decimate 1, per frame
   int tags = 0;
   double rms_px = 0.0;  // of the adjustment
 };

@@ -1,6 +1,5 @@
-// What other libraries make of a frame, behind one interface, so that they can be measured in one
-// run with our tracker: luma -> T_table_camera. One file per library; a library that is not there
-// at build time gives no peer.
+// Other libraries behind one interface, luma -> T_table_camera, so that one run can compare them
+// with our tracker. Each library has one file; a library missing at build time gives no peer.
 #pragma once
 
 #include <Eigen/Core>
@@ -24,11 +23,11 @@ class Peer {
   [[nodiscard]] virtual std::optional<CameraPose> find(ImageView luma) = 0;
 };
 
-// Tags of the group `table` are known to all of them; every peer's corners are turned into the
-// convention of this project (order, and pixel (0, 0) at the centre of the top-left pixel).
+// All peers know the tags of the group `table`. Each peer's corners are converted to this project's
+// convention (order, and pixel (0, 0) at the centre of the top-left pixel).
 
-// libapriltag over the full frame; pose by solve_pnp, or by our own estimate_board_pose (both
-// planar solutions, Ceres with a robust loss, contradicting tags left out).
+// libapriltag over the full frame; pose by solve_pnp, or by our estimate_board_pose (both planar
+// solutions, Ceres with a robust loss, inconsistent tags rejected).
 enum class PoseBy { pnp, refinement };
 [[nodiscard]] std::unique_ptr<Peer> make_libapriltag(const CameraModel& camera, const TagMap& tags,
                                                      float quad_decimate, PoseBy pose_by);
@@ -38,17 +37,16 @@ enum class ArucoCorners { subpix, apriltag };
 [[nodiscard]] std::unique_ptr<Peer> make_aruco(const CameraModel& camera, const TagMap& tags,
                                                ArucoCorners corners);
 
-// vpDetectorAprilTag and vpPose over all corners. Null without ViSP.
+// vpDetectorAprilTag, and vpPose over all corners. Null without ViSP.
 [[nodiscard]] std::unique_ptr<Peer> make_visp(const CameraModel& camera, const TagMap& tags,
                                               float quad_decimate);
 
-// cv::solvePnP (SOLVEPNP_ITERATIVE: a homography or a direct linear transform, then Levenberg and
-// Marquardt) over all points.
+// cv::solvePnP (SOLVEPNP_ITERATIVE: a homography or DLT, then Levenberg-Marquardt) over all points.
 [[nodiscard]] std::optional<CameraPose> solve_pnp(const CameraModel& camera,
                                                   std::span<const PointObservation> points);
 
-// The corners of a tag with this id, seen at these pixels (our order), behind the others; nothing
-// is added for a tag that the table has not.
+// Appends the corners of the tag with this id, seen at these pixels in our order. Unknown ids add
+// nothing.
 void add_corners(const TagMap& tags, TagFamily family, int id,
                  const std::array<Eigen::Vector2d, 4>& corners_px,
                  std::vector<PointObservation>& points);

@@ -60,7 +60,7 @@ Result<RealVideo> load_real_video(const std::filesystem::path& folder) {
   if (count.empty()) return fail("{}: no tag in any frame", folder.string());
   SurveyOptions options;
   options.tag_size_m = tag_size_m;
-  // The table's frame is that of the tag that is seen most.
+  // The table frame is the frame of the tag that is seen most often.
   options.anchor = std::max_element(count.begin(), count.end(), [](const auto& a, const auto& b) {
                      return a.second < b.second;
                    })->first;
@@ -72,12 +72,13 @@ Result<RealVideo> load_real_video(const std::filesystem::path& folder) {
   std::vector<MappedTag> mapped;
   for (const SurveyedTag& tag : survey->tags) {
     mapped.push_back(tag.tag);
-    // The adjustment below holds the first one.
+    // The adjustment below keeps the first tag fixed.
     if (tag.tag.id == options.anchor) std::swap(mapped.front(), mapped.back());
   }
   video.tags = static_cast<int>(mapped.size());
 
-  // From there on without the detector: it would be a judge of itself.
+  // The detector has no part in the reference from here on, since it is one of the compared
+  // methods.
   std::vector<CameraPose> poses;
   std::vector<std::vector<SaddlePoint>> points;
   std::vector<std::size_t> placed;

@@ -15,7 +15,7 @@
 namespace penumbra::peers {
 namespace {
 
-constexpr double kSigma_px = 1.3;  // of the weights of the quadric: a quarter of a usual cell
+constexpr double kSigma_px = 1.3;  // of the quadric's weights [px]: a quarter of a usual cell
 constexpr double kNear_px = 2.0;
 
 std::optional<Eigen::Vector2d> saddle_near(ImageView image, Eigen::Vector2d place) {
@@ -86,7 +86,8 @@ struct PointCost {
   }
 };
 
-// Residuals count as pixels of 0.1 px. Prints have their tags parallel to a tenth of a degree.
+// The unit of the residuals is 0.1 px. The prior keeps tags of one print parallel to a tenth of a
+// degree.
 struct ParallelPrior {
   template <class T>
   bool operator()(const T* T_table_tag, T* residual) const {
@@ -136,7 +137,7 @@ double adjust(const CameraModel& camera, std::span<const std::vector<SaddlePoint
   }
   for (const MappedTag& tag : tags) {
     places.push_back(numbers_of(tag.T_table_tag.rotation(), tag.T_table_tag.translation()));
-    places.back()[0] = places.back()[1] = places.back()[5] = 0.0;  // on the table
+    places.back()[0] = places.back()[1] = places.back()[5] = 0.0;  // fixed in the table plane
   }
   ceres::Problem problem;
   const auto cost_of = [&](const SaddlePoint& point) {

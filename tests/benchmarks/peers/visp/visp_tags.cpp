@@ -41,7 +41,7 @@ std::optional<std::array<double, 12>> visp_pose(const std::vector<VispPoint>& po
     p.set_y(point.ray[1]);
     solver.addPoint(p);
   }
-  // Both linear starts, the better one refined: vpPose::DEMENTHON_LAGRANGE_VIRTUAL_VS of later
+  // Refines the better of both linear starts, like vpPose::DEMENTHON_LAGRANGE_VIRTUAL_VS of later
   // versions.
   vpHomogeneousMatrix best;
   double least = -1.0;

@@ -1,5 +1,5 @@
-// ViSP's detector and pose in plain numbers. Its headers are C++17 at most, so nothing here may
-// include ours.
+// ViSP's detector and pose as plain numbers. ViSP's headers need C++17 or older, so this file must
+// not include the project's headers.
 #pragma once
 
 #include <array>
@@ -12,7 +12,7 @@ namespace penumbra::peers {
 
 struct VispTag {
   int id = 0;
-  std::array<std::array<double, 2>, 4> corners_px;  // as vpDetectorAprilTag gives them
+  std::array<std::array<double, 2>, 4> corners_px;  // in the order of vpDetectorAprilTag
 };
 
 class VispTags {
@@ -22,7 +22,7 @@ class VispTags {
   VispTags& operator=(const VispTags&) = delete;
   ~VispTags();
 
-  // Rows without padding.
+  // The image rows have no padding.
   [[nodiscard]] std::vector<VispTag> detect(const std::uint8_t* luma, int width, int height);
 
  private:
@@ -32,9 +32,9 @@ class VispTags {
 
 struct VispPoint {
   std::array<double, 3> object;
-  std::array<double, 2> ray;  // x / z, y / z, without distortion
+  std::array<double, 2> ray;  // x / z and y / z, undistorted
 };
-// Camera from object, 3x4, row by row.
+// Pose of the object in the camera, 3x4, row-major.
 [[nodiscard]] std::optional<std::array<double, 12>> visp_pose(const std::vector<VispPoint>& points);
 
 }  // namespace penumbra::peers
