@@ -1,4 +1,4 @@
-// The models that penumbra ships, made from formulas. Object frame: z up, metres.
+// The bundled models, made from formulas. Object frame: z up, metres.
 #pragma once
 
 #include <glm/vec3.hpp>
@@ -9,8 +9,8 @@
 
 namespace penumbra::models {
 
-// Where the helicopter's rotors go, in its object frame [m]. The main rotor turns about z, the tail
-// rotor about y.
+// Positions of the helicopter's rotor hubs in its object frame [m]. The main rotor turns about z,
+// the tail rotor about y.
 constexpr glm::dvec3 kMastTop(0.0, 0.0, 0.062);
 constexpr glm::dvec3 kTailRotorHub(-0.0785, 0.0052, 0.0515);
 
@@ -27,7 +27,7 @@ constexpr glm::dvec3 kTailRotorHub(-0.0785, 0.0052, 0.0515);
 [[nodiscard]] Model make_hand();
 [[nodiscard]] Model make_spiral_staircase();
 
-// All of them; each one's name is its file's without ".glb".
+// All bundled models; a model's name is its file name without ".glb".
 [[nodiscard]] std::vector<Model> make_bundled_models();
 
 }  // namespace penumbra::models

@@ -15,7 +15,7 @@
 namespace penumbra::models {
 namespace {
 
-// Buffers are little-endian, as the machines are that this runs on.
+// Buffers are written in the machine's byte order, which must be little-endian.
 template <class T>
 int add_view(tinygltf::Model& file, const std::vector<T>& data, int target) {
   std::vector<unsigned char>& bytes = file.buffers.front().data;
@@ -79,7 +79,7 @@ int add_indices(tinygltf::Model& file, const Mesh& mesh) {
                       mesh.indices.size());
 }
 
-// Colours are written with the few digits they were chosen with.
+// Rounds colours to the few digits they were chosen with.
 double short_number(float value) {
   return std::round(static_cast<double>(value) * 1e4) / 1e4;
 }

@@ -1,4 +1,4 @@
-// An open right hand standing on its wrist: one closed surface, meshed from a distance field.
+// An open right hand on its wrist: one closed surface, meshed from a distance field.
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -59,11 +59,11 @@ double hand_distance(const Point& p) {
     for (const Bone& bone : finger) f = std::min(f, distance_to(bone, p));
     d = blend(d, f, 5.0);
   }
-  return -blend(-d, p.z, 3.0);  // stands on a flat wrist
+  return -blend(-d, p.z, 3.0);  // a flat wrist to stand on
 }
 
-// Surface nets: one vertex in each cell that the surface crosses, one quad across each grid edge
-// that it crosses; then the vertices are moved onto the surface.
+// Surface nets: one vertex in each cell that the surface crosses, and one quad across each crossed
+// grid edge. The vertices are then moved onto the surface.
 Solid mesh_of(const Field& field, const Point& low, const Point& high, double cell) {
   const glm::ivec3 size = glm::ivec3(glm::ceil((high - low) / cell)) + 1;
   const auto index = [&size](const glm::ivec3& c) {

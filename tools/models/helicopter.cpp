@@ -1,5 +1,5 @@
 // A small rescue helicopter, 0.13 m long: nose towards +x, skids on z = 0, rotor mast over the
-// origin. Its rotors are models of their own, with their hubs at their origins.
+// origin. The rotors are separate models with their hubs at their origins.
 #include <algorithm>
 #include <cmath>
 #include <glm/geometric.hpp>
@@ -45,9 +45,8 @@ double chord(const Station& a, const Station& b) {
                     std::hypot(a.bottom - b.bottom, a.half_width - b.half_width));
 }
 
-// A surface through stations from pole to pole. Beyond a pole the first section is taken upside
-// down, so that the ends are round.
-// `steps` are the pieces between neighbouring stations.
+// A surface through stations from pole to pole, with `steps` pieces between neighbours. Beyond a
+// pole the first section is mirrored, so that the ends are round.
 Solid superellipse_loft(const std::vector<Station>& stations, const std::vector<int>& steps,
                         int segments) {
   const auto reflected = [](Station s) {
@@ -122,7 +121,7 @@ Solid fuselage(const Paints& paint_of) {
                                   {-81.4, 39.4, 39.4, 0.0, 2.0}},
                                  {2, 2, 2, 2, 3, 3, 3, 3, 2, 2, 1, 1, 1, 1, 1, 1}, 24);
   body = with_material(std::move(body), paint_of.red);
-  // The belly is white up to a waistline that climbs along the boom, under a yellow stripe.
+  // The belly is white up to a waistline that rises along the boom, below a yellow stripe.
   const auto waist = [](const Point& p) {
     return p.z - (19.5 + 19.2 * smooth_step(4.0, -50.0, p.x) + 1.8 * smooth_step(20.0, 46.0, p.x));
   };
@@ -134,8 +133,8 @@ Solid fuselage(const Paints& paint_of) {
     paint_band(
         body, [x](const Point& p) { return p.x - x; }, 1.9, paint_of.white);
 
-  // Windows: the wide windscreen in two halves, one in each door. Faces are small where an outline
-  // bends.
+  // Windows: a wide windscreen in two halves, and one window in each door. Faces are small where an
+  // outline is curved.
   struct Window {
     std::vector<glm::dvec2> corners;  // (x, z)
     double radius, frame;             // corner radius; half the width of the post in the middle
@@ -174,7 +173,7 @@ Solid engine_housing(const Paints& paint_of) {
                                      {-34.0, 44.0, 44.0, 0.0, 2.0}},
                                     {1, 1, 2, 2, 2, 2, 1, 2}, 16);
   housing = with_material(std::move(housing), paint_of.red);
-  // Air intakes, one on either shoulder.
+  // Air intakes, one on each shoulder.
   paint(
       housing,
       [](const Point& p) {
@@ -187,12 +186,12 @@ Solid engine_housing(const Paints& paint_of) {
   return housing;
 }
 
-// A pipe with a hole, from the housing's shoulder outwards, backwards and up.
+// An exhaust pipe from the housing's shoulder outwards, backwards and up.
 Solid exhaust(const Paints& paint_of) {
   Solid pipe = with_material(
       revolve_loop({{2.5, 0.0}, {2.7, 5.0}, {2.9, 8.6}, {2.4, 8.6}, {2.1, 3.0}, {1.2, 0.0}}, 10),
       paint_of.metal);
-  // Soot inside; the inner wall is what is nearer to the axis than half the wall.
+  // Soot inside; the inner wall is nearer to the axis than half the wall's thickness.
   recolor(
       pipe, [](const Point& p) { return std::hypot(p.x, p.y) - 2.25; }, paint_of.dark);
   const Point along = glm::normalize(Point(-0.80, 0.46, 0.42));
@@ -209,7 +208,7 @@ Points airfoil(double chord_length, double thickness, int segments) {
   for (int j = 0; j < segments; ++j) {
     const double turn = 2.0 * std::numbers::pi * j / segments;
     const double along = 0.5 - 0.5 * std::cos(turn);
-    // Fullest at a third of the chord.
+    // Thickest at a third of the chord.
     const double fullness = std::sin(turn) * (1.15 - 0.55 * along);
     section.emplace_back(-chord_length * along, 0.0, 0.5 * thickness * fullness);
   }
@@ -370,8 +369,8 @@ struct BladeShape {
   int stations, segments;
 };
 
-// Along +x, its leading edge towards +y, as a rotor that turns counter-clockwise seen from above
-// needs it.
+// A blade along +x with its leading edge towards +y, for a rotor that turns counter-clockwise seen
+// from above.
 Solid blade(const BladeShape& shape) {
   std::vector<Points> rings;
   for (int i = 0; i <= shape.stations; ++i) {
@@ -457,7 +456,7 @@ Model make_helicopter_tail_rotor() {
   Model model;
   model.name = "helicopter_tail_rotor";
   const Paints paint_of = add_paints(model);
-  // Made turning about z, then laid over: z -> y.
+  // Modelled turning about z, then tilted so that z becomes y.
   const auto laid = [](Solid solid) {
     return moved(std::move(solid), [](const Point& p) { return Point(p.x, p.z, -p.y); });
   };

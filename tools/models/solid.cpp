@@ -59,7 +59,7 @@ Point centre_of(const Points& ring) {
   return sum / static_cast<double>(ring.size());
 }
 
-// Rows of vertex numbers joined by quads; rows and columns may close on themselves.
+// Joins rows of vertex indices by quads; rows and columns may be closed.
 void weave(Solid& solid, const std::vector<std::vector<std::uint32_t>>& rows, bool closed) {
   const std::size_t last = closed ? rows.size() : rows.size() - 1;
   for (std::size_t r = 0; r < last; ++r) {
@@ -135,7 +135,7 @@ Solid tube(const Points& path, const std::vector<double>& radii, int sides) {
     if (i == 0) {
       side = std::abs(along.z) < 0.9 ? Point(0.0, 0.0, 1.0) : Point(1.0, 0.0, 0.0);
     }
-    // The last ring's direction is carried on, so that the tube does not twist.
+    // The last ring's direction is carried over, so that the tube does not twist.
     side = glm::normalize(side - along * glm::dot(side, along));
     const Point other = glm::cross(along, side);
     Points ring;
@@ -153,7 +153,7 @@ Solid tube(const Points& path, double radius, int sides) {
 }
 
 Solid sphere(const Point& centre, const Point& radii, int subdivisions) {
-  // An icosahedron, its faces quartered and pushed out to the unit sphere.
+  // An icosahedron whose faces are subdivided into four and projected to the unit sphere.
   const double g = (1.0 + std::sqrt(5.0)) / 2.0;
   Solid solid;
   solid.points = {{-1, g, 0},  {1, g, 0},  {-1, -g, 0}, {1, -g, 0}, {0, -1, g},  {0, 1, g},
@@ -215,7 +215,7 @@ Solid prism(const std::vector<glm::dvec2>& outline, const glm::dvec2& centre, do
 }
 
 Points smooth_path(const Points& through, int steps) {
-  // Barry and Goldman's pyramid with knots at the root of the chord.
+  // Barry and Goldman's pyramid with knots at the square root of the chord.
   const std::size_t n = through.size();
   PENUMBRA_ASSERT(n >= 2);
   Points path;
@@ -282,7 +282,7 @@ void cut(Solid& solid, const Field& field, double slide) {
   std::vector<double> value;
   for (const Point& p : solid.points) value.push_back(field(p));
 
-  // Vertices that nearly lie on the curve slide onto it, along the edge on which they are nearest.
+  // Vertices close to the curve slide onto it along the edge with the nearest crossing.
   struct Slide {
     double distance = 0.0;
     Point to = Point(0.0);
@@ -325,8 +325,8 @@ void cut(Solid& solid, const Field& field, double slide) {
   const std::vector<Face> whole = std::exchange(solid.faces, {});
   for (const Face& face : whole) {
     const std::size_t before = solid.faces.size();
-    // Turned until the corner that is alone on its side, or on the curve with the others on either
-    // side, comes first.
+    // Rotates the corners until the first is alone on its side, or is on the curve with the others
+    // on opposite sides.
     std::array<std::uint32_t, 3> v = face.corners;
     bool split = false;
     for (int turn = 0; turn < 3 && !split; ++turn) {
@@ -375,7 +375,7 @@ void refine(Solid& solid, const Field& field, double longest) {
       for (std::size_t k = 0; k < 3; ++k) split[k] = long_inside(v[k], v[(k + 1) % 3]);
       const auto count = std::count(split.begin(), split.end(), true);
       again = again || count > 0;
-      // Turned until the first edge is split and, where two are, the last one is not.
+      // Rotates until the first edge is split and, if two are, the last one is not.
       while (count > 0 && count < 3 && !(split[0] && !split[2])) {
         std::rotate(v.begin(), v.begin() + 1, v.end());
         std::rotate(split.begin(), split.begin() + 1, split.end());
@@ -431,7 +431,7 @@ void paint_band(Solid& solid, const Field& field, double half_width, int materia
 }
 
 double rounded_polygon(const std::vector<glm::dvec2>& corners, double radius, const glm::dvec2& p) {
-  // Distance to the outline by its segments, the sign by counting crossings.
+  // The distance to the outline comes from its segments, the sign from counting crossings.
   double nearest = glm::distance(p, corners.front());
   bool inside = false;
   for (std::size_t i = 0; i < corners.size(); ++i) {

@@ -1,5 +1,5 @@
-// Closed triangle surfaces made by code: lofts, tubes, prisms; painted along curves, and put
-// together to a Model. Object frame, z up. Lengths in millimetres here; the Model is in metres.
+// Closed triangle surfaces made by code: lofts, tubes and prisms, painted along curves and joined
+// into a Model. Object frame, z up. Lengths are in millimetres here and in metres in the Model.
 #pragma once
 
 #include <array>
@@ -23,27 +23,28 @@ struct Face {
   int material = 0;
 };
 
-// One or more closed surfaces; their vertices are shared by the faces round them.
+// One or more closed surfaces; adjacent faces share their vertices.
 struct Solid {
   Points points;
   std::vector<Face> faces;
 };
 
-// Joins rings of equally many points into a tube and closes its ends, each with a fan round the
-// centre given. Outside is outside, whichever way the rings turn.
+// Joins rings with equal numbers of points into a tube and closes each end with a fan around the
+// given centre. Faces point outwards for either direction of the rings.
 [[nodiscard]] Solid loft(const std::vector<Points>& rings, const Point& first_centre,
                          const Point& last_centre);
-// The same with flat ends.
+// Loft with flat ends.
 [[nodiscard]] Solid loft(const std::vector<Points>& rings);
-// Turns a profile of (radius, z) about the z axis. It ends on the axis, or is a closed loop off it.
+// Turns a profile of (radius, z) about the z axis. The profile ends on the axis; that of
+// revolve_loop is a closed loop off it.
 [[nodiscard]] Solid revolve(const std::vector<glm::dvec2>& profile, int segments);
 [[nodiscard]] Solid revolve_loop(const std::vector<glm::dvec2>& profile, int segments);
-// A round tube along a path; one radius for each of its points.
+// A round tube along a path, with one radius for each of its points.
 [[nodiscard]] Solid tube(const Points& path, const std::vector<double>& radii, int sides);
 [[nodiscard]] Solid tube(const Points& path, double radius, int sides);
 [[nodiscard]] Solid sphere(const Point& centre, const Point& radii, int subdivisions);
 [[nodiscard]] Solid box(const Point& low, const Point& high);
-// A polygon in x, y that can be fanned from `centre`, between two heights.
+// A polygon in x, y between two heights; each of its edges must be visible from `centre`.
 [[nodiscard]] Solid prism(const std::vector<glm::dvec2>& outline, const glm::dvec2& centre,
                           double low, double high);
 
@@ -57,23 +58,24 @@ struct Solid {
 void append(Solid& to, const Solid& more);
 
 // Splits faces along field = 0, so that no face has both signs. Vertices nearer to the curve than a
-// share of their edge and `slide` [mm] move onto it, which saves slivers; the surface stays closed.
+// share of their edge and `slide` [mm] move onto it to avoid slivers; the surface stays closed.
 void cut(Solid& solid, const Field& field, double slide = 0.4);
-// Halves edges longer than `longest` [mm] whose middle is inside, until there are none.
+// Halves edges longer than `longest` [mm] whose middle is inside, until none is left.
 void refine(Solid& solid, const Field& field, double longest);
-void recolor(Solid& solid, const Field& field, int material);  // the faces whose centre is inside
-void paint(Solid& solid, const Field& field, int material);    // both
-// A band between two parallel curves, each cut on its own, so that it may be narrower than a face.
+void recolor(Solid& solid, const Field& field, int material);  // faces whose centre is inside
+void paint(Solid& solid, const Field& field, int material);    // cuts, then recolours
+// Paints a band between two parallel curves. Each is cut separately, so that the band may be
+// narrower than a face.
 void paint_band(Solid& solid, const Field& field, double half_width, int material);
 
-// Signed distance to a polygon grown by `radius`, which makes its corners round, in any two
-// coordinates [mm].
+// Signed distance to a polygon grown by `radius`, which rounds its corners, in any two coordinates
+// [mm].
 [[nodiscard]] double rounded_polygon(const std::vector<glm::dvec2>& corners, double radius,
                                      const glm::dvec2& p);
 
-// Adds the solid as one mesh per material, all of the part's name, in metres. Normals are smooth
-// over edges bent by less than the crease angle. Coordinates are rounded to a micrometre and
-// normals to 1e-5, so that the last bits of a machine's sine do not show in the files.
+// Adds the solid as one mesh per material, named after the part, in metres. Normals are smooth over
+// edges bent by less than the crease angle. Coordinates are rounded to a micrometre and normals to
+// 1e-5, so that the files are equal on every machine.
 void add_part(Model& model, const std::string& name, const Solid& solid, double crease_deg);
 int add_material(Model& model, const std::string& name, const glm::vec3& linear_color,
                  float metallic, float roughness, const glm::vec3& emissive = glm::vec3(0.0F));
