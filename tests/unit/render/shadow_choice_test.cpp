@@ -34,7 +34,7 @@ Frame grey() {
   return test::plain_frame(kSide, kSide, kGrey);
 }
 
-// A block of 12 faces in view, and optionally a second object out of sight.
+// A block of 12 faces in view, and optionally a second one whose shadow is out of sight.
 enum class Other { none, cut, whole, off_outline };
 SceneBuilder block_and(Other other) {
   SceneBuilder builder;
@@ -42,7 +42,7 @@ SceneBuilder block_and(Other other) {
   if (other == Other::cut) builder.add(block(0.05), test::at(8, 0, 0));
   if (other == Other::whole) builder.add(block(0.05), test::at(8, 0, 0.06));
   if (other == Other::off_outline) {
-    // The visible block, which is nearer to the camera than the second object.
+    // The second block is in view and nearer to the camera; its shadow is off the outline.
     builder.scene().planes[0].outline = {{-0.2, -0.08}, {0.2, -0.08}, {0.2, 0.2}, {-0.2, 0.2}};
     builder.add(block(0.05), test::at(0.0, -0.2, 0.05));
   }
@@ -222,7 +222,8 @@ TEST(LiftedByAmbient, RisesWithShareOfAmbientLight) {
     EXPECT_EQ(lifted(little, {above}).umbra, given.umbra);
     EXPECT_EQ(lifted(little, {above}).penumbra, given.penumbra);
   }
-  // Total light is 1.66, of which the lamp gives 1.36; the shadow removes 0.85 of the lamp's share.
+  // With the usual ambient light of 0.36 the total is 1.36, here it is 1.66. The shadow removes the
+  // same amount of light from both.
   EXPECT_NEAR(lifted(0.66, {above}).umbra, 1.0 - 0.85 * 1.36 / 1.66, 1e-9);
   EXPECT_NEAR(lifted(0.66, {above}).middle, 1.0 - 0.6 * 1.36 / 1.66, 1e-9);
   EXPECT_NEAR(lifted(0.66, {above}).penumbra, 1.0 - 0.17 * 1.36 / 1.66, 1e-9);

@@ -636,7 +636,7 @@ TEST(SilhouetteMask, MatchesReferenceForMeshLargerThanRaster) {
       const Eigen::Vector2d side = placed(b) - from;
       for (int v = 0; v < cells.height; ++v) {
         for (int u = 0; u < cells.width; ++u) {
-          // Sample 256 points of each cell that an edge crosses.
+          // Counts 256 points of a cell, unless its corners are all on one side.
           const auto is_inside = [&](double x, double y) {
             const Eigen::Vector2d d = Eigen::Vector2d(static_cast<double>(cells.u + u) + x,
                                                       static_cast<double>(cells.v + v) + y) -
@@ -654,7 +654,7 @@ TEST(SilhouetteMask, MatchesReferenceForMeshLargerThanRaster) {
           }
           const double expected = 255.0 * inside / 256.0;
           const int share = shares[static_cast<std::size_t>(4 * (v * cells.width + u))];
-          // The code samples points along a cell's borders, the reference points in its interior.
+          // Tolerance: the mask rounds crossings of cell borders; the reference counts points.
           ASSERT_NEAR(share, expected, 8.0) << reach << " " << trial << ": " << u << ", " << v;
           edges += inside > 0 && inside < 256 ? 1 : 0;
         }
@@ -982,8 +982,8 @@ int door_place(int x, int y) {
   return ((either & 1) << 3) | ((y & 1) << 2) | (either & 2) | ((y & 2) >> 1);
 }
 
-// Over white video, the same pixels are dark away from the layers' edges. Near an edge their number
-// lies between those of the lightest and the darkest layer.
+// Over white video, the same pixels are dark away from the layers' edges. Near an edge, pixels that
+// the lightest layer there darkens are dark, and no pixel that its darkest layer leaves alone is.
 TEST_F(DrawnMask, CoversSamePixelsAsDirectScreenDoor) {
   for (const LightFractions& fractions :
        {LightFractions(), LightFractions{0.0, 0.28, 0.83}, LightFractions{0.41, 0.62, 0.95}}) {
