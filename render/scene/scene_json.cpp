@@ -101,11 +101,12 @@ struct Violation {
 };
 
 // Returns the first place that breaks the schema. Walks value and schema side by side, through the
-// keywords that the schema uses. A unit test names the keywords that are checked here.
+// keywords that the schema uses. A unit test names the keywords that are checked here. `expected`
+// is ours: what a message asks for. `description` is for editors.
 std::optional<Violation> find_violation(const json& root, const json& reference, const json& value,
                                         const std::string& pointer) {
   const json& schema = resolved(root, reference);
-  const std::string wanted = "give " + schema.value("description", std::string("a valid value"));
+  const std::string wanted = "give " + schema.value("expected", std::string("a valid value"));
   const auto wrong = [&]() {
     return Violation{pointer, fmt::format("is {}; {}", shown(value), wanted)};
   };
