@@ -4,6 +4,8 @@
 
 #include <Eigen/Geometry>
 #include <algorithm>
+#include <regex>
+#include <set>
 
 #include "core/geometry/trajectory.hpp"
 #include "render/scene/technique.hpp"
@@ -39,6 +41,44 @@ TEST(CommandLine, PrintsHelpWithExampleForEveryCommand) {
     EXPECT_THAT(help.out, HasSubstr("Example:\n  penumbra " + command));
     EXPECT_THAT(help.out, HasSubstr("--log-level"));
     EXPECT_EQ(help.err, "");
+  }
+}
+
+// Returns the names of the options, "--output", in a command's help.
+std::set<std::string> options_in(const std::string& help) {
+  static const std::regex option(R"(^  (?:-\w,)?(--[a-z-]+))");
+  std::set<std::string> names;
+  for (const std::string& line : lines_of(help)) {
+    std::smatch match;
+    if (std::regex_search(line, match, option)) names.insert(match[1]);
+  }
+  return names;
+}
+
+// README.md and the pages of docs/.
+std::string all_documents() {
+  std::string text = bytes_of(source_dir() / "README.md");
+  for (const auto& entry : std::filesystem::directory_iterator(source_dir() / "docs")) {
+    if (entry.path().extension() == ".md") text += bytes_of(entry.path());
+  }
+  return text;
+}
+
+TEST(CommandLine, HasNoOptionThatDocumentsLack) {
+  // Whole names: "--light" is not in "--light-mode".
+  static const std::regex option(R"(--[a-z]+(?:-[a-z]+)*)");
+  const std::string documents = all_documents();
+  const std::set<std::string> named(
+      std::sregex_token_iterator(documents.begin(), documents.end(), option),
+      std::sregex_token_iterator());
+  for (const std::string& command : commands_of(penumbra({"--help"}).out)) {
+    std::set<std::string> options = options_in(penumbra({command, "--help"}).out);
+    EXPECT_THAT(options, testing::IsSupersetOf({"--help", "--version"})) << command;
+    options.erase("--help");
+    options.erase("--version");
+    std::set<std::string> missing;
+    std::ranges::set_difference(options, named, std::inserter(missing, missing.end()));
+    EXPECT_THAT(missing, testing::IsEmpty()) << "penumbra " << command << " --help";
   }
 }
 
