@@ -64,11 +64,11 @@ constexpr std::array kDocuments = {DocumentCase{"Readme", "README.md", 9},
                                    DocumentCase{"Scenes", "docs/scenes.md", 0},
                                    DocumentCase{"Files", "docs/files.md", 0},
                                    DocumentCase{"Reports", "docs/reports.md", 0}};
-class Documents : public testing::TestWithParam<DocumentCase> {};
-INSTANTIATE_TEST_SUITE_P(Shown, Documents, testing::ValuesIn(kDocuments),
+class DocumentedCommands : public testing::TestWithParam<DocumentCase> {};
+INSTANTIATE_TEST_SUITE_P(Of, DocumentedCommands, testing::ValuesIn(kDocuments),
                          [](const auto& instance) { return std::string(instance.param.name); });
 
-TEST_P(Documents, RunTheirCommandLines) {
+TEST_P(DocumentedCommands, RunAsShown) {
   const std::filesystem::path file = source_dir() / GetParam().file;
   ASSERT_TRUE(std::filesystem::exists(file)) << file;
   const Document document = read_document(file);
@@ -89,7 +89,7 @@ TEST_P(Documents, RunTheirCommandLines) {
   EXPECT_GE(lines, GetParam().least_lines);
 }
 
-TEST(DocumentList, HasEveryDocumentWithCommandLines) {
+TEST(DocumentedCommandsList, HasEveryDocumentWithCommands) {
   std::vector<std::filesystem::path> files = {"README.md"};
   for (const auto& entry : std::filesystem::directory_iterator(source_dir() / "docs"))
     if (entry.path().extension() == ".md") files.push_back("docs" / entry.path().filename());
