@@ -40,7 +40,7 @@ struct CompositorOptions {
 };
 
 // Returns the default number of samples: 4 on a GPU, none on a CPU rasteriser, which pays for each
-// (BENCHMARKS.md). At most what the driver has.
+// (docs/benchmarks/instructions.md). At most what the driver has.
 [[nodiscard]] int multisampling_for(bool software, int most_samples);
 
 class Compositor {

@@ -159,18 +159,18 @@ void compare_on(const char* whose, const Corners& corners, const Target& target,
         number(test::held_out_px(corners.views, calibrate)).c_str(), ms, ms / first_ms);
     std::fflush(stdout);
   };
-  row("OpenCV calibrateCamera", "true", RUSAGE_SELF, [&](const Views& views) {
+  row("OpenCV calibrateCamera", "as in file", RUSAGE_SELF, [&](const Views& views) {
     return test::opencv_calibration(corners.width, corners.height, target.points, views);
   });
   const bool whole = all_see_everything(corners, target);
   if (whole && has_mrcal()) {
-    row("mrcal, OPENCV5", "true (bowed while solving)", RUSAGE_CHILDREN,
+    row("mrcal, OPENCV5", "as in file (warped while solving)", RUSAGE_CHILDREN,
         [&](const Views& views) { return mrcal(corners, target, views); });
   }
-  row("penumbra, every corner", "true", RUSAGE_SELF, [&](const Views& views) {
+  row("penumbra, every corner", "as in file", RUSAGE_SELF, [&](const Views& views) {
     return ours(corners, target, all_as_inliers(views), rigid_board);
   });
-  row("penumbra, without outliers", "true", RUSAGE_SELF,
+  row("penumbra, without outliers", "as in file", RUSAGE_SELF,
       [&](const Views& views) { return ours(corners, target, views, rigid_board); });
   if (whole) {
     row("OpenCV calibrateCameraRO", "solved for", RUSAGE_SELF, [&](const Views& views) {
@@ -214,7 +214,7 @@ void compare(const std::filesystem::path& root, const Photographs& set) {
     for (const CalibrationPicture& picture : whole->pictures) {
       if (picture.solved >= 0) own.views.push_back({picture.name, picture.view.corners});
     }
-    compare_on("its own", own, target, first_ms);
+    compare_on("penumbra's", own, target, first_ms);
     const CalibrationSolution& solution = whole->solution;
     std::string lens;
     SolverOptions chosen;
@@ -230,7 +230,8 @@ void compare(const std::filesystem::path& root, const Photographs& set) {
     const auto held_out = test::held_out_px(
         own.views, [&](const Views& views) { return ours(own, target, views, chosen); });
     std::printf(
-        "| its own | penumbra calibrate (%s; %zu views) | %s | %.1f | %.3f | %s | %.0f | %.2f |\n",
+        "| penumbra's | penumbra calibrate (%s; %zu views) | %s | %.1f | %.3f | %s | %.0f | %.2f "
+        "|\n",
         lens.c_str(), solution.views.size(), std::string(to_string(solution.shape)).c_str(),
         solution.camera.parameters().fx, solution.rms_all_px, number(held_out).c_str(), ms,
         ms / first_ms);

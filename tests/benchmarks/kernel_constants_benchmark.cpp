@@ -307,7 +307,7 @@ void run(int count) {
   };
   vary("cells_per_root", {4, 6, 8, 10, 12, 16}, of_many(&KernelTuning::cells_per_root));
   vary("least_side_cells", {16, 24, 32, 48}, of_many(&KernelTuning::least_side_cells));
-  fmt::print("* as automatic kernels are made (the last two as one of thousands of parts)\n");
+  fmt::print("* the value in use (the last two constants: for a body of thousands of parts)\n");
 }
 
 }  // namespace

@@ -5,7 +5,7 @@ import re
 
 from scatter_chart import PANEL_H, PANEL_W, panel, picture
 
-SECTIONS = pathlib.Path(__file__).resolve().parent
+PAGES = pathlib.Path(__file__).resolve().parents[2] / "docs" / "benchmarks"
 COLOURS = {"layered": "#1f6fd6", "field": "#c2410c", "pcss": "#8a4fbf", "average": "#6b7280"}
 OTHER = "#0f766e"
 LEFT, TOP, GAP = 74, 98, 92
@@ -16,7 +16,7 @@ def measured():
     """shape -> [(technique, instructions [M], error [codes])]."""
     line = re.compile(r"^\| (\w+) \| ([\w-]+) \| ([\d.]+) \| [\d.]+ \| ([\d.]+) \| [\d.]+ \| [-+][\d.]+ % \| [-+][\d.]+ % \|$")
     shapes = {}
-    for text in (SECTIONS / "instructions.md").read_text().splitlines():
+    for text in (PAGES / "instructions.md").read_text().splitlines():
         found = line.match(text)
         if found:
             shapes.setdefault(found.group(1), []).append((found.group(2), float(found.group(3)), float(found.group(4))))

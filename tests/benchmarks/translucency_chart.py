@@ -1,6 +1,6 @@
 """Translucency modes of shadows as an SVG: cost, error of the density, and moire.
 
-Reads the sections translucency.md (densities, flips) and instructions.md (cost). Blended and retextured shadows are factors, not
+Reads the pages translucency.md (densities, flips) and instructions.md (cost). Blended and retextured shadows are factors, not
 patterns: their density is exact, and they have no moire.
 """
 import pathlib
@@ -8,7 +8,7 @@ import re
 
 from scatter_chart import FAINT, INK, RULE
 
-SECTIONS = pathlib.Path(__file__).resolve().parent
+PAGES = pathlib.Path(__file__).resolve().parents[2] / "docs" / "benchmarks"
 COLOURS = {"blend": "#1c6dd0", "retexture": "#0f8f7a", "mesh": "#8a4fbf", "geometry-mesh": "#c2571a"}
 TRIANGLES = 48  # selects the rows of instructions.md
 
@@ -17,7 +17,7 @@ def measured():
     """(label, mode, density error, standard deviation, share of pixels that flip) of each pattern and distance."""
     rows = {}
     line = re.compile(r"^(mesh|geometry-mesh, [\d.]+ px)\s+([\d.]+)\s+\w+\s+([\d.]+)\s+([\d.]+)\s+([\d.]+)\s+[\d.]+\s+[\d.]+\s+([\d.]+) %$")
-    for text in (SECTIONS / "translucency.md").read_text().splitlines():
+    for text in (PAGES / "translucency.md").read_text().splitlines():
         found = line.match(text)
         if not found:
             continue
@@ -33,7 +33,7 @@ def measured():
 def costs():
     """mode -> instructions relative to a simple shadow."""
     line = re.compile(rf"^\| {TRIANGLES} \| moving \| layered \| ([\w-]+) \| [\d.]+ \| ([\d.]+) \|")
-    found = (line.match(text) for text in (SECTIONS / "instructions.md").read_text().splitlines())
+    found = (line.match(text) for text in (PAGES / "instructions.md").read_text().splitlines())
     return {match.group(1): float(match.group(2)) for match in found if match}
 
 
