@@ -28,7 +28,8 @@ void expect_same(const std::vector<TagDetection>& a, const std::vector<TagDetect
   }
 }
 
-// Whoever searches: the tags that are found at once. The pixels may change in the meantime.
+// Background and immediate search find the same tags, also when the caller overwrites the pixels
+// during the search.
 TEST(BackgroundSearch, FindsSameTagsAsImmediateSearch) {
   const test::Stage stage({test::wall()});
   for (const bool own_thread : {false, true}) {
@@ -78,7 +79,7 @@ TEST(BackgroundSearch, NeverBlocksCaller) {
   }
   ASSERT_TRUE(found);
   EXPECT_GE(found->tags.size(), 6U);
-  // It ends in the middle of a search, and with a result that nobody took.
+  // The destructor runs during a search, and with a result that was not taken.
   beside->begin(image, 8, SearchResolution::full);
   beside.reset();
   beside = search(true);

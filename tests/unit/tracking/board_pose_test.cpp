@@ -89,7 +89,7 @@ TEST_F(BoardPoseTest, ReportsInconsistencyWhenHalfOfTagsAreWrong) {
   EXPECT_TRUE(board->inconsistent);
 }
 
-// A part of the board was bumped: no tag is an outlier by itself, and the fit is not that bad.
+// Shifts half of the board: no single tag is an outlier, and the fit stays fairly good.
 TEST_F(BoardPoseTest, ReportsInconsistencyOfBumpedHalfButNotOfNoise) {
   for (int trial = 0; trial < 200; ++trial) {
     std::vector<MappedTag> really = sheet();
@@ -104,7 +104,7 @@ TEST_F(BoardPoseTest, ReportsInconsistencyOfBumpedHalfButNotOfNoise) {
     const auto board = estimate_board_pose(camera_, bumped);
     ASSERT_TRUE(board);
     EXPECT_TRUE(board->inconsistent) << trial;
-    // Noise, however strong, is no inconsistency.
+    // Noise of any strength is not an inconsistency.
     for (const double noise : {0.2, 0.6, 1.0}) {
       const auto noisy =
           estimate_board_pose(camera_, observe(camera_, truth_, sheet(), noise, random_));
@@ -115,8 +115,8 @@ TEST_F(BoardPoseTest, ReportsInconsistencyOfBumpedHalfButNotOfNoise) {
 }
 
 TEST_F(BoardPoseTest, ReportsSmallFrontalTagAsAmbiguous) {
-  // 24 px wide, 20 degrees: solvers choose the wrong one of its two poses in almost a third of the
-  // views. The report must say so in every one where the choice is wrong.
+  // 24 px wide, tilted by 20 degrees: solvers choose the wrong one of the two poses in almost a
+  // third of the views. The report must mark each of these as ambiguous.
   int wrong = 0;
   constexpr int kTrials = 200;
   for (int i = 0; i < kTrials; ++i) {

@@ -1,5 +1,5 @@
-// The table and other rigid groups of tags in the same pictures, each moved on its own, with exact
-// truth.
+// The table and other rigid groups of tags in one image; each group moves independently and its
+// true pose is exact.
 #include "tracking/group_tracker.hpp"
 
 #include <gmock/gmock.h>
@@ -56,8 +56,7 @@ TEST(GroupTracker, RejectsMapWithoutTableOrWithUnknownTag) {
   EXPECT_THAT(unknown.error().message, testing::AllOf(HasSubstr("'wall'"), HasSubstr("9999")));
 }
 
-// What is where the map has it, is where the map has it: and stays there, bit for bit, while the
-// camera moves.
+// A group at rest at its map pose keeps that pose, bit for bit, while the camera moves.
 TEST(GroupTracker, KeepsPoseOfGroupAtRest) {
   const Stage stage({wall()});
   GroupTracker tracker = stage.tracker();
@@ -81,13 +80,13 @@ TEST(GroupTracker, KeepsPoseOfGroupAtRest) {
   EXPECT_LE(changes, 2) << "noise is not motion";
 }
 
-// The map is wrong about where the wall stands; the picture is not.
+// The map has a wrong pose for the wall; the image is right.
 TEST(GroupTracker, TracksMovedWall) {
   const Stage stage({wall()});
   GroupTracker tracker = stage.tracker();
   const Placement leaning(turned(12.0, {1.0, 0.3, 0.6}), Eigen::Vector3d(0.02, 0.03, -0.01));
   for (int f = 0; f < 12; ++f) {
-    // In the middle of it somebody pushes it.
+    // The wall is pushed halfway through.
     const Placement at =
         f < 6 ? leaning
               : Placement(leaning.rotation(), leaning.translation() + Eigen::Vector3d(0, 0.004, 0));
@@ -100,7 +99,7 @@ TEST(GroupTracker, TracksMovedWall) {
   }
 }
 
-// A block in the hand and a camera in the other, against the exact truth.
+// Block and camera are both hand-held; the errors are against exact truth.
 TEST(GroupTracker, TracksHandHeldProp) {
   const Stage stage({wall(), block()});
   GroupTracker tracker = stage.tracker();
@@ -128,8 +127,8 @@ TEST(GroupTracker, TracksHandHeldProp) {
   EXPECT_EQ(detections, 1) << "the first frame's, shared by all";
 }
 
-// A fraction of a pixel in each frame, less than the measurements' own errors: what is averaged and
-// shown must not stay behind by more than it may.
+// The group moves by a fraction of a pixel per frame, less than the measurement noise: averaging
+// may not let the drawn pose lag by more than its bound.
 TEST(GroupTracker, TracksSlowMotionBelowNoise) {
   const Stage stage({block()});
   GroupTracker tracker = stage.tracker();
@@ -160,7 +159,7 @@ TEST(GroupTracker, KeepsTablePoseIndependentOfOtherGroups) {
                    .value();
     GroupTracker all = stage.tracker(options);
     for (int f = 0; f < 6; ++f) {
-      // Without the block for a while: it is searched for.
+      // The block is out of view for a while, so it is searched for.
       Placements at;
       if (f >= 2 && f < 5) at["block"] = shifted(5.0, 0.0, 0.0);
       const Frame picture = stage.picture(f, at);
@@ -234,7 +233,7 @@ TEST(GroupTracker, CoastsHiddenGroupThenFindsItAnywhere) {
       EXPECT_EQ(estimate.status, TrackStatus::lost) << f;
     }
   }
-  // Back, somewhere else by more than any look at the old place would find.
+  // The block returns farther away than a search near the old place reaches.
   const Placement there(turned(20.0, Eigen::Vector3d::UnitZ()), Eigen::Vector3d(0.05, 0.06, 0.0));
   int frames = 0;
   bool found = false;
@@ -250,7 +249,7 @@ TEST(GroupTracker, CoastsHiddenGroupThenFindsItAnywhere) {
   EXPECT_LE(frames, 9);
 }
 
-// Where it was, it is found in the first frame that shows it, without a search.
+// A group that returns to its old place is found in its first frame, without a search.
 TEST(GroupTracker, TracksReturningGroupAtOnce) {
   const Stage stage({wall()});
   std::vector<MappedTag> hidden = stage.tags;
@@ -301,8 +300,8 @@ TEST(GroupTracker, IsDeterministic) {
   }
 }
 
-// A prop that comes into view while it moves, and a wall that stands elsewhere than the map says,
-// with the table tracked all the while.
+// A prop enters the view while it moves, and the wall stands elsewhere than in the map; the table
+// is tracked throughout.
 struct Arrival {
   std::vector<TrackedFrame> frames;
   std::vector<Placements> truth;
@@ -355,19 +354,20 @@ TEST(GroupTracker, NeverWaitsForSearchOnceTableIsTracked) {
     for (const char* group : {"wall", "block"}) {
       SCOPED_TRACE(group);
       const GroupEstimate& a = named(frame, group);
-      // With a thread the same bits.
+      // The background thread gives the same bits.
       const GroupEstimate& b = named(threaded.frames[f], group);
       EXPECT_EQ(a.status, b.status);
       EXPECT_EQ(text_of(a.reason), text_of(b.reason));
       EXPECT_EQ(a.T_table_group.matrix(), b.T_table_group.matrix());
       EXPECT_EQ(a.covariance, b.covariance);
       EXPECT_EQ(frame.times.search_used, threaded.frames[f].times.search_used);
-      // What a search takes is part of what tracking takes, whichever thread did it.
+      // Search time counts as tracking time, whichever thread runs the search.
       for (const TrackedFrame* one : {&frame, &threaded.frames[f]}) {
         EXPECT_EQ(one->times.search_cpu_ms > 0.0, one->times.search_used);
         EXPECT_GT(one->times.total_cpu_ms, one->times.search_cpu_ms);
       }
-      // Of a search in the frame the same poses, a frame after both were found.
+      // Searching within the frame gives the same poses from one frame after both searches
+      // succeeded.
       const GroupEstimate& c = named(waiting.frames[f], group);
       const int both = std::max(beside.first_tracked(group), waiting.first_tracked(group));
       if (a.status != TrackStatus::tracked || c.status != TrackStatus::tracked) continue;
@@ -391,7 +391,7 @@ TEST(GroupTracker, NeverWaitsForSearchOnceTableIsTracked) {
   }
 }
 
-// Given the time, a search that nobody waits for comes in the next frame too.
+// With enough time, a background search has its result in the next frame too.
 TEST(GroupTracker, FindsSameGroupsByBackgroundSearch) {
   const Stage stage({wall(), block()});
   TrackerOptions options;
@@ -411,8 +411,8 @@ TEST(GroupTracker, FindsSameGroupsByBackgroundSearch) {
   for (std::size_t f = 1; f < live.frames.size(); ++f) {
     EXPECT_EQ(live.frames[f].times.detect_ms, 0.0);
   }
-  // No time at all: the table may be found a few frames late, as it is searched for finely beside
-  // them, but stays; and the tracker may end while it searches.
+  // Without any time, the table may be found some frames late, because its fine search runs in the
+  // background, but then stays tracked; the tracker may be destroyed during a search.
   const Arrival hurried = arrive(stage, options);
   bool found = false;
   for (const TrackedFrame& frame : hurried.frames) {
@@ -423,8 +423,8 @@ TEST(GroupTracker, FindsSameGroupsByBackgroundSearch) {
   EXPECT_TRUE(found);
 }
 
-// On a machine that takes seconds for a frame, the view has changed whenever a search beside the
-// frames is done.
+// On a machine that takes seconds per frame, the view has changed by the end of each background
+// search.
 TEST(GroupTracker, FindsTableOnSlowMachine) {
   const Stage stage({wall()});
   for (const SearchTiming timing : {SearchTiming::in_frame, SearchTiming::when_done}) {

@@ -1,4 +1,5 @@
-// Mirrored and negative pictures of a board are recognised, now and then, and nothing else is.
+// Mirrored and negative images of a board are recognised by occasional checks; other images are not
+// reported.
 #include "tracking/detection/image_check.hpp"
 
 #include <gmock/gmock.h>
@@ -71,7 +72,7 @@ TEST(ImageCheck, FindsNothingInImagesOfOtherTags) {
   EXPECT_EQ(check.nothing_found({}), std::nullopt);
 }
 
-// The 1st, 2nd, 4th, 8th ... picture are looked at; a fault is reported once.
+// Checks the 1st, 2nd, 4th, 8th ... image; reports a fault once.
 TEST(ImageCheck, ChecksFewImagesAndReportsOnce) {
   const std::vector<MappedTag> tags = test::board(3, 2, 0.06);
   const GreyImage fault = mirrored(view_of(tags, 1));

@@ -16,7 +16,7 @@ using testing::HasSubstr;
 
 class PoseConfidence : public ::testing::Test {
  protected:
-  // A measurement whose predicted overlay error is this.
+  // Returns a measurement with this predicted overlay error.
   [[nodiscard]] Measurement measured(double error_px) const {
     Measurement measurement;
     measurement.best.T_table_camera = pose_;
@@ -29,7 +29,7 @@ class PoseConfidence : public ::testing::Test {
     const double unit = predicted_overlay_error_px(group_.camera, pose_, Matrix6d::Identity());
     return error_px * error_px / (unit * unit) * Matrix6d::Identity();
   }
-  // A second pose, turned about the table's x axis.
+  // Adds a second pose, turned about the table's x axis.
   void add_second(Measurement& measurement, double turn_rad) const {
     measurement.second = measurement.best;
     const Transform<frame::Table, frame::Table> turn(

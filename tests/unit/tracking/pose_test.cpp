@@ -85,7 +85,8 @@ TEST(PoseRefiner, ConvergesFromWrongStart) {
   EXPECT_LT(perturbation_between(truth, refined->T_table_camera).norm(), 1e-6);
 }
 
-// From the same start, the same minimum: with noise, corners that are off, one tag and many.
+// Both solvers start at the same pose and reach the same minimum: with noise, outliers, one tag and
+// many.
 TEST_P(PoseRefinerLens, FindsSameMinimumAsCeres) {
   const CameraModel camera = test::lens_of(GetParam());
   std::mt19937 random(12);
@@ -122,13 +123,13 @@ TEST_P(PoseRefinerLens, FindsSameMinimumAsCeres) {
         cost_theirs += huber((b - point.pixel).norm());
         if (i % 5 != 0) worst_px = std::max(worst_px, (a - b).norm());
       }
-      // With corners beyond the loss's bend either converges slowly, and Ceres stops before.
+      // Outliers beyond the loss threshold slow down both solvers, and Ceres stops earlier.
       EXPECT_LT(cost_ours, cost_theirs * (1.0 + 1e-6));
       EXPECT_NEAR(ours->rms_px, theirs->rms_px, i % 5 == 0 ? 5e-3 : 1e-4);
     }
   }
   EXPECT_GE(compared, 60);
-  EXPECT_LT(worst_px, 2e-3);  // along which the cost is flat: either stops there
+  EXPECT_LT(worst_px, 2e-3);  // the cost is flat there: solvers stop at different poses
   RecordProperty("worst_px", std::to_string(worst_px));
 }
 
@@ -145,7 +146,7 @@ TEST(PoseRefiner, PredictsCovarianceOfTrials) {
       const CameraPose truth = looking_at_origin(0.55, 0.5, 0.01 * i, -0.02 * i);
       const auto points = points_of(observe(camera, truth, sheet(), noise, random));
       RefinerOptions options;
-      options.robust_scale_px = 100.0;  // the noise is normal: nothing to be robust against
+      options.robust_scale_px = 100.0;  // the noise is Gaussian: no robust loss needed
       const auto refined = refine_pose(camera, points, truth, options);
       ASSERT_TRUE(refined);
       const Vector6d error = perturbation_between(refined->T_table_camera, truth);
@@ -153,12 +154,12 @@ TEST(PoseRefiner, PredictsCovarianceOfTrials) {
     }
     constexpr double kFreedom = 2 * 48 - 6;
     const double expected = 6.0 * kFreedom / (kFreedom - 2.0) / (1.0 + std::sqrt(2.0 / kFreedom));
-    // Its spread over 400 trials: sqrt(2 * 6 / 400) = 0.17; four of them.
+    // Standard deviation over 400 trials: sqrt(2 * 6 / 400) = 0.17; the tolerance is four of them.
     EXPECT_NEAR(sum / kTrials, expected, 0.7) << noise;
   }
 }
 
-// Of a reprojection error, by differences: what Ceres is given to compare with.
+// Reprojection residual for Ceres, with numeric derivatives.
 struct Reprojection {
   const CameraModel& camera;
   const CameraPose& pose;
@@ -179,7 +180,7 @@ TEST_P(PoseRefinerLens, FindsSameCovarianceAsCeres) {
       const CameraPose truth = looking_at_origin(0.45, 0.8, 0.1 * i, -0.2 * i);
       const auto points = points_of(observe(camera, truth, tags, 0.2, random));
       RefinerOptions options;
-      options.robust_scale_px = 2.0;  // of normal noise none is beyond it
+      options.robust_scale_px = 2.0;  // Gaussian noise never exceeds it
       const auto refined = refine_pose(camera, points, truth, options);
       ASSERT_TRUE(refined);
       Vector6d xi = Vector6d::Zero();
@@ -196,13 +197,13 @@ TEST_P(PoseRefinerLens, FindsSameCovarianceAsCeres) {
       ASSERT_TRUE(covariance.Compute(std::vector<const double*>{xi.data()}, &problem));
       Eigen::Matrix<double, 6, 6, Eigen::RowMajor> of_ceres;
       ASSERT_TRUE(covariance.GetCovarianceBlock(xi.data(), xi.data(), of_ceres.data()));
-      // Huber's cost is half of the squares, that of the residuals' own variance.
+      // Ceres' cost is half of the sum of squares; this one is in units of the residuals' variance.
       double cost = 0.0;
       ASSERT_TRUE(problem.Evaluate({}, &cost, nullptr, nullptr, nullptr));
       const double freedom = 2.0 * static_cast<double>(points.size()) - 6.0;
       const double variance = std::max(2.0 * cost / freedom, std::pow(options.noise_floor_px, 2));
       const Matrix6d expected = variance * (1.0 + std::sqrt(2.0 / freedom)) * of_ceres;
-      // Each entry against what its two unknowns have.
+      // Compares each entry in units of the standard deviations of its two parameters.
       const Vector6d sigma = expected.diagonal().cwiseSqrt();
       const Matrix6d apart = sigma.cwiseInverse().asDiagonal() * (refined->covariance - expected) *
                              sigma.cwiseInverse().asDiagonal();

@@ -31,7 +31,7 @@ std::vector<const Loops*> variants() {
   return list;
 }
 
-// A lattice of 11 x 11 vertices seen at an angle, cells of 10 mm half a metre away.
+// A lattice of 11 x 11 vertices with cells of 10 mm, seen at an angle from half a metre.
 Eigen::Isometry3d lattice_pose() {
   Eigen::Isometry3d T = Eigen::Isometry3d::Identity();  // T_camera_lattice [cells]
   T.linear() = (Eigen::AngleAxisd(2.5, Eigen::Vector3d::UnitX()) *
@@ -53,7 +53,7 @@ void set_pose(const Eigen::Isometry3d& T, AccumulateInput& in) {
   for (int k = 0; k < 3; ++k) in.centre[k] = static_cast<float>(centre[k]);
 }
 
-// Random samples over the lattice with random patterns.
+// Random samples over the lattice, with random patterns.
 struct SampleSet {
   std::vector<std::vector<float>> arrays;
   std::vector<std::int32_t> vertex;
@@ -110,7 +110,7 @@ TEST(SimdLoops, JacobiansMatchCentralDifferences) {
       in.reach = reach;
       in.correlated = correlated;
       const Loops& variant = simd::widest_loops();
-      // The derivative of each sample's model by each motion.
+      // Numeric derivative of each sample's model by each motion component.
       std::array<std::vector<double>, 6> numeric;
       for (int k = 0; k < 6; ++k) {
         const double step = k < 3 ? 4e-3 : 4e-4;
@@ -132,7 +132,8 @@ TEST(SimdLoops, JacobiansMatchCentralDifferences) {
       }
       variant.evaluate(&in, &set.s, 1);
       for (int i = 0; i < set.s.count; ++i) {
-        // With one sample's weight the gradient is its own Jacobian times its residual.
+        // With a weight of one sample alone, the gradient is this sample's Jacobian times its
+        // residual.
         for (int j = 0; j < set.s.count; ++j) set.s.weight[j] = i == j ? 1.0F : 0.0F;
         set.s.value[i] = in.offset + in.gain * set.s.model[i] + 1.0F;
         Sums sums;
@@ -150,7 +151,7 @@ TEST(SimdLoops, JacobiansMatchCentralDifferences) {
   }
 }
 
-// A picture that is taken while the camera moves by `motion`, as its first, middle and last moment.
+// The first, middle and last moment of an exposure during which the camera moves by `motion`.
 constexpr int kMoments = 3;
 std::array<AccumulateInput, kMoments> moments_of(const Eigen::Isometry3d& T, const Vector6d& motion,
                                                  const AccumulateInput& in) {
@@ -194,7 +195,7 @@ TEST(SimdLoops, AnchorMatchesPrepare) {
   }
 }
 
-// What several moments show is the mean of what each shows.
+// The model of several moments is the mean of their single models.
 TEST(SimdLoops, EvaluateMomentsAveragesSingleMoments) {
   const Eigen::Isometry3d T = lattice_pose();
   const Loops& variant = simd::widest_loops();
@@ -207,7 +208,7 @@ TEST(SimdLoops, EvaluateMomentsAveragesSingleMoments) {
       in.offset = 30.0F;
       in.reach = reach;
       in.correlated = correlated;
-      // One has other anchors and coefficients than the next.
+      // Each moment has its own anchors and coefficients.
       std::array<SampleSet, kMoments> sets = {random_samples(simd::kBlock, T, 0.5F),
                                               random_samples(simd::kBlock, T, 0.6F),
                                               random_samples(simd::kBlock, T, 0.7F)};
@@ -235,8 +236,8 @@ TEST(SimdLoops, EvaluateMomentsAveragesSingleMoments) {
   }
 }
 
-// Without correlation the bivariate distribution is the product, and with lines far apart the
-// vertex alone says the same as its neighbourhood.
+// Without correlation the bivariate distribution is a product; with distant lines the vertex alone
+// gives the value of its neighbourhood.
 TEST(SimdLoops, ModelsOfAllReachesAgreeForDistantLines) {
   const Eigen::Isometry3d T = lattice_pose();
   SampleSet set = random_samples(simd::kBlock, T, 0.0F);
@@ -256,7 +257,7 @@ TEST(SimdLoops, ModelsOfAllReachesAgreeForDistantLines) {
 }
 
 TEST(SimdLoops, CorrelatedBlurMatchesBivariateNormal) {
-  // P(X < x, Y < y) by summation over a fine grid, against the kernel with a lone corner.
+  // Sums P(X < x, Y < y) over a fine grid; compares with the loop for a single corner.
   const Eigen::Isometry3d T = lattice_pose();
   SampleSet set = random_samples(simd::kBlock, T, 0.0F);
   AccumulateInput in;
@@ -291,7 +292,7 @@ TEST(SimdLoops, CorrelatedBlurMatchesBivariateNormal) {
   }
 }
 
-// The first block begins the sums and the others go on with them.
+// The first block starts the sums, the others continue them.
 TEST(SimdLoops, AccumulateAddsUpBlocks) {
   const Eigen::Isometry3d T = lattice_pose();
   constexpr int kBlocks = 5;
@@ -323,7 +324,7 @@ TEST(SimdLoops, AccumulateAddsUpBlocks) {
       added.weight += sums.weight;
       added.base_weight += sums.base_weight;
     }
-    // Rows and columns of the matrix have their own scales.
+    // Rows and columns of the matrix have individual scales.
     const auto diagonal = [](int p) { return p * 8 - p * (p - 1) / 2; };
     int index = 0;
     for (int p = 0; p < 8; ++p) {
@@ -339,7 +340,7 @@ TEST(SimdLoops, AccumulateAddsUpBlocks) {
     EXPECT_EQ(whole.base_weight, added.base_weight);
     EXPECT_EQ(whole.base_weight, 320.0 - 46.0);
   }
-  // None at all.
+  // No samples.
   set.s.count = 0;
   for (const Loops* variant : variants()) {
     Sums sums;
@@ -369,8 +370,8 @@ std::vector<simd::Lens::Kind> lens_kinds() {
   return kinds;
 }
 
-// Sums run in fixed lanes and nothing is fused: every instruction set gives the same bits, and so
-// the same poses on every machine.
+// Sums have a fixed order of lanes, without fused operations: all instruction sets give the same
+// bits, so all machines the same poses.
 TEST(SimdLoops, EveryInstructionSetGivesSameBits) {
   const Eigen::Isometry3d T = lattice_pose();
   std::mt19937 random(3);
@@ -431,8 +432,8 @@ TEST(SimdLoops, EveryInstructionSetGivesSameBits) {
   }
 }
 
-// Pixels, rays, depths and blur of a lattice are the same whatever else is asked for, and the blur
-// is the image's brought back by the projection's derivative.
+// The requested outputs do not change pixels, rays, depths and blur of a lattice. The blur is that
+// of the image, mapped back by the derivative of the projection.
 TEST(SimdLoops, ProjectGivesSameValuesForAnyOutputs) {
   const Eigen::Isometry3d T = lattice_pose();
   constexpr int kSide = 11;
@@ -493,7 +494,7 @@ TEST(SimdLoops, ProjectGivesSameValuesForAnyOutputs) {
         const Projected places = projected(*variant, false, false);
         for (std::size_t k = 0; k < 8; ++k) {
           SCOPED_TRACE(k);
-          // What is behind the camera may be no number.
+          // Compares bytes: vertices behind the camera may be NaN.
           const auto equal = [&](const Projected& some) {
             return std::memcmp(some.arrays[k].data(), all.arrays[k].data(),
                                sizeof(float) * kSide * kSide) == 0;
@@ -506,7 +507,7 @@ TEST(SimdLoops, ProjectGivesSameValuesForAnyOutputs) {
           EXPECT_EQ(some->arrays[2], all.arrays[2]);
       }
       EXPECT_LE(all.v.depth[kCount - 1], 0.0F);
-      // Neighbours in the lattice say how a pixel goes with it.
+      // Differences of neighbouring vertices give the derivative of the pixel.
       const Eigen::Matrix2d covariance =
           0.34 * Eigen::Matrix2d::Identity() + (motion * motion.transpose()).cast<double>() / 12.0;
       for (int j = 1; j + 1 < kSide; ++j) {
@@ -531,15 +532,15 @@ TEST(SimdLoops, ProjectGivesSameValuesForAnyOutputs) {
   }
 }
 
-// Every coefficient of every model, over the whole picture and, of the fisheye, to 75 degrees from
-// the axis: pixels of rays and rays of pixels are those of the camera model in double.
+// Each coefficient of each model, over the whole image and, for fisheye, up to 75 degrees from the
+// axis: project and unproject agree with the camera model in double.
 TEST(SimdLoops, LensMatchesCameraModel) {
   struct Case {
     std::string name;
     DistortionModel model;
     double focal_px;
     std::array<double, 8> k;
-    double radius;  // of rays
+    double radius;  // of the rays
   };
   std::vector<Case> cases = {
       {"none", DistortionModel::plumb_bob, 530.0, {}, 0.9},
@@ -566,7 +567,7 @@ TEST(SimdLoops, LensMatchesCameraModel) {
     const CameraModel camera = CameraModel::make(p).value();
     ASSERT_GT(camera.max_radius(), c.radius);
     const simd::Lens lens = simd::lens_of(camera);
-    // Vertices whose rays are their places in the lattice, 0.02 apart.
+    // Vertices whose rays are their lattice coordinates, 0.02 apart.
     constexpr int kCount = 64 * simd::kBlock;
     constexpr double kCell = 0.02;
     const std::array<float, 9> M = {0.02F, 0, 0, 0, 0.02F, 0, 0, 0, 1};
@@ -598,7 +599,7 @@ TEST(SimdLoops, LensMatchesCameraModel) {
     SampleSet set(kCount);
     for (int i = 0; i < kCount; ++i) {
       const auto k = static_cast<std::size_t>(i);
-      // Guesses are within three pixels.
+      // The first guesses are within three pixels.
       const auto guess = camera.unproject(pixels[k] + 3.0 * Eigen::Vector2d(u(random), u(random)));
       ASSERT_TRUE(guess);
       set.s.ray_x[i] = static_cast<float>(guess->x());
@@ -623,7 +624,7 @@ TEST(SimdLoops, LensMatchesCameraModel) {
     EXPECT_LT(pixel_off, 5e-4);
     EXPECT_LT(ray_off, 5e-3);
     RecordProperty(c.name, std::to_string(pixel_off) + ", " + std::to_string(ray_off) + " px");
-    // What lies beyond the lens is nowhere.
+    // Rays beyond the lens's field of view give no pixel.
     if (std::isfinite(camera.max_radius())) {
       a[0] = static_cast<float>(1.01 * camera.max_radius() / kCell);
       b[0] = 0.0F;
@@ -633,10 +634,10 @@ TEST(SimdLoops, LensMatchesCameraModel) {
   }
 }
 
-// Steps along edges against the same in double, pixel by pixel.
+// Compares the walk along edges with a loop in double, pixel by pixel.
 TEST(SimdLoops, WalkTakesPixelsWithinReachOfEdge) {
   const Eigen::Isometry3d T = lattice_pose();
-  // Along a: at b = 3 over 1 to 4, at b = 7 over 2 to 9. Of the other direction, the same.
+  // Along a: at b = 3 from 1 to 4, at b = 7 from 2 to 9; along b, the same.
   std::vector<simd::Walk::Cell> cells;
   for (const auto& [from, to, across, run] : {std::array{1, 4, 3, 5}, std::array{2, 9, 7, 8}}) {
     for (int cell = from; cell < to; ++cell)
@@ -680,7 +681,7 @@ TEST(SimdLoops, WalkTakesPixelsWithinReachOfEdge) {
         walk.along_b = along_b;
         walk.along_x = std::abs(along.x()) >= std::abs(along.y());
         walk.width = 640;
-        walk.height = 270;  // a part of the edges is below
+        walk.height = 270;  // part of the edges lies below the image
         walk.stride = 700;
         walk.reach_px = 1.3F;
         walk.most_rows = band_count > 0 ? band_count : 5;
@@ -755,7 +756,7 @@ TEST(SimdLoops, WalkTakesPixelsWithinReachOfEdge) {
   }
 }
 
-// Runs walked one after the other against the same by doubles, step by step.
+// Compares runs walked in sequence with a loop in double, step by step.
 TEST(SimdLoops, WalkRunsVisitsEveryPixel) {
   constexpr int kWidth = 300;
   constexpr int kHeight = 200;
@@ -783,7 +784,7 @@ TEST(SimdLoops, WalkRunsVisitsEveryPixel) {
   }
   depth[10] = -1.0F;
   depth[31] = 0.0F;
-  x[40] = x[41];  // a point, no run
+  x[40] = x[41];  // degenerate run: a point
   y[40] = y[41];
   x[50] = 2e5F;
   std::array<float, 20> all_rows{};
@@ -906,7 +907,7 @@ TEST(SimdLoops, WalkRunsVisitsEveryPixel) {
   }
 }
 
-// Values by places, what fills the last block up, and the vertices' records.
+// Checks the values read, the padding of the last block, and the vertex records.
 TEST(SimdLoops, ReadAndAttachFillSamples) {
   std::mt19937 random(8);
   std::uniform_int_distribution<int> byte(0, 255);
@@ -957,7 +958,7 @@ TEST(SimdLoops, ReadAndAttachFillSamples) {
   }
 }
 
-// The pixels nearest to cells against the same by doubles, one cell after the other.
+// Compares the pixels nearest to cells with a loop in double, cell by cell.
 TEST(SimdLoops, CellPlacesAreNearestPixels) {
   constexpr int kWidth = 90;
   constexpr int kHeight = 70;
@@ -1014,11 +1015,11 @@ TEST(SimdLoops, CellPlacesAreNearestPixels) {
   }
 }
 
-// A step over four tags at once against the same by matrices, one tag after the other.
+// Compares one step over packs of four tags with matrices, tag by tag.
 TEST(SimdLoops, PackedTagsMatchSingleTags) {
   std::mt19937 random(21);
   std::normal_distribution<double> n(0.0, 1.0);
-  constexpr std::size_t kLeftOut = 2;  // in the second pack, and all after it
+  constexpr std::size_t kLeftOut = 2;  // in the second pack; no later tag is used either
   std::array<simd::TagPack, 2> packs;
   struct Tag {
     Eigen::Matrix<double, 8, 8> H;
@@ -1065,7 +1066,7 @@ TEST(SimdLoops, PackedTagsMatchSingleTags) {
     pack.side_cells[lane] = tag.side;
     tags.push_back(tag);
   }
-  // Seen by too few samples; not finite.
+  // Too few samples; not finite.
   packs[1].weight[kLeftOut] = 3.0;
   packs[1].weight[3] = 100.0;
   packs[1].H[4][3] = std::numeric_limits<double>::quiet_NaN();

@@ -47,7 +47,8 @@ class TagAlignerTest : public ::testing::Test {
     return overlay_difference(camera_, estimated, truth).rms_px();
   }
 
-  // The picture of a camera that moves during the exposure, `truth` being its middle.
+  // Renders the image of a camera that moves during the exposure; `truth` is the pose at its
+  // middle.
   static GreyImage blurred_image(PatternRenderer& renderer, const CameraPose& truth,
                                  const Vector6d& motion, const PatternRenderOptions& render) {
     constexpr int kPoses = 32;
@@ -56,10 +57,10 @@ class TagAlignerTest : public ::testing::Test {
       path.push_back(perturbed(truth, motion * ((i + 0.5) / kPoses - 0.5)));
     return renderer.render(path, render);
   }
-  // Of a view whose motion is told, to be aligned from the truth.
+  // A blurred image of a known motion, with the input to align it from the true pose.
   struct BlurredView {
     GreyImage image;
-    AlignmentInput input;  // of that image
+    AlignmentInput input;  // refers to the image
   };
   BlurredView blurred_view(PatternRenderer& renderer, double length_px) {
     PatternRenderOptions render;
@@ -98,11 +99,12 @@ TEST_F(TagAlignerTest, FindsPoseWithinHundredthOfPixelWithoutNoise) {
   }
 }
 
-// What the Cramer-Rao bound stands on, against differences of pictures of many samples. These have
-// grain, less in a soft picture and a longer step, which makes them a percent less.
+// Compares the derivatives that the Cramer-Rao bound uses with differences of images of many
+// samples. The differences contain sampling noise, less for blurred images and larger steps; it
+// makes the bound one percent smaller.
 TEST_F(TagAlignerTest, BoundUsesDerivativesOfRenderedImage) {
   PatternRenderOptions render;
-  render.background = render.white;  // no edge of the sheet
+  render.background = render.white;  // hides the sheet's edge
   render.samples = 4096;
   render.lens_blur_px = 0.9;
   const std::vector<MappedTag> one = {tags_[4]};
@@ -114,7 +116,7 @@ TEST_F(TagAlignerTest, BoundUsesDerivativesOfRenderedImage) {
   };
   for (std::size_t k = 0; k < 6; ++k) {
     SCOPED_TRACE(testing::Message() << "parameter " << k);
-    // About a third of a pixel, at the tag's corners where it grows or turns.
+    // Each step moves the tag's corners by about a third of a pixel.
     constexpr std::array<double, 6> kSteps = {2e-4, 2e-4, 2e-3, 3e-4, 3e-4, 3e-3};
     const double step = kSteps[k];
     Vector6d xi = Vector6d::Zero();
@@ -141,7 +143,7 @@ TEST_F(TagAlignerTest, StaysNearCramerRaoBoundWithNoise) {
   double accurate2 = 0.0;
   double expected2 = 0.0;
   constexpr int kPoses = 4;
-  constexpr int kPictures = 6;  // of each pose, with other noise
+  constexpr int kPictures = 6;  // per pose, each with other noise
   for (int k = 0; k < kPoses; ++k) {
     const CameraPose truth = random_view(random_);
     PatternRenderOptions render;
@@ -177,7 +179,7 @@ TEST_F(TagAlignerTest, StaysNearCramerRaoBoundWithNoise) {
   }
   EXPECT_LT(std::sqrt(fast2), 3.0);
   EXPECT_LT(std::sqrt(accurate2), 1.4);
-  // The covariance promises neither less than is possible nor much more than is found.
+  // The predicted covariance is near the bound and near the errors found.
   EXPECT_GT(std::sqrt(expected2), 0.85);
   EXPECT_LT(std::sqrt(expected2), 1.2);
   RecordProperty("fast_over_bound", std::to_string(std::sqrt(fast2)));
@@ -205,7 +207,7 @@ TEST_F(TagAlignerTest, StopsSamplingWhenBudgetIsMet) {
   const auto expected_px = [this](const AlignmentResult& result) {
     return predicted_overlay_error_px(camera_, result.T_table_camera, result.covariance);
   };
-  // The last has more than every pixel says.
+  // The last budget is below what all pixels give.
   int asked = 0;
   int before = 0;
   for (const double times : {8.0, 4.0, 2.0, 1.2, 0.5}) {
@@ -225,7 +227,7 @@ TEST_F(TagAlignerTest, StopsSamplingWhenBudgetIsMet) {
       EXPECT_TRUE(times < 2.0 || result.counters.sampling_stopped) << times;
       EXPECT_LT(expected_px(result), budget_px) << times;
     } else {
-      // Where the last round begins, some pixels more or less are at an edge.
+      // At the start of the last round, a few pixels more or less count as edge pixels.
       EXPECT_FALSE(result.counters.sampling_stopped);
       EXPECT_NEAR(result.counters.samples, all.counters.samples, 0.001 * all.counters.samples);
     }
@@ -234,7 +236,7 @@ TEST_F(TagAlignerTest, StopsSamplingWhenBudgetIsMet) {
     }
   }
   EXPECT_GE(asked, 5);
-  // A little more than before is a good beginning: one question then.
+  // A need slightly above the previous one is met by the first round: one query.
   const double budget_px = 2.0 * expected_px(all);
   asked = 0;
   aligner.set_sample_need([&](const AlignmentResult& result) {
@@ -294,8 +296,8 @@ TEST_F(TagAlignerTest, KeepsPoseWhenThirdOfEveryTagIsCovered) {
   EXPECT_LT(std::sqrt(sum2), 0.035);
 }
 
-// A pattern that was seen clearly in the last frame is searched for near its prediction first, and
-// further off where it is not there.
+// If the pattern's contrast is known from the last frame, the search starts near the prediction and
+// widens only if it fails there.
 TEST_F(TagAlignerTest, SearchesNearPredictionFirstWhenContrastIsKnown) {
   auto aligner = TagAligner::create(camera_, tags_).value();
   int narrower = 0;
@@ -312,7 +314,7 @@ TEST_F(TagAlignerTest, SearchesNearPredictionFirstWhenContrastIsKnown) {
     const GreyImage image = picture(truth, render);
     AlignmentInput input;
     input.luma = image.view();
-    // The prediction may be off by more than the near window holds.
+    // A prediction error beyond the near window.
     input.covariance = loose_prior(0.0007 * 25.0, 0.0012 * 25.0);
     input.predicted = truth;
     const double contrast = aligner.align(input).counters.contrast;
@@ -339,7 +341,7 @@ TEST_F(TagAlignerTest, SearchesNearPredictionFirstWhenContrastIsKnown) {
   EXPECT_GE(again, 1);
 }
 
-// From a prediction that is off by less than the fine stage reaches no wide stage is needed.
+// If the prediction error is within the fine stage's reach, the wide stage is skipped.
 TEST_F(TagAlignerTest, SkipsWideStageWhenSearchEndsNear) {
   for (const AlignmentEffort effort : {AlignmentEffort::fast, AlignmentEffort::accurate}) {
     SCOPED_TRACE(effort == AlignmentEffort::fast ? "fast" : "accurate");
@@ -347,7 +349,7 @@ TEST_F(TagAlignerTest, SkipsWideStageWhenSearchEndsNear) {
     options.effort = effort;
     auto aligner = TagAligner::create(camera_, tags_, options).value();
     int skipped = 0;
-    std::vector<double> errors;  // as shares of what noise lets expect
+    std::vector<double> errors;  // in units of the error predicted from the noise
     for (int k = 0; k < 24; ++k) {
       SCOPED_TRACE(k);
       const CameraPose truth = random_view(random_);
@@ -370,10 +372,10 @@ TEST_F(TagAlignerTest, SkipsWideStageWhenSearchEndsNear) {
   }
 }
 
-// What the search says of its own error holds whatever the layout and however large the cells:
-// where the narrow window cuts their tops off, and where a row of tags may turn about itself.
+// The predicted error of the pattern search holds for every layout and cell size: also if the
+// narrow window cuts the score's peak off, and if a row of tags may rotate about its axis.
 TEST_F(TagAlignerTest, PatternSearchPredictsItsError) {
-  constexpr int kPictures = 24;  // of each layout
+  constexpr int kPictures = 24;  // per layout
   for (const auto& [columns, rows, size_m] : {std::tuple(3, 2, 0.06), std::tuple(3, 2, 0.1),
                                               std::tuple(5, 1, 0.06), std::tuple(4, 3, 0.03)}) {
     SCOPED_TRACE(testing::Message() << columns << " x " << rows << " of " << size_m << " m");
@@ -426,7 +428,8 @@ TEST_F(TagAlignerTest, PatternSearchPredictsItsError) {
   }
 }
 
-// Four tags leave two numbers to judge by, a lone one none: too few to say that a pose is near.
+// Four tags leave two degrees of freedom to judge a pose by and a lone tag none, which is too few
+// to call it near.
 TEST_F(TagAlignerTest, RunsWideStageForFewTags) {
   for (const std::vector<MappedTag>& tags : {board(2, 2, 0.06), board(1, 1, 0.1)}) {
     SCOPED_TRACE(tags.size());
@@ -443,7 +446,7 @@ TEST_F(TagAlignerTest, RunsWideStageForFewTags) {
   }
 }
 
-// A lamp or a shadow may fall on some tags and not on others.
+// A lamp or shadow may cover some of the tags only.
 TEST_F(TagAlignerTest, FitsGainAndOffsetPerTag) {
   const std::array<double, 6> lights = {1.2, 0.3, 0.7, 0.25, 1.0, 0.5};
   ASSERT_EQ(tags_.size(), lights.size());
@@ -476,7 +479,7 @@ TEST_F(TagAlignerTest, FitsGainAndOffsetPerTag) {
     GreyImage uneven = even;
     for (int y = 0; y < even.height; ++y) {
       for (int x = 0; x < even.width; ++x) {
-        // Each light reaches to the middle of the white between two tags.
+        // Each light ends in the middle of the white gap between two tags.
         std::size_t nearest = 0;
         double least = std::numeric_limits<double>::infinity();
         for (std::size_t n = 0; n < centres.size(); ++n) {
@@ -508,11 +511,11 @@ TEST_F(TagAlignerTest, FitsGainAndOffsetPerTag) {
       of.uneven2 += std::pow(overlay_px(result.T_table_camera, truth), 2);
     }
   }
-  // The darkest tags say less.
+  // The darkest tags carry less information.
   for (const Errors& of : errors) EXPECT_LT(std::sqrt(of.uneven2), 3.0 * std::sqrt(of.even2));
 }
 
-// The camera turned by up to 110 px between two frames, and about its axis as well.
+// The camera turned by up to 110 px between two frames, and rolled.
 TEST_F(TagAlignerTest, PyramidSearchFindsTagsFarFromPrediction) {
   auto aligner = TagAligner::create(camera_, tags_).value();
   std::uniform_real_distribution<double> uniform(-1.0, 1.0);
@@ -576,7 +579,7 @@ TEST_F(TagAlignerTest, PyramidSearchFindsNothingWithoutTags) {
   EXPECT_FALSE(aligner.search_pyramid(input, true));
 }
 
-// Pictures smaller than what is searched in them, and than a pixel of the smaller one.
+// Images smaller than the search window, and smaller than one pixel of the pyramid level.
 TEST_F(TagAlignerTest, PyramidSearchTakesImagesOfAnySize) {
   std::uniform_int_distribution<int> grey(0, 255);
   for (int width = 1; width <= 40; width += width < 20 ? 1 : 5) {
@@ -588,7 +591,7 @@ TEST_F(TagAlignerTest, PyramidSearchTakesImagesOfAnySize) {
       p.cx = 0.5 * (width - 1);
       p.cy = 0.5 * (height - 1);
       auto aligner = TagAligner::create(CameraModel::make(p).value(), tags_).value();
-      // Rows end where the picture's memory does: what reads on reads what is not there.
+      // The rows end with the allocation, so reading past a row reads foreign memory.
       std::vector<std::uint8_t> pixels;
       for (int i = 0; i < width * height; ++i)
         pixels.push_back(static_cast<std::uint8_t>(grey(random_)));
@@ -604,7 +607,7 @@ TEST_F(TagAlignerTest, PyramidSearchTakesImagesOfAnySize) {
   }
 }
 
-// Tags of the map that can't be seen or read cost nothing and change nothing, and are counted.
+// Tags out of view or too small to read are counted; they cost nothing and change no pose.
 TEST_F(TagAlignerTest, SkipsTagsOutOfViewOrTooSmall) {
   std::vector<MappedTag> more = tags_;
   const auto add = [&more](double x, double y, double size_m, bool upside_down) {
@@ -618,7 +621,7 @@ TEST_F(TagAlignerTest, SkipsTagsOutOfViewOrTooSmall) {
   add(3.0, 0.0, 0.06, false);
   add(0.0, -5.0, 0.06, false);
   add(-40.0, 40.0, 0.06, false);
-  add(0.0, 0.12, 0.06, true);     // shows its back
+  add(0.0, 0.12, 0.06, true);     // faces away
   add(0.0, -0.09, 0.001, false);  // cells of a fifth of a pixel
   add(0.01, -0.09, 0.001, false);
   for (const AlignmentEffort effort : {AlignmentEffort::fast, AlignmentEffort::accurate}) {
@@ -638,7 +641,7 @@ TEST_F(TagAlignerTest, SkipsTagsOutOfViewOrTooSmall) {
       const AlignmentResult b = align(seen, image, start, 2.0);
       ASSERT_TRUE(b.verified);
       EXPECT_TRUE(a.verified);
-      // One that is far off may be both.
+      // A distant tag may be counted as either.
       EXPECT_GE(a.counters.tags_out_of_view, 2);
       EXPECT_GE(a.counters.tags_too_small, 2);
       EXPECT_EQ(a.counters.tags_out_of_view + a.counters.tags_too_small, 6);
@@ -652,7 +655,8 @@ TEST_F(TagAlignerTest, SkipsTagsOutOfViewOrTooSmall) {
   }
 }
 
-// Families differ in their cells, in how many lie outside the black square, and in which are read.
+// Families differ in the number of cells, in the cells outside the black square, and in the data
+// cells.
 TEST_F(TagAlignerTest, AlignsEveryTagFamily) {
   for (const TagFamily family :
        {TagFamily::tag36h11, TagFamily::tag36h10, TagFamily::tag25h9, TagFamily::tag16h5,
@@ -660,7 +664,7 @@ TEST_F(TagAlignerTest, AlignsEveryTagFamily) {
         TagFamily::tag_standard52h13, TagFamily::tag_custom48h12, TagFamily::aruco_4x4_50,
         TagFamily::aruco_5x5_250, TagFamily::aruco_6x6_1000}) {
     SCOPED_TRACE(to_string(family));
-    // Those with cells around the black square have paper to lie on.
+    // Families with cells around the black square need a sheet under them.
     std::vector<MappedTag> tags = board(3, 2, 0.045);
     for (MappedTag& tag : tags) {
       tag.family = family;
@@ -714,13 +718,13 @@ TEST_F(TagAlignerTest, ModelsKnownMotionBlur) {
   EXPECT_LT(known2, unknown2);
 }
 
-// A known motion does no harm where the blur is shorter than a cell (10 px).
+// Knowing the motion does no harm if the blur is shorter than a cell (10 px).
 TEST_F(TagAlignerTest, KnownShortBlurIsNoWorseThanUnknown) {
   auto aligner = TagAligner::create(camera_, tags_).value();
   for (const double length_px : {4.0, 8.0}) {
     SCOPED_TRACE(length_px);
     struct Found {
-      std::vector<double> errors_px;  // of what is verified
+      std::vector<double> errors_px;  // of verified poses
       void add(const AlignmentResult& result, double error_px) {
         if (result.verified) errors_px.push_back(error_px);
       }
@@ -757,11 +761,11 @@ TEST_F(TagAlignerTest, KnownShortBlurIsNoWorseThanUnknown) {
   }
 }
 
-// A smear of some cells looks the same at many poses along it; one shorter than a cell, or a motion
-// that the picture does not show, at one.
+// A blur of several cells looks the same at many poses along it. A blur shorter than a cell, or a
+// motion that the image does not show, leaves one pose.
 TEST_F(TagAlignerTest, MotionBlurErrorGrowsWithLongBlur) {
   auto aligner = TagAligner::create(camera_, tags_).value();
-  const auto smear_error_px = [&](double moved_px, double taken_for_px, bool known) {
+  const auto blur_error_px = [&](double moved_px, double taken_for_px, bool known) {
     const CameraPose truth = random_view(random_);
     const Vector6d motion = random_motion(truth, taken_for_px);
     PatternRenderOptions render;
@@ -795,18 +799,19 @@ TEST_F(TagAlignerTest, MotionBlurErrorGrowsWithLongBlur) {
   double least_unknown = 1e3;
   for (int k = 0; k < 5; ++k) {
     SCOPED_TRACE(k);
-    EXPECT_EQ(smear_error_px(4.0, 4.0, true), 0.0);
-    EXPECT_EQ(smear_error_px(4.0, 4.0, false), 0.0);
-    EXPECT_EQ(smear_error_px(0.0, 40.0, false), 0.0) << "the picture is sharp";
-    EXPECT_EQ(smear_error_px(0.0, 40.0, true), 0.0) << "whatever is reported";
-    // Cells of some 10 px: spread evenly over what is longer than two of them, at least, and no
-    // more than over all of it. A smear that isn't known may not verify at all.
-    const std::optional<double> known = smear_error_px(48.0, 48.0, true);
+    EXPECT_EQ(blur_error_px(4.0, 4.0, true), 0.0);
+    EXPECT_EQ(blur_error_px(4.0, 4.0, false), 0.0);
+    EXPECT_EQ(blur_error_px(0.0, 40.0, false), 0.0) << "the image is sharp";
+    EXPECT_EQ(blur_error_px(0.0, 40.0, true), 0.0)
+        << "a reported motion adds no error to a sharp image";
+    // Cells are about 10 px. A blur of more than two cells gives at least a uniform error over the
+    // excess and at most one over its whole length. An unknown blur may fail to verify.
+    const std::optional<double> known = blur_error_px(48.0, 48.0, true);
     ASSERT_TRUE(known);
     EXPECT_GT(*known, 2.0);
     EXPECT_LT(*known, 48.0 / std::sqrt(12.0));
-    EXPECT_LT(smear_error_px(14.0, 14.0, true).value(), 1.0);
-    const std::optional<double> unknown = smear_error_px(34.0, 40.0, false);
+    EXPECT_LT(blur_error_px(14.0, 14.0, true).value(), 1.0);
+    const std::optional<double> unknown = blur_error_px(34.0, 40.0, false);
     if (!unknown) continue;
     ++unknowns;
     least_unknown = std::min(least_unknown, *unknown);
@@ -816,12 +821,12 @@ TEST_F(TagAlignerTest, MotionBlurErrorGrowsWithLongBlur) {
   EXPECT_GT(least_unknown, 0.5);
 }
 
-// What a smear hides of the pose is what tags that are displaced, each by itself along the motion,
-// make of a pose by their corners.
+// The error that blur adds to the pose equals that of corner poses from tags that are displaced
+// independently along the motion.
 TEST_F(TagAlignerTest, MotionBlurErrorIncludesRotation) {
   auto aligner = TagAligner::create(camera_, tags_).value();
   std::normal_distribution<double> normal;
-  double told2 = 0.0;
+  double predicted2 = 0.0;
   double found2 = 0.0;
   for (int k = 0; k < 4; ++k) {
     SCOPED_TRACE(k);
@@ -831,9 +836,10 @@ TEST_F(TagAlignerTest, MotionBlurErrorIncludesRotation) {
     ASSERT_TRUE(result.verified);
     const CameraPose pose = result.T_table_camera;
     const MotionBlurError error = aligner.motion_blur_error(motion, true);
-    const double told_px = predicted_overlay_error_px(camera_, pose, error.covariance);
-    EXPECT_GT(told_px, error.shift_px) << "the overlay stands above the tags";
-    // Of each tag by itself. So little of it that no corner is left out.
+    const double predicted_px = predicted_overlay_error_px(camera_, pose, error.covariance);
+    EXPECT_GT(predicted_px, error.shift_px) << "the overlay stands above the tags";
+    // Displaces each tag independently; the displacement is scaled down so that no corner is
+    // rejected.
     const double each_px = std::numbers::sqrt2 * error.shift_px;
     constexpr double kPart = 0.02;
     constexpr int kDraws = 100;
@@ -856,38 +862,39 @@ TEST_F(TagAlignerTest, MotionBlurErrorIncludesRotation) {
       const BoardPose turned = estimate_board_pose(camera_, seen).value();
       squares += std::pow(overlay_px(turned.best.T_table_camera, pose) / kPart, 2) / kDraws;
     }
-    told2 += told_px * told_px;
+    predicted2 += predicted_px * predicted_px;
     found2 += squares;
   }
-  EXPECT_NEAR(std::sqrt(told2 / found2), 1.0, 0.4);
+  EXPECT_NEAR(std::sqrt(predicted2 / found2), 1.0, 0.4);
 }
 
-// A motion that is not the one which smeared the picture explains nothing of it. Where it may be
-// another one, the picture is judged as if none were known.
+// A reported motion that did not blur the image explains none of the blur. If the motion may be
+// wrong, the image is judged as if none were known.
 TEST_F(TagAlignerTest, MotionBlurErrorAllowsForWrongMotion) {
   auto aligner = TagAligner::create(camera_, tags_).value();
   constexpr double kLongest_cells = 3.0;
-  int smeared = 0;
+  int blurred = 0;
   for (int k = 0; k < 5; ++k) {
     SCOPED_TRACE(k);
     BlurredView view = blurred_view(renderer_, 26.0);
     const Vector6d nearly_none = 0.1 * view.input.exposure_motion;
     view.input.exposure_motion.setZero();
     if (!aligner.refine(view.input).verified) continue;
-    ++smeared;
+    ++blurred;
     for (const bool known : {false, true}) {
       const MotionBlurError sure = aligner.motion_blur_error(nearly_none, known);
       EXPECT_EQ(sure.shift_px, 0.0) << "of less than a cell";
       const MotionBlurError any = aligner.motion_blur_error(nearly_none, known, kLongest_cells);
       const MotionBlurError none = aligner.motion_blur_error(std::nullopt, false, kLongest_cells);
       EXPECT_GT(any.shift_px, 0.3);
-      EXPECT_TRUE(any.motion.isZero(0.0)) << "it smeared nothing";
+      EXPECT_TRUE(any.motion.isZero(0.0)) << "the image has no blur";
       EXPECT_EQ(any.shift_px, none.shift_px);
       EXPECT_EQ(any.covariance, none.covariance);
     }
   }
-  EXPECT_GE(smeared, 2);
-  // A picture that its motion explains leaves little to others, a clear one nothing.
+  EXPECT_GE(blurred, 2);
+  // If the reported motion explains the blur, little remains for other motions; a sharp image
+  // leaves none.
   const BlurredView view = blurred_view(renderer_, 48.0);
   ASSERT_TRUE(aligner.refine(view.input).verified);
   const MotionBlurError sure = aligner.motion_blur_error(view.input.exposure_motion, true);
@@ -907,7 +914,7 @@ TEST_F(TagAlignerTest, MotionBlurErrorAllowsForWrongMotion) {
             0.0);
 }
 
-// Of what went on the picture says how much was in the exposure.
+// The image shows which share of the motion happened during the exposure.
 TEST_F(TagAlignerTest, MotionBlurErrorFindsBlurredShareOfMotion) {
   auto aligner = TagAligner::create(camera_, tags_).value();
   for (const double part : {0.375, 0.625, 1.0}) {
@@ -915,12 +922,12 @@ TEST_F(TagAlignerTest, MotionBlurErrorFindsBlurredShareOfMotion) {
     for (int k = 0; k < 4; ++k) {
       SCOPED_TRACE(testing::Message() << part << ", " << k);
       BlurredView view = blurred_view(renderer_, 30.0);
-      const Vector6d smear = std::exchange(view.input.exposure_motion, Vector6d::Zero());
+      const Vector6d blur_motion = std::exchange(view.input.exposure_motion, Vector6d::Zero());
       if (!aligner.refine(view.input).verified) continue;
-      const Vector6d most = 1.0 / part * smear;
+      const Vector6d most = 1.0 / part * blur_motion;
       const Vector6d reported = aligner.motion_blur_error(most, false).motion;
       ++found;
-      EXPECT_LT((reported - smear).norm(), 0.26 * most.norm());
+      EXPECT_LT((reported - blur_motion).norm(), 0.26 * most.norm());
       EXPECT_LT((reported - reported.dot(most) / most.squaredNorm() * most).norm(),
                 1e-9 * most.norm());
     }
@@ -928,19 +935,19 @@ TEST_F(TagAlignerTest, MotionBlurErrorFindsBlurredShareOfMotion) {
   }
 }
 
-// Nothing beside a lone tag turns against it: its smear hides a shift, by all of what it may be.
+// A lone tag has no neighbour to turn against: its blur hides a shift of up to the full ambiguity.
 TEST_F(TagAlignerTest, MotionBlurErrorOfLoneTagHasNoRotation) {
   const std::vector<MappedTag> lone = board(1, 1, 0.12);
   PatternRenderer renderer = PatternRenderer::create(camera_, lone).value();
   auto aligner = TagAligner::create(camera_, lone).value();
-  int smeared = 0;
+  int blurred = 0;
   for (int k = 0; k < 4; ++k) {
     const BlurredView view = blurred_view(renderer, 90.0);
     if (!aligner.refine(view.input).verified) continue;
     const Vector6d& motion = view.input.exposure_motion;
     const MotionBlurError error = aligner.motion_blur_error(motion, true);
     EXPECT_TRUE(error.covariance.isZero(0.0));
-    // Cells along the motion, about the tag's middle.
+    // The cell pattern along the motion, about the tag's middle.
     const auto at = [&](double share, double x_m, double y_m) {
       const Eigen::Vector3d point = lone.front().T_table_tag * Eigen::Vector3d(x_m, y_m, 0.0);
       return camera_.project(perturbed(view.input.predicted, share * motion).inverse() * point)
@@ -953,13 +960,13 @@ TEST_F(TagAlignerTest, MotionBlurErrorOfLoneTagHasNoRotation) {
     const double cells = (cell_px.inverse() * moved_px).cwiseAbs().maxCoeff();
     const double flat_px = moved_px.norm() * (1.0 - 2.0 / cells) / std::sqrt(12.0);
     EXPECT_GT(error.shift_px, 0.9 * flat_px);
-    smeared += flat_px > 1.0 ? 1 : 0;
+    blurred += flat_px > 1.0 ? 1 : 0;
   }
-  EXPECT_GE(smeared, 2);
+  EXPECT_GE(blurred, 2);
 }
 
-// Two or three tags of which one lies elsewhere than the map says, by much less than a cell: the
-// pose that fits them is off, and says by how much that may be.
+// Two or three tags, one displaced against the map by much less than a cell: the fitted pose is
+// wrong, and its covariance must cover that error.
 TEST_F(TagAlignerTest, MapCovarianceCoversMovedTagAmongFew) {
   for (const int columns : {2, 3}) {
     const std::vector<MappedTag> printed = board(columns, 1, 0.07);
@@ -988,7 +995,7 @@ TEST_F(TagAlignerTest, MapCovarianceCoversMovedTagAmongFew) {
           EXPECT_TRUE(result.map_covariance.isZero(0.0));
           continue;
         }
-        // A pose to which the wrong one counts little (Tukey's weights) is right.
+        // Robust weights (Tukey) may suppress the displaced tag; the pose is then right.
         const double error_px = overlay_difference(camera_, result.T_table_camera, truth).rms_px();
         const double expected_px =
             predicted_overlay_error_px(camera_, result.T_table_camera, result.map_covariance);
@@ -1001,10 +1008,10 @@ TEST_F(TagAlignerTest, MapCovarianceCoversMovedTagAmongFew) {
   }
 }
 
-// Of a picture by itself, with nothing known of what moved.
+// Estimates the error from the image alone, with no known motion.
 TEST_F(TagAlignerTest, MotionBlurErrorNeedsNoKnownMotion) {
   auto aligner = TagAligner::create(camera_, tags_).value();
-  int smeared = 0;
+  int blurred = 0;
   for (int k = 0; k < 5; ++k) {
     SCOPED_TRACE(k);
     const CameraPose truth = random_view(random_);
@@ -1012,8 +1019,8 @@ TEST_F(TagAlignerTest, MotionBlurErrorNeedsNoKnownMotion) {
     PatternRenderOptions render;
     render.noise_grey = 2.0;
     render.samples = 96;
-    const auto error_px = [&](const Vector6d& smear) {
-      const GreyImage image = blurred_image(renderer_, truth, smear, render);
+    const auto error_px = [&](const Vector6d& blur_motion) {
+      const GreyImage image = blurred_image(renderer_, truth, blur_motion, render);
       AlignmentInput input;
       input.luma = image.view();
       input.predicted = truth;
@@ -1021,24 +1028,24 @@ TEST_F(TagAlignerTest, MotionBlurErrorNeedsNoKnownMotion) {
       const AlignmentResult result = aligner.refine(input);
       if (!result.verified) return std::optional<double>();
       const MotionBlurError found = aligner.motion_blur_error(std::nullopt, false, 2.0);
-      const double told_px =
+      const double predicted_px =
           predicted_overlay_error_px(camera_, result.T_table_camera, found.covariance);
-      EXPECT_TRUE(found.motion.isZero(0.0)) << "nobody reported it";
-      EXPECT_GE(told_px, found.shift_px) << "it may have turned";
+      EXPECT_TRUE(found.motion.isZero(0.0)) << "no motion was reported";
+      EXPECT_GE(predicted_px, found.shift_px) << "the motion may include a rotation";
       return std::optional(found.shift_px);
     };
     EXPECT_EQ(error_px(Vector6d::Zero()), 0.0);
     EXPECT_EQ(error_px(0.4 * motion), 0.0) << "about a cell of some 10 px";
     const std::optional<double> error = error_px(motion);
-    if (!error) continue;  // by all means
-    ++smeared;
+    if (!error) continue;  // strong blur may prevent verification
+    ++blurred;
     EXPECT_GT(*error, 0.3);
     EXPECT_LT(*error, 8.0) << "of 2 c, c a cell";
   }
-  EXPECT_GE(smeared, 2);
+  EXPECT_GE(blurred, 2);
 }
 
-// Rows are read out one after the other: the picture of a camera that moves is sheared.
+// Rows are read out in sequence, so the image of a moving camera is sheared.
 TEST_F(TagAlignerTest, CorrectsRollingShutterWhenVelocityIsKnown) {
   CameraParameters p = camera_.parameters();
   constexpr double kFrame_s = 1.0 / 30.0;
@@ -1076,7 +1083,7 @@ TEST_F(TagAlignerTest, CorrectsRollingShutterWhenVelocityIsKnown) {
     const AlignmentResult without = global.align(input);
     ASSERT_TRUE(without.verified) << without.reason;
     global2 += std::pow(overlay_px(without.T_table_camera, truth), 2) / 4.0;
-    // A camera that rests has no shear: the same bits.
+    // A camera at rest has no shear: same bits.
     input.velocity.setZero();
     EXPECT_TRUE(aligner.align(input).T_table_camera.matrix() ==
                 global.align(input).T_table_camera.matrix());
@@ -1106,7 +1113,7 @@ TEST_F(TagAlignerTest, RejectsOtherTagsAndBlankImages) {
   blank.pixels.assign(static_cast<std::size_t>(blank.width * blank.height), 128);
   const CameraPose view = random_view(random_);
   EXPECT_FALSE(align(aligner, blank, view, 4.0).verified);
-  // Looking away from the board.
+  // The camera looks away from the board.
   const CameraPose away(view.rotation() * Eigen::AngleAxisd(3.0, Eigen::Vector3d::UnitY()),
                         view.translation());
   EXPECT_FALSE(align(aligner, blank, away, 4.0).verified);
@@ -1119,14 +1126,14 @@ TEST_F(TagAlignerTest, EveryInstructionSetGivesSamePose) {
   render.samples = 128;
   const GreyImage image = picture(truth, render);
   const CameraPose start = displaced(camera_, tags_, truth, 6.0, random_);
-  AlignmentInput smeared;
-  smeared.exposure_motion = random_motion(truth, 12.0);
-  const GreyImage smeared_image = blurred_image(renderer_, truth, smeared.exposure_motion, render);
-  smeared.luma = smeared_image.view();
-  smeared.predicted = displaced(camera_, tags_, truth, 2.0, random_);
-  smeared.covariance = loose_prior(0.0014, 0.0024);
+  AlignmentInput blurred;
+  blurred.exposure_motion = random_motion(truth, 12.0);
+  const GreyImage blurred_luma = blurred_image(renderer_, truth, blurred.exposure_motion, render);
+  blurred.luma = blurred_luma.view();
+  blurred.predicted = displaced(camera_, tags_, truth, 2.0, random_);
+  blurred.covariance = loose_prior(0.0014, 0.0024);
   std::optional<CameraPose> first;
-  std::optional<CameraPose> first_smeared;
+  std::optional<CameraPose> first_blurred;
   for (const simd::Loops* const* v = simd::available_loops(); *v != nullptr; ++v) {
     AlignmentOptions options;
     options.loops = *v;
@@ -1138,7 +1145,7 @@ TEST_F(TagAlignerTest, EveryInstructionSetGivesSamePose) {
       EXPECT_EQ(result.T_table_camera.rotation().coeffs(), as->rotation().coeffs()) << (*v)->name;
     };
     expect_same(align(aligner, image, start, 6.0), first);
-    expect_same(aligner.align(smeared), first_smeared);
+    expect_same(aligner.align(blurred), first_blurred);
   }
 }
 

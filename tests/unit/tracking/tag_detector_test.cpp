@@ -40,8 +40,8 @@ struct Drawn {
   [[nodiscard]] ImageView view() const { return {pixels.data(), width, height, stride}; }
 };
 
-// An upright tag of family 36h11 turned by `angle` about its centre, every pixel the mean of 16 x
-// 16 samples of the printed pattern.
+// An upright tag of family 36h11, turned by `angle` about its centre; each pixel is the mean of 16
+// x 16 samples of the printed pattern.
 Drawn draw_tag(int id, Eigen::Vector2d centre, double side_px, double angle, int padding) {
   Drawn drawn;
   drawn.width = 160;
@@ -70,7 +70,7 @@ Drawn draw_tag(int id, Eigen::Vector2d centre, double side_px, double angle, int
     }
   }
   const double h = 0.5 * side_px;
-  // y up on the tag is up in the image when upright: rows count down.
+  // Upright: y up on the tag is up in the image, where rows count down.
   const std::array<Eigen::Vector2d, 4> upright = {{{-h, h}, {h, h}, {h, -h}, {-h, -h}}};
   for (std::size_t i = 0; i < 4; ++i) {
     drawn.corners_px[i] = centre + Eigen::Vector2d(c * upright[i].x() - s * upright[i].y(),
@@ -99,11 +99,12 @@ TEST(TagDetector, OrdersCornersAndPlacesPixelCentresAtIntegers) {
       ++count;
     }
   }
-  // With the library's own origin this would be (0.5, 0.5).
+  // With the library's own pixel origin the mean would be (0.5, 0.5).
   EXPECT_LT((sum / count).cwiseAbs().maxCoeff(), 0.06) << sum / count;
 }
 
-// Memory that ends where nothing can be read, in whatever is compiled without a sanitizer too.
+// Memory followed by an inaccessible page, which catches overreads in builds without a sanitizer
+// too.
 class GuardedPixels {
  public:
   GuardedPixels() {
@@ -122,7 +123,7 @@ class GuardedPixels {
     if (begin_ != nullptr) munmap(begin_, 2 * size_);
   }
   [[nodiscard]] bool guarded() const { return guarded_; }
-  // Noise whose last row's last pixel is the last that can be read.
+  // Noise whose last pixel is the last readable byte.
   [[nodiscard]] ImageView view(int width, int height, int stride) const {
     return {begin_ + size_ - stride * (height - 1) - width, width, height, stride};
   }
@@ -170,9 +171,9 @@ TEST(TagDetector, IsDeterministic) {
     EXPECT_EQ(again.at(0).corners_px, first[0].corners_px);
 }
 
-// The rendered sheet's exact corners. Its tone curve lets white bleed into black, so that each
-// corner lies some 0.2 px inside its tag: that cancels over the four, an origin off by half a pixel
-// does not.
+// Compares with the exact corners of the rendered sheet. The camera response lets white bleed into
+// black, so each corner lies about 0.2 px inside its tag. That cancels over the four corners; an
+// origin that is off by half a pixel does not.
 TEST(TagDetector, SearchesQuadsAtRequestedDecimation) {
   const auto image = load_image(test::recordings_dir() / "tabletop" / "frames" / "000000.jpg");
   ASSERT_TRUE(image);
@@ -196,8 +197,8 @@ TEST(TagDetector, SearchesQuadsAtRequestedDecimation) {
   EXPECT_EQ(one.detect(view).size(), one.detect(view, 1.0F).size());
 }
 
-// Tone-mapped pictures have the corners inside the tags: white bleeds into black. In linear light,
-// by the exponent that the pictures themselves say, they lie where they are.
+// The camera response puts corners inside the tags, because white bleeds into black. After
+// linearisation with the exponent estimated from the images the corners are unbiased.
 TEST(TagDetector, MatchesTruthOfRecording) {
   const auto recording = test::recordings_dir() / "tabletop";
   ASSERT_TRUE(std::filesystem::exists(recording / "camera.yaml")) << recording;

@@ -25,7 +25,7 @@ using test::displaced;
 
 constexpr int kPictures = 6;
 
-// What a camera makes of linear light, 0 to 1 each.
+// Camera response: linear light to pixel value, both 0 to 1.
 using Tone = std::function<double(double)>;
 Tone power(double exponent) {
   return [exponent](double light) { return std::pow(light, 1.0 / exponent); };
@@ -34,7 +34,7 @@ double srgb(double light) {
   return light <= 0.0031308 ? 12.92 * light : 1.055 * std::pow(light, 1.0 / 2.4) - 0.055;
 }
 
-// A board seen from several places, as light; cameras with other curves look at the same.
+// Linear-light images of a board from several poses, shared by cameras with different responses.
 class Views {
  public:
   Views(const PatternRenderOptions& options, int count, std::vector<MappedTag> tags)
@@ -60,7 +60,7 @@ class Views {
   [[nodiscard]] const CameraModel& camera() const { return camera_; }
   [[nodiscard]] const std::vector<MappedTag>& tags() const { return tags_; }
   [[nodiscard]] const CameraPose& truth(int view) const { return poses_[at(view)]; }
-  // A pixel beside the truth.
+  // The start pose, about one pixel off the truth.
   [[nodiscard]] const CameraPose& start(int view) const { return starts_[at(view)]; }
 
   [[nodiscard]] GreyImage picture(int view, const Tone& tone, double noise_grey,
@@ -113,13 +113,13 @@ TEST(ToneEstimator, EstimatesExponentOfImages) {
       EXPECT_EQ(estimate->pictures, kPictures);
       EXPECT_NEAR(estimate->exponent, exponent, std::min(estimate->sigma, 0.03));
       EXPECT_LT(estimate->sigma, 0.15);
-      // 0.5 px of the lens and a pixel's box.
+      // 0.5 px of lens blur and the pixel's box.
       EXPECT_NEAR(estimate->blur_px, std::hypot(0.5, std::sqrt(1.0 / 12.0)), 0.02);
     }
   }
 }
 
-// Brighter by a factor, a power law stays the same power law.
+// A power law scaled by a brightness factor keeps its exponent.
 TEST(ToneEstimator, IsIndependentOfExposure) {
   for (const double gain : {0.3, 0.6, 1.15}) {
     const auto estimate = board_views().shown(power(1.6), 2.0, gain).estimate();
@@ -153,7 +153,8 @@ TEST(ToneEstimator, IgnoresCoveredThirdOfEveryTag) {
   }
 }
 
-// sRGB is no power law, but near one: what an alignment loses by not knowing comes back.
+// sRGB is close to a power law: the estimated exponent removes the bias of an alignment that
+// ignores it.
 TEST(ToneEstimator, RemovesAlignmentBiasByEstimatedExponent) {
   const Views& views = board_views();
   const auto estimate = views.shown(srgb, 0.0).estimate();
@@ -184,8 +185,8 @@ TEST(ToneEstimator, RemovesAlignmentBiasByEstimatedExponent) {
   EXPECT_LT(with, 0.5 * without) << with << " and " << without << " px";
 }
 
-// What is no power law has another nearest one at another exposure: not by more than the estimate
-// says.
+// A response that is no power law has another nearest exponent at each exposure; the change stays
+// below the estimate's uncertainty.
 TEST(ToneEstimator, BoundsExponentChangeAcrossSrgbExposures) {
   const auto bright = board_views().shown(srgb, 2.0).estimate();
   ASSERT_TRUE(bright) << bright.error().message;
@@ -196,7 +197,7 @@ TEST(ToneEstimator, BoundsExponentChangeAcrossSrgbExposures) {
   }
 }
 
-// A picture with a curve of its own (a reflection, another exposure program) among the others.
+// One image has another response than the others (a reflection, another exposure program).
 TEST(ToneEstimator, RejectsInconsistentImage) {
   const Views& views = board_views();
   ToneEstimator estimator = ToneEstimator::create(views.camera(), views.tags()).value();
@@ -240,7 +241,7 @@ TEST(ToneEstimator, RejectsUninformativeImages) {
   const double nan = std::numeric_limits<double>::quiet_NaN();
   EXPECT_FALSE(estimator.add(
       good.view(), CameraPose(Eigen::Quaterniond::Identity(), Eigen::Vector3d(nan, 0.0, 0.4))));
-  EXPECT_FALSE(estimator.add(good.view(), views.start(1)));  // not where the board is
+  EXPECT_FALSE(estimator.add(good.view(), views.start(1)));  // wrong board pose
   EXPECT_FALSE(estimator.add(views.picture(0, power(1.4), 2.0, 1.6).view(), views.start(0)))
       << "the paper is cut off";
   EXPECT_FALSE(estimator.add(views.picture(0, power(1.0), 2.0, 0.1).view(), views.start(0)))
