@@ -17,7 +17,7 @@ struct Log {
   std::atomic<int> done = 0;
 };
 
-// Slow; fails or throws at one frame.
+// A slow writer that fails or throws at one frame.
 class SlowWriter final : public FrameWriter {
  public:
   SlowWriter(Log& log, std::uint64_t bad, bool throws) : log_(log), bad_(bad), throws_(throws) {}
@@ -59,7 +59,7 @@ TEST_P(BackgroundWriterQueue, WritesFramesInOrderWithTheirPixels) {
   for (std::uint64_t i = 0; i < 40; ++i) {
     pixels[0] = static_cast<std::uint8_t>(i);
     ASSERT_TRUE(writer.write(i, 0, pixels));
-    // The caller draws over its picture at once; what waits is bounded.
+    // The caller may overwrite its image at once; the queue's length is bounded.
     pixels[0] = 255;
     EXPECT_LE(static_cast<int>(i) + 1 - log.done, GetParam() + 2);
   }
@@ -71,19 +71,19 @@ TEST_P(BackgroundWriterQueue, WritesFramesInOrderWithTheirPixels) {
   }
   EXPECT_EQ(log.finished, 1);
   EXPECT_EQ(writer.take_times().size(), 40U);
-  EXPECT_TRUE(writer.take_times().empty()) << "each time is told once";
+  EXPECT_TRUE(writer.take_times().empty()) << "each time is returned once";
 }
 
 TEST_P(BackgroundWriterQueue, ReportsErrorByTheEndAndDoesNotFinish) {
   for (const bool throws : {false, true}) {
-    if (throws && GetParam() == 0) continue;  // on the caller's own thread it simply flies on
+    if (throws && GetParam() == 0) continue;  // the caller gets the exception itself
     Log log;
     auto writer = slow_writer(log, GetParam(), 5, throws);
     const std::vector<std::uint8_t> pixels(16);
     Result<void> result;
     std::uint64_t written = 0;
     for (; written < 100 && result; ++written) result = writer.write(written, 0, pixels);
-    EXPECT_LT(written, 100U) << "an encoder that failed is not fed to the end";
+    EXPECT_LT(written, 100U) << "a failed encoder gets no further frames";
     if (GetParam() > 0) result = writer.finish();
     ASSERT_FALSE(result);
     EXPECT_EQ(result.error().message, throws ? "disk gone" : "disk full");

@@ -69,12 +69,12 @@ TEST(BufferRing, KeepsMemoryUntilLastFrameIsGoneAfterClose) {
   EXPECT_EQ(static_cast<const std::uint8_t*>(lent.get())[15], 7);
   const std::size_t queued = driver.queued.size();
   lent.reset();
-  EXPECT_EQ(driver.queued.size(), queued);  // the driver was left alone
+  EXPECT_EQ(driver.queued.size(), queued);  // the driver got no further buffer
   EXPECT_EQ(driver.released, 1);
 }
 
-// What only wants to know whether a picture is the one it saw before must not keep a device that
-// was unplugged from coming back under its own number.
+// A weak pointer, which serves to recognise an image, must not keep an unplugged device open: the
+// device could not come back under its number.
 TEST(BufferRing, FreesMemoryDespiteWeakPointers) {
   FakeDriver driver;
   auto ring = driver.ring();
@@ -109,8 +109,7 @@ TEST(BufferRing, FailsAtOnceWhenDriverRefusesBuffers) {
   EXPECT_FALSE(driver.ring()->queue_all());
 }
 
-// A camera thread fills, two others read and let go; what a reader sees does not change while it
-// holds it.
+// One thread fills, two read and release; a frame does not change while a reader holds it.
 TEST(BufferRing, KeepsFramesUnchangedAcrossThreads) {
   FakeDriver driver;
   auto ring = driver.ring();

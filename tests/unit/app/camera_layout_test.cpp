@@ -1,4 +1,4 @@
-// What cameras' buffers look like, and what differs between versions of libcamera.
+// Layouts of cameras' buffers, and differences between versions of libcamera.
 #include <gtest/gtest.h>
 #include <linux/videodev2.h>
 
@@ -32,8 +32,8 @@ TEST(FrameLayout, PlacesPlanesConsecutively) {
   EXPECT_EQ(rgb.bytes, 99U * 7U);
 }
 
-// By the kernel's documentation of colour spaces: what is left open hangs on the colour space, and
-// what is said holds whatever that is.
+// Follows the kernel's documentation of colour spaces: a default field takes its value from the
+// colour space; an explicit field applies with any colour space.
 TEST(V4l2Colors, FollowColorspaceFieldsOfDriver) {
   constexpr VideoColors kBt601{ColorMatrix::bt601, ColorRange::limited};
   constexpr VideoColors kBt601Full{ColorMatrix::bt601, ColorRange::full};
@@ -76,7 +76,7 @@ TEST(FrameLayout, ReservesLastChromaOfOddSizes) {
   EXPECT_EQ(odd.bytes, 704U * (481U + 241U));
 }
 
-// A configuration as of libcamera 0.0.3, and one as of later versions.
+// Configurations like those of libcamera 0.0.3 and of later versions.
 struct WithTransform {
   int transform = 0;
 };
@@ -93,7 +93,7 @@ TEST(LibcameraRotation, TurnsImageUprightInBothApiVersions) {
   show_upright(old_one, 180, transform_of);
   EXPECT_EQ(old_one.transform, 180);
   show_upright(old_one, 45, transform_of);
-  EXPECT_EQ(old_one.transform, 180) << "what can't be undone changes nothing";
+  EXPECT_EQ(old_one.transform, 180) << "an unsupported transform changes nothing";
   WithOrientation new_one;
   show_upright(new_one, 180, transform_of);
   EXPECT_EQ(new_one.orientation, 1) << "it starts upright";

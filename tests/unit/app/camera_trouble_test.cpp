@@ -70,22 +70,22 @@ TEST(CameraTrouble, NamesDeviceWithoutPermission) {
     std::filesystem::permissions(place(name), std::filesystem::perms(0666));
   }
   std::filesystem::permissions(place("mem"), std::filesystem::perms(0600));
-  // Root may open everything: as somebody else then.
+  // Root may open every file, so the test switches to another user.
   const bool is_root = geteuid() == 0;
-  const auto told_now = [&] {
+  const auto find_now = [&] {
     EXPECT_EQ(is_root ? seteuid(65534) : 0, 0);
-    auto told = forbidden_camera_device(devices.path());
+    auto found = forbidden_camera_device(devices.path());
     EXPECT_EQ(is_root ? seteuid(0) : 0, 0);
-    return told;
+    return found;
   };
-  EXPECT_FALSE(told_now()) << "that one is no camera";
+  EXPECT_FALSE(find_now()) << "mem is not a camera";
   for (const char* name : {"media0", "video1"}) {
     std::filesystem::permissions(place(name), std::filesystem::perms(is_root ? 0600 : 0000));
   }
-  const auto told = told_now();
-  ASSERT_TRUE(told);
-  EXPECT_NE(told->find("media0 and 1 more"), std::string::npos) << *told;
-  EXPECT_NE(told->find("video group"), std::string::npos) << *told;
+  const auto found = find_now();
+  ASSERT_TRUE(found);
+  EXPECT_NE(found->find("media0 and 1 more"), std::string::npos) << *found;
+  EXPECT_NE(found->find("video group"), std::string::npos) << *found;
 }
 
 TEST(CameraTrouble, MapsErrnoOfEitherSignToFault) {

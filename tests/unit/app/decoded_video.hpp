@@ -1,4 +1,4 @@
-// Reads a whole video back with libav: its pictures as they are stored, times and colour tags.
+// Reads a whole video with libav: stored images, times and colour tags.
 #pragma once
 
 #include <cstdint>
@@ -16,7 +16,7 @@ namespace penumbra::test {
 
 struct DecodedPicture {
   double time_s = 0.0;
-  // Plane after plane, rows without padding; 0RGB32: 4 bytes B G R X per pixel.
+  // One plane after the other, rows without padding; 0RGB32: 4 bytes B G R X per pixel.
   std::vector<std::uint8_t> bytes;
 };
 
@@ -40,7 +40,7 @@ inline DecodedVideo decode_video(const std::filesystem::path& file) {
   const AVCodec* codec = avcodec_find_decoder(stream->codecpar->codec_id);
   AVCodecContext* decoder = avcodec_alloc_context3(codec);
   avcodec_parameters_to_context(decoder, stream->codecpar);
-  decoder->err_recognition = AV_EF_CRCCHECK | AV_EF_EXPLODE;  // FFV1's checksums count
+  decoder->err_recognition = AV_EF_CRCCHECK | AV_EF_EXPLODE;  // verify FFV1's checksums
   if (avcodec_open2(decoder, codec, nullptr) == 0) {
     video.opened = true;
     video.container = container->iformat->name;

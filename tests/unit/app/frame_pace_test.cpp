@@ -15,7 +15,7 @@ TEST(FramePace, DeclaresStallAfterOneSecondAndStaleAfterQuarter) {
   EXPECT_EQ(pace.stale_after_ns(), 250 * kMillisecond);
 }
 
-// Also one that promised more than it gives.
+// Also for a camera that granted a faster rate than it delivers.
 TEST(FramePace, NeverDeclaresStallBetweenFramesOfSlowCamera) {
   for (const std::int64_t granted_ns : {std::int64_t{0}, 33 * kMillisecond, 1000 * kMillisecond}) {
     FramePace pace(granted_ns);
@@ -40,7 +40,7 @@ TEST(FramePace, AllowsThreeSecondsForFirstFrames) {
   EXPECT_EQ(pace.silent_after_ns(), 1000 * kMillisecond);
   pace.restart(33 * kMillisecond);
   EXPECT_EQ(pace.silent_after_ns(), 3000 * kMillisecond);
-  pace.saw(9000 * kMillisecond);  // the time since the restart is no interval
+  pace.saw(9000 * kMillisecond);  // the time since the restart is not a frame interval
   EXPECT_EQ(pace.usual_ns(), 33 * kMillisecond);
 }
 
@@ -56,7 +56,7 @@ TEST(FramePace, DoublesWaitAfterEachStartWithoutFrame) {
   EXPECT_EQ(pace.silent_after_ns(), 3000 * kMillisecond);
 }
 
-// An outage makes no patient watcher.
+// One outage does not lengthen the stall limit.
 TEST(FramePace, IgnoresSingleLongInterval) {
   FramePace pace(33 * kMillisecond);
   std::int64_t at = 0;

@@ -58,7 +58,7 @@ TEST(Hud, ListsTechniquesOfNodes) {
   EXPECT_EQ(technique_in_words({}), "none");
 }
 
-// The numbers of docs/shadows.md#constants, and back.
+// Uses the values of docs/shadows.md#constants in both directions.
 TEST(Hud, RecoversWorkspaceFromConstants) {
   for (const double magnification : {1.25, 1.5, 2.0}) {
     const LayeredConstants constants = layered_constants_for_workspace(0.3, magnification).value();
@@ -113,7 +113,7 @@ TEST(Hud, ListsReasonsForSkippedAndReusedParts) {
               testing::ElementsAre("left out: rotor: outside the view",
                                    "left out: leaf: too high for an umbra",
                                    "kept: video: the frame is on the GPU already"));
-  // However much it is, the view stays as large.
+  // The list of reasons has a maximum length.
   state.skipped.resize(kMostReasons + 3, "leaf: outside the view");
   state.kept.resize(kMostReasons, "floor: its mask is that of an earlier picture");
   const std::vector<std::string> lines = reasons_in_words(state);

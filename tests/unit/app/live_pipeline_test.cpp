@@ -1,4 +1,4 @@
-// The threads of a live session, with a camera of our own.
+// Threads of a live session, fed by a test camera.
 #include "app/live/live_pipeline.hpp"
 
 #include <gtest/gtest.h>
@@ -17,7 +17,7 @@ namespace {
 
 using std::chrono::milliseconds;
 
-// Gives what the test puts in, at once.
+// A camera that delivers the test's frames at once.
 class FedCamera final : public LiveSource {
  public:
   explicit FedCamera(double interval_s = 1.0 / 30.0) { format_.interval_s = interval_s; }
@@ -77,7 +77,7 @@ void let_go(const CapturedImage& /*image*/) {}
 
 class LivePipelineThreading : public testing::TestWithParam<bool> {};
 
-// A still picture of which nothing whole follows is not live, though the camera goes on giving.
+// An image without a whole successor becomes stale, even though the camera goes on delivering.
 TEST_P(LivePipelineThreading, MarksFrameStaleWhileOthersAreDamaged) {
   FedCamera camera;
   LivePipeline pipeline(camera, as_it_is, let_go, GetParam());
@@ -139,7 +139,7 @@ TEST(LivePipeline, EndsWithErrorOfThrowingTracker) {
   EXPECT_EQ(pipeline.error()->message, "the tracker's own");
 }
 
-// What is drawn next was taken when the one before it began to be drawn, not before.
+// The next frame drawn is the newest one at the time the previous drawing began.
 TEST(LivePipeline, TakesNoFrameWhileTrackedOneWaits) {
   FedCamera camera;
   std::atomic<int> tracked = 0;
@@ -164,8 +164,8 @@ TEST(LivePipeline, TakesNoFrameWhileTrackedOneWaits) {
   EXPECT_EQ(next->tracked.frame.sequence, 7U);
 }
 
-// It would be a whole drawing old. How much of a drawing's time goes by first is what counts, not
-// how long that is.
+// Tracking at the start of a drawing would give a frame that is one drawing old. The test measures
+// a share of the drawing's time, so slow machines pass too.
 TEST(LivePipeline, BeginsTrackingLateDuringDraw) {
   FedCamera camera;
   LivePipeline pipeline(camera, as_it_is, let_go, true);
@@ -192,13 +192,13 @@ TEST(LivePipeline, BeginsTrackingLateDuringDraw) {
   const int begun = given;
   draw();
   const int done = given;
-  // Whatever little came on a machine that has no time.
+  // On a slow machine only few frames may have arrived.
   EXPECT_GE(2 * (next() - begun) + 2, done - begun);
   over = true;
   feed.join();
 }
 
-// Also while it waits for its time.
+// Also stops while the thread waits for its start time.
 TEST(LivePipeline, StopsDuringDraw) {
   FedCamera camera;
   LivePipeline pipeline(camera, as_it_is, let_go, true);
@@ -250,20 +250,20 @@ TEST(LiveRecorder, ReleasesDescriptorsOfEndedRecordings) {
   };
   record(0);
   while (recorder.summaries().empty()) {
-    recorder.stop();  // collects the writer that is done
+    recorder.stop();  // releases the finished writer
     std::this_thread::yield();
   }
   const int before = open_descriptors();
   constexpr int kCycles = 40;
   for (int i = 1; i <= kCycles; ++i) record(i);
-  // Without asking what became of them: a session does that at its end.
+  // Releases writers without finish(), which a session calls only at its end.
   const Stopwatch watch;
   while (open_descriptors() > before && watch.elapsed().wall_ms < 20e3) {
     std::this_thread::sleep_for(milliseconds(5));
   }
   EXPECT_EQ(open_descriptors(), before);
   EXPECT_TRUE(recorder.finish());
-  // One that can't be begun is told at the end.
+  // finish() reports a recording that could not begin.
   recorder.begin(temporary.path() / "0");
   const auto finished = recorder.finish();
   ASSERT_FALSE(finished);

@@ -60,7 +60,7 @@ TEST_F(Manipulation, CastsPixelRayThroughVisiblePoint) {
 }
 
 TEST_F(Manipulation, PicksNearestSurface) {
-  // In one line from the camera: the near cube before the far one.
+  // Along one ray from the camera: the near cube before the far one.
   const Ray ray{{0.05, -1.0, 0.25}, Eigen::Vector3d(0.0, 1.0, 0.0)};
   const auto picked = pick(scene(), state(), ray);
   ASSERT_TRUE(picked);
@@ -74,7 +74,7 @@ TEST_F(Manipulation, PicksScaledAndRotatedObjects) {
   test::SceneBuilder turned;
   turned.add(box(0.1F, 0.2F, 0.3F), at(0.3, 0.1, 0.2, {0, 1, 0}, 0.5 * std::numbers::pi, 2.0));
   const SceneState now = evaluate_scene(turned.scene(), 0.0);
-  // 0.3 m along x now, twice: half of it is 0.3 m.
+  // 0.3 m along x twice at the current time: half of that is 0.3 m.
   const auto picked = pick(turned.scene(), now, {{-1.0, 0.1, 0.2}, Eigen::Vector3d(1, 0, 0)});
   ASSERT_TRUE(picked);
   EXPECT_NEAR(picked->distance, 1.0, 1e-6);
@@ -165,11 +165,11 @@ TEST_F(Manipulation, ReachesUpAndAwayOnly) {
       (start.ray.origin - Eigen::Vector3d(0.05, -0.03, 0.25)).norm() / 500.0;
   EXPECT_NEAR(done.z(), 25.0 * metres_per_px, 1e-6);
   EXPECT_NEAR(done.dot(start.right), 0.0, 1e-12);
-  // Away: level, as the ray goes.
+  // Moves level, along the ray's horizontal direction.
   Eigen::Vector3d away = start.ray.direction - start.ray.direction.dot(start.right) * start.right;
   away.z() = 0.0;
   EXPECT_NEAR(done.dot(away.normalized()), 40.0 * metres_per_px, 1e-6);
-  // Not below the table.
+  // Stays above the table.
   pointer.pixel.y() = start.pixel.y() + 4000.0;
   EXPECT_NEAR(hands.drag(pointer)->placement.position.z(), 0.05, 1e-7);
 }
@@ -228,11 +228,11 @@ TEST_F(Manipulation, PlacesCursorUnderPointer) {
   ASSERT_TRUE(moved);
   EXPECT_EQ(moved->object, scene().objects[static_cast<std::size_t>(cube)].name);
   EXPECT_LT((moved->placement.position - Eigen::Vector3d(-0.1, -0.15, 0.25)).norm(), 1e-6);
-  // Raised, and where the pointer's ray is at that height.
+  // Raised; the object follows the pointer's ray at that height.
   const auto raised = cursor_at(scene(), state(), pointer_at({-0.1, -0.15, 0.30}), 0.05);
   ASSERT_TRUE(raised);
   EXPECT_LT((raised->placement.position - Eigen::Vector3d(-0.1, -0.15, 0.30)).norm(), 1e-6);
-  // The wing that hangs on it reaches lower: no farther down than that stands on the table.
+  // The attached wing reaches lower than the cube: it stops the object at the table.
   const auto lowered = cursor_at(scene(), state(), target, -10.0);
   ASSERT_TRUE(lowered);
   const double lowest = lowest_point(scene(), state(), cube);

@@ -84,11 +84,11 @@ TEST(OutputFile, CommitsSeveralFilesAtomically) {
   EXPECT_THAT(failed.error().message, testing::StartsWith(last.string() + ": cannot be"));
   EXPECT_EQ(text_of(replaced), "before");
   EXPECT_FALSE(fs::exists(made));
-  EXPECT_EQ(std::distance(fs::directory_iterator(folder.path()), {}), 2) << "a part is left";
+  EXPECT_EQ(std::distance(fs::directory_iterator(folder.path()), {}), 2) << "a .part file is left";
   fs::remove_all(last);
   ASSERT_TRUE(commit_all(true));
   for (const fs::path& file : {replaced, made, last}) EXPECT_EQ(text_of(file), "after");
-  EXPECT_EQ(std::distance(fs::directory_iterator(folder.path()), {}), 3) << "a part is left";
+  EXPECT_EQ(std::distance(fs::directory_iterator(folder.path()), {}), 3) << "a .part file is left";
 }
 
 TEST(OutputFile, UsesDistinctPartialFilesForSameTarget) {
@@ -144,7 +144,7 @@ std::string read_through_pipe(const fs::path& pipe, const Write& write) {
 TEST(OutputFile, WritesToNamedPipe) {
   const test::TemporaryFolder folder;
   const fs::path pipe = folder.path() / "pipe";
-  const std::string long_text(1'000'000, 'x');  // more than a pipe holds
+  const std::string long_text(1'000'000, 'x');  // more than a pipe buffers
   const std::string text = read_through_pipe(pipe, [&] {
     auto file = OutputFile::create(pipe);
     ASSERT_TRUE(file) << file.error().message;
@@ -153,13 +153,13 @@ TEST(OutputFile, WritesToNamedPipe) {
   });
   EXPECT_EQ(text, "first " + long_text);
   EXPECT_TRUE(fs::is_fifo(pipe)) << "it was not replaced";
-  EXPECT_EQ(std::distance(fs::directory_iterator(folder.path()), {}), 1) << "a part is left";
+  EXPECT_EQ(std::distance(fs::directory_iterator(folder.path()), {}), 1) << "a .part file is left";
 }
 
 TEST(OutputFile, WaitsForPipeReaderAtFirstByte) {
   const test::TemporaryFolder folder;
   ASSERT_EQ(mkfifo((folder.path() / "pipe").c_str(), 0600), 0);
-  // Neither waits: two pipes may be read one after the other.
+  // Neither call blocks: the two pipes may be read in sequence.
   EXPECT_TRUE(OutputFile::create(folder.path() / "pipe"));
   EXPECT_TRUE(OutputFile::create(folder.path() / "pipe"));
 }
@@ -178,7 +178,7 @@ TEST(PoseWriter, StreamsPosesToPipe) {
   pose.status = TrackStatus::tracked;
   ASSERT_TRUE(writer->write(1'000'000'000, pose));
   EXPECT_GT(read(reader, block.data(), block.size()), 0) << "before the writer is done";
-  // Whoever reads goes away.
+  // The reader closes its end.
   close(reader);
   const auto before = std::signal(SIGPIPE, SIG_IGN);
   const auto written = writer->write(2'000'000'000, pose);
@@ -187,7 +187,7 @@ TEST(PoseWriter, StreamsPosesToPipe) {
   EXPECT_THAT(written.error().message, testing::HasSubstr("Broken pipe"));
 }
 
-// An open descriptor is written where it stands, and its file is not replaced.
+// Writes at the descriptor's current position and does not replace the file.
 TEST(OutputFile, WritesToOpenDescriptor) {
   const test::TemporaryFolder folder;
   const fs::path path = folder.path() / "log";

@@ -1,4 +1,4 @@
-// The HUD drawn offscreen, with both APIs.
+// Draws the HUD offscreen, with both APIs.
 #include "app/window/overlay.hpp"
 
 #include <epoxy/gl.h>
@@ -71,7 +71,7 @@ struct Shot {
   std::vector<std::uint8_t> rgba;
 };
 
-// A window's worth of grey with the HUD on it, the right way up.
+// A grey window with the HUD drawn on it, rows from the top.
 Shot shoot(Overlay& overlay, const HudState& state, const HudPanels& panels, int width, int height,
            HudActions& actions) {
   const auto framebuffer = Framebuffer::create(width, height).value();
@@ -98,7 +98,7 @@ std::size_t changed_pixels(const Shot& shot) {
   return changed;
 }
 
-// For looking at: PENUMBRA_HUD_PICTURES=FOLDER.
+// Saves the image for inspection if PENUMBRA_HUD_PICTURES=FOLDER is set.
 void keep(const Shot& shot, const std::string& name) {
   const char* folder = std::getenv("PENUMBRA_HUD_PICTURES");
   if (folder == nullptr) return;
@@ -153,7 +153,7 @@ TEST_P(HudOverlay, DrawsEveryLayoutAndKeepsFrameVisible) {
   }
 }
 
-// In the debug view, where the picture lies in a window of other proportions.
+// The debug view's image lies in a window of another aspect ratio.
 TEST_P(HudOverlay, DrawsKernelsAsDotsInDebugView) {
   HudState state;
   state.has_picture = true;
@@ -170,7 +170,7 @@ TEST_P(HudOverlay, DrawsKernelsAsDotsInDebugView) {
     panels.debug = debug;
     shoot(*overlay, state, panels, 1280, 720, actions);
     const Shot shot = shoot(*overlay, state, panels, 1280, 720, actions);
-    // 960 x 720 in the middle: three window pixels for one of the picture's.
+    // The image is 960 x 720 in the middle: three window pixels for each of its pixels.
     EXPECT_EQ(bluish(shot, 160 + 480, 360), debug);
     EXPECT_EQ(bluish(shot, 160 + 901, 601), debug);
     EXPECT_FALSE(bluish(shot, 160 + 480, 380));
@@ -178,7 +178,7 @@ TEST_P(HudOverlay, DrawsKernelsAsDotsInDebugView) {
   }
 }
 
-// A line each in the debug view, and nowhere else.
+// Each part has a line, in the debug view only.
 TEST_P(HudOverlay, ListsSkippedAndReusedPartsInDebugViewOnly) {
   HudState plain = busy_state();
   plain.skipped.clear();
@@ -196,7 +196,7 @@ TEST_P(HudOverlay, ListsSkippedAndReusedPartsInDebugViewOnly) {
     shoot(*overlay, state, panels, 1280, 720, actions);
     return shoot(*overlay, state, panels, 1280, 720, actions);
   };
-  // How far down the debug view goes: the last row of its left part that is not the picture's grey.
+  // The lower end of the debug view: the last row whose left part is not the image's grey.
   const auto bottom = [](const Shot& shot) {
     int last = 0;
     for (int y = 0; y < shot.height * 3 / 4; ++y) {
@@ -210,7 +210,7 @@ TEST_P(HudOverlay, ListsSkippedAndReusedPartsInDebugViewOnly) {
   EXPECT_GT(line, 8) << "[px] of a line";
   EXPECT_EQ(bottom(shot_of(kept, true)), without + line);
   EXPECT_EQ(bottom(shot_of(both, true)), without + 2 * line);
-  EXPECT_NE(shot_of(kept, true).rgba, shot_of(left_out, true).rgba) << "each says its own";
+  EXPECT_NE(shot_of(kept, true).rgba, shot_of(left_out, true).rgba) << "each line has its own text";
   EXPECT_EQ(shot_of(both, false).rgba, shot_of(plain, false).rgba);
   keep(shot_of(both, true), prefix() + "reasons-1280x720");
 }
@@ -236,8 +236,7 @@ TEST_P(HudOverlay, TurnsClickShorterThanFrameIntoCommand) {
   EXPECT_EQ(actions.commands[0], WindowCommand::next_technique);
 }
 
-// Who has only a finger gets out of full screen, and out of the program: in the help of the compact
-// layout there are buttons for it.
+// For touch screens: the help of the compact layout has buttons to leave full screen and to quit.
 TEST_P(HudOverlay, OffersFullScreenAndQuitButtonsInCompactHelp) {
   constexpr int kWidth = 480;
   constexpr int kHeight = 320;
@@ -261,7 +260,7 @@ TEST_P(HudOverlay, OffersFullScreenAndQuitButtonsInCompactHelp) {
       overlay->handle(event);
       HudActions actions;
       for (int i = 0; i < 3; ++i) {
-        HudPanels shown = panels;  // whatever was opened or closed
+        HudPanels shown = panels;  // with any panels open
         shoot(*overlay, busy_state(), shown, kWidth, kHeight, actions);
       }
       found.insert(actions.commands.begin(), actions.commands.end());
@@ -272,7 +271,7 @@ TEST_P(HudOverlay, OffersFullScreenAndQuitButtonsInCompactHelp) {
   EXPECT_TRUE(found.contains(WindowCommand::help)) << "the help is closed by a touch too";
 }
 
-// Who takes part in a study sees what to do, and nothing that could be clicked.
+// A study's participant sees the instructions, and nothing to click.
 TEST_P(HudOverlay, ReplacesHudByStudyInstructions) {
   HudActions actions;
   shoot(*overlay, busy_state(), {}, 640, 480, actions);
@@ -298,7 +297,7 @@ TEST_P(HudOverlay, ReplacesHudByStudyInstructions) {
   }
 }
 
-// The settings that change where the pointer drags along every height of the open panel.
+// Collects the settings that change while the pointer drags along each height of the open panel.
 struct DraggedSettings {
   bool constants = false, strength = false;
 };
@@ -357,12 +356,12 @@ TEST_P(HudOverlay, HidesSlidersThatDoNotActOnTechnique) {
   }
 }
 
-// Clicks down the panel until the list of ways opens, and down the list until each was chosen.
+// Clicks down the panel until the list of modes opens, then down the list until each was chosen.
 TEST_P(HudOverlay, SelectsEveryTranslucencyFromList) {
   HudPanels panels;
   panels.panels = true;
   HudState state = busy_state();
-  state.nodes.clear();  // nothing but that list can be clicked
+  state.nodes.clear();  // leaves only that list to click
   std::set<Translucency> chosen;
   for (int row = 0; row < 12; ++row) {
     HudActions actions;
@@ -387,7 +386,7 @@ TEST_P(HudOverlay, SelectsEveryTranslucencyFromList) {
       chosen.insert(*actions.translucency);
     }
     EXPECT_TRUE(actions.edits.empty());
-    click(700);  // an open list closes
+    click(700);  // closes the open list
   }
   EXPECT_EQ(chosen.size(), kTranslucencyNames.size());
 }

@@ -1,4 +1,4 @@
-// Panes side by side: where they stand, and that captions stay out of them.
+// Panes side by side: their places, and captions that stay outside them.
 #include "app/output/pane_grid.hpp"
 
 #include <gtest/gtest.h>

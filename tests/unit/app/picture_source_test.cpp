@@ -20,7 +20,7 @@ using testing::AllOf;
 using testing::ElementsAre;
 using testing::HasSubstr;
 
-// The depth is found from 256 of the 300 images; the seventh is not one of them.
+// The depth is determined from 256 of the 300 images; the seventh is not among them.
 TEST(ImageSource, WarnsOfValuesAboveDepthOfOthers) {
   const test::TemporaryFolder folder;
   constexpr int kCount = 300;

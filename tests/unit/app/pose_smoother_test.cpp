@@ -27,7 +27,7 @@ CameraPose over_the_table() {
   return looking_at({0.0, 0.0, 0.0}, 0.6, 0.9, 0.3, 0.1);
 }
 
-// Of the poses from the `first` on.
+// Lag of the poses from index `first` on.
 std::optional<double> lag_ms(const Trajectory& measured, const Trajectory& drawn,
                              std::size_t first = 0) {
   LagMeter meter(desk_camera());
@@ -42,7 +42,7 @@ double apart_px(const CameraPose& a, const CameraPose& b) {
   return overlay_difference(desk_camera(), a, b).rms_px();
 }
 
-// The camera shifted to its right, so that the overlay moves by about so many pixels.
+// The camera shifted to its right, so that the overlay moves by about `px`.
 CameraPose shifted(double px) {
   Vector6d xi = Vector6d::Zero();
   xi[0] = 1e-3;
@@ -51,7 +51,7 @@ CameraPose shifted(double px) {
   return perturbed(over_the_table(), xi);
 }
 
-// Of a camera at rest whose pose is measured with noise: before and after [px].
+// Jitter before and after smoothing [px], for a camera at rest with noisy poses.
 struct Jitter {
   Evaluation before, after;
 };
@@ -65,7 +65,7 @@ Jitter jitter_at_rest(double noise) {
     const std::int64_t at = nanoseconds(1.0 + i * kFrame_s);
     const CameraPose pose = perturbed(over_the_table(), xi);
     const SmoothedPose smoothed = smoother.smooth(at, pose);
-    if (i < 30) continue;  // the first is drawn as measured
+    if (i < 30) continue;  // the first poses are drawn as measured
     measured.poses.push_back({at, pose, {}});
     drawn.poses.push_back({at, smoothed.T_table_camera, {}});
     truth.poses.push_back({at, over_the_table(), {}});
@@ -74,11 +74,11 @@ Jitter jitter_at_rest(double noise) {
 }
 
 TEST(PoseSmoother, ReducesJitterAtRest) {
-  const auto [before, after] = jitter_at_rest(3e-5);  // as this tracker measures it
-  EXPECT_GT(before.jitter_px, 0.03) << "there is something to take out";
+  const auto [before, after] = jitter_at_rest(3e-5);  // the tracker's typical noise
+  EXPECT_GT(before.jitter_px, 0.03) << "the input must have jitter";
   EXPECT_LT(after.jitter_px, before.jitter_px / 5.0);
   EXPECT_LT(after.overlay_px.rmse, before.overlay_px.rmse / 2.0);
-  // Three times as much opens the filter somewhat.
+  // Three times the noise opens the filter somewhat.
   const auto [noisy, smoothed] = jitter_at_rest(1e-4);
   EXPECT_LT(smoothed.jitter_px, noisy.jitter_px / 4.0);
   EXPECT_LT(smoothed.overlay_px.rmse, noisy.overlay_px.rmse / 2.0);
@@ -90,7 +90,7 @@ TEST(PoseSmoother, ReportsLagOfSteadyMotionAndBoundsOffset) {
     PoseSmoother smoother(desk_camera());
     Trajectory measured, drawn;
     SmoothedPose last;
-    // About the middle, where a shift moves the overlay evenly.
+    // Stays near the middle, where a shift moves the whole overlay evenly.
     const int frames = px_s > 100.0 ? 30 : 90;
     for (int i = 0; i < frames; ++i) {
       const std::int64_t at = nanoseconds(1.0 + i * kFrame_s);
@@ -103,12 +103,12 @@ TEST(PoseSmoother, ReportsLagOfSteadyMotionAndBoundsOffset) {
     EXPECT_NEAR(last.lag_ms, 1e3 / (2.0 * std::numbers::pi * cutoff), 0.05 * last.lag_ms);
     EXPECT_NEAR(last.offset_px, px_s * 1e-3 * last.lag_ms, 0.05 * last.offset_px);
     EXPECT_LT(last.offset_px, 0.5 / (2.0 * std::numbers::pi) * 1.05);
-    // Behind, not ahead: nearer to where it came from.
+    // Behind, not ahead: closer to the previous poses.
     EXPECT_LT(apart_px(last.T_table_camera, shifted(-px_s)),
               apart_px(measured.poses.back().T_table_camera, shifted(-px_s)));
     ASSERT_EQ(lag_ms(measured, drawn).has_value(), px_s > 5.0);
     if (px_s == 10.0) {
-      // At first the filter has not yet seen how fast it goes.
+      // At the start the filter does not know the speed yet.
       EXPECT_NEAR(lag_ms(measured, drawn, 45).value(), last.lag_ms, 0.05 * last.lag_ms);
     }
   }
@@ -151,7 +151,7 @@ TEST(PoseSmoother, FollowsJumpWithoutOvershoot) {
 
 TEST(PoseSmoother, RestartsAfterLossGapAndBackwardTime) {
   const CameraPose a = shifted(0.0);
-  const CameraPose b = shifted(0.1);  // near enough to be drawn elsewhere
+  const CameraPose b = shifted(0.1);  // within the bound, so the drawn pose may differ
   const std::int64_t second = 1'000'000'000;
   const auto expect_as_measured = [&](const SmoothedPose& drawn) {
     EXPECT_EQ(drawn.T_table_camera.matrix(), b.matrix());
@@ -182,7 +182,7 @@ TEST(PoseSmoother, ReturnsSamePoseForRepeatedFrame) {
   }
 }
 
-// A hand's walk with jumps, at times that are uneven or repeated.
+// A random walk of the hand with jumps, at uneven or repeated times.
 RC_GTEST_PROP(PoseSmoother, StaysWithinBoundsForAnyMotionAndTimes, ()) {
   Draw draw(*rc::gen::arbitrary<std::uint64_t>());
   const CameraModel camera = desk_camera();
@@ -203,7 +203,7 @@ RC_GTEST_PROP(PoseSmoother, StaysWithinBoundsForAnyMotionAndTimes, ()) {
     RC_ASSERT(drawn.T_table_camera.is_finite());
     RC_ASSERT(std::isfinite(drawn.lag_ms) && drawn.lag_ms >= 0.0);
     RC_ASSERT(drawn.offset_px >= 0.0 && drawn.offset_px <= PoseSmoother::kMostOffset_px);
-    // The most that the cutoff allows where the bound was not in the way: 1 / (2 pi 1 Hz).
+    // The largest lag of the cutoff alone, without the bound: 1 / (2 pi 1 Hz).
     RC_ASSERT(drawn.lag_ms <= 160.0);
     const Vector6d whole = perturbation_between(before, pose);
     const Vector6d made = perturbation_between(before, drawn.T_table_camera);
@@ -217,7 +217,7 @@ RC_GTEST_PROP(PoseSmoother, StaysWithinBoundsForAnyMotionAndTimes, ()) {
   }
 }
 
-// Numbers of any size, as a tracker gone wrong may give them.
+// Numbers of any size, as a failing tracker may produce them.
 RC_GTEST_PROP(PoseSmoother, ReturnsFinitePosesForFiniteInput, ()) {
   Draw draw(*rc::gen::arbitrary<std::uint64_t>());
   PoseSmoother smoother(desk_camera());

@@ -12,12 +12,12 @@ TEST(RateMeter, MeasuresRateOfReceivedFrames) {
   EXPECT_EQ(rate.per_s(10.0), 0.0);
   for (int i = 1; i <= 100; ++i) {
     rate.add(400.0 * i);
-    // However often it is asked, until the next one is late.
+    // Repeated queries give the same rate until the next frame is overdue.
     for (double later = 0.0; later <= 400.0; later += 50.0) {
       EXPECT_NEAR(rate.per_s(400.0 * i + later), 2.5, 1e-9) << i << " " << later;
     }
   }
-  // Faster from now on: soon only that counts.
+  // A faster rate replaces the old one within a few frames.
   for (int i = 1; i <= 30; ++i) rate.add(40'000.0 + 20.0 * i);
   EXPECT_NEAR(rate.per_s(40'600.0), 50.0, 1e-9);
 }
@@ -30,7 +30,7 @@ TEST(RateMeter, DecreasesWhileNoFrameArrives) {
   EXPECT_LT(rate.per_s(1e6), 0.02);
   rate.restart();
   EXPECT_EQ(rate.per_s(1e6), 0.0);
-  // Two at one time have no rate yet.
+  // Two events at the same time give no rate.
   rate.add(5.0);
   rate.add(5.0);
   EXPECT_EQ(rate.per_s(5.0), 0.0);

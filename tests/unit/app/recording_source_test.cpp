@@ -27,7 +27,7 @@ constexpr std::int64_t kStepNs = 33333000;
 
 struct Played {
   std::vector<Frame> frames;
-  std::string error;  // empty: it ended well
+  std::string error;  // empty if playing ended without an error
 };
 
 Played play(const Recording& recording, const RecordingSourceOptions& options = {}) {
@@ -45,7 +45,7 @@ Played play(const Recording& recording, const RecordingSourceOptions& options = 
   }
 }
 
-// Opens and plays; the first error of either.
+// Opens and plays the recording; returns the first error of either.
 std::string error_of(const std::filesystem::path& folder) {
   const auto recording = open_recording(folder);
   return recording ? play(*recording).error : recording.error().message;
@@ -110,7 +110,7 @@ TEST_F(FrameFolderRecording, DeliversFramesInOrderWithTimestamps) {
       EXPECT_EQ(got.timestamp_ns, kStartNs + i * kStepNs);
       EXPECT_EQ(got.format, PixelFormat::yuv420p);
       EXPECT_TRUE(same_pixels(got, *load_image(frame(i))));
-      // The pose of this frame is found under exactly its time.
+      // The pose is found under exactly the frame's time.
       EXPECT_NE(recording->groundtruth->at(got.timestamp_ns, 0), nullptr);
     }
   }
@@ -147,7 +147,7 @@ TEST_F(FrameFolderRecording, KeepsFrameValidAfterSourceIsClosed) {
     Frame kept;
     for (int i = 0; i < taken; ++i) kept = **(*source)->next();
     source->reset();
-    // A frame outlives its source.
+    // A frame stays valid after its source is destroyed.
     if (taken > 0) {
       EXPECT_TRUE(same_pixels(kept, *load_image(frame(taken - 1))));
     }
@@ -242,7 +242,7 @@ TEST_F(FrameFolderRecording, NamesInvalidLineAndCause) {
   }
 }
 
-// A column of its own, which may be empty in some lines.
+// The exposure is an extra column, which may be empty in some lines.
 TEST_F(FrameFolderRecording, ReadsListedExposures) {
   const std::string good = test::read_bytes(folder() / "timestamps.csv");
   const auto listing = [&](const std::string& third) {
@@ -341,10 +341,10 @@ TEST_F(FrameFolderRecording, OpensFrameListTruncatedInLastLine) {
     EXPECT_EQ(recording->frames.size(), 7U) << whole.substr(0, length);
     EXPECT_FALSE(recording->notices.empty());
   }
-  // Without its line break only.
+  // Lacks only the final line break.
   write_text(folder() / "timestamps.csv", whole.substr(0, whole.size() - 1));
   EXPECT_EQ(open_recording(folder())->frames.size(), 8U);
-  // A file system may leave zeros.
+  // A file system may leave zeros after a crash.
   write_text(folder() / "timestamps.csv", whole.substr(0, last_line) + std::string(100, '\0'));
   EXPECT_EQ(open_recording(folder())->frames.size(), 7U);
 }
@@ -364,7 +364,7 @@ TEST_F(FrameFolderRecording, ReportsDamagedFrameInItsOrder) {
   }
 }
 
-// Whatever a camera gave is recorded, and what live could not decode replay leaves out too.
+// A recording keeps every frame of the camera; replay skips those that live could not decode.
 TEST_F(FrameFolderRecording, SkipsAndCountsDamagedCameraFrames) {
   const std::string whole = test::read_bytes(frame(3));
   write_text(frame(0), whole.substr(0, whole.size() / 3));
@@ -389,7 +389,7 @@ TEST_F(FrameFolderRecording, SkipsAndCountsDamagedCameraFrames) {
     EXPECT_EQ(numbers, (std::vector<std::uint64_t>{1, 2, 4, 5, 6, 7}));
     EXPECT_EQ((*source)->damaged(), 2);
   }
-  // What can't be read at all is no matter of the camera.
+  // A file that can't be read is an error, not camera damage.
   std::filesystem::remove(frame(4));
   std::filesystem::create_directory(frame(4));
   EXPECT_THAT(play(*recording).error, HasSubstr("000004.jpg"));
@@ -435,7 +435,7 @@ class VideoRecording : public testing::Test {
   [[nodiscard]] std::filesystem::path folder() const { return root_.path() / "filmed"; }
   [[nodiscard]] std::filesystem::path video() const { return folder() / "video.mkv"; }
 
-  // Writes a video with so many frames from key frame to key frame, and plays it.
+  // Writes a video with `gop` frames from key frame to key frame, and plays it.
   [[nodiscard]] Played play_with_key_frames(int gop) const {
     test::VideoSpec spec;
     spec.gop = gop;
@@ -560,7 +560,7 @@ TEST_F(VideoRecording, DecodesAnyFrameRangeLikeWhole) {
   }
 }
 
-// Reading over frames begins anywhere: between key frames, on one, and after having read over some.
+// Seeking starts anywhere: between key frames, on one, and after an earlier seek.
 TEST_F(VideoRecording, SkipsFramesFromAnyPosition) {
   std::mt19937 random(7);
   for (const int gop : {1, 3, 5, 100}) {
@@ -585,7 +585,8 @@ TEST_F(VideoRecording, SkipsFramesFromAnyPosition) {
   }
 }
 
-// A damaged frame is told, and so is what builds on it; from the next key frame on all is right.
+// A damaged frame is reported, and so are frames that depend on it; from the next key frame on all
+// frames are right.
 TEST_F(VideoRecording, ContinuesAfterDamagedFrame) {
   for (const int gop : {1, 4}) {
     SCOPED_TRACE(gop);
@@ -611,7 +612,7 @@ TEST_F(VideoRecording, ContinuesAfterDamagedFrame) {
     if (gop > 1) {
       EXPECT_EQ((*damaged.rbegin() + 1) % gop, 0) << "up to the next key frame";
     }
-    // The same where some of them are read over.
+    // The same with some of them skipped.
     auto again = VideoReader::open(video());
     ASSERT_TRUE(again);
     ASSERT_TRUE(again->skip(*damaged.begin() + 1));
@@ -693,7 +694,7 @@ TEST_F(VideoRecording, NeverReturnsWrongPixelsForFlippedBit) {
     ASSERT_EQ(all.frames.size(), std::size_t{kFrames});
     int refused = 0;
     int tried = 0;
-    // The pixels' part of the file: what stands before it are names and sizes.
+    // Changes the pixel data only; the bytes before it are names and sizes.
     for (std::size_t at = 1000; at + 1000 < whole.size(); at += 31, ++tried) {
       std::string broken = whole;
       broken[at] = static_cast<char>(broken[at] ^ 0x10);
@@ -794,7 +795,7 @@ TEST_F(EurocRecording, RejectsCameraName) {
               AllOf(HasSubstr("sensor.yaml"), HasSubstr("one camera"), HasSubstr("--camera-name")));
 }
 
-// The ground truth is of the body; T_BS says where the camera sits on it.
+// The ground truth is the body's pose; T_BS is the camera's pose on the body.
 TEST_F(EurocRecording, TransformsGroundtruthFromBodyToCamera) {
   const std::filesystem::path truth = folder() / "mav0" / "state_groundtruth_estimate0";
   std::filesystem::create_directories(truth);
@@ -829,7 +830,7 @@ TEST_F(EurocRecording, TransformsGroundtruthFromBodyToCamera) {
              "T_BS:\n  data: [1, 0, 0, 1, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1]\n");
   const auto mounted = open_recording(folder());
   ASSERT_TRUE(mounted && mounted->groundtruth);
-  // The truth's sensor is 1 m along the body's x: the camera is 1 m back along the turned one.
+  // The truth's sensor is 1 m along the body's x, so the camera is 1 m back along the turned x.
   EXPECT_LT((mounted->groundtruth->poses.at(0).T_table_camera.translation() -
              Eigen::Vector3d(0.8, 1.1, 3.3))
                 .norm(),

@@ -38,7 +38,7 @@ CapturedImage jpeg_image(int number) {
   return image;
 }
 
-// Every sample differs from its neighbours and from the same one of the next frame.
+// Each sample differs from its neighbours and from the same sample of the next frame.
 CapturedImage raw_image(PixelFormat format, int number) {
   FrameBuffer buffer = allocate_frame(format, kWidth, kHeight);
   std::minstd_rand random(static_cast<unsigned>(number + 1));
@@ -120,7 +120,7 @@ TEST(RecordingWriter, StoresCameraBytesAndTimestampsUnchanged) {
   EXPECT_NE(controls.find("\"frames_written\": 20"), std::string::npos) << controls;
 }
 
-// What is known of a picture is kept with it; a group has a file from its first tracked pose on.
+// Exposures are stored with the frames; a group has a file from its first tracked pose on.
 TEST(RecordingWriter, StoresExposuresAndGroupPoses) {
   const test::TemporaryFolder temporary;
   const fs::path folder = temporary.path() / "session";
@@ -147,7 +147,7 @@ TEST(RecordingWriter, StoresExposuresAndGroupPoses) {
       EXPECT_NEAR(*exposure_s, 0.008 + 0.001 * i, 1e-12);
     }
   }
-  EXPECT_TRUE(recording->group_groundtruth.empty()) << "tracked is not true";
+  EXPECT_TRUE(recording->group_groundtruth.empty()) << "a tracked pose is not ground truth";
   const auto places = load_group_paths(folder / kGroupPosesFolder, {"the prop", "another"});
   ASSERT_TRUE(places) << places.error().message;
   ASSERT_EQ(places->size(), 1U);
@@ -160,7 +160,7 @@ TEST(RecordingWriter, StoresExposuresAndGroupPoses) {
 TEST(RecordingWriter, WarnsOnceOfGroupNameUnusableAsFileName) {
   const test::TemporaryFolder temporary;
   const fs::path folder = temporary.path() / "session";
-  testing::internal::CaptureStdout();  // where the log goes unless a program sets it up
+  testing::internal::CaptureStdout();  // default destination of the log
   auto writer = RecordingWriter::create(folder, head_for("MJPEG", 640, 480));
   ASSERT_TRUE(writer) << writer.error().message;
   GroupEstimate group;
@@ -187,7 +187,7 @@ TEST(RecordingWriter, WarnsOnceOfGroupNameUnusableAsFileName) {
   EXPECT_EQ(places->at("wall").poses.size(), 3U);
 }
 
-// A recording without a picture is told by its listing, and so is one without exposures.
+// The listing has its header even without a frame, and no exposure column without exposures.
 TEST(RecordingWriter, WritesFrameListHeaderInAnyCase) {
   for (const bool with_picture : {false, true}) {
     const test::TemporaryFolder temporary;
@@ -232,7 +232,7 @@ TEST_P(RawRecording, RoundTripsEverySample) {
     const ImageView b = luma(frame, scratch_read);
     for (int y = 0; y < kHeight; ++y) ASSERT_EQ(std::memcmp(a.row(y), b.row(y), kWidth), 0) << y;
     if (sent.plane_count == 1 && sent.format != PixelFormat::yuyv) continue;
-    // U and V at each chroma position, wherever either format keeps them.
+    // U and V at each chroma position, in the layouts of both formats.
     const int rows = frame.planes[1].height;
     for (int y = 0; y < rows; ++y) {
       for (int x = 0; x < (kWidth + 1) / 2; ++x) {
@@ -273,7 +273,7 @@ TEST(RecordingWriter, RejectsNonEmptyFolder) {
   EXPECT_NE(writer.error().message.find("not empty"), std::string::npos);
 }
 
-// Where it could not begin nothing stays, so that the same name is free once there is space.
+// A failed start leaves no folder, so the same name is free once there is space.
 TEST(RecordingWriter, RemovesFolderWhenCreationFails) {
   for (const bool waits : {true, false}) {
     const test::TemporaryFolder temporary;
@@ -282,7 +282,7 @@ TEST(RecordingWriter, RemovesFolderWhenCreationFails) {
     const pid_t child = fork();
     ASSERT_GE(child, 0);
     if (child == 0) {
-      // No file may grow beyond what tags.yaml needs.
+      // Limits the size of every file to that of tags.yaml.
       std::signal(SIGXFSZ, SIG_IGN);
       const rlimit small{64, 64};
       setrlimit(RLIMIT_FSIZE, &small);
@@ -302,7 +302,7 @@ TEST(RecordingWriter, RemovesFolderWhenCreationFails) {
   }
 }
 
-// What is there of others stays.
+// Files of others are kept.
 TEST(RecordingWriter, KeepsContentsOfFolderRejectedLater) {
   const test::TemporaryFolder temporary;
   ASSERT_TRUE(write_text_file(temporary.path() / "camera.yaml", "mine"));
@@ -314,7 +314,7 @@ TEST(RecordingWriter, KeepsContentsOfFolderRejectedLater) {
   EXPECT_EQ(std::distance(fs::directory_iterator(temporary.path()), fs::directory_iterator()), 1);
 }
 
-// Some cameras say what they are only with their frames.
+// Some cameras know their controls only after the first frames.
 TEST(RecordingWriter, RereadsControlsDuringRecording) {
   const test::TemporaryFolder temporary;
   const fs::path folder = temporary.path() / "session";
@@ -334,7 +334,7 @@ TEST(RecordingWriter, RereadsControlsDuringRecording) {
   (*writer)->add_image(jpeg_image(0));
   while ((*writer)->counts().written < 1) std::this_thread::yield();
   (*writer)->add_event(1, "behind it");
-  // As a kill would leave it.
+  // Waits until the count is on disk, as a kill at this moment would leave it.
   while (controls().find("\"frames_written\": 1") == std::string::npos) std::this_thread::yield();
   EXPECT_NE(controls().find("\"exposure_time_us\": 8000"), std::string::npos) << controls();
   exposure = 9000;
@@ -360,7 +360,7 @@ TEST(RecordingWriter, DropsAndCountsFramesWhenDiskIsTooSlow) {
   const RecordingCounts counts = (*writer)->counts();
   EXPECT_EQ(counts.written + counts.dropped, static_cast<std::uint64_t>(kWritten));
   EXPECT_GT(counts.dropped, 0U);
-  // Each time it is told when and how many.
+  // Each event gives the time and the number of frames that were not recorded.
   const std::string events =
       read_text_file(temporary.path() / "session" / "events.jsonl", 1'000'000).value();
   std::uint64_t reported = 0;
@@ -371,7 +371,7 @@ TEST(RecordingWriter, DropsAndCountsFramesWhenDiskIsTooSlow) {
   EXPECT_EQ(reported, counts.dropped) << events;
 }
 
-// What a process that is killed at any moment leaves: everything that it had said was written.
+// Kills the process at any moment: every frame that it reported as written must be in the files.
 class KilledRecording : public testing::TestWithParam<bool> {};
 
 TEST_P(KilledRecording, OpensAndReadsBack) {

@@ -63,7 +63,7 @@ TEST(InterruptWatch, CountsRepeatedSignalsOnceAndRestoresMask) {
     EXPECT_FALSE(watch.interrupted());
     raise(SIGTERM);
     EXPECT_TRUE(watch.interrupted());
-    // As timeout(1) and a terminal that closes send them. The process goes on.
+    // The signals of timeout(1) and of a closing terminal. The process continues.
     raise(SIGTERM);
     raise(SIGHUP);
     EXPECT_TRUE(watch.interrupted());

@@ -58,8 +58,8 @@ SessionFrame frame_of(TrackStatus status, std::int64_t timestamp_ns, bool full_d
   return frame;
 }
 
-// The GPU's times come some frames late, two at once or none: each counts once. Where it has no
-// clock that is read there is no such stage.
+// GPU times arrive some frames late, two at once or none; each counts once. Without a timer query
+// the report has no GPU stage.
 TEST(RunReport, ListsGpuStageOnlyWhenMeasured) {
   RunRecorder without;
   without.add_frame(frame_of(TrackStatus::tracked, 0, true));
@@ -72,10 +72,10 @@ TEST(RunReport, ListsGpuStageOnlyWhenMeasured) {
   EXPECT_EQ(std::ranges::count_if(state.stages, is_gpu), 0);
 
   RunRecorder run;
-  const std::vector<std::vector<double>> told = {{}, {1.0}, {}, {2.0, 3.0}};
-  for (std::size_t i = 0; i < told.size(); ++i) {
+  const std::vector<std::vector<double>> gpu_times = {{}, {1.0}, {}, {2.0, 3.0}};
+  for (std::size_t i = 0; i < gpu_times.size(); ++i) {
     SessionFrame frame = frame_of(TrackStatus::tracked, static_cast<std::int64_t>(i), false);
-    frame.composite.gpu_ms = told[i];
+    frame.composite.gpu_ms = gpu_times[i];
     run.add_frame(frame);
   }
   SessionFrame again = frame_of(TrackStatus::tracked, 3, false);
@@ -138,7 +138,7 @@ TEST(RunReport, ReportsWorkSkippedByTracker) {
                                        {"corner_solve", 1}}));
 }
 
-// A search beside the frames took its time, though no frame waited for it.
+// A background search takes CPU time although no frame waited for it.
 TEST(RunReport, ReportsBackgroundSearchAsStageAndDetection) {
   RunRecorder run;
   SessionFrame frame = frame_of(TrackStatus::tracked, 0, false);
@@ -200,7 +200,7 @@ TEST(RunReport, HasEveryDocumentedField) {
   EXPECT_EQ(json["time_ms"]["solve"]["count"], 0) << "it never ran";
   EXPECT_EQ(json["time_ms"]["readback"]["count"], 4);
   EXPECT_EQ(json["tracking"]["reprojection_rms_px"]["median"], 0.25);
-  EXPECT_EQ(json["tracking"]["expected_overlay_px"]["max"], 0.125) << "of tracked frames alone";
+  EXPECT_EQ(json["tracking"]["expected_overlay_px"]["max"], 0.125) << "counts tracked frames only";
   EXPECT_EQ(json["tracking"]["full_detections"], 4);
   EXPECT_EQ(json["tracking"]["tracked_updates"], 1);
   EXPECT_EQ(json["work"]["shadow_vertices"], 500);
@@ -217,8 +217,8 @@ TEST(RunReport, HasEveryDocumentedField) {
                               "passes_skipped", "phantom_masks_drawn", "phantom_masks_kept"}) {
     EXPECT_TRUE(json["work"].contains(counter)) << counter;
   }
-  // 5 captures would be told by the source; here one of 1 ms, 5 tracked of 3 ms, one encoded of 2
-  // ms.
+  // The source reports 5 captures; the test adds one capture of 1 ms, 5 trackings of 3 ms and one
+  // encoding of 2 ms.
   EXPECT_EQ(json["pipeline"]["threads"], 1);
   EXPECT_DOUBLE_EQ(json["pipeline"]["busy_ms_per_frame"]["capture"], 0.2);
   EXPECT_DOUBLE_EQ(json["pipeline"]["busy_ms_per_frame"]["track"], 3.0);
@@ -254,7 +254,7 @@ TEST(RunReport, HasEveryDocumentedField) {
 
   report.accuracy->frames_judged = 0;
   EXPECT_TRUE(Json::parse(report_json(report))["accuracy"]["overlay_px"].is_null())
-      << "no pose is no error of 0";
+      << "a frame without a pose has no error value";
   report.accuracy.reset();
   EXPECT_FALSE(Json::parse(report_json(report)).contains("accuracy"));
 }
@@ -268,7 +268,7 @@ CameraModel pinhole() {
   p.cy = 240.0;
   return CameraModel::make(p).value();
 }
-// Looking straight down from 1 m: camera x = table x, camera y = -table y.
+// Looks straight down from 1 m: camera x = table x, camera y = -table y.
 const CameraPose kAbove(Eigen::Quaterniond(0.0, 1.0, 0.0, 0.0), {0.0, 0.0, 1.0});
 
 TEST(RunReport, CountsReasonsOfUntrackedFrames) {
@@ -335,11 +335,11 @@ TEST(RunReport, ComputesAccuracyFromTrackedFramesOnly) {
   EXPECT_EQ(accuracy.frames_with_truth, 4);
   EXPECT_EQ(accuracy.frames_judged, 3);
   EXPECT_NEAR(accuracy.translation_mm.max, 3.0, 1e-9);
-  // 3 mm beside: 500 px * 0.003 on the table, 500 px * 0.003 / 0.8 at the cube's top.
+  // 3 mm off: 500 px * 0.003 on the table, 500 px * 0.003 / 0.8 at the cube's top.
   EXPECT_NEAR(accuracy.overlay_px.max, 1.875, 1e-9);
 }
 
-// A group's errors are those of the camera over its middle: of what is drawn there.
+// A group's errors are measured at its middle, where its objects are drawn.
 TEST(RunReport, ReportsGroupCountsAndErrors) {
   const CameraModel camera = pinhole();
   Trajectory truth;
@@ -392,7 +392,7 @@ TEST(RunReport, ReportsGroupCountsAndErrors) {
   EXPECT_EQ(json["tags_left_out"], Json({{"41", 2}}));
 }
 
-// A live session has no end: after the first thousands of frames nothing is kept for each of them.
+// A live session has no end, so after the first thousands of frames no frame adds memory.
 TEST(RunReport, UsesConstantMemoryForManyFrames) {
   RunRecorder run({.camera = pinhole(), .keep_paths = false});
   SessionFrame frame = frame_of(TrackStatus::tracked, 0, true);
@@ -414,7 +414,7 @@ TEST(RunReport, UsesConstantMemoryForManyFrames) {
   add(2 * RunningStatistics::kMostExact);
   const auto before = mallinfo2().uordblks;
   add(20'000);
-  // The blocks in use, exactly.
+  // Allocated blocks, exact.
   EXPECT_LE(mallinfo2().uordblks, before + 1024);
   const RunReport report = run.report();
   EXPECT_EQ(report.frames, 28'192);
@@ -422,7 +422,7 @@ TEST(RunReport, UsesConstantMemoryForManyFrames) {
   EXPECT_EQ(report.time_ms[1].second.count, 28'192U);
 }
 
-// What could not be decoded is no matter of time.
+// Frames that could not be decoded do not count as late.
 TEST(RunReport, ReportsWhyCapturedFramesWereDropped) {
   RunReport report;
   report.frames = 14;

@@ -19,7 +19,7 @@ using test::SceneBuilder;
 ObjectPlaced placed_somewhere() {
   ObjectPlaced placed;
   placed.object = "object1";
-  // Numbers with no short decimal.
+  // Numbers without a short decimal form.
   placed.placement.position = {std::sqrt(0.02), -1.0 / 3.0, 0.1 + 0.2};
   placed.placement.rotation =
       Eigen::Quaterniond(Eigen::AngleAxisd(0.7, Eigen::Vector3d(1, 2, 3).normalized()));
@@ -47,7 +47,7 @@ TEST(SceneEdit, IgnoresUnknownTargetsAndInvalidValues) {
   builder.add(nullptr, test::at(1, 2, 3));
   Scene scene = builder.scene();
   ObjectPlaced placed = placed_somewhere();
-  placed.object = "nobody";
+  placed.object = "unknown";
   EXPECT_FALSE(apply(scene, placed));
   placed = placed_somewhere();
   placed.placement.position.x() = std::numeric_limits<double>::quiet_NaN();
@@ -59,7 +59,7 @@ TEST(SceneEdit, IgnoresUnknownTargetsAndInvalidValues) {
   styled.style.fractions.umbra = 1.5;
   EXPECT_FALSE(apply(scene, styled));
   styled.style.fractions.umbra = 0.5;
-  styled.node = "nobody";
+  styled.node = "unknown";
   EXPECT_FALSE(apply(scene, styled));
   EXPECT_EQ(scene.objects[0].placement.position, Eigen::Vector3d(1, 2, 3));
   EXPECT_EQ(scene.shadows[0].fractions.umbra, LightFractions().umbra);
@@ -101,7 +101,7 @@ TEST(SceneEdit, RoundTripsStyleIncludingZenithLight) {
   EXPECT_EQ(read.style.layered.light_height, styled.style.layered.light_height);
   EXPECT_EQ(read.style.layered.umbra_height, styled.style.layered.umbra_height);
   EXPECT_EQ(read.style.fractions.middle, 0.3);
-  EXPECT_FALSE(read.style.light_rays) << "as in recordings made before there were any";
+  EXPECT_FALSE(read.style.light_rays) << "like recordings of versions without the key";
   styled.style.light_rays = true;
   const auto with_rays = test::events_of(event_line({5, styled}));
   ASSERT_TRUE(with_rays && with_rays->edits.size() == 1);
@@ -173,14 +173,14 @@ TEST(SceneEdit, RoundTripsVideoLightExactly) {
   const auto events = load_scene_events(file);
   ASSERT_TRUE(events) << events.error().message;
   EXPECT_TRUE(events->edits.empty());
-  ASSERT_EQ(events->lights.size(), 2U) << "the one that was cut off is left out";
+  ASSERT_EQ(events->lights.size(), 2U) << "the truncated line is skipped";
   const auto is = [&](std::int64_t timestamp_ns, const VideoLight& light) {
     const VideoLight* at = light_at(events->lights, timestamp_ns);
     return at != nullptr && at->on_table == light.on_table && at->around == light.around;
   };
   EXPECT_TRUE(is(0, first)) << "before the first frame that was drawn";
   EXPECT_TRUE(is(1'000'000'001, first));
-  EXPECT_TRUE(is(2'000'000'002, first)) << "of a frame that was not drawn";
+  EXPECT_TRUE(is(2'000'000'002, first)) << "the frame of the edit was not drawn";
   EXPECT_TRUE(is(2'000'000'003, second));
   EXPECT_TRUE(is(9'000'000'000, second));
   EXPECT_EQ(light_at({}, 0), nullptr);

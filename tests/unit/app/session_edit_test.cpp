@@ -1,5 +1,4 @@
-// What is changed while a session runs: the next picture shows it, and only what depends on it is
-// computed again.
+// Edits during a session: the next frame shows them, and only what depends on them is recomputed.
 #include <gtest/gtest.h>
 
 #include <memory>
@@ -41,7 +40,7 @@ class EditedSession : public testing::Test {
     }
     SessionOptions options;
     options.plan = plan;
-    // Of a mask all of a plane's shadows are one, and made anew where one of them is styled alone.
+    // A mask combines all shadows of a plane and is recomputed if one of them changes its style.
     options.plan.layers = LayerDrawing::direct;
     session.emplace(Session::create(*context, builder.build(), camera,
                                     GivenPoses{std::move(poses), {}}, options)
@@ -70,7 +69,7 @@ class EditedSession : public testing::Test {
   int frame_number = 0;
 };
 
-// Whatever is drawn before the first picture, for the driver's sake, is no picture of the camera.
+// The warm-up's drawing does not stay in the framebuffer.
 TEST_F(EditedSession, DrawsBlackAfterWarmUp) {
   ASSERT_TRUE(session->warm_up(PixelFormat::yuv420p));
   picture.assign(static_cast<std::size_t>(kPictureWidth) * kPictureHeight * 4, 77);
@@ -82,7 +81,7 @@ TEST_F(EditedSession, DrawsBlackAfterWarmUp) {
   EXPECT_GT(picture[0], 0);
 }
 
-// The light of a session that is played again is that session's, whatever its pictures show.
+// A replayed session uses its recorded light, not one measured in the images.
 TEST_F(EditedSession, UsesRecordedLightInPlaceOfMeasuredOne) {
   const auto drawn_with = [&](std::vector<LitFrame> recorded) {
     Trajectory poses;
@@ -165,7 +164,7 @@ TEST_F(EditedSession, ChangesTechniqueOfEditedNodeOnly) {
   EXPECT_EQ(after.composite[Counter::reprojections], 1);
   ASSERT_EQ(after.edits.size(), 1U);
   EXPECT_EQ(std::get<ShadowStyled>(after.edits[0]).node, "left");
-  EXPECT_TRUE(step().edits.empty()) << "told once";
+  EXPECT_TRUE(step().edits.empty()) << "returned once";
 }
 
 TEST_F(EditedSession, KeepsOptionTechniqueForOtherNodes) {
@@ -195,7 +194,7 @@ TEST_F(EditedSession, RedrawsMovedObjectAndReusesShadowOnSlide) {
   after = step();
   EXPECT_EQ(after.composite[Counter::triples_recomputed], 1) << "it rose";
   EXPECT_EQ(after.composite[Counter::kernel_generations], 0);
-  EXPECT_FALSE(session->edit(ObjectPlaced{"nobody", placement, false}));
+  EXPECT_FALSE(session->edit(ObjectPlaced{"unknown", placement, false}));
 }
 
 TEST_F(EditedSession, KeepsEditsForNextFrameAfterRedraw) {
@@ -208,7 +207,7 @@ TEST_F(EditedSession, KeepsEditsForNextFrameAfterRedraw) {
   EXPECT_EQ(session->edits_so_far().size(), 1U) << "the last one of each";
 }
 
-// An edit that is replayed gives the frames that it gave, bit for bit.
+// Replayed edits give the recorded frames, bit for bit.
 TEST_F(EditedSession, ReplaysEditsToSameFrames) {
   const std::vector<SceneEdit> edits = {
       ObjectPlaced{
@@ -223,8 +222,8 @@ TEST_F(EditedSession, ReplaysEditsToSameFrames) {
   for (const SceneEdit& edit : edits) {
     ASSERT_TRUE(session->edit(edit));
     const SessionFrame done = step();
-    for (const SceneEdit& told : done.edits) {
-      lines.push_back(event_line({done.tracked.frame.timestamp_ns, told}));
+    for (const SceneEdit& applied : done.edits) {
+      lines.push_back(event_line({done.tracked.frame.timestamp_ns, applied}));
     }
     pictures.push_back(picture);
   }

@@ -33,14 +33,14 @@ TEST(StreamStall, CoastsPoseThenLosesIt) {
     const auto early = silence.picture(100 * kMs);
     ASSERT_TRUE(early);
     EXPECT_EQ(early->pose.status, TrackStatus::held);
-    EXPECT_EQ(early->pose.held_from, before) << "it fades from what it was drawn as";
+    EXPECT_EQ(early->pose.held_from, before) << "it fades from the last drawn opacity";
     EXPECT_DOUBLE_EQ(early->pose.age_s, 0.1);
-    EXPECT_EQ(early->pose.tags_used, 0) << "nothing is measured of a picture that is old";
+    EXPECT_EQ(early->pose.tags_used, 0) << "a stale image is not measured";
     EXPECT_EQ(early->pose.reason.cause, PoseCause::not_measured);
-    EXPECT_EQ(early->groups[0].status, TrackStatus::lost) << "what had no pose gets none";
+    EXPECT_EQ(early->groups[0].status, TrackStatus::lost) << "a group without a pose gets none";
     const auto again = silence.picture(200 * kMs);
     ASSERT_TRUE(again);
-    EXPECT_DOUBLE_EQ(again->pose.age_s, 0.2) << "of the picture, not of what was held of it";
+    EXPECT_DOUBLE_EQ(again->pose.age_s, 0.2) << "measured since the frame, not since the held pose";
     EXPECT_EQ(again->pose.held_from, before);
     const auto late = silence.picture(static_cast<std::int64_t>(1.01e9 * kHoldSeconds));
     ASSERT_TRUE(late);

@@ -26,8 +26,8 @@ StudyDesign design_of(StudyExperiment experiment, int participant, int samples,
   return design;
 }
 
-// What a Williams design is for: each treatment at each place, and right after each other one,
-// equally often.
+// The property of a Williams design: each treatment is at each place equally often, and follows
+// each other treatment equally often.
 TEST(StudyPlan, BalancesWilliamsDesign) {
   for (int n = 1; n <= 9; ++n) {
     std::map<std::pair<int, int>, int> at_place, after;
@@ -71,7 +71,7 @@ TEST(StudyPlan, AssignsEverySampleOncePerTechnique) {
       ++blocks_of_technique[{*techniques.begin(), block}];
     }
   }
-  // Six participants are all rows of the design for three techniques.
+  // Six participants use all rows of the design for three techniques.
   EXPECT_EQ(blocks_of_technique.size(), 9U);
   for (const auto& [what, count] : blocks_of_technique) EXPECT_EQ(count, 2);
 }
@@ -94,10 +94,10 @@ TEST(StudyPlan, DependsOnlyOnSeedAndParticipant) {
   EXPECT_NE(plan.trials[0].technique, second.trials[0].technique);
   for (std::size_t i = 0; i < plan.samples.size(); ++i) {
     EXPECT_EQ(plan.samples[i].places, again.samples[i].places);
-    EXPECT_EQ(plan.samples[i].places, second.samples[i].places);  // all see the same
+    EXPECT_EQ(plan.samples[i].places, second.samples[i].places);  // all participants see the same
     EXPECT_NE(plan.samples[i].places, reseeded.samples[i].places);
   }
-  // These very numbers: results of one study must not depend on the build.
+  // Fixed values: the samples must not depend on the build.
   EXPECT_EQ(plan.samples[0].places[0], Eigen::Vector3d(0.0295, -0.0641, 0.0832));
 }
 
@@ -115,7 +115,7 @@ TEST(StudyPlan, SeparatesHighestSphereByDifficultyGap) {
       EXPECT_GE(p.z(), kStudySphere_m);
       EXPECT_LE(p.z(), 0.2);
       EXPECT_LE(p.head<2>().norm(), 0.0902);
-      // No sphere over another.
+      // No sphere stands over another.
       EXPECT_GT((p - sample.places[(i + 1) % 3]).head<2>().norm(), 3.0 * kStudySphere_m);
     }
     ++highest[highest_of(sample)];
@@ -132,7 +132,7 @@ TEST(StudyPlan, SeparatesHighestSphereByDifficultyGap) {
     }
   }
   EXPECT_EQ(hard, 250);
-  // Which of the three it is says nothing: 167 each expected, 10.5 the standard deviation.
+  // All three are equally likely: 167 expected each, with a standard deviation of 10.5.
   for (int i = 0; i < 3; ++i) EXPECT_NEAR(highest[i], 500.0 / 3.0, 45.0) << i;
 }
 
@@ -165,7 +165,7 @@ TEST(StudyPlan, NamesStudyByParametersThatMustAgree) {
   EXPECT_EQ(study_technique_from_string("cocl")->kernels, KernelSource::centroid);
 }
 
-// Whatever the technique needs is there.
+// The scene has everything that the technique needs.
 TEST(StudyScene, HasCastersPlanesWallsAndLight) {
   for (const StudyExperiment experiment : {StudyExperiment::heights, StudyExperiment::drag}) {
     const Scene scene = study_scene(experiment);

@@ -48,7 +48,7 @@ TEST(StudyStatistics, ComputesMedianIntervalFromOrderStatistics) {
   EXPECT_EQ(median_of(values)->interval->low, 2.0);
 }
 
-// What it promises, of a skewed distribution as times are.
+// Coverage of the interval for a skewed distribution like that of response times.
 TEST(StudyStatistics, CoversMedianAtNominalRate) {
   std::mt19937_64 random(3);
   std::lognormal_distribution<double> times(1.0, 0.8);
@@ -61,7 +61,7 @@ TEST(StudyStatistics, CoversMedianAtNominalRate) {
     const auto interval = median_of(values)->interval;
     held += interval->low <= truth && truth <= interval->high ? 1 : 0;
   }
-  // Exactly 95.86 % for 20 values; 0.3 % the standard deviation of this count.
+  // The exact value is 95.86 % for 20 values; the standard deviation of this count is 0.3 %.
   EXPECT_NEAR(static_cast<double>(held) / kRuns, 0.9586, 0.0130);
 }
 
@@ -136,7 +136,7 @@ TEST(StudyRow, RoundTripsThroughText) {
   EXPECT_EQ(commas(line), commas(kStudyHeader));
 }
 
-// As spreadsheets save it.
+// Spreadsheets save it like this.
 TEST(StudyFile, AcceptsByteOrderMark) {
   const test::TemporaryFolder folder;
   const fs::path path = folder.path() / "answers.csv";
@@ -200,7 +200,7 @@ TEST(StudyFile, KeepsExistingRowsAndRejectsForeignOnes) {
   ASSERT_FALSE(StudyFile::open(folder.path() / "nowhere" / "a.csv", first, false));
 }
 
-// Power that fails while a row is written costs that row and no other.
+// A power failure during a write loses that row only.
 TEST(StudyFile, LosesOnlyTruncatedLine) {
   const test::TemporaryFolder folder;
   const fs::path path = folder.path() / "answers.csv";
@@ -222,7 +222,7 @@ TEST(StudyFile, LosesOnlyTruncatedLine) {
     ASSERT_EQ(static_cast<std::size_t>(std::ranges::count(text, '\n')),
               std::max<std::size_t>(lines, 1) + 1);
   }
-  // A damaged line in the middle is not passed over in silence.
+  // A damaged line in the middle is an error.
   fs::remove(path);
   std::string damaged = whole;
   damaged[damaged.find("1.000000000")] = 'x';
@@ -246,7 +246,7 @@ TEST(StudySummary, CountsAnswersOfOneParticipantOrParticipants) {
   EXPECT_DOUBLE_EQ(summary[0].wrong_share, 0.2);
   EXPECT_EQ(summary[1].answers, 0);
   EXPECT_FALSE(summary[1].response_time_s);
-  // Six people more, each with a median of their own; one of them answered far more often.
+  // Six more participants, each with another median; one of them gave far more answers.
   for (int person = 2; person <= 7; ++person) {
     for (int i = 0; i < (person == 7 ? 1000 : 3); ++i) {
       rows.push_back(row_of(design_of(person), 1, 1, 10.0 * person + i % 3, true));

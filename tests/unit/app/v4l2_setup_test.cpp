@@ -78,7 +78,7 @@ TEST(V4l2Setup, AdvisesWhenUsbBandwidthIsExhausted) {
   EXPECT_THAT(text, HasSubstr("--format mjpeg"));
   EXPECT_THAT(text, Not(HasSubstr("plug")));
   EXPECT_THAT(text, Not(HasSubstr("space")));
-  EXPECT_EQ(fault_of(ENOSPC), CaptureFault::busy) << "trying again at once would not help";
+  EXPECT_EQ(fault_of(ENOSPC), CaptureFault::busy) << "an immediate retry would not help";
 }
 
 TEST(V4l2Setup, GivesAdviceForEachError) {

@@ -51,7 +51,7 @@ TEST(VideoWriter, StoresEveryPixelAndTimestampInFfv1) {
   const test::TemporaryFolder folder;
   const fs::path file = folder.path() / "a.mkv";
   const auto pictures = noise(37, 23, 5);
-  // Irregular, and not from 0.
+  // Irregular times that do not start at 0.
   const std::vector<std::int64_t> times = {5'000'000'000, 5'033'333'000, 5'066'667'000,
                                            5'200'000'000, 5'201'000'000};
   write_all(file, VideoCodec::ffv1, {37, 23, 1.0 / 30.0}, pictures, times);
@@ -144,7 +144,7 @@ TEST_P(VideoWriterCodec, FailsForVideoWithoutFrames) {
   EXPECT_FALSE((*writer)->finish());
 }
 
-// One colour, so that what comes back is the colour conversion alone.
+// A single colour isolates the colour conversion from compression errors.
 struct H264Case {
   int width, height;
   AVColorSpace space;

@@ -34,8 +34,7 @@ WindowEvent pointer(WindowEvent::Kind kind, double x, double y, int button = 0) 
   return event;
 }
 
-// A window whose events are written down beforehand: one entry for each time that it is polled; no
-// code: nothing happens.
+// A window with scripted events: one entry for each poll; an entry without a code has no event.
 class ScriptedWindow final : public GlContext {
  public:
   explicit ScriptedWindow(std::deque<int> keys) {
@@ -100,15 +99,15 @@ class Host : public ViewerHost {
   }
 
   int presented = 0, redrawn = 0, screenshots = 0, recordings = 0, smoothings = 0;
-  int ends_after = std::numeric_limits<int>::max();  // pictures
+  int ends_after = std::numeric_limits<int>::max();  // frames
   ShadowStyle style;
   Translucency way = Translucency::automatic;
   SessionView shown;
   std::vector<SceneEdit> edits;
   mutable int described = 0;
-  mutable int hud_drawings = 0;  // without commands for nodes
+  mutable int hud_drawings = 0;  // calls without node commands
   mutable bool debug_asked = false;
-  std::optional<std::string> trouble;  // of the camera
+  std::optional<std::string> trouble;  // camera trouble
 };
 
 TEST(Viewer, PresentsEachFrameOnce) {
@@ -237,7 +236,7 @@ TEST(Viewer, CyclesTranslucencyOnM) {
   }
   EXPECT_EQ(seen.size(), kTranslucencyNames.size());
   EXPECT_EQ(host.way, Translucency::automatic) << "once round";
-  EXPECT_TRUE(host.edits.empty()) << "it is nothing of the scene";
+  EXPECT_TRUE(host.edits.empty()) << "not a scene edit";
 }
 
 TEST(Viewer, TogglesSmoothingDuringPause) {
@@ -250,7 +249,7 @@ TEST(Viewer, TogglesSmoothingDuringPause) {
   EXPECT_TRUE(viewer.show(interrupt));
   EXPECT_EQ(host.smoothings, 2);
   EXPECT_EQ(host.redrawn, 1);
-  EXPECT_TRUE(host.edits.empty()) << "it is nothing of the scene";
+  EXPECT_TRUE(host.edits.empty()) << "not a scene edit";
 }
 
 TEST(Viewer, RedrawsOnceForChangeDuringPause) {
@@ -270,7 +269,7 @@ TEST(Viewer, DragsObjectByMouseInLetterboxedWindow) {
   const SceneState state = evaluate_scene(scene, 0.0);
   const CameraModel camera = test::camera_of(160, 120, 150.0);
   const CameraPose pose = test::look_at({0.0, -0.8, 0.8}, {0.0, 0.0, 0.1});
-  // Twice as large, with 40 px of black on either side.
+  // Twice the size, with borders of 40 px.
   const auto in_window = [&](const Eigen::Vector3d& p) {
     const Eigen::Vector2d pixel = camera.project(pose.inverse() * p).value();
     return Eigen::Vector2d(40.0 + 2.0 * (pixel.x() + 0.5), 2.0 * (pixel.y() + 0.5));
@@ -295,7 +294,7 @@ TEST(Viewer, DragsObjectByMouseInLetterboxedWindow) {
   EXPECT_LT((place(host.edits.back()) - Eigen::Vector3d(0.1, 0.05, 0.1)).norm(), 1e-5);
 }
 
-// Only where it is asked for: a pointer that passes changes no picture.
+// Without the option, pointer motion changes no frame.
 TEST(Viewer, MovesCursorWithPointerOnlyWhenEnabled) {
   test::SceneBuilder builder;
   builder.add(test::finished(make_box({0.02F, 0.02F, 0.02F}), glm::vec4(1.0F)),
@@ -336,7 +335,7 @@ TEST(Viewer, MovesCursorWithPointerOnlyWhenEnabled) {
   EXPECT_NEAR(followed[1].z(), 0.11, 1e-9);
 }
 
-// With a real HUD, drawn into a framebuffer of an offscreen context.
+// Draws the real HUD into a framebuffer of an offscreen context.
 class ViewerWithHud : public testing::Test {
  protected:
   ViewerWithHud()
@@ -366,7 +365,7 @@ TEST_F(ViewerWithHud, DrawsNothingWhenHidden) {
   EXPECT_EQ(host.hud_drawings, 2) << "hidden again";
 }
 
-// Also a clean picture may not stand still as if it were live.
+// A hidden HUD still shows warnings: a frozen image must not look live.
 TEST_F(ViewerWithHud, DrawsWarningsWhenHidden) {
   ScriptedWindow window(std::deque<int>{0, 0});
   window.size = {640, 480};
@@ -384,7 +383,7 @@ TEST_F(ViewerWithHud, DrawsWarningsWhenHidden) {
   };
   EXPECT_EQ(shown(), 0);
   host.trouble = "unplugged";
-  (void)shown();  // a window that fits its words appears once it has measured them
+  (void)shown();  // a window that fits its text is drawn only after measuring it
   EXPECT_GT(shown(), 50);
   EXPECT_EQ(host.hud_drawings, 0);
 }
@@ -400,7 +399,7 @@ TEST_F(ViewerWithHud, ReappearsOnTouchInCorner) {
   EXPECT_EQ(host.hud_drawings, 2);
 }
 
-// An object that lies under a button is not taken by a click on the button.
+// A click on a button does not pick the object under it.
 TEST_F(ViewerWithHud, ConsumesClicksOnItsButtons) {
   test::SceneBuilder builder;
   builder.add(test::finished(make_box({2.0F, 2.0F, 0.1F}), glm::vec4(1.0F)), test::at(0, 0, 0));

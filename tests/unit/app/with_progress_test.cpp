@@ -27,7 +27,7 @@ struct Count {
   std::atomic<std::size_t> done{0}, total{0};
 };
 
-// Standard error goes to `end` while this lives; what arrives at the other end is kept.
+// Redirects standard error to `end` during its lifetime; keeps what arrives at the other end.
 class CapturedError {
  public:
   CapturedError(int ours, int theirs) : ours_(ours), kept_(dup(STDERR_FILENO)) {
@@ -47,7 +47,7 @@ class CapturedError {
   CapturedError& operator=(const CapturedError&) = delete;
   ~CapturedError() { static_cast<void>(finish()); }
 
-  // Waits for these words, up to half a minute.
+  // Waits up to half a minute for these words.
   [[nodiscard]] bool shows(const std::string& words) {
     for (int i = 0; i < 3000; ++i) {
       {
@@ -58,7 +58,7 @@ class CapturedError {
     }
     return false;
   }
-  // Gives standard error back; all that was written.
+  // Restores standard error; returns all text that was written.
   [[nodiscard]] std::string finish() {
     if (kept_ >= 0) {
       dup2(kept_, STDERR_FILENO);
@@ -98,7 +98,7 @@ TEST_F(WithProgress, DrawsAndErasesBarOnTerminal) {
   CapturedError error(ours, theirs);
   std::array<bool, 3> shown{};
   const int result = run([&] {
-    shown[0] = error.shows("[" + std::string(30, ' ') + "]");  // nothing to count yet
+    shown[0] = error.shows("[" + std::string(30, ' ') + "]");  // nothing counted yet
     count_.done = 50;
     count_.total = 200;
     shown[1] = error.shows("50/200");
