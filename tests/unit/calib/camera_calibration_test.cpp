@@ -1,5 +1,5 @@
-// From pictures to a camera: which pictures are left out and why, and what other readers make of
-// the file.
+// From images to a camera file: which images are rejected and why, and how other programs read the
+// file.
 #include "calib/camera_calibration.hpp"
 
 #include <gmock/gmock.h>
@@ -25,7 +25,7 @@ namespace {
 using testing::HasSubstr;
 using testing::StartsWith;
 
-GreyImage smeared(GreyImage image, int rounds) {
+GreyImage box_blurred(GreyImage image, int rounds) {
   for (int round = 0; round < rounds; ++round) {
     const GreyImage before = image;
     for (int y = 1; y + 1 < image.height; ++y) {
@@ -82,7 +82,7 @@ TEST(CameraCalibrator, RejectsBlurredCutOffMirroredAndRepeatedImages) {
         picture(at, 0.38 + 0.05 * (k % 4), radians(40.0 + 12.0 * (k % 4)), radians(80.0 * k)));
     add(("view " + std::to_string(k)).c_str(), good.back());
   }
-  add("blurred", smeared(picture({0.0, 0.02, 0.0}, 0.4, radians(55.0), radians(33.0)), 12));
+  add("blurred", box_blurred(picture({0.0, 0.02, 0.0}, 0.4, radians(55.0), radians(33.0)), 12));
   add("again", good[4]);
   add("cut off", picture({0.25, 0.15, 0.0}, 0.3, radians(75.0), radians(90.0)));
   for (const std::size_t k : {2U, 5U, 7U}) add("mirrored", mirrored(good[k]));
@@ -100,7 +100,7 @@ TEST(CameraCalibrator, RejectsBlurredCutOffMirroredAndRepeatedImages) {
   EXPECT_LT(projection_difference(camera, result->solution.camera).mean_px, 2.0);
 }
 
-// 36 pictures for 8 views: surplus ones are rejected and freed before all have come.
+// 36 images for 8 views: surplus images are rejected and freed during the sweep.
 TEST(CameraCalibrator, FreesSurplusPicturesOfLongSweep) {
   const CameraModel camera = test::wide_camera();
   const auto board = test::board(4, 3, 0.04);
@@ -112,7 +112,7 @@ TEST(CameraCalibrator, FreesSurplusPicturesOfLongSweep) {
     PatternRenderOptions options;
     options.samples = 8;
     options.seed = static_cast<std::uint64_t>(k + 1);
-    // Slow: neighbours are much alike.
+    // A slow sweep: neighbouring images are much alike.
     const double t = 2.0 * M_PI * k / kPictures;
     const Eigen::Vector3d at(0.05 * std::cos(t), 0.04 * std::sin(2.0 * t), 0.0);
     sweep.push_back(renderer->render(
@@ -163,7 +163,7 @@ TEST(ReportedRejections, ListOneImagePerRepeatedReason) {
   EXPECT_EQ(told_left_out(pictures, 1), (Told{no, 0, 2, 1, no, no, no, no}));
 }
 
-// Black squares of another size than the file says, and what only looks so.
+// Tags printed at another size than the file says, and shifts that have another cause.
 TEST(TagSizeMismatch, IsFoundFromShiftsThatGrowWithTagSize) {
   std::mt19937 rng(3);
   std::normal_distribution<double> noise(0.0, 0.02);
@@ -179,14 +179,14 @@ TEST(TagSizeMismatch, IsFoundFromShiftsThatGrowWithTagSize) {
   };
   for (int run = 0; run < 200; ++run) {
     EXPECT_FALSE(share_of(0.0, 0.4, 20));
-    EXPECT_FALSE(share_of(0.005, -0.4, 20)) << "paper is no truer";
+    EXPECT_FALSE(share_of(0.005, -0.4, 20)) << "within the tolerance of paper";
     for (const double wrong : {-0.05, -0.02, 0.02, 0.05}) {
       const auto found = share_of(wrong, 0.4, 20);
       ASSERT_TRUE(found) << wrong;
       EXPECT_NEAR(*found, wrong, 0.005);
     }
   }
-  EXPECT_FALSE(share_of(0.05, 0.0, 5)) << "too few views to tell";
+  EXPECT_FALSE(share_of(0.05, 0.0, 5)) << "too few views";
   EXPECT_FALSE(other_size(std::vector<double>(20, 40.0), std::vector<double>(20, 0.5)));
   EXPECT_FALSE(other_size(std::vector<double>(20, std::nan("")), std::vector<double>(20, 0.5)));
 }
@@ -195,14 +195,14 @@ TEST(ProjectionDifference, ReportsShareItCouldNotCompare) {
   const CameraModel camera = test::desk_camera();
   EXPECT_EQ(projection_difference(camera, camera).skipped, 0.0);
   CameraParameters p = camera.parameters();
-  p.distortion = {-0.6};  // reaches no further than half of the picture
+  p.distortion = {-0.6};  // monotonic only to half of the image
   const CameraModel folds = CameraModel::make(p).value();
   const double skipped = projection_difference(folds, camera).skipped;
   EXPECT_GT(skipped, 0.05);
   EXPECT_LT(skipped, 1.0);
 }
 
-// OpenCV reads what is written for it, to the last digit.
+// OpenCV reads the written file with the same digits.
 TEST(CameraFile, IsReadByOpenCvWithSameNumbers) {
   const test::TemporaryFolder folder;
   for (const CameraModel& camera : {test::desk_camera(), test::wide_lens()}) {

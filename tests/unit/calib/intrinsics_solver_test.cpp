@@ -1,4 +1,4 @@
-// The solver against simulated views, where the lens is known.
+// The solver on simulated views of a known lens.
 #include "calib/solver/intrinsics_solver.hpp"
 
 #include <gmock/gmock.h>
@@ -74,7 +74,8 @@ TEST(IntrinsicsSolver, RejectsOutlierCorners) {
   for (CalibrationView& view : views) view.outlier.assign(view.corners.size(), false);
   const auto spoilt = solve_intrinsics(*solved, board, views);
   ASSERT_TRUE(spoilt);
-  EXPECT_GT(projection_difference(truth, spoilt->camera).mean_px, 0.2) << "they do spoil it";
+  EXPECT_GT(projection_difference(truth, spoilt->camera).mean_px, 0.2)
+      << "without rejection the outliers must spoil the result";
 }
 
 TEST(IntrinsicsSolver, EstimatesBoardWarp) {
@@ -102,7 +103,7 @@ TEST(IntrinsicsSolver, EstimatesBoardWarp) {
   }
 }
 
-// Mean error of the projection over a few calibrations with a board that is as `bend` makes it.
+// Mean projection error over several calibrations with a board deformed by `bend`.
 double error_with(BoardShape shape,
                   const std::function<void(Eigen::Vector3d&, std::mt19937&)>& bend) {
   constexpr unsigned kRuns = 5;
@@ -134,17 +135,17 @@ TEST(IntrinsicsSolver, CorrectsWavyBoardWithoutHarmingFlatOne) {
                          3e-4 * (std::sin(27.0 * p.x() + 1.0) + std::cos(20.0 * p.y())));
   };
   EXPECT_LT(error_with(BoardShape::free, waves), 0.5 * error_with(BoardShape::rigid, waves));
-  // Nothing to mend: what is solved for needlessly must not be paid for by the principal point.
+  // With a flat board, the needless parameters must not spoil the principal point.
   const auto none = [](Eigen::Vector3d&, std::mt19937&) {};
   EXPECT_LT(error_with(BoardShape::free, none), 1.5 * error_with(BoardShape::rigid, none));
-  // A sheet that was stretched by 0.1 % when printed.
+  // The print stretched the sheet by 0.1 %.
   const auto stretched = [](Eigen::Vector3d& p, std::mt19937&) { p.y() *= 1.001; };
   EXPECT_LT(error_with(BoardShape::free, stretched),
             2.0 * error_with(BoardShape::rigid, stretched));
 }
 
-// The size of a chessboard's squares is no part of the lens: a wrong one makes all distances wrong
-// by as much, and nothing in the views can tell.
+// The square size is not part of the lens: a wrong size scales all distances and is not observable
+// in the views.
 TEST(IntrinsicsSolver, KeepsLensIndependentOfSquareSize) {
   std::mt19937 rng(7);
   const auto board = test::flat_board();
@@ -191,7 +192,7 @@ TEST(IntrinsicsSolver, RejectsTwoViewsWithReason) {
   EXPECT_THAT(solved.error().message, HasSubstr("at least 3"));
 }
 
-// Short form of the stress test: true projections lie where the covariance says they may.
+// Short form of the stress test: true projections lie within the predicted uncertainty.
 TEST(IntrinsicsSolver, PredictsUncertaintyConsistentWithErrors) {
   const CameraModel truth = test::desk_camera();
   const auto board = test::flat_board();
@@ -218,7 +219,7 @@ TEST(IntrinsicsSolver, PredictsUncertaintyConsistentWithErrors) {
     }
   }
   EXPECT_GE(inside, 0.95 * all);
-  // Neither is the promise so wide that it says nothing.
+  // The uncertainty is not too large either.
   EXPECT_GT(ratio / all, 0.3);
 }
 

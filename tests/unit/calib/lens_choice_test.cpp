@@ -1,4 +1,4 @@
-// Which lens a calibration takes, and which it never takes.
+// Which lens model a calibration chooses, and which it rejects.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -32,21 +32,21 @@ CameraModel lens(DistortionModel model, double f, std::array<double, 8> distorti
 TEST(NonMonotonicDistortion, IsLocatedWhereRadiusStopsGrowing) {
   EXPECT_FALSE(fold_in_image(test::desk_camera()));
   EXPECT_FALSE(fold_in_image(test::wide_lens()));
-  // r (1 - r^2 / 3) grows up to r = 1, which is 2/3: 133 px at f = 200. The picture's upper and
-  // lower borders are further.
+  // r (1 - r^2 / 3) grows up to r = 1, where it is 2/3: 133 px at f = 200, inside the upper and
+  // lower borders.
   const CameraModel folds = lens(DistortionModel::plumb_bob, 200.0, {-1.0 / 3.0});
   const auto at = fold_in_image(folds);
   ASSERT_TRUE(at);
   EXPECT_NEAR(at->x(), folds.parameters().cx, 10.0);
-  // Only in the corners: 0.75 of the half diagonal.
+  // Non-monotonic in the corners only: 0.75 of the half diagonal.
   const auto corner = fold_in_image(lens(DistortionModel::plumb_bob, 450.0, {-1.0 / 3.0}));
   ASSERT_TRUE(corner);
   EXPECT_GT(std::abs(corner->x() - 320.0), 180.0);
   EXPECT_GT(std::abs(corner->y() - 240.0), 130.0);
-  // Levels off and never falls: r / (1 + r^2)^0.5 as a rational would have it near by.
+  // Levels off without falling: a rational approximation of r / (1 + r^2)^0.5.
   EXPECT_TRUE(fold_in_image(
       lens(DistortionModel::rational, 150.0, {0.0, 0.0, 0.0, 0.0, 0.0, 0.5, 0.02, 0.0})));
-  // Beyond 90 degrees a fisheye lens may still grow: that is no fold.
+  // A fisheye lens may still grow beyond 90 degrees, which is monotonic.
   EXPECT_FALSE(fold_in_image(lens(DistortionModel::fisheye, 150.0, {})));
 }
 
@@ -102,7 +102,7 @@ TEST(LensChoice, ChoosesFisheyeWhenViewsNeedIt) {
   EXPECT_EQ(wide.lens->solution.camera.parameters().model, DistortionModel::fisheye);
 }
 
-// Few, noisy views in the middle of the image: far out the coefficients may say anything.
+// Few, noisy views in the middle of the image leave the outer distortion undetermined.
 TEST(LensChoice, NeverChoosesNonMonotonicLens) {
   int refused = 0;
   for (unsigned seed = 0; seed < 12; ++seed) {
@@ -141,8 +141,8 @@ TEST(LensChoice, NeverChoosesNonMonotonicLens) {
   EXPECT_GT(refused, 5) << "the views are meant to be so poor that some lenses fold";
 }
 
-// Seen in the corners: what a lens with too few freedoms calls outliers there is not left out, and
-// a rational lens seldom folds there.
+// Views with corners near the image's borders: corners that a lens with too few parameters calls
+// outliers are kept, and a rational lens is seldom non-monotonic there.
 TEST(LensChoice, KeepsFarCornersThatRicherLensExplains) {
   const CameraModel truth = test::rational_lens();
   int found = 0;
@@ -150,7 +150,7 @@ TEST(LensChoice, KeepsFarCornersThatRicherLensExplains) {
     const Chosen wide =
         choose(truth, {.views = 20, .noise_px = 0.05, .distance_m = 0.25, .reach = 0.95}, seed);
     ASSERT_TRUE(wide.lens) << wide.lens.error().message;
-    // On the same corners, what does not explain them is seen to be worse by much.
+    // On the same corners, the lens with too few parameters has a far larger error.
     ASSERT_TRUE(wide.trials.front().held_out_px);
     EXPECT_GT(*wide.trials.front().held_out_px, 3.0 * *wide.lens->held_out_px);
     if (wide.lens->solution.camera.parameters().model != DistortionModel::rational) continue;
@@ -187,7 +187,7 @@ CameraPose tilted(double degrees) {
           Eigen::Vector3d(0.0, 0.0, 0.4)};
 }
 
-// A calibration whose own covariance says that all is well.
+// A calibration whose covariance is small everywhere.
 CameraCalibration sure_of_itself() {
   CameraCalibration c;
   c.solution.camera = test::desk_camera();
@@ -227,7 +227,7 @@ TEST(CalibrationVerdict, IsPoorWhenNonMonotonicLensFitsBetter) {
   EXPECT_EQ(c.grade, CalibrationGrade::poor);
   EXPECT_THAT(c.verdict, HasSubstr("rational_polynomial explains the views better (0.200 px)"));
   EXPECT_THAT(c.verdict, HasSubstr("non-monotonic near the top left"));
-  // No better: nothing is wrong with the one that was taken.
+  // The rejected lens is not better, so the chosen one is good.
   c = sure_of_itself();
   folds.held_out_px = 0.5;
   c.trials.push_back(folds);
@@ -244,7 +244,7 @@ TEST(CalibrationVerdict, IncludesSpreadOfEquallyGoodLenses) {
   other.camera = CameraModel::make(p).value();
   c.trials.push_back(other);
   judge(c);
-  EXPECT_LT(c.uncertainty.largest_px, 0.1) << "it is no rival";
+  EXPECT_LT(c.uncertainty.largest_px, 0.1) << "the other lens is not marked as a rival";
   c.trials.back().rival = true;
   judge(c);
   EXPECT_NEAR(c.uncertainty.mean_px, 3.0, 1e-6);
@@ -252,7 +252,7 @@ TEST(CalibrationVerdict, IncludesSpreadOfEquallyGoodLenses) {
   EXPECT_EQ(c.grade, CalibrationGrade::poor);
 }
 
-// Where the projection is known nowhere, a person is told what to do all the same.
+// The verdict gives advice even if the projection is known nowhere.
 TEST(CalibrationVerdict, GivesAdviceWhenProjectionIsUnknown) {
   CameraCalibration c = sure_of_itself();
   c.solution.covariance = std::numeric_limits<double>::infinity() * Eigen::MatrixXd::Ones(9, 9);
@@ -268,7 +268,7 @@ TEST(CalibrationVerdict, LimitsRivalDifferencesOutsideSeenArea) {
   other.chosen = false;
   other.rival = true;
   CameraParameters p = other.camera.parameters();
-  p.distortion[4] += 0.4;  // k3: more and more off, the further out
+  p.distortion[4] += 0.4;  // k3: an error that grows outwards
   other.camera = CameraModel::make(p).value();
   c.trials.push_back(other);
   judge(c);
@@ -281,18 +281,18 @@ TEST(CalibrationVerdict, LimitsRivalDifferencesOutsideSeenArea) {
   judge(c);
   EXPECT_LT(c.uncertainty.largest_px, 0.5 * everywhere);
   EXPECT_GT(c.uncertainty.largest_px, 0.0);
-  // But nothing out there is known better than what was seen.
+  // But the uncertainty there is not below that of the seen area.
   EXPECT_NEAR(c.uncertainty.sigma_px.front(), c.uncertainty.largest_px, 1e-9);
 }
 
-// Two lenses may cross where nothing was seen: that they agree there says nothing.
+// Two lenses may cross outside the seen area; their agreement there is no evidence.
 TEST(CalibrationVerdict, KeepsUncertaintyWhereRivalLensesCross) {
   CameraCalibration c = sure_of_itself();
   ModelTrial other = c.trials.front();
   other.chosen = false;
   other.rival = true;
   CameraParameters p = other.camera.parameters();
-  // 3 px to the right in the middle, less and less further to the right.
+  // 3 px to the right in the middle, less further to the right.
   p.cx += 3.0;
   p.distortion[0] -= 0.1;
   other.camera = CameraModel::make(p).value();
@@ -313,7 +313,7 @@ TEST(CalibrationVerdict, KeepsUncertaintyWhereRivalLensesCross) {
 }
 
 TEST(CalibrationVerdict, AdvisesNextViews) {
-  // Too little tilt, nearly enough of it.
+  // Too little tilt, then nearly enough.
   CameraCalibration c = sure_of_itself();
   c.solution.views[0].T_board_camera = tilted(39.9);
   c.solution.covariance *= 1e8;
@@ -321,7 +321,7 @@ TEST(CalibrationVerdict, AdvisesNextViews) {
   EXPECT_NE(c.grade, CalibrationGrade::good) << c.verdict;
   EXPECT_THAT(c.verdict, HasSubstr("differ by more than 39 degrees, 40 are good"));
   EXPECT_THAT(c.verdict, testing::Not(HasSubstr("take more views")));
-  // Nothing stands out: then what helps most, and where.
+  // No single fault: the advice names the view that helps most.
   c = sure_of_itself();
   c.solution.covariance *= 1e8;
   judge(c);
@@ -329,7 +329,7 @@ TEST(CalibrationVerdict, AdvisesNextViews) {
   EXPECT_THAT(c.verdict, HasSubstr("at the worst place in the image (the "));
   EXPECT_THAT(c.verdict, HasSubstr("; take more views: from near"));
   EXPECT_EQ(c.advice.size(), 1U);
-  // Parts of the image: without a corner, and with one.
+  // Parts of the image without a corner, and with a single one.
   c = sure_of_itself();
   for (CalibrationPicture& picture : c.pictures) {
     std::erase_if(picture.view.corners, [&](const TargetCorner& corner) {

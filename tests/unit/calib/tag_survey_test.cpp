@@ -1,4 +1,4 @@
-// Sweeps over loose tags, with corners that are exact but for what each test does to them.
+// Sweeps over loose tags; corners are exact except for the errors that a test adds.
 #include "calib/survey/tag_survey.hpp"
 
 #include <fmt/format.h>
@@ -21,8 +21,7 @@
 namespace penumbra {
 namespace {
 
-// Views of a board from 0.5 to 1.1 m; the edges of the black squares lie `shift_px` further out
-// than they should.
+// Views of a board from 0.5 to 1.1 m; the black squares' edges are shifted outwards by `shift_px`.
 std::vector<SurveyFrame> sweep(const CameraModel& camera, const std::vector<MappedTag>& board,
                                double shift_px) {
   std::vector<SurveyFrame> frames;
@@ -79,7 +78,7 @@ TEST_F(TagSurveyTest, RejectsImplausiblyLargeEdgeShift) {
   EXPECT_EQ(survey->edge_shift_px, 0.0);
 }
 
-// A sweep as it is done: pictures, detection, a first survey, edges, a second one.
+// A complete survey: images, detection, first survey, edges, second survey.
 Result<TagSurvey> survey_pictures(const CameraModel& camera, const std::vector<MappedTag>& board,
                                   const std::vector<GreyImage>& pictures,
                                   const SurveyOptions& options) {
@@ -117,7 +116,7 @@ TEST_F(TagSurveyTest, RemovesCameraResponseBiasByEdges) {
   const auto survey = survey_pictures(camera_, board_, pictures, options_);
   ASSERT_TRUE(survey) << survey.error().message;
   EXPECT_LT(survey->rms_px, 0.06);
-  // Corners of the detector alone put tags 0.4 mm too far apart on these pictures.
+  // On these images, the detector's corners alone would put the tags 0.4 mm too far apart.
   EXPECT_NEAR(pitch(*survey), 0.08, 2.5e-5);
   double squares = 0.0;
   int count = 0;
@@ -129,8 +128,8 @@ TEST_F(TagSurveyTest, RemovesCameraResponseBiasByEdges) {
     squares += error.head<2>().dot(covariance.inverse() * error.head<2>());
     count += 2;
   }
-  EXPECT_LT(squares / count, 4.0) << "its covariance is too sure";
-  EXPECT_GT(squares / count, 0.01) << "its covariance says nothing";
+  EXPECT_LT(squares / count, 4.0) << "the covariance is too small";
+  EXPECT_GT(squares / count, 0.01) << "the covariance is far too large";
 }
 
 TEST_F(TagSurveyTest, RefinesCameraWhenRequested) {
@@ -147,7 +146,8 @@ TEST_F(TagSurveyTest, RefinesCameraWhenRequested) {
   EXPECT_NEAR(survey->camera.parameters().fx, camera_.parameters().fx, 0.05);
   EXPECT_NEAR(survey->camera.parameters().cy, camera_.parameters().cy, 0.05);
   EXPECT_EQ(survey->lens_covariance.rows(), 9);
-  EXPECT_FALSE(survey->camera.parameters().overlay_sigma_px) << "that was of the lens given";
+  EXPECT_FALSE(survey->camera.parameters().overlay_sigma_px)
+      << "it belongs to the camera before refinement";
   options_.refine_camera = false;
   const auto left = survey_tags(given, frames, options_);
   ASSERT_TRUE(left) << left.error().message;
@@ -156,7 +156,7 @@ TEST_F(TagSurveyTest, RefinesCameraWhenRequested) {
   EXPECT_GT(left->rms_px, 10.0 * survey->rms_px);
 }
 
-// The anchor is a tag that lies on a pencil; one of the others stands upright.
+// The anchor tag lies on a pencil; another tag stands upright.
 TEST_F(TagSurveyTest, FitsTablePlaneToMostTags) {
   const Eigen::Quaterniond tilted(
       Eigen::AngleAxisd(radians(3.0), Eigen::Vector3d(1.0, 1.0, 0.0).normalized()));
@@ -189,8 +189,8 @@ TEST_F(TagSurveyTest, FitsTablePlaneToMostTags) {
   EXPECT_NEAR(std::acos(tipped.z()), radians(3.0), radians(0.05));
 }
 
-// Whose size is not what is said of it: it is left out and named with the size that it seems to
-// have; the others are where they are without it.
+// A tag of another size than given is rejected and reported with its apparent size; the others are
+// not affected.
 TEST_F(TagSurveyTest, RejectsAndNamesTagOfWrongSize) {
   for (const double factor : {0.5, 0.9, 1.5, 3.0}) {
     SCOPED_TRACE(factor);
@@ -212,10 +212,10 @@ TEST_F(TagSurveyTest, RejectsAndNamesTagOfWrongSize) {
     const Eigen::Vector3d at =
         board_[4].T_table_tag.translation() - board_[0].T_table_tag.translation();
     EXPECT_LT((survey->misfits[0].T_table_tag.translation() - at).norm(), 1e-4);
-    // With the size that was told all of them fit.
-    auto told = options_;
-    told.sizes_m[4] = survey->misfits[0].size_m;
-    const auto again = survey_tags(camera_, frames, told);
+    // With the corrected size all tags fit.
+    auto corrected = options_;
+    corrected.sizes_m[4] = survey->misfits[0].size_m;
+    const auto again = survey_tags(camera_, frames, corrected);
     ASSERT_TRUE(again) << again.error().message;
     EXPECT_TRUE(again->left_out.empty());
     EXPECT_EQ(again->tags.size(), 6U);
@@ -242,7 +242,7 @@ TEST_F(TagSurveyTest, ReportsSizeOfTagWithoutGivenSize) {
                                    "--sizes"));
 }
 
-// Pushed by a hand during the sweep, early or late.
+// A hand pushes the tag during the sweep, early or late.
 TEST_F(TagSurveyTest, RejectsAndNamesMovedTag) {
   for (const std::size_t when : {std::size_t{3}, std::size_t{6}, std::size_t{9}}) {
     for (const int id : {3, 0}) {  // 0 is the anchor
@@ -271,7 +271,7 @@ TEST_F(TagSurveyTest, RejectsAndNamesMovedTag) {
   }
 }
 
-// Pictures in which a hand hides a tag, or half of it: they are not counted for it.
+// A hand hides the tag, or half of it, in some images: they do not count for it.
 TEST_F(TagSurveyTest, CountsOnlyInlierFramesOfTag) {
   auto frames = sweep(camera_, board_, 0.0);
   for (const std::size_t f : {2U, 7U}) {
@@ -285,12 +285,12 @@ TEST_F(TagSurveyTest, CountsOnlyInlierFramesOfTag) {
   EXPECT_EQ(survey->tags[3].frames, 12);
 }
 
-// Errors as the survey takes them to be: corners by their covariance, and of each tag one error
-// along its edges that all frames have in common. Where tags then are scatters as their covariance
-// says: over many surveys the squares of the normalised errors are chi-square distributed.
+// Errors follow the survey's model: each corner has noise of its covariance, and each tag one error
+// along its edges that is common to all frames. Over many surveys, the normalised squared errors of
+// the tags' poses are chi-square distributed.
 TEST_F(TagSurveyTest, PredictsCovarianceConsistentWithErrors) {
   constexpr int kSurveys = 60;
-  constexpr double kNoise = 0.08;    // [px], of a coordinate
+  constexpr double kNoise = 0.08;    // [px], per coordinate
   constexpr double kCommon = 0.025;  // [px]
   for (const SurveyPlane plane : {SurveyPlane::anchor, SurveyPlane::fitted}) {
     options_.plane = plane;
@@ -336,9 +336,9 @@ TEST_F(TagSurveyTest, PredictsCovarianceConsistentWithErrors) {
         squares[tag.tag.id] += error.dot(tag.covariance.ldlt().solve(error));
       }
     }
-    // 6 degrees of freedom each: mean 6, and of the mean of n of them a standard deviation of
-    // sqrt(12 / n). The covariance is raised where errors of neighbouring frames hang together, and
-    // never lowered: by chance it is a sixth too wide.
+    // 6 degrees of freedom per tag: mean 6, and the mean of n has a standard deviation of sqrt(12 /
+    // n). The covariance is inflated if errors of neighbouring frames correlate, and never
+    // deflated: by chance it is about a sixth too wide.
     for (const auto& [id, sum] : squares) {
       const double mean = sum / kSurveys;
       EXPECT_LT(mean, 6.0 + 3.0 * std::sqrt(12.0 / kSurveys)) << id;

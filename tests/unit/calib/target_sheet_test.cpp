@@ -1,4 +1,4 @@
-// The printed sheet, measured: the PDF is rendered at 300 dpi and its tags are detected on it.
+// Measures the printed sheet: renders the PDF at 300 dpi and detects its tags.
 #include "calib/target/target_sheet.hpp"
 
 #include <gmock/gmock.h>
@@ -47,8 +47,7 @@ void expect_true_scale(const TagBoard& board, const PageSize& page) {
   const TagMap map = tag_map_of(board).value();
   ASSERT_EQ(detections.size(), map.tags().size()) << "every tag is found";
 
-  // Against the map, with the board's centre as the only freedom: nothing is scaled or turned to
-  // fit.
+  // Compares with the map after fitting the board's centre only: no scale, no rotation.
   Eigen::Vector2d offset = Eigen::Vector2d::Zero();
   std::vector<Eigen::Vector2d> differences_m;
   for (const TagDetection& detection : detections) {
@@ -78,7 +77,7 @@ TEST(TargetSheet, PrintsAnyPageFamilyAndLayoutAtTrueScale) {
                     page_size_from_string("150x200").value());
 }
 
-// A page as it comes out of the printer, read with the file that was written with it.
+// A printed page, detected with the target file written with it.
 struct SheetInHand {
   Target target;
   TargetView view;
@@ -102,7 +101,7 @@ SheetInHand printed(const SheetTarget& sheet, const PageSize& page) {
 
 class PrintedSheet : public testing::TestWithParam<std::pair<SheetTarget, const char*>> {};
 
-// Nothing is scaled to fit: place and turn of the page are the only freedoms.
+// Fits the page's position and rotation only: no scale.
 TEST_P(PrintedSheet, MatchesItsTargetFile) {
   const SheetInHand hand =
       printed(GetParam().first, page_size_from_string(GetParam().second).value());
@@ -147,7 +146,7 @@ INSTANTIATE_TEST_SUITE_P(
              "_" + test.param.second;
     });
 
-// The ruler's two ends are the first and last ink of the longest dark row below the board.
+// The ruler's ends are the first and last ink of the longest dark row below the board.
 TEST_P(PrintedSheet, HasRulerOfHundredMillimetres) {
   const SheetInHand hand =
       printed(GetParam().first, page_size_from_string(GetParam().second).value());
@@ -161,11 +160,11 @@ TEST_P(PrintedSheet, HasRulerOfHundredMillimetres) {
       longest = std::max(longest, run);
     }
   }
-  // The stroke's width adds to both ends, and half a pixel of its raster.
+  // The stroke's width adds to both ends, and so does half a pixel of the raster.
   EXPECT_NEAR(longest / kPixelsPerMetre, 0.1, 4e-4);
 }
 
-// Corners on a page of another resolution, against the map: nothing is scaled or turned to fit.
+// Compares corners on a page of another resolution with the map: no scale, no rotation.
 void expect_same_scale(const Frame& frame, double pixels_per_metre, const TagMap& map) {
   std::vector<std::uint8_t> scratch;
   TagDetector detector = TagDetector::create(map.families()).value();
@@ -182,7 +181,7 @@ void expect_same_scale(const Frame& frame, double pixels_per_metre, const TagMap
   }
 }
 
-// Dots for each metre by the file's pHYs chunk.
+// Dots per metre from the file's pHYs chunk.
 double density_of(const std::filesystem::path& png) {
   const std::vector<std::uint8_t> bytes = read_file(png).value();
   const std::string_view text(reinterpret_cast<const char*>(bytes.data()), bytes.size());
@@ -247,8 +246,8 @@ TEST_P(PrintedSheet, HasTitle) {
   EXPECT_THAT(info, testing::ContainsRegex("Title: +[A-Za-z0-9]"));
 }
 
-// Ink on the page's edges at the height and the breadth of the board's centre, which the detected
-// corners give; none in between.
+// The page's edges have ink at the height and breadth of the board's centre (from the detected
+// corners), and none in between.
 void expect_axes(const SheetTarget& target, double x_mark_m, double y_mark_m, double half_m) {
   const SheetInHand hand = printed(target, page_size_from_string("a4").value());
   Eigen::Vector2d centre = Eigen::Vector2d::Zero();
@@ -280,7 +279,7 @@ TEST(TargetSheet, MarksAxesOnEdges) {
   expect_axes(TagBoard{}, 0.1100, 0.0825, 0.0010);  // 215 x 160 mm with its white margins
 }
 
-// 2 mm are left between the board and the page's margin.
+// 2 mm remain between the board and the page's margin.
 TEST(TargetSheet, MarksAxesOfCharucoBoard) {
   expect_axes(CharucoBoard{}, 0.1225, 0.0920, 0.0007);  // 240 x 180 mm
 }
@@ -302,7 +301,7 @@ TEST(TargetSheet, RejectsTooLargePng) {
   EXPECT_FALSE(std::filesystem::exists(png));
 }
 
-// Every kind of sheet at several scales; other sheets and changed files are not recognised.
+// Every kind of sheet at several scales; other sheets and changed files are rejected.
 TEST_P(PrintedSheet, RecoversScaleSavedInItsFile) {
   const test::TemporaryFolder folder;
   const auto file = folder.path() / "target.yaml";
@@ -349,7 +348,7 @@ TEST(TargetSheet, ReportsBoardThatDoesNotFitPage) {
   EXPECT_THAT(written.error().message, HasSubstr("does not fit on a page of 210 x 297 mm"));
   EXPECT_FALSE(std::filesystem::exists(folder.path() / "sheet.pdf"));
 
-  // The ruler needs its place too; a page that has it when turned is turned.
+  // The ruler needs space too; the page is rotated if it has that space only then.
   board = TagBoard{};
   board.columns = board.rows = 1;
   const auto narrow =

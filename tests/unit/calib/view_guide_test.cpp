@@ -1,4 +1,4 @@
-// Views that say something new are taken, others are not.
+// The guide takes views that add information and skips others.
 #include "calib/report/view_guide.hpp"
 
 #include <gmock/gmock.h>
@@ -15,7 +15,7 @@
 namespace penumbra {
 namespace {
 
-// What views say one by one, added up, is what the solver says of them all together.
+// The sum of the single views' information equals that of the solver.
 TEST(ViewInformation, AddsUpToSolverCovariance) {
   std::mt19937 rng(5);
   const CameraModel truth = test::desk_camera();
@@ -35,7 +35,7 @@ TEST(ViewInformation, AddsUpToSolverCovariance) {
     EXPECT_NEAR(expected(i, i) / solved->covariance(i, i), 1.0, 0.02) << i;
 }
 
-// Tags' edges move by an amount of each view's own, which takes information away from their sizes.
+// Tag edges shift by an unknown amount per view, which reduces the information on their sizes.
 TEST(ViewInformation, AddsUpToSolverCovarianceForTags) {
   std::mt19937 rng(6);
   const CameraModel truth = test::desk_camera();
@@ -62,7 +62,7 @@ TEST(ViewInformation, AddsUpToSolverCovarianceForTags) {
   const Eigen::MatrixXd expected = sum.inverse() * noise;
   for (int i = 0; i < 9; ++i)
     EXPECT_NEAR(expected(i, i) / solved->covariance(i, i), 1.0, 0.02) << i;
-  EXPECT_GT((without - sum).norm(), 1e-4 * sum.norm()) << "the shift does take some";
+  EXPECT_GT((without - sum).norm(), 1e-4 * sum.norm()) << "the shift must reduce the information";
 }
 
 class ViewGuideTest : public testing::Test {
@@ -98,7 +98,7 @@ TEST_F(ViewGuideTest, TakesInformativeViewsUntilLensIsKnown) {
     const Eigen::Vector3d at(0.14 * ((k * 7) % 5 - 2) / 2.0, 0.08 * ((k * 3) % 3 - 1), 0.0);
     const GreyImage view =
         picture(at, 0.3 + 0.07 * (k % 4), radians(30.0 + 15.0 * (k % 4)), radians(80.0 * k));
-    (void)guide_.look(view.view());  // the target arrives: it moves
+    (void)guide_.look(view.view());  // the target just arrived and still moves
     (void)guide_.look(view.view());
     if (const auto px = guide_.progress().largest_px) {
       EXPECT_LT(*px, 2.0 * before_px);
@@ -110,7 +110,7 @@ TEST_F(ViewGuideTest, TakesInformativeViewsUntilLensIsKnown) {
                                << ' ' << progress.tilt << ' ' << progress.certainty;
   EXPECT_LE(*progress.largest_px, options().goal_px);
   EXPECT_THAT(progress.lens, testing::StartsWith("plumb_bob"));
-  // The same view once more says nothing new.
+  // The same view again adds no information.
   const GreyImage again = picture({0.0, 0.0, 0.0}, 0.4, radians(60.0), radians(80.0));
   (void)guide_.look(again.view());
   (void)guide_.look(again.view());
