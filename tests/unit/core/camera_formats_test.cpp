@@ -82,7 +82,7 @@ TEST(CameraFormats, LimitKalibrToFourCoefficients) {
   ASSERT_TRUE(loaded) << loaded.error().message;
   EXPECT_EQ(loaded->parameters().distortion, p.distortion);
   EXPECT_EQ(loaded->parameters().model, DistortionModel::plumb_bob);
-  p.distortion[4] = -0.004;  // would be lost
+  p.distortion[4] = -0.004;  // Kalibr's format would lose it
   const auto refused =
       save_camera(folder.path() / "other", CameraModel::make(p).value(), CameraFileFormat::kalibr);
   ASSERT_FALSE(refused);
@@ -90,7 +90,7 @@ TEST(CameraFormats, LimitKalibrToFourCoefficients) {
   EXPECT_FALSE(std::filesystem::exists(folder.path() / "other"));
 }
 
-// Kalibr takes every key of the file for a camera.
+// Kalibr takes every top-level key for a camera.
 TEST(CameraFormats, WriteOnlyCameraToKalibrChain) {
   const test::TemporaryFolder folder;
   CalibrationRecord record;
@@ -120,7 +120,7 @@ TEST(CameraFormats, RejectSelfReferencingDocuments) {
     ASSERT_FALSE(loaded);
     EXPECT_THAT(loaded.error().message, HasSubstr("holds itself")) << text;
   }
-  // Aliases that say something are read.
+  // YAML aliases are resolved.
   std::ofstream(folder.path() / "camera.yaml")
       << "cam0: {camera_model: pinhole, intrinsics: &i [500.0, 500.0, 320.0, 240.0], again: *i,\n"
          "  distortion_model: radtan, distortion_coeffs: [0.1, 0.0, 0.0, 0.0],\n"

@@ -59,7 +59,7 @@ TEST_P(CameraProjection, JacobianMatchesCentralDifferences) {
   }
 }
 
-// A strong fisheye, all four coefficients, to 80 degrees from the axis.
+// A strong fisheye lens with all four coefficients, up to 80 degrees from the axis.
 TEST(CameraModel, ProjectsStrongFisheyeExactlyToRim) {
   CameraParameters p = base();
   p.fx = p.fy = 0.35 * p.width;
@@ -75,7 +75,7 @@ TEST(CameraModel, ProjectsStrongFisheyeExactlyToRim) {
     const double depth = 0.2 + u(random);
     const Eigen::Vector3d point = depth * Eigen::Vector3d(std::tan(theta) * std::cos(phi),
                                                           std::tan(theta) * std::sin(phi), 1.0);
-    // The formula, by angles.
+    // The formula in angles.
     const double t2 = theta * theta;
     const double theta_d = theta * (1.0 + t2 * (-0.04 + t2 * (0.012 + t2 * (-0.006 + t2 * 0.001))));
     const Eigen::Vector2d expected(p.fx * theta_d * std::cos(phi) + p.cx,
@@ -110,8 +110,8 @@ TEST(CameraModel, LimitsRadiusToMonotonicRange) {
   EXPECT_TRUE(camera.project_extended({1.2, 0.0, 1.0}));
   const double far = camera.project_extended({3.0, 0.0, 1.0})->x();
   const double near = camera.project_extended({2.0, 0.0, 1.0})->x();
-  EXPECT_GT(far, near) << "beyond the fold what is further out must be drawn further out";
-  // Wherever it lies: the fold's own radius must not be lost in rounding.
+  EXPECT_GT(far, near) << "beyond the monotonic range, points farther out must project farther out";
+  // Holds for any distance: rounding must not lose the radius where the lens stops growing.
   for (int i = 0; i < 2000; ++i) {
     const double x = 1.1 + 0.37 * i;
     EXPECT_TRUE(camera.project_extended({x, 0.731 * x, 1.0})) << x;

@@ -61,7 +61,7 @@ TEST(CameraPlausibility, AcceptsWideTelephotoAndCroppedCameras) {
     EXPECT_EQ(warning_of(p), "") << c.name;
   }
   CameraParameters p = usual();
-  p.cx = 40.0;  // a crop of the right side of a larger image
+  p.cx = 40.0;  // crop of the right side of a larger image
   p.cy = 470.0;
   EXPECT_EQ(warning_of(p), "");
   p = usual();
@@ -134,7 +134,7 @@ TEST(CameraPlausibility, AcceptsBundledAndSharedCameras) {
            extension != ".json"))
         continue;
       const auto camera = load_camera(file);
-      if (!camera) continue;  // other text, or a case of a refused camera
+      if (!camera) continue;  // not a camera file, or a case that must be rejected
       ++cameras;
       EXPECT_EQ(implausible_parameter(*camera).value_or(""), "") << file;
     }

@@ -24,7 +24,7 @@ CameraModel pinhole() {
   return CameraModel::make(p).value();
 }
 
-// Straight above the table at height z, looking down: x stays x, y and z are turned around.
+// Straight above the table at height z, looking down: x stays, y and z change sign.
 CameraPose above(double x, double y, double z) {
   return {Eigen::Quaterniond(0.0, 1.0, 0.0, 0.0), Eigen::Vector3d(x, y, z)};
 }
@@ -52,8 +52,8 @@ TEST(Evaluation, PlacesOverlayCubeOnTable) {
 }
 
 TEST(Evaluation, MatchesHandComputedCornerShifts) {
-  // From 1 m, a shift of 1 mm moves the corners on the table by 500 * 0.001 / 1 = 0.5 px, those at
-  // 0.2 m by 500 * 0.001 / 0.8 = 0.625 px, against the shift.
+  // From 1 m, a shift of 1 mm moves the corners on the table by 500 * 0.001 / 1 = 0.5 px and those
+  // at 0.2 m by 500 * 0.001 / 0.8 = 0.625 px, against the shift.
   const OverlayDifference d =
       overlay_difference(pinhole(), above(0.001, 0.0, 1.0), above(0.0, 0.0, 1.0));
   for (std::size_t i = 0; i < 8; ++i) {
@@ -73,11 +73,11 @@ TEST(Evaluation, IgnoresCornersBehindCamera) {
 }
 
 TEST(Evaluation, RatesPoseWithoutVisibleCornersWorst) {
-  // Under the table, looking away from it: the true picture has every corner, the estimate none.
+  // The estimate is below the table and looks away: it sees no corner, the true camera all of them.
   const OverlayDifference d = overlay_difference(pinhole(), above(0, 0, -1.0), above(0, 0, 1.0));
   for (std::size_t i = 0; i < 8; ++i) {
     EXPECT_TRUE(d.valid[i]);
-    // At least a quarter turn away, at 500 px to the radian.
+    // At least a quarter turn, at 500 px per radian.
     EXPECT_GT(d.difference_px[i].norm(), 500.0 * std::numbers::pi / 2.0);
     EXPECT_LE(d.difference_px[i].norm(), 500.0 * std::numbers::pi);
   }
@@ -87,19 +87,19 @@ TEST(Evaluation, RatesPoseWithoutVisibleCornersWorst) {
   estimated.poses.push_back({0, above(0, 0, -1.0), {}});
   const Evaluation e = evaluate(pinhole(), estimated, truth);
   EXPECT_GT(e.overlay_px.median, 700.0);
-  EXPECT_EQ(e.jitter_changes, 0) << "one frame has no jitter, which is not one of 0";
+  EXPECT_EQ(e.jitter_changes, 0) << "one frame has no jitter value, not 0";
 }
 
 TEST(Evaluation, MatchesHandComputedRecording) {
   Trajectory truth;
   Trajectory estimated;
   for (int i = 0; i < 5; ++i) truth.poses.push_back({i * 33'333'000LL, above(0.0, 0.0, 1.0), {}});
-  // Frame 2 has no pose; frame 3's is 0.4 ms off in time.
+  // Frame 2 has no pose; frame 3's time is off by 0.4 ms.
   estimated.poses.push_back({0, above(0.0, 0.0, 1.0), {}});
   estimated.poses.push_back({33'333'000, above(0.001, 0.0, 1.0), {}});
   estimated.poses.push_back({3 * 33'333'000LL + 400'000, above(0.0, 0.002, 1.0), {}});
   estimated.poses.push_back({4 * 33'333'000LL, above(0.0, 0.002, 1.0), {}});
-  estimated.poses.push_back({9'000'000'000, above(0.0, 0.0, 5.0), {}});  // no truth there
+  estimated.poses.push_back({9'000'000'000, above(0.0, 0.0, 5.0), {}});  // no truth at this time
 
   const Evaluation e = evaluate(pinhole(), estimated, truth);
   EXPECT_EQ(e.frames_with_truth, 5);
@@ -110,7 +110,7 @@ TEST(Evaluation, MatchesHandComputedRecording) {
   EXPECT_NEAR(e.translation_mm.max, 2.0, 1e-9);
   EXPECT_NEAR(e.translation_mm.median, 1.5, 1e-9);
   EXPECT_NEAR(e.rotation_deg.max, 0.0, 1e-9);
-  // Corner errors: 8 of 0, 4 of 0.5, 4 of 0.625, and twice (4 of 1, 4 of 1.25).
+  // Corner errors: 8 times 0, 4 times 0.5, 4 times 0.625, and twice (4 times 1, 4 times 1.25).
   EXPECT_NEAR(e.overlay_px.max, 1.25, 1e-9);
   EXPECT_NEAR(e.overlay_px.rmse, std::sqrt((4 * 0.25 + 4 * 0.390625 + 8 * 1.0 + 8 * 1.5625) / 32.0),
               1e-9);
@@ -120,8 +120,8 @@ TEST(Evaluation, MatchesHandComputedRecording) {
   EXPECT_NEAR(e.jitter_px, std::sqrt((4 * 0.25 + 4 * 0.390625) / 16.0), 1e-9);
 }
 
-// A circle of 0.3 m at 2 rad/s, seen by motion capture at 100 Hz: a chord lies inside the circle by
-// r (1 - cos(w T / 2)) at its middle, which is where every estimate falls.
+// A circle of 0.3 m at 2 rad/s, sampled by motion capture at 100 Hz. A chord lies inside the circle
+// by r (1 - cos(w T / 2)) at its middle, and every estimate falls there.
 TEST(Evaluation, InterpolatesTruthWithChordError) {
   constexpr double kRadius = 0.3;
   constexpr double kRate = 2.0;
@@ -142,9 +142,9 @@ TEST(Evaluation, InterpolatesTruthWithChordError) {
   EXPECT_EQ(e.frames_judged, 100);
   EXPECT_NEAR(e.translation_mm.rmse, 1e3 * kRadius * (1.0 - std::cos(kRate * 0.005)), 1e-9);
   EXPECT_NEAR(e.translation_mm.max, e.translation_mm.rmse, 1e-9);
-  EXPECT_EQ(e.jitter_changes, 99 * 8) << "every third true pose, yet each frame follows another";
+  EXPECT_EQ(e.jitter_changes, 99 * 8) << "every third true pose, but no repeated frame";
 
-  // A clock that is behind by 20 ms moves the estimate along by that much.
+  // A clock that lags by 20 ms shifts the estimate by the motion during 20 ms.
   Trajectory behind = estimated;
   for (StampedPose& pose : behind.poses) pose.timestamp_ns -= 20'000'000;
   const Evaluation late = evaluate(pinhole(), behind, truth);
@@ -153,7 +153,7 @@ TEST(Evaluation, InterpolatesTruthWithChordError) {
             e.translation_mm.rmse);
 }
 
-// An estimate at three times the truth's rate: no true pose counts twice.
+// The estimate has three times the truth's rate: each true pose counts once.
 TEST(Evaluation, CountsEachTruePoseOnce) {
   Trajectory truth;
   Trajectory estimated;
@@ -181,8 +181,8 @@ TEST(Evaluation, CountsUnjudgedFramesByCause) {
   EXPECT_EQ(evaluate(pinhole(), estimated, truth, {.max_gap_ns = 200'000'000}).frames_judged, 5);
 }
 
-// The shared case: 20 frames at 30 Hz against motion capture at 100 Hz. The figures are those of an
-// independent calculation (Python: bisection, quaternion logarithm and exponential).
+// The shared case: 20 frames at 30 Hz against motion capture at 100 Hz. An independent calculation
+// gave the figures (Python: bisection, quaternion logarithm and exponential).
 TEST(Evaluation, MatchesIndependentCalculation) {
   const std::filesystem::path shared = test::shared_dir();
   if (shared.empty()) GTEST_SKIP() << "no shared data beside the checkout";
@@ -207,7 +207,7 @@ TEST(Evaluation, MeasuresWholeRotationAngle) {
                              Eigen::Quaterniond(Eigen::AngleAxisd(std::numbers::pi / 180.0,
                                                                   Eigen::Vector3d(1, 2, 2) / 3.0)),
                              Eigen::Vector3d::Zero());
-  // The same rotation with the other sign of its quaternion.
+  // The same rotation with the quaternion's sign flipped.
   estimated.poses.push_back(
       {0, CameraPose(Eigen::Quaterniond(-turned.rotation().coeffs()), turned.translation()), {}});
   EXPECT_NEAR(evaluate(pinhole(), estimated, truth).rotation_deg.max, 1.0, 1e-9);
@@ -239,8 +239,8 @@ TEST(Evaluation, PredictsOverlayErrorOfCovarianceSamples) {
     sum += error * error;
   }
   EXPECT_NEAR(std::sqrt(sum / kTrials) / expected, 1.0, 0.02);
-  // A corner that comes close to the camera's plane counts for what it is, whatever the lens says
-  // that far out: less distance, more error.
+  // A corner that approaches the camera's plane has a growing error, also beyond the lens's valid
+  // range: less distance, more error.
   double before = 0.0;
   for (const double depth : {0.1, 0.03, 0.01, 0.003, 0.001, 0.0003}) {
     const CameraPose near(Eigen::Quaterniond(0.0, 1.0, 0.0, 0.0),
@@ -250,7 +250,7 @@ TEST(Evaluation, PredictsOverlayErrorOfCovarianceSamples) {
     before = here;
   }
   EXPECT_GT(before, 1e4 * expected);
-  // Looking away there is nothing to draw on, so nothing to trust.
+  // A camera that looks away has no overlay in view, so the error is unbounded.
   EXPECT_TRUE(std::isinf(predicted_overlay_error_px(camera, above(0, 0, -1.0), covariance)));
 }
 

@@ -70,7 +70,7 @@ TEST_P(CameraJpegKind, IsRejectedWhenBlocksAreMissing) {
     const std::string half = sound_.substr(0, length);
     ASSERT_FALSE(decoded(half)) << length << " of " << sound_.size();
     ASSERT_FALSE(decoded(half + "\xFF\xD9")) << length << " of " << sound_.size();
-    // A zero may complete the last blocks.
+    // Zeros may complete the last blocks.
     if (length + 120 < sound_.size()) {
       ASSERT_FALSE(decoded(half + std::string(4000, '\0'))) << length << " of " << sound_.size();
     }
@@ -143,7 +143,7 @@ TEST(CameraJpeg, RejectsComponentWithoutScan) {
   }
 }
 
-// An image with any number of missing scans is refused, with an end mark and without.
+// An image that lacks any number of scans is rejected, with and without an end marker.
 TEST(CameraJpeg, RejectsProgressiveImageThatLacksScans) {
   for (const int components : {1, 3}) {
     test::JpegKind kind = test::jpeg_kinds()[0];
@@ -187,7 +187,7 @@ TEST(CameraJpeg, CropsPaddingOnlyWithinLastBlockRow) {
           << i << ", row " << y;
     }
   }
-  // With one row of blocks less, the others would be bytes of no block.
+  // With one block row less, bytes would remain after the last block.
   EXPECT_EQ(outline_jpeg(normalized_jpeg(*outline, 64))->height, 80);
 }
 

@@ -67,11 +67,11 @@ TEST(Pairing, NamesReasonForMissingTruePose) {
   EXPECT_EQ(pose_at(truth, 200 * kMs, kMaxGap).error(), NotJudged::gap_too_long);
   EXPECT_TRUE(pose_at(truth, 200 * kMs, 200 * kMs)) << "a gap of exactly the longest";
   EXPECT_EQ(pose_at(truth, 200 * kMs, 200 * kMs - 1).error(), NotJudged::gap_too_long);
-  // 10 ms beyond the end; no further, and not beside a long gap.
+  // Extrapolates up to 10 ms beyond the end, but not next to a long gap.
   EXPECT_NEAR(pose_at(truth, -10 * kMs, kMaxGap)->translation().x(), -0.01, 1e-12);
   EXPECT_EQ(pose_at(truth, -10 * kMs - 1, kMaxGap).error(), NotJudged::outside_truth);
   EXPECT_EQ(pose_at(truth, 302 * kMs, kMaxGap).error(), NotJudged::outside_truth);
-  // Beside what can't be interpolated, a pose within 1 ms.
+  // Without interpolation, a pose within 1 ms is used.
   EXPECT_EQ(pose_at(truth, 300 * kMs + kMs, kMaxGap)->translation().x(), 0.3);
   EXPECT_EQ(pose_at(truth, 100 * kMs + kMs, kMaxGap)->translation().x(), 0.1);
   EXPECT_EQ(pose_at(truth, 101 * kMs + 1, kMaxGap).error(), NotJudged::gap_too_long);
@@ -134,7 +134,7 @@ TEST(Pairing, InterpolatesShortestRotationNearHalfTurns) {
   }
 }
 
-// The interpolated pose is finite and lies between its neighbours for any times and poses.
+// For any times and poses, the interpolated pose is finite and lies between its neighbours.
 TEST(Pairing, StaysOnSegmentForAnyTimes) {
   std::mt19937_64 random(7);
   constexpr std::int64_t kFarthest = 4'000'000'000'000'000'000;
@@ -212,11 +212,11 @@ TEST(TimestampUnits, AreRejectedByNameWhenTheyFitAnotherUnit) {
     const Trajectory other = even_motion(120, 33 * kMs * factor);
     EXPECT_THAT(unit_error(other, truth), AllOf(HasSubstr("e.tum"), HasSubstr(name)));
     EXPECT_THAT(unit_error(truth, other), AllOf(HasSubstr("t.tum"), HasSubstr(name)));
-    // Both in the same unit, of clocks that do not overlap: nothing can be judged.
+    // The same unit, but clocks that do not overlap: no unit error is reported.
     EXPECT_THAT(unit_error(other, even_motion(120, 33 * kMs * factor, -4'000 * factor * kMs)),
                 AllOf(HasSubstr("e.tum"), HasSubstr(name)));
   }
-  // 200 frames/s with times in milliseconds: an interval of 5 s alone is not refused.
+  // 200 frames/s with times in milliseconds is an error; an interval of 5 s alone is none.
   EXPECT_THAT(unit_error(even_motion(120, 5'000 * kMs), even_motion(120, 5 * kMs)),
               AllOf(HasSubstr("e.tum"), HasSubstr("milliseconds")));
   EXPECT_THAT(unit_error(even_motion(120, 5 * kMs), even_motion(120, 5'000 * kMs)),
@@ -225,7 +225,7 @@ TEST(TimestampUnits, AreRejectedByNameWhenTheyFitAnotherUnit) {
 }
 
 TEST(TimestampUnits, WarnOfLongIntervalsBetweenPoses) {
-  // Photographs, one each 10 s, against themselves and against motion capture at 100 Hz.
+  // Photographs, one every 10 s, against themselves and against motion capture at 100 Hz.
   const Trajectory photographs = even_motion(12, 10'000 * kMs);
   const auto same = check_units_of_time({photographs, "e.tum"}, {photographs, "t.tum"}, {});
   ASSERT_TRUE(same) << same.error().message;

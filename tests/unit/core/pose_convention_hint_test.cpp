@@ -13,7 +13,7 @@ using testing::AllOf;
 using testing::HasSubstr;
 using testing::StartsWith;
 
-constexpr int kTrajectories = 300;  // of each property
+constexpr int kTrajectories = 300;  // per property
 
 double uniform(std::mt19937& random, double low, double high) {
   return std::uniform_real_distribution<double>(low, high)(random);
@@ -29,7 +29,7 @@ Eigen::Quaterniond turn(std::mt19937& random, double largest_rad) {
       Eigen::AngleAxisd(uniform(random, -largest_rad, largest_rad), direction(random)));
 }
 
-// A camera that moves over the table, 0.2 to 2 m away, and looks roughly at its origin. Not from
+// A camera that moves over the table at 0.2 to 2 m and looks roughly at its origin. Not from
 // straight above, where some poses are nearly their own inverse.
 Trajectory random_trajectory(std::mt19937& random) {
   Trajectory trajectory;
@@ -61,7 +61,7 @@ Trajectory changed(Trajectory trajectory, const Change& change) {
 CameraPose in_millimetres(const CameraPose& pose) {
   return {pose.rotation(), 1000.0 * pose.translation()};
 }
-// Written as w x y z and read as x y z w.
+// The quaternion written as w x y z and read as x y z w.
 CameraPose w_first(const CameraPose& pose) {
   const Eigen::Quaterniond& q = pose.rotation();
   return {Eigen::Quaterniond(q.z(), q.w(), q.x(), q.y()), pose.translation()};

@@ -27,7 +27,7 @@ RunningStatistics running(const std::vector<double>& values) {
   return statistics;
 }
 
-// The quantile itself, and that of values each moved by the error of its bin: both bounds.
+// Bounds of the quantile: quantiles of the values, each moved by its bin's error.
 struct Bounds {
   double low = 0.0, high = 0.0;
 };
@@ -107,7 +107,8 @@ TEST(RunningStatistics, IgnoresNonFiniteValues) {
   }
 }
 
-// As many values as are still exact, one more, and many; of one size, of all sizes, a few only.
+// Counts at the limit of exact storage, one above it, and far above; values of one size, of all
+// sizes, and a few distinct ones.
 RC_GTEST_PROP(RunningStatistics, StaysWithinBinErrorForManyValues, ()) {
   Draw draw(*rc::gen::arbitrary<std::uint64_t>());
   const std::size_t more[] = {1, 2, 100, 3 * RunningStatistics::kMostExact};

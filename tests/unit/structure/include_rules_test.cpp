@@ -21,7 +21,7 @@ namespace {
 
 using Arrows = std::map<std::string, std::set<std::string>>;
 
-// Module -> modules whose headers it may include, beside its own.
+// Module -> modules whose headers it may include, apart from its own.
 const Arrows kAllowed = {
     {"core", {}},
     {"tracking", {"core"}},
@@ -31,7 +31,7 @@ const Arrows kAllowed = {
     {"tools", {"core", "tracking", "calib", "render", "app"}},
 };
 
-// Module -> library headers that it may not include, by the start of their names.
+// Module -> prefixes of library headers that it may not include.
 const std::map<std::string, std::vector<std::string>> kForbiddenLibraries = {
     {"core", {"epoxy", "GL/", "GLFW", "opencv2", "ceres", "apriltag"}},
     {"tracking", {"epoxy", "GL/", "EGL/", "GLFW", "linux/videodev2"}},
@@ -62,7 +62,7 @@ const std::vector<FolderRule>& folder_rules() {
   return rules;
 }
 
-// A pass may include its own header, and no other pass's.
+// Returns true if the header belongs to another pass than the file.
 bool is_another_pass(const std::string& file, const std::string& header) {
   static const std::regex pass(R"(render/passes/(\w+_pass)\.\w+)");
   std::smatch of_file;
