@@ -230,7 +230,7 @@ TEST(PoseRefiner, PredictsErrorOfFewCornersConservatively) {
     promised2 += p * p;
   }
   EXPECT_LT(std::sqrt(error2 / promised2), 1.15);
-  EXPECT_GT(std::sqrt(error2 / promised2), 0.4) << "nor is it worth nothing";
+  EXPECT_GT(std::sqrt(error2 / promised2), 0.4) << "the prediction is far too large";
 }
 
 TEST(PoseRefiner, RejectsDegenerateInput) {
