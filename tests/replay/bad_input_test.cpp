@@ -1,5 +1,4 @@
-// Bad input: exit code 1 and one line that names the file and the cause, nothing left at the
-// output.
+// Bad input: exit code 1, one line that names the file and the cause, and no output file.
 
 #include <gmock/gmock.h>
 #include <unistd.h>
@@ -14,7 +13,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-// The first frames of a bundled recording, to be damaged.
+// Copies the first frames of a bundled recording, for tests to damage.
 class ReplayInput : public testing::Test {
  protected:
   static constexpr int kFrames = 6;
@@ -46,7 +45,7 @@ class ReplayInput : public testing::Test {
     std::ofstream(path, std::ios::binary) << text;
   }
 
-  // Replays with every output and expects the failure; the outputs must not be there.
+  // Replays with every output and expects a failure without any output file.
   void expect_replay_fails(const std::vector<std::string>& more,
                            const std::vector<std::string>& parts) {
     std::vector<std::string> arguments = {"replay",        recording(),        "--output",
@@ -98,8 +97,8 @@ TEST_F(ReplayInput, RejectsFolderInPlaceOfFrameFile) {
 }
 
 TEST_F(ReplayInput, ReportsPermissionDeniedInsteadOfMissing) {
-  // To root everything is readable, so the program runs as nobody, from a place that nobody may
-  // look into.
+  // Root can read every file, so the program runs as an unprivileged user, from a folder that this
+  // user can't enter.
   const fs::path copy = file("penumbra");
   fs::copy_file(program(), copy);
   const bool root = geteuid() == 0;
@@ -145,7 +144,7 @@ TEST_F(ReplayInput, RejectsMissingCameraFile) {
 
 TEST_F(ReplayInput, RejectsDuplicateTagId) {
   std::string tags = bytes_of(recording() / "tags.yaml");
-  // The second tag gets the first one's id.
+  // The second tag gets the first tag's id.
   const std::size_t first = tags.find("id:");
   const std::size_t second = tags.find("id:", first + 1);
   ASSERT_NE(second, std::string::npos);
@@ -177,7 +176,7 @@ TEST_F(ReplayInput, RejectsInvalidModelFiles) {
   write(file("thing.obj"), bytes);
   write(file("scene.json"), R"({"objects": [{"name": "thing", "model": "thing.obj"}]})");
   expect_replay_fails({"--scene", file("scene.json")}, {"thing.obj"});
-  // Its reader would take nan for 0.
+  // An OBJ reader might take nan for 0.
   write(file("thing.obj"), "v 0 0 0\nv 1 0 0\nv 0 nan 0\nf 1 2 3\n");
   expect_replay_fails({"--scene", file("scene.json")}, {"thing.obj", "nan"});
   write(file("thing.obj"), "v 0 0 0\nv 0.1 0 0\nv 0 0.1 0\nf 1 2 3\n");
@@ -250,7 +249,8 @@ TEST_F(ReplayInput, RejectsOutputsInsideRecording) {
   EXPECT_FALSE(fs::exists(file("out")));
 }
 
-// EuRoC's frames are named by their time, all digits: they were taken for an earlier output.
+// The file names of EuRoC's frames are timestamps, all digits: they must not count as an earlier
+// output.
 TEST_F(ReplayInput, RejectsEurocFrameFolderAsOutput) {
   const fs::path euroc = file("euroc");
   const fs::path data = euroc / "mav0" / "cam0" / "data";
@@ -271,7 +271,7 @@ TEST_F(ReplayInput, RejectsEurocFrameFolderAsOutput) {
   const auto before = contents_of(data);
   ASSERT_EQ(before.size(), static_cast<std::size_t>(kFrames));
   expect_failure(penumbra({"replay", euroc, "--frames", "1:2", "--output", data}), {"recording"});
-  // Of another recording too.
+  // Also the folder of another recording.
   expect_failure(penumbra({"replay", recording(), "--output", data}), {"recording"});
   EXPECT_EQ(contents_of(data), before);
   EXPECT_EQ(contents_of(data.parent_path()).size(), 2U);

@@ -1,4 +1,4 @@
-// The program on recordings with a known lens, and on what it must refuse.
+// The program on recordings with a known lens, and on input that it must reject.
 #include <fmt/format.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -63,7 +63,7 @@ class CalibrateCommand : public testing::Test {
     while (std::getline(lines, line)) last = line;
     return last;
   }
-  // Frames first, first + step, ... of a recording, in a folder of their own.
+  // A new folder with frames first, first + step, ... of a recording.
   [[nodiscard]] std::filesystem::path some_frames(const std::string& recording, int count) const {
     const auto pictures = folder_.path() / "pictures";
     std::filesystem::create_directories(pictures);
@@ -104,14 +104,14 @@ TEST_F(CalibrateCommand, RecoversCameraFromAprilGrid) {
   EXPECT_NEAR(p.cx, t.cx, 0.5);
   EXPECT_NEAR(p.cy, t.cy, 0.5);
   EXPECT_LT(projection_difference(*truth, *camera).mean_px, 0.2);
-  // The pictures have one, which their README does not tell.
+  // The images have a camera response; the recording's README does not give it.
   ASSERT_TRUE(p.tone_curve);
   EXPECT_GT(*p.tone_curve, 1.3);
   EXPECT_LT(*p.tone_curve, 2.4);
   EXPECT_THAT(result.out, HasSubstr("tone curve: light = grey ^ "));
   const std::string html = test::read_bytes(report);
   EXPECT_THAT(html, HasSubstr("class=\"verdict good\""));
-  EXPECT_THAT(html, Not(HasSubstr("http")));  // nothing is fetched
+  EXPECT_THAT(html, Not(HasSubstr("http")));  // no external resources
 }
 
 TEST_F(CalibrateCommand, RecoversCameraFromChessboard) {
@@ -210,7 +210,7 @@ TEST_F(CalibrateCommand, RejectsUnusableInputs) {
   expect_refused(calibrate(shared("recordings/chessboard"), metres), "did you mean 0.025");
 }
 
-// Kalibr's own print, photographed by others: its tags have a border of two cells.
+// A print of Kalibr, photographed by others: its tags have a border of two cells.
 TEST_F(CalibrateCommand, RejectsTagsWithTwoCellBorders) {
   const auto pictures = folder() / "kalibr";
   std::filesystem::create_directories(pictures);
@@ -239,7 +239,7 @@ TEST_F(CalibrateCommand, RejectsComparisonCameraOfOtherSizeBeforeSolving) {
   EXPECT_EQ(result.out, "") << "nothing was solved";
 }
 
-// What is read stays as it is, and no two files of a run are one.
+// Input files stay unchanged, and no two files of a run may be the same.
 TEST_F(CalibrateCommand, NeverOverwritesItsInputs) {
   const std::string text =
       "target_type: aprilgrid\ntagCols: 6\ntagRows: 6\ntagSize: 0.03\n"
@@ -268,7 +268,7 @@ TEST_F(CalibrateCommand, NeverOverwritesItsInputs) {
   }
 }
 
-// As the README has it: print, measure, say it.
+// The steps of the README: print, measure the ruler, pass --measured.
 TEST_F(TargetMeasurement, CorrectsTargetFileOfEveryKind) {
   for (const char* type : {"tags", "aprilgrid", "charuco", "chessboard"}) {
     SCOPED_TRACE(type);
@@ -287,7 +287,7 @@ TEST_F(TargetMeasurement, CorrectsTargetFileOfEveryKind) {
     ASSERT_EQ(measured.exit_code, 0) << measured.err;
     const std::string corrected = read_text_file(file, 1 << 20).value();
     EXPECT_NE(corrected, nominal);
-    // Measured again, the last one counts, and what it replaces is named.
+    // A second measurement replaces the first, which the message names.
     const auto again = print({"--measured", "100.4"});
     ASSERT_EQ(again.exit_code, 0) << again.err;
     EXPECT_THAT(again.out, HasSubstr("ruler: 100.4 mm on paper (before: 99.2 mm)"));
@@ -299,7 +299,7 @@ TEST_F(TargetMeasurement, CorrectsTargetFileOfEveryKind) {
     };
     EXPECT_NEAR(length(*twice) / length(load_target(file).value()), 1.004, 1e-7);
     ASSERT_EQ(print({"--measured", "100.4"}).exit_code, 0);
-    // Without a word of the ruler, what was measured stays.
+    // Without --measured, the measured file stays.
     const std::string measured_text = read_text_file(file, 1 << 20).value();
     const auto unsaid = print({});
     EXPECT_EQ(unsaid.exit_code, 1);
@@ -307,7 +307,7 @@ TEST_F(TargetMeasurement, CorrectsTargetFileOfEveryKind) {
     EXPECT_EQ(read_text_file(file, 1 << 20).value(), measured_text);
     ASSERT_EQ(print({"--measured", "100"}).exit_code, 0);
     EXPECT_EQ(read_text_file(file, 1 << 20).value(), nominal);
-    // Another sheet's file, or one that was changed, is not replaced.
+    // The file of another sheet, or a changed one, is not replaced.
     test::write_text(file, nominal + "# mine\n");
     const auto kept = print({"--measured", "99.2"});
     EXPECT_EQ(kept.exit_code, 1);
@@ -316,7 +316,7 @@ TEST_F(TargetMeasurement, CorrectsTargetFileOfEveryKind) {
   }
 }
 
-// Views that all show the target from the front: focal length and distance can't be told apart.
+// All views show the target from the front: focal length and distance are not separable.
 TEST_F(CalibrateCommand, RejectsPurelyFrontalViews) {
   const auto camera = load_camera(shared("recordings/calibration/camera.yaml"));
   const auto tags = load_tag_map(shared("recordings/calibration/tags.yaml"));
@@ -338,7 +338,7 @@ TEST_F(CalibrateCommand, RejectsPurelyFrontalViews) {
                  "tilt the target");
 }
 
-// A folder of pictures where some can't be read: those are left out, each with its reason.
+// Unreadable images in a folder are skipped, each with its reason.
 TEST_F(CalibrateCommand, SkipsUnreadableImages) {
   const auto pictures = folder() / "pictures";
   std::filesystem::create_directories(pictures);
@@ -357,7 +357,7 @@ TEST_F(CalibrateCommand, SkipsUnreadableImages) {
   EXPECT_THAT(result.out, HasSubstr("of 12 pictures"));
 }
 
-// The calibration recording as a person would hold the target: each picture for a while.
+// The calibration recording, played like a hand-held target: each image several times.
 class CalibrateFromCamera : public CalibrateCommand {
  protected:
   void SetUp() override {
@@ -368,7 +368,7 @@ class CalibrateFromCamera : public CalibrateCommand {
     std::filesystem::create_directory_symlink(source / "frames", held() / "frames");
     hold(32, 4);
   }
-  // The first `pictures`, each of them `times`.
+  // Lists the first `pictures` images, each `times` times.
   void hold(int pictures, int times) const {
     std::string lines = "frame,timestamp_s,file\n";
     for (int i = 0; i < pictures * times; ++i)
@@ -388,7 +388,7 @@ class CalibrateFromCamera : public CalibrateCommand {
   }
 };
 
-// Pixels of about this colour.
+// Counts pixels of about this colour.
 int pixels_like(const RgbaImage& image, int red, int green, int blue) {
   int count = 0;
   for (std::size_t i = 0; i + 3 < image.pixels.size(); i += 4) {
@@ -418,7 +418,8 @@ TEST_F(CalibrateFromCamera, GuidesInWindowAndReproducesResultFromKeptViews) {
   ASSERT_TRUE(truth && camera);
   EXPECT_LT(projection_difference(*truth, *camera).mean_px, 0.5);
 
-  // Two pictures of the window: while views were taken, with bars, corners and cells; the verdict.
+  // Two screenshots: one while views were taken, with bars, corners and cells; one with the
+  // verdict.
   std::vector<std::filesystem::path> shots;
   for (const auto& entry : std::filesystem::directory_iterator(folder())) {
     if (entry.path().extension() == ".png") shots.push_back(entry.path());
@@ -439,7 +440,7 @@ TEST_F(CalibrateFromCamera, GuidesInWindowAndReproducesResultFromKeptViews) {
   EXPECT_GT(bars, 1000);
   EXPECT_LT(pixels_like(*at_end, 255, 190, 60) + pixels_like(*at_end, 70, 215, 110), bars / 2);
 
-  // From the folder it is the same calibration, to the last digit.
+  // Calibrating from the folder of views gives the same digits.
   const std::string first = test::read_bytes(output());
   std::filesystem::remove(output());
   const auto again = calibrate(keep(), shared("recordings/calibration/aprilgrid.yaml"),
@@ -449,8 +450,8 @@ TEST_F(CalibrateFromCamera, GuidesInWindowAndReproducesResultFromKeptViews) {
   EXPECT_EQ(last_line(again.out), last_line(result.out));
 }
 
-// Every picture is looked at, whatever is next to it, and it ends by itself: the lens is the one
-// that the same pictures give offline.
+// The calibration checks every image and ends without a key; the lens equals that of the same
+// images offline.
 TEST_F(CalibrateFromCamera, MatchesOfflineCalibrationOnPlayedRecording) {
   const auto source = shared("recordings/calibration");
   const std::vector<std::string> fixed = {"--model", "plumb_bob", "--board", "rigid"};
@@ -466,7 +467,8 @@ TEST_F(CalibrateFromCamera, MatchesOfflineCalibrationOnPlayedRecording) {
   EXPECT_THAT(last_line(played.out), testing::StartsWith("good: "));
   EXPECT_THAT(last_line(offline.out), testing::StartsWith("good: "));
   EXPECT_THAT(played.out, HasSubstr("view 25: "));
-  EXPECT_THAT(played.out, Not(HasSubstr("hold"))) << "nobody holds anything";
+  EXPECT_THAT(played.out, Not(HasSubstr("hold")))
+      << "a recording needs no advice to hold the target";
   const auto sized =
       calibrate("recording:" + source.string(), source / "aprilgrid.yaml", {"--size", "640x480"});
   EXPECT_EQ(sized.exit_code, 2) << sized.err;
@@ -476,7 +478,7 @@ TEST_F(CalibrateFromCamera, WritesNoResultWhenInterruptedWithTooFewViews) {
   hold(1, 2000);
   const auto result =
       test::run_program(test::program(), arguments({}), {}, {}, [this](pid_t process) {
-        // Ctrl-C after the first view.
+        // Presses Ctrl-C after the first view.
         std::thread([this, process] {
           for (int i = 0; i < 600 && !std::filesystem::exists(keep() / "000000.png"); ++i)
             std::this_thread::sleep_for(std::chrono::milliseconds(50));
@@ -485,14 +487,14 @@ TEST_F(CalibrateFromCamera, WritesNoResultWhenInterruptedWithTooFewViews) {
       });
   expect_refused(result, "at least 3 views");
   EXPECT_THAT(result.out, HasSubstr("no display; going on without a window"));
-  EXPECT_TRUE(std::filesystem::exists(keep() / "000000.png")) << "what was taken is kept";
-  // A folder that holds something is not written into.
+  EXPECT_TRUE(std::filesystem::exists(keep() / "000000.png")) << "the views taken are kept";
+  // A folder that is not empty is rejected.
   const auto second = test::run_program(test::program(), arguments({"--no-window"}));
   expect_refused(second, "holds files already");
   EXPECT_THAT(second.out, Not(HasSubstr("window")));
 }
 
-// The views that were taken are solved for, and kept for another time.
+// When the display is lost, the views so far are solved and kept.
 TEST_F(CalibrateFromCamera, SolvesFromKeptViewsWhenDisplayIsLost) {
   ASSERT_EQ(std::system("command -v Xvfb >/dev/null 2>&1"), 0) << "scripts/setup installs it";
   hold(32, 40);
@@ -509,7 +511,7 @@ TEST_F(CalibrateFromCamera, SolvesFromKeptViewsWhenDisplayIsLost) {
   const auto camera = load_camera(output());
   ASSERT_TRUE(camera) << camera.error().message;
   EXPECT_TRUE(test::read_bytes(folder() / "report.html").ends_with("</html>\n"));
-  // From the folder of the views it is the same calibration.
+  // Calibrating from the folder of views gives the same result.
   const std::string first = test::read_bytes(output());
   const auto again = calibrate(keep(), shared("recordings/calibration/aprilgrid.yaml"),
                                {"--model", "plumb_bob", "--board", "rigid"});
@@ -533,8 +535,8 @@ TEST_F(CalibrateFromCamera, KeepsViewsWhenDisplayIsLostTooEarlyToSolve) {
   EXPECT_TRUE(load_image(keep() / "000000.png"));
 }
 
-// Ctrl-C and SIGTERM at any time, also while it is solved: it ends soon, and leaves everything as
-// it was.
+// Ctrl-C and SIGTERM at any time, also during the solution, end the program soon and leave old
+// files unchanged.
 TEST_F(CalibrateCommand, StopsPromptlyOnSignalAndKeepsOldFiles) {
   const auto results = folder() / "results";
   std::filesystem::create_directories(results);
@@ -561,7 +563,7 @@ TEST_F(CalibrateCommand, StopsPromptlyOnSignalAndKeepsOldFiles) {
       });
       if (result.exit_code == 0) break;
       EXPECT_EQ(std::distance(std::filesystem::directory_iterator(results), {}), 1);
-      if (result.exit_code > 128) continue;  // before the first file is opened
+      if (result.exit_code > 128) continue;  // killed before it opened a file
       EXPECT_LT(since_signal.elapsed().wall_ms, 3000.0) << arguments[0] << ' ' << delay_ms;
       EXPECT_EQ(result.exit_code, 1) << result.err;
       EXPECT_THAT(result.err, HasSubstr("ended early; no file was written"));
@@ -614,7 +616,7 @@ TEST_F(MapCommand, RecoversTabletopTags) {
   const auto truth = load_tag_map(shared("recordings/tabletop/tags.yaml"));
   ASSERT_TRUE(found && truth);
   ASSERT_EQ(found->tags().size(), truth->tags().size());
-  // The gauge is the anchor's in one and the sheet's in the other: a rigid motion apart.
+  // One map is relative to the anchor, the other to the sheet: they differ by a rigid motion.
   Eigen::Matrix3Xd a(3, found->tags().size());
   Eigen::Matrix3Xd b(3, found->tags().size());
   for (std::size_t i = 0; i < found->tags().size(); ++i) {
@@ -627,12 +629,12 @@ TEST_F(MapCommand, RecoversTabletopTags) {
   const Eigen::Matrix3Xd moved =
       (motion.topLeftCorner<3, 3>() * a).colwise() + Eigen::Vector3d(motion.topRightCorner<3, 1>());
   EXPECT_LT(std::sqrt((moved - b).squaredNorm() / static_cast<double>(a.cols())), 0.1e-3);
-  // Not too long nor too short by more than 1/1000, as the tone curve alone would make it.
+  // The scale is right to 1/1000; the camera response alone would cause a larger error.
   const auto spread = [](const Eigen::Matrix3Xd& p) {
     return (p.colwise() - p.rowwise().mean()).norm();
   };
   EXPECT_NEAR(spread(a) / spread(b), 1.0, 1e-3);
-  // Errors are as large as the file says they are.
+  // The errors match the covariances in the file.
   const YAML::Node file = YAML::LoadFile(tags.string());
   const Eigen::Vector3d anchor = truth->find(TagFamily::tag36h11, 5)->T_table_tag.translation();
   double squares = 0.0;

@@ -24,7 +24,7 @@ std::vector<std::string> commands_of(const std::string& help) {
   auto line = std::ranges::find(lines, "Subcommands:");
   while (line != lines.end() && ++line != lines.end() && line->starts_with("  ")) {
     const std::string name = line->substr(2, line->find(' ', 2) - 2);
-    if (!name.empty()) commands.push_back(name);  // else a description goes on
+    if (!name.empty()) commands.push_back(name);  // other lines continue a description
   }
   return commands;
 }
@@ -275,10 +275,10 @@ TEST(CommandLine, SuggestsSimilarOptionForUnknownOne) {
   }
   const ProgramResult far = penumbra({"replay", "r", "--bogus"});
   EXPECT_THAT(far.err, HasSubstr("--bogus: no such option (see penumbra replay --help)"));
-  // The program's own, before the command.
+  // A misspelt option of the program, before the command.
   EXPECT_THAT(penumbra({"--log-levle", "debug", "replay", "r"}).err,
               HasSubstr("--log-levle: no such option; did you mean --log-level?"));
-  // A word that is meant to be none, and what else is wrong.
+  // No suggestion for words that are not misspelt, nor for other errors.
   EXPECT_THAT(penumbra({"map", "--recording", "r", "--output", "t.yaml"}).err,
               testing::Not(HasSubstr("did you mean")));
   EXPECT_THAT(penumbra({"replay", "--frames", "3", "--", "r"}).err, HasSubstr("is no range A:B"));
@@ -306,7 +306,7 @@ TEST(CommandLine, AcceptsHelpAsCommand) {
   EXPECT_THAT(unknown.err, HasSubstr("'bogus' is no command"));
 }
 
-// Given poses are not tracked, and detection samples what it finds.
+// With given poses no tracking runs, and `detect` samples the image as it finds it.
 TEST(CommandLine, ReportsOptionsWithoutEffect) {
   const ProgramResult given =
       penumbra({"replay", "no-such-recording", "--poses-from", "groundtruth", "--tracking", "fast",
@@ -392,7 +392,7 @@ TEST(EvaluateCommand, ReportsZeroErrorForIdenticalTrajectories) {
   EXPECT_TRUE(json["not_judged"].empty());
 }
 
-// Truth at every third frame, of a clock that is 2 s ahead.
+// Truth at every third frame, from a clock that is 2 s ahead.
 TEST(EvaluateCommand, InterpolatesTruthAndCountsUncoveredFrames) {
   const TemporaryFolder folder;
   const std::string camera = bundled("tabletop") + "/camera.yaml";
@@ -470,7 +470,7 @@ TEST(EvaluateCommand, ReadsSharedTrajectoryAndCameraFiles) {
   EXPECT_THAT(warned.err, HasSubstr("plumb_bob is assumed"));
 }
 
-// Usual mistakes in files of true poses: one line more, and the same numbers.
+// Usual mistakes in files of true poses give one more line, and the same numbers.
 TEST(EvaluateCommand, HintsAtWrongUnitsQuaternionOrderAndDirection) {
   const TemporaryFolder folder;
   const std::string truth = bundled("tabletop") + "/groundtruth.tum";
@@ -559,7 +559,7 @@ TEST(CommandLine, RejectsCameraNameWithoutCameraFile) {
 
 TEST(EvaluateCommand, MeasuresOneMillimetreErrorInOneFrame) {
   const TemporaryFolder folder;
-  // 1 mm higher in one frame of the 120.
+  // One of the 120 frames is 1 mm higher.
   std::string moved;
   int line_number = 0;
   for (const std::string& line : lines_of(bytes_of(bundled("tabletop") + "/groundtruth.tum"))) {

@@ -17,7 +17,7 @@ namespace {
 
 using testing::HasSubstr;
 
-// The pixels of one pane of a picture.
+// Pixels of one pane.
 RgbaImage pane_of(const RgbaImage& picture, const PaneGrid& grid, std::size_t pane, int width,
                   int height) {
   RgbaImage cut{width, height, {}};
@@ -40,7 +40,7 @@ class CompareOption : public testing::Test {
     arguments.insert(arguments.end(), more.begin(), more.end());
     return penumbra(arguments);
   }
-  // Every frame of every pane is the frame that the technique alone gives.
+  // Each pane of each frame equals the frame that its technique draws alone.
   void expect_panes(const std::vector<std::string>& techniques,
                     const std::vector<std::string>& more = {}) {
     std::string list;
@@ -57,7 +57,7 @@ class CompareOption : public testing::Test {
       const std::string alone = file("alone " + techniques[pane]);
       words = {"--shadow", techniques[pane], "--output", alone};
       words.insert(words.end(), more.begin(), more.end());
-      if (techniques[pane] == "cocl") {  // has kernels of its own, whatever is said of the others
+      if (techniques[pane] == "cocl") {  // always has CoCL kernels
         const auto kernels = std::ranges::find(words, "--kernels");
         if (kernels != words.end()) words.erase(kernels, kernels + 2);
       }
@@ -175,7 +175,7 @@ TEST_F(CompareOption, WritesAllOutputsAndReport) {
     EXPECT_EQ(differing, 0U) << name;
   }
   EXPECT_FALSE(video->next().value()) << "three frames, no more";
-  // The poses are those of any replay.
+  // The poses equal those of a replay without --compare.
   ASSERT_EQ(replay({"--poses", file("alone.tum")}).exit_code, 0);
   EXPECT_EQ(bytes_of(file("out.tum")), bytes_of(file("alone.tum")));
 

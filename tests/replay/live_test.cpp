@@ -32,7 +32,7 @@ std::vector<std::string> live(const std::vector<std::string>& more) {
   return arguments;
 }
 
-// The program on a disk that no file of it finds more room on than so much [KiB].
+// Runs the program with a limit on the size of each file [KiB], like on a full disk.
 test::ProgramResult with_files_up_to(int kib, const std::vector<std::string>& arguments) {
   std::vector<std::string> words = {
       "-c", fmt::format(R"(trap '' XFSZ; ulimit -f {}; exec "$0" "$@")", kib),
@@ -55,13 +55,13 @@ TEST(LiveCommand, RecordsSessionThatReplaysToSamePoses) {
   EXPECT_EQ(report["time_ms"]["latency"]["count"], frames);
   EXPECT_GT(report["time_ms"]["latency"]["median"].get<double>(), 0.0);
 
-  // What was captured is stored, or counted as left out.
+  // Each captured frame is stored, or counted as not recorded.
   const std::string listed = test::read_bytes(temporary.path() / "session" / "timestamps.csv");
   const auto rows = std::count(listed.begin(), listed.end(), '\n') - 1;
   EXPECT_EQ(report["recorded"]["written"], rows);
   EXPECT_GE(rows + report["recorded"]["left_out"].get<int>(), frames);
 
-  // The camera's own bytes.
+  // The stored files have the camera's own bytes.
   const auto recorded = test::contents_of(temporary.path() / "session" / "frames");
   const auto played = test::contents_of(test::recordings_dir() / "tabletop" / "frames");
   ASSERT_FALSE(recorded.empty());
@@ -83,7 +83,7 @@ TEST(LiveCommand, RecordsSessionThatReplaysToSamePoses) {
   EXPECT_LT(difference.overlay_px.max, 0.2);
 }
 
-// A camera that now and then gives half a picture with both marks; the recording keeps it.
+// The camera sometimes gives half an image with both marks; the recording keeps it.
 TEST(LiveCommand, RecordsDamagedFramesForIdenticalReplay) {
   const test::TemporaryFolder temporary;
   const auto path = [&](const char* name) { return (temporary.path() / name).string(); };
@@ -161,7 +161,8 @@ TEST(LiveCommand, ScalesCalibrationOnlyWhenExact) {
     arguments.insert(arguments.end(), more.begin(), more.end());
     return penumbra(arguments);
   };
-  // It is offered, never done unasked; and not offered where it can't be exact.
+  // The program offers --scale-calibration and never scales without it; it offers nothing if
+  // scaling is not exact.
   for (const char* name : {"twice.yaml", "half.yaml"}) {
     test::expect_failure(live_with(name, {}), {name, "2x2", "--scale-calibration"});
   }
@@ -181,7 +182,7 @@ TEST(LiveCommand, ScalesCalibrationOnlyWhenExact) {
     const auto report = test::read_json(path("report.json"));
     EXPECT_GT(report["frames"].get<int>(), 0);
     EXPECT_GE(report["frames_tracked"].get<int>(), report["frames"].get<int>() * 95 / 100);
-    // What is stored is of the size that was recorded.
+    // The stored calibration has the recording's size.
     const CameraModel stored = load_camera(session + "/camera.yaml").value();
     EXPECT_EQ(stored.width(), camera.width());
     EXPECT_EQ(stored.height(), camera.height());
@@ -230,7 +231,7 @@ TEST(LiveCommand, SelectsNamedCameraFromMultiCameraFile) {
   EXPECT_EQ(stored.distortion, of_chain.distortion);
 }
 
-// Damage is told as damage, not as lateness.
+// Damaged frames are not counted as late.
 TEST(LiveCommand, CountsDamagedFramesSeparatelyFromLateFrames) {
   const test::TemporaryFolder temporary;
   const auto camera = temporary.path() / "camera";
@@ -264,8 +265,8 @@ TEST(LiveCommand, CountsDamagedFramesSeparatelyFromLateFrames) {
   EXPECT_NE(done.out.find(fmt::format("{} damaged", damaged)), std::string::npos) << done.out;
 }
 
-// A camera's driver would leave it out too; and a recording of this one holds the others. Of each
-// kind there are some in a row, so that a machine that is late meets one of them.
+// A camera's driver would drop these frames too. The recording holds several of each kind in a row,
+// so that a slow machine receives one of them.
 TEST(LiveCommand, RejectsFramesOfOtherSizeOrFormat) {
   for (const bool jpeg : {false, true}) {
     SCOPED_TRACE(jpeg ? "JPEG" : "PNG");
@@ -351,7 +352,7 @@ TEST(LiveCommand, KeepsReadableFilesOnCtrlC) {
   const auto done = test::run_program(
       test::program(), live({"--record", session.string()}), {}, {}, [&](pid_t child) {
         interrupter = std::thread([&session, child] {
-          // Once frames are being recorded.
+          // Waits until frames are being recorded.
           while (test::lines_of(test::bytes_of(session / "timestamps.csv")).size() < 20) {
             std::this_thread::sleep_for(std::chrono::milliseconds(10));
           }
@@ -382,7 +383,7 @@ TEST(LiveCommand, ContinuesThenFailsWhenRecordingCannotBeWritten) {
   EXPECT_NE(last.find("free some space"), std::string::npos) << done.err;
 }
 
-// A video that can't be written any more costs that video alone.
+// If the video fails, only the video ends.
 TEST(LiveCommand, KeepsOtherOutputsWhenVideoCannotBeWritten) {
   const test::TemporaryFolder temporary;
   const auto path = [&](const char* name) { return (temporary.path() / name).string(); };
@@ -422,7 +423,7 @@ TEST(LiveCommand, KeepsOtherOutputsWhenVideoCannotBeWritten) {
   }
 }
 
-// Poses that can't be written any more: those of before stay, in whole lines.
+// If poses can't be written any more, the earlier ones stay, in whole lines.
 TEST(LiveCommand, EndsPoseFileWithWholeLineWhenDiskIsFull) {
   const test::TemporaryFolder temporary;
   const std::string poses = (temporary.path() / "live.tum").string();
@@ -437,7 +438,7 @@ TEST(LiveCommand, EndsPoseFileWithWholeLineWhenDiskIsFull) {
 }
 
 #ifdef PENUMBRA_RESET_DRIVER
-// Of a graphics driver that was reset nothing more can be asked. What was made until then is kept.
+// After a driver reset no OpenGL call works. Outputs made until then are kept.
 TEST(LiveCommand, KeepsOutputsWhenGraphicsDriverIsReset) {
   const test::TemporaryFolder temporary;
   const auto path = [&](const char* name) { return (temporary.path() / name).string(); };
@@ -467,8 +468,8 @@ TEST(LiveCommand, KeepsOutputsWhenGraphicsDriverIsReset) {
       penumbra({"replay", path("session"), "--no-window", "--poses", path("replay.tum")});
   EXPECT_EQ(replayed.exit_code, 0) << replayed.err;
 
-  // A replay leaves what an earlier one made; and a driver that is reset before the first frame
-  // ends it too.
+  // A replay keeps the outputs of an earlier one; a driver reset before the first frame ends it
+  // too.
   const std::string before = test::bytes_of(path("replay.tum"));
   for (const int at : {5, 1}) {
     const auto again = penumbra(
@@ -479,7 +480,7 @@ TEST(LiveCommand, KeepsOutputsWhenGraphicsDriverIsReset) {
 }
 #endif
 
-// A replay that its recording ends early does not replace what an earlier one made.
+// A replay that ends early because of its recording does not replace earlier outputs.
 TEST(LiveCommand, KeepsEarlierOutputsWhenReplayFails) {
   const test::TemporaryFolder temporary;
   const auto path = [&](const char* name) { return (temporary.path() / name).string(); };
@@ -500,7 +501,7 @@ TEST(LiveCommand, PlaysVideoRecordingAsCamera) {
   const test::TemporaryFolder temporary;
   const auto path = [&](const char* name) { return (temporary.path() / name).string(); };
   std::filesystem::create_directory(path("video"));
-  // As live stores what a camera gives uncompressed: the same pictures as the bundled JPEGs.
+  // A recording like that of an uncompressed camera, with the images of the bundled JPEGs.
   std::ofstream(path("nothing.json")) << R"({"objects": [], "shadows": []})";
   const auto made =
       penumbra({"replay", bundled("tabletop"), "--no-window", "--frames", "0:12", "--scene",
@@ -513,7 +514,7 @@ TEST(LiveCommand, PlaysVideoRecordingAsCamera) {
   listing << "frame,timestamp_s,file\n";
   for (int i = 0; i < 12; ++i) listing << fmt::format("{},{:.6f},video.mkv\n", i, i / 30.0);
   listing.close();
-  // Slow enough that none is missed, and past its end: it begins again.
+  // Slow enough to drop no frame, and long enough to start again at the end.
   const auto done =
       penumbra({"live", "--camera", "recording:" + path("video"), "--calibration", calibration(),
                 "--no-window", "--fps", "8", "--duration", "2", "--poses", path("live.tum"),
@@ -531,7 +532,7 @@ TEST(LiveCommand, PlaysVideoRecordingAsCamera) {
 TEST(LiveCommand, ReportsWhyNoFrameIsTracked) {
   const test::TemporaryFolder temporary;
   const auto path = [&](const char* name) { return (temporary.path() / name).string(); };
-  // The same family, but none of the tags that lie there.
+  // A sheet of the same family, but with other ids.
   const auto sheet = penumbra(
       {"target", "--first-id", "300", "--output", path("other.pdf"), "--tags", path("other.yaml")});
   ASSERT_EQ(sheet.exit_code, 0) << sheet.err;
@@ -581,7 +582,7 @@ TEST(LiveCommand, RejectsWrongUsageWithExitCode2) {
   EXPECT_EQ(much.exit_code, 2);
   EXPECT_EQ(penumbra(live({"--size", "640"})).exit_code, 2);
   EXPECT_EQ(penumbra(live({"--format", "bayer"})).exit_code, 2);
-  // What a recording can't obey.
+  // Options that a recording does not support.
   for (const std::vector<std::string>& option : std::vector<std::vector<std::string>>{
            {"--size", "640x480"}, {"--format", "grey"}, {"--exposure", "4"}, {"--focus", "1"}}) {
     const auto done = penumbra(live(option));
@@ -592,7 +593,7 @@ TEST(LiveCommand, RejectsWrongUsageWithExitCode2) {
   EXPECT_EQ(penumbra(live({"--duration", "-1"})).exit_code, 2);
 }
 
-// Only a machine that does not start is a reason to skip what cameras do on it.
+// The script skips camera tests only if the virtual machine does not start.
 TEST(TestLiveScript, SkipsWithoutVirtualMachineAndFailsWithoutSetup) {
   const test::TemporaryFolder temporary;
   const auto machine = [&](const char* name, const std::string& script) {

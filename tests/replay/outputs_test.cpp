@@ -34,7 +34,7 @@ std::string cube() {
   return (test::source_dir() / "scenes" / "models" / "cube.glb").string();
 }
 
-// The program by a shell, for what only a shell does.
+// Runs the program in a shell, for redirections.
 test::ProgramResult in_shell(const std::string& script, const fs::path& folder) {
   return test::run_program("/bin/bash",
                            {"-c", "set -o pipefail; penumbra() { \"" + test::program().string() +
@@ -80,7 +80,7 @@ TEST(StandardOutput, ReceivesShadowsKernelsAndTargets) {
     const auto result = penumbra(arguments);
     EXPECT_EQ(result.exit_code, 0) << result.err;
     EXPECT_FALSE(result.out.empty());
-    // How long it took stands in one of them.
+    // One of them contains times.
     const auto comparable = [](const std::string& text) {
       return text.substr(0, text.find("\"time_ms\""));
     };
@@ -91,8 +91,8 @@ TEST(StandardOutput, ReceivesShadowsKernelsAndTargets) {
   same_as_file({"target", "--output", folder.path() / "sheet.pdf"}, "--tags", "tags-named.yaml");
 }
 
-// Runs a command with an output in a file, on standard output and in a named pipe; returns the
-// file's text, which the two others repeat.
+// Runs a command with its output in a file, on standard output and in a named pipe; expects equal
+// text in all three and returns it.
 std::string same_in_file_output_and_pipe(const std::vector<std::string>& arguments,
                                          const std::string& option) {
   const TemporaryFolder folder;
@@ -202,7 +202,7 @@ TEST(StandardOutput, AppendsWhenShellRedirectsWithAppend) {
   EXPECT_EQ(lines.back(), "last");
 }
 
-// The reader is gone before anything is written.
+// The reader closes the pipe before the first write.
 TEST(StandardOutput, FailsInOneLineWhenReaderIsGone) {
   const TemporaryFolder folder;
   for (const std::string& command :
@@ -215,7 +215,7 @@ TEST(StandardOutput, FailsInOneLineWhenReaderIsGone) {
   }
 }
 
-// One after the other, as a script reads them.
+// Reads the pipes one after the other, like a script.
 TEST(NamedPipe, CarriesPosesAndReport) {
   const TemporaryFolder folder;
   const fs::path poses = folder.path() / "poses";
@@ -233,7 +233,7 @@ TEST(NamedPipe, CarriesPosesAndReport) {
   EXPECT_TRUE(fs::is_fifo(poses) && fs::is_fifo(report)) << "a pipe was replaced";
 }
 
-// The reader and the writer come after the notice.
+// Reader and writer open the pipe after the notice.
 TEST(NamedPipe, ReportsWaitOnce) {
   const TemporaryFolder folder;
   const fs::path pipe = folder.path() / "pipe";
@@ -270,7 +270,7 @@ TEST(NamedPipe, StopsWaitingForReaderOnCtrlC) {
         std::this_thread::sleep_for(std::chrono::seconds(3));
         kill(child, SIGINT);
       });
-  // Ended by the signal itself where it came before the outputs were opened.
+  // The signal itself ended the program if it came before the outputs were opened.
   EXPECT_TRUE(result.exit_code == 1 || result.exit_code == 128 + SIGINT) << result.exit_code;
   if (result.exit_code == 1) {
     EXPECT_THAT(result.err, HasSubstr("waiting for its reader"));
@@ -321,7 +321,7 @@ TEST(TagMapInUse, ComesFromRecordingOrCalibrationNeverFromDefault) {
       penumbra({"study", "--experiment", "heights", "--output", folder.path() / "a.csv", "--camera",
                 played, "--calibration", camera}),
       expected);
-  // The recording's own comes first, then the one beside the calibration.
+  // The recording's own map has priority over the one beside the calibration.
   test::write_text(folder.path() / "tags.yaml", test::small_tags_yaml());
   for (const fs::path& used : {folder.path() / "tags.yaml", recording / "tags.yaml"}) {
     test::write_text(used, test::small_tags_yaml());
@@ -344,7 +344,8 @@ Frame first_frame_of(const char* recording) {
   return {};
 }
 
-// The bundled recording's first frames as a camera of `bits` bits stores them, and as 8 bits.
+// Writes the bundled recording's first frames as a camera of `bits` bits stores them, and as 8
+// bits.
 void write_deep_recording(const fs::path& folder, int bits, bool with_chunk) {
   const fs::path source = bundled("tabletop");
   fs::create_directories(folder / "frames");
@@ -401,14 +402,14 @@ TEST(DarkSixteenBitImages, TrackInSharedCases) {
     const auto result = penumbra({"replay", cases / name, "--no-window", "--report", report});
     ASSERT_EQ(result.exit_code, 0) << result.err;
     EXPECT_THAT(result.err, HasSubstr(notice));
-    EXPECT_EQ(test::lines_of(result.err).size(), 1U) << "said once";
+    EXPECT_EQ(test::lines_of(result.err).size(), 1U) << "reported once";
     const auto json = test::read_json(report);
     EXPECT_EQ(json["frames_tracked"], 2);
     EXPECT_LT(json["accuracy"]["translation_mm"]["rmse"].get<double>(), 0.2);
   }
 }
 
-// The recording's first frame with each row as `change` makes it, twice.
+// Writes the recording's first frame twice, with `change` applied to each row.
 template <class Change>
 fs::path changed_recording(const fs::path& folder, const Change& change) {
   const fs::path source = bundled("tabletop");
@@ -464,7 +465,7 @@ TEST(ImageFault, IsReportedForMirroredAndNegativeImages) {
 TEST(ImageFault, IsReportedWhenMirroringBeginsMidSession) {
   const TemporaryFolder folder;
   const auto recording = changed_recording(folder.path() / "mirrored", mirror);
-  // One frame as it is, then mirrored ones: the last pose is extrapolated for half a second first.
+  // One normal frame, then mirrored ones: the pose is extrapolated for half a second first.
   fs::remove(recording / "frames" / "000000.png");
   const Frame frame = first_frame_of("tabletop");
   std::vector<std::uint8_t> scratch;

@@ -1,4 +1,4 @@
-// --pixel-buffers: what is written is the same, though each picture is had a frame later.
+// --pixel-buffers: the outputs are the same, although each frame is read back one frame later.
 #include <fmt/format.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -20,7 +20,7 @@ class PixelBufferOption : public testing::Test {
   [[nodiscard]] std::string path(const std::string& name) const {
     return (folder_.path() / name).string();
   }
-  // With outputs named by `name`, in the folder.
+  // Runs the program with outputs called `name` in the folder.
   ProgramResult run(const std::string& name, std::vector<std::string> arguments,
                     const std::string& buffers,
                     const std::vector<std::string>& environment = {}) const {
@@ -35,7 +35,7 @@ class PixelBufferOption : public testing::Test {
     arguments.insert(arguments.end(), more.begin(), more.end());
     return arguments;
   }
-  // The program, with no more room for any file than so much [KiB].
+  // Runs the program with a limit on the size of each file [KiB].
   static ProgramResult with_files_up_to(int kib, const std::vector<std::string>& arguments) {
     std::vector<std::string> words = {
         "-c", fmt::format(R"(trap '' XFSZ; ulimit -f {}; exec "$0" "$@")", kib),
@@ -43,7 +43,7 @@ class PixelBufferOption : public testing::Test {
     words.insert(words.end(), arguments.begin(), arguments.end());
     return run_program("/bin/bash", words);
   }
-  // Every frame of the run is in its video and, where it was tracked, among its poses.
+  // Each frame of the run is in its video and, if tracked, among its poses.
   void expect_all_written(const std::string& name) const {
     const auto report = read_json(path(name + ".json"));
     const int frames = report["frames"].get<int>();
@@ -65,7 +65,7 @@ class PixelBufferOption : public testing::Test {
 
 TEST_F(PixelBufferOption, WritesSameFilesInReplay) {
   for (const char* threads : {"1", "2"}) {
-    for (const char* frames : {"20:32", "57:58"}) {  // one frame has none behind it
+    for (const char* frames : {"20:32", "57:58"}) {  // a single frame has no successor
       SCOPED_TRACE(fmt::format("{} threads, frames {}", threads, frames));
       const std::vector<std::string> arguments = {"replay", bundled("tabletop"), "--frames",
                                                   frames,   "--threads",         threads};
@@ -171,7 +171,7 @@ TEST_F(PixelBufferOption, KeepsEveryFrameOnCtrlC) {
     EXPECT_LT(report["frames"].get<int>(), 120);
     const auto pictures = contents_of(path("out"));
     ASSERT_EQ(pictures.size(), report["frames"].get<std::size_t>());
-    // The first so many, each itself.
+    // The images equal those of an uninterrupted run.
     ASSERT_EQ(run("whole",
                   {"replay", bundled("tabletop"), "--frames", fmt::format("0:{}", pictures.size())},
                   "off")
@@ -206,7 +206,7 @@ TEST_F(PixelBufferOption, ClosesOnlyVideoWhenDiskIsFull) {
 
 TEST_F(PixelBufferOption, WritesEveryDrawnFrameInLive) {
   for (const char* threads : {"1", "2"}) {
-    // Also those before a camera that gives nothing any more for a while: slower than the drawing.
+    // Also frames before a pause of the camera: 5 frames/s are slower than the drawing.
     for (const char* fps : {"30", "5"}) {
       SCOPED_TRACE(fmt::format("{} threads, {} frames/s", threads, fps));
       const auto done =
@@ -238,7 +238,7 @@ TEST_F(PixelBufferOption, KeepsEveryFrameWhenLiveIsInterrupted) {
 }
 
 #ifdef PENUMBRA_RESET_DRIVER
-// The picture that was on its way is gone with the driver, its pose is not.
+// The driver loses the pending image; its pose is kept.
 TEST_F(PixelBufferOption, LosesOnlyPendingFrameOnDriverReset) {
   const auto done = run("live.mkv", live({"--duration", "30"}), "on",
                         {"LD_PRELOAD=" PENUMBRA_RESET_DRIVER, "PENUMBRA_TEST_RESET_AT=60"});

@@ -1,5 +1,5 @@
-// The OBJ and glTF models that Debian's assimp-testmodels collected from public reports: each has
-// the area of the table, or is refused for the reason that the table gives.
+// The OBJ and glTF models of Debian's assimp-testmodels, collected from public reports. Each has
+// the area of the table, or is rejected for the reason in the table.
 #include <gmock/gmock.h>
 
 #include <algorithm>
@@ -21,19 +21,19 @@ namespace {
 namespace fs = std::filesystem;
 
 const fs::path kModels = "/usr/share/assimp/models";
-// So far below the models that none is cut: seen along the vertical and along an oblique direction,
-// as in tests/reference/model_areas.py.
+// Far below the models, so that it cuts none: seen along the vertical and an oblique direction, as
+// in tests/reference/model_areas.py.
 constexpr const char* kVerticalPlane = "0 0 1 0 0 -1000000";
 constexpr const char* kObliquePlane = "0.6 0.48 0.64 -600000 -480000 -640000";
 
-// A row of tests/reference/public_models.csv. A file that is damaged but can be read in part may
-// have both areas and a reason: either will do.
+// A row of tests/reference/public_models.csv. A damaged file that is readable in part may have
+// areas and a reason: either result passes.
 struct ExpectedModel {
   bool in_debian_12 = true;
   std::optional<double> vertical_cm2;
   std::optional<double> oblique_cm2;
   double extent_m = 0.0;
-  std::string message;  // what the error has to say (a regular expression), empty: no error
+  std::string message;  // regular expression of the error, empty: no error
 };
 
 std::map<std::string, ExpectedModel> expected_models() {
@@ -65,7 +65,7 @@ bool is_model(const fs::path& file) {
   return extension == ".obj" || extension == ".gltf" || extension == ".glb";
 }
 
-// As named in the table.
+// Names as in the table.
 std::vector<std::string> installed_models() {
   std::vector<std::string> names;
   for (const auto& entry : fs::recursive_directory_iterator(kModels)) {
@@ -76,7 +76,7 @@ std::vector<std::string> installed_models() {
   return names;
 }
 
-// Exit code 0 with warnings of one line each, or 1 with one error that names the file.
+// Expects exit code 0 with warnings of one line each, or 1 with one error that names the file.
 void expect_clear_lines(const ProgramResult& result, const std::string& name) {
   if (result.exit_code != 0) {
     expect_failure(result, {name});
@@ -87,7 +87,7 @@ void expect_clear_lines(const ProgramResult& result, const std::string& name) {
   }
 }
 
-// scripts/setup installs the package, so a run that had to set everything up must find it.
+// scripts/setup installs the package, so a run after a complete set-up requires it.
 bool is_required() {
   return std::getenv("CI") != nullptr;
 }
@@ -99,8 +99,8 @@ class PublicModels : public testing::TestWithParam<const char*> {
     if (is_required()) FAIL() << "CI is set, but assimp-testmodels is missing (scripts/setup)";
     GTEST_SKIP() << "the package assimp-testmodels is missing (scripts/setup installs it)";
   }
-  // Area of the model's projection onto the plane [cm2]; nothing where the file is refused. `name`:
-  // as in the table, or a path.
+  // Area of the model's projection onto the plane [cm2], or nothing if the file is rejected.
+  // `name`: as in the table, or a path.
   std::optional<double> shadow_area(const std::string& name, const std::string& plane,
                                     const ExpectedModel& expected) {
     const fs::path output = folder_.path() / "shadow.json";
@@ -110,10 +110,10 @@ class PublicModels : public testing::TestWithParam<const char*> {
     if (result.exit_code != 0) {
       EXPECT_FALSE(expected.message.empty()) << result.err;
       EXPECT_TRUE(std::regex_search(result.err, std::regex(expected.message)))
-          << result.err << " does not say " << expected.message;
+          << result.err << " does not contain " << expected.message;
       return std::nullopt;
     }
-    EXPECT_TRUE(expected.vertical_cm2) << "has to be refused: " << expected.message;
+    EXPECT_TRUE(expected.vertical_cm2) << "must be rejected: " << expected.message;
     return 1e4 * read_json(output)["layers"]["shadow"]["area"].get<double>();
   }
   void expect_kernels(const std::string& name, bool readable) {
@@ -127,7 +127,7 @@ class PublicModels : public testing::TestWithParam<const char*> {
     EXPECT_EQ(kernels.size() % 3, 0U);
     for (const auto& number : kernels) ASSERT_TRUE(std::isfinite(number.get<double>()));
   }
-  // The model as `kernels` writes it into a .glb; nothing where it has to be a .json file.
+  // The model as `kernels` writes it into a .glb, or nothing if the output must be a .json file.
   std::optional<std::string> with_kernels(const std::string& name) {
     const std::string output = folder_.path() / "kernels.glb";
     const ProgramResult result = penumbra({"kernels", kModels / name, "--output", output});
@@ -140,7 +140,7 @@ class PublicModels : public testing::TestWithParam<const char*> {
   TemporaryFolder folder_;
 };
 
-// 1e-5 of the area, and what positions with the resolution of floats let an edge-on face show.
+// Tolerance: 1e-5 of the area, and the area of edge-on faces at float precision.
 void expect_area(const std::optional<double>& area, const std::optional<double>& expected,
                  double extent_m) {
   if (!area || !expected) return;

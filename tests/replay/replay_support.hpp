@@ -1,4 +1,4 @@
-// What the replay tests share: running the built program over recordings and reading what it wrote.
+// Helpers of the replay tests: run the built program over recordings and read its outputs.
 #pragma once
 
 #include <gtest/gtest.h>
@@ -23,7 +23,7 @@ inline ProgramResult penumbra(const std::vector<std::string>& arguments,
   return run_program(program(), arguments, environment);
 }
 
-// The program in a real window, on a virtual display.
+// Runs the program in a real window, on a virtual display.
 inline ProgramResult in_window(std::vector<std::string> arguments,
                                const std::filesystem::path& working_folder) {
   arguments.insert(arguments.begin(), program().string());
@@ -35,7 +35,7 @@ inline std::string bundled(const char* name) {
   return (recordings_dir() / name).string();
 }
 
-// What tests/support/with-display needs.
+// Programs that tests/support/with-display needs.
 inline bool has_xvfb() {
   return std::system("command -v Xvfb >/dev/null 2>&1") == 0;
 }
@@ -45,8 +45,8 @@ inline std::string bytes_of(const std::filesystem::path& file) {
   return {std::istreambuf_iterator<char>(stream), std::istreambuf_iterator<char>()};
 }
 
-// Stands for a file's bytes in comparisons, so that a failure prints a line and not a picture:
-// their number and FNV-1a hash; empty for no file.
+// Number of bytes and FNV-1a hash of a file, which a failure prints in place of its bytes; empty
+// without the file.
 inline std::string fingerprint_of(const std::filesystem::path& file) {
   const std::string bytes = bytes_of(file);
   if (bytes.empty()) return {};
@@ -77,7 +77,7 @@ inline std::vector<std::string> lines_of(const std::string& text) {
   return lines;
 }
 
-// Exit code 1 and exactly one line on standard error, which names every one of `parts`.
+// Expects exit code 1 and exactly one line on standard error, which contains every one of `parts`.
 inline void expect_failure(const ProgramResult& result, const std::vector<std::string>& parts) {
   EXPECT_EQ(result.exit_code, 1) << result.err;
   const std::vector<std::string> lines = lines_of(result.err);

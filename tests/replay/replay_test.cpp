@@ -35,7 +35,7 @@ Replay replay(const fs::path& folder, std::vector<std::string> arguments) {
   return replay;
 }
 
-// Lines of a TUM file that are poses.
+// Number of poses in a TUM file.
 int pose_count(const fs::path& file) {
   int count = 0;
   for (const std::string& line : lines_of(bytes_of(file))) count += line.starts_with("#") ? 0 : 1;
@@ -65,7 +65,7 @@ TEST(ReplayCommand, TracksTabletopInEveryFrameWithinTwoPixels) {
   for (const char* stage : {"capture", "track", "align", "shadow", "render", "frame"}) {
     EXPECT_EQ(done.report["time_ms"][stage]["count"], 120) << stage;
   }
-  // Found once, and aligned from there on.
+  // Detected once, then aligned.
   EXPECT_EQ(done.report["time_ms"]["detect"]["count"], 1);
   EXPECT_EQ(done.report["tracking"]["full_detections"], 1);
   EXPECT_EQ(done.report["tracking"]["tracked_updates"], 119);
@@ -75,7 +75,7 @@ TEST(ReplayCommand, TracksTabletopInEveryFrameWithinTwoPixels) {
   EXPECT_GT(done.report["time_ms"]["capture"]["cpu_mean"].get<double>(), 0.0);
   EXPECT_GT(done.report["work"]["passes_drawn"].get<int>(), 120);
 
-  // The same by `evaluate`, from the poses file.
+  // `evaluate` gives the same from the poses file.
   const ProgramResult evaluated =
       penumbra({"evaluate", "--estimated", folder.path() / "out.tum", "--groundtruth",
                 bundled("tabletop") + "/groundtruth.tum", "--camera",
@@ -153,7 +153,7 @@ TEST(ReplayCommand, WritesSameBytesWhenRunTwice) {
   EXPECT_EQ(bytes_of(folder.path() / "a.mkv.tum"), poses);
 }
 
-// Poses that look more and more past the table: objects, then their shadows leave the picture.
+// The poses turn away from the table: first objects, then their shadows leave the image.
 TEST(ReplayCommand, DrawsSameFramesWithoutSkipping) {
   const TemporaryFolder folder;
   std::string poses;
@@ -254,7 +254,8 @@ TEST(ReplayCommand, WritesSameBytesForWholeTabletopRunTwice) {
   }
 }
 
-// Frames in equal frames out, by name and by number: a harness once passed with 0 frames replayed.
+// The output has as many frames as requested, with their names and numbers; a replay of 0 frames
+// must not pass.
 TEST(ReplayCommand, WritesExactlyRequestedFrames) {
   const TemporaryFolder folder;
   const Replay done =
@@ -303,7 +304,7 @@ TEST(ReplayCommand, StopsSamplingWithinPoseBudget) {
     const Replay done = replay(folder.path(), options);
     EXPECT_EQ(done.result.exit_code, 0) << done.result.err;
     EXPECT_EQ(done.report["frames_tracked"], 20);
-    // What is left is told.
+    // The report counts skipped pixels.
     const bool stops = std::ranges::find(options, "--pose-budget") != options.end();
     const auto& skipped = done.report["tracking"]["skipped"];
     EXPECT_EQ(skipped.contains("pixels_within_budget"), stops && options.back() != "0.000001")
@@ -327,7 +328,7 @@ TEST(ReplayCommand, StopsSamplingWithinPoseBudget) {
   EXPECT_LT(loose.second, 0.3);
   EXPECT_GT(tight.first, loose.first);
   EXPECT_LT(tight.second, 1.1 * loose.second);
-  // More than there is can't be had; and `fast` takes its own number at most.
+  // An unreachable budget uses all pixels; with `fast` at most that mode's number.
   EXPECT_NEAR(static_cast<double>(endless.first), static_cast<double>(all.first),
               0.02 * static_cast<double>(all.first));
   EXPECT_LE(run({"--tracking", "fast", "--pose-budget", "0.000001"}).first, fast.first * 101 / 100);
@@ -364,18 +365,18 @@ TEST(ReplayCommand, SmoothsDrawingButNotWrittenPoses) {
   EXPECT_EQ(test::bytes_of(path("plain.tum")), test::bytes_of(path("smooth.tum")));
   EXPECT_EQ(plain["accuracy"], smooth["accuracy"]);
   EXPECT_FALSE(plain.contains("smoothing"));
-  const auto& told = smooth["smoothing"];
-  EXPECT_GE(told["lag_ms"]["median"].get<double>(), 0.0);
-  EXPECT_GT(told["offset_px"]["max"].get<double>(), 0.0);
-  EXPECT_LE(told["offset_px"]["max"].get<double>(), 0.25);
-  EXPECT_NEAR(told["accuracy"]["overlay_px"]["rmse"].get<double>(),
+  const auto& smoothing = smooth["smoothing"];
+  EXPECT_GE(smoothing["lag_ms"]["median"].get<double>(), 0.0);
+  EXPECT_GT(smoothing["offset_px"]["max"].get<double>(), 0.0);
+  EXPECT_LE(smoothing["offset_px"]["max"].get<double>(), 0.25);
+  EXPECT_NEAR(smoothing["accuracy"]["overlay_px"]["rmse"].get<double>(),
               plain["accuracy"]["overlay_px"]["rmse"].get<double>(), 0.05);
   const auto plain_frames = test::contents_of(path("plain"));
   const auto smooth_frames = test::contents_of(path("smooth"));
   EXPECT_EQ(plain_frames.at("000000.png"), smooth_frames.at("000000.png")) << "drawn as measured";
   EXPECT_NE(plain_frames, smooth_frames);
   EXPECT_EQ(smooth_frames, test::contents_of(path("alone"))) << "threads change nothing";
-  // Poses that are given are drawn as given.
+  // --smooth does not change given poses.
   EXPECT_EQ(penumbra({"replay", bundled("tabletop"), "--smooth", "--poses-from", "groundtruth"})
                 .exit_code,
             2);
@@ -392,7 +393,7 @@ TEST(ReplayCommand, SkipsTrackingForGivenPoses) {
   EXPECT_EQ(truth.report["tracking"]["full_detections"], 0);
   EXPECT_EQ(truth.report["time_ms"]["detect"]["count"], 0);
   EXPECT_EQ(truth.report["time_ms"]["solve"]["count"], 0);
-  // Rendered from the poses that a replay wrote: the same pictures as that replay's.
+  // Rendering from the poses of a replay gives the images of that replay.
   const Replay tracked =
       replay(folder.path(), {bundled("tabletop"), "--frames", "10:14", "--output",
                              folder.path() / "tracked", "--poses", folder.path() / "out.tum"});
@@ -428,7 +429,7 @@ TEST(ReplayCommand, DrawsEachTechniqueDifferently) {
   EXPECT_EQ(fingerprint_of(folder.path() / "k" / "000030.png"), pictures["cocl"]);
 }
 
-// Of every way the report says which it was, and with it skipping changes no byte.
+// The report names the mode of translucency; in each mode, skipping changes no byte.
 TEST(ReplayCommand, AppliesAndReportsForcedTranslucency) {
   const TemporaryFolder folder;
   std::map<std::string, std::map<std::string, std::string>> frames;
@@ -457,7 +458,7 @@ TEST(ReplayCommand, AppliesAndReportsForcedTranslucency) {
   EXPECT_NE(frames["geometry-mesh"], frames["mesh"]);
 }
 
-// Frames of a recording, replayed to a folder of pictures and a file of poses of this name.
+// Frames of a recording, replayed to a folder of images and a file of poses called `name`.
 struct NamedReplay {
   std::map<std::string, std::string> pictures;
   nlohmann::json report;
@@ -483,12 +484,11 @@ TEST(ReplayCommand, RectifiesFramesWithoutChangingPoses) {
   EXPECT_EQ(straight.size(), 3U);
   EXPECT_NE(straight, bent);
   EXPECT_EQ(run("all", {"--rectified", "--no-skip"}), straight);
-  // Tracked in the video as it is.
+  // Tracking uses the original video.
   EXPECT_EQ(bytes_of(folder.path() / "straight.tum"), bytes_of(folder.path() / "bent.tum"));
 }
 
-// Objects take the video's light, the same whatever runs beside what, and the poses know nothing of
-// it.
+// Objects take the video's light, for any number of threads; it does not affect the poses.
 TEST(ReplayCommand, LightsObjectsLikeVideo) {
   const TemporaryFolder folder;
   const auto run = [&](const std::string& name, const std::vector<std::string>& more) {
@@ -504,7 +504,7 @@ TEST(ReplayCommand, LightsObjectsLikeVideo) {
   EXPECT_EQ(bytes_of(folder.path() / "own.tum"), bytes_of(folder.path() / "lit.tum"));
 }
 
-// One frame of a scene of the helicopter alone, tilted by nothing, drawn with these options.
+// Draws one frame of a scene of the helicopter alone, level, with these options.
 class ReplayShadowOptions : public testing::Test {
  protected:
   ReplayShadowOptions() {
@@ -523,7 +523,7 @@ class ReplayShadowOptions : public testing::Test {
     arguments.insert(arguments.end(), options.begin(), options.end());
     return penumbra(arguments);
   }
-  // The fingerprint of the frame's picture.
+  // Returns the fingerprint of the frame's image.
   std::string picture(const std::vector<std::string>& options) {
     const std::string output = file("frames");
     const ProgramResult result = replay(options, output);
@@ -549,27 +549,29 @@ TEST_F(ReplayShadowOptions, ReadsKernelsFromFile) {
   }
   EXPECT_EQ(picture({"--kernels", "auto"}), automatic);
   EXPECT_NE(picture({"--kernels", "cocl"}), automatic);
-  // Without a scene's word and without --shadow, a file of another kind than the node's counts.
+  // If neither the scene nor --shadow names a technique, a kernel file of another kind than the
+  // node's is used.
   EXPECT_NE(picture({"--kernels", "per-axis"}), picture({"--kernels", "cocl"}));
 }
 
-// A light's shadows without a light: told once, whatever the number of frames.
+// A technique that needs a light, in a scene without one: one warning, for any number of frames.
 TEST_F(ReplayShadowOptions, WarnsOnceOfMissingLight) {
   std::ofstream(scene()) << R"({"objects":[{"name":"helicopter","position":[0,0,0.08],"model":")"
                          << model() << R"("}],"shadows":[{"name":"s","technique":"layered"}]})";
   for (const char* technique : {"hard", "volume"}) {
-    const ProgramResult told =
+    const ProgramResult warned =
         penumbra({"replay", bundled("tabletop"), "--frames", "30:33", "--poses-from", "groundtruth",
-                  "--scene", scene(), "--shadow", technique, "--output", file("told")});
-    EXPECT_EQ(told.exit_code, 0);
-    EXPECT_EQ(lines_of(told.err).size(), 1U) << told.err;
-    EXPECT_NE(told.err.find("no shadow: s: the scene has no light"), std::string::npos) << told.err;
+                  "--scene", scene(), "--shadow", technique, "--output", file("warned")});
+    EXPECT_EQ(warned.exit_code, 0);
+    EXPECT_EQ(lines_of(warned.err).size(), 1U) << warned.err;
+    EXPECT_NE(warned.err.find("no shadow: s: the scene has no light"), std::string::npos)
+        << warned.err;
   }
   picture({"--shadow", "layered"});
   EXPECT_EQ(last_warnings_, "");
 }
 
-// Told in one line that names the option and the technique; what is of use is not told.
+// One line names the option and the technique; options with an effect give no warning.
 TEST_F(ReplayShadowOptions, WarnsOfOptionsWithoutEffect) {
   using Words = std::vector<std::string>;
   for (const auto& [technique, words] :
@@ -580,12 +582,12 @@ TEST_F(ReplayShadowOptions, WarnsOfOptionsWithoutEffect) {
                                                   {"field", {"--proxy", "auto"}}}) {
     Words with = {"--shadow", technique};
     with.insert(with.end(), words.begin(), words.end());
-    const std::string told = picture(with);
+    const std::string with_option = picture(with);
     ASSERT_EQ(lines_of(last_warnings_).size(), 1U) << words[0] << ": " << last_warnings_;
     EXPECT_NE(last_warnings_.find(words[0] + ": " + technique + " shadows have no use for it"),
               std::string::npos)
         << last_warnings_;
-    EXPECT_EQ(picture({"--shadow", technique}), told) << words[0] << " is of no use";
+    EXPECT_EQ(picture({"--shadow", technique}), with_option) << words[0] << " must have no effect";
     EXPECT_EQ(last_warnings_, "");
   }
   for (const Words& of_use :
@@ -608,7 +610,7 @@ TEST_F(ReplayShadowOptions, ReportsMismatchedKernels) {
   expect_failure(with("{"), {"k.json"});
   expect_failure(replay({"--kernels", file("none.json")}, file("frames")), {"none.json"});
   EXPECT_FALSE(std::filesystem::exists(file("frames")));
-  // Of the same number of vertices, but made for another shape.
+  // A file for another shape with the same number of vertices.
   ASSERT_EQ(penumbra({"kernels", model(), "--output", file("k.json")}).exit_code, 0);
   std::string text = bytes_of(file("k.json"));
   const std::size_t key = text.find("\"geometry\":\"") + 12;
@@ -632,7 +634,7 @@ TEST(ReplayCommand, KeepsReadableFilesOnCtrlC) {
       {"replay", bundled("tabletop"), "--realtime", "--output", folder.path() / "out", "--poses",
        folder.path() / "out.tum", "--report", folder.path() / "report.json"},
       {}, {}, [&](pid_t child) {
-        // Once the first pictures are there; given up after a minute.
+        // Waits for the first images; gives up after a minute.
         for (int i = 0; i < 6000; ++i) {
           const fs::path partial = folder.path() / ("out.partial-" + std::to_string(child) + "-0");
           if (fs::exists(partial / "000002.png")) break;
@@ -649,11 +651,10 @@ TEST(ReplayCommand, KeepsReadableFilesOnCtrlC) {
   EXPECT_LT(frames, 120);
   EXPECT_EQ(contents_of(folder.path() / "out").size(), static_cast<std::size_t>(frames));
   EXPECT_EQ(pose_count(folder.path() / "out.tum"), report["frames_tracked"].get<int>());
-  EXPECT_EQ(contents_of(folder.path()).size(), 3U) << "something partial was left";
+  EXPECT_EQ(contents_of(folder.path()).size(), 3U) << "a partial file was left";
 }
 
-// The recording's true poses are a pipe that nobody fills: set-up hangs there for as long as the
-// test wants.
+// The recording's true poses are a pipe without a writer: set-up blocks as long as the test wants.
 TEST(ReplayCommand, StopsSetupOnSignalAndLeavesNoFile) {
   for (const int number : {SIGINT, SIGTERM}) {
     const TemporaryFolder folder;
@@ -670,13 +671,12 @@ TEST(ReplayCommand, StopsSetupOnSignalAndLeavesNoFile) {
                      "--report", out / "report.json"},
                     {}, {}, [&](pid_t child) {
                       int writer = -1;
-                      for (int i = 0; i < 6000 && writer < 0; ++i) {  // until the program reads it
+                      for (int i = 0; i < 6000 && writer < 0; ++i) {  // until the program opens it
                         writer = open(pipe.c_str(), O_WRONLY | O_NONBLOCK | O_CLOEXEC);
                         if (writer < 0) std::this_thread::sleep_for(std::chrono::milliseconds(10));
                       }
                       kill(child, number);
-                      // A program that does not end is let go on in the end, and then has the wrong
-                      // exit code.
+                      // Unblocks a program that does not end; its exit code is then wrong.
                       siginfo_t info{};
                       for (int i = 0; i < 1000 && info.si_pid == 0; ++i) {
                         waitid(P_PID, static_cast<id_t>(child), &info, WEXITED | WNOHANG | WNOWAIT);
@@ -689,7 +689,7 @@ TEST(ReplayCommand, StopsSetupOnSignalAndLeavesNoFile) {
   }
 }
 
-// MESA_GL_VERSION_OVERRIDE takes OpenGL 3.3 away, as on a Raspberry Pi 4.
+// MESA_GL_VERSION_OVERRIDE removes OpenGL 3.3, as on a Raspberry Pi 4.
 TEST(ReplayCommand, FallsBackToOpenGlEs) {
   const TemporaryFolder folder;
   const ProgramResult result =
@@ -738,7 +738,7 @@ TEST(ReplayCommand, WritesSameFramesWithWindow) {
   EXPECT_EQ(contents_of(folder.path() / "window"), contents_of(folder.path() / "offscreen"));
 }
 
-// Kernels and layers are made anew when they must be and no oftener: said by the report's counts.
+// Counters in the report: kernels and layers are recomputed only when needed.
 TEST(ReplayCommand, ComputesKernelsOnceForStillOrSlidingObjects) {
   const TemporaryFolder folder;
   struct Case {

@@ -38,7 +38,7 @@ TEST_P(Scenes, ReplayOverTabletop) {
                 "100:106", "--output", (folder.path() / "out").string(), "--report",
                 (folder.path() / "report.json").string()});
   EXPECT_EQ(result.exit_code, 0) << result.err;
-  // Its upright board has tags of its own, which are not here.
+  // Its upright board has a group of tags that this recording lacks.
   if (GetParam() != "corner") {
     EXPECT_EQ(result.err, "");
   }
@@ -48,8 +48,8 @@ TEST_P(Scenes, ReplayOverTabletop) {
   EXPECT_GT(report.at("work").at("triples_recomputed"), 0) << "it has a shadow";
 }
 
-// Frames drawn with all skips and caches equal frames drawn with none. Every bundled scene and
-// every technique, over the tabletop; nightly over the corner too.
+// Frames drawn with all skips and caches equal frames drawn without. Every bundled scene and every
+// technique, over the tabletop; nightly over the corner too.
 struct Session {
   std::string scene;
   std::string recording;
@@ -112,15 +112,15 @@ TEST_P(Sessions, AreTheSameWithoutSkipping) {
     for (const char* counter : {"reprojections", "layer_masks_kept", "phantom_masks_kept"}) {
       EXPECT_EQ(work.at(counter), 0) << counter;
     }
-    // What the tracker has no place for can't be drawn.
+    // Groups without a pose can't be drawn.
     const nlohmann::json& skipped = reports["no-skip"].at("skipped");
     EXPECT_EQ(work.at("passes_skipped"), skipped.value("group_not_seen", 0));
     EXPECT_EQ(skipped.size(), skipped.count("group_not_seen")) << skipped;
   }
 }
 
-// A tree of 26,000 faces under the sun, which goes its way, and a lantern, which stands: what is
-// computed again is the sun's shadow alone.
+// A tree of 26,000 faces under a moving sun and a fixed lantern: only the sun's shadow is
+// recomputed.
 TEST(AnimatedLight, RecomputesOnlyItsOwnShadows) {
   const TemporaryFolder folder;
   constexpr int kFrames = 8;
@@ -139,10 +139,10 @@ TEST(AnimatedLight, RecomputesOnlyItsOwnShadows) {
   EXPECT_EQ(hard.at("light_moved"), kFrames - 1);
   EXPECT_EQ(hard.at("object_moved"), 0);
   EXPECT_EQ(hard.at("object_rotated"), 0);
-  // One tree, one plane, two lights: both at first, then the sun's in each frame.
+  // One tree, one plane, two lights: both shadows at first, then the sun's in each frame.
   EXPECT_EQ(hard.at("triples_recomputed"), 2 + (kFrames - 1));
   EXPECT_EQ(hard.at("reprojections"), kFrames - 1) << "the lantern's";
-  // Layers fall along the plane's normal: no light that moves is of any concern to them.
+  // Layers fall along the plane's normal, so a moving light does not change them.
   const nlohmann::json layered = work_of({"--shadow", "layered"});
   EXPECT_EQ(layered.at("light_moved"), kFrames - 1);
   EXPECT_EQ(layered.at("triples_recomputed"), 1);

@@ -1,4 +1,4 @@
-// Sessions whose terminal, log, display or reader goes away: what was made until then is whole.
+// Sessions whose terminal, log, display or reader goes away: outputs made until then are complete.
 #include <fmt/format.h>
 #include <gtest/gtest.h>
 #include <pty.h>
@@ -25,7 +25,7 @@ namespace {
 namespace fs = std::filesystem;
 using std::chrono::milliseconds;
 
-// A live session that records and writes everything there is to write.
+// A live session that records and writes every output.
 class LiveSession {
  public:
   [[nodiscard]] std::vector<std::string> words(const std::vector<std::string>& more) const {
@@ -43,7 +43,7 @@ class LiveSession {
   [[nodiscard]] std::string path(const char* name) const {
     return (folder_.path() / name).string();
   }
-  // Until so many frames are drawn and recorded. False where the program ended before.
+  // Waits until `count` frames are drawn and recorded. Returns false if the program ended before.
   [[nodiscard]] bool wait_for_frames(const RunningProgram& running, std::size_t count) const {
     constexpr int kMost = 6000;
     for (int i = 0; i < kMost && running.runs(); ++i) {
@@ -52,7 +52,7 @@ class LiveSession {
     }
     return false;
   }
-  // Every output opens, is complete, and holds what the report says.
+  // Each output opens, is complete, and matches the report.
   void expect_whole_outputs() const {
     const auto report = read_json(path("report.json"));
     ASSERT_TRUE(report.is_object());
@@ -113,8 +113,8 @@ int own_writer(int pipe_end) {
               O_WRONLY | O_NONBLOCK | O_NOCTTY | O_CLOEXEC);
 }
 
-// A reader that stalls leaves its pipe or terminal full. A terminal passes text on to its other end
-// for a moment, and has room again.
+// Fills the pipe or terminal of a stalled reader. A terminal has room again after a moment, when it
+// has passed the text to its other end.
 void fill_pipe(int writer) {
   const std::string line = std::string(127, '-') + '\n';
   for (bool has_room = true; has_room;) {
@@ -159,7 +159,7 @@ class Surroundings {
     if (filler_ >= 0) close(filler_);
   }
 
-  // In the program's process.
+  // Runs in the program's process.
   void set_up() const {
     if (loss_ == Loss::terminal) {
       setsid();
@@ -186,7 +186,7 @@ class Surroundings {
   Loss loss_;
   int mine_ = -1;
   int its_ = -1;
-  int filler_ = -1;  // writes into the pipe of the log
+  int filler_ = -1;  // writes into the log's pipe
   std::optional<VirtualDisplay> display_;
 };
 
@@ -196,8 +196,8 @@ TEST_P(SessionLoss, LeavesWholeOutputsAtAnyMoment) {
   ASSERT_TRUE(has_xvfb()) << "no Xvfb: scripts/setup installs it";
   const Loss loss = GetParam();
   const bool ends_session = loss == Loss::terminal || loss == Loss::display;
-  // The table printed at the end is lost with the reader or the terminal, and a display was asked
-  // for; a log costs nothing.
+  // Without the reader or the terminal the final table is lost, and without the display the window:
+  // exit code 1. A lost log has no effect on it.
   const bool loses_log =
       loss == Loss::log_reader || loss == Loss::stalled_log_reader || loss == Loss::log_disk;
   const int expected_code = loses_log ? 0 : 1;
@@ -268,7 +268,8 @@ TEST(StandardStreams, FailPrintingCommandsWhenStdoutIsFullOrClosed) {
   expect_failure(closed, {"standard output", "closed"});
 }
 
-// A lost log alone costs nothing; nor do output files take the place of a closed descriptor.
+// A lost log does not change the exit code, and no output file gets the number of a closed standard
+// descriptor.
 TEST(StandardStreams, LetLiveWriteOutputsWhenClosedOrFull) {
   for (const auto& [redirection, expected_code] : std::vector<std::pair<std::string, int>>{
            {"2>&-", 0}, {"2>/dev/full", 0}, {"<&- >&- 2>&-", 1}, {">/dev/full 2>/dev/full", 1}}) {
@@ -281,7 +282,7 @@ TEST(StandardStreams, LetLiveWriteOutputsWhenClosedOrFull) {
   }
 }
 
-// Appends to `text` until it contains `word`; without one, until the end.
+// Appends to `text` until it contains `word`, or to the end if `word` is empty.
 void read_until(int descriptor, std::string& text, const std::string& word) {
   std::array<char, 4096> buffer{};
   while (word.empty() || text.find(word) == std::string::npos) {

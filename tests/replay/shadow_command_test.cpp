@@ -27,7 +27,7 @@ class ShadowCommand : public testing::Test {
   void write(const std::string& name, const std::string& text) const {
     std::ofstream(file(name), std::ios::binary) << text;
   }
-  // `penumbra shadow` with these arguments, as JSON.
+  // JSON output of `penumbra shadow` with these arguments.
   nlohmann::json layers(std::vector<std::string> arguments) {
     arguments.insert(arguments.begin(), "shadow");
     arguments.insert(arguments.end(), {"--output", file("layers.json")});
@@ -241,7 +241,7 @@ TEST_F(ShadowCommand, NamesOptionOfInvalidLight) {
 }
 
 TEST_F(ShadowCommand, AppliesPoseAndPlane) {
-  // Lifted to the height where the umbra vanishes; the plane's normal turned with the object.
+  // Lifted to the height where the umbra vanishes; the plane's normal turns with the object.
   auto json = layers({file("square.obj"), "--pose", "0 0 0.2 0 0 0 1"});
   EXPECT_EQ(json["layers"]["umbra"]["area"], 0.0);
   EXPECT_EQ(json["layers"]["umbra"]["polygons"], nlohmann::json::array());
@@ -251,7 +251,7 @@ TEST_F(ShadowCommand, AppliesPoseAndPlane) {
 }
 
 TEST_F(ShadowCommand, KeepsAreaFarFromOriginAndAtAnySize) {
-  // 100 m away the square is as large as here.
+  // The square is as large 100 m away.
   const auto here = layers({file("square.obj")});
   const auto there =
       layers({file("square.obj"), "--plane", "0 0 1 70 -60 100", "--pose", "70 -60 100 0 0 0 1"});
@@ -260,7 +260,7 @@ TEST_F(ShadowCommand, KeepsAreaFarFromOriginAndAtAnySize) {
                 here["layers"][name]["area"].get<double>(), 1e-7)
         << name;
   }
-  // Along the plane as well, to the same place in the outlines.
+  // Also for a shift along the plane, with the outlines at the same place.
   const std::string helicopter = (source_dir() / "scenes" / "models" / "helicopter.glb").string();
   for (const std::string technique : {"layered", "field", "simple"}) {
     const auto near = layers({helicopter, "--technique", technique, "--pose", "0 0 0.1 0 0 0 1"});
@@ -323,7 +323,7 @@ TEST_F(ShadowCommand, ReportsWhyShadowIsMissing) {
   for (const char* technique : {"layered", "field"}) {
     lifted("0.1", technique);
     EXPECT_EQ(last_warnings_, "") << technique;
-    lifted("0.28", technique);  // its umbra has vanished: that is no fault
+    lifted("0.28", technique);  // without an umbra: the number is empty, not an error
     EXPECT_EQ(last_warnings_, "") << technique;
     EXPECT_EQ(lifted("2", technique)["layers"]["penumbra"]["area"], 0.0);
     EXPECT_THAT(last_warnings_, HasSubstr("too high")) << technique;
@@ -336,10 +336,10 @@ TEST_F(ShadowCommand, ReportsWhyShadowIsMissing) {
   }
   lifted("2", "simple");
   EXPECT_EQ(last_warnings_, "");
-  // Far along the plane it casts as here.
+  // Far away along the plane, the shadow is the same.
   EXPECT_GT(layers({cube, "--pose", "1e8 0 0.1 0 0 0 1"})["layers"]["umbra"]["area"], 0.0);
   EXPECT_EQ(last_warnings_, "");
-  // A light that stands between the object's bottom and top, or under both.
+  // A light between the object's bottom and top, or below both.
   const auto lit = [&](const char* light) {
     return layers({cube, "--technique", "hard", "--light", light, "--pose", "0 0 0.2 0 0 0 1"});
   };
@@ -349,15 +349,15 @@ TEST_F(ShadowCommand, ReportsWhyShadowIsMissing) {
   EXPECT_THAT(last_warnings_, HasSubstr("above the light casts nothing"));
   EXPECT_EQ(lit("0.3 0 0.1 1")["layers"]["shadow"]["area"], 0.0);
   EXPECT_THAT(last_warnings_, HasSubstr("no shadow"));
-  lit("0 0 1 0");  // from so far away that it is above everything
+  lit("0 0 1 0");  // direction of a light at infinity, above everything
   EXPECT_EQ(last_warnings_, "");
-  // Seen edge-on.
+  // Edge-on to the plane.
   write("card.obj", "v 0 0 0.1\nv 0 0.1 0.1\nv 0 0.1 0.2\nf 1 2 3\n");
   layers({file("card.obj")});
   EXPECT_THAT(last_warnings_, HasSubstr("no layer"));
 }
 
-// In contact the layers are one and the shadow is whole: nothing to warn of.
+// In contact the layers coincide and the shadow is complete: no warning.
 TEST_F(ShadowCommand, AcceptsContactShadowWithoutWarning) {
   const std::string square = file("square.obj");
   for (const char* technique : {"layered", "simple"}) {
@@ -379,7 +379,7 @@ TEST_F(ShadowCommand, WarnsOfObjectAboveWorkspace) {
   };
   EXPECT_EQ(at("0.2"), "") << "its top is at the workspace's";
   EXPECT_THAT(at("0.25"), HasSubstr("--workspace-height 0.3"));
-  // A light no larger than what it shines on has an umbra everywhere.
+  // With a light no larger than the lit object, the umbra exists at every height.
   const ProgramResult table = penumbra({"shadow", file("square.obj"), "--light-ratio", "0.5"});
   EXPECT_THAT(table.out, HasSubstr("the umbra never vanishes"));
   EXPECT_THAT(table.out, testing::Not(HasSubstr("vanishes at")));
@@ -394,7 +394,7 @@ TEST_F(ShadowCommand, WritesSvgAndTable) {
                            "id=\"object\"", "id=\"kernels\"", "<circle", "</svg>"}) {
     EXPECT_THAT(svg, HasSubstr(part));
   }
-  // A picture says which shadow it is.
+  // The image's title names the shadow.
   EXPECT_THAT(svg, HasSubstr(">ring, layered shadow<"));
   EXPECT_THAT(svg, HasSubstr(">H = 0.9 m, a = 3<"));
   for (const auto& [words, title] : std::vector<std::pair<std::vector<std::string>, std::string>>{
@@ -434,7 +434,7 @@ TEST_F(ShadowCommand, UsesStoredKernelsUntilModelChanges) {
     const auto from_json = layers({model, "--kernels", file("kept.json")});
     EXPECT_NEAR(from_json["layers"]["umbra"]["area"].get<double>(),
                 fresh["layers"]["umbra"]["area"].get<double>(), 1e-8);
-    // Another tilt than they were made for.
+    // Kernels for another tilt are not used.
     EXPECT_EQ(
         layers({file("kept.glb"), "--pose", "0 0 0 0.1 0 0 0.99498743710662"})["kernels"]["source"],
         "auto");
@@ -464,7 +464,7 @@ TEST_F(ShadowCommand, RecomputesKernelsWithoutThicknessForFixedLight) {
   EXPECT_THAT(last_warnings_, HasSubstr("cocl"));
   EXPECT_EQ(with({ring, "--kernels", file("kept.json")})["layers"], fresh["layers"]);
   EXPECT_THAT(last_warnings_, HasSubstr("cocl"));
-  // In proportion they serve.
+  // A scaled model keeps using its kernels.
   EXPECT_EQ(layers({file("kept.glb")})["kernels"]["source"], "stored");
   EXPECT_EQ(last_warnings_, "");
 }
@@ -476,7 +476,7 @@ TEST_F(ShadowCommand, DetectsModelChangedAfterKernelsWereStored) {
     SCOPED_TRACE(model);
     ASSERT_EQ(penumbra({"kernels", model, "--output", file("kept.glb")}).exit_code, 0);
     EXPECT_EQ(layers({file("kept.glb")})["kernels"]["source"], "stored");
-    // As an editor that keeps attributes it does not know: one coordinate moves by a centimetre.
+    // An editor that keeps unknown attributes moves one coordinate by a centimetre.
     std::string glb = bytes_of(file("kept.glb"));
     const auto word = [&glb](std::size_t at) {
       std::uint32_t value = 0;
@@ -510,7 +510,7 @@ TEST_F(KernelsCommand, PrintsOneLine) {
   EXPECT_EQ(lines_of(result.out).size(), 1U) << result.out;
 }
 
-// One mesh on two nodes: its vertices have two places each, and a file keeps one kernel.
+// One mesh on two nodes: each vertex has two places, but the file holds one kernel per vertex.
 TEST_F(KernelsCommand, StoresKernelsForBothNodesOfSharedMesh) {
   const auto scene = [](const std::string& nodes) {
     // Three vertices (0 0 0), (0.1 0 0), (0 0 0.1) and a face of them.
@@ -539,7 +539,7 @@ TEST_F(KernelsCommand, StoresKernelsForBothNodesOfSharedMesh) {
     EXPECT_NEAR(with_file["layers"][layer]["area"].get<double>(), area, 1e-6 * area) << layer;
     EXPECT_NEAR(stored["layers"][layer]["area"].get<double>(), area, 1e-6 * area) << layer;
   }
-  // A file with kernels for one use is refused for two uses, even without its hashes.
+  // A file with kernels for one use is rejected for two uses, even without its hashes.
   auto kernels = read_json(file("k.json"));
   kernels.erase("geometry");
   kernels.erase("vertex_order");
@@ -550,7 +550,7 @@ TEST_F(KernelsCommand, StoresKernelsForBothNodesOfSharedMesh) {
 }
 
 TEST_F(ShadowCommand, TreatsGroupAsOnePart) {
-  // Two tiles side by side, which share no vertex.
+  // Two tiles side by side that share no vertex.
   write("tiles.obj",
         "o left\nv -0.1 0 0.1\nv 0 0 0.1\nv 0 0.1 0.1\nv -0.1 0.1 0.1\nf 1 2 3\nf 1 3 4\n"
         "o right\nv 0 -0.02 0.1\nv 0.1 -0.02 0.1\nv 0.1 0.08 0.1\nv 0 0.08 0.1\nf 5 6 7\n"
@@ -565,14 +565,14 @@ TEST_F(ShadowCommand, TreatsGroupAsOnePart) {
   EXPECT_EQ(pieces(layers({tiles, "--group", "*t"})), 1U);
   expect_failure(penumbra({"shadow", tiles, "--group", "tower"}),
                  {"tiles.obj", "tower", "left, right"});
-  // Kept kernels keep the group.
+  // Stored kernels keep the group.
   ASSERT_EQ(penumbra({"kernels", tiles, "--group", "all", "--output", file("tiles.glb")}).exit_code,
             0);
   EXPECT_EQ(pieces(layers({file("tiles.glb")})), 1U);
 }
 
-// A wall of bricks with joints as wide as masons make them is as thick as the wall, not as a brick:
-// its umbra is one with joints across it, not a brick's in each brick.
+// A grouped wall of bricks with usual joints is as thick as the wall, not as a brick: it has one
+// umbra with joints across it.
 TEST_F(ShadowCommand, MeasuresGroupThicknessAcrossJoints) {
   std::string wall;
   int vertices = 0;
@@ -588,7 +588,7 @@ TEST_F(ShadowCommand, MeasuresGroupThicknessAcrossJoints) {
     for (int column = 0; column < 5; ++column) brick(0.021 * column, 0.011 * row, 0.020, 0.010);
   }
   write("wall.obj", wall);
-  // How high its umbra is, joints and all.
+  // Height of the umbra, including joints.
   const auto height = [&](const std::vector<std::string>& words) {
     double low = 1.0;
     double high = 0.0;
@@ -606,7 +606,7 @@ TEST_F(ShadowCommand, MeasuresGroupThicknessAcrossJoints) {
   const double plate = height({file("plate.obj")});
   EXPECT_NEAR(height({file("wall.obj"), "--group", "brick*"}), plate, 0.03 * plate);
   EXPECT_GT(height({file("wall.obj")}), 1.1 * plate);
-  // A light as wide as the wall would shine through its joints, and leave a field no umbra.
+  // A light as wide as the wall would shine through the joints, and a field would have no umbra.
   const auto field = [&](const std::vector<std::string>& more) {
     std::vector<std::string> words = {file("wall.obj"), "--technique", "field"};
     words.insert(words.end(), more.begin(), more.end());
@@ -640,8 +640,7 @@ TEST_F(ShadowCommand, RecomputesStoredKernelsOfOtherGroups) {
     EXPECT_NEAR(umbra(json), whole, 1e-8);
     EXPECT_EQ(json["kernels"]["source"], "auto");
     EXPECT_THAT(last_warnings_, HasSubstr("other parts"));
-    // A name that holds one part alone changes nothing; a model that is written anew keeps its
-    // names.
+    // A group name of a single part changes nothing; storing the model again keeps its names.
     json = with({"--group", "left"});
     EXPECT_NEAR(umbra(json), loose, 1e-8);
     EXPECT_NE(json["kernels"]["source"], "auto");
@@ -656,8 +655,8 @@ TEST_F(ShadowCommand, RecomputesStoredKernelsOfOtherGroups) {
   }
 }
 
-// Who stores kernels says once which parts are one and how kernels are made; a tilt that needs
-// others gets those of the same groups and kind.
+// A model with stored kernels keeps its groups and kernel kind: another tilt gets new kernels of
+// the same groups and kind.
 TEST_F(ShadowCommand, KeepsStoredGroupsAndKindForOtherTilts) {
   write("tiles.obj",
         "o left\nv -0.1 0 0.1\nv 0 0 0.1\nv 0 0.1 0.1\nv -0.1 0.1 0.1\nf 1 2 3\nf 1 3 4\n"
@@ -678,8 +677,8 @@ TEST_F(ShadowCommand, KeepsStoredGroupsAndKindForOtherTilts) {
   EXPECT_EQ(kept["kernels"]["source"], "auto");
   EXPECT_EQ(kept["layers"], whole["layers"]);
   EXPECT_EQ(tilted({file("kept.glb"), "--group", "left"})["layers"], loose["layers"])
-      << "groups that are named take the place of those that are stored";
-  // Stored again without a group, they are forgotten.
+      << "named groups replace the stored ones";
+  // Storing without --group removes the groups.
   ASSERT_EQ(penumbra({"kernels", file("kept.glb"), "--output", file("kept.glb")}).exit_code, 0);
   EXPECT_EQ(tilted({file("kept.glb")})["layers"], loose["layers"]);
 
@@ -710,7 +709,8 @@ TEST_F(KernelsCommand, WritesGroupsToKernelFile) {
   }
 }
 
-// Numbers in millimetres, or of a broken writer: nothing on a table is a thousand kilometres off.
+// Kernels in millimetres, or from a faulty writer: nothing on a table is a thousand kilometres
+// away.
 TEST_F(ShadowCommand, RejectsImplausiblyFarKernels) {
   const std::string square = file("square.obj");
   ASSERT_EQ(penumbra({"kernels", square, "--output", file("k.json")}).exit_code, 0);
@@ -730,7 +730,7 @@ TEST_F(ShadowCommand, ReadsStoredKernelsWithOtherUpAxis) {
 }
 
 TEST_F(KernelsCommand, KeepsPartNamesInRewrittenModel) {
-  // Two groups that share an edge and whose materials alternate, beside a third.
+  // Two groups that share an edge and alternate in material, beside a third.
   write("house.mtl", "newmtl red\nKd 1 0 0\nnewmtl blue\nKd 0 0 1\n");
   write("house.obj",
         "mtllib house.mtl\nv -0.1 0 0.1\nv 0 0 0.1\nv 0 0.1 0.1\nv -0.1 0.1 0.1\n"
@@ -776,8 +776,8 @@ TEST_F(KernelsCommand, ReplacesStoredKernels) {
   EXPECT_EQ(layers({file("three.glb")})["kernels"]["source"], "stored");
 }
 
-// Tools that join equal data let a position and a kernel share it: storing kernels again must leave
-// the positions.
+// Tools that merge equal data let a position and a kernel share it: storing kernels again must not
+// change the positions.
 TEST_F(KernelsCommand, KeepsSharedDataWhenReplacingKernels) {
   ASSERT_EQ(penumbra({"kernels", file("square.obj"), "--output", file("one.glb")}).exit_code, 0);
   const std::string glb = bytes_of(file("one.glb"));
@@ -838,7 +838,7 @@ TEST_F(ShadowCommand, ReportsProxyAgreement) {
   const auto few = layers({models + "/cube.glb", "--proxy", "auto"});
   EXPECT_FALSE(few["proxy"]["used"]);
   EXPECT_EQ(few["proxy"]["faces"], 0);
-  // A file that casts another shadow is not used.
+  // Kernels of another caster are not used.
   const auto wrong = layers({models + "/ring.glb", "--proxy", models + "/cube.glb"});
   EXPECT_FALSE(wrong["proxy"]["used"]);
   EXPECT_GT(wrong["proxy"]["faces"], 0);
@@ -885,8 +885,7 @@ TEST_F(ShadowCommand, LeavesNoPartialFileWhenInterrupted) {
   }
 }
 
-// On a disk that takes no byte: the file that was asked for is named, not the one that is written
-// meanwhile.
+// On a full disk, the message names the requested file, not the temporary one.
 TEST_F(ShadowCommand, NamesRequestedFileWhenDiskIsFull) {
   const auto on_a_full_disk = [](std::vector<std::string> arguments) {
     arguments.insert(arguments.begin(),

@@ -1,4 +1,4 @@
-// The shadow vectors through the program, as others judge it: model and kernel file in, JSON out.
+// The shadow vectors through the program's interface: model and kernel file in, JSON out.
 #include <fmt/format.h>
 #include <gtest/gtest.h>
 
@@ -26,7 +26,7 @@ class ShadowCommandVectors : public testing::Test {
     return (folder_.path() / name).string();
   }
 
-  // Its own file per mesh of the vectors, written once. Numbers as the JSON has them.
+  // An OBJ file per mesh of the vectors, written once, with the JSON's digits.
   std::string obj_of(const std::string& mesh) {
     const std::string path = file(std::filesystem::path(mesh).stem().string() + ".obj");
     if (std::filesystem::exists(path)) return path;
@@ -47,7 +47,7 @@ class ShadowCommandVectors : public testing::Test {
                                           {"up", {0, 0, 1}}};
     return path;
   }
-  // The layers of `penumbra shadow`; null where it failed.
+  // The layers of `penumbra shadow`, or null if it failed.
   nlohmann::json layers(std::vector<std::string> arguments) {
     arguments.insert(arguments.begin(), "shadow");
     arguments.insert(arguments.end(), {"--output", file("layers.json")});
@@ -76,7 +76,7 @@ std::vector<std::string> joined(std::vector<std::string> a, const std::vector<st
   return a;
 }
 
-// Area, and agreement with the oracle's polygons on 1024 pixels across.
+// Compares the area, and the overlap with the oracle's polygons on a grid of 1024 pixels.
 void expect_layer(const nlohmann::json& layer, const nlohmann::json& expected,
                   const nlohmann::json& tolerance) {
   const double area = expected.at("area").get<double>();
@@ -175,7 +175,7 @@ void write_obj(const std::string& path, const std::vector<double>& xyz,
     obj << fmt::format("f {} {} {}\n", corners[i] + 1, corners[i + 1] + 1, corners[i + 2] + 1);
 }
 
-// Cubes that reach through the plane, up to the light and above it: the polygon on a receiver.
+// Cubes that reach through the plane, up to the light and above it, as polygons on a receiver.
 TEST_F(ShadowCommandVectors, MatchProjectiveClip) {
   const nlohmann::json json = read_json(vectors() / "projective_clip.json");
   ASSERT_GE(json.at("cases").size(), 5U);
@@ -200,8 +200,7 @@ TEST_F(ShadowCommandVectors, MatchProjectiveClip) {
   }
 }
 
-// Each point as a triangle of a tenth of a millimetre: its shadow is where the oracle says, or
-// there is none.
+// Each point as a triangle of 0.1 mm: its shadow is at the oracle's place, or absent.
 TEST_F(ShadowCommandVectors, MatchProjectionPoints) {
   const nlohmann::json json = read_json(vectors() / "projection_points.json");
   std::size_t shadows = 0;
@@ -245,7 +244,8 @@ TEST_F(ShadowCommandVectors, MatchProjectionPoints) {
       const auto w = entry.at("homogeneous").get<std::vector<double>>();
       const Eigen::Vector3d expected(w[0] / w[3], w[1] / w[3], w[2] / w[3]);
       const Eigen::Vector2d at = plane.to_plane(expected).head<2>();
-      // The triangle stands level, so that its middle is thrown to its shadow's. Floats of metres.
+      // The triangle is parallel to the plane, so its centre projects to its shadow's centre.
+      // Tolerance: floats in metres.
       EXPECT_LT((middle - at).norm(), 2e-6 * (1.0 + at.norm() + p.norm() * at.norm()));
       ++shadows;
     }
@@ -254,8 +254,8 @@ TEST_F(ShadowCommandVectors, MatchProjectionPoints) {
   EXPECT_GT(others, 8U);
 }
 
-// The volume's bitmaps are of a plane: its hard shadow, looked up along the pixels' rays, is the
-// same, wherever the eye is.
+// The volume bitmaps are of a plane: the hard shadow, looked up along the pixels' rays, is the same
+// from each eye.
 TEST_F(ShadowCommandVectors, MatchShadowVolumesOnPlane) {
   const nlohmann::json json = read_json(vectors() / "shadow_volume.json");
   for (const auto& entry : json.at("cases")) {
@@ -267,7 +267,7 @@ TEST_F(ShadowCommandVectors, MatchShadowVolumesOnPlane) {
       low = low.cwiseMin(p);
       high = high.cwiseMax(p);
     }
-    ASSERT_EQ(hull.size(), 24U) << "boxes are all that is hulled here";
+    ASSERT_EQ(hull.size(), 24U) << "the test computes hulls of boxes only";
     std::vector<double> xyz;
     for (unsigned i = 0; i < 8; ++i) {
       for (unsigned axis = 0; axis < 3; ++axis) {
@@ -315,7 +315,7 @@ TEST_F(ShadowCommandVectors, MatchShadowVolumesOnPlane) {
   }
 }
 
-// A light at infinity, kernels or fields made by the program, ray-cast masks.
+// A light at infinity; kernels or fields made by the program; ray-cast masks.
 TEST_F(ShadowCommandVectors, ReachRequiredKernelQuality) {
   const QualityCases all;
   ASSERT_FALSE(all.cases().empty());

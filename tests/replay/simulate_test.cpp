@@ -1,5 +1,5 @@
-// penumbra simulate, through the program: what it writes opens, is what was asked for, and is the
-// same each time.
+// penumbra simulate, through the program: its recording opens, has the requested content, and is
+// reproducible.
 #include <gmock/gmock.h>
 
 #include <algorithm>
@@ -94,8 +94,7 @@ TEST_F(SimulateCommand, WritesRecordingThatTracksToItsTruth) {
   EXPECT_EQ(evaluated.exit_code, 0) << evaluated.err;
 }
 
-// Rows are exposed at once: what a camera's rolling shutter would be made up for is not in the
-// recording.
+// The simulator exposes all rows at once, so the recording has no rolling shutter.
 TEST_F(SimulateCommand, OmitsRollingShutterFromRecording) {
   write_text(file("camera.yaml"),
              bytes_of(file("camera.yaml")) + "rolling_shutter_row_s: 0.00005\n");
@@ -138,12 +137,12 @@ TEST_F(SimulateCommand, AddsIndependentNoiseOfRequestedSigma) {
   EXPECT_NEAR(sigma(pixels("loud", 0), pixels("loud", 1)), 5.0 * std::sqrt(2.0), 0.15);
 }
 
-// A box's width along the motion, nothing across it, its middle where the sharp edge is.
+// The blur is a box along the motion and none across it, centred on the sharp edge.
 TEST_F(SimulateCommand, BlursAlongMotionCentredOnTruth) {
   write_path(6, 0.012);  // 8 px a frame
   ASSERT_EQ(run("sharp").exit_code, 0);
   ASSERT_EQ(run("blurred", {"--blur", "0.0333333"}).exit_code, 0);
-  // The left edge of the left tags' black squares, in the middle of the exposure path.
+  // The left edge of the left tags' black squares, at the middle of the exposure.
   const auto profile = [&](const char* name) {
     const std::vector<std::uint8_t> image = pixels(name, 3);
     std::vector<double> row(320, 0.0);
@@ -165,7 +164,7 @@ TEST_F(SimulateCommand, BlursAlongMotionCentredOnTruth) {
   EXPECT_GE(rise(blurred), 7U);
   const double sum_sharp = std::accumulate(sharp.begin(), sharp.end(), 0.0);
   const double sum_blurred = std::accumulate(blurred.begin(), blurred.end(), 0.0);
-  EXPECT_NEAR(sum_sharp, sum_blurred, 0.01 * sum_sharp) << "light is neither lost nor made";
+  EXPECT_NEAR(sum_sharp, sum_blurred, 0.01 * sum_sharp) << "the sum of light is preserved";
   double centre_sharp = 0.0;
   double centre_blurred = 0.0;
   for (std::size_t x = 0; x < 320; ++x) {
@@ -193,7 +192,7 @@ TEST_F(SimulateCommand, AppliesToneGainAndCover) {
   EXPECT_GT(changed, 2000);
 }
 
-// No detection reads a tag whose edge is hidden; the tracker holds on to one that it knows.
+// Detection fails on a tag with a hidden edge; the tracker continues with a tag that it knows.
 TEST_F(SimulateCommand, KeepsTagsTrackableWhenCoveredLater) {
   ASSERT_EQ(run("plain").exit_code, 0);
   ASSERT_EQ(run("covered", {"--cover", "0.4"}).exit_code, 0);

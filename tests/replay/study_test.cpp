@@ -85,8 +85,8 @@ std::vector<StudyRow> rows_of(const fs::path& results) {
   return rows;
 }
 
-// What the scripted participant of `heights` does: one miss and then the sphere that is due, right
-// in two trials of three.
+// Answers of the scripted participant of `heights`: one miss, then a sphere, the right one in two
+// trials of three.
 struct Expected {
   std::int64_t time_ns = 0;
   int chosen = 0;
@@ -98,7 +98,7 @@ std::vector<Expected> write_heights_script(const StudyPlan& plan, const fs::path
     const StudySample& sample = plan.samples[static_cast<std::size_t>(trial.sample)];
     Expected answer;
     answer.chosen = (highest_of(sample) + (trial.number % 3 == 0 ? 1 : 0)) % 3;
-    // Between the pictures' times, so that no rounding to them goes unseen.
+    // Not at frame times, so that rounding to them would show.
     answer.time_ns = 123'456'789 + 41'000'001 * trial.number;
     script << trial.number << " 0.05 click pixel 3 470\n"
            << trial.number << " 0." << answer.time_ns << " click sphere " << answer.chosen + 1
@@ -133,7 +133,7 @@ void check_heights(const StudyPlan& plan, const std::vector<Expected>& expected,
                     sample.places[static_cast<std::size_t>(expected[i].chosen)].z(),
                 5e-7);
     EXPECT_EQ(row.misses, 1);
-    // Pictures come every 1/30 s, the first at once.
+    // Frames come every 1/30 s, the first at once.
     EXPECT_EQ(row.frames, static_cast<int>(expected[i].time_ns / 33'333'333) + 1);
     EXPECT_EQ(row.frames_lost, 0);
   }
@@ -168,7 +168,7 @@ TEST(StudyCommand, WritesScriptedTimesAndErrors) {
         << summary[t + 1];
   }
   EXPECT_NE(run.out.find("answers: " + results.string()), std::string::npos) << run.out;
-  // Offscreen it is the same to the byte, and a second time refused.
+  // Offscreen the rows are the same bytes; a second run is rejected.
   const fs::path offscreen = folder.path() / "offscreen.csv";
   auto no_window = arguments_of(plan.design, offscreen, script);
   no_window.emplace_back("--no-window");
@@ -178,7 +178,7 @@ TEST(StudyCommand, WritesScriptedTimesAndErrors) {
   EXPECT_EQ(bytes_of(offscreen), bytes_of(results));
 }
 
-// Whatever the moment, the answers given until then are whole, and the participant can go on.
+// At any moment, the answers so far are complete and the participant can continue later.
 TEST(DisplayLoss, EndsStudyWithWholeAnswers) {
   ASSERT_TRUE(has_xvfb()) << "no Xvfb: scripts/setup installs it";
   for (const int number : {SIGKILL, SIGTERM}) {
@@ -262,7 +262,7 @@ TEST(StudyCommand, WritesScriptedDrags) {
   EXPECT_EQ(at, rows.size());
 }
 
-// One picture for ever, so that what stands on the table stays where it is on the screen.
+// Repeats one image, so that objects on the table stay at their pixels.
 class StillView {
  public:
   explicit StillView(const fs::path& folder) : folder_(folder / "still") {
@@ -293,12 +293,12 @@ class StillView {
   [[nodiscard]] Eigen::Vector2d pixel(const Eigen::Vector3d& place) const {
     return camera_->project(T_table_camera_.inverse() * place).value().array().round();
   }
-  // Runs it in a window, with a hand at the mouse.
+  // Runs the study in a window, with a simulated mouse.
   [[nodiscard]] ProgramResult answer(const char* hand, const StudyDesign& design,
                                      const fs::path& results, const std::string& what,
                                      const std::vector<std::string>& more = {}) const {
     auto arguments = arguments_of(design, results, "");
-    arguments.resize(arguments.size() - 2);  // nobody's script
+    arguments.resize(arguments.size() - 2);  // removes the script's option
     *(std::ranges::find(arguments, "--recording") + 1) = folder_.string();
     arguments.insert(arguments.end(), {"--poses-from", "groundtruth"});
     arguments.insert(arguments.end(), more.begin(), more.end());
@@ -313,8 +313,7 @@ class StillView {
   CameraPose T_table_camera_;
 };
 
-// A person's way through it: clicks that the X server sends, times of the clock on the wall. The
-// second half is done after the window was closed.
+// The X server sends clicks, and times are real. The second half runs after the window was closed.
 TEST(StudyCommand, AcceptsMouseClicksAsAnswers) {
   ASSERT_TRUE(has_xvfb()) << "no Xvfb: scripts/setup installs it";
   ASSERT_EQ(std::system("command -v xdotool >/dev/null"), 0) << "scripts/setup installs it";
@@ -343,7 +342,7 @@ TEST(StudyCommand, AcceptsMouseClicksAsAnswers) {
   took_ms += answer(pixels[2] + " " + pixels[3], {"--resume"});
   const std::vector<StudyRow> rows = rows_of(results);
   ASSERT_EQ(rows.size(), plan.trials.size());
-  double told_ms = 0.0;
+  double answered_ms = 0.0;
   for (std::size_t i = 0; i < rows.size(); ++i) {
     SCOPED_TRACE(i);
     EXPECT_EQ(rows[i].trial, plan.trials[i].trial);
@@ -352,19 +351,19 @@ TEST(StudyCommand, AcceptsMouseClicksAsAnswers) {
     EXPECT_GT(rows[i].response_time_ns, 0);
     EXPECT_GE(rows[i].frames, 1);
     EXPECT_EQ(rows[i].frames_lost, 0);
-    told_ms += 1e-6 * static_cast<double>(rows[i].response_time_ns);
+    answered_ms += 1e-6 * static_cast<double>(rows[i].response_time_ns);
   }
-  EXPECT_LT(told_ms, took_ms);  // of one clock: no time is counted twice
+  EXPECT_LT(answered_ms, took_ms);  // from one clock: no time counts twice
 }
 
-// The pixels of a hand that brings the ball onto each target in turn: along the table to above or
-// below it, and up or down from there.
+// The mouse's pixels that bring the ball onto each target in turn: along the table to above or
+// below it, then up or down.
 struct Drags {
   StudyPlan plan;
   std::string pixels;
 };
-// Of a sample in which no press meets the ball but that which is due, so that a hand that tries
-// again does no harm.
+// Chooses a sample in which a press meets the ball only at the expected place, so that repeated
+// presses have no effect.
 Drags separate_drags(const StillView& view) {
   constexpr double kApart = 32.0;  // [px]: more than the ball's radius, and than a rounded edge
   for (std::uint64_t seed = 1; seed < 1000; ++seed) {
@@ -372,7 +371,7 @@ Drags separate_drags(const StillView& view) {
     design.seed = seed;
     Drags drags{plan_study(design), ""};
     const auto& places = drags.plan.samples.front().places;
-    std::vector<Eigen::Vector2d> rests, above;  // of the ball, and of it at the old height
+    std::vector<Eigen::Vector2d> rests, above;  // of the ball, and of the ball at its old height
     for (std::size_t i = 0; i < places.size(); ++i) {
       rests.push_back(view.pixel(places[i]));
       if (i == 0) continue;
@@ -395,7 +394,7 @@ Drags separate_drags(const StillView& view) {
   throw std::runtime_error("no sample keeps its places apart");
 }
 
-// The other experiment with a hand at the mouse.
+// The drag experiment, with a simulated mouse.
 TEST(StudyCommand, AcceptsMouseDragsAsAnswers) {
   ASSERT_TRUE(has_xvfb()) << "no Xvfb: scripts/setup installs it";
   ASSERT_EQ(std::system("command -v xdotool >/dev/null"), 0) << "scripts/setup installs it";
@@ -413,7 +412,8 @@ TEST(StudyCommand, AcceptsMouseDragsAsAnswers) {
     EXPECT_EQ(rows[i].step, static_cast<int>(i) + 1);
     EXPECT_EQ(rows[i].places, std::vector{places[i + 1]});
     EXPECT_TRUE(rows[i].correct);
-    // It is taken by its surface, nearer to the eye than its centre, and pixels are whole ones.
+    // The mouse picks the ball's surface, which is closer to the eye than its centre, at whole
+    // pixels.
     EXPECT_LT(rows[i].error_m, plan.design.tolerance_m);
     EXPECT_GE(rows[i].misses, 1) << "it was let go over the target's place";
     EXPECT_GT(rows[i].response_time_ns, 0);
@@ -425,7 +425,7 @@ TEST(StudyCommand, ResumesInterruptedSession) {
   const StudyPlan plan = plan_study(design_of(StudyExperiment::heights, 2, {"layered", "walls"}));
   const fs::path script = folder.path() / "script.txt", results = folder.path() / "answers.csv";
   const auto expected = write_heights_script(plan, script);
-  // A script that ends early stands for a person who goes.
+  // A script that ends early simulates a participant who leaves.
   const std::vector<std::string> lines = lines_of(bytes_of(script));
   const fs::path half = folder.path() / "half.txt";
   std::ofstream(half) << lines[0] << "\n" << lines[1] << "\n" << lines[2] << "\n";
@@ -439,7 +439,7 @@ TEST(StudyCommand, ResumesInterruptedSession) {
   check_heights(plan, expected, rows_of(results));
 }
 
-// A recording that plays as a camera: its own pace, the pictures' own clock.
+// A recording that plays as a camera, at its own pace and with the frames' clock.
 TEST(StudyCommand, RunsOnLiveCamera) {
   const TemporaryFolder folder;
   const StudyPlan plan = plan_study(design_of(StudyExperiment::heights, 1, {"layered"}));
@@ -468,7 +468,7 @@ TEST(StudyCommand, ReportsErrorsInOneLine) {
   std::ofstream(script) << "1 0.5 click ball\n";
   expect_failure(penumbra(arguments_of(design, results, script)), {"script.txt", "line 1", "ball"});
   expect_failure(penumbra(arguments_of(design, script, script)), {"script.txt", "name another"});
-  // A person needs a display.
+  // A study without a script needs a display.
   expect_failure(penumbra({"study", "--experiment", "heights", "--output", results.string()}),
                  {"DISPLAY", "--script"});
   for (const std::vector<std::string>& wrong :

@@ -1,4 +1,4 @@
-// A wall and a held prop that are tracked by tags of their own, through the program.
+// A wall and a hand-held prop with tag groups, tracked through the program.
 #include <gmock/gmock.h>
 
 #include <Eigen/Geometry>
@@ -29,8 +29,7 @@ class TagGroups : public testing::Test {
   [[nodiscard]] std::string file(const std::string& name) const {
     return (folder_.path() / name).string();
   }
-  // corner's tags with the wall's in a group of their own, as if somebody had measured where the
-  // wall stands and got it wrong by T.
+  // The tags of `corner` with the wall in a separate group whose map pose is wrong by T.
   void write_wrong_map(const std::string& name, const Eigen::Isometry3d& T) const {
     std::vector<MappedTag> tags =
         load_tag_map(recordings_dir() / "corner" / "tags-wall.yaml").value().tags();
@@ -41,7 +40,7 @@ class TagGroups : public testing::Test {
     }
     ASSERT_TRUE(write_text_file(file(name), tag_map_text(TagMap::make(tags).value())));
   }
-  // The same of the scene's wall: where it is for whom believes that map.
+  // A scene whose wall has the same wrong pose.
   void write_wrong_scene(const std::string& name, const Eigen::Isometry3d& T, bool tied) const {
     nlohmann::json scene = read_json(corner_scene());
     nlohmann::json& wall = scene["planes"][1];
@@ -104,7 +103,7 @@ class TagGroups : public testing::Test {
             "--blur",       "0.004",
             "--seed",       "5"};
   }
-  // A box that stands on the prop, and the table that it throws its shadow on.
+  // A box that stands on the prop, and the table that receives its shadow.
   void write_prop_scene(const std::string& name) const {
     write_text(file(name),
                R"({"objects":[{"name":"lid","shape":{"kind":"box","size":[0.03,0.03,0.02]},
@@ -134,8 +133,8 @@ class TagGroups : public testing::Test {
   TemporaryFolder folder_;
 };
 
-// Where the wall stands is measured and not taken from the map: maps that are wrong by centimetres
-// give the same picture.
+// The wall's pose is measured, not taken from the map: maps that are wrong by centimetres give the
+// same image.
 TEST_F(TagGroups, MeasuresWallPoseDespiteWrongMap) {
   Eigen::Isometry3d wrong = Eigen::Isometry3d::Identity();
   wrong.translate(Eigen::Vector3d(0.01, 0.03, -0.02));
@@ -168,7 +167,7 @@ TEST_F(TagGroups, MeasuresWallPoseDespiteWrongMap) {
     const Trajectory places = load_trajectory(folder_.path() / "groups" / "wall.tum").value();
     ASSERT_EQ(places.poses.size(), 12U);
     for (const StampedPose& place : places.poses) {
-      // The truth puts the map's error right.
+      // The measured pose compensates the map's error.
       const Eigen::Isometry3d found = Eigen::Isometry3d(place.T_table_camera.matrix()) * wrong;
       EXPECT_LT(Eigen::AngleAxisd(found.rotation()).angle(), radians(0.15));
       EXPECT_LT(
@@ -202,7 +201,7 @@ TEST_F(TagGroups, ReusesShadowOfWallAtRest) {
   EXPECT_FALSE(report["skipped"].contains("group_not_seen"));
 }
 
-// A prop in the hand against the exact truth, in all that a run says of it.
+// A hand-held prop against exact truth, in every output.
 TEST_F(TagGroups, TracksHandHeldPropToItsTruth) {
   write_simulation(24);
   write_prop_scene("scene.json");
@@ -245,7 +244,7 @@ TEST_F(TagGroups, TracksHandHeldPropToItsTruth) {
   const Trajectory places = load_trajectory(file("places/the prop.tum")).value();
   EXPECT_EQ(static_cast<int>(places.poses.size()), prop["frames_tracked"].get<int>());
 
-  // The same said by evaluate.
+  // `evaluate` gives the same.
   const std::vector<std::string> evaluation = {"evaluate",
                                                "--estimated",
                                                file("tracked.tum"),
@@ -259,9 +258,9 @@ TEST_F(TagGroups, TracksHandHeldPropToItsTruth) {
                                                file("places"),
                                                "--groundtruth-groups",
                                                file("made/groups")};
-  const ProgramResult told = penumbra(evaluation);
-  ASSERT_EQ(told.exit_code, 0) << told.err;
-  EXPECT_THAT(told.out, HasSubstr("tag group the prop"));
+  const ProgramResult evaluated = penumbra(evaluation);
+  ASSERT_EQ(evaluated.exit_code, 0) << evaluated.err;
+  EXPECT_THAT(evaluated.out, HasSubstr("tag group the prop"));
   std::vector<std::string> as_json = evaluation;
   as_json.emplace_back("--json");
   const auto json = nlohmann::json::parse(penumbra(as_json).out, nullptr, false);
@@ -280,16 +279,16 @@ TEST_F(TagGroups, TracksHandHeldPropToItsTruth) {
   elsewhere.resize(elsewhere.size() - 2);
   EXPECT_EQ(penumbra(elsewhere).exit_code, 2);
 
-  // Given poses draw the same scene, but for the tracking's error.
+  // Given poses draw the same scene, except for the tracking error.
   run("given", {"--poses-from", "groundtruth"});
   EXPECT_LT(differing("tracked", "given"), 2e-3);
-  // With all work done, and side by side or not: the same, bit for bit.
+  // Without skipping, and for any number of threads: same bits.
   run("all", {"--no-skip", "--threads", "1"});
   EXPECT_EQ(contents_of(folder_.path() / "tracked"), contents_of(folder_.path() / "all"));
   EXPECT_EQ(bytes_of(file("tracked.tum")), bytes_of(file("all.tum")));
 }
 
-// A session that is recorded has the places of its groups, and replays with them.
+// A recorded session contains the groups' poses and replays with them.
 TEST_F(TagGroups, RecordsGroupPosesInLiveSession) {
   write_simulation(24);
   write_prop_scene("scene.json");
@@ -306,7 +305,7 @@ TEST_F(TagGroups, RecordsGroupPosesInLiveSession) {
       load_trajectory(folder_.path() / "session" / "group-poses" / "the prop.tum").value();
   EXPECT_EQ(static_cast<int>(places.poses.size()), tracked);
 
-  // Tracked again from the recording, deterministically, both are where they were.
+  // Tracking the recording again is deterministic and finds both groups at their poses.
   const auto replayed = [&](const std::string& threads) {
     const ProgramResult replay =
         penumbra({"replay", file("session"), "--no-window", "--scene", file("scene.json"),
@@ -326,7 +325,7 @@ TEST_F(TagGroups, RecordsGroupPosesInLiveSession) {
   const auto json = nlohmann::json::parse(compared.out, nullptr, false);
   EXPECT_LT(json["overlay_frame_px"]["max"].get<double>(), 0.2);
   EXPECT_LT(json["groups"]["the prop"]["overlay_frame_px"]["median"].get<double>(), 0.3);
-  // Poses as they were tracked bring their groups along.
+  // Poses from the tracked session include the groups.
   const ProgramResult given =
       penumbra({"replay", file("session"), "--no-window", "--scene", file("scene.json"),
                 "--poses-from", file("session/poses.tum"), "--report", file("given.json")});
@@ -334,7 +333,8 @@ TEST_F(TagGroups, RecordsGroupPosesInLiveSession) {
   EXPECT_EQ(read_json(file("given.json"))["groups"]["the prop"]["frames_tracked"], tracked);
 }
 
-// A scene that needs no group has none tracked, says so, and loses nothing by it.
+// Groups that the scene does not use are not tracked; the program reports that, and the output is
+// the same.
 TEST_F(TagGroups, SkipsGroupsUnusedByScene) {
   write_simulation(6);
   ASSERT_EQ(penumbra(simulation("made")).exit_code, 0);
@@ -365,7 +365,7 @@ TEST_F(TagGroups, SkipsGroupsUnusedByScene) {
   EXPECT_EQ(bytes_of(file("skipping.tum")), bytes_of(file("all.tum")));
 }
 
-// The synthetic scene's own objects ride on the prop.
+// The synthetic scene's objects move with the prop.
 TEST_F(TagGroups, DrawsSimulatedObjectsOnTheirGroup) {
   write_simulation(4);
   write_prop_scene("scene.json");
@@ -401,8 +401,8 @@ TEST_F(TagGroups, ReportsErrorsInOneLine) {
     arguments[9] = group;
     return penumbra(arguments);
   };
-  expect_failure(with_group("nobody=" + file("prop.tum")),
-                 {"nobody", "tags.yaml", "it has the prop"});
+  expect_failure(with_group("unknown=" + file("prop.tum")),
+                 {"unknown", "tags.yaml", "it has the prop"});
   expect_failure(with_group("the prop=" + file("none.tum")), {"none.tum"});
   write_text(file("short.tum"), "1 0 0 0 0 0 0 1\n1.01 0 0 0 0 0 0 1\n");
   expect_failure(with_group("the prop=" + file("short.tum")), {"short.tum", "camera"});
@@ -410,7 +410,7 @@ TEST_F(TagGroups, ReportsErrorsInOneLine) {
   EXPECT_EQ(with_group("=x.tum").exit_code, 2);
   EXPECT_FALSE(std::filesystem::exists(file("never")));
 
-  // A scene that is tied to what the recording's tags do not have runs, and says it.
+  // A scene with a group that the recording's tags lack runs with a warning.
   const ProgramResult warned =
       penumbra({"replay", bundled("tabletop"), "--no-window", "--scene", corner_scene(), "--frames",
                 "0:3", "--report", file("report.json")});
@@ -420,7 +420,7 @@ TEST_F(TagGroups, ReportsErrorsInOneLine) {
                                          HasSubstr("tags.yaml")));
   EXPECT_EQ(read_json(file("report.json"))["skipped"]["group_not_seen"], 3);
 
-  // Its file may be wrong, or its name no file's.
+  // A group's file may be damaged, and its name may be no valid file name.
   ASSERT_EQ(penumbra(simulation("made")).exit_code, 0);
   write_text(file("made/groups/the prop.tum"), "1 0 0 nan 0 0 0 1\n");
   expect_failure(penumbra({"replay", file("made"), "--no-window"}), {"the prop.tum", "line 1"});

@@ -1,5 +1,5 @@
-// Poses of whole recordings against their exact truth. No frame that is called tracked may be
-// wrong, whatever the view.
+// Poses of whole recordings against their exact truth. No frame with the status tracked may be
+// wrong.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -25,8 +25,8 @@ struct Expected {
   TrackingMode mode = TrackingMode::automatic;
 };
 
-// What was measured, with a margin for the rounding of other machines; a tracked frame must never
-// reach 5 px.
+// Measured values with a margin for other machines' rounding; a tracked frame must never reach 5
+// px.
 const std::vector<Expected>& expectations() {
   constexpr auto kDetect = TrackingMode::detect;
   constexpr auto kFast = TrackingMode::fast;
@@ -100,8 +100,7 @@ TEST_P(TrackedRecordings, StayWithinErrorBounds) {
   EXPECT_LE(result->tracked.overlay_px.median, expected.median_px);
 }
 
-// The overlay of a camera at rest keeps still: its change from frame to frame beside that of
-// detection.
+// Frame-to-frame change of the overlay of a camera at rest, compared with that of detection.
 TEST(StillRecording, HasLessJitterThanDetection) {
   const std::filesystem::path shared = test::shared_dir();
   if (shared.empty()) GTEST_SKIP() << "no shared recordings beside the checkout";
@@ -118,7 +117,8 @@ TEST(StillRecording, HasLessJitterThanDetection) {
   EXPECT_LT(jitter_px(TrackingMode::fast), 0.75 * detected);
 }
 
-// One of five tags was moved, or the map has it wrong, at a grazing view: each of them, both ways.
+// One of five tags is displaced in the image or in the map, at a grazing view: each tag, both
+// cases.
 TEST(GrazingRecording, KeepsPoseWhenOneTagMoved) {
   const std::filesystem::path shared = test::shared_dir();
   if (shared.empty()) GTEST_SKIP() << "no shared recordings beside the checkout";
@@ -154,8 +154,8 @@ TEST(GrazingRecording, KeepsPoseWhenOneTagMoved) {
   }
 }
 
-// A camera that gives every third frame of a hand that shakes: the pattern is found again without
-// a search for tags, mostly.
+// A shaking camera at a third of the frame rate: mostly the pattern search recovers, without a
+// detection.
 TEST(ShakeRecording, RecoversByPatternSearchAfterJumps) {
   const std::filesystem::path shared = test::shared_dir();
   if (shared.empty()) GTEST_SKIP() << "no shared recordings beside the checkout";
@@ -163,14 +163,14 @@ TEST(ShakeRecording, RecoversByPatternSearchAfterJumps) {
   const auto result = test::track_recording(folder, {}, 3);
   ASSERT_TRUE(result) << result.error().message;
   EXPECT_EQ(result->wrong, 0);
-  EXPECT_GE(result->count_of(TrackStatus::tracked), 26);  // 27; of three a blur hides too much
+  EXPECT_GE(result->count_of(TrackStatus::tracked), 26);  // 27; three are too blurred
   ASSERT_EQ(result->overlay_px.size(), 30U);
   int measured = 0;
   for (std::size_t i = 0; i < result->overlay_px.size(); ++i) {
     const TrackStatus status = result->frames[i].pose.status;
     if (status != TrackStatus::tracked && status != TrackStatus::uncertain) continue;
     ++measured;
-    EXPECT_LT(result->overlay_px[i], 2.5) << i;  // 1.3
+    EXPECT_LT(result->overlay_px[i], 2.5) << i;  // 1.3 measured
   }
   EXPECT_GE(measured, 30);
   int found_by_pattern = 0;

@@ -39,7 +39,7 @@ TEST(Window, WritesSameFramesWithAndWithoutHud) {
   EXPECT_EQ(contents_of(folder.path() / "bare"), expected);
 }
 
-// What was done while it was recorded happens again, the same each time, and can be left out.
+// Recorded edits replay deterministically, and --no-edits skips them.
 TEST(Window, ReplaysRecordedEdits) {
   const TemporaryFolder folder;
   const fs::path recording = folder.path() / "recording";
@@ -78,14 +78,14 @@ TEST(Window, ReplaysRecordedEdits) {
   }
 }
 
-// A person's hand in a live session: what was dragged there replays to the same pictures, bit for
-// bit, at the poses that the session had.
+// A drag in a live session replays to the same images, bit for bit, with the session's poses.
 TEST(Window, RecordsDragThatReplaysToSameFrames) {
   ASSERT_TRUE(has_xvfb()) << "no Xvfb: scripts/setup installs it";
   ASSERT_EQ(std::system("command -v xdotool >/dev/null 2>&1"), 0) << "scripts/setup installs it";
   const TemporaryFolder folder;
   const auto path = [&folder](const char* name) { return (folder.path() / name).string(); };
-  // As wide as the view's middle is uncertain: it lies under the pixel wherever the camera goes.
+  // The block is larger than the uncertainty of the view's middle: it lies under the pixel for
+  // every camera position.
   std::ofstream(path("scene.json"))
       << R"({"objects":[{"name":"block","shape":{"kind":"box","size":[0.1,0.08,0.04]},)"
       << R"("position":[0,0,0.06],"animation":{"spin":{"turns_per_s":0.1}}}],)"
@@ -129,8 +129,8 @@ TEST(Window, RecordsDragThatReplaysToSameFrames) {
   const auto edited = replayed("edited", {});
   const auto unedited = replayed("unedited", {"--no-edits"});
   ASSERT_GT(seen.size(), 10U);
-  // A session's pictures have the camera's numbers, a recording counts what is in it: on a busy
-  // machine the camera's have gaps.
+  // A session numbers images like the camera, a recording counts its own frames; on a slow machine
+  // the camera's numbers have gaps.
   const auto listed = list_frames(folder.path() / "session");
   ASSERT_TRUE(listed) << listed.error().message;
   constexpr double kInterval_ns = 1e9 / 30.0;
@@ -151,11 +151,11 @@ TEST(Window, RecordsDragThatReplaysToSameFrames) {
   EXPECT_GT(moved, 3);
 }
 
-// How much of the picture differs from the video [px].
+// Number of pixels that differ from the video.
 int pixels_drawn(const fs::path& picture, const RgbaImage& video) {
   const auto seen = load_rgba(picture);
   if (!seen || seen->pixels.size() != video.pixels.size()) return -1;
-  constexpr int kConverted = 24;  // what the way from JPEG to the screen and back may change
+  constexpr int kConverted = 24;  // error of JPEG decoding, colour conversion and screen
   int drawn = 0;
   for (std::size_t i = 0; i < video.pixels.size(); i += 4) {
     int most = 0;
@@ -167,16 +167,16 @@ int pixels_drawn(const fs::path& picture, const RgbaImage& video) {
   return drawn;
 }
 
-// Keys in a live session whose camera is slow: the picture is never one that stands still and looks
-// live, the screenshots show what the window shows, and what was recorded between two R replays.
+// Keys in a live session with a slow camera: a frozen image never looks live, screenshots show the
+// window's content, and the recording between two presses of R replays.
 TEST(Window, FadesOnStreamStallAndRecordsByKey) {
   ASSERT_TRUE(has_xvfb()) << "no Xvfb: scripts/setup installs it";
   ASSERT_EQ(std::system("command -v xdotool >/dev/null 2>&1"), 0) << "scripts/setup installs it";
   const TemporaryFolder folder;
   const auto path = [&folder](const char* name) { return (folder.path() / name).string(); };
-  // The same view is played over and over: every change on the screen was drawn. Between whole
-  // images damaged ones come for more than a second; at the end of a recording they would be
-  // trimmed. They have a start and an end mark, as a truncated image is not recorded.
+  // The camera repeats one view, so every change on the screen was drawn. Damaged images follow for
+  // more than a second between whole ones; at the end of a recording they would be trimmed. They
+  // have a start and an end mark, because truncated images are not recorded.
   const fs::path camera = folder.path() / "camera";
   const fs::path view = fs::path(bundled("tabletop")) / "frames" / "000030.jpg";
   fs::create_directories(camera / "frames");
@@ -235,12 +235,12 @@ TEST(Window, FadesOnStreamStallAndRecordsByKey) {
   ASSERT_EQ(replayed.exit_code, 0) << replayed.err;
   const auto report = read_json(path("report.json"));
   EXPECT_GE(report["frames"], 1);
-  EXPECT_LT(report["frames"], rows.size() - 1) << "damaged ones are left out";
+  EXPECT_LT(report["frames"], rows.size() - 1) << "damaged frames are skipped";
   EXPECT_EQ(report["frames_tracked"], report["frames"]);
 }
 
-// Started in the folder of the recording that it plays, neither pictures nor recordings are saved
-// there by a key.
+// Started in the folder of the played recording, keys save neither screenshots nor recordings
+// there.
 TEST(Window, NeverSavesIntoPlayedRecording) {
   ASSERT_TRUE(has_xvfb()) << "no Xvfb: scripts/setup installs it";
   ASSERT_EQ(std::system("command -v xdotool >/dev/null 2>&1"), 0) << "scripts/setup installs it";
