@@ -1,5 +1,4 @@
-// The gate for a camera's JPEGs and the decoder together: an image is used if and only if every
-// block of it was decoded.
+// Camera JPEG check and decoder together: an image is used if and only if every block was decoded.
 #include <gtest/gtest.h>
 
 #include <csetjmp>
@@ -30,7 +29,7 @@ Result<Frame> received(const std::string& buffer, const ImageSize& granted) {
   return decode_camera_jpeg(image->bytes, "fuzz", granted, kImproveTransfer);
 }
 
-// libjpeg's own verdict on the bytes, through its own source manager.
+// libjpeg's own result for the bytes, through its own source manager.
 struct Verdict {
   bool has_all_rows = false;
   bool has_all_coefficients = false;
@@ -59,7 +58,7 @@ class Oracle {
     const bool harmless = code == JWRN_JPEG_EOF || code == JWRN_JFIF_MAJOR ||
                           code == JWRN_ADOBE_XFORM || code == JWRN_NOT_SEQUENTIAL ||
                           (code == JWRN_EXTRANEOUS_DATA && info->err->msg_parm.i[0] <= many);
-    // After the last row there is no block left to lose.
+    // After the last row no block can be lost.
     if (!harmless && !verdict.has_all_rows) verdict.lost_blocks = true;
   }
   Verdict run(std::span<const std::uint8_t> bytes) {
@@ -112,7 +111,7 @@ TEST_P(CameraJpegFuzz, AcceptsOnlyImagesThatLibjpegDecodesInFull) {
   const int count = per_kind(300, 3500);
   int used = 0;
   for (int i = 0; i < count; ++i) {
-    // A third of them in the headers.
+    // A third of the changes are in the headers.
     const std::size_t head = i % 3 == 0 ? test::headers_length(sound_) : 0;
     const std::string broken =
         test::mutated(sound_.substr(0, head > 0 ? head : sound_.size()), random) +
@@ -124,7 +123,7 @@ TEST_P(CameraJpegFuzz, AcceptsOnlyImagesThatLibjpegDecodesInFull) {
       EXPECT_EQ((ImageSize{frame->width, frame->height}), size_);
       const auto outline = outline_jpeg(image_bytes(broken));
       ASSERT_TRUE(outline);
-      // Around the image may stand what libjpeg ends at.
+      // Bytes around the image may contain markers that end libjpeg's decoding.
       const Verdict cut = Oracle::judge(outline->bytes);
       EXPECT_TRUE(cut.is_whole()) << "mutation " << i;
     } else {
@@ -151,7 +150,7 @@ std::string with_harmless_change(const std::string& sound, test::Random& random)
   const std::size_t headers = test::headers_length(bytes);
   const auto restarts = test::restarts_of(bytes);
   switch (random.below(8)) {
-    case 0: {  // the content of a segment that says nothing of the blocks
+    case 0: {  // content of a segment that does not affect blocks
       const std::size_t at = test::marker_at(bytes, random.below(2) == 0 ? 0xE0 : 0xFE);
       if (at == std::string::npos) break;
       const std::size_t length = test::segment_length(bytes, at);
@@ -175,13 +174,13 @@ std::string with_harmless_change(const std::string& sound, test::Random& random)
                        : 2,
                    1 + random.below(20), '\xFF');
       break;
-    case 3: {  // bytes after the end: any
+    case 3: {  // any bytes after the end
       std::string trail = fill(4000);
       for (char& c : trail) c = static_cast<char>(random.below(256));
       bytes += trail;
       break;
     }
-    case 4:  // no end mark, perhaps a full buffer
+    case 4:  // no end mark, as in a full buffer
       bytes.resize(bytes.size() - 2);
       if (random.below(2) == 0)
         bytes.append(random.below(3000), random.below(2) == 0 ? '\0' : '\xFF');

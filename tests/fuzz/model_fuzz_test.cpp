@@ -1,4 +1,4 @@
-// Damaged models and scenes: refused with one line, or sound. Deterministic.
+// Damaged models and scenes: rejected with one line, or valid. Deterministic.
 #include <gtest/gtest.h>
 
 #include <cmath>
@@ -78,14 +78,14 @@ void expect_sound(const Model& model) {
   }
 }
 
-// Tries `count` mutations; how many were accepted.
+// Tries `count` mutations; returns the number accepted.
 int fuzz_model(const std::string& good, const std::string& extension, int count, unsigned seed) {
   test::TemporaryFolder folder;
   std::mt19937 random(seed);
   const std::filesystem::path file = folder.path() / ("model" + extension);
   int accepted = 0;
   for (int i = 0; i < count; ++i) {
-    // A new file: some file systems write an emptied one through to the disk.
+    // A new file: some file systems flush a truncated file to the disk.
     std::filesystem::remove(file);
     std::ofstream(file, std::ios::binary) << mutated(good, random);
     const Result<Model> model = load_model(file);
@@ -133,7 +133,7 @@ TEST(ModelFuzz, LoadsOrRejectsDamagedMaterials) {
 }
 
 TEST(ModelFuzz, LoadsOrRejectsDamagedGltf) {
-  // The same JSON as text, its buffer embedded.
+  // The same JSON as text, with an embedded buffer.
   const std::string json =
       R"({"asset":{"version":"2.0"},"scene":0,"scenes":[{"nodes":[0]}],"nodes":[{"mesh":0,)"
       R"("scale":[1,2,-1],"children":[1]},{"mesh":0,"rotation":[0,0,0,1]}],"meshes":[{"primitives":)"
@@ -148,8 +148,8 @@ TEST(ModelFuzz, LoadsOrRejectsDamagedGltf) {
   EXPECT_LT(accepted, 4000);
 }
 
-// A morphed, skinned and instanced file: two joints with weights of three encodings, two targets of
-// which one is sparse, a copy by instancing, and a hidden node.
+// A morphed, skinned and instanced file: two joints with weights of three encodings, two morph
+// targets (one sparse), an instanced copy, and a hidden node.
 std::string moved_gltf(bool binary) {
   test::GltfBuilder file;
   file.json["nodes"] = {{{"mesh", 0}, {"skin", 0}, {"weights", {0.5, 0.25}}},
@@ -220,7 +220,7 @@ TEST(ModelFuzz, RejectsRandomBytes) {
     for (char& byte : bytes) byte = static_cast<char>(random() & 0xFFU);
     const char* extension = i % 3 == 0 ? ".glb" : i % 3 == 1 ? ".gltf" : ".obj";
     const std::filesystem::path file = folder.path() / (std::string("model") + extension);
-    // A new file: some file systems write an emptied one through to the disk.
+    // A new file: some file systems flush a truncated file to the disk.
     std::filesystem::remove(file);
     std::ofstream(file, std::ios::binary) << bytes;
     EXPECT_FALSE(load_model(file));

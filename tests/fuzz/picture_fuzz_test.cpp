@@ -1,4 +1,4 @@
-// Damaged pictures: an error or a picture, never anything else.
+// Damaged images: either an error or a valid image.
 #include <gtest/gtest.h>
 #include <spng.h>
 
@@ -16,7 +16,7 @@ std::span<const std::uint8_t> bytes_of(const std::string& text) {
   return {reinterpret_cast<const std::uint8_t*>(text.data()), text.size()};
 }
 
-// Reads every sample, so that a plane that is too small shows under the sanitizers.
+// Reads every sample, so that the sanitizers detect planes that are too small.
 std::uint64_t sum_of(const Frame& frame) {
   std::uint64_t sum = 0;
   for (std::size_t i = 0; i < static_cast<std::size_t>(frame.plane_count); ++i) {
@@ -53,8 +53,7 @@ std::string png_of(int color_type, int depth) {
   return bytes;
 }
 
-// CRC-32 of PNG (ISO 3309), bit by bit: damage behind a check sum that is right again reaches the
-// decoder's inside.
+// Bitwise CRC-32 of PNG (ISO 3309): with corrected checksums, damage reaches the decoder.
 std::uint32_t crc_of(std::string_view bytes) {
   std::uint32_t crc = 0xFFFFFFFFU;
   for (const char c : bytes) {
@@ -133,7 +132,7 @@ TEST(ImageFuzz, DecodesOrRejectsDamagedJpeg) {
     for (const int flags : {0, TJFLAG_PROGRESSIVE}) {
       const std::string whole = jpeg_of(subsampling, flags);
       for (int i = 0; i < 400; ++i) {
-        // Half of them in the headers, where the sizes and tables are.
+        // Half of the changes are in the headers with sizes and tables.
         const std::size_t head = i % 2 == 0 ? std::min<std::size_t>(640, whole.size()) : 0;
         const std::string broken =
             head > 0 ? test::mutated(whole.substr(0, head), random) + whole.substr(head)

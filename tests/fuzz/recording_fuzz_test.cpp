@@ -256,7 +256,7 @@ TEST(RecordingFuzz, OpensOrRejectsDamagedVideo) {
     test::write_video(folder / "video.mkv", spec, fill);
     const std::string whole = test::read_bytes(folder / "video.mkv");
     for (int i = 0; i < 1000; ++i, ++tally.inputs) {
-      // Half of them in the headers.
+      // Half of the changes are in the headers.
       const std::size_t head = i % 2 == 0 ? std::min<std::size_t>(900, whole.size()) : 0;
       write_text(folder / "video.mkv",
                  head > 0 ? mutated(whole.substr(0, head), random) + whole.substr(head)

@@ -1,4 +1,4 @@
-// Damaged scenes: refused with one line, or sound. Deterministic.
+// Damaged scenes: rejected with one line, or valid. Deterministic.
 #include <gtest/gtest.h>
 
 #include <fstream>
@@ -14,7 +14,7 @@ namespace {
 TEST(SceneFuzz, LoadsOrRejectsDamagedScene) {
   std::ifstream stream(test::source_dir() / "scenes/default.json");
   std::string good((std::istreambuf_iterator<char>(stream)), {});
-  // Shapes in place of models, so that reading models does not take the time.
+  // Shapes in place of models save the time of reading models.
   for (const std::string name : {"helicopter", "helicopter_rotor", "helicopter_tail_rotor"}) {
     const std::string model = "\"model\": \"models/" + name + ".glb\"";
     ASSERT_NE(good.find(model), std::string::npos);
@@ -36,13 +36,13 @@ TEST(SceneFuzz, LoadsOrRejectsDamagedScene) {
       case 1:
         text.erase(at, 1 + random() % 8);
         break;
-      default: {  // another value for a number
+      default: {  // replaces a number
         const std::size_t from = std::min(text.find_first_of("0123456789", at), text.size());
         const std::size_t to = std::min(text.find_first_not_of("0123456789.", from), text.size());
         text.replace(from, to - from, words[random() % std::size(words)]);
       }
     }
-    // A new file: some file systems write an emptied one through to the disk.
+    // A new file: some file systems flush a truncated file to the disk.
     std::filesystem::remove(file);
     std::ofstream(file, std::ios::binary) << text;
     const Result<Scene> scene = load_scene(file);

@@ -1,4 +1,4 @@
-// Damaged scripts and results of a study: refused with one line, or sound. Deterministic.
+// Damaged scripts and results of a study: rejected with one line, or valid. Deterministic.
 #include <gtest/gtest.h>
 
 #include <cmath>
