@@ -1,5 +1,5 @@
-// Loaded before a program (LD_PRELOAD), a graphics driver that is reset: from the call on that
-// PENUMBRA_TEST_RESET_AT numbers, it says so for ever.
+// Simulates a reset of the graphics driver, by LD_PRELOAD: from call number PENUMBRA_TEST_RESET_AT
+// on, the driver always reports a reset.
 #include <epoxy/gl.h>
 
 #include <atomic>

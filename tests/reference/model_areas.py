@@ -58,7 +58,7 @@ def signed_area(ring):
     return 0.5 * np.sum(ring[:, 0] * following[:, 1] - ring[:, 1] * following[:, 0])
 
 
-# Directions that models are seen along: the vertical, and one in which no face is edge-on.
+# Projection directions: the vertical, and one in which no face is edge-on.
 DIRECTIONS = ((0.0, 0.0, 1.0), (0.6, 0.48, 0.64))
 
 
@@ -151,7 +151,7 @@ def obj_measures(path):
 
 COMPONENTS = {5120: "i1", 5121: "u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
 WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}
-# They change the way in which geometry is stored.
+# Extensions that compress the geometry.
 COMPRESSION = ("KHR_draco_mesh_compression", "EXT_meshopt_compression", "KHR_meshopt_compression")
 
 

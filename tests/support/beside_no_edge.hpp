@@ -1,4 +1,5 @@
-// Pictures against what each pixel should show, where edges may fall to either side of a pixel.
+// Compares an image with the expected value of each pixel, with tolerance where edges may fall on
+// either side of a pixel.
 #pragma once
 
 #include <cstddef>
@@ -10,9 +11,9 @@ struct BesideNoEdge {
   int pixels = 0, wrong = 0;
 };
 
-// Of a square picture: pixels all around which the same is expected, and how many of them are
-// wrong. `expected`: a number for each pixel that says what it shows; negative: not known, nor
-// beside it.
+// Counts the pixels of a square image whose neighbours all have the same expected value, and how
+// many of them are wrong. `expected`: a value per pixel; negative: unknown, which also excludes the
+// neighbours.
 inline BesideNoEdge beside_no_edge(int side, const std::vector<int>& expected,
                                    const std::vector<bool>& wrong) {
   BesideNoEdge found;

@@ -1,4 +1,4 @@
-// Simulated calibrations: corners of a flat target as a known lens shows them from poses around it.
+// Simulated calibrations: corners of a flat target seen through a known lens from poses around it.
 #pragma once
 
 #include <Eigen/Geometry>
@@ -12,7 +12,7 @@
 
 namespace penumbra::test {
 
-// Wide and rational: near an equidistant lens of 115 degrees across the image, with a little
+// Wide-angle, rational: close to an equidistant lens of 115 degrees across the image, with a little
 // tangential distortion.
 inline CameraModel rational_lens(int width = 640, int height = 480) {
   CameraParameters p;
@@ -55,13 +55,12 @@ struct ViewOptions {
   double noise_px = 0.1;
   double tilt_rad = 0.7;     // largest, in any direction
   double distance_m = 0.35;  // typical
-  // 0: the board's middle is up to 0.35 of the distance from the axis. Else it is anywhere in so
-  // much of the image, and corners further out than this are not seen.
+  // 0: the board's middle is up to 0.35 of the distance from the axis. Otherwise the middle is
+  // anywhere within this share of the image, and corners farther out are not seen.
   double reach = 0.0;
 };
 
-// `shape` is where the points really are; views whose target is mostly out of the image are drawn
-// again.
+// `shape` holds the true points; views whose target is mostly outside the image are redrawn.
 inline std::vector<CalibrationView> simulate_views(const CameraModel& camera,
                                                    const std::vector<Eigen::Vector3d>& shape,
                                                    const ViewOptions& options, std::mt19937& rng) {

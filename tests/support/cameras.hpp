@@ -5,7 +5,7 @@
 
 namespace penumbra::test {
 
-// A webcam of 640 x 480 px with a lens that bends as theirs do.
+// A webcam of 640 x 480 px with typical distortion.
 inline CameraModel desk_camera() {
   CameraParameters p;
   p.width = 640;

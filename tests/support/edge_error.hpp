@@ -1,4 +1,4 @@
-// How far a picture's edges are from those of one with many more pixels.
+// Distance of an image's edges from those of an image with a higher resolution.
 #pragma once
 
 #include <algorithm>
@@ -14,7 +14,7 @@ struct EdgeError {
   int edges = 0;     // pixels
   int largest_elsewhere = 0;
 };
-// Against the mean of `times` x `times` as many pixels.
+// Compares with the mean over `times` x `times` pixels of the fine image.
 inline EdgeError edge_error(const Picture& picture, const Picture& fine, int times) {
   EdgeError error;
   double sum = 0.0;
@@ -34,7 +34,7 @@ inline EdgeError edge_error(const Picture& picture, const Picture& fine, int tim
       }
     }
   }
-  // Where the finer picture is of one value for a pixel around.
+  // Uses only places where the finer image has one value within a pixel's distance.
   for (int y = 2; y + 2 < picture.height; ++y) {
     for (int x = 2; x + 2 < picture.width; ++x) {
       const int value = fine.red(times * x, times * y);

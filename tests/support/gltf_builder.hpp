@@ -1,5 +1,5 @@
-// Small glTF files made in memory: accessors are appended to one buffer, the JSON is open to
-// changes.
+// Builds small glTF files in memory: accessors are appended to one buffer, and tests may edit the
+// JSON.
 #pragma once
 
 #include <array>
@@ -59,7 +59,7 @@ class GltfBuilder {
     if (normalized) json["accessors"].back()["normalized"] = true;
     return json["accessors"].size() - 1;
   }
-  // An accessor of zeros without a buffer view, in which `indices` have other values.
+  // An accessor of zeros without a buffer view, with other values at `indices`.
   std::size_t sparse_accessor(std::size_t count, const std::vector<std::uint16_t>& indices,
                               const std::vector<float>& vectors) {
     const std::size_t index_view = view(indices), value_view = view(vectors);
@@ -73,7 +73,7 @@ class GltfBuilder {
            {"values", {{"bufferView", value_view}}}}}});
     return json["accessors"].size() - 1;
   }
-  // A mesh of one primitive of these positions (x y z ...) and corners; returns its index.
+  // A mesh of one primitive with these positions (x y z ...) and corners; returns its index.
   std::size_t mesh(const std::vector<float>& positions, const std::vector<std::uint16_t>& corners) {
     const std::size_t position = accessor(positions, "VEC3");
     const std::size_t indices = accessor(corners, "SCALAR");
@@ -93,7 +93,7 @@ class GltfBuilder {
   }
   nlohmann::json& primitive(std::size_t mesh = 0) { return json["meshes"][mesh]["primitives"][0]; }
 
-  // A .gltf with its buffer embedded, unless `buffers` are there already.
+  // A .gltf with its buffer embedded, unless `buffers` exists already.
   [[nodiscard]] std::string gltf() const {
     nlohmann::json file = json;
     if (!file.contains("buffers") && !binary.empty()) {

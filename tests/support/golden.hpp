@@ -1,12 +1,15 @@
-// Pictures compared with golden ones on disk.
+// Compares images with golden images on disk.
 //
-// First exactly: the same build on the same rasteriser draws the same bits. Else within a
-// tolerance: no more than 2 codes off, but for at most 0.01 % of the pixels (edges that fall the
-// other way on another rasteriser). On failure the picture, the golden one and their difference
-// are written to the build folder's golden-output/. On another
-// implementation of OpenGL (scripts/test-softpipe) 0.2 % of the pixels may be such edges.
-// scripts/renew-goldens writes the golden pictures instead (by PENUMBRA_RENEW_GOLDENS=1): look at
-// them before they are committed.
+// First exactly: the same build on the same rasteriser draws the same bits. Otherwise within a
+// tolerance: no more than 2 codes off, except for at most 0.01 % of the pixels (edges that another
+// rasteriser draws differently). On failure the image, the golden one and their difference are
+// written to the build folder's golden-output/.
+//
+// With another implementation of OpenGL (scripts/test-softpipe) 0.2 % of the pixels may be such
+// edges.
+//
+// scripts/renew-goldens writes the golden images instead (with PENUMBRA_RENEW_GOLDENS=1): look
+// at them before you commit them.
 #pragma once
 
 #include <gtest/gtest.h>
@@ -37,7 +40,7 @@ struct PictureDifference {
   }
 };
 
-// Colour only; alpha is not kept in PNGs.
+// Colour only: PNG files here have no alpha.
 inline PictureDifference compare(const RgbaImage& actual, const RgbaImage& golden) {
   PictureDifference d;
   d.same_size = actual.width == golden.width && actual.height == golden.height &&
@@ -79,19 +82,19 @@ inline void write_failure(const std::string& name, const RgbaImage& actual,
   RgbaImage difference = actual;
   for (std::size_t i = 0; i < difference.pixels.size(); ++i) {
     const int d = std::abs(static_cast<int>(actual.pixels[i]) - static_cast<int>(golden.pixels[i]));
-    difference.pixels[i] = static_cast<std::uint8_t>(std::min(255, d * 16));  // to be seen
+    difference.pixels[i] = static_cast<std::uint8_t>(std::min(255, d * 16));  // amplified
   }
   write("difference", difference);
 }
 
-// `name` without folder and ending: SCENE__RECORDING__TECHNIQUE__FRAME.
+// `name` without folder and extension: SCENE__RECORDING__TECHNIQUE__FRAME.
 inline testing::AssertionResult matches_golden(const std::string& name, const RgbaImage& actual) {
   const auto file = golden_dir() / (name + ".png");
   const char* renew = std::getenv("PENUMBRA_RENEW_GOLDENS");
   if (renew != nullptr && std::string(renew) == "1") {
     const auto saved = save_png(file, actual.width, actual.height, actual.pixels);
     if (!saved) return testing::AssertionFailure() << saved.error().message;
-    // A run that writes what it should compare with has tested nothing.
+    // A run that writes the golden images has tested nothing, so it fails.
     return testing::AssertionFailure()
            << file << " renewed; run again without PENUMBRA_RENEW_GOLDENS";
   }

@@ -1,5 +1,5 @@
-// JPEG images as different cameras encode them, made with libjpeg, and what can be done to their
-// bytes without touching a block.
+// JPEG images as different cameras encode them, made with libjpeg, and access to the parts of their
+// bytes.
 #pragma once
 
 #include <cstddef>
@@ -27,7 +27,7 @@ struct JpegKind {
   bool progressive = false;
   bool separate_scans = false;  // one for each component
   bool optimized = false;       // Huffman tables made for this image
-  bool without_tables = false;  // AVI1: no Huffman tables, the standard ones hold
+  bool without_tables = false;  // AVI1: without Huffman tables, the standard ones apply
   bool with_metadata = false;   // Exif, a comment, fill bytes in front of markers
 };
 
@@ -51,7 +51,7 @@ inline void PrintTo(const JpegKind& kind, std::ostream* out) {
   *out << kind.name;
 }
 
-// The offset of the first marker with this code; the headers only.
+// Offset of the first marker with this code in the headers.
 inline std::size_t marker_at(const std::string& jpeg, unsigned char code) {
   std::size_t at = 2;
   while (at + 4 <= jpeg.size()) {
@@ -73,7 +73,7 @@ inline std::size_t segment_length(const std::string& jpeg, std::size_t at) {
          static_cast<unsigned char>(jpeg[at + 3]);
 }
 
-// Everything in front of the first block.
+// Length of the bytes before the first block.
 inline std::size_t headers_length(const std::string& jpeg) {
   const std::size_t scan = marker_at(jpeg, 0xDA);
   return scan + segment_length(jpeg, scan);
@@ -89,7 +89,7 @@ inline std::vector<std::size_t> restarts_of(const std::string& jpeg) {
   return found;
 }
 
-// Offsets where the scans begin: each with its Huffman tables, the first with all headers.
+// Offsets of the scans: each with its Huffman tables, the first with all headers.
 inline std::vector<std::size_t> scans_of(const std::string& jpeg) {
   std::vector<std::size_t> found{0};
   bool in_blocks = true;
@@ -106,7 +106,7 @@ inline std::vector<std::size_t> scans_of(const std::string& jpeg) {
   return found;
 }
 
-// A picture with detail in every block. `seed`: another picture.
+// An image with detail in every block; each `seed` gives another image.
 inline std::string encode_jpeg_kind(const JpegKind& kind, unsigned seed = 0) {
   jpeg_compress_struct info{};
   jpeg_error_mgr errors{};

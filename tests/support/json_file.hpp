@@ -1,4 +1,4 @@
-// A JSON file, read whole.
+// Reads a whole JSON file.
 #pragma once
 
 #include <filesystem>
@@ -7,8 +7,8 @@
 
 namespace penumbra::test {
 
-// What can't be parsed, or isn't there, gives a discarded value: every access to it throws or is
-// null.
+// Returns a discarded value if the file is missing or can't be parsed: each access to it throws or
+// is null.
 inline nlohmann::json read_json(const std::filesystem::path& file) {
   std::ifstream stream(file, std::ios::binary);
   return nlohmann::json::parse(stream, nullptr, false);

@@ -1,4 +1,4 @@
-// The shadows of an area light, ray-cast by others, against which kernels and fields are judged.
+// Ray-cast shadows of an area light, made by an independent program, to judge kernels and fields.
 #pragma once
 
 #include <limits>
@@ -68,7 +68,7 @@ struct QualityCase {
   }
 };
 
-// All cases with their meshes; empty where there is no shared data.
+// All cases with their meshes; empty without shared data.
 class QualityCases {
  public:
   QualityCases() {

@@ -1,5 +1,5 @@
-// How far kernels are from their vertices, against the outline of each part's silhouette as
-// polygons: nothing of the raster that made them.
+// Distances of kernels from their vertices, measured against each part's silhouette as polygons,
+// independent of the raster that made them.
 #pragma once
 
 #include <algorithm>
@@ -20,8 +20,8 @@ struct KernelReach {
   double cell = 0.0;      // of the part's raster, or more [m]
 };
 
-// One for each vertex that has a face which is seen; the others are left at 0. Holes of less than
-// 0.5 % of a silhouette count as filled, as missing faces do (docs/shadows.md#kernels).
+// One for each vertex with a visible face; others stay 0. Holes of less than 0.5 % of a silhouette
+// count as filled, like missing faces (docs/shadows.md#kernels).
 inline std::vector<KernelReach> kernel_reach(const ShadowMesh& mesh, const ShadowKernels& kernels) {
   const PlaneFrame plane = PlaneFrame::make(kernels.up, Eigen::Vector3d::Zero());
   const auto flat = [&plane](const glm::vec3& p) -> Eigen::Vector2d {
@@ -96,8 +96,7 @@ inline std::vector<KernelReach> kernel_reach(const ShadowMesh& mesh, const Shado
   return all;
 }
 
-// |x - k| <= 1.5 r plus one cell (docs/shadows.md#kernels, rule 5), where a raster says r to one
-// cell.
+// |x - k| <= 1.5 r plus one cell (docs/shadows.md#kernels, rule 5): a raster knows r to one cell.
 inline double farthest_allowed(const KernelReach& reach) {
   return 1.5 * (reach.inside + reach.cell) + reach.cell;
 }

@@ -1,4 +1,4 @@
-// Models from text in a folder of their own, and their areas.
+// Models from text in temporary folders, and their areas.
 #pragma once
 
 #include <fstream>
@@ -41,7 +41,7 @@ class ModelFolder {
   return sum;
 }
 
-// Sum of the triangles' areas, whichever way they turn [m^2].
+// Sum of the triangles' areas, for any orientation [m^2].
 [[nodiscard]] inline double area_of(const Model& model) {
   double sum = 0.0;
   for (const Mesh& mesh : model.meshes) {

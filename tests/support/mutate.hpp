@@ -12,8 +12,9 @@ namespace penumbra::test {
 
 using Random = SplitMix64;
 
-// One to four injuries, most often one: flipped bits, bytes set to telling values, pieces removed,
-// doubled, moved or zeroed, cuts. `words` are spliced in whole: what a text format finds hard.
+// Applies one to four mutations, most often one: flipped bits, special byte values, pieces removed,
+// doubled, moved or zeroed, truncation. `words` are inserted whole: tokens that are hard for a text
+// format.
 inline std::string mutated(std::string bytes, Random& random,
                            std::initializer_list<std::string_view> words = {}) {
   constexpr std::array<unsigned char, 8> kTelling{0x00, 0xFF, 0x7F, 0x80, 0x01, 0xFE, 0x20, 0x0A};
@@ -49,7 +50,7 @@ inline std::string mutated(std::string bytes, Random& random,
         break;
       default: {
         const std::string_view word = words.begin()[random.below(words.size())];
-        // Over a number or a word where there is one.
+        // Replaces a number or a word if there is one.
         const std::size_t first = bytes.find_first_of("-0123456789abcdefghijklmnopqrstuvwxyz", at);
         if (first == std::string::npos) {
           bytes.insert(at, word);

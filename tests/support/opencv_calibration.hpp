@@ -1,4 +1,4 @@
-// OpenCV's calibration on the corners that ours gets, for comparisons.
+// OpenCV's calibration with the corners of ours, for comparisons.
 #pragma once
 
 #include <Eigen/Core>
@@ -11,15 +11,15 @@
 
 namespace penumbra::test {
 
-// What a calibration says of camera and target.
+// Result of a calibration: camera and target.
 struct CameraAndBoard {
   CameraModel camera;
   std::vector<Eigen::Vector3d> board;
-  double rms_px = 0.0;  // 2-D distance, over all corners that it was given
+  double rms_px = 0.0;  // 2-D distance, over all given corners
 };
 
 // calibrateCamera with k1 k2 p1 p2 k3; `release`: calibrateCameraRO, which solves for the board too
-// (`fixed_point` stays). Every view must show every point. Nothing where OpenCV fails.
+// (`fixed_point` stays). Every view must show every point. Returns nothing if OpenCV fails.
 inline std::optional<CameraAndBoard> opencv_calibration(int width, int height,
                                                         const std::vector<Eigen::Vector3d>& board,
                                                         const std::vector<CalibrationView>& views,
@@ -76,8 +76,8 @@ inline std::vector<CalibrationView> views_of_fold(const std::vector<CalibrationV
   return chosen;
 }
 
-// RMS distance [px] of the corners of views that took no part: a fifth of them at a time is left
-// out of `calibrate` (views -> optional<CameraAndBoard>), and only their poses are fitted.
+// RMS distance [px] of the corners of held-out views: each fifth of the views is withheld from
+// `calibrate` (views -> optional<CameraAndBoard>) in turn, and only its poses are fitted.
 template <class Calibrate>
 std::optional<double> held_out_px(const std::vector<CalibrationView>& views,
                                   const Calibrate& calibrate) {

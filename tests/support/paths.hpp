@@ -1,5 +1,4 @@
-// Where tests find data: the project's own recordings, and the shared data beside the checkout
-// where there is any.
+// Paths of test data: the project's own recordings, and the shared data beside the checkout.
 #pragma once
 
 #include <cstdlib>
@@ -20,9 +19,9 @@ inline std::filesystem::path program() {
 }
 
 // The folder of shared data (recordings, vectors, real photographs): $PENUMBRA_SHARED, or ../shared
-// beside the checkout. Empty where there is none, or one that holds other things: then a test says
-// so in a line and is skipped. One that was named but is not there is an error, as a test that was
-// asked for must not pass by being skipped.
+// beside the checkout. Empty if there is none or it holds other files: tests then skip with a line.
+// A folder that $PENUMBRA_SHARED names but that does not exist is an error, because a requested
+// test must not pass by skipping.
 inline std::filesystem::path shared_dir() {
   const char* given = std::getenv("PENUMBRA_SHARED");
   const std::filesystem::path folder =
@@ -34,7 +33,7 @@ inline std::filesystem::path shared_dir() {
   return {};
 }
 
-// A folder of its own that is removed at the end of the test.
+// A temporary folder, removed at the end of the test.
 class TemporaryFolder {
  public:
   TemporaryFolder() {

@@ -1,4 +1,4 @@
-// Which points of a plane a set of triangles covers, for tests that look at single pixels.
+// Which points of a plane a set of triangles covers, for tests of single pixels.
 #pragma once
 
 #include <Eigen/Core>
@@ -8,7 +8,8 @@
 
 namespace penumbra::test {
 
-// Whether any of the triangles, three points each, has (u, v) inside it; edges do not count.
+// Returns true if one of the triangles, three points each, has (u, v) inside it; edges do not
+// count.
 inline bool covers(std::span<const PlanePoint> triangles, const Eigen::Vector2d& p) {
   const auto side = [&p](const PlanePoint& a, const PlanePoint& b) {
     return (static_cast<double>(b.u) - static_cast<double>(a.u)) *

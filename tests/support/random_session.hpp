@@ -1,4 +1,4 @@
-// Short synthetic sessions with exact truth, drawn at random: a lens, tags, a hand's motion, light.
+// Short synthetic sessions with exact truth, drawn at random: lens, tags, hand motion, light.
 // Nothing in them was chosen to suit the tracker.
 #pragma once
 
@@ -28,7 +28,7 @@ class Draw {
   explicit Draw(std::uint64_t seed) : engine_(seed) {}
   double operator()() { return static_cast<double>(engine_() >> 11U) * 0x1.0p-53; }
   double between(double low, double high) { return low + (high - low) * (*this)(); }
-  // Evenly over the ratios between them.
+  // Log-uniform between the bounds.
   double log_between(double low, double high) { return low * std::pow(high / low, (*this)()); }
   int below(int count) { return std::min(count - 1, static_cast<int>(count * (*this)())); }
 
@@ -65,7 +65,7 @@ inline CameraModel lens_camera(Lens lens, int width, int height, double focal) {
   return CameraModel::make(p).value();
 }
 
-// A value that sways about its middle.
+// A value that oscillates about its middle.
 struct Sway {
   double middle = 0.0, amplitude = 0.0, hertz = 0.0, phase = 0.0;
   [[nodiscard]] double at(double t) const {
@@ -91,15 +91,15 @@ struct Session {
   PatternRenderOptions light;
 
   [[nodiscard]] CameraPose truth(int frame) const { return motion.at(frame * frame_s); }
-  // The picture of a frame whose exposure has its middle at the frame's time, the middle row's
-  // where the camera has a rolling shutter.
+  // Renders a frame; the frame's time is the middle of its exposure (of the middle row with a
+  // rolling shutter).
   [[nodiscard]] Frame picture(PatternRenderer& renderer, int frame) const {
     const double middle = frame * frame_s;
     PatternRenderOptions options = light;
     options.seed = light.seed * 1000003U + static_cast<std::uint64_t>(frame);
     const double row_s = camera.parameters().rolling_shutter_row_s.value_or(0.0);
     const int height = camera.height();
-    const int strip = row_s > 0.0 ? 4 : height;  // rows that are read out as one
+    const int strip = row_s > 0.0 ? 4 : height;  // rows that are read out together
     GreyImage image;
     for (int row = 0; row < height; row += strip) {
       options.first_row = row;
@@ -126,7 +126,7 @@ struct Session {
   }
 
  private:
-  // Where the camera is during an exposure.
+  // Poses of the camera during an exposure.
   [[nodiscard]] std::vector<CameraPose> path_about(double middle) const {
     const CameraPose begin = motion.at(middle - 0.5 * exposure_s);
     const double moved_px =
@@ -193,7 +193,7 @@ inline std::vector<MappedTag> layout_of(Layout layout, Draw& draw) {
   return tags;
 }
 
-// How fast the hand is: 0 rests, 1 strolls, 2 hurries, 3 shakes.
+// `haste`: 0 rests, 1 strolls, 2 hurries, 3 shakes.
 inline HandMotion hand(int haste, double distance_m, double elevation, Draw& draw) {
   constexpr std::array<double, 4> kTurn = {0.0002, 0.02, 0.06, 0.022};  // [rad]
   constexpr std::array<double, 4> kShift = {0.0002, 0.015, 0.035, 0.010};
@@ -208,7 +208,7 @@ inline HandMotion hand(int haste, double distance_m, double elevation, Draw& dra
           sway(draw.between(0.0, 6.28), kTurn[h]),    sway(draw.between(-0.6, 0.6), kTurn[h])};
 }
 
-// What varies from one random session to the next, for sorting results.
+// Properties of a random session, for sorting results.
 struct SessionKind {
   Lens lens = Lens::none;
   Layout layout = Layout::sheet;
@@ -231,7 +231,7 @@ inline Session random_session(std::uint64_t seed, SessionKind& kind) {
   session.camera = CameraModel::make(p).value();
   session.tags = layout_of(kind.layout, draw);
   const double reach_m = kind.layout == Layout::one ? 0.12 : 0.25;
-  // No nearer than the overlay's cube reaches.
+  // No closer than the overlay's cube reaches.
   const double distance_m = std::max(0.34, focal * draw.log_between(1.2, 4.5) * reach_m);
   session.motion = hand(kind.haste, distance_m, radians(draw.between(20.0, 88.0)), draw);
   session.exposure_s = draw() < 0.3 ? 0.0 : draw.between(0.002, 0.025);
@@ -254,8 +254,8 @@ inline void go_near(std::uint64_t seed, Session& session) {
       std::min(session.motion.distance.amplitude, 0.1 * session.motion.distance.middle);
 }
 
-// A part of the tags, `share` of them (rounded), pushed aside together: between a twentieth of a
-// tag's side and a whole one along the table, and turned a little.
+// Displaces `share` of the tags (rounded) together: by a twentieth of a tag's side to a whole side
+// along the table, and slightly turned.
 inline std::vector<MappedTag> with_some_moved(std::uint64_t seed, std::vector<MappedTag> tags,
                                               double share) {
   Draw draw(seed * 3571U + 11U);
@@ -268,7 +268,7 @@ inline std::vector<MappedTag> with_some_moved(std::uint64_t seed, std::vector<Ma
   const Transform<frame::Table, frame::Table> push(
       Eigen::Quaterniond(Eigen::AngleAxisd(turn, Eigen::Vector3d::UnitZ())),
       by * Eigen::Vector3d(std::cos(towards), std::sin(towards), 0.0));
-  // Which ones: neighbours in the list, from a random place.
+  // Neighbours in the list, from a random place on.
   const auto first = static_cast<std::size_t>(draw.below(static_cast<int>(tags.size())));
   for (std::size_t k = 0; k < count; ++k) {
     MappedTag& tag = tags[(first + k) % tags.size()];

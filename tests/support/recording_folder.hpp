@@ -1,4 +1,4 @@
-// Small recordings of our own for tests: JPEG frames of 64x48 px in a temporary folder.
+// Small recordings for tests: JPEG frames of 64x48 px in a temporary folder.
 #pragma once
 
 #include <turbojpeg.h>
@@ -13,7 +13,7 @@
 
 namespace penumbra::test {
 
-// Always a new file: some file systems flush to the disk when one is cut and written again.
+// Creates a new file: some file systems flush a truncated file to the disk.
 inline void write_text(const std::filesystem::path& file, const std::string& text) {
   std::error_code ignored;
   std::filesystem::remove(file, ignored);
@@ -25,7 +25,7 @@ inline std::string read_bytes(const std::filesystem::path& file) {
   return {std::istreambuf_iterator<char>(stream), std::istreambuf_iterator<char>()};
 }
 
-// A flat grey picture with a pattern that tells its number.
+// A flat grey image with a pattern that encodes its number.
 inline std::string jpeg_of(int number, int width = 64, int height = 48) {
   std::vector<std::uint8_t> rgb;
   for (int y = 0; y < height; ++y) {

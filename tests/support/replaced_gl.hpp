@@ -1,12 +1,12 @@
-// An OpenGL function that does something else for a while, as a driver might.
+// Replaces an OpenGL function for a while, to simulate a driver's behaviour.
 #pragma once
 
 #include <epoxy/gl.h>
 
 namespace penumbra::test {
 
-// `place`: the function as epoxy calls it, epoxy_glUnmapBuffer say. It has been called once before:
-// the first call looks the driver's up and would end this.
+// `place`: epoxy's pointer to the function, such as epoxy_glUnmapBuffer. It must have been called
+// before: its first call looks up the driver's function and would undo the replacement.
 template <class Function>
 class ReplacedGl {
  public:

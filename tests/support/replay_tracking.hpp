@@ -1,4 +1,4 @@
-// Tracks every frame of a recording and compares with its ground truth. For tests.
+// Tracks every frame of a recording and compares with its ground truth.
 #pragma once
 
 #include <algorithm>
@@ -37,7 +37,7 @@ inline Result<std::vector<ListedFrame>> list_frames(const std::filesystem::path&
     const std::size_t second = line.find(',', first + 1);
     const auto time = parse_seconds_as_ns(line.substr(first + 1, second - first - 1));
     if (!time) return fail("{}: timestamps.csv: no time in '{}'", recording.string(), line);
-    const std::string_view file = line.substr(second + 1);  // other columns may follow
+    const std::string_view file = line.substr(second + 1);  // more columns may follow
     frames.push_back({*time, recording / std::string(file.substr(0, file.find(',')))});
   }
   return frames;
@@ -55,7 +55,7 @@ struct TrackedRecording {
   }
 };
 
-// What a recording says of itself, and its pictures in order.
+// A recording's files, and its images in order.
 struct RecordedSession {
   CameraModel camera;
   TagMap tags;
@@ -93,7 +93,7 @@ class TrackingTrial {
 
   void add(const Frame& frame) {
     TrackedFrame t = tracker_.track(frame);
-    t.frame = {};  // not all pictures at once
+    t.frame = {};  // frees the image
     ++result_.count[static_cast<std::size_t>(t.pose.status)];
     const StampedPose* true_pose = session_->truth.at(frame.timestamp_ns);
     double error = -1.0;
@@ -123,7 +123,7 @@ class TrackingTrial {
   Trajectory tracked_;
 };
 
-// `every`: of the frames only each so many.
+// `every`: tracks each n-th frame only.
 inline Result<TrackedRecording> track_recording(const std::filesystem::path& recording,
                                                 const TrackerOptions& options = {},
                                                 std::size_t every = 1) {

@@ -1,4 +1,4 @@
-// Runs a program as a person would: arguments in, exit code and both outputs back.
+// Runs a program: arguments in, exit code and both outputs back.
 #pragma once
 
 #include <fcntl.h>
@@ -19,14 +19,14 @@
 namespace penumbra::test {
 
 struct ProgramResult {
-  int exit_code = -1;  // 128 + signal where it was killed by one
+  int exit_code = -1;  // 128 + signal if a signal killed it
   std::string out;
   std::string err;
 };
 
-// `environment` entries ("NAME=value") come on top of this process's; DISPLAY and WAYLAND_DISPLAY
-// are taken away, so that no window opens. `when_started`, if given, is called with the process id
-// before anything is read.
+// `environment` entries ("NAME=value") are added to this process's; DISPLAY and WAYLAND_DISPLAY are
+// removed, so that no window opens. `when_started`, if given, is called with the process id before
+// any output is read.
 inline ProgramResult run_program(const std::filesystem::path& program,
                                  const std::vector<std::string>& arguments,
                                  const std::vector<std::string>& environment = {},

@@ -1,4 +1,4 @@
-// The program while it runs: its standard streams and its display may be taken away.
+// A running program whose standard streams and display a test may take away.
 #pragma once
 
 #include <fcntl.h>
@@ -18,11 +18,11 @@
 
 namespace penumbra::test {
 
-// A program that was started. One that still runs at the end is killed.
+// A started program. The destructor kills it if it still runs.
 class RunningProgram {
  public:
-  // `set_up` is called in the new process, before the program takes its place. Standard input,
-  // output and error are /dev/null where it changes nothing, and there is no display.
+  // `set_up` is called in the new process, before the program's exec. Standard input, output and
+  // error are /dev/null unless it changes them, and there is no display.
   explicit RunningProgram(
       const std::vector<std::string>& words, const std::function<void()>& set_up = [] {}) {
     std::vector<std::string> copies = words;
@@ -57,8 +57,7 @@ class RunningProgram {
     return waitid(P_PID, static_cast<id_t>(process_), &info, WEXITED | WNOHANG | WNOWAIT) == 0 &&
            info.si_pid == 0;
   }
-  // Waits for the end: the exit code, or 128 + signal. A program that does not end within two
-  // minutes is killed.
+  // Waits for the end; returns the exit code, or 128 + signal. Kills the program after two minutes.
   [[nodiscard]] int exit_code() {
     constexpr int kMost = 12'000;
     for (int i = 0; i < kMost && runs(); ++i) {
@@ -94,7 +93,7 @@ class VirtualDisplay {
       _exit(127);
     }
     close(ends[1]);
-    // A line: the display's number.
+    // Reads one line: the display's number.
     for (char c = 0; read(ends[0], &c, 1) == 1 && c != '\n';) name_ += c;
     close(ends[0]);
   }

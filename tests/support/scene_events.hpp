@@ -1,4 +1,4 @@
-// Reads one line of events.jsonl as a recording's file.
+// Parses one line of events.jsonl like a recording's file.
 #pragma once
 
 #include <string>

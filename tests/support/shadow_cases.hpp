@@ -20,7 +20,7 @@
 
 namespace penumbra::test {
 
-// A model of one mesh, each vertex its own source vertex.
+// A model of one mesh in which each vertex is its own source vertex.
 inline Model model_of(const std::vector<float>& xyz, const std::vector<std::uint32_t>& indices) {
   Model model;
   Mesh mesh;
@@ -43,7 +43,7 @@ struct VectorMesh {
         mesh(make_shadow_mesh(model_of(json.at("vertices").get<std::vector<float>>(),
                                        json.at("triangles").get<std::vector<std::uint32_t>>()))) {}
 
-  // The kernels given with the mesh, per vertex of the file.
+  // Kernels given with the mesh, per vertex of the file.
   [[nodiscard]] std::vector<Eigen::Vector3d> given_kernels(const std::string& name) const {
     const auto xyz = json.at("kernels").at(name).get<std::vector<double>>();
     std::vector<Eigen::Vector3d> kernels;
@@ -68,7 +68,8 @@ inline Eigen::Vector2d point_from(const nlohmann::json& pair) {
 
 using Ring = std::vector<Eigen::Vector2d>;  // closed, plane coordinates [m]
 
-// The rings of {"outer": [[u, v], ...], "holes": [...]}, as the vectors and the program write them.
+// The rings of {"outer": [[u, v], ...], "holes": [...]}, the format of the vectors and of the
+// program.
 inline std::vector<Ring> rings_from(const nlohmann::json& polygons) {
   std::vector<Ring> rings;
   const auto add = [&rings](const nlohmann::json& points) {
@@ -96,7 +97,7 @@ inline double distance_to_rings(const Eigen::Vector2d& p, const std::vector<Ring
   return least;
 }
 
-// H may be "inf": JSON has no number for it.
+// H may be "inf", because JSON has no infinity.
 inline LayeredConstants constants_from(const nlohmann::json& json) {
   const bool zenith = json.at("H").is_string();
   LayeredConstants constants =
@@ -109,8 +110,8 @@ inline LayeredConstants constants_from(const nlohmann::json& json) {
   return constants;
 }
 
-// Square bitmap of plane coordinates; a pixel is set where its centre is covered. Row 0 has the
-// lowest v.
+// Square bitmap of plane coordinates; a pixel is set if its centre is covered. Row 0 has the lowest
+// v.
 struct Mask {
   Eigen::Vector2d origin;  // corner of pixel (0, 0)
   double pixel = 0.0;      // [m]
@@ -143,7 +144,7 @@ struct Mask {
       cover_triangle(corners);
     }
   }
-  // Even-odd.
+  // Even-odd rule.
   void cover(const std::vector<Ring>& rings) {
     std::vector<Ring> in_pixels = rings;
     for (Ring& ring : in_pixels)
@@ -188,7 +189,7 @@ struct Mask {
   }
 };
 
-// Intersection over union; 1 where both are empty.
+// Intersection over union; 1 if both are empty.
 inline double iou(const std::vector<std::uint8_t>& a, const std::vector<std::uint8_t>& b) {
   std::size_t both = 0;
   std::size_t either = 0;

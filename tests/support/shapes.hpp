@@ -161,7 +161,7 @@ inline Model torus_model(int rings, int segments) {
   return shape.build();
 }
 
-// Many unconnected limbs: a trunk and `twigs` twigs, each of its own part.
+// Many unconnected limbs: a trunk and `twigs` twigs, each a separate part.
 inline Model bush_model(int twigs, int segments = 8) {
   ShapeBuilder shape;
   std::mt19937 random(11);

@@ -1,4 +1,4 @@
-// Scenes made in memory, drawn offscreen, for tests of what is drawn.
+// Scenes made in memory, drawn offscreen, for tests of drawing.
 #pragma once
 
 #include <gtest/gtest.h>
@@ -22,7 +22,7 @@
 
 namespace penumbra::test {
 
-// Flat-shaded: every triangle its own corners; with bounds and one material.
+// Flat-shaded: each triangle has its own corners; with bounds and one material.
 inline std::shared_ptr<const Model> finished(const Model& shape, const glm::vec4& color,
                                              const glm::vec3& emissive = glm::vec3(0.0F)) {
   auto model = std::make_shared<Model>();
@@ -91,7 +91,7 @@ class SceneBuilder {
   Scene scene_;
 };
 
-// From `eye` towards `target`; the picture's right is horizontal.
+// From `eye` towards `target`; the image's right is horizontal.
 inline CameraPose look_at(const Eigen::Vector3d& eye, const Eigen::Vector3d& target) {
   const Eigen::Vector3d z = (target - eye).normalized();
   Eigen::Vector3d x = z.cross(Eigen::Vector3d::UnitZ());
@@ -123,7 +123,7 @@ inline CameraModel camera_of(int width, int height, double focal,
   return CameraModel::make(p).value();
 }
 
-// Square, with a lens that bends by some pixels.
+// Square image, distorted by a few pixels.
 inline CameraModel bent_camera(int side, double focal) {
   return camera_of(side, side, focal, DistortionModel::plumb_bob,
                    {-0.28, 0.08, 0.001, -0.0008, 0.0, 0.0, 0.0, 0.0});
@@ -149,8 +149,8 @@ struct Picture {
   friend bool operator==(const Picture&, const Picture&) = default;
 };
 
-// A context and a compositor on it. One sample a pixel, also on a GPU: images are compared by
-// pixel.
+// A context and a compositor on it. One sample per pixel, also on a GPU, because images are
+// compared pixel by pixel.
 class Studio {
  public:
   Studio(std::shared_ptr<const Scene> scene, const CameraModel& camera, GlApi api = GlApi::gl33,
@@ -180,7 +180,7 @@ class Studio {
     if (!read) throw std::runtime_error(read.error().message);
     return picture;
   }
-  Picture draw_shadows(const Frame& frame, FramePlan plan) {  // objects left out
+  Picture draw_shadows(const Frame& frame, FramePlan plan) {  // draws no objects
     plan.objects.clear();
     return draw(frame, plan);
   }

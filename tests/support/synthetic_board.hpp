@@ -51,8 +51,8 @@ inline std::vector<MappedTag> board(int columns, int rows, double size_m) {
   return tags;
 }
 
-// The camera looks at `target` from `distance_m`, `elevation` above the table, from `azimuth`,
-// turned by `roll` around its axis.
+// A camera that looks at `target` from `distance_m`, at `elevation` above the table and `azimuth`,
+// turned by `roll` about its axis.
 inline CameraPose looking_at(const Eigen::Vector3d& target, double distance_m, double elevation,
                              double azimuth, double roll) {
   const Eigen::Vector3d away(std::cos(elevation) * std::cos(azimuth),
@@ -92,13 +92,13 @@ inline double corner_distance_px(const CameraModel& camera, std::span<const Mapp
   return count > 0 ? sum / count : 1e9;
 }
 
-// A pose off by a random motion in all six directions that moves the tags' corners by
+// A pose displaced by a random motion in all six directions that moves the tags' corners by
 // `distance_px` in the mean.
 inline CameraPose displaced(const CameraModel& camera, std::span<const MappedTag> tags,
                             const CameraPose& pose, double distance_px, std::mt19937_64& random) {
   std::normal_distribution<double> n(0.0, 1.0);
   Vector6d direction;
-  // Metres and radians that move the image about as much.
+  // Scales that move the image about equally, in metres and radians.
   for (int k = 0; k < 3; ++k) direction[k] = 0.6 * n(random);
   for (int k = 3; k < 6; ++k) direction[k] = n(random);
   double low = 0.0;
@@ -119,12 +119,12 @@ inline Matrix6d loose_prior(double metres, double angle) {
   return P;
 }
 
-// By how much each pixel's light [grey levels] changes with each parameter of a right perturbation
-// of T_table_camera [m, rad]: where an edge of the pattern moves across the point spread, a
-// Gaussian of lens_blur_px and the pixel's box, the jump of the light goes with it. Exact, as
-// differences of sampled pictures are not: their grain counts as information, most where a step
-// moves the picture least, and with 256 samples a pixel made the bound below a third too small. Of
-// the tags' own edges, not of the sheet's.
+// Derivative of each pixel's light [grey levels] by each parameter of a right perturbation of
+// T_table_camera [m, rad]. An edge of the pattern moves across the point spread function (a
+// Gaussian of lens_blur_px and the pixel's box), scaled by the edge's contrast. The derivative is
+// analytic: differences of sampled images contain sampling noise, which counts as information and
+// made the bound a third too small at 256 samples per pixel. It includes the tags' edges, not those
+// of the sheet.
 inline std::array<std::vector<double>, 6> light_by_pose(const CameraModel& camera,
                                                         std::span<const MappedTag> tags,
                                                         const CameraPose& pose,
@@ -151,7 +151,7 @@ inline std::array<std::vector<double>, 6> light_by_pose(const CameraModel& camer
       return Eigen::Vector3d(T_camera_table * (tag.T_table_tag * p));
     };
     for (const EdgeRun& run : pattern.runs()) {
-      constexpr int kStepsPerCell = 16;  // of some 6 px: less than half a pixel
+      constexpr int kStepsPerCell = 16;  // less than half a pixel for cells of about 6 px
       const int steps = kStepsPerCell * (run.end - run.begin);
       constexpr double kStep = 1.0 / kStepsPerCell;
       for (int i = 0; i < steps; ++i) {
@@ -161,11 +161,11 @@ inline std::array<std::vector<double>, 6> light_by_pose(const CameraModel& camer
         const Eigen::Vector2d q = camera.project_unchecked(p, &J);
         const Eigen::Vector2d tangent = J * (seen(along + 0.5 * kStep, run.position, run.vertical) -
                                              seen(along - 0.5 * kStep, run.position, run.vertical));
-        // Towards white, as long as the step.
+        // Towards white, scaled by the step's length.
         Eigen::Vector2d normal(-tangent.y(), tangent.x());
         const Eigen::Vector2d across = J * (seen(along, run.position + 1.0, run.vertical) - p);
         if ((normal.dot(across) > 0.0) != (run.polarity > 0)) normal = -normal;
-        Eigen::Matrix<double, 3, 6> moves;  // p by the perturbation
+        Eigen::Matrix<double, 3, 6> moves;  // derivative of p by the perturbation
         moves << -Eigen::Matrix3d::Identity(), skew(p);
         const Eigen::Matrix<double, 1, 6> swept = jump * normal.transpose() * J * moves;
         const int cx = static_cast<int>(std::lround(q.x()));
@@ -186,12 +186,12 @@ inline std::array<std::vector<double>, 6> light_by_pose(const CameraModel& camer
   return derivative;
 }
 
-// The Cramer-Rao bound of a pose's covariance from one picture with white noise of `noise` [grey
-// levels], each tag's gain and offset unknown.
+// The Cramer-Rao bound of a pose's covariance from one image with white noise of `noise` [grey
+// levels]; each tag's gain and offset are unknown.
 inline Matrix6d pose_bound(PatternRenderer& renderer, const CameraModel& camera,
                            std::span<const MappedTag> tags, const CameraPose& pose,
                            PatternRenderOptions options, double noise) {
-  options.samples = 256;  // of the light itself, which only says what a gain does
+  options.samples = 256;  // for the light itself, which only determines the gain
   const std::array<CameraPose, 1> centre = {pose};
   const std::vector<double> light = renderer.render_light(centre, options);
   const std::array<std::vector<double>, 6> derivative = light_by_pose(camera, tags, pose, options);
@@ -215,7 +215,7 @@ inline Matrix6d pose_bound(PatternRenderer& renderer, const CameraModel& camera,
            x <= std::min(camera.width() - 1, static_cast<int>(x1)); ++x) {
         const auto ray = camera.unproject({x, y});
         if (!ray) continue;
-        // On this tag's sheet?
+        // Is the pixel on this tag's sheet?
         const auto T_tag_camera = tag.T_table_tag.inverse() * pose;
         const Eigen::Vector3d c = T_tag_camera.translation();
         const Eigen::Vector3d d = T_tag_camera.rotation() * *ray;

@@ -1,4 +1,4 @@
-// Boards, cameras and noisy corners for tests: truth by construction.
+// Boards, cameras and noisy corners for tests with exact truth.
 #pragma once
 
 #include <cmath>
@@ -13,8 +13,8 @@
 
 namespace penumbra::test {
 
-// Looks at the table's origin from `distance`, `tilt` away from straight above, from the side that
-// `azimuth` names, rolled by `roll` about its axis [m, rad].
+// A camera that looks at the table's origin from `distance`, `tilt` away from straight above, at
+// `azimuth`, rolled by `roll` about its axis [m, rad].
 inline CameraPose looking_at_origin(double distance, double tilt, double azimuth, double roll) {
   const Eigen::Quaterniond down(0.0, 1.0, 0.0, 0.0);  // straight above, x to the right
   const Eigen::Quaterniond rotation = Eigen::AngleAxisd(azimuth, Eigen::Vector3d::UnitZ()) *

@@ -1,4 +1,4 @@
-// Lists of shadow techniques for tests, which cover a new one by themselves.
+// Lists of shadow techniques for tests, taken from the program's table.
 #pragma once
 
 #include <algorithm>
@@ -10,7 +10,7 @@
 
 namespace penumbra::test {
 
-// Returns all techniques but those given.
+// Returns all techniques except those given.
 inline std::vector<ShadowTechnique> techniques_without(
     std::initializer_list<ShadowTechnique> excluded) {
   std::vector<ShadowTechnique> techniques;
@@ -21,7 +21,7 @@ inline std::vector<ShadowTechnique> techniques_without(
   return techniques;
 }
 
-// Returns the words of --shadow but those given.
+// Returns the words of --shadow except those given.
 inline std::vector<std::string> shadow_words_without(
     std::initializer_list<ShadowTechnique> excluded) {
   std::vector<std::string> words = {"cocl"};

@@ -1,17 +1,16 @@
-// How much a test does: little in every run, all of it in a nightly campaign.
+// Sizes of tests: short in every run, long in a nightly campaign.
 #pragma once
 
 #include <cstdlib>
 
 namespace penumbra::test {
 
-// PENUMBRA_NIGHTLY in the environment asks for the long form; the tests of the nightly label set
-// it.
+// PENUMBRA_NIGHTLY in the environment selects the long form; tests with the nightly label set it.
 inline bool nightly() {
   return std::getenv("PENUMBRA_NIGHTLY") != nullptr;
 }
 
-// Instrumented code takes some ten times as long: tests that repeat runs do fewer of them.
+// Instrumented code is about ten times slower: tests that repeat runs repeat them less often.
 #if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
 inline constexpr bool kSanitized = true;
 #else

@@ -1,4 +1,4 @@
-// A square of 0.2 m that faces up, with one material and its pictures, as the bytes of a .glb.
+// A square of 0.2 m that faces up, with one material and its images, as the bytes of a .glb.
 #pragma once
 
 #include <fmt/format.h>
@@ -29,7 +29,7 @@ inline RgbaImage image_of(int width, int height,
 inline RgbaImage one_color(int r, int g, int b, int a = 255) {
   return image_of(4, 4, [=](int, int) { return std::array<int, 4>{r, g, b, a}; });
 }
-// With its alpha.
+// With alpha.
 inline std::string png_bytes(const RgbaImage& image) {
   spng_ctx* context = spng_ctx_new(SPNG_CTX_ENCODER);
   spng_set_option(context, SPNG_ENCODE_TO_BUFFER, 1);
@@ -53,15 +53,15 @@ inline std::string png_bytes(const RgbaImage& image) {
 }
 
 struct TexturedSquare {
-  std::string material;             // the fields of it
-  std::vector<std::string> images;  // coded; texture i shows image i
+  std::string material;             // JSON fields of the material
+  std::vector<std::string> images;  // encoded; texture i shows image i
   std::string samplers = "{}";
-  // At the corners, from the left one nearest to the eye on, anticlockwise: the pictures upright.
+  // For the corners, anticlockwise from the left one nearest to the eye: the images are upright.
   std::vector<std::array<float, 2>> texcoords = {{0, 1}, {1, 1}, {1, 0}, {0, 0}};
   std::vector<std::array<float, 2>> texcoords_1;
   std::vector<std::array<float, 3>> normals = std::vector<std::array<float, 3>>(4, {0, 1, 0});
   std::vector<std::array<float, 4>> tangents;
-  std::string node;  // more fields of the node
+  std::string node;  // more JSON fields of the node
 };
 
 inline std::string glb_of(const TexturedSquare& square) {

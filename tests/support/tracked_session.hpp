@@ -1,4 +1,4 @@
-// A session that is easy to track, and what is asked of every pose whatever was done to it.
+// A session that is easy to track, and checks that hold for each of its poses.
 #pragma once
 
 #include <gtest/gtest.h>
@@ -12,7 +12,7 @@
 
 namespace penumbra::test {
 
-// A sheet of 12 tags seen well, strolled over.
+// A clearly visible sheet of 12 tags; the camera strolls.
 inline Session ordinary() {
   Draw draw(5);
   Session session;
@@ -24,7 +24,7 @@ inline Session ordinary() {
   return session;
 }
 
-// How many tracked frames were off by more than four times what they expected: of many, a few are.
+// Number of tracked frames whose error exceeds four times the predicted one; a few of many do.
 struct Beyond {
   int tracked = 0, beyond = 0;
 };
@@ -45,7 +45,7 @@ inline void expect_honest(const Session& session, const PoseEstimate& pose, cons
     EXPECT_LT(error, std::max(1.0, 6.0 * pose.predicted_overlay_error_px));
   } else {
     EXPECT_FALSE(beyond) << error << " px where " << pose.predicted_overlay_error_px
-                         << " were expected";
+                         << " were predicted";
   }
   EXPECT_LT(pose.predicted_overlay_error_px, 2.0);
 }

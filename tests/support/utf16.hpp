@@ -1,4 +1,4 @@
-// Text as other editors save it.
+// Text in the encoding of other editors.
 #pragma once
 
 #include <string>
