@@ -371,7 +371,7 @@ Result<void> CameraCalibrator::check_solution(const CalibrationSolution& solutio
   if (tilt < kLeastTilt_deg) {
     return fail(
         "all {} views show the target parallel to one plane (within {:.1f} degrees), so focal "
-        "length and distance can't be told apart; tilt the target by 30 to 45 degrees in several "
+        "length and distance can't be separated; tilt the target by 30 to 45 degrees in several "
         "directions",
         views.size(), tilt);
   }
@@ -395,8 +395,8 @@ Result<void> CameraCalibrator::check_solution(const CalibrationSolution& solutio
   const double sigma_f = std::sqrt(solution.covariance(0, 0)) / solution.camera.parameters().fx;
   if (!(sigma_f < 0.2)) {
     return fail(
-        "the views leave the focal length open by {:.0f} %; tilt the target by 30 to 45 degrees in "
-        "several directions",
+        "the views determine the focal length only to {:.0f} %; tilt the target by 30 to 45 "
+        "degrees in several directions",
         sigma_f * 100.0);
   }
   return {};

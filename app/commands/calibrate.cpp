@@ -109,7 +109,7 @@ void print_summary(const CameraCalibration& calibration) {
     if (!listed[i]) continue;
     const CalibrationPicture& picture = calibration.pictures[i];
     const std::string more = *listed[i] > 0 ? fmt::format(" and {} more", *listed[i]) : "";
-    fmt::print("left out: {}{}: {}\n", picture.name, more, picture.left_out);
+    fmt::print("rejected: {}{}: {}\n", picture.name, more, picture.left_out);
   }
   fmt::print("{:<22}{:<9}{:>13}{:>17}\n", "lens", "board", "residual [px]", "held out [px]");
   for (const ModelTrial& trial : calibration.trials) {
@@ -337,13 +337,12 @@ void print_result(const CalibrateOptions& options, const Target& target,
   if (earlier) {
     const ProjectionDifference difference =
         projection_difference(calibration.solution.camera, *earlier);
-    fmt::print(
-        "differs from {} by {:.3f} px on average, {:.3f} px at most{}\n", options.compare.string(),
-        difference.mean_px, difference.largest_px,
-        difference.skipped > 0.0
-            ? fmt::format("; {:.1f} % of the image left out, which one of them does not reach",
-                          100.0 * difference.skipped)
-            : "");
+    fmt::print("differs from {} by {:.3f} px on average, {:.3f} px at most{}\n",
+               options.compare.string(), difference.mean_px, difference.largest_px,
+               difference.skipped > 0.0 ? fmt::format("; {:.1f} % of the image is not compared, "
+                                                      "because one of the lenses does not reach it",
+                                                      100.0 * difference.skipped)
+                                        : "");
   }
   fmt::print("camera: {}\n", options.output.string());
   if (!options.report.empty()) fmt::print("report: {}\n", options.report.string());
@@ -445,35 +444,35 @@ void check_options(CLI::App& command, CalibrateOptions& options) {
 }  // namespace
 
 void add_calibrate_command(CLI::App& program, ChosenCommand& chosen) {
-  CLI::App& command = add_command(
-      program, "calibrate",
-      "Find a camera's lens from pictures of a printed target, and say what it is worth",
-      "The last line is the verdict. A camera file is written whatever it says, and none where the "
-      "pictures\ncan't fix a camera.\n"
-      "A chessboard looks the same in a mirror, and its lens would be mirrored too: check that "
-      "text "
-      "in the\nimages reads the right way, or calibrate with tags.\n\n"
-      "Example:\n"
-      "  penumbra calibrate pictures --target aprilgrid.yaml --output camera.yaml --report "
-      "report.html\n"
-      "  penumbra calibrate v4l2:/dev/video0 --target target.yaml --output camera.yaml --keep "
-      "views");
+  CLI::App& command =
+      add_command(program, "calibrate",
+                  "Calibrate a camera from pictures of a printed target, and judge the result",
+                  "The last line is the verdict. The camera file is written for each verdict, but "
+                  "not if the pictures do\n"
+                  "not determine a camera.\n"
+                  "A chessboard looks the same in a mirror, and its lens would be mirrored too: "
+                  "check that text in the\n"
+                  "images reads the right way, or calibrate with tags.\n"
+                  "\n"
+                  "Example:\n"
+                  "  penumbra calibrate pictures --target aprilgrid.yaml --output camera.yaml "
+                  "--report report.html\n"
+                  "  penumbra calibrate v4l2:/dev/video0 --target target.yaml --output camera.yaml "
+                  "--keep views");
   const auto options = std::make_shared<CalibrateOptions>();
-  add_option(
-      command, "source", "SOURCE", options->source,
-      "A recording, or a folder of PNG or JPEG pictures (a camera.yaml in it is not read); or a "
-      "camera, v4l2:/dev/video0 or libcamera:0: views are taken by themselves when they say "
-      "something new. recording:FOLDER plays a recording or a folder as if it were one, every "
-      "picture, to the end")
+  add_option(command, "source", "SOURCE", options->source,
+             "A recording, or a folder of PNG or JPEG pictures (a camera.yaml in it is not read); "
+             "or a camera, v4l2:/dev/video0 or libcamera:0: views that add information are taken "
+             "automatically. recording:FOLDER plays a recording or a folder like a camera, every "
+             "picture, to the end")
       ->required();
-  add_option(
-      command, "--target", "FILE", options->target,
-      "What was printed: a tags.yaml, an aprilgrid.yaml, a chessboard.yaml, or what penumbra "
-      "target wrote")
+  add_option(command, "--target", "FILE", options->target,
+             "The printed target: a tags.yaml, an aprilgrid.yaml, a chessboard.yaml, or what "
+             "penumbra target wrote")
       ->required();
   add_option(command, "--output", "camera.yaml", options->output, "The camera's file")->required();
   add_option(command, "--report", "report.html", options->report,
-             "What the calibration rests on, as one HTML file");
+             "Report of the calibration, as one HTML file");
   std::vector<std::string> models;
   for (const DistortionModel model : kDistortionModels) models.emplace_back(short_name(model));
   const std::string model_help =
@@ -485,36 +484,37 @@ void add_calibrate_command(CLI::App& program, ChosenCommand& chosen) {
       ->capture_default_str();
   command
       .add_option("--board", options->board,
-                  "The target is rigid (as its file says), bowed, free (every corner a little "
-                  "elsewhere), or auto")
+                  "Shape of the target: rigid (as its file says), bowed, free (an offset for each "
+                  "corner), or auto")
       ->check(CLI::IsMember({"auto", "rigid", "bowed", "free"}))
       ->capture_default_str();
   command
       .add_option("--format", options->format,
-                  "Of the camera's file: ros, opencv, kalibr (lenses without k3), or auto: by its "
-                  "name (*.yml is OpenCV's, *camchain* Kalibr's)")
+                  "Format of the camera file: ros, opencv, kalibr (lenses without k3), or auto: by "
+                  "its name (*.yml is OpenCV's, *camchain* Kalibr's)")
       ->check(CLI::IsMember({"auto", "ros", "opencv", "kalibr"}))
       ->capture_default_str();
   CLI::Option* compare = add_option(command, "--compare", "FILE", options->compare,
                                     "An earlier calibration to compare with");
   add_camera_name_option(command, options->compare_name)
-      ->description("Which camera of the file of --compare, where it holds several")
+      ->description("Name of the camera in the file of --compare, if that holds several")
       ->needs(compare);
   command
       .add_option("--focus-position", options->focus_position,
-                  "Where the lens was focused, as its driver counts: kept in the file")
+                  "Focus position of the lens in the driver's units, stored in the file")
       ->check(check_number);
-  command.add_option("--views", options->views, "Most views to solve from")
+  command.add_option("--views", options->views, "Maximum number of views to solve from")
       ->check(CLI::Range(3, 1000))
       ->capture_default_str();
   add_option(command, "--keep", "FOLDER", options->capture.keep,
-             "A new folder for the views that are taken from a camera or recording:FOLDER (PNG): "
-             "calibrating from it again gives the same");
+             "A new folder for the views taken from a camera or recording:FOLDER (PNG): "
+             "calibrating from it gives the same result");
   add_off_flag(command, "--no-window", options->window,
-               "Guide on the terminal, also where there is a display");
+               "Guide on the terminal, even if there is a display");
   add_size_option(command, "WxH", options->camera.width, options->camera.height,
-                  "Of a camera's pictures");
-  command.add_option("--fps", options->camera.fps, "Of a camera")->check(CLI::Range(0.1, 1000.0));
+                  "Size of a camera's pictures");
+  command.add_option("--fps", options->camera.fps, "Frame rate of a camera")
+      ->check(CLI::Range(0.1, 1000.0));
   command
       .add_option(
           "--duration", options->capture.duration_s,

@@ -64,7 +64,7 @@ std::vector<int> ids_of(const TagSurvey& survey) {
 }
 
 void print_survey(const TagSurvey& survey, const CameraModel& given, const MapOptions& options) {
-  for (const std::string& line : survey.left_out) fmt::print("left out: {}\n", line);
+  for (const std::string& line : survey.left_out) fmt::print("rejected: {}\n", line);
   fmt::print("{:>5}{:>9}{:>11}{:>11}{:>11}{:>15}\n", "tag", "frames", "x [mm]", "y [mm]", "z [mm]",
              "1 sigma [mm]");
   for (const SurveyedTag& tag : survey.tags) {
@@ -77,8 +77,8 @@ void print_survey(const TagSurvey& survey, const CameraModel& given, const MapOp
              survey.tags.size() == 1 ? "" : "s", survey.frames_used, survey.rms_px);
   if (survey.tags_on_plane >= 3) {
     fmt::print(
-        "table: the plane through {} tags, {:.2f} mm (RMS) off it; tag {} alone is tilted by "
-        "{:.2f} degrees against it\n",
+        "table: plane fitted to {} tags, residual {:.2f} mm (RMS); the plane of tag {} alone is "
+        "tilted by {:.2f} degrees against it\n",
         survey.tags_on_plane, survey.flatness_m * 1e3, options.survey.anchor,
         degrees(survey.plane_tilt_rad));
   } else {
@@ -168,8 +168,9 @@ Result<ExitCode> run_map(const MapOptions& options) {
 
 void add_map_command(CLI::App& program, ChosenCommand& chosen) {
   CLI::App& command = add_command(
-      program, "map", "Find where loose tags lie, from a recording that sweeps over them",
-      "See every tag together with others, from several sides.\n\n"
+      program, "map", "Measure the poses of loose tags from a recording that sweeps over them",
+      "Show every tag together with others, from several sides.\n"
+      "\n"
       "Example:\n"
       "  penumbra map sweep --tag-size 0.04 --anchor 5 --output tags.yaml");
   const auto options = std::make_shared<MapOptions>();
@@ -191,14 +192,14 @@ void add_map_command(CLI::App& program, ChosenCommand& chosen) {
   add_camera_name_option(command, options->camera_name);
   command
       .add_option("--plane", options->plane,
-                  "Where z = 0 is: fitted to the tags that lie flat beside the anchor, or the "
+                  "Plane z = 0: fitted to the tags that lie flat beside the anchor, or the "
                   "anchor's own plane")
       ->check(CLI::IsMember({"fitted", "anchor"}))
       ->capture_default_str();
   add_option(command, "--refine-camera", "camera.yaml", options->refined_camera,
              "Solve for the lens too, and write it here");
   add_option(command, "--output", "tags.yaml", options->output,
-             "Where the tags are, with covariance")
+             "Poses of the tags, with covariance")
       ->required();
   command.callback([&command, options, size, sizes, &chosen] {
     claim_outputs(command, {"--output", "--refine-camera"});

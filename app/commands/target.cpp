@@ -165,8 +165,7 @@ Result<void> check_replaceable(const TargetOptions& options, const ChosenSheet& 
   const auto before = measured_before(target);
   if (!before) {
     return fail(
-        "{}: is there already and says something else; name it with --tags to replace it, or "
-        "another file",
+        "{}: exists with other content; name it with --tags to replace it, or name another file",
         target.tags.string());
   }
   if (options.measured_mm) return {};
@@ -189,7 +188,8 @@ void print_target(const TargetOptions& options, const ChosenSheet& target,
                100.0 * measured_mm / kRulerMm);
   } else {
     fmt::print(
-        "Print at 100 %. Measure the ruler: if it is not 100 mm, say so with --measured MM.\n");
+        "Print at 100 %. Measure the ruler: if it is not 100 mm, give its length with --measured "
+        "MM.\n");
   }
 }
 
@@ -222,19 +222,19 @@ Result<ExitCode> run_target(const TargetOptions& options, const ChosenSheet& tar
 }  // namespace
 
 void add_target_command(CLI::App& program, ChosenCommand& chosen) {
-  CLI::App& command =
-      add_command(program, "target",
-                  "Make a sheet to print at true scale, with the file that says what is on it",
-                  "Example:\n"
-                  "  penumbra target --output sheet.pdf --page a4\n"
-                  "  penumbra target --output sheet.pdf --page a4 --measured 99.2\n"
-                  "  penumbra target --type aprilgrid --output grid.pdf");
+  CLI::App& command = add_command(
+      program, "target", "Make a sheet to print at true scale, with the file that describes it",
+      "Example:\n"
+      "  penumbra target --output sheet.pdf --page a4\n"
+      "  penumbra target --output sheet.pdf --page a4 --measured 99.2\n"
+      "  penumbra target --type aprilgrid --output grid.pdf");
   const auto options = std::make_shared<TargetOptions>();
   add_option(command, "--output", "FILE.pdf|FILE.svg|FILE.png", options->output,
              "The sheet, at true scale")
       ->required();
-  add_option(command, "--tags", "FILE.yaml", options->tags,
-             "What lies on the sheet (default: tags.yaml, or target.yaml, beside the sheet)");
+  add_option(
+      command, "--tags", "FILE.yaml", options->tags,
+      "File that describes the sheet (default: tags.yaml, or target.yaml, beside the sheet)");
   command
       .add_option("--page", options->page,
                   "a0 to a5, letter, legal, tabloid, or WIDTHxHEIGHT in millimetres")
@@ -273,10 +273,9 @@ void add_target_command(CLI::App& program, ChosenCommand& chosen) {
   add_option(command, "--square", "METRES", options->square_m,
              "charuco, chessboard: edge of a square [m] (0.03, 0.022)")
       ->check(length_check("m", 0.001, 2.0));
-  add_option(
-      command, "--measured", "MM", options->measured_mm,
-      "What the sheet's 100 mm ruler measures on paper [mm]: scales the file, not the sheet. "
-      "Measured again, the last one counts (default: 100)")
+  add_option(command, "--measured", "MM", options->measured_mm,
+             "Length of the sheet's 100 mm ruler on paper [mm]: scales the file, not the sheet. A "
+             "new measurement replaces the last one (default: 100)")
       ->check(length_check("mm", 50.0, 200.0));
   command.callback([&command, options, &chosen] {
     claim_outputs(command, {"--output", "--tags"});

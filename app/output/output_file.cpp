@@ -422,7 +422,7 @@ Result<void> check_written_once(std::span<const fs::path> outputs,
       return !other.empty() && same_path(outputs[i], other);
     };
     if (std::ranges::any_of(inputs, is_same) || std::ranges::any_of(outputs.first(i), is_same)) {
-      return fail("{}: is named for something else too; name files of their own",
+      return fail("{}: is also named as another input or output; name a separate file for each",
                   outputs[i].string());
     }
   }

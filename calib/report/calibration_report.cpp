@@ -308,7 +308,7 @@ std::string table_volume_section(const CameraCalibration& c) {
   }
   return fmt::format(
       "<div class=\"row\"><div><h2>Over the table</h2><p class=\"note\">Corners of a 0.2 m cube on "
-      "the table, seen from {:.2f} m: one sigma of where they are drawn [px], with the pose found "
+      "the table, seen from {:.2f} m: one sigma of their projections [px], with the pose found "
       "by this lens from the tags under it.</p>{}</svg></div>"
       "<div><h2>Corners</h2><table><tr><th>on the table</th><th>pose found</th>"
       "<th>pose known</th></tr>{}</table></div></div>\n",
@@ -341,7 +341,7 @@ std::string calibration_report(const CameraCalibration& c, const ReportInput& in
       "<div class=\"row\"><div>{}</div><div><table>"
       "<tr><td>date</td><td>{}</td></tr><tr><td>target</td><td>{}</td></tr>"
       "<tr><td>views</td><td>{} of {} pictures</td></tr>"
-      "<tr><td>corners</td><td>{}, {} left out as outliers</td></tr>"
+      "<tr><td>corners</td><td>{}, {} rejected as outliers</td></tr>"
       "<tr><td>residual</td><td>{:.3f} px RMS ({:.3f} px per axis)</td></tr>"
       "<tr><td>held-out views</td><td>{}</td></tr>"
       "<tr><td>projection, 1 sigma</td><td>{:.3f} px mean, {:.3f} px at worst</td></tr>"
@@ -359,15 +359,15 @@ std::string calibration_report(const CameraCalibration& c, const ReportInput& in
   const double arrow = 12.0 / std::max(3.0 * c.solution.noise_px, 1e-6);
   html += fmt::format(
       "<div class=\"row\"><div><h2>Projection uncertainty</h2><p class=\"note\">Standard deviation "
-      "of where things are drawn [px], from the covariance of the lens and from what other lenses "
-      "say that explain the views as well; up to {} is good.</p>{}</div>"
-      "<div><h2>Coverage</h2><p class=\"note\">Every corner that was used; red: outliers. What no "
-      "corner covers is a guess.</p>{}</div></div>\n"
+      "of projected points [px], from the covariance of the lens and the differences to other "
+      "lenses that explain the views as well; up to {} is good.</p>{}</div>"
+      "<div><h2>Coverage</h2><p class=\"note\">All corners used; red: outliers. Areas without "
+      "corners are extrapolated.</p>{}</div></div>\n"
       "<div class=\"row\"><div><h2>Residuals, {:.0f} times enlarged</h2><p class=\"note\">A "
-      "pattern that neighbours share says that the lens is another.</p>{}</div>"
+      "pattern that neighbours share means that another lens model is needed.</p>{}</div>"
       "<div><h2>Histogram of residuals</h2><p class=\"note\">Both axes; red: a normal distribution "
-      "of the same spread.</p>{}<h2>Distortion</h2><p class=\"note\">How far the lens moves a "
-      "point outwards{}.</p>{}</div></div>\n",
+      "of the same spread.</p>{}<h2>Distortion</h2><p class=\"note\">Radial displacement of "
+      "a point by the lens{}.</p>{}</div></div>\n",
       kGoodProjection_px,
       heat_map(
           camera, c.uncertainty.columns, c.uncertainty.rows,

@@ -196,7 +196,8 @@ void judge(CameraCalibration& result) {
     result.advice.push_back(non_monotonic);
   }
   if (solution.shape != BoardShape::rigid)
-    result.advice.emplace_back("the target is not flat or not true: glue it on glass or a board");
+    result.advice.emplace_back(
+        "the target is not flat, or printed inaccurately: glue it on glass or a board");
 
   const double error = result.held_out_px.value_or(solution.rms_px);
   const double sigma = result.uncertainty.largest_px;
@@ -210,8 +211,7 @@ void judge(CameraCalibration& result) {
       "on average; {} are explained to {:.2f} px",
       to_string(result.grade), sigma, worst.empty() ? "" : fmt::format(" ({})", worst),
       result.uncertainty.mean_px,
-      result.held_out_px ? "views left out of the solution" : "the views, none of them left out,",
-      error);
+      result.held_out_px ? "held-out views" : "the views (none held out)", error);
   if (result.grade != CalibrationGrade::good) {
     if (error > 1.0)
       result.advice.emplace_back(

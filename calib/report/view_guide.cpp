@@ -253,7 +253,7 @@ GuideLook ViewGuide::look(ImageView luma) {
   }
   if (self.solution) {
     result.gain = self.gain_of(view.corners);
-    if (result.gain < self.options.least_gain) return because("says nothing new");
+    if (result.gain < self.options.least_gain) return because("adds no information");
   }
   result.taken = true;
   self.take(std::move(view.corners));

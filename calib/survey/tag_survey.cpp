@@ -244,7 +244,7 @@ Result<void> chain(TagGraph& graph, const SurveyInput& input, int anchor,
           "the tags' places do not settle; sweep slower, and over two or more tags at a time");
   }
   if (std::ranges::none_of(graph.cameras, [](const auto& pose) { return pose.has_value(); })) {
-    return fail("tag {} alone never tells where the camera is; come closer to it, at an angle",
+    return fail("tag {} alone never determines the camera's pose; come closer to it, at an angle",
                 anchor);
   }
   return {};
@@ -378,10 +378,10 @@ std::optional<Contradiction> contradiction_of(const TagGraph& judge, const Surve
     result.apparent = MappedTag{id, options.family, size_m, free->T_anchor_tag};
     result.words =
         sized ? fmt::format(
-                    "tag {}: looks {:.1f} mm in size, where {:.1f} mm is given; say its size "
-                    "with --sizes",
+                    "tag {}: looks {:.1f} mm in size, where {:.1f} mm is given; give its size with "
+                    "--sizes",
                     id, size_m * 1e3, nominal_m * 1e3)
-              : fmt::format("tag {}: has no size, and looks {:.1f} mm; say its size with --sizes",
+              : fmt::format("tag {}: has no size, and looks {:.1f} mm; give its size with --sizes",
                             id, size_m * 1e3);
     return result;
   }
@@ -392,9 +392,9 @@ std::optional<Contradiction> contradiction_of(const TagGraph& judge, const Surve
         moved->distance_m * 1e3, input.of[moved->frame]);
     return result;
   }
-  result.words =
-      fmt::format("tag {}: is {:.1f} px off what the others say; is it flat, and did it rest?", id,
-                  given->mean_px());
+  result.words = fmt::format(
+      "tag {}: is {:.1f} px off from where the other tags put it; is it flat, and did it rest?", id,
+      given->mean_px());
   return result;
 }
 
@@ -466,8 +466,8 @@ tl::unexpected<Error> blame(const CameraModel& camera, const SurveyInput& input,
     return fail("the anchor, {}; or choose another anchor", reported->second.words);
   }
   return fail(
-      "the tags contradict each other: did some of them move, are the sizes right, and is the "
-      "camera's file of this camera?");
+      "the tags are inconsistent: did some of them move, are the sizes right, and is the camera's "
+      "file of this camera?");
 }
 
 const SurveyedTag* find_tag(const TagSurvey& survey, int id) {
@@ -533,15 +533,15 @@ Result<TagSurvey> survey_tags(const CameraModel& camera, std::span<const SurveyF
   result.rms_px = agreement.settled.rms_px;
   if (result.rms_px > 3.0) {
     return fail(
-        "the tags contradict each other by {:.1f} px: did some of them move, are the sizes right, "
-        "and is the camera's file of this camera?",
+        "the tags are inconsistent by {:.1f} px: did some of them move, are the sizes right, and "
+        "is the camera's file of this camera?",
         result.rms_px);
   }
   PENUMBRA_TRY(const auto covariance, graph.covariance());
   Result<CameraModel> lens = graph.camera();
   if (!lens) {
     return fail(
-        "the sweep leads to no lens ({}); look at the tags from lower and from more sides, or "
+        "the sweep determines no lens ({}); look at the tags from lower and from more sides, or "
         "leave the camera as it is",
         lens.error().message);
   }
@@ -551,7 +551,7 @@ Result<TagSurvey> survey_tags(const CameraModel& camera, std::span<const SurveyF
     const double spread = std::sqrt(covariance.lens(0, 0)) / result.camera.parameters().fx;
     if (!(spread < kMostLensSpread)) {
       return fail(
-          "the sweep leaves the focal length open by {:.1f} %; look at the tags from lower and "
+          "the sweep determines the focal length only to {:.1f} %; look at the tags from lower and "
           "from more sides, or leave the camera as it is",
           spread * 100.0);
     }

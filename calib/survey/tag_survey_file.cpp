@@ -41,8 +41,8 @@ Result<std::map<int, double>> load_tag_sizes(const std::filesystem::path& file) 
       const double size =
           entry.second.IsScalar() ? parse_number(entry.second.Scalar()).value_or(0.0) : 0.0;
       if (id < 0 || id > 1'000'000 || !(size >= 0.001 && size <= 10.0)) {
-        return fail("{}: line {}: is no tag's size; give ID: METRES (0.001 to 10)", file.string(),
-                    entry.first.Mark().line + 1);
+        return fail("{}: line {}: is not a tag's size; give ID: METRES (0.001 to 10)",
+                    file.string(), entry.first.Mark().line + 1);
       }
       sizes[static_cast<int>(id)] = size;
     }

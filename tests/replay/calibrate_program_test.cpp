@@ -262,7 +262,7 @@ TEST_F(CalibrateCommand, NeverOverwritesItsInputs) {
                   "--refine-camera", grid}}) {
     const auto refused = test::run_program(test::program(), arguments);
     EXPECT_EQ(refused.exit_code, 2) << refused.err;
-    EXPECT_THAT(refused.err, HasSubstr("is named for something else too"));
+    EXPECT_THAT(refused.err, HasSubstr("is also named as another input or output"));
     EXPECT_EQ(read_text_file(grid, 1000).value(), text);
     EXPECT_FALSE(std::filesystem::exists(out));
   }
@@ -311,7 +311,7 @@ TEST_F(TargetMeasurement, CorrectsTargetFileOfEveryKind) {
     test::write_text(file, nominal + "# mine\n");
     const auto kept = print({"--measured", "99.2"});
     EXPECT_EQ(kept.exit_code, 1);
-    EXPECT_THAT(kept.err, HasSubstr("says something else"));
+    EXPECT_THAT(kept.err, HasSubstr("exists with other content"));
     EXPECT_EQ(read_text_file(file, 1 << 20).value(), nominal + "# mine\n");
   }
 }
@@ -352,8 +352,8 @@ TEST_F(CalibrateCommand, SkipsUnreadableImages) {
   const auto result =
       calibrate(pictures, source / "chessboard.yaml", {"--model", "plumb_bob", "--board", "rigid"});
   ASSERT_EQ(result.exit_code, 0) << result.err;
-  EXPECT_THAT(result.out, HasSubstr("left out: 000002.png"));
-  EXPECT_THAT(result.out, HasSubstr("left out: 000007.png"));
+  EXPECT_THAT(result.out, HasSubstr("rejected: 000002.png"));
+  EXPECT_THAT(result.out, HasSubstr("rejected: 000007.png"));
   EXPECT_THAT(result.out, HasSubstr("of 12 pictures"));
 }
 

@@ -238,7 +238,7 @@ TEST_F(TagSurveyTest, ReportsSizeOfTagWithoutGivenSize) {
   ASSERT_TRUE(survey) << survey.error().message;
   EXPECT_EQ(survey->tags.size(), 5U);
   EXPECT_THAT(survey->left_out,
-              testing::ElementsAre("tag 5: has no size, and looks 45.0 mm; say its size with "
+              testing::ElementsAre("tag 5: has no size, and looks 45.0 mm; give its size with "
                                    "--sizes"));
 }
 
