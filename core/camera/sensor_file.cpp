@@ -34,7 +34,7 @@ Result<CameraModel> read_sensor(const YamlFields& fields) {
                fields.numbers("distortion_coefficients", 4, "give the model's 4 coefficients"));
   for (const double side : resolution) {
     if (side != std::floor(side) || side < 1.0 || side > 32768.0) {
-      return fail("{}: {} is no number of pixels from 1 to 32768", fields.place_of("resolution"),
+      return fail("{}: {} is not a number of pixels from 1 to 32768", fields.place_of("resolution"),
                   side);
     }
   }
@@ -59,7 +59,7 @@ Result<Transform<frame::Body, frame::Sensor>> read_mounting(const YamlFields& fi
   const bool rigid = (R * R.transpose() - Eigen::Matrix3d::Identity()).norm() <= kRounding &&
                      R.determinant() > 0.0 &&
                      (T.row(3) - Eigen::RowVector4d(0.0, 0.0, 0.0, 1.0)).norm() <= kRounding;
-  if (!rigid) return fail("{}: is no rigid transform; {}", matrix.place_of("data"), kMatrix);
+  if (!rigid) return fail("{}: is not a rigid transform; {}", matrix.place_of("data"), kMatrix);
   return Transform<frame::Body, frame::Sensor>(R, T.topRightCorner<3, 1>());
 }
 

@@ -45,7 +45,7 @@ Result<MappedTag> read_tag(const YamlFields& fields) {
   PENUMBRA_TRY(const std::vector<double> q, fields.numbers("quaternion_xyzw", 4, kRotation));
   const Eigen::Quaterniond rotation(q[3], q[0], q[1], q[2]);
   if (!(std::abs(rotation.norm() - 1.0) <= 1e-3)) {
-    return fail("{}: has length {:.6g}, so it is no rotation; {}",
+    return fail("{}: has length {:.6g}, so it is not a rotation; {}",
                 fields.place_of("quaternion_xyzw"), rotation.norm(), kRotation);
   }
   tag.T_table_tag = Transform<frame::Table, frame::Tag>(
@@ -150,7 +150,7 @@ Result<TagMap> TagMap::make(std::vector<MappedTag> tags) {
     }
     if (!tag.T_table_tag.is_finite() ||
         tag.T_table_tag.translation().cwiseAbs().maxCoeff() > kLargest) {
-      return fail("{}: position, quaternion_xyzw: are no place in the table frame; give metres",
+      return fail("{}: position, quaternion_xyzw: are not a pose in the table frame; give metres",
                   place);
     }
     if (const auto [where, added] = map.index_.emplace(std::pair(tag.family, tag.id), i); !added) {
@@ -181,11 +181,11 @@ Result<TagMap> load_tag_map(const std::filesystem::path& file) {
     constexpr const char* kRemedy =
         "list the tags as {id, family, size_m, position, quaternion_xyzw}";
     PENUMBRA_TRY(const YAML::Node list, fields.node("tags", kRemedy));
-    if (!list.IsSequence()) return fail("{}: is no list; {}", fields.place_of("tags"), kRemedy);
+    if (!list.IsSequence()) return fail("{}: is not a list; {}", fields.place_of("tags"), kRemedy);
     std::vector<MappedTag> tags;
     for (const YAML::Node& item : list) {
       const std::string place = fmt::format("{}: tags[{}]", file.string(), tags.size());
-      if (!item.IsMap()) return fail("{}: is no map; {}", place, kRemedy);
+      if (!item.IsMap()) return fail("{}: is not a map; {}", place, kRemedy);
       PENUMBRA_TRY(tags.emplace_back(), read_tag(YamlFields(item, place)));
     }
     return with_place(file.string(), TagMap::make(std::move(tags)));

@@ -31,8 +31,8 @@ struct RejectionEntry {
 // In the order of TagRejection.
 constexpr std::array kRejectionTable = {
     RejectionEntry{"tags_left_out",
-                   "tag {0} does not lie where {1} has it: left out of {2} frames (measure it, or "
-                   "make a map: penumbra map)"},
+                   "tag {0} is inconsistent with {1}: rejected in {2} frames (measure it again, or "
+                   "make a new map: penumbra map)"},
 };
 static_assert(kRejectionTable.size() == kTagRejections);
 

@@ -27,21 +27,22 @@ Result<CameraPose> parse_placement(const PoseFields& fields) {
   for (std::size_t i = 1; i < fields.size(); ++i) {
     const std::optional<double> value = parse_number(fields[i]);
     if (!value || !std::isfinite(*value)) {
-      return fail("{}: '{}' is no finite number; leave out frames that have no pose", kColumns[i],
-                  fields[i]);
+      return fail("{}: '{}' is not a finite number; leave out frames that have no pose",
+                  kColumns[i], fields[i]);
     }
     constexpr double kFarthest_m = 1e9;  // a larger position has another unit
     if (i <= 3 && std::abs(*value) > kFarthest_m) {
-      return fail("{}: {} is no position in metres; give metres in the table's frame", kColumns[i],
-                  fields[i]);
+      return fail("{}: {} is not a position in metres; give metres in the table's frame",
+                  kColumns[i], fields[i]);
     }
     values[i] = *value;
   }
   const Eigen::Quaterniond rotation(values[7], values[4], values[5], values[6]);
   const double norm = rotation.norm();
   if (!(std::abs(norm - 1.0) <= 1e-3)) {
-    return fail("qx qy qz qw: the quaternion has length {:.6g}, so it is no rotation; it must be 1",
-                norm);
+    return fail(
+        "qx qy qz qw: the quaternion has length {:.6g}, so it is not a rotation; it must be 1",
+        norm);
   }
   return CameraPose(rotation, Eigen::Vector3d(values[1], values[2], values[3]));
 }
@@ -58,7 +59,7 @@ tl::unexpected<Error> fail_with_time(std::string_view text) {
     return fail("timestamp: {} is too large for seconds, by its size it is {}; divide by {}", text,
                 unit, factor);
   }
-  return fail("timestamp: '{}' is no time; give it in seconds, as a decimal number", text);
+  return fail("timestamp: '{}' is not a time; give it in seconds, as a decimal number", text);
 }
 
 // Reads "timestamp tx ty tz qx qy qz qw". The caller adds the place to errors.
@@ -133,7 +134,7 @@ Result<StampedPose> parse_euroc_pose(std::string_view text, bool w_last) {
   const std::optional<std::int64_t> time = parse_whole_ns(row[0]);
   if (!time) {
     return fail(
-        "timestamp: '{}' is no whole number of nanoseconds, as EuRoC's files have; for times in "
+        "timestamp: '{}' is not a whole number of nanoseconds, as EuRoC's files have; for times in "
         "seconds write a TUM file, with blanks between the values",
         row[0]);
   }

@@ -82,7 +82,7 @@ Result<YAML::Node> parse_yaml_map(const std::string& text, const std::string& na
   try {
     YAML::Node root = YAML::Load(without_version(text));
     if (!root.IsMap()) {
-      return fail("{}: is no YAML map; it must hold lines of the form `name: value`", name);
+      return fail("{}: is not a YAML map; it must hold lines of the form `name: value`", name);
     }
     if (const auto problem = DocumentCheck().problem(root)) return fail("{}: {}", name, *problem);
     return root;
@@ -132,7 +132,7 @@ Result<double> YamlFields::number(const std::string& key, const char* remedy) co
   const std::optional<double> value =
       found.IsScalar() ? parse_number(found.Scalar()) : std::nullopt;
   if (!value || !std::isfinite(*value))
-    return fail("{}: {} is no finite number; {}", place_of(key), shown(found), remedy);
+    return fail("{}: {} is not a finite number; {}", place_of(key), shown(found), remedy);
   return *value;
 }
 
@@ -149,26 +149,26 @@ Result<int> YamlFields::integer(const std::string& key, const char* remedy) cons
       found.IsScalar() ? parse_integer(found.Scalar()) : std::nullopt;
   if (!value || *value < std::numeric_limits<int>::min() ||
       *value > std::numeric_limits<int>::max())
-    return fail("{}: {} is no whole number; {}", place_of(key), shown(found), remedy);
+    return fail("{}: {} is not a whole number; {}", place_of(key), shown(found), remedy);
   return static_cast<int>(*value);
 }
 
 Result<std::string> YamlFields::text(const std::string& key, const char* remedy) const {
   PENUMBRA_TRY(const YAML::Node found, node(key, remedy));
   if (!found.IsScalar() || found.Scalar().empty())
-    return fail("{}: {} is no text; {}", place_of(key), shown(found), remedy);
+    return fail("{}: {} is not text; {}", place_of(key), shown(found), remedy);
   return found.Scalar();
 }
 
 Result<std::vector<double>> YamlFields::numbers(const std::string& key, const char* remedy) const {
   PENUMBRA_TRY(const YAML::Node found, node(key, remedy));
-  if (!found.IsSequence()) return fail("{}: is no list of numbers; {}", place_of(key), remedy);
+  if (!found.IsSequence()) return fail("{}: is not a list of numbers; {}", place_of(key), remedy);
   std::vector<double> values;
   for (const YAML::Node& item : found) {
     const std::optional<double> value =
         item.IsScalar() ? parse_number(item.Scalar()) : std::nullopt;
     if (!value || !std::isfinite(*value)) {
-      return fail("{}: value {} is {}, no finite number; {}", place_of(key), values.size() + 1,
+      return fail("{}: value {} is {}, not a finite number; {}", place_of(key), values.size() + 1,
                   shown(item), remedy);
     }
     values.push_back(*value);
@@ -186,7 +186,7 @@ Result<std::vector<double>> YamlFields::numbers(const std::string& key, std::siz
 
 Result<YamlFields> YamlFields::fields(const std::string& key, const char* remedy) const {
   PENUMBRA_TRY(const YAML::Node found, node(key, remedy));
-  if (!found.IsMap()) return fail("{}: is no map; {}", place_of(key), remedy);
+  if (!found.IsMap()) return fail("{}: is not a map; {}", place_of(key), remedy);
   return YamlFields(found, fmt::format("{}: {}", place_, key));
 }
 

@@ -136,7 +136,7 @@ TEST(RosCameraInfo, RejectsCoefficientsOfOtherModelsByName) {
   EXPECT_THAT(error_of(ros_text("distortion_model: plumb_bob\n", "[1, 2]")),
               HasSubstr("0, 4, 5, 8, 12 or 14"));
   EXPECT_THAT(error_of(ros_text("distortion_model: plumb_bob\n", "[.nan, 0, 0, 0, 0]")),
-              HasSubstr("no finite number"));
+              HasSubstr("not a finite number"));
 }
 
 constexpr const char* kMessageEnd =
@@ -294,7 +294,7 @@ TEST(OpenCvFile, IsRejectedInOneLineWhenXmlIsDamaged) {
   EXPECT_THAT(error_of("<opencv_storage></opencv_storage>"), HasSubstr("no named values"));
   EXPECT_THAT(error_of("<opencv_storage><a>1</a><a>2</a></opencv_storage>"), HasSubstr("twice"));
   EXPECT_THAT(error_of("<"), HasSubstr("XML"));
-  EXPECT_THAT(error_of(opencv_xml("0.1 much 0 0 0")), HasSubstr("no finite number"));
+  EXPECT_THAT(error_of(opencv_xml("0.1 much 0 0 0")), HasSubstr("not a finite number"));
   std::string deep = "<opencv_storage>";
   for (int i = 0; i < 100'000; ++i) deep += "<a>";
   EXPECT_THAT(error_of(deep), HasSubstr("XML"));

@@ -24,8 +24,8 @@ TEST(PoseReason, HasTextOfItsCause) {
 TEST(TagRejection, HasKeyAndLineOfReport) {
   EXPECT_EQ(key_of(TagRejection::inconsistent), "tags_left_out");
   EXPECT_EQ(text_of(TagRejection::inconsistent, "41", "the map", 2),
-            "tag 41 does not lie where the map has it: left out of 2 frames (measure it, or make a "
-            "map: penumbra map)");
+            "tag 41 is inconsistent with the map: rejected in 2 frames (measure it again, or make "
+            "a new map: penumbra map)");
 }
 
 }  // namespace

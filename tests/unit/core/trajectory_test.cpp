@@ -101,8 +101,8 @@ TEST_F(TrajectoryFile, ReadsEurocGroundtruth) {
 
 TEST_F(TrajectoryFile, RejectsOtherCsvFilesByName) {
   refuses("1403636580838555648,4.5,-1.8,0.75\n", "has 4 values between commas");
-  refuses("1.25,4.5,-1.8,0.75,1,0,0,0\n", "no whole number of nanoseconds");
-  refuses("1,4.5,-1.8,0.75,0.6,0.6,0,0\n", "no rotation");
+  refuses("1.25,4.5,-1.8,0.75,1,0,0,0\n", "not a whole number of nanoseconds");
+  refuses("1,4.5,-1.8,0.75,0.6,0.6,0,0\n", "not a rotation");
   refuses("1,4.5,nan,0.75,1,0,0,0\n", "ty");
   refuses("5,0,0,1,1,0,0,0\n5,0,0,1,1,0,0,0\n", "timestamps must increase");
   refuses("1e99999999999,0,0,1,1,0,0,0\n", "nanoseconds");
