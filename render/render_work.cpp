@@ -63,9 +63,8 @@ ReasonEntry entry_of(SkipReason reason) {
       return {"umbra_vanished", Subject::object, "{0}: above the umbra's height"};
     case SkipReason::mask_impossible:
       return {"mask_impossible", Subject::plane,
-              "{0}: layers are drawn directly and not as a mask, for it can't be told which way "
-              "{1}'s faces "
-              "turn",
+              "{0}: layers are drawn directly and not as a mask, because the orientation of {1}'s "
+              "faces is ambiguous",
               Subject::object};
     case SkipReason::field_too_coarse:
       return {"field_too_coarse", Subject::object,

@@ -243,7 +243,7 @@ Result<GroupTracker> GroupTracker::create(const CameraModel& camera, const TagMa
   }
   if (!table) {
     return fail(
-        "tag map: no tag belongs to the group 'table', so nothing says where the table is; leave "
+        "tag map: no tag belongs to the group 'table', so the table's pose is not defined; leave "
         "out `group` for the tags that are fixed to it");
   }
   const std::optional<double>& tone_curve = camera.parameters().tone_curve;

@@ -47,12 +47,12 @@ std::string gl_error_text(unsigned code) {
     case GL_OUT_OF_MEMORY:
       return "the graphics driver is out of memory; use a smaller picture or smaller models";
     case GL_CONTEXT_LOST:
-      return "the graphics driver was reset and has lost all that it was given; start again";
+      return "the graphics driver was reset and lost its data; start again";
     case GL_INVALID_ENUM:
     case GL_INVALID_VALUE:
     case GL_INVALID_OPERATION:
     case GL_INVALID_FRAMEBUFFER_OPERATION:
-      return fmt::format("the graphics driver refuses what it is asked to do (error {:#x})", code);
+      return fmt::format("the graphics driver refuses a command (error {:#x})", code);
     default:
       return fmt::format("the graphics driver reports error {:#x}", code);
   }

@@ -17,7 +17,7 @@ bool has_extension(const char* extensions, const char* name) {
 
 std::string_view egl_error_name(EGLint error) {
   constexpr std::pair<EGLint, std::string_view> kNames[] = {
-      {EGL_SUCCESS, "no error said"},     {EGL_NOT_INITIALIZED, "EGL_NOT_INITIALIZED"},
+      {EGL_SUCCESS, "no error given"},    {EGL_NOT_INITIALIZED, "EGL_NOT_INITIALIZED"},
       {EGL_BAD_ALLOC, "EGL_BAD_ALLOC"},   {EGL_BAD_ATTRIBUTE, "EGL_BAD_ATTRIBUTE"},
       {EGL_BAD_CONFIG, "EGL_BAD_CONFIG"}, {EGL_BAD_MATCH, "EGL_BAD_MATCH"}};
   for (const auto& [code, name] : kNames) {

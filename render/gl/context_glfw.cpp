@@ -14,7 +14,7 @@ namespace {
 std::string last_glfw_error() {
   const char* text = nullptr;
   glfwGetError(&text);
-  return text != nullptr ? text : "no cause said";
+  return text != nullptr ? text : "no cause given";
 }
 
 class GlfwContext final : public GlContext {

@@ -31,8 +31,8 @@ void check_stored_kernels(Model& model, const std::string& geometry, const std::
                           const ModelLimits& limits) {
   const auto drop = [&](std::string_view cause) {
     drop_kernels(model);
-    model.warnings.push_back(
-        fmt::format("{}: its stored shadow kernels are not used and made anew: {}", name, cause));
+    model.warnings.push_back(fmt::format(
+        "{}: its stored shadow kernels are not used but computed again: {}", name, cause));
   };
   bool complete = true;
   bool finite = is_finite(*model.shadow_kernel_up);

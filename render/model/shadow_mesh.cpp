@@ -430,9 +430,8 @@ std::optional<std::string> warning_of_lost_faces(const Model& model, const std::
         faces, remedy);
   }
   return fmt::format(
-      "{}: {} of its {} faces cast no shadow: their parts are smaller than {:.2g} m, "
-      "the least that is told apart in this model; take away what lies far from the "
-      "rest, or make them larger",
+      "{}: {} of its {} faces cast no shadow: their parts are smaller than {:.2g} m, the "
+      "resolution of this model's shadow; remove what lies far from the rest, or make them larger",
       file, lost, faces, distance);
 }
 

@@ -299,7 +299,7 @@ Result<void> SceneReader::read_casting(const Entry& from, SceneObject& object) {
     if (model.shadow_kernel_up &&
         !stored_kernels_fit(model, make_shadow_mesh(model, object.groups), object.groups)) {
       warn(group->place,
-           "the model's stored shadow kernels are for other parts; they are made anew");
+           "the model's stored shadow kernels are for other parts; they are computed again");
     }
   }
   const auto proxy = from.find("proxy");
@@ -474,7 +474,8 @@ Result<void> SceneReader::read_light(const Entry& from) {
   }
   const auto animation = from.find("animation");
   if (kind == "sun" && animation) {
-    return animation->fault("the sun goes its own way; give hours_per_s in its place");
+    return animation->fault(
+        "the sun's direction comes from its time; give hours_per_s in place of an animation");
   }
   light.kind = kind == "point" ? SceneLight::Kind::point : SceneLight::Kind::directional;
   light.position = vector_or(from.value, "position", light.position);
@@ -585,11 +586,10 @@ void SceneReader::warn_of_lights() {
   for (const auto& [plane, lights] : lights_on) {
     if (lights.size() <= kMaxHardLights) continue;
     warn("/shadows",
-         fmt::format(
-             "{} lights throw projected shadows onto \"{}\", which shows those of {}; the others' "
-             "are left out: name fewer of them, or take the technique \"volume\"",
-             lights.size(), shortened(scene_.planes[static_cast<std::size_t>(plane)].name),
-             kMaxHardLights));
+         fmt::format("{} lights throw projected shadows onto \"{}\", which shows those of {}; the "
+                     "others' are skipped: name fewer of them, or take the technique \"volume\"",
+                     lights.size(), shortened(scene_.planes[static_cast<std::size_t>(plane)].name),
+                     kMaxHardLights));
   }
 }
 

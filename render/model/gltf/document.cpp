@@ -362,7 +362,7 @@ Result<Document> parse_document(const std::string& name, std::string_view text) 
   } catch (const Json::exception& error) {
     return fail("{}: is not glTF 2.0: {}", name, first_line(error.what()));
   }
-  if (!root.is_object()) return fail("{}: is not glTF 2.0: its JSON is no object", name);
+  if (!root.is_object()) return fail("{}: is not glTF 2.0: its JSON is not an object", name);
   if (const std::optional<std::string> version = other_version(root)) {
     return fail("{}: asset: version is '{}'; only glTF 2.0 is read, export it as that", name,
                 *version);

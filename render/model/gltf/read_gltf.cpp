@@ -207,7 +207,7 @@ void Reader::take_kernels(const tinygltf::Value& extras, const Eigen::Matrix3d& 
   direction = (linear * direction).stableNormalized();
   if (!usable || !direction.allFinite() || !(direction.norm() > 0.5)) {
     model_.warnings.push_back(fmt::format(
-        "{}: {} is no direction; its stored shadow kernels are not used", what, kKernelUpKey));
+        "{}: {} is not a direction; its stored shadow kernels are not used", what, kKernelUpKey));
     return;
   }
   const glm::vec3 turned = to_glm(direction);
@@ -228,7 +228,7 @@ void Reader::take_kernels(const tinygltf::Value& extras, const Eigen::Matrix3d& 
     if (group.IsString()) names.push_back(group.Get<std::string>());
   }
   if (!groups.IsArray() || names.size() != groups.ArrayLen() || names.size() > kMaxGroups) {
-    model_.warnings.push_back(fmt::format("{}: {} is no list of names; its parts are not joined",
+    model_.warnings.push_back(fmt::format("{}: {} is not a list of names; its parts are not joined",
                                           what, kKernelGroupsKey));
     return;
   }

@@ -7,7 +7,7 @@
 #include <nlohmann/json.hpp>
 #include <numbers>
 #include <optional>
-#include <tuple>
+#include <utility>
 
 #include "core/propagate.hpp"
 #include "core/text/text.hpp"
@@ -101,13 +101,12 @@ Result<KernelFile> load_kernel_file(const std::filesystem::path& file) {
     }
     result.up.stableNormalize();
   }
-  for (const auto& [key, value, again] :
-       {std::tuple("geometry", &result.geometry, "anew"),
-        std::tuple("vertex_order", &result.vertex_order, "again")}) {
+  for (const auto& [key, value] :
+       {std::pair("geometry", &result.geometry), std::pair("vertex_order", &result.vertex_order)}) {
     const auto text_of_key = json.find(key);
     if (text_of_key == json.end()) continue;
     if (!text_of_key->is_string())
-      return fail("{}: {}: is not a text; leave it out or make the file {}", name, key, again);
+      return fail("{}: {}: is not a text; leave it out or make the file again", name, key);
     *value = text_of_key->get<std::string>();
   }
   const auto groups = json.find("groups");
@@ -115,7 +114,7 @@ Result<KernelFile> load_kernel_file(const std::filesystem::path& file) {
     const auto is_text = [](const nlohmann::json& group) { return group.is_string(); };
     if (!groups->is_array() || groups->size() > kMaxGroups ||
         !std::all_of(groups->begin(), groups->end(), is_text)) {
-      return fail("{}: groups: is not a list of names; leave it out or make the file anew", name);
+      return fail("{}: groups: is not a list of names; leave it out or make the file again", name);
     }
     result.groups = groups->get<std::vector<std::string>>();
   }
@@ -144,14 +143,14 @@ std::string kernel_file_json(const KernelFile& kernels) {
 Result<bool> attach_kernels(Model& model, const KernelFile& kernels, const std::string& file) {
   if (kernels.kernels.size() != model.source_vertex_count) {
     return fail(
-        "{}: kernels: has {} triples, the model \"{}\" has {} vertices; make it anew with "
+        "{}: kernels: has {} triples, the model \"{}\" has {} vertices; make it again with "
         "penumbra kernels",
         file, kernels.kernels.size(), model.name, model.source_vertex_count);
   }
   if (!is_for(kernels, model)) {
     model.warnings.push_back(
-        fmt::format("{}: was made before the model \"{}\" changed; its kernels are made anew", file,
-                    model.name));
+        fmt::format("{}: was made before the model \"{}\" changed; its kernels are computed again",
+                    file, model.name));
     // Their source and groups stay valid.
     model.shadow_kernel_geometry = kernels.geometry;
     model.shadow_kernel_groups = kernels.groups;
@@ -190,7 +189,7 @@ Result<void> give_kernels(Scene& scene, const KernelFile& kernels, const std::st
   });
   if (casters.empty()) {
     return fail(
-        "{}: kernels: has {} triples, and no caster of {} has as many vertices ({}); make it anew "
+        "{}: kernels: has {} triples, and no caster of {} has as many vertices ({}); make it again "
         "with penumbra kernels",
         file, kernels.kernels.size(), scene.file, counts.empty() ? "there is none" : counts);
   }
@@ -210,7 +209,7 @@ Result<void> give_kernels(Scene& scene, const KernelFile& kernels, const std::st
       if (object.groups.empty() || !object.casts_shadow) continue;
       if (!stored_kernels_fit(*changed, make_shadow_mesh(*changed, object.groups), object.groups)) {
         scene.warnings.push_back(fmt::format(
-            "{}: was made for other parts than the group of \"{}\"; its kernels are made anew",
+            "{}: was made for other parts than the group of \"{}\"; its kernels are computed again",
             file, object.name));
       }
     }
