@@ -41,7 +41,7 @@ std::optional<std::string> unknown_command(const CLI::App& program) {
   for (const CLI::App* command : program.get_subcommands(nullptr)) {
     known += (known.empty() ? "" : ", ") + command->get_name();
   }
-  return fmt::format("'{}' is no command; known: {}", words.front(), known);
+  return fmt::format("'{}' is not a command; known: {}", words.front(), known);
 }
 
 // The message for an unknown option of the program or its command, with the nearest known one;
@@ -91,7 +91,7 @@ std::optional<std::string> meaningless_option(const CLI::App& program) {
       for (const std::string& value : values) {
         char* end = nullptr;
         if (std::isnan(std::strtod(value.c_str(), &end)) && *end == '\0') {
-          return fmt::format("{}: {} is no number", option->get_name(), value);
+          return fmt::format("{}: {} is not a number", option->get_name(), value);
         }
       }
     }

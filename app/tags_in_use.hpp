@@ -23,8 +23,8 @@ void print_tags(const TagsInUse& tags);
 
 // Remedy for a missing tag map, the end of a message.
 inline constexpr std::string_view kNameATagMap =
-    "name what lies on the table with --tags FILE (penumbra target writes such a file with the "
-    "sheet, penumbra map measures one)";
+    "name the tag map with --tags FILE (penumbra target writes one with the sheet, penumbra map "
+    "measures one)";
 
 // Loads the camera `name` of a file and logs its warnings, as load_camera_file().
 [[nodiscard]] Result<CameraModel> load_chosen_camera(const std::filesystem::path& file,

@@ -55,7 +55,7 @@ void add_demo_command(CLI::App& program, ChosenCommand& chosen) {
       ->default_str(options->request.output->string());
   add_shadow_options(command, options->shadow);
   add_off_flag(command, "--no-window", options->request.window,
-               "Offscreen, also where there is a display");
+               "Offscreen, even if there is a display");
   command.callback([&command, options, &chosen] {
     take_run_options(command, options->shadow, options->request);
     chosen = [options] { return demo(*options); };

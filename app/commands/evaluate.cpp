@@ -160,7 +160,7 @@ void add_evaluate_command(CLI::App& program, ChosenCommand& chosen) {
              "True camera poses, or EuRoC's data.csv")
       ->required();
   add_option(command, "--camera", "camera.yaml", options->camera,
-             "Camera model: what the overlay error is seen by")
+             "Camera model for the overlay error")
       ->required();
   add_camera_name_option(command, options->camera_name);
   CLI::Option* tags = add_option(command, "--tags", "tags.yaml", options->tags,

@@ -40,7 +40,7 @@ Eigen::Vector3d direction_from(const std::string& text) {
   const Eigen::Vector3d direction =
       numbers.size() == 3 ? Eigen::Vector3d(numbers.data()) : Eigen::Vector3d::Zero();
   if (!direction.allFinite() || !(direction.stableNorm() > 0.0)) {
-    usage_error("--up", "{}: is no direction x,y,z", text);
+    usage_error("--up", "{}: is not a direction x,y,z", text);
   }
   return direction.stableNormalized();
 }
@@ -127,7 +127,7 @@ Result<ExitCode> run_kernels(const KernelsOptions& options) {
 void add_kernels_command(CLI::App& program, ChosenCommand& chosen) {
   CLI::App& command =
       add_command(program, "kernels",
-                  "Compute the shadow kernels of a model and keep them, in a file or in the model",
+                  "Compute the shadow kernels of a model and store them in a file or in the model",
                   "Example:\n"
                   "  penumbra kernels helicopter.glb --output helicopter_kernels.glb\n"
                   "  penumbra kernels helicopter.glb --up 0,0.2,1 --output kernels.json\n"
@@ -161,7 +161,8 @@ void add_kernels_command(CLI::App& program, ChosenCommand& chosen) {
     claim_outputs(command, {"--output"});
     const std::string extension = lower_extension(options->output);
     if (extension != ".json" && extension != ".glb" && !is_stream(options->output)) {
-      usage_error("--output", "{}: is no .json or .glb", options->output.string());
+      usage_error("--output", "{}: is neither .json nor .glb; choose one of them",
+                  options->output.string());
     }
     options->glb = extension == ".glb";
     chosen = [options] { return run_kernels(*options); };

@@ -55,7 +55,7 @@ void add_automatic_option(CLI::App& command, const std::string& name, const std:
 std::string check_control(const std::string& text) {
   constexpr double kMost = 1e6;
   const auto number = parse_number(text);
-  if (!number) return fmt::format("{}: is no number", text);
+  if (!number) return fmt::format("{}: is not a number", text);
   if (!(std::abs(*number) <= kMost)) {
     return fmt::format("{}: is out of range; no camera has more than {:.0f} steps", text, kMost);
   }
@@ -73,8 +73,8 @@ void add_camera_options(CLI::App& command, CameraRequest& camera) {
   add_size_option(command, "WIDTHxHEIGHT", camera.width, camera.height,
                   "Size of the pictures (default: the calibration's)");
   command.add_flag("--scale-calibration", camera.scale_calibration,
-                   "For a size other than the calibration's: scale it, where a whole number of "
-                   "pixels becomes one. Exact if both sizes show the same view");
+                   "For a size other than the calibration's: scale the calibration, if a whole "
+                   "number of pixels becomes one. Exact if both sizes show the same view");
   add_fps_option(command, camera.fps);
   command
       .add_option("--format", camera.format,
@@ -93,8 +93,8 @@ void add_camera_options(CLI::App& command, CameraRequest& camera) {
       [&controls](double k) { controls.white_balance_k = static_cast<int>(k); },
       "White balance [K], or auto (default: as the camera is)");
   add_option(command, "--focus", "N", controls.focus,
-             "Focus, in the camera's steps (libcamera: dioptres); it is locked in any case, where "
-             "it can be")
+             "Focus, in the camera's steps (libcamera: dioptres). The focus is always locked if "
+             "the camera allows that")
       ->check(check_control);
 }
 
@@ -110,16 +110,15 @@ void add_live_command(CLI::App& program, ChosenCommand& chosen) {
   LiveRequest& request = options->request;
   add_camera_options(command, request.camera);
   add_option(command, "--record", "FOLDER", request.record,
-             "Store what the camera gives, as a recording that replay opens");
+             "Record the camera's frames, as a recording that replay opens");
   add_option(command, "--duration", "SECONDS", request.duration_s,
-             "End after so many seconds from the first frame; where none comes, after as many, but "
-             "not before 10")
+             "End this many seconds after the first frame; without any frame, after the same time "
+             "but at least 10 s")
       ->check(CLI::Range(0.001, 1e9));
   add_scene_option(command, request);
-  add_option(
-      command, "--tags", "FILE.yaml", options->tags,
-      "What lies on the table (default: tags.yaml of the recording that is played, or beside "
-      "the calibration); penumbra target writes one with the sheet");
+  add_option(command, "--tags", "FILE.yaml", options->tags,
+             "Tag map (default: tags.yaml of the recording that is played, or beside the "
+             "calibration); penumbra target writes one with the sheet");
   add_shadow_options(command, options->shadow);
   add_tracking_options(command, request.tracking);
   add_smooth_option(command, request.smooth);
@@ -127,10 +126,11 @@ void add_live_command(CLI::App& program, ChosenCommand& chosen) {
   add_frame_options(command, request, options->shadow,
                     "the next frame is tracked while one is drawn");
   add_window_options(command, request);
-  add_off_flag(command, "--no-vsync", request.vsync,
-               "Show frames at once: less latency, perhaps torn");
+  add_off_flag(
+      command, "--no-vsync", request.vsync,
+      "Show frames without waiting for the display's refresh: less latency, possible tearing");
   add_off_flag(command, "--no-dma-buf", request.camera.dma_buf,
-               "Copy a camera's pictures to the GPU, also where it could read them where they lie; "
+               "Always copy a camera's pictures to the GPU, even if it could read them in place; "
                "the results are the same");
   command.callback([&command, options, &chosen] {
     claim_outputs(command, {"--poses", "--report"});
@@ -138,7 +138,8 @@ void add_live_command(CLI::App& program, ChosenCommand& chosen) {
       for (const char* option : {"--size", "--format", "--exposure", "--gain", "--white-balance",
                                  "--focus", "--no-dma-buf"}) {
         if (command.count(option) == 0) continue;
-        usage_error(option, "a recording that plays as a camera has its own");
+        usage_error(option,
+                    "a recording that plays as a camera has fixed values; remove the option");
       }
     }
     take_run_options(command, options->shadow, options->request);

@@ -75,8 +75,9 @@ void add_common_options(CLI::App& command) {
     usage_error("--log-level", "{}: no such level; known: trace, debug, info, warning, error, off",
                 name);
   };
-  add_text_option(command, "--log-level", "LEVEL", take,
-                  "What is told on standard error: trace, debug, info, warning, error, off")
+  add_text_option(
+      command, "--log-level", "LEVEL", take,
+      "Lowest level of messages on standard error: trace, debug, info, warning, error, off")
       ->default_str("warning");
 }
 
@@ -144,22 +145,20 @@ CLI::Option* add_shadow_options(CLI::App& command, ShadowChoice& choice) {
       command, "--translucency", words_of(kTranslucencyNames, "|"), "way", plan.translucency,
       translucency_from_string,
       "How shadows, and what fades out, let the video shine through. blend: by the graphics "
-      "hardware; mesh: black pixels in an ordered pattern, as many as light is missing; "
-      "retexture: by fetching the video and writing it darker; geometry-mesh: black strips on "
-      "the table, to compare with; auto: the first of blend, retexture, mesh that works")
+      "hardware; mesh: black pixels in an ordered pattern, in proportion to the missing light; "
+      "retexture: by fetching the video and writing it darker; geometry-mesh: black strips on the "
+      "table, to compare with; auto: the first of blend, retexture, mesh that works")
       ->default_str("auto");
   add_word_option(
       command, "--layers", "auto|direct|mask", "way", plan.layers, layer_drawing_from_string,
-      "How layered, field and simple shadows are drawn. direct: each face by the graphics "
-      "hardware, once a layer; mask: as a picture on the table, and on each height of what the "
-      "shadow climbs, made of silhouettes, with smooth edges; auto: the mask, which takes less, "
-      "but "
-      "directly with several samples a pixel (--msaa) and few faces, and where all shadows on a "
-      "plane are simple")
+      "Drawing of layered, field and simple shadows. direct: each face by the graphics hardware, "
+      "once per layer; mask: as a mask on the table and at each height of a receiver, made of "
+      "silhouettes, with smooth edges; auto: mask, which is faster, but direct with several "
+      "samples per pixel (--msaa) and few faces, and if all shadows on a plane are simple")
       ->default_str("auto");
   command.add_flag("--show-rays", plan.light_rays,
-                   "Draw rays from the lights through vertices of what casts to the points of the "
-                   "shadow that belong to them, for hard and volume");
+                   "Draw rays from the lights through vertices of the casters to their points in "
+                   "the shadow, for hard and volume");
   return shadow;
 }
 
@@ -209,7 +208,7 @@ PlanOptions plan_of(const ShadowChoice& choice) {
     const KernelSource kernels = plan.kernels.value_or(KernelSource::automatic);
     if (choice.kernel_file ||
         (kernels != KernelSource::automatic && kernels != KernelSource::centroid)) {
-      usage_error("--shadow", "cocl has kernels of its own; leave out --kernels");
+      usage_error("--shadow", "cocl uses its own centroid kernels; leave out --kernels");
     }
     plan.kernels = KernelSource::centroid;
   }
@@ -221,8 +220,8 @@ PlanOptions plan_of(const ShadowChoice& choice) {
 
 CLI::Option* add_camera_name_option(CLI::App& command, std::string& name) {
   return add_option(command, "--camera-name", "NAME", name,
-                    "Which camera of a file that holds several (Kalibr's camchain, stereo files of "
-                    "OpenCV)");
+                    "Name of the camera in a file that holds several (Kalibr's camchain, stereo "
+                    "files of OpenCV)");
 }
 
 void add_size_option(CLI::App& command, const std::string& type, std::optional<int>& width,
@@ -265,12 +264,11 @@ CLI::Option* add_poses_from_option(CLI::App& command, std::optional<std::string>
 }
 
 void add_tracking_options(CLI::App& command, TrackerOptions& tracking) {
-  add_word_option(
-      command, "--tracking", "fast|accurate|auto|detect", "way", tracking.mode,
-      tracking_mode_from_string,
-      "fast: a limited number of pixels; accurate: every pixel at an edge, but where motion blurs "
-      "them; auto: fast while the view moves, accurate where it rests or few tags are seen; "
-      "detect: every frame by detection, the baseline to compare with")
+  add_word_option(command, "--tracking", "fast|accurate|auto|detect", "way", tracking.mode,
+                  tracking_mode_from_string,
+                  "fast: a limited number of pixels; accurate: every pixel at an edge without "
+                  "motion blur; auto: fast while the view moves, accurate while it rests or shows "
+                  "few tags; detect: detection in every frame, as a baseline for comparisons")
       ->default_str("auto");
   const auto take_budget = [&tracking](double px) {
     if (!std::isfinite(px) || !(px > 0.0)) {
@@ -281,20 +279,20 @@ void add_tracking_options(CLI::App& command, TrackerOptions& tracking) {
   command
       .add_option_function<double>(
           "--pose-budget", take_budget,
-          "Stop sampling pixels where their noise is expected to move the overlay by less than "
-          "this; fast never takes more than without it")
+          "Stop sampling pixels when their noise moves the overlay by less than this (prediction); "
+          "fast never samples more than without it")
       ->type_name("PX");
   command.add_flag_callback(
       "--no-background-search", [&tracking] { tracking.search_timing = SearchTiming::in_frame; },
-      "Search for groups of tags that were lost before the frame is done, not beside the tracking "
-      "of the next ones: the same poses once they are found, but a frame that waits for it");
+      "Search for lost groups of tags within the frame, not in the background of the next frames: "
+      "the frame waits for the search, and groups that are found have the same poses");
 }
 
 CLI::Option* add_smooth_option(CLI::App& command, bool& smooth) {
   return command.add_flag(
       "--smooth", smooth,
-      "Draw with a smoothed pose: it shakes less where the view rests. Poses that are written stay "
-      "as measured; the report and the HUD tell how late the drawn one is");
+      "Draw with a smoothed pose, which shakes less while the view rests. Written poses stay as "
+      "measured; the report and the HUD show how late the drawn pose is");
 }
 
 void add_scene_option(CLI::App& command, RunRequest& request) {
@@ -303,7 +301,7 @@ void add_scene_option(CLI::App& command, RunRequest& request) {
 }
 
 void add_window_options(CLI::App& command, RunRequest& request) {
-  add_off_flag(command, "--no-window", request.window, "Offscreen, also where there is a display");
+  add_off_flag(command, "--no-window", request.window, "Offscreen, even if there is a display");
   add_off_flag(command, "--no-hud", request.viewer.hud,
                "The window's HUD is hidden at first (H shows it)");
 }
@@ -341,23 +339,22 @@ void add_frame_options(CLI::App& command, RunRequest& request, ShadowChoice& sha
     msaa = static_cast<int>(*samples);
   };
   add_text_option(command, "--msaa", "auto|off|N", take_samples,
-                  "Smooth edges of what is drawn, by so many samples of each pixel; auto: 4 on a "
-                  "GPU, off where a processor draws, for it pays for each")
+                  "Smooth edges by this many samples per pixel; auto: 4 on a GPU, off with "
+                  "software rendering, where each sample costs time")
       ->default_str("auto");
   const auto take_pixel_buffers = [&pixel_buffers =
                                        request.pixel_buffers](const std::string& text) {
     pixel_buffers.reset();
     if (text != "auto") pixel_buffers = text == "on";
   };
-  add_text_option(
-      command, "--pixel-buffers", "auto|on|off", take_pixel_buffers,
-      "Pixels go to the GPU, and pictures that are written come from it, through buffers of the "
-      "driver's, so that nobody waits for the other; auto: on with a GPU, off where a processor "
-      "draws. The results are the same")
+  add_text_option(command, "--pixel-buffers", "auto|on|off", take_pixel_buffers,
+                  "Transfer pixels to and from the GPU through the driver's pixel buffers, so that "
+                  "CPU and GPU do not wait for each other; auto: on with a GPU, off with software "
+                  "rendering. The results are the same")
       ->check(CLI::IsMember({"auto", "on", "off"}))
       ->default_str("auto");
   add_off_flag(command, "--no-video-light", request.video_light,
-               "Light virtual objects as the scene says, whatever light the video shows");
+               "Light virtual objects by the scene alone, without measuring the video's light");
   add_off_flag(command, "--no-skip", shadow.plan.skip,
                "Do all work, also what can't be seen or was done for an earlier frame; the results "
                "are the same");
@@ -385,10 +382,10 @@ void add_output_options(CLI::App& command, OutputRequest& request) {
                 "Uncertain and held poses too, each after a comment that says so")
       ->needs(poses);
   add_option(command, "--group-poses", "FOLDER", request.group_poses,
-             "Where the tags' groups beside the table are (a wall, a prop): NAME.tum of each, with "
+             "Poses of the tag groups beside the table (a wall, a prop): NAME.tum of each, with "
              "T_table_group, which is the identity where tags.yaml has it");
   add_option(command, "--report", "FILE.json", request.report,
-             "What was measured, as JSON; - is standard output");
+             "Report with all measurements, as JSON; - is standard output");
 }
 
 std::function<std::string(const std::string&)> length_check(std::string_view symbol, double least,
@@ -418,7 +415,7 @@ std::function<std::string(const std::string&)> length_check(std::string_view sym
 void add_part_group_option(CLI::App& command, std::vector<std::string>& groups) {
   add_option(command, "--group", "all|NAME", groups,
              "Parts that share one light: all, or a glTF node or mesh or OBJ object by its name (* "
-             "and ? stand for what varies); may be given again for other groups")
+             "and ? are wildcards); may be given again for other groups")
       ->allow_extra_args(false);
 }
 

@@ -68,8 +68,7 @@ void add_replay_command(CLI::App& program, ChosenCommand& chosen) {
 
   add_option(command, "RECORDING", "FOLDER", request.recording, "The recording")->required();
   add_scene_option(command, request);
-  add_option(command, "--tags", "FILE.yaml", request.tags,
-             "What lies on the table (default: the recording's)");
+  add_option(command, "--tags", "FILE.yaml", request.tags, "Tag map (default: the recording's)");
   add_camera_name_option(command, request.camera_name);
   CLI::Option* shadow = add_shadow_options(command, options->shadow);
   const auto take_compared = [options](const std::string& list) {
@@ -91,20 +90,19 @@ void add_replay_command(CLI::App& program, ChosenCommand& chosen) {
   const auto take_frames = [&request](const std::string& text) {
     const auto range = parse_frame_range(text);
     if (!range) {
-      usage_error("--frames", "{}: is no range A:B with A < B (half open: A to B - 1)", text);
+      usage_error("--frames", "{}: is not a range A:B with A < B (half open: A to B - 1)", text);
     }
     request.frames = *range;
   };
   add_text_option(command, "--frames", "A:B", take_frames,
-                  "Only frames numbered A to B - 1; either may be left out");
+                  "Only frames numbered A to B - 1; either may be omitted");
   add_frame_options(command, request, options->shadow,
                     "frames are decoded, tracked, drawn and encoded side by side");
   add_pairing_options(command, request.pairing);
   command.add_flag("--realtime", request.realtime,
                    "At the pace it was recorded (always so in a window)");
   add_window_options(command, request);
-  add_off_flag(command, "--no-edits", request.edits,
-               "Leave out what was moved and changed while it was recorded");
+  add_off_flag(command, "--no-edits", request.edits, "Ignore the edits that were recorded");
   command.callback([&command, options, &chosen] {
     claim_outputs(command, {"--poses", "--report"});
     take_run_options(command, options->shadow, options->request);

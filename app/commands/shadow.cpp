@@ -70,7 +70,7 @@ void add_shadow_command(CLI::App& program, ChosenCommand& chosen) {
   add_option(command, "--workspace-height", "Z", options->workspace_height,
              "Highest point that objects take [m]: chooses H and A, with --magnification");
   add_option(command, "--magnification", "M", options->magnification,
-             "How much larger the middle layer may get there (above 1)");
+             "Maximum magnification of the middle layer there (above 1)");
   add_option(command, "--kernels", "auto|smooth|per-axis|cocl|FILE", options->kernels,
              "auto (from the silhouette, for each part; those stored in the model where they fit), "
              "smooth, per-axis, cocl, or a kernel file")
@@ -94,7 +94,7 @@ void add_shadow_command(CLI::App& program, ChosenCommand& chosen) {
   add_option(command, "--light", "\"x y z w\"", options->light,
              "The light of a hard shadow: a place (w = 1), or the direction towards it (w = 0)");
   add_option(command, "--up", "y|z", options->up,
-             "Which axis of the file points up (default: y for glTF, z for OBJ)");
+             "Axis of the file that points up (default: y for glTF, z for OBJ)");
   add_unit_option(command, options->unit_m);
   command.add_flag("--show-kernels", options->show_kernels, "Kernels as dots in the picture");
   add_option(

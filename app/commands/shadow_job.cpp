@@ -86,7 +86,7 @@ ShadowJob::Format format_of(const std::filesystem::path& output) {
   if (extension == ".svg") return ShadowJob::Format::svg;
   if (extension == ".png") return ShadowJob::Format::png;
   if (extension == ".json" || is_stream(output)) return ShadowJob::Format::json;
-  usage_error("--output", "{}: is no .json, .svg or .png", output.string());
+  usage_error("--output", "{}: is not .json, .svg or .png; choose one of them", output.string());
 }
 
 // Sets the technique and returns where its kernels come from.

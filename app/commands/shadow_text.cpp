@@ -111,7 +111,7 @@ std::string shadow_table(const ShadowJob& job, const ShadowResult& result) {
     if (result.twists) {
       table += fmt::format("twisted: {:.2f} % of the area", 100.0 * result.twists->area_share);
       if (result.spill) {
-        table += fmt::format("; spill beyond the outline: {:.2f} % of the penumbra",
+        table += fmt::format("; overshoot beyond the outline: {:.2f} % of the penumbra",
                              100.0 * *result.spill);
       }
       table += "\n";

@@ -24,7 +24,7 @@ CLI::Validator within(double low, double high) {
       [low, high](std::string& text) {
         const auto value = parse_number(text);
         if (value && *value >= low && *value <= high) return std::string();
-        return fmt::format("{}: is no number from {} to {}", text, low, high);
+        return fmt::format("{}: is not a number from {} to {}", text, low, high);
       },
       fmt::format("{} to {}", low, high));
 }
@@ -35,7 +35,7 @@ CLI::Validator whole_number() {
       [](std::string& text) {
         const auto value = parse_integer(text);
         if (value && *value >= 0) return std::string();
-        return fmt::format("{}: is no whole number from 0", text);
+        return fmt::format("{}: is not a whole number from 0", text);
       },
       "N");
 }
@@ -45,7 +45,7 @@ void take_groups(const std::vector<std::string>& given, SimulateRequest& request
   for (const std::string& text : given) {
     const std::size_t equals = text.rfind('=');
     if (equals == 0 || equals == std::string::npos || equals + 1 == text.size()) {
-      usage_error("--group", "{}: is no NAME=FILE.tum", text);
+      usage_error("--group", "{}: is not of the form NAME=FILE.tum", text);
     }
     const std::string name = text.substr(0, equals);
     if (!request.groups.emplace(name, text.substr(equals + 1)).second) {
@@ -83,7 +83,7 @@ void add_simulate_command(CLI::App& program, ChosenCommand& chosen) {
   add_option(command, "--camera", "camera.yaml", request->camera, "The camera and its lens")
       ->required();
   add_camera_name_option(command, request->camera_name);
-  add_option(command, "--tags", "tags.yaml", request->tags, "What lies on the table")->required();
+  add_option(command, "--tags", "tags.yaml", request->tags, "Tag map")->required();
   add_option(command, "--trajectory", "FILE.tum", request->trajectory,
              "Camera poses: one frame for each, its exposure half before and half after")
       ->required();
@@ -106,7 +106,8 @@ void add_simulate_command(CLI::App& program, ChosenCommand& chosen) {
                   "Exposure: the camera moves meanwhile, on a smooth curve through the poses [s]")
       ->check(within(0.0, 10.0))
       ->capture_default_str();
-  command.add_option("--seed", request->seed, "Of the noise: the same gives the same bytes")
+  command
+      .add_option("--seed", request->seed, "Seed of the noise: the same seed gives the same bytes")
       ->check(whole_number())
       ->capture_default_str();
   add_option(command, "--tone", "EXPONENT", request->tone_curve,
@@ -121,8 +122,8 @@ void add_simulate_command(CLI::App& program, ChosenCommand& chosen) {
       ->capture_default_str();
   CLI::Option* cover = command
                            .add_option("--cover", request->cover_share,
-                                       "Share of every tag that something grey hides, from its "
-                                       "left side, its white margin first")
+                                       "Share of every tag hidden by grey, from its left side, "
+                                       "starting with its white margin")
                            ->check(within(0.0, 1.0))
                            ->capture_default_str();
   add_option(command, "--cover-from", "FRAME", request->cover_from,

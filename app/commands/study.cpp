@@ -103,13 +103,13 @@ void add_design_options(CLI::App& command, StudyOptions& options) {
       ->check(CLI::Range(1, 1'000'000))
       ->capture_default_str();
   add_option(command, "--seed", "N", design.seed,
-             "What the samples are drawn from; the same for all participants of a study")
+             "Seed of the random samples; the same for all participants of a study")
       ->capture_default_str();
   add_option(command, "--trials", "N", options.samples,
              "Samples for each technique (default: as in the paper, 20 for heights, 5 for drag)")
       ->check(CLI::Range(1, kMostStudySamples));
   add_option(command, "--tolerance", "MM", options.tolerance_mm,
-             "How near a sphere that is let go must be to its target [mm]")
+             "Maximum distance between a released sphere and its target [mm]")
       ->check(CLI::Range(0.1, 100.0))
       ->capture_default_str();
   add_option(command, "--pause", "SECONDS", options.request.pause_s,
@@ -123,8 +123,8 @@ void add_design_options(CLI::App& command, StudyOptions& options) {
 void add_study_command(CLI::App& program, ChosenCommand& chosen) {
   CLI::App& command = add_command(
       program, "study",
-      "How well people see heights by a shadow: point at the highest of three spheres, or drag a "
-      "sphere onto targets",
+      "Measure how well people see heights by a shadow: point at the highest of three spheres, or "
+      "drag a sphere onto targets",
       "In the window: space or a click begins a block, F11 is full screen, Esc ends; answers so "
       "far are kept.\n\n"
       "Example:\n"
@@ -150,7 +150,7 @@ void add_study_command(CLI::App& program, ChosenCommand& chosen) {
   add_camera_name_option(command, request.camera.camera_name)->needs(calibration);
   add_fps_option(command, request.camera.fps)->needs(camera);
   add_option(command, "--tags", "FILE.yaml", request.tags,
-             "What lies on the table (default: the recording's, or as in penumbra live)");
+             "Tag map (default: the recording's, or as in penumbra live)");
   add_tracking_options(command, request.tracking);
   add_option(command, "--script", "FILE", request.script,
              "A scripted participant answers: lines of trial, seconds since it is shown, and "
@@ -158,7 +158,7 @@ void add_study_command(CLI::App& program, ChosenCommand& chosen) {
   command.add_flag("--plan", options->plan,
                    "Print the participant's trials as CSV, and do nothing else");
   add_off_flag(command, "--no-window", request.window,
-               "A scripted participant works offscreen, also where there is a display");
+               "A scripted participant works offscreen, even if there is a display");
   command.callback([&command, camera, options, &chosen] {
     claim_outputs(command, {"--output"});
     StudyRequest& chosen_request = options->request;
@@ -174,7 +174,7 @@ void add_study_command(CLI::App& program, ChosenCommand& chosen) {
       usage_error("--poses-from", "is for recordings; a camera is tracked");
     }
     if (design.experiment != StudyExperiment::drag && command.count("--tolerance") > 0) {
-      usage_error("--tolerance", "is of --experiment drag");
+      usage_error("--tolerance", "applies to --experiment drag only");
     }
     warn_of_no_use(command, chosen_request.tracking);
     chosen = [options] { return study(*options); };

@@ -43,8 +43,8 @@ Result<void> check_replaceable(const fs::path& folder) {
     if (entry.symlink_status(error).type() != fs::file_type::regular ||
         !is_numbered_png(entry.path())) {
       return fail(
-          "{}: holds {}, which is no numbered picture; name a new folder, or a file ending in .mkv "
-          "or .mp4",
+          "{}: holds {}, which is not a numbered picture; name a new folder, or a file ending in "
+          ".mkv or .mp4",
           folder.string(), entry.path().filename().string());
     }
   }

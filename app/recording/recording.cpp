@@ -139,7 +139,7 @@ Result<void> read_rows(const std::vector<Row>& rows, const std::string& csv, con
       // After a crash a listing may end in the middle of a line.
       if (i + 1 == rows.size() && !row.ended && !recording.frames.empty()) {
         recording.notices.push_back(
-            fmt::format("{}: line {} is cut off and left out", csv, row.line));
+            fmt::format("{}: line {} is cut off and skipped", csv, row.line));
         return {};
       }
       return tl::unexpected(frame.error());
@@ -195,14 +195,14 @@ Result<void> list_own(const std::filesystem::path& folder, Recording& recording)
     const std::string_view number = row.fields[*number_column];
     const auto parsed_number = parse_integer(number);
     if (!parsed_number || *parsed_number < 0 || *parsed_number > kMaxFrameNumber) {
-      return fail("{}: line {}: frame: '{}' is no frame number (0, 1, 2, ...)", csv, row.line,
+      return fail("{}: line {}: frame: '{}' is not a frame number (0, 1, 2, ...)", csv, row.line,
                   quoted(number));
     }
     frame.number = static_cast<int>(*parsed_number);
     const std::string_view time = row.fields[*time_column];
     const auto parsed_time = parse_seconds_as_ns(time);
     if (!parsed_time) {
-      return fail("{}: line {}: timestamp_s: '{}' is no finite number of seconds", csv, row.line,
+      return fail("{}: line {}: timestamp_s: '{}' is not a finite number of seconds", csv, row.line,
                   quoted(time));
     }
     frame.timestamp_ns = *parsed_time;
@@ -210,14 +210,14 @@ Result<void> list_own(const std::filesystem::path& folder, Recording& recording)
       const std::string_view exposure = row.fields[*exposure_column];
       frame.exposure_s = parse_number(exposure);
       if (!frame.exposure_s || !(*frame.exposure_s > 0.0 && *frame.exposure_s <= kMaxExposure_s)) {
-        return fail("{}: line {}: exposure_s: '{}' is no time above 0 and up to {} s", csv,
+        return fail("{}: line {}: exposure_s: '{}' is not a time above 0 and up to {} s", csv,
                     row.line, quoted(exposure), kMaxExposure_s);
       }
     }
     if (images) {
       const std::string_view file = row.fields[*file_column];
       if (!stays_inside(file)) {
-        return fail("{}: line {}: file: '{}' is no path inside the recording", csv, row.line,
+        return fail("{}: line {}: file: '{}' is not a path inside the recording", csv, row.line,
                     quoted(file));
       }
       frame.file = folder / file;
@@ -245,13 +245,13 @@ Result<void> list_euroc(const std::filesystem::path& cam0, Recording& recording)
     frame.number = number++;
     const auto time = parse_integer(row.fields[0]);
     if (!time || *time > kMaxTimeNs || *time < -kMaxTimeNs) {
-      return fail("{}: line {}: timestamp: '{}' is no whole number of nanoseconds", csv, row.line,
-                  quoted(row.fields[0]));
+      return fail("{}: line {}: timestamp: '{}' is not a whole number of nanoseconds", csv,
+                  row.line, quoted(row.fields[0]));
     }
     frame.timestamp_ns = *time;
     const std::string_view file = row.fields[1];
     if (!stays_inside(file)) {
-      return fail("{}: line {}: filename: '{}' is no path inside the recording", csv, row.line,
+      return fail("{}: line {}: filename: '{}' is not a path inside the recording", csv, row.line,
                   quoted(file));
     }
     frame.file = cam0 / "data" / file;
@@ -319,7 +319,7 @@ Result<void> compare_video_length(Recording& recording) {
                                             recording.frames.back().number, stored, listed));
   } else if (stored > listed) {
     recording.notices.push_back(
-        fmt::format("{}: holds {} frames, but timestamps.csv lists {}; the rest is left out",
+        fmt::format("{}: holds {} frames, but timestamps.csv lists {}; the rest is skipped",
                     recording.video.string(), stored, listed));
   }
   return {};
@@ -465,7 +465,7 @@ Result<Recording> open_recording(const std::filesystem::path& folder,
       PENUMBRA_TRY_VOID(check_readable(folder / "frames"));
       if (file_exists(folder / "video.mkv")) {
         recording.notices.push_back(
-            fmt::format("{}: has frames/ too, which are read; the video is left out",
+            fmt::format("{}: has frames/ too; frames/ is read and the video ignored",
                         (folder / "video.mkv").string()));
       }
     }

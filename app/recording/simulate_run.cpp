@@ -82,7 +82,7 @@ Result<std::map<std::string, Trajectory>> load_group_paths(const SimulateRequest
           there.empty() ? "none beside the table" : fmt::format("{}", fmt::join(there, ", ")));
     }
     if (!group_file(group)) {
-      return fail("--group {}: can be no file's name; give it another in {}", group,
+      return fail("--group {}: cannot be the name of a file; give it another in {}", group,
                   request.tags.string());
     }
     PENUMBRA_TRY(auto path, load_path(file));
@@ -298,7 +298,8 @@ Result<SimulateSummary> run_simulate(const SimulateRequest& request) {
   if (camera.parameters().rolling_shutter_row_s.value_or(0.0) != 0.0) {
     // Replay would correct for a rolling shutter that the images don't have.
     log_warning(
-        "{}: rolling_shutter_row_s: rows are exposed at once here; it is left out of the recording",
+        "{}: rolling_shutter_row_s: the simulation exposes all rows at once; the recording's "
+        "camera file omits it",
         request.camera.string());
     PENUMBRA_TRY(camera, without_rolling_shutter(camera, request.camera));
     camera_text = ros_camera_text(camera);

@@ -117,7 +117,7 @@ struct RunReport : TrackingCounts, WorkReport {
   bool pixel_buffers = false;          // pixels are transferred through the driver's buffers
   std::string gl_renderer;
   std::string gl_version;
-  // Of the last frame; automatic: none drawn.
+  // The last frame's mode; automatic: no frame was drawn.
   Translucency translucency = Translucency::automatic;
   Statistics expected_overlay_px;   // PoseEstimate's, over the tracked frames
   int full_detections = 0;          // frames searched as a whole

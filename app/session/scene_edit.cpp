@@ -135,12 +135,13 @@ std::optional<SceneEdit> edit_in(const Json& json, std::string_view event) {
 // Adds the event of a line, if it is one of ours; `name` is the line's in errors.
 Result<void> add_event(std::string_view line, const std::string& name, SceneEvents& events) {
   const Json json = Json::parse(line, nullptr, false);
-  if (!json.is_object()) return fail("{}: is no JSON object; remove the line", name);
+  if (!json.is_object()) return fail("{}: is not a JSON object; remove the line", name);
   const std::string event = text_in(json, "event");
   const auto timestamp_ns = timestamp_of(line);
   if (event == kSceneStartEvent) events.scene_start_ns = timestamp_ns;
   if (event == kMoved || event == kTurned || event == kStyled) {
-    if (!timestamp_ns) return fail("{}: timestamp_s is no time in seconds; remove the line", name);
+    if (!timestamp_ns)
+      return fail("{}: timestamp_s is not a time in seconds; remove the line", name);
     const auto edit = edit_in(json, event);
     if (!edit) return fail("{}: {}: a number is missing or out of range", name, event);
     events.edits.push_back({*timestamp_ns, *edit});

@@ -182,7 +182,7 @@ Result<StudyFile> StudyFile::open(const fs::path& file, const StudyDesign& desig
   const std::size_t whole = text.rfind('\n') == std::string::npos ? 0 : text.rfind('\n') + 1;
   const auto lines = split(std::string_view(text).substr(0, whole), '\n');
   if (lines[0] != kStudyHeader) {
-    return fail("{}: is no results file of penumbra study; name another file", file.string());
+    return fail("{}: is not a results file of penumbra study; name another file", file.string());
   }
   for (std::size_t i = 1; i < lines.size(); ++i) {
     if (lines[i].empty() && i + 1 == lines.size()) break;  // after the last line break

@@ -150,8 +150,8 @@ class StudyLoop {
       if (task_.finished() || task_.trial().number != trial) return {};
     }
     if (!script_->has_more(trial)) {
-      return fail("{}: what it does in trial {} is no answer; add what is missing", script_->name(),
-                  trial);
+      return fail("{}: its actions in trial {} give no answer; add the missing ones",
+                  script_->name(), trial);
     }
     return {};
   }
@@ -251,8 +251,9 @@ class StudyLoop {
       const std::string task =
           heights ? "You will see three spheres. Click on the one that is highest above the table."
                   : "Drag the red sphere onto the green one, then onto the next green one, until "
-                    "there are no more.\nLeft button: along the table. Middle or right button: up "
-                    "and sideways.\nSpace: it is as near as you can bring it.";
+                    "there are no more.\n"
+                    "Left button: along the table. Middle or right button: up and sideways.\n"
+                    "Space: you can't bring it any nearer.";
       return fmt::format(
           "Part {} of {}, {} trials\n\n{}\nBe quick, but make as few mistakes as you can.\n\nClick "
           "or press space to begin.",

@@ -130,9 +130,9 @@ Result<StudyScript> parse_study_script(std::string_view text, std::string name) 
     auto action = action_of(Words(words).subspan(2));
     if (!action) {
       return fail(
-          "{}: line {}: does not say what is done; write click PLACE, press left|middle|right "
-          "PLACE, move PLACE, release or accept, and for PLACE: sphere 1..3, ball, table X Y Z, "
-          "pixel U V, or after move: by DX DY DZ",
+          "{}: line {}: names no action; write click PLACE, press left|middle|right PLACE, move "
+          "PLACE, release or accept, and for PLACE: sphere 1..3, ball, table X Y Z, pixel U V, or "
+          "after move: by DX DY DZ",
           script.name, line_number);
     }
     action->line = line_number;

@@ -50,7 +50,7 @@ constexpr std::array kHelp = {
     KeyHelp{"J", "the drawn pose smoothed, or as measured"},
     KeyHelp{"N", "next technique"},
     KeyHelp{"G", "which shadow node these keys are for: all, or one by one"},
-    KeyHelp{"M", "next way to let the video shine through shadows"},
+    KeyHelp{"M", "next mode of translucency of shadows"},
     KeyHelp{"space   .", "pause, one frame on"},
     KeyHelp{"S", "screenshot (without HUD)"},
     KeyHelp{"R", "start or stop recording (live)"},
@@ -161,7 +161,7 @@ std::string recording_in_words(const HudRecording& recording) {
   std::string words =
       fmt::format("{} {}   {} frames", recording.error ? "recording FAILED:" : "REC",
                   recording.folder, recording.written);
-  if (recording.dropped > 0) words += fmt::format(", {} left out", recording.dropped);
+  if (recording.dropped > 0) words += fmt::format(", {} dropped", recording.dropped);
   return words;
 }
 
@@ -192,7 +192,7 @@ std::vector<std::string> reasons_in_words(const HudState& state) {
       lines.push_back(fmt::format("{}: {} more", head, parts.size() - shown));
     }
   };
-  add("left out", state.skipped);
+  add("skipped", state.skipped);
   add("kept", state.kept);
   return lines;
 }

@@ -149,9 +149,9 @@ struct HudStatus {
 [[nodiscard]] std::vector<std::string> warnings_of(const HudState& state);
 // "latency 45 ms", or the age of a stalled frame; empty if neither is known.
 [[nodiscard]] std::string age_in_words(const HudState& state);
-// "REC folder   26 frames, 3 left out", or "recording FAILED: ...".
+// "REC folder   26 frames, 3 dropped", or "recording FAILED: ...".
 [[nodiscard]] std::string recording_in_words(const HudRecording& recording);
-// For the debug view, a line each: "left out: rotor: outside the view", then "kept: video: ...".
+// For the debug view, a line each: "skipped: rotor: outside the view", then "kept: video: ...".
 // Lists kMostReasons of each kind and the number of the others.
 [[nodiscard]] std::vector<std::string> reasons_in_words(const HudState& state);
 inline constexpr std::size_t kMostReasons = 10;

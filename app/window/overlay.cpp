@@ -62,7 +62,7 @@ std::string measured_tags(const PoseEstimate& pose) {
     words += fmt::format("   reprojection {:.2f} px", pose.reprojection_rms_px);
   }
   if (pose.status == TrackStatus::tracked || pose.status == TrackStatus::uncertain) {
-    words += fmt::format("   expected overlay {:.2f} px", pose.predicted_overlay_error_px);
+    words += fmt::format("   predicted error {:.2f} px", pose.predicted_overlay_error_px);
   }
   return words;
 }
@@ -518,7 +518,7 @@ struct Overlay::Impl {
     const CompositeStats& s = state.drawn;
     ImGui::PushTextWrapPos(most_width - em);
     text(fmt::format(
-        "this picture: {} passes ({} calls), {} left out; shadows: {} computed, {} reused",
+        "this picture: {} passes ({} calls), {} skipped; shadows: {} computed, {} reused",
         s[Counter::passes_drawn], s[Counter::draw_calls], s[Counter::passes_skipped],
         s[Counter::triples_recomputed], s[Counter::reprojections]));
     std::string work;
@@ -530,7 +530,7 @@ struct Overlay::Impl {
     for (std::size_t i = 0; i < state.twists.size() && i < kMostDebugLines; ++i) {
       const HudTwist& twist = state.twists[i];
       text(twist.twist.faces_twisted > 0 ? kWarning : kQuiet,
-           fmt::format("{}: {} of {} faces twisted, {:.1f} % of the area; spill {:.1f} %",
+           fmt::format("{}: {} of {} faces twisted, {:.1f} % of the area; overshoot {:.1f} %",
                        twist.caster, twist.twist.faces_twisted, twist.twist.faces_tested,
                        100.0 * twist.twist.area_share, 100.0 * twist.spill));
     }

@@ -259,7 +259,7 @@ TEST(CommandLine, ListsKnownTranslucenciesForUnknownOne) {
 TEST(CommandLine, ListsKnownCommandsForUnknownOne) {
   const ProgramResult result = penumbra({"bogus"});
   EXPECT_EQ(result.exit_code, 2);
-  EXPECT_THAT(result.err, HasSubstr("'bogus' is no command"));
+  EXPECT_THAT(result.err, HasSubstr("'bogus' is not a command"));
   for (const char* command : {"demo", "replay", "evaluate", "target"}) {
     EXPECT_THAT(result.err, HasSubstr(command));
   }
@@ -281,7 +281,8 @@ TEST(CommandLine, SuggestsSimilarOptionForUnknownOne) {
   // No suggestion for words that are not misspelt, nor for other errors.
   EXPECT_THAT(penumbra({"map", "--recording", "r", "--output", "t.yaml"}).err,
               testing::Not(HasSubstr("did you mean")));
-  EXPECT_THAT(penumbra({"replay", "--frames", "3", "--", "r"}).err, HasSubstr("is no range A:B"));
+  EXPECT_THAT(penumbra({"replay", "--frames", "3", "--", "r"}).err,
+              HasSubstr("is not a range A:B"));
   EXPECT_THAT(penumbra({"replay", "--"}).err, HasSubstr("RECORDING is required"));
   EXPECT_THAT(penumbra({"replay", "--", "r", "second"}).err, HasSubstr("second"));
 }
@@ -303,7 +304,7 @@ TEST(CommandLine, AcceptsHelpAsCommand) {
   EXPECT_EQ(penumbra({"help", "replay", "r", "--shadow", "bogus"}).out, replay);
   const ProgramResult unknown = penumbra({"help", "bogus"});
   EXPECT_EQ(unknown.exit_code, 2);
-  EXPECT_THAT(unknown.err, HasSubstr("'bogus' is no command"));
+  EXPECT_THAT(unknown.err, HasSubstr("'bogus' is not a command"));
 }
 
 // With given poses no tracking runs, and `detect` samples the image as it finds it.

@@ -101,7 +101,7 @@ TEST_F(SimulateCommand, OmitsRollingShutterFromRecording) {
   write_path(6, 0.02);
   const ProgramResult made = run("made");
   ASSERT_EQ(made.exit_code, 0) << made.err;
-  EXPECT_THAT(made.err, HasSubstr("left out of the recording"));
+  EXPECT_THAT(made.err, HasSubstr("exposes all rows at once"));
   EXPECT_THAT(bytes_of(file("made/camera.yaml")), testing::Not(HasSubstr("rolling_shutter_row_s")));
   const ProgramResult replayed =
       penumbra({"replay", file("made"), "--no-window", "--report", file("report.json")});

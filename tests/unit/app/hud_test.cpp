@@ -110,16 +110,16 @@ TEST(Hud, ListsReasonsForSkippedAndReusedParts) {
   state.skipped = {"rotor: outside the view", "leaf: too high for an umbra"};
   state.kept = {"video: the frame is on the GPU already"};
   EXPECT_THAT(reasons_in_words(state),
-              testing::ElementsAre("left out: rotor: outside the view",
-                                   "left out: leaf: too high for an umbra",
+              testing::ElementsAre("skipped: rotor: outside the view",
+                                   "skipped: leaf: too high for an umbra",
                                    "kept: video: the frame is on the GPU already"));
   // The list of reasons has a maximum length.
   state.skipped.resize(kMostReasons + 3, "leaf: outside the view");
   state.kept.resize(kMostReasons, "floor: its mask is that of an earlier picture");
   const std::vector<std::string> lines = reasons_in_words(state);
   ASSERT_EQ(lines.size(), 2 * kMostReasons + 1);
-  EXPECT_EQ(lines[kMostReasons - 1], "left out: leaf: outside the view");
-  EXPECT_EQ(lines[kMostReasons], "left out: 3 more");
+  EXPECT_EQ(lines[kMostReasons - 1], "skipped: leaf: outside the view");
+  EXPECT_EQ(lines[kMostReasons], "skipped: 3 more");
   EXPECT_EQ(lines.back(), "kept: floor: its mask is that of an earlier picture");
 }
 

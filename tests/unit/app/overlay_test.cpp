@@ -62,7 +62,7 @@ TEST(HudText, ShowsFrameAgeInPlaceOfLatency) {
   EXPECT_EQ(warnings_of(state).size(), 1U);
   state.recording = HudRecording{"session", 26, 40, "no space left"};
   EXPECT_EQ(recording_in_words(*state.recording),
-            "recording FAILED: session   26 frames, 40 left out");
+            "recording FAILED: session   26 frames, 40 dropped");
   EXPECT_EQ(warnings_of(state).back(), "no space left");
 }
 

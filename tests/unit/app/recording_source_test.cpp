@@ -220,19 +220,20 @@ struct BadLine {
 
 TEST_F(FrameFolderRecording, NamesInvalidLineAndCause) {
   const std::string good = test::read_bytes(folder() / "timestamps.csv");
-  for (const BadLine& bad : {BadLine{"3,nan,frames/000003.jpg", "timestamp_s: 'nan'"},
-                             {"3,inf,frames/000003.jpg", "timestamp_s: 'inf'"},
-                             {"3,,frames/000003.jpg", "timestamp_s: ''"},
-                             {"x,1311868164.463180,frames/000003.jpg", "frame: 'x'"},
-                             {"-1,1311868164.463180,frames/000003.jpg", "frame: '-1'"},
-                             {"3,1311868164.463180", "has 2 fields"},
-                             {"3,1311868164.463180,", "no path inside"},
-                             {"3,1311868164.463180,/etc/passwd", "no path inside"},
-                             {"3,1311868164.463180,../small/frames/000003.jpg", "no path inside"},
-                             {"3,1311868164.429847,frames/000003.jpg", "times must grow"},
-                             {"3,1311868164.2,frames/000003.jpg", "times must grow"},
-                             {"2,1311868164.463180,frames/000003.jpg", "number frames in order"},
-                             {"1,1311868164.463180,frames/000003.jpg", "number frames in order"}}) {
+  for (const BadLine& bad :
+       {BadLine{"3,nan,frames/000003.jpg", "timestamp_s: 'nan'"},
+        {"3,inf,frames/000003.jpg", "timestamp_s: 'inf'"},
+        {"3,,frames/000003.jpg", "timestamp_s: ''"},
+        {"x,1311868164.463180,frames/000003.jpg", "frame: 'x'"},
+        {"-1,1311868164.463180,frames/000003.jpg", "frame: '-1'"},
+        {"3,1311868164.463180", "has 2 fields"},
+        {"3,1311868164.463180,", "not a path inside"},
+        {"3,1311868164.463180,/etc/passwd", "not a path inside"},
+        {"3,1311868164.463180,../small/frames/000003.jpg", "not a path inside"},
+        {"3,1311868164.429847,frames/000003.jpg", "times must grow"},
+        {"3,1311868164.2,frames/000003.jpg", "times must grow"},
+        {"2,1311868164.463180,frames/000003.jpg", "number frames in order"},
+        {"1,1311868164.463180,frames/000003.jpg", "number frames in order"}}) {
     std::string text = good;
     const std::size_t at = text.find("3,1311868164.463180,frames/000003.jpg");
     ASSERT_NE(at, std::string::npos);

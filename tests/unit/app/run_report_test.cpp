@@ -385,10 +385,10 @@ TEST(RunReport, ReportsGroupCountsAndErrors) {
   EXPECT_EQ(json["frames_uncertain"], 1);
   EXPECT_NEAR(json["reprojection_rms_px"]["median"].get<double>(), 0.1, 1e-12);
   EXPECT_NEAR(json["accuracy"]["translation_mm"]["max"].get<double>(), 4.0, 1e-9);
-  EXPECT_THAT(report_table(report),
-              testing::HasSubstr("tag group prop: tracked 2, uncertain 1, held 1, lost 1\n"
-                                 "tag 41 does not lie where the map of its group has it: left out "
-                                 "of 2 frames"));
+  EXPECT_THAT(
+      report_table(report),
+      testing::HasSubstr("tag group prop: tracked 2, uncertain 1, held 1, lost 1\n"
+                         "tag 41 is inconsistent with the map of its group: rejected in 2 frames"));
   EXPECT_EQ(json["tags_left_out"], Json({{"41", 2}}));
 }
 

@@ -232,7 +232,7 @@ TEST(StudyScript, NamesLineOfError) {
        {"jump", "click", "click sphere 4", "click sphere", "click table 1 2", "click table 1 2 nan",
         "click table 1 2 1e9", "click pixel 1 2 3", "press ball", "press up ball", "press left",
         "click by 1 2 3", "release now", "accept it", "move", "click sphere 1 1"}) {
-    refused(std::string("1 1 ") + action, "line 1", "what is done");
+    refused(std::string("1 1 ") + action, "line 1", "names no action");
   }
   refused("2 1 accept\n1 1 accept", "line 2", "in order");
   refused("1 1 accept\n1 0.9 accept", "line 2", "in order");
