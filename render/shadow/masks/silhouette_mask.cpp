@@ -273,8 +273,7 @@ void MaskPicture::add_edge(Steps& sums, std::size_t layer, const Place& from, co
   const bool down = v1 > v0;
   const std::int64_t first_row = (down ? v0 : v0 - 1) >> MaskCaster::kPlaceBits;
   if (first_row == (down ? v1 - 1 : v1) >> MaskCaster::kPlaceBits) {  // most edges
-    const Place corner(0, MaskCaster::kPlaces * first_row);
-    add_in_row(sums, layer, sign, first_row, from - corner, to - corner);
+    add_in_row(sums, layer, sign, first_row, from, to);
     return;
   }
   const std::int64_t rise = down ? v1 - v0 : v0 - v1;
@@ -293,65 +292,67 @@ void MaskPicture::add_edge(Steps& sums, std::size_t layer, const Place& from, co
   Place begin = at(MaskCaster::kPlaces * (down ? row : row + 1));
   for (;; row += down ? 1 : -1) {
     const Place end = at(MaskCaster::kPlaces * (down ? row + 1 : row));
-    const Place corner(0, MaskCaster::kPlaces * row);
-    add_in_row(sums, layer, sign, row, begin - corner, end - corner);
+    add_in_row(sums, layer, sign, row, begin, end);
     if (row == last) return;
     begin = end;
   }
 }
 
-void MaskPicture::add_in_row(Steps& sums, std::size_t layer, int sign, std::int64_t row,
-                             const Place& from, const Place& to) {
+inline void MaskPicture::add_in_row(Steps& sums, std::size_t layer, int sign, std::int64_t row,
+                                    const Place& from, const Place& to) {
   const std::size_t row_begin = static_cast<std::size_t>(row) * row_cells_;
+  // Pointers of this call: stores of bytes could otherwise change those of the vectors.
+  std::array<std::int32_t, 4>* const steps = sums.data() + row_begin;
+  std::uint8_t* const touched = touched_.data() + row_begin;
   // `places`: twice the mean place of the edge in the cell.
-  const auto add = [&](std::int64_t cell, std::int64_t height, std::int64_t places) {
-    const std::size_t i = row_begin + static_cast<std::size_t>(cell);
+  const auto add = [=](std::int64_t cell, std::int64_t height, std::int64_t places) {
     const auto area = static_cast<std::int32_t>(height * places);
     const auto whole = static_cast<std::int32_t>(2 * MaskCaster::kPlaces * height);
-    sums[i][layer] += sign * (whole - area);
-    sums[i + 1][layer] += sign * area;
-    touched_[i] = touched_[i + 1] = 1;
+    steps[cell][layer] += sign * (whole - area);
+    steps[cell + 1][layer] += sign * area;
+    touched[cell] = touched[cell + 1] = 1;
   };
-  const std::int64_t first = from.x() >> MaskCaster::kPlaceBits;
-  const std::int64_t last = to.x() >> MaskCaster::kPlaceBits;
+  const std::int64_t u0 = from.x();
+  const std::int64_t u1 = to.x();
+  const std::int64_t first = u0 >> MaskCaster::kPlaceBits;
+  const std::int64_t last = u1 >> MaskCaster::kPlaceBits;
   const std::int64_t end_cell = cells_.width - 1;
   const std::int64_t rise = to.y() - from.y();
   if (first == last && first >= 0 && first <= end_cell) {  // most edges
-    add(first, rise, from.x() + to.x() - 2 * MaskCaster::kPlaces * first);
+    add(first, rise, u0 + u1 - 2 * MaskCaster::kPlaces * first);
     return;
   }
   const bool right = last >= first;
-  const std::int64_t run = right ? to.x() - from.x() : from.x() - to.x();
-  // v where the edge comes to a column's border.
-  const auto v_at = [&](std::int64_t u) {
-    return from.y() + quotient(rise * (right ? u - from.x() : from.x() - u), run);
+  const std::int64_t run = right ? u1 - u0 : u0 - u1;
+  // How much of `rise` lies before a column's border.
+  const auto rise_at = [=](std::int64_t u) {
+    return quotient(rise * (right ? u - u0 : u0 - u), run);
   };
   // The part left of the mask covers its rows from the first cell on; the part right of it counts
   // for nothing.
-  std::int64_t v = from.y();
+  std::int64_t done = 0;
   std::int64_t cell = first;
   if (right && first < 0) {
-    const std::int64_t next = last < 0 ? to.y() : v_at(0);
-    add(0, next - v, 0);
-    v = next;
+    done = last < 0 ? rise : rise_at(0);
+    add(0, done, 0);
     cell = 0;
   } else if (!right && first > end_cell) {
     if (last > end_cell) return;
     cell = end_cell;
-    v = v_at(MaskCaster::kPlaces * (cell + 1));
+    done = rise_at(MaskCaster::kPlaces * (cell + 1));
   }
   const std::int64_t stop = right ? std::min(last, end_cell) : std::max<std::int64_t>(last, 0);
   const int step = right ? 1 : -1;
   const int border = right ? MaskCaster::kPlaces : 0;
   for (; right ? cell <= stop : cell >= stop; cell += step) {
     const std::int64_t corner = MaskCaster::kPlaces * cell;
-    const std::int64_t next = cell == last ? to.y() : v_at(corner + border);
-    add(cell, next - v,
-        (cell == first ? from.x() - corner : MaskCaster::kPlaces - border) +
-            (cell == last ? to.x() - corner : border));
-    v = next;
+    const std::int64_t next = cell == last ? rise : rise_at(corner + border);
+    add(cell, next - done,
+        (cell == first ? u0 - corner : MaskCaster::kPlaces - border) +
+            (cell == last ? u1 - corner : border));
+    done = next;
   }
-  if (!right && last < 0) add(0, to.y() - v, 0);
+  if (!right && last < 0) add(0, rise - done, 0);
 }
 
 void MaskPicture::finish(const glm::vec3& light, std::vector<std::uint8_t>& codes) {

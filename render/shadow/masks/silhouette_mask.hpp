@@ -64,7 +64,7 @@ class MaskPicture {
   void add_face(Steps& to, std::size_t layer, const std::array<Place, 3>& corners);
   // sign -1: as if the edge ran the other way.
   void add_edge(Steps& sums, std::size_t layer, const Place& from, const Place& to, int sign = 1);
-  // Places from the row's corner.
+  // An edge between borders of the row.
   void add_in_row(Steps& sums, std::size_t layer, int sign, std::int64_t row, const Place& from,
                   const Place& to);
   // Makes room in the sums of a layer for a number of sheets.
