@@ -22,7 +22,7 @@ constexpr double kOtherEdge_px = 0.8;
 constexpr double kOtherSlope = 0.012;
 constexpr double kOtherSlopeSigmas = 5.0;
 
-// As other_size(), also for a shift that is too large in most views.
+// As tag_size_error_of(), also for a shift that is too large in most views.
 std::optional<double> tag_size_error(const CalibrationSolution& solution,
                                      const std::vector<CalibrationView>& views) {
   std::vector<double> shares;
@@ -41,7 +41,7 @@ std::optional<double> tag_size_error(const CalibrationSolution& solution,
     shifts.push_back(solution.views[v].edge_shift_px);
     shares.push_back(2.0 * shifts.back() / tag_sizes.back());
   }
-  if (const auto share = other_size(tag_sizes, shifts)) return share;
+  if (const auto share = tag_size_error_of(tag_sizes, shifts)) return share;
   const double share = upper_median(std::move(shares));
   if (std::abs(share) > kOtherSize && std::abs(upper_median(std::move(shifts))) > kOtherEdge_px)
     return share;
@@ -50,8 +50,8 @@ std::optional<double> tag_size_error(const CalibrationSolution& solution,
 
 }  // namespace
 
-std::optional<double> other_size(std::span<const double> sizes_px,
-                                 std::span<const double> shifts_px) {
+std::optional<double> tag_size_error_of(std::span<const double> sizes_px,
+                                        std::span<const double> shifts_px) {
   const std::size_t n = sizes_px.size();
   if (n < 6 || shifts_px.size() != n) return std::nullopt;
   double size = 0.0;
@@ -80,14 +80,14 @@ std::optional<double> other_size(std::span<const double> sizes_px,
   return 2.0 * slope;
 }
 
-std::vector<std::optional<int>> told_left_out(std::span<const CalibrationPicture> pictures,
-                                              int most) {
-  std::map<LeftOut, int> count;
+std::vector<std::optional<int>> pictures_to_report(std::span<const CalibrationPicture> pictures,
+                                                   int most) {
+  std::map<PictureRejection, int> count;
   for (const CalibrationPicture& picture : pictures) ++count[picture.reason];
   std::vector<std::optional<int>> reported(pictures.size());
   for (std::size_t i = 0; i < pictures.size(); ++i) {
-    const LeftOut reason = pictures[i].reason;
-    if (reason == LeftOut::no || count[reason] == 0) continue;
+    const PictureRejection reason = pictures[i].reason;
+    if (reason == PictureRejection::no || count[reason] == 0) continue;
     const bool many = count[reason] > most;
     reported[i] = many ? count[reason] - 1 : 0;
     if (many) count[reason] = 0;
@@ -127,7 +127,7 @@ Result<void> CameraCalibrator::add(const std::string& name, ImageView luma) {
   if (!picture.view.problem.empty()) {
     constexpr int kMostImages = 8;
     look_for_board(luma, kMostImages);
-    leave_out(picture, LeftOut::not_seen, problem_of(picture.view, luma));
+    reject(picture, PictureRejection::not_seen, problem_of(picture.view, luma));
   }
   if (picture.left_out.empty()) {
     // A repeated view would count its errors twice. A hand's tremor moves more than this.
@@ -136,7 +136,8 @@ Result<void> CameraCalibrator::add(const std::string& name, ImageView luma) {
       if (!other.left_out.empty() ||
           corner_distance(picture.view.corners, other.view.corners) > nearest)
         continue;
-      leave_out(picture, LeftOut::seen_before, fmt::format("the same view as {}", other.name));
+      reject(picture, PictureRejection::seen_before,
+             fmt::format("the same view as {}", other.name));
       break;
     }
   }
@@ -149,10 +150,10 @@ Result<void> CameraCalibrator::add(const std::string& name, ImageView luma) {
   pictures_.push_back(std::move(picture));
   // Long recordings do not fit into memory.
   if (candidates_ > 2 * options_.most_views) {
-    leave_out_blurred();
-    leave_out_surplus();
+    reject_blurred();
+    reject_surplus();
     for (CalibrationPicture& other : pictures_) {
-      if (other.reason != LeftOut::no) other.luma = std::vector<std::uint8_t>();
+      if (other.reason != PictureRejection::no) other.luma = std::vector<std::uint8_t>();
     }
   }
   return {};
@@ -196,11 +197,12 @@ std::optional<std::string> CameraCalibrator::other_board_in_words() const {
       most->second, most->first[0], most->first[1], target_.columns, target_.rows);
 }
 
-void CameraCalibrator::leave_out(CalibrationPicture& picture, LeftOut reason, std::string words) {
+void CameraCalibrator::reject(CalibrationPicture& picture, PictureRejection reason,
+                              std::string words) {
   picture.reason = reason;
   picture.left_out = std::move(words);
   --candidates_;
-  if (reason != LeftOut::seen_before && reason != LeftOut::surplus) return;
+  if (reason != PictureRejection::seen_before && reason != PictureRejection::surplus) return;
   // Frees the memory; `= {}` would not.
   picture.view.corners = std::vector<TargetCorner>();
   picture.luma = std::vector<std::uint8_t>();
@@ -209,7 +211,7 @@ void CameraCalibrator::leave_out(CalibrationPicture& picture, LeftOut reason, st
 void CameraCalibrator::add_unreadable(const std::string& name, const std::string& why) {
   CalibrationPicture picture;
   picture.name = name;
-  picture.reason = LeftOut::unreadable;
+  picture.reason = PictureRejection::unreadable;
   picture.left_out = why;
   pictures_.push_back(std::move(picture));
 }
@@ -218,9 +220,9 @@ Result<void> CameraCalibrator::check_found() const {
   if (pictures_.empty()) return fail("there are no pictures");
   std::map<std::string, int> reasons;
   for (const CalibrationPicture& picture : pictures_) {
-    if (picture.reason == LeftOut::seen_before) {
+    if (picture.reason == PictureRejection::seen_before) {
       ++reasons["the same view as another"];
-    } else if (picture.reason != LeftOut::no) {
+    } else if (picture.reason != PictureRejection::no) {
       ++reasons[picture.left_out];
     }
   }
@@ -295,7 +297,7 @@ Result<void> CameraCalibrator::check_markers() const {
       seen, said);
 }
 
-void CameraCalibrator::leave_out_blurred() {
+void CameraCalibrator::reject_blurred() {
   std::vector<double> blurs;
   for (const CalibrationPicture& picture : pictures_) {
     if (picture.left_out.empty() && picture.view.blur_px > 0.0)
@@ -305,14 +307,14 @@ void CameraCalibrator::leave_out_blurred() {
   const double limit = std::max(2.0 * upper_median(blurs), 1.5);
   for (CalibrationPicture& picture : pictures_) {
     if (!picture.left_out.empty() || picture.view.blur_px <= limit || candidates_ <= 4) continue;
-    leave_out(picture, LeftOut::blurred,
-              fmt::format("blurred: edges are {:.1f} px wide (sigma), {:.1f} in most views",
-                          picture.view.blur_px, upper_median(blurs)));
+    reject(picture, PictureRejection::blurred,
+           fmt::format("blurred: edges are {:.1f} px wide (sigma), {:.1f} in most views",
+                       picture.view.blur_px, upper_median(blurs)));
   }
 }
 
 // Chooses the most different views: each next one is the furthest from all that are chosen.
-void CameraCalibrator::leave_out_surplus() {
+void CameraCalibrator::reject_surplus() {
   if (candidates_ <= options_.most_views) return;
   std::vector<std::size_t> at;
   for (std::size_t i = 0; i < pictures_.size(); ++i) {
@@ -340,7 +342,8 @@ void CameraCalibrator::leave_out_surplus() {
     next = furthest;
   }
   for (std::size_t i = 0; i < at.size(); ++i) {
-    if (!chosen[i]) leave_out(pictures_[at[i]], LeftOut::surplus, "much like others: enough views");
+    if (!chosen[i])
+      reject(pictures_[at[i]], PictureRejection::surplus, "much like others: enough views");
   }
 }
 
@@ -421,12 +424,12 @@ Result<ToneEstimate> CameraCalibrator::estimate_tone(CameraCalibration& result) 
   return tone;
 }
 
-Result<CameraCalibration> CameraCalibrator::finish(std::stop_token stop, const TellStep& tell) {
+Result<CameraCalibration> CameraCalibrator::finish(std::stop_token stop, const StepCallback& tell) {
   stop_ = std::move(stop);
   PENUMBRA_TRY_VOID(check_found());
   PENUMBRA_TRY_VOID(check_markers());
-  leave_out_blurred();
-  leave_out_surplus();
+  reject_blurred();
+  reject_surplus();
   std::vector<CalibrationView> views = used_views();
   if (searched_for_boards_ > 0) {
     // A part of a larger board is found as the target in some images.

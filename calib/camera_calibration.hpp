@@ -28,12 +28,12 @@ struct CalibrationOptions {
   int most_views = 60;  // of more, the most different ones are solved; twice as many stay in memory
 };
 
-enum class LeftOut { no, unreadable, not_seen, seen_before, blurred, surplus };
+enum class PictureRejection { no, unreadable, not_seen, seen_before, blurred, surplus };
 
 struct CalibrationPicture {
   std::string name;
   TargetView view;  // without corners if it was seen before or is surplus
-  LeftOut reason = LeftOut::no;
+  PictureRejection reason = PictureRejection::no;
   std::string left_out;            // the reason in words; empty if used
   int solved = -1;                 // index into CalibrationSolution::views; -1 if not used
   int width = 0;                   // [px]
@@ -46,7 +46,7 @@ struct CalibrationPicture {
 
 // Selects the unused pictures to report, by picture: if a reason has more than `most` pictures,
 // only the first, with the number of others that it stands for.
-[[nodiscard]] std::vector<std::optional<int>> told_left_out(
+[[nodiscard]] std::vector<std::optional<int>> pictures_to_report(
     std::span<const CalibrationPicture> pictures, int most);
 
 // Standard deviation of the projection over the image [px], along its worst direction.
@@ -81,8 +81,8 @@ struct ProjectionDifference {
 // Relative size error of the tags' black squares (0.01: 1 % larger than the target file says), from
 // their sizes [px] and edge shifts [px] in the views; nothing if it is small or not significant.
 // See docs/calibration.md#tag-size.
-[[nodiscard]] std::optional<double> other_size(std::span<const double> sizes_px,
-                                               std::span<const double> shifts_px);
+[[nodiscard]] std::optional<double> tag_size_error_of(std::span<const double> sizes_px,
+                                                      std::span<const double> shifts_px);
 
 enum class CalibrationGrade { good, usable, poor };
 [[nodiscard]] std::string_view to_string(CalibrationGrade grade);
@@ -123,7 +123,7 @@ class CameraCalibrator {
   // Solves, once. An error is one line that says what the pictures lack. Fails soon after `stop`
   // was requested. Calls `tell` on this thread at each step.
   [[nodiscard]] Result<CameraCalibration> finish(std::stop_token stop = {},
-                                                 const TellStep& tell = {});
+                                                 const StepCallback& tell = {});
 
  private:
   CameraCalibrator() = default;
@@ -134,9 +134,9 @@ class CameraCalibrator {
   [[nodiscard]] std::optional<std::string> other_board_in_words() const;
   [[nodiscard]] Result<void> check_found() const;
   [[nodiscard]] Result<void> check_markers() const;
-  void leave_out_blurred();
-  void leave_out_surplus();
-  void leave_out(CalibrationPicture& picture, LeftOut reason, std::string words);
+  void reject_blurred();
+  void reject_surplus();
+  void reject(CalibrationPicture& picture, PictureRejection reason, std::string words);
   [[nodiscard]] std::vector<CalibrationView> used_views();
   void refine_corners(const CalibrationSolution& solution);
   [[nodiscard]] Result<void> check_solution(const CalibrationSolution& solution,

@@ -69,7 +69,7 @@ struct Compositor::Impl {
   int height;
   LensUniforms lens;
   Framebuffer framebuffer;
-  PictureAbilities abilities;
+  FragmentAbilities abilities;
   bool pixel_buffers;
   ReadBackBuffers pictures;
   std::optional<GpuTimer> gpu_timer;
@@ -138,12 +138,12 @@ struct Compositor::Impl {
   }
 
   void upload(const Frame& frame, bool reuse) {
-    const VideoTexture::Way came = video.upload(frame, reuse);
-    const bool buffered = came == VideoTexture::Way::buffered;
-    stats[Counter::video_copies] = came == VideoTexture::Way::copied || buffered ? 1 : 0;
-    stats[Counter::video_imports] = came == VideoTexture::Way::imported ? 1 : 0;
+    const VideoTexture::Upload came = video.upload(frame, reuse);
+    const bool buffered = came == VideoTexture::Upload::buffered;
+    stats[Counter::video_copies] = came == VideoTexture::Upload::copied || buffered ? 1 : 0;
+    stats[Counter::video_imports] = came == VideoTexture::Upload::imported ? 1 : 0;
     stats[Counter::pixel_buffer_uploads] = buffered ? 1 : 0;
-    if (came == VideoTexture::Way::there) stats.kept.push_back({KeepReason::video});
+    if (came == VideoTexture::Upload::there) stats.kept.push_back({KeepReason::video});
   }
 
   [[nodiscard]] std::size_t picture_bytes() const {
@@ -152,7 +152,7 @@ struct Compositor::Impl {
 
   [[nodiscard]] Result<CompositeStats> read(const Stopwatch& since) {
     since.add_to(stats.readback_ms, stats.readback_cpu_ms);
-    if (const auto error = noted_gl_error(context.info()))
+    if (const auto error = take_gl_error(context.info()))
       return fail("while the picture is read back: {}", gl_error_text(*error));
     return stats;
   }
@@ -198,7 +198,7 @@ Result<Compositor> Compositor::create(GlContext& context, std::shared_ptr<const 
   if (on_gpu) impl->gpu_timer = GpuTimer::create(api);
   if (rectified) impl->rectified.emplace(api, video_camera);
   // Covers models, textures and programs.
-  if (const auto error = noted_gl_error(context.info()))
+  if (const auto error = take_gl_error(context.info()))
     return fail("{}: {}", impl->scene->file, gl_error_text(*error));
   return Compositor(std::move(impl));
 }
@@ -245,7 +245,7 @@ Result<CompositeStats> Compositor::draw(const Frame& frame, const FramePlan& pla
   // Waits for a CPU rasteriser here, so that its time does not count as read-back.
   if (m.context.info().software) glFinish();
   render_clock.add_to(m.stats.render_ms, m.stats.render_cpu_ms);
-  if (const auto error = noted_gl_error(m.context.info()))
+  if (const auto error = take_gl_error(m.context.info()))
     return fail("frame {}: {}", frame.sequence, gl_error_text(*error));
 
   m.stats.translucency = context.mode;
@@ -266,7 +266,7 @@ bool Compositor::pixel_buffers() const {
   return impl_->pixel_buffers;
 }
 
-Result<CompositeStats> Compositor::ask_for_picture() {
+Result<CompositeStats> Compositor::request_image() {
   Impl& m = *impl_;
   PENUMBRA_ASSERT(m.pixel_buffers);
   const Stopwatch clock;
@@ -281,7 +281,7 @@ std::size_t Compositor::pictures_asked_for() const {
   return impl_->pictures.asked();
 }
 
-Result<CompositeStats> Compositor::take_picture(std::span<std::uint8_t> rgba) {
+Result<CompositeStats> Compositor::take_image(std::span<std::uint8_t> rgba) {
   Impl& m = *impl_;
   PENUMBRA_ASSERT(rgba.size() == m.picture_bytes());
   const Stopwatch clock;

@@ -34,7 +34,7 @@ struct CompositorOptions {
   // Samples per pixel; 0: no multisampling; none: multisampling_for() the renderer. The driver may
   // give more.
   std::optional<int> msaa = std::nullopt;
-  // Transfers the video, and images of ask_for_picture(), asynchronously through pixel buffers.
+  // Transfers the video, and images of request_image(), asynchronously through pixel buffers.
   // None: true except on a CPU rasteriser, which pays for the copies. The images are the same.
   std::optional<bool> pixel_buffers = std::nullopt;
 };
@@ -61,15 +61,15 @@ class Compositor {
   // stats with the read-back time added.
   [[nodiscard]] Result<CompositeStats> read_back(std::span<std::uint8_t> rgba);
 
-  // Returns whether pixel buffers are in use; ask_for_picture() needs them.
+  // Returns whether pixel buffers are in use; request_image() needs them.
   [[nodiscard]] bool pixel_buffers() const;
   // Starts an asynchronous read_back(). At most two may be pending. Returns the last stats with the
-  // time added, as take_picture() does. After a failure nothing is pending for it.
-  [[nodiscard]] Result<CompositeStats> ask_for_picture();
+  // time added, as take_image() does. After a failure nothing is pending for it.
+  [[nodiscard]] Result<CompositeStats> request_image();
   // Number of pending images.
   [[nodiscard]] std::size_t pictures_asked_for() const;
   // Takes the oldest pending image; waits until it is drawn. A failure drops all pending images.
-  [[nodiscard]] Result<CompositeStats> take_picture(std::span<std::uint8_t> rgba);
+  [[nodiscard]] Result<CompositeStats> take_image(std::span<std::uint8_t> rgba);
   // Takes the GPU times [ms] that have arrived and are in no stats yet; never waits.
   [[nodiscard]] std::vector<double> take_gpu_times();
   // Copies the last image to the context's window, letterboxed.

@@ -351,7 +351,8 @@ class Planner {
     for (const int caster : node.casters) {
       if (casts(caster, on_planes)) casters.push_back(caster);
     }
-    const std::vector<Ball> seen = on_planes ? std::vector<Ball>() : balls_about_phantoms();
+    const std::vector<BoundingSphere> seen =
+        on_planes ? std::vector<BoundingSphere>() : spheres_about_phantoms();
     for (const int light : lights) {
       // A light without a projected shadow on any of the planes casts none on phantoms.
       const bool shown = std::ranges::any_of(node.planes, [&](int plane) {
@@ -361,7 +362,7 @@ class Planner {
       if (!on_planes && !shown) continue;
       for (const int caster : casters) {
         ShadowVolumeDraw draw{lit_caster(caster, light), floors, on_planes, {}};
-        if (!on_planes) draw.receivers = balls_met(draw, seen);
+        if (!on_planes) draw.receivers = spheres_met(draw, seen);
         if (on_planes || !draw.receivers.empty()) {
           volume_lights_.insert(light);
         } else if (options_.skip) {
@@ -378,30 +379,30 @@ class Planner {
     }
   }
 
-  [[nodiscard]] Ball ball_about(const Model& model, const Placement& placement) const {
+  [[nodiscard]] BoundingSphere sphere_about(const Model& model, const Placement& placement) const {
     const BoxCorners corners = box_corners(model, placement);
     const Eigen::Vector3d middle = 0.5 * (corners.front() + corners.back());
     return {middle, (corners.back() - middle).norm()};
   }
 
-  // Returns balls about the phantoms in view.
-  [[nodiscard]] std::vector<Ball> balls_about_phantoms() const {
-    std::vector<Ball> balls;
+  // Returns spheres about the phantoms in view.
+  [[nodiscard]] std::vector<BoundingSphere> spheres_about_phantoms() const {
+    std::vector<BoundingSphere> spheres;
     for (const ObjectDraw& phantom : plan_.phantoms) {
       const Model& model = *object_at(phantom.object).model;
       if (out_of_view(box_corners(model, phantom.T_table_object))) continue;
-      balls.push_back(ball_about(model, phantom.T_table_object));
+      spheres.push_back(sphere_about(model, phantom.T_table_object));
     }
-    return balls;
+    return spheres;
   }
 
   // Returns the receivers that a caster may shadow.
-  [[nodiscard]] std::vector<Ball> balls_met(const ShadowVolumeDraw& draw,
-                                            const std::vector<Ball>& receivers) const {
-    const Ball caster =
-        ball_about(*casting_model(object_at(draw.object), draw.proxy), draw.T_table_object);
-    std::vector<Ball> met;
-    for (const Ball& receiver : receivers) {
+  [[nodiscard]] std::vector<BoundingSphere> spheres_met(
+      const ShadowVolumeDraw& draw, const std::vector<BoundingSphere>& receivers) const {
+    const BoundingSphere caster =
+        sphere_about(*casting_model(object_at(draw.object), draw.proxy), draw.T_table_object);
+    std::vector<BoundingSphere> met;
+    for (const BoundingSphere& receiver : receivers) {
       if (may_shadow(draw.light_place, caster, receiver)) met.push_back(receiver);
     }
     return met;

@@ -109,9 +109,9 @@ struct HardShadowDraw : LitCaster {
 // asks for volumes, the projected shadows of all nodes are drawn as volumes. Where the shadow
 // falls, the receiver's opacity counts too.
 struct ShadowVolumeDraw : LitCaster {
-  std::vector<PlaneFrame> floors;  // the unbounded planes that receive
-  bool on_planes = true;           // and on virtual objects
-  std::vector<Ball> receivers;     // for phantoms alone: those it may meet; empty: any
+  std::vector<PlaneFrame> floors;         // the unbounded planes that receive
+  bool on_planes = true;                  // and on virtual objects
+  std::vector<BoundingSphere> receivers;  // for phantoms alone: those it may meet; empty: any
 };
 
 // Rays from a light through one caster's vertices onto planes.

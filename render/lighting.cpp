@@ -10,7 +10,7 @@ const Eigen::Vector3d kLuminance(0.2126, 0.7152, 0.0722);
 }  // namespace
 
 std::vector<PlacedLight> lights_or_lamp(const std::vector<PlacedLight>& lights) {
-  return lights.empty() ? std::vector<PlacedLight>{lamp_of_no_scene()} : lights;
+  return lights.empty() ? std::vector<PlacedLight>{default_light()} : lights;
 }
 
 Lighting lighting_for(const Scene& scene, const SceneState& state) {

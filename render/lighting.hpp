@@ -8,7 +8,7 @@
 
 namespace penumbra {
 
-// Returns the lights, or lamp_of_no_scene() if there are none.
+// Returns the lights, or default_light() if there are none.
 [[nodiscard]] std::vector<PlacedLight> lights_or_lamp(const std::vector<PlacedLight>& lights);
 
 // The light on virtual objects beside the scene's lights. Linear, by channel.

@@ -33,7 +33,7 @@ enum class Counter : std::size_t {
   // Video frames copied to the GPU, or read in the camera's own buffer; neither if already there.
   video_copies,
   video_imports,
-  // Through pixel buffers: copies of the video, and images of ask_for_picture().
+  // Through pixel buffers: copies of the video, and images of request_image().
   pixel_buffer_uploads,
   pixel_buffer_read_backs,
   // Faces of the kernel sets made in this frame, and those twisted in some layer.

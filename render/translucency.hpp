@@ -5,7 +5,7 @@
 #include <optional>
 #include <string_view>
 
-#include "render/gl/picture_probe.hpp"
+#include "render/gl/fragment_probe.hpp"
 
 namespace penumbra {
 
@@ -48,7 +48,7 @@ static_assert(kTranslucencyNames.size() ==
 // Replaces `automatic` by a mode that works. Blending and fetching give the same image, blending at
 // less cost; a mesh needs neither.
 [[nodiscard]] constexpr Translucency choose_translucency(Translucency requested,
-                                                         const PictureAbilities& abilities) {
+                                                         const FragmentAbilities& abilities) {
   if (requested != Translucency::automatic) return requested;
   if (abilities.blends) return Translucency::blend;
   return abilities.fetches ? Translucency::retexture : Translucency::mesh;

@@ -15,9 +15,9 @@
 #include <utility>
 #include <vector>
 
-#include "app/calibration/picture_source.hpp"
+#include "app/calibration/image_folder.hpp"
 #include "app/capture/mailbox.hpp"
-#include "app/capture/newest_picture.hpp"
+#include "app/capture/newest_image.hpp"
 #include "app/logging.hpp"
 #include "core/image/image_file.hpp"
 #include "core/propagate.hpp"
@@ -34,7 +34,7 @@ using Pictures = std::function<Result<void>(const TakePicture& take, const std::
 Pictures newest_of(LiveSource& source) {
   return [&source](const TakePicture& take, const std::stop_token& stop) -> Result<void> {
     constexpr std::chrono::milliseconds kPatience(50);
-    NewestPicture pictures(source);
+    NewestImage pictures(source);
     std::vector<std::uint8_t> scratch;
     while (!stop.stop_requested()) {
       // Before take(), which may receive the last image in between.
@@ -84,7 +84,7 @@ class Looking {
  public:
   struct Looked {
     Frame frame;
-    GuideLook look;
+    GuideResult look;
     GuideProgress progress;
   };
 
@@ -157,7 +157,7 @@ class Looking {
           "one size",
           picture.name, picture.luma.width, picture.luma.height, width_, height_);
     }
-    GuideLook look = guide_.look(picture.luma);
+    GuideResult look = guide_.look(picture.luma);
     if (check_ && !look.corners_px.empty()) check_.reset();
     if (check_) {
       if (const auto fault = check_->nothing_found(picture.luma)) {

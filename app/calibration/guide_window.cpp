@@ -155,7 +155,7 @@ void verdict(const GuideHud& hud, GlContext::Size size, float em) {
 
 void draw_guide(Overlay& overlay, const GuideHud& hud, GlContext::Size size) {
   if (hud.width <= 0 || hud.height <= 0) return;
-  overlay.draw_own(size, [&](float em) {
+  overlay.draw_custom(size, [&](float em) {
     const PictureArea area = picture_area(hud.width, hud.height, size);
     cells_over(hud, area, em);
     if (!hud.words.empty()) {
@@ -201,7 +201,7 @@ GuideWindow::~GuideWindow() {
   context_->on_event({});
 }
 
-Result<void> GuideWindow::show(const Frame& frame, GuideLook look, GuideProgress progress) {
+Result<void> GuideWindow::show(const Frame& frame, GuideResult look, GuideProgress progress) {
   frame_ = frame;
   (void)video_.upload(frame_);
   picture_.bind();

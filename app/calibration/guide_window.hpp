@@ -23,7 +23,7 @@ namespace penumbra {
 struct GuideHud {
   int width = 0;
   int height = 0;
-  GuideLook look;
+  GuideResult look;
   GuideProgress progress;
   double flash = 0.0;                     // 1 when a view has just been taken, falling to 0
   std::string words;                      // in place of the bars: "solving", or the verdict
@@ -40,7 +40,7 @@ class GuideWindow {
   ~GuideWindow();
 
   // Sets the image and what was seen in it.
-  [[nodiscard]] Result<void> show(const Frame& frame, GuideLook look, GuideProgress progress);
+  [[nodiscard]] Result<void> show(const Frame& frame, GuideResult look, GuideProgress progress);
   // Sets the words over the last image.
   void say(std::string words, std::optional<CalibrationGrade> grade = std::nullopt,
            bool failed = false);

@@ -12,7 +12,7 @@
 
 #include "app/calibration/calibration_capture.hpp"
 #include "app/calibration/guide_window.hpp"
-#include "app/calibration/picture_source.hpp"
+#include "app/calibration/image_folder.hpp"
 #include "app/commands/options.hpp"
 #include "app/interrupt.hpp"
 #include "app/live/live_camera.hpp"
@@ -20,7 +20,7 @@
 #include "app/output/interruptible.hpp"
 #include "app/output/output_file.hpp"
 #include "app/progress.hpp"
-#include "app/tags_in_use.hpp"
+#include "app/run_inputs.hpp"
 #include "calib/camera_calibration.hpp"
 #include "calib/report/calibration_report.hpp"
 #include "core/camera/camera_file.hpp"
@@ -104,7 +104,7 @@ CalibrationRecord record_of(const CameraCalibration& calibration, const Target& 
 
 void print_summary(const CameraCalibration& calibration) {
   constexpr int kMostOfAReason = 8;
-  const auto listed = told_left_out(calibration.pictures, kMostOfAReason);
+  const auto listed = pictures_to_report(calibration.pictures, kMostOfAReason);
   for (std::size_t i = 0; i < listed.size(); ++i) {
     if (!listed[i]) continue;
     const CalibrationPicture& picture = calibration.pictures[i];
@@ -115,9 +115,9 @@ void print_summary(const CameraCalibration& calibration) {
   for (const ModelTrial& trial : calibration.trials) {
     fmt::print("{:<22}{:<9}{:>13.3f}{:>17}{}\n", lens_name(trial), to_string(trial.shape),
                trial.rms_px, trial.held_out_px ? fmt::format("{:.3f}", *trial.held_out_px) : "-",
-               trial.chosen    ? "  chosen"
-               : trial.fold_px ? "  non-monotonic in the image"
-                               : "");
+               trial.chosen             ? "  chosen"
+               : trial.non_monotonic_px ? "  non-monotonic in the image"
+                                        : "");
   }
   const CameraParameters& p = calibration.solution.camera.parameters();
   const Eigen::MatrixXd& covariance = calibration.solution.covariance;

@@ -19,7 +19,7 @@ namespace {
 constexpr std::string_view kCocl = "cocl";
 
 template <class Names>
-std::string words_of(const Names& names, std::string_view separator) {
+std::string joined_names(const Names& names, std::string_view separator) {
   std::string words;
   for (const auto& entry : names) {
     if (!words.empty()) words += separator;
@@ -94,7 +94,7 @@ void add_off_flag(CLI::App& command, const std::string& name, bool& variable,
 }
 
 std::string known_techniques() {
-  std::string words = words_of(kShadowTechniqueNames, ", ");
+  std::string words = joined_names(kShadowTechniqueNames, ", ");
   return words.insert(words.find("layered"), "cocl, ");
 }
 
@@ -123,7 +123,7 @@ CLI::Option* add_shadow_options(CLI::App& command, ShadowChoice& choice) {
                   "part; smooth: the same, blended; per-axis: from the sets of the three axes; "
                   "cocl: one for the whole object), or a kernel file for the objects of as many "
                   "vertices",
-                  words_of(kKernelSourceNames, ", ")));
+                  joined_names(kKernelSourceNames, ", ")));
   add_word_option(
       command, "--light-mode", "proportional|fixed", "mode", plan.light_mode,
       light_mode_from_string,
@@ -142,7 +142,7 @@ CLI::Option* add_shadow_options(CLI::App& command, ShadowChoice& choice) {
       "own mesh")
       ->default_str("auto");
   add_word_option(
-      command, "--translucency", words_of(kTranslucencyNames, "|"), "way", plan.translucency,
+      command, "--translucency", joined_names(kTranslucencyNames, "|"), "way", plan.translucency,
       translucency_from_string,
       "How shadows, and what fades out, let the video shine through. blend: by the graphics "
       "hardware; mesh: black pixels in an ordered pattern, in proportion to the missing light; "
@@ -169,7 +169,7 @@ KernelChoice kernel_choice_from(const std::string& text) {
     return {KernelSource::automatic, text};
   }
   usage_error("--kernels", "{}: no such kernels; known: {}, or a kernel file (.json)", text,
-              words_of(kKernelSourceNames, ", "));
+              joined_names(kKernelSourceNames, ", "));
 }
 
 void warn_of_no_use(const ShadowChoice& choice) {

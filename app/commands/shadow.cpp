@@ -10,7 +10,7 @@
 #include "app/logging.hpp"
 #include "app/output/interruptible.hpp"
 #include "app/output/output_file.hpp"
-#include "app/output/shadow_picture.hpp"
+#include "app/output/shadow_drawing.hpp"
 #include "core/propagate.hpp"
 
 namespace penumbra {

@@ -10,7 +10,7 @@
 #include <utility>
 #include <vector>
 
-#include "app/output/shadow_picture.hpp"
+#include "app/output/shadow_drawing.hpp"
 #include "core/error.hpp"
 #include "render/model/model.hpp"
 #include "render/scene/plane_frame.hpp"
@@ -92,7 +92,7 @@ struct ProxyResult {
 };
 
 struct ShadowResult {
-  std::vector<ShadowPicture::Layer> layers;  // umbra, middle, penumbra; or shadow
+  std::vector<ShadowDrawing::Layer> layers;  // umbra, middle, penumbra; or shadow
   LayerOutline object;
   std::vector<Eigen::Vector2d> kernels;
   std::string kernel_source = "none";
@@ -111,6 +111,6 @@ struct ShadowResult {
 
 [[nodiscard]] std::string shadow_json(const ShadowJob& job, const ShadowResult& result);
 [[nodiscard]] std::string shadow_table(const ShadowJob& job, const ShadowResult& result);
-[[nodiscard]] ShadowPicture picture_of(const ShadowJob& job, const ShadowResult& result);
+[[nodiscard]] ShadowDrawing picture_of(const ShadowJob& job, const ShadowResult& result);
 
 }  // namespace penumbra

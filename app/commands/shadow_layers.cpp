@@ -308,7 +308,7 @@ Result<void> add_penumbra_layers(const ShadowJob& job, const ShadowMesh& mesh,
   } else {
     const auto [least, greatest] = factors_of(vertices, job.constants);
     result.twists = find_twists(vertices, caster.indices, least, greatest);
-    result.spill = layer_spill(caster, at_tilt(), greatest);
+    result.spill = layer_overshoot(caster, at_tilt(), greatest);
   }
   result.twisted_faces = result.twists->faces_twisted;
   for (const auto& [layer, name] : kLayerNames) {
@@ -361,7 +361,7 @@ Result<ShadowResult> compute_shadow(const ShadowJob& given) {
   warn_of_heights(job, vertices, mesh.indices, result);
   const Eigen::Vector2d origin = job.plane.to_plane(plane.q).head<2>();
   slide(result.object, origin);
-  for (ShadowPicture::Layer& layer : result.layers) slide(layer.outline, origin);
+  for (ShadowDrawing::Layer& layer : result.layers) slide(layer.outline, origin);
   for (Eigen::Vector2d& kernel : result.kernels) kernel += origin;
   return result;
 }

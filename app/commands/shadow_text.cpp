@@ -46,7 +46,7 @@ std::string shadow_json(const ShadowJob& job, const ShadowResult& result) {
     for (const Eigen::Vector2d& p : ring) list.push_back({p.x(), p.y()});
     return list;
   };
-  for (const ShadowPicture::Layer& layer : result.layers) {
+  for (const ShadowDrawing::Layer& layer : result.layers) {
     auto& layer_json = json["layers"][layer.name];
     layer_json["area"] = layer.outline.area;
     auto polygons = Json::array();
@@ -98,7 +98,7 @@ std::string shadow_table(const ShadowJob& job, const ShadowResult& result) {
   }
   if (!job.groups.empty()) table += fmt::format("parts: {}\n", result.parts);
   table += "layer      area [cm2]  pieces  holes\n";
-  for (const ShadowPicture::Layer& layer : result.layers) {
+  for (const ShadowDrawing::Layer& layer : result.layers) {
     std::size_t holes = 0;
     for (const LayerPolygon& polygon : layer.outline.polygons) holes += polygon.holes.size();
     table += fmt::format("{:<9} {:>11.6g} {:>7} {:>6}\n", layer.name, 1e4 * layer.outline.area,
@@ -127,8 +127,8 @@ std::string shadow_table(const ShadowJob& job, const ShadowResult& result) {
   return table;
 }
 
-ShadowPicture picture_of(const ShadowJob& job, const ShadowResult& result) {
-  ShadowPicture picture;
+ShadowDrawing picture_of(const ShadowJob& job, const ShadowResult& result) {
+  ShadowDrawing picture;
   picture.title = as_utf8(fmt::format("{}, {}", job.model.stem().string(), technique_words(job)));
   if (job.has_layers()) {
     picture.subtitle =

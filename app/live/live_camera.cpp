@@ -9,7 +9,7 @@
 #include "app/capture/v4l2/v4l2_device.hpp"
 #include "app/capture/v4l2/v4l2_source.hpp"
 #include "app/recording/recording_feed.hpp"
-#include "app/tags_in_use.hpp"
+#include "app/run_inputs.hpp"
 #include "core/camera/camera_file.hpp"
 #include "core/camera/focus_file.hpp"
 #include "core/propagate.hpp"
@@ -170,7 +170,7 @@ Result<std::filesystem::path> tags_for_camera(const std::optional<std::filesyste
   const auto beside = calibration.parent_path() / "tags.yaml";
   if (std::filesystem::exists(beside, ignored)) return beside;
   return fail("--tags: no tag map is named, and there is no {}{}; {}", looked_for, beside.string(),
-              kNameATagMap);
+              kTagMapRemedy);
 }
 
 }  // namespace penumbra

@@ -63,7 +63,7 @@ std::string LiveHost::toggle_recording() {
 void LiveHost::describe(HudState& state, bool debug) const {
   SessionHost::describe(state, debug);
   state.live = true;
-  if (state.has_picture) state.silent_s = stall_s_;
+  if (state.has_picture) state.stalled_s = stall_s_;
   if (!stall_s_) state.latency_ms = run_.recent_ms("latency");
   const CaptureStats stats = source_.faults().stats();
   state.frames_dropped =

@@ -14,12 +14,12 @@
 #include "app/logging.hpp"
 #include "app/output/run_outputs.hpp"
 #include "app/recording/recording_writer.hpp"
+#include "app/run_inputs.hpp"
 #include "app/session/image_fault_watch.hpp"
 #include "app/session/session.hpp"
 #include "app/standard_streams.hpp"
-#include "app/tags_in_use.hpp"
 #include "app/window/overlay.hpp"
-#include "app/window/silence.hpp"
+#include "app/window/stall_display.hpp"
 #include "app/window/viewer.hpp"
 #include "core/camera/camera_file.hpp"
 #include "core/propagate.hpp"
@@ -120,7 +120,7 @@ Result<LiveSetup> open_setup(const LiveRequest& request, InterruptWatch& interru
   PENUMBRA_TRY(auto loaded_scene, load_run_scene(request.scene, request.kernel_file));
   const auto scene = std::make_shared<const Scene>(std::move(loaded_scene));
   PENUMBRA_TRY(auto tracker, create_tracker(request, camera, tags, *scene));
-  tell_warnings(*scene, request.plan);
+  log_scene_warnings(*scene, request.plan);
 
   PENUMBRA_TRY_VOID(check_camera(address));
   PENUMBRA_TRY(auto context, open_run_context({request.window, request.vsync},
@@ -204,7 +204,7 @@ class LiveLoop {
   std::unique_ptr<Viewer> viewer_;
   std::vector<std::uint8_t> pixels_;  // empty if no composited frames are written
   LateOutputs late_;
-  Silence silence_;
+  StallDisplay stall_display_;
   bool stopped_ = false;
   std::optional<Error> failure_;
   // Images up to this time waited for a pause to end: their age is not the latency.
@@ -249,7 +249,7 @@ void LiveLoop::draw(ReadyFrame ready) {
   const Stopwatch watch;
   const std::int64_t timestamp_ns = ready.tracked.frame.timestamp_ns;
   run_.add_time("capture", ready.capture_time);
-  silence_.saw(ready.tracked);
+  stall_display_.saw(ready.tracked);
   const auto done = setup_.session->draw(std::move(ready.tracked), pixels_, PictureTime::later);
   if (!done) return fail_with(done.error());
   run_.add_frame(*done);
@@ -271,11 +271,11 @@ void LiveLoop::draw_stall() {
   note_failure(late_.write_rest());
   const auto stall_ns = pipeline_.stale_for_ns();
   if (stall_ns) host_.set_stalled(*stall_ns);
-  if (auto picture = stall_ns ? silence_.picture(*stall_ns) : std::nullopt) {
+  if (auto picture = stall_ns ? stall_display_.picture(*stall_ns) : std::nullopt) {
     const auto drawn = setup_.session->redraw(std::move(*picture));
     if (!drawn) return fail_with(drawn.error());
     if (viewer_) host_.saw(*drawn);
-    if (!silence_.holds()) host_.forget_frame();
+    if (!stall_display_.holds()) host_.forget_frame();
   }
   show(Viewer::Picture::same);
 }

@@ -99,7 +99,7 @@ Result<Scene> load_run_scene(const fs::path& scene, const std::optional<fs::path
   PENUMBRA_TRY(Scene loaded, load_scene(scene));
   if (kernel_file) {
     PENUMBRA_TRY(const KernelFile kernels, load_kernel_file(*kernel_file));
-    PENUMBRA_TRY_VOID(give_kernels(loaded, kernels, kernel_file->string()));
+    PENUMBRA_TRY_VOID(attach_kernels_to_scene(loaded, kernels, kernel_file->string()));
   }
   return loaded;
 }
@@ -130,7 +130,7 @@ void warn_of_cut_outs(const Scene& scene, std::span<const PlanOptions> plans) {
 
 }  // namespace
 
-void tell_warnings(const Scene& scene, std::span<const PlanOptions> plans) {
+void log_scene_warnings(const Scene& scene, std::span<const PlanOptions> plans) {
   for (const std::string& warning : scene.warnings) log_warning("{}", warning);
   for (const LayeredAdvice& advice : scene.layered_advice) {
     const ShadowNode& node = scene.shadows[static_cast<std::size_t>(advice.node)];
@@ -141,8 +141,8 @@ void tell_warnings(const Scene& scene, std::span<const PlanOptions> plans) {
   warn_of_cut_outs(scene, plans);
 }
 
-void tell_warnings(const Scene& scene, const PlanOptions& plan) {
-  tell_warnings(scene, std::span(&plan, 1));
+void log_scene_warnings(const Scene& scene, const PlanOptions& plan) {
+  log_scene_warnings(scene, std::span(&plan, 1));
 }
 
 void warn_of_unknown_groups(const Scene& scene, const TagMap& tags, const fs::path& tags_file,
@@ -277,7 +277,7 @@ Result<void> LateOutputs::write_rest() {
   if (!waiting_) return {};
   const TrackedFrame frame = *std::exchange(waiting_, std::nullopt);
   PENUMBRA_ASSERT(session_ != nullptr);
-  Result<StageTime> taken = session_->take_picture(pixels_);
+  Result<StageTime> taken = session_->take_image(pixels_);
   if (taken) {
     run_.add_time("readback", *taken);
     return outputs_.write(frame, pixels_, run_);

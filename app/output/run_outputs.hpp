@@ -95,9 +95,9 @@ class LateOutputs {
 };
 
 // Logs the warnings of the scene file, and those about shadows that the plan draws.
-void tell_warnings(const Scene& scene, const PlanOptions& plan);
+void log_scene_warnings(const Scene& scene, const PlanOptions& plan);
 // The same for several plans side by side.
-void tell_warnings(const Scene& scene, std::span<const PlanOptions> plans);
+void log_scene_warnings(const Scene& scene, std::span<const PlanOptions> plans);
 
 // Warns of tag groups that the scene uses and the tag file lacks; `consequence` ends the message.
 void warn_of_unknown_groups(const Scene& scene, const TagMap& tags,

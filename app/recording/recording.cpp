@@ -10,7 +10,7 @@
 
 #include "app/recording/recording_source.hpp"
 #include "app/recording/video_reader.hpp"
-#include "app/tags_in_use.hpp"
+#include "app/run_inputs.hpp"
 #include "core/camera/camera_file.hpp"
 #include "core/camera/camera_plausibility.hpp"
 #include "core/camera/sensor_file.hpp"
@@ -388,7 +388,7 @@ Result<void> load_surroundings(const std::filesystem::path& folder,
   if (options.tags || file_exists(tags)) {
     PENUMBRA_TRY(recording.tags, load_tag_map(tags));
   } else if (options.require_tags) {
-    return fail("{}: no such file; {}", tags.string(), kNameATagMap);
+    return fail("{}: no such file; {}", tags.string(), kTagMapRemedy);
   }
 
   const std::filesystem::path truth = folder / "groundtruth.tum";

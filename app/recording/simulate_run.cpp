@@ -15,8 +15,8 @@
 #include "app/output/run_outputs.hpp"
 #include "app/progress.hpp"
 #include "app/recording/recording_source.hpp"
+#include "app/run_inputs.hpp"
 #include "app/session/session.hpp"
-#include "app/tags_in_use.hpp"
 #include "core/camera/camera_file.hpp"
 #include "core/evaluation/evaluation.hpp"
 #include "core/geometry/tag_map.hpp"
@@ -319,7 +319,7 @@ Result<SimulateSummary> run_simulate(const SimulateRequest& request) {
   if (request.scene) {
     PENUMBRA_TRY(auto loaded, load_scene(*request.scene));
     auto scene = std::make_shared<const Scene>(std::move(loaded));
-    tell_warnings(*scene, PlanOptions());
+    log_scene_warnings(*scene, PlanOptions());
     PENUMBRA_TRY(context, open_run_context({false, false}, {simulation.camera().width(),
                                                             simulation.camera().height()}));
     PENUMBRA_TRY_VOID(simulation.add_scene(*context, std::move(scene)));

@@ -16,10 +16,10 @@
 #include "app/replay/replay_poses.hpp"
 #include "app/replay/replay_view.hpp"
 #include "app/report/versions.hpp"
+#include "app/run_inputs.hpp"
 #include "app/session/image_fault_watch.hpp"
 #include "app/session/scene_edit.hpp"
 #include "app/standard_streams.hpp"
-#include "app/tags_in_use.hpp"
 #include "app/window/overlay.hpp"
 #include "app/window/viewer.hpp"
 #include "core/propagate.hpp"
@@ -197,7 +197,7 @@ Result<ReplaySetup> open_setup(const ReplayRequest& request, InterruptWatch& int
   std::vector<PlanOptions> plans;
   for (const ComparedTechnique& pane : request.compare) plans.push_back(pane.plan);
   if (plans.empty()) plans.push_back(request.plan);
-  tell_warnings(*scene, plans);
+  log_scene_warnings(*scene, plans);
   PENUMBRA_TRY(setup.events, load_events(request, recording));
   PENUMBRA_TRY_VOID(check_outputs(request, recording));
   PENUMBRA_TRY(setup.source, open_frames(request, recording));

@@ -11,9 +11,9 @@
 #include <utility>
 #include <vector>
 
+#include "app/run_inputs.hpp"
 #include "app/session/pose_smoother.hpp"
 #include "app/session/session.hpp"
-#include "app/tags_in_use.hpp"
 #include "core/error.hpp"
 #include "core/evaluation/evaluation.hpp"
 #include "core/evaluation/running_statistics.hpp"

@@ -170,8 +170,8 @@ Result<SessionFrame> Session::compose(TrackedFrame tracked, std::span<std::uint8
 Result<void> Session::read_picture(std::span<std::uint8_t> rgba, SessionFrame& drawn) {
   const bool later = drawn.picture == PictureTime::later;
   const bool has_earlier = compositor_.pictures_asked_for() > 0;
-  auto read = later ? compositor_.ask_for_picture() : compositor_.read_back(rgba);
-  if (read && later && has_earlier) read = compositor_.take_picture(rgba);
+  auto read = later ? compositor_.request_image() : compositor_.read_back(rgba);
+  if (read && later && has_earlier) read = compositor_.take_image(rgba);
   if (!read) return tl::unexpected(read.error());
   drawn.read_back = !later || has_earlier;
   drawn.composite.readback_ms = read->readback_ms;
@@ -180,12 +180,12 @@ Result<void> Session::read_picture(std::span<std::uint8_t> rgba, SessionFrame& d
   return {};
 }
 
-Result<StageTime> Session::take_picture(std::vector<std::uint8_t>& rgba) {
+Result<StageTime> Session::take_image(std::vector<std::uint8_t>& rgba) {
   rgba.resize(std::size_t{4} * static_cast<std::size_t>(camera_.width()) *
               static_cast<std::size_t>(camera_.height()));
   if (compositor_.pictures_asked_for() == 0) return fail("a picture that was drawn is lost");
   const Stopwatch watch;
-  PENUMBRA_TRY_VOID(compositor_.take_picture(rgba));
+  PENUMBRA_TRY_VOID(compositor_.take_image(rgba));
   return watch.elapsed();
 }
 

@@ -87,12 +87,12 @@ class Session {
   [[nodiscard]] TrackedFrame track(const Frame& frame);
   // `rgba`, if not empty, receives the image: RGBA8, width * height * 4 bytes. With `later`, and if
   // pixel buffers are used, it receives the image of the last such call; this one is for the next
-  // call or take_picture().
+  // call or take_image().
   [[nodiscard]] Result<SessionFrame> draw(TrackedFrame tracked, std::span<std::uint8_t> rgba = {},
                                           PictureTime picture = PictureTime::now);
   // Reads the image that draw() left for later into `rgba`, which is resized. Returns the time it
   // took. Fails if there is none.
-  [[nodiscard]] Result<StageTime> take_picture(std::vector<std::uint8_t>& rgba);
+  [[nodiscard]] Result<StageTime> take_image(std::vector<std::uint8_t>& rgba);
   // Draws a frame again, in the scene as it is now.
   [[nodiscard]] Result<SessionFrame> redraw(TrackedFrame tracked);
   // Draws the last image into the context's window.

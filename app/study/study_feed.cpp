@@ -3,7 +3,7 @@
 #include <chrono>
 #include <utility>
 
-#include "app/capture/newest_picture.hpp"
+#include "app/capture/newest_image.hpp"
 #include "core/propagate.hpp"
 #include "core/units.hpp"
 
@@ -78,7 +78,7 @@ class CameraFeed final : public StudyFeed {
 
  private:
   std::unique_ptr<LiveSource> source_;
-  NewestPicture newest_;
+  NewestImage newest_;
 };
 
 }  // namespace

@@ -14,11 +14,11 @@
 #include "app/output/output_file.hpp"
 #include "app/replay/replay_poses.hpp"
 #include "app/replay/replay_run.hpp"
+#include "app/run_inputs.hpp"
 #include "app/session/session.hpp"
 #include "app/study/scripted_participant.hpp"
 #include "app/study/study_feed.hpp"
 #include "app/study/study_task.hpp"
-#include "app/tags_in_use.hpp"
 #include "app/window/hud.hpp"
 #include "app/window/overlay.hpp"
 #include "app/window/pointer.hpp"
@@ -230,7 +230,7 @@ class StudyLoop {
     if (context_.window_size().width > 0) {
       session_.present();
       if (overlay_) {
-        overlay_->draw_words(words(status), phase_ == Phase::ready, context_.window_size());
+        overlay_->draw_text(words(status), phase_ == Phase::ready, context_.window_size());
       }
       context_.swap();
     }

@@ -22,7 +22,7 @@ constexpr double kFarthest = 1e5;  // [m], [px]
 
 using Words = std::span<const std::string_view>;
 
-std::vector<std::string_view> words_of(std::string_view line) {
+std::vector<std::string_view> split_words(std::string_view line) {
   constexpr std::string_view kBlanks = " \t\r";
   line = line.substr(0, line.find('#'));
   std::vector<std::string_view> words;
@@ -114,7 +114,7 @@ Result<StudyScript> parse_study_script(std::string_view text, std::string name) 
   while (!text.empty()) {
     ++line_number;
     const std::size_t end = std::min(text.find('\n'), text.size());
-    const std::vector<std::string_view> words = words_of(text.substr(0, end));
+    const std::vector<std::string_view> words = split_words(text.substr(0, end));
     text.remove_prefix(std::min(end + 1, text.size()));
     if (words.empty()) continue;
     const auto trial = parse_integer(words[0]);

@@ -142,13 +142,13 @@ HudStatus status_of(const GroupEstimate& group) {
 }
 
 std::string age_in_words(const HudState& state) {
-  if (state.silent_s) return fmt::format("the frame is {:.1f} s old", *state.silent_s);
+  if (state.stalled_s) return fmt::format("the frame is {:.1f} s old", *state.stalled_s);
   return state.latency_ms ? fmt::format("latency {:.0f} ms", *state.latency_ms) : std::string();
 }
 
 std::vector<std::string> warnings_of(const HudState& state) {
   std::vector<std::string> warnings;
-  if (state.silent_s) warnings.push_back(age_in_words(state));
+  if (state.stalled_s) warnings.push_back(age_in_words(state));
   if (state.trouble) warnings.push_back("camera: " + *state.trouble);
   if (state.recording && state.recording->error) {
     warnings.push_back(recording_in_words(*state.recording));

@@ -81,7 +81,7 @@ struct HudRecording {
   std::optional<std::string> error;
 };
 
-struct HudTwist {
+struct HudFoldOver {
   std::string caster;
   TwistReport twist;
   double spill = 0.0;  // share of the penumbra beyond its outline
@@ -97,7 +97,7 @@ struct HudState {
   double frames_per_s = 0.0;                           // new frames shown
   std::vector<std::pair<std::string, double>> stages;  // mean wall time of the last frames [ms]
   std::optional<double> latency_ms;                    // from the camera's timestamp to the swap
-  std::optional<double> silent_s;                      // time since the last whole frame
+  std::optional<double> stalled_s;                     // time since the last whole frame
   std::optional<bool> smooth;            // smoothing of the drawn pose; empty: not available
   std::optional<SmoothedPose> smoothed;  // its effect on the last frame
   int frames_dropped = 0;                // too late to be shown
@@ -112,7 +112,7 @@ struct HudState {
   CompositeStats drawn;                                    // of the last frame
   std::vector<std::pair<std::string, std::int64_t>> work;  // since the start
   std::vector<std::string> skipped, kept;                  // each with its reason
-  std::vector<HudTwist> twists;
+  std::vector<HudFoldOver> twists;
   std::vector<Eigen::Vector2d> kernels_px;  // in the image
   int picture_width = 0, picture_height = 0;
 

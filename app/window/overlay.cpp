@@ -528,7 +528,7 @@ struct Overlay::Impl {
     text(kQuiet, work);
     for (const std::string& line : reasons_in_words(state)) text(kQuiet, line);
     for (std::size_t i = 0; i < state.twists.size() && i < kMostDebugLines; ++i) {
-      const HudTwist& twist = state.twists[i];
+      const HudFoldOver& twist = state.twists[i];
       text(twist.twist.faces_twisted > 0 ? kWarning : kQuiet,
            fmt::format("{}: {} of {} faces twisted, {:.1f} % of the area; overshoot {:.1f} %",
                        twist.caster, twist.twist.faces_twisted, twist.twist.faces_tested,
@@ -720,14 +720,14 @@ void Overlay::draw_hidden(const HudState& state, GlContext::Size size) {
   impl_->end_drawing(size);
 }
 
-void Overlay::draw_words(const std::string& words, bool in_the_middle, GlContext::Size size) {
+void Overlay::draw_text(const std::string& words, bool in_the_middle, GlContext::Size size) {
   if (size.width <= 0 || size.height <= 0) return;
   impl_->begin_drawing(size, false);
   impl_->words_window("words", in_the_middle, {words}, std::nullopt);
   impl_->end_drawing(size);
 }
 
-void Overlay::draw_own(GlContext::Size size, const std::function<void(float em)>& lay_out) {
+void Overlay::draw_custom(GlContext::Size size, const std::function<void(float em)>& lay_out) {
   if (size.width <= 0 || size.height <= 0) return;
   impl_->begin_drawing(size, false);
   lay_out(impl_->em);

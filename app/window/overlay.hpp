@@ -34,9 +34,9 @@ class Overlay {
   // While the HUD is hidden: warnings_of() and the message. Takes no clicks.
   void draw_hidden(const HudState& state, GlContext::Size size);
   // These words instead of the HUD, in the middle or in a corner. Takes no clicks.
-  void draw_words(const std::string& words, bool in_the_middle, GlContext::Size size);
+  void draw_text(const std::string& words, bool in_the_middle, GlContext::Size size);
   // The Dear ImGui windows of `lay_out` instead of the HUD; `em`: height of the letters [px].
-  void draw_own(GlContext::Size size, const std::function<void(float em)>& lay_out);
+  void draw_custom(GlContext::Size size, const std::function<void(float em)>& lay_out);
 
  private:
   struct Impl;

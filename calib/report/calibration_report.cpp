@@ -408,9 +408,9 @@ std::string calibration_report(const CameraCalibration& c, const ReportInput& in
       html += fmt::format("<tr><td>{}</td><td>{}</td><td>{:.3f} px</td><td>{}</td><td>{}</td></tr>",
                           lens_name(trial), to_string(trial.shape), trial.rms_px,
                           trial.held_out_px ? fmt::format("{:.3f} px", *trial.held_out_px) : "-",
-                          trial.chosen    ? "chosen"
-                          : trial.fold_px ? "non-monotonic in the image"
-                                          : "");
+                          trial.chosen             ? "chosen"
+                          : trial.non_monotonic_px ? "non-monotonic in the image"
+                                                   : "");
     }
     html += "</table>\n";
   }
@@ -419,10 +419,10 @@ std::string calibration_report(const CameraCalibration& c, const ReportInput& in
       "<h2>Views</h2><table><tr><th></th><th>picture</th><th>corners</th><th>residual</th>"
       "<th>blur</th><th>distance</th><th></th></tr>\n";
   constexpr int kMostOfAReason = 30;
-  const auto reported = told_left_out(c.pictures, kMostOfAReason);
+  const auto reported = pictures_to_report(c.pictures, kMostOfAReason);
   for (std::size_t i = 0; i < c.pictures.size(); ++i) {
     const CalibrationPicture& picture = c.pictures[i];
-    if (picture.reason != LeftOut::no && !reported[i]) continue;
+    if (picture.reason != PictureRejection::no && !reported[i]) continue;
     const std::string more =
         reported[i].value_or(0) > 0 ? fmt::format(" and {} more", *reported[i]) : "";
     const SolvedView* view =

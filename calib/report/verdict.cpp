@@ -70,7 +70,7 @@ UncertaintyMap uncertainty_map(const CameraModel& camera, const Eigen::MatrixXd&
   }
   map.mean_px = sum / count;
   // Nothing is known of a lens with non-monotonic distortion in the image.
-  if (count == 0 || (count < columns * rows && fold_in_image(camera)))
+  if (count == 0 || (count < columns * rows && non_monotonic_place_in_image(camera)))
     map.mean_px = map.largest_px = std::numeric_limits<double>::infinity();
   return map;
 }
@@ -140,7 +140,7 @@ void judge(CameraCalibration& result) {
   result.uncertainty = uncertainty_map(solution.camera, solution.covariance);
   // The views do not distinguish these lenses: the difference is uncertain.
   for (const ModelTrial& trial : result.trials) {
-    if (trial.rival && !trial.fold_px)
+    if (trial.rival && !trial.non_monotonic_px)
       raise_to_difference(result.uncertainty, solution.camera, trial.camera, result.pictures);
   }
   result.table = table_volume_uncertainty(solution.camera, solution.covariance);
@@ -186,13 +186,13 @@ void judge(CameraCalibration& result) {
   // wrong somewhere.
   std::string non_monotonic;
   for (const ModelTrial& trial : result.trials) {
-    if (!trial.fold_px || !non_monotonic.empty() || !trial.held_out_px || !result.held_out_px ||
-        *trial.held_out_px >= kWorthwhile * *result.held_out_px)
+    if (!trial.non_monotonic_px || !non_monotonic.empty() || !trial.held_out_px ||
+        !result.held_out_px || *trial.held_out_px >= kWorthwhile * *result.held_out_px)
       continue;
     non_monotonic = fmt::format(
         "{} explains the views better ({:.3f} px), but was not taken, since it is non-monotonic "
         "near the {}, where too few corners were seen: take views there",
-        lens_name(trial), *trial.held_out_px, cells.name(cells.at(*trial.fold_px)));
+        lens_name(trial), *trial.held_out_px, cells.name(cells.at(*trial.non_monotonic_px)));
     result.advice.push_back(non_monotonic);
   }
   if (solution.shape != BoardShape::rigid)

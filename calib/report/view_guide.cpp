@@ -226,13 +226,13 @@ Result<ViewGuide> ViewGuide::create(const Target& target, const GuideOptions& op
   return ViewGuide(std::move(impl));
 }
 
-GuideLook ViewGuide::look(ImageView luma) {
+GuideResult ViewGuide::look(ImageView luma) {
   Impl& self = *impl_;
   self.width = luma.width;
   self.height = luma.height;
   TargetView view = self.detector->detect(luma);
   const std::vector<TargetCorner> before = std::exchange(self.last, view.corners);
-  GuideLook result;
+  GuideResult result;
   for (const TargetCorner& corner : view.corners) result.corners_px.push_back(corner.pixel);
   const auto because = [&](std::string why) {
     result.why = std::move(why);

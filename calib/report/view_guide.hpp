@@ -51,7 +51,7 @@ struct GuideProgress {
   bool enough = false;
 };
 
-struct GuideLook {
+struct GuideResult {
   bool taken = false;
   std::string why;    // it was not taken
   double gain = 0.0;  // relative reduction of the uncertainty; 0 while no lens is known
@@ -67,7 +67,7 @@ class ViewGuide {
   ~ViewGuide();
 
   // All images have one size. Solves at once with a view that is taken.
-  [[nodiscard]] GuideLook look(ImageView luma);
+  [[nodiscard]] GuideResult look(ImageView luma);
   [[nodiscard]] const GuideProgress& progress() const;
 
  private:

@@ -170,7 +170,7 @@ void Choice::consider(const Lens& lens, BoardShape shape) {
   const auto held_out = held_out_errors(*solved, board_, views_, solver);
   const std::optional<double> held_out_px =
       held_out ? std::optional(rms_of(*held_out)) : std::nullopt;
-  const auto fold = fold_in_image(solved->camera);
+  const auto fold = non_monotonic_place_in_image(solved->camera);
   trials_.push_back({lens.model, lens.without_k3, shape, solved->rms_px, held_out_px, fold, false,
                      false, solved->camera});
   held_out_.push_back(held_out);
@@ -200,7 +200,7 @@ void Choice::find_own_outliers(const std::vector<CalibrationView>& views, bool f
       solver_of({before.camera.parameters().model, best->without_k3}, before.shape);
   Result<CalibrationSolution> again = solve_intrinsics(before, board_, views, solver);
   if (!again || again->outliers - before.outliers > kMoreOutliers * before.corners ||
-      fold_in_image(again->camera))
+      non_monotonic_place_in_image(again->camera))
     return;
   best->solution = std::move(*again);
   if (!for_all) return;
@@ -224,7 +224,7 @@ std::string lens_name(const ModelTrial& trial) {
   return fmt::format("{}{}", to_string(trial.model), trial.without_k3 ? ", k3 = 0" : "");
 }
 
-std::optional<Eigen::Vector2d> fold_in_image(const CameraModel& camera) {
+std::optional<Eigen::Vector2d> non_monotonic_place_in_image(const CameraModel& camera) {
   const CameraParameters& p = camera.parameters();
   const bool whole = !is_polynomial(p.model) && !std::isfinite(camera.max_radius());
   constexpr int kSteps = 64;  // along each side
@@ -261,7 +261,7 @@ Result<CalibrationSolution> first_solution(int width, int height,
     return solve_intrinsics(width, height, board, views, solver);
   }
   Result<CalibrationSolution> best = solve_intrinsics(width, height, board, views, solver);
-  if (best && !solver.without_k3 && fold_in_image(best->camera)) {
+  if (best && !solver.without_k3 && non_monotonic_place_in_image(best->camera)) {
     solver.without_k3 = true;
     Result<CalibrationSolution> plainer = solve_intrinsics(width, height, board, views, solver);
     if (plainer) best = std::move(plainer);
@@ -316,8 +316,8 @@ Result<ChosenLens> choose_lens(const CalibrationSolution& start,
     trials[best->trial].chosen = true;
     return std::move(*best);
   }
-  if (!trials.empty() && trials.front().fold_px) {
-    const Eigen::Vector2d& at = *trials.front().fold_px;
+  if (!trials.empty() && trials.front().non_monotonic_px) {
+    const Eigen::Vector2d& at = *trials.front().non_monotonic_px;
     const ImageCells cells{3, 3, start.camera.width(), start.camera.height()};
     return fail(
         "every lens that explains the views has non-monotonic distortion in the image, first at "

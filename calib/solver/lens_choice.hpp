@@ -18,7 +18,8 @@ struct ModelTrial {
   BoardShape shape = BoardShape::rigid;
   double rms_px = 0.0;
   std::optional<double> held_out_px;
-  std::optional<Eigen::Vector2d> fold_px;  // fold_in_image(): such a lens is never chosen
+  std::optional<Eigen::Vector2d>
+      non_monotonic_px;  // non_monotonic_place_in_image(): such a lens is never chosen
   bool chosen = false;
   bool rival = false;       // explains held-out views no worse than the chosen one
   CameraModel camera = {};  // as solved
@@ -28,7 +29,8 @@ struct ModelTrial {
 // The place on the image's border [px], nearest to the principal point, where the distortion is
 // non-monotonic; nothing if there is none. A fisheye lens that still grows at 90 degrees from its
 // axis has none: this camera model does not reach further.
-[[nodiscard]] std::optional<Eigen::Vector2d> fold_in_image(const CameraModel& camera);
+[[nodiscard]] std::optional<Eigen::Vector2d> non_monotonic_place_in_image(
+    const CameraModel& camera);
 
 // Largest ratio of held-out errors for which additional parameters are worthwhile.
 inline constexpr double kWorthwhile = 0.97;
@@ -39,13 +41,13 @@ struct SolvingStep {
   int step = 0;
   int most = 0;
 };
-using TellStep = std::function<void(const SolvingStep&)>;
+using StepCallback = std::function<void(const SolvingStep&)>;
 
 struct LensChoice {
   std::optional<DistortionModel> model;  // only this one
   bool for_kalibr = false;               // only lenses that Kalibr's files have
   std::stop_token stop = {};             // ends the search, with an error
-  TellStep tell = {};                    // called at each step of choose_lens()
+  StepCallback tell = {};                // called at each step of choose_lens()
 };
 // Largest number of steps of choose_lens(), with a given or a chosen board shape.
 [[nodiscard]] int most_steps(const LensChoice& choice, bool shape_given);

@@ -13,7 +13,7 @@ namespace {
 constexpr std::string_view kXmlBlank = " \t\r\n";
 
 // Splits a text into words; a word in double quotes may hold blanks.
-std::vector<std::string> words_of(std::string_view text) {
+std::vector<std::string> split_words(std::string_view text) {
   std::vector<std::string> words;
   while (true) {
     const std::size_t start = text.find_first_not_of(kXmlBlank);
@@ -31,7 +31,7 @@ Result<YAML::Node> node_of(const tinyxml2::XMLElement& element) {
   YAML::Node node;
   if (element.FirstChildElement() == nullptr) {
     const char* text = element.GetText();
-    const std::vector<std::string> words = words_of(text == nullptr ? "" : text);
+    const std::vector<std::string> words = split_words(text == nullptr ? "" : text);
     if (words.size() == 1) return YAML::Node(words.front());
     for (const std::string& word : words) node.push_back(word);
     return node;

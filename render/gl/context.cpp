@@ -32,7 +32,7 @@ GlInfo current_gl_info(GlApi api) {
   return info;
 }
 
-std::optional<unsigned> noted_gl_error(const GlInfo& context) {
+std::optional<unsigned> take_gl_error(const GlInfo& context) {
   const GLenum first = glGetError();
   // A lost context may report errors without end.
   for (int i = 0; first != GL_NO_ERROR && i < 16 && glGetError() != GL_NO_ERROR; ++i) {

@@ -26,7 +26,7 @@ struct GlInfo {
 
 // Returns the first OpenGL error since the last call and clears the rest; GL_CONTEXT_LOST if the
 // driver was reset.
-[[nodiscard]] std::optional<unsigned> noted_gl_error(const GlInfo& context);
+[[nodiscard]] std::optional<unsigned> take_gl_error(const GlInfo& context);
 // Returns the message for a user: the cause and, if there is one, the remedy.
 [[nodiscard]] std::string gl_error_text(unsigned code);
 

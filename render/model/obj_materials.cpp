@@ -8,7 +8,7 @@
 #include "core/text/file.hpp"
 #include "core/text/text_encoding.hpp"
 #include "render/model/model_parts.hpp"
-#include "render/model/obj_parts.hpp"
+#include "render/model/obj_reader.hpp"
 
 namespace penumbra {
 namespace {

@@ -8,7 +8,7 @@
 #include <unordered_map>
 
 #include "render/model/model_parts.hpp"
-#include "render/model/obj_parts.hpp"
+#include "render/model/obj_reader.hpp"
 #include "render/model/polygon_splitter.hpp"
 #include "render/model/to_eigen.hpp"
 

@@ -217,11 +217,11 @@ void ReceivedShadowPass::cover_level(const Level& level, const MaskCells& cells,
                     Cell(cells.u + cells.width - 1, cells.v + cells.height - 1));
   const CellBox over = all.intersection(mask_caster_.bounds());
   if (over.isEmpty()) return;
-  mask_picture_.begin({cells.size, over.min().x(), over.min().y(),
-                       static_cast<int>(over.sizes().x()) + 1,
-                       static_cast<int>(over.sizes().y()) + 1});
-  part.cover(mask_caster_, mask_picture_);
-  mask_picture_.finish_shares(cells, shares_);
+  mask_raster_.begin({cells.size, over.min().x(), over.min().y(),
+                      static_cast<int>(over.sizes().x()) + 1,
+                      static_cast<int>(over.sizes().y()) + 1});
+  part.cover(mask_caster_, mask_raster_);
+  mask_raster_.finish_shares(cells, shares_);
 }
 
 int ReceivedShadowPass::draw_levels(const Scene& scene, const ReceivedShadowDraw& draw,

@@ -103,7 +103,7 @@ class ReceivedShadowPass : public Pass {
   std::vector<Shown> shown_;  // in this frame
   std::vector<std::uint8_t> shares_;
   MaskCaster mask_caster_;
-  MaskPicture mask_picture_;
+  MaskRaster mask_raster_;
   int calls_ = 0;  // draw calls of prepare()
   std::uint64_t frame_count_ = 0;
   std::uint64_t surfaces_made_ = 0;

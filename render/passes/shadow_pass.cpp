@@ -226,7 +226,8 @@ std::vector<CasterKernels> ShadowPass::kernels_in_use() {
     const auto found = item.caster->sets.find(key);
     if (!item.prepared->valid || !key.source || found == item.caster->sets.end()) continue;
     KernelSet& set = found->second;
-    if (!set.overshoot) set.overshoot = layer_spill(item.caster->mesh, set.made, kOvershootFactor);
+    if (!set.overshoot)
+      set.overshoot = layer_overshoot(item.caster->mesh, set.made, kOvershootFactor);
     CasterKernels& caster = in_use.emplace_back(
         CasterKernels{item.node, item.object, item.plane, set.twist, *set.overshoot, {}});
     const OwnFrame& own = item.prepared->own;

@@ -18,7 +18,7 @@ inline constexpr std::size_t kMaxLights = 8;
 inline constexpr std::string_view kLightDefine = "MAX_LIGHTS 8";
 
 // Sets the eye and the lights of a program that contains light_share.glsl. `blocked`: per light,
-// the share that does not arrive; empty: none. A plan without lights has lamp_of_no_scene().
+// the share that does not arrive; empty: none. A plan without lights has default_light().
 void set_lights(const ShaderProgram& program, const FramePlan& plan,
                 std::span<const float> blocked = {});
 

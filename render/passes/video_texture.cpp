@@ -101,26 +101,26 @@ VideoTexture::~VideoTexture() {
   release(0);
 }
 
-VideoTexture::Way VideoTexture::upload(const Frame& frame, bool reuse) {
+VideoTexture::Upload VideoTexture::upload(const Frame& frame, bool reuse) {
   // The same buffer, still owned, is the same frame: frames are immutable.
   const bool same =
       frame.owner && !uploaded_owner_.expired() && !uploaded_owner_.owner_before(frame.owner) &&
       !frame.owner.owner_before(uploaded_owner_) && frame.planes[0].data == uploaded_data_;
-  if (same && reuse) return Way::there;
+  if (same && reuse) return Upload::there;
   release(kMostInUse);
   uploaded_owner_ = frame.owner;
   uploaded_data_ = frame.planes[0].data;
   shows_imported_ = can_import_ && frame.dma_buf.descriptor >= 0 && import(frame);
-  if (shows_imported_) return Way::imported;
+  if (shows_imported_) return Upload::imported;
   const auto count = static_cast<std::size_t>(frame.plane_count);
   while (textures_.size() < count) textures_.emplace_back(TextureFilter::nearest);
-  if (pixel_buffers_ && upload_through_buffer(frame)) return Way::buffered;
+  if (pixel_buffers_ && upload_through_buffer(frame)) return Upload::buffered;
   for (std::size_t i = 0; i < count; ++i) {
     const PixelPlane& plane = frame.planes[i];
     textures_[i].upload(texel_format(frame.format, i), plane.width, plane.height, plane.data,
                         plane.stride);
   }
-  return Way::copied;
+  return Upload::copied;
 }
 
 bool VideoTexture::upload_through_buffer(const Frame& frame) {

@@ -56,7 +56,7 @@ class VideoTexture {
   VideoTexture& operator=(const VideoTexture&) = delete;
   ~VideoTexture();
 
-  enum class Way {
+  enum class Upload {
     there,     // it was on the GPU already
     copied,    // plane by plane
     buffered,  // through a pixel buffer, without waiting for the previous frame
@@ -64,7 +64,7 @@ class VideoTexture {
   };
   // Makes the frame's planes available to the GPU. Uploads a frame that is there already only if
   // `reuse` is false.
-  Way upload(const Frame& frame, bool reuse = true);
+  Upload upload(const Frame& frame, bool reuse = true);
   // Covers every pixel: colour needs no clearing.
   [[nodiscard]] Result<void> draw(const Frame& frame);
   // Binds the uploaded frame to this texture unit and the next two, for a program in use that

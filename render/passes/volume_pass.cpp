@@ -12,8 +12,8 @@
 namespace penumbra {
 namespace {
 
-constexpr unsigned kCountBits = kMostVolumesCounted;  // how often the ray has entered a volume
-constexpr unsigned kDarkBit = 0x40U;                  // in some caster's shadow
+constexpr unsigned kCountBits = kMaxVolumesCounted;  // how often the ray has entered a volume
+constexpr unsigned kDarkBit = 0x40U;                 // in some caster's shadow
 // The pixel shows the caster itself, which has no shadow on itself; or the plane darkened now.
 constexpr unsigned kMarkBit = 0x80U;
 static_assert((kCountBits & (kDarkBit | kMarkBit)) == 0);
@@ -31,7 +31,7 @@ std::pair<std::vector<glm::vec3>, std::vector<int>> split_batches(
     if (longest_edge) {
       // The batch's share of all triangles.
       const auto budget = static_cast<std::size_t>(
-          std::ceil(static_cast<double>(kMostVolumeTriangles) * static_cast<double>(batch.size()) /
+          std::ceil(static_cast<double>(kMaxVolumeTriangles) * static_cast<double>(batch.size()) /
                     static_cast<double>(volume.triangles.size())));
       batch = split_for_lens(std::move(batch), *longest_edge, budget);
     }

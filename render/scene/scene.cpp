@@ -113,7 +113,7 @@ double opacity_for(TrackStatus status, TrackStatus held_from, double age_s) {
   return measured(held_from) * std::clamp(1.0 - age_s / kHoldSeconds, 0.0, 1.0);
 }
 
-PlacedLight lamp_of_no_scene() {
+PlacedLight default_light() {
   return {{-0.35, -0.45, 0.82, 0.0}, Eigen::Vector3d::Constant(0.8)};
 }
 

@@ -164,7 +164,7 @@ struct PlacedLight {
 };
 
 // Returns the light of scenes without lights: a lamp over the left shoulder.
-[[nodiscard]] PlacedLight lamp_of_no_scene();
+[[nodiscard]] PlacedLight default_light();
 
 // A plane in the table frame; its axes turn with its group.
 struct PlacedPlane {

@@ -18,7 +18,7 @@
 #include <string>
 #include <vector>
 
-#include "app/calibration/picture_source.hpp"
+#include "app/calibration/image_folder.hpp"
 #include "calib/camera_calibration.hpp"
 #include "calib/target/target.hpp"
 #include "calib/target/target_detector.hpp"

@@ -402,7 +402,7 @@ void keep_only(ShadowDraw& draw, ShadowLayer layer) {
   draw.middle = draw.middle && layer == ShadowLayer::middle;
   draw.penumbra = draw.penumbra && layer == ShadowLayer::penumbra;
 }
-void leave_out(ShadowDraw& draw, ShadowLayer layer) {
+void reject(ShadowDraw& draw, ShadowLayer layer) {
   draw.umbra = draw.umbra && layer != ShadowLayer::umbra;
   draw.middle = draw.middle && layer != ShadowLayer::middle;
   draw.penumbra = draw.penumbra && layer != ShadowLayer::penumbra;
@@ -416,7 +416,7 @@ TEST_P(GoldenLayerComparison, DetectsMissingLayer) {
   // Only one object's layer changes, which is hardest to detect.
   for (std::size_t object = 0; object < 3; ++object) {
     FramePlan plan = studio.plan(test::tracked(view->T_table_camera));
-    leave_out(plan.shadows.at(object), GetParam());
+    reject(plan.shadows.at(object), GetParam());
     EXPECT_FALSE(compare(image_of(studio.draw(view->frame, plan)), right).acceptable()) << object;
   }
 }
@@ -439,7 +439,7 @@ TEST_P(GoldenLayerComparison, DetectsLayerShiftedByTwoPixels) {
     ShadowDraw layer = plan.shadows[object];
     keep_only(layer, GetParam());
     layer.T_table_object.position.x() += metres;
-    leave_out(moved.shadows[object], GetParam());
+    reject(moved.shadows[object], GetParam());
     moved.shadows.push_back(layer);
     const auto difference = compare(image_of(studio.draw(view->frame, moved)), right);
     EXPECT_FALSE(difference.acceptable()) << object << ": " << difference.over_tolerance;

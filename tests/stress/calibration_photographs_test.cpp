@@ -1,7 +1,7 @@
 // Real photographs: as good as OpenCV on the same corners, and better on held-out views.
 #include <gtest/gtest.h>
 
-#include "app/calibration/picture_source.hpp"
+#include "app/calibration/image_folder.hpp"
 #include "calib/target/target.hpp"
 #include "calib/target/target_detector.hpp"
 #include "support/opencv_calibration.hpp"

@@ -208,7 +208,7 @@ RC_GTEST_PROP(LayerProperties, AcceptTriangleSoupOfAnySize, ()) {
   const TwistReport twists = find_twists(vertices, mesh.indices, 0.05, 1.65);
   RC_ASSERT(twists.faces_twisted <= twists.faces_tested);
   RC_ASSERT(0.0 <= twists.area_share && twists.area_share <= 1.0);
-  const double spill = layer_spill(mesh, kernels, real(1.0, 3.0));
+  const double spill = layer_overshoot(mesh, kernels, real(1.0, 3.0));
   RC_ASSERT(0.0 <= spill && spill <= 1.0);
 }
 
@@ -910,7 +910,7 @@ TEST(ShadowStress, ComputesFieldOfMillionTriangles) {
   const double share = find_twists(vertices, mesh.indices, 0.05, 1.65).area_share;
   EXPECT_GT(share, 0.0);
   EXPECT_LT(share, 1.0);
-  EXPECT_LT(layer_spill(mesh, kernels, 1.65), 0.02) << "twisted faces do not overshoot";
+  EXPECT_LT(layer_overshoot(mesh, kernels, 1.65), 0.02) << "twisted faces do not overshoot";
 }
 
 TEST(ShadowStress, ComputesLayersOfMillionTriangles) {

@@ -11,7 +11,7 @@
 #include "render/model/gltf/mesh_uses.hpp"
 #include "render/model/gltf/meshes.hpp"
 #include "render/model/gltf/nodes.hpp"
-#include "render/model/gltf/place.hpp"
+#include "render/model/gltf/placer.hpp"
 #include "render/model/model_parts.hpp"
 #include "render/model/to_eigen.hpp"
 

@@ -54,7 +54,7 @@ struct CasterBody {
   std::vector<IndexRange> ranges;  // of the surfaces, from coarse to fine
   // Made on demand by can_be_masked(), of the unsplit mesh: the edges if it is closed, else the
   // faces if their orientation is known.
-  std::optional<std::vector<FacePair>> edges;
+  std::optional<std::vector<SharedEdge>> edges;
   std::optional<std::vector<std::uint32_t>> oriented;
   bool edges_made = false;
 };
@@ -71,7 +71,7 @@ struct KernelSet {
   ShadowKernels made;  // for the full mesh; its positions if the technique needs no kernels
   BodyVertices whole, reduced;
   TwistReport twist;
-  std::optional<double> overshoot;  // layer_spill(), measured on demand
+  std::optional<double> overshoot;  // layer_overshoot(), measured on demand
   std::uint64_t last_used = 0;
 
   [[nodiscard]] const BodyVertices& vertices(bool use_reduced) const {

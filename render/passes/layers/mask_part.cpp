@@ -69,8 +69,8 @@ void MaskPart::project(const Faces& images, double cell, MaskCaster& projected,
   }
 }
 
-void MaskPart::cover(MaskCaster& projected, MaskPicture& picture) const {
-  static const std::vector<FacePair> kNoEdges;
+void MaskPart::cover(MaskCaster& projected, MaskRaster& picture) const {
+  static const std::vector<SharedEdge> kNoEdges;
   if (!any_from(layers, LayerSource::masked)) {
     picture.cover(projected, {}, kNoEdges);
   } else {

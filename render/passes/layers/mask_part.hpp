@@ -1,4 +1,4 @@
-// One caster's part of a mask, and its conversion into a MaskPicture.
+// One caster's part of a mask, and its conversion into a MaskRaster.
 #pragma once
 
 #include "render/passes/layers/shadow_geometry.hpp"
@@ -38,7 +38,7 @@ struct MaskPart : MaskShape {
   // Projects the part onto cells of this size [m].
   void project(const Faces& faces, double cell, MaskCaster& projected, RenderWork& work) const;
   // Adds the projected part to a picture with cells of that size.
-  void cover(MaskCaster& projected, MaskPicture& picture) const;
+  void cover(MaskCaster& projected, MaskRaster& picture) const;
 };
 
 }  // namespace penumbra

@@ -1,4 +1,4 @@
-// Draws a MaskPicture as a textured rectangle on its plane, or only the pieces of it that darken
+// Draws a MaskRaster as a textured rectangle on its plane, or only the pieces of it that darken
 // anything.
 #pragma once
 
@@ -19,7 +19,7 @@ namespace penumbra {
 // One mask on the GPU.
 class MaskTexture {
  public:
-  // `codes`: from MaskPicture::finish().
+  // `codes`: from MaskRaster::finish().
   void upload(const MaskCells& cells, std::span<const std::uint8_t> codes);
 
  private:

@@ -173,7 +173,7 @@ PlaneMasks::LayOut PlaneMasks::layout_for(const FramePlan& plan, const PlaneFram
           frame.lift(box.min().x(), box.min().y()), frame.lift(box.max().x(), box.min().y()),
           frame.lift(box.max().x(), box.max().y()), frame.lift(box.min().x(), box.max().y())};
       for (Eigen::Vector3d& corner : corners) corner = T_camera_table * corner;
-      SeenPart part;
+      VisiblePart part;
       double nearest = kNone;
       for (const Eigen::Vector3d& corner : frustum_.part_in_view(corners)) {
         nearest = std::min(nearest, corner.z());

@@ -101,7 +101,7 @@ class PlaneMasks {
   ViewFrustum frustum_;
   std::map<int, Plane> planes_;
   std::vector<MaskCaster> casters_;
-  MaskPicture picture_;
+  MaskRaster picture_;
   std::vector<std::uint8_t> codes_, lighter_codes_;
 };
 

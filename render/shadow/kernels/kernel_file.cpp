@@ -171,7 +171,8 @@ Result<bool> attach_kernels(Model& model, const KernelFile& kernels, const std::
   return true;
 }
 
-Result<void> give_kernels(Scene& scene, const KernelFile& kernels, const std::string& file) {
+Result<void> attach_kernels_to_scene(Scene& scene, const KernelFile& kernels,
+                                     const std::string& file) {
   std::vector<std::shared_ptr<const Model>> casters;  // each model once
   std::string counts;
   for (const SceneObject& object : scene.objects) {

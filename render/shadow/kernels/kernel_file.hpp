@@ -44,8 +44,8 @@ struct KernelFile {
 // Gives them to every casting model of the scene with this number of vertices, or only to the model
 // that the file names, where that is there. Adds warnings to the scene for kernels that do not fit
 // the model or the groups of an object. Fails where no caster has that number of vertices.
-[[nodiscard]] Result<void> give_kernels(Scene& scene, const KernelFile& kernels,
-                                        const std::string& file);
+[[nodiscard]] Result<void> attach_kernels_to_scene(Scene& scene, const KernelFile& kernels,
+                                                   const std::string& file);
 
 // Makes the file of a mesh's kernels. A vertex that no face uses gets the origin.
 [[nodiscard]] KernelFile kernels_to_keep(const Model& model, const ShadowMesh& mesh,

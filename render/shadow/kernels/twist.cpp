@@ -72,7 +72,7 @@ TwistReport find_twists(std::span<const CasterVertex> vertices,
   return report;
 }
 
-double layer_spill(const ShadowMesh& mesh, const ShadowKernels& kernels, double factor) {
+double layer_overshoot(const ShadowMesh& mesh, const ShadowKernels& kernels, double factor) {
   constexpr int kCells = 192;
   if (mesh.indices.empty()) return 0.0;
   const PlaneFrame plane = PlaneFrame::make(kernels.up, Eigen::Vector3d::Zero());

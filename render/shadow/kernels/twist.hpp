@@ -23,7 +23,7 @@ struct TwistReport {
 struct CasterKernels {
   int node = 0, object = 0, plane = 0;  // indices into the scene
   TwistReport twist;
-  double spill = 0.0;                     // layer_spill() of its penumbra
+  double spill = 0.0;                     // layer_overshoot() of its penumbra
   std::vector<Eigen::Vector3d> on_plane;  // the distinct kernels: table frame [m]
 };
 
@@ -35,7 +35,7 @@ struct CasterKernels {
 // Overshoot of a layer that grows by one factor > 1: the share outside the outline that a kernel
 // for each point of the surface would give. To a cell of 1/192 of the layer's longer side; 0 where
 // there is nothing to compare.
-[[nodiscard]] double layer_spill(const ShadowMesh& mesh, const ShadowKernels& kernels,
-                                 double factor);
+[[nodiscard]] double layer_overshoot(const ShadowMesh& mesh, const ShadowKernels& kernels,
+                                     double factor);
 
 }  // namespace penumbra

@@ -37,7 +37,7 @@ class MaskCaster {
   [[nodiscard]] const CellBox& bounds() const { return bounds_; }
 
  private:
-  friend class MaskPicture;
+  friend class MaskRaster;
   static constexpr int kPlaceBits = 8;
   static constexpr int kPlaces = 1 << kPlaceBits;  // in a cell, along each side
   // In 1/256 cells from the cell under the object's origin.

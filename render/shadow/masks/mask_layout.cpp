@@ -81,7 +81,7 @@ double cell_size(int half_octave) {
 }
 
 MaskLayout lay_out_masks(std::span<const CellBox> bounds, int half_octave, std::int64_t most,
-                         const std::function<SeenPart(const Eigen::AlignedBox2d&)>& seen) {
+                         const std::function<VisiblePart(const Eigen::AlignedBox2d&)>& seen) {
   MaskLayout layout;
   PartGroup all;
   for (std::size_t i = 0; i < bounds.size(); ++i) {
@@ -96,7 +96,7 @@ MaskLayout lay_out_masks(std::span<const CellBox> bounds, int half_octave, std::
     return layout;
   }
   layout.of_view = true;
-  std::vector<SeenPart> of_part(bounds.size());
+  std::vector<VisiblePart> of_part(bounds.size());
   int finest = std::numeric_limits<int>::max();
   for (const std::size_t i : all.parts) {
     of_part[i] = seen(on_plane(with_border(bounds[i]), cell_size(half_octave)));

@@ -26,7 +26,7 @@ using CellBox = Eigen::AlignedBox<std::int64_t, 2>;
 [[nodiscard]] double cell_size(int half_octave);
 
 // The part of a rectangle on the plane that a camera sees.
-struct SeenPart {
+struct VisiblePart {
   Eigen::AlignedBox2d box;  // its bounds [m]; empty: nothing is seen
   int half_octave = 0;      // of the cells that it needs
 };
@@ -49,6 +49,6 @@ struct MaskLayout {
 // `half_octave`; `most`: the most cells along a side of a mask.
 [[nodiscard]] MaskLayout lay_out_masks(
     std::span<const CellBox> bounds, int half_octave, std::int64_t most,
-    const std::function<SeenPart(const Eigen::AlignedBox2d&)>& seen);
+    const std::function<VisiblePart(const Eigen::AlignedBox2d&)>& seen);
 
 }  // namespace penumbra

@@ -8,7 +8,7 @@
 
 namespace penumbra {
 
-std::optional<std::vector<FacePair>> paired_edges(std::span<const std::uint32_t> indices) {
+std::optional<std::vector<SharedEdge>> paired_edges(std::span<const std::uint32_t> indices) {
   struct Half {
     std::uint32_t low, high, face;
     bool forward;  // from low to high
@@ -26,7 +26,7 @@ std::optional<std::vector<FacePair>> paired_edges(std::span<const std::uint32_t>
   std::ranges::sort(halves, [](const Half& a, const Half& b) {
     return std::tie(a.low, a.high, a.forward, a.face) < std::tie(b.low, b.high, b.forward, b.face);
   });
-  std::vector<FacePair> pairs;
+  std::vector<SharedEdge> pairs;
   pairs.reserve(halves.size() / 2);
   for (std::size_t first = 0; first < halves.size();) {
     std::size_t last = first;

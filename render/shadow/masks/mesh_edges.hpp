@@ -10,13 +10,13 @@
 namespace penumbra {
 
 // An edge from one vertex to another in one face, and back in another.
-struct FacePair {
+struct SharedEdge {
   std::uint32_t from = 0, to = 0;       // vertices
   std::uint32_t forward = 0, back = 0;  // faces
 };
 // Returns all edges of a closed mesh, in which every edge runs as often one way as the other;
 // nothing for other meshes. More than two faces at an edge are paired in any order.
-[[nodiscard]] std::optional<std::vector<FacePair>> paired_edges(
+[[nodiscard]] std::optional<std::vector<SharedEdge>> paired_edges(
     std::span<const std::uint32_t> indices);
 
 // Returns the triangles that have an area, flipped such that no edge runs the same way in two

@@ -52,7 +52,7 @@ std::int64_t quotient(std::int64_t value, std::int64_t by) {
 
 }  // namespace
 
-void MaskPicture::begin(const MaskCells& cells) {
+void MaskRaster::begin(const MaskCells& cells) {
   cells_ = cells;
   sheets_ = {};
   row_cells_ = (static_cast<std::size_t>(cells.width) + 8) / 8 * 8;
@@ -63,8 +63,8 @@ void MaskPicture::begin(const MaskCells& cells) {
   touched_.resize(needed);
 }
 
-void MaskPicture::cover(MaskCaster& caster, std::span<const std::uint32_t> indices,
-                        std::span<const FacePair> edges) {
+void MaskRaster::cover(MaskCaster& caster, std::span<const std::uint32_t> indices,
+                       std::span<const SharedEdge> edges) {
   const CellBox own(Place(cells_.u, cells_.v),
                     Place(cells_.u + cells_.width - 1, cells_.v + cells_.height - 1));
   // Edges to the left of the mask add up to nothing.
@@ -92,7 +92,7 @@ void MaskPicture::cover(MaskCaster& caster, std::span<const std::uint32_t> indic
   // as down.
   std::size_t sheets = (turned.size() + 1) / 2;
   if (sheets > kSheetsAtOnce) {
-    const auto outlines = std::ranges::count_if(edges, [&turned](const FacePair& edge) {
+    const auto outlines = std::ranges::count_if(edges, [&turned](const SharedEdge& edge) {
       return turned[edge.forward] != turned[edge.back];
     });
     sheets = std::min(sheets, (static_cast<std::size_t>(outlines) + 1) / 2);
@@ -112,9 +112,9 @@ void MaskPicture::cover(MaskCaster& caster, std::span<const std::uint32_t> indic
   }
 }
 
-void MaskPicture::cover_outlines(const MaskCaster& caster, std::span<const FacePair> edges,
-                                 const Place& first) {
-  for (const FacePair& edge : edges) {
+void MaskRaster::cover_outlines(const MaskCaster& caster, std::span<const SharedEdge> edges,
+                                const Place& first) {
+  for (const SharedEdge& edge : edges) {
     const unsigned differ = caster.turned_[edge.forward] ^ caster.turned_[edge.back];
     if (differ == 0) continue;
     const MaskCaster::Images& from = caster.images_[edge.from];
@@ -131,8 +131,8 @@ void MaskPicture::cover_outlines(const MaskCaster& caster, std::span<const FaceP
 
 // Turned faces one by one, as many at once as the sums can hold: outlines do not show which of them
 // belong together.
-void MaskPicture::cover_turned(const MaskCaster& caster, std::span<const std::uint32_t> indices,
-                               const Place& first) {
+void MaskRaster::cover_turned(const MaskCaster& caster, std::span<const std::uint32_t> indices,
+                              const Place& first) {
   for (std::size_t layer = 0; layer < 3; ++layer) {
     for (std::size_t face = 0; face < caster.turned_.size(); ++face) {
       if ((caster.turned_[face] >> layer & 1U) == 0) continue;
@@ -145,8 +145,7 @@ void MaskPicture::cover_turned(const MaskCaster& caster, std::span<const std::ui
   }
 }
 
-void MaskPicture::cover_faces(std::span<const Place> places, std::size_t layer,
-                              const Place& first) {
+void MaskRaster::cover_faces(std::span<const Place> places, std::size_t layer, const Place& first) {
   std::size_t room_for = 0;
   for (std::size_t i = 0; i + 2 < places.size(); i += 3) {
     if (i == room_for) {
@@ -169,7 +168,7 @@ void MaskPicture::cover_faces(std::span<const Place> places, std::size_t layer,
 }
 
 // Each edge runs the same way in both of its faces, so that it is rounded alike.
-void MaskPicture::add_face(Steps& to, std::size_t layer, const std::array<Place, 3>& corners) {
+void MaskRaster::add_face(Steps& to, std::size_t layer, const std::array<Place, 3>& corners) {
   for (std::size_t corner = 0; corner < 3; ++corner) {
     const Place& a = corners[corner];
     const Place& b = corners[(corner + 1) % 3];
@@ -182,22 +181,21 @@ void MaskPicture::add_face(Steps& to, std::size_t layer, const std::array<Place,
 }
 
 // Closed lines of which none lies within another that turns the same way: one sheet.
-void MaskPicture::cover_lines(std::span<const Place> places, std::size_t layer,
-                              const Place& first) {
+void MaskRaster::cover_lines(std::span<const Place> places, std::size_t layer, const Place& first) {
   if (places.empty()) return;
   make_room(layer, 1);
   for (std::size_t i = 0; i + 1 < places.size(); i += 2)
     add_edge(steps_, layer, first + places[i], first + places[i + 1]);
 }
 
-void MaskPicture::make_room(std::size_t layer, std::size_t sheets) {
+void MaskRaster::make_room(std::size_t layer, std::size_t sheets) {
   if (sheets_[layer] + sheets > kMostSheets) settle();
   sheets_[layer] += sheets;
   PENUMBRA_ASSERT(sheets_[layer] <= kMostSheets);
 }
 
 // Cuts sums to kSettledSheets: a cell that is covered once stays covered.
-void MaskPicture::settle() {
+void MaskRaster::settle() {
   static constexpr auto kMost = static_cast<std::int32_t>(kSettledSheets) * kWhole;
   const auto settle_row = [](std::array<std::int32_t, 4>* steps,
                              std::span<const std::uint8_t> touched) {
@@ -221,7 +219,7 @@ void MaskPicture::settle() {
   for (std::size_t& held : sheets_) held = std::min(held, kSettledSheets);
 }
 
-void MaskPicture::cover(const MaskCover& cover) {
+void MaskRaster::cover(const MaskCover& cover) {
   const auto u = static_cast<int>(cover.u_ - cells_.u);
   const auto v = static_cast<int>(cover.v_ - cells_.v);
   for (std::size_t layer = 0; layer < 3; ++layer) make_room(layer, cover.sheets_[layer]);
@@ -241,7 +239,7 @@ void MaskPicture::cover(const MaskCover& cover) {
   }
 }
 
-void MaskPicture::take(MaskCover& cover) {
+void MaskRaster::take(MaskCover& cover) {
   cover.u_ = cells_.u;
   cover.v_ = cells_.v;
   cover.steps_.clear();
@@ -262,8 +260,8 @@ void MaskPicture::take(MaskCover& cover) {
 }
 
 // Cuts the edge at the borders of the mask's rows.
-void MaskPicture::add_edge(Steps& sums, std::size_t layer, const Place& from, const Place& to,
-                           int sign) {
+void MaskRaster::add_edge(Steps& sums, std::size_t layer, const Place& from, const Place& to,
+                          int sign) {
   const std::int64_t right = std::int64_t{MaskCaster::kPlaces} * cells_.width;
   const std::int64_t bottom = std::int64_t{MaskCaster::kPlaces} * cells_.height;
   const std::int64_t v0 = from.y();
@@ -298,8 +296,8 @@ void MaskPicture::add_edge(Steps& sums, std::size_t layer, const Place& from, co
   }
 }
 
-inline void MaskPicture::add_in_row(Steps& sums, std::size_t layer, int sign, std::int64_t row,
-                                    const Place& from, const Place& to) {
+inline void MaskRaster::add_in_row(Steps& sums, std::size_t layer, int sign, std::int64_t row,
+                                   const Place& from, const Place& to) {
   const std::size_t row_begin = static_cast<std::size_t>(row) * row_cells_;
   // Pointers of this call: stores of bytes could otherwise change those of the vectors.
   std::array<std::int32_t, 4>* const steps = sums.data() + row_begin;
@@ -355,12 +353,12 @@ inline void MaskPicture::add_in_row(Steps& sums, std::size_t layer, int sign, st
   if (!right && last < 0) add(0, rise - done, 0);
 }
 
-void MaskPicture::finish(const glm::vec3& light, std::vector<std::uint8_t>& codes) {
+void MaskRaster::finish(const glm::vec3& light, std::vector<std::uint8_t>& codes) {
   codes.resize(static_cast<std::size_t>(cells_.width) * static_cast<std::size_t>(cells_.height));
   finish(light, std::span<std::uint8_t>(codes));
 }
 
-void MaskPicture::finish(const glm::vec3& light, std::span<std::uint8_t> codes) {
+void MaskRaster::finish(const glm::vec3& light, std::span<std::uint8_t> codes) {
   const auto width = static_cast<std::size_t>(cells_.width);
   const auto height = static_cast<std::size_t>(cells_.height);
   PENUMBRA_ASSERT(codes.size() == width * height);
@@ -379,7 +377,7 @@ void MaskPicture::finish(const glm::vec3& light, std::span<std::uint8_t> codes) 
   has_back_ = false;
 }
 
-void MaskPicture::finish_shares(const MaskCells& part, std::span<std::uint8_t> rgba) {
+void MaskRaster::finish_shares(const MaskCells& part, std::span<std::uint8_t> rgba) {
   PENUMBRA_ASSERT(part.size == cells_.size &&
                   rgba.size() == std::size_t{4} * static_cast<std::size_t>(part.width) *
                                      static_cast<std::size_t>(part.height));
@@ -412,11 +410,11 @@ void MaskPicture::finish_shares(const MaskCells& part, std::span<std::uint8_t> r
   has_back_ = false;
 }
 
-std::ptrdiff_t MaskPicture::begin_of(std::size_t i, std::size_t count) const {
+std::ptrdiff_t MaskRaster::begin_of(std::size_t i, std::size_t count) const {
   return i == count ? cells_.width : std::min<std::ptrdiff_t>(changed_[i], cells_.width);
 }
 
-std::size_t MaskPicture::finish_row(std::size_t row) {
+std::size_t MaskRaster::finish_row(std::size_t row) {
   changed_.resize(row_cells_);
   for (std::vector<std::int32_t>& covered : covered_) covered.resize(row_cells_);
   const std::size_t begin = row * row_cells_;

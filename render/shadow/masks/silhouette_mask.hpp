@@ -18,7 +18,7 @@ namespace penumbra {
 // the same size.
 class MaskCover {
  private:
-  friend class MaskPicture;
+  friend class MaskRaster;
   struct Step {
     int u = 0, v = 0;  // from the first cell
     std::array<std::int32_t, 4> front{};
@@ -26,17 +26,17 @@ class MaskCover {
   std::int64_t u_ = 0, v_ = 0;  // the first cell
   std::vector<Step> steps_;
   std::vector<std::array<std::int32_t, 4>> back_;  // one per step, or none
-  std::array<std::size_t, 3> sheets_{};            // of each layer, as in MaskPicture
+  std::array<std::size_t, 3> sheets_{};            // of each layer, as in MaskRaster
 };
 
-class MaskPicture {
+class MaskRaster {
  public:
   // Starts with nothing covered.
   void begin(const MaskCells& cells);
   // Covers the layers of a caster projected onto cells of this size: a mesh with these faces and
   // edges, and the faces and outlines given to it. Cells get the same bits as in a larger mask.
   void cover(MaskCaster& caster, std::span<const std::uint32_t> indices,
-             std::span<const FacePair> edges);
+             std::span<const SharedEdge> edges);
   // Adds a cover that lies within the mask's cells.
   void cover(const MaskCover& cover);
   // Moves all that was covered since begin() to `cover`.
@@ -55,7 +55,7 @@ class MaskPicture {
   using Place = MaskCaster::Place;  // here from the mask's corner
 
   // `first`: the place that the caster's places count from.
-  void cover_outlines(const MaskCaster& caster, std::span<const FacePair> edges,
+  void cover_outlines(const MaskCaster& caster, std::span<const SharedEdge> edges,
                       const Place& first);
   void cover_turned(const MaskCaster& caster, std::span<const std::uint32_t> indices,
                     const Place& first);

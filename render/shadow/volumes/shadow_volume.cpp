@@ -47,7 +47,7 @@ class LightGrid {
  public:
   static constexpr int kSide = 160;
   // Leaves room for what lies between the points.
-  static constexpr unsigned kMost = kMostVolumesCounted - 15U;
+  static constexpr unsigned kMost = kMaxVolumesCounted - 15U;
 
   LightGrid(const std::vector<Eigen::Vector3d>& points, const std::vector<bool>& used,
             const VolumeLight& light)
@@ -180,7 +180,8 @@ VolumeCaster::VolumeCaster(const ShadowMesh& mesh) : indices_(mesh.indices) {
   for (std::size_t i = 0; i < indices_.size(); ++i)
     boxes[part_[i / 3]].extend(positions_[indices_[i]]);
   for (const Eigen::AlignedBox3d& box : boxes)
-    balls_.push_back(box.isEmpty() ? Ball() : Ball{box.center(), 0.5 * box.diagonal().norm()});
+    spheres_.push_back(box.isEmpty() ? BoundingSphere()
+                                     : BoundingSphere{box.center(), 0.5 * box.diagonal().norm()});
   std::vector<double> volume(mesh.part_count, 0.0);
   for (std::size_t face = 0; face < part_.size(); ++face) {
     const Eigen::Vector3d& a = positions_[indices_[3 * face]];
@@ -191,7 +192,8 @@ VolumeCaster::VolumeCaster(const ShadowMesh& mesh) : indices_(mesh.indices) {
     outside_.push_back(closed_[part] && volume[part] < 0.0 ? -1.0 : 1.0);
 }
 
-bool may_shadow(const Eigen::Vector4d& light, const Ball& caster, const Ball& receiver) {
+bool may_shadow(const Eigen::Vector4d& light, const BoundingSphere& caster,
+                const BoundingSphere& receiver) {
   const double radii = caster.radius + receiver.radius;
   if (light.w() == 0.0) {
     const Eigen::Vector3d towards = light.head<3>().normalized();
@@ -281,15 +283,16 @@ void VolumeCaster::add_part(std::span<const std::uint32_t> part, const std::vect
 ShadowVolume VolumeCaster::volume(const Placement& T_table_object,
                                   const Eigen::Vector4d& homogeneous_light,
                                   std::span<const PlaneFrame> floors, double reach,
-                                  std::span<const Ball> receivers) const {
+                                  std::span<const BoundingSphere> receivers) const {
   std::vector<Eigen::Vector3d> near(positions_.size());
   for (std::size_t i = 0; i < near.size(); ++i) near[i] = T_table_object * positions_[i];
   std::vector<bool> needed(closed_.size(), receivers.empty());
   for (std::size_t part = 0; part < needed.size() && !receivers.empty(); ++part) {
-    const Ball ball{T_table_object * balls_[part].middle,
-                    T_table_object.scale * balls_[part].radius};
-    needed[part] = std::ranges::any_of(
-        receivers, [&](const Ball& other) { return may_shadow(homogeneous_light, ball, other); });
+    const BoundingSphere ball{T_table_object * spheres_[part].middle,
+                              T_table_object.scale * spheres_[part].radius};
+    needed[part] = std::ranges::any_of(receivers, [&](const BoundingSphere& other) {
+      return may_shadow(homogeneous_light, ball, other);
+    });
   }
   ShadowVolume result;
   const VolumeLight light(homogeneous_light);
@@ -319,7 +322,7 @@ ShadowVolume VolumeCaster::volume(const Placement& T_table_object,
   std::size_t all_lit = 0;
   for (const int count : lit.by_part) all_lit += static_cast<std::size_t>(count);
   std::optional<LightGrid> grid;
-  if (all_lit > kMostVolumesCounted) grid.emplace(near, used, light);
+  if (all_lit > kMaxVolumesCounted) grid.emplace(near, used, light);
   for (std::size_t part = 0; part < lit.by_part.size(); ++part) {
     if (lit.by_part[part] == 0) continue;
     const std::span<const std::uint32_t> own = faces_by_part_[part];

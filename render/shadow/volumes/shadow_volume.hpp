@@ -15,17 +15,17 @@
 
 namespace penumbra {
 
-inline constexpr unsigned kMostVolumesCounted = 0x3FU;        // by the stencil
-inline constexpr std::size_t kMostVolumeTriangles = 200'000;  // once they are split for a lens
+inline constexpr unsigned kMaxVolumesCounted = 0x3FU;        // by the stencil
+inline constexpr std::size_t kMaxVolumeTriangles = 200'000;  // once they are split for a lens
 
-struct Ball {
+struct BoundingSphere {
   Eigen::Vector3d middle = Eigen::Vector3d::Zero();
   double radius = 0.0;
-  friend bool operator==(const Ball&, const Ball&) = default;
+  friend bool operator==(const BoundingSphere&, const BoundingSphere&) = default;
 };
 // Returns false if no caster in one ball can keep the light from a receiver in the other.
-[[nodiscard]] bool may_shadow(const Eigen::Vector4d& light, const Ball& caster,
-                              const Ball& receiver);
+[[nodiscard]] bool may_shadow(const Eigen::Vector4d& light, const BoundingSphere& caster,
+                              const BoundingSphere& receiver);
 
 struct ShadowVolume {
   std::vector<glm::vec3> triangles;  // table frame [m], three points each, closed and oriented
@@ -50,7 +50,7 @@ class VolumeCaster {
   [[nodiscard]] ShadowVolume volume(const Placement& T_table_object,
                                     const Eigen::Vector4d& homogeneous_light,
                                     std::span<const PlaneFrame> floors, double reach,
-                                    std::span<const Ball> receivers = {}) const;
+                                    std::span<const BoundingSphere> receivers = {}) const;
 
  private:
   struct Edge {
@@ -89,7 +89,7 @@ class VolumeCaster {
   // True for parts whose faces are closed and turned the same way: then those that the light sees
   // suffice. In other parts every face counts, turned towards the light.
   std::vector<bool> closed_;
-  std::vector<Ball> balls_;      // about each part, object frame
+  std::vector<BoundingSphere> spheres_;  // about each part, object frame
   std::vector<double> outside_;  // of each part: -1 where it is closed and turned inside out
 };
 
@@ -104,6 +104,6 @@ class VolumeCaster {
 // stays closed.
 [[nodiscard]] std::vector<glm::vec3> split_for_lens(
     const std::vector<glm::vec3>& triangles, double longest_edge,
-    std::size_t max_triangles = kMostVolumeTriangles);
+    std::size_t max_triangles = kMaxVolumeTriangles);
 
 }  // namespace penumbra

@@ -54,7 +54,7 @@ TEST(HudText, ShowsFrameAgeInPlaceOfLatency) {
   state.latency_ms = 48.2;
   EXPECT_EQ(age_in_words(state), "latency 48 ms");
   EXPECT_TRUE(warnings_of(state).empty());
-  state.silent_s = 3.21;
+  state.stalled_s = 3.21;
   EXPECT_EQ(age_in_words(state), "the frame is 3.2 s old");
   EXPECT_EQ(warnings_of(state).size(), 1U);
   state.recording = HudRecording{"session", 26, 0, std::nullopt};
@@ -282,7 +282,7 @@ TEST_P(HudOverlay, ReplacesHudByStudyInstructions) {
     for (int drawing = 0; drawing < 2; ++drawing) {  // sizes settle in the second
       glClearColor(0.6F, 0.6F, 0.6F, 1.0F);
       glClear(GL_COLOR_BUFFER_BIT);
-      overlay->draw_words("Click on the highest sphere", in_the_middle, {640, 480});
+      overlay->draw_text("Click on the highest sphere", in_the_middle, {640, 480});
       framebuffer.read_rgba(shot.rgba);
     }
     const std::size_t changed = changed_pixels(shot);

@@ -143,7 +143,7 @@ TEST(CameraCalibrator, FreesSurplusPicturesOfLongSweep) {
   EXPECT_EQ(found->solution.views.size(), 8U);
   int surplus = 0;
   for (const CalibrationPicture& picture : found->pictures) {
-    if (picture.reason != LeftOut::surplus) continue;
+    if (picture.reason != PictureRejection::surplus) continue;
     ++surplus;
     EXPECT_EQ(picture.luma.capacity() + picture.view.corners.capacity(), 0U);
   }
@@ -153,14 +153,14 @@ TEST(CameraCalibrator, FreesSurplusPicturesOfLongSweep) {
 
 TEST(ReportedRejections, ListOneImagePerRepeatedReason) {
   std::vector<CalibrationPicture> pictures(8);
-  pictures[1].reason = LeftOut::blurred;
-  for (const std::size_t i : {2U, 4U, 5U}) pictures[i].reason = LeftOut::surplus;
-  for (const std::size_t i : {3U, 7U}) pictures[i].reason = LeftOut::seen_before;
+  pictures[1].reason = PictureRejection::blurred;
+  for (const std::size_t i : {2U, 4U, 5U}) pictures[i].reason = PictureRejection::surplus;
+  for (const std::size_t i : {3U, 7U}) pictures[i].reason = PictureRejection::seen_before;
   using Told = std::vector<std::optional<int>>;
   const std::nullopt_t no = std::nullopt;
-  EXPECT_EQ(told_left_out(pictures, 3), (Told{no, 0, 0, 0, 0, 0, no, 0}));
-  EXPECT_EQ(told_left_out(pictures, 2), (Told{no, 0, 2, 0, no, no, no, 0}));
-  EXPECT_EQ(told_left_out(pictures, 1), (Told{no, 0, 2, 1, no, no, no, no}));
+  EXPECT_EQ(pictures_to_report(pictures, 3), (Told{no, 0, 0, 0, 0, 0, no, 0}));
+  EXPECT_EQ(pictures_to_report(pictures, 2), (Told{no, 0, 2, 0, no, no, no, 0}));
+  EXPECT_EQ(pictures_to_report(pictures, 1), (Told{no, 0, 2, 1, no, no, no, no}));
 }
 
 // Tags printed at another size than the file says, and shifts that have another cause.
@@ -175,7 +175,7 @@ TEST(TagSizeMismatch, IsFoundFromShiftsThatGrowWithTagSize) {
       sizes.push_back(size(rng));
       shifts.push_back(everywhere_px + 0.5 * share * sizes.back() + noise(rng));
     }
-    return other_size(sizes, shifts);
+    return tag_size_error_of(sizes, shifts);
   };
   for (int run = 0; run < 200; ++run) {
     EXPECT_FALSE(share_of(0.0, 0.4, 20));
@@ -187,8 +187,9 @@ TEST(TagSizeMismatch, IsFoundFromShiftsThatGrowWithTagSize) {
     }
   }
   EXPECT_FALSE(share_of(0.05, 0.0, 5)) << "too few views";
-  EXPECT_FALSE(other_size(std::vector<double>(20, 40.0), std::vector<double>(20, 0.5)));
-  EXPECT_FALSE(other_size(std::vector<double>(20, std::nan("")), std::vector<double>(20, 0.5)));
+  EXPECT_FALSE(tag_size_error_of(std::vector<double>(20, 40.0), std::vector<double>(20, 0.5)));
+  EXPECT_FALSE(
+      tag_size_error_of(std::vector<double>(20, std::nan("")), std::vector<double>(20, 0.5)));
 }
 
 TEST(ProjectionDifference, ReportsShareItCouldNotCompare) {

@@ -30,24 +30,25 @@ CameraModel lens(DistortionModel model, double f, std::array<double, 8> distorti
 }
 
 TEST(NonMonotonicDistortion, IsLocatedWhereRadiusStopsGrowing) {
-  EXPECT_FALSE(fold_in_image(test::desk_camera()));
-  EXPECT_FALSE(fold_in_image(test::wide_lens()));
+  EXPECT_FALSE(non_monotonic_place_in_image(test::desk_camera()));
+  EXPECT_FALSE(non_monotonic_place_in_image(test::wide_lens()));
   // r (1 - r^2 / 3) grows up to r = 1, where it is 2/3: 133 px at f = 200, inside the upper and
   // lower borders.
   const CameraModel folds = lens(DistortionModel::plumb_bob, 200.0, {-1.0 / 3.0});
-  const auto at = fold_in_image(folds);
+  const auto at = non_monotonic_place_in_image(folds);
   ASSERT_TRUE(at);
   EXPECT_NEAR(at->x(), folds.parameters().cx, 10.0);
   // Non-monotonic in the corners only: 0.75 of the half diagonal.
-  const auto corner = fold_in_image(lens(DistortionModel::plumb_bob, 450.0, {-1.0 / 3.0}));
+  const auto corner =
+      non_monotonic_place_in_image(lens(DistortionModel::plumb_bob, 450.0, {-1.0 / 3.0}));
   ASSERT_TRUE(corner);
   EXPECT_GT(std::abs(corner->x() - 320.0), 180.0);
   EXPECT_GT(std::abs(corner->y() - 240.0), 130.0);
   // Levels off without falling: a rational approximation of r / (1 + r^2)^0.5.
-  EXPECT_TRUE(fold_in_image(
+  EXPECT_TRUE(non_monotonic_place_in_image(
       lens(DistortionModel::rational, 150.0, {0.0, 0.0, 0.0, 0.0, 0.0, 0.5, 0.02, 0.0})));
   // A fisheye lens may still grow beyond 90 degrees, which is monotonic.
-  EXPECT_FALSE(fold_in_image(lens(DistortionModel::fisheye, 150.0, {})));
+  EXPECT_FALSE(non_monotonic_place_in_image(lens(DistortionModel::fisheye, 150.0, {})));
 }
 
 TEST(UncertaintyMap, IsUnboundedForNonMonotonicLens) {
@@ -126,14 +127,14 @@ TEST(LensChoice, NeverChoosesNonMonotonicLens) {
       const auto chosen =
           choose_lens(*start, small, views, {.model = model}, BoardShape::rigid, trials);
       for (const ModelTrial& trial : trials) {
-        refused += trial.fold_px ? 1 : 0;
-        EXPECT_FALSE(trial.chosen && trial.fold_px);
+        refused += trial.non_monotonic_px ? 1 : 0;
+        EXPECT_FALSE(trial.chosen && trial.non_monotonic_px);
       }
       if (!chosen) {
         EXPECT_THAT(chosen.error().message, HasSubstr("take views with the target near"));
         continue;
       }
-      EXPECT_FALSE(fold_in_image(chosen->solution.camera));
+      EXPECT_FALSE(non_monotonic_place_in_image(chosen->solution.camera));
       EXPECT_TRUE(std::isfinite(
           uncertainty_map(chosen->solution.camera, chosen->solution.covariance).largest_px));
     }
@@ -221,7 +222,7 @@ TEST(CalibrationVerdict, IsPoorWhenNonMonotonicLensFitsBetter) {
   ModelTrial folds;
   folds.model = DistortionModel::rational;
   folds.held_out_px = 0.2;
-  folds.fold_px = Eigen::Vector2d(5.0, 5.0);
+  folds.non_monotonic_px = Eigen::Vector2d(5.0, 5.0);
   c.trials.push_back(folds);
   judge(c);
   EXPECT_EQ(c.grade, CalibrationGrade::poor);

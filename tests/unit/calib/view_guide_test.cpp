@@ -114,7 +114,7 @@ TEST_F(ViewGuideTest, TakesInformativeViewsUntilLensIsKnown) {
   const GreyImage again = picture({0.0, 0.0, 0.0}, 0.4, radians(60.0), radians(80.0));
   (void)guide_.look(again.view());
   (void)guide_.look(again.view());
-  const GuideLook look = guide_.look(again.view());
+  const GuideResult look = guide_.look(again.view());
   EXPECT_FALSE(look.taken);
   EXPECT_LT(look.gain, 0.03);
 }

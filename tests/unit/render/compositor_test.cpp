@@ -406,7 +406,7 @@ TEST(Compositor, DetectsDriverReset) {
     const auto made = Compositor::create(**context, builder.build(), camera);
     GlInfo silent = (*context)->info();
     silent.tells_resets = false;
-    EXPECT_FALSE(noted_gl_error(silent)) << "not asked if the context can't report resets";
+    EXPECT_FALSE(take_gl_error(silent)) << "not asked if the context can't report resets";
     driver_was_reset = false;
     epoxy_glGetGraphicsResetStatus = driver_reset_status;
     ASSERT_FALSE(drawn);
@@ -445,10 +445,10 @@ TEST(GlError, DescribesCauseAndRemedy) {
   // A context that reports errors forever gives one line; the program does not wait for more.
   const auto context = create_offscreen_context();
   ASSERT_TRUE(context);
-  EXPECT_FALSE(noted_gl_error((*context)->info()));
+  EXPECT_FALSE(take_gl_error((*context)->info()));
   for (int i = 0; i < 3; ++i) glEnable(0xFFFF);
-  EXPECT_EQ(noted_gl_error((*context)->info()), static_cast<unsigned>(GL_INVALID_ENUM));
-  EXPECT_FALSE(noted_gl_error((*context)->info()));
+  EXPECT_EQ(take_gl_error((*context)->info()), static_cast<unsigned>(GL_INVALID_ENUM));
+  EXPECT_FALSE(take_gl_error((*context)->info()));
 }
 
 TEST(Compositor, RejectsMoreLightsThanSupported) {

@@ -216,7 +216,7 @@ std::vector<std::string> lines_of(const FramePlan& plan) {
   }
   for (const ShadowVolumeDraw& draw : plan.volumes) {
     std::string balls;
-    for (const Ball& ball : draw.receivers) balls += text(ball.middle);
+    for (const BoundingSphere& ball : draw.receivers) balls += text(ball.middle);
     add("volume", draw.object, draw.T_table_object, balls);
   }
   for (const LightRayDraw& draw : plan.rays) add("rays", draw.object, draw.T_table_object, "");

@@ -149,16 +149,16 @@ TEST_P(PixelBuffers, ReturnFramesInDrawingOrder) {
       // A screenshot reads the frame at once in the same way.
       ASSERT_EQ(shown->draw(frame, FramePlan()), expected.back());
       EXPECT_EQ(compositor.pictures_asked_for(), i > 0 ? 1U : 0U);
-      const auto asked = compositor.ask_for_picture();
+      const auto asked = compositor.request_image();
       ASSERT_TRUE(asked) << asked.error().message;
       EXPECT_EQ((*asked)[Counter::pixel_buffer_read_backs], 1);
       EXPECT_GT(asked->readback_ms, 0.0);
       if (i == 0) continue;
       EXPECT_EQ(compositor.pictures_asked_for(), 2U);
-      ASSERT_TRUE(compositor.take_picture(got.rgba));
+      ASSERT_TRUE(compositor.take_image(got.rgba));
       ASSERT_EQ(got, expected[i - 1]) << i;
     }
-    ASSERT_TRUE(compositor.take_picture(got.rgba));
+    ASSERT_TRUE(compositor.take_image(got.rgba));
     EXPECT_EQ(got, expected.back());
     EXPECT_EQ(compositor.pictures_asked_for(), 0U);
   }
@@ -168,27 +168,27 @@ TEST_P(PixelBuffers, ReportLostFrameWithoutReplacingIt) {
   const auto shown = studio(64, 48, with_pixel_buffers(true));
   Compositor& compositor = shown->compositor();
   Picture picture = shown->draw(small_noise(1), FramePlan());
-  ASSERT_TRUE(compositor.ask_for_picture());
-  ASSERT_TRUE(compositor.take_picture(picture.rgba));
+  ASSERT_TRUE(compositor.request_image());
+  ASSERT_TRUE(compositor.take_image(picture.rgba));
   static decltype(epoxy_glUnmapBuffer) unmap = nullptr;
   unmap = epoxy_glUnmapBuffer;
-  ASSERT_TRUE(compositor.ask_for_picture());
+  ASSERT_TRUE(compositor.request_image());
   shown->draw(small_noise(2), FramePlan());
-  ASSERT_TRUE(compositor.ask_for_picture());
+  ASSERT_TRUE(compositor.request_image());
   {
     const ReplacedGl loses(
         epoxy_glUnmapBuffer, +[](GLenum target) -> GLboolean {
           unmap(target);
           return GL_FALSE;
         });
-    const auto taken = compositor.take_picture(picture.rgba);
+    const auto taken = compositor.take_image(picture.rgba);
     ASSERT_FALSE(taken);
     EXPECT_NE(taken.error().message.find("--pixel-buffers off"), std::string::npos);
   }
   EXPECT_EQ(compositor.pictures_asked_for(), 0U);
   const Picture expected = shown->draw(small_noise(3), FramePlan());
-  ASSERT_TRUE(compositor.ask_for_picture());
-  ASSERT_TRUE(compositor.take_picture(picture.rgba));
+  ASSERT_TRUE(compositor.request_image());
+  ASSERT_TRUE(compositor.take_image(picture.rgba));
   EXPECT_EQ(picture, expected);
 }
 

@@ -229,7 +229,7 @@ TEST(LiftedByAmbient, RisesWithShareOfAmbientLight) {
   EXPECT_NEAR(lifted(0.66, {above}).penumbra, 1.0 - 0.17 * 1.36 / 1.66, 1e-9);
   EXPECT_NEAR(lifted(0.66, {above, sideways}).umbra, lifted(0.66, {above}).umbra, 1e-9)
       << "light at grazing incidence adds nothing";
-  EXPECT_NEAR(lifted(0.66, {}).umbra, lifted(0.66, {lamp_of_no_scene()}).umbra, 1e-9);
+  EXPECT_NEAR(lifted(0.66, {}).umbra, lifted(0.66, {default_light()}).umbra, 1e-9);
   double before = given.umbra;
   for (const double more : {0.37, 0.5, 1.0, 10.0, 1e6}) {
     const LightFractions now = lifted(more, {above});

@@ -52,7 +52,7 @@ TEST(PairedEdges, ExistForClosedMeshesOnly) {
   const auto edges = paired_edges(cube.indices);
   ASSERT_TRUE(edges);
   EXPECT_EQ(edges->size(), 18U);  // 12, and 6 diagonals
-  for (const FacePair& edge : *edges) {
+  for (const SharedEdge& edge : *edges) {
     const auto has = [&](std::uint32_t face, std::uint32_t a, std::uint32_t b) {
       for (std::size_t i = 0; i < 3; ++i) {
         if (cube.indices[3 * face + i] == a && cube.indices[3 * face + (i + 1) % 3] == b)
@@ -158,7 +158,7 @@ Mask draw(const std::vector<const Placed*>& casters, const glm::vec3& light, dou
   Mask mask;
   mask.cells = {cell, bounds.min().x() - 1, bounds.min().y() - 1,
                 static_cast<int>(bounds.sizes().x()) + 3, static_cast<int>(bounds.sizes().y()) + 3};
-  MaskPicture picture;
+  MaskRaster picture;
   // The second pass must not depend on the first.
   for (int again = 0; again < 2; ++again) {
     picture.begin(mask.cells);
@@ -271,7 +271,7 @@ TEST(SilhouetteMask, MatchesFacesOfOpenAndCutMeshes) {
                     static_cast<int>(caster.bounds().sizes().y()) + 3};
       glm::vec3 light(1.0F);
       light[static_cast<int>(layer)] = 0.0F;
-      MaskPicture picture;
+      MaskRaster picture;
       MaskCover cover;
       picture.begin(mask.cells);
       picture.cover(caster, {}, {});
@@ -438,7 +438,7 @@ TEST(SilhouetteMask, MatchesTrianglesOfOutlines) {
       const auto& box = caster.bounds();
       std::vector<std::uint8_t> codes;
       if (box.isEmpty()) return codes;
-      MaskPicture picture;
+      MaskRaster picture;
       picture.begin({kCell, box.min().x() - 1, box.min().y() - 1,
                      static_cast<int>(box.sizes().x()) + 3, static_cast<int>(box.sizes().y()) + 3});
       picture.cover(caster, {}, {});
@@ -463,7 +463,7 @@ TEST(SilhouetteMask, IgnoresOutlinesThatAreNotFinite) {
     const std::vector<OutlineSide> sides = {{a, b}, {b, c}, {c, a}};
     caster.project_outline(ShadowLayer::middle, sides);
     EXPECT_TRUE(caster.bounds().isEmpty());
-    MaskPicture picture;
+    MaskRaster picture;
     picture.begin({0.001, 0, 0, 16, 16});
     picture.cover(caster, {}, {});
     std::vector<std::uint8_t> codes;
@@ -502,10 +502,10 @@ struct Body {
     return caster;
   }
 };
-using Cover = std::function<void(MaskPicture&)>;
+using Cover = std::function<void(MaskRaster&)>;
 // Rasters `cells` and returns the shares of `part`.
-std::vector<std::uint8_t> shares_of(MaskPicture& picture, const Cover& cover,
-                                    const MaskCells& cells, const MaskCells& part) {
+std::vector<std::uint8_t> shares_of(MaskRaster& picture, const Cover& cover, const MaskCells& cells,
+                                    const MaskCells& part) {
   std::vector<std::uint8_t> shares(std::size_t{4} * static_cast<std::size_t>(part.width) *
                                    static_cast<std::size_t>(part.height));
   picture.begin(cells);
@@ -528,8 +528,8 @@ TEST(SilhouetteMask, MatchesWholeRasterInParts) {
   };
   int partly = 0;
   int beside = 0;
-  MaskPicture of_whole;
-  MaskPicture of_part;
+  MaskRaster of_whole;
+  MaskRaster of_part;
   const auto compare = [&](const MaskCaster& caster, const Cover& cover, double cell) {
     if (caster.bounds().isEmpty()) return;
     const MaskCells whole = cells_around(caster, cell);
@@ -581,7 +581,7 @@ TEST(SilhouetteMask, MatchesWholeRasterInParts) {
     }
     MaskCaster faces = caster_of(corners);
     compare(
-        faces, [&](MaskPicture& to) { to.cover(faces, {}, {}); }, kUnit);
+        faces, [&](MaskRaster& to) { to.cover(faces, {}, {}); }, kUnit);
     const Placed placed = place(trial % 2 == 0 ? *table_and_ball() : *torus(6, 10),
                                 test::at(0.01 * trial, -0.02 * trial, 0.1, {1, 0.2, 0.4}, trial));
     const auto edges = paired_edges(placed.mesh.indices);
@@ -590,7 +590,7 @@ TEST(SilhouetteMask, MatchesWholeRasterInParts) {
       closed.project(placed.mesh.positions, placed.kernels, placed.own, kConstants,
                      {true, trial % 3 != 0, true}, cell);
       compare(
-          closed, [&](MaskPicture& to) { to.cover(closed, placed.mesh.indices, *edges); }, cell);
+          closed, [&](MaskRaster& to) { to.cover(closed, placed.mesh.indices, *edges); }, cell);
     }
     const ShadowField field = some_field(trial, random);
     MaskCaster lines;
@@ -598,7 +598,7 @@ TEST(SilhouetteMask, MatchesWholeRasterInParts) {
     for (const ShadowLayer layer : kShadowLayers)
       lines.project_outline(layer, field_outline(field, layer));
     compare(
-        lines, [&](MaskPicture& to) { to.cover(lines, {}, {}); }, 0.0003);
+        lines, [&](MaskRaster& to) { to.cover(lines, {}, {}); }, 0.0003);
   }
   EXPECT_GT(partly, 600);
   EXPECT_GT(beside, 200);
@@ -609,7 +609,7 @@ TEST(SilhouetteMask, MatchesReferenceForMeshLargerThanRaster) {
   std::mt19937 random(29);
   std::uniform_real_distribution<double> one(-1.0, 1.0);
   const MaskCells cells{kUnit, -20, -15, 40, 30};
-  MaskPicture picture;
+  MaskRaster picture;
   int edges = 0;
   for (const double reach : {3e3, 2e5, 1.9e6}) {
     for (int trial = 0; trial < 30; ++trial) {
@@ -624,7 +624,7 @@ TEST(SilhouetteMask, MatchesReferenceForMeshLargerThanRaster) {
       const Eigen::Vector2d b = rounded(through + reach * along);
       const Eigen::Vector2d c = rounded(through + reach * across);
       MaskCaster caster = caster_of(trial % 2 == 0 ? Triangles{a, b, c} : Triangles{a, c, b});
-      const Cover cover = [&](MaskPicture& to) { to.cover(caster, {}, {}); };
+      const Cover cover = [&](MaskRaster& to) { to.cover(caster, {}, {}); };
       const auto shares = shares_of(picture, cover, cells, cells);
       // Corners as rounded to float.
       const auto placed = [](const Eigen::Vector2d& p) -> Eigen::Vector2d {
@@ -682,13 +682,13 @@ TEST(SilhouetteMask, IgnoresVerticesThatAreNotFinite) {
   const std::size_t of_first = body.positions.size() / 2;
   const auto edges = paired_edges(body.indices);
   ASSERT_TRUE(edges);
-  MaskPicture picture;
+  MaskRaster picture;
   constexpr double kCell = 0.001;
   const MaskCells cells{kCell, -60, -50, 160, 100};
   const auto shares = [&](const Body& of) {
     MaskCaster caster = of.projected(kCell);
     return shares_of(
-        picture, [&](MaskPicture& to) { to.cover(caster, of.indices, *edges); }, cells, cells);
+        picture, [&](MaskRaster& to) { to.cover(caster, of.indices, *edges); }, cells, cells);
   };
   const auto all = shares(body);
   for (const float wrong : {nan, infinity, -infinity, 3e38F, -1e30F, 1e9F}) {
@@ -747,7 +747,7 @@ TEST(SilhouetteMask, DoesNotOverflowForManySheets) {
   };
   const MaskCells cells{kUnit, -2, -2, 40, 34};
   const MaskCells part{kUnit, 10, 6, 11, 9};
-  MaskPicture picture;
+  MaskRaster picture;
   const auto check = [&](const Cover& many, const std::vector<std::uint8_t>& few,
                          const std::vector<std::uint8_t>& few_of_part) {
     const auto shares = shares_of(picture, many, cells, cells);
@@ -768,20 +768,20 @@ TEST(SilhouetteMask, DoesNotOverflowForManySheets) {
   const std::size_t many_of[] = {16384, 20000, 32767, 32768, 40000, 65536};
   for (const bool turn_some : {false, true}) {
     MaskCaster few = open(kFew, turn_some);
-    const Cover cover_few = [&](MaskPicture& to) { to.cover(few, {}, {}); };
+    const Cover cover_few = [&](MaskRaster& to) { to.cover(few, {}, {}); };
     const auto shares = shares_of(picture, cover_few, cells, cells);
     const auto of_part = shares_of(picture, cover_few, part, part);
     for (const std::size_t count : many_of) {
       SCOPED_TRACE(count);
       MaskCaster many = open(turn_some ? 2 * count : count, turn_some);
-      check([&](MaskPicture& to) { to.cover(many, {}, {}); }, shares, of_part);
+      check([&](MaskRaster& to) { to.cover(many, {}, {}); }, shares, of_part);
       // Several stored covers, each with fewer faces.
-      MaskPicture of_one;
+      MaskRaster of_one;
       MaskCover cover;
       of_one.begin(cells);
       of_one.cover(many, {}, {});
       of_one.take(cover);
-      const auto taken = [&](MaskPicture& to) {
+      const auto taken = [&](MaskRaster& to) {
         for (int i = 0; i < 3; ++i) to.cover(cover);
       };
       const auto of_taken = shares_of(picture, taken, cells, cells);
@@ -791,9 +791,7 @@ TEST(SilhouetteMask, DoesNotOverflowForManySheets) {
   const Body few = closed(kFew);
   MaskCaster few_projected = few.projected(kUnit);
   const auto few_edges = paired_edges(few.indices);
-  const Cover cover_few = [&](MaskPicture& to) {
-    to.cover(few_projected, few.indices, *few_edges);
-  };
+  const Cover cover_few = [&](MaskRaster& to) { to.cover(few_projected, few.indices, *few_edges); };
   const auto shares = shares_of(picture, cover_few, cells, cells);
   const auto of_part = shares_of(picture, cover_few, part, part);
   for (const std::size_t count : many_of) {
@@ -801,7 +799,7 @@ TEST(SilhouetteMask, DoesNotOverflowForManySheets) {
     const Body many = closed(count);
     MaskCaster projected = many.projected(kUnit);
     const auto edges = paired_edges(many.indices);
-    check([&](MaskPicture& to) { to.cover(projected, many.indices, *edges); }, shares, of_part);
+    check([&](MaskRaster& to) { to.cover(projected, many.indices, *edges); }, shares, of_part);
   }
 }
 
@@ -1349,7 +1347,7 @@ TEST(MaskLayout, GroupsPartsThatMeet) {
     bounds.emplace_back();  // of an object that casts nothing
     const auto seen = [&](const Eigen::AlignedBox2d& box) {
       const Eigen::AlignedBox2d part = box.intersection(view);
-      return part.isEmpty() ? SeenPart{} : SeenPart{part, kSize + trial % 3 - 1};
+      return part.isEmpty() ? VisiblePart{} : VisiblePart{part, kSize + trial % 3 - 1};
     };
     const MaskLayout layout = lay_out_masks(bounds, kSize, 4096, seen);
     EXPECT_EQ(layout, lay_out_masks(bounds, kSize, 4096, seen));
@@ -1407,7 +1405,7 @@ TEST(MaskLayout, UsesOneMaskForModerateSize) {
       {Eigen::Vector<std::int64_t, 2>(300, -30), Eigen::Vector<std::int64_t, 2>(500, 7)}};
   const MaskLayout layout = lay_out_masks(bounds, -22, 4096, [](const Eigen::AlignedBox2d&) {
     ADD_FAILURE() << "not requested";
-    return SeenPart{};
+    return VisiblePart{};
   });
   ASSERT_EQ(layout.groups.size(), 1U);
   EXPECT_FALSE(layout.of_view || layout.groups[0].cut);

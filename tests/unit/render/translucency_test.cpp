@@ -11,7 +11,7 @@
 #include <span>
 #include <string>
 
-#include "render/gl/picture_probe.hpp"
+#include "render/gl/fragment_probe.hpp"
 #include "render/passes/shadow_pass.hpp"
 #include "render/passes/translucent_program.hpp"
 #include "support/shapes.hpp"
@@ -159,7 +159,7 @@ TEST(Translucency, RoundTripsEveryName) {
 TEST(Translucency, UsesRequestedModeElseSupportedOne) {
   for (const bool blends : {false, true}) {
     for (const bool fetches : {false, true}) {
-      const PictureAbilities abilities{blends, fetches};
+      const FragmentAbilities abilities{blends, fetches};
       for (const Translucency mode : kWithoutBlending)
         EXPECT_EQ(choose_translucency(mode, abilities), mode);
       EXPECT_EQ(choose_translucency(Translucency::blend, abilities), Translucency::blend);
@@ -585,14 +585,14 @@ TEST(TranslucencyProbe, DetectsSupportedModes) {
   for (const GlApi api : {GlApi::gl33, GlApi::gles30}) {
     const auto context = create_offscreen_context(api).value();
     context->make_current();
-    const PictureAbilities found = probe_picture(api).value();
+    const FragmentAbilities found = probe_picture(api).value();
     EXPECT_TRUE(found.blends);
     EXPECT_TRUE(found.fetches);
     EXPECT_EQ(glGetError(), static_cast<GLenum>(GL_NO_ERROR));
 
     driver_enable = epoxy_glEnable;
     epoxy_glEnable = enable_without_blending;
-    const PictureAbilities without = probe_picture(api).value();
+    const FragmentAbilities without = probe_picture(api).value();
     epoxy_glEnable = driver_enable;
     EXPECT_FALSE(without.blends);
     EXPECT_TRUE(without.fetches);

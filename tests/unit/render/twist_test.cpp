@@ -11,7 +11,7 @@ namespace {
 
 double spill_of(const Model& model, KernelSource source, const Eigen::Vector3d& up) {
   const ShadowMesh mesh = make_shadow_mesh(model);
-  return layer_spill(mesh, generate_kernels(mesh, up, source), 1.65);
+  return layer_overshoot(mesh, generate_kernels(mesh, up, source), 1.65);
 }
 
 TEST(LayerOvershoot, IsSmallForAutomaticAndLargeForSingleKernels) {
@@ -45,7 +45,7 @@ TEST(LayerOvershoot, IsIndependentOfDistanceFromOrigin) {
 
 TEST(LayerOvershoot, IsBoundedForDegenerateMeshes) {
   const Eigen::Vector3d up(0, 0, 1);
-  EXPECT_EQ(layer_spill({}, {}, 1.5), 0.0);
+  EXPECT_EQ(layer_overshoot({}, {}, 1.5), 0.0);
   Model model;
   Mesh& mesh = model.meshes.emplace_back();
   for (const float size : {0.0F, 1e-30F, 3e38F}) {

@@ -44,9 +44,9 @@ TEST(RigidTagTracker, GivesReasonWithoutPose) {
   const PoseEstimate nothing = tracker.track(grey_frame(640, 480, 0)).pose;
   EXPECT_EQ(nothing.status, TrackStatus::lost);
   EXPECT_THAT(text_of(nothing.reason), testing::HasSubstr("no tag"));
-  const PoseEstimate other_size = tracker.track(grey_frame(320, 240, 1)).pose;
-  EXPECT_EQ(other_size.status, TrackStatus::lost);
-  EXPECT_THAT(text_of(other_size.reason),
+  const PoseEstimate tag_size_error_of = tracker.track(grey_frame(320, 240, 1)).pose;
+  EXPECT_EQ(tag_size_error_of.status, TrackStatus::lost);
+  EXPECT_THAT(text_of(tag_size_error_of.reason),
               testing::AllOf(testing::HasSubstr("320x240"), testing::HasSubstr("640x480")));
   EXPECT_EQ(tracker.track(Frame{}).pose.status, TrackStatus::lost);
 }

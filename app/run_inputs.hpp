@@ -22,7 +22,7 @@ struct TagsInUse {
 void print_tags(const TagsInUse& tags);
 
 // Remedy for a missing tag map, the end of a message.
-inline constexpr std::string_view kNameATagMap =
+inline constexpr std::string_view kTagMapRemedy =
     "name the tag map with --tags FILE (penumbra target writes one with the sheet, penumbra map "
     "measures one)";
 

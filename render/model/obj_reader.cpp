@@ -8,7 +8,7 @@
 #include "core/propagate.hpp"
 #include "core/text/text_encoding.hpp"
 #include "render/model/model_parts.hpp"
-#include "render/model/obj_parts.hpp"
+#include "render/model/obj_reader.hpp"
 #include "render/model/to_eigen.hpp"
 
 namespace penumbra {

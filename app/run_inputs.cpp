@@ -1,4 +1,4 @@
-#include "app/tags_in_use.hpp"
+#include "app/run_inputs.hpp"
 
 #include <fmt/format.h>
 

@@ -1,5 +1,5 @@
 // Images to calibrate from.
-#include "app/calibration/picture_source.hpp"
+#include "app/calibration/image_folder.hpp"
 
 #include <fmt/format.h>
 #include <gmock/gmock.h>

@@ -1,30 +1,29 @@
-#include "app/capture/newest_picture.hpp"
+#include "app/capture/newest_image.hpp"
 
 #include <exception>
 #include <utility>
 
 namespace penumbra {
 
-NewestPicture::NewestPicture(LiveSource& source)
-    : source_(source), capture_([this] { capture(); }) {}
+NewestImage::NewestImage(LiveSource& source) : source_(source), capture_([this] { capture(); }) {}
 
-NewestPicture::~NewestPicture() {
+NewestImage::~NewestImage() {
   source_.stop();
   newest_.close();
   capture_.join();
 }
 
-std::optional<Frame> NewestPicture::take(std::chrono::milliseconds patience) {
+std::optional<Frame> NewestImage::take(std::chrono::milliseconds patience) {
   const std::optional<CapturedImage> image = newest_.take(patience);
   return image ? source_.decode(*image) : std::nullopt;
 }
 
-std::optional<Error> NewestPicture::error() const {
+std::optional<Error> NewestImage::error() const {
   const std::lock_guard lock(mutex_);
   return error_;
 }
 
-void NewestPicture::capture() {
+void NewestImage::capture() {
   try {
     for (;;) {
       auto image = source_.next_image();
@@ -41,7 +40,7 @@ void NewestPicture::capture() {
   newest_.close();
 }
 
-void NewestPicture::set_error(Error error) {
+void NewestImage::set_error(Error error) {
   const std::lock_guard lock(mutex_);
   error_ = std::move(error);
 }

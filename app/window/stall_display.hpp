@@ -10,7 +10,7 @@ namespace penumbra {
 
 // Repeats the last frame with its pose held and fading, then without a pose: a stalled image must
 // never look live.
-class Silence {
+class StallDisplay {
  public:
   void saw(const TrackedFrame& tracked) { last_ = tracked; }
   // Returns true if there is a frame to draw again.

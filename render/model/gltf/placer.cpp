@@ -1,4 +1,4 @@
-#include "render/model/gltf/place.hpp"
+#include "render/model/gltf/placer.hpp"
 
 #include <Eigen/Geometry>
 #include <Eigen/LU>

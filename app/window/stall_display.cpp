@@ -1,10 +1,10 @@
-#include "app/window/silence.hpp"
+#include "app/window/stall_display.hpp"
 
 #include "core/units.hpp"
 
 namespace penumbra {
 
-std::optional<TrackedFrame> Silence::picture(std::int64_t silence_ns) {
+std::optional<TrackedFrame> StallDisplay::picture(std::int64_t silence_ns) {
   if (!last_) return std::nullopt;
   TrackedFrame tracked = *last_;
   // A repeated frame is not measured again.

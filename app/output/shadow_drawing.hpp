@@ -11,7 +11,7 @@
 
 namespace penumbra {
 
-struct ShadowPicture {
+struct ShadowDrawing {
   struct Layer {
     std::string name;  // "umbra", "middle", "penumbra", "shadow"
     LayerOutline outline;
@@ -24,9 +24,9 @@ struct ShadowPicture {
 };
 
 // SVG 1.1 at full scale: a group per layer, named after it.
-[[nodiscard]] std::string shadow_svg(const ShadowPicture& picture);
+[[nodiscard]] std::string shadow_svg(const ShadowDrawing& picture);
 // The same as a PNG of about 1200 pixels across.
 [[nodiscard]] Result<void> write_shadow_png(const std::filesystem::path& file,
-                                            const ShadowPicture& picture);
+                                            const ShadowDrawing& picture);
 
 }  // namespace penumbra

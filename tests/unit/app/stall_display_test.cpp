@@ -1,4 +1,4 @@
-#include "app/window/silence.hpp"
+#include "app/window/stall_display.hpp"
 
 #include <gtest/gtest.h>
 
@@ -20,7 +20,7 @@ TrackedFrame frame_with(TrackStatus table, TrackStatus wall, double wall_age_s =
 }
 
 TEST(StreamStall, HasNothingToShowBeforeFirstFrame) {
-  Silence silence;
+  StallDisplay silence;
   EXPECT_FALSE(silence.holds());
   EXPECT_FALSE(silence.picture(100 * kMs));
 }
@@ -28,7 +28,7 @@ TEST(StreamStall, HasNothingToShowBeforeFirstFrame) {
 TEST(StreamStall, CoastsPoseThenLosesIt) {
   for (const TrackStatus before : {TrackStatus::tracked, TrackStatus::uncertain}) {
     SCOPED_TRACE(to_string(before));
-    Silence silence;
+    StallDisplay silence;
     silence.saw(frame_with(before, TrackStatus::lost));
     const auto early = silence.picture(100 * kMs);
     ASSERT_TRUE(early);
@@ -52,7 +52,7 @@ TEST(StreamStall, CoastsPoseThenLosesIt) {
 
 TEST(StreamStall, FadesEachGroupFromItsOwnAge) {
   const double half_s = 0.5 * kHoldSeconds;
-  Silence silence;
+  StallDisplay silence;
   silence.saw(frame_with(TrackStatus::tracked, TrackStatus::held, half_s));
   const auto silence_ns = static_cast<std::int64_t>(0.6e9 * kHoldSeconds);
   const auto picture = silence.picture(silence_ns);

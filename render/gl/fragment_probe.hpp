@@ -7,13 +7,13 @@
 namespace penumbra {
 
 // Fragment operations that work in a context.
-struct PictureAbilities {
+struct FragmentAbilities {
   bool blends = true;   // multiplying a fragment with the framebuffer
   bool fetches = true;  // reading texels in a fragment shader
 };
 
 // Draws a few pixels into its own framebuffer and reads them back. Leaves no framebuffer bound.
 // Fails if a shader does not compile.
-[[nodiscard]] Result<PictureAbilities> probe_picture(GlApi api);
+[[nodiscard]] Result<FragmentAbilities> probe_picture(GlApi api);
 
 }  // namespace penumbra

@@ -1,4 +1,4 @@
-#include "app/calibration/picture_source.hpp"
+#include "app/calibration/image_folder.hpp"
 
 #include <algorithm>
 #include <cctype>

@@ -1,4 +1,4 @@
-#include "render/gl/picture_probe.hpp"
+#include "render/gl/fragment_probe.hpp"
 
 #include <epoxy/gl.h>
 
@@ -39,7 +39,7 @@ bool are_product(const Pixels& pixels) {
 
 }  // namespace
 
-Result<PictureAbilities> probe_picture(GlApi api) {
+Result<FragmentAbilities> probe_picture(GlApi api) {
   constexpr std::array<std::string_view, 1> kRgb = {"VIDEO_RGB"};
   PENUMBRA_TRY(auto framebuffer, Framebuffer::create(kSide, kSide));
   PENUMBRA_TRY(const auto fill, ShaderProgram::link(api, {"video.vert.glsl"}, {"fill.frag.glsl"}));
@@ -55,7 +55,7 @@ Result<PictureAbilities> probe_picture(GlApi api) {
   glColorMask(GL_TRUE, GL_TRUE, GL_TRUE, GL_TRUE);
   no_vertices.bind();
 
-  PictureAbilities abilities;
+  FragmentAbilities abilities;
   Pixels pixels{};
   fill.use();
   fill.set("value", color_of(kBefore));

@@ -1,4 +1,4 @@
-#include "app/output/shadow_picture.hpp"
+#include "app/output/shadow_drawing.hpp"
 
 #include <cairo.h>
 
@@ -48,14 +48,14 @@ void for_each_point(const LayerOutline& outline, Visit visit) {
   }
 }
 
-Layout lay_out(const ShadowPicture& picture) {
+Layout lay_out(const ShadowDrawing& picture) {
   Eigen::Vector2d low = Eigen::Vector2d::Constant(std::numeric_limits<double>::infinity());
   Eigen::Vector2d high = -low;
   const auto grow = [&](const Eigen::Vector2d& p) {
     low = low.cwiseMin(p);
     high = high.cwiseMax(p);
   };
-  for (const ShadowPicture::Layer& layer : picture.layers) for_each_point(layer.outline, grow);
+  for (const ShadowDrawing::Layer& layer : picture.layers) for_each_point(layer.outline, grow);
   for_each_point(picture.object, grow);
   for (const Eigen::Vector2d& k : picture.kernels) grow(k);
   if (!low.allFinite()) {
@@ -108,12 +108,12 @@ class Canvas {
   virtual void text(double x, double y, double size, const std::string& words) = 0;
 };
 
-void draw(Canvas& canvas, const ShadowPicture& picture, const Layout& layout) {
+void draw(Canvas& canvas, const ShadowDrawing& picture, const Layout& layout) {
   const double unit = layout.unit;
   canvas.rectangle(0.0, 0.0, layout.width, layout.height, kPaper);
   canvas.text(layout.margin(), layout.margin() + 0.5 * unit, 3.0 * unit, picture.title);
   canvas.text(layout.margin(), layout.margin() + 3.5 * unit, 2.0 * unit, picture.subtitle);
-  for (const ShadowPicture::Layer& layer : picture.layers) {
+  for (const ShadowDrawing::Layer& layer : picture.layers) {
     canvas.begin_group(layer.name);
     for (const LayerPolygon& polygon : layer.outline.polygons) {
       canvas.fill(polygon, layer_color(layer.name));
@@ -141,7 +141,7 @@ void draw(Canvas& canvas, const ShadowPicture& picture, const Layout& layout) {
     canvas.text(x + 2.7 * unit, line, size, words);
     x += (6.0 + 1.4 * static_cast<double>(words.size())) * unit;
   };
-  for (const ShadowPicture::Layer& layer : picture.layers) {
+  for (const ShadowDrawing::Layer& layer : picture.layers) {
     entry(layer_color(layer.name), layer.name);
   }
   entry(kObject, "object");
@@ -294,14 +294,14 @@ class CairoCanvas final : public Canvas {
 
 }  // namespace
 
-std::string shadow_svg(const ShadowPicture& picture) {
+std::string shadow_svg(const ShadowDrawing& picture) {
   const Layout layout = lay_out(picture);
   SvgCanvas canvas(layout);
   draw(canvas, picture, layout);
   return canvas.finish();
 }
 
-Result<void> write_shadow_png(const std::filesystem::path& file, const ShadowPicture& picture) {
+Result<void> write_shadow_png(const std::filesystem::path& file, const ShadowDrawing& picture) {
   constexpr double kPixelsAcross = 1200.0;
   const Layout layout = lay_out(picture);
   CairoCanvas canvas(layout, kPixelsAcross / std::max(layout.width, layout.height));

@@ -14,13 +14,13 @@
 
 namespace penumbra {
 
-class NewestPicture {
+class NewestImage {
  public:
   // `source` outlives this; the destructor stops it.
-  explicit NewestPicture(LiveSource& source);
-  NewestPicture(const NewestPicture&) = delete;
-  NewestPicture& operator=(const NewestPicture&) = delete;
-  ~NewestPicture();
+  explicit NewestImage(LiveSource& source);
+  NewestImage(const NewestImage&) = delete;
+  NewestImage& operator=(const NewestImage&) = delete;
+  ~NewestImage();
 
   // Empty if no image came in time, or a damaged one.
   [[nodiscard]] std::optional<Frame> take(std::chrono::milliseconds patience);
