@@ -30,6 +30,7 @@
 #include "support/run_program.hpp"
 #include "support/running_program.hpp"
 #include "support/synthetic_board.hpp"
+#include "support/test_form.hpp"
 #include "tracking/alignment/pattern_renderer.hpp"
 
 namespace penumbra {
@@ -86,11 +87,15 @@ class CalibrateCommand : public testing::Test {
 class TargetMeasurement : public CalibrateCommand {};
 class MapCommand : public CalibrateCommand {};
 
+// From half of the images in the short form.
 TEST_F(CalibrateCommand, RecoversCameraFromAprilGrid) {
   const auto report = folder() / "report.html";
-  const auto result =
-      calibrate(shared("recordings/calibration"), shared("recordings/calibration/aprilgrid.yaml"),
-                {"--report", report.string()});
+  const auto images = folder() / "images";
+  const int count = test::nightly() ? 32 : 16;
+  test::write_part_of_recording(images, shared("recordings/calibration"),
+                                [count](int row) { return row < count; });
+  const auto result = calibrate(images, shared("recordings/calibration/aprilgrid.yaml"),
+                                {"--report", report.string()});
   ASSERT_EQ(result.exit_code, 0) << result.err;
   EXPECT_THAT(last_line(result.out), testing::StartsWith("good: ")) << result.out;
   const auto truth = load_camera(shared("recordings/calibration/camera.yaml"));
@@ -133,7 +138,7 @@ TEST_F(CalibrateCommand, RecoversCameraFromChessboard) {
 
 TEST_F(CalibrateCommand, ReportsDetectedChessboardSizeOnMismatch) {
   const auto target = folder() / "target.yaml";
-  const auto images = some_frames("recordings/chessboard", 8);
+  const auto images = some_frames("recordings/chessboard", 4);
   for (const auto& [columns, rows] : {std::pair(8, 5), std::pair(10, 7)}) {
     test::write_text(target, fmt::format("target_type: checkerboard\ninner_cols: {}\n"
                                          "inner_rows: {}\nsquare_m: 0.025\n",
@@ -177,10 +182,7 @@ TEST_F(CalibrateCommand, DetectsAprilGridWithCornerSquares) {
 
 TEST_F(CalibrateCommand, IgnoresCameraFileOfSource) {
   const auto copy = folder() / "copy";
-  std::filesystem::copy(shared("recordings/chessboard"), copy,
-                        std::filesystem::copy_options::recursive);
-  std::filesystem::permissions(copy, std::filesystem::perms::owner_all,
-                               std::filesystem::perm_options::add);
+  test::write_thinned_recording(copy, shared("recordings/chessboard"), 3);
   std::filesystem::remove(copy / "camera.yaml");
   test::write_text(copy / "camera.yaml", "broken: [");
   const auto result = calibrate(copy, shared("recordings/chessboard/chessboard.yaml"),
@@ -327,7 +329,7 @@ TEST_F(CalibrateCommand, RejectsPurelyFrontalViews) {
   std::filesystem::create_directories(pictures);
   PatternRenderOptions options;
   options.samples = 16;
-  for (int i = 0; i < 8; ++i) {
+  for (int i = 0; i < 5; ++i) {
     const Eigen::Vector3d at(0.02 * (i % 3 - 1), 0.015 * (i / 3 - 1), 0.0);
     const auto pose = test::looking_at(at, 0.4 + 0.04 * i, radians(90.0), 0.0, radians(20.0 * i));
     options.seed = static_cast<std::uint64_t>(i + 1);
@@ -403,6 +405,7 @@ int pixels_like(const RgbaImage& image, int red, int green, int blue) {
 TEST_F(CalibrateFromCamera, GuidesInWindowAndReproducesResultFromKeptViews) {
   ASSERT_EQ(std::system("command -v Xvfb >/dev/null 2>&1 && command -v xdotool >/dev/null 2>&1"), 0)
       << "scripts/setup installs both";
+  hold(16, 3);
   std::vector<std::string> words = {
       (test::source_dir() / "tests" / "support" / "guide-by-keys").string(), keep().string(),
       output().string(), test::program().string()};
@@ -451,26 +454,27 @@ TEST_F(CalibrateFromCamera, GuidesInWindowAndReproducesResultFromKeptViews) {
 }
 
 // The calibration checks every image and ends without a key; the lens equals that of the same
-// images offline.
+// images offline. The short form plays half of the images.
 TEST_F(CalibrateFromCamera, MatchesOfflineCalibrationOnPlayedRecording) {
-  const auto source = shared("recordings/calibration");
+  hold(test::nightly() ? 32 : 16, 1);
+  const auto source = held();
+  const auto target = shared("recordings/calibration/aprilgrid.yaml");
   const std::vector<std::string> fixed = {"--model", "plumb_bob", "--board", "rigid"};
-  const auto offline = calibrate(source, source / "aprilgrid.yaml", fixed);
+  const auto offline = calibrate(source, target, fixed);
   ASSERT_EQ(offline.exit_code, 0) << offline.err;
   const auto before = load_camera(output());
   std::filesystem::remove(output());
-  const auto played = calibrate("recording:" + source.string(), source / "aprilgrid.yaml", fixed);
+  const auto played = calibrate("recording:" + source.string(), target, fixed);
   ASSERT_EQ(played.exit_code, 0) << played.err;
   const auto camera = load_camera(output());
   ASSERT_TRUE(before && camera);
   EXPECT_LT(projection_difference(*before, *camera).mean_px, 0.03);
   EXPECT_THAT(last_line(played.out), testing::StartsWith("good: "));
   EXPECT_THAT(last_line(offline.out), testing::StartsWith("good: "));
-  EXPECT_THAT(played.out, HasSubstr("view 25: "));
+  EXPECT_THAT(played.out, HasSubstr(test::nightly() ? "view 25: " : "view 13: "));
   EXPECT_THAT(played.out, Not(HasSubstr("hold")))
       << "a recording needs no advice to hold the target";
-  const auto sized =
-      calibrate("recording:" + source.string(), source / "aprilgrid.yaml", {"--size", "640x480"});
+  const auto sized = calibrate("recording:" + source.string(), target, {"--size", "640x480"});
   EXPECT_EQ(sized.exit_code, 2) << sized.err;
 }
 
@@ -497,7 +501,7 @@ TEST_F(CalibrateFromCamera, WritesNoResultWhenInterruptedWithTooFewViews) {
 // When the display is lost, the views so far are solved and kept.
 TEST_F(CalibrateFromCamera, SolvesFromKeptViewsWhenDisplayIsLost) {
   ASSERT_EQ(std::system("command -v Xvfb >/dev/null 2>&1"), 0) << "scripts/setup installs it";
-  hold(32, 40);
+  hold(32, 6);
   test::VirtualDisplay display;
   std::vector<std::string> words = arguments({"--model", "plumb_bob", "--board", "rigid",
                                               "--report", (folder() / "report.html").string()});
@@ -536,21 +540,30 @@ TEST_F(CalibrateFromCamera, KeepsViewsWhenDisplayIsLostTooEarlyToSolve) {
 }
 
 // Ctrl-C and SIGTERM at any time, also during the solution, end the program soon and leave old
-// files unchanged.
+// files unchanged. The short form sends two signals, the nightly a series.
 TEST_F(CalibrateCommand, StopsPromptlyOnSignalAndKeepsOldFiles) {
   const auto results = folder() / "results";
   std::filesystem::create_directories(results);
   const auto in_results = [&](const char* name) { return (results / name).string(); };
   test::write_text(results / "camera.yaml", "mine");
   const auto source = shared("recordings/calibration");
-  const std::vector<std::vector<std::string>> runs = {
-      {"calibrate", source.string(), "--target", (source / "aprilgrid.yaml").string(), "--output",
-       in_results("camera.yaml"), "--report", in_results("report.html")},
-      {"map", shared("recordings/tabletop").string(), "--tag-size", "0.04", "--anchor", "5",
-       "--refine-camera", in_results("camera.yaml"), "--output", in_results("tags.yaml")}};
-  for (const std::vector<std::string>& arguments : runs) {
+  struct Run {
+    std::vector<std::string> arguments;
+    int first_delay_ms;  // of the short form, whose second signal comes while it is solved
+  };
+  const std::vector<Run> runs = {
+      {{"calibrate", source.string(), "--target", (source / "aprilgrid.yaml").string(), "--output",
+        in_results("camera.yaml"), "--report", in_results("report.html")},
+       1200},
+      {{"map", shared("recordings/tabletop").string(), "--tag-size", "0.04", "--anchor", "5",
+        "--refine-camera", in_results("camera.yaml"), "--output", in_results("tags.yaml")},
+       400}};
+  for (const auto& [arguments, first_delay_ms] : runs) {
     int early = 0;
-    for (int delay_ms = 400; delay_ms <= 12'000; delay_ms = delay_ms * 8 / 5) {
+    const int percent = test::nightly() ? 160 : 200;
+    for (int delay_ms = test::nightly() ? 400 : first_delay_ms;
+         delay_ms <= 12'000 && (test::nightly() || early < 2);
+         delay_ms = delay_ms * percent / 100) {
       Stopwatch since_signal;
       const auto result = test::run_program(test::program(), arguments, {}, {}, [&](pid_t process) {
         siginfo_t ended{};
@@ -602,8 +615,9 @@ TEST_F(CalibrateCommand, RejectsAprilGridOfWrongProportions) {
   test::write_text(wrong,
                    "target_type: aprilgrid\ntagCols: 6\ntagRows: 6\ntagSize: 0.033\n"
                    "tagSpacing: 0.1818\n");
-  expect_refused(calibrate(shared("recordings/calibration"), wrong),
-                 "smaller than the target file says");
+  const auto some = folder() / "some";
+  test::write_thinned_recording(some, shared("recordings/calibration"), 4);
+  expect_refused(calibrate(some, wrong), "smaller than the target file says");
 }
 
 TEST_F(MapCommand, RecoversTabletopTags) {
@@ -661,12 +675,14 @@ TEST_F(MapCommand, RecoversTabletopTags) {
 TEST_F(MapCommand, ReportsAndRejectsTagOfWrongSize) {
   const auto sizes = folder() / "sizes.yaml";
   std::string lines;
+  const auto some = folder() / "some";
+  test::write_thinned_recording(some, shared("recordings/tabletop"), 4);
   for (int id = 0; id < 12; ++id) lines += fmt::format("{}: {}\n", id, id == 7 ? 0.06 : 0.04);
   test::write_text(sizes, lines);
   const auto tags = folder() / "tags.yaml";
-  const auto result = test::run_program(
-      test::program(), {"map", shared("recordings/tabletop").string(), "--sizes", sizes.string(),
-                        "--anchor", "5", "--output", tags.string()});
+  const auto result =
+      test::run_program(test::program(), {"map", some.string(), "--sizes", sizes.string(),
+                                          "--anchor", "5", "--output", tags.string()});
   ASSERT_EQ(result.exit_code, 0) << result.err;
   EXPECT_THAT(result.out, HasSubstr("tag 7: looks 40.0 mm in size, where 60.0 mm is given"));
   const auto found = load_tag_map(tags);
@@ -677,19 +693,19 @@ TEST_F(MapCommand, ReportsAndRejectsTagOfWrongSize) {
 TEST_F(MapCommand, RefinesCameraWhenRequested) {
   const auto tags = folder() / "tags.yaml";
   const auto camera = folder() / "refined.yaml";
-  const auto result =
-      test::run_program(test::program(), {"map", shared("recordings/tabletop").string(),
-                                          "--tag-size", "0.04", "--anchor", "5", "--output",
-                                          tags.string(), "--refine-camera", camera.string()});
+  const auto some = folder() / "some";
+  test::write_thinned_recording(some, shared("recordings/tabletop"), 3);
+  const auto result = test::run_program(
+      test::program(), {"map", some.string(), "--tag-size", "0.04", "--anchor", "5", "--output",
+                        tags.string(), "--refine-camera", camera.string()});
   ASSERT_EQ(result.exit_code, 0) << result.err;
   const auto found = load_camera(camera);
   ASSERT_TRUE(found) << found.error().message;
   EXPECT_NEAR(found->parameters().fx, 531.7, 5.0);
   EXPECT_THAT(result.out, HasSubstr("camera: fx"));
-  const auto same =
-      test::run_program(test::program(), {"map", shared("recordings/tabletop").string(),
-                                          "--tag-size", "0.04", "--anchor", "5", "--output",
-                                          tags.string(), "--refine-camera", tags.string()});
+  const auto same = test::run_program(
+      test::program(), {"map", some.string(), "--tag-size", "0.04", "--anchor", "5", "--output",
+                        tags.string(), "--refine-camera", tags.string()});
   EXPECT_EQ(same.exit_code, 2) << same.err;
 }
 

@@ -44,7 +44,7 @@ test::ProgramResult with_files_up_to(int kib, const std::vector<std::string>& ar
 TEST(LiveCommand, RecordsSessionThatReplaysToSamePoses) {
   const test::TemporaryFolder temporary;
   const auto path = [&](const char* name) { return (temporary.path() / name).string(); };
-  const auto done = penumbra(live({"--duration", "3", "--record", path("session"), "--poses",
+  const auto done = penumbra(live({"--duration", "1.5", "--record", path("session"), "--poses",
                                    path("live.tum"), "--report", path("report.json")}));
   ASSERT_EQ(done.exit_code, 0) << done.err;
   const auto report = test::read_json(path("report.json"));
@@ -98,7 +98,7 @@ TEST(LiveCommand, RecordsDamagedFramesForIdenticalReplay) {
   for (const char* name : {"000001.jpg", "000009.jpg"}) damage(camera / "frames" / name);
   const auto done =
       penumbra({"live", "--camera", "recording:" + camera.string(), "--calibration", calibration(),
-                "--no-window", "--fps", "8", "--duration", "3", "--threads", "1", "--record",
+                "--no-window", "--fps", "8", "--duration", "2", "--threads", "1", "--record",
                 path("session"), "--poses", path("live.tum"), "--report", path("live.json")});
   ASSERT_EQ(done.exit_code, 0) << done.err;
   EXPECT_EQ(test::read_json(path("live.json"))["camera_faults"]["damaged"], 2) << done.err;
@@ -125,7 +125,7 @@ TEST(LiveCommand, RecordsDamagedFramesForIdenticalReplay) {
 TEST(LiveCommand, TracksWithOneThread) {
   const test::TemporaryFolder temporary;
   const auto path = [&](const char* name) { return (temporary.path() / name).string(); };
-  const auto done = penumbra(live({"--duration", "2", "--threads", "1", "--fps", "15", "--poses",
+  const auto done = penumbra(live({"--duration", "1", "--threads", "1", "--fps", "15", "--poses",
                                    path("live.tum"), "--report", path("report.json")}));
   ASSERT_EQ(done.exit_code, 0) << done.err;
   const auto report = test::read_json(path("report.json"));
@@ -157,7 +157,7 @@ TEST(LiveCommand, ScalesCalibrationOnlyWhenExact) {
     std::vector<std::string> arguments = {
         "live",       "--camera", "recording:" + bundled("tabletop"), "--calibration",
         path(name),   "--tags",   bundled("tabletop") + "/tags.yaml", "--no-window",
-        "--duration", "1"};
+        "--duration", "0.5"};
     arguments.insert(arguments.end(), more.begin(), more.end());
     return penumbra(arguments);
   };
@@ -253,7 +253,7 @@ TEST(LiveCommand, CountsDamagedFramesSeparatelyFromLateFrames) {
   const std::string report_file = (temporary.path() / "report.json").string();
   const auto done =
       penumbra({"live", "--camera", "recording:" + camera.string(), "--calibration", calibration(),
-                "--no-window", "--fps", "10", "--duration", "2", "--report", report_file});
+                "--no-window", "--fps", "10", "--duration", "1", "--report", report_file});
   ASSERT_EQ(done.exit_code, 0) << done.err;
   const auto report = test::read_json(report_file);
   const int damaged = report["frames_damaged"];
@@ -301,7 +301,7 @@ TEST(LiveCommand, RejectsFramesOfOtherSizeOrFormat) {
     const auto session = temporary.path() / "session";
     const auto report_file = temporary.path() / "report.json";
     const auto done = penumbra({"live", "--camera", "recording:" + camera.string(), "--calibration",
-                                calibration(), "--no-window", "--fps", "20", "--duration", "3",
+                                calibration(), "--no-window", "--fps", "20", "--duration", "1.5",
                                 "--record", session.string(), "--report", report_file.string()});
     ASSERT_EQ(done.exit_code, 0) << done.err;
     const auto report = test::read_json(report_file);
@@ -338,7 +338,7 @@ TEST(LiveCommand, NeverWritesToPlayedRecording) {
 TEST(LiveCommand, ReportsLagOfSmoothedPoses) {
   const test::TemporaryFolder temporary;
   const std::string report_file = (temporary.path() / "report.json").string();
-  const auto done = penumbra(live({"--duration", "3", "--smooth", "--report", report_file}));
+  const auto done = penumbra(live({"--duration", "1.5", "--smooth", "--report", report_file}));
   ASSERT_EQ(done.exit_code, 0) << done.err;
   const auto report = test::read_json(report_file);
   EXPECT_GT(report["smoothing"]["lag_ms"]["max"].get<double>(), 0.0);
@@ -408,16 +408,17 @@ TEST(LiveCommand, KeepsOtherOutputsWhenVideoCannotBeWritten) {
   {
     SCOPED_TRACE("live");
     const auto done = with_files_up_to(
-        kAMomentOfVideo, live({"--duration", "3", "--output", path("out.mkv"), "--poses",
+        kAMomentOfVideo, live({"--duration", "2", "--output", path("out.mkv"), "--poses",
                                path("live.tum"), "--report", path("report.json")}));
     check(done, path("live.tum"));
     EXPECT_GT(test::read_json(path("report.json"))["frames"].get<int>(), 10);
   }
   {
     SCOPED_TRACE("replay");
-    const auto done = with_files_up_to(
-        kAMomentOfVideo, {"replay", bundled("tabletop"), "--no-window", "--output", path("out.mkv"),
-                          "--poses", path("replay.tum"), "--report", path("report.json")});
+    const auto done =
+        with_files_up_to(kAMomentOfVideo, {"replay", bundled("tabletop"), "--frames", "0:50",
+                                           "--no-window", "--output", path("out.mkv"), "--poses",
+                                           path("replay.tum"), "--report", path("report.json")});
     check(done, path("replay.tum"));
     EXPECT_EQ(test::lines_of(done.err).size(), 2U) << done.err;
   }
@@ -593,15 +594,17 @@ TEST(LiveCommand, RejectsWrongUsageWithExitCode2) {
   EXPECT_EQ(penumbra(live({"--duration", "-1"})).exit_code, 2);
 }
 
-// The script skips camera tests only if the virtual machine does not start.
+// The script skips camera tests only if the virtual machine does not start. Without shared data it
+// builds no software camera.
 TEST(TestLiveScript, SkipsWithoutVirtualMachineAndFailsWithoutSetup) {
   const test::TemporaryFolder temporary;
   const auto machine = [&](const char* name, const std::string& script) {
     const auto file = temporary.path() / name;
     std::ofstream(file) << "#!/bin/bash\n" << script << "\n";
     std::filesystem::permissions(file, std::filesystem::perms::owner_all);
-    return test::run_program(test::source_dir() / "scripts" / "test-live",
-                             {test::program().string()}, {"PENUMBRA_CAMERA_VM=" + file.string()});
+    return test::run_program(
+        test::source_dir() / "scripts" / "test-live", {test::program().string()},
+        {"PENUMBRA_CAMERA_VM=" + file.string(), "PENUMBRA_SHARED=" + temporary.path().string()});
   };
   const auto never = machine("never", "exit 125");
   EXPECT_EQ(never.exit_code, 77) << never.err;

@@ -127,12 +127,15 @@ TEST(Window, RecordsDragThatReplaysToSameFrames) {
   };
   const auto seen = contents_of(folder.path() / "live");
   const auto edited = replayed("edited", {});
-  const auto unedited = replayed("unedited", {"--no-edits"});
   ASSERT_GT(seen.size(), 10U);
   // A session numbers images like the camera, a recording counts its own frames; on a slow machine
   // the camera's numbers have gaps.
   const auto listed = list_frames(folder.path() / "session");
   ASSERT_TRUE(listed) << listed.error().message;
+  // The block moves at the end.
+  const std::size_t first_unedited = listed->size() - std::min<std::size_t>(listed->size(), 40);
+  const auto unedited = replayed(
+      "unedited", {"--no-edits", "--frames", fmt::format("{}:{}", first_unedited, listed->size())});
   constexpr double kInterval_ns = 1e9 / 30.0;
   int moved = 0;
   std::size_t compared = 0;
@@ -144,7 +147,7 @@ TEST(Window, RecordsDragThatReplaysToSameFrames) {
     const std::string name = fmt::format("{:06}.png", i);
     ASSERT_TRUE(edited.contains(name)) << name;
     EXPECT_EQ(picture->second, edited.at(name)) << name;
-    moved += picture->second != unedited.at(name) ? 1 : 0;
+    moved += i >= first_unedited && picture->second != unedited.at(name) ? 1 : 0;
     ++compared;
   }
   EXPECT_EQ(compared, seen.size());

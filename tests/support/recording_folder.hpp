@@ -20,6 +20,27 @@ inline void write_text(const std::filesystem::path& file, const std::string& tex
   std::ofstream(file, std::ios::binary) << text;
 }
 
+// A recording that links to the frames of another one that `takes` accepts by their row.
+template <class Takes>
+void write_part_of_recording(const std::filesystem::path& folder,
+                             const std::filesystem::path& source, const Takes& takes) {
+  std::filesystem::create_directories(folder);
+  for (const auto& entry : std::filesystem::directory_iterator(source)) {
+    const auto name = entry.path().filename();
+    if (name != "timestamps.csv") std::filesystem::create_symlink(entry.path(), folder / name);
+  }
+  std::ifstream from(source / "timestamps.csv");
+  std::ofstream to(folder / "timestamps.csv");
+  std::string line;
+  for (int row = -1; std::getline(from, line); ++row) {
+    if (row < 0 || takes(row)) to << line << "\n";
+  }
+}
+inline void write_thinned_recording(const std::filesystem::path& folder,
+                                    const std::filesystem::path& source, int step) {
+  write_part_of_recording(folder, source, [step](int row) { return row % step == 0; });
+}
+
 inline std::string read_bytes(const std::filesystem::path& file) {
   std::ifstream stream(file, std::ios::binary);
   return {std::istreambuf_iterator<char>(stream), std::istreambuf_iterator<char>()};
