@@ -9,6 +9,7 @@
 #include "core/camera/sensor_file.hpp"
 #include "support/mutate.hpp"
 #include "support/recording_folder.hpp"
+#include "support/test_form.hpp"
 #include "support/video_file.hpp"
 
 namespace penumbra {
@@ -22,6 +23,11 @@ struct RecordingTally {
   int inputs = 0;
   int accepted = 0;
 };
+
+// In the nightly form all damaged files, else the first third.
+int inputs(int nightly) {
+  return test::nightly() ? nightly : nightly / 3;
+}
 
 void report(const RecordingTally& tally) {
   testing::Test::RecordProperty("inputs", tally.inputs);
@@ -55,7 +61,7 @@ TEST(RecordingFuzz, ReadsOrRejectsDamagedCameraFile) {
   const auto file = folder.path() / "camera.yaml";
   Random random(11);
   RecordingTally tally;
-  for (int i = 0; i < 4000; ++i, ++tally.inputs) {
+  for (int i = 0; i < inputs(4000); ++i, ++tally.inputs) {
     write_text(file, mutated(test::small_camera_yaml(), random, PENUMBRA_HARD_WORDS));
     const auto camera = load_camera(file);
     if (!camera) {
@@ -104,7 +110,7 @@ TEST(RecordingFuzz, ReadsOrRejectsDamagedForeignCameraFiles) {
   const auto file = folder.path() / "camera.yaml";
   Random random(18);
   RecordingTally tally;
-  for (int i = 0; i < 6000; ++i, ++tally.inputs) {
+  for (int i = 0; i < inputs(6000); ++i, ++tally.inputs) {
     const std::string& whole = layouts[static_cast<std::size_t>(i) % layouts.size()];
     if (i < static_cast<int>(layouts.size())) {
       write_text(file, whole);
@@ -132,7 +138,7 @@ TEST(RecordingFuzz, ReadsOrRejectsDamagedSensorFile) {
       "distortion_coefficients: [-0.28340811, 0.07395907, 0.00019359, 1.76187114e-05]\n";
   Random random(12);
   RecordingTally tally;
-  for (int i = 0; i < 2000; ++i, ++tally.inputs) {
+  for (int i = 0; i < inputs(2000); ++i, ++tally.inputs) {
     write_text(file, mutated(whole, random, PENUMBRA_HARD_WORDS));
     const auto camera = load_euroc_sensor(file);
     if (!camera) {
@@ -150,7 +156,7 @@ TEST(RecordingFuzz, ReadsOrRejectsDamagedTagMap) {
   const auto file = folder.path() / "tags.yaml";
   Random random(13);
   RecordingTally tally;
-  for (int i = 0; i < 4000; ++i, ++tally.inputs) {
+  for (int i = 0; i < inputs(4000); ++i, ++tally.inputs) {
     write_text(file, mutated(test::small_tags_yaml(), random, PENUMBRA_HARD_WORDS));
     const auto map = load_tag_map(file);
     if (!map) {
@@ -191,7 +197,7 @@ TEST(RecordingFuzz, ReadsOrRejectsDamagedTrajectory) {
   const std::array<std::string, 2> formats = {test::truth(12), euroc};
   Random random(14);
   RecordingTally tally;
-  for (int i = 0; i < 6000; ++i, ++tally.inputs) {
+  for (int i = 0; i < inputs(6000); ++i, ++tally.inputs) {
     const std::string& whole = formats[static_cast<std::size_t>(i) % formats.size()];
     write_text(file, mutated(whole, random, PENUMBRA_HARD_WORDS));
     const auto trajectory = load_trajectory(file);
@@ -219,7 +225,7 @@ TEST(RecordingFuzz, OpensOrRejectsDamagedFrameList) {
   const std::string whole = test::listing(6);
   Random random(15);
   RecordingTally tally;
-  for (int i = 0; i < 4000; ++i, ++tally.inputs) {
+  for (int i = 0; i < inputs(4000); ++i, ++tally.inputs) {
     write_text(folder / "timestamps.csv", mutated(whole, random, PENUMBRA_HARD_WORDS));
     const auto recording = open_recording(folder);
     if (!recording) {
@@ -255,7 +261,7 @@ TEST(RecordingFuzz, OpensOrRejectsDamagedVideo) {
     spec.gop = gop;
     test::write_video(folder / "video.mkv", spec, fill);
     const std::string whole = test::read_bytes(folder / "video.mkv");
-    for (int i = 0; i < 1000; ++i, ++tally.inputs) {
+    for (int i = 0; i < inputs(1000); ++i, ++tally.inputs) {
       // Half of the changes are in the headers.
       const std::size_t head = i % 2 == 0 ? std::min<std::size_t>(900, whole.size()) : 0;
       write_text(folder / "video.mkv",

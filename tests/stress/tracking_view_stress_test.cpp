@@ -149,7 +149,7 @@ TEST(TrackingStress, TracksAtFisheyeRimAsWellAsAtCentre) {
       session.motion.y.middle = 0.7 * aside;
       auto renderer = PatternRenderer::create(session.camera, session.tags).value();
       GroupTracker tracker = tracker_of(session);
-      for (int f = 0; f < (nightly() ? 20 : 5); ++f) {
+      for (int f = 0; f < (nightly() ? 20 : 3); ++f) {
         SCOPED_TRACE(f);
         const CameraPose truth = session.truth(f);
         const PoseEstimate pose = tracker.track(session.picture(renderer, f)).pose;
@@ -258,11 +258,11 @@ TEST(TrackingStress, TracksDegradingConditionsToExpectedLimits) {
     condition.set(first, condition.from);
     auto renderer = PatternRenderer::create(first.camera, first.tags).value();
     GroupTracker tracker = tracker_of(first);
-    constexpr int kSteps = 60;
+    const int steps = nightly() ? 60 : 30;
     double reached = condition.from;
-    for (int f = 0; f <= kSteps; ++f) {
+    for (int f = 0; f <= steps; ++f) {
       // If `inverse`, the reciprocal changes evenly, like a hand that moves evenly in distance.
-      const double share = static_cast<double>(f) / kSteps;
+      const double share = static_cast<double>(f) / steps;
       const double value =
           condition.inverse
               ? 1.0 / (1.0 / condition.from + (1.0 / condition.to - 1.0 / condition.from) * share)
@@ -302,7 +302,7 @@ TEST(TrackingStress, KeepsPoseOfRecedingSingleTagWithoutFlip) {
   int frames = 0;
   int tracked_readable = 0;
   int readable = 0;  // frames on the way out with cells of at least a pixel
-  const int sessions = nightly() ? 40 : 5;
+  const int sessions = nightly() ? 40 : 3;
   for (int k = 0; k < sessions; ++k) {
     Draw draw(60U + static_cast<std::uint64_t>(k));
     Session session = ordinary();
@@ -346,7 +346,7 @@ TEST(TrackingStress, LeavesAmbiguousFirstPoseOfSingleTagOpen) {
   int tracked = 0;
   int open = 0;
   int wrong = 0;
-  const int sessions = nightly() ? 3000 : 120;
+  const int sessions = nightly() ? 3000 : 60;
   for (int k = 0; k < sessions; ++k) {
     SCOPED_TRACE(k);
     test::SessionKind kind;

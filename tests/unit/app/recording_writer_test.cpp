@@ -17,6 +17,7 @@
 #include "core/text/file.hpp"
 #include "core/text/text.hpp"
 #include "support/paths.hpp"
+#include "support/test_form.hpp"
 
 namespace penumbra {
 namespace {
@@ -376,14 +377,14 @@ class KilledRecording : public testing::TestWithParam<bool> {};
 
 TEST_P(KilledRecording, OpensAndReadsBack) {
   const bool raw = GetParam();
-  constexpr int kKills = 40;
+  const int kills = test::nightly() ? 40 : 15;
   using Counter = std::atomic<std::uint64_t>;
   void* memory =
       mmap(nullptr, sizeof(Counter), PROT_READ | PROT_WRITE, MAP_SHARED | MAP_ANONYMOUS, -1, 0);
   ASSERT_NE(memory, MAP_FAILED);
   auto& written = *new (memory) Counter(0);
   std::minstd_rand random(20);
-  for (int kill_number = 0; kill_number < kKills; ++kill_number) {
+  for (int kill_number = 0; kill_number < kills; ++kill_number) {
     const test::TemporaryFolder temporary;
     const fs::path folder = temporary.path() / "session";
     written = 0;

@@ -10,6 +10,7 @@
 
 #include "calib/camera_calibration.hpp"
 #include "support/calibration_views.hpp"
+#include "support/test_form.hpp"
 
 namespace penumbra {
 namespace {
@@ -103,27 +104,31 @@ TEST(IntrinsicsSolver, EstimatesBoardWarp) {
   }
 }
 
-// Mean projection error over several calibrations with a board deformed by `bend`.
-double error_with(BoardShape shape,
-                  const std::function<void(Eigen::Vector3d&, std::mt19937&)>& bend) {
-  constexpr unsigned kRuns = 5;
+// Mean projection errors over several calibrations with a board deformed by `bend`.
+struct ShapeErrors {
+  double rigid_px = 0.0;
+  double free_px = 0.0;
+};
+ShapeErrors errors_with(const std::function<void(Eigen::Vector3d&, std::mt19937&)>& bend) {
+  const unsigned runs = test::nightly() ? 5 : 2;
   const CameraModel truth = test::desk_camera();
   const auto board = test::flat_board();
-  double sum = 0.0;
-  for (unsigned run = 0; run < kRuns; ++run) {
+  ShapeErrors sum;
+  for (unsigned run = 0; run < runs; ++run) {
     std::mt19937 rng(40 + run);
     auto real = board;
     for (Eigen::Vector3d& p : real) bend(p, rng);
     const auto views = test::simulate_views(truth, real, {.views = 15, .noise_px = 0.06}, rng);
     const auto rigid = solve_intrinsics(640, 480, board, views);
     EXPECT_TRUE(rigid);
-    if (!rigid) return 1e9;
+    if (!rigid) return {0.0, 1e9};
     SolverOptions options;
-    options.shape = shape;
-    const auto solved = solve_intrinsics(*rigid, board, views, options);
-    EXPECT_TRUE(solved) << solved.error().message;
-    if (!solved) return 1e9;
-    sum += projection_difference(truth, solved->camera).mean_px / kRuns;
+    options.shape = BoardShape::free;
+    const auto free = solve_intrinsics(*rigid, board, views, options);
+    EXPECT_TRUE(free) << free.error().message;
+    if (!free) return {0.0, 1e9};
+    sum.rigid_px += projection_difference(truth, rigid->camera).mean_px / runs;
+    sum.free_px += projection_difference(truth, free->camera).mean_px / runs;
   }
   return sum;
 }
@@ -134,14 +139,16 @@ TEST(IntrinsicsSolver, CorrectsWavyBoardWithoutHarmingFlatOne) {
     p += Eigen::Vector3d(print(rng), print(rng),
                          3e-4 * (std::sin(27.0 * p.x() + 1.0) + std::cos(20.0 * p.y())));
   };
-  EXPECT_LT(error_with(BoardShape::free, waves), 0.5 * error_with(BoardShape::rigid, waves));
+  const ShapeErrors wavy = errors_with(waves);
+  EXPECT_LT(wavy.free_px, 0.5 * wavy.rigid_px);
   // With a flat board, the needless parameters must not spoil the principal point.
   const auto none = [](Eigen::Vector3d&, std::mt19937&) {};
-  EXPECT_LT(error_with(BoardShape::free, none), 1.5 * error_with(BoardShape::rigid, none));
+  const ShapeErrors flat = errors_with(none);
+  EXPECT_LT(flat.free_px, 1.5 * flat.rigid_px);
   // The print stretched the sheet by 0.1 %.
   const auto stretched = [](Eigen::Vector3d& p, std::mt19937&) { p.y() *= 1.001; };
-  EXPECT_LT(error_with(BoardShape::free, stretched),
-            2.0 * error_with(BoardShape::rigid, stretched));
+  const ShapeErrors longer = errors_with(stretched);
+  EXPECT_LT(longer.free_px, 2.0 * longer.rigid_px);
 }
 
 // The square size is not part of the lens: a wrong size scales all distances and is not observable
@@ -192,14 +199,15 @@ TEST(IntrinsicsSolver, RejectsTwoViewsWithReason) {
   EXPECT_THAT(solved.error().message, HasSubstr("at least 3"));
 }
 
-// Short form of the stress test: true projections lie within the predicted uncertainty.
+// Short form of the stress test: true projections lie within the predicted uncertainty. One
+// calibration of the 8 that is wrong everywhere is more than the 5 % that may lie outside.
 TEST(IntrinsicsSolver, PredictsUncertaintyConsistentWithErrors) {
   const CameraModel truth = test::desk_camera();
   const auto board = test::flat_board();
   int inside = 0;
   int all = 0;
   double ratio = 0.0;
-  for (unsigned run = 0; run < 20; ++run) {
+  for (unsigned run = 0; run < (test::nightly() ? 20 : 8); ++run) {
     std::mt19937 rng(100 + run);
     const auto views = test::simulate_views(truth, board, {.views = 12, .noise_px = 0.2}, rng);
     const auto solved = solve_intrinsics(640, 480, board, views);

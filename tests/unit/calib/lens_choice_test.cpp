@@ -15,6 +15,7 @@
 #include "calib/target/image_cells.hpp"
 #include "core/units.hpp"
 #include "support/calibration_views.hpp"
+#include "support/test_form.hpp"
 
 namespace penumbra {
 namespace {
@@ -106,7 +107,7 @@ TEST(LensChoice, ChoosesFisheyeWhenViewsNeedIt) {
 // Few, noisy views in the middle of the image leave the outer distortion undetermined.
 TEST(LensChoice, NeverChoosesNonMonotonicLens) {
   int refused = 0;
-  for (unsigned seed = 0; seed < 12; ++seed) {
+  for (unsigned seed = 0; seed < (test::nightly() ? 12 : 5); ++seed) {
     std::mt19937 rng(300 + seed);
     const CameraModel truth = test::desk_camera();
     const auto small = test::flat_board(6, 5, 0.012);
@@ -147,7 +148,8 @@ TEST(LensChoice, NeverChoosesNonMonotonicLens) {
 TEST(LensChoice, KeepsFarCornersThatRicherLensExplains) {
   const CameraModel truth = test::rational_lens();
   int found = 0;
-  for (unsigned seed = 24; seed < 29; ++seed) {
+  const unsigned sessions = test::nightly() ? 5 : 2;
+  for (unsigned seed = 28; seed > 28 - sessions; --seed) {
     const Chosen wide =
         choose(truth, {.views = 20, .noise_px = 0.05, .distance_m = 0.25, .reach = 0.95}, seed);
     ASSERT_TRUE(wide.lens) << wide.lens.error().message;
@@ -159,7 +161,7 @@ TEST(LensChoice, KeepsFarCornersThatRicherLensExplains) {
     EXPECT_EQ(wide.lens->solution.outliers, 0);
     EXPECT_LT(projection_difference(truth, wide.lens->solution.camera).mean_px, 0.2);
   }
-  EXPECT_GE(found, 4);
+  EXPECT_GE(found, 0.8 * sessions);
 }
 
 TEST(LensChoice, RejectsOutlierCornersForEveryLens) {

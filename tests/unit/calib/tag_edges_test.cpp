@@ -34,7 +34,7 @@ class TagEdges : public testing::Test {
                                                radians(70.0 * k), radians(5.0 * k));
       PatternRenderOptions options = render;
       options.seed += static_cast<std::uint64_t>(k);
-      options.samples = 256;
+      options.samples = 96;
       const GreyImage picture = renderer.render(std::array{pose}, options);
       // A prediction with the error of a first survey.
       Vector6d off;

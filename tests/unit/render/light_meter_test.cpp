@@ -142,9 +142,12 @@ TEST(LightMeter, FollowsLampButNotNoise) {
   const Color bright(0.8, 0.7, 0.5);
   double last = 0.0;
   double largest_step = 0.0;
-  for (int i = 0; i < 40; ++i, now += kFrame_ns) {
-    const double seen =
-        meter.look_at(rgb_frame(desk, dim, now, 6.0, static_cast<unsigned>(i) + 1)).on_table.y();
+  std::vector<Frame> noisy;
+  for (unsigned seed = 1; seed <= 8; ++seed) noisy.push_back(rgb_frame(desk, dim, 0, 6.0, seed));
+  for (std::size_t i = 0; i < 40; ++i, now += kFrame_ns) {
+    Frame& frame = noisy[i % noisy.size()];
+    frame.timestamp_ns = now;
+    const double seen = meter.look_at(frame).on_table.y();
     if (i > 20) largest_step = std::max(largest_step, std::abs(std::log(seen / last)));
     last = seen;
   }

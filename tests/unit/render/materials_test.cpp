@@ -11,6 +11,7 @@
 
 #include "support/paths.hpp"
 #include "support/studio.hpp"
+#include "support/test_form.hpp"
 #include "support/textured_glb.hpp"
 
 namespace penumbra {
@@ -183,8 +184,8 @@ std::vector<std::array<float, 3>> normals_of(float right, float towards_top, flo
 constexpr const char* kBumpy = R"(,"normalTexture":{"index":0})";
 
 TEST(Materials, MatchesGeometryByNormalTexture) {
-  const std::array<std::array<int, 3>, 3> texels = {
-      {{204, 128, 230}, {128, 204, 230}, {60, 90, 220}}};
+  std::vector<std::array<int, 3>> texels = {{60, 90, 220}};  // leans both ways
+  if (test::nightly()) texels.insert(texels.end(), {{204, 128, 230}, {128, 204, 230}});
   for (const auto& [r, g, b] : texels) {
     SCOPED_TRACE(fmt::format("{} {} {}", r, g, b));
     const auto [x, y, z] = decoded(r, g, b);
@@ -194,10 +195,11 @@ TEST(Materials, MatchesGeometryByNormalTexture) {
     TexturedSquare bumpy = square_of(std::string(kPlain) + kBumpy, {one_color(r, g, b)});
     EXPECT_LE(largest_difference(drawn(bumpy), expected), 1) << "derived tangents";
     bumpy.tangents = std::vector<std::array<float, 4>>(4, {1, 0, 0, 1});
-    EXPECT_LE(largest_difference(drawn(bumpy), expected), 1) << "given tangents";
+    const Picture given = drawn(bumpy);
+    EXPECT_LE(largest_difference(given, expected), 1) << "given tangents";
     EXPECT_LE(largest_difference(drawn(bumpy, {0.3, Translucency::blend, GlApi::gles30}), expected),
               1);
-    EXPECT_GT(largest_difference(drawn(bumpy), drawn(square_of(kPlain))), 5);
+    EXPECT_GT(largest_difference(given, drawn(square_of(kPlain))), 5);
     // Tangents that differ from the texture layout are used: here a quarter turn, the texture's x
     // points to its top.
     bumpy.tangents = std::vector<std::array<float, 4>>(4, {0, 0, -1, 1});

@@ -16,6 +16,7 @@
 #include "support/shapes.hpp"
 #include "support/studio.hpp"
 #include "support/studio_models.hpp"
+#include "support/test_form.hpp"
 
 namespace penumbra::phantom_shadow_test {
 namespace {
@@ -351,13 +352,15 @@ std::vector<CasterAt> some_casters(int count) {
 }
 
 // The reference has four by four times as many pixels. Grounds are level or curved; with several
-// casters the darkest counts.
+// casters the darkest counts. One and three casters on the level, two on the dome; nightly all.
 TEST_P(PhantomShadow, HasSmoothEdges) {
   const std::vector<std::pair<const char*, CasterAt>> grounds = {
       {"level", {box(0.6, 0.6, 0.06), test::at(0.0, 0.0, 0.03)}},
       {"dome", {solid(ball(0.3, 200)), test::at(0.0, 0.0, -0.22)}}};
   for (const auto& [name, ground] : grounds) {
     for (const int count : {1, 2, 3}) {
+      const bool level = &ground == &grounds.front().second;
+      if (level == (count == 2) && !test::nightly()) continue;
       SCOPED_TRACE(std::string(name) + ", casters: " + std::to_string(count));
       SceneBuilder builder = builder_with(GetParam().technique, GetParam().light_mode);
       for (const CasterAt& caster : some_casters(count))

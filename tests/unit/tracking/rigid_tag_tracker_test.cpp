@@ -421,7 +421,7 @@ TEST(RigidTagTracker, CorrectsRollingShutter) {
   auto unknowing = GroupTracker::create(global, map, options).value();
   double knowing2 = 0.0;
   double unknowing2 = 0.0;
-  constexpr int kFrames = 24;
+  constexpr int kFrames = 14;
   constexpr int kFirst = 4;  // the velocity is known from this frame on
   for (int i = 0; i < kFrames; ++i) {
     const Frame frame = session.picture(renderer, i);
