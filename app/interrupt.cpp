@@ -14,7 +14,6 @@ bool is_ignored(int number) {
   return sigaction(number, nullptr, &action) == 0 && action.sa_handler == SIG_IGN;
 }
 
-// Takes one pending signal, if any.
 bool take_signal(const sigset_t& watched) {
   const timespec at_once{};
   return sigtimedwait(&watched, nullptr, &at_once) > 0;

@@ -6,11 +6,10 @@
 
 #include <array>
 #include <cstdarg>
-#include <cstdio>
 #include <cstdlib>
 #include <string>
 
-#include "core/text/text_encoding.hpp"
+#include "core/text/text.hpp"
 
 extern "C" {
 #include <libavutil/log.h>

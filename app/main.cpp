@@ -11,9 +11,7 @@
 #include "app/commands/options.hpp"
 #include "app/logging.hpp"
 #include "app/standard_streams.hpp"
-#include "core/text/edit_distance.hpp"
 #include "core/text/text.hpp"
-#include "core/text/text_encoding.hpp"
 
 namespace penumbra {
 namespace {

@@ -52,7 +52,6 @@ class Compositor {
                                                  const CameraModel& camera,
                                                  const CompositorOptions& options = {});
   Compositor(Compositor&&) noexcept;
-  Compositor& operator=(Compositor&&) noexcept;
   ~Compositor();
 
   // Draws into its own framebuffer, of the camera's size.
@@ -66,7 +65,6 @@ class Compositor {
   // Starts an asynchronous read_back(). At most two may be pending. Returns the last stats with the
   // time added, as take_image() does. After a failure nothing is pending for it.
   [[nodiscard]] Result<CompositeStats> request_image();
-  // Number of pending images.
   [[nodiscard]] std::size_t pictures_asked_for() const;
   // Takes the oldest pending image; waits until it is drawn. A failure drops all pending images.
   [[nodiscard]] Result<CompositeStats> take_image(std::span<std::uint8_t> rgba);

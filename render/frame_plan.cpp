@@ -238,7 +238,6 @@ class Planner {
     return thing_of(receiver) == thing_of(caster);
   }
 
-  // An object's bounds over a plane.
   struct OverPlane {
     int object = 0;
     Disc disc;
@@ -385,7 +384,6 @@ class Planner {
     return {middle, (corners.back() - middle).norm()};
   }
 
-  // Returns spheres about the phantoms in view.
   [[nodiscard]] std::vector<BoundingSphere> spheres_about_phantoms() const {
     std::vector<BoundingSphere> spheres;
     for (const ObjectDraw& phantom : plan_.phantoms) {

@@ -89,7 +89,6 @@ struct ReceivedShadowDraw {
   double top = 0.0;  // upper bound of the caster's height above the plane [m]
 };
 
-// A caster in one light.
 struct LitCaster {
   int object = 0, light = 0;  // indices into the scene
   Placement T_table_object;

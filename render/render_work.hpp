@@ -98,6 +98,7 @@ enum class SkipReason {
   field_too_coarse,        // object
   light_inside_caster,     // object, light
   volume_too_far,          // object, light
+  count                    // number of reasons
 };
 
 struct SkippedPass {
@@ -112,6 +113,7 @@ enum class KeepReason {
   video,         // the frame is on the GPU already
   layer_mask,    // plane
   phantom_mask,  // receiver, caster
+  count          // number of reasons
 };
 
 struct KeptPart {

@@ -2,7 +2,7 @@
 #include <cstdio>
 #include <filesystem>
 
-#include "core/text/file.hpp"
+#include "core/text/text.hpp"
 #include "tools/models/bundled_models.hpp"
 #include "tools/models/glb_writer.hpp"
 

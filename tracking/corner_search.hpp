@@ -17,7 +17,6 @@
 
 namespace penumbra {
 
-// A measurement, or why there is none.
 using MeasurementResult = tl::expected<Measurement, PoseReason>;
 
 class CornerSearch {

@@ -157,8 +157,7 @@ GroupEstimate GroupPlace::measured(const CameraModel& camera, const PoseEstimate
   estimate.name = name_;
   estimate.T_group_middle = T_group_middle_;
   estimate.T_table_group = shown_ * T_group_middle_.inverse();
-  const MeasuredTags& tags = seen;
-  static_cast<MeasuredTags&>(estimate) = tags;
+  static_cast<MeasuredTags&>(estimate) = seen;
   estimate.rests = rests_;
   const MiddleFromCamera drawn = shown_.inverse() * table_pose.T_table_camera;
   if (rests_) {

@@ -220,7 +220,6 @@ GroupEstimate GroupTracker::Impl::follow(Group& group, const Frame& frame, const
 
 GroupTracker::GroupTracker(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
 GroupTracker::GroupTracker(GroupTracker&&) noexcept = default;
-GroupTracker& GroupTracker::operator=(GroupTracker&&) noexcept = default;
 GroupTracker::~GroupTracker() = default;
 
 Result<GroupTracker> GroupTracker::create(const CameraModel& camera, const TagMap& tags,
@@ -261,11 +260,10 @@ Result<GroupTracker> GroupTracker::create(const CameraModel& camera, const TagMa
   const bool needed = options.search_timing == SearchTiming::when_done ||
                       (options.search_timing == SearchTiming::next_frame && !groups.empty());
   if (needed && options.mode != TrackingMode::detect) {
-    PENUMBRA_TRY(auto begun,
+    PENUMBRA_TRY(beside,
                  BackgroundSearch::create(
                      families, tone_curve,
                      options.search_thread || options.search_timing == SearchTiming::when_done));
-    beside = std::move(begun);
   }
   const int skipped = static_cast<int>(all - names.size());
   auto impl = std::make_unique<Impl>(Impl{.camera = camera,

@@ -31,7 +31,6 @@ class GroupTracker {
       const CameraModel& camera, const TagMap& tags, const TrackerOptions& options = {},
       const std::optional<std::vector<std::string>>& wanted = std::nullopt);
   GroupTracker(GroupTracker&&) noexcept;
-  GroupTracker& operator=(GroupTracker&&) noexcept;
   ~GroupTracker();
 
   // Tracks frames in order of time. The same frames give the same poses, bit for bit. A frame of

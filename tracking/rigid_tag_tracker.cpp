@@ -372,7 +372,6 @@ JudgedPose RigidTagTracker::Impl::find(const Frame& frame,
 
 RigidTagTracker::RigidTagTracker(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
 RigidTagTracker::RigidTagTracker(RigidTagTracker&&) noexcept = default;
-RigidTagTracker& RigidTagTracker::operator=(RigidTagTracker&&) noexcept = default;
 RigidTagTracker::~RigidTagTracker() = default;
 
 Result<RigidTagTracker> RigidTagTracker::create(const CameraModel& camera, const TagMap& tags,

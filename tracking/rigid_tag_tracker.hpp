@@ -35,7 +35,6 @@ class RigidTagTracker {
                                                       const TrackerOptions& options,
                                                       std::shared_ptr<TagSearch> search);
   RigidTagTracker(RigidTagTracker&&) noexcept;
-  RigidTagTracker& operator=(RigidTagTracker&&) noexcept;
   ~RigidTagTracker();
 
   // As GroupTracker's, of a frame that the shared search has begun. The caller adds the total time.

@@ -244,8 +244,7 @@ Result<Capture> capture_views(const CaptureSource& source, const Target& target,
   PENUMBRA_TRY(auto guide, ViewGuide::create(target, options.guide));
   std::optional<ImageCheck> check;
   if (target.tags) {
-    PENUMBRA_TRY(auto made, ImageCheck::create(*target.tags));
-    check.emplace(std::move(made));
+    PENUMBRA_TRY(check, ImageCheck::create(*target.tags));
   }
   const bool bars = window == nullptr && isatty(STDERR_FILENO) == 1;
   CaptureEnd end = CaptureEnd::no_more;

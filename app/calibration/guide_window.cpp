@@ -205,7 +205,7 @@ Result<void> GuideWindow::show(const Frame& frame, GuideResult look, GuideProgre
   frame_ = frame;
   (void)video_.upload(frame_);
   picture_.bind();
-  if (auto drawn = video_.draw(frame_); !drawn) return drawn;
+  PENUMBRA_TRY_VOID(video_.draw(frame_));
   video_.hold(frame_);
   if (look.taken) {
     taken_ = true;

@@ -39,7 +39,6 @@ class GuideWindow {
   GuideWindow& operator=(const GuideWindow&) = delete;
   ~GuideWindow();
 
-  // Sets the image and what was seen in it.
   [[nodiscard]] Result<void> show(const Frame& frame, GuideResult look, GuideProgress progress);
   // Sets the words over the last image.
   void say(std::string words, std::optional<CalibrationGrade> grade = std::nullopt,

@@ -1,7 +1,6 @@
 #include "app/calibration/image_folder.hpp"
 
 #include <algorithm>
-#include <cctype>
 #include <system_error>
 #include <utility>
 #include <vector>
@@ -10,14 +9,13 @@
 #include "core/image/image_file.hpp"
 #include "core/image/sample_depth.hpp"
 #include "core/propagate.hpp"
+#include "core/text/text.hpp"
 
 namespace penumbra {
 namespace {
 
 bool is_picture(const std::filesystem::path& file) {
-  std::string extension = file.extension().string();
-  std::transform(extension.begin(), extension.end(), extension.begin(),
-                 [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
+  const std::string extension = lower_extension(file);
   return extension == ".png" || extension == ".jpg" || extension == ".jpeg";
 }
 

@@ -1,7 +1,5 @@
 #include "app/capture/camera_jpeg.hpp"
 
-#include <fmt/format.h>
-
 #include <atomic>
 #include <utility>
 

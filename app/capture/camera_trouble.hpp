@@ -32,14 +32,11 @@ template <class... Args>
 [[nodiscard]] CaptureFault fault_of(int error);
 [[nodiscard]] std::string message_of(int error);
 
-// Remedy if a camera may not be opened.
 inline constexpr std::string_view kJoinVideoGroup =
     "join the video group (sudo usermod -aG video $USER) and log in again";
-// Remedy if the bus of a camera is full.
 inline constexpr std::string_view kFreeBandwidth =
     "its USB bus has no bandwidth left beside the other cameras on it; use --format mjpeg, a "
     "smaller --size or --fps, or a port of another USB controller";
-// Cause and remedy if a stream stalls or fails.
 inline constexpr std::string_view kStreamIsRestarted =
     "the stream is restarted; if this recurs, try another USB port or cable, and see the kernel's "
     "log (dmesg)";

@@ -57,10 +57,8 @@ class FrameClock {
 // Decides how long a camera may pause between frames before that is a fault. For one thread.
 class FramePace {
  public:
-  // `granted_ns`: the granted time between frames; 0 if unknown.
   explicit FramePace(std::int64_t granted_ns = 0) : granted_ns_(granted_ns) {}
 
-  // A frame with this timestamp came.
   void saw(std::int64_t timestamp_ns);
   // The stream was restarted: the pause is no interval.
   void restart(std::int64_t granted_ns);

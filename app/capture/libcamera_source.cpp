@@ -253,7 +253,6 @@ bool a_device_is_gone() {
   return false;
 }
 
-// The value of a control that is one number.
 std::optional<double> number_of(const lc::ControlValue& value) {
   if (value.isArray()) return std::nullopt;
   switch (value.type()) {
@@ -674,9 +673,10 @@ class LibcameraSource final : public LiveSource {
   }
 
  private:
-  void lose_stream(CaptureFault fault, const std::string& what) {
+  std::nullopt_t lose_stream(CaptureFault fault, const std::string& what) {
     outage_.begin({fault, what});
     stream_.reset();
+    return std::nullopt;
   }
 
   bool reopen() {
@@ -699,13 +699,12 @@ class LibcameraSource final : public LiveSource {
     if (request == nullptr) {
       if (completed_->stopped()) return std::nullopt;
       if (completed_->disconnected()) {
-        lose_stream(CaptureFault::disconnected, std::string(kDisconnected));
-      } else {
-        lose_stream(CaptureFault::silent,
-                    fmt::format("the stream stalled: no frame and no error for {:.2g} s; {}",
-                                1e-3 * static_cast<double>(silent.count()), kStreamIsRestarted));
+        return lose_stream(CaptureFault::disconnected, std::string(kDisconnected));
       }
-      return std::nullopt;
+      return lose_stream(
+          CaptureFault::silent,
+          fmt::format("the stream stalled: no frame and no error for {:.2g} s; {}",
+                      1e-3 * static_cast<double>(silent.count()), kStreamIsRestarted));
     }
     const auto index = static_cast<unsigned>(request->cookie());
     CapturedImage image;
@@ -713,9 +712,8 @@ class LibcameraSource final : public LiveSource {
     image.owner = stream_->ring().lend(index);
     if (stream_->ring().refused()) {
       image.owner.reset();
-      lose_stream(CaptureFault::refused,
-                  fmt::format("libcamera refused a request; {}", kStreamIsRestarted));
-      return std::nullopt;
+      return lose_stream(CaptureFault::refused,
+                         fmt::format("libcamera refused a request; {}", kStreamIsRestarted));
     }
     remember_controls(request->metadata());
     lc::FrameBuffer* buffer = stream_->buffer_of(*request);
@@ -800,7 +798,6 @@ class LibcameraSource final : public LiveSource {
     return true;
   }
 
-  // Controls of a frame, as the camera reports them.
   struct Readings {
     std::optional<std::int32_t> exposure_us;
     std::optional<float> gain;           // times

@@ -42,10 +42,10 @@ void count_stamp(FaultCounter& faults, const FrameStamp& stamp, const StreamForm
         stamp.lost_silent);
   }
   if (stamp.bad_time) {
-    faults.count(CaptureFault::bad_time,
-                 "the driver's timestamp of a frame is impossible; its time of arrival is used "
-                 "instead, which "
-                 "is less exact: if this recurs, update the kernel or use another camera");
+    faults.count(
+        CaptureFault::bad_time,
+        "the driver's timestamp of a frame is impossible; its time of arrival is used instead, "
+        "which is less exact: if this recurs, update the kernel or use another camera");
   }
   if (stamp.slower_interval_ns > 0) {
     faults.count(

@@ -17,7 +17,6 @@
 
 namespace penumbra {
 
-// An image as captured.
 struct CapturedImage {
   std::uint64_t sequence = 0;        // from 0; a gap is a lost frame
   std::int64_t timestamp_ns = 0;     // the driver's, on the monotonic clock
@@ -30,7 +29,6 @@ struct CapturedImage {
   [[nodiscard]] bool is_jpeg() const { return !jpeg.empty(); }
 };
 
-// The running stream.
 struct StreamFormat {
   std::string name;  // "MJPEG", "NV12", ...
   int width = 0;     // [px]

@@ -217,7 +217,6 @@ struct Guided {
   std::unique_ptr<GuideWindow> window;  // null without one
 };
 
-// Takes views from the source for `calibrator`.
 Result<Guided> guide(const CalibrateOptions& options, const Target& target,
                      const std::optional<CameraModel>& earlier, InterruptWatch& interrupt,
                      CameraCalibrator& calibrator) {
@@ -228,13 +227,11 @@ Result<Guided> guide(const CalibrateOptions& options, const Target& target,
   std::unique_ptr<LiveSource> camera;
   ImageSize size;
   if (recording) {
-    PENUMBRA_TRY(const auto first, picture_size(*recording));
-    size = first;
+    PENUMBRA_TRY(size, picture_size(*recording));
     // A view must add more than the average one of a full set.
     capture.guide.least_gain = 0.5 / options.views;
   } else {
-    PENUMBRA_TRY(auto opened, open_live_source(options.camera));
-    camera = std::move(opened);
+    PENUMBRA_TRY(camera, open_live_source(options.camera));
     size = {camera->format().width, camera->format().height};
   }
   PENUMBRA_TRY_VOID(check_comparable(options, earlier, size.width, size.height));
@@ -369,8 +366,7 @@ Result<ExitCode> run_calibrate(const CalibrateOptions& options) {
   PENUMBRA_TRY(const auto target, load_target(options.target));
   std::optional<CameraModel> earlier;
   if (!options.compare.empty()) {
-    PENUMBRA_TRY(auto loaded, load_chosen_camera(options.compare, options.compare_name));
-    earlier = std::move(loaded);
+    PENUMBRA_TRY(earlier, load_chosen_camera(options.compare, options.compare_name));
   }
   interrupt.hold();
   PENUMBRA_TRY(auto outputs, create_outputs(options));
@@ -420,7 +416,6 @@ std::string check_number(const std::string& text) {
              : fmt::format("'{}' is not a number", text);
 }
 
-// Reports options that do not fit the source or each other.
 void check_options(CLI::App& command, CalibrateOptions& options) {
   claim_outputs(command, {"--output", "--report"});
   const std::array outputs = {options.output, options.report};

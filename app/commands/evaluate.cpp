@@ -51,8 +51,8 @@ Result<void> check_pairing(const Evaluation& evaluation, const NamedTrajectory& 
   if (evaluation.frames_judged > 0) return {};
   return fail(
       "{}: has no pose that {} can judge: {}; its times are {}{}, those of the ground truth {}. "
-      "Are "
-      "both of the same recording? --time-offset shifts the estimate, --max-gap allows longer gaps",
+      "Are both of the same recording? --time-offset shifts the estimate, --max-gap allows longer "
+      "gaps",
       estimated.name, truth.name, not_judged_in_words(evaluation),
       times_of(estimated.trajectory, pairing.time_offset_ns),
       pairing.time_offset_ns == 0

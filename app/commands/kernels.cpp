@@ -12,7 +12,6 @@
 #include "app/output/output_file.hpp"
 #include "core/propagate.hpp"
 #include "core/stopwatch.hpp"
-#include "core/text/file.hpp"
 #include "core/text/text.hpp"
 #include "render/model/model_size.hpp"
 #include "render/model/part_groups.hpp"
@@ -62,8 +61,7 @@ Result<std::vector<std::uint8_t>> encode(const KernelsOptions& options, const Mo
   if (lower_extension(options.model) == ".obj") {
     glb = make_glb_with_kernels(model, kernels);
   } else {
-    PENUMBRA_TRY(auto stamp, stamp_in_own_unit(options, kernels.geometry));
-    kernels.geometry = std::move(stamp);
+    PENUMBRA_TRY(kernels.geometry, stamp_in_own_unit(options, kernels.geometry));
     glb = add_kernels_to_gltf(options.model, kernels, options.unit_m);
   }
   if (!glb) return tl::unexpected(glb.error());
@@ -138,8 +136,7 @@ void add_kernels_command(CLI::App& program, ChosenCommand& chosen) {
       command, "--up", "x,y,z",
       [options](const std::string& text) { options->direction = direction_from(text); },
       "The direction they are for, in the object's frame (z up). Other tilts get new ones when "
-      "they "
-      "are drawn")
+      "they are drawn")
       ->default_str("0,0,1");
   add_unit_option(command, options->unit_m);
   const auto take_source = [options](const std::string& text) {

@@ -51,7 +51,6 @@ void add_automatic_option(CLI::App& command, const std::string& name, const std:
   add_text_option(command, name, type, take, description);
 }
 
-// Checks the value of a camera's control.
 std::string check_control(const std::string& text) {
   constexpr double kMost = 1e6;
   const auto number = parse_number(text);

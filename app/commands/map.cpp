@@ -103,8 +103,7 @@ Result<ExitCode> run_map(const MapOptions& options) {
   survey.plane = options.plane == "anchor" ? SurveyPlane::anchor : SurveyPlane::fitted;
   survey.refine_camera = !options.refined_camera.empty();
   if (!options.sizes.empty()) {
-    PENUMBRA_TRY(auto sizes, load_tag_sizes(options.sizes));
-    survey.sizes_m = std::move(sizes);
+    PENUMBRA_TRY(survey.sizes_m, load_tag_sizes(options.sizes));
   }
   // Reads no tags.yaml: it is the result.
   OpenRecordingOptions open;
@@ -112,15 +111,13 @@ Result<ExitCode> run_map(const MapOptions& options) {
   PENUMBRA_TRY(auto recording, open_recording(options.recording, open));
   for (const std::string& notice : recording.notices) log_warning("{}", notice);
   recording.camera_file = options.camera;
-  PENUMBRA_TRY(auto camera, load_chosen_camera(recording.camera_file, options.camera_name));
-  recording.camera = std::move(camera);
+  PENUMBRA_TRY(recording.camera, load_chosen_camera(recording.camera_file, options.camera_name));
   InterruptWatch interrupt;
   interrupt.hold();
   PENUMBRA_TRY(auto output, OutputFile::create(options.output));
   std::optional<OutputFile> refined_camera;
   if (!options.refined_camera.empty()) {
-    PENUMBRA_TRY(auto created, OutputFile::create(options.refined_camera));
-    refined_camera.emplace(std::move(created));
+    PENUMBRA_TRY(refined_camera, OutputFile::create(options.refined_camera));
   }
   PENUMBRA_TRY(auto detector, TagDetector::create(std::array{survey.family}));
   std::vector<SurveyFrame> frames;

@@ -429,10 +429,6 @@ void add_unit_option(CLI::App& command, double& unit_m) {
                   "Unit of the model's coordinates (default: m)");
 }
 
-std::string lower_extension(const std::filesystem::path& file) {
-  return CLI::detail::to_lower(file.extension().string());
-}
-
 void claim_outputs(const CLI::App& command, std::initializer_list<const char*> options) {
   const char* first = nullptr;
   for (const char* option : options) {

@@ -146,9 +146,6 @@ void add_unit_option(CLI::App& command, double& unit_m);
                                                                           double least,
                                                                           double most);
 
-// The extension of a file's name in lower case: ".png".
-[[nodiscard]] std::string lower_extension(const std::filesystem::path& file);
-
 // Call it once the command line is read: if one of these options names standard output ("-"),
 // everything else that is printed goes to standard error. Rejects two that do.
 void claim_outputs(const CLI::App& command, std::initializer_list<const char*> options);

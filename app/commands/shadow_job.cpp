@@ -120,7 +120,6 @@ std::string take_technique(const ShadowOptions& options, ShadowJob& job) {
   return kernels;
 }
 
-// Warns of options that the technique does not use.
 void note_unused_options(const ShadowOptions& options, ShadowJob& job) {
   const bool layered = job.technique == ShadowJob::Technique::layered;
   const auto no_use = [&](bool given, std::string_view option) {

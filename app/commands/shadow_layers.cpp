@@ -10,6 +10,7 @@
 #include "render/model/cut_out.hpp"
 #include "render/model/model_size.hpp"
 #include "render/model/part_groups.hpp"
+#include "render/model/to_eigen.hpp"
 #include "render/shadow/casters/caster.hpp"
 #include "render/shadow/fields/fixed_light.hpp"
 #include "render/shadow/fields/power_distance.hpp"
@@ -97,10 +98,7 @@ Result<std::optional<ShadowProxy>> make_proxy(const ShadowJob& job, const Shadow
 PlaneFrame plane_under(const ShadowMesh& mesh, const Placement& placement,
                        const PlaneFrame& plane) {
   Eigen::AlignedBox3d box;
-  for (const glm::vec3& p : mesh.positions) {
-    box.extend(Eigen::Vector3d(static_cast<double>(p.x), static_cast<double>(p.y),
-                               static_cast<double>(p.z)));
-  }
+  for (const glm::vec3& p : mesh.positions) box.extend(to_eigen(p));
   if (box.isEmpty()) return plane;
   const Eigen::Vector3d middle = plane.to_plane(placement * box.center());
   PlaneFrame under = plane;
@@ -210,8 +208,7 @@ Result<Caster> load_caster(ShadowJob& job, ShadowResult& result) {
   Caster caster;
   if (!job.kernel_file.empty()) {
     PENUMBRA_TRY(const auto file, load_kernel_file(job.kernel_file));
-    PENUMBRA_TRY(const auto taken, attach_kernels(model, file, job.kernel_file.string()));
-    caster.kernels_from_file = taken;
+    PENUMBRA_TRY(caster.kernels_from_file, attach_kernels(model, file, job.kernel_file.string()));
   }
   for (const std::string& warning : model.warnings) warn(result, "{}", warning);
   if (const auto size = warning_of_size(model, {.unit_m = job.unit_m}, job.model.string())) {
@@ -251,9 +248,7 @@ Result<void> add_field_layers(const ShadowJob& job, std::span<const CasterVertex
                   job.placement, plane),
       job.constants);
   for (const auto& [layer, name] : kLayerNames) {
-    if (const auto added = add_layer(result, name, field_triangles(field, layer)); !added) {
-      return added;
-    }
+    PENUMBRA_TRY_VOID(add_layer(result, name, field_triangles(field, layer)));
   }
   return {};
 }
@@ -270,7 +265,6 @@ std::vector<Eigen::Vector2d> kernel_places(std::span<const CasterVertex> vertice
   return places;
 }
 
-// Compares the layers of a proxy with those of the mesh.
 void judge_proxy(const ShadowJob& job, const ShadowMesh& mesh, const ShadowKernels& at_tilt,
                  std::span<const PartDisc> parts, const ShadowProxy& proxy, ProxyResult& result) {
   const ProxyUse use{job.constants, job.fixed_light ? LightMode::fixed : LightMode::proportional,
@@ -316,7 +310,7 @@ Result<void> add_penumbra_layers(const ShadowJob& job, const ShadowMesh& mesh,
         job.fixed_light
             ? fixed_light_triangles(vertices, discs, caster.indices, job.constants, layer)
             : layer_triangles(vertices, caster.indices, job.constants, layer);
-    if (const auto added = add_layer(result, name, triangles); !added) return added;
+    PENUMBRA_TRY_VOID(add_layer(result, name, triangles));
   }
   if (job.show_kernels) result.kernels = kernel_places(vertices);
   return {};

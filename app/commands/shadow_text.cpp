@@ -5,7 +5,7 @@
 #include <cmath>
 #include <nlohmann/json.hpp>
 
-#include "core/text/text_encoding.hpp"
+#include "core/text/text.hpp"
 
 namespace penumbra {
 namespace {

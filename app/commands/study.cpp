@@ -37,7 +37,6 @@ std::vector<StudyTechnique> techniques_from(const std::string& list) {
   return techniques;
 }
 
-// Prints the participant's trials in their order.
 void print_plan(const StudyDesign& design) {
   const StudyPlan plan = plan_study(design);
   fmt::print("number,block,trial,technique,sample,difficulty,places_m\n");

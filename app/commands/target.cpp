@@ -83,7 +83,6 @@ SheetTarget sheet_target_of(const TargetOptions& options, TagFamily family) {
   return board;
 }
 
-// Rejects options that do not apply to the type of sheet.
 void check_options_of_type(const CLI::App& command, const std::string& type) {
   if (command.count("--dictionary") > 0 && command.count("--family") > 0)
     usage_error("--dictionary", "goes in place of --family; name one of them");

@@ -11,7 +11,6 @@
 #include "app/recording/recording_feed.hpp"
 #include "app/run_inputs.hpp"
 #include "core/camera/camera_file.hpp"
-#include "core/camera/focus_file.hpp"
 #include "core/propagate.hpp"
 
 namespace penumbra {

@@ -34,11 +34,7 @@ std::vector<std::pair<std::string, std::int64_t>> fault_counts(const CaptureStat
 
 LiveHost::LiveHost(Session& session, RunRecorder& run, LiveSource& source, LiveRecorder& recorder,
                    const LiveRequest& request)
-    : SessionHost(session, run),
-      run_(run),
-      source_(source),
-      recorder_(recorder),
-      request_(request) {
+    : SessionHost(session, run), source_(source), recorder_(recorder), request_(request) {
   if (auto played = played_recording(request.camera.source)) keep_out_of(std::move(*played));
 }
 

@@ -41,7 +41,6 @@ class LiveHost final : public SessionHost {
   void set_stalled(std::int64_t stall_ns);
 
  private:
-  const RunRecorder& run_;
   LiveSource& source_;
   LiveRecorder& recorder_;
   const LiveRequest& request_;

@@ -1,7 +1,6 @@
 // Recordings of a live session, begun and ended while the camera runs.
 #pragma once
 
-#include <cstddef>
 #include <filesystem>
 #include <future>
 #include <memory>

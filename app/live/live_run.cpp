@@ -86,7 +86,6 @@ Result<RecordingHead> recording_head(const LiveRequest& request, const LiveSourc
   return head;
 }
 
-// Opened inputs and outputs of a live session.
 struct LiveSetup {
   CameraModel camera;
   TagMap tags;

@@ -35,7 +35,11 @@ class FrameWriter {
   virtual void rescue() {}
 };
 
-enum class OutputKind { ffv1, h264, folder };
+enum class OutputKind {
+  ffv1,   // Matroska, FFV1 version 3 in RGB with a checksum per slice: lossless
+  h264,   // MP4, libx264 in yuv420p: plays everywhere
+  folder  // PNG images
+};
 // By the extension: .mkv is FFV1 (lossless), .mp4 is H.264, anything else is a folder of images.
 [[nodiscard]] OutputKind output_kind(const std::filesystem::path& path);
 
@@ -43,14 +47,10 @@ enum class OutputKind { ffv1, h264, folder };
 [[nodiscard]] Result<std::unique_ptr<FrameWriter>> create_frame_writer(
     const std::filesystem::path& path, const FrameFormat& format);
 
-enum class VideoCodec {
-  ffv1,  // Matroska, FFV1 version 3 in RGB with a checksum per slice: lossless
-  h264,  // MP4, libx264 in yuv420p: plays everywhere
-};
 // The same frames give the same bytes. Times (to 1 ms in Matroska, 1/90000 s in MP4) count from the
 // first frame. H.264 needs even sides: an odd one repeats its last row or column.
 [[nodiscard]] Result<std::unique_ptr<FrameWriter>> create_video_writer(
-    const std::filesystem::path& file, VideoCodec codec, const FrameFormat& format);
+    const std::filesystem::path& file, OutputKind codec, const FrameFormat& format);
 
 // A folder of 000000.png, 000001.png, ... numbered by frame. Replaces a folder that holds nothing
 // but such images; refuses one that holds other files or belongs to a recording.

@@ -30,10 +30,6 @@ constexpr std::string_view kStandardOutput = "standard output";
 
 constexpr int kPartialAttempts = 1000;
 
-std::string system_message(int error) {
-  return std::generic_category().message(error);
-}
-
 // "PATH.partial-PID-ATTEMPT". Writers try 0, 1, ... and take the first free name, so that two runs
 // with one target never share it.
 fs::path partial_path(const fs::path& target, int attempt) {
@@ -454,7 +450,7 @@ Result<void> write_whole(OutputFile& file, const std::string& text) {
 }
 
 Result<void> write_text(OutputFile& file, const std::string& text) {
-  if (auto written = write_whole(file, text); !written) return written;
+  PENUMBRA_TRY_VOID(write_whole(file, text));
   return file.commit();
 }
 

@@ -30,8 +30,8 @@ constexpr int kSmallestBt709Height = 720;
 
 class VideoWriter final : public FrameWriter {
  public:
-  VideoWriter(OutputFile file, VideoCodec codec, const FrameFormat& format)
-      : file_(std::move(file)), lossless_(codec == VideoCodec::ffv1), format_(format) {}
+  VideoWriter(OutputFile file, OutputKind codec, const FrameFormat& format)
+      : file_(std::move(file)), lossless_(codec == OutputKind::ffv1), format_(format) {}
 
   // Sets up muxer, encoder and buffers, and writes the header of the file.
   Result<void> open() {
@@ -248,7 +248,7 @@ class VideoWriter final : public FrameWriter {
 }  // namespace
 
 Result<std::unique_ptr<FrameWriter>> create_video_writer(const std::filesystem::path& file,
-                                                         VideoCodec codec,
+                                                         OutputKind codec,
                                                          const FrameFormat& format) {
   PENUMBRA_ASSERT(format.width > 0 && format.height > 0 && format.frame_interval_s > 0.0);
   PENUMBRA_TRY(auto output, OutputFile::create(file));

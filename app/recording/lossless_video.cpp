@@ -46,7 +46,6 @@ void copy_every(const PixelPlane& from, int start, int step, int width, AVFrame&
   }
 }
 
-// Copies each sample to its plane.
 void copy_samples(const Frame& frame, AVFrame& image) {
   const PixelPlane& first = frame.planes[0];
   switch (frame.format) {

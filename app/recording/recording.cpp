@@ -95,12 +95,7 @@ std::vector<Row> split_rows(std::string_view text) {
     }
     if (body.empty()) continue;
     Row row{line, end != std::string_view::npos, {}};
-    while (true) {
-      const std::size_t comma = body.find(',');
-      row.fields.push_back(trim(body.substr(0, comma)));
-      if (comma == std::string_view::npos) break;
-      body.remove_prefix(comma + 1);
-    }
+    for (const std::string_view field : split(body, ',')) row.fields.push_back(trim(field));
     rows.push_back(std::move(row));
   }
   return rows;

@@ -11,7 +11,7 @@
 #include "app/recording/video_reader.hpp"
 #include "core/image/sample_depth.hpp"
 #include "core/propagate.hpp"
-#include "core/text/file.hpp"
+#include "core/text/text.hpp"
 #include "core/units.hpp"
 
 namespace penumbra {

@@ -70,8 +70,7 @@ class GrowingFile {
 
  private:
   [[nodiscard]] Result<void> failed(const char* remedy) const {
-    return fail("{}: cannot be written: {}; {}", file_.string(),
-                std::generic_category().message(errno), remedy);
+    return fail("{}: cannot be written: {}; {}", file_.string(), system_message(errno), remedy);
   }
   fs::path file_;
   int descriptor_ = -1;

@@ -264,7 +264,6 @@ Result<CameraModel> without_rolling_shutter(const CameraModel& camera, const fs:
   return made;
 }
 
-// Adds each group's true place at a time.
 void add_places(const Simulation& simulation, std::int64_t timestamp_ns,
                 std::map<std::string, Trajectory>& group_truth) {
   for (auto& [group, places] : group_truth) {

@@ -40,7 +40,6 @@ class Comparison {
   // The session of the first pane. The panes have the same scene.
   [[nodiscard]] const Session& session() const { return *panes_.front().session; }
 
-  // The last image.
   [[nodiscard]] const PaneGrid& grid() const { return grid_; }
   [[nodiscard]] std::vector<PaneReport> reports() const;
   // Adds the GPU times of the last frames to the panes' reports.

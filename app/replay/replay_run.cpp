@@ -144,7 +144,6 @@ Result<std::unique_ptr<FrameSource>> open_frames(const ReplayRequest& request,
   return open_recording_source(recording, options);
 }
 
-// Opened inputs and outputs of a replay.
 struct ReplaySetup {
   Recording recording;
   std::optional<TagsInUse> tags;

@@ -32,7 +32,6 @@ struct StageSummary {
   std::size_t count = 0;
 };
 
-// Times of one stage over many frames.
 class StageTimes {
  public:
   void add(StageTime time);
@@ -56,14 +55,12 @@ struct TrackingCounts {
   void add(TrackStatus status, const MeasuredTags& tags);
 };
 
-// A group of tags beside the table.
 struct GroupReport : TrackingCounts {
   std::string name;
   // Errors of the camera over the group's middle, in the tracked frames.
   std::optional<Evaluation> accuracy;
 };
 
-// Effects of smoothing the drawn pose.
 struct SmoothingReport {
   Statistics lag_ms;     // of each frame, as SmoothedPose's
   Statistics offset_px;  // as SmoothedPose's
@@ -72,7 +69,6 @@ struct SmoothingReport {
   std::optional<Evaluation> accuracy;  // of the drawn poses in the tracked frames
 };
 
-// Times and counts of the work of drawing.
 struct WorkReport {
   std::vector<std::pair<std::string, StageSummary>> time_ms;  // in the order of the pipeline
   std::vector<std::pair<std::string, std::int64_t>> work;
@@ -85,7 +81,6 @@ struct PaneReport : WorkReport {
   std::string technique;
 };
 
-// Frames of a session that went to recordings.
 struct RecordedFrames {
   std::int64_t written = 0;
   std::int64_t left_out = 0;  // the disk or the encoder was too slow

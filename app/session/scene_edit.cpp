@@ -9,7 +9,6 @@
 
 #include "core/propagate.hpp"
 #include "core/text/text.hpp"
-#include "core/text/text_encoding.hpp"
 
 namespace penumbra {
 namespace {
@@ -158,10 +157,6 @@ Result<void> add_event(std::string_view line, const std::string& name, SceneEven
 
 }  // namespace
 
-ShadowStyle style_of(const ShadowNode& node) {
-  return {node.technique, node.kernels, node.layered, node.fractions, node.light_rays};
-}
-
 bool apply(Scene& scene, const SceneEdit& edit) {
   if (const auto* placed = std::get_if<ObjectPlaced>(&edit)) {
     const auto object = std::ranges::find(scene.objects, placed->object, &SceneObject::name);
@@ -174,11 +169,7 @@ bool apply(Scene& scene, const SceneEdit& edit) {
   const auto& styled = std::get<ShadowStyled>(edit);
   const auto node = std::ranges::find(scene.shadows, styled.node, &ShadowNode::name);
   if (node == scene.shadows.end() || !usable(styled.style)) return false;
-  node->technique = styled.style.technique;
-  node->kernels = styled.style.kernels;
-  node->layered = styled.style.layered;
-  node->fractions = styled.style.fractions;
-  node->light_rays = styled.style.light_rays;
+  static_cast<ShadowStyle&>(*node) = styled.style;
   return true;
 }
 
@@ -247,8 +238,7 @@ Result<SceneEvents> load_scene_events(const std::filesystem::path& file) {
     const auto read = static_cast<std::size_t>(stream.gcount());
     std::string_view line(buffer.data(), is_last || read == 0 ? read : read - 1);
     if (number == 1) {
-      PENUMBRA_TRY(const auto content, without_byte_order_mark(line, file.string()));
-      line = content;
+      PENUMBRA_TRY(line, without_byte_order_mark(line, file.string()));
     }
     line = trim(line);
     if (!line.empty()) {

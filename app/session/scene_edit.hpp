@@ -23,16 +23,6 @@ struct ObjectPlaced {
   bool turned = false;  // the event is object_rotated rather than object_moved
 };
 
-// The style of a shadow node.
-struct ShadowStyle {
-  ShadowTechnique technique = ShadowTechnique::layered;
-  KernelSource kernels = KernelSource::automatic;
-  LayeredConstants layered;
-  LightFractions fractions;
-  bool light_rays = false;
-};
-[[nodiscard]] ShadowStyle style_of(const ShadowNode& node);
-
 struct ShadowStyled {
   std::string node;
   ShadowStyle style;

@@ -199,10 +199,7 @@ bool Session::edit(const SceneEdit& edit) {
       (options_.plan.technique || options_.plan.kernels || options_.plan.light_rays)) {
     // The options become each node's own style, so that one of them can be edited.
     for (ShadowNode& node : scene_.shadows) {
-      const ShadowStyle style = style_in_effect(node);
-      node.technique = style.technique;
-      node.kernels = style.kernels;
-      node.light_rays = style.light_rays;
+      static_cast<ShadowStyle&>(node) = style_in_effect(node);
     }
     options_.plan.light_rays = false;
     options_.plan.technique.reset();
@@ -221,7 +218,7 @@ SessionView Session::view() const {
 }
 
 ShadowStyle Session::style_in_effect(const ShadowNode& node) const {
-  ShadowStyle style = style_of(node);
+  ShadowStyle style = node;
   style.technique = options_.plan.technique.value_or(node.technique);
   style.kernels = options_.plan.kernels.value_or(node.kernels);
   style.light_rays = options_.plan.light_rays || node.light_rays;

@@ -135,7 +135,6 @@ class Session {
 
   [[nodiscard]] Result<SessionFrame> compose(TrackedFrame tracked, std::span<std::uint8_t> rgba,
                                              PictureTime picture);
-  // Reads the last image.
   [[nodiscard]] Result<void> read_picture(std::span<std::uint8_t> rgba, SessionFrame& drawn);
 
   Scene scene_;  // shares its models with the compositor's

@@ -14,7 +14,6 @@
 
 namespace penumbra {
 
-// Shows frames of a run.
 class RunHost : public ViewerHost {
  public:
   // `run` outlives this. `frame_count`: of a recording.
@@ -30,7 +29,6 @@ class RunHost : public ViewerHost {
   void describe(HudState& state, bool debug) const override;
 
  protected:
-  // The scene of the frames.
   [[nodiscard]] virtual const Scene& scene() const = 0;
 
   RunRecorder& run_;
@@ -39,7 +37,6 @@ class RunHost : public ViewerHost {
   std::optional<SessionFrame> last_;
 };
 
-// A session in the window.
 class SessionHost : public RunHost {
  public:
   // Both outlive this.

@@ -20,8 +20,7 @@ class RecordedFeed final : public StudyFeed {
   Result<std::optional<StudyPicture>> next() override {
     for (int attempt = 0; attempt < 2; ++attempt) {
       if (!source_) {
-        PENUMBRA_TRY(auto opened, open_recording_source(recording_));
-        source_ = std::move(opened);
+        PENUMBRA_TRY(source_, open_recording_source(recording_));
         last_ns_.reset();
       }
       PENUMBRA_TRY(auto frame, source_->next());

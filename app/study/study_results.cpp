@@ -25,16 +25,6 @@ namespace fs = std::filesystem;
 constexpr std::size_t kMaxResultBytes = std::size_t{256} << 20U;
 constexpr std::size_t kColumns = 17;
 
-std::vector<std::string_view> split(std::string_view text, char separator) {
-  std::vector<std::string_view> parts;
-  while (true) {
-    const std::size_t end = text.find(separator);
-    parts.push_back(text.substr(0, end));
-    if (end == std::string_view::npos) return parts;
-    text.remove_prefix(end + 1);
-  }
-}
-
 // "x y z" [m].
 std::optional<Eigen::Vector3d> point_in(std::string_view text) {
   const auto parts = split(text, ' ');
@@ -49,8 +39,7 @@ std::optional<Eigen::Vector3d> point_in(std::string_view text) {
 }
 
 tl::unexpected<Error> not_written(const fs::path& file, std::string_view remedy = "") {
-  return fail("{}: cannot be written: {}{}", file.string(), std::generic_category().message(errno),
-              remedy);
+  return fail("{}: cannot be written: {}{}", file.string(), system_message(errno), remedy);
 }
 
 std::string with_interval(const std::optional<Interval>& interval, double scale, int decimals) {
@@ -64,7 +53,6 @@ std::string fields_of(double value, const std::optional<Interval>& interval) {
   return text + (interval ? fmt::format(",{:.6f},{:.6f}", interval->low, interval->high) : ",,");
 }
 
-// Answers of one participant.
 struct Answers {
   std::vector<double> times_s, errors_m;
   int wrong = 0;

@@ -78,14 +78,14 @@ class StudyLoop {
         continue;
       }
       if (script_) {
-        if (auto acted = act_until(picture->clock_ns); !acted) return acted;
+        PENUMBRA_TRY_VOID(act_until(picture->clock_ns));
         if (task_.finished()) break;
         clock_ns_ = picture->clock_ns;
       } else if (feed_.waits()) {
         wait_for(picture->clock_ns);
         if (task_.finished()) break;
       }
-      if (auto drawn = show(picture->frame); !drawn) return drawn;
+      PENUMBRA_TRY_VOID(show(picture->frame));
       if (failure_) return tl::unexpected(*failure_);
     }
     if (failure_) return tl::unexpected(*failure_);
@@ -372,8 +372,7 @@ Result<StudyReport> run_study(const StudyRequest& request) {
   PENUMBRA_TRY_VOID(session.warm_up(PixelFormat::yuv420p));
   std::unique_ptr<Overlay> overlay;
   if (has_window) {
-    PENUMBRA_TRY(auto made, Overlay::create(*context));
-    overlay = std::move(made);
+    PENUMBRA_TRY(overlay, Overlay::create(*context));
   }
   std::unique_ptr<StudyFeed> feed = std::move(pictures.feed);
   if (!feed) {
@@ -385,8 +384,7 @@ Result<StudyReport> run_study(const StudyRequest& request) {
   std::optional<OutputFile> summary_file;  // beside the answers, unless they go to a stream
   if (!is_stream(request.results)) {
     report.summary_file = summary_path(request.results);
-    PENUMBRA_TRY(auto created, OutputFile::create(report.summary_file));
-    summary_file.emplace(std::move(created));
+    PENUMBRA_TRY(summary_file, OutputFile::create(report.summary_file));
   }
   PENUMBRA_TRY(auto file, StudyFile::open(request.results, request.design, request.resume));
   const StudyPlan plan = plan_study(request.design);

@@ -35,7 +35,7 @@ std::vector<SceneEdit> StudyTask::set_up(const Scene& scene) const {
   const StudyTechnique& technique =
       plan_.design.techniques[static_cast<std::size_t>(trial().technique)];
   for (const ShadowNode& node : scene.shadows) {
-    ShadowStyle style = style_of(node);
+    ShadowStyle style = node;
     style.technique = technique.technique;
     style.kernels = technique.kernels;
     edits.emplace_back(ShadowStyled{node.name, style});

@@ -34,7 +34,6 @@ class StudyTask {
   [[nodiscard]] const StudySample& sample() const {
     return plan_.samples[static_cast<std::size_t>(trial().sample)];
   }
-  // Returns true while the current trial is on the screen.
   [[nodiscard]] bool shown() const { return shown_; }
   [[nodiscard]] std::int64_t shown_ns() const { return shown_ns_; }
 

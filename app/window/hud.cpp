@@ -105,7 +105,7 @@ ShadowTechnique technique_after(ShadowTechnique technique) {
   return *(at + 1);
 }
 
-HudStatus status_of(const PoseEstimate& pose) {
+HudStatus status_of(const EstimatedPose& pose) {
   HudStatus status;
   status.text = to_string(pose.status);
   switch (pose.status) {
@@ -132,11 +132,7 @@ HudStatus status_of(const PoseEstimate& pose) {
 }
 
 HudStatus status_of(const GroupEstimate& group) {
-  PoseEstimate pose;
-  pose.status = group.status;
-  pose.reason = group.reason;
-  pose.age_s = group.age_s;
-  HudStatus status = status_of(pose);
+  HudStatus status = status_of(static_cast<const EstimatedPose&>(group));
   status.text = group.name + ": " + status.text;
   return status;
 }

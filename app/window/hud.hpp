@@ -21,7 +21,6 @@
 
 namespace penumbra {
 
-// Command of a key or a button.
 enum class WindowCommand {
   quit,
   pause,
@@ -128,7 +127,6 @@ struct HudPanels {
   bool compact = false;  // few words and large buttons, for small screens
 };
 
-// Commands and edits of clicks.
 struct HudActions {
   std::vector<WindowCommand> commands;
   std::vector<SceneEdit> edits;
@@ -142,7 +140,7 @@ struct HudStatus {
   std::string text;  // "held 0.21 s: no tag seen"
   HudColor color;    // green, amber, blue that fades with the age, red
 };
-[[nodiscard]] HudStatus status_of(const PoseEstimate& pose);
+[[nodiscard]] HudStatus status_of(const EstimatedPose& pose);
 [[nodiscard]] HudStatus status_of(const GroupEstimate& group);  // "wall: tracked"
 // Warnings that are shown even while the HUD is hidden: a stalled image, its cause, a failed
 // recording.

@@ -43,6 +43,7 @@ ImVec4 to_imgui(const HudColor& color) {
   return {color.red, color.green, color.blue, color.alpha};
 }
 
+constexpr HudColor kWhite = {1.0F, 1.0F, 1.0F, 1.0F};
 constexpr HudColor kWarning = {1.0F, 0.55F, 0.45F, 1.0F};
 constexpr HudColor kKernelDot = {0.25F, 0.85F, 1.0F, 0.9F};
 constexpr HudColor kQuiet = {0.72F, 0.76F, 0.80F, 1.0F};
@@ -149,8 +150,7 @@ struct Overlay::Impl {
         sized[i] = fonts.AddFontDefault(&config);
       }
     }
-    PENUMBRA_TRY(auto made, OverlayRenderer::create(context, fonts));
-    renderer.emplace(std::move(made));
+    PENUMBRA_TRY(renderer, OverlayRenderer::create(context, fonts));
     return {};
   }
 
@@ -317,7 +317,6 @@ struct Overlay::Impl {
     end_window();
   }
 
-  // Status above, a row of large buttons below.
   void compact_layout(const HudState& state, HudActions& actions) {
     ImGui::SetNextWindowSize({width, 0.0F});
     begin_window("status", {0.0F, 0.0F}, {0.0F, 0.0F}, kPlain);
@@ -366,20 +365,19 @@ struct Overlay::Impl {
 
   void node_panel(const HudNode& node, HudActions& actions) {
     ImGui::PushID(node.name.c_str());
-    text({1.0F, 1.0F, 1.0F, 1.0F}, node.name);
+    text(kWhite, node.name);
     ShadowStyle style = node.style;
     bool changed = choose("##technique", fmt::format("technique: {}", to_string(style.technique)),
                           kShadowTechniqueNames, &ShadowTechniqueName::technique, style.technique);
     if (traits_of(style.technique).uses_kernels) {
-      changed = choose("##kernels", fmt::format("kernels: {}", to_string(style.kernels)),
-                       kKernelSourceNames, &KernelSourceName::source, style.kernels) ||
-                changed;
+      changed |= choose("##kernels", fmt::format("kernels: {}", to_string(style.kernels)),
+                        kKernelSourceNames, &KernelSourceName::source, style.kernels);
     }
     if (traits_of(style.technique).uses_lights) {
-      changed = ImGui::Checkbox("light rays", &style.light_rays) || changed;
+      changed |= ImGui::Checkbox("light rays", &style.light_rays);
     }
-    changed = workspace_panel(style) || changed;
-    changed = strength_panel(node, style) || changed;
+    changed |= workspace_panel(style);
+    changed |= strength_panel(node, style);
     if (changed) actions.edits.emplace_back(ShadowStyled{node.name, style});
     ImGui::Separator();
     ImGui::PopID();
@@ -395,9 +393,8 @@ struct Overlay::Impl {
     bool changed =
         ImGui::SliderFloat("##height", &height_cm, 5.0F, 100.0F, "workspace height %.0f cm",
                            ImGuiSliderFlags_AlwaysClamp | ImGuiSliderFlags_Logarithmic);
-    changed = ImGui::SliderFloat("##magnification", &magnification, 1.05F, 4.0F,
-                                 "magnified there x %.2f", ImGuiSliderFlags_AlwaysClamp) ||
-              changed;
+    changed |= ImGui::SliderFloat("##magnification", &magnification, 1.05F, 4.0F,
+                                  "magnified there x %.2f", ImGuiSliderFlags_AlwaysClamp);
     if (changed) {
       const auto constants = layered_constants_for_workspace(0.01 * static_cast<double>(height_cm),
                                                              static_cast<double>(magnification));
@@ -421,11 +418,8 @@ struct Overlay::Impl {
     const TechniqueTraits traits = traits_of(style.technique);
     if (style.technique == ShadowTechnique::none || traits.uses_lights) return false;
     Strength& strength = strengths[node.name];
-    const auto same = [](const LightFractions& a, const LightFractions& b) {
-      return a.umbra == b.umbra && a.middle == b.middle && a.penumbra == b.penumbra;
-    };
     // Changed by another source: that is full strength.
-    if (!same(with_opacity(strength.full, strength.opacity), style.fractions)) {
+    if (with_opacity(strength.full, strength.opacity) != style.fractions) {
       strength = {style.fractions, 1.0};
     }
     const auto slider = [](const char* label, double& value) {
@@ -441,11 +435,11 @@ struct Overlay::Impl {
     };
     bool changed = slider("strength", strength.opacity);
     if (traits.has_penumbra) {
-      changed = slider("light in the umbra", strength.full.umbra) || changed;
+      changed |= slider("light in the umbra", strength.full.umbra);
     }
-    changed = slider("light in the middle layer", strength.full.middle) || changed;
+    changed |= slider("light in the middle layer", strength.full.middle);
     if (traits.has_penumbra) {
-      changed = slider("light in the penumbra", strength.full.penumbra) || changed;
+      changed |= slider("light in the penumbra", strength.full.penumbra);
     }
     if (changed) style.fractions = with_opacity(strength.full, strength.opacity);
     return changed;
@@ -592,19 +586,13 @@ struct Overlay::Impl {
 
   // A window of words without buttons, in the middle or in a corner.
   void words_window(const char* name, bool in_the_middle, const std::vector<std::string>& lines,
-                    const std::optional<HudColor>& color) {
+                    const HudColor& color) {
     const float gap = 0.5F * em;
     begin_window(name, in_the_middle ? ImVec2(0.5F * width, 0.5F * height) : ImVec2(gap, gap),
                  in_the_middle ? ImVec2(0.5F, 0.5F) : ImVec2(0.0F, 0.0F),
                  kFitted | ImGuiWindowFlags_NoInputs);
     ImGui::PushTextWrapPos(0.8F * width);
-    for (const std::string& line : lines) {
-      if (color) {
-        text(*color, line);
-      } else {
-        text(line);
-      }
-    }
+    for (const std::string& line : lines) text(color, line);
     ImGui::PopTextWrapPos();
     end_window();
   }
@@ -723,7 +711,7 @@ void Overlay::draw_hidden(const HudState& state, GlContext::Size size) {
 void Overlay::draw_text(const std::string& words, bool in_the_middle, GlContext::Size size) {
   if (size.width <= 0 || size.height <= 0) return;
   impl_->begin_drawing(size, false);
-  impl_->words_window("words", in_the_middle, {words}, std::nullopt);
+  impl_->words_window("words", in_the_middle, {words}, kWhite);
   impl_->end_drawing(size);
 }
 

@@ -321,8 +321,8 @@ std::string calibration_report(const CameraCalibration& c, const ReportInput& in
   const CameraModel& camera = c.solution.camera;
   std::string html = fmt::format(
       "<!DOCTYPE html>\n<html lang=\"en\"><head><meta charset=\"utf-8\"><title>Calibration: "
-      "{0}</title>"
-      "<style>body{{font:15px/1.45 sans-serif;max-width:1080px;margin:24px auto;padding:0 16px;"
+      "{0}</title><style>body{{font:15px/1.45 sans-serif;max-width:1080px;margin:24px "
+      "auto;padding:0 16px;"
       "color:#222}}h1{{font-size:22px}}h2{{font-size:17px;margin:28px 0 6px}}"
       ".verdict{{padding:14px 18px;border-left:8px solid;background:#f6f6f6;font-size:17px}}"
       ".good{{border-color:#3a9a4a}}.usable{{border-color:#e0a030}}.poor{{border-color:#c33}}"

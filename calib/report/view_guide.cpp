@@ -210,7 +210,6 @@ struct ViewGuide::Impl {
 
 ViewGuide::ViewGuide(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
 ViewGuide::ViewGuide(ViewGuide&&) noexcept = default;
-ViewGuide& ViewGuide::operator=(ViewGuide&&) noexcept = default;
 ViewGuide::~ViewGuide() = default;
 
 Result<ViewGuide> ViewGuide::create(const Target& target, const GuideOptions& options) {

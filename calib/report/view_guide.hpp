@@ -63,7 +63,6 @@ class ViewGuide {
   [[nodiscard]] static Result<ViewGuide> create(const Target& target,
                                                 const GuideOptions& options = {});
   ViewGuide(ViewGuide&&) noexcept;
-  ViewGuide& operator=(ViewGuide&&) noexcept;
   ~ViewGuide();
 
   // All images have one size. Solves at once with a view that is taken.

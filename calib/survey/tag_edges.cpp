@@ -20,7 +20,6 @@ constexpr std::size_t kFewestSamples = 40;
 using Row = Eigen::Matrix<double, kUnknowns, 1>;
 using Normal = Eigen::Matrix<double, kUnknowns, kUnknowns>;
 
-// A sample on a predicted edge.
 struct EdgeSample {
   Eigen::Vector2d pixel;
   Eigen::Vector2d normal;  // towards larger a or b

@@ -4,11 +4,11 @@
 #include <cairo-svg.h>
 
 #include <algorithm>
-#include <cctype>
 #include <cmath>
 #include <memory>
 
 #include "core/image/image_file.hpp"
+#include "core/text/text.hpp"
 
 namespace penumbra {
 namespace {
@@ -197,9 +197,7 @@ Result<std::vector<std::uint8_t>> png_page(const Sheet& sheet, const PageSize& p
 }  // namespace
 
 Result<SheetFormat> sheet_format_of(const std::filesystem::path& file) {
-  std::string extension = file.extension().string();
-  std::ranges::transform(extension, extension.begin(),
-                         [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
+  const std::string extension = lower_extension(file);
   if (extension.empty() || extension == ".pdf") return SheetFormat::pdf;
   if (extension == ".svg") return SheetFormat::svg;
   if (extension == ".png") return SheetFormat::png;

@@ -27,7 +27,6 @@ cv::Point2f as_point(const Eigen::Vector2d& p) {
   return {static_cast<float>(p.x()), static_cast<float>(p.y())};
 }
 
-// Moves corners to the saddle points near them.
 void refine_saddles(ImageView luma, std::vector<cv::Point2f>& corners, int half_window) {
   cv::cornerSubPix(as_mat(luma), corners, {half_window, half_window}, {-1, -1},
                    {cv::TermCriteria::EPS + cv::TermCriteria::COUNT, 60, 1e-4});

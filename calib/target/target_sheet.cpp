@@ -4,14 +4,12 @@
 
 #include <algorithm>
 #include <array>
-#include <cctype>
 #include <cmath>
 #include <cstdint>
 #include <vector>
 
 #include "calib/target/sheet_page.hpp"
 #include "core/propagate.hpp"
-#include "core/text/file.hpp"
 #include "core/text/text.hpp"
 #include "tracking/alignment/tag_pattern.hpp"
 
@@ -205,7 +203,6 @@ std::string measured_line(double printed_scale) {
   return fmt::format("{}{:.10g}\n", kMeasuredLine, 100.0 * printed_scale);
 }
 
-// Text of the target's file.
 Result<std::string> target_text(const SheetTarget& target, double printed_scale) {
   PENUMBRA_TRY_VOID(check_scale(printed_scale));
   const std::string measured = measured_line(printed_scale);
@@ -245,9 +242,7 @@ Result<std::string> target_text(const SheetTarget& target, double printed_scale)
 }  // namespace
 
 Result<PageSize> page_size_from_string(std::string_view name) {
-  std::string lower(name);
-  std::ranges::transform(lower, lower.begin(),
-                         [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
+  const std::string lower = in_lower_case(std::string(name));
   for (const NamedPage& page : kPages) {
     if (page.name == lower) return PageSize{page.width_mm * 1e-3, page.height_mm * 1e-3};
   }

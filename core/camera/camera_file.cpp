@@ -9,6 +9,14 @@
 namespace penumbra {
 namespace {
 
+// In the order of DistortionModel and of CameraFileFormat. Empty: the format lacks the lens.
+constexpr std::array<std::array<std::string_view, 3>, kDistortionModels.size()> kModelNames = {{
+    {to_string(DistortionModel::plumb_bob), "0", "radtan"},
+    {to_string(DistortionModel::rational), "0", ""},
+    {to_string(DistortionModel::fisheye), "1", "equidistant"},
+}};
+static_assert(!kModelNames.back().front().empty());
+
 bool all_finite(const std::vector<double>& values) {
   return std::ranges::all_of(values, [](double x) { return std::isfinite(x); });
 }
@@ -62,7 +70,6 @@ std::array<double, 9> camera_matrix(const CameraParameters& p) {
   return {p.fx, 0.0, p.cx, 0.0, p.fy, p.cy, 0.0, 0.0, 1.0};
 }
 
-// The first `count` distortion coefficients.
 std::span<const double> coefficients(const CameraParameters& p, int count) {
   return std::span(p.distortion).first(static_cast<std::size_t>(count));
 }
@@ -134,39 +141,14 @@ std::string kalibr_text(const CameraParameters& p) {
 }  // namespace
 
 std::string_view to_string(CameraFileFormat format) {
-  switch (format) {
-    case CameraFileFormat::ros:
-      return "ROS";
-    case CameraFileFormat::opencv:
-      return "OpenCV";
-    case CameraFileFormat::kalibr:
-      return "Kalibr";
-  }
-  return {};
+  constexpr std::array<std::string_view, 3> kNames = {"ROS", "OpenCV", "Kalibr"};
+  return kNames[static_cast<std::size_t>(format)];
 }
 
 std::optional<std::string_view> model_name(DistortionModel model, CameraFileFormat format) {
-  using Name = std::optional<std::string_view>;
-  const auto named = [&](Name opencv, Name kalibr) -> Name {
-    switch (format) {
-      case CameraFileFormat::ros:
-        return to_string(model);
-      case CameraFileFormat::opencv:
-        return opencv;
-      case CameraFileFormat::kalibr:
-        return kalibr;
-    }
-    return std::nullopt;
-  };
-  switch (model) {
-    case DistortionModel::plumb_bob:
-      return named("0", "radtan");
-    case DistortionModel::rational:
-      return named("0", std::nullopt);
-    case DistortionModel::fisheye:
-      return named("1", "equidistant");
-  }
-  return std::nullopt;
+  const std::string_view name =
+      kModelNames[static_cast<std::size_t>(model)][static_cast<std::size_t>(format)];
+  return name.empty() ? std::nullopt : std::optional(name);
 }
 
 Result<void> save_camera(const std::filesystem::path& file, const CameraModel& camera,

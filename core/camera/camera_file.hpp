@@ -74,4 +74,7 @@ struct CalibrationRecord {
 // whole number scales width and height. Drops rolling_shutter_row_s, unknown at the other size.
 [[nodiscard]] Result<CameraModel> scaled_to(const CameraModel& camera, int width, int height);
 
+// Returns `focus_position`, in the units of the camera's control; nothing if the file has none.
+[[nodiscard]] std::optional<double> load_focus_position(const std::filesystem::path& camera_file);
+
 }  // namespace penumbra

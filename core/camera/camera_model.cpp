@@ -61,41 +61,6 @@ double find_max_radius(const CameraParameters& p) {
 
 }  // namespace
 
-std::string_view short_name(DistortionModel model) {
-  switch (model) {
-    case DistortionModel::plumb_bob:
-      return "plumb_bob";
-    case DistortionModel::rational:
-      return "rational";
-    case DistortionModel::fisheye:
-      return "fisheye";
-  }
-  return {};
-}
-
-int coefficient_count(DistortionModel model) {
-  switch (model) {
-    case DistortionModel::plumb_bob:
-      return 5;
-    case DistortionModel::rational:
-      return 8;
-    case DistortionModel::fisheye:
-      return 4;
-  }
-  return 0;
-}
-
-bool is_polynomial(DistortionModel model) {
-  switch (model) {
-    case DistortionModel::plumb_bob:
-    case DistortionModel::rational:
-      return true;
-    case DistortionModel::fisheye:
-      break;
-  }
-  return false;
-}
-
 std::string coefficient_name(DistortionModel model, std::size_t index) {
   constexpr std::array<const char*, 8> kPolynomial = {"k1", "k2", "p1", "p2",
                                                       "k3", "k4", "k5", "k6"};

@@ -37,27 +37,39 @@ enum class DistortionModel { plumb_bob, rational, fisheye };
 inline constexpr std::array kDistortionModels = {
     DistortionModel::plumb_bob, DistortionModel::rational, DistortionModel::fisheye};
 
-// ROS's names.
-[[nodiscard]] constexpr std::string_view to_string(DistortionModel model) {
+struct DistortionTraits {
+  std::string_view name;        // ROS's
+  std::string_view short_name;  // `penumbra calibrate --model` takes it
+  int coefficients = 0;
+  bool is_polynomial = false;  // the first coefficients are k1 k2 p1 p2 k3
+};
+[[nodiscard]] constexpr DistortionTraits traits_of(DistortionModel model) {
   switch (model) {
     case DistortionModel::plumb_bob:
-      return "plumb_bob";
+      return {"plumb_bob", "plumb_bob", 5, true};
     case DistortionModel::rational:
-      return "rational_polynomial";
+      return {"rational_polynomial", "rational", 8, true};
     case DistortionModel::fisheye:
-      return "equidistant";
+      return {"equidistant", "fisheye", 4, false};
   }
   return {};
 }
 static_assert(static_cast<std::size_t>(kDistortionModels.back()) + 1 == kDistortionModels.size() &&
-                  to_string(static_cast<DistortionModel>(kDistortionModels.size())).empty(),
+                  traits_of(DistortionModel{kDistortionModels.size()}).coefficients == 0,
               "kDistortionModels lists all models in the order of the enum");
 
-// The names of `penumbra calibrate --model`.
-[[nodiscard]] std::string_view short_name(DistortionModel model);
-[[nodiscard]] int coefficient_count(DistortionModel model);
-// Returns true for the models whose first coefficients are k1 k2 p1 p2 k3.
-[[nodiscard]] bool is_polynomial(DistortionModel model);
+[[nodiscard]] constexpr std::string_view to_string(DistortionModel model) {
+  return traits_of(model).name;
+}
+[[nodiscard]] constexpr std::string_view short_name(DistortionModel model) {
+  return traits_of(model).short_name;
+}
+[[nodiscard]] constexpr int coefficient_count(DistortionModel model) {
+  return traits_of(model).coefficients;
+}
+[[nodiscard]] constexpr bool is_polynomial(DistortionModel model) {
+  return traits_of(model).is_polynomial;
+}
 // The name of a coefficient: "k1", "p1", ...
 [[nodiscard]] std::string coefficient_name(DistortionModel model, std::size_t index);
 

@@ -36,7 +36,6 @@ struct Convention {
   bool inverse = false;
 };
 
-// Converts a pose from a file with this convention.
 CameraPose converted(const CameraPose& pose, const Convention& from) {
   Eigen::Quaterniond rotation = pose.rotation();
   // The numbers w x y z were read as x y z w.
@@ -69,7 +68,6 @@ double difference_of(const std::vector<PosePair>& pairs, const Convention& of_es
                    static_cast<double>(pairs.size()));
 }
 
-// Joins the words of the mistakes with "and".
 std::string in_words(const Convention& convention, const char* millimetres, const char* w_first,
                      const char* inverse) {
   std::string text;

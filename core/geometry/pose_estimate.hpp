@@ -2,7 +2,6 @@
 #pragma once
 
 #include <Eigen/Core>
-#include <cstddef>
 #include <string_view>
 #include <vector>
 
@@ -32,7 +31,6 @@ enum class TrackStatus { tracked, uncertain, held, lost };
 
 inline constexpr double kHoldSeconds = 0.5;  // [s]
 
-// Tags used and rejected in a frame.
 struct MeasuredTags {
   // RMS 2-D distance of the used corners; after an alignment, the edge displacement [px] that
   // explains its residuals.
@@ -41,24 +39,28 @@ struct MeasuredTags {
   std::vector<RejectedTag> tags_rejected;
 };
 
-struct PoseEstimate : MeasuredTags {
+// Status and uncertainty of the camera's pose over the table or over a group of tags.
+struct EstimatedPose : MeasuredTags {
   TrackStatus status = TrackStatus::lost;
-  CameraPose T_table_camera;  // meaningless when lost
   // Covariance of the right perturbation T_table_camera * exp([nu; omega]), [m, rad], camera frame,
-  // translation first.
+  // translation first. Of a group: of T_middle_camera, as it is drawn.
   Eigen::Matrix<double, 6, 6> covariance = Eigen::Matrix<double, 6, 6>::Zero();
   // 1 sigma [px] of the overlay (core/evaluation/evaluation.hpp), from the covariance and the lens
-  // uncertainty.
+  // uncertainty. Of a group: of a cube that stands on the group's middle.
   double predicted_overlay_error_px = 0.0;
-  // Reprojection RMS of the second pose of a planar target over that of the best one; infinite if
-  // there is one only. Near 1 the view is ambiguous.
-  double ambiguity_ratio = 0.0;
   double age_s = 0.0;  // since the last measured pose; 0 unless held
   // Status of the last measured pose, where held: tracked or uncertain. Fading starts from it.
   TrackStatus held_from = TrackStatus::tracked;
   PoseReason reason;
 
   [[nodiscard]] bool has_pose() const { return status != TrackStatus::lost; }
+};
+
+struct PoseEstimate : EstimatedPose {
+  CameraPose T_table_camera;  // meaningless when lost
+  // Reprojection RMS of the second pose of a planar target over that of the best one; infinite if
+  // there is one only. Near 1 the view is ambiguous.
+  double ambiguity_ratio = 0.0;
 };
 
 }  // namespace penumbra

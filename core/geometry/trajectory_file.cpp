@@ -86,13 +86,9 @@ Result<StampedPose> parse_tum_pose(std::string_view text) {
 }
 
 std::vector<std::string_view> split_at_commas(std::string_view text) {
-  std::vector<std::string_view> fields;
-  while (true) {
-    const std::size_t comma = text.find(',');
-    fields.push_back(trim(text.substr(0, comma)));
-    if (comma == std::string_view::npos) return fields;
-    text.remove_prefix(comma + 1);
-  }
+  std::vector<std::string_view> fields = split(text, ',');
+  for (std::string_view& field : fields) field = trim(field);
+  return fields;
 }
 
 // Whole nanoseconds, also as "1.403636580838555648e+18".

@@ -15,7 +15,7 @@
 #include "core/assert.hpp"
 #include "core/image/jpeg_file.hpp"
 #include "core/propagate.hpp"
-#include "core/text/file.hpp"
+#include "core/text/text.hpp"
 
 namespace penumbra {
 namespace {
@@ -40,8 +40,6 @@ auto decode_by_kind(std::span<const std::uint8_t> bytes, const std::string& name
     return fail("{}: no memory for the picture", name);
   }
 }
-
-// --- PNG ---
 
 struct FreePng {
   void operator()(spng_ctx* context) const { spng_ctx_free(context); }
@@ -72,7 +70,6 @@ bool is_grey(const spng_ihdr& header) {
          header.color_type == SPNG_COLOR_TYPE_GRAYSCALE_ALPHA;
 }
 
-// Opens a decoder and reads the header.
 Result<Png> open_png(std::span<const std::uint8_t> bytes, const std::string& name,
                      spng_ihdr& header) {
   if (!reaches_end_mark(bytes)) {

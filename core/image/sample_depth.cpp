@@ -8,7 +8,7 @@
 #include <cstring>
 #include <fstream>
 
-#include "core/text/file.hpp"
+#include "core/text/text.hpp"
 
 namespace penumbra {
 namespace {

@@ -5,15 +5,23 @@
 #include <poll.h>
 #include <unistd.h>
 
+#include <algorithm>
+#include <array>
+#include <cctype>
 #include <cerrno>
 #include <charconv>
+#include <cstdint>
 #include <cstdio>
 #include <fstream>
+#include <memory>
+#include <new>
+#include <numeric>
+#include <string>
 #include <system_error>
+#include <utility>
 #include <vector>
 
 #include "core/propagate.hpp"
-#include "core/text/text_encoding.hpp"
 
 namespace penumbra {
 namespace {
@@ -57,6 +65,43 @@ std::optional<Number> parse_all(std::string_view text) {
   if (error != std::errc() || stopped != end) return std::nullopt;
   return value;
 }
+
+using namespace std::string_view_literals;
+
+// Name of the wide encoding, or empty.
+std::string_view wide_encoding(std::string_view text) {
+  // UTF-32 first: its little-endian mark starts with that of UTF-16.
+  if (text.starts_with("\xFF\xFE\0\0"sv) || text.starts_with("\0\0\xFE\xFF"sv)) return "UTF-32";
+  if (text.starts_with("\xFF\xFE"sv) || text.starts_with("\xFE\xFF"sv)) return "UTF-16";
+  if (text.size() >= 4 && text[0] != '\0' && text[1] == '\0' && text[2] != '\0' && text[3] == '\0')
+    return "UTF-16";
+  if (text.size() >= 4 && text[0] == '\0' && text[1] != '\0' && text[2] == '\0' && text[3] != '\0')
+    return "UTF-16";
+  return {};
+}
+
+// Length of the valid UTF-8 sequence that `text` starts with, or 0.
+std::size_t utf8_sequence_length(std::string_view text) {
+  const auto byte_at = [&](std::size_t i) { return static_cast<std::uint8_t>(text[i]); };
+  const std::uint8_t lead = byte_at(0);
+  if (lead < 0x80U) return 1;
+  const std::size_t length = lead >= 0xF0U ? 4 : lead >= 0xE0U ? 3 : 2;
+  if (lead < 0xC2U || lead > 0xF4U || text.size() < length) return 0;
+  std::uint32_t code = lead & (0xFFU >> (length + 1));
+  for (std::size_t i = 1; i < length; ++i) {
+    if ((byte_at(i) & 0xC0U) != 0x80U) return 0;
+    code = (code << 6U) | (byte_at(i) & 0x3FU);
+  }
+  // Overlong forms, surrogates and codes past the last plane are not valid.
+  constexpr std::array<std::uint32_t, 5> kLeast = {0, 0, 0x80, 0x800, 0x10000};
+  const bool surrogate = code >= 0xD800U && code <= 0xDFFFU;
+  return code < kLeast[length] || code > 0x10FFFFU || surrogate ? 0 : length;
+}
+
+struct CloseFile {
+  void operator()(std::FILE* file) const { std::fclose(file); }
+};
+using File = std::unique_ptr<std::FILE, CloseFile>;
 
 }  // namespace
 
@@ -106,11 +151,35 @@ Result<void> write_text_file(const std::filesystem::path& file, std::string_view
   return {};
 }
 
+std::string system_message(int error) {
+  return std::generic_category().message(error);
+}
+
 std::string_view trim(std::string_view text) {
   constexpr std::string_view kBlank = " \t\r\n\v\f";
   const std::size_t first = text.find_first_not_of(kBlank);
   if (first == std::string_view::npos) return {};
   return text.substr(first, text.find_last_not_of(kBlank) - first + 1);
+}
+
+std::vector<std::string_view> split(std::string_view text, char separator) {
+  std::vector<std::string_view> parts;
+  while (true) {
+    const std::size_t end = text.find(separator);
+    parts.push_back(text.substr(0, end));
+    if (end == std::string_view::npos) return parts;
+    text.remove_prefix(end + 1);
+  }
+}
+
+std::string in_lower_case(std::string text) {
+  std::ranges::transform(text, text.begin(),
+                         [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
+  return text;
+}
+
+std::string lower_extension(const std::filesystem::path& file) {
+  return in_lower_case(file.extension().string());
 }
 
 std::optional<double> parse_number(std::string_view text) {
@@ -221,6 +290,95 @@ std::string in_quotes(std::string_view text) {
     result += static_cast<unsigned char>(c) < 0x20 ? ' ' : c;
   }
   return result + "\"";
+}
+
+std::size_t edit_distance(std::string_view a, std::string_view b) {
+  std::vector<std::size_t> row(b.size() + 1);
+  std::iota(row.begin(), row.end(), std::size_t{0});
+  for (std::size_t i = 0; i < a.size(); ++i) {
+    std::size_t diagonal = std::exchange(row[0], i + 1);
+    for (std::size_t j = 0; j < b.size(); ++j) {
+      const std::size_t replaced = diagonal + (a[i] == b[j] ? 0 : 1);
+      diagonal = row[j + 1];
+      row[j + 1] = std::min({replaced, diagonal + 1, row[j] + 1});
+    }
+  }
+  return row.back();
+}
+
+Result<std::string_view> without_byte_order_mark(std::string_view text, std::string_view name) {
+  if (const std::string_view encoding = wide_encoding(text); !encoding.empty()) {
+    return fail("{}: is {} text; save it as UTF-8", name, encoding);
+  }
+  if (text.starts_with("\xEF\xBB\xBF"sv)) text.remove_prefix(3);
+  return text;
+}
+
+std::string as_utf8(std::string_view text) {
+  std::string converted;
+  while (!text.empty()) {
+    const std::size_t length = utf8_sequence_length(text);
+    if (length > 0) {
+      converted += text.substr(0, length);
+      text.remove_prefix(length);
+      continue;
+    }
+    const auto byte = static_cast<std::uint8_t>(text.front());
+    converted += static_cast<char>(0xC0U | (byte >> 6U));
+    converted += static_cast<char>(0x80U | (byte & 0x3FU));
+    text.remove_prefix(1);
+  }
+  return converted;
+}
+
+std::string as_printable_line(std::string_view text) {
+  std::string line = as_utf8(text);
+  for (std::size_t i = 0; i < line.size(); ++i) {
+    const auto byte = static_cast<std::uint8_t>(line[i]);
+    if (byte < 0x20U || byte == 0x7FU) line[i] = ' ';
+    // U+0080 to U+009F are control characters as well.
+    if (byte == 0xC2U && i + 1 < line.size() && static_cast<std::uint8_t>(line[i + 1]) < 0xA0U) {
+      line[i] = ' ';
+      line.erase(i + 1, 1);
+    }
+  }
+  return line;
+}
+
+Result<std::vector<std::uint8_t>> read_file(const std::filesystem::path& path,
+                                            std::size_t max_bytes) {
+  std::error_code error;
+  const std::filesystem::file_status status = std::filesystem::status(path, error);
+  if (status.type() == std::filesystem::file_type::not_found)
+    return fail("{}: no such file", path.string());
+  if (!std::filesystem::exists(status))
+    return fail("{}: cannot be read: {}", path.string(), error.message());
+  if (!std::filesystem::is_regular_file(status))
+    return fail("{}: is not a file; give a regular file", path.string());
+  const std::uintmax_t size = std::filesystem::file_size(path, error);
+  if (error) return fail("{}: cannot be read: {}", path.string(), error.message());
+  if (size > max_bytes)
+    return fail("{}: has {} bytes; at most {} are read", path.string(), size, max_bytes);
+  const File file(std::fopen(path.c_str(), "rb"));
+  if (!file) return fail("{}: cannot be opened: {}", path.string(), system_message(errno));
+  try {
+    std::vector<std::uint8_t> bytes(static_cast<std::size_t>(size));
+    if (size > 0 && std::fread(bytes.data(), 1, bytes.size(), file.get()) != bytes.size())
+      return fail("{}: cannot be read to its end", path.string());
+    return bytes;
+  } catch (const std::bad_alloc&) {
+    return fail("{}: no memory for its {} bytes", path.string(), size);
+  }
+}
+
+Result<void> write_file(const std::filesystem::path& path, std::span<const std::uint8_t> bytes) {
+  File file(std::fopen(path.c_str(), "wb"));
+  if (!file) return fail("{}: cannot be written: {}", path.string(), system_message(errno));
+  if ((!bytes.empty() && std::fwrite(bytes.data(), 1, bytes.size(), file.get()) != bytes.size()) ||
+      std::fclose(file.release()) != 0) {
+    return fail("{}: cannot be written: {}", path.string(), system_message(errno));
+  }
+  return {};
 }
 
 }  // namespace penumbra

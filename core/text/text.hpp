@@ -1,12 +1,14 @@
-// Text files and the numbers in them.
+// Files, and text: byte-order marks, encodings, numbers and edit distances.
 #pragma once
 
+#include <cstddef>
 #include <cstdint>
 #include <filesystem>
 #include <optional>
 #include <span>
 #include <string>
 #include <string_view>
+#include <vector>
 
 #include "core/error.hpp"
 
@@ -23,7 +25,12 @@ void set_wait_notice(void (*notice)(const std::string& line));
 [[nodiscard]] Result<void> write_text_file(const std::filesystem::path& file,
                                            std::string_view text);
 
+[[nodiscard]] std::string system_message(int error);  // of an errno
+
 [[nodiscard]] std::string_view trim(std::string_view text);  // blanks, tabs, line ends
+[[nodiscard]] std::vector<std::string_view> split(std::string_view text, char separator);
+[[nodiscard]] std::string in_lower_case(std::string text);                     // ASCII letters
+[[nodiscard]] std::string lower_extension(const std::filesystem::path& file);  // ".png"
 
 // The whole of `text` as a number, in the C locale; nothing if it holds anything else. "nan" and
 // "inf" are numbers here.
@@ -45,5 +52,31 @@ void set_wait_notice(void (*notice)(const std::string& line));
 [[nodiscard]] std::string in_markup(std::string_view text);
 // As a double-quoted YAML string.
 [[nodiscard]] std::string in_quotes(std::string_view text);
+
+// Edit distance in bytes (Levenshtein 1966).
+[[nodiscard]] std::size_t edit_distance(std::string_view a, std::string_view b);
+
+// Returns `text` without a leading UTF-8 byte-order mark. Windows editors write one.
+// Fails for UTF-16 and UTF-32, found by their byte-order marks or by a zero byte beside the first
+// character. `name` is the file's name in the error.
+[[nodiscard]] Result<std::string_view> without_byte_order_mark(std::string_view text,
+                                                               std::string_view name);
+
+// Returns valid UTF-8 for JSON, SVG and HTML: a byte that belongs to no valid sequence becomes the
+// Latin-1 character of that number.
+[[nodiscard]] std::string as_utf8(std::string_view text);
+
+// Returns as_utf8() on one line: a blank replaces each line break and other control character.
+[[nodiscard]] std::string as_printable_line(std::string_view text);
+
+inline constexpr std::size_t kMaxFileBytes = std::size_t{1} << 30U;
+
+// Returns the bytes of a regular file. Fails if it is missing, not regular, unreadable or larger
+// than `max_bytes`.
+[[nodiscard]] Result<std::vector<std::uint8_t>> read_file(const std::filesystem::path& file,
+                                                          std::size_t max_bytes = kMaxFileBytes);
+// Replaces the file. Fails if the disk fills up.
+[[nodiscard]] Result<void> write_file(const std::filesystem::path& file,
+                                      std::span<const std::uint8_t> bytes);
 
 }  // namespace penumbra

@@ -7,7 +7,6 @@
 #include <set>
 
 #include "core/propagate.hpp"
-#include "core/text/edit_distance.hpp"
 #include "core/text/text.hpp"
 
 namespace penumbra {

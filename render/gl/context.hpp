@@ -21,7 +21,6 @@ struct GlInfo {
   // another error, or ends the process.
   bool tells_resets = false;
 };
-// Queries the current context.
 [[nodiscard]] GlInfo current_gl_info(GlApi api);
 
 // Returns the first OpenGL error since the last call and clears the rest; GL_CONTEXT_LOST if the

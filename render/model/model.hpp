@@ -25,7 +25,6 @@ struct Texture {
   std::vector<std::uint8_t> encoded = {};  // the image file; only kept for OBJ
 };
 
-// A material's reference to a texture.
 struct MaterialTexture {
   int image = -1;     // index into Model::textures, or -1: none
   int texcoords = 0;  // 0: by Mesh::texcoords; 1: by Mesh::texcoords_2

@@ -10,8 +10,7 @@
 
 #include "core/image/image_file.hpp"
 #include "core/propagate.hpp"
-#include "core/text/file.hpp"
-#include "core/text/text_encoding.hpp"
+#include "core/text/text.hpp"
 #include "render/model/model.hpp"
 #include "render/model/model_parts.hpp"
 #include "render/model/shadow_mesh.hpp"
@@ -371,9 +370,7 @@ Result<Model> load_model(const std::filesystem::path& file, const ModelReading& 
   // The readers check coordinates in the file's own unit.
   ModelLimits limits = reading.limits;
   limits.max_coordinate_m /= reading.unit_m;
-  std::string extension = file.extension().string();
-  std::ranges::transform(extension, extension.begin(),
-                         [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
+  const std::string extension = lower_extension(file);
   const bool gltf = extension == ".glb" || extension == ".gltf";
   if (!gltf && extension != ".obj") {
     return fail("{}: is not a kind of model that can be read; give a .glb, .gltf or .obj file",

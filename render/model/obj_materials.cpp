@@ -1,12 +1,9 @@
 // Reads .mtl files.
 #include <algorithm>
 #include <array>
-#include <cmath>
-#include <set>
 
 #include "core/propagate.hpp"
-#include "core/text/file.hpp"
-#include "core/text/text_encoding.hpp"
+#include "core/text/text.hpp"
 #include "render/model/model_parts.hpp"
 #include "render/model/obj_reader.hpp"
 

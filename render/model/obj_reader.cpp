@@ -6,7 +6,7 @@
 #include <limits>
 
 #include "core/propagate.hpp"
-#include "core/text/text_encoding.hpp"
+#include "core/text/text.hpp"
 #include "render/model/model_parts.hpp"
 #include "render/model/obj_reader.hpp"
 #include "render/model/to_eigen.hpp"
@@ -115,8 +115,7 @@ Result<void> ObjReader::read_position(const std::vector<std::string_view>& words
     if (!value && has_decimal_comma(words[i])) {
       return fail(
           "\"{}\" has a decimal comma; export the model with decimal points, or replace the "
-          "decimal "
-          "commas by points",
+          "decimal commas by points",
           words[i].substr(0, 40));
     }
     if (!value) {

@@ -202,7 +202,6 @@ struct Welding {
   std::optional<int> cut_depth = std::nullopt;  // of FaceOpacity::append_seen(), to cut faces
 };
 
-// Makes a mesh with welded positions.
 class Welder {
  public:
   Welder(const Model& model, std::span<const std::string> groups, const Welding& welding)

@@ -53,7 +53,6 @@ class TranslucentProgram {
   std::size_t chosen_ = 0;
 };
 
-// The blending of the fragments that follow.
 enum class Blending {
   darken,       // multiplied
   sum,          // added; alpha: the maximum

@@ -103,7 +103,6 @@ void VolumePass::note_trouble(const ShadowVolumeDraw& draw, const Volume& volume
     work.skipped.push_back({SkipReason::volume_too_far, draw.object, draw.light});
 }
 
-// Marks the pixels that show the caster itself.
 int VolumePass::mark_caster(const Drawing& drawing, const ShadowVolumeDraw& draw) const {
   const auto& [plan, lens, objects, receivers] = drawing;
   glColorMask(GL_FALSE, GL_FALSE, GL_FALSE, GL_FALSE);

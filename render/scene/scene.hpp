@@ -120,21 +120,26 @@ struct LightFractions {
   double umbra = 0.15;
   double middle = 0.4;
   double penumbra = 0.83;
+  friend bool operator==(const LightFractions&, const LightFractions&) = default;
+};
+
+// The part of a shadow node that a session may change.
+struct ShadowStyle {
+  ShadowTechnique technique = ShadowTechnique::layered;
+  KernelSource kernels = KernelSource::automatic;
+  LayeredConstants layered;
+  LightFractions fractions;
+  bool light_rays = false;  // hard and volume: rays from the lights are drawn too
 };
 
 // Casters x planes x lights with one technique.
-struct ShadowNode {
+struct ShadowNode : ShadowStyle {
   std::string name;
   std::vector<int> casters;  // indices into Scene::objects
   std::vector<int> planes;   // indices into Scene::planes
   std::vector<int> walls;    // further planes for the technique `walls`
   std::vector<int> lights;   // indices into Scene::lights; empty: the first, if one is needed
-  ShadowTechnique technique = ShadowTechnique::layered;
-  KernelSource kernels = KernelSource::automatic;
   LightMode light_mode = LightMode::proportional;  // of layered shadows; cocl has no other
-  LayeredConstants layered;
-  LightFractions fractions;
-  bool light_rays = false;  // hard and volume: rays from the lights are drawn too
 };
 
 // Limits of a node's layered shadows; irrelevant to other techniques.

@@ -15,9 +15,7 @@
 #include <valijson/validator.hpp>
 
 #include "core/propagate.hpp"
-#include "core/text/edit_distance.hpp"
-#include "core/text/file.hpp"
-#include "core/text/text_encoding.hpp"
+#include "core/text/text.hpp"
 
 namespace penumbra {
 namespace {

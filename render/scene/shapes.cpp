@@ -1,6 +1,5 @@
 #include "render/scene/shapes.hpp"
 
-#include <array>
 #include <cmath>
 #include <functional>
 #include <glm/geometric.hpp>

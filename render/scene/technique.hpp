@@ -56,7 +56,6 @@ enum class LightMode {
   fixed,         // one size: thin parts lose their umbra first (fixed_light.hpp)
 };
 
-// Methods of making shadow kernels.
 enum class KernelSource {
   automatic,  // from the silhouette, per connected part: the largest disc near each vertex
   smooth,     // the same, blended over all discs near a vertex: fewer twisted faces

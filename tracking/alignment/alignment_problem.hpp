@@ -37,7 +37,6 @@ enum class Projection {
   fine,    // the lattice with the blur of the image
 };
 
-// Model of motion during the exposure.
 enum class BlurModel {
   point_spread,  // a Gaussian point spread for each tag
   moments,       // the mean over some moments of the exposure

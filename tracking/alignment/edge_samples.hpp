@@ -63,4 +63,8 @@ class EdgeSampler {
   std::vector<simd::RunWalk::Part> run_parts_;  // of a tag
 };
 
+// Checks that the active tags' data cells read as expected at a solved pose. Sets the result's
+// tags, tags_verified, verified and reason.
+void decode_tags(AlignmentProblem& problem, EdgeSampler& sampler, AlignmentResult& result);
+
 }  // namespace penumbra

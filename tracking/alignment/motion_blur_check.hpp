@@ -26,7 +26,6 @@ class MotionBlurCheck {
                                       double longest_cells);
 
  private:
-  // The blur of one tag.
   struct Blur {
     int index = 0;
     double length_px = 0.0;

@@ -180,7 +180,6 @@ struct PatternRenderer::Impl {
 
 PatternRenderer::PatternRenderer(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
 PatternRenderer::PatternRenderer(PatternRenderer&&) noexcept = default;
-PatternRenderer& PatternRenderer::operator=(PatternRenderer&&) noexcept = default;
 PatternRenderer::~PatternRenderer() = default;
 
 Result<PatternRenderer> PatternRenderer::create(const CameraModel& camera,

@@ -61,7 +61,6 @@ class PatternRenderer {
   [[nodiscard]] static Result<PatternRenderer> create(const CameraModel& camera,
                                                       std::span<const MappedTag> tags);
   PatternRenderer(PatternRenderer&&) noexcept;
-  PatternRenderer& operator=(PatternRenderer&&) noexcept;
   ~PatternRenderer();
 
   // Renders an exposure during which the camera takes the poses of `path` for equal times. Tags

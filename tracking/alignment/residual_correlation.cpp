@@ -38,7 +38,6 @@ struct Expected {
   int edges = 0;
 };
 
-// Adds the edges of one tag.
 void add_edges(const AlignedTag& tag, const simd::Samples& s, double variance,
                std::array<Direction, 2>& directions, Expected& expected) {
   const auto* const pairs = reinterpret_cast<const Pair*>(s.leverage);

@@ -14,7 +14,6 @@
 #include "tracking/alignment/pattern_search.hpp"
 #include "tracking/alignment/pose_solver.hpp"
 #include "tracking/alignment/simd/alignment_loops.hpp"
-#include "tracking/alignment/tag_decoding.hpp"
 #include "tracking/math/spd6.hpp"
 
 namespace penumbra {
@@ -271,7 +270,6 @@ int TagAligner::Impl::more_samples(const FinePlan& plan, int now) {
   return std::min(more, plan.cap);
 }
 
-// Writes pose, covariance, counters and residuals into the result.
 void TagAligner::Impl::report_pose() {
   result.counters = problem.counters;
   result.T_table_camera = problem.pose();
@@ -286,7 +284,6 @@ void TagAligner::Impl::report_pose() {
 
 TagAligner::TagAligner(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
 TagAligner::TagAligner(TagAligner&&) noexcept = default;
-TagAligner& TagAligner::operator=(TagAligner&&) noexcept = default;
 TagAligner::~TagAligner() = default;
 
 Result<TagAligner> TagAligner::create(const CameraModel& camera, std::span<const MappedTag> tags,

@@ -145,7 +145,6 @@ class TagAligner {
                                                  std::span<const MappedTag> tags,
                                                  const AlignmentOptions& options = {});
   TagAligner(TagAligner&&) noexcept;
-  TagAligner& operator=(TagAligner&&) noexcept;
   ~TagAligner();
 
   [[nodiscard]] const AlignmentOptions& options() const;

@@ -1,10 +1,10 @@
-#include "tracking/alignment/tag_decoding.hpp"
-
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
 #include <limits>
+
+#include "tracking/alignment/edge_samples.hpp"
 
 namespace penumbra {
 namespace {

@@ -366,20 +366,21 @@ class V4l2Source final : public LiveSource {
     return poll(&waiting, 1, timeout_ms) > 0;
   }
 
-  void lose_stream(CaptureFault fault, const std::string& what,
-                   const std::optional<std::string>& now = std::nullopt) {
+  std::nullopt_t lose_stream(CaptureFault fault, const std::string& what,
+                             const std::optional<std::string>& now = std::nullopt) {
     outage_.begin({fault, what}, now);
     is_gone_ = is_gone_ || fault == CaptureFault::disconnected;
     set_stream(nullptr);
     search_.begin();
     looked_around_.reset();
+    return std::nullopt;
   }
 
-  void lose_stream(CaptureFault fault, const char* call, int error) {
+  std::nullopt_t lose_stream(CaptureFault fault, const char* call, int error) {
     if (fault == CaptureFault::disconnected) {
       return lose_stream(fault, std::string(kDisconnected), "the camera was disconnected");
     }
-    lose_stream(
+    return lose_stream(
         fault,
         fmt::format("the stream failed ({}: {}); {}", call, message_of(error), kStreamIsRestarted),
         fmt::format("the stream failed: {}", message_of(error)));
@@ -482,17 +483,15 @@ class V4l2Source final : public LiveSource {
     const int ready = poll(waiting.data(), waiting.size(), static_cast<int>(silent_ms));
     if (ready < 0 || waiting[1].revents != 0) return std::nullopt;
     if (ready == 0) {
-      lose_stream(CaptureFault::silent,
-                  fmt::format("the stream stalled: no frame and no error for {:.2g} s; {}",
-                              1e-3 * static_cast<double>(silent_ms), kStreamIsRestarted),
-                  "the stream stalled");
-      return std::nullopt;
+      return lose_stream(CaptureFault::silent,
+                         fmt::format("the stream stalled: no frame and no error for {:.2g} s; {}",
+                                     1e-3 * static_cast<double>(silent_ms), kStreamIsRestarted),
+                         "the stream stalled");
     }
     if (stream_->ring().refused()) {
       // A failed or lost device may show here before VIDIOC_DQBUF.
       const int error = stream_->refusal();
-      lose_stream(fault_of(error), "VIDIOC_QBUF", error);
-      return std::nullopt;
+      return lose_stream(fault_of(error), "VIDIOC_QBUF", error);
     }
     v4l2_buffer buffer{};
     buffer.type = V4L2_BUF_TYPE_VIDEO_CAPTURE;
@@ -500,15 +499,13 @@ class V4l2Source final : public LiveSource {
     const int error = stream_->device()->call(VIDIOC_DQBUF, &buffer);
     if (error == EAGAIN && (waiting[0].revents & (POLLERR | POLLHUP)) == 0) return std::nullopt;
     if (error != 0) {
-      lose_stream(fault_of(error == EAGAIN ? EIO : error), "VIDIOC_DQBUF",
-                  error == EAGAIN ? EIO : error);
-      return std::nullopt;
+      return lose_stream(fault_of(error == EAGAIN ? EIO : error), "VIDIOC_DQBUF",
+                         error == EAGAIN ? EIO : error);
     }
     if (buffer.index >= stream_->ring().size()) {
-      lose_stream(
+      return lose_stream(
           CaptureFault::io_error,
           fmt::format("the driver returned a buffer that does not exist; {}", kStreamIsRestarted));
-      return std::nullopt;
     }
     return receive(buffer);
   }

@@ -31,7 +31,6 @@ struct VideoColors {
 [[nodiscard]] VideoColors v4l2_colors(std::uint32_t colorspace, std::uint32_t ycbcr_enc,
                                       std::uint32_t quantization);
 
-// Returns true if frames of this format can be read.
 [[nodiscard]] bool reads_v4l2_format(std::uint32_t fourcc);
 
 }  // namespace penumbra

@@ -6,7 +6,7 @@
 #include <charconv>
 
 #include "core/propagate.hpp"
-#include "core/text/file.hpp"
+#include "core/text/text.hpp"
 #include "render/model/model_parts.hpp"
 
 namespace penumbra::gltf {

@@ -7,7 +7,7 @@
 #include <nlohmann/json.hpp>
 
 #include "core/propagate.hpp"
-#include "core/text/text_encoding.hpp"
+#include "core/text/text.hpp"
 #include "render/model/model_parts.hpp"
 
 namespace penumbra::gltf {

@@ -16,7 +16,6 @@ inline constexpr const char* kDraco = "KHR_draco_mesh_compression";
 // Returns the extension that compresses a buffer view, or nullptr.
 [[nodiscard]] const char* compression_of(const tinygltf::BufferView& view);
 
-// Returns the error for compressed data.
 [[nodiscard]] tl::unexpected<Error> fail_compressed(const std::string& extension);
 
 // Refuses a file that requires an extension which may change its shape and is not read.

@@ -12,7 +12,6 @@
 
 namespace penumbra::gltf {
 
-// A primitive at one place.
 struct PrimitiveUse {
   std::size_t index = 0;            // among the mesh's primitives
   std::uint32_t source_vertex = 0;  // Mesh::source_vertex of its first vertex there
@@ -21,7 +20,6 @@ struct PrimitiveUse {
   bool is_hidden = false;  // its transforms flatten the surface
 };
 
-// A mesh at one place.
 struct MeshUse {
   int node = -1;  // -1: a file without nodes
   int mesh = -1;

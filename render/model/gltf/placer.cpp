@@ -36,7 +36,6 @@ Orientation orientation_of(const Eigen::Matrix4d& T) {
   return result;
 }
 
-// Transforms one primitive vertex by vertex.
 class VertexTransformer {
  public:
   explicit VertexTransformer(const PlacedPrimitive& placed)

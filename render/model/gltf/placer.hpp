@@ -15,7 +15,6 @@
 
 namespace penumbra::gltf {
 
-// The transform of the vertices of a mesh.
 struct VertexPlacement {
   Eigen::Matrix4d T_root_mesh = Eigen::Matrix4d::Identity();      // of a rigid mesh
   const std::vector<Eigen::Matrix4d>* joint_matrices = nullptr;   // of a skinned one

@@ -3,7 +3,7 @@
 #include <glm/geometric.hpp>
 
 #include "core/propagate.hpp"
-#include "core/text/file.hpp"
+#include "core/text/text.hpp"
 #include "render/model/gltf/buffers.hpp"
 #include "render/model/gltf/document.hpp"
 #include "render/model/gltf/extensions.hpp"

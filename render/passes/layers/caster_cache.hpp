@@ -80,7 +80,6 @@ struct KernelSet {
 };
 
 struct CachedCaster {
-  // A comparison of the proxy with the full mesh.
   struct ProxyKey {
     KernelKey kernels;
     LightMode light_mode = LightMode::proportional;

@@ -36,9 +36,8 @@ MaskPart::Faces MaskPart::face_images(RenderWork& work) const {
   const CasterBody& body = caster->body(reduced);
   const std::vector<std::uint32_t>& indices = body.oriented ? *body.oriented : mesh.indices;
   std::vector<CasterVertex> vertices =
-      own_vertices(own, mesh.positions, caster->kernels(caster->sets.at(kernels), reduced));
+      own_vertices(own, mesh.positions, caster->kernels(caster->sets.at(kernels), reduced), work);
   settle_contact(vertices);
-  work[Counter::shadow_vertices] += static_cast<std::int64_t>(vertices.size());
   std::vector<VertexDisc> discs;
   if (light_mode == LightMode::fixed) {
     discs = CasterCache::discs_of(*caster, kernels, reduced, own.T_own_object.scale, work);

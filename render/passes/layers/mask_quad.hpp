@@ -16,7 +16,6 @@
 
 namespace penumbra {
 
-// One mask on the GPU.
 class MaskTexture {
  public:
   // `codes`: from MaskRaster::finish().

@@ -44,7 +44,6 @@ class PlaneMasks {
     std::vector<MaskPart> parts;
     MaskTexture texture;
   };
-  // The masks of a plane with their inputs.
   struct DrawnMasks {
     bool made = false;
     std::vector<MaskPart> parts;

@@ -88,9 +88,7 @@ void clip_layers(const ShadowDraw& draw, const CachedCaster& caster, const Kerne
                  PreparedShadow& prepared, RenderWork& work) {
   const CasterBody& body = caster.body(prepared.key.reduced);
   const std::vector<CasterVertex> vertices = own_vertices(
-      prepared.own, body.geometry.positions, kernels.vertices(prepared.key.reduced).kernels);
-  work[Counter::shadow_vertices] += static_cast<std::int64_t>(vertices.size());
-
+      prepared.own, body.geometry.positions, kernels.vertices(prepared.key.reduced).kernels, work);
   std::vector<CasterVertex> clipped;
   for (std::size_t i = 0; i < 3; ++i) {
     LayerGeometry& layer = prepared.layers[i];
@@ -134,7 +132,8 @@ HeightRange range_of(const ShadowDraw& draw, ShadowLayer layer) {
 }
 
 std::vector<CasterVertex> own_vertices(const OwnFrame& own, std::span<const glm::vec3> positions,
-                                       std::span<const glm::vec3> kernels) {
+                                       std::span<const glm::vec3> kernels, RenderWork& work) {
+  work[Counter::shadow_vertices] += static_cast<std::int64_t>(positions.size());
   const PlaneMap map = plane_map(own.T_own_object, PlaneFrame());
   std::vector<CasterVertex> vertices;
   vertices.reserve(positions.size());
@@ -283,10 +282,9 @@ void ShadowGeometry::image_layers(const ShadowDraw& draw, CachedCaster& caster, 
   const CasterBody& body = caster.body(prepared.key.reduced);
   const ShadowMesh& mesh = caster.casting_mesh(prepared.key.reduced);
   const Placement& T_own_object = prepared.own.T_own_object;
-  std::vector<CasterVertex> vertices =
-      own_vertices(prepared.own, mesh.positions, caster.kernels(kernels, prepared.key.reduced));
+  std::vector<CasterVertex> vertices = own_vertices(
+      prepared.own, mesh.positions, caster.kernels(kernels, prepared.key.reduced), work);
   settle_contact(vertices);
-  work[Counter::shadow_vertices] += static_cast<std::int64_t>(vertices.size());
   std::vector<VertexDisc> discs;
   if (fixed) {
     discs = CasterCache::discs_of(caster, prepared.key.kernels, prepared.key.reduced,
@@ -414,8 +412,7 @@ std::optional<ShadowReach> ShadowGeometry::reach_of(const Scene& scene, const Sh
   const CasterCache::Casting with = casters_.casting(draw, caster, own, false, work);
   const ShadowMesh& mesh = caster.casting_mesh(with.reduced);
   const std::vector<CasterVertex> vertices =
-      own_vertices(own, mesh.positions, caster.kernels(*with.kernels, with.reduced));
-  work[Counter::shadow_vertices] += static_cast<std::int64_t>(vertices.size());
+      own_vertices(own, mesh.positions, caster.kernels(*with.kernels, with.reduced), work);
   // The images of a cut face lie between those of its vertices.
   std::vector<bool> casts(vertices.size(), false);
   const double least = from - kContactTolerance;

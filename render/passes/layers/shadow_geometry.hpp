@@ -100,10 +100,12 @@ struct ShadowReach {
 // Returns for each wanted layer whether the whole mesh, a part (clipped) or nothing is in its
 // heights.
 [[nodiscard]] LayerSources cut_layers(const ShadowDraw& draw, const CachedCaster& caster);
-// Returns positions and kernels in the own frame, where sliding and turning don't change them.
+// Returns positions and kernels in the own frame, where sliding and turning don't change them, and
+// counts them.
 [[nodiscard]] std::vector<CasterVertex> own_vertices(const OwnFrame& own,
                                                      std::span<const glm::vec3> positions,
-                                                     std::span<const glm::vec3> kernels);
+                                                     std::span<const glm::vec3> kernels,
+                                                     RenderWork& work);
 // Moves vertices that rounding put below the plane onto it.
 void settle_contact(std::vector<CasterVertex>& vertices);
 

@@ -4,8 +4,7 @@
 #include <limits>
 
 #include "core/propagate.hpp"
-#include "core/text/file.hpp"
-#include "core/text/text_encoding.hpp"
+#include "core/text/text.hpp"
 #include "render/model/gltf/buffers.hpp"
 #include "render/model/gltf/document.hpp"
 #include "render/model/model.hpp"
@@ -123,8 +122,7 @@ Result<GlbDocument> GlbDocument::open(const std::filesystem::path& file,
     PENUMBRA_TRY(auto opened, gltf::open_glb(name, bytes));
     container = opened;
   } else {
-    PENUMBRA_TRY(const auto text, without_byte_order_mark(container.json, name));
-    container.json = text;
+    PENUMBRA_TRY(container.json, without_byte_order_mark(container.json, name));
   }
   PENUMBRA_TRY(auto parsed, gltf::parse_document(name, container.json));
   gltf::Buffers buffers(file, std::move(parsed.buffers), container.binary, most);

@@ -11,7 +11,6 @@
 
 #include "core/propagate.hpp"
 #include "core/text/text.hpp"
-#include "core/text/text_encoding.hpp"
 #include "render/model/model_parts.hpp"
 #include "render/model/shadow_mesh.hpp"
 #include "render/model/to_eigen.hpp"

@@ -9,7 +9,7 @@
 #include <span>
 
 #include "core/propagate.hpp"
-#include "core/text/text_encoding.hpp"
+#include "core/text/text.hpp"
 #include "render/model/gltf/extensions.hpp"
 #include "render/model/gltf/mesh_uses.hpp"
 #include "render/model/model_parts.hpp"
@@ -89,7 +89,6 @@ bool replace_vectors(GlbDocument& document, const Readers& readers, const Json& 
   return document.overwrite(view.value("byteOffset", std::size_t{0}), vectors);
 }
 
-// Adds kernels to the meshes of a document.
 class KernelWriter {
  public:
   KernelWriter(GlbDocument& document, const KernelFile& kernels, double unit_m, std::string name)
@@ -203,8 +202,7 @@ class KernelWriter {
       if (!T_vertex_root.back().matrix().allFinite()) {
         return fail(
             "{}: one of its meshes is flattened by its node or joints; store the kernels in a "
-            ".json "
-            "file",
+            ".json file",
             name_);
       }
     }
@@ -238,8 +236,7 @@ Result<KernelGlb> add_to_document(const std::filesystem::path& file, const Kerne
     PENUMBRA_TRY_VOID(writer.add(use));
   }
   writer.finish();
-  PENUMBRA_TRY(auto bytes, document.finish());
-  result.bytes = std::move(bytes);
+  PENUMBRA_TRY(result.bytes, document.finish());
   return result;
 }
 

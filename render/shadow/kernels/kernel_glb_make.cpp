@@ -7,7 +7,7 @@
 
 #include "core/image/image_file.hpp"
 #include "core/propagate.hpp"
-#include "core/text/text_encoding.hpp"
+#include "core/text/text.hpp"
 #include "render/model/model_parts.hpp"
 #include "render/shadow/kernels/glb_document.hpp"
 #include "render/shadow/kernels/kernel_glb.hpp"
@@ -138,7 +138,6 @@ bool has_own_image(const Texture& texture) {
   return decoded && decoded->pixels == texture.rgba;
 }
 
-// Adds images and materials.
 class MaterialWriter {
  public:
   explicit MaterialWriter(GlbDocument& document) : document_(document) {}
@@ -257,8 +256,7 @@ Result<KernelGlb> make_document(const Model& model, KernelFile kernels) {
     json["meshes"].push_back(std::move(mesh));
     add_named_node(json, model, piece);
   }
-  PENUMBRA_TRY(auto bytes, document.finish());
-  result.bytes = std::move(bytes);
+  PENUMBRA_TRY(result.bytes, document.finish());
   return result;
 }
 

@@ -80,7 +80,6 @@ struct CellSamples {
   }
 };
 
-// One part.
 struct PartGeometry {
   std::span<const Eigen::Vector2f> points;  // [m], from the part's first point
   std::span<const std::uint32_t> faces;     // indices into points

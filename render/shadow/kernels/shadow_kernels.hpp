@@ -21,7 +21,6 @@ struct ShadowKernels {
   std::vector<float> radius;
 };
 
-// The constants of automatic kernels.
 struct KernelTuning {
   // A vertex belongs to the largest disc inside its part's silhouette that reaches it when grown by
   // this. At least sqrt(2): then the corners of a square share its centre.

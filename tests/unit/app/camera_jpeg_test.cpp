@@ -9,7 +9,7 @@
 #include "app/recording/recording_source.hpp"
 #include "app/recording/recording_writer.hpp"
 #include "core/image/image_file.hpp"
-#include "core/text/file.hpp"
+#include "core/text/text.hpp"
 #include "support/jpeg_images.hpp"
 #include "support/paths.hpp"
 #include "support/recording_folder.hpp"

@@ -9,7 +9,7 @@
 #include <string>
 #include <vector>
 
-#include "core/text/file.hpp"
+#include "core/text/text.hpp"
 #include "support/deep_png.hpp"
 #include "support/paths.hpp"
 

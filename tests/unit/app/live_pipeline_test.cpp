@@ -9,7 +9,7 @@
 
 #include "app/live/live_camera.hpp"
 #include "app/live/live_recorder.hpp"
-#include "core/text/file.hpp"
+#include "core/text/text.hpp"
 #include "support/recording_folder.hpp"
 
 namespace penumbra {

@@ -14,7 +14,6 @@
 #include <thread>
 
 #include "app/recording/recording_source.hpp"
-#include "core/text/file.hpp"
 #include "core/text/text.hpp"
 #include "support/paths.hpp"
 #include "support/test_form.hpp"

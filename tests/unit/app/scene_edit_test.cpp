@@ -55,7 +55,7 @@ TEST(SceneEdit, IgnoresUnknownTargetsAndInvalidValues) {
   placed = placed_somewhere();
   placed.placement.rotation.coeffs() *= 2.0;
   EXPECT_FALSE(apply(scene, placed));
-  ShadowStyled styled{"shadow", style_of(scene.shadows[0])};
+  ShadowStyled styled{"shadow", scene.shadows[0]};
   styled.style.fractions.umbra = 1.5;
   EXPECT_FALSE(apply(scene, styled));
   styled.style.fractions.umbra = 0.5;

@@ -28,7 +28,7 @@ std::vector<std::vector<std::uint8_t>> noise(int width, int height, int count) {
   return pictures;
 }
 
-void write_all(const fs::path& file, VideoCodec codec, const FrameFormat& format,
+void write_all(const fs::path& file, OutputKind codec, const FrameFormat& format,
                const std::vector<std::vector<std::uint8_t>>& pictures,
                const std::vector<std::int64_t>& times_ns) {
   av_log_set_level(AV_LOG_ERROR);
@@ -54,7 +54,7 @@ TEST(VideoWriter, StoresEveryPixelAndTimestampInFfv1) {
   // Irregular times that do not start at 0.
   const std::vector<std::int64_t> times = {5'000'000'000, 5'033'333'000, 5'066'667'000,
                                            5'200'000'000, 5'201'000'000};
-  write_all(file, VideoCodec::ffv1, {37, 23, 1.0 / 30.0}, pictures, times);
+  write_all(file, OutputKind::ffv1, {37, 23, 1.0 / 30.0}, pictures, times);
 
   const DecodedVideo video = decode_video(file);
   ASSERT_TRUE(video.opened);
@@ -76,15 +76,15 @@ TEST(VideoWriter, StoresEveryPixelAndTimestampInFfv1) {
   }
 }
 
-class VideoWriterCodec : public testing::TestWithParam<VideoCodec> {
+class VideoWriterCodec : public testing::TestWithParam<OutputKind> {
  protected:
   [[nodiscard]] static std::string extension() {
-    return GetParam() == VideoCodec::ffv1 ? ".mkv" : ".mp4";
+    return GetParam() == OutputKind::ffv1 ? ".mkv" : ".mp4";
   }
 };
 INSTANTIATE_TEST_SUITE_P(Codecs, VideoWriterCodec,
-                         testing::Values(VideoCodec::ffv1, VideoCodec::h264), [](const auto& test) {
-                           return test.param == VideoCodec::ffv1 ? "Ffv1" : "H264";
+                         testing::Values(OutputKind::ffv1, OutputKind::h264), [](const auto& test) {
+                           return test.param == OutputKind::ffv1 ? "Ffv1" : "H264";
                          });
 
 TEST_P(VideoWriterCodec, WritesSameBytesForSameFrames) {
@@ -170,7 +170,7 @@ TEST_P(H264Colors, MatchColorTagsOfStream) {
   for (int i = 0; i < expected.width * expected.height; ++i) {
     picture.insert(picture.end(), {200, 60, 30, 255});
   }
-  write_all(file, VideoCodec::h264, {expected.width, expected.height, 1.0 / 30.0},
+  write_all(file, OutputKind::h264, {expected.width, expected.height, 1.0 / 30.0},
             {picture, picture, picture}, {0, 33'000'000, 66'000'000});
   const DecodedVideo video = decode_video(file);
   ASSERT_TRUE(video.opened);

@@ -13,7 +13,6 @@
 
 #include "calib/target/target_detector.hpp"
 #include "core/image/image_file.hpp"
-#include "core/text/file.hpp"
 #include "core/text/text.hpp"
 #include "support/paths.hpp"
 #include "tracking/detection/tag_detector.hpp"

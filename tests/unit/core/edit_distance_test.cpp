@@ -1,4 +1,4 @@
-#include "core/text/edit_distance.hpp"
+#include "core/text/text.hpp"
 
 #include <gtest/gtest.h>
 

@@ -11,7 +11,7 @@
 #include <string>
 #include <vector>
 
-#include "core/text/file.hpp"
+#include "core/text/text.hpp"
 #include "support/paths.hpp"
 
 namespace penumbra {

@@ -11,7 +11,7 @@
 #include <vector>
 
 #include "core/image/image_file.hpp"
-#include "core/text/file.hpp"
+#include "core/text/text.hpp"
 #include "support/deep_png.hpp"
 #include "support/paths.hpp"
 

@@ -1,4 +1,4 @@
-#include "core/text/text_encoding.hpp"
+#include "core/text/text.hpp"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>

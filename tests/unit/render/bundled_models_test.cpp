@@ -14,7 +14,7 @@
 #include <utility>
 #include <vector>
 
-#include "core/text/file.hpp"
+#include "core/text/text.hpp"
 #include "support/paths.hpp"
 #include "tools/models/bundled_models.hpp"
 #include "tools/models/glb_writer.hpp"

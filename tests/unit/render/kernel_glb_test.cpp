@@ -7,7 +7,7 @@
 #include <nlohmann/json.hpp>
 
 #include "core/image/image_file.hpp"
-#include "core/text/file.hpp"
+#include "core/text/text.hpp"
 #include "render/model/model.hpp"
 #include "render/shadow/kernels/kernel_file.hpp"
 #include "render/shadow/kernels/kernel_glb.hpp"
