@@ -78,7 +78,10 @@ bool Bundle::solve(int free_coefficients, bool square_pixels, bool move_centre, 
   problem.AddParameterBlock(lens.data(), kLensSize);
   std::vector<int> fixed;
   if (square_pixels) fixed.push_back(1);
-  if (!move_centre) fixed.insert(fixed.end(), {2, 3});
+  if (!move_centre) {
+    fixed.push_back(2);
+    fixed.push_back(3);
+  }
   const int count = coefficients();
   for (int i = 0; i < 8; ++i) {
     if (i >= std::min(count, free_coefficients)) fixed.push_back(4 + i);
