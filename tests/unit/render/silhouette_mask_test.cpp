@@ -1280,7 +1280,10 @@ TEST_F(DrawnMask, SupportsEveryTechnique) {
     without.skip = false;
     EXPECT_EQ(shadows(recreated, without), mask);
     EXPECT_GT(recreated.stats()[Counter::shadow_vertices], 0);
-    EXPECT_EQ(shadows(recreated, by(LayerDrawing::mask, Translucency::retexture)), mask);
+    const Picture retextured = shadows(recreated, by(LayerDrawing::mask, Translucency::retexture));
+    const int rounding = recreated.context().info().software ? 0 : 1;  // of another program
+    for (std::size_t i = 0; i < mask.rgba.size(); ++i)
+      ASSERT_LE(std::abs(int{retextured.rgba[i]} - int{mask.rgba[i]}), rounding);
   }
 }
 

@@ -140,6 +140,11 @@ bool all_black_of_are_black_in(const Picture& lighter, const Picture& darker) {
   }
   return true;
 }
+// A GPU may round two programs' results differently; software OpenGL does not.
+int rounding_codes(Studio& studio) {
+  return studio.context().info().software ? 0 : 1;
+}
+
 int largest_difference(const Picture& a, const Picture& b) {
   int largest = 0;
   for (std::size_t i = 0; i < a.rgba.size(); ++i)
@@ -317,7 +322,7 @@ TEST(Retexture, MatchesBlending) {
             };
             // A faint object that is darkened is rounded twice when blended.
             EXPECT_LE(largest_difference(draw(Translucency::blend), draw(Translucency::retexture)),
-                      age_s > 0.0 ? 2 : 1)
+                      rounding_codes(studio) + (age_s > 0.0 ? 2 : 1))
                 << name << " " << age_s;
           }
         }
@@ -371,15 +376,18 @@ TEST(Retexture, BlendsFaintRaysOnce) {
   const Picture faint = draw(true, true);
   const Picture faint_without = draw(true, false);
   int rays = 0;
+  int wrong = 0;
   for (std::size_t i = 0; i < solid.rgba.size(); i += 4) {
     const bool ray = !std::equal(&solid.rgba[i], &solid.rgba[i] + 4, &solid_without.rgba[i]);
     rays += ray ? 1 : 0;
     for (std::size_t c = i; c < i + 3; ++c) {
       const double expected =
           ray ? 0.5 * (solid.rgba[c] + faint_without.rgba[c]) : faint_without.rgba[c];
-      ASSERT_NEAR(faint.rgba[c], expected, 1.01);
+      wrong += std::abs(faint.rgba[c] - expected) > 1.01 ? 1 : 0;
     }
   }
+  // A GPU may decide otherwise at a pixel where a ray and an object have nearly the same depth.
+  EXPECT_LE(wrong, 3 * rounding_codes(studio));
   EXPECT_GT(rays, 500);
 }
 
@@ -394,7 +402,8 @@ TEST(Retexture, FetchesEveryVideoFormat) {
         return studio.draw_shadows(frame, studio.plan(above(), options_of(mode, technique)));
       };
       const Picture blended = draw(Translucency::blend);
-      EXPECT_LE(largest_difference(blended, draw(Translucency::retexture)), 1);
+      EXPECT_LE(largest_difference(blended, draw(Translucency::retexture)),
+                1 + rounding_codes(studio));
       EXPECT_GT(largest_difference(blended, studio.draw(frame, FramePlan())), 40);
     }
   }
@@ -524,8 +533,9 @@ TEST(Translucency, DrawsSameFrameWhenSkippingInvisibleParts) {
       for (const CameraPose& view : views_of_case(cases++)) {
         const FramePlan plan = with.plan(test::tracked(view), some);
         skipped += plan.skipped.size();
-        ASSERT_EQ(with.draw(frame, plan),
-                  without.draw(frame, without.plan(test::tracked(view), all)))
+        const Picture skipping = with.draw(frame, plan);
+        const Picture whole = without.draw(frame, without.plan(test::tracked(view), all));
+        ASSERT_LE(largest_difference(skipping, whole), rounding_codes(with))
             << to_string(mode) << " " << name << " " << view.translation().transpose();
       }
     }
