@@ -23,7 +23,7 @@ void take_corners(Measurement& measurement) {
 
 // Returns true if two thirds of the tags that should be readable were detected.
 bool shows_most(const RigidTags& group, const Measurement& measurement) {
-  return 3 * measurement.tags_used >= 2 * group.in_view(measurement.best.T_table_camera);
+  return 3 * measurement.tags_used >= 2 * group.in_view(measurement.best.T_map_camera);
 }
 
 // Returns true if a finer search would find no other pose, nor inconsistent tags.
@@ -103,7 +103,7 @@ MeasurementResult CornerSearch::detect(const RigidTags& group, SearchResolution 
 }
 
 MeasurementResult CornerSearch::find(const RigidTags& group, SearchResolution finest,
-                                     const std::optional<CameraPose>& predicted,
+                                     const std::optional<MapFromCamera>& predicted,
                                      TrackTimes& times) {
   const auto box =
       predicted && finest != SearchResolution::quarter ? group.box_about(*predicted) : std::nullopt;

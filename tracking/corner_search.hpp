@@ -31,7 +31,7 @@ class CornerSearch {
   // Searches the predicted region, then the whole frame, at low and at full resolution in turn. The
   // first frame is searched at every resolution.
   [[nodiscard]] MeasurementResult find(const RigidTags& group, SearchResolution finest,
-                                       const std::optional<CameraPose>& predicted,
+                                       const std::optional<MapFromCamera>& predicted,
                                        TrackTimes& times);
   // Pose by the corners of detected tags, by this project's own solver.
   [[nodiscard]] MeasurementResult measure(const RigidTags& group,

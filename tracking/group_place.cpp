@@ -40,20 +40,15 @@ Matrix6d carried_to_camera(const MiddleFromCamera& T_middle_camera, const Matrix
   return A * of_place * A.transpose();
 }
 
-// The overlay functions are typed for the table; a group's middle takes its place here.
-CameraPose as_table(const MiddleFromCamera& pose) {
-  return {pose.rotation(), pose.translation()};
-}
-
 double overlay_distance_px(const CameraModel& camera, const MiddleFromCamera& a,
                            const MiddleFromCamera& b) {
-  return overlay_difference(camera, as_table(a), as_table(b)).rms_px();
+  return overlay_difference(camera, as_map_pose(a), as_map_pose(b)).rms_px();
 }
 
 double predicted_overlay_px(const CameraModel& camera, const MiddleFromCamera& pose,
                             const Matrix6d& covariance) {
   return add_lens_uncertainty_px(camera,
-                                 predicted_overlay_error_px(camera, as_table(pose), covariance));
+                                 predicted_overlay_error_px(camera, as_map_pose(pose), covariance));
 }
 
 TrackStatus worse(TrackStatus a, TrackStatus b) {
@@ -126,7 +121,7 @@ GroupEstimate GroupPlace::coasting(const CameraModel& camera, double hold_s,
 
 GroupEstimate GroupPlace::update(const CameraModel& camera, double hold_s,
                                  std::int64_t timestamp_ns, const PoseEstimate& table_pose,
-                                 const PoseEstimate& seen) {
+                                 const MapPoseEstimate& seen) {
   const auto coast = [&](PoseReason reason) {
     return coasting(camera, hold_s, timestamp_ns, table_pose, std::move(reason));
   };
@@ -152,7 +147,7 @@ GroupEstimate GroupPlace::update(const CameraModel& camera, double hold_s,
 }
 
 GroupEstimate GroupPlace::measured(const CameraModel& camera, const PoseEstimate& table_pose,
-                                   const PoseEstimate& seen) {
+                                   const MapPoseEstimate& seen) {
   GroupEstimate estimate;
   estimate.name = name_;
   estimate.T_group_middle = T_group_middle_;

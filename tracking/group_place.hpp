@@ -10,6 +10,7 @@
 #include "core/geometry/group_pose.hpp"
 #include "core/geometry/pose_estimate.hpp"
 #include "tracking/detection/pose_refiner.hpp"
+#include "tracking/motion/pose_history.hpp"
 #include "tracking/tracked_frame.hpp"
 
 namespace penumbra {
@@ -17,9 +18,12 @@ namespace penumbra {
 using MiddleFromCamera = Transform<frame::GroupMiddle, frame::Camera>;
 using TableFromMiddle = Transform<frame::Table, frame::GroupMiddle>;
 
-// The pose in an estimate of a group's own tracker, whose table frame is the group's middle.
-[[nodiscard]] inline MiddleFromCamera over_middle(const PoseEstimate& seen) {
-  return {seen.T_table_camera.rotation(), seen.T_table_camera.translation()};
+// Poses of a group's own tracker, whose map has the group's middle as its frame.
+[[nodiscard]] inline MiddleFromCamera over_middle(const MapPoseEstimate& seen) {
+  return {seen.T_map_camera.rotation(), seen.T_map_camera.translation()};
+}
+[[nodiscard]] inline MapFromCamera as_map_pose(const MiddleFromCamera& T_middle_camera) {
+  return {T_middle_camera.rotation(), T_middle_camera.translation()};
 }
 
 // Returns true if the pose was measured in its frame.
@@ -46,7 +50,7 @@ class GroupPlace {
   // extrapolated.
   [[nodiscard]] GroupEstimate update(const CameraModel& camera, double hold_s,
                                      std::int64_t timestamp_ns, const PoseEstimate& table_pose,
-                                     const PoseEstimate& seen);
+                                     const MapPoseEstimate& seen);
 
  private:
   struct Place {
@@ -58,7 +62,7 @@ class GroupPlace {
   bool take(const CameraModel& camera, const Place& now, bool uncertain,
             const CameraPose& T_table_camera);
   [[nodiscard]] GroupEstimate measured(const CameraModel& camera, const PoseEstimate& table_pose,
-                                       const PoseEstimate& seen);
+                                       const MapPoseEstimate& seen);
   [[nodiscard]] GroupEstimate coasting(const CameraModel& camera, double hold_s,
                                        std::int64_t timestamp_ns, const PoseEstimate& table_pose,
                                        PoseReason reason) const;

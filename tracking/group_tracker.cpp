@@ -37,7 +37,7 @@ void add(const TrackTimes& more, TrackTimes& times) {
   times.full_detection = times.full_detection || more.full_detection;
 }
 
-// A map of the group's tags alone, with the group's middle as its table frame.
+// A map of the group's tags alone. Its frame, which `T_table_tag` refers to, is the group's middle.
 Result<TagMap> map_of_group(const TagMap& tags, const std::string& group) {
   const auto T_middle_group = middle_of_group(tags, group).inverse();
   std::vector<MappedTag> own;
@@ -169,17 +169,19 @@ TrackedFrame GroupTracker::Impl::follow_table(const Frame& frame, const Past* pa
   if (beside && options.search_timing == SearchTiming::when_done) {
     request.finest = SearchResolution::half;
     if (past != nullptr && !is_measured(past->table_pose.status)) {
-      const PoseEstimate then = table.locate(past->found.tags);
+      const MapPoseEstimate then = table.locate(past->found.tags);
       if (is_measured(then.status)) {
         // A search pays here if the tags moved too far to be recognised.
-        if (past->recent) request.hint = then.T_table_camera;
+        if (past->recent) request.hint = then.T_map_camera;
         request.hint_seen = past->recent;
         request.finest = SearchResolution::full;
         request.begins_finest = true;
       }
     }
   }
-  return table.track(frame, request);
+  const auto [seen, times] = table.track(frame, request);
+  PoseEstimate pose{seen, as_table_pose(seen.T_map_camera), seen.ambiguity_ratio};
+  return {.frame = frame, .pose = std::move(pose), .times = times, .groups = {}};
 }
 
 // Tracks a group in a frame whose table pose is in `result`.
@@ -188,25 +190,22 @@ GroupEstimate GroupTracker::Impl::follow(Group& group, const Frame& frame, const
   const PoseEstimate& table_pose = result.pose;
   const int unseen = group.unseen;
   TrackRequest request = request_for(group);
-  std::optional<MiddleFromCamera> hint;
   // The group's last place. A search of the frame finds more, tags in wrong places too.
   const bool looks = !search->searched() && (unseen < kLooksAtFirst || unseen % kLooksEvery == 0);
   if (looks && is_measured(table_pose.status))
-    hint = group.place.shown().inverse() * table_pose.T_table_camera;
-  PoseEstimate then;  // where the group was seen in the past
+    request.hint = as_map_pose(group.place.shown().inverse() * table_pose.T_table_camera);
+  MapPoseEstimate then;  // where the group was seen in the past
   if (past != nullptr && past->recent && unseen > 0 && is_measured(past->table_pose.status))
     then = group.tracker.locate(past->found.tags);
   const bool was_seen = is_measured(then.status);
   if (was_seen && is_measured(table_pose.status)) {
     // Brought forward by the camera's motion over the table.
-    hint =
-        over_middle(then) * (past->table_pose.T_table_camera.inverse() * table_pose.T_table_camera);
+    request.hint = as_map_pose(over_middle(then) * (past->table_pose.T_table_camera.inverse() *
+                                                    table_pose.T_table_camera));
     request.hint_seen = true;
   }
-  if (hint) request.hint = CameraPose(hint->rotation(), hint->translation());
-  const TrackedFrame tracked = group.tracker.track(frame, request);
-  const PoseEstimate& seen = tracked.pose;
-  add(tracked.times, result.times);
+  const auto [seen, times] = group.tracker.track(frame, request);
+  add(times, result.times);
   search_due = search_due || (seen.status != TrackStatus::tracked && searches(unseen));
   group.unseen = seen.status == TrackStatus::tracked ? 0 : unseen + 1;
   // Not verified in this frame: extrapolate from where it was seen.

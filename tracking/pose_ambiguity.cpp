@@ -20,10 +20,10 @@ constexpr double kSameResiduals = 2.0;
 constexpr double kRunTogether_sigmas = 5.0;
 
 // The pose from which the verified tags, all in one plane, look the same but for perspective.
-CameraPose mirrored(const RigidTags& group, const CameraPose& pose,
-                    std::span<const TagAlignment> seen) {
-  const Transform<frame::Camera, frame::Table> T_camera_table = pose.inverse();
-  Eigen::Vector3d middle = Eigen::Vector3d::Zero();  // of the tags, in the table frame
+MapFromCamera mirrored(const RigidTags& group, const MapFromCamera& pose,
+                       std::span<const TagAlignment> seen) {
+  const Transform<frame::Camera, frame::Map> T_camera_map = pose.inverse();
+  Eigen::Vector3d middle = Eigen::Vector3d::Zero();  // of the tags, in the map's frame
   Eigen::Vector3d normal = Eigen::Vector3d::UnitZ();
   int count = 0;
   for (const TagAlignment& tag : seen) {
@@ -33,14 +33,13 @@ CameraPose mirrored(const RigidTags& group, const CameraPose& pose,
     middle += T_table_tag.translation();
   }
   if (count > 0) middle /= count;
-  const Eigen::Vector3d at = T_camera_table * middle;
+  const Eigen::Vector3d at = T_camera_map * middle;
   const Eigen::Vector3d sight = at.normalized();
   const auto reflection = [](const Eigen::Vector3d& n) {
     return Eigen::Matrix3d(Eigen::Matrix3d::Identity() - 2.0 * n * n.transpose());
   };
-  const Eigen::Matrix3d R =
-      reflection(sight) * T_camera_table.rotation_matrix() * reflection(normal);
-  return Transform<frame::Camera, frame::Table>(Eigen::Quaterniond(R), at - R * middle).inverse();
+  const Eigen::Matrix3d R = reflection(sight) * T_camera_map.rotation_matrix() * reflection(normal);
+  return Transform<frame::Camera, frame::Map>(Eigen::Quaterniond(R), at - R * middle).inverse();
 }
 
 }  // namespace
@@ -52,7 +51,7 @@ bool add_second_pose(const RigidTags& group, const Alignment& first, const Image
   other.input.luma = first.input.luma;
   other.input.exposure_motion = first.input.exposure_motion;
   other.input.velocity = first.input.velocity;
-  other.input.predicted = mirrored(group, measurement.best.T_table_camera, seen);
+  other.input.predicted = mirrored(group, measurement.best.T_map_camera, seen);
   other.input.covariance = loose_covariance();
   other.input.rejected = first.input.rejected;
   measurement.second.reset();
@@ -64,18 +63,18 @@ bool add_second_pose(const RigidTags& group, const Alignment& first, const Image
     if (tag.verified && tag.cell_px > kRunTogether_sigmas * first.aligner.options().blur_px)
       residuals = 0.0;
   }
-  const auto look_the_same = [&](const CameraPose& pose, double residual_px) {
-    return group.corner_distance_px(measurement.best.T_table_camera, pose, seen) <
+  const auto look_the_same = [&](const MapFromCamera& pose, double residual_px) {
+    return group.corner_distance_px(measurement.best.T_map_camera, pose, seen) <
            std::max(kSame_px, residuals * residual_px);
   };
-  const CameraPose mirror = other.input.predicted;
+  const MapFromCamera mirror = other.input.predicted;
   other.run();
   const std::optional<RefinedPose> second = pose_of(group, other, motion);
   if (!second) {
     // If the cells read right only from one of two different poses, that pose is the true one.
     if (look_the_same(mirror, measurement.best.noise_px)) {
       measurement.second = measurement.best;
-      measurement.second->T_table_camera = mirror;
+      measurement.second->T_map_camera = mirror;
       measurement.ambiguous = true;
       measurement.ambiguity_ratio = 1.0;
     }
@@ -83,9 +82,9 @@ bool add_second_pose(const RigidTags& group, const Alignment& first, const Image
   }
   // The same pose within its covariance.
   constexpr double kSamePose_sigmas = 2.0;
-  if (overlay_difference(group.camera, measurement.best.T_table_camera, second->T_table_camera)
+  if (overlay_difference(group.camera, measurement.best.T_map_camera, second->T_map_camera)
           .rms_px() < kSamePose_sigmas * predicted_overlay_error_px(group.camera,
-                                                                    measurement.best.T_table_camera,
+                                                                    measurement.best.T_map_camera,
                                                                     measurement.best.covariance))
     return false;
   const double samples = static_cast<double>(other.result.counters.samples);
@@ -93,7 +92,7 @@ bool add_second_pose(const RigidTags& group, const Alignment& first, const Image
   double first_residual = measurement.best.noise_px;
   if (second->noise_px < first_residual) {
     // The first pose was fitted to a prediction as well.
-    other.input.predicted = measurement.best.T_table_camera;
+    other.input.predicted = measurement.best.T_map_camera;
     other.run();
     const std::optional<RefinedPose> again = pose_of(group, other, motion);
     if (again) {
@@ -106,7 +105,7 @@ bool add_second_pose(const RigidTags& group, const Alignment& first, const Image
   const bool is_other = ratio < 1.0;
   measurement.ambiguity_ratio = is_other ? 1.0 / std::max(ratio, 1e-9) : ratio;
   measurement.ambiguous =
-      look_the_same(second->T_table_camera, std::min(first_residual, second->noise_px)) ||
+      look_the_same(second->T_map_camera, std::min(first_residual, second->noise_px)) ||
       samples * std::log(measurement.ambiguity_ratio) < kDecides * inflation;
   if (is_other) std::swap(measurement.best, *measurement.second);
   return is_other;

@@ -55,19 +55,19 @@ struct Choice {
 };
 
 Choice choose(const RigidTags& group, const Measurement& measurement,
-              const std::optional<CameraPose>& predicted) {
+              const std::optional<MapFromCamera>& predicted) {
   constexpr double kClearly = 3.0;
   Choice choice{measurement.best};
   if (!measurement.second || !measurement.ambiguous) return choice;
   const RefinedPose& second = *measurement.second;
-  const auto apart_px = [&](const CameraPose& a, const CameraPose& b) {
+  const auto apart_px = [&](const MapFromCamera& a, const MapFromCamera& b) {
     return overlay_difference(group.camera, a, b).rms_px();
   };
-  choice.between_px = apart_px(measurement.best.T_table_camera, second.T_table_camera);
+  choice.between_px = apart_px(measurement.best.T_map_camera, second.T_map_camera);
   choice.open = choice.between_px > kTrackedOverlay_px;
   if (!choice.open || !predicted) return choice;
-  const double best_px = apart_px(measurement.best.T_table_camera, *predicted);
-  const double second_px = apart_px(second.T_table_camera, *predicted);
+  const double best_px = apart_px(measurement.best.T_map_camera, *predicted);
+  const double second_px = apart_px(second.T_map_camera, *predicted);
   if (best_px * kClearly < second_px) {
     choice.open = false;
   } else if (second_px * kClearly < best_px) {
@@ -79,7 +79,7 @@ Choice choose(const RigidTags& group, const Measurement& measurement,
 }
 
 // Reason of a pose whose predicted error is too large.
-PoseReason reason_of_error(const CameraModel& camera, const PoseEstimate& estimate,
+PoseReason reason_of_error(const CameraModel& camera, const MapPoseEstimate& estimate,
                            double of_pose_px, double map_px) {
   const double predicted_px = estimate.predicted_overlay_error_px;
   if (!std::isfinite(predicted_px)) return {PoseCause::out_of_sight};
@@ -96,10 +96,10 @@ std::optional<RefinedPose> pose_of(const RigidTags& group, const Alignment& alig
                                    const ImageMotion& motion) {
   const AlignmentResult& result = alignment.result;
   const double lens_blur_px = alignment.aligner.options().blur_px;
-  if (!result.verified || !result.T_table_camera.is_finite() || !result.covariance.allFinite())
+  if (!result.verified || !result.T_map_camera.is_finite() || !result.covariance.allFinite())
     return std::nullopt;
   RefinedPose pose;
-  pose.T_table_camera = result.T_table_camera;
+  pose.T_map_camera = result.T_map_camera;
   // Displacement of the edges: their slope is 1 / (sqrt(2 pi) sigma) of the gain.
   pose.noise_px = result.residual_rms * std::sqrt(2.0 * std::numbers::pi) * lens_blur_px;
   pose.rms_px = std::sqrt(2.0) * pose.noise_px;
@@ -116,7 +116,7 @@ std::optional<RefinedPose> pose_of(const RigidTags& group, const Alignment& alig
   pose.covariance += result.map_covariance + motion.blur.covariance;
   pose.covariance = 0.5 * (pose.covariance + pose.covariance.transpose()).eval();
   const double predicted_px =
-      predicted_overlay_error_px(group.camera, result.T_table_camera, pose.covariance);
+      predicted_overlay_error_px(group.camera, result.T_map_camera, pose.covariance);
   if (predicted_px > 0.0 && std::isfinite(predicted_px)) {
     const double blur_px =
         std::min(kBlurShare * std::hypot(motion.predicted_px, motion.missed_px), pose.rms_px);
@@ -137,13 +137,13 @@ void take_alignment(const RigidTags& group, const Alignment& alignment, const Re
   measurement.tags_used = result.tags_verified;
   if (result.map_inconsistent)
     measurement.map_px =
-        predicted_overlay_error_px(group.camera, pose.T_table_camera, result.map_covariance);
+        predicted_overlay_error_px(group.camera, pose.T_map_camera, result.map_covariance);
 }
 
 double samples_needed(const CameraModel& camera, const AlignmentResult& result, double budget_px) {
   const double noise_px =
       std::sqrt(variance_inflation(result)) *
-      predicted_overlay_error_px(camera, result.T_table_camera, result.covariance);
+      predicted_overlay_error_px(camera, result.T_map_camera, result.covariance);
   const double tone_px = camera.parameters().tone_curve ? 0.0 : kToneBias_px;
   const double left = budget_px * budget_px - tone_px * tone_px;
   if (!(left > 0.0) || !std::isfinite(noise_px)) return std::numeric_limits<double>::infinity();
@@ -151,12 +151,12 @@ double samples_needed(const CameraModel& camera, const AlignmentResult& result, 
 }
 
 JudgedPose judge(const RigidTags& group, const Measurement& measurement,
-                 const std::optional<CameraPose>& predicted) {
+                 const std::optional<MapFromCamera>& predicted) {
   const Choice chosen = choose(group, measurement, predicted);
-  const CameraPose& pose = chosen.pose.T_table_camera;
+  const MapFromCamera& pose = chosen.pose.T_map_camera;
   JudgedPose judged;
-  PoseEstimate& estimate = judged.estimate;
-  estimate.T_table_camera = pose;
+  MapPoseEstimate& estimate = judged.estimate;
+  estimate.T_map_camera = pose;
   // Unread tags show blur or a grazing view, see docs/tracking.md#unread-tags.
   const double share = measurement.aligned
                            ? 1.0

@@ -54,12 +54,12 @@ bool add_second_pose(const RigidTags& group, const Alignment& first, const Image
                      Measurement& measurement);
 
 struct JudgedPose {
-  PoseEstimate estimate;
+  MapPoseEstimate estimate;
   bool only_lens_uncertain = false;  // uncertain only because of the lens
 };
 
 // The estimate of a measured frame. `predicted` chooses between two poses that both fit.
 [[nodiscard]] JudgedPose judge(const RigidTags& group, const Measurement& measurement,
-                               const std::optional<CameraPose>& predicted);
+                               const std::optional<MapFromCamera>& predicted);
 
 }  // namespace penumbra

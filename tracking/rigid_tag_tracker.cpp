@@ -60,11 +60,11 @@ struct RigidTagTracker::Impl {
   [[nodiscard]] JudgedPose coast(const Frame& frame, PoseReason reason) const;
   // Aligns from the prediction; nothing where that is not verified.
   [[nodiscard]] std::optional<JudgedPose> follow(const Frame& frame, Start start);
-  [[nodiscard]] std::optional<JudgedPose> follow_hint(const Frame& frame, const CameraPose& hint,
+  [[nodiscard]] std::optional<JudgedPose> follow_hint(const Frame& frame, const MapFromCamera& hint,
                                                       Start start);
   [[nodiscard]] std::optional<JudgedPose> follow_far(const Frame& frame);
   // Detects tags, and aligns the pose found where that is verified.
-  [[nodiscard]] JudgedPose find(const Frame& frame, const std::optional<CameraPose>& predicted,
+  [[nodiscard]] JudgedPose find(const Frame& frame, const std::optional<MapFromCamera>& predicted,
                                 SearchResolution finest);
 
   struct Followed {
@@ -77,7 +77,7 @@ struct RigidTagTracker::Impl {
                                                        const MotionPrediction& prediction,
                                                        Start start);
   void align_found(const Frame& frame, Measurement& measurement);
-  [[nodiscard]] AlignmentInput input_from(const CameraPose& pose) const;
+  [[nodiscard]] AlignmentInput input_from(const MapFromCamera& pose) const;
   void choose_effort(double motion_px);
   void set_effort(bool every_pixel);
   void note_work(const AlignmentResult& result);
@@ -98,7 +98,7 @@ JudgedPose RigidTagTracker::Impl::estimate(const Frame& frame, const TrackReques
   }
   history.begin_frame(frame.timestamp_ns);
   JudgedPose judged = measure(frame, request);
-  const PoseEstimate& estimate = judged.estimate;
+  const MapPoseEstimate& estimate = judged.estimate;
   if (estimate.status == TrackStatus::lost || estimate.status == TrackStatus::held) return judged;
   const PoseCause cause = estimate.reason.cause;
   const bool is_located = cause != PoseCause::two_poses && cause != PoseCause::inconsistent_tags;
@@ -109,7 +109,7 @@ JudgedPose RigidTagTracker::Impl::estimate(const Frame& frame, const TrackReques
 }
 
 JudgedPose RigidTagTracker::Impl::measure(const Frame& frame, const TrackRequest& request) {
-  const std::optional<CameraPose> predicted = history.recent_prediction(frame.timestamp_ns);
+  const std::optional<MapFromCamera> predicted = history.recent_prediction(frame.timestamp_ns);
   if (options.mode == TrackingMode::detect) {
     MeasurementResult measurement = corners.detect(group, SearchResolution::full, times);
     if (!measurement) return coast(frame, measurement.error());
@@ -158,7 +158,7 @@ void RigidTagTracker::Impl::note_work(const AlignmentResult& result) {
 }
 
 // Input of an alignment that `pose` starts but does not constrain.
-AlignmentInput RigidTagTracker::Impl::input_from(const CameraPose& pose) const {
+AlignmentInput RigidTagTracker::Impl::input_from(const MapFromCamera& pose) const {
   AlignmentInput input;
   input.luma = corners.frame().image();
   input.predicted = pose;
@@ -171,9 +171,9 @@ std::optional<RigidTagTracker::Impl::Followed> RigidTagTracker::Impl::align_foll
     const Frame& frame, const MotionPrediction& prediction, Start start) {
   const bool from_hint = start != Start::own_motion;
   const CameraModel& camera = group.camera;
-  const double motion_px = image_motion_px(camera, prediction.T_table_camera, prediction.velocity);
+  const double motion_px = image_motion_px(camera, prediction.T_map_camera, prediction.velocity);
   choose_effort(motion_px);
-  Alignment alignment{aligner, input_from(prediction.T_table_camera)};
+  Alignment alignment{aligner, input_from(prediction.T_map_camera)};
   alignment.input.covariance = prediction.covariance;
   alignment.input.first_samples = state.last_samples;
   alignment.input.starts_far = state.last_start_far;
@@ -195,7 +195,7 @@ std::optional<RigidTagTracker::Impl::Followed> RigidTagTracker::Impl::align_foll
     return std::nullopt;
   ImageMotion motion{motion_px, 0.0, {}};
   if (from_hint && result.verified) {
-    alignment.input.predicted = result.T_table_camera;
+    alignment.input.predicted = result.T_map_camera;
     alignment.input.covariance = loose_covariance();
     alignment.with_search = false;
     alignment.run();
@@ -208,7 +208,7 @@ std::optional<RigidTagTracker::Impl::Followed> RigidTagTracker::Impl::align_foll
         align_with_motion_blur(history, camera, frame, alignment, motion.blur))
       note_work(result);
     motion.missed_px =
-        overlay_difference(camera, result.T_table_camera, prediction.T_table_camera).rms_px();
+        overlay_difference(camera, result.T_map_camera, prediction.T_map_camera).rms_px();
   }
   const std::optional<RefinedPose> best = pose_of(group, alignment, motion);
   if (!best) return std::nullopt;
@@ -224,7 +224,7 @@ std::optional<RigidTagTracker::Impl::Followed> RigidTagTracker::Impl::align_foll
 std::optional<JudgedPose> RigidTagTracker::Impl::follow(const Frame& frame, Start start) {
   if (!state.motion.has_state()) return std::nullopt;
   const MotionPrediction prediction = state.motion.predict(frame.timestamp_ns);
-  if (!prediction.T_table_camera.is_finite() || !prediction.covariance.allFinite()) {
+  if (!prediction.T_map_camera.is_finite() || !prediction.covariance.allFinite()) {
     state.motion.reset();
     return std::nullopt;
   }
@@ -233,7 +233,7 @@ std::optional<JudgedPose> RigidTagTracker::Impl::follow(const Frame& frame, Star
   align.add_to(times.align_ms, times.align_cpu_ms);
   if (!followed) return std::nullopt;
   Measurement& measurement = followed->measurement;
-  std::optional<CameraPose> expected = prediction.T_table_camera;
+  std::optional<MapFromCamera> expected = prediction.T_map_camera;
   if (state.branch_open || start != Start::own_motion) {
     expected.reset();
   } else if (followed->other && !measurement.ambiguous) {
@@ -243,21 +243,22 @@ std::optional<JudgedPose> RigidTagTracker::Impl::follow(const Frame& frame, Star
     expected.reset();
   }
   JudgedPose judged = judge(group, measurement, expected);
-  const PoseEstimate& estimate = judged.estimate;
+  const MapPoseEstimate& estimate = judged.estimate;
   state.branch_open = estimate.status == TrackStatus::uncertain && measurement.ambiguous &&
                       estimate.reason.cause == PoseCause::two_poses;
-  const CameraPose& aligned = followed->best.T_table_camera;
-  if (start == Start::own_motion && estimate.T_table_camera.matrix() == aligned.matrix()) {
+  const MapFromCamera& aligned = followed->best.T_map_camera;
+  if (start == Start::own_motion && estimate.T_map_camera.matrix() == aligned.matrix()) {
     state.motion.update(frame.timestamp_ns, aligned, followed->filter_covariance);
   } else {
-    state.motion.start(frame.timestamp_ns, estimate.T_table_camera, estimate.covariance);
+    state.motion.start(frame.timestamp_ns, estimate.T_map_camera, estimate.covariance);
   }
   return judged;
 }
 
 // Aligns from a pose that does not constrain the result.
 std::optional<JudgedPose> RigidTagTracker::Impl::follow_hint(const Frame& frame,
-                                                             const CameraPose& hint, Start start) {
+                                                             const MapFromCamera& hint,
+                                                             Start start) {
   if (!hint.is_finite()) return std::nullopt;
   constexpr double kHint_m = 0.01;
   constexpr double kHint_rad = 0.03;
@@ -273,12 +274,12 @@ std::optional<JudgedPose> RigidTagTracker::Impl::follow_hint(const Frame& frame,
 std::optional<JudgedPose> RigidTagTracker::Impl::follow_far(const Frame& frame) {
   if (!state.motion.has_state()) return std::nullopt;
   const MotionPrediction prediction = state.motion.predict(frame.timestamp_ns);
-  AlignmentInput input = input_from(prediction.T_table_camera);
+  AlignmentInput input = input_from(prediction.T_map_camera);
   input.velocity = prediction.velocity;
   for (const bool further : {false, true}) {
     const Stopwatch align;
     input.rejected = state.consensus.rejected();
-    const std::optional<CameraPose> guess = aligner.search_pyramid(input, further);
+    const std::optional<MapFromCamera> guess = aligner.search_pyramid(input, further);
     align.add_to(times.align_ms, times.align_cpu_ms);
     if (!guess) continue;
     const MotionModel before = state.motion;
@@ -290,7 +291,7 @@ std::optional<JudgedPose> RigidTagTracker::Impl::follow_far(const Frame& frame) 
     times.pyramid_search = true;
     if (!state.branch_open) {
       state.motion = before;
-      state.motion.update(frame.timestamp_ns, found->estimate.T_table_camera,
+      state.motion.update(frame.timestamp_ns, found->estimate.T_map_camera,
                           found->estimate.covariance);
     }
     return found;
@@ -305,7 +306,7 @@ void RigidTagTracker::Impl::align_found(const Frame& frame, Measurement& measure
               (measurement.tags_used < kFewTags || options.pose_budget_px > 0.0)));
   TagConsensus& consensus = state.consensus;
   consensus.begin(measurement.rejected);
-  Alignment alignment{aligner, input_from(measurement.best.T_table_camera), false};
+  Alignment alignment{aligner, input_from(measurement.best.T_map_camera), false};
   alignment.run();
   consensus.look_again(alignment);
   measurement.inconsistent = !consensus.settle(group, corners.observations(), alignment);
@@ -324,7 +325,7 @@ void RigidTagTracker::Impl::align_found(const Frame& frame, Measurement& measure
     // Few or small tags that face the camera may have a second pose that their corners don't show.
     constexpr double kUnsure_px = 0.5;
     if (measurement.ambiguous || state.last_tags == 1 ||
-        predicted_overlay_error_px(group.camera, best->T_table_camera, best->covariance) >
+        predicted_overlay_error_px(group.camera, best->T_map_camera, best->covariance) >
             kUnsure_px) {
       add_second_pose(group, alignment, motion, measurement);
     } else {
@@ -339,7 +340,7 @@ void RigidTagTracker::Impl::align_found(const Frame& frame, Measurement& measure
 }
 
 JudgedPose RigidTagTracker::Impl::find(const Frame& frame,
-                                       const std::optional<CameraPose>& predicted,
+                                       const std::optional<MapFromCamera>& predicted,
                                        SearchResolution finest) {
   MeasurementResult measurement = corners.find(group, finest, predicted, times);
   if (!measurement) return coast(frame, measurement.error());
@@ -353,7 +354,7 @@ JudgedPose RigidTagTracker::Impl::find(const Frame& frame,
   CornerSearch::refine(group, *measurement, times);
   times.corner_solve_skipped = !measurement->by_ceres;
   JudgedPose judged = judge(group, *measurement, predicted);
-  const PoseEstimate& estimate = judged.estimate;
+  const MapPoseEstimate& estimate = judged.estimate;
   found_inconsistent = measurement->inconsistent;
   if (found_inconsistent) {
     state.motion.reset();
@@ -362,9 +363,9 @@ JudgedPose RigidTagTracker::Impl::find(const Frame& frame,
   const bool was_open =
       std::exchange(state.branch_open, estimate.reason.cause == PoseCause::two_poses);
   if (state.motion.has_state() && !was_open && !state.branch_open) {
-    state.motion.update(frame.timestamp_ns, estimate.T_table_camera, estimate.covariance);
+    state.motion.update(frame.timestamp_ns, estimate.T_map_camera, estimate.covariance);
   } else {
-    state.motion.start(frame.timestamp_ns, estimate.T_table_camera, estimate.covariance);
+    state.motion.start(frame.timestamp_ns, estimate.T_map_camera, estimate.covariance);
   }
   if (estimate.status == TrackStatus::tracked) corners.begin_at_low_resolution();
   return judged;
@@ -397,20 +398,16 @@ Result<RigidTagTracker> RigidTagTracker::create(const CameraModel& camera, const
       Impl{std::move(group), options, std::move(aligner), CornerSearch(tags, std::move(search))}));
 }
 
-TrackedFrame RigidTagTracker::track(const Frame& frame, const TrackRequest& request) {
+TrackedTags RigidTagTracker::track(const Frame& frame, const TrackRequest& request) {
   impl_->times = {};
-  TrackedFrame result;
-  result.frame = frame;
-  result.pose = impl_->estimate(frame, request).estimate;
-  result.times = impl_->times;
-  return result;
+  return {impl_->estimate(frame, request).estimate, impl_->times};  // evaluated in this order
 }
 
-PoseEstimate RigidTagTracker::locate(std::span<const TagDetection> detections) {
+MapPoseEstimate RigidTagTracker::locate(std::span<const TagDetection> detections) {
   Impl& m = *impl_;
   MeasurementResult measurement = m.corners.measure(m.group, detections, m.times);
   if (!measurement) {
-    PoseEstimate lost;
+    MapPoseEstimate lost;
     lost.reason = measurement.error();
     return lost;
   }

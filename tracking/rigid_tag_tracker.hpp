@@ -1,6 +1,5 @@
-// Tracks the camera over one rigid group of tags, from frame to frame. The group's frame is called
-// the table; GroupTracker gives the tracker of another group a map in which that group is the
-// table.
+// Tracks the camera over one rigid group of tags, from frame to frame. Poses are over the frame of
+// the tag map: the table, or another group's middle, of which GroupTracker makes a map.
 #pragma once
 
 #include <memory>
@@ -9,10 +8,10 @@
 
 #include "core/camera/camera_model.hpp"
 #include "core/error.hpp"
-#include "core/geometry/pose_estimate.hpp"
 #include "core/geometry/tag_map.hpp"
 #include "core/image/frame.hpp"
 #include "tracking/detection/tag_search.hpp"
+#include "tracking/motion/pose_history.hpp"
 #include "tracking/tracked_frame.hpp"
 #include "tracking/tracker_options.hpp"
 
@@ -20,11 +19,16 @@ namespace penumbra {
 
 struct TrackRequest {
   // Pose from another group's tracker: tried before tags are searched for.
-  std::optional<CameraPose> hint;
+  std::optional<MapFromCamera> hint;
   bool hint_seen = false;                            // tags were found there a moment ago
   bool search = true;                                // false: this frame is not searched
   SearchResolution finest = SearchResolution::full;  // finest resolution of a search
   bool begins_finest = false;                        // the search begins at that resolution
+};
+
+struct TrackedTags {
+  MapPoseEstimate pose;
+  TrackTimes times;
 };
 
 class RigidTagTracker {
@@ -38,11 +42,11 @@ class RigidTagTracker {
   ~RigidTagTracker();
 
   // As GroupTracker's, of a frame that the shared search has begun. The caller adds the total time.
-  [[nodiscard]] TrackedFrame track(const Frame& frame, const TrackRequest& request);
+  [[nodiscard]] TrackedTags track(const Frame& frame, const TrackRequest& request);
 
   // Estimates the pose of an earlier frame from its detected tags: tracked, uncertain, or lost with
   // a reason. Does not change the tracked state, except that inconsistent tags stop guesses.
-  [[nodiscard]] PoseEstimate locate(std::span<const TagDetection> detections);
+  [[nodiscard]] MapPoseEstimate locate(std::span<const TagDetection> detections);
 
  private:
   struct Impl;

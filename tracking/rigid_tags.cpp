@@ -6,18 +6,17 @@
 
 namespace penumbra {
 
-int RigidTags::in_view(const CameraPose& pose) const {
+int RigidTags::in_view(const MapFromCamera& pose) const {
   constexpr double kMargin = 4.0;          // [px] white around the black square
   constexpr double kSmallestArea = 200.0;  // [px^2]: 8 x 8 cells of 1.8 px
-  const auto T_camera_table = pose.inverse();
+  const auto T_camera_map = pose.inverse();
   int count = 0;
   for (const MappedTag& tag : tags) {
     std::array<Eigen::Vector2d, 4> corners;
     bool inside = true;
     const std::array<Eigen::Vector3d, 4> corners_table = tag.corners();
     for (std::size_t i = 0; i < 4 && inside; ++i) {
-      const std::optional<Eigen::Vector2d> pixel =
-          camera.project(T_camera_table * corners_table[i]);
+      const std::optional<Eigen::Vector2d> pixel = camera.project(T_camera_map * corners_table[i]);
       inside = pixel && pixel->x() >= kMargin && pixel->y() >= kMargin &&
                pixel->x() <= camera.width() - 1 - kMargin &&
                pixel->y() <= camera.height() - 1 - kMargin;
@@ -32,14 +31,14 @@ int RigidTags::in_view(const CameraPose& pose) const {
   return count;
 }
 
-std::optional<PixelBox> RigidTags::box_about(const CameraPose& pose) const {
+std::optional<PixelBox> RigidTags::box_about(const MapFromCamera& pose) const {
   constexpr double kLeastRoom_px = 32.0;
   constexpr double kMostOfImage = 0.6;
-  const auto T_camera_table = pose.inverse();
+  const auto T_camera_map = pose.inverse();
   Eigen::AlignedBox2d box;
   for (const MappedTag& tag : tags) {
     for (const Eigen::Vector3d& corner : tag.corners()) {
-      const std::optional<Eigen::Vector2d> pixel = camera.project(T_camera_table * corner);
+      const std::optional<Eigen::Vector2d> pixel = camera.project(T_camera_map * corner);
       if (pixel && pixel->allFinite()) box.extend(*pixel);
     }
   }
@@ -57,7 +56,7 @@ std::optional<PixelBox> RigidTags::box_about(const CameraPose& pose) const {
   return PixelBox{begin.x(), begin.y(), size.x(), size.y()};
 }
 
-double RigidTags::corner_distance_px(const CameraPose& a, const CameraPose& b,
+double RigidTags::corner_distance_px(const MapFromCamera& a, const MapFromCamera& b,
                                      std::span<const TagAlignment> seen) const {
   const auto from_a = a.inverse();
   const auto from_b = b.inverse();

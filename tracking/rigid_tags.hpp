@@ -21,12 +21,12 @@ struct RigidTags {
     return tags[static_cast<std::size_t>(index)];
   }
   // Number of tags that this pose shows from in front, inside the image, large enough to be read.
-  [[nodiscard]] int in_view(const CameraPose& pose) const;
+  [[nodiscard]] int in_view(const MapFromCamera& pose) const;
   // Region of interest: the box about the tags with a margin; nothing where that is most of the
   // image.
-  [[nodiscard]] std::optional<PixelBox> box_about(const CameraPose& pose) const;
+  [[nodiscard]] std::optional<PixelBox> box_about(const MapFromCamera& pose) const;
   // Mean distance between two poses' images of the corners of the verified tags [px].
-  [[nodiscard]] double corner_distance_px(const CameraPose& a, const CameraPose& b,
+  [[nodiscard]] double corner_distance_px(const MapFromCamera& a, const MapFromCamera& b,
                                           std::span<const TagAlignment> seen) const;
 };
 

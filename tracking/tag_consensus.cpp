@@ -21,7 +21,7 @@ int inconsistent_tags(const AlignmentResult& result, std::span<const TagObservat
 
 // RMS distance between each tag's own position and its position by the joint pose [px].
 double scatter_px(const RigidTags& group, const Alignment& joint) {
-  const CameraPose& pose = joint.result.T_table_camera;
+  const MapFromCamera& pose = joint.result.T_map_camera;
   Alignment alone{joint.aligner, joint.input, false};
   alone.input.predicted = pose;
   alone.input.covariance = loose_covariance();
@@ -34,10 +34,10 @@ double scatter_px(const RigidTags& group, const Alignment& joint) {
     }
     alone.run_without(others);
     const AlignmentResult& own = alone.result;
-    if (!own.verified || !own.T_table_camera.is_finite()) continue;
+    if (!own.verified || !own.T_map_camera.is_finite()) continue;
     const auto centre = group[tag.index].T_table_tag.translation();
     const auto here = group.camera.project(pose.inverse() * centre);
-    const auto there = group.camera.project(own.T_table_camera.inverse() * centre);
+    const auto there = group.camera.project(own.T_map_camera.inverse() * centre);
     if (!here || !there) continue;
     sum += (*here - *there).squaredNorm();
     count += 1.0;
@@ -95,7 +95,7 @@ void TagConsensus::reject_one(const RigidTags& group, std::span<const TagObserva
   candidates.resize(std::min(candidates.size(), kMostToTry));
   double least = kAgree;
   int outlier = -1;
-  CameraPose best_start = alignment.input.predicted;
+  MapFromCamera best_start = alignment.input.predicted;
   for (const TagAlignment& candidate : candidates) {
     std::vector<int> without = rejected_;
     without.push_back(candidate.index);
@@ -104,8 +104,8 @@ void TagConsensus::reject_one(const RigidTags& group, std::span<const TagObserva
       if (std::ranges::find(without, seen.index) == without.end()) others.push_back(seen);
     }
     const Result<BoardPose> start = estimate_board_pose(group.camera, others);
-    if (!start || start->inconsistent || !start->best.T_table_camera.is_finite()) continue;
-    alignment.input.predicted = start->best.T_table_camera;
+    if (!start || start->inconsistent || !start->best.T_map_camera.is_finite()) continue;
+    alignment.input.predicted = start->best.T_map_camera;
     const AlignmentResult rest = alignment.tried_without(without);
     if (!rest.verified || rest.tags_verified < rest.counters.tags_in_image ||
         !(rest.disagreement < least))

@@ -42,7 +42,7 @@ std::optional<Eigen::MatrixXd> view_information(const CameraModel& camera,
   for (const TargetCorner& corner : corners)
     points.push_back({board[static_cast<std::size_t>(corner.point)], corner.pixel});
   std::optional<RefinedPose> best;
-  for (const CameraPose& start : solve_pose(camera, points)) {
+  for (const MapFromCamera& start : solve_pose(camera, points)) {
     const auto refined = refine_pose(camera, points, start);
     if (refined && (!best || refined->rms_px < best->rms_px)) best = refined;
   }
@@ -51,13 +51,13 @@ std::optional<Eigen::MatrixXd> view_information(const CameraModel& camera,
   Eigen::MatrixXd A = Eigen::MatrixXd::Zero(n, n);
   Eigen::MatrixXd B = Eigen::MatrixXd::Zero(n, 7);
   Eigen::Matrix<double, 7, 7> C = Eigen::Matrix<double, 7, 7>::Zero();
-  const auto T_camera_board = best->T_table_camera.inverse();
+  const auto T_camera_board = best->T_map_camera.inverse();
   bool shifts = false;
   for (std::size_t i = 0; i < points.size(); ++i) {
     const Eigen::Vector3d p = T_camera_board * points[i].p_table;
     const Eigen::MatrixXd J_lens = lens_jacobian(camera, p.head<2>() / p.z());
     Eigen::Matrix<double, 2, 7> J_view;
-    J_view << reprojection_jacobian(camera, best->T_table_camera, points[i].p_table),
+    J_view << reprojection_jacobian(camera, best->T_map_camera, points[i].p_table),
         corners[i].spread;
     shifts = shifts || !corners[i].spread.isZero();
     A += J_lens.transpose() * J_lens;

@@ -29,7 +29,7 @@ std::vector<PointObservation> observations_of(const CalibrationView& view,
 }
 
 // Median distance of projected and measured corners [px].
-double median_error(const CameraModel& camera, const CameraPose& pose,
+double median_error(const CameraModel& camera, const MapFromCamera& pose,
                     std::span<const PointObservation> observations) {
   const auto T_camera_board = pose.inverse();
   std::vector<double> errors;
@@ -72,7 +72,7 @@ std::vector<Guess> guess_lens(int width, int height, std::span<const Eigen::Vect
       double sum = 0.0;
       for (const auto& observations : chosen) {
         double best = 1e4;
-        for (const CameraPose& pose : solve_pose(*camera, observations))
+        for (const MapFromCamera& pose : solve_pose(*camera, observations))
           best = std::min(best, median_error(*camera, pose, observations));
         sum += std::min(best, 0.1 * width);
       }
@@ -89,15 +89,15 @@ std::optional<CameraPose> best_pose(const CameraModel& camera,
                                     std::span<const PointObservation> observations) {
   std::optional<CameraPose> best;
   double least = std::numeric_limits<double>::infinity();
-  for (const CameraPose& pose : solve_pose(camera, observations)) {
+  for (const MapFromCamera& pose : solve_pose(camera, observations)) {
     RefinerOptions options;
     options.robust_scale_px = 3.0;
     const auto refined = refine_pose(camera, observations, pose, options);
-    const CameraPose& candidate = refined ? refined->T_table_camera : pose;
+    const MapFromCamera& candidate = refined ? refined->T_map_camera : pose;
     const double error = median_error(camera, candidate, observations);
     if (error < least) {
       least = error;
-      best = candidate;
+      best = as_table_pose(candidate);
     }
   }
   return best;

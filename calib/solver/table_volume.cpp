@@ -46,7 +46,8 @@ struct PointJacobians {
 PointJacobians jacobians_at(const CameraModel& camera, const CameraPose& pose,
                             const Eigen::Vector3d& p_table) {
   const Eigen::Vector3d p = pose.inverse() * p_table;
-  return {lens_jacobian(camera, p.head<2>() / p.z()), reprojection_jacobian(camera, pose, p_table)};
+  return {lens_jacobian(camera, p.head<2>() / p.z()),
+          reprojection_jacobian(camera, as_map_pose(pose), p_table)};
 }
 
 double worst_sigma(const Eigen::MatrixXd& J, const Eigen::MatrixXd& covariance) {

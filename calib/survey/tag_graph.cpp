@@ -211,11 +211,11 @@ void TagGraph::pose_cameras() {
     if (points.size() < 4) continue;
     std::optional<RefinedPose> best;
     double second = std::numeric_limits<double>::infinity();
-    for (const CameraPose& start : solve_pose(camera, points)) {
+    for (const MapFromCamera& start : solve_pose(camera, points)) {
       const auto refined = refine_pose(camera, points, start);
       if (!refined) continue;
       const bool other =
-          best && perturbation_between(best->T_table_camera, refined->T_table_camera).norm() > 1e-3;
+          best && perturbation_between(best->T_map_camera, refined->T_map_camera).norm() > 1e-3;
       if (!best || refined->rms_px < best->rms_px) {
         if (other) second = best->rms_px;
         best = refined;
@@ -225,7 +225,7 @@ void TagGraph::pose_cameras() {
     }
     if (!best || best->rms_px > 5.0) continue;
     if (points.size() == 4 && second < 2.0 * best->rms_px + 0.1) continue;
-    cameras[f] = packed(best->T_table_camera.inverse());
+    cameras[f] = packed(as_table_pose(best->T_map_camera).inverse());
   }
 }
 
@@ -275,7 +275,7 @@ std::optional<TagPlacement> TagGraph::place(int id, double scale, std::size_t fi
     const auto& [frame, sighting] = seen[k];
     std::vector<PointObservation> points;  // in the tag frame
     for (std::size_t i = 0; i < 4; ++i) points.push_back({corners[i], sighting->corners_px[i]});
-    for (const CameraPose& T_tag_camera : solve_pose(camera, points)) {
+    for (const MapFromCamera& T_tag_camera : solve_pose(camera, points)) {
       const auto T_camera_anchor = unpacked<frame::Camera, frame::Table>(*cameras[frame]);
       const Transform<frame::Camera, frame::Tag> T_camera_tag(T_tag_camera.inverse().rotation(),
                                                               T_tag_camera.inverse().translation());

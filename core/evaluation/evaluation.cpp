@@ -22,8 +22,8 @@ double quantile(const std::vector<double>& sorted, double share) {
 
 // d pixel / d p_camera of CameraModel::project_extended(), by central differences beyond
 // max_radius.
-std::optional<Eigen::Matrix<double, 2, 3>> projection_jacobian(const CameraModel& camera,
-                                                               const Eigen::Vector3d& p) {
+inline std::optional<Eigen::Matrix<double, 2, 3>> projection_jacobian(const CameraModel& camera,
+                                                                      const Eigen::Vector3d& p) {
   Eigen::Matrix<double, 2, 3> J;
   if (camera.project(p)) {
     std::ignore = camera.project_unchecked(p, &J);
@@ -44,8 +44,8 @@ std::optional<Eigen::Matrix<double, 2, 3>> projection_jacobian(const CameraModel
 
 // Error of a corner that the estimate puts behind the camera: the angle between the two directions
 // times the focal length. Omitting it would favour the worst poses.
-double error_behind_camera_px(const CameraModel& camera, const Eigen::Vector3d& p_estimated,
-                              const Eigen::Vector3d& p_true) {
+inline double error_behind_camera_px(const CameraModel& camera, const Eigen::Vector3d& p_estimated,
+                                     const Eigen::Vector3d& p_true) {
   const double angle =
       std::atan2(p_estimated.stableNormalized().cross(p_true.stableNormalized()).norm(),
                  p_estimated.stableNormalized().dot(p_true.stableNormalized()));
@@ -141,15 +141,17 @@ double OverlayDifference::rms_px() const {
   return count == 0 ? std::numeric_limits<double>::infinity() : std::sqrt(sum / count);
 }
 
-OverlayDifference overlay_difference(const CameraModel& camera, const CameraPose& estimated,
-                                     const CameraPose& truth) {
+template <class Origin>
+OverlayDifference overlay_difference(const CameraModel& camera,
+                                     const Transform<Origin, frame::Camera>& estimated,
+                                     const Transform<Origin, frame::Camera>& truth) {
   OverlayDifference result;
-  const auto T_estimated_table = estimated.inverse();
-  const auto T_true_table = truth.inverse();
+  const auto T_estimated_origin = estimated.inverse();
+  const auto T_true_origin = truth.inverse();
   const std::array<Eigen::Vector3d, 8> corners = overlay_cube();
   for (std::size_t i = 0; i < corners.size(); ++i) {
-    const Eigen::Vector3d p_estimated = T_estimated_table * corners[i];
-    const Eigen::Vector3d p_true = T_true_table * corners[i];
+    const Eigen::Vector3d p_estimated = T_estimated_origin * corners[i];
+    const Eigen::Vector3d p_true = T_true_origin * corners[i];
     const std::optional<Eigen::Vector2d> a = camera.project_extended(p_estimated);
     const std::optional<Eigen::Vector2d> b = camera.project_extended(p_true);
     result.valid[i] = b.has_value();
@@ -162,6 +164,10 @@ OverlayDifference overlay_difference(const CameraModel& camera, const CameraPose
   }
   return result;
 }
+template OverlayDifference overlay_difference(const CameraModel&, const CameraPose&,
+                                              const CameraPose&);
+template OverlayDifference overlay_difference(const CameraModel&, const MapFromCamera&,
+                                              const MapFromCamera&);
 
 Evaluation evaluate(const CameraModel& camera, const Trajectory& estimated, const Trajectory& truth,
                     const PairingOptions& options, std::int64_t frame_interval_ns) {
@@ -212,13 +218,15 @@ Trajectory over_group(const Trajectory& camera, const Trajectory& group,
   return over;
 }
 
-double predicted_overlay_error_px(const CameraModel& camera, const CameraPose& pose,
+template <class Origin>
+double predicted_overlay_error_px(const CameraModel& camera,
+                                  const Transform<Origin, frame::Camera>& pose,
                                   const Eigen::Matrix<double, 6, 6>& covariance) {
-  const auto T_camera_table = pose.inverse();
+  const auto T_camera_origin = pose.inverse();
   double sum = 0.0;
   int count = 0;
   for (const Eigen::Vector3d& corner : overlay_cube()) {
-    const Eigen::Vector3d p = T_camera_table * corner;
+    const Eigen::Vector3d p = T_camera_origin * corner;
     if (!p.allFinite() || p.z() <= 0.0) continue;
     const std::optional<Eigen::Matrix<double, 2, 3>> J_p = projection_jacobian(camera, p);
     // Omitting a corner with an unknown error would favour the worst views.
@@ -235,6 +243,10 @@ double predicted_overlay_error_px(const CameraModel& camera, const CameraPose& p
   if (count == 0 || !(sum >= 0.0)) return std::numeric_limits<double>::infinity();
   return std::sqrt(sum / count);
 }
+template double predicted_overlay_error_px(const CameraModel&, const CameraPose&,
+                                           const Eigen::Matrix<double, 6, 6>&);
+template double predicted_overlay_error_px(const CameraModel&, const MapFromCamera&,
+                                           const Eigen::Matrix<double, 6, 6>&);
 
 double add_lens_uncertainty_px(const CameraModel& camera, double predicted_px) {
   return std::hypot(predicted_px, camera.parameters().overlay_sigma_px.value_or(0.0));

@@ -22,15 +22,16 @@ namespace penumbra {
 
 // Pixels of the overlay cube's corners: estimated - true [px]. Corners behind the true camera are
 // not valid; one behind the estimated camera only counts as the angle between its two directions
-// times the focal length. Projection is CameraModel::project_extended().
+// times the focal length. Projection is CameraModel::project_extended(). `Origin`: Table or Map.
 struct OverlayDifference {
   std::array<Eigen::Vector2d, 8> difference_px{};
   std::array<bool, 8> valid{};
   [[nodiscard]] double rms_px() const;
 };
-[[nodiscard]] OverlayDifference overlay_difference(const CameraModel& camera,
-                                                   const CameraPose& estimated,
-                                                   const CameraPose& truth);
+template <class Origin>
+[[nodiscard]] OverlayDifference overlay_difference(
+    const CameraModel& camera, const Transform<Origin, frame::Camera>& estimated,
+    const Transform<Origin, frame::Camera>& truth);
 
 struct Evaluation {
   int frames_with_truth = 0;  // true poses; in a run: processed frames with truth
@@ -61,7 +62,9 @@ struct Evaluation {
     const Transform<frame::Group, frame::GroupMiddle>& T_group_middle, std::int64_t max_gap_ns = 0);
 
 // Predicted overlay error (1 sigma, RMS over the cube's corners) for PoseEstimate's covariance.
-[[nodiscard]] double predicted_overlay_error_px(const CameraModel& camera, const CameraPose& pose,
+template <class Origin>
+[[nodiscard]] double predicted_overlay_error_px(const CameraModel& camera,
+                                                const Transform<Origin, frame::Camera>& pose,
                                                 const Eigen::Matrix<double, 6, 6>& covariance);
 // Adds the lens uncertainty of the camera file (overlay_sigma_px).
 [[nodiscard]] double add_lens_uncertainty_px(const CameraModel& camera, double predicted_px);

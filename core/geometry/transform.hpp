@@ -11,12 +11,14 @@ namespace penumbra {
 // Frames. Table: origin at the board's centre, x right, y up on the sheet, z out of the table.
 // Camera: OpenCV optical axes, x right, y down, z forward. Tag: origin at the tag's centre, x right
 // and y up on the upright printed tag, z out of the paper. Object: a model's own frame, z up (glTF
-// files are turned when loaded).
+// files are turned when loaded). Map: of the tags or points that a tracker or solver is given;
+// which frame that is (the table, the middle of a group of tags, a board), its caller knows.
 namespace frame {
 struct Table;
 struct Camera;
 struct Tag;
 struct Object;
+struct Map;
 }  // namespace frame
 
 template <class To, class From>
@@ -30,6 +32,14 @@ class Transform {
       : Transform(Eigen::Quaterniond(rotation), translation) {}
 
   [[nodiscard]] static Transform identity() { return {}; }
+  // The same bits, where frame To coincides with frame Same.
+  template <class Same>
+  [[nodiscard]] static Transform renamed(const Transform<Same, From>& T) {
+    Transform result;
+    result.rotation_ = T.rotation();
+    result.translation_ = T.translation();
+    return result;
+  }
 
   [[nodiscard]] const Eigen::Quaterniond& rotation() const { return rotation_; }
   [[nodiscard]] const Eigen::Vector3d& translation() const { return translation_; }
@@ -63,6 +73,15 @@ class Transform {
   Eigen::Vector3d translation_ = Eigen::Vector3d::Zero();
 };
 
-using CameraPose = Transform<frame::Table, frame::Camera>;  // T_table_camera
+using CameraPose = Transform<frame::Table, frame::Camera>;   // T_table_camera
+using MapFromCamera = Transform<frame::Map, frame::Camera>;  // T_map_camera
+
+// For a map whose frame is the table frame.
+[[nodiscard]] inline MapFromCamera as_map_pose(const CameraPose& T_table_camera) {
+  return MapFromCamera::renamed(T_table_camera);
+}
+[[nodiscard]] inline CameraPose as_table_pose(const MapFromCamera& T_map_camera) {
+  return CameraPose::renamed(T_map_camera);
+}
 
 }  // namespace penumbra

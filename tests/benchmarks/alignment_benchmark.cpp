@@ -120,18 +120,18 @@ std::vector<PointObservation> observations_of(const Recording& recording,
   return observations;
 }
 
-std::optional<CameraPose> detect_pose(const Recording& recording, TagDetector& detector,
-                                      ImageView image, float decimate) {
+std::optional<MapFromCamera> detect_pose(const Recording& recording, TagDetector& detector,
+                                         ImageView image, float decimate) {
   const auto observations = observations_of(recording, detector.detect(image, decimate));
   if (observations.empty()) return std::nullopt;
   const auto starts = solve_pose(recording.camera, observations);
   std::optional<RefinedPose> best;
-  for (const CameraPose& start : starts) {
+  for (const MapFromCamera& start : starts) {
     const auto refined = refine_pose(recording.camera, observations, start);
     if (refined && (!best || refined->rms_px < best->rms_px)) best = refined;
   }
   if (!best) return std::nullopt;
-  return best->T_table_camera;
+  return best->T_map_camera;
 }
 
 Outcome run_detector(const Recording& recording, float decimate) {
@@ -142,7 +142,7 @@ Outcome run_detector(const Recording& recording, float decimate) {
     const double start = thread_cpu_us();
     const auto pose = detect_pose(recording, *detector, frame.luma_view, decimate);
     outcome.us.push_back(thread_cpu_us() - start);
-    if (pose) outcome.poses.poses.push_back({frame.timestamp_ns, *pose, {}});
+    if (pose) outcome.poses.poses.push_back({frame.timestamp_ns, as_table_pose(*pose), {}});
   }
   return outcome;
 }
@@ -166,7 +166,7 @@ Outcome run_alignment(const Recording& recording, AlignmentEffort effort) {
   MotionModel motion;
   for (const LoadedFrame& frame : recording.frames) {
     const double start = thread_cpu_us();
-    std::optional<CameraPose> pose;
+    std::optional<MapFromCamera> pose;
     Matrix6d covariance = Matrix6d::Zero();
     AlignmentCounters counters;
     bool detected = false;
@@ -180,13 +180,13 @@ Outcome run_alignment(const Recording& recording, AlignmentEffort effort) {
       const MotionPrediction prediction = motion.predict(frame.timestamp_ns);
       AlignmentInput input;
       input.luma = frame.luma_view;
-      input.predicted = prediction.T_table_camera;
+      input.predicted = prediction.T_map_camera;
       input.covariance = prediction.covariance;
       input.exposure_motion = exposure_share / 30.0 * prediction.velocity;
       const AlignmentResult result = aligner->align(input);
       counters = result.counters;
       if (result.verified) {
-        pose = result.T_table_camera;
+        pose = result.T_map_camera;
         covariance = result.covariance;
         motion.update(frame.timestamp_ns, *pose, covariance);
       }
@@ -201,7 +201,7 @@ Outcome run_alignment(const Recording& recording, AlignmentEffort effort) {
         input.covariance = prior(0.05, 0.1);
         const AlignmentResult result = aligner->refine(input);
         if (result.verified) {
-          pose = result.T_table_camera;
+          pose = result.T_map_camera;
           covariance = result.covariance;
           motion.start(frame.timestamp_ns, *pose, covariance);
         }
@@ -210,12 +210,13 @@ Outcome run_alignment(const Recording& recording, AlignmentEffort effort) {
     }
     outcome.us.push_back(thread_cpu_us() - start);
     outcome.samples += counters.samples;
-    if (pose) outcome.poses.poses.push_back({frame.timestamp_ns, *pose, {}});
+    if (pose) outcome.poses.poses.push_back({frame.timestamp_ns, as_table_pose(*pose), {}});
     const StampedPose* truth = recording.truth.at(frame.timestamp_ns);
     double error = -1.0;
     double expected = 0.0;
     if (pose && truth != nullptr) {
-      error = overlay_difference(recording.camera, *pose, truth->T_table_camera).rms_px();
+      error =
+          overlay_difference(recording.camera, *pose, as_map_pose(truth->T_table_camera)).rms_px();
       expected = predicted_overlay_error_px(recording.camera, *pose, covariance);
       outcome.ratio.push_back(error / expected);
     }

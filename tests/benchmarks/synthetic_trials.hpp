@@ -179,15 +179,15 @@ class SyntheticTrials {
            double bound_px) const {
     AlignmentInput input;
     input.luma = image.view();
-    input.predicted = start;
+    input.predicted = as_map_pose(start);
     // The prior has the size of the start errors.
     input.covariance = loose_prior(0.0007 * start_px, 0.0012 * start_px);
     input.exposure_motion = motion;
     const Stopwatch watch;
     const AlignmentResult result = aligner.align(input);
     score.us.push_back(1e3 * watch.elapsed().cpu_ms);
-    count(result.verified ? std::optional(result.T_table_camera) : std::nullopt, truth, score,
-          bound_px);
+    count(result.verified ? std::optional(as_table_pose(result.T_map_camera)) : std::nullopt, truth,
+          score, bound_px);
   }
   void count(const std::optional<CameraPose>& pose, const CameraPose& truth, TrialScore& score,
              double bound_px) const {

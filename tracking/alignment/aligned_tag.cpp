@@ -111,8 +111,8 @@ Result<AlignedTag> AlignedTag::make(const MappedTag& mapped) {
   if (!pattern) return tl::unexpected<Error>(pattern.error());
   AlignedTag tag;
   tag.pattern = std::move(*pattern);
-  tag.T_table_tag.linear() = mapped.T_table_tag.rotation_matrix();
-  tag.T_table_tag.translation() = mapped.T_table_tag.translation();
+  tag.T_map_tag.linear() = mapped.T_table_tag.rotation_matrix();
+  tag.T_map_tag.translation() = mapped.T_table_tag.translation();
   tag.cell_m = mapped.size_m / tag.pattern.width_at_border();
   tag.side = tag.pattern.total_width() + 1;
   add_lattice(tag);

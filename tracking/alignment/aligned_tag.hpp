@@ -27,7 +27,7 @@ struct AlignedTag {
   [[nodiscard]] static Result<AlignedTag> make(const MappedTag& mapped);
 
   TagPattern pattern;
-  Eigen::Isometry3d T_table_tag = Eigen::Isometry3d::Identity();
+  Eigen::Isometry3d T_map_tag = Eigen::Isometry3d::Identity();
   double cell_m = 0.0;
   int side = 0;  // lattice vertices per side
   // Vertices, padded with the last one to a multiple of 16.

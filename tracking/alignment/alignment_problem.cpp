@@ -59,10 +59,10 @@ void AlignmentProblem::begin(const AlignmentInput& input) {
   for (AlignedTag& tag : tags) tag.rejected = false;
   for (const int index : input.rejected) tags[static_cast<std::size_t>(index)].rejected = true;
   image = input.luma;
-  const CameraPose& predicted = input.predicted;
+  const MapFromCamera& predicted = input.predicted;
   T_predicted.linear() = predicted.rotation().conjugate().toRotationMatrix();
   T_predicted.translation() = -(T_predicted.linear() * predicted.translation());
-  // A right perturbation xi of T_table_camera is a left one -xi of T_camera_table.
+  // A right perturbation xi of T_map_camera is a left one -xi of T_camera_map.
   prior_covariance = input.covariance;
   prior_information = inverse_of_spd(prior_covariance);
   PENUMBRA_ASSERT(prior_information.allFinite());
@@ -76,9 +76,9 @@ void AlignmentProblem::set_exposure_motion(const Vector6d& motion) {
   for (auto& path : paths_) path.clear();
 }
 
-CameraPose AlignmentProblem::pose() const {
-  const Eigen::Isometry3d T_table_camera = T_camera_table.inverse();
-  return {Eigen::Matrix3d(T_table_camera.linear()), T_table_camera.translation()};
+MapFromCamera AlignmentProblem::pose() const {
+  const Eigen::Isometry3d T_map_camera = T_camera_map.inverse();
+  return {Eigen::Matrix3d(T_map_camera.linear()), T_map_camera.translation()};
 }
 
 double AlignmentProblem::smallest_cell_px() const {
@@ -88,7 +88,7 @@ double AlignmentProblem::smallest_cell_px() const {
 }
 
 void AlignmentProblem::place(AlignedTag& tag) const {
-  Eigen::Isometry3d T = T_camera_table * tag.T_table_tag;
+  Eigen::Isometry3d T = T_camera_map * tag.T_map_tag;
   if (!row_velocity.isZero()) T = tag.row_motion * T;
   const double half = 0.5 * (tag.side - 1);
   const Eigen::Matrix3d R = T.linear();
@@ -209,7 +209,7 @@ void AlignmentProblem::measure_motion(AlignedTag& tag, const Eigen::Vector3d& ce
 void AlignmentProblem::place_moments(AlignedTag& tag) {
   std::vector<Eigen::Isometry3d>& path = paths_[static_cast<std::size_t>(tag.moments)];
   if (path.empty()) {
-    // A right perturbation xi of T_table_camera is a left one -xi of T_camera_table.
+    // A right perturbation xi of T_map_camera is a left one -xi of T_camera_map.
     for (int k = 0; k < tag.moments; ++k)
       path.push_back(exp_se3(-((k + 0.5) / tag.moments - 0.5) * exposure_motion));
   }

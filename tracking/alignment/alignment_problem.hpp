@@ -57,9 +57,9 @@ struct AlignmentProblem {
 
   // The current frame.
   ImageView image;
-  Eigen::Isometry3d T_camera_table = Eigen::Isometry3d::Identity();
+  Eigen::Isometry3d T_camera_map = Eigen::Isometry3d::Identity();
   Eigen::Isometry3d T_predicted = Eigen::Isometry3d::Identity();
-  // Covariance of the prediction as a left perturbation of T_camera_table, and its inverse.
+  // Covariance of the prediction as a left perturbation of T_camera_map, and its inverse.
   Matrix6d prior_covariance = Matrix6d::Zero();
   Matrix6d prior_information = Matrix6d::Zero();
   Vector6d row_velocity = Vector6d::Zero();     // the camera's, per row [m, rad]
@@ -71,7 +71,7 @@ struct AlignmentProblem {
   void set_tone(double exponent);
   void begin(const AlignmentInput& input);
   void set_exposure_motion(const Vector6d& motion);
-  [[nodiscard]] CameraPose pose() const;
+  [[nodiscard]] MapFromCamera pose() const;
   [[nodiscard]] int index_of(const AlignedTag& tag) const {
     return static_cast<int>(&tag - tags.data());
   }
@@ -116,7 +116,7 @@ struct AlignmentProblem {
                       const Eigen::Matrix<double, 2, 3>& J, BlurModel blur) const;
 
   static constexpr int kMostMoments = 16;
-  // For each number of moments, the motions from T_camera_table to them; computed when needed.
+  // For each number of moments, the motions from T_camera_map to them; computed when needed.
   std::array<std::vector<Eigen::Isometry3d>, kMostMoments + 1> paths_;
   std::vector<std::int32_t> cell_places_;
 };

@@ -9,7 +9,7 @@
 
 namespace penumbra {
 
-// Equations of one tag: left perturbation of T_camera_table, gain and offset marginalised.
+// Equations of one tag: left perturbation of T_camera_map, gain and offset marginalised.
 struct TagEquations {
   int index = 0;
   Matrix6d H = Matrix6d::Zero();

@@ -127,7 +127,7 @@ std::optional<OwnPeak> own_peak(const AlignedTag& tag, const SearchWindow& windo
   return OwnPeak{at_row, at_column};
 }
 
-// d pixel / d xi of a point p of the camera frame, for a left perturbation xi of T_camera_table.
+// d pixel / d xi of a point p of the camera frame, for a left perturbation xi of T_camera_map.
 using PointJacobian = Eigen::Matrix<double, 2, 6>;
 PointJacobian jacobian_of(const Eigen::Matrix<double, 2, 3>& J_p, const Eigen::Vector3d& p) {
   PointJacobian J;
@@ -153,9 +153,9 @@ PointJacobian jacobian_at(const CameraModel& camera, const Eigen::Vector3d& p) {
   return jacobian_of(J_p, p);
 }
 
-// Fits T_camera_table by Gauss-Newton; a shrinking cutoff of the weights rejects wrong peaks.
+// Fits T_camera_map by Gauss-Newton; a shrinking cutoff of the weights rejects wrong peaks.
 bool fit_displaced(const std::vector<DisplacedTag>& displaced, AlignmentProblem& problem) {
-  Eigen::Isometry3d T = problem.T_camera_table;
+  Eigen::Isometry3d T = problem.T_camera_map;
   for (int round = 0; round < 4; ++round) {
     const double cutoff = round == 0 ? 1e9 : (round == 1 ? 12.0 : 6.0);
     const Vector6d deviation = log_se3(T * problem.T_predicted.inverse());
@@ -177,7 +177,7 @@ bool fit_displaced(const std::vector<DisplacedTag>& displaced, AlignmentProblem&
     if (!xi.allFinite()) return false;
     T = exp_se3(xi) * T;
   }
-  problem.T_camera_table = T;
+  problem.T_camera_map = T;
   return true;
 }
 
@@ -194,7 +194,7 @@ double fit_error_px(const std::vector<DisplacedTag>& displaced, const AlignmentP
   Matrix6d H = Matrix6d::Zero();
   for (const DisplacedTag& d : displaced) {
     if (d.open) return std::numeric_limits<double>::infinity();
-    const Eigen::Vector3d p = problem.T_camera_table * d.p;
+    const Eigen::Vector3d p = problem.T_camera_map * d.p;
     Eigen::Matrix<double, 2, 3> J_p;
     sum2 += (d.z - problem.camera.project_unchecked(p, &J_p)).squaredNorm();
     add_point(jacobian_of(J_p, p), 1.0, H);
@@ -447,7 +447,7 @@ bool PatternSearch::search_within(const SearchWindow& window, bool independent,
       find_top<std::int32_t>(window, score_sum_, best_row, best_column, largest_cell_px / scale);
   if (!largest && elsewhere(found, largest_cell_px)) return false;
   displaced_.clear();
-  const Eigen::Isometry3d T_table_camera = problem_.T_camera_table.inverse();
+  const Eigen::Isometry3d T_map_camera = problem_.T_camera_map.inverse();
   for (const AlignedTag* tag : problem_.active) {
     if (tag->score_points == 0) continue;
     const int slack =
@@ -462,7 +462,7 @@ bool PatternSearch::search_within(const SearchWindow& window, bool independent,
     // The centre of a peak that is cut off has an error of a part of a cell.
     const double cut_off_px = top.open ? tag->cell_max_px / std::sqrt(12.0) : 0.0;
     displaced_.push_back(
-        {T_table_camera * p_camera,
+        {T_map_camera * p_camera,
          problem_.camera.project_unchecked(p_camera) + scale * displacement(window, top),
          std::hypot(0.4 * scale + 0.1 * tag->cell_px, cut_off_px), tag->cell_px, top.open});
   }

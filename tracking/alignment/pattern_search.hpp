@@ -37,7 +37,7 @@ struct SearchWindow {
 
 // Position at which a search found a tag.
 struct DisplacedTag {
-  Eigen::Vector3d p;  // the tag's centre, in the table frame
+  Eigen::Vector3d p;  // the tag's centre, in the map's frame
   Eigen::Vector2d z;  // that in the image
   double sigma_px = 0.0;
   double cell_px = 0.0;

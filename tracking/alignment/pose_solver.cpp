@@ -124,7 +124,7 @@ std::optional<PoseSolver::Step> PoseSolver::step(double cutoff, StepBy by) {
   Equations equations;
   accumulate(cutoff, equations);
   if (!take_variance(equations)) return std::nullopt;
-  const Vector6d deviation = log_se3(problem_.T_camera_table * problem_.T_predicted.inverse());
+  const Vector6d deviation = log_se3(problem_.T_camera_map * problem_.T_predicted.inverse());
   slope_ = by == StepBy::slope ? measured_slope(cutoff) : 1.0;
   const Matrix6d H_prior = slope_ * equations.H + variance_ * problem_.prior_information;
   const Vector6d xi =
@@ -140,7 +140,7 @@ std::optional<PoseSolver::Step> PoseSolver::step(double cutoff, StepBy by) {
   Step made;
   made.sigmas = std::sqrt(std::max(xi.dot(information_ * xi), 0.0));
   const Eigen::Isometry3d motion = exp_se3(xi);
-  problem_.T_camera_table = motion * problem_.T_camera_table;
+  problem_.T_camera_map = motion * problem_.T_camera_map;
   made.moved_px = follow_tags(xi, motion);
   return made;
 }

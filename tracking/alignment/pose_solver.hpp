@@ -49,7 +49,7 @@ class PoseSolver {
   // Residuals: sigma over the gain by the median (0: unknown), and variance [grey^2].
   [[nodiscard]] double noise_share() const { return noise_share_; }
   [[nodiscard]] double variance() const { return variance_; }
-  // Information of the left perturbation of T_camera_table, without the prior.
+  // Information of the left perturbation of T_camera_map, without the prior.
   [[nodiscard]] const Matrix6d& information() const { return information_; }
   [[nodiscard]] const Vector6d& last_step() const { return last_step_; }
   // Factor of the equations' H in the last step.
@@ -60,7 +60,7 @@ class PoseSolver {
   [[nodiscard]] const std::vector<simd::TagPack>& packs() const { return packs_; }
 
  private:
-  // Left perturbation of T_camera_table, gains and offsets marginalised, without prior.
+  // Left perturbation of T_camera_map, gains and offsets marginalised, without prior.
   struct Equations {
     Matrix6d H;
     Vector6d g;

@@ -107,7 +107,7 @@ void TagAligner::Impl::begin(const AlignmentInput& frame) {
 
 // Projects the tags at the prediction, for a search; false where none is in view.
 bool TagAligner::Impl::look_where_predicted() {
-  problem.T_camera_table = problem.T_predicted;
+  problem.T_camera_map = problem.T_predicted;
   problem.find_visible(Projection::search);
   return !problem.active.empty();
 }
@@ -136,7 +136,7 @@ bool TagAligner::Impl::attempt(Start start, bool may_be_near) {
   result.inconsistent_tag = -1;
   counters.far_start = false;
   counters.sampling_stopped = false;
-  problem.T_camera_table = problem.T_predicted;
+  problem.T_camera_map = problem.T_predicted;
   bool near = false;
   if (start != Start::near_pose) {
     const bool any = look_where_predicted();
@@ -272,7 +272,7 @@ int TagAligner::Impl::more_samples(const FinePlan& plan, int now) {
 
 void TagAligner::Impl::report_pose() {
   result.counters = problem.counters;
-  result.T_table_camera = problem.pose();
+  result.T_map_camera = problem.pose();
   const Matrix6d total = solver.information() + problem.prior_information;
   result.covariance = inverse_of_spd(total);
   double gain = 0.0;
@@ -317,11 +317,11 @@ AlignmentResult TagAligner::align(const AlignmentInput& input) {
 AlignmentResult TagAligner::refine(const AlignmentInput& input) {
   return impl_->run(input, false);
 }
-std::optional<CameraPose> TagAligner::search_pyramid(const AlignmentInput& input, bool further) {
+std::optional<MapFromCamera> TagAligner::search_pyramid(const AlignmentInput& input, bool further) {
   Impl& m = *impl_;
   m.begin(input);
   if (!m.look_where_predicted() || !m.search.search_pyramid(further)) return std::nullopt;
-  const CameraPose guess = m.problem.pose();
+  const MapFromCamera guess = m.problem.pose();
   return guess.is_finite() ? std::optional(guess) : std::nullopt;
 }
 MotionBlurError TagAligner::motion_blur_error(const std::optional<Vector6d>& motion, bool known,

@@ -45,12 +45,12 @@ struct AlignmentOptions {
 
 struct AlignmentInput {
   ImageView luma;
-  CameraPose predicted;  // T_table_camera
-  // Covariance of the prediction: T_table_camera * exp([nu; omega]) [m, rad], camera frame.
+  MapFromCamera predicted;  // T_map_camera
+  // Covariance of the prediction: T_map_camera * exp([nu; omega]) [m, rad], camera frame.
   Matrix6d covariance = Matrix6d::Identity();
   // The camera's motion during the exposure, a vector like [nu; omega]; zero when unknown.
   Vector6d exposure_motion = Vector6d::Zero();
-  // The camera's velocity at the image's middle row, T_table_camera * exp(t * velocity) [m/s,
+  // The camera's velocity at the image's middle row, T_map_camera * exp(t * velocity) [m/s,
   // rad/s], for the rolling shutter; zero when unknown.
   Vector6d velocity = Vector6d::Zero();
   // Number of samples to begin with, if sampling may stop early (set_sample_need); 0: few.
@@ -91,8 +91,8 @@ struct AlignmentCounters {
 
 struct AlignmentResult {
   bool verified = false;
-  CameraPose T_table_camera;
-  Matrix6d covariance = Matrix6d::Zero();  // as in PoseEstimate, the prior included
+  MapFromCamera T_map_camera;
+  Matrix6d covariance = Matrix6d::Zero();  // as in MapPoseEstimate, the prior included
   double residual_rms = 0.0;               // weighted, as a share of the gain
   // Variance of an edge's mean residual over that of independent residuals, as in `covariance`.
   double design_effect = 1.0;
@@ -163,7 +163,8 @@ class TagAligner {
 
   // Searches a smaller image, which reaches further: a guess to align from, off by some pixels or
   // entirely wrong. `further`: in one smaller again. Nothing where no tag is seen.
-  [[nodiscard]] std::optional<CameraPose> search_pyramid(const AlignmentInput& input, bool further);
+  [[nodiscard]] std::optional<MapFromCamera> search_pyramid(const AlignmentInput& input,
+                                                            bool further);
 
   // Estimates the error of the last alignment's pose along a motion that blurred the image, beyond
   // its covariance; zero for a sharp image or a blur below a cell. `motion`: of the exposure;

@@ -230,7 +230,7 @@ bool ToneEstimator::add(ImageView luma, const CameraPose& T_table_camera) {
     return false;
   AlignmentInput input;
   input.luma = luma;
-  input.predicted = T_table_camera;
+  input.predicted = as_map_pose(T_table_camera);
   input.covariance = covariance_of(0.05, 0.1);
   double exponent = kStart;
   double blur_px = blur_px_;
@@ -238,8 +238,8 @@ bool ToneEstimator::add(ImageView luma, const CameraPose& T_table_camera) {
     aligner_.set_blur(blur_px);
     aligner_.set_tone_exponent(exponent);
     const AlignmentResult result = aligner_.refine(input);
-    if (!result.verified || !result.T_table_camera.is_finite()) return false;
-    input.predicted = result.T_table_camera;
+    if (!result.verified || !result.T_map_camera.is_finite()) return false;
+    input.predicted = result.T_map_camera;
     const std::optional<Fit> fit = fit_tone(aligner_.edge_pixels(), exponent);
     if (!fit) return false;
     exponent = fit->exponent;

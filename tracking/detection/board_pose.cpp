@@ -29,9 +29,9 @@ std::vector<PointObservation> points_of(const Tags& tags) {
 // Returns true if the corners of two minima differ by less than noise.
 bool is_same(const CameraModel& camera, const RefinedPose& a, const RefinedPose& b,
              const std::vector<PointObservation>& points) {
-  const auto T_a = a.T_table_camera.inverse();
-  const auto T_b = b.T_table_camera.inverse();
-  if (a.T_table_camera.rotation().angularDistance(b.T_table_camera.rotation()) > 0.02) return false;
+  const auto T_a = a.T_map_camera.inverse();
+  const auto T_b = b.T_map_camera.inverse();
+  if (a.T_map_camera.rotation().angularDistance(b.T_map_camera.rotation()) > 0.02) return false;
   double sum = 0.0;
   for (const PointObservation& point : points) {
     sum += (camera.project_unchecked(T_a * point.p_table) -
@@ -46,7 +46,7 @@ std::vector<RefinedPose> minima_of(const CameraModel& camera, const Tags& tags,
                                    const RefinerOptions& options = {}) {
   const std::vector<PointObservation> points = points_of(tags);
   std::vector<RefinedPose> minima;
-  for (const CameraPose& start : solve_pose(camera, points)) {
+  for (const MapFromCamera& start : solve_pose(camera, points)) {
     const std::optional<RefinedPose> refined = refine_pose(camera, points, start, options);
     if (refined) minima.push_back(*refined);
   }
@@ -65,24 +65,24 @@ std::vector<RefinedPose> minima_of(const CameraModel& camera, const Tags& tags,
 using Residuals = std::array<Eigen::Vector2d, 4>;  // [px]
 
 // Nothing where a corner projects nowhere.
-std::optional<Residuals> residuals_of(
-    const CameraModel& camera, const TagObservation& tag,
-    const Transform<frame::Camera, frame::Table>& T_camera_table) {
+std::optional<Residuals> residuals_of(const CameraModel& camera, const TagObservation& tag,
+                                      const Transform<frame::Camera, frame::Map>& T_camera_map) {
   Residuals residuals;
   for (std::size_t i = 0; i < 4; ++i) {
     const std::optional<Eigen::Vector2d> pixel =
-        camera.project_extended(T_camera_table * tag.corners_table[i]);
+        camera.project_extended(T_camera_map * tag.corners_table[i]);
     if (!pixel) return std::nullopt;
     residuals[i] = *pixel - tag.corners_px[i];
   }
   return residuals;
 }
 
-std::vector<double> tag_rms(const CameraModel& camera, const Tags& tags, const CameraPose& pose) {
-  const auto T_camera_table = pose.inverse();
+std::vector<double> tag_rms(const CameraModel& camera, const Tags& tags,
+                            const MapFromCamera& pose) {
+  const auto T_camera_map = pose.inverse();
   std::vector<double> result;
   for (const TagObservation& tag : tags) {
-    const std::optional<Residuals> residuals = residuals_of(camera, tag, T_camera_table);
+    const std::optional<Residuals> residuals = residuals_of(camera, tag, T_camera_map);
     double sum = residuals ? 0.0 : std::numeric_limits<double>::infinity();
     if (residuals) {
       for (const Eigen::Vector2d& r : *residuals) sum += r.squaredNorm();
@@ -96,7 +96,8 @@ std::vector<double> tag_rms(const CameraModel& camera, const Tags& tags, const C
 // moves each corner independently; a tag that lies elsewhere has its four moved together, and the
 // pose takes only 6 numbers of that away. Compares, per degree of freedom, the displacement of
 // whole tags with the scatter of their corners.
-bool several_are_inconsistent(const CameraModel& camera, const Tags& tags, const CameraPose& pose) {
+bool several_are_inconsistent(const CameraModel& camera, const Tags& tags,
+                              const MapFromCamera& pose) {
   // Lens, tone curve and printing displace real tags by less than this [px].
   constexpr double kLeast_px = 0.5;
   // Quantiles (999 of 1000) of the F distribution of 2 n - 6 and 6 n degrees of freedom, for 4 and
@@ -106,11 +107,11 @@ bool several_are_inconsistent(const CameraModel& camera, const Tags& tags, const
   if (tags.size() < kFewestTags) return false;
   const double greatest_ratio =
       kGreatestRatio[std::min(tags.size() - kFewestTags, kGreatestRatio.size() - 1)];
-  const auto T_camera_table = pose.inverse();
+  const auto T_camera_map = pose.inverse();
   double between = 0.0;
   double within = 0.0;
   for (const TagObservation& tag : tags) {
-    const std::optional<Residuals> residuals = residuals_of(camera, tag, T_camera_table);
+    const std::optional<Residuals> residuals = residuals_of(camera, tag, T_camera_map);
     if (!residuals) return false;
     Eigen::Vector2d mean = Eigen::Vector2d::Zero();
     for (const Eigen::Vector2d& r : *residuals) mean += r / 4.0;
@@ -173,7 +174,7 @@ Agreement reject_outliers(const CameraModel& camera, Tags used) {
   bool agreed = false;
   while (true) {
     std::vector<double> rms(rest.size(), std::numeric_limits<double>::infinity());
-    if (!rest_minima.empty()) rms = tag_rms(camera, rest, rest_minima.front().T_table_camera);
+    if (!rest_minima.empty()) rms = tag_rms(camera, rest, rest_minima.front().T_map_camera);
     std::vector<double> sorted = rms;
     std::sort(sorted.begin(), sorted.end());
     const double middle = sorted[(sorted.size() - 1) / 2];  // the lower of two
@@ -246,7 +247,7 @@ Result<BoardPose> estimate_board_pose(const CameraModel& camera,
   BoardPose result;
   result.best = found.minima.front();
   result.inconsistent =
-      !found.agreed || several_are_inconsistent(camera, found.used, result.best.T_table_camera);
+      !found.agreed || several_are_inconsistent(camera, found.used, result.best.T_map_camera);
   if (found.minima.size() > 1) result.second = found.minima[1];
   result.points = points_of(found.used);
   result.tags_used = static_cast<int>(found.used.size());
@@ -258,7 +259,7 @@ void finish_by_ceres(const CameraModel& camera, BoardPose& pose) {
   RefinerOptions by_ceres;
   by_ceres.by_ceres = true;
   const auto finish = [&](RefinedPose& minimum) {
-    const auto finished = refine_pose(camera, pose.points, minimum.T_table_camera, by_ceres);
+    const auto finished = refine_pose(camera, pose.points, minimum.T_map_camera, by_ceres);
     if (finished) minimum = *finished;
   };
   finish(pose.best);

@@ -15,7 +15,7 @@
 
 namespace penumbra {
 
-// Corners of one tag on the table and in the image.
+// Corners of one tag on the map and in the image.
 struct TagObservation {
   int index = 0;                                 // in the caller's list, as RigidTags::tags
   std::array<Eigen::Vector3d, 4> corners_table;  // [m]

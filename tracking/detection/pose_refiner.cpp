@@ -16,14 +16,14 @@ namespace {
 
 constexpr double kNearest = 1e-6;  // [m] in front of the camera
 
-// T_table_camera as a parameter block: qx qy qz qw tx ty tz.
+// T_map_camera as a parameter block: qx qy qz qw tx ty tz.
 using PoseParameters = std::array<double, 7>;
 
-CameraPose to_pose(const double* x) {
+MapFromCamera to_pose(const double* x) {
   return {Eigen::Quaterniond(x[3], x[0], x[1], x[2]), Eigen::Vector3d(x[4], x[5], x[6])};
 }
 
-void write_pose(const CameraPose& pose, double* x) {
+void write_pose(const MapFromCamera& pose, double* x) {
   Eigen::Map<Eigen::Vector4d>(x + 0) = pose.rotation().coeffs();
   Eigen::Map<Eigen::Vector3d>(x + 4) = pose.translation();
 }
@@ -60,7 +60,7 @@ class ReprojectionCost final : public ceres::SizedCostFunction<2, 7> {
 
   bool Evaluate(double const* const* parameters, double* residuals,
                 double** jacobians) const override {
-    const CameraPose pose = to_pose(parameters[0]);
+    const MapFromCamera pose = to_pose(parameters[0]);
     const Eigen::Vector3d p = pose.inverse() * observation_.p_table;
     if (!(p.z() > kNearest)) return false;  // Ceres takes a shorter step
     Eigen::Map<Eigen::Vector2d> residual(residuals);
@@ -78,9 +78,10 @@ class ReprojectionCost final : public ceres::SizedCostFunction<2, 7> {
   const PointObservation& observation_;
 };
 
-std::optional<CameraPose> minimum_by_ceres(const CameraModel& camera,
-                                           std::span<const PointObservation> observations,
-                                           const CameraPose& start, const RefinerOptions& options) {
+std::optional<MapFromCamera> minimum_by_ceres(const CameraModel& camera,
+                                              std::span<const PointObservation> observations,
+                                              const MapFromCamera& start,
+                                              const RefinerOptions& options) {
   PoseParameters x{};
   write_pose(start, x.data());
   ceres::Problem::Options ownership;
@@ -121,10 +122,10 @@ struct NormalEquations {
 // Sum of squares under Huber's loss; adds the normal equations. Infinite where a point is not in
 // front of the camera.
 double cost_of(const CameraModel& camera, std::span<const PointObservation> observations,
-               const CameraPose& pose, double robust_scale_px, NormalEquations& equations) {
-  const auto T_camera_table = pose.inverse();
-  const Eigen::Matrix3d R = T_camera_table.rotation_matrix();
-  const Eigen::Vector3d& t = T_camera_table.translation();
+               const MapFromCamera& pose, double robust_scale_px, NormalEquations& equations) {
+  const auto T_camera_map = pose.inverse();
+  const Eigen::Matrix3d R = T_camera_map.rotation_matrix();
+  const Eigen::Vector3d& t = T_camera_map.translation();
   double cost = 0.0;
   Eigen::Matrix<double, 2, 3> J_point;
   for (const PointObservation& observation : observations) {
@@ -159,13 +160,14 @@ double cost_of(const CameraModel& camera, std::span<const PointObservation> obse
 
 // Levenberg-Marquardt with Huber's weights of the current pose. Every point must be in front of the
 // camera at the start.
-std::optional<CameraPose> minimum_near(const CameraModel& camera,
-                                       std::span<const PointObservation> observations,
-                                       const CameraPose& start, const RefinerOptions& options) {
+std::optional<MapFromCamera> minimum_near(const CameraModel& camera,
+                                          std::span<const PointObservation> observations,
+                                          const MapFromCamera& start,
+                                          const RefinerOptions& options) {
   // A step that moves the points by less is the last [px], RMS.
   constexpr double kLastStep_px = 1e-7;
   const double last_step2 = kLastStep_px * kLastStep_px * static_cast<double>(observations.size());
-  CameraPose pose = start;
+  MapFromCamera pose = start;
   NormalEquations equations;
   double cost = cost_of(camera, observations, pose, options.robust_scale_px, equations);
   if (!std::isfinite(cost)) return std::nullopt;
@@ -177,7 +179,7 @@ std::optional<CameraPose> minimum_near(const CameraModel& camera,
     const Vector6d step = damped.ldlt().solve(-equations.g);
     if (!step.allFinite()) return std::nullopt;
     const double moved2 = step.dot(equations.H.selfadjointView<Eigen::Lower>() * step);
-    const CameraPose next = perturbed(pose, step);
+    const MapFromCamera next = perturbed(pose, step);
     NormalEquations next_equations;
     const double next_cost =
         cost_of(camera, observations, next, options.robust_scale_px, next_equations);
@@ -215,9 +217,9 @@ Eigen::Vector3d log_quaternion(const Eigen::Quaterniond& q) {
 }
 
 Eigen::Matrix<double, 2, 6> reprojection_jacobian(const CameraModel& camera,
-                                                  const CameraPose& T_table_camera,
+                                                  const MapFromCamera& T_map_camera,
                                                   const Eigen::Vector3d& p_table) {
-  const Eigen::Vector3d p = T_table_camera.inverse() * p_table;
+  const Eigen::Vector3d p = T_map_camera.inverse() * p_table;
   Eigen::Matrix<double, 2, 3> J_point;
   std::ignore = camera.project_unchecked(p, &J_point);
   // The camera's own motion moves the point to p - nu - omega x p = p - nu + [p]x omega.
@@ -230,25 +232,25 @@ Eigen::Matrix<double, 2, 6> reprojection_jacobian(const CameraModel& camera,
 
 std::optional<RefinedPose> refine_pose(const CameraModel& camera,
                                        std::span<const PointObservation> observations,
-                                       const CameraPose& start, const RefinerOptions& options) {
+                                       const MapFromCamera& start, const RefinerOptions& options) {
   if (observations.size() < 3 || !start.is_finite()) return std::nullopt;
-  const auto T_camera_table = start.inverse();
+  const auto T_camera_map = start.inverse();
   for (const PointObservation& observation : observations) {
     if (!observation.p_table.allFinite() || !observation.pixel.allFinite()) return std::nullopt;
-    if (!((T_camera_table * observation.p_table).z() > kNearest)) return std::nullopt;
+    if (!((T_camera_map * observation.p_table).z() > kNearest)) return std::nullopt;
   }
 
-  const std::optional<CameraPose> minimum =
+  const std::optional<MapFromCamera> minimum =
       options.by_ceres ? minimum_by_ceres(camera, observations, start, options)
                        : minimum_near(camera, observations, start, options);
   if (!minimum) return std::nullopt;
 
   RefinedPose result;
-  result.T_table_camera = *minimum;
-  if (!result.T_table_camera.is_finite()) return std::nullopt;
+  result.T_map_camera = *minimum;
+  if (!result.T_map_camera.is_finite()) return std::nullopt;
   // Information of the weighted problem. Translations are scaled by the distance, so that all six
   // directions compare.
-  const auto T_refined = result.T_table_camera.inverse();
+  const auto T_refined = result.T_map_camera.inverse();
   Matrix6d information = Matrix6d::Zero();
   double sum = 0.0;
   double weighted_sum = 0.0;
@@ -260,7 +262,7 @@ std::optional<RefinedPose> refine_pose(const CameraModel& camera,
     const double error = std::sqrt(error2);
     const double weight = error > options.robust_scale_px ? options.robust_scale_px / error : 1.0;
     const Eigen::Matrix<double, 2, 6> J =
-        reprojection_jacobian(camera, result.T_table_camera, observation.p_table);
+        reprojection_jacobian(camera, result.T_map_camera, observation.p_table);
     information += weight * J.transpose() * J;
     sum += error2;
     weighted_sum += weight * error2;

@@ -43,9 +43,9 @@ template <class To, class From>
   return xi;
 }
 
-// d pixel / d xi at xi = 0, for a point on the table, which must be in front of the camera.
+// d pixel / d xi at xi = 0, for a point of the map, which must be in front of the camera.
 [[nodiscard]] Eigen::Matrix<double, 2, 6> reprojection_jacobian(const CameraModel& camera,
-                                                                const CameraPose& T_table_camera,
+                                                                const MapFromCamera& T_map_camera,
                                                                 const Eigen::Vector3d& p_table);
 
 struct RefinerOptions {
@@ -59,7 +59,7 @@ struct RefinerOptions {
 };
 
 struct RefinedPose {
-  CameraPose T_table_camera;
+  MapFromCamera T_map_camera;
   Matrix6d covariance = Matrix6d::Zero();  // of xi
   double rms_px = 0.0;                     // per corner (2-D distance), all observations
   double noise_px = 0.0;                   // per axis, as the covariance was scaled
@@ -69,7 +69,7 @@ struct RefinedPose {
 // the minimum is not finite.
 [[nodiscard]] std::optional<RefinedPose> refine_pose(const CameraModel& camera,
                                                      std::span<const PointObservation> observations,
-                                                     const CameraPose& start,
+                                                     const MapFromCamera& start,
                                                      const RefinerOptions& options = {});
 
 }  // namespace penumbra

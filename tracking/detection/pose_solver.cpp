@@ -12,7 +12,7 @@ namespace {
 // Principal axes of points: origin at their centroid, z the direction of least spread.
 struct Spread {
   Eigen::Vector3d centroid = Eigen::Vector3d::Zero();
-  Eigen::Matrix3d R_table_own = Eigen::Matrix3d::Identity();
+  Eigen::Matrix3d R_map_own = Eigen::Matrix3d::Identity();
   Eigen::Vector3d deviation = Eigen::Vector3d::Zero();  // [m] RMS along own x, y, z; falling
 };
 
@@ -27,22 +27,22 @@ Spread spread_of(const std::vector<PointObservation>& points) {
   }
   scatter /= static_cast<double>(points.size());
   const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> eigen(scatter);  // rising
-  spread.R_table_own.col(0) = eigen.eigenvectors().col(2);
-  spread.R_table_own.col(1) = eigen.eigenvectors().col(1);
-  spread.R_table_own.col(2) = spread.R_table_own.col(0).cross(spread.R_table_own.col(1));
+  spread.R_map_own.col(0) = eigen.eigenvectors().col(2);
+  spread.R_map_own.col(1) = eigen.eigenvectors().col(1);
+  spread.R_map_own.col(2) = spread.R_map_own.col(0).cross(spread.R_map_own.col(1));
   spread.deviation = eigen.eigenvalues().reverse().cwiseMax(0.0).cwiseSqrt();
   return spread;
 }
 
 struct Candidate {
-  CameraPose pose;
+  MapFromCamera pose;
   double error = 0.0;  // sum of squares in normalised coordinates
 };
 
 }  // namespace
 
-std::vector<CameraPose> solve_pose(const CameraModel& camera,
-                                   std::span<const PointObservation> observations) {
+std::vector<MapFromCamera> solve_pose(const CameraModel& camera,
+                                      std::span<const PointObservation> observations) {
   std::vector<PointObservation> points;
   std::vector<Eigen::Vector2d> rays;  // undistorted, z = 1
   for (const PointObservation& observation : observations) {
@@ -65,7 +65,7 @@ std::vector<CameraPose> solve_pose(const CameraModel& camera,
   const auto solve = [&](bool planar) {
     std::vector<cv::Point3d> object;
     for (const PointObservation& point : points) {
-      const Eigen::Vector3d p = spread.R_table_own.transpose() * (point.p_table - spread.centroid);
+      const Eigen::Vector3d p = spread.R_map_own.transpose() * (point.p_table - spread.centroid);
       object.emplace_back(p.x(), p.y(), planar ? 0.0 : p.z());
     }
     std::vector<cv::Mat> rotations;
@@ -83,14 +83,13 @@ std::vector<CameraPose> solve_pose(const CameraModel& camera,
       const double angle = r.norm();
       Eigen::Matrix3d R_camera_own = Eigen::Matrix3d::Identity();
       if (angle > 0.0) R_camera_own = Eigen::AngleAxisd(angle, r / angle).toRotationMatrix();
-      const Eigen::Matrix3d R_camera_table = R_camera_own * spread.R_table_own.transpose();
-      const Eigen::Vector3d t_camera_table = t - R_camera_table * spread.centroid;
+      const Eigen::Matrix3d R_camera_map = R_camera_own * spread.R_map_own.transpose();
+      const Eigen::Vector3d t_camera_map = t - R_camera_map * spread.centroid;
       Candidate candidate;
-      candidate.pose =
-          Transform<frame::Camera, frame::Table>(R_camera_table, t_camera_table).inverse();
+      candidate.pose = Transform<frame::Camera, frame::Map>(R_camera_map, t_camera_map).inverse();
       bool in_front = true;
       for (std::size_t k = 0; k < points.size(); ++k) {
-        const Eigen::Vector3d p = R_camera_table * points[k].p_table + t_camera_table;
+        const Eigen::Vector3d p = R_camera_map * points[k].p_table + t_camera_map;
         in_front = in_front && p.z() > 0.0;
         candidate.error += (p.head<2>() / p.z() - rays[k]).squaredNorm();
       }
@@ -103,7 +102,7 @@ std::vector<CameraPose> solve_pose(const CameraModel& camera,
   if (flatness > kPlanar) solve(false);
   std::stable_sort(candidates.begin(), candidates.end(),
                    [](const Candidate& a, const Candidate& b) { return a.error < b.error; });
-  std::vector<CameraPose> poses;
+  std::vector<MapFromCamera> poses;
   for (const Candidate& candidate : candidates) poses.push_back(candidate.pose);
   return poses;
 }

@@ -1,4 +1,4 @@
-// Closed-form camera poses from points on the table and their pixels: where refinement starts.
+// Closed-form camera poses from points of a map and their pixels: where refinement starts.
 #pragma once
 
 #include <Eigen/Core>
@@ -19,7 +19,7 @@ struct PointObservation {
 // Collins and Bartoli, IJCV 2014), other points one (SQPnP: Terzakis and Lourakis, ECCV 2020),
 // nearly coplanar ones all three. None for fewer than 4 observations with a ray, points on a line,
 // or numbers that are not finite.
-[[nodiscard]] std::vector<CameraPose> solve_pose(const CameraModel& camera,
-                                                 std::span<const PointObservation> observations);
+[[nodiscard]] std::vector<MapFromCamera> solve_pose(const CameraModel& camera,
+                                                    std::span<const PointObservation> observations);
 
 }  // namespace penumbra

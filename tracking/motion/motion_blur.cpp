@@ -14,13 +14,13 @@ constexpr double kMotionInterval_s = 1.0 / 30.0;
 // Image motion of a frame with no pose before it [px].
 constexpr double kUnknownMotion_px = 5.0;
 
-double moved_px(const CameraModel& camera, const CameraPose& pose, const Vector6d& xi) {
+double moved_px(const CameraModel& camera, const MapFromCamera& pose, const Vector6d& xi) {
   return overlay_difference(camera, perturbed(pose, xi), pose).rms_px();
 }
 
 }  // namespace
 
-double image_motion_px(const CameraModel& camera, const CameraPose& pose,
+double image_motion_px(const CameraModel& camera, const MapFromCamera& pose,
                        const Vector6d& velocity) {
   return moved_px(camera, pose, kMotionInterval_s * velocity);
 }
@@ -30,7 +30,7 @@ ImageMotion motion_found(const PoseHistory& history, const CameraModel& camera, 
   const AlignmentResult& result = alignment.result;
   ImageMotion found{kUnknownMotion_px, kUnknownMotion_px, {}};
   if (!result.verified) return found;
-  const auto motion = history.motion_at(frame.timestamp_ns, result.T_table_camera);
+  const auto motion = history.motion_at(frame.timestamp_ns, result.T_map_camera);
   if (!motion) {
     found.blur = alignment.aligner.motion_blur_error(std::nullopt, false, longest_cells);
     return found;
@@ -47,10 +47,10 @@ ImageMotion motion_found(const PoseHistory& history, const CameraModel& camera, 
                                                      motion->of_one_step ? longest_cells : 0.0);
   // A jump between two sharp images is no motion within them.
   if (!(found.blur.shift_px > 0.0)) return found;
-  found.predicted_px = std::max(found.predicted_px,
-                                image_motion_px(camera, result.T_table_camera, motion->velocity));
+  found.predicted_px =
+      std::max(found.predicted_px, image_motion_px(camera, result.T_map_camera, motion->velocity));
   found.missed_px =
-      std::max(found.missed_px, image_motion_px(camera, result.T_table_camera, motion->change));
+      std::max(found.missed_px, image_motion_px(camera, result.T_map_camera, motion->change));
   return found;
 }
 
@@ -69,11 +69,11 @@ void align_at_own_speed(const PoseHistory& history, const CameraModel& camera, c
   constexpr double kEvenly = 0.25;
   constexpr int kTries = 2;
   for (int i = 0; i < kTries && result.verified; ++i) {
-    const auto found = history.motion_at(frame.timestamp_ns, result.T_table_camera);
+    const auto found = history.motion_at(frame.timestamp_ns, result.T_map_camera);
     if (!found) return;
     const Vector6d& velocity = found->velocity;
     const auto apart_px = [&](const Vector6d& xi) {
-      return moved_px(camera, result.T_table_camera, xi);
+      return moved_px(camera, result.T_map_camera, xi);
     };
     const Vector6d exposure_motion = exposure_s * velocity;
     const bool elsewhere = half_readout_s > 0.0 &&

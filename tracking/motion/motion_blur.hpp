@@ -20,7 +20,7 @@ struct ImageMotion {
 };
 
 // Overlay displacement in 1/30 s at this velocity, RMS [px].
-[[nodiscard]] double image_motion_px(const CameraModel& camera, const CameraPose& pose,
+[[nodiscard]] double image_motion_px(const CameraModel& camera, const MapFromCamera& pose,
                                      const Vector6d& velocity);
 
 // Motion in a frame and the pose error that it hides. `longest_cells`: the longest blur that the

@@ -38,12 +38,12 @@ Matrix6d unforeseen_motion(double age_s) {
   return covariance_of(0.5 * kLinear_m_s2 * age_s * age_s, 0.5 * kAngular_rad_s2 * age_s * age_s);
 }
 
-void MotionModel::start(std::int64_t timestamp_ns, const CameraPose& T_table_camera,
+void MotionModel::start(std::int64_t timestamp_ns, const MapFromCamera& T_map_camera,
                         const Matrix6d& covariance) {
-  PENUMBRA_ASSERT(T_table_camera.is_finite() && covariance.allFinite());
+  PENUMBRA_ASSERT(T_map_camera.is_finite() && covariance.allFinite());
   State state;
   state.timestamp_ns = timestamp_ns;
-  state.pose = T_table_camera;
+  state.pose = T_map_camera;
   state.P_pose = covariance;
   state.P_velocity = covariance_of(kLinearSpeed_m_s, kAngularSpeed_rad_s);
   state.q_linear = density(kStartLinear_m);
@@ -73,11 +73,11 @@ MotionPrediction MotionModel::predict(std::int64_t timestamp_ns) const {
   return {next.pose, next.P_pose, next.velocity};
 }
 
-void MotionModel::update(std::int64_t timestamp_ns, const CameraPose& T_table_camera,
+void MotionModel::update(std::int64_t timestamp_ns, const MapFromCamera& T_map_camera,
                          const Matrix6d& covariance) {
-  PENUMBRA_ASSERT(T_table_camera.is_finite() && covariance.allFinite());
+  PENUMBRA_ASSERT(T_map_camera.is_finite() && covariance.allFinite());
   State next = advanced(timestamp_ns);
-  const Vector6d moved = perturbation_between(next.pose, T_table_camera);
+  const Vector6d moved = perturbation_between(next.pose, T_map_camera);
   // The pose's correction changes the velocity by their cross-covariance.
   const Matrix6d gain = next.P_cross * inverse_of_spd(next.P_pose);
   const Matrix6d learned = next.P_pose - covariance;  // E[moved moved^T] if q is right
@@ -96,7 +96,7 @@ void MotionModel::update(std::int64_t timestamp_ns, const CameraPose& T_table_ca
   next.P_cross = gain * covariance;
   next.P_pose = covariance;
   next.P_velocity = 0.5 * (next.P_velocity + next.P_velocity.transpose().eval());
-  next.pose = T_table_camera;
+  next.pose = T_map_camera;
   state_ = next;
 }
 

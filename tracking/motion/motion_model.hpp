@@ -11,8 +11,8 @@
 namespace penumbra {
 
 struct MotionPrediction {
-  CameraPose T_table_camera;
-  Matrix6d covariance = Matrix6d::Zero();  // of T_table_camera * exp([nu; omega]) [m, rad]
+  MapFromCamera T_map_camera;
+  Matrix6d covariance = Matrix6d::Zero();  // of T_map_camera * exp([nu; omega]) [m, rad]
   Vector6d velocity = Vector6d::Zero();    // [m/s, rad/s], camera frame
 };
 
@@ -26,18 +26,18 @@ class MotionModel {
   [[nodiscard]] std::int64_t timestamp_ns() const { return state_->timestamp_ns; }
 
   // Starts from a pose of unknown motion.
-  void start(std::int64_t timestamp_ns, const CameraPose& T_table_camera,
+  void start(std::int64_t timestamp_ns, const MapFromCamera& T_map_camera,
              const Matrix6d& covariance);
   // Needs a state; `timestamp_ns` not before the state's.
   [[nodiscard]] MotionPrediction predict(std::int64_t timestamp_ns) const;
   // Takes the pose found from predict(timestamp_ns), and its covariance, prediction included.
-  void update(std::int64_t timestamp_ns, const CameraPose& T_table_camera,
+  void update(std::int64_t timestamp_ns, const MapFromCamera& T_map_camera,
               const Matrix6d& covariance);
 
  private:
   struct State {
     std::int64_t timestamp_ns = 0;
-    CameraPose pose;
+    MapFromCamera pose;
     Vector6d velocity = Vector6d::Zero();  // linear [m/s], then angular [rad/s]
     Matrix6d P_pose = Matrix6d::Zero();    // squares of [m] and [rad]; the others alike
     Matrix6d P_cross = Matrix6d::Zero();   // velocity (rows), pose (columns)

@@ -25,16 +25,16 @@ void PoseHistory::begin_frame(std::int64_t timestamp_ns) {
   frame_before_ns_ = timestamp_ns;
 }
 
-void PoseHistory::add(std::int64_t timestamp_ns, const PoseEstimate& estimate, bool is_located,
+void PoseHistory::add(std::int64_t timestamp_ns, const MapPoseEstimate& estimate, bool is_located,
                       bool continues) {
   last_status_ = estimate.status;
-  const TimedPose here{timestamp_ns, estimate.T_table_camera, estimate.covariance,
+  const TimedPose here{timestamp_ns, estimate.T_map_camera, estimate.covariance,
                        estimate.status == TrackStatus::tracked};
   if (is_located) before_measured_ = std::exchange(measured_, here);
   if (continues) before_last_ = std::exchange(last_, here);
 }
 
-std::optional<CameraPose> PoseHistory::predict(std::int64_t timestamp_ns) const {
+std::optional<MapFromCamera> PoseHistory::predict(std::int64_t timestamp_ns) const {
   if (!last_) return std::nullopt;
   if (!before_last_) return last_->pose;
   const double step_s = seconds(last_->timestamp_ns - before_last_->timestamp_ns);
@@ -44,13 +44,13 @@ std::optional<CameraPose> PoseHistory::predict(std::int64_t timestamp_ns) const 
   return perturbed(last_->pose, xi * (ahead_s / step_s));
 }
 
-std::optional<CameraPose> PoseHistory::recent_prediction(std::int64_t timestamp_ns) const {
+std::optional<MapFromCamera> PoseHistory::recent_prediction(std::int64_t timestamp_ns) const {
   const bool recent = last_ && seconds(timestamp_ns - last_->timestamp_ns) <= kPriorLifetime_s;
   return recent ? predict(timestamp_ns) : std::nullopt;
 }
 
 std::optional<CameraMotion> PoseHistory::motion_at(std::int64_t timestamp_ns,
-                                                   const CameraPose& pose) const {
+                                                   const MapFromCamera& pose) const {
   if (!measured_) return std::nullopt;
   const double step_s = seconds(timestamp_ns - measured_->timestamp_ns);
   if (!(step_s > 0.0 && step_s <= kPriorLifetime_s)) return std::nullopt;
@@ -69,23 +69,23 @@ std::optional<CameraMotion> PoseHistory::motion_at(std::int64_t timestamp_ns,
   return motion;
 }
 
-PoseEstimate PoseHistory::coast(const CameraModel& camera, std::int64_t timestamp_ns, double hold_s,
-                                PoseReason reason) const {
-  PoseEstimate estimate;
+MapPoseEstimate PoseHistory::coast(const CameraModel& camera, std::int64_t timestamp_ns,
+                                   double hold_s, PoseReason reason) const {
+  MapPoseEstimate estimate;
   estimate.reason = std::move(reason);
   if (!last_) return estimate;
   const double age_s = seconds(timestamp_ns - last_->timestamp_ns);
   if (!(age_s >= 0.0) || age_s > hold_s) return estimate;
-  const std::optional<CameraPose> predicted = predict(timestamp_ns);
+  const std::optional<MapFromCamera> predicted = predict(timestamp_ns);
   if (!predicted || !predicted->is_finite()) return estimate;
   estimate.status = TrackStatus::held;
   estimate.held_from = last_status_;
-  estimate.T_table_camera = *predicted;
+  estimate.T_map_camera = *predicted;
   estimate.age_s = age_s;
   estimate.ambiguity_ratio = std::numeric_limits<double>::infinity();
   estimate.covariance = last_->covariance + unforeseen_motion(age_s);
   estimate.predicted_overlay_error_px = add_lens_uncertainty_px(
-      camera, predicted_overlay_error_px(camera, estimate.T_table_camera, estimate.covariance));
+      camera, predicted_overlay_error_px(camera, estimate.T_map_camera, estimate.covariance));
   return estimate;
 }
 

@@ -21,6 +21,12 @@ struct CameraMotion {
   bool of_one_step = true;
 };
 
+// PoseEstimate over the map that a tracker is given.
+struct MapPoseEstimate : EstimatedPose {
+  MapFromCamera T_map_camera;
+  double ambiguity_ratio = 0.0;
+};
+
 class PoseHistory {
  public:
   // Begins a frame; forgets newer poses, because the clock jumped.
@@ -29,27 +35,27 @@ class PoseHistory {
   [[nodiscard]] double frame_interval_s() const { return frame_interval_s_; }
 
   // Adds a pose. `is_located`: not one of several far apart. `continues`: predictions may use it.
-  void add(std::int64_t timestamp_ns, const PoseEstimate& estimate, bool is_located,
+  void add(std::int64_t timestamp_ns, const MapPoseEstimate& estimate, bool is_located,
            bool continues);
 
   // The tracked motion continued at constant velocity.
-  [[nodiscard]] std::optional<CameraPose> predict(std::int64_t timestamp_ns) const;
+  [[nodiscard]] std::optional<MapFromCamera> predict(std::int64_t timestamp_ns) const;
   // The same while the last tracked pose is recent.
-  [[nodiscard]] std::optional<CameraPose> recent_prediction(std::int64_t timestamp_ns) const;
+  [[nodiscard]] std::optional<MapFromCamera> recent_prediction(std::int64_t timestamp_ns) const;
   // Motion in a frame with this pose, by measured poses and constant acceleration.
   [[nodiscard]] std::optional<CameraMotion> motion_at(std::int64_t timestamp_ns,
-                                                      const CameraPose& pose) const;
+                                                      const MapFromCamera& pose) const;
   // Returns true if the pose before was tracked.
   [[nodiscard]] bool was_tracked() const { return measured_->tracked; }
 
   // Extrapolates a frame without a measurement for up to `hold_s`; then lost.
-  [[nodiscard]] PoseEstimate coast(const CameraModel& camera, std::int64_t timestamp_ns,
-                                   double hold_s, PoseReason reason) const;
+  [[nodiscard]] MapPoseEstimate coast(const CameraModel& camera, std::int64_t timestamp_ns,
+                                      double hold_s, PoseReason reason) const;
 
  private:
   struct TimedPose {
     std::int64_t timestamp_ns = 0;
-    CameraPose pose;
+    MapFromCamera pose;
     Matrix6d covariance = Matrix6d::Zero();
     bool tracked = false;
   };

@@ -57,7 +57,7 @@ Method libapriltag_of(const test::RecordedSession& session, float quad_decimate)
     }
     const Result<BoardPose> board = estimate_board_pose(session.camera, observations);
     if (!board) return std::nullopt;
-    return board->best.T_table_camera;
+    return as_table_pose(board->best.T_map_camera);
   };
 }
 

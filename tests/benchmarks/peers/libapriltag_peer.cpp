@@ -36,7 +36,7 @@ class Libapriltag : public Peer {
     }
     const Result<BoardPose> board = estimate_board_pose(camera_, observations);
     if (!board) return std::nullopt;
-    return board->best.T_table_camera;
+    return as_table_pose(board->best.T_map_camera);
   }
 
  private:

@@ -74,12 +74,12 @@ TEST(TableVolume, MatchesCubeErrorOfPerturbedLenses) {
     Eigen::VectorXd d(L.rows());
     for (double& value : d) value = normal(rng);
     const CameraModel wrong = moved_lens(truth, L * d);
-    const auto pose = refine_pose(wrong, tags, volume->T_table_camera);
+    const auto pose = refine_pose(wrong, tags, as_map_pose(volume->T_table_camera));
     ASSERT_TRUE(pose);
     for (std::size_t i = 0; i < cube.size(); ++i) {
       const Eigen::Vector2d a = *wrong.project(T_camera_table * cube[i]) - volume->corners_px[i];
       const Eigen::Vector2d b =
-          *wrong.project(pose->T_table_camera.inverse() * cube[i]) - volume->corners_px[i];
+          *wrong.project(pose->T_map_camera.inverse() * cube[i]) - volume->corners_px[i];
       known[i] += a * a.transpose() / kTrials;
       tracked[i] += b * b.transpose() / kTrials;
     }

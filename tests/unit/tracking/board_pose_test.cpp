@@ -22,7 +22,7 @@ constexpr double kNoise_px = 0.2;
 class BoardPoseTest : public testing::Test {
  protected:
   double error_px(const BoardPose& board) const {
-    return overlay_difference(camera_, board.best.T_table_camera, truth_).rms_px();
+    return overlay_difference(camera_, board.best.T_map_camera, as_map_pose(truth_)).rms_px();
   }
   CameraModel camera_ = desk_camera();
   CameraPose truth_ = looking_at_origin(0.55, 0.6, 0.3, 0.2);
@@ -124,7 +124,7 @@ TEST_F(BoardPoseTest, ReportsSmallFrontalTagAsAmbiguous) {
     const auto board = estimate_board_pose(
         camera_, observe(camera_, truth, {flat_tag(0, 0.0, 0.0, 0.04)}, 0.3, random_));
     ASSERT_TRUE(board);
-    const double angle = board->best.T_table_camera.rotation().angularDistance(truth.rotation());
+    const double angle = board->best.T_map_camera.rotation().angularDistance(truth.rotation());
     if (angle < radians(25.0)) continue;
     ++wrong;
     EXPECT_TRUE(board->is_ambiguous(1.6))
@@ -152,10 +152,9 @@ TEST_F(BoardPoseTest, DerivesNoPoseFromCollapsedCorners) {
   for (Eigen::Vector2d& corner : seen[0].corners_px) corner = Eigen::Vector2d(100.0, 100.0);
   const auto board = estimate_board_pose(camera_, seen);
   if (board) {
-    EXPECT_TRUE(board->best.T_table_camera.is_finite());
-    EXPECT_GT(
-        predicted_overlay_error_px(camera_, board->best.T_table_camera, board->best.covariance),
-        2.0);
+    EXPECT_TRUE(board->best.T_map_camera.is_finite());
+    EXPECT_GT(predicted_overlay_error_px(camera_, board->best.T_map_camera, board->best.covariance),
+              2.0);
   }
 }
 
@@ -164,7 +163,7 @@ TEST_F(BoardPoseTest, IsDeterministic) {
   const auto a = estimate_board_pose(camera_, seen);
   const auto b = estimate_board_pose(camera_, seen);
   ASSERT_TRUE(a && b);
-  EXPECT_EQ(a->best.T_table_camera.matrix(), b->best.T_table_camera.matrix());
+  EXPECT_EQ(a->best.T_map_camera.matrix(), b->best.T_map_camera.matrix());
   EXPECT_EQ(a->best.covariance, b->best.covariance);
 }
 

@@ -25,7 +25,7 @@ Matrix6d measured(double sigma_m, double sigma_rad) {
 TEST(MotionModel, PredictsSteadyMotionWithoutDrift) {
   Vector6d velocity;
   velocity << 0.2, -0.1, 0.05, 0.3, 0.2, -0.4;
-  CameraPose pose(Eigen::Quaterniond::Identity(), Eigen::Vector3d(0.0, 0.0, 0.5));
+  MapFromCamera pose(Eigen::Quaterniond::Identity(), Eigen::Vector3d(0.0, 0.0, 0.5));
   MotionModel motion;
   motion.start(0, pose, measured(1e-4, 1e-4));
   double error_m = 0.0;
@@ -33,25 +33,25 @@ TEST(MotionModel, PredictsSteadyMotionWithoutDrift) {
   for (int k = 1; k <= 10'000; ++k) {
     pose = perturbed(pose, velocity * seconds(kFrame_ns));
     const MotionPrediction prediction = motion.predict(k * kFrame_ns);
-    const Vector6d off = perturbation_between(prediction.T_table_camera, pose);
+    const Vector6d off = perturbation_between(prediction.T_map_camera, pose);
     if (k > 50) {
       error_m = std::max(error_m, off.head<3>().norm());
       error_rad = std::max(error_rad, off.tail<3>().norm());
     }
     motion.update(k * kFrame_ns, pose, measured(1e-4, 1e-4));
-    ASSERT_NEAR(prediction.T_table_camera.rotation().norm(), 1.0, 1e-12);
+    ASSERT_NEAR(prediction.T_map_camera.rotation().norm(), 1.0, 1e-12);
   }
   EXPECT_LT(error_m, 1e-4);
   EXPECT_LT(error_rad, 1e-4);
 }
 
 TEST(MotionModel, WidensCovarianceAfterJerk) {
-  CameraPose pose(Eigen::Quaterniond::Identity(), Eigen::Vector3d(0.0, 0.0, 0.5));
+  MapFromCamera pose(Eigen::Quaterniond::Identity(), Eigen::Vector3d(0.0, 0.0, 0.5));
   MotionModel motion;
   motion.start(0, pose, measured(2e-4, 5e-4));
   std::mt19937_64 random(2);
   std::normal_distribution<double> n(0.0, 1.0);
-  const auto noisy = [&](const CameraPose& p) {
+  const auto noisy = [&](const MapFromCamera& p) {
     Vector6d xi;
     for (int k = 0; k < 6; ++k) xi[k] = (k < 3 ? 2e-4 : 5e-4) * n(random);
     return perturbed(p, xi);
@@ -69,7 +69,7 @@ TEST(MotionModel, WidensCovarianceAfterJerk) {
 TEST(MotionModel, KeepsCovariancePositiveDefinite) {
   std::mt19937_64 random(3);
   std::normal_distribution<double> n(0.0, 1.0);
-  CameraPose pose(Eigen::Quaterniond::Identity(), Eigen::Vector3d(0.0, 0.0, 0.5));
+  MapFromCamera pose(Eigen::Quaterniond::Identity(), Eigen::Vector3d(0.0, 0.0, 0.5));
   MotionModel motion;
   motion.start(0, pose, measured(1e-3, 1e-2));
   for (int k = 1; k <= 2'000; ++k) {
@@ -81,7 +81,7 @@ TEST(MotionModel, KeepsCovariancePositiveDefinite) {
     const Matrix6d posterior = (prediction.covariance.inverse() + image).inverse();
     Vector6d xi;
     for (int i = 0; i < 6; ++i) xi[i] = 0.003 * n(random);
-    motion.update(k * kFrame_ns, perturbed(prediction.T_table_camera, xi), posterior);
+    motion.update(k * kFrame_ns, perturbed(prediction.T_map_camera, xi), posterior);
   }
 }
 

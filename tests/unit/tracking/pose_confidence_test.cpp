@@ -19,7 +19,7 @@ class PoseConfidence : public ::testing::Test {
   // Returns a measurement with this predicted overlay error.
   [[nodiscard]] Measurement measured(double error_px) const {
     Measurement measurement;
-    measurement.best.T_table_camera = pose_;
+    measurement.best.T_map_camera = pose_;
     measurement.best.covariance = covariance_of(error_px);
     measurement.tags_used = 6;
     measurement.aligned = true;
@@ -32,15 +32,16 @@ class PoseConfidence : public ::testing::Test {
   // Adds a second pose, turned about the table's x axis.
   void add_second(Measurement& measurement, double turn_rad) const {
     measurement.second = measurement.best;
-    const Transform<frame::Table, frame::Table> turn(
+    const Transform<frame::Map, frame::Map> turn(
         Eigen::Quaterniond(Eigen::AngleAxisd(turn_rad, Eigen::Vector3d::UnitX())),
         Eigen::Vector3d::Zero());
-    measurement.second->T_table_camera = turn * pose_;
+    measurement.second->T_map_camera = turn * pose_;
     measurement.ambiguous = true;
   }
 
   const RigidTags group_{test::wide_camera(), test::board(3, 2, 0.06)};
-  const CameraPose pose_ = test::looking_at(Eigen::Vector3d::Zero(), 0.5, 1.0, 0.3, 0.0);
+  const MapFromCamera pose_ =
+      as_map_pose(test::looking_at(Eigen::Vector3d::Zero(), 0.5, 1.0, 0.3, 0.0));
 };
 
 TEST_F(PoseConfidence, TracksPoseBelowLimit) {
@@ -73,13 +74,13 @@ TEST_F(PoseConfidence, IsUncertainWhenTwoPosesFit) {
 TEST_F(PoseConfidence, ChoosesBetweenTwoPosesByPrediction) {
   Measurement measurement = measured(0.1);
   add_second(measurement, 0.4);
-  const CameraPose second = measurement.second->T_table_camera;
+  const MapFromCamera second = measurement.second->T_map_camera;
   const JudgedPose best = judge(group_, measurement, pose_);
   EXPECT_EQ(best.estimate.status, TrackStatus::tracked);
-  EXPECT_EQ(best.estimate.T_table_camera.matrix(), pose_.matrix());
+  EXPECT_EQ(best.estimate.T_map_camera.matrix(), pose_.matrix());
   const JudgedPose other = judge(group_, measurement, second);
   EXPECT_EQ(other.estimate.status, TrackStatus::tracked);
-  EXPECT_EQ(other.estimate.T_table_camera.matrix(), second.matrix());
+  EXPECT_EQ(other.estimate.T_map_camera.matrix(), second.matrix());
 }
 
 TEST_F(PoseConfidence, BlamesLensWhenOnlyCameraFileIsUncertain) {

@@ -11,10 +11,10 @@ namespace {
 
 constexpr std::int64_t kFrame_ns = 33'333'333;
 
-PoseEstimate tracked_at(double x_m) {
-  PoseEstimate estimate;
+MapPoseEstimate tracked_at(double x_m) {
+  MapPoseEstimate estimate;
   estimate.status = TrackStatus::tracked;
-  estimate.T_table_camera = {Eigen::Quaterniond(0.0, 1.0, 0.0, 0.0), {x_m, 0.0, 0.5}};
+  estimate.T_map_camera = {Eigen::Quaterniond(0.0, 1.0, 0.0, 0.0), {x_m, 0.0, 0.5}};
   estimate.covariance = 1e-8 * Eigen::Matrix<double, 6, 6>::Identity();
   return estimate;
 }
@@ -57,17 +57,17 @@ TEST(PoseHistory, ForgetsPosesWhenClockJumpsBack) {
   PoseHistory history = steady_history(3);
   history.begin_frame(2 * kFrame_ns);
   EXPECT_FALSE(history.predict(2 * kFrame_ns));
-  EXPECT_FALSE(history.motion_at(2 * kFrame_ns, tracked_at(0.0).T_table_camera));
+  EXPECT_FALSE(history.motion_at(2 * kFrame_ns, tracked_at(0.0).T_map_camera));
 }
 
 TEST(PoseHistory, DerivesChangeOfVelocityFromThreePoses) {
   const PoseHistory history = steady_history(2);
-  const auto steady = history.motion_at(3 * kFrame_ns, tracked_at(0.03).T_table_camera);
+  const auto steady = history.motion_at(3 * kFrame_ns, tracked_at(0.03).T_map_camera);
   ASSERT_TRUE(steady);
   EXPECT_FALSE(steady->of_one_step);
   EXPECT_NEAR(steady->velocity.head<3>().norm(), 0.3, 1e-6);
   EXPECT_NEAR(steady->change.norm(), 0.0, 1e-6);
-  const auto faster = history.motion_at(3 * kFrame_ns, tracked_at(0.04).T_table_camera);
+  const auto faster = history.motion_at(3 * kFrame_ns, tracked_at(0.04).T_map_camera);
   ASSERT_TRUE(faster);
   EXPECT_NEAR(faster->change.head<3>().norm(), 0.3, 1e-6);
   EXPECT_NEAR(faster->velocity.head<3>().norm(), 0.75, 1e-6);
@@ -77,15 +77,15 @@ TEST(PoseHistory, DerivesNoMotionFromUnlocatedPoses) {
   PoseHistory history;
   history.begin_frame(kFrame_ns);
   history.add(kFrame_ns, tracked_at(0.0), false, true);
-  EXPECT_FALSE(history.motion_at(2 * kFrame_ns, tracked_at(0.01).T_table_camera));
+  EXPECT_FALSE(history.motion_at(2 * kFrame_ns, tracked_at(0.01).T_map_camera));
   EXPECT_TRUE(history.predict(2 * kFrame_ns));
 }
 
 TEST(PoseHistory, CoastsWithGrowingErrorUntilHoldTime) {
   const PoseHistory history = steady_history(2);
   const CameraModel camera = test::wide_camera();
-  const PoseEstimate soon = history.coast(camera, 3 * kFrame_ns, 0.1, not_measured("hidden"));
-  const PoseEstimate later = history.coast(camera, 4 * kFrame_ns, 0.1, not_measured("hidden"));
+  const MapPoseEstimate soon = history.coast(camera, 3 * kFrame_ns, 0.1, not_measured("hidden"));
+  const MapPoseEstimate later = history.coast(camera, 4 * kFrame_ns, 0.1, not_measured("hidden"));
   EXPECT_EQ(soon.status, TrackStatus::held);
   EXPECT_EQ(soon.held_from, TrackStatus::tracked);
   EXPECT_EQ(text_of(soon.reason), "hidden");

@@ -36,7 +36,7 @@ TEST_P(PoseRefinerLens, MatchesJacobianToCentralDifferences) {
     const CameraPose pose = looking_at_origin(0.5 + 0.2 * unit(random), 0.6 * unit(random),
                                               3.0 * unit(random), 3.0 * unit(random));
     const Eigen::Vector3d p(0.1 * unit(random), 0.1 * unit(random), 0.1 * unit(random));
-    const Eigen::Matrix<double, 2, 6> J = reprojection_jacobian(camera, pose, p);
+    const Eigen::Matrix<double, 2, 6> J = reprojection_jacobian(camera, as_map_pose(pose), p);
     for (int axis = 0; axis < 6; ++axis) {
       Vector6d step = Vector6d::Zero();
       step[axis] = 1e-6;
@@ -57,7 +57,7 @@ TEST_P(PoseRefinerLens, RecoversExactPoseFromExactCorners) {
     ASSERT_FALSE(starts.empty());
     const auto refined = refine_pose(camera, points, starts.front());
     ASSERT_TRUE(refined);
-    EXPECT_LT(perturbation_between(truth, refined->T_table_camera).norm(), 1e-7);
+    EXPECT_LT(perturbation_between(as_map_pose(truth), refined->T_map_camera).norm(), 1e-7);
     EXPECT_LT(refined->rms_px, 1e-6);
     EXPECT_GE(refined->noise_px, RefinerOptions().noise_floor_px);
   }
@@ -80,9 +80,9 @@ TEST(PoseRefiner, ConvergesFromWrongStart) {
   const auto points = points_of(observe(camera, truth, sheet(), 0.0, random));
   Vector6d off;
   off << 0.05, -0.05, 0.1, 0.2, -0.2, 0.3;
-  const auto refined = refine_pose(camera, points, perturbed(truth, off));
+  const auto refined = refine_pose(camera, points, as_map_pose(perturbed(truth, off)));
   ASSERT_TRUE(refined);
-  EXPECT_LT(perturbation_between(truth, refined->T_table_camera).norm(), 1e-6);
+  EXPECT_LT(perturbation_between(as_map_pose(truth), refined->T_map_camera).norm(), 1e-6);
 }
 
 // Both solvers start at the same pose and reach the same minimum: with noise, outliers, one tag and
@@ -103,14 +103,14 @@ TEST_P(PoseRefinerLens, FindsSameMinimumAsCeres) {
     if (i % 5 == 0) points[1].pixel += Eigen::Vector2d(12.0, -7.0);
     RefinerOptions by_ceres;
     by_ceres.by_ceres = true;
-    for (const CameraPose& start : solve_pose(camera, points)) {
+    for (const MapFromCamera& start : solve_pose(camera, points)) {
       const auto ours = refine_pose(camera, points, start);
       const auto theirs = refine_pose(camera, points, start, by_ceres);
       ASSERT_EQ(ours.has_value(), theirs.has_value());
       if (!ours) continue;
       ++compared;
-      const auto T_ours = ours->T_table_camera.inverse();
-      const auto T_theirs = theirs->T_table_camera.inverse();
+      const auto T_ours = ours->T_map_camera.inverse();
+      const auto T_theirs = theirs->T_map_camera.inverse();
       double cost_ours = 0.0;
       double cost_theirs = 0.0;
       const auto huber = [](double error) {
@@ -147,9 +147,9 @@ TEST(PoseRefiner, PredictsCovarianceOfTrials) {
       const auto points = points_of(observe(camera, truth, sheet(), noise, random));
       RefinerOptions options;
       options.robust_scale_px = 100.0;  // the noise is Gaussian: no robust loss needed
-      const auto refined = refine_pose(camera, points, truth, options);
+      const auto refined = refine_pose(camera, points, as_map_pose(truth), options);
       ASSERT_TRUE(refined);
-      const Vector6d error = perturbation_between(refined->T_table_camera, truth);
+      const Vector6d error = perturbation_between(refined->T_map_camera, as_map_pose(truth));
       sum += error.dot(refined->covariance.inverse() * error);
     }
     constexpr double kFreedom = 2 * 48 - 6;
@@ -162,10 +162,10 @@ TEST(PoseRefiner, PredictsCovarianceOfTrials) {
 // Reprojection residual for Ceres, with numeric derivatives.
 struct Reprojection {
   const CameraModel& camera;
-  const CameraPose& pose;
+  const MapFromCamera& pose;
   const PointObservation& point;
   bool operator()(const double* xi, double* residual) const {
-    const CameraPose moved = perturbed(pose, Eigen::Map<const Vector6d>(xi));
+    const MapFromCamera moved = perturbed(pose, Eigen::Map<const Vector6d>(xi));
     Eigen::Map<Eigen::Vector2d>{residual} =
         camera.project_unchecked(moved.inverse() * point.p_table) - point.pixel;
     return true;
@@ -181,14 +181,14 @@ TEST_P(PoseRefinerLens, FindsSameCovarianceAsCeres) {
       const auto points = points_of(observe(camera, truth, tags, 0.2, random));
       RefinerOptions options;
       options.robust_scale_px = 2.0;  // Gaussian noise never exceeds it
-      const auto refined = refine_pose(camera, points, truth, options);
+      const auto refined = refine_pose(camera, points, as_map_pose(truth), options);
       ASSERT_TRUE(refined);
       Vector6d xi = Vector6d::Zero();
       ceres::Problem problem;
       for (const PointObservation& point : points) {
         problem.AddResidualBlock(
             new ceres::NumericDiffCostFunction<Reprojection, ceres::CENTRAL, 2, 6>(
-                new Reprojection{camera, refined->T_table_camera, point}),
+                new Reprojection{camera, refined->T_map_camera, point}),
             new ceres::HuberLoss(options.robust_scale_px), xi.data());
       }
       ceres::Covariance::Options how;
@@ -221,11 +221,10 @@ TEST(PoseRefiner, PredictsErrorOfFewCornersConservatively) {
   for (int i = 0; i < 300; ++i) {
     const CameraPose truth = looking_at_origin(0.4, 0.8, 0.02 * i, 0.01 * i);
     const auto points = points_of(observe(camera, truth, one, 0.3, random));
-    const auto refined = refine_pose(camera, points, truth);
+    const auto refined = refine_pose(camera, points, as_map_pose(truth));
     ASSERT_TRUE(refined);
-    const double e = overlay_difference(camera, refined->T_table_camera, truth).rms_px();
-    const double p =
-        predicted_overlay_error_px(camera, refined->T_table_camera, refined->covariance);
+    const double e = overlay_difference(camera, refined->T_map_camera, as_map_pose(truth)).rms_px();
+    const double p = predicted_overlay_error_px(camera, refined->T_map_camera, refined->covariance);
     error2 += e * e;
     promised2 += p * p;
   }
@@ -238,20 +237,20 @@ TEST(PoseRefiner, RejectsDegenerateInput) {
   std::mt19937 random(11);
   const CameraPose truth = looking_at_origin(0.5, 0.3, 0.0, 0.0);
   auto points = points_of(observe(camera, truth, sheet(), 0.0, random));
-  EXPECT_FALSE(refine_pose(camera, {}, truth));
-  EXPECT_FALSE(refine_pose(camera, std::span(points).first(2), truth));
+  EXPECT_FALSE(refine_pose(camera, {}, as_map_pose(truth)));
+  EXPECT_FALSE(refine_pose(camera, std::span(points).first(2), as_map_pose(truth)));
   // Behind the camera.
-  EXPECT_FALSE(refine_pose(camera, points,
-                           CameraPose(Eigen::Quaterniond::Identity(), Eigen::Vector3d(0, 0, 0.5))));
+  EXPECT_FALSE(refine_pose(
+      camera, points, MapFromCamera(Eigen::Quaterniond::Identity(), Eigen::Vector3d(0, 0, 0.5))));
   // On one line.
   std::vector<PointObservation> line;
   for (int i = 0; i < 6; ++i) {
     const Eigen::Vector3d p(0.02 * i, 0.01 * i, 0.0);
     line.push_back({p, *camera.project(truth.inverse() * p)});
   }
-  EXPECT_FALSE(refine_pose(camera, line, truth));
+  EXPECT_FALSE(refine_pose(camera, line, as_map_pose(truth)));
   points[3].pixel.x() = std::numeric_limits<double>::quiet_NaN();
-  EXPECT_FALSE(refine_pose(camera, points, truth));
+  EXPECT_FALSE(refine_pose(camera, points, as_map_pose(truth)));
 }
 
 TEST(PoseSolver, FindsBothPosesOfSmallTag) {
@@ -267,7 +266,7 @@ TEST(PoseSolver, FindsBothPosesOfSmallTag) {
     const auto starts = solve_pose(camera, points);
     both += starts.size() == 2 ? 1 : 0;
     bool close = false;
-    for (const CameraPose& start : starts)
+    for (const MapFromCamera& start : starts)
       close = close || start.rotation().angularDistance(truth.rotation()) < radians(8.0);
     truth_among_them += close ? 1 : 0;
   }
@@ -289,7 +288,7 @@ TEST(PoseSolver, FindsOnePoseForNonPlanarPoints) {
   const CameraPose truth = looking_at_origin(0.6, 0.9, 0.1, 0.0);
   const auto starts = solve_pose(camera, points_of(observe(camera, truth, tags, 0.0, random)));
   ASSERT_EQ(starts.size(), 1U);
-  EXPECT_LT(perturbation_between(truth, starts[0]).norm(), 1e-4);
+  EXPECT_LT(perturbation_between(as_map_pose(truth), starts[0]).norm(), 1e-4);
 }
 
 TEST(PoseSolver, FindsNoPoseForDegenerateInput) {

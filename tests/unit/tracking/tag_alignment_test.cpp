@@ -40,12 +40,12 @@ class TagAlignerTest : public ::testing::Test {
                         double start_px) {
     AlignmentInput input;
     input.luma = image.view();
-    input.predicted = start;
+    input.predicted = as_map_pose(start);
     input.covariance = loose_prior(0.0007 * start_px, 0.0012 * start_px);
     return aligner.align(input);
   }
-  double overlay_px(const CameraPose& estimated, const CameraPose& truth) const {
-    return overlay_difference(camera_, estimated, truth).rms_px();
+  double overlay_px(const MapFromCamera& estimated, const CameraPose& truth) const {
+    return overlay_difference(camera_, estimated, as_map_pose(truth)).rms_px();
   }
 
   // Renders the image of a camera that moves during the exposure; `truth` is the pose at its
@@ -68,10 +68,11 @@ class TagAlignerTest : public ::testing::Test {
     render.noise_grey = 2.0;
     render.samples = 96;
     BlurredView view;
-    view.input.predicted = random_view(random_);
+    const CameraPose truth = random_view(random_);
+    view.input.predicted = as_map_pose(truth);
     view.input.covariance = loose_prior(0.0005, 0.001);
-    view.input.exposure_motion = random_motion(view.input.predicted, length_px);
-    view.image = blurred_image(renderer, view.input.predicted, view.input.exposure_motion, render);
+    view.input.exposure_motion = random_motion(truth, length_px);
+    view.image = blurred_image(renderer, truth, view.input.exposure_motion, render);
     view.input.luma = view.image.view();
     return view;
   }
@@ -95,7 +96,7 @@ TEST_F(TagAlignerTest, FindsPoseWithinHundredthOfPixelWithoutNoise) {
     const AlignmentResult result =
         align(aligner, image, displaced(camera_, tags_, truth, 2.0, random_), 2.0);
     ASSERT_TRUE(result.verified) << result.reason;
-    EXPECT_LT(overlay_px(result.T_table_camera, truth), 0.012);
+    EXPECT_LT(overlay_px(result.T_map_camera, truth), 0.012);
     EXPECT_EQ(result.tags_verified, 6);
   }
 }
@@ -168,12 +169,12 @@ TEST_F(TagAlignerTest, StaysNearCramerRaoBoundWithNoise) {
         auto aligner = TagAligner::create(camera_, tags_, options).value();
         const AlignmentResult result = align(aligner, image, start, 2.0);
         ASSERT_TRUE(result.verified);
-        const double ratio = overlay_px(result.T_table_camera, truth) / bound;
+        const double ratio = overlay_px(result.T_map_camera, truth) / bound;
         (effort == AlignmentEffort::fast ? fast2 : accurate2) +=
             ratio * ratio / (kPoses * kPictures);
         if (effort == AlignmentEffort::accurate) {
           const double expected =
-              predicted_overlay_error_px(camera_, result.T_table_camera, result.covariance);
+              predicted_overlay_error_px(camera_, result.T_map_camera, result.covariance);
           expected2 += expected * expected / (bound * bound * kPoses * kPictures);
         }
       }
@@ -207,7 +208,7 @@ TEST_F(TagAlignerTest, StopsSamplingWhenBudgetIsMet) {
   const AlignmentResult all = align(aligner, image, start, 2.0);
   ASSERT_TRUE(all.verified);
   const auto expected_px = [this](const AlignmentResult& result) {
-    return predicted_overlay_error_px(camera_, result.T_table_camera, result.covariance);
+    return predicted_overlay_error_px(camera_, result.T_map_camera, result.covariance);
   };
   // The last budget is below what all pixels give.
   int asked = 0;
@@ -223,7 +224,7 @@ TEST_F(TagAlignerTest, StopsSamplingWhenBudgetIsMet) {
     ASSERT_TRUE(result.verified) << times;
     EXPECT_GE(result.counters.samples, 0.999 * before);
     before = result.counters.samples;
-    EXPECT_LT(overlay_px(result.T_table_camera, truth),
+    EXPECT_LT(overlay_px(result.T_map_camera, truth),
               4.0 * std::max(1.0, times) * expected_px(all));
     if (times > 1.0) {
       EXPECT_TRUE(times < 2.0 || result.counters.sampling_stopped) << times;
@@ -247,7 +248,7 @@ TEST_F(TagAlignerTest, StopsSamplingWhenBudgetIsMet) {
   });
   AlignmentInput input;
   input.luma = image.view();
-  input.predicted = start;
+  input.predicted = as_map_pose(start);
   input.covariance = loose_prior(0.0007 * 2.0, 0.0012 * 2.0);
   input.first_samples = 5 * aligner.align(input).counters.samples / 4;
   asked = 0;
@@ -269,7 +270,7 @@ TEST_F(TagAlignerTest, ConvergesFromMoreThanOneCellAway) {
       for (int j = 0; j < kStarts / 4; ++j) {
         const AlignmentResult result =
             align(aligner, image, displaced(camera_, tags_, truth, start_px, random_), start_px);
-        const bool close = overlay_px(result.T_table_camera, truth) < 0.15;
+        const bool close = overlay_px(result.T_map_camera, truth) < 0.15;
         EXPECT_EQ(result.verified, close) << "from " << start_px << " px";
         converged += result.verified && close ? 1 : 0;
       }
@@ -292,7 +293,7 @@ TEST_F(TagAlignerTest, KeepsPoseWhenThirdOfEveryTagIsCovered) {
     const AlignmentResult result =
         align(aligner, picture(truth, render), displaced(camera_, tags_, truth, 2.0, random_), 2.0);
     ASSERT_TRUE(result.verified) << result.reason;
-    const double error = overlay_px(result.T_table_camera, truth);
+    const double error = overlay_px(result.T_map_camera, truth);
     sum2 += error * error / kPoses;
   }
   EXPECT_LT(std::sqrt(sum2), 0.035);
@@ -318,19 +319,19 @@ TEST_F(TagAlignerTest, SearchesNearPredictionFirstWhenContrastIsKnown) {
     input.luma = image.view();
     // A prediction error beyond the near window.
     input.covariance = loose_prior(0.0007 * 25.0, 0.0012 * 25.0);
-    input.predicted = truth;
+    input.predicted = as_map_pose(truth);
     const double contrast = aligner.align(input).counters.contrast;
     EXPECT_GT(contrast, 60.0);
     for (const double start_px : {2.0, 6.0, 22.0}) {
       SCOPED_TRACE(start_px);
-      input.predicted = displaced(camera_, tags_, truth, start_px, random_);
+      input.predicted = as_map_pose(displaced(camera_, tags_, truth, start_px, random_));
       input.seen_contrast = 0.0;
       const AlignmentResult reference = aligner.align(input);
       input.seen_contrast = contrast;
       const AlignmentResult result = aligner.align(input);
       ASSERT_EQ(result.verified, reference.verified);
       if (!reference.verified) continue;
-      EXPECT_LT(overlay_px(result.T_table_camera, reference.T_table_camera), 0.1);
+      EXPECT_LT(overlay_px(result.T_map_camera, as_table_pose(reference.T_map_camera)), 0.1);
       EXPECT_GT(result.counters.contrast, 0.9 * reference.counters.contrast);
       narrower += result.counters.searched_px < reference.counters.searched_px ? 1 : 0;
       again += result.counters.searched_px > reference.counters.searched_px ? 1 : 0;
@@ -368,8 +369,8 @@ TEST_F(TagAlignerTest, SkipsWideStageWhenSearchEndsNear) {
       if (result.counters.wide_stage) continue;
       ++effort.skipped;
       effort.errors.push_back(
-          overlay_px(result.T_table_camera, truth) /
-          predicted_overlay_error_px(camera_, result.T_table_camera, result.covariance));
+          overlay_px(result.T_map_camera, truth) /
+          predicted_overlay_error_px(camera_, result.T_map_camera, result.covariance));
     }
   }
   for (const Effort& effort : efforts) {
@@ -404,12 +405,12 @@ TEST_F(TagAlignerTest, PatternSearchPredictsItsError) {
       const GreyImage image = renderer.render(path, render);
       AlignmentInput input;
       input.luma = image.view();
-      input.predicted = truth;
+      input.predicted = as_map_pose(truth);
       input.covariance = loose_prior(0.0007 * 25.0, 0.0012 * 25.0);
       input.seen_contrast = aligner.align(input).counters.contrast;
-      input.predicted = displaced(camera_, tags, truth, 12.0 / kPictures * k, random_);
+      input.predicted = as_map_pose(displaced(camera_, tags, truth, 12.0 / kPictures * k, random_));
       problem.begin(input);
-      problem.T_camera_table = problem.T_predicted;
+      problem.T_camera_map = problem.T_predicted;
       problem.find_visible(Projection::search);
       ASSERT_TRUE(search.search(input.seen_contrast)) << k;
       if (!std::isfinite(search.error_px())) {
@@ -507,7 +508,7 @@ TEST_F(TagAlignerTest, FitsGainAndOffsetPerTag) {
       AlignmentOptions options;
       options.effort = of.effort;
       auto aligner = TagAligner::create(camera_, tags_, options).value();
-      of.even2 += std::pow(overlay_px(align(aligner, even, start, 3.0).T_table_camera, truth), 2);
+      of.even2 += std::pow(overlay_px(align(aligner, even, start, 3.0).T_map_camera, truth), 2);
       const AlignmentResult result = align(aligner, uneven, start, 3.0);
       ASSERT_TRUE(result.verified) << result.reason;
       EXPECT_EQ(result.tags_verified, 6);
@@ -516,7 +517,7 @@ TEST_F(TagAlignerTest, FitsGainAndOffsetPerTag) {
             255.0 * (render.white - render.black) * lights[static_cast<std::size_t>(tag.index)];
         EXPECT_NEAR(tag.gain, contrast, 0.05 * contrast) << tag.index;
       }
-      of.uneven2 += std::pow(overlay_px(result.T_table_camera, truth), 2);
+      of.uneven2 += std::pow(overlay_px(result.T_map_camera, truth), 2);
     }
   }
   // The darkest tags carry less information.
@@ -545,17 +546,17 @@ TEST_F(TagAlignerTest, PyramidSearchFindsTagsFarFromPrediction) {
         radians(3.0) * uniform(random_);
     AlignmentInput input;
     input.luma = image.view();
-    input.predicted = perturbed(truth, turned);
+    input.predicted = as_map_pose(perturbed(truth, turned));
     input.covariance = loose_prior(0.05, 0.1);
     near_by_itself += aligner.align(input).verified ? 1 : 0;
     for (const bool further : {false, true}) {
-      const std::optional<CameraPose> guess = aligner.search_pyramid(input, further);
+      const std::optional<MapFromCamera> guess = aligner.search_pyramid(input, further);
       if (!guess) continue;
       AlignmentInput from_guess = input;
       from_guess.predicted = *guess;
       const AlignmentResult result = aligner.align(from_guess);
       if (!result.verified) continue;
-      EXPECT_LT(overlay_px(result.T_table_camera, truth), 0.3);
+      EXPECT_LT(overlay_px(result.T_map_camera, truth), 0.3);
       ++near_coarsely;
       break;
     }
@@ -570,7 +571,7 @@ TEST_F(TagAlignerTest, PyramidSearchStopsAtSmallestImage) {
   const GreyImage image = picture(near, {.samples = 16});
   AlignmentInput input;
   input.luma = image.view();
-  input.predicted = near;
+  input.predicted = as_map_pose(near);
   input.covariance = loose_prior(0.05, 0.1);
   EXPECT_TRUE(aligner.search_pyramid(input, false)) << "cells of more than 16 px";
   EXPECT_FALSE(aligner.search_pyramid(input, true));
@@ -581,7 +582,7 @@ TEST_F(TagAlignerTest, PyramidSearchFindsNothingWithoutTags) {
   const std::vector<std::uint8_t> grey(1280 * 720, 120);
   AlignmentInput input;
   input.luma = {grey.data(), 1280, 720, 1280};
-  input.predicted = random_view(random_);
+  input.predicted = as_map_pose(random_view(random_));
   input.covariance = loose_prior(0.05, 0.1);
   EXPECT_FALSE(aligner.search_pyramid(input, false));
   EXPECT_FALSE(aligner.search_pyramid(input, true));
@@ -605,10 +606,10 @@ TEST_F(TagAlignerTest, PyramidSearchTakesImagesOfAnySize) {
         pixels.push_back(static_cast<std::uint8_t>(grey(random_)));
       AlignmentInput input;
       input.luma = {pixels.data(), width, height, width};
-      input.predicted = test::looking_at(Eigen::Vector3d::Zero(), 0.2, 1.2, 0.3, 0.0);
+      input.predicted = as_map_pose(test::looking_at(Eigen::Vector3d::Zero(), 0.2, 1.2, 0.3, 0.0));
       input.covariance = loose_prior(0.05, 0.1);
       for (const bool further : {false, true}) {
-        const std::optional<CameraPose> guess = aligner.search_pyramid(input, further);
+        const std::optional<MapFromCamera> guess = aligner.search_pyramid(input, further);
         EXPECT_TRUE(!guess || guess->is_finite());
       }
     }
@@ -657,7 +658,7 @@ TEST_F(TagAlignerTest, SkipsTagsOutOfViewOrTooSmall) {
       EXPECT_EQ(b.counters.tags_too_small, 0);
       EXPECT_EQ(a.counters.samples, b.counters.samples);
       EXPECT_EQ(a.tags_verified, b.tags_verified);
-      EXPECT_TRUE(a.T_table_camera.matrix() == b.T_table_camera.matrix());
+      EXPECT_TRUE(a.T_map_camera.matrix() == b.T_map_camera.matrix());
       EXPECT_TRUE(a.covariance == b.covariance);
     }
   }
@@ -693,7 +694,7 @@ TEST_F(TagAlignerTest, AlignsEveryTagFamily) {
       const AlignmentResult result = align(aligner, image, start, 3.0);
       ASSERT_TRUE(result.verified) << result.reason;
       EXPECT_EQ(result.tags_verified, 6);
-      EXPECT_LT(overlay_px(result.T_table_camera, truth), 0.03);
+      EXPECT_LT(overlay_px(result.T_map_camera, truth), 0.03);
       EXPECT_FALSE(align(of_others, image, start, 3.0).verified);
     }
   }
@@ -711,16 +712,16 @@ TEST_F(TagAlignerTest, ModelsKnownMotionBlur) {
     const GreyImage image = blurred_image(renderer_, truth, motion, render);
     AlignmentInput input;
     input.luma = image.view();
-    input.predicted = displaced(camera_, tags_, truth, 2.0, random_);
+    input.predicted = as_map_pose(displaced(camera_, tags_, truth, 2.0, random_));
     input.covariance = loose_prior(0.003, 0.005);
     auto aligner = TagAligner::create(camera_, tags_).value();
     const AlignmentResult without = aligner.align(input);
     ASSERT_TRUE(without.verified);
-    unknown2 += std::pow(overlay_px(without.T_table_camera, truth), 2);
+    unknown2 += std::pow(overlay_px(without.T_map_camera, truth), 2);
     input.exposure_motion = motion;
     const AlignmentResult with = aligner.align(input);
     ASSERT_TRUE(with.verified);
-    known2 += std::pow(overlay_px(with.T_table_camera, truth), 2);
+    known2 += std::pow(overlay_px(with.T_map_camera, truth), 2);
   }
   EXPECT_LT(std::sqrt(known2 / 3.0), 0.12);
   EXPECT_LT(known2, unknown2);
@@ -750,11 +751,11 @@ TEST_F(TagAlignerTest, KnownShortBlurIsNoWorseThanUnknown) {
       render.seed = static_cast<std::uint64_t>(k) + 1;
       const GreyImage image = blurred_image(renderer_, truth, motion, render);
       input.luma = image.view();
-      input.predicted = displaced(camera_, tags_, truth, 2.0, random_);
+      input.predicted = as_map_pose(displaced(camera_, tags_, truth, 2.0, random_));
       input.covariance = loose_prior(0.0014, 0.0024);
       const auto align_into = [&](Found& found) {
         const AlignmentResult result = aligner.align(input);
-        found.add(result, overlay_px(result.T_table_camera, truth));
+        found.add(result, overlay_px(result.T_map_camera, truth));
       };
       align_into(unknown);
       input.exposure_motion = motion;
@@ -783,12 +784,12 @@ TEST_F(TagAlignerTest, MotionBlurErrorGrowsWithLongBlur) {
         blurred_image(renderer_, truth, moved_px / taken_for_px * motion, render);
     AlignmentInput input;
     input.luma = image.view();
-    input.predicted = truth;
+    input.predicted = as_map_pose(truth);
     input.covariance = loose_prior(0.0005, 0.001);
     if (known && moved_px > 0.0) input.exposure_motion = motion;
     const AlignmentResult result = aligner.refine(input);
     if (!result.verified) return std::optional<double>();
-    const CameraPose pose = result.T_table_camera;
+    const MapFromCamera pose = result.T_map_camera;
     const MotionBlurError error = aligner.motion_blur_error(motion, known);
     const double error_px = error.shift_px;
     EXPECT_TRUE(std::isfinite(error_px));
@@ -800,7 +801,7 @@ TEST_F(TagAlignerTest, MotionBlurErrorGrowsWithLongBlur) {
       EXPECT_FALSE(aligner.edge_pixels().empty());
     }
     const AlignmentResult again = aligner.refine(input);
-    EXPECT_EQ(again.T_table_camera.matrix(), pose.matrix());
+    EXPECT_EQ(again.T_map_camera.matrix(), pose.matrix());
     return std::optional(error_px);
   };
   int unknowns = 0;
@@ -842,7 +843,7 @@ TEST_F(TagAlignerTest, MotionBlurErrorIncludesRotation) {
     const Vector6d& motion = view.input.exposure_motion;
     const AlignmentResult result = aligner.refine(view.input);
     ASSERT_TRUE(result.verified);
-    const CameraPose pose = result.T_table_camera;
+    const MapFromCamera pose = result.T_map_camera;
     const MotionBlurError error = aligner.motion_blur_error(motion, true);
     const double predicted_px = predicted_overlay_error_px(camera_, pose, error.covariance);
     EXPECT_GT(predicted_px, error.shift_px) << "the overlay stands above the tags";
@@ -868,7 +869,8 @@ TEST_F(TagAlignerTest, MotionBlurErrorIncludesRotation) {
         seen.push_back(of);
       }
       const BoardPose turned = estimate_board_pose(camera_, seen).value();
-      squares += std::pow(overlay_px(turned.best.T_table_camera, pose) / kPart, 2) / kDraws;
+      squares +=
+          std::pow(overlay_px(turned.best.T_map_camera, as_table_pose(pose)) / kPart, 2) / kDraws;
     }
     predicted2 += predicted_px * predicted_px;
     found2 += squares;
@@ -1000,7 +1002,7 @@ TEST_F(TagAlignerTest, MapCovarianceCoversMovedTagAmongFew) {
         const CameraPose& truth = truths[k];
         AlignmentInput input;
         input.luma = images[k].view();
-        input.predicted = truth;
+        input.predicted = as_map_pose(truth);
         input.covariance = loose_prior(0.01, 0.02);
         const AlignmentResult result = aligner.refine(input);
         ASSERT_TRUE(result.verified) << result.reason;
@@ -1010,9 +1012,9 @@ TEST_F(TagAlignerTest, MapCovarianceCoversMovedTagAmongFew) {
           continue;
         }
         // Robust weights (Tukey) may suppress the displaced tag; the pose is then right.
-        const double error_px = overlay_difference(camera_, result.T_table_camera, truth).rms_px();
+        const double error_px = overlay_px(result.T_map_camera, truth);
         const double expected_px =
-            predicted_overlay_error_px(camera_, result.T_table_camera, result.map_covariance);
+            predicted_overlay_error_px(camera_, result.T_map_camera, result.map_covariance);
         EXPECT_LT(error_px, std::max(1.0, 4.0 * expected_px));
         EXPECT_LT(expected_px, std::max(1.0, 10.0 * error_px));
         reported += expected_px > 0.5 ? 1 : 0;
@@ -1037,13 +1039,13 @@ TEST_F(TagAlignerTest, MotionBlurErrorNeedsNoKnownMotion) {
       const GreyImage image = blurred_image(renderer_, truth, blur_motion, render);
       AlignmentInput input;
       input.luma = image.view();
-      input.predicted = truth;
+      input.predicted = as_map_pose(truth);
       input.covariance = loose_prior(0.0005, 0.001);
       const AlignmentResult result = aligner.refine(input);
       if (!result.verified) return std::optional<double>();
       const MotionBlurError found = aligner.motion_blur_error(std::nullopt, false, 2.0);
       const double predicted_px =
-          predicted_overlay_error_px(camera_, result.T_table_camera, found.covariance);
+          predicted_overlay_error_px(camera_, result.T_map_camera, found.covariance);
       EXPECT_TRUE(found.motion.isZero(0.0)) << "no motion was reported";
       EXPECT_GE(predicted_px, found.shift_px) << "the motion may include a rotation";
       return std::optional(found.shift_px);
@@ -1089,18 +1091,18 @@ TEST_F(TagAlignerTest, CorrectsRollingShutterWhenVelocityIsKnown) {
       std::copy_n(part.pixels.begin() + begin, kStrip * p.width, image.pixels.begin() + begin);
     }
     input.luma = image.view();
-    input.predicted = displaced(camera_, tags_, truth, 2.0, random_);
+    input.predicted = as_map_pose(displaced(camera_, tags_, truth, 2.0, random_));
     input.covariance = loose_prior(0.003, 0.005);
     const AlignmentResult found = aligner.align(input);
     ASSERT_TRUE(found.verified) << found.reason;
-    known2 += std::pow(overlay_px(found.T_table_camera, truth), 2) / 4.0;
+    known2 += std::pow(overlay_px(found.T_map_camera, truth), 2) / 4.0;
     const AlignmentResult without = global.align(input);
     ASSERT_TRUE(without.verified) << without.reason;
-    global2 += std::pow(overlay_px(without.T_table_camera, truth), 2) / 4.0;
+    global2 += std::pow(overlay_px(without.T_map_camera, truth), 2) / 4.0;
     // A camera at rest has no shear: same bits.
     input.velocity.setZero();
-    EXPECT_TRUE(aligner.align(input).T_table_camera.matrix() ==
-                global.align(input).T_table_camera.matrix());
+    EXPECT_TRUE(aligner.align(input).T_map_camera.matrix() ==
+                global.align(input).T_map_camera.matrix());
   }
   RecordProperty("known_px", std::to_string(std::sqrt(known2)));
   RecordProperty("global_px", std::to_string(std::sqrt(global2)));
@@ -1144,19 +1146,19 @@ TEST_F(TagAlignerTest, EveryInstructionSetGivesSamePose) {
   blurred.exposure_motion = random_motion(truth, 12.0);
   const GreyImage blurred_luma = blurred_image(renderer_, truth, blurred.exposure_motion, render);
   blurred.luma = blurred_luma.view();
-  blurred.predicted = displaced(camera_, tags_, truth, 2.0, random_);
+  blurred.predicted = as_map_pose(displaced(camera_, tags_, truth, 2.0, random_));
   blurred.covariance = loose_prior(0.0014, 0.0024);
-  std::optional<CameraPose> first;
-  std::optional<CameraPose> first_blurred;
+  std::optional<MapFromCamera> first;
+  std::optional<MapFromCamera> first_blurred;
   for (const simd::Loops* const* v = simd::available_loops(); *v != nullptr; ++v) {
     AlignmentOptions options;
     options.loops = *v;
     auto aligner = TagAligner::create(camera_, tags_, options).value();
-    const auto expect_same = [&](const AlignmentResult& result, std::optional<CameraPose>& as) {
+    const auto expect_same = [&](const AlignmentResult& result, std::optional<MapFromCamera>& as) {
       ASSERT_TRUE(result.verified);
-      if (!as) as = result.T_table_camera;
-      EXPECT_EQ(result.T_table_camera.translation(), as->translation()) << (*v)->name;
-      EXPECT_EQ(result.T_table_camera.rotation().coeffs(), as->rotation().coeffs()) << (*v)->name;
+      if (!as) as = result.T_map_camera;
+      EXPECT_EQ(result.T_map_camera.translation(), as->translation()) << (*v)->name;
+      EXPECT_EQ(result.T_map_camera.rotation().coeffs(), as->rotation().coeffs()) << (*v)->name;
     };
     expect_same(align(aligner, image, start, 6.0), first);
     expect_same(aligner.align(blurred), first_blurred);

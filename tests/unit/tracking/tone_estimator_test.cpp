@@ -171,11 +171,11 @@ TEST(ToneEstimator, RemovesAlignmentBiasByEstimatedExponent) {
       const GreyImage image = views.picture(k, srgb, 0.0);
       AlignmentInput input;
       input.luma = image.view();
-      input.predicted = views.start(k);
+      input.predicted = as_map_pose(views.start(k));
       input.covariance = test::loose_prior(0.05, 0.1);
-      const double error =
-          overlay_difference(views.camera(), aligner.align(input).T_table_camera, views.truth(k))
-              .rms_px();
+      const double error = overlay_difference(views.camera(), aligner.align(input).T_map_camera,
+                                              as_map_pose(views.truth(k)))
+                               .rms_px();
       sum += error * error / views.count();
     }
     return sum;

@@ -96,7 +96,7 @@ struct TagPack {
   double moved_px2[4] = {};
 };
 
-// A left perturbation of T_camera_table and its motion. `slope`: factor of H in its equations.
+// A left perturbation of T_camera_map and its motion. `slope`: factor of H in its equations.
 struct CameraStep {
   double xi[6] = {};
   double R[9] = {};
