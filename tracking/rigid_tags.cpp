@@ -14,9 +14,9 @@ int RigidTags::in_view(const MapFromCamera& pose) const {
   for (const MappedTag& tag : tags) {
     std::array<Eigen::Vector2d, 4> corners;
     bool inside = true;
-    const std::array<Eigen::Vector3d, 4> corners_table = tag.corners();
+    const std::array<Eigen::Vector3d, 4> corners_map = tag.corners();
     for (std::size_t i = 0; i < 4 && inside; ++i) {
-      const std::optional<Eigen::Vector2d> pixel = camera.project(T_camera_map * corners_table[i]);
+      const std::optional<Eigen::Vector2d> pixel = camera.project(T_camera_map * corners_map[i]);
       inside = pixel && pixel->x() >= kMargin && pixel->y() >= kMargin &&
                pixel->x() <= camera.width() - 1 - kMargin &&
                pixel->y() <= camera.height() - 1 - kMargin;

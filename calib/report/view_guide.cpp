@@ -54,11 +54,10 @@ std::optional<Eigen::MatrixXd> view_information(const CameraModel& camera,
   const auto T_camera_board = best->T_map_camera.inverse();
   bool shifts = false;
   for (std::size_t i = 0; i < points.size(); ++i) {
-    const Eigen::Vector3d p = T_camera_board * points[i].p_table;
+    const Eigen::Vector3d p = T_camera_board * points[i].p_map;
     const Eigen::MatrixXd J_lens = lens_jacobian(camera, p.head<2>() / p.z());
     Eigen::Matrix<double, 2, 7> J_view;
-    J_view << reprojection_jacobian(camera, best->T_map_camera, points[i].p_table),
-        corners[i].spread;
+    J_view << reprojection_jacobian(camera, best->T_map_camera, points[i].p_map), corners[i].spread;
     shifts = shifts || !corners[i].spread.isZero();
     A += J_lens.transpose() * J_lens;
     B += J_lens.transpose() * J_view;

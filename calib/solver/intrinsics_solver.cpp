@@ -34,7 +34,7 @@ double median_error(const CameraModel& camera, const MapFromCamera& pose,
   const auto T_camera_board = pose.inverse();
   std::vector<double> errors;
   for (const PointObservation& o : observations) {
-    const auto pixel = camera.project(T_camera_board * o.p_table);
+    const auto pixel = camera.project(T_camera_board * o.p_map);
     errors.push_back(pixel ? (*pixel - o.pixel).norm() : 1e6);
   }
   return upper_median(std::move(errors));

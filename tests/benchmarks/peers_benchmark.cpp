@@ -226,9 +226,9 @@ Reprojection reprojection(const RealVideo& video, const Outcome& outcome, const 
     double to_reference = 0.0;
     double to_detected = 0.0;
     for (const PointObservation& corner : video.corners[i]) {
-      const auto a = camera.project(T_reference * corner.p_table);
-      const auto b = camera.project(T_found * corner.p_table);
-      const auto c = camera.project(T_detected * corner.p_table);
+      const auto a = camera.project(T_reference * corner.p_map);
+      const auto b = camera.project(T_found * corner.p_map);
+      const auto c = camera.project(T_detected * corner.p_map);
       const double far = camera.width();
       to_reference += a && b ? (*a - *b).squaredNorm() : far * far;
       to_detected += b && c ? (*b - *c).squaredNorm() : far * far;

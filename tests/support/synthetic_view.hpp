@@ -48,10 +48,10 @@ inline std::vector<TagObservation> observe(const CameraModel& camera, const Came
   for (const MappedTag& tag : tags) {
     TagObservation observation;
     observation.index = tag.id;
-    observation.corners_table = tag.corners();
+    observation.corners_map = tag.corners();
     bool seen = true;
     for (std::size_t i = 0; i < 4; ++i) {
-      const auto pixel = camera.project(T_camera_table * observation.corners_table[i]);
+      const auto pixel = camera.project(T_camera_table * observation.corners_map[i]);
       seen = seen && pixel;
       if (!seen) break;
       const double dx = noise_px * normal(random);
@@ -66,7 +66,7 @@ inline std::vector<TagObservation> observe(const CameraModel& camera, const Came
 inline std::vector<PointObservation> points_of(const std::vector<TagObservation>& tags) {
   std::vector<PointObservation> points;
   for (const TagObservation& tag : tags) {
-    for (std::size_t i = 0; i < 4; ++i) points.push_back({tag.corners_table[i], tag.corners_px[i]});
+    for (std::size_t i = 0; i < 4; ++i) points.push_back({tag.corners_map[i], tag.corners_px[i]});
   }
   return points;
 }

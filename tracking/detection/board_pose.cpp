@@ -21,7 +21,7 @@ std::vector<PointObservation> points_of(const Tags& tags) {
   std::vector<PointObservation> points;
   points.reserve(4 * tags.size());
   for (const TagObservation& tag : tags) {
-    for (std::size_t i = 0; i < 4; ++i) points.push_back({tag.corners_table[i], tag.corners_px[i]});
+    for (std::size_t i = 0; i < 4; ++i) points.push_back({tag.corners_map[i], tag.corners_px[i]});
   }
   return points;
 }
@@ -34,9 +34,9 @@ bool is_same(const CameraModel& camera, const RefinedPose& a, const RefinedPose&
   if (a.T_map_camera.rotation().angularDistance(b.T_map_camera.rotation()) > 0.02) return false;
   double sum = 0.0;
   for (const PointObservation& point : points) {
-    sum += (camera.project_unchecked(T_a * point.p_table) -
-            camera.project_unchecked(T_b * point.p_table))
-               .squaredNorm();
+    sum +=
+        (camera.project_unchecked(T_a * point.p_map) - camera.project_unchecked(T_b * point.p_map))
+            .squaredNorm();
   }
   return std::sqrt(sum / static_cast<double>(points.size())) < 0.02;
 }
@@ -70,7 +70,7 @@ std::optional<Residuals> residuals_of(const CameraModel& camera, const TagObserv
   Residuals residuals;
   for (std::size_t i = 0; i < 4; ++i) {
     const std::optional<Eigen::Vector2d> pixel =
-        camera.project_extended(T_camera_map * tag.corners_table[i]);
+        camera.project_extended(T_camera_map * tag.corners_map[i]);
     if (!pixel) return std::nullopt;
     residuals[i] = *pixel - tag.corners_px[i];
   }
@@ -236,7 +236,7 @@ Result<BoardPose> estimate_board_pose(const CameraModel& camera,
   for (const TagObservation& tag : tags) {
     const bool finite = std::all_of(tag.corners_px.begin(), tag.corners_px.end(),
                                     [](const Eigen::Vector2d& p) { return p.allFinite(); }) &&
-                        std::all_of(tag.corners_table.begin(), tag.corners_table.end(),
+                        std::all_of(tag.corners_map.begin(), tag.corners_map.end(),
                                     [](const Eigen::Vector3d& p) { return p.allFinite(); });
     if (finite) used.push_back(tag);
   }

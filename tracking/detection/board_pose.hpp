@@ -17,8 +17,8 @@ namespace penumbra {
 
 // Corners of one tag on the map and in the image.
 struct TagObservation {
-  int index = 0;                                 // in the caller's list, as RigidTags::tags
-  std::array<Eigen::Vector3d, 4> corners_table;  // [m]
+  int index = 0;                               // in the caller's list, as RigidTags::tags
+  std::array<Eigen::Vector3d, 4> corners_map;  // [m]
   std::array<Eigen::Vector2d, 4> corners_px;
 };
 

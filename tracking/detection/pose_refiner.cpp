@@ -61,13 +61,13 @@ class ReprojectionCost final : public ceres::SizedCostFunction<2, 7> {
   bool Evaluate(double const* const* parameters, double* residuals,
                 double** jacobians) const override {
     const MapFromCamera pose = to_pose(parameters[0]);
-    const Eigen::Vector3d p = pose.inverse() * observation_.p_table;
+    const Eigen::Vector3d p = pose.inverse() * observation_.p_map;
     if (!(p.z() > kNearest)) return false;  // Ceres takes a shorter step
     Eigen::Map<Eigen::Vector2d> residual(residuals);
     residual = camera_.project_unchecked(p) - observation_.pixel;
     if (jacobians != nullptr && jacobians[0] != nullptr) {
       Eigen::Map<Eigen::Matrix<double, 2, 7, Eigen::RowMajor>> J(jacobians[0]);
-      J.leftCols<6>() = reprojection_jacobian(camera_, pose, observation_.p_table);
+      J.leftCols<6>() = reprojection_jacobian(camera_, pose, observation_.p_map);
       J.col(6).setZero();
     }
     return residual.allFinite();
@@ -129,7 +129,7 @@ double cost_of(const CameraModel& camera, std::span<const PointObservation> obse
   double cost = 0.0;
   Eigen::Matrix<double, 2, 3> J_point;
   for (const PointObservation& observation : observations) {
-    const Eigen::Vector3d p = R * observation.p_table + t;
+    const Eigen::Vector3d p = R * observation.p_map + t;
     if (!(p.z() > kNearest)) return std::numeric_limits<double>::infinity();
     const Eigen::Vector2d r = camera.project_unchecked(p, &J_point) - observation.pixel;
     const double square = r.squaredNorm();
@@ -218,8 +218,8 @@ Eigen::Vector3d log_quaternion(const Eigen::Quaterniond& q) {
 
 Eigen::Matrix<double, 2, 6> reprojection_jacobian(const CameraModel& camera,
                                                   const MapFromCamera& T_map_camera,
-                                                  const Eigen::Vector3d& p_table) {
-  const Eigen::Vector3d p = T_map_camera.inverse() * p_table;
+                                                  const Eigen::Vector3d& p_map) {
+  const Eigen::Vector3d p = T_map_camera.inverse() * p_map;
   Eigen::Matrix<double, 2, 3> J_point;
   std::ignore = camera.project_unchecked(p, &J_point);
   // The camera's own motion moves the point to p - nu - omega x p = p - nu + [p]x omega.
@@ -236,8 +236,8 @@ std::optional<RefinedPose> refine_pose(const CameraModel& camera,
   if (observations.size() < 3 || !start.is_finite()) return std::nullopt;
   const auto T_camera_map = start.inverse();
   for (const PointObservation& observation : observations) {
-    if (!observation.p_table.allFinite() || !observation.pixel.allFinite()) return std::nullopt;
-    if (!((T_camera_map * observation.p_table).z() > kNearest)) return std::nullopt;
+    if (!observation.p_map.allFinite() || !observation.pixel.allFinite()) return std::nullopt;
+    if (!((T_camera_map * observation.p_map).z() > kNearest)) return std::nullopt;
   }
 
   const std::optional<MapFromCamera> minimum =
@@ -256,13 +256,13 @@ std::optional<RefinedPose> refine_pose(const CameraModel& camera,
   double weighted_sum = 0.0;
   double distance = 0.0;
   for (const PointObservation& observation : observations) {
-    const Eigen::Vector3d p = T_refined * observation.p_table;
+    const Eigen::Vector3d p = T_refined * observation.p_map;
     if (!(p.z() > kNearest)) return std::nullopt;
     const double error2 = (camera.project_unchecked(p) - observation.pixel).squaredNorm();
     const double error = std::sqrt(error2);
     const double weight = error > options.robust_scale_px ? options.robust_scale_px / error : 1.0;
     const Eigen::Matrix<double, 2, 6> J =
-        reprojection_jacobian(camera, result.T_map_camera, observation.p_table);
+        reprojection_jacobian(camera, result.T_map_camera, observation.p_map);
     information += weight * J.transpose() * J;
     sum += error2;
     weighted_sum += weight * error2;

@@ -46,7 +46,7 @@ template <class To, class From>
 // d pixel / d xi at xi = 0, for a point of the map, which must be in front of the camera.
 [[nodiscard]] Eigen::Matrix<double, 2, 6> reprojection_jacobian(const CameraModel& camera,
                                                                 const MapFromCamera& T_map_camera,
-                                                                const Eigen::Vector3d& p_table);
+                                                                const Eigen::Vector3d& p_map);
 
 struct RefinerOptions {
   double robust_scale_px = 1.0;  // Huber: errors beyond count linearly

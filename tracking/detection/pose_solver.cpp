@@ -18,11 +18,11 @@ struct Spread {
 
 Spread spread_of(const std::vector<PointObservation>& points) {
   Spread spread;
-  for (const PointObservation& point : points) spread.centroid += point.p_table;
+  for (const PointObservation& point : points) spread.centroid += point.p_map;
   spread.centroid /= static_cast<double>(points.size());
   Eigen::Matrix3d scatter = Eigen::Matrix3d::Zero();
   for (const PointObservation& point : points) {
-    const Eigen::Vector3d d = point.p_table - spread.centroid;
+    const Eigen::Vector3d d = point.p_map - spread.centroid;
     scatter += d * d.transpose();
   }
   scatter /= static_cast<double>(points.size());
@@ -46,7 +46,7 @@ std::vector<MapFromCamera> solve_pose(const CameraModel& camera,
   std::vector<PointObservation> points;
   std::vector<Eigen::Vector2d> rays;  // undistorted, z = 1
   for (const PointObservation& observation : observations) {
-    if (!observation.p_table.allFinite()) continue;
+    if (!observation.p_map.allFinite()) continue;
     const std::optional<Eigen::Vector3d> ray = camera.unproject(observation.pixel);
     if (!ray) continue;
     points.push_back(observation);
@@ -65,7 +65,7 @@ std::vector<MapFromCamera> solve_pose(const CameraModel& camera,
   const auto solve = [&](bool planar) {
     std::vector<cv::Point3d> object;
     for (const PointObservation& point : points) {
-      const Eigen::Vector3d p = spread.R_map_own.transpose() * (point.p_table - spread.centroid);
+      const Eigen::Vector3d p = spread.R_map_own.transpose() * (point.p_map - spread.centroid);
       object.emplace_back(p.x(), p.y(), planar ? 0.0 : p.z());
     }
     std::vector<cv::Mat> rotations;
@@ -89,7 +89,7 @@ std::vector<MapFromCamera> solve_pose(const CameraModel& camera,
       candidate.pose = Transform<frame::Camera, frame::Map>(R_camera_map, t_camera_map).inverse();
       bool in_front = true;
       for (std::size_t k = 0; k < points.size(); ++k) {
-        const Eigen::Vector3d p = R_camera_map * points[k].p_table + t_camera_map;
+        const Eigen::Vector3d p = R_camera_map * points[k].p_map + t_camera_map;
         in_front = in_front && p.z() > 0.0;
         candidate.error += (p.head<2>() / p.z() - rays[k]).squaredNorm();
       }

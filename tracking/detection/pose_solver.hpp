@@ -11,8 +11,8 @@
 namespace penumbra {
 
 struct PointObservation {
-  Eigen::Vector3d p_table;  // [m]
-  Eigen::Vector2d pixel;    // [px]
+  Eigen::Vector3d p_map;  // [m]
+  Eigen::Vector2d pixel;  // [px]
 };
 
 // Poses that see all points from in front, closest fit first. Coplanar points have up to two (IPPE:

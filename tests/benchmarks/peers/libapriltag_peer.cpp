@@ -68,7 +68,7 @@ std::optional<CameraPose> solve_pnp(const CameraModel& camera,
   std::vector<cv::Point3d> object;
   std::vector<cv::Point2d> image;
   for (const PointObservation& point : points) {
-    object.emplace_back(point.p_table.x(), point.p_table.y(), point.p_table.z());
+    object.emplace_back(point.p_map.x(), point.p_map.y(), point.p_map.z());
     image.emplace_back(point.pixel.x(), point.pixel.y());
   }
   cv::Vec3d turn;

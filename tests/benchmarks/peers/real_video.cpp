@@ -109,7 +109,7 @@ Result<RealVideo> load_real_video(const std::filesystem::path& folder) {
         if (std::count(board->rejected.begin(), board->rejected.end(), observation.index) > 0)
           continue;
         for (std::size_t k = 0; k < 4; ++k)
-          corners.push_back({observation.corners_table[k], observation.corners_px[k]});
+          corners.push_back({observation.corners_map[k], observation.corners_px[k]});
       }
     }
     video.corners.push_back(std::move(corners));

@@ -28,7 +28,7 @@ class Visp : public Peer {
     std::vector<VispPoint> rays;
     for (const PointObservation& point : points) {
       const std::optional<Eigen::Vector3d> ray = camera_.unproject(point.pixel);
-      const Eigen::Vector3d& p = point.p_table;
+      const Eigen::Vector3d& p = point.p_map;
       if (ray) rays.push_back({{p.x(), p.y(), p.z()}, {ray->x(), ray->y()}});
     }
     const auto pose = visp_pose(rays);

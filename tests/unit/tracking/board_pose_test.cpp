@@ -50,7 +50,7 @@ TEST_F(BoardPoseTest, RejectsMovedTag) {
           Eigen::Quaterniond(Eigen::AngleAxisd(0.1, Eigen::Vector3d::UnitZ())),
           really[moved].T_table_tag.translation() + Eigen::Vector3d(0.008, -0.005, 0.0)};
       auto seen = observe(camera_, truth_, really, kNoise_px, random_);
-      for (std::size_t i = 0; i < count; ++i) seen[i].corners_table = map[i].corners();
+      for (std::size_t i = 0; i < count; ++i) seen[i].corners_map = map[i].corners();
       const auto board = estimate_board_pose(camera_, seen);
       ASSERT_TRUE(board);
       EXPECT_THAT(board->rejected, testing::ElementsAre(static_cast<int>(moved))) << count;
@@ -63,7 +63,7 @@ TEST_F(BoardPoseTest, RejectsMovedTag) {
 TEST_F(BoardPoseTest, RejectsMisreadId) {
   auto seen = observe(camera_, truth_, sheet(), kNoise_px, random_);
   seen.resize(6);
-  seen[2].corners_table = sheet()[11].corners();
+  seen[2].corners_map = sheet()[11].corners();
   const auto board = estimate_board_pose(camera_, seen);
   ASSERT_TRUE(board);
   EXPECT_THAT(board->rejected, testing::ElementsAre(2));
@@ -73,7 +73,7 @@ TEST_F(BoardPoseTest, RejectsMisreadId) {
 TEST_F(BoardPoseTest, ReportsInconsistencyOfTwoTags) {
   auto seen = observe(camera_, truth_, sheet(), kNoise_px, random_);
   seen.resize(2);
-  for (Eigen::Vector3d& corner : seen[1].corners_table) corner.x() += 0.02;
+  for (Eigen::Vector3d& corner : seen[1].corners_map) corner.x() += 0.02;
   const auto board = estimate_board_pose(camera_, seen);
   ASSERT_TRUE(board);
   EXPECT_TRUE(board->inconsistent);
@@ -82,8 +82,8 @@ TEST_F(BoardPoseTest, ReportsInconsistencyOfTwoTags) {
 TEST_F(BoardPoseTest, ReportsInconsistencyWhenHalfOfTagsAreWrong) {
   auto seen = observe(camera_, truth_, sheet(), kNoise_px, random_);
   seen.resize(4);
-  for (Eigen::Vector3d& corner : seen[0].corners_table) corner.x() += 0.02;
-  for (Eigen::Vector3d& corner : seen[2].corners_table) corner.y() -= 0.03;
+  for (Eigen::Vector3d& corner : seen[0].corners_map) corner.x() += 0.02;
+  for (Eigen::Vector3d& corner : seen[2].corners_map) corner.y() -= 0.03;
   const auto board = estimate_board_pose(camera_, seen);
   ASSERT_TRUE(board);
   EXPECT_TRUE(board->inconsistent);
@@ -100,7 +100,7 @@ TEST_F(BoardPoseTest, ReportsInconsistencyOfBumpedHalfButNotOfNoise) {
           really[i].T_table_tag.translation() + Eigen::Vector3d(0.006, 0.0, 0.0)};
     }
     auto bumped = observe(camera_, truth_, really, kNoise_px, random_);
-    for (std::size_t i = 0; i < map.size(); ++i) bumped[i].corners_table = map[i].corners();
+    for (std::size_t i = 0; i < map.size(); ++i) bumped[i].corners_map = map[i].corners();
     const auto board = estimate_board_pose(camera_, bumped);
     ASSERT_TRUE(board);
     EXPECT_TRUE(board->inconsistent) << trial;
@@ -136,7 +136,7 @@ TEST_F(BoardPoseTest, ReportsSmallFrontalTagAsAmbiguous) {
 TEST_F(BoardPoseTest, IgnoresNonFiniteValues) {
   auto seen = observe(camera_, truth_, sheet(), kNoise_px, random_);
   seen[0].corners_px[2].x() = std::numeric_limits<double>::quiet_NaN();
-  seen[5].corners_table[1].z() = std::numeric_limits<double>::infinity();
+  seen[5].corners_map[1].z() = std::numeric_limits<double>::infinity();
   const auto board = estimate_board_pose(camera_, seen);
   ASSERT_TRUE(board);
   EXPECT_EQ(board->tags_used, 10);

@@ -117,8 +117,8 @@ TEST_P(PoseRefinerLens, FindsSameMinimumAsCeres) {
         return error < 1.0 ? error * error : 2.0 * error - 1.0;
       };
       for (const PointObservation& point : points) {
-        const Eigen::Vector2d a = camera.project_unchecked(T_ours * point.p_table);
-        const Eigen::Vector2d b = camera.project_unchecked(T_theirs * point.p_table);
+        const Eigen::Vector2d a = camera.project_unchecked(T_ours * point.p_map);
+        const Eigen::Vector2d b = camera.project_unchecked(T_theirs * point.p_map);
         cost_ours += huber((a - point.pixel).norm());
         cost_theirs += huber((b - point.pixel).norm());
         if (i % 5 != 0) worst_px = std::max(worst_px, (a - b).norm());
@@ -167,7 +167,7 @@ struct Reprojection {
   bool operator()(const double* xi, double* residual) const {
     const MapFromCamera moved = perturbed(pose, Eigen::Map<const Vector6d>(xi));
     Eigen::Map<Eigen::Vector2d>{residual} =
-        camera.project_unchecked(moved.inverse() * point.p_table) - point.pixel;
+        camera.project_unchecked(moved.inverse() * point.p_map) - point.pixel;
     return true;
   }
 };
@@ -311,7 +311,7 @@ TEST(PoseSolver, FindsNoPoseForDegenerateInput) {
   bad[1].pixel.y() = nan;
   EXPECT_TRUE(solve_pose(camera, bad).empty());
   bad = points;
-  bad[2].p_table.x() = nan;
+  bad[2].p_map.x() = nan;
   EXPECT_TRUE(solve_pose(camera, bad).empty());
 }
 

@@ -858,14 +858,14 @@ TEST_F(TagAlignerTest, MotionBlurErrorIncludesRotation) {
       for (const TagAlignment& tag : result.tags) {
         TagObservation of;
         of.index = tag.index;
-        of.corners_table = tags_[static_cast<std::size_t>(tag.index)].corners();
+        of.corners_map = tags_[static_cast<std::size_t>(tag.index)].corners();
         const auto at = [&](double share, const Eigen::Vector3d& point) {
           return camera_.project(perturbed(pose, share * motion).inverse() * point).value();
         };
-        const Eigen::Vector3d centre = 0.5 * (of.corners_table[0] + of.corners_table[2]);
+        const Eigen::Vector3d centre = 0.5 * (of.corners_map[0] + of.corners_map[2]);
         const Eigen::Vector2d by =
             kPart * each_px * normal(random_) * (at(0.1, centre) - at(-0.1, centre)).normalized();
-        for (std::size_t c = 0; c < 4; ++c) of.corners_px[c] = at(0.0, of.corners_table[c]) + by;
+        for (std::size_t c = 0; c < 4; ++c) of.corners_px[c] = at(0.0, of.corners_map[c]) + by;
         seen.push_back(of);
       }
       const BoardPose turned = estimate_board_pose(camera_, seen).value();
