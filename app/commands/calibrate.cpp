@@ -441,13 +441,11 @@ void check_options(CLI::App& command, CalibrateOptions& options) {
 void add_calibrate_command(CLI::App& program, ChosenCommand& chosen) {
   CLI::App& command =
       add_command(program, "calibrate",
-                  "Calibrate a camera from pictures of a printed target, and judge the result",
+                  "Calibrate a camera from images of a printed target, and judge the result",
                   "The last line is the verdict. The camera file is written for each verdict, but "
-                  "not if the pictures do\n"
-                  "not determine a camera.\n"
+                  "not if the images do not determine a camera.\n"
                   "A chessboard looks the same in a mirror, and its lens would be mirrored too: "
-                  "check that text in the\n"
-                  "images reads the right way, or calibrate with tags.\n"
+                  "check that text in the images reads the right way, or calibrate with tags.\n"
                   "\n"
                   "Example:\n"
                   "  penumbra calibrate pictures --target aprilgrid.yaml --output camera.yaml "
@@ -456,18 +454,16 @@ void add_calibrate_command(CLI::App& program, ChosenCommand& chosen) {
                   "--keep views");
   const auto options = std::make_shared<CalibrateOptions>();
   add_option(command, "source", "SOURCE", options->source,
-             "A recording, or a folder of PNG or JPEG pictures (a camera.yaml in it is not read); "
-             "or a camera, v4l2:/dev/video0 or libcamera:0: views that add information are taken "
-             "automatically. recording:FOLDER plays a recording or a folder like a camera, every "
-             "picture, to the end")
+             "A recording, a folder of images, a camera as in penumbra live, or recording:FOLDER")
       ->required();
   add_option(command, "--target", "FILE", options->target,
-             "The printed target: a tags.yaml, an aprilgrid.yaml, a chessboard.yaml, or what "
-             "penumbra target wrote")
+             "The printed target: tags.yaml, aprilgrid.yaml, chessboard.yaml, or what penumbra "
+             "target wrote")
       ->required();
   add_option(command, "--output", "camera.yaml", options->output, "The camera's file")->required();
   add_option(command, "--report", "report.html", options->report,
              "Report of the calibration, as one HTML file");
+  start_group(command, "Solving");
   std::vector<std::string> models;
   for (const DistortionModel model : kDistortionModels) models.emplace_back(short_name(model));
   const std::string model_help =
@@ -485,8 +481,7 @@ void add_calibrate_command(CLI::App& program, ChosenCommand& chosen) {
       ->capture_default_str();
   command
       .add_option("--format", options->format,
-                  "Format of the camera file: ros, opencv, kalibr (lenses without k3), or auto: by "
-                  "its name (*.yml is OpenCV's, *camchain* Kalibr's)")
+                  "Format of the camera file: ros, opencv, kalibr, or auto: by its name")
       ->check(CLI::IsMember({"auto", "ros", "opencv", "kalibr"}))
       ->capture_default_str();
   CLI::Option* compare = add_option(command, "--compare", "FILE", options->compare,
@@ -501,21 +496,21 @@ void add_calibrate_command(CLI::App& program, ChosenCommand& chosen) {
   command.add_option("--views", options->views, "Maximum number of views to solve from")
       ->check(CLI::Range(3, 1000))
       ->capture_default_str();
+  start_group(command, "Camera");
   add_option(command, "--keep", "FOLDER", options->capture.keep,
-             "A new folder for the views taken from a camera or recording:FOLDER (PNG): "
-             "calibrating from it gives the same result");
+             "A new folder for the views taken from a camera or recording:FOLDER (PNG)");
   add_off_flag(command, "--no-window", options->window,
                "Guide on the terminal, even if there is a display");
   add_size_option(command, "WxH", options->camera.width, options->camera.height,
-                  "Size of a camera's pictures");
+                  "Size of a camera's images");
   command.add_option("--fps", options->camera.fps, "Frame rate of a camera")
       ->check(CLI::Range(0.1, 1000.0));
   command
       .add_option(
           "--duration", options->capture.duration_s,
-          "Seconds to take views from a camera; then solves and ends, without waiting for a "
-          "key (default: until they are enough, or Ctrl-C)")
+          "Seconds to take views from a camera (default: until there are enough, or Ctrl-C)")
       ->check(CLI::Range(0.1, 1e6));
+  put_first(command, {"--model", "--compare", "--camera-name"});
   command.callback([options, &command, &chosen] {
     check_options(command, *options);
     chosen = [options] { return run_calibrate(*options); };

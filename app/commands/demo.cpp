@@ -39,7 +39,7 @@ void add_demo_command(CLI::App& program, ChosenCommand& chosen) {
       program, "demo",
       "Replay the bundled recording with the bundled scene; write a video and show what was "
       "measured",
-      "The last line of the output names the video. In the window F1 lists the keys.\n"
+      "The last line of the output names the video. In the window F1 lists the keys. "
       "Ctrl-C ends early; the video holds the frames up to then.\n\n"
       "Example:\n"
       "  penumbra demo --output demo.mp4");
@@ -56,6 +56,7 @@ void add_demo_command(CLI::App& program, ChosenCommand& chosen) {
   add_shadow_options(command, options->shadow);
   add_off_flag(command, "--no-window", options->request.window,
                "Offscreen, even if there is a display");
+  put_first(command, {"--shadow", "--no-window"});
   command.callback([&command, options, &chosen] {
     take_run_options(command, options->shadow, options->request);
     chosen = [options] { return demo(*options); };

@@ -145,14 +145,14 @@ Result<ExitCode> run_evaluate(const EvaluateOptions& options) {
 void add_evaluate_command(CLI::App& program, ChosenCommand& chosen) {
   CLI::App& command = add_command(
       program, "evaluate", "Compare an estimated camera path with the true one, in the table frame",
-      "Each estimated pose is compared with the ground truth at its time, which is interpolated.\n"
-      "Beyond its first and last pose it is extrapolated by half of an interval, at most 10 ms.\n"
+      "Each estimated pose is compared with the ground truth at its time, which is interpolated. "
+      "Beyond its first and last pose it is extrapolated by half of an interval, at most 10 ms. "
       "No alignment: the table frame is known. Overlay error: how far the corners of a 0.2 m cube "
-      "on the\ntable's origin are from where the true pose shows them; of a group of tags, one on "
-      "the middle of its\ntags, drawn by the camera's pose and the group's place.\n\n"
+      "on the table's origin are from where the true pose shows them; of a group of tags, one on "
+      "the middle of its tags, drawn by the camera's pose and the group's place.\n\n"
       "Example:\n"
       "  penumbra evaluate --estimated out.tum --groundtruth recordings/tabletop/groundtruth.tum "
-      "--camera recordings/tabletop/camera.yaml");
+      "\\\n    --camera recordings/tabletop/camera.yaml");
   const auto options = std::make_shared<EvaluateOptions>();
   add_option(command, "--estimated", "FILE.tum", options->estimated, "Estimated camera poses")
       ->required();
@@ -163,12 +163,13 @@ void add_evaluate_command(CLI::App& program, ChosenCommand& chosen) {
              "Camera model for the overlay error")
       ->required();
   add_camera_name_option(command, options->camera_name);
+  command.add_flag("--json", options->json, "JSON instead of a table");
+  start_group(command, "Groups of tags");
   CLI::Option* tags = add_option(command, "--tags", "tags.yaml", options->tags,
                                  "Tag map: groups of tags beside the table are compared too");
   CLI::Option* estimated_groups =
       add_option(command, "--estimated-groups", "FOLDER", options->estimated_groups,
-                 "Estimated places of groups on the table: NAME.tum each, as --group-poses of "
-                 "replay and a recorded session have them");
+                 "Estimated places of groups: NAME.tum each, as --group-poses writes them");
   CLI::Option* true_groups =
       add_option(command, "--groundtruth-groups", "FOLDER", options->groundtruth_groups,
                  "Their true places, as simulate writes them");
@@ -176,7 +177,6 @@ void add_evaluate_command(CLI::App& program, ChosenCommand& chosen) {
   estimated_groups->needs(tags);
   true_groups->needs(tags);
   add_pairing_options(command, options->pairing);
-  command.add_flag("--json", options->json, "JSON instead of a table");
   command.callback([options, &chosen] { chosen = [options] { return run_evaluate(*options); }; });
 }
 

@@ -135,8 +135,7 @@ void add_kernels_command(CLI::App& program, ChosenCommand& chosen) {
   add_text_option(
       command, "--up", "x,y,z",
       [options](const std::string& text) { options->direction = direction_from(text); },
-      "The direction they are for, in the object's frame (z up). Other tilts get new ones when "
-      "they are drawn")
+      "The direction they are for, in the object's frame (z up)")
       ->default_str("0,0,1");
   add_unit_option(command, options->unit_m);
   const auto take_source = [options](const std::string& text) {

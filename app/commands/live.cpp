@@ -63,17 +63,16 @@ std::string check_control(const std::string& text) {
 
 void add_camera_options(CLI::App& command, CameraRequest& camera) {
   add_option(command, "--camera", "CAMERA", camera.source,
-             "The camera: v4l2:/dev/video0, libcamera:0 or libcamera:NAME, or recording:FOLDER to "
-             "play a recording as if it were one, over and over")
+             "v4l2:/dev/video0, libcamera:0, libcamera:NAME, or recording:FOLDER, in a loop")
       ->capture_default_str();
   add_option(command, "--calibration", "camera.yaml", camera.calibration,
              "The camera's model, at the size it gives (penumbra calibrate)");
+  start_group(command, "Camera");
   add_camera_name_option(command, camera.camera_name);
   add_size_option(command, "WIDTHxHEIGHT", camera.width, camera.height,
-                  "Size of the pictures (default: the calibration's)");
+                  "Size of the images (default: the calibration's)");
   command.add_flag("--scale-calibration", camera.scale_calibration,
-                   "For a size other than the calibration's: scale the calibration, if a whole "
-                   "number of pixels becomes one. Exact if both sizes show the same view");
+                   "Scale the calibration by a whole number; --size must show the same view");
   add_fps_option(command, camera.fps);
   command
       .add_option("--format", camera.format,
@@ -92,9 +91,10 @@ void add_camera_options(CLI::App& command, CameraRequest& camera) {
       [&controls](double k) { controls.white_balance_k = static_cast<int>(k); },
       "White balance [K], or auto (default: as the camera is)");
   add_option(command, "--focus", "N", controls.focus,
-             "Focus, in the camera's steps (libcamera: dioptres). The focus is always locked if "
-             "the camera allows that")
+             "Focus, in the camera's steps (libcamera: dioptres); autofocus is off in any case")
       ->check(check_control);
+  add_off_flag(command, "--no-dma-buf", camera.dma_buf,
+               "Always copy images to the GPU; the results are the same");
 }
 
 }  // namespace
@@ -111,26 +111,23 @@ void add_live_command(CLI::App& program, ChosenCommand& chosen) {
   add_option(command, "--record", "FOLDER", request.record,
              "Record the camera's frames, as a recording that replay opens");
   add_option(command, "--duration", "SECONDS", request.duration_s,
-             "End this many seconds after the first frame; without any frame, after the same time "
-             "but at least 10 s")
+             "End this many seconds after the first frame; without one after at least 10 s")
       ->check(CLI::Range(0.001, 1e9));
   add_scene_option(command, request);
   add_option(command, "--tags", "FILE.yaml", options->tags,
              "Tag map (default: tags.yaml of the recording that is played, or beside the "
-             "calibration); penumbra target writes one with the sheet");
+             "calibration)");
   add_shadow_options(command, options->shadow);
   add_tracking_options(command, request.tracking);
   add_smooth_option(command, request.smooth);
   add_output_options(command, request);
-  add_frame_options(command, request, options->shadow,
-                    "the next frame is tracked while one is drawn");
+  add_frame_options(command, request, options->shadow);
   add_window_options(command, request);
   add_off_flag(
       command, "--no-vsync", request.vsync,
       "Show frames without waiting for the display's refresh: less latency, possible tearing");
-  add_off_flag(command, "--no-dma-buf", request.camera.dma_buf,
-               "Always copy a camera's pictures to the GPU, even if it could read them in place; "
-               "the results are the same");
+  put_first(command, {"--record", "--scene", "--tags", "--shadow", "--tracking", "--output",
+                      "--poses", "--report"});
   command.callback([&command, options, &chosen] {
     claim_outputs(command, {"--poses", "--report"});
     if (played_recording(options->request.camera.source)) {

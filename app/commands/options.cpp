@@ -17,6 +17,10 @@ namespace penumbra {
 namespace {
 
 constexpr std::string_view kCocl = "cocl";
+constexpr const char* kFirstGroup = "Main options";
+constexpr std::size_t kHelpWidth = 80;
+constexpr std::size_t kOptionColumn = 28;  // of the descriptions of options
+constexpr std::size_t kCommandColumn = 13;
 
 template <class Names>
 std::string joined_names(const Names& names, std::string_view separator) {
@@ -57,17 +61,82 @@ void add_seconds_option(CLI::App& command, const std::string& name, double least
   add_text_option(command, name, "SECONDS", take, description)->default_str(default_text);
 }
 
+// Breaks a text at blanks. Further lines begin with `indent` blanks.
+std::string wrapped(std::string_view text, std::size_t indent) {
+  std::string result;
+  std::size_t column = indent;
+  for (const std::string_view word : split(text, ' ')) {
+    const bool fits = column + word.size() <= kHelpWidth;
+    if (!result.empty()) result += fits ? " " : "\n" + std::string(indent, ' ');
+    column = (fits ? column : indent) + word.size() + 1;
+    result += word;
+  }
+  return result;
+}
+
+// A name, and its description from a column on: on the next line if the name is too long.
+std::string help_entry(const std::string& name, const std::string& text, std::size_t column) {
+  std::string entry = "  " + std::string(trim(name));
+  const bool fits = entry.size() + 2 <= column;
+  entry += fits ? std::string(column - entry.size(), ' ') : "\n" + std::string(column, ' ');
+  return entry + wrapped(text, column) + "\n";
+}
+
+class HelpFormatter final : public CLI::Formatter {
+ public:
+  std::string make_help(const CLI::App* app, std::string name,
+                        CLI::AppFormatMode mode) const override {
+    std::string help = wrapped(app->get_description(), 0) + "\n" +
+                       make_usage(app, std::move(name)) + make_positionals(app);
+    std::vector<std::string> groups = app->get_groups();
+    std::ranges::rotate(groups, groups.begin() + 1);  // that of add_common_options() is the last
+    for (const std::string& group : groups) {
+      const auto options = app->get_options([&group](const CLI::Option* option) {
+        return option->get_group() == group && option->nonpositional();
+      });
+      if (!options.empty()) help += make_group(group, false, options);
+    }
+    help += make_subcommands(app, mode) + "\n";
+    const std::string footer = app->get_footer();
+    for (const std::string_view line : split(footer, '\n'))
+      help += (line.starts_with(' ') ? std::string(line) : wrapped(line, 0)) + "\n";
+    return help;
+  }
+  std::string make_option(const CLI::Option* option, bool is_positional) const override {
+    return help_entry(make_option_name(option, is_positional) + make_option_opts(option),
+                      option->get_description(), kOptionColumn);
+  }
+  std::string make_subcommand(const CLI::App* command) const override {
+    return help_entry(command->get_name(), command->get_description(), kCommandColumn);
+  }
+};
+
 }  // namespace
+
+std::shared_ptr<CLI::FormatterBase> make_help_formatter() {
+  return std::make_shared<HelpFormatter>();
+}
+
+void start_group(CLI::App& command, const std::string& name) {
+  command.option_defaults()->group(name);
+}
+
+void put_first(CLI::App& command, std::initializer_list<const char*> options) {
+  for (const char* option : options) command.get_option(option)->group(kFirstGroup);
+}
 
 CLI::App& add_command(CLI::App& program, const std::string& name, const std::string& description,
                       const std::string& footer) {
   CLI::App& command = *program.add_subcommand(name, description);
   add_common_options(command);
+  start_group(command, kFirstGroup);
   command.footer(footer);
   return command;
 }
 
 void add_common_options(CLI::App& command) {
+  start_group(command, "General");
+  command.get_help_ptr()->group("General");
   command.set_version_flag("--version", fmt::format("penumbra {}", program_version()),
                            "Print the version and exit");
   const auto take = [](const std::string& name) {
@@ -108,10 +177,11 @@ void set_technique(ShadowChoice& choice, const std::string& option, const std::s
 
 CLI::Option* add_shadow_options(CLI::App& command, ShadowChoice& choice) {
   PlanOptions& plan = choice.plan;
+  start_group(command, "Shadows");
   CLI::Option* shadow = add_text_option(
       command, "--shadow", "TECHNIQUE",
       [&choice](const std::string& name) { set_technique(choice, "--shadow", name); },
-      "Technique of every shadow in place of the scene's: " + known_techniques());
+      "Technique in place of the scene's: " + known_techniques());
   add_text_option(
       command, "--kernels", "KERNELS|FILE.json",
       [&choice](const std::string& name) {
@@ -119,16 +189,12 @@ CLI::Option* add_shadow_options(CLI::App& command, ShadowChoice& choice) {
         choice.plan.kernels = given.source;
         choice.kernel_file = given.file;
       },
-      fmt::format("Shadow kernels in place of the scene's: {} (auto: from the silhouette, for each "
-                  "part; smooth: the same, blended; per-axis: from the sets of the three axes; "
-                  "cocl: one for the whole object), or a kernel file for the objects of as many "
-                  "vertices",
+      fmt::format("Shadow kernels in place of the scene's: {}, or a kernel file",
                   joined_names(kKernelSourceNames, ", ")));
   add_word_option(
       command, "--light-mode", "proportional|fixed", "mode", plan.light_mode,
       light_mode_from_string,
-      "Light of layered shadows in place of the scene's: proportional (for each part by "
-      "its thickness) or fixed (one size)");
+      "Light of layered shadows: proportional to each part's thickness, or of one fixed size");
   add_text_option(
       command, "--proxy", "auto|none",
       [&choice](const std::string& name) {
@@ -137,28 +203,19 @@ CLI::Option* add_shadow_options(CLI::App& command, ShadowChoice& choice) {
           usage_error("--proxy", "{}: is neither auto nor none", name);
         }
       },
-      "auto: the reduced model that the scene names (\"proxy\") casts shadows in place of the "
-      "object's; layered ones where their layers agree to 0.98; none: each object casts with its "
-      "own mesh")
+      "auto: reduced models of the scene cast where exact enough; none: objects cast themselves")
       ->default_str("auto");
   add_word_option(
       command, "--translucency", joined_names(kTranslucencyNames, "|"), "way", plan.translucency,
       translucency_from_string,
-      "How shadows, and what fades out, let the video shine through. blend: by the graphics "
-      "hardware; mesh: black pixels in an ordered pattern, in proportion to the missing light; "
-      "retexture: by fetching the video and writing it darker; geometry-mesh: black strips on the "
-      "table, to compare with; auto: the first of blend, retexture, mesh that works")
+      "How the video shines through; auto: the first of blend, retexture, mesh that works")
       ->default_str("auto");
   add_word_option(
       command, "--layers", "auto|direct|mask", "way", plan.layers, layer_drawing_from_string,
-      "Drawing of layered, field and simple shadows. direct: each face by the graphics hardware, "
-      "once per layer; mask: as a mask on the table and at each height of a receiver, made of "
-      "silhouettes, with smooth edges; auto: mask, which is faster, but direct with several "
-      "samples per pixel (--msaa) and few faces, and if all shadows on a plane are simple")
+      "Layers drawn face by face (direct) or as one mask per plane (mask); auto: by cost")
       ->default_str("auto");
   command.add_flag("--show-rays", plan.light_rays,
-                   "Draw rays from the lights through vertices of the casters to their points in "
-                   "the shadow, for hard and volume");
+                   "Draw rays from lights through vertices to their shadows, for hard, volume");
   return shadow;
 }
 
@@ -220,8 +277,7 @@ PlanOptions plan_of(const ShadowChoice& choice) {
 
 CLI::Option* add_camera_name_option(CLI::App& command, std::string& name) {
   return add_option(command, "--camera-name", "NAME", name,
-                    "Name of the camera in a file that holds several (Kalibr's camchain, stereo "
-                    "files of OpenCV)");
+                    "Which camera, if the file has several (of Kalibr, OpenCV stereo)");
 }
 
 void add_size_option(CLI::App& command, const std::string& type, std::optional<int>& width,
@@ -245,15 +301,11 @@ CLI::Option* add_fps_option(CLI::App& command, std::optional<double>& fps) {
 }
 
 void add_pairing_options(CLI::App& command, PairingOptions& pairing) {
-  add_seconds_option(
-      command, "--max-gap", 0.0, 1e6, pairing.max_gap_ns, "0.1",
-      "The ground truth is interpolated between two of its poses that are at most this far apart "
-      "(0: not at all), and extrapolated by at most 10 ms before its first and after its last "
-      "pose");
-  add_seconds_option(
-      command, "--time-offset", -4e9, 4e9, pairing.time_offset_ns, "0",
-      "Added to the estimate's times (in replay: the recording's): positive where its clock is "
-      "behind that of the ground truth");
+  start_group(command, "Ground truth");
+  add_seconds_option(command, "--max-gap", 0.0, 1e6, pairing.max_gap_ns, "0.1",
+                     "Longest interval in which the ground truth is interpolated; 0: never");
+  add_seconds_option(command, "--time-offset", -4e9, 4e9, pairing.time_offset_ns, "0",
+                     "Added to the times that are compared with the ground truth");
 }
 
 CLI::Option* add_poses_from_option(CLI::App& command, std::optional<std::string>& poses_from) {
@@ -264,11 +316,10 @@ CLI::Option* add_poses_from_option(CLI::App& command, std::optional<std::string>
 }
 
 void add_tracking_options(CLI::App& command, TrackerOptions& tracking) {
+  start_group(command, "Tracking");
   add_word_option(command, "--tracking", "fast|accurate|auto|detect", "way", tracking.mode,
                   tracking_mode_from_string,
-                  "fast: a limited number of pixels; accurate: every pixel at an edge without "
-                  "motion blur; auto: fast while the view moves, accurate while it rests or shows "
-                  "few tags; detect: detection in every frame, as a baseline for comparisons")
+                  "auto: fast while the view moves, else accurate; detect: detection alone")
       ->default_str("auto");
   const auto take_budget = [&tracking](double px) {
     if (!std::isfinite(px) || !(px > 0.0)) {
@@ -279,20 +330,16 @@ void add_tracking_options(CLI::App& command, TrackerOptions& tracking) {
   command
       .add_option_function<double>(
           "--pose-budget", take_budget,
-          "Stop sampling pixels when their noise moves the overlay by less than this (prediction); "
-          "fast never samples more than without it")
+          "Stop sampling pixels when their noise moves the overlay by less than this (prediction)")
       ->type_name("PX");
   command.add_flag_callback(
       "--no-background-search", [&tracking] { tracking.search_timing = SearchTiming::in_frame; },
-      "Search for lost groups of tags within the frame, not in the background of the next frames: "
-      "the frame waits for the search, and groups that are found have the same poses");
+      "Search for lost groups of tags within the frame, which then waits for it");
 }
 
 CLI::Option* add_smooth_option(CLI::App& command, bool& smooth) {
-  return command.add_flag(
-      "--smooth", smooth,
-      "Draw with a smoothed pose, which shakes less while the view rests. Written poses stay as "
-      "measured; the report and the HUD show how late the drawn pose is");
+  return command.add_flag("--smooth", smooth,
+                          "Draw with a smoothed pose; written poses stay as measured");
 }
 
 void add_scene_option(CLI::App& command, RunRequest& request) {
@@ -301,6 +348,7 @@ void add_scene_option(CLI::App& command, RunRequest& request) {
 }
 
 void add_window_options(CLI::App& command, RunRequest& request) {
+  start_group(command, "Window");
   add_off_flag(command, "--no-window", request.window, "Offscreen, even if there is a display");
   add_off_flag(command, "--no-hud", request.viewer.hud,
                "The window's HUD is hidden at first (H shows it)");
@@ -320,14 +368,14 @@ Result<void> complete(RunRequest& request) {
   return {};
 }
 
-void add_frame_options(CLI::App& command, RunRequest& request, ShadowChoice& shadow,
-                       const std::string& side_by_side) {
+void add_frame_options(CLI::App& command, RunRequest& request, ShadowChoice& shadow) {
+  start_group(command, "Drawing");
   add_option(command, "--threads", "N", request.threads,
-             "1: one stage after another; more: " + side_by_side + ". The results are the same")
+             "1: one stage after another; more: side by side. The results are the same")
       ->check(CLI::Range(1, 1024))
       ->capture_default_str();
   command.add_flag("--rectified", request.rectified,
-                   "The picture without the lens's distortion; the video is resampled");
+                   "The image without the lens's distortion; the video is resampled");
   const auto take_samples = [&msaa = request.msaa](const std::string& text) {
     msaa.reset();
     if (text == "auto") return;
@@ -339,8 +387,7 @@ void add_frame_options(CLI::App& command, RunRequest& request, ShadowChoice& sha
     msaa = static_cast<int>(*samples);
   };
   add_text_option(command, "--msaa", "auto|off|N", take_samples,
-                  "Smooth edges by this many samples per pixel; auto: 4 on a GPU, off with "
-                  "software rendering, where each sample costs time")
+                  "Samples per pixel for smooth edges; auto: 4 on a GPU, off in software")
       ->default_str("auto");
   const auto take_pixel_buffers = [&pixel_buffers =
                                        request.pixel_buffers](const std::string& text) {
@@ -348,19 +395,17 @@ void add_frame_options(CLI::App& command, RunRequest& request, ShadowChoice& sha
     if (text != "auto") pixel_buffers = text == "on";
   };
   add_text_option(command, "--pixel-buffers", "auto|on|off", take_pixel_buffers,
-                  "Transfer pixels to and from the GPU through the driver's pixel buffers, so that "
-                  "CPU and GPU do not wait for each other; auto: on with a GPU, off with software "
-                  "rendering. The results are the same")
+                  "Transfer pixels through buffers; auto: on with a GPU. The results are the same")
       ->check(CLI::IsMember({"auto", "on", "off"}))
       ->default_str("auto");
   add_off_flag(command, "--no-video-light", request.video_light,
                "Light virtual objects by the scene alone, without measuring the video's light");
   add_off_flag(command, "--no-skip", shadow.plan.skip,
-               "Do all work, also what can't be seen or was done for an earlier frame; the results "
-               "are the same");
+               "Do all work, also what can't be seen or was done before; the results are the same");
 }
 
 void add_output_options(CLI::App& command, OutputRequest& request) {
+  start_group(command, "Output");
   const auto take_output = [&request](const std::string& path) {
     if (names_standard_output(path)) {
       usage_error("--output", "{}: is for text, and these are frames; name a video or a folder",
@@ -372,18 +417,17 @@ void add_output_options(CLI::App& command, OutputRequest& request) {
     }
     request.output = path;
   };
-  add_text_option(command, "--output", "PATH", take_output,
-                  "Composited frames: *.mkv (FFV1, lossless), *.mp4 (H.264), or a folder of "
-                  "000000.png ... numbered by frame, which replace those of an earlier run");
+  add_text_option(
+      command, "--output", "PATH", take_output,
+      "Composited frames: *.mkv (FFV1, lossless), *.mp4 (H.264), or a folder of PNG images");
   CLI::Option* poses = add_option(command, "--poses", "FILE.tum", request.poses,
                                   "Tracked poses, as a TUM file; - is standard output");
   command
       .add_flag("--poses-all", request.poses_all,
-                "Uncertain and held poses too, each after a comment that says so")
+                "Uncertain and held poses too, each after a comment")
       ->needs(poses);
   add_option(command, "--group-poses", "FOLDER", request.group_poses,
-             "Poses of the tag groups beside the table (a wall, a prop): NAME.tum of each, with "
-             "T_table_group, which is the identity where tags.yaml has it");
+             "Poses (T_table_group) of the tag groups beside the table: NAME.tum of each");
   add_option(command, "--report", "FILE.json", request.report,
              "Report with all measurements, as JSON; - is standard output");
 }
@@ -413,9 +457,9 @@ std::function<std::string(const std::string&)> length_check(std::string_view sym
 }
 
 void add_part_group_option(CLI::App& command, std::vector<std::string>& groups) {
-  add_option(command, "--group", "all|NAME", groups,
-             "Parts that share one light: all, or a glTF node or mesh or OBJ object by its name (* "
-             "and ? are wildcards); may be given again for other groups")
+  add_option(
+      command, "--group", "all|NAME", groups,
+      "Parts that share one light: all, or a node, mesh or object by name (*, ?); repeatable")
       ->allow_extra_args(false);
 }
 

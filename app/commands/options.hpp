@@ -9,6 +9,7 @@
 #include <filesystem>
 #include <functional>
 #include <initializer_list>
+#include <memory>
 #include <optional>
 #include <string>
 #include <string_view>
@@ -54,6 +55,13 @@ template <class... Args>
                               Args&&... args) {
   throw CLI::ValidationError(option, fmt::format(text, std::forward<Args>(args)...));
 }
+
+// The layout of every `--help`. Lines of a footer that begin with a blank are not wrapped.
+[[nodiscard]] std::shared_ptr<CLI::FormatterBase> make_help_formatter();
+// Sets the group of the options that are added next.
+void start_group(CLI::App& command, const std::string& name);
+// Moves options to the group that the help shows first.
+void put_first(CLI::App& command, std::initializer_list<const char*> options);
 
 // Adds a command with --version and --log-level. `footer` ends its help.
 CLI::App& add_command(CLI::App& program, const std::string& name, const std::string& description,
@@ -119,9 +127,7 @@ void add_tracking_options(CLI::App& command, TrackerOptions& tracking);
 CLI::Option* add_smooth_option(CLI::App& command, bool& smooth);
 void add_output_options(CLI::App& command, OutputRequest& request);
 void add_scene_option(CLI::App& command, RunRequest& request);
-// `side_by_side` says what more than one thread does, as a clause.
-void add_frame_options(CLI::App& command, RunRequest& request, ShadowChoice& shadow,
-                       const std::string& side_by_side);
+void add_frame_options(CLI::App& command, RunRequest& request, ShadowChoice& shadow);
 void add_window_options(CLI::App& command, RunRequest& request);
 // Moves the parsed shadow options into the request. Warns of unused ones, rejects contradictions.
 void take_run_options(const CLI::App& command, const ShadowChoice& shadow, RunRequest& request);

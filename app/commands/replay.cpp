@@ -55,7 +55,7 @@ Result<ExitCode> replay(const ReplayOptions& options) {
 void add_replay_command(CLI::App& program, ChosenCommand& chosen) {
   CLI::App& command = add_command(
       program, "replay", "Replay a recorded session: track, composite, show or write",
-      "In the window: F1 lists the keys, space pauses, Esc or q closes.\n"
+      "In the window: F1 lists the keys, space pauses, Esc or q closes. "
       "Ctrl-C ends early; the files hold the frames up to then, and the report says so.\n\n"
       "Example:\n"
       "  penumbra replay recordings/tabletop --output out.mkv --poses out.tum --report "
@@ -69,7 +69,7 @@ void add_replay_command(CLI::App& program, ChosenCommand& chosen) {
   add_option(command, "RECORDING", "FOLDER", request.recording, "The recording")->required();
   add_scene_option(command, request);
   add_option(command, "--tags", "FILE.yaml", request.tags, "Tag map (default: the recording's)");
-  add_camera_name_option(command, request.camera_name);
+  add_camera_name_option(command, request.camera_name)->group("Input");
   CLI::Option* shadow = add_shadow_options(command, options->shadow);
   const auto take_compared = [options](const std::string& list) {
     for (const auto part : std::views::split(list, ',')) {
@@ -77,16 +77,15 @@ void add_replay_command(CLI::App& program, ChosenCommand& chosen) {
       options->compare.push_back(name.substr(std::min(name.find_first_not_of(' '), name.size())));
     }
   };
-  add_text_option(
-      command, "--compare", "TECHNIQUE,...", take_compared,
-      fmt::format("{} to {} techniques of --shadow side by side in one picture, each under its "
-                  "name: the same poses and times in every pane",
-                  kLeastPanes, kMostPanes))
+  add_text_option(command, "--compare", "TECHNIQUE,...", take_compared,
+                  fmt::format("{} to {} techniques side by side, at the same poses and times",
+                              kLeastPanes, kMostPanes))
       ->excludes(shadow);
   add_tracking_options(command, request.tracking);
-  add_output_options(command, request);
   CLI::Option* smooth = add_smooth_option(command, request.smooth);
   add_poses_from_option(command, request.poses_from)->excludes(smooth);
+  add_output_options(command, request);
+  start_group(command, "Input");
   const auto take_frames = [&request](const std::string& text) {
     const auto range = parse_frame_range(text);
     if (!range) {
@@ -96,13 +95,14 @@ void add_replay_command(CLI::App& program, ChosenCommand& chosen) {
   };
   add_text_option(command, "--frames", "A:B", take_frames,
                   "Only frames numbered A to B - 1; either may be omitted");
-  add_frame_options(command, request, options->shadow,
-                    "frames are decoded, tracked, drawn and encoded side by side");
-  add_pairing_options(command, request.pairing);
   command.add_flag("--realtime", request.realtime,
                    "At the pace it was recorded (always so in a window)");
-  add_window_options(command, request);
   add_off_flag(command, "--no-edits", request.edits, "Ignore the edits that were recorded");
+  add_frame_options(command, request, options->shadow);
+  add_pairing_options(command, request.pairing);
+  add_window_options(command, request);
+  put_first(command, {"--shadow", "--compare", "--tracking", "--output", "--poses", "--report",
+                      "--poses-from", "--frames"});
   command.callback([&command, options, &chosen] {
     claim_outputs(command, {"--poses", "--report"});
     take_run_options(command, options->shadow, options->request);

@@ -53,15 +53,16 @@ Result<ExitCode> run_shadow(const ShadowJob& job) {
 
 void add_shadow_command(CLI::App& program, ChosenCommand& chosen) {
   CLI::App& command = add_command(
-      program, "shadow", "Compute the shadow layers of a model: areas, outlines, a picture",
+      program, "shadow", "Compute the shadow layers of a model: areas, outlines, an image",
       "Example:\n"
       "  penumbra shadow helicopter.glb --pose \"0 0 0.1 0 0 0 1\"\n"
       "  penumbra shadow helicopter.glb --pose \"0 0 0.1 0 0 0 1\" --workspace-height 0.3 "
-      "--magnification 1.5 --show-kernels --output layers.svg");
+      "\\\n    --magnification 1.5 --show-kernels --output layers.svg");
   const auto options = std::make_shared<ShadowOptions>();
   add_option(command, "MODEL", "FILE", options->model, "The model (.glb, .gltf, .obj)")->required();
+  start_group(command, "Light");
   add_option(command, "--light-height", "H|inf", options->light_height,
-             "Height H of the light over the plane [m] (default: 0.9), or inf together with "
+             "Height H of the light over the plane [m] (default: 0.9), or inf with "
              "--umbra-height");
   add_option(command, "--light-ratio", "A", options->light_ratio,
              "Radius of the light over that of the object (default: 3)");
@@ -72,35 +73,38 @@ void add_shadow_command(CLI::App& program, ChosenCommand& chosen) {
   add_option(command, "--magnification", "M", options->magnification,
              "Maximum magnification of the middle layer there (above 1)");
   add_option(command, "--kernels", "auto|smooth|per-axis|cocl|FILE", options->kernels,
-             "auto (from the silhouette, for each part; those stored in the model where they fit), "
-             "smooth, per-axis, cocl, or a kernel file")
+             "auto (stored in the model, or from the silhouette), smooth, per-axis, cocl, or a "
+             "kernel file")
       ->capture_default_str();
   add_option(command, "--light-mode", "proportional|fixed", options->light_mode,
              "proportional: a light for each part by its thickness; fixed: one size of light")
       ->default_str("proportional");
   add_part_group_option(command, options->groups);
-  add_option(
-      command, "--proxy", "auto|none|FILE", options->proxy,
-      "A reduced mesh that casts where its layers agree with the model's to 0.98: auto (made "
-      "from the model), none, or a model file")
-      ->capture_default_str();
   add_option(command, "--pose", "\"tx ty tz qx qy qz qw\"", options->pose,
              "The object in the world: metres and a unit quaternion (default: as it is)");
   add_option(command, "--plane", "\"nx ny nz px py pz\"", options->plane,
-             "The plane: its normal, and a point on it (default: 0 0 1 0 0 0)");
+             "Normal, and a point on it (default: 0 0 1 0 0 0)");
   add_option(command, "--technique", "TECHNIQUE", options->technique,
              "layered, cocl, field, simple, or hard")
       ->capture_default_str();
   add_option(command, "--light", "\"x y z w\"", options->light,
              "The light of a hard shadow: a place (w = 1), or the direction towards it (w = 0)");
+  start_group(command, "Model");
+  add_option(command, "--proxy", "auto|none|FILE", options->proxy,
+             "A reduced mesh that casts if it is exact enough: auto (made from the model), none, "
+             "or a model file")
+      ->capture_default_str();
   add_option(command, "--up", "y|z", options->up,
              "Axis of the file that points up (default: y for glTF, z for OBJ)");
   add_unit_option(command, options->unit_m);
-  command.add_flag("--show-kernels", options->show_kernels, "Kernels as dots in the picture");
+  command.add_flag("--show-kernels", options->show_kernels, "Kernels as dots in the image");
   add_option(
       command, "--output", "FILE", options->output,
-      "Outlines (.json; - is standard output), or a picture (.svg, .png); without it a table "
-      "is printed");
+      "Outlines (.json; - is standard output) or an image (.svg, .png); without it a table is "
+      "printed");
+  put_first(command,
+            {"--output", "--technique", "--pose", "--plane", "--light-height", "--workspace-height",
+             "--magnification", "--kernels", "--unit", "--show-kernels"});
   command.callback([&command, options, &chosen] {
     claim_outputs(command, {"--output"});
     chosen = [job = job_from(*options)] { return run_shadow(job); };  // wrong usage ends here

@@ -61,17 +61,17 @@ void add_simulate_command(CLI::App& program, ChosenCommand& chosen) {
       program, "simulate",
       "Make a synthetic recording with exact truth: tags, lens, motion blur, noise",
       "The recording holds frames/*.png, timestamps.csv, camera.yaml, tags.yaml and "
-      "groundtruth.tum\n(groups/NAME.tum for groups of tags beside the table), and opens in every "
-      "command that takes one.\n"
+      "groundtruth.tum (groups/NAME.tum for groups of tags beside the table), and opens in every "
+      "command that takes one. "
       "Ctrl-C ends early; the recording holds the frames up to then.\n\n"
       "Example:\n"
-      "  penumbra simulate board --camera recordings/tabletop/camera.yaml --tags "
-      "recordings/tabletop/tags.yaml \\\n"
-      "    --trajectory recordings/tabletop/groundtruth.tum --output synthetic --noise 2 --blur "
-      "0.01 --seed 7\n"
+      "  penumbra simulate board --camera recordings/tabletop/camera.yaml \\\n"
+      "    --tags recordings/tabletop/tags.yaml --trajectory recordings/tabletop/groundtruth.tum "
+      "\\\n"
+      "    --output synthetic --noise 2 --blur 0.01 --seed 7\n"
       "  penumbra replay synthetic --report report.json\n"
       "  penumbra simulate board --camera camera.yaml --tags tags.yaml --trajectory hand.tum "
-      "--group prop=prop.tum --output synthetic");
+      "\\\n    --group prop=prop.tum --output synthetic");
   const auto request = std::make_shared<SimulateRequest>();
   request->threads = static_cast<int>(std::clamp(std::thread::hardware_concurrency(), 1U, 16U));
   const auto take_scene = [request](const std::string& scene) {
@@ -91,8 +91,7 @@ void add_simulate_command(CLI::App& program, ChosenCommand& chosen) {
       .add_option_function<std::vector<std::string>>(
           "--group",
           [request](const std::vector<std::string>& given) { take_groups(given, *request); },
-          "Tags of the group NAME move: T_table_group over the same time, the identity where "
-          "tags.yaml has it; may be given again for other groups")
+          "Tags of the group NAME move: T_table_group over the same time; repeatable")
       ->type_name("NAME=FILE.tum");
   add_option(command, "--output", "DIR", request->output, "The recording: a new or empty folder")
       ->required();
@@ -103,16 +102,17 @@ void add_simulate_command(CLI::App& program, ChosenCommand& chosen) {
       ->capture_default_str();
   command
       .add_option("--blur", request->exposure_s,
-                  "Exposure: the camera moves meanwhile, on a smooth curve through the poses [s]")
+                  "Exposure time: the camera moves on a smooth curve through the poses [s]")
       ->check(within(0.0, 10.0))
       ->capture_default_str();
+  start_group(command, "Image");
   command
       .add_option("--seed", request->seed, "Seed of the noise: the same seed gives the same bytes")
       ->check(whole_number())
       ->capture_default_str();
   add_option(command, "--tone", "EXPONENT", request->tone_curve,
-             "Exponent of the tone curve, light = value ^ exponent (default: tone_curve of the "
-             "camera file, or 1). The camera file is kept as it is")
+             "Exponent of the camera response, light = value ^ exponent (default: the camera "
+             "file's, or 1)")
       ->check(within(0.2, 5.0));
   command.add_option("--gain", request->gain, "Brightness: multiplies the light")
       ->check(within(0.001, 1000.0))
@@ -127,7 +127,7 @@ void add_simulate_command(CLI::App& program, ChosenCommand& chosen) {
                            ->check(within(0.0, 1.0))
                            ->capture_default_str();
   add_option(command, "--cover-from", "FRAME", request->cover_from,
-             "The first frame that --cover is for; before it the tags are seen whole")
+             "First frame of --cover; before it tags are uncovered")
       ->check(whole_number())
       ->needs(cover)
       ->capture_default_str();

@@ -86,21 +86,20 @@ void add_design_options(CLI::App& command, StudyOptions& options) {
     }
     design.experiment = name == "heights" ? StudyExperiment::heights : StudyExperiment::drag;
   };
-  add_text_option(command, "--experiment", "heights|drag", take_experiment,
-                  "heights: point at the highest of three spheres; drag: bring a sphere onto three "
-                  "to five targets in turn")
+  add_text_option(
+      command, "--experiment", "heights|drag", take_experiment,
+      "heights: point at the highest of three spheres; drag: bring a sphere onto targets")
       ->required();
   add_option(command, "--output", "FILE.csv", options.request.results,
-             "Answers; those of further participants are added to the same file. The summary is "
-             "written beside it (NAME-summary.csv); - is standard output");
+             "Answers; those of further participants are added; - is standard output");
   add_option(command, "--techniques", "A,B,...", options.techniques,
-             "Shadow techniques to compare, each a block of trials: " + known_techniques())
+             "Techniques, each a block of trials: " + known_techniques())
       ->capture_default_str();
   add_option(command, "--participant", "N", design.participant,
-             "The participant's number: it chooses the order of techniques and samples from "
-             "balanced designs, so number them 1, 2, 3, ...")
+             "The participant's number (1, 2, 3, ...): chooses the order of techniques and samples")
       ->check(CLI::Range(1, 1'000'000))
       ->capture_default_str();
+  start_group(command, "Experiment");
   add_option(command, "--seed", "N", design.seed,
              "Seed of the random samples; the same for all participants of a study")
       ->capture_default_str();
@@ -127,21 +126,20 @@ void add_study_command(CLI::App& program, ChosenCommand& chosen) {
       "In the window: space or a click begins a block, F11 is full screen, Esc ends; answers so "
       "far are kept.\n\n"
       "Example:\n"
-      "  penumbra study --experiment heights --techniques layered,walls --participant 1 --output "
-      "heights.csv");
+      "  penumbra study --experiment heights --techniques layered,walls --participant 1 "
+      "\\\n    --output heights.csv");
   const auto options = std::make_shared<StudyOptions>();
   StudyRequest& request = options->request;
   add_design_options(command, *options);
   command.add_flag("--resume", request.resume,
-                   "Go on with a participant who was interrupted, at the first trial that has no "
-                   "answer");
+                   "Go on with an interrupted participant, at the first trial without an answer");
+  start_group(command, "Input");
   CLI::Option* recording = add_option(
       command, "--recording", "FOLDER", request.recording,
-      "Pictures to work on, from the first at every trial (default: the bundled recording)");
+      "Images to work on, from the first at every trial (default: the bundled recording)");
   add_poses_from_option(command, request.poses_from);
   CLI::Option* camera = add_option(command, "--camera", "CAMERA", request.camera.source,
-                                   "Work on the live picture instead: v4l2:/dev/video0, "
-                                   "libcamera:0 or recording:FOLDER, as in penumbra live")
+                                   "Work on the images of a camera, as in penumbra live")
                             ->excludes(recording);
   CLI::Option* calibration = add_option(command, "--calibration", "camera.yaml",
                                         request.camera.calibration, "The camera's model")
@@ -151,13 +149,15 @@ void add_study_command(CLI::App& program, ChosenCommand& chosen) {
   add_option(command, "--tags", "FILE.yaml", request.tags,
              "Tag map (default: the recording's, or as in penumbra live)");
   add_tracking_options(command, request.tracking);
+  start_group(command, "Experiment");
   add_option(command, "--script", "FILE", request.script,
-             "A scripted participant answers: lines of trial, seconds since it is shown, and "
-             "action, such as: 1 1.25 click sphere 2");
+             "A scripted participant answers: lines of trial, seconds, action: 1 1.25 click sphere "
+             "2");
   command.add_flag("--plan", options->plan,
                    "Print the participant's trials as CSV, and do nothing else");
   add_off_flag(command, "--no-window", request.window,
                "A scripted participant works offscreen, even if there is a display");
+  put_first(command, {"--resume", "--recording", "--camera", "--calibration", "--tags", "--plan"});
   command.callback([&command, camera, options, &chosen] {
     claim_outputs(command, {"--output"});
     StudyRequest& chosen_request = options->request;

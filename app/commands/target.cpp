@@ -238,14 +238,13 @@ void add_target_command(CLI::App& program, ChosenCommand& chosen) {
       .add_option("--page", options->page,
                   "a0 to a5, letter, legal, tabloid, or WIDTHxHEIGHT in millimetres")
       ->capture_default_str();
+  start_group(command, "Sheet");
   command.add_option("--family", options->family, "Tag family")->capture_default_str();
   command.add_option("--dictionary", options->dictionary,
-                     "charuco: ArUco's markers in place of a tag family: 4x4_50, 5x5_100, 6x6_250, "
-                     "... (of 4x4, 5x5, 6x6 and 50, 100, 250, 1000)");
+                     "charuco: ArUco's markers in place of a tag family: 4x4_50, 5x5_100, ...");
   command
       .add_option("--type", options->type,
-                  "tags: a table to track on; to calibrate from: aprilgrid, charuco (tags in a "
-                  "chessboard), chessboard")
+                  "tags: a table to track on; aprilgrid, charuco, chessboard: to calibrate from")
       ->check(CLI::IsMember({"tags", "aprilgrid", "charuco", "chessboard"}))
       ->capture_default_str();
   command.add_option("--first-id", options->first_id, "Id of the first tag")
@@ -273,9 +272,10 @@ void add_target_command(CLI::App& program, ChosenCommand& chosen) {
              "charuco, chessboard: edge of a square [m] (0.03, 0.022)")
       ->check(length_check("m", 0.001, 2.0));
   add_option(command, "--measured", "MM", options->measured_mm,
-             "Length of the sheet's 100 mm ruler on paper [mm]: scales the file, not the sheet. A "
-             "new measurement replaces the last one (default: 100)")
+             "Length of the sheet's 100 mm ruler on paper [mm]: scales the file, not the sheet "
+             "(default: 100)")
       ->check(length_check("mm", 50.0, 200.0));
+  put_first(command, {"--type", "--columns", "--rows", "--tag-size", "--square", "--measured"});
   command.callback([&command, options, &chosen] {
     claim_outputs(command, {"--output", "--tags"});
     check_options_of_type(command, options->type);

@@ -4,6 +4,7 @@
 
 #include <Eigen/Geometry>
 #include <algorithm>
+#include <map>
 #include <regex>
 #include <set>
 
@@ -53,6 +54,42 @@ std::set<std::string> options_in(const std::string& help) {
     if (std::regex_search(line, match, option)) names.insert(match[1]);
   }
   return names;
+}
+
+// The options' names are in column 2, their descriptions in column 28: after two blanks, or on the
+// next lines.
+TEST(CommandLine, KeepsHelpNarrowBriefAndGrouped) {
+  constexpr std::size_t kMostFirst = 10;
+  const std::string overview = penumbra({"--help"}).out;
+  std::vector<std::string> helps = {overview};
+  for (const std::string& command : commands_of(overview))
+    helps.push_back(penumbra({command, "--help"}).out);
+  static const std::regex heading("[A-Z][a-z ]+:");
+  for (const std::string& help : helps) {
+    std::string group;
+    std::map<std::string, std::size_t> sizes;
+    std::vector<std::string> groups;
+    std::string option;
+    int description = 0;  // lines
+    for (const std::string& line : lines_of(help)) {
+      EXPECT_LE(line.size(), 100U) << line;
+      if (std::regex_match(line, heading)) groups.push_back(group = line);
+      if (line.starts_with("  -")) {
+        option = line;
+        ++sizes[group];
+        description = line.find("  ", 2) != std::string::npos ? 1 : 0;
+      } else if (line.starts_with(std::string(28, ' '))) {
+        ++description;
+      }
+      EXPECT_LE(description, 2) << option << "\n" << line;
+    }
+    EXPECT_THAT(groups, testing::Contains("General:")) << help;
+    EXPECT_FALSE(sizes.contains("") || sizes.contains("Options:")) << help;
+    EXPECT_LE(sizes["Main options:"], kMostFirst) << help;
+    const std::size_t general = help.find("\nGeneral:\n");
+    EXPECT_EQ(help.find("\n  -", help.find("--log-level", general)), std::string::npos)
+        << "the general options are the last ones: " << help;
+  }
 }
 
 // README.md and the pages of docs/.
