@@ -46,7 +46,7 @@ constexpr std::array kHelp = {
     KeyHelp{"P", "panels: translucency, technique, H and a, strength, kernels"},
     KeyHelp{"C", "compact layout with large buttons, or full"},
     KeyHelp{"D", "debug view: passes, work, kernels, twisted faces"},
-    KeyHelp{"1 2 3 ...  0", "shadow technique; 0: none"},
+    KeyHelp{"1 2 3 ...  0", "shadows: simple, layered, field, walls, hard, volume; none"},
     KeyHelp{"J", "the drawn pose smoothed, or as measured"},
     KeyHelp{"N", "next technique"},
     KeyHelp{"G", "which shadow node these keys are for: all, or one by one"},
@@ -68,10 +68,19 @@ bool is_plain_key(const WindowEvent& event) {
   return event.kind == WindowEvent::Kind::key_down && !event.control && !event.alt;
 }
 
+int first_digit(const WindowEvent& event) {
+  return event.code >= GLFW_KEY_KP_0 ? GLFW_KEY_KP_0 : GLFW_KEY_0;
+}
+
 }  // namespace
 
 std::span<const KeyHelp> key_help() {
   return kHelp;
+}
+
+bool is_number_key(const WindowEvent& event) {
+  const int digit = event.code - first_digit(event);
+  return is_plain_key(event) && digit >= 0 && digit <= 9;
 }
 
 std::optional<WindowCommand> command_of_key(const WindowEvent& event) {
@@ -89,13 +98,11 @@ std::vector<ShadowTechnique> techniques_by_key() {
 }
 
 std::optional<ShadowTechnique> technique_of_key(const WindowEvent& event) {
-  if (!is_plain_key(event)) return std::nullopt;
-  const int first = event.code >= GLFW_KEY_KP_0 ? GLFW_KEY_KP_0 : GLFW_KEY_0;
-  const int number = event.code - first;
-  if (number == 0) return ShadowTechnique::none;
+  if (!is_number_key(event)) return std::nullopt;
+  const auto digit = static_cast<std::size_t>(event.code - first_digit(event));
   const std::vector<ShadowTechnique> techniques = techniques_by_key();
-  if (number < 1 || number > std::min(9, static_cast<int>(techniques.size()))) return std::nullopt;
-  return techniques[static_cast<std::size_t>(number) - 1];
+  if (digit > techniques.size()) return std::nullopt;
+  return digit == 0 ? ShadowTechnique::none : techniques[digit - 1];
 }
 
 ShadowTechnique technique_after(ShadowTechnique technique) {

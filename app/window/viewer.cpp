@@ -117,7 +117,8 @@ bool Viewer::over_hud() const {
 
 void Viewer::take_key(const WindowEvent& event) {
   if (overlay_ && hud_ && overlay_->typing()) return;
-  if (const auto technique = technique_of_key(event)) set_technique(*technique);
+  if (const auto technique = technique_of_key(event)) return set_technique(*technique);
+  if (is_number_key(event)) show_message("no shadow technique has this key; F1 lists them");
   if (const auto command = command_of_key(event)) act(*command);
 }
 
@@ -177,7 +178,7 @@ void Viewer::edit(const SceneEdit& edit) {
 
 void Viewer::set_technique(ShadowTechnique technique) {
   std::vector<HudNode> nodes = chosen_nodes();
-  if (nodes.empty()) return;
+  if (nodes.empty()) return show_message("the scene has no shadow node to change");
   for (HudNode& node : nodes) {
     node.style.technique = technique;
     edit(ShadowStyled{node.name, node.style});
@@ -275,7 +276,8 @@ void Viewer::act(WindowCommand command) {
     }
     case WindowCommand::next_technique: {
       const std::vector<HudNode> nodes = chosen_nodes();
-      if (!nodes.empty()) set_technique(technique_after(nodes.front().style.technique));
+      set_technique(nodes.empty() ? ShadowTechnique::none
+                                  : technique_after(nodes.front().style.technique));
       break;
     }
     case WindowCommand::next_translucency:

@@ -1,8 +1,10 @@
 #include "app/window/hud.hpp"
 
+#include <fmt/format.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <limits>
 #include <set>
 
@@ -102,6 +104,18 @@ TEST(Hud, MapsKeysToCommandsAndHelp) {
   EXPECT_EQ(technique_of_key(event), techniques_by_key().front());
   event.code = '9';
   EXPECT_FALSE(technique_of_key(event));
+  EXPECT_TRUE(is_number_key(event));
+  event.code = 321;  // 1 of the keypad
+  EXPECT_EQ(technique_of_key(event), techniques_by_key().front());
+  event.code = 'H';
+  EXPECT_FALSE(is_number_key(event));
+}
+
+TEST(Hud, ListsTechniquesInHelpInOrderOfTheirKeys) {
+  std::vector<std::string_view> names;
+  for (const ShadowTechnique technique : techniques_by_key()) names.push_back(to_string(technique));
+  const std::string line = fmt::format("shadows: {}; none", fmt::join(names, ", "));
+  EXPECT_EQ(std::ranges::count(key_help(), line, &KeyHelp::what), 1) << line;
 }
 
 TEST(Hud, ListsReasonsForSkippedAndReusedParts) {

@@ -5,9 +5,11 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <cmath>
 #include <cstdlib>
 #include <filesystem>
 #include <memory>
+#include <ostream>
 #include <set>
 #include <vector>
 
@@ -297,10 +299,19 @@ TEST_P(HudOverlay, ReplacesHudByStudyInstructions) {
   }
 }
 
-// Collects the settings that change while the pointer drags along each height of the open panel.
+// Collects the settings that change while the pointer drags at each height of the open panel, near
+// its left end: within boxes too.
 struct DraggedSettings {
-  bool constants = false, strength = false;
+  bool constants = false;
+  bool strength = false, umbra = false, middle = false, penumbra = false;
+  bool rays = false;
+  bool operator==(const DraggedSettings&) const = default;
 };
+std::ostream& operator<<(std::ostream& out, const DraggedSettings& s) {
+  return out << "constants " << s.constants << ", strength " << s.strength << ", light in umbra "
+             << s.umbra << ", in middle " << s.middle << ", in penumbra " << s.penumbra << ", rays "
+             << s.rays;
+}
 DraggedSettings drag_along_panel(Overlay& overlay, const HudState& state) {
   HudActions actions;
   HudPanels panels;
@@ -311,7 +322,7 @@ DraggedSettings drag_along_panel(Overlay& overlay, const HudState& state) {
   WindowEvent event;
   for (int y = 20; y < 360; y += 8) {
     event.y = y;
-    event.x = 450.0;
+    event.x = 368.0;
     event.kind = WindowEvent::Kind::pointer_moved;
     overlay.handle(event);
     draw();
@@ -319,7 +330,7 @@ DraggedSettings drag_along_panel(Overlay& overlay, const HudState& state) {
     overlay.handle(event);
     draw();
     event.kind = WindowEvent::Kind::pointer_moved;
-    event.x = 480.0;
+    event.x = 398.0;
     overlay.handle(event);
     draw();
     event.kind = WindowEvent::Kind::button_up;
@@ -330,29 +341,43 @@ DraggedSettings drag_along_panel(Overlay& overlay, const HudState& state) {
   for (const SceneEdit& edit : actions.edits) {
     const auto& style = std::get<ShadowStyled>(edit).style;
     EXPECT_EQ(std::get<ShadowStyled>(edit).node, "layers on the table");
-    changed.constants =
-        changed.constants || style.layered.light_height != LayeredConstants().light_height;
-    changed.strength = changed.strength || style.fractions.umbra != LightFractions().umbra;
+    changed.constants |= style.layered.light_height != LayeredConstants().light_height;
+    const LightFractions full;
+    const auto differ = [](double a, double b) { return std::abs(a - b) > 1e-6; };
+    const bool umbra = differ(style.fractions.umbra, full.umbra);
+    const bool middle = differ(style.fractions.middle, full.middle);
+    const bool penumbra = differ(style.fractions.penumbra, full.penumbra);
+    changed.strength |= umbra && middle && penumbra;
+    changed.umbra |= umbra && !middle;
+    changed.middle |= middle && !umbra;
+    changed.penumbra |= penumbra && !middle;
+    changed.rays |= style.light_rays;
   }
   return changed;
 }
 
-TEST_P(HudOverlay, TurnsSliderDragIntoEdit) {
-  const DraggedSettings changed = drag_along_panel(*overlay, busy_state());
-  EXPECT_TRUE(changed.constants);
-  EXPECT_TRUE(changed.strength);
+DraggedSettings settings_that_act(ShadowTechnique technique) {
+  switch (technique) {
+    case ShadowTechnique::none:
+      return {};
+    case ShadowTechnique::simple:
+    case ShadowTechnique::walls:
+      return {.strength = true, .middle = true};
+    case ShadowTechnique::layered:
+    case ShadowTechnique::field:
+      return {.constants = true, .strength = true, .umbra = true, .middle = true, .penumbra = true};
+    case ShadowTechnique::hard:
+    case ShadowTechnique::volume:
+      return {.rays = true};
+  }
+  return {};
 }
 
-TEST_P(HudOverlay, HidesSlidersThatDoNotActOnTechnique) {
-  for (const ShadowTechnique technique :
-       {ShadowTechnique::walls, ShadowTechnique::hard, ShadowTechnique::volume}) {
+TEST_P(HudOverlay, ShowsExactlyTheSettingsThatActOnTechnique) {
+  for (const auto& [technique, name] : kShadowTechniqueNames) {
     HudState state = busy_state();
     for (HudNode& node : state.nodes) node.style.technique = technique;
-    const DraggedSettings changed = drag_along_panel(*overlay, state);
-    EXPECT_FALSE(changed.constants) << to_string(technique);
-    if (traits_of(technique).uses_lights) {
-      EXPECT_FALSE(changed.strength) << to_string(technique);
-    }
+    EXPECT_EQ(drag_along_panel(*overlay, state), settings_that_act(technique)) << name;
   }
 }
 

@@ -72,6 +72,7 @@ class Host : public ViewerHost {
   [[nodiscard]] SessionView view() const override { return shown; }
   [[nodiscard]] std::vector<HudNode> nodes() const override {
     ++hud_drawings;
+    if (!has_shadows) return {};
     return {{"one", style}, {"two", style}};
   }
   void edit(const SceneEdit& edit) override { edits.push_back(edit); }
@@ -100,6 +101,7 @@ class Host : public ViewerHost {
 
   int presented = 0, redrawn = 0, screenshots = 0, recordings = 0, smoothings = 0;
   int ends_after = std::numeric_limits<int>::max();  // frames
+  bool has_shadows = true;
   ShadowStyle style;
   Translucency way = Translucency::automatic;
   SessionView shown;
@@ -203,6 +205,20 @@ TEST(Viewer, ExecutesCommandsOfKeys) {
   EXPECT_EQ(last().style.technique, ShadowTechnique::none);
   EXPECT_TRUE(viewer.show(interrupt));
   EXPECT_EQ(last().style.technique, technique_after(host.style.technique));
+}
+
+TEST(Viewer, KeepsSceneOnNumberKeysWithoutEffect) {
+  for (const bool has_shadows : {true, false}) {
+    std::deque<int> keys = {'7', '9', 328};  // 328: 8 of the keypad
+    if (!has_shadows) keys = {'1', '0', 'N'};
+    ScriptedWindow window(keys);
+    Host host;
+    host.has_shadows = has_shadows;
+    InterruptWatch interrupt;
+    Viewer viewer(window, host, nullptr);
+    for (int i = 0; i < 3; ++i) EXPECT_TRUE(viewer.show(interrupt));
+    EXPECT_TRUE(host.edits.empty());
+  }
 }
 
 TEST(Viewer, EditsOneNodeOrAllByKey) {
