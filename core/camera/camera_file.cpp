@@ -9,7 +9,7 @@
 namespace penumbra {
 namespace {
 
-// In the order of DistortionModel and of CameraFileFormat. Empty: the format lacks the lens.
+// Indexed by DistortionModel, then by CameraFileFormat. Empty: not representable.
 constexpr std::array<std::array<std::string_view, 3>, kDistortionModels.size()> kModelNames = {{
     {to_string(DistortionModel::plumb_bob), "0", "radtan"},
     {to_string(DistortionModel::rational), "0", ""},
@@ -21,7 +21,7 @@ bool all_finite(const std::vector<double>& values) {
   return std::ranges::all_of(values, [](double x) { return std::isfinite(x); });
 }
 
-// Omits values that are not known: other programs can't read .nan.
+// Omits unknown values, because other programs can't read .nan.
 std::string record_text(const CalibrationRecord& record) {
   std::string text = fmt::format("calibrated_on: {}\n", in_quotes(record.calibrated_on));
   if (record.focus_position && std::isfinite(*record.focus_position))
@@ -54,7 +54,7 @@ std::string record_text(const CalibrationRecord& record) {
   return text;
 }
 
-// Kalibr reads every key of a camchain file as a camera.
+// Writes the record as comments: Kalibr takes each key of a camchain file for a camera.
 std::string as_comments(std::string_view text) {
   std::string comments;
   while (!text.empty()) {
@@ -74,11 +74,11 @@ std::span<const double> coefficients(const CameraParameters& p, int count) {
   return std::span(p.distortion).first(static_cast<std::size_t>(count));
 }
 
-// The shortest digits that read back to the same double.
+// Returns the shortest decimal that reads back to the same double.
 std::string shortest(double value) {
   return fmt::format("{}", value);
 }
-// OpenCV reads a number without a point as an integer, and ". " as part of one.
+// Adds ".0" to a number without a point, which OpenCV would read as an integer.
 std::string with_point(double value) {
   std::string digits = shortest(value);
   if (digits.find_first_of(".e") == std::string::npos) digits += ".";
@@ -154,7 +154,7 @@ std::optional<std::string_view> model_name(DistortionModel model, CameraFileForm
 Result<void> save_camera(const std::filesystem::path& file, const CameraModel& camera,
                          CameraFileFormat format, const CalibrationRecord* record) {
   CameraParameters p = camera.parameters();
-  if (record != nullptr) p.overlay_sigma_px.reset();  // the record has its own
+  if (record != nullptr) p.overlay_sigma_px.reset();  // replaced by the record's
   if (!model_name(p.model, format)) {
     return fail(
         "{}: {}'s files have no {} lens; write another format or calibrate with --model plumb_bob",

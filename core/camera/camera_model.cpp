@@ -7,7 +7,7 @@
 namespace penumbra {
 namespace {
 
-// Distorted radius of an undistorted one, without the tangential terms.
+// Returns the distorted radius for the undistorted radius `r`, without the tangential terms.
 double radial_profile(const CameraParameters& p, double r) {
   const std::array<double, 8>& k = p.distortion;
   switch (p.model) {
@@ -33,11 +33,11 @@ Eigen::Vector2d distorted(const CameraParameters& p, const Eigen::Vector2d& xy) 
   return result;
 }
 
-// First radius at which the profile stops growing: a scan over the angle from the axis, then
-// bisection.
+// Returns the smallest radius at which the profile stops growing, by a scan over the angle from the
+// optical axis and bisection.
 double find_max_radius(const CameraParameters& p) {
   constexpr int kSteps = 4096;
-  constexpr double kLargestAngle = 1.57;  // just under pi/2: a pinhole sees no further
+  constexpr double kLargestAngle = 1.57;  // just below pi/2, the limit of a pinhole camera
   const auto grows = [&](double r) {
     const double step = 1e-6 * (1.0 + r);
     return radial_profile(p, r + step) > radial_profile(p, r);
@@ -99,7 +99,7 @@ Result<CameraModel> CameraModel::make(const CameraParameters& parameters) {
     if (!(row_s >= 0.0 && row_s < 1.0)) {
       return fail("rolling_shutter_row_s is {}; it must be the seconds from row to row", row_s);
     }
-    constexpr double kLongestReadout_s = 0.2;  // slow cameras take a thirtieth of a second and more
+    constexpr double kLongestReadout_s = 0.2;  // slow cameras need 1/30 s or more
     if (row_s * p.height > kLongestReadout_s) {
       return fail(
           "rolling_shutter_row_s is {}: {} rows then take {:.3g} s, longer than any camera; it "
@@ -138,8 +138,8 @@ std::optional<Eigen::Vector2d> CameraModel::project_extended(
   if (!p_camera.allFinite() || p_camera.z() <= 0.0) return std::nullopt;
   const double r = std::hypot(p_camera.x() / p_camera.z(), p_camera.y() / p_camera.z());
   if (!(r > max_radius_)) return project(p_camera);
-  // The profile is flat at max_radius: the slope of its chord continues it. `edge` is unchecked
-  // since rounding may put the point just beyond max_radius.
+  // The profile's derivative is 0 at max_radius, so that the extension uses the slope of the chord
+  // from 0. `edge` is not checked: rounding may put it just beyond max_radius.
   const double scale = max_radius_ / r;
   const Eigen::Vector2d edge =
       project_unchecked({p_camera.x() * scale, p_camera.y() * scale, p_camera.z()});
@@ -190,7 +190,7 @@ Eigen::Matrix2d CameraModel::distortion_jacobian(const Eigen::Vector2d& xy) cons
       break;
   }
   double radial = 1.0 + r2 * (k[0] + r2 * (k[1] + r2 * k[4]));
-  double dradial = k[0] + r2 * (2.0 * k[1] + r2 * 3.0 * k[4]);  // by r2
+  double dradial = k[0] + r2 * (2.0 * k[1] + r2 * 3.0 * k[4]);  // d radial / d r2
   if (parameters_.model == DistortionModel::rational) {
     const double denominator = 1.0 + r2 * (k[5] + r2 * (k[6] + r2 * k[7]));
     const double ddenominator = k[5] + r2 * (2.0 * k[6] + r2 * 3.0 * k[7]);

@@ -32,14 +32,14 @@
 
 namespace penumbra {
 
-// A switch over the models has no default: the compiler then names the places of a new one.
+// A switch over the models has no default, so that the compiler warns where a new model is missing.
 enum class DistortionModel { plumb_bob, rational, fisheye };
 inline constexpr std::array kDistortionModels = {
     DistortionModel::plumb_bob, DistortionModel::rational, DistortionModel::fisheye};
 
 struct DistortionTraits {
   std::string_view name;        // ROS's
-  std::string_view short_name;  // `penumbra calibrate --model` takes it
+  std::string_view short_name;  // value of `penumbra calibrate --model`
   int coefficients = 0;
   bool is_polynomial = false;  // the first coefficients are k1 k2 p1 p2 k3
 };
@@ -70,7 +70,7 @@ static_assert(static_cast<std::size_t>(kDistortionModels.back()) + 1 == kDistort
 [[nodiscard]] constexpr bool is_polynomial(DistortionModel model) {
   return traits_of(model).is_polynomial;
 }
-// The name of a coefficient: "k1", "p1", ...
+// Returns "k1", "p1", ...
 [[nodiscard]] std::string coefficient_name(DistortionModel model, std::size_t index);
 
 struct CameraParameters {
@@ -83,14 +83,13 @@ struct CameraParameters {
   std::string name;
   // Camera response (gamma exponent): linear light = (value / 255) ^ tone_curve.
   std::optional<double> tone_curve;
-  std::optional<double> rolling_shutter_row_s;  // [s] from one row's read-out to the next
-  // 1 sigma [px] of the overlay (core/evaluation/evaluation.hpp) due to the lens uncertainty, for
-  // poses found with this lens.
+  std::optional<double> rolling_shutter_row_s;  // [s] between the read-outs of two rows
+  // Overlay error (1 sigma, core/evaluation/evaluation.hpp) caused by the lens uncertainty [px],
+  // for poses that were estimated with this lens.
   std::optional<double> overlay_sigma_px;
 };
 
-// Distorts normalised image coordinates of any scalar type T (double, ceres::Jet). The coefficients
-// may be of another type.
+// Distorts normalised image coordinates. T is double or ceres::Jet, also for a K that is double.
 template <class T, class K>
 void distort(DistortionModel model, const std::array<K, 8>& k, const T& x, const T& y, T& x_d,
              T& y_d) {
@@ -130,8 +129,7 @@ void distort(DistortionModel model, const std::array<K, 8>& k, const T& x, const
 
 class CameraModel {
  public:
-  // Fails, naming the field, on a size, focal length or coefficient that is not finite or out of
-  // range.
+  // Fails if a size, focal length or coefficient is not finite or out of range; the error names it.
   [[nodiscard]] static Result<CameraModel> make(const CameraParameters& parameters);
 
   [[nodiscard]] const CameraParameters& parameters() const { return parameters_; }
@@ -142,18 +140,19 @@ class CameraModel {
   // Beyond it the distortion is non-monotonic. Infinite if it is monotonic everywhere.
   [[nodiscard]] double max_radius() const { return max_radius_; }
 
-  // Pixel of a point in the camera frame [m]; nothing for a point behind the camera (Z <= 0),
-  // beyond max_radius, or not finite. The pixel may lie outside the image.
+  // Returns the pixel of a point in the camera frame [m], or nullopt if the point is behind the
+  // camera (Z <= 0), beyond max_radius or not finite. The pixel may lie outside the image.
   [[nodiscard]] std::optional<Eigen::Vector2d> project(const Eigen::Vector3d& p_camera) const;
-  // Continues project() linearly along the radius beyond max_radius, so that drawn shapes stay
-  // connected. Nothing behind the camera.
+  // Like project(), but continues linearly along the radius beyond max_radius, so that drawn shapes
+  // stay connected. Returns nullopt behind the camera.
   [[nodiscard]] std::optional<Eigen::Vector2d> project_extended(
       const Eigen::Vector3d& p_camera) const;
-  // No checks; Z must not be 0. Sets `jacobian`, if given, to d pixel / d p_camera.
+  // Like project() without checks; Z must not be 0. Sets `jacobian`, if given: d pixel / d
+  // p_camera.
   [[nodiscard]] Eigen::Vector2d project_unchecked(
       const Eigen::Vector3d& p_camera, Eigen::Matrix<double, 2, 3>* jacobian = nullptr) const;
 
-  // Direction (x, y, 1) in the camera frame whose projection is `pixel`; nothing if there is none.
+  // Returns the direction (x, y, 1) in the camera frame that projects to `pixel`, or nullopt.
   [[nodiscard]] std::optional<Eigen::Vector3d> unproject(const Eigen::Vector2d& pixel) const;
 
   // d distorted / d undistorted normalised coordinates (2x2).

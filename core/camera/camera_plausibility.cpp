@@ -21,14 +21,14 @@ std::optional<std::string> outside_image(const char* field, double value, const 
       field, value, dimension, size_px);
 }
 
-// Horizontal field of view of the model without its distortion [deg].
+// Returns the horizontal field of view of the lens without its distortion [deg].
 double undistorted_field_of_view_deg(const CameraParameters& p) {
   const double half_width = 0.5 * p.width / p.fx;
   return degrees(2.0 * (p.model == DistortionModel::fisheye ? half_width : std::atan(half_width)));
 }
 
 std::optional<std::string> implausible_focal_length(const CameraParameters& p) {
-  constexpr double kLargestRatio = 2.0;  // of cameras that skip every other row or column
+  constexpr double kLargestRatio = 2.0;  // reached by cameras that skip every other row or column
   if (p.fx > kLargestRatio * p.fy || p.fy > kLargestRatio * p.fx) {
     return fmt::format(
         "fy is {:g} and fx is {:g}, but pixels are nearly square; is one of them mistyped, or the "
@@ -52,7 +52,7 @@ std::optional<std::string> implausible_focal_length(const CameraParameters& p) {
   return std::nullopt;
 }
 
-// Checks the image's centre only: fits of wide lenses are often non-monotonic in the corners.
+// Ignores the image's corners, where the distortion of wide lenses is often non-monotonic.
 std::optional<std::string> non_monotonic_inside(const CameraModel& camera) {
   const CameraParameters& p = camera.parameters();
   const double limit_px = monotonic_radius_px(camera);
@@ -70,7 +70,7 @@ std::optional<std::string> non_monotonic_inside(const CameraModel& camera) {
 
 double monotonic_radius_px(const CameraModel& camera) {
   if (!std::isfinite(camera.max_radius())) return std::numeric_limits<double>::infinity();
-  // Just inside max_radius(), so that rounding does not decide.
+  // The factor keeps rounding errors from exceeding max_radius().
   const auto limit = camera.project({camera.max_radius() * (1.0 - 1e-9), 0.0, 1.0});
   const Eigen::Vector2d centre(camera.parameters().cx, camera.parameters().cy);
   return limit ? (*limit - centre).norm() : 0.0;

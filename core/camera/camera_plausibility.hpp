@@ -1,4 +1,4 @@
-// Finds camera parameters that are usable but likely wrong.
+// Finds camera parameters that are valid but probably wrong.
 #pragma once
 
 #include <optional>
@@ -12,14 +12,13 @@ namespace penumbra {
 // infinite if it is monotonic everywhere.
 [[nodiscard]] double monotonic_radius_px(const CameraModel& camera);
 
-// Describes the first implausible parameter: field, value and likely cause, without the file's
-// name. Returns nothing for a plausible camera. The checks, in this order:
-// - the principal point lies outside the image (an off-centre crop of an image has that too),
+// Returns field, value and likely cause of the first implausible parameter, or nullopt. The checks,
+// in this order:
+// - the principal point lies outside the image (possible for an off-centre crop),
 // - fx and fy differ by more than a factor of 2,
 // - the horizontal field of view is below 1 degree, above 170 degrees (pinhole models) or above 360
 //   degrees (equidistant),
-// - the distortion is non-monotonic nearer to the principal point than half of the image's shorter
-//   side.
+// - monotonic_radius_px() is less than half of the image's shorter side.
 [[nodiscard]] std::optional<std::string> implausible_parameter(const CameraModel& camera);
 
 }  // namespace penumbra

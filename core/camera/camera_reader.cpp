@@ -30,14 +30,14 @@ constexpr std::array kDistortionKeys = {"distortion_coefficients",
                                         "distortionCoefficients",
                                         "D",
                                         "d"};
-// Suffixes of the keys in files of two cameras.
+// Suffixes of keys in stereo files.
 constexpr std::array kPairSuffixes = {"1", "2", "_1", "_2", "_left", "_right", "Left", "Right"};
 
-// The order of ROS and OpenCV.
+// In the order of ROS and OpenCV.
 constexpr std::array<std::string_view, 14> kCoefficientNames = {
     "k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6", "s1", "s2", "s3", "s4", "tau_x", "tau_y"};
 
-// Returns the first of `keys`, with the suffix, that is present; keys.front() if none is.
+// Returns the first of `keys` that is present with the suffix, or keys.front() if none is.
 std::string key_present(const YamlFields& fields, std::span<const char* const> keys,
                         const std::string& suffix = {}) {
   for (const char* key : keys) {
@@ -50,7 +50,7 @@ bool has_any(const YamlFields& fields, std::span<const char* const> keys) {
   return fields.has(key_present(fields, keys));
 }
 
-// A list of numbers and its place in the file.
+// A list of numbers and its location in the file, for errors.
 struct PlacedNumbers {
   std::vector<double> values;
   std::string place;
@@ -114,7 +114,7 @@ Result<void> take_matrix(const YamlFields& fields, const std::string& key, Camer
   return {};
 }
 
-// The models' names in files of the format: "plumb_bob, rational_polynomial or equidistant".
+// Lists the models of a file format: "plumb_bob, rational_polynomial or equidistant".
 std::string model_names(CameraFileFormat format, const char* last = nullptr) {
   std::vector<std::string_view> names;
   for (const DistortionModel model : kDistortionModels) {
@@ -132,7 +132,7 @@ std::optional<DistortionModel> model_named(std::string_view name, CameraFileForm
   return found != kDistortionModels.end() ? std::optional(*found) : std::nullopt;
 }
 
-// Takes coefficients in the order of ROS and OpenCV, for p.model; missing ones are 0.
+// Sets the coefficients of p.model from a list in the order of ROS and OpenCV; missing ones are 0.
 Result<void> take_coefficients(const PlacedNumbers& given, CameraParameters& p) {
   const std::vector<double>& d = given.values;
   constexpr std::array<std::size_t, 6> kCounts = {0, 4, 5, 8, 12, 14};
@@ -163,7 +163,7 @@ Result<void> take_coefficients(const PlacedNumbers& given, CameraParameters& p) 
   return {};
 }
 
-// Reads overlay_px; older files have the corners whose RMS it is.
+// Reads overlay_px. Older files have values per corner instead, of which it is the RMS.
 Result<void> take_uncertainty(const YamlFields& fields, CameraParameters& p) {
   constexpr const char* kRemedy = "leave out `uncertainty`, or calibrate again";
   PENUMBRA_TRY(const bool present, fields.has_optional("uncertainty"));
@@ -189,7 +189,7 @@ Result<void> take_optional(const YamlFields& fields, CameraParameters& p) {
   return take_uncertainty(fields, p);
 }
 
-// Returns true for a matrix of OpenCV's FileStorage: by its tag or its keys.
+// Recognises a matrix of OpenCV's FileStorage by its YAML tag or its keys.
 bool is_opencv_matrix(const YAML::Node& node) {
   if (!node.IsMap()) return false;
   const YAML::Node type = node["type_id"];
@@ -197,7 +197,7 @@ bool is_opencv_matrix(const YAML::Node& node) {
          (type.IsDefined() && type.IsScalar() && type.Scalar() == "opencv-matrix");
 }
 
-// Returns the lens model that the file names; nothing if it names none.
+// Returns the lens model that the file specifies, or nullopt if it specifies none.
 Result<std::optional<DistortionModel>> named_model(const YamlFields& fields) {
   const std::string remedy =
       fmt::format("name {} (also: fisheye)", model_names(CameraFileFormat::ros));
@@ -231,7 +231,7 @@ DistortionModel model_by_count(const std::vector<double>& d) {
   return DistortionModel::plumb_bob;
 }
 
-// Fails for a ROS message of a camera that crops or bins: its matrix is that of the whole image.
+// Fails for a ROS message of a camera that crops or bins, because its matrix is for full images.
 Result<void> check_whole_image(const YamlFields& fields, const CameraParameters& p) {
   for (const char* key : {"binning_x", "binning_y"}) {
     if (!fields.has(key)) continue;
@@ -259,7 +259,7 @@ Result<void> check_whole_image(const YamlFields& fields, const CameraParameters&
   return {};
 }
 
-// Fails for the mirror parameter of OpenCV's omnidir, whose coefficients are no pinhole camera's.
+// Fails if the file has the mirror parameter of OpenCV's omnidir, a model that is not supported.
 Result<void> check_no_mirror(const YamlFields& fields, const std::string& suffix) {
   constexpr const char* kRemedy = "give one number";
   const std::string key = "xi" + suffix;
@@ -270,7 +270,7 @@ Result<void> check_no_mirror(const YamlFields& fields, const std::string& suffix
   const std::string list_key = node.IsMap() ? "data" : key;
   PENUMBRA_TRY(const YAML::Node list, holder.node(list_key, kRemedy));
   std::vector<double> values;
-  if (list.IsScalar()) {  // as OpenCV's XML writes a matrix of one number
+  if (list.IsScalar()) {  // OpenCV's XML has a scalar for a 1 x 1 matrix
     PENUMBRA_TRY(values.emplace_back(), holder.number(list_key, kRemedy));
   } else {
     PENUMBRA_TRY(const PlacedNumbers numbers, list_at(holder, list_key, kRemedy));
@@ -284,13 +284,13 @@ Result<void> check_no_mirror(const YamlFields& fields, const std::string& suffix
       fields.place_of(key), *mirror, model_names(CameraFileFormat::ros));
 }
 
-// Returns a warning if the file names no lens model and its coefficients fit more than one.
+// Returns a warning if the file specifies no lens model and its coefficients fit more than one.
 std::optional<std::string> assumed_model_text(const YamlFields& fields,
                                               const std::string& matrix_key,
                                               const std::vector<double>& coefficients,
                                               DistortionModel assumed) {
   if (std::ranges::all_of(coefficients, [](double d) { return d == 0.0; })) return std::nullopt;
-  // ROS's files must name a model; OpenCV's name none.
+  // ROS files must specify a model; OpenCV files have no such key.
   const bool ros = matrix_key == "camera_matrix" || matrix_key == "K" || matrix_key == "k";
   if (ros && !is_opencv_matrix(*fields.node(matrix_key, ""))) {
     return fmt::format("{}: distortion_model: is missing; {} is assumed", fields.place(),
@@ -308,7 +308,7 @@ struct ReadCamera {
   std::vector<std::string> warnings;
 };
 
-// Reads ROS camera_info files and messages, and OpenCV's files. `suffix` chooses one camera of two.
+// Reads ROS camera_info files and messages, and OpenCV files. `suffix` selects a stereo camera.
 Result<ReadCamera> read_ros_or_opencv(const YamlFields& fields, const std::string& suffix = {}) {
   ReadCamera read;
   CameraParameters& p = read.parameters;
@@ -340,7 +340,7 @@ Result<ReadCamera> read_ros_or_opencv(const YamlFields& fields, const std::strin
   return read;
 }
 
-// Takes fx, fy, cx, cy from the first four numbers.
+// Sets fx, fy, cx, cy from the first four numbers.
 void take_pinhole(const std::vector<double>& k, CameraParameters& p) {
   p.fx = k[0];
   p.fy = k[1];
@@ -405,7 +405,7 @@ Result<ReadCamera> read_mrcal(const YamlFields& fields) {
   return read;
 }
 
-// Removes the b of Python's bytes literals, b'...', which mrcal writes.
+// Removes the prefix b of Python bytes literals (b'...'), which mrcal writes.
 std::string without_bytes_literals(std::string text) {
   if (text.find("lensmodel") == std::string::npos) return text;
   for (std::size_t at = text.find(" b'"); at != std::string::npos; at = text.find(" b'", at))
@@ -417,7 +417,7 @@ bool is_camera(const YamlFields& fields) {
   return has_any(fields, kMatrixKeys) || fields.has("lensmodel");
 }
 
-// Names of the top-level maps that hold a camera, as Kalibr's files have.
+// Returns the names of the top-level maps that contain a camera, as in Kalibr's files.
 std::vector<std::string> wrapped_cameras(const YAML::Node& root) {
   std::vector<std::string> names;
   for (const auto& entry : root) {
@@ -429,19 +429,19 @@ std::vector<std::string> wrapped_cameras(const YAML::Node& root) {
   return names;
 }
 
-// Suffixes of the keys of a file of two cameras, as M1 and M2.
+// Returns the suffixes of a stereo file's keys: "1" and "2" for M1 and M2.
 std::vector<std::string> pair_suffixes(const YamlFields& fields) {
   std::vector<std::string> suffixes;
   for (const char* suffix : kPairSuffixes) {
     const std::string key = key_present(fields, kMatrixKeys, suffix);
     const Result<YAML::Node> node = fields.node(key, "");
-    // k1 alone is a coefficient.
+    // A scalar k1 is a coefficient, not a camera matrix.
     if (node && (node->IsMap() || node->IsSequence())) suffixes.emplace_back(suffix);
   }
   return suffixes;
 }
 
-// Returns the index of the wanted camera.
+// Returns the index of the camera `wanted`; it may be empty if there is only one.
 Result<std::size_t> choose_camera(const std::vector<std::string>& names, const std::string& wanted,
                                   const std::string& file) {
   if (wanted.empty()) {
@@ -481,8 +481,8 @@ Result<ReadCamera> read_any(const YAML::Node& root, const std::string& file,
   return read;
 }
 
-// Fails for a lens that can't be used: its distortion is non-monotonic near the image's centre, or
-// the image lies elsewhere. A sign or exponent is wrong, or the coefficients are another model's.
+// Fails if the principal point is far outside the image or the distortion is non-monotonic near the
+// image's centre. Causes are a wrong sign or exponent, or the coefficients of another model.
 Result<void> check_lens(const CameraModel& camera) {
   const CameraParameters& p = camera.parameters();
   const Eigen::Vector2d centre(p.cx, p.cy);
@@ -493,14 +493,14 @@ Result<void> check_lens(const CameraModel& camera) {
         "correct it, or image_width and image_height",
         p.cx, p.cy, p.width, p.height);
   }
-  // No lens magnifies the centre of its field of view this much over the whole image.
+  // No real lens has a distortion this large at the image's edge.
   const std::optional<Eigen::Vector3d> edge = camera.unproject({p.cx + 0.5 * larger, p.cy});
-  const double straight = 0.5 * larger / p.fx;
-  if (edge && edge->head<2>().norm() < 0.05 * straight * edge->z()) {
+  const double undistorted = 0.5 * larger / p.fx;
+  if (edge && edge->head<2>().norm() < 0.05 * undistorted * edge->z()) {
     return fail(
         "distortion coefficients: they move the image's edge {:.0f} times as far out as a lens "
         "without distortion; correct them or the distortion_model",
-        straight * edge->z() / edge->head<2>().norm());
+        undistorted * edge->z() / edge->head<2>().norm());
   }
   const double limit_px = monotonic_radius_px(camera);
   if (limit_px >= 0.25 * std::min(p.width, p.height)) return {};

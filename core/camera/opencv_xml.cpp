@@ -12,7 +12,7 @@ namespace {
 
 constexpr std::string_view kXmlBlank = " \t\r\n";
 
-// Splits a text into words; a word in double quotes may hold blanks.
+// Splits a text at blanks, except within double quotes.
 std::vector<std::string> split_words(std::string_view text) {
   std::vector<std::string> words;
   while (true) {

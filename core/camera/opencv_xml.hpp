@@ -1,5 +1,5 @@
-// OpenCV FileStorage in XML, as the tree that its YAML gives. For .cpp files only: it brings
-// yaml-cpp along.
+// Parses OpenCV FileStorage XML into the same tree as its YAML. Include in .cpp files only, because
+// it includes yaml-cpp.
 #pragma once
 
 #include <yaml-cpp/yaml.h>
@@ -11,12 +11,12 @@
 
 namespace penumbra {
 
-// Returns true if the text starts as XML does.
+// Checks the start of the text only.
 [[nodiscard]] bool is_xml(std::string_view text);
 
-// Returns the map in <opencv_storage>. Elements named "_" are list items; a text of several words
-// is a list, and words in quotes are one. An attribute type_id becomes an entry of its map. `name`
-// is the file's name in errors.
+// Returns the map in <opencv_storage>. Elements named "_" are list items. Text of several words is
+// a list; a quoted string is one item. An attribute type_id becomes an entry of its element's map.
+// `name` is the file's name in errors.
 [[nodiscard]] Result<YAML::Node> parse_opencv_xml(const std::string& text, const std::string& name);
 
 }  // namespace penumbra
