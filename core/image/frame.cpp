@@ -55,7 +55,7 @@ ImageView luma(const Frame& frame, std::vector<std::uint8_t>& scratch) {
     if (frame.format == PixelFormat::yuyv) {
       for (std::size_t x = 0; x < width; ++x) out[x] = in[2 * x];
     } else {
-      // BT.601 luma in 16-bit fixed point: 0.299, 0.587, 0.114 (their sum is 65536).
+      // BT.601 luma in 16-bit fixed point: weights 0.299, 0.587, 0.114, with the sum 65536.
       for (std::size_t x = 0; x < width; ++x) {
         const std::uint8_t* rgb = in + 3 * x;
         out[x] = static_cast<std::uint8_t>(

@@ -1,5 +1,5 @@
-// One captured video frame: immutable, shared views of the pixels. The last copy's destructor
-// returns the buffer to the camera's ring or the heap.
+// A captured video frame: immutable, shared pixels. Destroying its last copy returns the buffer to
+// the camera or frees it.
 #pragma once
 
 #include <array>
@@ -12,8 +12,8 @@
 
 namespace penumbra {
 
-// Memory layouts. Chroma planes are half width (yuv420p, yuv422p, nv12), half height (yuv420p,
-// nv12).
+// Memory layouts. Chroma planes have half the width (yuv420p, yuv422p, nv12) and half the height
+// (yuv420p, nv12).
 enum class PixelFormat {
   grey8,    // plane 0: Y
   rgb24,    // plane 0: R G B bytes
@@ -27,8 +27,8 @@ enum class PixelFormat {
 enum class ColorMatrix { bt601, bt709 };
 enum class ColorRange { full, limited };  // limited: Y in 16..235
 
-// One plane. `width` and `height` count its samples: 2-byte groups in nv12's plane 1, 4-byte groups
-// in yuyv, pixels in rgb24.
+// `width` and `height` count samples: 2-byte groups in nv12's plane 1, 4-byte groups in yuyv,
+// pixels in rgb24.
 struct PixelPlane {
   const std::uint8_t* data = nullptr;
   int width = 0;
@@ -36,9 +36,9 @@ struct PixelPlane {
   std::ptrdiff_t stride = 0;  // [bytes]
 };
 
-// The planes' memory as Linux shares it among devices (DMA-BUF): a GPU reads it without a copy.
+// The planes' memory as a Linux DMA-BUF, which a GPU can read without a copy.
 struct DmaBuf {
-  int descriptor = -1;                  // -1: none; open as long as the frame's owner lives
+  int descriptor = -1;                  // -1: none; Frame::owner keeps it open
   std::uint64_t buffer = 0;             // unique, unlike descriptors, which are reused
   std::array<std::size_t, 3> offset{};  // of each plane [bytes]
 };
@@ -61,11 +61,11 @@ struct Frame {
   [[nodiscard]] bool empty() const { return plane_count == 0; }
 };
 
-// The luma of a frame, in the frame's own range. Views a luma plane directly; unpacks yuyv and
-// rgb24 into `scratch`, which must outlive the view.
+// Returns the luma, in the frame's own range. Unpacks yuyv and rgb24 into `scratch`, which the
+// caller must keep as long as the view; other formats need no copy.
 [[nodiscard]] ImageView luma(const Frame& frame, std::vector<std::uint8_t>& scratch);
 
-// A heap frame with uninitialised planes, for decoders to fill through `plane_data`.
+// A frame on the heap whose planes a decoder fills through `plane_data`; initially undefined.
 struct FrameBuffer {
   Frame frame;
   std::array<std::uint8_t*, 3> plane_data{};

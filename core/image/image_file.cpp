@@ -22,9 +22,9 @@ namespace {
 
 constexpr int kMaxSide = 32768;  // [px]
 constexpr std::size_t kMaxPixels = 256'000'000;
-constexpr std::size_t kMaxChunkBytes = 64'000'000;  // of a PNG's chunks beside the pixels
+constexpr std::size_t kMaxChunkBytes = 64'000'000;  // limit for a PNG's chunks other than pixels
 
-// Decodes with `jpeg` or `png`, by the first bytes.
+// Calls `jpeg` or `png`, depending on the first bytes.
 template <class Jpeg, class Png>
 auto decode_by_kind(std::span<const std::uint8_t> bytes, const std::string& name, const Jpeg& jpeg,
                     const Png& png) -> decltype(png()) {
@@ -50,9 +50,9 @@ tl::unexpected<Error> png_failure(int status, const std::string& name) {
   return fail("{}: damaged PNG ({}); record or copy it again", name, spng_strerror(status));
 }
 
-// Returns true if the chunks reach the end mark with its check sum, which libspng does not require.
+// Returns true if the image is complete up to the CRC of IEND, which libspng does not require.
 bool reaches_end_mark(std::span<const std::uint8_t> bytes) {
-  constexpr std::size_t kAround = 12;  // length, type, check sum
+  constexpr std::size_t kAround = 12;  // length, type and CRC
   std::size_t at = 8;
   while (at + kAround <= bytes.size()) {
     const std::size_t length = (std::size_t{bytes[at]} << 24U) |
@@ -90,7 +90,7 @@ Result<Png> open_png(std::span<const std::uint8_t> bytes, const std::string& nam
   return png;
 }
 
-// Decodes all rows, `stride` bytes apart, and reads the file to its end mark.
+// Decodes all rows, `stride` bytes apart, and reads the file up to its IEND chunk.
 Result<void> read_png_rows(spng_ctx* png, int format, int flags, std::uint8_t* pixels,
                            std::size_t row_bytes, std::size_t stride, const std::string& name) {
   int status = spng_decode_image(png, nullptr, 0, format, flags | SPNG_DECODE_PROGRESSIVE);
@@ -108,7 +108,7 @@ Result<void> read_png_rows(spng_ctx* png, int format, int flags, std::uint8_t* p
 // Stored samples of a 16-bit PNG, rows without padding.
 struct DeepSamples {
   std::size_t channels = 1;
-  std::size_t colours = 1;  // channels without alpha
+  std::size_t colours = 1;  // number of channels without alpha
   std::vector<std::uint16_t> values;
 };
 
@@ -168,8 +168,8 @@ Result<Frame> decode_png(std::span<const std::uint8_t> bytes, const std::string&
       allocate_frame(grey ? PixelFormat::grey8 : PixelFormat::rgb24, width, height);
   const auto stride = static_cast<std::size_t>(buffer.frame.planes[0].stride);
 
-  // libspng reduces to one grey byte only images without alpha and up to 8 bits. Other grey images
-  // are decoded as RGB with three equal channels.
+  // libspng can decode only images without alpha and of up to 8 bits into one grey byte. Other grey
+  // images are decoded as RGB with three equal channels.
   const bool through_rgb =
       grey && (header.color_type != SPNG_COLOR_TYPE_GRAYSCALE || header.bit_depth > 8);
   if (!through_rgb) {
@@ -199,7 +199,7 @@ Result<RgbaImage> decode_png_rgba(std::span<const std::uint8_t> bytes, const std
   return image;
 }
 
-// `samples`: rows without padding, of 1 or 3 bytes for each pixel.
+// `samples` has 1 or 3 bytes per pixel and no padding between rows.
 Result<std::vector<std::uint8_t>> encode_png(int width, int height, spng_color_type color,
                                              std::span<const std::uint8_t> samples,
                                              std::optional<double> pixels_per_metre) {

@@ -2,7 +2,7 @@
 
 #include <cstddef>
 #include <cstdio>
-// libjpeg's headers need the two above.
+// libjpeg's headers need <cstddef> and <cstdio>.
 #include <jerror.h>
 #include <jpeglib.h>
 #include <turbojpeg.h>
@@ -23,13 +23,13 @@
 namespace penumbra {
 namespace {
 
-constexpr std::size_t kCheapPixels = 16'000'000;  // no check of the size up to this many pixels
-constexpr int kMostScans = 500;  // a small progressive file could otherwise take minutes
+constexpr std::size_t kCheapPixels = 16'000'000;  // larger images must have enough bytes
+constexpr int kMostScans = 500;  // limits the time for a small, malicious progressive file
 constexpr int kMostComponents = 3;
 
-// libjpeg's decoder, which fails at damage where libjpeg warns and decodes grey or shifted blocks.
-// Errors of libjpeg return by longjmp: code that guarded() calls may not have objects with a
-// destructor.
+// Wraps libjpeg and fails on damage for which libjpeg only warns and outputs grey or shifted
+// blocks. Errors of libjpeg return by longjmp, so that code called by guarded() must not have
+// objects with a destructor.
 class JpegDecoder {
  public:
   explicit JpegDecoder(std::span<const std::uint8_t> bytes) {
@@ -56,7 +56,7 @@ class JpegDecoder {
   JpegDecoder& operator=(const JpegDecoder&) = delete;
   ~JpegDecoder() { jpeg_destroy_decompress(&info_); }
 
-  // Each of these returns false for a damaged image; cause() then describes the damage.
+  // The following return false if the image is damaged; cause() then describes the damage.
   [[nodiscard]] bool read_header() {
     return guarded([this] {
       jpeg_create_decompress(&info_);
@@ -65,7 +65,7 @@ class JpegDecoder {
       (void)jpeg_read_header(&info_, TRUE);
     });
   }
-  // Into planes that hold whole blocks.
+  // The planes must have room for complete blocks.
   [[nodiscard]] bool read_planes(const FrameBuffer& buffer) {
     return guarded([&] {
       info_.raw_data_out = TRUE;
@@ -75,7 +75,7 @@ class JpegDecoder {
       require_every_block();
     });
   }
-  // Rows of interleaved samples, without padding.
+  // Writes rows of interleaved samples, without padding.
   [[nodiscard]] bool read_pixels(J_COLOR_SPACE space, std::uint8_t* pixels) {
     return guarded([&] {
       info_.out_color_space = space;
@@ -106,14 +106,14 @@ class JpegDecoder {
     return *static_cast<JpegDecoder*>(info->client_data);
   }
 
-  // Returns true for a warning that comes with no lost block.
+  // Returns true for a warning that implies no lost block.
   static bool is_harmless(const jpeg_error_mgr& errors) {
     switch (errors.msg_code) {
       case JWRN_EXTRANEOUS_DATA: {
         const auto count = static_cast<std::size_t>(errors.msg_parm.i[0]);
         return count <= (errors.msg_parm.i[1] == JPEG_EOI ? kMostFillBytes : kMostStrayBytes);
       }
-      case JWRN_NOT_SEQUENTIAL:  // scan parameters that a baseline image does not use
+      case JWRN_NOT_SEQUENTIAL:  // scan parameters that baseline images ignore
       case JWRN_JFIF_MAJOR:
       case JWRN_ADOBE_XFORM:
         return true;
@@ -172,7 +172,7 @@ class JpegDecoder {
     }
   }
 
-  // Fails if libjpeg filled in missing blocks. Called after the last row.
+  // Fails if libjpeg concealed missing blocks. Call after all rows are decoded.
   void require_every_block() {
     for (int i = 0; i < info_.num_components; ++i) {
       if (info_.comp_info[i].quant_table == nullptr) leave("ends before the scan of a component");
@@ -182,7 +182,7 @@ class JpegDecoder {
         leave("more bytes before the end mark than belong to its blocks");
       }
     } else if (info_.progressive_mode != FALSE) {
-      // An end mark may follow any scan: only full precision shows that none is missing.
+      // The end marker may follow any scan. Full precision shows that no scan is missing.
       for (int i = 0; i < info_.num_components; ++i) {
         const auto* bits = info_.coef_bits[i];
         if (std::any_of(bits, bits + DCTSIZE2, [](int missing) { return missing != 0; })) {
@@ -211,7 +211,7 @@ struct JpegSource {
 Result<void> check_header(const jpeg_decompress_struct& info, std::size_t bytes,
                           const JpegSource& source) {
   PENUMBRA_TRY_VOID(check_image_size(info.image_width, info.image_height, source.name));
-  // A block of 64 pixels takes at least one bit of Huffman code.
+  // A block of 64 pixels needs at least one bit of Huffman code.
   const std::size_t pixels = std::size_t{info.image_width} * info.image_height;
   if (pixels > kCheapPixels && pixels / 512 > bytes) {
     return source.failure(
@@ -231,7 +231,7 @@ Result<void> check_header(const jpeg_decompress_struct& info, std::size_t bytes,
   }
 }
 
-// The frame format with the image's planes; nothing for an image that must be converted.
+// Returns the pixel format with the same planes, or nullopt if the image must be converted.
 std::optional<PixelFormat> stored_format(const jpeg_decompress_struct& info) {
   if (info.jpeg_color_space == JCS_GRAYSCALE) return PixelFormat::grey8;
   if (info.jpeg_color_space != JCS_YCbCr) return std::nullopt;
@@ -306,7 +306,7 @@ Result<Frame> decode_converted(JpegDecoder& decoder, const JpegSource& source) {
   return std::move(buffer.frame);
 }
 
-// Opens a decoder over the image among `bytes` and calls `decode` with it.
+// Finds the image in `bytes` and calls `decode` with a decoder for it.
 template <class Decode>
 auto with_decoder(std::span<const std::uint8_t> bytes, const JpegSource& source,
                   const Decode& decode) -> decltype(decode(std::declval<JpegDecoder&>())) {

@@ -1,4 +1,4 @@
-// JPEG images in memory.
+// Decodes JPEG images in memory.
 #pragma once
 
 #include <cstdint>
@@ -14,9 +14,9 @@ namespace penumbra {
 
 [[nodiscard]] bool is_jpeg(std::span<const std::uint8_t> bytes);
 
-// Returns the planes, as decode_image() does. Fails unless every block was decoded. Harmless are
-// bytes after the end mark, a missing end mark, a doubled start mark, and a few bytes in front of
-// markers (core/image/jpeg_outline.hpp). `remedy` ends the message about a damaged image.
+// Returns the planes, as decode_image() does. Fails unless every block was decoded. Accepts bytes
+// after the end marker, a missing end marker, a doubled start marker and a few bytes before a
+// marker (core/image/jpeg_outline.hpp). The message about a damaged image ends with `remedy`.
 [[nodiscard]] Result<Frame> decode_jpeg(std::span<const std::uint8_t> bytes,
                                         const std::string& name,
                                         std::string_view remedy = "record or copy it again");

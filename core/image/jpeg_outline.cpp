@@ -61,11 +61,11 @@ class MarkerWalk {
     return at + length;
   }
 
-  // Moves behind the headers' next marker and returns it; nothing if there is none.
+  // Advances past the next marker and returns it, or nullopt if there is none.
   std::optional<std::uint8_t> next_marker() {
     std::size_t stray = 0;
     while (at_ + 1 < bytes_.size() && stray <= kMostStrayBytes) {
-      if (bytes_[at_] == 0xFF && bytes_[at_ + 1] == 0xFF) {  // a fill byte
+      if (bytes_[at_] == 0xFF && bytes_[at_ + 1] == 0xFF) {  // fill byte
         ++at_;
       } else if (bytes_[at_] == 0xFF && bytes_[at_ + 1] != 0x00) {
         at_ += 2;
@@ -125,13 +125,13 @@ class MarkerWalk {
     for (std::size_t i = 0; i < component_count_; ++i) {
       most = std::max(most, bytes_[segment + kFixed + kPerComponent * i + 1] & 0x0F);
     }
-    // A single component's sampling factors have no effect.
+    // The sampling factors of a single component have no effect.
     out_.block_height = component_count_ == 1 ? 8 : 8 * most;
     is_single_scan_ = marker == 0xC0 || marker == 0xC1;
     return true;
   }
 
-  // Searches from the first block on; returns the offset of the image's end.
+  // Searches from the first block; returns the offset of the image's end.
   std::size_t find_end() {
     const std::size_t size = bytes_.size();
     std::size_t end = size;
@@ -144,7 +144,7 @@ class MarkerWalk {
         out_.has_end_mark = true;
         return at_ + 2;
       }
-      if (marker == kStartOfImage) {  // of the next image
+      if (marker == kStartOfImage) {  // start of the next image
         end = at_;
         break;
       }
@@ -158,8 +158,8 @@ class MarkerWalk {
     return without_padding(end);
   }
 
-  // Removes zeros and 0xFF that fill up a buffer. The first zero stays: it may hold codes of the
-  // last block (a flat chroma block has four zero bits) or be stuffed after a 0xFF.
+  // Strips padding (zeros and 0xFF). Keeps the first zero: it may belong to the final block (a flat
+  // chroma block has four zero bits) or be stuffed after a 0xFF.
   [[nodiscard]] std::size_t without_padding(std::size_t end) const {
     while (end > at_after_headers() && bytes_[end - 1] == 0xFF) --end;
     std::size_t last = end;

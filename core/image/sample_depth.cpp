@@ -14,12 +14,12 @@ namespace penumbra {
 namespace {
 
 constexpr int kFewestBits = 8;
-constexpr int kMostBits = 14;  // no camera stores 15
+constexpr int kMostBits = 14;  // no camera uses 15
 
-// Reads the first bytes of the file only.
+// Reads only the first bytes of the file.
 bool is_sixteen_bit_png(const std::filesystem::path& file) {
   constexpr std::array<char, 4> kPng{'\x89', 'P', 'N', 'G'};
-  constexpr std::size_t kBitDepth = 24;  // offset in the file: signature, length, "IHDR", sides
+  constexpr std::size_t kBitDepth = 24;  // offset after signature, length, "IHDR", sides
   std::array<char, kBitDepth + 1> start{};
   std::ifstream stream(file, std::ios::binary);
   if (!stream.read(start.data(), start.size())) return false;
@@ -39,7 +39,7 @@ SampleDepth sample_depth_of(std::span<const std::filesystem::path> images) {
   const std::size_t count = images.size();
   const std::size_t looks = std::min<std::size_t>(count, kMostLookedAt);
   for (std::size_t i = 0; i < looks; ++i) {
-    // The first and the last one included.
+    // Includes the first and the final image.
     const std::size_t at = looks > 1 ? i * (count - 1) / (looks - 1) : 0;
     std::error_code ignored;
     if (!std::filesystem::is_regular_file(images[at], ignored) || !is_sixteen_bit_png(images[at])) {
@@ -55,7 +55,7 @@ SampleDepth sample_depth_of(std::span<const std::filesystem::path> images) {
     }
     if (depth.brightest >= 1 << kMostBits) return depth;
   }
-  if (depth.brightest == 0) return depth;  // black, or no such image
+  if (depth.brightest == 0) return depth;  // all images are black, or none has 16 bits
   if (by_chunk && *by_chunk >= kFewestBits) {
     depth.by_chunk = true;
     if (depth.brightest < 1 << *by_chunk) depth.bits = *by_chunk > kMostBits ? 16 : *by_chunk;

@@ -1,4 +1,4 @@
-// Finds the number of bits that a recording's 16-bit images hold.
+// Finds how many bits a recording's 16-bit images use.
 #pragma once
 
 #include <filesystem>
@@ -18,24 +18,24 @@ struct SampleDepth {
   bool by_chunk = false;  // found in the sBIT chunk of the images
 
   [[nodiscard]] bool reduced() const { return bits < 16; }
-  // Message for users, of a reduced depth.
+  // Returns the message to users about a reduced depth.
   [[nodiscard]] std::string text() const;
 };
 
-// Returns one depth for all images: that of their sBIT chunk if all values fit into it (else the
-// samples were scaled up), else the smallest that holds every value; above 14 bits it is 16.
-// Decodes at most kMostLookedAt images, evenly spread; ignores unreadable and 8-bit ones.
+// Returns one depth for all images. Uses the sBIT chunk if all values fit into its depth (if not,
+// the samples were scaled up). Otherwise uses the smallest depth that fits all values, or 16 above
+// 14 bits. Decodes up to kMostLookedAt images, evenly spaced; ignores unreadable and 8-bit ones.
 inline constexpr int kMostLookedAt = 256;
 [[nodiscard]] SampleDepth sample_depth_of(std::span<const std::filesystem::path> images);
 
-// Decodes 16-bit images with one depth and warns of values above it, which become white.
+// Provides options that decode all images with one depth, and warns once if values exceed it.
 class ClampWatch {
  public:
   explicit ClampWatch(int sample_bits) : sample_bits_(sample_bits) {}
 
-  // Options for the next image; valid as long as this object.
+  // Returns the options for the next image; they refer to this object.
   [[nodiscard]] DecodeOptions options() { return {sample_bits_, &clamped_}; }
-  // Returns a warning after the first image `name` that was clamped, and nothing later on.
+  // Call after decoding image `name`. Returns a warning for the first clamped image, else nullopt.
   [[nodiscard]] std::optional<std::string> take_warning(const std::string& name);
 
  private:
