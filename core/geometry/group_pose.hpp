@@ -9,12 +9,12 @@
 
 namespace penumbra {
 
-// The group that the table frame is fixed to.
+// Name of the group that defines the table frame.
 inline constexpr std::string_view kTableGroup = "table";
 
 namespace frame {
-// The tag map's table frame, attached to the group's tags: it equals the table frame while the
-// group stands where the map has it.
+// The tag map's table frame, attached to the group's tags. It equals the table frame as long as the
+// group has the pose given in the map.
 struct Group;
 // Origin at the centroid of the group's tags, axes of its first tag.
 struct GroupMiddle;
@@ -22,12 +22,12 @@ struct GroupMiddle;
 
 using GroupPose = Transform<frame::Table, frame::Group>;  // T_table_group
 
-// Its status is never better than that of the table.
+// `status` is never better than the status of the table's pose.
 struct GroupEstimate : EstimatedPose {
   std::string name;
   GroupPose T_table_group;  // meaningless when lost
   Transform<frame::Group, frame::GroupMiddle> T_group_middle;
-  bool rests = false;  // on the table, as far as can be measured
+  bool rests = false;  // at rest on the table, within the measurement noise
 };
 
 }  // namespace penumbra

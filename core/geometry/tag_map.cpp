@@ -11,7 +11,7 @@
 namespace penumbra {
 namespace {
 
-// By TagFamily.
+// Indexed by TagFamily.
 constexpr std::array<std::string_view, 21> kFamilyNames = {
     "tag36h11",       "tag36h10",         "tag25h9",          "tag16h5",        "tagCircle21h7",
     "tagCircle49h12", "tagStandard41h12", "tagStandard52h13", "tagCustom48h12", "DICT_4X4_50",
@@ -59,7 +59,7 @@ Result<MappedTag> read_tag(const YamlFields& fields) {
   return tag;
 }
 
-// In small letters, without separators.
+// Returns the name in lower case without separators.
 std::string plain_name(std::string_view name) {
   std::string plain;
   for (const char c : name) {
@@ -69,7 +69,7 @@ std::string plain_name(std::string_view name) {
   return plain;
 }
 
-// The family with this plain name without its prefix: "36h11", "standard41h12", "4x450".
+// Returns the family with this plain_name() without its prefix: "36h11", "standard41h12", "4x450".
 std::optional<TagFamily> family_of_key(std::string_view key, bool aruco) {
   for (std::size_t i = 0; i < kFamilyNames.size(); ++i) {
     const std::string_view prefix = kFamilyNames[i].starts_with(kDictionary) ? kDictionary : kTag;
@@ -87,7 +87,7 @@ std::string_view to_string(TagFamily family) {
 }
 
 std::optional<TagFamily> tag_family_from_string(std::string_view name) {
-  // "cv2.aruco.DICT_4X4_50" and "cv::aruco::DICT_4X4_50".
+  // Strips the scope of "cv2.aruco.DICT_4X4_50" and "cv::aruco::DICT_4X4_50".
   if (const std::size_t scope = name.find_last_of(".:"); scope != std::string_view::npos)
     name.remove_prefix(scope + 1);
   const std::string plain = plain_name(name);
@@ -99,7 +99,7 @@ std::optional<TagFamily> tag_family_from_string(std::string_view name) {
   };
   const bool dictionary = without("dict");
   if (without("aruco")) return family_of_key(rest, true);
-  // "t36h11" is Kalibr's.
+  // Kalibr writes "t36h11".
   const bool tag =
       without("apriltag") || without("tagcodes") || without("tag") ||
       (rest.size() > 1 && rest[0] == 't' && rest[1] >= '0' && rest[1] <= '9' && without("t"));
@@ -200,7 +200,7 @@ std::string tag_map_text(const TagMap& map) {
   for (const MappedTag& tag : map.tags()) {
     const Eigen::Vector3d& p = tag.T_table_tag.translation();
     const Eigen::Quaterniond& q = tag.T_table_tag.rotation();
-    // {} writes the shortest digits that read back to the same double.
+    // {} formats the shortest decimal that reads back to the same double.
     text += fmt::format(
         "  - {{id: {}, family: {}, size_m: {}, position: [{}, {}, {}], "
         "quaternion_xyzw: [{}, {}, {}, {}]",

@@ -43,7 +43,7 @@ struct ArucoDictionary {
   int cells = 4;   // data cells across
   int count = 50;  // markers
 };
-// Nothing for a family of libapriltag.
+// Returns nullopt for a family of libapriltag.
 [[nodiscard]] std::optional<ArucoDictionary> aruco_dictionary_of(TagFamily family);
 
 [[nodiscard]] std::string_view to_string(TagFamily family);
@@ -51,21 +51,21 @@ struct ArucoDictionary {
 // "tag36h11", "36h11", "apriltag_36h11", "DICT_APRILTAG_36h11"; "Standard41h12"; "DICT_4X4_50",
 // "4x4_50", "aruco_4x4_50"; "t36h11" (Kalibr).
 [[nodiscard]] std::optional<TagFamily> tag_family_from_string(std::string_view name);
-// "'...' is not known; known: ..."
+// Returns the message "'...' is not known; known: ...".
 [[nodiscard]] std::string unknown_tag_family(std::string_view name);
 
-// Corners of a tag in its own frame [m], in the order libapriltag reports them:
+// Returns the corners in the tag frame [m], in libapriltag's order:
 // (-s/2, -s/2), (s/2, -s/2), (s/2, s/2), (-s/2, s/2).
 [[nodiscard]] std::array<Eigen::Vector3d, 4> tag_corners(double size_m);
 
 struct MappedTag {
   int id = 0;
   TagFamily family = TagFamily::tag36h11;
-  double size_m = 0.0;  // edge of the black border's outer square, the white margin not included
+  double size_m = 0.0;  // outer edge of the black border, without the white margin
   Transform<frame::Table, frame::Tag> T_table_tag;
   std::string group = "table";  // rigid group; only "table" is fixed to the table frame
 
-  // tag_corners() in the table frame.
+  // Returns tag_corners() in the table frame.
   [[nodiscard]] std::array<Eigen::Vector3d, 4> corners() const;
 };
 
@@ -84,11 +84,11 @@ class TagMap {
   std::map<std::pair<TagFamily, int>, std::size_t> index_;
 };
 
-// tags.yaml of a recording: `tags:` a list of {id, family, size_m, position, quaternion_xyzw,
-// group?}. Errors name file, tag and field.
+// Reads a tags.yaml: `tags:` is a list of {id, family, size_m, position, quaternion_xyzw, group?}.
+// Errors name file, tag and field.
 [[nodiscard]] Result<TagMap> load_tag_map(const std::filesystem::path& file);
 
-// The text of a tags.yaml; numbers read back to the same double.
+// Returns the text of a tags.yaml. Each number reads back to the same double.
 [[nodiscard]] std::string tag_map_text(const TagMap& map);
 
 }  // namespace penumbra

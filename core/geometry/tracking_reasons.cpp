@@ -7,7 +7,7 @@
 namespace penumbra {
 namespace {
 
-// In the order of PoseCause. {0}: PoseReason::error_px, {1}: its message.
+// Indexed by PoseCause. {0}: PoseReason::error_px, {1}: PoseReason::message.
 constexpr auto kPoseCauseTexts = std::to_array<std::string_view>({
     "",
     "{1}",
@@ -28,7 +28,7 @@ struct RejectionEntry {
   std::string_view text;
 };
 
-// In the order of TagRejection.
+// Indexed by TagRejection.
 constexpr std::array kRejectionTable = {
     RejectionEntry{"tags_left_out",
                    "tag {0} is inconsistent with {1}: rejected in {2} frames (measure it again, or "

@@ -1,5 +1,5 @@
-// Reasons: why a pose is not tracked, why a tag is rejected. Control flow compares the enumerators;
-// their texts are for people and reports.
+// The reasons why a pose is not tracked or a tag is rejected. Compare the enumerators; the texts
+// are for users and reports.
 #pragma once
 
 #include <cstddef>
@@ -12,21 +12,21 @@ namespace penumbra {
 
 enum class PoseCause {
   none,               // tracked
-  not_measured,       // PoseReason::message says why
-  two_poses,          // either may be the true one
-  inconsistent_tags,  // no majority of them fits the map
+  not_measured,       // PoseReason::message holds the cause
+  two_poses,          // planar pose ambiguity
+  inconsistent_tags,  // no majority of the tags agrees with the map
   misfit,             // no pose fits the tags: the camera file or the map is wrong
-  out_of_sight,       // of the table's centre
+  out_of_sight,       // the table's centre is outside the image
   uncertain_lens,
-  uncertain_map,  // the map has few tags in wrong places
+  uncertain_map,  // a small error of the map causes a large overlay error
   large_error,
-  uncertain_table,  // of another group; PoseReason::message is the table's reason
+  uncertain_table,  // for a group; PoseReason::message holds the reason of the table's pose
 };
 
 // Reason why a pose is uncertain, held or lost.
 struct PoseReason {
   PoseCause cause = PoseCause::none;
-  double error_px = 0.0;  // in the text of some causes
+  double error_px = 0.0;  // predicted or measured error; used by some causes
   std::string message = {};
 };
 
@@ -34,7 +34,7 @@ struct PoseReason {
   return {PoseCause::not_measured, 0.0, std::move(message)};
 }
 
-// Empty without a cause.
+// Returns "" for PoseCause::none.
 [[nodiscard]] std::string text_of(const PoseReason& reason);
 
 enum class TagRejection {
@@ -52,7 +52,7 @@ struct RejectedTag {
 
 // Key in the report.
 [[nodiscard]] std::string_view key_of(TagRejection reason);
-// The report's line about a tag; `map` names the map.
+// Returns the report's line about a rejected tag. `map` is the name of the map.
 [[nodiscard]] std::string text_of(TagRejection reason, std::string_view tag, std::string_view map,
                                   std::int64_t frames);
 

@@ -27,8 +27,8 @@ Eigen::Quaterniond turned_by(const Eigen::Vector3d& vector) {
   return Eigen::Quaterniond(Eigen::AngleAxisd(angle, vector / angle));
 }
 
-// d v / dt while exp(v) turns at the body's rate `omega`: the inverse right Jacobian of SO(3)
-// (Chirikjian, Stochastic Models II, 10.86).
+// Returns d v / dt while exp(v) rotates at the body rate `omega`, by the inverse right Jacobian of
+// SO(3) (Chirikjian, Stochastic Models II, 10.86).
 Eigen::Vector3d rate_of_vector(const Eigen::Vector3d& v, const Eigen::Vector3d& omega) {
   const double angle = v.norm();
   const double factor = angle < 1e-4 ? 1.0 / 12.0
@@ -43,7 +43,7 @@ struct Velocity {
   Eigen::Vector3d angular = Eigen::Vector3d::Zero();  // [rad/s], camera frame
 };
 
-// Velocity between the neighbours of a pose; at an end, between it and its one neighbour.
+// Returns the mean velocity from the previous to the next pose; at an end, to or from pose `i`.
 Velocity velocity_at(const std::vector<StampedPose>& poses, std::size_t i) {
   const StampedPose& before = poses[i > 0 ? i - 1 : i];
   const StampedPose& after = poses[std::min(i + 1, poses.size() - 1)];
@@ -78,14 +78,14 @@ CameraPose interpolate_pose(const Trajectory& trajectory, std::int64_t timestamp
   const double u = seconds(timestamp_ns - poses[i].timestamp_ns) / gap_s;
   const Velocity v0 = velocity_at(poses, i);
   const Velocity v1 = velocity_at(poses, i + 1);
-  // Cubic Hermite from 0 to `whole`.
+  // Cubic Hermite interpolation from 0 to `whole`.
   const auto cubic = [&](const Eigen::Vector3d& whole, const Eigen::Vector3d& rate0,
                          const Eigen::Vector3d& rate1) -> Eigen::Vector3d {
     return u * u * (3.0 - 2.0 * u) * whole +
            gap_s * (u * (1.0 - u) * (1.0 - u) * rate0 - u * u * (1.0 - u) * rate1);
   };
   const Eigen::Vector3d turn = rotation_vector(begin.rotation().conjugate() * end.rotation());
-  constexpr double kMostTurn = 2.5;  // [rad] between two poses; the velocity of more is ambiguous
+  constexpr double kMostTurn = 2.5;  // [rad] between two poses; a cubic is ambiguous above it
   const Eigen::Vector3d vector = turn.norm() < kMostTurn
                                      ? cubic(turn, v0.angular, rate_of_vector(turn, v1.angular))
                                      : Eigen::Vector3d(u * turn);

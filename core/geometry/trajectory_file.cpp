@@ -1,4 +1,4 @@
-// Trajectories on disk: TUM files, and EuRoC's ground truth.
+// Reads TUM files and EuRoC's ground truth; writes TUM files.
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -16,12 +16,12 @@ namespace {
 
 constexpr std::size_t kLargestTrajectoryFile = std::size_t{256} << 20U;
 
-// In the order of a TUM line.
+// In the order of a line of a TUM file.
 constexpr std::array<std::string_view, 8> kColumns = {"timestamp", "tx", "ty", "tz",
                                                       "qx",        "qy", "qz", "qw"};
 using PoseFields = std::array<std::string_view, kColumns.size()>;
 
-// Reads position and quaternion. The caller adds the place to errors.
+// Parses position and quaternion. The caller adds file and line to errors.
 Result<CameraPose> parse_placement(const PoseFields& fields) {
   std::array<double, kColumns.size()> values{};
   for (std::size_t i = 1; i < fields.size(); ++i) {
@@ -30,7 +30,7 @@ Result<CameraPose> parse_placement(const PoseFields& fields) {
       return fail("{}: '{}' is not a finite number; leave out frames that have no pose",
                   kColumns[i], fields[i]);
     }
-    constexpr double kFarthest_m = 1e9;  // a larger position has another unit
+    constexpr double kFarthest_m = 1e9;  // a larger position is in a wrong unit
     if (i <= 3 && std::abs(*value) > kFarthest_m) {
       return fail("{}: {} is not a position in metres; give metres in the table's frame",
                   kColumns[i], fields[i]);
@@ -62,7 +62,7 @@ tl::unexpected<Error> fail_with_time(std::string_view text) {
   return fail("timestamp: '{}' is not a time; give it in seconds, as a decimal number", text);
 }
 
-// Reads "timestamp tx ty tz qx qy qz qw". The caller adds the place to errors.
+// Parses "timestamp tx ty tz qx qy qz qw". The caller adds file and line to errors.
 Result<StampedPose> parse_tum_pose(std::string_view text) {
   PoseFields fields;
   std::size_t count = 0;
@@ -91,11 +91,11 @@ std::vector<std::string_view> split_at_commas(std::string_view text) {
   return fields;
 }
 
-// Whole nanoseconds, also as "1.403636580838555648e+18".
+// Parses whole nanoseconds, including the form "1.403636580838555648e+18".
 std::optional<std::int64_t> parse_whole_ns(std::string_view text) {
   const std::size_t e = text.find_first_of("eE");
   if (e == std::string_view::npos) {
-    // A number with decimals is more likely in seconds.
+    // A number with decimals is probably in seconds.
     const std::size_t point = text.find('.');
     if (point != std::string_view::npos &&
         text.find_first_not_of('0', point + 1) != std::string_view::npos) {
@@ -109,7 +109,7 @@ std::optional<std::int64_t> parse_whole_ns(std::string_view text) {
   return parse_seconds_as_ns(fmt::format("{}e{}", text.substr(0, e), *exponent - 9));
 }
 
-// Returns true if the header puts w into column 7 instead of 4, where EuRoC's own files have it.
+// Returns true if the header has w in column 7. EuRoC's own files have it in column 4.
 bool header_has_w_last(const std::vector<std::string_view>& header) {
   const auto names_w = [&](std::size_t column) {
     if (column >= header.size()) return false;
@@ -141,7 +141,7 @@ Result<StampedPose> parse_euroc_pose(std::string_view text, bool w_last) {
   return StampedPose{*time, pose, {}};
 }
 
-// Reads a file of either format line by line. The caller adds the place to errors.
+// Reads a file of either format line by line. The caller adds file and line to errors.
 class TrajectoryReader {
  public:
   Result<void> read(std::string_view line) {
@@ -158,7 +158,7 @@ class TrajectoryReader {
     }
     const bool commas = line.find(',') != std::string_view::npos;
     if (poses.empty()) {
-      // A header without '#'.
+      // The header may lack the '#'.
       if (commas && line.find("time") != std::string_view::npos) {
         take_header(line);
         return {};

@@ -1,4 +1,4 @@
-// Rigid transforms with both of their frames in the name and in the type.
+// Rigid transforms with both frames in the variable's name and in the type.
 //   Transform<Table, Camera> T_table_camera;   p_table = T_table_camera * p_camera
 // T_a_b * T_b_c compiles, T_a_b * T_c_b does not. Right-handed frames, metres.
 #pragma once
@@ -25,7 +25,7 @@ template <class To, class From>
 class Transform {
  public:
   Transform() = default;
-  // Normalises the rotation, so that products do not drift.
+  // Normalises the rotation, so that rounding errors do not accumulate in products.
   Transform(const Eigen::Quaterniond& rotation, const Eigen::Vector3d& translation)
       : rotation_(rotation.normalized()), translation_(translation) {}
   Transform(const Eigen::Matrix3d& rotation, const Eigen::Vector3d& translation)
@@ -63,7 +63,7 @@ class Transform {
   [[nodiscard]] Transform<To, Other> operator*(const Transform<From, Other>& other) const {
     return {rotation_ * other.rotation(), rotation_ * other.translation() + translation_};
   }
-  // A point of frame From, in frame To.
+  // Transforms a point from frame From to frame To.
   [[nodiscard]] Eigen::Vector3d operator*(const Eigen::Vector3d& p_from) const {
     return rotation_ * p_from + translation_;
   }
