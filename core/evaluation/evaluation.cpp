@@ -11,7 +11,7 @@
 namespace penumbra {
 namespace {
 
-// Linear interpolation between the order statistics of sorted values.
+// Interpolates linearly between the order statistics of sorted values.
 double quantile(const std::vector<double>& sorted, double share) {
   const double position = share * static_cast<double>(sorted.size() - 1);
   const auto below = static_cast<std::size_t>(position);
@@ -20,7 +20,7 @@ double quantile(const std::vector<double>& sorted, double share) {
   return sorted[below] + weight * (sorted[above] - sorted[below]);
 }
 
-// d pixel / d p_camera of CameraModel::project_extended(), by central differences beyond
+// Returns d pixel / d p_camera of CameraModel::project_extended(); by central differences beyond
 // max_radius.
 inline std::optional<Eigen::Matrix<double, 2, 3>> projection_jacobian(const CameraModel& camera,
                                                                       const Eigen::Vector3d& p) {
@@ -56,7 +56,7 @@ class ErrorCollector {
  public:
   explicit ErrorCollector(const CameraModel& camera) : camera_(camera) {}
 
-  // `consecutive`: the frame before was added too.
+  // `consecutive`: the previous frame was also added, so that the jitter can use both.
   void add(const CameraPose& estimated, const CameraPose& truth, bool consecutive) {
     translation_.push_back(1e3 * (estimated.translation() - truth.translation()).norm());
     rotation_.push_back(degrees(estimated.rotation().angularDistance(truth.rotation())));
@@ -92,14 +92,14 @@ class ErrorCollector {
   int change_count_ = 0;
 };
 
-// Index of the pose nearest in time; the trajectory is not empty.
+// Returns the index of the pose nearest in time; the trajectory must not be empty.
 std::size_t nearest_index(const Trajectory& trajectory, std::int64_t time_ns) {
   const auto& poses = trajectory.poses;
   const auto after = std::ranges::lower_bound(poses, time_ns, {}, &StampedPose::timestamp_ns);
   if (after == poses.begin()) return 0;
   const auto index = static_cast<std::size_t>(after - poses.begin());
   if (after == poses.end()) return index - 1;
-  // As doubles: the difference of two times may exceed 64 bits.
+  // double, because the difference of two times may exceed 64 bits.
   const double to_before =
       static_cast<double>(time_ns) - static_cast<double>(poses[index - 1].timestamp_ns);
   const double to_after = static_cast<double>(after->timestamp_ns) - static_cast<double>(time_ns);
@@ -177,7 +177,7 @@ Evaluation evaluate(const CameraModel& camera, const Trajectory& estimated, cons
   const std::int64_t interval_ns =
       frame_interval_ns > 0 ? frame_interval_ns : median_interval_ns(estimated);
   ErrorCollector errors(camera);
-  std::int64_t previous_ns = 0;  // of the frame before
+  std::int64_t previous_ns = 0;  // timestamp of the previous evaluated pose
   bool previous_judged = false;
   std::vector<bool> with_pose(truth.poses.size(), false);
   for (const StampedPose& pose : estimated.poses) {
@@ -229,7 +229,7 @@ double predicted_overlay_error_px(const CameraModel& camera,
     const Eigen::Vector3d p = T_camera_origin * corner;
     if (!p.allFinite() || p.z() <= 0.0) continue;
     const std::optional<Eigen::Matrix<double, 2, 3>> J_p = projection_jacobian(camera, p);
-    // Omitting a corner with an unknown error would favour the worst views.
+    // Omitting a corner with an unknown error would favour the worst poses.
     if (!J_p) return std::numeric_limits<double>::infinity();
     // T exp([nu; omega]) moves the point to p - nu - omega x p = p - nu + [p]x omega.
     Eigen::Matrix<double, 3, 6> J_pose;

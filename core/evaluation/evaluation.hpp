@@ -13,11 +13,11 @@
 
 namespace penumbra {
 
-// The 8 corners of a 0.2 m cube standing on the table's origin (x, y = +-0.1, z = 0 and 0.2), table
-// frame [m].
+// Returns the 8 corners of a 0.2 m cube that stands on the table's origin (x, y = +-0.1, z = 0 and
+// 0.2), in the table frame [m].
 [[nodiscard]] std::array<Eigen::Vector3d, 8> overlay_cube();
 
-// All zero for no values. median and p95 interpolate linearly between order statistics.
+// Returns zeros for no values. median and p95 interpolate linearly between order statistics.
 [[nodiscard]] Statistics statistics_of(std::vector<double> values);
 
 // Pixels of the overlay cube's corners: estimated - true [px]. Corners behind the true camera are
@@ -34,20 +34,20 @@ template <class Origin>
     const Transform<Origin, frame::Camera>& truth);
 
 struct Evaluation {
-  int frames_with_truth = 0;  // true poses; in a run: processed frames with truth
+  int frames_with_truth = 0;  // all true poses; during a run, only those of processed frames
   int frames_estimated = 0;   // estimated poses
-  int frames_with_pose = 0;   // of frames_with_truth: those with a judged pose nearest to them
-  int frames_judged = 0;      // of frames_estimated, those with a true pose at their time
-  std::array<int, 2> frames_not_judged{};  // the others, by NotJudged
+  int frames_with_pose = 0;   // number of frames_with_truth that have an evaluated estimate
+  int frames_judged = 0;      // number of frames_estimated that were evaluated
+  std::array<int, 2> frames_not_judged{};  // the other estimates, by NotJudged
   std::int64_t time_offset_ns = 0;         // PairingOptions::time_offset_ns that was added
   Statistics translation_mm;               // |t_estimated - t_true|
   Statistics rotation_deg;                 // angle of R_estimated^T R_true
-  Statistics overlay_px;                   // over all corners of all judged frames
-  Statistics overlay_frame_px;             // over the frames' RMS over the corners
-  // RMS of the change of (estimated - true) corner positions between consecutive judged frames:
-  // neighbours in the estimate that are at most 1.5 frame intervals apart.
+  Statistics overlay_px;                   // over all corners of all evaluated frames
+  Statistics overlay_frame_px;             // over the RMS of each frame
+  // RMS change of (estimated - true) corner positions between consecutive evaluated poses with a
+  // gap of up to 1.5 frame intervals.
   double jitter_px = 0.0;
-  int jitter_changes = 0;  // number of these changes; 0: the jitter is unknown
+  int jitter_changes = 0;  // number of pose pairs; 0: the jitter is unknown
 };
 // Compares each estimated pose with the true one at its time (core/evaluation/pairing.hpp).
 // `frame_interval_ns`: time between two frames; 0: the median between two estimated poses.
@@ -55,8 +55,8 @@ struct Evaluation {
                                   const Trajectory& truth, const PairingOptions& options = {},
                                   std::int64_t frame_interval_ns = 0);
 
-// T_middle_camera of a group of tags at the camera's times for which pose_at() finds the group's
-// pose on the table (T_table_group). `max_gap_ns` 0: only poses at the same times.
+// Returns T_middle_camera of a group of tags at the times of `camera` for which pose_at() finds the
+// group's pose (T_table_group). `max_gap_ns` 0: only at times that both trajectories have.
 [[nodiscard]] Trajectory over_group(
     const Trajectory& camera, const Trajectory& group,
     const Transform<frame::Group, frame::GroupMiddle>& T_group_middle, std::int64_t max_gap_ns = 0);

@@ -11,9 +11,9 @@
 namespace penumbra {
 namespace {
 
-constexpr std::int64_t kSameTime_ns = 1'000;  // what rounding to microseconds changes
+constexpr std::int64_t kSameTime_ns = 1'000;  // covers rounding to microseconds
 constexpr std::int64_t kNearTime_ns = 1'000'000;
-constexpr std::int64_t kMostBeyond_ns = 10'000'000;  // before the first and after the last pose
+constexpr std::int64_t kMostBeyond_ns = 10'000'000;  // maximum extrapolation beyond the ends
 
 // Interpolates between two poses, or extrapolates beyond them.
 CameraPose interpolated(const StampedPose& before, const StampedPose& after,
@@ -33,22 +33,22 @@ struct TimeUnit {
 constexpr std::array<TimeUnit, 3> kFinerUnits = {
     {{"milliseconds", 1e3}, {"microseconds", 1e6}, {"nanoseconds", 1e9}}};
 
-// Intervals of poses of a video are rarely beyond these.
+// Range of plausible intervals between two poses of a video.
 constexpr double kLongestInterval_s = 8.0;
 constexpr double kShortestInterval_s = 1e-5;
 
-// Median interval [s]; none for fewer than three poses.
+// Returns the median interval [s], or nullopt for fewer than three poses.
 std::optional<double> median_interval_s(const Trajectory& trajectory) {
   constexpr std::size_t kFewest = 3;
   if (trajectory.poses.size() < kFewest) return std::nullopt;
   return seconds(median_interval_ns(trajectory));
 }
 
-// Asks for the unit of poses that are 8 s or more apart, as those of photographs may be.
+// Returns a warning about the unit of time if the poses are 8 s or more apart.
 std::optional<std::string> long_interval_text(const NamedTrajectory& named) {
   const std::optional<double> interval_s = median_interval_s(named.trajectory);
   if (!interval_s || *interval_s < kLongestInterval_s) return std::nullopt;
-  // Assumes a video of 0.2 to 200 frames per second.
+  // Guesses the unit that corresponds to a video of 0.2 to 200 frames per second.
   const TimeUnit& unit = *interval_s < 5e3   ? kFinerUnits[0]
                          : *interval_s < 5e6 ? kFinerUnits[1]
                                              : kFinerUnits[2];
@@ -66,7 +66,7 @@ Result<void> check_not_too_near(const NamedTrajectory& named) {
       named.name, *interval_s);
 }
 
-// Number of the estimate's times that lie in the truth's after scaling.
+// Counts the estimate's times that are, after scaling, within the time span of the truth.
 std::size_t count_inside(const Trajectory& estimated, const Trajectory& truth, double scale,
                          const PairingOptions& options) {
   const double first_s = seconds(truth.poses.front().timestamp_ns - kNearTime_ns);
@@ -82,14 +82,14 @@ double duration_s(const Trajectory& trajectory) {
          seconds(trajectory.poses.front().timestamp_ns);
 }
 
-// Fails if the times of one trajectory cover those of the other after scaling by a unit.
+// Fails if the times of the two trajectories overlap after scaling by a unit of time.
 Result<void> check_against_each_other(const NamedTrajectory& estimated,
                                       const NamedTrajectory& truth, const PairingOptions& options) {
   const std::vector<StampedPose>& poses = estimated.trajectory.poses;
   for (const TimeUnit& unit : kFinerUnits) {
     for (const bool truth_is_finer : {false, true}) {
       const double scale = truth_is_finer ? unit.per_second : 1.0 / unit.per_second;
-      // Times that are all near 0 lie inside too, but cover nothing.
+      // Requires a similar duration: scaled times that are all near 0 are also inside.
       const double share = scale * duration_s(estimated.trajectory) / duration_s(truth.trajectory);
       const std::size_t inside =
           count_inside(estimated.trajectory, truth.trajectory, scale, options);

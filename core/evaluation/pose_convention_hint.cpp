@@ -29,7 +29,7 @@ std::vector<PosePair> pairs_of(const Trajectory& estimated, const Trajectory& tr
   return pairs;
 }
 
-// Mistakes in one trajectory.
+// Deviations of one trajectory from the expected convention.
 struct Convention {
   bool millimetres = false;
   bool w_first = false;
@@ -38,7 +38,7 @@ struct Convention {
 
 CameraPose converted(const CameraPose& pose, const Convention& from) {
   Eigen::Quaterniond rotation = pose.rotation();
-  // The numbers w x y z were read as x y z w.
+  // The file's w x y z was read as x y z w.
   if (from.w_first) {
     rotation = Eigen::Quaterniond(rotation.x(), rotation.y(), rotation.z(), rotation.w());
   }
@@ -48,7 +48,7 @@ CameraPose converted(const CameraPose& pose, const Convention& from) {
   return {inverse.rotation(), inverse.translation()};
 }
 
-// RMS of angle [rad] and of distance relative to the camera's median distance from the origin.
+// Returns the RMS of angles [rad] and of distances relative to the median distance from the origin.
 double difference_of(const std::vector<PosePair>& pairs, const Convention& of_estimated,
                      const Convention& of_truth) {
   std::vector<double> distances;
@@ -98,11 +98,11 @@ std::optional<std::string> pose_convention_hint(const NamedTrajectory& estimated
   const std::vector<PosePair> pairs = pairs_of(estimated.trajectory, truth.trajectory, options);
   if (pairs.empty()) return std::nullopt;
   const double as_given = difference_of(pairs, {}, {});
-  // 10 degrees, or a fifth of the camera's distance from the table's origin.
+  // About 10 degrees, or 20 % of the camera's distance from the table's origin.
   constexpr double kLarge = 0.2;
   constexpr double kReduction = 0.05;
   if (!(as_given > kLarge)) return std::nullopt;
-  // The simplest first.
+  // In order of increasing complexity.
   constexpr std::array<Convention, 7> kConventions = {{{.millimetres = true},
                                                        {.w_first = true},
                                                        {.inverse = true},

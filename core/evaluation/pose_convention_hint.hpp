@@ -8,10 +8,10 @@
 
 namespace penumbra {
 
-// Explains a large difference between two trajectories by the conventions of one of them: positions
+// Tests whether another convention explains a large difference between two trajectories: positions
 // in millimetres, quaternions in the order w x y z, inverse poses (T_camera_table), and
 // combinations. Returns one line, with the file's name, for the simplest combination that reduces
-// the difference to less than 5 %; nothing if the difference is small or no combination does.
+// the difference to less than 5 %. Returns nullopt if none does or the difference is small.
 [[nodiscard]] std::optional<std::string> pose_convention_hint(const NamedTrajectory& estimated,
                                                               const NamedTrajectory& truth,
                                                               const PairingOptions& options);

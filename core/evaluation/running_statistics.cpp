@@ -14,7 +14,7 @@ static_assert(std::numeric_limits<long double>::max_exponent >
                   2 * std::numeric_limits<double>::max_exponent,
               "squares of doubles have to fit");
 
-// 0: below the first octave; kBins + 1: above the last.
+// Returns 0 for values below the first octave, kBins + 1 for values above the final one.
 std::size_t bin_of(double value) {
   if (!(value >= std::ldexp(1.0, RunningStatistics::kFirstOctave))) return 0;
   if (value >= std::ldexp(1.0, RunningStatistics::kLastOctave)) return kBins + 1;
@@ -71,7 +71,7 @@ Statistics RunningStatistics::statistics() const {
   if (empty()) return result;
   std::vector<double> sorted = values_;
   std::ranges::sort(sorted);
-  // Linear interpolation between order statistics.
+  // Interpolates linearly between order statistics.
   const auto quantile = [&](double share) {
     const double position = share * static_cast<double>(count_ - 1);
     const auto below = static_cast<std::uint64_t>(position);

@@ -9,11 +9,10 @@
 
 namespace penumbra {
 
-// Exact up to kMostExact values. Beyond, count, mean, rmse, least and greatest stay exact, and
-// order statistics come from a histogram with kBinsPerOctave bins of equal width between powers of
-// two (as in HdrHistogram): each is within 1/(2 kBinsPerOctave), 0.8 %, of its value, from
-// 2^kFirstOctave to 2^kLastOctave. Smaller or negative values count as the least one, larger ones
-// as the greatest.
+// Exact up to kMostExact values. With more, count, mean, rmse, minimum and maximum stay exact;
+// order statistics come from a histogram with kBinsPerOctave equal bins between powers of two (as
+// in HdrHistogram). Their relative error is up to 1/(2 kBinsPerOctave) = 0.8 % from 2^kFirstOctave
+// to 2^kLastOctave. Smaller and negative values count as the minimum, larger ones as the maximum.
 class RunningStatistics {
  public:
   static constexpr std::size_t kMostExact = 4096;
@@ -25,23 +24,23 @@ class RunningStatistics {
   void add(double value);
   [[nodiscard]] std::size_t count() const { return count_; }
   [[nodiscard]] bool empty() const { return count_ == 0; }
-  // All of these are finite, and 0 for no values.
+  // The following are finite, and 0 if there are no values.
   [[nodiscard]] double mean() const;
   [[nodiscard]] double least() const { return least_; }
   [[nodiscard]] double greatest() const { return greatest_; }
-  // As statistics_of().
+  // Has the meaning of statistics_of().
   [[nodiscard]] Statistics statistics() const;
 
  private:
-  // The value with this rank (0: the least), from the histogram.
+  // Returns the value with this rank (0: minimum) from the histogram.
   [[nodiscard]] double in_order(std::uint64_t rank) const;
 
   std::size_t count_ = 0;
   double least_ = 0.0, greatest_ = 0.0;
-  // Wide enough for the squares of all doubles.
+  // long double holds the square of any double.
   long double sum_ = 0.0L, squares_ = 0.0L;
   std::vector<double> values_;       // up to kMostExact of them
-  std::vector<std::uint64_t> bins_;  // beyond; the first and last hold values beyond the octaves
+  std::vector<std::uint64_t> bins_;  // of more values; first and last: outside the octaves
 };
 
 }  // namespace penumbra
