@@ -1,5 +1,5 @@
-// PENUMBRA_ASSERT stops at a broken precondition of the program, never of its input, in every
-// build: a wrong overlay is worse than a stop. Not for inner loops.
+// PENUMBRA_ASSERT aborts on a programming error, in every build: a wrong overlay is worse than an
+// abort. Invalid input is an Error instead. Not for inner loops.
 #pragma once
 
 #include <cstdio>

@@ -1,4 +1,4 @@
-// Passes an error on to the caller in one line.
+// Macros that return the error of a Result to the caller.
 #pragma once
 
 #include <utility>

@@ -18,14 +18,14 @@ struct Statistics {
   double max = 0.0;
 };
 
-// NaN for no values.
+// Returns NaN if there are no values.
 [[nodiscard]] inline double root_mean_square(std::span<const double> values) {
   double squares = 0.0;
   for (const double value : values) squares += value * value;
   return std::sqrt(squares / static_cast<double>(values.size()));
 }
 
-// The value at index floor(share * size) of the sorted values, 0 <= share < 1. Zero for no values.
+// Returns the sorted values' element floor(share * size), or 0 for no values; 0 <= share < 1.
 [[nodiscard]] inline double order_statistic(std::vector<double> values, double share) {
   if (values.empty()) return 0.0;
   const auto at =
@@ -33,7 +33,7 @@ struct Statistics {
   std::nth_element(values.begin(), at, values.end());
   return *at;
 }
-// The upper one of two.
+// For an even count: the upper one of the two middle values.
 [[nodiscard]] inline double upper_median(std::vector<double> values) {
   return order_statistic(std::move(values), 0.5);
 }

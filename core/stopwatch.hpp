@@ -17,7 +17,7 @@ class Stopwatch {
     wall_ms_ = now_ms(CLOCK_MONOTONIC);
     cpu_ms_ = now_ms(CLOCK_THREAD_CPUTIME_ID);
   }
-  // Since construction or restart; to be called on the same thread.
+  // Time since construction or restart(). Call it on the same thread.
   [[nodiscard]] StageTime elapsed() const {
     return {now_ms(CLOCK_MONOTONIC) - wall_ms_, now_ms(CLOCK_THREAD_CPUTIME_ID) - cpu_ms_};
   }

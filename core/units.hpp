@@ -1,5 +1,5 @@
-// Angles are radians, and degrees where a person types or reads them. Times are nanoseconds, and
-// seconds in files.
+// Angles are radians in code and degrees for users. Times are nanoseconds in code and seconds in
+// files.
 #pragma once
 
 #include <cmath>
@@ -22,7 +22,7 @@ inline std::int64_t nanoseconds(double seconds) {
   return std::llround(seconds * 1e9);
 }
 
-// |a - b|, for any two times.
+// Returns |a - b| without overflow.
 constexpr std::uint64_t distance_ns(std::int64_t a, std::int64_t b) {
   const auto unsigned_a = static_cast<std::uint64_t>(a);
   const auto unsigned_b = static_cast<std::uint64_t>(b);

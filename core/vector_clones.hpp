@@ -1,6 +1,6 @@
-// PENUMBRA_VECTOR_CLONES compiles a function for AVX2 as well; the program chooses when it starts.
-// Every clone gives the same bits (-ffp-contract=off). No clones under sanitizers, which start
-// after the choice.
+// PENUMBRA_VECTOR_CLONES also compiles a function for AVX2; the loader selects the version for the
+// CPU. Both give the same bits (-ffp-contract=off). Disabled under sanitizers, which are
+// initialised after that selection.
 #pragma once
 
 #if defined(__x86_64__) && defined(__GNUC__) && !defined(__clang__) && \

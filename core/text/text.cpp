@@ -38,7 +38,7 @@ struct Descriptor {
   }
 };
 
-// Waits until a named pipe that was opened with O_NONBLOCK has data or its writer closed it.
+// Waits until a named pipe, opened with O_NONBLOCK, has data or is closed by its writer.
 void wait_for_writer(int descriptor, const std::filesystem::path& file) {
   constexpr int kPatience_ms = 1000;
   pollfd waiting{descriptor, POLLIN, 0};
@@ -53,7 +53,7 @@ void wait_for_writer(int descriptor, const std::filesystem::path& file) {
           fmt::format("{}: is a named pipe without data; waiting for its writer", file.string()));
     }
   }
-  (void)fcntl(descriptor, F_SETFL, O_RDONLY);  // from here on, reading blocks
+  (void)fcntl(descriptor, F_SETFL, O_RDONLY);  // makes read() blocking
 }
 
 template <class Number>
@@ -68,9 +68,9 @@ std::optional<Number> parse_all(std::string_view text) {
 
 using namespace std::string_view_literals;
 
-// Name of the wide encoding, or empty.
+// Returns "UTF-32" or "UTF-16", or "" for another encoding.
 std::string_view wide_encoding(std::string_view text) {
-  // UTF-32 first: its little-endian mark starts with that of UTF-16.
+  // UTF-32 first, because its little-endian mark starts with that of UTF-16.
   if (text.starts_with("\xFF\xFE\0\0"sv) || text.starts_with("\0\0\xFE\xFF"sv)) return "UTF-32";
   if (text.starts_with("\xFF\xFE"sv) || text.starts_with("\xFE\xFF"sv)) return "UTF-16";
   if (text.size() >= 4 && text[0] != '\0' && text[1] == '\0' && text[2] != '\0' && text[3] == '\0')
@@ -80,7 +80,7 @@ std::string_view wide_encoding(std::string_view text) {
   return {};
 }
 
-// Length of the valid UTF-8 sequence that `text` starts with, or 0.
+// Returns the length of the valid UTF-8 sequence at the start of `text`, or 0.
 std::size_t utf8_sequence_length(std::string_view text) {
   const auto byte_at = [&](std::size_t i) { return static_cast<std::uint8_t>(text[i]); };
   const std::uint8_t lead = byte_at(0);
@@ -92,7 +92,7 @@ std::size_t utf8_sequence_length(std::string_view text) {
     if ((byte_at(i) & 0xC0U) != 0x80U) return 0;
     code = (code << 6U) | (byte_at(i) & 0x3FU);
   }
-  // Overlong forms, surrogates and codes past the last plane are not valid.
+  // Overlong forms, surrogates and code points above U+10FFFF are invalid.
   constexpr std::array<std::uint32_t, 5> kLeast = {0, 0, 0x80, 0x800, 0x10000};
   const bool surrogate = code >= 0xD800U && code <= 0xDFFFU;
   return code < kLeast[length] || code > 0x10FFFFU || surrogate ? 0 : length;
@@ -120,7 +120,7 @@ Result<std::string> read_text_file(const std::filesystem::path& file, std::size_
   const Descriptor opened(::open(file.c_str(), O_RDONLY | O_CLOEXEC | (is_pipe ? O_NONBLOCK : 0)));
   if (opened.number < 0) return fail("{}: cannot be opened; check its permissions", file.string());
   if (is_pipe) wait_for_writer(opened.number, file);
-  // The file system's size is not used: pipes have none.
+  // Does not use the file's size, because pipes have none.
   std::string text;
   std::string block(1 << 16, '\0');
   while (true) {
@@ -191,7 +191,7 @@ std::optional<std::int64_t> parse_integer(std::string_view text) {
 }
 
 std::optional<std::int64_t> parse_seconds_as_ns(std::string_view text) {
-  constexpr std::int64_t kLargest = 4'000'000'000'000'000'000;  // differences fit into 64 bits
+  constexpr std::int64_t kLargest = 4'000'000'000'000'000'000;  // a difference fits into 64 bits
   bool negative = false;
   if (text.starts_with('-') || text.starts_with('+')) {
     negative = text.front() == '-';
@@ -336,7 +336,7 @@ std::string as_printable_line(std::string_view text) {
   for (std::size_t i = 0; i < line.size(); ++i) {
     const auto byte = static_cast<std::uint8_t>(line[i]);
     if (byte < 0x20U || byte == 0x7FU) line[i] = ' ';
-    // U+0080 to U+009F are control characters as well.
+    // U+0080 to U+009F are control characters.
     if (byte == 0xC2U && i + 1 < line.size() && static_cast<std::uint8_t>(line[i + 1]) < 0xA0U) {
       line[i] = ' ';
       line.erase(i + 1, 1);

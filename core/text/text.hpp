@@ -1,4 +1,4 @@
-// Files, and text: byte-order marks, encodings, numbers and edit distances.
+// Reads and writes files; parses, escapes and compares text.
 #pragma once
 
 #include <cstddef>
@@ -14,13 +14,13 @@
 
 namespace penumbra {
 
-// Reads the whole file, without a UTF-8 byte-order mark; waits for the writer of a named pipe.
-// Fails if the file is missing, a folder, not readable, larger than `max_bytes`, or UTF-16 or
-// UTF-32 text.
+// Reads the whole file and drops a UTF-8 byte-order mark. Waits for the writer of a named pipe.
+// Fails if the file is missing, a folder, unreadable, larger than `max_bytes`, or encoded in UTF-16
+// or UTF-32.
 [[nodiscard]] Result<std::string> read_text_file(const std::filesystem::path& file,
                                                  std::size_t max_bytes);
-// Sets the function that gets a line once read_text_file() has waited for a writer for a second.
-// To be called before other threads start.
+// Sets the function that read_text_file() calls after it has waited for a writer for 1 s. Call
+// before other threads start.
 void set_wait_notice(void (*notice)(const std::string& line));
 [[nodiscard]] Result<void> write_text_file(const std::filesystem::path& file,
                                            std::string_view text);
@@ -32,25 +32,24 @@ void set_wait_notice(void (*notice)(const std::string& line));
 [[nodiscard]] std::string in_lower_case(std::string text);                     // ASCII letters
 [[nodiscard]] std::string lower_extension(const std::filesystem::path& file);  // ".png"
 
-// The whole of `text` as a number, in the C locale; nothing if it holds anything else. "nan" and
-// "inf" are numbers here.
+// Parses the whole `text` in the C locale, or returns nullopt. Accepts "nan" and "inf".
 [[nodiscard]] std::optional<double> parse_number(std::string_view text);
 [[nodiscard]] std::optional<std::int64_t> parse_integer(std::string_view text);
 
-// Decimal seconds ("1311868164.363181", "1.4e9") as nanoseconds, exact up to the nanosecond and
-// rounded to nearest beyond. Nothing for anything else, or beyond +-4e9 s.
+// Parses decimal seconds ("1311868164.363181", "1.4e9"), rounded to the nearest nanosecond without
+// a detour through double. Returns nullopt for other text, or beyond +-4e9 s.
 [[nodiscard]] std::optional<std::int64_t> parse_seconds_as_ns(std::string_view text);
-// Seconds with 9 decimals.
+// Formats seconds with 9 decimals.
 [[nodiscard]] std::string format_ns_as_seconds(std::int64_t nanoseconds);
 
-// "1, 2.5, 3": each value in this format of fmt's. fmt::join would compile the formatting of
-// numbers into each file that uses it.
+// Returns "1, 2.5, 3"; `format` applies to each value. Replaces fmt::join, which compiles the
+// formatting of numbers into each file that uses it.
 [[nodiscard]] std::string joined(std::span<const double> values, std::string_view format = "{}");
 [[nodiscard]] std::string joined(std::span<const int> values);
 
-// As text or an attribute's value in HTML and SVG.
+// Escapes text for HTML and SVG elements and attributes.
 [[nodiscard]] std::string in_markup(std::string_view text);
-// As a double-quoted YAML string.
+// Returns a double-quoted YAML string.
 [[nodiscard]] std::string in_quotes(std::string_view text);
 
 // Edit distance in bytes (Levenshtein 1966).
@@ -62,8 +61,8 @@ void set_wait_notice(void (*notice)(const std::string& line));
 [[nodiscard]] Result<std::string_view> without_byte_order_mark(std::string_view text,
                                                                std::string_view name);
 
-// Returns valid UTF-8 for JSON, SVG and HTML: a byte that belongs to no valid sequence becomes the
-// Latin-1 character of that number.
+// Returns valid UTF-8 for JSON, SVG and HTML: interprets a byte outside any valid sequence as
+// Latin-1.
 [[nodiscard]] std::string as_utf8(std::string_view text);
 
 // Returns as_utf8() on one line: a blank replaces each line break and other control character.

@@ -12,14 +12,14 @@
 namespace penumbra {
 namespace {
 
-// The node's text for a message, cut to 40 characters.
+// Returns the node's text for a message, truncated to 40 characters.
 std::string shown(const YAML::Node& node) {
   if (!node.IsScalar()) return node.IsNull() ? "empty" : "not a single value";
   return fmt::format("'{}'", node.Scalar().substr(0, 40));
 }
 
-// Finds what yaml-cpp accepts but no file should hold: a key that a map has twice (yaml-cpp takes
-// the first), and aliases that expand to themselves or to more than kMostNodes.
+// Rejects what yaml-cpp accepts: duplicate keys of a map (yaml-cpp uses the first), recursive
+// aliases, and aliases that expand to more than kMostNodes.
 class DocumentCheck {
  public:
   [[nodiscard]] std::optional<std::string> problem(const YAML::Node& node, int depth = 0) {
@@ -52,8 +52,8 @@ class DocumentCheck {
   int nodes_ = 0;
 };
 
-// Blanks the %YAML lines at the head: OpenCV's "%YAML:1.0" is not valid YAML. Lines keep their
-// numbers.
+// Blanks the %YAML lines at the start, because OpenCV's "%YAML:1.0" is not valid YAML. Keeps the
+// line numbers.
 std::string without_version(std::string text) {
   for (std::size_t start = 0; start < text.size();) {
     const std::size_t end = std::min(text.find('\n', start), text.size());

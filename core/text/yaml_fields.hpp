@@ -1,5 +1,5 @@
 // Reads fields of YAML files with errors that name the field, the line and the remedy.
-// For .cpp files only: it brings yaml-cpp along.
+// Include in .cpp files only, because it includes yaml-cpp.
 #pragma once
 
 #include <yaml-cpp/yaml.h>
@@ -19,13 +19,13 @@ namespace penumbra {
 
 inline constexpr std::size_t kMaxYamlBytes = std::size_t{8} << 20U;
 
-// Returns the root of a YAML file, which must be a map. Throws nothing.
+// Returns the root of a YAML file, which must be a map. Does not throw.
 [[nodiscard]] Result<YAML::Node> load_yaml_map(const std::filesystem::path& file);
-// Parses a file's text; `name` stands in errors.
+// Parses a file's text; `name` is the file's name in errors.
 [[nodiscard]] Result<YAML::Node> parse_yaml_map(const std::string& text, const std::string& name);
 
-// Loads a YAML map and returns `read(root)`, a Result. An exception of yaml-cpp in `read` becomes
-// an error that calls the file `kind`: "a tag map".
+// Loads a YAML map and returns `read(root)`, a Result. Converts an exception of yaml-cpp in `read`
+// to an error that contains `kind`, as "a tag map".
 template <class Read>
 auto read_yaml_map(const std::filesystem::path& file, std::string_view kind, const Read& read)
     -> decltype(read(std::declval<const YAML::Node&>())) {
@@ -39,32 +39,32 @@ auto read_yaml_map(const std::filesystem::path& file, std::string_view kind, con
   }
 }
 
-// One map of the file. `place` stands in front of every message: "tags.yaml: tags[3]".
+// A map in the file. Every message starts with `place`: "tags.yaml: tags[3]".
 class YamlFields {
  public:
   YamlFields(YAML::Node map, std::string place) : map_(std::move(map)), place_(std::move(place)) {}
 
   [[nodiscard]] bool has(const std::string& key) const;
-  // Returns whether an optional key is present. Fails if it is absent but one like it is present
-  // (edit distance up to 2, or without the unit): a misspelt key would be ignored.
+  // Returns whether an optional key is present. Fails if it is absent but a similar key is present
+  // (edit distance up to 2, or without the unit), because a misspelt key would be ignored.
   [[nodiscard]] Result<bool> has_optional(const std::string& key) const;
   [[nodiscard]] Result<YAML::Node> node(const std::string& key, const char* remedy) const;
   [[nodiscard]] Result<double> number(const std::string& key, const char* remedy) const;
   [[nodiscard]] Result<int> integer(const std::string& key, const char* remedy) const;
   [[nodiscard]] Result<std::string> text(const std::string& key, const char* remedy) const;
-  // Nothing if the key is absent; fails as has_optional() does.
+  // Returns nullopt if the key is absent; fails as has_optional() does.
   [[nodiscard]] Result<std::optional<double>> optional_number(const std::string& key,
                                                               const char* remedy) const;
-  // A list of finite numbers.
+  // Returns a list of finite numbers.
   [[nodiscard]] Result<std::vector<double>> numbers(const std::string& key,
                                                     const char* remedy) const;
-  // The same, of this length.
+  // Fails if the list does not have `count` numbers.
   [[nodiscard]] Result<std::vector<double>> numbers(const std::string& key, std::size_t count,
                                                     const char* remedy) const;
   [[nodiscard]] Result<YamlFields> fields(const std::string& key, const char* remedy) const;
 
   [[nodiscard]] const std::string& place() const { return place_; }
-  // "place: key (line n)"
+  // Returns "place: key (line n)".
   [[nodiscard]] std::string place_of(const std::string& key) const;
 
  private:
