@@ -129,7 +129,7 @@ bool Bundle::solve(int free_coefficients, bool square_pixels, bool move_centre, 
   options.function_tolerance = 1e-9;
   options.parameter_tolerance = 1e-10;
   options.gradient_tolerance = 1e-12;
-  options.num_threads = 1;  // the same sums in the same order, every time
+  options.num_threads = 1;  // for reproducible sums
   options.logging_type = ceres::SILENT;
   StopCallback stop(options_.stop);
   options.callbacks.push_back(&stop);
@@ -205,7 +205,7 @@ Result<CalibrationSolution> Bundle::finish() {
       options_.shape == BoardShape::rigid ? 0 : static_cast<int>(3 * shapes_.size());
   const int n = n_lens + n_shape;
   Eigen::MatrixXd S = Eigen::MatrixXd::Zero(n, n);
-  // By view: the score (gradient) of lens and shape, with the pose marginalised.
+  // Per view: score (gradient) of lens and shape, with the pose marginalised.
   std::vector<Eigen::VectorXd> scores;
   double sum = 0.0;
   double sum_all = 0.0;
@@ -289,15 +289,15 @@ Result<CalibrationSolution> Bundle::finish() {
     const Eigen::Vector3d information = (solution.noise_px / prior_sigma().array()).square();
     for (int i = n_lens; i < n; ++i) S(i, i) += information[(i - n_lens) % 3];
   }
-  // Scaled to ones on the diagonal: the parameters' sizes differ by orders of magnitude.
+  // Scales the diagonal to 1, because the parameters differ by orders of magnitude.
   const Eigen::VectorXd scale = S.diagonal().cwiseMax(1e-300).cwiseSqrt().cwiseInverse();
   const Eigen::MatrixXd scaled = scale.asDiagonal() * S * scale.asDiagonal();
   const Eigen::LDLT<Eigen::MatrixXd> factor(scaled);
   Eigen::MatrixXd inverse = factor.solve(Eigen::MatrixXd::Identity(n, n));
   if (options_.model == DistortionModel::rational &&
       !(inverse.diagonal().minCoeff() > 0.0 && inverse.allFinite())) {
-    // Only the prior determines a common factor of numerator and denominator, by less than rounding
-    // errors. It moves no pixel; limit its variance.
+    // Only the prior constrains a common factor of numerator and denominator, more weakly than
+    // rounding errors. The factor moves no pixel; limit its variance.
     const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> eigen(scaled);
     constexpr double kRounding = 1e-13;
     const Eigen::VectorXd values = eigen.eigenvalues().cwiseMax(kRounding);
@@ -310,8 +310,8 @@ Result<CalibrationSolution> Bundle::finish() {
       !(lens_inverse.diagonal().minCoeff() > 0.0)) {
     return fail("the views do not fix the camera; tilt the target in several directions");
   }
-  // Residuals of one view are correlated (blur, light, board warp). Covariance inflation: the trace
-  // of the sandwich estimate, clustered by view, over that of the plain one, for the lens
+  // Residuals of one view are correlated (blur, light, board warp). Covariance inflation: ratio of
+  // the traces of the sandwich estimate, clustered by view, and the plain estimate, for the lens
   // parameters.
   Eigen::MatrixXd meat = Eigen::MatrixXd::Zero(n_lens, n_lens);
   for (const Eigen::VectorXd& score : scores) {
@@ -327,7 +327,7 @@ Result<CalibrationSolution> Bundle::finish() {
                                             scale.head(n_lens).cwiseInverse().asDiagonal());
   const double clustered = ratio.trace() / n_lens / (solution.noise_px * solution.noise_px);
   solution.clustering = std::isfinite(clustered) ? std::clamp(clustered, 1.0, 100.0) : 1.0;
-  // Parameters that are held have no variance.
+  // Fixed parameters have no variance.
   const int n_all = 4 + coefficient_count(options_.model);
   solution.covariance = Eigen::MatrixXd::Zero(n_all, n_all);
   solution.covariance.topLeftCorner(n_lens, n_lens) =
@@ -336,7 +336,7 @@ Result<CalibrationSolution> Bundle::finish() {
 }
 
 Eigen::Vector3d Bundle::prior_sigma() const {
-  // A printer is more accurate than paper is flat; see docs/calibration.md#board-warp.
+  // Printers are more accurate than paper is flat; see docs/calibration.md#board-warp.
   const double out_of_plane = radius_ / 500.0;
   const double in_plane = 0.1 * out_of_plane;
   return {in_plane, in_plane, out_of_plane};
@@ -344,7 +344,7 @@ Eigen::Vector3d Bundle::prior_sigma() const {
 
 double Bundle::image_end() const {
   constexpr double kWidest = 1.35;  // [rad] from the axis
-  // Assumes an equidistant lens; lenses that bend rays less reach less far.
+  // Assumes an equidistant lens; for lenses with less distortion this is an upper bound.
   return std::tan(
       std::min(0.5 * std::hypot(width_, height_) / std::sqrt(lens[0] * lens[1]), kWidest));
 }

@@ -1,5 +1,5 @@
-// Bundle adjustment of a calibration: the lens, the views' poses and the board's shape, with
-// outliers and the covariance of the lens.
+// Bundle adjustment of lens, view poses and board shape. Marks outliers and computes the covariance
+// of the lens.
 #pragma once
 
 #include <Eigen/Core>
@@ -22,28 +22,28 @@ class Bundle {
   Bundle(int width, int height, std::span<const Eigen::Vector3d> board,
          std::span<const CalibrationView> views, const SolverOptions& options);
 
-  // Start and solution; the caller adds one pose per view.
+  // Initial values, then the solution. The caller adds one pose per view.
   LensParameters lens{};
   std::vector<ViewParameters> poses;
 
-  // Takes over the points' offsets if both boards are free.
+  // Copies the points' offsets if both boards have the shape `free`.
   void start_shape(const CalibrationSolution& from);
 
-  // `free_coefficients`: number of free coefficients; `noise`: of one axis, weights the priors
-  // [px]; `robust_px`: scale of the loss, 0 for none.
+  // `free_coefficients`: number of free coefficients. `noise`: sigma per axis [px], which weights
+  // the priors. `robust_px`: scale of the robust loss; 0 for none.
   bool solve(int free_coefficients, bool square_pixels, bool move_centre, double noise,
              double robust_px, int iterations);
 
-  // Projected - measured corner [px]; nothing behind the camera.
+  // Returns projected - measured corner [px], or nullopt if the point is behind the camera.
   [[nodiscard]] std::optional<Eigen::Vector2d> residual(std::size_t v, std::size_t c);
 
-  // Spread of one axis [px]; the median distance of a 2-D normal is 1.1774 sigma.
+  // Returns sigma per axis [px]. The median distance of a 2-D normal distribution is 1.1774 sigma.
   [[nodiscard]] double robust_noise() { return std::max(distance_at(0.5) / 1.1774, 1e-4); }
-  // Quantile of the corners' distances [px], without known outliers.
+  // Returns a quantile of the corners' 2-D errors [px], without known outliers.
   [[nodiscard]] double distance_at(double share);
 
-  // Returns true if the set of outliers changed. Keeps at least 4 corners of a view, and views with
-  // known outliers as they are.
+  // Returns true if the set of outliers changed. Keeps 4 or more corners per view. Does not change
+  // views with known outliers.
   bool mark_outliers(double limit_px);
 
   // Computes the covariance of the lens from the normal equations with marginalised views
@@ -52,9 +52,9 @@ class Bundle {
 
  private:
   [[nodiscard]] Eigen::Vector3d prior_sigma() const;
-  // Approximate largest radius of normalised coordinates in the image.
+  // Returns the approximate maximum radius of normalised coordinates in the image.
   [[nodiscard]] double image_end() const;
-  // Number of coefficients that are not held at 0.
+  // Returns the number of coefficients that are not fixed at 0.
   [[nodiscard]] int coefficients() const {
     return options_.without_k3 && options_.model == DistortionModel::plumb_bob
                ? 4

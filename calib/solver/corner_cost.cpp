@@ -10,7 +10,7 @@ namespace penumbra {
 namespace {
 
 constexpr double kEdgeShiftPrior = 1.0;  // [px]
-// Least growth of the distorted radius, relative to an equidistant lens, and its sigma.
+// Minimum derivative of the distorted radius, relative to an equidistant lens, and its sigma.
 constexpr double kLeastGrowth = 0.3;
 constexpr double kGrowthSigma = 0.03;
 constexpr double kNearest = 1e-6;  // [m] in front of the camera
@@ -54,12 +54,12 @@ struct RationalPrior {
 
   template <class T>
   bool operator()(const T* lens, T* residual) const {
-    // Keeps the coefficients small, which a common factor of numerator and denominator leaves open.
+    // Keeps the coefficients small; a common factor of numerator and denominator is unconstrained.
     const double t_end = std::min(end * end, 1.0);
     const T k1 = lens[4], k2 = lens[5], k3 = lens[8], k4 = lens[9], k5 = lens[10], k6 = lens[11];
     const T* const order[] = {&k1, &k4, &k2, &k5, &k3, &k6};
     for (int i = 0; i < 6; ++i) residual[i] = *order[i] * std::pow(t_end, 1 + i / 2);
-    // Prefers a growth between that of a rectilinear lens (1) and an equidistant one (1 / (1 +
+    // Prefers a derivative between that of a rectilinear lens (1) and an equidistant one (1 / (1 +
     // r^2)).
     for (int i = 0; i < kGrowthSamples; ++i) {
       const double r = end * (i + 1) / kGrowthSamples;

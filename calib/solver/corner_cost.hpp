@@ -1,4 +1,4 @@
-// Ceres cost functions of the calibration: a target's corner in a view, and the priors.
+// Ceres cost functions of the calibration: corner residuals and priors.
 #pragma once
 
 #include <Eigen/Core>
@@ -14,7 +14,7 @@ class CostFunction;
 
 namespace penumbra {
 
-// Parameter blocks, in the order of a corner's term.
+// Parameter blocks of corner_cost(), in this order.
 using LensParameters = std::array<double, 12>;  // fx fy cx cy [px], coefficients
 using ViewParameters = std::array<double, 7>;   // angle-axis [rad] and translation [m] of
                                                 // T_camera_board, edge shift [px]
@@ -30,20 +30,20 @@ inline constexpr int kRationalPriorSize = 6 + 2 * kGrowthSamples;
 struct CornerTerm {
   DistortionModel model = DistortionModel::plumb_bob;
   Eigen::Vector3d point = Eigen::Vector3d::Zero();   // on the board [m]
-  Eigen::Vector3d warp = Eigen::Vector3d::Zero();    // x^2, y^2, x y: factors of the shape
-  bool bowed = false;                                // else the shape is an offset
+  Eigen::Vector3d warp = Eigen::Vector3d::Zero();    // x^2, y^2, x y at the point
+  bool bowed = false;                                // false: ShapeParameters is an offset
   Eigen::Vector2d pixel = Eigen::Vector2d::Zero();   // measured
   Eigen::Vector2d spread = Eigen::Vector2d::Zero();  // TargetCorner::spread
 };
 
-// Residual: projected - measured [px], 2. Evaluate() fails behind the camera.
+// Returns a cost with 2 residuals: projected - measured [px]. Evaluate() fails behind the camera.
 [[nodiscard]] std::unique_ptr<ceres::CostFunction> corner_cost(const CornerTerm& term);
-// Prior of a view's edge shift: sigma 1 px around 0. Takes the view's block.
+// Returns the prior of a view's edge shift (mean 0, sigma 1 px), for a block of ViewParameters.
 [[nodiscard]] std::unique_ptr<ceres::CostFunction> edge_shift_prior();
-// Prior of a rational lens (docs/calibration.md#rational-lens). `end`: largest radius of normalised
-// coordinates in the image. Takes the lens' block; kRationalPriorSize residuals.
+// Returns the prior of a rational lens (docs/calibration.md#rational-lens), for LensParameters,
+// with kRationalPriorSize residuals. `end`: maximum radius of normalised coordinates in the image.
 [[nodiscard]] std::unique_ptr<ceres::CostFunction> rational_prior(double end);
-// Prior of a point's offset around 0. Takes a shape's block.
+// Returns the prior of a point's offset (mean 0), for ShapeParameters.
 [[nodiscard]] std::unique_ptr<ceres::CostFunction> offset_prior(const Eigen::Vector3d& sigma_m);
 
 }  // namespace penumbra

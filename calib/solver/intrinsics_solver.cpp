@@ -42,7 +42,7 @@ double median_error(const CameraModel& camera, const MapFromCamera& pose,
 
 struct Guess {
   CameraModel camera;
-  double error_px = std::numeric_limits<double>::infinity();  // of the poses that it allows
+  double error_px = std::numeric_limits<double>::infinity();  // of poses by this camera
 };
 
 std::vector<Guess> guess_lens(int width, int height, std::span<const Eigen::Vector3d> board,
@@ -104,8 +104,8 @@ std::optional<CameraPose> best_pose(const CameraModel& camera,
 }
 
 constexpr int kMostIterations = 100;
-constexpr double kBadFit_px = 0.5;     // of noise: no start for another model
-constexpr double kFarthest_px = 20.0;  // largest corner error at a start near by
+constexpr double kBadFit_px = 0.5;     // noise of a solution that can't start another model
+constexpr double kFarthest_px = 20.0;  // maximum corner error at a nearby start
 
 std::vector<std::size_t> radial_coefficients(DistortionModel model) {
   switch (model) {
@@ -119,12 +119,12 @@ std::vector<std::size_t> radial_coefficients(DistortionModel model) {
   return {};
 }
 
-// Fits the coefficients of another model to a lens. Nothing for a lens with non-monotonic
-// distortion near its centre.
+// Fits the coefficients of another model to a lens. Returns nullopt if the distortion is
+// non-monotonic near the centre.
 std::optional<CameraParameters> as_model(const CameraModel& camera, DistortionModel model) {
   const CameraParameters& from = camera.parameters();
   const auto end = camera.unproject(Eigen::Vector2d(0.0, 0.0));
-  constexpr double kWidest = 4.0;  // tangent of the angle from the axis
+  constexpr double kWidest = 4.0;  // tangent of the maximum angle from the axis
   const double furthest = std::min(
       {end ? end->head<2>().norm() : kWidest,
        std::isfinite(camera.max_radius()) ? 0.98 * camera.max_radius() : kWidest, kWidest});
@@ -150,7 +150,7 @@ std::optional<CameraParameters> as_model(const CameraModel& camera, DistortionMo
     }
     b[i] = bent - at;
   }
-  // A weak prior of 0: several solutions are nearly as good.
+  // A weak prior at 0, because several solutions fit almost equally.
   for (Eigen::Index k = 0; k < n; ++k) A(kSamples + k, k) = 1e-4;
   const Eigen::VectorXd solved = A.householderQr().solve(b);
   if (!solved.allFinite()) return std::nullopt;
@@ -179,7 +179,7 @@ Result<CalibrationSolution> polish(Bundle& bundle, const SolverOptions& options,
   };
   if (robust_first) {
     const double scale = std::max(2.0 * noise, 0.5);
-    // A start with fewer coefficients has large errors far from the centre.
+    // Handles large errors far from the centre, which a start with fewer coefficients has.
     const double far = std::min(bundle.distance_at(0.95), kFarthest_px);
     if (far > 2.0 * scale && !bundle.solve(8, false, true, noise, far, kMostIterations))
       return fails();
@@ -262,7 +262,7 @@ Result<CalibrationSolution> solve_intrinsics(int width, int height,
     }
     if (!posed) continue;
     const double loose = std::max(2.0, guess.error_px);
-    // From few to many parameters: higher coefficients fitted to a bad start become non-monotonic.
+    // Adds parameters step by step: from a bad start, higher coefficients become non-monotonic.
     if (!bundle.solve(1, true, false, 1.0, loose, 30)) continue;
     if (!bundle.solve(2, true, true, 1.0, loose, 50)) continue;
     Result<CalibrationSolution> solved = polish(bundle, rough, true);

@@ -1,9 +1,8 @@
-// Estimates a camera model from corners in several views of one target: bundle adjustment over the
-// lens, the views' poses and (if asked) the board's shape. Its covariance:
-// docs/calibration.md#solver.
+// Estimates a camera model from corners in several views of one target: bundle adjustment of lens,
+// view poses and (optionally) board shape. See docs/calibration.md#solver for the covariance.
 //
-// Residuals are (projected - measured) corners [px]. Lens parameters are, in this order, fx fy cx
-// cy and the coefficients of core/camera/camera_model.hpp.
+// Residuals are (projected - measured) corners [px]. The order of lens parameters is fx fy cx cy,
+// then the coefficients of core/camera/camera_model.hpp.
 #pragma once
 
 #include <Eigen/Core>
@@ -23,14 +22,14 @@ namespace penumbra {
 struct CalibrationView {
   std::string name;  // for messages
   std::vector<TargetCorner> corners;
-  std::vector<bool> outlier = {};  // known outliers; empty: the solver finds them
+  std::vector<bool> outlier = {};  // known outliers; if empty, the solver finds them
 
   [[nodiscard]] bool counts(std::size_t corner) const {
     return outlier.empty() || !outlier[corner];
   }
 };
 
-// The board's deviation from the target file (docs/calibration.md#board-warp).
+// Model of the board's deviation from the target file (docs/calibration.md#board-warp).
 enum class BoardShape {
   rigid,  // none
   bowed,  // z = a x^2 + b y^2 + c x y
@@ -42,19 +41,19 @@ enum class BoardShape {
 struct SolverOptions {
   DistortionModel model = DistortionModel::plumb_bob;
   BoardShape shape = BoardShape::rigid;
-  bool without_k3 = false;  // plumb_bob: k3 stays 0, as Kalibr's radtan has it
-  std::stop_token stop;     // once requested, solving fails soon: "ended early"
+  bool without_k3 = false;  // plumb_bob with k3 = 0, Kalibr's radtan
+  std::stop_token stop;     // once requested, solving fails soon with "ended early"
 };
 
-// An outlier's distance over the spread of one axis, which the median gives.
+// Minimum distance of an outlier, in units of Bundle::robust_noise().
 inline constexpr double kOutlierSigmas = 4.5;
 
 struct SolvedView {
   CameraPose T_board_camera;
-  double edge_shift_px = 0.0;                 // outward shift of black squares' edges
+  double edge_shift_px = 0.0;                 // outward shift of the black squares' edges
   std::vector<Eigen::Vector2d> residuals_px;  // one per corner
   std::vector<bool> outlier;
-  double rms_px = 0.0;  // of 2-D distances, without outliers
+  double rms_px = 0.0;  // 2-D error, without outliers
 };
 
 struct CalibrationSolution {
@@ -62,59 +61,59 @@ struct CalibrationSolution {
   BoardShape shape = BoardShape::rigid;
   std::vector<Eigen::Vector3d> board;  // refined points [m]
   std::vector<SolvedView> views;
-  // Covariance of the lens parameters, 4 + coefficient_count rows, scaled by noise_px^2 and
-  // clustering.
+  // Covariance of the lens parameters (4 + coefficient_count rows), scaled by noise_px^2 and
+  // `clustering`.
   Eigen::MatrixXd covariance;
-  double noise_px = 0.0;    // one axis, without outliers
-  double rms_px = 0.0;      // 2-D distance, without outliers
-  double rms_all_px = 0.0;  // with outliers
+  double noise_px = 0.0;    // sigma per axis, without outliers
+  double rms_px = 0.0;      // 2-D error, without outliers
+  double rms_all_px = 0.0;  // 2-D error, with outliers
   double clustering = 1.0;  // covariance inflation for correlated residuals of a view
   int corners = 0;
   int outliers = 0;
 };
 
-// Solves without an initial lens, also for wide lenses. `width` and `height` are the images' [px].
-// An error says in one line what the views lack.
+// Solves without an initial lens; supports wide lenses. `width`, `height`: image size [px]. The
+// error is one line that explains what the views lack.
 [[nodiscard]] Result<CalibrationSolution> solve_intrinsics(int width, int height,
                                                            std::span<const Eigen::Vector3d> board,
                                                            std::span<const CalibrationView> views,
                                                            const SolverOptions& options = {});
 
-// Solves from a solution near by, of any model and shape: additional parameters start at zero.
+// Solves from a nearby solution of any model and shape; additional parameters start at 0.
 [[nodiscard]] Result<CalibrationSolution> solve_intrinsics(const CalibrationSolution& start,
                                                            std::span<const Eigen::Vector3d> board,
                                                            std::span<const CalibrationView> views,
                                                            const SolverOptions& options = {});
 
-// Squared distances [px^2] of a view's corners, without outliers.
+// Sum of the squared 2-D errors of a view's corners, without outliers.
 struct ViewError {
   double squared_px2 = 0.0;
   int corners = 0;
 };
-[[nodiscard]] double rms_of(std::span<const ViewError> errors);  // of 2-D distances [px]
+[[nodiscard]] double rms_of(std::span<const ViewError> errors);  // 2-D error [px]
 
-// Cross-validation: errors of views that took no part in the solution, by view. Solves without each
-// fifth of the views (from `solution`) and fits their poses only. Nothing for fewer than 4 views or
-// if a part can't be solved.
+// 5-fold cross-validation, starting from `solution`. Returns the error of each view for the
+// solution without its fold, with only its pose fitted. Returns nullopt for fewer than 4 views or
+// if a fold can't be solved.
 [[nodiscard]] std::optional<std::vector<ViewError>> held_out_errors(
     const CalibrationSolution& solution, std::span<const Eigen::Vector3d> board,
     std::span<const CalibrationView> views, const SolverOptions& options);
 
-// Errors of `views` with fitted poses, for a fixed camera and board.
+// Returns the errors of `views` for a fixed camera and board; fits only the poses.
 [[nodiscard]] std::optional<std::vector<ViewError>> pose_only_errors(
     const CameraModel& camera, std::span<const Eigen::Vector3d> board,
     std::span<const CalibrationView> views);
 
-// Covariance [px^2] of the projection at `pixel` due to the covariance of the lens parameters;
-// nothing if the lens does not reach the pixel.
+// Returns the covariance of the projection at `pixel` [px^2] caused by the covariance of the lens
+// parameters, or nullopt if the pixel has no ray.
 [[nodiscard]] std::optional<Eigen::Matrix2d> projection_covariance(
     const CameraModel& camera, const Eigen::MatrixXd& covariance, const Eigen::Vector2d& pixel);
 
-// d pixel / d lens parameters for a direction (x, y, 1): 2 x (4 + coefficient_count).
+// Returns d pixel / d lens parameters for a direction (x, y, 1): 2 x (4 + coefficient_count).
 [[nodiscard]] Eigen::MatrixXd lens_jacobian(const CameraModel& camera, const Eigen::Vector2d& xy);
 
-// Largest angle between any two views' board normals [rad]: it separates focal length from
-// distance.
+// Returns the maximum angle between the board normals of two views [rad]. Tilt is needed to
+// separate focal length and distance.
 [[nodiscard]] double tilt_spread(std::span<const SolvedView> views);
 
 }  // namespace penumbra

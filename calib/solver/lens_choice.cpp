@@ -15,7 +15,7 @@ struct Lens {
   bool operator==(const Lens&) const = default;
 };
 
-// Simplest first.
+// In order of increasing complexity.
 std::vector<Lens> lenses_of(const LensChoice& choice) {
   constexpr Lens kNoK3 = {DistortionModel::plumb_bob, true};
   constexpr Lens kPlumbBob = {DistortionModel::plumb_bob, false};
@@ -28,10 +28,10 @@ std::vector<Lens> lenses_of(const LensChoice& choice) {
 // Ratios of held-out errors: docs/calibration.md#lens-choice.
 constexpr double kMuchBetter = 0.85;
 constexpr double kOtherKind = 0.9;
-constexpr double kMoreOutliers = 0.05;  // of all corners
-constexpr double kSurely = 2.0;         // standard errors over the views
+constexpr double kMoreOutliers = 0.05;  // fraction of all corners
+constexpr double kSurely = 2.0;         // standard errors of the mean over the views
 
-// Tries lenses and boards on the same corners, and keeps the best.
+// Tries lenses and board shapes on the same corners and keeps the best.
 class Choice {
  public:
   Choice(const CalibrationSolution& start, const std::vector<Eigen::Vector3d>& board,
@@ -44,14 +44,14 @@ class Choice {
         trials_(trials),
         most_steps_(most_steps) {}
 
-  // Solves with every lens and rejects, for all of them, the outliers of the one that explains most
-  // corners: a lens with too few parameters has outliers far from the centre.
+  // Solves with every lens, then uses the outliers of the lens that explains the most corners for
+  // all. A lens with too few parameters would reject corners far from the centre.
   void decide_outliers(const std::vector<Lens>& lenses, BoardShape shape);
   void consider(const Lens& lens, BoardShape shape);
-  // Solves the best one again with its own outliers, unless these are many more: then it does not
-  // explain the corners. `for_all`: for the lenses that follow as well.
+  // Solves the best lens again with its own outliers, unless these are many more, which means that
+  // it does not explain the corners. `for_all`: applies them to later lenses as well.
   void find_own_outliers(const std::vector<CalibrationView>& views, bool for_all);
-  // Marks the lenses that explain the views no worse than the best one.
+  // Marks the lenses whose held-out errors are not larger than those of the best one.
   void mark_rivals();
   void tell(const Lens& lens, BoardShape shape) {
     ++steps_;
@@ -94,10 +94,10 @@ class Choice {
   };
   std::vector<Solved> first_;
   std::optional<std::vector<ViewError>> best_held_out_;
-  std::vector<std::optional<std::vector<ViewError>>> held_out_;  // of each trial
+  std::vector<std::optional<std::vector<ViewError>>> held_out_;  // per trial
 };
 
-// Number of corners that are no outliers at this noise [px].
+// Returns the number of corners that are inliers at this noise [px].
 int explained(const CalibrationSolution& solution, double noise_px) {
   const double limit = kOutlierSigmas * noise_px;
   int count = 0;
@@ -108,7 +108,7 @@ int explained(const CalibrationSolution& solution, double noise_px) {
   return count;
 }
 
-// Mean difference of the views' squared errors, `b` - `a`, in standard errors; 0 if all are alike.
+// Returns the mean of the views' squared errors, `b` - `a`, in standard errors; 0 if all are equal.
 double standard_errors(const std::vector<ViewError>& a, const std::vector<ViewError>& b) {
   const auto n = static_cast<double>(a.size());
   double mean = 0.0;
@@ -121,7 +121,7 @@ double standard_errors(const std::vector<ViewError>& a, const std::vector<ViewEr
   return variance > 0.0 ? mean / std::sqrt(variance) : 0.0;
 }
 
-// True if `a` is much better, or better with significance over the views.
+// Returns true if `a` is much better, or significantly better over the views.
 bool clearly_better(const std::vector<ViewError>& a, const std::vector<ViewError>& b,
                     double worthwhile) {
   const double ratio = rms_of(a) / rms_of(b);
@@ -176,7 +176,7 @@ void Choice::consider(const Lens& lens, BoardShape shape) {
   held_out_.push_back(held_out);
   const bool other = best && best->solution.camera.parameters().model != lens.model;
   const double worthwhile = other ? kOtherKind : kWorthwhile;
-  // A lens without a held-out error is worse than one with it.
+  // A lens without held-out errors loses against one with them.
   if (fold || (best && !(held_out && (!best_held_out_ ||
                                       clearly_better(*held_out, *best_held_out_, worthwhile)))))
     return;
@@ -214,7 +214,7 @@ void Choice::find_own_outliers(const std::vector<CalibrationView>& views, bool f
 
 }  // namespace
 
-// Each lens twice; without a given board, two more boards, and more lenses on one of them.
+// Counts each lens twice; without a given board shape, also two shapes and more lenses on one.
 int most_steps(const LensChoice& choice, bool shape_given) {
   const auto lenses = static_cast<int>(lenses_of(choice).size());
   return shape_given ? 2 * lenses : 3 * lenses + 1;
@@ -267,7 +267,7 @@ Result<CalibrationSolution> first_solution(int width, int height,
     if (plainer) best = std::move(plainer);
   }
   solver.model = DistortionModel::fisheye;
-  // A polynomial in tan(angle) fits a wide lens badly, or not at all.
+  // A polynomial in tan(angle) fits a wide lens badly or not at all.
   if (!best || best->noise_px > 0.5 || best->outliers * 20 > best->corners) {
     Result<CalibrationSolution> wide = solve_intrinsics(width, height, board, views, solver);
     if (wide && (!best || wide->noise_px < best->noise_px)) return wide;
@@ -285,7 +285,7 @@ Result<ChosenLens> choose_lens(const CalibrationSolution& start,
   tried.decide_outliers(lenses, first_shape);
   for (const Lens& lens : lenses) tried.consider(lens, first_shape);
   std::optional<ChosenLens>& best = tried.best;
-  // Without corners far out, a requested plumb_bob may be non-monotonic unless k3 = 0.
+  // If no corner is near the image's border, a requested plumb_bob may need k3 = 0 to be monotonic.
   if (!best && choice.model == DistortionModel::plumb_bob && !choice.for_kalibr)
     tried.consider({DistortionModel::plumb_bob, true}, first_shape);
   if (best && !shape) {
@@ -293,9 +293,9 @@ Result<ChosenLens> choose_lens(const CalibrationSolution& start,
       return Lens{best->solution.camera.parameters().model, best->without_k3};
     };
     tried.consider(lens_of_best(), BoardShape::bowed);
-    // Offsets of points need many views.
+    // Point offsets need many views.
     if (views.size() >= 8) tried.consider(lens_of_best(), BoardShape::free);
-    // Board warp may have concealed that the lens needs more parameters.
+    // Board warp may have hidden the need for more lens parameters.
     const BoardShape found = best->solution.shape;
     if (found != BoardShape::rigid && !choice.stop.stop_requested())
       tried.find_own_outliers(views, true);

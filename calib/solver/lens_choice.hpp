@@ -19,23 +19,23 @@ struct ModelTrial {
   double rms_px = 0.0;
   std::optional<double> held_out_px;
   std::optional<Eigen::Vector2d>
-      non_monotonic_px;  // non_monotonic_place_in_image(): such a lens is never chosen
+      non_monotonic_px;  // non_monotonic_place_in_image(); if set, the lens is never chosen
   bool chosen = false;
-  bool rival = false;       // explains held-out views no worse than the chosen one
-  CameraModel camera = {};  // as solved
+  bool rival = false;       // its held-out error is not larger than that of the chosen one
+  CameraModel camera = {};  // the solved camera
 };
 [[nodiscard]] std::string lens_name(const ModelTrial& trial);  // "plumb_bob", "plumb_bob, k3 = 0"
 
-// The place on the image's border [px], nearest to the principal point, where the distortion is
-// non-monotonic; nothing if there is none. A fisheye lens that still grows at 90 degrees from its
-// axis has none: this camera model does not reach further.
+// Returns the pixel on the image's border, nearest to the principal point, at which the distortion
+// is non-monotonic; nullopt if there is none. A fisheye lens that is monotonic up to 90 degrees
+// from its axis has none, because this camera model ends there.
 [[nodiscard]] std::optional<Eigen::Vector2d> non_monotonic_place_in_image(
     const CameraModel& camera);
 
-// Largest ratio of held-out errors for which additional parameters are worthwhile.
+// Maximum ratio of held-out errors (new to old) for which additional parameters are worthwhile.
 inline constexpr double kWorthwhile = 0.97;
 
-// Progress for users: `step` of at most `most`, from 1.
+// Progress for users: step 1 to `most`, or fewer.
 struct SolvingStep {
   std::string what;  // "plumb_bob, free board"
   int step = 0;
@@ -44,23 +44,23 @@ struct SolvingStep {
 using StepCallback = std::function<void(const SolvingStep&)>;
 
 struct LensChoice {
-  std::optional<DistortionModel> model;  // only this one
-  bool for_kalibr = false;               // only lenses that Kalibr's files have
+  std::optional<DistortionModel> model;  // if set, the only model tried
+  bool for_kalibr = false;               // only lenses that Kalibr's files can represent
   std::stop_token stop = {};             // ends the search, with an error
   StepCallback tell = {};                // called at each step of choose_lens()
 };
-// Largest number of steps of choose_lens(), with a given or a chosen board shape.
+// Returns the maximum number of steps of choose_lens(), with a given or a chosen board shape.
 [[nodiscard]] int most_steps(const LensChoice& choice, bool shape_given);
-// A lens for refining corners and as the start of choose_lens(). `width`, `height`: of the images
-// [px].
+// Returns a first lens, for refining corners and as the start of choose_lens(). `width`, `height`:
+// image size [px].
 [[nodiscard]] Result<CalibrationSolution> first_solution(int width, int height,
                                                          const std::vector<Eigen::Vector3d>& board,
                                                          const std::vector<CalibrationView>& views,
                                                          const LensChoice& choice);
 
-// Returns the solution that explains held-out views best; a lens with more parameters must be
-// clearly better. Appends a trial for each lens and board. Fails if every lens is non-monotonic in
-// the image.
+// Returns the solution with the smallest held-out error; a lens with more parameters must be
+// clearly better. Appends a trial for each lens and board shape. Fails if every lens is
+// non-monotonic in the image.
 struct ChosenLens {
   CalibrationSolution solution;
   std::optional<double> held_out_px;

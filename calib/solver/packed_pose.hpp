@@ -1,4 +1,4 @@
-// Poses as solvers take them: six numbers.
+// Poses as six numbers, for solvers.
 #pragma once
 
 #include <Eigen/Geometry>

@@ -1,4 +1,4 @@
-// Long solves end where someone asks for it.
+// Lets the user interrupt a long solve.
 #pragma once
 
 #include <ceres/iteration_callback.h>
@@ -8,7 +8,7 @@
 
 namespace penumbra {
 
-// Ends a solve after the iteration in which `stop` was requested; its solution is then not usable.
+// Terminates a Ceres solve after the iteration in which `stop` was requested; discard its solution.
 class StopCallback final : public ceres::IterationCallback {
  public:
   explicit StopCallback(std::stop_token stop) : stop_(std::move(stop)) {}

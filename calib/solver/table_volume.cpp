@@ -19,11 +19,11 @@ namespace {
 constexpr double kElevation = radians(45.0);
 constexpr double kNearest_m = 0.25;
 constexpr double kFurthest_m = 5.0;
-constexpr double kFurther = 1.01;  // from one distance to the next
+constexpr double kFurther = 1.01;  // ratio of consecutive distances
 constexpr double kBorder = 2.0;    // [px] from corners to the image's border
 
 CameraPose looking_down(double distance_m) {
-  const Eigen::Vector3d middle(0.0, 0.0, 0.1);  // of the cube
+  const Eigen::Vector3d middle(0.0, 0.0, 0.1);  // centre of the cube
   const Eigen::Vector3d z(0.0, std::cos(kElevation), -std::sin(kElevation));
   const Eigen::Vector3d x = Eigen::Vector3d::UnitX();
   Eigen::Matrix3d R;
@@ -40,7 +40,7 @@ std::optional<Eigen::Vector2d> in_picture(const CameraModel& camera, const Eigen
 
 struct PointJacobians {
   Eigen::MatrixXd lens;              // 2 x parameters
-  Eigen::Matrix<double, 2, 6> pose;  // as reprojection_jacobian() has it
+  Eigen::Matrix<double, 2, 6> pose;  // as in reprojection_jacobian()
 };
 
 PointJacobians jacobians_at(const CameraModel& camera, const CameraPose& pose,
@@ -83,8 +83,8 @@ std::optional<TableVolumeUncertainty> table_volume_uncertainty(const CameraModel
   }
   if (!whole) return std::nullopt;
 
-  // A lens error d moves the tags' corners by J_lens d. The least-squares pose error, summed over
-  // the corners, is -(J_pose' J_pose)^-1 J_pose' J_lens d.
+  // A lens error d moves the tags' corners by J_lens d. The resulting least-squares pose error is
+  // -(J_pose' J_pose)^-1 J_pose' J_lens d, with products summed over the corners.
   const auto sheet = tag_map_of(TagBoard());
   if (!sheet) return std::nullopt;
   const auto T_camera_table = result.T_table_camera.inverse();
