@@ -13,7 +13,7 @@ namespace {
 
 constexpr double kNarrowestCell = 2.4;  // [px]
 constexpr double kShiftPrior = 0.5;     // [px], 1 sigma
-constexpr double kMostNoise = 0.6;      // [px] of one sample: more, and it is another pattern
+constexpr double kMostNoise = 0.6;      // [px] per sample; more means another pattern
 constexpr int kUnknowns = 10;           // a homography's 8, and 2 shifts
 constexpr std::size_t kFewestSamples = 40;
 
@@ -28,8 +28,8 @@ struct EdgeSample {
   Row row;                 // d offset / d unknowns
 };
 
-// d pixel / d the 8 parameters of a homography, at a point of the tag. `across`, `pixel`, `depth`:
-// relative to the tag's centre and scaled to about 1.
+// Returns d pixel / d homography (8 parameters) at a point of the tag. `across`, `pixel` and
+// `depth` are relative to the tag's centre and scaled to about 1.
 Eigen::Matrix<double, 2, 8> displacements(const Eigen::Vector2d& across,
                                           const Eigen::Vector2d& pixel, double depth) {
   const double a = across.x();
@@ -50,7 +50,7 @@ class TagFit {
         half_m_(0.5 * size_m),
         total_(pattern.total_width()) {}
 
-  // Returns false if an edge is out of sight or the cells are too narrow.
+  // Returns false if an edge is outside the image or the cells are too narrow.
   bool place_samples(const TagPattern& pattern) {
     const auto centre = project({0.0, 0.0});
     if (!centre) return false;
@@ -142,7 +142,7 @@ class TagFit {
     if (!first || !last) return false;
     const double length_px = (*last - *first).norm();
     const double cell_px = length_px / (run.end - run.begin);
-    // Blur mixes a run with the edges that begin at its ends, within two sigmas.
+    // Skips both ends of a run, where blur mixes in other edges (two sigmas).
     const double margin = std::min(1.5 / cell_px, 0.35);
     const double span = run.end - run.begin - 2.0 * margin;
     const int count = std::clamp(static_cast<int>(span * cell_px), 1, 60);

@@ -1,4 +1,4 @@
-// A tag's corners from all of its printed edges, with camera and pose known approximately.
+// Measures a tag's corners from all of its printed edges; needs an approximate camera and pose.
 #pragma once
 
 #include <Eigen/Core>
@@ -19,13 +19,13 @@ struct MeasuredTag {
   // shift of camera response, blur and ink.
   std::array<Eigen::Vector2d, 4> corners_px;
   Matrix8d covariance = Matrix8d::Zero();  // of x0 y0 x1 y1 x2 y2 x3 y3 [px^2]
-  // Black's advance into white, across the tag's vertical edges and across its horizontal ones.
+  // Shift of edges from black towards white: across the tag's vertical and its horizontal edges.
   Eigen::Vector2d edge_shift_px = Eigen::Vector2d::Zero();
 };
 
 // Fits a homography and two edge shifts. The data cells' edges separate the shift from the tag's
-// size (docs/calibration.md#edge-shift). `T_camera_tag` must be correct to a third of a cell.
-// Nothing if cells are narrower than 2.4 px or less than 60 % of the edges are found.
+// size (docs/calibration.md#edge-shift). `T_camera_tag` must be accurate to 1/3 cell. Returns
+// nullopt if cells are narrower than 2.4 px or less than 60 % of the edges are found.
 [[nodiscard]] std::optional<MeasuredTag> measure_tag(
     ImageView luma, const CameraModel& camera, const TagPattern& pattern, double size_m,
     const Transform<frame::Camera, frame::Tag>& T_camera_tag);

@@ -21,16 +21,16 @@ namespace {
 
 constexpr double kNearestPoint = 1e-6;    // [m] in front of the camera
 constexpr double kGraphShiftPrior = 0.5;  // [px]
-constexpr double kDetectionNoise = 0.1;   // [px], of one coordinate of a detector's corner
-constexpr double kMeasuredFloor = 0.01;   // [px] sigma of the lens model's error
-// Errors of a tag's corners that all frames have in common (docs/calibration.md#survey).
-constexpr double kCommonError = 0.02;      // [px], at least
-constexpr double kCommonShare = 0.3;       // of the corners' residual (RMS of the distance)
-constexpr std::size_t kFewestFrames = 2;   // that a tag must be seen in
+constexpr double kDetectionNoise = 0.1;   // [px] per coordinate of a detected corner
+constexpr double kMeasuredFloor = 0.01;   // [px] sigma of lens model errors
+// Errors of a tag's corners that are the same in all frames (docs/calibration.md#survey).
+constexpr double kCommonError = 0.02;      // [px] minimum
+constexpr double kCommonShare = 0.3;       // fraction of the corners' RMS 2-D error
+constexpr std::size_t kFewestFrames = 2;   // minimum number of frames that show a tag
 constexpr std::size_t kMostClusters = 20;  // of neighbouring frames
 constexpr int kTagSize = 6;
 
-// Four corners of a tag in one frame, whitened.
+// Whitened residuals of a tag's four corners in one frame.
 struct SightingCost {
   const TagSighting* sighting;
   DistortionModel model;
@@ -42,7 +42,7 @@ struct SightingCost {
     return evaluate(camera_pose, tag_pose, T(1.0), shift, lens, residual);
   }
 
-  // `scale`: of the tag's size.
+  // `scale`: true / nominal size of the tag.
   template <class T>
   bool evaluate(const T* camera_pose, const T* tag_pose, const T& scale, const T* shift,
                 const T* lens, T* residual) const {
@@ -78,14 +78,14 @@ struct SightingCost {
 using SightingFunction =
     ceres::AutoDiffCostFunction<SightingCost, 8, kTagSize, kTagSize, 1, kLensSize>;
 
-// The same with fixed camera and lens, and a free tag size.
+// Like SightingCost, with fixed camera and lens and a free tag size.
 struct SizedSightingCost {
   SightingCost cost;
   Pose6 camera_pose;
   double shift;
   LensParameters lens;
 
-  // T_anchor_tag, log of the size's scale.
+  // T_anchor_tag, logarithm of the size's scale.
   template <class T>
   bool operator()(const T* tag_pose, const T* log_scale, T* residual) const {
     std::array<T, 6> camera;
@@ -109,9 +109,9 @@ struct ShiftPrior {
   }
 };
 
-// d (angle-axis, translation) / d [position; turn about the anchor's axes].
+// Returns d (angle-axis, translation) / d [position; rotation about the anchor's axes].
 Eigen::Matrix<double, 6, 6> tangent_of(const Pose6& pose) {
-  Eigen::Matrix3d turn;  // d turn / d angle-axis, by central differences of the rotation
+  Eigen::Matrix3d turn;  // d rotation / d angle-axis, by central differences
   for (int i = 0; i < 3; ++i) {
     Pose6 after = pose;
     Pose6 before = pose;
@@ -127,7 +127,7 @@ Eigen::Matrix<double, 6, 6> tangent_of(const Pose6& pose) {
   return J;
 }
 
-// d corners [px] / d their displacements along the tag's edges [px].
+// Returns d corners [px] / d their displacements along the tag's edges [px].
 Matrix8d edge_directions(const TagSighting& sighting) {
   const auto& c = sighting.corners_px;
   const Eigen::Vector2d a = (c[1] - c[0] + c[2] - c[3]).normalized();
@@ -140,7 +140,7 @@ Matrix8d edge_directions(const TagSighting& sighting) {
   return directions;
 }
 
-// Derivatives of the gradients by a tag's corners along its edges.
+// Derivatives of the gradients with respect to a tag's corners along its edges.
 struct SeenTag {
   int id = 0;
   Eigen::MatrixXd unknowns;
@@ -184,7 +184,7 @@ Result<CameraModel> TagGraph::camera() const {
   if (!lens_is_free) return start_;
   CameraParameters p = start_.parameters();
   set_lens(p, lens_);
-  p.overlay_sigma_px.reset();  // of the lens as given
+  p.overlay_sigma_px.reset();  // valid only for the given lens
   return CameraModel::make(p);
 }
 
@@ -297,7 +297,7 @@ std::optional<TagPlacement> TagGraph::fit(int id, bool free_size, std::size_t fi
                                           std::size_t last) const {
   const Result<CameraModel> lens = this->camera();
   if (!lens) return std::nullopt;
-  // The tag's distance depends on its size: try sizes from 1/6 to 6 times the nominal one.
+  // The tag's distance depends on its size, so try sizes from 1/6 to 6 times the nominal one.
   constexpr double kStep = 1.12;
   constexpr int kSteps = 16;
   std::optional<TagPlacement> best;
@@ -383,7 +383,7 @@ bool TagGraph::adjust(bool robust) {
 
 bool TagGraph::drop_outliers(double& rms_px) {
   const DistortionModel model = start_.parameters().model;
-  std::vector<std::pair<std::pair<std::size_t, int>, double>> all;  // frame and tag; RMS, whitened
+  std::vector<std::pair<std::pair<std::size_t, int>, double>> all;  // frame and tag; whitened RMS
   std::map<std::pair<std::size_t, int>, double> squares_px;
   for_each([&](std::size_t f, const TagSighting& sighting, const Pose6& tag) {
     Eigen::Matrix<double, 8, 1> r;
@@ -421,7 +421,7 @@ Result<GraphCovariance> TagGraph::covariance() {
   const DistortionModel model = start_.parameters().model;
   const int n_lens = lens_is_free ? 4 + coefficient_count(model) : 0;
   GraphCovariance result;
-  std::map<int, Eigen::Index> first;  // row of a tag
+  std::map<int, Eigen::Index> first;  // first row of each tag
   std::map<int, Eigen::Matrix<double, 6, 6>> tangents;
   for (const auto& [id, pose] : tags) {
     if (id == anchor_) continue;
@@ -429,12 +429,12 @@ Result<GraphCovariance> TagGraph::covariance() {
     tangents[id] = tangent_of(pose);
     result.ids.push_back(id);
   }
-  // Unknowns: lens, shift, tags. Cameras are marginalised, frame by frame.
+  // Unknowns: lens, shift, tags. Cameras are marginalised frame by frame.
   const Eigen::Index n = n_lens + 1 + kTagSize * static_cast<Eigen::Index>(result.ids.size());
   Eigen::MatrixXd S = Eigen::MatrixXd::Zero(n, n);
   S(n_lens, n_lens) = 1.0 / (kGraphShiftPrior * kGraphShiftPrior);
-  std::vector<Eigen::VectorXd> scores;  // by frame: gradients with marginalised cameras
-  // By tag: d gradient / d errors of its corners along its edges that all frames have in common.
+  std::vector<Eigen::VectorXd> scores;  // per frame: gradients with marginalised camera
+  // Per tag: d gradient / d errors of its corners along its edges that are the same in all frames.
   std::map<int, Eigen::MatrixXd> common;
   double sum = 0.0;
   double squares_px = 0.0;
@@ -494,7 +494,7 @@ Result<GraphCovariance> TagGraph::covariance() {
   }
   if (freedom < 4.0) return fail("too few tags and frames to place them; sweep over all of them");
   const double noise = std::sqrt(sum / freedom);
-  // Scaled to ones on the diagonal: the unknowns' sizes differ by orders of magnitude.
+  // Scales the diagonal to 1, because the unknowns differ by orders of magnitude.
   const Eigen::VectorXd scale = S.diagonal().cwiseMax(1e-300).cwiseSqrt().cwiseInverse();
   const Eigen::MatrixXd scaled = scale.asDiagonal() * S * scale.asDiagonal();
   const Eigen::LDLT<Eigen::MatrixXd> factor(scaled);
@@ -506,7 +506,7 @@ Result<GraphCovariance> TagGraph::covariance() {
         "some tags' places are not fixed; see every tag together with others, in several frames");
   }
   // Errors of neighbouring frames are correlated (light, blur, lens model). Covariance inflation:
-  // the scatter of the scores' sums over stretches of frames, over that of independent errors.
+  // scatter of the scores summed over clusters of frames, relative to that of independent errors.
   const std::size_t clusters = std::min(kMostClusters, scores.size());
   std::vector<Eigen::VectorXd> stretches(clusters, Eigen::VectorXd::Zero(n));
   for (std::size_t k = 0; k < scores.size(); ++k)

@@ -1,5 +1,5 @@
-// The graph of a sweep: cameras and tags, chained from an anchor outwards, then adjusted together,
-// and their covariance.
+// Pose graph of a sweep: cameras and tags are chained outwards from an anchor, then bundle
+// adjusted. Computes their covariance.
 #pragma once
 
 #include <Eigen/Core>
@@ -31,30 +31,30 @@ struct TagSighting {
   double size_m = 0.0;
   std::array<Eigen::Vector2d, 4> corners_px;
   std::array<Eigen::Vector2d, 4> spread;      // edge_spreads(); zero for corrected corners
-  Matrix8d whitening = Matrix8d::Identity();  // makes the corners' errors independent, of size 1
+  Matrix8d whitening = Matrix8d::Identity();  // makes the corners' errors independent, sigma 1
 };
 
 [[nodiscard]] TagSighting sighting_of(int id, double size_m,
                                       const std::array<Eigen::Vector2d, 4>& corners_px);
 [[nodiscard]] TagSighting sighting_of(int id, double size_m, const MeasuredTag& measured);
 
-// Covariance of the lens, then [position; rotation] of each tag but the anchor, by id, in the
+// Covariances of the lens and of [position; rotation] of each tag except the anchor, by id, in the
 // anchor's frame [m, rad].
 struct GraphCovariance {
   Eigen::MatrixXd lens;  // empty for a fixed lens
-  std::vector<int> ids;  // of the rows of `tags`, six each
+  std::vector<int> ids;  // tag ids; each has six rows in `tags`
   Eigen::MatrixXd tags;
   double clustering = 1.0;  // covariance inflation for correlated errors of neighbouring frames
 };
 
-// Pose and size of a tag, by all posed frames that show it.
+// Pose and size of a tag, estimated from all posed frames that show it.
 struct TagPlacement {
   TagPose T_anchor_tag;
-  double scale = 1.0;  // its size over the nominal one
-  // Each frame that shows it, with the RMS error of its corners.
+  double scale = 1.0;  // true size / nominal size
+  // For each frame that shows the tag: frame index and RMS error of the corners.
   std::vector<std::pair<std::size_t, double>> errors_px;
 
-  // Each error counts as at most kFarOff.
+  // Limits each error to kFarOff.
   [[nodiscard]] double mean_px() const;
   [[nodiscard]] double median_px() const;
 };
@@ -66,33 +66,33 @@ class TagGraph {
   TagGraph(const CameraModel& camera, int anchor);
 
   std::vector<std::vector<TagSighting>> frames;
-  std::map<int, Pose6> tags;                  // placed ones: T_anchor_tag
-  std::vector<std::optional<Pose6>> cameras;  // T_camera_anchor, as `frames`
-  double shift = 0.0;  // outward, of edges that were not measured one by one [px]
+  std::map<int, Pose6> tags;                  // T_anchor_tag of placed tags
+  std::vector<std::optional<Pose6>> cameras;  // T_camera_anchor of each frame
+  double shift = 0.0;                         // outward edge shift of tags without MeasuredTag [px]
   bool shift_is_free = true;
   bool lens_is_free = false;
-  std::stop_token stop;  // once requested, everything ends soon without a usable result
+  std::stop_token stop;  // once requested, all functions end soon without a usable result
 
-  // The given or solved lens. Fails if the solved parameters are not valid.
+  // Returns the given or solved lens. Fails if the solved parameters are not valid.
   [[nodiscard]] Result<CameraModel> camera() const;
-  // Poses cameras by placed tags. A frame with two nearly equal poses gets none.
+  // Estimates camera poses from placed tags; skips frames with two poses that fit almost equally.
   void pose_cameras();
-  // A frame that is posed, with the tag in it.
+  // A posed frame and its sighting of the tag.
   using Seen = std::pair<std::size_t, const TagSighting*>;
   [[nodiscard]] std::vector<Seen> seen_of(int id, std::size_t first = 0,
                                           std::size_t last = kAllFrames) const;
-  // The pose, from one of the posed frames of `first` to `last` (half open), that explains most of
-  // them best; nothing for fewer than two. The size is `scale` times the nominal one.
+  // Estimates a pose from each posed frame in [first, last); returns the one with the least mean
+  // error over these frames, or nullopt for fewer than two. `scale`: size / nominal size.
   [[nodiscard]] std::optional<TagPlacement> place(int id, double scale = 1.0, std::size_t first = 0,
                                                   std::size_t last = kAllFrames) const;
-  // Least squares over all of these frames, with fixed cameras and, if asked, a free size.
+  // Least squares over the posed frames in [first, last), with fixed cameras.
   [[nodiscard]] std::optional<TagPlacement> fit(int id, bool free_size, std::size_t first = 0,
                                                 std::size_t last = kAllFrames) const;
   // Recomputes the errors of `fit` over all posed frames.
   void measure(TagPlacement& fit, int id) const;
-  // Bundle adjustment; false if it fails.
+  // Bundle adjustment; returns false if it fails.
   bool adjust(bool robust);
-  // Removes outlier sightings; true if there were any. `rms_px`: 2-D distance of the rest.
+  // Removes outlier sightings; returns true if there were any. `rms_px`: 2-D error of the others.
   bool drop_outliers(double& rms_px);
   [[nodiscard]] Result<GraphCovariance> covariance();
 

@@ -21,12 +21,12 @@
 namespace penumbra {
 namespace {
 
-// Camera response and blur shift a readable tag's edges by less. A larger shift is an error of the
-// model (board warp, lens) that scale and shift took up together.
+// Camera response and blur shift a readable tag's edges by less than kMostEdgeShift. A larger shift
+// means a model error (board warp, lens) that scale and shift have absorbed.
 constexpr double kMostEdgeShift = 0.5;    // [px]
-constexpr double kFlat = radians(6.0);    // largest angle between tags of one table
-constexpr double kHigh = 0.03;            // largest height over the plane, of the tag's size
-constexpr double kMostLensSpread = 0.02;  // largest relative sigma of the focal length
+constexpr double kFlat = radians(6.0);    // maximum angle between tags of one table
+constexpr double kHigh = 0.03;            // maximum height over the plane / tag size
+constexpr double kMostLensSpread = 0.02;  // maximum relative sigma of the focal length
 
 double size_of(const SurveyOptions& options, int id) {
   const auto named = options.sizes_m.find(id);
@@ -54,8 +54,8 @@ TablePlane plane_through(const Eigen::Matrix3Xd& centres) {
   return plane;
 }
 
-// Ids of the tags that lie in one plane with the anchor and face the same way: first those near the
-// anchor's plane, then those near the plane through these.
+// Returns the ids of tags coplanar with the anchor and with the same normal. Starts from tags near
+// the anchor's plane, then repeats with the plane fitted to the tags found.
 std::vector<int> tags_on_table(const std::map<int, TagPose>& tags, const SurveyOptions& options) {
   const int anchor = options.anchor;
   if (options.plane == SurveyPlane::anchor) return {anchor};
@@ -77,7 +77,7 @@ std::vector<int> tags_on_table(const std::map<int, TagPose>& tags, const SurveyO
       centres.col(static_cast<Eigen::Index>(i)) = tags.at(members[i]).translation();
     const Eigen::Matrix3Xd around = centres.colwise() - centres.rowwise().mean();
     const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> eigen(around * around.transpose());
-    // Collinear tags do not fix the plane.
+    // Collinear tags do not define a plane.
     if (eigen.eigenvalues()[1] < std::pow(0.5 * size_of(options, anchor), 2)) return {anchor};
     const TablePlane plane = plane_through(centres);
     normal = plane.turn.row(2).transpose();
@@ -88,7 +88,7 @@ std::vector<int> tags_on_table(const std::map<int, TagPose>& tags, const SurveyO
 }
 
 // Transforms tags, cameras and covariance from the anchor's frame to the table's. `tags`:
-// T_anchor_tag of survey.tags, `on_plane`: their ids on the table.
+// T_anchor_tag of survey.tags. `on_plane`: ids of the tags on the table.
 void settle_on_plane(TagSurvey& survey, const std::map<int, TagPose>& tags,
                      const GraphCovariance& found, const std::vector<int>& on_plane, int anchor) {
   const auto n = static_cast<Eigen::Index>(tags.size());
@@ -108,7 +108,7 @@ void settle_on_plane(TagSurvey& survey, const std::map<int, TagPose>& tags,
   const TablePlane plane = plane_of(centres);
   const Transform<frame::Table, frame::Table> T_table_anchor(plane.turn,
                                                              -(plane.turn * plane.origin));
-  // d [rotation; origin] of the table, about and in its axes, / d centres.
+  // d [rotation; origin] of the table frame (in its axes) / d centres.
   Eigen::MatrixXd follow = Eigen::MatrixXd::Zero(6, 3 * n);
   for (Eigen::Index c = 0; is_fitted && c < 3 * n; ++c) {
     constexpr double kStep = 1e-6;  // [m]
@@ -158,11 +158,11 @@ void settle_on_plane(TagSurvey& survey, const std::map<int, TagPose>& tags,
   survey.plane_tilt_rad = std::acos(std::min(1.0, plane.turn(2, 2)));
 }
 
-// The used frames, with tags that are seen once and whole.
+// The used frames with their unique, completely visible tags.
 struct SurveyInput {
   std::vector<std::vector<TagSighting>> frames;
-  std::vector<std::size_t> of;  // their indices in the given frames
-  std::map<int, int> seen;      // number of frames, by id
+  std::vector<std::size_t> of;  // indices into the given frames
+  std::map<int, int> seen;      // number of frames by tag id
   std::set<int> without_size;
 };
 
@@ -193,7 +193,7 @@ SurveyInput input_of(const CameraModel& camera, std::span<const SurveyFrame> fra
       if (times[tag.id] > 1) continue;  // ambiguous
       double size = size_of(options, tag.id);
       if (size <= 0.0) {
-        // Not placed, but its size is estimated.
+        // The tag is not placed, but its size is estimated.
         input.without_size.insert(tag.id);
         size = size_of(options, options.anchor);
         if (size <= 0.0) continue;
@@ -203,7 +203,7 @@ SurveyInput input_of(const CameraModel& camera, std::span<const SurveyFrame> fra
                corner.y() < camera.height() - 3;
       });
       if (!inside) continue;
-      // A tag whose edges are found in most frames, but not here, is partly hidden.
+      // A tag whose edges are found in most frames, but not here, is partly occluded.
       const bool edges = is_measured(frame, i);
       if (!edges && 2 * measured[tag.id] > detected[tag.id]) continue;
       here.push_back(edges ? sighting_of(tag.id, size, *frame.measured[i])
@@ -214,8 +214,8 @@ SurveyInput input_of(const CameraModel& camera, std::span<const SurveyFrame> fra
   return input;
 }
 
-// Poses cameras by placed tags and places tags by posed cameras, from the anchor outwards, without
-// those in `without`.
+// Alternately poses cameras by placed tags and places tags by posed cameras, from the anchor
+// outwards. Skips the tags in `without`.
 Result<void> chain(TagGraph& graph, const SurveyInput& input, int anchor,
                    const std::set<int>& without) {
   constexpr double kPlaced = 3.0;  // [px] median error; worse tags wait for better cameras
@@ -253,11 +253,11 @@ Result<void> chain(TagGraph& graph, const SurveyInput& input, int anchor,
 struct SettledGraph {
   TagGraph graph;  // without outliers
   double rms_px = 0.0;
-  std::map<int, double> lost;  // share of outlier sightings, by placed tag
-  std::set<int> misfits;       // seen by posed cameras, but not placed
+  std::map<int, double> lost;  // fraction of outlier sightings by placed tag
+  std::set<int> misfits;       // visible in posed frames, but not placed
 };
 
-// Chains and adjusts all tags that are not in `without`.
+// Chains and bundle adjusts all tags that are not in `without`.
 Result<SettledGraph> settle(const CameraModel& camera, const SurveyInput& input, int anchor,
                             const std::set<int>& without, const SurveyOptions& options) {
   SettledGraph result{TagGraph(camera, anchor), 0.0, {}, {}};
@@ -285,7 +285,7 @@ Result<SettledGraph> settle(const CameraModel& camera, const SurveyInput& input,
     settled = adjust();
   }
   if (!settled) return fail("the tags' places do not settle; sweep slower");
-  std::map<int, std::pair<int, int>> counts;  // seen, of these left
+  std::map<int, std::pair<int, int>> counts;  // sightings, and those left
   for (std::size_t f = 0; f < input.frames.size(); ++f) {
     if (!graph.cameras[f]) continue;
     for (const TagSighting& sighting : input.frames[f]) ++counts[sighting.id].first;
@@ -303,14 +303,14 @@ Result<SettledGraph> settle(const CameraModel& camera, const SurveyInput& input,
 
 // A tag that moved once.
 struct Movement {
-  std::size_t frame = 0;    // first one after it
-  double distance_m = 0.0;  // of the corner that moved furthest
-  double mean_px = 0.0;     // as TagPlacement's
+  std::size_t frame = 0;    // first frame after the movement
+  double distance_m = 0.0;  // maximum over the corners
+  double mean_px = 0.0;     // TagPlacement::mean_px() with two placements
 };
 
-// `judge` has all sightings, and cameras that hardly depend on this tag.
+// `judge` must have all sightings, and cameras that hardly depend on this tag.
 std::optional<Movement> movement_of(const TagGraph& judge, int id, double size_m) {
-  constexpr std::size_t kFewest = 3;  // sightings in either place
+  constexpr std::size_t kFewest = 3;  // minimum sightings before and after
   const auto seen = judge.seen_of(id);
   if (seen.size() < 2 * kFewest) return std::nullopt;
   std::optional<Movement> best;
@@ -326,7 +326,7 @@ std::optional<Movement> movement_of(const TagGraph& judge, int id, double size_m
       return before && after;
     };
     if (!fit_parts()) continue;
-    // Moves the split to where the second placement explains more than the first.
+    // Moves the split to the frame from which the second placement fits better than the first.
     judge.measure(*before, id);
     judge.measure(*after, id);
     double sum = after->mean_px() * static_cast<double>(seen.size());
@@ -355,16 +355,16 @@ std::optional<Movement> movement_of(const TagGraph& judge, int id, double size_m
   return best;
 }
 
-// Why a tag is inconsistent with the others.
+// Reason why a tag is inconsistent with the others.
 struct Contradiction {
   std::string words;                  // "tag 7: looks ..."
   bool moved = false;                 // during the sweep
-  std::optional<MappedTag> apparent;  // with another size, which explains it; T_anchor_tag
+  std::optional<MappedTag> apparent;  // the tag with the size that fits; its pose is T_anchor_tag
 };
 
 std::optional<Contradiction> contradiction_of(const TagGraph& judge, const SurveyInput& input,
                                               int id, const SurveyOptions& options) {
-  constexpr double kExplains = 0.5;  // of the error that is left otherwise
+  constexpr double kExplains = 0.5;  // maximum ratio of the errors with and without the explanation
   const bool sized = input.without_size.count(id) == 0;
   const double nominal_m = size_of(options, sized ? id : options.anchor);
   const auto free = judge.fit(id, true);
@@ -407,8 +407,8 @@ struct Agreement {
 // Rejects inconsistent tags one by one, worst first.
 Result<Agreement> agree(const CameraModel& camera, const SurveyInput& input, int anchor,
                         const SurveyOptions& options) {
-  constexpr double kMostLost = 0.5;    // of the sightings
-  constexpr double kSuspicious = 0.1;  // that many may be blurred or hidden
+  constexpr double kMostLost = 0.5;    // fraction of the sightings
+  constexpr double kSuspicious = 0.1;  // smaller fractions may be caused by blur or occlusion
   std::set<int> without;
   for (;;) {
     auto settled = settle(camera, input, anchor, without, options);
@@ -442,7 +442,7 @@ Result<Agreement> agree(const CameraModel& camera, const SurveyInput& input, int
   }
 }
 
-// Returns true if so many tags contradict the anchor that it may be wrong.
+// Returns true if so many tags are inconsistent with the anchor that it may be wrong.
 bool anchor_is_doubtful(const Agreement& agreement, const SurveyInput& input, int anchor) {
   const auto lost = agreement.settled.lost.find(anchor);
   if (lost != agreement.settled.lost.end() && lost->second > 0.5) return true;
@@ -475,7 +475,7 @@ const SurveyedTag* find_tag(const TagSurvey& survey, int id) {
   return found == survey.tags.end() ? nullptr : &*found;
 }
 
-// Adds the tags that are not in the survey, with the reasons.
+// Adds the rejected tags with the reasons.
 void explain_left_out(TagSurvey& survey, const Agreement& agreement, const SurveyInput& input,
                       int anchor) {
   const TagPose& T_table_anchor = find_tag(survey, anchor)->tag.T_table_tag;

@@ -1,4 +1,4 @@
-// Files of tag surveys.
+// Writes and reads files of tag surveys.
 #include "calib/survey/tag_survey.hpp"
 #include "core/propagate.hpp"
 #include "core/text/text.hpp"
