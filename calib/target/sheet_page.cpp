@@ -53,7 +53,7 @@ void draw_text(cairo_t* cr, double x, double y, const std::string& text) {
   cairo_show_text(cr, text.c_str());
 }
 
-// Lengths of a mark on the page's edge, by the room for it [m].
+// Length of a mark at the page's edge [m], shorter if there is little room.
 constexpr double kMark = 0.003;
 constexpr double kShortestMark = 0.0015;
 
@@ -76,8 +76,8 @@ void draw_mark(cairo_t* cr, double x, double y, double dx, double dy, bool axis)
   cairo_stroke(cr);
 }
 
-// Draws the marks of the origin (x, y on the page) between the board and the page's edges. A side
-// without room has none.
+// Draws the marks of the origin (x, y on the page) between the board and the page's edges, except
+// on sides without room.
 void draw_origin(cairo_t* cr, const Sheet& sheet, const PageSize& page, double x, double y) {
   constexpr double kGap = 0.001;  // to the board's margin
   const double right = 0.5 * sheet.width + kGap;
@@ -105,7 +105,7 @@ void draw_origin(cairo_t* cr, const Sheet& sheet, const PageSize& page, double x
   cairo_stroke(cr);
 }
 
-// In metres, from the page's top left.
+// Draws in metres from the page's top left.
 void draw_page(cairo_t* cr, const Sheet& sheet, const PageSize& page) {
   const double width = page.width_m;
   const double height = page.height_m;
@@ -132,7 +132,7 @@ cairo_status_t append(void* to, const unsigned char* data, unsigned int length) 
   return CAIRO_STATUS_SUCCESS;
 }
 
-// Draws into memory: cairo's files do not report a full disk.
+// Draws into memory, because cairo does not report a full disk.
 Result<std::vector<std::uint8_t>> vector_bytes(const Sheet& sheet, const PageSize& page,
                                                SheetFormat format) {
   std::vector<std::uint8_t> bytes;
@@ -145,11 +145,11 @@ Result<std::vector<std::uint8_t>> vector_bytes(const Sheet& sheet, const PageSiz
   if (pdf) {
     cairo_pdf_surface_set_metadata(surface.get(), CAIRO_PDF_METADATA_TITLE, sheet.caption.c_str());
     cairo_pdf_surface_set_metadata(surface.get(), CAIRO_PDF_METADATA_CREATOR, "penumbra target");
-    // A fixed date: the same sheet is always the same file.
+    // Uses a fixed date for reproducible files.
     cairo_pdf_surface_set_metadata(surface.get(), CAIRO_PDF_METADATA_CREATE_DATE,
                                    "2000-01-01T00:00:00Z");
   } else {
-    // Some versions of cairo else write a size without a unit, which readers take as pixels.
+    // Some versions of cairo otherwise write a size without a unit, which means pixels.
     cairo_svg_surface_set_document_unit(surface.get(), CAIRO_SVG_UNIT_PT);
   }
   const Context context(cairo_create(surface.get()), &cairo_destroy);
@@ -166,7 +166,7 @@ Result<std::vector<std::uint8_t>> vector_bytes(const Sheet& sheet, const PageSiz
 
 Result<std::vector<std::uint8_t>> png_page(const Sheet& sheet, const PageSize& page) {
   constexpr double kMostPixels = 1e8;      // at the finer resolution
-  constexpr double kMostAcross = 32767.0;  // of cairo
+  constexpr double kMostAcross = 32767.0;  // limit of cairo
   double per_metre = 600.0 / 0.0254;
   if (page.width_m * page.height_m * per_metre * per_metre > kMostPixels) per_metre /= 2.0;
   const double across = std::ceil(page.width_m * per_metre);
@@ -176,7 +176,7 @@ Result<std::vector<std::uint8_t>> png_page(const Sheet& sheet, const PageSize& p
   }
   const auto width = static_cast<int>(across);
   const auto height = static_cast<int>(down);
-  // One byte of coverage per pixel: only black is drawn.
+  // One byte of coverage per pixel, because only black is drawn.
   const Surface surface(cairo_image_surface_create(CAIRO_FORMAT_A8, width, height),
                         &cairo_surface_destroy);
   const Context context(cairo_create(surface.get()), &cairo_destroy);

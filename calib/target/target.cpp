@@ -60,7 +60,7 @@ Result<Target> read_aprilgrid(const YamlFields& fields) {
     PENUMBRA_TRY(grid.family, read_family(fields, key, "name a family of tags"));
     break;
   }
-  // codeOffset is Kalibr's.
+  // codeOffset is Kalibr's key.
   for (const char* key : {"first_id", "codeOffset"}) {
     if (!fields.has(key)) continue;
     PENUMBRA_TRY(grid.first_id, fields.integer(key, "give the id of the bottom left tag"));
@@ -102,7 +102,7 @@ Result<Target> read_charuco(const YamlFields& fields) {
                read_family(fields, fields.has("dictionary") ? "dictionary" : "family",
                            "name a dictionary such as DICT_4X4_50, or a family such as tag36h11"));
   if (fields.has("legacy")) {
-    // OpenCV's boards before 4.6: their last row begins with a black square.
+    // In boards of OpenCV before 4.6, the bottom row starts with a black square.
     PENUMBRA_TRY(const std::string legacy, fields.text("legacy", "give true or false"));
     if (legacy != "true" && legacy != "false")
       return fail("{}: is '{}'; give true or false", fields.place_of("legacy"), legacy);
@@ -169,7 +169,7 @@ Result<Target> charuco_target(const CharucoBoard& board) {
     return fail("{}: has data outside its border; a ChArUco board takes a family such as tag36h11",
                 to_string(board.family));
   }
-  // Its border needs half a cell of white on each side to be found.
+  // The detector needs half a cell of white around the tag's border.
   const double needed_m = board.tag_m * (pattern.width_at_border() + 1) / pattern.width_at_border();
   if (needed_m > board.square_m * (1.0 + 1e-9)) {
     return fail("a tag of {} m needs a square of {:.4f} m with its white margin, and it is {} m",

@@ -17,7 +17,7 @@ namespace {
 constexpr int kFewestCorners = 8;
 constexpr double kLeastContrast = 20.0;  // [grey levels]
 
-// OpenCV has no read-only view; nothing here writes through this one.
+// OpenCV has no read-only view; do not write through this one.
 cv::Mat as_mat(ImageView luma) {
   return {luma.height, luma.width, CV_8UC1, const_cast<std::uint8_t*>(luma.data),
           static_cast<std::size_t>(luma.stride)};
@@ -32,8 +32,7 @@ void refine_saddles(ImageView luma, std::vector<cv::Point2f>& corners, int half_
                    {cv::TermCriteria::EPS + cv::TermCriteria::COUNT, 60, 1e-4});
 }
 
-// Returns true if four sectors around the point are black and white in turn, as at a chessboard's
-// corner.
+// Returns true if four sectors around the point alternate between black and white.
 bool is_saddle(ImageView luma, const Eigen::Vector2d& centre, double radius_px) {
   constexpr int kSamples = 24;
   std::array<double, kSamples> ring{};
@@ -57,7 +56,7 @@ bool is_saddle(ImageView luma, const Eigen::Vector2d& centre, double radius_px) 
   return changes == 4;
 }
 
-// Returns the saddle point nearest to `start`; nothing if there is none within `largest_step_px`.
+// Returns the saddle point nearest to `start` within `largest_step_px`, or nullopt.
 std::optional<Eigen::Vector2d> find_saddle(ImageView luma, const Eigen::Vector2d& start,
                                            double half_window_px, double largest_step_px) {
   const int half = std::clamp(static_cast<int>(std::lround(half_window_px)), 2, 15);
@@ -70,8 +69,8 @@ std::optional<Eigen::Vector2d> find_saddle(ImageView luma, const Eigen::Vector2d
   return found;
 }
 
-// Sigma of the blur across the middle of an edge from a to b, from the height and steepest slope of
-// the blurred step. Nothing if there is no edge.
+// Returns sigma of the blur across the middle of an edge from a to b [px], from the height and
+// maximum slope of the blurred step; nullopt if there is no edge.
 std::optional<double> blur_across(ImageView luma, const Eigen::Vector2d& a,
                                   const Eigen::Vector2d& b, double reach_px) {
   const Eigen::Vector2d along = b - a;
@@ -133,7 +132,7 @@ double corner_distance(std::span<const TargetCorner> a, std::span<const TargetCo
 std::optional<std::array<int, 2>> chessboard_size(ImageView luma) {
   constexpr int kLeast = 3;
   std::vector<cv::Point2f> corners;
-  cv::Mat found;  // a cell for each corner
+  cv::Mat found;  // one element per corner
   try {
     if (!cv::findChessboardCornersSB(as_mat(luma), {kLeast, kLeast}, corners,
                                      cv::CALIB_CB_NORMALIZE_IMAGE | cv::CALIB_CB_LARGER, found)) {
@@ -178,7 +177,7 @@ bool TargetDetector::has_squares(ImageView luma, const TargetView& view) const {
     for (std::size_t k = 0; k < 4; ++k) {
       const Eigen::Vector2d& corner = view.corners[i + k].pixel;
       const Eigen::Vector2d side =
-          0.5 * (corner + view.corners[i + (k + 1) % 4].pixel) - centre;  // to the side's middle
+          0.5 * (corner + view.corners[i + (k + 1) % 4].pixel) - centre;  // to the side's midpoint
       const auto at_square = sample_luma(luma, centre + (1.0 + spacing_) * (corner - centre));
       const auto at_border = sample_luma(luma, centre + (1.0 - 1.0 / cells_) * side);
       const auto at_paper = sample_luma(luma, centre + (1.0 + spacing_) * side);
@@ -205,7 +204,7 @@ double TargetDetector::blur_of(ImageView luma, const TargetView& view) const {
       blurs.push_back(*blur);
   }
   if (blurs.size() < 4) return 0.0;
-  // Motion blurs only edges across it: half of them are in the direction with more blur.
+  // Motion blurs only edges across it; the upper quartile is the median of the blurred half.
   return order_statistic(std::move(blurs), 0.75);
 }
 
@@ -280,7 +279,7 @@ TargetView TargetDetector::detect_chessboard(ImageView luma) const {
     view.problem = "the chessboard is not seen whole: not there, cut off, hidden or blurred";
     return view;
   }
-  // A board is never seen from behind: unmirror the corners' order.
+  // The board is never visible from behind, so mirrors the corners' order if necessary.
   const auto at = [&](int i, int j) {
     const cv::Point2f& p = found[static_cast<std::size_t>(j * target_.columns + i)];
     return Eigen::Vector2d(p.x, p.y);
@@ -288,7 +287,7 @@ TargetView TargetDetector::detect_chessboard(ImageView luma) const {
   const Eigen::Vector2d right = at(target_.columns - 1, 0) - at(0, 0);
   const Eigen::Vector2d down = at(0, target_.rows - 1) - at(0, 0);
   const bool mirrored = right.x() * down.y() - right.y() * down.x() < 0.0;
-  // The window reaches no neighbouring corner.
+  // The window must not contain a neighbouring corner.
   double nearest = 1e9;
   for (const auto& [a, b] : target_.edges) {
     nearest = std::min(
@@ -310,8 +309,8 @@ TargetView TargetDetector::detect_chessboard(ImageView luma) const {
   return view;
 }
 
-// Measures the markers' size by the homography from a square to the unit square; a square is small
-// enough to ignore the distortion.
+// Measures the markers' size by the homography from a square to the unit square. A square is so
+// small that the distortion is negligible.
 std::optional<TargetView::MarkerShare> TargetDetector::marker_share(
     const TargetView& view, const std::map<std::size_t, TagDetection>& seen) const {
   std::vector<double> shares;
@@ -328,7 +327,7 @@ std::optional<TargetView::MarkerShare> TargetDetector::marker_share(
       from.push_back(as_point(corner.pixel));
       to.push_back(as_point(offset.head<2>()));
     }
-    if (from.size() != 4) continue;  // a square at the board's edge, or one seen partly
+    if (from.size() != 4) continue;  // a square at the board's edge, or partly visible
     const cv::Mat h = cv::getPerspectiveTransform(from, to);
     std::vector<cv::Point2f> corners;
     for (const Eigen::Vector2d& p : detection.corners_px) corners.push_back(as_point(p));
@@ -353,7 +352,7 @@ TargetView TargetDetector::detect_charuco(ImageView luma) {
   TargetView view;
   const auto seen = seen_tags(luma, *tags_);
   for (std::size_t point = 0; point < target_.points.size(); ++point) {
-    // The mean of what the homographies of the tags around it predict: accurate enough for any
+    // Averages the predictions by the homographies of adjacent tags, which is accurate for any
     // lens.
     Eigen::Vector2d predicted = Eigen::Vector2d::Zero();
     double square_px = 1e9;
@@ -452,7 +451,7 @@ TargetView TargetDetector::refine(ImageView luma, const TargetView& view, const 
                ? refined
                : view;
   }
-  // Searches for every crossing, also for those that detection missed.
+  // Searches for every crossing, including those that detection missed.
   double arm_m = target_.square_m;
   double clear_m = 0.4 * target_.square_m;
   if (target_.kind == TargetKind::charuco) {

@@ -8,9 +8,9 @@
 namespace penumbra {
 namespace {
 
-constexpr double kLeastNormalsDet = 0.2;  // edges at a smaller angle give no corner
+constexpr double kLeastNormalsDet = 0.2;  // minimum for two edges to define a corner
 
-// Offsets of a straight edge of the board from its predicted curve along the normals [px].
+// Offsets of a straight board edge from its predicted curve, along the normals [px].
 struct FollowedEdge {
   double at_begin = 0.0;
   double at_middle = 0.0;
@@ -25,10 +25,10 @@ double cross(const Eigen::Vector2d& a, const Eigen::Vector2d& b) {
 }
 
 // Follows the edge from a to b [m, board frame] within `reach` px of its curve. A straight line
-// would ignore the distortion: 0.1 px on the tags of a webcam. Normals point away from `away_from`
-// [px]. `alternates`: black and white swap sides in the middle, so that an edge shift moves the
-// halves in opposite directions; else white is where normals point. Nothing if less than half of
-// the edge is found.
+// would ignore the distortion (0.1 px for the tags of a webcam). Normals point away from
+// `away_from` [px]. `alternates`: black and white swap sides in the middle, so that an edge shift
+// moves the halves in opposite directions; otherwise normals point to white. Returns nullopt if
+// less than half of the edge is found.
 std::optional<FollowedEdge> follow_edge(ImageView luma, const CameraModel& camera,
                                         const CameraFromBoard& T_camera_board,
                                         const Eigen::Vector3d& a, const Eigen::Vector3d& b,
@@ -133,14 +133,14 @@ std::optional<double> find_edge(ImageView luma, const EdgeSearch& search) {
   for (int s = 0; s <= 2 * steps; ++s) {
     const double rise =
         polarity * (values[static_cast<std::size_t>(s + 1)] - values[static_cast<std::size_t>(s)]);
-    if (rise <= 0.0) continue;  // a change the other way belongs to another edge
+    if (rise <= 0.0) continue;  // a change of opposite sign belongs to another edge
     const double at = (s - steps) * kStep;
     const double weight = rise * std::exp(-0.5 * at * at / (search.width * search.width));
     mass += weight;
     moment += weight * at;
   }
   if (mass < search.least_change) return std::nullopt;
-  // The window shifts the centroid of an edge with a blur of 0.8 px (sigma) towards its own centre.
+  // Corrects the window's pull of the centroid towards its centre, for a blur of 0.8 px (sigma).
   const double offset = moment / mass * (1.0 + 0.64 / (search.width * search.width));
   if (!(std::abs(offset) < search.reach)) return std::nullopt;
   return offset;

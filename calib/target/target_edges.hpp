@@ -1,4 +1,4 @@
-// Edges between black and white on a printed target, as they appear in an image.
+// Locates black-white edges of a printed target in an image.
 #pragma once
 
 #include <Eigen/Core>
@@ -12,8 +12,8 @@
 
 namespace penumbra {
 
-// Grey level by bilinear interpolation; nothing outside the image. (0, 0) is the centre of the
-// top-left pixel.
+// Returns the bilinearly interpolated grey level, or nullopt outside the image. (0, 0) is the
+// centre of the top-left pixel.
 [[nodiscard]] inline std::optional<double> sample_luma(ImageView luma, const Eigen::Vector2d& p) {
   if (!(p.x() >= 0.0 && p.y() >= 0.0 && p.x() <= luma.width - 1 && p.y() <= luma.height - 1))
     return std::nullopt;
@@ -27,41 +27,41 @@ namespace penumbra {
   return (1.0 - v) * ((1.0 - u) * a[0] + u * a[1]) + v * ((1.0 - u) * b[0] + u * b[1]);
 }
 
-inline constexpr double kCornerBorder = 3.0;  // [px] from a corner to the image's border
+inline constexpr double kCornerBorder = 3.0;  // [px] minimum from a corner to the image's border
 
-// True if `p` is at least `margin` px inside the image.
+// Returns true if `p` is `margin` px or more inside the image.
 [[nodiscard]] bool is_inside(ImageView luma, const Eigen::Vector2d& p, double margin);
 
-// d corner / d outward shift of all edges of a quadrilateral [px], for corners in either order.
-// Camera response and blur shift edges so. Zero where two edges are nearly collinear.
+// Returns d corner / d outward shift of all edges of a quadrilateral, in either winding order.
+// Camera response and blur cause such a shift. Zero where two edges are nearly collinear.
 [[nodiscard]] std::array<Eigen::Vector2d, 4> edge_spreads(
     const std::array<Eigen::Vector2d, 4>& corners);
 
-// A search across an edge, around pixel + expected * normal [px].
+// Search for an edge along `normal`, around pixel + expected * normal [px].
 struct EdgeSearch {
   Eigen::Vector2d pixel;
   Eigen::Vector2d normal;
   double expected = 0.0;
-  double reach = 0.0;              // to both sides; at most 7
-  double width = 0.0;              // sigma of the window that suppresses neighbouring edges
+  double reach = 0.0;              // half length of the search, up to 7
+  double width = 0.0;              // sigma of the window that suppresses other edges
   std::optional<double> polarity;  // 1: from black to white along the normal, -1: the reverse
-  double least_change = 0.0;       // [grey levels] in the window
+  double least_change = 0.0;       // minimum grey-level change within the window
 };
-// Offset of the edge from the expected place [px]: the windowed centroid of the grey-level change.
-// Nothing if there is no such change.
+// Returns the edge's offset from the expected position [px]: the windowed centroid of the
+// grey-level change. Returns nullopt if there is no such change.
 [[nodiscard]] std::optional<double> find_edge(ImageView luma, const EdgeSearch& search);
 
 using CameraFromBoard = Transform<frame::Camera, frame::Table>;
 
-// A tag's four corners [px], where its sides meet that were followed along the curves of the lens.
-// `corners`: on the board [m]; `cells`: of its black square, across. Nothing if less than half of a
-// side is found.
+// Follows the tag's sides along their distorted curves and returns their four intersections [px].
+// `corners`: in the board frame [m]; `cells`: width of the black square. Returns nullopt if less
+// than half of a side is found.
 [[nodiscard]] std::optional<std::array<Eigen::Vector2d, 4>> follow_tag(
     ImageView luma, const CameraModel& camera, const CameraFromBoard& T_camera_board,
     const std::array<Eigen::Vector3d, 4>& corners, int cells);
 
-// A saddle point [px] where two edges cross, from `arm_m` of each edge on both sides of it; nothing
-// else lies within `clear_m` of them.
+// Returns the saddle point [px] where two edges cross, from `arm_m` of each edge on both sides. No
+// other edge may be within `clear_m` of them.
 [[nodiscard]] std::optional<Eigen::Vector2d> follow_crossing(ImageView luma,
                                                              const CameraModel& camera,
                                                              const CameraFromBoard& T_camera_board,

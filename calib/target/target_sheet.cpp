@@ -36,7 +36,7 @@ constexpr std::array kPages = {
     NamedPage{"tabloid", 279.4, 431.8},
 };
 
-// Size of the whole printed board, white margins of the outer tags included [m].
+// Size of the printed board [m], including the white margins of the outer tags.
 struct BoardExtent {
   double width = 0.0;
   double height = 0.0;
@@ -60,7 +60,7 @@ Result<BoardExtent> extent_of(const TagBoard& board) {
                      board.pitch_m * (board.rows - 1) + printed};
 }
 
-// Turns the page if the sheet only fits so.
+// Rotates the page by 90 degrees if the sheet fits only then.
 Result<PageSize> turned_page(const Sheet& sheet, const PageSize& page) {
   const double needed_width = std::max(sheet.width, kRulerLength) + 2.0 * kMargin;
   const double needed_height = sheet.height + 2.0 * kMargin + kFooter;
@@ -80,7 +80,7 @@ void draw_tag(cairo_t* cr, const TagPattern& pattern, double centre_x, double ce
               double size) {
   const double cell = size / pattern.width_at_border();
   const double half = 0.5 * cell * pattern.total_width();
-  // One path of runs of black cells, filled together: no hairlines between neighbours.
+  // Fills all runs of black cells as one path, which avoids hairlines between them.
   for (int j = 0; j < pattern.total_width(); ++j) {
     for (int i = 0; i < pattern.total_width();) {
       if (pattern.white(i, j)) {
@@ -89,7 +89,7 @@ void draw_tag(cairo_t* cr, const TagPattern& pattern, double centre_x, double ce
       }
       const int begin = i;
       while (i < pattern.total_width() && !pattern.white(i, j)) ++i;
-      // Page y runs down, the tag's j up.
+      // The page's y axis points down, the tag's j up.
       cairo_rectangle(cr, centre_x - half + cell * begin, centre_y + half - cell * (j + 1),
                       cell * (i - begin), cell);
     }
@@ -97,7 +97,7 @@ void draw_tag(cairo_t* cr, const TagPattern& pattern, double centre_x, double ce
   cairo_fill(cr);
 }
 
-// Draws the squares with (i + j) % 2 == first, centred. One path leaves no hairlines between them.
+// Draws the squares with (i + j) % 2 == first, centred, as one path, which avoids hairlines.
 void draw_squares(cairo_t* cr, int columns, int rows, double square, int first, double centre_x,
                   double centre_y) {
   for (int j = 0; j < rows; ++j) {
@@ -112,14 +112,14 @@ void draw_squares(cairo_t* cr, int columns, int rows, double square, int first, 
 void draw_tags(cairo_t* cr, const TagMap& map, double centre_x, double centre_y) {
   for (const MappedTag& tag : map.tags()) {
     const Result<TagPattern> pattern = TagPattern::make(tag.family, tag.id);
-    if (!pattern) continue;  // the map was made of known tags only
+    if (!pattern) continue;  // can't happen: the map has only known tags
     const Eigen::Vector3d& p_table = tag.T_table_tag.translation();
     draw_tag(cr, *pattern, centre_x + p_table.x(), centre_y - p_table.y(), tag.size_m);
   }
 }
 
-// Returns whether a small cross at the origin stays clear of every tag and its white margin
-// (`printed_m` wide).
+// Returns true if a small cross at the origin overlaps no tag with its white margin (`printed_m`
+// wide).
 bool is_free_at_origin(const TagMap& map, double printed_m) {
   return std::ranges::all_of(map.tags(), [&](const MappedTag& tag) {
     const double away = tag.T_table_tag.translation().head<2>().cwiseAbs().maxCoeff();
@@ -197,7 +197,7 @@ Result<Sheet> sheet_of(const SheetTarget& target) {
 
 constexpr std::string_view kMeasuredLine = "# The sheet's 100 mm ruler, on paper [mm]: ";
 
-// A comment, with its line break; empty for a sheet at its true scale.
+// Returns a comment line about the scale, or "" for a sheet at true scale.
 std::string measured_line(double printed_scale) {
   if (printed_scale == 1.0) return {};
   return fmt::format("{}{:.10g}\n", kMeasuredLine, 100.0 * printed_scale);
@@ -210,7 +210,7 @@ Result<std::string> target_text(const SheetTarget& target, double printed_scale)
     PENUMBRA_TRY(const TagMap map, tag_map_of(*tags, printed_scale));
     return measured + tag_map_text(map);
   }
-  // Lengths to the nanometre: 0.03 m times 0.992 is 0.02976 and not 0.029759999999999998.
+  // Rounds lengths to the nanometre, so that 0.03 m * 0.992 is not 0.029759999999999998.
   std::string text;
   if (const auto* grid = std::get_if<AprilGrid>(&target)) {
     text = fmt::format(
