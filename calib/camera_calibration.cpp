@@ -13,16 +13,16 @@ namespace penumbra {
 namespace {
 
 constexpr std::size_t kFewestViews = 3;
-constexpr double kLeastTilt_deg = 8.0;  // of less, focal length and distance are ambiguous
-// Edge shifts by camera response, blur and ink stay below both of these; a larger one means black
-// squares of another size.
-constexpr double kOtherSize = 0.04;  // of the size
+constexpr double kLeastTilt_deg = 8.0;  // focal length and distance are ambiguous for less
+// Edge shifts caused by camera response, blur and ink do not exceed both limits. A larger shift
+// means that the black squares have another size than in the target file.
+constexpr double kOtherSize = 0.04;  // fraction of the size
 constexpr double kOtherEdge_px = 0.8;
-// Least slope of edge shift over size, and its significance, that mean the same.
+// Minimum slope of edge shift over size, and its significance, that mean another size as well.
 constexpr double kOtherSlope = 0.012;
 constexpr double kOtherSlopeSigmas = 5.0;
 
-// As tag_size_error_of(), also for a shift that is too large in most views.
+// Like tag_size_error_of(), but also detects a shift that is too large in most views.
 std::optional<double> tag_size_error(const CalibrationSolution& solution,
                                      const std::vector<CalibrationView>& views) {
   std::vector<double> shares;
@@ -73,7 +73,7 @@ std::optional<double> tag_size_error_of(std::span<const double> sizes_px,
     left += off * off;
   }
   const double error = std::sqrt(left / static_cast<double>(n - 2) / squared);
-  // Both edges of a square move.
+  // A square has two edges, which shift in opposite directions.
   if (!std::isfinite(slope) || std::abs(2.0 * slope) <= kOtherSlope ||
       std::abs(slope) <= kOtherSlopeSigmas * error)
     return std::nullopt;
@@ -130,7 +130,7 @@ Result<void> CameraCalibrator::add(const std::string& name, ImageView luma) {
     reject(picture, PictureRejection::not_seen, problem_of(picture.view, luma));
   }
   if (picture.left_out.empty()) {
-    // A repeated view would count its errors twice. A hand's tremor moves more than this.
+    // A repeated view would count its errors twice. A hand's tremor exceeds this limit.
     const double nearest = 0.002 * width_;
     for (const CalibrationPicture& other : pictures_) {
       if (!other.left_out.empty() ||
@@ -148,7 +148,7 @@ Result<void> CameraCalibrator::add(const std::string& name, ImageView luma) {
       picture.luma.insert(picture.luma.end(), luma.row(y), luma.row(y) + luma.width);
   }
   pictures_.push_back(std::move(picture));
-  // Long recordings do not fit into memory.
+  // Frees images, because long recordings do not fit into memory.
   if (candidates_ > 2 * options_.most_views) {
     reject_blurred();
     reject_surplus();
@@ -163,10 +163,10 @@ std::ptrdiff_t CameraCalibrator::images_in_memory() const {
   return std::ranges::count_if(pictures_, [](const auto& p) { return p.luma.capacity() > 0; });
 }
 
-// Describes why the target is not seen in an image, which may be mirrored or negative.
+// Describes why the target is not found in an image. The image may be mirrored or negative.
 std::string CameraCalibrator::problem_of(const TargetView& view, ImageView luma) {
   if (!check_ || !view.corners.empty() || view.two_cell_tags > 0) return view.problem;
-  // After one faulty image, every one is checked.
+  // After one mirrored or negative image, checks every image.
   const auto fault = some_faulty_ ? check_->look(luma) : check_->nothing_found(luma);
   if (!fault) return view.problem;
   some_faulty_ = true;
@@ -179,7 +179,7 @@ void CameraCalibrator::look_for_board(ImageView luma, int most_images) {
   if (const auto size = chessboard_size(luma)) boards_seen_.push_back(*size);
 }
 
-// A board that is seen partly is smaller; a single image may be misread.
+// Requires several images with the same size, because a board may be partly visible or misdetected.
 std::optional<std::string> CameraCalibrator::other_board_in_words() const {
   constexpr int kLeastImages = 3;
   std::map<std::array<int, 2>, int> counts;
@@ -263,7 +263,7 @@ Result<void> CameraCalibrator::check_found() const {
         "several directions and in every part of the image",
         usable, usable == 1 ? " is" : "s are");
   }
-  // A board with other numbers of corners looks cut off or hidden.
+  // A board with other numbers of corners fails like one that is clipped or occluded.
   const std::string count =
       target_.kind == TargetKind::chessboard
           ? fmt::format("; has it {} x {} inner corners? If so,", target_.columns, target_.rows)
@@ -274,8 +274,8 @@ Result<void> CameraCalibrator::check_found() const {
       usable, pictures_.size(), because, count);
 }
 
-// Fails for markers of another size than the target file says. The lens would be correct, but not
-// the poses of a session that tracks the markers.
+// Fails if the markers' size differs from the target file. The lens would be correct, but not the
+// poses in a session that tracks the markers.
 Result<void> CameraCalibrator::check_markers() const {
   if (target_.kind != TargetKind::charuco) return {};
   std::vector<double> shares;
@@ -313,7 +313,7 @@ void CameraCalibrator::reject_blurred() {
   }
 }
 
-// Chooses the most different views: each next one is the furthest from all that are chosen.
+// Selects the most different views: each next view is the furthest from those already selected.
 void CameraCalibrator::reject_surplus() {
   if (candidates_ <= options_.most_views) return;
   std::vector<std::size_t> at;
@@ -331,7 +331,7 @@ void CameraCalibrator::reject_surplus() {
     for (std::size_t i = 0; i < at.size(); ++i) {
       distance[i] = std::min(distance[i], corner_distance(pictures_[at[i]].view.corners,
                                                           pictures_[at[next]].view.corners));
-      // A view with more corners is worth more.
+      // Views with more corners get a higher weight.
       const double worth =
           distance[i] * std::sqrt(static_cast<double>(pictures_[at[i]].view.corners.size()));
       if (!chosen[i] && worth > most) {
@@ -405,8 +405,8 @@ Result<void> CameraCalibrator::check_solution(const CalibrationSolution& solutio
   return {};
 }
 
-// Estimates the camera response from the tags' edges, with lens and poses known. The lens does not
-// depend on it: each view has its own edge shift.
+// Estimates the camera response from the tags' edges, for the solved lens and poses. The lens does
+// not depend on it, because each view has its own edge shift.
 Result<ToneEstimate> CameraCalibrator::estimate_tone(CameraCalibration& result) const {
   if (!target_.tags) return fail("a chessboard's corners do not show it, tags do");
   PENUMBRA_TRY(ToneEstimator estimator,
@@ -432,13 +432,13 @@ Result<CameraCalibration> CameraCalibrator::finish(std::stop_token stop, const S
   reject_surplus();
   std::vector<CalibrationView> views = used_views();
   if (searched_for_boards_ > 0) {
-    // A part of a larger board is found as the target in some images.
+    // In some images, a part of a larger board was detected as the target.
     constexpr int kMostImages = 12;
     for (const CalibrationPicture& picture : pictures_) {
       if (picture.left_out.empty()) look_for_board(picture.picture(), kMostImages);
     }
   }
-  constexpr int kBefore = 3;  // steps before lenses are tried
+  constexpr int kBefore = 3;  // steps before the lens choice
   constexpr int kAfter = 1;
   LensChoice choice = {options_.model, options_.for_kalibr, stop_, {}};
   int last = kBefore + most_steps(choice, options_.shape.has_value()) + kAfter;
@@ -453,7 +453,7 @@ Result<CameraCalibration> CameraCalibrator::finish(std::stop_token stop, const S
   PENUMBRA_TRY(CalibrationSolution solution,
                first_solution(width_, height_, target_.points, views, choice));
   PENUMBRA_TRY_VOID(check_solution(solution, views));
-  // Twice: the first corners were detected with straight lines in a distorted image.
+  // Twice, because the first corners were detected by straight lines in distorted images.
   for (int round = 0; round < 2; ++round) {
     tell_step("corners, by the lens that is known", 2 + round);
     refine_corners(solution);

@@ -1,5 +1,5 @@
-// Calibrates a camera from images of a target: chooses views and a lens, estimates the uncertainty,
-// and gives a verdict in words.
+// Calibrates a camera from images of a target: selects views, chooses a lens model, estimates its
+// uncertainty and grades the result.
 #pragma once
 
 #include <array>
@@ -23,7 +23,7 @@ namespace penumbra {
 struct CalibrationOptions {
   std::optional<DistortionModel> model;  // else chosen by cross-validation
   std::optional<BoardShape> shape;       // else chosen by cross-validation
-  // Only lenses that Kalibr's files have: plumb_bob without k3, and fisheye.
+  // Considers only lenses that Kalibr's files can represent: plumb_bob without k3, and fisheye.
   bool for_kalibr = false;
   int most_views = 60;  // of more, the most different ones are solved; twice as many stay in memory
 };
@@ -44,43 +44,43 @@ struct CalibrationPicture {
   }
 };
 
-// Selects the unused pictures to report, by picture: if a reason has more than `most` pictures,
-// only the first, with the number of others that it stands for.
+// Selects the unused images to report: all images of a reason, or only the first if there are more
+// than `most`. The values count the other images that each stands for; nullopt: not selected.
 [[nodiscard]] std::vector<std::optional<int>> pictures_to_report(
     std::span<const CalibrationPicture> pictures, int most);
 
-// Standard deviation of the projection over the image [px], along its worst direction.
+// Projection uncertainty over the image: standard deviation along the worst direction [px].
 struct UncertaintyMap {
   int columns = 0;
   int rows = 0;
   std::vector<double> sigma_px;  // row by row, at the centres of equal cells; NaN where unreachable
-  // Both infinite for a lens with non-monotonic distortion in the image.
+  // Both are infinite if the distortion is non-monotonic in the image.
   double mean_px = 0.0;
   double largest_px = 0.0;
 };
-// Largest uncertainty of a good lens.
+// Maximum projection uncertainty of a lens with the grade "good".
 inline constexpr double kGoodProjection_px = 0.5;
 [[nodiscard]] UncertaintyMap uncertainty_map(const CameraModel& camera,
                                              const Eigen::MatrixXd& covariance, int columns = 32,
                                              int rows = 24);
 
-// Raises the map to the difference to another camera that explains the views as well
+// Raises the map to the difference from another camera that explains the views equally well
 // (docs/calibration.md#verdict).
 void raise_to_difference(UncertaintyMap& map, const CameraModel& camera, const CameraModel& other,
                          std::span<const CalibrationPicture> pictures);
 
-// Distance between two cameras' projections over the first one's image, without fitting a rotation.
+// Distance between the projections of two cameras over the image of `a`. No rotation is fitted.
 struct ProjectionDifference {
   double mean_px = 0.0;
   double largest_px = 0.0;
-  double skipped = 0.0;  // share of the image that one of them does not reach
+  double skipped = 0.0;  // fraction of the image where one camera has no ray
 };
 [[nodiscard]] ProjectionDifference projection_difference(const CameraModel& a,
                                                          const CameraModel& b);
 
-// Relative size error of the tags' black squares (0.01: 1 % larger than the target file says), from
-// their sizes [px] and edge shifts [px] in the views; nothing if it is small or not significant.
-// See docs/calibration.md#tag-size.
+// Estimates the relative size error of the tags' black squares (0.01: 1 % larger than in the target
+// file) from their sizes and edge shifts in the views [px]. Returns nullopt if the error is small
+// or not significant. See docs/calibration.md#tag-size.
 [[nodiscard]] std::optional<double> tag_size_error_of(std::span<const double> sizes_px,
                                                       std::span<const double> shifts_px);
 
@@ -92,12 +92,12 @@ struct CameraCalibration {
   std::vector<CalibrationPicture> pictures;
   std::vector<ModelTrial> trials;
   std::optional<double> held_out_px;
-  // Advice if most images show a chessboard of another size than the target file has.
+  // Advice to users if most images show a chessboard with other numbers of corners.
   std::optional<std::string> other_board;
   UncertaintyMap uncertainty;
   std::optional<TableVolumeUncertainty> table;
-  std::optional<ToneEstimate> tone;  // of targets with tags; the solution's camera has the exponent
-  std::string tone_unknown;          // why there is none
+  std::optional<ToneEstimate> tone;  // of targets with tags; also set in solution.camera
+  std::string tone_unknown;          // why `tone` is empty
   double tilt_spread_deg = 0.0;
   double blur_px = 0.0;  // median of the used views
   CalibrationGrade grade = CalibrationGrade::poor;
@@ -105,7 +105,7 @@ struct CameraCalibration {
   std::vector<std::string> advice;  // "no views near the top left", ...
 };
 
-// Fills in the uncertainty, grade, advice and verdict from the rest (docs/calibration.md#verdict).
+// Sets uncertainty, grade, advice and verdict from the other members (docs/calibration.md#verdict).
 void judge(CameraCalibration& calibration);
 
 class CameraCalibrator {
@@ -113,24 +113,24 @@ class CameraCalibrator {
   [[nodiscard]] static Result<CameraCalibrator> create(const Target& target,
                                                        const CalibrationOptions& options = {});
 
-  // Searches an image for the target. Fails if the image's size differs from that of the others.
-  // Images with mirrored or negative tags are not used; CalibrationPicture::left_out says so.
+  // Searches an image for the target. Fails if its size differs from the other images' size.
+  // Rejects images with mirrored or negative tags (CalibrationPicture::left_out).
   [[nodiscard]] Result<void> add(const std::string& name, ImageView luma);
   void add_unreadable(const std::string& name, const std::string& why);
-  // Images in memory; at most twice as many as the views to solve.
+  // Returns the number of images in memory: up to 2 * CalibrationOptions::most_views.
   [[nodiscard]] std::ptrdiff_t images_in_memory() const;
 
-  // Solves, once. An error is one line that says what the pictures lack. Fails soon after `stop`
-  // was requested. Calls `tell` on this thread at each step.
+  // Solves; call it once. The error is one line that explains what the images lack. Fails soon
+  // after `stop` was requested. Calls `tell` on this thread at each step.
   [[nodiscard]] Result<CameraCalibration> finish(std::stop_token stop = {},
                                                  const StepCallback& tell = {});
 
  private:
   CameraCalibrator() = default;
   [[nodiscard]] std::string problem_of(const TargetView& view, ImageView luma);
-  // Searches for a chessboard of any size, in at most `most_images`: it takes a tenth of a second.
+  // Searches for a chessboard of any size. Limited to `most_images`, because each takes 0.1 s.
   void look_for_board(ImageView luma, int most_images);
-  // Names the size that most images show, if it is not the target file's.
+  // Returns advice if the chessboard size in most images differs from the target file.
   [[nodiscard]] std::optional<std::string> other_board_in_words() const;
   [[nodiscard]] Result<void> check_found() const;
   [[nodiscard]] Result<void> check_markers() const;
@@ -151,11 +151,11 @@ class CameraCalibrator {
   std::vector<CalibrationPicture> pictures_;
   int width_ = 0;
   int height_ = 0;
-  std::string first_;   // picture that set the size
-  int seen_in_ = 0;     // pictures with a corner of the target
-  int wide_in_ = 0;     // ... whose tags mostly have a border of two cells
-  int candidates_ = 0;  // pictures that are still in use
-  // Sizes of chessboards in some images.
+  std::string first_;   // image that set the size
+  int seen_in_ = 0;     // images with a corner of the target
+  int wide_in_ = 0;     // of these: most tags have a border of two cells
+  int candidates_ = 0;  // images that are still in use
+  // Sizes of the chessboards that look_for_board() found.
   std::vector<std::array<int, 2>> boards_seen_;
   int searched_for_boards_ = 0;
   std::stop_token stop_;

@@ -31,7 +31,7 @@ std::string base64(const std::vector<std::uint8_t>& bytes) {
   return out;
 }
 
-// The image, smaller, as an 8-bit grey BMP: a format that needs no encoder.
+// Returns a reduced image as an 8-bit grey BMP, which needs no encoder.
 std::string thumbnail(const CalibrationPicture& picture, int width) {
   if (picture.luma.empty()) return {};
   width = std::min(width, picture.width);
@@ -43,7 +43,7 @@ std::string thumbnail(const CalibrationPicture& picture, int width) {
   const auto put = [&](std::uint32_t value, int count) {
     for (int i = 0; i < count; ++i) bmp.push_back(static_cast<std::uint8_t>(value >> (8 * i)));
   };
-  // File size, reserved, offset of the pixels, header size, width, height.
+  // File size, reserved, pixel offset, header size, width, height.
   for (const std::uint32_t field :
        {offset + static_cast<std::uint32_t>(stride * height), 0U, offset, 40U,
         static_cast<std::uint32_t>(width), static_cast<std::uint32_t>(height)}) {
@@ -97,7 +97,7 @@ std::string plot_begin(double width, double height) {
       width, height, width, height);
 }
 
-// Begins a plot of the image's frame.
+// Begins a plot in image coordinates.
 std::string image_plot_begin(const CameraModel& camera) {
   const double height = camera.height() * (kPlotWidth / camera.width());
   return plot_begin(kPlotWidth, height) +
@@ -105,7 +105,7 @@ std::string image_plot_begin(const CameraModel& camera) {
                      kPlotWidth, height);
 }
 
-// All corners, or their residuals `scale` times enlarged if it is positive.
+// Plots all corners, or, if `scale` is positive, their residuals enlarged by it.
 std::string corners_plot(const CameraCalibration& c, double scale) {
   const double zoom = kPlotWidth / c.solution.camera.width();
   std::string svg = image_plot_begin(c.solution.camera);
@@ -160,7 +160,7 @@ std::string heat_map(const CameraModel& camera, int columns, int rows,
 
 std::string histogram(const CameraCalibration& c) {
   constexpr int kBins = 40;
-  const double range = 4.0 * std::max(c.solution.noise_px, 1e-3);  // to both sides [px]
+  const double range = 4.0 * std::max(c.solution.noise_px, 1e-3);  // half width [px]
   std::array<int, kBins> bins{};
   int count = 0;
   for (const SolvedView& view : c.solution.views) {
@@ -199,7 +199,7 @@ std::string histogram(const CameraCalibration& c) {
   return svg + "</svg>";
 }
 
-// Radial distortion [px] along the line from the principal point to the furthest image corner.
+// Plots the radial distortion [px] from the principal point to the furthest image corner.
 std::string distortion_plot(const CameraModel& camera, const std::optional<CameraModel>& earlier) {
   constexpr double kHeight = 220.0;
   const CameraParameters& p = camera.parameters();
@@ -277,7 +277,7 @@ std::string camera_table(const CameraCalibration& c) {
                      to_string(p.model), p.width, p.height, rows);
 }
 
-// The corners of the overlay cube with their uncertainty.
+// Draws the overlay cube with the uncertainty of its corners.
 std::string table_volume_section(const CameraCalibration& c) {
   if (!c.table) return {};
   const CameraModel& camera = c.solution.camera;
@@ -352,7 +352,7 @@ std::string calibration_report(const CameraCalibration& c, const ReportInput& in
       c.solution.noise_px, c.held_out_px ? fmt::format("{:.3f} px RMS", *c.held_out_px) : "-",
       c.uncertainty.mean_px, c.uncertainty.largest_px, c.tilt_spread_deg, c.blur_px);
 
-  // At least kGoodProjection_px, so that a good lens does not look red.
+  // Limits the colour scale from below, so that a good lens does not look red.
   const double largest = std::isfinite(c.uncertainty.largest_px)
                              ? std::max(c.uncertainty.largest_px, kGoodProjection_px)
                              : kGoodProjection_px;

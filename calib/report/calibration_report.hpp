@@ -1,4 +1,4 @@
-// A calibration as one self-contained HTML file: the verdict, then its evidence.
+// Writes a calibration report as one self-contained HTML file: the verdict, then its evidence.
 #pragma once
 
 #include <optional>
@@ -9,10 +9,10 @@
 namespace penumbra {
 
 struct ReportInput {
-  std::string title;                   // what was calibrated from
+  std::string title;                   // source of the images
   std::string date;                    // "2026-03-01"
   std::string target;                  // Target::description
-  std::optional<CameraModel> earlier;  // a calibration to compare with, of the same image size
+  std::optional<CameraModel> earlier;  // calibration to compare with, for the same image size
   std::string earlier_name;
 };
 

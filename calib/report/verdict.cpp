@@ -14,15 +14,15 @@ namespace {
 
 constexpr double kGoodTilt_deg = 40.0;
 constexpr std::size_t kGoodViews = 10;
-constexpr double kNear = 0.05;  // of the image's diagonal: the reach of a seen corner
+constexpr double kNear = 0.05;  // fraction of the image's diagonal that a detected corner covers
 
-// Names the one of `cells` with the largest uncertainty: "the top left".
+// Returns the name of the cell with the largest uncertainty: "the top left".
 std::string worst_place(const UncertaintyMap& map, const ImageCells& cells) {
   const ImageCells of_map{map.columns, map.rows, cells.width, cells.height};
   std::size_t worst = 0;
   double most = -1.0;
   for (std::size_t cell = 0; cell < map.sigma_px.size(); ++cell) {
-    if (!(map.sigma_px[cell] > most)) continue;  // also NaN
+    if (!(map.sigma_px[cell] > most)) continue;  // skips NaN as well
     worst = cell;
     most = map.sigma_px[cell];
   }
@@ -57,7 +57,7 @@ UncertaintyMap uncertainty_map(const CameraModel& camera, const Eigen::MatrixXd&
       map.sigma_px.push_back(std::numeric_limits<double>::quiet_NaN());
       continue;
     }
-    // With a covariance that is not finite, nothing is known.
+    // Infinite if the covariance is not finite.
     double sigma = std::numeric_limits<double>::infinity();
     if (here->allFinite()) {
       const Eigen::SelfAdjointEigenSolver<Eigen::Matrix2d> eigen(*here);
@@ -69,7 +69,7 @@ UncertaintyMap uncertainty_map(const CameraModel& camera, const Eigen::MatrixXd&
     ++count;
   }
   map.mean_px = sum / count;
-  // Nothing is known of a lens with non-monotonic distortion in the image.
+  // A lens with non-monotonic distortion in the image has an infinite uncertainty.
   if (count == 0 || (count < columns * rows && non_monotonic_place_in_image(camera)))
     map.mean_px = map.largest_px = std::numeric_limits<double>::infinity();
   return map;
@@ -80,8 +80,8 @@ void raise_to_difference(UncertaintyMap& map, const CameraModel& camera, const C
   const double near = kNear * std::hypot(camera.width(), camera.height());
   const ImageCells cells{map.columns, map.rows, camera.width(), camera.height()};
   std::vector<double> differences(map.sigma_px.size(), 0.0);
-  std::vector<bool> seen(map.sigma_px.size(), false);  // a corner is near
-  double largest = 0.0;                                // difference in seen cells
+  std::vector<bool> seen(map.sigma_px.size(), false);  // a detected corner is near
+  double largest = 0.0;                                // maximum difference in seen cells
   for (std::size_t cell = 0; cell < cells.count(); ++cell) {
     const Eigen::Vector2d pixel = cells.middle(cell);
     const auto direction = camera.unproject(pixel);
@@ -138,7 +138,7 @@ void judge(CameraCalibration& result) {
   const int width = solution.camera.width();
   const int height = solution.camera.height();
   result.uncertainty = uncertainty_map(solution.camera, solution.covariance);
-  // The views do not distinguish these lenses: the difference is uncertain.
+  // The views do not distinguish these lenses, so their difference is uncertainty.
   for (const ModelTrial& trial : result.trials) {
     if (trial.rival && !trial.non_monotonic_px)
       raise_to_difference(result.uncertainty, solution.camera, trial.camera, result.pictures);
@@ -182,8 +182,8 @@ void judge(CameraCalibration& result) {
   if (result.blur_px > 1.5)
     result.advice.push_back(fmt::format(
         "images are blurred ({:.1f} px): hold still, focus, more light", result.blur_px));
-  // A lens that explains the views better but is non-monotonic in the image: the chosen one must be
-  // wrong somewhere.
+  // Warns if a lens that is non-monotonic in the image explains the views better: the chosen lens
+  // must then have errors.
   std::string non_monotonic;
   for (const ModelTrial& trial : result.trials) {
     if (!trial.non_monotonic_px || !non_monotonic.empty() || !trial.held_out_px ||
@@ -216,7 +216,7 @@ void judge(CameraCalibration& result) {
     if (error > 1.0)
       result.advice.emplace_back(
           "the corners are off by too much: is the target flat, the focus fixed?");
-    // Nothing else stands out.
+    // There is no other likely cause.
     if (!(sigma <= kGoodProjection_px) && !places && result.tilt_spread_deg >= kGoodTilt_deg) {
       result.advice.push_back(
           fmt::format("take more views: from near, so that the target fills the picture, tilted to "

@@ -23,14 +23,14 @@ constexpr int kRows = 4;
 constexpr int kCornersInCell = 2;
 constexpr double kCellsNeeded = 0.9;
 constexpr int kViewsNeeded = 12;
-constexpr double kSizesNeeded = 1.6;           // nearest over furthest
+constexpr double kSizesNeeded = 1.6;           // size ratio of the nearest and the furthest view
 constexpr double kTiltNeeded = radians(40.0);  // between two views
-constexpr double kFirstMove = 0.08;            // of the width, between views before a lens is known
-constexpr double kSameView = 0.01;             // of the width
-constexpr double kSteady = 0.012;              // of the width, from picture to picture
-constexpr double kSharp = 1.6;                 // [px] of blur
+constexpr double kFirstMove = 0.08;  // of the width, between views before the first solution
+constexpr double kSameView = 0.01;   // of the width
+constexpr double kSteady = 0.012;    // of the width, between consecutive images
+constexpr double kSharp = 1.6;       // [px] of blur
 constexpr std::size_t kFirstViews = 4;
-constexpr std::size_t kViewsPerChoice = 4;  // views until the lens is chosen again
+constexpr std::size_t kViewsPerChoice = 4;  // views between two lens choices
 constexpr double kBadFit = 0.5;             // [px] of noise: another lens may explain the views
 
 }  // namespace
@@ -75,10 +75,10 @@ struct ViewGuide::Impl {
   GuideOptions options;
   std::optional<TargetDetector> detector;
   std::vector<CalibrationView> views;
-  std::vector<double> sizes;       // of the target in each view: its edges' mean length [px]
-  std::vector<TargetCorner> last;  // of the picture before
+  std::vector<double> sizes;       // mean edge length of the target in each view [px]
+  std::vector<TargetCorner> last;  // of the previous image
   std::array<int, kColumns * kRows> cells{};
-  ModelTrial lens;  // that is solved for
+  ModelTrial lens;  // the lens model in use
   std::optional<CalibrationSolution> solution;
   UncertaintyMap uncertainty;
   GuideProgress progress;
@@ -101,7 +101,7 @@ struct ViewGuide::Impl {
     return count > 0 ? sum / count : 0.0;
   }
 
-  // Relative reduction of the mean uncertainty by a view.
+  // Returns the relative reduction of the mean uncertainty by a view.
   [[nodiscard]] double gain_of(const std::vector<TargetCorner>& corners) const {
     const auto information = view_information(solution->camera, solution->board, corners);
     if (!information) return 0.0;
@@ -129,7 +129,7 @@ struct ViewGuide::Impl {
                       : solve_intrinsics(width, height, target.points, views, solver);
     };
     Result<CalibrationSolution> solved = solve_as(lens.model, lens.without_k3);
-    // The choice can't find a wide lens from a plumb_bob start.
+    // The lens choice can't find a wide lens if it starts from plumb_bob.
     const bool explains =
         solved && solved->noise_px <= kBadFit && solved->outliers * 20 <= solved->corners;
     if (!options.model && !explains && lens.model == DistortionModel::plumb_bob) {
@@ -243,7 +243,7 @@ GuideResult ViewGuide::look(ImageView luma) {
   if (self.options.held && !before.empty() &&
       corner_distance(view.corners, before) > kSteady * luma.width)
     return because("it moves: hold still");
-  // A repeated view lowers the noise, but counts errors of light and board twice.
+  // Rejects repeated views: they lower the noise, but count errors of light and board twice.
   const double least_px = (self.solution ? kSameView : kFirstMove) * luma.width;
   for (const CalibrationView& other : self.views) {
     if (corner_distance(view.corners, other.corners) <= least_px)

@@ -1,5 +1,5 @@
-// Chooses views while a person moves the target in front of the camera: a view counts if it lowers
-// the projection uncertainty. Progress shows what is still missing.
+// Selects views while a person moves the target in front of the camera. A view is used if it lowers
+// the projection uncertainty. GuideProgress describes what is missing.
 #pragma once
 
 #include <Eigen/Core>
@@ -17,35 +17,35 @@
 namespace penumbra {
 
 struct GuideOptions {
-  // Else chosen after every few views, as a calibration would.
+  // If empty, the lens model is chosen again after every few views.
   std::optional<DistortionModel> model;
-  bool for_kalibr = false;  // only lenses that Kalibr's files have
-  // Share by which a view must lower the mean projection uncertainty over the image (one sigma).
+  bool for_kalibr = false;  // only lenses that Kalibr's files can represent
+  // Minimum relative reduction of the mean projection uncertainty (1 sigma) for a view to be used.
   double least_gain = 0.03;
-  double goal_px = 0.3;  // of the largest projection uncertainty in the image
-  // A person holds the target: images in which it moves are not taken, since a better one will
-  // follow. Else (a recording) only the blur decides.
+  double goal_px = 0.3;  // target for the maximum projection uncertainty in the image
+  // True if a person holds the target: rejects images with motion, because a better one will
+  // follow. False for a recording: rejects only blurred images.
   bool held = true;
-  std::stop_token stop;  // once requested, solving ends soon
+  std::stop_token stop;  // once requested, solving fails soon
 };
 
-// Cells of the image in which the target was seen often enough, row by row from the top left.
+// Image cells in which the target was visible often enough, row by row from the top left.
 struct GuideCoverage {
   int columns = 0;
   int rows = 0;
   std::vector<bool> seen;
-  std::optional<std::size_t> next;  // the cell that the advice names
+  std::optional<std::size_t> next;  // cell that the advice refers to
 };
 
-// Shares of what is needed, 0 to 1.
+// Progress: fractions of the required amount, 0 to 1.
 struct GuideProgress {
-  double image = 0.0;      // of the image where the target was seen
-  double size = 0.0;       // nearest over furthest view
-  double tilt = 0.0;       // between views
-  double certainty = 0.0;  // of the projection
+  double image = 0.0;      // image area that the target has covered
+  double size = 0.0;       // size ratio of the nearest and the furthest view
+  double tilt = 0.0;       // angle between views
+  double certainty = 0.0;  // projection uncertainty against its goal
   int views = 0;
-  std::optional<double> largest_px;  // projection uncertainty, once a lens is known
-  std::string lens;                  // as ModelTrial names it; empty before
+  std::optional<double> largest_px;  // projection uncertainty; empty before the first solution
+  std::string lens;                  // lens_name(); empty before the first solution
   std::string advice;                // the next step; for a recording: what is still missing
   GuideCoverage coverage;
   bool enough = false;
@@ -53,7 +53,7 @@ struct GuideProgress {
 
 struct GuideResult {
   bool taken = false;
-  std::string why;    // it was not taken
+  std::string why;    // reason if it was not taken
   double gain = 0.0;  // relative reduction of the uncertainty; 0 while no lens is known
   std::vector<Eigen::Vector2d> corners_px;  // as detected
 };
@@ -65,7 +65,7 @@ class ViewGuide {
   ViewGuide(ViewGuide&&) noexcept;
   ~ViewGuide();
 
-  // All images have one size. Solves at once with a view that is taken.
+  // Tests an image and solves immediately if its view is used. All images must have the same size.
   [[nodiscard]] GuideResult look(ImageView luma);
   [[nodiscard]] const GuideProgress& progress() const;
 
@@ -75,8 +75,8 @@ class ViewGuide {
   std::unique_ptr<Impl> impl_;
 };
 
-// Information matrix of the lens from the corners of one view with 1 px noise; the pose and (for
-// tags) the edge shift are marginalised. Nothing if no pose explains the corners.
+// Returns the information matrix of the lens from the corners of one view with 1 px noise. Pose and
+// (for tags) edge shift are marginalised. Returns nullopt if no pose explains the corners.
 [[nodiscard]] std::optional<Eigen::MatrixXd> view_information(
     const CameraModel& camera, const std::vector<Eigen::Vector3d>& board,
     const std::vector<TargetCorner>& corners);
