@@ -1,4 +1,4 @@
-// State of an alignment: camera, tags, one image, and the tags' projection at the current pose.
+// State of an alignment: camera, tags, image, and the tags' projection at the current pose.
 #pragma once
 
 #include <Eigen/Core>
@@ -18,7 +18,7 @@
 
 namespace penumbra {
 
-// floor and ceil of |x| < 2^20, without a call.
+// floor and ceil for |x| < 2^20, without a library call.
 inline int floor_of(double x) {
   constexpr int kShift = 1 << 20;
   return static_cast<int>(x + kShift) - kShift;
@@ -27,23 +27,23 @@ inline int ceil_of(double x) {
   return -floor_of(-x);
 }
 
-// The matrix by rows, for the SIMD loops.
+// Returns the matrix in row order, for the SIMD loops.
 [[nodiscard]] std::array<float, 9> rows_of(const Eigen::Matrix3d& matrix);
 
-// Parts of the tags that are projected.
+// Selects what is projected.
 enum class Projection {
-  search,  // the cells that are searched for
-  wide,    // the lattice with the blur of the wide stage
-  fine,    // the lattice with the blur of the image
+  search,  // search cells
+  wide,    // lattice with the blur of the wide stage
+  fine,    // lattice with the blur of the image
 };
 
 enum class BlurModel {
-  point_spread,  // a Gaussian point spread for each tag
-  moments,       // the mean over some moments of the exposure
+  point_spread,  // one Gaussian point spread per tag
+  moments,       // mean over several moments of the exposure
 };
 
 struct AlignmentProblem {
-  // Fails when a tag's id does not exist in its family.
+  // Fails if a tag's id does not exist in its family.
   [[nodiscard]] static Result<AlignmentProblem> make(const CameraModel& camera,
                                                      std::span<const MappedTag> tags,
                                                      const AlignmentOptions& options);
@@ -55,17 +55,17 @@ struct AlignmentProblem {
   std::array<float, 256> tone{};  // grey level to linear light
   std::vector<AlignedTag> tags;
 
-  // The current frame.
+  // State of the current frame.
   ImageView image;
   Eigen::Isometry3d T_camera_map = Eigen::Isometry3d::Identity();
   Eigen::Isometry3d T_predicted = Eigen::Isometry3d::Identity();
   // Covariance of the prediction as a left perturbation of T_camera_map, and its inverse.
   Matrix6d prior_covariance = Matrix6d::Zero();
   Matrix6d prior_information = Matrix6d::Zero();
-  Vector6d row_velocity = Vector6d::Zero();     // the camera's, per row [m, rad]
-  Vector6d exposure_motion = Vector6d::Zero();  // the camera's [m, rad]
+  Vector6d row_velocity = Vector6d::Zero();     // of the camera, per row [m, rad]
+  Vector6d exposure_motion = Vector6d::Zero();  // of the camera [m, rad]
   std::vector<AlignedTag*> active;
-  double moved_since_projection_px = 0.0;  // by the farthest tag corner
+  double moved_since_projection_px = 0.0;  // maximum over the tag corners
   AlignmentCounters counters;
 
   void set_tone(double exponent);
@@ -77,17 +77,17 @@ struct AlignmentProblem {
   }
   [[nodiscard]] double smallest_cell_px() const;
 
-  // Sets `active` to the tags that can be used at the current pose, and projects them.
+  // Sets `active` to the tags that are usable at the current pose, and projects them.
   void find_visible(Projection projection);
   // Updates a tag for the current pose.
   void place(AlignedTag& tag) const;
-  // Returns true if the tag can be used at the current pose; sets its size and motion in the image.
+  // Sets the tag's size and motion in the image; returns true if it is usable at the current pose.
   [[nodiscard]] bool measure(AlignedTag& tag, BlurModel blur = BlurModel::point_spread) const;
   // Sets the poses of a tag at the moments of the exposure.
   void place_moments(AlignedTag& tag);
-  // `added_variance_px2`: blur of the model beyond the lens's.
+  // `added_variance_px2`: blur of the model in addition to the lens.
   void project_lattice(AlignedTag& tag, double added_variance_px2) const;
-  // The pixel nearest to a cell's centre; false if there is none in the image.
+  // Sets the pixel nearest to a cell's centre; returns false if it is outside the image.
   [[nodiscard]] bool nearest_cell_pixel(const AlignedTag& tag, const DataCell& cell, int& x,
                                         int& y) const {
     const auto v = static_cast<std::size_t>(cell.j * tag.side + cell.i);
@@ -104,8 +104,8 @@ struct AlignmentProblem {
     y = floor_of(centre_y + 0.5);
     return x >= 0 && y >= 0 && x < image.width && y < image.height;
   }
-  // Offsets in memory of the pixels nearest to the cells' centres, of the cell (i, j) at j * side +
-  // i, or simd::kNowhere. Valid until the next call.
+  // Returns, for cell (i, j) at index j * side + i, the memory offset of the pixel nearest to its
+  // centre, or simd::kNowhere. Valid until the next call.
   [[nodiscard]] const std::int32_t* find_cells(const AlignedTag& tag);
 
  private:

@@ -12,7 +12,7 @@
 
 namespace penumbra {
 
-inline constexpr int kEveryPixel = 1'000'000;  // no limit to the samples of a tag
+inline constexpr int kEveryPixel = 1'000'000;  // no limit for the samples of a tag
 
 class EdgeSampler {
  public:
@@ -23,29 +23,29 @@ class EdgeSampler {
   void read_levels();
   // Frees the samples of all tags for the next selection.
   void give_back() { arena_.give_back(); }
-  // Selects pixels at the edges of a tag, up to about `cap`.
+  // Selects about `cap` pixels or fewer at the edges parts of one tag's runs.
   void select(AlignedTag& tag, bool wide, int cap);
-  // Samples the centres of the data cells, and evaluates the model there.
+  // Samples the data cells' centres and evaluates the model for them.
   void read_cells(AlignedTag& tag);
-  // Replaces the values of read_cells by means over the pixels within a sixth of a cell.
+  // Replaces the values of read_cells by means over the pixels within 1/6 cell.
   void average_cells(AlignedTag& tag) const;
-  // See TagAligner.
+  // See TagAligner::edge_pixels().
   [[nodiscard]] std::vector<EdgePixel> edge_pixels(std::span<const TagAlignment> seen);
 
   [[nodiscard]] SampleArena& arena() { return arena_; }
 
  private:
-  // Sampled offsets across an edge, in pixels from the edge's own one; none: all within reach.
+  // Sampled offsets across an edge [px]; if empty, all pixels within reach.
   struct Band {
     std::array<int, 16> offsets{};
     int count = 0;
     [[nodiscard]] int rows_at_most(double reach_px) const;
-    // Distance between steps along edges of this length for about `cap` samples [px].
+    // Returns the step length along edges of this length for about `cap` samples [px].
     [[nodiscard]] double stride(double reach_px, double length, double tilt, int cap) const;
-    // Offsets across an edge from the first row of a step.
+    // Returns the offsets across an edge relative to the first row of a step.
     [[nodiscard]] std::array<float, 20> row_offsets() const;
   };
-  // `reach_px`: across edges along a, and along b.
+  // `reach_px`: maximum distance from edges along a, and from edges along b.
   void walk_runs(AlignedTag& tag, const Band& band, const std::array<double, 2>& reach_px, int cap);
   void step_along(AlignedTag& tag, const Band& band, const std::array<double, 2>& reach_px,
                   double stride);
@@ -63,8 +63,8 @@ class EdgeSampler {
   std::vector<simd::RunWalk::Part> run_parts_;  // of a tag
 };
 
-// Checks that the active tags' data cells read as expected at a solved pose. Sets the result's
-// tags, tags_verified, verified and reason.
+// Checks that the active tags' data cells have the expected colours at a solved pose. Sets the
+// result's tags, tags_verified, verified and reason.
 void decode_tags(AlignmentProblem& problem, EdgeSampler& sampler, AlignmentResult& result);
 
 }  // namespace penumbra

@@ -1,4 +1,4 @@
-// Tests whether the tags lie relative to each other as the map says, by each tag's own equations.
+// Tests whether the tags' relative poses agree with the map, by the equations of each tag.
 #pragma once
 
 #include <span>
@@ -14,8 +14,8 @@ struct TagEquations {
   int index = 0;
   Matrix6d H = Matrix6d::Zero();
   Vector6d g = Vector6d::Zero();
-  // Motions by a pixel along each image axis and a radian about the ray, as perturbations,
-  // and the inverse of the equations for them.
+  // Perturbations that move the tag by 1 px along each image axis and 1 rad about its ray, and the
+  // inverse of the equations for these three motions.
   Eigen::Matrix<double, 6, 3> motions = Eigen::Matrix<double, 6, 3>::Zero();
   Eigen::Matrix3d inverse = Eigen::Matrix3d::Zero();
   double squares = 0.0;
@@ -23,18 +23,18 @@ struct TagEquations {
 
 class MapAgreement {
  public:
-  // Sets the result's displacement_px, disagreement, map_covariance, map_inconsistent and
-  // inconsistent_tag. Uses its design_effect. See docs/tracking.md#map.
+  // Reads the result's design_effect; sets displacement_px, disagreement, map_covariance,
+  // map_inconsistent and inconsistent_tag. See docs/tracking.md#map.
   void check(const AlignmentProblem& problem, const PoseSolver& solver, AlignmentResult& result);
 
-  // Equations of the tags in the last check.
+  // Returns the equations of the tags in the latest check.
   [[nodiscard]] std::span<const TagEquations> equations() const { return equations_; }
 
  private:
   void collect(const AlignmentProblem& problem, const PoseSolver& solver);
   void estimate_map_error(const AlignmentProblem& problem, double variance,
                           AlignmentResult& result) const;
-  // The tag without which the others agree; -1: none. `squares`: of all tags.
+  // Returns the tag without which the others agree, or -1. `squares`: sum of squares of all tags.
   [[nodiscard]] int find_outlier(double squares) const;
 
   std::vector<TagEquations> equations_;

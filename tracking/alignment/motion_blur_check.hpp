@@ -1,4 +1,4 @@
-// Estimates the pose error that motion blur hides.
+// Estimates the pose error that motion blur makes unobservable.
 #pragma once
 
 #include <optional>
@@ -12,16 +12,16 @@
 
 namespace penumbra {
 
-// Measures the displacement of each tag that the image does not exclude, because a blurred pattern
-// looks the same at many poses along the motion. See docs/tracking.md#motion-blur.
+// Estimates how far each tag may be displaced without a visible difference: a blurred pattern looks
+// the same at many poses along tags blurred along the motion. See docs/tracking.md#motion-blur.
 class MotionBlurCheck {
  public:
-  // `tags`, `equations` and `variance` (of the residuals): results of an alignment.
+  // Arguments are results of an alignment; `variance`: of the residuals.
   MotionBlurCheck(AlignmentProblem& problem, EdgeSampler& sampler,
                   std::span<const TagAlignment> tags, std::span<const TagEquations> equations,
                   double variance);
 
-  // See TagAligner::motion_blur_error.
+  // See TagAligner::motion_blur_error().
   [[nodiscard]] MotionBlurError check(const std::optional<Vector6d>& motion, bool known,
                                       double longest_cells);
 
@@ -29,11 +29,11 @@ class MotionBlurCheck {
   struct Blur {
     int index = 0;
     double length_px = 0.0;
-    double cell_px = 0.0;                                 // of a cell in its direction
-    Eigen::Vector2d direction = Eigen::Vector2d::Zero();  // zero: any
+    double cell_px = 0.0;                                 // cell width in the direction of the blur
+    Eigen::Vector2d direction = Eigen::Vector2d::Zero();  // zero: any direction
     [[nodiscard]] bool anywhere() const { return direction.isZero(0.0); }
   };
-  // Number of shares of a motion that are tried.
+  // Number of fractions of a motion that are tried.
   static constexpr int kShares = 8;
 
   void measure(const std::optional<Vector6d>& motion, double longest_cells);
@@ -47,11 +47,11 @@ class MotionBlurCheck {
   std::span<const TagEquations> equations_;
   double variance_;
   std::vector<AlignedTag*> seen_;
-  std::vector<double> shares_;  // explained, of each tag
+  std::vector<double> shares_;  // explained variance fraction of each tag
   std::vector<Blur> along_;     // the motion
-  std::vector<Blur> others_;    // in any direction
-  double best_ = 0.0;           // the median share explained
-  int share_ = 0;               // of the motion that explains it [1 / kShares]
+  std::vector<Blur> others_;    // tags blurred in any direction
+  double best_ = 0.0;           // median explained fraction
+  int share_ = 0;               // fraction of the motion with that median [1 / kShares]
 };
 
 }  // namespace penumbra

@@ -1,5 +1,5 @@
-// Renders grey images of tags by super-sampling the printed pattern through the full lens model. It
-// shares no code with the tracker's image model, whose approximations it must not repeat.
+// Renders grey images of tags by super-sampling the printed pattern through the full lens model.
+// Shares no code with the tracker's image model, so that it does not share its approximations.
 #pragma once
 
 #include <cstdint>
@@ -30,24 +30,24 @@ struct PatternRenderOptions {
   double black = 0.06;        // linear light of the ink, 1 = sensor full
   double white = 0.80;        // of the paper
   double background = 0.35;   // around the tags
-  double gain = 1.0;          // factor of all three, by the exposure
-  double gamma = 1.0;         // tone curve: grey = 255 * linear ^ (1 / gamma)
-  double noise_grey = 0.0;    // sigma of white noise, added after the tone curve [grey levels]
+  double gain = 1.0;          // exposure factor of black, white and background
+  double gamma = 1.0;         // camera response: grey = 255 * linear ^ (1 / gamma)
+  double noise_grey = 0.0;    // sigma of white noise, added after the camera response [grey levels]
   std::uint64_t seed = 1;
-  int samples = 1024;  // per pixel that sees an edge
-  // Covered share of each tag's printed square, from its left side, and the cover's light.
+  int samples = 1024;  // sub-samples per pixel near an edge
+  // Occluded fraction of each tag's printed square, from its left side, and the cover's light.
   double cover_share = 0.0;
   double cover = 0.30;
-  // First row that is drawn and the one after the last; other rows show the background.
+  // Rows [first_row, end_row) are rendered; other rows show the background.
   int first_row = 0;
   int end_row = std::numeric_limits<int>::max();
-  int threads = 1;  // the image is the same, bit for bit
+  int threads = 1;  // does not change the image
 };
 
-// Adds white noise to each colour of RGBA8, not to alpha; the same on every machine.
+// Adds white noise to the colours of RGBA8, not to alpha. Reproducible on every machine.
 void add_noise(std::span<std::uint8_t> rgba, double sigma_grey, std::uint64_t seed);
 
-// Motion of a rigid group of tags from its place in the tag map.
+// Motion of a rigid group of tags relative to its pose in the tag map.
 struct GroupPlacement {
   std::string group;
   Transform<frame::Table, frame::Table> T_table_group;
@@ -63,12 +63,12 @@ class PatternRenderer {
   PatternRenderer(PatternRenderer&&) noexcept;
   ~PatternRenderer();
 
-  // Renders an exposure during which the camera takes the poses of `path` for equal times. Tags
-  // seen from behind are not drawn; the nearest of overlapping tags is.
+  // Renders an exposure that consists of the poses of `path` for equal times. Omits tags whose back
+  // faces the camera. Draws the nearest of overlapping tags.
   [[nodiscard]] GreyImage render(std::span<const CameraPose> path,
                                  const PatternRenderOptions& options,
                                  std::span<const GroupPlacement> placements = {});
-  // The same in linear light per pixel, without tone curve, noise and rounding.
+  // Like render(), but returns linear light per pixel, without camera response, noise and rounding.
   [[nodiscard]] std::vector<double> render_light(std::span<const CameraPose> path,
                                                  const PatternRenderOptions& options,
                                                  std::span<const GroupPlacement> placements = {});

@@ -1,4 +1,4 @@
-// Brings the prediction within a cell: a translational search for the tags' pattern.
+// Translational search for the tags' pattern. Corrects the prediction to within a cell.
 #pragma once
 
 #include <algorithm>
@@ -13,9 +13,9 @@
 
 namespace penumbra {
 
-// The displacements of a search; score maps have every row_step-th row.
+// Range of displacements of a search. Score maps contain every row_step-th row.
 struct SearchWindow {
-  static constexpr int kRim_px = 2;  // a peak at the rim of a window may be the flank of another
+  static constexpr int kRim_px = 2;  // a maximum at the rim may be the flank of a peak outside
 
   SearchWindow(int reach_, int row_step_)
       : reach(reach_),
@@ -25,52 +25,52 @@ struct SearchWindow {
         first_row(-(reach_ / row_step_) * row_step_) {}
 
   int reach;    // [pixels of the searched image]
-  int columns;  // one more than displacements, which fills the lanes of the SIMD loops
+  int columns;  // one more than displacements, to fill the SIMD lanes
   int rows;
   int row_step;
-  int first_row;  // displacement of the first row
+  int first_row;  // vertical displacement of the first row
 
   [[nodiscard]] int size() const { return rows * columns; }
-  // Returns true if a peak at this distance is well inside the window.
+  // Returns true if a peak at this distance is inside the window's rim.
   [[nodiscard]] bool holds(double px) const { return px + kRim_px <= std::min(reach, -first_row); }
 };
 
-// Position at which a search found a tag.
+// Position of a tag that a search found.
 struct DisplacedTag {
   Eigen::Vector3d p;  // the tag's centre, in the map's frame
   Eigen::Vector2d z;  // that in the image
   double sigma_px = 0.0;
   double cell_px = 0.0;
-  bool open = false;  // its peak may continue beyond the searched window
+  bool open = false;  // its peak may extend beyond the searched window
 };
 
-// Scores the data cells' pattern at displacements of the predicted tags, one map per tag, and fits
-// the pose to the displacements of the peaks.
+// Scores the data cells' pattern at displacements of the predicted tags (one map per tag) and fits
+// the pose to the peaks.
 class PatternSearch {
  public:
   explicit PatternSearch(AlignmentProblem& problem) : problem_(problem) {}
 
-  // Searches within 3 sigma of the prediction, then in the largest window unless the pattern is
-  // well inside. `seen_contrast`: see AlignmentInput. False where nothing is found.
+  // Searches within 3 sigma of the prediction; unless the peak is well inside, then searches the
+  // largest window. `seen_contrast`: see AlignmentInput. Returns false if nothing is found.
   [[nodiscard]] bool search(double seen_contrast);
-  // Searches the largest window for every tag independently.
+  // Searches the largest window for each tag independently.
   [[nodiscard]] bool search_independently();
-  // Searches an image so much smaller that a cell keeps a pixel; `further`: half of that.
+  // Searches an image reduced so far that a cell is 1 px wide; `further`: half of that.
   [[nodiscard]] bool search_pyramid(bool further);
 
-  // Error of the last search at a tag's corner, by the scatter of the tags [px]; infinite: unknown.
+  // Error of the latest search at a tag's corner [px], by the tags' scatter; infinite if unknown.
   [[nodiscard]] double error_px() const { return error_px_; }
-  // Returns true if the last search ended so near that the fine stage needs no wide stage.
+  // Returns true if the latest search was so accurate that the fine stage needs no wide stage.
   [[nodiscard]] bool found_near() const;
 
  private:
-  static constexpr int kReach = 31;  // [px] to each side
-  // Begin in memory of the window about each of a tag's cells, as many white ones as black.
+  static constexpr int kReach = 31;  // [px] in each direction
+  // Search window of each cell of a tag in memory; as many white cells as black ones.
   struct CellWindows {
     std::array<const std::uint8_t*, kMaxSearchCells> begin;
     std::array<std::ptrdiff_t, kMaxSearchCells> stride;
-    int white = 0;  // the first ones
-    int count = 0;  // 0: too few of them are seen
+    int white = 0;  // number of white cells, which come first
+    int count = 0;  // 0: too few cells are visible
   };
   void begin_full_size();
   [[nodiscard]] SearchWindow window_of(int reach) const;
@@ -83,7 +83,7 @@ class PatternSearch {
   [[nodiscard]] ImageView shrink(int scale);
 
   AlignmentProblem& problem_;
-  ImageView view_;  // the image, or one `scale_` times smaller
+  ImageView view_;  // the image, or the image reduced by `scale_`
   int scale_ = 1;
   double error_px_ = std::numeric_limits<double>::infinity();
   std::vector<std::int32_t> score_sum_;

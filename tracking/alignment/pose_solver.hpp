@@ -1,4 +1,4 @@
-// Gauss-Newton steps on the pose of all tags together.
+// Gauss-Newton steps on the common pose of all tags.
 #pragma once
 
 #include <cstddef>
@@ -11,7 +11,7 @@
 
 namespace penumbra {
 
-// The symmetric matrix of the 21 numbers at(k) of TagPack::H_camera.
+// Returns the symmetric matrix given by the 21 numbers at(k) of TagPack::H_camera.
 template <class At>
 [[nodiscard]] Matrix6d camera_matrix(const At& at) {
   Matrix6d H;
@@ -29,7 +29,7 @@ class PoseSolver {
  public:
   enum class StepBy {
     weights,  // holds the robust weights constant
-    slope,    // differentiates the robust weights as well; usually saves an iteration
+    slope,    // also differentiates the robust weights; usually saves an iteration
   };
   struct Step {
     double moved_px = 0.0;  // by the farthest tag corner
@@ -38,25 +38,25 @@ class PoseSolver {
 
   explicit PoseSolver(AlignmentProblem& problem) : problem_(problem) {}
 
-  // Forgets the residuals of another pose.
+  // Discards the residuals of earlier poses.
   void begin();
-  // One step of all active tags; nothing with too few samples. `cutoff`: see tukey_share; 0: none.
+  // Steps all active tags; nullopt for too few samples. `cutoff`: see tukey_share(); 0: none.
   [[nodiscard]] std::optional<Step> step(double cutoff, StepBy by);
-  // Measures the residuals after a step by their median, which is robust against occlusion.
+  // Measures the noise after a step by the residuals' median, which is robust against occlusion.
   void measure_noise();
   void forget_noise() { noise_share_ = 0.0; }
 
-  // Residuals: sigma over the gain by the median (0: unknown), and variance [grey^2].
+  // Noise of the residuals: sigma / gain from the median (0: unknown), and variance [grey^2].
   [[nodiscard]] double noise_share() const { return noise_share_; }
   [[nodiscard]] double variance() const { return variance_; }
   // Information of the left perturbation of T_camera_map, without the prior.
   [[nodiscard]] const Matrix6d& information() const { return information_; }
   [[nodiscard]] const Vector6d& last_step() const { return last_step_; }
-  // Factor of the equations' H in the last step.
+  // Factor of the equations' H in the latest step.
   [[nodiscard]] double slope() const { return slope_; }
-  // Cutoff of Tukey's weights by the noise, as a share of the gain; at most `cutoff`.
+  // Cutoff of Tukey's weights for the noise [fraction of the gain], limited to `cutoff`.
   [[nodiscard]] double tukey_share(double cutoff) const;
-  // Equations of the active tags, four to a pack.
+  // Equations of the active tags, four per pack.
   [[nodiscard]] const std::vector<simd::TagPack>& packs() const { return packs_; }
 
  private:
@@ -64,14 +64,14 @@ class PoseSolver {
   struct Equations {
     Matrix6d H;
     Vector6d g;
-    double cost = 0.0;    // sum of w r^2, at the gains and offsets as they are
+    double cost = 0.0;    // sum of w r^2, at the current gains and offsets
     double weight = 0.0;  // sum of w
   };
   void accumulate(double cutoff, Equations& equations);
   void fill_pack(AlignedTag& tag, double cutoff, simd::TagPack& pack, std::size_t lane);
   [[nodiscard]] bool take_variance(const Equations& equations);
   [[nodiscard]] double measured_slope(double cutoff) const;
-  // Updates the active tags for the current pose; returns the farthest corner's motion [px].
+  // Updates the active tags for the current pose; returns the maximum motion of a corner [px].
   [[nodiscard]] double follow_tags(const Vector6d& xi, const Eigen::Isometry3d& motion);
 
   AlignmentProblem& problem_;
@@ -83,8 +83,8 @@ class PoseSolver {
   double slope_ = 1.0;
 };
 
-// Design effect: variance of an edge's mean displacement over that of independent residuals.
-// `cutoff`: of the last step. See docs/tracking.md#design-effect.
+// Returns the design effect: variance of an edge's mean displacement divided by that for
+// independent residuals. `cutoff`: of the latest step. See docs/tracking.md#design-effect.
 [[nodiscard]] double design_effect(const AlignmentProblem& problem, const PoseSolver& solver,
                                    SampleArena& arena, double cutoff);
 

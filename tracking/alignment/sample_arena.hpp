@@ -12,13 +12,13 @@
 
 namespace penumbra {
 
-// Number of samples padded to whole blocks.
+// Rounds the number of samples up to whole blocks.
 [[nodiscard]] constexpr int padded(int samples) {
   return (samples + simd::kBlock - 1) / simd::kBlock * simd::kBlock;
 }
 
-// Arrays are given back together, so that the next stage finds them in the cache. The first part
-// is written when it is made, so that no frame waits for a page fault.
+// All arrays are freed together, so that the next stage reuses memory that is in the cache. The
+// first part is written when allocated, so that no frame waits for a page fault.
 class SampleArena {
  public:
   explicit SampleArena(std::size_t first_floats) { parts_.emplace_back(first_floats); }
@@ -26,22 +26,22 @@ class SampleArena {
     part_ = 0;
     used_ = 0;
   }
-  // Takes 64-byte aligned arrays of `capacity` samples, except `leverage` and `vertex`; of `c`
-  // those that `reach` uses.
+  // Allocates 64-byte aligned arrays of `capacity` samples, except `leverage`, `vertex` and the
+  // elements of `c` that `reach` does not use.
   void take(int capacity, int reach, simd::Samples& s) {
     s.count = padded(capacity);
     take_each(s.count, s.pixel_x, s.pixel_y, s.ray_x, s.ray_y, s.value, s.weight, s.model,
               s.residual);
     take_anchors(reach, s);
   }
-  // Takes new arrays for the members that depend on the anchor.
+  // Allocates new arrays for the members that depend on the anchor.
   void take_anchors(int reach, simd::Samples& s) {
     take_each(s.count, s.va, s.vb, s.ka, s.kb, s.rho, s.c[0], s.c[1], s.c[2], s.c[3]);
     if (reach > 1)
       take_each(s.count, s.c[4], s.c[5], s.c[6], s.c[7], s.c[8], s.c[9], s.c[10], s.c[11], s.c[12],
                 s.c[13], s.c[14], s.c[15]);
   }
-  // `count` floats, 64-byte aligned if all counts are multiples of 16.
+  // Allocates `count` floats, 64-byte aligned if all counts are multiples of 16.
   [[nodiscard]] float* floats(std::size_t count) {
     while (part_ < parts_.size() && used_ + count > parts_[part_].size) {
       ++part_;
@@ -51,12 +51,12 @@ class SampleArena {
     float* const at = parts_[part_].begin() + used_;
     used_ += count;
 #ifdef EIGEN_INITIALIZE_MATRICES_BY_NAN
-    // Shows reads of uninitialised memory, as with Eigen's matrices.
+    // Exposes reads of uninitialised memory, as for Eigen's matrices.
     std::fill_n(at, count, std::numeric_limits<float>::quiet_NaN());
 #endif
     return at;
   }
-  // The same, valid until the next call.
+  // Allocates floats that are valid only until the next call.
   [[nodiscard]] float* lend(std::size_t count) {
     float* const at = floats(count);
     used_ -= count;

@@ -1,10 +1,10 @@
-// Aligns the printed pattern of known tags with an image, without detecting tags.
+// Aligns the printed pattern of known tags with an image, without tag detection.
 //
-// From a predicted pose it finds the pose that best explains the grey levels around the edges of
-// all visible tags of one rigid group: a pattern search, a wide photometric stage where the search
-// ended too far off, and a fine one. Photometric stages solve one SE(3) pose over all tags with the
-// full lens model, blurred edges, gain and offset per tag, and Tukey's weights. The pose is
-// verified by the tags' cells. See docs/tracking.md#the-stages.
+// Starting from a predicted pose, it finds the pose that best explains the grey levels at the edges
+// of all visible tags of one rigid group. The stages are a pattern search, a wide photometric stage
+// if the search was inaccurate, and a fine photometric stage. Photometric stages solve for one
+// SE(3) pose of all tags, with the full lens model, blurred edges, gain and offset per tag, and
+// Tukey's weights. The tags' cells verify the pose. See docs/tracking.md#the-stages.
 #pragma once
 
 #include <Eigen/Core>
@@ -29,18 +29,18 @@ struct Loops;
 }
 
 enum class AlignmentEffort {
-  fast,      // a limited number of pixels
+  fast,      // limited number of pixels
   accurate,  // every pixel at an edge
 };
 
 struct AlignmentOptions {
   AlignmentEffort effort = AlignmentEffort::fast;
-  // Sigma of the point spread, the pixel's box included: sqrt(0.25 + 1/12) px for a lens of 0.5 px.
+  // Sigma of the point spread including the pixel's box: sqrt(0.25 + 1/12) px for a lens of 0.5 px.
   double blur_px = 0.58;
-  // Camera response: linear light = (grey / 255) ^ exponent. The camera model's own replaces it.
+  // Camera response: linear light = (grey / 255) ^ exponent. The camera's tone_curve overrides it.
   double tone_exponent = 1.0;
   double min_cell_px = 0.7;            // tags with smaller cells are not used
-  const simd::Loops* loops = nullptr;  // null: those for the widest instruction set
+  const simd::Loops* loops = nullptr;  // null: widest_loops()
 };
 
 struct AlignmentInput {
@@ -48,44 +48,44 @@ struct AlignmentInput {
   MapFromCamera predicted;  // T_map_camera
   // Covariance of the prediction: T_map_camera * exp([nu; omega]) [m, rad], camera frame.
   Matrix6d covariance = Matrix6d::Identity();
-  // The camera's motion during the exposure, a vector like [nu; omega]; zero when unknown.
+  // The camera's motion during the exposure as [nu; omega]; zero if unknown.
   Vector6d exposure_motion = Vector6d::Zero();
   // The camera's velocity at the image's middle row, T_map_camera * exp(t * velocity) [m/s,
   // rad/s], for the rolling shutter; zero when unknown.
   Vector6d velocity = Vector6d::Zero();
-  // Number of samples to begin with, if sampling may stop early (set_sample_need); 0: few.
+  // Initial number of samples if sampling may stop early (set_sample_need()); 0: few.
   int first_samples = 0;
-  // AlignmentCounters::far_start of the last frame: the fine stage then begins with few samples.
+  // AlignmentCounters::far_start of the previous frame: if true, begins with few samples.
   bool starts_far = false;
-  std::span<const int> rejected;  // tags that are not used, as indices into the list of create()
-  // AlignmentCounters::contrast of the last frame: a search that reaches it ends. 0: unknown.
+  std::span<const int> rejected;  // tags to ignore, as indices into the list of create()
+  // AlignmentCounters::contrast of the previous frame, at which a search ends; 0: unknown.
   double seen_contrast = 0.0;
 };
 
-// AlignmentResult::disagreement from which on the tags do not lie as the map says.
+// Minimum AlignmentResult::disagreement of tags that are inconsistent with the map.
 inline constexpr double kDisagree = 9.0;
 
 struct TagAlignment {
-  int index = 0;  // in the list of create()
+  int index = 0;  // index into the list of create()
   bool verified = false;
   double gain = 0.0;          // white - black [grey levels of linearised light]
-  double weight_share = 0.0;  // of the samples, after Tukey's weights
-  // Share of the variance of its cells that the model explains; negative with too few cells.
+  double weight_share = 0.0;  // fraction of the samples' weight that Tukey's weights leave
+  // Fraction of the variance of its cells that the model explains; negative for too few cells.
   double explained = -1.0;
-  bool inconsistent = false;  // its cells read right, its edges are elsewhere
-  double cell_px = 0.0;       // the smaller width of a cell
+  bool inconsistent = false;  // its cells are read correctly, but its edges are displaced
+  double cell_px = 0.0;       // smaller width of a cell
 };
 
 struct AlignmentCounters {
-  int tags_visible = 0;           // by the pose alone: they may be covered, or missing
-  int tags_in_image = 0;          // visible ones with enough cells inside the image to be read
-  int tags_out_of_view = 0;       // or seen from behind: not used
+  int tags_visible = 0;           // according to the pose; they may be occluded or missing
+  int tags_in_image = 0;          // visible tags with enough cells inside the image
+  int tags_out_of_view = 0;       // or facing away; not used
   int tags_too_small = 0;         // not used
-  bool sampling_stopped = false;  // before all pixels were taken
-  int searched_px = 0;            // displacements in all windows that were searched
-  double contrast = 0.0;          // of white over black cells where the search found them [grey]
+  bool sampling_stopped = false;  // before all pixels were used
+  int searched_px = 0;            // number of displacements in all search windows
+  double contrast = 0.0;          // white minus black cells at the position found [grey]
   bool wide_stage = true;         // the wide stage ran
-  int samples = 0;                // of the last fine round
+  int samples = 0;                // number of samples in the final fine round
   bool far_start = false;         // the first fine round moved the tags so far that it was repeated
 };
 
@@ -96,51 +96,50 @@ struct AlignmentResult {
   double residual_rms = 0.0;               // weighted, as a share of the gain
   // Variance of an edge's mean residual over that of independent residuals, as in `covariance`.
   double design_effect = 1.0;
-  // RMS displacement of whole tags from the map [px], and its variance over that expected from
-  // independent residuals; of three tags and more, else 0 and 1.
+  // RMS displacement of whole tags from the map [px], and its variance divided by that expected
+  // from independent residuals. 0 and 1 for fewer than three tags.
   double displacement_px = 0.0;
   double disagreement = 1.0;
-  // Pose covariance by wrong places of two to four tags in the map, beyond noise; mostly zero.
-  // map_inconsistent: at a significance of 1 %.
+  // Pose covariance caused by errors of the map, if they exceed noise (two to four tags); usually
+  // zero. map_inconsistent: at a significance of 1 %.
   Matrix6d map_covariance = Matrix6d::Zero();
   bool map_inconsistent = false;
-  int inconsistent_tag = -1;       // index of the tag without which the others agree; -1: none
-  std::vector<TagAlignment> tags;  // the visible ones
+  int inconsistent_tag = -1;       // tag without which the others agree; -1: none
+  std::vector<TagAlignment> tags;  // the visible tags
   int tags_verified = 0;
   AlignmentCounters counters;
-  std::string_view reason;  // why it is not verified
+  std::string_view reason;  // why the pose is not verified
 };
 
 // Number of correlated samples that carry the information of one independent sample.
 [[nodiscard]] double variance_inflation(const AlignmentResult& result);
 
-// A pixel near an edge of a tag, in the image and by the pattern at the aligned pose.
+// A pixel near an edge of a tag: value in the image and value of the model at the aligned pose.
 struct EdgePixel {
-  int tag = 0;              // in AlignmentResult::tags
+  int tag = 0;              // index into AlignmentResult::tags
   float grey = 0.0F;        // as captured, 0 to 255
   float model = 0.0F;       // the pattern's blurred value, 0 black to 1 white
-  float model_blur = 0.0F;  // its derivative by the logarithm of the blur
+  float model_blur = 0.0F;  // d model / d log(blur)
 };
 
-// Factor of samples that an alignment still needs, given its result so far; 1 or less: enough.
+// Returns the factor of samples that an alignment still needs by its result; <= 1: enough.
 using SampleNeed = std::function<double(const AlignmentResult&)>;
 
-// Pose error that motion blur hides, 1 sigma.
+// Pose error that motion blur makes unobservable, 1 sigma.
 struct MotionBlurError {
-  double shift_px = 0.0;  // displacement of all tags together, RMS over those in the image
-  // Covariance of the pose where the tags are displaced independently, as
-  // AlignmentResult::covariance.
+  double shift_px = 0.0;  // common displacement of all tags, RMS over the tags in the image
+  // Covariance of the pose if the tags are displaced independently, as AlignmentResult::covariance.
   Matrix6d covariance = Matrix6d::Zero();
-  // The part of the motion that explains the image best; zero: sharp image or unknown motion.
+  // The fraction of the motion that explains the image best; zero: sharp image or unknown motion.
   Vector6d motion = Vector6d::Zero();
 };
 
-// align(), refine() and search_pyramid() begin a new frame and forget the last result; only the
-// options and the sample need survive. motion_blur_error() and edge_pixels() read the state of the
-// last align() or refine(), so no search_pyramid() may come between.
+// align(), refine() and search_pyramid() begin a new frame and discard the previous result; they
+// keep only the options and the sample need. motion_blur_error() and edge_pixels() use the state of
+// the latest align() or refine(): do not call search_pyramid() in between.
 class TagAligner {
  public:
-  // `tags`: of one rigid group. Fails when a tag's id does not exist in its family.
+  // `tags` must belong to one rigid group. Fails if a tag's id does not exist in its family.
   [[nodiscard]] static Result<TagAligner> create(const CameraModel& camera,
                                                  std::span<const MappedTag> tags,
                                                  const AlignmentOptions& options = {});
@@ -151,14 +150,14 @@ class TagAligner {
   void set_effort(AlignmentEffort effort);
   void set_tone_exponent(double exponent);
   void set_blur(double blur_px);
-  // Sampling then begins with few pixels and continues, up to the limit of the effort, until `need`
-  // is met.
+  // Makes sampling start with few pixels and continue until `need` is met or the limit of the
+  // effort is reached.
   void set_sample_need(SampleNeed need);
 
-  // The image's size must be the camera's. The same input gives the same bits.
+  // The image must have the camera's size. The same input gives the same bits.
   [[nodiscard]] AlignmentResult align(const AlignmentInput& input);
 
-  // Verifies and refines a pose from elsewhere (a detection) without a search.
+  // Verifies and refines a pose from another source (a detection) without a search.
   [[nodiscard]] AlignmentResult refine(const AlignmentInput& input);
 
   // Searches a smaller image, which reaches further: a guess to align from, off by some pixels or
@@ -166,15 +165,15 @@ class TagAligner {
   [[nodiscard]] std::optional<MapFromCamera> search_pyramid(const AlignmentInput& input,
                                                             bool further);
 
-  // Estimates the error of the last alignment's pose along a motion that blurred the image, beyond
-  // its covariance; zero for a sharp image or a blur below a cell. `motion`: of the exposure;
-  // nothing: unknown. Not `known`: the longest one, of which the image shows a part.
-  // `longest_cells`: the longest blur in any direction that explains the rest of the image, where
-  // the motion may be wrong; else 0.
+  // Estimates the error of the latest alignment's pose along a motion that blurred the image, in
+  // addition to its covariance. Zero for a sharp image or a blur below a cell.
+  // - `motion`: during the exposure; nullopt if unknown.
+  // - `known`: false if `motion` is only the maximum, of which the exposure covers a fraction.
+  // - `longest_cells`: maximum blur in any direction for tags that `motion` does not explain.
   [[nodiscard]] MotionBlurError motion_blur_error(const std::optional<Vector6d>& motion, bool known,
                                                   double longest_cells = 0.0);
 
-  // All pixels at the edges of verified tags. The aligned image must exist, and its camera rest.
+  // Returns all pixels at edges of verified tags. The image must exist and have no motion blur.
   [[nodiscard]] std::vector<EdgePixel> edge_pixels();
 
  private:

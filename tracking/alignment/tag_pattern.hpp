@@ -1,9 +1,8 @@
-// The printed cells of a tag and the edges between them, on the tag's lattice.
-//
-// Lattice coordinates (a, b): unit = one cell, origin at the lower left corner of the whole printed
-// square (white margin included), a right and b up on the upright tag. Cell (i, j) covers
-// [i, i + 1] x [j, j + 1]. A tag of `size_m` has cells of size_m / width_at_border; the tag frame's
-// origin (its centre) is at (total_width / 2, total_width / 2).
+// The printed cells of a tag and the edges between them, on the tag's lattice. Lattice coordinates
+// (a, b) [cells]: origin at the lower left corner of the whole printed square (including the white
+// margin), a right and b up on the upright tag. Cell (i, j) covers [i, i + 1] x [j, j + 1]. Cells
+// of a tag of `size_m` are size_m / width_at_border wide; the tag frame's origin (its centre) is at
+// (total_width / 2, total_width / 2).
 #pragma once
 
 #include <cstdint>
@@ -14,13 +13,13 @@
 
 namespace penumbra {
 
-// A straight edge between black and white cells, as long as it keeps its polarity.
+// A maximal straight edge between black and white cells with one polarity.
 struct EdgeRun {
-  bool vertical = false;  // true: a = position, b in [begin, end]; false: b = position, a in [...]
+  bool vertical = false;  // true: a = position, b in [begin, end]; false: swap a and b
   int position = 0;
   int begin = 0;
   int end = 0;
-  int polarity = 0;  // +1: white on the side of larger a (or b); -1: black there
+  int polarity = 0;  // +1: white on the side of larger a (or b); -1: black
 };
 
 struct DataCell {
@@ -36,7 +35,7 @@ class TagPattern {
 
   [[nodiscard]] int width_at_border() const { return width_at_border_; }  // [cells]
   [[nodiscard]] int total_width() const { return total_width_; }          // [cells]
-  // Colour of a cell; white outside the printed square.
+  // Returns the colour of a cell; white outside the printed square.
   [[nodiscard]] bool white(int i, int j) const {
     if (i < 0 || j < 0 || i >= total_width_ || j >= total_width_) return true;
     return cells_[static_cast<std::size_t>(j * total_width_ + i)] != 0;
@@ -46,7 +45,7 @@ class TagPattern {
     if (i < 0 || j < 0 || i >= total_width_ || j >= total_width_) return false;
     return printed_[static_cast<std::size_t>(j * total_width_ + i)] != 0;
   }
-  // All edges inside the printed square. Its outline is none, because the surroundings are unknown.
+  // All edges inside the printed square, without its outline: the surroundings are unknown.
   [[nodiscard]] const std::vector<EdgeRun>& runs() const { return runs_; }
   [[nodiscard]] const std::vector<DataCell>& data_cells() const { return data_cells_; }
 
@@ -54,7 +53,7 @@ class TagPattern {
   int width_at_border_ = 0;
   int total_width_ = 0;
   std::vector<std::uint8_t> cells_;    // rows from the bottom, 1 = white
-  std::vector<std::uint8_t> printed_;  // the same, 1 = printed
+  std::vector<std::uint8_t> printed_;  // same order, 1 = printed
   std::vector<EdgeRun> runs_;
   std::vector<DataCell> data_cells_;
 };

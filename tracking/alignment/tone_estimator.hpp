@@ -1,13 +1,13 @@
-// Estimates the tone curve of a camera from images of known tags.
+// Estimates the camera response (gamma exponent) from images of known tags.
 //
-// Through a tone curve white bleeds into black, and every edge lies in the dark. With K and W the
-// grey levels of black and white (0 to 1) and m the pattern's own blurred value, a pixel is
+// A non-linear response shifts blurred edges towards black. With the grey levels K of black and W
+// of white (0 to 1), and the pattern's blurred value m, a pixel is
 //
 //   v = (K^g + (W^g - K^g) m)^(1/g),   linear light = v^g.
 //
-// g, the blur and each tag's K and W are fitted to the grey levels, where noise is about uniform
-// (in linear light it is not, which biases the exponent), image by image; the estimate is their
-// robust mean.
+// For each image, g, the blur and each tag's K and W are fitted to the grey levels, because their
+// noise is about uniform; in linear light it is not, which would bias the exponent. The estimate is
+// a robust mean over the images.
 #pragma once
 
 #include <span>
@@ -23,29 +23,29 @@
 
 namespace penumbra {
 
-// Greatest error of a useful exponent [1 sigma]; a larger one does as much harm as no exponent.
+// Maximum error (1 sigma) of a useful exponent; a less accurate one is no better than none.
 inline constexpr double kGreatestToneSigma = 0.25;
 
 struct ToneEstimate {
   double exponent = 1.0;  // linear light = (grey / 255) ^ exponent
-  double sigma = 0.0;     // 1 sigma, by the scatter of the images and the error of the model
-  double blur_px = 0.0;   // median sigma of the point spread, the pixel's box included
+  double sigma = 0.0;     // 1 sigma, from the scatter of the images and the model error
+  double blur_px = 0.0;   // median sigma of the point spread, including the pixel's box
   int pictures = 0;
 };
 
 class ToneEstimator {
  public:
-  // Fails when a tag's id does not exist in its family.
+  // Fails if a tag's id does not exist in its family.
   [[nodiscard]] static Result<ToneEstimator> create(const CameraModel& camera,
                                                     std::span<const MappedTag> tags);
 
-  // Adds an image whose pose is known to a pixel or two at the tags. False if it is not used: the
-  // pattern is not recognised, the tags are too small, too faint or overexposed, or the image is
-  // blurred. Takes as long as some alignments of every pixel.
+  // Adds an image with a pose that is accurate to 1 or 2 px at the tags. Returns false if the image
+  // is not used: the pattern is not recognised, the tags are too small, too faint or overexposed,
+  // or the image is blurred. Takes as long as several accurate alignments.
   bool add(ImageView luma, const CameraPose& T_table_camera);
 
-  // Fails with too few images, and when they leave a sigma above kGreatestToneSigma. The same
-  // images give the same bits.
+  // Fails for too few images, or if sigma exceeds kGreatestToneSigma. The same images give the same
+  // bits.
   [[nodiscard]] Result<ToneEstimate> estimate() const;
 
  private:
@@ -60,7 +60,7 @@ class ToneEstimator {
   CameraModel camera_;
   TagAligner aligner_;
   std::vector<ImageTone> found_;
-  double blur_px_ = AlignmentOptions().blur_px;  // of the last image
+  double blur_px_ = AlignmentOptions().blur_px;  // of the previous image
 };
 
 }  // namespace penumbra

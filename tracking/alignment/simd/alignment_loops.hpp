@@ -1,10 +1,10 @@
-// Inner loops of the pattern alignment, compiled for each instruction set and chosen at run time.
-// Every instruction set gives the same bits: sums run in 16 fixed lanes and no product is fused
-// with a sum. Data are plain arrays of float, because code for a wider instruction set must not
-// instantiate templates that other files share.
+// Inner loops of the pattern alignment, compiled for each instruction set and selected at run time.
+// Every instruction set gives the same bits: sums use 16 fixed lanes and no fused multiply-add.
+// Data are plain arrays of float, because code for a wider instruction set must not instantiate
+// templates that other files share.
 //
-// Lattice coordinates (a, b) are those of tag_pattern.hpp. A ray is (x, y) of the direction (x, y,
-// 1) in the camera frame, without distortion.
+// Lattice coordinates (a, b): see tag_pattern.hpp. A ray is (x, y) of the undistorted direction (x,
+// y, 1) in the camera frame.
 #pragma once
 
 #include <cstddef>
@@ -23,19 +23,19 @@ struct Lens {
   // polynomial: the rational model with k4 = k5 = k6 = 0
   enum class Kind { none, polynomial, rational, fisheye } kind = Kind::none;
   float k[8] = {};  // k1 k2 p1 p2 k3 k4 k5 k6, or k1..k4 of the fisheye
-  // Squared radius of rays beyond which the distortion is not monotonic; may be infinite.
+  // Squared radius of rays beyond which the distortion is non-monotonic; may be infinite.
   float max_radius2 = __builtin_inff();
 };
 
-// Variance of the blur by the lens and the pixel's box, and motion during the exposure.
+// Blur variance of lens and pixel box, and motion during the exposure.
 struct Blur {
   float variance_px2 = 0.0F;
   float motion_x_px = 0.0F, motion_y_px = 0.0F;
 };
 
-// Projects lattice points; depth <= 0: behind the camera or beyond the lens model. ka, kb: 1 /
-// sigma of the blur along a and b [1/cells]; rho: their correlation. Arrays may be null: rho, or
-// rays, ka, kb and rho.
+// Lattice points and their projection. depth <= 0: behind the camera or beyond the lens model. ka,
+// kb: 1 / sigma of the blur along a and b [1/cells]; rho: their correlation. Null if not needed:
+// rho, or rays, ka, kb and rho.
 struct Vertices {
   int count = 0;  // multiple of 16
   const float* a = nullptr;
@@ -50,8 +50,8 @@ struct Vertices {
   float* rho = nullptr;
 };
 
-// Samples of one tag. The model is anchored at the lattice vertex (va, vb) nearest to the pixel
-// (with two lines per axis: below and left of it), with coefficients `c`, see pattern() in
+// Samples of one tag. Each has an anchor: the lattice vertex (va, vb) nearest to the pixel, or,
+// with two lines per axis, below and left of it. `c`: coefficients of the anchor, see pattern() in
 // residuals_body.hpp.
 struct Samples {
   int count = 0;  // multiple of kBlock; padding has weight 0
@@ -61,37 +61,37 @@ struct Samples {
   float* ray_y = nullptr;
   float* value = nullptr;
   float* weight = nullptr;
-  std::int32_t* vertex = nullptr;  // of the anchor: vb * side + va
+  std::int32_t* vertex = nullptr;  // index of the anchor: vb * side + va
   float* va = nullptr;
   float* vb = nullptr;
   float* ka = nullptr;
   float* kb = nullptr;
   float* rho = nullptr;
   float* c[16] = {};
-  float* model = nullptr;     // by evaluate: the pattern's blurred value, 0 black to 1 white
-  float* residual = nullptr;  // by accumulate
-  // By leverage: pairs of leverage times residual and times slope, then `count` squared leverages.
+  float* model = nullptr;     // output of evaluate: the pattern's blurred value, 0 black to 1 white
+  float* residual = nullptr;  // output of accumulate
+  // Output of leverage: pairs leverage * residual, leverage * slope; then `count` leverage^2.
   float* leverage = nullptr;
 };
 
-// Four tags in a step; the last index is the tag. Matrices by rows.
+// Four tags in a step, selected by the final index. Matrices are in row order.
 struct TagPack {
-  double H[36][4] = {};  // of Sums; zero for a tag without equations
+  double H[36][4] = {};  // from Sums; zero for a tag without equations
   double g[8][4] = {};
   double weight[4] = {};
   double R[9][4] = {};  // lattice from camera
   double centre[3][4] = {};
   double per_cell[4] = {};             // [1/m]
-  double ray_from_lattice[9][4] = {};  // where the tag is, before the step
+  double ray_from_lattice[9][4] = {};  // of the tag's pose before the step
   double side_cells[4] = {};
-  // By marginalise: validity, inverse of the equations of gain and offset, and marginalised
-  // equations of the camera's motion: [nu nu, nu omega; , omega omega] as 6, 9 and 6 numbers, and
-  // gradient.
+  // Output of marginalise: validity, inverse of the equations of gain and offset, and marginalised
+  // equations of the camera's motion: blocks nu nu, nu omega and omega omega of H as 6, 9 and 6
+  // numbers, and the gradient.
   bool valid[4] = {};
   double inverse[3][4] = {};
   double H_camera[21][4] = {};
   double g_camera[6][4] = {};
-  // By follow: changes of gain and offset, and the farthest corner's squared motion [px^2].
+  // Output of follow: changes of gain and offset, and maximum squared motion of a corner [px^2].
   double levels[2][4] = {};
   double moved_px2[4] = {};
 };
@@ -112,57 +112,57 @@ struct Sums {
   double g[8] = {};          // J^T W r, with J = -d residual / d parameters
   double cost = 0.0;         // sum of w r^2
   double weight = 0.0;       // sum of w
-  double base_weight = 0.0;  // sum of the samples' own weights
+  double base_weight = 0.0;  // sum of the samples' prior weights
 };
 
-// The image, the pixels at each step along an edge, and the output.
+// Common input and output of Walk and RunWalk.
 struct WalkPlan {
-  int width = 0, height = 0;       // of the image
-  std::ptrdiff_t stride = 0;       // from an image row to the next [bytes]
-  int most_rows = 0;               // pixels at a step
-  int band_count = 0;              // 0: all within reach
-  const float* offsets = nullptr;  // 0, 1, 2 ..., or the band's; 20 of them
-  // Output: end of the samples and run of each step (Walk) or of each run with a step (RunWalk).
+  int width = 0, height = 0;       // image size [px]
+  std::ptrdiff_t stride = 0;       // between image rows [bytes]
+  int most_rows = 0;               // maximum pixels per step
+  int band_count = 0;              // number of `offsets`; 0: all pixels within reach
+  const float* offsets = nullptr;  // 20 offsets: 0, 1, 2 ..., or those of the band
+  // Output for each step (Walk) or each run with a step (RunWalk): end of its samples, and its run.
   std::int32_t* end = nullptr;
   std::int32_t* run = nullptr;
 };
 
-// Steps along the edges of one lattice direction, at pixel centres on the image axis that the edge
-// is nearer to. Each takes the pixels across the edge within `reach_px`, or at a band's offsets.
+// Steps along the edges of one lattice direction, at pixel centres on the image axis nearer to the
+// edge. Each step samples the pixels across the edge within `reach_px`, or at a band's offsets.
 struct Walk : WalkPlan {
-  // Cells of all edges, concatenated: the point at distance d is at begin + d along the edge and at
-  // `across`, by the record of cell floor(d). The last record is there twice.
+  // Cells of all edges, concatenated: the point at distance d is in cell k = floor(d), at
+  // cells[k].begin + d along the edge and cells[k].across across it. The final record is repeated.
   struct Cell {
     float begin = 0.0F, across = 0.0F;
     std::int32_t run = 0;  // index of the edge
   };
   const Cell* cells = nullptr;
   int cell_count = 0;
-  int count = 0;                            // steps, evenly over all cells
+  int count = 0;                            // number of steps, evenly spaced over all cells
   const float* ray_from_lattice = nullptr;  // 3 x 3, by rows
   bool along_b = false;                     // direction of the edges in the lattice
   bool along_x = false;                     // axis of the steps in the image
   float reach_px = 0.0F;                    // at right angles to the edge
-  // A point at row y is displaced by shear (y - row), see AlignedTag::row_shear.
+  // A point at row y is displaced by shear (y - row); see AlignedTag::row_shear.
   float row = 0.0F, shear_x = 0.0F, shear_y = 0.0F;
 };
 
-// Edges of a tag, each walked along the image axis it is nearer to.
+// Edges of a tag, each walked along the nearer image axis.
 struct RunWalk : WalkPlan {
   struct Run {
     std::uint32_t begin = 0, end = 0;  // vertices
     bool vertical = false;             // in the lattice
   };
-  // Sixteen runs, by measure_runs. "Along" is the axis of the walk, "across" the other one.
+  // Output of measure_runs: 16 runs. "Along" is the image axis of the walk, "across" the other.
   struct Part {
     static constexpr int kRuns = 16;
-    alignas(64) double length[kRuns];          // [px along]; -1: not to be walked
-    double along_px[kRuns], across_px[kRuns];  // extent; 0 where the run is not seen
+    alignas(64) double length[kRuns];          // [px along]; -1: skip
+    double along_px[kRuns], across_px[kRuns];  // extent; 0 if the run is not visible
     double along[kRuns], across[kRuns];        // begin [px]
-    double direction[kRuns], slope[kRuns];     // of the walk, 1 or -1, and across by along
-    double reach[kRuns];                       // across [px]
-    double ray_x[kRuns], ray_y[kRuns];         // at the begin
-    double per_px_x[kRuns], per_px_y[kRuns];   // change of the ray per pixel along
+    double direction[kRuns], slope[kRuns];     // 1 or -1: sign of the walk; d across / d along
+    double reach[kRuns];                       // maximum distance across [px]
+    double ray_x[kRuns], ray_y[kRuns];         // ray at the begin
+    double per_px_x[kRuns], per_px_y[kRuns];   // d ray / d pixel along
     std::int32_t along_x[kRuns];               // 1: along is x
   };
   const Run* runs = nullptr;
@@ -174,7 +174,7 @@ struct RunWalk : WalkPlan {
   const float* depth = nullptr;
   Part* parts = nullptr;   // (count + 15) / 16
   double reach_px = 0.0;   // at right angles to the edge
-  double stride_px = 0.0;  // along, from step to step; continues from run to run
+  double stride_px = 0.0;  // step length along; continues over runs
   int walked = 0;          // output: number of runs with a step
 };
 
@@ -188,72 +188,71 @@ struct CellCorners {  // of Vertices
 
 struct ImagePlan {
   int width = 0, height = 0;
-  std::ptrdiff_t stride = 0;  // from row to row [bytes]
+  std::ptrdiff_t stride = 0;  // between rows [bytes]
 };
 
 struct AccumulateInput {
   float lattice_from_ray[9] = {};
-  float centre[3] = {};  // of the camera in the lattice frame [cells]
+  float centre[3] = {};  // camera in the lattice frame [cells]
   float gain = 0.0F, offset = 0.0F;
-  float inverse_cutoff = 0.0F;  // of Tukey's weights [1 / grey]; 0: none
+  float inverse_cutoff = 0.0F;  // of Tukey's weights [1 / grey]; 0: least squares
   int reach = 1;                // lines per axis: 1, 2 or 3
   bool correlated = false;      // whether rho is used
 };
 
-// The effect of a displacement of the edges on the residuals of the last accumulate.
+// Effect of a displacement of the edges on the residuals of the latest accumulate.
 struct LeverageInput {
   float inverse_gain = 0.0F;
   float offset = 0.0F;
-  float inverse_limit = 0.0F;  // of Tukey's weights [1 / share of the gain]
+  float inverse_limit = 0.0F;  // of Tukey's weights [1 / fraction of the gain]
 };
 
 struct Loops {
   const char* name;
   void (*project)(const Lens& lens, const Blur& blur, const float* ray_from_lattice,
                   const float* lattice_from_ray, const Vertices& vertices);
-  // Writes pixels, guesses of rays and offsets in the image's memory (`vertex`) from sample `used`
-  // on, and overwrites up to three samples more. Returns the end.
+  // Writes pixels, initial rays and memory offsets (in `vertex`) of samples from index `used`. May
+  // overwrite three samples beyond the end, which it returns.
   int (*walk)(const Lens& lens, const Walk& walk, const Samples& samples, int used);
   // Fills `parts`; returns the sums of along_px and across_px.
   void (*measure_runs)(const RunWalk& walk, double& along_px, double& across_px);
-  // As `walk`, from the first sample on.
+  // Like `walk`, from the first sample.
   int (*walk_runs)(const Lens& lens, RunWalk& walk, const Samples& samples);
   // Reads the first `used` samples by `vertex` and a table of 256 levels, and pads to `count`.
   void (*read)(const std::uint8_t* pixels, const float* levels, int used, const Samples& samples);
-  // Rays from guesses within a few pixels, and anchors on a lattice of side x side vertices.
+  // Refines rays that are off by a few pixels; sets anchors on a lattice of side x side vertices.
   void (*prepare)(const Lens& lens, const float* lattice_from_ray, int reach, int side,
                   const Samples& samples);
-  // ka, kb and c of the anchors with one line per axis, from those of all vertices.
+  // Gathers ka, kb and c of the anchors from those of all vertices, for one line per axis.
   void (*attach)(const float* ka, const float* kb, const float* coefficients,
                  const Samples& samples);
   void (*accumulate)(const AccumulateInput& input, const Samples& samples, Sums& sums);
-  // Anchors from the rays.
+  // Recomputes the anchors from the rays.
   void (*anchor)(const float* lattice_from_ray, int reach, int side, const Samples& samples);
   // Marginalises gains and offsets.
   void (*marginalise)(TagPack* packs, int count);
   // Applies a step to the tags.
   void (*follow)(const CameraStep& step, TagPack* packs, int count);
-  // Writes moments[0].model: the mean over `count` moments with poses `inputs` and the same samples
-  // with the anchors and the blur of each moment.
+  // Writes moments[0].model: the mean over `count` moments with poses `inputs`. The moments have
+  // the same samples, but their own anchors and blur.
   void (*evaluate)(const AccumulateInput* inputs, const Samples* moments, int count);
   void (*leverage)(const LeverageInput& input, const Samples& samples);
-  // scores[r * columns + c] = sum over the first `positive` points minus the sum over the others of
-  // point[r * row_step * stride + c]; columns: 32 or 64.
+  // scores[r * columns + c] = sum of point[r * row_step * stride + c] over the first `positive`
+  // points, minus the sum over the others; columns: 32 or 64.
   void (*search)(const std::uint8_t* const* points, const std::ptrdiff_t* strides, int positive,
                  int count, int columns, int rows, int row_step, std::int16_t* scores);
   // sums[k] += scores[k]
   void (*add)(const std::int16_t* scores, int count, std::int32_t* sums);
-  // For the cell above and right of each vertex of a lattice of side x side, which the last vertex
-  // of a row and the last row do not have: memory offset of the pixel nearest to its centre, or
-  // kNowhere.
+  // Finds, for the cell above and right of each vertex of a side x side lattice, the memory offset
+  // of the pixel nearest to its centre, or kNowhere. The final row and column have no cells.
   void (*cell_places)(int side, const CellCorners& corners, const ImagePlan& image,
                       std::int32_t* places);
 };
 
 [[nodiscard]] Lens lens_of(const CameraModel& camera);
-// For the widest instruction set of this processor.
+// Returns the loops for the widest instruction set of this processor.
 [[nodiscard]] const Loops& widest_loops();
-// For all instruction sets of this processor, narrowest first; null ends the list.
+// Returns a null-terminated list for all instruction sets of this processor, narrowest first.
 [[nodiscard]] const Loops* const* available_loops();
 
 }  // namespace penumbra::simd

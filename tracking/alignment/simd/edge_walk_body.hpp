@@ -1,12 +1,12 @@
-// Walks along the edges of a tag and finds the pixels there.
+// Walks along the edges of a tag and selects pixels.
 // Included by loops_body.hpp, once for each instruction set, inside its namespace.
 
-// Floor of |x| < 2^22; a whole number may be rounded down by one.
+// Floor for |x| < 2^22; may return n - 1 for an integer n.
 PENUMBRA_INLINE float round_down(float x) {
   return ((x - 0.5F) + 12582912.0F) - 12582912.0F;
 }
 
-constexpr int kSteps = 16;  // placed at a time
+constexpr int kSteps = 16;  // steps per block
 struct StepBlock {
   alignas(64) float a[kSteps], b[kSteps], walk[kSteps], cross[kSteps], ray_x[kSteps], ray_y[kSteps];
   alignas(64) std::int32_t cell[kSteps], rows[kSteps], place[kSteps];
@@ -39,7 +39,7 @@ PENUMBRA_INLINE void place_steps(const Lens& lens, const Walk& w, StepBlock& blo
     float j01 = 0.0F;
     float j11 = 0.0F;
     distort<kind>(lens, x, y, xd, yd, j00, j01, j11);
-    // The pixel and the edge's direction there, with the rolling shutter.
+    // The pixel and the edge's direction at it, with the rolling shutter.
     const float dx = (to_x - x * to_z) * inverse;
     const float dy = (to_y - y * to_z) * inverse;
     float u = lens.fx * xd + lens.cx;
@@ -97,8 +97,8 @@ struct StepOutput {
   std::int32_t* end;
 };
 
-// Rows are written in groups of four, because branches on their number are mispredicted; the next
-// step overwrites those too many.
+// Writes rows in groups of four, because branches on their number are mispredicted. The next step
+// overwrites surplus rows.
 template <bool with_rays, bool one_group>
 __attribute__((noinline)) int write_steps(const StepBlock& block, int steps, const float* offsets,
                                           std::int32_t cross_bytes, const StepOutput& out,
@@ -193,7 +193,7 @@ int walk(const Lens& lens, const Walk& w, const Samples& s, int used) {
   });
 }
 
-// Uses double precision: floats at the far end of a run may round to another pixel.
+// Uses double precision, because floats at the far end of a run may round to another pixel.
 void measure_runs(const RunWalk& w, double& along_px, double& across_px) {
   constexpr int kRuns = RunWalk::Part::kRuns;
   along_px = 0.0;
@@ -265,14 +265,14 @@ void measure_runs(const RunWalk& w, double& along_px, double& across_px) {
   }
 }
 
-// Steps of runs that are walked along the same axis, with the data of their runs.
+// Steps of runs with the same walk axis, with the data of their runs.
 struct RunSteps {
-  static constexpr int kRoom = kSteps + 4;  // runs are written four steps at a time
+  static constexpr int kRoom = kSteps + 4;  // steps are written in groups of four
   alignas(64) double at[kRoom], along[kRoom], across[kRoom], direction[kRoom], slope[kRoom];
   alignas(64) double reach[kRoom], ray_x[kRoom], ray_y[kRoom], per_px_x[kRoom], per_px_y[kRoom];
 };
 
-// Floor of |x| < 2^20.
+// Floor for |x| < 2^20.
 PENUMBRA_INLINE std::int32_t floor_of_double(double x) {
   constexpr std::int32_t kShift = 1 << 20;
   return static_cast<std::int32_t>(x + kShift) - kShift;
@@ -292,7 +292,7 @@ PENUMBRA_INLINE void place_run_steps(const RunWalk& w, const RunSteps& steps, St
   for (int i = 0; i < kSteps; ++i) {
     const std::int32_t walk =
         floor_of_double(steps.along[i] + steps.direction[i] * steps.at[i] + 0.5);
-    // Distance of this pixel's centre along the run.
+    // Distance distance along the run of this pixel's centre.
     const double exact = steps.direction[i] * (static_cast<double>(walk) - steps.along[i]);
     const double centre = steps.across[i] + steps.slope[i] * exact;
     std::int32_t first = 0;
@@ -341,7 +341,7 @@ int walk_runs_as(RunWalk& w, const Samples& s) {
   StepBlock block = {};
   RunSteps steps = {};
   std::int32_t ends[kSteps];
-  // Runs that end in a block: index, and number of the block's steps before the end, one at least.
+  // Runs that end in a block: index, and number of the block's steps before the end (>= 1).
   std::int32_t ended[kSteps + 1];
   int ended_at[kSteps + 1];
   int used = 0;

@@ -1,5 +1,5 @@
-// Definitions of alignment_loops.hpp in the namespace PENUMBRA_SIMD, included once for each
-// instruction set. It uses only builtins and plain arrays, see there.
+// Defines the loops of alignment_loops.hpp in the namespace PENUMBRA_SIMD; included once for each
+// instruction set. Uses only builtins and plain arrays, as explained in that header.
 #include "tracking/alignment/simd/alignment_loops.hpp"
 
 #if defined(__AVX2__)
@@ -11,7 +11,7 @@
 namespace penumbra::simd::PENUMBRA_SIMD {
 namespace {
 
-// Each one uses those before it.
+// Each file uses the preceding ones.
 // clang-format off
 #include "tracking/alignment/simd/wide_body.hpp"
 #include "tracking/alignment/simd/projection_body.hpp"

@@ -16,12 +16,12 @@ PENUMBRA_INLINE void store(double* at, const Pack& pack) {
   __builtin_memcpy(at, &pack, sizeof pack);
 }
 
-// Index into the upper triangle of an 8 x 8 matrix, row by row; p <= q.
+// Returns the index into the upper triangle of an 8 x 8 matrix, row by row; p <= q.
 constexpr int upper(int p, int q) {
   return p * 8 - p * (p - 1) / 2 + q - p;
 }
 
-// Rows of factor R^T A R, for A by rows; of a symmetric A only the upper triangle.
+// Writes factor R^T A R in row order; for a symmetric A only the upper triangle.
 template <bool symmetric>
 PENUMBRA_INLINE void turned(const Pack* A, const Pack* R, const Pack& factor, double (*out)[4]) {
   Pack AR[9];
@@ -54,7 +54,7 @@ void marginalise(TagPack* packs, int count) {
     const Pack& l01 = H[upper(6, 7)];
     const Pack& l11 = H[upper(7, 7)];
     const Pack det = l00 * l11 - l01 * l01;
-    // Finite, with enough samples, and with two distinct levels.
+    // Valid: finite, enough samples, two distinct levels.
     const PackMask valid = (sum - sum == 0.0) & (weight > 8.0) & (det > 1e-6 * (l00 * l11));
     const Pack zero = {0.0, 0.0, 0.0, 0.0};
     const Pack one = {1.0, 1.0, 1.0, 1.0};
@@ -98,8 +98,8 @@ void marginalise(TagPack* packs, int count) {
                                                       share1[low + 3] * H[upper(high + 3, 7)]);
       }
     }
-    // Into the camera's frame: the lattice's motion is [R / cell, K R; 0, R] times the camera's,
-    // with K = skew(centre). First Q + P K, then S + Q^T K - K (Q + P K).
+    // Transforms to the camera frame: the lattice's motion is [R / cell, K R; 0, R] times the
+    // camera's, with K = skew(centre). First Q + P K, then S + Q^T K - K (Q + P K).
     Pack centre[3];
     load(pack.centre, centre);
     const Pack& x = centre[0];

@@ -1,5 +1,5 @@
-// Projects lattice points with the lens model and the blur there, and finds pixels of cells.
-// Included by loops_body.hpp, once for each instruction set, inside its namespace.
+// Projects lattice points and their blur with the lens model, and finds pixels of cells. Included
+// by loops_body.hpp, once for each instruction set, inside its namespace.
 
 // Value: float or Wide.
 template <class Value>
@@ -65,12 +65,12 @@ PENUMBRA_INLINE void distort(const Lens& lens, const Value& x, const Value& y, V
   }
 }
 
-// Outputs requested for vertices.
+// Requested outputs for vertices.
 enum class Wanted {
-  places,          // pixels and depths
-  spread,          // rays and blur as well, for motion along an image axis
-  oblique_spread,  // the same for motion in any direction
-  correlation,     // the correlation of the blur along a and b as well
+  places,          // pixel and depth
+  spread,          // also ray and blur, for motion along an image axis
+  oblique_spread,  // also ray and blur, for motion in any direction
+  correlation,     // also the correlation of the blur along a and b
 };
 
 template <Lens::Kind kind, Wanted wanted>
@@ -112,7 +112,7 @@ void project_as(const Lens& lens_in, const Blur& blur, const float* M_in, const 
     if constexpr (wanted == Wanted::places) continue;
     store(v.ray_x + i, x);
     store(v.ray_y + i, y);
-    // d(a, b) / d ray, then by the pixel
+    // d(a, b) / d ray, then d(a, b) / d pixel
     const Wide inverse_s = 1.0F / (N[6] * x + N[7] * y + N[8]);
     const Wide ax = (N[0] - a * N[6]) * inverse_s;
     const Wide ay = (N[1] - a * N[7]) * inverse_s;
@@ -187,7 +187,7 @@ void cell_places(int side, const CellCorners& v, const ImagePlan& image, std::in
     const bool seen = (depth[k] > 0.0F) & (depth[k + 1] > 0.0F) & (depth[k + side] > 0.0F) &
                       (depth[k + side + 1] > 0.0F) & (cx >= -0.5F) & (cy >= -0.5F) & (cx < right) &
                       (cy < top);
-    // Truncates and rounds up from a half; adding a half would not be exact.
+    // Rounds half up by truncation; adding 0.5 would not be exact.
     const float least_x = cx > -0.5F ? cx : -0.5F;
     const float least_y = cy > -0.5F ? cy : -0.5F;
     const float safe_x = least_x < right ? least_x : right;

@@ -1,7 +1,7 @@
-// The blurred pattern at samples, residuals, and the normal equations of one tag.
+// Evaluates the blurred pattern at samples, residuals and the normal equations of one tag.
 // Included by loops_body.hpp, once for each instruction set, inside its namespace.
 
-// The blurred pattern at (a, b) from the anchor, and its derivatives by a and b.
+// Returns the blurred pattern at (a, b) relative to the anchor, and its derivatives by a and b.
 //
 // One line per axis: with F the normal distributions of the distances to the vertex's two lines,
 //   m = c0 + c1 Fa + c2 Fb + c3 F(a and b).
@@ -85,14 +85,14 @@ PENUMBRA_INLINE Wide pattern(const Wide& a, const Wide& b, const Samples& s, int
   }
 }
 
-// Contribution of a block of samples to the sums.
+// Terms of a block of samples.
 struct BlockTerms {
-  alignas(64) float J[7][kBlock];  // and that of the offset, which is 1
+  alignas(64) float J[7][kBlock];  // without that of the offset, which is 1
   alignas(64) float weight[kBlock];
   alignas(64) float weighted[kBlock];  // residual
 };
 
-// Sums by lane: 36 of H, the last of which is the weight, 8 of g, cost, base weight.
+// Sums per lane: 36 of H (the final one is the weight), 8 of g, cost, base weight.
 struct LaneSums {
   static constexpr int kSums = 46;
   alignas(64) float lanes[kSums][kLanes];
@@ -119,7 +119,7 @@ __attribute__((noinline)) void add_block(const BlockTerms& block, const float* r
     Wide x[kQuarters];
 #pragma GCC unroll 7
     for (int p = 0; p < 7; ++p) {
-      // A row's products with the weight stay in registers.
+      // Keeps a row's products with the weight in registers.
 #pragma GCC unroll 4
       for (int n = 0; n < kQuarters; ++n)
         x[n] = load(block.weight + l + n * kLanes) * load(block.J[p] + l + n * kLanes);
@@ -143,7 +143,7 @@ __attribute__((noinline)) void add_block(const BlockTerms& block, const float* r
   }
 }
 
-// Four floats as doubles; the compiler's own conversion goes by twos.
+// Converts four floats to doubles; the compiler's conversion handles only two at a time.
 using Doubles4 = double __attribute__((vector_size(32)));
 PENUMBRA_INLINE void load(const float* at, Doubles4& four) {
 #if defined(__AVX2__)
@@ -155,7 +155,7 @@ PENUMBRA_INLINE void load(const float* at, Doubles4& four) {
 #endif
 }
 
-// Sums the lanes in double precision, by halves. `count` is a multiple of 4.
+// Sums the lanes in double precision by repeated halving. `count` must be a multiple of 4.
 PENUMBRA_INLINE void add_lanes(const float (*lanes)[kLanes], int count, double* sums) {
   static_assert(kLanes == 16, "four halvings");
   using Places = long long __attribute__((vector_size(sizeof(Doubles4))));
@@ -193,7 +193,7 @@ __attribute__((noinline)) void add_lanes(const LaneSums& from, Sums& sums) {
   sums.base_weight = last[3];
 }
 
-// Residuals of the samples from `i` on for a model of `m`, and Tukey's weights.
+// Computes residuals and Tukey's weights of the samples from index `i` for the model value `m`.
 PENUMBRA_INLINE void weigh(const AccumulateInput& in, const Samples& s, int i, const Wide& m,
                            BlockTerms& block, int l) {
   const Wide r = load(s.value + i) - (in.gain * m + in.offset);
@@ -228,7 +228,7 @@ void accumulate_as(const AccumulateInput& in, const Samples& samples, Sums& sums
       const Wide m =
           pattern<reach, correlated>(a - load(s.va + i), b - load(s.vb + i), s, i, m_a, m_b);
       weigh(input, s, i, m, block, l);
-      // The pattern moves with the tag: on the fixed ray, a changes by
+      // The pattern moves with the tag. On a fixed ray, a changes by
       // -(1, 0, qa, qa b, -qa a, -b) . (nu, omega), and b alike.
       const Wide qa = (a - input.centre[0]) * inverse_cz;
       const Wide qb = (b - input.centre[1]) * inverse_cz;
@@ -264,7 +264,7 @@ void leverage(const LeverageInput& in, const Samples& s) {
     const Wide m = (load(value + i) - offset) * inverse_gain - r;
     const Wide t = r * inverse_limit;
     const Wide inside = most(1.0F - t * t, Wide{});
-    const Wide slope = most(m * (1.0F - m), Wide{});  // approximately, of a blurred edge
+    const Wide slope = most(m * (1.0F - m), Wide{});  // approximate slope of a blurred edge
     const Wide effect = slope * inside * inside;
     store_pairs(pairs + 2 * static_cast<std::ptrdiff_t>(i), effect * r, effect * slope);
     store(squares + i, effect * effect);

@@ -1,4 +1,4 @@
-// Grey levels, rays and lattice vertices of samples.
+// Computes grey levels, rays and anchors of samples.
 // Included by loops_body.hpp, once for each instruction set, inside its namespace.
 
 void read(const std::uint8_t* pixels, const float* levels, int used, const Samples& s) {
@@ -21,7 +21,7 @@ void read(const std::uint8_t* pixels, const float* levels, int used, const Sampl
   }
 }
 
-// Stores the vertex nearest to a lattice point (adding 1.5 * 2^23 rounds).
+// Stores the vertex nearest to a lattice point; adding 1.5 * 2^23 rounds to an integer.
 PENUMBRA_INLINE void store_anchor(const Wide& a, const Wide& b, const Wide& last, int side,
                                   const Samples& s, int i) {
   const Wide va = least(most((a + 12582912.0F) - 12582912.0F, Wide{}), last);
@@ -51,7 +51,7 @@ void prepare_as(const Lens& lens_in, const float* M_in, int reach, int side,
     Wide x = target_x;
     Wide y = target_y;
     if constexpr (kind != Lens::Kind::none) {
-      // Newton's method; the second step with the first one's derivative reaches float precision.
+      // Newton's method: a second step with the same derivative reaches float precision.
       Wide xd;
       Wide yd;
       Wide j00;
@@ -70,7 +70,7 @@ void prepare_as(const Lens& lens_in, const float* M_in, int reach, int side,
       inverse_det = 1.0F / (j00 * j11 - j01 * j01);
       step();
       if constexpr (kind == Lens::Kind::fisheye) {
-        // Rays grow as the tangent of their angle: one more step (0.07 px off without, at 75
+        // Needs a third step, because rays are tangents of angles (0.07 px error without it at 75
         // degrees).
         distort<kind>(lens, x, y, xd, yd, j00, j01, j11);
         inverse_det = 1.0F / (j00 * j11 - j01 * j01);

@@ -1,7 +1,7 @@
-// Scores of the pattern search.
+// Computes the scores of the pattern search.
 // Included by loops_body.hpp, once for each instruction set, inside its namespace.
 
-// Sums of bytes in 16-bit lanes; the compiler's own conversion of bytes takes several shuffles.
+// Sums bytes in 16-bit lanes by intrinsics; the compiler's conversion needs several shuffles.
 constexpr int kWordLanes = 2 * kWide;
 using Words = std::int16_t __attribute__((vector_size(2 * kWordLanes)));
 PENUMBRA_INLINE Words load_words(const std::uint8_t* bytes) {

@@ -1,9 +1,9 @@
-// Vectors of floats as wide as the instruction set, and their functions.
+// Vectors of floats with the instruction set's width, and their functions.
 // Included by loops_body.hpp, once for each instruction set, inside its namespace.
 
 constexpr int kLanes = 16;
 
-// Floats in a vector of the instruction set.
+// Floats per vector register.
 #if defined(__AVX512F__)
 constexpr int kWide = 16;
 #elif defined(__AVX2__)
@@ -38,8 +38,8 @@ PENUMBRA_INLINE Wide square_root(const Wide& x) {
   for (int l = 0; l < kWide; ++l) root[l] = __builtin_sqrtf(x[l]);
   return root;
 }
-// Intrinsics, because the compiler turns a constant limit into comparisons and blends; `limit` for
-// NaN.
+// Minimum; `limit` if x is NaN. Uses intrinsics, because the compiler turns a constant limit into
+// comparisons and blends.
 PENUMBRA_INLINE Wide least(const Wide& x, const Wide& limit) {
 #if defined(__AVX512F__)
   return _mm512_maskz_min_ps(0xFFFF, x, limit);
@@ -62,7 +62,7 @@ PENUMBRA_INLINE Wide by_sign(const Wide& u, const Wide& negative, const Wide& po
   return reinterpret_cast<WideInts>(u) < 0 ? negative : positive;
 }
 
-// Interleaves: x0 y0 x1 y1 ...
+// Stores x0 y0 x1 y1 ...
 PENUMBRA_INLINE void store_pairs(float* at, const Wide& x, const Wide& y) {
 #if defined(__AVX512F__)
   constexpr WideInts kLow = {0, 16, 1, 17, 2, 18, 3, 19, 4, 20, 5, 21, 6, 22, 7, 23};
@@ -75,11 +75,11 @@ PENUMBRA_INLINE void store_pairs(float* at, const Wide& x, const Wide& y) {
   store(at + kWide, __builtin_shuffle(x, y, kLow + kWide / 2));
 }
 
-// exp(-x) for x >= 0, relative error under 3e-7: 2^-n by the exponent bits, a polynomial for the
-// rest. Flushes to about 1e-35.
+// exp(-x) for x >= 0 with a relative error below 3e-7: 2^-n by the exponent bits, a polynomial for
+// the remainder. The minimum result is about 1e-35.
 PENUMBRA_INLINE Wide exp_negative(const Wide& x) {
   const Wide scaled = least(x, wide(80.0F)) * -1.44269504F;
-  // Adding 1.5 * 2^23 rounds to the nearest integer and leaves it in the low bits.
+  // Adding 1.5 * 2^23 rounds to the nearest integer and stores it in the low bits.
   const Wide shifted = scaled + 12582912.0F;
   const Wide n = shifted - 12582912.0F;
   const Wide f = (scaled - n) * 0.69314718F;  // in [-0.35, 0.35]
@@ -121,7 +121,7 @@ PENUMBRA_INLINE Wide binormal_cdf(const Wide& x, const Wide& y, const Wide& rho,
   for (int k = 0; k < 3; ++k) {
     const Wide theta = angle * kNode[k];
     const Wide t2 = theta * theta;
-    // sin by its series; |theta| < 1.26
+    // sin by its series, for |theta| < 1.26
     const Wide s =
         theta *
         (1.0F + t2 * (-0.16666667F + t2 * (0.00833333F + t2 * (-0.00019841F + t2 * 2.7557e-6F))));
@@ -138,7 +138,7 @@ PENUMBRA_INLINE Wide binormal_cdf(const Wide& x, const Wide& y, const Wide& rho,
 
 using Floats4 = float __attribute__((vector_size(16)));
 
-// Maps rays to lattice points; a copy of the matrix, which stores to samples can't change.
+// Maps rays to lattice points; owns a copy of the matrix, which stores to samples can't change.
 struct LatticeFromRay {
   explicit LatticeFromRay(const float* rows) { __builtin_memcpy(m, rows, sizeof m); }
   PENUMBRA_INLINE void map(const Wide& x, const Wide& y, Wide& a, Wide& b) const {
@@ -149,7 +149,7 @@ struct LatticeFromRay {
   float m[9];
 };
 
-// Calls f with run-time values as template arguments.
+// Calls f with run-time values converted to template arguments.
 template <class F>
 PENUMBRA_INLINE auto with_lens(Lens::Kind kind, const F& f) {
   switch (kind) {
