@@ -1,4 +1,4 @@
-// Detects the tags of a rigid group in a frame and finds the pose by their corners.
+// Detects the tags of a rigid group in a frame and estimates the pose from their corners.
 #pragma once
 
 #include <memory>
@@ -28,24 +28,24 @@ class CornerSearch {
   // Searches the whole frame at one resolution.
   [[nodiscard]] MeasurementResult detect(const RigidTags& group, SearchResolution resolution,
                                          TrackTimes& times);
-  // Searches the predicted region, then the whole frame, at low and at full resolution in turn. The
-  // first frame is searched at every resolution.
+  // Searches the predicted region, then the whole frame, alternating between low and full
+  // resolution. Searches the first frame at every resolution.
   [[nodiscard]] MeasurementResult find(const RigidTags& group, SearchResolution finest,
                                        const std::optional<MapFromCamera>& predicted,
                                        TrackTimes& times);
-  // Pose by the corners of detected tags, by this project's own solver.
+  // Estimates the pose from the corners of detected tags, without Ceres.
   [[nodiscard]] MeasurementResult measure(const RigidTags& group,
                                           std::span<const TagDetection> detections,
                                           TrackTimes& times);
-  // Refines a measurement by Ceres unless it was aligned.
+  // Refines a measurement with Ceres, unless an alignment produced it.
   static void refine(const RigidTags& group, Measurement& measurement, TrackTimes& times);
 
-  // Resolution of the next search.
+  // Set the resolution of the next search.
   void begin_at_full_resolution() { full_next_ = true; }
   void begin_at_low_resolution() { full_next_ = false; }
 
   [[nodiscard]] TagSearch& frame() const { return *search_; }
-  // Tags of the last measurement; their indices are of RigidTags::tags.
+  // Returns the tags of the latest measurement; their indices refer to RigidTags::tags.
   [[nodiscard]] std::span<const TagObservation> observations() const { return observations_; }
 
  private:

@@ -41,13 +41,13 @@ class GroupPlace {
 
   // The place as it is shown: within a quarter of a pixel of the average.
   [[nodiscard]] const TableFromMiddle& shown() const { return shown_; }
-  // Returns true if the last measurement is older than this time.
+  // Returns true if the latest measurement is older than this time.
   [[nodiscard]] bool is_older_than(std::int64_t timestamp_ns) const {
     return !found_ || found_->timestamp_ns < timestamp_ns;
   }
 
-  // Takes a frame's estimate by the group's own tracker. `hold_s`: how long a hidden group is
-  // extrapolated.
+  // Updates with a frame's estimate by the group's own tracker. `hold_s`: maximum time to
+  // extrapolate a hidden group.
   [[nodiscard]] GroupEstimate update(const CameraModel& camera, double hold_s,
                                      std::int64_t timestamp_ns, const PoseEstimate& table_pose,
                                      const MapPoseEstimate& seen);
@@ -58,7 +58,7 @@ class GroupPlace {
     TableFromMiddle T_table_middle;
     Matrix6d covariance = Matrix6d::Zero();  // of T_table_middle * exp(xi)
   };
-  // Averages measurements while they agree. False for an uncertain one that disagrees.
+  // Averages measurements while they agree. Returns false for an uncertain one that disagrees.
   bool take(const CameraModel& camera, const Place& now, bool uncertain,
             const CameraPose& T_table_camera);
   [[nodiscard]] GroupEstimate measured(const CameraModel& camera, const PoseEstimate& table_pose,
@@ -71,7 +71,7 @@ class GroupPlace {
   Transform<frame::Group, frame::GroupMiddle> T_group_middle_;
   std::optional<Place> found_;  // averaged while it rests
   TableFromMiddle shown_;
-  TrackStatus last_status_ = TrackStatus::tracked;  // of the last measured place
+  TrackStatus last_status_ = TrackStatus::tracked;  // of the latest measurement
   bool rests_ = false;
   Vector6d velocity_ = Vector6d::Zero();  // [m/s, rad/s], group's middle
 };

@@ -23,7 +23,7 @@ struct TrackRequest {
   bool hint_seen = false;                            // tags were found there a moment ago
   bool search = true;                                // false: this frame is not searched
   SearchResolution finest = SearchResolution::full;  // finest resolution of a search
-  bool begins_finest = false;                        // the search begins at that resolution
+  bool begins_finest = false;                        // begin the search at that resolution
 };
 
 struct TrackedTags {

@@ -15,7 +15,7 @@ namespace penumbra {
 
 struct RigidTags {
   CameraModel camera;
-  std::vector<MappedTag> tags;  // in the aligner's order
+  std::vector<MappedTag> tags;  // same order as in the aligner
 
   [[nodiscard]] const MappedTag& operator[](int index) const {
     return tags[static_cast<std::size_t>(index)];
@@ -34,11 +34,11 @@ struct RigidTags {
 struct Alignment {
   TagAligner& aligner;
   AlignmentInput input;
-  bool with_search = true;  // align(), or refine() without
+  bool with_search = true;  // true: align(); false: refine()
   AlignmentResult result = {};
 
   void run() { result = align(); }
-  // Aligns without these tags; does not change `result`. Replaces input.rejected for later runs.
+  // Aligns without these tags; does not change `result`. Sets input.rejected, also for later runs.
   [[nodiscard]] AlignmentResult tried_without(std::span<const int> rejected) {
     input.rejected = rejected;
     return align();
@@ -51,10 +51,10 @@ struct Alignment {
   }
 };
 
-// Returns true if more than half as many tags as fit are read but lie elsewhere.
+// Returns true if the number of inconsistent tags exceeds half the number of verified tags.
 [[nodiscard]] bool most_are_inconsistent(const AlignmentResult& result);
 
-// Covariance of a start that does not constrain the pose.
+// Returns a prior covariance so large that it does not constrain the pose.
 [[nodiscard]] Matrix6d loose_covariance();
 
 }  // namespace penumbra

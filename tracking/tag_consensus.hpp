@@ -1,4 +1,4 @@
-// Selects the tags that fit the map; rejects tags that moved since the map was made.
+// Selects tags that are consistent with the map; rejects tags that moved since it was made.
 #pragma once
 
 #include <span>
@@ -11,21 +11,21 @@ namespace penumbra {
 
 class TagConsensus {
  public:
-  // Rejected tags, as indices into RigidTags::tags.
+  // Returns the rejected tags as indices into RigidTags::tags.
   [[nodiscard]] const std::vector<int>& rejected() const { return rejected_; }
-  // Begins with the tags that a detection rejected.
+  // Starts with the tags that a detection rejected.
   void begin(std::vector<int> rejected);
 
-  // Rejects tags that are inconsistent with the others and aligns again. False if the right tags
-  // are unknown. `detected`: tags detected in this frame, if the alignment began with them.
+  // Rejects tags that are inconsistent with the others and aligns again. Returns false if it can't
+  // tell which are right. `detected`: tags detected in this frame, if the alignment started from
+  // them.
   [[nodiscard]] bool settle(const RigidTags& group, std::span<const TagObservation> detected,
                             Alignment& alignment);
-  // Tests, at once or seldom, if rejected tags agree with the others again.
+  // Retests whether rejected tags agree with the others: now, or once in many calls.
   void look_again(Alignment& alignment);
   void look_again_seldom(Alignment& alignment);
 
-  // After a search with inconsistent tags some frames are strict: the tags that fit must be most of
-  // those in the image.
+  // Some frames after a search with inconsistent tags are strict: most tags in the image must fit.
   void begin_strict_frames();
   void count_strict_frame();
   void end_strict_frames() { strict_frames_ = 0; }
@@ -38,9 +38,9 @@ class TagConsensus {
                   Alignment& alignment);
 
   std::vector<int> rejected_;
-  int frames_rejected_ = 0;  // frames since a tag was rejected or asked again
-  int frames_unasked_ = 0;   // frames in which all tags disagreed and were not tried one by one
-  int strict_frames_ = 0;    // still to come
+  int frames_rejected_ = 0;  // frames since a tag was rejected or retested
+  int frames_unasked_ = 0;   // frames with disagreement in which tags were not tested one by one
+  int strict_frames_ = 0;    // remaining
 };
 
 }  // namespace penumbra

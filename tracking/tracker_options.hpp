@@ -10,13 +10,13 @@ namespace penumbra {
 
 // How a frame is measured once a pose is known.
 enum class TrackingMode {
-  detect,     // detects tags in every frame: the baseline
+  detect,     // detects tags in every frame (baseline)
   fast,       // aligns the tag pattern with a limited number of pixels
-  accurate,   // aligns it with every pixel at an edge, except where motion blurs the image
-  automatic,  // fast while the view moves, accurate when it rests or shows fewer than three tags
+  accurate,   // aligns it with every pixel at an edge, unless motion blurs the image
+  automatic,  // fast while the view moves; accurate if it rests or has fewer than three tags
 };
 
-// By the names of --tracking, "auto" for automatic; nothing for another word.
+// Parses a value of --tracking ("auto" for automatic); returns nullopt for another word.
 [[nodiscard]] constexpr std::optional<TrackingMode> tracking_mode_from_string(
     std::string_view name) {
   if (name == "detect") return TrackingMode::detect;
@@ -26,7 +26,7 @@ enum class TrackingMode {
   return std::nullopt;
 }
 
-// When a frame is searched for tags that are not where they were (GroupTracker).
+// When GroupTracker searches a frame for tags that it has lost.
 enum class SearchTiming {
   in_frame,  // the frame waits for the search
   // Groups beside a tracked table: the frame after the search uses the result, the same on every
@@ -39,13 +39,13 @@ enum class SearchTiming {
 
 struct TrackerOptions {
   TrackingMode mode = TrackingMode::automatic;
-  // Samples pixels until their noise leaves a predicted overlay error below this [px]; 0: as many
-  // as the mode allows. `fast` never exceeds its own number.
+  // Samples pixels until the predicted overlay error is below this [px], within the limit of the
+  // mode; 0: samples as many as the mode allows.
   double pose_budget_px = 0.0;
   SearchTiming search_timing = SearchTiming::next_frame;
-  // next_frame: a second thread searches; the poses are the same. when_done always uses one.
+  // next_frame: searches in a second thread, with the same poses. when_done always does.
   bool search_thread = false;
-  double hold_s = kHoldSeconds;  // how long a pose is extrapolated without a measurement [s]
+  double hold_s = kHoldSeconds;  // maximum time to extrapolate a pose without a measurement [s]
 };
 
 }  // namespace penumbra

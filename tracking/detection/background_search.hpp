@@ -1,4 +1,4 @@
-// Searches a frame for tags while the frames after it are tracked.
+// Searches a frame for tags while later frames are tracked.
 #pragma once
 
 #include <condition_variable>
@@ -22,25 +22,25 @@ namespace penumbra {
 struct PastTags {
   std::int64_t timestamp_ns = 0;
   std::vector<TagDetection> tags;
-  StageTime time;  // of the thread that searched
+  StageTime time;  // time of the searching thread
 };
 
-// Searches one frame at a time. All functions are called by one thread.
+// Searches one frame at a time. Call all functions from one thread.
 class BackgroundSearch {
  public:
-  // `own_thread`: a thread of this object searches; else take() does. The tags are the same.
+  // `own_thread`: search in a separate thread; otherwise take() searches. The result is the same.
   [[nodiscard]] static Result<std::unique_ptr<BackgroundSearch>> create(
       std::span<const TagFamily> families, std::optional<double> tone_exponent, bool own_thread);
   BackgroundSearch(const BackgroundSearch&) = delete;
   BackgroundSearch& operator=(const BackgroundSearch&) = delete;
-  ~BackgroundSearch();  // waits for the search that is under way
+  ~BackgroundSearch();  // waits for the running search
 
   [[nodiscard]] bool has_thread() const { return thread_.joinable(); }
-  // True if take() has returned the last search, or none was begun.
+  // Returns true if no search was begun since the latest result of take().
   [[nodiscard]] bool idle() const { return !begun_; }
-  // Begins a search of a copy of the luma. The object must be idle.
+  // Copies the luma and begins to search it. The object must be idle.
   void begin(ImageView luma, std::int64_t timestamp_ns, SearchResolution resolution);
-  // The result of the search; nothing when idle or, unless `wait`, while the search goes on.
+  // Returns the result of the search; nullopt if idle or, without `wait`, if the search is running.
   [[nodiscard]] std::optional<PastTags> take(bool wait);
 
  private:
@@ -50,11 +50,11 @@ class BackgroundSearch {
   [[nodiscard]] PastTags search();
   void serve();
 
-  bool begun_ = false;  // only the caller's thread uses it
-  // The thread owns these while `asked`, the caller else.
+  bool begun_ = false;  // used only by the caller's thread
+  // Owned by the thread in the state `asked`, otherwise by the caller.
   TagSearch search_;
   std::vector<std::uint8_t> pixels_;
-  ImageView luma_;  // of pixels_
+  ImageView luma_;  // view of pixels_
   std::int64_t timestamp_ns_ = 0;
   SearchResolution resolution_ = SearchResolution::full;
   PastTags found_;
@@ -63,7 +63,7 @@ class BackgroundSearch {
   std::condition_variable changed_;
   State state_ = State::empty;  // guarded by mutex_
   bool ends_ = false;           // guarded by mutex_
-  std::thread thread_;          // last: it uses everything above
+  std::thread thread_;          // declared last, because it uses the members above
 };
 
 }  // namespace penumbra

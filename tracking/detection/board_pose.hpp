@@ -1,5 +1,5 @@
-// Camera pose from the corners of several tags. Rejects tags that are inconsistent with the
-// others, and reports whether a second pose explains the view as well.
+// Estimates the camera pose from the corners of several tags. Rejects tags that are inconsistent
+// with the others, and reports a second pose that fits almost equally.
 #pragma once
 
 #include <Eigen/Core>
@@ -24,25 +24,25 @@ struct TagObservation {
 
 struct BoardPose {
   RefinedPose best;
-  // The other minimum of a planar target; it fits worse.
+  // The second minimum of a planar target, with a larger RMS.
   std::optional<RefinedPose> second;
   int tags_used = 0;
-  std::vector<int> rejected;             // TagObservation::index of tags inconsistent with the rest
-  std::vector<PointObservation> points;  // the corners that the poses fit
-  // True if the tags are inconsistent with the map and no majority of them is right.
+  std::vector<int> rejected;             // TagObservation::index of inconsistent tags
+  std::vector<PointObservation> points;  // corners that the poses were fitted to
+  // True if the tags are inconsistent with the map and no majority agrees with it.
   bool inconsistent = false;
-  // RMS of the second pose over that of the best; infinite without a second.
+  // Returns the RMS of the second pose divided by that of the best; infinite without a second.
   [[nodiscard]] double ambiguity_ratio() const;
-  // True if the second pose may be the true one: its RMS is less than `ratio` times that of the
-  // best, or noise of the corners explains the difference.
+  // Returns true if the second pose may be the true one: ambiguity_ratio() is below `ratio`, or
+  // noise of the corners explains the difference.
   [[nodiscard]] bool is_ambiguous(double ratio) const;
 };
 
-// Fails, with a short reason, without usable tags and where the corners fix no pose.
+// Fails, with a short reason, if there are no usable tags or the corners do not determine a pose.
 [[nodiscard]] Result<BoardPose> estimate_board_pose(const CameraModel& camera,
                                                     std::span<const TagObservation> tags);
 
-// Refines the poses by Ceres, from where this project's own solver has brought them.
+// Refines the poses of estimate_board_pose() with Ceres.
 void finish_by_ceres(const CameraModel& camera, BoardPose& pose);
 
 }  // namespace penumbra

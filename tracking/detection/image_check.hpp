@@ -1,4 +1,4 @@
-// Detects images in which no tag is found because they are mirrored or negative.
+// Detects mirrored or negative images, in which no tag is found.
 #pragma once
 
 #include <cstdint>
@@ -15,22 +15,22 @@ namespace penumbra {
 
 enum class ImageFault { mirrored, negative, mirrored_negative };
 
-// "mirrored", ...
+// Returns "mirrored", ...
 [[nodiscard]] std::string_view to_string(ImageFault fault);
-// Message for users: the fault and its remedy.
+// Returns a message for users: the fault and its remedy.
 [[nodiscard]] std::string_view advice(ImageFault fault);
 
-// Searches mirrored and inverted copies of images without tags for the map's tags. Checks only the
-// 1st, 2nd, 4th, 8th ... such image, up to the kLastLook-th.
+// Searches mirrored and inverted copies of images without tags for the map's tags. Limits the cost:
+// checks only the 1st, 2nd, 4th, 8th ... such image, up to number kLastLook.
 class ImageCheck {
  public:
   static constexpr std::uint64_t kLastLook = 1024;
 
   [[nodiscard]] static Result<ImageCheck> create(const TagMap& tags);
 
-  // Takes an image in which none of the tags was found. Returns a fault once.
+  // Call for each image in which no tag was found. Returns a fault once.
   [[nodiscard]] std::optional<ImageFault> nothing_found(ImageView luma);
-  // Checks one image; does not count it.
+  // Checks an image without counting it.
   [[nodiscard]] std::optional<ImageFault> look(ImageView luma);
 
  private:

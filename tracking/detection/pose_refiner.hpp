@@ -1,4 +1,4 @@
-// Camera pose and its covariance by robust least squares on reprojection errors.
+// Estimates a camera pose and its covariance by robust least squares on reprojection errors.
 #pragma once
 
 #include <Eigen/Core>
@@ -14,7 +14,7 @@ namespace penumbra {
 using Vector6d = Eigen::Matrix<double, 6, 1>;
 using Matrix6d = Eigen::Matrix<double, 6, 6>;
 
-// Diagonal covariance of a pose with these standard deviations [m, rad] per axis.
+// Returns the diagonal covariance of a pose with these standard deviations per axis [m, rad].
 [[nodiscard]] inline Matrix6d covariance_of(double linear_m, double angular_rad) {
   Matrix6d covariance = Matrix6d::Zero();
   covariance.diagonal().head<3>().setConstant(linear_m * linear_m);
@@ -22,17 +22,17 @@ using Matrix6d = Eigen::Matrix<double, 6, 6>;
   return covariance;
 }
 
-// Rotation vector [rad] -> unit quaternion, and back.
+// Convert a rotation vector [rad] to a unit quaternion and back.
 [[nodiscard]] Eigen::Quaterniond exp_quaternion(const Eigen::Vector3d& omega);
 [[nodiscard]] Eigen::Vector3d log_quaternion(const Eigen::Quaterniond& q);
 
-// R exp(omega), t + R nu for xi = [nu; omega] (translation first, [m, rad], axes of From).
+// Returns (R exp(omega), t + R nu) for xi = [nu; omega] [m, rad], in the axes of From.
 template <class To, class From>
 [[nodiscard]] Transform<To, From> perturbed(const Transform<To, From>& T, const Vector6d& xi) {
   return {T.rotation() * exp_quaternion(xi.tail<3>()),
           T.translation() + T.rotation() * xi.head<3>()};
 }
-// The xi that leads from `from` to `to`.
+// Returns the xi for which perturbed(from, xi) is `to`.
 template <class To, class From>
 [[nodiscard]] Vector6d perturbation_between(const Transform<To, From>& from,
                                             const Transform<To, From>& to) {
@@ -49,24 +49,24 @@ template <class To, class From>
                                                                 const Eigen::Vector3d& p_map);
 
 struct RefinerOptions {
-  double robust_scale_px = 1.0;  // Huber: errors beyond count linearly
-  // Least error of a corner [px] per axis: residuals don't show errors of lens model and tone
-  // curve.
+  double robust_scale_px = 1.0;  // Huber: larger errors have linear loss
+  // Minimum error of a corner per axis [px], because residuals don't include all errors of lens
+  // model and camera response.
   double noise_floor_px = 0.15;
   int max_iterations = 50;
-  // Uses ceres::Solve: the same to some thousandths of a pixel, at twenty times the cost.
+  // Uses ceres::Solve, which agrees within some 0.001 px and takes 20 times as long.
   bool by_ceres = false;
 };
 
 struct RefinedPose {
   MapFromCamera T_map_camera;
   Matrix6d covariance = Matrix6d::Zero();  // of xi
-  double rms_px = 0.0;                     // per corner (2-D distance), all observations
-  double noise_px = 0.0;                   // per axis, as the covariance was scaled
+  double rms_px = 0.0;                     // 2-D error over all observations
+  double noise_px = 0.0;                   // sigma per axis that scales the covariance
 };
 
-// Levenberg-Marquardt. Nothing when a point is behind the start, the points do not fix the pose, or
-// the minimum is not finite.
+// Levenberg-Marquardt. Returns nullopt if a point is behind the start's camera, the points do not
+// determine the pose, or the minimum is not finite.
 [[nodiscard]] std::optional<RefinedPose> refine_pose(const CameraModel& camera,
                                                      std::span<const PointObservation> observations,
                                                      const MapFromCamera& start,

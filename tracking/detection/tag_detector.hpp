@@ -1,4 +1,4 @@
-// Finds tags in luma: libapriltag behind RAII, guarded against images that crash it.
+// Detects tags in luma by libapriltag, guarded against images that crash it.
 #pragma once
 
 #include <Eigen/Core>
@@ -22,8 +22,8 @@ struct TagDetection {
 };
 
 struct TagDetectorOptions {
-  // Width of the black border [cells]: 1 as in libapriltag's families, or 2 as on the boards of the
-  // Kalibr calibrator (tag36h11 only); the corners are those of the border.
+  // Width of the black border [cells]: 1 as in libapriltag's families, or 2 as on Kalibr's boards
+  // (tag36h11 only). The corners are those of the border.
   int border_cells = 1;
 };
 
@@ -35,9 +35,9 @@ class TagDetector {
   TagDetector& operator=(TagDetector&&) noexcept;
   ~TagDetector();
 
-  // Detects tags, sorted by family, id and position; single-threaded and deterministic. Quads are
-  // searched in an image that is `quad_decimate` times smaller: 1, 1.5 or a whole number up to 8.
-  // Images under 16 px, after decimation, have no tags.
+  // Detects tags, sorted by family, id and position; single-threaded and deterministic. Searches
+  // quads in an image reduced by `quad_decimate`: 1, 1.5 or an integer up to 8. Finds none in
+  // images below 16 px after decimation.
   [[nodiscard]] std::vector<TagDetection> detect(ImageView luma, float quad_decimate = 1.0F);
 
  private:

@@ -1,4 +1,4 @@
-// Searches a frame for tags once; all groups of tags share the result.
+// Searches a frame for tags once and shares the result among all groups of tags.
 #pragma once
 
 #include <array>
@@ -15,32 +15,32 @@
 
 namespace penumbra {
 
-// Resolution at which quads are searched, as a share of the image's; coarse to fine.
+// Resolution of the quad search relative to the image, coarse to fine.
 enum class SearchResolution { quarter, half, full };
 
-// A part of the image [px].
+// Region of the image [px].
 struct PixelBox {
   int x = 0, y = 0, width = 0, height = 0;
 };
 
 class TagSearch {
  public:
-  // `tone_exponent`: linear light = (grey / 255) ^ exponent. Where known, searches linear light.
+  // `tone_exponent`: linear light = (grey / 255) ^ exponent. If known, searches linear light.
   [[nodiscard]] static Result<TagSearch> create(std::span<const TagFamily> families,
                                                 std::optional<double> tone_exponent);
 
-  // Begins a frame; its pixels must outlive the search.
+  // Begins a frame. The caller must keep its pixels until the search ends.
   void begin(const Frame& frame);
   void begin(ImageView luma);
-  // The frame's luma as it was captured.
+  // Returns the captured luma.
   [[nodiscard]] ImageView image() const { return image_; }
-  // True if the frame was searched, at this resolution or a finer one.
+  // Returns true if the frame was searched at this resolution or a finer one.
   [[nodiscard]] bool searched(SearchResolution resolution = SearchResolution::quarter) const {
     return searched_at_ && *searched_at_ >= resolution;
   }
-  // Tags at this resolution, or at a finer one that was searched. Valid until a finer search.
+  // Returns the tags at this resolution, or at a finer one if that was searched already.
   [[nodiscard]] const std::vector<TagDetection>& tags(SearchResolution resolution);
-  // Tags wholly within `box`, inside the frame, at half resolution. tags() does not keep them.
+  // Returns the tags completely inside `box` (in the frame), at half resolution. tags() omits them.
   [[nodiscard]] std::vector<TagDetection> tags_within(const PixelBox& box);
 
  private:

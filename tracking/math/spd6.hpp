@@ -1,4 +1,4 @@
-// Symmetric positive definite systems of a pose, without the pivots of a general solver.
+// Solves symmetric positive definite 6 x 6 systems without pivoting.
 #pragma once
 
 #include <Eigen/Core>
@@ -7,8 +7,8 @@
 
 namespace penumbra {
 
-// x of A x = b, and the inverse of A, from the lower triangle; by Eigen's LDLT where A is not
-// positive definite within rounding.
+// Return the solution of A x = b and the inverse of A; read the lower triangle only. Fall back to
+// Eigen's LDLT if A is not positive definite within rounding.
 [[nodiscard]] Vector6d solve_spd(const Matrix6d& A, const Vector6d& b);
 [[nodiscard]] Matrix6d inverse_of_spd(const Matrix6d& A);
 

@@ -1,4 +1,4 @@
-// Effect of motion during an exposure on an aligned pose, and alignments that model it.
+// Pose errors caused by motion during an exposure, and alignments that model this motion.
 #pragma once
 
 #include "core/image/frame.hpp"
@@ -8,14 +8,14 @@
 
 namespace penumbra {
 
-// Longest blur through which libapriltag and the alignment read tags [cells].
+// Maximum blur at which libapriltag and the alignment can read tags [cells].
 inline constexpr double kDetectedBlur_cells = 2.0;
 inline constexpr double kAlignedBlur_cells = 5.0;
 
-// Image motion in a thirtieth of a second, RMS over the overlay cube.
+// Image motion in 1/30 s, RMS over the overlay cube.
 struct ImageMotion {
   double predicted_px = 0.0;
-  double missed_px = 0.0;  // what a prediction at constant velocity missed
+  double missed_px = 0.0;  // deviation from the prediction at constant velocity
   MotionBlurError blur;
 };
 
@@ -23,20 +23,20 @@ struct ImageMotion {
 [[nodiscard]] double image_motion_px(const CameraModel& camera, const MapFromCamera& pose,
                                      const Vector6d& velocity);
 
-// Motion in a frame and the pose error that it hides. `longest_cells`: the longest blur that the
-// method which found the pose reads.
+// Estimates the motion in a frame and the pose error caused by its blur. `longest_cells`: maximum
+// blur that the method which measured the pose can read.
 [[nodiscard]] ImageMotion motion_found(const PoseHistory& history, const CameraModel& camera,
                                        const Frame& frame, const Alignment& alignment,
                                        double longest_cells);
 
-// Aligns again where the motion differs from the prediction and a rolling shutter or a known
-// exposure matters.
+// Aligns again with the measured motion if it differs from the prediction and the camera has a
+// rolling shutter or a known exposure time.
 void align_at_own_speed(const PoseHistory& history, const CameraModel& camera, const Frame& frame,
                         Alignment& alignment);
 
-// Aligns a blurred frame again with a model of its motion: during the exposure, or, where that is
-// unknown, the share of the frame interval that explains the image best. Returns true, and keeps
-// the new pose, if the blur hides less of it. `blur`: the hidden error.
+// Aligns a blurred frame again with a model of its motion during the exposure. If the exposure time
+// is unknown, uses the fraction of the frame interval that explains the image best. Returns true,
+// and keeps the new pose, if this reduces `blur`, the pose error caused by blur.
 [[nodiscard]] bool align_with_motion_blur(const PoseHistory& history, const CameraModel& camera,
                                           const Frame& frame, Alignment& alignment,
                                           MotionBlurError& blur);

@@ -1,5 +1,5 @@
-// Kalman filter on pose and velocity of a hand-held camera; it adapts the strength of the
-// accelerations to its innovations. The alignment combines image and prediction.
+// Kalman filter for pose and velocity of a hand-held camera. Adapts the process noise
+// (accelerations) to the innovations. The alignment combines image and prediction.
 #pragma once
 
 #include <cstdint>
@@ -16,7 +16,7 @@ struct MotionPrediction {
   Vector6d velocity = Vector6d::Zero();    // [m/s, rad/s], camera frame
 };
 
-// Covariance of a pose that a hand moved on for `age_s` at constant velocity [m^2, rad^2].
+// Returns the covariance of a hand-held pose extrapolated for `age_s` [m^2, rad^2].
 [[nodiscard]] Matrix6d unforeseen_motion(double age_s);
 
 class MotionModel {
@@ -28,7 +28,7 @@ class MotionModel {
   // Starts from a pose of unknown motion.
   void start(std::int64_t timestamp_ns, const MapFromCamera& T_map_camera,
              const Matrix6d& covariance);
-  // Needs a state; `timestamp_ns` not before the state's.
+  // Requires a state that is not later than `timestamp_ns`.
   [[nodiscard]] MotionPrediction predict(std::int64_t timestamp_ns) const;
   // Takes the pose found from predict(timestamp_ns), and its covariance, prediction included.
   void update(std::int64_t timestamp_ns, const MapFromCamera& T_map_camera,
@@ -39,8 +39,8 @@ class MotionModel {
     std::int64_t timestamp_ns = 0;
     MapFromCamera pose;
     Vector6d velocity = Vector6d::Zero();  // linear [m/s], then angular [rad/s]
-    Matrix6d P_pose = Matrix6d::Zero();    // squares of [m] and [rad]; the others alike
-    Matrix6d P_cross = Matrix6d::Zero();   // velocity (rows), pose (columns)
+    Matrix6d P_pose = Matrix6d::Zero();    // [m^2, rad^2]; the other blocks correspondingly
+    Matrix6d P_cross = Matrix6d::Zero();   // rows: velocity; columns: pose
     Matrix6d P_velocity = Matrix6d::Zero();
     // Spectral densities of the accelerations [m^2/s^3], [rad^2/s^3].
     double q_linear = 0.0;

@@ -1,4 +1,4 @@
-// The last measured poses and the motion between them.
+// The latest measured poses and the motion between them.
 #pragma once
 
 #include <cstdint>
@@ -11,13 +11,13 @@
 
 namespace penumbra {
 
-// Longest age of a pose that chooses between two poses or gives a velocity [s].
+// Maximum age of a pose that is used to choose between two poses or to compute a velocity [s].
 inline constexpr double kPriorLifetime_s = 0.2;
 
 // Motion of the camera in a frame, as perturbations of its pose per second.
 struct CameraMotion {
   Vector6d velocity;
-  Vector6d change;  // of the velocity since the frame before; the velocity itself after one step
+  Vector6d change;  // velocity change since the previous frame; after one step, the velocity itself
   bool of_one_step = true;
 };
 
@@ -29,9 +29,9 @@ struct MapPoseEstimate : EstimatedPose {
 
 class PoseHistory {
  public:
-  // Begins a frame; forgets newer poses, because the clock jumped.
+  // Begins a frame; discards newer poses, which means that the clock jumped back.
   void begin_frame(std::int64_t timestamp_ns);
-  // Time since the frame before, a limit of the exposure [s]; 0: unknown.
+  // Time since the previous frame [s], an upper limit of the exposure; 0: unknown.
   [[nodiscard]] double frame_interval_s() const { return frame_interval_s_; }
 
   // Adds a pose. `is_located`: not one of several far apart. `continues`: predictions may use it.
@@ -59,11 +59,11 @@ class PoseHistory {
     Matrix6d covariance = Matrix6d::Zero();
     bool tracked = false;
   };
-  // The last two tracked poses.
+  // The latest two tracked poses.
   std::optional<TimedPose> last_, before_last_;
-  // The last two measured poses, tracked or uncertain, that are located.
+  // The latest two located poses, tracked or uncertain.
   std::optional<TimedPose> measured_, before_measured_;
-  TrackStatus last_status_ = TrackStatus::tracked;  // of the last measured frame
+  TrackStatus last_status_ = TrackStatus::tracked;  // of the latest measured frame
   double frame_interval_s_ = 0.0;
   std::optional<std::int64_t> frame_before_ns_;
 };
