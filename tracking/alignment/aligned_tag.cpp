@@ -7,7 +7,7 @@
 namespace penumbra {
 namespace {
 
-// Coefficients of a vertex for two or three lines, see pattern() in residuals_body.hpp.
+// Returns the coefficients of a vertex for two or three lines; see pattern() in residuals_body.hpp.
 std::array<float, 16> coefficients_of(const TagPattern& pattern, int i, int j, int lines) {
   const auto colour = [&](int di, int dj) { return pattern.white(i + di, j + dj) ? 1.0F : 0.0F; };
   const int first = lines == 3 ? -1 : 0;  // first line; the first cell is first - 1
@@ -73,7 +73,7 @@ void add_runs(AlignedTag& tag) {
   }
 }
 
-// Takes equal numbers of white and black cells, spread over the tag.
+// Selects equal numbers of white and black cells, spread over the tag.
 void add_search_cells(AlignedTag& tag) {
   std::vector<DataCell> white;
   std::vector<DataCell> black;

@@ -12,7 +12,7 @@
 namespace penumbra {
 namespace {
 
-// Added blur of the model in the wide stage, which finds edges further off: a quarter of a cell.
+// Returns the model's additional blur in the wide stage (1/4 cell), which widens its range.
 double wide_variance_px2(double cell_px) {
   const double added_px = std::min(2.45, 0.25 * cell_px);
   return added_px * added_px;
@@ -51,7 +51,7 @@ void AlignmentProblem::set_tone(double exponent) {
 void AlignmentProblem::begin(const AlignmentInput& input) {
   PENUMBRA_ASSERT(input.luma.width == camera.width() && input.luma.height == camera.height() &&
                   !input.luma.empty());
-  // Offsets of pixels in memory are 32 bits.
+  // Memory offsets of pixels have 32 bits.
   PENUMBRA_ASSERT(std::abs(input.luma.stride) * input.luma.height < std::ptrdiff_t{1} << 31);
   PENUMBRA_ASSERT(input.predicted.is_finite() && input.covariance.allFinite());
   PENUMBRA_ASSERT(input.velocity.allFinite() && input.exposure_motion.allFinite());
@@ -100,21 +100,21 @@ void AlignmentProblem::place(AlignedTag& tag) const {
   tag.lattice_from_ray = rows_of(tag.ray_from_lattice.inverse() * tag.cell_m);  // S near 1
 }
 
-// Finds the row at which a rolling shutter read the tag out, and the camera's motion until then.
+// Estimates the row at which a rolling shutter reads the tag, and the camera's motion until then.
 void AlignmentProblem::read_out(AlignedTag& tag) const {
   tag.row_motion.setIdentity();
   tag.row_shear.setZero();
   if (row_velocity.isZero()) return;
   place(tag);
-  // The second pass starts at the row found, because the first one is off by the motion itself.
+  // The second pass starts at the row found, because the motion affects the first one.
   for (int pass = 0; pass < 2; ++pass) {
     const Eigen::Vector3d p = tag.centre_point();
     if (!(p.z() > 0.0)) return;
     Eigen::Matrix<double, 2, 3> J;
     tag.row = std::clamp(camera.project_unchecked(p, &J).y(), 0.0, camera.height() - 1.0);
-    // Points of the scene move against the camera.
+    // Points of the scene move opposite to the camera.
     tag.row_shear = -(J * (row_velocity.head<3>() + row_velocity.tail<3>().cross(p)));
-    // A tag that moves as fast as it is read out is blurred rather than sheared.
+    // Ignores large shears: a tag as fast as the read-out is blurred rather than sheared.
     if (!(tag.row_shear.norm() < 0.3)) tag.row_shear.setZero();
     tag.row_motion = exp_se3(-(tag.row - 0.5 * (camera.height() - 1)) * row_velocity);
     place(tag);
@@ -131,7 +131,7 @@ void AlignmentProblem::project(AlignedTag& tag, double added_variance_px2,
   blur.motion_y_px = static_cast<float>(tag.spread_px.y());
   loops->project(lens, blur, M.data(), tag.lattice_from_ray.data(), vertices);
   if (tag.row_shear.isZero()) return;
-  // The row r is read out while the vertex is there: r = y + shear_y (r - tag's row).
+  // The vertex is read at the row r with r = y + shear_y (r - tag's row).
   const auto row = static_cast<float>(tag.row);
   const Eigen::Vector2f shear = (tag.row_shear / (1.0 - tag.row_shear.y())).cast<float>();
   for (int k = 0; k < vertices.count; ++k) {
@@ -164,7 +164,7 @@ void AlignmentProblem::project_lattice(AlignedTag& tag, double added_variance_px
                              .kb = tag.kb.data(),
                              .rho = tag.correlated ? tag.rho.data() : nullptr};
   project(tag, added_variance_px2, vertices);
-  // Depths are linear in the lattice and the lens model's disc is convex: corners suffice.
+  // Depth is linear in the lattice and the lens model's disc is convex, so the corners suffice.
   const auto last = static_cast<std::size_t>(tag.side - 1);
   const auto top = last * static_cast<std::size_t>(tag.side);
   tag.wholly_seen = tag.depth[0] > 0.0F && tag.depth[last] > 0.0F && tag.depth[top] > 0.0F &&
@@ -178,14 +178,14 @@ const std::int32_t* AlignmentProblem::find_cells(const AlignedTag& tag) {
   return cell_places_.data();
 }
 
-// Measures the tag's motion in the image during the exposure, and chooses the number of moments.
+// Computes the tag's image motion during the exposure, and chooses the number of moments.
 void AlignmentProblem::measure_motion(AlignedTag& tag, const Eigen::Vector3d& centre,
                                       const Eigen::Matrix<double, 2, 3>& J, BlurModel blur) const {
   tag.motion_px.setZero();
   tag.spread_px.setZero();
   tag.moments = 1;
   if (exposure_motion.isZero(0.0)) return;
-  // Points of the scene move against the camera.
+  // Points of the scene move opposite to the camera.
   const auto motion_of = [&](const Eigen::Vector3d& p) -> Eigen::Vector2d {
     return -(J * (exposure_motion.head<3>() + exposure_motion.tail<3>().cross(p))) *
            (centre.z() / p.z());
@@ -198,7 +198,7 @@ void AlignmentProblem::measure_motion(AlignedTag& tag, const Eigen::Vector3d& ce
     const Eigen::Vector3d corner = tag.point(a, b);
     if (corner.z() > 0.0) longest_px = std::max(longest_px, motion_of(corner).norm());
   }
-  // Point spreads this far apart add up to an even blur within 1/300 of the gain.
+  // Point spreads this far apart sum up to a uniform blur within 1/300 of the gain.
   constexpr double kSigmasApart = 4.0;
   if (blur == BlurModel::moments)
     tag.moments = std::clamp(ceil_of(std::min(longest_px / (kSigmasApart * options.blur_px), 1e5)),
@@ -236,7 +236,7 @@ bool AlignmentProblem::measure(AlignedTag& tag, BlurModel blur) const {
   tag.along_a = along_a;
   tag.along_b = along_b;
   const double area = std::abs(along_a.x() * along_b.y() - along_a.y() * along_b.x());
-  const double across_a = area / along_b.norm();  // the distance between two a-lines
+  const double across_a = area / along_b.norm();  // distance between two a-lines
   const double across_b = area / along_a.norm();
   tag.cell_px = std::min(across_a, across_b);
   tag.cell_max_px = std::max(across_a, across_b);
@@ -257,11 +257,11 @@ bool AlignmentProblem::measure(AlignedTag& tag, BlurModel blur) const {
   const Eigen::Matrix2d G = basis.inverse();
   const Eigen::Matrix2d cov_lattice = G * cov * G.transpose();
   tag.correlation = cov_lattice(0, 1) / std::sqrt(cov_lattice(0, 0) * cov_lattice(1, 1));
-  // A line matters up to 2.5 sigma; with n lines per axis the next is n / 2 cells away.
+  // A line has an effect up to 2.5 sigma; with n lines per axis the next is n / 2 cells away.
   const double sigma_cells = std::sqrt(std::max(cov_lattice(0, 0), cov_lattice(1, 1)));
   if (tag.moments > 1) tag.sigma_cells = cov_lattice.diagonal().cwiseSqrt();
   tag.reach = sigma_cells < 0.2 ? 1 : (sigma_cells < 0.4 ? 2 : 3);
-  // Correlation matters at vertices only, and hardly in the mean of many moments.
+  // Correlation has an effect only at vertices, and little in the mean of many moments.
   constexpr int kMostCorrelated = 2;
   tag.correlated = tag.moments <= kMostCorrelated && std::abs(tag.correlation) > 0.3;
   return true;
@@ -284,7 +284,7 @@ void AlignmentProblem::find_visible(Projection projection) {
     if (projection == Projection::search) {
       project_search(tag);
     } else if (projection == Projection::wide) {
-      tag.correlated = false;  // the model is blurred anyway
+      tag.correlated = false;  // negligible with the additional blur
       project_lattice(tag, wide_variance_px2(tag.cell_px));
     } else {
       project_lattice(tag, 0.0);

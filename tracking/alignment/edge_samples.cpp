@@ -9,7 +9,7 @@
 namespace penumbra {
 namespace {
 
-// Number of cells of the edges along one of the lattice's directions.
+// Returns the number of edge cells along one lattice direction.
 int edge_cells(const AlignedTag& tag, std::size_t direction) {
   const auto& cells = tag.edge_cells[direction];
   return cells.empty() ? 0 : static_cast<int>(cells.size()) - 1;
@@ -69,14 +69,14 @@ void EdgeSampler::locate_samples(AlignedTag& tag) const {
         static_cast<std::int32_t>(s.pixel_y[i]) * stride + static_cast<std::int32_t>(s.pixel_x[i]);
 }
 
-// Completes samples that have pixels, their offsets in memory (in `vertex`) and guesses of rays.
+// Completes samples that have pixels, memory offsets (in `vertex`) and initial rays.
 void EdgeSampler::finish_samples(AlignedTag& tag) {
   PENUMBRA_ASSERT(tag.used <= tag.capacity);
   tag.samples.count = padded(tag.used);
   const simd::Samples s = tag.samples;  // a copy: stores to the arrays can't change it
   problem_.loops->read(problem_.image.data, problem_.tone.data(), tag.used, s);
   if (!tag.row_shear.isZero()) {
-    // Moves the samples to where they would be if their rows were read out with the tag's.
+    // Moves the samples to their positions as if all rows were read with the tag's row.
     const auto row = static_cast<float>(tag.row);
     const Eigen::Vector2f shear = tag.row_shear.cast<float>();
     for (int i = 0; i < s.count; ++i) {
@@ -101,10 +101,10 @@ void EdgeSampler::finish_samples(AlignedTag& tag) {
   }
 }
 
-// Removes samples near the outline at an end of the exposure, blurred with the surroundings.
+// Removes samples near the tag's outline at an end of the exposure: they mix with the surroundings.
 void EdgeSampler::keep_on_paper(AlignedTag& tag) const {
   const simd::Samples& s = tag.samples;
-  // A line matters up to 2.5 sigma.
+  // A line has an effect up to 2.5 sigma.
   const Eigen::Vector2f near = (2.5 * tag.sigma_cells).cast<float>();
   const auto on_paper = [&](const float* M, int i) {
     const float x = s.ray_x[i];
@@ -135,7 +135,7 @@ void EdgeSampler::keep_on_paper(AlignedTag& tag) const {
   tag.samples.count = padded(kept);
 }
 
-// Fills in the members that depend on the anchor.
+// Sets the members that depend on the anchor.
 void EdgeSampler::attach(const AlignedTag& tag, const simd::Samples& samples) const {
   const simd::Samples s = samples;  // a copy: stores to the arrays can't change it
   if (tag.reach == 1) {
@@ -185,12 +185,12 @@ void EdgeSampler::select(AlignedTag& tag, bool wide, int cap) {
   tag.thinned = false;
   Band band;
   if (wide) {
-    // Reaches edges half a cell away.
+    // Covers edges up to half a cell away.
     const double unit = std::max(tag.cell_px / 10.0, 0.3);
     for (const double o : {-5.0, -3.0, -1.0, 1.0, 3.0, 5.0})
       band.offsets[static_cast<std::size_t>(band.count++)] = floor_of(o * unit + 0.5);
   }
-  // Within 2.1 sigma lies all but 1/200 of an edge's information.
+  // 2.1 sigma contain all but 1/200 of an edge's information.
   const double sigmas = problem_.options.effort == AlignmentEffort::accurate ? 2.1 : 1.25;
   // Only motion across an edge blurs it.
   const auto reach_across = [&](const Eigen::Vector2d& along) {
@@ -202,12 +202,12 @@ void EdgeSampler::select(AlignedTag& tag, bool wide, int cap) {
   std::array<double, 2> reach_px;
   reach_px.fill(sigmas * problem_.options.blur_px);
   if (!tag.motion_px.isZero(0.0)) reach_px = {reach_across(tag.along_a), reach_across(tag.along_b)};
-  // Closer steps may fall on one pixel where the tag appears smaller.
+  // Closer steps may select the same pixel where the tag appears smaller.
   constexpr double kLeastStep_px = 1.5;
-  // The tilt of a lone tag depends on single edges.
+  // With fewer tags, the tilt depends on single edges.
   constexpr std::size_t kFewestTags = 3;
   if (problem_.active.size() >= kFewestTags) {
-    // Total length of the edges along their nearer image axis, and along the other one.
+    // Total extent of the edges along their nearer image axis, and along the other one.
     double length = 0.0;
     double tilt = 0.0;
     for (const auto& [direction, cell_px] :
@@ -228,7 +228,7 @@ void EdgeSampler::select(AlignedTag& tag, bool wide, int cap) {
   finish_samples(tag);
 }
 
-// `steps`: number of steps, or of runs.
+// `steps`: number of steps or runs.
 void EdgeSampler::fill_plan(const Band& band, const std::array<float, 20>& offsets, int steps,
                             AlignedTag& tag, simd::WalkPlan& plan) const {
   if (const auto most = static_cast<std::size_t>(steps); tag.step_run.size() < most) {
@@ -244,7 +244,7 @@ void EdgeSampler::fill_plan(const Band& band, const std::array<float, 20>& offse
   plan.run = tag.step_run.data();
 }
 
-// Samples each lattice direction in steps of about `stride` pixels over all of its edges.
+// Samples each lattice direction in steps of about `stride` px along all of its edges.
 void EdgeSampler::step_along(AlignedTag& tag, const Band& band,
                              const std::array<double, 2>& reach_px, double stride) {
   const std::array<Eigen::Vector2d, 2> cell_px = {tag.along_a, tag.along_b};
@@ -254,7 +254,7 @@ void EdgeSampler::step_along(AlignedTag& tag, const Band& band,
     counts[k] = static_cast<int>(cells[k] * cell_px[k].cwiseAbs().maxCoeff() / stride + 0.5);
   const std::array<int, 2> most_rows = {band.rows_at_most(reach_px[0]),
                                         band.rows_at_most(reach_px[1])};
-  // The loops write up to three pixels more than they count.
+  // The loops may write three pixels beyond the end.
   take_samples(tag, most_rows[0] * counts[0] + most_rows[1] * counts[1] + 4);
   tag.step_count = counts[0] + counts[1];
   const std::array<float, 9> M = rows_of(tag.ray_from_lattice);
@@ -283,7 +283,7 @@ void EdgeSampler::step_along(AlignedTag& tag, const Band& band,
   }
 }
 
-// Samples each run at steps along the image axis that it is nearer to.
+// Samples each run in steps along its nearer image axis.
 void EdgeSampler::walk_runs(AlignedTag& tag, const Band& band,
                             const std::array<double, 2>& reach_px, int cap) {
   simd::RunWalk walk;
@@ -300,7 +300,7 @@ void EdgeSampler::walk_runs(AlignedTag& tag, const Band& band,
   walk.parts = run_parts_.data();
   walk.reach_px = reach_px[0];
   double length = 0.0;
-  double tilt = 0.0;  // along the other axis
+  double tilt = 0.0;  // total extent along the other axis
   problem_.loops->measure_runs(walk, length, tilt);
   if (!(length > 0.0) || !(length < 1e7)) return;
   if (reach_px[1] != reach_px[0]) {
@@ -314,7 +314,7 @@ void EdgeSampler::walk_runs(AlignedTag& tag, const Band& band,
   walk.stride_px = band.stride(mean_of(reach_px), length, tilt, cap);
   tag.thinned = walk.stride_px > 1.0;
   walk.most_rows = band.rows_at_most(std::max(reach_px[0], reach_px[1]));
-  // The loops write up to three pixels more than they count.
+  // The loops may write three pixels beyond the end.
   take_samples(tag, walk.most_rows * (static_cast<int>(length / walk.stride_px) + 2) + 4);
   const std::array<float, 20> offsets = band.row_offsets();
   fill_plan(band, offsets, walk.count, tag, walk);
@@ -347,7 +347,7 @@ void EdgeSampler::read_cells(AlignedTag& tag) {
 void EdgeSampler::average_cells(AlignedTag& tag) const {
   const simd::Samples& s = tag.samples;
   const int about = std::min(static_cast<int>(tag.cell_px / 6.0), 3);
-  // A rolling shutter moves samples away from their pixels.
+  // With a rolling shutter, samples are displaced from their pixels.
   if (about == 0 || !tag.row_shear.isZero(0.0)) return;
   for (int k = 0; k < tag.used; ++k) {
     const int x = static_cast<int>(s.pixel_x[k]);
@@ -366,7 +366,7 @@ void EdgeSampler::average_cells(AlignedTag& tag) const {
 }
 
 std::vector<EdgePixel> EdgeSampler::edge_pixels(std::span<const TagAlignment> seen) {
-  constexpr double kWider = 1.02;  // for the derivative by differences
+  constexpr double kWider = 1.02;  // blur factor for the numerical derivative
   const double wider_px2 =
       (kWider * kWider - 1.0) * problem_.options.blur_px * problem_.options.blur_px;
   std::vector<EdgePixel> pixels;

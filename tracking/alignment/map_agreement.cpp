@@ -13,16 +13,16 @@
 namespace penumbra {
 namespace {
 
-constexpr std::size_t kFewestCompared = 3;  // fewest tags that can be compared with each other
-constexpr std::size_t kFewCompared = 4;     // with more tags one wrong place matters little
+constexpr std::size_t kFewestCompared = 3;  // minimum number of tags for a comparison
+constexpr std::size_t kFewCompared = 4;  // with more tags, one error of the map has little effect
 
-// Sum of squares per degree of freedom: three for each tag, less six of the pose.
+// Returns the sum of squares per degree of freedom: three per tag, minus six of the pose.
 double per_freedom(double sum, std::size_t tags) {
   constexpr double kOfPose = 6.0;
   return sum / std::max(3.0 * static_cast<double>(tags) - kOfPose, 1.0);
 }
 
-// Pose covariance by lens, camera response and paper at one tag, see docs/tracking.md#map.
+// Pose covariance caused by lens, camera response and paper at one tag; see docs/tracking.md#map.
 Matrix6d paper_covariance(const AlignedTag& tag, const TagEquations& of) {
   constexpr double kShift_px = 0.05;
   constexpr double kEdge_px = 0.05;
@@ -71,7 +71,7 @@ void MapAgreement::collect(const AlignmentProblem& problem, const PoseSolver& so
   }
 }
 
-// Estimates the pose error by wrong places in the map, see docs/tracking.md#map.
+// Estimates the pose error caused by errors of the map; see docs/tracking.md#map.
 void MapAgreement::estimate_map_error(const AlignmentProblem& problem, double variance,
                                       AlignmentResult& result) const {
   double tags_count = 0.0;
@@ -84,7 +84,7 @@ void MapAgreement::estimate_map_error(const AlignmentProblem& problem, double va
   double trace = 0.0;
   for (const TagEquations& of : equations_) {
     const Eigen::LDLT<Matrix6d> solver(of.H);
-    // A tag that is cut off by the image's border may fix no pose.
+    // A tag clipped by the image's border may not determine a pose.
     constexpr double kLeastCondition = 1e-13;
     if (!solver.isPositive() || !(solver.rcond() > kLeastCondition)) continue;
     const Matrix6d own = solver.solve(Matrix6d::Identity());
@@ -109,12 +109,12 @@ void MapAgreement::estimate_map_error(const AlignmentProblem& problem, double va
   const double freedom = 6.0 * (tags_count - 1.0);
   if (!(squares > freedom) || !(trace > 0.0)) return;
   const Matrix6d inverse = inverse_of_spd(H);
-  // An estimate from three numbers has three times the variance (Student's t).
+  // An estimate from three values has three times the variance (Student's t).
   constexpr double kOfThree = 3.0;
   const Matrix6d off = kOfThree * (squares - freedom) / trace * inverse * H_of_places * inverse;
   if (!off.allFinite()) return;
   result.map_covariance = off;
-  // Chi-square's 99 % (Wilson and Hilferty, The distribution of chi-square, 1931).
+  // 99 % quantile of chi-square (Wilson and Hilferty, The distribution of chi-square, 1931).
   constexpr double kNormal99 = 2.326;
   const double ninth = 2.0 / (9.0 * freedom);
   result.map_inconsistent =
@@ -123,9 +123,9 @@ void MapAgreement::estimate_map_error(const AlignmentProblem& problem, double va
 
 int MapAgreement::find_outlier(double squares) const {
   const std::size_t count = equations_.size();
-  // Without one of four tags noise alone sometimes falls to a ninth.
+  // If one of four tags is removed, noise alone sometimes falls to 1/9.
   const double small_part = count > 4 ? 1.0 / 9.0 : 1.0 / 16.0;
-  constexpr std::size_t kMostToTry = 12;  // tags that disagree most
+  constexpr std::size_t kMostToTry = 12;  // the tags with the largest disagreement
   std::vector<std::size_t> order(count);
   std::iota(order.begin(), order.end(), std::size_t{0});
   std::ranges::stable_sort(order, std::greater<>(),
@@ -157,7 +157,7 @@ int MapAgreement::find_outlier(double squares) const {
   return outlier;
 }
 
-// Compares shift and turn (no scale, which a camera response changes) preferred by each tag.
+// Compares image shift and rotation preferred by each tag, not scale, which the response changes.
 void MapAgreement::check(const AlignmentProblem& problem, const PoseSolver& solver,
                          AlignmentResult& result) {
   collect(problem, solver);

@@ -12,22 +12,22 @@
 namespace penumbra {
 namespace {
 
-// Explained share of the variance of a sharp image; a blur of 1.5 cells leaves 16 / 18.
+// Minimum explained variance fraction of a sharp image; with a blur of 1.5 cells it is 16 / 18.
 constexpr double kClear = 8.0 / 9.0;
-// Factors of the variance, see docs/tracking.md#motion-blur: shift and turn together,
+// Factors of the variance (docs/tracking.md#motion-blur): common shift and rotation,
 constexpr double kShared = 0.5;
-// and a displacement that the image does not explain where a motion explains the rest.
+// and displacement in any direction, if a motion explains the rest.
 constexpr double kOwnAway = 0.25;
-// More tags do not reduce a common turn any further.
+// Number of tags above which a common rotation is not reduced further.
 constexpr double kMostOwn = 12.0;
 
-// Explained share of the variance of uncovered cells: least trimmed squares of the three
-// fifths that fit best. Negative with too few cells.
+// Returns the explained variance fraction of unoccluded cells: least trimmed squares of the best
+// fitting 3/5. Negative for too few cells.
 double explained_by_most(const float* models, const float* values, int count) {
   constexpr int kFewest = 16;
   if (count < kFewest) return -1.0;
   constexpr double kShare = 0.6;
-  // Variance of the middle three fifths of a normal distribution.
+  // Variance of the middle 3/5 of a normal distribution.
   constexpr double kOfNormal = 0.2145;
   constexpr int kSteps = 5;
   const auto n = static_cast<std::size_t>(count);
@@ -36,8 +36,8 @@ double explained_by_most(const float* models, const float* values, int count) {
   std::iota(order.begin(), order.end(), std::size_t{0});
   std::vector<double> squares(n);
   double gain = 0.0;
-  double spread = 0.0;  // of the models, of all cells
-  double rest = 0.0;    // residual variance of the three fifths
+  double spread = 0.0;  // of the model, over all cells
+  double rest = 0.0;    // residual variance of the selected 3/5
   for (int step = 0; step < kSteps; ++step) {
     const std::size_t used = step == 0 ? n : most;
     double m = 0.0;
@@ -81,7 +81,7 @@ MotionBlurCheck::MotionBlurCheck(AlignmentProblem& problem, EdgeSampler& sampler
                                  std::span<const TagAlignment> tags,
                                  std::span<const TagEquations> equations, double variance)
     : problem_(problem), sampler_(sampler), equations_(equations), variance_(variance) {
-  // Includes tags that are not verified, which may be blurred.
+  // Includes unverified tags, which may be blurred.
   for (const TagAlignment& of : tags) {
     if (of.explained < 0.0) continue;
     seen_.push_back(&problem_.tags[static_cast<std::size_t>(of.index)]);
@@ -98,7 +98,7 @@ double MotionBlurCheck::median() {
 MotionBlurError MotionBlurCheck::check(const std::optional<Vector6d>& motion, bool known,
                                        double longest_cells) {
   if (seen_.empty() || (motion && !motion->allFinite())) return {};
-  // The median, because some tags may be covered.
+  // Uses the median, because some tags may be occluded.
   if (problem_.exposure_motion.isZero(0.0) && median() >= kClear) return {};
   const Vector6d motion_before = problem_.exposure_motion;
   measure(motion, longest_cells);
@@ -130,7 +130,7 @@ void MotionBlurCheck::measure(const std::optional<Vector6d>& motion, double long
   }
 }
 
-// Models the image with a share of the motion, and keeps the best share.
+// Models the image with a fraction of the motion; keeps the best fraction.
 void MotionBlurCheck::explain_by(const std::optional<Vector6d>& motion, int share) {
   problem_.set_exposure_motion(part_of(motion, share, kShares));
   shares_.clear();
@@ -169,7 +169,7 @@ void MotionBlurCheck::find_share(const std::optional<Vector6d>& motion, bool kno
 
 MotionBlurError MotionBlurCheck::sum_up(const std::optional<Vector6d>& motion, bool known) const {
   double squares = 0.0;
-  // A metre and a radian where the tags give no information.
+  // Prior of 1 m and 1 rad, for directions without information.
   Matrix6d H = variance_ * Matrix6d::Identity();
   for (const TagEquations& of : equations_) H += of.H;
   const Matrix6d inverse = inverse_of_spd(H);
@@ -195,7 +195,7 @@ MotionBlurError MotionBlurCheck::sum_up(const std::optional<Vector6d>& motion, b
     if (!turns || of == equations_.end()) continue;
     const double own2 =
         std::max(count / kMostOwn, 1.0) * (flat2 + (anywhere ? 1.0 : kOwnAway) * away2);
-    // Motions of the tag's centre by a pixel along each axis.
+    // Motions of the tag's centre by 1 px along each axis.
     const AlignedTag& tag = problem_.tags[static_cast<std::size_t>(blur.index)];
     Eigen::Matrix<double, 2, 3> J;
     std::ignore = problem_.camera.project_unchecked(tag.centre_point(), &J);
@@ -209,7 +209,7 @@ MotionBlurError MotionBlurCheck::sum_up(const std::optional<Vector6d>& motion, b
       error.covariance += 0.5 * own2 * moved * moved.transpose();
     }
   }
-  // No information: a metre and a radian.
+  // Without information: 1 m and 1 rad.
   if (!error.covariance.allFinite()) error.covariance.setIdentity();
   if (motion && !along_.empty()) error.motion = static_cast<double>(share_) / kShares * *motion;
   error.shift_px = std::sqrt(squares / static_cast<double>(seen_.size()));

@@ -22,20 +22,20 @@ struct Sheet {
   double cell_m = 0.0;
 };
 
-// One tag under one camera pose.
+// One tag as viewed from one camera pose.
 struct View {
   // (A, B, S) = matrix * (x, y, 1); a = A / S, b = B / S, depth = 1 / S.
   Eigen::Matrix3d lattice_from_ray;
-  Eigen::AlignedBox2d box;  // pixels that may see it
+  Eigen::AlignedBox2d box;  // pixels that the tag may cover
 };
 
-// Fraction of k times an irrational number, which fills an interval evenly.
+// Returns the fractional part of k * step; an irrational step fills [0, 1) evenly.
 double scattered(int k, double step) {
   const double value = k * step;
   return value - std::floor(value);
 }
 
-// Distribution of the point spread along one axis: the lens's Gaussian and the pixel's box.
+// Distribution function of the point spread along one axis: Gaussian of the lens and pixel box.
 double spread_cdf(double x, double sigma) {
   const auto integral = [sigma](double z) {  // of the normal distribution
     if (sigma < 1e-6) return std::max(z, 0.0);
@@ -57,7 +57,7 @@ double spread_quantile(double share, double sigma) {
   return 0.5 * (low + high);
 }
 
-// Sub-pixel offsets with the point spread's density: quantiles of a golden-ratio lattice.
+// Returns sub-pixel offsets distributed as the point spread: quantiles of a golden-ratio lattice.
 std::vector<Eigen::Vector2d> make_offsets(int count, double sigma) {
   std::vector<Eigen::Vector2d> offsets;
   offsets.reserve(static_cast<std::size_t>(count));
@@ -70,11 +70,11 @@ std::vector<Eigen::Vector2d> make_offsets(int count, double sigma) {
   Eigen::Vector2d mean = Eigen::Vector2d::Zero();
   for (const Eigen::Vector2d& offset : offsets) mean += offset;
   mean /= count;
-  for (Eigen::Vector2d& offset : offsets) offset -= mean;  // no bias of a finite point set
+  for (Eigen::Vector2d& offset : offsets) offset -= mean;  // removes the bias of a finite point set
   return offsets;
 }
 
-// Gaussian noise that is the same on every machine, which std::normal_distribution is not.
+// Gaussian noise that is reproducible on every machine, unlike std::normal_distribution.
 class Noise {
  public:
   explicit Noise(std::uint64_t seed) : engine_(seed) {}
@@ -112,7 +112,7 @@ void add_noise(std::span<std::uint8_t> rgba, double sigma_grey, std::uint64_t se
 struct PatternRenderer::Impl {
   CameraModel camera;
   std::vector<Sheet> sheets;
-  // Ray of each pixel's centre and its derivative by the pixel, computed on demand.
+  // Ray of each pixel's centre and d ray / d pixel, computed on demand.
   struct PixelRay {
     Eigen::Vector2d xy{std::numeric_limits<double>::quiet_NaN(), 0.0};
     Eigen::Matrix2d d_xy_d_pixel;
@@ -138,7 +138,7 @@ struct PatternRenderer::Impl {
     return r;
   }
 
-  // Nothing when the tag is seen from behind or lies wholly outside the image.
+  // Returns nullopt if the tag faces away or is completely outside the image.
   std::optional<View> view_of(const Sheet& sheet, const CameraPose& T_table_camera,
                               const Transform<frame::Table, frame::Tag>& T_table_tag,
                               double margin_px) const {
@@ -209,7 +209,7 @@ std::vector<double> PatternRenderer::render_light(std::span<const CameraPose> pa
   std::vector<double> light(at(0, height), options.background * options.gain);
 
   const std::vector<Eigen::Vector2d> offsets = make_offsets(options.samples, options.lens_blur_px);
-  // The moment of each sub-sample, independent of its offset.
+  // Time of each sub-sample, independent of its offset.
   std::vector<std::size_t> times(offsets.size());
   for (std::size_t s = 0; s < times.size(); ++s) {
     times[s] =
@@ -222,7 +222,7 @@ std::vector<double> PatternRenderer::render_light(std::span<const CameraPose> pa
 
   // views[tag * path.size() + time]
   std::vector<std::optional<View>> views;
-  std::vector<std::vector<int>> rows(static_cast<std::size_t>(height));  // tags near each row
+  std::vector<std::vector<int>> rows(static_cast<std::size_t>(height));  // tags in each row
   std::vector<Eigen::AlignedBox2i> boxes(impl_->sheets.size());
   const Eigen::Array2d image_size(width, height);
   for (std::size_t k = 0; k < impl_->sheets.size(); ++k) {
@@ -248,7 +248,7 @@ std::vector<double> PatternRenderer::render_light(std::span<const CameraPose> pa
       rows[static_cast<std::size_t>(y)].push_back(static_cast<int>(k));
   }
 
-  // Light of the nearest tag's cell on a ray at one time, else of the background.
+  // Returns the light of the nearest tag's cell on a ray at one time, or the background's.
   const auto light_at = [&](const std::vector<int>& candidates, std::size_t time,
                             const Eigen::Vector2d& xy) {
     double nearest = 0.0;  // 1 / depth
@@ -271,7 +271,7 @@ std::vector<double> PatternRenderer::render_light(std::span<const CameraPose> pa
     return value;
   };
 
-  // Light of a pixel where all sub-samples certainly see the same, else nothing.
+  // Returns the light of a pixel if all sub-samples certainly have the same, else nullopt.
   const auto uniform_light = [&](int k, const Impl::PixelRay& ray) -> std::optional<double> {
     if (options.cover_share > 0.0) return std::nullopt;
     const TagPattern& pattern = impl_->sheets[static_cast<std::size_t>(k)].pattern;

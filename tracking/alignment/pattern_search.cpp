@@ -16,30 +16,31 @@ namespace {
 
 constexpr int kSearchPoints = 256;  // of all tags
 constexpr int kNarrowReach = 15;    // [px]
-constexpr int kCoarsest = 16;       // the smallest image of the pyramid is this times smaller
-// Least contrast of a peak above noise: mean white cell minus mean black one [grey].
+constexpr int kCoarsest = 16;       // maximum reduction factor of the pyramid
+// Minimum contrast of a peak above noise: mean white cell minus mean black cell [grey].
 constexpr double kLeastContrast = 12.0;
-// Share of the last contrast that ends a search: a displaced pattern has half of it at most.
+// Fraction of the previous contrast that ends a search; a displaced pattern has up to half of it.
 constexpr double kAsSeen = 0.75;
-// Errors from which the fine stage converges.
+// Maximum errors from which the fine stage converges.
 constexpr double kNearError_px = 1.2;
 constexpr double kNearError_cells = 0.2;
-// Error of a peak's centre by the spacing of rows, as a share of it.
+// Error of a peak's centre caused by the row spacing / row spacing.
 constexpr double kRowGrid = 0.1;
-constexpr std::size_t kFewestToJudge = 5;  // tags, to measure their scatter
+constexpr std::size_t kFewestToJudge = 5;  // minimum number of tags to measure their scatter
 
 // Centre of a peak in a score map [rows and columns].
 struct SearchTop {
   double row = 0.0;
   double column = 0.0;
-  bool open = false;  // may continue beyond the map
+  bool open = false;  // the peak may extend beyond the map
 };
 
-// Centroid of the scores, clamped between foot and shoulder: a peak is flat over a cell.
+// Returns the centroid of the scores, clamped between foot and shoulder: a peak is flat over a
+// cell.
 template <class Score>
 SearchTop find_top(const SearchWindow& window, std::span<const Score> scores, int row, int column,
                    double cell) {
-  // Fifths of the peak; a pattern displaced against itself stays under the foot.
+  // Levels in fifths of the peak; a displaced pattern stays below the foot.
   constexpr int kParts = 5;
   constexpr int kFoot = 3;
   constexpr int kShoulder = 4;
@@ -48,7 +49,7 @@ SearchTop find_top(const SearchWindow& window, std::span<const Score> scores, in
   const auto peak =
       static_cast<int>(scores[static_cast<std::size_t>(row * window.columns + column)]);
   if (peak <= 0) return {static_cast<double>(row), static_cast<double>(column), true};
-  // The other end of the top is about a cell away from the maximum.
+  // The flat top extends about one cell from the maximum.
   const int half = static_cast<int>(std::ceil(cell)) + 1;
   const int half_rows = (half + window.row_step - 1) / window.row_step;
   const int r0 = std::max(row - half_rows, 0);
@@ -64,7 +65,7 @@ SearchTop find_top(const SearchWindow& window, std::span<const Score> scores, in
   for (int r = r0; r <= r1; ++r) {
     const Score* const of_row = scores.data() + static_cast<std::ptrdiff_t>(r) * window.columns;
     int of_places = 0;
-    int of_columns = 0;  // from c0
+    int of_columns = 0;  // relative to c0
     int highest = 0;
     for (int c = c0; c <= c1; ++c) {
       const int value = of_row[c];
@@ -92,8 +93,8 @@ struct OwnPeak {
   int row = 0, column = 0;
 };
 
-// The maximum of a tag's own map within `slack` of `about`. Nothing where the contrast (white over
-// black cells [grey]) is less, or the maximum is on the flank of a higher peak further off.
+// Returns the maximum of a tag's score map within `slack` of `about`, or nullopt if its contrast
+// (white minus black cells [grey]) is too small or it is on the flank of a higher peak outside.
 std::optional<OwnPeak> own_peak(const AlignedTag& tag, const SearchWindow& window, OwnPeak about,
                                 int slack, double least_contrast) {
   const int columns = window.columns;
@@ -181,10 +182,10 @@ bool fit_displaced(const std::vector<DisplacedTag>& displaced, AlignmentProblem&
   return true;
 }
 
-// Greatest error of the fit at a tag's corner [px], 1 sigma, by the scatter of the tags and the
-// covariance of the prediction. Infinite: unknown.
+// Returns the maximum error of the fit at a tag's corner [px], 1 sigma, from the scatter of the
+// tags and the covariance of the prediction; infinite if unknown.
 double fit_error_px(const std::vector<DisplacedTag>& displaced, const AlignmentProblem& problem) {
-  // Prior of the scatter, worth four numbers.
+  // Prior of the scatter, with the weight of four values.
   constexpr double kScatter_cells = 0.05;
   constexpr double kScatterNumbers = 4.0;
   if (displaced.size() < kFewestToJudge) return std::numeric_limits<double>::infinity();
@@ -259,8 +260,8 @@ bool PatternSearch::search(double seen_contrast) {
     sigma_px = std::max(sigma_px, std::sqrt(std::max(spread(0, 0), spread(1, 1))));
   }
   const SearchWindow narrow = window_of(kNarrowReach);
-  if (narrow.holds(0.5 * smallest_cell_max_px)) {  // a peak's top is as wide as a cell
-    // The tags are not elsewhere if they are near, with the contrast of the last frame.
+  if (narrow.holds(0.5 * smallest_cell_max_px)) {  // the top of a peak is as wide as a cell
+    // A nearby peak with the previous frame's contrast excludes peaks elsewhere.
     const bool enough = narrow.holds(3.0 * sigma_px);
     const bool likely = seen_contrast > 0.0;
     const double least =
@@ -292,7 +293,7 @@ bool PatternSearch::search_pyramid(bool further) {
   return search_within(window_of(kReach), false, kLeastContrast);
 }
 
-// Averages scale x scale pixels; drops an incomplete block at the right and below.
+// Averages scale x scale pixels; drops incomplete blocks at the right and bottom.
 ImageView PatternSearch::shrink(int scale) {
   const int width = problem_.image.width / scale;
   const int height = problem_.image.height / scale;
@@ -317,7 +318,7 @@ ImageView PatternSearch::shrink(int scale) {
   return {small_image_.data(), width, height, width};
 }
 
-// Uses `pairs` white and as many black cells of the tag.
+// Uses `pairs` white and `pairs` black cells of the tag.
 void PatternSearch::find_cell_windows(const AlignedTag& tag, const SearchWindow& window, int pairs,
                                       CellWindows& windows) {
   pairs = std::min(pairs, tag.search_white);
@@ -333,7 +334,7 @@ void PatternSearch::find_cell_windows(const AlignedTag& tag, const SearchWindow&
   const int last_y = view.height - window.rows * window.row_step;
   bool within = true;
   int inside = 0;
-  // Cell k of a colour is its cell floor(k * search_white / pairs).
+  // Cell k of a colour is the one with index floor(k * search_white / pairs).
   std::size_t at = 0;
   int remainder = 0;
   const int step = tag.search_white / pairs;
@@ -380,7 +381,7 @@ void PatternSearch::find_cell_windows(const AlignedTag& tag, const SearchWindow&
       windows.stride[k] = view.stride;
       continue;
     }
-    // The window leaves the image: copies it and repeats the border's pixels.
+    // The window exceeds the image: copies it and repeats the border's pixels.
     const int before = std::clamp(-x, 0, columns);
     const int after = std::clamp(x + columns - view.width, 0, columns);
     const int between = columns - before - after;
@@ -434,7 +435,7 @@ bool PatternSearch::search_within(const SearchWindow& window, bool independent,
   const double contrast = 2.0 * score_sum_[static_cast<std::size_t>(best)] / total;
   problem_.counters.contrast = contrast;
   if (!independent && contrast < least_contrast) return false;
-  // No other window follows the largest: a part of a peak is used where a cell is as large as that.
+  // In the largest window, accepts clipped peaks of cells that are as large as the window.
   const bool largest = window.reach >= kReach;
   const auto elsewhere = [&](const SearchTop& top, double cell_px) {
     if (largest) return top.open && window.holds(cell_px / scale);
@@ -459,7 +460,7 @@ bool PatternSearch::search_within(const SearchWindow& window, bool independent,
                                                  tag->cell_max_px / scale_);
     if (elsewhere(top, tag->cell_max_px)) continue;
     const Eigen::Vector3d p_camera = tag->centre_point();
-    // The centre of a peak that is cut off has an error of a part of a cell.
+    // The centre of a clipped peak is uncertain by up to a cell.
     const double cut_off_px = top.open ? tag->cell_max_px / std::sqrt(12.0) : 0.0;
     displaced_.push_back(
         {T_map_camera * p_camera,
@@ -471,7 +472,7 @@ bool PatternSearch::search_within(const SearchWindow& window, bool independent,
   return true;
 }
 
-// Prefetches the image around the tags, which is read in an order that hardware does not predict.
+// Prefetches the image around the tags, because hardware can't predict the access pattern.
 void PatternSearch::fetch_ahead(int margin) const {
   float x0 = 1e9F;
   float y0 = 1e9F;

@@ -13,12 +13,12 @@
 namespace penumbra {
 namespace {
 
-// The least variance is that of rounded grey levels.
+// The minimum is the variance of rounded grey levels.
 double variance_of(double cost, double weight) {
   return std::max(cost / weight, 0.25);
 }
 
-// Calls each(tag, k) for about `count` of the samples of the last equations, evenly over all tags.
+// Calls each(tag, k) for about `count` samples of the latest equations, evenly over all tags.
 template <class Each>
 void visit_evenly(const std::vector<AlignedTag*>& tags, int count, const Each& each) {
   int total = 0;
@@ -26,7 +26,7 @@ void visit_evenly(const std::vector<AlignedTag*>& tags, int count, const Each& e
   const int stride = std::max(1, (total + count - 1) / count);
   int next = 0;
   for (const auto* tag : tags) {
-    if (tag->used < kFewestSamples || !(tag->gain > 1.5)) continue;  // has no equations
+    if (tag->used < kFewestSamples || !(tag->gain > 1.5)) continue;  // no equations
     for (; next < tag->used; next += stride) each(*tag, next);
     next -= tag->used;
   }
@@ -101,7 +101,7 @@ void PoseSolver::accumulate(double cutoff, Equations& equations) {
     equations.weight += active[k]->sums.weight;
   }
   for (const simd::TagPack& pack : packs_) {
-    // Tags without equations have zeros.
+    // Tags without equations contribute zeros.
     const auto over_lanes = [](const double* four) {
       return (four[0] + four[2]) + (four[1] + four[3]);
     };
@@ -112,7 +112,7 @@ void PoseSolver::accumulate(double cutoff, Equations& equations) {
   equations.g = Eigen::Map<const Vector6d>(g_sum.data());
 }
 
-// False with too few residuals.
+// Returns false for too few residuals.
 bool PoseSolver::take_variance(const Equations& equations) {
   if (!(equations.weight > 12.0)) return false;
   variance_ = variance_of(equations.cost, equations.weight);
@@ -132,7 +132,7 @@ std::optional<PoseSolver::Step> PoseSolver::step(double cutoff, StepBy by) {
   if (!xi.allFinite()) return std::nullopt;
   last_step_ = xi;
   if (by == StepBy::slope) {
-    // This step may be the last one and long: the residuals that it removes are no noise.
+    // The final step may be long; the residuals that it removes are not noise.
     const double taken = xi.dot(2.0 * equations.g - equations.H * xi);
     variance_ = variance_of(equations.cost - taken, equations.weight);
     information_ = equations.H / variance_;
@@ -174,13 +174,13 @@ double PoseSolver::follow_tags(const Vector6d& xi, const Eigen::Isometry3d& moti
   return moved_px;
 }
 
-// Takes the median from a histogram by the leading bits of the floats, 16 to an octave.
+// Computes the median from a histogram over the leading bits of the floats, 16 classes per octave.
 void PoseSolver::measure_noise() {
   constexpr std::uint32_t kShift = 19;                  // leaves 4 bits of the mantissa
-  constexpr std::uint32_t kFirst = (127U - 16U) << 4U;  // 2^-16 of the gain and less
+  constexpr std::uint32_t kFirst = (127U - 16U) << 4U;  // 2^-16 of the gain or less
   constexpr std::size_t kClasses = 20 * 16;             // up to 2^4
   constexpr float kLeast = 0x1p-16F;
-  constexpr float kMost = 0x1.fp3F;  // the last class begins there
+  constexpr float kMost = 0x1.fp3F;  // begin of the final class
   std::array<std::uint16_t, kClasses> histogram{};
   int count = 0;
   visit_evenly(problem_.active, 384, [&](const AlignedTag& tag, int k) {
@@ -191,7 +191,7 @@ void PoseSolver::measure_noise() {
   });
   if (count < 16) return;
   const double middle = 0.5 * count;
-  // Searches by octaves, then by classes.
+  // Searches octaves, then classes.
   int below = 0;
   std::size_t at = 0;
   for (; at + 16 < kClasses; at += 16) {
@@ -209,10 +209,10 @@ void PoseSolver::measure_noise() {
   noise_share_ = 1.4826 * (edge(at) + within * (edge(at + 1) - edge(at)));
 }
 
-// Sum of d(w r) / dr over sum of w, see docs/tracking.md#slope-steps.
+// Returns the sum of d(w r) / dr divided by the sum of w; see docs/tracking.md#slope-steps.
 double PoseSolver::measured_slope(double cutoff) const {
   PENUMBRA_ASSERT(cutoff > 0.0);
-  constexpr double kLeast = 0.7;  // 0.83 where residuals are normal
+  constexpr double kLeast = 0.7;  // 0.83 for normally distributed residuals
   const double limit = tukey_share(cutoff);
   double slope = 0.0;
   double weight = 0.0;

@@ -12,10 +12,10 @@ using Two = double __attribute__((vector_size(16)));
 using Pair = float __attribute__((vector_size(8), may_alias));
 
 // Sums over the edges in one lattice direction. A camera response or a bright lamp widens all white
-// areas; that displacement towards black is removed for each direction.
+// areas; squares_left() removes this common displacement towards black.
 struct Direction {
-  Two sums{};     // of s and q: an edge's leverage times residual, and times slope
-  Two squares{};  // of ss and qq
+  Two sums{};     // of s (an edge's leverage * residual) and q (leverage * slope)
+  Two squares{};  // of s^2 and q^2
   double products = 0.0;
 
   void add(const Two& both) {
@@ -23,7 +23,7 @@ struct Direction {
     squares += both * both;
     products += both[0] * both[1];
   }
-  // Sum of squares without the widening.
+  // Returns the sum of squares without the widening.
   [[nodiscard]] double squares_left() const {
     if (!(sums[1] > 0.0)) return 0.0;
     const double widening = sums[0] / sums[1];
@@ -34,7 +34,7 @@ struct Direction {
 // Expected sums for independent residuals.
 struct Expected {
   double sum = 0.0;
-  double squares = 0.0;  // of the edges
+  double squares = 0.0;  // over the edges
   int edges = 0;
 };
 
@@ -76,9 +76,9 @@ void add_edges(const AlignedTag& tag, const simd::Samples& s, double variance,
 
 double design_effect(const AlignmentProblem& problem, const PoseSolver& solver, SampleArena& arena,
                      double cutoff) {
-  std::array<Direction, 2> directions;  // edges along b, and along a
+  std::array<Direction, 2> directions;  // edges along b, edges along a
   Expected expected;
-  int parameters = 8;  // the pose and the widenings
+  int parameters = 8;  // 6 of the pose, 2 widenings
   const auto inverse_limit = static_cast<float>(1.0 / solver.tukey_share(cutoff));
   for (const AlignedTag* tag : problem.active) {
     if (tag->used < kFewestSamples || !(tag->gain > 1.5)) continue;
@@ -96,7 +96,7 @@ double design_effect(const AlignmentProblem& problem, const PoseSolver& solver, 
   if (free < 4 || !(expected.sum > 0.0)) return 1.0;
   double found = 0.0;
   for (const Direction& direction : directions) found += direction.squares_left();
-  // The residuals include the displacements that the last step removed.
+  // The residuals include the displacements that the latest step removed.
   const Vector6d& step = solver.last_step();
   found -= solver.slope() * solver.slope() * step.dot(solver.information() * step) *
            expected.squares / expected.sum;

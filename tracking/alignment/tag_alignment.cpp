@@ -20,47 +20,47 @@ namespace penumbra {
 namespace {
 
 // Convergence, see docs/tracking.md#convergence.
-constexpr double kCornerMoved_px = 0.25;  // a fine round that moved the tags further is repeated
+constexpr double kCornerMoved_px = 0.25;  // a fine round with a larger motion is repeated
 constexpr double kConverged_px = 0.03;
 constexpr double kNearlyConverged_px = 0.06;
-constexpr double kConvergesFrom_px = 0.1;  // the step after this one is about kConverged_px
-// Lengths of steps in standard deviations of the pose, all six numbers together.
+constexpr double kConvergesFrom_px = 0.1;  // the next step is about kConverged_px
+// Lengths of steps in standard deviations of the pose (Mahalanobis norm).
 constexpr double kConverged_sigmas = 1.0;
 constexpr double kNearlyConverged_sigmas = 3.0;
-constexpr double kSlopeConverged_sigmas = 8.0;  // of a step that differentiates the weights
+constexpr double kSlopeConverged_sigmas = 8.0;  // for StepBy::slope
 constexpr int kFineRounds = 3;
-constexpr int kFineSteps = 5;           // per round at most
-constexpr int kFastSamples = 1920;      // of all tags, where each tag has 128 or more
-constexpr int kFastSamplesOfTag = 400;  // from three tags on
-constexpr int kSparseSamples = 640;     // of all tags
-constexpr double kWideCutoff = 0.8;     // of Tukey's weights, as a share of the gain
+constexpr int kFineSteps = 5;           // maximum per round
+constexpr int kFastSamples = 1920;      // total, if each tag has 128 or more
+constexpr int kFastSamplesOfTag = 400;  // maximum per tag for three or more tags
+constexpr int kSparseSamples = 640;     // total
+constexpr double kWideCutoff = 0.8;     // of Tukey's weights, as a fraction of the gain
 constexpr double kFineCutoff = 0.6;     // the same
 
-// First memory for samples: the less of two estimates.
+// Initial memory for samples: the smaller of two estimates.
 constexpr std::size_t kPixelsPerSample = 12;
 constexpr std::size_t kSamplesPerTag = 4096;
 constexpr std::size_t kFloatsPerSample = 17;  // for one line per axis
 
-// Cap that fills `blocks` blocks of the SIMD loops, with room for a walk that exceeds it.
+// Returns a cap that fills `blocks` blocks of the SIMD loops, with a margin for longer walks.
 constexpr int filled_blocks(int blocks) {
   return (simd::kBlock - 4) * blocks;
 }
 
-// Numbers of samples of each tag in the fine stage.
+// Numbers of samples per tag in the fine stage.
 struct FinePlan {
   bool every_pixel = false;
   int cap = 0;
-  int first = 0;              // lower than the cap where sampling may stop early
-  int sparse_cap = 0;         // of a round far from the pose
-  bool sparse_rounds = true;  // rounds that are repeated may use fewer samples and stop early
+  int first = 0;              // initial number; lower than the cap if sampling may stop early
+  int sparse_cap = 0;         // cap of a round far from the pose
+  bool sparse_rounds = true;  // rounds that will be repeated may use fewer samples and stop early
   bool begins_sparse = false;
-  double near_px = 0.0;  // a shorter step may be the last one
+  double near_px = 0.0;  // a shorter step may be the final one
 };
 
 }  // namespace
 
 double variance_inflation(const AlignmentResult& result) {
-  // By Tukey's weights, 1.053 / (0.758 / 0.915^2), see docs/tracking.md#design-effect.
+  // Effect of Tukey's weights, 1.053 / (0.758 / 0.915^2); see docs/tracking.md#design-effect.
   constexpr double kTukeyTimes = 1.16;
   return kTukeyTimes * std::max(result.design_effect, 1.0);
 }
@@ -105,7 +105,7 @@ void TagAligner::Impl::begin(const AlignmentInput& frame) {
   result = {};
 }
 
-// Projects the tags at the prediction, for a search; false where none is in view.
+// Projects the tags at the prediction, for a search; returns false if none is in view.
 bool TagAligner::Impl::look_where_predicted() {
   problem.T_camera_map = problem.T_predicted;
   problem.find_visible(Projection::search);
@@ -116,7 +116,7 @@ AlignmentResult TagAligner::Impl::run(const AlignmentInput& frame, bool with_sea
   begin(frame);
   const Start start = with_search ? Start::search : Start::near_pose;
   bool good = attempt(start, true);
-  // Repeats an attempt that began near, with the wide stage.
+  // Repeats an attempt that skipped the wide stage.
   if (!good && !problem.counters.wide_stage) good = attempt(start, false);
   if (!good && with_search && !problem.active.empty()) {
     std::ignore = attempt(Start::independent_search, false);
@@ -128,7 +128,7 @@ AlignmentResult TagAligner::Impl::run(const AlignmentInput& frame, bool with_sea
 // Runs the search, the wide and the fine stage, and verifies the pose.
 bool TagAligner::Impl::attempt(Start start, bool may_be_near) {
   AlignmentCounters& counters = problem.counters;
-  // Forgets the attempt before.
+  // Discards the results of the previous attempt.
   result.displacement_px = 0.0;
   result.disagreement = 1.0;
   result.map_covariance.setZero();
@@ -181,14 +181,14 @@ FinePlan TagAligner::Impl::plan_fine_stage(bool near) const {
   const int block_of_each = simd::kBlock * tags;
   plan.sparse_cap = filled_blocks(
       std::clamp(kSparseSamples / block_of_each, block_of_each >= kSparseSamples ? 1 : 2, 4));
-  // A few samples suffice far from the pose; many are best chosen near it.
+  // Few samples suffice far from the pose; select many only near it.
   plan.sparse_rounds = !sample_need;
   plan.begins_sparse = plan.sparse_rounds && (input.starts_far || (near && plan.every_pixel));
   plan.near_px = !plan.every_pixel && tags > 2 ? kConvergesFrom_px : kNearlyConverged_px;
   return plan;
 }
 
-// Samples at the current pose and solves, until the tags no longer move away from their samples.
+// Samples at the current pose and solves; repeats until the tags stay near their samples.
 bool TagAligner::Impl::fine_stage(bool near) {
   const FinePlan plan = plan_fine_stage(near);
   AlignmentCounters& counters = problem.counters;
@@ -215,7 +215,7 @@ bool TagAligner::Impl::fine_stage(bool near) {
     const int more = more_samples(plan, now);
     if (more == now) break;
     now = more;
-    round = kFineRounds - 1;  // near the pose already
+    round = kFineRounds - 1;  // already near the pose
   }
   counters.sampling_stopped =
       sample_need != nullptr && now < plan.cap &&
@@ -223,7 +223,7 @@ bool TagAligner::Impl::fine_stage(bool near) {
   return true;
 }
 
-// Steps until the pose converges. True if the tags need new samples; nothing with too few.
+// Steps until the pose converges. Returns true if the tags need new samples, nullopt for too few.
 std::optional<bool> TagAligner::Impl::fine_round(const FinePlan& plan, int round, bool near,
                                                  bool sparse) {
   const double settled = plan.every_pixel ? 0.85 : 0.7;
@@ -233,23 +233,23 @@ std::optional<bool> TagAligner::Impl::fine_round(const FinePlan& plan, int round
   double round_moved = 0.0;
   bool far = false;
   for (int i = 0; i < kFineSteps; ++i) {
-    // The very first step from near uses all samples, with no cutoff.
+    // The first step from a nearby start uses all samples, without cutoff.
     const auto step = solver.step(near && round == 0 && i == 0 ? 0.0 : kFineCutoff, by);
     if (!step) return std::nullopt;
     const double before = solver.noise_share();
     solver.measure_noise();
     round_moved += step->moved_px;
     far = round_moved >= kCornerMoved_px;
-    // While outliers are still losing weight the pose may move, unless the step is below noise.
+    // The pose may still move while outliers lose weight, unless the step is below the noise.
     const bool at_rest =
         solver.noise_share() > settled * before || step->sigmas < kConverged_sigmas;
     const double nearly_sigmas = by_slope ? kSlopeConverged_sigmas : kNearlyConverged_sigmas;
-    // From near, one step is enough.
+    // From a nearby start, one step is sufficient.
     if (plan.sparse_rounds && round > 0 && step->moved_px < plan.near_px &&
         solver.noise_share() > 0.9 * before && (!within_noise || step->sigmas < nearly_sigmas))
       break;
     if (i == 0) continue;
-    // A round that will be repeated from nearer need not converge.
+    // A round that will be repeated need not converge.
     const bool repeated = plan.sparse_rounds && (sparse || (far && round + 1 < kFineRounds));
     if (repeated && step->moved_px < kCornerMoved_px && at_rest) break;
     if (step->moved_px < kConverged_px && at_rest) break;
@@ -257,12 +257,12 @@ std::optional<bool> TagAligner::Impl::fine_round(const FinePlan& plan, int round
   return far;
 }
 
-// Number of samples of each tag for the next round, where more are needed; else `now`.
+// Returns the number of samples per tag for the next round, or `now` if no more are needed.
 int TagAligner::Impl::more_samples(const FinePlan& plan, int now) {
   report_pose();
   const double times = sample_need(result);
   if (times <= 1.0) return now;
-  // A little more, so that one round is enough.
+  // 10 % more, so that one round is sufficient.
   const double wanted = 1.1 * times * static_cast<double>(now);
   const int more = wanted < static_cast<double>(plan.cap)
                        ? std::max(static_cast<int>(wanted), 2 * now)

@@ -9,7 +9,7 @@
 namespace penumbra {
 namespace {
 
-// Computes the share of the variance of a tag's cells that the model explains.
+// Computes the fraction of the variance of a tag's cells that the model explains.
 class Explained {
  public:
   void add(double model, double value) {
@@ -20,7 +20,7 @@ class Explained {
     value2_ += value * value;
     both_ += model * value;
   }
-  // 0 where the model is no better than its negative, negative where too few cells were seen.
+  // Returns 0 if the model is no better than its negative; negative for too few cells.
   [[nodiscard]] double share() const {
     constexpr double kFewest = 16.0;
     if (count_ < kFewest) return -1.0;
@@ -36,16 +36,16 @@ class Explained {
 };
 
 struct Cells {
-  int decidable = 0;  // black or white by the model, and inside the image
-  int read = 0;       // of these: neither covered nor too blurred
-  int wrong = 0;      // of these
+  int decidable = 0;  // inside the image, and clearly black or white in the model
+  int read = 0;       // of these: neither occluded nor too blurred
+  int wrong = 0;      // of those read
   double explained = -1.0;
 };
 
-// Returns true if the model is within 1/20 of each cell's own colour at its nearest pixel, which is
-// at most sqrt(1/2) px off, by the least scale of the tag's corners. Beyond 1.96 sigmas each of the
-// two nearest lines changes the colour by less than 1/40; the rest of kSigmas allows for
-// distortion.
+// Returns true if the model is within 1/20 of each cell's own colour at the pixel nearest to its
+// centre (up to sqrt(1/2) px off), by the minimum scale at the tag's corners. Each of the two
+// nearest lines changes the colour by less than 1/40 beyond 1.96 sigmas; kSigmas includes a margin
+// for distortion.
 bool reads_clearly(const AlignedTag& tag, double blur_px) {
   constexpr double kSigmas = 2.2;
   if (tag.reach != 1 || !tag.wholly_seen) return false;
@@ -70,7 +70,7 @@ Cells read_by_colour(AlignmentProblem& problem, const AlignedTag& tag) {
     const double read = static_cast<double>(problem.tone[problem.image.data[place]]) - middle;
     explained.add(cell.white ? 1.0 : 0.0, read);
     ++cells.decidable;
-    // A cell between black and white is covered by something.
+    // A cell between black and white is occluded.
     const bool decided = std::abs(read) >= covered;
     cells.read += decided ? 1 : 0;
     cells.wrong += decided && (cell.white ? read < 0.0 : read > 0.0) ? 1 : 0;
@@ -92,7 +92,7 @@ Cells read_by_model(EdgeSampler& sampler, AlignedTag& tag) {
     const double expected = static_cast<double>(s.model[i]) - 0.5;
     const double read = static_cast<double>(s.value[i]) - middle;
     explained.add(expected, read);
-    if (std::abs(expected) < 0.15) continue;  // too blurred to be one or the other
+    if (std::abs(expected) < 0.15) continue;  // too blurred to decide
     ++cells.decidable;
     if (std::abs(read) < covered && std::abs(expected) > 0.45) continue;
     ++cells.read;
@@ -108,7 +108,7 @@ void decode_tags(AlignmentProblem& problem, EdgeSampler& sampler, AlignmentResul
   result.tags.clear();
   result.tags_verified = 0;
   int in_image = 0;
-  // Cells are read at whole pixels: less motion needs no new projection.
+  // Cells are read at integer pixels, so smaller motions need no new projection.
   constexpr double kSamePixels_px = 0.1;
   const bool projected = problem.moved_since_projection_px < kSamePixels_px;
   for (AlignedTag* tag : problem.active) {
@@ -127,7 +127,7 @@ void decode_tags(AlignmentProblem& problem, EdgeSampler& sampler, AlignmentResul
     check.verified = cells.read >= least && 4 * cells.wrong <= cells.read &&
                      20 * right >= 9 * cells.decidable && check.gain > 12.0 &&
                      check.weight_share > kLeastWeightShare;
-    // Most cells of a covered tag are not decided.
+    // Most cells of an occluded tag are undecided.
     check.inconsistent = check.weight_share <= kLeastWeightShare && cells.decidable >= least &&
                          5 * right >= 4 * cells.decidable;
     in_image += cells.decidable >= least ? 1 : 0;

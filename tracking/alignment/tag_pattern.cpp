@@ -8,7 +8,7 @@
 namespace penumbra {
 namespace {
 
-// `step_at(position, along)`: change of colour from cell position - 1 to position, 0: no edge.
+// `step_at(position, along)`: change of colour from cell position - 1 to position; 0: no edge.
 template <class Step>
 void append_runs(int width, bool vertical, const Step& step_at, std::vector<EdgeRun>& runs) {
   for (int position = 1; position < width; ++position) {
@@ -45,7 +45,7 @@ Result<TagPattern> TagPattern::make(TagFamily family, int id) {
     pattern.cells_[static_cast<std::size_t>(cell)] = 1;
   };
 
-  // The white ring is outside a black border; a reversed border is white itself.
+  // The white ring is outside a black border; a reversed border is itself white.
   const int ring_width = pattern.width_at_border_ + (handle->reversed_border ? 0 : 2);
   const int ring_start = (width - ring_width) / 2;
   const int ring_end = ring_start + ring_width - 1;
@@ -55,7 +55,7 @@ Result<TagPattern> TagPattern::make(TagFamily family, int id) {
     set_white(ring_start, k);
     set_white(ring_end, k);
   }
-  // Bits count from the border's corner, in rows from the top; negative ones are outside.
+  // Bit coordinates count from the border's corner, rows from the top; negative ones are outside.
   const int border_start = (width - pattern.width_at_border_) / 2;
   const std::uint64_t code = handle->codes[static_cast<std::size_t>(id)];
   for (std::uint32_t k = 0; k < handle->nbits; ++k) {
@@ -66,7 +66,7 @@ Result<TagPattern> TagPattern::make(TagFamily family, int id) {
     pattern.data_cells_.push_back({column, width - 1 - row, white});
   }
 
-  // Beyond both rings at the border only the data cells are printed.
+  // Outside both rings of the border, only the data cells are printed.
   std::vector<std::uint8_t>& printed = pattern.printed_;
   printed.assign(pattern.cells_.size(), 0);
   const int printed_start = border_start - 1;

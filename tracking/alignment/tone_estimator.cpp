@@ -17,29 +17,29 @@ namespace {
 constexpr double kStart = 1.5;               // typical exponent of a camera
 constexpr double kLeast = 0.5, kMost = 4.0;  // range of exponents
 constexpr double kLeastBlur_px = 0.25, kMostBlur_px = 1.6;
-constexpr double kSettledBlur = 0.05;  // converged change of the blur's logarithm
-constexpr double kFartherBlur = 0.3;   // greatest change of the blur's logarithm in one fit
-constexpr int kAlignments = 6;         // of an image at most
-constexpr int kSteps = 12;             // of Gauss-Newton
-constexpr double kTukey = 4.685;       // in sigmas
+constexpr double kSettledBlur = 0.05;  // change of log(blur) at convergence
+constexpr double kFartherBlur = 0.3;   // maximum change of log(blur) per fit
+constexpr int kAlignments = 6;         // maximum per image
+constexpr int kSteps = 12;             // Gauss-Newton steps
+constexpr double kTukey = 4.685;       // cutoff [sigmas]
 // Limits for the use of a tag.
 constexpr double kLeastContrast = 0.12;               // white - black, 1 = 255 grey levels
-constexpr float kBlackest = 1.0F, kWhitest = 254.0F;  // beyond these a pixel is clipped [grey]
-constexpr std::size_t kMostClipped = 50;              // one clipped pixel in this number
+constexpr float kBlackest = 1.0F, kWhitest = 254.0F;  // a pixel beyond is clipped [grey]
+constexpr std::size_t kMostClipped = 50;              // maximum 1 clipped pixel in 50
 constexpr std::size_t kFewestPixels = 64;
 
 constexpr int kFewestImages = 5;
-// Error of the model as an exponent: curves are no powers, see docs/tracking.md#tone-curve.
+// Error of the exponent because real responses are not powers; see docs/tracking.md#tone-curve.
 constexpr double kModelSigma = 0.1;
 
 struct Levels {
-  double black = 0.0, white = 0.0;  // above 0, to 1
+  double black = 0.0, white = 0.0;  // in (0, 1]
 };
 double clamped(double level) {
   return std::clamp(level, 0.5 / 255.0, 1.0);
 }
 
-// Tukey's weight of a residual in units of the cutoff.
+// Returns Tukey's weight of a residual in units of the cutoff.
 double tukey_weight(double t) {
   const double inside = std::max(1.0 - t * t, 0.0);
   return inside * inside;
@@ -51,7 +51,7 @@ double median(std::vector<double> values) {
   return *middle;
 }
 
-// A pixel's model, and derivatives by exponent and log blur, and by the tag's levels.
+// A pixel's predicted grey level and its derivatives by exponent, log(blur) and the tag's levels.
 struct Prediction {
   double value = 0.0;
   Eigen::Vector2d by_common;
@@ -89,7 +89,7 @@ struct Curve {
   }
 };
 
-// Levels by a linear fit; nothing with too little contrast, or where a level is clipped.
+// Returns levels from a linear fit; nullopt if the contrast is too small or a level is clipped.
 std::optional<Levels> start_levels(std::span<const EdgePixel> pixels) {
   Eigen::Matrix2d H = Eigen::Matrix2d::Zero();
   Eigen::Vector2d g = Eigen::Vector2d::Zero();
@@ -110,11 +110,11 @@ std::optional<Levels> start_levels(std::span<const EdgePixel> pixels) {
 
 struct Fit {
   double exponent = kStart;
-  double log_blur = 0.0;  // logarithm of the blur over that of the pixels' model
+  double log_blur = 0.0;  // log(blur / blur of the pixels' model)
   double sigma = 0.0;     // of the exponent
 };
 
-// Fits all tags of an image; `pixels` in the order of their tags.
+// Fits all tags of an image; `pixels` must be ordered by tag.
 std::optional<Fit> fit_tone(const std::vector<EdgePixel>& pixels, double start) {
   struct Tag {
     std::span<const EdgePixel> pixels;
@@ -138,7 +138,7 @@ std::optional<Fit> fit_tone(const std::vector<EdgePixel>& pixels, double start) 
   for (int step = 0; step < kSteps; ++step) {
     Eigen::Matrix2d H = Eigen::Matrix2d::Zero();
     Eigen::Vector2d g = Eigen::Vector2d::Zero();
-    Eigen::Matrix2d scatter = Eigen::Matrix2d::Zero();  // of the tags' gradients
+    Eigen::Matrix2d scatter = Eigen::Matrix2d::Zero();  // of the gradients per tag
     struct Marginalised {
       Eigen::Matrix2d cross;
       Eigen::Matrix2d inverse;
@@ -157,7 +157,7 @@ std::optional<Fit> fit_tone(const std::vector<EdgePixel>& pixels, double start) 
       const Curve curve(fit.exponent, tags[k].levels);
       for (const EdgePixel& pixel : tags[k].pixels) {
         const Prediction p = curve.at(pixel);
-        // With the current blur, to first order.
+        // Includes the current blur to first order.
         const double r =
             static_cast<double>(pixel.grey) / 255.0 - p.value - p.by_common[1] * fit.log_blur;
         residuals.push_back(std::abs(r));
@@ -197,7 +197,7 @@ std::optional<Fit> fit_tone(const std::vector<EdgePixel>& pixels, double start) 
     cutoff = std::max(kTukey * 1.4826 * median(residuals), 1.0 / 255.0);
     const Eigen::Matrix2d inverse = H.inverse();
     const double variance = cost / std::max(weight, 1.0);
-    // The scatter of the tags may exceed that of independent pixels.
+    // Uses the scatter of the tags if it exceeds that of independent pixels.
     fit.sigma = std::sqrt(std::max(variance * inverse(0, 0), (inverse * scatter * inverse)(0, 0)));
     if (step > 3 && std::abs(fit.exponent - before) < 1e-4) break;
   }
@@ -246,7 +246,7 @@ bool ToneEstimator::add(ImageView luma, const CameraPose& T_table_camera) {
     const double blur_before = blur_px;
     blur_px = blur_px * std::exp(fit->log_blur);
     if (!(blur_px > kLeastBlur_px && blur_px < kMostBlur_px)) return false;
-    // The fit depends on the blur; the pose does not depend on the exponent.
+    // Repeats the fit if the blur changed; the pose does not depend on the exponent.
     if (std::abs(std::log(blur_px / blur_before)) > kSettledBlur) continue;
     found_.push_back({exponent, fit->sigma, blur_px});
     blur_px_ = blur_px;
@@ -266,7 +266,7 @@ Result<ToneEstimate> ToneEstimator::estimate() const {
     exponents.push_back(image.exponent);
     blurs.push_back(image.blur_px);
   }
-  // Weighted mean about the median, robust against images with a reflection on their tags.
+  // Weighted mean about the median; robust against images with reflections on tags.
   ToneEstimate result;
   result.pictures = static_cast<int>(found_.size());
   result.blur_px = median(blurs);

@@ -20,7 +20,7 @@ extern const Loops kLoops;
 
 namespace {
 
-// Null ends the list. Checks the features that the loops are compiled for, see CMakeLists.txt.
+// Returns a null-terminated list. Checks the CPU features that CMakeLists.txt compiles for.
 std::array<const Loops*, 4> find_loops() {
   std::array<const Loops*, 4> loops = {&generic::kLoops};
 #if defined(__x86_64__)
