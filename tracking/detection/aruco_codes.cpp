@@ -9,7 +9,7 @@
 namespace penumbra {
 namespace {
 
-// 1000 codes one after another, each as `digits` hexadecimal digits.
+// 1000 concatenated codes, each of `digits` hexadecimal digits.
 struct CodeTable {
   std::size_t digits;
   std::string_view text;

@@ -11,8 +11,8 @@ namespace {
 
 using Tags = std::vector<TagObservation>;
 
-// A tag is inconsistent with the others when its RMS is over the first limit, and either over this
-// many times the median tag's or over what blur does to any tag.
+// A tag is inconsistent with the others if its RMS exceeds kOutlier_px and, in addition, either
+// kOutlierTimesMiddle times the median tag's RMS or the effect of blur.
 constexpr double kOutlier_px = 1.5;
 constexpr double kOutlierTimesMiddle = 2.5;
 constexpr double kOutlierAlways_px = 3.0;
@@ -26,7 +26,7 @@ std::vector<PointObservation> points_of(const Tags& tags) {
   return points;
 }
 
-// Returns true if the corners of two minima differ by less than noise.
+// Returns true if the projected corners of two minima differ by less than noise.
 bool is_same(const CameraModel& camera, const RefinedPose& a, const RefinedPose& b,
              const std::vector<PointObservation>& points) {
   const auto T_a = a.T_map_camera.inverse();
@@ -41,7 +41,7 @@ bool is_same(const CameraModel& camera, const RefinedPose& a, const RefinedPose&
   return std::sqrt(sum / static_cast<double>(points.size())) < 0.02;
 }
 
-// Distinct minima that the closed-form starts lead to, best fit first.
+// Returns the distinct minima reached from the closed-form solutions, best fit first.
 std::vector<RefinedPose> minima_of(const CameraModel& camera, const Tags& tags,
                                    const RefinerOptions& options = {}) {
   const std::vector<PointObservation> points = points_of(tags);
@@ -100,8 +100,8 @@ bool several_are_inconsistent(const CameraModel& camera, const Tags& tags,
                               const MapFromCamera& pose) {
   // Lens, tone curve and printing displace real tags by less than this [px].
   constexpr double kLeast_px = 0.5;
-  // Quantiles (999 of 1000) of the F distribution of 2 n - 6 and 6 n degrees of freedom, for 4 and
-  // 5 tags, and for 6, which bounds those of more.
+  // 99.9 % quantiles of the F distribution with 2 n - 6 and 6 n degrees of freedom, for 4, 5 and 6
+  // tags. That for 6 is an upper bound for more tags.
   constexpr std::array<double, 3> kGreatestRatio = {9.4, 6.2, 5.0};
   constexpr std::size_t kFewestTags = 4;
   if (tags.size() < kFewestTags) return false;
@@ -125,7 +125,7 @@ bool several_are_inconsistent(const CameraModel& camera, const Tags& tags,
   return between_variance > greatest_ratio * within_variance;
 }
 
-// The tag without which the others fit best, and their minima without it.
+// The tag without which the others fit best, and the minima without it.
 struct WithoutOne {
   std::size_t index = 0;
   std::vector<RefinedPose> minima;
@@ -133,10 +133,10 @@ struct WithoutOne {
 
 WithoutOne leave_one_out(const CameraModel& camera, const Tags& tags,
                          const std::vector<double>& rms) {
-  // Enough to compare fits; the minima that stay are refined to the end later.
+  // Sufficient to compare fits; the selected minima are refined later.
   RefinerOptions options;
   options.max_iterations = 8;
-  constexpr std::size_t kMostToTry = 12;  // with more tags only the worst is tried
+  constexpr std::size_t kMostToTry = 12;  // with more tags, tries only the worst
   WithoutOne best;
   const auto worst =
       static_cast<std::size_t>(std::max_element(rms.begin(), rms.end()) - rms.begin());
@@ -155,7 +155,7 @@ WithoutOne leave_one_out(const CameraModel& camera, const Tags& tags,
   return best;
 }
 
-// Tags that agree, or all tags where no majority does.
+// Tags that agree, or all tags if there is no majority.
 struct Agreement {
   Tags used;
   std::vector<RefinedPose> minima;
@@ -163,8 +163,8 @@ struct Agreement {
   bool agreed = false;
 };
 
-// Rejects the tag without which the rest fits best, repeatedly, while those that stay are the
-// majority. A wrong tag pulls at all the others, so its own error need not be the largest.
+// Repeatedly rejects the tag without which the others fit best, while a majority remains. A wrong
+// tag affects the error of all others, so its own error may not be the largest.
 Agreement reject_outliers(const CameraModel& camera, Tags used) {
   Agreement result;
   result.minima = minima_of(camera, used);
@@ -177,7 +177,7 @@ Agreement reject_outliers(const CameraModel& camera, Tags used) {
     if (!rest_minima.empty()) rms = tag_rms(camera, rest, rest_minima.front().T_map_camera);
     std::vector<double> sorted = rms;
     std::sort(sorted.begin(), sorted.end());
-    const double middle = sorted[(sorted.size() - 1) / 2];  // the lower of two
+    const double middle = sorted[(sorted.size() - 1) / 2];  // for an even count, the lower one
     const double worst = sorted.back();
     agreed = worst <= kOutlier_px;
     if (agreed) break;
@@ -187,7 +187,7 @@ Agreement reject_outliers(const CameraModel& camera, Tags used) {
       break;
     }
     WithoutOne without = leave_one_out(camera, rest, rms);
-    // Noise alone never falls to a third without one tag.
+    // Noise alone does not fall to 1/3 if one tag is removed.
     agreed = alike && (without.minima.empty() ||
                        3.0 * without.minima.front().rms_px > rest_minima.front().rms_px);
     if (agreed) break;
@@ -195,7 +195,7 @@ Agreement reject_outliers(const CameraModel& camera, Tags used) {
     rest.erase(rest.begin() + static_cast<std::ptrdiff_t>(without.index));
     rest_minima = std::move(without.minima);
   }
-  // A bare majority may be the moved half, with one or two of the others fitting it.
+  // A small majority may consist of moved tags and one or two others that fit by chance.
   result.agreed = agreed && 3 * rejected.size() <= used.size();
   if (!result.agreed) {
     result.used = std::move(used);
@@ -216,12 +216,12 @@ double BoardPose::ambiguity_ratio() const {
 
 bool BoardPose::is_ambiguous(double ratio) const {
   if (!second) return false;
-  // A fit better than the noise floor proves nothing.
+  // Does not trust a fit better than the noise floor.
   const double floor_px = std::sqrt(2.0) * RefinerOptions().noise_floor_px;
   if (second->rms_px < ratio * std::max(best.rms_px, floor_px)) return true;
-  // One tag has 8 numbers for 6 unknowns, so the wrong pose may fit it perfectly. With noise of
-  // 0.3 px per axis, the second pose is dropped where its log-likelihood is 18 / 2 lower (1 in 8000
-  // of the right ones).
+  // One tag has 8 equations for 6 unknowns, so a wrong pose may fit it perfectly. Rejects the
+  // second pose if its log-likelihood, for noise of 0.3 px per axis, is lower by 18 / 2 (rejects 1
+  // in 8000 true poses).
   constexpr double kNoise_px = 0.3;
   constexpr double kChiSquare = 18.0;
   const double noise = std::max(kNoise_px, best.noise_px);

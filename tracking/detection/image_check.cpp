@@ -12,8 +12,8 @@
 namespace penumbra {
 namespace {
 
-constexpr std::size_t kFewestTags = 2;  // a single one may be chance, unless the map has one only
-constexpr int kLargePixels = 500'000;   // above this, quads are searched at half the resolution
+constexpr std::size_t kFewestTags = 2;  // 1 if the map has only one; one may be a false detection
+constexpr int kLargePixels = 500'000;   // larger images are searched at half resolution
 
 struct Copy {
   ImageFault fault;

@@ -28,8 +28,8 @@ void write_pose(const MapFromCamera& pose, double* x) {
   Eigen::Map<Eigen::Vector3d>(x + 4) = pose.translation();
 }
 
-// Unit quaternions x R^3 with steps in the camera's axes. Costs write their derivative by the step
-// into the first 6 of the 7 columns; the two Jacobians here select these. Ceres uses the ambient
+// Unit quaternions x R^3 with steps in the camera's axes. Costs write d residual / d step into the
+// first 6 of the 7 columns; the Jacobians of this class select these. Ceres uses the ambient
 // derivative only in that product.
 class PoseManifold final : public ceres::Manifold {
  public:
@@ -89,10 +89,10 @@ std::optional<MapFromCamera> minimum_by_ceres(const CameraModel& camera,
   ownership.loss_function_ownership = ceres::DO_NOT_TAKE_OWNERSHIP;
   ownership.manifold_ownership = ceres::DO_NOT_TAKE_OWNERSHIP;
   ownership.disable_all_safety_checks = true;
-  // They must outlive the problem.
+  // Declared before `problem`, which refers to them and must be destroyed first.
   ceres::HuberLoss loss(options.robust_scale_px);
   PoseManifold manifold;
-  std::deque<ReprojectionCost> costs;  // their addresses stay
+  std::deque<ReprojectionCost> costs;  // a deque keeps addresses valid
   ceres::Problem problem(ownership);
   problem.AddParameterBlock(x.data(), 7, &manifold);
   for (const PointObservation& observation : observations) {
@@ -104,7 +104,7 @@ std::optional<MapFromCamera> minimum_by_ceres(const CameraModel& camera,
   solver.max_num_iterations = options.max_iterations;
   solver.num_threads = 1;
   solver.logging_type = ceres::SILENT;
-  // Shorter steps move no corner by 1e-4 px.
+  // Stops at steps that move no corner by 1e-4 px.
   solver.function_tolerance = 1e-10;
   solver.parameter_tolerance = 1e-10;
   solver.gradient_tolerance = 1e-12;
@@ -114,13 +114,13 @@ std::optional<MapFromCamera> minimum_by_ceres(const CameraModel& camera,
   return to_pose(x.data());
 }
 
-// In steps in the camera's axes.
+// Normal equations of a step in the camera's axes.
 struct NormalEquations {
   Matrix6d H = Matrix6d::Zero();  // lower triangle
   Vector6d g = Vector6d::Zero();
 };
-// Sum of squares under Huber's loss; adds the normal equations. Infinite where a point is not in
-// front of the camera.
+// Returns the Huber cost and adds the normal equations. Infinite if a point is not in front of the
+// camera.
 double cost_of(const CameraModel& camera, std::span<const PointObservation> observations,
                const MapFromCamera& pose, double robust_scale_px, NormalEquations& equations) {
   const auto T_camera_map = pose.inverse();
@@ -137,7 +137,7 @@ double cost_of(const CameraModel& camera, std::span<const PointObservation> obse
     const double error = inside ? 0.0 : std::sqrt(square);
     cost += inside ? square : robust_scale_px * (2.0 * error - robust_scale_px);
     const double weight = inside ? 1.0 : robust_scale_px / error;
-    // The camera's own motion moves the point to p - nu - omega x p = p - nu + [p]x omega.
+    // A step of the camera moves the point to p - nu - omega x p = p - nu + [p]x omega.
     std::array<std::array<double, 6>, 2> J;
     for (int axis = 0; axis < 2; ++axis) {
       const double x = J_point(axis, 0);
@@ -193,7 +193,7 @@ std::optional<MapFromCamera> minimum_near(const CameraModel& camera,
       damping *= harder;
       harder *= 2.0;
     }
-    // Rejected steps count as well: only rounding is left.
+    // Rejected steps also terminate: only rounding is left.
     if (moved2 <= last_step2 || !(damping < 1e32)) break;
   }
   return pose;
@@ -209,7 +209,7 @@ Eigen::Quaterniond exp_quaternion(const Eigen::Vector3d& omega) {
 }
 
 Eigen::Vector3d log_quaternion(const Eigen::Quaterniond& q) {
-  const double sign = q.w() < 0.0 ? -1.0 : 1.0;  // the shorter way round
+  const double sign = q.w() < 0.0 ? -1.0 : 1.0;  // selects the shorter rotation
   const double s = q.vec().norm();
   const double angle = 2.0 * std::atan2(s, sign * q.w());
   return s < 1e-12 ? Eigen::Vector3d(2.0 * sign * q.vec())
@@ -222,7 +222,7 @@ Eigen::Matrix<double, 2, 6> reprojection_jacobian(const CameraModel& camera,
   const Eigen::Vector3d p = T_map_camera.inverse() * p_map;
   Eigen::Matrix<double, 2, 3> J_point;
   std::ignore = camera.project_unchecked(p, &J_point);
-  // The camera's own motion moves the point to p - nu - omega x p = p - nu + [p]x omega.
+  // A step of the camera moves the point to p - nu - omega x p = p - nu + [p]x omega.
   Eigen::Matrix<double, 3, 6> J_step;
   J_step << -1.0, 0.0, 0.0, 0.0, -p.z(), p.y(),  //
       0.0, -1.0, 0.0, p.z(), 0.0, -p.x(),        //
@@ -279,8 +279,8 @@ std::optional<RefinedPose> refine_pose(const CameraModel& camera,
   const Matrix6d inverse = eigen.eigenvectors() * eigen.eigenvalues().cwiseInverse().asDiagonal() *
                            eigen.eigenvectors().transpose();
   result.rms_px = std::sqrt(sum / count);
-  // Variance per axis, at the upper end of its uncertainty: a chi-square of `freedom` degrees
-  // spreads by sqrt(2 / freedom) about its mean.
+  // Variance per axis, plus 1 sigma of its uncertainty: chi-square with `freedom` degrees of
+  // freedom has a relative sigma of sqrt(2 / freedom).
   const double freedom = std::max(2.0 * count - 6.0, 1.0);
   const double floor2 = options.noise_floor_px * options.noise_floor_px;
   const double variance =

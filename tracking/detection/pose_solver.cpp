@@ -9,7 +9,7 @@
 namespace penumbra {
 namespace {
 
-// Principal axes of points: origin at their centroid, z the direction of least spread.
+// Principal axes of points: origin at their centroid, z along the smallest spread.
 struct Spread {
   Eigen::Vector3d centroid = Eigen::Vector3d::Zero();
   Eigen::Matrix3d R_map_own = Eigen::Matrix3d::Identity();
@@ -56,7 +56,7 @@ std::vector<MapFromCamera> solve_pose(const CameraModel& camera,
   const Spread spread = spread_of(points);
   if (!spread.deviation.allFinite() || !(spread.deviation[1] > 1e-3 * spread.deviation[0]) ||
       !(spread.deviation[0] > 0.0))
-    return {};  // on a line, or in one point
+    return {};  // collinear or coincident points
   const double flatness = spread.deviation[2] / spread.deviation[1];
 
   std::vector<cv::Point2d> image;
@@ -74,7 +74,7 @@ std::vector<MapFromCamera> solve_pose(const CameraModel& camera,
       cv::solvePnPGeneric(object, image, cv::Matx33d::eye(), cv::noArray(), rotations, translations,
                           false, planar ? cv::SOLVEPNP_IPPE : cv::SOLVEPNP_SQPNP);
     } catch (const std::exception&) {
-      return;  // OpenCV refuses points that have no pose
+      return;  // OpenCV throws for points without a pose
     }
     for (std::size_t i = 0; i < rotations.size(); ++i) {
       const Eigen::Vector3d r(rotations[i].ptr<double>());

@@ -13,32 +13,32 @@
 namespace penumbra {
 namespace {
 
-// libapriltag 3.3.0 reads outside its buffers where an image has fewer than 3 rows or columns of
-// 4x4 px threshold tiles. No tag is readable under this size [px], after decimation.
+// libapriltag 3.3.0 reads outside its buffers if an image has fewer than 3 rows or columns of 4x4
+// px threshold tiles. Below this size [px], after decimation, no tag is readable.
 constexpr int kSmallestSide = 16;
-constexpr int kLargestSide = 32767;         // its cluster points are 16-bit half pixels
-constexpr int kMostCorrectedBits = 1;       // detections with more are dropped
+constexpr int kLargestSide = 32767;         // libapriltag's cluster points are 16-bit half pixels
+constexpr int kMostCorrectedBits = 1;       // rejects detections with more
 constexpr double kDecodeSharpening = 0.25;  // libapriltag's default
 
 struct DestroyDetections {
   void operator()(zarray_t* detections) const { apriltag_detections_destroy(detections); }
 };
 
-// Returns true if the corners are finite, convex, wound as a tag seen from in front, and not on a
-// line.
+// Returns true if the corners are finite, convex, not collinear, and in the order of a tag that
+// faces the camera.
 bool is_proper(const std::array<Eigen::Vector2d, 4>& corners) {
   for (std::size_t i = 0; i < 4; ++i) {
     if (!corners[i].allFinite()) return false;
     const Eigen::Vector2d a = corners[(i + 1) % 4] - corners[i];
     const Eigen::Vector2d b = corners[(i + 2) % 4] - corners[(i + 1) % 4];
-    // Counter-clockwise with y up is a turn to the left; pixel rows count downwards.
+    // Counter-clockwise with y up; the sign is reversed because pixel rows count downwards.
     const double turn = a.x() * b.y() - a.y() * b.x();
     if (!(turn < -1e-2 * a.norm() * b.norm()) || a.norm() < 2.0) return false;
   }
   return true;
 }
 
-// libapriltag rounds other factors down for the image but not for the corners.
+// libapriltag rounds other factors down for the image, but not for the corners.
 bool is_decimation(float d) {
   return d == 1.5F || (d >= 1.0F && d <= 8.0F && d == std::floor(d));
 }
@@ -59,7 +59,7 @@ struct TagDetector::Impl {
   }
 
   apriltag_detector_t* detector = nullptr;
-  std::vector<Family> families;  // the detector borrows them
+  std::vector<Family> families;  // referenced by the detector
 };
 
 TagDetector::TagDetector(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
@@ -74,7 +74,7 @@ Result<TagDetector> TagDetector::create(std::span<const TagFamily> families,
   auto impl = std::make_unique<Impl>();
   impl->detector = apriltag_detector_create();
   if (impl->detector == nullptr) return fail("tag detector: libapriltag gave none; free memory");
-  // With more threads 3.3.0 has races (its union-find and its worker pool).
+  // libapriltag 3.3.0 has data races with more threads (union-find, worker pool).
   impl->detector->nthreads = 1;
   impl->detector->quad_sigma = 0.0F;
   impl->detector->refine_edges = true;
@@ -89,7 +89,7 @@ Result<TagDetector> TagDetector::create(std::span<const TagFamily> families,
     if (options.border_cells == 2) {
       if (family != TagFamily::tag36h11)
         return fail("tag detector: border_cells 2 is for tag36h11, not {}", to_string(family));
-      // The same codes, one cell further in.
+      // The same codes, one cell further inside.
       handle->width_at_border += 2;
       handle->total_width += 2;
       for (std::uint32_t bit = 0; bit < handle->nbits; ++bit) {
@@ -115,7 +115,7 @@ std::vector<TagDetection> TagDetector::detect(ImageView luma, float quad_decimat
   if (std::max(luma.width, luma.height) > kLargestSide || luma.stride > 1 << 24) return result;
 
   impl_->detector->quad_decimate = quad_decimate;
-  // A header over our pixels; libapriltag only reads them (quad_sigma and debug are off).
+  // Wraps the caller's pixels, which libapriltag only reads (quad_sigma and debug are off).
   image_u8_t image = {luma.width, luma.height, static_cast<std::int32_t>(luma.stride),
                       const_cast<std::uint8_t*>(luma.data)};
   const std::unique_ptr<zarray_t, DestroyDetections> found(

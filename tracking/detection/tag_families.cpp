@@ -36,9 +36,9 @@ constexpr std::array<LibraryFamily, 9> kLibraryFamilies = {{
     {TagFamily::tag_custom48h12, tagCustom48h12_create, tagCustom48h12_destroy},
 }};
 
-// Replaces the codes of the library's family with the same cells by the dictionary's. libapriltag
-// orders bits so that turning the tag shifts the code. The library's own codes are constants and
-// must not be freed; these are allocated.
+// Replaces the codes of a libapriltag family with the same cells by the dictionary's codes.
+// libapriltag orders bits so that rotating the tag rotates the code. The library's own codes are
+// constants and must not be freed; the new codes are allocated.
 template <void (*destroy)(apriltag_family_t*)>
 TagFamilyHandle with_aruco_codes(apriltag_family_t* family, const ArucoDictionary& dictionary) {
   const auto destroy_with_codes = [](apriltag_family_t* made) {
@@ -56,7 +56,7 @@ TagFamilyHandle with_aruco_codes(apriltag_family_t* family, const ArucoDictionar
   for (std::size_t id = 0; id < by_rows.size(); ++id) {
     codes[id] = 0;
     for (std::uint32_t k = 0; k < bits; ++k) {
-      // Cells count from the border's corner: the first data cell is (1, 1).
+      // Cell coordinates count from the border's corner, so the first data cell is (1, 1).
       const std::uint32_t row = family->bit_y[k] - 1;
       const std::uint32_t column = family->bit_x[k] - 1;
       const std::uint32_t cell = row * static_cast<std::uint32_t>(dictionary.cells) + column;
@@ -83,7 +83,7 @@ TagFamilyHandle make_tag_family(TagFamily family) {
 
 int most_corrected_bits(TagFamily family) {
   const auto aruco = aruco_dictionary_of(family);
-  // With a wrong bit allowed, one in twenty squares of any kind reads as a marker of 4x4_50.
+  // If one wrong bit were allowed, 1 in 20 random squares would be read as a marker of 4x4_50.
   return aruco && aruco->cells == 4 ? 0 : 2;
 }
 
