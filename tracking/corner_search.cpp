@@ -9,9 +9,9 @@
 namespace penumbra {
 namespace {
 
-// RMS of the second pose over that of the best, below which it may be the true one.
+// Ratio of the RMS of second and best pose, below which the second may be the true one.
 constexpr double kAmbiguityRatio = 1.6;
-constexpr double kMostReprojectionRms_px = 3.0;  // limit of a pose
+constexpr double kMostReprojectionRms_px = 3.0;  // maximum of a valid pose
 
 void take_corners(Measurement& measurement) {
   const BoardPose& board = measurement.by_corners;
@@ -21,7 +21,7 @@ void take_corners(Measurement& measurement) {
   measurement.ambiguous = board.is_ambiguous(kAmbiguityRatio);
 }
 
-// Returns true if two thirds of the tags that should be readable were detected.
+// Returns true if 2/3 of the tags that should be readable were detected.
 bool shows_most(const RigidTags& group, const Measurement& measurement) {
   return 3 * measurement.tags_used >= 2 * group.in_view(measurement.best.T_map_camera);
 }
@@ -44,13 +44,13 @@ MeasurementResult CornerSearch::measure(const RigidTags& group,
   for (const TagDetection& detection : detections) {
     const MappedTag* tag = map_.find(detection.family, detection.id);
     if (tag == nullptr) ++unknown_tags;
-    // Another group is rigid in itself but may stand elsewhere by now.
+    // Skips other groups, which may have moved.
     if (tag == nullptr || tag->group != kTableGroup) continue;
     const auto same = [&](const TagDetection& other) {
       return other.family == detection.family && other.id == detection.id;
     };
     if (std::count_if(detections.begin(), detections.end(), same) > 1) {
-      seen_twice = true;  // nothing says which of them lies where the map has it
+      seen_twice = true;  // unknown which of them is the tag in the map
       continue;
     }
     const auto known = std::ranges::find_if(group.tags, [tag](const MappedTag& own) {
@@ -64,7 +64,7 @@ MeasurementResult CornerSearch::measure(const RigidTags& group,
   if (!board) {
     if (observations_.empty() && seen_twice)
       return tl::unexpected(not_measured("the same tag is in view twice"));
-    // One alone may be a pattern that happens to look like a tag.
+    // A single unknown tag may be a false detection.
     if (observations_.empty() && unknown_tags > 1) {
       return tl::unexpected(not_measured(
           fmt::format("{} tags in view, none of them of this board (--tags)", unknown_tags)));
@@ -95,7 +95,7 @@ MeasurementResult CornerSearch::detect(const RigidTags& group, SearchResolution 
   const bool again = search_->searched(resolution);
   const Stopwatch detect;
   const std::vector<TagDetection>& detections = search_->tags(resolution);
-  if (!again) {  // else it counts where it was done
+  if (!again) {  // an earlier search is counted already
     detect.add_to(times.detect_ms, times.detect_cpu_ms);
     times.full_detection = true;
   }
@@ -118,7 +118,7 @@ MeasurementResult CornerSearch::find(const RigidTags& group, SearchResolution fi
   const bool first = !std::exchange(searched_before_, true) && finest == SearchResolution::full;
   if (finest == SearchResolution::full && std::exchange(full_next_, !full_next_))
     return detect(group, SearchResolution::full, times);
-  // A quarter of the resolution costs a quarter of what half of it does.
+  // Searching at a quarter of the resolution takes 1/4 of the time at half resolution.
   MeasurementResult quarter = detect(group, SearchResolution::quarter, times);
   if (quarter && is_conclusive(group, *quarter)) return quarter;
   if (finest == SearchResolution::quarter) {

@@ -13,16 +13,16 @@
 namespace penumbra {
 namespace {
 
-// Chi-square of 6 degrees of freedom that 99 % of measurements of a resting group stay under.
+// 99 % quantile of chi-square with 6 degrees of freedom, for measurements of a resting group.
 constexpr double kRests = 16.8;
-// Growth of a resting group's covariance from frame to frame: averages about five frames.
+// Growth of a resting group's covariance per frame; averages about five frames.
 constexpr double kForgets = 1.25;
-// Greatest distance of the shown place from the average, and of that from a measurement.
+// Maximum distance of the displayed pose from the average, and of the average from a measurement.
 constexpr double kShownWithin_px = 0.25;
-// Longest time between two measurements that give a velocity.
+// Maximum time between two measurements that define a velocity.
 constexpr double kVelocityLifetime_s = 0.2;
 
-// Adjoint Ad of the transform: T_a_b exp(xi_b) = exp(Ad xi_b) T_a_b.
+// Returns the adjoint Ad of the transform: T_a_b exp(xi_b) = exp(Ad xi_b) T_a_b.
 template <class A, class B>
 Matrix6d adjoint(const Transform<A, B>& T_a_b) {
   const Eigen::Matrix3d R = T_a_b.rotation_matrix();
@@ -52,7 +52,7 @@ double predicted_overlay_px(const CameraModel& camera, const MiddleFromCamera& p
 }
 
 TrackStatus worse(TrackStatus a, TrackStatus b) {
-  return std::max(a, b);  // in the order of their declaration
+  return std::max(a, b);  // declared from best to worst
 }
 static_assert(TrackStatus::tracked < TrackStatus::uncertain &&
               TrackStatus::uncertain < TrackStatus::held && TrackStatus::held < TrackStatus::lost);
@@ -75,7 +75,7 @@ bool GroupPlace::take(const CameraModel& camera, const Place& now, bool uncertai
              apart_px(found.T_table_middle, now.T_table_middle) <= kShownWithin_px;
     if (!agrees && uncertain) return false;
     if (agrees) {
-      const Matrix6d gain = total.ldlt().solve(before).transpose();  // before total^-1
+      const Matrix6d gain = total.ldlt().solve(before).transpose();  // before * total^-1
       found.T_table_middle = perturbed(found.T_table_middle, before * weighed);
       found.covariance = before - gain * before;
       found.covariance = 0.5 * (found.covariance + found.covariance.transpose()).eval();
@@ -125,7 +125,7 @@ GroupEstimate GroupPlace::update(const CameraModel& camera, double hold_s,
   const auto coast = [&](PoseReason reason) {
     return coasting(camera, hold_s, timestamp_ns, table_pose, std::move(reason));
   };
-  // The clock jumped back: forget the past.
+  // Discards the history if the clock jumped back.
   if (found_ && timestamp_ns <= found_->timestamp_ns) found_.reset();
   if (!is_measured(seen.status))
     return coast(seen.reason.cause == PoseCause::none ? not_measured("not seen") : seen.reason);
@@ -163,7 +163,7 @@ GroupEstimate GroupPlace::measured(const CameraModel& camera, const PoseEstimate
   }
   estimate.predicted_overlay_error_px = predicted_overlay_px(camera, drawn, estimate.covariance);
   if (rests_) {
-    // Both distances are uniformly distributed up to their limit.
+    // Assumes that both distances are uniformly distributed up to their limit.
     estimate.predicted_overlay_error_px =
         std::hypot(estimate.predicted_overlay_error_px, kShownWithin_px * std::sqrt(2.0 / 3.0));
   }

@@ -15,14 +15,14 @@
 namespace penumbra {
 namespace {
 
-// A lost group: frames in which its old place is checked, and the interval after that; the same for
-// searches of the whole image, which cost as twenty frames of tracking or more.
+// For a lost group: number of initial frames that test its old pose, and interval of later tests.
+// The same for searches of the whole image, which take as long as tracking 20 frames or more.
 constexpr int kLooksAtFirst = 15;
 constexpr int kLooksEvery = 4;
 constexpr int kSearchesAtFirst = 2;
 constexpr int kSearchesEvery = 8;
 
-// Returns true if the image is searched for a group that was not seen for `unseen` frames.
+// Returns true if the image is to be searched for a group that was lost for `unseen` frames.
 bool searches(int unseen) {
   return unseen < kSearchesAtFirst || unseen % kSearchesEvery == 0;
 }
@@ -91,14 +91,14 @@ struct GroupTracker::Impl {
   struct Group {
     RigidTagTracker tracker;  // over the group's middle
     GroupPlace place;
-    int unseen = 0;  // frames since it was tracked
+    int unseen = 0;  // number of frames since it was tracked
   };
 
   // Tags of an earlier frame, and the camera's pose over the table in it.
   struct Past {
     PastTags found;
     PoseEstimate table_pose;
-    bool recent = false;  // not longer ago than a pose is extrapolated
+    bool recent = false;  // not older than a pose is extrapolated
   };
 
   CameraModel camera;
@@ -107,7 +107,7 @@ struct GroupTracker::Impl {
   RigidTagTracker table;
   std::vector<Group> groups;
   int skipped = 0;
-  // Null where a frame waits for its search.
+  // Null if frames wait for their search.
   std::unique_ptr<BackgroundSearch> beside;
   PoseEstimate searched_table_pose;  // of the frame that is searched there
   bool search_due = false;
@@ -131,7 +131,7 @@ TrackRequest GroupTracker::Impl::request_for(const Group& group) const {
   return request;
 }
 
-// Takes the result of a background search of an earlier frame.
+// Returns the result of a background search of an earlier frame.
 std::optional<GroupTracker::Impl::Past> GroupTracker::Impl::take_search(std::int64_t timestamp_ns) {
   if (!beside) return std::nullopt;
   std::optional<PastTags> found = beside->take(options.search_timing == SearchTiming::next_frame);
@@ -141,7 +141,7 @@ std::optional<GroupTracker::Impl::Past> GroupTracker::Impl::take_search(std::int
   return Past{std::move(*found), searched_table_pose, age_s <= options.hold_s};
 }
 
-// Begins a background search of this frame if one is due and the one before is done.
+// Begins a background search of this frame if one is due and the previous one is done.
 void GroupTracker::Impl::begin_search(const Frame& frame, const PoseEstimate& table_pose) {
   if (!beside) return;
   const bool table_seen = is_measured(table_pose.status);
@@ -208,7 +208,7 @@ GroupEstimate GroupTracker::Impl::follow(Group& group, const Frame& frame, const
   add(times, result.times);
   search_due = search_due || (seen.status != TrackStatus::tracked && searches(unseen));
   group.unseen = seen.status == TrackStatus::tracked ? 0 : unseen + 1;
-  // Not verified in this frame: extrapolate from where it was seen.
+  // If not verified in this frame, extrapolates from the past frame.
   if (was_seen && !is_measured(seen.status) &&
       group.place.is_older_than(past->found.timestamp_ns)) {
     std::ignore = group.place.update(camera, options.hold_s, past->found.timestamp_ns,
@@ -293,7 +293,7 @@ TrackedFrame GroupTracker::track(const Frame& frame) {
   m.begin_search(frame, result.pose);
   result.groups_skipped = m.skipped;
   total.add_to(result.times.total_ms, result.times.total_cpu_ms);
-  // No frame waits for another thread, but its CPU time counts.
+  // Frames do not wait for the other thread, but its CPU time is included.
   if (past && m.beside->has_thread()) result.times.total_cpu_ms += result.times.search_cpu_ms;
   return result;
 }

@@ -11,11 +11,11 @@
 namespace penumbra {
 namespace {
 
-// Tuned on random images of a lone tag, see docs/tracking.md#two-poses.
-constexpr double kDecides = 9.0;  // log-likelihood ratio from which on the image decides
+// Tuned on random images of a single tag; see docs/tracking.md#two-poses.
+constexpr double kDecides = 9.0;  // minimum log-likelihood ratio for a decision
 // Two poses whose tag corners differ by less than this are treated as one [px].
 constexpr double kSame_px = 0.15;
-// The same in residual displacements, for cells below kRunTogether_sigmas of the point spread.
+// The same for residuals, if cells are smaller than kRunTogether_sigmas of the point spread.
 constexpr double kSameResiduals = 2.0;
 constexpr double kRunTogether_sigmas = 5.0;
 
@@ -71,7 +71,7 @@ bool add_second_pose(const RigidTags& group, const Alignment& first, const Image
   other.run();
   const std::optional<RefinedPose> second = pose_of(group, other, motion);
   if (!second) {
-    // If the cells read right only from one of two different poses, that pose is the true one.
+    // If the cells are read correctly from only one of two poses, that pose is the true one.
     if (look_the_same(mirror, measurement.best.noise_px)) {
       measurement.second = measurement.best;
       measurement.second->T_map_camera = mirror;
@@ -80,7 +80,7 @@ bool add_second_pose(const RigidTags& group, const Alignment& first, const Image
     }
     return false;
   }
-  // The same pose within its covariance.
+  // The second pose equals the best within its covariance.
   constexpr double kSamePose_sigmas = 2.0;
   if (overlay_difference(group.camera, measurement.best.T_map_camera, second->T_map_camera)
           .rms_px() < kSamePose_sigmas * predicted_overlay_error_px(group.camera,

@@ -11,26 +11,26 @@
 namespace penumbra {
 namespace {
 
-// Systematic errors that the covariance does not include, see docs/tracking.md#bias.
-constexpr double kTagBias_px = 0.01;    // of all edges of a tag together
-constexpr double kSpreadBias_px = 0.1;  // of an edge whose point spread reaches the next edge
-constexpr double kPartsOfTag = 8.0;     // groups of a tag's edges that this displaces alike
-constexpr double kToneBias_px = 0.04;   // of all edges, where the camera response is unknown
-// Error of the mean pose during an exposure, as a share of the missed motion.
+// Systematic errors that the covariance does not include; see docs/tracking.md#bias.
+constexpr double kTagBias_px = 0.01;    // common to all edges of a tag
+constexpr double kSpreadBias_px = 0.1;  // of edges whose point spread overlaps the next edge
+constexpr double kPartsOfTag = 8.0;     // groups of a tag's edges with a common kSpreadBias_px
+constexpr double kToneBias_px = 0.04;   // common to all edges if the camera response is unknown
+// Error of the mean pose during an exposure / ImageMotion::missed_px.
 constexpr double kExposureShare = 1.0 / 24.0;
-// Sigma of an edge that is blurred over a unit length: 1 / sqrt(12).
+// Sigma of a uniform blur of unit length: 1 / sqrt(12).
 constexpr double kBlurShare = 0.288675134594813;
 
-// Difference from the covariance of independent residuals about a true model.
+// Corrections to the covariance of independent residuals and an exact model.
 struct CovarianceInflation {
-  double scatter = 1.0;  // factor: correlated residuals, and tags that disagree
-  double bias = 0.0;     // added on top: what displaces a tag as a whole, in every frame alike
+  double scatter = 1.0;  // factor for correlated residuals and tags that disagree
+  double bias = 0.0;     // added: displacement of whole tags that is the same in every frame
 };
 
-// The bias of one tag turns the pose against the other tags; that of a lone tag is its own.
+// The bias of one tag rotates the pose relative to the other tags; that of a single tag can't.
 CovarianceInflation inflation_of(const AlignmentResult& result, double blur_px, double noise_px) {
   CovarianceInflation inflation;
-  // The disagreement of the tags holds a part of the correlation already.
+  // The disagreement of the tags already includes a part of the correlation.
   inflation.scatter = variance_inflation(result);
   if (result.map_covariance.isZero(0.0))
     inflation.scatter = std::max(inflation.scatter, result.disagreement);
@@ -46,11 +46,11 @@ CovarianceInflation inflation_of(const AlignmentResult& result, double blur_px, 
   return inflation;
 }
 
-// The chosen one of two poses.
+// The selected one of two poses.
 struct Choice {
   RefinedPose pose;
-  bool open = false;  // the other one stays possible, and shows elsewhere
-  // Overlay distance to the other pose, where that stays possible [px].
+  bool open = false;  // the other pose remains possible and differs visibly
+  // Overlay distance to the other pose if that remains possible [px].
   double between_px = 0.0;
 };
 
@@ -109,7 +109,7 @@ std::optional<RefinedPose> pose_of(const RigidTags& group, const Alignment& alig
   pose.covariance = inflation.scatter * inverse -
                     (inflation.scatter - 1.0) * (inverse * prior_information * inverse).eval();
   if (inflation.bias > 0.0) {
-    // A metre and a radian where the image gives no information.
+    // Limits the bias to 1 m and 1 rad where the image gives no information.
     const Matrix6d of_image = inverse_of_spd(inverse) - prior_information;
     pose.covariance += inflation.bias * inverse_of_spd(of_image + Matrix6d::Identity());
   }

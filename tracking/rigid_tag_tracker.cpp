@@ -21,26 +21,26 @@
 namespace penumbra {
 namespace {
 
-// Image motion in 1/30 s [px], RMS over the overlay cube, at which the view begins to rest or move.
+// Image motion in 1/30 s [px], RMS over the overlay cube, at which the view starts to rest or move.
 constexpr double kRests_px = 1.0;
 constexpr double kMoves_px = 1.5;
 constexpr int kFewTags = 3;  // fewer tags are sampled at every pixel
-// Image motion in 1/30 s above which motion blur limits the pose, not the number of pixels [px].
+// Image motion in 1/30 s above which blur, not the number of pixels, limits the accuracy [px].
 constexpr double kBlurs_px = 12.0;
 
-// State of frame to frame tracking; a wrong guess must not change it.
+// State of frame-to-frame tracking; a rejected hint must not change it.
 struct Following {
   MotionModel motion;
   TagConsensus consensus;
-  bool branch_open = false;  // either of a planar target's two poses may be the one followed
+  bool branch_open = false;  // it is unknown which of a planar target's two poses is tracked
   bool rests = false;
   int last_tags = 0;
   int last_samples = 0;
   bool last_start_far = false;
-  double last_contrast = 0.0;  // of the last alignment that was verified with a search
+  double last_contrast = 0.0;  // of the latest search alignment that was verified
 };
 
-// Start of an alignment: the prediction, or a pose from elsewhere, with tags seen there or not.
+// Start of an alignment: the prediction, or TrackRequest::hint without or with hint_seen.
 enum class Start { own_motion, hint, seen_hint };
 
 }  // namespace
@@ -52,13 +52,13 @@ struct RigidTagTracker::Impl {
   CornerSearch corners;
   PoseHistory history = {};
   Following state = {};
-  bool found_inconsistent = false;  // the tags that the last search found are inconsistent
+  bool found_inconsistent = false;  // the tags found by the latest search are inconsistent
   TrackTimes times = {};
 
   [[nodiscard]] JudgedPose estimate(const Frame& frame, const TrackRequest& request);
   [[nodiscard]] JudgedPose measure(const Frame& frame, const TrackRequest& request);
   [[nodiscard]] JudgedPose coast(const Frame& frame, PoseReason reason) const;
-  // Aligns from the prediction; nothing where that is not verified.
+  // Aligns from `start`; returns nullopt if the result is not verified.
   [[nodiscard]] std::optional<JudgedPose> follow(const Frame& frame, Start start);
   [[nodiscard]] std::optional<JudgedPose> follow_hint(const Frame& frame, const MapFromCamera& hint,
                                                       Start start);
@@ -70,8 +70,8 @@ struct RigidTagTracker::Impl {
   struct Followed {
     Measurement measurement;
     RefinedPose best;            // of the alignment from the prediction
-    Matrix6d filter_covariance;  // its covariance, as the motion model takes it
-    bool other = false;          // the image decides for the other of two poses
+    Matrix6d filter_covariance;  // its covariance for the motion model
+    bool other = false;          // the image favours the other of two poses
   };
   [[nodiscard]] std::optional<Followed> align_followed(const Frame& frame,
                                                        const MotionPrediction& prediction,
@@ -102,7 +102,7 @@ JudgedPose RigidTagTracker::Impl::estimate(const Frame& frame, const TrackReques
   if (estimate.status == TrackStatus::lost || estimate.status == TrackStatus::held) return judged;
   const PoseCause cause = estimate.reason.cause;
   const bool is_located = cause != PoseCause::two_poses && cause != PoseCause::inconsistent_tags;
-  // An uncertain lens has the same error in all frames.
+  // Predictions may continue, because a lens error is the same in all frames.
   const bool continues = estimate.status == TrackStatus::tracked || judged.only_lens_uncertain;
   history.add(frame.timestamp_ns, estimate, is_located, continues);
   return judged;
@@ -141,7 +141,7 @@ void RigidTagTracker::Impl::choose_effort(double motion_px) {
   state.rests = motion_px < (state.rests ? kMoves_px : kRests_px);
   bool every_pixel = options.mode == TrackingMode::accurate;
   if (options.mode == TrackingMode::automatic) {
-    // Sampling with a budget stops when that is met.
+    // With a budget, sampling stops when the budget is met.
     every_pixel = state.rests || state.last_tags < kFewTags || options.pose_budget_px > 0.0;
   }
   set_effort(every_pixel && motion_px < kBlurs_px);
@@ -190,7 +190,7 @@ std::optional<RigidTagTracker::Impl::Followed> RigidTagTracker::Impl::align_foll
   note_work(result);
   state.last_start_far = result.counters.far_start;
   state.last_contrast = result.verified ? result.counters.contrast : 0.0;
-  // No tag was seen there: a few may fit by a mistake of the map, which a search would find.
+  // No tag was detected at the hint: a few may fit by a map error, which a search would reveal.
   if (start == Start::hint && 3 * result.tags_verified < 2 * result.counters.tags_visible)
     return std::nullopt;
   ImageMotion motion{motion_px, 0.0, {}};
@@ -203,7 +203,7 @@ std::optional<RigidTagTracker::Impl::Followed> RigidTagTracker::Impl::align_foll
     motion = motion_found(history, camera, frame, alignment, kAlignedBlur_cells);
   } else if (result.verified) {
     motion.blur = motion_found(history, camera, frame, alignment, kAlignedBlur_cells).blur;
-    // The blur of a few tags from afar and their tilt may look alike.
+    // Blur and tilt of a few distant tags may look alike.
     if (!state.branch_open &&
         align_with_motion_blur(history, camera, frame, alignment, motion.blur))
       note_work(result);
@@ -237,7 +237,7 @@ std::optional<JudgedPose> RigidTagTracker::Impl::follow(const Frame& frame, Star
   if (state.branch_open || start != Start::own_motion) {
     expected.reset();
   } else if (followed->other && !measurement.ambiguous) {
-    // A single image does not outweigh the frames so far: the next one decides.
+    // One image does not outweigh all previous frames: the next frame decides.
     std::swap(measurement.best, *measurement.second);
     measurement.ambiguous = true;
     expected.reset();
@@ -255,7 +255,7 @@ std::optional<JudgedPose> RigidTagTracker::Impl::follow(const Frame& frame, Star
   return judged;
 }
 
-// Aligns from a pose that does not constrain the result.
+// Aligns from a hint without a prior.
 std::optional<JudgedPose> RigidTagTracker::Impl::follow_hint(const Frame& frame,
                                                              const MapFromCamera& hint,
                                                              Start start) {
@@ -270,7 +270,7 @@ std::optional<JudgedPose> RigidTagTracker::Impl::follow_hint(const Frame& frame,
   return found;
 }
 
-// Follows a camera that moved further than the pattern search reaches.
+// Tracks a camera that moved beyond the range of the pattern search.
 std::optional<JudgedPose> RigidTagTracker::Impl::follow_far(const Frame& frame) {
   if (!state.motion.has_state()) return std::nullopt;
   const MotionPrediction prediction = state.motion.predict(frame.timestamp_ns);
@@ -285,7 +285,7 @@ std::optional<JudgedPose> RigidTagTracker::Impl::follow_far(const Frame& frame) 
     const MotionModel before = state.motion;
     std::optional<JudgedPose> found = follow_hint(frame, *guess, Start::hint);
     if (!found) {
-      found_inconsistent = false;  // as before this guess, which may be wrong
+      found_inconsistent = false;  // resets the flag, because the guess may be wrong
       continue;
     }
     times.pyramid_search = true;
@@ -300,7 +300,7 @@ std::optional<JudgedPose> RigidTagTracker::Impl::follow_far(const Frame& frame) 
 }
 
 void RigidTagTracker::Impl::align_found(const Frame& frame, Measurement& measurement) {
-  // Without a velocity the view counts as moving.
+  // Without a velocity, the view is treated as moving.
   set_effort(options.mode == TrackingMode::accurate ||
              (options.mode == TrackingMode::automatic &&
               (measurement.tags_used < kFewTags || options.pose_budget_px > 0.0)));
@@ -319,10 +319,11 @@ void RigidTagTracker::Impl::align_found(const Frame& frame, Measurement& measure
   if (best) {
     take_alignment(group, alignment, *best, measurement);
     state.last_tags = result.tags_verified;
-    // Every pixel is used until the velocity is known, but not in rounds that start far.
+    // Uses every pixel until the velocity is known, except in rounds that start far away.
     state.last_start_far = options.mode == TrackingMode::automatic && state.last_tags >= kFewTags &&
                            result.counters.far_start;
-    // Few or small tags that face the camera may have a second pose that their corners don't show.
+    // Few or small tags that face the camera may have a second pose that their corners don't
+    // reveal.
     constexpr double kUnsure_px = 0.5;
     if (measurement.ambiguous || state.last_tags == 1 ||
         predicted_overlay_error_px(group.camera, best->T_map_camera, best->covariance) >

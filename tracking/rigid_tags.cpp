@@ -25,7 +25,7 @@ int RigidTags::in_view(const MapFromCamera& pose) const {
     if (!inside) continue;
     const Eigen::Vector2d a = corners[2] - corners[0];
     const Eigen::Vector2d b = corners[3] - corners[1];
-    // Half the cross product of the diagonals, negative from in front: rows count downwards.
+    // Area by the diagonals' cross product; negative for a tag that faces the camera.
     if (-0.5 * (a.x() * b.y() - a.y() * b.x()) >= kSmallestArea) ++count;
   }
   return count;

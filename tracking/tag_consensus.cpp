@@ -7,7 +7,7 @@
 namespace penumbra {
 namespace {
 
-// Number of tags that do not fit the pose though they are seen clearly.
+// Returns the number of clearly visible tags that do not fit the pose.
 int inconsistent_tags(const AlignmentResult& result, std::span<const TagObservation> detected) {
   int count = 0;
   for (const TagAlignment& tag : result.tags) {
@@ -19,7 +19,7 @@ int inconsistent_tags(const AlignmentResult& result, std::span<const TagObservat
   return count;
 }
 
-// RMS distance between each tag's own position and its position by the joint pose [px].
+// Returns the RMS distance between each tag's own position and its position by the joint pose [px].
 double scatter_px(const RigidTags& group, const Alignment& joint) {
   const MapFromCamera& pose = joint.result.T_map_camera;
   Alignment alone{joint.aligner, joint.input, false};
@@ -61,29 +61,28 @@ void TagConsensus::count_strict_frame() {
   strict_frames_ = std::max(strict_frames_ - 1, 0);
 }
 
-// A bare majority may be the moved half, with one or two of the others fitting it.
+// A small majority may consist of moved tags and one or two others that fit by chance.
 bool TagConsensus::may_reject(const AlignmentResult& result) const {
   return 3 * (rejected_.size() + 1) <=
          rejected_.size() + static_cast<std::size_t>(result.counters.tags_visible);
 }
 
 // Returns true if the tags that fit do not clearly outnumber the others: two or three may fit by
-// chance. In strict frames they must be most of the tags in the image.
+// chance. In strict frames, most tags in the image must fit.
 bool TagConsensus::lacks_majority(std::span<const TagObservation> detected,
                                   const Alignment& alignment) const {
   const AlignmentResult& result = alignment.result;
   if (!result.verified) return false;
   if (alignment.with_search) return most_are_inconsistent(result);
   if (result.tags_verified < 2 * inconsistent_tags(result, detected)) return true;
-  constexpr double kStrict_px = 0.15;  // where one tag may have bent the others' pose
+  constexpr double kStrict_px = 0.15;  // one tag may have biased the pose of the others
   return strict_frames_ > 0 &&
          (3 * result.tags_verified < 2 * result.counters.tags_in_image ||
           (result.disagreement >= kDisagree && result.displacement_px >= kStrict_px));
 }
 
-// Rejects the tag without which all others agree. Each candidate is tried from the pose by the
-// others' corners, because the equations of a pose that was fitted to the wrong tag show no better
-// one.
+// Rejects the tag without which all others agree. Tests each candidate from the pose by the others'
+// corners, because a pose that was fitted to the wrong tag may be a local minimum.
 void TagConsensus::reject_one(const RigidTags& group, std::span<const TagObservation> detected,
                               Alignment& alignment) {
   constexpr std::size_t kMostToTry = 6;
@@ -139,7 +138,7 @@ bool TagConsensus::settle(const RigidTags& group, std::span<const TagObservation
   if (result.verified && result.disagreement >= kDisagree &&
       3 * result.tags_verified < 2 * result.counters.tags_visible)
     return false;
-  // Errors of real tags by lens, camera response and paper: of a joint pose, and tag by tag [px].
+  // Maximum errors of real tags by lens, response and paper [px]: of a joint pose, and per tag.
   constexpr double kSuspicious_px = 0.3;
   constexpr double kElsewhere_px = 0.5;
   if (!result.verified || result.disagreement < kDisagree ||

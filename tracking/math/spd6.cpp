@@ -7,16 +7,16 @@ namespace penumbra {
 namespace {
 
 constexpr int kSize = 6;
-// Least pivot as a share of its diagonal element: most digits are lost.
+// Minimum pivot / diagonal element; below it, most digits are lost.
 constexpr double kLeastPivot = 1e-13;
 
-// A = L D L^T, L with ones on its diagonal.
+// A = L D L^T, with ones on the diagonal of L.
 struct Factors {
   std::array<std::array<double, kSize>, kSize> L;  // below the diagonal
   std::array<double, kSize> inverse_D;
 };
 
-// False where A is not positive definite or has a NaN.
+// Returns false if A is not positive definite or has a NaN.
 bool factorise(const Matrix6d& A, Factors& factors) {
   auto& [L, inverse_D] = factors;
   std::array<std::array<double, kSize>, kSize> scaled;  // L D

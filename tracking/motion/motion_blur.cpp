@@ -11,7 +11,7 @@ namespace penumbra {
 namespace {
 
 constexpr double kMotionInterval_s = 1.0 / 30.0;
-// Image motion of a frame with no pose before it [px].
+// Assumed image motion of a frame without an earlier pose [px].
 constexpr double kUnknownMotion_px = 5.0;
 
 double moved_px(const CameraModel& camera, const MapFromCamera& pose, const Vector6d& xi) {
@@ -35,17 +35,17 @@ ImageMotion motion_found(const PoseHistory& history, const CameraModel& camera, 
     found.blur = alignment.aligner.motion_blur_error(std::nullopt, false, longest_cells);
     return found;
   }
-  // Frames further apart were dropped or exposed for longer; the first is assumed.
+  // With a longer interval, assumes dropped frames rather than a longer exposure.
   constexpr double kLongestExposure_s = 1.0 / 30.0;
   const double interval_s = history.frame_interval_s();
   const double exposure_s =
       std::min(frame.exposure_s.value_or(std::min(interval_s, kLongestExposure_s)), interval_s);
-  // With two poses blur may displace either; with three it would displace all alike.
+  // With two poses, blur may have displaced either; with three, it would displace all alike.
   if (exposure_s > 0.0)
     found.blur = alignment.aligner.motion_blur_error(exposure_s * motion->velocity,
                                                      frame.exposure_s.has_value(),
                                                      motion->of_one_step ? longest_cells : 0.0);
-  // A jump between two sharp images is no motion within them.
+  // Motion between two sharp images is not motion during their exposures.
   if (!(found.blur.shift_px > 0.0)) return found;
   found.predicted_px =
       std::max(found.predicted_px, image_motion_px(camera, result.T_map_camera, motion->velocity));
@@ -60,12 +60,12 @@ void align_at_own_speed(const PoseHistory& history, const CameraModel& camera, c
   AlignmentResult& result = alignment.result;
   const double half_readout_s =
       0.5 * camera.parameters().rolling_shutter_row_s.value_or(0.0) * (camera.height() - 1);
-  // The blur of a lone tag and its tilt look alike.
+  // Blur and tilt of a single tag look alike.
   const double exposure_s = result.tags_verified > 1 ? frame.exposure_s.value_or(0.0) : 0.0;
   if (!(half_readout_s > 0.0) && !(exposure_s > 0.0)) return;
   constexpr double kElsewhere_px = 0.1;
   constexpr double kBlurred_px = 2.0;
-  // Greatest change of a motion whose blur is modelled, see docs/tracking.md#motion-blur.
+  // Maximum relative change of a motion whose blur is modelled; see docs/tracking.md#motion-blur.
   constexpr double kEvenly = 0.25;
   constexpr int kTries = 2;
   for (int i = 0; i < kTries && result.verified; ++i) {
@@ -85,7 +85,7 @@ void align_at_own_speed(const PoseHistory& history, const CameraModel& camera, c
     const Vector6d velocity_before = std::exchange(input.velocity, velocity);
     const Vector6d exposure_motion_before = input.exposure_motion;
     if (blurred) input.exposure_motion = exposure_motion;
-    // The residuals decide, unless the rows move from a tracked pose.
+    // Compares residuals, unless a rolling shutter displaces rows from a tracked pose.
     const double residual = elsewhere && history.was_tracked()
                                 ? std::numeric_limits<double>::infinity()
                                 : result.residual_rms;
@@ -102,7 +102,7 @@ bool align_with_motion_blur(const PoseHistory& history, const CameraModel& camer
                             const Frame& frame, Alignment& alignment, MotionBlurError& blur) {
   AlignmentInput& input = alignment.input;
   const AlignmentResult& result = alignment.result;
-  // The blur of a lone tag and its tilt look alike.
+  // Blur and tilt of a single tag look alike.
   if (result.tags_verified < 2 || blur.motion.isZero(0.0) || !input.exposure_motion.isZero(0.0))
     return false;
   const double residual = result.residual_rms;
@@ -110,12 +110,12 @@ bool align_with_motion_blur(const PoseHistory& history, const CameraModel& camer
   input.exposure_motion = blur.motion;
   alignment.run();
   const bool enough = result.tags_verified >= 2 && 4 * result.tags_verified >= 3 * tags_before;
-  // As shares of the gain: a model that is blurred as the image is restores the contrast, too.
+  // Compares fractions of the gain, because a correctly blurred model also restores the gain.
   if (result.verified && enough && result.residual_rms <= residual && result.inconsistent_tag < 0 &&
       !most_are_inconsistent(result)) {
     const MotionBlurError left =
         motion_found(history, camera, frame, alignment, kAlignedBlur_cells).blur;
-    // A pose without motion of a cell may have slid along a blur that is still there.
+    // A pose with a motion below a cell may have drifted along a blur that is still present.
     const auto blur_is_left = [&] {
       const auto any = alignment.aligner.motion_blur_error(std::nullopt, false, kAlignedBlur_cells);
       return any.shift_px > 0.0;

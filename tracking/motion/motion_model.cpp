@@ -10,7 +10,7 @@
 namespace penumbra {
 namespace {
 
-// Accelerations of a hand, as displacement in 1/30 s (10 mm: 9 m/s^2).
+// Accelerations of a hand, given as displacement in 1/30 s (10 mm: 9 m/s^2).
 constexpr double kFrame_s = 1.0 / 30.0;
 constexpr double density(double displacement) {
   return 3.0 * displacement * displacement / (kFrame_s * kFrame_s * kFrame_s);
@@ -19,11 +19,11 @@ constexpr double kStartLinear_m = 0.010, kLeastLinear_m = 0.0003, kMostLinear_m 
 constexpr double kStartAngular_rad = radians(1.0);
 constexpr double kLeastAngular_rad = radians(0.03);
 constexpr double kMostAngular_rad = radians(3.0);
-// Speed of a hand-held camera of unknown motion (1 sigma).
+// Speed of a hand-held camera with unknown motion (1 sigma).
 constexpr double kLinearSpeed_m_s = 0.7;
 constexpr double kAngularSpeed_rad_s = 2.0;
 
-// Adapts q to the last innovation: at once where that is larger, slowly where it is smaller.
+// Adapts q to the latest innovation: immediately if it is larger, slowly if it is smaller.
 double adapted(double q, double ratio, double least, double most) {
   const double factor =
       ratio > 1.0 ? std::min(ratio, 1000.0) : std::pow(std::max(ratio, 0.05), 0.1);
@@ -84,7 +84,7 @@ void MotionModel::update(std::int64_t timestamp_ns, const MapFromCamera& T_map_c
   const auto ratio = [&](int first) {
     const double expected = learned.diagonal().segment<3>(first).sum();
     const double found = moved.segment<3>(first).squaredNorm();
-    // Learns nothing where the image says no more than the prediction.
+    // Does not adapt if the image adds no information to the prediction.
     return expected > 0.1 * next.P_pose.diagonal().segment<3>(first).sum() ? found / expected
                                                                            : 0.999;
   };
