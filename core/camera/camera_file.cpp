@@ -78,7 +78,7 @@ std::span<const double> coefficients(const CameraParameters& p, int count) {
 std::string shortest(double value) {
   return fmt::format("{}", value);
 }
-// Adds ".0" to a number without a point, which OpenCV would read as an integer.
+// Adds a point to a number without one, which OpenCV would read as an integer. No blank may follow.
 std::string with_point(double value) {
   std::string digits = shortest(value);
   if (digits.find_first_of(".e") == std::string::npos) digits += ".";
