@@ -25,14 +25,14 @@ struct CalibrationOptions {
   std::optional<BoardShape> shape;       // else chosen by cross-validation
   // Considers only lenses that Kalibr's files can represent: plumb_bob without k3, and fisheye.
   bool for_kalibr = false;
-  int most_views = 60;  // of more, the most different ones are solved; twice as many stay in memory
+  int most_views = 60;  // maximum to solve, the most different ones; memory holds twice as many
 };
 
 enum class PictureRejection { no, unreadable, not_seen, seen_before, blurred, surplus };
 
 struct CalibrationPicture {
   std::string name;
-  TargetView view;  // without corners if it was seen before or is surplus
+  TargetView view;  // without corners for `seen_before` and `surplus`
   PictureRejection reason = PictureRejection::no;
   std::string left_out;            // the reason in words; empty if used
   int solved = -1;                 // index into CalibrationSolution::views; -1 if not used

@@ -34,7 +34,7 @@ struct Target {
 };
 
 // Reads a target file. Errors name file and field.
-// - tags.yaml.
+// - tags.yaml
 // - Kalibr's aprilgrid.yaml: target_type: aprilgrid, tagCols, tagRows, tagSize, tagSpacing.
 // - Chessboard: target_type: checkerboard with inner_cols, inner_rows, square_m, or Kalibr's
 //   targetCols, targetRows, rowSpacingMeters, colSpacingMeters.
