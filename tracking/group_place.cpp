@@ -33,7 +33,7 @@ Matrix6d adjoint(const Transform<A, B>& T_a_b) {
   return A6;
 }
 
-// Covariance of the camera's pose over a group's middle, from the covariance of the group's place.
+// Covariance of the camera's pose over a group's middle, caused by that of the group's pose.
 Matrix6d carried_to_camera(const MiddleFromCamera& T_middle_camera, const Matrix6d& of_place) {
   const MiddleFromCamera normalised(T_middle_camera.rotation(), T_middle_camera.translation());
   const Matrix6d A = adjoint(normalised.inverse());

@@ -33,13 +33,13 @@ using TableFromMiddle = Transform<frame::Table, frame::GroupMiddle>;
 
 class GroupPlace {
  public:
-  // Begins at the group's place in the map.
+  // Starts at the group's pose in the map.
   GroupPlace(std::string name, const Transform<frame::Group, frame::GroupMiddle>& T_group_middle)
       : name_(std::move(name)),
         T_group_middle_(T_group_middle),
         shown_(GroupPose() * T_group_middle) {}
 
-  // The place as it is shown: within a quarter of a pixel of the average.
+  // Returns the displayed pose, within 0.25 px of the average.
   [[nodiscard]] const TableFromMiddle& shown() const { return shown_; }
   // Returns true if the latest measurement is older than this time.
   [[nodiscard]] bool is_older_than(std::int64_t timestamp_ns) const {

@@ -27,7 +27,7 @@ struct CovarianceInflation {
   double bias = 0.0;     // added: displacement of whole tags that is the same in every frame
 };
 
-// The bias of one tag rotates the pose relative to the other tags; that of a single tag can't.
+// A tag's bias rotates the pose relative to the other tags; a single tag has none.
 CovarianceInflation inflation_of(const AlignmentResult& result, double blur_px, double noise_px) {
   CovarianceInflation inflation;
   // The disagreement of the tags already includes a part of the correlation.

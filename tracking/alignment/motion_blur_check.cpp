@@ -16,7 +16,7 @@ namespace {
 constexpr double kClear = 8.0 / 9.0;
 // Factors of the variance (docs/tracking.md#motion-blur): common shift and rotation,
 constexpr double kShared = 0.5;
-// and displacement in any direction, if a motion explains the rest.
+// and displacement in any direction, if a motion explains the other tags.
 constexpr double kOwnAway = 0.25;
 // Number of tags above which a common rotation is not reduced further.
 constexpr double kMostOwn = 12.0;

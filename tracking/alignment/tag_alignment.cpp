@@ -142,7 +142,7 @@ bool TagAligner::Impl::attempt(Start start, bool may_be_near) {
     const bool any = look_where_predicted();
     counters.tags_visible = static_cast<int>(problem.active.size());
     if (!any) return fail_for("no tag in view");
-    // If the search finds nothing, the pose stays as predicted.
+    // If the search fails, the pose remains the prediction.
     std::ignore =
         start == Start::search ? search.search(input.seen_contrast) : search.search_independently();
     near = may_be_near && search.found_near();

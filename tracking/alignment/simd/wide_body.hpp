@@ -38,8 +38,8 @@ PENUMBRA_INLINE Wide square_root(const Wide& x) {
   for (int l = 0; l < kWide; ++l) root[l] = __builtin_sqrtf(x[l]);
   return root;
 }
-// Minimum; `limit` if x is NaN. Uses intrinsics, because the compiler turns a constant limit into
-// comparisons and blends.
+// Minimum and maximum; `limit` if x is NaN. Intrinsics, because the compiler turns a constant limit
+// into comparisons and blends.
 PENUMBRA_INLINE Wide least(const Wide& x, const Wide& limit) {
 #if defined(__AVX512F__)
   return _mm512_maskz_min_ps(0xFFFF, x, limit);
