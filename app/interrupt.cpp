@@ -59,8 +59,8 @@ void InterruptWatch::again() {
   interrupted_ = false;
 }
 
-// Starts the thread that ends the process by the first signal after `from`; by SIGHUP only if
-// `by_hangup`.
+// Starts the thread that ends the process at the first signal after `from`. It ignores SIGHUP
+// unless `by_hangup`.
 void InterruptWatch::start_ender(Clock::time_point from, bool by_hangup) {
   stopped_ = false;
   ender_ = std::thread([this, from, by_hangup] {
@@ -69,7 +69,7 @@ void InterruptWatch::start_ender(Clock::time_point from, bool by_hangup) {
       const int number = sigwaitinfo(&watched_, &info);
       if (number <= 0) continue;
       if (stopped_) {
-        // A signal from outside that arrived before that of stop_ender() stays pending.
+        // A signal of another process that arrived before stop_ender()'s must stay pending.
         if (info.si_pid != getpid()) kill(getpid(), number);
         return;
       }

@@ -9,12 +9,12 @@
 
 namespace penumbra {
 
-// Blocks SIGINT, SIGTERM and SIGHUP in this thread and all that it starts; construct it before
-// anything that starts threads (OpenGL, decoders). Until hold(), a thread takes them and ends the
-// process at once, as if they were not blocked.
+// Blocks SIGINT, SIGTERM and SIGHUP in this thread and in every thread that it starts later.
+// Construct it before OpenGL and the decoders, which start threads. Until hold(), a helper thread
+// receives the signals and ends the process at once, as if they were not blocked.
 //
-// SIGHUP stays ignored if it was (nohup). The other two are always watched, because shells start
-// the background jobs of a script with SIGINT ignored.
+// SIGHUP stays ignored if it was ignored before (nohup). SIGINT and SIGTERM are always watched,
+// because shells start the background jobs of a script with SIGINT ignored.
 class InterruptWatch {
  public:
   InterruptWatch();
@@ -22,11 +22,11 @@ class InterruptWatch {
   InterruptWatch& operator=(const InterruptWatch&) = delete;
   ~InterruptWatch();
 
-  // Call it before the first file is opened. From here on signals only set interrupted().
+  // Call this before the first file is opened. From then on a signal only sets interrupted().
   void hold();
-  // True from the first signal after hold() on. Signals within the next second belong to the same
-  // request: a closing terminal and timeout(1) send several. A later SIGINT or SIGTERM ends the
-  // process at once.
+  // Returns true after the first signal since hold(). Signals within the next second count as the
+  // same request, because a closing terminal and timeout(1) send several. A later SIGINT or SIGTERM
+  // ends the process at once.
   [[nodiscard]] bool interrupted();
   // Clears interrupted(): the next signal sets it again.
   void again();
@@ -42,7 +42,7 @@ class InterruptWatch {
   bool interrupted_ = false;
   Clock::time_point request_ends_ = Clock::time_point::min();
   std::atomic<bool> stopped_ = false;
-  std::thread ender_;  // until hold(), and once interrupted
+  std::thread ender_;  // runs until hold(), and again after an interruption
 };
 
 }  // namespace penumbra

@@ -29,7 +29,7 @@ struct CloseAvInput {
 };
 using AvInput = std::unique_ptr<AVFormatContext, CloseAvInput>;
 
-// Also closes the written file.
+// Closes the written file and frees the muxer.
 struct CloseAvOutput {
   void operator()(AVFormatContext* output) const {
     avio_closep(&output->pb);
@@ -38,7 +38,7 @@ struct CloseAvOutput {
 };
 using AvOutput = std::unique_ptr<AVFormatContext, CloseAvOutput>;
 
-// Message of a negative result.
+// Returns libav's message for a negative result.
 inline std::string av_error_text(int error) {
   std::array<char, AV_ERROR_MAX_STRING_SIZE> text{};
   av_strerror(error, text.data(), text.size());
@@ -62,7 +62,7 @@ struct AvEncoding {
     if (error < 0) return error;
     return encoder && image && packet ? 0 : AVERROR(ENOMEM);
   }
-  // `encoder` has its settings.
+  // Call this after the settings of `encoder` are complete.
   int open_encoder(std::initializer_list<std::pair<const char*, const char*>> options) {
     AVDictionary* dictionary = nullptr;
     for (const auto& [name, value] : options) av_dict_set(&dictionary, name, value, 0);
@@ -70,7 +70,7 @@ struct AvEncoding {
     av_dict_free(&dictionary);
     return error;
   }
-  // Gives `image` a buffer of the encoder's format.
+  // Allocates the buffer of `image` in the encoder's format.
   int allocate_image() {
     image->format = encoder->pix_fmt;
     image->width = encoder->width;
@@ -87,7 +87,8 @@ struct AvEncoding {
     stream->time_base = encoder->time_base;
     return avcodec_parameters_from_context(stream->codecpar, encoder.get());
   }
-  // Opens the file ("file:", as a colon in its name is no protocol) and writes its header.
+  // Opens the file and writes its header. "file:" prevents libav from reading a colon in the name
+  // as the end of a protocol.
   int write_header(const std::string& file, AVDictionary* options = nullptr) {
     int error = avio_open(&muxer->pb, ("file:" + file).c_str(), AVIO_FLAG_WRITE);
     if (error >= 0) error = avformat_write_header(muxer.get(), &options);

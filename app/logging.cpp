@@ -49,7 +49,7 @@ void set_up_logging() {
   spdlog::set_default_logger(logger);
   spdlog::set_level(spdlog::level::warn);
   av_log_set_callback(&log_libav);
-  // Called before the first thread and display. Keeps a level that the user has set.
+  // No other thread or display exists yet. Keeps a level that the user has set.
   setenv("EGL_LOG_LEVEL", "fatal", 0);
 }
 
@@ -67,7 +67,7 @@ bool set_log_level(std::string_view name) {
 void log_text(LogLevel level, fmt::string_view text, fmt::format_args values) {
   if (!spdlog::should_log(spdlog_level(level))) return;
   const std::string line = as_printable_line(fmt::vformat(text, values));
-  // A string_view_t is not taken as a format.
+  // spdlog logs a string_view_t verbatim; it would parse a std::string as a format.
   spdlog::log(spdlog_level(level), spdlog::string_view_t(line));
 }
 

@@ -16,7 +16,7 @@ void set_up_logging();
 // Sets the level: trace, debug, info, warning, error or off. Returns false for any other name.
 [[nodiscard]] bool set_log_level(std::string_view name);
 
-// No template like spdlog's, which compile fmt's formatting into each file that logs.
+// Not a template: spdlog's templates would compile fmt's formatting into each file that logs.
 void log_text(LogLevel level, fmt::string_view text, fmt::format_args values);
 
 // log_warning("{}: {}", camera, detail);

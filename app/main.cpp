@@ -30,7 +30,7 @@ ExitCode wrong_usage(const CLI::App& program, const std::string& what) {
   return ExitCode::usage;
 }
 
-// The message for a word that is typed in place of a command; nothing if that is not the fault.
+// Returns the error message if the first word is no known command, else nullopt.
 std::optional<std::string> unknown_command(const CLI::App& program) {
   if (!program.get_subcommands().empty()) return std::nullopt;
   const std::vector<std::string> words = program.remaining();
@@ -42,14 +42,14 @@ std::optional<std::string> unknown_command(const CLI::App& program) {
   return fmt::format("'{}' is not a command; known: {}", words.front(), known);
 }
 
-// The message for an unknown option of the program or its command, with the nearest known one;
-// nothing if that is not the fault.
+// Returns the error message for an unknown option of the program or its command, with the most
+// similar known option. Returns nullopt if all options are known.
 std::optional<std::string> unknown_option(const CLI::App& program) {
   std::vector<const CLI::App*> readers = {&program};
   for (const CLI::App* command : program.get_subcommands()) readers.push_back(command);
   for (const CLI::App* reader : readers) {
     for (const std::string& word : reader->remaining()) {
-      if (word == "--") break;  // what follows is no option
+      if (word == "--") break;  // the words after it are not options
       if (!word.starts_with('-')) continue;
       const std::string name = word.substr(0, word.find('='));
       constexpr std::size_t kMostTypos = 2;
@@ -78,7 +78,8 @@ void ask_for_help(std::vector<std::string>& words) {
   words = std::move(asked);
 }
 
-// The message for an option with an empty value or "nan", which CLI11's range checks accept.
+// Returns the error message for an option with an empty value or "nan", which CLI11's range checks
+// accept; nullopt if there is none.
 std::optional<std::string> meaningless_option(const CLI::App& program) {
   for (const CLI::App* command : program.get_subcommands()) {
     for (const CLI::Option* option : command->get_options()) {
@@ -130,7 +131,7 @@ ExitCode run(int argc, char** argv) {
       fmt::print("{}", text.str());
       return ExitCode::success;
     }
-    // An option may be missing because its name is misspelt.
+    // CLI11 reports a misspelt required option as missing.
     const bool left_over = dynamic_cast<const CLI::ExtrasError*>(&error) != nullptr ||
                            dynamic_cast<const CLI::RequiredError*>(&error) != nullptr;
     if (!wrong && left_over) wrong = unknown_option(program);
@@ -149,7 +150,7 @@ ExitCode run(int argc, char** argv) {
 int main(int argc, char** argv) {
   using namespace penumbra;
   secure_standard_streams();
-  // Modules catch what their libraries throw. Any other exception must not look like a crash.
+  // Modules catch their libraries' exceptions. Any other one is reported as an error, not a crash.
   try {
     set_up_logging();
     set_wait_notice([](const std::string& line) { log_warning("{}", line); });

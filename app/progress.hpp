@@ -10,14 +10,14 @@ namespace penumbra {
 
 class ProgressBar {
  public:
-  // `unit` of the rate; without one only the bar is drawn.
+  // `unit`: the counted items, for the rate. If it is empty, only the bar is drawn.
   explicit ProgressBar(int total, std::string unit = "frames");
   ProgressBar(const ProgressBar&) = delete;
   ProgressBar& operator=(const ProgressBar&) = delete;
   ~ProgressBar();  // clears the bar
 
   void update(int done);
-  // Shows step `step` of at most `most`, what it does and the elapsed time.
+  // Shows `what` this step does, the elapsed time, and `step` of at most `most` steps.
   void update(const std::string& what, int step, int most);
 
  private:
@@ -34,7 +34,7 @@ class ProgressBar {
 // "[######          ]  45/120  31.2 frames/s"
 [[nodiscard]] std::string progress_text(int done, int total, double elapsed_ms,
                                         const std::string& unit = "frames");
-// "[####              ]  what, 12 s": step 1 leaves the bar empty.
+// "[####              ]  what, 12 s": the bar is empty at step 1.
 [[nodiscard]] std::string step_text(const std::string& what, int step, int most, double elapsed_ms);
 
 }  // namespace penumbra

@@ -43,7 +43,7 @@ Result<fs::path> find_resources() {
     return fail("/proc/self/exe: {}; set PENUMBRA_RESOURCES to the folder of scenes/",
                 error.message());
   }
-  // NOLINTNEXTLINE(concurrency-mt-unsafe): nothing here writes the environment
+  // NOLINTNEXTLINE(concurrency-mt-unsafe): the environment is written only before the first thread
   return find_resources_of(program, std::getenv("PENUMBRA_RESOURCES"));
 }
 

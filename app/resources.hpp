@@ -7,10 +7,11 @@
 
 namespace penumbra {
 
-// The folder with scenes/ and recordings/: $PENUMBRA_RESOURCES if it is set, else ../share/penumbra
-// from the program's folder (installed), else the program's folder or one above it (a source tree).
+// Returns the folder that contains scenes/ and recordings/: $PENUMBRA_RESOURCES if it is set, else
+// ../share/penumbra beside the program's folder (installed), else the nearest one above the
+// program.
 [[nodiscard]] Result<std::filesystem::path> find_resources();
-// The same for a program at `program`; `given` is the environment variable's value.
+// The same for a program at `program`. `given`: the environment variable's value, or nullptr.
 [[nodiscard]] Result<std::filesystem::path> find_resources_of(const std::filesystem::path& program,
                                                               const char* given);
 

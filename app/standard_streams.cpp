@@ -21,13 +21,13 @@
 namespace penumbra {
 namespace {
 
-// Static: the C library flushes the streams when the process ends.
+// Static, because the C library flushes the streams when the process ends.
 std::atomic<int>& output_error() {  // errno of the first write to standard output that failed
   static std::atomic<int> error = 0;
   return error;
 }
 
-// A write callback of fopencookie(). Waits for the reader, because results are for that reader.
+// Write callback of fopencookie() for standard output. Waits for a slow reader: no result is lost.
 ssize_t write_output(void*, const char* text, std::size_t size) {
   std::size_t done = 0;
   while (done < size) {
@@ -47,8 +47,8 @@ ssize_t write_output(void*, const char* text, std::size_t size) {
   return static_cast<ssize_t>(size);
 }
 
-// Standard error, whose reader must not stop the session: a line that cannot be written in time is
-// dropped. Not for two threads at once; stdio locks the stream.
+// Standard error. Drops a line that cannot be written in time, so that a stalled reader does not
+// stop the session. Not thread-safe except for dropped(); stdio locks the stream.
 class LogDescriptor {
  public:
   void write(std::string_view text) {
@@ -58,14 +58,14 @@ class LogDescriptor {
     is_cut_ = is_stalled_ && done > 0;
     drop(text.substr(done));
   }
-  // By any thread.
+  // Thread-safe.
   [[nodiscard]] std::int64_t dropped() const { return dropped_; }
 
  private:
   using Clock = std::chrono::steady_clock;
   using milliseconds = std::chrono::milliseconds;
 
-  static constexpr milliseconds kPatience{200};  // with a reader that read until now
+  static constexpr milliseconds kPatience{200};  // for a reader that has not stalled yet
 
   void drop(std::string_view text) {
     const std::int64_t lines = std::count(text.begin(), text.end(), '\n');
@@ -83,7 +83,7 @@ class LogDescriptor {
     unreported_ = 0;
     return true;
   }
-  // The number of bytes that were written.
+  // Returns the number of bytes written.
   static std::size_t write_in_time(std::string_view text, milliseconds patience) {
     const auto end = Clock::now() + patience;
     std::size_t done = 0;
@@ -92,7 +92,7 @@ class LogDescriptor {
       pollfd writable{STDERR_FILENO, POLLOUT, 0};
       const int ready = poll(&writable, 1, std::max(0, static_cast<int>(left.count())));
       if (ready == 0) break;
-      // A pipe that poll() reports as writable takes that many bytes at once.
+      // A pipe that poll() reports as writable accepts PIPE_BUF bytes without blocking.
       const ssize_t count = ready > 0 ? write_now(text.substr(done, PIPE_BUF)) : -1;
       if (count >= 0) {
         done += static_cast<std::size_t>(count);
@@ -109,7 +109,7 @@ class LogDescriptor {
   }
 
   bool is_stalled_ = false;
-  bool is_cut_ = false;                    // the last line that was written has no end
+  bool is_cut_ = false;                    // the previous line was written only in part
   std::int64_t unreported_ = 0;            // lines
   std::atomic<std::int64_t> dropped_ = 0;  // lines
 };
@@ -119,13 +119,13 @@ LogDescriptor& log_descriptor() {
   return descriptor;
 }
 
-// A write callback of fopencookie().
+// Write callback of fopencookie() for standard error.
 ssize_t write_log(void*, const char* text, std::size_t size) {
   log_descriptor().write({text, size});
   return static_cast<ssize_t>(size);
 }
 
-// Null where memory is short; the stream then stays as it is.
+// Returns nullptr if out of memory; the caller then keeps the original stream.
 std::FILE* stream_of(cookie_write_function_t* write, int buffering) {
   cookie_io_functions_t functions{};
   functions.write = write;
@@ -134,9 +134,9 @@ std::FILE* stream_of(cookie_write_function_t* write, int buffering) {
   return stream;
 }
 
-// Makes writes to a pipe or terminal non-blocking, for this process alone: the mode belongs to the
-// open file description, which other processes share. Libraries that write to the descriptor
-// themselves do not wait then either. Where it cannot be opened again it stays as it is.
+// Opens the pipe or terminal of standard error again in non-blocking mode, because other processes
+// share the original open file description and its mode. Libraries that write to the descriptor
+// directly do not block then either. If it cannot be opened again, the original stays in use.
 void stop_waiting_for_log_reader() {
   struct stat about {};
   if (fstat(STDERR_FILENO, &about) != 0) return;
@@ -150,8 +150,8 @@ void stop_waiting_for_log_reader() {
 void open_closed_descriptors() {
   for (const int number : {STDIN_FILENO, STDOUT_FILENO, STDERR_FILENO}) {
     if (fcntl(number, F_GETFD) >= 0 || errno != EBADF) continue;
-    // The lowest free number is this one. Standard output is opened for reading alone: its writes
-    // fail as before, and the exit code shows it.
+    // open() returns the lowest free number: `number`. Standard output is opened read-only, so that
+    // writes still fail and the exit code reports it.
     (void)open("/dev/null", number == STDOUT_FILENO ? O_RDONLY : O_RDWR);
   }
 }
