@@ -1,4 +1,4 @@
-// Requested settings of a camera, for every library that opens one.
+// Requested settings of a camera, common to V4L2 and libcamera.
 #pragma once
 
 #include <optional>
@@ -7,8 +7,8 @@
 
 namespace penumbra {
 
-// Empty fields leave the camera as it is. Focus is always locked if possible: a lens that moves is
-// another camera model.
+// An empty field leaves the camera's setting unchanged. Focus is always locked if possible, because
+// refocusing invalidates the calibration.
 struct CameraControls {
   std::optional<double> exposure_ms;
   bool auto_exposure = false;
@@ -22,27 +22,27 @@ struct CameraControls {
 struct RequestedSettings {
   int width = 640;    // [px]
   int height = 480;   // [px]
-  double fps = 30.0;  // only where the rate can be set
-  // grey, nv12, yu12, yuyv or mjpeg; empty: the cheapest one at that size and rate.
+  double fps = 30.0;  // ignored if the camera's rate can't be set
+  // grey, nv12, yu12, yuyv or mjpeg; empty: the cheapest format to read at that size and rate.
   std::optional<std::string> format;
   bool recording = false;  // prefers JPEG, which is stored without encoding
   CameraControls controls;
 };
 
-// Values that a control accepts, in the unit of its option.
+// Range of values that a control accepts, in the unit of its command-line option.
 struct ControlRange {
   double lowest = 0.0;
   double highest = 0.0;
 };
-// "exposure: the camera gives 66.7 ms for 500 ms; it takes 0.06 to 66.7 ms". `unit`: with a blank
-// before it, or empty. `range`: empty if unknown.
+// Returns "exposure: the camera gives 66.7 ms for 500 ms; it takes 0.06 to 66.7 ms". `unit`: with a
+// leading space, or empty. `range`: nullopt if unknown.
 [[nodiscard]] std::string changed_control_text(std::string_view name, std::string_view unit,
                                                double requested, double given,
                                                const std::optional<ControlRange>& range);
 
 struct GrantedControl {
   double value = 0.0;
-  std::optional<std::string> warning;  // if the value is not the requested one
+  std::optional<std::string> warning;  // set if the value differs from the requested one
 };
 // Clamps a requested value to the control's range. A range that is empty, zero or not finite counts
 // as unknown.

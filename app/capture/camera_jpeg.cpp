@@ -10,8 +10,8 @@
 namespace penumbra {
 namespace {
 
-// Hardware encoders pad images to whole blocks of 16 lines: 1088 for 1080. The first lines are the
-// image.
+// Hardware encoders pad images to whole blocks of 16 lines, for example 1080 to 1088. The padding
+// is at the bottom.
 bool has_padding_lines(const ImageSize& image, const ImageSize& granted) {
   constexpr int kLargestBlock = 16;
   return image.width == granted.width && image.height > granted.height &&

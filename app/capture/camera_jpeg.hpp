@@ -1,5 +1,5 @@
-// JPEG images of cameras and recordings. An image is used if it has the camera's size and every
-// block of it was decoded.
+// JPEG images of cameras and recordings. An image is accepted if it has the camera's size and all
+// of its blocks can be decoded.
 #pragma once
 
 #include <cstdint>
@@ -18,7 +18,7 @@ namespace penumbra {
 
 struct CameraJpeg {
   std::span<const std::uint8_t> bytes;  // without bytes before and after the image
-  std::optional<Frame> frame;           // decoded if the end mark is missing
+  std::optional<Frame> frame;           // set only if the end mark is missing (see below)
 };
 
 // Remedies for incomplete images of a camera and for damaged files.
@@ -26,22 +26,22 @@ inline constexpr std::string_view kImproveTransfer =
     "data is lost between the camera and the computer: try another USB port or cable, no hub, or a "
     "lower --size or --fps";
 inline constexpr std::string_view kRecordAgain = "record or copy it again";
-// Format string; arguments: size of the image, size of the stream.
+// Format string. Arguments: width and height of the image, then of the stream.
 inline constexpr char kOtherJpegSize[] =
     "a JPEG of {}x{} px is skipped, as the stream is {}x{} px; choose another --size or --format";
 
-// The image in a camera's buffer, or why it is not used. Decodes it only if the end mark is
-// missing, to see whether it is complete. `remedy` ends the message about a damaged image.
+// Finds the image in a camera's buffer, or returns why it is rejected. Decodes it only if the end
+// mark is missing, to check that it is complete. `remedy` ends the message about a damaged image.
 [[nodiscard]] Started<CameraJpeg> receive_camera_jpeg(std::span<const std::uint8_t> bytes,
                                                       const ImageSize& granted,
                                                       std::string_view remedy = kImproveTransfer);
 
-// Decodes a camera's image, without the padding of its encoder.
+// Decodes a camera's image and crops the padding that its encoder added.
 [[nodiscard]] Result<Frame> decode_camera_jpeg(std::span<const std::uint8_t> bytes,
                                                const std::string& name, const ImageSize& granted,
                                                std::string_view remedy);
 
-// An image file of a recording: JPEG as above, and PNG. `size`: of the recording's camera.
+// Decodes an image file of a recording: JPEG as above, or PNG. `size`: the recording's camera size.
 [[nodiscard]] Result<Frame> decode_recorded_image(std::span<const std::uint8_t> bytes,
                                                   const std::string& name,
                                                   const std::optional<ImageSize>& size,

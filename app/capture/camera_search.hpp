@@ -12,9 +12,9 @@
 
 namespace penumbra {
 
-// Cameras of one model differ only by their place on the bus, and each has its own calibration. So
-// the camera in the old place is the lost one; or, in a new place, the only one of its model that
-// was connected since.
+// Cameras of one model differ only by their bus address (USB port), but each has its own
+// calibration. The lost camera is therefore the one at the old address. If there is none, it is the
+// only one of its model that was connected since then at another address.
 class CameraSearch {
  public:
   explicit CameraSearch(V4l2Identity lost) : lost_(std::move(lost)) {}
@@ -22,10 +22,10 @@ class CameraSearch {
   [[nodiscard]] bool is_in_place(const V4l2Identity& camera) const {
     return is_of_model(camera) && camera.bus == lost_.bus;
   }
-  // The camera was lost just now.
+  // Call this when the camera is lost.
   void begin();
-  // Index of the lost camera among the connected ones. Cameras of its model that the first call
-  // after begin() finds in other places are other cameras.
+  // Returns the index of the lost camera among the connected ones, or nullopt. Cameras of its model
+  // that the first call after begin() finds at other addresses are excluded from then on.
   [[nodiscard]] std::optional<std::size_t> find(std::span<const V4l2Identity> connected);
 
  private:
@@ -33,9 +33,9 @@ class CameraSearch {
     return camera.card == lost_.card && camera.driver == lost_.driver;
   }
 
-  V4l2Identity lost_;  // with its last place
+  V4l2Identity lost_;  // with its latest bus address
   bool first_look_ = true;
-  std::set<std::string> others_;  // their places on the bus
+  std::set<std::string> others_;  // bus addresses of the excluded cameras
 };
 
 }  // namespace penumbra

@@ -1,4 +1,4 @@
-// Reasons why a camera gives no frames, for every library that opens it, and their messages.
+// Reasons why a camera delivers no frames, and their messages. Common to V4L2 and libcamera.
 #pragma once
 
 #include <fmt/format.h>
@@ -28,7 +28,7 @@ template <class... Args>
   return tl::unexpected<Trouble>({fault, fmt::format(text, std::forward<Args>(args)...)});
 }
 
-// Both take an errno, or its negative.
+// `error`: an errno or a negated errno.
 [[nodiscard]] CaptureFault fault_of(int error);
 [[nodiscard]] std::string message_of(int error);
 
@@ -42,19 +42,19 @@ inline constexpr std::string_view kStreamIsRestarted =
     "log (dmesg)";
 inline constexpr std::string_view kDisconnected =
     "the camera was disconnected; the session continues when it is connected again";
-// Message if this user may not open a camera's device (media*, video*) in `devices`; empty if all
-// may be opened, or there is none. libcamera reports both as no camera.
+// Returns a message if the user lacks the permission to open a camera's device (media*, video*) in
+// `devices`, else nullopt. libcamera reports such a device as absent.
 [[nodiscard]] std::optional<std::string> forbidden_camera_device(
     const std::filesystem::path& devices = "/dev");
 
-// The time without frames. Counts each kind of fault once per outage, however often a restart
-// fails. For one thread.
+// A period without frames. Counts each kind of fault once per outage, even if several restarts
+// fail. Not thread-safe.
 class Outage {
  public:
   explicit Outage(FaultCounter& faults) : faults_(faults) {}
-  // `now`: a shorter text for the HUD.
+  // `now`: a shorter text for the HUD; default: the message.
   void begin(const Trouble& trouble, const std::optional<std::string>& now = std::nullopt);
-  // A frame has come. True if it ended an outage.
+  // Call this when a frame arrives. Returns true if it ended an outage.
   bool end();
 
  private:

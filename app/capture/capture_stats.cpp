@@ -8,7 +8,7 @@
 namespace penumbra {
 namespace {
 
-// Limits events that no recording takes.
+// Limits the queue while no recording reads the events.
 constexpr std::size_t kMostEvents = 256;
 
 // In the order of CaptureFault.

@@ -13,32 +13,32 @@
 namespace penumbra {
 
 enum class CaptureFault {
-  silent,        // no frame and no error: the stream stalls
+  silent,        // stream stall: neither a frame nor an error arrives
   io_error,      // EIO and other errors while streaming
   disconnected,  // ENODEV: unplugged, or reset
-  refused,       // EINVAL: a call that should have worked
+  refused,       // EINVAL: the driver refused a valid call
   busy,          // used by another program when it was opened again
   forbidden,     // no permission when it was opened again
   wrong_format,  // another size or format than before
   error_frame,   // marked as bad by the driver, or empty
   damaged,       // a JPEG that can't be decoded
-  gap,           // frames missing by the driver's numbers
-  silent_gap,    // frames missing only by their times
+  gap,           // gap in the driver's sequence numbers
+  silent_gap,    // gap only in the timestamps
   bad_time,      // an impossible timestamp
-  slow_rate,     // fewer frames per second than granted or before
-  no_signal,     // nothing connected to the input, by the driver; stays last
+  slow_rate,     // frame rate below the granted or the earlier rate
+  no_signal,     // the driver reports no signal at the input; keep it last
 };
 inline constexpr std::size_t kCaptureFaultCount =
     static_cast<std::size_t>(CaptureFault::no_signal) + 1;
 
-// As in reports: "disconnected".
+// Name in reports: "disconnected".
 [[nodiscard]] std::string_view name_of(CaptureFault fault);
-// For users: "frames dropped, by the driver's numbers".
+// Text for users: "frames dropped, by the driver's numbers".
 [[nodiscard]] std::string_view description_of(CaptureFault fault);
 
 struct CaptureStats {
   std::uint64_t frames = 0;     // delivered
-  std::uint64_t undecoded = 0;  // of these: found damaged while decoding
+  std::uint64_t undecoded = 0;  // of these, damaged ones (detected while decoding)
   std::array<std::uint64_t, kCaptureFaultCount> faults{};
   std::uint64_t restarts = 0;          // of the stream
   std::optional<std::string> trouble;  // current fault, in a few words for the HUD
@@ -47,7 +47,7 @@ struct CaptureStats {
   }
 };
 
-// Counts faults from any thread. Logs the first of each kind as a warning, later ones at debug
+// Thread-safe counter of faults. Logs the first of each kind as a warning, later ones at debug
 // level.
 class FaultCounter {
  public:
@@ -56,10 +56,10 @@ class FaultCounter {
   void count_frame();
   void count_undecoded(std::string_view detail);
   void count_restart();
-  // The current fault; empty: it is over.
+  // Sets the current fault; nullopt: it is over.
   void set_trouble(std::optional<std::string> trouble);
   [[nodiscard]] CaptureStats stats() const;
-  // The faults counted since the last call, for the events of a recording.
+  // Returns the faults since the previous call, for the events of a recording.
   struct Event {
     std::int64_t timestamp_ns;  // when it was counted, on the monotonic clock
     CaptureFault fault;

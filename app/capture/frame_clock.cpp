@@ -6,22 +6,22 @@
 namespace penumbra {
 namespace {
 
-// No driver keeps a frame for longer than this between its timestamp and its arrival.
+// Longest plausible time between a frame's timestamp and its arrival.
 constexpr std::int64_t kOldest_ns = 10'000'000'000;
-// Numbers that jump by more than this were reset.
+// If the sequence number jumps by more than this, the driver has reset it.
 constexpr std::uint32_t kMostLost = 1U << 20U;
-// A pause of this many intervals between consecutive numbers contains a lost frame.
+// A pause of this many intervals between consecutive sequence numbers implies a lost frame.
 constexpr double kGapIntervals = 1.6;
 // This number of consecutive long intervals means a slower camera, not gaps.
 constexpr std::uint32_t kSlowerAfter = 5;
-// FramePace: limits of a pause.
+// Limits of FramePace for a pause.
 constexpr std::int64_t kMissed = 3;  // intervals
 constexpr std::int64_t kSilent_ns = 1'000'000'000;
 constexpr std::int64_t kStarting_ns = 3'000'000'000;
 constexpr int kMostDoublings = 2;  // of kStarting_ns
 constexpr std::int64_t kStale_ns = 250'000'000;
 
-// The granted interval, or entry `n` of the sorted first `count` ones if that is longer.
+// Returns the granted interval, or the n-th smallest of the first `count` ones if that is longer.
 template <std::size_t N>
 std::int64_t usual_interval(std::int64_t granted_ns, std::array<std::int64_t, N> intervals_ns,
                             std::size_t count, std::size_t n) {
@@ -52,7 +52,7 @@ void FrameClock::judge_interval(std::int64_t interval_ns, bool consecutive, Fram
   }
   pending_lost_ += static_cast<std::uint64_t>((interval_ns + usual_ns / 2) / usual_ns - 1);
   if (++long_run_ < kSlowerAfter) return;
-  // Keeps only the slow intervals, of which this is the last: their median becomes the usual one.
+  // Keeps only the slow intervals, including this one, so that their median becomes the usual one.
   std::array<std::int64_t, kSlowerAfter> slow_ns{};
   slow_ns.back() = interval_ns;
   for (std::size_t i = 0; i + 1 < kSlowerAfter; ++i) {
@@ -70,8 +70,8 @@ FrameStamp FrameClock::next(std::uint32_t driver_sequence, std::int64_t driver_n
   FrameStamp stamp;
   stamp.timestamp_ns = driver_ns;
   if (monotonic) {
-    // Not in the future, except for drivers that stamp the end of the frame; and after the last
-    // possible driver time, not after its replacements.
+    // A plausible time is later than the previous plausible one and not in the future. It may be
+    // one interval ahead, because some drivers stamp the end of the exposure.
     const bool possible = driver_ns <= arrival_ns + usual_interval_ns() &&
                           driver_ns >= arrival_ns - kOldest_ns &&
                           (!any_believed_ || driver_ns > believed_ns_);

@@ -1,5 +1,5 @@
-// Offsets of an image's planes in one buffer of a camera, as V4L2 and libcamera lay them out: one
-// behind the other, with the stride of the first.
+// Offsets of an image's planes in one camera buffer. V4L2 and libcamera store them one after the
+// other, and derive their strides from the first plane's.
 #pragma once
 
 #include <array>
@@ -11,12 +11,12 @@ namespace penumbra {
 
 struct FrameLayout {
   std::array<std::size_t, 3> offset{};  // of each plane [bytes]
-  Frame frame;                          // all but the planes' data
-  std::size_t bytes = 0;                // of a whole image
+  Frame frame;                          // complete except for the planes' data pointers
+  std::size_t bytes = 0;                // size of a whole image
 };
 
-// `width`, `height` [px] at least 1; `stride` [bytes] of the first plane's rows, raised to their
-// length.
+// `width`, `height` [px] must be at least 1. `stride`: row stride of the first plane [bytes]; a
+// value below the row length is raised to it.
 [[nodiscard]] FrameLayout frame_layout(PixelFormat format, int width, int height,
                                        std::ptrdiff_t stride);
 

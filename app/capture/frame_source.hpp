@@ -17,12 +17,11 @@ class FrameSource {
   FrameSource& operator=(const FrameSource&) = delete;
   virtual ~FrameSource() = default;
 
-  // The next frame in order; empty at the end. An error names the file (or device) and the remedy.
+  // Returns the next frame, or nullopt at the end. Errors name the file or device and the remedy.
   [[nodiscard]] virtual Result<std::optional<Frame>> next() = 0;
-  // Time for reading and decoding the last frame, on the thread that did it (perhaps ahead of
-  // next()).
+  // Time for reading and decoding the latest frame, on the thread that did it.
   [[nodiscard]] virtual StageTime capture_time() const = 0;
-  // Number of frames skipped so far because they can't be decoded, if that is no error.
+  // Number of undecodable frames skipped so far; 0 for a source that fails on such a frame.
   [[nodiscard]] virtual std::int64_t damaged() const { return 0; }
   // Total number of frames, including skipped ones, if known.
   [[nodiscard]] virtual std::optional<int> frame_count() const = 0;

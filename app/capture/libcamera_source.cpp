@@ -47,20 +47,20 @@ namespace {
 
 namespace lc = libcamera;
 
-// Both as in v4l2_source.cpp.
+// See v4l2_source.cpp.
 constexpr unsigned kBuffers = 6;
 constexpr std::size_t kDriverNeeds = 2;
-constexpr auto kRetry = std::chrono::milliseconds(500);        // each try searches for all cameras
+constexpr auto kRetry = std::chrono::milliseconds(500);        // an attempt enumerates all cameras
 constexpr std::uint64_t kMostBytes = std::uint64_t{1} << 30U;  // of one buffer
 
 struct KnownFormat {
   lc::PixelFormat format;
   const char* option;  // of --format
   const char* name;
-  PixelFormat pixels;  // unless it is JPEG
+  PixelFormat pixels;  // unused for JPEG
   bool jpeg;
 };
-// In the order of a frame's cost; see v4l2_source.cpp.
+// In ascending order of a frame's cost; see v4l2_source.cpp.
 const std::array<KnownFormat, 6>& known_formats() {
   static const std::array<KnownFormat, 6> kFormats{{
       {lc::formats::NV12, "nv12", "NV12", PixelFormat::nv12, false},
@@ -79,13 +79,13 @@ const KnownFormat* find_format(const lc::PixelFormat& format) {
   return known == known_formats().end() ? nullptr : &*known;
 }
 
-// libcamera allows one manager per process; it lives as long as its cameras.
+// libcamera allows one manager per process. The manager must exist as long as its cameras.
 Result<std::shared_ptr<lc::CameraManager>> camera_manager() {
   static std::mutex mutex;
   static std::weak_ptr<lc::CameraManager> shared;
   const std::lock_guard lock(mutex);
   if (auto manager = shared.lock()) return manager;
-  // The calls' results report errors. LIBCAMERA_LOG_FILE still takes the log.
+  // The results of the calls report errors. LIBCAMERA_LOG_FILE still enables a log file.
   if (std::getenv("LIBCAMERA_LOG_LEVELS") == nullptr) lc::logSetTarget(lc::LoggingTargetNone);
   std::shared_ptr<lc::CameraManager> manager(new lc::CameraManager, [](lc::CameraManager* ended) {
     ended->stop();
@@ -144,7 +144,7 @@ class MappedBuffer {
     MappedBuffer mapped;
     std::map<int, std::span<const std::uint8_t>> bytes;
     for (const auto& [descriptor, length] : lengths) {
-      // A copy of the descriptor: frames may outlive the camera.
+      // Duplicates the descriptor, because frames may outlive the camera.
       const int own = fcntl(descriptor, F_DUPFD_CLOEXEC, 0);
       if (own < 0) return tl::unexpected(errno);
       PENUMBRA_TRY(auto memory, BufferMemory::map(own, length));
@@ -158,7 +158,7 @@ class MappedBuffer {
   }
 
   [[nodiscard]] const std::vector<std::span<const std::uint8_t>>& planes() const { return planes_; }
-  // The memory of all planes; null if there are several.
+  // Returns the memory that all planes share; nullptr if they lie in several.
   [[nodiscard]] const BufferMemory* memory() const {
     return memories_.size() == 1 ? &memories_.front() : nullptr;
   }
@@ -177,7 +177,7 @@ class MappedBuffer {
   std::vector<std::span<const std::uint8_t>> planes_;
 };
 
-// Completed requests, passed from libcamera's thread to ours.
+// Queue of completed requests from libcamera's thread to the reader's.
 class Completed {
  public:
   void put(lc::Request* request) {
@@ -197,7 +197,7 @@ class Completed {
     const std::lock_guard lock(mutex_);
     return disconnected_;
   }
-  // Null after the timeout, disconnect() or stop().
+  // Returns nullptr after the timeout, disconnect() or stop().
   [[nodiscard]] lc::Request* take(std::chrono::milliseconds timeout) {
     std::unique_lock lock(mutex_);
     changed_.wait_for(lock, timeout,
@@ -211,7 +211,7 @@ class Completed {
     std::unique_lock lock(mutex_);
     changed_.wait_for(lock, timeout, [&] { return stopped_; });
   }
-  // For the next stream.
+  // Empties the queue for the next stream.
   void clear() {
     const std::lock_guard lock(mutex_);
     requests_.clear();
@@ -235,9 +235,9 @@ class Completed {
   bool stopped_ = false;               // guarded by mutex_
 };
 
-// Returns true if an open video device of this process was removed. Without udev libcamera 0.0.3
-// does not notice that, and its Camera::stop() then asserts that all requests came back
-// (pipeline_handler.cpp).
+// Returns true if an open video device of this process was removed. Without udev, libcamera 0.0.3
+// does not detect the removal, and an assertion in its Camera::stop() fails because requests are
+// still pending (pipeline_handler.cpp).
 bool a_device_is_gone() {
   std::error_code error;
   for (const auto& entry : std::filesystem::directory_iterator("/proc/self/fd", error)) {
@@ -270,7 +270,7 @@ std::optional<double> number_of(const lc::ControlValue& value) {
 // A streaming camera. The destructor stops it; buffers of frames in use stay mapped.
 class Stream {
  public:
-  // `as_before`: accepts only this camera and format.
+  // `as_before`: if given, only this camera and format are accepted.
   struct Before {
     std::string id;
     StreamFormat format;
@@ -310,20 +310,20 @@ class Stream {
   [[nodiscard]] BufferRing& ring() { return *ring_; }
   [[nodiscard]] const std::string& id() const { return camera_->id(); }
   [[nodiscard]] std::string model() const { return model_of(*camera_); }
-  // Returns true if a GPU may read its buffers in place.
+  // Returns true if a GPU can read the buffers in place.
   [[nodiscard]] bool shares() const {
     return share_ && !known_->jpeg && buffers_->front().memory() != nullptr;
   }
   [[nodiscard]] const MappedBuffer& buffer(std::size_t index) const { return (*buffers_)[index]; }
 
-  // A view of buffer `index`; empty if the buffer is too short.
+  // Returns a view of buffer `index`, or nullopt if the buffer is too short.
   [[nodiscard]] std::optional<Frame> frame(std::size_t index) const {
     const MappedBuffer& buffer = (*buffers_)[index];
     const auto& planes = buffer.planes();
     Frame frame = layout_.frame;
     const auto count = static_cast<std::size_t>(frame.plane_count);
     for (std::size_t i = 0; i < count; ++i) {
-      const bool own = planes.size() == count;  // else the first holds all, one behind the other
+      const bool own = planes.size() == count;  // else the first one holds all planes
       const std::span<const std::uint8_t> memory = own ? planes[i] : planes[0];
       const std::size_t offset = own ? 0 : layout_.offset[i];
       const std::size_t bytes = static_cast<std::size_t>(frame.planes[i].stride) *
@@ -393,7 +393,7 @@ class Stream {
     const lc::Size size(static_cast<unsigned>(options.width),
                         static_cast<unsigned>(options.height));
     const std::vector<lc::PixelFormat> offered = requested.formats().pixelformats();
-    // In the order of their cost; those without that size last.
+    // In ascending order of cost; formats that lack the requested size come last.
     std::vector<const KnownFormat*> candidates;
     for (const KnownFormat& known : known_formats()) {
       if (std::ranges::find(offered, known.format) == offered.end()) continue;
@@ -522,7 +522,7 @@ class Stream {
 
   struct NumberControl {
     const char* name;
-    const char* unit;       // with a blank before it, or empty
+    const char* unit;       // with a leading space, or empty
     double steps_per_unit;  // libcamera's steps in one unit of the option
   };
   // Sets a control to the requested value, clamped to its range; warns if it was clamped or there
@@ -547,13 +547,13 @@ class Stream {
     if (has(control)) list.set(control, value);
   }
 
-  // The requested controls that this camera has; warns of the others.
+  // Returns the requested controls that this camera has; warns about the others.
   [[nodiscard]] lc::ControlList start_controls(const LibcameraOptions& options) {
     namespace c = lc::controls;
     lc::ControlList list(camera_->controls());
     const CameraControls& requested = options.controls;
     set_frame_duration(list, options.fps);
-    // A lens that moves is another camera model.
+    // Refocusing would invalidate the calibration.
     if (has(c::AfMode)) list.set(c::AfMode, static_cast<std::int32_t>(c::AfModeManual));
     if (requested.focus) {
       set_number(list, c::LensPosition, {"focus", " dioptres", 1.0}, *requested.focus);
@@ -582,16 +582,16 @@ class Stream {
   }
   void disconnect() { completed_.disconnect(); }
 
-  // For a removed camera, instead of stop(): libcamera's thread may be completing or queueing a
-  // last request. A blocking call to that thread waits for it: release(), which is refused while
-  // the camera streams. Twice, as pending work may post more.
+  // Replaces stop() for a removed camera, because libcamera's thread may still be completing or
+  // queueing a request. release() fails while the camera streams, but it is a blocking call to that
+  // thread and so waits for its pending work. Two calls, because pending work may queue more.
   void wait_for_libcamera() {
     for (int i = 0; i < 2; ++i) {
       static_cast<void>(camera_->invokeMethod(&lc::Camera::release, lc::ConnectionTypeBlocking));
     }
   }
 
-  // In this order: the manager is destroyed after all of its objects.
+  // Declared in this order, because the manager must be destroyed after all of its objects.
   const std::shared_ptr<lc::CameraManager> manager_;
   const std::shared_ptr<lc::Camera> camera_;
   Completed& completed_;
@@ -602,8 +602,8 @@ class Stream {
   lc::Stream* stream_ = nullptr;
   std::unique_ptr<lc::FrameBufferAllocator> allocator_;
   std::vector<std::unique_ptr<lc::Request>> requests_;
-  std::vector<bool> fresh_;  // never queued yet; guarded by the ring's lock
-  bool share_ = true;        // its buffers with a GPU
+  std::vector<bool> fresh_;  // not queued so far; guarded by the ring's lock
+  bool share_ = true;        // share buffers with a GPU
   std::shared_ptr<const std::vector<MappedBuffer>> buffers_;
   std::shared_ptr<BufferRing> ring_;
 };
@@ -625,7 +625,7 @@ class LibcameraSource final : public LiveSource {
   Result<std::optional<CapturedImage>> next_image() override {
     while (!completed_->stopped()) {
       if (!stream_) {
-        // Pauses also between streams that start and fail at once.
+        // Also pauses between streams that fail immediately after their start.
         if (std::exchange(retrying_, true)) completed_->wait_for_stop(kRetry);
         if (!reopen()) continue;
       }
@@ -800,7 +800,7 @@ class LibcameraSource final : public LiveSource {
 
   struct Readings {
     std::optional<std::int32_t> exposure_us;
-    std::optional<float> gain;           // times
+    std::optional<float> gain;           // factor
     std::optional<float> lens_position;  // [dioptres]
     std::optional<std::int32_t> white_balance_k;
   };
@@ -815,7 +815,7 @@ class LibcameraSource final : public LiveSource {
   const LibcameraOptions options_;
   const Stream::Before before_;
   const std::string model_;
-  const bool shares_;  // as it was started
+  const bool shares_;  // state of the first stream
   FaultCounter faults_;
   Outage outage_{faults_};
   FrameClock clock_;
@@ -823,7 +823,7 @@ class LibcameraSource final : public LiveSource {
   mutable std::mutex mutex_;
   Readings readings_;  // guarded by mutex_
   const std::unique_ptr<Completed> completed_;
-  bool retrying_ = false;  // no frame came since the last restart
+  bool retrying_ = false;  // no frame arrived since the restart
   std::unique_ptr<Stream> stream_;
 };
 

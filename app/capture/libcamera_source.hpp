@@ -1,6 +1,6 @@
-// A camera by libcamera, as a Raspberry Pi's camera connector needs it. Only libcamera_source.cpp
-// includes libcamera (0.0.3 on Debian 12, 0.5 and later on Raspberry Pi OS); libcamera_absent.cpp
-// replaces it if it is not installed.
+// Camera opened by libcamera; a Raspberry Pi's camera connector requires it. Only
+// libcamera_source.cpp includes libcamera (0.0.3 on Debian 12, 0.5 and later on Raspberry Pi OS).
+// If libcamera is not installed, libcamera_absent.cpp is built instead.
 #pragma once
 
 #include <memory>
@@ -14,11 +14,11 @@ namespace penumbra {
 
 struct LibcameraOptions : RequestedSettings {
   std::string camera = "0";  // index in the list, id, or model
-  bool dma_buf = true;       // lets a GPU read the buffers in place
+  bool dma_buf = true;       // allows a GPU to read the buffers in place
 };
 
-// Opens the camera and starts its viewfinder stream. Once it runs, faults of the camera are
-// counted, and the source retries until stop().
+// Opens the camera and starts its viewfinder stream. After that, the source counts the camera's
+// faults and restarts the stream until stop().
 [[nodiscard]] Result<std::unique_ptr<LiveSource>> open_libcamera_source(
     const LibcameraOptions& options);
 
@@ -31,9 +31,9 @@ struct LibcameraCamera {
   std::string id;
   std::string model;
   std::vector<LibcameraFormat> formats;
-  std::string problem;  // why it can't be used; empty: it can be
+  std::string problem;  // why penumbra can't use it; empty: it can
 };
-// All cameras of libcamera, in its order. Fails if penumbra was built without it.
+// Lists all cameras in libcamera's order. Fails if penumbra was built without libcamera.
 [[nodiscard]] Result<std::vector<LibcameraCamera>> list_libcamera_cameras();
 
 }  // namespace penumbra

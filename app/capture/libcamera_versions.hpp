@@ -1,12 +1,12 @@
-// Differences between libcamera's versions, chosen by the members that exist, so that both variants
-// compile with either version.
+// Hides differences between libcamera's versions. The code tests which members exist, so that it
+// compiles with every version.
 #pragma once
 
 namespace penumbra {
 
-// Requests upright images of a camera that is mounted turned by `rotation_deg`. Up to 0.1 a
-// configuration has a `transform`, set to undo the rotation (`transform_of`: libcamera's
-// transformFromRotation); later ones have an `orientation` that is upright by default.
+// Requests upright images from a camera that is mounted rotated by `rotation_deg`. In libcamera 0.1
+// and earlier, `transform` must undo the rotation (`transform_of`: libcamera's
+// transformFromRotation). Later versions have an `orientation`, upright by default.
 template <class Configuration, class TransformOf>
 void show_upright(Configuration& configuration, int rotation_deg, TransformOf transform_of) {
   if constexpr (requires { configuration.transform; }) {

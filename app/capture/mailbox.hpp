@@ -1,5 +1,4 @@
-// One slot between two threads that holds the newest item; older items that were not taken are
-// dropped.
+// One slot between two threads that holds the newest item. A newer item replaces an unread one.
 #pragma once
 
 #include <chrono>
@@ -15,7 +14,7 @@ class Mailbox {
  public:
   // Never waits for the reader. Drops the item after close().
   void put(T item) {
-    std::optional<T> older;  // destroyed without the lock: it may be a frame's buffer
+    std::optional<T> older;  // destroyed after the lock is released: it may return a buffer
     {
       const std::lock_guard lock(mutex_);
       if (closed_) return;
@@ -24,7 +23,7 @@ class Mailbox {
     changed_.notify_all();
   }
 
-  // Waits until the slot is empty, then fills it: nothing is dropped. False once closed.
+  // Waits until the slot is empty, then fills it, so no item is dropped. Returns false once closed.
   [[nodiscard]] bool hand_over(T item) {
     {
       std::unique_lock lock(mutex_);
@@ -36,14 +35,14 @@ class Mailbox {
     return true;
   }
 
-  // Waits until the slot is empty, for a writer that makes its item only then. False once closed.
+  // Waits until the slot is empty, so a writer can make its item late. Returns false once closed.
   [[nodiscard]] bool wait_until_empty() {
     std::unique_lock lock(mutex_);
     changed_.wait(lock, [this] { return closed_ || !slot_; });
     return !closed_;
   }
 
-  // The newest item; empty after `patience`, or if the mailbox is closed and empty.
+  // Waits for an item. Returns nullopt after `patience`, or if the mailbox is closed and empty.
   [[nodiscard]] std::optional<T> take(std::chrono::milliseconds patience) {
     std::optional<T> item;
     {
@@ -55,7 +54,7 @@ class Mailbox {
     return item;
   }
 
-  // Ends put(); an item in the slot can still be taken. Wakes all threads.
+  // Rejects further items; an item in the slot can still be taken. Wakes all threads.
   void close() {
     {
       const std::lock_guard lock(mutex_);
@@ -64,7 +63,7 @@ class Mailbox {
     changed_.notify_all();
   }
 
-  // Closed and empty.
+  // Returns true if the mailbox is closed and empty.
   [[nodiscard]] bool finished() const {
     const std::lock_guard lock(mutex_);
     return closed_ && !slot_;

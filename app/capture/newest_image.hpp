@@ -1,5 +1,5 @@
-// A camera's newest image, for slow readers: a thread waits for the camera and drops images that
-// were not taken.
+// Provides slow readers with a camera's newest image: a thread waits for the camera and replaces an
+// unread image by the next one.
 #pragma once
 
 #include <chrono>
@@ -16,15 +16,15 @@ namespace penumbra {
 
 class NewestImage {
  public:
-  // `source` outlives this; the destructor stops it.
+  // `source` must outlive this object; the destructor stops it.
   explicit NewestImage(LiveSource& source);
   NewestImage(const NewestImage&) = delete;
   NewestImage& operator=(const NewestImage&) = delete;
   ~NewestImage();
 
-  // Empty if no image came in time, or a damaged one.
+  // Returns nullopt if no image arrived in time, or if it is damaged.
   [[nodiscard]] std::optional<Frame> take(std::chrono::milliseconds patience);
-  // No more images will come; error() is set if the source failed.
+  // Returns true if no more images will arrive; error() is set if the source failed.
   [[nodiscard]] bool finished() const { return newest_.finished(); }
   [[nodiscard]] std::optional<Error> error() const;
 
@@ -36,7 +36,7 @@ class NewestImage {
   Mailbox<CapturedImage> newest_;
   mutable std::mutex mutex_;
   std::optional<Error> error_;  // guarded by mutex_
-  std::thread capture_;         // last: it uses the others
+  std::thread capture_;         // declared last, because the thread uses the other members
 };
 
 }  // namespace penumbra

@@ -18,12 +18,12 @@ void sync_caches(int descriptor, std::uint64_t flags) {
   if (descriptor < 0) return;
   dma_buf_sync sync{};
   sync.flags = flags | DMA_BUF_SYNC_READ;
-  // Any other error means that the device is gone: its frames stay as they are.
+  // Any other error means that the device was removed; its memory stays readable.
   while (ioctl(descriptor, DMA_BUF_IOCTL_SYNC, &sync) != 0 && errno == EINTR) {
   }
 }
 
-// Fails with an errno.
+// Errors are errnos.
 tl::expected<std::span<const std::uint8_t>, int> map_bytes(int descriptor, std::size_t length,
                                                            off_t offset) {
   void* start = mmap(nullptr, length, PROT_READ, MAP_SHARED, descriptor, offset);
@@ -57,7 +57,7 @@ tl::expected<BufferMemory, int> BufferMemory::map(const V4l2Device& device, unsi
     v4l2_exportbuffer requested{};
     requested.type = V4L2_BUF_TYPE_VIDEO_CAPTURE;
     requested.index = index;
-    requested.flags = O_CLOEXEC | O_RDWR;  // some GPU drivers map what they import for both
+    requested.flags = O_CLOEXEC | O_RDWR;  // some GPU drivers map imports for both
     if (device.call(VIDIOC_EXPBUF, &requested) == 0) {
       if (auto memory = map(requested.fd, about.length)) return memory;
     }

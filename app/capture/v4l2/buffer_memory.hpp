@@ -1,5 +1,5 @@
-// A driver's buffer, mapped read-only. As DMA-BUF (memory that Linux shares among devices) a GPU
-// reads it in place, and it stays valid after the camera is gone.
+// A driver's buffer, mapped read-only. If it is exported as DMA-BUF (memory that Linux shares among
+// devices), a GPU can read it in place, and it stays valid after the camera is disconnected.
 #pragma once
 
 #include <cstdint>
@@ -12,12 +12,12 @@ namespace penumbra {
 
 class BufferMemory {
  public:
-  // Maps the first `length` bytes of a DMA-BUF. Owns the descriptor, on failure too. Fails with an
-  // errno.
+  // Maps the first `length` bytes of a DMA-BUF. Owns the descriptor even if it fails. Errors are
+  // errnos.
   [[nodiscard]] static tl::expected<BufferMemory, int> map(int descriptor, std::size_t length);
-  // Maps buffer `index` of a device (V4L2_MEMORY_MMAP); as DMA-BUF if `share` and the driver
-  // exports it: a camera then comes back under its own number although frames are still in use.
-  // Fails with an errno.
+  // Maps buffer `index` of a device (V4L2_MEMORY_MMAP), as DMA-BUF if `share` is set and the driver
+  // can export it. A camera that is reconnected then gets its old device number, even if frames are
+  // still in use. Errors are errnos.
   [[nodiscard]] static tl::expected<BufferMemory, int> map(const V4l2Device& device, unsigned index,
                                                            bool share);
   BufferMemory(BufferMemory&& other) noexcept;
@@ -28,11 +28,11 @@ class BufferMemory {
 
   [[nodiscard]] std::span<const std::uint8_t> bytes() const { return bytes_; }
   [[nodiscard]] bool is_shared() const { return descriptor_ >= 0; }
-  // The DMA-BUF, owned by this; -1 if not shared.
+  // The DMA-BUF's descriptor, owned by this object; -1 if not shared.
   [[nodiscard]] int descriptor() const { return descriptor_; }
-  // Unique in this process, never used again.
+  // Number that is unique in this process and never reused.
   [[nodiscard]] std::uint64_t number() const { return number_; }
-  // The CPU reads shared memory between these, which keep its caches coherent.
+  // Call these before and after the CPU reads shared memory; they keep its caches coherent.
   void begin_reading() const;
   void end_reading() const;
 

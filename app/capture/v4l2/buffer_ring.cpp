@@ -35,7 +35,7 @@ std::shared_ptr<const void> BufferRing::lend(unsigned index) {
     PENUMBRA_ASSERT(in_driver_ > 0);
     --in_driver_;
   }
-  // Resets the ring itself: a weak_ptr keeps this deleter alive, and with it the memory and device.
+  // Resets `ring` explicitly: a weak_ptr to the result would keep this deleter and the ring alive.
   return {buffers_[index].data(), [ring = shared_from_this(), index](const void*) mutable {
             ring->give_back(index);
             ring.reset();
@@ -43,7 +43,7 @@ std::shared_ptr<const void> BufferRing::lend(unsigned index) {
 }
 
 void BufferRing::give_back(unsigned index) {
-  // Holds the lock during the call: after close() no thread is in the driver.
+  // Holds the lock during the call, so that no thread is in the driver after close().
   const std::lock_guard lock(mutex_);
   if (closed_) return;
   if (driver_.queue(index)) {

@@ -1,6 +1,5 @@
-// The buffers that a camera's driver fills, lent to frames. A frame's last owner returns its
-// buffer, on any thread and also after the camera was closed: every lent buffer keeps the ring
-// alive.
+// Lends a camera driver's buffers to frames. The last owner of a frame returns its buffer, on any
+// thread and even after the camera is closed: every lent buffer keeps the ring alive.
 #pragma once
 
 #include <cstddef>
@@ -16,8 +15,8 @@ namespace penumbra {
 class BufferRing : public std::enable_shared_from_this<BufferRing> {
  public:
   struct Driver {
-    std::function<bool(unsigned index)> queue;  // for filling; false: the driver refused
-    std::function<void()> release;              // frees all the memory, once, at the end
+    std::function<bool(unsigned index)> queue;  // false: the driver refused the buffer
+    std::function<void()> release;              // frees all memory; called once, at the end
   };
 
   [[nodiscard]] static std::shared_ptr<BufferRing> create(
@@ -26,19 +25,19 @@ class BufferRing : public std::enable_shared_from_this<BufferRing> {
   BufferRing& operator=(const BufferRing&) = delete;
   ~BufferRing();
 
-  // Queues every buffer. False: the driver refused one.
+  // Queues all buffers. Returns false if the driver refuses one.
   [[nodiscard]] bool queue_all();
-  // Takes a buffer that the driver has filled; the last copy of the result queues it again.
+  // Lends a buffer that the driver has filled. The last copy of the result queues it again.
   [[nodiscard]] std::shared_ptr<const void> lend(unsigned index);
   [[nodiscard]] std::span<const std::uint8_t> buffer(unsigned index) const {
     return buffers_[index];
   }
   [[nodiscard]] std::size_t size() const { return buffers_.size(); }
-  // Number of buffers that the driver has to fill.
+  // Number of buffers that are queued in the driver.
   [[nodiscard]] std::size_t in_driver() const;
-  // The driver refused a returned buffer: the stream must be restarted.
+  // Returns true if the driver refused a returned buffer; the stream must then be restarted.
   [[nodiscard]] bool refused() const;
-  // Ends all calls of the driver; returned buffers stay here.
+  // Stops all calls to the driver; buffers that are returned later are not queued.
   void close();
 
  private:

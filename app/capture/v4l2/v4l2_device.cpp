@@ -18,7 +18,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-// Bounds the lists of a broken driver.
+// Bounds endless lists of a broken driver.
 constexpr unsigned kMostEntries = 256;
 
 double rate_of(const v4l2_fract& interval) {
@@ -228,7 +228,7 @@ int V4l2Device::request_buffers(unsigned& count) const {
 }
 
 bool V4l2Device::busy() const {
-  // Frees the buffers of this descriptor, none; refused while another descriptor has some.
+  // A request for no buffers is refused only while another descriptor owns some.
   unsigned none = 0;
   return request_buffers(none) == EBUSY;
 }
@@ -239,7 +239,7 @@ std::optional<V4l2Controls> V4l2Device::controls() const {
   entry.id = V4L2_CTRL_FLAG_NEXT_CTRL;
   for (unsigned i = 0; i < kMostEntries; ++i) {
     const int end = call(VIDIOC_QUERYCTRL, &entry);
-    if (end == EINVAL || end == ENOTTY) break;  // there are no more, or none at all
+    if (end == EINVAL || end == ENOTTY) break;  // no further control, or no controls at all
     if (end != 0) return std::nullopt;
     const bool is_switch = entry.type == V4L2_CTRL_TYPE_BOOLEAN ||
                            entry.type == V4L2_CTRL_TYPE_MENU ||
@@ -250,7 +250,7 @@ std::optional<V4l2Controls> V4l2Device::controls() const {
       v4l2_control control{};
       control.id = entry.id;
       const int error = call(VIDIOC_G_CTRL, &control);
-      // A camera that hangs would time out once per control.
+      // Gives up here, because a camera that hangs would time out once per control.
       if (error == ENODEV || error == EIO || error == ETIMEDOUT) return std::nullopt;
       if (error == 0) {
         controls.named.emplace_back(v4l2_text(entry.name), control.value);

@@ -16,11 +16,11 @@ namespace penumbra {
 struct V4l2Size {
   int width = 0;   // [px]
   int height = 0;  // [px]
-  // Larger than the above if the driver lists a range of sizes.
+  // Upper end if the driver lists a range of sizes, else equal to the above.
   int max_width = 0;
   int max_height = 0;
-  // [1/s], the highest first: every rate, or both ends of a range if `any_rate`. Empty if the
-  // driver does not report them. A range of sizes has the rates of its largest.
+  // Frame rates [1/s] in descending order: all rates, or both ends of a range if `any_rate`. Empty
+  // if the driver does not report them. For a range of sizes: the rates at its largest size.
   std::vector<double> rates;
   bool any_rate = false;
 
@@ -40,14 +40,14 @@ struct V4l2Format {
 struct V4l2Setting {
   std::uint32_t id = 0;
   std::int32_t value = 0;
-  bool is_switch = false;  // or a menu, for example of automatic modes
+  bool is_switch = false;  // a switch or a menu, for example of automatic modes
 };
 struct V4l2Controls {
-  std::vector<std::pair<std::string, std::int64_t>> named;  // every readable number or switch
+  std::vector<std::pair<std::string, std::int64_t>> named;  // all readable numbers and switches
   std::vector<V4l2Setting> settings;                        // those that a user can set
 };
 
-// Range of a numeric control, in its own steps.
+// Range of a numeric control, in the control's own steps.
 struct V4l2Range {
   std::int32_t minimum = 0;
   std::int32_t maximum = 0;
@@ -61,32 +61,32 @@ struct V4l2Identity {
 // An open device; closed by the destructor.
 class V4l2Device {
  public:
-  // Fails with the remedy: no such device, no permission (the video group), not a camera.
+  // Fails if there is no such device or camera, or if the user lacks the permission (group video).
   [[nodiscard]] static Result<V4l2Device> open(const std::filesystem::path& path);
   V4l2Device(V4l2Device&& other) noexcept;
   V4l2Device& operator=(V4l2Device&& other) noexcept;
   ~V4l2Device();
 
-  // ioctl, repeated after signals. Returns 0 or the errno.
+  // Calls ioctl() and repeats it after signals. Returns 0 or the errno.
   [[nodiscard]] int call(unsigned long request, void* argument) const;
   [[nodiscard]] int descriptor() const { return descriptor_; }
   [[nodiscard]] const std::filesystem::path& path() const { return path_; }
   [[nodiscard]] const V4l2Identity& identity() const { return identity_; }
 
   [[nodiscard]] std::vector<V4l2Format> formats() const;
-  // VIDIOC_REQBUFS for mapped buffers; sets `count` to the granted number. Returns 0 or the errno.
+  // VIDIOC_REQBUFS for mapped buffers. Sets `count` to the granted number. Returns 0 or the errno.
   [[nodiscard]] int request_buffers(unsigned& count) const;
-  // Returns true while another program has its buffers: it can't stream then.
+  // Returns true while another program owns the device's buffers; this program can't stream then.
   [[nodiscard]] bool busy() const;
-  // Empty if the device disappears or does not answer.
+  // Returns nullopt if the device disappears or does not answer.
   [[nodiscard]] std::optional<V4l2Controls> controls() const;
-  // Sets those that differ. Switches go first: many drivers refuse a value while its control is
-  // automatic.
+  // Sets the controls that differ. Sets switches first, because many drivers refuse a value while
+  // its automatic mode is on.
   void restore(const std::vector<V4l2Setting>& settings) const;
-  // Both are empty if there is no such control.
+  // Both return nullopt if there is no such control.
   [[nodiscard]] std::optional<std::int32_t> control(std::uint32_t id) const;
   [[nodiscard]] std::optional<V4l2Range> range(std::uint32_t id) const;
-  // False if there is no such control, or it refuses the value.
+  // Returns false if there is no such control, or if it refuses the value.
   bool set_control(std::uint32_t id, std::int32_t value) const;
 
  private:
@@ -96,17 +96,17 @@ class V4l2Device {
   int descriptor_ = -1;
 };
 
-// /dev/video*, in the order of their numbers.
+// Lists /dev/video* in the order of their numbers.
 [[nodiscard]] std::vector<std::filesystem::path> list_v4l2_paths();
 [[nodiscard]] std::string fourcc_text(std::uint32_t fourcc);
-// A text field of a V4L2 struct, on one line.
+// Returns a text field of a V4L2 struct as one line.
 [[nodiscard]] std::string v4l2_text(std::span<const std::uint8_t> field);
-// Describes the fault and its remedy where opening the device fails with this error (an errno).
+// Describes why opening the device failed with this errno, and the remedy.
 [[nodiscard]] std::string v4l2_help(const std::filesystem::path& path, int error);
-// The same for a `call` (an ioctl or its purpose) that fails on an open device.
+// The same for a `call` (an ioctl or its purpose) that failed on an open device.
 [[nodiscard]] std::string v4l2_call_help(const std::filesystem::path& path, const char* call,
                                          int error);
-// Message for a device that has only the multi-planar interface.
+// Error message for a device that has only the multi-planar interface.
 [[nodiscard]] std::string multi_planar_text(const std::filesystem::path& path,
                                             const std::string& card);
 

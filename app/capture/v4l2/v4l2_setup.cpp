@@ -18,7 +18,7 @@ struct NumberControl {
   std::uint32_t id;
   const char* name;
   double steps_per_unit;
-  const char* unit;  // with a blank before it, or empty
+  const char* unit;  // with a leading space, or empty
 };
 constexpr NumberControl kFocus{V4L2_CID_FOCUS_ABSOLUTE, "focus", 1.0, ""};
 constexpr NumberControl kExposure{V4L2_CID_EXPOSURE_ABSOLUTE, "exposure", 10.0, " ms"};  // 100 us
@@ -36,7 +36,7 @@ void set_number(const V4l2Device& device, const NumberControl& control, double r
   const auto steps = static_cast<std::int32_t>(
       std::lround(std::clamp(requested * control.steps_per_unit, -kMost, kMost)));
   const bool done = device.set_control(control.id, steps);
-  // A value that the camera does not report counts as set.
+  // If the camera does not report the value, it counts as set.
   const std::int32_t given = done ? device.control(control.id).value_or(steps) : steps;
   if (!report || (done && given == steps)) return;
   std::optional<ControlRange> range;

@@ -1,5 +1,5 @@
-// Prepares a V4L2 device for streaming: the whole view, progressive frames, controls as requested.
-// Settings outlive the program that made them, so those of other programs are reset here.
+// Prepares a V4L2 device for streaming: full field of view, progressive frames, requested controls.
+// A driver keeps its settings after a program ends, so those of other programs are reset here.
 #pragma once
 
 #include <cstdint>
@@ -13,29 +13,29 @@
 
 namespace penumbra {
 
-// Sets crop, compose, zoom, pan and tilt to the driver's defaults: any other view is another camera
-// model. Logs each change. Call it before VIDIOC_S_FMT.
+// Sets crop, compose, zoom, pan and tilt to the driver's defaults, because other values invalidate
+// the calibration. Logs each change. Call it before VIDIOC_S_FMT.
 void reset_view(const V4l2Device& device);
 
-// Makes the driver fill whole frames of `width` x `height` [px]; fails if it refuses. Call it after
-// VIDIOC_S_FMT.
+// Makes the driver scale the whole view to frames of `width` x `height` [px]; fails if it refuses.
+// Call it after VIDIOC_S_FMT.
 [[nodiscard]] Result<void> fill_frame(const V4l2Device& device, std::uint32_t width,
                                       std::uint32_t height);
 
-// Why frames of this field order (enum v4l2_field) can't be tracked; empty for progressive ones.
+// Returns why frames of this field order (enum v4l2_field) can't be tracked; nullopt if they can.
 [[nodiscard]] std::optional<std::string> field_problem(std::uint32_t field);
 
-// Message for a device without a readable format. `requested`: empty for any.
+// Error message for a device that offers no usable format. `requested`: format; empty for any.
 [[nodiscard]] std::string no_format_text(const std::filesystem::path& path,
                                          const std::vector<V4l2Format>& offered,
                                          const std::string& requested);
 
-// A fault of the signal at the current input, with the remedy; empty if there is none or the driver
-// does not report it.
+// Describes a signal fault at the current input, with the remedy. Returns nullopt if there is none
+// or the driver does not report it.
 [[nodiscard]] std::optional<std::string> input_problem(const V4l2Device& device);
 
-// Sets the requested controls and switches autofocus off. Reads every value back; `report` logs
-// what the driver refused or changed.
+// Sets the requested controls and switches autofocus off, then reads every value back. With
+// `report`, logs the values that the driver refused or changed.
 void set_controls(const V4l2Device& device, const CameraControls& requested, bool report);
 
 }  // namespace penumbra

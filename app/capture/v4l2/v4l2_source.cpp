@@ -33,24 +33,24 @@
 namespace penumbra {
 namespace {
 
-// One being filled, one waiting, and those of mailbox, tracker, renderer and writer.
+// One buffer each for the driver to fill, its queue, mailbox, tracker, renderer and writer.
 constexpr unsigned kBuffers = 6;
-// With fewer buffers the driver would drop frames: frames are copied then.
+// If the driver has fewer buffers, it would drop frames, so frames are copied instead of lent.
 constexpr std::size_t kDriverNeeds = 2;
 constexpr int kRetry_ms = 200;  // between attempts to open the camera again
 constexpr int kFirstTries = 3;  // a camera that was just closed may need a moment
-// Interval between searches of all devices while the camera is away and none is added.
+// Interval between searches of all devices while the camera is missing and no device is added.
 constexpr std::int64_t kLookAround_ns = 2'000'000'000;
 
 struct KnownFormat {
   std::uint32_t fourcc;
   const char* option;  // of --format
   const char* name;
-  PixelFormat pixels;  // unless it is JPEG
+  PixelFormat pixels;  // unused for JPEG
   bool jpeg;
 };
-// In the order of a frame's cost: read in place, unpacked, decoded. Grey is cheapest but comes
-// last, for cameras without colour.
+// In ascending order of a frame's cost: read in place, unpacked, decoded. Grey is cheapest but
+// comes last, because it is meant for cameras without colour.
 constexpr std::array<KnownFormat, 6> kFormats{{
     {V4L2_PIX_FMT_NV12, "nv12", "NV12", PixelFormat::nv12, false},
     {V4L2_PIX_FMT_YUV420, "yu12", "YU12", PixelFormat::yuv420p, false},
@@ -80,7 +80,7 @@ FrameLayout layout_of(const KnownFormat& known, const v4l2_pix_format& granted) 
   return layout;
 }
 
-// Empty under automatic exposure: the control's value belongs to no particular frame.
+// Returns nullopt under automatic exposure, when the value can't be assigned to a frame.
 std::optional<double> exposure_in_effect(const V4l2Device& device) {
   const auto mode = device.control(V4L2_CID_EXPOSURE_AUTO);
   if (mode && *mode != V4L2_EXPOSURE_MANUAL && *mode != V4L2_EXPOSURE_SHUTTER_PRIORITY) {
@@ -91,12 +91,11 @@ std::optional<double> exposure_in_effect(const V4l2Device& device) {
   return steps && *steps > 0 ? std::optional(kStep_s * *steps) : std::nullopt;
 }
 
-// A streaming device with its buffers. The destructor stops it; buffers of frames in use stay
-// mapped.
+// A streaming device with its buffers. The destructor stops the stream; buffers in use stay mapped.
 class Stream {
  public:
-  // `as_before`: accepts only this format. `settings`: control values to restore; the requested
-  // ones take precedence.
+  // `as_before`: if given, only this format is accepted. `settings`: control values to restore;
+  // requested values take precedence.
   static Started<std::unique_ptr<Stream>> start(V4l2Device device, const V4l2Options& options,
                                                 const std::optional<StreamFormat>& as_before,
                                                 const std::vector<V4l2Setting>& settings = {}) {
@@ -104,7 +103,7 @@ class Stream {
     if (!as_before) reset_view(*stream->device_);
     PENUMBRA_TRY_VOID(stream->set_format(options, as_before));
     stream->set_rate(options.fps);
-    // Before restore(), which switches it off as in the last stream.
+    // Read before restore(), which switches autofocus off as in the previous stream.
     stream->autofocus_before_ = stream->device_->control(V4L2_CID_FOCUS_AUTO);
     stream->device_->restore(settings);
     set_controls(*stream->device_, options.controls, !as_before);
@@ -124,10 +123,10 @@ class Stream {
     if (ring_) ring_->close();
     int type = V4L2_BUF_TYPE_VIDEO_CAPTURE;
     (void)device_->call(VIDIOC_STREAMOFF, &type);
-    // Frees the device for others (and for us, again) though frames may still have it mapped.
+    // Frees the device for other programs and for a restart, even if frames still map its memory.
     unsigned none = 0;
     (void)device_->request_buffers(none);
-    // Leaves the camera's autofocus to other programs as it was.
+    // Restores the camera's autofocus for other programs.
     if (autofocus_before_ && *autofocus_before_ != 0) {
       (void)device_->set_control(V4L2_CID_FOCUS_AUTO, *autofocus_before_);
     }
@@ -136,14 +135,14 @@ class Stream {
   [[nodiscard]] const std::shared_ptr<const V4l2Device>& device() const { return device_; }
   [[nodiscard]] BufferRing& ring() { return *ring_; }
   [[nodiscard]] const StreamFormat& format() const { return format_; }
-  // Constant for all frames; empty under automatic exposure.
+  // The same for all frames; nullopt under automatic exposure.
   [[nodiscard]] std::optional<double> exposure_s() const { return exposure_s_; }
-  // In steps, once it is locked; empty if the camera does not report it.
+  // The locked focus, in the camera's steps; nullopt if the camera does not report it.
   [[nodiscard]] std::optional<double> focus() const { return focus_; }
   [[nodiscard]] const KnownFormat& known() const { return *known_; }
   [[nodiscard]] const FrameLayout& layout() const { return layout_; }
   [[nodiscard]] const BufferMemory& buffer(unsigned index) const { return (*buffers_)[index]; }
-  // The errno of the driver's last refusal of a buffer.
+  // Errno with which the driver last refused a buffer.
   [[nodiscard]] int refusal() const { return refusal_; }
   [[nodiscard]] bool shares() const { return buffer(0).is_shared(); }
 
@@ -159,14 +158,14 @@ class Stream {
       if (known == kFormats.end()) continue;
       if (as_before && as_before->name != known->name) continue;
       if (options.format && *options.format != known->option) continue;
-      bool has_size = offered.sizes.empty();  // the driver does not report it
+      bool has_size = offered.sizes.empty();  // an empty list counts as any size
       double rate = options.fps;
       for (const V4l2Size& size : offered.sizes) {
         if (!size.covers(options.width, options.height)) continue;
         has_size = true;
         if (!size.rates.empty()) rate = size.fastest();
       }
-      constexpr double kAsGood = 0.95;  // 29.97 is 30
+      constexpr double kAsGood = 0.95;  // ratio of rates that count as equal (29.97 and 30)
       int cost = static_cast<int>(known - kFormats.begin());
       if (options.recording && known->jpeg) cost = -1;
       const Merit merit(has_size, rate >= kAsGood * options.fps ? options.fps : rate, -cost);
@@ -226,7 +225,7 @@ class Stream {
     v4l2_fract& interval = parameters.parm.capture.timeperframe;
     interval = {1000, static_cast<std::uint32_t>(std::lround(fps * 1000.0))};
     format_.interval_s = 1.0 / fps;
-    // A driver without rates returns an error and keeps its own rate.
+    // A driver that can't set the rate returns an error and keeps its own.
     format_.interval_granted = device_->call(VIDIOC_S_PARM, &parameters) == 0 &&
                                interval.numerator > 0 && interval.denominator > 0;
     if (format_.interval_granted) {
@@ -263,7 +262,7 @@ class Stream {
     return {};
   }
 
-  // The first two outlive the ring's use of them: the destructor closes the ring.
+  // The ring uses the first two until the destructor closes it.
   const std::shared_ptr<const V4l2Device> device_;
   std::atomic<int> refusal_ = EINVAL;  // errno of the last refused buffer
   const KnownFormat* known_ = nullptr;
@@ -278,7 +277,7 @@ class Stream {
 
 class V4l2Source final : public LiveSource {
  public:
-  // `stop`: an eventfd, owned by this.
+  // `stop`: an eventfd; the source takes ownership.
   V4l2Source(V4l2Options options, std::unique_ptr<Stream> stream, int stop)
       : options_(with_focus(std::move(options), stream->focus())),
         path_(stream->device()->path()),
@@ -301,7 +300,7 @@ class V4l2Source final : public LiveSource {
   Result<std::optional<CapturedImage>> next_image() override {
     while (!stopped()) {
       if (!stream_) {
-        // Pauses also between streams that start and fail at once.
+        // Also pauses between streams that fail immediately after their start.
         if (std::exchange(retrying_, true)) wait(kRetry_ms);
         if (!reopen()) continue;
       }
@@ -326,7 +325,7 @@ class V4l2Source final : public LiveSource {
       const std::lock_guard lock(mutex_);
       device = device_;
     }
-    // Without the lock: a device that disappears may answer slowly.
+    // Read without the lock, because a device that disappears may answer slowly.
     auto controls = device ? device->controls() : std::nullopt;
     const auto exposure_s = controls ? exposure_in_effect(*device) : std::nullopt;
     const std::lock_guard lock(mutex_);
@@ -347,7 +346,7 @@ class V4l2Source final : public LiveSource {
   }
 
  private:
-  // A camera that returns is focused as it was when it was opened.
+  // A reconnected camera gets the focus that it had when it was first opened.
   static V4l2Options with_focus(V4l2Options options, std::optional<double> focus) {
     if (focus) options.controls.focus = focus;
     return options;
@@ -360,7 +359,7 @@ class V4l2Source final : public LiveSource {
   }
 
   bool stopped() const { return wait(0); }
-  // True once stop() was called.
+  // Returns true after stop().
   bool wait(int timeout_ms) const {
     pollfd waiting{stop_, POLLIN, 0};
     return poll(&waiting, 1, timeout_ms) > 0;
@@ -386,7 +385,7 @@ class V4l2Source final : public LiveSource {
         fmt::format("the stream failed: {}", message_of(error)));
   }
 
-  // The camera under its old or a new number, perhaps in another socket.
+  // Finds the camera under its old or a new device number, possibly at another USB port.
   Started<V4l2Device> find() {
     std::vector<std::filesystem::path> paths = {options_.device, path_};
     const bool around = look_around();
@@ -419,8 +418,8 @@ class V4l2Source final : public LiveSource {
                      options_.device.string());
   }
 
-  // Returns true if find() should open every device: right after the camera was lost, when a device
-  // was added, removed or changed its owner, and every kLookAround_ns.
+  // Returns true if find() should open every device: immediately after the camera was lost, when a
+  // device was added or removed or its owner changed, and every kLookAround_ns.
   bool look_around() {
     std::string listing;
     for (const auto& path : list_v4l2_paths()) {
@@ -438,7 +437,7 @@ class V4l2Source final : public LiveSource {
     return true;
   }
 
-  // Under the lock, as other threads read the running stream's device.
+  // Takes the lock, because other threads read the running stream's device.
   void set_stream(std::unique_ptr<Stream> stream) {
     {
       const std::lock_guard lock(mutex_);
@@ -450,7 +449,7 @@ class V4l2Source final : public LiveSource {
 
   bool reopen() {
     auto started = find().and_then([&](V4l2Device device) {
-      // A camera without power loses its settings.
+      // A camera loses its settings when it loses power.
       std::vector<V4l2Setting> settings;
       if (is_gone_) {
         const std::lock_guard lock(mutex_);
@@ -474,7 +473,7 @@ class V4l2Source final : public LiveSource {
     return true;
   }
 
-  // The next good image; empty on a fault.
+  // Returns the next good image, or nullopt on a fault.
   std::optional<CapturedImage> dequeue() {
     std::array<pollfd, 2> waiting{
         {{stream_->device()->descriptor(), POLLIN, 0}, {stop_, POLLIN, 0}}};
@@ -489,7 +488,7 @@ class V4l2Source final : public LiveSource {
                          "the stream stalled");
     }
     if (stream_->ring().refused()) {
-      // A failed or lost device may show here before VIDIOC_DQBUF.
+      // The driver may report a failed or lost device here before VIDIOC_DQBUF does.
       const int error = stream_->refusal();
       return lose_stream(fault_of(error), "VIDIOC_QBUF", error);
     }
@@ -584,22 +583,22 @@ class V4l2Source final : public LiveSource {
   }
 
   const V4l2Options options_;
-  std::filesystem::path path_;  // where the camera is now
+  std::filesystem::path path_;  // current device of the camera
   const std::string card_;
   CameraSearch search_;
   std::optional<std::pair<std::string, std::int64_t>> looked_around_;  // device listing, time [ns]
   const StreamFormat format_;
-  const bool shares_;  // as it was started
+  const bool shares_;  // state of the first stream
   FaultCounter faults_;
   Outage outage_{faults_};
   FrameClock clock_;
   FramePace pace_;
   const int stop_;         // an eventfd
-  bool retrying_ = false;  // no frame came since the last restart
+  bool retrying_ = false;  // no frame arrived since the restart
   bool is_gone_ = false;   // was unplugged since the last stream
   mutable std::mutex mutex_;
   std::shared_ptr<const V4l2Device> device_;  // of the running stream; guarded by mutex_
-  // As last read; guarded by mutex_.
+  // Latest values; guarded by mutex_.
   mutable std::optional<double> exposure_s_;
   mutable V4l2Controls controls_;
   std::unique_ptr<Stream> stream_;

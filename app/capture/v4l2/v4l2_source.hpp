@@ -1,4 +1,4 @@
-// A camera by Video4Linux: frames view the driver's mapped buffers without a copy.
+// Video4Linux camera. Frames view the driver's mapped buffers without a copy.
 #pragma once
 
 #include <cstdint>
@@ -13,16 +13,16 @@ namespace penumbra {
 
 struct V4l2Options : RequestedSettings {
   std::filesystem::path device = "/dev/video0";
-  bool dma_buf = true;  // shares its buffers if the driver can
+  bool dma_buf = true;  // shares buffers with the GPU if the driver can export them
 };
 
-// Opens the camera and starts it. Once it runs, faults of the camera are counted, and the source
-// retries until stop().
+// Opens the camera and starts its stream. After that, the source counts the camera's faults and
+// restarts the stream until stop().
 [[nodiscard]] Result<std::unique_ptr<LiveSource>> open_v4l2_source(const V4l2Options& options);
 
-// Luma and chroma of a driver's colours (v4l2_pix_format); the colour space decides if encoding or
-// range are default. Encodings other than BT.601 and BT.709 (BT.2020, SMPTE 240M) count as BT.709,
-// which is nearer.
+// YCbCr encoding and range of a driver's format (v4l2_pix_format). If the driver reports a default,
+// the colour space determines it. Encodings other than BT.601 and BT.709 (BT.2020, SMPTE 240M) are
+// treated as BT.709, which is the more similar one.
 struct VideoColors {
   ColorMatrix matrix = ColorMatrix::bt601;
   ColorRange range = ColorRange::limited;
