@@ -28,7 +28,7 @@ namespace penumbra {
 namespace {
 
 using TakePicture = std::function<Result<bool>(const Picture&)>;
-// Calls `take` for each image until it returns false or an error, or the stop is requested.
+// Calls `take` for each image until it returns false or an error, or a stop is requested.
 using Pictures = std::function<Result<void>(const TakePicture& take, const std::stop_token& stop)>;
 
 Pictures newest_of(LiveSource& source) {
@@ -37,7 +37,7 @@ Pictures newest_of(LiveSource& source) {
     NewestImage pictures(source);
     std::vector<std::uint8_t> scratch;
     while (!stop.stop_requested()) {
-      // Before take(), which may receive the last image in between.
+      // Read before take(): the last image may arrive between both calls.
       const bool finished = pictures.finished();
       const std::optional<Frame> frame = pictures.take(kPatience);
       if (!frame && finished) {
@@ -78,8 +78,7 @@ std::string guide_text(const GuideProgress& progress) {
                      bar("certainty", progress.certainty), progress.views, progress.advice);
 }
 
-// Checks one image after the other on its own thread, because solving for a view takes longer than
-// a window may stand still.
+// Checks images one by one on its own thread, because solving for a view would block the window.
 class Looking {
  public:
   struct Looked {
@@ -102,17 +101,17 @@ class Looking {
   Looking& operator=(const Looking&) = delete;
   ~Looking() { stop(); }
 
-  // The newest checked image; nothing if `patience` ends first.
+  // Returns the newest checked image, or nullopt after `patience`.
   [[nodiscard]] std::optional<Looked> take(std::chrono::milliseconds patience) {
     return looked_.take(patience);
   }
   [[nodiscard]] bool finished() const { return looked_.finished(); }
-  // Ends the thread; the calibrator is the caller's again.
+  // Ends the thread; after that the caller may use the calibrator.
   void stop() {
     stop_.request_stop();
     if (thread_.joinable()) thread_.join();
   }
-  // After stop().
+  // Call this after stop().
   [[nodiscard]] const std::optional<Error>& error() const { return error_; }
   [[nodiscard]] Capture capture(CaptureEnd end) const {
     Capture capture;
@@ -139,7 +138,7 @@ class Looking {
     looked_.close();
   }
 
-  // Returns false to end.
+  // Returns false if the capture should end.
   [[nodiscard]] Result<bool> look_at(const Picture& picture) {
     ++looks_;
     if (!picture.notice.empty()) log_warning("{}", picture.notice);
@@ -176,7 +175,7 @@ class Looking {
       std::fflush(stderr);
     }
     looked_.put({picture.frame, std::move(look), progress});
-    // A recording is read to its end.
+    // A recording is always read to its end.
     return !options_.guide.held || !progress.enough;
   }
 
@@ -205,17 +204,17 @@ class Looking {
   CameraCalibrator& calibrator_;
   const CaptureOptions& options_;
   ViewGuide guide_;
-  std::optional<ImageCheck> check_;  // until the target is seen
+  std::optional<ImageCheck> check_;  // until the target is detected
   std::stop_source stop_;
   const bool bars_;
-  // Used by the thread until it ends:
+  // Used only by the thread until it ends:
   std::optional<Error> error_;
   int looks_ = 0;
   int width_ = 0;
   int height_ = 0;
-  std::map<std::string, int> reasons_;  // of images that were not taken
+  std::map<std::string, int> reasons_;  // counts of reasons for rejecting images
   Mailbox<Looked> looked_;
-  std::thread thread_;  // last: it uses the others
+  std::thread thread_;  // declared last, because it uses the others
 };
 
 }  // namespace
@@ -236,7 +235,7 @@ Result<void> create_keep_folder(const std::filesystem::path& folder) {
 Result<Capture> capture_views(const CaptureSource& source, const Target& target,
                               CaptureOptions options, InterruptWatch& interrupt,
                               CameraCalibrator& calibrator, GuideWindow* window) {
-  constexpr std::chrono::milliseconds kPatience(30);  // between looks at the window and at Ctrl-C
+  constexpr std::chrono::milliseconds kPatience(30);  // interval of polling the window and Ctrl-C
   LiveSource* const* camera = std::get_if<LiveSource*>(&source);
   std::stop_source stop;
   options.guide.held = camera != nullptr;
@@ -263,7 +262,7 @@ Result<Capture> capture_views(const CaptureSource& source, const Target& target,
     }
     if (interrupt.interrupted()) {
       end = CaptureEnd::interrupted;
-      interrupt.again();  // the views may suffice; the next signal ends the solving
+      interrupt.again();  // the views may suffice; a further signal ends the solver
     } else if (window != nullptr && window->closed()) {
       end = CaptureEnd::closed;
       if (window->display_lost()) {

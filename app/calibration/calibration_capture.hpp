@@ -1,5 +1,5 @@
-// Takes views for a calibration from a running camera when they add information, and shows what is
-// still missing.
+// Takes views for a calibration from a running camera if they add information, and shows which
+// views are still missing.
 #pragma once
 
 #include <filesystem>
@@ -18,29 +18,29 @@ namespace penumbra {
 
 struct CaptureOptions {
   GuideOptions guide;
-  std::optional<double> duration_s;  // from the first image, by the clock
-  // Folder for the views that are taken, as grey images 000000.png, ...: a calibration from it gets
-  // the same bytes.
+  std::optional<double> duration_s;  // wall-clock time from the first image
+  // Folder for the accepted views, saved as grey images 000000.png, ...; a calibration from this
+  // folder reads the same pixels.
   std::optional<std::filesystem::path> keep;
 };
 
-// Creates the folder for views that are kept. Fails if it is not empty.
+// Creates CaptureOptions::keep. Fails if that folder exists and is not empty.
 [[nodiscard]] Result<void> create_keep_folder(const std::filesystem::path& folder);
 
 enum class CaptureEnd { enough, duration, no_more, closed, interrupted };
 
 struct Capture {
   CaptureEnd end = CaptureEnd::no_more;
-  int pictures = 0;     // images that were checked
-  int views = 0;        // of these, taken
-  std::string why_not;  // most frequent reason of the others
+  int pictures = 0;     // number of images checked
+  int views = 0;        // number of these accepted as views
+  std::string why_not;  // most frequent reason for rejecting the others
 };
 
 // Takes views for `calibrator` from the newest images of a camera, or from all images of a
-// recording or a folder, and prints a line for each. `window`, if any, shows the images; else a
-// terminal on standard error shows bars. Ends when the views are enough (a recording: all are
-// checked), after the duration, by Ctrl-C (then the next one counts again), when the window is
-// closed, and when the images end. Fails if the camera does, or if a view can't be kept.
+// recording or folder, and prints a line for each view. `window`, if not nullptr, shows the images;
+// otherwise a terminal on standard error shows progress bars. Ends when the views suffice (camera
+// only), when the duration is over, on Ctrl-C, when the window is closed, or after the last image.
+// Ctrl-C leaves `interrupt` cleared. Fails if the camera fails or a view can't be saved.
 using CaptureSource = std::variant<LiveSource*, std::filesystem::path>;
 [[nodiscard]] Result<Capture> capture_views(const CaptureSource& source, const Target& target,
                                             CaptureOptions options, InterruptWatch& interrupt,

@@ -21,7 +21,7 @@ namespace penumbra {
 namespace {
 
 constexpr double kFlash_ms = 700.0;
-constexpr int kSmallestWidth = 960;  // initial window width [px]; a webcam's image is smaller
+constexpr int kSmallestWidth = 960;  // minimum initial window width [px], for small images
 constexpr std::chrono::milliseconds kRest(15);
 
 constexpr ImGuiWindowFlags kPanel = ImGuiWindowFlags_NoDecoration | ImGuiWindowFlags_NoMove |
@@ -72,7 +72,7 @@ void corners_over(const GuideHud& hud, const PictureArea& area, float em) {
   const double scale = static_cast<double>(area.width) / hud.width;
   const float radius = std::max(2.0F, 0.16F * em);
   for (const Eigen::Vector2d& pixel : hud.look.corners_px) {
-    // The centre of pixel 0 is half a pixel from the edge.
+    // The centre of pixel 0 lies half a pixel from the edge.
     const ImVec2 at(static_cast<float>(area.x + scale * (pixel.x() + 0.5)),
                     static_cast<float>(area.y + scale * (pixel.y() + 0.5)));
     list.AddCircleFilled(at, radius + 1.0F, kDark, 12);
@@ -145,7 +145,7 @@ void verdict(const GuideHud& hud, GlContext::Size size, float em) {
           hud.grade ? std::string(to_string(*hud.grade)) : "no calibration");
     ImGui::SetWindowFontScale(1.0F);
   }
-  // The grade is drawn above.
+  // Removes the grade, which is drawn above.
   const std::string grade = hud.grade ? std::string(to_string(*hud.grade)) + ": " : std::string();
   words(hud.words.starts_with(grade) ? hud.words.substr(grade.size()) : hud.words);
   if (hud.grade || hud.failed) words("Press a key to end.");

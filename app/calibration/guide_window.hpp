@@ -1,5 +1,5 @@
-// The window of a calibration: the camera's image with the detected target, the cells without
-// views, a bar for each missing quantity, the next step, and at the end the verdict.
+// Window of a calibration. Shows the camera's image with the detected target, the cells without
+// views, a bar for each missing quantity, the next step, and finally the grade.
 #pragma once
 
 #include <memory>
@@ -25,22 +25,22 @@ struct GuideHud {
   int height = 0;
   GuideResult look;
   GuideProgress progress;
-  double flash = 0.0;                     // 1 when a view has just been taken, falling to 0
-  std::string words;                      // in place of the bars: "solving", or the verdict
-  std::optional<CalibrationGrade> grade;  // of the verdict
-  bool failed = false;                    // the words are an error
+  double flash = 0.0;                     // 1 when a view is taken, then decreasing to 0
+  std::string words;                      // replace the bars: "solving", or the result
+  std::optional<CalibrationGrade> grade;  // grade of the result
+  bool failed = false;                    // `words` is an error
 };
 
 class GuideWindow {
  public:
-  // For images of this size [px].
+  // Opens a window for images of this size [px].
   [[nodiscard]] static Result<std::unique_ptr<GuideWindow>> open(int width, int height);
   GuideWindow(const GuideWindow&) = delete;
   GuideWindow& operator=(const GuideWindow&) = delete;
   ~GuideWindow();
 
   [[nodiscard]] Result<void> show(const Frame& frame, GuideResult look, GuideProgress progress);
-  // Sets the words over the last image.
+  // Shows text over the last image.
   void say(std::string words, std::optional<CalibrationGrade> grade = std::nullopt,
            bool failed = false);
   // Draws and handles keys: Esc and Q close the window, S saves it as a PNG in the current folder,
@@ -57,14 +57,14 @@ class GuideWindow {
   void take(const WindowEvent& event);
   void save_picture_of_window();
 
-  std::unique_ptr<GlContext> context_;  // outlives its objects
+  std::unique_ptr<GlContext> context_;  // declared first: the OpenGL objects below need it
   std::unique_ptr<Overlay> overlay_;
   Framebuffer picture_;
   VideoTexture video_;
-  Frame frame_;  // keeps its buffer while it is shown
+  Frame frame_;  // keeps the buffer while the image is shown
   GuideHud hud_;
   Stopwatch since_taken_;
-  bool taken_ = false;  // any view so far
+  bool taken_ = false;  // a view has been taken
   bool closed_ = false;
   bool answered_ = false;  // a key was pressed
   bool save_ = false;

@@ -1,4 +1,4 @@
-// Reads images to calibrate from, of a recording or a folder.
+// Reads the images of a recording or a folder for a calibration.
 #pragma once
 
 #include <filesystem>
@@ -12,17 +12,17 @@
 namespace penumbra {
 
 struct Picture {
-  std::string name;  // the file's, or "frame 12" of a video
+  std::string name;  // file name, or "frame 12" of a video
   int index = 0;
-  int count = 0;           // of all images, if known; else 0
-  Frame frame;             // as decoded; empty if unreadable
-  ImageView luma;          // of the frame
-  std::string unreadable;  // the error, if unreadable
-  std::string notice;      // warning about how images are read, on one image only
+  int count = 0;           // number of images; 0 if unknown
+  Frame frame;             // decoded image; empty if unreadable
+  ImageView luma;          // luma plane of `frame`
+  std::string unreadable;  // error message if the image can't be read
+  std::string notice;      // warning about the decoding; set for one image only
 };
 
-// Calls `take` for every image in order, until it returns false or an error. Reads no camera.yaml,
-// tags.yaml or groundtruth.tum in the folder. Fails if there are no images.
+// Calls `take` for every image in order until it returns false or an error. Ignores camera.yaml,
+// tags.yaml and groundtruth.tum in the folder. Fails if there are no images.
 [[nodiscard]] Result<void> for_each_picture(
     const std::filesystem::path& source, const std::function<Result<bool>(const Picture&)>& take);
 

@@ -1,5 +1,5 @@
-// Decides when to begin with the next image, so that it is as fresh as possible, but not late, when
-// the drawing of the last one ends.
+// Decides when to start preparing the next image: as late as possible, so that it is fresh, but
+// early enough to be ready when the drawing of the previous image ends.
 #pragma once
 
 #include <algorithm>
@@ -11,23 +11,23 @@
 
 namespace penumbra {
 
-// Times are of one clock [ns]. Not thread-safe.
+// All times are from one clock [ns]. Not thread-safe.
 class DrawPace {
  public:
-  // The drawer has taken an image.
+  // Call this when the drawer takes an image.
   void took(std::int64_t now_ns) { took_ns_ = now_ns; }
-  // The drawer asks for the next one.
+  // Call this when the drawer requests the next image.
   void asked(std::int64_t now_ns) {
     if (took_ns_ && now_ns >= *took_ns_) drawings_.add(now_ns - *took_ns_);
     took_ns_.reset();
   }
-  // Decoding and tracking an image took this long.
+  // Adds the time that decoding and tracking an image took.
   void prepared(std::int64_t duration_ns) { preparations_.add(duration_ns); }
 
-  // When to begin so that the image is ready for the shortest recent drawing time and the longest
-  // recent preparation. Nothing: at once, because the drawer waits or no times are known.
+  // Returns when to start, assuming the shortest recent drawing time and the longest recent
+  // preparation. Returns nullopt to start at once: the drawer waits, or no times are known.
   [[nodiscard]] std::optional<std::int64_t> begin_at_ns() const {
-    constexpr std::int64_t kSlack_ns = 1'000'000;  // threads do not wake at once
+    constexpr std::int64_t kSlack_ns = 1'000'000;  // margin for the wake-up of threads
     if (!took_ns_ || drawings_.values().empty() || preparations_.values().empty()) {
       return std::nullopt;
     }
@@ -37,7 +37,7 @@ class DrawPace {
   }
 
  private:
-  // Ring of the last values.
+  // Ring buffer of the most recent values.
   class Recent {
    public:
     void add(std::int64_t value) { ring_[count_++ % ring_.size()] = value; }

@@ -28,8 +28,7 @@ bool has_size_of(const StreamFormat& format, const CameraModel& camera) {
 
 std::string size_mismatch(const CameraRequest& request, const StreamFormat& format,
                           const CameraModel& camera) {
-  // The calibrated size was requested already, unless the request names another; a recording has
-  // only one.
+  // The calibrated size is the default, so it is suggested only if another one was requested.
   const bool other_requested = (request.width && *request.width != camera.width()) ||
                                (request.height && *request.height != camera.height());
   return fmt::format(

@@ -14,7 +14,7 @@ namespace {
 
 constexpr double kLongestStart_s = 10.0;
 
-// Frames that arrived damaged.
+// Number of frames that arrived damaged.
 std::uint64_t damaged_frames(const CaptureStats& stats) {
   return stats.of(CaptureFault::damaged) + stats.of(CaptureFault::error_frame);
 }

@@ -23,7 +23,7 @@ LivePipeline::LivePipeline(LiveSource& source, Track track, Captured captured, b
       stale_after_ns_(pace_.stale_after_ns()) {
   capture_thread_ = std::thread([this] {
     guarded([this] { capture_all(); });
-    inbox_.close();  // the tracker still takes its content
+    inbox_.close();  // the tracker still reads its content
   });
   if (!side_by_side_) return;
   tracking_thread_ = std::thread([this] {
@@ -92,7 +92,7 @@ void LivePipeline::guarded(const std::function<void()>& work) {
   } catch (const std::exception& error) {
     set_error({error.what()});
   }
-  source_.stop();  // one thread that ends, ends all
+  source_.stop();  // if one thread ends, all others end
 }
 
 void LivePipeline::set_error(Error error) {
@@ -115,7 +115,7 @@ void LivePipeline::capture_all() {
 
 void LivePipeline::track_all() {
   constexpr std::chrono::milliseconds kPatience(50);
-  // Tracks the next image only after the last one was taken, so that it is fresh.
+  // Tracks the next image only after the previous one was taken, so that it is fresh.
   while (!inbox_.finished() && ready_.wait_until_empty() && wait_for_drawer()) {
     auto ready = track_next(kPatience);
     if (!ready) continue;
@@ -127,10 +127,10 @@ void LivePipeline::track_all() {
   }
 }
 
-// Waits until the next image is due or the drawer waits for it. Returns false at the end.
+// Waits until the next image is due or the drawer waits for it. Returns false if the pipeline ends.
 bool LivePipeline::wait_for_drawer() {
   std::unique_lock lock(drawer_mutex_);
-  // ready_ is empty before the drawer has counted the frame that it took.
+  // Waits for the count too: the drawer empties ready_ before it counts the frame.
   drawer_changed_.wait(lock, [this] { return stopping_ || taken_ == handed_over_; });
   if (const auto begin_ns = draw_pace_.begin_at_ns()) {
     const std::chrono::steady_clock::time_point begin{std::chrono::nanoseconds(*begin_ns)};
@@ -146,7 +146,7 @@ std::optional<ReadyFrame> LivePipeline::track_next(std::chrono::milliseconds pat
   const std::int64_t begun_ns = monotonic_ns();
   const std::optional<Frame> frame = source_.decode(*image);
   if (!frame) return std::nullopt;
-  image.reset();  // a JPEG's buffer goes back to the camera
+  image.reset();  // returns a JPEG's buffer to the camera
   const StageTime time = watch.elapsed();
   const std::int64_t now_ns = monotonic_ns();
   last_whole_ns_ = now_ns;

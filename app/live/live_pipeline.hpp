@@ -1,4 +1,4 @@
-// Captures and tracks a camera's images for the drawer, always the newest.
+// Captures a camera's images and tracks the newest one for the drawer.
 #pragma once
 
 #include <atomic>
@@ -30,29 +30,29 @@ struct ReadyFrame {
 };
 
 // Runs the camera's thread and, with `side_by_side`, the tracker's. The newest image waits for the
-// tracker, older ones are dropped; a tracked frame is always drawn. The tracker begins as late as
-// it can be ready in time (DrawPace), so that frames are fresh.
+// tracker; older images are dropped. A tracked frame is always drawn. The tracker starts as late as
+// possible (DrawPace), so that frames are fresh.
 class LivePipeline {
  public:
   using Track = std::function<TrackedFrame(const Frame&)>;
-  // Called with each image on the camera's thread; must not wait.
+  // Called for each image on the camera's thread; must not block.
   using Captured = std::function<void(const CapturedImage&)>;
 
-  // `source` outlives this, which stops it at its end.
+  // `source` must outlive this object; the destructor stops it.
   LivePipeline(LiveSource& source, Track track, Captured captured, bool side_by_side);
   LivePipeline(const LivePipeline&) = delete;
   LivePipeline& operator=(const LivePipeline&) = delete;
   ~LivePipeline();
 
-  // Nothing if none came in time, or it was damaged.
+  // Returns nullopt if no frame is ready in time, or if its image is damaged.
   [[nodiscard]] std::optional<ReadyFrame> take(std::chrono::milliseconds patience);
   // Returns true after the last frame.
   [[nodiscard]] bool finished() const;
-  // How long the stream has stalled without a complete image; nothing while it is live.
+  // Returns how long the stream has stalled without a complete image; nullopt while it is live.
   [[nodiscard]] std::optional<std::int64_t> stale_for_ns() const;
   void stop();
-  // The error that ended the pipeline, also an exception of the tracker. Without `side_by_side`,
-  // take() throws that.
+  // Returns the error that ended the pipeline. An exception of the tracker is returned here with
+  // `side_by_side`; otherwise take() throws it.
   [[nodiscard]] std::optional<Error> error() const;
 
  private:
@@ -67,15 +67,15 @@ class LivePipeline {
   const Track track_;
   const Captured captured_;
   const bool side_by_side_;
-  std::atomic<bool> tracking_now_ = false;   // a complete image
-  std::atomic<std::int64_t> last_whole_ns_;  // when the last one was decoded or tracked
+  std::atomic<bool> tracking_now_ = false;   // a complete image is being tracked
+  std::atomic<std::int64_t> last_whole_ns_;  // time at which the latest complete image was ready
   FramePace pace_;                           // of complete images; used by the tracker's thread
   std::atomic<std::int64_t> stale_after_ns_;
   Mailbox<CapturedImage> inbox_;
   Mailbox<ReadyFrame> ready_;
   std::mutex drawer_mutex_;
   std::condition_variable drawer_changed_;
-  DrawPace draw_pace_;                         // these are guarded by drawer_mutex_
+  DrawPace draw_pace_;  // guarded by drawer_mutex_, as are the next 4 members
   std::uint64_t handed_over_ = 0, taken_ = 0;  // tracked frames
   bool drawer_waits_ = false, stopping_ = false;
   mutable std::mutex mutex_;

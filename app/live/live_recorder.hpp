@@ -1,4 +1,4 @@
-// Recordings of a live session, begun and ended while the camera runs.
+// Starts and ends recordings of a live session while the camera runs.
 #pragma once
 
 #include <filesystem>
@@ -18,28 +18,28 @@ namespace penumbra {
 
 class LiveRecorder {
  public:
-  // `head` begins every recording of the session.
+  // `head` is written at the start of each recording.
   explicit LiveRecorder(RecordingHead head) : head_(std::move(head)) {}
   LiveRecorder(const LiveRecorder&) = delete;
   LiveRecorder& operator=(const LiveRecorder&) = delete;
   ~LiveRecorder() = default;  // waits for the writers
 
-  // Creates the folder and begins a recording.
+  // Creates the folder and starts a recording.
   [[nodiscard]] Result<void> start(const std::filesystem::path& folder);
-  // The same without waiting for the disk; writer()->counts() and finish() report errors.
+  // The same without waiting for the disk. Errors are reported by writer()->counts() and finish().
   void begin(const std::filesystem::path& folder);
-  // Ends the recording; another thread writes the rest.
+  // Ends the recording; another thread writes the remaining data.
   void stop();
-  // Ends and completes all recordings; fails if one is incomplete.
+  // Ends the recording and waits for all writers. Fails if any recording is incomplete.
   [[nodiscard]] Result<void> finish();
 
-  // Thread-safe; null while nothing is recorded.
+  // Returns the current writer, or nullptr while nothing is recorded. Thread-safe.
   [[nodiscard]] std::shared_ptr<RecordingWriter> writer() const;
-  // Adds the data of a drawn frame; in a new recording also the earlier edits of the scene.
+  // Adds the data of a drawn frame. In a new recording, first adds the earlier edits of the scene.
   void add(const SessionFrame& frame, const Session& session);
-  // Frames of the recordings that are complete; after finish(), of all.
+  // Frame counts of the completed recordings; after finish(), of all.
   [[nodiscard]] RecordedFrames frames() const { return frames_; }
-  // A line for each complete recording.
+  // One line for each completed recording.
   [[nodiscard]] const std::vector<std::string>& summaries() const { return summaries_; }
 
  private:
@@ -49,7 +49,7 @@ class LiveRecorder {
     Result<void> finished;
   };
   void record_to(std::shared_ptr<RecordingWriter> writer);
-  // Collects the writers that are done.
+  // Collects the results of writers that are done.
   void reap();
 
   const RecordingHead head_;
@@ -58,7 +58,7 @@ class LiveRecorder {
   std::vector<std::future<Ended>> ended_;
   RecordedFrames frames_;
   std::vector<std::string> summaries_;
-  std::optional<Error> failed_;  // of the first incomplete one
+  std::optional<Error> failed_;  // error of the first incomplete recording
   bool scene_recorded_ = false;
 };
 

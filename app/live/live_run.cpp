@@ -52,7 +52,7 @@ Result<void> check_apart_from_record(const LiveRequest& request) {
   return {};
 }
 
-// No output may replace what this run reads, or another output.
+// Fails if an output would replace an input of this run or another output.
 Result<void> check_outputs(const LiveRequest& request, const CameraAddress& address) {
   std::vector<std::filesystem::path> taken = {request.scene, request.camera.calibration,
                                               request.tags};
@@ -68,10 +68,10 @@ Result<void> check_outputs(const LiveRequest& request, const CameraAddress& addr
   return check_apart_from_record(request);
 }
 
-// The start of each recording of this session.
+// Returns the data that starts each recording of this session.
 Result<RecordingHead> recording_head(const LiveRequest& request, const LiveSource& source,
                                      const CameraModel& camera) {
-  // A verbatim copy of the calibration file, unless it is of another size or holds other cameras.
+  // Copies the calibration file verbatim, unless it is scaled or contains other cameras.
   const bool other = request.camera.scale_calibration || !request.camera.camera_name.empty();
   PENUMBRA_TRY(auto camera_yaml, other ? Result<std::string>(ros_camera_text(camera))
                                        : read_text_file(request.camera.calibration, kMaxYamlBytes));
@@ -109,7 +109,7 @@ Result<GroupTracker> create_tracker(const LiveRequest& request, const CameraMode
   return tracker;
 }
 
-// Opens everything; the quickest checks come first.
+// Opens the inputs, the session and the outputs. The quickest checks come first.
 Result<LiveSetup> open_setup(const LiveRequest& request, InterruptWatch& interrupt) {
   PENUMBRA_TRY(const auto calibrated,
                load_chosen_camera(request.camera.calibration, request.camera.camera_name));
@@ -127,7 +127,7 @@ Result<LiveSetup> open_setup(const LiveRequest& request, InterruptWatch& interru
   TagsInUse used_tags = tags_in_use(request.tags, tags);
   print_tags(used_tags);
   PENUMBRA_TRY(auto session, Session::create(*context, scene, camera, std::move(tracker), request));
-  // Before the camera starts, so that its first images are drawn without delay.
+  // Compiles the shaders before the camera starts, to draw its first images without delay.
   PENUMBRA_TRY_VOID(session.warm_up(PixelFormat::yuv420p));
 
   PENUMBRA_TRY(auto source, open_camera(address, request.camera, &camera));
@@ -154,7 +154,7 @@ Result<LiveSetup> open_setup(const LiveRequest& request, InterruptWatch& interru
 // Draws, shows and writes frames until the session ends.
 class LiveLoop {
  public:
-  // `overlay` of the window; null without one.
+  // `overlay`: the window's overlay; nullptr without a window.
   LiveLoop(const LiveRequest& request, LiveSetup& setup, InterruptWatch& interrupt,
            std::unique_ptr<Overlay> overlay)
       : request_(request),
@@ -206,10 +206,10 @@ class LiveLoop {
   StallDisplay stall_display_;
   bool stopped_ = false;
   std::optional<Error> failure_;
-  // Images up to this time waited for a pause to end: their age is not the latency.
+  // Images up to this time were delayed by a pause, so their age does not count as latency.
   std::int64_t paused_until_ns_ = std::numeric_limits<std::int64_t>::min();
   ImageFaultWatch image_faults_;
-  LivePipeline pipeline_;  // last: its threads use the others
+  LivePipeline pipeline_;  // declared last, because its threads use the other members
 };
 
 void LiveLoop::run() {
@@ -255,10 +255,10 @@ void LiveLoop::draw(ReadyFrame ready) {
   setup_.recorder->add(*done, *setup_.session);
   if (viewer_) host_.saw(*done);
   show(Viewer::Picture::next);
-  // Latency: from the driver's timestamp until the image is on the screen (offscreen: drawn).
+  // Latency from the driver's timestamp until the image is on the screen (offscreen: drawn).
   const bool paused = timestamp_ns <= paused_until_ns_;
   if (!paused) {
-    // Some drivers use the time at which the exposure will end.
+    // The age can be negative: some drivers use the time at which the exposure will end.
     const std::int64_t age_ns = std::max<std::int64_t>(monotonic_ns() - timestamp_ns, 0);
     run_.add_time("latency", {static_cast<double>(age_ns) * 1e-6, 0.0});
   }
@@ -317,7 +317,7 @@ Result<RunReport> LiveLoop::finish() {
   if (!failure_) failure_ = display_loss(*setup_.context);
   if (!failure_) failure_ = pipeline_.error();
   if (const auto rest = late_.write_rest(); !rest && !failure_) failure_ = rest.error();
-  // Without a frame there is nothing to write.
+  // Without a frame no output is expected, so its failure is not reported.
   if (const auto finished = setup_.outputs.finish(run_);
       !finished && !failure_ && run_.frames() > 0) {
     failure_ = finished.error();
@@ -328,7 +328,7 @@ Result<RunReport> LiveLoop::finish() {
       frames.written + frames.left_out > 0) {
     report.recorded = frames;
   }
-  // After the report, because a terminal can stall.
+  // Printed after the report is written, because a terminal can stall.
   const auto print_recordings = [this] {
     for (const std::string& summary : setup_.recorder->summaries()) fmt::print("{}\n", summary);
   };
@@ -350,7 +350,7 @@ Result<RunReport> LiveLoop::finish() {
 }  // namespace
 
 Result<RunReport> run_live(const LiveRequest& request) {
-  InterruptWatch interrupt;  // first: everything below starts threads
+  InterruptWatch interrupt;  // declared first, because the objects below start threads
   PENUMBRA_TRY(auto setup, open_setup(request, interrupt));
   std::unique_ptr<Overlay> overlay;
   if (setup.context->window_size().width > 0) {

@@ -1,5 +1,5 @@
-// Augments a camera: capture, tracking and drawing each have a thread. The newest frame is drawn
-// with its own pose.
+// Augments the images of a live camera. Capture, tracking and drawing each have a thread. Each
+// frame is drawn with the pose that was tracked in it.
 #pragma once
 
 #include <filesystem>
@@ -12,7 +12,7 @@
 
 namespace penumbra {
 
-// threads: 1 tracks and draws one frame after the other; the camera always has a thread.
+// `threads`: with 1, tracking and drawing alternate on one thread; the camera always has its own.
 struct LiveRequest : RunRequest {
   CameraRequest camera;
   std::filesystem::path tags;
@@ -21,7 +21,7 @@ struct LiveRequest : RunRequest {
   bool vsync = true;
 };
 
-// Ends after the duration, by Ctrl-C, or when the window is closed; the files are complete then.
+// Ends after the duration, on Ctrl-C, or when the window is closed. All files are complete then.
 [[nodiscard]] Result<RunReport> run_live(const LiveRequest& request);
 
 }  // namespace penumbra
