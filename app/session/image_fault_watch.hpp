@@ -1,4 +1,4 @@
-// Detects that a session finds no tag because its images are mirrored or negative.
+// Detects why a session finds no tags: mirrored or negative images.
 #pragma once
 
 #include <cstdint>
@@ -16,20 +16,20 @@ class ImageFaultWatch {
  public:
   explicit ImageFaultWatch(const TagMap& tags) : tags_(tags) {}
 
-  // Call it for every tracked frame in order. Checks lost frames; once tags were seen, only after
-  // kLongLoss of them in a row. Logs the first fault and checks no frame after it.
+  // Call this for every tracked frame in order. Checks lost frames; after tags were detected once,
+  // only from the kLongLoss-th consecutive lost frame on. Stops after it has logged a fault.
   void saw(const TrackedFrame& tracked);
   static constexpr int kLongLoss = 60;
   [[nodiscard]] std::optional<ImageFault> fault() const;
 
  private:
   void end();
-  std::optional<TagMap> tags_;       // until a fault is found
-  std::optional<ImageCheck> check_;  // while frames are lost
-  bool seen_ = false;                // tags, in any frame
-  int lost_ = 0;                     // frames in a row
+  std::optional<TagMap> tags_;       // nullopt after a fault was found
+  std::optional<ImageCheck> check_;  // set while frames are lost
+  bool seen_ = false;                // tags were detected in any frame
+  int lost_ = 0;                     // consecutive lost frames
   std::vector<std::uint8_t> scratch_;
-  mutable std::mutex mutex_;  // frames are tracked by another thread than the one that reports
+  mutable std::mutex mutex_;  // guards fault_: another thread tracks the frames
   std::optional<ImageFault> fault_;
 };
 

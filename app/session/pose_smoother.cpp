@@ -10,15 +10,15 @@ namespace {
 
 constexpr double kLeastCutoff_hz = 1.0;
 constexpr double kCutoffGain_s_px2 = 1.0;
-constexpr double kVelocityCutoff_hz = 2.0;  // its noise must not open the filter at rest
+constexpr double kVelocityCutoff_hz = 2.0;  // keeps noise at rest from raising the pose's cutoff
 
-// The share of its input that a first-order low-pass takes over within dt.
+// Fraction of a step that a first-order low-pass filter follows within dt.
 double share_within(double dt_s, double cutoff_hz) {
   const double turns = 2.0 * std::numbers::pi * cutoff_hz * dt_s;
   return std::isinf(turns) ? 1.0 : turns / (1.0 + turns);
 }
 
-// Unsigned, because the difference of two times may exceed a signed number.
+// Unsigned arithmetic, because the difference of two times may overflow a signed one.
 double seconds_between(std::int64_t before_ns, std::int64_t after_ns) {
   return 1e-9 * static_cast<double>(static_cast<std::uint64_t>(after_ns) -
                                     static_cast<std::uint64_t>(before_ns));
@@ -54,7 +54,7 @@ SmoothedPose PoseSmoother::smooth(std::int64_t timestamp_ns, const CameraPose& m
   }
   const Vector6d step_to_measured = perturbation_between(last_->drawn.T_table_camera, measured);
   SmoothedPose drawn;
-  // The offset is nearly proportional to the rest of the step, so a few iterations suffice.
+  // The offset is nearly proportional to the remaining step, so a few iterations suffice.
   constexpr int kMostSteps = 8;
   for (int step = 0; step < kMostSteps; ++step) {
     drawn.T_table_camera = perturbed(last_->drawn.T_table_camera, share * step_to_measured);

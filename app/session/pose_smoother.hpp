@@ -15,23 +15,23 @@ namespace penumbra {
 
 struct SmoothedPose {
   CameraPose T_table_camera;
-  double lag_ms = 0.0;     // delay of a steady motion [ms]
-  double offset_px = 0.0;  // overlay error (RMS over the cube's corners) against the measured pose
+  double lag_ms = 0.0;     // delay during steady motion [ms]
+  double offset_px = 0.0;  // from the measured pose's overlay (RMS over the cube's corners)
 };
 
 class PoseSmoother {
  public:
-  // Largest offset of the overlay from the measured one; a jump is followed up to this at once.
+  // Largest offset of the drawn overlay from the measured one. If the pose jumps further, the drawn
+  // pose follows immediately up to this offset.
   static constexpr double kMostOffset_px = 0.25;
-  // The filter restarts after a longer time without a pose [s].
+  // The filter restarts if no pose arrives for longer than this [s].
   static constexpr double kLongestGap_s = 0.5;
 
   explicit PoseSmoother(CameraModel camera) : camera_(std::move(camera)) {}
 
-  // Call it in order of time. The result lies between the last drawn and the measured pose. The
-  // first pose, one after a gap or a step back in time, and one whose overlay is behind the camera
-  // are drawn as measured. A pose at the last time (an image that is drawn again) is drawn as that
-  // one.
+  // Call this in order of time. The result lies between the previous drawn pose and the measured
+  // one. Some poses are returned as measured: the first one, one after a gap or a step back in
+  // time, and one whose overlay is behind the camera. A repeated time returns the previous result.
   [[nodiscard]] SmoothedPose smooth(std::int64_t timestamp_ns, const CameraPose& measured);
   // The next pose is drawn as measured.
   void reset() { last_.reset(); }
@@ -41,7 +41,7 @@ class PoseSmoother {
     std::int64_t timestamp_ns = 0;
     CameraPose measured;
     SmoothedPose drawn;
-    Vector6d velocity = Vector6d::Zero();  // of the camera, in its frame [m/s, rad/s]
+    Vector6d velocity = Vector6d::Zero();  // velocity of the camera, in its frame [m/s, rad/s]
   };
   [[nodiscard]] SmoothedPose start(std::int64_t timestamp_ns, const CameraPose& measured);
 
@@ -49,22 +49,21 @@ class PoseSmoother {
   std::optional<Last> last_;
 };
 
-// Measures the delay of the drawn overlay while it moves: the one that explains best (least
-// squares) the distance of its corners between the measured and the drawn pose by their measured
-// speed.
+// Measures the delay of the drawn overlay while it moves. It is the least-squares solution of
+// offset = delay * velocity over the corners [px]; the offset is measured minus drawn position.
 class LagMeter {
  public:
-  // Ignores slower motion [px/s], and poses that are farther apart [s].
+  // Ignores slower motion [px/s] and longer intervals between poses [s].
   static constexpr double kLeastSpeed_px_s = 5.0;
   static constexpr double kLongestGap_s = 0.25;
 
   explicit LagMeter(CameraModel camera) : camera_(std::move(camera)) {}
 
-  // Poses in order of time.
+  // Call this in order of time.
   void add(std::int64_t timestamp_ns, const CameraPose& measured, const CameraPose& drawn);
-  // The next pose does not follow the last one.
+  // The next pose does not continue the previous motion.
   void restart() { before_ = here_ = std::nullopt; }
-  // [ms]; nothing if the overlay never moved.
+  // Returns the delay [ms], or nullopt if the overlay never moved.
   [[nodiscard]] std::optional<double> lag_ms() const;
 
  private:

@@ -1,4 +1,4 @@
-// The request that live, replay and demo share: tracking, drawing, window and outputs.
+// Request fields that live, replay and demo share: tracking, drawing, window and outputs.
 #pragma once
 
 #include <filesystem>
@@ -16,11 +16,11 @@ namespace penumbra {
 struct RunRequest : OutputRequest, SessionOptions {
   RunRequest() { video_light = true; }
   std::filesystem::path scene;
-  std::optional<std::filesystem::path> kernel_file;  // for casters with as many vertices
+  std::optional<std::filesystem::path> kernel_file;  // for casters with its vertex count
   TrackerOptions tracking;
-  bool window = true;  // if there is a display
+  bool window = true;  // opens a window if there is a display
   ViewerOptions viewer;
-  // 1: one stage after another; more: stages run side by side, with the same results.
+  // 1: stages run one after another; more: stages run in parallel, with the same results.
   int threads = 2;
 };
 

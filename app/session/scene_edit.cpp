@@ -20,7 +20,7 @@ constexpr std::string_view kMoved = "object_moved";
 constexpr std::string_view kTurned = "object_rotated";
 constexpr std::string_view kStyled = "shadow_changed";
 constexpr std::string_view kLit = "video_light";
-constexpr double kBrightest = 1e6;  // times full white
+constexpr double kBrightest = 1e6;  // multiples of full white
 constexpr double kFarthest_m = 1e6;
 constexpr double kLongestQuaternionError = 1e-3;
 
@@ -53,7 +53,7 @@ Json number(double value) {
   return std::isinf(value) ? Json("inf") : Json(value);
 }
 
-// NaN, which usable() rejects, if it is missing or no number.
+// Returns NaN, which usable() rejects, if the value is missing or not a number.
 double number_in(const Json& json, const char* key) {
   const auto found = json.find(key);
   if (found == json.end()) return std::numeric_limits<double>::quiet_NaN();
@@ -82,7 +82,7 @@ std::string text_in(const Json& json, const char* key) {
   return found != json.end() && found->is_string() ? found->get<std::string>() : std::string();
 }
 
-// Exact: not through a double.
+// Reads the nanoseconds exactly, without a conversion to double.
 std::optional<std::int64_t> timestamp_of(std::string_view line) {
   constexpr std::string_view kKey = "\"timestamp_s\":";
   const std::size_t at = line.find(kKey);
@@ -91,7 +91,7 @@ std::optional<std::int64_t> timestamp_of(std::string_view line) {
   return parse_seconds_as_ns(trim(rest.substr(0, rest.find_first_of(",}"))));
 }
 
-// Writes the time as a decimal number with nanoseconds.
+// Returns the line with the time as a decimal number with nanoseconds.
 std::string line_of(std::int64_t timestamp_ns, const Json& json) {
   const std::string text = json.dump(-1, ' ', false, Json::error_handler_t::replace);
   return "{\"timestamp_s\":" + format_ns_as_seconds(timestamp_ns) + "," + text.substr(1);
@@ -115,7 +115,7 @@ std::optional<SceneEdit> edit_in(const Json& json, std::string_view event) {
                             number_in(json, "umbra_height"), number_in(json, "magnification_cap")};
     styled.style.fractions = {number_in(json, "umbra"), number_in(json, "middle"),
                               number_in(json, "penumbra")};
-    // Optional, and unknown to earlier versions.
+    // Optional, because earlier versions did not write it.
     const auto rays = json.find("light_rays");
     styled.style.light_rays = rays != json.end() && rays->is_boolean() && rays->get<bool>();
     if (!usable(styled.style)) return std::nullopt;
@@ -131,7 +131,7 @@ std::optional<SceneEdit> edit_in(const Json& json, std::string_view event) {
   return placed;
 }
 
-// Adds the event of a line, if it is one of ours; `name` is the line's in errors.
+// Adds the event of a line; ignores other kinds of events. `name`: the line, for errors.
 Result<void> add_event(std::string_view line, const std::string& name, SceneEvents& events) {
   const Json json = Json::parse(line, nullptr, false);
   if (!json.is_object()) return fail("{}: is not a JSON object; remove the line", name);
@@ -163,7 +163,7 @@ bool apply(Scene& scene, const SceneEdit& edit) {
     if (object == scene.objects.end() || !usable(placed->placement)) return false;
     object->placement = placed->placement;
     object->animation = Animation();
-    object->tag_group = kTableGroup;  // it stays where it was put on the table
+    object->tag_group = kTableGroup;  // keeps the object at its place on the table
     return true;
   }
   const auto& styled = std::get<ShadowStyled>(edit);
@@ -226,11 +226,11 @@ Result<SceneEvents> load_scene_events(const std::filesystem::path& file) {
   if (!stream || std::filesystem::is_directory(file, ignored)) {
     return fail("{}: cannot be read; see who may read it", file.string());
   }
-  // Line by line, because a long session has many events.
+  // Reads line by line, because a long session has many events.
   std::vector<char> buffer(kMaxLineBytes);
   for (std::size_t number = 1;; ++number) {
     stream.getline(buffer.data(), static_cast<std::streamsize>(buffer.size()));
-    const bool is_last = stream.eof();  // without a line break: cut off, perhaps
+    const bool is_last = stream.eof();  // has no line break, so it may be incomplete
     if (!is_last && !stream) {
       return fail("{}: line {}: is longer than {} bytes; remove the line", file.string(), number,
                   kMaxLineBytes);

@@ -12,7 +12,7 @@
 namespace penumbra {
 namespace {
 
-// Looks up the given poses of the camera and the groups.
+// Looks up the given poses of the camera and the groups at a frame's time.
 TrackedFrame look_up(const GivenPoses& given_poses, const std::vector<std::string>& groups,
                      const Frame& frame) {
   const Stopwatch watch;
@@ -44,7 +44,7 @@ TrackedFrame look_up(const GivenPoses& given_poses, const std::vector<std::strin
   return tracked;
 }
 
-// Kind and name of what is edited.
+// Kind and name of the edited object or node.
 std::pair<std::size_t, std::string> subject_of(const SceneEdit& edit) {
   if (const auto* placed = std::get_if<ObjectPlaced>(&edit)) return {0, placed->object};
   return {1, std::get<ShadowStyled>(edit).node};
@@ -88,7 +88,7 @@ Result<void> Session::warm_up(PixelFormat format) {
     std::memset(grey.plane_data[plane], kMiddle,
                 static_cast<std::size_t>(view.stride) * static_cast<std::size_t>(view.height));
   }
-  // The camera looks straight down onto the table's middle.
+  // The camera looks straight down at the table's middle.
   constexpr double kHeight_m = 0.6;
   PoseEstimate pose;
   pose.status = TrackStatus::tracked;
@@ -197,7 +197,7 @@ Result<void> Session::read_back(std::span<std::uint8_t> rgba) {
 bool Session::edit(const SceneEdit& edit) {
   if (std::holds_alternative<ShadowStyled>(edit) &&
       (options_.plan.technique || options_.plan.kernels || options_.plan.light_rays)) {
-    // The options become each node's own style, so that one of them can be edited.
+    // Copies the options into each node's style, so that single nodes can be edited.
     for (ShadowNode& node : scene_.shadows) {
       static_cast<ShadowStyle&>(node) = style_in_effect(node);
     }

@@ -1,5 +1,5 @@
-// Processes one frame: track -> plan -> composite. Live and replay share it; live tracks the next
-// frame on another thread at the same time.
+// Processes one frame: track -> plan -> composite. Used by live and replay. The next frame can be
+// tracked on another thread at the same time.
 #pragma once
 
 #include <cstdint>
@@ -25,8 +25,8 @@
 
 namespace penumbra {
 
-// Given poses of the camera and of groups of tags on the table (T_table_group). A frame with no
-// pose within 1 ms is lost. A group without poses stands where the tag map has it.
+// Given poses of the camera and of tag groups on the table (T_table_group). A frame is lost if no
+// pose is within 1 ms of it. A group without poses has the pose of the tag map.
 struct GivenPoses {
   Trajectory camera;
   std::map<std::string, Trajectory> groups;
@@ -35,38 +35,38 @@ using PoseSource = std::variant<GroupTracker, GivenPoses>;
 
 struct SessionOptions {
   PlanOptions plan;
-  bool smooth = false;  // the drawn pose
-  // Timestamp of the frame at which the scene's time is 0; default: the first drawn frame's.
+  bool smooth = false;  // smooths the drawn pose
+  // Timestamp at which the scene's time is 0; default: that of the first drawn frame.
   std::optional<std::int64_t> scene_start_ns;
-  bool rectified = false;             // images without lens distortion
+  bool rectified = false;             // removes the lens distortion from the drawn images
   std::optional<int> msaa;            // as in CompositorOptions
   std::optional<bool> pixel_buffers;  // as in CompositorOptions
-  bool video_light = false;  // virtual objects are lit as the video is, not as the scene says
-  std::vector<LitFrame> recorded_light;  // of a recorded session, in order of time; else measured
+  bool video_light = false;  // light of virtual objects: the video's instead of the scene file's
+  std::vector<LitFrame> recorded_light;  // in order of time; if empty, the light is measured
 };
 
-// When an image is read back: as soon as it is drawn, or while the next one is drawn.
+// When an image is read back: immediately, or while the next one is drawn.
 enum class PictureTime { now, later };
 
 struct SessionFrame {
-  TrackedFrame tracked;                  // with the measured pose
-  std::optional<SmoothedPose> smoothed;  // drawn in place of the measured pose
+  TrackedFrame tracked;                  // contains the measured pose
+  std::optional<SmoothedPose> smoothed;  // the drawn pose if it differs from the measured one
   FramePlan plan;
-  std::vector<ShadowEvent> events;        // since the last frame that had a pose
-  std::optional<VideoLight> video_light;  // that it is drawn in
+  std::vector<ShadowEvent> events;        // since the previous frame with a pose
+  std::optional<VideoLight> video_light;  // light of the virtual objects
   CompositeStats composite;
   StageTime light_time;  // measuring the video's light
   StageTime plan_time;
-  StageTime draw_time;  // plan, shadows, rendering and read-back together
-  // An image was read back: this one, or (later) the one before it.
+  StageTime draw_time;  // total of plan, shadows, rendering and read-back
+  // True if an image was read back: this one or, for PictureTime::later, the previous one.
   bool read_back = false;
   PictureTime picture = PictureTime::now;
-  std::vector<SceneEdit> edits;  // made since the last frame, in effect from this one on
+  std::vector<SceneEdit> edits;  // edits since the previous frame, in effect from this one on
 };
 
-// The content of the last image.
+// The content of the latest image.
 struct SessionView {
-  const Scene* scene = nullptr;       // with its edits
+  const Scene* scene = nullptr;       // includes all edits
   const SceneState* state = nullptr;  // nullptr before the first image
   const CameraModel* camera = nullptr;
   std::optional<CameraPose> T_table_camera;  // as drawn
@@ -74,57 +74,56 @@ struct SessionView {
 
 class Session {
  public:
-  // `context` is current on this thread and outlives the session.
+  // `context` must be current on this thread and outlive the session.
   [[nodiscard]] static Result<Session> create(GlContext& context,
                                               std::shared_ptr<const Scene> scene,
                                               const CameraModel& camera, PoseSource poses,
                                               const SessionOptions& options);
 
-  // Draws a grey frame of this format, so that the driver compiles its shaders before the first
-  // real frame.
+  // Draws a grey frame of this format, so that the shaders are compiled before the first one.
   [[nodiscard]] Result<void> warm_up(PixelFormat format);
-  // Tracks frames in order. One thread at a time calls it, which need not be the one that draws.
+  // Call this for frames in order, by one thread at a time. Another thread may draw meanwhile.
   [[nodiscard]] TrackedFrame track(const Frame& frame);
-  // `rgba`, if not empty, receives the image: RGBA8, width * height * 4 bytes. With `later`, and if
-  // pixel buffers are used, it receives the image of the last such call; this one is for the next
-  // call or take_image().
+  // `rgba`, if not empty, receives the image: RGBA8, width * height * 4 bytes. With `later` and
+  // pixel buffers, it receives the image of the previous such call; the next call or take_image()
+  // returns this one.
   [[nodiscard]] Result<SessionFrame> draw(TrackedFrame tracked, std::span<std::uint8_t> rgba = {},
                                           PictureTime picture = PictureTime::now);
-  // Reads the image that draw() left for later into `rgba`, which is resized. Returns the time it
-  // took. Fails if there is none.
+  // Reads the pending image of draw(..., later) into `rgba`, which is resized. Returns the time
+  // that this took. Fails if no image is pending.
   [[nodiscard]] Result<StageTime> take_image(std::vector<std::uint8_t>& rgba);
-  // Draws a frame again, in the scene as it is now.
+  // Draws a frame again with the current scene.
   [[nodiscard]] Result<SessionFrame> redraw(TrackedFrame tracked);
-  // Draws the last image into the context's window.
+  // Draws the latest image into the context's window.
   void present() { compositor_.present(); }
-  // Reads the last image: RGBA8, width * height * 4 bytes.
+  // Reads the latest image: RGBA8, width * height * 4 bytes.
   [[nodiscard]] Result<void> read_back(std::span<std::uint8_t> rgba);
 
-  // Edits the scene from the next image on. Returns false if the scene has nothing of that name.
+  // Edits the scene from the next image on. Returns false if the scene has no such object or node.
   bool edit(const SceneEdit& edit);
-  // Repeats a recorded edit: it is not among the edits of a SessionFrame.
+  // Repeats a recorded edit, which is not added to SessionFrame::edits.
   bool replay_edit(const SceneEdit& edit) { return apply(scene_, edit); }
-  // The last edit of each edited thing, for a recording that begins now.
+  // Latest edit of each edited object or node, for a recording that starts now.
   [[nodiscard]] const std::vector<SceneEdit>& edits_so_far() const { return edits_so_far_; }
-  // Timestamp at which the scene's time is 0; nothing before the first frame.
+  // Timestamp at which the scene's time is 0; nullopt before the first frame.
   [[nodiscard]] std::optional<std::int64_t> scene_start_ns() const {
     return options_.scene_start_ns;
   }
-  // Translucency from the next image on. It depends on the display, so it is no edit.
+  // Sets the translucency from the next image on. It depends on the display, so it is not an edit.
   void set_translucency(Translucency mode) { options_.plan.translucency = mode; }
   [[nodiscard]] Translucency translucency() const { return options_.plan.translucency; }
   void set_smooth(bool smooth) { options_.smooth = smooth; }
   [[nodiscard]] bool smooth() const { return options_.smooth; }
   [[nodiscard]] SessionView view() const;
-  // Camera of the image: without distortion if the image is rectified.
+  // Camera of the drawn image; without distortion if the image is rectified.
   [[nodiscard]] const CameraModel& camera() const { return camera_; }
-  // The node's style by the options or the scene.
+  // Returns the node's style, taken from the options or the scene.
   [[nodiscard]] ShadowStyle style_in_effect(const ShadowNode& node) const;
-  // As Compositor's.
+  // See Compositor.
   [[nodiscard]] int samples() const { return compositor_.samples(); }
   [[nodiscard]] bool pixel_buffers() const { return compositor_.pixel_buffers(); }
   [[nodiscard]] std::vector<double> take_gpu_times() { return compositor_.take_gpu_times(); }
-  // Kernels of the last image, for the debug view.
+  // Kernels of the latest image, for the debug view.
   [[nodiscard]] std::vector<CasterKernels> kernels_in_use() const {
     return compositor_.kernels_in_use();
   }
@@ -137,19 +136,19 @@ class Session {
                                              PictureTime picture);
   [[nodiscard]] Result<void> read_picture(std::span<std::uint8_t> rgba, SessionFrame& drawn);
 
-  Scene scene_;  // shares its models with the compositor's
+  Scene scene_;  // shares its models with the compositor's scene
   CameraModel camera_;
-  std::vector<std::string> tied_;  // groups of tags that objects of the scene move with
+  std::vector<std::string> tied_;  // tag groups that scene objects are attached to
   PoseSource poses_;
   SessionOptions options_;
   PoseSmoother smoother_;
   LightMeter light_meter_;
   Compositor compositor_;
-  std::vector<SceneEdit> edits_;  // since the last frame
+  std::vector<SceneEdit> edits_;  // since the previous frame
   std::vector<SceneEdit> edits_so_far_;
-  std::set<SkippedPass> warned_;  // each is logged once
+  std::set<SkippedPass> warned_;  // logged so far
   std::optional<SceneState> state_;
-  std::optional<SceneState> state_with_pose_;  // of the last frame with a pose
+  std::optional<SceneState> state_with_pose_;  // of the latest frame with a pose
   std::optional<CameraPose> drawn_pose_;
 };
 

@@ -82,7 +82,7 @@ void describe_frame(HudState& state, const SessionFrame& frame, const RunRecorde
   for (const char* stage : {"capture", "track", "shadow", "render", "gpu", "readback", "encode"}) {
     add(stage);
     if (stage != std::string_view("track")) continue;
-    // Only stages of the last frame: the times of the others may be old.
+    // Lists only stages that ran in the latest frame, because the times of the others may be old.
     const TrackTimes& times = frame.tracked.times;
     if (times.detect_ms > 0.0) add("detect");
     if (times.align_ms > 0.0) add("align");

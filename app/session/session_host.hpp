@@ -1,4 +1,4 @@
-// Hosts of the viewer: what live and replay show in the window.
+// ViewerHosts that live and replay share.
 #pragma once
 
 #include <cstdint>
@@ -16,13 +16,13 @@ namespace penumbra {
 
 class RunHost : public ViewerHost {
  public:
-  // `run` outlives this. `frame_count`: of a recording.
+  // `run` must outlive this object. `frame_count`: number of frames of a recording.
   RunHost(RunRecorder& run, std::optional<int> frame_count)
       : run_(run), frame_count_(frame_count) {}
 
-  // Called with each frame before the window shows it.
+  // Call this with each frame before the window shows it.
   void saw(const SessionFrame& frame) { last_ = frame; }
-  // Sets the recording that is played: nothing is saved into it.
+  // Sets the folder of the played recording; no screenshots are saved into it.
   void keep_out_of(std::filesystem::path recording) { recording_ = std::move(recording); }
 
   [[nodiscard]] std::string toggle_recording() override { return "only live is recorded"; }
@@ -39,11 +39,11 @@ class RunHost : public ViewerHost {
 
 class SessionHost : public RunHost {
  public:
-  // Both outlive this.
+  // `session` and `run` must outlive this object.
   SessionHost(Session& session, RunRecorder& run, std::optional<int> frame_count = std::nullopt)
       : RunHost(run, frame_count), session_(session) {}
 
-  // Releases the last frame's buffer: it can't be drawn again.
+  // Releases the latest frame's buffer, so that the frame can't be drawn again.
   void forget_frame();
 
   void present() override { session_.present(); }
@@ -64,18 +64,18 @@ class SessionHost : public RunHost {
   Session& session_;
 };
 
-// Describes a frame's number, poses and stage times.
+// Writes a frame's number, poses and stage times into `state`.
 void describe_frame(HudState& state, const SessionFrame& frame, const RunRecorder& run);
 
-// Saves RGBA8 pixels as a PNG in the current folder, unless that lies in the `recording` that is
-// played. Returns a message for the user.
+// Saves RGBA8 pixels as a PNG in the current folder, unless that lies in the played `recording`.
+// Returns a message for the user.
 [[nodiscard]] std::string save_picture(int width, int height, std::span<const std::uint8_t> rgba,
                                        const std::optional<std::filesystem::path>& recording = {});
 
-// "penumbra-20260131-142305EXTENSION" in the current folder, by the clock; with -2, -3, ... if that
-// exists.
+// "penumbra-20260131-142305EXTENSION" in the current folder, named after the current time; with -2,
+// -3, ... if that name exists.
 [[nodiscard]] std::filesystem::path free_name(const std::string& extension);
-// The first of PATH, PATH-2, PATH-3, ... that does not exist.
+// Returns the first of PATH, PATH-2, PATH-3, ... that does not exist.
 [[nodiscard]] std::filesystem::path free_name(const std::filesystem::path& base,
                                               const std::string& extension);
 
