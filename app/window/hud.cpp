@@ -123,7 +123,7 @@ HudStatus status_of(const EstimatedPose& pose) {
       status.color = {1.0F, 0.78F, 0.25F, 1.0F};
       break;
     case TrackStatus::held: {
-      // Fades with the age, but stays readable.
+      // The colour fades with the age, but stays readable.
       const double left = std::clamp(1.0 - pose.age_s / kHoldSeconds, 0.0, 1.0);
       status.color = {0.50F, 0.80F, 1.0F, static_cast<float>(0.45 + 0.55 * left)};
       status.text += fmt::format(" {:.2f} s", pose.age_s);

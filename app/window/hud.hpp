@@ -1,4 +1,4 @@
-// State, words and commands of the window. Overlay draws them, Viewer acts on them.
+// State, texts and commands of the window. Overlay draws them; Viewer executes the commands.
 #pragma once
 
 #include <Eigen/Core>
@@ -33,19 +33,19 @@ enum class WindowCommand {
   debug,
   panels,
   layout,
-  smooth,  // the pose that is drawn
+  smooth,  // smoothing of the drawn pose
   slide,
   lift,
   reach,
   turn,
   put,
-  cursor,  // the scene's 3D cursor follows the pointer, or stops
+  cursor,  // the scene's 3D cursor starts or stops following the pointer
   next_technique,
   next_translucency,
-  next_node,  // selects the shadow nodes that the keys for techniques change: all, or one
+  next_node,  // selects the nodes that the technique keys change: all or one
 };
 
-// Modes of a drag in the order of DragMode, and their commands.
+// Names and commands of the drag modes, in the order of DragMode.
 struct DragCommand {
   const char* name;
   WindowCommand command;
@@ -59,14 +59,14 @@ struct KeyHelp {
   std::string_view keys;
   std::string_view what;
 };
-// In the order of the help panel and the documentation.
+// Returns the keys in the order of the help panel and the documentation.
 [[nodiscard]] std::span<const KeyHelp> key_help();
-// Empty for a key without a command, also for the number keys of technique_of_key().
+// Returns nullopt for a key without a command, and for the number keys of technique_of_key().
 [[nodiscard]] std::optional<WindowCommand> command_of_key(const WindowEvent& event);
 [[nodiscard]] bool is_number_key(const WindowEvent& event);  // also of the keypad
 // Key 0 is none, 1 the first technique after none, and so on.
 [[nodiscard]] std::optional<ShadowTechnique> technique_of_key(const WindowEvent& event);
-// In the order of their keys.
+// Returns the techniques in the order of their keys.
 [[nodiscard]] std::vector<ShadowTechnique> techniques_by_key();
 [[nodiscard]] ShadowTechnique technique_after(ShadowTechnique technique);
 
@@ -84,24 +84,24 @@ struct HudRecording {
 struct HudFoldOver {
   std::string caster;
   TwistReport twist;
-  double spill = 0.0;  // share of the penumbra beyond its outline
+  double spill = 0.0;  // fraction of the penumbra outside its boundary
 };
 
 struct HudState {
   bool live = false;
   bool has_picture = false;
   std::uint64_t frame = 0;         // number
-  std::optional<int> frame_count;  // of a recording
+  std::optional<int> frame_count;  // number of frames of a recording
   PoseEstimate pose;
-  std::vector<GroupEstimate> groups;                   // of tags, beside the table
-  double frames_per_s = 0.0;                           // new frames shown
-  std::vector<std::pair<std::string, double>> stages;  // mean wall time of the last frames [ms]
-  std::optional<double> latency_ms;                    // from the camera's timestamp to the swap
-  std::optional<double> stalled_s;                     // time since the last whole frame
-  std::optional<bool> smooth;            // smoothing of the drawn pose; empty: not available
-  std::optional<SmoothedPose> smoothed;  // its effect on the last frame
-  int frames_dropped = 0;                // too late to be shown
-  std::vector<std::pair<std::string, std::int64_t>> faults;  // of the camera, counted
+  std::vector<GroupEstimate> groups;                   // tag groups beside the table
+  double frames_per_s = 0.0;                           // rate of new frames
+  std::vector<std::pair<std::string, double>> stages;  // mean wall time of recent frames [ms]
+  std::optional<double> latency_ms;                    // camera timestamp to buffer swap
+  std::optional<double> stalled_s;                     // time since the last complete frame
+  std::optional<bool> smooth;                          // smoothing is on; nullopt: not available
+  std::optional<SmoothedPose> smoothed;                // effect of smoothing on the last frame
+  int frames_dropped = 0;                              // frames that came too late to be shown
+  std::vector<std::pair<std::string, std::int64_t>> faults;  // camera faults and their counts
   std::optional<std::string> trouble;                        // current fault of the camera
   std::optional<HudRecording> recording;
   std::vector<HudNode> nodes;
@@ -110,22 +110,22 @@ struct HudState {
 
   // For the debug view; filled only while it is open.
   CompositeStats drawn;                                    // of the last frame
-  std::vector<std::pair<std::string, std::int64_t>> work;  // since the start
-  std::vector<std::string> skipped, kept;                  // each with its reason
+  std::vector<std::pair<std::string, std::int64_t>> work;  // counters since the start
+  std::vector<std::string> skipped, kept;                  // with their reasons
   std::vector<HudFoldOver> twists;
-  std::vector<Eigen::Vector2d> kernels_px;  // in the image
+  std::vector<Eigen::Vector2d> kernels_px;  // positions in the image
   int picture_width = 0, picture_height = 0;
 
-  // Set by the viewer.
+  // The viewer sets these.
   bool paused = false;
-  std::string selected;  // object; empty: none
+  std::string selected;  // selected object; empty: none
   DragMode drag = DragMode::slide;
-  std::string message;  // about the last command; empty after a while
+  std::string message;  // result of the last command; empty after some seconds
 };
 
 struct HudPanels {
   bool help = false, debug = false, panels = false;  // open
-  bool compact = false;  // few words and large buttons, for small screens
+  bool compact = false;  // short texts and large buttons, for small screens
 };
 
 struct HudActions {
@@ -139,39 +139,39 @@ struct HudColor {
 };
 struct HudStatus {
   std::string text;  // "held 0.21 s: no tag seen"
-  HudColor color;    // green, amber, blue that fades with the age, red
+  HudColor color;    // green: tracked, amber: uncertain, blue (fades with age): held, red: lost
 };
 [[nodiscard]] HudStatus status_of(const EstimatedPose& pose);
 [[nodiscard]] HudStatus status_of(const GroupEstimate& group);  // "wall: tracked"
-// Warnings that are shown even while the HUD is hidden: a stalled image, its cause, a failed
-// recording.
+// Returns the warnings that are shown even while the HUD is hidden: a stalled image, its cause, a
+// failed recording.
 [[nodiscard]] std::vector<std::string> warnings_of(const HudState& state);
-// "latency 45 ms", or the age of a stalled frame; empty if neither is known.
+// Returns "latency 45 ms", or the age of a stalled frame; empty if neither is known.
 [[nodiscard]] std::string age_in_words(const HudState& state);
 // "REC folder   26 frames, 3 dropped", or "recording FAILED: ...".
 [[nodiscard]] std::string recording_in_words(const HudRecording& recording);
-// For the debug view, a line each: "skipped: rotor: outside the view", then "kept: video: ...".
-// Lists kMostReasons of each kind and the number of the others.
+// Returns lines for the debug view: "skipped: rotor: outside the view", then "kept: video: ...".
+// Lists up to kMostReasons of each kind, then the number of the others.
 [[nodiscard]] std::vector<std::string> reasons_in_words(const HudState& state);
 inline constexpr std::size_t kMostReasons = 10;
 // "smoothed: 12 ms late, 0.05 px".
 [[nodiscard]] std::string smoothing_in_words(const SmoothedPose& smoothed);
-// "layered", "cocl", or a list if nodes differ.
+// Returns "layered", "cocl", ..., or a list if the nodes differ.
 [[nodiscard]] std::string technique_in_words(std::span<const HudNode> nodes);
 
 // "mesh", or "auto (blend)".
 [[nodiscard]] std::string in_words(Translucency asked, Translucency drawn);
 [[nodiscard]] Translucency translucency_after(Translucency mode);
 
-// The workspace that determines a node's constants (docs/shadows.md#constants).
+// Workspace from which a node's constants are computed (docs/shadows.md#constants).
 struct Workspace {
-  double height_m = 0.3;       // at which the umbra vanishes
-  double magnification = 1.5;  // of the middle layer there
+  double height_m = 0.3;       // height at which the umbra vanishes
+  double magnification = 1.5;  // magnification of the middle layer at that height
 };
-// Empty if the umbra never vanishes (a <= 1).
+// Returns nullopt if the umbra never vanishes (a <= 1).
 [[nodiscard]] std::optional<Workspace> workspace_of(const LayeredConstants& constants);
 
-// Reduces the strength of a shadow: opacity 1 keeps its light fractions, 0 removes it.
+// Scales the strength of a shadow: opacity 1 keeps its light fractions, 0 removes the shadow.
 [[nodiscard]] LightFractions with_opacity(const LightFractions& full, double opacity);
 
 }  // namespace penumbra

@@ -11,10 +11,10 @@
 namespace penumbra {
 namespace {
 
-// Limits a drag's distance from the camera, in multiples of the grabbed point's: near the horizon a
-// pixel is metres.
+// Largest distance of a dragged point from the camera, relative to the grabbed point's. Near the
+// horizon one pixel corresponds to metres.
 constexpr double kFarthest = 6.0;
-// Smallest sine of the angle between the ray and a lift's vertical plane.
+// Smallest sine of the angle between the ray and the vertical plane of a lift.
 constexpr double kFlattest = 0.35;
 constexpr double kParallel = 1e-9;
 
@@ -39,7 +39,7 @@ bool meets_box(const Ray& ray, const Eigen::Vector3d& low, const Eigen::Vector3d
   return enter <= leave;
 }
 
-// Distance along the ray to either side of the triangle (Moeller and Trumbore).
+// Returns the distance along the ray to the triangle, front or back side (Moeller and Trumbore).
 std::optional<double> meet_triangle(const Ray& ray, const Eigen::Vector3d& a,
                                     const Eigen::Vector3d& b, const Eigen::Vector3d& c) {
   const Eigen::Vector3d ab = b - a;
@@ -56,7 +56,7 @@ std::optional<double> meet_triangle(const Ray& ray, const Eigen::Vector3d& a,
   return t;
 }
 
-// Distance along the ray to the plane; empty if it is behind or parallel.
+// Returns the distance along the ray to the plane; nullopt if it is behind the origin or parallel.
 std::optional<double> meet_plane(const Ray& ray, const Eigen::Vector3d& normal,
                                  const Eigen::Vector3d& point) {
   const double along = ray.direction.dot(normal);
@@ -65,12 +65,12 @@ std::optional<double> meet_plane(const Ray& ray, const Eigen::Vector3d& normal,
   return t > 0.0 ? std::optional(t) : std::nullopt;
 }
 
-// Level normal of the vertical plane that contains `right`.
+// Returns the horizontal normal of the vertical plane that contains `right`.
 Eigen::Vector3d facing(const PointerView& pointer) {
   return pointer.right.cross(Eigen::Vector3d::UnitZ()).normalized();
 }
 
-// The topmost ancestor of an object, or the object itself.
+// Returns the topmost ancestor of an object, or the object itself.
 int root_of(const Scene& scene, int object) {
   int root = object;
   while (scene.objects[static_cast<std::size_t>(root)].parent >= 0) {
@@ -90,7 +90,7 @@ std::optional<PointerView> view_at(const CameraModel& camera, const CameraPose& 
   view.pixel = pixel;
   Eigen::Vector3d right = T_table_camera.rotation() * Eigen::Vector3d::UnitX();
   right.z() = 0.0;
-  // An image turned by 90 degrees has its x axis vertical: its y axis is level then.
+  // In an image rotated by 90 degrees the x axis is vertical, so the y axis is used.
   if (right.norm() < 1e-3) {
     right = T_table_camera.rotation() * Eigen::Vector3d::UnitY();
     right.z() = 0.0;
@@ -108,8 +108,7 @@ std::optional<PickedPoint> pick(const Scene& scene, const SceneState& state, con
     const SceneObject& object = scene.objects[i];
     if (!object.model || opacity_of(state, static_cast<int>(i)) <= 0.0) continue;
     const Placement T = placed_model(*object.model, state.objects[i]);
-    // In the object's frame. The direction is scaled too, so distances along the ray stay in
-    // metres.
+    // The ray in the object's frame. Its direction is scaled too, so that distances stay in metres.
     const Eigen::Quaterniond back = T.rotation.conjugate();
     const Ray local{back * (ray.origin - T.position) / T.scale, back * ray.direction / T.scale};
     if (!meets_box(local, to_double(object.model->min_corner),
@@ -190,7 +189,7 @@ std::optional<ObjectPlaced> Manipulator::drag(const PointerView& pointer) const 
         shift = pointer.ray.origin + *t * pointer.ray.direction - grab.point;
         shift -= shift.dot(normal) * normal;  // removes the rounding error
       } else {
-        // Seen from above, height is invisible: up in the image moves up.
+        // Seen from above, height is not visible: a drag up in the image lifts the object.
         const double metres_per_px = grab.distance * pointer.radians_per_px;
         shift =
             metres_per_px * (moved.x() * grab.pointer.right - moved.y() * Eigen::Vector3d::UnitZ());
@@ -200,7 +199,7 @@ std::optional<ObjectPlaced> Manipulator::drag(const PointerView& pointer) const 
       break;
     }
     case DragMode::reach: {
-      // The plane through the eye is seen edge-on: dragging to the right moves away.
+      // The plane of motion is seen edge-on, so a drag to the right moves the object away.
       const double metres_per_px = grab.distance * pointer.radians_per_px;
       Eigen::Vector3d shift = metres_per_px * (-moved.x() * facing(grab.pointer) -
                                                moved.y() * Eigen::Vector3d::UnitZ());
@@ -209,7 +208,7 @@ std::optional<ObjectPlaced> Manipulator::drag(const PointerView& pointer) const 
       break;
     }
     case DragMode::turn: {
-      // A drag over the image's width is one turn.
+      // A drag over the image's width is one full rotation.
       const double angle_per_px = 2.0 * std::numbers::pi / std::max(1.0, pointer.width_px);
       const Eigen::AngleAxisd yaw(moved.x() * angle_per_px, Eigen::Vector3d::UnitZ());
       const Eigen::AngleAxisd tilt(moved.y() * angle_per_px, grab.pointer.right);

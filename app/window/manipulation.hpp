@@ -1,9 +1,9 @@
-// Dragging objects: which one a ray meets, and where a drag moves it. Pure: no window, no OpenGL.
+// Picks and drags objects with the pointer. Uses neither a window nor OpenGL.
 //
-// A drag moves an object along two axes, as the three buttons of Layered Penumbrae's experiment do:
-// along the table (x, y), up and sideways (z and the image's horizontal), up and away (z and the
-// level direction into the image); or it turns the object about the table's normal and the image's
-// horizontal.
+// A drag moves an object along two axes, like the three mouse buttons in the experiment of Layered
+// Penumbrae: along the table (x, y); up and sideways (z and the image's horizontal); up and away (z
+// and the horizontal direction away from the camera). A fourth mode rotates the object about the
+// table's normal and the image's horizontal.
 #pragma once
 
 #include <Eigen/Core>
@@ -23,15 +23,15 @@ struct Ray {
   Eigen::Vector3d direction = -Eigen::Vector3d::UnitZ();
 };
 
-// The pointer at a pixel of the image as captured (distorted), seen from a pose.
+// The pointer at a pixel of the captured (distorted) image, with the camera at a given pose.
 struct PointerView {
   Ray ray;
   Eigen::Vector2d pixel = Eigen::Vector2d::Zero();
-  Eigen::Vector3d right = Eigen::Vector3d::UnitX();  // the image's horizontal, level, unit
+  Eigen::Vector3d right = Eigen::Vector3d::UnitX();  // unit vector, the image's horizontal
   double radians_per_px = 1e-3;                      // at the image's centre
   double width_px = 640.0;                           // of the image
 };
-// Empty if the lens model has no ray for the pixel.
+// Returns nullopt if the lens model has no ray for the pixel.
 [[nodiscard]] std::optional<PointerView> view_at(const CameraModel& camera,
                                                  const CameraPose& T_table_camera,
                                                  const Eigen::Vector2d& pixel);
@@ -40,14 +40,15 @@ struct PickedPoint {
   int object = 0;         // index into Scene::objects
   double distance = 0.0;  // along the ray [m]
 };
-// The nearest surface on the ray. Includes phantoms: real objects hide what is behind them.
+// Returns the nearest surface on the ray. Includes phantoms, because real objects occlude.
 [[nodiscard]] std::optional<PickedPoint> pick(const Scene& scene, const SceneState& state,
                                               const Ray& ray);
-// Lowest z of an object and its descendants, by their boxes [m].
+// Lowest z of the bounding boxes of an object and its descendants [m].
 [[nodiscard]] double lowest_point(const Scene& scene, const SceneState& state, int root);
 
-// Moves the scene's 3D cursor onto the pointer's ray at its own height plus `raised` [m], never
-// below the table. Empty if the scene has no cursor, or the ray does not meet that height nearby.
+// Moves the scene's 3D cursor onto the pointer's ray at the cursor's height plus `raised` [m], but
+// not below the table. Returns nullopt if the scene has no cursor, or if the ray meets that height
+// too far away or not at all.
 [[nodiscard]] std::optional<ObjectPlaced> cursor_at(const Scene& scene, const SceneState& state,
                                                     const PointerView& pointer, double raised);
 
@@ -55,11 +56,12 @@ enum class DragMode { slide, lift, reach, turn };  // in the order of kDragComma
 
 class Manipulator {
  public:
-  // Grabs the object at the pointer. The edit places it where it is; empty if there is none.
+  // Grabs the object at the pointer. Returns an edit that leaves it in place, or nullopt without
+  // one.
   [[nodiscard]] std::optional<ObjectPlaced> take(const Scene& scene, const SceneState& state,
                                                  const PointerView& pointer, DragMode mode);
-  // Moves the grabbed object to the pointer, never below the table unless it was. Empty without an
-  // object, or if the pointer is beyond the horizon.
+  // Moves the grabbed object to the pointer, but not below the table unless it was below. Returns
+  // nullopt if no object is grabbed or the pointer is above the horizon.
   [[nodiscard]] std::optional<ObjectPlaced> drag(const PointerView& pointer) const;
   void let_go() { grab_.reset(); }
   [[nodiscard]] bool holding() const { return grab_.has_value(); }
@@ -67,7 +69,7 @@ class Manipulator {
   // Puts the selected object on the table at the pointer.
   [[nodiscard]] std::optional<ObjectPlaced> put(const Scene& scene, const SceneState& state,
                                                 const PointerView& pointer) const;
-  // By name, as indices belong to one scene only. Empty: none.
+  // Name of the selected object; empty if none. An index would be valid in one scene only.
   [[nodiscard]] const std::string& selected() const { return selected_; }
 
  private:
@@ -75,9 +77,9 @@ class Manipulator {
     DragMode mode = DragMode::slide;
     std::string object;
     Placement start;
-    Eigen::Vector3d point = Eigen::Vector3d::Zero();  // grabbed, table frame
-    double distance = 0.0;                            // to the point [m]
-    double clearance = 0.0;  // height above the table [m]; 0 if it is below already
+    Eigen::Vector3d point = Eigen::Vector3d::Zero();  // grabbed point, table frame
+    double distance = 0.0;                            // camera to point [m]
+    double clearance = 0.0;  // lowest height above the table [m]; 0 if already below
     PointerView pointer;
   };
   std::optional<Grab> grab_;

@@ -26,11 +26,11 @@ namespace {
 
 constexpr const char* kFontFile = "/usr/share/fonts/truetype/dejavu/DejaVuSans.ttf";
 constexpr std::array<float, 3> kFontSizes = {15.0F, 18.0F, 24.0F};  // [px]
-constexpr float kTouchHeight = 46.0F;  // of a button for fingers [px at a font of 15 px]
-constexpr float kHelpWidth = 48.0F;    // [em] narrower windows wrap the help's lines
+constexpr float kTouchHeight = 46.0F;  // height of a touch button [px at a font of 15 px]
+constexpr float kHelpWidth = 48.0F;    // [em] narrower windows wrap the lines of the help
 constexpr float kHelpColumns = 26.0F;  // [em] narrower windows show a key above its text
-constexpr float kPanelWidth = 12.0F;   // [em] narrower panels cut their words
-constexpr int kHandheldHeight = 400;   // [px] smaller windows, either way, show fewer lines
+constexpr float kPanelWidth = 12.0F;   // [em] narrower panels clip their texts
+constexpr int kHandheldHeight = 400;   // [px] a smaller width or height shows fewer lines
 constexpr std::size_t kMostDebugLines = 10;
 
 constexpr ImGuiWindowFlags kPlain = ImGuiWindowFlags_NoDecoration | ImGuiWindowFlags_NoMove |
@@ -96,7 +96,7 @@ WindowCommand next_drag(DragMode mode) {
   return kDragCommands[(static_cast<std::size_t>(mode) + 1) % kDragCommands.size()].command;
 }
 
-// A list of named values below `shown`; returns true if one was chosen.
+// Drop-down list of named values, labelled `shown`. Returns true if one was chosen.
 template <class Entry, class Value, std::size_t N>
 bool choose(const char* id, const std::string& shown, const std::array<Entry, N>& entries,
             Value Entry::*value_of, Value& value) {
@@ -127,7 +127,7 @@ struct Overlay::Impl {
   Result<void> open(const GlContext& context) {
     ImGui::SetCurrentContext(imgui);
     ImGuiIO& io = ImGui::GetIO();
-    io.IniFilename = nullptr;  // nothing is written beside the program
+    io.IniFilename = nullptr;  // writes no file beside the program
     io.LogFilename = nullptr;
     io.ConfigFlags |= ImGuiConfigFlags_NoMouseCursorChange;
     io.KeyMap[ImGuiKey_Backspace] = GLFW_KEY_BACKSPACE;
@@ -154,9 +154,9 @@ struct Overlay::Impl {
     return {};
   }
 
-  // Sets sizes in proportion to the letters.
+  // Sets all sizes in proportion to the font.
   void set_style(GlContext::Size size, bool compact) {
-    const int wide_height = std::min(size.height, size.width * 9 / 16);  // of a wide screen
+    const int wide_height = std::min(size.height, size.width * 9 / 16);  // height of a 16:9 screen
     const std::size_t at = wide_height < 600 ? 0 : wide_height < 900 ? 1 : 2;
     font = sized[at];
     em = kFontSizes[at];
@@ -206,7 +206,7 @@ struct Overlay::Impl {
     ImGui::SetNextWindowPos(at, ImGuiCond_Always, pivot);
     ImGui::Begin(name, nullptr, flags);
   }
-  // Records its rectangle, so that clicks on it do not reach the image.
+  // Records the window's rectangle, so that clicks on it do not reach the image.
   void end_window() {
     const ImVec2 at = ImGui::GetWindowPos();
     const ImVec2 size = ImGui::GetWindowSize();
@@ -245,7 +245,7 @@ struct Overlay::Impl {
     camera_and_recording(state);
   }
 
-  // A strip of measurements. A handheld's small screen shows fewer of them.
+  // Draws a strip of measurements; fewer on a handheld's small screen.
   void compact_status(const HudState& state, bool handheld) {
     std::string line = pose_status(state, 0);
     if (handheld) {
@@ -343,7 +343,7 @@ struct Overlay::Impl {
     buttons.emplace_back("panels", WindowCommand::panels);
     buttons.emplace_back("help", WindowCommand::help);
     buttons.emplace_back("hide", WindowCommand::hud);
-    // As many rows as the longest words need, so that a button never moves when its word changes.
+    // The longest text determines the number of rows: no button moves when its text changes.
     float widest = 0.0F;
     for (const char* words : {"layered", "picture", "go on", "stop rec", "panels"}) {
       widest = std::max(widest, ImGui::CalcTextSize(words).x + 0.2F * em);
@@ -383,7 +383,7 @@ struct Overlay::Impl {
     ImGui::PopID();
   }
 
-  // Sets H and a by the height of the workspace and the middle layer's magnification there.
+  // Sets H and a from the height of the workspace and the middle layer's magnification there.
   bool workspace_panel(ShadowStyle& style) {
     if (!traits_of(style.technique).has_penumbra) return false;
     const std::optional<Workspace> known = workspace_of(style.layered);
@@ -418,7 +418,7 @@ struct Overlay::Impl {
     const TechniqueTraits traits = traits_of(style.technique);
     if (style.technique == ShadowTechnique::none || traits.uses_lights) return false;
     Strength& strength = strengths[node.name];
-    // Changed by another source: that is full strength.
+    // Another source changed the fractions: the new ones are full strength.
     if (with_opacity(strength.full, strength.opacity) != style.fractions) {
       strength = {style.fractions, 1.0};
     }
@@ -445,7 +445,7 @@ struct Overlay::Impl {
     return changed;
   }
 
-  // First, so that a small screen shows it without scrolling.
+  // Placed first, so that a small screen shows it without scrolling.
   void smoothing_panel(const HudState& state, HudActions& actions) {
     if (!state.smooth) return;
     bool smooth = *state.smooth;
@@ -460,11 +460,11 @@ struct Overlay::Impl {
     const float below = open.compact ? buttons_height + 0.3F * em : 0.5F * em;
     float top = 0.5F * em;
     if (open.compact) {
-      // A handheld's panels cover the status, as the sliders need the height.
+      // On a handheld the panels cover the status, because the sliders need the height.
       const bool handheld = height < static_cast<float>(kHandheldHeight);
       top = handheld ? 0.0F : status_bottom + 0.3F * em;
     }
-    // Half of the screen if that is wide enough for their words.
+    // Uses half of the screen if that is wide enough for the texts.
     const bool narrow = 0.46F * width < kPanelWidth * em;
     const ImVec2 most(!open.compact ? 19.0F * em : (narrow ? width : 0.46F * width),
                       height - top - below);
@@ -472,7 +472,7 @@ struct Overlay::Impl {
     begin_window("shadows", {width - (open.compact ? 0.0F : 0.5F * em), top}, {1.0F, 0.0F},
                  kScrolled);
     ImGui::PushItemWidth(-1.0F);
-    ImGui::PushTextWrapPos(0.0F);  // before the scroll bar
+    ImGui::PushTextWrapPos(0.0F);  // wraps before the scroll bar
     smoothing_panel(state, actions);
     Translucency translucency = state.translucency;
     if (choose("##translucency",
@@ -488,7 +488,7 @@ struct Overlay::Impl {
     end_window();
   }
 
-  // Over the image and below every window.
+  // Draws over the image and below every HUD window.
   void kernel_dots(const HudState& state, GlContext::Size size) const {
     if (state.picture_width <= 0 || state.picture_height <= 0) return;
     const PictureArea area = picture_area(state.picture_width, state.picture_height, size);
@@ -497,7 +497,7 @@ struct Overlay::Impl {
     const ImU32 dot = ImGui::ColorConvertFloat4ToU32(to_imgui(kKernelDot));
     const float radius = std::max(1.5F, 0.12F * em);
     for (const Eigen::Vector2d& pixel : state.kernels_px) {
-      // The centre of pixel 0 is at 0.5.
+      // The centre of pixel 0 is at 0.5 in the window.
       const ImVec2 at(static_cast<float>(area.x + scale * (pixel.x() + 0.5)),
                       static_cast<float>(area.y + scale * (pixel.y() + 0.5)));
       list.AddCircleFilled(at, radius, dot, 8);
@@ -547,7 +547,7 @@ struct Overlay::Impl {
     const auto close = [&] {
       button("close", WindowCommand::help, actions, {ImGui::GetContentRegionAvail().x, 0.0F});
     };
-    if (compact) {  // first: without scrolling. Commands that have keys but no other button
+    if (compact) {  // visible without scrolling: commands that have a key but no button
       const float half =
           0.5F * (ImGui::GetContentRegionAvail().x - ImGui::GetStyle().ItemSpacing.x);
       button("full screen", WindowCommand::full_screen, actions, {half, 0.0F});
@@ -584,7 +584,7 @@ struct Overlay::Impl {
     ImGui::End();
   }
 
-  // A window of words without buttons, in the middle or in a corner.
+  // Draws a text window without buttons, in the middle or in a corner.
   void words_window(const char* name, bool in_the_middle, const std::vector<std::string>& lines,
                     const HudColor& color) {
     const float gap = 0.5F * em;
@@ -597,14 +597,14 @@ struct Overlay::Impl {
     end_window();
   }
 
-  ImFontAtlas fonts;  // before the context that uses it
+  ImFontAtlas fonts;  // declared before the context that uses it
   ImGuiContext* imgui;
   std::array<ImFont*, kFontSizes.size()> sized{};
   ImFont* font = nullptr;
-  float em = 15.0F;                   // height of the letters [px]
+  float em = 15.0F;                   // font height [px]
   float width = 0.0F, height = 0.0F;  // of the window [px]
   std::optional<OverlayRenderer> renderer;
-  // `pressed` keeps a press that is released before the next drawing.
+  // `pressed` keeps a press that was released before the next drawing.
   std::array<bool, 3> pressed{}, down{};
   std::vector<std::array<float, 4>> windows;  // left, top, right, bottom
   float status_bottom = 0.0F;
@@ -687,7 +687,7 @@ void Overlay::draw(const HudState& state, const HudPanels& panels, GlContext::Si
   } else {
     m.full_layout(state, actions);
   }
-  // A small window shows one of them.
+  // A small window shows only one of the three.
   const bool panels_fit = !panels.compact || !panels.help;
   const bool debug_fits = panels_fit && (!panels.compact || !panels.panels);
   if (panels.debug) m.kernel_dots(state, size);

@@ -1,5 +1,5 @@
-// The HUD over the image, with Dear ImGui: measurements, panels, buttons. Draws only into the
-// window, never into written images.
+// Draws the HUD (measurements, panels, buttons) over the image with Dear ImGui. It appears only in
+// the window, not in written images.
 #pragma once
 
 #include <functional>
@@ -14,28 +14,28 @@ namespace penumbra {
 
 class Overlay {
  public:
-  // `context` is current on this thread, now and at every later call, and outlives the overlay.
+  // `context` must be current on this thread at this and every later call, and outlive the overlay.
   [[nodiscard]] static Result<std::unique_ptr<Overlay>> create(const GlContext& context);
   Overlay(const Overlay&) = delete;
   Overlay& operator=(const Overlay&) = delete;
   ~Overlay();
 
   void handle(const WindowEvent& event);
-  // Returns true if the last drawing covers this pixel of the window, or a list is open, which
-  // takes every click.
+  // Returns true if the HUD covers this pixel of the window, or if an open list receives all
+  // clicks.
   [[nodiscard]] bool covers(double x, double y) const;
-  // Returns true while keys go to a text field.
+  // Returns true while a text field receives the keys.
   [[nodiscard]] bool typing() const;
 
-  // All draw over the bound framebuffer, which has this size [px].
-  // Adds the clicks since the last drawing to `actions`.
+  // All draw functions draw over the bound framebuffer of `size` [px].
+  // Adds the clicks since the previous drawing to `actions`.
   void draw(const HudState& state, const HudPanels& panels, GlContext::Size size,
             HudActions& actions);
-  // While the HUD is hidden: warnings_of() and the message. Takes no clicks.
+  // Draws warnings_of() and the message while the HUD is hidden. Receives no clicks.
   void draw_hidden(const HudState& state, GlContext::Size size);
-  // These words instead of the HUD, in the middle or in a corner. Takes no clicks.
+  // Draws `words` instead of the HUD, in the middle or in a corner. Receives no clicks.
   void draw_text(const std::string& words, bool in_the_middle, GlContext::Size size);
-  // The Dear ImGui windows of `lay_out` instead of the HUD; `em`: height of the letters [px].
+  // Draws the Dear ImGui windows of `lay_out` instead of the HUD. `em`: font height [px].
   void draw_custom(GlContext::Size size, const std::function<void(float em)>& lay_out);
 
  private:
@@ -44,7 +44,7 @@ class Overlay {
   std::unique_ptr<Impl> impl_;
 };
 
-// Returns true if only the compact layout fits into the window [px].
+// Returns true if only the compact layout fits into a window of this size [px].
 [[nodiscard]] bool is_small(GlContext::Size window);
 
 }  // namespace penumbra

@@ -14,11 +14,11 @@ namespace penumbra {
 
 class OverlayRenderer {
  public:
-  // Uploads the fonts. `context` is current on this thread, now and at every later call.
+  // Uploads the fonts. `context` must be current on this thread at this and every later call.
   [[nodiscard]] static Result<OverlayRenderer> create(const GlContext& context, ImFontAtlas& fonts);
 
-  // Draws over the bound framebuffer. Leaves the OpenGL state as the compositor does: no blending,
-  // no scissor, any program.
+  // Draws over the bound framebuffer. Afterwards blending and scissor test are off, as after the
+  // compositor; the bound program is undefined.
   void draw(const ImDrawData& data, GlContext::Size size);
 
  private:

@@ -5,7 +5,7 @@
 namespace penumbra {
 namespace {
 
-// Image pixels per window pixel.
+// Returns the number of image pixels per window pixel.
 double scale_of(const CameraModel& camera, const PictureArea& area) {
   return static_cast<double>(camera.width()) / area.width;
 }

@@ -1,5 +1,5 @@
-// Conversions between window pixels, whose first corner is (0, 0), and image pixels, whose first
-// centre is (0, 0).
+// Converts between window pixels (corner of the first pixel at (0, 0)) and image pixels (centre of
+// the first pixel at (0, 0)).
 #pragma once
 
 #include <Eigen/Core>
@@ -14,7 +14,7 @@ namespace penumbra {
 
 [[nodiscard]] Eigen::Vector2d window_from_picture(const CameraModel& camera, GlContext::Size window,
                                                   const Eigen::Vector2d& picture_px);
-// Empty outside of the image, or without a pose.
+// Returns nullopt outside the image or without a pose.
 [[nodiscard]] std::optional<PointerView> pointer_in_window(const SessionView& view,
                                                            GlContext::Size window,
                                                            const Eigen::Vector2d& window_px);

@@ -7,7 +7,7 @@ namespace penumbra {
 std::optional<TrackedFrame> StallDisplay::picture(std::int64_t silence_ns) {
   if (!last_) return std::nullopt;
   TrackedFrame tracked = *last_;
-  // A repeated frame is not measured again.
+  // A repeated frame has no new measurements.
   tracked.pose.tags_used = 0;
   bool gone = true;
   const auto hold = [&gone, silence_ns](auto& pose) {
@@ -19,8 +19,8 @@ std::optional<TrackedFrame> StallDisplay::picture(std::int64_t silence_ns) {
   };
   hold(tracked.pose);
   for (GroupEstimate& group : tracked.groups) hold(group);
-  // Drawn for the last time. Returns its buffer: a driver that lost its camera needs every buffer
-  // back before it accepts the camera again.
+  // This is the last drawing of the frame. Releases its buffer, because a driver that lost its
+  // camera needs all buffers back before it accepts the camera again.
   if (gone) last_.reset();
   tracked.pose.reason = not_measured("no complete frame from the camera");
   return tracked;

@@ -1,4 +1,4 @@
-// Frames on the screen while the camera's stream stalls.
+// Chooses the frames on the screen while the camera's stream stalls.
 #pragma once
 
 #include <cstdint>
@@ -8,14 +8,15 @@
 
 namespace penumbra {
 
-// Repeats the last frame with its pose held and fading, then without a pose: a stalled image must
-// never look live.
+// Repeats the last frame with its pose held and fading, then without a pose, so that a stalled
+// image does not look live.
 class StallDisplay {
  public:
   void saw(const TrackedFrame& tracked) { last_ = tracked; }
-  // Returns true if there is a frame to draw again.
+  // Returns true if a frame can be drawn again.
   [[nodiscard]] bool holds() const { return last_.has_value(); }
-  // The frame to draw after this stall, poses aged by it; empty if nothing changes on the screen.
+  // Returns the frame to draw after a stall of `silence_ns`, which is added to the age of its
+  // poses. Returns nullopt if the screen does not change.
   [[nodiscard]] std::optional<TrackedFrame> picture(std::int64_t silence_ns);
 
  private:

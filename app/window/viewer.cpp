@@ -11,7 +11,7 @@
 namespace penumbra {
 namespace {
 
-// Interval between drawings while paused, as the window may be resized or uncovered.
+// Interval between drawings while paused: the window may be resized or uncovered.
 constexpr std::chrono::milliseconds kPausedRefresh(30);
 constexpr double kMessage_ms = 4000.0;
 constexpr double kCorner_px = 48.0;  // a touch here shows a hidden HUD
@@ -154,7 +154,7 @@ std::optional<PointerView> Viewer::pointer_view() const {
   return pointer_in_window(host_.view(), context_.window_size(), pointer_);
 }
 
-// Once per frame for all moves.
+// Handles all moves since the previous frame at once.
 void Viewer::follow_pointer() {
   if (!std::exchange(pointer_moved_, false)) return;
   const double raised = std::exchange(raise_m_, 0.0);

@@ -17,7 +17,7 @@
 
 namespace penumbra {
 
-// The run behind the window, live or replayed. The defaults are for what a run cannot do.
+// The run behind the window, live or replay. The defaults are for features that a run lacks.
 class ViewerHost {
  public:
   ViewerHost() = default;
@@ -25,43 +25,44 @@ class ViewerHost {
   ViewerHost& operator=(const ViewerHost&) = delete;
   virtual ~ViewerHost() = default;
 
-  // Draws the last frame into the window.
+  // Draws the latest frame into the window.
   virtual void present() = 0;
-  // Without a scene no object can be dragged.
+  // If the view has no scene, no object can be dragged.
   [[nodiscard]] virtual SessionView view() const { return {}; }
   [[nodiscard]] virtual std::vector<HudNode> nodes() const { return {}; }
   virtual void edit(const SceneEdit& /*edit*/) {}
   [[nodiscard]] virtual Translucency translucency() const { return Translucency::automatic; }
   virtual void set_translucency(Translucency /*mode*/) {}
-  // Draws the last frame again with the edits, while paused.
+  // Draws the latest frame again with the edits, while paused.
   virtual void redraw() {}
-  // The run should end, even from a pause.
+  // Returns true if the run should end, even during a pause.
   [[nodiscard]] virtual bool is_over() const { return false; }
-  // Return a message about the result.
+  // These return a message about the result.
   [[nodiscard]] virtual std::string save_screenshot() { return {}; }
   [[nodiscard]] virtual std::string toggle_recording() { return {}; }
   [[nodiscard]] virtual std::string toggle_smoothing() { return {}; }
-  // Fills in the measurements; `debug`: for the debug view too.
+  // Fills in the measurements; with `debug`, also those of the debug view.
   virtual void describe(HudState& /*state*/, bool /*debug*/) const {}
 };
 
 struct ViewerOptions {
-  bool hud = true;  // shown at first
+  bool hud = true;  // initially visible
 };
 
 class Viewer {
  public:
-  // `context` has a window; both references outlive the viewer. Without an overlay there is no HUD.
+  // `context` must have a window. `context` and `host` must outlive the viewer. If `overlay` is
+  // nullptr, there is no HUD.
   Viewer(GlContext& context, ViewerHost& host, std::unique_ptr<Overlay> overlay,
          const ViewerOptions& options = {});
   Viewer(const Viewer&) = delete;
   Viewer& operator=(const Viewer&) = delete;
   ~Viewer();
 
-  // The next frame, or the last one again; only the former counts for the frame rate.
+  // The next frame, or the same one again, which does not count for the frame rate.
   enum class Picture { next, same };
-  // Shows the last frame and handles events; while paused until the pause or the run ends, a step
-  // is requested, or the program is interrupted. False once the window was closed.
+  // Shows the latest frame and handles events. While paused, it waits for the end of the pause or
+  // run, a step or an interruption. Returns false after the window was closed.
   [[nodiscard]] bool show(InterruptWatch& interrupt, Picture picture = Picture::next);
   // Total time of the pauses [ms], which does not count for pacing.
   [[nodiscard]] double paused_ms() const { return paused_ms_; }
@@ -74,12 +75,12 @@ class Viewer {
   void act(WindowCommand command);
   void act_on_clicks(HudActions actions);
   void edit(const SceneEdit& edit);
-  // Changes the nodes that the keys select.
+  // These change the nodes that the keys selected.
   void set_technique(ShadowTechnique technique);
   void set_translucency(Translucency mode);
   [[nodiscard]] std::vector<HudNode> chosen_nodes() const;
   void show_message(std::string message);
-  // Empty outside of the image, or without a pose.
+  // Returns nullopt outside the image or without a pose.
   [[nodiscard]] std::optional<PointerView> pointer_view() const;
   [[nodiscard]] bool over_hud() const;
   void follow_pointer();
@@ -88,18 +89,18 @@ class Viewer {
   ViewerHost& host_;
   std::unique_ptr<Overlay> overlay_;
   HudPanels panels_;
-  std::optional<bool> compact_;  // as chosen; empty: by the window's size
+  std::optional<bool> compact_;  // the user's choice; nullopt: depends on the window's size
   bool hud_ = true;
   bool paused_ = false, step_ = false, closed_ = false, edited_ = false;
   double paused_ms_ = 0.0;
   Manipulator manipulator_;
-  std::optional<std::string> node_;  // that keys change; empty: all
+  std::optional<std::string> node_;  // node that the keys change; nullopt: all
   DragMode drag_ = DragMode::slide;
-  int drag_button_ = -1;                               // of the current drag
+  int drag_button_ = -1;                               // button of the current drag
   Eigen::Vector2d pointer_ = Eigen::Vector2d::Zero();  // [px] of the window
   bool pointer_moved_ = false;
   bool cursor_ = false;   // the scene's 3D cursor follows the pointer
-  double raise_m_ = 0.0;  // of the cursor, since the last frame
+  double raise_m_ = 0.0;  // rise of the cursor since the previous frame
   std::string message_;
   Stopwatch since_message_;
   RateMeter shown_;
