@@ -14,8 +14,8 @@ class RateMeter {
     at_ms_.push_back(at_ms);
     if (at_ms_.size() > kMostFrames) at_ms_.pop_front();
   }
-  // The rate over the last frames [1/s]; 0 for fewer than two. A late next frame counts as if it
-  // came now, so the rate falls while none comes.
+  // Returns the rate over the recent frames [1/s]; 0 for fewer than two. The next frame counts as
+  // arriving now if it is late, so the rate decreases during a stall.
   [[nodiscard]] double per_s(double now_ms) const {
     if (at_ms_.size() < 2 || !(at_ms_.back() > at_ms_.front())) return 0.0;
     const auto intervals = static_cast<double>(at_ms_.size() - 1);

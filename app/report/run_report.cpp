@@ -26,7 +26,7 @@ Json json_of(const StageSummary& s) {
       {"cpu_median", s.cpu_median}, {"cpu_mean", s.cpu_mean}, {"count", s.count}};
 }
 
-// Bytes of a path that are not UTF-8 are replaced.
+// Replaces bytes that are not UTF-8, for example in paths.
 std::string json_text(const Json& json) {
   return json.dump(2, ' ', false, Json::error_handler_t::replace) + "\n";
 }
@@ -36,7 +36,7 @@ double ratio_of(int part, int whole) {
 }
 
 Json json_of(const Evaluation& e) {
-  // With no pose there is no error: null, never a perfect 0.
+  // Without poses there is no error: writes null, because 0 would mean a perfect result.
   const auto known = [&](const Json& value) { return e.frames_judged > 0 ? value : Json(); };
   Json json;
   json["translation_mm"] = known(json_of(e.translation_mm));
@@ -118,7 +118,7 @@ Json times_json(const std::vector<std::pair<std::string, StageSummary>>& time_ms
 }
 
 // Busy time per frame of each thread of the pipeline. The critical path is the busiest thread if
-// they run side by side, else all of them.
+// the threads run in parallel, otherwise the sum of all.
 Json pipeline_json(const RunReport& report) {
   constexpr std::array<std::string_view, 4> kStages = {"capture", "track", "draw", "encode"};
   Json busy = Json::object();
@@ -180,7 +180,7 @@ std::optional<double> StageTimes::recent_ms() const {
 
 RunRecorder::RunRecorder(const RunRecorderOptions& options) : keep_paths_(options.keep_paths) {
   if (options.camera) lag_.emplace(*options.camera);
-  // Stages that never run are reported with a count of 0.
+  // Includes stages that never run, with a count of 0.
   for (const char* stage :
        {"capture", "track", "detect", "search", "align", "solve", "light", "plan", "shadow",
         "render", "gpu", "readback", "draw", "encode", "frame", "latency"}) {
@@ -260,7 +260,7 @@ void RunRecorder::add_frame(const SessionFrame& frame) {
 }
 
 void RunRecorder::add_reason(const PoseReason& reason) {
-  constexpr std::size_t kMostKinds = 64;  // there are a dozen
+  constexpr std::size_t kMostKinds = 64;  // bound; about twelve occur
   const std::string general = without_numbers(text_of(reason));
   const bool other =
       general.empty() || (reasons_.size() >= kMostKinds && !reasons_.contains(general));
@@ -311,7 +311,7 @@ const RunRecorder::Group& RunRecorder::group(const std::string& name) const {
 
 void RunRecorder::add_work(const CompositeStats& drawn) {
   work_ += drawn.counters;
-  // The GPU's times arrive with a later frame.
+  // GPU times become available with a later frame.
   add_gpu_times(drawn.gpu_ms);
 }
 
@@ -325,7 +325,7 @@ RunReport RunRecorder::report() const {
   RunReport report = report_;
   report.frames_captured = report.frames;
   for (const auto& [stage, times] : stages_) {
-    if (stage == "gpu" && !times.recent_ms()) continue;  // the GPU's clock is not read
+    if (stage == "gpu" && !times.recent_ms()) continue;  // GPU times are not measured
     report.time_ms.emplace_back(stage, times.summary());
   }
   report.reprojection_rms_px = reprojection_px_.statistics();
@@ -510,9 +510,9 @@ std::string smoothing_table(const SmoothingReport& smoothing) {
   return text;
 }
 
-// `map` names the map in the text.
+// `map`: name of the map in the text.
 std::string rejected_tag_lines(const TrackingCounts& counts, std::string_view map) {
-  constexpr std::size_t kMostNamed = 5;  // for each reason
+  constexpr std::size_t kMostNamed = 5;  // tags listed for each reason
   std::string text;
   for (std::size_t i = 0; i < kTagRejections; ++i) {
     std::size_t named = 0;
@@ -524,14 +524,14 @@ std::string rejected_tag_lines(const TrackingCounts& counts, std::string_view ma
   return text;
 }
 
-// Returns true if no frame was tracked, mostly because no pose fits the detected tags.
+// Returns true if no frame was tracked and the main reason is that no pose fits the detected tags.
 bool tags_fit_no_pose(const RunReport& report) {
   if (report.frames_tracked > 0 || report.reasons.empty()) return false;
   const PoseCause cause = report.reasons.front().second.first.cause;
   return cause == PoseCause::inconsistent_tags || cause == PoseCause::misfit;
 }
 
-// "camera: damaged frames: 3 (damaged)".
+// Returns lines such as "camera: damaged frames: 3 (damaged)".
 std::string camera_fault_lines(const std::map<std::string, std::int64_t>& faults) {
   std::string text;
   const auto add = [&](std::string_view name, std::string_view description) {
@@ -569,7 +569,7 @@ std::string report_table(const RunReport& report) {
         "this camera, its focus and its image size; then check the sizes and places in the map\n";
   }
   text += rejected_tag_lines(report, "the map");
-  // The tags were seen in uncertain frames.
+  // Omitted if most frames are uncertain, because tags were detected in them.
   if (!misfit && report.frames > 0 && report.frames_tracked == 0 &&
       2 * report.frames_uncertain < report.frames) {
     std::string why =

@@ -1,4 +1,4 @@
-// Measurements of a run: collected frame by frame, then a JSON report or a table for people.
+// Measurements of a run. They are collected for each frame and reported as JSON or as a text table.
 #pragma once
 
 #include <array>
@@ -27,7 +27,7 @@
 namespace penumbra {
 
 struct StageSummary {
-  double median = 0.0, p95 = 0.0, max = 0.0, mean = 0.0;  // wall [ms]
+  double median = 0.0, p95 = 0.0, max = 0.0, mean = 0.0;  // wall time [ms]
   double cpu_median = 0.0, cpu_mean = 0.0;                // CPU time of the working thread [ms]
   std::size_t count = 0;
 };
@@ -36,35 +36,35 @@ class StageTimes {
  public:
   void add(StageTime time);
   [[nodiscard]] StageSummary summary() const;
-  // Mean wall time of the last kMostRecent frames [ms]; nothing before the first.
+  // Returns the mean wall time of the last kMostRecent frames [ms]; nullopt before the first frame.
   [[nodiscard]] std::optional<double> recent_ms() const;
 
  private:
   static constexpr std::size_t kMostRecent = 30;
   RunningStatistics wall_ms_, cpu_ms_;
-  std::array<double, kMostRecent> recent_ms_{};  // a ring
+  std::array<double, kMostRecent> recent_ms_{};  // ring buffer
 };
 
-// Frames by the status of their pose, and the tags measured in them.
+// Counts of frames by the status of their pose, and of the tags measured in them.
 struct TrackingCounts {
   int frames_tracked = 0, frames_uncertain = 0, frames_held = 0, frames_lost = 0;
-  Statistics reprojection_rms_px;  // over the frames in which tags were measured
+  Statistics reprojection_rms_px;  // over the frames with measured tags
   bool tags_measured = false;      // in any frame
-  // By TagRejection, and by the tag's id: frames in which it was rejected.
+  // For each TagRejection: number of frames in which a tag was rejected, by tag id.
   std::array<std::map<std::string, std::int64_t>, kTagRejections> tags_rejected;
   void add(TrackStatus status, const MeasuredTags& tags);
 };
 
 struct GroupReport : TrackingCounts {
   std::string name;
-  // Errors of the camera over the group's middle, in the tracked frames.
+  // Errors of the camera's pose relative to the group's middle, in the tracked frames.
   std::optional<Evaluation> accuracy;
 };
 
 struct SmoothingReport {
-  Statistics lag_ms;     // of each frame, as SmoothedPose's
-  Statistics offset_px;  // as SmoothedPose's
-  // Delay of the drawn overlay while it moves (LagMeter); nothing if it does not move.
+  Statistics lag_ms;     // over the frames; see SmoothedPose
+  Statistics offset_px;  // over the frames; see SmoothedPose
+  // Delay of the drawn overlay while it moves (LagMeter); nullopt if it does not move.
   std::optional<double> measured_lag_ms;
   std::optional<Evaluation> accuracy;  // of the drawn poses in the tracked frames
 };
@@ -73,20 +73,20 @@ struct WorkReport {
   std::vector<std::pair<std::string, StageSummary>> time_ms;  // in the order of the pipeline
   std::vector<std::pair<std::string, std::int64_t>> work;
   std::map<std::string, std::int64_t> skipped;
-  std::map<std::string, std::int64_t> kept;  // reused from an earlier image
+  std::map<std::string, std::int64_t> kept;  // work reused from an earlier image
 };
 
-// One technique of a comparison. Its times are of the stages that draw.
+// One technique of a comparison. Contains times of the drawing stages only.
 struct PaneReport : WorkReport {
   std::string technique;
 };
 
 struct RecordedFrames {
   std::int64_t written = 0;
-  std::int64_t left_out = 0;  // the disk or the encoder was too slow
+  std::int64_t left_out = 0;  // frames dropped because the disk or the encoder was too slow
 };
 
-// Untracked frames whose reasons differ only in their numbers.
+// Count of untracked frames whose reasons are equal except for the numbers in them.
 struct ReasonCount {
   std::int64_t frames = 0;
   PoseReason first;  // with the numbers of the first frame
@@ -95,67 +95,67 @@ struct ReasonCount {
 struct RunReport : TrackingCounts, WorkReport {
   std::string recording;
   std::string scene;
-  std::optional<TagsInUse> tags;          // nothing if poses are given without any
-  std::optional<ImageFault> image_fault;  // the reason why nothing is tracked, if it is one
+  std::optional<TagsInUse> tags;          // nullopt if poses are given and no tags are needed
+  std::optional<ImageFault> image_fault;  // image fault that prevents tracking, if detected
   int width = 0, height = 0;              // [px]
   int frames = 0;                         // processed
   int frames_captured = 0, frames_dropped = 0;
-  int frames_damaged = 0;  // of those dropped: they could not be decoded; others came too late
-  // Reasons why frames were not tracked, the most frequent first. Numbers in a reason are replaced
-  // by N, so that it counts as one.
+  int frames_damaged = 0;  // dropped because they could not be decoded; the others came too late
+  // Reasons why frames were not tracked, in descending order of frequency. The key is the reason
+  // with its numbers replaced by N.
   std::vector<std::pair<std::string, ReasonCount>> reasons;
   bool interrupted = false;
-  // The error that ended the run early, or that closed an output; the rest is as reported here.
+  // The error that ended the run early or closed an output. The other fields are valid up to then.
   std::optional<Error> failure;
-  std::int64_t log_lines_dropped = 0;  // the reader of standard error stalled or ended
-  int msaa_samples = 0;                // of each pixel; 0: no multisampling
-  bool pixel_buffers = false;          // pixels are transferred through the driver's buffers
+  std::int64_t log_lines_dropped = 0;  // because the reader of standard error stalled or ended
+  int msaa_samples = 0;                // samples per pixel; 0: no multisampling
+  bool pixel_buffers = false;          // pixels are transferred through pixel buffer objects
   std::string gl_renderer;
   std::string gl_version;
-  // The last frame's mode; automatic: no frame was drawn.
+  // Mode of the last frame; `automatic` if no frame was drawn.
   Translucency translucency = Translucency::automatic;
-  Statistics expected_overlay_px;   // PoseEstimate's, over the tracked frames
-  int full_detections = 0;          // frames searched as a whole
-  int coarse_searches = 0;          // of tracked_updates: found by the pyramid search
-  int box_detections = 0;           // frames searched by ROI detection
-  int tracked_updates = 0;          // frames measured without such a search
-  std::int64_t pixels_sampled = 0;  // by alignments
-  // Work that the tracker skipped. Only skipped tags leave the poses the same to the bit, so
-  // --no-skip does not apply to it.
+  Statistics expected_overlay_px;   // predicted error (PoseEstimate) over the tracked frames
+  int full_detections = 0;          // frames with a search of the whole image
+  int coarse_searches = 0;          // those of tracked_updates found by the pyramid search
+  int box_detections = 0;           // frames with ROI detection
+  int tracked_updates = 0;          // frames measured without detection
+  std::int64_t pixels_sampled = 0;  // pixels sampled by alignments
+  // Work that the tracker skipped. Apart from skipped tags, it changes the poses' last bits, so
+  // --no-skip does not affect it.
   std::map<std::string, std::int64_t> tracking_skipped;
   std::map<std::string, std::int64_t> camera_faults;
-  std::optional<RecordedFrames> recorded;  // live only, if anything was
+  std::optional<RecordedFrames> recorded;  // live only; nullopt if nothing was recorded
   int threads = 1;
-  std::optional<Evaluation> accuracy;        // of the tracked frames, as measured
-  std::optional<SmoothingReport> smoothing;  // if any frame was drawn with a smoothed pose
-  std::vector<GroupReport> groups;           // those that were tracked, in the order of the tag map
-  // The panes of a comparison in their order; time_ms, work and skipped are the sums of all.
+  std::optional<Evaluation> accuracy;        // of the measured poses in the tracked frames
+  std::optional<SmoothingReport> smoothing;  // set if any frame was drawn with a smoothed pose
+  std::vector<GroupReport> groups;           // tracked groups, in the order of the tag map
+  // Panes of a comparison, in order. time_ms, work and skipped are the sums over all panes.
   std::vector<PaneReport> panes;
 };
 
 struct RunRecorderOptions {
-  std::optional<CameraModel> camera;  // of the image; with it the lag of smoothed poses is measured
-  bool keep_paths = false;  // every frame's time and pose, for an evaluation: memory grows
+  std::optional<CameraModel> camera;  // camera of the image, to measure the lag of smoothed poses
+  bool keep_paths = false;  // keeps every frame's time and pose for an evaluation; memory use grows
 };
 
-// Collects the measurements of a run in bounded memory, except for the paths.
+// Collects the measurements of a run. Memory use is bounded unless paths are kept.
 class RunRecorder {
  public:
   struct Group {
     GroupReport report;
     Transform<frame::Group, frame::GroupMiddle> T_group_middle;
     RunningStatistics reprojection_px;
-    Trajectory tracked;  // T_middle_camera as drawn, if paths are kept
+    Trajectory tracked;  // drawn T_middle_camera, if paths are kept
   };
 
   explicit RunRecorder(const RunRecorderOptions& options = {});
-  // `stage` is one of the report's.
+  // `stage`: name of a stage in the report.
   void add_time(std::string_view stage, StageTime time);
-  // Times of the stage "gpu", of drawn frames in any order.
+  // Adds times of the stage "gpu" for drawn frames, in any order.
   void add_gpu_times(std::span<const double> times_ms);
   // Counts a frame and adds the times of its stages.
   void add_frame(const SessionFrame& frame);
-  // Adds the work of drawing, also of a counted frame that is drawn again.
+  // Adds the work of drawing a frame. A repeated drawing of a frame counts too.
   void add_work(const CompositeStats& drawn);
 
   [[nodiscard]] int frames() const { return report_.frames; }
@@ -167,7 +167,7 @@ class RunRecorder {
   [[nodiscard]] const Trajectory& tracked() const { return tracked_; }
   [[nodiscard]] const Trajectory& drawn() const { return drawn_; }
   [[nodiscard]] const Group& group(const std::string& name) const;
-  // The report so far; names and accuracy are the caller's to fill.
+  // Returns the report so far. The caller fills in names and accuracy.
   [[nodiscard]] RunReport report() const;
 
  private:
@@ -178,12 +178,12 @@ class RunRecorder {
   RunReport report_;
   std::vector<std::pair<std::string, StageTimes>> stages_;
   RunningStatistics reprojection_px_;
-  RunningStatistics expected_px_;  // of tracked frames
+  RunningStatistics expected_px_;  // in the tracked frames
   bool keep_paths_ = false;
   std::vector<std::int64_t> times_ns_;
   Trajectory tracked_, drawn_;
-  RunningStatistics lag_ms_, offset_px_;  // of frames drawn with a smoothed pose
-  std::optional<LagMeter> lag_;           // of those that were tracked
+  RunningStatistics lag_ms_, offset_px_;  // over frames drawn with a smoothed pose
+  std::optional<LagMeter> lag_;           // over the tracked ones of these frames
   std::vector<Group> groups_;
   std::map<std::string, ReasonCount> reasons_;
   RenderCounters work_;
@@ -192,12 +192,12 @@ class RunRecorder {
   std::array<std::int64_t, kShadowEventNames.size()> events_{};  // by ShadowEventKind
 };
 
-// Errors of poses of the run's frames (tracked() or drawn()) against the truth at their times. The
-// run keeps its paths.
+// Returns the errors of the run's poses (tracked() or drawn()) against the ground truth at their
+// times. The run must keep its paths.
 [[nodiscard]] Evaluation accuracy_of(const CameraModel& camera, const RunRecorder& run,
                                      const Trajectory& poses, const Trajectory& truth,
                                      const PairingOptions& options = {});
-// The same of the camera over the middle of a group of tags beside the table.
+// The same for the camera's pose relative to the middle of a tag group beside the table.
 struct GroupTruth {
   const Trajectory& camera;  // T_table_camera
   const Trajectory& group;   // T_table_group
@@ -207,14 +207,14 @@ struct GroupTruth {
                                            const PairingOptions& options = {});
 
 [[nodiscard]] std::string report_json(const RunReport& report);
-// An evaluation as in the report's "accuracy"; those of groups of tags, if any, are in "groups".
+// Returns an evaluation like the report's "accuracy"; evaluations of tag groups are in "groups".
 [[nodiscard]] std::string evaluation_json(const Evaluation& evaluation,
                                           const std::map<std::string, Evaluation>& groups);
 
-// For people; ends with a line break.
+// These return text for users that ends with a line break.
 [[nodiscard]] std::string report_table(const RunReport& report);
 [[nodiscard]] std::string evaluation_table(const Evaluation& evaluation);
-// "3 outside the time of the ground truth, 1 in a gap ..."; empty if all are judged.
+// Returns "3 outside the time of the ground truth, 1 in a gap ..."; empty if all are evaluated.
 [[nodiscard]] std::string not_judged_in_words(const Evaluation& evaluation);
 
 }  // namespace penumbra

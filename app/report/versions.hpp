@@ -8,7 +8,7 @@
 namespace penumbra {
 
 [[nodiscard]] std::string program_version();
-// Name and version of the program, the compiler and the libraries that affect results.
+// Returns name and version of the program, the compiler and the libraries that affect results.
 [[nodiscard]] std::vector<std::pair<std::string, std::string>> component_versions();
 
 }  // namespace penumbra
