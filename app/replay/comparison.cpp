@@ -32,7 +32,7 @@ Result<Comparison> Comparison::create(GlContext& context, std::shared_ptr<const 
   Comparison comparison(camera, names);
   for (std::size_t i = 0; i < techniques.size(); ++i) {
     options.plan = techniques[i].plan;
-    // The first pane tracks the frames for all.
+    // The first pane tracks the frames for all panes.
     PENUMBRA_TRY(auto session,
                  Session::create(context, scene, camera,
                                  i == 0 ? std::move(poses) : PoseSource(GivenPoses()), options));
@@ -52,7 +52,7 @@ Result<SessionFrame> Comparison::draw(const TrackedFrame& tracked) {
     pane.run->add_frame(*drawn);
     if (i == 0) {
       all = std::move(*drawn);
-      all.composite.gpu_ms.clear();  // each pane's own is in its report
+      all.composite.gpu_ms.clear();  // the panes' reports contain the GPU times
       continue;
     }
     add(all.composite, drawn->composite);

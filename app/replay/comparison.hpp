@@ -1,5 +1,5 @@
-// Draws the same frames with several shadow techniques side by side. Every pane has the same
-// tracked pose and scene time, and is the image that its technique alone gives.
+// Draws the same frames with several shadow techniques side by side. All panes have the same
+// tracked pose and scene time. Each pane equals the image that a session with its technique draws.
 #pragma once
 
 #include <cstdint>
@@ -22,27 +22,27 @@ namespace penumbra {
 
 class Comparison {
  public:
-  // `options.plan` is not used: each technique brings its own. `context` is current on this thread
-  // and outlives the comparison.
+  // `options.plan` is ignored, because each technique has its own. `context` must be current on
+  // this thread and outlive the comparison.
   [[nodiscard]] static Result<Comparison> create(GlContext& context,
                                                  std::shared_ptr<const Scene> scene,
                                                  const CameraModel& camera, PoseSource poses,
                                                  const std::vector<ComparedTechnique>& techniques,
                                                  SessionOptions options);
 
-  // As Session::track().
+  // See Session::track().
   [[nodiscard]] TrackedFrame track(const Frame& frame) {
     return panes_.front().session->track(frame);
   }
-  // Draws every pane. Returns the first one's plan and events, and the sums of times and work.
+  // Draws all panes. Returns the plan and events of the first pane, and the sums of times and work.
   [[nodiscard]] Result<SessionFrame> draw(const TrackedFrame& tracked);
   bool replay_edit(const SceneEdit& edit);
-  // The session of the first pane. The panes have the same scene.
+  // Session of the first pane; all panes have the same scene.
   [[nodiscard]] const Session& session() const { return *panes_.front().session; }
 
   [[nodiscard]] const PaneGrid& grid() const { return grid_; }
   [[nodiscard]] std::vector<PaneReport> reports() const;
-  // Adds the GPU times of the last frames to the panes' reports.
+  // Adds the GPU times that are available now to the panes' reports.
   void take_gpu_times();
 
  private:
@@ -58,10 +58,10 @@ class Comparison {
   std::vector<std::uint8_t> pixels_;
 };
 
-// A comparison in the window. Each pane keeps its technique, and nothing can be edited.
+// A comparison in the window. The techniques and the scene can't be edited.
 class ComparisonHost final : public RunHost {
  public:
-  // All outlive this.
+  // All referenced arguments must outlive this object.
   ComparisonHost(const Comparison& comparison, GlContext& context, UploadedPicture picture,
                  RunRecorder& run, int frame_count)
       : RunHost(run, frame_count),

@@ -41,7 +41,7 @@ Result<PoseSource> open_replay_poses(const ReplayRequest& request, const Recordi
     return fail("{}: has no pose within 1 ms of any frame of {}; is it of another recording?",
                 *request.poses_from, recording.folder.string());
   }
-  // Group poses that were tracked with these poses, else the true ones.
+  // Uses the group poses that were tracked along with the camera's, else the ground truth.
   std::map<std::string, Trajectory> groups = recording.group_groundtruth;
   if (recording.tags) {
     PENUMBRA_TRY(auto tracked,

@@ -9,11 +9,11 @@
 
 namespace penumbra {
 
-// A tracker of the recording's tags, or the poses that the request names.
+// Opens a tracker of the recording's tags, or the poses that the request selects.
 [[nodiscard]] Result<PoseSource> open_replay_poses(const ReplayRequest& request,
                                                    const Recording& recording, const Scene& scene);
 
-// Warns if the clock or unit of the ground truth can't be the recording's.
+// Warns if the ground truth has times or positions that imply another clock or unit.
 void check_groundtruth(const ReplayRequest& request, const Recording& recording);
 // Adds the errors of the poses against the recording's ground truth to the report.
 void add_accuracy(const ReplayRequest& request, const Recording& recording, const RunRecorder& run,

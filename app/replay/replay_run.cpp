@@ -30,11 +30,11 @@ namespace {
 
 namespace fs = std::filesystem;
 
-// Queued frames between tracking and drawing, and between drawing and encoding.
+// Queue lengths between tracking and drawing, and between drawing and encoding [frames].
 constexpr int kTrackAhead = 2;
 constexpr int kEncodeAhead = 2;
 
-// Fails if an output replaces an input or another output, or lies in the recording's folder.
+// Fails if an output would replace an input or another output, or lies in the recording's folder.
 Result<void> check_outputs(const ReplayRequest& request, const Recording& recording) {
   std::vector<fs::path> taken = {request.scene};
   if (request.kernel_file) taken.push_back(*request.kernel_file);
@@ -45,7 +45,7 @@ Result<void> check_outputs(const ReplayRequest& request, const Recording& record
   return check_output_paths(request, std::move(taken));
 }
 
-// Shows frames at the pace they were recorded.
+// Shows frames at the rate at which they were recorded.
 class Pacer {
  public:
   void wait_for(std::int64_t timestamp_ns, double paused_ms) {
@@ -103,14 +103,13 @@ Result<void> check_range(const ReplayRequest& request, const Recording& recordin
   return {};
 }
 
-// Index of the first frame with this number or a greater one; lost frames leave gaps in the
-// numbers.
+// Returns the index of the first frame whose number is not less than `number`; numbers have gaps.
 int index_of(const Recording& recording, int number) {
   const auto found = std::ranges::lower_bound(recording.frames, number, {}, &RecordedFrame::number);
   return static_cast<int>(found - recording.frames.begin());
 }
 
-// Scales a grid of panes down to the size of a screen.
+// Scales the size of a pane grid down to a screen.
 GlContext::Size window_size_for(GlContext::Size picture) {
   constexpr double kWidest = 1600.0;
   constexpr double kTallest = 960.0;
@@ -118,7 +117,7 @@ GlContext::Size window_size_for(GlContext::Size picture) {
   return {static_cast<int>(scale * picture.width), static_cast<int>(scale * picture.height)};
 }
 
-// Loads the edits and lights of the recorded session; without the edits if the request says so.
+// Loads the edits and lights of the recorded session; omits the edits if the request disables them.
 Result<SceneEvents> load_events(const ReplayRequest& request, const Recording& recording) {
   auto events = load_scene_events(recording.folder / "events.jsonl");
   if (request.edits) return events;
@@ -181,7 +180,7 @@ Result<std::unique_ptr<ReplayView>> open_view(const ReplayRequest& request, Repl
   return std::make_unique<ReplayView>(std::move(view));
 }
 
-// Opens everything; the quickest checks come first.
+// Opens the inputs, the view and the outputs. The quickest checks come first.
 Result<ReplaySetup> open_setup(const ReplayRequest& request, InterruptWatch& interrupt) {
   ReplaySetup setup;
   PENUMBRA_TRY(setup.recording, open_checked_recording(request));
@@ -219,8 +218,9 @@ Result<ReplaySetup> open_setup(const ReplayRequest& request, InterruptWatch& int
   return setup;
 }
 
-// Draws, shows and writes the frames. The next ones are tracked while this one is drawn and the one
-// before it is encoded. Each stage takes the frames in order, so results do not depend on timing.
+// Draws, shows and writes the frames. While a frame is drawn, the next ones are tracked and the
+// previous one is encoded. Each stage processes the frames in order, so timing does not affect
+// results.
 class ReplayLoop {
  public:
   ReplayLoop(const ReplayRequest& request, ReplaySetup& setup, InterruptWatch& interrupt)
@@ -236,8 +236,8 @@ class ReplayLoop {
         tracked_([this] { return track_next(); }, request.threads > 1 ? kTrackAhead : 0) {}
 
   [[nodiscard]] Result<void> open_viewer();
-  // Closes an output that can't be written and continues. A frame that can't be read or drawn ends
-  // the run; outputs of an earlier run are not replaced then.
+  // If an output can't be written, closes it and continues. If a frame can't be read or drawn,
+  // fails; the outputs of an earlier run are then not replaced.
   [[nodiscard]] Result<void> run();
   [[nodiscard]] Result<RunReport> finish();
 
@@ -257,15 +257,15 @@ class ReplayLoop {
   ReplaySetup& setup_;
   InterruptWatch& interrupt_;
   RunRecorder run_;
-  RunHost* host_ = nullptr;  // of the viewer
+  RunHost* host_ = nullptr;  // the viewer's host
   std::unique_ptr<Viewer> viewer_;
   LateOutputs late_;
   RecordedEdits edits_;
   Pacer pacer_;
   bool stopped_ = false;
-  std::optional<Error> failure_;                   // the first of the outputs
-  std::unique_ptr<ImageFaultWatch> image_faults_;  // if frames are tracked
-  TrackAhead tracked_;                             // last: its thread uses the others
+  std::optional<Error> failure_;                   // first error of an output
+  std::unique_ptr<ImageFaultWatch> image_faults_;  // set if frames are tracked
+  TrackAhead tracked_;                             // declared last: its thread uses the others
 };
 
 Result<void> ReplayLoop::open_viewer() {
@@ -291,7 +291,7 @@ Result<void> ReplayLoop::run() {
     if (item && !*item) break;
     const auto done = item ? draw(std::move(**item)) : tl::unexpected(item.error());
     if (!done) {
-      // The last frame is complete.
+      // Writes the previous frame, which is complete.
       if (const auto rest = late_.write_rest(); !rest) log_warning("{}", rest.error().message);
       return done;
     }
@@ -349,7 +349,7 @@ RunReport ReplayLoop::report() {
   report.panes = setup_.view->pane_reports();
   if (const std::int64_t damaged = setup_.source->damaged(); damaged > 0) {
     report.camera_faults[std::string(name_of(CaptureFault::damaged))] = damaged;
-    // As in live.
+    // Counts damaged frames as live does.
     report.frames_damaged = report.frames_dropped = static_cast<int>(damaged);
     report.frames_captured = report.frames + report.frames_damaged;
   }
@@ -379,7 +379,7 @@ Result<RunReport> ReplayLoop::finish() {
 }  // namespace
 
 Result<RunReport> run_replay(const ReplayRequest& request) {
-  InterruptWatch interrupt;  // first: decoders and OpenGL start threads
+  InterruptWatch interrupt;  // declared first, because decoders and OpenGL start threads
   PENUMBRA_TRY(auto setup, open_setup(request, interrupt));
   ReplayLoop loop(request, setup, interrupt);
   PENUMBRA_TRY_VOID(loop.open_viewer());

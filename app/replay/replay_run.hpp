@@ -1,4 +1,4 @@
-// Replays a recording: every frame in order through the session, to a window and to files.
+// Replays a recording: processes every frame in order and writes to a window and to files.
 #pragma once
 
 #include <filesystem>
@@ -19,26 +19,26 @@ inline constexpr std::size_t kLeastPanes = 2;
 inline constexpr std::size_t kMostPanes = 8;
 
 struct ComparedTechnique {
-  std::string name;  // the caption, and the key in the report
+  std::string name;  // caption, and key in the report
   PlanOptions plan;
 };
 
-// threads: with more than 1, frames are decoded, tracked, drawn and encoded side by side.
+// `threads`: with more than 1, decoding, tracking, drawing and encoding run in parallel.
 struct ReplayRequest : RunRequest {
   std::filesystem::path recording;
-  std::string camera_name;                    // in a camera.yaml with several cameras
+  std::string camera_name;                    // selects one camera of a camera.yaml with several
   std::optional<std::filesystem::path> tags;  // instead of the recording's
-  // Two or more techniques side by side in one image; `plan` is then not used.
+  // Techniques to draw side by side in one image, at least two; `plan` is then ignored.
   std::vector<ComparedTechnique> compare;
-  std::optional<std::string> poses_from;  // "groundtruth" or a TUM file: no tracker
+  std::optional<std::string> poses_from;  // "groundtruth" or a TUM file; replaces the tracker
   FrameRange frames;
   bool realtime = false;
-  PairingOptions pairing;  // with the recording's ground truth
-  bool edits = true;       // edits of the recorded session are repeated
+  PairingOptions pairing;  // of poses with the recording's ground truth
+  bool edits = true;       // repeats the edits of the recorded session
 };
 
-// Checks every path before the first frame. If Ctrl-C or the window ends it, the files hold the
-// frames up to then and the report says so; an error leaves no files.
+// Checks all paths before the first frame. If Ctrl-C or the window ends the replay, the files
+// contain the frames up to then and the report is marked as interrupted. An error leaves no files.
 [[nodiscard]] Result<RunReport> run_replay(const ReplayRequest& request);
 
 }  // namespace penumbra

@@ -26,17 +26,17 @@ class ReplayView {
     return comparison_ ? comparison_->track(frame) : session_->track(frame);
   }
   [[nodiscard]] Result<SessionFrame> draw(TrackedFrame tracked, bool read_back);
-  // The image that draw() read back: the last one, or the one before it (SessionFrame::picture).
+  // The image that draw() read back: the latest or the previous one (see SessionFrame::picture).
   [[nodiscard]] std::span<const std::uint8_t> pixels() const {
     return comparison_ ? comparison_->grid().rgba() : std::span<const std::uint8_t>(pixels_);
   }
   bool replay_edit(const SceneEdit& edit) {
     return comparison_ ? comparison_->replay_edit(edit) : session_->replay_edit(edit);
   }
-  // Null in a comparison, whose images are complete as soon as they are drawn.
+  // Returns nullptr for a comparison, whose images are never read back late.
   [[nodiscard]] Session* session() { return session_.get(); }
   void take_gpu_times(RunRecorder& run);
-  // The session that draws, or the first one of a comparison.
+  // Returns the only session, or the first one of a comparison.
   [[nodiscard]] const Session& first_session() const {
     return comparison_ ? comparison_->session() : *session_;
   }
@@ -44,7 +44,7 @@ class ReplayView {
     return comparison_ ? comparison_->reports() : std::vector<PaneReport>();
   }
 
-  // Returns the host for a window, which the view owns.
+  // Creates the host for a window; the view owns it.
   [[nodiscard]] Result<RunHost*> open_host(GlContext& context, RunRecorder& run,
                                            const Recording& recording);
 
@@ -56,7 +56,7 @@ class ReplayView {
   std::unique_ptr<RunHost> host_;
 };
 
-// Size of the image that a replay draws.
+// Returns the size of the image that a replay draws.
 [[nodiscard]] GlContext::Size image_size(const ReplayRequest& request, const CameraModel& camera);
 
 }  // namespace penumbra
