@@ -1,4 +1,4 @@
-// Makes items in order on a thread, a few ahead of the reader.
+// Produces items in order on a thread, a few ahead of the reader.
 #pragma once
 
 #include <condition_variable>
@@ -14,14 +14,14 @@
 
 namespace penumbra {
 
-// The end and the first error also come in order, and every later next() repeats them. The
-// destructor waits only for the item that is being made.
+// The end or the first error is returned in order, and all later calls of next() return it again.
+// The destructor waits only for the item that is being produced.
 template <class T>
 class LookAhead {
  public:
-  using Item = Result<std::optional<T>>;  // empty: the end
+  using Item = Result<std::optional<T>>;  // nullopt: the end
 
-  // `make` is called by one thread at a time. Depth 0: next() calls it.
+  // `make` is called by one thread at a time. With depth 0 there is no thread and next() calls it.
   LookAhead(std::function<Item()> make, int depth)
       : make_(std::move(make)), depth_(depth > 0 ? static_cast<std::size_t>(depth) : 0) {
     if (depth_ > 0) thread_ = std::thread([this] { run(); });
@@ -37,7 +37,7 @@ class LookAhead {
     if (thread_.joinable()) thread_.join();
   }
 
-  // By one thread at a time.
+  // Call this from one thread at a time.
   [[nodiscard]] Item next() {
     if (ended_) return error_ ? Item(tl::unexpected(*error_)) : Item(std::optional<T>());
     Item item = depth_ == 0 ? make_guarded() : take();
@@ -92,7 +92,7 @@ class LookAhead {
   std::deque<Item> made_;  // guarded by mutex_
   bool stop_ = false;      // guarded by mutex_
   bool ended_ = false;
-  std::optional<Error> error_;  // that ended it
+  std::optional<Error> error_;  // error that ended the sequence
   std::thread thread_;
 };
 

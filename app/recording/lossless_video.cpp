@@ -155,7 +155,7 @@ Result<void> LosslessVideo::encode() {
     av_packet_rescale_ts(packet, kMatroskaTimeBase, muxer->streams[0]->time_base);
     error = av_write_frame(muxer, packet);
     av_packet_unref(packet);
-    // Ends the cluster: the frame is in the file even if the program ends now.
+    // Ends the cluster, so that the frame is in the file even if the program crashes.
     if (error >= 0) error = av_write_frame(muxer, nullptr);
     if (error >= 0) {
       avio_flush(muxer->pb);

@@ -1,4 +1,4 @@
-// Frames as captured -> Matroska with FFV1, complete after every frame.
+// Writes captured frames to a Matroska file with FFV1. The file can be read after every frame.
 #pragma once
 
 #include <cstdint>
@@ -13,13 +13,12 @@ namespace penumbra {
 
 class LosslessVideo {
  public:
-  // For frames like `first`: its size, format and colours.
+  // Creates a file for frames of the size, format and colours of `first`.
   [[nodiscard]] static Result<LosslessVideo> create(const std::filesystem::path& file,
                                                     const Frame& first);
-  // The frame is in the file when this returns. YUYV and NV12 are stored as planes, sample by
-  // sample.
+  // The frame is in the file when this returns. YUYV and NV12 are converted losslessly to planes.
   [[nodiscard]] Result<void> write(const Frame& frame);
-  // Writes the index; a file without it can be read, too.
+  // Writes the index. A file without an index is readable, too.
   [[nodiscard]] Result<void> finish();
 
  private:

@@ -1,4 +1,4 @@
-// The listing of a recording.
+// Opens a recording: reads its listing, camera, tags and ground truth.
 #include <unistd.h>
 
 #include <algorithm>
@@ -39,7 +39,7 @@ bool is_folder(const std::filesystem::path& path) {
   return std::filesystem::is_directory(path, ignored);
 }
 
-// Returns true if there is no such file, false if its folder can't be read.
+// Returns true if the file does not exist; false if that can't be determined.
 bool is_missing(const std::filesystem::path& path) {
   std::error_code ignored;
   return std::filesystem::status(path, ignored).type() == std::filesystem::file_type::not_found;
@@ -75,12 +75,12 @@ std::string quoted(std::string_view text) {
 
 struct Row {
   int line = 0;
-  bool ended = true;  // with a line break, which the last line of a truncated file lacks
+  bool ended = true;  // has a line break; the last line of a truncated file lacks it
   std::vector<std::string_view> fields;
 };
 
-// Comma-separated rows without empty lines and comments. EuRoC's header is the first comment that
-// contains "timestamp".
+// Splits comma-separated rows and omits empty lines and comments. EuRoC's header is the first
+// comment that contains "timestamp".
 std::vector<Row> split_rows(std::string_view text) {
   std::vector<Row> rows;
   for (int line = 1; !text.empty(); ++line) {
@@ -255,8 +255,8 @@ Result<void> list_euroc(const std::filesystem::path& cam0, Recording& recording)
   return read_rows(rows, csv, read, recording);
 }
 
-// Drops missing or incomplete frames at the end, after a crash or on a full disk. Earlier frames
-// must not be missing.
+// Drops missing or incomplete frames at the end, which a crash or a full disk leaves. Fails if an
+// earlier frame is missing.
 Result<void> drop_incomplete_images(Recording& recording) {
   const std::size_t listed = recording.frames.size();
   std::string first_cause;  // of the first frame that is dropped
@@ -325,7 +325,7 @@ Result<Trajectory> load_euroc_groundtruth(const std::filesystem::path& mav0) {
   const std::filesystem::path folder = mav0 / "state_groundtruth_estimate0";
   PENUMBRA_TRY(auto truth, load_trajectory(folder / "data.csv"));
   PENUMBRA_TRY(const auto T_body_camera, load_euroc_mounting(mav0 / "cam0" / "sensor.yaml"));
-  // The identity, unless the ground truth's sensor.yaml has another T_BS.
+  // The identity, unless the ground truth's sensor.yaml contains another T_BS.
   Transform<frame::Body, frame::Sensor> T_body_truth;
   if (file_exists(folder / "sensor.yaml")) {
     PENUMBRA_TRY(T_body_truth, load_euroc_mounting(folder / "sensor.yaml"));
@@ -341,7 +341,7 @@ Result<Trajectory> load_euroc_groundtruth(const std::filesystem::path& mav0) {
   return truth;
 }
 
-// An unreadable ground truth is only a notice.
+// An unreadable ground truth causes only a notice.
 void add_euroc_groundtruth(const std::filesystem::path& mav0, Recording& recording) {
   const std::filesystem::path file = mav0 / "state_groundtruth_estimate0" / "data.csv";
   if (!file_exists(file)) return;
@@ -467,7 +467,7 @@ Result<Recording> open_recording(const std::filesystem::path& folder,
     PENUMBRA_TRY_VOID(list_own(folder, recording));
   }
   recording.of_camera = file_exists(folder / "controls.json");
-  // Before the frames, so that a missing camera file is the first error.
+  // Loaded before the frames, so that a missing camera file is the first error.
   PENUMBRA_TRY_VOID(
       load_surroundings(folder, euroc ? cam0 / "sensor.yaml" : "", options, recording));
   PENUMBRA_TRY_VOID(recording.video.empty() ? drop_incomplete_images(recording)

@@ -17,7 +17,7 @@
 namespace penumbra {
 namespace {
 
-// CLOCK_MONOTONIC, as in drivers.
+// CLOCK_MONOTONIC, which drivers use.
 using Clock = std::chrono::steady_clock;
 
 class RecordingFeed final : public LiveSource {
@@ -36,7 +36,7 @@ class RecordingFeed final : public LiveSource {
   Result<std::optional<CapturedImage>> next_image() override {
     if (!start_) start_ = Clock::now();
     while (true) {
-      // The next frame, or a later one that is due.
+      // Index of the next frame, or of a later one that is already due.
       const auto elapsed = Clock::now() - *start_;
       const std::uint64_t sequence = std::max(
           next_, static_cast<std::uint64_t>(std::max<std::int64_t>(0, elapsed / interval_)));
@@ -97,7 +97,7 @@ class RecordingFeed final : public LiveSource {
         fmt::format("{}: an image of another size or format than the first is skipped", what));
   }
 
-  // False if it is skipped.
+  // Returns false if the frame is skipped.
   bool take_frame(Result<Frame> frame, const std::string& what, CapturedImage& image) {
     if (!frame) return skip(CaptureFault::damaged, frame.error().message);
     if (frame->width != format_.width || frame->height != format_.height ||
@@ -133,7 +133,7 @@ class RecordingFeed final : public LiveSource {
       if (!received) {
         const Trouble& trouble = received.error();
         if (trouble.fault != CaptureFault::damaged) return skip_other(file.string());
-        // Counts as captured: the report lists damaged and late frames separately.
+        // Counts as captured, because the report lists damaged and late frames separately.
         faults_.count_frame();
         faults_.count_undecoded(fmt::format("{}: {}", file.string(), trouble.message));
         return false;
@@ -153,12 +153,12 @@ class RecordingFeed final : public LiveSource {
 
   const std::string name_;
   const std::vector<RecordedFrame> frames_;
-  const std::filesystem::path video_file_;  // empty: images are files
+  const std::filesystem::path video_file_;  // empty if images are files
   ClampWatch clamps_;
   std::optional<VideoReader> video_;
-  std::size_t video_at_ = 0;  // its next frame
+  std::size_t video_at_ = 0;  // index of its next frame
   const StreamFormat format_;
-  const PixelFormat pixels_;  // unless images are JPEGs
+  const PixelFormat pixels_;  // unused if images are JPEGs
   const std::chrono::nanoseconds interval_;
   FaultCounter faults_;
   std::optional<Clock::time_point> start_;
@@ -168,7 +168,7 @@ class RecordingFeed final : public LiveSource {
   bool stopped_ = false;  // guarded by mutex_
 };
 
-// The first frame that can be decoded: a live session's recording may begin with a damaged one.
+// Returns the first decodable frame. A live session's recording may begin with a damaged one.
 Result<Frame> first_image(const Recording& recording) {
   const auto& camera = recording.camera;
   const auto size = camera ? std::optional(ImageSize{camera->width(), camera->height()})

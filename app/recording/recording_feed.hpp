@@ -1,4 +1,4 @@
-// A recording played as a camera: at its own rate, in a loop, and a slow reader loses frames. For
+// Plays a recording as a camera, in a loop and at its own rate; a slow reader loses frames. For
 // trials and tests.
 #pragma once
 
@@ -10,7 +10,7 @@
 
 namespace penumbra {
 
-// `fps`: replaces the recorded rate. Damaged frames are skipped and counted, as a camera's are.
+// `fps`: replaces the recorded rate. Damaged frames are skipped and counted like those of a camera.
 [[nodiscard]] Result<std::unique_ptr<LiveSource>> open_recording_feed(const Recording& recording,
                                                                       std::optional<double> fps);
 

@@ -1,4 +1,4 @@
-// The frames of a recording, decoded ahead.
+// Decodes the frames of a recording ahead of the reader.
 #include "app/recording/recording_source.hpp"
 
 #include <algorithm>
@@ -24,7 +24,7 @@ struct TimedFrame {
 // Decodes the frames in order, on the look-ahead thread.
 class Decoder {
  public:
-  // `recording`: with the frames to decode.
+  // `recording`: contains only the frames to decode.
   Decoder(Recording recording, std::optional<VideoReader> video)
       : recording_(std::move(recording)),
         video_(std::move(video)),
@@ -44,7 +44,7 @@ class Decoder {
     }
     return std::optional<TimedFrame>();
   }
-  // By any thread.
+  // Thread-safe.
   [[nodiscard]] std::int64_t damaged() const {
     return static_cast<std::int64_t>(faults_.stats().of(CaptureFault::damaged));
   }
@@ -78,7 +78,7 @@ class Decoder {
     return frame;
   }
 
-  // Empty if a live session's frame is damaged: the session skipped it, too.
+  // Returns nullopt if a live session's frame is damaged, because the session skipped it, too.
   Result<std::optional<Frame>> next_image(const RecordedFrame& listed) {
     PENUMBRA_TRY(const auto bytes, read_file(listed.file));
     const std::string name = listed.file.string();
@@ -122,7 +122,7 @@ class RecordingSource final : public FrameSource {
   const int count_;
   const std::unique_ptr<Decoder> decoder_;
   StageTime capture_time_;
-  LookAhead<TimedFrame> frames_;  // last: its thread uses the decoder
+  LookAhead<TimedFrame> frames_;  // declared last: its thread uses the decoder
 };
 
 }  // namespace

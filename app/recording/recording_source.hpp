@@ -3,7 +3,7 @@
 //   camera.yaml tags.yaml frames/000000.jpg ... (or video.mkv) timestamps.csv groundtruth.tum?
 //   groups/NAME.tum? ...                   ground truth of the tag groups beside the table
 //   (timestamps.csv: frame,timestamp_s,file, and exposure_s if known)
-//   poses.tum? group-poses/NAME.tum? ...   camera and groups as tracked live
+//   poses.tum? group-poses/NAME.tum? ...   camera and group poses of the live session
 //
 // EuRoC/ASL folders: mav0/cam0/data.csv (timestamp [ns], filename), mav0/cam0/data/*.png,
 // mav0/cam0/sensor.yaml, mav0/state_groundtruth_estimate0/data.csv, and optionally camera.yaml,
@@ -26,22 +26,22 @@
 namespace penumbra {
 
 struct RecordedFrame {
-  int number = 0;  // as listed
+  int number = 0;  // number in the listing
   std::int64_t timestamp_ns = 0;
-  std::optional<double> exposure_s;  // as Frame's
-  std::filesystem::path file;        // empty when the frames are in a video
+  std::optional<double> exposure_s;  // see Frame::exposure_s
+  std::filesystem::path file;        // empty if the frames are in a video
 };
 
-// A recording without its pixels.
+// The description of a recording, without pixels.
 struct Recording {
   std::filesystem::path folder;
   std::string name;
   std::vector<RecordedFrame> frames;  // in order of time
   std::filesystem::path video;        // video.mkv, or empty
-  int sample_bits = 16;               // of 16-bit images, as DecodeOptions'
-  bool of_camera = false;             // a live session (has controls.json); frames may be damaged
-  std::optional<CameraModel> camera;  // empty only if allowed (stills to calibrate from)
-  std::filesystem::path camera_file;  // of `camera`
+  int sample_bits = 16;               // bits used in 16-bit images, see DecodeOptions
+  bool of_camera = false;             // recorded live (has controls.json), so frames may be damaged
+  std::optional<CameraModel> camera;  // nullopt only if not required (images for a calibration)
+  std::filesystem::path camera_file;  // file of `camera`
   std::optional<TagMap> tags;
   std::optional<Trajectory> groundtruth;
   std::map<std::string, Trajectory> group_groundtruth;  // T_table_group by group name
@@ -51,30 +51,30 @@ struct Recording {
 struct OpenRecordingOptions {
   bool require_camera = true;
   bool require_tags = true;
-  bool surroundings = true;  // reads camera, tags and ground truth; calibration needs only pixels
-  std::string camera_name;   // in a camera file with several cameras
+  bool surroundings = true;  // reads camera, tags, ground truth (not for calibration)
+  std::string camera_name;   // selects one camera of a file with several
   std::optional<std::filesystem::path> camera;  // instead of the recording's
   std::optional<std::filesystem::path> tags;    // instead of the recording's
 };
 
-// NAME.tum, the file of a tag group; empty if the name can't be a file name ('/', "..", too long).
+// Returns NAME.tum for a tag group; nullopt if the name can't be a file name ('/', "..", too long).
 [[nodiscard]] std::optional<std::filesystem::path> group_file(const std::string& group);
 
-// The paths (T_table_group) of these groups in a folder of such files.
+// Loads the trajectories (T_table_group) of these groups from a folder of such files.
 [[nodiscard]] Result<std::map<std::string, Trajectory>> load_group_paths(
     const std::filesystem::path& folder, const std::vector<std::string>& groups);
-// The folder of group poses beside a file of camera poses.
+// Name of the folder of group poses beside a file of camera poses.
 inline constexpr std::string_view kGroupPosesFolder = "group-poses";
 
-// Returns true if the folder is a recording or the camera's folder of an EuRoC one, by its files.
+// Returns true if the folder's files are those of a recording or of an EuRoC camera folder.
 [[nodiscard]] bool is_recording(const std::filesystem::path& folder);
 
-// Fails on a missing folder or camera.yaml, a bad line in timestamps.csv, 0 frames, or a missing
-// frame; frames missing at the end are only a notice.
+// Fails if the folder, camera.yaml or a frame is missing, if timestamps.csv has a bad line, or if
+// there are no frames. Frames that are missing at the end cause only a notice.
 [[nodiscard]] Result<Recording> open_recording(const std::filesystem::path& folder,
                                                const OpenRecordingOptions& options = {});
 
-// Median time between frames, at least 0.1 ms [s].
+// Returns the median time between frames [s], but not less than 0.1 ms.
 [[nodiscard]] double median_frame_interval_s(const Recording& recording);
 
 // Frames [first, last).
@@ -82,17 +82,17 @@ struct FrameRange {
   int first = 0;
   std::optional<int> last;
 };
-// "A:B", "A:" or ":B"; empty if it is malformed or holds no frame.
+// Parses "A:B", "A:" or ":B". Returns nullopt if the text is malformed or the range is empty.
 [[nodiscard]] std::optional<FrameRange> parse_frame_range(std::string_view text);
 
-struct RecordingSourceOptions : FrameRange {  // by position in the list
+struct RecordingSourceOptions : FrameRange {  // indices into Recording::frames
   int look_ahead = 4;                         // frames decoded ahead on a thread; 0: no thread
 };
 
-// Frames as recorded, without conversion: JPEG gives its YUV planes, PNG grey or RGB, FFV1 the
-// stored planes. `sequence` is the frame's number in the listing. Every frame must have the camera
-// model's size, without a JPEG's padding. An image that can't be decoded is an error; in a live
-// session's recording it is skipped as in the session, logged once and counted.
+// Returns frames as recorded, without conversion: JPEG as YUV planes, PNG as grey or RGB, FFV1 as
+// the stored planes. `sequence` is the frame's number in the listing. Every frame must have the
+// camera model's size after JPEG padding is cropped. An image that can't be decoded is an error; in
+// a live session's recording it is skipped like in the session, counted, and logged once.
 [[nodiscard]] Result<std::unique_ptr<FrameSource>> open_recording_source(
     const Recording& recording, const RecordingSourceOptions& options = {});
 

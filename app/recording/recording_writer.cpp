@@ -32,13 +32,13 @@ namespace {
 namespace fs = std::filesystem;
 using Json = nlohmann::ordered_json;
 
-// Limits of the queue: a second of video, and lines for much longer.
+// Limits of the queue: one second of video, and lines for a much longer time.
 constexpr std::size_t kMostImages = 32;
 constexpr std::size_t kMostLines = 4096;
-// Largest age of controls.json if the program is killed.
+// Interval of writing controls.json: its largest age if the program is killed.
 constexpr std::chrono::seconds kControlsAge(1);
 
-// A new file that only grows.
+// A new file that is only appended to.
 class GrowingFile {
  public:
   GrowingFile() = default;
@@ -78,7 +78,7 @@ class GrowingFile {
 
 struct PoseLine {
   std::string text;
-  std::string group;  // empty: the camera's
+  std::string group;  // empty: pose of the camera
 };
 struct EventLine {
   std::string text;
@@ -90,7 +90,7 @@ std::string event_text(std::int64_t timestamp_ns, std::string_view event, std::s
   json["event"] = event;
   if (!detail.empty()) json["detail"] = detail;
   const std::string text = json.dump(-1, ' ', false, Json::error_handler_t::replace);
-  // A JSON double would not keep the nanoseconds.
+  // Written as text, because a JSON double would lose the nanoseconds.
   return fmt::format("{{\"timestamp_s\":{},{}", format_ns_as_seconds(timestamp_ns), text.substr(1));
 }
 
@@ -104,9 +104,9 @@ struct RecordingWriter::Impl {
   RecordingHead head;
   GrowingFile timestamps, poses, events;
   std::map<std::string, GrowingFile> group_poses;  // of the groups tracked so far
-  std::set<std::string> nameless_groups;           // reported: their names can't be file names
+  std::set<std::string> nameless_groups;           // reported, as their names can't be file names
   std::optional<LosslessVideo> video;
-  bool with_exposure = false;  // as in the first image
+  bool with_exposure = false;  // the first image has an exposure time
   bool is_open = false;        // the folder was made
 
   mutable std::mutex mutex;
@@ -115,7 +115,7 @@ struct RecordingWriter::Impl {
   std::size_t images_waiting = 0;  // guarded by mutex
   RecordingCounts counts;          // guarded by mutex
   bool closing = false;            // guarded by mutex
-  std::uint64_t gap_frames = 0;    // guarded by mutex: images dropped since the last accepted one
+  std::uint64_t gap_frames = 0;    // guarded by mutex: images dropped since an accepted one
   std::int64_t gap_start_ns = 0;   // guarded by mutex: time of the first of them
   std::chrono::steady_clock::time_point controls_written;
   std::thread thread;
@@ -159,7 +159,7 @@ struct RecordingWriter::Impl {
       return fail("{}: is there already and not empty; name a new folder to record to",
                   folder.string());
     }
-    // Deepest first: the order of removal if the rest fails.
+    // Created folders, deepest first: the order of removal if a later step fails.
     std::vector<fs::path> made;
     for (fs::path part = folder; !part.empty() && !fs::exists(part, error);
          part = part.parent_path()) {
@@ -177,7 +177,7 @@ struct RecordingWriter::Impl {
     return filled;
   }
 
-  // Makes the folder and its first files.
+  // Creates the folder and its first files.
   Result<void> fill() {
     std::error_code error;
     fs::create_directories(folder, error);
@@ -199,7 +199,7 @@ struct RecordingWriter::Impl {
     return head.format.name == "MJPEG" || head.format.name == "JPEG";
   }
 
-  // The first line; it depends on the first image.
+  // Writes the header line, which depends on the first image.
   Result<void> begin_listing() {
     return timestamps.add_line(with_exposure ? "frame,timestamp_s,file,exposure_s"
                                              : "frame,timestamp_s,file");
@@ -218,7 +218,7 @@ struct RecordingWriter::Impl {
     return written;
   }
 
-  // The image before the line that lists it.
+  // Writes the image before the line that lists it.
   Result<void> write_image(const CapturedImage& image, std::uint64_t number) {
     std::string name = "video.mkv";
     if (image.is_jpeg()) {
@@ -296,7 +296,7 @@ struct RecordingWriter::Impl {
     }
   }
 
-  // `opened`: the folder was made.
+  // `opened`: the folder was created.
   void run(bool opened) {
     if (!opened) {
       if (auto made = guarded([this] { return open(); }); !made) {
@@ -313,7 +313,7 @@ struct RecordingWriter::Impl {
         item = std::move(queue.front());
         queue.pop_front();
         if (std::holds_alternative<CapturedImage>(*item)) --images_waiting;
-        if (counts.error) continue;  // drops the rest
+        if (counts.error) continue;  // drops all further items
       }
       if (auto written = guarded([&] { return write(*item); }); !written) {
         log_warning("{}; the recording is closed, the session continues", written.error().message);
@@ -322,7 +322,7 @@ struct RecordingWriter::Impl {
     }
   }
 
-  // Queues the event of dropped images. The mutex is held.
+  // Queues an event that reports dropped images. The caller holds the mutex.
   void report_gap() {
     if (gap_frames == 0) return;
     queue.push_back(
@@ -447,7 +447,7 @@ Result<void> RecordingWriter::finish() {
   };
   if (m.video && !m.counts.error) attempt(m.video->finish());
   if (!m.counts.error && m.counts.written == 0) attempt(m.begin_listing());
-  // Also after an error, if that is possible.
+  // Tries to write the controls even after an error.
   if (m.is_open) attempt(m.write_controls());
   if (m.counts.error) return fail("{}", *m.counts.error);
   return {};

@@ -1,8 +1,8 @@
-// A live session as a recording on disk.
+// Writes a live session to disk as a recording.
 //
-// Files only grow, and a frame is written before the line that lists it: the recording opens after
-// any crash, less at most the last frame. A thread writes; if the disk is too slow, frames are
-// dropped and counted, and the live image continues.
+// Files are only appended to, and a frame is written before the line that lists it. After a crash
+// the recording can therefore be opened; only its last frame may be missing. A thread writes the
+// files. If the disk is too slow, frames are dropped and counted, and the live image continues.
 #pragma once
 
 #include <cstdint>
@@ -23,26 +23,26 @@
 namespace penumbra {
 
 struct RecordingHead {
-  std::string camera;  // for users: camera and stream
+  std::string camera;  // camera and stream, for users
   StreamFormat format;
   std::vector<std::pair<std::string, std::int64_t>> controls;
-  // Reads the controls again during the recording, on the writer's thread: some cameras report them
-  // only with frames. An empty result keeps the last ones.
+  // Reads the controls again on the writer's thread, because some cameras report them only with
+  // frames. If the result is empty, the previous values stay.
   std::function<std::vector<std::pair<std::string, std::int64_t>>()> read_controls;
-  std::string camera_yaml;  // the text of the file
+  std::string camera_yaml;  // text of camera.yaml
   std::string tags_yaml;
 };
 
 struct RecordingCounts {
   std::uint64_t written = 0;
-  std::uint64_t dropped = 0;         // images that came too fast
-  std::uint64_t lines_dropped = 0;   // poses, light, events after more than a minute of that
+  std::uint64_t dropped = 0;         // images dropped because the disk was too slow
+  std::uint64_t lines_dropped = 0;   // poses, light, events, if that lasts over a minute
   std::optional<std::string> error;  // why writing ended early
 };
 
 class RecordingWriter {
  public:
-  // Makes the folder, or fails and leaves nothing. Refuses a folder that is not empty.
+  // Creates the folder. Fails if it exists and is not empty. Leaves no files if it fails.
   [[nodiscard]] static Result<std::unique_ptr<RecordingWriter>> create(
       const std::filesystem::path& folder, const RecordingHead& head);
   // The same without waiting for the disk: counts() and finish() report a failure.
@@ -50,12 +50,12 @@ class RecordingWriter {
                                                               const RecordingHead& head);
   RecordingWriter(const RecordingWriter&) = delete;
   RecordingWriter& operator=(const RecordingWriter&) = delete;
-  ~RecordingWriter();  // as finish()
+  ~RecordingWriter();  // calls finish()
 
-  // None of these waits for the disk. By any thread. JPEGs are stored byte for byte, except for
-  // repairs (normalized_jpeg()), other frames as FFV1 with a checksum per slice.
+  // These functions do not wait for the disk and are thread-safe. JPEGs are stored byte for byte,
+  // except for repairs (normalized_jpeg()); other frames as FFV1 with a checksum per slice.
   void add_image(const CapturedImage& image);
-  // Both keep only tracked poses.
+  // These two ignore poses that are not tracked.
   void add_pose(std::int64_t timestamp_ns, const PoseEstimate& pose);
   void add_group(std::int64_t timestamp_ns, const GroupEstimate& group);
   void add_event(std::int64_t timestamp_ns, std::string_view event, std::string_view detail = {});
@@ -64,7 +64,7 @@ class RecordingWriter {
   [[nodiscard]] const std::filesystem::path& folder() const;
   [[nodiscard]] RecordingCounts counts() const;
 
-  // Writes everything added so far; nothing can be added after it.
+  // Writes all data added so far and ends the recording.
   [[nodiscard]] Result<void> finish();
 
  private:

@@ -39,8 +39,8 @@ tl::unexpected<Error> cannot_be_made(const fs::path& folder, const std::error_co
 }
 
 constexpr std::size_t kLargestText = std::size_t{16} << 20U;
-constexpr int kMostMoments = 64;       // of an exposure, for the tags
-constexpr int kMostSceneMoments = 16;  // for the objects, which are drawn in full each time
+constexpr int kMostMoments = 64;       // times sampled within an exposure, for the tags
+constexpr int kMostSceneMoments = 16;  // for the objects, which are drawn at each time
 constexpr double kMomentApart_px = 0.25;
 
 Result<void> create_recording_folder(const fs::path& path, OutputFolder& folder) {
@@ -69,7 +69,7 @@ Result<Trajectory> load_path(const fs::path& file) {
   return path;
 }
 
-// The paths of the groups that move. Each must span the time of the camera's.
+// Loads the trajectories of the moving groups. Each must cover the time span of the camera's.
 Result<std::map<std::string, Trajectory>> load_group_paths(const SimulateRequest& request,
                                                            const TagMap& tags,
                                                            const Trajectory& camera) {
@@ -149,13 +149,13 @@ class Simulation {
     }
     PatternRenderOptions light = light_;
     light.cover_share = number < request_.cover_from ? 0.0 : request_.cover_share;
-    // A frame's noise does not depend on the other frames.
+    // Seeds each frame by its number, so that its noise does not depend on other frames.
     light.seed = SplitMix64::nth(request_.seed, static_cast<std::uint64_t>(number));
     if (!session_) light.noise_grey = request_.noise_grey;
     const GreyImage tags = renderer_.render(poses, light, placements);
     if (!session_) return save_grey_png(file, tags.view());
-    // Draws the scene over the blurred tags at several moments and averages their light, which
-    // blurs the objects' edges by their motion. The noise comes last.
+    // Draws the scene over the blurred tags at several times and averages the light, which gives
+    // the objects motion blur. Noise is added last.
     PENUMBRA_TRY(auto drawn, draw_scene(tags, moments(middle_ns, kMostSceneMoments)));
     add_noise(drawn, request_.noise_grey, light.seed);
     return save_png(file, camera_.width(), camera_.height(), drawn);
@@ -167,8 +167,8 @@ class Simulation {
     return {place.rotation(), place.translation()};
   }
 
-  // Centres of equal parts of an exposure, close enough that the image moves by a fraction of a
-  // pixel from one to the next.
+  // Returns the centres of equal intervals of an exposure. They are so close that the image moves
+  // by a fraction of a pixel between them.
   [[nodiscard]] std::vector<std::int64_t> moments(std::int64_t middle_ns, int most) const {
     const std::int64_t exposure_ns = nanoseconds(request_.exposure_s);
     int count = 1;
@@ -188,7 +188,7 @@ class Simulation {
             overlay_difference(camera_, over_group(begin_ns), over_group(end_ns)).rms_px();
         moved_px = std::isfinite(of_group) ? std::max(moved_px, of_group) : of_group;
       }
-      // Not finite if the table's middle is outside the image.
+      // The motion is not finite if the table's middle is outside the image.
       count = std::isfinite(moved_px) && moved_px > 0.0 && moved_px < kMostMoments * kMomentApart_px
                   ? static_cast<int>(std::ceil(2.0 * moved_px / kMomentApart_px)) + 1
                   : kMostMoments;
@@ -284,18 +284,18 @@ std::string text_of_places(const Trajectory& places) {
 }  // namespace
 
 Result<SimulateSummary> run_simulate(const SimulateRequest& request) {
-  InterruptWatch interrupt;  // first: OpenGL and the renderer start threads
+  InterruptWatch interrupt;  // declared first: OpenGL and the renderer start threads
 
   PENUMBRA_TRY(auto camera, load_chosen_camera(request.camera, request.camera_name));
   PENUMBRA_TRY(const auto tags, load_tag_map(request.tags));
   PENUMBRA_TRY(auto path, load_path(request.trajectory));
-  // The recording gets the files' texts as they are.
+  // The recording contains verbatim copies of the files.
   PENUMBRA_TRY(auto camera_text, request.camera_name.empty()
                                      ? read_text_file(request.camera, kLargestText)
                                      : Result<std::string>(ros_camera_text(camera)));
   PENUMBRA_TRY(const auto tags_text, read_text_file(request.tags, kLargestText));
   if (camera.parameters().rolling_shutter_row_s.value_or(0.0) != 0.0) {
-    // Replay would correct for a rolling shutter that the images don't have.
+    // Warns, because a replay would correct for a rolling shutter that the images don't have.
     log_warning(
         "{}: rolling_shutter_row_s: the simulation exposes all rows at once; the recording's "
         "camera file omits it",

@@ -17,16 +17,16 @@ extern "C" {
 namespace penumbra {
 namespace {
 
-// Headers between the blocks of a Matroska file have 20 to 60 bytes. A larger gap is damage that
-// the demuxer skipped to the next cluster.
+// Headers between the blocks of a Matroska file have 20 to 60 bytes. A larger gap means that the
+// demuxer skipped damaged data up to the next cluster.
 constexpr std::int64_t kMaxGapBytes = 512;
 constexpr std::int64_t kMaxPixels = 256'000'000;
 
-// The packets of the video stream, in order.
+// Reads the packets of the video stream in order.
 class Demuxer {
  public:
   static Result<Demuxer> open(const std::filesystem::path& file) {
-    // Our errors carry libav's messages, which go to standard error otherwise.
+    // Our errors contain libav's messages, which libav would also print to standard error.
     av_log_set_level(AV_LOG_QUIET);
     Demuxer demuxer;
     demuxer.name_ = file.string();
@@ -70,7 +70,7 @@ class Demuxer {
     return *format_->streams[stream_]->codecpar;
   }
 
-  // The next packet, valid until the next call; null at the end.
+  // Returns the next packet, valid until the next call; nullptr at the end.
   Result<AVPacket*> next() {
     while (true) {
       av_packet_unref(packet_.get());
@@ -99,9 +99,10 @@ class Demuxer {
   std::int64_t end_of_last_ = 0;  // [bytes]
 };
 
-// FFV1 version 3 (RFC 9043, section 4.9): each slice ends with its size (3 bytes) and, in files
-// with checksums, an error status (1 byte) and a CRC that makes the CRC-32 of the slice 0. Slices
-// are found from the packet's end. libav's decoder only conceals a slice with a wrong sum.
+// FFV1 version 3 (RFC 9043, section 4.9): each slice ends with its size (3 bytes). In files with
+// checksums, an error status (1 byte) and a CRC follow, chosen so that the CRC-32 of the slice is
+// 0. Slices are located from the packet's end. Checked here, because libav's decoder only conceals
+// a bad slice.
 enum class SliceSums { none, right, wrong, no_chain };
 
 SliceSums check_slices(std::span<const std::uint8_t> packet, std::size_t trailer) {
@@ -124,11 +125,11 @@ SliceSums check_slices(std::span<const std::uint8_t> packet, std::size_t trailer
 constexpr std::size_t kTrailerWithSum = 8;
 constexpr std::size_t kTrailerWithout = 3;
 
-// Pixel formats that are passed on as planes.
+// Pixel formats that are returned as planes.
 struct Mapping {
   AVPixelFormat stored;
   PixelFormat format;
-  bool full_range;  // if the file does not declare it
+  bool full_range;  // used if the file does not declare the range
 };
 constexpr std::array<Mapping, 9> kPlanar{{
     {AV_PIX_FMT_GRAY8, PixelFormat::grey8, true},
@@ -142,13 +143,13 @@ constexpr std::array<Mapping, 9> kPlanar{{
     {AV_PIX_FMT_YUYV422, PixelFormat::yuyv, false},
 }};
 
-// Positions of a pixel's R, G and B. libav decodes 8-bit RGB of FFV1 to bgr0 or bgra (0rgb on a
+// Memory layout of R, G and B. libav decodes 8-bit RGB of FFV1 to bgr0 or bgra (0rgb on a
 // big-endian machine), later versions to planes.
 struct RgbLayout {
   AVPixelFormat stored;
-  std::array<int, 3> plane;   // of R, G, B
-  std::array<int, 3> offset;  // [bytes] in the plane
-  int step;                   // [bytes] from pixel to pixel
+  std::array<int, 3> plane;   // plane index of R, G, B
+  std::array<int, 3> offset;  // offset in the plane [bytes]
+  int step;                   // distance between pixels [bytes]
 };
 constexpr std::array<RgbLayout, 5> kRgb{{
     {AV_PIX_FMT_GBRP, {2, 0, 1}, {0, 0, 0}, 1},
@@ -175,7 +176,7 @@ Frame to_rgb(const AVFrame& stored, const RgbLayout& layout) {
   return std::move(buffer.frame);
 }
 
-// A view of the decoder's buffer.
+// Returns a view of the decoder's buffer.
 Frame to_planar(Av<AVFrame> stored, const Mapping& mapping) {
   Frame frame;
   frame.width = stored->width;
@@ -218,7 +219,7 @@ struct VideoReader::Impl {
 
   Result<void> verify(const AVPacket& packet) {
     const AVCodecParameters& parameters = demuxer.parameters();
-    // Versions 0 and 1 have no configuration and no checksums.
+    // FFV1 versions 0 and 1 have no configuration record and no checksums.
     if (parameters.codec_id != AV_CODEC_ID_FFV1 || parameters.extradata_size <= 0) return {};
     const std::span<const std::uint8_t> bytes(packet.data, static_cast<std::size_t>(packet.size));
     const SliceSums sums = check_slices(bytes, kTrailerWithSum);
@@ -231,7 +232,7 @@ struct VideoReader::Impl {
     return {};
   }
 
-  // Frames that refer to a damaged frame are damaged, too.
+  // Fails also for frames that refer to a damaged frame.
   Result<Av<AVFrame>> decode_next(const AVPacket& packet) {
     broken = broken && (packet.flags & AV_PKT_FLAG_KEY) == 0;
     auto decoded =
@@ -285,7 +286,7 @@ Result<VideoReader> VideoReader::open(const std::filesystem::path& file) {
   }
   impl->decoder.reset(avcodec_alloc_context3(codec));
   if (!impl->decoder) return fail("{}: no memory for the decoder", file.string());
-  impl->decoder->thread_count = 1;  // LookAhead reads ahead
+  impl->decoder->thread_count = 1;  // LookAhead provides the parallelism
   impl->decoder->max_pixels = kMaxPixels;
   impl->decoder->err_recognition = AV_EF_CRCCHECK | AV_EF_EXPLODE;
   int status = avcodec_parameters_to_context(impl->decoder.get(), &parameters);
@@ -299,7 +300,7 @@ Result<VideoReader> VideoReader::open(const std::filesystem::path& file) {
 
 Result<void> VideoReader::skip(int count) {
   const int target = impl_->frame + count;
-  // One packet more, as only the next key frame makes earlier packets unnecessary.
+  // Reads one packet more, because earlier packets are needed until the next key frame.
   while (impl_->frame + static_cast<int>(impl_->waiting.size()) <= target) {
     PENUMBRA_TRY(const AVPacket* packet, impl_->demuxer.next());
     if (packet == nullptr) break;

@@ -1,4 +1,4 @@
-// Frames of a lossless video: Matroska with FFV1 or raw planes.
+// Reads the frames of a lossless video: Matroska with FFV1 or raw planes.
 #pragma once
 
 #include <filesystem>
@@ -12,18 +12,18 @@ namespace penumbra {
 
 class VideoReader {
  public:
-  // Fails on anything but a Matroska file whose video is FFV1 or raw.
+  // Fails if the file is not a Matroska file with FFV1 or raw video.
   [[nodiscard]] static Result<VideoReader> open(const std::filesystem::path& file);
   VideoReader(VideoReader&&) noexcept;
   VideoReader& operator=(VideoReader&&) noexcept;
   ~VideoReader();
 
-  // Skips the next `count` frames, damaged ones too; decodes only those that the next frame refers
-  // to.
+  // Skips the next `count` frames, including damaged ones. Decodes only those that the next frame
+  // needs.
   [[nodiscard]] Result<void> skip(int count);
-  // The next frame as stored, viewing the decoder's memory; RGB layouts become rgb24. Empty at the
-  // end. Sequence and timestamp are 0. Fails on damage (a wrong checksum, a lost block); a damaged
-  // frame and those that refer to it fail one by one, and later frames can be read.
+  // Returns the next frame as stored, a view of the decoder's memory, or nullopt at the end. RGB
+  // layouts are converted to rgb24. Sequence and timestamp are 0. Fails for a damaged frame (wrong
+  // checksum, lost block) and for each frame that refers to it; later frames can be read.
   [[nodiscard]] Result<std::optional<Frame>> next();
 
  private:
@@ -32,7 +32,7 @@ class VideoReader {
   std::unique_ptr<Impl> impl_;
 };
 
-// Number of complete frames, without decoding them; a file may be cut off.
+// Counts the complete frames without decoding them. The file may be truncated.
 [[nodiscard]] Result<int> count_video_frames(const std::filesystem::path& file);
 
 }  // namespace penumbra
