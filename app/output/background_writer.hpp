@@ -1,4 +1,4 @@
-// A frame writer that encodes on its own thread.
+// Frame writer that encodes on its own thread.
 #pragma once
 
 #include <condition_variable>
@@ -14,20 +14,20 @@
 
 namespace penumbra {
 
-// Passes frames to another writer in order. The next write() or finish() returns an error; later
-// frames are dropped.
+// Passes frames to another writer in order. If that fails, the next write() or finish() returns the
+// error, and later frames are dropped.
 class BackgroundWriter final : public FrameWriter {
  public:
-  // At most `depth` frames wait, then write() blocks. Depth 0: no thread, write() encodes.
+  // `depth`: capacity of the queue; write() blocks while it is full. 0: no thread, write() encodes.
   BackgroundWriter(std::unique_ptr<FrameWriter> writer, int depth);
-  ~BackgroundWriter() override;  // drops waiting frames
+  ~BackgroundWriter() override;  // drops queued frames
 
   [[nodiscard]] Result<void> write(std::uint64_t number, std::int64_t timestamp_ns,
                                    std::span<const std::uint8_t> rgba) override;
   [[nodiscard]] Result<void> finish() override;
   void rescue() override;
 
-  // Encoding time of each frame since the last call.
+  // Returns the encoding time of each frame since the previous call.
   [[nodiscard]] std::vector<StageTime> take_times();
 
  private:
@@ -42,14 +42,14 @@ class BackgroundWriter final : public FrameWriter {
   void run();
   void join(bool drop_waiting);
 
-  const std::unique_ptr<FrameWriter> writer_;  // used by the thread until it is joined
+  const std::unique_ptr<FrameWriter> writer_;  // only the thread uses it until it is joined
   const std::size_t depth_;
   std::mutex mutex_;
   std::condition_variable changed_;
   std::deque<WaitingFrame> waiting_;              // guarded by mutex_
   std::vector<std::vector<std::uint8_t>> spare_;  // unused buffers; guarded by mutex_
   std::vector<StageTime> times_;                  // guarded by mutex_
-  std::optional<Error> error_;                    // the first; guarded by mutex_
+  std::optional<Error> error_;                    // first error; guarded by mutex_
   bool ended_ = false;                            // guarded by mutex_
   std::thread thread_;
 };

@@ -13,7 +13,7 @@ namespace penumbra {
 struct FrameFormat {
   int width = 0;   // [px]
   int height = 0;  // [px]
-  // Usual interval, for the encoder's rate and the last frame's duration; frames keep their times.
+  // Usual interval, for the encoder's rate and the last frame's duration only.
   double frame_interval_s = 1.0 / 30.0;
 };
 
@@ -22,38 +22,38 @@ class FrameWriter {
   FrameWriter() = default;
   FrameWriter(const FrameWriter&) = delete;
   FrameWriter& operator=(const FrameWriter&) = delete;
-  // Without finish() nothing is left at the output path.
+  // Removes the output unless finish() or rescue() was called.
   virtual ~FrameWriter() = default;
 
-  // `rgba`: RGBA8, rows top to bottom, width * height * 4 bytes; alpha is dropped. In order of
+  // `rgba`: RGBA8, rows top to bottom, width * height * 4 bytes; alpha is ignored. In order of
   // time.
   [[nodiscard]] virtual Result<void> write(std::uint64_t number, std::int64_t timestamp_ns,
                                            std::span<const std::uint8_t> rgba) = 0;
-  // Puts the complete output under its name. Fails if no frame was written.
+  // Completes the output and moves it to its path. Fails if no frame was written.
   [[nodiscard]] virtual Result<void> finish() = 0;
-  // After an error: keeps the frames written before, if they can be read.
+  // Call this after an error. Keeps the frames written before, if the format allows it.
   virtual void rescue() {}
 };
 
 enum class OutputKind {
   ffv1,   // Matroska, FFV1 version 3 in RGB with a checksum per slice: lossless
-  h264,   // MP4, libx264 in yuv420p: plays everywhere
+  h264,   // MP4, libx264 in yuv420p: playable everywhere
   folder  // PNG images
 };
-// By the extension: .mkv is FFV1 (lossless), .mp4 is H.264, anything else is a folder of images.
+// By the extension: .mkv is FFV1 (lossless), .mp4 is H.264, any other is a folder of images.
 [[nodiscard]] OutputKind output_kind(const std::filesystem::path& path);
 
-// Fails if the path can't be written or this libavcodec has no such encoder.
+// Fails if the path can't be written or if the installed libavcodec lacks the encoder.
 [[nodiscard]] Result<std::unique_ptr<FrameWriter>> create_frame_writer(
     const std::filesystem::path& path, const FrameFormat& format);
 
-// The same frames give the same bytes. Times (to 1 ms in Matroska, 1/90000 s in MP4) count from the
-// first frame. H.264 needs even sides: an odd one repeats its last row or column.
+// Equal frames give equal bytes. Times (resolution: 1 ms in Matroska, 1/90000 s in MP4) count from
+// the first frame. H.264 requires even sides, so an odd side repeats its last row or column.
 [[nodiscard]] Result<std::unique_ptr<FrameWriter>> create_video_writer(
     const std::filesystem::path& file, OutputKind codec, const FrameFormat& format);
 
-// A folder of 000000.png, 000001.png, ... numbered by frame. Replaces a folder that holds nothing
-// but such images; refuses one that holds other files or belongs to a recording.
+// Writes 000000.png, 000001.png, ... numbered by frame. Replaces a folder that contains only such
+// images; fails if it contains other files or belongs to a recording.
 [[nodiscard]] Result<std::unique_ptr<FrameWriter>> create_png_writer(
     const std::filesystem::path& folder, const FrameFormat& format);
 

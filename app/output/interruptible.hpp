@@ -1,4 +1,4 @@
-// Long work on its own thread, under Ctrl-C and SIGTERM.
+// Runs long work on its own thread and handles Ctrl-C and SIGTERM meanwhile.
 #pragma once
 
 #include <fmt/format.h>
@@ -21,8 +21,8 @@
 
 namespace penumbra {
 
-// Waits up to `time` for work that can't be stopped. On a signal the partial file is removed and
-// the process ends at once. `watch` must hold.
+// Waits up to `time` for work that can't be stopped. On a signal it removes the partial file and
+// ends the process at once. Call watch.hold() before.
 template <class T>
 [[nodiscard]] bool is_done_within(std::future<T>& work, std::chrono::milliseconds time,
                                   InterruptWatch& watch, OutputFile& output) {
@@ -42,8 +42,8 @@ template <class T>
 }
 
 // Runs `work`, which writes one file and can't be stopped (see is_done_within()), and returns its
-// result. After a second a bar shows `progress` (atomic counts `done` of `total`, of `unit`); the
-// bar is empty until there is a total.
+// result. After one second a bar shows `progress` (atomic counters `done` and `total`, counted in
+// `unit`). The bar is empty while `total` is 0.
 template <class Work, class Progress>
 auto with_progress(const Work& work, const Progress& progress, const std::string& unit,
                    InterruptWatch& watch, OutputFile& output) {
@@ -65,8 +65,8 @@ auto with_progress(const Work& work, const Progress& progress, const std::string
   return running.get();
 }
 
-// Runs `work(std::stop_token)` and returns its result; the first signal requests the stop. `watch`
-// must hold. Meanwhile this thread calls `turn()` repeatedly, to draw a window.
+// Runs `work(std::stop_token)` and returns its result. The first signal requests the stop.
+// Meanwhile this thread repeatedly calls `turn()`, to draw a window. Call watch.hold() before.
 template <class Work, class Turn = decltype([] {})>
 [[nodiscard]] auto run_stoppable(InterruptWatch& watch, const Work& work, const Turn& turn = {}) {
   constexpr std::chrono::milliseconds kTurn(15);

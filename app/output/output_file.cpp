@@ -38,7 +38,7 @@ fs::path partial_path(const fs::path& target, int attempt) {
   return path;
 }
 
-// 0, or the error.
+// Returns 0 or the errno.
 int write_all(int descriptor, std::string_view text) {
   while (!text.empty()) {
     const ssize_t count = ::write(descriptor, text.data(), text.size());
@@ -51,7 +51,7 @@ int write_all(int descriptor, std::string_view text) {
   return 0;
 }
 
-// N if the path names descriptor N of this process: /dev/stdout, /dev/fd/N.
+// Returns N if the path names descriptor N of this process: /dev/stdout, /dev/fd/N.
 std::optional<int> descriptor_of(const fs::path& path) {
   if (path == "-") return STDOUT_FILENO;
   constexpr int kMostLinks = 8;
@@ -73,13 +73,13 @@ std::optional<int> descriptor_of(const fs::path& path) {
   return std::nullopt;
 }
 
-// Duplicate of standard output, kept while the output owns it; -1: not claimed.
+// Duplicate of the original standard output for the output file; -1: not claimed.
 std::atomic<int>& claimed_output() {
   static std::atomic<int> descriptor = -1;
   return descriptor;
 }
 
-// InterruptWatch holds Ctrl-C pending while files are open.
+// Checks pending signals, because InterruptWatch blocks Ctrl-C while files are open.
 bool is_interrupted() {
   sigset_t pending;
   sigemptyset(&pending);
@@ -88,15 +88,15 @@ bool is_interrupted() {
          sigismember(&pending, SIGHUP) == 1;
 }
 
-// Opens a named pipe and waits for its reader, which is reported after a second. Returns -1 with
-// errno where that fails.
+// Opens a named pipe and waits for its reader. After one second a message reports the wait. Returns
+// -1 and sets errno on failure.
 int open_pipe(const fs::path& pipe) {
   constexpr std::chrono::milliseconds kPatience(20);
   constexpr int kTriesBeforeNotice = 50;
   for (int tries = 0;; ++tries) {
     const int handle = ::open(pipe.c_str(), O_WRONLY | O_CLOEXEC | O_NONBLOCK);
     if (handle >= 0) {
-      (void)fcntl(handle, F_SETFL, O_WRONLY);  // writing waits
+      (void)fcntl(handle, F_SETFL, O_WRONLY);  // makes writes block
       return handle;
     }
     if (errno != ENXIO && errno != EINTR) return -1;
@@ -128,7 +128,7 @@ void claim_standard_output() {
   if (claimed_output() >= 0) return;
   std::fflush(stdout);
   const int kept = fcntl(STDOUT_FILENO, F_DUPFD_CLOEXEC, STDERR_FILENO + 1);
-  if (kept < 0) return;  // closed: the output reports it
+  if (kept < 0) return;  // standard output is closed; the output file reports it
   claimed_output() = kept;
   dup2(STDERR_FILENO, STDOUT_FILENO);
 }
@@ -271,7 +271,8 @@ Result<void> OutputFile::commit() {
   return {};
 }
 
-// Another name for the file at the path, or a copy without hard links; empty if there is none.
+// Keeps the file at the path under another name (a hard link, or a copy where links are
+// impossible). Returns an empty path if there is no file.
 Result<fs::path> keep_old(const fs::path& target) {
   std::error_code error;
   if (!fs::exists(fs::symlink_status(target, error))) return fs::path();
@@ -338,7 +339,7 @@ Error renamed(const Error& error, const fs::path& written, const fs::path& reque
 
 namespace {
 
-// A new, empty folder beside the target.
+// Creates a new, empty folder beside the target.
 fs::path make_beside(const fs::path& target, std::error_code& error) {
   for (int attempt = 0; attempt < kPartialAttempts; ++attempt) {
     const fs::path path = partial_path(target, attempt);
@@ -392,7 +393,7 @@ std::error_code OutputFolder::commit(fs::path* aside) {
 }
 
 fs::path follow_links(const fs::path& path) {
-  constexpr int kMostLinks = 40;  // as the kernel's own limit
+  constexpr int kMostLinks = 40;  // the limit of Linux
   fs::path at = path;
   std::error_code error;
   for (int i = 0; i < kMostLinks && fs::is_symlink(at, error); ++i) {

@@ -11,14 +11,15 @@
 
 namespace penumbra {
 
-// Writes to a partial file beside PATH; commit() renames it to PATH. Without commit() the partial
-// file is removed, and a file at PATH stays.
+// Writes to a partial file beside the target path; commit() renames it to the target. Without
+// commit() the partial file is removed, and an existing file at the target stays.
 //
-// A stream (see is_stream) is never replaced: commit() copies partial(), then in memory, into it.
+// A stream (see is_stream()) is never replaced: partial() is then a file in memory, which commit()
+// copies into the stream.
 class OutputFile {
  public:
-  // Creates the partial file; fails if the path can't be written. A named pipe is opened by its
-  // first byte and waits for its reader.
+  // Creates the partial file; fails if the path can't be written. A named pipe is opened at the
+  // first write, which waits for the pipe's reader.
   [[nodiscard]] static Result<OutputFile> create(const std::filesystem::path& target);
   OutputFile(OutputFile&& other) noexcept;
   OutputFile& operator=(OutputFile&& other) noexcept;
@@ -26,14 +27,14 @@ class OutputFile {
   OutputFile& operator=(const OutputFile&) = delete;
   ~OutputFile();
 
-  // As given to create(), or "standard output": for messages.
+  // The path given to create(), or "standard output"; for messages.
   [[nodiscard]] const std::filesystem::path& target() const { return requested_; }
   // The path to write to until commit().
   [[nodiscard]] const std::filesystem::path& partial() const { return partial_; }
-  // Adds text at the end. A stream receives it at once.
+  // Appends text. A stream receives it immediately.
   [[nodiscard]] Result<void> append(std::string_view text);
   [[nodiscard]] Result<void> commit();
-  // An error about the partial file, with the target's name.
+  // Returns an error about the partial file with the target's name instead.
   [[nodiscard]] tl::unexpected<Error> failed(const Error& cause) const;
 
  private:
@@ -46,14 +47,14 @@ class OutputFile {
   void swap(OutputFile& other) noexcept;
   void close_descriptors() noexcept;
   std::filesystem::path requested_;
-  std::filesystem::path target_;   // requested_ with links followed
-  std::filesystem::path partial_;  // empty once committed or moved from
-  bool direct_ = false;            // a stream
-  int memory_ = -1;                // of a stream: partial()
-  int open_ = -1;                  // the stream, or the partial file
+  std::filesystem::path target_;   // requested_ after following links
+  std::filesystem::path partial_;  // empty after commit() or a move
+  bool direct_ = false;            // the target is a stream
+  int memory_ = -1;                // descriptor of partial() if the target is a stream
+  int open_ = -1;                  // descriptor of the stream or of the partial file
 };
 
-// The same for a folder: a new, empty one beside the target, which commit() renames.
+// The same for a folder: writes to a new, empty folder beside the target, which commit() renames.
 class OutputFolder {
  public:
   OutputFolder() = default;
@@ -61,12 +62,13 @@ class OutputFolder {
   OutputFolder& operator=(const OutputFolder&) = delete;
   ~OutputFolder();
 
-  // Creates the partial folder, and missing parents of the target (see folder_name()).
+  // Creates the partial folder and missing parents of the target (see folder_name()).
   [[nodiscard]] Result<void> create(const std::filesystem::path& target);
   [[nodiscard]] const std::filesystem::path& target() const { return target_; }
   [[nodiscard]] const std::filesystem::path& partial() const { return partial_; }
   [[nodiscard]] tl::unexpected<Error> failed(const Error& cause) const;
-  // Also over an empty folder. `aside`: a folder at the target is kept there.
+  // Renames the folder to the target, and may replace an empty folder. If `aside` is given, any
+  // folder at the target is first renamed, and `aside` receives its new path.
   [[nodiscard]] std::error_code commit(std::filesystem::path* aside = nullptr);
 
  private:
@@ -74,38 +76,38 @@ class OutputFolder {
   std::filesystem::path partial_;  // empty before create() and after commit()
 };
 
-// Normalised, without a slash at the end: "out/" is "out".
+// Normalises a path and removes a trailing slash: "out/" becomes "out".
 [[nodiscard]] std::filesystem::path folder_name(const std::filesystem::path& path);
 
-// "-" and any path of descriptor 1, such as /dev/stdout.
+// Returns true for "-" and for any path of descriptor 1, such as /dev/stdout.
 [[nodiscard]] bool names_standard_output(const std::filesystem::path& path);
-// Standard output, another open descriptor (/dev/fd/3), a pipe or a device: neither replaced nor
-// read.
+// Returns true for standard output, another open descriptor (/dev/fd/3), a pipe or a device. Such a
+// target is neither replaced nor read.
 [[nodiscard]] bool is_stream(const std::filesystem::path& path);
-// Reserves standard output for an output: all other printing goes to standard error from now on.
-// The first OutputFile of standard output does the same.
+// Reserves standard output for an output file and redirects all other printing to standard error.
+// The first OutputFile on standard output calls this, too.
 void claim_standard_output();
 
-// Commits all of them or none: if one fails, the old files of the others are restored. Streams come
-// last, as they can't be restored.
+// Commits all files or none: if one commit fails, the old files at the other targets are restored.
+// Streams are committed last, because they can't be restored.
 [[nodiscard]] Result<void> commit_together(std::span<OutputFile* const> files);
 
 // Writes a whole text to the partial file.
 [[nodiscard]] Result<void> write_whole(OutputFile& file, const std::string& text);
-// The same, and commits it.
+// Writes a whole text and commits the file.
 [[nodiscard]] Result<void> write_text(OutputFile& file, const std::string& text);
 
-// A message about the partial path `written`, with the user's path instead.
+// Replaces the partial path `written` in an error by the user's path.
 [[nodiscard]] Error renamed(const Error& error, const std::filesystem::path& written,
                             const std::filesystem::path& requested);
 
-// The target of a link, of a dangling one too; any other path as it is.
+// Returns the target of a link, even of a dangling one. Returns any other path unchanged.
 [[nodiscard]] std::filesystem::path follow_links(const std::filesystem::path& path);
 
-// Returns true if both name the same file or folder, existing or not.
+// Returns true if both paths name the same file or folder, which need not exist.
 [[nodiscard]] bool same_path(const std::filesystem::path& a, const std::filesystem::path& b);
-// Fails if one of `outputs` is the same file as another one or as one of `inputs`. Ignores empty
-// paths and streams.
+// Fails if an output is the same file as another output or an input. Ignores empty paths and
+// streams.
 [[nodiscard]] Result<void> check_written_once(std::span<const std::filesystem::path> outputs,
                                               std::span<const std::filesystem::path> inputs);
 // Returns true if `path` is `folder` or lies below it; follows links.

@@ -11,10 +11,10 @@ namespace penumbra {
 namespace {
 
 constexpr int kGap = 4;                    // between panes [px]
-constexpr std::uint8_t kBackground = 24;   // of captions, gaps and empty panes
+constexpr std::uint8_t kBackground = 24;   // grey level of captions, gaps and empty panes
 constexpr double kWordsWhite = 0.94;       // opacity of the white letters
 constexpr int kLeastCaption = 20;          // [px]
-constexpr int kPaneHeightPerCaption = 16;  // height of a pane per height of its caption
+constexpr int kPaneHeightPerCaption = 16;  // ratio of pane height to caption height
 constexpr double kLettersOfCaption = 0.66;
 
 int even(int length) {
@@ -80,7 +80,7 @@ void PaneGrid::draw_captions(const std::vector<std::string>& captions) {
     cairo_set_font_size(cairo.get(), kLettersOfCaption * caption_height_);
     cairo_text_extents_t extents;
     cairo_text_extents(cairo.get(), captions[pane].c_str(), &extents);
-    // Shrinks words that are too long for the pane.
+    // Shrinks a caption that is too long for the pane.
     const double fits = 0.96 * pane_width_ / std::max(1.0, extents.width);
     if (fits < 1.0) {
       cairo_set_font_size(cairo.get(), fits * kLettersOfCaption * caption_height_);

@@ -1,4 +1,4 @@
-// Images of one size side by side in one image, each below its caption.
+// Arranges images of one size in one image, each below its caption.
 #pragma once
 
 #include <cstddef>
@@ -14,17 +14,17 @@ struct GridLayout {
   int rows = 1;
   friend bool operator==(const GridLayout&, const GridLayout&) = default;
 };
-// Up to three panes form one row, more the fewest rows of at most four: 4 as 2 x 2, 5 and 6 as 3 x
-// 2, 7 and 8 as 4 x 2. `panes` > 0.
+// One to three panes form one row. More panes form the fewest rows of four or fewer: 4 as 2 x 2, 5
+// and 6 as 3 x 2, 7 and 8 as 4 x 2. `panes` > 0.
 [[nodiscard]] GridLayout grid_layout(int panes);
 
 struct GridSize {
-  int width = 0, height = 0;  // [px], both even, as video encoders want it
+  int width = 0, height = 0;  // [px], both even, as video encoders require
 };
-// Size of the grid with captions; sizes in [px].
+// Returns the size of the grid with captions. All sizes are in [px].
 [[nodiscard]] GridSize grid_size(int pane_width, int pane_height, int panes);
 
-// Captions are in a band above each pane, never over it.
+// The captions are in a band above each pane and do not cover it.
 class PaneGrid {
  public:
   // The panes' size [px], > 0; one caption per pane, at least one.
@@ -36,7 +36,7 @@ class PaneGrid {
   struct Corner {
     int x = 0, y = 0;
   };
-  // The pane's top left pixel.
+  // Position of the pane's top left pixel.
   [[nodiscard]] Corner corner_of(std::size_t pane) const;
   // `rgba`: RGBA8 of the pane's size, rows top to bottom.
   void put(std::size_t pane, std::span<const std::uint8_t> rgba);

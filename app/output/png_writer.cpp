@@ -17,8 +17,8 @@ namespace {
 
 namespace fs = std::filesystem;
 
-// 000000.png to 999999.png, as write() names them, or up to nine digits for more frames. Images
-// named by a time in nanoseconds belong to a recording.
+// Returns true for the names that write() uses: 000000.png to 999999.png, and up to nine digits for
+// more frames. Images named by a time in nanoseconds belong to a recording.
 bool is_numbered_png(const fs::path& file) {
   const std::string stem = file.stem().string();
   return file.extension() == ".png" && stem.size() >= 6 && stem.size() <= 9 &&
@@ -51,7 +51,7 @@ Result<void> check_replaceable(const fs::path& folder) {
   return {};
 }
 
-// Keeps all other files, and then the folder.
+// Removes the numbered images, and the folder if it contains no other files.
 void remove_pictures(const fs::path& folder) {
   std::error_code ignored;
   std::vector<fs::path> pictures;
@@ -99,7 +99,7 @@ class PngWriter final : public FrameWriter {
     if (!any_) return fail("{}: no frame was written", target.string());
     std::error_code error;
     const bool replaces = fs::exists(target, error);
-    // Checked again, as another program may have added files since the start.
+    // Checked again, because another program may have added files since the start.
     if (replaces) PENUMBRA_TRY_VOID(check_replaceable(target));
     fs::path old;
     error = folder_.commit(replaces ? &old : nullptr);

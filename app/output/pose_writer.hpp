@@ -1,4 +1,4 @@
-// Tracked poses -> TUM file.
+// Writes poses to a TUM file.
 #pragma once
 
 #include <cstdint>
@@ -15,16 +15,16 @@ namespace penumbra {
 
 class PoseWriter {
  public:
-  // `all`: uncertain and held poses too, each after a comment line ("# uncertain: reason"), so that
-  // pose lines keep eight columns. `what`: the pose's name in the file's first line.
+  // `all`: also writes uncertain and held poses, each after a comment line ("# uncertain: reason"),
+  // so that pose lines keep eight columns. `what`: name of the pose in the file's first line.
   [[nodiscard]] static Result<PoseWriter> create(const std::filesystem::path& file, bool all,
                                                  std::string_view what = "T_table_camera");
 
-  // Only tracked poses are written, unless `all`; lost ones never.
+  // Writes tracked poses; with `all`, also uncertain and held ones. Ignores lost frames.
   [[nodiscard]] Result<void> write(std::int64_t timestamp_ns, const PoseEstimate& pose);
   [[nodiscard]] Result<void> write(std::int64_t timestamp_ns, const GroupEstimate& group);
   [[nodiscard]] Result<void> finish();
-  // After an error: keeps the complete lines written before.
+  // Call this after an error. Keeps the complete lines written before.
   void rescue();
 
  private:

@@ -18,8 +18,8 @@ namespace {
 
 namespace fs = std::filesystem;
 
-// OpenGL 3.3, or OpenGL ES 3.0 if the driver has no more (Raspberry Pi 4). Fails with the error of
-// the first.
+// Creates an OpenGL 3.3 context, or OpenGL ES 3.0 if the driver lacks 3.3 (Raspberry Pi 4). If both
+// fail, returns the error of the first.
 template <typename Create>
 Result<std::unique_ptr<GlContext>> with_either_api(const Create& create) {
   auto context = create(GlApi::gl33);
@@ -70,7 +70,7 @@ std::vector<fs::path> files_of(const Recording& recording) {
 Result<void> check_apart_from(const Recording& recording, const OutputRequest& request,
                               const std::optional<fs::path>& more) {
   std::error_code ignored;
-  std::set<fs::path> frame_folders;  // links followed
+  std::set<fs::path> frame_folders;  // after following links
   for (const RecordedFrame& frame : recording.frames) {
     if (frame.file.empty()) continue;
     frame_folders.insert(frame.file.parent_path());
@@ -106,7 +106,7 @@ Result<Scene> load_run_scene(const fs::path& scene, const std::optional<fs::path
 
 namespace {
 
-// Returns true if one of the plans draws the node's shadows with a technique of that trait.
+// Returns true if one of the plans draws the node's shadows with a technique that has the trait.
 bool is_drawn_by(const ShadowNode& node, std::span<const PlanOptions> plans,
                  bool TechniqueTraits::*trait) {
   return std::ranges::any_of(plans, [&](const PlanOptions& plan) {
@@ -114,7 +114,7 @@ bool is_drawn_by(const ShadowNode& node, std::span<const PlanOptions> plans,
   });
 }
 
-// Warns of models with cut-outs whose whole faces cast shadows.
+// Warns about models with alpha cut-outs, because the shadows ignore the cut-outs.
 void warn_of_cut_outs(const Scene& scene, std::span<const PlanOptions> plans) {
   std::set<std::string> models;
   for (const ShadowNode& node : scene.shadows) {
@@ -282,7 +282,7 @@ Result<void> LateOutputs::write_rest() {
     run_.add_time("readback", *taken);
     return outputs_.write(frame, pixels_, run_);
   }
-  // Without the image the pose is still written.
+  // Writes the pose even if the image is lost.
   auto written = outputs_.write_without_picture(frame);
   return written ? tl::unexpected(taken.error()) : written;
 }

@@ -27,19 +27,19 @@ namespace penumbra {
 struct OutputRequest {
   std::optional<std::filesystem::path> output;  // composited frames
   std::optional<std::filesystem::path> poses;
-  bool poses_all = false;                            // uncertain and held ones too
-  std::optional<std::filesystem::path> group_poses;  // folder for NAME.tum of each tag group
+  bool poses_all = false;                            // also writes uncertain and held poses
+  std::optional<std::filesystem::path> group_poses;  // folder for a file NAME.tum per tag group
   std::optional<std::filesystem::path> report;
 };
 
-// Fails if an output would replace another one or a file in `taken`, which the run reads.
+// Fails if an output would replace another output or one of `taken`, the files that the run reads.
 [[nodiscard]] Result<void> check_output_paths(const OutputRequest& request,
                                               std::vector<std::filesystem::path> taken);
 
-// The files of a recording except its images; they may be links.
+// Returns the files of a recording except its images; the paths may be links.
 [[nodiscard]] std::vector<std::filesystem::path> files_of(const Recording& recording);
-// Fails if an output would lie in the recording's folder, or where its images lie. `more`: another
-// output.
+// Fails if an output would lie in the recording's folder or in a folder of its images. `more`:
+// another output.
 [[nodiscard]] Result<void> check_apart_from(
     const Recording& recording, const OutputRequest& request,
     const std::optional<std::filesystem::path>& more = std::nullopt);
@@ -50,81 +50,80 @@ struct RunOutputs {
   std::map<std::string, PoseWriter> group_poses;  // by name
   std::optional<OutputFile> report;
 
-  // Writes one frame; encoding times since the last call go to `run`. `pixels`: empty without
-  // `frames`. An output that fails (a full disk) is closed with its content so far, the others
-  // continue; returns the first error.
+  // Writes one frame and adds the encoding times since the previous call to `run`. `pixels`: empty
+  // without `frames`. If an output fails (full disk), it is closed with its content so far and the
+  // others continue. Returns the first error.
   [[nodiscard]] Result<void> write(const TrackedFrame& frame, std::span<const std::uint8_t> pixels,
                                    RunRecorder& run);
-  // The same for a frame whose image is lost.
+  // Writes a frame whose image could not be read back.
   [[nodiscard]] Result<void> write_without_picture(const TrackedFrame& frame);
-  // Puts frames and poses under their names; a failure does not affect the others.
+  // Completes frames and poses. If one output fails, the others are still completed.
   [[nodiscard]] Result<void> finish(RunRecorder& run);
   [[nodiscard]] Result<void> write_report(const RunReport& measured);
-  // Returns true if any output takes frames.
+  // Returns true if any output is written per frame.
   [[nodiscard]] bool any() const { return frames || poses || !group_poses.empty(); }
 };
-// `groups`: written to `group_poses`. `encode_ahead`: number of composited frames that may wait for
-// the encoder's thread; 0: no thread.
+// `groups`: tag groups for `group_poses`. `encode_ahead`: queue length of the encoder's thread
+// [frames]; 0: no thread.
 [[nodiscard]] Result<RunOutputs> open_outputs(const OutputRequest& request,
                                               const FrameFormat& format,
                                               const std::vector<std::string>& groups,
                                               int encode_ahead);
 
-// A run's outputs if composited images come one frame late: the last frame is written while the
-// next one is drawn.
+// Writes a run's outputs if composited images are available one frame late: a frame is written
+// while the next one is drawn.
 class LateOutputs {
  public:
-  // All outlive this. `session`: null if images are never late.
+  // All arguments must outlive this object. `session`: nullptr if images are never late.
   LateOutputs(Session* session, RunOutputs& outputs, RunRecorder& run)
       : session_(session), outputs_(outputs), run_(run) {}
 
   // Writes a frame, or keeps it for the next call if its image is late (SessionFrame::picture).
-  // `pixels`: the frame's image, or the last frame's if this one is late. Fails as
-  // RunOutputs::write().
+  // `pixels`: the frame's image; if it is late, the previous frame's. Fails as write() above.
   [[nodiscard]] Result<void> write(const SessionFrame& frame, std::span<const std::uint8_t> pixels);
-  // Writes the late frame: before the outputs are finished, or if no frame follows soon. Fails also
-  // if its image is lost.
+  // Writes the pending frame. Call this before the outputs are finished, or if no frame follows
+  // soon. Also fails if its image can't be read back.
   [[nodiscard]] Result<void> write_rest();
 
  private:
   Session* session_;
   RunOutputs& outputs_;
   RunRecorder& run_;
-  std::optional<TrackedFrame> waiting_;  // without pixels: the camera needs its buffer
-  std::vector<std::uint8_t> pixels_;     // of write_rest()
+  std::optional<TrackedFrame> waiting_;  // pending; without pixels, as the camera needs its buffer
+  std::vector<std::uint8_t> pixels_;     // buffer of write_rest()
 };
 
-// Logs the warnings of the scene file, and those about shadows that the plan draws.
+// Logs the warnings of the scene file and those about the shadows that the plan draws.
 void log_scene_warnings(const Scene& scene, const PlanOptions& plan);
-// The same for several plans side by side.
+// The same for several plans.
 void log_scene_warnings(const Scene& scene, std::span<const PlanOptions> plans);
 
-// Warns of tag groups that the scene uses and the tag file lacks; `consequence` ends the message.
+// Warns about tag groups that the scene uses but the tag file lacks. `consequence` ends the text.
 void warn_of_unknown_groups(const Scene& scene, const TagMap& tags,
                             const std::filesystem::path& tags_file, std::string_view consequence);
 
-// The tag groups to track: those that the scene needs; empty for all, if their poses are written or
-// `skip` is false. Warns of unknown groups.
+// Returns the tag groups to track: those that the scene uses. Returns nullopt for all groups if
+// group poses are written or `skip` is false. Warns about unknown groups.
 [[nodiscard]] std::optional<std::vector<std::string>> wanted_groups(
     const Scene& scene, const TagMap& tags, const std::filesystem::path& tags_file,
     const OutputRequest& request, bool skip);
 
-// Loads the scene; the kernel file replaces the kernels of casters with its vertex counts.
+// Loads the scene. The kernel file replaces the kernels of casters that have its vertex count.
 [[nodiscard]] Result<Scene> load_run_scene(const std::filesystem::path& scene,
                                            const std::optional<std::filesystem::path>& kernel_file);
 
-// A window for an image of this size [px].
+// Opens a window for an image of this size [px].
 [[nodiscard]] Result<std::unique_ptr<GlContext>> open_window(GlContext::Size picture, bool vsync);
 
 struct WindowChoice {
-  bool window = true;  // if there is a display
+  bool window = true;  // opens a window if there is a display
   bool vsync = true;
 };
-// Without a display it prints a line and continues offscreen. `picture`: size of the image and of
-// the new window [px].
+// Opens a window or an offscreen context. If no display exists, prints a line and opens the latter.
+// `picture`: size of the image and of a new window [px].
 [[nodiscard]] Result<std::unique_ptr<GlContext>> open_run_context(const WindowChoice& choice,
                                                                   GlContext::Size picture);
-// The error of a run that ended because its window's display was lost; else empty.
+// Returns the error of a run that ended because its window's display was lost, else nullopt.
 [[nodiscard]] std::optional<Error> display_loss(const GlContext& context);
 
 }  // namespace penumbra

@@ -14,7 +14,7 @@ namespace penumbra {
 
 namespace {
 
-// Colours of lit wood; layer_color() has the shaded ones.
+// Colours of the drawing; layer_color() returns those of the layers.
 constexpr std::uint32_t kPaper = 0xf4efe6;
 constexpr std::uint32_t kInk = 0x2a2622;
 constexpr std::uint32_t kObject = 0xc8552b;
@@ -26,14 +26,14 @@ std::uint32_t layer_color(std::string_view name) {
   return 0x57504b;  // umbra, or a hard shadow's only layer
 }
 
-// Positions on the sheet in [mm], y down.
+// Layout of the sheet: positions in [mm], y downwards.
 struct Layout {
   double width = 0.0;
   double height = 0.0;
   double map_bottom = 0.0;
   Eigen::Vector2d low = Eigen::Vector2d::Zero();  // plane coordinates of the map's lower left [m]
   double mm_per_m = 1000.0;
-  double unit = 1.0;  // size of letters and lines
+  double unit = 1.0;  // unit of font sizes and line widths
 
   [[nodiscard]] Eigen::Vector2d on_sheet(const Eigen::Vector2d& p) const {
     return {margin() + mm_per_m * (p.x() - low.x()), map_bottom - mm_per_m * (p.y() - low.y())};
@@ -64,7 +64,7 @@ Layout lay_out(const ShadowDrawing& picture) {
   }
   Eigen::Vector2d size = high - low;
   const double extent = std::max(size.maxCoeff(), 1e-9);
-  // The legend needs room below very narrow shadows, too.
+  // Widens the map of a very narrow shadow, so that the legend fits below it.
   const Eigen::Vector2d least = size.cwiseMax(0.45 * extent);
   low -= 0.5 * (least - size);
   size = least;
@@ -77,7 +77,7 @@ Layout lay_out(const ShadowDrawing& picture) {
   return layout;
 }
 
-// The largest of 1, 2, 5 x 10^n up to `longest_m`.
+// Returns the largest of 1, 2, 5 x 10^n that does not exceed `longest_m`.
 double scale_bar_m(double longest_m) {
   const double power = std::pow(10.0, std::floor(std::log10(longest_m)));
   for (const double step : {5.0, 2.0}) {
@@ -92,7 +92,7 @@ std::string length_text(double metres) {
   return fmt::format("{:g} mm", metres * 1000.0);
 }
 
-// Drawing operations of SVG and PNG.
+// Interface of the drawing operations of SVG and PNG.
 class Canvas {
  public:
   Canvas() = default;
@@ -225,7 +225,7 @@ class CairoCanvas final : public Canvas {
     cairo_set_line_join(cairo_.get(), CAIRO_LINE_JOIN_ROUND);
     cairo_select_font_face(cairo_.get(), "sans-serif", CAIRO_FONT_SLANT_NORMAL,
                            CAIRO_FONT_WEIGHT_NORMAL);
-    // Fills the last pixels, too, which the sheet may cover only in part.
+    // Fills the whole image: the sheet may cover the last row and column only in part.
     use(kPaper);
     cairo_paint(cairo_.get());
     cairo_scale(cairo_.get(), pixels_per_mm, pixels_per_mm);

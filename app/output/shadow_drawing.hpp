@@ -1,4 +1,4 @@
-// A drawing of a shadow: its layers, the object's outline and, optionally, the kernels.
+// A vector drawing of a shadow: its layers, the object's outline and, optionally, the kernels.
 #pragma once
 
 #include <Eigen/Core>
@@ -17,15 +17,15 @@ struct ShadowDrawing {
     LayerOutline outline;
   };
   std::string title;
-  std::string subtitle;                  // below it, smaller; may be empty
-  std::vector<Layer> layers;             // in drawing order: the largest first
-  LayerOutline object;                   // seen straight down
-  std::vector<Eigen::Vector2d> kernels;  // dots [m]
+  std::string subtitle;                  // smaller text below the title; may be empty
+  std::vector<Layer> layers;             // in drawing order: largest first
+  LayerOutline object;                   // outline seen from straight above
+  std::vector<Eigen::Vector2d> kernels;  // drawn as dots [m]
 };
 
-// SVG 1.1 at full scale: a group per layer, named after it.
+// Returns SVG 1.1 at full scale, with one group per layer that has the layer's name.
 [[nodiscard]] std::string shadow_svg(const ShadowDrawing& picture);
-// The same as a PNG of about 1200 pixels across.
+// Writes the drawing as a PNG about 1200 pixels wide.
 [[nodiscard]] Result<void> write_shadow_png(const std::filesystem::path& file,
                                             const ShadowDrawing& picture);
 

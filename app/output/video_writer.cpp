@@ -24,8 +24,8 @@ struct ScalerFree {
   void operator()(SwsContext* p) const { sws_freeContext(p); }
 };
 constexpr AVRational kTimeBase{1, 90000};  // MP4's usual clock; Matroska rounds to 1 ms
-// Players take taller videos without a matrix as BT.709, smaller ones as BT.601; the file declares
-// the same.
+// Without a declared matrix, players assume BT.709 for videos of this height or more and BT.601 for
+// smaller ones. The file declares the same.
 constexpr int kSmallestBt709Height = 720;
 
 class VideoWriter final : public FrameWriter {
@@ -45,7 +45,7 @@ class VideoWriter final : public FrameWriter {
     const std::string partial = file_.partial().string();
     int error = av_.allocate(codec, lossless_ ? "matroska" : "mp4", partial);
     if (error < 0) return failed("cannot be written", error);
-    av_.muxer->flags |= AVFMT_FLAG_BITEXACT;  // no random ids, no dates
+    av_.muxer->flags |= AVFMT_FLAG_BITEXACT;  // omits random ids and dates
     set_up_encoder();
     error = lossless_ ? av_.open_encoder({{"slicecrc", "1"}})
                       : av_.open_encoder({{"preset", "fast"}, {"crf", "18"}});
@@ -58,7 +58,7 @@ class VideoWriter final : public FrameWriter {
     AVDictionary* options = nullptr;
     if (!lossless_) {
       PENUMBRA_TRY_VOID(make_scaler());
-      // Moves the index to the front at the end, so that a browser plays the file at once.
+      // Moves the index to the front of the file, so that a browser can play it immediately.
       av_dict_set(&options, "movflags", "+faststart", 0);
     }
     error = av_.write_header(partial, options);
@@ -91,7 +91,7 @@ class VideoWriter final : public FrameWriter {
     return file_.commit();
   }
 
-  // A Matroska file can be read without its index, an MP4 file can't.
+  // Keeps a Matroska file, which is readable without an index. An MP4 file is not.
   void rescue() override {
     if (!lossless_ || !first_ns_) return;
     avio_closep(&av_.muxer->pb);
@@ -114,7 +114,7 @@ class VideoWriter final : public FrameWriter {
     encoder.time_base = kTimeBase;
     encoder.framerate = av_d2q(1.0 / format_.frame_interval_s, 100000);
     encoder.sample_aspect_ratio = {1, 1};
-    encoder.thread_count = 1;  // the bytes must not depend on the machine
+    encoder.thread_count = 1;  // the output must not depend on the machine
     encoder.flags |= AV_CODEC_FLAG_BITEXACT;
     if ((av_.muxer->oformat->flags & AVFMT_GLOBALHEADER) != 0) {
       encoder.flags |= AV_CODEC_FLAG_GLOBAL_HEADER;
@@ -141,7 +141,7 @@ class VideoWriter final : public FrameWriter {
         std::clamp(static_cast<int>(std::lround(2.0 / format_.frame_interval_s)), 1, 600);
   }
 
-  // A time in the encoder's clock, at least one tick of the file's clock after the last one.
+  // Converts a time to the encoder's clock, at least one tick of the file after the previous time.
   std::int64_t next_pts(std::int64_t since_first_ns) {
     const std::int64_t tick = lossless_ ? 90 : 1;  // 1 ms, 1/90000 s
     std::int64_t pts =
@@ -151,7 +151,7 @@ class VideoWriter final : public FrameWriter {
     return pts;
   }
 
-  // 0RGB32 is B G R X in memory on little-endian machines.
+  // 0RGB32 is stored as B G R X on little-endian machines.
   void copy_bgr(std::span<const std::uint8_t> rgba) {
     const auto width = static_cast<std::size_t>(format_.width);
     for (int y = 0; y < format_.height; ++y) {
@@ -202,7 +202,7 @@ class VideoWriter final : public FrameWriter {
               av_.image->linesize);
   }
 
-  // Repeats the last column and row to make the sides even.
+  // Repeats the last column and row, so that both sides are even.
   void pad(std::span<const std::uint8_t> rgba) {
     const auto width = static_cast<std::size_t>(format_.width);
     const auto padded_width = static_cast<std::size_t>(av_.encoder->width);
@@ -217,7 +217,7 @@ class VideoWriter final : public FrameWriter {
     }
   }
 
-  // Encodes one frame (null: the end) and writes the packets.
+  // Encodes one frame (nullptr: end of the video) and writes the packets.
   Result<void> encode(const AVFrame* image) {
     int error = avcodec_send_frame(av_.encoder.get(), image);
     if (error < 0) return failed("a frame cannot be encoded", error);
