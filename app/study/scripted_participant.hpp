@@ -1,4 +1,4 @@
-// Turns the actions of a script into window events, which are handled as a person's.
+// Converts the actions of a script into window events, which are handled like those of a person.
 #pragma once
 
 #include <Eigen/Core>
@@ -18,14 +18,14 @@ class ScriptedParticipant {
  public:
   explicit ScriptedParticipant(StudyScript script) : script_(std::move(script)) {}
 
-  // Returns the trial's next action that is due by this time since its showing, or nullptr. Drops
-  // the actions of earlier trials.
+  // Returns the trial's next action if it is due at this time since the trial was shown, else
+  // nullptr. Drops the actions of earlier trials.
   [[nodiscard]] const ScriptAction* take(int trial, std::int64_t since_shown_ns);
   // Returns true if the trial has further actions.
   [[nodiscard]] bool has_more(int trial) const;
 
-  // The window events of an action in the shown image. Fails, naming the line, if its place is not
-  // in the image or the scene has no such object.
+  // Returns the window events of an action on the shown image. Fails, with the script's line, if
+  // the action's position is outside the image or the scene has no such object.
   [[nodiscard]] Result<std::vector<WindowEvent>> events_of(const ScriptAction& action,
                                                            const SessionView& view,
                                                            GlContext::Size window);
@@ -37,8 +37,8 @@ class ScriptedParticipant {
 
   StudyScript script_;
   std::size_t next_ = 0;
-  int button_ = 0;                                     // pressed
-  Eigen::Vector3d taken_ = Eigen::Vector3d::Zero();    // the pressed point, table frame
+  int button_ = 0;                                     // pressed mouse button
+  Eigen::Vector3d taken_ = Eigen::Vector3d::Zero();    // the grabbed point, table frame
   Eigen::Vector2d pointer_ = Eigen::Vector2d::Zero();  // [px] of the window
 };
 

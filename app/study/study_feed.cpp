@@ -24,7 +24,7 @@ class RecordedFeed final : public StudyFeed {
         last_ns_.reset();
       }
       PENUMBRA_TRY(auto frame, source_->next());
-      if (!frame) {  // the end: from the beginning
+      if (!frame) {  // at the end, restarts from the beginning
         source_.reset();
         continue;
       }
@@ -51,7 +51,7 @@ class RecordedFeed final : public StudyFeed {
   std::unique_ptr<FrameSource> source_;
   bool started_ = false;
   std::int64_t clock_ns_ = 0;
-  std::optional<std::int64_t> last_ns_;  // of the source
+  std::optional<std::int64_t> last_ns_;  // previous time of the source
 };
 
 class CameraFeed final : public StudyFeed {
@@ -60,7 +60,7 @@ class CameraFeed final : public StudyFeed {
       : source_(std::move(source)), newest_(*source_) {}
 
   Result<std::optional<StudyPicture>> next() override {
-    // Short, so that a person's events are timed precisely.
+    // Short, so that the times of a person's events are precise.
     constexpr std::chrono::milliseconds kPatience(2);
     const bool finished = newest_.finished();
     std::optional<Frame> frame = newest_.take(kPatience);

@@ -1,5 +1,5 @@
-// Images for a study: of a recording, from its first frame at every trial and in a loop, or the
-// newest ones of a camera.
+// Provides the images for a study: the newest images of a camera, or a recording in a loop that
+// restarts at every trial.
 #pragma once
 
 #include <cstdint>
@@ -15,7 +15,7 @@ namespace penumbra {
 
 struct StudyPicture {
   Frame frame;
-  // When it is due, monotonic, on the recording's clock (from 0) or the camera's.
+  // Time at which the image is due, increasing. Clock: the recording's (from 0) or the camera's.
   std::int64_t clock_ns = 0;
 };
 
@@ -26,16 +26,16 @@ class StudyFeed {
   StudyFeed& operator=(const StudyFeed&) = delete;
   virtual ~StudyFeed() = default;
 
-  // The next image; nothing if the camera has none yet, after a short wait.
+  // Returns the next image, or nullopt if the camera delivers none within a short wait.
   [[nodiscard]] virtual Result<std::optional<StudyPicture>> next() = 0;
-  // A recording begins again.
+  // Restarts a recording; has no effect on a camera.
   virtual void rewind() = 0;
-  // Returns true for images that come on demand rather than at their own pace.
+  // Returns true if images are produced on demand (recording), false if at their own rate.
   [[nodiscard]] virtual bool waits() const = 0;
 };
 
-// `given_poses`: frames keep the times of the given poses; else their times are monotonic, for the
-// tracker.
+// `given_poses`: frames keep their recorded times, to find the given poses. Otherwise times keep
+// increasing over all loops, as the tracker requires.
 [[nodiscard]] std::unique_ptr<StudyFeed> feed_of_recording(const Recording& recording,
                                                            double interval_s, bool given_poses);
 [[nodiscard]] std::unique_ptr<StudyFeed> feed_of_camera(std::unique_ptr<LiveSource> source);

@@ -28,14 +28,14 @@ Eigen::Vector3d to_tenths_of_mm(const Eigen::Vector3d& p) {
   return (p * 1e4).array().round().matrix() / 1e4;
 }
 
-// Three spheres around the table's middle, about a third of a turn apart, so that none hides
-// another or another's shadow.
+// Places three spheres around the table's middle, about 120 degrees apart, so that none occludes
+// another sphere or its shadow.
 StudySample sample_of_heights(int number, SplitMix64& random) {
   constexpr double kNear_m = 0.060, kFar_m = 0.090;
   constexpr double kTurn = 2.0 * std::numbers::pi / 3.0, kAside = std::numbers::pi / 12.0;
-  constexpr double kTopLow_m = 0.120, kTopHigh_m = 0.200;  // centre of the highest
+  constexpr double kTopLow_m = 0.120, kTopHigh_m = 0.200;  // centre height of the highest sphere
   constexpr std::array kEasyGap_m = {0.040, 0.060}, kHardGap_m = {0.008, 0.015};
-  constexpr double kThird_m = 0.040;  // most that the third is below the second
+  constexpr double kThird_m = 0.040;  // largest height difference of the second and the third
   StudySample sample;
   sample.number = number;
   sample.hard = number % 2 == 0;
@@ -57,7 +57,7 @@ StudySample sample_of_heights(int number, SplitMix64& random) {
   return sample;
 }
 
-// A ball over the table's middle and three to five targets, each well away from the one before.
+// Places a ball over the table's middle and three to five targets, each far from the previous one.
 StudySample sample_of_drag(int number, SplitMix64& random) {
   constexpr double kReach_m = 0.100, kLow_m = 0.030, kHigh_m = 0.180, kApart_m = 0.080;
   StudySample sample;
@@ -136,7 +136,7 @@ StudyPlan plan_study(const StudyDesign& design) {
                                ? sample_of_heights(number, stimuli)
                                : sample_of_drag(number, stimuli));
   }
-  // The assignment of treatments to the design's letters is random, the design is not.
+  // Assigns the treatments to the symbols of the design at random; the design itself is fixed.
   const auto techniques = static_cast<int>(design.techniques.size());
   const std::vector<int> technique_of =
       shuffled(techniques, SplitMix64(design.seed, kTechniqueOrder));

@@ -25,7 +25,7 @@ namespace fs = std::filesystem;
 constexpr std::size_t kMaxResultBytes = std::size_t{256} << 20U;
 constexpr std::size_t kColumns = 17;
 
-// "x y z" [m].
+// Parses "x y z" [m].
 std::optional<Eigen::Vector3d> point_in(std::string_view text) {
   const auto parts = split(text, ' ');
   if (parts.size() != 3) return std::nullopt;
@@ -159,9 +159,9 @@ Result<StudyFile> StudyFile::open(const fs::path& file, const StudyDesign& desig
                 file.string());
   }
   PENUMBRA_TRY(auto text, read_text_file(file, kMaxResultBytes));
-  // The text has no byte-order mark.
+  // The text lacks the file's byte-order mark, if there is one.
   const std::uintmax_t mark_bytes = fs::file_size(file, ignored) - text.size();
-  if (kStudyHeader.starts_with(text)) {  // new, or cut off during its creation
+  if (kStudyHeader.starts_with(text)) {  // new, or truncated during its creation
     if (ftruncate(handle, 0) != 0) return not_written(file);
     PENUMBRA_TRY_VOID(results.write_line(std::string(kStudyHeader)));
     return results;

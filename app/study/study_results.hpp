@@ -1,4 +1,4 @@
-// Answers of participants: rows of a CSV file that only grows, and their summary.
+// Answers of participants: rows of a CSV file that is only appended to, and their summary.
 #pragma once
 
 #include <Eigen/Core>
@@ -31,31 +31,31 @@ struct StudyRow {
   std::vector<Eigen::Vector3d> places;
   std::string chosen;                 // heights: the sphere, from 1; drag: the ball's place [m]
   bool correct = false;               // heights: the highest; drag: within the tolerance
-  std::int64_t response_time_ns = 0;  // since it was shown, or since the last target was reached
-  double error_m = 0.0;  // heights: the highest above the chosen one; drag: from ball to target
-  int misses = 0;        // clicks beside all spheres; drags that ended off the target
-  int frames = 0;        // shown during the answer
-  int frames_lost = 0;   // of these without a pose: nothing was drawn
+  std::int64_t response_time_ns = 0;  // since the trial was shown or the last target reached
+  double error_m = 0.0;               // heights: highest minus chosen height; drag: ball to target
+  int misses = 0;                     // clicks that hit no sphere; drags that ended off the target
+  int frames = 0;                     // frames shown during the answer
+  int frames_lost = 0;                // of these, frames without a pose, which show no objects
 };
 
 inline constexpr std::string_view kStudyHeader =
     "study,experiment,participant,block,trial,technique,sample,step,difficulty,places_m,chosen,"
     "correct,response_time_s,error_m,misses,frames,frames_lost";
-// A row of these columns, without line break.
+// Returns a row with these columns, without a line break.
 [[nodiscard]] std::string format_study_row(const StudyRow& row);
 [[nodiscard]] std::optional<StudyRow> parse_study_row(std::string_view line);
-// "x y z;x y z" [m].
+// Returns "x y z;x y z" [m].
 [[nodiscard]] std::string format_places(std::span<const Eigen::Vector3d> places);
-// "easy" or "hard" for heights, else "".
+// Returns "easy" or "hard" for heights, else "".
 [[nodiscard]] std::string_view difficulty_of(bool heights, bool hard);
 
 // A results file that is open for appending.
 class StudyFile {
  public:
-  // Creates the file, or opens one of the same study. Removes a last line that was cut off. Fails
-  // if the file is of another study or of none, if another study is writing to it, and, unless
-  // `resume`, if it has rows of this participant. A stream receives the header and this study's
-  // rows.
+  // Creates the file, or opens a file of the same study and removes an incomplete last line. Fails
+  // if the file belongs to another study or is no results file, or if another process is writing to
+  // it. Without `resume`, also fails if it contains rows of this participant. A stream receives the
+  // header and the new rows.
   [[nodiscard]] static Result<StudyFile> open(const std::filesystem::path& file,
                                               const StudyDesign& design, bool resume);
   StudyFile(StudyFile&& other) noexcept;
@@ -74,20 +74,20 @@ class StudyFile {
   [[nodiscard]] Result<void> write_line(const std::string& text);
   std::filesystem::path file_;
   int handle_ = -1;
-  std::optional<OutputFile> stream_;  // in place of the handle
+  std::optional<OutputFile> stream_;  // replaces the handle for a stream
   std::vector<StudyRow> rows_;
 };
-// The first trial of the plan that has no rows.
+// Returns the index of the plan's first trial that has no rows.
 [[nodiscard]] std::size_t first_open_trial(const StudyPlan& plan, std::span<const StudyRow> rows);
 
-// Results of a technique. The answers of one participant are not independent: with several
-// participants each one counts by its median (and share), and the interval is over participants.
+// Results of a technique. The answers of one participant are not independent. With several
+// participants, each one contributes its median (or fraction), and intervals are over participants.
 struct StudySummary {
   std::string technique;
   int participants = 0, answers = 0;
   std::optional<MedianEstimate> response_time_s;
   std::optional<MedianEstimate> error_m;
-  double wrong_share = 0.0;  // with several participants the median of their shares
+  double wrong_share = 0.0;  // with several participants the median of their fractions
   std::optional<Interval> wrong_interval;
 };
 [[nodiscard]] std::vector<StudySummary> summarise(const StudyDesign& design,
@@ -96,7 +96,7 @@ struct StudySummary {
                                         std::span<const StudySummary> summary);
 [[nodiscard]] std::string summary_csv(const std::string& study,
                                       std::span<const StudySummary> summary);
-// "results.csv" -> "results-summary.csv".
+// Returns "results-summary.csv" for "results.csv".
 [[nodiscard]] std::filesystem::path summary_path(const std::filesystem::path& results);
 
 }  // namespace penumbra

@@ -32,14 +32,14 @@ namespace {
 
 namespace fs = std::filesystem;
 
-// Longest wait of a scripted participant for an image that shows the table.
+// Longest time that a scripted participant waits for an image with a pose.
 constexpr std::int64_t kPatience_ns = 30'000'000'000;
-// Interval of polling for events while the next image is not due.
+// Interval of polling for events until the next image is due.
 constexpr std::chrono::milliseconds kPoll(1);
 
-// Runs the trials. A person's times are of the monotonic clock, from the swap of the first image
-// that shows the trial to the event. A script's are of the images' clock, so that they do not
-// depend on the machine's speed.
+// Runs the trials. A person's times are measured on the monotonic clock, from the buffer swap of
+// the first image of the trial to the event. A script's times use the images' clock, so that they
+// do not depend on the machine's speed.
 class StudyLoop {
  public:
   StudyLoop(GlContext& context, Session& session, StudyFeed& feed, StudyTask& task, StudyFile& file,
@@ -93,14 +93,14 @@ class StudyLoop {
   }
 
  private:
-  // ready: waits for a person to begin the block. pause: nothing is shown. trial: it is shown from
-  // the first image with a pose.
+  // ready: waits until the person starts the block. pause: no spheres are shown. trial: the trial
+  // is shown, from the first image with a pose on.
   enum class Phase { ready, pause, trial };
 
   [[nodiscard]] std::int64_t time_ns() const { return script_ ? clock_ns_ : monotonic_ns(); }
   [[nodiscard]] GlContext::Size window() const {
     const GlContext::Size size = context_.window_size();
-    // Offscreen the image is the window.
+    // Offscreen, the image replaces the window.
     if (size.width <= 0) return {session_.camera().width(), session_.camera().height()};
     return size;
   }
@@ -120,7 +120,7 @@ class StudyLoop {
     if (!context_.poll_events()) closed_ = true;
   }
 
-  // Waits until the image is due. A late one delays all that follow.
+  // Waits until the image is due. A late image delays all later ones.
   void wait_for(std::int64_t clock_ns) {
     const std::int64_t now = monotonic_ns();
     due_ns_ = last_clock_ns_ ? std::max(now, due_ns_ + clock_ns - *last_clock_ns_) : now;
@@ -131,7 +131,7 @@ class StudyLoop {
     }
   }
 
-  // Does the script's actions up to this time, on the image that is shown.
+  // Executes the script's actions up to this time on the shown image.
   [[nodiscard]] Result<void> act_until(std::int64_t clock_ns) {
     if (!task_.shown()) {
       if (phase_ != Phase::trial) return {};
@@ -160,7 +160,7 @@ class StudyLoop {
     using Kind = WindowEvent::Kind;
     switch (event.kind) {
       case Kind::key_down:
-        if (command_of_key(event) != WindowCommand::pause) break;  // the space bar
+        if (command_of_key(event) != WindowCommand::pause) break;  // space bar
         if (leave_ready(time_ns)) break;
         follow(task_.accept(time_ns), time_ns);
         break;
@@ -191,13 +191,13 @@ class StudyLoop {
     const SessionView view = session_.view();
     const auto pointer = pointer_in_window(view, window(), pointer_);
     if (!pointer || task_.holding()) return;
-    // As in the paper each button moves in two axes. Its y-z and x-z planes can be seen edge-on by
-    // a handheld camera, so the axes here are up, and sideways in the view.
+    // As in the paper, each button moves the ball along two axes. A handheld camera may see the
+    // paper's y-z and x-z planes edge-on, so here the axes are up and sideways in the view.
     const bool lift = event.code != WindowEvent::kLeft || event.shift || event.control;
     follow(task_.press(*view.scene, *pointer, lift, time_ns), time_ns);
     if (task_.holding()) button_ = event.code;
   }
-  // A pointer at rest leaves the ball where it is on the table while the camera moves.
+  // If only the camera moves and not the pointer, the ball keeps its position on the table.
   void move(const WindowEvent& event, std::int64_t time_ns) {
     const Eigen::Vector2d at(event.x, event.y);
     if (at == std::exchange(pointer_, at) || !task_.holding()) return;
@@ -222,7 +222,7 @@ class StudyLoop {
     const TrackStatus status = tracked.pose.status;
     const bool lit = phase_ == Phase::trial &&
                      (task_.shown() ? tracked.pose.has_pose() : status == TrackStatus::tracked);
-    if (!lit) {  // draw nothing into it
+    if (!lit) {  // draws no objects into the image
       tracked.pose.status = TrackStatus::lost;
       tracked.pose.reason = not_measured("no trial is shown");
     }
@@ -242,7 +242,7 @@ class StudyLoop {
     return {};
   }
 
-  // Instructions for the participant; they never name the technique.
+  // Returns the instructions for the participant. They do not reveal the technique.
   [[nodiscard]] std::string words(TrackStatus status) const {
     const StudyTrial& trial = task_.trial();
     const StudyDesign& design = task_.plan().design;
@@ -280,18 +280,18 @@ class StudyLoop {
   std::int64_t pause_ends_ns_ = 0;
   std::optional<std::int64_t> trial_began_ns_;         // of a script: with its first image
   std::int64_t clock_ns_ = 0;                          // of the last image
-  std::int64_t due_ns_ = 0;                            // of the last image, on the monotonic clock
-  std::optional<std::int64_t> last_clock_ns_;          // of the last image that was waited for
+  std::int64_t due_ns_ = 0;                            // when it was due, on the monotonic clock
+  std::optional<std::int64_t> last_clock_ns_;          // time of the last image that was waited for
   Eigen::Vector2d pointer_ = Eigen::Vector2d::Zero();  // [px] of the window
-  int button_ = -1;                                    // that holds the ball
+  int button_ = -1;                                    // button that holds the ball
   bool closed_ = false;
-  std::optional<Error> failure_;  // of an event
+  std::optional<Error> failure_;  // error of an event
 };
 
 struct Pictures {
   CameraModel camera;
   PoseSource poses;
-  std::unique_ptr<StudyFeed> feed;  // of a recording; a camera is opened last
+  std::unique_ptr<StudyFeed> feed;  // feed of a recording; a camera is opened last
 };
 
 Result<Pictures> open_pictures(const StudyRequest& request, const Scene& scene) {
@@ -345,7 +345,7 @@ Result<void> check_paths(const StudyRequest& request) {
 }  // namespace
 
 Result<StudyReport> run_study(const StudyRequest& request) {
-  InterruptWatch interrupt;  // first: decoders and OpenGL start threads
+  InterruptWatch interrupt;  // declared first: decoders and OpenGL start threads
 
   std::optional<ScriptedParticipant> script;
   if (request.script) {
@@ -381,7 +381,7 @@ Result<StudyReport> run_study(const StudyRequest& request) {
   }
 
   StudyReport report;
-  std::optional<OutputFile> summary_file;  // beside the answers, unless they go to a stream
+  std::optional<OutputFile> summary_file;  // summary beside the answers, unless they go to a stream
   if (!is_stream(request.results)) {
     report.summary_file = summary_path(request.results);
     PENUMBRA_TRY(summary_file, OutputFile::create(report.summary_file));
@@ -396,7 +396,7 @@ Result<StudyReport> run_study(const StudyRequest& request) {
                    request.pause_s);
     done = loop.run(interrupt);
   }
-  // The lost display is the cause of any other failure.
+  // A lost display replaces any other error, because it is the cause.
   if (auto lost = display_loss(*context)) done = tl::unexpected(*lost);
   report.trials = static_cast<int>(plan.trials.size());
   report.answered = static_cast<int>(first_open_trial(plan, file.rows()));

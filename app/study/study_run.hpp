@@ -1,4 +1,4 @@
-// Runs a participant's session: trials in the window, answers into the results file.
+// Runs a participant's session: shows trials in the window and writes answers to the results file.
 #pragma once
 
 #include <filesystem>
@@ -18,26 +18,26 @@ struct StudyRequest {
   StudyDesign design;
   std::filesystem::path results;
   bool resume = false;
-  std::optional<std::filesystem::path> script;  // of a scripted participant
-  double pause_s = 1.0;                         // without spheres between two trials [s]
-  bool from_camera = false;                     // in place of the recording
+  std::optional<std::filesystem::path> script;  // script of a scripted participant
+  double pause_s = 1.0;                         // time without spheres between two trials [s]
+  bool from_camera = false;                     // uses the camera instead of the recording
   std::filesystem::path recording;
-  std::optional<std::filesystem::path> tags;  // instead of the recording's; a camera needs them
-  std::optional<std::string> poses_from;      // of a recording: "groundtruth" or a TUM file
+  std::optional<std::filesystem::path> tags;  // replaces the recording's; required for a camera
+  std::optional<std::string> poses_from;      // for a recording: "groundtruth" or a TUM file
   CameraRequest camera;
   TrackerOptions tracking;
-  bool window = true;  // if there is a display; a person needs one
+  bool window = true;  // opens a window if there is a display; a person needs one
 };
 
 struct StudyReport {
-  int trials = 0;                      // of the participant
-  int answered = 0;                    // of them, so far
+  int trials = 0;                      // trials of the participant
+  int answered = 0;                    // number of these answered so far
   std::filesystem::path summary_file;  // empty if the answers went to a stream
-  std::vector<StudySummary> summary;   // of everyone in the results file
+  std::vector<StudySummary> summary;   // of all participants in the results file
 };
 
-// Every path is checked before the first trial. Ended early (window closed, Ctrl-C), the results
-// file holds the trials up to then.
+// Checks all paths before the first trial. If the session ends early (window closed, Ctrl-C), the
+// results file contains the trials up to then.
 [[nodiscard]] Result<StudyReport> run_study(const StudyRequest& request);
 
 }  // namespace penumbra

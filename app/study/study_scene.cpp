@@ -38,7 +38,7 @@ std::string study_sphere(int index) {
 
 Scene study_scene(StudyExperiment experiment) {
   const glm::vec4 red(0.75F, 0.16F, 0.09F, 1.0F), green(0.10F, 0.50F, 0.20F, 1.0F);
-  constexpr double kWalls_m = 0.15;  // from the middle: just beyond the spheres' reach
+  constexpr double kWalls_m = 0.15;  // distance from the middle, just outside the spheres
   constexpr double kWorkspace_m = 0.24, kMagnification = 1.5, kLamp_m = 0.7;
   Scene scene;
   scene.name = "study";

@@ -1,5 +1,5 @@
-// A scripted participant: the actions in each trial and their times. It tests the set-up of a
-// study.
+// Script of a simulated participant, to test the set-up of a study: actions and times in each
+// trial.
 //
 //   # trial  seconds  action
 //   1        1.25     click sphere 2
@@ -9,10 +9,10 @@
 //   3        2.00     release
 //   4        0.50     accept
 //
-// Trials are numbered from 1 over all blocks, seconds count from the showing of the trial's
-// spheres; both increase. A place is `sphere N`, `ball`, `table X Y Z` [m], `pixel U V` of the
-// image or, for a held object, `by DX DY DZ` [m] from where it was taken. `accept` is the space
-// bar: the sphere is as near its target as the participant can bring it.
+// Trials are numbered from 1 over all blocks. Seconds count from the time at which the trial's
+// spheres are shown. Both must increase. A position is `sphere N`, `ball`, `table X Y Z` [m],
+// `pixel U V` of the image or, for a held object, `by DX DY DZ` [m] relative to where it was
+// grabbed. `accept` is the space bar: the participant ends the attempt to reach the target.
 #pragma once
 
 #include <Eigen/Core>
@@ -29,26 +29,26 @@ namespace penumbra {
 struct ScriptPlace {
   enum class Kind { object, table, pixel, by };
   Kind kind = Kind::object;
-  std::string object;                               // its name in the scene
-  Eigen::Vector3d point = Eigen::Vector3d::Zero();  // [m]; of a pixel: x and y [px]
+  std::string object;                               // name of the object in the scene
+  Eigen::Vector3d point = Eigen::Vector3d::Zero();  // [m]; for a pixel: x and y [px]
 };
 
 struct ScriptAction {
   enum class Kind { click, press, move, release, accept };
-  int line = 0;            // in the file
+  int line = 0;            // line number in the file
   int trial = 1;           // StudyTrial::number
-  std::int64_t at_ns = 0;  // since the trial's spheres are shown, >= 0
+  std::int64_t at_ns = 0;  // time since the trial's spheres are shown, >= 0
   Kind kind = Kind::click;
-  int button = 0;  // WindowEvent's; of click and press
+  int button = 0;  // WindowEvent's code; for click and press
   ScriptPlace place;
 };
 
 struct StudyScript {
-  std::string name;  // of the file, for errors
+  std::string name;  // file name, for errors
   std::vector<ScriptAction> actions;
 };
 
-// Errors name the line and the right form.
+// Errors contain the line number and the expected form.
 [[nodiscard]] Result<StudyScript> parse_study_script(std::string_view text, std::string name);
 [[nodiscard]] Result<StudyScript> load_study_script(const std::filesystem::path& file);
 

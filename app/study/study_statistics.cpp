@@ -10,16 +10,16 @@
 namespace penumbra {
 namespace {
 
-constexpr double kMiss = 0.05;          // 95 %
-constexpr double kNormal = 1.95996398;  // its quantile of the normal distribution, two-sided
+constexpr double kMiss = 0.05;          // 1 - confidence level
+constexpr double kNormal = 1.95996398;  // two-sided quantile of the normal distribution for it
 
-// Rank from the smallest and from the largest value of those that bound the median; 0: none.
+// Returns l: the l-th smallest and the l-th largest value bound the median. 0: too few values.
 std::size_t bound_of_median(std::size_t count) {
   const auto n = static_cast<double>(count);
   double below = 0.0;  // P(B < l)
   std::size_t l = 0;
   while (l < count) {
-    // P(B = l) by logarithms, because 2^-n underflows for thousands of values.
+    // Computes P(B = l) with logarithms, because 2^-n underflows for thousands of values.
     const auto k = static_cast<double>(l);
     below += std::exp(std::lgamma(n + 1.0) - std::lgamma(k + 1.0) - std::lgamma(n - k + 1.0) -
                       n * std::numbers::ln2);

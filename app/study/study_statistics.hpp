@@ -1,4 +1,4 @@
-// Medians and shares with distribution-free 95 % confidence intervals, for few values. Pure.
+// Medians and fractions of few values, with 95 % confidence intervals.
 #pragma once
 
 #include <optional>
@@ -12,17 +12,17 @@ struct Interval {
 
 struct MedianEstimate {
   double median = 0.0;
-  // At least 95 %; absent below 6 values, which are too few for it.
+  // Coverage of at least 95 %; nullopt for fewer than 6 values, which are too few.
   std::optional<Interval> interval;
 };
 
-// The median and its interval from the l-th smallest to the l-th largest value, l the greatest for
-// which 2 P(B < l) <= 0.05 with B binomial of n and 1/2 (David and Nagaraja, Order Statistics,
-// 3rd ed. 2003, section 7.1). Nothing for no values.
+// Returns the median and its distribution-free interval, or nullopt for no values. The interval is
+// from the l-th smallest to the l-th largest value, with the largest l for which 2 P(B < l) <=
+// 0.05, where B ~ Binomial(n, 1/2) (David and Nagaraja, Order Statistics, 3rd ed. 2003, sec. 7.1).
 [[nodiscard]] std::optional<MedianEstimate> median_of(std::span<const double> values);
 
-// The share `hits` / `count` with the score interval of Wilson 1927 (J. Am. Stat. Assoc. 22:209),
-// which is never empty and stays in [0, 1]. `count` > 0.
+// The fraction `hits` / `count` with Wilson's score interval (1927, J. Am. Stat. Assoc. 22:209),
+// which has a nonzero length and lies in [0, 1]. `count` > 0.
 struct ShareEstimate {
   double share = 0.0;
   Interval interval;

@@ -1,5 +1,5 @@
-// State of one participant's trials: what is shown, what the pointer does to it, and the answers.
-// It uses no window and no clock; the caller gives the times.
+// State of one participant's trials: shown objects, effects of the pointer, and answers. Uses
+// neither a window nor a clock; the caller passes the times.
 #pragma once
 
 #include <cstdint>
@@ -15,21 +15,21 @@ namespace penumbra {
 
 inline constexpr const char* kStudyBall = "ball";
 inline constexpr const char* kStudyTarget = "target";
-[[nodiscard]] std::string study_sphere(int index);  // "sphere 1" is index 0's
+[[nodiscard]] std::string study_sphere(int index);  // index 0 is "sphere 1"
 
-// The scene has one shadow node, "shadows", with what every technique needs: the table, two walls
-// at the far edges of the workspace, and a lamp above the middle. The layers' constants are for a
+// The scene has the table, two walls at the far edges of the workspace, a lamp above the middle,
+// and one shadow node, "shadows", which every technique can draw. The layers' constants are for a
 // workspace up to the highest sphere.
 [[nodiscard]] Scene study_scene(StudyExperiment experiment);
 
 class StudyTask {
  public:
-  // Begins with this trial of the plan; past the last one, the task is finished.
+  // Starts at this trial of the plan. After the last trial, the task is finished.
   StudyTask(StudyPlan plan, std::size_t first_trial);
 
   [[nodiscard]] const StudyPlan& plan() const { return plan_; }
   [[nodiscard]] bool finished() const { return at_ >= plan_.trials.size(); }
-  // The current trial; not when finished.
+  // The current trial; must not be called when finished.
   [[nodiscard]] const StudyTrial& trial() const { return plan_.trials[at_]; }
   [[nodiscard]] const StudySample& sample() const {
     return plan_.samples[static_cast<std::size_t>(trial().sample)];
@@ -39,22 +39,23 @@ class StudyTask {
 
   // Edits that set up the scene for the current trial.
   [[nodiscard]] std::vector<SceneEdit> set_up(const Scene& scene) const;
-  // Marks the trial as shown and starts its time.
+  // Marks the trial as shown and starts its clock.
   void show(std::int64_t time_ns);
   void count_frame(bool has_pose);
 
-  // Actions of a person; ignored while no trial is shown. The scene has all edits so far.
+  // Actions of the participant; ignored while no trial is shown. `scene` must have all edits so
+  // far.
   struct Outcome {
     std::vector<SceneEdit> edits;
-    std::vector<StudyRow> rows;  // of the trial, once it is over
-    bool over = false;           // the next trial is the current one
+    std::vector<StudyRow> rows;  // rows of the trial, set when it is over
+    bool over = false;           // the trial is over; the next one is now the current trial
   };
-  // `lift`: up and sideways rather than along the table.
+  // `lift`: drags up and sideways instead of along the table.
   [[nodiscard]] Outcome press(const Scene& scene, const PointerView& pointer, bool lift,
                               std::int64_t time_ns);
   [[nodiscard]] Outcome move(const PointerView& pointer);
   [[nodiscard]] Outcome release(std::int64_t time_ns);
-  // Accepts the ball's place, on its target or not.
+  // Ends the step with the ball's current position, whether it is on its target or not.
   [[nodiscard]] Outcome accept(std::int64_t time_ns);
   [[nodiscard]] bool holding() const { return hand_.holding(); }
 
@@ -68,16 +69,16 @@ class StudyTask {
   std::size_t at_ = 0;
   bool shown_ = false;
   std::int64_t shown_ns_ = 0;
-  std::int64_t step_ns_ = 0;  // start of the current step
-  std::size_t step_ = 1;      // of a drag: the target, from 1
+  std::int64_t step_ns_ = 0;  // start time of the current step
+  std::size_t step_ = 1;      // index of the current target in a drag, from 1
   int misses_ = 0, frames_ = 0, frames_lost_ = 0;
   Eigen::Vector3d ball_ = Eigen::Vector3d::Zero();
   Manipulator hand_;
-  std::vector<StudyRow> rows_;  // of the current trial
+  std::vector<StudyRow> rows_;  // rows of the current trial
 };
 
-// The scene's current state, with edits that are not drawn yet. The target of a drag can't be
-// picked.
+// Returns the scene's current state, including edits that are not drawn yet. The target of a drag
+// is excluded, so that it can't be picked.
 [[nodiscard]] SceneState takeable(const Scene& scene);
 
 }  // namespace penumbra
