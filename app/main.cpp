@@ -78,8 +78,7 @@ void ask_for_help(std::vector<std::string>& words) {
   words = std::move(asked);
 }
 
-// Returns the error message for an option with an empty value or "nan", which CLI11's range checks
-// accept; nullopt if there is none.
+// Returns an error message for an empty value or "nan", which CLI11's range checks accept.
 std::optional<std::string> meaningless_option(const CLI::App& program) {
   for (const CLI::App* command : program.get_subcommands()) {
     for (const CLI::Option* option : command->get_options()) {

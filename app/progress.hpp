@@ -10,7 +10,7 @@ namespace penumbra {
 
 class ProgressBar {
  public:
-  // `unit`: the counted items, for the rate. If it is empty, only the bar is drawn.
+  // `unit`: name of the counted items. If it is empty, only the bar is drawn, without a rate.
   explicit ProgressBar(int total, std::string unit = "frames");
   ProgressBar(const ProgressBar&) = delete;
   ProgressBar& operator=(const ProgressBar&) = delete;
@@ -31,10 +31,10 @@ class ProgressBar {
   double last_drawn_ms_ = -1e9;
 };
 
-// "[######          ]  45/120  31.2 frames/s"
+// Returns "[######          ]  45/120  31.2 frames/s".
 [[nodiscard]] std::string progress_text(int done, int total, double elapsed_ms,
                                         const std::string& unit = "frames");
-// "[####              ]  what, 12 s": the bar is empty at step 1.
+// Returns "[####              ]  what, 12 s"; the bar is empty at step 1.
 [[nodiscard]] std::string step_text(const std::string& what, int step, int most, double elapsed_ms);
 
 }  // namespace penumbra

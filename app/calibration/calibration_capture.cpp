@@ -71,7 +71,7 @@ std::string bar(const char* name, double share) {
   return fmt::format("{} [{:#<{}}{: <{}}]", name, "", filled, "", kWidth - filled);
 }
 
-// "image [######    ]  size [####      ] ..."
+// Returns "image [######    ]  size [####      ] ...".
 std::string guide_text(const GuideProgress& progress) {
   return fmt::format("{}  {}  {}  {}  {} views; {}", bar("image", progress.image),
                      bar("size", progress.size), bar("tilt", progress.tilt),

@@ -32,7 +32,7 @@ Result<std::vector<std::filesystem::path>> pictures_in(const std::filesystem::pa
   return files;
 }
 
-// `source`: for messages.
+// Reads the images and passes them to `take`. `source`: name for messages.
 Result<void> each_file(const std::filesystem::path& source,
                        const std::vector<std::filesystem::path>& files,
                        const std::function<Result<bool>(const Picture&)>& take) {

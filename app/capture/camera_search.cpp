@@ -10,7 +10,7 @@ void CameraSearch::begin() {
 std::optional<std::size_t> CameraSearch::find(std::span<const V4l2Identity> connected) {
   const bool first_look = std::exchange(first_look_, false);
   std::optional<std::size_t> moved;
-  std::set<std::string> places;  // of new cameras of its model; one may have several devices
+  std::set<std::string> places;  // bus addresses; one camera may have several devices
   for (std::size_t i = 0; i < connected.size(); ++i) {
     const V4l2Identity& camera = connected[i];
     if (is_in_place(camera)) return i;

@@ -33,7 +33,7 @@ class CameraSearch {
     return camera.card == lost_.card && camera.driver == lost_.driver;
   }
 
-  V4l2Identity lost_;  // with its latest bus address
+  V4l2Identity lost_;  // includes the latest bus address
   bool first_look_ = true;
   std::set<std::string> others_;  // bus addresses of the excluded cameras
 };

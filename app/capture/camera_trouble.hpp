@@ -47,12 +47,11 @@ inline constexpr std::string_view kDisconnected =
 [[nodiscard]] std::optional<std::string> forbidden_camera_device(
     const std::filesystem::path& devices = "/dev");
 
-// A period without frames. Counts each kind of fault once per outage, even if several restarts
-// fail. Not thread-safe.
+// A period without frames. Counts each kind of fault once per outage. Not thread-safe.
 class Outage {
  public:
   explicit Outage(FaultCounter& faults) : faults_(faults) {}
-  // `now`: a shorter text for the HUD; default: the message.
+  // Starts an outage, or continues it. `now`: a shorter text for the HUD; default: the message.
   void begin(const Trouble& trouble, const std::optional<std::string>& now = std::nullopt);
   // Call this when a frame arrives. Returns true if it ended an outage.
   bool end();

@@ -11,7 +11,7 @@ namespace {
 // Limits the queue while no recording reads the events.
 constexpr std::size_t kMostEvents = 256;
 
-// In the order of CaptureFault.
+// Same order as CaptureFault.
 struct FaultText {
   std::string_view name;
   std::string_view description;

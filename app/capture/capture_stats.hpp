@@ -37,10 +37,10 @@ inline constexpr std::size_t kCaptureFaultCount =
 [[nodiscard]] std::string_view description_of(CaptureFault fault);
 
 struct CaptureStats {
-  std::uint64_t frames = 0;     // delivered
+  std::uint64_t frames = 0;     // number of delivered frames
   std::uint64_t undecoded = 0;  // of these, damaged ones (detected while decoding)
   std::array<std::uint64_t, kCaptureFaultCount> faults{};
-  std::uint64_t restarts = 0;          // of the stream
+  std::uint64_t restarts = 0;          // number of restarts of the stream
   std::optional<std::string> trouble;  // current fault, in a few words for the HUD
   [[nodiscard]] std::uint64_t of(CaptureFault fault) const {
     return faults[static_cast<std::size_t>(fault)];

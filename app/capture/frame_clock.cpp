@@ -18,7 +18,7 @@ constexpr std::uint32_t kSlowerAfter = 5;
 constexpr std::int64_t kMissed = 3;  // intervals
 constexpr std::int64_t kSilent_ns = 1'000'000'000;
 constexpr std::int64_t kStarting_ns = 3'000'000'000;
-constexpr int kMostDoublings = 2;  // of kStarting_ns
+constexpr int kMostDoublings = 2;  // largest number of doublings of kStarting_ns
 constexpr std::int64_t kStale_ns = 250'000'000;
 
 // Returns the granted interval, or the n-th smallest of the first `count` ones if that is longer.

@@ -8,7 +8,7 @@
 namespace penumbra {
 
 struct FrameStamp {
-  std::uint64_t sequence = 0;      // from 0; lost frames leave gaps
+  std::uint64_t sequence = 0;      // counts from 0; lost frames leave gaps
   std::int64_t timestamp_ns = 0;   // monotonic clock, increasing
   std::uint32_t lost_counted = 0;  // lost before this frame, by the driver's sequence numbers
   // Frames lost by the timestamps only; reported with the first punctual frame after the gap.
@@ -23,8 +23,8 @@ class FrameClock {
   // `interval_ns`: the granted time between frames; 0 if unknown.
   explicit FrameClock(std::int64_t interval_ns = 0) : granted_ns_(interval_ns) {}
 
-  // `driver_ns`: the driver's timestamp, on the monotonic clock if `monotonic`. `arrival_ns`: time
-  // of arrival on the monotonic clock.
+  // Returns the stamp of the next frame. `driver_ns`: the driver's timestamp; `monotonic`: its
+  // clock is the monotonic one. `arrival_ns`: time of arrival on the monotonic clock.
   [[nodiscard]] FrameStamp next(std::uint32_t driver_sequence, std::int64_t driver_ns,
                                 bool monotonic, std::int64_t arrival_ns);
   // Call this when the stream is restarted: the driver may then count from any number, and the
@@ -54,7 +54,7 @@ class FrameClock {
   bool last_bad_ = false;
 };
 
-// Decides how long a camera may pause between frames before that is a fault. For one thread.
+// Decides which pause between frames counts as a fault. Not thread-safe.
 class FramePace {
  public:
   explicit FramePace(std::int64_t granted_ns = 0) : granted_ns_(granted_ns) {}

@@ -51,11 +51,11 @@ namespace lc = libcamera;
 constexpr unsigned kBuffers = 6;
 constexpr std::size_t kDriverNeeds = 2;
 constexpr auto kRetry = std::chrono::milliseconds(500);        // an attempt enumerates all cameras
-constexpr std::uint64_t kMostBytes = std::uint64_t{1} << 30U;  // of one buffer
+constexpr std::uint64_t kMostBytes = std::uint64_t{1} << 30U;  // largest size of one buffer
 
 struct KnownFormat {
   lc::PixelFormat format;
-  const char* option;  // of --format
+  const char* option;  // value of --format
   const char* name;
   PixelFormat pixels;  // unused for JPEG
   bool jpeg;
@@ -133,7 +133,7 @@ class MappedBuffer {
  public:
   // Fails with an errno.
   static tl::expected<MappedBuffer, int> map(const lc::FrameBuffer& buffer) {
-    std::map<int, std::size_t> lengths;  // by libcamera's descriptor
+    std::map<int, std::size_t> lengths;  // keyed by libcamera's descriptor
     for (const auto& plane : buffer.planes()) {
       const std::uint64_t end = std::uint64_t{offset_of(plane)} + plane.length;
       if (end == 0 || end > kMostBytes) return tl::unexpected(EINVAL);

@@ -24,7 +24,7 @@ struct LibcameraOptions : RequestedSettings {
 
 struct LibcameraFormat {
   std::string name;                // "NV12"
-  bool usable = false;             // by penumbra
+  bool usable = false;             // penumbra can read it
   std::vector<std::string> sizes;  // "640x480"
 };
 struct LibcameraCamera {

@@ -18,7 +18,7 @@
 namespace penumbra {
 
 struct CapturedImage {
-  std::uint64_t sequence = 0;        // from 0; a gap is a lost frame
+  std::uint64_t sequence = 0;        // counts from 0; lost frames leave gaps
   std::int64_t timestamp_ns = 0;     // FrameStamp's, on the monotonic clock
   std::optional<double> exposure_s;  // see Frame::exposure_s
   // The image is either a JPEG, or a frame whose planes lie in the camera's buffer.

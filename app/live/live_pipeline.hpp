@@ -26,7 +26,7 @@ namespace penumbra {
 // A tracked frame that is ready to be drawn.
 struct ReadyFrame {
   TrackedFrame tracked;
-  StageTime capture_time;  // of decoding
+  StageTime capture_time;  // time for decoding
 };
 
 // Runs the camera's thread and, with `side_by_side`, the tracker's. The newest image waits for the

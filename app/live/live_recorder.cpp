@@ -38,8 +38,7 @@ void LiveRecorder::stop() {
   }
   if (!writer) return;
   writer->add_event(monotonic_ns(), "end");
-  // The task owns the writer: it closes the files when it is done, not when the future is
-  // collected.
+  // The task owns the writer, so the files are closed before the future is collected.
   ended_.push_back(std::async(std::launch::async, [writer = std::move(writer)]() mutable {
     Ended ended;
     ended.finished = writer->finish();

@@ -17,7 +17,7 @@ struct LiveRequest : RunRequest {
   CameraRequest camera;
   std::filesystem::path tags;
   std::optional<std::filesystem::path> record;
-  std::optional<double> duration_s;  // from the first frame; default: no limit
+  std::optional<double> duration_s;  // measured from the first frame; default: no limit
   bool vsync = true;
 };
 

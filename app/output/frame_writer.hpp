@@ -25,8 +25,8 @@ class FrameWriter {
   // Removes the output unless finish() or rescue() was called.
   virtual ~FrameWriter() = default;
 
-  // `rgba`: RGBA8, rows top to bottom, width * height * 4 bytes; alpha is ignored. In order of
-  // time.
+  // Writes a frame, in order of time. `rgba`: RGBA8, rows top to bottom, width * height * 4 bytes;
+  // alpha is ignored.
   [[nodiscard]] virtual Result<void> write(std::uint64_t number, std::int64_t timestamp_ns,
                                            std::span<const std::uint8_t> rgba) = 0;
   // Completes the output and moves it to its path. Fails if no frame was written.
@@ -40,7 +40,7 @@ enum class OutputKind {
   h264,   // MP4, libx264 in yuv420p: playable everywhere
   folder  // PNG images
 };
-// By the extension: .mkv is FFV1 (lossless), .mp4 is H.264, any other is a folder of images.
+// Depends on the extension: .mkv is FFV1 (lossless), .mp4 is H.264, others are folders of images.
 [[nodiscard]] OutputKind output_kind(const std::filesystem::path& path);
 
 // Fails if the path can't be written or if the installed libavcodec lacks the encoder.

@@ -30,8 +30,8 @@ constexpr std::string_view kStandardOutput = "standard output";
 
 constexpr int kPartialAttempts = 1000;
 
-// "PATH.partial-PID-ATTEMPT". Writers try 0, 1, ... and take the first free name, so that two runs
-// with one target never share it.
+// Returns "PATH.partial-PID-ATTEMPT". Writers try 0, 1, ... and use the first free name, so that
+// two runs with one target never use the same file.
 fs::path partial_path(const fs::path& target, int attempt) {
   fs::path path = target;
   path += fmt::format(".partial-{}-{}", getpid(), attempt);

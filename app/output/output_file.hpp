@@ -1,4 +1,4 @@
-// Files and folders that appear under their names only when they are complete.
+// Files and folders that appear at their paths only when they are complete.
 #pragma once
 
 #include <filesystem>
@@ -67,8 +67,8 @@ class OutputFolder {
   [[nodiscard]] const std::filesystem::path& target() const { return target_; }
   [[nodiscard]] const std::filesystem::path& partial() const { return partial_; }
   [[nodiscard]] tl::unexpected<Error> failed(const Error& cause) const;
-  // Renames the folder to the target, and may replace an empty folder. If `aside` is given, any
-  // folder at the target is first renamed, and `aside` receives its new path.
+  // Renames the folder to the target, which may be an empty folder. If `aside` is given, a folder
+  // at the target is renamed first, and `aside` receives its new path.
   [[nodiscard]] std::error_code commit(std::filesystem::path* aside = nullptr);
 
  private:
@@ -81,8 +81,8 @@ class OutputFolder {
 
 // Returns true for "-" and for any path of descriptor 1, such as /dev/stdout.
 [[nodiscard]] bool names_standard_output(const std::filesystem::path& path);
-// Returns true for standard output, another open descriptor (/dev/fd/3), a pipe or a device. Such a
-// target is neither replaced nor read.
+// Returns true for standard output, an open descriptor (/dev/fd/3), a pipe or a device. These are
+// neither replaced nor read.
 [[nodiscard]] bool is_stream(const std::filesystem::path& path);
 // Reserves standard output for an output file and redirects all other printing to standard error.
 // The first OutputFile on standard output calls this, too.
@@ -106,8 +106,7 @@ void claim_standard_output();
 
 // Returns true if both paths name the same file or folder, which need not exist.
 [[nodiscard]] bool same_path(const std::filesystem::path& a, const std::filesystem::path& b);
-// Fails if an output is the same file as another output or an input. Ignores empty paths and
-// streams.
+// Fails if an output is the same file as another output or an input. Ignores "" and streams.
 [[nodiscard]] Result<void> check_written_once(std::span<const std::filesystem::path> outputs,
                                               std::span<const std::filesystem::path> inputs);
 // Returns true if `path` is `folder` or lies below it; follows links.

@@ -30,7 +30,7 @@ class PaneGrid {
   // The panes' size [px], > 0; one caption per pane, at least one.
   PaneGrid(int pane_width, int pane_height, const std::vector<std::string>& captions);
 
-  // [px]
+  // Size of the grid [px].
   [[nodiscard]] int width() const { return size_.width; }
   [[nodiscard]] int height() const { return size_.height; }
   struct Corner {

@@ -38,8 +38,8 @@ struct OutputRequest {
 
 // Returns the files of a recording except its images; the paths may be links.
 [[nodiscard]] std::vector<std::filesystem::path> files_of(const Recording& recording);
-// Fails if an output would lie in the recording's folder or in a folder of its images. `more`:
-// another output.
+// Fails if an output would lie in the recording's folder or in a folder of its images. `more`: an
+// output.
 [[nodiscard]] Result<void> check_apart_from(
     const Recording& recording, const OutputRequest& request,
     const std::optional<std::filesystem::path>& more = std::nullopt);
@@ -63,8 +63,8 @@ struct RunOutputs {
   // Returns true if any output is written per frame.
   [[nodiscard]] bool any() const { return frames || poses || !group_poses.empty(); }
 };
-// `groups`: tag groups for `group_poses`. `encode_ahead`: queue length of the encoder's thread
-// [frames]; 0: no thread.
+// Opens the requested outputs. `groups`: tag groups for `group_poses`. `encode_ahead`: queue length
+// of the encoder's thread [frames]; 0: no thread.
 [[nodiscard]] Result<RunOutputs> open_outputs(const OutputRequest& request,
                                               const FrameFormat& format,
                                               const std::vector<std::string>& groups,

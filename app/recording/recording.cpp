@@ -259,7 +259,7 @@ Result<void> list_euroc(const std::filesystem::path& cam0, Recording& recording)
 // earlier frame is missing.
 Result<void> drop_incomplete_images(Recording& recording) {
   const std::size_t listed = recording.frames.size();
-  std::string first_cause;  // of the first frame that is dropped
+  std::string first_cause;  // error of the first dropped frame
   while (!recording.frames.empty()) {
     const std::filesystem::path& file = recording.frames.back().file;
     std::error_code ignored;

@@ -18,7 +18,7 @@ namespace {
 
 struct TimedFrame {
   Frame frame;
-  StageTime time;  // for reading and decoding
+  StageTime time;  // time for reading and decoding
 };
 
 // Decodes the frames in order, on the look-ahead thread.

@@ -103,7 +103,7 @@ struct RecordingWriter::Impl {
   const fs::path folder;
   RecordingHead head;
   GrowingFile timestamps, poses, events;
-  std::map<std::string, GrowingFile> group_poses;  // of the groups tracked so far
+  std::map<std::string, GrowingFile> group_poses;  // files of the groups tracked so far
   std::set<std::string> nameless_groups;           // reported, as their names can't be file names
   std::optional<LosslessVideo> video;
   bool with_exposure = false;  // the first image has an exposure time

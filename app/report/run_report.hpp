@@ -49,7 +49,7 @@ class StageTimes {
 struct TrackingCounts {
   int frames_tracked = 0, frames_uncertain = 0, frames_held = 0, frames_lost = 0;
   Statistics reprojection_rms_px;  // over the frames with measured tags
-  bool tags_measured = false;      // in any frame
+  bool tags_measured = false;      // true if tags were measured in any frame
   // For each TagRejection: number of frames in which a tag was rejected, by tag id.
   std::array<std::map<std::string, std::int64_t>, kTagRejections> tags_rejected;
   void add(TrackStatus status, const MeasuredTags& tags);
@@ -66,7 +66,7 @@ struct SmoothingReport {
   Statistics offset_px;  // over the frames; see SmoothedPose
   // Delay of the drawn overlay while it moves (LagMeter); nullopt if it does not move.
   std::optional<double> measured_lag_ms;
-  std::optional<Evaluation> accuracy;  // of the drawn poses in the tracked frames
+  std::optional<Evaluation> accuracy;  // errors of the drawn poses in the tracked frames
 };
 
 struct WorkReport {
@@ -89,7 +89,7 @@ struct RecordedFrames {
 // Count of untracked frames whose reasons are equal except for the numbers in them.
 struct ReasonCount {
   std::int64_t frames = 0;
-  PoseReason first;  // with the numbers of the first frame
+  PoseReason first;  // the reason with the numbers of the first frame
 };
 
 struct RunReport : TrackingCounts, WorkReport {
@@ -126,7 +126,7 @@ struct RunReport : TrackingCounts, WorkReport {
   std::map<std::string, std::int64_t> camera_faults;
   std::optional<RecordedFrames> recorded;  // live only; nullopt if nothing was recorded
   int threads = 1;
-  std::optional<Evaluation> accuracy;        // of the measured poses in the tracked frames
+  std::optional<Evaluation> accuracy;        // errors of the measured poses in the tracked frames
   std::optional<SmoothingReport> smoothing;  // set if any frame was drawn with a smoothed pose
   std::vector<GroupReport> groups;           // tracked groups, in the order of the tag map
   // Panes of a comparison, in order. time_ms, work and skipped are the sums over all panes.
@@ -189,7 +189,7 @@ class RunRecorder {
   RenderCounters work_;
   std::map<SkipReason, std::int64_t> skipped_;
   std::map<KeepReason, std::int64_t> kept_;
-  std::array<std::int64_t, kShadowEventNames.size()> events_{};  // by ShadowEventKind
+  std::array<std::int64_t, kShadowEventNames.size()> events_{};  // indexed by ShadowEventKind
 };
 
 // Returns the errors of the run's poses (tracked() or drawn()) against the ground truth at their

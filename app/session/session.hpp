@@ -69,7 +69,7 @@ struct SessionView {
   const Scene* scene = nullptr;       // includes all edits
   const SceneState* state = nullptr;  // nullptr before the first image
   const CameraModel* camera = nullptr;
-  std::optional<CameraPose> T_table_camera;  // as drawn
+  std::optional<CameraPose> T_table_camera;  // drawn pose
 };
 
 class Session {
@@ -84,9 +84,9 @@ class Session {
   [[nodiscard]] Result<void> warm_up(PixelFormat format);
   // Call this for frames in order, by one thread at a time. Another thread may draw meanwhile.
   [[nodiscard]] TrackedFrame track(const Frame& frame);
-  // `rgba`, if not empty, receives the image: RGBA8, width * height * 4 bytes. With `later` and
-  // pixel buffers, it receives the image of the previous such call; the next call or take_image()
-  // returns this one.
+  // Draws a frame. `rgba`, if not empty, receives the image: RGBA8, width * height * 4 bytes. With
+  // `later` and pixel buffers, it receives the image of the previous such call; the next call or
+  // take_image() returns this one.
   [[nodiscard]] Result<SessionFrame> draw(TrackedFrame tracked, std::span<std::uint8_t> rgba = {},
                                           PictureTime picture = PictureTime::now);
   // Reads the pending image of draw(..., later) into `rgba`, which is resized. Returns the time

@@ -34,8 +34,8 @@ class StudyFeed {
   [[nodiscard]] virtual bool waits() const = 0;
 };
 
-// `given_poses`: frames keep their recorded times, to find the given poses. Otherwise times keep
-// increasing over all loops, as the tracker requires.
+// Plays a recording. `given_poses`: frames keep their recorded times, to find the given poses.
+// Otherwise times keep increasing over all loops, as the tracker requires.
 [[nodiscard]] std::unique_ptr<StudyFeed> feed_of_recording(const Recording& recording,
                                                            double interval_s, bool given_poses);
 [[nodiscard]] std::unique_ptr<StudyFeed> feed_of_camera(std::unique_ptr<LiveSource> source);

@@ -73,7 +73,7 @@ struct StudyTrial {
 struct StudyPlan {
   StudyDesign design;
   std::vector<StudySample> samples;  // the same for all participants
-  std::vector<StudyTrial> trials;    // in the order in which they are shown
+  std::vector<StudyTrial> trials;    // in the order of presentation
 };
 // Each technique is a block that contains every sample once. The participant's row of a Williams
 // design determines the order of the techniques, and the same applies to the samples in each block.

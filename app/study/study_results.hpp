@@ -29,7 +29,7 @@ struct StudyRow {
   bool hard = false;  // heights
   // Centres [m]. heights: the three spheres; drag: the target.
   std::vector<Eigen::Vector3d> places;
-  std::string chosen;                 // heights: the sphere, from 1; drag: the ball's place [m]
+  std::string chosen;                 // heights: the sphere, from 1; drag: the ball's position [m]
   bool correct = false;               // heights: the highest; drag: within the tolerance
   std::int64_t response_time_ns = 0;  // since the trial was shown or the last target reached
   double error_m = 0.0;               // heights: highest minus chosen height; drag: ball to target

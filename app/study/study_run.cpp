@@ -278,8 +278,8 @@ class StudyLoop {
 
   Phase phase_ = Phase::ready;
   std::int64_t pause_ends_ns_ = 0;
-  std::optional<std::int64_t> trial_began_ns_;         // of a script: with its first image
-  std::int64_t clock_ns_ = 0;                          // of the last image
+  std::optional<std::int64_t> trial_began_ns_;         // start of a script's trial
+  std::int64_t clock_ns_ = 0;                          // clock of the last image
   std::int64_t due_ns_ = 0;                            // when it was due, on the monotonic clock
   std::optional<std::int64_t> last_clock_ns_;          // time of the last image that was waited for
   Eigen::Vector2d pointer_ = Eigen::Vector2d::Zero();  // [px] of the window

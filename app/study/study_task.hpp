@@ -43,14 +43,13 @@ class StudyTask {
   void show(std::int64_t time_ns);
   void count_frame(bool has_pose);
 
-  // Actions of the participant; ignored while no trial is shown. `scene` must have all edits so
-  // far.
+  // The participant's actions; ignored while no trial is shown. `scene` must have all edits so far.
   struct Outcome {
     std::vector<SceneEdit> edits;
     std::vector<StudyRow> rows;  // rows of the trial, set when it is over
     bool over = false;           // the trial is over; the next one is now the current trial
   };
-  // `lift`: drags up and sideways instead of along the table.
+  // Handles a press. `lift`: drags up and sideways instead of along the table.
   [[nodiscard]] Outcome press(const Scene& scene, const PointerView& pointer, bool lift,
                               std::int64_t time_ns);
   [[nodiscard]] Outcome move(const PointerView& pointer);

@@ -106,10 +106,10 @@ struct HudState {
   std::optional<HudRecording> recording;
   std::vector<HudNode> nodes;
   Translucency translucency = Translucency::automatic;        // requested
-  Translucency translucency_drawn = Translucency::automatic;  // in the last frame
+  Translucency translucency_drawn = Translucency::automatic;  // mode of the last frame
 
-  // For the debug view; filled only while it is open.
-  CompositeStats drawn;                                    // of the last frame
+  // Fields of the debug view, filled only while it is open.
+  CompositeStats drawn;                                    // work of the last frame
   std::vector<std::pair<std::string, std::int64_t>> work;  // counters since the start
   std::vector<std::string> skipped, kept;                  // with their reasons
   std::vector<HudFoldOver> twists;
@@ -148,18 +148,18 @@ struct HudStatus {
 [[nodiscard]] std::vector<std::string> warnings_of(const HudState& state);
 // Returns "latency 45 ms", or the age of a stalled frame; empty if neither is known.
 [[nodiscard]] std::string age_in_words(const HudState& state);
-// "REC folder   26 frames, 3 dropped", or "recording FAILED: ...".
+// Returns "REC folder   26 frames, 3 dropped", or "recording FAILED: ...".
 [[nodiscard]] std::string recording_in_words(const HudRecording& recording);
 // Returns lines for the debug view: "skipped: rotor: outside the view", then "kept: video: ...".
 // Lists up to kMostReasons of each kind, then the number of the others.
 [[nodiscard]] std::vector<std::string> reasons_in_words(const HudState& state);
 inline constexpr std::size_t kMostReasons = 10;
-// "smoothed: 12 ms late, 0.05 px".
+// Returns "smoothed: 12 ms late, 0.05 px".
 [[nodiscard]] std::string smoothing_in_words(const SmoothedPose& smoothed);
 // Returns "layered", "cocl", ..., or a list if the nodes differ.
 [[nodiscard]] std::string technique_in_words(std::span<const HudNode> nodes);
 
-// "mesh", or "auto (blend)".
+// Returns "mesh", or "auto (blend)".
 [[nodiscard]] std::string in_words(Translucency asked, Translucency drawn);
 [[nodiscard]] Translucency translucency_after(Translucency mode);
 

@@ -28,8 +28,8 @@ struct PointerView {
   Ray ray;
   Eigen::Vector2d pixel = Eigen::Vector2d::Zero();
   Eigen::Vector3d right = Eigen::Vector3d::UnitX();  // unit vector, the image's horizontal
-  double radians_per_px = 1e-3;                      // at the image's centre
-  double width_px = 640.0;                           // of the image
+  double radians_per_px = 1e-3;                      // angle of a pixel at the image's centre
+  double width_px = 640.0;                           // width of the image
 };
 // Returns nullopt if the lens model has no ray for the pixel.
 [[nodiscard]] std::optional<PointerView> view_at(const CameraModel& camera,
@@ -52,12 +52,11 @@ struct PickedPoint {
 [[nodiscard]] std::optional<ObjectPlaced> cursor_at(const Scene& scene, const SceneState& state,
                                                     const PointerView& pointer, double raised);
 
-enum class DragMode { slide, lift, reach, turn };  // in the order of kDragCommands
+enum class DragMode { slide, lift, reach, turn };  // same order as kDragCommands
 
 class Manipulator {
  public:
-  // Grabs the object at the pointer. Returns an edit that leaves it in place, or nullopt without
-  // one.
+  // Grabs the object at the pointer. Returns an edit that leaves it in place; nullopt if none.
   [[nodiscard]] std::optional<ObjectPlaced> take(const Scene& scene, const SceneState& state,
                                                  const PointerView& pointer, DragMode mode);
   // Moves the grabbed object to the pointer, but not below the table unless it was below. Returns

@@ -602,7 +602,7 @@ struct Overlay::Impl {
   std::array<ImFont*, kFontSizes.size()> sized{};
   ImFont* font = nullptr;
   float em = 15.0F;                   // font height [px]
-  float width = 0.0F, height = 0.0F;  // of the window [px]
+  float width = 0.0F, height = 0.0F;  // size of the window [px]
   std::optional<OverlayRenderer> renderer;
   // `pressed` keeps a press that was released before the next drawing.
   std::array<bool, 3> pressed{}, down{};

@@ -44,7 +44,7 @@ constexpr std::int64_t kLookAround_ns = 2'000'000'000;
 
 struct KnownFormat {
   std::uint32_t fourcc;
-  const char* option;  // of --format
+  const char* option;  // value of --format
   const char* name;
   PixelFormat pixels;  // unused for JPEG
   bool jpeg;
@@ -597,7 +597,7 @@ class V4l2Source final : public LiveSource {
   bool retrying_ = false;  // no frame arrived since the restart
   bool is_gone_ = false;   // was unplugged since the last stream
   mutable std::mutex mutex_;
-  std::shared_ptr<const V4l2Device> device_;  // of the running stream; guarded by mutex_
+  std::shared_ptr<const V4l2Device> device_;  // device of the running stream; guarded by mutex_
   // Latest values; guarded by mutex_.
   mutable std::optional<double> exposure_s_;
   mutable V4l2Controls controls_;
