@@ -120,8 +120,8 @@ struct RunReport : TrackingCounts, WorkReport {
   int box_detections = 0;           // frames with ROI detection
   int tracked_updates = 0;          // frames measured without detection
   std::int64_t pixels_sampled = 0;  // pixels sampled by alignments
-  // Work that the tracker skipped. Apart from skipped tags, it changes the poses' last bits, so
-  // --no-skip does not affect it.
+  // Work that the tracker skipped. Except for skipped tags this changes the poses, so --no-skip
+  // does not apply to it.
   std::map<std::string, std::int64_t> tracking_skipped;
   std::map<std::string, std::int64_t> camera_faults;
   std::optional<RecordedFrames> recorded;  // live only; nullopt if nothing was recorded

@@ -17,8 +17,8 @@ namespace penumbra {
 // the calibration. Logs each change. Call it before VIDIOC_S_FMT.
 void reset_view(const V4l2Device& device);
 
-// Makes the driver scale the whole view to frames of `width` x `height` [px]; fails if it refuses.
-// Call it after VIDIOC_S_FMT.
+// Makes the driver fill the whole frame of `width` x `height` [px]; fails if it refuses. Call it
+// after VIDIOC_S_FMT.
 [[nodiscard]] Result<void> fill_frame(const V4l2Device& device, std::uint32_t width,
                                       std::uint32_t height);
 
