@@ -38,8 +38,8 @@ struct OutputRequest {
 
 // Returns the files of a recording except its images; the paths may be links.
 [[nodiscard]] std::vector<std::filesystem::path> files_of(const Recording& recording);
-// Fails if an output would lie in the recording's folder or in a folder of its images. `more`: an
-// output.
+// Fails if an output would lie in the recording's folder or in a folder of its images. `more`: one
+// more output path.
 [[nodiscard]] Result<void> check_apart_from(
     const Recording& recording, const OutputRequest& request,
     const std::optional<std::filesystem::path>& more = std::nullopt);

@@ -51,7 +51,7 @@ struct Recording {
 struct OpenRecordingOptions {
   bool require_camera = true;
   bool require_tags = true;
-  bool surroundings = true;  // reads camera, tags, ground truth (not for calibration)
+  bool surroundings = true;  // reads camera, tags and ground truth; off for a calibration
   std::string camera_name;   // selects one camera of a file with several
   std::optional<std::filesystem::path> camera;  // instead of the recording's
   std::optional<std::filesystem::path> tags;    // instead of the recording's

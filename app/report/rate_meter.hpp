@@ -20,8 +20,8 @@ class RateMeter {
     if (at_ms_.size() < 2 || !(at_ms_.back() > at_ms_.front())) return 0.0;
     const auto intervals = static_cast<double>(at_ms_.size() - 1);
     const double measured = intervals / (at_ms_.back() - at_ms_.front());
-    const double at_most = (intervals + 1.0) / std::max(now_ms - at_ms_.front(), 1e-9);
-    return 1e3 * std::min(measured, at_most);
+    const double upper_bound = (intervals + 1.0) / std::max(now_ms - at_ms_.front(), 1e-9);
+    return 1e3 * std::min(measured, upper_bound);
   }
   void restart() { at_ms_.clear(); }
 

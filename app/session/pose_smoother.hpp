@@ -33,7 +33,7 @@ class PoseSmoother {
   // one. Some poses are returned as measured: the first one, one after a gap or a step back in
   // time, and one whose overlay is behind the camera. A repeated time returns the previous result.
   [[nodiscard]] SmoothedPose smooth(std::int64_t timestamp_ns, const CameraPose& measured);
-  // The next pose is drawn as measured.
+  // Resets the filter: the next pose is drawn as measured.
   void reset() { last_.reset(); }
 
  private:
@@ -61,7 +61,7 @@ class LagMeter {
 
   // Call this in order of time.
   void add(std::int64_t timestamp_ns, const CameraPose& measured, const CameraPose& drawn);
-  // The next pose does not continue the previous motion.
+  // Call this if the next pose does not continue the previous motion.
   void restart() { before_ = here_ = std::nullopt; }
   // Returns the delay [ms], or nullopt if the overlay never moved.
   [[nodiscard]] std::optional<double> lag_ms() const;

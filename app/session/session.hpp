@@ -80,7 +80,7 @@ class Session {
                                               const CameraModel& camera, PoseSource poses,
                                               const SessionOptions& options);
 
-  // Draws a grey frame of this format, so that the shaders are compiled before the first one.
+  // Draws a grey frame of this format, to compile the shaders before the first real frame.
   [[nodiscard]] Result<void> warm_up(PixelFormat format);
   // Call this for frames in order, by one thread at a time. Another thread may draw meanwhile.
   [[nodiscard]] TrackedFrame track(const Frame& frame);

@@ -72,8 +72,8 @@ void describe_frame(HudState& state, const SessionFrame& frame, const RunRecorde
 [[nodiscard]] std::string save_picture(int width, int height, std::span<const std::uint8_t> rgba,
                                        const std::optional<std::filesystem::path>& recording = {});
 
-// Returns "penumbra-20260131-142305EXTENSION" in the current folder, named after the current time;
-// with -2, -3, ... if that name exists.
+// Returns "penumbra-20260131-142305EXTENSION" in the current folder, by the current time; with -2,
+// -3, ... if that name exists.
 [[nodiscard]] std::filesystem::path free_name(const std::string& extension);
 // Returns the first of PATH, PATH-2, PATH-3, ... that does not exist.
 [[nodiscard]] std::filesystem::path free_name(const std::filesystem::path& base,

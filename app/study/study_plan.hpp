@@ -46,8 +46,8 @@ struct StudyDesign {
 
 // Returns row `row` (modulo the number of rows) of a Williams design for `count` > 0 treatments.
 // Over all rows, each treatment occurs equally often at each position and equally often after each
-// other treatment. Rows: 0, 1, n-1, 2, n-2, ... and its cyclic shifts; for an odd count also the
-// mirrored rows (Williams 1949, Austral. J. Sci. Res. A 2:149).
+// other treatment. Rows: the sequence 0, 1, n-1, 2, n-2, ... and its cyclic shifts; for an odd
+// count also the mirrored rows (Williams 1949, Austral. J. Sci. Res. A 2:149).
 [[nodiscard]] std::vector<int> williams_row(int count, std::int64_t row);
 [[nodiscard]] int williams_rows(int count);
 

@@ -15,7 +15,7 @@ namespace penumbra {
 
 inline constexpr const char* kStudyBall = "ball";
 inline constexpr const char* kStudyTarget = "target";
-[[nodiscard]] std::string study_sphere(int index);  // index 0 is "sphere 1"
+[[nodiscard]] std::string study_sphere(int index);  // index 0 gives "sphere 1"
 
 // The scene has the table, two walls at the far edges of the workspace, a lamp above the middle,
 // and one shadow node, "shadows", which every technique can draw. The layers' constants are for a

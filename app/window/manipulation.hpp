@@ -40,7 +40,7 @@ struct PickedPoint {
   int object = 0;         // index into Scene::objects
   double distance = 0.0;  // along the ray [m]
 };
-// Returns the nearest surface on the ray. Includes phantoms, because real objects occlude.
+// Returns the nearest surface on the ray. Includes phantoms: real objects occlude virtual ones.
 [[nodiscard]] std::optional<PickedPoint> pick(const Scene& scene, const SceneState& state,
                                               const Ray& ray);
 // Lowest z of the bounding boxes of an object and its descendants [m].
@@ -56,7 +56,7 @@ enum class DragMode { slide, lift, reach, turn };  // same order as kDragCommand
 
 class Manipulator {
  public:
-  // Grabs the object at the pointer. Returns an edit that leaves it in place; nullopt if none.
+  // Grabs the object at the pointer, if any. Returns an edit that leaves it in place, or nullopt.
   [[nodiscard]] std::optional<ObjectPlaced> take(const Scene& scene, const SceneState& state,
                                                  const PointerView& pointer, DragMode mode);
   // Moves the grabbed object to the pointer, but not below the table unless it was below. Returns

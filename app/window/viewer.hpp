@@ -41,7 +41,7 @@ class ViewerHost {
   [[nodiscard]] virtual std::string save_screenshot() { return {}; }
   [[nodiscard]] virtual std::string toggle_recording() { return {}; }
   [[nodiscard]] virtual std::string toggle_smoothing() { return {}; }
-  // Fills in the measurements; with `debug`, also those of the debug view.
+  // Sets the measurements in the HUD state; with `debug`, also those of the debug view.
   virtual void describe(HudState& /*state*/, bool /*debug*/) const {}
 };
 
