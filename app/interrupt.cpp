@@ -59,8 +59,8 @@ void InterruptWatch::again() {
   interrupted_ = false;
 }
 
-// Starts the thread that ends the process at the first signal after `from` (SIGHUP: if
-// `by_hangup`).
+// Starts the thread that ends the process at the first signal after `from`. It ignores SIGHUP
+// unless `by_hangup`.
 void InterruptWatch::start_ender(Clock::time_point from, bool by_hangup) {
   stopped_ = false;
   ender_ = std::thread([this, from, by_hangup] {

@@ -15,7 +15,7 @@ constexpr double kGapIntervals = 1.6;
 // This number of consecutive long intervals means a slower camera, not gaps.
 constexpr std::uint32_t kSlowerAfter = 5;
 // Limits of FramePace for a pause.
-constexpr std::int64_t kMissed = 3;  // intervals
+constexpr std::int64_t kMissed = 3;  // [intervals]
 constexpr std::int64_t kSilent_ns = 1'000'000'000;
 constexpr std::int64_t kStarting_ns = 3'000'000'000;
 constexpr int kMostDoublings = 2;  // largest number of doublings of kStarting_ns

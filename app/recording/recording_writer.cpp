@@ -107,7 +107,7 @@ struct RecordingWriter::Impl {
   std::set<std::string> nameless_groups;           // reported, as their names can't be file names
   std::optional<LosslessVideo> video;
   bool with_exposure = false;  // the first image has an exposure time
-  bool is_open = false;        // the folder was made
+  bool is_open = false;        // the folder was created
 
   mutable std::mutex mutex;
   std::condition_variable changed;
