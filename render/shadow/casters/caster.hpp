@@ -1,4 +1,4 @@
-// A shadow mesh with its kernels, placed in the world and seen from a plane: the layers' input.
+// Transforms a shadow mesh and its kernels to plane coordinates, the input of the layers.
 #pragma once
 
 #include <span>
@@ -19,18 +19,19 @@ struct PlaneMap {
 };
 [[nodiscard]] PlaneMap plane_map(const Placement& T_world_object, const PlaneFrame& plane);
 
-// One vertex per mesh position, in plane coordinates [m]; computed in double, kept in float.
+// Returns one vertex per mesh position, in plane coordinates [m]; computed in double, stored in
+// float.
 [[nodiscard]] std::vector<CasterVertex> place_caster(const ShadowMesh& mesh,
                                                      const ShadowKernels& kernels,
                                                      const Placement& T_world_object,
                                                      const PlaneFrame& plane);
 
-// Each part's light in plane coordinates, for the layers of power_distance.hpp.
+// Returns the light of each part in plane coordinates, for power_distance_layers().
 [[nodiscard]] std::vector<PartLight> part_lights(std::span<const PartDisc> discs,
                                                  const Placement& T_world_object,
                                                  const PlaneFrame& plane);
 
-// The plane's normal in the object's frame: the direction that kernels are made for.
+// Returns the plane's normal in the object frame: the direction that kernels are made for.
 [[nodiscard]] Eigen::Vector3d up_in_object(const Placement& T_world_object,
                                            const PlaneFrame& plane);
 

@@ -11,7 +11,7 @@
 namespace penumbra {
 namespace {
 
-constexpr float kCoarser = 1.41421356F;  // between the lengths of one surface and the next
+constexpr float kCoarser = 1.41421356F;  // ratio of the longest edges of consecutive coarser meshes
 
 float longest_edge_of(const CasterGeometry& g) {
   float longest = 0.0F;
@@ -24,8 +24,8 @@ float longest_edge_of(const CasterGeometry& g) {
   return longest;
 }
 
-// Appends a triangle split at the middles of its edges, where these are given. midpoints[i] is that
-// of the edge from corners[i].
+// Appends a triangle, split at the given midpoints of its edges. midpoints[i] belongs to the edge
+// from corners[i].
 template <class Vertex>
 void append_split(std::array<Vertex, 3> corners, std::array<std::optional<Vertex>, 3> midpoints,
                   std::vector<Vertex>& to) {
@@ -91,7 +91,7 @@ CasterGeometry split_long_edges(const ShadowMesh& mesh, float max_edge_m,
   if (!(max_edge_m > 0.0F)) return g;
   float longest = longest_edge_of(g);
   if (!std::isfinite(longest)) return g;
-  // The longest edges first, so that no shorter edge of a coarser surface is split.
+  // Splits the longest edges first, so that a coarser mesh has no edge split without need.
   float length = max_edge_m;
   while (length * kCoarser < longest) length *= kCoarser;
   for (; longest > max_edge_m && g.indices.size() / 3 < max_triangles;

@@ -1,4 +1,4 @@
-// Iteration over flags, few of which are set.
+// Iterates over the set flags of a sparse array.
 #pragma once
 
 #include <bit>
@@ -8,8 +8,8 @@
 
 namespace penumbra {
 
-// Calls use(index) for each flag that is 1, in order. All others are 0; there are whole blocks
-// of 8.
+// Calls use(index) for each flag that is 1, in order. All other flags must be 0, and the number of
+// flags a multiple of 8.
 template <class Use>
 void for_each_set(std::span<const std::uint8_t> flags, const Use& use) {
   for (std::size_t block = 0; block < flags.size(); block += sizeof(std::uint64_t)) {

@@ -21,7 +21,7 @@ namespace {
 constexpr std::size_t kManyFaces = 20'000;
 constexpr double kShareOfFew = 0.5;
 constexpr double kShareOfMany = 0.25;
-constexpr double kWorthwhileShare = 0.75;  // a proxy with more of the faces spares too little
+constexpr double kWorthwhileShare = 0.75;  // a larger fraction of the faces saves too little
 constexpr int kComparedCells = 256;        // along a layer's longer side
 
 // A k-d tree for the nearest of many points.
@@ -44,7 +44,7 @@ class PointTree {
     std::uint32_t best = 0;
     float squared = std::numeric_limits<float>::infinity();
   };
-  // The middle of a range splits it, along x, y and z in turn.
+  // Splits a range at its median, along x, y and z in turn.
   void build(std::size_t begin, std::size_t end, int axis) {
     if (end - begin < 2) return;
     const std::size_t middle = begin + (end - begin) / 2;
@@ -87,7 +87,7 @@ double agreement(std::span<const PlanePoint> a, std::span<const PlanePoint> b) {
   const Eigen::AlignedBox2f box = bounds_of(a).merged(bounds_of(b));
   const Eigen::Vector2f size = box.sizes();
   const float longer = size.maxCoeff();
-  // In one point, or beyond the range of floats.
+  // All points coincide or exceed the range of floats.
   if (!(longer > 0.0F) || !std::isfinite(longer)) return 1.0;
   const float cell = longer / static_cast<float>(kComparedCells);
   const auto cells = [cell](float length) {
@@ -102,7 +102,7 @@ double agreement(std::span<const PlanePoint> a, std::span<const PlanePoint> b) {
 
 struct ComparedMesh {
   const ShadowMesh& mesh;
-  std::vector<VertexDisc> discs;  // of a fixed light
+  std::vector<VertexDisc> discs;  // for a fixed light only
 
   [[nodiscard]] std::vector<PlanePoint> layer(std::span<const CasterVertex> vertices,
                                               const ProxyUse& use, ShadowLayer which) const {
@@ -120,7 +120,7 @@ std::optional<ShadowProxy> simplified_caster(const ShadowMesh& full) {
   const double share = faces > kManyFaces ? kShareOfMany : kShareOfFew;
   const auto target = 3 * static_cast<std::size_t>(share * static_cast<double>(faces));
   std::vector<std::uint32_t> indices(full.indices.size());
-  constexpr float kAnyError = 1.0F;  // the layers decide
+  constexpr float kAnyError = 1.0F;  // no error limit: compare_with_proxy() decides
   indices.resize(meshopt_simplify(indices.data(), full.indices.data(), full.indices.size(),
                                   &full.positions.front().x, full.positions.size(),
                                   sizeof(glm::vec3), target, kAnyError));
@@ -196,9 +196,10 @@ ProxyAgreement compare_with_proxy(const ShadowMesh& full, const ShadowKernels& k
     top = std::max(top, h);
   }
   ProxyAgreement result;
-  // From the top: the umbra is the most sensitive layer, most so where it is smallest.
+  // The greatest height first: the umbra is the most sensitive layer, most of all where it is
+  // smallest.
   for (std::size_t at = kProxyHeights.size(); at-- > 0;) {
-    // With its middle at the height, or standing on the plane.
+    // The object's middle is at the height, unless the object would reach below the plane.
     const double lift =
         std::max(-bottom, kProxyHeights[at] * use.constants.umbra_height - 0.5 * (bottom + top));
     const Placement placed{lift * plane.n, Eigen::Quaterniond::Identity(), use.scale};

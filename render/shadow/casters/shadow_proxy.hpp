@@ -16,17 +16,17 @@
 namespace penumbra {
 
 struct ShadowProxy {
-  ShadowMesh mesh;  // from_source and stored_kernels are empty; parts are those of the full mesh
-  std::vector<std::uint32_t> source_of;  // per position the nearest position of the full mesh
+  ShadowMesh mesh;  // without from_source and stored_kernels; same parts as the full mesh
+  std::vector<std::uint32_t> source_of;  // for each position: the nearest position of the full mesh
 };
 
-// Meshes of up to this number of faces are not reduced.
+// Meshes with this number of faces or fewer are not reduced.
 inline constexpr std::size_t kLeastProxyFaces = 2000;
 inline constexpr double kLeastProxyAgreement = 0.98;
-inline constexpr std::array kProxyHeights = {0.2, 0.6};  // of the object's middle, in h_u
+inline constexpr std::array kProxyHeights = {0.2, 0.6};  // height of the middle / h_u
 
-// Reduces a mesh to half of its faces, a quarter above 20,000. Nothing for kLeastProxyFaces or
-// fewer, and where borders leave more than three quarters of the faces.
+// Reduces a mesh to half of its faces, or to a quarter if it has over 20,000. Returns nullopt for
+// kLeastProxyFaces or fewer, and if the borders prevent a reduction to three quarters.
 [[nodiscard]] std::optional<ShadowProxy> simplified_caster(const ShadowMesh& full);
 
 // Makes a proxy of the author's reduced model, in the same object frame.
@@ -35,22 +35,22 @@ inline constexpr std::array kProxyHeights = {0.2, 0.6};  // of the object's midd
 [[nodiscard]] ShadowKernels carried_kernels(const ShadowProxy& proxy, const ShadowKernels& full);
 
 struct ProxyAgreement {
-  // Per height of kProxyHeights, per layer as in kShadowLayers; 1 where both are empty.
+  // [index into kProxyHeights][index into kShadowLayers]; 1 if both layers are empty.
   std::array<std::array<double, 3>, 2> iou{};
   [[nodiscard]] double least() const;
   [[nodiscard]] bool kept() const { return least() >= kLeastProxyAgreement; }
 };
 
-// The light, and the object's scale in it.
+// The light, and the scale of the object.
 struct ProxyUse {
   LayeredConstants constants;
   LightMode light_mode = LightMode::proportional;
   double scale = 1.0;
 };
 
-// Compares the layers for the kernels' up direction. `kernels` are those of the full mesh; `parts`
-// (part_discs) and the radii of the kernels are needed for a fixed light only. Without `thorough`
-// it stops at the first layer that disagrees and leaves the rest at 0.
+// Compares the layers for the kernels' up direction. `kernels` belong to the full mesh. Only a
+// fixed light needs `parts` (from part_discs()) and the radii of the kernels. Unless `thorough`,
+// stops at the first layer that disagrees; the remaining IoUs are then 0.
 [[nodiscard]] ProxyAgreement compare_with_proxy(const ShadowMesh& full,
                                                 const ShadowKernels& kernels,
                                                 std::span<const PartDisc> parts,

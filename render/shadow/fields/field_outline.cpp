@@ -1,4 +1,4 @@
-// Marching squares over the squares between four cell centres of a field.
+// Marching squares; each square lies between four cell centres of a field.
 #include <algorithm>
 #include <array>
 #include <optional>
@@ -20,7 +20,7 @@ PlanePoint field_point(const ShadowField& field, double column, double row) {
           static_cast<float>(field.origin.y() + field.cell * (row + 0.5))};
 }
 
-// Computed from the side's lower end, so that both squares of a side get the same point.
+// Interpolates from the side's lower end, so that both squares at a side get the same point.
 PlanePoint field_crossing(const ShadowField& field, FieldCorner a, FieldCorner b) {
   if (b.row < a.row || (b.row == a.row && b.column < a.column)) std::swap(a, b);
   const double t =
@@ -28,7 +28,7 @@ PlanePoint field_crossing(const ShadowField& field, FieldCorner a, FieldCorner b
   return field_point(field, a.column + t * (b.column - a.column), a.row + t * (b.row - a.row));
 }
 
-// Counter-clockwise.
+// Returns the corners counter-clockwise.
 std::array<FieldCorner, 4> corners_of(const ShadowField& field, const std::vector<float>& values,
                                       int column, int row) {
   const auto stride = static_cast<std::size_t>(field.width);
@@ -44,7 +44,8 @@ void mark_inside(const float* __restrict values, std::size_t count,
   for (std::size_t i = 0; i < count; ++i) inside[i] = values[i] > 0.0F ? 1 : 0;
 }
 
-// crossed[i] = 1 where the corners of square i between two rows differ. Rows have count + 1 cells.
+// Sets crossed[i] = 1 if the corners of square i between two rows differ. Rows have count + 1
+// cells.
 PENUMBRA_VECTOR_CLONES
 void mark_crossed(const std::uint8_t* low, const std::uint8_t* high, std::size_t count,
                   std::uint8_t* __restrict crossed) {
@@ -55,10 +56,10 @@ void mark_crossed(const std::uint8_t* low, const std::uint8_t* high, std::size_t
 }
 
 // Appends a layer's outline in one square. at_border[i]: side i is on the raster's border, which
-// cuts the layer off.
+// bounds the layer.
 void add_sides(const ShadowField& field, const std::array<FieldCorner, 4>& corners,
                const std::array<bool, 4>& at_border, std::vector<OutlineSide>& sides) {
-  std::array<std::optional<PlanePoint>, 4> left;  // where the square's side leaves the layer
+  std::array<std::optional<PlanePoint>, 4> left;  // per side: where it leaves the layer
   std::array<std::optional<PlanePoint>, 4> entered;
   for (std::size_t c = 0; c < 4; ++c) {
     const FieldCorner& from = corners[c];
@@ -71,7 +72,7 @@ void add_sides(const ShadowField& field, const std::array<FieldCorner, 4>& corne
     sides.push_back({from_inside ? field_point(field, from.column, from.row) : entered[c].value(),
                      to_inside ? field_point(field, to.column, to.row) : left[c].value()});
   }
-  // From each point that leaves the layer to the next one that enters it.
+  // Connects each leaving point to the next point at which a side enters the layer.
   for (std::size_t c = 0; c < 4; ++c) {
     if (!left[c]) continue;
     std::size_t back = (c + 1) % 4;

@@ -13,15 +13,15 @@ namespace {
 struct DiscVertex {
   Eigen::Vector2d x, k;
   double h = 0.0, radius = 0.0, part_radius = 0.0;
-  bool at_end = false;  // on the cut where the umbra has shrunk to its kernel
+  bool at_end = false;  // on the clip line where the umbra has shrunk to its kernel
 };
 
-// R_L / H: lambda times this, over the vertex's own radius, is the factor's gain per height.
+// Returns R_L / H. The factor's numerator grows by lambda * (R_L / H) / R per height.
 double light_slope(const DiscVertex& vertex, const LayeredConstants& constants) {
   return vertex.part_radius / constants.umbra_height;
 }
 
-// (H R - R_L h) / H: the umbra is where it is positive.
+// Returns (H R - R_L h) / H, which is positive in the umbra.
 double umbra_left(const DiscVertex& vertex, const LayeredConstants& constants) {
   return vertex.radius - light_slope(vertex, constants) * vertex.h;
 }
@@ -53,7 +53,7 @@ struct DiscFace {
   void add(const DiscVertex& vertex) { vertices[count++] = vertex; }
 };
 
-// Keeps the part of a face where value(vertex) >= 0; assign(vertex) completes the new ones.
+// Clips a face to value(vertex) >= 0; assign(vertex) completes new vertices.
 template <class Value, class Assign>
 DiscFace clip(const DiscFace& face, Value value, Assign assign) {
   DiscFace clipped;
@@ -64,7 +64,7 @@ DiscFace clip(const DiscFace& face, Value value, Assign assign) {
     const double b = value(to);
     if (a >= 0.0) clipped.add(from);
     if ((a >= 0.0) == (b >= 0.0) || a == 0.0 || b == 0.0) continue;
-    // From the inner end, so that both faces of an edge get the same point.
+    // Interpolates from the inner end, so that both faces at an edge get the same point.
     DiscVertex cut = a > 0.0 ? between(from, to, a / (a - b)) : between(to, from, b / (b - a));
     assign(cut);
     clipped.add(cut);
@@ -116,7 +116,7 @@ PlanePoint to_point(const Eigen::Vector2d& p) {
   return {static_cast<float>(p.x()), static_cast<float>(p.y())};
 }
 
-// A face seen edge-on has no side that could turn over.
+// Returns true for a face seen edge-on, which cannot fold over.
 bool is_edge_on(const Eigen::Vector2d& a, const Eigen::Vector2d& b, const Eigen::Vector2d& c) {
   constexpr double kEdgeOnArea = 1e-7;
   const double size = std::max((b - a).squaredNorm(), (c - a).squaredNorm());

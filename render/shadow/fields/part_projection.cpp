@@ -16,7 +16,7 @@ struct SectionSide {
   [[nodiscard]] double u_at(double v) const { return u0 + (v - v0) / (v1 - v0) * (u1 - u0); }
 };
 
-// The point of an edge in the plane: the same for both of its faces.
+// Returns the intersection of an edge with the plane, the same for both faces at the edge.
 Eigen::Vector2d crossing_of_plane(const CasterVertex& a, const CasterVertex& b) {
   const CasterVertex& from = b.h < 0.0F ? b : a;
   const CasterVertex& to = b.h < 0.0F ? a : b;
@@ -37,7 +37,7 @@ std::vector<SectionSide> section_sides(std::span<const CasterVertex> vertices,
     for (std::size_t k = 0; k < 3; ++k) {
       const CasterVertex& a = vertices[faces[i + k]];
       const CasterVertex& b = vertices[faces[i + (k + 1) % 3]];
-      // A corner in the plane counts as above it.
+      // Corners in the plane count as above it.
       if ((a.h < 0.0F) != (b.h < 0.0F) && count < 2) ends[count++] = crossing_of_plane(a, b);
     }
     if (count < 2 || !ends[0].allFinite() || !ends[1].allFinite()) continue;
@@ -48,8 +48,8 @@ std::vector<SectionSide> section_sides(std::span<const CasterVertex> vertices,
   return sides;
 }
 
-// Triangles at height 0, three vertices each, that cover the section with the plane of a body that
-// reaches under it: no light reaches the section, and no face of the body covers it.
+// Returns triangles at height 0, three vertices each, that fill the cross-section with the plane of
+// a body that extends below it. The section is in shadow, but no face of the body projects onto it.
 std::vector<CasterVertex> section_of(std::span<const CasterVertex> vertices,
                                      std::span<const std::uint32_t> faces) {
   std::vector<CasterVertex> section;
@@ -67,7 +67,7 @@ std::vector<CasterVertex> section_of(std::span<const CasterVertex> vertices,
   };
   std::vector<const SectionSide*> crossing;
   for (std::size_t i = 0; i + 1 < levels.size(); ++i) {
-    // No two sides cross between two levels: sorted by u, they bound trapezoids in pairs.
+    // Sides don't cross between two levels, so consecutive pairs sorted by u bound trapezoids.
     const double low = levels[i];
     const double high = levels[i + 1];
     crossing.clear();
@@ -90,15 +90,15 @@ std::vector<CasterVertex> section_of(std::span<const CasterVertex> vertices,
   return section;
 }
 
-// Returns true if clipping leaves a vertex as it is. Vertices on a limit are clipped too, which
-// rounds them.
+// Returns true if clipping leaves a vertex unchanged. Vertices on a limit are clipped as well,
+// which rounds them.
 bool is_within(const CasterVertex& vertex, const HeightRange& range) {
   return std::isfinite(vertex.u) && std::isfinite(vertex.v) && std::isfinite(vertex.ku) &&
          std::isfinite(vertex.kv) && static_cast<double>(vertex.h) >= range.low &&
          static_cast<double>(vertex.h) < std::min(range.high, 1e30);
 }
 
-// Projects clipped corners from the light of their part.
+// Projects clipped corners from the light of one part.
 class LightProjection {
  public:
   LightProjection(const LayeredConstants& constants, const PartLight& light)
@@ -116,7 +116,7 @@ class LightProjection {
             static_cast<float>(static_cast<double>(vertex.v) + t * dv),
             static_cast<float>(radius_ * (std::isinf(light_height_) ? h : t))};
   }
-  // The light must not be at the zenith.
+  // Requires a finite light height.
   [[nodiscard]] float rho_at(double h) const {
     return static_cast<float>(radius_ * (h / (light_height_ - h)));
   }
@@ -124,7 +124,7 @@ class LightProjection {
  private:
   double light_height_;
   Eigen::Vector2d centre_;
-  double radius_;  // zenith: r_part / h_u, per metre of height; else a r_part, per t
+  double radius_;  // zenith: r_part / h_u [1 per metre of height]; else a r_part [per t]
 };
 
 }  // namespace
@@ -135,17 +135,17 @@ ProjectedParts project_parts(std::span<const CasterVertex> vertices,
                              const LayeredConstants& constants) {
   const HeightRange range = layer_height_range(constants, ShadowLayer::middle);
   const std::size_t known = std::min(vertices.size(), part.size());
-  IndexGroups faces;  // those without a light in a last group
+  IndexGroups faces;  // the last group: faces without a light
   faces.sort(indices.size() / 3, lights.size() + 1, [&](std::size_t face) {
     const auto corners = indices.subspan(3 * face, 3);
     if (std::ranges::max(corners) >= known) return lights.size();
     return std::min<std::size_t>(part[corners[0]], lights.size());
   });
   ProjectedParts result;
-  // A vertex may have faces in several parts: its point in the last of them.
+  // For each vertex: its point in the part it was last used in, as a vertex may belong to several.
   std::vector<std::size_t> part_of(vertices.size(), lights.size());
   std::vector<std::uint32_t> point_of(vertices.size());
-  std::vector<std::uint32_t> straddling;  // faces that are cut
+  std::vector<std::uint32_t> straddling;  // faces that cross a limit
   for (std::size_t p = 0; p < lights.size(); ++p) {
     const LightProjection project(constants, lights[p]);
     PartMatter matter;
@@ -195,7 +195,7 @@ ProjectedParts project_parts(std::span<const CasterVertex> vertices,
       result.corners.resize(matter.begin);
       continue;
     }
-    // At the zenith, and for flat matter, all outlines have one size.
+    // For a light at the zenith or a flat part, rho is the same at all levels.
     if (!std::isinf(constants.light_height) && high > low) {
       for (std::size_t i = 0; i < kLevels.size(); ++i)
         matter.levels[i] = project.rho_at(low + kLevels[i] * (high - low));

@@ -1,4 +1,4 @@
-// Faces of a caster clipped and projected from the light of each part. Internal to fields/.
+// Clips a caster's faces and projects them from the light of each part. Internal to fields/.
 #pragma once
 
 #include <Eigen/Geometry>
@@ -11,8 +11,8 @@
 
 namespace penumbra {
 
-// Shares of a part's height. The umbra is the union of the umbrae of the whole part and of the
-// matter below each share (docs/shadows.md#fields).
+// Fractions of a part's height. The umbra is the union of the umbra of the whole part and of those
+// of the part clipped at each fraction (docs/shadows.md#fields).
 inline constexpr std::array<double, 2> kLevels = {0.5, 0.02};
 
 // A projected corner: position on the plane and radius of the light's image there.
@@ -22,22 +22,23 @@ struct FieldPoint {
 
 struct PartMatter {
   std::size_t begin = 0, end = 0;  // into ProjectedParts::corners
-  Eigen::AlignedBox2f matter;      // of its points
-  Eigen::AlignedBox2f reach;       // of the discs round these
-  // rho at kLevels and at the part's top; levels < 0: none.
+  Eigen::AlignedBox2f matter;      // bounds of its points
+  Eigen::AlignedBox2f reach;       // bounds of the discs around these points
+  // rho at kLevels (< 0: no such level) and at the top of the part.
   std::array<float, kLevels.size()> levels = {-1.0F, -1.0F};
   float top = 0.0F;
 };
 
-// Faces of all parts, clipped and projected [m].
+// The faces of all parts, clipped and projected [m].
 struct ProjectedParts {
   std::vector<FieldPoint> points;
   std::vector<std::uint32_t> corners;  // indices into points, three per face
   std::vector<PartMatter> parts;
-  Eigen::AlignedBox2f reach;  // of all parts
+  Eigen::AlignedBox2f reach;  // bounds of the discs of all parts
 };
 
-// As power_distance_layers(). Parts without a face, or larger than any table, are skipped.
+// Parameters as in power_distance_layers(). Parts without faces and implausibly large parts are
+// skipped.
 [[nodiscard]] ProjectedParts project_parts(std::span<const CasterVertex> vertices,
                                            std::span<const std::uint32_t> indices,
                                            std::span<const std::uint32_t> part,

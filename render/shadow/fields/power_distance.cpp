@@ -15,16 +15,16 @@ namespace penumbra {
 namespace {
 
 constexpr float kInfinity = std::numeric_limits<float>::infinity();
-constexpr float kAllMatter = std::numeric_limits<float>::max();  // as a level of rho
-// A cell stands for its whole square, so its disc is half a cell larger.
+constexpr float kAllMatter = std::numeric_limits<float>::max();  // level: whole part
+// A cell represents a square, so its disc is half a cell larger.
 constexpr float kHalfCell = 0.5F;
-// Rectangle of cells of the whole field.
+// A rectangle of cells of the field.
 struct Window {
   int left = 0, bottom = 0, width = 0, height = 0;
 };
 
-// flags[x] = 1 where a cell's value is above the level and one of its eight neighbours' is not;
-// for x in [1, width - 1).
+// Sets flags[x] = 1 if a cell's value is above the level and the value of one of its eight
+// neighbours is not; for x in [1, width - 1).
 PENUMBRA_VECTOR_CLONES
 void flag_outline(const float* above, const float* here, const float* below, std::size_t width,
                   float level, float* __restrict column_least, std::uint8_t* __restrict flags) {
@@ -41,8 +41,8 @@ void flag_outline(const float* above, const float* here, const float* below, std
   }
 }
 
-// flags[x] = 1 where a covered cell's disc may reach beyond those of its four neighbours
-// (docs/shadows.md#fields). Rows hold the largest rho, -1 where not covered.
+// Sets flags[x] = 1 if a covered cell's disc may extend beyond those of its four neighbours
+// (docs/shadows.md#fields). Rows hold the maximum rho, or -1 for uncovered cells.
 PENUMBRA_VECTOR_CLONES
 void flag_reaching(const float* above, const float* here, const float* below, std::size_t width,
                    std::uint8_t* __restrict flags) {
@@ -72,7 +72,7 @@ void merge_own_discs(const float* __restrict greatest, float* __restrict to, std
   }
 }
 
-// Cells covered up to the level get their distance, others minus its size.
+// Merges the distance into cells covered up to the level, and its negative magnitude into others.
 PENUMBRA_VECTOR_CLONES
 void merge_umbra(const float* __restrict distance, const float* __restrict least, float level,
                  float* __restrict to, std::size_t count) {
@@ -94,15 +94,15 @@ void sort_by_y(FieldPoint& a, FieldPoint& b, FieldPoint& c) {
   if (b.y < a.y) std::swap(a, b);
 }
 
-// The part of a line of cell centres y = line + 0.5 that lies in a triangle: x from `from` to `to`,
-// over the centres of the cells from `first` to before `end`. Cells count from the window's edge.
+// The intersection of a triangle with a line of cell centres, y = line + 0.5: x from `from` to
+// `to`, with the centres of the cells [first, end), counted from the window's edge.
 struct FieldSpan {
   int line, first, end;
   float from, to;
 };
 
-// Calls use(span) for each inner line of a window that crosses the triangle. Returns false where
-// none does. Corners lie inside the window by more than a cell: truncation rounds down.
+// Calls use(span) for each inner line of a window that crosses the triangle. Returns false if none
+// does. Corners are more than a cell inside the window, so truncation rounds down.
 template <class Use>
 bool for_each_span(FieldPoint a, FieldPoint b, FieldPoint c, const Window& window, const Use& use) {
   sort_by_y(a, b, c);
@@ -130,11 +130,11 @@ bool for_each_span(FieldPoint a, FieldPoint b, FieldPoint c, const Window& windo
   return true;
 }
 
-// The matter of one part on a raster. One object serves many parts and keeps its memory.
+// Rasterises one part. One object serves many parts and reuses its memory.
 class PartField {
  public:
-  // Covers the faces. Corners are in cells of the whole field; the window holds all of them with
-  // two more cells on each side.
+  // Covers the faces. Points are in cells of the field; the window contains them with a margin of
+  // two cells.
   void cover(std::span<const FieldPoint> points, std::span<const std::uint32_t> corners,
              const Window& window) {
     window_ = window;
@@ -144,13 +144,13 @@ class PartField {
     least_.assign(count, kInfinity);
     gaps_.start(count);
     column_least_.resize(static_cast<std::size_t>(window.width));
-    // Whole blocks of eight; the window's border is never flagged.
+    // Padded to a multiple of eight; the window's border is never flagged.
     flags_.assign((static_cast<std::size_t>(window.width) + 7) / 8 * 8, 0);
     for (std::size_t i = 0; i + 2 < corners.size(); i += 3)
       cover_triangle(points[corners[i]], points[corners[i + 1]], points[corners[i + 2]], gaps_);
   }
 
-  // `reach`: the cells that the discs can reach.
+  // `reach`: bounds of the discs [cells].
   void add_penumbra(const Window& reach, ShadowField& field) {
     transform_.start(reach.width, reach.height);
     const int left = window_.left - reach.left;
@@ -175,8 +175,8 @@ class PartField {
     }
   }
 
-  // Values beside the outline are roughly signed distances to it. find_outline(kAllMatter) comes
-  // first.
+  // Next to the outline, values approximate signed distances to it. Requires
+  // find_outline(kAllMatter).
   void add_middle(ShadowField& field) {
     const auto stride = static_cast<std::size_t>(window_.width);
     middle_.resize(least_.size());
@@ -184,7 +184,7 @@ class PartField {
     for (const std::uint32_t i : outline_) {
       const auto along = [&](std::size_t beside, float distance) {
         if (!covered(beside) || distance == kInfinity) return;
-        // The zero between the two centres falls on the outline.
+        // The interpolated zero between the two centres lies on the outline.
         middle_[i] = std::max(middle_[i], -distance);
         middle_[beside] = std::min(middle_[beside], 1.0F - distance);
       };
@@ -199,7 +199,7 @@ class PartField {
     }
   }
 
-  // Finds the cells just outside the matter whose rho is at most `level` (rho grows with height).
+  // Finds the uncovered cells next to the part below `level` (rho <= level; rho grows with height).
   void find_outline(float level) {
     level_ = level;
     outline_.clear();
@@ -214,8 +214,8 @@ class PartField {
     }
   }
 
-  // Measures how far the matter below the outline's level is from the centres beside it, where the
-  // outline runs over higher matter. The points and corners are those of cover().
+  // Measures the distance of the part below the outline's level from the cell centres next to it,
+  // in cells that higher faces cover. `points` and `corners` are those of cover().
   void find_cut_gaps(std::span<const FieldPoint> points, std::span<const std::uint32_t> corners) {
     cut_gaps_.start(least_.size());
     if (!mark_tiles()) return;
@@ -230,7 +230,7 @@ class PartField {
         cover_triangle(low, middle, high, cut_gaps_);
         continue;
       }
-      // rho is linear in the image of a flat face: so is the cut.
+      // rho is linear over a projected face, so the clip line is straight.
       const FieldPoint on_long = at_level(low, high, level_);
       if (middle.rho < level_) {
         cover_triangle(low, middle, on_long, cut_gaps_);
@@ -241,7 +241,7 @@ class PartField {
     }
   }
 
-  // Umbra of the matter below the level of find_outline().
+  // Adds the umbra of the part below the level of find_outline().
   void add_umbra(ShadowField& field) {
     transform_.start(window_.width, window_.height);
     const auto stride = static_cast<std::ptrdiff_t>(window_.width);
@@ -250,7 +250,8 @@ class PartField {
     for (const std::uint32_t i : outline_) {
       float rho = kInfinity;
       for (std::size_t direction = 0; direction < steps.size(); ++direction) {
-        // Corners count only where no side is covered: they lie deeper inside.
+        // Diagonal neighbours count only if no side neighbour is covered, as they lie deeper
+        // inside.
         if (direction == 4 && rho < kInfinity) break;
         rho = std::min(rho, outline_rho(i, steps[direction]));
       }
@@ -267,7 +268,7 @@ class PartField {
   }
 
  private:
-  // Distances from centres to matter beside them along row and column [cells]; infinity: none.
+  // Distances from cell centres to the part along row and column [cells]; infinity: none.
   struct Gaps {
     std::vector<float> x, y;
     void start(std::size_t count) {
@@ -280,7 +281,7 @@ class PartField {
     return static_cast<std::size_t>(row) * static_cast<std::size_t>(window_.width) +
            static_cast<std::size_t>(column);
   }
-  // The cells of a window's row in a layer of the field.
+  // Returns the cells of a window's row in a layer of the field.
   static float* row_of(const ShadowField& field, std::vector<float>& layer, const Window& window,
                        int row) {
     return layer.data() +
@@ -289,9 +290,9 @@ class PartField {
   }
   [[nodiscard]] bool covered(std::size_t index) const { return least_[index] < kInfinity; }
 
-  // rho of the matter at the outline between an uncovered cell and the next one in a direction, or
-  // infinity. A lower surface that rises towards the outline, as on a round body, is extrapolated
-  // by half a cell, at most to where it meets the upper surface.
+  // Returns rho at the outline between an uncovered cell and its neighbour at `step`, or infinity.
+  // A lower surface that rises towards the outline, as on a round body, is extrapolated by half a
+  // cell, but not beyond the upper surface.
   [[nodiscard]] float outline_rho(std::size_t uncovered, std::ptrdiff_t step) const {
     const std::size_t near = uncovered + static_cast<std::size_t>(step);
     if (!(least_[near] <= level_)) return kInfinity;
@@ -305,7 +306,7 @@ class PartField {
     return least_[near] + rise * std::min(kHalfCell, (high_near - least_[near]) / (rise + fall));
   }
 
-  // rho is at_row + slope_x * column, clamped to low and high.
+  // rho = at_row + slope_x * column, clamped to [low, high].
   void cover_span(const FieldSpan& span, float at_row, float slope_x, float low, float high) {
     for (int column = span.first; column < span.end; ++column) {
       const float rho = std::clamp(at_row + slope_x * static_cast<float>(column), low, high);
@@ -319,7 +320,7 @@ class PartField {
     sort_by_y(a, b, c);
     const float area = (b.x - a.x) * (c.y - a.y) - (b.y - a.y) * (c.x - a.x);
     if (area == 0.0F) return;
-    // rho is linear in the image of a flat face.
+    // rho is linear over a projected face.
     const float slope_x = ((b.rho - a.rho) * (c.y - a.y) - (c.rho - a.rho) * (b.y - a.y)) / area;
     const float slope_y = ((c.rho - a.rho) * (b.x - a.x) - (b.rho - a.rho) * (c.x - a.x)) / area;
     const float low = std::min(a.rho, std::min(b.rho, c.rho));
@@ -338,7 +339,7 @@ class PartField {
                  gaps.x[index_of(span.end, span.line)]);
     });
     if (!covers_rows) return;
-    // The same along columns, where only the ends of the spans matter.
+    // The same along columns, of which only the ends of the spans are used.
     const auto transposed = [](const FieldPoint& p) { return FieldPoint{p.y, p.x, p.rho}; };
     for_each_span(transposed(a), transposed(b), transposed(c),
                   {window_.bottom, window_.left, window_.height, window_.width},
@@ -348,7 +349,7 @@ class PartField {
                   });
   }
 
-  // Marks the tiles in which the outline runs over higher matter; false where it never does.
+  // Marks the tiles with outline cells that higher faces cover. Returns false if there are none.
   bool mark_tiles() {
     tile_columns_ = window_.width / kTile + 1;
     tiles_.assign(static_cast<std::size_t>(tile_columns_) *
@@ -368,7 +369,7 @@ class PartField {
   [[nodiscard]] bool meets_tile(const std::array<FieldPoint, 3>& face) const {
     const auto [left, right] = std::minmax({face[0].x, face[1].x, face[2].x});
     const auto [low, high] = std::minmax({face[0].y, face[1].y, face[2].y});
-    // Faces lie inside the window by two cells; gaps are those of the next centres.
+    // Faces are two cells inside the window; the gaps of the adjacent centres are included.
     const int first_column = static_cast<int>(left - 1.0F) - window_.left;
     const int last_column = static_cast<int>(right + 1.0F) - window_.left;
     const int first_row = static_cast<int>(low - 1.0F) - window_.bottom;
@@ -381,8 +382,8 @@ class PartField {
     return false;
   }
 
-  // Distance from the centre of an uncovered cell to the outline beside it [cells]; half a cell
-  // where only a corner is near.
+  // Returns the distance from an uncovered cell's centre to the adjacent outline [cells]; half a
+  // cell if only a diagonal neighbour is covered.
   [[nodiscard]] float gap(std::size_t i) const {
     float x = covered(i) ? kInfinity : gaps_.x[i];
     float y = covered(i) ? kInfinity : gaps_.y[i];
@@ -404,7 +405,7 @@ class PartField {
   }
 
   Window window_;
-  std::vector<float> greatest_, least_;  // rho per cell; -1 and infinity where not covered
+  std::vector<float> greatest_, least_;  // rho per cell; uncovered: -1 and infinity
   Gaps gaps_, cut_gaps_;
   float level_ = kAllMatter;            // of the outline
   std::vector<std::uint32_t> outline_;  // indices of cells
@@ -433,7 +434,7 @@ ShadowField power_distance_layers(std::span<const CasterVertex> vertices,
   if (!(extent > 0.0F)) return field;
 
   constexpr int kMargin = 3;
-  constexpr float kFewestCells = 24.0F;  // for any finest_cell
+  constexpr float kFewestCells = 24.0F;  // along the longer side
   const float cell =
       std::max(extent / static_cast<float>(std::max(8, options.cells) - 2 * kMargin),
                std::min(static_cast<float>(options.finest_cell), extent / kFewestCells));
@@ -475,7 +476,7 @@ ShadowField power_distance_layers(std::span<const CasterVertex> vertices,
     float last = matter.top / cell;
     for (const float level : matter.levels) {
       const float rho = level / cell;
-      constexpr float kFlat = 0.1F;  // matter of less has one outline [cells]
+      constexpr float kFlat = 0.1F;  // parts with a smaller range of rho have one outline [cells]
       if (level < 0.0F || last - rho < kFlat) continue;
       part_field.find_outline(rho);
       part_field.find_cut_gaps(projected.points, faces);

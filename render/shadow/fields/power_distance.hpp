@@ -1,5 +1,5 @@
-// Layers of a light of one size as 2-D fields (docs/shadows.md#fields): without kernels, fold-overs
-// or demands on the mesh.
+// Computes the layers of a light of one size as 2-D fields (docs/shadows.md#fields). Needs no
+// kernels, works for any mesh, and never folds over.
 #pragma once
 
 #include <Eigen/Core>
@@ -18,8 +18,9 @@ struct PartLight {
   double radius = 0.0;                               // the part's median local thickness [m]
 };
 
-// Samples at cell centres, origin + (column + 0.5, row + 0.5) cell, rows with growing v. A layer is
-// where its field, interpolated bilinearly, is > 0. Nothing outside the raster is in shadow.
+// Samples at cell centres, origin + (column + 0.5, row + 0.5) cell; v grows with the row. A layer
+// is the set of points whose bilinearly interpolated field is > 0. There is no shadow outside the
+// raster.
 struct ShadowField {
   int width = 0;      // [cells]
   int height = 0;     // [cells]
@@ -33,12 +34,12 @@ struct ShadowField {
 };
 
 struct ShadowFieldOptions {
-  int cells = 256;           // along the longer side, at most
-  double finest_cell = 0.0;  // cells are no smaller than this [m]
+  int cells = 256;           // maximum along the longer side
+  double finest_cell = 0.0;  // minimum cell size [m]
 };
 
-// `part` has the part of each vertex, `lights` one light per part. The kernels of the vertices are
-// not used. Faces that are not finite are ignored; an empty caster gives an empty field.
+// `part`: part index of each vertex; `lights`: one per part. Ignores the vertices' kernels and
+// non-finite faces. An empty caster gives an empty field.
 [[nodiscard]] ShadowField power_distance_layers(std::span<const CasterVertex> vertices,
                                                 std::span<const std::uint32_t> indices,
                                                 std::span<const std::uint32_t> part,
@@ -46,10 +47,10 @@ struct ShadowFieldOptions {
                                                 const LayeredConstants& constants,
                                                 const ShadowFieldOptions& options = {});
 
-// Triangles that cover a layer, three points each.
+// Returns triangles that cover a layer, three points each.
 [[nodiscard]] std::vector<PlanePoint> field_triangles(const ShadowField& field, ShadowLayer layer);
-// The layer's outline as directed sides, the layer to their left. Together they are closed lines
-// whose sides share end points exactly; the order is arbitrary.
+// A directed segment of a layer's outline, with the layer to its left. The segments, in any order,
+// form closed lines: consecutive ones have exactly equal end points.
 struct OutlineSide {
   PlanePoint from, to;
 };

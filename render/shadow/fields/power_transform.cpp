@@ -12,9 +12,9 @@ namespace {
 
 constexpr float kUnreached = std::numeric_limits<float>::infinity();
 constexpr std::size_t kBlock = 8;   // cells computed at a time
-constexpr std::size_t kStrip = 16;  // columns of a strip: two copies of 256 rows stay in the cache
+constexpr std::size_t kStrip = 16;  // columns of a strip: two copies of 256 rows fit into the cache
 
-// values[i] = min(values[i], squares[i] + lift) for at least the first `count`.
+// Sets values[i] = min(values[i], squares[i] + lift) for at least the first `count` values.
 PENUMBRA_VECTOR_CLONES
 void lower(float* __restrict values, const float* __restrict squares, std::size_t count,
            float lift) {
@@ -26,8 +26,9 @@ void lower(float* __restrict values, const float* __restrict squares, std::size_
   }
 }
 
-// Each step takes from[i] = min(from[i], neighbours in the column + 2 step - 1). `from` and `to`
-// have a row of infinity before and after the `count` cells. Returns the one that holds the result.
+// In each step, sets each cell to min(itself, its neighbours in the column + 2 step - 1). `from`
+// and `to` have a row of infinity before and after the `count` cells. Returns the buffer with the
+// result.
 PENUMBRA_VECTOR_CLONES
 float* spread_columns(float* from, float* to, std::size_t count, int steps) {
   for (int step = 1; step <= steps; ++step) {
@@ -44,7 +45,7 @@ float* spread_columns(float* from, float* to, std::size_t count, int steps) {
   return from;
 }
 
-// Copies a strip of columns out of the rows.
+// Copies a strip of columns from the rows.
 PENUMBRA_VECTOR_CLONES
 void take_strip(const float* __restrict values, std::size_t stride, std::size_t height,
                 float* __restrict strip) {
@@ -55,7 +56,7 @@ void take_strip(const float* __restrict values, std::size_t stride, std::size_t 
   }
 }
 
-// Copies it back; what is beyond the bound becomes kFar.
+// Copies the strip back; values beyond the bound become kFar.
 PENUMBRA_VECTOR_CLONES
 void put_strip(const float* __restrict strip, std::size_t stride, std::size_t height, float bound,
                float* __restrict values) {
@@ -82,9 +83,9 @@ void PowerTransform::run() {
   values_.assign(stride_ * height, kUnreached);
   float largest = 0.0F;
   for (const Site& site : sites_) largest = std::max(largest, site.radius);
-  // A cell beside the outline is at most sqrt(2) away from it: (r + sqrt(2))^2 - r^2 = 2.83 r + 2.
+  // A cell next to a disc's outline is within sqrt(2) of it: (r + sqrt(2))^2 - r^2 = 2.83 r + 2.
   bound_ = 3.0F * largest + 3.0F;
-  // A radius far larger than the raster reaches all of it.
+  // A disc larger than the raster covers all of it.
   const auto reach_of = [this](float radius) {
     return static_cast<int>(std::min(std::sqrt(radius * radius + bound_),
                                      static_cast<float>(std::max(width_, height_)))) +

@@ -1,5 +1,5 @@
-// Power distance on a raster: D(x) = min over sites p of |x - p|^2 - r(p)^2, the squared distance
-// to discs, negative inside one (docs/shadows.md#power-distance).
+// Power distance to discs on a raster: D(x) = min over disc centres p of |x - p|^2 - r(p)^2,
+// negative inside a disc (docs/shadows.md#power-distance).
 #pragma once
 
 #include <cstddef>
@@ -7,24 +7,24 @@
 
 namespace penumbra {
 
-// Keeps its memory from one raster to the next.
+// Reuses its memory for the next raster.
 class PowerTransform {
  public:
   // Width and height of the raster [cells].
   void start(int width, int height);
-  // A disc about the centre of a cell of the raster; radius >= 0 [cells].
+  // Adds a disc at the centre of a cell; radius >= 0 [cells].
   void add(int column, int row, float radius) { sites_.push_back({column, row, radius}); }
-  // Computes D from the sites since start().
+  // Computes D for the discs added since start().
   void run();
 
-  // The value of D beyond bound().
+  // Value of D for cells beyond bound().
   static constexpr float kFar = 1e6F;
 
-  // After run(): D of a row's cells [cells^2].
+  // Returns D for the cells of a row [cells^2]. Requires run().
   [[nodiscard]] const float* row(int index) const {
     return values_.data() + static_cast<std::size_t>(index) * stride_;
   }
-  // D is exact up to this value, which is above that of any cell beside the discs' outline.
+  // D is exact up to this value, which exceeds D of every cell next to the discs' outline.
   [[nodiscard]] float bound() const { return bound_; }
 
  private:
@@ -34,11 +34,11 @@ class PowerTransform {
   };
 
   int width_ = 0, height_ = 0;
-  std::size_t stride_ = 0;  // of values_: whole strips of cells
+  std::size_t stride_ = 0;  // of values_, a multiple of the strip width
   float bound_ = 0.0F;
   std::vector<Site> sites_;
   std::vector<float> values_;
-  std::vector<float> squares_;  // d^2 for d from -squares_reach_ on
+  std::vector<float> squares_;  // d^2 for d >= -squares_reach_
   int squares_reach_ = -1;
   std::vector<float> strips_;  // two copies of a strip of columns
 };

@@ -16,12 +16,13 @@ namespace {
 constexpr int kMaxSideCells = 512;
 constexpr std::size_t kWordCells = 64;
 constexpr std::size_t kRowBlock = 8;  // rows are whole vectors of floats
-// A cell whose centre is this close to a face is covered: rounding opens no crack between faces.
+// Cells with centres this close to a face are covered, so that rounding opens no crack between
+// faces.
 constexpr float kEdgeTolerance = 1e-3F;  // [cells]
-// Shares of a silhouette's size.
+// Fractions of a silhouette's size.
 constexpr float kFlatCorner = 1e-6F;  // rounding bends an edge by less
 constexpr float kShortEdge = 1e-2F;   // shorter edges have no direction
-// An angle that no regular shape has between its edges and corners, 0.37 rad.
+// An angle of 0.37 rad, which regular shapes don't have between their edges and corners.
 constexpr float kAskewCosine = 0.93232F;
 constexpr float kAskewSine = 0.36162F;
 constexpr float kEqual = 1.001F;  // areas and sides that differ by less are equal
@@ -30,10 +31,10 @@ float cross(const Eigen::Vector2f& a, const Eigen::Vector2f& b) {
   return a.x() * b.y() - a.y() * b.x();
 }
 
-// squared[x] = min over x' of (x - x')^2 + g2[x'] within each row, from near x' to far ones, until
-// a step of dx can lower no value. Rows begin and end with a 0, so that the neighbouring rows lower
-// nothing; there is a row before the first and after the last. Exact: all numbers are small
-// integers, whose bits sort as they do.
+// Computes squared[x] = min over x' of (x - x')^2 + g2[x'] within each row, from small to large |x
+// - x'| until no value can decrease. Rows begin and end with a 0, which keeps neighbouring rows
+// from contributing; there is a row before the first and after the last. Exact, as all values are
+// small integers. Their bit patterns compare like the values.
 PENUMBRA_VECTOR_CLONES
 void lower_rows(const float* __restrict g2, float* __restrict squared, std::size_t rows,
                 std::size_t stride, std::size_t width) {
@@ -76,14 +77,14 @@ void take_roots(float* values, std::size_t count) {
   for (std::size_t i = 0; i < count; ++i) values[i] = std::sqrt(values[i]);
 }
 
-// here[x] = 1 more than before[x] where covered, else 0.
+// Sets here[x] = before[x] + 1 if covered, else 0.
 PENUMBRA_VECTOR_CLONES
 void step_down(const float* before, const float* covered, float* __restrict here,
                std::size_t width) {
   for (std::size_t x = 0; x < width; ++x) here[x] = (before[x] + 1.0F) * covered[x];
 }
 
-// here[x] = min(here[x], below[x] + 1).
+// Sets here[x] = min(here[x], below[x] + 1).
 PENUMBRA_VECTOR_CLONES
 void step_up(const float* below, float* __restrict here, std::size_t width) {
   for (std::size_t x = 0; x < width; ++x) {
@@ -102,7 +103,7 @@ void take_squares(float* __restrict values, float* __restrict squares, std::size
   }
 }
 
-// Writes the cells of a row, given as bits, as floats: blocks of eight.
+// Converts the cells of a row from bits to floats, in blocks of eight.
 PENUMBRA_VECTOR_CLONES
 void spread_bits(const std::uint64_t* words, std::size_t blocks, float* cells) {
   for (std::size_t block = 0; block < blocks; ++block) {
@@ -122,8 +123,8 @@ std::int32_t runs_of(const float* row, std::size_t width) {
   return runs;
 }
 
-// Andrew's monotone chain; sorts `points`. Corners that stand out by no more than `flat` are
-// dropped: rounding must not make corners along an edge.
+// Andrew's monotone chain; sorts `points`. Drops corners that deviate from an edge by `flat` or
+// less, as rounding may cause.
 void convex_hull(std::vector<Eigen::Vector2f>& points, float flat,
                  std::vector<Eigen::Vector2f>& hull) {
   std::sort(points.begin(), points.end(), [](const Eigen::Vector2f& a, const Eigen::Vector2f& b) {
@@ -147,8 +148,8 @@ void convex_hull(std::vector<Eigen::Vector2f>& points, float flat,
   if (hull.size() > 1) hull.pop_back();
 }
 
-// Finds points that include all corners of the convex hull: all of a few points; of many points
-// those outside a polygon of the highest and lowest of each column.
+// Finds points that include all corners of the convex hull. If there are many points, these are the
+// points outside a polygon through the highest and lowest point of each column.
 void gather_hull_candidates(std::span<const Eigen::Vector2f> points,
                             std::vector<Eigen::Vector2f>& candidates,
                             std::vector<Eigen::Vector2f>& hull) {
@@ -184,7 +185,7 @@ void gather_hull_candidates(std::span<const Eigen::Vector2f> points,
     candidates.push_back(column.high);
   }
   convex_hull(candidates, 0.0F, hull);
-  // Within a column the hull lies outside the chords of its upper and lower sides.
+  // Within a column, the hull lies outside the chords between its highest and lowest points.
   std::array<float, kColumns + 1> low, high;
   low.fill(std::numeric_limits<float>::infinity());
   high.fill(-std::numeric_limits<float>::infinity());
@@ -211,16 +212,16 @@ void gather_hull_candidates(std::span<const Eigen::Vector2f> points,
     const float along = (p.x() - left) * scale - static_cast<float>(column);
     const float bottom = low[column] + along * (low[column + 1] - low[column]) + rounding;
     const float top = high[column] + along * (high[column + 1] - high[column]) - rounding;
-    if (p.y() > bottom && p.y() < top) continue;  // also where a wall has no chord
+    if (p.y() > bottom && p.y() < top) continue;  // also false for the NaN of a vertical chord
     candidates.push_back(p);
   }
 }
 
 }  // namespace
 
-// The least rectangle round a convex polygon has a side along one of its edges. Between equal
-// rectangles, and between a rectangle's directions, the points choose: if their axes or rounding
-// did, turned points would get another raster.
+// The minimum-area rectangle of a convex polygon has a side along an edge. Ties between rectangles,
+// and between a rectangle's directions, are broken by the points and not by the axes or rounding,
+// so that rotated points get the same raster.
 void FootprintRaster::choose_axis(std::span<const Eigen::Vector2f> points, float size) {
   axis_ = Eigen::Vector2f::UnitX();
   rectangles_.clear();
@@ -246,8 +247,8 @@ void FootprintRaster::choose_axis(std::span<const Eigen::Vector2f> points, float
     rectangles_.push_back(rectangle);
   }
   if (rectangles_.empty()) return;
-  // From the middle to the first point that is clearly off it, turned by an angle such that no two
-  // directions are equally near to it.
+  // Direction from the middle to the first point clearly off it, rotated by an angle that prevents
+  // ties between the four directions.
   Eigen::Vector2f reference = Eigen::Vector2f::UnitX();
   for (const Eigen::Vector2f& p : points) {
     const Eigen::Vector2f d = p - middle;
@@ -265,7 +266,7 @@ void FootprintRaster::choose_axis(std::span<const Eigen::Vector2f> points, float
       nearest = near;
       axis_ = axis;
     };
-    // Rows along the longer side: short columns make the distance transform cheap.
+    // Rows lie along the longer side, because short columns make the distance transform cheap.
     if (kEqual * rectangle.width >= rectangle.height) {
       consider(rectangle.along);
       consider(-rectangle.along);
@@ -291,7 +292,7 @@ bool FootprintRaster::fit(std::span<const Eigen::Vector2f> points, int cell_budg
   convex_hull(hull_candidates_, kFlatCorner * size, hull_);
   choose_axis(points, size);
 
-  Eigen::AlignedBox2f box;  // along and across the axis
+  Eigen::AlignedBox2f box;  // coordinates along and across the axis
   for (const Eigen::Vector2f& p : hull_) box.extend(Eigen::Vector2f(axis_.dot(p), cross(axis_, p)));
   const Eigen::Vector2f extent = box.sizes();
   const float longer = extent.maxCoeff();
@@ -299,7 +300,7 @@ bool FootprintRaster::fit(std::span<const Eigen::Vector2f> points, int cell_budg
                    longer / static_cast<float>(kMaxSideCells));
   if (!(cell_ > std::numeric_limits<float>::min()) || !std::isfinite(cell_)) return false;
   const auto cells_along = [this](float length) {
-    // A square's sides are whole numbers of cells but for rounding.
+    // The tolerance keeps rounding from adding a cell to a side.
     return std::clamp(static_cast<int>(std::ceil(length / cell_ - kEdgeTolerance)), 1,
                       kMaxSideCells) +
            2;
@@ -307,7 +308,7 @@ bool FootprintRaster::fit(std::span<const Eigen::Vector2f> points, int cell_budg
   width_ = cells_along(extent.x());
   height_ = cells_along(extent.y());
   stride_ = (static_cast<std::size_t>(width_) + kRowBlock - 1) / kRowBlock * kRowBlock;
-  // Centred, so that a symmetric silhouette gets a symmetric raster.
+  // The raster is centred, so that a symmetric silhouette gets a symmetric raster.
   const Eigen::Vector2f corner =
       0.5F * (box.min() + box.max()) -
       0.5F * cell_ * Eigen::Vector2f(static_cast<float>(width_), static_cast<float>(height_));
@@ -326,7 +327,7 @@ bool FootprintRaster::cover(std::span<const Eigen::Vector2f> points,
   for (std::size_t i = 0; i + 2 < faces.size(); i += 3) {
     cover_triangle(cells_[faces[i]], cells_[faces[i + 1]], cells_[faces[i + 2]]);
   }
-  // Centres alone would leave gaps in a silhouette thinner than a cell.
+  // A silhouette thinner than a cell misses most centres, so its edges are covered too.
   std::size_t covered = 0;
   for (const std::uint64_t word : bits_) covered += static_cast<std::size_t>(std::popcount(word));
   if (covered < static_cast<std::size_t>(std::max(width_, height_))) {
@@ -345,7 +346,7 @@ bool FootprintRaster::cover(std::span<const Eigen::Vector2f> points,
 }
 
 void FootprintRaster::cover_triangle(Eigen::Vector2f a, Eigen::Vector2f b, Eigen::Vector2f c) {
-  // Cells lie in the margin at least: coordinates are above 0 and truncation rounds down.
+  // Coordinates are > 0 because of the margin, so truncation rounds down.
   const auto first_centre_from = [](float x) {
     return static_cast<int>(x + (0.5F - kEdgeTolerance));
   };
@@ -367,7 +368,7 @@ void FootprintRaster::cover_triangle(Eigen::Vector2f a, Eigen::Vector2f b, Eigen
   const float slope_bc = slope(b, c);
   for (int row = first_row; row < end_row; ++row) {
     const float y = std::clamp(static_cast<float>(row) + 0.5F, a.y(), c.y());
-    // A level edge has both its ends at this height.
+    // If an edge is horizontal, both its ends are at this height.
     const float across = a.x() + (y - a.y()) * slope_ac;
     const float other = y < b.y() ? a.x() + (y - a.y()) * slope_ab : b.x() + (y - b.y()) * slope_bc;
     float left = std::min(across, other);
@@ -411,14 +412,14 @@ std::size_t FootprintRaster::covered_count() const {
 }
 
 void FootprintRaster::fill_small_holes(double share) {
-  // With one run of cells in each row, as most small parts have, there is no hole.
+  // A silhouette with one run per row, as most small parts have, has no hole.
   bool one_run_per_row = true;
   for (int row = 1; row + 1 < height_ && one_run_per_row; ++row) {
     one_run_per_row = runs_of(covered_row(row), stride()) <= 1;
   }
   if (one_run_per_row) return;
 
-  // Runs of uncovered cells, joined from row to row into regions (4-connected).
+  // Joins runs of uncovered cells into 4-connected regions.
   runs_.clear();
   const auto root = [this](std::uint32_t i) {
     while (runs_[i].parent != i) {
@@ -473,7 +474,7 @@ void FootprintRaster::fill_small_holes(double share) {
 
 void FootprintRaster::bridge_gaps(int most) {
   const auto bridge = [most](float* cells, std::size_t step, int count) {
-    int last = -1;  // covered
+    int last = -1;  // previous covered column
     for (int i = 0; i < count; ++i) {
       if (cells[static_cast<std::size_t>(i) * step] == 0.0F) continue;
       if (last >= 0 && i - last - 1 <= most) {
@@ -490,7 +491,7 @@ void FootprintRaster::bridge_gaps(int most) {
 
 void FootprintRaster::compute_depth() {
   depth_.resize(covered_.size());
-  // Columns: steps to the nearest uncovered cell up or down. The margin ends every column.
+  // Columns: distance to the nearest uncovered cell above or below. The margin bounds every column.
   std::fill_n(depth_.begin(), stride(), 0.0F);
   for (int row = 1; row < height_; ++row) {
     step_down(depth_.data() + row_offset(row - 1), covered_row(row),
@@ -499,7 +500,7 @@ void FootprintRaster::compute_depth() {
   for (int row = height_ - 2; row >= 0; --row) {
     step_up(depth_.data() + row_offset(row + 1), depth_.data() + row_offset(row), stride());
   }
-  // Rows: D(x)^2 = min over x' of (x - x')^2 + g(x')^2. The margin's rows are 0 and stay so.
+  // Rows: D(x)^2 = min over x' of (x - x')^2 + g(x')^2. The margin's rows stay 0.
   squared_column_distance_.resize(depth_.size());
   take_squares(depth_.data(), squared_column_distance_.data(), depth_.size());
   const auto inner_rows = static_cast<std::size_t>(std::max(height_ - 2, 0));

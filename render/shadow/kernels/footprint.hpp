@@ -1,4 +1,4 @@
-// A silhouette as a raster: triangles seen along a direction, and how deep inside each cell lies.
+// Rasterises the silhouette of projected triangles and computes the depth of each cell inside it.
 #pragma once
 
 #include <Eigen/Core>
@@ -8,26 +8,27 @@
 
 namespace penumbra {
 
-// Square cells in the least rectangle round the points, so that turning the points turns the raster
-// with them. Between equal rectangles the order of the points chooses. Cell (column, row) has its
-// centre at (column + 0.5, row + 0.5) in cell coordinates; rows run along the longer side. There is
-// an empty margin of one cell on each side. One object serves many silhouettes and keeps its
-// memory.
+// Square cells in the minimum-area rectangle around the points, so the raster rotates with the
+// points. Equal rectangles are chosen between by the order of the points. Cell (column, row) has
+// its centre at (column + 0.5, row + 0.5) in cell coordinates; rows run along the longer side. A
+// margin of one empty cell surrounds the silhouette. One object serves many silhouettes and reuses
+// its memory.
 class FootprintRaster {
  public:
   // Fits a rectangle of about `cell_budget` cells and covers those whose centres lie in a face.
-  // `points` are finite [m], `faces` three indices each. False where the points have no extent.
+  // `points` are finite [m], `faces` three indices each. Returns false if the points have no
+  // extent.
   bool cover(std::span<const Eigen::Vector2f> points, std::span<const std::uint32_t> faces,
              int cell_budget);
 
-  // Covers enclosed holes of less than `share` of the covered cells.
+  // Fills enclosed holes smaller than the fraction `share` of the covered cells.
   void fill_small_holes(double share);
 
-  // Covers up to `most` cells between two covered ones of a row or column.
+  // Fills gaps of up to `most` cells between two covered cells of a row or column.
   void bridge_gaps(int most);
 
-  // Exact Euclidean distance transform: from the centre of each covered cell to the nearest centre
-  // that is not covered [cells].
+  // Computes the exact Euclidean distance from each covered cell's centre to the nearest centre of
+  // an uncovered cell [cells].
   void compute_depth();
 
   [[nodiscard]] int width() const { return width_; }    // [cells]
@@ -39,7 +40,7 @@ class FootprintRaster {
     return covered_.data() + row_offset(row);
   }
   [[nodiscard]] const float* depth_row(int row) const { return depth_.data() + row_offset(row); }
-  // Cells from one row to the next, a multiple of 8; those from width() on are not covered.
+  // Cells from one row to the next, a multiple of 8. Cells from column width() on are not covered.
   [[nodiscard]] std::size_t stride() const { return stride_; }
 
   [[nodiscard]] Eigen::Vector2f to_cells(const Eigen::Vector2f& p) const {
@@ -51,7 +52,8 @@ class FootprintRaster {
                                              axis_.y() * c.x() + axis_.x() * c.y());
   }
 
-  // Area centroid of the covered cells [m]; the middle of the rectangle where none is covered.
+  // Returns the area centroid of the covered cells [m], or the rectangle's centre if none is
+  // covered.
   [[nodiscard]] Eigen::Vector2f centroid() const;
 
  private:
@@ -70,17 +72,17 @@ class FootprintRaster {
   float cell_ = 0.0F;                                 // side of a cell [m]
   Eigen::Vector2f origin_ = Eigen::Vector2f::Zero();  // corner of cell (0, 0) [m]
   Eigen::Vector2f axis_ = Eigen::Vector2f::UnitX();   // direction of a row, unit
-  std::vector<float> covered_;  // float, so that sums over rows need no conversion
+  std::vector<float> covered_;  // 0 or 1; float so that row sums need no conversion
   std::vector<float> depth_;
 
-  // Scratch, kept to spare allocations.
+  // Scratch memory, kept to avoid allocations.
   struct Run {
     int row, first, last;
     std::uint32_t parent;
     std::uint32_t size;
     bool open;  // reaches the margin
   };
-  std::vector<std::uint64_t> bits_;  // cells while faces are covered, row_words_ per row
+  std::vector<std::uint64_t> bits_;  // one bit per cell, used by cover(); row_words_ per row
   std::size_t row_words_ = 0;
   std::vector<Eigen::Vector2f> cells_;
   std::vector<Eigen::Vector2f> hull_;

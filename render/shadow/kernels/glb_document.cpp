@@ -19,7 +19,7 @@ constexpr std::uint32_t kBinaryChunk = 0x004E4942;
 
 using Json = GlbDocument::Json;
 
-// Moves what a buffer view, or an extension of it, names in buffer i to `begin[i]` of buffer 0.
+// Redirects a buffer view, or an extension of it, from buffer i to offset `begin[i]` of buffer 0.
 void move_view(Json& view, const std::vector<std::size_t>& begin) {
   if (view.is_object() && view.contains("buffer")) {
     const std::size_t offset =
@@ -31,7 +31,7 @@ void move_view(Json& view, const std::vector<std::size_t>& begin) {
   for (auto& extension : view.at("extensions")) move_view(extension, begin);
 }
 
-// Marks the buffers that a buffer view, or an extension of it, names.
+// Marks the buffer that a buffer view, or an extension of it, refers to.
 void mark_buffers(const Json& view, std::vector<bool>& is_named) {
   if (view.is_object() && view.contains("buffer")) {
     is_named.at(view.at("buffer").get<std::size_t>()) = true;
@@ -40,7 +40,7 @@ void mark_buffers(const Json& view, std::vector<bool>& is_named) {
   for (const auto& extension : view.at("extensions")) mark_buffers(extension, is_named);
 }
 
-// Puts the bytes of all buffers that buffer views name one behind the other. Others may be missing.
+// Concatenates the buffers that buffer views refer to. Other buffers may be missing.
 Result<std::vector<std::uint8_t>> joined_buffers(Json& json, gltf::Buffers& buffers) {
   std::vector<std::uint8_t> binary;
   std::vector<std::size_t> begin(buffers.count(), 0);

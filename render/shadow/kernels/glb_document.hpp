@@ -21,8 +21,8 @@ class GlbDocument {
   using Json = nlohmann::ordered_json;
 
   GlbDocument() = default;
-  // Opens a .glb or .gltf with the buffers and images beside it. An image that can't be read keeps
-  // its name and gets a line in `warnings`.
+  // Opens a .glb or .gltf with its external buffers and images. An image that can't be read stays a
+  // reference by name and adds a line to `warnings`.
   [[nodiscard]] static Result<GlbDocument> open(const std::filesystem::path& file,
                                                 std::vector<std::string>& warnings);
 
@@ -51,20 +51,20 @@ class GlbDocument {
     return add(vectors, kFloat, "VEC3", kArrayBuffer);
   }
 
-  // Replaces bytes of the binary chunk; false where it has none there.
+  // Replaces bytes of the binary chunk; returns false if they exceed the chunk.
   [[nodiscard]] bool overwrite(std::size_t offset, std::span<const glm::vec3> vectors);
 
-  // The bytes of the file.
+  // Returns the bytes of the .glb file.
   [[nodiscard]] Result<std::vector<std::uint8_t>> finish();
 
  private:
   std::vector<std::uint8_t> binary_;
 };
 
-// The media type of a PNG or JPEG by its first bytes; "" for others.
+// Returns the media type of a PNG or JPEG, detected by its first bytes; "" for other formats.
 [[nodiscard]] std::string media_type_of(std::span<const std::uint8_t> image);
 
-// The object frame is z up, the file y up.
+// Converts from the object frame (z up) to the file's axes (y up).
 [[nodiscard]] inline Eigen::Vector3d to_file_axes(const Eigen::Vector3d& p) {
   return {p.x(), p.z(), -p.y()};
 }
@@ -72,7 +72,7 @@ class GlbDocument {
   return {p.x, p.z, p.y == 0.0F ? 0.0F : -p.y};
 }
 
-// Writes the stamp and groups of kernels, and their direction in the mesh's axes, into a mesh.
+// Writes the kernels' stamp, groups and direction (in the mesh's axes) into the JSON of a mesh.
 void note_kernels(GlbDocument::Json& mesh, const KernelFile& kernels, const Eigen::Vector3d& up);
 
 }  // namespace penumbra

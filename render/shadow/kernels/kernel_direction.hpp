@@ -7,10 +7,11 @@
 
 namespace penumbra {
 
-// A cell of a cube's three faces, by two angles from the face's axis. d and -d are the same.
+// A cell on three faces of a cube, given by two angles from the face's axis. Opposite directions d
+// and -d share a cell.
 struct KernelDirection {
-  int axis = 2;  // of the largest component
-  int a = 0;     // angles towards the next two axes, in steps
+  int axis = 2;  // index of the largest component
+  int a = 0;     // a, b: angles towards the next two axes [steps]
   int b = 0;
 
   // Half a cell's diagonal is at most 1.77 degrees.

@@ -27,7 +27,8 @@ std::optional<double> number_from(const nlohmann::json& json) {
   return json.get<double>();
 }
 
-// A hash of the order of the file's vertices, in which the triples of a kernel file are.
+// Returns a hash of the order of the file's vertices, which is the order of the triples in a kernel
+// file.
 std::string vertex_order_key(const Model& model) {
   std::uint64_t hash = 1469598103934665603ULL;  // FNV-1a over 32-bit words
   for (const Mesh& mesh : model.meshes) {
@@ -38,7 +39,7 @@ std::string vertex_order_key(const Model& model) {
   return fmt::format("{:016x}", hash);
 }
 
-// Returns false where the kernels say that they were made for another model.
+// Returns false if the kernel file records another geometry or vertex order.
 bool is_for(const KernelFile& kernels, const Model& model) {
   return (kernels.geometry.empty() ||
           kernel_stamp_from(kernels.geometry).geometry == geometry_key(model)) &&
@@ -77,7 +78,7 @@ Result<KernelFile> load_kernel_file(const std::filesystem::path& file) {
   for (std::size_t i = 0; i < kernels.size(); ++i) {
     const Eigen::Vector3d kernel = kernels[i] - result.origin;
     if (kernel.cwiseAbs().maxCoeff() > kMaxCoordinate) {
-      // The message names the largest number: the middle of all may lie far from the others.
+      // The message reports the largest coordinate.
       const Eigen::Map<const Eigen::VectorXd> values(kernels.front().data(),
                                                      static_cast<Eigen::Index>(list->size()));
       Eigen::Index farthest = 0;
@@ -130,7 +131,7 @@ std::string kernel_file_json(const KernelFile& kernels) {
   for (const glm::vec3& k : kernels.kernels) {
     for (int axis = 0; axis < 3; ++axis) {
       if (kernels.origin.isZero(0.0)) {
-        list.push_back(k[axis]);  // a float, which is written with its own digits only
+        list.push_back(k[axis]);  // as float, which is written with fewer digits
       } else {
         list.push_back(kernels.origin[axis] + static_cast<double>(k[axis]));
       }
@@ -150,7 +151,7 @@ Result<bool> attach_kernels(Model& model, const KernelFile& kernels, const std::
     model.warnings.push_back(
         fmt::format("{}: was made before the model \"{}\" changed; its kernels are computed again",
                     file, model.name));
-    // Their source and groups stay valid.
+    // The source and groups of the kernels remain valid.
     model.shadow_kernel_geometry = kernels.geometry;
     model.shadow_kernel_groups = kernels.groups;
     return false;
@@ -247,11 +248,11 @@ KernelSource stored_kernel_source(const Model& model) {
 }
 
 bool has_stored_kernels_for(const ShadowMesh& mesh, const Eigen::Vector3d& up) {
-  // Up to this angle from their own direction kernels still serve.
+  // Kernels are valid up to this angle from their own direction.
   constexpr double kKernelTiltRad = 2.0 * std::numbers::pi / 180.0;
   if (mesh.stored_kernels.empty()) return false;
   const Eigen::Vector3d own = to_eigen(mesh.stored_up);
-  // The sine keeps small angles, which the cosine loses.
+  // The sine resolves small angles, which the cosine does not.
   return own.cross(up).norm() <= std::sin(kKernelTiltRad) * own.norm() * up.norm();
 }
 

@@ -1,4 +1,4 @@
-// Shadow kernels that are kept: in a JSON file beside a model, or in the model itself.
+// Stored shadow kernels: in a JSON file, or in the model file itself.
 //
 //   {"kernels": [x0,y0,z0, x1,...], "up": [0,0,1], "geometry": "...", "vertex_order": "...",
 //    "groups": ["brick*"]}
@@ -29,42 +29,43 @@ struct KernelFile {
   Eigen::Vector3d origin = Eigen::Vector3d::Zero();
   Eigen::Vector3d up = Eigen::Vector3d::UnitZ();  // unit
   std::string geometry, vertex_order;             // "" where the file has none
-  std::vector<std::string> groups;                // of parts that are one (part_groups.hpp)
+  std::vector<std::string> groups;                // parts that share one light (part_groups.hpp)
 };
 
 [[nodiscard]] Result<KernelFile> load_kernel_file(const std::filesystem::path& file);
 [[nodiscard]] std::string kernel_file_json(const KernelFile& kernels);
 
-// Gives a model the kernels of a file, in place of those it came with. Returns false, with a
-// warning in the model, where the model has changed since they were made. Fails where the file is
-// for another number of vertices.
+// Replaces a model's stored kernels by those of a file. Returns false and adds a warning to the
+// model if the model has changed since the kernels were made. Fails if the number of vertices
+// differs.
 [[nodiscard]] Result<bool> attach_kernels(Model& model, const KernelFile& kernels,
                                           const std::string& file);
 
-// Gives them to every casting model of the scene with this number of vertices, or only to the model
-// that the file names, where that is there. Adds warnings to the scene for kernels that do not fit
-// the model or the groups of an object. Fails where no caster has that number of vertices.
+// Attaches the kernels to every caster with the same number of vertices; if some of them match the
+// file's geometry and vertex order, only to these. Adds a warning to the scene if kernels do not
+// fit a model or an object's groups. Fails if no caster has that number of vertices.
 [[nodiscard]] Result<void> attach_kernels_to_scene(Scene& scene, const KernelFile& kernels,
                                                    const std::string& file);
 
-// Makes the file of a mesh's kernels. A vertex that no face uses gets the origin.
+// Makes the contents of a kernel file. The kernel of a vertex that no face uses is (0, 0, 0).
 [[nodiscard]] KernelFile kernels_to_keep(const Model& model, const ShadowMesh& mesh,
                                          const ShadowKernels& kernels, KernelSource source,
                                          std::span<const std::string> groups = {});
 
-// The kernels that came with the mesh.
+// Returns the kernels stored with the mesh.
 [[nodiscard]] ShadowKernels stored_kernels_of(const ShadowMesh& mesh);
-// Returns true if the mesh came with kernels that serve this direction or its opposite
+// Returns true if the mesh has stored kernels for this direction or its opposite
 // (docs/shadows.md#kernel-directions).
 [[nodiscard]] bool has_stored_kernels_for(const ShadowMesh& mesh, const Eigen::Vector3d& up);
-// Gives stored kernels, which have no radii, those of the discs made for `up`. Returns false where
-// they have their own.
+// Computes the disc radii for `up` if the kernels have none, as stored ones. Returns false if they
+// already have radii.
 bool complete_radii(ShadowKernels& kernels, const ShadowMesh& mesh, const Eigen::Vector3d& up);
 
-// The source of the kernels that came with the model; kernels for other tilts get the same.
+// Returns the source of the model's stored kernels. Kernels for other tilts are generated with the
+// same source.
 [[nodiscard]] KernelSource stored_kernel_source(const Model& model);
 
-// Returns true if a light of one size can use such kernels: those of the centroid have no radii.
+// Returns true if kernels of this source have radii, which a light of one size needs.
 [[nodiscard]] inline bool have_thickness(KernelSource source) {
   return source != KernelSource::centroid;
 }

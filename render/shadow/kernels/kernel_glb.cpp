@@ -21,7 +21,8 @@ namespace {
 
 using Json = GlbDocument::Json;
 
-// The number of readers of each accessor and view: what only old kernels read may be overwritten.
+// The number of references to each accessor and view. Data used by old kernels alone may be
+// overwritten.
 struct Readers {
   std::map<std::size_t, int> of_accessor, of_view;
 };
@@ -63,8 +64,8 @@ Readers readers_of(const Json& json) {
   return readers;
 }
 
-// Overwrites the kernels that the file has, so that it does not grow when it is stored again. False
-// where they have another count, are not dense, or share their data with another attribute.
+// Overwrites existing kernels, so that the file does not grow when they are stored again. Returns
+// false if their count differs, they are not dense, or their data is shared with another attribute.
 bool replace_vectors(GlbDocument& document, const Readers& readers, const Json& attributes,
                      const std::vector<glm::vec3>& vectors) {
   const Json& json = document.json;
@@ -99,7 +100,7 @@ class KernelWriter {
         readers_(readers_of(document.json)) {}
 
   [[nodiscard]] Result<void> add(const gltf::MeshUse& use) {
-    // A node of scale 0 is invisible: its mesh stays as it is, and such instances are dropped.
+    // A node of scale 0 is invisible: its mesh stays unchanged, and such instances are dropped.
     if (std::ranges::all_of(use.primitives, &gltf::PrimitiveUse::is_hidden)) return {};
     bool is_copy = false;
     const std::size_t mesh = mesh_of(use, is_copy);
@@ -129,7 +130,7 @@ class KernelWriter {
     return {};
   }
 
-  // To be called once all uses are added.
+  // Call it after the last use is added.
   void finish() {
     if (instances_.empty()) return;
     bool is_used = false;
@@ -138,7 +139,7 @@ class KernelWriter {
       Json& extensions = node.at("extensions");
       const int index = static_cast<int>(&node - &document_.json.at("nodes").at(0));
       if (instances_.contains(index)) {
-        // Erasing moves what follows: `extensions` is not used after it.
+        // Erasing moves later elements, so `extensions` is not used afterwards.
         extensions.erase(gltf::kInstancing);
         if (extensions.empty()) node.erase("extensions");
         node.erase("mesh");
@@ -157,7 +158,7 @@ class KernelWriter {
   }
 
  private:
-  // A mesh keeps its place for its first use and is copied for others, with common data.
+  // Returns the mesh itself for its first use, and a copy that shares its data for further uses.
   [[nodiscard]] std::size_t mesh_of(const gltf::MeshUse& use, bool& is_copy) {
     Json& meshes = document_.json.at("meshes");
     auto mesh = static_cast<std::size_t>(use.mesh);
@@ -175,7 +176,7 @@ class KernelWriter {
     return mesh;
   }
 
-  // Instances become nodes in front of the node's other children.
+  // Converts an instance to a node, before the node's other children.
   void add_instance(const gltf::MeshUse& use, std::size_t mesh) {
     Json& nodes = document_.json.at("nodes");
     Json instance = {{"mesh", mesh}};
@@ -223,7 +224,7 @@ class KernelWriter {
   std::string name_;
   Readers readers_;
   std::set<int> written_;                 // meshes of the file
-  std::map<int, std::size_t> instances_;  // per node, how many nodes stand for its instances
+  std::map<int, std::size_t> instances_;  // per node: number of nodes that replace its instances
 };
 
 Result<KernelGlb> add_to_document(const std::filesystem::path& file, const KernelFile& kernels,

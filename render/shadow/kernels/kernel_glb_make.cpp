@@ -1,4 +1,4 @@
-// A new .glb of a model that came in another format.
+// Converts a model of another format to a .glb.
 #include <algorithm>
 #include <glm/common.hpp>
 #include <limits>
@@ -36,15 +36,15 @@ std::size_t add_vertices(GlbDocument& document, const Mesh& mesh) {
   return accessor;
 }
 
-// The faces of a mesh that come from one node. Its vertices are not shared with other nodes.
+// The faces of a mesh that belong to one node. No vertex is shared with another node.
 struct NamedMesh {
   Mesh mesh;
-  std::optional<std::uint32_t> node;  // of Model::nodes
+  std::optional<std::uint32_t> node;  // index into Model::nodes
 };
 
 constexpr std::uint32_t kNoVertex = std::numeric_limits<std::uint32_t>::max();
 
-// `new_index`: one kNoVertex per vertex of the mesh, before and after.
+// `new_index`: scratch memory, kNoVertex for each vertex of the mesh before and after.
 Mesh faces_of(const Mesh& mesh, const NodeFaces& run, std::vector<std::uint32_t>& new_index) {
   Mesh own;
   own.name = mesh.name;
@@ -70,7 +70,7 @@ Mesh faces_of(const Mesh& mesh, const NodeFaces& run, std::vector<std::uint32_t>
   return own;
 }
 
-// The faces in the same order, each with its node: groups of parts are named by it.
+// Splits meshes by node, in order, because groups of parts refer to nodes by name.
 std::vector<NamedMesh> split_by_node(const Model& model) {
   std::vector<NamedMesh> pieces;
   for (const Mesh& mesh : model.meshes) {
@@ -88,7 +88,7 @@ std::vector<NamedMesh> split_by_node(const Model& model) {
   return pieces;
 }
 
-// The stamp for the model as the file will have it: a vertex that two nodes share is two there.
+// Returns the stamp for the model as written, in which a vertex shared by two nodes is duplicated.
 std::string stamp_of(const std::vector<NamedMesh>& pieces, const std::string& stamp) {
   Model written;
   for (const NamedMesh& piece : pieces) {
@@ -103,7 +103,7 @@ std::string stamp_of(const std::vector<NamedMesh>& pieces, const std::string& st
   return geometry_key(written) + (rest == std::string::npos ? "" : stamp.substr(rest));
 }
 
-// A node of the scene for the mesh that was written last, below nodes with its ancestors' names.
+// Adds a node for the most recently written mesh, below nodes with the names of its ancestors.
 void add_named_node(Json& json, const Model& model, const NamedMesh& piece) {
   json["nodes"].push_back({{"mesh", json["meshes"].size() - 1}});
   std::size_t top = json["nodes"].size() - 1;
@@ -131,7 +131,8 @@ int wrap_mode(TextureWrap wrap) {
   return wrap == TextureWrap::clamp ? kClampToEdge : kRepeat;
 }
 
-// Returns true if a texture still is the image file that it came with, in a format of glTF.
+// Returns true if the texture's original image file is in a glTF format and decodes to the same
+// pixels.
 bool has_own_image(const Texture& texture) {
   if (media_type_of(texture.encoded).empty()) return false;
   const auto decoded = decode_rgba(texture.encoded, "");
@@ -199,7 +200,7 @@ class MaterialWriter {
   }
 
   GlbDocument& document_;
-  std::vector<int> images_;  // per texture of the model, -1 for one that is not written
+  std::vector<int> images_;  // image index per texture of the model; -1: not written
 };
 
 Json add_attributes(GlbDocument& document, const Mesh& mesh, const KernelFile& kernels) {
@@ -239,7 +240,8 @@ Result<KernelGlb> make_document(const Model& model, KernelFile kernels) {
   }
   for (const Material& material : model.materials) materials.add(material);
   const std::vector<NamedMesh> pieces = split_by_node(model);
-  // A reader finds its own origin for a model that lies far away: its floats are rounded otherwise.
+  // For a model far from the origin, the reader chooses another origin and rounds differently, so
+  // the stamp would not match.
   const bool is_far = !model.origin.isZero(0.0);
   kernels.geometry = is_far ? "" : stamp_of(pieces, kernels.geometry);
   for (const NamedMesh& piece : pieces) {

@@ -21,34 +21,34 @@ namespace {
 
 // Relaxed local thickness (docs/shadows.md#kernels); its other constants are in KernelTuning.
 constexpr double kHoleShare = 0.005;  // smaller holes are missing faces
-// Bodies that an author made one part are measured as one across joints of this share of the
-// silhouette's shorter side: else each brick would have the thickness of a brick.
+// Bodies joined by a group are measured as one across joints of up to this fraction of the
+// silhouette's shorter side; otherwise a wall would be as thick as a brick.
 constexpr double kJointShare = 0.05;
-constexpr int kCentroidCells = 128;          // along each side
-constexpr int kMedianFiner = 2;              // raster of a median radius, along each side
-constexpr int kFewestMedianCells = 32 * 32;  // of a small part's median radius
+constexpr int kCentroidCells = 128;  // along each side
+constexpr int kMedianFiner = 2;  // refinement of the raster for a median radius, along each side
+constexpr int kFewestMedianCells = 32 * 32;  // cells for the median radius of a small part
 constexpr int kTileCells = 8;
-constexpr std::size_t kFewVertices = 64;  // tiles cost more than they spare
-// A radius is known to half a cell. In cells of a raster whose longer side has the nominal number
-// of cells.
+constexpr std::size_t kFewVertices = 64;  // below this, tiles cost more than they save
+// Accuracy of a radius; like kBorderSlack in cells of a raster whose longer side has the nominal
+// number of cells.
 constexpr float kRadiusSlack = 0.5F;
-constexpr float kBorderSlack = 1.0F;     // for a vertex that no disc reaches
-constexpr float kReachRounding = 1e-3F;  // a disc that just reaches a point does [cells]
+constexpr float kBorderSlack = 1.0F;     // for vertices that no disc reaches
+constexpr float kReachRounding = 1e-3F;  // tolerance for a disc that just reaches a point [cells]
 
-// One of d and -d, the same for both: a silhouette seen from behind has the same kernels.
+// Returns d or -d, the same for both, because opposite views have the same silhouette and kernels.
 Eigen::Vector3d canonical_direction(const Eigen::Vector3d& up) {
   const Eigen::Vector3d d = up.normalized();
   const bool flip = d.z() < 0.0 || (d.z() == 0.0 && (d.y() < 0.0 || (d.y() == 0.0 && d.x() < 0.0)));
   return flip ? Eigen::Vector3d(-d) : d;
 }
 
-// A kernel in the plane of the silhouette.
+// A kernel in the silhouette's plane.
 struct PlanarKernel {
   Eigen::Vector2f centre = Eigen::Vector2f::Zero();
   float radius = 0.0F;
 };
 
-// Removes the cells within reach of a disc from those that are left; returns their number.
+// Clears left[i] for cells that the disc reaches; returns the number of cleared cells.
 PENUMBRA_VECTOR_CLONES
 std::int32_t take_held(const float* x, const float* y, std::int32_t* __restrict left,
                        std::size_t count, float disc_x, float disc_y, float squared_reach) {
@@ -63,10 +63,10 @@ std::int32_t take_held(const float* x, const float* y, std::int32_t* __restrict 
   return held;
 }
 
-// Cells of a silhouette, each until a disc holds it.
+// Sampled cells of a silhouette that are not yet in a disc.
 struct CellSamples {
   std::vector<float> x, y;         // centres [cells]
-  std::vector<std::int32_t> left;  // 1, or 0 once held
+  std::vector<std::int32_t> left;  // 1, or 0 once in a disc
 
   void clear() {
     x.clear();
@@ -81,12 +81,12 @@ struct CellSamples {
 };
 
 struct PartGeometry {
-  std::span<const Eigen::Vector2f> points;  // [m], from the part's first point
+  std::span<const Eigen::Vector2f> points;  // [m], relative to the part's first point
   std::span<const std::uint32_t> faces;     // indices into points
-  bool joined = false;                      // of several bodies, with joints between them
+  bool joined = false;                      // several bodies with joints between them
 };
 
-// Size of the points' bounds; 0 without points.
+// Returns the size of the points' bounds; 0 without points.
 template <class Point>
 Eigen::Vector2f extent_of(std::span<const Point> points) {
   if (points.empty()) return Eigen::Vector2f::Zero();
@@ -95,10 +95,10 @@ Eigen::Vector2f extent_of(std::span<const Point> points) {
   return box.sizes().template cast<float>();
 }
 
-// Kernels of one part after another; keeps its memory.
+// Computes the kernels of one part after another; reuses its memory.
 class LocalThickness {
  public:
-  // `parts`: the number of parts to be measured.
+  // `parts`: number of parts to be measured.
   LocalThickness(bool smooth, std::size_t parts, KernelProgress* progress = nullptr,
                  const KernelTuning& tuning = {})
       : smooth_(smooth), progress_(progress), tuning_(tuning) {
@@ -124,8 +124,7 @@ class LocalThickness {
     }
   }
 
-  // Writes the covered cells of the part's silhouette with a kernel each; returns the size of a
-  // cell [m].
+  // Writes the covered cells of the part's silhouette and their kernels; returns the cell size [m].
   float sample(const PartGeometry& part, float finest_cell, std::vector<Eigen::Vector2f>& places,
                std::vector<PlanarKernel>& kernels) {
     places.clear();
@@ -141,8 +140,8 @@ class LocalThickness {
     return raster_.cell();
   }
 
-  // Centroid of the part's silhouette, and the median of the radii of its cells, which are no
-  // smaller than `finest_cell` [m].
+  // Returns the centroid of the part's silhouette and the median radius over its cells.
+  // `finest_cell`: minimum cell size [m].
   PlanarKernel median(const PartGeometry& part, float finest_cell) {
     PlanarKernel result;
     const int side = side_cells(part);
@@ -158,15 +157,15 @@ class LocalThickness {
       return result;
     }
     result.centre = raster_.centroid();
-    constexpr std::size_t kSamples = 500;  // give the median to a cell's accuracy
+    constexpr std::size_t kSamples = 500;  // enough for a median accurate to one cell
     const std::size_t step = std::max<std::size_t>(1, raster_.covered_count() / kSamples);
     std::size_t covered = 0;
     samples_.clear();
     for_each_covered([&](const Eigen::Vector2f& centre) {
       if (covered++ % step == 0) samples_.add(centre);
     });
-    // A cell's thickness is the radius of the largest disc that holds it. From the largest disc on,
-    // the median is the radius of the one with which half of the cells are held.
+    // A cell's thickness is the radius of the largest disc that contains it. In descending order of
+    // radius, the median is the radius of the disc that completes half of the cells.
     const std::size_t count = samples_.x.size();
     std::size_t left = count - count / 2;
     for (const Disc& disc : discs_.all()) {
@@ -196,7 +195,7 @@ class LocalThickness {
     if (progress_ != nullptr) progress_->done += vertices;
   }
 
-  // Makes the raster, its depth and the discs of a part; false where it has none.
+  // Computes a part's raster, depth and discs; returns false if the part has no discs.
   bool rasterise(const PartGeometry& part, int side, int cell_budget) {
     if (part.faces.empty() || !raster_.cover(part.points, part.faces, cell_budget)) return false;
     if (part.joined) {
@@ -228,7 +227,7 @@ class LocalThickness {
   }
 
   void assign_by_tiles(std::span<const Eigen::Vector2f> points, std::span<PlanarKernel> kernels) {
-    // Half a tile's diagonal, and the cell by which a border vertex may lie outside.
+    // Half a tile's diagonal, plus the cell by which a border vertex may lie outside.
     discs_.set_reach(tuning_.reach, 0.5F * kTileCells * 1.41421356F + kBorderSlack * nominal_cell_);
     const int columns = (raster_.width() + kTileCells - 1) / kTileCells;
     const int rows = (raster_.height() + kTileCells - 1) / kTileCells;
@@ -252,7 +251,7 @@ class LocalThickness {
     }
   }
 
-  // The discs that may reach a vertex of the tile about a point, in order of their radius.
+  // Gathers the discs that may reach a vertex of the tile around a point, in order of their radius.
   void gather_near_discs(float x, float y) {
     near_.clear();
     for (std::size_t disc = discs_.next_reaching(0, x, y); disc < discs_.all().size();
@@ -262,7 +261,7 @@ class LocalThickness {
     set_near_reach();
   }
 
-  // `at`: the place in cells.
+  // `at`: the position in cells.
   [[nodiscard]] PlanarKernel kernel_at(const Eigen::Vector2f& place, const Eigen::Vector2f& at) {
     const std::vector<Disc>& discs = near_.all();
     const std::size_t largest = near_.next_reaching(0, at.x(), at.y());
@@ -275,7 +274,7 @@ class LocalThickness {
       winner = &discs[near_.nearest(largest, static_cast<std::size_t>(end - discs.begin()), at.x(),
                                     at.y())];
     } else {
-      // A border vertex between cells: the disc that misses it by least.
+      // For a border vertex that no disc reaches, uses the disc with the smallest distance to it.
       float least = kBorderSlack * nominal_cell_;
       for (const Disc& other : discs) {
         const float miss =
@@ -291,7 +290,7 @@ class LocalThickness {
     return {raster_.from_cells({chosen.x, chosen.y}), chosen.radius * raster_.cell()};
   }
 
-  // Mean of all discs that reach p, weighted r^8 (1 - |p - c|^2 / (reach r)^2)^2.
+  // Averages the discs that reach p, with weights r^8 (1 - |p - c|^2 / (reach r)^2)^2.
   void blend(const Eigen::Vector2f& p, Disc& chosen) const {
     float x = 0.0F;
     float y = 0.0F;
@@ -323,13 +322,13 @@ class LocalThickness {
   FootprintRaster raster_;
   RidgeDiscs ridge_;
   CellSamples samples_;
-  ReachingDiscs discs_, near_;           // largest first; near_: may reach a tile's vertices
+  ReachingDiscs discs_, near_;  // largest first; near_: those that may reach the current tile
   std::vector<Eigen::Vector2f> points_;  // [cells]
-  std::vector<std::uint32_t> tile_of_;   // per point
+  std::vector<std::uint32_t> tile_of_;   // tile of each point
   IndexGroups tiles_;
 };
 
-// A mesh seen along a direction, part by part.
+// Projects a mesh along a direction and provides the silhouette of each part.
 class PartSilhouettes {
  public:
   PartSilhouettes(const ShadowMesh& mesh, const Eigen::Vector3d& up)
@@ -369,7 +368,7 @@ class PartSilhouettes {
             std::span(corners_).subspan(3 * faces_.begin(part), 3 * faces_[part].size()),
             !mesh_.joined.empty() && mesh_.joined[part]};
   }
-  // A point of a part's silhouette in the object's frame.
+  // Converts a point of a part's silhouette to the object frame.
   [[nodiscard]] glm::vec3 in_object(std::size_t part, const Eigen::Vector2f& p) const {
     const Eigen::Vector3d first = to_eigen(mesh_.positions[positions_[part].front()]);
     const Eigen::Vector3d q =
@@ -382,7 +381,7 @@ class PartSilhouettes {
   PlaneFrame view_;
   std::vector<Eigen::Vector2d> projected_;
   IndexGroups positions_, faces_;        // by part
-  std::vector<Eigen::Vector2f> points_;  // from the part's first point
+  std::vector<Eigen::Vector2f> points_;  // relative to the part's first point
   std::vector<std::uint32_t> corners_;   // indices into the part's points, three per face
 };
 
@@ -398,7 +397,7 @@ ShadowKernels generate_for_direction(const ShadowMesh& mesh, const Eigen::Vector
   const auto set_kernel = [&](std::size_t i, const Eigen::Vector2d& to_kernel) {
     const Eigen::Vector3d k = to_eigen(mesh.positions[i]) + to_kernel.x() * parts.view().e1 +
                               to_kernel.y() * parts.view().e2;
-    // Coordinates at the end of float's range overflow; such a vertex stays where it is.
+    // If the kernel overflows the range of floats, the vertex is its own kernel.
     const bool fits = (k.array().abs() <= std::numeric_limits<float>::max()).all();
     result.kernels[i] = fits ? glm::vec3(k.x(), k.y(), k.z()) : mesh.positions[i];
   };
@@ -432,8 +431,8 @@ ShadowKernels generate_for_direction(const ShadowMesh& mesh, const Eigen::Vector
   return result;
 }
 
-// Layered Penumbrae, section 5.3, in the exact form of docs/shadows.md#kernel-directions: k = sum
-// of d_i^2 k_i over the sets k_i made for up = axis i. Exact on the axes only.
+// Layered Penumbrae, section 5.3, in the form of docs/shadows.md#kernel-directions: k = sum of
+// d_i^2 k_i over the sets k_i made for up = axis i. Exact only for directions along an axis.
 ShadowKernels compose_per_axis(const ShadowMesh& mesh, const Eigen::Vector3d& up,
                                KernelProgress* progress, const KernelTuning& tuning) {
   const Eigen::Vector3d d = up.normalized();

@@ -1,5 +1,5 @@
-// Shadow kernels: for each vertex the point k of its part's middle that its layers shrink to and
-// grow from (docs/shadows.md#kernels).
+// Shadow kernels: for each vertex, the point k inside its part that the umbra shrinks towards and
+// the other layers grow from (docs/shadows.md#kernels).
 #pragma once
 
 #include <Eigen/Core>
@@ -17,62 +17,63 @@ struct ShadowKernels {
   Eigen::Vector3d up = Eigen::Vector3d::UnitZ();  // direction d of the kernels, object frame, unit
   // One per ShadowMesh position, object frame [m]; height along d is irrelevant.
   std::vector<glm::vec3> kernels;
-  // Radius of the disc at each kernel [m]; empty where the source has none.
+  // Radius of the disc at each kernel [m]; empty if the source has no discs.
   std::vector<float> radius;
 };
 
 struct KernelTuning {
-  // A vertex belongs to the largest disc inside its part's silhouette that reaches it when grown by
-  // this. At least sqrt(2): then the corners of a square share its centre.
+  // A vertex belongs to the largest disc in its part's silhouette that contains it when enlarged by
+  // this factor. At least sqrt(2), so that the corners of a square share its centre.
   float reach = 1.5F;
-  // Discs of this share of the largest one's radius count as equally large.
+  // Discs of at least this fraction of the largest one's radius count as equally large.
   float equal_radius = 0.95F;
-  // A cell is on a ridge if its depth grows by less than this share of the distance to any
-  // neighbour (45 degrees). Neighbours less deep by no more than this are the same ridge.
+  // A cell is on a ridge if the depth grows by less than this fraction of the distance (45 degrees)
+  // towards every neighbour. A neighbour that is less deep by no more than that is on the same
+  // ridge.
   float ridge_slope = 0.7F;
-  // Cells along each side of a silhouette's raster, were it square, per square root of the part's
-  // vertices; within bounds.
+  // Cells along a side of a square raster = this * sqrt(vertices of the part), clamped to the
+  // limits below.
   double cells_per_root = 8.0;
   int least_side_cells = 32;
   int most_side_cells = 128;
-  // A body of few parts has at least this number of cells in all.
+  // Minimum number of cells over all parts of a body with few parts.
   int cells_of_all = 1 << 17;
 };
 
-// Progress of a generation, for another thread to read.
+// Progress of generate_kernels(), read by another thread.
 struct KernelProgress {
   std::atomic<std::size_t> done{0}, total{0};  // [vertices]
 };
 
-// Any triangle soup gives a finite kernel for every vertex; a vertex without a usable neighbourhood
-// gets k = x. `up` must be finite and not zero. A mesh turned about `up` gets turned kernels, to
-// 1e-5 of its size; rounding chooses between equal discs.
+// Returns a finite kernel for every vertex of any triangle soup; k = x if no disc contains the
+// vertex. `up` must be finite and not zero. Rotating a mesh about `up` rotates its kernels, to 1e-5
+// of its size, except that rounding decides between equal discs.
 [[nodiscard]] ShadowKernels generate_kernels(const ShadowMesh& mesh, const Eigen::Vector3d& up,
                                              KernelSource source,
                                              KernelProgress* progress = nullptr,
                                              const KernelTuning& tuning = {});
 
-// The size of a part as its light sees it.
+// The size of a part, seen along `up`, to which the size of its light is proportional.
 struct PartDisc {
-  glm::vec3 centre{0.0F};  // of its silhouette: object frame [m], height along `up` irrelevant
+  glm::vec3 centre{0.0F};  // of the silhouette, object frame [m]; height along `up` irrelevant
   float radius = 0.0F;     // area-weighted median of the local thickness [m]; 0 without area
 };
 inline constexpr double kHalfFieldCell = 1.0 / 512.0;
-// One per part. `finest_cell`: least cell of a silhouette's raster, as a share of the object's
-// extent; 0 for as many cells as if each part were the whole object. `across_joints`: measures
-// bodies that an author made one part as one, as kernels do. Without it a field shows the light
-// between them.
+// Returns one per part. `finest_cell`: minimum cell size of a silhouette's raster, as a fraction of
+// the object's extent; 0: no minimum. `across_joints`: bridges the joints between bodies that a
+// group joined into one part, as kernels do. Without it a field shows the light between these
+// bodies.
 [[nodiscard]] std::vector<PartDisc> part_discs(const ShadowMesh& mesh, const Eigen::Vector3d& up,
                                                double finest_cell = kHalfFieldCell,
                                                bool across_joints = true);
 
-// A point of a silhouette with the automatic kernel that a vertex there would have (object frame
-// [m], heights along `up` irrelevant). It stands for a square of `side` about it.
+// A sample of a silhouette with the automatic kernel of a vertex at that position (object frame
+// [m], heights along `up` irrelevant). It represents a square of side `side` around it.
 struct SilhouettePoint {
   glm::vec3 place{0.0F}, kernel{0.0F};
   float side = 0.0F;
 };
-// Covers all silhouettes, in cells of about 1 / `cells` of the object's extent.
+// Returns samples of the silhouettes of all parts, about 1 / `cells` of the object's extent apart.
 [[nodiscard]] std::vector<SilhouettePoint> silhouette_points(const ShadowMesh& mesh,
                                                              const Eigen::Vector3d& up, int cells);
 

@@ -14,13 +14,13 @@ namespace penumbra {
 namespace {
 
 constexpr std::size_t kDiscBlock = 16;  // discs tested at once
-// Rounding must not choose between the two sides of a symmetric shape: squared distances in radii
-// that differ by no more are equal.
+// Squared relative distances that differ by no more than this are equal, so that rounding does not
+// choose between the two sides of a symmetric shape.
 constexpr float kAsNear = 1.001F;
 constexpr float kNearEnough = 1e-6F;
 
-// Writes the depth of ridge cells, 0 of others, and flags them. There are a row and a cell before
-// and after the `count` cells.
+// Writes the depth of ridge cells, 0 for others, and flags ridge cells. A row and a cell must exist
+// before and after the `count` cells.
 PENUMBRA_VECTOR_CLONES
 void find_ridge(const float* depths, std::ptrdiff_t stride, std::size_t count, float slope,
                 float* __restrict ridge, std::uint8_t* __restrict flags) {
@@ -48,7 +48,7 @@ void find_ridge(const float* depths, std::ptrdiff_t stride, std::size_t count, f
   }
 }
 
-// The first block from `block` on in which a disc reaches the point; `blocks` where none does.
+// Returns the first block from `block` on in which a disc reaches the point, or `blocks`.
 PENUMBRA_VECTOR_CLONES
 std::size_t first_reaching_block(const float* x, const float* y, const float* squared_reach,
                                  std::size_t block, std::size_t blocks, float to_x, float to_y) {
@@ -64,8 +64,8 @@ std::size_t first_reaching_block(const float* x, const float* y, const float* sq
   return block;
 }
 
-// Squared distances from a point to the discs' centres, in radii of each disc; infinity where a
-// disc does not reach the point. As bits, which sort as the numbers do. Returns the least.
+// Writes (distance / radius)^2 of a point to each disc's centre; infinity if the disc does not
+// reach it. Values are bit patterns of floats, which compare like the floats. Returns the minimum.
 PENUMBRA_VECTOR_CLONES
 std::int32_t relative_distances(const float* x, const float* y, const float* squared_reach,
                                 const float* squared_radius, std::size_t count, float to_x,
@@ -84,8 +84,8 @@ std::int32_t relative_distances(const float* x, const float* y, const float* squ
   return least;
 }
 
-// The middle of a ridge that shows in several of the nine cells around a ridge cell (bits from the
-// lower left, row by row): from that cell, and how much deeper.
+// The middle of a ridge that covers several of the 3 x 3 cells around a cell (index bits: row by
+// row from the lower left): its offset from the central cell, and its additional depth.
 struct RidgeMiddle {
   float x = 0.0F, y = 0.0F, deeper = 0.0F;  // [cells]
 };
@@ -163,7 +163,7 @@ void RidgeDiscs::find(const FootprintRaster& raster, float slope, ReachingDiscs&
   const auto height = static_cast<std::size_t>(raster.height());
   ridge_.resize(stride * height);
   flags_.resize(stride * height);
-  // The margin has none.
+  // The margin has no ridge cells.
   const std::size_t first = stride + 1;
   const std::size_t last = stride * (height - 1) - 1;
   const auto clear = [](auto& values, std::size_t begin, std::size_t end) {
@@ -187,8 +187,8 @@ void RidgeDiscs::find(const FootprintRaster& raster, float slope, ReachingDiscs&
 
 Disc RidgeDiscs::disc_at(std::size_t column, std::size_t row, std::size_t stride,
                          float slope) const {
-  // A ridge between two rows of cells shows in both: its middle is the mean of the equally deep
-  // cells around. Without this a kernel lies half a cell off.
+  // A ridge between two rows appears in both, so its middle is the mean of the adjacent cells of
+  // equal depth. Otherwise the kernel would be off by half a cell.
   const float* ridge = ridge_.data() + (row - 1) * stride + column - 1;
   const float depth = ridge[stride + 1];
   unsigned same = 0;
@@ -199,12 +199,12 @@ Disc RidgeDiscs::disc_at(std::size_t column, std::size_t row, std::size_t stride
     }
   }
   const RidgeMiddle& middle = ridge_middles()[same];
-  // The outline runs half a cell before the nearest centre outside.
+  // The outline is half a cell before the nearest uncovered centre.
   return {static_cast<float>(column) + 0.5F + middle.x, static_cast<float>(row) + 0.5F + middle.y,
           depth - 0.5F + middle.deeper};
 }
 
-// Into buckets by radius, each of which is sorted. Radii are positive: their bits sort as they do.
+// Bucket sort by radius. Radii are positive, so their bit patterns compare like the radii.
 void RidgeDiscs::sort(ReachingDiscs& discs) {
   discs.clear();
   if (found_.empty()) return;

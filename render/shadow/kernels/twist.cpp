@@ -12,7 +12,7 @@ namespace penumbra {
 
 namespace {
 
-// A face with less of twice its area, in squares of the caster's extent, is seen edge-on.
+// A face is edge-on if twice its area, divided by the caster's squared extent, is less than this.
 constexpr double kEdgeOn = 1e-7;
 
 double signed_area(const std::array<Eigen::Vector2d, 3>& p) {
@@ -50,7 +50,7 @@ TwistReport find_twists(std::span<const CasterVertex> vertices,
       offsets[corner] = points[corner] - kernels[corner];
     }
     const double area = signed_area(points);
-    if (!(2.0 * std::abs(area) > edge_on)) continue;  // also where it is not a number
+    if (!(2.0 * std::abs(area) > edge_on)) continue;  // also if the area is NaN
     const double kernel_area = signed_area(kernels);
     const double offset_area = signed_area(offsets);
     const double mixed = area - kernel_area - offset_area;
@@ -76,7 +76,7 @@ double layer_overshoot(const ShadowMesh& mesh, const ShadowKernels& kernels, dou
   constexpr int kCells = 192;
   if (mesh.indices.empty()) return 0.0;
   const PlaneFrame plane = PlaneFrame::make(kernels.up, Eigen::Vector3d::Zero());
-  // Images are floats, which are coarse far from the origin.
+  // Projections are floats, so coordinates are relative to a near point.
   const Eigen::Vector3d near = to_eigen(mesh.positions[mesh.indices.front()]);
   const auto image = [&](const glm::vec3& x, const glm::vec3& k) {
     const Eigen::Vector2d on_plane = plane.to_plane(to_eigen(x) - near).head<2>();
@@ -101,7 +101,7 @@ double layer_overshoot(const ShadowMesh& mesh, const ShadowKernels& kernels, dou
   const std::vector<SilhouettePoint> points = silhouette_points(mesh, kernels.up, kCells);
   if (covered == 0 || points.empty()) return 0.0;
   for (const SilhouettePoint& point : points) {
-    // The raster of the points may be turned.
+    // The raster of the points may be rotated by any angle.
     const float half_side = 0.71F * static_cast<float>(factor) * point.side;
     outline.cover_square(image(point.place, point.kernel), half_side);
   }

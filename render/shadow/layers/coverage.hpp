@@ -1,4 +1,4 @@
-// The cells of a grid that triangles cover, to compare layers with each other.
+// Rasterises triangles on a grid, to compare layers with each other.
 #pragma once
 
 #include <Eigen/Geometry>
@@ -11,24 +11,24 @@
 
 namespace penumbra {
 
-// Bounds of points in plane coordinates [m].
+// Returns the bounds of points in plane coordinates [m].
 [[nodiscard]] Eigen::AlignedBox2f bounds_of(std::span<const PlanePoint> points);
 
-// One bit per cell whose centre a triangle covers.
+// One bit per cell: whether a triangle covers its centre.
 class Coverage {
  public:
-  // Square cells of this size [m] from the lowest corner, in plane coordinates [m].
+  // `low`: the grid's lowest corner in plane coordinates [m]; `cell`: side of a cell [m].
   Coverage(const Eigen::Vector2f& low, float cell, int width, int height);
 
-  // Three points each, of either orientation. Points may lie outside the grid.
+  // Covers triangles, three points each, of either orientation. Points may lie outside the grid.
   void cover(std::span<const PlanePoint> triangles);
-  // The cells whose centres lie in a square round a point [m].
+  // Covers the cells whose centres lie in a square around a point [m].
   void cover_square(const PlanePoint& centre, float half_side);
 
   [[nodiscard]] std::size_t count() const;
-  // Counts the cells that both cover; here and below `other` has the same grid.
+  // Counts the cells that are set in both. Here and below, `other` must have the same grid.
   [[nodiscard]] std::size_t count_with(const Coverage& other) const;
-  // Intersection over union; 1 where both are empty.
+  // Returns the intersection over union; 1 if both are empty.
   [[nodiscard]] double iou(const Coverage& other) const;
 
  private:

@@ -12,7 +12,7 @@ namespace penumbra {
 
 namespace {
 
-// Within this range Clipper computes with 64 bits alone.
+// Within this range Clipper needs only 64-bit arithmetic.
 constexpr double kGridHalf = 5e8;
 constexpr double kSpeck = 1e-12;  // [m^2]
 
@@ -60,13 +60,13 @@ struct Edge {
 struct Triangle {
   Corner a, b, c;  // counter-clockwise
 
-  // Three times the centroid's coordinate along an axis.
+  // Returns three times the centroid's coordinate along an axis.
   [[nodiscard]] std::int64_t thrice_centroid(std::size_t axis) const {
     return static_cast<std::int64_t>(a[axis]) + b[axis] + c[axis];
   }
 };
 
-// The triangles with an area, turned counter-clockwise.
+// Returns the triangles with non-zero area, oriented counter-clockwise.
 std::vector<Triangle> snapped_triangles(std::span<const PlanePoint> points, const Grid& grid) {
   std::vector<Triangle> triangles;
   triangles.reserve(points.size() / 3);
@@ -77,7 +77,7 @@ std::vector<Triangle> snapped_triangles(std::span<const PlanePoint> points, cons
     const auto difference = [](std::int32_t p, std::int32_t q) {
       return static_cast<std::int64_t>(p) - q;
     };
-    // At most 2e18: it fits.
+    // At most 2e18, which fits into 64 bits.
     const std::int64_t area = difference(b[0], a[0]) * difference(c[1], a[1]) -
                               difference(b[1], a[1]) * difference(c[0], a[0]);
     if (area > 0) triangles.push_back({a, b, c});
@@ -86,8 +86,8 @@ std::vector<Triangle> snapped_triangles(std::span<const PlanePoint> points, cons
   return triangles;
 }
 
-// The boundary of all triangles, as directed edges. An edge between two neighbours runs both ways
-// and drops out. The winding number round a point is the number of triangles that cover it.
+// Returns the boundary of all triangles as directed edges; opposite edges of neighbours cancel. The
+// winding number around a point is the number of triangles that cover it.
 std::vector<Edge> boundary_edges(std::span<const Triangle> triangles) {
   std::vector<Edge> edges;
   edges.reserve(3 * triangles.size());
@@ -114,11 +114,12 @@ std::vector<Edge> boundary_edges(std::span<const Triangle> triangles) {
   return left;
 }
 
-// Joins the edges to closed walks: as many edges leave a corner as arrive.
+// Joins the edges to closed walks, which exist as each corner has equally many incoming and
+// outgoing edges.
 ClipperLib::Paths closed_walks(const std::vector<Edge>& edges) {
   ClipperLib::Paths walks;
   std::vector<bool> used(edges.size(), false);
-  // Edges are sorted by `from`: next_unused[i] of a corner's first edge skips those walked already.
+  // Edges are sorted by `from`. next_unused[i], for a corner's first edge i, skips used edges.
   std::vector<std::size_t> next_unused(edges.size());
   std::iota(next_unused.begin(), next_unused.end(), 0U);
   const auto first_from = [&edges](std::uint64_t corner) {
@@ -145,13 +146,13 @@ ClipperLib::Paths closed_walks(const std::vector<Edge>& edges) {
   return walks;
 }
 
-// Pieces of a union have this many times fewer edges than a union made at once.
+// Ratio of the edge limit of a union made at once to that of a piece.
 constexpr std::size_t kPiecesShorter = 10;
 
-// Throws clipperException; returns false where Clipper gives up.
+// Returns false if Clipper fails; may throw clipperException.
 template <class Solution>
 bool unite(const ClipperLib::Paths& paths, Solution& solution) {
-  // Faces seen edge-on leave nothing; Clipper would call that a failure.
+  // All faces may be edge-on; Clipper would report an empty input as a failure.
   if (paths.empty()) return true;
   ClipperLib::Clipper clipper;
   clipper.AddPaths(paths, ClipperLib::ptSubject, true);
@@ -159,9 +160,9 @@ bool unite(const ClipperLib::Paths& paths, Solution& solution) {
                          ClipperLib::pftPositive);
 }
 
-// Finds closed paths, positive inside, whose union is that of the triangles. Where their boundary
-// is too long, the triangles are halved and each half is united: crossings inside are gone before
-// the halves meet. Changes the order of the triangles.
+// Computes the union of the triangles as closed paths with positive orientation. If the boundary is
+// too long, unites each half of the triangles first, which removes inner crossings, and then the
+// two results. Reorders the triangles.
 bool outline_paths(std::span<Triangle> triangles, std::size_t edges_at_once,
                    std::size_t edges_of_a_piece, ClipperLib::Paths& outline) {
   const std::vector<Edge> edges = boundary_edges(triangles);

@@ -1,4 +1,4 @@
-// The outline of a layer: the union of its projected triangles as polygons with holes.
+// Computes the outline of a layer: the union of its projected triangles, as polygons with holes.
 #pragma once
 
 #include <Eigen/Core>
@@ -21,10 +21,10 @@ struct LayerOutline {
   std::vector<LayerPolygon> polygons;
 };
 
-// Three points per triangle, of either orientation; triangles may overlap. Coordinates are rounded
-// to 1e-9 of the layer's size; specks under 1e-12 m^2 are dropped. Triangles with a boundary of
-// more edges than `edges_at_once` are united in pieces: else Clipper would find all crossings of
-// edges inside the union, of which a soup of faces has hundreds of millions.
+// Takes three points per triangle, of either orientation; triangles may overlap. Coordinates are
+// rounded to 1e-9 of the layer's size; polygons under 1e-12 m^2 are dropped. A boundary with more
+// than `edges_at_once` edges is united in pieces, because Clipper computes all crossings inside the
+// union, hundreds of millions for a triangle soup.
 [[nodiscard]] Result<LayerOutline> union_of_triangles(std::span<const PlanePoint> triangles,
                                                       std::size_t edges_at_once = 6000);
 

@@ -10,8 +10,8 @@ namespace {
 
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
 
-// The least float >= value. With a clip height rounded up, `h >= clip` holds for the same floats h
-// as with the exact height.
+// Returns the smallest float >= value. A clip height rounded up accepts the same floats h by `h >=
+// clip` as the exact height.
 float rounded_up(double value) {
   const auto nearest = static_cast<float>(value);
   return static_cast<double>(nearest) < value
@@ -24,8 +24,8 @@ bool is_finite(const CasterVertex& vertex) {
          std::isfinite(vertex.ku) && std::isfinite(vertex.kv);
 }
 
-// The point of an edge at a height between those of its ends. Computed from the lower vertex, so
-// that both faces of an edge get the same point.
+// Returns the point of an edge at a height between its ends. Interpolates from the lower vertex, so
+// that both faces at an edge get the same point.
 CasterVertex at_height(const CasterVertex& a, const CasterVertex& b, float height) {
   const CasterVertex& low = a.h <= b.h ? a : b;
   const CasterVertex& high = a.h <= b.h ? b : a;
@@ -39,7 +39,7 @@ CasterVertex at_height(const CasterVertex& a, const CasterVertex& b, float heigh
           mix(low.kv, high.kv)};
 }
 
-// s - 1 of the middle and penumbra layers: full accuracy next to contact.
+// Returns s - 1 of the middle or penumbra layer, with full relative accuracy near contact.
 float layer_growth_f(const LayeredConstants& constants, ShadowLayer layer, float h) {
   const float high = rounded_up(layer_height_range(constants, layer).high);
   const float height = std::clamp(h, 0.0F, high);
@@ -57,7 +57,7 @@ struct ClippedFace {
   void add(const CasterVertex& vertex) { vertices[count++] = vertex; }
 };
 
-// One Sutherland-Hodgman step; `above` keeps h >= height, otherwise h <= height.
+// One step of Sutherland-Hodgman clipping to h >= height if `above`, else to h <= height.
 ClippedFace clip_face(const ClippedFace& face, float height, bool above) {
   ClippedFace clipped;
   for (std::size_t i = 0; i < face.count; ++i) {
@@ -66,7 +66,7 @@ ClippedFace clip_face(const ClippedFace& face, float height, bool above) {
     const bool from_in = above ? from.h >= height : from.h <= height;
     const bool to_in = above ? to.h >= height : to.h <= height;
     if (from_in) clipped.add(from);
-    // A vertex on the clip height is its own cut.
+    // A vertex at the clip height needs no new vertex.
     if (from_in != to_in && from.h != height && to.h != height) {
       clipped.add(at_height(from, to, height));
     }
@@ -110,7 +110,7 @@ float layer_factor_f(const LayeredConstants& constants, ShadowLayer layer, float
   }
   const auto light = static_cast<float>(constants.light_height);
   const auto ratio = static_cast<float>(constants.light_ratio);
-  // The product is exact in double, which counts next to h_u, where the terms cancel.
+  // The product is exact in double, which matters near h_u, where the terms cancel.
   const double left =
       static_cast<double>(light) - static_cast<double>(ratio) * static_cast<double>(height);
   return std::max(0.0F, static_cast<float>(left) / (light - height));
@@ -132,7 +132,7 @@ std::vector<CasterVertex> clip_to_heights(std::span<const CasterVertex> vertices
     if (!is_finite(a) || !is_finite(b) || !is_finite(c)) continue;
     const float lowest = std::min({a.h, b.h, c.h});
     const float highest = std::max({a.h, b.h, c.h});
-    // A face in the plane casts; one at the upper limit has vanished.
+    // A face in the plane casts a shadow; one at the upper limit does not.
     if (highest < low || lowest >= high) continue;
     if (lowest >= low && highest <= high) {
       triangles.insert(triangles.end(), {a, b, c});
@@ -153,11 +153,11 @@ PlanePoint project_to_layer(const CasterVertex& vertex, const LayeredConstants& 
   const float du = vertex.u - vertex.ku;
   const float dv = vertex.v - vertex.kv;
   if (layer == ShadowLayer::umbra) {
-    // From k: the umbra collapses onto the kernel exactly.
+    // Computed from k, so that the umbra shrinks exactly to the kernel.
     const float s = layer_factor_f(constants, layer, vertex.h);
     return {vertex.ku + s * du, vertex.kv + s * dv};
   }
-  // From x: at contact the imaginary vertex is the vertex exactly.
+  // Computed from x, so that the imaginary vertex is exactly the vertex at contact.
   const float growth = layer_growth_f(constants, layer, vertex.h);
   return {vertex.u + growth * du, vertex.v + growth * dv};
 }

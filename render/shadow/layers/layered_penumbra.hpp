@@ -3,8 +3,9 @@
 //   s_lambda(h) = (H + lambda a h) / (H - h),   lambda = -1 umbra, 0 middle, +1 penumbra
 //   x_lambda    = k + s_lambda(h) (x - k)
 //
-// x, k in plane coordinates (u, v), h the height above the plane. Zenith limit H = inf with the
-// umbra's height h_u: s = 1 + lambda h / h_u. The vertex shader has the same formulas.
+// x, k: plane coordinates (u, v); h: height above the plane. For a light at the zenith (H = inf)
+// that loses its umbra at height h_u: s = 1 + lambda h / h_u. shadow.vert.glsl has the same
+// formulas.
 #pragma once
 
 #include <cstdint>
@@ -15,7 +16,8 @@
 
 namespace penumbra {
 
-// s_lambda(h), and ds_lambda/dh [1/m]; h is clamped to the layer's range.
+// layer_factor() returns s_lambda(h), layer_rate() ds_lambda/dh [1/m]; h is clamped to the layer's
+// range.
 [[nodiscard]] double layer_factor(const LayeredConstants& constants, ShadowLayer layer, double h);
 [[nodiscard]] float layer_factor_f(const LayeredConstants& constants, ShadowLayer layer, float h);
 [[nodiscard]] double layer_rate(const LayeredConstants& constants, ShadowLayer layer, double h);
@@ -26,9 +28,9 @@ struct CasterVertex {
   float ku = 0.0F, kv = 0.0F;
 };
 
-// Clips triangles to a height range. New vertices get u, v and k interpolated along the edge and h
-// exactly the clip height, so that their factor is exactly 1 at the plane and 0 at h_u. Faces that
-// are not finite are ignored.
+// Clips triangles to a height range. u, v and k of new vertices are interpolated along the edge; h
+// is exactly the clip height, so that their factor is exactly 1 at the plane and 0 at h_u. Ignores
+// non-finite faces.
 [[nodiscard]] std::vector<CasterVertex> clip_to_heights(std::span<const CasterVertex> vertices,
                                                         std::span<const std::uint32_t> indices,
                                                         const HeightRange& range);
@@ -40,13 +42,13 @@ struct PlanePoint {
 [[nodiscard]] PlanePoint project_to_layer(const CasterVertex& vertex,
                                           const LayeredConstants& constants, ShadowLayer layer);
 
-// A layer's faces, clipped to its heights and projected, three points per triangle. The layer is
-// their union; they overlap and have both orientations.
+// Returns a layer's faces, clipped to its heights and projected, three points per triangle. The
+// layer is the union of these triangles; they may overlap and have either orientation.
 [[nodiscard]] std::vector<PlanePoint> layer_triangles(std::span<const CasterVertex> vertices,
                                                       std::span<const std::uint32_t> indices,
                                                       const LayeredConstants& constants,
                                                       ShadowLayer layer);
-// The orthogonal shadow: matter above the plane, projected straight down.
+// Returns the orthogonal shadow: the faces above the plane, projected straight down.
 [[nodiscard]] std::vector<PlanePoint> orthogonal_triangles(std::span<const CasterVertex> vertices,
                                                            std::span<const std::uint32_t> indices);
 

@@ -1,5 +1,5 @@
-// A caster's frame on its plane, which slides and turns with the caster: geometry in this frame
-// stays valid while the caster only slides and turns (docs/shadows.md#own-frame).
+// A caster's own frame on its plane, which moves with the caster: geometry in this frame stays
+// valid while the caster only translates and rotates in the plane (docs/shadows.md#own-frame).
 #pragma once
 
 #include <Eigen/Core>
@@ -9,7 +9,8 @@
 
 namespace penumbra {
 
-// A rigid motion of the plane: p_plane = turn p_own + slide.
+// A rigid motion in the plane: p_plane = R p_own + slide, with the rotation R given by its cosine
+// and sine.
 struct PlanarMotion {
   double cosine = 1.0, sine = 0.0;
   Eigen::Vector2d slide = Eigen::Vector2d::Zero();  // [m]
@@ -20,14 +21,15 @@ struct PlanarMotion {
   friend bool operator==(const PlanarMotion&, const PlanarMotion&) = default;
 };
 
-// The own frame lies in the plane (z = 0, z up), its origin under the object's. Its axes depend
-// only on the object: the same tilt and height give the same own frame on any plane.
+// The own frame lies in the plane (z = 0, z up), with its origin below the object's. Its axes
+// depend only on the object: the same tilt and height give the same T_own_object on any plane.
 struct OwnFrame {
   Placement T_own_object;
   PlanarMotion T_plane_own;
 
-  // Tilt and height are rounded to 2^-bits (rad; shares of `size`, the largest distance of the
-  // object's points from its origin [m]), so that turning and sliding keep them exactly.
+  // Rounds the tilt to multiples of 2^-bits rad and the height to multiples of 2^-bits * `size`, so
+  // that motion in the plane leaves them exactly unchanged. `size`: largest distance of a point of
+  // the object from its origin [m].
   [[nodiscard]] static OwnFrame make(const Placement& T_world_object, const PlaneFrame& plane,
                                      double size, int bits);
 

@@ -10,9 +10,9 @@
 namespace penumbra {
 namespace {
 
-constexpr double kLeastCosine = 0.02;  // steeper faces get little of a light straight above
+constexpr double kLeastCosine = 0.02;  // steeper faces receive little light from straight above
 constexpr double kLevelCosine = 0.999;
-constexpr double kContact = 1e-4;  // lower faces touch the plane or lie under it: no level [m]
+constexpr double kContact = 1e-4;  // lower faces touch or are below the plane: no level [m]
 
 }  // namespace
 
@@ -81,7 +81,7 @@ std::vector<double> ReceivingSurface::levels(const Eigen::AlignedBox2d& over, do
   }
   if (slope_high >= slope_low) {
     const std::size_t flat = levels.size();
-    // Evenly from one height to the other, both included.
+    // Adds evenly spaced levels from `low` to `high`, both included.
     const auto add = [&](double low, double high, double step) {
       const double range = high - low;
       const double steps = std::clamp(std::ceil(range / step), 1.0, static_cast<double>(most - 1));

@@ -1,4 +1,4 @@
-// The faces of a receiver that face a plane's light, and the heights at which it is shadowed
+// The faces of a receiver over a plane, and the heights (levels) at which its shadow masks are made
 // (docs/rendering.md#shadows-on-receivers).
 #pragma once
 
@@ -12,33 +12,34 @@
 
 namespace penumbra {
 
-// Distance of the levels of slopes. Heights between two levels receive a mixture of theirs; heights
-// farther than this above the highest level receive nothing.
+// Spacing of the levels of sloped faces [m]. Between two levels, masks are interpolated; farther
+// than this above the highest level, there is no shadow.
 inline constexpr double kLevelStep = 4e-3;   // [m]
 inline constexpr double kLevelWidth = 5e-4;  // heights this far above a level count as on it [m]
 
-// Least distances of the levels of slopes.
+// Minimum spacing of the levels of sloped faces.
 struct LevelSpacing {
   double step = kLevelStep;  // [m]
-  // Below `clear_below`, where all of the caster is higher and its outlines change slowly [m].
+  // `clear_step` applies below the height `clear_below`, where the whole caster is higher and its
+  // outlines change slowly [m].
   double clear_below = -1.0, clear_step = kLevelStep;
 };
 
 class ReceivingSurface {
  public:
   ReceivingSurface() = default;
-  // Takes the faces above the plane that are not upright, of either orientation.
+  // Collects the faces above the plane that are not vertical, of either orientation.
   ReceivingSurface(const Model& model, const Placement& T_table_object, const PlaneFrame& plane);
 
-  // In (u, v) of the plane [m]; empty where nothing receives.
+  // In (u, v) of the plane [m]; empty if no face receives.
   [[nodiscard]] const Eigen::AlignedBox2d& bounds() const { return bounds_; }
-  // Levels of the faces over the rectangle: heights above the plane [m], ascending, up to `top`.
-  // Level faces within kLevelWidth share the lowest height; slopes are spaced by `spacing`. More
-  // than `most` (> 1) levels are replaced by `most` evenly spaced ones.
+  // Returns the levels of the faces over the rectangle: heights above the plane [m], ascending, up
+  // to `top`. Horizontal faces within kLevelWidth share the lowest height; sloped faces get levels
+  // at `spacing`. If there are more than `most` (> 1) levels, returns `most` evenly spaced ones.
   [[nodiscard]] std::vector<double> levels(const Eigen::AlignedBox2d& over, double top,
                                            std::size_t most,
                                            const LevelSpacing& spacing = {}) const;
-  // The lowest height of the faces over the rectangle [m]; infinite without any.
+  // Returns the lowest height of the faces over the rectangle [m]; infinity if there are none.
   [[nodiscard]] double lowest(const Eigen::AlignedBox2d& over) const;
 
  private:

@@ -1,5 +1,5 @@
-// Triangles cut at the middles of their edges, the longest first, until no edge is too long: they
-// then follow a lens that bends straight lines.
+// Splits triangles at the midpoints of their edges, the longest first, until no edge is too long,
+// so that they follow the lens distortion.
 #pragma once
 
 #include <algorithm>
@@ -10,9 +10,9 @@
 
 namespace penumbra {
 
-// Three points per triangle, here and in the result; the orientation stays. excess(a, b): an edge's
-// length over the allowed one, the same for (b, a). middle(a, b): the point to cut it at.
-// is_invisible(a, b, c): the triangle is dropped. Nothing where the result would have more than
+// Three points per triangle, here and in the result; keeps the orientation. excess(a, b): an edge's
+// length divided by the allowed one, symmetric. middle(a, b): the point at which to split it.
+// Triangles with is_invisible(a, b, c) are dropped. Returns nullopt if the result would exceed
 // `max_triangles`.
 template <class Point, class Excess, class Middle, class IsInvisible>
 [[nodiscard]] std::optional<std::vector<Point>> split_triangles(std::vector<Point> triangles,
@@ -55,13 +55,13 @@ template <class Point, class Excess, class Middle, class IsInvisible>
   return done;
 }
 
-// An edge nearer than this may be as long as the lens allows [m]; a farther one may have this share
-// of its distance beyond that: 28 px for a lens of 700 px.
+// Up to the distance kSplitNear_m, an edge may be as long as the lens allows. Farther away, it may
+// be longer by kSplitShare of the additional distance: 28 px at a focal length of 700 px.
 inline constexpr double kSplitNear_m = 0.5;
 inline constexpr double kSplitShare = 0.04;
 
-// Calls split(coarser) with edges allowed to be 1, 2, 4, ... times as long, until the result is
-// within its budget. Returns `triangles` where it never is.
+// Calls split(coarser) with 1, 2, 4, ... times the allowed edge length until it returns a result.
+// Returns `triangles` if it never does.
 template <class Point, class Split>
 [[nodiscard]] std::vector<Point> split_within_budget(const std::vector<Point>& triangles,
                                                      const Split& split) {

@@ -10,7 +10,7 @@
 namespace penumbra {
 namespace {
 
-// Places from the object's origin, so that products of their differences fit into 64 bits.
+// Limit of positions relative to the object's origin: products of differences fit into 64 bits.
 constexpr float kFarthest = 1 << 29;
 
 }  // namespace
@@ -63,7 +63,7 @@ void MaskCaster::project_outline(ShadowLayer layer, std::span<const OutlineSide>
   for (const OutlineSide& side : sides) {
     const std::optional<Place> from = place_of(side.from);
     const std::optional<Place> to = place_of(side.to);
-    if (!from || !to) {  // a line that isn't closed bounds nothing
+    if (!from || !to) {  // a line that isn't closed bounds no area
       places.clear();
       return;
     }
@@ -79,7 +79,7 @@ void MaskCaster::project(std::span<const glm::vec3> positions, std::span<const g
   begin(own, cell);
   wanted_ = wanted;
   if (positions.empty()) return;
-  // Turned on the plane, in cells, from the cell under the object's origin.
+  // Maps to cells of the plane, relative to the cell under the object's origin.
   const PlaneMap map = plane_map(own.T_own_object, PlaneFrame());
   Eigen::Matrix3d turn = Eigen::Matrix3d::Identity();
   turn.topLeftCorner<2, 2>() << own.T_plane_own.cosine, -own.T_plane_own.sine, own.T_plane_own.sine,
@@ -113,13 +113,13 @@ void MaskCaster::project(std::span<const glm::vec3> positions, std::span<const g
     h = h < cap ? h : cap;
     const float ku = m[0] * q.x + m[1] * q.y + m[2] * q.z + x0;
     const float kv = m[3] * q.x + m[4] * q.y + m[5] * q.z + y0;
-    // As shadow.vert.glsl, but from k for all layers: exact to 1/256 of a cell.
+    // As in shadow.vert.glsl, but computed from k for all layers; accurate to 1/256 cell.
     const float r = 1.0F / (1.0F - h * inverse_light);
     const float t = h * inverse_light * r;
     const float umbra = (umbra_height - h) * inverse_umbra * r;
     const std::array<float, 4> factor = {umbra > 0.0F ? umbra : 0.0F, 1.0F + t,
                                          1.0F + t + h * inverse_umbra * r, 0.0F};
-    constexpr float kRound = 3 << 22;  // adding it rounds to a whole number
+    constexpr float kRound = 3 << 22;  // adding it rounds to an integer
     Images& image = images_[i];
     for (std::size_t layer = 0; layer < 4; ++layer) {
       image.u[layer] = (ku + factor[layer] * (u - ku)) * places + kRound - kRound;
@@ -134,7 +134,7 @@ void MaskCaster::project(std::span<const glm::vec3> positions, std::span<const g
   }
   for (std::size_t layer = 0; layer < 3; ++layer) {
     if (!wanted_[layer]) continue;
-    // Without a finite place the lowest is higher than the highest.
+    // If no position is finite, lowest > highest.
     const auto within = [](float lowest, float highest) {
       return lowest >= -kFarthest && highest <= kFarthest && lowest <= highest;
     };
@@ -147,7 +147,7 @@ void MaskCaster::project(std::span<const glm::vec3> positions, std::span<const g
   }
 }
 
-// A face with a place that is not a number turns neither way, so that none of its edges counts.
+// Faces with a NaN position have an area of NaN, so they do not count as counter-clockwise.
 void MaskCaster::clamp_places() {
   bounds_.setEmpty();
   constexpr float kNone = std::numeric_limits<float>::quiet_NaN();

@@ -1,4 +1,4 @@
-// A mesh or a field projected onto the cells of a mask (docs/shadows.md#silhouette-masks).
+// Projects a mesh or a field onto the cells of a mask (docs/shadows.md#silhouette-masks).
 #pragma once
 
 #include <Eigen/Core>
@@ -17,32 +17,33 @@
 
 namespace penumbra {
 
-// Kept between frames for its memory.
+// One object is reused between frames, to reuse its memory.
 class MaskCaster {
  public:
-  // Starts without any layer, on cells of this size [m].
+  // Removes all layers and sets the cell size [m].
   void begin(const OwnFrame& own, double cell);
-  // Gives a layer as triangles in the own frame [m], three points each, of a mesh whose edges are
-  // paired or of oriented faces, cut or not. Those that are not finite are ignored; places are
-  // clamped to 2 million cells from the object's origin.
+  // Adds a layer as triangles in the own frame [m], three points each. The mesh has paired edges
+  // (SharedEdge) or oriented faces, and may be clipped. Non-finite triangles are ignored; positions
+  // are clamped to 2 million cells from the object's origin.
   void project_faces(ShadowLayer layer, std::span<const PlanePoint> triangles);
-  // Gives a layer as closed lines in the own frame [m], the layer to the left of each side.
+  // Adds a layer as closed outlines in the own frame [m], with the layer to the left of each side.
   void project_outline(ShadowLayer layer, std::span<const OutlineSide> sides);
-  // Begins, and gives the wanted layers of a mesh that lies within their heights. Vertices and
-  // kernels: object frame [m], one each. Places are rounded to 1/256 cell and clamped as above.
+  // Calls begin() and adds the wanted layers of a mesh that lies within their height ranges.
+  // `positions` and `kernels`: object frame [m], one kernel per position. Positions on the plane
+  // are rounded to 1/256 cell and clamped as above.
   void project(std::span<const glm::vec3> positions, std::span<const glm::vec3> kernels,
                const OwnFrame& own, const LayeredConstants& constants,
                const std::array<bool, 3>& wanted, double cell);
-  // The cells of all layers; empty where none is wanted.
+  // Returns the cells of all layers; empty if there is none.
   [[nodiscard]] const CellBox& bounds() const { return bounds_; }
 
  private:
   friend class MaskRaster;
   static constexpr int kPlaceBits = 8;
-  static constexpr int kPlaces = 1 << kPlaceBits;  // in a cell, along each side
-  // In 1/256 cells from the cell under the object's origin.
+  static constexpr int kPlaces = 1 << kPlaceBits;  // subdivisions of a cell's side
+  // In units of 1/256 cell, relative to the cell under the object's origin.
   using Place = Eigen::Vector<std::int64_t, 2>;
-  // (u, v) of a vertex in each layer, whole numbers; in wanted layers both finite or both NaN.
+  // Integral (u, v) of a vertex in each layer. In a wanted layer, both are finite or both are NaN.
   struct Images {
     alignas(16) std::array<float, 4> u;
     alignas(16) std::array<float, 4> v;
@@ -51,7 +52,7 @@ class MaskCaster {
     }
   };
   void clamp_places();
-  // Nothing where the point is not finite.
+  // Returns nullopt if the point is not finite.
   [[nodiscard]] std::optional<Place> place_of(const PlanePoint& p) const;
   void extend_bounds(const Place& place);
 
@@ -59,7 +60,7 @@ class MaskCaster {
   std::array<bool, 3> wanted_{};
   Place first_ = Place::Zero();  // the cell under the object's origin
   CellBox bounds_;
-  std::vector<std::uint8_t> turned_;  // per face, a bit for each layer
+  std::vector<std::uint8_t> turned_;  // per face: a bit per layer, set if counter-clockwise
   PlanarMotion T_plane_own_;
   double cell_ = 0.0;
   std::array<std::vector<Place>, 3> faces_;  // three points each

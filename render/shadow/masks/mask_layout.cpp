@@ -7,14 +7,15 @@
 namespace penumbra {
 namespace {
 
-// A mask with fewer cells along each side is neither split nor cut: it is kept however the camera
-// moves.
+// A mask with up to this number of cells along each side is neither split nor clipped, so camera
+// motion does not change it.
 constexpr std::int64_t kCellsOfWhole = 1024;
 constexpr double kMostCells = 1 << 23;  // in all masks of a plane: 8 MiB
-// The visible part is rounded to multiples of this, so that a small camera motion keeps it.
+// The visible region is rounded to multiples of this, so that small camera motion does not change
+// it.
 constexpr std::int64_t kCutCells = 256;
 
-// With a border of lit cells.
+// Adds a border of lit cells.
 CellBox with_border(const CellBox& box) {
   const Eigen::Vector<std::int64_t, 2> one(1, 1);
   return {box.min() - one, box.max() + one};
@@ -30,7 +31,7 @@ Eigen::AlignedBox2d on_plane(const CellBox& box, double cell) {
           cell * (box.max().cast<double>() + Eigen::Vector2d::Ones())};
 }
 
-// A box that holds the same in cells of another size, rounding included.
+// Converts a box to cells of another size, rounded outwards.
 CellBox in_cells_of(const CellBox& box, int from, int to) {
   if (from == to) return box;
   const Eigen::AlignedBox2d place = on_plane(box, cell_size(from) / cell_size(to));
@@ -38,7 +39,7 @@ CellBox in_cells_of(const CellBox& box, int from, int to) {
                       place.max().array().floor().matrix().cast<std::int64_t>()});
 }
 
-// The cells of the visible part, in whole multiples of kCutCells.
+// Returns the cells of the visible region, rounded to multiples of kCutCells.
 CellBox seen_cells(const Eigen::AlignedBox2d& seen, double cell) {
   const double step = cell * kCutCells;
   const Eigen::Vector2d first = (seen.min() / step).array().floor();
@@ -52,7 +53,7 @@ struct PartGroup {
   CellBox box;
 };
 
-// Joins parts whose boxes meet, until no boxes of groups meet.
+// Groups parts whose boxes intersect, until no boxes of two groups intersect.
 std::vector<PartGroup> meeting_groups(std::span<const CellBox> boxes) {
   std::vector<PartGroup> groups;
   for (std::size_t i = 0; i < boxes.size(); ++i) {
@@ -66,7 +67,7 @@ std::vector<PartGroup> meeting_groups(std::span<const CellBox> boxes) {
       group.box.extend(groups[other].box);
       group.parts.insert(group.parts.end(), groups[other].parts.begin(), groups[other].parts.end());
       groups.erase(groups.begin() + static_cast<std::ptrdiff_t>(other));
-      other = 0;  // it is larger now
+      other = 0;  // the group grew: compare with all others again
     }
     std::ranges::sort(group.parts);
     groups.push_back(std::move(group));

@@ -19,7 +19,7 @@ std::optional<std::vector<SharedEdge>> paired_edges(std::span<const std::uint32_
     for (std::size_t corner = 0; corner < 3; ++corner) {
       const std::uint32_t a = indices[i + corner];
       const std::uint32_t b = indices[i + (corner + 1) % 3];
-      if (a == b) continue;  // covers nothing
+      if (a == b) continue;  // zero area
       halves.push_back({std::min(a, b), std::max(a, b), static_cast<std::uint32_t>(i / 3), a < b});
     }
   }
@@ -65,7 +65,7 @@ std::optional<std::vector<std::uint32_t>> oriented_faces(std::span<const glm::ve
   }
   struct Side {
     std::uint32_t face;
-    bool forward;  // from the lower place to the higher
+    bool forward;  // from the lower position to the higher
   };
   std::map<std::pair<std::uint32_t, std::uint32_t>, std::vector<Side>> sides;
   const auto edge_of = [&](std::size_t face, std::size_t corner) {

@@ -12,14 +12,15 @@
 namespace penumbra {
 namespace {
 
-constexpr std::int32_t kWhole = 1 << 17;  // a covered cell: twice its area in squares of places
-// Sheets (layers of faces over a cell) that a sum can hold, and those that it is cut to for more:
-// many, so that the rounding of edges does not count.
+constexpr std::int32_t kWhole = 1 << 17;  // a covered cell: twice its area in squared subcells
+// kMostSheets: number of sheets (overlapping faces over a cell) that a sum can hold.
+// kSettledSheets: sums are clamped to this to make room; it is large enough to make the rounding of
+// edges negligible.
 constexpr std::size_t kMostSheets = std::numeric_limits<std::int32_t>::max() / kWhole;
 constexpr std::size_t kSettledSheets = 512;
 constexpr std::size_t kSheetsAtOnce = kMostSheets - kSettledSheets;
 
-// Computes what is left of the framebuffer's value where layers cover parts of cells.
+// Computes the factor on the encoded value of cells that layers cover partially.
 PENUMBRA_VECTOR_CLONES
 void codes_of(const std::int32_t* umbra, const std::int32_t* middle, const std::int32_t* penumbra,
               std::size_t count, float umbra_light, float middle_light, float penumbra_light,
@@ -29,8 +30,8 @@ void codes_of(const std::int32_t* umbra, const std::int32_t* middle, const std::
       const std::int32_t area = covered < 0 ? -covered : covered;
       return static_cast<float>(area < kWhole ? area : kWhole) * (1.0F / kWhole);
     };
-    // A layer lies within the next lighter one, and in contact with the plane their edges are one:
-    // the shares are shares of the same part of the cell.
+    // A layer lies within the next lighter one, and their edges coincide at contact with the plane.
+    // The covered areas therefore overlap as far as possible.
     const float dark = share(umbra[i]);
     const float half = std::max(dark, share(middle[i]));
     const float any = std::max(half, share(penumbra[i]));
@@ -40,7 +41,8 @@ void codes_of(const std::int32_t* umbra, const std::int32_t* middle, const std::
   }
 }
 
-// Rounded down; by > 0. Most values fit into 32 bits, whose division is faster on many processors.
+// Returns value / by, rounded down; by > 0. Most values fit into 32 bits, whose division is faster
+// on many processors.
 std::int64_t quotient(std::int64_t value, std::int64_t by) {
   const auto narrow = static_cast<std::int32_t>(value);
   if (narrow == value) {
@@ -56,7 +58,7 @@ void MaskRaster::begin(const MaskCells& cells) {
   cells_ = cells;
   sheets_ = {};
   row_cells_ = (static_cast<std::size_t>(cells.width) + 8) / 8 * 8;
-  // finish() and take() leave them all 0.
+  // finish() and take() leave all steps 0.
   const std::size_t needed = row_cells_ * static_cast<std::size_t>(cells.height);
   if (steps_.size() >= needed) return;
   steps_.resize(needed);
@@ -67,7 +69,7 @@ void MaskRaster::cover(MaskCaster& caster, std::span<const std::uint32_t> indice
                        std::span<const SharedEdge> edges) {
   const CellBox own(Place(cells_.u, cells_.v),
                     Place(cells_.u + cells_.width - 1, cells_.v + cells_.height - 1));
-  // Edges to the left of the mask add up to nothing.
+  // Outside the mask, the edges of a closed outline cancel.
   if (!own.intersects(caster.bounds_)) return;
   const std::vector<MaskCaster::Images>& images = caster.images_;
   std::vector<std::uint8_t>& turned = caster.turned_;
@@ -78,7 +80,7 @@ void MaskRaster::cover(MaskCaster& caster, std::span<const std::uint32_t> indice
     const MaskCaster::Images& a = images[indices[3 * face]];
     const MaskCaster::Images& b = images[indices[3 * face + 1]];
     const MaskCaster::Images& c = images[indices[3 * face + 2]];
-    // Any sign will do for an area of next to nothing: all edges of a face take the same.
+    // The sign of a tiny area is arbitrary but the same for all edges of a face.
     std::array<float, 4> area;
     for (std::size_t layer = 0; layer < 4; ++layer) {
       area[layer] = (b.u[layer] - a.u[layer]) * (c.v[layer] - a.v[layer]) -
@@ -88,8 +90,8 @@ void MaskRaster::cover(MaskCaster& caster, std::span<const std::uint32_t> indice
         (area[0] > 0.0F ? 1U : 0U) | (area[1] > 0.0F ? 2U : 0U) | (area[2] > 0.0F ? 4U : 0U);
     turned[face] = static_cast<std::uint8_t>(bits & wanted);
   }
-  // Over any point as many faces are turned as are not; and as many edges of those lead up past it
-  // as down.
+  // At any point, at most half of the faces are counter-clockwise, as are half of the outline edges
+  // beside it.
   std::size_t sheets = (turned.size() + 1) / 2;
   if (sheets > kSheetsAtOnce) {
     const auto outlines = std::ranges::count_if(edges, [&turned](const SharedEdge& edge) {
@@ -121,7 +123,7 @@ void MaskRaster::cover_outlines(const MaskCaster& caster, std::span<const Shared
     const MaskCaster::Images& to = caster.images_[edge.to];
     for (std::size_t layer = 0; layer < 3; ++layer) {
       if ((differ >> layer & 1U) == 0) continue;
-      // Along the face that is turned.
+      // Uses the edge's direction in the counter-clockwise face.
       const bool forward = (caster.turned_[edge.forward] >> layer & 1U) != 0;
       add_edge(steps_, layer, first + (forward ? from : to).place(layer),
                first + (forward ? to : from).place(layer));
@@ -129,8 +131,8 @@ void MaskRaster::cover_outlines(const MaskCaster& caster, std::span<const Shared
   }
 }
 
-// Turned faces one by one, as many at once as the sums can hold: outlines do not show which of them
-// belong together.
+// Covers counter-clockwise faces one by one, because edges of outlines can't be split into batches
+// that the sums can hold.
 void MaskRaster::cover_turned(const MaskCaster& caster, std::span<const std::uint32_t> indices,
                               const Place& first) {
   for (std::size_t layer = 0; layer < 3; ++layer) {
@@ -167,7 +169,7 @@ void MaskRaster::cover_faces(std::span<const Place> places, std::size_t layer, c
   }
 }
 
-// Each edge runs the same way in both of its faces, so that it is rounded alike.
+// Traverses an edge in the same direction for both of its faces, so that it is rounded equally.
 void MaskRaster::add_face(Steps& to, std::size_t layer, const std::array<Place, 3>& corners) {
   for (std::size_t corner = 0; corner < 3; ++corner) {
     const Place& a = corners[corner];
@@ -180,7 +182,7 @@ void MaskRaster::add_face(Steps& to, std::size_t layer, const std::array<Place, 
   }
 }
 
-// Closed lines of which none lies within another that turns the same way: one sheet.
+// Covers closed lines, which add one sheet: none lies inside another of the same orientation.
 void MaskRaster::cover_lines(std::span<const Place> places, std::size_t layer, const Place& first) {
   if (places.empty()) return;
   make_room(layer, 1);
@@ -194,7 +196,7 @@ void MaskRaster::make_room(std::size_t layer, std::size_t sheets) {
   PENUMBRA_ASSERT(sheets_[layer] <= kMostSheets);
 }
 
-// Cuts sums to kSettledSheets: a cell that is covered once stays covered.
+// Clamps sums to kSettledSheets; covered cells stay covered.
 void MaskRaster::settle() {
   static constexpr auto kMost = static_cast<std::int32_t>(kSettledSheets) * kWhole;
   const auto settle_row = [](std::array<std::int32_t, 4>* steps,
@@ -244,7 +246,7 @@ void MaskRaster::take(MaskCover& cover) {
   cover.v_ = cells_.v;
   cover.steps_.clear();
   cover.back_.clear();
-  // Other masks need room for it.
+  // Other masks need room for the sheets of this cover.
   if (std::ranges::max(sheets_) > kSheetsAtOnce) settle();
   cover.sheets_ = sheets_;
   for (int v = 0; v < cells_.height; ++v) {
@@ -259,7 +261,7 @@ void MaskRaster::take(MaskCover& cover) {
   has_back_ = false;
 }
 
-// Cuts the edge at the borders of the mask's rows.
+// Splits the edge at the borders of the mask's rows.
 void MaskRaster::add_edge(Steps& sums, std::size_t layer, const Place& from, const Place& to,
                           int sign) {
   const std::int64_t right = std::int64_t{MaskCaster::kPlaces} * cells_.width;
@@ -280,7 +282,7 @@ void MaskRaster::add_edge(Steps& sums, std::size_t layer, const Place& from, con
     return std::clamp<std::int64_t>(v >> MaskCaster::kPlaceBits, 0, cells_.height - 1);
   };
   const std::int64_t last = row_of(down ? v1 - 1 : v1);
-  // The point where the edge comes to a row's border, or its end.
+  // Returns the edge's intersection with a row's border, or its end.
   const auto at = [&](std::int64_t v) -> Place {
     if (down ? v <= v0 : v >= v0) return from;
     if (down ? v >= v1 : v <= v1) return to;
@@ -299,10 +301,10 @@ void MaskRaster::add_edge(Steps& sums, std::size_t layer, const Place& from, con
 inline void MaskRaster::add_in_row(Steps& sums, std::size_t layer, int sign, std::int64_t row,
                                    const Place& from, const Place& to) {
   const std::size_t row_begin = static_cast<std::size_t>(row) * row_cells_;
-  // Pointers of this call: stores of bytes could otherwise change those of the vectors.
+  // Local pointers, because stores of bytes may alias those of the vectors.
   std::array<std::int32_t, 4>* const steps = sums.data() + row_begin;
   std::uint8_t* const touched = touched_.data() + row_begin;
-  // `places`: twice the mean place of the edge in the cell.
+  // `places`: twice the edge's mean position in the cell.
   const auto add = [=](std::int64_t cell, std::int64_t height, std::int64_t places) {
     const auto area = static_cast<std::int32_t>(height * places);
     const auto whole = static_cast<std::int32_t>(2 * MaskCaster::kPlaces * height);
@@ -322,12 +324,12 @@ inline void MaskRaster::add_in_row(Steps& sums, std::size_t layer, int sign, std
   }
   const bool right = last >= first;
   const std::int64_t run = right ? u1 - u0 : u0 - u1;
-  // How much of `rise` lies before a column's border.
+  // Returns the part of `rise` before a column's border.
   const auto rise_at = [=](std::int64_t u) {
     return quotient(rise * (right ? u - u0 : u0 - u), run);
   };
-  // The part left of the mask covers its rows from the first cell on; the part right of it counts
-  // for nothing.
+  // The part of an edge left of the mask covers its rows from the first cell on; the part right of
+  // the mask has no effect.
   std::int64_t done = 0;
   std::int64_t cell = first;
   if (right && first < 0) {

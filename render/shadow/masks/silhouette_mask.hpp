@@ -1,5 +1,5 @@
-// The layers of meshes and fields as one mask of the light that is left on their plane, with smooth
-// edges (docs/shadows.md#silhouette-masks).
+// Rasterises the layers of meshes and fields into one mask of the light that is left on their
+// plane, with antialiased edges (docs/shadows.md#silhouette-masks).
 #pragma once
 
 #include <array>
@@ -14,47 +14,48 @@
 
 namespace penumbra {
 
-// The changes of coverage along the rows of some cells, to be added to a mask of other cells of
-// the same size.
+// The coverage of some cells, stored as differences along their rows, for reuse in other masks with
+// the same cell size.
 class MaskCover {
  private:
   friend class MaskRaster;
   struct Step {
-    int u = 0, v = 0;  // from the first cell
+    int u = 0, v = 0;  // relative to the first cell
     std::array<std::int32_t, 4> front{};
   };
   std::int64_t u_ = 0, v_ = 0;  // the first cell
   std::vector<Step> steps_;
-  std::vector<std::array<std::int32_t, 4>> back_;  // one per step, or none
-  std::array<std::size_t, 3> sheets_{};            // of each layer, as in MaskRaster
+  std::vector<std::array<std::int32_t, 4>> back_;  // one per step, or empty
+  std::array<std::size_t, 3> sheets_{};            // per layer, as in MaskRaster
 };
 
 class MaskRaster {
  public:
-  // Starts with nothing covered.
+  // Starts a mask without coverage.
   void begin(const MaskCells& cells);
-  // Covers the layers of a caster projected onto cells of this size: a mesh with these faces and
-  // edges, and the faces and outlines given to it. Cells get the same bits as in a larger mask.
+  // Covers the layers of a caster that was projected onto cells of this size: the mesh with these
+  // faces and edges, and the caster's faces and outlines. A cell gets bit for bit the same value as
+  // in a larger mask.
   void cover(MaskCaster& caster, std::span<const std::uint32_t> indices,
              std::span<const SharedEdge> edges);
-  // Adds a cover that lies within the mask's cells.
+  // Adds a cover, which must lie within the mask's cells.
   void cover(const MaskCover& cover);
   // Moves all that was covered since begin() to `cover`.
   void take(MaskCover& cover);
-  // Writes the share of the (encoded) value that is left in each cell, 0 to 255, rows in order. The
-  // darkest layer counts, in part where an edge runs through. `light`: of each layer. Forgets what
-  // is covered.
+  // Writes the factor on the encoded video value for each cell, 0 to 255, row by row. A layer
+  // counts where no darker layer covers; cells on an edge get an area-weighted mean. `light`:
+  // factor of each layer. Clears the coverage.
   void finish(const glm::vec3& light, std::vector<std::uint8_t>& codes);
   void finish(const glm::vec3& light, std::span<std::uint8_t> codes);
-  // Writes how much of each cell of `part` (of the same size) umbra, middle and penumbra cover, 0
-  // to 255, each no less than the one before it; the fourth byte is 0. Forgets what is covered.
+  // For each cell of `part` (with the same cell size), writes the fractions covered by umbra,
+  // middle and penumbra, 0 to 255, in ascending order; the fourth byte is 0. Clears the coverage.
   void finish_shares(const MaskCells& part, std::span<std::uint8_t> rgba);
 
  private:
   using Steps = std::vector<std::array<std::int32_t, 4>>;
-  using Place = MaskCaster::Place;  // here from the mask's corner
+  using Place = MaskCaster::Place;  // here relative to the mask's corner
 
-  // `first`: the place that the caster's places count from.
+  // `first`: origin of the caster's positions.
   void cover_outlines(const MaskCaster& caster, std::span<const SharedEdge> edges,
                       const Place& first);
   void cover_turned(const MaskCaster& caster, std::span<const std::uint32_t> indices,
@@ -62,31 +63,31 @@ class MaskRaster {
   void cover_faces(std::span<const Place> places, std::size_t layer, const Place& first);
   void cover_lines(std::span<const Place> places, std::size_t layer, const Place& first);
   void add_face(Steps& to, std::size_t layer, const std::array<Place, 3>& corners);
-  // sign -1: as if the edge ran the other way.
+  // `sign` -1: reverses the edge.
   void add_edge(Steps& sums, std::size_t layer, const Place& from, const Place& to, int sign = 1);
-  // An edge between borders of the row.
+  // Adds an edge that lies within one row.
   void add_in_row(Steps& sums, std::size_t layer, int sign, std::int64_t row, const Place& from,
                   const Place& to);
-  // Makes room in the sums of a layer for a number of sheets.
+  // Ensures that a layer's sums can hold this number of further sheets.
   void make_room(std::size_t layer, std::size_t sheets);
   void settle();
-  // Sums a row up into changed_ and covered_, and forgets it. Returns the number of changes.
+  // Sums up a row into changed_ and covered_, then clears it. Returns the number of changes.
   std::size_t finish_row(std::size_t row);
-  // The cell of change i, or the row's end.
+  // Returns the cell of change i, or the end of the row.
   [[nodiscard]] std::ptrdiff_t begin_of(std::size_t i, std::size_t count) const;
 
   MaskCells cells_;
-  // Difference of each cell's covered area from that of the cell before it, per layer; rows have at
-  // least one cell more than the mask. Of faces that turn one way, and, where a mesh is given
-  // face by face, of the others.
+  // Covered area of each cell minus that of the previous cell, per layer; rows have at least one
+  // cell more than the mask. steps_: counter-clockwise faces; back_: clockwise faces, if a mesh is
+  // covered face by face.
   Steps steps_;
   Steps back_;
   bool has_back_ = false;
-  std::array<std::size_t, 3> sheets_{};  // the most that a cell can be covered, per layer
-  std::vector<std::uint8_t> touched_;    // 1 for each step that an edge has changed
-  std::size_t row_cells_ = 0;            // of all three
-  // In one row: the cells that were touched, the area that each layer covers from there on, and
-  // their codes.
+  std::array<std::size_t, 3> sheets_{};  // maximum number of faces over a cell, per layer
+  std::vector<std::uint8_t> touched_;    // 1 for each step changed by an edge
+  std::size_t row_cells_ = 0;            // cells per row of steps_, back_ and touched_
+  // In one row: the touched cells, the area that each layer covers from there on, and the mask
+  // values.
   std::vector<std::uint32_t> changed_;
   std::array<std::vector<std::int32_t>, 3> covered_;
   std::vector<std::uint8_t> changed_codes_;

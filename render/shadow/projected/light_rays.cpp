@@ -11,10 +11,10 @@
 namespace penumbra {
 namespace {
 
-// Vertices nearer to a chosen one than this share of the model's size are the same corner.
+// Vertices nearer to a chosen one than this fraction of the model's size are the same corner.
 constexpr double kSameCorner = 1e-4;
 
-// A colour far from those of the neighbouring indices: the hue turns by the golden section.
+// Returns a colour distinct from those of adjacent indices: hues advance by the golden ratio.
 glm::vec3 color_of(std::size_t index) {
   constexpr double kGolden = 0.61803398875;
   const double hue = 6.0 * std::fmod(0.02 + kGolden * static_cast<double>(index), 1.0);
@@ -37,7 +37,7 @@ bool inside(const Eigen::Vector2d& p, std::span<const Eigen::Vector2d> outline) 
   return in;
 }
 
-// The shadow of a point on the plane, if it has one there.
+// Returns the shadow of a point on the plane, or nullopt if it has none there.
 std::optional<Eigen::Vector3d> thrown_onto(const RayReceiver& plane, const Eigen::Vector4d& light,
                                            const Eigen::Vector3d& point) {
   const double height = light_height(plane.frame, light);
@@ -56,7 +56,7 @@ std::vector<MarkedVertex> marked_vertices(const Model& model, std::size_t most) 
   struct Candidate {
     MarkedVertex vertex;
     bool colored = false;
-    double nearest = std::numeric_limits<double>::infinity();  // of the chosen ones, squared
+    double nearest = std::numeric_limits<double>::infinity();  // to the chosen ones, squared
   };
   std::vector<Candidate> candidates;
   for (const Mesh& mesh : model.meshes) {

@@ -1,5 +1,5 @@
-// Rays from a light through vertices of a caster to the shadows of these vertices (Sudarsky,
-// "Generating Dynamic Shadows for Virtual Reality Applications", figure 4).
+// Computes rays from a light through vertices of a caster to their shadows (Sudarsky, "Generating
+// Dynamic Shadows for Virtual Reality Applications", figure 4).
 #pragma once
 
 #include <Eigen/Core>
@@ -18,12 +18,12 @@ struct MarkedVertex {
   Eigen::Vector3d position = Eigen::Vector3d::Zero();  // object frame [m]
   glm::vec3 color{1.0F};                               // linear light
 };
-// Chooses at most `most` vertices: the one farthest from the middle of the model's box, then each
-// time the one farthest from those chosen (a box gives its corners). Colours are the model's where
-// it has one per vertex, and otherwise differ from each other.
+// Chooses up to `most` vertices by farthest-point sampling, starting with the vertex farthest from
+// the centre of the model's box; for a box these are its corners. The colours are the model's
+// vertex colours or, if it has none, distinct hues.
 [[nodiscard]] std::vector<MarkedVertex> marked_vertices(const Model& model, std::size_t most);
 
-// A parallel light's rays begin this far before the vertex [m].
+// Rays of a parallel light start at this distance before the vertex [m].
 inline constexpr double kParallelRay = 0.25;
 
 struct RayReceiver {
@@ -31,13 +31,13 @@ struct RayReceiver {
   std::span<const Eigen::Vector2d> outline;  // empty: infinite
 };
 struct LightRay {
-  Eigen::Vector3d from;    // the light, or for a parallel one a point towards it
-  Eigen::Vector3d vertex;  // table frame [m], as all three
+  Eigen::Vector3d from;    // position of the light; parallel light: a point towards it
+  Eigen::Vector3d vertex;  // all three: table frame [m]
   Eigen::Vector3d shadow;
   glm::vec3 color;
 };
-// One ray for each vertex whose shadow falls onto one of the planes, to the nearest of them.
-// `light` as in projected_shadow.hpp, table frame.
+// Returns one ray for each vertex whose shadow falls onto a plane, ending on the nearest such
+// plane. `light` as in projected_shadow.hpp, table frame.
 [[nodiscard]] std::vector<LightRay> light_rays(std::span<const MarkedVertex> vertices,
                                                const Placement& T_table_object,
                                                const Eigen::Vector4d& light,

@@ -9,10 +9,11 @@ namespace penumbra {
 
 namespace {
 
-// Faces end this share of the light's height below it (Sudarsky's epsilon): shadows stay finite.
+// Faces are clipped this fraction of the light's height below it, so that shadows stay finite
+// (Sudarsky's epsilon).
 constexpr double kLightMargin = 1e-3;
 
-// In plane coordinates: a place, or a direction.
+// Returns the position or direction of the light in plane coordinates.
 Eigen::Vector3d light_on_plane(const PlaneFrame& plane, const Eigen::Vector4d& light) {
   return light.w() != 0.0
              ? plane.to_plane(light.head<3>() / light.w())
@@ -68,7 +69,7 @@ std::vector<PlanePoint> projected_triangles(std::span<const CasterVertex> vertic
 std::vector<PlanePoint> split_for_lens(const std::vector<PlanePoint>& triangles,
                                        const Eigen::Vector2d& centre, double longest_edge) {
   constexpr std::size_t kMaxTriangles = 200'000;
-  constexpr double kDrawn_m = 30.0;  // nothing farther from the centre is drawn
+  constexpr double kDrawn_m = 30.0;  // triangles farther from the centre are not drawn
   const auto place = [](const PlanePoint& p) -> Eigen::Vector2d {
     return Eigen::Vector2f(p.u, p.v).cast<double>();
   };

@@ -1,4 +1,5 @@
-// The hard shadow of a point or parallel light on a plane (docs/shadows.md#projected-shadows).
+// Projects the hard shadow of a point or parallel light onto a plane
+// (docs/shadows.md#projected-shadows).
 #pragma once
 
 #include <Eigen/Core>
@@ -11,28 +12,27 @@
 
 namespace penumbra {
 
-// A light is homogeneous (x, y, z, w): a place (w = 1) or the direction towards it (w = 0).
-
-// The light's height above the plane [m], or the third coordinate of its direction: > 0 where it
-// throws shadows on it.
+// Lights are homogeneous (x, y, z, w): a position (w = 1) or the direction towards it (w = 0).
+// Returns the light's height above the plane [m] or, if parallel, its direction's component along
+// the normal. The light casts shadows on the plane if the result is > 0.
 [[nodiscard]] double light_height(const PlaneFrame& plane, const Eigen::Vector4d& light);
-// The heights from which the light throws shadows; faces are clipped to them.
+// Returns the range of heights that cast shadows, to which faces are clipped.
 [[nodiscard]] HeightRange hard_shadow_range(const PlaneFrame& plane, const Eigen::Vector4d& light);
-// The shadow of a point (u, v, h) within that range.
+// Returns the shadow of a point (u, v, h) within that range.
 [[nodiscard]] Eigen::Vector2d shadow_point(const PlaneFrame& plane, const Eigen::Vector4d& light,
                                            const Eigen::Vector3d& point);
 
-// Shadow triangles, three points each, in plane coordinates [m]; kernels are not used. Empty where
-// the light is in or under the plane. Faces that are not finite are ignored.
+// Returns shadow triangles, three points each, in plane coordinates [m]; empty if the light is in
+// or below the plane. Ignores kernels and non-finite faces.
 [[nodiscard]] std::vector<PlanePoint> projected_triangles(std::span<const CasterVertex> vertices,
                                                           std::span<const std::uint32_t> indices,
                                                           const Eigen::Vector4d& light,
                                                           const PlaneFrame& plane);
 
-// Cuts triangles, three points each, so that straight edges can follow a lens: no edge is longer
-// than `longest_edge` [m] near the table's origin (at `centre`), or than looks as short from there.
-// Edges are cut alike in all of their triangles, and more coarsely where there would be over
-// 200,000.
+// Splits triangles, three points each, so that they follow the lens distortion. Near the table's
+// origin (at `centre`) no edge is longer than `longest_edge` [m]; farther edges may be longer
+// (kSplitShare). All triangles at an edge share its midpoint. Splits more coarsely if there would
+// be over 200,000 triangles.
 [[nodiscard]] std::vector<PlanePoint> split_for_lens(const std::vector<PlanePoint>& triangles,
                                                      const Eigen::Vector2d& centre,
                                                      double longest_edge);

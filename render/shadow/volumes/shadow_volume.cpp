@@ -15,9 +15,9 @@
 namespace penumbra {
 namespace {
 
-// The far end lies this far under a floor, so that rounding does not lift it above [m].
+// Distance of the far end below a floor, so that rounding does not lift it above [m].
 constexpr double kUnderFloor = 0.02;
-// The volume of a caster farther away than this share of the reach may be too short.
+// The volume of a caster farther away than this fraction of the reach may be too short.
 constexpr double kFarCaster = 0.5;
 
 // A point light, or a parallel one.
@@ -30,10 +30,10 @@ struct VolumeLight {
   }
 
   bool local;
-  Eigen::Vector3d from;  // its place, or the direction towards it
+  Eigen::Vector3d from;  // its position, or the direction towards it
 };
 
-// t >= 0 with |p + t d| = radius; 0 where p is outside already.
+// Returns t >= 0 with |p + t d| = radius, or 0 if p is outside the sphere.
 double leaves_sphere(const Eigen::Vector3d& p, const Eigen::Vector3d& d, double radius) {
   const double a = d.squaredNorm();
   const double b = p.dot(d);
@@ -42,11 +42,11 @@ double leaves_sphere(const Eigen::Vector3d& p, const Eigen::Vector3d& d, double 
   return (-b + std::sqrt(b * b - a * c)) / a;
 }
 
-// Counts the lit faces that lie above one another as the light sees them, at points of a grid.
+// Counts the lit faces that overlap as seen from the light, at the points of a grid.
 class LightGrid {
  public:
   static constexpr int kSide = 160;
-  // Leaves room for what lies between the points.
+  // The margin allows for overlaps between the grid points.
   static constexpr unsigned kMost = kMaxVolumesCounted - 15U;
 
   LightGrid(const std::vector<Eigen::Vector3d>& points, const std::vector<bool>& used,
@@ -61,7 +61,7 @@ class LightGrid {
     }
     if (count > 0.0) middle /= count;
     Eigen::Vector3d forward = light.away(middle).normalized();
-    if (!(forward.norm() > 0.5)) forward = Eigen::Vector3d::UnitZ();  // in the very middle
+    if (!(forward.norm() > 0.5)) forward = Eigen::Vector3d::UnitZ();  // the light is at the centre
     const Eigen::Vector3d right = forward.unitOrthogonal();
     const Eigen::Vector3d up = forward.cross(right);
     Eigen::AlignedBox2d box;
@@ -69,8 +69,8 @@ class LightGrid {
       const Eigen::Vector3d p = light.local ? light.away(points[i]) : points[i];
       Eigen::Vector2d seen(right.dot(p), up.dot(p));
       if (light.local) {
-        // By the angle from the axis, all round the light. Edges are not quite straight there,
-        // which changes no count by much: triangles are small or few.
+        // Projects by the angle from the axis, which covers all directions. Edges are slightly
+        // curved, which changes the counts little: triangles are small or few.
         const double beside = seen.norm();
         seen *= beside > 0.0 ? std::atan2(beside, forward.dot(p)) / beside : 0.0;
       }
@@ -118,10 +118,10 @@ class LightGrid {
   unsigned most_ = 0;
 };
 
-// The end of the volume of the points in use: p + t (p - L), or p - t L. One factor t for all keeps
-// the shape of the light's cone.
+// The end of the volume: p + t (p - L), or p - t L for a parallel light. A common factor t for all
+// points keeps the shape of the light's cone.
 struct VolumeEnd {
-  double t = 0.0;  // no volume unless finite and positive
+  double t = 0.0;  // there is no volume unless it is finite and positive
   bool above_floors = false;
 };
 VolumeEnd end_of_volume(std::span<const Eigen::Vector3d> near, const std::vector<bool>& used,
@@ -129,7 +129,7 @@ VolumeEnd end_of_volume(std::span<const Eigen::Vector3d> near, const std::vector
                         double reach) {
   double to_floors = floors.empty() ? std::numeric_limits<double>::infinity() : 0.0;
   double to_sphere = std::numeric_limits<double>::infinity();
-  double farthest = 0.0;  // from the table's origin
+  double farthest = 0.0;  // distance from the table's origin
   for (std::size_t i = 0; i < near.size(); ++i) {
     if (!used[i]) continue;
     const Eigen::Vector3d direction = light.away(near[i]);
@@ -143,7 +143,8 @@ VolumeEnd end_of_volume(std::span<const Eigen::Vector3d> near, const std::vector
           std::max(to_floors, fall > 0.0 ? height / fall : std::numeric_limits<double>::infinity());
     }
   }
-  // The volume of a caster near the table may end there: the floor that it would reach is beyond.
+  // If the caster is near the table, the sphere may end the volume, as the floor below lies outside
+  // it.
   const bool above_floors = !floors.empty() && std::isfinite(to_floors) && to_sphere < to_floors &&
                             farthest > kFarCaster * reach;
   return {std::min(to_floors, to_sphere), above_floors};
@@ -226,7 +227,7 @@ VolumeCaster::LitFaces VolumeCaster::lit_faces(std::span<const Eigen::Vector3d> 
     const Eigen::Vector3d to_light = -light.away(a);
     const std::uint32_t part = part_[face];
     if (!needed[part]) continue;
-    // A light in the face's own plane does not light it.
+    // A light in the plane of the face does not light it.
     const double facing = outside_[part] * normal.dot(to_light);
     const double least = 1e-9 * normal.norm() * to_light.norm();
     if (facing > least) {
@@ -268,7 +269,7 @@ void VolumeCaster::add_part(std::span<const std::uint32_t> part, const std::vect
   for (const std::uint32_t face : part) {
     for (std::size_t k = 0; k < 3; ++k) {
       const std::uint32_t edge = sides_[3 * face + k].edge;
-      // Along a face from a to b, the wall runs from b to a.
+      // The wall traverses an edge opposite to the lit face.
       const auto [a, b] = silhouette[edge] > 0 ? std::pair(edges_[edge].a, edges_[edge].b)
                                                : std::pair(edges_[edge].b, edges_[edge].a);
       for (int n = std::abs(silhouette[edge]); n > 0; --n) {
@@ -318,7 +319,7 @@ ShadowVolume VolumeCaster::volume(const Placement& T_table_object,
   }
 
   std::vector<int> silhouette(edges_.size(), 0);
-  // Only more lit faces than the stencil counts can lie above one another too often.
+  // Up to kMaxVolumesCounted lit faces can't overlap too often.
   std::size_t all_lit = 0;
   for (const int count : lit.by_part) all_lit += static_cast<std::size_t>(count);
   std::optional<LightGrid> grid;
@@ -347,15 +348,15 @@ ShadowVolume VolumeCaster::volume(const Placement& T_table_object,
   return result;
 }
 
-// As VolumeCaster::volume(): to the sphere or to the floors, where the quotient of two linear
-// functions is largest at a corner of the hull.
+// Like VolumeCaster::volume(), ends at the sphere or below the floors. The distance to a floor is a
+// quotient of two linear functions, so its maximum is at a corner of the hull.
 std::vector<Eigen::Vector3d> hull_of_volume(std::span<const Eigen::Vector3d> points,
                                             const Eigen::Vector4d& homogeneous_light,
                                             std::span<const PlaneFrame> floors, double reach) {
   const VolumeLight light(homogeneous_light);
   Eigen::Vector3d middle = Eigen::Vector3d::Zero();
   for (const Eigen::Vector3d& p : points) middle += p / static_cast<double>(points.size());
-  double farthest = 0.0;  // from the table's origin
+  double farthest = 0.0;  // distance from the table's origin
   double radius = 0.0;
   double to_floors = floors.empty() ? std::numeric_limits<double>::infinity() : 0.0;
   for (const Eigen::Vector3d& p : points) {
