@@ -1,4 +1,4 @@
-// Conservative bounds of objects over planes, and whether objects receive shadows.
+// Conservative bounds of objects over planes; which objects receive shadows.
 #pragma once
 
 #include <Eigen/Core>
@@ -11,7 +11,7 @@
 namespace penumbra {
 
 using BoxCorners = std::array<Eigen::Vector3d, 8>;
-// Returns the placed corners of the box from `low` to `high`, object frame.
+// Returns the corners, in the table frame, of the box from `low` to `high` in the object frame.
 [[nodiscard]] BoxCorners box_corners(const glm::vec3& low, const glm::vec3& high,
                                      const Placement& T_table_object);
 [[nodiscard]] inline BoxCorners box_corners(const Model& model, const Placement& T_table_object) {
@@ -21,14 +21,14 @@ using BoxCorners = std::array<Eigen::Vector3d, 8>;
 // Returns the lowest and the highest corner's height above the plane [m].
 [[nodiscard]] HeightRange heights_above(const PlaneFrame& plane, const BoxCorners& corners);
 
-struct Disc {  // on a plane, (u, v) [m]
+struct Disc {  // in a plane's (u, v) [m]
   Eigen::Vector2d centre = Eigen::Vector2d::Zero();
   double radius = 0.0;
 };
 // Returns a disc that contains the box's projection along the plane's normal.
 [[nodiscard]] Disc footprint(const BoxCorners& corners, const PlaneFrame& plane);
 
-// Returns whether all surfaces blend: those receive no shadows.
+// Returns true if all surfaces have alpha mode BLEND. Such models receive no shadows.
 [[nodiscard]] bool all_blends(const Model& model);
 
 }  // namespace penumbra

@@ -7,7 +7,8 @@
 namespace penumbra {
 namespace {
 
-// Radius up to which monotonic lens models are followed: 89 degrees from the axis.
+// Maximum normalised radius for which a monotonic lens model is evaluated: 89 degrees from the
+// axis.
 constexpr double kLargestRadius = 57.0;
 
 glm::mat4x3 columns(const Eigen::Matrix3d& linear, const Eigen::Vector3d& origin) {
@@ -21,8 +22,8 @@ Eigen::Matrix3d plane_axes(const PlaneFrame& plane) {
   return axes;
 }
 
-// Returns a pixel's undistorted normalised coordinates; beyond the model's reach, along the chord
-// of lens.glsl and CameraModel::project_extended().
+// Returns a pixel's undistorted normalised coordinates. Beyond the valid radius of the model,
+// inverts the chord of lens.glsl and CameraModel::project_extended().
 Eigen::Vector2d undistorted(const CameraModel& camera, const Eigen::Vector2d& pixel) {
   if (const auto ray = camera.unproject(pixel)) return ray->head<2>();
   const CameraParameters& p = camera.parameters();
@@ -95,7 +96,7 @@ bool ViewFrustum::misses(std::span<const Eigen::Vector3d> hull) const {
          all([this](P p) { return p.y() > y_max * p.z(); });
 }
 
-// Sutherland and Hodgman's clipping.
+// Sutherland-Hodgman clipping.
 std::vector<Eigen::Vector3d> ViewFrustum::part_in_view(
     std::span<const Eigen::Vector3d> polygon) const {
   std::vector<Eigen::Vector3d> part(polygon.begin(), polygon.end());
@@ -119,8 +120,8 @@ std::vector<Eigen::Vector3d> ViewFrustum::part_in_view(
 }
 
 ViewFrustum make_frustum(const CameraModel& camera) {
-  // The extremes lie on the border, because the lens model is continuous and one-to-one. The margin
-  // covers the border between samples and the sag of straight edges.
+  // The lens model is continuous and one-to-one, so the bounds are attained on the image's border.
+  // The margin covers the border between samples and the deviation of straight edges.
   constexpr int kSteps = 8;
   const double right = camera.width() - 0.5;
   const double bottom = camera.height() - 0.5;
@@ -141,7 +142,7 @@ ViewFrustum make_frustum(const CameraModel& camera) {
 
 double longest_edge(const CameraModel& camera) {
   constexpr double kLongestEdge_px = 32.0;
-  constexpr double kTolerance_px = 0.1;  // of 0.15 px for all errors
+  constexpr double kTolerance_px = 0.1;  // part of a total error budget of 0.15 px
   constexpr double kShortest = 0.001;    // [m]
   constexpr double kLongest = 0.02;      // [m]
   constexpr int kSamples = 12;           // along each side of the image

@@ -1,4 +1,4 @@
-// Conversion from computer vision's camera (double, Eigen; x right, y down, z forward) to OpenGL
+// Converts the camera of computer vision (double, Eigen; x right, y down, z forward) to OpenGL
 // (float, GLM).
 #pragma once
 
@@ -21,8 +21,8 @@ namespace penumbra {
 inline constexpr double kNear = 0.02;  // [m]
 inline constexpr double kFar = 20.0;   // [m]
 
-// Uniforms of lens.glsl: camera frame -> clip coordinates. Pixel (0, 0) is the first of the
-// framebuffer's first row, the image's top row; u = -0.5 and v = -0.5 are NDC -1.
+// Uniforms of lens.glsl: camera frame -> clip coordinates. The framebuffer's first row is the
+// image's top row; the image's corner u = v = -0.5 is NDC (-1, -1).
 struct LensUniforms {
   glm::vec4 scale_offset{1.0F, 1.0F, 0.0F, 0.0F};
   glm::vec4 k_low{0.0F};
@@ -36,7 +36,8 @@ struct LensUniforms {
 [[nodiscard]] glm::vec3 to_gl(const Eigen::Vector3d& v);
 [[nodiscard]] glm::mat3 to_gl(const Eigen::Matrix3d& m);
 
-// Affine maps, composed in double and rounded once. Columns: images of x, y, z and of the origin.
+// Affine maps, composed in double and rounded once. Columns: the mapped x, y and z axes, and the
+// mapped origin.
 [[nodiscard]] glm::mat4x3 to_gl(const Placement& placement);
 [[nodiscard]] glm::mat4x3 camera_from_object(const CameraPose& T_table_camera,
                                              const Placement& T_table_object);
@@ -47,18 +48,19 @@ struct LensUniforms {
 [[nodiscard]] glm::mat4x3 plane_from_object(const PlaneFrame& plane,
                                             const Placement& T_table_object);
 
-// Nearest distance to draw at [m]: closer up, the sheet's tags are not in view as a whole.
+// Minimum camera distance for which geometry is tessellated [m]. Closer, the tags are only partly
+// in view.
 inline constexpr double kNearestDistance = 0.15;
-// Returns the longest edge [m] that may be drawn straight: at the nearest distance it is at most 32
-// px long and off the bent edge by about 0.1 px.
+// Returns the maximum length of an edge drawn straight [m]: at kNearestDistance it is up to 32 px
+// long and deviates from the distorted edge by about 0.1 px.
 [[nodiscard]] double longest_edge(const CameraModel& camera);
 
-// Bounds of the image in undistorted normalised coordinates, with a margin: nothing outside touches
-// a pixel.
+// Bounds of the image in undistorted normalised coordinates, with a margin: geometry outside
+// touches no pixel.
 struct ViewFrustum {
   double x_min = 0.0, x_max = 0.0, y_min = 0.0, y_max = 0.0;
 
-  // Returns whether the convex hull of the points (camera frame [m]) is certainly out of view.
+  // Returns true if the convex hull of the points (camera frame [m]) is certainly out of view.
   [[nodiscard]] bool misses(std::span<const Eigen::Vector3d> hull) const;
   // Clips a convex polygon (corners in order, camera frame [m]) to the view.
   [[nodiscard]] std::vector<Eigen::Vector3d> part_in_view(

@@ -35,7 +35,7 @@ class ObjectPass : public Pass {
   }
 };
 
-// After the shadows, which surfaces that blend don't receive.
+// Drawn after the shadows, which blended surfaces don't receive.
 class BlendedPass : public Pass {
  public:
   int draw(const DrawContext& context, const FramePlan& plan) override {
@@ -126,7 +126,8 @@ struct Compositor::Impl {
     glStencilMask(0xFF);
     glClear(GL_DEPTH_BUFFER_BIT | GL_STENCIL_BUFFER_BIT);
     for (const std::unique_ptr<Pass>& pass : surfaces) count(pass->draw(draw_context, plan));
-    // After the phantoms, which planes may hide. No Pass, because the later passes use its marks.
+    // Drawn after the phantoms, because planes may hide them. Receivers is no Pass, because later
+    // passes use its stencil bits.
     stats[Counter::draw_calls] += receivers.begin_frame(plan, lens, plan.volume_lights > 0);
     for (const std::unique_ptr<Pass>& pass : overlays) count(pass->draw(draw_context, plan));
     framebuffer.invalidate_depth_stencil();
@@ -196,7 +197,7 @@ Result<Compositor> Compositor::create(GlContext& context, std::shared_ptr<const 
   PENUMBRA_TRY_VOID(impl->make_passes(camera, samples));
   if (on_gpu) impl->gpu_timer = GpuTimer::create(api);
   if (rectified) impl->rectified.emplace(api, video_camera);
-  // Covers models, textures and programs.
+  // Reports errors of creating models, textures and programs.
   if (const auto error = take_gl_error(context.info()))
     return fail("{}: {}", impl->scene->file, gl_error_text(*error));
   return Compositor(std::move(impl));
@@ -285,7 +286,7 @@ Result<CompositeStats> Compositor::take_image(std::span<std::uint8_t> rgba) {
   PENUMBRA_ASSERT(rgba.size() == m.picture_bytes());
   const Stopwatch clock;
   const auto taken = m.pictures.take(rgba);
-  auto stats = m.read(clock);  // its error is more specific
+  auto stats = m.read(clock);  // checked first, because its error is more specific
   if (!stats || !taken) m.pictures.drop_all();
   if (stats && !taken) return tl::unexpected(taken.error());
   return stats;

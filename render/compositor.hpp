@@ -17,36 +17,37 @@
 namespace penumbra {
 
 struct CompositeStats : RenderWork {
-  // Wall time, and CPU time of the calling thread. `shadow`: work on shadow geometry.
+  // Wall time, and CPU time of the calling thread. shadow_*: work on shadow geometry.
   double shadow_ms = 0.0, render_ms = 0.0, readback_ms = 0.0;
   double shadow_cpu_ms = 0.0, render_cpu_ms = 0.0, readback_cpu_ms = 0.0;
   // GPU times of earlier frames that arrived since the last frame; empty if not measured.
   std::vector<double> gpu_ms;
   Translucency translucency = Translucency::blend;  // never automatic
 };
-// Adds up two frames, without gpu_ms, which belong to other frames.
+// Adds the statistics of a frame, except gpu_ms, which belong to other frames.
 void add(CompositeStats& to, const CompositeStats& stats);
 
 struct CompositorOptions {
-  // Draws the undistorted video (rectified_video.hpp). Plans are then for a camera
+  // Draws the undistorted video (rectified_video.hpp). Plans must then use the camera
   // without_distortion().
   bool rectified = false;
-  // Samples per pixel; 0: no multisampling; none: multisampling_for() the renderer. The driver may
-  // give more.
+  // Samples per pixel; 0: no multisampling; nullopt: multisampling_for() the renderer. The driver
+  // may use more.
   std::optional<int> msaa = std::nullopt;
-  // Transfers the video, and images of request_image(), asynchronously through pixel buffers.
-  // None: true except on a CPU rasteriser, which pays for the copies. The images are the same.
+  // Transfers the video, and images of request_image(), asynchronously through pixel buffers; the
+  // image does not depend on it. nullopt: true, except on a CPU rasteriser, where the copies cost
+  // time.
   std::optional<bool> pixel_buffers = std::nullopt;
 };
 
-// Returns the default number of samples: 4 on a GPU, none on a CPU rasteriser, which pays for each
-// (docs/benchmarks/instructions.md). At most what the driver has.
+// Returns the default number of samples: 4 on a GPU, limited by `most_samples`; 0 on a CPU
+// rasteriser, where each costs time (docs/benchmarks/instructions.md).
 [[nodiscard]] int multisampling_for(bool software, int most_samples);
 
 class Compositor {
  public:
-  // Uploads the scene's models. The context must outlive the compositor and be current on this
-  // thread, now and at every later call.
+  // Uploads the scene's models. The context must be current on this thread, now, at every later
+  // call and at the compositor's destruction.
   [[nodiscard]] static Result<Compositor> create(GlContext& context,
                                                  std::shared_ptr<const Scene> scene,
                                                  const CameraModel& camera,
@@ -56,28 +57,28 @@ class Compositor {
 
   // Draws into its own framebuffer, of the camera's size.
   [[nodiscard]] Result<CompositeStats> draw(const Frame& frame, const FramePlan& plan);
-  // Reads the last image: RGBA8, rows top to bottom, width * height * 4 bytes. Returns the last
-  // stats with the read-back time added.
+  // Reads the most recent image: RGBA8, rows top to bottom, width * height * 4 bytes. Returns the
+  // stats of its draw() with the read-back time added.
   [[nodiscard]] Result<CompositeStats> read_back(std::span<std::uint8_t> rgba);
 
-  // Returns whether pixel buffers are in use; request_image() needs them.
+  // Returns true if pixel buffers are in use, which request_image() requires.
   [[nodiscard]] bool pixel_buffers() const;
-  // Starts an asynchronous read_back(). At most two may be pending. Returns the last stats with the
-  // time added, as take_image() does. After a failure nothing is pending for it.
+  // Starts an asynchronous read_back(); up to two may be pending. Like take_image(), returns the
+  // stats of the most recent draw() with the time added. A failed request is not pending.
   [[nodiscard]] Result<CompositeStats> request_image();
   [[nodiscard]] std::size_t pictures_asked_for() const;
-  // Takes the oldest pending image; waits until it is drawn. A failure drops all pending images.
+  // Reads the oldest pending image; waits until it is drawn. A failure drops all pending images.
   [[nodiscard]] Result<CompositeStats> take_image(std::span<std::uint8_t> rgba);
-  // Takes the GPU times [ms] that have arrived and are in no stats yet; never waits.
+  // Returns the GPU times [ms] that have arrived and are not in any stats yet; never waits.
   [[nodiscard]] std::vector<double> take_gpu_times();
-  // Copies the last image to the context's window, letterboxed.
+  // Copies the most recent image to the context's window, letterboxed.
   void present();
   // Samples per pixel; 0 without multisampling.
   [[nodiscard]] int samples() const;
   // Clears the image to black and drops the GPU times of earlier frames.
   void clear();
-  // For the debug view: the kernels of the last image's shadows, and the number of their twisted
-  // faces.
+  // For the debug view: returns the kernels of the most recent image's shadows, and their numbers
+  // of twisted faces.
   [[nodiscard]] std::vector<CasterKernels> kernels_in_use() const;
 
  private:

@@ -19,13 +19,13 @@ namespace {
 constexpr double kContactTolerance_m = 1e-6;
 
 // Returns a disc that contains every layer. A kernel lies inside the footprint's bounding circle of
-// radius r, so an imaginary vertex k + s (x - k) is at most s r + (s - 1) r away from its centre;
-// 5 % more for kernels a raster cell outside.
+// radius r, so an imaginary vertex k + s (x - k) is within s r + (s - 1) r of its centre. 5 % are
+// added for kernels one raster cell outside.
 Disc shadow_bounds(const BoxCorners& corners, const ShadowDraw& draw, double top) {
   Disc disc = footprint(corners, draw.plane_frame);
   double s = 1.0;
-  // With a part's light over its middle and at most a times its size, the image of the rim is at
-  // most r + 2 t r + a t r away, less than the (2 s - 1) r of kernels.
+  // Fields: a part's light is over its middle and up to a times its size, so the rim is projected
+  // to within r + 2 t r + a t r, less than the (2 s - 1) r of kernels.
   if (traits_of(draw.technique).has_penumbra) {
     for (const ShadowLayer layer : {ShadowLayer::umbra, ShadowLayer::penumbra}) {
       const HeightRange range = layer_height_range(draw.constants, layer);
@@ -38,7 +38,8 @@ Disc shadow_bounds(const BoxCorners& corners, const ShadowDraw& draw, double top
   return disc;
 }
 
-// Returns whether a box on the plane misses the outline's bounds; an empty outline is unbounded.
+// Returns true if a box on the plane is outside the outline's bounds. An empty outline is
+// unbounded.
 bool misses_outline(const Eigen::AlignedBox2d& box, const std::vector<Eigen::Vector2d>& outline) {
   Eigen::AlignedBox2d bounds;
   for (const Eigen::Vector2d& p : outline) bounds.extend(p);
@@ -47,7 +48,7 @@ bool misses_outline(const Eigen::AlignedBox2d& box, const std::vector<Eigen::Vec
       .any();
 }
 
-// Returns whether the layers lie in their disc: not those of kernels from a file.
+// Returns true if the disc contains the layers, which is unknown for kernels from a file.
 bool is_bounded(const ShadowDraw& draw, const Model& model) {
   return !traits_of(draw.technique).uses_kernels || !model.shadow_kernel_up;
 }
@@ -66,7 +67,7 @@ class Planner {
   void plan_objects() {
     for (std::size_t i = 0; i < scene_.objects.size(); ++i) {
       const SceneObject& object = scene_.objects[i];
-      if (!object.model) continue;  // a joint of the hierarchy
+      if (!object.model) continue;  // a node of the hierarchy without a model
       const auto index = static_cast<int>(i);
       const ObjectDraw draw{index, placement_of_model(index), opacity_of_object(index)};
       if (draw.opacity <= 0.0F) {
@@ -118,7 +119,7 @@ class Planner {
           case ShadowTechnique::hard:
             plan_hard_shadows(node, static_cast<int>(n), receiver);
             break;
-          case ShadowTechnique::volume:  // once for all planes: below
+          case ShadowTechnique::volume:  // see below: once for all planes
           case ShadowTechnique::none:
             break;
         }
@@ -129,8 +130,8 @@ class Planner {
       }
       if (options_.light_rays || node.light_rays) plan_rays(node, technique);
     }
-    // All lights of a frame cast by one technique: a pixel in one light's projected shadow and in
-    // another's volume would lose their shares in turn, not together.
+    // All lights of a frame use one technique. Otherwise a pixel in one light's projected shadow
+    // and another's volume would be darkened twice in turn instead of by their sum.
     const bool volumes = !plan_.volumes.empty();
     if (volumes) plan_.hard_shadows.clear();
     for (std::size_t n = 0; n < scene_.shadows.size(); ++n) {
@@ -152,7 +153,8 @@ class Planner {
     return scene_.objects[static_cast<std::size_t>(object)];
   }
 
-  // Returns whether an object casts shadows now; one that never does is reported.
+  // Returns true if an object casts shadows at this time. Reports objects that never do if
+  // `report`.
   bool casts(int object, bool report = true) {
     if (object_at(object).model && object_at(object).casts_shadow)
       return opacity_of_object(object) > 0.0F;
@@ -170,7 +172,8 @@ class Planner {
       draw.plane = receiver.plane;
       draw.technique = technique == ShadowTechnique::walls ? ShadowTechnique::simple : technique;
       draw.kernels = options_.kernels.value_or(node.kernels);
-      // A single kernel for the whole object has no thickness to scale a light by.
+      // A single kernel for the whole object has no thickness that a light could be proportional
+      // to.
       if (traits_of(technique).uses_kernels && draw.kernels != KernelSource::centroid) {
         draw.light_mode = options_.light_mode.value_or(node.light_mode);
       }
@@ -207,8 +210,8 @@ class Planner {
     plan_.shadows.push_back(draw);
   }
 
-  // Plans the shadow on receivers, whether or not it shows on the plane: its layers differ at each
-  // height.
+  // Plans the shadow on receivers, even if it is invisible on the plane, as the layers differ at
+  // each height.
   void plan_receivers_under(const ShadowDraw& draw, const Model& model, double top) {
     if (scene_.objects.size() < 2) return;
     ReceivedShadowDraw under;
@@ -223,8 +226,8 @@ class Planner {
     if (misses_all(under, plan_.objects)) skip(SkipReason::shadow_misses_objects, draw.object);
   }
 
-  // Returns the root of the virtual objects that an object belongs to. Children of a joint without
-  // a model, or of a phantom, are roots.
+  // Returns the root of the connected virtual objects that an object belongs to. Children of a
+  // phantom, or of an object without a model, are roots.
   [[nodiscard]] int thing_of(int object) const {
     for (int parent = object_at(object).parent;
          parent >= 0 && object_at(parent).model && !object_at(parent).phantom;
@@ -232,7 +235,7 @@ class Planner {
       object = parent;
     return object;
   }
-  // Returns whether caster and receiver belong together, so that neither shadows the other.
+  // Returns true if caster and receiver belong together, so that neither shadows the other.
   [[nodiscard]] bool are_one_thing(int caster, int receiver) const {
     if (object_at(receiver).phantom) return receiver == caster;
     return thing_of(receiver) == thing_of(caster);
@@ -264,7 +267,8 @@ class Planner {
     return entry->second;
   }
 
-  // Plans the shadow on those receivers that it may meet. Returns true if it meets none of several.
+  // Plans the shadow on the receivers that it may reach. Returns true if there are receivers but it
+  // reaches none.
   bool misses_all(const ReceivedShadowDraw& under, const std::vector<ObjectDraw>& receivers) {
     bool asked = false;
     bool met = false;
@@ -294,7 +298,7 @@ class Planner {
     return planes;
   }
 
-  // Returns the lights that the node names, or the scene's first.
+  // Returns the node's lights, or the scene's first light if the node has none.
   [[nodiscard]] std::vector<int> lights_of(const ShadowNode& node) const {
     if (!node.lights.empty() || scene_.lights.empty()) return node.lights;
     return {0};
@@ -316,7 +320,7 @@ class Planner {
     const std::vector<int> node_lights = lights_of(node);
     if (node_lights.empty()) skip(SkipReason::no_light, node_index);
     for (const int light : node_lights) {
-      // A light under the plane or the horizon reaches none of it.
+      // A light below the plane or the horizon does not reach it.
       if (light_height(receiver.frame, place_of(light)) <= 0.0) {
         skip(SkipReason::light_below_plane, light);
         continue;
@@ -353,7 +357,7 @@ class Planner {
     const std::vector<BoundingSphere> seen =
         on_planes ? std::vector<BoundingSphere>() : spheres_about_phantoms();
     for (const int light : lights) {
-      // A light without a projected shadow on any of the planes casts none on phantoms.
+      // A light without a projected shadow on any plane casts none on phantoms either.
       const bool shown = std::ranges::any_of(node.planes, [&](int plane) {
         const auto lights_there = lights_on_.find(plane);
         return lights_there != lights_on_.end() && lights_there->second.contains(light);
@@ -368,8 +372,8 @@ class Planner {
           skip(SkipReason::shadow_misses_phantoms, caster);
           continue;
         } else {
-          // Other receivers would give other triangles, whose edges may fall on other pixels: a
-          // volume that meets a receiver has the same ones with and without skipping.
+          // The receivers affect the triangles and thus the pixels at their edges, so a volume that
+          // reaches a receiver has the same receivers with and without skipping.
           draw.receivers = seen;
           if (seen.empty()) continue;
         }
@@ -406,7 +410,7 @@ class Planner {
     return met;
   }
 
-  // Adds a volume, or extends another node's to serve both: without a floor it ends at
+  // Adds a volume, or extends the same volume of another node. A volume without a floor ends at
   // kVolumeReach.
   void add_volume(const ShadowVolumeDraw& draw) {
     const auto known = std::ranges::find_if(plan_.volumes, [&draw](const ShadowVolumeDraw& other) {
@@ -449,7 +453,7 @@ class Planner {
                        caster.T_table_object);
   }
 
-  // A volume for phantoms alone is planned only if it meets one.
+  // A volume for phantoms alone is planned only if it reaches one.
   bool volume_shows(const ShadowVolumeDraw& draw) {
     if (!draw.on_planes || !out_of_view(hull_of_volume(casting_box(draw), draw.light_place,
                                                        draw.floors, kVolumeReach)))
@@ -457,8 +461,8 @@ class Planner {
     return skip(SkipReason::volume_out_of_view, draw.object);
   }
 
-  // Returns whether rays may be in view: they lie between the light, the caster and its box's
-  // images on the planes. Unknown, and true, for a light that is not above the box.
+  // Returns true if rays may be in view. They lie in the hull of the light, the caster's box and
+  // its projections onto the planes; if the light is not above the box, returns true.
   bool rays_show(const LightRayDraw& draw) {
     const BoxCorners corners = casting_box(draw);
     std::vector<Eigen::Vector3d> hull(corners.begin(), corners.end());
@@ -483,8 +487,8 @@ class Planner {
     return !out_of_view(std::move(hull)) || skip(SkipReason::rays_out_of_view, draw.object);
   }
 
-  // Returns whether a hard shadow may be in view, by the image of the caster's box. Unknown, and
-  // true, for a box that reaches under the plane or up to the light.
+  // Returns true if a hard shadow may be in view, judged by the projection of the caster's box.
+  // Returns true for a box that extends below the plane or up to the light.
   bool hard_shadow_shows(const HardShadowDraw& draw) {
     const BoxCorners corners = casting_box(draw);
     const HeightRange heights = heights_above(draw.plane_frame, corners);
@@ -506,13 +510,13 @@ class Planner {
     return !out_of_view(image) || skip(SkipReason::shadow_out_of_view, draw.object);
   }
 
-  // Drops layers that cannot show and returns whether any may. Conservative: the mesh lies inside
-  // its box.
+  // Drops layers that are certainly invisible; returns true if any may be visible. Conservative, as
+  // it tests the mesh's box.
   bool something_to_see(ShadowDraw& draw, const Model& model, const HeightRange& heights) {
     if (heights.high < -kContactTolerance_m)
       return skip(SkipReason::shadow_below_plane, draw.object);
     if (traits_of(draw.technique).has_penumbra) {
-      // In a light of one size each part keeps its umbra up to its own height.
+      // With a light of one size, each part loses its umbra at its own height.
       const bool one_light = has_one_light_size(draw);
       const auto above = [&](ShadowLayer layer) {
         return heights.low >
@@ -544,15 +548,15 @@ class Planner {
     return std::min(plan_.overlay_opacity, static_cast<float>(opacity_of(state_, object)));
   }
 
-  // Returns whether the hull of these points, table frame, is out of view; false for an unknown,
-  // empty hull.
+  // Returns true if the convex hull of the points (table frame) is out of view. An empty hull is
+  // unknown and returns false.
   template <class Points>
   [[nodiscard]] bool out_of_view(Points hull) const {
     for (Eigen::Vector3d& corner : hull) corner = T_camera_table_ * corner;
     return !hull.empty() && frustum_.misses(hull);
   }
 
-  // Notes the reason and returns false.
+  // Records the reason and returns false.
   bool skip(SkipReason reason, int subject) {
     plan_.skipped.push_back({reason, subject});
     return false;
@@ -563,7 +567,7 @@ class Planner {
   const PlanOptions& options_;
   FramePlan& plan_;
   std::map<int, std::set<int>> lights_on_;                // by plane: lights with hard shadows
-  std::set<int> volume_lights_;                           // lights with volumes, in view or not
+  std::set<int> volume_lights_;                           // all lights with volumes, in view or not
   std::map<int, std::vector<OverPlane>> receivers_over_;  // by plane
   ViewFrustum frustum_;
   Transform<frame::Camera, frame::Table> T_camera_table_;

@@ -1,5 +1,5 @@
-// Decides what one frame draws, before any GL call. Pure: the same scene, pose and options give the
-// same plan.
+// Decides what one frame draws, before any GL call. A pure function: equal scene, pose and options
+// give equal plans.
 #pragma once
 
 #include <Eigen/Core>
@@ -29,25 +29,25 @@ struct PlanOptions {
   bool proxies = true;                       // false: every object casts with its own mesh
   LayerDrawing layers = LayerDrawing::automatic;
   bool light_rays = false;  // for every shadow node
-  // Skip what can't be seen and reuse what an earlier frame made. The image is the same either way,
-  // bit for bit.
+  // Skips invisible draws and reuses results of earlier frames. The image is bit for bit the same
+  // with false.
   bool skip = true;
 };
 
 struct ObjectDraw {
   int object = 0;  // index into Scene::objects
   Placement T_table_object;
-  float opacity = 1.0F;  // at most the overlay's
+  float opacity = 1.0F;  // limited by the overlay's
 };
 
-// A plane that receives shadows, with the eye in front of it. It hides the planes behind it.
+// A shadow-receiving plane whose front faces the eye. It hides the planes behind it.
 struct PlaneReceiver {
   int plane = 0;  // index into Scene::planes
   PlaneFrame frame;
-  float opacity = 1.0F;  // of its shadows; at most the overlay's
+  float opacity = 1.0F;  // of its shadows; limited by the overlay's
 };
 
-// The inputs of the shapes of a caster's layers on a plane, however dark and visible they are.
+// All inputs of the shape of a caster's layers on a plane, without their darkness and visibility.
 struct ShadowShape {
   ShadowTechnique technique = ShadowTechnique::layered;
   KernelSource kernels = KernelSource::automatic;
@@ -59,32 +59,33 @@ struct ShadowShape {
   friend bool operator==(const ShadowShape&, const ShadowShape&) = default;
 };
 
-// Returns whether the light has one size for all parts, so that each loses its umbra at its own
-// height.
+// Returns true if the light has the same size for all parts, so that each part loses its umbra at
+// its own height.
 [[nodiscard]] bool has_one_light_size(const ShadowShape& shadow);
 
-// One caster's layered, field or simple shadow on one plane. `walls` are simple shadows.
+// One caster's layered, field or simple shadow on one plane. Shadows of the technique `walls` are
+// simple.
 struct ShadowDraw : ShadowShape {
   int node = 0, object = 0, plane = 0;                // indices into the scene
   LightFractions fractions;                           // the scene's, lifted by its ambient light
   double tone_exponent = kUsualToneExponent;          // FramePlan::tone_exponent
-  bool umbra = true, middle = true, penumbra = true;  // which layers have anything to draw
-  bool off_outline = false;                           // its bounds miss the plane's outline
-  float opacity = 1.0F;                               // of caster and plane together
-  // A disc on the plane that contains every layer [m], unless the kernels come from a file.
+  bool umbra = true, middle = true, penumbra = true;  // which layers are not empty
+  bool off_outline = false;                           // its bounds are outside the plane's outline
+  float opacity = 1.0F;                               // product of the caster's and the plane's
+  // A disc on the plane that contains every layer [m]; not valid for kernels from a file.
   Eigen::Vector2d centre = Eigen::Vector2d::Zero();
   double radius = 0.0;
 };
 
-// The part of such a shadow that falls on a phantom or on another virtual object above the plane:
-// cast along the normal onto every height of the receiver, as on a plane there
-// (docs/rendering.md#shadows-on-receivers). No object receives its own shadow or its children's: at
-// every height its surface touches the part above it, and a penumbra begins there.
+// The part of such a shadow that falls on a phantom or on another virtual object above the plane.
+// It is cast along the normal; a point of the receiver gets the shadow of a plane at its height
+// (docs/rendering.md#shadows-on-receivers). Objects receive no shadow of themselves or their
+// children, because their surface would be in contact with the caster everywhere.
 struct ReceivedShadowDraw {
   int receiver = 0;   // index into Scene::objects, one of FramePlan::phantoms or objects
   ShadowDraw shadow;  // on the plane, with all layers; its opacity includes the receiver's
-  // About shadow.centre, contains every layer at every height [m]; infinite for kernels from a
-  // file.
+  // Radius around shadow.centre that contains every layer at every height [m]; infinity for kernels
+  // from a file.
   double radius = 0.0;
   double top = 0.0;  // upper bound of the caster's height above the plane [m]
 };
@@ -92,25 +93,26 @@ struct ReceivedShadowDraw {
 struct LitCaster {
   int object = 0, light = 0;  // indices into the scene
   Placement T_table_object;
-  Eigen::Vector4d light_place;  // as PlacedLight::place
+  Eigen::Vector4d light_place;  // see PlacedLight::place
   bool proxy = true;            // the author's reduced model casts, if there is one
   float opacity = 1.0F;         // of the caster
 };
 
-// One caster's projected shadow on one plane; its opacity is that of caster and plane together.
+// One caster's projected shadow on one plane; its opacity is the product of the caster's and the
+// plane's.
 struct HardShadowDraw : LitCaster {
   int plane = 0;  // index into Scene::planes
   PlaneFrame plane_frame;
 };
 
-// One caster's shadow volume, on everything that is drawn into the depth buffer; or on phantoms
-// alone, if its shadow on planes is a projected one. Each caster and light occurs once. If one node
-// asks for volumes, the projected shadows of all nodes are drawn as volumes. Where the shadow
-// falls, the receiver's opacity counts too.
+// One caster's shadow volume for one light. It darkens all surfaces in the depth buffer, or
+// phantoms alone if the shadow on planes is a projected one. Each pair of caster and light occurs
+// once. If any node uses volumes, the projected shadows of all nodes are drawn as volumes. The
+// receiver's opacity multiplies the shadow's.
 struct ShadowVolumeDraw : LitCaster {
-  std::vector<PlaneFrame> floors;         // the unbounded planes that receive
-  bool on_planes = true;                  // and on virtual objects
-  std::vector<BoundingSphere> receivers;  // for phantoms alone: those it may meet; empty: any
+  std::vector<PlaneFrame> floors;         // the unbounded receiving planes
+  bool on_planes = true;                  // also on virtual objects; else on phantoms alone
+  std::vector<BoundingSphere> receivers;  // phantoms alone: those it may reach; empty: all
 };
 
 // Rays from a light through one caster's vertices onto planes.
@@ -127,18 +129,20 @@ struct FramePlan {
   CameraPose T_table_camera;
   Translucency translucency = Translucency::automatic;
   LayerDrawing layers = LayerDrawing::automatic;
-  // False: reuse only kernels of earlier frames, and draw masks also where they darken nothing.
+  // False: reuses no results of earlier frames except kernels, and draws masks even where they have
+  // no effect.
   bool reuse = true;
   float overlay_opacity = 1.0F;      // 1 when tracked, lower when uncertain or coasting
   std::vector<ObjectDraw> phantoms;  // depth only
   std::vector<ObjectDraw> objects;
-  std::vector<PlaneReceiver> receivers;  // of all nodes and techniques, in view or not, each once
+  std::vector<PlaneReceiver> receivers;  // each once, for all nodes and techniques; in view or not
   std::vector<ShadowDraw> shadows;
-  // Skipped shadows: culling one must not change how the rest is drawn.
+  // Skipped shadows, because culling one must not change how the rest is drawn.
   std::vector<ShadowDraw> unseen_shadows;
   std::vector<ReceivedShadowDraw> received_shadows;
-  // Number of pairs of casters and receivers that may meet, in view or not: it limits the
-  // resolution of their masks, which must not depend on the view.
+  // Number of pairs of a caster and a receiver that its shadow may reach. Limits the resolution of
+  // their masks; counts pairs out of view as well, so that the resolution does not depend on the
+  // view.
   std::size_t meeting_pairs = 0;
   std::vector<HardShadowDraw> hard_shadows;
   std::vector<ShadowVolumeDraw> volumes;
@@ -150,7 +154,7 @@ struct FramePlan {
   std::vector<SkippedPass> skipped;
 };
 
-// Returns the plan's draw of an object or phantom, or null.
+// Returns the plan's draw of an object or phantom, or nullptr.
 [[nodiscard]] const ObjectDraw* drawn_object(const FramePlan& plan, int object);
 
 [[nodiscard]] FramePlan plan_frame(const Scene& scene, const SceneState& state,

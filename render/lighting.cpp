@@ -14,7 +14,7 @@ std::vector<PlacedLight> lights_or_lamp(const std::vector<PlacedLight>& lights) 
 }
 
 Lighting lighting_for(const Scene& scene, const SceneState& state) {
-  // Cooler from above, warmer from wood and paper below.
+  // Bluish light from above, reddish light reflected by wood and paper below.
   const Eigen::Vector3d sky_tint(1.08, 1.12, 1.18);
   const Eigen::Vector3d ground_tint(0.52, 0.49, 0.45);
   Lighting lighting;

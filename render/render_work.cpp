@@ -11,7 +11,7 @@ namespace {
 
 enum class Subject { none, object, plane, light, node };
 
-// `text`: {0} and {1} are the names of the subjects, {2} is kVolumeReach.
+// `text`: {0} and {1} are names of scene entries, {2} is kVolumeReach.
 struct ReasonEntry {
   std::string_view key;
   Subject subject = Subject::object;

@@ -16,32 +16,33 @@ struct Scene;
 // In the order of kCounterNames.
 enum class Counter : std::size_t {
   shadow_vertices,     // vertices that the CPU projected or clipped for shadows
-  kernel_generations,  // kernel sets, and sets of part lights, for a tilt
-  // Shadows drawn from the geometry of an earlier frame, and recomputed shadows.
+  kernel_generations,  // sets of kernels, and of part lights, made for a tilt
+  // Shadows drawn from the geometry of an earlier frame, and shadows recomputed.
   reprojections,
   triples_recomputed,
   proxy_shadows,      // drawn from a reduced mesh
   proxy_checks,       // comparisons of a reduced mesh with its model
   proxy_faces_saved,  // by proxy_shadows, over all their layers
-  // Masks of the layers on a plane: drawn, and kept from an earlier frame.
+  // Masks of the layers on a plane: drawn, and reused from an earlier frame.
   layer_masks_drawn,
   layer_masks_kept,
-  mask_pieces_skipped,  // pieces of these masks that darken nothing
-  // Masks of the shadows on phantoms and objects, one for each level: drawn, and kept.
+  mask_pieces_skipped,  // pieces of these masks without effect
+  // Masks of shadows on phantoms and objects, one per level: drawn, and reused.
   masks_drawn,
   masks_kept,
-  // Video frames copied to the GPU, or read in the camera's own buffer; neither if already there.
+  // Video frames copied to the GPU, and frames read in the camera's buffer. Frames already uploaded
+  // are not counted.
   video_copies,
   video_imports,
   // Through pixel buffers: copies of the video, and images of request_image().
   pixel_buffer_uploads,
   pixel_buffer_read_backs,
-  // Faces of the kernel sets made in this frame, and those twisted in some layer.
+  // Faces of the kernel sets made in this frame, and faces twisted in some layer.
   faces_tested,
   faces_twisted,
-  passes_drawn,    // passes with draw calls, and the video
+  passes_drawn,    // passes with draw calls, including the video
   passes_skipped,  // entries of the plan's and the passes' `skipped`
-  draw_calls,      // OpenGL draw calls; stays last
+  draw_calls,      // OpenGL draw calls; must be last
 };
 // The counters' keys in the report.
 inline constexpr auto kCounterNames = std::to_array<std::string_view>(
@@ -70,8 +71,7 @@ class RenderCounters {
   std::array<std::int64_t, kCounterNames.size()> values_{};
 };
 
-// The reason that something is not drawn. The comments name the kinds of SkippedPass::subject and
-// `other`.
+// Reasons for not drawing. The comments give the kinds of SkippedPass::subject and `other`.
 enum class SkipReason {
   no_pose,                 // -
   faded_out,               // -
@@ -110,7 +110,7 @@ struct SkippedPass {
 
 // Results reused from an earlier frame.
 enum class KeepReason {
-  video,         // the frame is on the GPU already
+  video,         // the frame was already on the GPU
   layer_mask,    // plane
   phantom_mask,  // receiver, caster
   count          // number of reasons
@@ -121,20 +121,20 @@ struct KeptPart {
   int subject = -1, other = -1;
 };
 
-// The key in the report: "object_out_of_view", "video", ...
+// Returns the key in the report: "object_out_of_view", "video", ...
 [[nodiscard]] std::string_view key_of(SkipReason reason);
 [[nodiscard]] std::string_view key_of(KeepReason reason);
-// Text for a user: "rotor: outside the view".
+// Returns a text for users: "rotor: outside the view".
 [[nodiscard]] std::string text_of(const SkippedPass& skipped, const Scene& scene);
 [[nodiscard]] std::string text_of(const KeptPart& kept, const Scene& scene);
 
-// Distance of the ends of shadow volumes from the table's origin [m]: before the far plane of a
-// camera less than 8 m away from it.
+// Maximum distance of shadow volumes from the table's origin [m]. Within the far plane of a camera
+// up to 8 m from the origin.
 inline constexpr double kVolumeReach = 12.0;
 
 struct RenderWork {
   RenderCounters counters;
-  std::vector<SkippedPass> skipped;  // by the passes, for reasons found in the geometry
+  std::vector<SkippedPass> skipped;  // found by the passes from the geometry
   std::vector<KeptPart> kept;
 
   [[nodiscard]] std::int64_t& operator[](Counter counter) { return counters[counter]; }

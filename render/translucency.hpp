@@ -14,7 +14,7 @@ enum class Translucency {
   blend,          // the blending hardware multiplies or mixes
   mesh,           // screen-door: pixels of an ordered pattern are black, the others unchanged
   retexture,      // fragments fetch the colour under them and write the result
-  geometry_mesh,  // the mesh of Layered Penumbrae, as a baseline: black strips on the plane
+  geometry_mesh,  // black strips on the plane, as in Layered Penumbrae; a baseline
 };
 
 struct TranslucencyName {
@@ -45,8 +45,8 @@ static_assert(kTranslucencyNames.size() ==
   return std::nullopt;
 }
 
-// Replaces `automatic` by a mode that works. Blending and fetching give the same image, blending at
-// less cost; a mesh needs neither.
+// Replaces `automatic` by a mode that works in the context. `blend` and `retexture` give the same
+// image, `blend` at a lower cost; `mesh` needs neither ability.
 [[nodiscard]] constexpr Translucency choose_translucency(Translucency requested,
                                                          const FragmentAbilities& abilities) {
   if (requested != Translucency::automatic) return requested;
@@ -54,20 +54,19 @@ static_assert(kTranslucencyNames.size() ==
   return abilities.fetches ? Translucency::retexture : Translucency::mesh;
 }
 
-// Drawing of layered, field and simple shadows on a plane. Both methods show the same shadow.
+// Methods of drawing layered, field and simple shadows on a plane. They show the same shadow.
 enum class LayerDrawing {
-  // A mask (docs/rendering.md#masks); directly if all shadows on a plane are simple, or with
-  // multisampling if the casters have few faces.
+  // `mask`, or `direct` if all shadows on a plane are simple, or if the framebuffer is multisampled
+  // and the casters have few faces (docs/rendering.md#masks).
   automatic,
-  // The caster's faces, projected by the GPU, once for each layer; fields as textures.
+  // The GPU projects the caster's faces once for each layer; fields are textures.
   direct,
-  // An image of all layers, made of the casters' silhouettes, of their faces if they are open or
-  // cut
-  // at a height, or of a field's outlines; directly if the orientation of faces is unknown.
+  // One image of all layers, rasterised from the casters' silhouettes, from their faces if open or
+  // clipped, or from a field's outlines; `direct` if the orientation of faces is unknown.
   mask,
 };
 
-// Number of places in the screen-door's pattern; densities are multiples of one place.
+// Number of pixels in the screen-door's pattern, and thus of its densities.
 inline constexpr int kDoorPlaces = 16;
 
 }  // namespace penumbra

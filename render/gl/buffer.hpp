@@ -13,7 +13,7 @@
 namespace penumbra {
 
 enum class BufferUse { vertices, indices };
-enum class BufferLife { once, every_frame };  // how often it is written
+enum class BufferLife { once, every_frame };  // how often the buffer is written
 
 class GlBuffer {
  public:
@@ -36,11 +36,11 @@ class VertexArray {
  public:
   VertexArray() : handle_(VertexArrayHandle::create()) {}
   void bind() const;
-  // Feeds layout(location = index) of the bound array from the bound vertex buffer: `count` floats,
-  // `offset` bytes into each `stride` bytes.
+  // Sets the vertex attribute layout(location = index) of the bound array: `count` floats of the
+  // bound vertex buffer, at byte `offset` of each `stride` bytes.
   static void attribute(unsigned index, int count, std::size_t stride, std::size_t offset);
-  // The same for consecutive locations, from floats without gaps between them. `counts`: floats of
-  // each location; `offset`: bytes before the first vertex.
+  // The same for consecutive locations of tightly packed floats. `counts`: floats of each location;
+  // `offset`: bytes before the first vertex.
   static void attributes(std::initializer_list<int> counts, unsigned first = 0,
                          std::size_t offset = 0);
 
@@ -51,7 +51,7 @@ class VertexArray {
 // A vertex array with its own buffers.
 class GlMesh {
  public:
-  // `counts`: floats of layout(location = 0), 1 ... in a vertex.
+  // `counts`: floats per vertex at layout(location = 0), 1, ...
   explicit GlMesh(std::initializer_list<int> counts);
 
   template <class Vertex>
@@ -60,11 +60,12 @@ class GlMesh {
     vertices_.write(std::as_bytes(std::span(vertices)), life);
     count_ = static_cast<int>(vertices.size());
   }
-  // From here on draw() goes through these indices; to be called after write().
+  // Makes draw() use these indices. Call it after write().
   void write_indices(std::span<const std::uint32_t> indices, BufferLife life = BufferLife::once);
   void bind() const { layout_.bind(); }
   void bind_vertices() const { vertices_.bind(); }
-  // Draws all of it as primitives of this mode, or `count` vertices or indices from `first`.
+  // Draws primitives of this mode from all vertices or indices, or from `count` of them starting at
+  // `first`.
   void draw(unsigned mode) const { draw(mode, 0, count_); }
   void draw(unsigned mode, int first, int count) const;
   [[nodiscard]] int count() const { return count_; }

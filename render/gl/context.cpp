@@ -34,7 +34,7 @@ GlInfo current_gl_info(GlApi api) {
 
 std::optional<unsigned> take_gl_error(const GlInfo& context) {
   const GLenum first = glGetError();
-  // A lost context may report errors without end.
+  // Limits the loop, because a lost context may report errors for ever.
   for (int i = 0; first != GL_NO_ERROR && i < 16 && glGetError() != GL_NO_ERROR; ++i) {
   }
   if (context.tells_resets && glGetGraphicsResetStatus() != GL_NO_ERROR) return GL_CONTEXT_LOST;

@@ -1,4 +1,4 @@
-// OpenGL contexts, with a window (GLFW) or offscreen (EGL), and the errors that they report.
+// OpenGL contexts, with a window (GLFW) or offscreen (EGL), and their errors.
 #pragma once
 
 #include <functional>
@@ -17,14 +17,14 @@ struct GlInfo {
   std::string renderer;
   std::string version;
   bool software = false;  // a CPU rasteriser: llvmpipe, softpipe, swrast
-  // The context reports a reset of the driver (GL_KHR_robustness). Without that a reset shows as
-  // another error, or ends the process.
+  // The context reports driver resets (GL_KHR_robustness). Otherwise a reset causes another error
+  // or ends the process.
   bool tells_resets = false;
 };
 [[nodiscard]] GlInfo current_gl_info(GlApi api);
 
-// Returns the first OpenGL error since the last call and clears the rest; GL_CONTEXT_LOST if the
-// driver was reset.
+// Returns the first OpenGL error since the previous call and clears the others; GL_CONTEXT_LOST if
+// the driver was reset.
 [[nodiscard]] std::optional<unsigned> take_gl_error(const GlInfo& context);
 // Returns the message for a user: the cause and, if there is one, the remedy.
 [[nodiscard]] std::string gl_error_text(unsigned code);
@@ -56,8 +56,8 @@ class GlContext {
 
   // Returns false once the user closed the window or its display was lost.
   [[nodiscard]] virtual bool poll_events() { return true; }
-  // Returns whether the X server ended, or another program destroyed the window. The context still
-  // draws into framebuffer objects.
+  // Returns true if the X server ended or another program destroyed the window. The context can
+  // still draw into framebuffer objects.
   [[nodiscard]] virtual bool display_lost() const { return false; }
   virtual void swap() {}
   // Size of the window's framebuffer [px]; {0, 0} offscreen.
@@ -82,7 +82,7 @@ struct WindowOptions {
   GlApi api = GlApi::gl33;
   bool vsync = true;
 };
-// Fails without a display.
+// Fails if there is no display.
 [[nodiscard]] Result<std::unique_ptr<GlContext>> create_window_context(
     const WindowOptions& options);
 [[nodiscard]] bool display_available();  // DISPLAY or WAYLAND_DISPLAY is set

@@ -1,4 +1,4 @@
-// Offscreen contexts through EGL, with no window system and no display.
+// Offscreen contexts through EGL, without a window system or display.
 #include <epoxy/egl.h>
 #include <epoxy/gl.h>
 
@@ -57,8 +57,8 @@ struct Platform {
   EGLDisplay display;
 };
 
-// Displays in the order of preference. The default one comes last: some drivers need a window
-// system for it.
+// Returns the displays in order of preference. The default display is last, because some drivers
+// need a window system for it.
 std::vector<Platform> find_platforms() {
   std::vector<Platform> platforms;
   const char* client = eglQueryString(EGL_NO_DISPLAY, EGL_EXTENSIONS);
@@ -86,8 +86,8 @@ std::vector<Platform> find_platforms() {
   return platforms;
 }
 
-// Returns the attribute that requests reports of driver resets, or EGL_NONE. Its value is
-// EGL_LOSE_CONTEXT_ON_RESET in the core and in both extensions.
+// Returns the attribute that enables reports of driver resets, or EGL_NONE. Its value is always
+// EGL_LOSE_CONTEXT_ON_RESET.
 EGLint reset_notification_attribute(GlApi api, EGLint major, EGLint minor, const char* extensions) {
   if (api == GlApi::gles30 && has_extension(extensions, "EGL_EXT_create_context_robustness"))
     return EGL_CONTEXT_OPENGL_RESET_NOTIFICATION_STRATEGY_EXT;
@@ -97,7 +97,7 @@ EGLint reset_notification_attribute(GlApi api, EGLint major, EGLint minor, const
   return EGL_NONE;
 }
 
-// Returns a context, or an error that names what this platform lacks.
+// Returns a context, or an error that reports the missing feature of this platform.
 Result<std::unique_ptr<GlContext>> try_platform(const Platform& platform, GlApi api) {
   if (platform.display == EGL_NO_DISPLAY) return fail("{}: not there", platform.name);
   EGLint major = 0;

@@ -102,7 +102,7 @@ class GlfwContext final : public GlContext {
     const auto* self = static_cast<GlfwContext*>(glfwGetWindowUserPointer(window));
     if (self->on_event_) self->on_event_(event);
   }
-  // Adds the pointer's position.
+  // Sends an event with the pointer's position.
   static void emit(GLFWwindow* window, Kind kind, int code, int modifiers) {
     WindowEvent event;
     event.kind = kind;
@@ -111,7 +111,7 @@ class GlfwContext final : public GlContext {
     event.control = (modifiers & GLFW_MOD_CONTROL) != 0;
     event.alt = (modifiers & GLFW_MOD_ALT) != 0;
     glfwGetCursorPos(window, &event.x, &event.y);
-    // From screen coordinates to pixels.
+    // Converts screen coordinates to pixels.
     int width = 0, height = 0, width_px = 0, height_px = 0;
     glfwGetWindowSize(window, &width, &height);
     glfwGetFramebufferSize(window, &width_px, &height_px);
@@ -125,7 +125,7 @@ class GlfwContext final : public GlContext {
   GLFWwindow* window_;
   mutable Size last_size_;
   std::function<void(const WindowEvent&)> on_event_;
-  // The window's area before it filled the screen.
+  // The window's area before it became full-screen.
   int at_x_ = 0, at_y_ = 0, at_width_ = 640, at_height_ = 480;
 };
 
@@ -161,14 +161,14 @@ Result<std::unique_ptr<GlContext>> create_window_context(const WindowOptions& op
     glfwWindowHint(GLFW_CLIENT_API, GLFW_OPENGL_ES_API);
     glfwWindowHint(GLFW_CONTEXT_CREATION_API, GLFW_EGL_CONTEXT_API);
   }
-  // Images are drawn into framebuffer objects and copied: the window needs colour only.
+  // Images are copied from framebuffer objects, so the window needs no depth and stencil.
   glfwWindowHint(GLFW_DEPTH_BITS, 0);
   glfwWindowHint(GLFW_STENCIL_BITS, 0);
   const auto create = [&](int robustness) {
     glfwWindowHint(GLFW_CONTEXT_ROBUSTNESS, robustness);
     return glfwCreateWindow(options.width, options.height, options.title.c_str(), nullptr, nullptr);
   };
-  // With reports of driver resets, if the driver has them.
+  // Enables reports of driver resets, if the driver supports them.
   GLFWwindow* window = create(GLFW_LOSE_CONTEXT_ON_RESET);
   if (window == nullptr) window = create(GLFW_NO_ROBUSTNESS);
   if (window == nullptr) {

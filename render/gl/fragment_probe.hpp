@@ -1,4 +1,4 @@
-// Tests by drawing how a context handles translucent fragments.
+// Tests by drawing which translucency modes work in a context.
 #pragma once
 
 #include "core/error.hpp"

@@ -23,7 +23,7 @@ void clear_color(float alpha) {
   glClear(GL_COLOR_BUFFER_BIT);
 }
 
-// Makes a texture that is filtered by the nearest texel, bound to the active unit.
+// Creates a texture with nearest filtering and binds it to the active unit.
 TextureHandle nearest_texture() {
   TextureHandle texture = TextureHandle::create();
   glBindTexture(GL_TEXTURE_2D, texture.id());
@@ -32,7 +32,7 @@ TextureHandle nearest_texture() {
   return texture;
 }
 
-// Allocates the bound texture.
+// Allocates RGBA storage for the bound texture.
 void store_rgba(bool half_floats, int width, int height) {
   glTexImage2D(GL_TEXTURE_2D, 0, half_floats ? GL_RGBA16F : GL_RGBA8, width, height, 0, GL_RGBA,
                half_floats ? GL_HALF_FLOAT : GL_UNSIGNED_BYTE, nullptr);

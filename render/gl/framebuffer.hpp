@@ -1,5 +1,5 @@
-// Framebuffers: RGBA8 with 24-bit depth and 8-bit stencil, of one or several samples a pixel. Row 0
-// is the TOP row of the image, so that reading back needs no flip.
+// Framebuffers: RGBA8 with 24-bit depth and 8-bit stencil, with one or several samples per pixel.
+// Row 0 is the TOP row of the image, so that reading back needs no flip.
 #pragma once
 
 #include <cstdint>
@@ -11,15 +11,15 @@
 
 namespace penumbra {
 
-// The part of a window that an image fills with its proportions kept [px], from the window's top
-// left corner.
+// The area of a window that an image fills without distortion [px], from the window's top left
+// corner.
 struct PictureArea {
   int x = 0, y = 0, width = 0, height = 0;
 };
 [[nodiscard]] PictureArea picture_area(int picture_width, int picture_height,
                                        GlContext::Size window);
 
-// An image from main memory, for a window.
+// Shows images from main memory in a window.
 class UploadedPicture {
  public:
   [[nodiscard]] static Result<UploadedPicture> create(int width, int height);
@@ -38,26 +38,26 @@ class UploadedPicture {
 class Framebuffer {
  public:
   Framebuffer() = default;  // no framebuffer
-  // `samples`: per pixel; 0: no multisampling. Fails if the driver has fewer.
+  // `samples`: per pixel; 0: no multisampling. Fails if the driver supports fewer.
   [[nodiscard]] static Result<Framebuffer> create(int width, int height, int samples = 0);
   // Samples per pixel, at least the requested number; 0 without multisampling.
   [[nodiscard]] int samples() const { return samples_; }
 
   void bind() const;  // for drawing, with its viewport
-  // Binds and clears a second colour buffer with the same depth and stencil, in which passes add up
-  // terms: RGBA in half floats, or 8 bits if the driver can't draw those.
+  // Binds and clears a second colour buffer ("sums") with the same depth and stencil, in which
+  // passes add up terms: half-float RGBA, or 8 bits if the driver can't render to half floats.
   void bind_sums();
   // Binds the sums as a texture, and this framebuffer for drawing.
   void bind_sums_texture(int unit);
-  // Binds a copy of the image, or of the sums, as a texture. What was copied is bound for drawing
-  // afterwards.
+  // Copies the image, or the sums, and binds the copy as a texture. Leaves the copied framebuffer
+  // bound for drawing.
   void copy_picture(int unit);
   void copy_sums(int unit);
-  // Rows top to bottom, width * height * 4 bytes; the mean of a pixel's samples.
+  // Reads rows top to bottom, width * height * 4 bytes; multisampled pixels are averaged.
   void read_rgba(std::span<std::uint8_t> rgba) const;
   // Reads into the bound pixel pack buffer, asynchronously.
   void read_rgba_to_buffer() const;
-  // Discards depth and stencil at the end of a frame: tiling GPUs then don't store them.
+  // Discards depth and stencil at the end of a frame, so that tiling GPUs don't store them.
   void invalidate_depth_stencil() const;
   // Copies to the window's framebuffer, at picture_area().
   void present(GlContext::Size window) const;
@@ -69,7 +69,7 @@ class Framebuffer {
     TextureHandle texture;
   };
   void make_sums();
-  // Returns a framebuffer of one sample with the image: this one, or a copy.
+  // Returns a single-sample framebuffer with the image: this one, or a copy.
   [[nodiscard]] unsigned resolved() const;
   void read(void* rgba) const;
   void copy(unsigned from, Copy& to, bool half_floats, int unit) const;

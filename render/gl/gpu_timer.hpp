@@ -1,5 +1,5 @@
-// GPU time of draw calls by timer queries. Results arrive some frames later; nothing waits for
-// them.
+// Measures the GPU time of draw calls by timer queries. Results arrive some frames later, without
+// waiting.
 #pragma once
 
 #include <array>
@@ -14,18 +14,19 @@ namespace penumbra {
 
 class GpuTimer {
  public:
-  // Pending results; a GPU is behind by two or three frames.
+  // Maximum number of pending results; a GPU is two or three frames behind.
   static constexpr std::size_t kMost = 8;
 
-  // The context must be current, now and at every later call. Nothing if the driver has no timer:
-  // OpenGL 3.3 has one, OpenGL ES with GL_EXT_disjoint_timer_query.
+  // The context must be current, now and at every later call. Returns nullopt if the driver has no
+  // timer: OpenGL 3.3 has one, OpenGL ES needs GL_EXT_disjoint_timer_query.
   [[nodiscard]] static std::optional<GpuTimer> create(GlApi api);
 
-  // Enclose what is measured; not nested. With kMost results pending nothing is measured.
+  // Enclose the measured draw calls; not nested. Nothing is measured while kMost results are
+  // pending.
   void begin();
   void end();
-  // Appends the times [ms] that have arrived since the last call. After an interruption of the
-  // GPU's clock (GL_GPU_DISJOINT_EXT) none of those begun before counts.
+  // Appends the times [ms] that have arrived since the previous call. An interruption of the GPU's
+  // clock (GL_GPU_DISJOINT_EXT) invalidates all pending measurements.
   void take(std::vector<double>& times_ms);
   // Drops the pending results.
   void forget();

@@ -1,5 +1,5 @@
-// Owners of OpenGL names: move-only, four bytes, deleted by their destructor. The context that
-// made the name must be current then.
+// Owners of OpenGL object names: move-only, four bytes. The destructor deletes the object; its
+// context must be current then.
 #pragma once
 
 #include <utility>

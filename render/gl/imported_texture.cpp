@@ -9,7 +9,7 @@
 namespace penumbra {
 namespace {
 
-// A layout's code of drm_fourcc.h: four letters, the first in the lowest byte.
+// Returns a format code of drm_fourcc.h: four letters, the first in the lowest byte.
 constexpr EGLint drm_format(const char (&letters)[5]) {
   std::uint32_t code = 0;
   for (std::size_t i = 4; i > 0; --i) {
@@ -18,7 +18,8 @@ constexpr EGLint drm_format(const char (&letters)[5]) {
   return static_cast<EGLint>(code);
 }
 
-// Returns the layout with bytes in the order red, green, blue, alpha; 0: cameras don't have it.
+// Returns the format with the byte order red, green, blue, alpha, or 0 for formats that cameras
+// don't use.
 EGLint drm_format_of(TexelFormat format) {
   switch (format) {
     case TexelFormat::r8:
@@ -70,7 +71,7 @@ std::optional<ImportedTexture> ImportedTexture::create(const ImportedPlane& plan
   }
   glBindTexture(GL_TEXTURE_2D, texture.handle_.id());
   glEGLImageTargetTexture2DOES(GL_TEXTURE_2D, image);
-  // Some drivers make the image and refuse the texture.
+  // Some drivers accept the image but reject the texture.
   if (glGetError() != GL_NO_ERROR) return std::nullopt;
   glTexParameteri(GL_TEXTURE_2D, GL_TEXTURE_WRAP_S, GL_CLAMP_TO_EDGE);
   glTexParameteri(GL_TEXTURE_2D, GL_TEXTURE_WRAP_T, GL_CLAMP_TO_EDGE);

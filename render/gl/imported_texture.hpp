@@ -1,5 +1,5 @@
-// Textures over memory of another device: a plane in a camera's DMA-BUF, which the GPU reads in
-// place without a copy.
+// Textures over memory of another device: the GPU reads a plane of a camera's DMA-BUF without a
+// copy.
 #pragma once
 
 #include <cstddef>
@@ -11,8 +11,8 @@
 
 namespace penumbra {
 
-// Returns whether the current context can import: it is an EGL context whose driver has
-// EGL_EXT_image_dma_buf_import and GL_OES_EGL_image.
+// Returns true if the current context can import: an EGL context with EGL_EXT_image_dma_buf_import
+// and GL_OES_EGL_image.
 [[nodiscard]] bool can_import_textures();
 
 struct ImportedPlane {
@@ -23,19 +23,19 @@ struct ImportedPlane {
   std::ptrdiff_t stride = 0;             // [bytes]
 };
 
-// Filtered by the nearest texel. The camera overwrites the memory: the caller keeps the buffer
-// until the GPU has read it.
+// Samples the nearest texel. The caller must not return the buffer to the camera, which overwrites
+// it, before the GPU has read it.
 class ImportedTexture {
  public:
-  // Nothing if the driver refuses this layout. Requires can_import_textures(); that context must be
-  // current now and at the destruction.
+  // Returns nullopt if the driver rejects this layout. Requires can_import_textures(); that context
+  // must be current now and at the destruction.
   [[nodiscard]] static std::optional<ImportedTexture> create(const ImportedPlane& plane);
   void bind(int unit) const;
 
  private:
   explicit ImportedTexture(void* image);
 
-  // The texture goes before its image.
+  // Declared before handle_: the texture must be destroyed before its image.
   std::unique_ptr<void, void (*)(void*)> image_;
   TextureHandle handle_;
 };

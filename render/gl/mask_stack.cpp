@@ -7,7 +7,7 @@
 namespace penumbra {
 namespace {
 
-// OpenGL 3.3 and OpenGL ES 3.0 guarantee 4 if the driver multisamples at all.
+// OpenGL 3.3 and OpenGL ES 3.0 guarantee 4 samples if the driver supports multisampling.
 constexpr int kMostSamples = 4;
 
 }  // namespace

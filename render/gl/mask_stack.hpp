@@ -1,5 +1,5 @@
-// Images of one size that are drawn or uploaded one by one and read as an array texture: masks of a
-// shadow's layers at several heights.
+// An array texture whose images are drawn or uploaded one by one: masks of a shadow's layers at
+// several heights.
 #pragma once
 
 #include <cstdint>
@@ -15,13 +15,13 @@ class MaskStack {
 
   // RGBA8. The contents are undefined afterwards.
   void resize(int width, int height, int count);
-  // 4 bytes a texel, rows in order.
+  // 4 bytes per texel, row 0 first.
   void upload(int index, std::span<const std::uint8_t> rgba) const;
   // Binds and clears an image for drawing, with its viewport.
   void begin(int index);
-  // Ends the drawing: a texel becomes the mean of its samples.
+  // Ends the drawing; averages the samples of each texel.
   void end() const;
-  // Filtered linearly, clamped to the edge; row 0 of what was drawn is at texture coordinate 0.
+  // Binds the array with linear filtering, clamped to the edge; row 0 is at texture coordinate 0.
   void bind(int unit) const;
   static void unbind(int unit);
 
@@ -29,7 +29,7 @@ class MaskStack {
   FramebufferHandle framebuffer_;
   TextureHandle texture_;
   FramebufferHandle samples_framebuffer_;
-  RenderbufferHandle samples_;  // of one image, before it is resolved
+  RenderbufferHandle samples_;  // samples of one image, before they are resolved
   int sample_count_ = 0;        // per texel; 0: no multisampling
   int samples_width_ = 0;
   int samples_height_ = 0;

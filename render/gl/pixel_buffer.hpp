@@ -1,5 +1,5 @@
-// Pixel buffers for asynchronous transfers to and from the GPU. With a CPU rasteriser they cost one
-// more copy.
+// Pixel buffers for asynchronous transfers to and from the GPU. With a CPU rasteriser they cost an
+// additional copy.
 #pragma once
 
 #include <array>
@@ -20,33 +20,34 @@ struct PixelBuffer {
   void bind(unsigned target, std::size_t size, unsigned usage);
 };
 
-// To the GPU: textures are filled from here.
+// Uploads: textures are filled from these buffers.
 class UploadBuffers {
  public:
-  // Maps the next buffer, to be written in full; its old contents are dropped. Empty on failure.
+  // Maps the next buffer, which the caller must overwrite in full. Returns an empty span on
+  // failure.
   [[nodiscard]] std::span<std::uint8_t> map(std::size_t bytes);
-  // Ends the writing; the buffer stays bound as the source of textures until unbind(). Returns
-  // false, with nothing bound, if the driver lost the contents.
+  // Ends the writing and keeps the buffer bound as the source of texture uploads until unbind().
+  // Returns false and unbinds it if the driver lost the contents.
   [[nodiscard]] bool unmap();
   static void unbind();
 
  private:
-  // One is written, one read, and a driver may be behind by one more.
+  // One is written, one is read, and the driver may be one frame behind.
   std::array<PixelBuffer, 3> buffers_;
   std::size_t next_ = 0;
 };
 
-// From the GPU: an image is requested after it is drawn and taken while the next one is drawn.
+// Read-backs: an image is requested after it is drawn and read while the next one is drawn.
 class ReadBackBuffers {
  public:
   static constexpr std::size_t kMost = 2;  // pending images
 
-  // Requests the image as it is now, width * height * 4 bytes.
+  // Requests the current image, width * height * 4 bytes.
   void ask(const Framebuffer& picture, std::size_t bytes);
   [[nodiscard]] std::size_t asked() const { return asked_; }
-  // Returns the oldest pending image; waits until it is drawn.
+  // Reads the oldest pending image; waits until it is drawn.
   [[nodiscard]] Result<void> take(std::span<std::uint8_t> rgba);
-  // Drops the newest pending image, or all.
+  // Drop the newest pending image, or all pending images.
   void drop_last();
   void drop_all() { asked_ = 0; }
 

@@ -23,11 +23,11 @@ std::string preamble(GlApi api, std::span<const std::string_view> defines) {
   return text;
 }
 
-// The first line of file i has number i * kLinesPerFile + 1. (`#line` also takes a string number,
-// but Mesa always reports 0.)
+// The first line of file i has number i * kLinesPerFile + 1. `#line`'s file number is not used,
+// because Mesa always reports 0.
 constexpr std::size_t kLinesPerFile = 100'000;
 
-// Replaces a compiler's "0:LINE" or "0(LINE)" by the file's name and its own line.
+// Replaces "0:LINE" or "0(LINE)" in a compiler's log by the file's name and the line in that file.
 std::string with_file_names(std::string_view log, std::span<const ShaderText> files) {
   std::string named;
   while (!log.empty()) {

@@ -1,4 +1,4 @@
-// GLSL files -> a linked program. Both APIs compile the same text behind different preambles.
+// Links a program from GLSL files. Both APIs compile the same text with different preambles.
 #pragma once
 
 #include <glm/mat3x3.hpp>
@@ -30,7 +30,7 @@ using ShaderFiles = std::vector<std::string_view>;  // names; a stage is their c
 class ShaderProgram {
  public:
   ShaderProgram() = default;  // no program
-  // `defines`: text behind `#define `. A compiler's error names the file and the line.
+  // `defines`: text after `#define `. Compiler errors report the file and the line.
   [[nodiscard]] static Result<ShaderProgram> link(GlApi api, const ShaderFiles& vertex,
                                                   const ShaderFiles& fragment,
                                                   std::span<const std::string_view> defines = {});

@@ -31,7 +31,8 @@ TexelLayout layout_of(TexelFormat format) {
   return {};
 }
 
-// In the order of TextureWrap, and of TextureMipmaps for nearest and linear filters.
+// kWraps: in the order of TextureWrap. kMinFilters: [nearest, linear] in the order of
+// TextureMipmaps.
 constexpr std::array<GLint, 3> kWraps = {GL_REPEAT, GL_MIRRORED_REPEAT, GL_CLAMP_TO_EDGE};
 static_assert(kWraps.size() == static_cast<std::size_t>(TextureWrap::clamp) + 1);
 constexpr std::array<std::array<GLint, 3>, 2> kMinFilters = {

@@ -1,4 +1,4 @@
-// Two-dimensional textures: 8-bit, and half floats.
+// Two-dimensional textures with 8-bit or half-float texels.
 #pragma once
 
 #include <cstddef>
@@ -26,7 +26,7 @@ class Texture2d {
   // Rows top to bottom, `stride` bytes apart; row 0 is at texture coordinate 0.
   void upload(TexelFormat format, int width, int height, const std::uint8_t* data,
               std::ptrdiff_t stride);
-  // The same from rows without gaps, `offset` bytes into the bound pixel unpack buffer.
+  // The same from tightly packed rows at byte `offset` of the bound pixel unpack buffer.
   void upload_from_buffer(TexelFormat format, int width, int height, std::size_t offset);
   void bind(int unit) const;
 
@@ -37,7 +37,7 @@ class Texture2d {
   TexelFormat format_ = TexelFormat::r8;
   int width_ = 0;
   int height_ = 0;
-  std::vector<std::uint8_t> packed_;  // rows without gaps, if the stride is no multiple of a texel
+  std::vector<std::uint8_t> packed_;  // packed rows, if the stride is no multiple of a texel
 };
 
 }  // namespace penumbra

@@ -10,7 +10,7 @@ struct TextureSampling {
   TextureWrap wrap_s = TextureWrap::repeat;
   TextureWrap wrap_t = TextureWrap::repeat;
   bool smooth_near = true;  // magnified: linear, or nearest
-  bool smooth_far = true;   // minified, within a mipmap
+  bool smooth_far = true;   // minified: linear, or nearest, within a mipmap level
   TextureMipmaps mipmaps = TextureMipmaps::linear;
 
   friend auto operator<=>(const TextureSampling&, const TextureSampling&) = default;

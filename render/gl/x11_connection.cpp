@@ -13,13 +13,13 @@ struct Watched {
   std::atomic<XID> window = 0;
 };
 
-// Xlib's handlers take no data of their own.
+// Global state, because Xlib's handlers have no user data.
 Watched& watched() {
   static Watched state;
   return state;
 }
 
-// Looks up a function that GLFW builds for Wayland alone lack.
+// Looks up a function that Wayland-only builds of GLFW lack.
 template <class Function>
 Function* glfw_function(const char* name) {
   return reinterpret_cast<Function*>(dlsym(RTLD_DEFAULT, name));
@@ -30,7 +30,7 @@ int remember_loss(Display* /*display*/) {
   return 0;
 }
 
-// Xlib's default handler would end the process; after this one Xlib's functions fail.
+// Xlib's default handler would end the process; after this handler, Xlib's functions fail instead.
 void go_on(Display* /*display*/, void* /*data*/) {}
 
 int ignore_but_loss(Display* /*display*/, XErrorEvent* error) {

@@ -1,16 +1,16 @@
-// The connection to the X server, which may end while a window is open.
+// Handles the loss of the connection to the X server while a window is open.
 #pragma once
 
 struct GLFWwindow;
 
 namespace penumbra {
 
-// Remembers the loss of the X server instead of ending the process, as Xlib does by default. Call
-// it after glfwInit(). Other errors of X requests are ignored. Does nothing on Wayland.
+// Records the loss of the X server; Xlib's default handler would end the process. Call it after
+// glfwInit(). Ignores other errors of X requests. Has no effect on Wayland.
 void watch_x11_connection();
-// Treats the window's destruction by another program as a loss too.
+// Treats destruction of the window by another program as a loss of the connection.
 void watch_x11_window(GLFWwindow* window);
-// Once true, functions of GLFW and Xlib that use the display must not be called.
+// If true, functions of GLFW and Xlib that use the display must not be called any more.
 [[nodiscard]] bool x11_connection_lost();
 
 }  // namespace penumbra

@@ -1,5 +1,4 @@
-// Visibility of a mesh's faces by the opacity of its material: textures with alpha cut leaves and
-// fences out of plain faces.
+// Determines the visible regions of faces with alpha-tested textures, such as leaves and fences.
 #pragma once
 
 #include <cstddef>
@@ -14,7 +13,8 @@
 
 namespace penumbra {
 
-// The alpha of a texture, with the minimum and maximum of every square of 2^n texels.
+// The alpha channel of a texture, with the minimum and maximum of each square with a side of 2^n
+// texels.
 class AlphaPyramid {
  public:
   AlphaPyramid(const Texture& texture, const TextureSampling& sampling);
@@ -41,25 +41,25 @@ class AlphaPyramid {
 
 enum class FaceSight { hidden, partial, whole };
 
-// The faces of one mesh.
+// Opacity of the faces of one mesh.
 class FaceOpacity {
  public:
   FaceOpacity(const Model& model, const Mesh& mesh);
 
   // Returns true if no face of the mesh can be transparent anywhere.
   [[nodiscard]] bool all_whole() const { return all_whole_; }
-  // `index`: of the face's first corner in Mesh::indices. Faces with alpha mode BLEND are never
-  // partial: they are hidden if fully transparent, else whole.
+  // `index`: position of the face's first corner in Mesh::indices. Faces with alpha mode BLEND are
+  // hidden if fully transparent, else whole, never partial.
   [[nodiscard]] FaceSight sight(std::size_t index) const;
-  // Appends the visible triangles of a face, three corners each. They follow the texture in 2^depth
-  // steps along an edge of the face, or in quarters of a texel.
+  // Appends the visible triangles of a face, three corners each. Their resolution is 2^depth steps
+  // along an edge of the face, or a quarter of a texel if that is coarser.
   void append_seen(std::size_t index, int depth, std::vector<glm::vec3>& corners) const;
 
  private:
   struct Corner {
     glm::dvec3 position;
     glm::dvec2 texcoord;
-    double factor;  // opacity without the texture
+    double factor;  // opacity before multiplication by the texture
   };
   struct Face {
     Corner a, b, c;
@@ -69,7 +69,7 @@ class FaceOpacity {
   [[nodiscard]] Face face(std::size_t index) const;
   [[nodiscard]] FaceSight bounds(const Face& face) const;
   [[nodiscard]] double excess(const Corner& corner) const;
-  // Calls `take` for each visible triangle until it returns false.
+  // Calls `take` for each visible triangle until `take` returns false.
   template <class Take>
   bool walk(const Face& face, int depth, const Take& take) const;
 
@@ -80,14 +80,15 @@ class FaceOpacity {
   bool all_whole_ = true;
 };
 
-// Returns true if some face of the model is visible in part (alpha mode MASK).
+// Returns true if some face of the model is partially visible (alpha mode MASK).
 [[nodiscard]] bool has_cut_outs(const Model& model);
 
-// Returns the greatest depth for append_seen() at which the model's partial faces make at most
-// `most_triangles`, or 0.
+// Returns the maximum depth for append_seen() for which the model's partial faces give no more than
+// `most_triangles` triangles, or 0.
 [[nodiscard]] int cut_out_depth(const Model& model, std::size_t most_triangles);
 
-// Returns a warning that whole faces of a model with cut-outs cast. `file` is named in it.
+// Returns a warning, which contains `file`, that a model with cut-outs casts the shadows of its
+// whole faces.
 [[nodiscard]] std::string warning_of_cut_outs(const std::string& file);
 
 }  // namespace penumbra

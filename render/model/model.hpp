@@ -17,7 +17,7 @@
 
 namespace penumbra {
 
-// RGBA8, rows top to bottom; colours are sRGB-encoded.
+// An RGBA8 image, rows top to bottom; colours are sRGB-encoded.
 struct Texture {
   int width = 0;
   int height = 0;
@@ -26,15 +26,15 @@ struct Texture {
 };
 
 struct MaterialTexture {
-  int image = -1;     // index into Model::textures, or -1: none
+  int image = -1;     // index into Model::textures; -1: none
   int texcoords = 0;  // 0: by Mesh::texcoords; 1: by Mesh::texcoords_2
   TextureSampling sampling;
 };
 
-// glTF's alpha modes: mask is transparent under a cutoff.
+// glTF's alpha modes. mask: transparent below a cutoff.
 enum class AlphaMode { opaque, mask, blend };
 
-// Factors, and textures that they multiply.
+// Factors, each multiplied by its texture.
 struct Material {
   std::string name;
   glm::vec4 base_color{1.0F};  // linear light; w: opacity, except in mode opaque
@@ -49,10 +49,10 @@ struct Material {
   MaterialTexture base_color_texture;          // colour and opacity
   MaterialTexture metallic_roughness_texture;  // green: roughness, blue: metallic
   MaterialTexture normal_texture;              // in the frame of Mesh::tangents
-  MaterialTexture occlusion_texture;           // red: share of the ambient light
+  MaterialTexture occlusion_texture;           // red: visible fraction of the ambient light
   MaterialTexture emissive_texture;            // colour
 
-  // Returns whether it has more than a colour and its texture.
+  // Returns true if it has more than a colour and a colour texture.
   [[nodiscard]] bool has_maps() const {
     return metallic_roughness_texture.image >= 0 || normal_texture.image >= 0 ||
            occlusion_texture.image >= 0 || emissive_texture.image >= 0 ||
@@ -60,7 +60,7 @@ struct Material {
   }
 };
 
-// A named thing in the file: a node of glTF with its mesh, an object or group of OBJ.
+// A named element of the file: a node of glTF with its mesh, an object or group of OBJ.
 struct ModelNode {
   std::string name;
   std::string mesh;  // glTF: the mesh's name
@@ -75,20 +75,20 @@ struct NodeFaces {
 
 // One draw: an indexed triangle list with one material.
 struct Mesh {
-  std::string name;                  // of the first of the file's meshes in it
+  std::string name;                  // of the first of the file's meshes merged into it
   std::vector<glm::vec3> positions;  // [m]
   std::vector<glm::vec3> normals;    // unit, one per position
   std::vector<glm::vec2> texcoords;  // one per position, or empty; (0, 0) at the texture's top left
   std::vector<glm::vec2> texcoords_2;  // the same, for textures with another layout
-  // One per position, or empty: xyz unit, the x of the normal texture; its y is
+  // One per position, or empty. xyz: unit, x axis of the normal texture; its y axis is
   // cross(normal, tangent) * w.
   std::vector<glm::vec4> tangents;
   std::vector<glm::vec4> colors;  // linear, one per position, or empty
   std::vector<std::uint32_t> indices;
-  // Vertex of the model file per vertex, which kernel files refer to. OBJ: index of the `v` line;
-  // glTF: counted through the primitives' POSITION accessors in the order of the file.
+  // For each vertex: its index in the model file, to which kernel files refer. OBJ: index of the
+  // `v` line; glTF: counted over the primitives' POSITION accessors in the order of the file.
   std::vector<std::uint32_t> source_vertex;
-  std::vector<NodeFaces> node_faces;  // in order; empty without names
+  std::vector<NodeFaces> node_faces;  // ascending; empty if the file has no names
   // Shadow kernels that came with the model, one per position [m], or empty.
   std::vector<glm::vec3> shadow_kernels;
   int material = 0;
@@ -110,10 +110,11 @@ struct Model {
   // The up direction (unit) that Mesh::shadow_kernels were made for, if there are any.
   std::optional<glm::vec3> shadow_kernel_up;
   std::string shadow_kernel_geometry;  // KernelStamp of the kernels; may be ""
-  // Groups of parts (part_groups.hpp) that the kernels were stored for; the default groups.
+  // Groups of parts (part_groups.hpp) for which the kernels were stored; used unless the user sets
+  // others.
   std::vector<std::string> shadow_kernel_groups;
-  // Faces of materials that are not double-sided are visible from the front only: from the side
-  // from which their corners turn anticlockwise.
+  // Faces are visible from the front only (corners counter-clockwise), unless the material is
+  // double-sided.
   bool culls_back_faces = false;
   std::vector<std::string> warnings;  // about ignored content of the file
 
@@ -121,7 +122,7 @@ struct Model {
   [[nodiscard]] std::size_t triangle_count() const;
 };
 
-// by_format: glTF is y up and is turned (x, y, z) -> (x, -z, y); OBJ is z up.
+// by_format: glTF is y up and converted, (x, y, z) -> (x, -z, y); OBJ is z up.
 enum class UpAxis { by_format, y, z };
 
 struct ModelLimits {
@@ -130,7 +131,7 @@ struct ModelLimits {
   std::size_t max_triangles = 20'000'000;
   std::size_t max_texture_pixels = std::size_t{64} << 20U;
   double max_coordinate_m = 1e6;  // from Model::origin
-  std::size_t max_meshes = 4096;  // one draw each
+  std::size_t max_meshes = 4096;  // each is one draw call
 };
 
 // Options of load_model().
@@ -141,19 +142,19 @@ struct ModelReading {
   ModelLimits limits = {};
 };
 
-// Loads a .glb, .gltf or .obj file and checks it: finite numbers, index ranges, accessors inside
-// their buffers, counts and sizes; external files only beside the model. Errors name the file and
-// the cause.
+// Loads a .glb, .gltf or .obj file and validates it: finite numbers, index ranges, accessors inside
+// their buffers, counts and sizes. Reads external files only from the model's folder. Errors
+// contain the file and the cause.
 [[nodiscard]] Result<Model> load_model(const std::filesystem::path& file,
                                        const ModelReading& reading = {});
 
 // Makes the model's coordinates relative to `origin`, without moving it.
 void move_origin(Model& model, const Eigen::Vector3d& origin);
 
-// Returns a hash of all positions and faces, on which shadow kernels depend.
+// Returns a hash of all positions and faces, which determine shadow kernels.
 [[nodiscard]] std::string geometry_key(const Model& model);
 
-// Splits edges longer than `max_edge_m`, so that they can follow a curved lens when drawn. Stops at
+// Splits edges longer than `max_edge_m`, so that they follow the lens distortion. Stops at
 // `max_triangles`.
 [[nodiscard]] Mesh subdivided(const Mesh& mesh, float max_edge_m,
                               std::size_t max_triangles = 500'000);

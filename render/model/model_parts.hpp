@@ -1,5 +1,4 @@
-// Shared by the readers of model files: paths beside the model, normals, checks. Internal to
-// render.
+// Functions shared by the readers of model files: paths, normals, checks. Internal to render.
 #pragma once
 
 #include <Eigen/Geometry>
@@ -17,7 +16,7 @@
 
 namespace penumbra {
 
-// Limits recursion in JSON and in node trees.
+// Maximum depth of JSON and of node trees.
 inline constexpr int kMaxModelDepth = 64;
 
 // Keys in the `extras` of a glTF mesh whose primitives have a _SHADOW_KERNEL attribute: the
@@ -27,20 +26,21 @@ inline constexpr std::string_view kKernelGeometryKey = "shadow_kernel_geometry";
 inline constexpr std::string_view kKernelGroupsKey = "shadow_kernel_groups";
 inline constexpr std::size_t kMaxGroups = 1000;
 
-// Returns the path of a file that a model names, in the model's folder: of a name that
-// leaves_folder() only the last part is used. Backslashes are slashes; a leading "file:" is
-// skipped. Fails for a name without a last part. The file need not exist.
+// Returns the path, in the model's folder, of a file that a model refers to. If the name
+// leaves_folder(), only its last component is used. Backslashes count as slashes; a leading "file:"
+// is removed. Fails if the name has no last component. The file need not exist.
 [[nodiscard]] Result<std::filesystem::path> beside_model(const std::filesystem::path& folder,
                                                          std::string_view name);
 // Returns true for a name that leads out of the model's folder: an absolute path, a drive letter, a
-// web address, or a path with "..". Callers of beside_model() warn of it.
+// web address, or a path with "..". Callers of beside_model() then add a warning.
 [[nodiscard]] bool leaves_folder(std::string_view name);
 
-// The greatest coordinate in a model file, in the file's unit. ModelLimits limits the model's size.
+// Maximum absolute coordinate in a model file, in the file's unit. ModelLimits limits the model's
+// size.
 inline constexpr double kMaxFileCoordinate_m = 1e12;
 
-// Returns Model::origin for bounds in the file: their middle if it is far away for their size, else
-// zero. Readers subtract it in double.
+// Returns Model::origin for the bounds in the file: their centre if it is far away relative to
+// their size, else zero. Readers subtract it in double.
 [[nodiscard]] Eigen::Vector3d model_origin(const Eigen::AlignedBox3d& bounds);
 
 // Returns a warning if the resolution `step` [m] of the file's coordinates is too coarse for the
@@ -51,28 +51,28 @@ inline constexpr double kMaxFileCoordinate_m = 1e12;
 // Decodes sRGB, 0 to 1.
 [[nodiscard]] float linear_from_srgb(float encoded);
 
-// Computes unit normals: the faces' normals, weighted by the corner's angle. A vertex without a
-// face of any area gets +z.
+// Computes unit normals: the mean of the faces' normals, weighted by the corners' angles. A vertex
+// without a face of non-zero area gets +z.
 void generate_normals(Mesh& mesh);
 
-// Computes tangents for the layout of `texcoords` or, `second`, `texcoords_2`, weighted by the
-// corner's angle. Splits a vertex at which a layout meets its mirror image. Needs normals.
+// Computes tangents for `texcoords`, or `texcoords_2` if `second`, weighted by the corners' angles.
+// Splits vertices at which a layout meets its mirror image. Requires normals.
 void generate_tangents(Mesh& mesh, bool second);
 
-// Adds a mesh of the same material, as thousands of draws would take seconds. Attributes that only
-// one of the two has get their default values in the other.
+// Merges a mesh of the same material, because thousands of draw calls would be slow. An attribute
+// that one of the two lacks gets default values there.
 void append_mesh(Mesh& mesh, const Mesh& more);
 
 // Decodes a PNG or JPEG into the model, within the limit for all textures. Returns its index.
 [[nodiscard]] Result<int> add_texture(Model& model, std::span<const std::uint8_t> bytes,
                                       const std::string& name, const ModelLimits& limits);
 
-// Checks what drawing and shadows rely on: finite numbers within the limits, equal sizes, indices
-// in range. Makes normals unit and sets the bounds.
+// Checks preconditions of drawing and shadows: finite numbers within the limits, consistent sizes,
+// indices in range. Normalises normals and sets the bounds.
 [[nodiscard]] Result<void> check_model(Model& model, const std::string& name,
                                        const ModelLimits& limits);
 
-// Both set `file_step` to the resolution of the coordinates at the model's place, in the file's
+// Both set `file_step` to the resolution of the coordinates at the model's position, in the file's
 // unit.
 [[nodiscard]] Result<Model> read_gltf(const std::filesystem::path& file,
                                       std::span<const std::uint8_t> bytes, bool binary,

@@ -1,4 +1,4 @@
-// Units of length, and warnings of models whose size suggests another unit.
+// Units of length, and warnings about models whose size suggests another unit.
 #pragma once
 
 #include <array>
@@ -33,7 +33,7 @@ inline constexpr std::array kLengthUnits = {
 inline constexpr double kLargestOnTable = 5.0;
 inline constexpr double kSmallestOnTable = 0.002;
 
-// The means by which a user changes a model's size.
+// How the warning advises to change a model's size.
 enum class SizeRemedy { unit_option, scene_scale };
 
 struct ModelSize {
@@ -42,8 +42,9 @@ struct ModelSize {
   SizeRemedy remedy = SizeRemedy::unit_option;
 };
 
-// Returns a warning, beginning with `subject`, for a model larger than 5 m or smaller than 2 mm:
-// its size, the likely unit of its file and the remedy. Nothing for a model without extent.
+// Returns a warning, beginning with `subject`, if the model is larger than kLargestOnTable or
+// smaller than kSmallestOnTable: its size, the likely unit and the remedy. Returns nullopt for a
+// model without extent.
 [[nodiscard]] std::optional<std::string> warning_of_size(const Model& model, const ModelSize& size,
                                                          const std::string& subject);
 

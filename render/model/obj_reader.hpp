@@ -1,5 +1,4 @@
-// The pieces of the OBJ reader: lines of text, materials, and meshes from faces. Internal to
-// render.
+// Components of the OBJ reader: text lines, materials, and meshes from faces. Internal to render.
 #pragma once
 
 #include <Eigen/Core>
@@ -20,13 +19,13 @@
 
 namespace penumbra {
 
-// Returns the words between blanks and tabs, up to one that starts a comment.
+// Returns the words of a line, separated by blanks and tabs, without the comment.
 [[nodiscard]] std::vector<std::string_view> obj_words(std::string_view line);
-// Returns the line after its first word, without blanks around.
+// Returns the line after its first word, trimmed.
 [[nodiscard]] std::string_view after_keyword(std::string_view line);
-// Returns zero for a number too small for a double, nothing for text or a number too large.
+// Returns 0 if the number underflows a double, nullopt if it overflows or is no number.
 [[nodiscard]] std::optional<double> finite_number(std::string_view word);
-// Returns true for a number with a comma in place of the decimal point, "0,5".
+// Returns true for a number with a decimal comma, "0,5".
 [[nodiscard]] bool has_decimal_comma(std::string_view word);
 [[nodiscard]] bool is_one_of(std::string_view key, std::span<const std::string_view> keys);
 
@@ -57,7 +56,7 @@ struct ObjFace {
   std::uint32_t line = 0;
 };
 
-// The file as written, with zero-based indices of existing elements.
+// The contents of the file, with zero-based, validated indices.
 struct ObjFile {
   std::vector<Eigen::Vector3d> positions;
   std::vector<glm::vec3> colors;  // sRGB-encoded, 0 to 1; one per position, or empty
@@ -66,7 +65,7 @@ struct ObjFile {
   std::vector<ObjCorner> corners;
   std::vector<ObjFace> faces;
   std::vector<ModelNode> nodes;             // objects and groups with faces
-  std::vector<std::string> material_names;  // named by usemtl
+  std::vector<std::string> material_names;  // from usemtl lines
   double step = 0.0;                        // resolution of the positions, set by add_obj_meshes()
 };
 
@@ -77,18 +76,18 @@ struct ObjMaterial {
   bool has_dissolve = false;  // a `d` line, which overrides `Tr`
 };
 
-// Materials of the .mtl files that mtllib lines name. Errors in them become warnings and leave
-// plain colour.
+// Materials of the .mtl files in mtllib lines. Errors in them cause warnings and leave the plain
+// colour.
 class ObjMaterials {
  public:
   ObjMaterials(const std::filesystem::path& model_file, const ModelLimits& limits)
       : folder_(model_file.parent_path()), model_name_(model_file.string()), limits_(limits) {}
 
-  // Reads the files that a line names: one with blanks in its name, or several.
+  // Reads the files of an mtllib line: one file with blanks in its name, or several files.
   void read_files(std::string_view names, std::size_t line);
   [[nodiscard]] std::optional<std::size_t> find(const std::string& name) const;
-  // Moves all materials into the model, and the plain one as the last. `used`, per material:
-  // whether to load its image.
+  // Moves all materials into the model, followed by the plain one. `used`: per material, whether to
+  // load its image.
   void move_to(Model& model, const std::vector<bool>& used);
   [[nodiscard]] std::size_t size() const { return materials_.size(); }
   [[nodiscard]] bool is_incomplete() const { return incomplete_; }  // a file could not be read
@@ -103,14 +102,14 @@ class ObjMaterials {
   const ModelLimits& limits_;
   std::vector<ObjMaterial> materials_;
   std::map<std::string, std::size_t> by_name_;
-  std::map<std::string, int> images_;  // by path -> Model::textures, -1: unreadable
+  std::map<std::string, int> images_;  // path -> index into Model::textures, -1: unreadable
   std::vector<std::string> warnings_;
-  std::set<std::string> files_;  // .mtl files named so far
+  std::set<std::string> files_;  // .mtl files of the mtllib lines so far
   bool incomplete_ = false;
 };
 
-// Adds the file's faces to the model: one mesh per material. `materials`: index into
-// Model::materials per material name.
+// Adds the file's faces to the model: one mesh per material. `materials`: for each of
+// ObjFile::material_names, its index into Model::materials.
 [[nodiscard]] Result<void> add_obj_meshes(Model& model, ObjFile& file,
                                           const std::vector<int>& materials, LineWarnings& warnings,
                                           const ModelLimits& limits, const std::string& name);

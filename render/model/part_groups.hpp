@@ -1,5 +1,6 @@
-// Groups of a model's parts that count as one part. Each connected part has separate kernels and
-// shrinks towards them: the umbra of a wall of loose bricks would open at its joints.
+// Groups of a model's connected components ("parts") that count as one part. Each part shrinks
+// towards its own kernels, so without a group the umbra of a wall of loose bricks has gaps at the
+// joints.
 //
 // A group is "all", or a name in the model's file: of a glTF node or mesh, of an OBJ object or
 // group;
@@ -18,10 +19,10 @@ namespace penumbra {
 
 inline constexpr std::string_view kGroupOfAll = "all";
 
-// Returns for each of Model::nodes whether it belongs to the group.
+// Returns, for each of Model::nodes, whether it belongs to the group.
 [[nodiscard]] std::vector<bool> nodes_of_group(const Model& model, const std::string& group);
 
-// Fails where a group has no node; the message names the group and what there is.
+// Fails if a group matches no node; the message lists the group and the available names.
 [[nodiscard]] Result<void> check_groups(const Model& model, std::span<const std::string> groups);
 
 }  // namespace penumbra

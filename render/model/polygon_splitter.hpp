@@ -1,4 +1,4 @@
-// Splits polygons of any outline into triangles.
+// Splits polygons of any shape into triangles.
 #pragma once
 
 #include <Eigen/Core>
@@ -12,10 +12,10 @@ class GLUtesselator;
 
 namespace penumbra {
 
-// A corner added where the outline crosses itself.
+// A corner added where the outline intersects itself.
 struct AddedCorner {
   Eigen::Vector3d position;
-  // Mean of the polygon's corners, or of corners added before, with these weights.
+  // Weighted mean of the polygon's corners or of corners added earlier.
   std::array<std::uint32_t, 4> of_corners;
   std::array<float, 4> weights;
 };
@@ -23,7 +23,7 @@ struct AddedCorner {
 struct PolygonSplit {
   enum class Outcome { split, too_intricate };
   Outcome outcome = Outcome::split;
-  // Indices of corners, of added ones from the polygon's corner count on. Oriented as the polygon.
+  // Indices of corners; from the polygon's corner count on, of `added`. Oriented like the polygon.
   std::vector<std::array<std::uint32_t, 3>> triangles;
   std::vector<AddedCorner> added;
   Eigen::Vector3d normal = Eigen::Vector3d::Zero();  // unit; zero for a polygon without area
@@ -33,21 +33,21 @@ struct PolygonSplit {
 
 // Splits polygons into triangles by GLU's tessellator.
 //
-// The triangles' areas add up to that of a polygon whose outline does not cross itself. It may be
-// concave, touch itself, and visit a bridge to a hole twice. An outline that crosses itself is
-// filled by the non-zero winding rule. A polygon that is not flat is split as seen along its area
-// vector; its corners keep their places. A polygon without area becomes triangles without area.
+// Outlines may be concave, touch themselves, and traverse a bridge to a hole twice; the triangles'
+// areas then sum to the polygon's area. Self-intersecting outlines are filled by the non-zero
+// winding rule. A non-planar polygon is projected along its area vector for splitting; its corners
+// keep their positions. A polygon of zero area gives triangles of zero area.
 //
-// GLU's time grows with the square of the number of crossings and of edges side by side. A splitter
-// limits that work over all of its polygons; those beyond the limit get `too_intricate`.
+// GLU's time is quadratic in the number of intersections and of parallel edges. A splitter limits
+// that work over all of its polygons; polygons beyond the limit get `too_intricate`.
 class PolygonSplitter {
  public:
   PolygonSplitter();
-  // GLU's callbacks hold the splitter's address.
+  // Not copyable: GLU's callbacks hold the splitter's address.
   PolygonSplitter(const PolygonSplitter&) = delete;
   PolygonSplitter& operator=(const PolygonSplitter&) = delete;
 
-  // Splits a polygon of three corners or more; `corners` are finite. The result is valid until the
+  // Splits a polygon of three or more corners, which must be finite. The result is valid until the
   // next call.
   [[nodiscard]] const PolygonSplit& split(std::span<const Eigen::Vector3d> corners);
 
@@ -55,7 +55,7 @@ class PolygonSplitter {
   struct DeleteTessellator {
     void operator()(GLUtesselator* tessellator) const;
   };
-  // Computes everything but the triangles.
+  // Computes all results except the triangles.
   void project(std::span<const Eigen::Vector3d> corners);
   [[nodiscard]] Eigen::Vector3d plane_normal() const;
   [[nodiscard]] bool split_quad(std::span<const Eigen::Vector3d> corners);
@@ -65,7 +65,7 @@ class PolygonSplitter {
   [[nodiscard]] void* add_corner(const double* place, void* const* parents, const float* weights);
 
   std::unique_ptr<GLUtesselator, DeleteTessellator> tessellator_;
-  double steps_left_;  // of the limit on GLU's work
+  double steps_left_;  // remaining limit of GLU's work
   PolygonSplit split_;
   std::size_t corner_count_ = 0;
   // The polygon with its middle at the origin and a radius of 1.
@@ -73,8 +73,8 @@ class PolygonSplitter {
   double radius_ = 0.0;
   std::vector<Eigen::Vector3d> scaled_;
   Eigen::Vector3d axis_u_, axis_v_;     // of its plane
-  std::vector<Eigen::Vector2d> flat_;   // in its plane; added corners as well
-  std::vector<double> heights_;         // over its plane
+  std::vector<Eigen::Vector2d> flat_;   // in its plane, including added corners
+  std::vector<double> heights_;         // above its plane
   std::vector<std::uint32_t> emitted_;  // corners of GLU's triangles
   bool failed_ = false;
 };

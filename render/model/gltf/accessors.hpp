@@ -1,5 +1,5 @@
-// Buffer views and accessors: the numbers of a file, with every range checked. Errors and warnings
-// of the gltf classes name the place in the file; read_gltf() adds the file's name.
+// Reads buffer views and accessors and checks all ranges. Errors and warnings of the gltf classes
+// contain the JSON path; read_gltf() adds the file's name.
 #pragma once
 
 #include <tiny_gltf.h>
@@ -33,7 +33,7 @@ struct Elements {
   }
 };
 
-// The size that an attribute must have. Its component type is free (KHR_mesh_quantization).
+// The required size of an attribute. Any component type is allowed (KHR_mesh_quantization).
 struct Shape {
   std::size_t min_width = 1;
   std::size_t max_width = 1;
@@ -47,9 +47,10 @@ class Accessors {
 
   [[nodiscard]] Result<std::span<const std::uint8_t>> view_bytes(int view,
                                                                  const std::string& what) const;
-  // `what`: the place that names the accessor.
+  // `what`: the JSON path that refers to the accessor.
   [[nodiscard]] Result<Elements> elements(int accessor, const std::string& what);
-  // The elements that `list` names by `key`, or none. `what`: the place of the list.
+  // Returns the elements of the accessor list[key], or no elements if there is no such key. `what`:
+  // the JSON path of the list.
   [[nodiscard]] Result<Elements> attribute(const std::map<std::string, int>& list,
                                            const std::string& key, const Shape& shape,
                                            const std::string& what);
@@ -60,7 +61,7 @@ class Accessors {
   }
 
  private:
-  // A checked stretch of a buffer: elements that are `stride` bytes apart.
+  // A checked range of a buffer: elements that are `stride` bytes apart.
   struct Stretch {
     const std::uint8_t* data = nullptr;
     std::size_t stride = 0;
@@ -68,7 +69,7 @@ class Accessors {
   struct Layout {
     std::size_t offset = 0;
     std::size_t count = 0;
-    std::size_t size = 0;  // of an element
+    std::size_t size = 0;  // bytes per element
     std::size_t alignment = 0;
     bool strided = false;
   };
@@ -80,7 +81,8 @@ class Accessors {
   const tinygltf::Model& gltf_;
   Buffers& buffers_;
   const ModelLimits& limits_;
-  // Components that may still be zero for want of a buffer view: they cost the file nothing.
+  // Remaining limit of zero components from accessors without a buffer view, which don't increase
+  // the file's size.
   std::size_t zeros_left_;
 };
 

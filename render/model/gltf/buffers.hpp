@@ -1,4 +1,4 @@
-// The bytes of a glTF file's buffers, of its data URIs (RFC 2397) and of the files beside it.
+// Reads the bytes of a glTF file's buffers, data URIs (RFC 2397) and external files.
 #pragma once
 
 #include <cstddef>
@@ -17,21 +17,21 @@ namespace penumbra::gltf {
 
 [[nodiscard]] bool is_data_uri(std::string_view uri);
 
-// Reads a buffer when it is first used. Errors and warnings do not name the model.
+// Reads a buffer when it is first used. Errors and warnings do not contain the model's name.
 class Buffers {
  public:
-  // `binary`: the second chunk of a .glb. `max_bytes` limits all files beside the model together.
+  // `binary`: the second chunk of a .glb. `max_bytes` limits the total size of external files.
   Buffers(const std::filesystem::path& file, std::vector<BufferSource> sources,
           std::optional<std::span<const std::uint8_t>> binary, std::size_t max_bytes);
 
   [[nodiscard]] std::size_t count() const { return sources_.size(); }
-  // Returns false for a buffer without data, such as one that decompressed data would fill.
+  // Returns false for a buffer without data, such as a placeholder for decompressed data.
   [[nodiscard]] bool has_data(std::size_t buffer) const;
   // Returns the first byteLength bytes of a buffer.
   [[nodiscard]] Result<std::span<const std::uint8_t>> bytes(std::size_t buffer);
   // Returns the bytes of a data URI or of a file beside the model.
   [[nodiscard]] Result<std::vector<std::uint8_t>> fetch(std::string_view uri);
-  // Names the files that were taken from beside the model although their URIs lead elsewhere.
+  // Returns warnings about files read from the model's folder although their URIs lead elsewhere.
   [[nodiscard]] const std::vector<std::string>& warnings() const { return warnings_; }
 
  private:

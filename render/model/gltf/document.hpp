@@ -1,4 +1,4 @@
-// The chunks of a .glb, and the JSON of a glTF file as tinygltf reads it.
+// Parses the chunks of a .glb, and the JSON of a glTF file with tinygltf.
 #pragma once
 
 #include <tiny_gltf.h>
@@ -21,13 +21,13 @@ struct Container {
   std::optional<std::span<const std::uint8_t>> binary;  // the data of a .glb's first buffer
 };
 
-// Walks over the chunks of a .glb, each of which lies in the file.
+// Reads the chunks of a .glb; fails if one exceeds the file.
 [[nodiscard]] Result<Container> open_glb(const std::string& name,
                                          std::span<const std::uint8_t> bytes);
 
 // The source of a buffer's data.
 struct BufferSource {
-  std::string uri;  // percent-encoded, or a data URI; empty: none
+  std::string uri;  // percent-encoded file name, or a data URI; empty: none
   std::size_t byte_length = 0;
 };
 
@@ -37,20 +37,20 @@ struct ImageSource {
 };
 
 struct Document {
-  // Without buffers, images, animations, cameras and extensions of the whole file. A primitive's
-  // `indices` are the attribute kIndicesKey.
+  // Without buffers, images, animations, cameras and top-level extensions. A primitive's `indices`
+  // are stored as the attribute kIndicesKey.
   tinygltf::Model model;
   std::vector<BufferSource> buffers;
   std::vector<ImageSource> images;
   std::size_t animation_count = 0;
   std::size_t camera_count = 0;
-  std::map<std::string, std::string> extensions;  // -> the place of the first use
+  std::map<std::string, std::string> extensions;  // name -> JSON path of the first use
   std::vector<std::string> erased_fields;  // malformed fields of materials, with their values
 };
 
 inline constexpr const char* kIndicesKey = "indices";
 
-// Parses the JSON text of a file. Fields of a wrong type are refused by their place.
+// Parses the JSON text of a file. A field of a wrong type is an error that reports its JSON path.
 [[nodiscard]] Result<Document> parse_document(const std::string& name, std::string_view json);
 
 }  // namespace penumbra::gltf

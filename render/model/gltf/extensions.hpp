@@ -1,4 +1,4 @@
-// glTF extensions: those that are read, those that can be ignored, and those that are refused.
+// glTF extensions: which are supported, ignored or rejected.
 #pragma once
 
 #include <string>
@@ -18,7 +18,7 @@ inline constexpr const char* kDraco = "KHR_draco_mesh_compression";
 
 [[nodiscard]] tl::unexpected<Error> fail_compressed(const std::string& extension);
 
-// Refuses a file that requires an extension which may change its shape and is not read.
+// Fails if the file requires an unsupported extension that may affect its geometry.
 [[nodiscard]] Result<void> check_required(const Document& document);
 
 // Returns warnings about content that the reader ignores, one line per kind.

@@ -1,4 +1,4 @@
-// Materials with their textures and samplers.
+// Reads materials with their textures and samplers.
 #pragma once
 
 #include <string>
@@ -11,8 +11,8 @@
 
 namespace penumbra::gltf {
 
-// Reads the materials into a model, in the order of the file, followed by the one of primitives
-// without a material. An image that can't be read becomes a warning and leaves plain colour.
+// Reads the materials into a model, in the order of the file, followed by the default material. An
+// image that can't be read causes a warning; its material keeps the plain colour.
 class MaterialReader {
  public:
   MaterialReader(const Document& document, const Accessors& accessors, Buffers& buffers,
@@ -25,10 +25,10 @@ class MaterialReader {
         model_(model),
         notes_(notes) {}
 
-  // `used`, per material: whether to read its factors and images.
+  // `used`: per material, whether to read its factors and images.
   [[nodiscard]] Result<void> read(const std::vector<bool>& used);
 
-  // The TEXCOORD sets of a material's textures, at most two.
+  // Returns the TEXCOORD sets of a material's textures, no more than two.
   [[nodiscard]] const std::vector<int>& texcoord_sets(std::size_t material) const {
     return texcoord_sets_[material];
   }
@@ -36,7 +36,7 @@ class MaterialReader {
  private:
   [[nodiscard]] Result<Material> factors(std::size_t material) const;
   [[nodiscard]] Result<void> read_textures(std::size_t material, Material& to);
-  // `Info`: one of tinygltf's kinds of texture reference.
+  // `Info`: one of tinygltf's types of texture reference.
   template <class Info>
   [[nodiscard]] Result<MaterialTexture> texture(const Info& info, const std::string& what,
                                                 std::vector<int>& texcoord_sets);

@@ -1,4 +1,4 @@
-// Primitives: attributes, faces, morph targets and skin weights in the frame of their mesh.
+// Reads primitives: attributes, faces, morph targets and skin weights, in the frame of their mesh.
 #pragma once
 
 #include <Eigen/Core>
@@ -15,14 +15,14 @@
 
 namespace penumbra::gltf {
 
-// Displacements of each vertex at a weight of 1; empty for attributes that the target lacks.
+// Displacement of each vertex at a weight of 1; empty for attributes without displacement.
 struct MorphTarget {
   std::vector<glm::vec3> positions;
   std::vector<glm::vec3> normals;
   std::vector<glm::vec3> tangents;
 };
 
-// The joints that move each vertex: `per_vertex` of them, with weights that add up to 1.
+// The `per_vertex` joints that move each vertex, with weights that sum to 1.
 struct SkinWeights {
   std::size_t per_vertex = 0;
   std::vector<std::uint32_t> joints;
@@ -34,7 +34,7 @@ struct SkinWeights {
 };
 
 struct Primitive {
-  std::string place;  // in the file
+  std::string place;  // JSON path in the file
   Mesh mesh;
   std::vector<MorphTarget> targets;
   SkinWeights skin;       // empty if the primitive has none or no skin uses it
@@ -44,10 +44,10 @@ struct Primitive {
 // Returns true for a primitive of triangles with positions.
 [[nodiscard]] bool has_surface(const tinygltf::Primitive& primitive);
 
-// Fails if a vertex follows a joint that the skin does not have.
+// Fails if a vertex refers to a joint that the skin does not have.
 [[nodiscard]] Result<void> check_joints(const Primitive& primitive, std::size_t joint_count);
 
-// Reads a mesh when it is first needed: meshes that no node shows may be malformed.
+// Reads a mesh when it is first needed, because unused meshes may be malformed.
 class MeshReader {
  public:
   MeshReader(const tinygltf::Model& gltf, Accessors& accessors, const MaterialReader& materials,
@@ -60,18 +60,18 @@ class MeshReader {
         notes_(notes),
         meshes_(gltf.meshes.size()) {}
 
-  // Numbers the vertices of all meshes, whether they are shown or not.
+  // Numbers the vertices of all meshes, including unused ones.
   [[nodiscard]] Result<void> number_vertices();
-  // The primitives of a mesh that have a surface. `skinned`: with their skin weights.
+  // Returns the primitives of a mesh that have a surface. `skinned`: reads their skin weights.
   [[nodiscard]] Result<const std::vector<Primitive>*> mesh(int index, bool skinned);
 
-  // The number of a mesh's vertices, with those of primitives without a surface.
+  // Returns the number of a mesh's vertices, including those of primitives without a surface.
   [[nodiscard]] std::size_t vertex_count(int mesh) const {
     return meshes_[static_cast<std::size_t>(mesh)].vertex_count;
   }
 
-  // Returns the offset of the source vertices of the next use of a mesh from the numbers of
-  // number_vertices(). Each use but the first is numbered separately, behind all others.
+  // Returns the offset to add to number_vertices()'s numbers for the next use of a mesh: 0 for the
+  // first use; later uses are numbered after all other vertices.
   [[nodiscard]] Result<std::uint32_t> source_shift_of_next_use(int mesh);
 
  private:

@@ -1,4 +1,4 @@
-// The node hierarchy: transforms of nodes, their instances and skins, and the visible meshes.
+// Reads the node hierarchy: transforms of nodes, instances and skins, and the visible meshes.
 #pragma once
 
 #include <tiny_gltf.h>
@@ -22,7 +22,7 @@ struct Placement {
   int mesh = -1;
   Eigen::Matrix4d T_root_node = Eigen::Matrix4d::Identity();
   std::uint32_t model_node = 0;  // index into Model::nodes
-  std::string place;             // of the node in the file, with its name
+  std::string place;             // JSON path of the node, and its name
 };
 
 class Nodes {
@@ -34,7 +34,7 @@ class Nodes {
   [[nodiscard]] Result<std::vector<Placement>> visible_meshes();
 
   // Returns the transforms of a node's instances (EXT_mesh_gpu_instancing), or one identity if it
-  // has none. Fails for more than `most`.
+  // has none. Fails if there are more than `most`.
   [[nodiscard]] Result<std::vector<Eigen::Matrix4d>> instances_of(int node, std::size_t most);
 
   // Returns T_root_joint times the inverse bind matrix for each joint of a skin
@@ -48,7 +48,7 @@ class Nodes {
   // Returns the parent of each node, -1 for roots.
   [[nodiscard]] std::vector<int> find_parents() const;
   [[nodiscard]] Result<Eigen::Matrix4d> node_transform(std::size_t node) const;
-  // Returns the transform of a node by its ancestors, inside or outside the scene.
+  // Returns the transform of a node by its ancestors, which need not be in the scene.
   [[nodiscard]] Result<Eigen::Matrix4d> T_root_node(int node);
   [[nodiscard]] Result<std::vector<Eigen::Matrix4d>> inverse_bind_matrices(
       const tinygltf::Skin& skin, const std::string& place) const;

@@ -1,4 +1,4 @@
-// Warnings of the same kind, joined into one line.
+// Joins warnings of the same kind into one line.
 #pragma once
 
 #include <fmt/format.h>
@@ -12,8 +12,8 @@ namespace penumbra::gltf {
 
 class Notes {
  public:
-  // `text` describes what was found at `place` and the consequence. A note that is `expected` is of
-  // valid content and only reported if nothing remains to be shown.
+  // `text` describes the problem at the JSON path `place` and its consequence. `expected` notes
+  // concern valid content; they are reported only if the model has no visible content.
   void add(std::string_view text, const std::string& place, bool expected = false) {
     const auto note = std::ranges::find(notes_, text, &Note::text);
     if (note == notes_.end()) {

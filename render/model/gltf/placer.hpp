@@ -22,13 +22,13 @@ struct VertexPlacement {
   std::uint32_t source_shift = 0;  // MeshReader::source_shift_of_next_use()
 };
 
-// One primitive at one place. The pointers refer to the readers' data.
+// One use of a primitive. The pointers refer to data of the readers.
 struct PlacedPrimitive {
   const Primitive* primitive = nullptr;
-  std::vector<double> morph_weights;  // per target, or empty
+  std::vector<double> morph_weights;  // one per target, or empty
   VertexPlacement placement;
   std::uint32_t node = 0;  // index into Model::nodes
-  std::string place;       // of the node in the file
+  std::string place;       // JSON path of the node
 };
 
 // Returns false for a transform that flattens surfaces to lines or points.
@@ -42,7 +42,7 @@ class Placer {
 
   [[nodiscard]] Result<void> collect(PlacedPrimitive placed);
   [[nodiscard]] Result<void> place_all();
-  // Resolution of the file's coordinates at their places; set by place_all().
+  // Resolution of the file's coordinates after transformation; set by place_all().
   [[nodiscard]] double file_step() const { return file_step_; }
 
  private:
