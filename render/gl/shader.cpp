@@ -135,7 +135,7 @@ Result<ShaderProgram> ShaderProgram::link_texts(GlApi api, std::span<const Shade
     glGetActiveUniform(id, static_cast<GLuint>(i), static_cast<GLsizei>(name.size()), &length,
                        &size, &type, name.data());
     std::string_view plain(name.data(), static_cast<std::size_t>(length));
-    plain = plain.substr(0, plain.find('['));  // arrays have the name "values[0]"
+    plain = plain.substr(0, plain.find('['));  // an array is listed as "values[0]"
     program.uniforms_.emplace_back(std::string(plain), glGetUniformLocation(id, name.data()));
   }
   std::ranges::sort(program.uniforms_);

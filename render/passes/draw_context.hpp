@@ -19,8 +19,8 @@ struct DrawContext {
   const ObjectPainter& objects;
   const VideoTexture& video;  // holds `frame` while passes draw
   const Frame& frame;
-  // The format of the frame under the shadows; none if the background is not the video pixel by
-  // pixel.
+  // The format of the frame under the shadows; nullopt if the background is not a 1:1 copy of the
+  // video.
   std::optional<PixelFormat> video_format;
   Translucency mode = Translucency::blend;  // never automatic
   RenderWork& work;
@@ -34,15 +34,14 @@ class Pass {
   virtual ~Pass() = default;
 
   // Prepares the plan on the CPU and selects programs. May draw into its own framebuffers. Called
-  // for all passes, in drawing order, before the frame is drawn.
+  // for all passes, in drawing order, before any of them draws.
   [[nodiscard]] virtual Result<void> prepare(const DrawContext& /*context*/,
                                              const FramePlan& /*plan*/) {
     return {};
   }
-  // Draws the prepared plan over the earlier passes. Returns the number of draw calls since
-  // prepare(). Before and after: colour and depth are written (all masks on), depth function
-  // GL_LESS; stencil test, blending and face culling are off. The depth test may be on or off, the
-  // stencil holds anything.
+  // Draws the prepared plan over the earlier passes. Returns the number of draw calls, including
+  // those of prepare(). State before and after: all write masks on, depth function GL_LESS; stencil
+  // test, blending and face culling off. The depth test and the stencil contents are undefined.
   virtual int draw(const DrawContext& context, const FramePlan& plan) = 0;
 };
 

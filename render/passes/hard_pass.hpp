@@ -1,7 +1,7 @@
 // Hard shadows of the scene's lights on planes. Each light has a stencil bit, set where any caster
-// blocks it, so that casters of one light darken a pixel once. Less opaque casters have separate
-// bits, if there are enough. Then the pixels of each set of blocked lights lose the share of these
-// lights: the shadows of several lights add up as light does.
+// blocks it, so that overlapping casters darken a pixel once. Casters of different opacity have
+// separate bits if there are enough. Each pixel then loses the fraction of light of its set of
+// blocked lights, so that the shadows of several lights add up physically.
 #pragma once
 
 #include <Eigen/Geometry>
@@ -24,7 +24,7 @@ class HardPass : public Pass {
   [[nodiscard]] static Result<std::unique_ptr<HardPass>> create(GlApi api,
                                                                 const CameraModel& camera);
 
-  // Clips and projects casters where a caster, plane or light moved.
+  // Clips and projects casters again if a caster, plane or light moved.
   [[nodiscard]] Result<void> prepare(const DrawContext& context, const FramePlan& plan) override;
   int draw(const DrawContext& context, const FramePlan& plan) override;
 
@@ -36,7 +36,7 @@ class HardPass : public Pass {
     GlMesh triangles{2};
   };
   using Key = std::tuple<int, int, int>;  // object, plane, light
-  // The meaning of one stencil bit: equally strong casters of one light.
+  // The meaning of one stencil bit: casters of one light with equal opacity.
   struct Blocked {
     int light = 0;
     float strength = 1.0F;
@@ -53,7 +53,7 @@ class HardPass : public Pass {
 
   ShaderProgram shape_program_;
   TranslucentProgram light_program_;
-  std::optional<double> longest_edge_;  // [m]; none: the lens keeps straight edges straight
+  std::optional<double> longest_edge_;  // [m]; nullopt: no lens distortion
   std::map<const Model*, std::unique_ptr<ShadowMesh>> meshes_;
   std::map<Key, Shadow> shadows_;
 };

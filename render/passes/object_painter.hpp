@@ -1,5 +1,5 @@
-// Draws virtual objects with light and depth, and phantoms with depth alone. Materials with more
-// maps than a base colour have a separate, slower program.
+// Draws virtual objects with light and depth, and phantoms with depth alone. Materials with further
+// maps besides the base colour use a separate, slower program.
 #pragma once
 
 #include <array>
@@ -19,19 +19,19 @@
 
 namespace penumbra {
 
-// Converts a length [m] into units of a model drawn at this scale, rounded down to quarter powers
-// of two, so that models at similar scales are uploaded once.
+// Converts a length [m] to units of a model drawn at this scale. Rounds down to a quarter power of
+// two, so that models at similar scales are uploaded once.
 [[nodiscard]] float longest_model_edge(double longest_edge_m, double scale);
 
 inline constexpr int kShadowMaskUnit = 1;  // texture unit of masks
 inline constexpr std::size_t kMostReceivingLevels = 64;
 
-// The drawing of a shadow on a surface: alone, or as one of several, whose darkest value is first
-// gathered in the framebuffer's alpha.
+// How a shadow is drawn on a surface: alone (none), or as one of several. Several shadows gather
+// their darkest value in the framebuffer's alpha (first, further), which then darkens (result).
 enum class Gathering { none, first, further, result };
 
-// A shadow along a plane's normal, at several heights above it: the masks at kShadowMaskUnit have
-// one channel per layer.
+// A shadow along a plane's normal: masks at several heights above the plane, bound at
+// kShadowMaskUnit, with one channel per layer.
 struct ShadowMask {
   glm::mat4x3 plane_from_table{0.0F};  // -> (u, v, h)
   glm::vec3 normal{0.0F};              // of the plane, table frame
@@ -43,7 +43,7 @@ struct ShadowMask {
 
 class ObjectPainter {
  public:
-  // Uploads every model of the scene, with edges short enough for the camera's lens at the object's
+  // Uploads every model of the scene, with edges short enough to follow the lens at the object's
   // largest scale.
   [[nodiscard]] static Result<ObjectPainter> create(GlApi api, const Scene& scene,
                                                     const CameraModel& camera);
@@ -53,22 +53,22 @@ class ObjectPainter {
 
   // Draws the depth of the phantoms. Returns the number of draw calls, as the functions below do.
   int draw_phantoms(const FramePlan& plan, const LensUniforms& lens) const;
-  // An opacity under 1 (coasting poses) mixes the surfaces into the video: depth first, then colour
-  // at equal depth, so that insides do not show.
+  // Draws the opaque surfaces. An opacity below 1 (coasting poses) mixes them into the video: depth
+  // first, then colour at equal depth, so that hidden surfaces stay invisible.
   int draw_objects(const FramePlan& plan, const LensUniforms& lens, Framebuffer& framebuffer) const;
-  // Draws surfaces that blend from the farthest to the nearest mesh, and triangle by triangle in a
-  // mesh. They write no depth, except through a screen-door.
+  // Draws blended surfaces, from the farthest to the nearest mesh, and likewise the triangles of a
+  // mesh. Writes no depth, except through a screen-door.
   int draw_blended(const FramePlan& plan, const LensUniforms& lens, Framebuffer& framebuffer) const;
   // Draws one object with the current tests and masks, at the same depth as above.
   int draw_alone(const ObjectDraw& draw, const FramePlan& plan, const LensUniforms& lens) const;
-  // Darkens one object by blocking one of plan.lights; with `add_up`, adds the blocked share of its
-  // light, linear, times `opacity`. The caller has begun Blending::darken or sum, and retextured
-  // has copied the framebuffer or the sums.
+  // Darkens one object by blocking one of plan.lights. `add_up`: adds the blocked fraction of its
+  // light, linear, times `opacity`. The caller must have begun Blending::darken or sum and, in mode
+  // retexture, copied the framebuffer or the sums.
   int draw_darkened(const ObjectDraw& draw, const FramePlan& plan, const LensUniforms& lens,
                     int light, float opacity, bool add_up) const;
 
-  // Darkens one object by a shadow, with the current blending; not where it is outside the shadow,
-  // under the plane, or faces away from the light.
+  // Darkens one object by a shadow, with the current blending. Has no effect outside the shadow,
+  // below the plane, and on faces turned away from the light.
   int draw_under_shadow(const ObjectDraw& draw, const FramePlan& plan, const LensUniforms& lens,
                         const ShadowMask& mask, Gathering gathering) const;
 
@@ -77,13 +77,13 @@ class ObjectPainter {
     GlMesh surface{3, 3, 2, 4};  // position, normal, texture coordinates, colour
     int material = 0;
     std::optional<GlBuffer> map_vertices;  // if the material has maps
-    // If it blends: its triangles, their middles and their mean; object units.
+    // If it blends: its triangles, their centres, and the mean of the centres; object units.
     std::vector<std::array<std::uint32_t, 3>> faces;
     std::vector<glm::vec3> middles;
     glm::vec3 middle{0.0F};
   };
   struct GpuMaterial {
-    // Null: none.
+    // nullptr: none.
     const Texture2d* base_color = nullptr;
     const Texture2d* metallic_roughness = nullptr;
     const Texture2d* normal = nullptr;
@@ -94,12 +94,12 @@ class ObjectPainter {
     std::shared_ptr<const Model> source;
     std::vector<GpuMesh> meshes;
     std::vector<GpuMaterial> materials;
-    // By image, whether it holds colours, and sampling.
+    // Key: image, whether it holds colours, sampling.
     std::map<std::tuple<int, bool, TextureSampling>, Texture2d> textures;
   };
   struct Programs {
     const ShaderProgram& plain;
-    const ShaderProgram* maps = nullptr;  // for materials with maps; null: as the others
+    const ShaderProgram* maps = nullptr;  // for materials with maps; nullptr: uses `plain`
   };
   struct SurfaceProgram {
     TranslucentProgram plain;
@@ -111,7 +111,7 @@ class ObjectPainter {
                                           float max_edge);
   static const Texture2d* texture_of(GpuModel& gpu, const Model& model, const MaterialTexture& from,
                                      bool color);
-  // Draws all surfaces, without those that blend unless they are phantoms'.
+  // Draws all surfaces except blended ones; for phantoms also these.
   int draw_all(const Programs& programs, std::span<const ObjectDraw> draws,
                const CameraPose& pose) const;
   int draw_some(const ShaderProgram& program, bool maps, const Programs& programs,
@@ -127,9 +127,9 @@ class ObjectPainter {
   // Separate programs, not branches: some renderers run both sides of a branch.
   SurfaceProgram darkening_program_;
   TranslucentProgram masked_program_;
-  bool blends_ = false;  // some material does
+  bool blends_ = false;  // some material blends
   Translucency mode_ = Translucency::blend;
-  // For object.frag.glsl: sRGB's, if the camera's response is unknown.
+  // `tone` of object.frag.glsl; that of sRGB if the camera's response is unknown.
   glm::vec4 tone_{1.0F / 2.4F, 1.055F, 0.055F, 0.0031308F};
   // One per scene object.
   std::vector<std::shared_ptr<GpuModel>> models_;  // may be null

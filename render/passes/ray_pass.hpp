@@ -1,5 +1,5 @@
-// Light rays through vertices of casters, with dots at the vertices, at their shadows and at the
-// light; drawn last, with depth test.
+// Draws light rays through vertices of casters, with dots at the vertices, their shadows and the
+// light. Drawn last, with depth test.
 #pragma once
 
 #include <glm/vec2.hpp>

@@ -1,8 +1,8 @@
 // Layered, field and simple shadows on phantoms and on other virtual objects
-// (docs/rendering.md#shadows-on-receivers). For each shadow that may meet a receiver on its way to
-// a plane, a mask is made along the plane's normal at each of the receiver's levels, as on a plane
-// at that height: covered as masks of planes are, or drawn with several samples a texel. Then each
-// of the receiver's pixels is darkened once, by the darkest shadow over it, with Lambert's law.
+// (docs/rendering.md#shadows-on-receivers). For each shadow that may reach a receiver, a mask is
+// made at each of the receiver's levels, like on a plane at that height. It is rasterised on the
+// CPU ("covered") or drawn with multisampling. Each pixel of the receiver is then darkened once, by
+// the darkest shadow over it, with Lambert's law.
 #pragma once
 
 #include <cstdint>
@@ -22,8 +22,7 @@ namespace penumbra {
 
 class ReceivedShadowPass : public Pass {
  public:
-  // `geometry` and `painter` outlive the pass. `multisampled`: pixels of the framebuffer have
-  // several samples.
+  // `geometry` and `painter` must outlive the pass. `multisampled`: whether the framebuffer is.
   ReceivedShadowPass(const CameraModel& camera, const ShadowGeometry& geometry,
                      LayerPainter& painter, bool multisampled);
 
@@ -32,32 +31,32 @@ class ReceivedShadowPass : public Pass {
   int draw(const DrawContext& context, const FramePlan& plan) override;
 
  private:
-  // A receiver over a plane.
+  // A receiver above a plane.
   struct Surface {
     Placement T_table_object;
     PlaneFrame plane;
     ReceivingSurface faces;
-    std::uint64_t version = 0;  // unique; 0: not made
+    std::uint64_t version = 0;  // unique; 0: not computed
     std::uint64_t last_used = 0;
   };
-  // One caster's shadow on the way to a plane, over one receiver.
+  // Inputs of the masks of one caster's shadow on one receiver.
   struct MaskInputs {
     ShadowShape shadow;
     std::uint64_t surface = 0;  // its version
     double top = 0.0;
-    double texel = 0.0;  // for the view [m]
+    double texel = 0.0;  // texel size for the current view [m]
     double most_texels = 0.0;
-    bool covered = false;  // made without drawing
+    bool covered = false;  // rasterised on the CPU instead of drawn
     friend bool operator==(const MaskInputs&, const MaskInputs&) = default;
   };
   struct Mask {
     std::optional<MaskInputs> made_for;
     std::vector<double> levels;
-    bool shows = false;              // some level is not empty
+    bool shows = false;              // some level is non-empty
     Eigen::Vector2d origin, extent;  // of the mask on the plane [m]
     MaskStack pictures;
   };
-  // The last two: a camera at rest may jitter between two sizes of texels.
+  // The two most recent ones, because a camera at rest may jitter between two texel sizes.
   struct Masks {
     Mask now, other;
     std::uint64_t last_used = 0;
@@ -75,7 +74,7 @@ class ReceivedShadowPass : public Pass {
 
   const Surface& surface_of(const Scene& scene, const ObjectDraw& receiver, int plane,
                             const PlaneFrame& frame);
-  // Returns whether masks are covered, not drawn.
+  // Returns true if masks are rasterised on the CPU instead of drawn.
   [[nodiscard]] bool is_covered(const Scene& scene, const FramePlan& plan,
                                 const ShadowDraw& draw) const;
   [[nodiscard]] Level prepare_level(const Scene& scene, const ReceivedShadowDraw& draw, int level,

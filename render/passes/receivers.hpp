@@ -1,5 +1,5 @@
-// Finds the pixels that show each receiving plane. A plane's shadow ends at its outline, and each
-// of several planes hides what is behind it.
+// Determines the pixels at which each receiving plane is visible. A plane's shadow ends at its
+// outline, and a plane hides geometry behind it.
 #pragma once
 
 #include <glm/vec4.hpp>
@@ -13,14 +13,14 @@
 
 namespace penumbra {
 
-// Bits of the stencil.
+// Stencil bits.
 inline constexpr unsigned kReceiverBit = 0x80U;  // the pixel shows the current plane
-inline constexpr unsigned kShadowBits = 0x7FU;   // for the techniques
+inline constexpr unsigned kShadowBits = 0x7FU;   // for the shadow techniques
 
-// Makes the program that darkens a plane by the lights that don't reach it, for
-// Receivers::draw_grid().
+// Creates the program that darkens a plane by its blocked lights, for Receivers::draw_grid().
 [[nodiscard]] Result<TranslucentProgram> plane_light_program(GlApi api);
-// Uses that program for a plane; `opacity`: of the shadow. Its lights are set_lights().
+// Makes this program current for a plane; `opacity`: of the shadow. The lights are set by
+// set_lights().
 void begin_plane_light(const ShaderProgram& program, const FramePlan& plan, const PlaneFrame& plane,
                        float opacity);
 
@@ -29,26 +29,26 @@ class Receivers {
   [[nodiscard]] static Result<Receivers> create(GlApi api, const Scene& scene,
                                                 const CameraModel& camera);
 
-  // Starts a frame, with depth and stencil as the objects left them. Draws the planes into the
-  // depth buffer if there are several, or if `depth`. Returns the number of draw calls.
+  // Starts a frame after the objects are drawn. Draws the planes into the depth buffer if there are
+  // several, or if `depth`. Returns the number of draw calls.
   int begin_frame(const FramePlan& plan, const LensUniforms& lens, bool depth);
-  // Prepares for drawing on a plane: a pixel that passes the depth test and stencil_test() shows
-  // the plane. Clears all shadow bits.
+  // Prepares for drawing on a plane: the plane is visible at pixels that pass the depth test and
+  // stencil_test(). Clears all shadow bits.
   void begin_plane(const FramePlan& plan, int plane, const PlaneFrame& frame,
                    const LensUniforms& lens);
-  // Passes the plane's pixels whose shadow bits in `compared` equal `bits`. GL_REPLACE writes
+  // Lets pixels of the plane pass whose shadow bits in `compared` equal `bits`. GL_REPLACE writes
   // `bits`.
   void stencil_test(unsigned bits, unsigned compared);
-  // Passes the plane's pixels with any shadow bits; disables the stencil if the plane fills the
-  // image.
+  // Lets all pixels of the plane pass; disables the stencil test if the plane fills the image.
   void test_place();
-  // Clears the stencil for a pass that uses all of its bits, until the next begin_plane().
+  // Clears the stencil for a pass that uses all bits, until the next begin_plane().
   void begin_marks();
 
-  // Draws the grid of receiver.vert.glsl with the program in use, which contains it.
+  // Draws the grid of receiver.vert.glsl with the current program, which contains it.
   void draw_grid(const ShaderProgram& program, const FramePlan& plan, const PlaneFrame& frame,
                  const LensUniforms& lens) const;
-  // Draws the plane's depth with the current tests and masks: the same depth as in begin_frame().
+  // Draws the plane's depth with the current tests and masks; the depth is the same as in
+  // begin_frame().
   void draw_place(const FramePlan& plan, const PlaneFrame& frame, const LensUniforms& lens) const;
 
  private:
@@ -63,7 +63,7 @@ class Receivers {
   glm::vec4 view_rect_{0.0F};
   bool depth_drawn_ = false;  // in this frame
   bool marked_ = false;       // kReceiverBit marks the current plane's pixels
-  bool used_ = false;         // the stencil is not all 0
+  bool used_ = false;         // the stencil may be non-zero
 };
 
 }  // namespace penumbra

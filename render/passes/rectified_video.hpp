@@ -1,5 +1,5 @@
-// The undistorted video: a grid that is regular in the image and bent in the video. Pixels of the
-// video are resampled; the image is black outside of it.
+// Draws the undistorted video: a grid that is regular in the image and distorted in the video. The
+// image is black outside the video.
 #pragma once
 
 #include <vector>
@@ -10,14 +10,14 @@
 
 namespace penumbra {
 
-// Returns a camera with the same focal lengths and centre and no distortion.
+// Returns a camera with the same focal lengths and centre but without distortion.
 [[nodiscard]] CameraModel without_distortion(const CameraModel& camera);
 
-// Corners of cells of 12 px, so that interpolated places in the video are right to 0.1 px.
+// Corners of cells of 12 px, so that interpolated video positions are accurate to 0.1 px.
 struct RectifyingGrid {
   int columns = 0, rows = 0;             // of corners
   std::vector<Eigen::Vector2d> picture;  // [px], row by row
-  std::vector<Eigen::Vector2d> video;    // their places in it [px]; far outside if they have none
+  std::vector<Eigen::Vector2d> video;    // their video pixels [px]; far outside if none
 };
 [[nodiscard]] RectifyingGrid rectifying_grid(const CameraModel& camera);
 
@@ -25,7 +25,7 @@ class RectifiedVideo {
  public:
   RectifiedVideo(GlApi api, const CameraModel& camera);
 
-  // Draws the frame that was uploaded to `video`. Covers every pixel.
+  // Draws the frame that was uploaded to `video`. Writes every pixel.
   [[nodiscard]] Result<void> draw(const VideoTexture& video, const Frame& frame);
 
  private:

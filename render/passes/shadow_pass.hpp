@@ -1,7 +1,7 @@
-// Layered, field and simple shadows on planes. Each pixel is darkened once by its darkest layer
-// over all casters of a plane (umbra before middle before penumbra): from the plane's mask, or
-// layer by layer. Blended layers mark the stencil, so the umbra comes first; of retextured ones the
-// last is seen, so the penumbra comes first; a screen-door is the same in any order.
+// Layered, field and simple shadows on planes. Each pixel is darkened once, by the darkest layer
+// over all casters of a plane, from the plane's mask or layer by layer. Order of layers: blend
+// draws the umbra first, as marked pixels are not darkened again; retexture draws the penumbra
+// first, as later layers overwrite earlier ones; a screen-door does not depend on the order.
 #pragma once
 
 #include <map>
@@ -21,8 +21,7 @@ namespace penumbra {
 
 class ShadowPass : public Pass {
  public:
-  // `geometry` and `painter` outlive the pass. `multisampled`: pixels of the framebuffer have
-  // several samples.
+  // `geometry` and `painter` must outlive the pass. `multisampled`: whether the framebuffer is.
   [[nodiscard]] static Result<std::unique_ptr<ShadowPass>> create(GlApi api,
                                                                   const CameraModel& camera,
                                                                   const ShadowGeometry& geometry,
@@ -32,7 +31,7 @@ class ShadowPass : public Pass {
   [[nodiscard]] Result<void> prepare(const DrawContext& context, const FramePlan& plan) override;
   int draw(const DrawContext& context, const FramePlan& plan) override;
 
-  // Returns the last plan's shadows with kernels. Takes milliseconds for new kernels.
+  // Returns the kernels of the most recently prepared plan. Takes milliseconds for new kernels.
   [[nodiscard]] std::vector<CasterKernels> kernels_in_use();
 
  private:
@@ -51,8 +50,8 @@ class ShadowPass : public Pass {
   PlaneMasks masks_;
   MaskQuad mask_quad_;
   MeshStrips mesh_strips_;
-  bool fetches_video_ = true;  // retextured fragments fetch the video, not a copy
-  // By (node, object, plane, n-th of these in the plan).
+  bool fetches_video_ = true;  // retextured fragments fetch the video, not a framebuffer copy
+  // Key: node, object, plane, and a counter of shadows in the plan with these three.
   std::map<std::tuple<int, int, int, int>, PreparedShadow> prepared_;
   std::vector<ShadowItem> items_;  // one per shadow of the plan
 };

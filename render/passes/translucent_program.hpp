@@ -1,4 +1,4 @@
-// Programs of translucent fragments, in each mode of drawing (shaders/translucency.glsl).
+// Programs that draw translucent fragments, in each Translucency mode (shaders/translucency.glsl).
 #pragma once
 
 #include <optional>
@@ -20,22 +20,22 @@ inline constexpr int kVideoUnit = 5;  // and the next two
 
 // The content under a program's fragments.
 enum class Under {
-  video,    // only video: retextured, they fetch it from the video's textures
-  picture,  // anything: retextured, they fetch it from a copy of the framebuffer
+  video,    // the video alone: in mode retexture, fetched from the video's textures
+  picture,  // any content: in mode retexture, fetched from a copy of the framebuffer
 };
 
 class TranslucentProgram {
  public:
   TranslucentProgram() = default;  // no program
-  // As ShaderProgram::link(); translucency.glsl is put before the fragment files.
+  // Like ShaderProgram::link(), with translucency.glsl before the fragment files.
   [[nodiscard]] static Result<TranslucentProgram> create(GlApi api, ShaderFiles vertex,
                                                          ShaderFiles fragment,
                                                          std::vector<std::string_view> defines = {},
                                                          Under under = Under::picture);
 
   // Selects the program that get() returns, and links it on first use. The baseline geometry_mesh
-  // takes mesh outside of planes. `video`: the format of the frames to fetch; none if the
-  // background is not the video pixel by pixel, and a copy is fetched.
+  // uses `mesh` for everything except planes. `video`: the format of the frames to fetch; nullopt
+  // if the background is not a 1:1 copy of the video, so that a framebuffer copy is fetched.
   [[nodiscard]] Result<void> choose(Translucency mode, std::optional<PixelFormat> video);
   [[nodiscard]] const ShaderProgram& get() const { return variants_[chosen_].second; }
   // The program for blending and for opaque drawing.
@@ -48,24 +48,24 @@ class TranslucentProgram {
   ShaderFiles vertex_files_, fragment_files_;
   std::vector<std::string_view> defines_;
   Under under_ = Under::picture;
-  // By their last define; the first has none.
+  // Key: the mode's last define; "" for the first.
   std::vector<std::pair<std::string_view, ShaderProgram>> variants_;
   std::size_t chosen_ = 0;
 };
 
 enum class Blending {
-  darken,       // multiplied
+  darken,       // multiplied by the fragment
   sum,          // added; alpha: the maximum
-  mix,          // mixed in by the opacity of set_mixing()
-  see_through,  // mixed in by the fragment's alpha
+  mix,          // mixed with the opacity of set_mixing()
+  see_through,  // mixed with the fragment's alpha
 };
-// Sets the blending in mode blend; the shaders do it in all other modes.
+// Sets the blending in mode blend; in all other modes the shaders blend.
 void begin_translucent(Translucency mode, Blending blending);
 void set_mixing(Translucency mode, const ShaderProgram& program, float opacity);
 void end_translucent();  // back to opaque
 
-// Number of a screen-door's places that are black where this fraction of the encoded value is left:
-// they take the same share of the linear light.
+// Returns the number of black pixels of a screen-door pattern that reduces the linear light as much
+// as the factor `light_left` on the encoded value.
 [[nodiscard]] float door_places(float light_left);
 
 }  // namespace penumbra

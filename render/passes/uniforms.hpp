@@ -17,8 +17,8 @@ inline constexpr std::size_t kMaxLights = 8;
 // The define of light_share.glsl.
 inline constexpr std::string_view kLightDefine = "MAX_LIGHTS 8";
 
-// Sets the eye and the lights of a program that contains light_share.glsl. `blocked`: per light,
-// the share that does not arrive; empty: none. A plan without lights has default_light().
+// Sets the eye and the lights of a program that contains light_share.glsl. `blocked`: the blocked
+// fraction of each light; empty: none. Uses default_light() for a plan without lights.
 void set_lights(const ShaderProgram& program, const FramePlan& plan,
                 std::span<const float> blocked = {});
 

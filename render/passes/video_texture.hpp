@@ -1,4 +1,4 @@
-// The captured video frame on the GPU, and the image's background drawn from it 1:1.
+// Uploads video frames to the GPU and draws them 1:1 as the image's background.
 #pragma once
 
 #include <cstdint>
@@ -19,13 +19,13 @@
 
 namespace penumbra {
 
-// Returns the define of video_texel.glsl for a format's layout of texels.
+// Returns the define of video_texel.glsl for a pixel format.
 [[nodiscard]] std::string_view layout_define(PixelFormat format);
 
-// A program for each layout of texels, linked on first use.
+// A program for each pixel format, linked on first use.
 class VideoProgram {
  public:
-  // `defines`: beside the layout's.
+  // `defines`: in addition to the format's.
   VideoProgram(GlApi api, ShaderFiles vertex, ShaderFiles fragment,
                std::vector<std::string_view> defines = {})
       : api_(api),
@@ -44,7 +44,7 @@ class VideoProgram {
 class VideoTexture {
  public:
   // The context must be current, now and at every later call. `pixel_buffers`: copies planes
-  // through them.
+  // through pixel buffers.
   explicit VideoTexture(GlApi api, bool pixel_buffers = false)
       : program_(api, {"video.vert.glsl"}, {"video_texel.glsl", "video.frag.glsl"},
                  {"WHOLE_PICTURE"}),
@@ -60,22 +60,21 @@ class VideoTexture {
     there,     // it was on the GPU already
     copied,    // plane by plane
     buffered,  // through a pixel buffer, without waiting for the previous frame
-    imported   // read in place, in a buffer that the camera's driver shares
+    imported   // read in place from the camera driver's shared buffer
   };
-  // Makes the frame's planes available to the GPU. Uploads a frame that is there already only if
-  // `reuse` is false.
+  // Makes the frame's planes available to the GPU. If `reuse`, does not upload a frame again.
   Upload upload(const Frame& frame, bool reuse = true);
-  // Covers every pixel: colour needs no clearing.
+  // Writes every pixel, so the colour needs no clearing.
   [[nodiscard]] Result<void> draw(const Frame& frame);
-  // Binds the uploaded frame to this texture unit and the next two, for a program in use that
-  // contains video_texel.glsl.
+  // Binds the uploaded frame to this texture unit and the next two. The current program must
+  // contain video_texel.glsl.
   void bind_texels(const ShaderProgram& program, const Frame& frame, int first_unit) const;
-  // To be called after the last draw call that reads the frame: a buffer that is read in place
-  // returns to the camera when the GPU has reached this point.
+  // Call it after the last draw call that reads the frame. A buffer that is read in place returns
+  // to the camera once the GPU has reached this point.
   void hold(const Frame& frame);
 
  private:
-  // One of the buffers that the camera fills in turn, as textures.
+  // One of the camera's buffers, as textures.
   struct ImportedBuffer {
     std::uint64_t number = 0;
     std::vector<ImportedTexture> planes;
@@ -83,11 +82,11 @@ class VideoTexture {
   // A frame whose buffer the GPU may still be reading.
   struct InUse {
     std::shared_ptr<const void> owner;
-    void* drawn = nullptr;  // a fence behind the draw calls that read it
+    void* drawn = nullptr;  // a fence after the draw calls that read it
   };
 
   [[nodiscard]] bool import(const Frame& frame);
-  // Returns false if the driver gives no buffer or loses it.
+  // Returns false if the driver provides no buffer or loses it.
   [[nodiscard]] bool upload_through_buffer(const Frame& frame);
   // Releases frames that the GPU has finished; waits while more than `most` are in use.
   void release(std::size_t most);
@@ -100,8 +99,8 @@ class VideoTexture {
   std::weak_ptr<const void> uploaded_owner_;
   const std::uint8_t* uploaded_data_ = nullptr;
   bool can_import_ = false;
-  std::deque<ImportedBuffer> imported_;  // the last used one at the end
-  bool shows_imported_ = false;          // the frame is that one, not in textures_
+  std::deque<ImportedBuffer> imported_;  // the most recently used one is last
+  bool shows_imported_ = false;          // the frame is imported_.back(), not textures_
   std::deque<InUse> in_use_;             // in drawing order
 };
 

@@ -1,8 +1,8 @@
-// Shadow volumes (Hudson's shadow of a 3D cursor) on everything in the depth buffer: planes,
-// phantoms and virtual objects; and the part of projected shadows that falls on phantoms. z-fail
-// counting is right for every place of the eye and cut of the near plane. The stencil counts light
-// by light; receivers are then drawn again where they are dark and lose the light's share by
-// Lambert's law. The shares of several lights are summed before the image is darkened.
+// Shadow volumes (Hudson's shadow of a 3D cursor) on all surfaces in the depth buffer: planes,
+// phantoms and virtual objects; also the part of projected shadows that falls on phantoms. z-fail
+// counting in the stencil, light by light, is correct for any eye position and near plane.
+// Receivers are then drawn again where they are in shadow, and lose the light's fraction by
+// Lambert's law. The fractions of several lights are summed before the image is darkened.
 #pragma once
 
 #include <map>
@@ -22,10 +22,10 @@ class VolumePass : public Pass {
   [[nodiscard]] static Result<std::unique_ptr<VolumePass>> create(GlApi api,
                                                                   const CameraModel& camera);
 
-  // Makes the volumes of casters that moved, or whose light did.
+  // Makes the volumes of casters that moved or whose light moved.
   [[nodiscard]] Result<void> prepare(const DrawContext& context, const FramePlan& plan) override;
-  // Needs the depth of phantoms, objects and planes. A shadow is as opaque as the less opaque of
-  // its caster and its receiver.
+  // Requires the depth of phantoms, objects and planes. A shadow has the lower opacity of its
+  // caster and its receiver.
   int draw(const DrawContext& context, const FramePlan& plan) override;
 
  private:
@@ -36,11 +36,11 @@ class VolumePass : public Pass {
     std::vector<int> batch_ends;  // in vertices
     GlMesh surface{3};
   };
-  using Casters = std::vector<const ShadowVolumeDraw*>;  // of one light
+  using Casters = std::vector<const ShadowVolumeDraw*>;  // casters of one light
 
-  // Pixels that are dark, and the stencil that they get once they are darkened.
+  // Which pixels to darken, and their stencil value afterwards.
   struct Darkening {
-    unsigned tested = 0;   // any of these bits is set
+    unsigned tested = 0;   // darkens pixels with any of these bits set
     unsigned after = 0;    // written to ...
     unsigned written = 0;  // ... these bits
     float strength = 1.0F;
@@ -59,7 +59,7 @@ class VolumePass : public Pass {
   // Counts how often each pixel's ray enters one batch of the volume (z-fail): faces behind the
   // pixel's surface count up if they face away from the eye, else down. Skips marked pixels.
   void count(const Drawing& drawing, const ShadowVolumeDraw& draw, std::size_t batch) const;
-  // Marks the pixels in any batch of the volume as dark.
+  // Marks the pixels inside any batch of the volume as dark.
   int note_volume(const Drawing& drawing, const ShadowVolumeDraw& draw) const;
   void note_dark() const;
   int darken(const Drawing& drawing, const ShadowVolumeDraw& draw, const Darkening& how) const;

@@ -71,7 +71,7 @@ class MeshReader {
   }
 
   // Returns the offset to add to number_vertices()'s numbers for the next use of a mesh: 0 for the
-  // first use; later uses are numbered after all other vertices.
+  // first use; vertices of later uses are numbered after all others.
   [[nodiscard]] Result<std::uint32_t> source_shift_of_next_use(int mesh);
 
  private:

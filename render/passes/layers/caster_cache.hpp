@@ -1,4 +1,4 @@
-// Meshes that cast shadows, kept between frames: their geometry, kernels and reduced meshes.
+// Caches casting meshes between frames: their geometry, kernels and reduced meshes.
 #pragma once
 
 #include <array>
@@ -24,21 +24,22 @@
 
 namespace penumbra {
 
-// Returns for each object of the scene the longest edge [object units] of its caster, so that the
-// shadow's edges follow the lens at the nearest distance; 0 (no splitting) without distortion.
+// Returns, for each object of the scene, the maximum edge length of its caster [object units] for
+// which the shadow's edges follow the lens at kNearestDistance; 0 (no splitting) without
+// distortion.
 [[nodiscard]] std::vector<float> longest_caster_edges(const Scene& scene,
                                                       const CameraModel& camera);
 
 struct KernelKey {
-  std::optional<KernelSource> source;  // none: the technique uses no kernels
+  std::optional<KernelSource> source;  // nullopt: the technique uses no kernels
   KernelDirection direction;
-  bool stored = false;  // the kernels in the model's file
+  bool stored = false;  // kernels stored in the model's file
   friend auto operator<=>(const KernelKey&, const KernelKey&) = default;
 };
 
 // A casting mesh, with its faces on the GPU.
 struct CasterBody {
-  // A split edge between two positions; object units.
+  // An edge that was split, between two positions; object units.
   struct LongEdge {
     std::uint32_t a = 0, b = 0;
     float length = 0.0F;
@@ -51,9 +52,9 @@ struct CasterBody {
   std::vector<LongEdge> long_edges;
   GlBuffer indices{BufferUse::indices};
   bool indices_written = false;
-  std::vector<IndexRange> ranges;  // of the surfaces, from coarse to fine
-  // Made on demand by can_be_masked(), of the unsplit mesh: the edges if it is closed, else the
-  // faces if their orientation is known.
+  std::vector<IndexRange> ranges;  // index ranges of the meshes, from coarse to fine
+  // Computed on demand by can_be_masked() for the unsplit mesh: its edges if it is closed, else its
+  // oriented faces if there is a consistent orientation.
   std::optional<std::vector<SharedEdge>> edges;
   std::optional<std::vector<std::uint32_t>> oriented;
   bool edges_made = false;
@@ -68,10 +69,10 @@ struct BodyVertices {
 };
 
 struct KernelSet {
-  ShadowKernels made;  // for the full mesh; its positions if the technique needs no kernels
+  ShadowKernels made;  // for the full mesh; equal to its positions if the technique uses no kernels
   BodyVertices whole, reduced;
   TwistReport twist;
-  std::optional<double> overshoot;  // layer_overshoot(), measured on demand
+  std::optional<double> overshoot;  // layer_overshoot(), computed on demand
   std::uint64_t last_used = 0;
 
   [[nodiscard]] const BodyVertices& vertices(bool use_reduced) const {
@@ -89,10 +90,10 @@ struct CachedCaster {
   };
 
   ShadowMesh mesh;
-  // Source of the kernels in the model's file; kernels for other tilts have it too.
+  // Source of the kernels in the model's file, also used for other tilts.
   KernelSource stored_source = KernelSource::automatic;
   CasterBody whole;
-  // A reduced mesh that may cast layers, and the results of its comparisons.
+  // A reduced mesh that may cast layers, and the results of compare_with_proxy().
   std::optional<ShadowProxy> proxy;
   CasterBody reduced;
   std::map<ProxyKey, bool> proxy_kept;
@@ -100,8 +101,8 @@ struct CachedCaster {
   glm::vec3 max_corner{0.0F};
   double size = 0.0;  // largest distance of a point from the object's origin, unscaled [m]
   std::map<KernelKey, KernelSet> sets;
-  // The size of each part's light, by direction and by whether it is for a field, whose light is as
-  // wide as a body.
+  // The size of each part's light. Key: direction, and whether it is for a field (part_discs()
+  // without `across_joints`).
   std::map<std::pair<KernelDirection, bool>, std::vector<PartDisc>> part_sets;
 
   [[nodiscard]] bool is_empty() const { return whole.geometry.indices.empty(); }
@@ -127,7 +128,7 @@ class CasterCache {
 
   CachedCaster& caster_of(const Scene& scene, const ShadowDraw& draw);
 
-  // The mesh and kernels of a shadow. A technique that uses outlines has only the key.
+  // The mesh and kernels of a shadow. For a technique with uses_outlines, only the key is set.
   struct Casting {
     KernelKey key;
     KernelSet* kernels = nullptr;
@@ -141,12 +142,12 @@ class CasterCache {
   static const std::vector<PartDisc>& parts_of(CachedCaster& caster,
                                                const KernelDirection& direction, bool of_field,
                                                RenderWork& work);
-  // Returns the light sizes at a casting mesh's vertices, for lights of one size.
+  // Returns the discs at a casting mesh's vertices, for lights of one size.
   static std::vector<VertexDisc> discs_of(CachedCaster& caster, const KernelKey& key, bool reduced,
                                           double scale, RenderWork& work);
-  // Returns whether the CPU projects the vertices, not the vertex shader.
+  // Returns true if the CPU, not the vertex shader, projects the vertices.
   [[nodiscard]] static bool projects_on_cpu(const ShadowDraw& draw, const CasterBody& body);
-  // Returns whether masks can show the meshes that may cast this shadow.
+  // Returns true if masks can be made of all meshes that may cast this shadow.
   [[nodiscard]] static bool can_be_masked(const ShadowDraw& draw, CachedCaster& caster);
 
  private:
@@ -160,7 +161,7 @@ class CasterCache {
   // One per scene object.
   std::vector<float> edges_;    // longest_caster_edges()
   std::vector<bool> steady_;    // scale and tilt are constant
-  std::vector<bool> cut_outs_;  // its model has_cut_outs()
+  std::vector<bool> cut_outs_;  // has_cut_outs() of its model
   std::map<Key, std::unique_ptr<CachedCaster>> casters_;
   std::uint64_t frame_count_ = 0;
 };

@@ -15,11 +15,11 @@
 
 namespace penumbra {
 
-// One field on the GPU, in half floats: they move a zero contour by at most 1/2000 of a cell.
+// One field on the GPU, in half floats, which move a zero contour by up to 1/2000 of a cell.
 class FieldTexture {
  public:
   void upload(const ShadowField& field);
-  // Returns for each layer whether it is not empty.
+  // Returns, for each layer, whether it is non-empty.
   [[nodiscard]] const std::array<bool, 3>& layers() const { return layers_; }
 
  private:
@@ -39,11 +39,11 @@ class FieldQuad {
     return program_.choose(mode, video);
   }
   [[nodiscard]] const TranslucentProgram& program() const { return program_; }
-  // To be called before the fields on a plane are drawn, with one of program()'s.
+  // Call it before drawing the fields on a plane; `program`: a variant of program().
   void begin(const ShaderProgram& program, const LensUniforms& lens,
              const glm::mat4x3& camera_from_plane);
-  // Darkens by the darkest of the wanted layers, with begin()'s program. `layer_light`: each
-  // layer's argument of darkened_by_layer() in translucency.glsl.
+  // Darkens each pixel by the darkest wanted layer, with the program of begin(). `layer_light`:
+  // each layer's argument of darkened_by_layer() in translucency.glsl.
   void draw(const ShaderProgram& program, const FieldTexture& field,
             const PlanarMotion& T_plane_own, const std::array<bool, 3>& wanted,
             const glm::vec3& layer_light) const;
@@ -51,7 +51,7 @@ class FieldQuad {
  private:
   TranslucentProgram program_;
   UnitGrids grids_;
-  double longest_edge_m_ = 0.0;  // of pieces that follow the lens
+  double longest_edge_m_ = 0.0;  // maximum length of a piece that follows the lens
   bool straight_ = false;        // no distortion: one piece is exact
 };
 

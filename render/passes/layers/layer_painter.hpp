@@ -1,5 +1,4 @@
-// Draws layers of shadows on planes: meshes projected by the vertex shader or on the CPU, and
-// fields.
+// Draws shadow layers on planes: fields, and meshes projected by the vertex shader or the CPU.
 #pragma once
 
 #include <optional>
@@ -21,21 +20,21 @@ class LayerPainter {
     const ShaderProgram& layers;
     const ShaderProgram& field;
     bool penumbra_first = false;
-    bool door = false;  // a layer's value is its number of screen-door places, not the light left
+    bool door = false;  // layer values: numbers of opaque screen-door pixels, not light left
   };
   // Darkens in the chosen mode.
   [[nodiscard]] Brush darkening() const;
-  // Draws plain colour: white for fractions of 1.
+  // Draws a plain colour: white for a fraction of 1.
   [[nodiscard]] Brush plain() const;
 
-  // To be called before the layers on a plane are drawn.
+  // Call it before drawing the layers on a plane.
   void begin_plane(const Brush& brush, const LensUniforms& lens,
                    const glm::mat4x3& camera_from_plane);
   // Returns the number of draw calls.
   int draw(const ShadowDraw& draw, const ShadowItem& item, int first_layer, int count,
            const Brush& brush) const;
-  // Draws consecutive whole layers in one instanced call (instances are drawn in order), and those
-  // of a field in one rectangle. Returns the number of draw calls.
+  // Draws consecutive whole layers in one instanced call (instances are drawn in order), and the
+  // layers of a field as one rectangle. Returns the number of draw calls.
   int draw_all(const ShadowDraw& draw, const ShadowItem& item, const Brush& brush) const;
 
  private:

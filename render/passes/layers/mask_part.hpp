@@ -1,4 +1,4 @@
-// One caster's part of a mask, and its conversion into a MaskRaster.
+// One caster's part of a mask, and its rasterisation into a MaskRaster.
 #pragma once
 
 #include "render/passes/layers/shadow_geometry.hpp"
@@ -6,7 +6,7 @@
 
 namespace penumbra {
 
-// The inputs of the cells that a part covers.
+// All inputs that determine the cells covered by a part.
 struct MaskShape {
   CachedCaster* caster = nullptr;
   KernelKey kernels;
@@ -14,15 +14,15 @@ struct MaskShape {
   OwnFrame own;
   LayeredConstants constants;
   LightMode light_mode = LightMode::proportional;
-  LayerSources layers{};  // masked by silhouettes, face by face, or by a field's outlines
+  LayerSources layers{};  // masked, masked_faces, masked_outline or nothing
   friend bool operator==(const MaskShape&, const MaskShape&) = default;
 };
 
 struct MaskPart : MaskShape {
   std::shared_ptr<const FieldOutlines> outlines;
-  glm::vec3 light{0.0F};  // light left in each layer, as the mask stores it
+  glm::vec3 light{0.0F};  // mask value of each layer (light left)
 
-  // `prepared`: made for a mask.
+  // `prepared` must be made for a mask.
   static MaskPart of(const ShadowDraw& draw, CachedCaster& caster, const PreparedShadow& prepared,
                      const glm::vec3& light);
 
@@ -33,11 +33,11 @@ struct MaskPart : MaskShape {
   }
 
   using Faces = std::array<std::vector<PlanePoint>, 3>;
-  // Returns the triangles of the layers that are covered face by face, own frame.
+  // Returns the triangles of layers masked face by face, in the own frame.
   [[nodiscard]] Faces face_images(RenderWork& work) const;
   // Projects the part onto cells of this size [m].
   void project(const Faces& faces, double cell, MaskCaster& projected, RenderWork& work) const;
-  // Adds the projected part to a picture with cells of that size.
+  // Adds the projected part to a raster with cells of that size.
   void cover(MaskCaster& projected, MaskRaster& picture) const;
 };
 

@@ -1,5 +1,5 @@
-// Draws a MaskRaster as a textured rectangle on its plane, or only the pieces of it that darken
-// anything.
+// Draws a mask as a textured rectangle on its plane, or only those pieces of it that have an
+// effect.
 #pragma once
 
 #include <array>
@@ -27,10 +27,10 @@ class MaskTexture {
 
   Texture2d texture_{TextureFilter::linear};
   glm::vec4 rect_{0.0F};  // corner and extents [m], plane
-  // One bit for each of the finest grid's pieces, row by row: it darkens something.
+  // One bit for each piece of the finest grid, row by row: whether it has an effect.
   std::array<std::uint64_t, kPieces> darkens_{};
-  std::vector<std::uint8_t> darkest_in_column_;  // of some rows
-  // The last drawn grid and its pieces.
+  std::vector<std::uint8_t> darkest_in_column_;  // over some rows
+  // The most recently drawn grid and its pieces.
   VertexArray layout_;
   GlBuffer indices_{BufferUse::indices};
   std::optional<std::size_t> grid_;
@@ -46,15 +46,14 @@ class MaskQuad {
     return program_.choose(mode, video);
   }
   [[nodiscard]] const ShaderProgram& program() const { return program_.get(); }
-  // Returns the number of skipped pieces; with `all_pieces`, none is skipped. The image is the
-  // same.
+  // Returns the number of skipped pieces. `all_pieces`: skips none; the image is the same.
   int draw(MaskTexture& mask, const LensUniforms& lens, const glm::mat4x3& camera_from_plane,
            bool all_pieces) const;
 
  private:
   TranslucentProgram program_;
   UnitGrids grids_;
-  double longest_edge_m_ = 0.0;  // of pieces that follow the lens at the nearest distance
+  double longest_edge_m_ = 0.0;  // maximum length of pieces at kNearestDistance
 };
 
 }  // namespace penumbra

@@ -1,6 +1,6 @@
 // The mesh of Layered Penumbrae (for Indigo2 hardware without blending), as a baseline for the
-// screen-door: black strips, fixed to the plane, whose width is a layer's share of the light.
-// Strips thinner than pixels show moire.
+// screen-door: black strips, fixed to the plane. Their relative width is the fraction of light that
+// a layer removes. Strips thinner than pixels cause moire.
 #pragma once
 
 #include <Eigen/Geometry>
@@ -15,9 +15,10 @@ class MeshStrips {
  public:
   [[nodiscard]] static Result<MeshStrips> create(GlApi api, const CameraModel& camera);
 
-  // Returns the linear light that a layer takes, in 1/127. `light_left`: of the encoded value.
+  // Returns the linear light that a layer removes, in units of 1/127. `light_left`: factor on the
+  // encoded value.
   [[nodiscard]] static unsigned level_of(float light_left);
-  // Draws the strips of a level over `bounds` [m] on the plane and over the table, with the current
+  // Draws the strips of a level within `bounds` (on the plane, [m]) and the table, with the current
   // tests. Returns the number of draw calls.
   int draw(unsigned level, const Eigen::AlignedBox2d& bounds, const LensUniforms& lens,
            const glm::mat4x3& camera_from_plane) const;

@@ -1,4 +1,4 @@
-// Masks of planes: their choice, layout, drawing and reuse in later frames.
+// Chooses, lays out, draws and reuses the masks of planes.
 #pragma once
 
 #include <cstdint>
@@ -14,23 +14,23 @@
 
 namespace penumbra {
 
-// Returns whether casters with this number of faces are drawn directly, not masked: multisampling
-// smooths their edges too (docs/rendering.md#masks).
+// Returns true if casters with this number of faces are drawn directly instead of masked, because
+// multisampling also smooths their edges (docs/rendering.md#masks).
 [[nodiscard]] bool draws_directly(LayerDrawing layers, bool multisampled, std::size_t faces);
 
 class PlaneMasks {
  public:
-  // `multisampled`: of the framebuffer.
+  // `multisampled`: whether the framebuffer is.
   PlaneMasks(const CameraModel& camera, bool multisampled);
 
-  // Decides which planes have a mask in this frame. All shadows of a plane are in its mask or none
-  // is, because the darkest of overlapping layers counts.
+  // Decides which planes have a mask in this frame. A mask contains all shadows of its plane,
+  // because the darkest of overlapping layers counts.
   void plan(const Scene& scene, const FramePlan& plan, Translucency mode, CasterCache& casters,
             RenderWork& work);
   [[nodiscard]] bool has_mask(int plane) const;
-  // Returns whether its mask shows nothing.
+  // Returns true if the plane's mask is empty.
   [[nodiscard]] bool is_empty(int plane) const { return planes_.at(plane).now.masks.empty(); }
-  // Makes or keeps the masks of those planes. `items`: of plan.shadows, prepared for masks.
+  // Makes or reuses the masks of these planes. `items`: one per plan.shadows, prepared for masks.
   void make(const FramePlan& plan, Translucency mode, std::span<const ShadowItem> items,
             RenderWork& work);
   // Draws a plane's masks. Returns the number of draw calls.
@@ -51,14 +51,14 @@ class PlaneMasks {
     std::vector<CellBox> bounds;  // of each part [cells]
     MaskLayout layout;
     std::vector<std::shared_ptr<DrawnMask>> masks;  // one per group
-    // Return the bounds of such a part, and the mask of such parts; null if there are none.
+    // Return the bounds of an equal part, and the mask of equal parts; null if there is none.
     [[nodiscard]] const CellBox* bounds_of(const MaskPart& part) const;
     [[nodiscard]] std::shared_ptr<DrawnMask> mask_of(const MaskCells& cells,
                                                      const std::vector<MaskPart>& of) const;
-    // Returns the storage of a mask that is no longer shown, or new storage.
+    // Returns an unused mask for reuse of its storage, or a new one.
     [[nodiscard]] std::shared_ptr<DrawnMask> take_spare();
   };
-  // The coverage of a mask's cells by one of several casters.
+  // The coverage of a mask's cells by one caster.
   struct PartCover {
     MaskPart part;
     double cell = 0.0;
@@ -66,20 +66,20 @@ class PlaneMasks {
     std::uint64_t last_used = 0;
   };
   struct Plane {
-    DrawnMasks now, other;               // of this frame, and those shown before it
+    DrawnMasks now, other;               // of this frame, and those shown before
     bool in_use = false;                 // in this frame
     double depth = 0.0;                  // of the nearest shadow [m]
-    std::vector<MaskPart> drawn_before;  // in the last mask
-    std::vector<PartCover> covers;       // of parts that rested since the last mask
+    std::vector<MaskPart> drawn_before;  // in the previous mask
+    std::vector<PartCover> covers;       // of parts unchanged since the previous mask
     std::uint64_t times_drawn = 0;
     [[nodiscard]] std::vector<PartCover>::iterator cover_of(const MaskPart& part, double cell);
   };
-  // Lays out masks of parts with these bounds, for the present camera.
+  // Lays out masks of parts with these bounds, for the current camera.
   using LayOut = std::function<MaskLayout(std::span<const CellBox>)>;
 
   [[nodiscard]] std::optional<double> depth_of(const Scene& scene, const FramePlan& plan, int plane,
                                                CasterCache& casters, RenderWork& work) const;
-  // Returns the half octave of the largest cells of at most this size in pixels, at a depth [m].
+  // Returns the half octave of the largest cells that are no larger than `pixels` at `depth` [m].
   [[nodiscard]] int cell_at(double depth, double pixels) const;
   [[nodiscard]] LayOut layout_for(const FramePlan& plan, const PlaneFrame& frame,
                                   int half_octave) const;
@@ -87,7 +87,7 @@ class PlaneMasks {
                   std::span<const ShadowItem> items, RenderWork& work);
   void draw_masks(int half_octave, std::vector<MaskPart> parts, const LayOut& lay_out, Plane& plane,
                   RenderWork& work);
-  // Fills a mask with the parts of a group. `noted`: for each of them, whether its cover is kept.
+  // Fills a mask with the parts of a group. `noted`: whether to keep the cover of each part.
   void fill_mask(const MaskLayout::Group& group, const std::vector<bool>& noted, Plane& plane,
                  DrawnMask& mask);
   void cover_band(const MaskLayout::Group& group, const std::vector<bool>& noted,
@@ -95,8 +95,8 @@ class PlaneMasks {
                   std::span<std::uint8_t> codes);
 
   bool multisampled_ = false;
-  double pixel_at_unit_depth_ = 0.0;  // 1 m from the camera [m]
-  std::int64_t most_side_ = 0;        // cells along a texture's side
+  double pixel_at_unit_depth_ = 0.0;  // size of a pixel 1 m from the camera [m]
+  std::int64_t most_side_ = 0;        // maximum number of cells along a texture's side
   ViewFrustum frustum_;
   std::map<int, Plane> planes_;
   std::vector<MaskCaster> casters_;

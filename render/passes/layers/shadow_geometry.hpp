@@ -1,5 +1,5 @@
-// The geometry of a shadow's layers on one plane, made on the CPU and kept while its caster only
-// slides or turns on the plane.
+// Computes the geometry of a shadow's layers on one plane on the CPU and reuses it while the caster
+// only translates or rotates in the plane.
 #pragma once
 
 #include <Eigen/Geometry>
@@ -17,17 +17,17 @@
 
 namespace penumbra {
 
-// Frames without use after which the geometry of a receiver's shadows is freed.
+// Number of frames without use after which the geometry of a receiver's shadows is freed.
 inline constexpr std::uint64_t kFramesKept = 150;
 
 enum class LayerSource {
   nothing,
   whole,           // the mesh, projected by the vertex shader
-  placed,          // vertices projected on the CPU, with those added for the lens
-  clipped,         // faces cut at a height, or split, on the CPU
+  placed,          // vertices projected on the CPU, including those added for the lens
+  clipped,         // faces clipped at a height, or split, on the CPU
   field,           // a field's texture
   masked,          // in the plane's mask, by silhouettes
-  masked_faces,    // in the mask, face by face: open or cut meshes
+  masked_faces,    // in the mask, face by face: open or clipped meshes
   masked_outline,  // in the mask, by a field's outline
 };
 using LayerSources = std::array<LayerSource, 3>;
@@ -37,16 +37,16 @@ using FieldOutlines = std::array<std::vector<OutlineSide>, 3>;
 
 struct LayerGeometry {
   LayerSource source = LayerSource::nothing;
-  int first = 0;  // vertices in the clipped buffer
+  int first = 0;  // first vertex in the clipped buffer
   int count = 0;
 };
 
-// The inputs of a shadow's geometry, beside the own frame.
+// The inputs of a shadow's geometry, except the own frame.
 struct ShadowKey {
   ShadowTechnique technique = ShadowTechnique::layered;
   LightMode light_mode = LightMode::proportional;
   LayeredConstants constants;    // default for simple shadows
-  std::array<bool, 3> layers{};  // wanted; none for fields, which have all
+  std::array<bool, 3> layers{};  // wanted layers; none set for fields, which always have all
   bool reduced = false;          // the proxy casts
   bool masked = false;           // in the plane's mask
   KernelKey kernels;
@@ -59,15 +59,15 @@ struct PreparedShadow {
   ShadowKey key;
   std::array<bool, 3> wanted{};
   std::array<LayerGeometry, 3> layers;
-  std::size_t surface = 0;  // index of the caster's range that is fine enough in this frame
-  // The largest ratio of a long edge's image to the edge, in placed layers.
+  std::size_t surface = 0;  // index into CasterBody::ranges that is fine enough in this frame
+  // Maximum ratio of a projected long edge to the edge, over placed layers.
   double magnification = 1.0;
   std::array<VertexArray, 3> placed_layouts;
   GlBuffer placed{BufferUse::vertices};
   GlMesh clipped{3, 2};  // (u, v, h) and (ku, kv)
   FieldTexture field;
-  std::shared_ptr<const FieldOutlines> outlines;  // of a field in a mask; else null
-  std::uint64_t last_used = 0;                    // frame, for shadows on receivers
+  std::shared_ptr<const FieldOutlines> outlines;  // of a masked field; else null
+  std::uint64_t last_used = 0;                    // frame number, for shadows on receivers
 
   void clear() {
     layers = {};
@@ -83,25 +83,24 @@ struct ShadowItem {
   PlaneFrame plane_frame;
 };
 
-// Bounds of a shadow's layers at all heights above its plane from one upwards.
+// Bounds of a shadow's layers at all receiving heights above a given one.
 struct ShadowReach {
-  // (u, v) on the plane [m]; empty: nothing casts there.
+  // (u, v) on the plane [m]; empty: no shadow at these heights.
   Eigen::AlignedBox2d box;
   double low = 0.0;   // lowest height of the casting faces [m]
-  double rate = 0.0;  // greatest shift of outlines per receiving height [m / m]
+  double rate = 0.0;  // maximum shift of outlines per receiving height [m / m]
 };
 
 // Returns each layer's factor on the encoded value of the video.
 [[nodiscard]] glm::vec3 layer_light(const ShadowDraw& draw);
 
-// A simple shadow is the middle layer of a light at the zenith.
+// Returns the constants of a simple shadow: the middle layer of a light at the zenith.
 [[nodiscard]] LayeredConstants zenith_constants();
 [[nodiscard]] HeightRange range_of(const ShadowDraw& draw, ShadowLayer layer);
-// Returns for each wanted layer whether the whole mesh, a part (clipped) or nothing is in its
-// heights.
+// Returns, for each wanted layer, whether the whole mesh, a part of it (clipped) or nothing is in
+// the layer's height range.
 [[nodiscard]] LayerSources cut_layers(const ShadowDraw& draw, const CachedCaster& caster);
-// Returns positions and kernels in the own frame, where sliding and turning don't change them, and
-// counts them.
+// Returns positions and kernels in the own frame, and counts them in `work`.
 [[nodiscard]] std::vector<CasterVertex> own_vertices(const OwnFrame& own,
                                                      std::span<const glm::vec3> positions,
                                                      std::span<const glm::vec3> kernels,
@@ -113,16 +112,17 @@ class ShadowGeometry {
  public:
   ShadowGeometry(CasterCache& casters, const CameraModel& camera);
 
-  // Makes the geometry of a shadow, or keeps the prepared one; `masked`: for a mask.
+  // Computes the geometry of a shadow, or keeps `prepared` if it is still valid. `masked`: for a
+  // mask.
   void prepare(const ShadowDraw& draw, CachedCaster& caster, bool masked, PreparedShadow& prepared,
                RenderWork& work) const;
-  // Returns the coarsest of the caster's surfaces whose shadow follows the lens where it is nearest
-  // to the camera. Depends on the present frame alone.
+  // Returns the coarsest of the caster's ranges whose shadow follows the lens at its nearest point
+  // to the camera. Depends only on the current frame.
   [[nodiscard]] std::size_t surface_for(const ShadowDraw& draw, const FramePlan& plan,
                                         const CachedCaster& caster,
                                         const PreparedShadow& prepared) const;
-  // Returns bounds at heights from `from` upwards; nothing for lights of one size and for fields,
-  // whose bounds are unknown beforehand.
+  // Returns bounds at heights from `from` upwards; nullopt for lights of one size and for fields,
+  // whose bounds are not known in advance.
   std::optional<ShadowReach> reach_of(const Scene& scene, const ShadowDraw& draw, double from,
                                       RenderWork& work) const;
 
@@ -137,9 +137,9 @@ class ShadowGeometry {
                   RenderWork& work) const;
 
   CasterCache& casters_;
-  double edge_at_unit_depth_ = 0.0;  // longest edge that follows the lens 1 m from the camera [m]
-  float longest_cut_edge_ = 0.0F;    // the same at the nearest distance; 0: without distortion
-  // Size of a pixel at the nearest distance: finer cells would not be seen [m].
+  double edge_at_unit_depth_ = 0.0;  // longest edge that follows the lens 1 m away [m]
+  float longest_cut_edge_ = 0.0F;    // the same at kNearestDistance; 0: no distortion
+  // Size of a pixel at kNearestDistance, the minimum useful cell size [m].
   double finest_field_cell_ = 0.0;
 };
 

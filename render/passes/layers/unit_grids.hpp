@@ -1,4 +1,4 @@
-// The unit square in pieces, for rectangles that follow the lens.
+// The unit square divided into pieces, for rectangles that follow the lens.
 #pragma once
 
 #include <array>
@@ -11,18 +11,18 @@ namespace penumbra {
 
 class UnitGrids {
  public:
-  // Corners, 0 to 1, feed layout(location = 0).
+  // Corners, with coordinates 0 to 1, are the attribute layout(location = 0).
   UnitGrids();
 
-  static constexpr std::size_t kGrids = 7;  // the i-th has 2^i by 2^i pieces: up to 64 x 64
-  // Returns the coarsest grid that splits a square of side `longest` [m] into pieces no longer than
-  // `piece`, or the finest grid; the first if `straight`.
+  static constexpr std::size_t kGrids = 7;  // grid i has 2^i x 2^i pieces, up to 64 x 64
+  // Returns the coarsest grid that divides a square of side `longest` [m] into pieces no longer
+  // than `piece`, or else the finest grid; grid 0 if `straight`.
   [[nodiscard]] static std::size_t grid_for(double longest, double piece, bool straight);
 
   void draw(std::size_t grid) const;
-  // Feeds the bound vertex array with the grid's corners, row by row.
+  // Sets the bound vertex array's attribute to the grid's corners, row by row.
   void bind_corners(std::size_t grid) const;
-  // Indices of a piece's two triangles.
+  // Returns the indices of a piece's two triangles.
   [[nodiscard]] static std::array<std::uint32_t, 6> piece(std::size_t grid, std::uint32_t row,
                                                           std::uint32_t column) {
     const std::uint32_t corners = (1U << grid) + 1;
