@@ -10,16 +10,16 @@
 namespace penumbra {
 namespace {
 
-constexpr int kSightDepth = 5;        // of the search for a visible part of a face
+constexpr int kSightDepth = 5;        // maximum subdivision in the search for visible regions
 constexpr double kFinestStep = 0.25;  // [texels]
-constexpr int kHalvings = 6;          // bisections of an edge for the point at the cutoff
+constexpr int kHalvings = 6;          // bisections of an edge to find the alpha cutoff
 
 struct TexelSpan {
   std::int64_t first = 0, last = -1;  // inclusive
 };
 
-// Maps texels of the endless, wrapped row to those of the texture. A repeated texture may continue
-// at its other end, in the second span.
+// Maps a range of unwrapped texels of a row to texels of the texture. A range that wraps around
+// gives a second span.
 std::array<TexelSpan, 2> wrapped(std::int64_t first, std::int64_t last, std::int64_t size,
                                  TextureWrap wrap) {
   const auto floor_div = [](std::int64_t a, std::int64_t b) { return (a - ((a % b) + b) % b) / b; };
@@ -75,7 +75,8 @@ AlphaPyramid::AlphaPyramid(const Texture& texture, const TextureSampling& sampli
 }
 
 AlphaPyramid::Range AlphaPyramid::range(const glm::dvec2& low, const glm::dvec2& high) const {
-  // Interpolation uses the texels between whose centres the rectangle lies, else those it touches.
+  // Linear filtering uses the texels with centres around the rectangle; nearest filtering those
+  // that it touches.
   const double shift = sampling_.smooth_near ? 0.5 : 0.0;
   const std::int64_t more = sampling_.smooth_near ? 1 : 0;
   const glm::dvec2 a = low * size() - shift;

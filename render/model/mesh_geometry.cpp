@@ -1,4 +1,4 @@
-// Computes normals and tangents that a file lacks, and edges short enough to follow a curved lens.
+// Computes missing normals and tangents, and splits edges to follow the lens distortion.
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -23,7 +23,7 @@ TriangleCorners corners_at(const Mesh& mesh, std::size_t first) {
   return corners;
 }
 
-// Returns the angle at a corner [rad]; 0 if an edge there has no length.
+// Returns the angle at a corner [rad]; 0 if an adjacent edge has zero length.
 double corner_angle(const TriangleCorners& p, std::size_t corner) {
   const glm::dvec3 a = p[(corner + 1) % 3] - p[corner];
   const glm::dvec3 b = p[(corner + 2) % 3] - p[corner];
@@ -32,7 +32,7 @@ double corner_angle(const TriangleCorners& p, std::size_t corner) {
   return std::acos(std::clamp(glm::dot(a, b) / lengths, -1.0, 1.0));
 }
 
-// Equal for both directions of an edge: the two triangles at it must split alike.
+// Returns exactly the same for both directions of an edge, so that its two triangles split equally.
 float edge_length_squared(const glm::vec3& a, const glm::vec3& b) {
   const glm::vec3 d = a - b;
   return glm::dot(d, d);
@@ -47,7 +47,7 @@ class Splitter {
  public:
   explicit Splitter(const Mesh& mesh) : mesh_(mesh) {}
 
-  // One pass: splits every edge longer than the threshold in its middle.
+  // Splits every edge longer than the threshold once, at its midpoint.
   void split(float threshold_squared);
   [[nodiscard]] bool splits(std::uint32_t i, std::uint32_t j, float threshold_squared) const;
   [[nodiscard]] Mesh& mesh() { return mesh_; }
@@ -63,7 +63,7 @@ bool Splitter::splits(std::uint32_t i, std::uint32_t j, float threshold_squared)
   const glm::vec3& a = mesh_.positions[i];
   const glm::vec3& b = mesh_.positions[j];
   if (!(edge_length_squared(a, b) > threshold_squared)) return false;
-  // The ends may be adjacent floats, without a number between them.
+  // The ends may be adjacent floats, which have no midpoint.
   const glm::vec3 m = middle(a, b);
   return m != a && m != b;
 }
@@ -127,7 +127,7 @@ void Splitter::split(float threshold_squared) {
     const std::uint32_t m12 = middle_vertex(v[1], v[2]);
     if (cuts == 2) {
       add(m01, v[1], m12);
-      // The quadrilateral v0, m01, m12, v2 along its shorter diagonal.
+      // Splits the quadrilateral v0, m01, m12, v2 along its shorter diagonal.
       const std::vector<glm::vec3>& p = mesh_.positions;
       if (edge_length_squared(p[v[0]], p[m12]) <= edge_length_squared(p[m01], p[v[2]])) {
         add(v[0], m01, m12);
@@ -145,7 +145,7 @@ void Splitter::split(float threshold_squared) {
     add(m01, m12, m20);
   }
   mesh_.indices = std::move(result);
-  mesh_.node_faces.clear();  // they refer to the former faces
+  mesh_.node_faces.clear();  // invalid for the new faces
 }
 
 }  // namespace
@@ -171,8 +171,8 @@ void generate_normals(Mesh& mesh) {
 
 namespace {
 
-// The direction of a texture's x on a face. The layout is mirrored if the texture's y, towards
-// smaller v, is not a quarter turn anticlockwise from x. Unknown for a layout without area.
+// The direction of a texture's x axis on a face. The layout is mirrored if the texture's y axis
+// (towards smaller v) is clockwise of x. Unknown if the layout has zero area.
 struct FaceTangent {
   glm::dvec3 x{0.0};
   bool known = false, mirrored = false;
@@ -203,7 +203,7 @@ FaceTangent face_tangent(const Mesh& mesh, const std::vector<glm::vec2>& texcoor
   return face;
 }
 
-// Returns any direction along the surface.
+// Returns an arbitrary tangent of the surface.
 glm::dvec3 some_tangent(const glm::dvec3& normal) {
   const glm::dvec3 axis =
       std::abs(normal.x) < 0.9 ? glm::dvec3(1.0, 0.0, 0.0) : glm::dvec3(0.0, 1.0, 0.0);
@@ -245,7 +245,7 @@ void generate_tangents(Mesh& mesh, bool second) {
     const bool mirrored = used[i][1] && !used[i][0];
     mesh.tangents.push_back(tangent(i, sums[i][mirrored ? 1 : 0], mirrored));
   }
-  // Mirrored faces get a separate vertex where they meet others.
+  // Vertices shared by mirrored and other faces are duplicated.
   std::vector<std::uint32_t> twin(count, 0);
   const auto repeat = [](auto& values, std::size_t i, std::size_t size) {
     if (values.size() == size) values.push_back(values[i]);
@@ -283,7 +283,7 @@ void append_mesh(Mesh& mesh, const Mesh& more) {
     to.insert(to.end(), from.begin(), from.end());
     to.resize(after, absent);
   };
-  // Stored kernels are used only if every vertex has one.
+  // Keeps stored kernels only if every vertex has one.
   if (mesh.shadow_kernels.size() == before && more.shadow_kernels.size() == more.positions.size()) {
     mesh.shadow_kernels.insert(mesh.shadow_kernels.end(), more.shadow_kernels.begin(),
                                more.shadow_kernels.end());
@@ -326,13 +326,13 @@ Mesh subdivided(const Mesh& mesh, float max_edge_m, std::size_t max_triangles) {
       }
     }
     if (lengths.empty() || triangles >= max_triangles) break;
-    // Each cut edge adds one triangle on each of its sides.
+    // Each split edge adds one triangle per adjacent face.
     const std::size_t budget = max_triangles - triangles;
     if (lengths.size() <= budget) {
       splitter.split(wanted);
       continue;
     }
-    // Splits only the longest ones that the budget allows.
+    // Splits only as many of the longest edges as the budget allows.
     const auto last = lengths.begin() + static_cast<std::ptrdiff_t>(budget);
     std::nth_element(lengths.begin(), last, lengths.end(), std::greater<>());
     splitter.split(*last);

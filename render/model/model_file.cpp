@@ -1,4 +1,4 @@
-// Loads a model: picks the reader of its format, turns the axes and checks the result.
+// Loads a model: selects the reader of its format, converts the axes and validates the result.
 #include <algorithm>
 #include <bit>
 #include <cctype>
@@ -24,8 +24,8 @@ void drop_kernels(Model& model) {
   model.shadow_kernel_up.reset();
 }
 
-// Drops stored kernels that do not fit the model; shadows then compute them for the same groups.
-// `geometry`: the model's geometry_key() in the axes that kernels are stored for.
+// Drops stored kernels that do not fit the model; kernels are then computed for the same groups.
+// `geometry`: geometry_key() of the model in the axes of the stored kernels.
 void check_stored_kernels(Model& model, const std::string& geometry, const std::string& name,
                           const ModelLimits& limits) {
   const auto drop = [&](std::string_view cause) {
@@ -55,7 +55,7 @@ void check_stored_kernels(Model& model, const std::string& geometry, const std::
   }
 }
 
-// Turns y up to z up.
+// Converts y up to z up.
 glm::vec3 turned_up(const glm::vec3& v) {
   return {v.x, -v.z, v.y};
 }
@@ -84,7 +84,7 @@ Eigen::AlignedBox3d bounds_of(const Model& model) {
   return {model.origin + to_eigen(model.min_corner), model.origin + to_eigen(model.max_corner)};
 }
 
-// Returns the key of a glTF file's model with y up, the axes that kernels are stored for.
+// Returns geometry_key() of a glTF file's model converted from y up, as for stored kernels.
 std::string usual_geometry_key(const Model& model, UpAxis up) {
   if (up != UpAxis::z) return geometry_key(model);
   Model usual = model;
@@ -92,7 +92,7 @@ std::string usual_geometry_key(const Model& model, UpAxis up) {
   return geometry_key(usual);
 }
 
-// Returns the name with slashes for backslashes and without a leading "file:".
+// Replaces backslashes by slashes and removes a leading "file:".
 std::string plain_path(std::string_view name) {
   constexpr std::string_view kScheme = "file:";
   const bool has_scheme =
@@ -157,7 +157,7 @@ Result<std::filesystem::path> beside_model(const std::filesystem::path& folder,
   if (last.empty() || last == "." || last == ".." || path.find('\0') != std::string::npos) {
     return fail("\"{}\": names no file beside the model", name.substr(0, 80));
   }
-  // Old programs name files in Latin-1; on the disk their names may be UTF-8.
+  // Old programs write file names in Latin-1; the file system may have them in UTF-8.
   std::error_code ignored;
   const std::filesystem::path as_written = folder / path;
   const std::filesystem::path utf8 = folder / as_utf8(path);
@@ -168,14 +168,14 @@ Result<std::filesystem::path> beside_model(const std::filesystem::path& folder,
 
 bool leaves_folder(std::string_view name) {
   const std::string path = plain_path(name);
-  // A colon in the first part ends a drive letter or a scheme.
+  // A colon in the first component follows a drive letter or a scheme.
   if (path.starts_with('/') || path.find(':') < path.find('/')) return true;
   const std::filesystem::path parts(path);
   return std::find(parts.begin(), parts.end(), "..") != parts.end();
 }
 
 Eigen::Vector3d model_origin(const Eigen::AlignedBox3d& bounds) {
-  // At this many times its size from the origin, floats resolve a millionth of the size.
+  // At a distance of kFar times the size, floats resolve a millionth of the size.
   constexpr double kFar = 64.0;
   if (bounds.isEmpty()) return Eigen::Vector3d::Zero();
   const Eigen::Vector3d middle = bounds.center();
@@ -198,7 +198,7 @@ void move_origin(Model& model, const Eigen::Vector3d& origin) {
 
 std::optional<std::string> warning_of_distance(const Eigen::AlignedBox3d& bounds, double step,
                                                const std::string& name) {
-  constexpr double kCoarse = 1e-4;  // share of the size
+  constexpr double kCoarse = 1e-4;  // fraction of the size
   if (bounds.isEmpty()) return std::nullopt;
   const double size = bounds.sizes().maxCoeff();
   if (!(size > 0.0) || step <= kCoarse * size) return std::nullopt;
@@ -229,7 +229,7 @@ Result<int> add_texture(Model& model, std::span<const std::uint8_t> bytes, const
 
 namespace {
 
-// In double: in float the square of a strange file's vector may overflow or vanish.
+// Computed in double, because in float the square may overflow or underflow.
 double length_of(const glm::vec3& v) {
   return std::hypot(static_cast<double>(v.x), static_cast<double>(v.y), static_cast<double>(v.z));
 }
@@ -272,7 +272,7 @@ Result<void> check_attributes(Mesh& mesh, const ModelLimits& limits) {
   return {};
 }
 
-// Errors do not name the file and the mesh.
+// Errors do not contain the names of the file and the mesh.
 Result<void> check_mesh(Mesh& mesh, const Model& model, const ModelLimits& limits) {
   const std::size_t count = mesh.positions.size();
   const auto fits = [count](const auto& list) { return list.empty() || list.size() == count; };
@@ -302,7 +302,7 @@ Result<void> check_mesh(Mesh& mesh, const Model& model, const ModelLimits& limit
   return {};
 }
 
-// Errors do not name the file and the material.
+// Errors do not contain the names of the file and the material.
 Result<void> check_material(const Material& material, const Model& model) {
   const auto in_unit = [](float x) { return x >= 0.0F && x <= 1.0F; };  // false for NaN
   bool good = in_unit(material.metallic) && in_unit(material.roughness);
@@ -367,7 +367,7 @@ Result<void> check_model(Model& model, const std::string& name, const ModelLimit
 
 Result<Model> load_model(const std::filesystem::path& file, const ModelReading& reading) {
   const std::string name = file.string();
-  // The readers check coordinates in the file's own unit.
+  // The readers check coordinates in the file's unit.
   ModelLimits limits = reading.limits;
   limits.max_coordinate_m /= reading.unit_m;
   const std::string extension = lower_extension(file);
@@ -378,14 +378,14 @@ Result<Model> load_model(const std::filesystem::path& file, const ModelReading& 
   }
   PENUMBRA_TRY(const std::vector<std::uint8_t> bytes, read_file(file, limits.max_file_bytes));
   if (bytes.empty()) return fail("{}: is empty; export the model again", name);
-  // The readers are libraries: what they throw ends here.
+  // Catches exceptions of the readers' libraries.
   try {
     double file_step = 0.0;
     Result<Model> model = gltf ? read_gltf(file, bytes, extension == ".glb", limits, file_step)
                                : read_obj(file, bytes, limits, file_step);
     if (!model) return model;
     model->name = file.stem().string();
-    // The readers give the file's own axes.
+    // The readers return the file's axes.
     if (reading.up == UpAxis::y || (reading.up == UpAxis::by_format && gltf)) turn_up(*model);
     if (gltf) {
       for (Texture& texture : model->textures) texture.encoded = {};
@@ -394,7 +394,7 @@ Result<Model> load_model(const std::filesystem::path& file, const ModelReading& 
       drop_kernels(*model);
       model->shadow_kernel_groups.clear();
     }
-    // Kernels are stored for the file's own unit.
+    // Stored kernels refer to the file's unit.
     std::string geometry;
     if (model->shadow_kernel_up) geometry = usual_geometry_key(*model, reading.up);
     if (reading.unit_m != 1.0) scale_to_metres(*model, reading.unit_m);

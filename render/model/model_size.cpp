@@ -14,7 +14,7 @@ std::string in_words(double length_m) {
                          : fmt::format("{:.3g} m", length_m);
 }
 
-// The first unit that makes `count` units of it between `low` and `high` metres long.
+// Returns the first unit in which a length of `count` units is between `low` and `high` [m].
 const LengthUnit* unit_between(double count, double low, double high) {
   const auto unit = std::ranges::find_if(kLengthUnits, [&](const LengthUnit& candidate) {
     return count * candidate.length_m >= low && count * candidate.length_m <= high;
@@ -39,7 +39,7 @@ std::optional<std::string> warning_of_size(const Model& model, const ModelSize& 
   const std::string start =
       fmt::format("{}: is {} {}", subject, in_words(length), extent.z == longest ? "high" : "wide");
   const bool scene = size.remedy == SizeRemedy::scene_scale;
-  // A scale may stand for the unit.
+  // In a scene, the scale may already convert the unit.
   const LengthUnit* unit = likely_unit(scene ? longest : longest / size.unit_m);
   if (unit == nullptr) {
     const double factor = std::pow(10.0, std::round(std::log10(0.1 / length)));

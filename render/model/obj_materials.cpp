@@ -22,19 +22,19 @@ Material plain_material(const std::string& name) {
   return plain;
 }
 
-// The format does not define its colours; modelling programs write them sRGB-encoded.
+// Returns linear light. The format does not define the encoding; modelling programs write sRGB.
 float light_of(double value) {
   return linear_from_srgb(static_cast<float>(std::clamp(value, 0.0, 1.0)));
 }
 
-// Returns a number from 0 to kMaxColor.
+// Returns a number in [0, kMaxColor], or nullopt.
 std::optional<double> factor_from(std::string_view word) {
   const std::optional<double> value = finite_number(word);
   if (!value || *value < 0.0 || *value > kMaxColor) return std::nullopt;
   return value;
 }
 
-// Reads r [g b]: absent components equal red. Nothing for other forms.
+// Reads r [g b]; absent components equal red. Returns nullopt for other forms.
 std::optional<glm::vec3> color_from(const std::vector<std::string_view>& words) {
   if (words.size() < 2) return std::nullopt;
   glm::vec3 color(0.0F);
@@ -46,7 +46,7 @@ std::optional<glm::vec3> color_from(const std::vector<std::string_view>& words) 
   return color;
 }
 
-// Removes quotes around a file's name and the backslashes of "\ ".
+// Removes quotes around a file name, and the backslash of "\ ".
 std::string unescaped(std::string_view name) {
   if (name.size() >= 2 && name.front() == '"' && name.back() == '"') {
     name = name.substr(1, name.size() - 2);
@@ -91,7 +91,7 @@ bool is_beside(const std::filesystem::path& folder, const std::string& name) {
   return path && std::filesystem::is_regular_file(*path, ignored);
 }
 
-// Returns the most arguments that an option of an image takes; nothing for other words.
+// Returns the maximum number of arguments of an image option; nullopt for other words.
 std::optional<std::size_t> option_arguments(std::string_view word) {
   if (word == "-o" || word == "-s" || word == "-t") return 3;
   if (word == "-mm") return 2;
@@ -103,7 +103,7 @@ std::optional<std::size_t> option_arguments(std::string_view word) {
 struct ImageLine {
   std::string_view name;
   bool clamps = false;
-  std::string_view ignored;  // an option that changes the image and is not supported
+  std::string_view ignored;  // an unsupported option that affects the image
 };
 
 // Reads "[options] name with blanks".
@@ -130,10 +130,10 @@ ImageLine image_from(std::string_view line) {
   }
 }
 
-// Highlights and refraction, which are not drawn.
+// Keys for highlights and refraction, which are not drawn.
 constexpr std::array<std::string_view, 8> kMtlWithoutEffect = {
     "Ka", "Ks", "Ns", "Ni", "illum", "sharpness", "Tf", "map_aat"};
-// Words of the format and of its extension for physically based materials.
+// Unsupported keys of the format and of its extension for physically based materials.
 constexpr std::array<std::string_view, 23> kMtlIgnored = {
     "map_Ka", "map_Ks",  "map_Ke",  "map_Ns",   "map_Ni",   "map_Tr", "map_Pr", "map_Pm",
     "map_Ps", "map_RMA", "map_ORM", "map_bump", "map_Bump", "bump",   "norm",   "disp",
@@ -307,7 +307,7 @@ void ObjMaterials::move_to(Model& model, const std::vector<bool>& used) {
     Material& material = from.material;
     if (!from.image.empty() && used[i]) load_image(model, from);
     if (material.base_color_texture.image >= 0) {
-      // The image is the colour; many exporters write a dark Kd beside it.
+      // The image replaces Kd, because many exporters write a dark Kd next to it.
       material.base_color = glm::vec4(1.0F, 1.0F, 1.0F, material.base_color.a);
       TextureSampling& sampling = material.base_color_texture.sampling;
       if (from.clamps) sampling.wrap_s = sampling.wrap_t = TextureWrap::clamp;

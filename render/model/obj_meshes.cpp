@@ -1,4 +1,4 @@
-// Turns the faces of an OBJ file into triangles and meshes.
+// Converts the faces of an OBJ file to triangles and meshes.
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -15,17 +15,17 @@
 namespace penumbra {
 namespace {
 
-constexpr double kCreaseCosine = 0.7071;  // faces that meet at over 45 degrees have an edge
+constexpr double kCreaseCosine = 0.7071;  // an edge between faces at over 45 degrees is sharp
 
 struct ObjTriangles {
   std::vector<ObjCorner> corners;
-  std::vector<std::uint32_t> face;  // of each triangle
-  // Normals of triangles of a flat polygon, in order of the triangles. Slivers have no normal that
-  // can be computed from their corners.
+  std::vector<std::uint32_t> face;  // face of each triangle
+  // Normals of the triangles of planar polygons, ascending by triangle, because the normal of a
+  // sliver can't be computed from its corners.
   std::vector<std::pair<std::size_t, glm::vec3>> normals;
 };
 
-// Splits the file's faces into triangles. Adds vertices where outlines cross themselves.
+// Splits the file's faces into triangles. Adds vertices where outlines intersect themselves.
 class FaceSplitter {
  public:
   FaceSplitter(ObjFile& file, const Eigen::Vector3d& origin, LineWarnings& warnings)
@@ -43,7 +43,7 @@ class FaceSplitter {
   LineWarnings& warnings_;
   PolygonSplitter splitter_;
   std::vector<Eigen::Vector3d> places_;
-  std::vector<ObjCorner> corners_;  // of the face, and the added ones
+  std::vector<ObjCorner> corners_;  // of the current face, and added corners
   ObjTriangles triangles_;
 };
 
@@ -52,7 +52,7 @@ void FaceSplitter::add_triangle(const std::array<std::uint32_t, 3>& triangle, st
   triangles_.face.push_back(face);
 }
 
-// Adds a vertex to the file whose attributes are the weighted mean of its neighbours'.
+// Adds a vertex to the file, with the weighted mean of its parents' attributes.
 void FaceSplitter::add_corner(const AddedCorner& added) {
   ObjCorner corner;
   corner.position = static_cast<std::int32_t>(file_.positions.size());
@@ -114,11 +114,11 @@ void FaceSplitter::add(std::uint32_t index) {
   }
 }
 
-// Computes a normal per corner: smooths faces that share the vertex and meet at a flat angle; sharp
-// edges stay sharp.
+// Computes a normal per corner. Smooths faces that share the vertex and differ by less than
+// kCreaseCosine; sharp edges stay sharp.
 std::vector<glm::vec3> creased_normals(const std::vector<glm::vec3>& positions,
                                        const ObjTriangles& triangles) {
-  // With more faces at a vertex all are smoothed: comparing all pairs would take hours.
+  // If a vertex has more faces, all are smoothed, because comparing all pairs would be slow.
   constexpr std::uint32_t kMaxPairedFaces = 64;
   struct Corner {
     glm::dvec3 normal{0.0};  // unit
@@ -177,7 +177,7 @@ std::vector<glm::vec3> creased_normals(const std::vector<glm::vec3>& positions,
   return normals;
 }
 
-// The mesh of one material. Corners that agree in everything share a vertex.
+// Builds the mesh of one material. Corners with equal attributes share a vertex.
 class MeshBuilder {
  public:
   std::uint32_t vertex(const ObjFile& file, const std::vector<glm::vec3>& positions,
@@ -207,7 +207,7 @@ class MeshBuilder {
     return entry->second;
   }
   void add_triangle(const std::array<std::uint32_t, 3>& triangle, std::uint32_t node) {
-    // Keeps faces whose corners coincide, as their vertices are the model's.
+    // Keeps degenerate faces, because their vertices belong to the model.
     std::vector<NodeFaces>& runs = mesh.node_faces;
     if (runs.empty() || runs.back().node != node) runs.push_back({node, mesh.indices.size(), 0});
     runs.back().index_count += triangle.size();
@@ -217,7 +217,7 @@ class MeshBuilder {
   Mesh mesh;
 
  private:
-  using Key = std::array<std::uint32_t, 5>;  // vertex, texture coordinate, normal's bits
+  using Key = std::array<std::uint32_t, 5>;  // vertex, texture coordinate, bits of the normal
   struct Hash {
     std::size_t operator()(const Key& key) const {
       std::uint64_t h = 1469598103934665603ULL;  // FNV-1a
@@ -252,7 +252,7 @@ Result<void> add_obj_meshes(Model& model, ObjFile& file, const std::vector<int>&
                 triangles.face.size(), file.positions.size(), limits.max_triangles,
                 limits.max_vertices);
   }
-  // From here on computes in float.
+  // Positions are floats from here on.
   std::vector<glm::vec3> positions(file.positions.size());
   for (std::size_t i = 0; i < positions.size(); ++i) {
     positions[i] = to_glm(file.positions[i] - model.origin);

@@ -1,4 +1,4 @@
-// Reads an OBJ file with its .mtl files, in the file's own axes. Numbers are read in double.
+// Reads an OBJ file with its .mtl files, in the file's axes and in double precision.
 #include <algorithm>
 #include <array>
 #include <charconv>
@@ -16,7 +16,7 @@ namespace {
 
 constexpr std::string_view kBlanks = " \t\r\v\f";
 
-// Returns true if a decimal number beyond the range of doubles is too small, not too large.
+// Returns true if a number outside the range of doubles underflows instead of overflows.
 bool is_tiny(std::string_view number) {
   const std::size_t e = number.find_first_of("eE");
   const std::string_view mantissa = number.substr(0, e);
@@ -35,7 +35,7 @@ bool is_tiny(std::string_view number) {
 }
 
 constexpr double kMaxTexcoord = 1e6;
-constexpr double kLeastNormal = 1e-30;  // floats hold the components of longer normals
+constexpr double kLeastNormal = 1e-30;  // floats can represent the components of longer normals
 constexpr double kGreatestNormal = 1e30;
 
 bool continues(std::string_view line) {
@@ -58,7 +58,7 @@ constexpr std::string_view kMissingTexcoord =
 constexpr std::string_view kMissingNormal =
     "a face names a normal that is not there; it is computed from the faces";
 
-// Returns three numbers from words[first] on, or nothing if one is absent or not finite.
+// Returns three numbers from words[first] on, or nullopt if one is absent or not finite.
 std::optional<Eigen::Vector3d> vector_from(const std::vector<std::string_view>& words,
                                            std::size_t first) {
   Eigen::Vector3d vector;
@@ -80,7 +80,7 @@ class ObjReader {
 
  private:
   [[nodiscard]] Result<void> read_lines(std::string_view text);
-  // Errors of this and the next functions do not name the file and the line.
+  // Errors of this and the next functions do not contain the file and the line.
   [[nodiscard]] Result<void> read_line(std::string_view line);
   [[nodiscard]] Result<void> read_position(const std::vector<std::string_view>& words);
   void read_texcoord(const std::vector<std::string_view>& words);
@@ -101,7 +101,7 @@ class ObjReader {
   std::int32_t material_ = -1;
   std::string node_name_;
   bool node_has_faces_ = false;
-  std::size_t without_surface_ = 0;  // lines and points
+  std::size_t without_surface_ = 0;  // number of lines and points
   Model model_;
 };
 
@@ -143,7 +143,7 @@ Result<void> ObjReader::read_position(const std::vector<std::string_view>& words
   return {};
 }
 
-// A line that can't be read counts as (0, 0): faces refer to texture coordinates by index.
+// Stores (0, 0) for an invalid line, because faces refer to texture coordinates by index.
 void ObjReader::read_texcoord(const std::vector<std::string_view>& words) {
   glm::vec2 texcoord(0.0F);
   bool good = words.size() > 1;
@@ -159,7 +159,7 @@ void ObjReader::read_texcoord(const std::vector<std::string_view>& words) {
   obj_.texcoords.push_back(texcoord);
 }
 
-// A normal that can't be read becomes zero, which stands for none.
+// Stores zero, which means no normal, for an invalid line.
 void ObjReader::read_normal(const std::vector<std::string_view>& words) {
   Eigen::Vector3d normal = vector_from(words, 1).value_or(Eigen::Vector3d::Zero());
   const double largest = normal.cwiseAbs().maxCoeff();
@@ -171,8 +171,8 @@ void ObjReader::read_normal(const std::vector<std::string_view>& words) {
   obj_.normals.push_back(to_glm(normal));
 }
 
-// Reads v, v/vt, v//vn or v/vt/vn; an empty or zero vt or vn stands for none. Positive indices may
-// refer to later lines: check_indices() checks them.
+// Reads v, v/vt, v//vn or v/vt/vn; an empty or zero vt or vn means none. Positive indices may refer
+// to later lines, so check_indices() validates them.
 Result<ObjCorner> ObjReader::read_corner(std::string_view word) {
   const auto wrong = [&] {
     return fail("\"{}\" is not a corner of a face (v, v/vt, v//vn, v/vt/vn)", word.substr(0, 40));
@@ -277,7 +277,7 @@ Result<void> ObjReader::read_lines(std::string_view text) {
     std::string_view line = text.substr(at, text.find('\n', at) - at);
     at += line.size() + 1;
     line_ = next_line++;
-    // A backslash at the end joins the next line. In a comment it may be the end of a path.
+    // A backslash at the end continues the line, except in comments, where it may end a path.
     if (continues(line) && !is_comment(line)) {
       joined.clear();
       while (continues(line)) {
@@ -311,7 +311,7 @@ Result<void> ObjReader::read_lines(std::string_view text) {
   return {};
 }
 
-// Fails for a vertex that does not exist; removes references to other elements that do not exist.
+// Fails if a vertex does not exist; removes references to missing texture coordinates and normals.
 Result<void> ObjReader::check_indices() {
   const auto is_missing = [](std::int32_t index, std::size_t known) {
     return index >= 0 && static_cast<std::size_t>(index) >= known;
@@ -339,7 +339,8 @@ Result<void> ObjReader::check_indices() {
   return {};
 }
 
-// Moves the materials into the model. Returns the index there per material name.
+// Moves the materials into the model. Returns the index into Model::materials for each material
+// name.
 std::vector<int> ObjReader::find_materials() {
   std::vector<bool> named(obj_.material_names.size(), false);
   for (const ObjFace& face : obj_.faces) {

@@ -6,7 +6,8 @@
 namespace penumbra {
 namespace {
 
-// * matches any run of characters, ? one. Backtracks to the last * only, which bounds the time.
+// Wildcard match: * matches any characters, ? one. Backtracks only to the most recent *, which
+// bounds the time.
 bool matches(std::string_view pattern, std::string_view name) {
   std::size_t p = 0, n = 0;
   std::size_t star = std::string_view::npos, star_name = 0;

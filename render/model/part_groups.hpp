@@ -2,9 +2,8 @@
 // towards its own kernels, so without a group the umbra of a wall of loose bricks has gaps at the
 // joints.
 //
-// A group is "all", or a name in the model's file: of a glTF node or mesh, of an OBJ object or
-// group;
-// * and ? are wildcards ("brick*"). A node includes its descendants.
+// A group is "all", or the name of a glTF node or mesh, or of an OBJ object or group. "*" and "?"
+// are wildcards ("brick*"). A node includes its descendants.
 #pragma once
 
 #include <span>

@@ -13,19 +13,20 @@
 namespace penumbra {
 namespace {
 
-constexpr double kMaxSweepSteps = 6e7;     // of GLU beyond an ordinary outline's; about 2 s
-constexpr double kOrdinarySteps = 10.0;    // per corner
-constexpr double kStepsOfCrossing = 30.0;  // to make the new corner
-constexpr double kStepsOfCut = 0.2;  // per corner of the face that a reflex corner cuts in two
-// Closer places are one, as a share of the radius: corners on an edge cross it by their rounding.
+constexpr double kMaxSweepSteps = 6e7;     // beyond those of ordinary outlines; about 2 s
+constexpr double kOrdinarySteps = 10.0;    // steps per corner
+constexpr double kStepsOfCrossing = 30.0;  // steps to create the new corner
+constexpr double kStepsOfCut = 0.2;  // steps per corner of the face that a reflex corner splits
+// Closer positions are equal, as a fraction of the radius: rounding may move a corner on an edge
+// across it.
 constexpr double kSamePlace = 1e-9;
-constexpr double kFlatShare = 0.01;      // distance of corners from the plane, share of the radius
-constexpr double kAreaTolerance = 1e-6;  // share of the area
+constexpr double kFlatShare = 0.01;      // distance of corners from the plane / radius
+constexpr double kAreaTolerance = 1e-6;  // fraction of the area
 constexpr int kMaxAttempts = 5;
 constexpr double kAttemptAngle = 1.0;     // [rad] between attempts
-constexpr double kLeastAreaShare = 1e-9;  // below, areas that turn both ways cancel each other
-constexpr double kNoArea = 1e-14;         // of the squared radius
-constexpr double kRoundedArea = 1e-12;    // of the squared radius
+constexpr double kLeastAreaShare = 1e-9;  // below, areas of opposite orientation cancel
+constexpr double kNoArea = 1e-14;         // / squared radius
+constexpr double kRoundedArea = 1e-12;    // / squared radius
 
 double cross_2d(const Eigen::Vector2d& a, const Eigen::Vector2d& b) {
   return a.x() * b.y() - a.y() * b.x();
@@ -34,7 +35,7 @@ double doubled_area(const Eigen::Vector2d& a, const Eigen::Vector2d& b, const Ei
   return cross_2d(b - a, c - a);
 }
 
-// Returns true for edges that meet except at a shared end, and for edges that overlap from it.
+// Returns true if the edges intersect other than at a common end, or overlap from a common end.
 bool edges_meet(const Eigen::Vector2d& a, const Eigen::Vector2d& b, const Eigen::Vector2d& c,
                 const Eigen::Vector2d& d) {
   if (a == b || c == d || (a == c && b == d) || (a == d && b == c)) return false;
@@ -53,8 +54,8 @@ bool edges_meet(const Eigen::Vector2d& a, const Eigen::Vector2d& b, const Eigen:
          doubled_area(c, d, a) * doubled_area(c, d, b) <= 0.0;
 }
 
-// Estimates GLU's steps beyond an ordinary outline's: it walks the list of edges side by side at
-// each corner and crossing, and a whole outline at each reflex corner. Stops counting beyond
+// Estimates GLU's steps beyond those of an ordinary outline: GLU walks the list of active edges at
+// each corner and intersection, and a whole outline at each reflex corner. Stops counting beyond
 // `limit`.
 double sweep_steps(std::span<const Eigen::Vector2d> corners, double limit) {
   const std::size_t count = corners.size();
@@ -95,7 +96,7 @@ double sweep_steps(std::span<const Eigen::Vector2d> corners, double limit) {
   return std::max(0.0, beyond_ordinary());
 }
 
-// GLU passes a corner as a pointer: its index + 1, as null means none.
+// GLU passes corners as pointers: index + 1, because null means none.
 void* to_handle(std::size_t index) {
   return reinterpret_cast<void*>(index + 1);  // NOLINT(performance-no-int-to-ptr)
 }
@@ -111,7 +112,8 @@ void PolygonSplitter::DeleteTessellator::operator()(GLUtesselator* tessellator) 
 
 void PolygonSplitter::project(std::span<const Eigen::Vector3d> corners) {
   corner_count_ = corners.size();
-  // The mean lies in the plane. Relative to the first corner it keeps its digits far away.
+  // The mean lies in the plane. Computed relative to the first corner for accuracy far from the
+  // origin.
   middle_.setZero();
   for (const Eigen::Vector3d& corner : corners) {
     middle_ += (corner - corners[0]) / static_cast<double>(corner_count_);
@@ -146,7 +148,7 @@ void PolygonSplitter::project(std::span<const Eigen::Vector3d> corners) {
   for (std::size_t i = 0; i < flat_.size(); ++i) {
     length += (flat_[(i + 1) % flat_.size()] - flat_[i]).cwiseAbs();
   }
-  // GLU sweeps along u: swaps the axes if fewer edges lie side by side along v.
+  // GLU sweeps along u, so the axes are swapped if a sweep along v has fewer active edges.
   if (length.y() * extent.sizes().x() < length.x() * extent.sizes().y()) {
     const Eigen::Vector3d u = axis_u_;
     axis_u_ = axis_v_;
@@ -155,8 +157,8 @@ void PolygonSplitter::project(std::span<const Eigen::Vector3d> corners) {
   }
 }
 
-// Returns the direction of the area vector (Newell's method); if areas cancel each other, that of
-// the largest triangle with the middle. Zero for a polygon without area.
+// Returns the direction of the area vector (Newell's method) or, if areas cancel, the normal of the
+// largest triangle between an edge and the middle. Zero for a polygon of zero area.
 Eigen::Vector3d PolygonSplitter::plane_normal() const {
   Eigen::Vector3d sum = Eigen::Vector3d::Zero();
   Eigen::Vector3d largest = Eigen::Vector3d::Zero();
@@ -171,8 +173,8 @@ Eigen::Vector3d PolygonSplitter::plane_normal() const {
   return (sum.norm() > kLeastAreaShare * total ? sum : largest).normalized();
 }
 
-// Splits a quadrilateral along its shorter diagonal inside. Returns false if none lies inside: the
-// outline crosses itself.
+// Splits a quadrilateral along its shorter inner diagonal. Returns false if no diagonal is inside,
+// as for a self-intersecting outline.
 bool PolygonSplitter::split_quad(std::span<const Eigen::Vector3d> corners) {
   const auto squared_length = [&](std::size_t a, std::size_t b) {
     const Eigen::Vector3f d = corners[b].cast<float>() - corners[a].cast<float>();
@@ -196,10 +198,10 @@ bool PolygonSplitter::split_quad(std::span<const Eigen::Vector3d> corners) {
   return is_inside(second) && take(second);
 }
 
-// Returns the handle of the corner at which GLU lets edges meet: an existing or an added one.
+// Returns the handle of the corner, existing or added, for an intersection found by GLU.
 void* PolygonSplitter::add_corner(const GLdouble* place, void* const* parents,
                                   const GLfloat* weights) {
-  // Two corners at one place.
+  // Two corners coincide.
   if (parents[2] == nullptr || parents[3] == nullptr) return parents[0];
   const Eigen::Vector2d p(place[0], place[1]);
   AddedCorner corner{};
@@ -219,7 +221,7 @@ void* PolygonSplitter::add_corner(const GLdouble* place, void* const* parents,
   return to_handle(flat_.size() - 1);
 }
 
-// Turns the axes within the polygon's plane, and so the direction of GLU's sweep.
+// Rotates the axes in the polygon's plane, and thus the direction of GLU's sweep.
 void PolygonSplitter::turn_axes(double angle) {
   const Eigen::Matrix2d turn = Eigen::Rotation2Dd(-angle).toRotationMatrix();
   for (Eigen::Vector2d& p : flat_) p = turn * p;
@@ -249,9 +251,9 @@ void PolygonSplitter::tessellate() {
   }
 }
 
-// Returns the number of attempts. GLU may lose or fold areas if edges coincide but for rounding, as
-// along a bridge to a hole; other directions of its sweep avoid that. Accepts a result that has the
-// outline's area or comes out twice.
+// Returns the number of attempts. If edges coincide up to rounding, as along a bridge to a hole,
+// GLU may lose or fold areas, so other sweep directions are tried. Accepts a result with the
+// outline's area, or one obtained twice.
 double PolygonSplitter::tessellate_soundly() {
   double before = -1.0;
   for (int attempt = 1;; ++attempt) {
@@ -284,7 +286,7 @@ PolygonSplitter::PolygonSplitter() : tessellator_(gluNewTess()), steps_left_(kMa
   const auto vertex = [](void* handle, void* self) {
     static_cast<PolygonSplitter*>(self)->emitted_.push_back(from_handle(handle));
   };
-  // A callback for edge flags makes GLU emit separate triangles.
+  // Setting an edge flag callback makes GLU emit separate triangles.
   const auto edge_flag = [](GLboolean, void*) {};
   const auto combine = [](GLdouble* place, void** parents, GLfloat* weights, void** corner,
                           void* self) {

@@ -16,14 +16,14 @@
 namespace penumbra {
 namespace {
 
-// Seams of texture coordinates and unconnected triangles must not change a kernel.
+// Welding makes kernels independent of texture seams and of unconnected triangles.
 constexpr double kWeldDistance = 10e-6;  // [m]
-constexpr double kWeldShare = 1e-4;      // of the longest side, at most
+constexpr double kWeldShare = 1e-4;      // upper limit, fraction of the longest side
 // Relative distance of equal vertices after rounding: a few steps of float.
 constexpr double kRounding = 4.0 * 1.1920929e-7;
-// Cell of the search grid, in weld distances: most vertices need a search of one cell only.
+// Cell size of the search grid in weld distances, so that most searches visit only one cell.
 constexpr double kCellSize = 8.0;
-constexpr std::size_t kMostPieces = 100'000;  // triangles from cut faces
+constexpr std::size_t kMostPieces = 100'000;  // maximum number of triangles from cut faces
 
 struct CellIndex {
   std::int64_t x, y, z;
@@ -37,10 +37,10 @@ std::uint64_t hash_of(const CellIndex& cell) {
   return hash ^ (hash >> 31U);
 }
 
-// Open-addressed table of the cells that hold a position; positions of a cell form a list.
+// Open-addressed hash table of cells; the positions of a cell form a linked list.
 class WeldGrid {
  public:
-  // Welds positions up to `distance` [m] apart; 0: equal ones.
+  // Welds positions up to `distance` [m] apart; 0: only equal ones.
   WeldGrid(std::size_t expected, double distance)
       : squared_distance_(distance * distance),
         cells_per_m_(1.0 / (kCellSize * std::max(distance, kLeastDistance))) {
@@ -51,7 +51,7 @@ class WeldGrid {
     next_.reserve(expected);
   }
 
-  // Returns the index of a position within the weld distance, or of the new one.
+  // Returns the index of a position within the weld distance, adding one if there is none.
   std::uint32_t find_or_add(const glm::vec3& p, std::vector<glm::vec3>& positions) {
     const double x = static_cast<double>(p.x) * cells_per_m_;
     const double y = static_cast<double>(p.y) * cells_per_m_;
@@ -83,7 +83,7 @@ class WeldGrid {
 
  private:
   static constexpr std::uint32_t kNone = std::numeric_limits<std::uint32_t>::max();
-  static constexpr double kLeastDistance = 1e-30;  // [m]; cells must have a size
+  static constexpr double kLeastDistance = 1e-30;  // [m]; the cell size must not be 0
 
   void grow() {
     std::vector<std::uint32_t> slots(2 * slots_.size(), kNone);
@@ -98,7 +98,7 @@ class WeldGrid {
     }
   }
   static std::int64_t cell_of(double coordinate) {
-    // Beyond any model; larger values would not fit an integer.
+    // Larger than any model; larger values would overflow the integer.
     constexpr double kFar = 1e18;
     return static_cast<std::int64_t>(std::floor(std::clamp(coordinate, -kFar, kFar)));
   }
@@ -136,7 +136,7 @@ class UnionFind {
     }
     return i;
   }
-  // The lower index becomes the root, so that parts are numbered by their first position.
+  // Makes the lower index the root, so that parts are numbered by their first position.
   void join(std::uint32_t a, std::uint32_t b) {
     const auto [low, high] = std::minmax({root(a), root(b)});
     parent_[high] = low;
@@ -146,10 +146,10 @@ class UnionFind {
   std::vector<std::uint32_t> parent_;
 };
 
-// Separates vertices at one place that have different kernels.
+// Separates vertices at the same position that have different kernels.
 class KernelSplitter {
  public:
-  // `welded`: the position that the vertex was welded to, possibly the newest one.
+  // `welded`: index of the position that the vertex was welded to, possibly new.
   std::uint32_t position_for(std::uint32_t welded, const glm::vec3& kernel, ShadowMesh& mesh) {
     if (next_.size() <= welded) next_.resize(welded + 1U, kNoShadowPosition);
     for (std::size_t i = mesh.stored_kernels.size(); i <= welded; ++i) {
@@ -172,11 +172,11 @@ class KernelSplitter {
   [[nodiscard]] const std::vector<std::array<std::uint32_t, 2>>& twins() const { return twins_; }
 
  private:
-  std::vector<std::uint32_t> next_;  // a chain of the positions at one place
+  std::vector<std::uint32_t> next_;  // linked list of the positions at the same point
   std::vector<std::array<std::uint32_t, 2>> twins_;
 };
 
-// Collects one position of each of the mesh's faces in the group.
+// Collects one position of each face of the mesh that belongs to the group.
 void collect_group(const Mesh& source, const std::vector<std::uint32_t>& welded,
                    const std::vector<bool>& members, const std::string& group,
                    std::vector<std::uint32_t>& positions) {
@@ -198,8 +198,8 @@ void collect_group(const Mesh& source, const std::vector<std::uint32_t>& welded,
 }
 
 struct Welding {
-  bool stored = false;                          // keeps the kernels that came with the model
-  std::optional<int> cut_depth = std::nullopt;  // of FaceOpacity::append_seen(), to cut faces
+  bool stored = false;                          // keeps the model's stored kernels
+  std::optional<int> cut_depth = std::nullopt;  // of append_seen(); nullopt: whole faces
 };
 
 class Welder {
@@ -222,16 +222,16 @@ class Welder {
   ShadowMesh mesh_;
   WeldGrid grid_;
   KernelSplitter splitter_;
-  std::vector<std::uint32_t> welded_;  // positions of the vertices of the mesh at hand
+  std::vector<std::uint32_t> welded_;  // position of each vertex of the current mesh
   std::vector<std::array<std::uint32_t, 2>> collapsed_edges_;
   std::vector<std::array<std::uint32_t, 2>> pieces_;  // positions of one face
-  std::vector<std::vector<std::uint32_t>> grouped_;   // per group, one position of each face
+  std::vector<std::vector<std::uint32_t>> grouped_;   // per group: one position of each face
 };
 
 void Welder::weld_vertices(const Mesh& source) {
   welded_.resize(source.positions.size());
   for (std::size_t i = 0; i < source.positions.size(); ++i) {
-    // Vertices that are not finite can't cast: add_faces() skips their faces.
+    // add_faces() skips faces with non-finite vertices.
     welded_[i] = is_finite(source.positions[i])
                      ? grid_.find_or_add(source.positions[i], mesh_.positions)
                      : kNoShadowPosition;
@@ -246,14 +246,14 @@ void Welder::weld_vertices(const Mesh& source) {
 
 void Welder::add_face(const std::array<std::uint32_t, 3>& face) {
   if (face[0] == face[1] || face[1] == face[2] || face[2] == face[0]) {
-    // It has no area but connects its neighbours.
+    // A face collapsed to an edge has no area but connects its neighbours.
     collapsed_edges_.push_back({face[0], face[0] == face[1] ? face[2] : face[1]});
     return;
   }
   mesh_.indices.insert(mesh_.indices.end(), face.begin(), face.end());
 }
 
-// `corner`: a position of the face.
+// Adds the visible triangles of a face. `corner`: one position of the face.
 void Welder::add_pieces(const FaceOpacity& opacity, std::size_t index, std::uint32_t corner) {
   std::vector<glm::vec3> corners;
   opacity.append_seen(index, *welding_.cut_depth, corners);
@@ -298,7 +298,7 @@ void Welder::make_parts() {
   for (const auto& edge : collapsed_edges_) parts.join(edge[0], edge[1]);
   for (const auto& pair : pieces_) parts.join(pair[0], pair[1]);
   for (const auto& twins : splitter_.twins()) parts.join(twins[0], twins[1]);
-  std::vector<std::uint32_t> joined;  // a position of each part that groups made
+  std::vector<std::uint32_t> joined;  // one position of each joined part
   for (const std::vector<std::uint32_t>& group : grouped_) {
     for (const std::uint32_t position : group) {
       if (parts.root(position) == parts.root(group.front())) continue;
@@ -334,7 +334,7 @@ ShadowMesh Welder::make() {
   mesh_.from_source.assign(model_.source_vertex_count, kNoShadowPosition);
   grid_ = WeldGrid(vertex_count, weld_distance(model_));
   if (welding_.stored) mesh_.stored_up = *model_.shadow_kernel_up;
-  std::vector<std::vector<bool>> members;  // per group, which of the model's nodes
+  std::vector<std::vector<bool>> members;  // per group: flag for each of Model::nodes
   for (const std::string& group : groups_) members.push_back(nodes_of_group(model_, group));
   grouped_.resize(groups_.size());
   for (const Mesh& source : model_.meshes) {
@@ -344,7 +344,7 @@ ShadowMesh Welder::make() {
       collect_group(source, welded_, members[group], groups_[group], grouped_[group]);
     }
   }
-  // Positions of vertices without a kernel.
+  // Vertices without a kernel are their own kernel.
   for (std::size_t i = mesh_.stored_kernels.size(); welding_.stored && i < mesh_.positions.size();
        ++i) {
     mesh_.stored_kernels.push_back(mesh_.positions[i]);
@@ -371,7 +371,7 @@ double weld_distance(const Model& model) {
       std::min(kWeldDistance, kWeldShare * greatest(glm::dvec3(high) - glm::dvec3(low)));
   const double largest = greatest(glm::dvec3(glm::max(glm::abs(low), glm::abs(high))));
   if (kRounding * largest <= distance) return distance;
-  // The median coordinate counts: a single vertex far away must not weld others.
+  // Uses the median coordinate, so that a single distant vertex does not cause welding of others.
   std::vector<float> coordinates;
   for (const Mesh& mesh : model.meshes) {
     for (const glm::vec3& p : mesh.positions) {
@@ -396,7 +396,7 @@ ShadowMesh make_shadow_mesh(const Model& model, std::span<const std::string> gro
 }
 
 std::optional<std::string> warning_of_lost_faces(const Model& model, const std::string& file) {
-  // Only an edge no longer than twice the distance can be welded to one place.
+  // Only edges up to twice the weld distance can collapse.
   const double distance = weld_distance(model);
   const auto is_short = [&](const glm::vec3& a, const glm::vec3& b) {
     const glm::dvec3 d = glm::dvec3(a) - glm::dvec3(b);
@@ -416,7 +416,7 @@ std::optional<std::string> warning_of_lost_faces(const Model& model, const std::
   const std::size_t lost = Welder(model, {}, {}).make().lost_faces;
   if (lost == 0) return std::nullopt;
   if (lost == faces) {
-    // Files with six digits, as many programs write them, lose the shape so far away.
+    // At this distance, the six digits that many programs write are too coarse.
     constexpr double kFar = 100.0;  // [m]
     const double far = model.origin.norm();
     const std::string remedy =

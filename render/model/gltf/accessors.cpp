@@ -47,7 +47,7 @@ T value_at(const std::uint8_t* bytes) {
   return value;
 }
 
-// Returns one component as a number; normalised integers by glTF 2.0, section 3.11.
+// Returns one component as a number; converts normalised integers by glTF 2.0, section 3.11.
 double component_at(const std::uint8_t* bytes, int type, bool normalised) {
   const auto scaled = [normalised](double value, double largest) {
     return normalised ? std::max(value / largest, -1.0) : value;
@@ -166,16 +166,16 @@ Result<Elements> Accessors::elements(int index, const std::string& what) {
   const std::string place = fmt::format("{} (accessors/{})", what, index);
   const std::size_t size = component_size(accessor.componentType);
   const std::size_t width = component_count(accessor.type);
-  // Columns of matrices of smaller components have gaps between them.
+  // Columns of matrices with smaller components are padded, which is not supported.
   if (size == 0 || width == 0 || (width == 16 && size != 4)) {
     return fail("{}: its component type or shape is not one for this use", place);
   }
-  // Indices may be up to three per triangle; nothing else is longer.
+  // The longest accessors are indices, with three per triangle.
   const std::size_t most = std::max(limits_.max_vertices, 3 * limits_.max_triangles);
   if (accessor.count == 0 || accessor.count > most) {
     return fail("{}: has {} elements; 1 to {} can be read", place, accessor.count, most);
   }
-  // Without a buffer view they are zeros (glTF 2.0, 5.1.1).
+  // Elements without a buffer view are zeros (glTF 2.0, 5.1.1).
   Elements result{accessor.count, width, {}};
   if (accessor.bufferView >= 0) {
     PENUMBRA_TRY(const Stretch from,

@@ -21,7 +21,7 @@ bool equal_ignoring_case(std::string_view a, std::string_view b) {
   });
 }
 
-// The 6 bits of each character of the base64 alphabet, -1 of others.
+// Returns the 6-bit value of each base64 character; -1 for other characters.
 constexpr std::array<std::int8_t, 256> base64_values() {
   constexpr std::string_view kAlphabet =
       "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
@@ -38,7 +38,7 @@ Result<std::vector<std::uint8_t>> base64_decoded(std::string_view text) {
   std::vector<std::uint8_t> bytes;
   bytes.reserve(text.size() / 4 * 3 + 2);
   std::uint32_t bits = 0;
-  int count = 0;  // of bits that are not written yet
+  int count = 0;  // number of bits not yet written
   bool padded = false;
   for (std::size_t i = 0; i < text.size(); ++i) {
     const auto c = static_cast<unsigned char>(text[i]);
@@ -60,8 +60,7 @@ Result<std::vector<std::uint8_t>> base64_decoded(std::string_view text) {
   return bytes;
 }
 
-// Replaces percent escapes (RFC 3986) by their bytes. A '%' that begins no escape stands for
-// itself.
+// Decodes percent escapes (RFC 3986). A '%' without two hex digits is kept.
 std::string percent_decoded(std::string_view text) {
   std::string decoded;
   decoded.reserve(text.size());
@@ -99,7 +98,7 @@ Result<std::vector<std::uint8_t>> decode_data_uri(std::string_view uri) {
 }
 
 bool is_file(const std::filesystem::path& path) {
-  std::error_code ignored;  // of a name that is too long
+  std::error_code ignored;  // e.g. the name is too long
   return std::filesystem::is_regular_file(path, ignored);
 }
 
@@ -147,7 +146,7 @@ Result<std::span<const std::uint8_t>> Buffers::bytes(std::size_t buffer) {
 
 Result<std::vector<std::uint8_t>> Buffers::fetch(std::string_view uri) {
   if (is_data_uri(uri)) return decode_data_uri(uri);
-  // The name of a file may contain a '%' that begins no escape.
+  // The file's name may contain a literal '%'.
   Result<std::filesystem::path> file = beside_model(folder_, percent_decoded(uri));
   if (file && !is_file(*file)) {
     const Result<std::filesystem::path> literal = beside_model(folder_, uri);

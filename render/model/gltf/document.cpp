@@ -21,7 +21,7 @@ std::uint32_t word_at(std::span<const std::uint8_t> bytes, std::size_t offset) {
   return word;
 }
 
-// Returns the nesting depth of the brackets outside strings: readers of JSON recurse.
+// Returns the nesting depth of brackets outside strings. Limits the recursion of JSON readers.
 int nesting_depth(std::string_view json) {
   int depth = 0, deepest = 0;
   bool in_string = false;
@@ -41,14 +41,14 @@ int nesting_depth(std::string_view json) {
   return deepest;
 }
 
-constexpr double kLargestIndex = 2147483647.0;       // of tinygltf's int
-constexpr double kLargestSize = 9007199254740992.0;  // up to here doubles hold all integers
+constexpr double kLargestIndex = 2147483647.0;       // maximum of tinygltf's int
+constexpr double kLargestSize = 9007199254740992.0;  // doubles represent all integers up to here
 
 // One step of the path to a value.
 struct Place {
   const Place* parent = nullptr;
   std::string_view key;
-  std::size_t index = 0;  // of a list, where the key is empty
+  std::size_t index = 0;  // element of a list, if the key is empty
 
   [[nodiscard]] std::string text() const {
     const std::string step = key.empty() ? std::to_string(index) : std::string(key.substr(0, 80));
@@ -64,7 +64,7 @@ bool is_whole(Json& value, double largest) {
   return true;
 }
 
-// The values that a field may have.
+// The permitted values of a field.
 struct FieldType {
   std::string_view expected;
   bool (*matches)(Json& value);
@@ -96,7 +96,7 @@ std::string quoted(const Json& value) {
 
 class FieldChecker {
  public:
-  // `path`: keys and '*' for the elements of a list, with '/' between them.
+  // `path`: keys, or '*' for all elements of a list, separated by '/'.
   std::optional<std::string> check(Json& at, std::string_view path, const FieldType& type,
                                    const Place* place = nullptr) {
     if (path.empty()) {
@@ -130,7 +130,7 @@ class FieldChecker {
     return std::nullopt;
   }
 
-  bool erases = false;  // erases wrong fields in place of returning the fault
+  bool erases = false;  // erases invalid fields instead of returning an error
   std::vector<std::string> erased;
 
  private:
@@ -194,7 +194,7 @@ constexpr std::array kFields{
     Field{"buffers/*/uri", kText},
 };
 
-// Fields that do not change the shape.
+// Fields that do not affect the geometry.
 constexpr std::array kAppearance{
     Field{"images/*/bufferView", kIndex},
     Field{"images/*/uri", kText},
@@ -227,9 +227,9 @@ constexpr std::array kAppearance{
     Field{"materials/*/emissiveTexture/texCoord", kIndex},
 };
 
-// Checks the type of each field that is read: tinygltf takes a field of a wrong type for an absent
-// one. Returns the place and fault of the first wrong field. Whole numbers written as 1.0 become
-// integers; null becomes absent. Wrong fields of kAppearance are erased and named in `erased`.
+// Checks the types of all fields that are read, because tinygltf treats a field of a wrong type as
+// absent. Returns the JSON path and error of the first invalid field. Converts integers written as
+// 1.0; erases null fields. Invalid fields of kAppearance are erased and listed in `erased`.
 std::optional<std::string> wrong_field(Json& root, std::vector<std::string>& erased) {
   FieldChecker checker;
   for (const Field& field : kFields) {
@@ -270,7 +270,8 @@ void find_extensions(const Json& at, const std::string& place,
   }
 }
 
-// Moves a list out of the file's JSON: tinygltf would decode it differently or refuse the file.
+// Removes a list from the file's JSON and returns it, because tinygltf would decode it differently
+// or reject the file.
 Json take_list(Json& root, const char* key) {
   const auto entry = root.find(key);
   if (entry == root.end()) return Json::array();
@@ -279,7 +280,8 @@ Json take_list(Json& root, const char* key) {
   return list.is_array() ? list : Json::array();
 }
 
-// tinygltf leaves out a primitive without attributes and refuses indices without a buffer view.
+// Rewrites primitives, because tinygltf omits primitives without attributes and rejects indices
+// without a buffer view.
 void prepare_primitives(Json& root) {
   if (!root.contains("meshes")) return;
   for (Json& mesh : root.at("meshes")) {
@@ -295,13 +297,13 @@ void prepare_primitives(Json& root) {
   }
 }
 
-// Returns the file's version if it is not 2. Files of glTF 1.0 may omit it: they have objects where
-// 2.0 has arrays.
+// Returns the file's glTF version if it is not 2. Version 1.0 may be implicit: objects in place of
+// arrays.
 std::optional<std::string> other_version(const Json& root) {
   const auto asset = root.find("asset");
   if (asset != root.end() && asset->is_object() && asset->contains("version")) {
     const Json& version = asset->at("version");
-    if (!version.is_string() && !version.is_number()) return std::nullopt;  // for wrong_field()
+    if (!version.is_string() && !version.is_number()) return std::nullopt;  // see wrong_field()
     // Some exporters of version 1.0 wrote a number.
     const std::string text = version.is_string() ? version.get<std::string>() : version.dump();
     if (text == "2" || text.starts_with("2.")) return std::nullopt;

@@ -9,7 +9,7 @@ namespace {
 
 enum class Effect { read, none, ignored, texture, compression, unknown };
 
-// The first entry with which the name of an extension begins applies to it.
+// For an extension, the first entry applies whose `start` is a prefix of its name.
 struct KnownExtension {
   std::string_view start;
   Effect effect;
@@ -34,13 +34,12 @@ constexpr std::array kKnown{
     KnownExtension{"ADOBE_materials_", Effect::ignored, kBaseMaterials},
     KnownExtension{"NV_materials_", Effect::ignored, kBaseMaterials},
     KnownExtension{"MSFT_packing_", Effect::ignored, kBaseMaterials},
-    KnownExtension{"KHR_technique", Effect::ignored,
-                   kBaseMaterials},  // _webgl, and techniques_webgl
+    KnownExtension{"KHR_technique", Effect::ignored, kBaseMaterials},  // KHR_technique(s)_webgl
     KnownExtension{"KHR_texture_", Effect::texture, kPlainTextures},
     KnownExtension{"EXT_texture_", Effect::texture, kPlainTextures},
     KnownExtension{"MSFT_texture_dds", Effect::texture, kPlainTextures},
     KnownExtension{"GOOGLE_texture_basis", Effect::texture, kPlainTextures},
-    // Data about the model, other levels of detail, sound and behaviour.
+    // Metadata, levels of detail, audio and behaviour.
     KnownExtension{"KHR_xmp", Effect::none},
     KnownExtension{"KHR_animation_pointer", Effect::ignored, kRestPose},
     KnownExtension{"KHR_audio", Effect::none},
@@ -122,7 +121,7 @@ std::vector<std::string> ignored_content(const Document& document) {
   }
   for (const auto& [extension, first_place] : document.extensions) {
     const auto& [start, effect, consequence] = known_extension(extension);
-    // Warnings about textures come from the material reader.
+    // The material reader warns about textures.
     if (effect != Effect::ignored && effect != Effect::unknown) continue;
     if (std::ranges::count(document.model.extensionsRequired, extension) > 0) continue;
     lines.push_back(fmt::format(

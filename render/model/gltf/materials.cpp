@@ -148,7 +148,7 @@ Result<Material> MaterialReader::factors(std::size_t index) const {
       (!from.emissiveFactor.empty() && from.emissiveFactor.size() != 3)) {
     return fail("{}: a colour has the wrong number of components", what);
   }
-  // Exporters round 1 upwards and write lights brighter than 1.
+  // The tolerance accepts factors that an exporter rounded above 1.
   constexpr double kRounding = 1e-3;
   const auto in_unit = [&](double factor) {
     if (factor < -kRounding || factor > 1.0 + kRounding) {
@@ -212,8 +212,8 @@ Result<void> MaterialReader::read(const std::vector<bool>& used) {
     }
     model_.materials.push_back(std::move(material));
   }
-  // Primitives without a material are plain white: the specification's default (5.19) is a metal,
-  // which is black without an environment to reflect.
+  // The default material is plain white. That of the specification (5.19) is a metal, which is
+  // black without an environment map.
   model_.materials.emplace_back().name = "default";
   return {};
 }

@@ -26,7 +26,7 @@ int mode_of(const tinygltf::Primitive& primitive) {
   return primitive.mode < 0 ? TINYGLTF_MODE_TRIANGLES : primitive.mode;
 }
 
-// Returns true if the data of a primitive is in its Draco extension alone.
+// Returns true if a primitive's data exists only in its Draco extension.
 bool is_draco_only(const tinygltf::Primitive& primitive, const Accessors& accessors) {
   if (!primitive.extensions.contains(kDraco)) return false;
   return std::ranges::any_of(primitive.attributes, [&](const auto& attribute) {
@@ -35,7 +35,7 @@ bool is_draco_only(const tinygltf::Primitive& primitive, const Accessors& access
   });
 }
 
-// Writes out a list, strip or fan of triangles.
+// Converts a list, strip or fan of triangles to a list.
 std::vector<std::uint32_t> as_list(const std::vector<std::uint32_t>& order, int mode) {
   std::vector<std::uint32_t> result;
   const bool is_list = mode == TINYGLTF_MODE_TRIANGLES;
@@ -44,7 +44,7 @@ std::vector<std::uint32_t> as_list(const std::vector<std::uint32_t>& order, int 
     std::uint32_t b = order[i + 1];
     std::uint32_t c = order[i + 2];
     if (mode == TINYGLTF_MODE_TRIANGLE_STRIP && i % 2 == 1) std::swap(b, c);
-    // Faces whose corners coincide stay in a list; in a strip they only lead on.
+    // Keeps degenerate triangles of a list; in strips they only connect other triangles.
     if (is_list || (a != b && b != c && c != a)) result.insert(result.end(), {a, b, c});
   }
   return result;
@@ -59,7 +59,7 @@ bool has_surface(const tinygltf::Primitive& primitive) {
 Result<void> check_joints(const Primitive& primitive, std::size_t joint_count) {
   const SkinWeights& skin = primitive.skin;
   for (std::size_t k = 0; k < skin.joints.size(); ++k) {
-    // The joint of a weight of 0 has no meaning.
+    // Ignores joints with a weight of 0.
     if (skin.joints[k] >= joint_count && skin.weights[k] > 0.0) {
       return fail("{}/attributes/JOINTS_{}: vertex {} names joint {}, the skin has {}",
                   primitive.place, k % skin.per_vertex / 4, k / skin.per_vertex, skin.joints[k],
@@ -105,7 +105,7 @@ Result<std::vector<std::uint32_t>> MeshReader::corners(const tinygltf::Primitive
   return order;
 }
 
-// Returns the indices of a triangle list; strips and fans are written out.
+// Returns the indices of a triangle list, converted from strips and fans.
 Result<std::vector<std::uint32_t>> MeshReader::triangles(const tinygltf::Primitive& from,
                                                          std::size_t vertices,
                                                          const std::string& what) const {
@@ -140,7 +140,7 @@ Result<void> MeshReader::read_texcoords(const tinygltf::Primitive& from, const s
   return {};
 }
 
-// Reads all attributes but positions.
+// Reads all attributes except positions.
 Result<void> MeshReader::read_attributes(const tinygltf::Primitive& from, const std::string& what,
                                          Mesh& mesh) const {
   const std::size_t count = mesh.positions.size();
@@ -191,7 +191,7 @@ Result<void> MeshReader::read_targets(const tinygltf::Primitive& from, Primitive
   return {};
 }
 
-// Reads JOINTS_0, WEIGHTS_0 and the sets that follow them.
+// Reads JOINTS_0, WEIGHTS_0 and the following sets.
 Result<SkinWeights> MeshReader::read_skin_weights(const tinygltf::Primitive& from,
                                                   const Primitive& to) const {
   const std::size_t count = to.mesh.positions.size();
@@ -241,7 +241,7 @@ Result<SkinWeights> MeshReader::read_skin_weights(const tinygltf::Primitive& fro
         skin.joints.push_back(static_cast<std::uint32_t>(joints[set].at(i, c)));
       }
     }
-    // Eight weights of 8 bits may miss 1 by 8 * 0.5 / 255.
+    // The sum of eight 8-bit weights may differ from 1 by 8 * 0.5 / 255.
     far_off = far_off || std::abs(sum - 1.0) > 0.02;
     if (!(sum > 0.0)) {
       weightless = true;

@@ -11,7 +11,7 @@
 namespace penumbra::gltf {
 namespace {
 
-// Returns the rotation of a quaternion in glTF's order (x, y, z, w), or nothing if it is not unit.
+// Returns the rotation of a quaternion in glTF's order (x, y, z, w), or nullopt if it is not unit.
 std::optional<Eigen::Quaterniond> rotation_of(const double* xyzw) {
   const Eigen::Quaterniond rotation(xyzw[3], xyzw[0], xyzw[1], xyzw[2]);
   if (!(std::abs(rotation.norm() - 1.0) < 0.1)) return std::nullopt;
@@ -60,7 +60,7 @@ Result<Eigen::Matrix4d> Nodes::node_transform(std::size_t index) const {
   return placement.matrix();
 }
 
-// `mesh`: -1 for a node without one.
+// `mesh`: -1: none.
 std::uint32_t Nodes::add_node(const std::string& node, int mesh, int parent) {
   model_.nodes.push_back(
       {node, has(gltf_.meshes, mesh) ? gltf_.meshes[static_cast<std::size_t>(mesh)].name : "",
@@ -76,7 +76,7 @@ Result<void> Nodes::walk(int index, const Eigen::Matrix4d& T_root_parent, int de
   if (depth > kMaxModelDepth) {
     return fail("{}: is nested deeper than {} nodes", what, kMaxModelDepth);
   }
-  // glTF's nodes are trees: a node met twice is a cycle or has two parents.
+  // glTF nodes form trees. A node visited twice is in a cycle or has two parents.
   const auto i = static_cast<std::size_t>(index);
   if (met_[i]) {
     return fail("{}: has two parents or is its own ancestor; export the scene as a tree", what);
@@ -117,7 +117,7 @@ Result<std::vector<Placement>> Nodes::visible_meshes() {
   met_.assign(gltf_.nodes.size(), false);
   std::vector<int> shown;
   if (gltf_.scenes.empty()) {
-    // A file without scenes is a library: all roots are shown.
+    // In a file without scenes, all root nodes are visible.
     const std::vector<int> parents = find_parents();
     for (std::size_t node = 0; node < parents.size(); ++node) {
       if (parents[node] < 0) shown.push_back(static_cast<int>(node));

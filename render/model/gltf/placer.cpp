@@ -147,7 +147,7 @@ Mesh VertexTransformer::mesh(const Eigen::Vector3d& origin) const {
   return mesh;
 }
 
-// Flattened vertices get the normals of the placed faces.
+// Transforms normals; flattened vertices get normals computed from the transformed faces.
 void VertexTransformer::turn_normals(Mesh& mesh) const {
   if (mesh.normals.empty() || (!is_skinned_ && rigid_.determinant == 0.0)) {
     generate_normals(mesh);
@@ -207,7 +207,7 @@ Result<void> Placer::place_all() {
                   placed.place, kMaxFileCoordinate_m);
     }
     if (!transformer.has_surface()) {
-      // A scale of 0 on all axes hides a node (glTF 2.0, 5.25).
+      // A scale of 0 on all axes is valid and hides a node (glTF 2.0, 5.25).
       notes_.add("its scale leaves no surface to see; it is ignored", placed.place,
                  transformer.is_point());
       continue;

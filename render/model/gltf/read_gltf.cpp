@@ -19,10 +19,10 @@ namespace penumbra {
 namespace gltf {
 namespace {
 
-// Reads the scene of a document. Checks every index, range and number of tinygltf's output.
+// Reads the scene of a document. Validates every index, range and number in tinygltf's output.
 class Reader {
  public:
-  // `uses`, if not null, receives the places at which read() puts meshes.
+  // `uses`: if not null, receives the uses of meshes in read().
   Reader(const Document& document, Buffers& buffers, const ModelLimits& limits,
          std::vector<MeshUse>* uses)
       : limits_(limits),
@@ -62,7 +62,7 @@ class Reader {
   MeshReader meshes_;
   Nodes nodes_;
   Placer placer_;
-  bool kernels_disagree_ = false;  // about their up direction
+  bool kernels_disagree_ = false;  // meshes have different up directions
 };
 
 // Returns the null value for a key that is absent.
@@ -111,7 +111,7 @@ std::vector<bool> Reader::used_materials(const std::vector<Placement>& placement
   return used;
 }
 
-// Returns the weights of the node, else of the mesh, else none (glTF 2.0, 3.7.2.2).
+// Returns the weights of the node or, if absent, of the mesh; else empty (glTF 2.0, 3.7.2.2).
 Result<std::vector<double>> Reader::morph_weights(const Placement& placement,
                                                   const std::vector<Primitive>& primitives) const {
   std::vector<double> weights;
@@ -138,7 +138,8 @@ Result<std::vector<VertexPlacement>> Reader::vertex_placements(const Placement& 
   }
   const tinygltf::Node& node = gltf_.nodes[static_cast<std::size_t>(placement.node)];
   if (node.skin >= 0) {
-    // The node's own transform is ignored (glTF 2.0, 3.7.3.3), except by primitives without joints.
+    // The transform of a skinned node is ignored (glTF 2.0, 3.7.3.3), except for primitives without
+    // joints.
     if (node.extensions.contains(kInstancing)) {
       notes_.add(fmt::format("is skinned; its instances ({}) are ignored", kInstancing),
                  placement.place);
@@ -192,7 +193,7 @@ Result<void> Reader::collect(const Placement& placement) {
   return {};
 }
 
-// Adds the shadow kernels' metadata in the `extras` of a mesh to the model. `linear` transforms the
+// Copies the shadow kernels' metadata from a mesh's `extras` to the model. `linear` transforms the
 // direction from the mesh's axes to the root's.
 void Reader::take_kernels(const tinygltf::Value& extras, const Eigen::Matrix3d& linear,
                           const std::string& what) {
@@ -235,7 +236,7 @@ void Reader::take_kernels(const tinygltf::Value& extras, const Eigen::Matrix3d& 
   model_.shadow_kernel_groups = std::move(names);
 }
 
-// Drops the kernels if their direction is unknown or the meshes disagree about it.
+// Drops the kernels if their direction is unknown or differs between meshes.
 void Reader::finish_kernels() {
   if (kernels_disagree_) model_.shadow_kernel_up.reset();
   if (model_.shadow_kernel_up) return;
@@ -266,7 +267,7 @@ Result<Model> Reader::read() {
   return std::move(model_);
 }
 
-// Sets `file_step`, as read_gltf() does, and fills `uses` if it is not null.
+// Like read_gltf(); also fills `uses` if it is not null.
 Result<Model> read_bytes(const std::filesystem::path& file, std::span<const std::uint8_t> bytes,
                          bool binary, const ModelLimits& limits, double& file_step,
                          std::vector<MeshUse>* uses) {
