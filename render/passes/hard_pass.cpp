@@ -57,7 +57,7 @@ void HardPass::make(const HardShadowDraw& draw, const ShadowMesh& mesh, Shadow& 
 Result<void> HardPass::prepare(const DrawContext& context, const FramePlan& plan) {
   PENUMBRA_TRY_VOID(light_program_.choose(context.mode, context.video_format));
   RenderWork& work = context.work;
-  std::set<Key> seen;  // several nodes may ask for the same shadow
+  std::set<Key> seen;  // several nodes may have the same shadow
   for (const HardShadowDraw& draw : plan.hard_shadows) {
     const Key key = {draw.object, draw.plane, draw.light};
     if (!seen.insert(key).second) continue;
@@ -83,7 +83,7 @@ std::vector<HardPass::Blocked> HardPass::blocked_lights(const FramePlan& plan,
   for (const HardShadowDraw& draw : plan.hard_shadows) {
     if (draw.plane == receiver.plane) kinds.emplace(draw.light, strength_of(draw));
   }
-  const bool apart = kinds.size() <= kMaxHardLights;  // else a light's strongest caster counts
+  const bool apart = kinds.size() <= kMaxHardLights;  // else a light uses its highest opacity
   std::vector<Blocked> lights;
   std::set<Key> seen;
   for (const HardShadowDraw& draw : plan.hard_shadows) {
@@ -162,7 +162,7 @@ int HardPass::draw_plane(const DrawContext& context, const FramePlan& plan,
 
 int HardPass::draw(const DrawContext& context, const FramePlan& plan) {
   if (plan.hard_shadows.empty()) return 0;
-  // Each pixel shows at most one plane: one copy serves all.
+  // One copy is enough, because a pixel shows no more than one plane.
   if (context.mode == Translucency::retexture) context.framebuffer.copy_picture(kPictureBeforeUnit);
   int calls = 0;
   for (const PlaneReceiver& receiver : plan.receivers) {

@@ -19,13 +19,13 @@ struct Vertex {
   glm::vec2 texcoord;
   glm::vec4 color;
 };
-// Further attributes, if the material has maps.
+// Additional attributes, if the material has maps.
 struct MapVertex {
   glm::vec4 tangent;
   glm::vec2 texcoord_2;
 };
 
-// Texture units; 1 to 7 belong to other programs.
+// Texture units; other programs use 1 to 7.
 constexpr int kBaseColorUnit = 0;
 constexpr int kMetalUnit = 8;
 constexpr int kNormalUnit = 9;
@@ -38,7 +38,7 @@ const Material& material_of(const Model& model, int index) {
   return index >= 0 && at < model.materials.size() ? model.materials[at] : plain;
 }
 
-// Checked before the upload: a driver's error would not name the image.
+// Checks image sizes before the upload, because a driver's error would not report the image.
 Result<void> images_fit(const Scene& scene) {
   GLint most = 0;
   glGetIntegerv(GL_MAX_TEXTURE_SIZE, &most);
@@ -272,7 +272,7 @@ int ObjectPainter::draw_some(const ShaderProgram& program, bool maps, const Prog
         placed = true;
       }
       set_material(program, *gpu, mesh.material, maps);
-      // Phantoms hide what is behind them with either winding of their faces.
+      // Phantoms occlude with either orientation of their faces.
       const bool one_sided = model.culls_back_faces && !material.double_sided && !phantom;
       if (one_sided != culls) one_sided ? glEnable(GL_CULL_FACE) : glDisable(GL_CULL_FACE);
       culls = one_sided;
@@ -286,7 +286,7 @@ int ObjectPainter::draw_some(const ShaderProgram& program, bool maps, const Prog
 
 int ObjectPainter::draw_all(const Programs& programs, std::span<const ObjectDraw> draws,
                             const CameraPose& pose) const {
-  glFrontFace(GL_CW);  // for counter-clockwise faces: row 0 of the framebuffer is the top
+  glFrontFace(GL_CW);  // selects counter-clockwise faces, as row 0 of the framebuffer is the top
   int calls = draw_some(programs.plain, false, programs, draws, pose);
   if (programs.maps != nullptr) calls += draw_some(*programs.maps, true, programs, draws, pose);
   return calls;

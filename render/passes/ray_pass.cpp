@@ -14,7 +14,7 @@ namespace penumbra {
 namespace {
 
 constexpr std::size_t kMostVertices = 12;  // of a caster
-constexpr int kPieces = 48;                // a ray across the whole view, bent by a lens
+constexpr int kPieces = 48;                // of a ray across the whole view, to follow the lens
 // Half widths, as fractions of the image's height.
 constexpr double kRayPerHeight = 0.0016;
 constexpr double kDotPerHeight = 0.0075;
@@ -110,21 +110,21 @@ int RayPass::draw(const DrawContext& context, const FramePlan& plan) {
   glDisable(GL_STENCIL_TEST);
   glEnable(GL_DEPTH_TEST);
   glDepthFunc(GL_LESS);
-  glDepthMask(GL_TRUE);  // the nearer of two crossing rays is seen
+  glDepthMask(GL_TRUE);  // the nearer of two crossing rays is visible
   const auto faint = [](const Batch& batch) { return batch.opacity < 1.0F; };
   if (std::ranges::none_of(batches, faint)) {
     glDisable(GL_BLEND);
     triangles_.draw(GL_TRIANGLES);
     return 1;
   }
-  // Depth first, then colour at equal depth: overlapping rays are mixed into the video once.
+  // Draws depth first, then colour at equal depth, so that overlapping rays are blended once.
   glColorMask(GL_FALSE, GL_FALSE, GL_FALSE, GL_FALSE);
   triangles_.draw(GL_TRIANGLES);
   glColorMask(GL_TRUE, GL_TRUE, GL_TRUE, GL_TRUE);
   glDepthFunc(GL_EQUAL);
   glDepthMask(GL_FALSE);
   if (context.mode == Translucency::retexture) context.framebuffer.copy_picture(kPictureBeforeUnit);
-  // Dots of several lights at one vertex have equal depth: the first one is seen.
+  // Dots of several lights at one vertex have equal depth; the stencil keeps the first.
   glStencilMask(0xFF);
   glClear(GL_STENCIL_BUFFER_BIT);
   glEnable(GL_STENCIL_TEST);

@@ -13,26 +13,25 @@
 namespace penumbra {
 namespace {
 
-// Fewer than of other shadows: a lifted caster recomputes each level.
+// Fewer levels than for other shadows, because every level is recomputed when the caster's height
+// changes.
 constexpr std::size_t kMostFieldLevels = 16;
 constexpr double kFinestTexel = 5e-4;  // [m]
 constexpr int kMostTexels = 1024;      // along a side
-// Limits for one caster over one receiver, and for all pairs that meet.
+// Limits for one pair of caster and receiver, and for all pairs in meeting_pairs.
 constexpr double kMostTexelsInAll = 4e6;
 constexpr double kLeastTexelsInAll = 1e5;
 constexpr double kMostTexelsOfFrame = 64e6;
 constexpr double kLongestLevelStep = 0.03;  // [m]
 constexpr int kTexelsAtOnce = 32;           // sides are multiples, so that storage changes rarely
-
-// Returns the limit of texels for a pair. In powers of two, so that it changes rarely; counts pairs
-// in view or not, because culling must not change the image.
+// Counts pairs out of view as well, because culling must not change the image.
 double most_texels(const FramePlan& plan) {
   const auto pairs =
       static_cast<double>(std::bit_ceil(std::max<std::size_t>(plan.meeting_pairs, 1)));
   return std::clamp(kMostTexelsOfFrame / pairs, kLeastTexelsInAll, kMostTexelsInAll);
 }
 
-// Returns the part of the plane where the shadow may meet the surface.
+// Returns the bounds, on the plane, of the region in which the shadow may reach the surface.
 Eigen::AlignedBox2d meeting(const ReceivedShadowDraw& draw, const ReceivingSurface& surface) {
   Eigen::AlignedBox2d box = surface.bounds();
   if (std::isfinite(draw.radius)) {
@@ -43,8 +42,8 @@ Eigen::AlignedBox2d meeting(const ReceivedShadowDraw& draw, const ReceivingSurfa
   return box;
 }
 
-// Returns the size of a pixel where the shadow meets the receiver nearest to the camera, rounded
-// down to a power of two so that a moving camera rarely changes it [m].
+// Returns the size of a pixel at the nearest point of the shadowed receiver [m], rounded down to a
+// power of two so that a moving camera rarely changes it.
 double texel_for(const FramePlan& plan, const ReceivedShadowDraw& draw,
                  const ReceivingSurface& surface, const Model& model,
                  const Placement& T_table_object, double pixel_at_unit_depth) {
@@ -71,8 +70,8 @@ double texel_for(const FramePlan& plan, const ReceivedShadowDraw& draw,
   return std::max(kFinestTexel, std::exp2(std::floor(std::log2(pixel))));
 }
 
-// The plane from straight above, at depth 1, with `origin` and `origin + extent` in the mask's
-// corners.
+// Returns a camera straight above the plane, at depth 1, with `origin` and `origin + extent` at the
+// mask's corners.
 glm::mat4x3 camera_above(const Eigen::Vector2d& origin, const Eigen::Vector2d& extent) {
   const Eigen::Vector2d scale = 2.0 * extent.cwiseInverse();
   const Eigen::Vector2d shift = -origin.cwiseProduct(scale) - Eigen::Vector2d::Ones();
@@ -130,12 +129,12 @@ ReceivedShadowPass::Level ReceivedShadowPass::prepare_level(const Scene& scene,
       levels_[{shadow.node, shadow.object, shadow.plane, draw.receiver, level}];
   made.item = {&caster, &prepared, shadow.node, shadow.object, shadow.plane, plane};
   prepared.last_used = frame_count_;
-  prepared.surface = 0;  // the coarsest: without a lens edges may have any length
+  prepared.surface = 0;  // the coarsest: masks have no lens distortion
   if (caster.is_empty()) {
     prepared.clear();
     return made;
   }
-  // These count shadows, not a receiver's levels.
+  // These counters count shadows, not levels.
   constexpr std::array kNotCounted = {Counter::reprojections, Counter::triples_recomputed,
                                       Counter::proxy_shadows};
   std::array<std::int64_t, kNotCounted.size()> before{};
@@ -151,14 +150,14 @@ int ReceivedShadowPass::make_mask(const Scene& scene, const ReceivedShadowDraw& 
   mask.levels.clear();
   Eigen::AlignedBox2d box = meeting(draw, surface.faces);
   if (box.isEmpty()) return 0;
-  // Only the part of the caster over the receiver counts.
+  // Considers only the part of the caster above the receiver.
   LevelSpacing spacing;
   const auto reach = geometry_.reach_of(scene, draw.shadow, surface.faces.lowest(box), work);
   if (reach) {
     box = box.intersection(reach->box);
     if (box.isEmpty()) return 0;
     spacing.clear_below = reach->low;
-    // Keeps every outline within a texel of its place.
+    // Keeps every outline accurate to one texel.
     spacing.clear_step = std::clamp(2.0 * mask.made_for->texel / std::max(reach->rate, 1e-9),
                                     kLevelStep, kLongestLevelStep);
   }
@@ -167,7 +166,7 @@ int ReceivedShadowPass::make_mask(const Scene& scene, const ReceivedShadowDraw& 
   mask.levels = surface.faces.levels(box, draw.top, most, spacing);
   if (mask.levels.empty()) return 0;
 
-  // On a grid that is fixed while the caster slides.
+  // Aligns the mask to a grid on the plane, which does not move with the caster.
   double texel = mask.made_for->texel;
   Eigen::Array2i size;
   for (;; texel *= 2.0) {
@@ -203,7 +202,7 @@ void ReceivedShadowPass::cover_levels(const Scene& scene, const ReceivedShadowDr
   }
 }
 
-// Fills shares_ with the exact coverage of these cells by each layer, without OpenGL.
+// Rasterises the exact coverage of these cells by each layer into shares_, without OpenGL.
 void ReceivedShadowPass::cover_level(const Level& level, const MaskCells& cells, RenderWork& work) {
   std::ranges::fill(shares_, std::uint8_t{0});
   if (!level.item.prepared->valid) return;
@@ -211,7 +210,7 @@ void ReceivedShadowPass::cover_level(const Level& level, const MaskCells& cells,
       MaskPart::of(level.shadow, *level.item.caster, *level.item.prepared, glm::vec3(0.0F));
   if (part.covers_nothing()) return;
   part.project(part.face_images(work), cells.size, mask_caster_, work);
-  // Only the shadow's part over these cells.
+  // Restricts the mask to the shadow's part over these cells.
   using Cell = Eigen::Vector<std::int64_t, 2>;
   const CellBox all(Cell(cells.u, cells.v),
                     Cell(cells.u + cells.width - 1, cells.v + cells.height - 1));
@@ -318,8 +317,8 @@ int ReceivedShadowPass::draw_shadow(const DrawContext& context, const FramePlan&
   return context.objects.draw_under_shadow(shown.receiver, plan, context.lens, uniforms, gathering);
 }
 
-// Darkens a receiver by the shadows of several casters. Blended or retextured, their darkest values
-// are gathered in the framebuffer's alpha first.
+// Darkens a receiver by the shadows of several casters. In the modes blend and retexture, first
+// gathers the darkest values in the framebuffer's alpha.
 int ReceivedShadowPass::draw_casters(const DrawContext& context, const FramePlan& plan,
                                      const std::vector<const Shown*>& casters) const {
   const bool blended = context.mode == Translucency::blend;
@@ -327,8 +326,8 @@ int ReceivedShadowPass::draw_casters(const DrawContext& context, const FramePlan
   Framebuffer& framebuffer = context.framebuffer;
   const auto darken = [&](const Shown& shown, Gathering gathering) {
     begin_translucent(context.mode, Blending::darken);
-    // Blending needs each pixel once, though faces may coincide. Retextured fragments overwrite
-    // each other, and of a screen-door's the darkest is seen.
+    // In mode blend, a pixel must be drawn once even if faces coincide. In the other modes,
+    // repeated drawing has no effect.
     if (blended) {
       if (gathering == Gathering::result)
         glBlendFuncSeparate(GL_ZERO, GL_DST_ALPHA, GL_ONE, GL_ZERO);
@@ -370,7 +369,7 @@ int ReceivedShadowPass::draw(const DrawContext& context, const FramePlan& plan) 
   glEnable(GL_DEPTH_TEST);
   glDepthFunc(GL_EQUAL);
   glDepthMask(GL_FALSE);
-  // Parallel planes share a light: a pixel in its shadow for several of them is darkened once.
+  // Parallel planes share a light, so a pixel in the shadows for several of them is darkened once.
   std::vector<const Shown*> left;
   for (const Shown& shown : shown_) left.push_back(&shown);
   while (!left.empty()) {
@@ -378,7 +377,7 @@ int ReceivedShadowPass::draw(const DrawContext& context, const FramePlan& plan) 
     const auto other = std::ranges::stable_partition(left, [&normal](const Shown* shown) {
       return (shown->draw->shadow.plane_frame.n - normal).norm() < 1e-3;
     });
-    std::map<int, std::vector<const Shown*>> over;  // by receiver: each pixel shows at most one
+    std::map<int, std::vector<const Shown*>> over;  // by receiver, as a pixel shows only one
     for (auto shown = left.begin(); shown != other.begin(); ++shown)
       over[(*shown)->receiver.object].push_back(*shown);
     left.erase(left.begin(), other.begin());

@@ -13,12 +13,12 @@
 namespace penumbra {
 namespace {
 
-// Cells of at most 16 px at 640 x 480: a lens bends their edges by less than 0.05 px.
+// Cells of up to 16 px at 640 x 480, whose edges the lens bends by less than 0.05 px.
 constexpr int kColumns = 40;
 constexpr int kRows = 30;
 
-// Returns 1 / depth [1/m] of a plane in front of the eye, which is linear in undistorted normalised
-// coordinates (x, y): the product with (x, y, 1). It solves h(eye + z R (x, y, 1)) = 0.
+// Returns the vector whose dot product with (x, y, 1), in undistorted normalised coordinates, is
+// the 1 / depth [1/m] of the plane. It solves h(eye + z R (x, y, 1)) = 0.
 glm::vec3 inverse_depth(const CameraPose& T_table_camera, const PlaneFrame& plane) {
   const double height = plane.height(T_table_camera.translation());
   return to_gl(Eigen::Vector3d(T_table_camera.rotation().conjugate() * plane.n / -height));
@@ -87,7 +87,7 @@ Result<Receivers> Receivers::create(GlApi api, const Scene& scene, const CameraM
 
 void Receivers::invert_outline(const GlMesh& outline, const FramePlan& plan,
                                const PlaneFrame& frame, const LensUniforms& lens) const {
-  // A fan that inverts the bit with each triangle leaves it set inside, for any simple polygon.
+  // A triangle fan that inverts the bit leaves it set inside any simple polygon.
   outline_program_.use();
   set_lens(outline_program_, lens);
   outline_program_.set("camera_from_plane", camera_from_plane(plan.T_table_camera, frame));
@@ -153,7 +153,7 @@ void Receivers::begin_plane(const FramePlan& plan, int plane, const PlaneFrame& 
   glEnable(GL_DEPTH_TEST);
   glDepthFunc(GL_LESS);
   if (depth_drawn_) {
-    // Marks the pixels with this plane's depth, within its outline.
+    // Marks the pixels with the plane's depth inside its outline.
     plane_program_.use();
     glColorMask(GL_FALSE, GL_FALSE, GL_FALSE, GL_FALSE);
     glDisable(GL_BLEND);

@@ -34,7 +34,7 @@ RectifyingGrid rectifying_grid(const CameraModel& camera) {
   grid.rows = static_cast<int>(std::ceil(camera.height() / kCell_px)) + 1;
   for (int row = 0; row < grid.rows; ++row) {
     for (int column = 0; column < grid.columns; ++column) {
-      // From edge to edge of the image.
+      // Covers the image from edge to edge.
       const Eigen::Vector2d pixel(-0.5 + std::min(column * kCell_px, 1.0 * camera.width()),
                                   -0.5 + std::min(row * kCell_px, 1.0 * camera.height()));
       grid.picture.push_back(pixel);

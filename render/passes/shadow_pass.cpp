@@ -13,10 +13,10 @@
 namespace penumbra {
 namespace {
 
-// Factor for the overshoot that kernels_in_use() reports: a penumbra at 0.65 of the umbra's height.
+// Factor for the overshoot in kernels_in_use(): a penumbra at 0.65 of the umbra's height.
 constexpr double kOvershootFactor = 1.65;
 
-// Reports a field that shows none of the layers that it should.
+// Reports a field in which all wanted layers are empty.
 void note_empty_field(const ShadowDraw& draw, const CachedCaster& caster,
                       const PreparedShadow& prepared, RenderWork& work) {
   const auto is_empty = [](const LayerGeometry& layer) {
@@ -28,8 +28,8 @@ void note_empty_field(const ShadowDraw& draw, const CachedCaster& caster,
   work.skipped.push_back({SkipReason::field_too_coarse, draw.object});
 }
 
-// Returns whether a plane's shadows may be seen on an object and not on the video: part of its box
-// lies behind the plane.
+// Returns true if an object may be visible behind a plane, so that the plane's shadows are not only
+// over video.
 bool objects_lie_behind_planes(const Scene& scene, const FramePlan& plan) {
   constexpr double kContact = 1e-6;  // [m]
   for (const PlaneReceiver& receiver : plan.receivers) {
@@ -113,7 +113,8 @@ int ShadowPass::draw_plane(const FramePlan& plan, int plane,
   if (casters.size() == 1) {
     return painter_.draw_all(plan.shadows[casters.front()], items_[casters.front()], brush);
   }
-  // All umbrae, then all middles, then all penumbrae; if casters' lights differ, the darkest first.
+  // Order: all umbrae, then all middle layers, then all penumbrae; if casters' fractions differ,
+  // darkest first.
   struct Fill {
     std::size_t caster;
     int layer;
@@ -132,8 +133,8 @@ int ShadowPass::draw_plane(const FramePlan& plan, int plane,
   return calls;
 }
 
-// Marks the layers' levels of darkness in the stencil, the penumbra first; then draws strips over
-// all pixels of one level.
+// Writes the layers' levels of darkness into the stencil, the penumbra first; then draws strips
+// over all pixels of each level.
 int ShadowPass::draw_strips(const DrawContext& context, const FramePlan& plan,
                             const PlaneReceiver& receiver, const LayerPainter::Brush& brush) const {
   Receivers& receivers = context.receivers;
@@ -185,7 +186,7 @@ int ShadowPass::draw(const DrawContext& context, const FramePlan& plan) {
   const LayerPainter::Brush brush = strips ? painter_.plain() : painter_.darkening();
   int calls = 0;
   if (retextured && !fetches_video_ && !plan.shadows.empty()) {
-    context.framebuffer.copy_picture(kPictureBeforeUnit);  // each pixel shows at most one plane
+    context.framebuffer.copy_picture(kPictureBeforeUnit);  // once, as a pixel shows only one plane
   }
   for (const PlaneReceiver& receiver : plan.receivers) {
     const auto first = std::ranges::find(plan.shadows, receiver.plane, &ShadowDraw::plane);
@@ -202,7 +203,7 @@ int ShadowPass::draw(const DrawContext& context, const FramePlan& plan) {
     const bool masked = masks_.has_mask(receiver.plane);
     if (masked && masks_.is_empty(receiver.plane)) continue;
     if (!masked && context.mode == Translucency::blend) {
-      // Each pixel once, by the first layer.
+      // Draws each pixel once, by the first layer.
       receivers.stencil_test(0, kShadowBits);
       glStencilOp(GL_KEEP, GL_KEEP, GL_INCR);
     } else {

@@ -14,11 +14,11 @@
 namespace penumbra {
 namespace {
 
-// More than the buffers of one camera. Those of an earlier stream are evicted first.
+// More than one camera has; buffers of an earlier stream are evicted first.
 constexpr std::size_t kMostImported = 12;
-// Frames that the GPU may be reading while the next one is drawn.
+// Maximum number of frames that the GPU may be reading while the next one is drawn.
 constexpr std::size_t kMostInUse = 1;
-constexpr GLuint64 kPatience_ns = 1'000'000'000;  // longest wait for the GPU
+constexpr GLuint64 kPatience_ns = 1'000'000'000;  // maximum wait for the GPU
 
 TexelFormat texel_format(PixelFormat format, std::size_t plane) {
   switch (format) {
@@ -38,8 +38,8 @@ glm::vec2 chroma_step(PixelFormat format) {
           format == PixelFormat::yuv420p || format == PixelFormat::nv12 ? 2.0F : 1.0F};
 }
 
-// Returns the image's width and height as fractions of the first plane's and of the chroma planes'
-// sizes: 1 unless the last sample is half outside of the image.
+// Returns the image's size as a fraction of the first plane's size (xy) and of the chroma planes'
+// size (zw); < 1 if the last sample is partly outside the image.
 glm::vec4 plane_extents(const Frame& frame) {
   const glm::vec2 picture(frame.width, frame.height);
   const auto size = [&frame](std::size_t i) {
@@ -102,7 +102,7 @@ VideoTexture::~VideoTexture() {
 }
 
 VideoTexture::Upload VideoTexture::upload(const Frame& frame, bool reuse) {
-  // The same buffer, still owned, is the same frame: frames are immutable.
+  // Frames are immutable, so the same buffer with the same live owner is the same frame.
   const bool same =
       frame.owner && !uploaded_owner_.expired() && !uploaded_owner_.owner_before(frame.owner) &&
       !frame.owner.owner_before(uploaded_owner_) && frame.planes[0].data == uploaded_data_;
@@ -124,7 +124,7 @@ VideoTexture::Upload VideoTexture::upload(const Frame& frame, bool reuse) {
 }
 
 bool VideoTexture::upload_through_buffer(const Frame& frame) {
-  constexpr std::size_t kAlignment = 64;  // of a plane's first byte: a cache line
+  constexpr std::size_t kAlignment = 64;  // alignment of planes: a cache line
   const auto count = static_cast<std::size_t>(frame.plane_count);
   struct Packed {
     std::size_t offset = 0, row_bytes = 0, rows = 0;
@@ -178,7 +178,7 @@ bool VideoTexture::import(const Frame& frame) {
         ImportedTexture::create({frame.dma_buf.descriptor, texel_format(frame.format, i),
                                  plane.width, plane.height, frame.dma_buf.offset[i], plane.stride});
     if (!texture) {
-      can_import_ = false;  // later frames have the same layout
+      can_import_ = false;  // later frames will fail as well
       imported_.clear();
       return false;
     }
@@ -218,7 +218,7 @@ Result<void> VideoTexture::draw(const Frame& frame) {
 
 void VideoTexture::hold(const Frame& frame) {
   if (!shows_imported_) return;
-  if (!in_use_.empty() && in_use_.back().owner == frame.owner) {  // a still image
+  if (!in_use_.empty() && in_use_.back().owner == frame.owner) {  // the same frame again
     glDeleteSync(static_cast<GLsync>(in_use_.back().drawn));
     in_use_.pop_back();
   }

@@ -12,14 +12,13 @@
 namespace penumbra {
 namespace {
 
-constexpr unsigned kCountBits = kMaxVolumesCounted;  // how often the ray has entered a volume
-constexpr unsigned kDarkBit = 0x40U;                 // in some caster's shadow
-// The pixel shows the caster itself, which has no shadow on itself; or the plane darkened now.
+constexpr unsigned kCountBits = kMaxVolumesCounted;  // number of volume batches' surfaces entered
+constexpr unsigned kDarkBit = 0x40U;                 // the pixel is in some caster's shadow
+// The pixel shows the caster, which does not shadow itself, or the plane being darkened.
 constexpr unsigned kMarkBit = 0x80U;
 static_assert((kCountBits & (kDarkBit | kMarkBit)) == 0);
 
-// Returns the volume's triangles, split for a lens if there is a longest edge [m], and the end of
-// each batch in them.
+// Returns the volume's triangles, split to `longest_edge` [m] if given, and the end of each batch.
 std::pair<std::vector<glm::vec3>, std::vector<int>> split_batches(
     const ShadowVolume& volume, std::optional<double> longest_edge) {
   std::vector<glm::vec3> triangles;
@@ -29,7 +28,7 @@ std::pair<std::vector<glm::vec3>, std::vector<int>> split_batches(
     std::vector<glm::vec3> batch(volume.triangles.begin() + static_cast<std::ptrdiff_t>(begin),
                                  volume.triangles.begin() + static_cast<std::ptrdiff_t>(end));
     if (longest_edge) {
-      // The batch's share of all triangles.
+      // The batch's proportion of all triangles.
       const auto budget = static_cast<std::size_t>(
           std::ceil(static_cast<double>(kMaxVolumeTriangles) * static_cast<double>(batch.size()) /
                     static_cast<double>(volume.triangles.size())));
@@ -42,7 +41,7 @@ std::pair<std::vector<glm::vec3>, std::vector<int>> split_batches(
   return {std::move(triangles), std::move(batch_ends)};
 }
 
-// Returns whether a volume made for one draw serves another one.
+// Returns true if the two draws have the same volume.
 bool same_volume(const ShadowVolumeDraw& a, const ShadowVolumeDraw& b) {
   return a.T_table_object == b.T_table_object && a.light_place == b.light_place &&
          a.floors == b.floors && a.receivers == b.receivers;
@@ -152,7 +151,7 @@ int VolumePass::note_volume(const Drawing& drawing, const ShadowVolumeDraw& draw
   return calls;
 }
 
-// Marks pixels with a count other than 0 as dark, and resets the count.
+// Marks pixels with a non-zero count as dark, and resets the count.
 void VolumePass::note_dark() const {
   fill_program_.use();
   glStencilMask(kCountBits | kDarkBit);
@@ -162,8 +161,8 @@ void VolumePass::note_dark() const {
   glDrawArrays(GL_TRIANGLES, 0, 3);
 }
 
-// A darkened pixel gets the stencil `how.after`: a second surface in the same place does not darken
-// it again.
+// Darkened pixels get the stencil `how.after`, so that a coincident surface does not darken them
+// again.
 int VolumePass::darken(const Drawing& drawing, const ShadowVolumeDraw& draw,
                        const Darkening& how) const {
   const auto& [plan, lens, objects, receivers] = drawing;
@@ -195,7 +194,7 @@ int VolumePass::darken_planes(const Drawing& drawing, int light, const Darkening
   std::vector<float> blocked(plan.lights.size(), 0.0F);
   blocked.at(static_cast<std::size_t>(light)) = 1.0F;
   for (const PlaneReceiver& receiver : plan.receivers) {
-    // Marks the dark pixels that show the plane: its depth is there.
+    // Marks the dark pixels with the plane's depth.
     glColorMask(GL_FALSE, GL_FALSE, GL_FALSE, GL_FALSE);
     glDisable(GL_BLEND);
     glEnable(GL_DEPTH_TEST);
@@ -236,8 +235,8 @@ void VolumePass::darken_by_sums(const FramePlan& plan, Framebuffer& framebuffer)
   glDrawArrays(GL_TRIANGLES, 0, 3);
 }
 
-// Draws equally strong casters together; others one by one, the strongest first: a pixel in several
-// shadows is darkened once, by the first.
+// Draws casters of equal opacity together, else one by one with the highest opacity first, so that
+// a pixel in several shadows is darkened once, by the first.
 int VolumePass::draw_light(const Drawing& drawing, Casters casters, bool add_up) const {
   glStencilMask(0xFF);
   glClear(GL_STENCIL_BUFFER_BIT);
@@ -255,7 +254,7 @@ int VolumePass::draw_light(const Drawing& drawing, Casters casters, bool add_up)
       calls += mark_caster(drawing, *caster) + 1;
       count(drawing, *caster, batch);
       clear_mark();
-      // Pixels that are dark already don't count.
+      // Excludes pixels that are already dark.
       fill_program_.use();
       no_vertices_.bind();
       glStencilMask(kCountBits);
@@ -281,7 +280,8 @@ int VolumePass::draw(const DrawContext& context, const FramePlan& plan) {
     (known == lights.end() ? lights.emplace_back() : *known).push_back(&draw);
   }
   if (lights.empty()) return 0;
-  // Counted in view or not: sums are rounded, a single light's share is not.
+  // Counts lights out of view as well, because sums are rounded but a single light's fraction is
+  // not.
   const bool add_up = plan.volume_lights > 1;
   if (add_up) framebuffer.bind_sums();
   const Drawing drawing{plan, context.lens, context.objects, context.receivers};
@@ -289,7 +289,7 @@ int VolumePass::draw(const DrawContext& context, const FramePlan& plan) {
   glEnable(GL_STENCIL_TEST);
   glDepthMask(GL_FALSE);
   for (const Casters& casters : lights) {
-    // A light darkens a pixel once, so one copy before it is enough.
+    // A light darkens a pixel once, so one copy per light is enough.
     if (add_up && mode_ != Translucency::blend) {
       framebuffer.copy_sums(kSumsBeforeUnit);
     } else if (!add_up && mode_ == Translucency::retexture) {

@@ -17,15 +17,15 @@ namespace {
 
 constexpr std::size_t kMaxKernelSets = 64;  // per caster
 constexpr std::size_t kMaxProxyChecks = 4096;
-// A reduced mesh, its edges split for the lens, has at most this share of the model's faces.
+// Maximum ratio of the faces of a reduced mesh to the model's, both after splitting for the lens.
 constexpr double kWorthwhileFaces = 0.75;
-// Range of factors in which faces are tested for twists: from an umbra that has almost vanished to
-// a penumbra at 0.65 of that height.
+// Range of factors tested for twists: from an umbra that has almost vanished to a penumbra at 0.65
+// of the umbra's height.
 constexpr double kLeastFactor = 0.05;
 constexpr double kGreatestTestedFactor = 1.65;
 
-// Returns for each object the largest ratio of a shadow edge to the caster's edge: the penumbra's
-// factor at the object's greatest height.
+// Returns, for each object, the maximum ratio of a shadow edge to the caster's edge: the penumbra's
+// factor at the object's maximum height.
 std::vector<double> largest_magnifications(const Scene& scene) {
   std::vector<double> magnifications(scene.objects.size(), 1.0);
   std::map<int, std::vector<double>> heights_over;  // a plane
@@ -48,7 +48,7 @@ std::vector<double> largest_magnifications(const Scene& scene) {
   return magnifications;
 }
 
-// Returns times to compare placements at: at keys, between keys, and around a spin.
+// Returns times at which to compare placements: keys, times between keys, and steps of a spin.
 std::set<double> sample_times(const Scene& scene) {
   constexpr std::size_t kMostKeys = 32;  // of one object
   constexpr int kSpinSteps = 8;
@@ -72,9 +72,9 @@ const std::string& tag_group_of(const Scene& scene, int object) {
   return at->tag_group;
 }
 
-// Returns for each object whether its scale and the tilt of its kernels are constant: a proxy is
-// compared once for each tilt, at the cost of many frames' savings. Tag groups may tilt against
-// each other.
+// Returns, for each object, whether its scale and tilt are constant. Only then a proxy pays off, as
+// the comparison for each new tilt costs more than many frames save. Tag groups may tilt relative
+// to each other.
 std::vector<bool> steady_casters(const Scene& scene) {
   std::vector<bool> steady(scene.objects.size(), true);
   std::set<std::pair<int, int>> shadows;  // caster, plane
@@ -119,12 +119,12 @@ void set_geometry(CasterBody& body, const ShadowMesh& mesh, float max_edge) {
   }
 }
 
-// Completes kernels from a file, which have no radii, by those of generated kernels.
+// Adds the radii of generated kernels to kernels from a file, which have none.
 void complete_set(CachedCaster& caster, KernelSet& set, RenderWork& work) {
   if (complete_radii(set.made, caster.mesh, set.made.up)) ++work[Counter::kernel_generations];
 }
 
-// Makes the body's kernels and uploads its faces; with `to_gpu` the vertices too.
+// Computes the body's kernels and uploads its faces and, if `to_gpu`, its vertices.
 void write_vertices(CachedCaster& caster, KernelSet& set, bool reduced, bool to_gpu) {
   BodyVertices& vertices = reduced ? set.reduced : set.whole;
   CasterBody& body = reduced ? caster.reduced : caster.whole;
@@ -265,7 +265,7 @@ bool CasterCache::can_be_masked(const ShadowDraw& draw, CachedCaster& caster) {
            has_edges_or_orientation(caster.reduced, caster.proxy->mesh)));
 }
 
-// Depends on the tilt alone, not on earlier frames.
+// The result depends on the tilt, not on earlier frames.
 bool CasterCache::proxy_casts(const ShadowDraw& draw, CachedCaster& caster, const KernelKey& key,
                               KernelSet& set, RenderWork& work) {
   if (!caster.proxy || !draw.proxy || !traits_of(draw.technique).uses_kernels) return false;
@@ -298,7 +298,7 @@ const std::vector<PartDisc>& CasterCache::parts_of(CachedCaster& caster,
   const std::pair key(direction, of_field);
   const auto found = caster.part_sets.find(key);
   if (found != caster.part_sets.end()) return found->second;
-  // A set has a few bytes per part, so a full cache is simply emptied.
+  // Empties a full cache, as sets have only a few bytes per part.
   if (caster.part_sets.size() >= 4 * kMaxKernelSets) caster.part_sets.clear();
   ++work[Counter::kernel_generations];
   return caster.part_sets
@@ -324,10 +324,11 @@ CasterCache::Casting CasterCache::casting(const ShadowDraw& draw, CachedCaster& 
         draw.kernels == KernelSource::automatic &&
         (draw.light_mode == LightMode::proportional || have_thickness(caster.stored_source));
     with.key.source = stored_serve ? caster.stored_source : draw.kernels;
-    // In the own frame, where turning on the plane changes no bit.
+    // Computed in the own frame, so that rotation in the plane changes no bit.
     const Eigen::Vector3d up = own.T_own_object.rotation.conjugate() * Eigen::Vector3d::UnitZ();
     with.key.direction = KernelDirection::nearest(up);
-    // By the exact tilt: the grid's direction may be up to 2 degrees nearer to the stored one.
+    // Compares the exact tilt, because the grid's direction may be up to 2 degrees nearer to the
+    // stored one.
     with.key.stored = stored_serve && has_stored_kernels_for(caster.mesh, up);
   }
   if (traits_of(draw.technique).uses_outlines) return with;

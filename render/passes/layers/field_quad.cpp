@@ -9,7 +9,7 @@
 namespace penumbra {
 namespace {
 
-// Rounds to nearest, ties to even. Clamps to the range; values under 2^-14 become 0.
+// Converts to half float: rounds to nearest, ties to even; clamps; values below 2^-14 become 0.
 std::uint16_t half_float(float value) {
   constexpr float kLargest = 60'000.0F;
   constexpr std::uint32_t kSmallestNormal = 0x38800000U;

@@ -45,7 +45,7 @@ Result<LayerPainter> LayerPainter::create(GlApi api, const CameraModel& camera) 
 
 Result<void> LayerPainter::choose(Translucency mode, std::optional<PixelFormat> video) {
   mode_ = mode;
-  if (mode == Translucency::geometry_mesh) return {};  // layers are marked, not darkened
+  if (mode == Translucency::geometry_mesh) return {};  // layers are marked in the stencil instead
   PENUMBRA_TRY_VOID(program_.choose(mode, video));
   return field_quad_.choose(mode, video);
 }

@@ -14,7 +14,7 @@
 namespace penumbra {
 namespace {
 
-// Fewer pieces draw too many cells that darken nothing; more cost more than they save.
+// A coarser grid draws too many cells without effect; a finer one costs more than it saves.
 constexpr std::size_t kLeastGrid = 4;
 
 PENUMBRA_VECTOR_CLONES
@@ -34,7 +34,7 @@ void MaskTexture::upload(const MaskCells& cells, std::span<const std::uint8_t> c
            static_cast<float>(cells.size * cells.width),
            static_cast<float>(cells.size * cells.height)};
   grid_.reset();
-  // A piece shows its cells and, by interpolation, their neighbours.
+  // A piece depends on its cells and, by interpolation, on their neighbours.
   const auto width = static_cast<std::size_t>(cells.width);
   const auto cells_of = [](std::size_t piece, std::size_t count) {
     const std::size_t first = piece * count / kPieces;
@@ -77,7 +77,7 @@ int MaskQuad::draw(MaskTexture& mask, const LensUniforms& lens,
   p.set("mask", kShadowMaskUnit);
   mask.texture_.bind(kShadowMaskUnit);
 
-  // The length of pieces grows with the depth.
+  // The permitted length of pieces grows with the depth.
   float nearest = std::numeric_limits<float>::infinity();
   for (const glm::vec2& corner :
        {glm::vec2(0, 0), glm::vec2(1, 0), glm::vec2(0, 1), glm::vec2(1)}) {

@@ -14,23 +14,23 @@ namespace {
 
 constexpr double kNone = std::numeric_limits<double>::infinity();
 
-// Measured, see docs/rendering.md#mask-cells.
+// Tuned by measurement, see docs/rendering.md#mask-cells.
 constexpr double kPixelsPerMaskCell = 1.6;
 constexpr double kPixelsPerSeenCell = 1.35;
 constexpr std::int64_t kMostMaskSide = 8192;  // cells
 constexpr int kMaskCellsAtOnce = 1 << 20;
-// Up to this number of faces on a plane, direct drawing takes the CPU far less than a mask
+// Up to this number of faces on a plane, direct drawing costs far less CPU time than a mask
 // (docs/rendering.md#masks).
 constexpr std::size_t kFewFaces = 500;
 
-// With a border of one cell that no shadow reaches.
+// Adds a border of one cell without shadow.
 MaskCells cells_about(const CellBox& box, double cell) {
   return MaskCells{cell, box.min().x() - 1, box.min().y() - 1,
                    static_cast<int>(box.sizes().x()) + 3, static_cast<int>(box.sizes().y()) + 3};
 }
 
-// Returns a mask's value of each layer: the fraction left of the encoded value; for a screen-door,
-// the fraction of open places, which 8 bits hold exactly.
+// Returns the mask value of each layer: the factor on the encoded value or, for a screen-door, the
+// fraction of open pixels, which is exact in 8 bits.
 glm::vec3 mask_light(const ShadowDraw& draw, Translucency mode) {
   const glm::vec3 light = layer_light(draw);
   if (mode != Translucency::mesh) return light;
@@ -97,7 +97,7 @@ void PlaneMasks::plan(const Scene& scene, const FramePlan& plan, Translucency mo
                       CasterCache& casters, RenderWork& work) {
   for (auto& [plane, mask] : planes_) mask.in_use = false;
   if (plan.layers == LayerDrawing::direct) return;
-  if (mode == Translucency::geometry_mesh) return;  // layers are marked in the stencil
+  if (mode == Translucency::geometry_mesh) return;  // layers are marked in the stencil instead
   for (const PlaneReceiver& receiver : plan.receivers) {
     const std::optional<double> depth = depth_of(scene, plan, receiver.plane, casters, work);
     if (!depth) continue;
@@ -112,9 +112,9 @@ bool PlaneMasks::has_mask(int plane) const {
   return found != planes_.end() && found->second.in_use;
 }
 
-// Returns the depth of a plane's nearest shadow [m]; nothing if some shadow can't be in a mask or
-// nothing casts one. Shadows out of view count too: culling one must not change how the others are
-// drawn.
+// Returns the depth of a plane's nearest shadow [m]; nullopt if there is no shadow or if one can't
+// be in a mask. Also considers shadows out of view, because culling one must not change how the
+// others are drawn.
 std::optional<double> PlaneMasks::depth_of(const Scene& scene, const FramePlan& plan, int plane,
                                            CasterCache& casters, RenderWork& work) const {
   double in_view = kNone;
@@ -147,7 +147,7 @@ std::optional<double> PlaneMasks::depth_of(const Scene& scene, const FramePlan& 
       if (draw.plane == plane && !serves(draw)) serve = false;
     }
   }
-  // Simple shadows alone are drawn directly, in one draw call.
+  // If all shadows are simple, draws them directly, in one draw call.
   if (!layers && plan.layers == LayerDrawing::automatic) return std::nullopt;
   if (!serve) {
     work.skipped.push_back({SkipReason::mask_impossible, plane, not_masked});
@@ -200,15 +200,17 @@ void PlaneMasks::make_plane(const FramePlan& plan, Translucency mode, int plane,
     const ShadowDraw& draw = plan.shadows[i];
     const PreparedShadow& prepared = *items[i].prepared;
     if (draw.plane != plane || !prepared.valid) continue;
-    // Shadows out of view would enlarge the mask. Kernels from a file may lie anywhere.
+    // Excludes shadows out of view, which would enlarge the mask; their bounds are unknown with
+    // stored kernels.
     if (draw.off_outline ||
         (!prepared.key.kernels.stored && frustum_.misses(square_in_view(draw, plan))))
       continue;
     const MaskPart part = MaskPart::of(draw, *items[i].caster, prepared, mask_light(draw, mode));
     if (!part.covers_nothing()) parts.push_back(part);
   }
-  // In half powers of two, so that a moving camera rarely makes another mask. Depends on the
-  // present frame alone; a camera at rest may jitter between two sizes, so both are kept.
+  // Cell sizes are half powers of two, so that a moving camera rarely requires a new mask. They
+  // depend only on the current frame. A camera at rest may jitter between two sizes, so both masks
+  // are kept.
   const int half_octave = cell_at(mask.depth, kPixelsPerMaskCell);
   const auto receiver = std::ranges::find(plan.receivers, plane, &PlaneReceiver::plane);
   const LayOut lay_out = layout_for(plan, receiver->frame, half_octave);
@@ -239,7 +241,7 @@ void PlaneMasks::draw_masks(int half_octave, std::vector<MaskPart> of, const Lay
   const std::vector<MaskPart>& parts = made.parts;
   ++plane.times_drawn;
   if (casters_.size() < parts.size()) casters_.resize(parts.size());
-  // Keeps the cover of parts that have not moved since the last masks, while others did.
+  // Keeps the cover of parts that have not moved since the previous masks, if others have.
   std::vector<bool> rests(parts.size(), false);
   for (std::size_t i = 0; parts.size() > 1 && i < parts.size(); ++i) {
     rests[i] = std::ranges::any_of(plane.drawn_before, [&](const MaskPart& before) {
@@ -249,7 +251,7 @@ void PlaneMasks::draw_masks(int half_octave, std::vector<MaskPart> of, const Lay
   plane.drawn_before = parts;
 
   std::vector<std::optional<MaskPart::Faces>> faces(parts.size());
-  std::vector<double> projected(parts.size(), 0.0);  // for cells of this size
+  std::vector<double> projected(parts.size(), 0.0);  // cell size for which each part is projected
   const auto project = [&](std::size_t i, double cell) {
     if (projected[i] == cell) return;
     if (!faces[i]) faces[i] = parts[i].face_images(work);
@@ -303,7 +305,7 @@ void PlaneMasks::draw_masks(int half_octave, std::vector<MaskPart> of, const Lay
     made.masks.push_back(std::move(mask));
     ++work[Counter::layer_masks_drawn];
   }
-  // Covers of the last two masks stay: a camera may jitter between two sizes of cells.
+  // Keeps covers of the two most recent masks, as a camera may jitter between two cell sizes.
   std::erase_if(plane.covers,
                 [&](const PartCover& cover) { return cover.last_used + 1 < plane.times_drawn; });
 }
@@ -313,7 +315,7 @@ void PlaneMasks::fill_mask(const MaskLayout::Group& group, const std::vector<boo
   const MaskCells& cells = mask.cells;
   const auto width = static_cast<std::size_t>(cells.width);
   codes_.resize(width * static_cast<std::size_t>(cells.height));
-  // A cut mask may be large: bands of rows bound the memory of the sums.
+  // A clipped mask may be large, so bands of rows limit the memory of the sums.
   const int rows =
       group.cut ? std::clamp(kMaskCellsAtOnce / cells.width, 1, cells.height) : cells.height;
   for (int first_row = 0; first_row < cells.height; first_row += rows) {
@@ -354,7 +356,7 @@ void PlaneMasks::cover_band(const MaskLayout::Group& group, const std::vector<bo
       first = false;
       continue;
     }
-    // The darkest value of different lights counts.
+    // Parts with different `light` are combined by their minimum.
     picture_.finish(light, lighter_codes_);
     std::ranges::transform(codes, lighter_codes_, codes.begin(),
                            [](std::uint8_t a, std::uint8_t b) { return std::min(a, b); });

@@ -13,10 +13,10 @@
 namespace penumbra {
 namespace {
 
-// Rounding must not cut a caster that stands on the plane: this far outside of a range of heights
-// counts as within [m].
+// Heights this far outside a range count as within it [m], so that rounding does not clip a caster
+// that stands on the plane.
 constexpr double kContactTolerance = 1e-6;
-// Precision of tilt and height (OwnFrame::make()): floats' for layers, 1/32 of a cell for fields.
+// Precision of tilt and height (OwnFrame::make()): that of floats for layers, 1/32 cell for fields.
 constexpr int kLayerBits = 26;
 constexpr int kFieldBits = 13;
 
@@ -24,7 +24,7 @@ std::array<bool, 3> wanted_layers(const ShadowDraw& draw) {
   return {draw.umbra, draw.middle, draw.penumbra};
 }
 
-// Heights above the plane of object points: n . (position + R s p - q).
+// Maps object points to heights above the plane: n . (position + R s p - q).
 struct HeightMap {
   Eigen::Vector3d gradient;
   double offset;
@@ -75,7 +75,7 @@ void upload_placed(const std::array<std::vector<PlanePoint>, 3>& images, const C
   prepared.placed.write(std::span<const PlanePoint>(all), BufferLife::every_frame);
   for (std::size_t i = 0; i < 3; ++i) {
     if (images[i].empty()) continue;
-    // Position and kernel are the same point of the plane, where every factor is 1.
+    // Uses the same point of the plane as position and kernel, where every factor is 1.
     prepared.placed_layouts[i].bind();
     for (const unsigned attribute : {0U, 1U}) {
       VertexArray::attribute(attribute, 2, sizeof(PlanePoint), first[i] * sizeof(PlanePoint));
@@ -94,7 +94,7 @@ void clip_layers(const ShadowDraw& draw, const CachedCaster& caster, const Kerne
     LayerGeometry& layer = prepared.layers[i];
     if (layer.source != LayerSource::clipped) continue;
     const HeightRange range = range_of(draw, kShadowLayers[i]);
-    // Middle and penumbra are cut alike: one copy serves both.
+    // Middle and penumbra are clipped equally and share the vertices.
     if (i == 2 && prepared.layers[1].source == LayerSource::clipped &&
         range_of(draw, ShadowLayer::middle).high == range.high) {
       layer = prepared.layers[1];
@@ -155,7 +155,7 @@ void settle_contact(std::vector<CasterVertex>& vertices) {
 
 LayerSources cut_layers(const ShadowDraw& draw, const CachedCaster& caster) {
   const HeightMap height(draw.plane_frame, draw.T_table_object);
-  // The box is enough in most frames.
+  // In most frames the box is sufficient.
   const glm::vec3& a = caster.min_corner;
   const glm::vec3& b = caster.max_corner;
   const HeightRange box = heights_of(height, std::array<glm::vec3, 8>{a,
@@ -232,7 +232,7 @@ void ShadowGeometry::prepare(const ShadowDraw& draw, CachedCaster& caster, bool 
       case ShadowTechnique::walls:
       case ShadowTechnique::hard:
       case ShadowTechnique::volume:
-        PENUMBRA_ASSERT(false);  // not planned as a ShadowDraw
+        PENUMBRA_ASSERT(false);  // these techniques have no ShadowDraw
     }
   }
   if (!field) return;
@@ -260,7 +260,7 @@ void ShadowGeometry::place_layers(const ShadowDraw& draw, CachedCaster& caster, 
     prepared.layers[i].source = sources[i];
     clips = clips || sources[i] == LayerSource::clipped;
     if (!prepared.key.masked) continue;
-    // In a light of one size each part loses its umbra at its own height.
+    // With a light of one size, each part loses its umbra at its own height.
     if (sources[i] == LayerSource::nothing && !fixed) continue;
     const bool closes_up = sources[i] == LayerSource::whole && body.edges && !fixed;
     prepared.layers[i].source = closes_up ? LayerSource::masked : LayerSource::masked_faces;
@@ -273,9 +273,9 @@ void ShadowGeometry::place_layers(const ShadowDraw& draw, CachedCaster& caster, 
   }
 }
 
-// Projects on the CPU: lights of one size, whose ratio differs between vertices, and casters whose
-// edges are split for the lens. A layer is the straight-edged image of the mesh's faces; splitting
-// adds vertices on those edges (docs/shadows.md#layers).
+// Projects on the CPU: for lights of one size, whose factor differs between vertices, and for
+// casters whose edges are split for the lens. Splitting adds vertices on the straight edges of the
+// projected faces (docs/shadows.md#layers).
 void ShadowGeometry::image_layers(const ShadowDraw& draw, CachedCaster& caster, KernelSet& kernels,
                                   PreparedShadow& prepared, RenderWork& work) const {
   const bool fixed = draw.light_mode == LightMode::fixed;
@@ -344,7 +344,7 @@ void ShadowGeometry::make_field(const ShadowDraw& draw, CachedCaster& caster,
   const std::vector<PartDisc>& parts =
       CasterCache::parts_of(caster, KernelDirection::nearest(up), true, work);
   const PlaneMap map = plane_map(T_own_object, plane);
-  // The rounding of tilt and height must not cut a caster on the plane.
+  // The tolerance keeps rounding of tilt and height from clipping a caster on the plane.
   const auto contact = static_cast<float>(
       kContactTolerance + std::ldexp(T_own_object.scale * caster.size, 2 - kFieldBits));
   std::vector<CasterVertex> vertices;
@@ -383,7 +383,7 @@ std::size_t ShadowGeometry::surface_for(const ShadowDraw& draw, const FramePlan&
     for (const ShadowLayer layer : {ShadowLayer::umbra, ShadowLayer::penumbra})
       magnification = std::max(magnification, layer_factor(draw.constants, layer, top));
   }
-  // A kernel lies inside the footprint's disc, so no image is farther out than this.
+  // Kernels lie inside the footprint's disc, so this radius contains all projected points.
   const double radius = disc.radius * (1.05 * (2.0 * magnification - 1.0));
   const Eigen::Vector3d axis = plan.T_table_camera.rotation() * Eigen::Vector3d::UnitZ();
   const PlaneFrame& plane = draw.plane_frame;
@@ -413,7 +413,7 @@ std::optional<ShadowReach> ShadowGeometry::reach_of(const Scene& scene, const Sh
   const ShadowMesh& mesh = caster.casting_mesh(with.reduced);
   const std::vector<CasterVertex> vertices =
       own_vertices(own, mesh.positions, caster.kernels(*with.kernels, with.reduced), work);
-  // The images of a cut face lie between those of its vertices.
+  // The projection of a clipped face lies between those of its vertices.
   std::vector<bool> casts(vertices.size(), false);
   const double least = from - kContactTolerance;
   for (std::size_t i = 0; i + 2 < mesh.indices.size(); i += 3) {
@@ -425,7 +425,7 @@ std::optional<ShadowReach> ShadowGeometry::reach_of(const Scene& scene, const Sh
     if (!over) continue;
     for (const std::uint32_t corner : face) casts[corner] = true;
   }
-  double top = 0.0;  // above `from`
+  double top = 0.0;  // height above `from`
   for (std::size_t i = 0; i < vertices.size(); ++i) {
     if (casts[i]) top = std::max(top, static_cast<double>(vertices[i].h) - from);
   }
@@ -436,7 +436,7 @@ std::optional<ShadowReach> ShadowGeometry::reach_of(const Scene& scene, const Sh
     return own.T_plane_own * Eigen::Vector2d(k + s * (x - k));
   };
   reach.low = std::numeric_limits<double>::infinity();
-  double thickest = 0.0;  // of x - k
+  double thickest = 0.0;  // length of x - k
   for (std::size_t i = 0; i < vertices.size(); ++i) {
     if (!casts[i]) continue;
     const CasterVertex& vertex = vertices[i];
@@ -446,8 +446,8 @@ std::optional<ShadowReach> ShadowGeometry::reach_of(const Scene& scene, const Sh
     if (!layered) continue;
     thickest = std::max(
         thickest, static_cast<double>(std::hypot(vertex.u - vertex.ku, vertex.v - vertex.kv)));
-    // Images lie between those at the vertex's height and at the lowest height. A cut has the
-    // factor of any of its face's points.
+    // Projections lie between those at the vertex's height and at the lowest height. A point on a
+    // clip line may have the factor of any point of its face.
     for (const ShadowLayer layer : kShadowLayers) {
       const double highest = layer_height_range(c, layer).high;
       const double over = top > highest ? highest : std::clamp(h - from, 0.0, highest);
