@@ -3,7 +3,7 @@
 namespace penumbra {
 namespace {
 
-// Shaders compute with these values and their inverses in floats.
+// Shaders use these values and their inverses as floats.
 bool fits_float(double value) {
   return value >= 1e-30 && value <= 1e30;
 }
@@ -34,7 +34,7 @@ Result<LayeredConstants> make_layered_constants(double light_height, double ligh
   LayeredConstants constants;
   constants.light_height = light_height;
   if (std::isinf(light_height)) {
-    // The zenith limit: the light's radius grows with its height, and h_u = H / a remains.
+    // The zenith limit: the light's radius grows with its height such that h_u = H / a is constant.
     if (umbra_height <= 0.0) {
       return fail("umbra height h_u: is missing; a light at infinity needs it");
     }

@@ -1,4 +1,4 @@
-// The constants of layered penumbrae (docs/shadows.md#constants): the light's height and size, and
+// The constants of layered penumbrae (docs/shadows.md#constants): height and size of the light, and
 // the range of heights that each layer projects.
 #pragma once
 
@@ -18,11 +18,12 @@ inline constexpr std::array kShadowLayers = {ShadowLayer::umbra, ShadowLayer::mi
   return layer == ShadowLayer::umbra ? -1 : layer == ShadowLayer::middle ? 0 : 1;
 }
 
-// H > 0: light height above the plane, may be +infinity; a > 0: light radius over object radius.
+// H > 0: height of the light above the plane, may be +infinity. a > 0: radius of the light / radius
+// of the object.
 struct LayeredConstants {
   double light_height = 0.9;       // H [m]
   double light_ratio = 3.0;        // a
-  double umbra_height = 0.3;       // h_u = H / a, at which the umbra vanishes for a > 1 [m]
+  double umbra_height = 0.3;       // h_u = H / a; for a > 1 the umbra vanishes there [m]
   double magnification_cap = 8.0;  // faces are clipped at h = H (1 - 1/m)
   friend bool operator==(const LayeredConstants&, const LayeredConstants&) = default;
 };
@@ -31,20 +32,20 @@ struct LayeredConstants {
   return constants.light_ratio > 1.0 || std::isinf(constants.light_height);
 }
 
-// Returns checked constants. One of light_ratio and umbra_height may be 0: it follows from h_u = H
-// / a. H may be +inf with umbra_height. Fails for values that are not positive and finite; with a
-// <= 1 the umbra never vanishes.
+// Returns checked constants. light_ratio or umbra_height may be 0 and is then computed from h_u = H
+// / a. H may be +inf if umbra_height is given. Fails if another value is not positive and finite.
+// With a <= 1 the umbra never vanishes.
 [[nodiscard]] Result<LayeredConstants> make_layered_constants(double light_height,
                                                               double light_ratio,
                                                               double umbra_height);
-// Computes the constants from the greatest height of objects (h_max) and the magnification M > 1 of
-// the middle layer there: a = M / (M - 1), H = a h_max, so that h_u = h_max
+// Computes the constants from the maximum height of objects (h_max) and the magnification M > 1 of
+// the middle layer at that height: a = M / (M - 1), H = a h_max, so that h_u = h_max
 // (docs/shadows.md#constants).
 [[nodiscard]] Result<LayeredConstants> layered_constants_for_workspace(double max_height,
                                                                        double magnification);
 
-// Heights above the plane [m] to which a layer clips faces. low = 0; high is h_u for an umbra that
-// vanishes, at most the cap H (1 - 1/m).
+// Heights above the plane [m] to which a layer clips faces. low = 0; high = H (1 - 1/m), or h_u if
+// less for an umbra that vanishes.
 struct HeightRange {
   double low = 0.0;
   double high = 0.0;

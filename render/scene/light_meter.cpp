@@ -12,15 +12,16 @@ namespace penumbra {
 namespace {
 
 constexpr int kCodes = 256;
-constexpr int kOverexposed = 250;       // channels from this code on may be clipped
-constexpr double kPaperFrom = 0.95;     // quantile of the luminance of exposed pixels
-constexpr double kPaperTo = 0.99;       // brighter pixels are glints
-constexpr double kLeastExposed = 0.25;  // share of all pixels; else overexposed ones count as well
-constexpr double kDarkest = 1e-3;       // noise level of linear light
+constexpr int kOverexposed = 250;    // channels with this value or more may be clipped
+constexpr double kPaperFrom = 0.95;  // quantile of the luminance of exposed pixels
+constexpr double kPaperTo = 0.99;    // brighter pixels are glints
+constexpr double kLeastExposed =
+    0.25;                          // fraction of pixels; if less, uses overexposed ones as well
+constexpr double kDarkest = 1e-3;  // noise level of linear light
 constexpr double kTimeConstant_s = 0.25;
-constexpr double kForgotten_s = 2.0;  // after a longer gap the filter starts again
+constexpr double kForgotten_s = 2.0;  // the filter restarts after a longer gap
 
-// Returns the linear light of each code.
+// Returns the linear light of each 8-bit value.
 std::array<double, kCodes> linear_light(std::optional<double> tone_curve) {
   std::array<double, kCodes> linear{};
   for (int code = 0; code < kCodes; ++code) {
@@ -32,7 +33,7 @@ std::array<double, kCodes> linear_light(std::optional<double> tone_curve) {
   return linear;
 }
 
-using Rgb = std::array<int, 3>;  // codes, as displayed
+using Rgb = std::array<int, 3>;  // 8-bit values, as displayed
 
 class PixelReader {
  public:
@@ -88,7 +89,7 @@ class PixelReader {
   YuvConversion conversion_;
 };
 
-// Sums of colours per luma.
+// Sums of linear colours per luma.
 struct Histogram {
   std::array<int, kCodes> count{};
   std::array<Eigen::Vector3d, kCodes> sum;
@@ -96,13 +97,14 @@ struct Histogram {
 
   Histogram() { sum.fill(Eigen::Vector3d::Zero()); }
   void add(const Rgb& rgb, const Eigen::Vector3d& light) {
-    // BT.601's luma in 256ths.
+    // BT.601 luma, coefficients * 256.
     const auto bin = static_cast<std::size_t>((77 * rgb[0] + 150 * rgb[1] + 29 * rgb[2]) / 256);
     ++count[bin];
     sum[bin] += light;
     ++total;
   }
-  // Returns the mean colour between two quantiles of luma; bins partly between them count in part.
+  // Returns the mean colour between two quantiles of luma. Bins at the limits are weighted by their
+  // overlap.
   [[nodiscard]] Eigen::Vector3d mean_between(double from, double to) const {
     const double first = from * total;
     const double last = to * total;
@@ -157,7 +159,7 @@ const VideoLight& LightMeter::look_at(const Frame& frame) {
       last_ns_ ? 1e-9 * static_cast<double>(frame.timestamp_ns - *last_ns_) : kForgotten_s;
   last_ns_ = frame.timestamp_ns;
   if (elapsed_s < 0.0 || elapsed_s >= kForgotten_s) return light_ = now;
-  // Filters the logarithm: equally fast to dark and to bright.
+  // Filters the logarithm, which follows dark and bright changes equally fast.
   const double share = 1.0 - std::exp(-elapsed_s / kTimeConstant_s);
   const auto follow = [share](Eigen::Vector3d& light, const Eigen::Vector3d& target) {
     light = light.array() * (share * (target.array() / light.array()).log()).exp();

@@ -1,5 +1,5 @@
-// Measures brightness and colour of the light in a video, for drawing into it. Equal frames give
-// equal light, bit for bit.
+// Measures brightness and colour of the light in a video, to light virtual objects. Equal frames
+// give bit for bit equal results.
 #pragma once
 
 #include <Eigen/Core>
@@ -10,31 +10,30 @@
 
 namespace penumbra {
 
-// Linear light per channel, > 0; 1 for the video's full white.
+// Linear light per channel, > 0; 1 is the video's full white.
 struct VideoLight {
-  // Radiance of a perfect white diffuser on the table. Estimated from the brightest exposed pixels,
-  // which show paper: a sheet of tags is in view whenever anything is drawn.
+  // Radiance of a perfect white diffuser on the table. Estimated from the brightest pixels that are
+  // not overexposed, which are paper, as tags are in view whenever objects are drawn.
   Eigen::Vector3d on_table = Eigen::Vector3d::Ones();
-  // Mean of the image: the light reflected by the table and the things on it.
+  // Mean of the image: the light reflected by the table and the objects on it.
   Eigen::Vector3d around = Eigen::Vector3d::Constant(0.5);
 };
 
 inline constexpr double kPaperReflectance = 0.8;  // white office paper
-// Even grid of the pixels that are measured.
+// Size of the regular grid of measured pixels.
 inline constexpr int kLightColumns = 64;
 inline constexpr int kLightRows = 48;
 
-// `tone_curve`: as CameraParameters::tone_curve; without it the video is taken as sRGB. The frame
-// is not empty.
+// `tone_curve`: CameraParameters::tone_curve; nullopt: sRGB. The frame must not be empty.
 [[nodiscard]] VideoLight measure_light(const Frame& frame, std::optional<double> tone_curve);
 
-// Low-pass filter over a video's frames: follows light and exposure within half a second.
+// Low-pass filter over a video's frames with a response time of half a second.
 class LightMeter {
  public:
   explicit LightMeter(std::optional<double> tone_curve) : tone_curve_(tone_curve) {}
 
-  // Takes frames in order of time. The first frame, an earlier one and a much later one start the
-  // filter again; the same frame again changes nothing.
+  // Adds a frame and returns the filtered light. Expects ascending times: an earlier or much later
+  // frame restarts the filter; a repeated frame has no effect.
   const VideoLight& look_at(const Frame& frame);
 
  private:

@@ -1,4 +1,4 @@
-// The coordinates of a shadow plane: (u, v) on the plane, h above it. Metres.
+// The coordinates of a shadow plane [m]: (u, v) on the plane, h above it.
 #pragma once
 
 #include <Eigen/Core>
@@ -8,8 +8,8 @@
 
 namespace penumbra {
 
-// Normal n (unit, towards the light side) and point q on the plane. With a = +x, or +y if |n_x| >
-// 0.9: e1 = normalise(a - (a.n) n), e2 = n x e1. All in the frame of the plane's definition.
+// Normal n (unit, towards the light) and point q on the plane; axes e1 = normalise(a - (a.n) n) and
+// e2 = n x e1, where a = +x, or +y if |n_x| > 0.9. All in the frame in which the plane is defined.
 struct PlaneFrame {
   Eigen::Vector3d n = Eigen::Vector3d::UnitZ();
   Eigen::Vector3d q = Eigen::Vector3d::Zero();
@@ -29,13 +29,13 @@ struct PlaneFrame {
     return plane;
   }
 
-  // Returns (u, v, h). Subtracting q first keeps float and double alike far from the origin.
+  // Returns (u, v, h). Subtracts q first, which keeps accuracy far from the origin.
   [[nodiscard]] Eigen::Vector3d to_plane(const Eigen::Vector3d& p) const {
     const Eigen::Vector3d d = p - q;
     return {e1.dot(d), e2.dot(d), n.dot(d)};
   }
   [[nodiscard]] Eigen::Vector3d lift(double u, double v) const { return q + u * e1 + v * e2; }
-  // Returns the corners of the square around a disc on the plane.
+  // Returns the corners of a disc's bounding square on the plane.
   [[nodiscard]] std::array<Eigen::Vector3d, 4> square_about(const Eigen::Vector2d& centre,
                                                             double radius) const {
     const Eigen::Vector3d middle = lift(centre.x(), centre.y());

@@ -14,15 +14,15 @@
 namespace penumbra {
 namespace {
 
-constexpr double kLongestTurn_s = 3600.0;   // limit of the time that slower spins are sampled
-constexpr std::size_t kHeightSamples = 64;  // of all animations, besides their keys
+constexpr double kLongestTurn_s = 3600.0;   // maximum sampled time of slow spins
+constexpr std::size_t kHeightSamples = 64;  // over all animations, in addition to keys
 
-// Returns the spline's velocity at a key: between its two neighbours (Catmull-Rom for uneven keys).
-// A loop's first and last key are one key; open ends have the velocity of their segment.
+// Returns the spline's velocity at a key, from its two neighbours (non-uniform Catmull-Rom). The
+// first and last key of a loop count as one key; open ends have the velocity of their segment.
 Eigen::Vector3d velocity_at(const Animation& animation, std::size_t key) {
   const std::vector<Keyframe>& keys = animation.keyframes;
   const std::size_t last = keys.size() - 1;
-  const auto slope = [&keys](std::size_t i) {  // of the segment from key i
+  const auto slope = [&keys](std::size_t i) {  // velocity of the segment from key i
     return Eigen::Vector3d((keys[i + 1].placement.position - keys[i].placement.position) /
                            (keys[i + 1].time_s - keys[i].time_s));
   };
@@ -69,7 +69,7 @@ Placement on_path(const Animation& animation, double time_s) {
                          (t3 - t2) * span * velocity_at(animation, i + 1);
   }
   placement.rotation = a.placement.rotation.slerp(t, b.placement.rotation);
-  // Linear: a cubic may overshoot below 0.
+  // Linear, because a cubic may overshoot below 0.
   placement.scale = a.placement.scale + t * (b.placement.scale - a.placement.scale);
   return placement;
 }
@@ -178,7 +178,7 @@ SceneState evaluate_scene(const Scene& scene, double time_s,
 }
 
 Placement placed_model(const Model& model, const Placement& T_world_object) {
-  // Avoids rounding for ordinary models.
+  // Avoids rounding if the origin is zero.
   if (model.origin.isZero(0.0)) return T_world_object;
   return {T_world_object * model.origin, T_world_object.rotation, T_world_object.scale};
 }
@@ -276,7 +276,7 @@ std::vector<double> greatest_heights(const Scene& scene, const Eigen::Vector3d& 
 std::vector<double> highest_points(const Scene& scene, const Eigen::Vector3d& plane_normal,
                                    const Eigen::Vector3d& plane_point) {
   return greatest_over_time(scene, [&](const Model& model, const Placement& at, double known) {
-    // Height of the bounding box's highest corner over the origin, unscaled.
+    // Height of the bounding box's highest corner above the origin, unscaled.
     const Eigen::Vector3d up = at.rotation.conjugate() * plane_normal;
     double reach = 0.0;
     for (int axis = 0; axis < 3; ++axis) {
@@ -284,7 +284,7 @@ std::vector<double> highest_points(const Scene& scene, const Eigen::Vector3d& pl
                                                              : model.min_corner[axis]);
     }
     const double origin = plane_normal.dot(at.position - plane_point);
-    // Visits the vertices only if the box allows a new maximum.
+    // Visits the vertices only if the box may exceed the known maximum.
     if (origin + at.scale * reach <= known) return known;
     double top = -std::numeric_limits<double>::infinity();
     for (const Mesh& mesh : model.meshes) {
@@ -298,13 +298,13 @@ std::vector<double> highest_points(const Scene& scene, const Eigen::Vector3d& pl
 }
 
 void add_default_walls(Scene& scene, ShadowNode& node) {
-  constexpr double kLevel = 0.99;  // least z of a level plane's normal
+  constexpr double kLevel = 0.99;  // minimum z of a horizontal plane's normal
   for (const int plane : node.planes) {
     if (scene.planes[static_cast<std::size_t>(plane)].normal.z() < kLevel) return;
   }
   if (node.planes.empty() || node.casters.empty()) return;
   const double floor = scene.planes[static_cast<std::size_t>(node.planes.front())].point.z();
-  // Returns the casters' greatest coordinate along a direction.
+  // Returns the casters' maximum coordinate along a direction.
   const auto reach = [&](const Eigen::Vector3d& direction) {
     const std::vector<double> heights = greatest_heights(scene, direction, Eigen::Vector3d::Zero());
     double most = -std::numeric_limits<double>::infinity();

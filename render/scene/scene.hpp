@@ -40,7 +40,7 @@ struct Placement {
   }
 };
 
-// Returns the placement of a model's positions, which are relative to Model::origin.
+// Returns the placement to apply to a model's positions, which are relative to Model::origin.
 [[nodiscard]] Placement placed_model(const Model& model, const Placement& T_world_object);
 
 struct Keyframe {
@@ -48,13 +48,13 @@ struct Keyframe {
   Placement placement;
 };
 
-// A path through keyframes, and a spin on top of it. Smooth positions follow Catmull-Rom splines
-// for keys at uneven times. Rotations follow slerp, scales are linear.
+// A path through keyframes, combined with a spin. Interpolation: positions linear or (smooth) by a
+// non-uniform Catmull-Rom spline, rotations by slerp, scales linear.
 struct Animation {
   enum class Interpolation { linear, smooth };
-  std::vector<Keyframe> keyframes;  // in order of time; may be empty
+  std::vector<Keyframe> keyframes;  // ascending times; may be empty
   Interpolation interpolation = Interpolation::smooth;
-  bool loop = true;  // the last keyframe, which should equal the first, leads back to it
+  bool loop = true;  // repeats; the last keyframe should equal the first
   Eigen::Vector3d spin_axis = Eigen::Vector3d::UnitZ();  // object frame
   double spin_turns_per_s = 0.0;
 };
@@ -62,37 +62,37 @@ struct Animation {
 struct SceneObject {
   std::string name;
   std::shared_ptr<const Model> model;
-  std::string model_file;  // as resolved, for messages and caches
+  std::string model_file;  // resolved path, for messages and caches
   int parent = -1;         // index of an earlier object, or -1: the table
-  // Group of tags that an object without a parent moves with. The placement holds while the group
-  // stands at its place in the tag map.
+  // Group of tags that an object without a parent moves with. `placement` applies when the group is
+  // at its pose in the tag map.
   std::string tag_group = std::string(kTableGroup);
   Placement placement;  // relative to the parent; T_parent_object = placement * animation
   Animation animation;
   bool casts_shadow = true;
   // Parts that share one light: "all", or names of the model's nodes (part_groups.hpp).
   std::vector<std::string> groups;
-  std::shared_ptr<const Model> proxy_model;  // reduced by the author, for casting; may be null
-  bool phantom = false;                      // stands for a real thing: writes depth only
-  bool cursor = false;                       // the user's 3D cursor; at most one, on the table
+  std::shared_ptr<const Model> proxy_model;  // the author's reduced model for casting; may be null
+  bool phantom = false;                      // represents a real object: writes depth only
+  bool cursor = false;                       // the user's 3D cursor; no more than one, on the table
 };
 
-// Returns the model that casts an object's projected and volume shadows: the proxy if `proxies` is
-// set, else its own. Layered shadows check the proxy first (shadow_proxy.hpp).
+// Returns the model that casts an object's projected and volume shadows: its proxy if `proxies` and
+// if it has one, else the model. Layered shadows compare the proxy first (shadow_proxy.hpp).
 [[nodiscard]] const std::shared_ptr<const Model>& casting_model(const SceneObject& object,
                                                                 bool proxies);
 
 struct ScenePlane {
   std::string name;
-  Eigen::Vector3d normal = Eigen::Vector3d::UnitZ();  // unit, towards the light side
+  Eigen::Vector3d normal = Eigen::Vector3d::UnitZ();  // unit, towards the light
   Eigen::Vector3d point = Eigen::Vector3d::Zero();
   std::vector<Eigen::Vector2d> outline;  // simple polygon in (u, v) [m]; empty: unbounded
-  // Group of tags that the plane moves with. Normal and point hold while the group stands at its
-  // place in the tag map.
+  // Group of tags that the plane moves with. `normal` and `point` apply when the group is at its
+  // pose in the tag map.
   std::string tag_group = std::string(kTableGroup);
 };
 
-// The sun over a place on the earth; dark while it is under the horizon.
+// The sun at a geographic position; gives no light while below the horizon.
 struct Sun {
   double latitude_deg = 0.0;   // north > 0
   double longitude_deg = 0.0;  // east > 0
@@ -112,10 +112,10 @@ struct SceneLight {
   // The keyframes' positions are added to a point's; rotations and spin turn a direction (table
   // frame).
   Animation animation;
-  std::optional<Sun> sun;  // source of a directional light's direction
+  std::optional<Sun> sun;  // determines the direction of a directional light
 };
 
-// Share of linear light left in each layer, 0 (black) to 1.
+// Fraction of linear light left in each layer, 0 (black) to 1.
 struct LightFractions {
   double umbra = 0.15;
   double middle = 0.4;
@@ -129,7 +129,7 @@ struct ShadowStyle {
   KernelSource kernels = KernelSource::automatic;
   LayeredConstants layered;
   LightFractions fractions;
-  bool light_rays = false;  // hard and volume: rays from the lights are drawn too
+  bool light_rays = false;  // hard and volume: also draws rays from the lights
 };
 
 // Casters x planes x lights with one technique.
@@ -137,12 +137,12 @@ struct ShadowNode : ShadowStyle {
   std::string name;
   std::vector<int> casters;  // indices into Scene::objects
   std::vector<int> planes;   // indices into Scene::planes
-  std::vector<int> walls;    // further planes for the technique `walls`
+  std::vector<int> walls;    // additional planes for the technique `walls`
   std::vector<int> lights;   // indices into Scene::lights; empty: the first, if one is needed
-  LightMode light_mode = LightMode::proportional;  // of layered shadows; cocl has no other
+  LightMode light_mode = LightMode::proportional;  // layered shadows; cocl: always this
 };
 
-// Limits of a node's layered shadows; irrelevant to other techniques.
+// Advice about the limits of a node's layered shadows; irrelevant to other techniques.
 struct LayeredAdvice {
   int node = 0;  // index into Scene::shadows
   std::string text;
@@ -151,40 +151,41 @@ struct LayeredAdvice {
 struct Scene {
   std::string name;
   std::string file;
-  std::vector<SceneObject> objects;  // parents come before their children
+  std::vector<SceneObject> objects;  // parents precede their children
   std::vector<ScenePlane> planes;
   std::vector<SceneLight> lights;
   std::vector<ShadowNode> shadows;
-  // Luminance up to which shadows keep their light fractions (lifted_by_ambient()): a bright room.
+  // Ambient luminance, of a bright room, up to which shadows keep their light fractions
+  // (lifted_by_ambient()).
   static constexpr double kUsualAmbient = 0.36;
   Eigen::Vector3d ambient = Eigen::Vector3d::Constant(0.35);  // linear
-  std::vector<std::string> warnings;                          // about legal but inadvisable content
+  std::vector<std::string> warnings;                          // about valid but inadvisable content
   std::vector<LayeredAdvice> layered_advice;
 };
 
-// Position of a light (w = 1) or unit direction towards it (w = 0), table frame, and its colour.
+// A light in the table frame. place: position (w = 1), or unit direction towards the light (w = 0).
 struct PlacedLight {
   Eigen::Vector4d place = Eigen::Vector4d::UnitW();
   Eigen::Vector3d color = Eigen::Vector3d::Ones();  // linear, times the intensity
 };
 
-// Returns the light of scenes without lights: a lamp over the left shoulder.
+// Returns the light of scenes without lights: a lamp above the user's left shoulder.
 [[nodiscard]] PlacedLight default_light();
 
-// A plane in the table frame; its axes turn with its group.
+// A plane in the table frame; its axes rotate with its group.
 struct PlacedPlane {
   PlaneFrame frame;
-  double opacity = 1.0;  // opacity_for() its group; 0: there is no plane
+  double opacity = 1.0;  // opacity_for() of its group; 0: the plane is absent
 };
 
 // Placements of objects, planes and lights at a time after the start, table frame.
 struct SceneState {
   double time_s = 0.0;
   std::vector<Placement> objects;   // one per Scene::objects
-  std::vector<double> opacities;    // of the objects, as PlacedPlane::opacity; empty: all 1
+  std::vector<double> opacities;    // one per object, see PlacedPlane::opacity; empty: all 1
   std::vector<PlacedPlane> planes;  // one per Scene::planes; empty: as in the scene
   std::vector<PlacedLight> lights;  // one per Scene::lights
-  // The light that the scene's lights are scaled to; without it they keep the scene's values.
+  // The light that the scene's lights are scaled to; nullopt: not scaled.
   std::optional<VideoLight> video_light;
 };
 // `groups`: the poses of groups beside the table. Objects and planes of other groups get opacity 0.
@@ -197,31 +198,31 @@ struct SceneState {
 // Returns the groups beside the table that objects, and planes of shadow nodes, move with; sorted.
 [[nodiscard]] std::vector<std::string> tag_groups_of(const Scene& scene);
 
-// Returns the opacity of things at a pose of this status: 1 tracked, 0.5 uncertain, 0 lost. Held
-// (extrapolated) poses fade out from the opacity of `held_from`.
+// Returns the opacity of content at a pose of this status: 1 tracked, 0.5 uncertain, 0 lost. Held
+// (extrapolated) poses fade out, starting at the opacity of `held_from`.
 [[nodiscard]] double opacity_for(TrackStatus status, TrackStatus held_from, double age_s);
 
 // Returns an upper bound of each object's scale in the table frame over all times.
 [[nodiscard]] std::vector<double> largest_scales(const Scene& scene);
-// Returns the greatest height of each object above the plane over all times [m]: of a sphere around
-// it, at its keys and at steps between them.
+// Returns the maximum height of each object's bounding sphere above the plane over all times [m],
+// sampled at its keys and between them.
 [[nodiscard]] std::vector<double> greatest_heights(const Scene& scene,
                                                    const Eigen::Vector3d& plane_normal,
                                                    const Eigen::Vector3d& plane_point);
-// Returns the height of each object's highest point above the plane at the same times [m].
+// Returns the maximum height of each object's highest point above the plane at the same times [m].
 [[nodiscard]] std::vector<double> highest_points(const Scene& scene,
                                                  const Eigen::Vector3d& plane_normal,
                                                  const Eigen::Vector3d& plane_point);
 
 // Adds virtual walls for the technique `walls` (multiple orthographic shadows): two vertical planes
-// on the node's first plane, through the far edges of the volume that its casters reach over all
-// times. They face a viewer at the right and front (x > 0, y < 0). Adds none without casters or if
-// a plane of the node is not level.
+// on the node's first plane, at the far sides of the box that its casters occupy over all times.
+// They face a viewer at the front right (x > 0, y < 0). Adds none if there are no casters or a
+// plane of the node is not horizontal.
 void add_default_walls(Scene& scene, ShadowNode& node);
 
 // Reads a scene, checks it against the published schema (scenes/scene.schema.json) and loads its
-// models, paths relative to the scene's file. Errors name the file and the place in it
-// ("scene.json: /objects/2/scale: ..."), and for a model its file as well.
+// models, whose paths are relative to the scene's file. Errors contain the file and the JSON
+// pointer ("scene.json: /objects/2/scale: ..."), and the model's file if a model fails.
 [[nodiscard]] Result<Scene> load_scene(const std::filesystem::path& file);
 
 }  // namespace penumbra

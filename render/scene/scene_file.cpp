@@ -1,5 +1,5 @@
-// Reads a scene from JSON that keeps to the schema (scene_json.hpp). Checks here what a schema
-// can't express: names that must exist, keys that exclude each other.
+// Reads a scene from JSON validated against the schema (scene_json.hpp). Checks what a schema can't
+// express: names that must exist, and mutually exclusive keys.
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <chrono>
@@ -29,7 +29,7 @@ using nlohmann::json;
 
 constexpr double kShortestKey_s = 1e-6;
 
-// A value of the file and its place there, as a JSON pointer.
+// A value of the file and its JSON pointer.
 struct Entry {
   const json& value;
   std::string place;
@@ -42,7 +42,7 @@ struct Entry {
     return (*this)[key];
   }
   [[nodiscard]] std::string text() const { return value.get<std::string>(); }
-  // Returns an error that names the place. load_scene() adds the file's name.
+  // Returns an error with the JSON pointer. load_scene() adds the file's name.
   template <class... Args>
   [[nodiscard]] tl::unexpected<Error> fault(fmt::format_string<Args...> text,
                                             Args&&... args) const {
@@ -79,7 +79,7 @@ std::string suggestion_from(const List& list, const std::string& name) {
   return suggestion(name, names);
 }
 
-// Returns the name of an entry that no element of the list has.
+// Returns an entry's name; fails if an element of the list already has it.
 template <class List>
 Result<std::string> new_name(const Entry& from, const List& list) {
   const Entry name = from["name"];
@@ -87,7 +87,8 @@ Result<std::string> new_name(const Entry& from, const List& list) {
   return name.fault("\"{}\" is taken; give each its own name", shortened(name.text()));
 }
 
-// Returns the indices of elements of the list, each named once. `kind`: of the elements.
+// Returns the list indices of the named elements; fails for unknown or repeated names. `kind`: of
+// the elements, for messages.
 template <class List>
 Result<std::vector<int>> indices_of(const Entry& names, const List& list, std::string_view kind) {
   std::vector<int> indices;
@@ -107,7 +108,7 @@ Result<std::vector<int>> indices_of(const Entry& names, const List& list, std::s
   return indices;
 }
 
-// The file's rotation is about x, then y, then z of the parent.
+// Rotations in the file are applied about the parent's x, then y, then z axis.
 Placement placement_of(const json& from) {
   Placement placement;
   placement.position = vector_or(from, "position", placement.position);
@@ -166,7 +167,7 @@ Result<Sun> read_sun(const Entry& from) {
   sun.longitude_deg = from.value.at("longitude_deg").get<double>();
   sun.hours_per_s = from.value.value("hours_per_s", 0.0);
   sun.north_deg = from.value.value("north_deg", 0.0);
-  // The schema has checked that these are digits: "2026-06-21", "10:30".
+  // The schema ensures digits: "2026-06-21", "10:30".
   const auto number = [](const std::string& text, std::size_t at, std::size_t length) {
     return std::stoi(text.substr(at, length));
   };
@@ -189,7 +190,7 @@ Result<Sun> read_sun(const Entry& from) {
 }
 
 Result<LayeredConstants> read_layered(const Entry& from) {
-  // A text is "inf" by the schema; an absent number is 0.
+  // The schema allows only the string "inf"; an absent number is 0.
   const auto number = [&from](const char* key) {
     const auto found = from.value.find(key);
     if (found == from.value.end()) return 0.0;
@@ -225,7 +226,7 @@ class SceneReader {
   [[nodiscard]] Result<void> read_object(const Entry& from, bool phantom);
   [[nodiscard]] Result<std::shared_ptr<const Model>> read_model(const Entry& from,
                                                                 std::string& model_file);
-  // `file`: the entry that names the model's file.
+  // `file`: the entry with the model's file name.
   [[nodiscard]] Result<std::shared_ptr<const Model>> load(const Entry& file, const json& object,
                                                           std::string& model_file);
   [[nodiscard]] Result<void> read_casting(const Entry& from, SceneObject& object);
@@ -239,7 +240,7 @@ class SceneReader {
   void warn_of_size(const SceneObject& object);
   void warn_of_distance(const SceneObject& object);
   void warn_of_lights();
-  // Advises on the node that is being read.
+  // Adds advice about the node being read.
   void advise(std::string_view place, std::string_view text) {
     scene_.layered_advice.push_back(
         {static_cast<int>(scene_.shadows.size()), fmt::format("{}: {}: {}", name_, place, text)});
@@ -251,9 +252,9 @@ class SceneReader {
   std::string name_;
   Scene scene_;
   std::map<std::string, std::shared_ptr<const Model>> models_;
-  std::set<std::string> odd_sizes_;          // files of models whose size was warned of
-  std::set<std::string> far_models_;         // files of models whose distance was warned of
-  std::vector<std::size_t> unwalled_nodes_;  // shadow nodes that get default walls
+  std::set<std::string> odd_sizes_;          // files of models with a size warning
+  std::set<std::string> far_models_;         // files of models with a distance warning
+  std::vector<std::size_t> unwalled_nodes_;  // shadow nodes to get default walls
 };
 
 Result<std::shared_ptr<const Model>> SceneReader::read_model(const Entry& from,
@@ -285,7 +286,7 @@ Result<std::shared_ptr<const Model>> SceneReader::load(const Entry& file, const 
   return known;
 }
 
-// Reads the groups of parts that cast together and the proxy that casts in place of the model.
+// Reads the groups of parts that share a light, and the proxy model.
 Result<void> SceneReader::read_casting(const Entry& from, SceneObject& object) {
   const Model& model = *object.model;
   if (const auto group = from.find("group")) {
@@ -306,7 +307,7 @@ Result<void> SceneReader::read_casting(const Entry& from, SceneObject& object) {
   if (!proxy || proxy->text() == "none" || proxy->text() == "auto") return {};
   std::string ignored;
   PENUMBRA_TRY(object.proxy_model, load(*proxy, from.value, ignored));
-  // Both are drawn with one placement.
+  // Model and proxy share one placement.
   if (object.proxy_model->origin != model.origin) {
     auto moved = std::make_shared<Model>(*object.proxy_model);
     move_origin(*moved, model.origin);
@@ -361,7 +362,7 @@ void SceneReader::warn_of_size(const SceneObject& object) {
   scene_.warnings.push_back(*warning);
 }
 
-// Warns once per model. Keyframes may bring an object anywhere.
+// Warns once per model; not for objects with keyframes, which may move them anywhere.
 void SceneReader::warn_of_distance(const SceneObject& object) {
   constexpr double kFarthest = 100.0;  // [m]
   if (object.model_file.empty() || !object.animation.keyframes.empty()) return;
@@ -377,7 +378,7 @@ void SceneReader::warn_of_distance(const SceneObject& object) {
       Eigen::Vector3d(0.5 * (to_eigen(model.min_corner) + to_eigen(model.max_corner)));
   if (middle.norm() <= kFarthest || !far_models_.insert(object.model_file).second) return;
   const Eigen::Vector3d position = object.placement.position - middle;
-  const bool is_allowed = position.cwiseAbs().maxCoeff() <= 1000.0;  // by the schema
+  const bool is_allowed = position.cwiseAbs().maxCoeff() <= 1000.0;  // limit of the schema
   std::string remedy = "move it to the origin in its file and export it again";
   if (object.parent >= 0) {
     remedy = "change its position or its parent's";
@@ -410,7 +411,7 @@ Result<void> SceneReader::read_object(const Entry& from, bool phantom) {
   PENUMBRA_TRY_VOID(read_casting(from, object));
   object.placement = placement_of(from.value);
   warn_of_size(object);
-  // The video shows the shadow of a real thing already.
+  // The video already shows the shadow of a real object.
   object.casts_shadow = from.value.value("casts_shadow", !phantom);
   object.cursor = from.value.value("cursor", false);
   if (object.cursor) {
@@ -494,9 +495,10 @@ Result<void> SceneReader::read_light(const Entry& from) {
   return {};
 }
 
-// Layered Penumbrae, section 5.1: where the umbra vanishes the middle layer is M = a / (a - 1)
-// times as large as the object and the penumbra 2 M times. It fits the sheet for M <= W / (2 r),
-// with half the width W of the plane's outline and the radius r of the footprint at time 0.
+// Layered Penumbrae, section 5.1: at the height at which the umbra vanishes, the middle layer is M
+// = a / (a - 1) times as large as the object and the penumbra 2 M times. It fits onto the sheet if
+// M <= W / (2 r), where W is half the width of the plane's outline and r the radius of the
+// footprint at time 0.
 void SceneReader::advise_on_size(const ShadowNode& node, std::string_view place) {
   const double ratio = node.layered.light_ratio;
   if (!(ratio > 1.0)) return;
@@ -543,15 +545,16 @@ void SceneReader::advise_on_size(const ShadowNode& node, std::string_view place)
   }
 }
 
-// Advises on objects above the light's reach, which cast nothing, and on objects above the
-// workspace that the light was chosen for, which have no umbra. Neither shows in the image.
+// Advises on objects above the heights that cast shadows, and on objects above the workspace for
+// which the light was chosen, which have no umbra. Neither is obvious from the image.
 void SceneReader::advise_on_height(const ShadowNode& node, const Entry& from) {
   const auto layered = from.find("layered");
   const bool by_workspace = layered && layered->value.contains("workspace_height");
   const double reach = layer_height_range(node.layered, ShadowLayer::penumbra).high;
   for (const int index : node.planes) {
     const ScenePlane& plane = scene_.planes[static_cast<std::size_t>(index)];
-    // A wall has most of the scene far in front of it, and a plane of other tags moves.
+    // Excludes walls, which have most of the scene far in front of them, and planes that move with
+    // other tags.
     const bool is_floor = std::abs(plane.normal.z()) > 0.5 && plane.tag_group == kTableGroup;
     if (!is_floor) continue;
     const std::vector<double> tops = highest_points(scene_, plane.normal, plane.point);
@@ -574,7 +577,7 @@ void SceneReader::advise_on_height(const ShadowNode& node, const Entry& from) {
   }
 }
 
-// Each light's projected shadows on a plane take a bit of the stencil.
+// Warns of too many lights: each light's projected shadows on a plane need a stencil bit.
 void SceneReader::warn_of_lights() {
   std::map<int, std::set<int>> lights_on;
   for (const ShadowNode& node : scene_.shadows) {
@@ -596,7 +599,7 @@ void SceneReader::warn_of_lights() {
 Result<void> SceneReader::read_shadow(const Entry& from) {
   ShadowNode node;
   PENUMBRA_TRY(node.name, new_name(from, scene_.shadows));
-  // The schema has checked the words.
+  // The schema ensures known words.
   node.technique = shadow_technique_from_string(from["technique"].text()).value();
   if (const auto kernels = from.find("kernels")) {
     node.kernels = kernel_source_from_string(kernels->text()).value();

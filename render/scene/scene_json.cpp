@@ -1,4 +1,5 @@
-// valijson checks a scene against the published schema. find_violation() explains what it rejects.
+// Validates a scene against the published schema with valijson; find_violation() explains a
+// rejection.
 #include "render/scene/scene_json.hpp"
 
 #include <algorithm>
@@ -32,7 +33,7 @@ std::string shown(const json& value) {
   return shortened(value.dump(-1, ' ', true, json::error_handler_t::replace));
 }
 
-// Finds keys given twice: the JSON reader silently keeps the last one. A callback for json::parse.
+// Callback for json::parse that finds duplicate keys, of which the reader silently keeps the last.
 class DuplicateKeys {
  public:
   bool operator()(json::parse_event_t event, const json& parsed) {
@@ -56,8 +57,8 @@ class DuplicateKeys {
  private:
   struct Level {
     bool is_list = false;
-    std::size_t entries = 0;  // of a list, including the current one
-    std::string key;          // the current one of an object
+    std::size_t entries = 0;  // number in the list, including the current one
+    std::string key;          // current key of an object
     std::set<std::string> keys;
   };
   [[nodiscard]] std::string pointer() const {
@@ -72,7 +73,7 @@ class DuplicateKeys {
   std::optional<std::string> first_;
 };
 
-// Counts the characters of UTF-8 text: continuation bytes don't count.
+// Counts the characters of UTF-8 text, without continuation bytes.
 std::size_t character_count(const std::string& text) {
   return static_cast<std::size_t>(std::count_if(text.begin(), text.end(), [](char c) {
     return (static_cast<unsigned char>(c) & 0xC0U) != 0x80U;
@@ -98,9 +99,9 @@ struct Violation {
   std::string cause;
 };
 
-// Returns the first place that breaks the schema. Walks value and schema side by side, through the
-// keywords that the schema uses. A unit test names the keywords that are checked here. `expected`
-// is ours: what a message asks for. `description` is for editors.
+// Returns the first violation of the schema. Walks value and schema in parallel and checks the
+// keywords that the schema uses; a unit test lists them. `expected` is a custom keyword with the
+// text for messages; `description` is for editors.
 std::optional<Violation> find_violation(const json& root, const json& reference, const json& value,
                                         const std::string& pointer) {
   const json& schema = resolved(root, reference);

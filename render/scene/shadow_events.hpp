@@ -1,5 +1,5 @@
 // Changes between two states of a scene, as events of Sudarsky's shadow node
-// (docs/shadows.md#shadow-nodes). An event names the change without the new value.
+// (docs/shadows.md#shadow-nodes). An event has the kind of change but not the new value.
 #pragma once
 
 #include <array>
@@ -16,7 +16,7 @@ enum class ShadowEventKind {
   object_moved,
   object_resized,
   object_rotated,
-  plane_moved,  // stays last
+  plane_moved,  // must be last
 };
 inline constexpr auto kShadowEventNames = std::to_array<std::string_view>(
     {"light_moved", "object_moved", "object_resized", "object_rotated", "plane_moved"});
@@ -29,8 +29,8 @@ struct ShadowEvent {
   friend auto operator<=>(const ShadowEvent&, const ShadowEvent&) = default;
 };
 
-// Returns events in order of lights, objects, planes. Children move with their parent or group of
-// tags; a plane that is absent in both states has not moved.
+// Returns events in the order lights, objects, planes. An object also moves if its parent or tag
+// group does. A plane that is absent in both states has not moved.
 [[nodiscard]] std::vector<ShadowEvent> shadow_events(const SceneState& before,
                                                      const SceneState& now);
 

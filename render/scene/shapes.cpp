@@ -25,7 +25,8 @@ Model finished(std::string name, Mesh mesh) {
   return model;
 }
 
-// Returns the point at i / count of a full turn; i = 0 and i = count give the same floats.
+// Returns the point of the unit circle at i / count of a turn; i = 0 and i = count give equal
+// floats.
 glm::vec2 on_circle(int i, int count) {
   const double angle = 2.0 * std::numbers::pi * (i % count) / count;
   return {static_cast<float>(std::cos(angle)), static_cast<float>(std::sin(angle))};

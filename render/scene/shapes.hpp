@@ -1,4 +1,4 @@
-// Simple shapes: closed, centred on the origin, z up, metres.
+// Creates simple shapes: closed, centred at the origin, z up, metres.
 #pragma once
 
 #include <glm/vec3.hpp>

@@ -1,4 +1,4 @@
-// The one list of shadow techniques, with the kinds of light and of kernels that they use.
+// Shadow techniques, and the kinds of light and of kernels that they use.
 #pragma once
 
 #include <array>
@@ -12,22 +12,22 @@ enum class ShadowTechnique {
   none,
   simple,   // orthogonal projection onto the plane, one layer
   layered,  // layered penumbrae: umbra, middle, penumbra
-  field,    // the same three layers of lights of one size, as power-distance fields: no kernels
-  walls,    // simple, onto several planes at once: the table and walls about it
+  field,    // the same layers for lights of one size, as power-distance fields without kernels
+  walls,    // simple, onto several planes: the table and walls around it
   hard,     // projected from the scene's lights, one layer for each
-  volume,   // a light's shadow volume on all surfaces, for a 3D cursor
+  volume,   // shadow volumes of the scene's lights on all surfaces, for a 3D cursor
 };
 
 // Properties of a technique that planning, drawing and the window depend on.
 struct TechniqueTraits {
-  // Casts umbra, middle and penumbra by ShadowNode::layered. A ShadowDraw without them is the
-  // middle layer, straight down.
+  // Casts umbra, middle and penumbra with the constants ShadowStyle::layered. Otherwise a
+  // ShadowDraw is the middle layer, cast straight down.
   bool has_penumbra = false;
   bool has_one_light_size = false;  // as with LightMode::fixed
   bool uses_kernels = false;
-  bool uses_outlines = false;     // masks take outlines that the CPU makes of any mesh
-  bool ignores_cut_outs = false;  // casts whole faces, as kernels are of them
-  bool uses_lights = false;       // casts from the scene's lights, which may show rays
+  bool uses_outlines = false;     // masks use outlines computed on the CPU, for any mesh
+  bool ignores_cut_outs = false;  // casts the shadows of whole faces
+  bool uses_lights = false;       // casts from the scene's lights and can draw light rays
 };
 [[nodiscard]] constexpr TechniqueTraits traits_of(ShadowTechnique technique) {
   switch (technique) {
@@ -47,18 +47,18 @@ struct TechniqueTraits {
   return {};
 }
 
-// Lights whose hard shadows one plane can show.
+// Maximum number of lights with hard shadows on one plane.
 inline constexpr std::size_t kMaxHardLights = 7;
 
 // The size of the light of layered shadows.
 enum class LightMode {
-  proportional,  // proportional to each part's thickness: all lose their umbra at one height
-  fixed,         // one size: thin parts lose their umbra first (fixed_light.hpp)
+  proportional,  // to each part's thickness: all parts lose their umbra at the same height
+  fixed,         // one size for all parts, so thin parts lose their umbra first (fixed_light.hpp)
 };
 
 enum class KernelSource {
-  automatic,  // from the silhouette, per connected part: the largest disc near each vertex
-  smooth,     // the same, blended over all discs near a vertex: fewer twisted faces
+  automatic,  // centre of the largest disc near the vertex, in the silhouette of its part
+  smooth,     // mean over all discs near a vertex: fewer twisted faces
   per_axis,   // composed of the sets for the three axes (Layered Penumbrae, section 5.3)
   centroid,   // COCL: one kernel for the whole object, the centroid of its footprint
 };

@@ -8,13 +8,13 @@
 
 namespace penumbra {
 
-// RGB in [0, 1] = rgb_from_yuv * (yuv - offset), yuv being stored bytes / 255.
+// RGB in [0, 1] = rgb_from_yuv * (yuv - offset), where yuv = stored bytes / 255.
 struct YuvConversion {
   glm::mat3 rgb_from_yuv{1.0F};
   glm::vec3 offset{0.0F};
 };
 [[nodiscard]] inline YuvConversion yuv_conversion(ColorMatrix matrix, ColorRange range) {
-  // Shares of red and blue in luma, from ITU-R BT.601 and BT.709.
+  // Luma coefficients of red and blue of ITU-R BT.601 and BT.709.
   const float kr = matrix == ColorMatrix::bt601 ? 0.299F : 0.2126F;
   const float kb = matrix == ColorMatrix::bt601 ? 0.114F : 0.0722F;
   const float kg = 1.0F - kr - kb;
