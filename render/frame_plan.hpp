@@ -71,7 +71,7 @@ struct ShadowDraw : ShadowShape {
   double tone_exponent = kUsualToneExponent;          // FramePlan::tone_exponent
   bool umbra = true, middle = true, penumbra = true;  // which layers are not empty
   bool off_outline = false;                           // its bounds are outside the plane's outline
-  float opacity = 1.0F;                               // product of the caster's and the plane's
+  float opacity = 1.0F;                               // minimum of the caster's and the plane's
   // A disc on the plane that contains every layer [m]; not valid for kernels from a file.
   Eigen::Vector2d centre = Eigen::Vector2d::Zero();
   double radius = 0.0;
@@ -83,7 +83,7 @@ struct ShadowDraw : ShadowShape {
 // children, because their surface would be in contact with the caster everywhere.
 struct ReceivedShadowDraw {
   int receiver = 0;   // index into Scene::objects, one of FramePlan::phantoms or objects
-  ShadowDraw shadow;  // on the plane, with all layers; its opacity includes the receiver's
+  ShadowDraw shadow;  // on the plane, with all layers; its opacity is limited by the receiver's
   // Radius around shadow.centre that contains every layer at every height [m]; infinity for kernels
   // from a file.
   double radius = 0.0;
@@ -98,7 +98,7 @@ struct LitCaster {
   float opacity = 1.0F;         // of the caster
 };
 
-// One caster's projected shadow on one plane; its opacity is the product of the caster's and the
+// One caster's projected shadow on one plane; its opacity is the minimum of the caster's and the
 // plane's.
 struct HardShadowDraw : LitCaster {
   int plane = 0;  // index into Scene::planes
