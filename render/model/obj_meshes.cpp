@@ -114,8 +114,8 @@ void FaceSplitter::add(std::uint32_t index) {
   }
 }
 
-// Computes a normal per corner. Smooths faces that share the vertex and differ by less than
-// kCreaseCosine; sharp edges stay sharp.
+// Computes a normal per corner. Smooths faces that share the vertex and meet at less
+// than 45 degrees; sharper edges stay sharp.
 std::vector<glm::vec3> creased_normals(const std::vector<glm::vec3>& positions,
                                        const ObjTriangles& triangles) {
   // If a vertex has more faces, all are smoothed, because comparing all pairs would be slow.

@@ -1,4 +1,4 @@
-// Hemisphere light from the room and from the table. `up`: third coordinate of the surface's normal.
+// Hemisphere light: from the room above and the table below. `up`: z of the surface's unit normal.
 uniform vec3 sky_light;
 uniform vec3 ground_light;
 

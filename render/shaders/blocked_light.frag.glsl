@@ -6,7 +6,7 @@ uniform mat3 table_from_camera;
 uniform vec3 eye;       // table frame [m]
 uniform vec3 normal;    // of the plane, unit
 uniform float opacity;  // of the shadow
-uniform int add_up;     // 1: writes the blocked share
+uniform int add_up;     // 1: writes the blocked fraction, for light_sum.frag.glsl
 
 layout(location = 0) out vec4 color;
 

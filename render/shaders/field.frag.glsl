@@ -1,5 +1,5 @@
-// The darkest layer with a field > 0 here. Interpolated here because the hardware's weights have only
-// 8 bits.
+// Darkens by the darkest layer whose field is > 0. The shader interpolates, because the hardware's
+// weights have only 8 bits.
 in vec2 texel;
 uniform sampler2D field;    // umbra, middle, penumbra
 uniform vec2 field_last;    // index of the last texel

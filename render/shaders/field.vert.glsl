@@ -3,7 +3,7 @@ layout(location = 0) in vec2 corner;  // 0 .. 1
 
 uniform vec4 field_rect;      // centre of the first texel, extents to the last one's [m]
 uniform vec2 field_last;      // index of the last texel
-uniform vec4 plane_from_own;  // cosine and sine of the turn, slide [m]
+uniform vec4 plane_from_own;  // PlanarMotion: cosine, sine, translation [m]
 uniform mat4x3 camera_from_plane;
 
 out vec2 texel;

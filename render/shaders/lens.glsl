@@ -1,10 +1,10 @@
-// Camera frame (x right, y down, z forward, metres) -> clip coordinates, by the lens models of
-// core/camera/camera_model.hpp. Row 0 of the framebuffer is the image's top row.
+// Projects the camera frame (x right, y down, z forward [m]) to clip coordinates by the lens models
+// of core/camera/camera_model.hpp. Row 0 of the framebuffer is the image's top row.
 uniform vec4 lens_scale_offset;  // normalised distorted (x, y) -> NDC: xy scale, zw offset
 uniform vec4 lens_k_low;         // k1 k2 p1 p2; fisheye: k1 k2 k3 k4
 uniform vec4 lens_k_high;        // k3 k4 k5 k6
 uniform int lens_model;          // 0: no distortion, 1: plumb_bob, 2: rational, 3: fisheye
-uniform float lens_max_radius;   // the model holds up to here; beyond, its chord
+uniform float lens_max_radius;   // the model is valid up to here; beyond, linear
 uniform vec2 lens_depth;         // clip z = x * z + y
 
 vec2 lens_distort(vec2 p) {
@@ -26,9 +26,9 @@ vec2 lens_distort(vec2 p) {
   return p * radial + tangential;
 }
 
-// w is the depth z, so that the rasteriser interpolates and clips as for a pinhole. Beyond
-// lens_max_radius and behind the camera, the chord's slope makes x_d * z a function of the direction
-// alone, so that primitives across the camera's plane stay connected. `farther`: factor on the depth.
+// w is the depth z, so that the rasteriser interpolates and clips as for a pinhole camera. Beyond
+// lens_max_radius and behind the camera, x_d * z depends only on (x, y), so that primitives across
+// the camera's plane stay connected. `farther`: factor on the depth.
 vec4 lens_clip(vec3 p, float farther) {
   vec2 distorted_z;  // distorted (x, y) times z
   if (lens_model == 0) {
@@ -44,8 +44,8 @@ vec4 lens_clip(vec3 p, float farther) {
               lens_depth.x * p.z + lens_depth.y / farther, p.z);
 }
 
-// A shadow's place on its plane: 0.1 % farther in depth, so that rounding never hides things that
-// stand on the plane.
+// Projects a point of a shadow on its plane, 0.1 % farther in depth, so that rounding never hides
+// objects that stand on the plane.
 vec4 shadow_clip(mat4x3 camera_from_plane, vec2 place) {
   return lens_clip(camera_from_plane * vec4(place, 0.0, 1.0), 1.001);
 }

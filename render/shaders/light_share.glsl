@@ -1,11 +1,11 @@
-// The lights of the scene, and the share of all light that a surface loses where some of them are
-// blocked, by Lambert's law: shadows add up as light does.
+// The lights of the scene, and the fraction of all light that a surface loses if some of them are
+// blocked, by Lambert's law. The shadows of several lights add up physically.
 uniform int light_count;
 uniform vec4 light_place[MAX_LIGHTS];  // w 1: position; w 0: direction towards the light
-uniform vec4 light_color[MAX_LIGHTS];  // w: the blocked share
+uniform vec4 light_color[MAX_LIGHTS];  // w: the blocked fraction
 uniform float encoding;                // of the video: encoded = linear ^ encoding
 
-// Linear. `place`: table frame [m]; `normal`: unit.
+// Returns the blocked fraction of linear light. `place`: table frame [m]; `normal`: unit.
 vec3 blocked_share(vec3 place, vec3 normal) {
   vec3 all = hemisphere(normal.z);
   vec3 blocked = vec3(0.0);
@@ -19,8 +19,8 @@ vec3 blocked_share(vec3 place, vec3 normal) {
   return clamp(blocked / max(all, vec3(1.0e-4)), 0.0, 1.0);
 }
 
-// Darkens the encoded image to the light that is left; or with `add_up` writes the share itself, for
-// light_sum.frag.glsl.
+// Darkens the encoded image by the blocked fraction `share`; if `add_up`, writes it for
+// light_sum.frag.glsl instead.
 vec4 darkening(vec3 share, float opacity, bool add_up) {
   if (add_up) return added(opacity * vec4(share, 1.0));
   vec3 encoded = pow(1.0 - share, vec3(encoding));

@@ -1,5 +1,5 @@
-// Darkens the encoded image by the sum of several lights' blocked shares.
-uniform sampler2D sums;  // rgb: share of all light, linear, times opacity; a: greatest opacity
+// Darkens the encoded image by the sum of several lights' blocked fractions.
+uniform sampler2D sums;  // rgb: sum of opacity * blocked linear fraction; a: max. opacity
 uniform float encoding;  // of the video: encoded = linear ^ encoding
 layout(location = 0) out vec4 color;
 

@@ -1,19 +1,19 @@
-// Darkens a surface by a shadow, by shadow_mask.glsl; or by the darkest of several shadows, which is
-// gathered in the framebuffer's alpha first.
+// Darkens a surface by a shadow (shadow_mask.glsl), or by the darkest of several shadows, gathered
+// in the framebuffer's alpha.
 in vec3 place;
 in vec3 facing;
 
 layout(location = 0) out vec4 color;
 
 uniform vec3 eye;  // table frame
-uniform int gathering;  // 0: no; 1: the first shadow; 2: a further one; 3: the result
+uniform int gathering;  // enum Gathering: 0 none, 1 first, 2 further, 3 result
 
 void main() {
   if (gathering == 3) {
 #if defined(RETEXTURED)
     color = darkened(vec3(texelFetch(picture_before, ivec2(gl_FragCoord.xy), 0).a));
 #else
-    color = vec4(1.0);  // the blending takes the framebuffer's alpha
+    color = vec4(1.0);  // the blending multiplies by the framebuffer's alpha
 #endif
     return;
   }

@@ -1,5 +1,5 @@
-// Metal-rough surface under a few lights and a hemisphere of ambient light. Computes linear light and
-// encodes it as the video. Or, with DARKENS, the light left in shadows on the surface.
+// Metallic-roughness surface under a few lights and hemisphere ambient light. Computes linear light
+// and encodes it with the video's tone curve. DARKENS: computes the light left in shadows instead.
 in vec3 place;
 in vec3 facing;
 in vec2 surface;
@@ -18,16 +18,16 @@ uniform float roughness;
 uniform int has_texture;
 uniform sampler2D base_color_texture;  // decoded to linear light by the sampler
 uniform vec3 eye;                      // table frame
-// encoded = tone.y * linear ^ tone.x - tone.z; below tone.w linear, as sRGB has it
+// encoded = tone.y * linear ^ tone.x - tone.z; below tone.w: 12.92 * linear, as in sRGB
 uniform vec4 tone;
 #if defined(DARKENS)
-uniform int darkens;  // 1: the shadow on it; 2: the blocked share, for light_sum.frag.glsl
+uniform int darkens;  // 1: darkens; 2: writes the blocked fraction, for light_sum.frag.glsl
 #endif
 uniform float opacity;  // of the shadow, or of the surface
 
 #if defined(MATERIAL_MAPS)
-uniform float base_color_by_second;  // 1: the texture uses the second coordinates
-// Each x 1: the material has the map; y 1: it uses the second coordinates.
+uniform float base_color_by_second;  // 1: the texture uses the second texture coordinates
+// x = 1: the material has the map; y = 1: it uses the second texture coordinates.
 uniform vec2 has_metal_map;
 uniform vec2 has_normal_map;
 uniform vec2 has_occlusion_map;
@@ -39,19 +39,19 @@ uniform sampler2D emissive_map;   // decoded by the sampler
 uniform float normal_scale;
 uniform float occlusion_strength;
 uniform float base_alpha;
-uniform float alpha_cutoff;  // nothing is drawn below it; negative: no cutoff
+uniform float alpha_cutoff;  // fragments below it are discarded; negative: no cutoff
 uniform int alpha_blends;
 
 vec2 map_place(float by_second) {
   return by_second > 0.5 ? surface_2 : surface;
 }
 
-// Applies the normal map, on the side that is seen.
+// Applies the normal map on the visible side.
 vec3 mapped_normal(vec3 n) {
   vec3 t = along.xyz - n * dot(n, along.xyz);
   float size = length(t);
   if (has_normal_map.x < 0.5 || size < 1.0e-6) return n;
-  // A flipped normal flips its tangents.
+  // For a flipped normal, the tangents are flipped as well.
   float side = dot(n, facing) < 0.0 ? -1.0 : 1.0;
   t *= side / size;
   vec3 b = cross(n * side, t * side) * along.w * side;
@@ -128,7 +128,7 @@ void main() {
   sum += open * diffuse * hemisphere(n.z);
   sum += open * ambient_fresnel * hemisphere(mix(clamp(mirror.z * 2.5, -1.0, 1.0), n.z, rough));
 
-  // A shoulder above 0.75 in place of a hard clip.
+  // Compresses values above 0.75 smoothly instead of clipping at 1.
   const float knee = 0.75;
   vec3 over = max(sum - knee, 0.0);
   sum = min(sum, vec3(knee)) + (1.0 - knee) * (1.0 - exp(-over / (1.0 - knee)));

@@ -19,7 +19,7 @@ out vec4 along;  // the tangent in the table frame; w: as Mesh::tangents
 out vec2 surface_2;
 #endif
 
-// Other programs draw a surface at the same depth.
+// Several programs must give a surface exactly the same depth.
 invariant gl_Position;
 
 void main() {

@@ -1,4 +1,4 @@
-// A plane's outline, into the stencil.
+// A plane's outline, drawn into the stencil.
 layout(location = 0) in vec2 position;  // (u, v) on the plane [m]
 uniform mat4x3 camera_from_plane;
 

@@ -1,4 +1,4 @@
-// A corner of a light ray's ribbon, or of a dot, with constant width in the image.
+// A corner of a light ray's ribbon, or of a dot; both have a constant width in the image.
 layout(location = 0) in vec3 place;  // table frame [m]
 layout(location = 1) in vec3 along;  // table frame; zero: a dot
 layout(location = 2) in vec2 corner;
@@ -7,7 +7,7 @@ layout(location = 3) in vec3 color;
 uniform mat4x3 camera_from_table;
 uniform vec2 half_width;  // of a ribbon and of a dot, divided by the depth
 
-// Other programs draw a ray at the same depth.
+// Several programs must give a ray exactly the same depth.
 invariant gl_Position;
 
 out vec3 tint;
@@ -22,7 +22,7 @@ void main() {
     float size = length(side);
     if (size > 0.0) p += side / size * (corner.x * half_width.x * depth);
     from_middle = vec2(0.0);
-    // A little nearer, to be visible on surfaces; dots nearer than rays.
+    // Drawn slightly nearer, to be visible on surfaces; dots are nearer than rays.
     gl_Position = lens_clip(p, 0.998);
   } else {
     p.xy += corner * half_width.y * depth;

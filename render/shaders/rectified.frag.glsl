@@ -1,4 +1,4 @@
-// The video between its pixels, black outside of it. Interpolated here because the video's planes
+// The interpolated video, black outside of it. The shader interpolates, because the video's planes
 // differ in size and the hardware's weights have only 8 bits.
 in vec2 source;
 layout(location = 0) out vec4 color;

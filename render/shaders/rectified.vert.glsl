@@ -1,4 +1,4 @@
-// A grid over the image, with each corner's place in the video.
+// A grid over the image, with each corner's position in the video.
 layout(location = 0) in vec2 corner;      // NDC
 layout(location = 1) in vec2 from_video;  // [px], (0, 0) is the top left pixel's centre
 

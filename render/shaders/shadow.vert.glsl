@@ -1,4 +1,4 @@
-// A caster's vertex -> its place on the plane in one layer (Layered Penumbrae, section 3), as in
+// Projects a caster's vertex to the plane in one layer (Layered Penumbrae, section 3), as in
 // render/shadow/layers/layered_penumbra.hpp, but with 1/H, which is 0 for a light at the zenith:
 //   q = 1 / (1 - h/H);  umbra k + (1 - h/h_u) q (x - k);  middle x + (h/H) q (x - k);
 //   penumbra x + (h/H + h/h_u) q (x - k)
@@ -11,8 +11,8 @@ uniform float inverse_light_height;  // 1/H [1/m]
 uniform float umbra_height;          // h_u [m]
 uniform float inverse_umbra_height;  // 1/h_u [1/m]
 uniform float height_cap;            // [m]
-uniform int first_layer;             // of the first instance: 0 umbra, 1 middle, 2 penumbra
-uniform int layer_step;              // from instance to instance, 1 or -1
+uniform int first_layer;             // layer of the first instance: 0 umbra, 1 middle, 2 penumbra
+uniform int layer_step;              // difference of the layers of consecutive instances: 1 or -1
 uniform vec3 layer_light;            // of each layer, for darkened_by_layer()
 
 flat out float light_left;
@@ -26,7 +26,7 @@ void main() {
   int layer = first_layer + layer_step * gl_InstanceID;
   vec2 place;
   if (layer == 0) {
-    // Anchored at k: at h_u the factor is exactly 0.
+    // Computed from k, so that the factor is exactly 0 at h_u.
     place = k + max((umbra_height - h) * inverse_umbra_height * q, 0.0) * (x.xy - k);
     light_left = layer_light.x;
   } else if (layer == 1) {

@@ -1,5 +1,5 @@
-// A shadow along a plane's normal: masks at several heights above the plane, whose channels are the
-// coverage of each texel by each layer.
+// A shadow along a plane's normal: masks at several heights above the plane. Channels: coverage of
+// the texel by umbra, middle and penumbra.
 uniform sampler2DArray shadow_mask;
 uniform vec3 mask_light_left;    // each layer's factor on the encoded image
 uniform float encoding;          // of the video: encoded = linear ^ encoding
@@ -9,14 +9,14 @@ uniform vec2 mask_origin;        // (u, v) of the masks' corner [m]
 uniform vec2 mask_extent;        // [m]
 uniform vec4 mask_levels[MAX_LEVELS / 4];  // heights [m], ascending
 uniform int mask_count;
-uniform float mask_step;         // nothing receives farther above the highest level [m]
-uniform float mask_level_width;  // range of heights that receive as a level does [m]
+uniform float mask_step;         // surfaces farther above the highest level receive no shadow [m]
+uniform float mask_level_width;  // up to here above a level: no interpolation [m]
 
 float mask_level(int i) {
   return mask_levels[i / 4][i % 4];
 }
 
-// The factor on the encoded value of a surface at `place` that faces `normal`.
+// Returns the factor on the encoded value of a surface at `place` with the normal `normal`.
 float left_under_mask(vec3 place, vec3 normal) {
   vec3 p = mask_from_table * vec4(place, 1.0);
   float facing = dot(mask_normal, normal);
@@ -24,7 +24,7 @@ float left_under_mask(vec3 place, vec3 normal) {
   if (facing <= 0.0 || p.z < -1.0e-4 || p.z > mask_level(mask_count - 1) + mask_step ||
       at != clamp(at, 0.0, 1.0))
     return 1.0;
-  // Bisects for the lowest level that is not below the place.
+  // Bisects for the lowest level that is not below the surface.
   int above = mask_count - 1;
   for (int low = 0; low < above;) {
     int middle = (low + above) / 2;
@@ -41,10 +41,10 @@ float left_under_mask(vec3 place, vec3 normal) {
     float lower = clamp((high - p.z) / max(high - low - mask_level_width, 1.0e-4), 0.0, 1.0);
     share = mix(share, texture(shadow_mask, vec3(at, float(above - 1))).rgb, lower);
   }
-  // Lambert's law for the light that is lost.
+  // Lambert's law for the blocked light.
   vec3 lost = (1.0 - pow(mask_light_left, vec3(1.0 / encoding))) * min(facing, 1.0);
   vec3 darkens = 1.0 - pow(max(1.0 - lost, 0.0), vec3(encoding));
-  // Each layer counts where no darker layer covers.
+  // Each layer counts only where no darker layer covers the texel.
   share.g = max(share.g, share.r);
   share.b = max(share.b, share.g);
   float left = 1.0 - dot(vec3(share.r, share.g - share.r, share.b - share.g), darkens);

@@ -1,5 +1,5 @@
-// Unit normal of the side that the eye sees; towards the eye if the surface has no normal. `view`:
-// unit, to the eye.
+// Returns the unit normal of the visible side, or `view` if the surface has no normal. `view`: unit
+// vector to the eye.
 vec3 surface_normal(vec3 facing, vec3 view) {
   float normal_length = length(facing);
   vec3 n = normal_length > 0.0 ? facing / normal_length : view;

@@ -1,26 +1,27 @@
-// Output of translucent fragments: a factor for blending; RETEXTURED, the fetched colour under the
-// fragment with the result applied; or a SCREEN_DOOR, whose pixels are opaque or unchanged.
+// Output of translucent fragments. Default: a factor for blending. RETEXTURED: the fetched colour
+// under the fragment with the factor applied. SCREEN_DOOR: pixels are opaque or unchanged.
 #if defined(SCREEN_DOOR)
-// 0 to 15, each once in 4 x 4 pixels, in an order that spreads those below any number evenly (Bayer,
-// 1973). A darker pattern contains each lighter one, so the drawing order does not matter.
+// Returns the pixel's threshold in a 4 x 4 ordered dither matrix, 0 to 15 (Bayer, 1973). A darker
+// pattern contains each lighter one, so the drawing order does not matter.
 int door_place() {
   ivec2 at = ivec2(gl_FragCoord.xy) & 3;
   int either = at.x ^ at.y;
   return ((either & 1) << 3) | ((at.y & 1) << 2) | (either & 2) | (at.y >> 1);
 }
 
-// `opaque`: number of opaque places of 16.
+// `opaque`: number of opaque pixels among 16.
 void open_door(float opaque) {
   if (float(door_place()) >= opaque) discard;
 }
 
-// The eye averages linear light, so the share of black pixels is that of the light lost.
+// The eye averages linear light, so the fraction of black pixels equals the fraction of blocked
+// light.
 vec4 darkened(vec3 factor) {
   float left = dot(pow(factor, vec3(2.2)), vec3(0.2126, 0.7152, 0.0722));
   open_door(floor(16.0 * (1.0 - left) + 0.5));
   return vec4(0.0, 0.0, 0.0, 1.0);
 }
-// `layer`: the number of its opaque places.
+// `layer`: its number of opaque pixels among 16.
 vec4 darkened_by_layer(float layer) {
   open_door(layer);
   return vec4(0.0, 0.0, 0.0, 1.0);
@@ -33,7 +34,7 @@ vec4 mixed_in(vec3 color, float opacity) {
 #elif defined(RETEXTURED)
 #if defined(OVER_VIDEO)
 vec3 under_fragment() {
-  // Rounded to 8 bits, as in the framebuffer.
+  // Rounds to 8 bits, as the framebuffer does.
   return floor(255.0 * clamp(video_color(ivec2(gl_FragCoord.xy)), 0.0, 1.0) + 0.5) / 255.0;
 }
 #else
@@ -57,11 +58,11 @@ vec4 mixed_in(vec3 color, float opacity) {
 vec4 darkened(vec3 factor) {
   return vec4(factor, 1.0);
 }
-// `layer`: its factor on the encoded value, here and retextured.
+// `layer`: its factor on the encoded value, also if RETEXTURED.
 vec4 darkened_by_layer(float layer) {
   return vec4(vec3(layer), 1.0);
 }
-// The blending has the opacity.
+// The opacity is set in the blending.
 vec4 mixed_in(vec3 color, float opacity) {
   return vec4(color, 1.0);
 }

@@ -1,10 +1,10 @@
-// One triangle that covers the image.
+// A triangle that covers the image.
 #if defined(WHOLE_PICTURE)
-// Passed on to video_texel.glsl, because some renderers (llvmpipe) load uniforms for each fragment and
-// flat inputs once.
+// Passed to video_texel.glsl as flat inputs, because some renderers (llvmpipe) load uniforms for
+// each fragment but flat inputs once.
 uniform vec3 yuv_offset;
 uniform mat3 rgb_from_yuv;
-uniform vec4 plane_extents;  // the image's extents in the luma (or only) and chroma planes
+uniform vec4 plane_extents;  // image size / size of the luma (xy) and chroma (zw) planes
 
 out vec2 in_plane;
 flat out vec2 chroma_scale;

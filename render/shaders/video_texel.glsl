@@ -1,12 +1,13 @@
-// The video as captured, pixel by pixel: luma is fetched 1:1, chroma from the sample that covers the
-// pixel, so that a 4:2:0 recording of the image gets the same chroma samples.
+// Converts the captured video to RGB pixel by pixel. Chroma is taken from the sample that covers
+// the pixel, so that a 4:2:0 recording of the image has the same chroma samples.
 uniform sampler2D plane0;
 uniform sampler2D plane1;
 uniform sampler2D plane2;
 
 #if defined(WHOLE_PICTURE)
-// From video.vert.glsl. Sampling at a luma pixel's centre, at least a quarter of a texel from a texel's
-// edge, gives the texel that texelFetch() gives, and takes a CPU renderer a third of the instructions.
+// From video.vert.glsl. Samples at luma pixel centres, which are at least a quarter texel from a
+// texel's edge, so the result equals texelFetch(). On a CPU renderer this takes a third of the
+// instructions.
 in vec2 in_plane;
 flat in vec2 chroma_scale;
 flat in vec3 flat_yuv_offset;
@@ -20,7 +21,7 @@ uniform vec2 chroma_step;  // luma pixels per chroma sample, 1 or 2
 #endif
 
 vec3 rgb_of(vec3 yuv) {
-  // The matrix has two zeros. The framebuffer clamps.
+  // Uses that two elements of the matrix are zero. The framebuffer clamps the result.
   yuv -= yuv_offset;
   float grey = rgb_from_yuv[0].r * yuv.x;
   return vec3(grey + rgb_from_yuv[2].r * yuv.z,
@@ -28,12 +29,12 @@ vec3 rgb_of(vec3 yuv) {
               grey + rgb_from_yuv[1].b * yuv.y);
 }
 
-// Y0 U Y1 V of two pixels -> YUV of one.
+// Converts Y0 U Y1 V of two pixels to the YUV of one pixel.
 vec3 yuv_of_pair(vec4 pair, int column) {
   return vec3((column & 1) == 0 ? pair.r : pair.b, pair.ga);
 }
 
-// Components may lie outside of 0 .. 1.
+// Returns RGB; components may be outside 0 .. 1.
 #if defined(WHOLE_PICTURE)
 vec3 video_color() {
 #if defined(VIDEO_RGB)
