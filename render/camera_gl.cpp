@@ -7,8 +7,7 @@
 namespace penumbra {
 namespace {
 
-// Maximum normalised radius for which a monotonic lens model is evaluated: 89 degrees from the
-// axis.
+// Maximum normalised radius at which a monotonic lens model is used: 89 degrees from the axis.
 constexpr double kLargestRadius = 57.0;
 
 glm::mat4x3 columns(const Eigen::Matrix3d& linear, const Eigen::Vector3d& origin) {

@@ -1,5 +1,4 @@
-// Converts the camera of computer vision (double, Eigen; x right, y down, z forward) to OpenGL
-// (float, GLM).
+// Converts the tracker's camera (double, Eigen; x right, y down, z forward) to OpenGL (float, GLM).
 #pragma once
 
 #include <Eigen/Core>
@@ -36,8 +35,7 @@ struct LensUniforms {
 [[nodiscard]] glm::vec3 to_gl(const Eigen::Vector3d& v);
 [[nodiscard]] glm::mat3 to_gl(const Eigen::Matrix3d& m);
 
-// Affine maps, composed in double and rounded once. Columns: the mapped x, y and z axes, and the
-// mapped origin.
+// Affine maps, composed in double and rounded once. Columns: mapped axes and origin.
 [[nodiscard]] glm::mat4x3 to_gl(const Placement& placement);
 [[nodiscard]] glm::mat4x3 camera_from_object(const CameraPose& T_table_camera,
                                              const Placement& T_table_object);
@@ -55,8 +53,7 @@ inline constexpr double kNearestDistance = 0.15;
 // long and deviates from the distorted edge by about 0.1 px.
 [[nodiscard]] double longest_edge(const CameraModel& camera);
 
-// Bounds of the image in undistorted normalised coordinates, with a margin: geometry outside
-// touches no pixel.
+// Image bounds in undistorted normalised coordinates, with a margin: no pixel is outside.
 struct ViewFrustum {
   double x_min = 0.0, x_max = 0.0, y_min = 0.0, y_max = 0.0;
 

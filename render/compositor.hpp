@@ -28,11 +28,10 @@ struct CompositeStats : RenderWork {
 void add(CompositeStats& to, const CompositeStats& stats);
 
 struct CompositorOptions {
-  // Draws the undistorted video (rectified_video.hpp). Plans must then use the camera
+  // Draws the undistorted video (rectified_video.hpp). Plans must use the camera
   // without_distortion().
   bool rectified = false;
-  // Samples per pixel; 0: no multisampling; nullopt: multisampling_for() the renderer. The driver
-  // may use more.
+  // Samples per pixel; 0: no multisampling; nullopt: multisampling_for(). The driver may use more.
   std::optional<int> msaa = std::nullopt;
   // Transfers the video, and images of request_image(), asynchronously through pixel buffers; the
   // image does not depend on it. nullopt: true, except on a CPU rasteriser, where the copies cost
@@ -77,8 +76,7 @@ class Compositor {
   [[nodiscard]] int samples() const;
   // Clears the image to black and drops the GPU times of earlier frames.
   void clear();
-  // For the debug view: returns the kernels of the most recent image's shadows, and their numbers
-  // of twisted faces.
+  // For the debug view: returns the kernels and twisted faces of the most recent image's shadows.
   [[nodiscard]] std::vector<CasterKernels> kernels_in_use() const;
 
  private:

@@ -38,8 +38,7 @@ Disc shadow_bounds(const BoxCorners& corners, const ShadowDraw& draw, double top
   return disc;
 }
 
-// Returns true if a box on the plane is outside the outline's bounds. An empty outline is
-// unbounded.
+// Returns true if a box on the plane is outside the outline's bounds. Empty outline: unbounded.
 bool misses_outline(const Eigen::AlignedBox2d& box, const std::vector<Eigen::Vector2d>& outline) {
   Eigen::AlignedBox2d bounds;
   for (const Eigen::Vector2d& p : outline) bounds.extend(p);
@@ -153,8 +152,7 @@ class Planner {
     return scene_.objects[static_cast<std::size_t>(object)];
   }
 
-  // Returns true if an object casts shadows at this time. Reports objects that never do if
-  // `report`.
+  // Returns true if an object casts shadows at this time. `report`: reports if never.
   bool casts(int object, bool report = true) {
     if (object_at(object).model && object_at(object).casts_shadow)
       return opacity_of_object(object) > 0.0F;
@@ -172,8 +170,7 @@ class Planner {
       draw.plane = receiver.plane;
       draw.technique = technique == ShadowTechnique::walls ? ShadowTechnique::simple : technique;
       draw.kernels = options_.kernels.value_or(node.kernels);
-      // A single kernel for the whole object has no thickness that a light could be proportional
-      // to.
+      // A single kernel for the whole object gives no thickness for a proportional light.
       if (traits_of(technique).uses_kernels && draw.kernels != KernelSource::centroid) {
         draw.light_mode = options_.light_mode.value_or(node.light_mode);
       }
@@ -210,8 +207,7 @@ class Planner {
     plan_.shadows.push_back(draw);
   }
 
-  // Plans the shadow on receivers, even if it is invisible on the plane, as the layers differ at
-  // each height.
+  // Plans the shadow on receivers, even if invisible on the plane: layers depend on the height.
   void plan_receivers_under(const ShadowDraw& draw, const Model& model, double top) {
     if (scene_.objects.size() < 2) return;
     ReceivedShadowDraw under;
@@ -267,8 +263,7 @@ class Planner {
     return entry->second;
   }
 
-  // Plans the shadow on the receivers that it may reach. Returns true if there are receivers but it
-  // reaches none.
+  // Plans the shadow on receivers that it may reach. Returns true if it reaches none of several.
   bool misses_all(const ReceivedShadowDraw& under, const std::vector<ObjectDraw>& receivers) {
     bool asked = false;
     bool met = false;
@@ -410,7 +405,7 @@ class Planner {
     return met;
   }
 
-  // Adds a volume, or extends the same volume of another node. A volume without a floor ends at
+  // Adds a volume, or extends the same volume of another node. Without floors it ends at
   // kVolumeReach.
   void add_volume(const ShadowVolumeDraw& draw) {
     const auto known = std::ranges::find_if(plan_.volumes, [&draw](const ShadowVolumeDraw& other) {

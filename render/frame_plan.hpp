@@ -1,5 +1,4 @@
-// Decides what one frame draws, before any GL call. A pure function: equal scene, pose and options
-// give equal plans.
+// Decides what one frame draws, before any GL call. Equal scene, pose and options give equal plans.
 #pragma once
 
 #include <Eigen/Core>
@@ -29,8 +28,7 @@ struct PlanOptions {
   bool proxies = true;                       // false: every object casts with its own mesh
   LayerDrawing layers = LayerDrawing::automatic;
   bool light_rays = false;  // for every shadow node
-  // Skips invisible draws and reuses results of earlier frames. The image is bit for bit the same
-  // with false.
+  // Skips invisible draws and reuses results of earlier frames. Does not change the image.
   bool skip = true;
 };
 
@@ -63,8 +61,7 @@ struct ShadowShape {
 // its own height.
 [[nodiscard]] bool has_one_light_size(const ShadowShape& shadow);
 
-// One caster's layered, field or simple shadow on one plane. Shadows of the technique `walls` are
-// simple.
+// One caster's layered, field or simple shadow on one plane. Shadows of `walls` are simple.
 struct ShadowDraw : ShadowShape {
   int node = 0, object = 0, plane = 0;                // indices into the scene
   LightFractions fractions;                           // the scene's, lifted by its ambient light
@@ -98,8 +95,7 @@ struct LitCaster {
   float opacity = 1.0F;         // of the caster
 };
 
-// One caster's projected shadow on one plane; its opacity is the minimum of the caster's and the
-// plane's.
+// One caster's projected shadow on one plane. opacity: minimum of the caster's and the plane's.
 struct HardShadowDraw : LitCaster {
   int plane = 0;  // index into Scene::planes
   PlaneFrame plane_frame;
@@ -129,8 +125,7 @@ struct FramePlan {
   CameraPose T_table_camera;
   Translucency translucency = Translucency::automatic;
   LayerDrawing layers = LayerDrawing::automatic;
-  // False: reuses no results of earlier frames except kernels, and draws masks even where they have
-  // no effect.
+  // False: reuses only kernels of earlier frames, and draws masks even where they have no effect.
   bool reuse = true;
   float overlay_opacity = 1.0F;      // 1 when tracked, lower when uncertain or coasting
   std::vector<ObjectDraw> phantoms;  // depth only

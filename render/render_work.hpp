@@ -30,8 +30,8 @@ enum class Counter : std::size_t {
   // Masks of shadows on phantoms and objects, one per level: drawn, and reused.
   masks_drawn,
   masks_kept,
-  // Video frames copied to the GPU, and frames read in the camera's buffer. Frames already uploaded
-  // are not counted.
+  // Video frames copied to the GPU, and frames read in the camera's buffer. Reused frames are not
+  // counted.
   video_copies,
   video_imports,
   // Through pixel buffers: copies of the video, and images of request_image().

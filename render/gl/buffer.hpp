@@ -64,8 +64,7 @@ class GlMesh {
   void write_indices(std::span<const std::uint32_t> indices, BufferLife life = BufferLife::once);
   void bind() const { layout_.bind(); }
   void bind_vertices() const { vertices_.bind(); }
-  // Draws primitives of this mode from all vertices or indices, or from `count` of them starting at
-  // `first`.
+  // Draws primitives of this mode from all vertices or indices, or from `count` from `first` on.
   void draw(unsigned mode) const { draw(mode, 0, count_); }
   void draw(unsigned mode, int first, int count) const;
   [[nodiscard]] int count() const { return count_; }

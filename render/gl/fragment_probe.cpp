@@ -18,8 +18,7 @@ namespace {
 constexpr int kSide = 4;
 using Pixels = std::array<std::uint8_t, std::size_t{4} * kSide * kSide>;
 
-// 8-bit RGBA of the framebuffer (kBefore), of the multiplying fragment (kFactor), and of the
-// product.
+// 8-bit RGBA of the framebuffer (kBefore), of the fragment (kFactor), and of their product.
 using Rgba = std::array<int, 4>;
 constexpr Rgba kBefore = {200, 120, 40, 255};
 constexpr Rgba kFactor = {128, 255, 64, 255};

@@ -11,8 +11,7 @@
 
 namespace penumbra {
 
-// The area of a window that an image fills without distortion [px], from the window's top left
-// corner.
+// The area of a window that an image fills, letterboxed [px], from the window's top left corner.
 struct PictureArea {
   int x = 0, y = 0, width = 0, height = 0;
 };

@@ -18,8 +18,7 @@ constexpr EGLint drm_format(const char (&letters)[5]) {
   return static_cast<EGLint>(code);
 }
 
-// Returns the format with the byte order red, green, blue, alpha, or 0 for formats that cameras
-// don't use.
+// Returns the format with byte order red, green, blue, alpha; 0 if cameras don't use it.
 EGLint drm_format_of(TexelFormat format) {
   switch (format) {
     case TexelFormat::r8:

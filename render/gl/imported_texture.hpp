@@ -1,5 +1,4 @@
-// Textures over memory of another device: the GPU reads a plane of a camera's DMA-BUF without a
-// copy.
+// Textures over another device's memory: a plane of a camera's DMA-BUF is read without a copy.
 #pragma once
 
 #include <cstddef>

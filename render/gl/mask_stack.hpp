@@ -1,5 +1,4 @@
-// An array texture whose images are drawn or uploaded one by one: masks of a shadow's layers at
-// several heights.
+// An array texture, drawn or uploaded image by image: masks of a shadow at several heights.
 #pragma once
 
 #include <cstdint>

@@ -1,5 +1,5 @@
-// Pixel buffers for asynchronous transfers to and from the GPU. With a CPU rasteriser they cost an
-// additional copy.
+// Pixel buffers for asynchronous transfers to and from the GPU. On a CPU rasteriser they cost a
+// copy.
 #pragma once
 
 #include <array>
@@ -23,8 +23,7 @@ struct PixelBuffer {
 // Uploads: textures are filled from these buffers.
 class UploadBuffers {
  public:
-  // Maps the next buffer, which the caller must overwrite in full. Returns an empty span on
-  // failure.
+  // Maps the next buffer, which the caller must overwrite in full. Empty on failure.
   [[nodiscard]] std::span<std::uint8_t> map(std::size_t bytes);
   // Ends the writing and keeps the buffer bound as the source of texture uploads until unbind().
   // Returns false and unbinds it if the driver lost the contents.

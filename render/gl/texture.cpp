@@ -31,8 +31,7 @@ TexelLayout layout_of(TexelFormat format) {
   return {};
 }
 
-// kWraps: in the order of TextureWrap. kMinFilters: [nearest, linear] in the order of
-// TextureMipmaps.
+// Indexed by TextureWrap, and by whether linear and TextureMipmaps.
 constexpr std::array<GLint, 3> kWraps = {GL_REPEAT, GL_MIRRORED_REPEAT, GL_CLAMP_TO_EDGE};
 static_assert(kWraps.size() == static_cast<std::size_t>(TextureWrap::clamp) + 1);
 constexpr std::array<std::array<GLint, 3>, 2> kMinFilters = {

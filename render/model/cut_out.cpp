@@ -18,8 +18,8 @@ struct TexelSpan {
   std::int64_t first = 0, last = -1;  // inclusive
 };
 
-// Maps a range of unwrapped texels of a row to texels of the texture. A range that wraps around
-// gives a second span.
+// Maps a range of unwrapped texels of a row to texels of the texture. The second span is for a
+// wrap-around.
 std::array<TexelSpan, 2> wrapped(std::int64_t first, std::int64_t last, std::int64_t size,
                                  TextureWrap wrap) {
   const auto floor_div = [](std::int64_t a, std::int64_t b) { return (a - ((a % b) + b) % b) / b; };
@@ -75,8 +75,7 @@ AlphaPyramid::AlphaPyramid(const Texture& texture, const TextureSampling& sampli
 }
 
 AlphaPyramid::Range AlphaPyramid::range(const glm::dvec2& low, const glm::dvec2& high) const {
-  // Linear filtering uses the texels with centres around the rectangle; nearest filtering those
-  // that it touches.
+  // Linear filtering uses the texels with centres around the rectangle, nearest those it touches.
   const double shift = sampling_.smooth_near ? 0.5 : 0.0;
   const std::int64_t more = sampling_.smooth_near ? 1 : 0;
   const glm::dvec2 a = low * size() - shift;

@@ -13,8 +13,7 @@
 
 namespace penumbra {
 
-// The alpha channel of a texture, with the minimum and maximum of each square with a side of 2^n
-// texels.
+// The alpha channel of a texture, with the minimum and maximum of each square of 2^n texels a side.
 class AlphaPyramid {
  public:
   AlphaPyramid(const Texture& texture, const TextureSampling& sampling);
@@ -87,8 +86,7 @@ class FaceOpacity {
 // `most_triangles` triangles, or 0.
 [[nodiscard]] int cut_out_depth(const Model& model, std::size_t most_triangles);
 
-// Returns a warning, which contains `file`, that a model with cut-outs casts the shadows of its
-// whole faces.
+// Returns a warning, with `file`, that a model with cut-outs casts shadows of its whole faces.
 [[nodiscard]] std::string warning_of_cut_outs(const std::string& file);
 
 }  // namespace penumbra

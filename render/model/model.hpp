@@ -110,10 +110,9 @@ struct Model {
   // The up direction (unit) that Mesh::shadow_kernels were made for, if there are any.
   std::optional<glm::vec3> shadow_kernel_up;
   std::string shadow_kernel_geometry;  // KernelStamp of the kernels; may be ""
-  // Groups of parts (part_groups.hpp) for which the kernels were stored; used unless the user sets
-  // others.
+  // Groups of parts (part_groups.hpp) for which the kernels were stored; the default groups.
   std::vector<std::string> shadow_kernel_groups;
-  // Faces are visible from the front only (corners counter-clockwise), unless the material is
+  // Faces are visible only from the front (counter-clockwise), unless their material is
   // double-sided.
   bool culls_back_faces = false;
   std::vector<std::string> warnings;  // about ignored content of the file
@@ -154,8 +153,7 @@ void move_origin(Model& model, const Eigen::Vector3d& origin);
 // Returns a hash of all positions and faces, which determine shadow kernels.
 [[nodiscard]] std::string geometry_key(const Model& model);
 
-// Splits edges longer than `max_edge_m`, so that they follow the lens distortion. Stops at
-// `max_triangles`.
+// Splits edges longer than `max_edge_m`, to follow the lens distortion. Stops at `max_triangles`.
 [[nodiscard]] Mesh subdivided(const Mesh& mesh, float max_edge_m,
                               std::size_t max_triangles = 500'000);
 

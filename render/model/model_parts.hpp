@@ -35,8 +35,7 @@ inline constexpr std::size_t kMaxGroups = 1000;
 // web address, or a path with "..". Callers of beside_model() then add a warning.
 [[nodiscard]] bool leaves_folder(std::string_view name);
 
-// Maximum absolute coordinate in a model file, in the file's unit. ModelLimits limits the model's
-// size.
+// Maximum absolute coordinate in a model file, in the file's unit. See also ModelLimits.
 inline constexpr double kMaxFileCoordinate_m = 1e12;
 
 // Returns Model::origin for the bounds in the file: their centre if it is far away relative to
@@ -72,8 +71,7 @@ void append_mesh(Mesh& mesh, const Mesh& more);
 [[nodiscard]] Result<void> check_model(Model& model, const std::string& name,
                                        const ModelLimits& limits);
 
-// Both set `file_step` to the resolution of the coordinates at the model's position, in the file's
-// unit.
+// Both set `file_step` to the resolution of the coordinates at the model, in the file's unit.
 [[nodiscard]] Result<Model> read_gltf(const std::filesystem::path& file,
                                       std::span<const std::uint8_t> bytes, bool binary,
                                       const ModelLimits& limits, double& file_step);

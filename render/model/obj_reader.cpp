@@ -339,8 +339,7 @@ Result<void> ObjReader::check_indices() {
   return {};
 }
 
-// Moves the materials into the model. Returns the index into Model::materials for each material
-// name.
+// Moves the materials into the model. Returns the index there for each material name.
 std::vector<int> ObjReader::find_materials() {
   std::vector<bool> named(obj_.material_names.size(), false);
   for (const ObjFace& face : obj_.faces) {

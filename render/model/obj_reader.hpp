@@ -76,8 +76,7 @@ struct ObjMaterial {
   bool has_dissolve = false;  // a `d` line, which overrides `Tr`
 };
 
-// Materials of the .mtl files in mtllib lines. Errors in them cause warnings and leave the plain
-// colour.
+// Materials of the .mtl files in mtllib lines. Errors in them become warnings.
 class ObjMaterials {
  public:
   ObjMaterials(const std::filesystem::path& model_file, const ModelLimits& limits)

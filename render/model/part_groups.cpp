@@ -6,8 +6,7 @@
 namespace penumbra {
 namespace {
 
-// Wildcard match: * matches any characters, ? one. Backtracks only to the most recent *, which
-// bounds the time.
+// Wildcard match: * matches any characters, ? one. Backtracks only to the most recent *.
 bool matches(std::string_view pattern, std::string_view name) {
   std::size_t p = 0, n = 0;
   std::size_t star = std::string_view::npos, star_name = 0;

@@ -17,8 +17,7 @@ constexpr double kMaxSweepSteps = 6e7;     // beyond those of ordinary outlines;
 constexpr double kOrdinarySteps = 10.0;    // steps per corner
 constexpr double kStepsOfCrossing = 30.0;  // steps to create the new corner
 constexpr double kStepsOfCut = 0.2;  // steps per corner of the face that a reflex corner splits
-// Closer positions are equal, as a fraction of the radius: rounding may move a corner on an edge
-// across it.
+// Closer positions are equal [radii]: rounding may move a corner on an edge across it.
 constexpr double kSamePlace = 1e-9;
 constexpr double kFlatShare = 0.01;      // distance of corners from the plane / radius
 constexpr double kAreaTolerance = 1e-6;  // fraction of the area
@@ -112,8 +111,7 @@ void PolygonSplitter::DeleteTessellator::operator()(GLUtesselator* tessellator) 
 
 void PolygonSplitter::project(std::span<const Eigen::Vector3d> corners) {
   corner_count_ = corners.size();
-  // The mean lies in the plane. Computed relative to the first corner for accuracy far from the
-  // origin.
+  // The mean lies in the plane. Relative to the first corner, it is accurate far from the origin.
   middle_.setZero();
   for (const Eigen::Vector3d& corner : corners) {
     middle_ += (corner - corners[0]) / static_cast<double>(corner_count_);

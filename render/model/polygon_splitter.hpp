@@ -47,8 +47,7 @@ class PolygonSplitter {
   PolygonSplitter(const PolygonSplitter&) = delete;
   PolygonSplitter& operator=(const PolygonSplitter&) = delete;
 
-  // Splits a polygon of three or more corners, which must be finite. The result is valid until the
-  // next call.
+  // Splits a polygon of three or more finite corners. The result is valid until the next call.
   [[nodiscard]] const PolygonSplit& split(std::span<const Eigen::Vector3d> corners);
 
  private:

@@ -19,8 +19,7 @@ struct DrawContext {
   const ObjectPainter& objects;
   const VideoTexture& video;  // holds `frame` while passes draw
   const Frame& frame;
-  // The format of the frame under the shadows; nullopt if the background is not a 1:1 copy of the
-  // video.
+  // The format of the frame under the shadows; nullopt if the background is not the video 1:1.
   std::optional<PixelFormat> video_format;
   Translucency mode = Translucency::blend;  // never automatic
   RenderWork& work;

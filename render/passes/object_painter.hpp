@@ -43,8 +43,7 @@ struct ShadowMask {
 
 class ObjectPainter {
  public:
-  // Uploads every model of the scene, with edges short enough to follow the lens at the object's
-  // largest scale.
+  // Uploads the scene's models, with edges short enough for the lens at the object's largest scale.
   [[nodiscard]] static Result<ObjectPainter> create(GlApi api, const Scene& scene,
                                                     const CameraModel& camera);
 

@@ -13,8 +13,7 @@
 namespace penumbra {
 namespace {
 
-// Fewer levels than for other shadows, because every level is recomputed when the caster's height
-// changes.
+// Fewer than for other shadows: all levels are recomputed when the caster's height changes.
 constexpr std::size_t kMostFieldLevels = 16;
 constexpr double kFinestTexel = 5e-4;  // [m]
 constexpr int kMostTexels = 1024;      // along a side

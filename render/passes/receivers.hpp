@@ -19,8 +19,7 @@ inline constexpr unsigned kShadowBits = 0x7FU;   // for the shadow techniques
 
 // Creates the program that darkens a plane by its blocked lights, for Receivers::draw_grid().
 [[nodiscard]] Result<TranslucentProgram> plane_light_program(GlApi api);
-// Makes this program current for a plane; `opacity`: of the shadow. The lights are set by
-// set_lights().
+// Makes it current for a plane; `opacity`: of the shadow. set_lights() sets the lights.
 void begin_plane_light(const ShaderProgram& program, const FramePlan& plan, const PlaneFrame& plane,
                        float opacity);
 
@@ -36,10 +35,10 @@ class Receivers {
   // stencil_test(). Clears all shadow bits.
   void begin_plane(const FramePlan& plan, int plane, const PlaneFrame& frame,
                    const LensUniforms& lens);
-  // Lets pixels of the plane pass whose shadow bits in `compared` equal `bits`. GL_REPLACE writes
+  // Passes pixels of the plane whose shadow bits in `compared` equal `bits`. GL_REPLACE writes
   // `bits`.
   void stencil_test(unsigned bits, unsigned compared);
-  // Lets all pixels of the plane pass; disables the stencil test if the plane fills the image.
+  // Passes all pixels of the plane; disables the stencil test if the plane fills the image.
   void test_place();
   // Clears the stencil for a pass that uses all bits, until the next begin_plane().
   void begin_marks();
@@ -47,8 +46,7 @@ class Receivers {
   // Draws the grid of receiver.vert.glsl with the current program, which contains it.
   void draw_grid(const ShaderProgram& program, const FramePlan& plan, const PlaneFrame& frame,
                  const LensUniforms& lens) const;
-  // Draws the plane's depth with the current tests and masks; the depth is the same as in
-  // begin_frame().
+  // Draws the plane's depth, the same as in begin_frame(), with the current tests and masks.
   void draw_place(const FramePlan& plan, const PlaneFrame& frame, const LensUniforms& lens) const;
 
  private:

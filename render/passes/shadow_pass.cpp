@@ -28,8 +28,7 @@ void note_empty_field(const ShadowDraw& draw, const CachedCaster& caster,
   work.skipped.push_back({SkipReason::field_too_coarse, draw.object});
 }
 
-// Returns true if an object may be visible behind a plane, so that the plane's shadows are not only
-// over video.
+// Returns true if an object may be behind a plane, so that shadows are not only over video.
 bool objects_lie_behind_planes(const Scene& scene, const FramePlan& plan) {
   constexpr double kContact = 1e-6;  // [m]
   for (const PlaneReceiver& receiver : plan.receivers) {
@@ -113,8 +112,8 @@ int ShadowPass::draw_plane(const FramePlan& plan, int plane,
   if (casters.size() == 1) {
     return painter_.draw_all(plan.shadows[casters.front()], items_[casters.front()], brush);
   }
-  // Order: all umbrae, then all middle layers, then all penumbrae; if casters' fractions differ,
-  // darkest first.
+  // Order: all umbrae, all middle layers, all penumbrae; if casters' fractions differ, darkest
+  // first.
   struct Fill {
     std::size_t caster;
     int layer;

@@ -43,8 +43,7 @@ class VideoProgram {
 
 class VideoTexture {
  public:
-  // The context must be current, now and at every later call. `pixel_buffers`: copies planes
-  // through pixel buffers.
+  // The context must be current, now and at every later call. `pixel_buffers`: use them for copies.
   explicit VideoTexture(GlApi api, bool pixel_buffers = false)
       : program_(api, {"video.vert.glsl"}, {"video_texel.glsl", "video.frag.glsl"},
                  {"WHOLE_PICTURE"}),

@@ -161,8 +161,7 @@ void VolumePass::note_dark() const {
   glDrawArrays(GL_TRIANGLES, 0, 3);
 }
 
-// Darkened pixels get the stencil `how.after`, so that a coincident surface does not darken them
-// again.
+// Darkened pixels get the stencil `how.after`: a coincident surface does not darken them again.
 int VolumePass::darken(const Drawing& drawing, const ShadowVolumeDraw& draw,
                        const Darkening& how) const {
   const auto& [plan, lens, objects, receivers] = drawing;
@@ -280,8 +279,7 @@ int VolumePass::draw(const DrawContext& context, const FramePlan& plan) {
     (known == lights.end() ? lights.emplace_back() : *known).push_back(&draw);
   }
   if (lights.empty()) return 0;
-  // Counts lights out of view as well, because sums are rounded but a single light's fraction is
-  // not.
+  // Counts lights out of view as well: sums are rounded, but a single light's fraction is not.
   const bool add_up = plan.volume_lights > 1;
   if (add_up) framebuffer.bind_sums();
   const Drawing drawing{plan, context.lens, context.objects, context.receivers};

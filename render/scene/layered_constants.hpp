@@ -18,8 +18,7 @@ inline constexpr std::array kShadowLayers = {ShadowLayer::umbra, ShadowLayer::mi
   return layer == ShadowLayer::umbra ? -1 : layer == ShadowLayer::middle ? 0 : 1;
 }
 
-// H > 0: height of the light above the plane, may be +infinity. a > 0: radius of the light / radius
-// of the object.
+// H > 0: light height above the plane, may be +infinity. a > 0: light radius / object radius.
 struct LayeredConstants {
   double light_height = 0.9;       // H [m]
   double light_ratio = 3.0;        // a

@@ -12,11 +12,11 @@ namespace penumbra {
 namespace {
 
 constexpr int kCodes = 256;
-constexpr int kOverexposed = 250;    // channels with this value or more may be clipped
-constexpr double kPaperFrom = 0.95;  // quantile of the luminance of exposed pixels
-constexpr double kPaperTo = 0.99;    // brighter pixels are glints
-constexpr double kLeastExposed = 0.25;  // fraction of pixels; else uses overexposed ones as well
-constexpr double kDarkest = 1e-3;  // noise level of linear light
+constexpr int kOverexposed = 250;       // channels with this value or more may be clipped
+constexpr double kPaperFrom = 0.95;     // quantile of the luminance of exposed pixels
+constexpr double kPaperTo = 0.99;       // brighter pixels are glints
+constexpr double kLeastExposed = 0.25;  // fraction of pixels; else uses overexposed ones too
+constexpr double kDarkest = 1e-3;       // noise level of linear light
 constexpr double kTimeConstant_s = 0.25;
 constexpr double kForgotten_s = 2.0;  // the filter restarts after a longer gap
 
@@ -102,8 +102,7 @@ struct Histogram {
     sum[bin] += light;
     ++total;
   }
-  // Returns the mean colour between two quantiles of luma. Bins at the limits are weighted by their
-  // overlap.
+  // Returns the mean colour between two quantiles of luma. Bins at the limits count partially.
   [[nodiscard]] Eigen::Vector3d mean_between(double from, double to) const {
     const double first = from * total;
     const double last = to * total;

@@ -87,8 +87,7 @@ struct ScenePlane {
   Eigen::Vector3d normal = Eigen::Vector3d::UnitZ();  // unit, towards the light
   Eigen::Vector3d point = Eigen::Vector3d::Zero();
   std::vector<Eigen::Vector2d> outline;  // simple polygon in (u, v) [m]; empty: unbounded
-  // Group of tags that the plane moves with. `normal` and `point` apply when the group is at its
-  // pose in the tag map.
+  // Group of tags that the plane moves with. `normal` and `point` apply at its pose in the tag map.
   std::string tag_group = std::string(kTableGroup);
 };
 
@@ -155,8 +154,7 @@ struct Scene {
   std::vector<ScenePlane> planes;
   std::vector<SceneLight> lights;
   std::vector<ShadowNode> shadows;
-  // Ambient luminance, of a bright room, up to which shadows keep their light fractions
-  // (lifted_by_ambient()).
+  // Ambient luminance (a bright room) up to which lifted_by_ambient() changes no fractions.
   static constexpr double kUsualAmbient = 0.36;
   Eigen::Vector3d ambient = Eigen::Vector3d::Constant(0.35);  // linear
   std::vector<std::string> warnings;                          // about valid but inadvisable content

@@ -1,5 +1,4 @@
-// Validates a scene against the published schema with valijson; find_violation() explains a
-// rejection.
+// valijson validates a scene against the published schema; find_violation() explains errors.
 #include "render/scene/scene_json.hpp"
 
 #include <algorithm>

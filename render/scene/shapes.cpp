@@ -25,8 +25,7 @@ Model finished(std::string name, Mesh mesh) {
   return model;
 }
 
-// Returns the point of the unit circle at i / count of a turn; i = 0 and i = count give equal
-// floats.
+// Returns the point on the unit circle at i / count of a turn; 0 and count give equal floats.
 glm::vec2 on_circle(int i, int count) {
   const double angle = 2.0 * std::numbers::pi * (i % count) / count;
   return {static_cast<float>(std::cos(angle)), static_cast<float>(std::sin(angle))};

@@ -23,8 +23,7 @@ SunPosition sun_position(double utc_s, double latitude_deg, double longitude_deg
   const double right_ascension =
       std::atan2(std::cos(obliquity) * std::sin(longitude), std::cos(longitude));
   const double declination = std::asin(std::sin(obliquity) * std::sin(longitude));
-  // Sidereal time [hours]: 24.0657098242 h per day, i.e. the almanac's 0.0657098242 h per day plus
-  // 1 h per hour.
+  // Sidereal time [hours]: the almanac's 0.0657098242 h per day, plus 1 h per hour.
   const double sidereal = std::fmod(6.697375 + 12.0 + 24.0657098242 * days, 24.0);
   const double hour_angle = (sidereal * 15.0 + longitude_deg) * kDegree - right_ascension;
   const double latitude = latitude_deg * kDegree;

@@ -16,8 +16,7 @@ struct SunPosition {
 // UTC; north and east are > 0.
 [[nodiscard]] SunPosition sun_position(double utc_s, double latitude_deg, double longitude_deg);
 
-// Returns the unit vector towards the sun in the table frame; north is +y rotated counter-clockwise
-// by north_deg.
+// Returns the unit vector to the sun, table frame; north is +y rotated anticlockwise by north_deg.
 [[nodiscard]] Eigen::Vector3d direction_to(const SunPosition& sun, double north_deg);
 
 }  // namespace penumbra

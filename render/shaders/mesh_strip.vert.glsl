@@ -1,5 +1,4 @@
-// A piece of a black strip on a plane. Strips start at multiples of a period, pieces at multiples
-// of their length.
+// A piece of a black strip on a plane. Strips start at multiples of strip.x, pieces of strip.z.
 layout(location = 0) in vec2 corner;  // 0 .. 1, across and along
 
 uniform mat4x3 camera_from_plane;

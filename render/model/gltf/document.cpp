@@ -270,8 +270,7 @@ void find_extensions(const Json& at, const std::string& place,
   }
 }
 
-// Removes a list from the file's JSON and returns it, because tinygltf would decode it differently
-// or reject the file.
+// Moves a list out of the JSON, because tinygltf would decode it differently or reject the file.
 Json take_list(Json& root, const char* key) {
   const auto entry = root.find(key);
   if (entry == root.end()) return Json::array();
@@ -280,8 +279,7 @@ Json take_list(Json& root, const char* key) {
   return list.is_array() ? list : Json::array();
 }
 
-// Rewrites primitives, because tinygltf omits primitives without attributes and rejects indices
-// without a buffer view.
+// tinygltf omits primitives without attributes and rejects indices without a buffer view.
 void prepare_primitives(Json& root) {
   if (!root.contains("meshes")) return;
   for (Json& mesh : root.at("meshes")) {

@@ -138,7 +138,7 @@ Result<std::vector<VertexPlacement>> Reader::vertex_placements(const Placement& 
   }
   const tinygltf::Node& node = gltf_.nodes[static_cast<std::size_t>(placement.node)];
   if (node.skin >= 0) {
-    // The transform of a skinned node is ignored (glTF 2.0, 3.7.3.3), except for primitives without
+    // A skinned node's transform is ignored (glTF 2.0, 3.7.3.3), except for primitives without
     // joints.
     if (node.extensions.contains(kInstancing)) {
       notes_.add(fmt::format("is skinned; its instances ({}) are ignored", kInstancing),

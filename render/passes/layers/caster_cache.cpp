@@ -327,8 +327,7 @@ CasterCache::Casting CasterCache::casting(const ShadowDraw& draw, CachedCaster& 
     // Computed in the own frame, so that rotation in the plane changes no bit.
     const Eigen::Vector3d up = own.T_own_object.rotation.conjugate() * Eigen::Vector3d::UnitZ();
     with.key.direction = KernelDirection::nearest(up);
-    // Compares the exact tilt, because the grid's direction may be up to 2 degrees nearer to the
-    // stored one.
+    // Uses the exact tilt: the grid's direction may be up to 2 degrees nearer to the stored one.
     with.key.stored = stored_serve && has_stored_kernels_for(caster.mesh, up);
   }
   if (traits_of(draw.technique).uses_outlines) return with;

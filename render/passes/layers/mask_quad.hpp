@@ -1,5 +1,4 @@
-// Draws a mask as a textured rectangle on its plane, or only those pieces of it that have an
-// effect.
+// Draws a mask as a textured rectangle on its plane, or only its pieces that have an effect.
 #pragma once
 
 #include <array>

@@ -15,8 +15,8 @@ class MeshStrips {
  public:
   [[nodiscard]] static Result<MeshStrips> create(GlApi api, const CameraModel& camera);
 
-  // Returns the linear light that a layer removes, in units of 1/127. `light_left`: factor on the
-  // encoded value.
+  // Returns the linear light that a layer removes [1/127]. `light_left`: factor on the encoded
+  // value.
   [[nodiscard]] static unsigned level_of(float light_left);
   // Draws the strips of a level within `bounds` (on the plane, [m]) and the table, with the current
   // tests. Returns the number of draw calls.

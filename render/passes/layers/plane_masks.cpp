@@ -200,8 +200,7 @@ void PlaneMasks::make_plane(const FramePlan& plan, Translucency mode, int plane,
     const ShadowDraw& draw = plan.shadows[i];
     const PreparedShadow& prepared = *items[i].prepared;
     if (draw.plane != plane || !prepared.valid) continue;
-    // Excludes shadows out of view, which would enlarge the mask; their bounds are unknown with
-    // stored kernels.
+    // Excludes shadows out of view, which would enlarge the mask. Stored kernels: bounds unknown.
     if (draw.off_outline ||
         (!prepared.key.kernels.stored && frustum_.misses(square_in_view(draw, plan))))
       continue;

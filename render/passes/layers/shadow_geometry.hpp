@@ -112,8 +112,7 @@ class ShadowGeometry {
  public:
   ShadowGeometry(CasterCache& casters, const CameraModel& camera);
 
-  // Computes the geometry of a shadow, or keeps `prepared` if it is still valid. `masked`: for a
-  // mask.
+  // Computes the geometry of a shadow unless `prepared` is still valid. `masked`: for a mask.
   void prepare(const ShadowDraw& draw, CachedCaster& caster, bool masked, PreparedShadow& prepared,
                RenderWork& work) const;
   // Returns the coarsest of the caster's ranges whose shadow follows the lens at its nearest point

@@ -19,8 +19,7 @@ struct PlaneMap {
 };
 [[nodiscard]] PlaneMap plane_map(const Placement& T_world_object, const PlaneFrame& plane);
 
-// Returns one vertex per mesh position, in plane coordinates [m]; computed in double, stored in
-// float.
+// Returns one vertex per position, in plane coordinates [m]; computed in double, stored in float.
 [[nodiscard]] std::vector<CasterVertex> place_caster(const ShadowMesh& mesh,
                                                      const ShadowKernels& kernels,
                                                      const Placement& T_world_object,

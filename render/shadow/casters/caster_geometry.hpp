@@ -1,5 +1,4 @@
-// The casting mesh with its long edges split, so that the edges of its shadow follow the lens
-// distortion.
+// The casting mesh with long edges split, so that its shadow's edges follow the lens distortion.
 #pragma once
 
 #include <array>

@@ -196,8 +196,7 @@ ProxyAgreement compare_with_proxy(const ShadowMesh& full, const ShadowKernels& k
     top = std::max(top, h);
   }
   ProxyAgreement result;
-  // The greatest height first: the umbra is the most sensitive layer, most of all where it is
-  // smallest.
+  // The greatest height first, where the umbra, the most sensitive layer, is smallest.
   for (std::size_t at = kProxyHeights.size(); at-- > 0;) {
     // The object's middle is at the height, unless the object would reach below the plane.
     const double lift =

@@ -44,8 +44,7 @@ void mark_inside(const float* __restrict values, std::size_t count,
   for (std::size_t i = 0; i < count; ++i) inside[i] = values[i] > 0.0F ? 1 : 0;
 }
 
-// Sets crossed[i] = 1 if the corners of square i between two rows differ. Rows have count + 1
-// cells.
+// Sets crossed[i] = 1 if the corners of square i between two rows differ. Rows: count + 1 cells.
 PENUMBRA_VECTOR_CLONES
 void mark_crossed(const std::uint8_t* low, const std::uint8_t* high, std::size_t count,
                   std::uint8_t* __restrict crossed) {

@@ -90,8 +90,7 @@ std::vector<CasterVertex> section_of(std::span<const CasterVertex> vertices,
   return section;
 }
 
-// Returns true if clipping leaves a vertex unchanged. Vertices on a limit are clipped as well,
-// which rounds them.
+// Returns true if clipping leaves a vertex unchanged. Vertices on a limit are clipped too.
 bool is_within(const CasterVertex& vertex, const HeightRange& range) {
   return std::isfinite(vertex.u) && std::isfinite(vertex.v) && std::isfinite(vertex.ku) &&
          std::isfinite(vertex.kv) && static_cast<double>(vertex.h) >= range.low &&

@@ -37,8 +37,7 @@ struct ProjectedParts {
   Eigen::AlignedBox2f reach;  // bounds of the discs of all parts
 };
 
-// Parameters as in power_distance_layers(). Parts without faces and implausibly large parts are
-// skipped.
+// Parameters as in power_distance_layers(). Skips parts that are empty or implausibly large.
 [[nodiscard]] ProjectedParts project_parts(std::span<const CasterVertex> vertices,
                                            std::span<const std::uint32_t> indices,
                                            std::span<const std::uint32_t> part,

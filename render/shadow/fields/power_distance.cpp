@@ -133,8 +133,7 @@ bool for_each_span(FieldPoint a, FieldPoint b, FieldPoint c, const Window& windo
 // Rasterises one part. One object serves many parts and reuses its memory.
 class PartField {
  public:
-  // Covers the faces. Points are in cells of the field; the window contains them with a margin of
-  // two cells.
+  // Covers the faces. Points: [cells of the field]; the window has a margin of two cells.
   void cover(std::span<const FieldPoint> points, std::span<const std::uint32_t> corners,
              const Window& window) {
     window_ = window;
@@ -175,8 +174,7 @@ class PartField {
     }
   }
 
-  // Next to the outline, values approximate signed distances to it. Requires
-  // find_outline(kAllMatter).
+  // Near the outline, values approximate signed distances. Requires find_outline(kAllMatter).
   void add_middle(ShadowField& field) {
     const auto stride = static_cast<std::size_t>(window_.width);
     middle_.resize(least_.size());
@@ -250,8 +248,7 @@ class PartField {
     for (const std::uint32_t i : outline_) {
       float rho = kInfinity;
       for (std::size_t direction = 0; direction < steps.size(); ++direction) {
-        // Diagonal neighbours count only if no side neighbour is covered, as they lie deeper
-        // inside.
+        // Diagonal neighbours, deeper inside, count only if no side neighbour is covered.
         if (direction == 4 && rho < kInfinity) break;
         rho = std::min(rho, outline_rho(i, steps[direction]));
       }

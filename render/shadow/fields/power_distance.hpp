@@ -19,8 +19,7 @@ struct PartLight {
 };
 
 // Samples at cell centres, origin + (column + 0.5, row + 0.5) cell; v grows with the row. A layer
-// is the set of points whose bilinearly interpolated field is > 0. There is no shadow outside the
-// raster.
+// is the set of points whose bilinearly interpolated field is > 0. No shadow outside the raster.
 struct ShadowField {
   int width = 0;      // [cells]
   int height = 0;     // [cells]

@@ -16,8 +16,7 @@ namespace {
 constexpr int kMaxSideCells = 512;
 constexpr std::size_t kWordCells = 64;
 constexpr std::size_t kRowBlock = 8;  // rows are whole vectors of floats
-// Cells with centres this close to a face are covered, so that rounding opens no crack between
-// faces.
+// Cells with centres this close to a face are covered: rounding opens no crack between faces.
 constexpr float kEdgeTolerance = 1e-3F;  // [cells]
 // Fractions of a silhouette's size.
 constexpr float kFlatCorner = 1e-6F;  // rounding bends an edge by less

@@ -52,8 +52,8 @@ class FootprintRaster {
                                              axis_.y() * c.x() + axis_.x() * c.y());
   }
 
-  // Returns the area centroid of the covered cells [m], or the rectangle's centre if none is
-  // covered.
+  // Returns the area centroid of the covered cells [m], or the rectangle's centre if there are
+  // none.
   [[nodiscard]] Eigen::Vector2f centroid() const;
 
  private:

@@ -27,8 +27,7 @@ std::optional<double> number_from(const nlohmann::json& json) {
   return json.get<double>();
 }
 
-// Returns a hash of the order of the file's vertices, which is the order of the triples in a kernel
-// file.
+// Returns a hash of the order of the file's vertices, the order of a kernel file's triples.
 std::string vertex_order_key(const Model& model) {
   std::uint64_t hash = 1469598103934665603ULL;  // FNV-1a over 32-bit words
   for (const Mesh& mesh : model.meshes) {

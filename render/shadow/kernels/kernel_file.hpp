@@ -57,12 +57,11 @@ struct KernelFile {
 // Returns true if the mesh has stored kernels for this direction or its opposite
 // (docs/shadows.md#kernel-directions).
 [[nodiscard]] bool has_stored_kernels_for(const ShadowMesh& mesh, const Eigen::Vector3d& up);
-// Computes the disc radii for `up` if the kernels have none, as stored ones. Returns false if they
-// already have radii.
+// Computes the disc radii for `up` if the kernels have none (stored ones). Returns false if they
+// do.
 bool complete_radii(ShadowKernels& kernels, const ShadowMesh& mesh, const Eigen::Vector3d& up);
 
-// Returns the source of the model's stored kernels. Kernels for other tilts are generated with the
-// same source.
+// Returns the source of the model's stored kernels. Other tilts use the same source.
 [[nodiscard]] KernelSource stored_kernel_source(const Model& model);
 
 // Returns true if kernels of this source have radii, which a light of one size needs.

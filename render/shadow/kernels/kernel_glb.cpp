@@ -21,8 +21,7 @@ namespace {
 
 using Json = GlbDocument::Json;
 
-// The number of references to each accessor and view. Data used by old kernels alone may be
-// overwritten.
+// References to each accessor and view. Data used by old kernels alone may be overwritten.
 struct Readers {
   std::map<std::size_t, int> of_accessor, of_view;
 };

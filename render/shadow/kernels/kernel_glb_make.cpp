@@ -131,8 +131,7 @@ int wrap_mode(TextureWrap wrap) {
   return wrap == TextureWrap::clamp ? kClampToEdge : kRepeat;
 }
 
-// Returns true if the texture's original image file is in a glTF format and decodes to the same
-// pixels.
+// Returns true if the texture's image file is in a glTF format and decodes to the same pixels.
 bool has_own_image(const Texture& texture) {
   if (media_type_of(texture.encoded).empty()) return false;
   const auto decoded = decode_rgba(texture.encoded, "");

@@ -31,8 +31,7 @@ struct KernelTuning {
   // towards every neighbour. A neighbour that is less deep by no more than that is on the same
   // ridge.
   float ridge_slope = 0.7F;
-  // Cells along a side of a square raster = this * sqrt(vertices of the part), clamped to the
-  // limits below.
+  // Cells along a side of a square raster / sqrt(vertices of the part), within the limits below.
   double cells_per_root = 8.0;
   int least_side_cells = 32;
   int most_side_cells = 128;

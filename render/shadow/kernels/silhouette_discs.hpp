@@ -13,8 +13,7 @@ struct Disc {
   float x, y, radius;
 };
 
-// An ordered list of discs. A disc reaches the points within a given distance of its centre
-// [cells].
+// An ordered list of discs. A disc reaches points within a set distance of its centre [cells].
 class ReachingDiscs {
  public:
   void clear() { discs_.clear(); }

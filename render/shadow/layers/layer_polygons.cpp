@@ -114,8 +114,7 @@ std::vector<Edge> boundary_edges(std::span<const Triangle> triangles) {
   return left;
 }
 
-// Joins the edges to closed walks, which exist as each corner has equally many incoming and
-// outgoing edges.
+// Joins the edges to closed walks: each corner has equally many incoming and outgoing edges.
 ClipperLib::Paths closed_walks(const std::vector<Edge>& edges) {
   ClipperLib::Paths walks;
   std::vector<bool> used(edges.size(), false);

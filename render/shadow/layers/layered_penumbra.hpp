@@ -16,8 +16,7 @@
 
 namespace penumbra {
 
-// layer_factor() returns s_lambda(h), layer_rate() ds_lambda/dh [1/m]; h is clamped to the layer's
-// range.
+// Return s_lambda(h); layer_rate(): ds_lambda/dh [1/m]. h is clamped to the layer's range.
 [[nodiscard]] double layer_factor(const LayeredConstants& constants, ShadowLayer layer, double h);
 [[nodiscard]] float layer_factor_f(const LayeredConstants& constants, ShadowLayer layer, float h);
 [[nodiscard]] double layer_rate(const LayeredConstants& constants, ShadowLayer layer, double h);

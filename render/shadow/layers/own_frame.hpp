@@ -9,8 +9,7 @@
 
 namespace penumbra {
 
-// A rigid motion in the plane: p_plane = R p_own + slide, with the rotation R given by its cosine
-// and sine.
+// A rigid motion in the plane: p_plane = R(cosine, sine) p_own + slide.
 struct PlanarMotion {
   double cosine = 1.0, sine = 0.0;
   Eigen::Vector2d slide = Eigen::Vector2d::Zero();  // [m]

@@ -11,8 +11,7 @@ namespace {
 // motion does not change it.
 constexpr std::int64_t kCellsOfWhole = 1024;
 constexpr double kMostCells = 1 << 23;  // in all masks of a plane: 8 MiB
-// The visible region is rounded to multiples of this, so that small camera motion does not change
-// it.
+// The visible region is rounded to multiples of this: small camera motion does not change it.
 constexpr std::int64_t kCutCells = 256;
 
 // Adds a border of lit cells.

@@ -31,8 +31,7 @@ struct VisiblePart {
   int half_octave = 0;      // of the required cell size
 };
 
-// No part overlaps the cells of two masks, so that one mask alone has the darkest layer at any
-// point.
+// No part overlaps the cells of two masks, so at any point one mask has the darkest layer.
 struct MaskLayout {
   struct Group {
     std::vector<std::size_t> parts;

@@ -90,8 +90,7 @@ void MaskRaster::cover(MaskCaster& caster, std::span<const std::uint32_t> indice
         (area[0] > 0.0F ? 1U : 0U) | (area[1] > 0.0F ? 2U : 0U) | (area[2] > 0.0F ? 4U : 0U);
     turned[face] = static_cast<std::uint8_t>(bits & wanted);
   }
-  // At any point, at most half of the faces are counter-clockwise, as are half of the outline edges
-  // beside it.
+  // At any point, half of the faces are counter-clockwise, and half of the outline edges go up.
   std::size_t sheets = (turned.size() + 1) / 2;
   if (sheets > kSheetsAtOnce) {
     const auto outlines = std::ranges::count_if(edges, [&turned](const SharedEdge& edge) {

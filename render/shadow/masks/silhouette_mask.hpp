@@ -86,8 +86,7 @@ class MaskRaster {
   std::array<std::size_t, 3> sheets_{};  // maximum number of faces over a cell, per layer
   std::vector<std::uint8_t> touched_;    // 1 for each step changed by an edge
   std::size_t row_cells_ = 0;            // cells per row of steps_, back_ and touched_
-  // In one row: the touched cells, the area that each layer covers from there on, and the mask
-  // values.
+  // In one row: the touched cells, the area each layer covers from there on, and the mask values.
   std::vector<std::uint32_t> changed_;
   std::array<std::vector<std::int32_t>, 3> covered_;
   std::vector<std::uint8_t> changed_codes_;

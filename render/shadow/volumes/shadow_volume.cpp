@@ -143,8 +143,7 @@ VolumeEnd end_of_volume(std::span<const Eigen::Vector3d> near, const std::vector
           std::max(to_floors, fall > 0.0 ? height / fall : std::numeric_limits<double>::infinity());
     }
   }
-  // If the caster is near the table, the sphere may end the volume, as the floor below lies outside
-  // it.
+  // If the caster is near the table, the sphere may end the volume: the floor is outside it.
   const bool above_floors = !floors.empty() && std::isfinite(to_floors) && to_sphere < to_floors &&
                             farthest > kFarCaster * reach;
   return {std::min(to_floors, to_sphere), above_floors};

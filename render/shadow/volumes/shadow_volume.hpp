@@ -23,8 +23,7 @@ struct BoundingSphere {
   double radius = 0.0;
   friend bool operator==(const BoundingSphere&, const BoundingSphere&) = default;
 };
-// Returns false if no caster inside its sphere can block the light from a receiver inside the
-// other.
+// Returns false if no caster in its sphere can block the light from a receiver in the other.
 [[nodiscard]] bool may_shadow(const Eigen::Vector4d& light, const BoundingSphere& caster,
                               const BoundingSphere& receiver);
 
