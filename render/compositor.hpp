@@ -1,4 +1,4 @@
-// FramePlan + video frame -> composited image, in OpenGL. The only place that draws.
+// Draws a FramePlan over a video frame with OpenGL. No other class draws images.
 #pragma once
 
 #include <cstdint>

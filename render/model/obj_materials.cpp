@@ -59,7 +59,7 @@ std::string unescaped(std::string_view name) {
   return plain;
 }
 
-// Splits names at blanks without a backslash before them.
+// Splits names at blanks that no backslash precedes.
 std::vector<std::string> split_names(std::string_view text) {
   std::vector<std::string> names(1);
   for (std::size_t i = 0; i < text.size(); ++i) {

@@ -72,7 +72,7 @@ class VolumePass : public Pass {
   TranslucentProgram plane_program_;
   TranslucentProgram light_sum_program_;
   Translucency mode_ = Translucency::blend;
-  std::optional<double> longest_edge_;  // [m]; none: the lens keeps straight edges straight
+  std::optional<double> longest_edge_;  // [m]; nullopt: no lens distortion
   VertexArray no_vertices_;
   std::map<const Model*, std::unique_ptr<VolumeCaster>> casters_;
   std::map<std::pair<int, int>, Volume> volumes_;  // by object and light

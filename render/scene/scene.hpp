@@ -108,7 +108,7 @@ struct SceneLight {
   Eigen::Vector3d direction = Eigen::Vector3d::UnitZ();  // directional: unit, TOWARDS the light
   Eigen::Vector3d color = Eigen::Vector3d::Ones();       // linear
   double intensity = 1.0;
-  // The keyframes' positions are added to a point's; rotations and spin turn a direction (table
+  // Keyframe positions are added to the position; rotations and spin rotate the direction (table
   // frame).
   Animation animation;
   std::optional<Sun> sun;  // determines the direction of a directional light
@@ -186,14 +186,15 @@ struct SceneState {
   // The light that the scene's lights are scaled to; nullopt: not scaled.
   std::optional<VideoLight> video_light;
 };
-// `groups`: the poses of groups beside the table. Objects and planes of other groups get opacity 0.
+// `groups`: poses of the tag groups other than the table. Objects and planes of groups without a
+// pose get opacity 0.
 [[nodiscard]] SceneState evaluate_scene(const Scene& scene, double time_s,
                                         std::span<const GroupEstimate> groups = {});
 
 [[nodiscard]] PlacedPlane placed_plane(const Scene& scene, const SceneState& state, int plane);
 [[nodiscard]] double opacity_of(const SceneState& state, int object);
 
-// Returns the groups beside the table that objects, and planes of shadow nodes, move with; sorted.
+// Returns the tag groups, except the table, of objects and of planes of shadow nodes; sorted.
 [[nodiscard]] std::vector<std::string> tag_groups_of(const Scene& scene);
 
 // Returns the opacity of content at a pose of this status: 1 tracked, 0.5 uncertain, 0 lost. Held

@@ -1,4 +1,4 @@
-// Darkens a plane where some lights do not reach it.
+// Darkens a plane by its blocked lights.
 in vec2 view;
 
 uniform vec3 inverse_depth;  // see receiver.vert.glsl

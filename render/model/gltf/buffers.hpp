@@ -29,7 +29,7 @@ class Buffers {
   [[nodiscard]] bool has_data(std::size_t buffer) const;
   // Returns the first byteLength bytes of a buffer.
   [[nodiscard]] Result<std::span<const std::uint8_t>> bytes(std::size_t buffer);
-  // Returns the bytes of a data URI or of a file beside the model.
+  // Returns the bytes of a data URI or of a file in the model's folder.
   [[nodiscard]] Result<std::vector<std::uint8_t>> fetch(std::string_view uri);
   // Returns warnings about files read from the model's folder although their URIs lead elsewhere.
   [[nodiscard]] const std::vector<std::string>& warnings() const { return warnings_; }

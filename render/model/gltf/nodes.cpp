@@ -147,7 +147,7 @@ Result<Eigen::Matrix4d> Nodes::T_root_node(int node) {
     parents_ = find_parents();
     T_root_nodes_.resize(gltf_.nodes.size());
   }
-  std::vector<std::size_t> chain;  // from the node up to the first ancestor of known transform
+  std::vector<std::size_t> chain;  // from the node up to its first ancestor with a known transform
   int next = node;
   while (next >= 0 && !T_root_nodes_[static_cast<std::size_t>(next)]) {
     if (chain.size() > static_cast<std::size_t>(kMaxModelDepth)) {

@@ -29,7 +29,7 @@ class Notes {
     return notes_.empty() ? "" : line_of(notes_.front());
   }
 
-  // Appends one line per kind: the first place, and the number of further ones.
+  // Appends one line per kind: the first JSON path, and the number of others.
   void append_to(std::vector<std::string>& lines) const {
     for (const Note& note : notes_) {
       if (!note.expected) lines.push_back(line_of(note));

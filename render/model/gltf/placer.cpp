@@ -15,8 +15,8 @@ namespace {
 // The linear part of an affine transform.
 struct Orientation {
   Eigen::Matrix3d linear;
-  // Transforms normals: det * inverse transposed, which exists without an inverse. Scaled to a
-  // largest entry of 1; negated if the transform mirrors.
+  // Transforms normals: det * inverse transposed, which exists even for singular matrices. Scaled
+  // to a maximum entry of 1; negated if the transform mirrors.
   Eigen::Matrix3d cofactor;
   double determinant = 0.0;
   bool has_surface = false;  // false: surfaces become lines or points
@@ -48,12 +48,12 @@ class VertexTransformer {
 
   // Returns false if a coordinate is not finite or over `max_coordinate`.
   [[nodiscard]] bool measure(double max_coordinate);
-  // After measure().
+  // Requires measure().
   [[nodiscard]] Mesh mesh(const Eigen::Vector3d& origin) const;
 
   [[nodiscard]] const PlacedPrimitive& placed() const { return placed_; }
   [[nodiscard]] const Eigen::AlignedBox3d& bounds() const { return bounds_; }
-  // Resolution of the file's float coordinates at their places [m].
+  // Resolution of the file's float coordinates at their positions [m].
   [[nodiscard]] double step() const { return step_; }
   [[nodiscard]] bool has_surface() const { return has_surface_; }
   [[nodiscard]] bool is_point() const { return is_point_; }
@@ -92,7 +92,7 @@ class VertexTransformer {
   double step_ = 0.0;
   bool has_surface_ = false;
   bool is_point_ = true;
-  std::size_t mirrored_ = 0;  // vertices
+  std::size_t mirrored_ = 0;  // number of mirrored vertices
 };
 
 Eigen::Vector3d VertexTransformer::morphed(const glm::vec3& base, std::size_t vertex,
@@ -136,7 +136,7 @@ Mesh VertexTransformer::mesh(const Eigen::Vector3d& origin) const {
     const Eigen::Vector4d kernel = T * Eigen::Vector4d(k.x, k.y, k.z, 1.0);
     mesh.shadow_kernels[i] = to_glm(kernel.head<3>() - origin);
   }
-  // A mirroring turns triangles inside out: their winding is reversed. A skin mirrors if most of
+  // A mirroring transform reverses the winding of triangles. A skin counts as mirroring if most of
   // its vertices are mirrored.
   for (std::size_t i = 0; i + 2 < mesh.indices.size() && 2 * mirrored_ > mesh.positions.size();
        i += 3) {
@@ -151,7 +151,7 @@ Mesh VertexTransformer::mesh(const Eigen::Vector3d& origin) const {
 void VertexTransformer::turn_normals(Mesh& mesh) const {
   if (mesh.normals.empty() || (!is_skinned_ && rigid_.determinant == 0.0)) {
     generate_normals(mesh);
-    mesh.tangents.clear();  // they need the file's normals (glTF 2.0, 3.7.2.1)
+    mesh.tangents.clear();  // tangents require the file's normals (glTF 2.0, 3.7.2.1)
     return;
   }
   std::vector<std::size_t> flat;

@@ -17,7 +17,7 @@ namespace penumbra {
 
 class MaskTexture {
  public:
-  // `codes`: from MaskRaster::finish().
+  // `codes`: mask values of MaskRaster::finish().
   void upload(const MaskCells& cells, std::span<const std::uint8_t> codes);
 
  private:

@@ -15,7 +15,8 @@ namespace penumbra {
 // of the part clipped at each fraction (docs/shadows.md#fields).
 inline constexpr std::array<double, 2> kLevels = {0.5, 0.02};
 
-// A projected corner: position on the plane and radius of the light's image there.
+// A projected corner: its position on the plane, and the radius rho of the light's projection
+// through it.
 struct FieldPoint {
   float x, y, rho;
 };

@@ -19,7 +19,7 @@ constexpr std::size_t kRowBlock = 8;  // rows are whole vectors of floats
 // Cells with centres this close to a face are covered: rounding opens no crack between faces.
 constexpr float kEdgeTolerance = 1e-3F;  // [cells]
 // Fractions of a silhouette's size.
-constexpr float kFlatCorner = 1e-6F;  // rounding bends an edge by less
+constexpr float kFlatCorner = 1e-6F;  // larger than the deviation of an edge by rounding
 constexpr float kShortEdge = 1e-2F;   // shorter edges have no direction
 // An angle of 0.37 rad, which regular shapes don't have between their edges and corners.
 constexpr float kAskewCosine = 0.93232F;

@@ -14,7 +14,7 @@ struct KernelDirection {
   int a = 0;     // a, b: angles towards the next two axes [steps]
   int b = 0;
 
-  // Half a cell's diagonal is at most 1.77 degrees.
+  // Half the diagonal of a cell is up to 1.77 degrees.
   static constexpr double kStepRad = 2.5 * 3.14159265358979323846 / 180.0;
 
   [[nodiscard]] static KernelDirection nearest(const Eigen::Vector3d& up) {

@@ -3,11 +3,11 @@
 //   {"kernels": [x0,y0,z0, x1,...], "up": [0,0,1], "geometry": "...", "vertex_order": "...",
 //    "groups": ["brick*"]}
 //
-// One triple per vertex of the model file, in its order; object frame, metres; for the direction
-// `up`. Where a glTF file shows a mesh more than once (nodes, instances), each further time has its
-// triples behind all others, in the order of the scene. "geometry" is a stamp (KernelStamp),
-// "vertex_order" a hash of the vertices' order, "groups" the parts that share one light; each may
-// be absent.
+// "kernels": one triple per vertex, in the order of the model file; object frame [m]; made for the
+// direction "up". If a glTF file uses a mesh several times (nodes, instances), the triples of
+// further uses follow all others, in the order of the scene. "geometry": a stamp (KernelStamp);
+// "vertex_order": a hash of the vertices' order; "groups": parts that share one light. These three
+// are optional.
 #pragma once
 
 #include <Eigen/Core>
