@@ -28,7 +28,7 @@ struct KernelFile {
   std::vector<glm::vec3> kernels;
   Eigen::Vector3d origin = Eigen::Vector3d::Zero();
   Eigen::Vector3d up = Eigen::Vector3d::UnitZ();  // unit
-  std::string geometry, vertex_order;             // "" where the file has none
+  std::string geometry, vertex_order;             // "" if absent
   std::vector<std::string> groups;                // parts that share one light (part_groups.hpp)
 };
 
