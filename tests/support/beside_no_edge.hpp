@@ -11,9 +11,9 @@ struct BesideNoEdge {
   int pixels = 0, wrong = 0;
 };
 
-// Counts the pixels of a square image whose neighbours all have the same expected value, and how
-// many of them are wrong. `expected`: a value per pixel; negative: unknown, which also excludes the
-// neighbours.
+// Counts the pixels of a square image whose 3 x 3 neighbourhood has one expected value, and how
+// many of these pixels are wrong. `expected` holds a value per pixel; a pixel with a negative value
+// is not compared, and neither are its neighbours.
 inline BesideNoEdge beside_no_edge(int side, const std::vector<int>& expected,
                                    const std::vector<bool>& wrong) {
   BesideNoEdge found;

@@ -12,8 +12,8 @@
 
 namespace penumbra::test {
 
-// Wide-angle, rational: close to an equidistant lens of 115 degrees across the image, with a little
-// tangential distortion.
+// A wide-angle rational lens, close to an equidistant lens of 115 degrees across the image, with a
+// little tangential distortion.
 inline CameraModel rational_lens(int width = 640, int height = 480) {
   CameraParameters p;
   p.width = width;
@@ -27,7 +27,7 @@ inline CameraModel rational_lens(int width = 640, int height = 480) {
   return CameraModel::make(p).value();
 }
 
-// Equidistant, 130 degrees across the image.
+// An equidistant lens, 130 degrees across the image.
 inline CameraModel wide_lens() {
   CameraParameters p;
   p.width = 640;
@@ -53,14 +53,15 @@ inline std::vector<Eigen::Vector3d> flat_board(int columns = 9, int rows = 7, do
 struct ViewOptions {
   int views = 15;
   double noise_px = 0.1;
-  double tilt_rad = 0.7;     // largest, in any direction
+  double tilt_rad = 0.7;     // maximum, in any direction
   double distance_m = 0.35;  // typical
-  // 0: the board's middle is up to 0.35 of the distance from the axis. Otherwise the middle is
-  // anywhere within this share of the image, and corners farther out are not seen.
+  // 0: the board's centre lies up to 0.35 of the distance from the optical axis. Otherwise the
+  // centre lies within this fraction of the image, and corners outside the fraction are not
+  // observed.
   double reach = 0.0;
 };
 
-// `shape` holds the true points; views whose target is mostly outside the image are redrawn.
+// `shape` holds the true points. Views are redrawn until most of the target is inside the image.
 inline std::vector<CalibrationView> simulate_views(const CameraModel& camera,
                                                    const std::vector<Eigen::Vector3d>& shape,
                                                    const ViewOptions& options, std::mt19937& rng) {
@@ -68,7 +69,7 @@ inline std::vector<CalibrationView> simulate_views(const CameraModel& camera,
   std::normal_distribution<double> noise(0.0, options.noise_px);
   std::vector<CalibrationView> views;
   while (static_cast<int>(views.size()) < options.views) {
-    // The board faces the camera, is tilted about an axis in its plane, and turned.
+    // The board faces the camera, tilted about an axis in its plane and rotated about its normal.
     const double direction = M_PI * unit(rng);
     const Eigen::Quaterniond q =
         Eigen::AngleAxisd(options.tilt_rad * unit(rng),

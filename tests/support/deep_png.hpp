@@ -1,4 +1,4 @@
-// PNG files of 16 bits, as machine-vision cameras write them.
+// PNG files with 16 bits per sample, as machine-vision cameras write them.
 #pragma once
 
 #include <gtest/gtest.h>
@@ -16,7 +16,7 @@ struct DeepPng {
   int channels = 1;
   bool alpha = false;
   bool interlaced = false;
-  std::optional<int> significant_bits = std::nullopt;  // in a chunk sBIT
+  std::optional<int> significant_bits = std::nullopt;  // content of the chunk sBIT
 };
 
 inline std::vector<std::uint8_t> deep_png(const std::vector<std::uint16_t>& values, int width,

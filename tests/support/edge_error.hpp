@@ -1,4 +1,4 @@
-// Distance of an image's edges from those of an image with a higher resolution.
+// Distance of an image's edges from the edges of a reference image with a higher resolution.
 #pragma once
 
 #include <algorithm>
@@ -10,11 +10,11 @@
 namespace penumbra::test {
 
 struct EdgeError {
-  double rms = 0.0;  // [codes]
-  int edges = 0;     // pixels
+  double rms = 0.0;  // [grey levels]
+  int edges = 0;     // number of pixels at edges
   int largest_elsewhere = 0;
 };
-// Compares with the mean over `times` x `times` pixels of the fine image.
+// Compares the image with the mean over `times` x `times` pixels of the fine image.
 inline EdgeError edge_error(const Picture& picture, const Picture& fine, int times) {
   EdgeError error;
   double sum = 0.0;
@@ -34,7 +34,7 @@ inline EdgeError edge_error(const Picture& picture, const Picture& fine, int tim
       }
     }
   }
-  // Uses only places where the finer image has one value within a pixel's distance.
+  // Skips pixels near which the fine image changes within one pixel's distance.
   for (int y = 2; y + 2 < picture.height; ++y) {
     for (int x = 2; x + 2 < picture.width; ++x) {
       const int value = fine.red(times * x, times * y);

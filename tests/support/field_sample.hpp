@@ -7,7 +7,7 @@
 
 namespace penumbra::test {
 
-// Bilinear; -1 outside the raster.
+// Interpolates bilinearly; returns -1 outside the raster.
 inline float field_at(const ShadowField& field, ShadowLayer layer, const Eigen::Vector2d& p) {
   const std::vector<float>& values = field.layer(layer);
   const Eigen::Vector2d at = (p - field.origin) / field.cell - Eigen::Vector2d::Constant(0.5);

@@ -93,7 +93,7 @@ class GltfBuilder {
   }
   nlohmann::json& primitive(std::size_t mesh = 0) { return json["meshes"][mesh]["primitives"][0]; }
 
-  // A .gltf with its buffer embedded, unless `buffers` exists already.
+  // Returns a .gltf with its buffer embedded, unless `buffers` exists already.
   [[nodiscard]] std::string gltf() const {
     nlohmann::json file = json;
     if (!file.contains("buffers") && !binary.empty()) {

@@ -1,15 +1,14 @@
 // Compares images with golden images on disk.
 //
-// First exactly: the same build on the same rasteriser draws the same bits. Otherwise within a
-// tolerance: no more than 2 codes off, except for at most 0.01 % of the pixels (edges that another
-// rasteriser draws differently). On failure the image, the golden one and their difference are
-// written to the build folder's golden-output/.
+// An image passes if it equals the golden image exactly, since the same build on the same
+// rasteriser draws the same bits. It also passes if at most 0.01 % of its pixels differ by more
+// than 2 grey levels (edges that another rasteriser draws differently). On failure the image, the
+// golden image and their difference are written to the build folder's golden-output/.
 //
-// With another implementation of OpenGL (scripts/test-softpipe) 0.2 % of the pixels may be such
-// edges.
+// With another implementation of OpenGL (scripts/test-softpipe) the limit is 0.2 % of the pixels.
 //
-// scripts/renew-goldens writes the golden images instead (with PENUMBRA_RENEW_GOLDENS=1): look
-// at them before you commit them.
+// scripts/renew-goldens (PENUMBRA_RENEW_GOLDENS=1) writes the golden images instead. Check them by
+// eye before you commit them.
 #pragma once
 
 #include <gtest/gtest.h>
@@ -29,8 +28,8 @@ struct PictureDifference {
   bool same_size = false;
   bool exact = false;
   std::size_t pixels = 0;
-  std::size_t over_tolerance = 0;  // pixels more than 2 codes off in any channel
-  int largest = 0;                 // [codes]
+  std::size_t over_tolerance = 0;  // pixels that differ by more than 2 grey levels in any channel
+  int largest = 0;                 // largest difference [grey levels]
 
   static constexpr int kToleranceCodes = 2;
   // 0.01 % of the pixels, rounded down.
@@ -40,7 +39,7 @@ struct PictureDifference {
   }
 };
 
-// Colour only: PNG files here have no alpha.
+// Compares colour only, since the PNG files of golden images have no alpha.
 inline PictureDifference compare(const RgbaImage& actual, const RgbaImage& golden) {
   PictureDifference d;
   d.same_size = actual.width == golden.width && actual.height == golden.height &&
@@ -94,7 +93,7 @@ inline testing::AssertionResult matches_golden(const std::string& name, const Rg
   if (renew != nullptr && std::string(renew) == "1") {
     const auto saved = save_png(file, actual.width, actual.height, actual.pixels);
     if (!saved) return testing::AssertionFailure() << saved.error().message;
-    // A run that writes the golden images has tested nothing, so it fails.
+    // A run that writes the golden images fails, because it compared nothing.
     return testing::AssertionFailure()
            << file << " renewed; run again without PENUMBRA_RENEW_GOLDENS";
   }

@@ -1,4 +1,4 @@
-// A table, a wall and a block with tags, each moved independently, in exact images.
+// A table, a wall and a block with tags, each moved independently, in rendered images.
 #pragma once
 
 #include <algorithm>
@@ -22,7 +22,7 @@ inline Eigen::Quaterniond turned(double degrees, const Eigen::Vector3d& axis) {
   return Eigen::Quaterniond(Eigen::AngleAxisd(radians(degrees), axis.normalized()));
 }
 
-// A wall that stands on the table's far edge, tags upright.
+// A wall on the table's far edge, with upright tags.
 inline constexpr int kWallId = 100;
 inline std::vector<MappedTag> wall(int columns = 3, int rows = 2) {
   std::vector<MappedTag> tags;
@@ -61,14 +61,14 @@ inline Placement shifted(double x, double y, double z) {
   return {Eigen::Quaterniond::Identity(), Eigen::Vector3d(x, y, z)};
 }
 
-// Images along a camera path over moving tag groups.
+// Renders images along a camera path over moving tag groups.
 class Stage {
  public:
   explicit Stage(std::vector<std::vector<MappedTag>> parts) {
     Draw draw(11);
     camera = lens_camera(Lens::plumb_bob, 640, 480, 0.85);
     tags = layout_of(Layout::sheet, draw);
-    for (MappedTag& tag : tags) tag.id %= 90;  // the combined ids are larger
+    for (MappedTag& tag : tags) tag.id %= 90;  // below the ids of wall and block
     for (const auto& part : parts) tags.insert(tags.end(), part.begin(), part.end());
     path = hand(1, 0.5, radians(40.0), draw);
     path.azimuth.middle = -0.5 * std::numbers::pi;
@@ -76,7 +76,7 @@ class Stage {
     light.noise_grey = 2.0;
   }
   [[nodiscard]] CameraPose truth(int frame) const { return path.at(frame / 30.0); }
-  // `drawn`: tags that differ from the map's.
+  // `drawn`: tags to render if they differ from the map's.
   [[nodiscard]] Frame picture(int frame, const Placements& at = {},
                               const std::vector<MappedTag>* drawn = nullptr) const {
     auto renderer = PatternRenderer::create(camera, drawn != nullptr ? *drawn : tags).value();
@@ -99,7 +99,7 @@ class Stage {
   [[nodiscard]] GroupTracker tracker(const TrackerOptions& options = {}) const {
     return GroupTracker::create(camera, map(), options).value();
   }
-  // Error of a drawn cube on the group's middle.
+  // Overlay error of a cube at the group's centre [px].
   [[nodiscard]] double error_px(const TrackedFrame& tracked, const GroupEstimate& group, int frame,
                                 const Placement& placement = {}) const {
     const GroupPose true_place(placement.rotation(), placement.translation());

@@ -1,10 +1,9 @@
-// JPEG images as different cameras encode them, made with libjpeg, and access to the parts of their
-// bytes.
+// JPEG images in the forms that cameras send, encoded with libjpeg, and offsets of their segments.
 #pragma once
 
 #include <cstddef>
 #include <cstdio>
-// libjpeg's header needs the two above.
+// libjpeg's header uses FILE and size_t without including them.
 #include <jpeglib.h>
 
 #include <algorithm>
@@ -25,9 +24,9 @@ struct JpegKind {
   int height = 72;
   int restart_rows = 0;
   bool progressive = false;
-  bool separate_scans = false;  // one for each component
-  bool optimized = false;       // Huffman tables made for this image
-  bool without_tables = false;  // AVI1: without Huffman tables, the standard ones apply
+  bool separate_scans = false;  // one scan per component
+  bool optimized = false;       // Huffman tables optimized for this image
+  bool without_tables = false;  // AVI1: no Huffman tables, so the standard ones apply
   bool with_metadata = false;   // Exif, a comment, fill bytes in front of markers
 };
 
@@ -79,7 +78,7 @@ inline std::size_t headers_length(const std::string& jpeg) {
   return scan + segment_length(jpeg, scan);
 }
 
-// Offsets of the restart marks.
+// Offsets of the restart markers.
 inline std::vector<std::size_t> restarts_of(const std::string& jpeg) {
   std::vector<std::size_t> found;
   for (std::size_t at = headers_length(jpeg); at + 1 < jpeg.size(); ++at) {
@@ -89,7 +88,8 @@ inline std::vector<std::size_t> restarts_of(const std::string& jpeg) {
   return found;
 }
 
-// Offsets of the scans: each with its Huffman tables, the first with all headers.
+// Offsets at which to cut between scans: each scan begins with its Huffman tables, the first with
+// all headers.
 inline std::vector<std::size_t> scans_of(const std::string& jpeg) {
   std::vector<std::size_t> found{0};
   bool in_blocks = true;

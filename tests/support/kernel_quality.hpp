@@ -1,4 +1,5 @@
-// Ray-cast shadows of an area light, made by an independent program, to judge kernels and fields.
+// Ray-cast shadows of an area light, computed by an independent program, as reference for kernels
+// and fields.
 #pragma once
 
 #include <limits>

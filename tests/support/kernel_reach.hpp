@@ -1,5 +1,5 @@
-// Distances of kernels from their vertices, measured against each part's silhouette as polygons,
-// independent of the raster that made them.
+// Distances of kernels from their vertices, relative to each part's silhouette. The silhouette is
+// measured on polygons, independently of the raster that generated the kernels.
 #pragma once
 
 #include <algorithm>
@@ -16,12 +16,12 @@ namespace penumbra::test {
 
 struct KernelReach {
   double distance = 0.0;  // |x - k| across `up` [m]
-  double inside = 0.0;    // radius of the disc about k inside its part's silhouette [m], 0 outside
-  double cell = 0.0;      // of the part's raster, or more [m]
+  double inside = 0.0;    // radius of the disc about k in its part's silhouette [m]; or 0
+  double cell = 0.0;      // upper bound of the cell size of the part's raster [m]
 };
 
-// One for each vertex with a visible face; others stay 0. Holes of less than 0.5 % of a silhouette
-// count as filled, like missing faces (docs/shadows.md#kernels).
+// Returns an entry for each vertex; those without a visible face stay 0. Holes of less than 0.5 %
+// of a silhouette count as filled, like missing faces (docs/shadows.md#kernels).
 inline std::vector<KernelReach> kernel_reach(const ShadowMesh& mesh, const ShadowKernels& kernels) {
   const PlaneFrame plane = PlaneFrame::make(kernels.up, Eigen::Vector3d::Zero());
   const auto flat = [&plane](const glm::vec3& p) -> Eigen::Vector2d {
@@ -90,13 +90,14 @@ inline std::vector<KernelReach> kernel_reach(const ShadowMesh& mesh, const Shado
       const Eigen::Vector2d k = flat(kernels.kernels[i]);
       all[i].distance = (flat(mesh.positions[i]) - k).norm();
       all[i].inside = within(k) ? distance_to_rings(k, rings) : 0.0;
-      all[i].cell = (high - low).norm() / cells;  // no side of a raster is longer than the diagonal
+      all[i].cell = (high - low).norm() / cells;  // the diagonal exceeds either side
     }
   }
   return all;
 }
 
-// |x - k| <= 1.5 r plus one cell (docs/shadows.md#kernels, rule 5): a raster knows r to one cell.
+// Upper bound of |x - k|: 1.5 r plus one cell (docs/shadows.md#kernels, rule 5). The raster
+// determines r to one cell.
 inline double farthest_allowed(const KernelReach& reach) {
   return 1.5 * (reach.inside + reach.cell) + reach.cell;
 }

@@ -26,7 +26,7 @@ class ModelCase : public testing::Test {
   static std::string error_of(const Result<Model>& model) {
     return model ? "was accepted" : model.error().message;
   }
-  // The model of a file of the shared cases, or nothing without shared data beside the checkout.
+  // Reads a model of the shared cases; returns nullopt without shared data beside the checkout.
   static std::optional<Result<Model>> shared_case(const std::string& file,
                                                   UpAxis up = UpAxis::by_format) {
     const std::filesystem::path folder = shared_dir();
@@ -37,8 +37,8 @@ class ModelCase : public testing::Test {
   TemporaryFolder folder_;
 };
 
-// The area of a model's faces as seen along `direction` (unit): faces towards and away from the
-// viewer separately. For faces that do not overlap, that is the area of their shadow.
+// Projected area of a model's faces along `direction` (unit): of faces towards and away from the
+// viewer. For faces that do not overlap, it equals the area of their shadow.
 struct SeenArea {
   double front = 0.0;
   double back = 0.0;

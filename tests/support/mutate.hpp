@@ -12,9 +12,9 @@ namespace penumbra::test {
 
 using Random = SplitMix64;
 
-// Applies one to four mutations, most often one: flipped bits, special byte values, pieces removed,
-// doubled, moved or zeroed, truncation. `words` are inserted whole: tokens that are hard for a text
-// format.
+// Applies one to four mutations, usually one: flipped bits, special byte values, truncation, and
+// pieces removed, doubled, moved or zeroed. `words` are tokens that a text parser may handle badly;
+// they are inserted whole.
 inline std::string mutated(std::string bytes, Random& random,
                            std::initializer_list<std::string_view> words = {}) {
   constexpr std::array<unsigned char, 8> kTelling{0x00, 0xFF, 0x7F, 0x80, 0x01, 0xFE, 0x20, 0x0A};

@@ -1,4 +1,4 @@
-// OpenCV's calibration with the corners of ours, for comparisons.
+// OpenCV's calibration on the same corners, for comparisons.
 #pragma once
 
 #include <Eigen/Core>
@@ -15,11 +15,12 @@ namespace penumbra::test {
 struct CameraAndBoard {
   CameraModel camera;
   std::vector<Eigen::Vector3d> board;
-  double rms_px = 0.0;  // 2-D distance, over all given corners
+  double rms_px = 0.0;  // RMS of the 2-D distance over all given corners
 };
 
-// calibrateCamera with k1 k2 p1 p2 k3; `release`: calibrateCameraRO, which solves for the board too
-// (`fixed_point` stays). Every view must show every point. Returns nothing if OpenCV fails.
+// Runs calibrateCamera with k1 k2 p1 p2 k3. With `release` it runs calibrateCameraRO, which also
+// solves for the board and keeps `fixed_point`. Every view must contain every point. Returns
+// nullopt if OpenCV fails.
 inline std::optional<CameraAndBoard> opencv_calibration(int width, int height,
                                                         const std::vector<Eigen::Vector3d>& board,
                                                         const std::vector<CalibrationView>& views,
@@ -66,7 +67,7 @@ inline std::optional<CameraAndBoard> opencv_calibration(int width, int height,
   return result;
 }
 
-// Views whose number is `fold` of `folds`, or all others.
+// Returns the views whose index modulo `folds` is `fold`, or all others.
 inline std::vector<CalibrationView> views_of_fold(const std::vector<CalibrationView>& views,
                                                   std::size_t fold, std::size_t folds, bool held) {
   std::vector<CalibrationView> chosen;
@@ -76,8 +77,9 @@ inline std::vector<CalibrationView> views_of_fold(const std::vector<CalibrationV
   return chosen;
 }
 
-// RMS distance [px] of the corners of held-out views: each fifth of the views is withheld from
-// `calibrate` (views -> optional<CameraAndBoard>) in turn, and only its poses are fitted.
+// RMS distance of the corners in held-out views [px]. Each fifth of the views is withheld in turn
+// from `calibrate` (views -> optional<CameraAndBoard>); only the poses of the withheld views are
+// fitted.
 template <class Calibrate>
 std::optional<double> held_out_px(const std::vector<CalibrationView>& views,
                                   const Calibrate& calibrate) {

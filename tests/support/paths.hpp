@@ -19,9 +19,9 @@ inline std::filesystem::path program() {
 }
 
 // The folder of shared data (recordings, vectors, real photographs): $PENUMBRA_SHARED, or ../shared
-// beside the checkout. Empty if there is none or it holds other files: tests then skip with a line.
-// A folder that $PENUMBRA_SHARED names but that does not exist is an error, because a requested
-// test must not pass by skipping.
+// beside the checkout. Empty if no such folder exists; tests that need it are then skipped. A
+// folder that $PENUMBRA_SHARED names but that does not exist is an error: a test run that asked for
+// shared data must not pass by skipping.
 inline std::filesystem::path shared_dir() {
   const char* given = std::getenv("PENUMBRA_SHARED");
   const std::filesystem::path folder =

@@ -1,4 +1,4 @@
-// Which points of a plane a set of triangles covers, for tests of single pixels.
+// Points of a plane that a set of triangles covers, for tests of single pixels.
 #pragma once
 
 #include <Eigen/Core>
@@ -8,8 +8,7 @@
 
 namespace penumbra::test {
 
-// Returns true if one of the triangles, three points each, has (u, v) inside it; edges do not
-// count.
+// Returns true if (u, v) lies inside one of the triangles (three points each), not on an edge.
 inline bool covers(std::span<const PlanePoint> triangles, const Eigen::Vector2d& p) {
   const auto side = [&p](const PlanePoint& a, const PlanePoint& b) {
     return (static_cast<double>(b.u) - static_cast<double>(a.u)) *

@@ -1,5 +1,5 @@
-// Short synthetic sessions with exact truth, drawn at random: lens, tags, hand motion, light.
-// Nothing in them was chosen to suit the tracker.
+// Short synthetic sessions with exact truth and random lens, tags, hand motion and light. The
+// ranges are not tuned to the tracker.
 #pragma once
 
 #include <algorithm>
@@ -28,7 +28,7 @@ class Draw {
   explicit Draw(std::uint64_t seed) : engine_(seed) {}
   double operator()() { return static_cast<double>(engine_() >> 11U) * 0x1.0p-53; }
   double between(double low, double high) { return low + (high - low) * (*this)(); }
-  // Log-uniform between the bounds.
+  // Returns a log-uniform number between the bounds.
   double log_between(double low, double high) { return low * std::pow(high / low, (*this)()); }
   int below(int count) { return std::min(count - 1, static_cast<int>(count * (*this)())); }
 
@@ -38,7 +38,7 @@ class Draw {
 
 enum class Lens { none, plumb_bob, rational, fisheye };
 
-// `focal`: focal length over the image's width.
+// `focal`: focal length divided by the image's width.
 inline CameraModel lens_camera(Lens lens, int width, int height, double focal) {
   CameraParameters p;
   p.width = width;
@@ -73,7 +73,7 @@ struct Sway {
   }
 };
 
-// A hand: looks at a point near the table's middle from about one place.
+// A hand-held camera that looks at a point near the table's centre.
 struct HandMotion {
   Sway x, y, distance, elevation, azimuth, roll;
   [[nodiscard]] CameraPose at(double t) const {
@@ -91,8 +91,8 @@ struct Session {
   PatternRenderOptions light;
 
   [[nodiscard]] CameraPose truth(int frame) const { return motion.at(frame * frame_s); }
-  // Renders a frame; the frame's time is the middle of its exposure (of the middle row with a
-  // rolling shutter).
+  // Renders a frame. The frame's time is the middle of the exposure, with a rolling shutter that of
+  // the middle row.
   [[nodiscard]] Frame picture(PatternRenderer& renderer, int frame) const {
     const double middle = frame * frame_s;
     PatternRenderOptions options = light;
@@ -126,7 +126,7 @@ struct Session {
   }
 
  private:
-  // Poses of the camera during an exposure.
+  // Camera poses during an exposure.
   [[nodiscard]] std::vector<CameraPose> path_about(double middle) const {
     const CameraPose begin = motion.at(middle - 0.5 * exposure_s);
     const double moved_px =
@@ -193,7 +193,7 @@ inline std::vector<MappedTag> layout_of(Layout layout, Draw& draw) {
   return tags;
 }
 
-// `haste`: 0 rests, 1 strolls, 2 hurries, 3 shakes.
+// `haste`: 0 at rest, 1 slow, 2 fast, 3 shaking.
 inline HandMotion hand(int haste, double distance_m, double elevation, Draw& draw) {
   constexpr std::array<double, 4> kTurn = {0.0002, 0.02, 0.06, 0.022};  // [rad]
   constexpr std::array<double, 4> kShift = {0.0002, 0.015, 0.035, 0.010};
@@ -208,7 +208,7 @@ inline HandMotion hand(int haste, double distance_m, double elevation, Draw& dra
           sway(draw.between(0.0, 6.28), kTurn[h]),    sway(draw.between(-0.6, 0.6), kTurn[h])};
 }
 
-// Properties of a random session, for sorting results.
+// Properties of a random session, to group results by.
 struct SessionKind {
   Lens lens = Lens::none;
   Layout layout = Layout::sheet;
@@ -231,7 +231,7 @@ inline Session random_session(std::uint64_t seed, SessionKind& kind) {
   session.camera = CameraModel::make(p).value();
   session.tags = layout_of(kind.layout, draw);
   const double reach_m = kind.layout == Layout::one ? 0.12 : 0.25;
-  // No closer than the overlay's cube reaches.
+  // The camera stays farther from the table than the overlay's cube extends.
   const double distance_m = std::max(0.34, focal * draw.log_between(1.2, 4.5) * reach_m);
   session.motion = hand(kind.haste, distance_m, radians(draw.between(20.0, 88.0)), draw);
   session.exposure_s = draw() < 0.3 ? 0.0 : draw.between(0.002, 0.025);
@@ -246,7 +246,7 @@ inline Session random_session(std::uint64_t seed, SessionKind& kind) {
   return session;
 }
 
-// Brings the camera within the overlay's cube, or nearly.
+// Moves the camera into the overlay's cube or close to it.
 inline void go_near(std::uint64_t seed, Session& session) {
   Draw draw(seed * 6151U + 3U);
   session.motion.distance.middle = draw.log_between(0.06, 0.32);
@@ -254,8 +254,8 @@ inline void go_near(std::uint64_t seed, Session& session) {
       std::min(session.motion.distance.amplitude, 0.1 * session.motion.distance.middle);
 }
 
-// Displaces `share` of the tags (rounded) together: by a twentieth of a tag's side to a whole side
-// along the table, and slightly turned.
+// Displaces a fraction `share` of the tags together along the table, by 1/20 to 1 of a tag's side,
+// and rotates them slightly.
 inline std::vector<MappedTag> with_some_moved(std::uint64_t seed, std::vector<MappedTag> tags,
                                               double share) {
   Draw draw(seed * 3571U + 11U);
@@ -268,7 +268,7 @@ inline std::vector<MappedTag> with_some_moved(std::uint64_t seed, std::vector<Ma
   const Transform<frame::Table, frame::Table> push(
       Eigen::Quaterniond(Eigen::AngleAxisd(turn, Eigen::Vector3d::UnitZ())),
       by * Eigen::Vector3d(std::cos(towards), std::sin(towards), 0.0));
-  // Neighbours in the list, from a random place on.
+  // The displaced tags are neighbours in the list, from a random index on.
   const auto first = static_cast<std::size_t>(draw.below(static_cast<int>(tags.size())));
   for (std::size_t k = 0; k < count; ++k) {
     MappedTag& tag = tags[(first + k) % tags.size()];

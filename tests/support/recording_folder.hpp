@@ -13,14 +13,14 @@
 
 namespace penumbra::test {
 
-// Creates a new file: some file systems flush a truncated file to the disk.
+// Creates a new file, because some file systems flush a truncated file to the disk.
 inline void write_text(const std::filesystem::path& file, const std::string& text) {
   std::error_code ignored;
   std::filesystem::remove(file, ignored);
   std::ofstream(file, std::ios::binary) << text;
 }
 
-// A recording that links to the frames of another one that `takes` accepts by their row.
+// Writes a recording with links to those frames of another one whose row `takes` accepts.
 template <class Takes>
 void write_part_of_recording(const std::filesystem::path& folder,
                              const std::filesystem::path& source, const Takes& takes) {
@@ -46,7 +46,7 @@ inline std::string read_bytes(const std::filesystem::path& file) {
   return {std::istreambuf_iterator<char>(stream), std::istreambuf_iterator<char>()};
 }
 
-// A flat grey image with a pattern that encodes its number.
+// A grey image with a pattern that encodes `number`.
 inline std::string jpeg_of(int number, int width = 64, int height = 48) {
   std::vector<std::uint8_t> rgb;
   for (int y = 0; y < height; ++y) {
@@ -108,8 +108,8 @@ inline std::string truth(int frames) {
   return text;
 }
 
-// camera.yaml, tags.yaml, groundtruth.tum and timestamps.csv; frames/ too unless `extension` is
-// empty (for a video).
+// Writes camera.yaml, tags.yaml, groundtruth.tum and timestamps.csv, and frames/ unless `extension`
+// is empty (for a video).
 inline void write_recording(const std::filesystem::path& folder, int frames,
                             const std::string& extension = ".jpg") {
   std::filesystem::create_directories(folder);

@@ -1,12 +1,12 @@
-// Replaces an OpenGL function for a while, to simulate a driver's behaviour.
+// Replaces an OpenGL function during the object's lifetime, to simulate a driver's behaviour.
 #pragma once
 
 #include <epoxy/gl.h>
 
 namespace penumbra::test {
 
-// `place`: epoxy's pointer to the function, such as epoxy_glUnmapBuffer. It must have been called
-// before: its first call looks up the driver's function and would undo the replacement.
+// `place`: epoxy's pointer to the function, such as epoxy_glUnmapBuffer. Call the function once
+// before: its first call looks up the driver's function and would overwrite the replacement.
 template <class Function>
 class ReplacedGl {
  public:

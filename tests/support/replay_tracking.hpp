@@ -1,4 +1,4 @@
-// Tracks every frame of a recording and compares with its ground truth.
+// Tracks every frame of a recording and compares the poses with the ground truth.
 #pragma once
 
 #include <algorithm>
@@ -45,9 +45,9 @@ inline Result<std::vector<ListedFrame>> list_frames(const std::filesystem::path&
 
 struct TrackedRecording {
   std::vector<TrackedFrame> frames;
-  std::vector<double> overlay_px;  // per frame RMS over the corners; negative without a pose
-  std::array<int, 4> count{};      // by TrackStatus
-  Evaluation tracked;              // of the tracked frames
+  std::vector<double> overlay_px;  // per frame: RMS over the corners; negative without a pose
+  std::array<int, 4> count{};      // indexed by TrackStatus
+  Evaluation tracked;              // over the tracked frames
   int wrong = 0;                   // tracked frames with overlay_px > 5
 
   [[nodiscard]] int count_of(TrackStatus status) const {
@@ -81,7 +81,7 @@ inline Result<Frame> load_picture(const ListedFrame& entry) {
   return frame;
 }
 
-// A tracker's frames, one after the other, against the truth.
+// Runs a tracker over frames in sequence and compares its poses with the truth.
 class TrackingTrial {
  public:
   static Result<TrackingTrial> create(const RecordedSession& session, const TagMap& tags,
@@ -123,7 +123,7 @@ class TrackingTrial {
   Trajectory tracked_;
 };
 
-// `every`: tracks each n-th frame only.
+// `every`: tracks only each `every`-th frame.
 inline Result<TrackedRecording> track_recording(const std::filesystem::path& recording,
                                                 const TrackerOptions& options = {},
                                                 std::size_t every = 1) {

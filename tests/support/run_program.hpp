@@ -24,9 +24,9 @@ struct ProgramResult {
   std::string err;
 };
 
-// `environment` entries ("NAME=value") are added to this process's; DISPLAY and WAYLAND_DISPLAY are
-// removed, so that no window opens. `when_started`, if given, is called with the process id before
-// any output is read.
+// Adds `environment` entries ("NAME=value") to this process's environment and removes DISPLAY and
+// WAYLAND_DISPLAY, so that no window opens. Calls `when_started` (optional) with the process id
+// before it reads any output.
 inline ProgramResult run_program(const std::filesystem::path& program,
                                  const std::vector<std::string>& arguments,
                                  const std::vector<std::string>& environment = {},

@@ -1,4 +1,4 @@
-// A running program whose standard streams and display a test may take away.
+// A running program whose standard streams and display a test can close.
 #pragma once
 
 #include <fcntl.h>
@@ -18,11 +18,11 @@
 
 namespace penumbra::test {
 
-// A started program. The destructor kills it if it still runs.
+// A started program. The destructor kills it if it is still running.
 class RunningProgram {
  public:
-  // `set_up` is called in the new process, before the program's exec. Standard input, output and
-  // error are /dev/null unless it changes them, and there is no display.
+  // `set_up` is called in the new process, before exec. Unless it changes them, standard input,
+  // output and error are /dev/null; there is no display.
   explicit RunningProgram(
       const std::vector<std::string>& words, const std::function<void()>& set_up = [] {}) {
     std::vector<std::string> copies = words;
@@ -36,7 +36,7 @@ class RunningProgram {
     close(nothing);
     unsetenv("DISPLAY");
     unsetenv("WAYLAND_DISPLAY");
-    // The tests may run under nohup, or in the background of a script.
+    // The parent may ignore these signals (nohup, a script's background job).
     for (const int number : {SIGHUP, SIGINT}) ::signal(number, SIG_DFL);
     set_up();
     execv(argv[0], argv.data());
@@ -57,7 +57,8 @@ class RunningProgram {
     return waitid(P_PID, static_cast<id_t>(process_), &info, WEXITED | WNOHANG | WNOWAIT) == 0 &&
            info.si_pid == 0;
   }
-  // Waits for the end; returns the exit code, or 128 + signal. Kills the program after two minutes.
+  // Waits for the end; returns the exit code, or 128 + signal. After two minutes, kills the
+  // program.
   [[nodiscard]] int exit_code() {
     constexpr int kMost = 12'000;
     for (int i = 0; i < kMost && runs(); ++i) {
@@ -76,7 +77,7 @@ class RunningProgram {
   bool ended_ = false;
 };
 
-// An X server that a test can end.
+// An X server that a test can terminate.
 class VirtualDisplay {
  public:
   VirtualDisplay() {
@@ -85,7 +86,7 @@ class VirtualDisplay {
     server_ = fork();
     if (server_ == 0) {
       const int nothing = open("/dev/null", O_RDWR);
-      dup2(ends[1], 3);  // 3 may be that end itself
+      dup2(ends[1], 3);  // 3 may be that descriptor itself
       fcntl(3, F_SETFD, 0);
       for (const int descriptor : {0, 1, 2}) dup2(nothing, descriptor);
       execlp("Xvfb", "Xvfb", "-displayfd", "3", "-noreset", "-screen", "0", "1280x1024x24",
@@ -101,7 +102,7 @@ class VirtualDisplay {
   VirtualDisplay& operator=(const VirtualDisplay&) = delete;
   ~VirtualDisplay() { end(SIGTERM); }
 
-  // ":7"
+  // for example ":7"
   [[nodiscard]] std::string name() const { return ":" + name_; }
   void end(int number) {
     if (server_ <= 0) return;

@@ -1,4 +1,4 @@
-// Meshes and cases of the shadow vectors, and masks to compare layers with.
+// Meshes and cases of the shadow vectors, and masks for comparing layers.
 #pragma once
 
 #include <gtest/gtest.h>
@@ -43,7 +43,7 @@ struct VectorMesh {
         mesh(make_shadow_mesh(model_of(json.at("vertices").get<std::vector<float>>(),
                                        json.at("triangles").get<std::vector<std::uint32_t>>()))) {}
 
-  // Kernels given with the mesh, per vertex of the file.
+  // Kernels given with the mesh, one per vertex of the file.
   [[nodiscard]] std::vector<Eigen::Vector3d> given_kernels(const std::string& name) const {
     const auto xyz = json.at("kernels").at(name).get<std::vector<double>>();
     std::vector<Eigen::Vector3d> kernels;
@@ -97,7 +97,7 @@ inline double distance_to_rings(const Eigen::Vector2d& p, const std::vector<Ring
   return least;
 }
 
-// H may be "inf", because JSON has no infinity.
+// H may be the string "inf", because JSON has no infinity.
 inline LayeredConstants constants_from(const nlohmann::json& json) {
   const bool zenith = json.at("H").is_string();
   LayeredConstants constants =
@@ -110,7 +110,7 @@ inline LayeredConstants constants_from(const nlohmann::json& json) {
   return constants;
 }
 
-// Square bitmap of plane coordinates; a pixel is set if its centre is covered. Row 0 has the lowest
+// Square bitmap in plane coordinates. A pixel is set if its centre is covered. Row 0 has the lowest
 // v.
 struct Mask {
   Eigen::Vector2d origin;  // corner of pixel (0, 0)
@@ -144,14 +144,14 @@ struct Mask {
       cover_triangle(corners);
     }
   }
-  // Even-odd rule.
+  // Uses the even-odd rule.
   void cover(const std::vector<Ring>& rings) {
     std::vector<Ring> in_pixels = rings;
     for (Ring& ring : in_pixels)
       for (Eigen::Vector2d& p : ring) p = (p - origin) / pixel;
     cover_rings(in_pixels);
   }
-  // The same for rings in pixels.
+  // Like cover(), for rings in pixel coordinates.
   void cover_rings(const std::vector<Ring>& rings) {
     double low = size;
     double high = 0.0;
@@ -200,7 +200,7 @@ inline double iou(const std::vector<std::uint8_t>& a, const std::vector<std::uin
   return either == 0 ? 1.0 : static_cast<double>(both) / static_cast<double>(either);
 }
 
-// base64 of zlib of packed bits, most significant bit first.
+// Input: base64 of zlib of packed bits, most significant bit first.
 inline std::vector<std::uint8_t> decode_mask(const std::string& text, std::size_t bit_count) {
   std::vector<std::uint8_t> packed;
   std::uint32_t buffer = 0;

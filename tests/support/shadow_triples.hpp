@@ -1,4 +1,4 @@
-// Which shadows depend on a change in a scene: the reference for the recomputations.
+// Reference for recomputation: the shadows that a change in the scene affects.
 #pragma once
 
 #include <algorithm>
@@ -15,8 +15,8 @@ struct ShadowTriple {
   int object = 0, plane = 0, light = 0;  // indices into the scene
   friend auto operator<=>(const ShadowTriple&, const ShadowTriple&) = default;
 };
-// The node's triples that contain the event's element, each once, sorted. Lights: the node's, or
-// the scene's first.
+// Returns the node's triples that contain an event's object, plane or light, sorted and without
+// duplicates. The lights are the node's, or the scene's first if the node has none.
 inline std::vector<ShadowTriple> affected_triples(const Scene& scene, const ShadowNode& node,
                                                   const std::vector<ShadowEvent>& events) {
   std::vector<int> lights = node.lights;

@@ -48,7 +48,7 @@ class ShapeBuilder {
     quad(v[1], v[3], v[7], v[5]);
   }
 
-  // Prism of a polygon in x, y; the polygon is a fan round its first corner.
+  // A prism over a polygon in x, y. Both ends are triangle fans around the first corner.
   void prism(const std::vector<std::array<double, 2>>& outline, double z0, double z1) {
     std::vector<std::uint32_t> low;
     std::vector<std::uint32_t> high;

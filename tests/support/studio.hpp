@@ -1,4 +1,4 @@
-// Scenes made in memory, drawn offscreen, for tests of drawing.
+// Scenes built in memory and drawn offscreen, for tests of rendering.
 #pragma once
 
 #include <gtest/gtest.h>
@@ -22,7 +22,7 @@
 
 namespace penumbra::test {
 
-// Flat-shaded: each triangle has its own corners; with bounds and one material.
+// Returns the model flat-shaded (separate vertices per triangle), with bounds and one material.
 inline std::shared_ptr<const Model> finished(const Model& shape, const glm::vec4& color,
                                              const glm::vec3& emissive = glm::vec3(0.0F)) {
   auto model = std::make_shared<Model>();
@@ -60,7 +60,7 @@ inline Placement at(double x, double y, double z, const Eigen::Vector3d& axis = 
   return {{x, y, z}, Eigen::Quaterniond(Eigen::AngleAxisd(angle_rad, axis.normalized())), scale};
 }
 
-// A table plane and one shadow node with every object added.
+// Builds a scene with a table plane and one shadow node that contains every added object.
 class SceneBuilder {
  public:
   SceneBuilder() {
@@ -91,7 +91,7 @@ class SceneBuilder {
   Scene scene_;
 };
 
-// From `eye` towards `target`; the image's right is horizontal.
+// Camera at `eye` that looks towards `target`; the image's x axis is horizontal.
 inline CameraPose look_at(const Eigen::Vector3d& eye, const Eigen::Vector3d& target) {
   const Eigen::Vector3d z = (target - eye).normalized();
   Eigen::Vector3d x = z.cross(Eigen::Vector3d::UnitZ());
@@ -123,7 +123,7 @@ inline CameraModel camera_of(int width, int height, double focal,
   return CameraModel::make(p).value();
 }
 
-// Square image, distorted by a few pixels.
+// Camera with a square image and a distortion of a few pixels.
 inline CameraModel bent_camera(int side, double focal) {
   return camera_of(side, side, focal, DistortionModel::plumb_bob,
                    {-0.28, 0.08, 0.001, -0.0008, 0.0, 0.0, 0.0, 0.0});
@@ -149,8 +149,8 @@ struct Picture {
   friend bool operator==(const Picture&, const Picture&) = default;
 };
 
-// A context and a compositor on it. One sample per pixel, also on a GPU, because images are
-// compared pixel by pixel.
+// A context with a compositor. It uses one sample per pixel, also on a GPU, because tests compare
+// images pixel by pixel.
 class Studio {
  public:
   Studio(std::shared_ptr<const Scene> scene, const CameraModel& camera, GlApi api = GlApi::gl33,

@@ -1,4 +1,4 @@
-// Models that several tests put into a Studio. Metres; centred on the origin.
+// Models that several tests draw in a Studio, in metres, centred on the origin.
 #pragma once
 
 #include <memory>
@@ -14,7 +14,7 @@ inline std::shared_ptr<const Model> box(double x, double y, double z) {
   return finished(shape.build(), glm::vec4(0.8F, 0.3F, 0.1F, 1.0F));
 }
 
-// A flat-lying ring: 60 mm from its middle to that of its tube, whose radius is 20 mm.
+// A flat-lying torus with a radius of 60 mm and a tube radius of 20 mm.
 inline std::shared_ptr<const Model> ring() {
   ShapeBuilder shape;
   shape.torus(0.06, 0.02, 16, 40);

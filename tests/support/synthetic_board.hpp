@@ -1,4 +1,4 @@
-// A board of tags, a camera with a lens and poses around it, for tests with exact truth.
+// A board of tags, a camera with lens distortion and random poses, for tests with exact truth.
 #pragma once
 
 #include <algorithm>
@@ -20,7 +20,7 @@
 
 namespace penumbra::test {
 
-// 1280x720 with a radial-tangential lens.
+// A camera of 1280x720 px with radial-tangential distortion.
 inline CameraModel wide_camera() {
   CameraParameters p;
   p.width = 1280;
@@ -33,7 +33,7 @@ inline CameraModel wide_camera() {
   return CameraModel::make(p).value();
 }
 
-// `columns` x `rows` tags of `size_m`, a third of their size apart, ids from 0.
+// `columns` x `rows` tags of size `size_m` with gaps of a third of the size; ids from 0.
 inline std::vector<MappedTag> board(int columns, int rows, double size_m) {
   std::vector<MappedTag> tags;
   const double pitch = size_m * 4.0 / 3.0;
@@ -51,8 +51,8 @@ inline std::vector<MappedTag> board(int columns, int rows, double size_m) {
   return tags;
 }
 
-// A camera that looks at `target` from `distance_m`, at `elevation` above the table and `azimuth`,
-// turned by `roll` about its axis.
+// Camera that looks at `target` from `distance_m`, at `elevation` above the table and `azimuth`,
+// rotated by `roll` about its optical axis.
 inline CameraPose looking_at(const Eigen::Vector3d& target, double distance_m, double elevation,
                              double azimuth, double roll) {
   const Eigen::Vector3d away(std::cos(elevation) * std::cos(azimuth),
@@ -67,7 +67,7 @@ inline CameraPose looking_at(const Eigen::Vector3d& target, double distance_m, d
   return {R, target + distance_m * away};
 }
 
-// Poses from which a board of six 60 mm tags has cells of about 10 px.
+// Random view of a board of six 60 mm tags; cells are about 10 px wide.
 inline CameraPose random_view(std::mt19937_64& random) {
   std::uniform_real_distribution<double> u(0.0, 1.0);
   return looking_at({0.03 * (u(random) - 0.5), 0.03 * (u(random) - 0.5), 0.0},
@@ -75,7 +75,7 @@ inline CameraPose random_view(std::mt19937_64& random) {
                     radians(360.0 * u(random)), radians(30.0 * (u(random) - 0.5)));
 }
 
-// Mean distance of the tags' corners in the image under both poses [px].
+// Mean distance between the tags' corners projected with both poses [px].
 inline double corner_distance_px(const CameraModel& camera, std::span<const MappedTag> tags,
                                  const CameraPose& a, const CameraPose& b) {
   double sum = 0.0;
@@ -92,13 +92,13 @@ inline double corner_distance_px(const CameraModel& camera, std::span<const Mapp
   return count > 0 ? sum / count : 1e9;
 }
 
-// A pose displaced by a random motion in all six directions that moves the tags' corners by
-// `distance_px` in the mean.
+// Returns the pose displaced by a random motion in all six degrees of freedom. It moves the tags'
+// corners by `distance_px` on average.
 inline CameraPose displaced(const CameraModel& camera, std::span<const MappedTag> tags,
                             const CameraPose& pose, double distance_px, std::mt19937_64& random) {
   std::normal_distribution<double> n(0.0, 1.0);
   Vector6d direction;
-  // Scales that move the image about equally, in metres and radians.
+  // These scales let translation [m] and rotation [rad] move the image by similar amounts.
   for (int k = 0; k < 3; ++k) direction[k] = 0.6 * n(random);
   for (int k = 3; k < 6; ++k) direction[k] = n(random);
   double low = 0.0;
@@ -121,10 +121,9 @@ inline Matrix6d loose_prior(double metres, double angle) {
 
 // Derivative of each pixel's light [grey levels] by each parameter of a right perturbation of
 // T_table_camera [m, rad]. An edge of the pattern moves across the point spread function (a
-// Gaussian of lens_blur_px and the pixel's box), scaled by the edge's contrast. The derivative is
-// analytic: differences of sampled images contain sampling noise, which counts as information and
-// made the bound a third too small at 256 samples per pixel. It includes the tags' edges, not those
-// of the sheet.
+// Gaussian of lens_blur_px, convolved with the pixel's box); its contrast scales the derivative.
+// The derivative is analytic, because differences of sampled images contain sampling noise, which
+// would count as information. It includes the tags' edges but not the sheet's.
 inline std::array<std::vector<double>, 6> light_by_pose(const CameraModel& camera,
                                                         std::span<const MappedTag> tags,
                                                         const CameraPose& pose,
@@ -151,7 +150,7 @@ inline std::array<std::vector<double>, 6> light_by_pose(const CameraModel& camer
       return Eigen::Vector3d(T_camera_table * (tag.T_table_tag * p));
     };
     for (const EdgeRun& run : pattern.runs()) {
-      constexpr int kStepsPerCell = 16;  // less than half a pixel for cells of about 6 px
+      constexpr int kStepsPerCell = 16;  // less than half a pixel for cells of 6 px
       const int steps = kStepsPerCell * (run.end - run.begin);
       constexpr double kStep = 1.0 / kStepsPerCell;
       for (int i = 0; i < steps; ++i) {
@@ -161,7 +160,7 @@ inline std::array<std::vector<double>, 6> light_by_pose(const CameraModel& camer
         const Eigen::Vector2d q = camera.project_unchecked(p, &J);
         const Eigen::Vector2d tangent = J * (seen(along + 0.5 * kStep, run.position, run.vertical) -
                                              seen(along - 0.5 * kStep, run.position, run.vertical));
-        // Towards white, scaled by the step's length.
+        // Points towards white; its length is that of the step.
         Eigen::Vector2d normal(-tangent.y(), tangent.x());
         const Eigen::Vector2d across = J * (seen(along, run.position + 1.0, run.vertical) - p);
         if ((normal.dot(across) > 0.0) != (run.polarity > 0)) normal = -normal;
@@ -186,18 +185,18 @@ inline std::array<std::vector<double>, 6> light_by_pose(const CameraModel& camer
   return derivative;
 }
 
-// The Cramer-Rao bound of a pose's covariance from one image with white noise of `noise` [grey
-// levels]; each tag's gain and offset are unknown.
+// Cramer-Rao bound of a pose's covariance from one image with white noise of `noise` [grey levels].
+// Gain and offset of each tag are unknown.
 inline Matrix6d pose_bound(PatternRenderer& renderer, const CameraModel& camera,
                            std::span<const MappedTag> tags, const CameraPose& pose,
                            PatternRenderOptions options, double noise) {
-  options.samples = 256;  // for the light itself, which only determines the gain
+  options.samples = 256;  // only for the light itself, which determines the gain
   const std::array<CameraPose, 1> centre = {pose};
   const std::vector<double> light = renderer.render_light(centre, options);
   const std::array<std::vector<double>, 6> derivative = light_by_pose(camera, tags, pose, options);
   Matrix6d information = Matrix6d::Zero();
   for (const MappedTag& tag : tags) {
-    // Pixels of this tag: within its black square and half the margin.
+    // Pixels of this tag: its black square and half the margin.
     double x0 = 1e9, y0 = 1e9, x1 = -1e9, y1 = -1e9;
     for (const Eigen::Vector3d& corner : tag.corners()) {
       const Eigen::Vector3d centre_of = tag.T_table_tag.translation();
@@ -215,7 +214,7 @@ inline Matrix6d pose_bound(PatternRenderer& renderer, const CameraModel& camera,
            x <= std::min(camera.width() - 1, static_cast<int>(x1)); ++x) {
         const auto ray = camera.unproject({x, y});
         if (!ray) continue;
-        // Is the pixel on this tag's sheet?
+        // Skips pixels outside this tag's area of the sheet.
         const auto T_tag_camera = tag.T_table_tag.inverse() * pose;
         const Eigen::Vector3d c = T_tag_camera.translation();
         const Eigen::Vector3d d = T_tag_camera.rotation() * *ray;

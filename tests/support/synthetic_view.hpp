@@ -13,10 +13,10 @@
 
 namespace penumbra::test {
 
-// A camera that looks at the table's origin from `distance`, `tilt` away from straight above, at
-// `azimuth`, rolled by `roll` about its axis [m, rad].
+// Camera that looks at the table's origin from `distance` [m], tilted from the vertical by `tilt`,
+// at `azimuth`, rotated by `roll` about its optical axis [rad].
 inline CameraPose looking_at_origin(double distance, double tilt, double azimuth, double roll) {
-  const Eigen::Quaterniond down(0.0, 1.0, 0.0, 0.0);  // straight above, x to the right
+  const Eigen::Quaterniond down(0.0, 1.0, 0.0, 0.0);  // looks straight down, with x to the right
   const Eigen::Quaterniond rotation = Eigen::AngleAxisd(azimuth, Eigen::Vector3d::UnitZ()) *
                                       Eigen::AngleAxisd(tilt, Eigen::Vector3d::UnitX()) * down *
                                       Eigen::AngleAxisd(roll, Eigen::Vector3d::UnitZ());

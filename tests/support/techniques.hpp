@@ -21,7 +21,7 @@ inline std::vector<ShadowTechnique> techniques_without(
   return techniques;
 }
 
-// Returns the words of --shadow except those given.
+// Returns the values of --shadow except those given.
 inline std::vector<std::string> shadow_words_without(
     std::initializer_list<ShadowTechnique> excluded) {
   std::vector<std::string> words = {"cocl"};

@@ -10,7 +10,7 @@ inline bool nightly() {
   return std::getenv("PENUMBRA_NIGHTLY") != nullptr;
 }
 
-// Instrumented code is about ten times slower: tests that repeat runs repeat them less often.
+// Instrumented code is about ten times slower, so tests that repeat runs use fewer repetitions.
 #if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
 inline constexpr bool kSanitized = true;
 #else

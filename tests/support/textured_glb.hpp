@@ -1,4 +1,4 @@
-// A square of 0.2 m that faces up, with one material and its images, as the bytes of a .glb.
+// A .glb with a square of 0.2 m that faces up, one material and its images.
 #pragma once
 
 #include <fmt/format.h>
@@ -29,7 +29,7 @@ inline RgbaImage image_of(int width, int height,
 inline RgbaImage one_color(int r, int g, int b, int a = 255) {
   return image_of(4, 4, [=](int, int) { return std::array<int, 4>{r, g, b, a}; });
 }
-// With alpha.
+// Encodes a PNG with alpha.
 inline std::string png_bytes(const RgbaImage& image) {
   spng_ctx* context = spng_ctx_new(SPNG_CTX_ENCODER);
   spng_set_option(context, SPNG_ENCODE_TO_BUFFER, 1);
@@ -56,12 +56,13 @@ struct TexturedSquare {
   std::string material;             // JSON fields of the material
   std::vector<std::string> images;  // encoded; texture i shows image i
   std::string samplers = "{}";
-  // For the corners, anticlockwise from the left one nearest to the eye: the images are upright.
+  // Texture coordinates of the corners, anticlockwise from the left one nearest to the eye. The
+  // images appear upright.
   std::vector<std::array<float, 2>> texcoords = {{0, 1}, {1, 1}, {1, 0}, {0, 0}};
   std::vector<std::array<float, 2>> texcoords_1;
   std::vector<std::array<float, 3>> normals = std::vector<std::array<float, 3>>(4, {0, 1, 0});
   std::vector<std::array<float, 4>> tangents;
-  std::string node;  // more JSON fields of the node
+  std::string node;  // additional JSON fields of the node
 };
 
 inline std::string glb_of(const TexturedSquare& square) {

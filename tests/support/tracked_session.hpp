@@ -12,7 +12,7 @@
 
 namespace penumbra::test {
 
-// A clearly visible sheet of 12 tags; the camera strolls.
+// A clearly visible sheet of 12 tags and a slowly moving camera.
 inline Session ordinary() {
   Draw draw(5);
   Session session;
@@ -24,7 +24,8 @@ inline Session ordinary() {
   return session;
 }
 
-// Number of tracked frames whose error exceeds four times the predicted one; a few of many do.
+// Number of tracked frames whose error exceeds four times the predicted one. A small fraction of
+// them may.
 struct Beyond {
   int tracked = 0, beyond = 0;
 };

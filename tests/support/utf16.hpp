@@ -1,4 +1,4 @@
-// Text in the encoding of other editors.
+// Text in UTF-16, as some editors save it.
 #pragma once
 
 #include <string>

@@ -28,7 +28,8 @@ struct VideoSpec {
   AVColorSpace matrix = AVCOL_SPC_UNSPECIFIED;
 };
 
-// Throws std::runtime_error, which fails the test. `fill` sets the samples of frame `index`.
+// Writes a video; `fill` sets the samples of frame `index`. Throws std::runtime_error, which fails
+// the test.
 inline void write_video(const std::filesystem::path& file, const VideoSpec& spec,
                         const std::function<void(AVFrame&, int index)>& fill) {
   const auto check = [](int status, const char* what) {
