@@ -1,5 +1,5 @@
-// Composited frames of recorded video, 320 x 240, at true poses, compared with golden images; and
-// evidence that the comparison can fail.
+// Composited frames of recorded video, 320 x 240, at true poses, compared with golden images.
+// Further tests show that the comparison detects wrong images.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -58,7 +58,7 @@ Result<View> half_size_view(const std::string& recording, int number) {
   p.height /= 2;
   p.fx *= 0.5;
   p.fy *= 0.5;
-  p.cx = 0.5 * p.cx - 0.25;  // pixel (0, 0) is the mean of four
+  p.cx = 0.5 * p.cx - 0.25;  // pixel (0, 0) of the half-size image is the mean of four pixels
   p.cy = 0.5 * p.cy - 0.25;
   View view{CameraModel::make(p).value(), {}, {}};
   FrameBuffer buffer = allocate_frame(frame->format, p.width, p.height);
@@ -71,7 +71,7 @@ Result<View> half_size_view(const std::string& recording, int number) {
   return view;
 }
 
-// Solids over the sheet: level and tilted, one of them cut at the umbra height.
+// Solids over the sheet: level and tilted, one of them clipped at the umbra height.
 std::shared_ptr<const Scene> solids() {
   test::SceneBuilder builder;
   test::ShapeBuilder ring;
@@ -99,7 +99,7 @@ RgbaImage image_of(const test::Picture& picture) {
   return {picture.width, picture.height, picture.rgba};
 }
 
-// Scene state of a first frame as the program draws it, lit by the video.
+// State of the scene in the program's first frame, lit by the video.
 SceneState lit(const Scene& scene, const View& view, double time_s,
                std::span<const GroupEstimate> groups = {}) {
   SceneState state = evaluate_scene(scene, time_s, groups);
@@ -188,7 +188,7 @@ TEST_P(DefaultScene, CompositedFrameMatchesGolden) {
       composite(*view, c.technique, std::make_shared<const Scene>(*scene), c.frame / 30.0)));
 }
 
-// The default scene without blending.
+// The default scene in the translucency modes other than blending.
 struct TranslucentCase {
   Translucency translucency;
   ShadowTechnique technique;
@@ -223,7 +223,7 @@ TEST_P(TranslucentScene, CompositedFrameMatchesGolden) {
                                        c.frame / 30.0, c.translucency)));
 }
 
-// The default scene without lens distortion.
+// The default scene, drawn without lens distortion.
 TEST(RectifiedView, CompositedFrameMatchesGolden) {
   const auto view = half_size_view("tabletop", 60);
   ASSERT_TRUE(view) << view.error().message;
@@ -249,12 +249,12 @@ TEST(RectifiedView, CompositedFrameMatchesGolden) {
       compare(picture, composite(*view, ShadowTechnique::layered, scene, 2.0)).acceptable());
 }
 
-// The other bundled scenes of README.md's table, with their own technique and others.
+// The other bundled scenes in README.md's table, with their own technique and with others.
 struct SceneCase {
   const char* scene;
   const char* recording;
   int frame;
-  std::optional<ShadowTechnique> technique = std::nullopt;  // none: the scene's technique
+  std::optional<ShadowTechnique> technique = std::nullopt;  // nullopt: the scene's own technique
 };
 constexpr std::array kSceneCases = {
     SceneCase{"boxes", "tabletop", 45},
@@ -299,7 +299,7 @@ TEST_P(BundledScene, CompositedFrameMatchesGolden) {
   EXPECT_TRUE(loaded->warnings.empty()) << loaded->warnings.front();
   EXPECT_TRUE(loaded->layered_advice.empty()) << loaded->layered_advice.front().text;
   const auto scene = std::make_shared<const Scene>(*loaded);
-  // The upright board's pose as in the tag map.
+  // The upright board has the pose of the tag map.
   GroupEstimate wall;
   wall.name = "wall";
   wall.status = TrackStatus::tracked;
@@ -346,8 +346,8 @@ TEST(DefaultScenePhantom, ReceivesShadowBeforeRecordingEnds) {
   EXPECT_NE(at_frame(*scene).pixels, at_frame(without).pixels);
 }
 
-// The program must write the frames of the golden images: full-size frames of `replay` are compared
-// with the frames drawn here.
+// The program must draw what these tests draw: full-size frames written by `replay` are compared
+// with frames drawn here.
 class ReplayCommand : public testing::TestWithParam<Case> {};
 INSTANTIATE_TEST_SUITE_P(Golden, ReplayCommand,
                          testing::Values(Case{"tabletop", ShadowTechnique::layered, 60},
@@ -382,7 +382,7 @@ TEST_P(ReplayCommand, WritesFrameDrawnByCompositor) {
   const View view{*camera, *frame, truth->poses.at(at).T_table_camera};
   const auto shared = std::make_shared<const Scene>(*scene);
   EXPECT_TRUE(compare(*written, composite(view, c.technique, shared, time_s)).acceptable());
-  // The comparison distinguishes this frame from the next one.
+  // The comparison must distinguish this frame from the next one.
   EXPECT_FALSE(
       compare(*written, composite(view, c.technique, shared, time_s + 1.0 / 30.0)).acceptable());
 }
@@ -392,7 +392,7 @@ std::string layer_name(ShadowLayer layer) {
   return kNames[static_cast<std::size_t>(layer)];
 }
 
-// The comparison must detect wrong shadows: each layer removed, and each layer moved by 2 px.
+// The comparison must detect a wrong shadow: a missing layer, or a layer shifted by 2 px.
 class GoldenLayerComparison : public testing::TestWithParam<ShadowLayer> {};
 INSTANTIATE_TEST_SUITE_P(Golden, GoldenLayerComparison, testing::ValuesIn(kShadowLayers),
                          [](const auto& layer) { return layer_name(layer.param); });
@@ -428,7 +428,7 @@ TEST_P(GoldenLayerComparison, DetectsLayerShiftedByTwoPixels) {
   Studio studio(solids(), view->camera);
   const FramePlan plan = studio.plan(test::tracked(view->T_table_camera));
   for (std::size_t object = 0; object < 3; ++object) {
-    // Distance on the table that corresponds to 2 px there.
+    // Displacement on the table that moves the layer by 2 px in the image.
     const Eigen::Vector3d at = plan.shadows.at(object).T_table_object.position;
     const auto pixel = [&](double dx) {
       return *view->camera.project(plan.T_table_camera.inverse() *
