@@ -4,7 +4,7 @@
 #include <csetjmp>
 #include <cstdio>
 #include <cstdlib>
-// libjpeg's headers need the two above.
+// libjpeg's headers use FILE and size_t without including them.
 #include <jerror.h>
 #include <jpeglib.h>
 
@@ -29,7 +29,7 @@ Result<Frame> received(const std::string& buffer, const ImageSize& granted) {
   return decode_camera_jpeg(image->bytes, "fuzz", granted, kImproveTransfer);
 }
 
-// libjpeg's own result for the bytes, through its own source manager.
+// Result of libjpeg for the same bytes, without the product's code.
 struct Verdict {
   bool has_all_rows = false;
   bool has_all_coefficients = false;
@@ -58,7 +58,7 @@ class Oracle {
     const bool harmless = code == JWRN_JPEG_EOF || code == JWRN_JFIF_MAJOR ||
                           code == JWRN_ADOBE_XFORM || code == JWRN_NOT_SEQUENTIAL ||
                           (code == JWRN_EXTRANEOUS_DATA && info->err->msg_parm.i[0] <= many);
-    // After the last row no block can be lost.
+    // An error after the last row can't affect any block.
     if (!harmless && !verdict.has_all_rows) verdict.lost_blocks = true;
   }
   Verdict run(std::span<const std::uint8_t> bytes) {
@@ -123,7 +123,8 @@ TEST_P(CameraJpegFuzz, AcceptsOnlyImagesThatLibjpegDecodesInFull) {
       EXPECT_EQ((ImageSize{frame->width, frame->height}), size_);
       const auto outline = outline_jpeg(image_bytes(broken));
       ASSERT_TRUE(outline);
-      // Bytes around the image may contain markers that end libjpeg's decoding.
+      // libjpeg would stop at a marker in the bytes around the image, so it gets the image's bytes
+      // only.
       const Verdict cut = Oracle::judge(outline->bytes);
       EXPECT_TRUE(cut.is_whole()) << "mutation " << i;
     } else {
@@ -139,7 +140,7 @@ TEST_P(CameraJpegFuzz, AcceptsOnlyImagesThatLibjpegDecodesInFull) {
   std::printf("%d mutations, %d used\n", count, used);
 }
 
-// Changes bytes that belong to no block.
+// Changes bytes outside the entropy-coded blocks.
 std::string with_harmless_change(const std::string& sound, test::Random& random) {
   const auto fill = [&](std::size_t most) {
     std::string bytes(1 + random.below(most), '\0');
@@ -150,7 +151,7 @@ std::string with_harmless_change(const std::string& sound, test::Random& random)
   const std::size_t headers = test::headers_length(bytes);
   const auto restarts = test::restarts_of(bytes);
   switch (random.below(8)) {
-    case 0: {  // content of a segment that does not affect blocks
+    case 0: {  // changes the content of a segment that does not affect blocks
       const std::size_t at = test::marker_at(bytes, random.below(2) == 0 ? 0xE0 : 0xFE);
       if (at == std::string::npos) break;
       const std::size_t length = test::segment_length(bytes, at);
@@ -159,7 +160,7 @@ std::string with_harmless_change(const std::string& sound, test::Random& random)
       }
       break;
     }
-    case 1: {  // another such segment
+    case 1: {  // inserts a segment that does not affect blocks
       const std::string content = fill(300);
       std::string segment("\xFF\xE0");
       segment[1] = static_cast<char>(random.below(2) == 0 ? 0xFE : 0xE1 + random.below(12));
@@ -168,19 +169,19 @@ std::string with_harmless_change(const std::string& sound, test::Random& random)
       bytes.insert(2, segment + content);
       break;
     }
-    case 2:  // fill bytes in front of a marker
+    case 2:  // inserts fill bytes in front of a marker
       bytes.insert(test::marker_at(bytes, random.below(2) == 0 ? 0xC0 : 0xDA) < headers
                        ? test::marker_at(bytes, 0xDA)
                        : 2,
                    1 + random.below(20), '\xFF');
       break;
-    case 3: {  // any bytes after the end
+    case 3: {  // appends arbitrary bytes after the end marker
       std::string trail = fill(4000);
       for (char& c : trail) c = static_cast<char>(random.below(256));
       bytes += trail;
       break;
     }
-    case 4:  // no end mark, as in a full buffer
+    case 4:  // removes the end marker, as in a full buffer
       bytes.resize(bytes.size() - 2);
       if (random.below(2) == 0)
         bytes.append(random.below(3000), random.below(2) == 0 ? '\0' : '\xFF');

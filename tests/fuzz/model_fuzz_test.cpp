@@ -85,7 +85,7 @@ int fuzz_model(const std::string& good, const std::string& extension, int count,
   const std::filesystem::path file = folder.path() / ("model" + extension);
   int accepted = 0;
   for (int i = 0; i < count; ++i) {
-    // A new file: some file systems flush a truncated file to the disk.
+    // Creates a new file, because some file systems flush a truncated file to the disk.
     std::filesystem::remove(file);
     std::ofstream(file, std::ios::binary) << mutated(good, random);
     const Result<Model> model = load_model(file);
@@ -148,8 +148,8 @@ TEST(ModelFuzz, LoadsOrRejectsDamagedGltf) {
   EXPECT_LT(accepted, 4000);
 }
 
-// A morphed, skinned and instanced file: two joints with weights of three encodings, two morph
-// targets (one sparse), an instanced copy, and a hidden node.
+// A glTF file with two joints (weights in three encodings), two morph targets (one sparse), an
+// instanced copy of the mesh, and a hidden node.
 std::string moved_gltf(bool binary) {
   test::GltfBuilder file;
   file.json["nodes"] = {{{"mesh", 0}, {"skin", 0}, {"weights", {0.5, 0.25}}},
@@ -220,7 +220,7 @@ TEST(ModelFuzz, RejectsRandomBytes) {
     for (char& byte : bytes) byte = static_cast<char>(random() & 0xFFU);
     const char* extension = i % 3 == 0 ? ".glb" : i % 3 == 1 ? ".gltf" : ".obj";
     const std::filesystem::path file = folder.path() / (std::string("model") + extension);
-    // A new file: some file systems flush a truncated file to the disk.
+    // Creates a new file, because some file systems flush a truncated file to the disk.
     std::filesystem::remove(file);
     std::ofstream(file, std::ios::binary) << bytes;
     EXPECT_FALSE(load_model(file));

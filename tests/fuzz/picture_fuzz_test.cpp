@@ -1,4 +1,4 @@
-// Damaged images: either an error or a valid image.
+// Damaged images: decoding returns an error or a valid image.
 #include <gtest/gtest.h>
 #include <spng.h>
 
@@ -16,7 +16,7 @@ std::span<const std::uint8_t> bytes_of(const std::string& text) {
   return {reinterpret_cast<const std::uint8_t*>(text.data()), text.size()};
 }
 
-// Reads every sample, so that the sanitizers detect planes that are too small.
+// Reads every sample, so that the sanitizers detect planes that are allocated too small.
 std::uint64_t sum_of(const Frame& frame) {
   std::uint64_t sum = 0;
   for (std::size_t i = 0; i < static_cast<std::size_t>(frame.plane_count); ++i) {
@@ -53,7 +53,7 @@ std::string png_of(int color_type, int depth) {
   return bytes;
 }
 
-// Bitwise CRC-32 of PNG (ISO 3309): with corrected checksums, damage reaches the decoder.
+// Bitwise CRC-32 of PNG (ISO 3309). Corrected checksums let the damaged data reach the decoder.
 std::uint32_t crc_of(std::string_view bytes) {
   std::uint32_t crc = 0xFFFFFFFFU;
   for (const char c : bytes) {

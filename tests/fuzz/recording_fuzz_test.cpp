@@ -1,4 +1,4 @@
-// Damaged files of a recording: an error of one line, or finite and ordered values.
+// Damaged files of a recording: opening returns an error of one line, or finite and ordered values.
 #include <gtest/gtest.h>
 
 #include <array>
@@ -24,7 +24,7 @@ struct RecordingTally {
   int accepted = 0;
 };
 
-// In the nightly form all damaged files, else the first third.
+// Returns the number of damaged files to try: all in the nightly form, otherwise a third.
 int inputs(int nightly) {
   return test::nightly() ? nightly : nightly / 3;
 }
@@ -35,7 +35,7 @@ void report(const RecordingTally& tally) {
   std::printf("%d inputs, %d accepted, the others refused\n", tally.inputs, tally.accepted);
 }
 
-// An error is one line of text that names the file.
+// Expects one line of text that names the file.
 void check_error(const Error& error, const std::string& name) {
   for (const char c : error.message) {
     ASSERT_TRUE(static_cast<unsigned char>(c) >= 0x20) << error.message;

@@ -14,7 +14,7 @@ namespace {
 TEST(SceneFuzz, LoadsOrRejectsDamagedScene) {
   std::ifstream stream(test::source_dir() / "scenes/default.json");
   std::string good((std::istreambuf_iterator<char>(stream)), {});
-  // Shapes in place of models save the time of reading models.
+  // Primitive shapes replace the models, because reading models takes long.
   for (const std::string name : {"helicopter", "helicopter_rotor", "helicopter_tail_rotor"}) {
     const std::string model = "\"model\": \"models/" + name + ".glb\"";
     ASSERT_NE(good.find(model), std::string::npos);
@@ -42,7 +42,7 @@ TEST(SceneFuzz, LoadsOrRejectsDamagedScene) {
         text.replace(from, to - from, words[random() % std::size(words)]);
       }
     }
-    // A new file: some file systems flush a truncated file to the disk.
+    // Creates a new file, because some file systems flush a truncated file to the disk.
     std::filesystem::remove(file);
     std::ofstream(file, std::ios::binary) << text;
     const Result<Scene> scene = load_scene(file);
