@@ -58,7 +58,7 @@ def signed_area(ring):
     return 0.5 * np.sum(ring[:, 0] * following[:, 1] - ring[:, 1] * following[:, 0])
 
 
-# Projection directions: the vertical, and one in which no face is edge-on.
+# Projection directions: the vertical, and a direction in which no face is seen edge-on.
 DIRECTIONS = ((0.0, 0.0, 1.0), (0.6, 0.48, 0.64))
 
 
@@ -132,7 +132,7 @@ def obj_measures(path):
             positions.append([obj_number(word, line) for word in words[1:4]])
         elif words[0] == "f":
             if len(words) < 4:
-                continue  # nothing to see
+                continue  # fewer than three corners have no area
             face = []
             for word in words[1:]:
                 index = int(word.split("/")[0])
@@ -294,7 +294,7 @@ def placed_nodes(gltf):
 
 
 def triangles_of(mode, indices):
-    if mode == 4:  # corners that are too few for another triangle draw nothing
+    if mode == 4:  # a rest of fewer than three corners draws nothing
         return indices[:len(indices) // 3 * 3].reshape(-1, 3)
     if len(indices) < 3:
         return np.zeros((0, 3), int)
