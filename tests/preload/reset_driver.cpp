@@ -1,5 +1,5 @@
-// Simulates a reset of the graphics driver, by LD_PRELOAD: from call number PENUMBRA_TEST_RESET_AT
-// on, the driver always reports a reset.
+// LD_PRELOAD library that simulates a reset of the graphics driver: from call number
+// PENUMBRA_TEST_RESET_AT on, every query of the reset status reports a reset.
 #include <epoxy/gl.h>
 
 #include <atomic>
