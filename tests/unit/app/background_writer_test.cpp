@@ -17,7 +17,7 @@ struct Log {
   std::atomic<int> done = 0;
 };
 
-// A slow writer that fails or throws at one frame.
+// A slow writer that fails, or throws, at one frame.
 class SlowWriter final : public FrameWriter {
  public:
   SlowWriter(Log& log, std::uint64_t bad, bool throws) : log_(log), bad_(bad), throws_(throws) {}
@@ -59,7 +59,8 @@ TEST_P(BackgroundWriterQueue, WritesFramesInOrderWithTheirPixels) {
   for (std::uint64_t i = 0; i < 40; ++i) {
     pixels[0] = static_cast<std::uint8_t>(i);
     ASSERT_TRUE(writer.write(i, 0, pixels));
-    // The caller may overwrite its image at once; the queue's length is bounded.
+    // The queue copies the image, so the caller may overwrite it at once. The queue's length is
+    // bounded.
     pixels[0] = 255;
     EXPECT_LE(static_cast<int>(i) + 1 - log.done, GetParam() + 2);
   }
@@ -76,7 +77,7 @@ TEST_P(BackgroundWriterQueue, WritesFramesInOrderWithTheirPixels) {
 
 TEST_P(BackgroundWriterQueue, ReportsErrorByTheEndAndDoesNotFinish) {
   for (const bool throws : {false, true}) {
-    if (throws && GetParam() == 0) continue;  // the caller gets the exception itself
+    if (throws && GetParam() == 0) continue;  // without a queue the caller gets the exception
     Log log;
     auto writer = slow_writer(log, GetParam(), 5, throws);
     const std::vector<std::uint8_t> pixels(16);

@@ -12,7 +12,7 @@
 namespace penumbra {
 namespace {
 
-// A driver that fills buffers in the order they were queued.
+// Stand-in for a driver that fills buffers in the order they were queued.
 struct FakeDriver {
   std::array<std::array<std::uint8_t, 16>, 4> memory{};
   std::mutex mutex;
@@ -73,8 +73,8 @@ TEST(BufferRing, KeepsMemoryUntilLastFrameIsGoneAfterClose) {
   EXPECT_EQ(driver.released, 1);
 }
 
-// A weak pointer, which serves to recognise an image, must not keep an unplugged device open: the
-// device could not come back under its number.
+// A weak pointer only identifies an image. It must not keep an unplugged device open, because the
+// device could then not return under its old number.
 TEST(BufferRing, FreesMemoryDespiteWeakPointers) {
   FakeDriver driver;
   auto ring = driver.ring();
@@ -109,7 +109,8 @@ TEST(BufferRing, FailsAtOnceWhenDriverRefusesBuffers) {
   EXPECT_FALSE(driver.ring()->queue_all());
 }
 
-// One thread fills, two read and release; a frame does not change while a reader holds it.
+// One thread fills buffers, two threads read and release them. A frame must not change while a
+// reader holds it.
 TEST(BufferRing, KeepsFramesUnchangedAcrossThreads) {
   FakeDriver driver;
   auto ring = driver.ring();

@@ -32,7 +32,7 @@ std::span<const std::uint8_t> view_of(const std::string& text) {
   return {reinterpret_cast<const std::uint8_t*>(text.data()), text.size()};
 }
 
-// Receives a camera's buffer like `live` does, and decodes the image if that has not been done.
+// Receives a camera's buffer as `live` does, and decodes the image unless the check already did.
 Result<Frame> live_frame(const std::string& buffer, const ImageSize& granted) {
   auto received = receive_camera_jpeg(view_of(buffer), granted);
   if (!received) return fail("{}", received.error().message);
@@ -40,7 +40,7 @@ Result<Frame> live_frame(const std::string& buffer, const ImageSize& granted) {
   return decode_camera_jpeg(received->bytes, "a frame", granted, kImproveTransfer);
 }
 
-// Returns the image with this height in its frame header.
+// Returns the JPEG with `height` written into its frame header.
 std::string with_height(std::string jpeg, int height) {
   const std::size_t header = jpeg.find("\xFF\xC0");
   jpeg[header + 5] = static_cast<char>(height >> 8);
@@ -85,7 +85,7 @@ TEST(CameraJpegGate, RejectsTruncatedImagesWithRemedy) {
           sound.substr(0, length) + sound}) {
       const auto received = receive_camera_jpeg(view_of(buffer), kTabletop);
       if (length <= 2 && buffer.ends_with(sound)) {
-        continue;  // at most a doubled start marker
+        continue;  // a whole image after at most a doubled start marker
       }
       ASSERT_FALSE(received) << length;
       EXPECT_EQ(received.error().fault, CaptureFault::damaged);
@@ -96,7 +96,7 @@ TEST(CameraJpegGate, RejectsTruncatedImagesWithRemedy) {
   EXPECT_THAT(half.error().message, AllOf(HasSubstr("after line"), HasSubstr("of 480")));
 }
 
-// A progressive image may end with a marker after any scan and still lack coefficients.
+// A progressive image may have an end marker after any scan and still lack coefficients.
 TEST(CameraJpegGate, RejectsProgressiveImagesThatLackScans) {
   test::JpegKind kind = test::jpeg_kinds()[0];
   kind.progressive = true;
@@ -155,8 +155,7 @@ TEST(CameraJpegGate, KeepsPaddingOfOtherFormats) {
   EXPECT_EQ(frame->height, 48);
 }
 
-// Other programs can read a recording of such a camera, and replay decodes the frames that live
-// decoded.
+// Other programs can read a recording of such a camera, and replay decodes the same frames as live.
 TEST(CameraJpegGate, RecordsNormalizedImages) {
   const test::TemporaryFolder temporary;
   const std::filesystem::path folder = temporary.path() / "session";
@@ -190,7 +189,7 @@ TEST(CameraJpegGate, RecordsNormalizedImages) {
   EXPECT_TRUE(test::same_pixels(**frame, *received->frame));
 }
 
-// A recording that plays as a camera is checked like a camera: it may begin with a truncated image.
+// A recording played as a camera is checked like a camera, so it may begin with a truncated image.
 TEST(CameraJpegGate, SkipsTruncatedImagesOfPlayedRecording) {
   const test::TemporaryFolder temporary;
   const std::filesystem::path folder = temporary.path() / "recording";
@@ -239,7 +238,7 @@ TEST_P(SharedCameraJpegs, AreAccepted) {
     const auto replayed = decode_recorded_image(view_of(bytes), "a.jpg", GetParam().size);
     ASSERT_TRUE(replayed) << replayed.error().message;
     EXPECT_TRUE(test::same_pixels(*live, *replayed));
-    // The same images as in the project's recording, some with restart markers.
+    // The images of the project's recording, some with restart markers.
     const auto twin = folder / ("clean-" + entry.path().stem().string().substr(5) + ".jpg");
     if (entry.path().parent_path().filename() == "frames") {
       const auto clean = load_image(twin);

@@ -1,4 +1,4 @@
-// Layouts of cameras' buffers, and differences between versions of libcamera.
+// Buffer layouts of cameras, and differences between versions of libcamera.
 #include <gtest/gtest.h>
 #include <linux/videodev2.h>
 
@@ -32,8 +32,8 @@ TEST(FrameLayout, PlacesPlanesConsecutively) {
   EXPECT_EQ(rgb.bytes, 99U * 7U);
 }
 
-// Follows the kernel's documentation of colour spaces: a default field takes its value from the
-// colour space; an explicit field applies with any colour space.
+// Follows the kernel's documentation of colour spaces: a field with its default value follows from
+// the colour space; an explicit field overrides it.
 TEST(V4l2Colors, FollowColorspaceFieldsOfDriver) {
   constexpr VideoColors kBt601{ColorMatrix::bt601, ColorRange::limited};
   constexpr VideoColors kBt601Full{ColorMatrix::bt601, ColorRange::full};
@@ -76,7 +76,7 @@ TEST(FrameLayout, ReservesLastChromaOfOddSizes) {
   EXPECT_EQ(odd.bytes, 704U * (481U + 241U));
 }
 
-// Configurations like those of libcamera 0.0.3 and of later versions.
+// Mimic the configurations of libcamera 0.0.3 and of later versions.
 struct WithTransform {
   int transform = 0;
 };

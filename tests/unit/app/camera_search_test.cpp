@@ -47,7 +47,7 @@ TEST(CameraSearch, StartsOverAtEveryLoss) {
   search.begin();
   EXPECT_EQ(search.find(There{}), std::nullopt);
   EXPECT_EQ(search.find(There{kMoved}), 0U);
-  // The search continues there.
+  // The camera was found at kMoved, so its next loss begins there.
   search.begin();
   EXPECT_EQ(search.find(There{kLost, kTwin}), std::nullopt);
   EXPECT_EQ(search.find(There{kLost, kTwin, kMoved}), 2U);

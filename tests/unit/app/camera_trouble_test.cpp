@@ -70,7 +70,7 @@ TEST(CameraTrouble, NamesDeviceWithoutPermission) {
     std::filesystem::permissions(place(name), std::filesystem::perms(0666));
   }
   std::filesystem::permissions(place("mem"), std::filesystem::perms(0600));
-  // Root may open every file, so the test switches to another user.
+  // Root may open every file, so the test switches to an unprivileged user.
   const bool is_root = geteuid() == 0;
   const auto find_now = [&] {
     EXPECT_EQ(is_root ? seteuid(65534) : 0, 0);

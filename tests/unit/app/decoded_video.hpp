@@ -16,7 +16,7 @@ namespace penumbra::test {
 
 struct DecodedPicture {
   double time_s = 0.0;
-  // One plane after the other, rows without padding; 0RGB32: 4 bytes B G R X per pixel.
+  // planes one after the other, rows without padding; 0RGB32: 4 bytes B G R X per pixel
   std::vector<std::uint8_t> bytes;
 };
 

@@ -12,7 +12,7 @@ TEST(DrawPace, HasNoEstimateBeforeFirstDraw) {
   EXPECT_FALSE(pace.begin_at_ns());
   pace.prepared(5 * kMillisecond_ns);
   EXPECT_FALSE(pace.begin_at_ns());
-  pace.asked(0);  // no frame was taken, so no drawing began
+  pace.asked(0);  // no frame was available, so no drawing began
   EXPECT_FALSE(pace.begin_at_ns());
   pace.took(10 * kMillisecond_ns);
   EXPECT_FALSE(pace.begin_at_ns()) << "no drawing has ended";
@@ -26,7 +26,7 @@ TEST(DrawPace, StartsWorkJustInTimeForNextDraw) {
   EXPECT_FALSE(pace.begin_at_ns()) << "the drawer waits";
   pace.took(70 * kMillisecond_ns);
   EXPECT_EQ(pace.begin_at_ns(), (70 + 60 - 5 - 1) * kMillisecond_ns);
-  // The estimate uses the fastest recent drawing and the slowest recent work.
+  // The estimate uses the shortest recent drawing and the longest recent work.
   pace.asked(120 * kMillisecond_ns);
   pace.prepared(8 * kMillisecond_ns);
   pace.prepared(2 * kMillisecond_ns);
@@ -43,7 +43,7 @@ TEST(DrawPace, StartsWorkAtOnceWhenDrawingIsFaster) {
   EXPECT_EQ(pace.begin_at_ns(), 30 * kMillisecond_ns);
 }
 
-// A pause of the window for a minute, or one slow frame, expires.
+// The estimate forgets a slow frame and a window that was paused for a minute.
 TEST(DrawPace, UsesOnlyRecentDurations) {
   DrawPace pace;
   std::int64_t now_ns = 0;

@@ -11,7 +11,7 @@ namespace {
 constexpr std::int64_t kMs = 1'000'000;
 constexpr std::int64_t kStart = 5'000'000 * kMs;
 
-// Frames every 10 ms that arrive 2 ms after their timestamp.
+// A camera with a frame every 10 ms that arrives 2 ms after its timestamp.
 class Camera {
  public:
   FrameStamp frame(std::uint32_t sequence, std::int64_t at_ms) {
@@ -53,9 +53,9 @@ TEST(FrameClock, CountsTimestampGapOnceFramesAreRegularAgain) {
 TEST(FrameClock, SumsConsecutiveTimestampGaps) {
   Camera camera;
   for (std::uint32_t i = 0; i < 20; ++i) (void)camera.frame(i, 10 * i);
-  EXPECT_EQ(camera.frame(20, 220).lost_silent, 0U);  // 2 missing so far
-  EXPECT_EQ(camera.frame(21, 240).lost_silent, 0U);  // 1 more
-  EXPECT_EQ(camera.frame(22, 290).lost_silent, 0U);  // 4 more
+  EXPECT_EQ(camera.frame(20, 220).lost_silent, 0U);  // 2 frames missing so far
+  EXPECT_EQ(camera.frame(21, 240).lost_silent, 0U);  // 1 more frame missing
+  EXPECT_EQ(camera.frame(22, 290).lost_silent, 0U);  // 4 more frames missing
   EXPECT_EQ(camera.frame(23, 300).lost_silent, 7U);
 }
 
@@ -71,7 +71,7 @@ TEST(FrameClock, CountsNoGapForCameraSlowerThanGranted) {
       ++reported;
     }
     EXPECT_EQ(reported, 1) << interval_ms;
-    // At the slow rate, missing frames are counted.
+    // At the slow rate, missing frames are still counted.
     EXPECT_EQ(camera.frame(100, interval_ms * 103).lost_silent, 0U);
     EXPECT_EQ(camera.frame(101, interval_ms * 104).lost_silent, 3U);
   }
@@ -118,7 +118,8 @@ TEST(FrameClock, CountsNoGapForDecreasingOrRepeatedSequence) {
 TEST(FrameClock, ReplacesImplausibleTimestampByArrival) {
   Camera camera;
   (void)camera.frame(0, 0);
-  // Just before the end of 64-bit nanoseconds, then wrapped to the beginning, then backwards.
+  // Timestamps: just before the end of 64-bit nanoseconds, then wrapped to the beginning, then
+  // backwards.
   std::int64_t last = kStart;
   std::int64_t arrival = kStart;
   for (const std::int64_t driver_ns : {INT64_MAX - 5, std::int64_t{3}, kStart - 10 * kMs}) {
@@ -132,12 +133,12 @@ TEST(FrameClock, ReplacesImplausibleTimestampByArrival) {
   }
 }
 
-// One wrong timestamp, ahead of the clock or late, does not spoil the others.
+// A wrong timestamp, too early or too late, must not change the other timestamps.
 TEST(FrameClock, KeepsOtherTimestampsAfterOneWrong) {
   for (const std::int64_t wrong_ms : {std::int64_t{500}, std::int64_t{-50}}) {
     Camera camera;
     for (std::uint32_t i = 0; i < 20; ++i) (void)camera.frame(i, 10 * i);
-    // Arrives 35 ms late, after the next frames.
+    // The frame arrives 35 ms late, after the following ones are due.
     const FrameStamp bad =
         camera.clock.next(20, kStart + (200 + wrong_ms) * kMs, true, kStart + 235 * kMs);
     EXPECT_TRUE(bad.bad_time) << wrong_ms;
@@ -155,7 +156,7 @@ TEST(FrameClock, KeepsOtherTimestampsAfterOneWrong) {
   }
 }
 
-// Some drivers give the time at which the exposure ends, which is in the future.
+// Some drivers report the end of the exposure, which is later than the frame's arrival.
 TEST(FrameClock, AcceptsTimestampAtEndOfFrame) {
   Camera camera;
   for (std::uint32_t i = 0; i < 20; ++i) {
@@ -170,7 +171,7 @@ TEST(FrameClock, ReturnsIncreasingTimestamps) {
   const FrameStamp second = clock.next(1, 0, false, kStart);
   EXPECT_EQ(first.timestamp_ns, kStart);
   EXPECT_GT(second.timestamp_ns, first.timestamp_ns);
-  EXPECT_FALSE(second.bad_time);  // this driver gives no clock
+  EXPECT_FALSE(second.bad_time);  // this driver gives no timestamps
 }
 
 TEST(FrameClock, CountsNoGapAcrossRestart) {

@@ -15,7 +15,7 @@ TEST(FramePace, DeclaresStallAfterOneSecondAndStaleAfterQuarter) {
   EXPECT_EQ(pace.stale_after_ns(), 250 * kMillisecond);
 }
 
-// Also for a camera that granted a faster rate than it delivers.
+// The rate that the camera granted may be higher than the rate at which it delivers.
 TEST(FramePace, NeverDeclaresStallBetweenFramesOfSlowCamera) {
   for (const std::int64_t granted_ns : {std::int64_t{0}, 33 * kMillisecond, 1000 * kMillisecond}) {
     FramePace pace(granted_ns);
@@ -56,7 +56,7 @@ TEST(FramePace, DoublesWaitAfterEachStartWithoutFrame) {
   EXPECT_EQ(pace.silent_after_ns(), 3000 * kMillisecond);
 }
 
-// One outage does not lengthen the stall limit.
+// Outages of 20 s do not raise the stale limit.
 TEST(FramePace, IgnoresSingleLongInterval) {
   FramePace pace(33 * kMillisecond);
   std::int64_t at = 0;

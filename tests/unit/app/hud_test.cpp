@@ -60,7 +60,7 @@ TEST(Hud, ListsTechniquesOfNodes) {
   EXPECT_EQ(technique_in_words({}), "none");
 }
 
-// Uses the values of docs/shadows.md#constants in both directions.
+// Converts the values of docs/shadows.md#constants in both directions.
 TEST(Hud, RecoversWorkspaceFromConstants) {
   for (const double magnification : {1.25, 1.5, 2.0}) {
     const LayeredConstants constants = layered_constants_for_workspace(0.3, magnification).value();
@@ -127,7 +127,7 @@ TEST(Hud, ListsReasonsForSkippedAndReusedParts) {
               testing::ElementsAre("skipped: rotor: outside the view",
                                    "skipped: leaf: too high for an umbra",
                                    "kept: video: the frame is on the GPU already"));
-  // The list of reasons has a maximum length.
+  // The HUD shows at most kMostReasons reasons.
   state.skipped.resize(kMostReasons + 3, "leaf: outside the view");
   state.kept.resize(kMostReasons, "floor: its mask is that of an earlier picture");
   const std::vector<std::string> lines = reasons_in_words(state);

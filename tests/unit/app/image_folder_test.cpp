@@ -1,4 +1,4 @@
-// Images to calibrate from.
+// Folders of images to calibrate from.
 #include "app/calibration/image_folder.hpp"
 
 #include <fmt/format.h>
@@ -20,7 +20,7 @@ using testing::AllOf;
 using testing::ElementsAre;
 using testing::HasSubstr;
 
-// The depth is determined from 256 of the 300 images; the seventh is not among them.
+// The sample depth is determined from 256 of the 300 images. The seventh image is not one of them.
 TEST(ImageSource, WarnsOfValuesAboveDepthOfOthers) {
   const test::TemporaryFolder folder;
   constexpr int kCount = 300;

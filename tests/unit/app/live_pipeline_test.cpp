@@ -17,7 +17,7 @@ namespace {
 
 using std::chrono::milliseconds;
 
-// A camera that delivers the test's frames at once.
+// A camera that delivers frames when the test passes them.
 class FedCamera final : public LiveSource {
  public:
   explicit FedCamera(double interval_s = 1.0 / 30.0) { format_.interval_s = interval_s; }
@@ -77,7 +77,8 @@ void let_go(const CapturedImage& /*image*/) {}
 
 class LivePipelineThreading : public testing::TestWithParam<bool> {};
 
-// An image without a whole successor becomes stale, even though the camera goes on delivering.
+// A frame becomes stale if only damaged images follow it, even though the camera goes on
+// delivering.
 TEST_P(LivePipelineThreading, MarksFrameStaleWhileOthersAreDamaged) {
   FedCamera camera;
   LivePipeline pipeline(camera, as_it_is, let_go, GetParam());
@@ -139,7 +140,7 @@ TEST(LivePipeline, EndsWithErrorOfThrowingTracker) {
   EXPECT_EQ(pipeline.error()->message, "the tracker's own");
 }
 
-// The next frame drawn is the newest one at the time the previous drawing began.
+// The next frame drawn is the one that was newest when the previous drawing began.
 TEST(LivePipeline, TakesNoFrameWhileTrackedOneWaits) {
   FedCamera camera;
   std::atomic<int> tracked = 0;
@@ -164,8 +165,8 @@ TEST(LivePipeline, TakesNoFrameWhileTrackedOneWaits) {
   EXPECT_EQ(next->tracked.frame.sequence, 7U);
 }
 
-// Tracking at the start of a drawing would give a frame that is one drawing old. The test measures
-// a share of the drawing's time, so slow machines pass too.
+// Tracking at the start of a drawing would give a frame that is one drawing old. The test counts
+// frames relative to a drawing's duration, so it does not depend on the machine's speed.
 TEST(LivePipeline, BeginsTrackingLateDuringDraw) {
   FedCamera camera;
   LivePipeline pipeline(camera, as_it_is, let_go, true);
@@ -192,13 +193,13 @@ TEST(LivePipeline, BeginsTrackingLateDuringDraw) {
   const int begun = given;
   draw();
   const int done = given;
-  // On a slow machine only few frames may have arrived.
+  // On a slow machine only a few frames may have arrived, hence the + 2.
   EXPECT_GE(2 * (next() - begun) + 2, done - begun);
   over = true;
   feed.join();
 }
 
-// Also stops while the thread waits for its start time.
+// The pipeline also stops while its thread waits for its start time.
 TEST(LivePipeline, StopsDuringDraw) {
   FedCamera camera;
   LivePipeline pipeline(camera, as_it_is, let_go, true);
@@ -256,7 +257,7 @@ TEST(LiveRecorder, ReleasesDescriptorsOfEndedRecordings) {
   const int before = open_descriptors();
   constexpr int kCycles = 40;
   for (int i = 1; i <= kCycles; ++i) record(i);
-  // Releases writers without finish(), which a session calls only at its end.
+  // Writers are released without finish(), which a session calls only at its end.
   const Stopwatch watch;
   while (open_descriptors() > before && watch.elapsed().wall_ms < 20e3) {
     std::this_thread::sleep_for(milliseconds(5));

@@ -68,8 +68,8 @@ TEST(LookAhead, NeverProducesMoreThanDepthAhead) {
   {
     Numbers numbers(
         [&]() -> Numbers::Item {
-          // One item is being made while at most 3 wait; `taken` does not yet count the item just
-          // handed out.
+          // One item is being made while at most 3 wait. `taken` does not yet count the item that
+          // was just returned.
           most = std::max(most.load(), made.load() + 1 - taken.load());
           return std::optional<int>(made++);
         },
@@ -95,7 +95,7 @@ TEST(LookAhead, JoinsThreadAndFreesItemsWhenDestroyedEarly) {
 TEST(LookAhead, ProducesAheadOfConsumer) {
   std::atomic<int> made = 0;
   Numbers numbers([&]() -> Numbers::Item { return std::optional<int>(made++); }, 4);
-  while (made.load() < 4) std::this_thread::yield();  // without any request
+  while (made.load() < 4) std::this_thread::yield();  // items are made without any request
   EXPECT_EQ(*numbers.next(), std::optional<int>(0));
 }
 

@@ -38,7 +38,7 @@ TEST(Mailbox, KeepsLastItemAfterCloseAndAcceptsNoMore) {
   EXPECT_FALSE(box.finished());
   EXPECT_EQ(box.take(milliseconds(0)), 1);
   EXPECT_TRUE(box.finished());
-  // Returns at once, because no further value can come.
+  // take() returns at once, because no further value can come.
   EXPECT_EQ(box.take(std::chrono::hours(1)), std::nullopt);
 }
 

@@ -19,7 +19,7 @@ std::shared_ptr<const Model> box(float x, float y, float z) {
   return test::finished(make_box({x, y, z}), glm::vec4(1.0F));
 }
 
-// A table seen at an angle, through a lens.
+// A table seen obliquely through a lens with distortion.
 class Manipulation : public testing::Test {
  protected:
   Manipulation() {
@@ -60,7 +60,7 @@ TEST_F(Manipulation, CastsPixelRayThroughVisiblePoint) {
 }
 
 TEST_F(Manipulation, PicksNearestSurface) {
-  // Along one ray from the camera: the near cube before the far one.
+  // One ray meets two cubes; the nearer one is picked.
   const Ray ray{{0.05, -1.0, 0.25}, Eigen::Vector3d(0.0, 1.0, 0.0)};
   const auto picked = pick(scene(), state(), ray);
   ASSERT_TRUE(picked);
@@ -74,7 +74,7 @@ TEST_F(Manipulation, PicksScaledAndRotatedObjects) {
   test::SceneBuilder turned;
   turned.add(box(0.1F, 0.2F, 0.3F), at(0.3, 0.1, 0.2, {0, 1, 0}, 0.5 * std::numbers::pi, 2.0));
   const SceneState now = evaluate_scene(turned.scene(), 0.0);
-  // 0.3 m along x twice at the current time: half of that is 0.3 m.
+  // The box's side of 0.3 m lies along x at scale 2, so half of it is 0.3 m.
   const auto picked = pick(turned.scene(), now, {{-1.0, 0.1, 0.2}, Eigen::Vector3d(1, 0, 0)});
   ASSERT_TRUE(picked);
   EXPECT_NEAR(picked->distance, 1.0, 1e-6);
@@ -146,7 +146,7 @@ TEST_F(Manipulation, LiftsByUpwardDragWhenSeenFromAbove) {
   const auto up = view_at(camera, pose, start.pixel - Eigen::Vector2d(0.0, 50.0));
   const auto moved = hands.drag(up.value());
   ASSERT_TRUE(moved);
-  // 50 px of 1/500 rad each at 0.9 m.
+  // A vertical drag of 50 px is 50 / 500 rad, seen from 0.9 m.
   EXPECT_NEAR(moved->placement.position.z() - 0.25, 0.9 * 50.0 / 500.0, 1e-3);
   EXPECT_NEAR(moved->placement.position.x(), 0.05, 1e-9);
 }
@@ -165,11 +165,11 @@ TEST_F(Manipulation, ReachesUpAndAwayOnly) {
       (start.ray.origin - Eigen::Vector3d(0.05, -0.03, 0.25)).norm() / 500.0;
   EXPECT_NEAR(done.z(), 25.0 * metres_per_px, 1e-6);
   EXPECT_NEAR(done.dot(start.right), 0.0, 1e-12);
-  // Moves level, along the ray's horizontal direction.
+  // The object moves at constant height, along the ray's horizontal direction.
   Eigen::Vector3d away = start.ray.direction - start.ray.direction.dot(start.right) * start.right;
   away.z() = 0.0;
   EXPECT_NEAR(done.dot(away.normalized()), 40.0 * metres_per_px, 1e-6);
-  // Stays above the table.
+  // The object stays above the table.
   pointer.pixel.y() = start.pixel.y() + 4000.0;
   EXPECT_NEAR(hands.drag(pointer)->placement.position.z(), 0.05, 1e-7);
 }
@@ -179,7 +179,7 @@ TEST_F(Manipulation, TurnsAboutTableNormalAndImageHorizontal) {
   const PointerView start = pointer_at({0.05, -0.03, 0.25});
   ASSERT_TRUE(hands.take(scene(), state(), start, DragMode::turn));
   PointerView pointer = start;
-  pointer.pixel.x() += 160.0;  // a quarter of the width: a quarter turn
+  pointer.pixel.x() += 160.0;  // a quarter of the image's width rotates by a quarter turn
   auto turned = hands.drag(pointer);
   ASSERT_TRUE(turned);
   EXPECT_TRUE(turned->turned);
@@ -228,11 +228,11 @@ TEST_F(Manipulation, PlacesCursorUnderPointer) {
   ASSERT_TRUE(moved);
   EXPECT_EQ(moved->object, scene().objects[static_cast<std::size_t>(cube)].name);
   EXPECT_LT((moved->placement.position - Eigen::Vector3d(-0.1, -0.15, 0.25)).norm(), 1e-6);
-  // Raised; the object follows the pointer's ray at that height.
+  // Raising the cursor: the object follows the pointer's ray at the new height.
   const auto raised = cursor_at(scene(), state(), pointer_at({-0.1, -0.15, 0.30}), 0.05);
   ASSERT_TRUE(raised);
   EXPECT_LT((raised->placement.position - Eigen::Vector3d(-0.1, -0.15, 0.30)).norm(), 1e-6);
-  // The attached wing reaches lower than the cube: it stops the object at the table.
+  // Lowering: the attached wing extends below the cube, so it is the wing that stops at the table.
   const auto lowered = cursor_at(scene(), state(), target, -10.0);
   ASSERT_TRUE(lowered);
   const double lowest = lowest_point(scene(), state(), cube);

@@ -144,7 +144,7 @@ std::string read_through_pipe(const fs::path& pipe, const Write& write) {
 TEST(OutputFile, WritesToNamedPipe) {
   const test::TemporaryFolder folder;
   const fs::path pipe = folder.path() / "pipe";
-  const std::string long_text(1'000'000, 'x');  // more than a pipe buffers
+  const std::string long_text(1'000'000, 'x');  // more than a pipe's buffer holds
   const std::string text = read_through_pipe(pipe, [&] {
     auto file = OutputFile::create(pipe);
     ASSERT_TRUE(file) << file.error().message;
@@ -159,7 +159,7 @@ TEST(OutputFile, WritesToNamedPipe) {
 TEST(OutputFile, WaitsForPipeReaderAtFirstByte) {
   const test::TemporaryFolder folder;
   ASSERT_EQ(mkfifo((folder.path() / "pipe").c_str(), 0600), 0);
-  // Neither call blocks: the two pipes may be read in sequence.
+  // Neither create() blocks, so a reader may open the two pipes in sequence.
   EXPECT_TRUE(OutputFile::create(folder.path() / "pipe"));
   EXPECT_TRUE(OutputFile::create(folder.path() / "pipe"));
 }
@@ -187,7 +187,7 @@ TEST(PoseWriter, StreamsPosesToPipe) {
   EXPECT_THAT(written.error().message, testing::HasSubstr("Broken pipe"));
 }
 
-// Writes at the descriptor's current position and does not replace the file.
+// The output continues at the descriptor's current position and does not replace the file.
 TEST(OutputFile, WritesToOpenDescriptor) {
   const test::TemporaryFolder folder;
   const fs::path path = folder.path() / "log";

@@ -73,7 +73,7 @@ struct Shot {
   std::vector<std::uint8_t> rgba;
 };
 
-// A grey window with the HUD drawn on it, rows from the top.
+// Draws the HUD on a grey window; rows run from the top.
 Shot shoot(Overlay& overlay, const HudState& state, const HudPanels& panels, int width, int height,
            HudActions& actions) {
   const auto framebuffer = Framebuffer::create(width, height).value();
@@ -123,7 +123,7 @@ TEST_P(HudOverlay, DrawsEveryLayoutAndKeepsFrameVisible) {
     const char* name;
     int width, height;
     HudPanels panels;
-    double most;  // share of the window
+    double most;  // maximum fraction of the window that the HUD covers
   };
   const std::vector<Case> cases = {
       {"full-1280x720", 1280, 720, {}, 0.35},
@@ -144,7 +144,7 @@ TEST_P(HudOverlay, DrawsEveryLayoutAndKeepsFrameVisible) {
   };
   for (const Case& one : cases) {
     HudActions actions;
-    // Sizes settle in the second drawing.
+    // The layout sizes are final in the second drawing.
     shoot(*overlay, busy_state(), one.panels, one.width, one.height, actions);
     const Shot shot = shoot(*overlay, busy_state(), one.panels, one.width, one.height, actions);
     const double share = static_cast<double>(changed_pixels(shot)) / (one.width * one.height);
@@ -155,7 +155,7 @@ TEST_P(HudOverlay, DrawsEveryLayoutAndKeepsFrameVisible) {
   }
 }
 
-// The debug view's image lies in a window of another aspect ratio.
+// The debug view shows the image scaled into a window of another aspect ratio.
 TEST_P(HudOverlay, DrawsKernelsAsDotsInDebugView) {
   HudState state;
   state.has_picture = true;
@@ -172,7 +172,7 @@ TEST_P(HudOverlay, DrawsKernelsAsDotsInDebugView) {
     panels.debug = debug;
     shoot(*overlay, state, panels, 1280, 720, actions);
     const Shot shot = shoot(*overlay, state, panels, 1280, 720, actions);
-    // The image is 960 x 720 in the middle: three window pixels for each of its pixels.
+    // The image fills 960 x 720 in the middle: 3 x 3 window pixels for each image pixel.
     EXPECT_EQ(bluish(shot, 160 + 480, 360), debug);
     EXPECT_EQ(bluish(shot, 160 + 901, 601), debug);
     EXPECT_FALSE(bluish(shot, 160 + 480, 380));
@@ -180,7 +180,7 @@ TEST_P(HudOverlay, DrawsKernelsAsDotsInDebugView) {
   }
 }
 
-// Each part has a line, in the debug view only.
+// The debug view, and only it, has a line for each skipped or reused part.
 TEST_P(HudOverlay, ListsSkippedAndReusedPartsInDebugViewOnly) {
   HudState plain = busy_state();
   plain.skipped.clear();
@@ -198,7 +198,7 @@ TEST_P(HudOverlay, ListsSkippedAndReusedPartsInDebugViewOnly) {
     shoot(*overlay, state, panels, 1280, 720, actions);
     return shoot(*overlay, state, panels, 1280, 720, actions);
   };
-  // The lower end of the debug view: the last row whose left part is not the image's grey.
+  // Lower end of the debug view: the last row whose left end is not the image's grey.
   const auto bottom = [](const Shot& shot) {
     int last = 0;
     for (int y = 0; y < shot.height * 3 / 4; ++y) {
@@ -223,7 +223,7 @@ TEST_P(HudOverlay, TurnsClickShorterThanFrameIntoCommand) {
   panels.compact = true;
   shoot(*overlay, busy_state(), panels, 640, 480, actions);
   shoot(*overlay, busy_state(), panels, 640, 480, actions);
-  // The buttons fill the lowest row from side to side; the first one changes the technique.
+  // The buttons fill the lowest row over its whole width; the first one changes the technique.
   WindowEvent event;
   event.x = 30.0;
   event.y = 460.0;
@@ -238,7 +238,7 @@ TEST_P(HudOverlay, TurnsClickShorterThanFrameIntoCommand) {
   EXPECT_EQ(actions.commands[0], WindowCommand::next_technique);
 }
 
-// For touch screens: the help of the compact layout has buttons to leave full screen and to quit.
+// For touch screens, the help of the compact layout has buttons to leave full screen and to quit.
 TEST_P(HudOverlay, OffersFullScreenAndQuitButtonsInCompactHelp) {
   constexpr int kWidth = 480;
   constexpr int kHeight = 320;
@@ -262,7 +262,7 @@ TEST_P(HudOverlay, OffersFullScreenAndQuitButtonsInCompactHelp) {
       overlay->handle(event);
       HudActions actions;
       for (int i = 0; i < 3; ++i) {
-        HudPanels shown = panels;  // with any panels open
+        HudPanels shown = panels;  // the panels that are open in this case
         shoot(*overlay, busy_state(), shown, kWidth, kHeight, actions);
       }
       found.insert(actions.commands.begin(), actions.commands.end());
@@ -273,7 +273,7 @@ TEST_P(HudOverlay, OffersFullScreenAndQuitButtonsInCompactHelp) {
   EXPECT_TRUE(found.contains(WindowCommand::help)) << "the help is closed by a touch too";
 }
 
-// A study's participant sees the instructions, and nothing to click.
+// A study's participant sees the instructions and no controls.
 TEST_P(HudOverlay, ReplacesHudByStudyInstructions) {
   HudActions actions;
   shoot(*overlay, busy_state(), {}, 640, 480, actions);
@@ -281,7 +281,7 @@ TEST_P(HudOverlay, ReplacesHudByStudyInstructions) {
     const auto framebuffer = Framebuffer::create(640, 480).value();
     framebuffer.bind();
     Shot shot{640, 480, std::vector<std::uint8_t>(std::size_t{640} * 480 * 4)};
-    for (int drawing = 0; drawing < 2; ++drawing) {  // sizes settle in the second
+    for (int drawing = 0; drawing < 2; ++drawing) {  // sizes are final in the second drawing
       glClearColor(0.6F, 0.6F, 0.6F, 1.0F);
       glClear(GL_COLOR_BUFFER_BIT);
       overlay->draw_text("Click on the highest sphere", in_the_middle, {640, 480});
@@ -381,12 +381,12 @@ TEST_P(HudOverlay, ShowsExactlyTheSettingsThatActOnTechnique) {
   }
 }
 
-// Clicks down the panel until the list of modes opens, then down the list until each was chosen.
+// Clicks down the panel until the list of modes opens, then selects each mode from it.
 TEST_P(HudOverlay, SelectsEveryTranslucencyFromList) {
   HudPanels panels;
   panels.panels = true;
   HudState state = busy_state();
-  state.nodes.clear();  // leaves only that list to click
+  state.nodes.clear();  // the list is then the only control to click
   std::set<Translucency> chosen;
   for (int row = 0; row < 12; ++row) {
     HudActions actions;

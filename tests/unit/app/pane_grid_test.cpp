@@ -1,4 +1,4 @@
-// Panes side by side: their places, and captions that stay outside them.
+// Layout of panes side by side, with captions outside the panes.
 #include "app/output/pane_grid.hpp"
 
 #include <gtest/gtest.h>
@@ -65,7 +65,7 @@ TEST_P(PaneGridLayout, PlacesEachPaneAndChangesNothingElse) {
   EXPECT_EQ(seen, std::vector<int>(panes, kWidth * kHeight));
 }
 
-// Brightest values in the band above a pane, column by column.
+// Brightest value of each column in the caption's band above a pane.
 std::vector<int> caption_of(const PaneGrid& grid, std::size_t pane, int pane_width, int band) {
   std::vector<int> brightest;
   const PaneGrid::Corner corner = grid.corner_of(pane);

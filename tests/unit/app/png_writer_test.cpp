@@ -74,7 +74,7 @@ TEST(PngWriter, RejectsFramesFolderOfRecording) {
   EXPECT_TRUE(fs::exists(frames / "000000.png"));
 }
 
-// EuRoC image names are timestamps, which are all digits too.
+// EuRoC image names are timestamps, which also consist of digits only.
 TEST(PngWriter, RejectsFolderOfImagesNamedByTime) {
   const test::TemporaryFolder temporary;
   const fs::path folder = temporary.path() / "data";

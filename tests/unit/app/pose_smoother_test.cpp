@@ -27,7 +27,7 @@ CameraPose over_the_table() {
   return looking_at({0.0, 0.0, 0.0}, 0.6, 0.9, 0.3, 0.1);
 }
 
-// Lag of the poses from index `first` on.
+// Lag of the drawn poses from index `first` on.
 std::optional<double> lag_ms(const Trajectory& measured, const Trajectory& drawn,
                              std::size_t first = 0) {
   LagMeter meter(desk_camera());
@@ -42,7 +42,7 @@ double apart_px(const CameraPose& a, const CameraPose& b) {
   return overlay_difference(desk_camera(), a, b).rms_px();
 }
 
-// The camera shifted to its right, so that the overlay moves by about `px`.
+// Camera pose shifted to the right, so that the overlay moves by about `px`.
 CameraPose shifted(double px) {
   Vector6d xi = Vector6d::Zero();
   xi[0] = 1e-3;
@@ -51,7 +51,7 @@ CameraPose shifted(double px) {
   return perturbed(over_the_table(), xi);
 }
 
-// Jitter before and after smoothing [px], for a camera at rest with noisy poses.
+// Jitter [px] before and after smoothing noisy poses of a camera at rest.
 struct Jitter {
   Evaluation before, after;
 };
@@ -65,7 +65,7 @@ Jitter jitter_at_rest(double noise) {
     const std::int64_t at = nanoseconds(1.0 + i * kFrame_s);
     const CameraPose pose = perturbed(over_the_table(), xi);
     const SmoothedPose smoothed = smoother.smooth(at, pose);
-    if (i < 30) continue;  // the first poses are drawn as measured
+    if (i < 30) continue;  // the first poses are not smoothed yet
     measured.poses.push_back({at, pose, {}});
     drawn.poses.push_back({at, smoothed.T_table_camera, {}});
     truth.poses.push_back({at, over_the_table(), {}});
@@ -78,7 +78,7 @@ TEST(PoseSmoother, ReducesJitterAtRest) {
   EXPECT_GT(before.jitter_px, 0.03) << "the input must have jitter";
   EXPECT_LT(after.jitter_px, before.jitter_px / 5.0);
   EXPECT_LT(after.overlay_px.rmse, before.overlay_px.rmse / 2.0);
-  // Three times the noise opens the filter somewhat.
+  // Three times the noise raises the cutoff somewhat.
   const auto [noisy, smoothed] = jitter_at_rest(1e-4);
   EXPECT_LT(smoothed.jitter_px, noisy.jitter_px / 4.0);
   EXPECT_LT(smoothed.overlay_px.rmse, noisy.overlay_px.rmse / 2.0);
@@ -90,7 +90,7 @@ TEST(PoseSmoother, ReportsLagOfSteadyMotionAndBoundsOffset) {
     PoseSmoother smoother(desk_camera());
     Trajectory measured, drawn;
     SmoothedPose last;
-    // Stays near the middle, where a shift moves the whole overlay evenly.
+    // Limits the motion to the image's middle, where a shift moves the whole overlay evenly.
     const int frames = px_s > 100.0 ? 30 : 90;
     for (int i = 0; i < frames; ++i) {
       const std::int64_t at = nanoseconds(1.0 + i * kFrame_s);
@@ -103,12 +103,12 @@ TEST(PoseSmoother, ReportsLagOfSteadyMotionAndBoundsOffset) {
     EXPECT_NEAR(last.lag_ms, 1e3 / (2.0 * std::numbers::pi * cutoff), 0.05 * last.lag_ms);
     EXPECT_NEAR(last.offset_px, px_s * 1e-3 * last.lag_ms, 0.05 * last.offset_px);
     EXPECT_LT(last.offset_px, 0.5 / (2.0 * std::numbers::pi) * 1.05);
-    // Behind, not ahead: closer to the previous poses.
+    // The drawn pose lags: it is closer to the previous poses than the measured pose is.
     EXPECT_LT(apart_px(last.T_table_camera, shifted(-px_s)),
               apart_px(measured.poses.back().T_table_camera, shifted(-px_s)));
     ASSERT_EQ(lag_ms(measured, drawn).has_value(), px_s > 5.0);
     if (px_s == 10.0) {
-      // At the start the filter does not know the speed yet.
+      // The filter estimates the speed only after some frames.
       EXPECT_NEAR(lag_ms(measured, drawn, 45).value(), last.lag_ms, 0.05 * last.lag_ms);
     }
   }
@@ -151,7 +151,7 @@ TEST(PoseSmoother, FollowsJumpWithoutOvershoot) {
 
 TEST(PoseSmoother, RestartsAfterLossGapAndBackwardTime) {
   const CameraPose a = shifted(0.0);
-  const CameraPose b = shifted(0.1);  // within the bound, so the drawn pose may differ
+  const CameraPose b = shifted(0.1);  // within the offset bound, so the drawn pose may differ
   const std::int64_t second = 1'000'000'000;
   const auto expect_as_measured = [&](const SmoothedPose& drawn) {
     EXPECT_EQ(drawn.T_table_camera.matrix(), b.matrix());
@@ -182,7 +182,7 @@ TEST(PoseSmoother, ReturnsSamePoseForRepeatedFrame) {
   }
 }
 
-// A random walk of the hand with jumps, at uneven or repeated times.
+// A random walk of the camera with jumps, at uneven or repeated times.
 RC_GTEST_PROP(PoseSmoother, StaysWithinBoundsForAnyMotionAndTimes, ()) {
   Draw draw(*rc::gen::arbitrary<std::uint64_t>());
   const CameraModel camera = desk_camera();
@@ -203,7 +203,7 @@ RC_GTEST_PROP(PoseSmoother, StaysWithinBoundsForAnyMotionAndTimes, ()) {
     RC_ASSERT(drawn.T_table_camera.is_finite());
     RC_ASSERT(std::isfinite(drawn.lag_ms) && drawn.lag_ms >= 0.0);
     RC_ASSERT(drawn.offset_px >= 0.0 && drawn.offset_px <= PoseSmoother::kMostOffset_px);
-    // The largest lag of the cutoff alone, without the bound: 1 / (2 pi 1 Hz).
+    // Maximum lag, at the minimum cutoff of 1 Hz: 1 / (2 pi 1 Hz).
     RC_ASSERT(drawn.lag_ms <= 160.0);
     const Vector6d whole = perturbation_between(before, pose);
     const Vector6d made = perturbation_between(before, drawn.T_table_camera);
@@ -217,7 +217,7 @@ RC_GTEST_PROP(PoseSmoother, StaysWithinBoundsForAnyMotionAndTimes, ()) {
   }
 }
 
-// Numbers of any size, as a failing tracker may produce them.
+// Numbers of any magnitude, as a failing tracker may produce them.
 RC_GTEST_PROP(PoseSmoother, ReturnsFinitePosesForFiniteInput, ()) {
   Draw draw(*rc::gen::arbitrary<std::uint64_t>());
   PoseSmoother smoother(desk_camera());

@@ -12,7 +12,7 @@ TEST(RateMeter, MeasuresRateOfReceivedFrames) {
   EXPECT_EQ(rate.per_s(10.0), 0.0);
   for (int i = 1; i <= 100; ++i) {
     rate.add(400.0 * i);
-    // Repeated queries give the same rate until the next frame is overdue.
+    // Repeated queries return the same rate until the next frame is overdue.
     for (double later = 0.0; later <= 400.0; later += 50.0) {
       EXPECT_NEAR(rate.per_s(400.0 * i + later), 2.5, 1e-9) << i << " " << later;
     }
@@ -30,7 +30,7 @@ TEST(RateMeter, DecreasesWhileNoFrameArrives) {
   EXPECT_LT(rate.per_s(1e6), 0.02);
   rate.restart();
   EXPECT_EQ(rate.per_s(1e6), 0.0);
-  // Two events at the same time give no rate.
+  // Two frames at the same time determine no rate.
   rate.add(5.0);
   rate.add(5.0);
   EXPECT_EQ(rate.per_s(5.0), 0.0);

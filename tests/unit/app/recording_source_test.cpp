@@ -27,7 +27,7 @@ constexpr std::int64_t kStepNs = 33333000;
 
 struct Played {
   std::vector<Frame> frames;
-  std::string error;  // empty if playing ended without an error
+  std::string error;  // empty if every frame was played without an error
 };
 
 Played play(const Recording& recording, const RecordingSourceOptions& options = {}) {
@@ -45,7 +45,7 @@ Played play(const Recording& recording, const RecordingSourceOptions& options = 
   }
 }
 
-// Opens and plays the recording; returns the first error of either.
+// Opens and plays the recording; returns the first error, or an empty string.
 std::string error_of(const std::filesystem::path& folder) {
   const auto recording = open_recording(folder);
   return recording ? play(*recording).error : recording.error().message;
@@ -110,7 +110,7 @@ TEST_F(FrameFolderRecording, DeliversFramesInOrderWithTimestamps) {
       EXPECT_EQ(got.timestamp_ns, kStartNs + i * kStepNs);
       EXPECT_EQ(got.format, PixelFormat::yuv420p);
       EXPECT_TRUE(same_pixels(got, *load_image(frame(i))));
-      // The pose is found under exactly the frame's time.
+      // The frame's exact timestamp finds its pose.
       EXPECT_NE(recording->groundtruth->at(got.timestamp_ns, 0), nullptr);
     }
   }
@@ -147,7 +147,7 @@ TEST_F(FrameFolderRecording, KeepsFrameValidAfterSourceIsClosed) {
     Frame kept;
     for (int i = 0; i < taken; ++i) kept = **(*source)->next();
     source->reset();
-    // A frame stays valid after its source is destroyed.
+    // A frame must stay valid after its source is destroyed.
     if (taken > 0) {
       EXPECT_TRUE(same_pixels(kept, *load_image(frame(taken - 1))));
     }
@@ -243,7 +243,7 @@ TEST_F(FrameFolderRecording, NamesInvalidLineAndCause) {
   }
 }
 
-// The exposure is an extra column, which may be empty in some lines.
+// The exposure is an optional column and may be empty in some lines.
 TEST_F(FrameFolderRecording, ReadsListedExposures) {
   const std::string good = test::read_bytes(folder() / "timestamps.csv");
   const auto listing = [&](const std::string& third) {
@@ -342,7 +342,7 @@ TEST_F(FrameFolderRecording, OpensFrameListTruncatedInLastLine) {
     EXPECT_EQ(recording->frames.size(), 7U) << whole.substr(0, length);
     EXPECT_FALSE(recording->notices.empty());
   }
-  // Lacks only the final line break.
+  // A list without the final line break is complete.
   write_text(folder() / "timestamps.csv", whole.substr(0, whole.size() - 1));
   EXPECT_EQ(open_recording(folder())->frames.size(), 8U);
   // A file system may leave zeros after a crash.
@@ -365,7 +365,7 @@ TEST_F(FrameFolderRecording, ReportsDamagedFrameInItsOrder) {
   }
 }
 
-// A recording keeps every frame of the camera; replay skips those that live could not decode.
+// A recording keeps every image of the camera. Replay skips the images that live could not decode.
 TEST_F(FrameFolderRecording, SkipsAndCountsDamagedCameraFrames) {
   const std::string whole = test::read_bytes(frame(3));
   write_text(frame(0), whole.substr(0, whole.size() / 3));
@@ -390,7 +390,7 @@ TEST_F(FrameFolderRecording, SkipsAndCountsDamagedCameraFrames) {
     EXPECT_EQ(numbers, (std::vector<std::uint64_t>{1, 2, 4, 5, 6, 7}));
     EXPECT_EQ((*source)->damaged(), 2);
   }
-  // A file that can't be read is an error, not camera damage.
+  // A missing file is an error, not camera damage.
   std::filesystem::remove(frame(4));
   std::filesystem::create_directory(frame(4));
   EXPECT_THAT(play(*recording).error, HasSubstr("000004.jpg"));
@@ -492,7 +492,7 @@ TEST_F(VideoRecording, DecodesEveryPixelLayoutExactly) {
   }
 }
 
-// Byte c (R, G, B) of a packed pixel lies at `offset[c]`.
+// Byte c (R, G, B) of a packed pixel is at `offset[c]`.
 struct Packed {
   AVPixelFormat stored;
   AVCodecID codec;
@@ -561,7 +561,7 @@ TEST_F(VideoRecording, DecodesAnyFrameRangeLikeWhole) {
   }
 }
 
-// Seeking starts anywhere: between key frames, on one, and after an earlier seek.
+// Seeks to frames between key frames, to a key frame, and after an earlier seek.
 TEST_F(VideoRecording, SkipsFramesFromAnyPosition) {
   std::mt19937 random(7);
   for (const int gop : {1, 3, 5, 100}) {
@@ -586,8 +586,8 @@ TEST_F(VideoRecording, SkipsFramesFromAnyPosition) {
   }
 }
 
-// A damaged frame is reported, and so are frames that depend on it; from the next key frame on all
-// frames are right.
+// A damaged frame and the frames that depend on it are reported. From the next key frame on, all
+// frames are correct.
 TEST_F(VideoRecording, ContinuesAfterDamagedFrame) {
   for (const int gop : {1, 4}) {
     SCOPED_TRACE(gop);
@@ -613,7 +613,7 @@ TEST_F(VideoRecording, ContinuesAfterDamagedFrame) {
     if (gop > 1) {
       EXPECT_EQ((*damaged.rbegin() + 1) % gop, 0) << "up to the next key frame";
     }
-    // The same with some of them skipped.
+    // Skips some frames of the same video.
     auto again = VideoReader::open(video());
     ASSERT_TRUE(again);
     ASSERT_TRUE(again->skip(*damaged.begin() + 1));
@@ -695,7 +695,7 @@ TEST_F(VideoRecording, NeverReturnsWrongPixelsForFlippedBit) {
     ASSERT_EQ(all.frames.size(), std::size_t{kFrames});
     int refused = 0;
     int tried = 0;
-    // Changes the pixel data only; the bytes before it are names and sizes.
+    // Flips bits of the pixel data only; the bytes before it are names and sizes.
     for (std::size_t at = 1000; at + 1000 < whole.size(); at += 31, ++tried) {
       std::string broken = whole;
       broken[at] = static_cast<char>(broken[at] ^ 0x10);
@@ -796,11 +796,11 @@ TEST_F(EurocRecording, RejectsCameraName) {
               AllOf(HasSubstr("sensor.yaml"), HasSubstr("one camera"), HasSubstr("--camera-name")));
 }
 
-// The ground truth is the body's pose; T_BS is the camera's pose on the body.
+// The ground truth is the pose of the body; T_BS is the pose of the camera on the body.
 TEST_F(EurocRecording, TransformsGroundtruthFromBodyToCamera) {
   const std::filesystem::path truth = folder() / "mav0" / "state_groundtruth_estimate0";
   std::filesystem::create_directories(truth);
-  // A quarter turn about z at (1, 2, 3), and half a second later.
+  // Truth: a rotation by 90 degrees about z at (1, 2, 3), and another pose half a second later.
   write_text(truth / "data.csv",
              "#timestamp, p_RS_R_x [m], p_RS_R_y [m], p_RS_R_z [m], q_RS_w [], q_RS_x [], q_RS_y "
              "[], q_RS_z [], v_RS_R_x [m s^-1]\n"
@@ -823,7 +823,7 @@ TEST_F(EurocRecording, TransformsGroundtruthFromBodyToCamera) {
   ASSERT_EQ(recording->notices.size(), 1U);
   EXPECT_THAT(recording->notices[0], HasSubstr("table's frame"));
   const CameraPose& pose = recording->groundtruth->poses.at(0).T_table_camera;
-  // The turn takes (0.1, 0.2, 0.3) to (-0.2, 0.1, 0.3).
+  // The rotation maps (0.1, 0.2, 0.3) to (-0.2, 0.1, 0.3).
   EXPECT_LT((pose.translation() - Eigen::Vector3d(0.8, 2.1, 3.3)).norm(), 1e-12);
   EXPECT_LT((pose.rotation() * Eigen::Vector3d(1, 0, 0) - Eigen::Vector3d(-1, 0, 0)).norm(), 1e-12);
 
@@ -831,7 +831,7 @@ TEST_F(EurocRecording, TransformsGroundtruthFromBodyToCamera) {
              "T_BS:\n  data: [1, 0, 0, 1, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1]\n");
   const auto mounted = open_recording(folder());
   ASSERT_TRUE(mounted && mounted->groundtruth);
-  // The truth's sensor is 1 m along the body's x, so the camera is 1 m back along the turned x.
+  // The truth's sensor is 1 m along the body's x, so the camera is 1 m back along the rotated x.
   EXPECT_LT((mounted->groundtruth->poses.at(0).T_table_camera.translation() -
              Eigen::Vector3d(0.8, 1.1, 3.3))
                 .norm(),
@@ -880,7 +880,7 @@ TEST(SharedRecordings, OpenAndPlayToTheEnd) {
   int opened = 0;
   for (const auto& entry : std::filesystem::directory_iterator(shared / "recordings")) {
     OpenRecordingOptions options;
-    options.require_tags = false;  // stills of a chessboard have none
+    options.require_tags = false;  // calibration images of a chessboard have no tags
     const auto recording = open_recording(entry.path(), options);
     ASSERT_TRUE(recording) << recording.error().message;
     EXPECT_TRUE(recording->notices.empty()) << recording->notices.front();

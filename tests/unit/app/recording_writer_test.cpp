@@ -120,7 +120,7 @@ TEST(RecordingWriter, StoresCameraBytesAndTimestampsUnchanged) {
   EXPECT_NE(controls.find("\"frames_written\": 20"), std::string::npos) << controls;
 }
 
-// Exposures are stored with the frames; a group has a file from its first tracked pose on.
+// The frame list stores exposures. A group's pose file begins with its first tracked pose.
 TEST(RecordingWriter, StoresExposuresAndGroupPoses) {
   const test::TemporaryFolder temporary;
   const fs::path folder = temporary.path() / "session";
@@ -160,7 +160,7 @@ TEST(RecordingWriter, StoresExposuresAndGroupPoses) {
 TEST(RecordingWriter, WarnsOnceOfGroupNameUnusableAsFileName) {
   const test::TemporaryFolder temporary;
   const fs::path folder = temporary.path() / "session";
-  testing::internal::CaptureStdout();  // default destination of the log
+  testing::internal::CaptureStdout();  // the log's default destination
   auto writer = RecordingWriter::create(folder, head_for("MJPEG", 640, 480));
   ASSERT_TRUE(writer) << writer.error().message;
   GroupEstimate group;
@@ -187,7 +187,7 @@ TEST(RecordingWriter, WarnsOnceOfGroupNameUnusableAsFileName) {
   EXPECT_EQ(places->at("wall").poses.size(), 3U);
 }
 
-// The listing has its header even without a frame, and no exposure column without exposures.
+// The frame list has its header even without a frame; without exposures it has no exposure column.
 TEST(RecordingWriter, WritesFrameListHeaderInAnyCase) {
   for (const bool with_picture : {false, true}) {
     const test::TemporaryFolder temporary;
@@ -232,7 +232,7 @@ TEST_P(RawRecording, RoundTripsEverySample) {
     const ImageView b = luma(frame, scratch_read);
     for (int y = 0; y < kHeight; ++y) ASSERT_EQ(std::memcmp(a.row(y), b.row(y), kWidth), 0) << y;
     if (sent.plane_count == 1 && sent.format != PixelFormat::yuyv) continue;
-    // U and V at each chroma position, in the layouts of both formats.
+    // U and V at each chroma position, in the layout of either format.
     const int rows = frame.planes[1].height;
     for (int y = 0; y < rows; ++y) {
       for (int x = 0; x < (kWidth + 1) / 2; ++x) {
@@ -273,7 +273,7 @@ TEST(RecordingWriter, RejectsNonEmptyFolder) {
   EXPECT_NE(writer.error().message.find("not empty"), std::string::npos);
 }
 
-// A failed start leaves no folder, so the same name is free once there is space.
+// A failed start leaves no folder, so that the name can be used again once there is space.
 TEST(RecordingWriter, RemovesFolderWhenCreationFails) {
   for (const bool waits : {true, false}) {
     const test::TemporaryFolder temporary;
@@ -282,7 +282,7 @@ TEST(RecordingWriter, RemovesFolderWhenCreationFails) {
     const pid_t child = fork();
     ASSERT_GE(child, 0);
     if (child == 0) {
-      // Limits the size of every file to that of tags.yaml.
+      // Limits every file to the size of tags.yaml.
       std::signal(SIGXFSZ, SIG_IGN);
       const rlimit small{64, 64};
       setrlimit(RLIMIT_FSIZE, &small);
@@ -302,7 +302,7 @@ TEST(RecordingWriter, RemovesFolderWhenCreationFails) {
   }
 }
 
-// Files of others are kept.
+// Files that the writer did not create are kept.
 TEST(RecordingWriter, KeepsContentsOfFolderRejectedLater) {
   const test::TemporaryFolder temporary;
   ASSERT_TRUE(write_text_file(temporary.path() / "camera.yaml", "mine"));
@@ -314,7 +314,7 @@ TEST(RecordingWriter, KeepsContentsOfFolderRejectedLater) {
   EXPECT_EQ(std::distance(fs::directory_iterator(temporary.path()), fs::directory_iterator()), 1);
 }
 
-// Some cameras know their controls only after the first frames.
+// Some cameras report their controls only after the first frames.
 TEST(RecordingWriter, RereadsControlsDuringRecording) {
   const test::TemporaryFolder temporary;
   const fs::path folder = temporary.path() / "session";
@@ -334,7 +334,7 @@ TEST(RecordingWriter, RereadsControlsDuringRecording) {
   (*writer)->add_image(jpeg_image(0));
   while ((*writer)->counts().written < 1) std::this_thread::yield();
   (*writer)->add_event(1, "behind it");
-  // Waits until the count is on disk, as a kill at this moment would leave it.
+  // Waits until the count is on disk: this is what a kill at this moment would leave.
   while (controls().find("\"frames_written\": 1") == std::string::npos) std::this_thread::yield();
   EXPECT_NE(controls().find("\"exposure_time_us\": 8000"), std::string::npos) << controls();
   exposure = 9000;
@@ -360,7 +360,7 @@ TEST(RecordingWriter, DropsAndCountsFramesWhenDiskIsTooSlow) {
   const RecordingCounts counts = (*writer)->counts();
   EXPECT_EQ(counts.written + counts.dropped, static_cast<std::uint64_t>(kWritten));
   EXPECT_GT(counts.dropped, 0U);
-  // Each event gives the time and the number of frames that were not recorded.
+  // Each event has the time and the number of frames that were not recorded.
   const std::string events =
       read_text_file(temporary.path() / "session" / "events.jsonl", 1'000'000).value();
   std::uint64_t reported = 0;
@@ -371,7 +371,8 @@ TEST(RecordingWriter, DropsAndCountsFramesWhenDiskIsTooSlow) {
   EXPECT_EQ(reported, counts.dropped) << events;
 }
 
-// Kills the process at any moment: every frame that it reported as written must be in the files.
+// After a kill at any moment, the files must contain every frame that the process reported as
+// written.
 class KilledRecording : public testing::TestWithParam<bool> {};
 
 TEST_P(KilledRecording, OpensAndReadsBack) {

@@ -63,7 +63,7 @@ TEST(InterruptWatch, CountsRepeatedSignalsOnceAndRestoresMask) {
     EXPECT_FALSE(watch.interrupted());
     raise(SIGTERM);
     EXPECT_TRUE(watch.interrupted());
-    // The signals of timeout(1) and of a closing terminal. The process continues.
+    // timeout(1) and a closing terminal send these signals. The process continues.
     raise(SIGTERM);
     raise(SIGHUP);
     EXPECT_TRUE(watch.interrupted());

@@ -58,8 +58,8 @@ SessionFrame frame_of(TrackStatus status, std::int64_t timestamp_ns, bool full_d
   return frame;
 }
 
-// GPU times arrive some frames late, two at once or none; each counts once. Without a timer query
-// the report has no GPU stage.
+// GPU times arrive some frames late, none or several with a frame; each counts once. Without timer
+// queries the report has no GPU stage.
 TEST(RunReport, ListsGpuStageOnlyWhenMeasured) {
   RunRecorder without;
   without.add_frame(frame_of(TrackStatus::tracked, 0, true));
@@ -138,7 +138,7 @@ TEST(RunReport, ReportsWorkSkippedByTracker) {
                                        {"corner_solve", 1}}));
 }
 
-// A background search takes CPU time although no frame waited for it.
+// A background search uses CPU time although no frame waits for it.
 TEST(RunReport, ReportsBackgroundSearchAsStageAndDetection) {
   RunRecorder run;
   SessionFrame frame = frame_of(TrackStatus::tracked, 0, false);
@@ -217,7 +217,7 @@ TEST(RunReport, HasEveryDocumentedField) {
                               "passes_skipped", "phantom_masks_drawn", "phantom_masks_kept"}) {
     EXPECT_TRUE(json["work"].contains(counter)) << counter;
   }
-  // The source reports 5 captures; the test adds one capture of 1 ms, 5 trackings of 3 ms and one
+  // The source reports 5 captures. The test adds one capture of 1 ms, 5 trackings of 3 ms and one
   // encoding of 2 ms.
   EXPECT_EQ(json["pipeline"]["threads"], 1);
   EXPECT_DOUBLE_EQ(json["pipeline"]["busy_ms_per_frame"]["capture"], 0.2);
@@ -268,7 +268,7 @@ CameraModel pinhole() {
   p.cy = 240.0;
   return CameraModel::make(p).value();
 }
-// Looks straight down from 1 m: camera x = table x, camera y = -table y.
+// Camera 1 m above the table that looks straight down: camera x = table x, camera y = -table y.
 const CameraPose kAbove(Eigen::Quaterniond(0.0, 1.0, 0.0, 0.0), {0.0, 0.0, 1.0});
 
 TEST(RunReport, CountsReasonsOfUntrackedFrames) {
@@ -335,11 +335,11 @@ TEST(RunReport, ComputesAccuracyFromTrackedFramesOnly) {
   EXPECT_EQ(accuracy.frames_with_truth, 4);
   EXPECT_EQ(accuracy.frames_judged, 3);
   EXPECT_NEAR(accuracy.translation_mm.max, 3.0, 1e-9);
-  // 3 mm off: 500 px * 0.003 on the table, 500 px * 0.003 / 0.8 at the cube's top.
+  // An offset of 3 mm: 500 px * 0.003 on the table, 500 px * 0.003 / 0.8 at the cube's top.
   EXPECT_NEAR(accuracy.overlay_px.max, 1.875, 1e-9);
 }
 
-// A group's errors are measured at its middle, where its objects are drawn.
+// A group's errors are measured at its centre, where its objects are drawn.
 TEST(RunReport, ReportsGroupCountsAndErrors) {
   const CameraModel camera = pinhole();
   Trajectory truth;
@@ -392,7 +392,7 @@ TEST(RunReport, ReportsGroupCountsAndErrors) {
   EXPECT_EQ(json["tags_left_out"], Json({{"41", 2}}));
 }
 
-// A live session has no end, so after the first thousands of frames no frame adds memory.
+// A live session may run without end, so memory must not grow after the first thousands of frames.
 TEST(RunReport, UsesConstantMemoryForManyFrames) {
   RunRecorder run({.camera = pinhole(), .keep_paths = false});
   SessionFrame frame = frame_of(TrackStatus::tracked, 0, true);
@@ -414,7 +414,7 @@ TEST(RunReport, UsesConstantMemoryForManyFrames) {
   add(2 * RunningStatistics::kMostExact);
   const auto before = mallinfo2().uordblks;
   add(20'000);
-  // Allocated blocks, exact.
+  // Number of allocated bytes; mallinfo2() counts it exactly.
   EXPECT_LE(mallinfo2().uordblks, before + 1024);
   const RunReport report = run.report();
   EXPECT_EQ(report.frames, 28'192);
@@ -422,7 +422,7 @@ TEST(RunReport, UsesConstantMemoryForManyFrames) {
   EXPECT_EQ(report.time_ms[1].second.count, 28'192U);
 }
 
-// Frames that could not be decoded do not count as late.
+// Frames that could not be decoded are not counted as late.
 TEST(RunReport, ReportsWhyCapturedFramesWereDropped) {
   RunReport report;
   report.frames = 14;

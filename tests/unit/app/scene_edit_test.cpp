@@ -19,7 +19,7 @@ using test::SceneBuilder;
 ObjectPlaced placed_somewhere() {
   ObjectPlaced placed;
   placed.object = "object1";
-  // Numbers without a short decimal form.
+  // These numbers have no short decimal form.
   placed.placement.position = {std::sqrt(0.02), -1.0 / 3.0, 0.1 + 0.2};
   placed.placement.rotation =
       Eigen::Quaterniond(Eigen::AngleAxisd(0.7, Eigen::Vector3d(1, 2, 3).normalized()));

@@ -1,4 +1,5 @@
-// Edits during a session: the next frame shows them, and only what depends on them is recomputed.
+// Edits during a session: the next frame shows them, and only the shadows that depend on them are
+// recomputed.
 #include <gtest/gtest.h>
 
 #include <memory>
@@ -40,7 +41,8 @@ class EditedSession : public testing::Test {
     }
     SessionOptions options;
     options.plan = plan;
-    // A mask combines all shadows of a plane and is recomputed if one of them changes its style.
+    // A mask combines all shadows of a plane, so a style change of one shadow would recompute them
+    // all.
     options.plan.layers = LayerDrawing::direct;
     session.emplace(Session::create(*context, builder.build(), camera,
                                     GivenPoses{std::move(poses), {}}, options)
@@ -69,7 +71,7 @@ class EditedSession : public testing::Test {
   int frame_number = 0;
 };
 
-// The warm-up's drawing does not stay in the framebuffer.
+// The image of the warm-up must not remain in the framebuffer.
 TEST_F(EditedSession, DrawsBlackAfterWarmUp) {
   ASSERT_TRUE(session->warm_up(PixelFormat::yuv420p));
   picture.assign(static_cast<std::size_t>(kPictureWidth) * kPictureHeight * 4, 77);
@@ -81,7 +83,7 @@ TEST_F(EditedSession, DrawsBlackAfterWarmUp) {
   EXPECT_GT(picture[0], 0);
 }
 
-// A replayed session uses its recorded light, not one measured in the images.
+// A replay uses the light that the session recorded, not light measured in the images.
 TEST_F(EditedSession, UsesRecordedLightInPlaceOfMeasuredOne) {
   const auto drawn_with = [&](std::vector<LitFrame> recorded) {
     Trajectory poses;

@@ -26,7 +26,7 @@ StudyDesign design_of(StudyExperiment experiment, int participant, int samples,
   return design;
 }
 
-// The property of a Williams design: each treatment is at each place equally often, and follows
+// Property of a Williams design: each treatment occurs equally often at each position, and follows
 // each other treatment equally often.
 TEST(StudyPlan, BalancesWilliamsDesign) {
   for (int n = 1; n <= 9; ++n) {
@@ -51,7 +51,7 @@ TEST(StudyPlan, BalancesWilliamsDesign) {
 }
 
 TEST(StudyPlan, AssignsEverySampleOncePerTechnique) {
-  std::map<std::pair<int, int>, int> blocks_of_technique;  // technique, block
+  std::map<std::pair<int, int>, int> blocks_of_technique;  // counts per (technique, block)
   for (int participant = 1; participant <= 6; ++participant) {
     const StudyPlan plan = plan_study(
         design_of(StudyExperiment::heights, participant, 20, {"layered", "walls", "simple"}));
@@ -94,10 +94,10 @@ TEST(StudyPlan, DependsOnlyOnSeedAndParticipant) {
   EXPECT_NE(plan.trials[0].technique, second.trials[0].technique);
   for (std::size_t i = 0; i < plan.samples.size(); ++i) {
     EXPECT_EQ(plan.samples[i].places, again.samples[i].places);
-    EXPECT_EQ(plan.samples[i].places, second.samples[i].places);  // all participants see the same
+    EXPECT_EQ(plan.samples[i].places, second.samples[i].places);  // independent of participant
     EXPECT_NE(plan.samples[i].places, reseeded.samples[i].places);
   }
-  // Fixed values: the samples must not depend on the build.
+  // A fixed value: samples must not depend on the build.
   EXPECT_EQ(plan.samples[0].places[0], Eigen::Vector3d(0.0295, -0.0641, 0.0832));
 }
 
@@ -115,7 +115,7 @@ TEST(StudyPlan, SeparatesHighestSphereByDifficultyGap) {
       EXPECT_GE(p.z(), kStudySphere_m);
       EXPECT_LE(p.z(), 0.2);
       EXPECT_LE(p.head<2>().norm(), 0.0902);
-      // No sphere stands over another.
+      // No sphere is above another.
       EXPECT_GT((p - sample.places[(i + 1) % 3]).head<2>().norm(), 3.0 * kStudySphere_m);
     }
     ++highest[highest_of(sample)];
@@ -132,7 +132,8 @@ TEST(StudyPlan, SeparatesHighestSphereByDifficultyGap) {
     }
   }
   EXPECT_EQ(hard, 250);
-  // All three are equally likely: 167 expected each, with a standard deviation of 10.5.
+  // Each sphere is the highest equally often: 167 times expected, with a standard deviation of
+  // 10.5.
   for (int i = 0; i < 3; ++i) EXPECT_NEAR(highest[i], 500.0 / 3.0, 45.0) << i;
 }
 
@@ -165,7 +166,7 @@ TEST(StudyPlan, NamesStudyByParametersThatMustAgree) {
   EXPECT_EQ(study_technique_from_string("cocl")->kernels, KernelSource::centroid);
 }
 
-// The scene has everything that the technique needs.
+// The study's scene contains the casters, planes and lights that every technique needs.
 TEST(StudyScene, HasCastersPlanesWallsAndLight) {
   for (const StudyExperiment experiment : {StudyExperiment::heights, StudyExperiment::drag}) {
     const Scene scene = study_scene(experiment);

@@ -32,8 +32,8 @@ TEST(StudyStatistics, ComputesMedianIntervalFromOrderStatistics) {
   ASSERT_TRUE(median_of(values)->interval);
   EXPECT_EQ(median_of(values)->interval->low, 1.0);
   EXPECT_EQ(median_of(values)->interval->high, 6.0);
-  // Tables of the sign test (Conover, Practical Nonparametric Statistics): n = 10: 2nd and 9th,
-  // n = 20: 6th and 15th, n = 50: 18th and 33rd.
+  // Ranks that bound the median, from tables of the sign test (Conover, Practical Nonparametric
+  // Statistics). n = 10: 2nd and 9th; n = 20: 6th and 15th; n = 50: 18th and 33rd.
   struct Known {
     int n, low, high;
   };
@@ -48,7 +48,7 @@ TEST(StudyStatistics, ComputesMedianIntervalFromOrderStatistics) {
   EXPECT_EQ(median_of(values)->interval->low, 2.0);
 }
 
-// Coverage of the interval for a skewed distribution like that of response times.
+// Coverage of the interval for a skewed distribution, like that of response times.
 TEST(StudyStatistics, CoversMedianAtNominalRate) {
   std::mt19937_64 random(3);
   std::lognormal_distribution<double> times(1.0, 0.8);
@@ -61,7 +61,7 @@ TEST(StudyStatistics, CoversMedianAtNominalRate) {
     const auto interval = median_of(values)->interval;
     held += interval->low <= truth && truth <= interval->high ? 1 : 0;
   }
-  // The exact value is 95.86 % for 20 values; the standard deviation of this count is 0.3 %.
+  // The exact coverage for 20 values is 95.86 %; this estimate has a standard deviation of 0.3 %.
   EXPECT_NEAR(static_cast<double>(held) / kRuns, 0.9586, 0.0130);
 }
 
@@ -136,7 +136,7 @@ TEST(StudyRow, RoundTripsThroughText) {
   EXPECT_EQ(commas(line), commas(kStudyHeader));
 }
 
-// Spreadsheets save it like this.
+// Some spreadsheets save CSV files with a byte-order mark.
 TEST(StudyFile, AcceptsByteOrderMark) {
   const test::TemporaryFolder folder;
   const fs::path path = folder.path() / "answers.csv";
@@ -200,7 +200,7 @@ TEST(StudyFile, KeepsExistingRowsAndRejectsForeignOnes) {
   ASSERT_FALSE(StudyFile::open(folder.path() / "nowhere" / "a.csv", first, false));
 }
 
-// A power failure during a write loses that row only.
+// A power failure during a write loses the row being written, and no other.
 TEST(StudyFile, LosesOnlyTruncatedLine) {
   const test::TemporaryFolder folder;
   const fs::path path = folder.path() / "answers.csv";
@@ -246,7 +246,7 @@ TEST(StudySummary, CountsAnswersOfOneParticipantOrParticipants) {
   EXPECT_DOUBLE_EQ(summary[0].wrong_share, 0.2);
   EXPECT_EQ(summary[1].answers, 0);
   EXPECT_FALSE(summary[1].response_time_s);
-  // Six more participants, each with another median; one of them gave far more answers.
+  // Adds six participants with different medians, one of whom gave far more answers.
   for (int person = 2; person <= 7; ++person) {
     for (int i = 0; i < (person == 7 ? 1000 : 3); ++i) {
       rows.push_back(row_of(design_of(person), 1, 1, 10.0 * person + i % 3, true));
@@ -254,7 +254,7 @@ TEST(StudySummary, CountsAnswersOfOneParticipantOrParticipants) {
   }
   summary = summarise(design_of(1), rows);
   EXPECT_EQ(summary[0].participants, 7);
-  EXPECT_DOUBLE_EQ(summary[0].response_time_s->median, 41.0);  // of 5.5, 21, 31, ... 71
+  EXPECT_DOUBLE_EQ(summary[0].response_time_s->median, 41.0);  // median of 5.5, 21, 31, ... 71
   EXPECT_DOUBLE_EQ(summary[0].response_time_s->interval->low, 5.5);
   EXPECT_DOUBLE_EQ(summary[0].response_time_s->interval->high, 71.0);
   EXPECT_DOUBLE_EQ(summary[0].wrong_share, 0.0);

@@ -25,8 +25,8 @@ StudyPlan plan_of(StudyExperiment experiment, int samples = 2) {
   return plan_study(design);
 }
 
-// A scene and the participant's pointer, seen straight from above, so that a pixel gives x and y,
-// or from the side, for lifting.
+// A scene and the participant's pointer. The view is from straight above, where a pixel determines
+// x and y, or from the side, for lifting.
 class Bench {
  public:
   Bench(StudyExperiment experiment, const Eigen::Vector3d& eye)
@@ -65,7 +65,7 @@ constexpr std::int64_t kSecond = 1'000'000'000;
 TEST(StudyTask, RecordsFirstHitSphereAsHeightAnswer) {
   Bench bench(StudyExperiment::heights, {0.0, 0.0, 1.0});
   StudyTask& task = bench.task_;
-  // Input before the trial is shown does not count.
+  // Input before the trial is shown must be ignored.
   EXPECT_FALSE(task.press(bench.scene_, bench.at({0, 0, 0}), false, 1).over);
   bench.begin(5 * kSecond);
   EXPECT_EQ(bench.scene_.shadows[0].technique, ShadowTechnique::layered);
@@ -121,7 +121,7 @@ TEST(StudyTask, RecordsDragWhenBallIsReleasedNearTarget) {
     const Eigen::Vector3d& target = sample.places[step];
     const Eigen::Vector3d off(0.003, 0.0, step == 1 ? 0.004 : -0.002);
     offsets.push_back(off);
-    // First along the table, where the ball is still far from its target, then up.
+    // Slides along the table first, where the ball is still far from its target, then lifts.
     const Eigen::Vector3d slide(target.x() + off.x() - ball.x(), target.y() - ball.y(), 0.0);
     const Eigen::Vector3d lift(0.0, 0.0, target.z() + off.z() - ball.z());
     for (const bool up : {false, true}) {
@@ -153,8 +153,8 @@ TEST(StudyTask, RecordsDragWhenBallIsReleasedNearTarget) {
   EXPECT_FALSE(task.shown());
 }
 
-// A participant who can't reach the target may accept the place; the target between eye and ball
-// does not block picking.
+// A participant who can't move the ball to the target may accept its position. The target between
+// eye and ball must not block picking.
 TEST(StudyTask, KeepsBallOnAcceptAndIgnoresTargetPicks) {
   Bench bench(StudyExperiment::drag, {0.1, -0.7, 0.45});
   StudyTask& task = bench.task_;
@@ -242,7 +242,7 @@ TEST(StudyScript, NamesLineOfError) {
   refused("1 1 press left ball\n1 2 press left ball", "line 2", "release before");
 }
 
-// Pixels of a script's places, in a window that is larger than the image.
+// Pixels of a script's positions in a window that is larger than the image.
 TEST(ScriptedParticipant, PointsAtScriptedPlaces) {
   Bench bench(StudyExperiment::drag, {0.1, -0.7, 0.45});
   bench.begin(0);

@@ -51,7 +51,7 @@ TEST(VideoWriter, StoresEveryPixelAndTimestampInFfv1) {
   const test::TemporaryFolder folder;
   const fs::path file = folder.path() / "a.mkv";
   const auto pictures = noise(37, 23, 5);
-  // Irregular times that do not start at 0.
+  // The times are irregular and do not start at 0.
   const std::vector<std::int64_t> times = {5'000'000'000, 5'033'333'000, 5'066'667'000,
                                            5'200'000'000, 5'201'000'000};
   write_all(file, OutputKind::ffv1, {37, 23, 1.0 / 30.0}, pictures, times);
@@ -144,7 +144,7 @@ TEST_P(VideoWriterCodec, FailsForVideoWithoutFrames) {
   EXPECT_FALSE((*writer)->finish());
 }
 
-// A single colour isolates the colour conversion from compression errors.
+// A uniform colour isolates the colour conversion from compression errors.
 struct H264Case {
   int width, height;
   AVColorSpace space;
@@ -182,7 +182,7 @@ TEST_P(H264Colors, MatchColorTagsOfStream) {
   EXPECT_EQ(video.color_range, AVCOL_RANGE_MPEG);
   ASSERT_EQ(video.pictures.size(), 3U);
   EXPECT_NEAR(video.pictures[2].time_s - video.pictures[0].time_s, 0.066, 1e-4);
-  // ITU-R BT.601 / BT.709, limited range.
+  // ITU-R BT.601 or BT.709, limited range.
   const double y = expected.kr * r + (1.0 - expected.kr - expected.kb) * g + expected.kb * b;
   const double luma = 16.0 + 219.0 * y / 255.0;
   const double cb = 128.0 + 224.0 * (b - y) / (2.0 * (1.0 - expected.kb)) / 255.0;

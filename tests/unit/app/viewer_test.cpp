@@ -14,7 +14,7 @@
 namespace penumbra {
 namespace {
 
-constexpr int kEscape = 256;  // GLFW's codes
+constexpr int kEscape = 256;  // GLFW's key codes
 constexpr int kSpace = 32;
 constexpr int kPeriod = 46;
 constexpr int kQ = 81;
@@ -34,7 +34,7 @@ WindowEvent pointer(WindowEvent::Kind kind, double x, double y, int button = 0) 
   return event;
 }
 
-// A window with scripted events: one entry for each poll; an entry without a code has no event.
+// A window with scripted events, one entry per poll. An entry without a code has no event.
 class ScriptedWindow final : public GlContext {
  public:
   explicit ScriptedWindow(std::deque<int> keys) {
@@ -107,9 +107,9 @@ class Host : public ViewerHost {
   SessionView shown;
   std::vector<SceneEdit> edits;
   mutable int described = 0;
-  mutable int hud_drawings = 0;  // calls without node commands
+  mutable int hud_drawings = 0;  // number of calls without node commands
   mutable bool debug_asked = false;
-  std::optional<std::string> trouble;  // camera trouble
+  std::optional<std::string> trouble;  // warning about the camera
 };
 
 TEST(Viewer, PresentsEachFrameOnce) {
@@ -285,7 +285,7 @@ TEST(Viewer, DragsObjectByMouseInLetterboxedWindow) {
   const SceneState state = evaluate_scene(scene, 0.0);
   const CameraModel camera = test::camera_of(160, 120, 150.0);
   const CameraPose pose = test::look_at({0.0, -0.8, 0.8}, {0.0, 0.0, 0.1});
-  // Twice the size, with borders of 40 px.
+  // A window of twice the size, with borders of 40 px.
   const auto in_window = [&](const Eigen::Vector3d& p) {
     const Eigen::Vector2d pixel = camera.project(pose.inverse() * p).value();
     return Eigen::Vector2d(40.0 + 2.0 * (pixel.x() + 0.5), 2.0 * (pixel.y() + 0.5));
@@ -351,7 +351,7 @@ TEST(Viewer, MovesCursorWithPointerOnlyWhenEnabled) {
   EXPECT_NEAR(followed[1].z(), 0.11, 1e-9);
 }
 
-// Draws the real HUD into a framebuffer of an offscreen context.
+// Draws the actual HUD into a framebuffer of an offscreen context.
 class ViewerWithHud : public testing::Test {
  protected:
   ViewerWithHud()
@@ -381,7 +381,7 @@ TEST_F(ViewerWithHud, DrawsNothingWhenHidden) {
   EXPECT_EQ(host.hud_drawings, 2) << "hidden again";
 }
 
-// A hidden HUD still shows warnings: a frozen image must not look live.
+// A hidden HUD still shows warnings, because a frozen image must not look live.
 TEST_F(ViewerWithHud, DrawsWarningsWhenHidden) {
   ScriptedWindow window(std::deque<int>{0, 0});
   window.size = {640, 480};
@@ -399,7 +399,7 @@ TEST_F(ViewerWithHud, DrawsWarningsWhenHidden) {
   };
   EXPECT_EQ(shown(), 0);
   host.trouble = "unplugged";
-  (void)shown();  // a window that fits its text is drawn only after measuring it
+  (void)shown();  // a window that fits its text is drawn one frame after it is measured
   EXPECT_GT(shown(), 50);
   EXPECT_EQ(host.hud_drawings, 0);
 }
@@ -415,7 +415,7 @@ TEST_F(ViewerWithHud, ReappearsOnTouchInCorner) {
   EXPECT_EQ(host.hud_drawings, 2);
 }
 
-// A click on a button does not pick the object under it.
+// A click on a button must not pick the object under it.
 TEST_F(ViewerWithHud, ConsumesClicksOnItsButtons) {
   test::SceneBuilder builder;
   builder.add(test::finished(make_box({2.0F, 2.0F, 0.1F}), glm::vec4(1.0F)), test::at(0, 0, 0));

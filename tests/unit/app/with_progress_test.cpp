@@ -1,4 +1,4 @@
-// The progress bar of long work, on a terminal and in a pipe.
+// The progress bar of long tasks, on a terminal and in a pipe.
 
 #include "app/output/interruptible.hpp"
 
@@ -27,7 +27,7 @@ struct Count {
   std::atomic<std::size_t> done{0}, total{0};
 };
 
-// Redirects standard error to `end` during its lifetime; keeps what arrives at the other end.
+// Redirects standard error to `end` during its lifetime, and collects the text at the other end.
 class CapturedError {
  public:
   CapturedError(int ours, int theirs) : ours_(ours), kept_(dup(STDERR_FILENO)) {
@@ -37,7 +37,7 @@ class CapturedError {
       std::array<char, 256> block{};
       for (;;) {
         const ssize_t count = read(ours_, block.data(), block.size());
-        if (count <= 0) return;  // a terminal whose other end is closed gives EIO
+        if (count <= 0) return;  // EIO: the other end of the terminal is closed
         const std::lock_guard lock(mutex_);
         text_.append(block.data(), static_cast<std::size_t>(count));
       }
@@ -47,7 +47,7 @@ class CapturedError {
   CapturedError& operator=(const CapturedError&) = delete;
   ~CapturedError() { static_cast<void>(finish()); }
 
-  // Waits up to half a minute for these words.
+  // Waits up to 30 s until the text contains `words`.
   [[nodiscard]] bool shows(const std::string& words) {
     for (int i = 0; i < 3000; ++i) {
       {
@@ -58,7 +58,7 @@ class CapturedError {
     }
     return false;
   }
-  // Restores standard error; returns all text that was written.
+  // Restores standard error and returns the collected text.
   [[nodiscard]] std::string finish() {
     if (kept_ >= 0) {
       dup2(kept_, STDERR_FILENO);
@@ -98,7 +98,7 @@ TEST_F(WithProgress, DrawsAndErasesBarOnTerminal) {
   CapturedError error(ours, theirs);
   std::array<bool, 3> shown{};
   const int result = run([&] {
-    shown[0] = error.shows("[" + std::string(30, ' ') + "]");  // nothing counted yet
+    shown[0] = error.shows("[" + std::string(30, ' ') + "]");  // empty bar before the first count
     count_.done = 50;
     count_.total = 200;
     shown[1] = error.shows("50/200");
@@ -129,7 +129,7 @@ TEST_F(WithProgress, WritesNothingToPipe) {
   CapturedError error(ends[0], ends[1]);
   EXPECT_EQ(run([this] {
               count_.total = 10;
-              std::this_thread::sleep_for(1300ms);  // long enough for a bar on a terminal
+              std::this_thread::sleep_for(1300ms);  // long enough for a bar to appear on a terminal
               return 3;
             }),
             3);
