@@ -24,7 +24,7 @@ TEST(BesideModel, FindsLatin1NamesStoredAsUtf8) {
   const test::ModelFolder folder;
   const auto utf8 = folder.write("B\xC3\xA4r.png", "");
   EXPECT_EQ(beside_model(folder.path(), "B\xE4r.png").value(), utf8);
-  // The name as written has priority.
+  // The name as written has priority over its converted form.
   const auto latin1 = folder.write("B\xE4r.png", "");
   EXPECT_EQ(beside_model(folder.path(), "B\xE4r.png").value(), latin1);
 }

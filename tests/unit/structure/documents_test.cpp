@@ -30,7 +30,7 @@ std::string text_of_file(const fs::path& file) {
   return text.str();
 }
 
-// Returns the text of the expression's first group in each of its matches.
+// Returns the first group of each match of the expression.
 std::vector<std::string> all_matches(const std::string& text, const std::string& expression) {
   const std::regex regex(expression);
   std::vector<std::string> found;
@@ -39,7 +39,7 @@ std::vector<std::string> all_matches(const std::string& text, const std::string&
   return found;
 }
 
-// Returns the words in `code` of a document.
+// Returns the words in a document's `code` spans.
 std::set<std::string> words_in_code(const std::string& document) {
   std::set<std::string> words;
   for (const std::string& code : all_matches(document, "`([^`\n]+)`")) {
@@ -48,7 +48,7 @@ std::set<std::string> words_in_code(const std::string& document) {
   return words;
 }
 
-// Returns those of `keys` that the document does not have in `code`.
+// Returns those of `keys` that do not occur in the document's `code` spans.
 std::set<std::string> keys_missing_in(const char* document, const std::set<std::string>& keys) {
   const std::set<std::string> words =
       words_in_code(text_of_file(test::source_dir() / "docs" / document));
@@ -60,8 +60,8 @@ std::set<std::string> keys_missing_in(const char* document, const std::set<std::
 // A schema's keys are the names inside the braces of each "properties".
 std::set<std::string> keys_of_schema(const std::string& schema) {
   std::set<std::string> keys;
-  std::vector<bool> is_properties;  // for each open brace
-  bool opens_properties = false;    // the next brace does
+  std::vector<bool> is_properties;  // for each open brace: whether it belongs to "properties"
+  bool opens_properties = false;    // whether the next brace belongs to "properties"
   for (std::size_t at = 0; at < schema.size(); ++at) {
     if (schema[at] == '{') {
       is_properties.push_back(opens_properties);
@@ -91,7 +91,7 @@ TEST(Documents, ScenesNameEveryKeyOfTheSchema) {
   EXPECT_THAT(keys_missing_in("scenes.md", keys), testing::IsEmpty());
 }
 
-// Where the keys of reports are written: source file, and what stands around a key there.
+// A source file that writes report keys, and the text around a key in it.
 struct KeySource {
   const char* file;
   const char* key;
@@ -125,7 +125,7 @@ std::set<std::string> keys_of(const KeySource& source) {
 }
 
 TEST(Documents, ReportsNameEveryKeyOfTheWriters) {
-  // Words of tables for people.
+  // These words belong to tables for people.
   const std::set<std::string> no_keys = {"error", "s"};
   for (const KeySource& source : kKeySources) {
     std::set<std::string> keys = keys_of(source);
@@ -135,9 +135,9 @@ TEST(Documents, ReportsNameEveryKeyOfTheWriters) {
   }
 }
 
-// Returns GitHub's anchor of a heading's text: small letters, digits, - and _; blanks become -.
+// Returns GitHub's anchor of a heading: lower-case letters, digits, - and _; blanks become -.
 std::string anchor_of(const std::string& heading) {
-  // A link's text stays, its target does not.
+  // A link contributes its text, not its target.
   const std::string plain =
       std::regex_replace(heading, std::regex(R"(\[([^\]]*)\]\([^)]*\))"), "$1");
   std::string anchor;
@@ -152,7 +152,7 @@ std::string anchor_of(const std::string& heading) {
   return anchor;
 }
 
-// Removes the blocks between lines of ```.
+// Removes fenced code blocks.
 std::string without_code_blocks(const std::string& document) {
   std::istringstream lines(document);
   std::string text;
@@ -166,7 +166,7 @@ std::string without_code_blocks(const std::string& document) {
   return text;
 }
 
-// The anchors of a Markdown file. Repeated headings have -1, -2, ... appended.
+// Returns the anchors of a Markdown file. Repeated headings get -1, -2, ... appended.
 std::set<std::string> anchors_in(const std::string& document) {
   std::set<std::string> anchors;
   std::map<std::string, int> repeats;
@@ -185,7 +185,7 @@ TEST(Documents, AnchorsFollowGitHub) {
               testing::UnorderedElementsAre("report-of-a-run", "tagsyaml--more", "work", "work-1"));
 }
 
-// Why a link's target does not exist; empty if it does. `folder`: where a relative path begins.
+// Returns why a link's target does not exist, or an empty string. Relative paths begin at `folder`.
 std::string problem_of(const std::string& target, const fs::path& file, const fs::path& folder) {
   const std::size_t hash = target.find('#');
   const std::string path = target.substr(0, hash);
@@ -198,7 +198,7 @@ std::string problem_of(const std::string& target, const fs::path& file, const fs
              : name + ": no such heading";
 }
 
-// The project's own files with one of these extensions.
+// Returns the project's own files with one of these extensions.
 std::vector<fs::path> files_with(const std::set<std::string>& extensions) {
   static const std::set<std::string> kNotOurs = {"build", ".git", "recordings", "shared"};
   std::vector<fs::path> files;
@@ -218,7 +218,7 @@ TEST(Documents, LinksLeadToFilesAndHeadings) {
   std::vector<std::string> problems;
   int links = 0;
   for (const fs::path& file : files_with({".md"})) {
-    // Parts that scripts/benchmark joins in another folder.
+    // These files are fragments that scripts/benchmark joins in another folder.
     if (file.parent_path().filename() == "benchmarks" &&
         file.parent_path().parent_path().filename() == "tests")
       continue;
@@ -242,7 +242,7 @@ TEST(Documents, ReferencesLeadToHeadings) {
     std::istringstream lines(text_of_file(file));
     std::string line;
     while (std::getline(lines, line)) {
-      if (line.find(".md#") == std::string::npos) continue;  // much faster than the expression
+      if (line.find(".md#") == std::string::npos) continue;  // faster than the regex
       for (const std::string& target :
            all_matches(line, R"(\b((?:docs/[\w/-]+|[A-Z]+)\.md#[\w-]+))")) {
         ++references;

@@ -1,5 +1,5 @@
-// Checks the #include arrows between modules (core <- tracking <- calib, core <- render, all <-
-// app, all <- tests) and between the folders inside a module.
+// Checks the dependency rules of #include directives between modules (core <- tracking <- calib,
+// core <- render, all <- app, all <- tests) and between the folders inside a module.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -21,7 +21,7 @@ namespace {
 
 using Arrows = std::map<std::string, std::set<std::string>>;
 
-// Module -> modules whose headers it may include, apart from its own.
+// Module -> other modules whose headers it may include.
 const Arrows kAllowed = {
     {"core", {}},
     {"tracking", {"core"}},
@@ -31,7 +31,7 @@ const Arrows kAllowed = {
     {"tools", {"core", "tracking", "calib", "render", "app"}},
 };
 
-// Module -> prefixes of library headers that it may not include.
+// Module -> prefixes of library headers that it must not include.
 const std::map<std::string, std::vector<std::string>> kForbiddenLibraries = {
     {"core", {"epoxy", "GL/", "GLFW", "opencv2", "ceres", "apriltag"}},
     {"tracking", {"epoxy", "GL/", "EGL/", "GLFW", "linux/videodev2"}},
@@ -39,8 +39,8 @@ const std::map<std::string, std::vector<std::string>> kForbiddenLibraries = {
     {"render", {"apriltag", "ceres", "opencv2", "linux/videodev2"}},
 };
 
-// Inside a module: files whose path matches the first expression may not include headers that match
-// the second.
+// Rule inside a module: files whose path matches the first expression must not include headers that
+// match the second.
 struct FolderRule {
   std::regex file, header;
 };
