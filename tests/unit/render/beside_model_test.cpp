@@ -1,4 +1,4 @@
-// Paths of the images and material files that a model names.
+// Paths of the images and material files that a model refers to.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -24,7 +24,7 @@ TEST(BesideModel, FindsLatin1NamesStoredAsUtf8) {
   const test::ModelFolder folder;
   const auto utf8 = folder.write("B\xC3\xA4r.png", "");
   EXPECT_EQ(beside_model(folder.path(), "B\xE4r.png").value(), utf8);
-  // The name as written has priority over its converted form.
+  // A file with the name as written has priority over one with the converted name.
   const auto latin1 = folder.write("B\xE4r.png", "");
   EXPECT_EQ(beside_model(folder.path(), "B\xE4r.png").value(), latin1);
 }

@@ -1,5 +1,5 @@
-// The models in scenes/models are what make_models writes, and they are fit to be drawn and to cast
-// shadows.
+// The files in scenes/models equal the output of make_models, and the models are suitable for
+// drawing and for casting shadows.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -37,7 +37,7 @@ std::size_t triangle_count(const Model& model) {
   return count;
 }
 
-// A part joins all meshes of one name. Where its materials meet, vertices share positions.
+// All meshes of one name form a part. Vertices share positions where two materials meet.
 struct Part {
   std::map<std::array<float, 3>, std::size_t> points;
   std::vector<std::array<std::size_t, 3>> faces;
@@ -179,7 +179,7 @@ TEST(BundledModels, HaveNoDegenerateFaces) {
   }
 }
 
-// Shading normals point to the front of their faces: winding and normals agree.
+// Winding and shading normals agree: each normal points to the front of its face.
 TEST(BundledModels, HaveNormalsAlignedWithFaces) {
   for (const Model& model : bundled_models()) {
     for (const Mesh& mesh : model.meshes) {
@@ -219,7 +219,7 @@ TEST(BundledModels, HaveVolumesOfTheirFormulas) {
   EXPECT_NEAR(volume(models::make_cube()), 64000.0, 1.0);
   EXPECT_NEAR(volume(models::make_bar()), 17280.0, 1.0);
   EXPECT_NEAR(volume(models::make_l_shape()), 20.0 * (60.0 * 20.0 + 40.0 * 20.0), 1.0);
-  // Inscribed facets enclose a little less than the round body.
+  // Inscribed facets enclose slightly less than the round body.
   EXPECT_NEAR(volume(models::make_sphere()) / (4.0 / 3.0 * M_PI * std::pow(25.0, 3)), 0.99, 0.01);
   EXPECT_NEAR(volume(models::make_ring()) / (2.0 * M_PI * 40.0 * M_PI * 64.0), 0.98, 0.015);
   EXPECT_NEAR(volume(models::make_tube()) / (M_PI * 60.0 * (400.0 - 225.0)), 0.9972, 0.0005);
@@ -232,7 +232,7 @@ TEST(BundledModels, StandAtTheirDocumentedOrigin) {
       EXPECT_NEAR(model.min_corner.z, 0.0F, 1e-6F) << model.name;
       continue;
     }
-    // A rotor turns about its origin, so its blades reach equally far to all sides.
+    // A rotor turns about its origin, so its bounding box is centred there.
     const glm::length_t axis = model.name == "helicopter_rotor" ? 2 : 1;
     EXPECT_LT(model.max_corner[axis] - model.min_corner[axis], 0.006F) << model.name;
     const glm::length_t across = axis == 2 ? 1 : 2;
@@ -252,7 +252,7 @@ TEST(BundledModels, IncludeHelicopterOfDocumentedSize) {
   EXPECT_GT(triangle_count(helicopter), 2000U);
   EXPECT_LT(triangle_count(helicopter) + triangle_count(rotor) + triangle_count(tail_rotor), 8000U);
 
-  // The mast ends at the main rotor's hub, and the body stays clear of the blades.
+  // The mast ends at the main rotor's hub, and the body does not reach the blades.
   const auto parts = parts_of(helicopter);
   double mast_top = 0.0;
   for (const auto& [p, i] : parts.at("mast").points) mast_top = std::max<double>(mast_top, p[2]);

@@ -41,7 +41,7 @@ Frame noise_frame(PixelFormat format, int width, int height, ColorMatrix matrix,
   return buffer.frame;
 }
 
-// Formulas of the colour standards, in double, for one pixel.
+// Reference colour of one pixel by the formulas of the colour standards, in double precision.
 std::array<double, 3> reference_rgb(const Frame& f, int x, int y) {
   const auto byte = [&f](std::size_t plane, int bx, int by) {
     return static_cast<double>(f.planes[plane].data[by * f.planes[plane].stride + bx]);
@@ -86,7 +86,7 @@ std::array<double, 3> reference_rgb(const Frame& f, int x, int y) {
   return {clip(r), clip(g), clip(b)};
 }
 
-// A pass of the frame graph that draws something counts once, however many draw calls it makes.
+// A pass of the frame graph that draws counts once, for any number of draw calls.
 TEST(Compositor, CountsPassesAndDrawCallsSeparately) {
   SceneBuilder builder;
   builder.add(box(0.06, glm::vec4(1.0F)), test::at(0, 0, 0.1));
@@ -132,8 +132,8 @@ TEST(Compositor, CountsPassesAndDrawCallsSeparately) {
 TEST(Compositor, DrawsVideoPixelExactInEveryFormat) {
   SceneBuilder empty;
   for (const GlApi api : {GlApi::gl33, GlApi::gles30}) {
-    // Odd sizes put half of the last chroma sample outside; in large frames a texel is a small part
-    // of the whole.
+    // With odd sizes, half of the last chroma sample lies outside. In large frames a texel is a
+    // small fraction of the frame.
     for (const auto& [width, height] : {std::pair{64, 48}, std::pair{37, 23}, std::pair{3841, 3},
                                         std::pair{4096, 2}, std::pair{5, 2161}}) {
       Studio studio(empty.build(), test::camera_of(width, height, 50.0), api);
@@ -203,7 +203,7 @@ std::vector<CameraPose> views() {
     const double turn = 0.4 * i;
     const double up = 0.08 + 0.05 * (i % 9);
     const Eigen::Vector3d eye(0.45 * std::cos(turn), 0.45 * std::sin(turn), up);
-    // The targets wander, so that objects and shadows leave the view on all sides.
+    // The targets vary, so that objects and shadows leave the view on all sides.
     poses.push_back(test::look_at(eye, {0.3 * std::sin(2.1 * i), 0.3 * std::cos(1.3 * i), 0.02}));
   }
   poses.push_back(test::look_at({0.06, 0.01, 0.1}, {0.3, 0.1, 0.05}));  // among the objects
@@ -214,7 +214,8 @@ std::vector<CameraPose> views() {
 
 const std::array<double, 8> kBent = {-0.28, 0.09, 0.0012, -0.0009, -0.006};
 
-// In the nightly form all views for each technique; else a third of them, others for the next one.
+// The nightly form draws all views for each technique, the usual form a third of them, which
+// differs from technique to technique.
 std::vector<CameraPose> views_of(ShadowTechnique technique) {
   const std::vector<CameraPose> all = views();
   if (test::nightly()) return all;
@@ -326,7 +327,7 @@ TEST(Compositor, FadesOutCoastingPose) {
     pose.status = TrackStatus::held;
     pose.age_s = 0.25;
     const Picture half = studio.draw(frame, studio.plan(pose, options));
-    // A mask's values are rounded separately in both frames.
+    // The mask's values are rounded in both frames, which adds to the difference.
     const double most = layers == LayerDrawing::direct ? 1.01 : 1.01 + 0.5 * 200 / 255 * 1.5;
     for (std::size_t i = 0; i < full.rgba.size(); ++i) {
       if (i % 4 == 3) {
@@ -352,7 +353,7 @@ TEST(Compositor, ReportsDriverErrorInSameFrame) {
   SceneBuilder builder;
   Studio studio(builder.build(), test::camera_of(64, 48, 60.0));
   const Frame frame = test::plain_frame(64, 48, 0);
-  glEnable(0xFFFF);  // not a capability of OpenGL
+  glEnable(0xFFFF);  // an invalid capability
   const auto drawn = studio.compositor().draw(frame, FramePlan());
   ASSERT_FALSE(drawn);
   EXPECT_THAT(drawn.error().message, testing::HasSubstr("frame 0: the graphics driver refuses"));
@@ -367,7 +368,7 @@ GLenum get_error() {
   return noted_always == GL_NO_ERROR ? driver_get_error() : noted_always;
 }
 
-// Simulates a driver that reports a reset forever, and one that is out of memory.
+// Simulates a driver that reports a reset at every query, and one that is out of memory.
 TEST(Compositor, ReportsLostContextInOneLine) {
   SceneBuilder builder;
   Studio studio(builder.build(), test::camera_of(64, 48, 60.0));
@@ -428,7 +429,7 @@ TEST(Compositor, DetectsDriverReset) {
   }
 }
 
-// Errors noted while models and textures are uploaded are reported before the first frame.
+// Errors that occur while models and textures are uploaded are reported before the first frame.
 TEST(Compositor, ReportsDriverErrorWhileLoadingScene) {
   const auto context = create_offscreen_context();
   ASSERT_TRUE(context);
@@ -453,7 +454,8 @@ TEST(GlError, DescribesCauseAndRemedy) {
   EXPECT_THAT(gl_error_text(GL_CONTEXT_LOST), testing::HasSubstr("was reset"));
   EXPECT_THAT(gl_error_text(GL_INVALID_OPERATION), testing::HasSubstr("refuses"));
   EXPECT_THAT(gl_error_text(0x9999), testing::HasSubstr("0x9999"));
-  // A context that reports errors forever gives one line; the program does not wait for more.
+  // A context that reports errors without end yields one line, and the program does not wait for
+  // more.
   const auto context = create_offscreen_context();
   ASSERT_TRUE(context);
   EXPECT_FALSE(take_gl_error((*context)->info()));

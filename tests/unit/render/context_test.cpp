@@ -1,4 +1,5 @@
-// Drivers without reset notification still give a context, which reports that it lacks it.
+// A driver without reset notification still gives a context. The context reports that it lacks the
+// notification.
 #include "render/gl/context.hpp"
 
 #include <epoxy/egl.h>
@@ -50,7 +51,7 @@ TEST(OffscreenContext, IsCreatedWithoutResetNotification) {
     EXPECT_FALSE((*context)->info().tells_resets);
     EXPECT_EQ((*context)->info().renderer, (*usual)->info().renderer);
     EXPECT_EQ((*context)->info().version, (*usual)->info().version);
-    // It draws and requests nothing that the driver lacks.
+    // The compositor draws in this context and requests nothing that the driver lacks.
     auto compositor =
         Compositor::create(**context, test::SceneBuilder().build(), test::camera_of(64, 48, 50.0));
     ASSERT_TRUE(compositor) << compositor.error().message;

@@ -15,7 +15,7 @@ namespace {
 
 using Alpha = std::function<int(int, int)>;
 
-// A square of 10 cm in the plane z = 0, covered once by a texture of size x size texels.
+// A square of 10 cm in the plane z = 0, covered once by a texture of `size` x `size` texels.
 Model textured_square(int size, const Alpha& alpha) {
   Model model;
   Texture texture{size, size, {}};

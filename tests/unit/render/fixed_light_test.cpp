@@ -1,4 +1,4 @@
-// Layers of a light of fixed size: thin parts lose their umbra first.
+// Layers of a light of fixed size: thin parts lose their umbra at lower heights than thick parts.
 #include "render/shadow/fields/fixed_light.hpp"
 
 #include <gtest/gtest.h>
@@ -45,7 +45,7 @@ TEST(FixedLight, MatchesProportionalLightAtPartThickness) {
 
 TEST(FixedLight, ShrinksUmbraOfThinPartsFirst) {
   const LayeredConstants constants = make_layered_constants(0.9, 3.0, 0.0).value();
-  // Half the thickness: a_i = 2 a, so that the umbra ends at half the height.
+  // The part is half as thick as the reference: a_i = 2 a, so its umbra ends at half the height.
   const double s = (0.9 - 6.0 * 0.1) / (0.9 - 0.1);
   EXPECT_NEAR(Square(0.1F, 0.5F, 1.0F).area(constants, ShadowLayer::umbra), 4.0 * s * s, 1e-5);
   EXPECT_EQ(Square(0.16F, 0.5F, 1.0F).area(constants, ShadowLayer::umbra), 0.0);
@@ -57,9 +57,9 @@ TEST(FixedLight, ShrinksUmbraOfThinPartsFirst) {
 TEST(FixedLight, CutsFacesWhereUmbraEnds) {
   const LayeredConstants constants = make_layered_constants(0.9, 3.0, 0.0).value();
   Square square(0.0F, 1.0F, 1.0F);
-  square.vertices[1].h = square.vertices[2].h = 0.6F;  // the umbra ends half way, at 0.3 m
-  // The umbra reaches from x = -1 (s = 1) to the cut at x = 0, where it has shrunk to the kernel: a
-  // triangle.
+  square.vertices[1].h = square.vertices[2].h = 0.6F;  // the umbra ends half-way, at 0.3 m
+  // The umbra is a triangle. It extends from x = -1 (s = 1) to the cut at x = 0, where it has
+  // shrunk to the kernel.
   EXPECT_NEAR(square.area(constants, ShadowLayer::umbra), 1.0, 1e-5);
 }
 

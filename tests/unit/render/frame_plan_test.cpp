@@ -51,7 +51,7 @@ TEST(FramePlan, DrawsEverythingInView) {
   ASSERT_EQ(plan.shadows.size(), 2U);
   EXPECT_TRUE(plan.shadows[0].umbra && plan.shadows[0].middle && plan.shadows[0].penumbra);
   EXPECT_EQ(plan.received_shadows.size(), 1U);
-  // The phantom is too low to cast its shadow on the cube.
+  // The phantom is too low to cast a shadow on the cube.
   EXPECT_EQ(whats(plan), std::vector<std::string>{"shadow_misses_objects"});
 }
 
@@ -111,7 +111,7 @@ TEST(FramePlan, DropsLayersAboveTheirHeights) {
   high.add(cube(0.02), test::at(0, 0, 0.45));
   EXPECT_THAT(whats(plan_of(high, above())), testing::Contains("shadow_above_light"));
 
-  // Each part of a field has its own umbra height, which the field itself evaluates.
+  // Each part of a field has its own umbra height, which is evaluated while the field is computed.
   PlanOptions field;
   field.technique = ShadowTechnique::field;
   const FramePlan fields = plan_of(builder, above(), field);
@@ -164,7 +164,7 @@ TEST(FramePlan, FadesOverlayOfUncertainPose) {
   EXPECT_EQ(plan.overlay_opacity, 0.5F);
   EXPECT_EQ(plan.objects.size(), 1U);
 
-  // A coasting pose after it must not draw the overlay brighter.
+  // The pose that coasts from an uncertain one must not draw the overlay brighter.
   pose.status = TrackStatus::held;
   pose.held_from = TrackStatus::uncertain;
   pose.age_s = 0.0;
@@ -223,7 +223,7 @@ TEST(FramePlan, SkipsLightsInOrUnderPlane) {
   ASSERT_THAT(whats(plan), testing::ElementsAre("light_below_plane", "light_below_plane"));
   EXPECT_THAT(text_of(plan.skipped[0], lit.scene()), testing::HasSubstr("light at 0"));
   EXPECT_THAT(text_of(plan.skipped[1], lit.scene()), testing::HasSubstr("light at -1"));
-  // Nor does a sun below the horizon light the plane.
+  // A sun below the horizon does not light the plane either.
   SceneBuilder night = lit_by({1.0});
   night.scene().lights[0].kind = SceneLight::Kind::directional;
   night.scene().lights[0].direction = Eigen::Vector3d(0.6, 0.0, -0.8);

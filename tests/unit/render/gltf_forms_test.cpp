@@ -1,5 +1,5 @@
-// glTF files as other programs write them: URIs, buffers, images, extensions, instances, hidden
-// nodes, and content that is ignored with a warning.
+// glTF files of other programs: URIs, buffers, images, extensions, instances, hidden nodes, and
+// content that is ignored with a warning.
 #include <gmock/gmock.h>
 
 #include <Eigen/Core>
@@ -19,7 +19,7 @@ using testing::IsEmpty;
 
 class GltfModelFile : public test::ModelCase {
  protected:
-  // A square of 0.1 m in one node.
+  // Returns a file with a square of 0.1 m in one node.
   static GltfBuilder square() {
     GltfBuilder file;
     file.node({{"mesh", file.square(0.1F)}});
@@ -79,7 +79,7 @@ TEST_F(GltfModelFile, NamesByteLengthBeyondData) {
               HasSubstr("reaches past the end of its buffer (10 bytes)"));
   file.json["buffers"][0]["byteLength"] = -5;
   EXPECT_THAT(error_of(loaded(file.gltf())), HasSubstr("buffers/0/byteLength: is -5"));
-  // A data URI may hold more data than the buffer.
+  // A data URI may contain more bytes than the buffer's byteLength.
   file.json["buffers"][0] = {{"byteLength", file.binary.size()},
                              {"uri", "data:;base64," + test::base64(file.binary + "more")}};
   expect_square(file);
@@ -119,7 +119,7 @@ TEST_F(GltfModelFile, ReadsAccessorsWithoutBufferViewAsZeros) {
   file.json["accessors"].push_back({{"componentType", 5126}, {"count", 4}, {"type", "VEC2"}});
   file.primitive()["attributes"]["TEXCOORD_0"] = file.json["accessors"].size() - 1;
   expect_square(file);
-  // Indices without data are zeros as well: both faces consist of vertex 0.
+  // Indices without data are zeros, so both faces consist of vertex 0 only.
   file.json["accessors"][1].erase("bufferView");
   const auto model = loaded(file.gltf());
   ASSERT_TRUE(model) << error_of(model);
@@ -134,7 +134,7 @@ TEST_F(GltfModelFile, LimitsElementsWithoutBufferView) {
         {{"componentType", 5126}, {"count", 4}, {"type", is_color ? "VEC4" : "VEC3"}});
     file.primitive()["attributes"][attribute] = file.json["accessors"].size() - 1;
   }
-  // Normals and colours are 28 numbers; with the corners, 40 are allowed.
+  // Normals and colours need 28 numbers; with the corners the limit is 40.
   file.json["accessors"][1].erase("bufferView");
   const auto with_corners = [&](int count) {
     file.json["accessors"][1]["count"] = count;
@@ -145,7 +145,7 @@ TEST_F(GltfModelFile, LimitsElementsWithoutBufferView) {
   EXPECT_TRUE(with_corners(12)) << error_of(with_corners(12));
   EXPECT_THAT(error_of(with_corners(15)),
               HasSubstr("has no buffer view; the file has more than 40 numbers without data"));
-  // A short file that requests 2 GB.
+  // A short file that would need 2 GB of memory.
   file.json["accessors"][1]["count"] = 60'000'000;
   file.json["accessors"][1]["type"] = "VEC4";
   EXPECT_THAT(error_of(loaded(file.gltf())), HasSubstr("has no buffer view"));
@@ -206,7 +206,7 @@ TEST_F(GltfModelFile, KeepsShapeOfModelsFarFromOrigin) {
       model->origin + Eigen::Vector3d(model->min_corner.x, model->min_corner.y, 0.0);
   EXPECT_NEAR(corner.x(), 300'000.25, 1e-6);
   EXPECT_NEAR(corner.y(), 499'999.9, 1e-6);
-  // A file whose own floats have lost the shape gives a warning.
+  // A file whose coordinates are too coarse for its shape gives a warning.
   GltfBuilder coarse;
   coarse.node(
       {{"mesh", coarse.mesh({3e5F, 0, 0, 3e5F, 0, 0.1F, 300000.09375F, 0, 0.1F}, {0, 1, 2})}});
@@ -270,7 +270,7 @@ TEST_F(GltfModelFile, IgnoresNodesFlattenedToLine) {
   expect_square_with_warning(file, "nodes/1 (\"lid\") (and 1 more): its scale leaves no surface");
 }
 
-// A body flattened to a plane casts the same outline from both sides.
+// A body flattened to a plane casts the same shadow from both sides.
 TEST_F(GltfModelFile, KeepsSurfaceOfNodesFlattenedToPlane) {
   GltfBuilder file;
   const std::size_t box =
@@ -343,8 +343,8 @@ TEST_F(GltfModelFile, LimitsInstancesBeforeCreatingThem) {
 }
 
 TEST_F(GltfModelFile, MatchesAreaOfSharedNodeCases) {
-  // Areas of shadows. The bodies overlap in projection, so only the front faces of boxes count
-  // here.
+  // Expected areas are those of shadows. The bodies overlap in projection, so only the front faces
+  // of boxes count.
   for (const auto& [file, area] : std::map<std::string, double>{
            {"gltf-hidden-node/scale0_all.gltf", 0.01},
            {"gltf-hidden-node/scale0_two_axes.gltf", 0.01},
@@ -506,7 +506,7 @@ TEST_F(GltfModelFile, RejectsCompressedDataByExtension) {
     EXPECT_THAT(error_of(loaded(file.gltf())), HasSubstr(expected));
     EXPECT_THAT(error_of(loaded(file.glb(), "model.glb")), HasSubstr(expected));
   }
-  // The extension is used but not required, and the file has no other data.
+  // The extension is used but not required, and the file has no uncompressed data.
   GltfBuilder draco = square();
   draco.primitive()["extensions"]["KHR_draco_mesh_compression"] = {
       {"bufferView", 0}, {"attributes", {{"POSITION", 0}}}};

@@ -14,7 +14,7 @@ using testing::IsEmpty;
 
 class GltfMorph : public test::ModelCase {};
 
-// A square of 0.1 m with a target that stretches it to 0.2 m in x.
+// A square of 0.1 m with a morph target that stretches it to 0.2 m in x.
 GltfBuilder morphed_square() {
   GltfBuilder file;
   const std::size_t mesh = file.square(0.1F);
@@ -52,12 +52,12 @@ TEST_F(GltfMorph, PrefersNodeWeights) {
 
 TEST_F(GltfMorph, MovesOnlyVerticesOfSparseTargets) {
   GltfBuilder file = morphed_square();
-  // Without a buffer view, all other elements are zero.
+  // Without a buffer view, the other elements of a sparse accessor are zero.
   const std::size_t alone = file.sparse_accessor(4, {2, 3}, {0.1F, 0, 0, 0.1F, 0, 0});
   file.primitive()["targets"] = {{{"POSITION", alone}}};
   file.json["meshes"][0]["weights"] = {1.0};
   EXPECT_NEAR(area(loaded(file.gltf())), 0.02, 1e-9);
-  // With a buffer view, the sparse values replace vertices 2 and 3 of the target.
+  // With a buffer view, the sparse values replace those of vertices 2 and 3.
   GltfBuilder based = morphed_square();
   const std::size_t sparse = based.sparse_accessor(4, {2, 3}, {0.3F, 0, 0, 0.3F, 0, 0});
   based.json["accessors"][sparse]["bufferView"] =
@@ -107,7 +107,8 @@ TEST_F(GltfMorph, MorphsNormalsAndTangents) {
   EXPECT_THAT(model->warnings, IsEmpty());
   const Mesh& mesh = model->meshes[0];
   ASSERT_EQ(mesh.tangents.size(), 4U);
-  // (0 1 0) + (2 -1 0), normalised; (1 0 0) + (-1 -3 0), normalised. The file's y is the model's z.
+  // Normal: (0 1 0) + (2 -1 0), normalised. Tangent: (1 0 0) + (-1 -3 0), normalised. The file's y
+  // is the model's z.
   EXPECT_EQ(mesh.normals[1], glm::vec3(1, 0, 0));
   EXPECT_EQ(mesh.tangents[1], glm::vec4(0, 0, -1, -1));
 }
@@ -171,7 +172,7 @@ TEST_F(GltfMorph, MatchesSizeOfSharedCases) {
   if (!mesh) GTEST_SKIP() << "no shared data beside the checkout";
   EXPECT_NEAR(area(*mesh), 0.02, 1e-8);
   EXPECT_NEAR(area(*shared_case("gltf-morph-default-weights/morph_node_weights.gltf")), 0.02, 1e-8);
-  // The triangle (0 0 0) (1 0 0) (0.5 0.5 0), whose tip moves by half of (-1 1 0) and half of (1 1
+  // The triangle (0 0 0) (1 0 0) (0.5 0.5 0); its tip moves by half of (-1 1 0) and half of (1 1
   // 0).
   EXPECT_NEAR(area(*shared_case("gltf-morph-default-weights/SimpleMorph-khronos.gltf", UpAxis::z)),
               0.75, 1e-6);

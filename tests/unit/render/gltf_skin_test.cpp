@@ -20,7 +20,7 @@ class GltfSkin : public test::ModelCase {};
 
 const std::vector<float> kIdentity = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1};
 
-// A square of 0.1 m. Its four vertices follow the only joint of its skin, node 1.
+// A square of 0.1 m whose four vertices follow the only joint of its skin, node 1.
 GltfBuilder skinned_square(const nlohmann::json& mesh_node, const nlohmann::json& joint) {
   GltfBuilder file;
   const std::size_t mesh = file.square(0.1F);
@@ -107,7 +107,7 @@ TEST_F(GltfSkin, FollowsSkinOfEachNodeOfSharedMesh) {
   const std::size_t other = file.node({{"translation", {-0.5, 0, 0}}});
   file.json["skins"].push_back({{"joints", {other}}});
   file.node({{"mesh", 0}, {"skin", 1}});
-  file.node({{"mesh", 0}});  // rigid
+  file.node({{"mesh", 0}});  // not skinned
   const auto model = loaded(file.glb(), "model.glb");
   ASSERT_TRUE(model) << error_of(model);
   ASSERT_EQ(model->vertex_count(), 12U);
@@ -260,7 +260,8 @@ TEST_F(GltfSkin, RejectsDamageByNamingField) {
               HasSubstr("nodes/0"));
 }
 
-// A random file, and its vertices by the formula of glTF 2.0, 3.7.3.3, independent of the reader.
+// A random skinned file with its expected vertices, computed by the formula of glTF 2.0, 3.7.3.3,
+// independently of the reader.
 class RandomSkin {
  public:
   explicit RandomSkin(unsigned seed) : random_(seed) {
@@ -301,12 +302,12 @@ class RandomSkin {
       T_root_joint_.push_back(root ? local : Eigen::Matrix4d(T_root_joint_[parent] * local));
       if (!root) file.json["nodes"][1 + parent]["children"].push_back(1 + j);
     }
-    // Half of the armatures are in the scene graph, the others are not.
+    // In half of the files the armature is part of the scene graph.
     if (below(2) == 0) file.json["scenes"][0]["nodes"].push_back(1);
     std::vector<float> matrices;
     nlohmann::json joints;
     for (std::size_t j = 0; j < count; ++j) {
-      // Inverse of a random bind pose with the armature's scale.
+      // Inverse of a random bind pose that has the armature's scale.
       Eigen::Affine3d bind = Eigen::Affine3d::Identity();
       bind.translate(Eigen::Vector3d(uniform(-1, 1), uniform(-1, 1), uniform(-1, 1)));
       bind.rotate(Eigen::AngleAxisd(uniform(-3, 3), Eigen::Vector3d::UnitY()));
@@ -389,7 +390,7 @@ class RandomSkin {
       }
       positions.push_back(moved);
       const Eigen::Vector3d normal = linear.inverse().transpose() * n;
-      // A normal is meaningless where the blended matrix nearly flattens space.
+      // The normal is not compared where the blended matrix nearly flattens space.
       const bool sure = std::abs(linear.determinant()) > 1e-3 * std::pow(linear.norm(), 3);
       normals.push_back(sure ? normal.normalized() : Eigen::Vector3d(Eigen::Vector3d::Zero()));
     }
@@ -412,7 +413,7 @@ TEST_F(GltfSkin, MatchesFormulaForRandomArmatures) {
     for (std::size_t i = 0; i < mesh.positions.size(); ++i) {
       const auto expect_vector = [&](const glm::vec3& got, const Eigen::Vector3d& expected,
                                      double tolerance) {
-        // The object frame is (x, -z, y) of the file.
+        // The object frame is (x, -z, y) in the file's axes.
         EXPECT_NEAR(got.x, expected.x(), tolerance) << "seed " << seed << " vertex " << i;
         EXPECT_NEAR(got.y, -expected.z(), tolerance) << "seed " << seed << " vertex " << i;
         EXPECT_NEAR(got.z, expected.y(), tolerance) << "seed " << seed << " vertex " << i;

@@ -21,9 +21,9 @@ class GpuTime : public testing::TestWithParam<GlApi> {
       : context(create_offscreen_context(GetParam()).value()),
         framebuffer(Framebuffer::create(160, 120).value()),
         timer(GpuTimer::create(GetParam())) {}
-  // A test may make another context current.
+  // Makes the context current, since a test may have changed it.
   ~GpuTime() override { context->make_current(); }
-  // Measures one frame as the compositor does. Returns the number of earlier frames' times that
+  // Measures one frame as the compositor does. Returns the number of earlier frames whose times
   // arrived.
   std::size_t draw() {
     const std::size_t arrived = take();
@@ -43,7 +43,7 @@ class GpuTime : public testing::TestWithParam<GlApi> {
     glFinish();
     return take();
   }
-  // Returns true if the driver has timer queries. OpenGL 3.3 must have them.
+  // Returns true if the driver has timer queries, which OpenGL 3.3 requires.
   [[nodiscard]] bool measured() const {
     EXPECT_TRUE(timer || GetParam() == GlApi::gles30);
     return timer.has_value();
@@ -67,7 +67,7 @@ TEST_P(GpuTime, IsReportedOncePerFrameWithBoundedDelay) {
   EXPECT_EQ(drain(), 0U);
 }
 
-// With a GPU that is far behind, frames that find no free query are not measured; the others are
+// If the GPU lags far behind, frames that find no free query are not measured. The other frames are
 // reported once.
 TEST_P(GpuTime, ArrivesLateWithoutWaiting) {
   if (!measured()) GTEST_SKIP() << "the driver has no GL_EXT_disjoint_timer_query";
@@ -96,7 +96,7 @@ TEST_P(GpuTime, ExcludesWarmUpDraws) {
   EXPECT_EQ(drain(), 1U);
 }
 
-// Only OpenGL ES reports disjoint clocks.
+// Only OpenGL ES reports disjoint GPU time.
 class DisjointGpuTime : public GpuTime {};
 
 TEST_P(DisjointGpuTime, IsDiscarded) {
@@ -114,13 +114,13 @@ TEST_P(DisjointGpuTime, IsDiscarded) {
           get(name, value);
           if (name == GL_GPU_DISJOINT_EXT) *value = 1;
         });
-    EXPECT_EQ(draw(), 0U);  // nor the time of the frame before
+    EXPECT_EQ(draw(), 0U);  // the previous frame's time is discarded too
   }
   EXPECT_EQ(draw(), 1U) << "this frame began after the disjoint check";
   EXPECT_EQ(drain(), 1U);
 }
 
-// A CPU rasteriser draws inside the stage that is already timed.
+// A CPU rasteriser draws within a stage that is already timed.
 TEST_P(GpuTime, IsOffByDefaultOnSoftwareRenderers) {
   test::SceneBuilder empty;
   Studio shown(empty.build(), test::camera_of(64, 48, 50.0), GetParam());

@@ -1,5 +1,5 @@
-// Drawn hard shadows: their pixels against a projection on the CPU, their light against Lambert's
-// law.
+// Drawn hard shadows: their pixels are compared with a projection on the CPU, their brightness with
+// Lambert's law.
 #include <gtest/gtest.h>
 
 #include <array>
@@ -75,7 +75,7 @@ std::optional<Eigen::Vector3d> seen_at(const CameraModel& camera, const CameraPo
   return pose.translation() + t * direction;
 }
 
-// Tests if any face of the scene's casters blocks the light at a point.
+// Tests if a face of the scene's casters blocks the light at a point.
 class Blocked {
  public:
   Blocked(const Scene& scene, int light, const PlaneFrame& plane) : plane_(plane) {
@@ -99,8 +99,8 @@ class Blocked {
   std::vector<PlanePoint> triangles_;
 };
 
-// Red value of white video from which these shares of the lights are blocked (ambient light stays),
-// by the formulas of blocked_light.frag.glsl.
+// Red value of white video where the given fraction of each light is blocked (never the ambient
+// light), by the formulas of blocked_light.frag.glsl.
 double expected_red(const Scene& scene, const std::vector<double>& blocked, const PlaneFrame& plane,
                     const Eigen::Vector3d& place) {
   const double up = 0.5 + 0.5 * plane.n.z();
@@ -119,7 +119,7 @@ double expected_red(const Scene& scene, const std::vector<double>& blocked, cons
 
 struct Agreement {
   int dark = 0;       // pixels that should be dark
-  int differing = 0;  // by more than 1.5 codes
+  int differing = 0;  // differ by more than 1.5 grey levels
   int deepest = 0;    // largest number of lights blocked at one pixel
 };
 Agreement agreement(const Scene& scene, const CameraModel& camera, const PoseEstimate& pose,
@@ -183,7 +183,7 @@ TEST_P(HardShadow, MatchesCpuProjection) {
     const Picture picture = studio.draw_shadows(white(), studio.plan(slanted()));
     const Agreement a = agreement(studio.scene(), GetParam().camera, slanted(), picture);
     EXPECT_GT(a.dark, 200) << c.name;
-    // Only centres that fall on an edge may differ: rounding, and the lens's 0.1 px.
+    // Only pixel centres on an edge may differ, because of rounding and the lens's error of 0.1 px.
     EXPECT_LE(a.differing, 4 + a.dark / 100) << c.name << ", " << a.dark << " px";
   }
 }
@@ -223,8 +223,8 @@ TEST_P(HardShadow, EndsAtOutlineOfSlantedPlane) {
   EXPECT_EQ(wrong, 0);
 }
 
-// Two boxes and three lights. A pixel that misses two lights loses the light of both; a light
-// blocked by both boxes is removed once.
+// Two boxes and three lights. A pixel shadowed from two lights loses the light of both; a light
+// that both boxes block is removed once.
 TEST(HardShadowLight, IsRemovedOncePerLight) {
   SceneBuilder builder = with_lights(
       {lamp(-0.25, 0.0, 0.5, 0.8), lamp(0.2, 0.25, 0.4, 0.5), parallel(0.1, -0.3, 0.9, 0.6)});
@@ -239,7 +239,7 @@ TEST(HardShadowLight, IsRemovedOncePerLight) {
 }
 
 // A caster of a coasting group blocks light in proportion to its opacity. Where two casters
-// overlap, the more opaque one counts.
+// overlap, the more opaque one determines the shadow.
 TEST(HardShadowLight, FadesWithItsCaster) {
   SceneBuilder builder = with_lights({lamp(-0.25, 0.0, 0.5, 0.8), parallel(0.1, -0.3, 0.9, 0.6)});
   builder.add(box(0.1, 0.1, 0.02), test::at(0.0, 0.0, 0.08));
@@ -252,7 +252,7 @@ TEST(HardShadowLight, FadesWithItsCaster) {
   }
   const Picture picture = studio.draw_shadows(white(), plan);
 
-  std::vector<std::vector<Blocked>> by;  // [light][caster]
+  std::vector<std::vector<Blocked>> by;  // indexed [light][caster]
   for (int light = 0; light < 2; ++light) {
     by.emplace_back();
     for (int caster = 0; caster < 2; ++caster) {

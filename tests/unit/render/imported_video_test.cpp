@@ -1,5 +1,5 @@
-// Frames that the GPU reads from the camera's own buffer equal copied frames bit for bit. The
-// driver chooses if it imports: Mesa's llvmpipe does since 24.3.
+// Frames that the GPU reads from the camera's buffers equal copied frames bit for bit. Whether a
+// layout is imported depends on the driver; Mesa's llvmpipe imports since 24.3.
 #include <gtest/gtest.h>
 #include <sys/mman.h>
 #include <unistd.h>
@@ -22,7 +22,7 @@ namespace {
 using test::Picture;
 using test::Studio;
 
-// Memory that can be mapped several times, as a stand-in for a camera's.
+// Memory that can be mapped several times, like a camera's buffer.
 class SharedBuffer {
  public:
   SharedBuffer(std::size_t bytes, std::uint64_t number)
@@ -84,7 +84,7 @@ TEST_P(ImportedVideo, MatchesCopiedVideoInEveryFormat) {
                                    PixelFormat::nv12, PixelFormat::yuv420p, PixelFormat::yuv422p}) {
     test::SceneBuilder empty;
     Studio studio(empty.build(), test::camera_of(kWidth, kHeight, 50.0), GetParam());
-    // Two buffers in turn, as a camera fills them; each is used twice.
+    // Two buffers alternate, as a camera fills them; each is used three times.
     SharedBuffer first(kMostBytes, 1), second(kMostBytes, 2);
     std::int64_t imports = 0;
     for (unsigned i = 0; i < 6; ++i) {
@@ -100,7 +100,7 @@ TEST_P(ImportedVideo, MatchesCopiedVideoInEveryFormat) {
       EXPECT_EQ(studio.draw(shared, FramePlan()).rgba, copied.rgba);
       EXPECT_EQ(studio.stats()[Counter::video_copies] + studio.stats()[Counter::video_imports], 0);
     }
-    // A driver either imports a layout every time or never (RGB, say), in which case the frame is
+    // A driver imports a pixel format always or never. Without import (RGB, say) the frame is
     // copied.
     EXPECT_TRUE(imports == 0 || imports == 6) << imports;
     if (!can_import_textures()) {
@@ -110,8 +110,8 @@ TEST_P(ImportedVideo, MatchesCopiedVideoInEveryFormat) {
   }
 }
 
-// A buffer goes back to the camera only when the GPU has finished reading it; in the end all of
-// them do.
+// A buffer returns to the camera only after the GPU has finished reading it. In the end all buffers
+// return.
 TEST_P(ImportedVideo, ReturnsBuffersWhenGpuIsDone) {
   constexpr int kWidth = 64, kHeight = 48;
   test::SceneBuilder empty;

@@ -23,7 +23,7 @@ using testing::IsEmpty;
 
 const Eigen::Vector3d kUp = Eigen::Vector3d::UnitZ();
 
-// Writes a .gltf and the binary file of its accessors.
+// Writes a .gltf and the binary file that its accessors refer to.
 class GltfMaker {
  public:
   Json json = {{"asset", {{"version", "2.0"}}}};
@@ -41,7 +41,7 @@ class GltfMaker {
                                  {"type", type}});
     return json["accessors"].size() - 1;
   }
-  // A primitive: a box of 4 x 6 x 10 cm beside the origin.
+  // A primitive with a box of 4 x 6 x 10 cm beside the origin.
   Json box() {
     std::vector<float> positions;
     for (int i = 0; i < 8; ++i) {
@@ -87,7 +87,7 @@ KernelFile kernels_of(const Model& model) {
                          KernelSource::automatic);
 }
 
-// Compares the kernels loaded with a model with those generated for it, by vertex.
+// Compares the kernels loaded with a model with those generated for it, vertex by vertex.
 void expect_kernels_as_made(const Model& model, double tolerance_m = 1e-6) {
   ASSERT_TRUE(model.shadow_kernel_up) << testing::PrintToString(model.warnings);
   EXPECT_NEAR(model.shadow_kernel_up->z, 1.0, 1e-6);
@@ -108,7 +108,7 @@ void expect_kernels_as_made(const Model& model, double tolerance_m = 1e-6) {
   EXPECT_GT(count, 0U);
 }
 
-// Stores the glTF file's kernels in both forms.
+// Stores the glTF file's kernels as .glb and as .json.
 void expect_both_forms(const fs::path& file, const fs::path& glb) {
   const Result<Model> model = load_model(file);
   ASSERT_TRUE(model) << model.error().message;
@@ -160,7 +160,7 @@ TEST_F(KernelGlb, StoresSeparateKernelsForCopiesOfMesh) {
             json["meshes"][0]["primitives"][0]["attributes"]["POSITION"]);
   EXPECT_NE(json["meshes"][2]["primitives"][0]["attributes"]["_SHADOW_KERNEL"],
             json["meshes"][0]["primitives"][0]["attributes"]["_SHADOW_KERNEL"]);
-  // Kernels stored again replace the old ones.
+  // Storing kernels again must replace the old ones.
   const std::uintmax_t size = fs::file_size(glb);
   expect_both_forms(glb, folder() / "again.glb");
   EXPECT_EQ(fs::file_size(folder() / "again.glb"), size);
@@ -211,7 +211,7 @@ TEST_F(KernelGlb, StoresKernelsOfSkinnedMeshInItsAxes) {
 }
 
 TEST_F(KernelGlb, KeepsMeshOfHiddenNodes) {
-  // Nodes hidden by scale 0 on all axes or on two, before, between and after visible uses.
+  // Nodes hidden by scale 0 on two or three axes, before, between and after visible nodes.
   for (
       const std::string nodes :
       {R"([{"mesh": 0, "scale": [0, 0, 0]}, {"mesh": 0}, {"mesh": 1, "scale": [0, 0, 0]}])",
@@ -226,7 +226,7 @@ TEST_F(KernelGlb, KeepsMeshOfHiddenNodes) {
     maker.json["nodes"] = Json::parse(nodes);
     maker.json["scenes"] = Json::parse(R"([{"nodes": [0, 1, 2]}])");
     expect_both_forms(maker.write(folder()), folder() / "kept.glb");
-    // Once more: now the hidden nodes' meshes have kernels of other nodes.
+    // In the stored file, the hidden nodes' meshes have kernels that belong to other nodes.
     expect_both_forms(folder() / "kept.glb", folder() / "again.glb");
   }
 }
@@ -353,7 +353,7 @@ TEST_F(KernelGlb, ConvertsObjWithLatin1NamesAndImageToMetres) {
   EXPECT_EQ(kept->textures[0].rgba, rgba);
   EXPECT_EQ(kept->materials[0].name, "gr\xC3\xBCn");
   expect_kernels_as_made(*kept);
-  // The embedded image has the bytes of its file.
+  // The embedded image equals the image file byte for byte.
   const Json json = json_of(glb);
   EXPECT_EQ(json["bufferViews"][json["images"][0]["bufferView"].get<std::size_t>()]["byteLength"],
             fs::file_size(folder() / "p.png"));
@@ -379,7 +379,7 @@ TEST_F(KernelGlb, StoresKernelsInUnitOfFile) {
   const Json box = maker.box();
   maker.json["meshes"] = Json::array();
   maker.json["meshes"].push_back({{"primitives", {box}}});
-  // The box in millimetres.
+  // The box as a file in millimetres would have it.
   maker.json["nodes"] = Json::parse(R"([{"mesh": 0, "scale": [1000, 1000, 1000]}])");
   maker.json["scenes"] = Json::parse(R"([{"nodes": [0]}])");
   const fs::path file = maker.write(folder());

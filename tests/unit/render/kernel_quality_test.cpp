@@ -1,4 +1,4 @@
-// Kernels and fields made by the program against ray-cast shadows of an area light.
+// Generated kernels and fields, compared with ray-cast shadows of an area light.
 #include <gtest/gtest.h>
 
 #include "support/kernel_quality.hpp"

@@ -19,7 +19,7 @@ TEST(LayeredConstants, DeriveRatioAndUmbraHeightFromEachOther) {
 }
 
 TEST(LayeredConstants, FollowWorkspaceRuleOfSpecification) {
-  // M = 1.25 -> H = 1.50, a = 5; M = 1.5 -> 0.90, 3; M = 2 -> 0.60, 2, all for h_max = 0.30.
+  // For h_max = 0.30: M = 1.25 gives H = 1.50, a = 5; M = 1.5 gives 0.90, 3; M = 2 gives 0.60, 2.
   const struct {
     double magnification, light_height, ratio;
   } cases[] = {{1.25, 1.5, 5.0}, {1.5, 0.9, 3.0}, {2.0, 0.6, 2.0}};
@@ -49,7 +49,7 @@ TEST(LayeredConstants, RejectInvalidLights) {
   EXPECT_FALSE(make_layered_constants(kInfinity, 3.0, 0.3));
   EXPECT_FALSE(layered_constants_for_workspace(0.3, 1.0));
   EXPECT_FALSE(layered_constants_for_workspace(nan, 1.5));
-  // Values that floats can't represent or divide by.
+  // A float can't represent or divide by these values.
   EXPECT_FALSE(make_layered_constants(4e38, 3.0, 0.0));
   EXPECT_FALSE(make_layered_constants(1e-300, 3.0, 0.0));
   EXPECT_FALSE(make_layered_constants(0.9, 1e39, 0.0));
@@ -81,7 +81,7 @@ TEST(LayerFactor, HasExactValuesAtContactUmbraHeightAndZenith) {
                            std::nextafter(static_cast<float>(constants.umbra_height), 1.0F)),
             0.0F);
   EXPECT_EQ(layer_factor(zenith, ShadowLayer::umbra, 0.4), 0.0);
-  // At H and above, the factor of the cap holds, not a mirrored one.
+  // At H and above, the factor stays at that of the cap; it does not become negative.
   EXPECT_NEAR(layer_factor(constants, ShadowLayer::middle, 2.0), 8.0, 1e-12);
 }
 
@@ -89,7 +89,7 @@ TEST(LayerHeightRange, IsLimitedByCapAndUmbraHeight) {
   const LayeredConstants usual = make_layered_constants(0.9, 3.0, 0.0).value();
   EXPECT_DOUBLE_EQ(layer_height_range(usual, ShadowLayer::umbra).high, 0.3);
   EXPECT_DOUBLE_EQ(layer_height_range(usual, ShadowLayer::middle).high, 0.9 * 7.0 / 8.0);
-  // With h_u above the cap, the cap limits the umbra too.
+  // If h_u is above the cap, the cap also limits the umbra.
   const LayeredConstants small = make_layered_constants(0.9, 1.05, 0.0).value();
   EXPECT_DOUBLE_EQ(layer_height_range(small, ShadowLayer::umbra).high, 0.9 * 7.0 / 8.0);
   const LayeredConstants grows = make_layered_constants(0.9, 0.5, 0.0).value();
@@ -111,7 +111,8 @@ TEST(ClipToHeights, CutsAtBothEndsAndKeepsInside) {
   int vanished = 0;
   for (const CasterVertex& vertex : triangles) {
     EXPECT_GE(vertex.h, 0.0F);
-    // Position and kernel are interpolated alike: here k = (u / 2, v / 2) everywhere.
+    // Position and kernel are interpolated with the same weight: here k = (u / 2, v / 2)
+    // everywhere.
     EXPECT_NEAR(vertex.ku, 0.5F * vertex.u, 1e-6F);
     EXPECT_NEAR(vertex.kv, 0.5F * vertex.v, 1e-6F);
     const float s = layer_factor_f(constants, ShadowLayer::umbra, vertex.h);

@@ -1,4 +1,4 @@
-// The light measured from a video's pixels, and virtual objects lit by it.
+// Light measured from video, and virtual objects lit by it.
 #include "render/scene/light_meter.hpp"
 
 #include <gtest/gtest.h>
@@ -20,11 +20,11 @@ double encode(double linear) {
   return v <= 0.0031308 ? 12.92 * v : 1.055 * std::pow(v, 1.0 / 2.4) - 0.055;
 }
 
-// Reflectance at each pixel.
+// Reflectance as a function of the pixel.
 using Reflectance = Color (*)(int x, int y);
 
-// A desk of dark wood in many shades. A sheet of paper covers a tenth of the frame; half of it is
-// ink.
+// A desk of dark wood in many shades. A sheet of paper covers a tenth of the frame, and ink covers
+// half of the paper.
 Color desk(int x, int y) {
   if (x >= 200 && x < 330 && y >= 150 && y < 390) {
     return Color::Constant(((x / 13 + y / 13) & 1) == 0 ? kPaperReflectance : 0.04);
@@ -32,7 +32,7 @@ Color desk(int x, int y) {
   const double shade = 0.10 + 0.12 * ((x * 7 + y * 3) % 97) / 97.0;
   return {1.3 * shade, shade, 0.6 * shade};
 }
-// The desk with a lamp in view, much brighter than any paper.
+// The desk with a lamp in view that is much brighter than paper.
 Color desk_with_lamp(int x, int y) {
   return x > 560 && y < 120 ? Color(Color::Constant(30.0)) : desk(x, y);
 }
@@ -71,20 +71,20 @@ TEST(LightMeter, MeasuresLightOnDesk) {
   }
 }
 
-// Mean surface brightness is low over dark surfaces, however strong the light is.
+// The mean brightness of visible surfaces is low over dark surfaces, for any strength of the light.
 TEST(LightMeter, MeasuresMeanOfVisibleSurfaces) {
   const auto wood = [](int, int) { return Color(0.2, 0.15, 0.1); };
   const VideoLight found = measure_light(rgb_frame(wood, Color::Ones()), std::nullopt);
   EXPECT_LT(worst_ratio(found.around, {0.2, 0.15, 0.1}), 0.02);
 }
 
-// The same frame in every pixel layout of a camera, up to rounding of the codes.
+// The same frame in every pixel format of a camera, up to rounding.
 TEST(LightMeter, MeasuresSameLightInEveryPixelFormat) {
   for (const ColorRange range : {ColorRange::full, ColorRange::limited}) {
     std::optional<VideoLight> expected;
     for (const PixelFormat format : {PixelFormat::yuv444p, PixelFormat::yuv422p,
                                      PixelFormat::yuv420p, PixelFormat::nv12, PixelFormat::yuyv}) {
-      FrameBuffer buffer = allocate_frame(format, 322, 241);  // an odd height
+      FrameBuffer buffer = allocate_frame(format, 322, 241);  // odd width and height
       buffer.frame.color_range = range;
       for (std::size_t i = 0; i < static_cast<std::size_t>(buffer.frame.plane_count); ++i) {
         const PixelPlane& plane = buffer.frame.planes[i];
@@ -109,7 +109,7 @@ TEST(LightMeter, MeasuresSameLightInEveryPixelFormat) {
       EXPECT_EQ(found.on_table, expected->on_table) << static_cast<int>(format);
       EXPECT_EQ(found.around, expected->around) << static_cast<int>(format);
     }
-    // BT.601: red 170 + 1.402 * 12, green and blue lower; limited range is stretched.
+    // BT.601: red is 170 + 1.402 * 12, green and blue are lower; limited range is stretched.
     EXPECT_GT(expected->around.x(), expected->around.z());
   }
 }
@@ -151,7 +151,7 @@ TEST(LightMeter, FollowsLampButNotNoise) {
     if (i > 20) largest_step = std::max(largest_step, std::abs(std::log(seen / last)));
     last = seen;
   }
-  // One code in 255 of a bright surface is 2.2 / 255 = 0.0086 of its light.
+  // One of 255 grey levels of a bright surface is 2.2 / 255 = 0.0086 of its light.
   EXPECT_LT(largest_step, 0.004);
 
   const Color before = meter.look_at(rgb_frame(desk, dim, now)).on_table;
@@ -167,7 +167,7 @@ TEST(LightMeter, FollowsLampButNotNoise) {
   EXPECT_LT(worst_ratio(meter.look_at(rgb_frame(desk, bright, now)).on_table, bright), 0.15);
 }
 
-// A frame drawn again during a pause changes nothing; a step back in time restarts the filter.
+// Drawing a frame again during a pause changes nothing. A step back in time restarts the filter.
 TEST(LightMeter, IsDeterministicForSameFrames) {
   std::array<VideoLight, 2> ends;
   for (std::size_t run = 0; run < 2; ++run) {
@@ -184,7 +184,7 @@ TEST(LightMeter, IsDeterministicForSameFrames) {
   EXPECT_EQ(ends[0].around, ends[1].around);
 }
 
-// A level white sheet that fills the middle of the frame, and its drawn colour.
+// A level white sheet that fills the middle of the frame; the tests compare its drawn colour.
 class LitSheet : public testing::Test {
  protected:
   static Color shown(const std::optional<VideoLight>& light, double lamp, const CameraModel& camera,
@@ -212,8 +212,8 @@ class LitSheet : public testing::Test {
   static CameraModel camera() { return test::camera_of(160, 120, 150.0); }
 };
 
-// The sheet looks like paper there: dim in a dim video, warm in a warm one, and no brighter for a
-// scene with many lamps.
+// The sheet looks like paper in the video: dim in dim light, warm in warm light. Additional lamps
+// in the scene do not make it brighter.
 TEST_F(LitSheet, IsAsBrightAsPaperInVideo) {
   for (const Color& light :
        {Color(0.6, 0.6, 0.6), Color(0.15, 0.15, 0.15), Color(0.5, 0.35, 0.2)}) {
@@ -225,7 +225,7 @@ TEST_F(LitSheet, IsAsBrightAsPaperInVideo) {
       }
     }
   }
-  // If the scene's author dims the light, the sheet is darker than paper.
+  // If the scene's author dims the lamp, the sheet is darker than paper.
   const Color light = Color::Constant(0.6);
   const Color dimmed = shown(VideoLight{light, 0.3 * light}, 0.1, camera());
   EXPECT_LT(dimmed.maxCoeff(), 255.0 * encode(0.6 * 0.62));
@@ -234,13 +234,13 @@ TEST_F(LitSheet, IsAsBrightAsPaperInVideo) {
 TEST_F(LitSheet, UsesSceneLightWithoutVideoLight) {
   const Color a = shown(std::nullopt, 0.4, camera());
   EXPECT_GT(a.y(), 190.0);
-  // Scene light at its own strength changes only the light from below.
+  // Video light at the scene's own strength changes only the light from below.
   const Color sky = Color(0.35 * 1.08, 0.35 * 1.12, 0.35 * 1.18);
   EXPECT_EQ(shown(VideoLight{Color::Ones(), Color::Constant(0.2)}, 0.4, camera()), a)
       << sky.transpose();
 }
 
-// Another camera response (tone curve) encodes the same light by other codes.
+// Another camera response (tone curve) encodes the same light with other pixel values.
 TEST_F(LitSheet, IsEncodedWithCameraResponse) {
   CameraParameters p = camera().parameters();
   p.tone_curve = 1.0;
@@ -255,7 +255,7 @@ TEST_F(LitSheet, IsEncodedWithCameraResponse) {
   }
 }
 
-// A shadow on the table removes the same share of light for any light of the video.
+// A shadow on the table removes the same fraction of light for any light of the video.
 TEST(VideoLight, KeepsShadowStrengthOnTable) {
   test::SceneBuilder builder;
   test::ShapeBuilder block;

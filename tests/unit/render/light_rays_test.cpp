@@ -1,4 +1,4 @@
-// Light rays: the vertices they pass through, their ends, and their depth test.
+// Light rays: the vertices that they pass through, where they end, and their depth test.
 #include "render/shadow/projected/light_rays.hpp"
 
 #include <gtest/gtest.h>
@@ -71,7 +71,7 @@ TEST(LightRays, EndAtFirstPlaneTheyMeet) {
   ASSERT_EQ(rays.size(), 1U);
   EXPECT_NEAR(rays[0].shadow.x(), 0.12, 1e-12);
   EXPECT_NEAR(rays[0].shadow.z(), 0.6 - 0.4 * 1.2, 1e-12);
-  // Outside the wall's outline the ray goes on to the table.
+  // A ray that misses the wall's outline continues to the table.
   const std::vector<Eigen::Vector2d> small = {{0.5, 0.5}, {0.6, 0.5}, {0.6, 0.6}};
   const std::vector<RayReceiver> with_hole = {kTable, {wall.frame, small}};
   const auto on = light_rays(kOne, Placement(), {0.0, 0.0, 0.6, 1.0}, with_hole);
@@ -134,7 +134,7 @@ TEST_P(DrawnRays, HaveDotsAtVerticesAndShadowsAndLinesBetween) {
   PlanOptions options;
   options.light_rays = true;
   FramePlan plan = studio.plan(kFromFront, options);
-  plan.objects.clear();  // nothing occludes the rays
+  plan.objects.clear();  // no object occludes the rays
   const Picture picture = studio.draw(grey(), plan);
   const auto rays = light_rays(marked_vertices(*builder.scene().objects[0].model, 12),
                                test::at(0.0, 0.0, 0.15), {0.0, 0.0, 0.4, 1.0}, {{kTable}});
@@ -197,7 +197,7 @@ TEST(RayOverlay, IsDrawnOnlyWhenEnabled) {
   EXPECT_NE(without, by_option);
   EXPECT_EQ(node.draw(grey(), node.plan(kFromFront)), by_option);
   EXPECT_EQ(plain.draw(grey(), plain.plan(kFromFront)), without) << "the next frame is unchanged";
-  // Without a light, a shadow has no rays.
+  // Shadow techniques without a light have no rays.
   for (const ShadowTechnique technique :
        {ShadowTechnique::simple, ShadowTechnique::layered, ShadowTechnique::none}) {
     asked.technique = technique;
@@ -269,7 +269,7 @@ TEST(RayOverlay, BlendsDotsOfFadingObjectOnce) {
     }
   }
   EXPECT_GE(dots, 2);
-  // Retexturing replaces the video, so it can't blend twice: the frame is the same.
+  // Retexturing replaces the video, so blending twice is impossible: the frame must be the same.
   const Picture fetched = drawn(Translucency::retexture, 2);
   int differ = 0;
   for (std::size_t i = 0; i < two.rgba.size(); ++i)

@@ -1,5 +1,5 @@
-// glTF materials: each map against equal factors or geometry, pixel by pixel; transparency, culling
-// of back faces, and rejected materials.
+// glTF materials: each texture is compared pixel by pixel with equal factors or geometry. Further
+// tests cover transparency, back-face culling and rejected materials.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -177,14 +177,14 @@ std::array<float, 3> decoded(int r, int g, int b, double scale = 1.0) {
                                 .normalized();
   return {static_cast<float>(n.x()), static_cast<float>(n.y()), static_cast<float>(n.z())};
 }
-// In the file's axes: y is up, and the texture's top is at -z.
+// Normals in the file's axes: y is up, and the texture's top is at -z.
 std::vector<std::array<float, 3>> normals_of(float right, float towards_top, float up) {
   return std::vector<std::array<float, 3>>(4, {right, up, -towards_top});
 }
 constexpr const char* kBumpy = R"(,"normalTexture":{"index":0})";
 
 TEST(Materials, MatchesGeometryByNormalTexture) {
-  std::vector<std::array<int, 3>> texels = {{60, 90, 220}};  // leans both ways
+  std::vector<std::array<int, 3>> texels = {{60, 90, 220}};  // tilted along both axes
   if (test::nightly()) texels.insert(texels.end(), {{204, 128, 230}, {128, 204, 230}});
   for (const auto& [r, g, b] : texels) {
     SCOPED_TRACE(fmt::format("{} {} {}", r, g, b));
@@ -200,8 +200,8 @@ TEST(Materials, MatchesGeometryByNormalTexture) {
     EXPECT_LE(largest_difference(drawn(bumpy, {0.3, Translucency::blend, GlApi::gles30}), expected),
               1);
     EXPECT_GT(largest_difference(given, drawn(square_of(kPlain))), 5);
-    // Tangents that differ from the texture layout are used: here a quarter turn, the texture's x
-    // points to its top.
+    // Given tangents have priority over the texture layout: here they are rotated by 90 degrees, so
+    // that the texture's x points to its top.
     bumpy.tangents = std::vector<std::array<float, 4>>(4, {0, 0, -1, 1});
     geometry.normals = normals_of(-y, x, z);
     EXPECT_LE(largest_difference(drawn(bumpy), drawn(geometry)), 1) << "turned";
@@ -223,26 +223,26 @@ TEST(Materials, OrientsNormalTextureByItsLayout) {
   bumpy.texcoords = {{1, 1}, {0, 1}, {0, 0}, {1, 0}};
   geometry.normals = normals_of(-x, y, z);
   EXPECT_LE(largest_difference(drawn(bumpy), drawn(geometry)), 1);
-  // A quarter turn: the texture's right is the square's top.
+  // Rotated by 90 degrees: the texture's right is the square's top.
   bumpy.texcoords = {{0, 0}, {0, 1}, {1, 1}, {1, 0}};
   geometry.normals = normals_of(-y, x, z);
   EXPECT_LE(largest_difference(drawn(bumpy), drawn(geometry)), 1);
-  // A node that mirrors.
+  // The node mirrors the square.
   bumpy.texcoords = TexturedSquare().texcoords;
   bumpy.node = R"("scale":[-1,1,1])";
   geometry.normals = normals_of(-x, y, z);
   EXPECT_LE(largest_difference(drawn(bumpy), drawn(geometry)), 1);
   bumpy.tangents = std::vector<std::array<float, 4>>(4, {1, 0, 0, 1});
   EXPECT_LE(largest_difference(drawn(bumpy), drawn(geometry)), 1);
-  // Half the normal scale.
+  // The material halves the normal scale.
   bumpy = square_of(std::string(kPlain) + R"(,"normalTexture":{"index":0,"scale":0.5})",
                     {one_color(204, 160, 230)});
   geometry.normals = normals_of(sx, sy, sz);
   EXPECT_LE(largest_difference(drawn(bumpy), drawn(geometry)), 1);
 }
 
-// The layout meets its mirror image along an edge. The vertices there are split, so that each half
-// has its own tangents.
+// The texture layout is mirrored at an edge. Vertices on it are split, so that each half has its
+// own tangents.
 TEST(Materials, SplitsTangentsAtMirroredTexture) {
   TexturedSquare bumpy = square_of(std::string(kPlain) + kBumpy, {one_color(204, 128, 230)});
   // The halves are mirrored at the diagonal u = v.
@@ -300,7 +300,7 @@ TEST(Materials, WrapsTexturesBySampler) {
     square.texcoords = {{-1, 1}, {2, 1}, {2, 0}, {-1, 0}};
     return drawn(square);
   };
-  // Each sixth of the square is bright or dark.
+  // Each sixth of the square's width is bright or dark.
   const std::map<int, std::array<bool, 6>> expected = {
       {10497, {false, true, false, true, false, true}},
       {33071, {false, false, false, true, true, true}},
@@ -330,7 +330,7 @@ TEST(Materials, RemovesPixelsBelowAlphaCutoff) {
     square.samplers = R"({"magFilter":9728,"minFilter":9728})";
     return square;
   };
-  // 0.8 * 120 / 255 = 0.38; 0.8 * 135 / 255 = 0.42.
+  // Alpha at the two texels: 0.8 * 120 / 255 = 0.38 and 0.8 * 135 / 255 = 0.42.
   const Picture picture = drawn(cut(120, 135));
   const Picture whole = drawn(cut(255, 255));
   int wrong = 0;
@@ -389,7 +389,7 @@ TEST(Materials, BlendsByOpacity) {
   EXPECT_NEAR(static_cast<double>(open) / all, 10.0 / 16.0, 0.02);
 }
 
-// Blended objects follow the opaque ones, the farthest first.
+// Opaque objects are drawn first, then blended objects from back to front.
 TEST(Materials, SortsBlendedObjectsBackToFront) {
   const auto red = model_of(square_of(glass(0.9, 0.1, 0.1, 0.5)));
   const auto green = model_of(square_of(glass(0.1, 0.9, 0.1, 0.5)));
@@ -460,14 +460,14 @@ TEST(Materials, DrawsBackFacesOnlyWhenDoubleSided) {
   EXPECT_EQ(drawn(square), video);
   square.material += R"(,"doubleSided":true)";
   EXPECT_GT(largest_difference(drawn(square), video), 20);
-  // Seen from behind, a normal-mapped face is its front turned over.
+  // Seen from behind, a normal-mapped face equals its front, rotated by half a turn.
   square = square_of(std::string(kPlain) + R"(,"doubleSided":true,"normalTexture":{"index":0})",
                      {one_color(204, 128, 230)});
   square.node = R"("rotation":[1,0,0,0])";
   const auto [x, y, z] = decoded(204, 128, 230);
   TexturedSquare geometry = square_of(kPlain);
-  // Half a turn about the texture's x axis keeps that axis; from behind, the whole tangent frame is
-  // turned over.
+  // Half a turn about the texture's x axis keeps that axis. Seen from behind, the whole tangent
+  // frame is reversed.
   geometry.normals = normals_of(-x, y, z);
   EXPECT_LE(largest_difference(drawn(square), drawn(geometry)), 1);
   // A phantom occludes from both sides.

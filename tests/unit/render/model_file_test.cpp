@@ -1,4 +1,4 @@
-// Models from files: the formats that are read, and the line that an error names.
+// Model files: the formats that are read, and the line that an error message names.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -20,7 +20,7 @@ namespace {
 
 using testing::HasSubstr;
 
-// A triangle in the file's xy plane; each test changes a part of the text.
+// A triangle in the file's xy plane. Each test changes a part of the text.
 const std::string kTriangle = R"({"asset":{"version":"2.0"},"scene":0,"scenes":[{"nodes":[0]}],
 "nodes":[{"mesh":0}],"meshes":[{"primitives":[{"attributes":{"POSITION":0},"indices":1}]}],
 "accessors":[{"bufferView":0,"componentType":5126,"count":3,"type":"VEC3"},
@@ -66,7 +66,7 @@ TEST_F(ModelFile, RotatesGltfFromYUpToZUp) {
   ASSERT_TRUE(model) << error_of(model);
   ASSERT_EQ(model->triangle_count(), 1U);
   EXPECT_EQ(model->meshes[0].positions[2], glm::vec3(0, 0, 1));
-  // Counter-clockwise about the file's +z, which is -y of the object frame.
+  // Counter-clockwise about the file's +z axis, which is the -y axis of the object frame.
   EXPECT_EQ(model->meshes[0].normals[0], glm::vec3(0, -1, 0));
   EXPECT_EQ(model->source_vertex_count, 3U);
 }
@@ -140,8 +140,7 @@ TEST_F(ModelFile, MergesNodesOfOneMaterialIntoOneMesh) {
   replace(R"({"nodes":[0]})", "{\"nodes\":[" + list + "]}");
   const std::string triangle = R"({"attributes":{"POSITION":0},"indices":1})";
   const std::string metal = R"({"attributes":{"POSITION":0},"indices":1,"material":0})";
-  // Primitives with the plain material, with a metal, and with the plain material and texture
-  // coordinates.
+  // Three primitives: plain material, metal, and plain material with texture coordinates.
   replace(R"("meshes":[{"primitives":[)" + triangle + "]}]",
           R"("materials":[{"name":"metal"}],"meshes":[{"name":"a","primitives":[)" + triangle +
               R"(]},{"name":"b","primitives":[)" + metal + R"(]},{"name":"c","primitives":[)" +
@@ -153,10 +152,10 @@ TEST_F(ModelFile, MergesNodesOfOneMaterialIntoOneMesh) {
   EXPECT_EQ(model->meshes[0].name, "a");
   EXPECT_EQ(model->meshes[1].name, "b");
   EXPECT_EQ(model->triangle_count(), std::size_t{kNodes});
-  // Each use of a mesh has separate vertices; the first uses come first.
+  // Each use of a mesh has separate vertices, in the order of use.
   EXPECT_EQ(model->source_vertex_count, 3U * kNodes);
   const Mesh& plain = model->meshes[0];
-  // Plain triangle t belongs to node t + t / 2: every third node is metal.
+  // Every third node is metal, so plain triangle t belongs to node t + t / 2.
   for (const std::uint32_t t : {0U, 1U, 2U, 9'999U}) {
     const std::uint32_t node = t + t / 2 + t % 2;
     for (std::uint32_t k = 0; k < 3; ++k) {
@@ -218,7 +217,7 @@ TEST_F(ModelFile, NeverReadsFilesOutsideFolder) {
 }
 
 TEST_F(ModelFile, ReplacesElementsBySparseAccessor) {
-  // The sparse accessor replaces the second point by the buffer's third one.
+  // The sparse accessor replaces the second point by the third point of the buffer.
   const Result<Model> model =
       gltf("\"count\":3,\"type\":\"VEC3\"",
            "\"count\":3,\"type\":\"VEC3\",\"sparse\":{\"count\":1,\"indices\":{\"bufferView\":1,"
@@ -236,7 +235,7 @@ TEST_F(ModelFile, ValidatesGlbContainer) {
               HasSubstr("is cut off"));
   EXPECT_THAT(error_of(load_model(write("noise.glb", std::string(500, 'x')))),
               HasSubstr("does not start with \"glTF\""));
-  // The binary chunk claims 8 bytes more than the file has.
+  // The header of the binary chunk claims 8 bytes more than the file has.
   std::string longer = good;
   std::uint32_t json = 0, bin = 0;
   std::memcpy(&json, good.data() + 12, 4);
@@ -301,7 +300,7 @@ TEST_F(ModelFile, RejectsOtherFiles) {
   EXPECT_THAT(error_of(load_model(write("a.glb", ""))), HasSubstr("is empty"));
 }
 
-// Each edge of a closed body is traversed once in each direction.
+// Expects that each edge is traversed once in each direction.
 void expect_closed(const Model& model, const std::string& name) {
   const ShadowMesh mesh = make_shadow_mesh(model);
   EXPECT_EQ(mesh.indices.size() / 3, model.triangle_count()) << name << ": faces collapsed";

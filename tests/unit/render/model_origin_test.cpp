@@ -151,8 +151,8 @@ TEST_F(FarModel, WarnsInMetresForOtherUnits) {
                                                    "0.0001 m"))));
 }
 
-// One model three times: a caster above an object and beside a phantom. With `origin`, the model
-// lies there in its file, and the placements compensate for it.
+// The same model three times: a caster above an object and beside a phantom. The model lies at
+// `origin` in its file, and the placements compensate for that.
 FramePlan plan_of_models_at(const Eigen::Vector3d& origin, const PlanOptions& options) {
   test::ShapeBuilder shape;
   shape.box(-0.025, -0.025, -0.025, 0.025, 0.025, 0.025);
@@ -185,7 +185,7 @@ FramePlan plan_of_models_at(const Eigen::Vector3d& origin, const PlanOptions& op
                     test::camera_of(320, 240, 300.0), options);
 }
 
-// One line per draw, rounded to a micrometre.
+// One line of text per draw, rounded to a micrometre.
 std::vector<std::string> lines_of(const FramePlan& plan) {
   std::vector<std::string> lines;
   const auto text = [](const auto& numbers) {
@@ -253,7 +253,7 @@ INSTANTIATE_TEST_SUITE_P(Technique, FarModelPlan,
 TEST(FarModelCases, MatchAreaOfSharedFiles) {
   if (test::shared_dir().empty()) GTEST_SKIP() << "no shared cases beside the checkout";
   const std::filesystem::path folder = test::shared_dir() / "cases" / "obj-far-from-origin";
-  // Areas by the shoelace formula from the corners as written.
+  // Expected areas: shoelace formula on the corners as written in the file.
   for (const auto& [file, area_cm2] : {std::pair{"disc-1m-at-100km.obj", 7803.2848},
                                        {"disc-10cm-at-10km.obj", 78.0584},
                                        {"far.obj", 100.0},

@@ -56,7 +56,7 @@ TEST(SizeWarning, NamesSizeAndLikelyUnit) {
               Optional(std::string("m.obj: is 10 m high; in centimetres? use --unit cm")));
   EXPECT_THAT(warning_of_size(sized(64.0F, 1.0F), {.remedy = SizeRemedy::scene_scale}, "m"),
               Optional(std::string("m: is 64 m wide; in millimetres? use scale 0.001")));
-  // A model of one metre, read in millimetres.
+  // A model of 1 m in size whose file is read in millimetres.
   EXPECT_THAT(warning_of_size(sized(0.001F, 0.0F), {.unit_m = 0.001}, "m"),
               Optional(std::string("m: is 1 mm wide; in metres? use --unit m")));
   EXPECT_THAT(warning_of_size(sized(0.0005F, 0.0F), {}, "m"),

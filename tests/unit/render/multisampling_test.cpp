@@ -20,7 +20,7 @@ namespace {
 constexpr int kViewWidth = 320;
 constexpr int kViewHeight = 240;
 
-// The same view with `times` as many pixels per side: its first times x times pixels cover pixel
+// The same view with `times` as many pixels per side. Its first times x times pixels cover pixel
 // (0, 0).
 CameraModel view_of(int times) {
   CameraParameters p;
@@ -158,12 +158,12 @@ TEST(Multisampling, ChangesOnlyEdges) {
   }
 }
 
-// With multisampling, casters of few faces are drawn directly; their edges are as smooth as a
-// mask's.
+// With multisampling, casters with few faces are drawn directly. Their edges are as smooth as those
+// of a mask.
 TEST(Multisampling, DrawsFewFacesDirectly) {
   const auto scene_of = [](int around) {
     test::ShapeBuilder shape;
-    shape.torus(0.06, 0.02, around, 16);  // twice 16 times as many faces
+    shape.torus(0.06, 0.02, around, 16);  // the torus has 2 * 16 * `around` faces
     test::SceneBuilder builder;
     builder.add(test::finished(shape.build(), glm::vec4(1.0F)), test::at(0, 0, 0.1));
     return builder.build();

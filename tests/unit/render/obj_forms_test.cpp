@@ -1,4 +1,4 @@
-// OBJ and MTL files as other programs write them.
+// OBJ and MTL files of other programs.
 #include <fmt/format.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -23,7 +23,7 @@ const std::string kBox = "usemtl red\nf 1 2 3 4\n";
 
 class ObjModelFile : public testing::Test {
  protected:
-  // Expects a square of 100 cm^2 with these warnings.
+  // Expects a square of 100 cm^2 and these warnings.
   template <class Matcher>
   void expect_square(const std::string& text, const Matcher& warnings) {
     const Result<Model> model = folder_.obj(text);
@@ -31,7 +31,7 @@ class ObjModelFile : public testing::Test {
     EXPECT_NEAR(area_of(*model), 0.01, 1e-8) << text;
     EXPECT_THAT(model->warnings, warnings) << text;
   }
-  // Material of the square's first face with this .mtl.
+  // Returns the material of the square's first face, read from this .mtl text.
   Material material_of(const std::string& mtl, std::string* warning = nullptr) {
     folder_.write("m.mtl", mtl);
     const Result<Model> model = folder_.obj("mtllib m.mtl\n" + kCorners + kBox);
@@ -140,7 +140,7 @@ TEST_F(ObjModelFile, NamesAndIgnoresInvalidColours) {
 }
 
 TEST_F(ObjModelFile, NamesIgnoredMaterialLinesOncePerKind) {
-  // Keywords about highlights and refraction, which are not drawn, give no warning.
+  // Highlights and refraction are not drawn; their keywords give no warning.
   EXPECT_EQ(color_of(kRed + "Ka 1 1 1\nKs 1 1 1\nNs 90\nNi 1.5\nillum 2\nsharpness 60\nTf 1 1 1\n"),
             glm::vec4(1, 0, 0, 1));
   for (const std::string key :

@@ -61,7 +61,7 @@ TEST_F(ObjPolygon, KeepsTextureCoordinatesAndNormalsOfCorners) {
   }
 }
 
-// A square hole joined to a square by a bridge, and a U with doubled corners.
+// A square with a square hole, joined to the outline by a bridge, and a U with repeated corners.
 TEST_F(ObjPolygon, KeepsAreaOfKeyholesAndDoubledCorners) {
   Result<Model> model = folder_.obj(
       "v 0 0 0.05\nv 0.03 0.03 0.05\nv 0.03 0.07 0.05\nv 0.07 0.07 0.05\nv 0.07 0.03 0.05\n"
@@ -92,7 +92,7 @@ TEST_F(ObjPolygon, FillsAndNamesCrossingOutlineOnce) {
   EXPECT_THAT(model->warnings,
               ElementsAre(testing::AllOf(HasSubstr("line 9: a face's outline crosses itself"),
                                          HasSubstr("(2 such lines)"))));
-  // The crossing becomes a new vertex after those of the file.
+  // The crossing adds a vertex after those of the file.
   EXPECT_EQ(model->source_vertex_count, 6U);
   const Mesh& mesh = model->meshes[0];
   for (std::size_t i = 0; i < mesh.positions.size(); ++i) {
@@ -163,7 +163,7 @@ TEST(ObjPolygonCases, MatchAreaOfSharedFiles) {
   }
 }
 
-// Three tilted polygons. The shoelace formula gives their areas seen from above.
+// Three tilted polygons. The expected areas, seen from above, follow from the shoelace formula.
 TEST(ObjPolygonCases, MatchAreaOfTiltedPolygons) {
   if (test::shared_dir().empty()) GTEST_SKIP() << "no shared cases beside the checkout";
   const std::filesystem::path file =

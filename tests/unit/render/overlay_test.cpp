@@ -1,4 +1,4 @@
-// The lens distortion of the vertex shader, measured in pixels against CameraModel::project.
+// Lens distortion in the vertex shader, compared in pixels with CameraModel::project.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -67,7 +67,7 @@ std::vector<Eigen::Vector3d> rim(const Eigen::Vector3d& centre, double radius, i
   return points;
 }
 
-// Image of the disc: its densely sampled outline, projected in double.
+// Exact image of the disc: its densely sampled outline, projected in double precision.
 std::vector<Eigen::Vector2d> exact_outline(const CameraModel& camera, const Eigen::Vector3d& centre,
                                            double radius) {
   const std::vector<Eigen::Vector3d> corners = rim(centre, radius, 64);
@@ -80,8 +80,8 @@ std::vector<Eigen::Vector2d> exact_outline(const CameraModel& camera, const Eige
   return outline;
 }
 
-// Centroid of the pixels whose centres lie inside the outline. The drawn disc is counted the same
-// way, so that only the drawing's error remains.
+// Centroid of the pixels whose centres lie inside the outline. The drawn disc's centroid is
+// computed in the same way, so that only the drawing's error remains.
 Eigen::Vector2d counted_centroid(const std::vector<Eigen::Vector2d>& outline, int& count) {
   Eigen::Vector2d low = outline.front();
   Eigen::Vector2d high = outline.front();
@@ -113,7 +113,7 @@ Eigen::Vector2d counted_centroid(const std::vector<Eigen::Vector2d>& outline, in
 TEST_P(OverlayProjection, DrawsWhereCameraModelProjects) {
   const CameraModel camera = camera_with(std::get<0>(GetParam()));
   const CameraPose pose = test::look_at({0.3, -0.2, 0.9}, {0.0, 0.05, 0.0});
-  // Discs that face the camera at pixels all over the frame, one model per disc.
+  // Discs that face the camera at pixels all over the frame. Each disc is a model.
   std::vector<std::vector<Eigen::Vector2d>> expected;
   SceneBuilder builder;
   int at = 0;
@@ -189,14 +189,14 @@ TEST_P(OverlayProjection, FrustumContainsAllVisibleRays) {
   const std::array<Eigen::Vector3d, 2> beside = {Eigen::Vector3d(9, 0, 1),
                                                  Eigen::Vector3d(9, 1, 1)};
   EXPECT_TRUE(frustum.misses(beside));
-  // Both points are out of view, but the segment between them is not.
+  // Both points are out of view, but the segment between them crosses the view.
   const std::array<Eigen::Vector3d, 2> across = {Eigen::Vector3d(-9, 0, 1),
                                                  Eigen::Vector3d(9, 0, 1)};
   EXPECT_FALSE(frustum.misses(across));
 }
 
 // Beyond the maximum of a non-monotonic distortion the projection continues linearly, as in
-// CameraModel::project_extended. Nothing reappears in the frame.
+// CameraModel::project_extended. Objects out there must not appear in the frame.
 TEST(Overlay, ExtendsProjectionBeyondNonMonotonicRadius) {
   CameraParameters p = camera_with({}).parameters();
   p.distortion = {-0.28, 0.0, 0.0, 0.0, 0.0};
@@ -204,7 +204,7 @@ TEST(Overlay, ExtendsProjectionBeyondNonMonotonicRadius) {
   ASSERT_LT(camera.max_radius(), 1.2);
   Model far;
   Mesh& mesh = far.meshes.emplace_back();
-  // A plate from 60 to 80 degrees off the axis. If the projection folded back, it would cover the
+  // A plate from 60 to 80 degrees off the axis. A projection that folded back would draw it in the
   // middle of the frame.
   for (int i = 0; i < 40; ++i) {
     for (int j = 0; j < 2; ++j) {
@@ -246,9 +246,9 @@ CameraModel strong_lens() {
   return CameraModel::make(p).value();
 }
 
-// Compares the drawn and the exact position of a strip at depth z in the camera frame, from (x0,
-// y0) to (x1, y1), `width` wide downwards. Returns the largest mean error over a window of columns,
-// for both edges.
+// Compares the drawn and the exact position of a strip at depth z in the camera frame. The strip
+// extends from (x0, y0) to (x1, y1) and is `width` wide downwards. Returns the largest mean error
+// of either edge over a window of columns.
 double worst_window_px(const CameraModel& camera, const std::vector<double>& top_rows,
                        const std::vector<double>& bottom_rows,
                        const std::function<bool(int, int)>& covered) {
@@ -290,8 +290,8 @@ std::vector<double> rows_of_line(const CameraModel& camera, const Eigen::Vector3
   return rows;
 }
 
-// A long thin object near the upper border, at the nearest distance of the camera, grows tenfold.
-// Its edges must follow the lens all the way.
+// An animation enlarges a thin object ten times, near the upper border and at the camera's nearest
+// distance. The object's edges must follow the distortion over their whole length.
 TEST(Overlay, BendsLongEdgesWithLensCloseUp) {
   const CameraModel camera = strong_lens();
   const Eigen::Vector3d a(-0.09, -0.0500, 0.15), b(0.09, -0.0330, 0.15);
@@ -320,8 +320,8 @@ TEST(Overlay, BendsLongEdgesWithLensCloseUp) {
   EXPECT_LE(worst, 0.15);
 }
 
-// A level strip's penumbra is twice as long as the strip. It fills the image at the nearest
-// distance and farther away, where edges are split into longer pieces.
+// The penumbra of a level strip is twice as long as the strip. The test draws it at the nearest
+// distance, where it fills the image, and at larger ones, where edges are split into longer pieces.
 TEST(Overlay, LongShadowEdgesFollowTheLensAtEveryDistance) {
   const CameraModel camera = strong_lens();
   for (const double times : {1.0, 1.7, 4.0, 11.0}) {
@@ -359,7 +359,8 @@ TEST(Overlay, LongShadowEdgesFollowTheLensAtEveryDistance) {
                                          rows_of_line(camera, shadow(a + down), shadow(b + down)),
                                          [&](int x, int y) { return picture.red(x, y) < 100; });
     std::printf("long shadow at %.2f m: worst %.3f px\n", 0.15 * times, worst);
-    // Far edges are split only in proportion to their distance (kSplitShare).
+    // Far edges are split into pieces in proportion to their distance (kSplitShare), hence the
+    // larger error.
     EXPECT_LE(worst, times < 10.0 ? 0.15 : 0.25);
   }
 }

@@ -1,4 +1,4 @@
-// Groups join parts that form one body, such as the loose bricks of a wall.
+// Groups join parts that form one body, such as the separate bricks of a wall.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -21,7 +21,7 @@ namespace {
 using testing::ElementsAre;
 using testing::HasSubstr;
 
-// A brick wall that lies on its side; alternate rows are shifted by half a brick, so that corners
+// A brick wall that lies on its side. Alternate rows are shifted by half a brick, so that corners
 // do not meet. Each brick is a node below "wall"; the ball beside it is not.
 Model brick_wall() {
   Model model;
@@ -43,7 +43,7 @@ Model brick_wall() {
     for (int i = 0; x < 0.16 - 1e-9; ++i) {
       const double length = i == 0 && row % 2 == 1 ? 0.02 : std::min(0.04, 0.16 - x);
       test::ShapeBuilder brick;
-      // The bricks lie a little unevenly, so that no two share a corner.
+      // The bricks are slightly uneven, so that no two share a corner.
       const double z = 0.0002 * ((2 * row + i) % 5);
       brick.box(x, y, z, x + length, y + 0.02, z + 0.02);
       add(brick, fmt::format("brick_{}_{}", row, i), 0);
@@ -72,15 +72,15 @@ double ring_area(const std::vector<Eigen::Vector2d>& ring) {
 struct Shape {
   std::size_t pieces = 0;
   double area = 0.0;
-  double holes = 0.0;  // share of the area
+  double holes = 0.0;  // fraction of the area
 };
-// Shape of the wall's umbra at a height where it has lost a good part of its area.
+// Shape of the wall's umbra at a height where its area is clearly reduced.
 Shape wall_umbra(const std::vector<std::string>& groups) {
   const ShadowMesh mesh = make_shadow_mesh(brick_wall(), groups);
   const PlaneFrame plane;
   const ShadowKernels kernels = generate_kernels(mesh, plane.n, KernelSource::automatic);
   const Placement raised{{0.0, 0.0, 0.1}, Eigen::Quaterniond::Identity(), 1.0};
-  std::vector<PlanePoint> wall;  // without the ball
+  std::vector<PlanePoint> wall;  // the wall's triangles, without the ball
   const auto triangles =
       layer_triangles(place_caster(mesh, kernels, raised, plane), mesh.indices,
                       make_layered_constants(0.9, 3.0, 0.0).value(), ShadowLayer::umbra);
@@ -119,7 +119,7 @@ TEST(PartGroups, ContainPartsMatchedByName) {
   EXPECT_EQ(parts({"brick_0_*", "brick_1_*"}), loose - 3U - 4U) << "one group per pattern";
   EXPECT_EQ(parts({"brick_0_*", "brick_?_0"}), loose - 3U - 3U) << "they meet in one brick";
   EXPECT_EQ(parts({"ball"}), loose);
-  // Grouping only renumbers parts: every position keeps its kernel set.
+  // Grouping only renumbers parts, so every position keeps its kernels.
   const ShadowMesh one = make_shadow_mesh(model, std::vector<std::string>{"all"});
   const ShadowMesh many = make_shadow_mesh(model);
   EXPECT_EQ(one.indices, many.indices);
@@ -133,7 +133,7 @@ TEST(PartGroups, ListKnownNamesForUnknownOne) {
   ASSERT_FALSE(checked);
   EXPECT_THAT(checked.error().message, HasSubstr("\"tower\""));
   EXPECT_THAT(checked.error().message, HasSubstr("wall, brick_0_0"));
-  // Matching takes no long time for any pattern.
+  // Matching time is bounded for any pattern.
   Model named;
   named.nodes.push_back({std::string(5000, 'a'), "", -1});
   std::string pattern;

@@ -1,5 +1,5 @@
-// Layered, field and simple shadows on phantoms and objects. Each height of a receiver is compared
-// with the shadow on a plane at that height; reuse and skipping must not change it.
+// Layered, field and simple shadows on phantoms and objects. Each point of a receiver is compared
+// with the shadow on a plane at the point's height; reuse and skipping must not change the result.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -32,14 +32,14 @@ constexpr int kSide = 300;
 Frame white() {
   return test::plain_frame(kSide, kSide, 255);
 }
-// Draws the plane's shadow without masks, so that its edges run between pixels. Shadows on
-// receivers are compared with the values on both sides of such an edge.
+// Draws the plane's shadow without masks, so that each pixel is on one side of its edges. Tests
+// compare shadows on receivers with the values on both sides of such an edge.
 Picture draw_directly(Studio& studio, FramePlan plan) {
   plan.layers = LayerDrawing::direct;
   return studio.draw_shadows(white(), plan);
 }
-// Distance of a value from the range of this pixel and its neighbours, which contain both sides of
-// an edge.
+// Distance of `value` from the range of values in the pixel's 3 x 3 neighbourhood, which contains
+// both sides of an edge.
 double off(double value, const Picture& picture, int x, int y) {
   int low = 255;
   int high = 0;
@@ -60,7 +60,7 @@ PoseEstimate from(const Eigen::Vector3d& eye) {
 std::shared_ptr<const Model> solid(const Model& shape) {
   return test::finished(shape, glm::vec4(1.0F));
 }
-// An L with arms of unequal length.
+// A letter L with arms of unequal length.
 std::shared_ptr<const Model> l_shape() {
   ShapeBuilder shape;
   shape.box(-0.04, -0.04, 0.0, 0.05, -0.015, 0.02);
@@ -78,7 +78,7 @@ SceneBuilder builder_with(ShadowTechnique technique,
   return builder;
 }
 
-// Removes the scene's first object, the caster, from the frame; its shadow stays.
+// Removes the scene's first object, the caster, from the plan but keeps its shadow.
 FramePlan without_caster(FramePlan plan) {
   std::erase_if(plan.objects, [](const ObjectDraw& draw) { return draw.object == 0; });
   return plan;
@@ -103,7 +103,7 @@ Model standing_box(double side, double height) {
   shape.box(-side / 2, -side / 2, 0.0, side / 2, side / 2, height);
   return shape.build();
 }
-// Twenty steps along x, 15 mm high and 20 mm deep.
+// A staircase of twenty steps along x, each 15 mm high and 20 mm deep.
 Model staircase() {
   ShapeBuilder shape;
   for (int i = 0; i < 20; ++i) {
@@ -132,7 +132,7 @@ TEST(ReceivingLevels, LieOnSurfacesFacingLight) {
   ASSERT_FALSE(top.empty());
   EXPECT_NEAR(top.back(), 0.1, 1e-7);
   EXPECT_TRUE(levels_of(cube, test::at(0, 0, -0.06)).empty()) << "under the plane";
-  // Two levels, one for each step.
+  // The receiver has two levels, one for each step.
   ShapeBuilder steps;
   steps.box(0, 0, 0, 0.05, 0.1, 0.02);
   steps.box(0.05, 0, 0, 0.1, 0.1, 0.06);
@@ -203,7 +203,7 @@ TEST(ReceivingLevels, AreSortedAndBoundedForTriangleSoup) {
     EXPECT_TRUE(std::ranges::is_sorted(levels));
     EXPECT_GE(levels.front(), lowest - 1e-6);
     EXPECT_LE(levels.back(), highest + 1e-6);
-    // Inverted winding gives the same levels.
+    // Reversed winding gives the same levels.
     Model turned = model;
     for (Mesh& mesh : turned.meshes) {
       for (std::size_t k = 0; k + 2 < mesh.indices.size(); k += 3)
@@ -221,8 +221,9 @@ struct Technique {
   const char* name;
   ShadowTechnique technique;
   LightMode light_mode = LightMode::proportional;
-  // Limit of the RMS error at drawn edges [codes]. A simple shadow's single step is as high as the
-  // three of layered shadows; a field's edges follow the middles of its texels.
+  // Limit of the RMS error at drawn edges [grey levels]. The single step of a simple shadow is as
+  // high as the three steps of layered shadows together. The edges of a field follow the centres of
+  // its texels.
   double drawn_edge_error = 6.0;
 };
 class PhantomShadow : public testing::TestWithParam<Technique> {};
@@ -234,7 +235,7 @@ INSTANTIATE_TEST_SUITE_P(
                     Technique{"field", ShadowTechnique::field, LightMode::proportional, 8.5}),
     [](const auto& instance) { return std::string(instance.param.name); });
 
-// The top of a phantom box shows the same shadow as a plane.
+// The top of a phantom box shows the same shadow as a plane at its height.
 TEST_P(PhantomShadow, MatchesPlaneShadowOnLevelTop) {
   constexpr double kTop = 0.07;
   const Placement placement = test::at(0.015, 0.01, 0.2, {0.3, 1.0, 0.2}, 0.4);
@@ -268,7 +269,7 @@ TEST_P(PhantomShadow, MatchesPlaneShadowOnLevelTop) {
         wrong += off(on_phantom.red(x, y), on_plane, x, y) > 2.0 ? 1 : 0;
         continue;
       }
-      // The box's front gets no light from straight above, so it has no shadow.
+      // A light straight above does not reach the box's front, so the front has no shadow.
       const Eigen::Vector3d q = eye + (-0.05 - eye.y()) / d.y() * d;
       const bool front = std::abs(q.x() - 0.02) < 0.0595 && q.z() > 0.0005 && q.z() < kTop - 0.0005;
       dark_sides += front && on_phantom.red(x, y) != 255 ? 1 : 0;
@@ -279,8 +280,8 @@ TEST_P(PhantomShadow, MatchesPlaneShadowOnLevelTop) {
   EXPECT_EQ(dark_sides, 0);
 }
 
-// Share of a light from straight above that layered casters leave at a point: the darkest layer
-// over the point, on a plane at the point's height.
+// Fraction of the light of a source straight above that layered casters leave at a point: the light
+// in the darkest layer over the point, on a plane at its height.
 class LeftOfLight {
  public:
   // Casters may be rotated about the vertical only.
@@ -330,7 +331,7 @@ class LeftOfLight {
   std::vector<Caster> casters_;
 };
 
-// The middle of a large frame's first pixel lies half a small pixel further out.
+// The centre of a large frame's first pixel lies half a small pixel farther out.
 CameraModel camera_by(int times) {
   CameraParameters p;
   p.width = p.height = kSide * times;
@@ -351,8 +352,9 @@ std::vector<CasterAt> some_casters(int count) {
   return casters;
 }
 
-// The reference has four by four times as many pixels. Grounds are level or curved; with several
-// casters the darkest counts. One and three casters on the level, two on the dome; nightly all.
+// The reference has 4 x 4 as many pixels. Grounds are level or curved; of several casters the
+// darkest counts. The usual form draws one and three casters on level ground and two on the dome;
+// the nightly form draws all combinations.
 TEST_P(PhantomShadow, HasSmoothEdges) {
   const std::vector<std::pair<const char*, CasterAt>> grounds = {
       {"level", {box(0.6, 0.6, 0.06), test::at(0.0, 0.0, 0.03)}},
@@ -373,7 +375,7 @@ TEST_P(PhantomShadow, HasSmoothEdges) {
         plan.layers = layers;
         return studio.draw_shadows(test::plain_frame(kSide * times, kSide * times, 255), plan);
       };
-      // Direct drawing and masks agree everywhere but at edges.
+      // Direct drawing and masks agree everywhere except at edges.
       const Picture fine = draw(4, LayerDrawing::direct);
       for (const LayerDrawing layers : {LayerDrawing::direct, LayerDrawing::mask}) {
         const test::EdgeError error = test::edge_error(draw(1, layers), fine, 4);
@@ -388,8 +390,8 @@ TEST_P(PhantomShadow, HasSmoothEdges) {
   }
 }
 
-// The beam is much longer than the receiver, so that its whole shadow does not fit into any mask.
-// The part on the receiver must still be covered.
+// The beam is much longer than the receiver, so no mask can hold its whole shadow. The visible part
+// on the receiver must still be covered.
 TEST(PhantomShadow, CoversShadowOfLargeCaster) {
   for (const double length : {0.3, 3.0, 300.0}) {
     for (const LightMode light_mode : {LightMode::proportional, LightMode::fixed}) {
@@ -426,10 +428,10 @@ TEST(PhantomShadow, CoversShadowOfLargeCaster) {
   }
 }
 
-// The reference is the exact shadow at each height, at four by four points of a pixel.
+// The reference is the exact shadow at each height, sampled at 4 x 4 points of each pixel.
 TEST(PhantomShadow, HasSmoothEdgesOnSlope) {
   constexpr double kSlope = 0.4;
-  constexpr double kOnTheRim = -1.0;  // beyond the ramp's own edge
+  constexpr double kOnTheRim = -1.0;  // the sample is outside the ramp
   for (const int count : {1, 3}) {
     SCOPED_TRACE(count);
     SceneBuilder builder = builder_with(ShadowTechnique::layered);
@@ -445,7 +447,7 @@ TEST(PhantomShadow, HasSmoothEdgesOnSlope) {
     FramePlan plan = studio.plan(pose);
     plan.shadows.clear();
     const Picture picture = studio.draw_shadows(white(), plan);
-    // The plane of the ramp: z = 0.001 - 0.1 + slope * (x + 0.4).
+    // Plane of the ramp: z = 0.001 - 0.1 + slope * (x + 0.4).
     const Eigen::Vector3d normal(-kSlope, 0.0, 1.0);
     const double offset = 0.001 - 0.1 + kSlope * 0.4;
     const auto expected_at = [&](double x, double y) {
@@ -481,7 +483,8 @@ TEST(PhantomShadow, HasSmoothEdgesOnSlope) {
   }
 }
 
-// Each pixel of a phantom or virtual ball is compared with the shadow on a plane at its height.
+// Each pixel of a phantom or virtual ball is compared with the shadow on a plane at the pixel's
+// height.
 class SphereShadow : public testing::TestWithParam<bool> {};
 INSTANTIATE_TEST_SUITE_P(Receivers, SphereShadow, testing::Bool(), [](const auto& instance) {
   return std::string(instance.param ? "phantom" : "object");
@@ -513,14 +516,14 @@ TEST_P(SphereShadow, MatchesShadowAtEachHeight) {
       const Eigen::Vector3d d = (pose.T_table_camera.rotation() * *ray).normalized();
       const double b = d.dot(eye - middle);
       const double under = b * b - (eye - middle).squaredNorm() + kRadius * kRadius;
-      if (under < 4e-5) continue;  // the silhouette is a polyline
+      if (under < 4e-5) continue;  // near the silhouette, which is a polyline
       const Eigen::Vector3d p = eye + (-b - std::sqrt(under)) * d;
       const double facing = std::max((p - middle).z() / kRadius, 0.0);
       const double lost = (1.0 - left_of_light.at(p)) * facing;
       const double expected = unshadowed.red(x, y) * std::pow(1.0 - lost, 1.0 / 2.2);
       ++on_ball;
       dark += expected < 0.94 * unshadowed.red(x, y) ? 1 : 0;
-      // Faces turn by 4 degrees from one to the next.
+      // Normals of neighbouring faces differ by 4 degrees.
       wrong += std::abs(picture.red(x, y) - expected) > 14.0 ? 1 : 0;
     }
   }
@@ -529,7 +532,7 @@ TEST_P(SphereShadow, MatchesShadowAtEachHeight) {
   EXPECT_LT(wrong, 0.03 * dark) << "more than edges, of " << dark;
 }
 
-// A caster beside a phantom, and no higher than it, casts nothing onto its top.
+// A caster beside a phantom casts no shadow onto its top unless it is higher.
 TEST_P(PhantomShadow, FallsOnlyDownwards) {
   SceneBuilder builder = builder_with(GetParam().technique, GetParam().light_mode);
   builder.add(box(0.04, 0.04, 0.06), test::at(0.0, 0.0, 0.03));
@@ -541,8 +544,8 @@ TEST_P(PhantomShadow, FallsOnlyDownwards) {
   EXPECT_EQ(with, draw_directly(studio, plan));
 }
 
-// Adds an L and a box at random places, upright or tilted. The box is a phantom or a virtual object
-// that casts a shadow too.
+// Adds an L and a box at random positions, upright or tilted. The box is a phantom, or a virtual
+// object that also casts a shadow.
 void add_anywhere(SceneBuilder& builder, std::mt19937& random, bool upright, bool phantom) {
   const auto within = [&random](double low, double high) {
     return std::uniform_real_distribution<double>(low, high)(random);
@@ -602,21 +605,21 @@ TEST_P(PhantomShadow, IsReusedWhileOnlyCameraMoves) {
   EXPECT_EQ(studio.stats()[Counter::proxy_shadows], first[Counter::proxy_shadows]);
   Studio fresh(scene, camera());
   EXPECT_EQ(kept, fresh.draw(white(), fresh.plan(from({-0.2, -0.3, 0.4}), direct)));
-  // If the caster slides, the shadow is drawn again from the stored geometry.
+  // If the caster slides, the shadow is drawn again from its stored geometry.
   FramePlan slid = moved;
   for (ShadowDraw& draw : slid.shadows) draw.T_table_object.position.x() += 0.01;
   for (ReceivedShadowDraw& draw : slid.received_shadows)
     draw.shadow.T_table_object.position.x() += 0.01;
   EXPECT_NE(studio.draw(white(), slid), kept);
   EXPECT_EQ(studio.stats()[Counter::masks_drawn], 1);
-  // For these techniques the extent of the shadow is computed once from all vertices.
+  // For these techniques the shadow's extent is computed once, from all vertices.
   const bool measures_vertices = GetParam().technique != ShadowTechnique::field &&
                                  GetParam().light_mode == LightMode::proportional;
   EXPECT_EQ(studio.stats()[Counter::shadow_vertices], measures_vertices ? 14 : 0);
   EXPECT_EQ(studio.stats()[Counter::kernel_generations], 0);
 }
 
-// After any change between two frames, the second equals a first frame.
+// After any change between two frames, the second frame equals that of a new compositor.
 TEST(PhantomShadow, IsRecomputedAfterEachKindOfChange) {
   SceneBuilder builder = builder_with(ShadowTechnique::layered);
   builder.scene().shadows[0].kernels = KernelSource::centroid;
@@ -673,7 +676,7 @@ TEST(PhantomShadow, IsRecomputedAfterEachKindOfChange) {
   }
 }
 
-// Counts dark pixels on a phantom's level part and on a plane at the same height.
+// Numbers of dark pixels on a level part of a phantom and on a plane at its height.
 struct OnBoth {
   int on_phantom = 0, on_plane = 0, unlike = 0;
 };
@@ -717,7 +720,7 @@ Eigen::AlignedBox2d around(double x, double y, double half_x, double half_y) {
   return {middle - half, middle + half};
 }
 
-// A thin plate lies on one of the many steps.
+// A thin plate lies on one of the steps.
 TEST(PhantomShadow, FallsOnEveryStepOfStaircase) {
   for (const int step : {2, 5, 8}) {
     SCOPED_TRACE(step);
@@ -741,7 +744,7 @@ TEST(PhantomShadow, FallsFromPlateThinnerThanLipBesideIt) {
   EXPECT_LT(both.unlike, 0.01 * both.on_plane);
 }
 
-// A face without a normal is treated as facing the eye, so that no pixel becomes NaN.
+// A face without a normal is treated as facing the camera, so that no pixel becomes NaN.
 TEST(PhantomShadow, StaysFiniteOnSurfaceWithoutNormals) {
   Model bare = *solid(standing_box(0.12, 0.06));
   for (Mesh& mesh : bare.meshes) mesh.normals.assign(mesh.normals.size(), glm::vec3(0.0F));
@@ -760,7 +763,7 @@ TEST(PhantomShadow, StaysFiniteOnSurfaceWithoutNormals) {
   EXPECT_GT(dark, 800);
 }
 
-// Inverted winding gives the same shadow.
+// Reversed winding gives the same shadow.
 TEST(PhantomShadow, IsIndependentOfFaceWinding) {
   Model turned = standing_box(0.12, 0.06);
   for (Mesh& mesh : turned.meshes) {
@@ -773,8 +776,8 @@ TEST(PhantomShadow, IsIndependentOfFaceWinding) {
   EXPECT_LT(both.unlike, 0.01 * both.on_plane);
 }
 
-// For one caster the first layer wins, as on planes, even if it is the fainter one. Among several
-// casters the darkest wins.
+// For one caster the first matching layer counts, as on planes, even if it is fainter than others.
+// Of several casters the darkest counts.
 TEST(PhantomShadow, UsesDarkestLayerOfAllCasters) {
   const Model block = standing_box(0.16, 0.06);
   const auto all = around(0, 0, 0.075, 0.075);
@@ -788,7 +791,7 @@ TEST(PhantomShadow, UsesDarkestLayerOfAllCasters) {
   EXPECT_LT(fractions.unlike, 0.01 * fractions.on_plane);
   const OnBoth opacity =
       compare(block, l_shape(), test::at(0, 0, 0.15), 0.06, all, [](FramePlan& plan) {
-        // A second, fainter caster beside it.
+        // Adds a second, fainter caster beside it.
         const auto add_faint = [](auto& draws, const auto& shadow_of) {
           const auto count = draws.size();
           for (std::size_t i = 0; i < count; ++i) {
@@ -812,8 +815,8 @@ TEST(PhantomShadow, UsesDarkestLayerOfAllCasters) {
   EXPECT_LT(opacity.unlike, 0.01 * opacity.on_plane);
 }
 
-// Another caster's shadow elsewhere on the receiver must not change this one, drawn alone or
-// gathered into one mask.
+// The shadow must not depend on another caster's shadow elsewhere on the receiver, whether they are
+// drawn separately or in one mask.
 TEST(PhantomShadow, IsIndependentOfNeighbouringShadow) {
   SceneBuilder builder = builder_with(ShadowTechnique::layered);
   builder.add(l_shape(), test::at(-0.07, 0.0, 0.16, {0, 0, 1}, 0.4));
@@ -849,8 +852,8 @@ TEST(PhantomShadow, IsIndependentOfNeighbouringShadow) {
   }
 }
 
-// A plate hovers at a constant distance over a ramp, then below its surface. It must not cast
-// upwards.
+// A plate hovers at a constant distance above a ramp, then below its surface. It must not cast a
+// shadow upwards.
 TEST(PhantomShadow, StaysBelowItsCaster) {
   const auto darkened = [](double over, double x) {
     SceneBuilder builder = builder_with(ShadowTechnique::layered);
@@ -875,7 +878,7 @@ TEST(PhantomShadow, StaysBelowItsCaster) {
   }
 }
 
-// Two boards meet at an angle. The order of the planes must not matter.
+// The result must not depend on the order of two planes that meet at an angle.
 TEST(PhantomShadow, IsIndependentOfPlaneOrder) {
   const auto picture = [](bool swapped) {
     SceneBuilder builder = builder_with(ShadowTechnique::layered);
@@ -900,7 +903,7 @@ TEST(PhantomShadow, IsIndependentOfPlaneOrder) {
   EXPECT_EQ(unlike, 0);
 }
 
-// The pass leaves no OpenGL state behind that changes later passes.
+// The pass must restore the OpenGL state that later passes depend on.
 TEST(PhantomShadow, KeepsHardShadowsUnchanged) {
   const auto picture = [](bool simple, bool hard) {
     SceneBuilder builder = builder_with(ShadowTechnique::simple);
@@ -941,7 +944,7 @@ TEST(PhantomShadow, KeepsHardShadowsUnchanged) {
   EXPECT_EQ(unlike, 0);
 }
 
-// Skipping one caster must not change the others' shadows on the same phantom.
+// Skipping one caster must not change the shadows of others on the same phantom.
 TEST(PhantomShadow, IsIndependentOfOtherNodes) {
   SceneBuilder builder = builder_with(ShadowTechnique::layered);
   builder.add(l_shape(), test::at(0.0, 0.0, 0.15));
@@ -961,7 +964,7 @@ TEST(PhantomShadow, IsIndependentOfOtherNodes) {
   EXPECT_EQ(studio.draw(white(), studio.plan(pose)), studio.draw(white(), studio.plan(pose, all)));
 }
 
-// Several casters, or coincident planes, darken a pixel once, by the darkest.
+// Several casters, or coincident planes, darken a pixel once, by the darkest shadow.
 TEST(PhantomShadow, DarkensOnce) {
   const auto picture = [](int casters, int planes) {
     SceneBuilder builder = builder_with(ShadowTechnique::simple);
@@ -982,7 +985,7 @@ TEST(PhantomShadow, DarkensOnce) {
   EXPECT_EQ(picture(3, 3), once);
 }
 
-// A board's shadow falls along the board's normal, onto the box before it.
+// A board's shadow falls along the board's normal, onto the box in front of it.
 TEST(PhantomShadow, FallsAlongNormalOfItsPlane) {
   SceneBuilder builder = builder_with(ShadowTechnique::simple);
   builder.scene().planes[0].normal = {0.0, -1.0, 0.0};
@@ -1003,8 +1006,8 @@ TEST(PhantomShadow, FallsAlongNormalOfItsPlane) {
   EXPECT_EQ(red_at({0.0, 0.05, 0.1}), 255) << "its top";
 }
 
-// The top of a virtual box shows the same shadow as a plane, its sides stay unchanged, and it
-// occludes the shadow on the table behind it.
+// The top of a virtual box shows the same shadow as a plane. The box's sides stay unchanged, and
+// the box occludes the shadow on the table behind it.
 TEST_P(PhantomShadow, MatchesPlaneShadowOnTopOfObject) {
   constexpr double kTop = 0.07;
   const Placement placement = test::at(0.015, 0.01, 0.2, {0.3, 1.0, 0.2}, 0.4);
@@ -1053,8 +1056,8 @@ TEST_P(PhantomShadow, MatchesPlaneShadowOnTopOfObject) {
   EXPECT_LT(changed, 0.03 * dark) << "more than the top's rim";
 }
 
-// Casters are tilted, cut at the umbra height and below the light, and in parts. Skipping layers
-// must not remove anything visible.
+// Casters are tilted, clipped at the umbra height and below the light, and consist of several
+// parts. Skipping layers must not remove a visible pixel.
 TEST(PhantomShadow, MatchesPlaneShadowOnAnyLevelTop) {
   std::mt19937 random(11);
   const auto within = [&random](double low, double high) {
@@ -1114,8 +1117,8 @@ TEST_P(PhantomShadow, NeverFallsOnItsCaster) {
   EXPECT_TRUE(studio.plan(from({0.1, -0.35, 0.6}), all).received_shadows.empty());
 }
 
-// An object casts nothing onto its parent or siblings; children of a joint without a model count as
-// separate objects.
+// An object casts no shadow onto its parent or siblings. Children of a joint without a model count
+// as separate objects.
 TEST(PhantomShadow, IsOmittedWithinOneObjectHierarchy) {
   for (const bool on_model : {true, false}) {
     SceneBuilder builder = builder_with(ShadowTechnique::layered);
@@ -1130,7 +1133,7 @@ TEST(PhantomShadow, IsOmittedWithinOneObjectHierarchy) {
   }
 }
 
-// A phantom receives the shadows of its children, and they cast on one another.
+// A phantom receives the shadows of its children, which also cast shadows on each other.
 TEST(PhantomShadow, FallsOnPhantomParent) {
   SceneBuilder builder = builder_with(ShadowTechnique::layered);
   const int base = builder.add(box(0.1, 0.1, 0.05), test::at(0, 0, 0.025));
@@ -1151,7 +1154,7 @@ TEST(PhantomShadow, FallsOnPhantomParent) {
   EXPECT_TRUE(falls(high, low));
 }
 
-// As on planes, each pixel shows the darkest of all casters.
+// As on planes, each pixel shows the darkest shadow of all casters.
 TEST_P(PhantomShadow, IsDarkestOfAllCastersOnObject) {
   SceneBuilder builder = builder_with(GetParam().technique, GetParam().light_mode);
   const int first = builder.add(l_shape(), test::at(0.0, 0.0, 0.16));
@@ -1211,7 +1214,7 @@ TEST_P(PhantomShadow, IsIndependentOfSkippingOnObjects) {
   EXPECT_GT(drawn, 3);
 }
 
-// Blended materials receive no shadow, and skipping them does not change the frame.
+// Blended materials receive no shadow. Skipping them must not change the frame.
 TEST(PhantomShadow, SkipsBlendedReceivers) {
   const auto glass = std::make_shared<Model>(*box(0.2, 0.2, 0.06));
   ASSERT_FALSE(glass->materials.empty());
@@ -1248,7 +1251,8 @@ TEST(PhantomShadow, SkipsBlendedReceivers) {
   }
 }
 
-// Retexturing equals blending up to rounding. A screen-door pattern darkens some of the pixels.
+// Retexturing equals blending up to rounding. A screen-door pattern darkens a fraction of the
+// pixels.
 TEST(PhantomShadow, FallsOnObjectsInEveryTranslucencyMode) {
   SceneBuilder builder = builder_with(ShadowTechnique::layered);
   builder.add(l_shape(), test::at(0.0, 0.0, 0.16));
@@ -1281,7 +1285,7 @@ TEST(PhantomShadow, FallsOnObjectsInEveryTranslucencyMode) {
   EXPECT_LT(black, 0.9 * dark);
 }
 
-// The resolution of a shadow on a receiver must not depend on other objects of the scene.
+// The resolution of a shadow on a receiver must not depend on other objects in the scene.
 TEST(PhantomShadow, KeepsResolutionDespiteDistantObjects) {
   const auto drawn = [](int far_away, bool skip) {
     SceneBuilder builder = builder_with(ShadowTechnique::layered);
@@ -1306,7 +1310,8 @@ TEST(PhantomShadow, KeepsResolutionDespiteDistantObjects) {
   EXPECT_EQ(alone, drawn(40, false));
 }
 
-// Under a caster a slope has fewer, evenly spaced levels; beside it the spacing is the usual one.
+// Below a clearly higher caster a slope has fewer, evenly spaced levels. Elsewhere the spacing is
+// the usual one.
 TEST(ReceivingLevels, AreSpacedWiderUnderClearCaster) {
   const ReceivingSurface surface(ramp(0.2, 0.5, 0.002), Placement(), PlaneFrame());
   const auto levels = surface.levels(kEverywhere, 1.0, 64, {kLevelStep, 0.06, 0.02});
@@ -1315,7 +1320,7 @@ TEST(ReceivingLevels, AreSpacedWiderUnderClearCaster) {
   for (std::size_t i = 1; i < levels.size(); ++i) {
     EXPECT_LE(levels[i] - levels[i - 1], (levels[i] <= 0.06 ? 0.02 : kLevelStep) + 1e-9);
   }
-  EXPECT_LE(levels.size(), 4U + 12U);  // 59 mm by 20, then 41 mm by 4
+  EXPECT_LE(levels.size(), 4U + 12U);  // steps of 20 mm over 59 mm, then of 4 mm over 41 mm
   EXPECT_GE(surface.levels(kEverywhere, 1.0, 64).size(), 26U);
   EXPECT_NEAR(surface.lowest({Eigen::Vector2d(0.1, 0.0), Eigen::Vector2d(0.11, 0.01)}), 0.051,
               1.1e-3);

@@ -1,4 +1,5 @@
-// Frames uploaded and read back through pixel buffers equal direct transfers bit for bit.
+// Frames uploaded and read back through pixel buffers equal directly transferred frames bit for
+// bit.
 #include "render/gl/pixel_buffer.hpp"
 
 #include <gtest/gtest.h>
@@ -25,7 +26,7 @@ CompositorOptions with_pixel_buffers(bool on) {
   return options;
 }
 
-// A frame of noise with `gap` bytes of padding after each row.
+// A frame of noise with `gap` bytes of padding at the end of each row.
 Frame noise_of(PixelFormat format, int width, int height, int gap, unsigned seed) {
   FrameBuffer buffer = allocate_frame(format, width, height);
   Frame frame = buffer.frame;
@@ -69,7 +70,7 @@ TEST_P(PixelBuffers, UploadVideoUnchangedInEveryFormatSizeAndStride) {
     for (const PixelFormat format :
          {PixelFormat::grey8, PixelFormat::rgb24, PixelFormat::yuyv, PixelFormat::nv12,
           PixelFormat::yuv420p, PixelFormat::yuv422p, PixelFormat::yuv444p}) {
-      // More frames than the ring has buffers.
+      // Uses more frames than the ring has buffers.
       for (const int gap : {0, 1, 2, 3, 5, 64}) {
         const Frame frame = noise_of(format, width, height, gap, ++seed);
         const Picture expected = direct->draw(frame, FramePlan());
@@ -146,7 +147,7 @@ TEST_P(PixelBuffers, ReturnFramesInDrawingOrder) {
     for (unsigned i = 0; i < 7; ++i) {
       const Frame frame = noise_of(PixelFormat::yuv444p, 37, 23, 1, i);
       expected.push_back(at_once->draw(frame, FramePlan()));
-      // A screenshot reads the frame at once in the same way.
+      // A screenshot reads the pending frame at once.
       ASSERT_EQ(shown->draw(frame, FramePlan()), expected.back());
       EXPECT_EQ(compositor.pictures_asked_for(), i > 0 ? 1U : 0U);
       const auto asked = compositor.request_image();
@@ -192,7 +193,7 @@ TEST_P(PixelBuffers, ReportLostFrameWithoutReplacingIt) {
   EXPECT_EQ(picture, expected);
 }
 
-// A CPU rasteriser draws into this process's memory, where pixel buffers would only add a copy.
+// A CPU rasteriser draws into this process's memory, where a pixel buffer would only add a copy.
 TEST_P(PixelBuffers, AreOffByDefaultOnSoftwareRenderers) {
   const auto shown = studio(64, 48, {});
   EXPECT_EQ(shown->compositor().pixel_buffers(), !shown->context().info().software);

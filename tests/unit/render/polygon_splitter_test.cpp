@@ -1,4 +1,4 @@
-// Polygons are split into triangles of the same area.
+// Splitting polygons into triangles of the same total area.
 #include "render/model/polygon_splitter.hpp"
 
 #include <fmt/format.h>
@@ -31,7 +31,7 @@ double shoelace(const Outline& outline) {
 
 struct Areas {
   Eigen::Vector3d vector = Eigen::Vector3d::Zero();
-  double sum = 0.0;  // of the triangles' absolute areas
+  double sum = 0.0;  // sum of the triangles' absolute areas
 };
 
 Areas areas_of(const Polygon& corners, const PolygonSplit& split) {
@@ -57,7 +57,7 @@ Polygon in_space(const Outline& outline, double size = 1.0,
   return corners;
 }
 
-// Checks the split of an outline that does not cross itself.
+// Checks the triangles of an outline that does not cross itself.
 void expect_whole(const Outline& outline, const Polygon& corners, double size,
                   const Eigen::Vector3d& up, const std::string& name) {
   PolygonSplitter splitter;
@@ -88,7 +88,7 @@ Outline star(std::size_t corners, Random& random) {
   return outline;
 }
 
-// A comb: teeth of different heights on a bar.
+// A comb: a bar with teeth of different heights.
 Outline comb(std::size_t corners, Random& random) {
   Outline outline = {{0.0, 0.0}};
   const std::size_t teeth = std::max<std::size_t>(1, (corners - 3) / 4);
@@ -116,7 +116,7 @@ Outline spiral(std::size_t corners, Random& random) {
   return outer;
 }
 
-// A skyline of right angles. Neighbours of equal height give collinear corners.
+// A skyline with right angles. Neighbours of equal height give collinear corners.
 Outline skyline(std::size_t corners, Random& random) {
   Outline outline = {{0.0, 0.0}};
   double x = 0.0;
@@ -144,7 +144,7 @@ Outline keyhole(std::size_t corners, Random& random) {
   return outline;
 }
 
-// Adds doubled corners, corners on edges, and spikes that go out and back along one line.
+// Adds repeated corners, corners on edges, and spikes that go out and back along one line.
 Outline dressed(const Outline& outline, Random& random) {
   Outline result;
   for (std::size_t i = 0; i < outline.size(); ++i) {
@@ -232,7 +232,7 @@ TEST(PolygonSplitter, FillsCrossingOutlineByNonZeroWinding) {
     const double angle = 4.0 * std::numbers::pi * i / 5.0;
     pentagram.emplace_back(std::cos(angle), std::sin(angle));
   }
-  // The outer triangles and the pentagon, which has winding number 2.
+  // The outer triangles plus the pentagon, which has winding number 2.
   EXPECT_NEAR(split_area(pentagram, true), 1.12256994, 1e-7);
   const Outline twice = {{0, 0}, {1, 0}, {1, 1}, {0, 1}, {0, 0}, {1, 0}, {1, 1}, {0, 1}};
   EXPECT_NEAR(split_area(twice, true), 1.0, 1e-9);
@@ -263,7 +263,7 @@ TEST(PolygonSplitter, DetectsPolygonThatIsNotFlat) {
   const PolygonSplit& split = splitter.split(corners);
   EXPECT_FALSE(split.is_flat);
   EXPECT_FALSE(split.crosses_itself);
-  // The area vector is that of the outline for any split.
+  // For any split, the area vectors of the triangles add up to that of the outline.
   const Eigen::Vector3d outline = 0.5 * (corners[2] - corners[0]).cross(corners[3] - corners[1]);
   EXPECT_LT((areas_of(corners, split).vector - outline).norm(), 1e-9);
 }
@@ -276,7 +276,7 @@ TEST(PolygonSplitter, KeepsCornersOfPolygonWithoutArea) {
             3U);
 }
 
-// GLU would take hours.
+// The limits must hold: GLU's tessellator would take hours.
 TEST(PolygonSplitter, RejectsIntricatePolygonsInBoundedTime) {
   const auto start = std::chrono::steady_clock::now();
   Random random(3);
@@ -298,7 +298,7 @@ TEST(PolygonSplitter, RejectsIntricatePolygonsInBoundedTime) {
     PolygonSplitter splitter;
     EXPECT_EQ(splitter.split(in_space(outline)).outcome, PolygonSplit::Outcome::too_intricate);
   }
-  // Many polygons, each within the limit.
+  // A single splitter handles many polygons that are each within the limit.
   PolygonSplitter splitter;
   crossing.resize(60);
   std::size_t refused = 0;

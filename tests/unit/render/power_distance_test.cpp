@@ -40,9 +40,9 @@ test::Mask mask_of(const ShadowField& field, ShadowLayer layer, double half, int
   return mask;
 }
 
-// Ray-cast shadow of a convex mesh on a plane: a disc light of radius R at height H above (0, 0).
-// Each pixel counts the points of the light's rim that are blocked. Behind a convex caster the
-// hidden part of the disc is convex, so that the rim suffices.
+// Ray-cast shadow of a convex mesh on a plane, lit by a disc light of radius R at height H above
+// (0, 0). Each pixel counts the blocked points of the light's rim. Points of the rim suffice,
+// because the part of the disc hidden by a convex caster is convex.
 struct Truth {
   test::Mask all, any, centre;
 };
@@ -109,7 +109,7 @@ TEST(PowerDistance, MatchesRayCastShadowOfSphere) {
   EXPECT_GT(test::iou(mask_of(field, ShadowLayer::umbra, 0.15).bits, truth.all.bits), 0.94);
 }
 
-// The lower parts of these casters cast a second umbra.
+// The lower parts of these tilted casters add to the umbra of the upper parts.
 TEST(PowerDistance, UmbraMatchesRaysForTiltedCasters) {
   test::ShapeBuilder cone;
   std::vector<std::uint32_t> ring;
@@ -136,7 +136,7 @@ TEST(PowerDistance, UmbraMatchesRaysForTiltedCasters) {
       const PlaneFrame plane;
       const PartLight light =
           part_lights(part_discs(mesh, up_in_object(placement, plane)), placement, plane)[0];
-      // The reference's light is above the origin.
+      // The reference requires a light above the origin.
       if (light.centre.norm() > 1e-3) continue;
       const Truth truth = ray_cast(mesh, placement, 0.9, 3.0 * light.radius, 0.12);
       const ShadowField field = field_of(mesh, placement, constants);
@@ -149,7 +149,7 @@ TEST(PowerDistance, UmbraMatchesRaysForTiltedCasters) {
 }
 
 TEST(PowerDistance, KeepsLightRadiiWithFewerCells) {
-  // Coarser cells change a radius by less than a quarter of a field cell.
+  // With coarser cells a radius changes by less than a quarter of a field cell.
   for (const ShadowMesh& mesh :
        {make_shadow_mesh(test::bush_model(60)), make_shadow_mesh(test::box_model(0.08))}) {
     for (const Eigen::Vector3d& up : {Eigen::Vector3d(0, 0, 1), Eigen::Vector3d(0.3, -0.5, 0.8)}) {
@@ -184,8 +184,8 @@ TEST(PowerDistance, JoinsLayersAtContactAndLosesUmbraWithHeight) {
   }
 }
 
-// A body that reaches below the plane has no hole in its umbra, although no face lies in the plane
-// there. An open surface has no inside.
+// The umbra of a body that extends below the plane has no hole, although no face lies in the plane
+// there. An open surface has no interior.
 TEST(PowerDistance, LeavesNoHoleInBodyReachingBelowPlane) {
   const LayeredConstants constants;
   const auto umbra = [&](const ShadowMesh& mesh, double z, double tilt) {
@@ -211,7 +211,7 @@ TEST(PowerDistance, LeavesNoHoleInBodyReachingBelowPlane) {
     EXPECT_LT(umbra(ring, z, 0.0), 1.2 * standing) << z << ": its hole is kept";
   }
   EXPECT_GT(umbra(cube, 0.02, 0.5), 0.009);
-  ShadowMesh open = cube;  // without the faces of one side
+  ShadowMesh open = cube;  // the cube without the faces of one side
   open.indices.resize(open.indices.size() - 6);
   EXPECT_LT(umbra(open, 0.0, 0.0), 0.0105);
 }
@@ -227,7 +227,8 @@ TEST(PowerDistance, NestsLayersEverywhere) {
   }
 }
 
-// The outlines enter and leave each point equally often, and their area is that of the triangles.
+// The outlines enter and leave each point equally often, and their area equals that of the
+// triangles.
 TEST(PowerDistance, TracesClosedOutlinesAroundTriangles) {
   for (const double height : {0.02, 0.1, 0.2}) {
     const Placement placement{

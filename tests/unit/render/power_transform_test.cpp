@@ -35,7 +35,7 @@ void expect_as_brute_force(PowerTransform& transform, int width, int height,
     largest = std::max(largest, site.radius);
   }
   transform.run();
-  // Values beside a disc's rim are exact, diagonally too.
+  // Values beside a disc's rim are exact, including diagonal neighbours.
   EXPECT_GE(transform.bound(), std::pow(largest + 1.4143F, 2.0F) - largest * largest);
   const double bound = static_cast<double>(transform.bound());
   for (int row = 0; row < height; ++row) {
@@ -53,7 +53,7 @@ void expect_as_brute_force(PowerTransform& transform, int width, int height,
 
 TEST(PowerTransform, MatchesBruteForceMinimum) {
   std::mt19937 random(7);
-  PowerTransform transform;  // reused, so that stored state must not matter
+  PowerTransform transform;  // reused for all trials, because state of earlier ones must not matter
   for (const auto& [width, height, count, largest] : {std::tuple{40, 30, 25, 9.0F},
                                                       {17, 61, 5, 60.0F},
                                                       {1, 1, 1, 0.5F},

@@ -1,4 +1,5 @@
-// The hard shadow of a point or parallel light, compared with printed examples and an exact oracle.
+// The hard shadow of a point or parallel light, compared with the paper's examples and an exact
+// oracle.
 #include "render/shadow/projected/projected_shadow.hpp"
 
 #include <gtest/gtest.h>
@@ -16,7 +17,7 @@ namespace {
 
 const Eigen::Vector4d kTable(0.0, 0.0, 1.0, 0.0);
 
-// The printed formulas. A plane is the covector (n, -n.q). Its product with a point or light is a
+// The paper's formulas. A plane is the covector (n, -n.q); its product with a point or light is a
 // signed height.
 
 // M = (L.G) I - G L for row vectors; P' = P M.
@@ -32,24 +33,24 @@ Eigen::Vector4d project_from_light(const Eigen::Vector4d& light, const Eigen::Ve
 
 enum class ShadowOfPoint {
   shadow,             // on the plane or between it and the light
-  at_or_above_light,  // an antishadow, or no shadow at all
-  below_plane,        // a false shadow: the light reaches it only through the plane
+  at_or_above_light,  // antishadow, or no shadow
+  below_plane,        // false shadow: the plane separates the point from the light
 };
 // Requires a light above the plane.
 ShadowOfPoint classify_shadow(const Eigen::Vector4d& light, const Eigen::Vector4d& plane,
                               const Eigen::Vector3d& point) {
   const double d_light = plane.dot(light);
   const double d_point = plane.dot(point.homogeneous());
-  // w = d_L w_P - d_P w_L. The light's side is tested first, since below the plane w is positive
-  // too.
+  // w = d_L w_P - d_P w_L. The side of the light is tested first, because w is also positive below
+  // the plane.
   if (d_light - d_point * light.w() <= 0.0) return ShadowOfPoint::at_or_above_light;
   return d_point < 0.0 ? ShadowOfPoint::below_plane : ShadowOfPoint::shadow;
 }
 
-// The printed heuristic that replaces clipping (Sudarsky). A vertex at or above the height of a
-// local light is replaced by the point Q + c (P_j - Q) on its edge to a neighbour P_j below the
-// light. Q is the intersection of the edge with the plane through the light. A vertex without such
-// a neighbour is dropped with its faces. P_j is the first such neighbour in `indices`.
+// The paper's heuristic that replaces clipping (Sudarsky). A vertex at or above a local light is
+// replaced by the point Q + c (P_j - Q) on its edge to a neighbour P_j below the light, where Q is
+// the intersection of that edge with the level plane through the light. P_j is the first such
+// neighbour in `indices`. A vertex without such a neighbour is dropped with its faces.
 std::vector<PlanePoint> projected_triangles_as_printed(std::span<const CasterVertex> vertices,
                                                        std::span<const std::uint32_t> indices,
                                                        const Eigen::Vector4d& light,
@@ -68,7 +69,7 @@ std::vector<PlanePoint> projected_triangles_as_printed(std::span<const CasterVer
         if (usable[i] || !good(j)) continue;
         const CasterVertex& bad = vertices[i];
         const CasterVertex& near = vertices[j];
-        // The replacement goes from the vertex past Q, by the share c of the rest to the neighbour.
+        // The replacement lies beyond Q by the fraction c of the distance from Q to the neighbour.
         const double to_q = (static_cast<double>(bad.h) - top) /
                             (static_cast<double>(bad.h) - static_cast<double>(near.h));
         const auto t = static_cast<float>(to_q + c * (1.0 - to_q));
@@ -88,7 +89,7 @@ std::vector<PlanePoint> projected_triangles_as_printed(std::span<const CasterVer
   return projected_triangles(replaced, kept, light, plane);
 }
 
-// A cube of edge 1 at a height of its middle, two triangles per side.
+// A cube of edge 1 with its centre at a given height; each side is two triangles.
 struct Cube {
   std::vector<CasterVertex> vertices;
   std::vector<std::uint32_t> indices = {0, 2, 1, 0, 3, 2, 4, 5, 6, 4, 6, 7, 0, 1, 5, 0, 5, 4,
@@ -122,8 +123,8 @@ TEST(ProjectedShadow, MatchesPrintedExamples) {
   EXPECT_LT((parallel.hnormalized() - Eigen::Vector3d(-0.45, 1.8, 0.0)).norm(), 1e-12);
 }
 
-// Blinn's matrices for z = 0, row vectors. Two misprints are corrected: x_L and y_L belong to the
-// third row, and S = P M.
+// Blinn's matrices for z = 0 and row vectors. Two misprints are corrected: x_L and y_L belong to
+// the third row, and S = P M.
 TEST(ProjectedShadow, MatchesPrintedMatrices) {
   const auto blinn = [](const Eigen::Vector4d& light) {
     Eigen::Matrix4d m;
@@ -145,22 +146,22 @@ TEST(ProjectedShadow, MatchesPrintedMatrices) {
       -1.45 / 2.0, 0.8 / 2.0, 0.0, 0.0,  //
       0.0, 0.0, 0.0, 1.0;
   EXPECT_LT((shadow_matrix({1.45, -0.8, 2.0, 0.0}, kTable) / 2.0 - shear).norm(), 1e-15);
-  // The printed alpha, -z_P / (z_P - z_L), has the wrong sign: the point does not land on the
+  // The printed alpha, -z_P / (z_P - z_L), has the wrong sign: the point would not lie on the
   // plane.
   const Eigen::Vector3d p(1.0, 1.0, 2.0);
   const Eigen::Vector3d l(2.25, 0.0, 1.0);
   const double alpha = p.z() / (p.z() - l.z());
   EXPECT_LT((p - alpha * (p - l) - Eigen::Vector3d(3.5, -1.0, 0.0)).norm(), 1e-12);
   EXPECT_LT((p + alpha * (p - l) - Eigen::Vector3d(-1.5, 3.0, 4.0)).norm(), 1e-12);
-  // In the antishadow's matrix, x_L is misprinted as z_L and sends the point elsewhere.
+  // The printed antishadow matrix has z_L in place of x_L, which sends the point elsewhere.
   Eigen::Matrix4d printed = -blinn({2.25, 0.0, 1.0, 1.0});
   printed(2, 0) = l.z();
   const Eigen::Vector4d wrong = (p.homogeneous().transpose() * printed).transpose();
   EXPECT_LT((wrong.hnormalized() - Eigen::Vector3d(1.0, -1.0, 0.0)).norm(), 1e-12);
 }
 
-// The commands of figure 3 (TRAN, ROT, SCAL, PERS, ROT, TRAN and a flattening) give the matrix up
-// to the factor sin 45 degrees.
+// The commands of figure 3 (TRAN, ROT, SCAL, PERS, ROT, TRAN and a flattening) give the same matrix
+// up to the factor sin 45 degrees.
 TEST(ProjectedShadow, MatchesPrintedCommandList) {
   const Eigen::Vector3d light(2.25, -5.0, 5.0);
   const auto move = [](const Eigen::Vector3d& by) {
@@ -178,7 +179,7 @@ TEST(ProjectedShadow, MatchesPrintedCommandList) {
   const double q = s / (1.0 - near / far);
   Eigen::Matrix4d perspective;
   perspective << s, 0, 0, 0, 0, s, 0, 0, 0, 0, q, s, 0, 0, -q * near, 0;
-  // The last command of the list is applied to the point first.
+  // The command printed last is applied to the point first.
   const Eigen::Matrix4d made = move(-light) * half_turn * perspective *
                                scale(light.z(), light.z(), 1.0) * half_turn * move(light) *
                                scale(1.0, 1.0, 0.0);
@@ -196,14 +197,14 @@ TEST(ProjectedShadow, CastsOnlyBetweenPlaneAndLight) {
   EXPECT_NEAR(shadow_area(Cube(1.0F), {0.0, 0.0, 2.0, 0.0}), 1.0, 1e-6);
 }
 
-// The cube beside the light is half above it. Clipping needs two points per face; the printed
-// heuristic gives one, whichever neighbour comes first.
+// Half of the cube is above the light. Clipping yields two points on a crossing face's edges; the
+// heuristic yields one, for any order of neighbours.
 TEST(ProjectedShadow, DiffersFromPrintedHeuristicByClipping) {
   struct Mesh {
     std::vector<CasterVertex> vertices;
     std::vector<std::uint32_t> indices;
   };
-  // Each side consists of cells x cells squares.
+  // Each side of the cube consists of cells x cells squares.
   const auto cube = [](int cells) {
     Mesh mesh;
     const auto point = [&](float x, float y, float z) {
@@ -267,7 +268,7 @@ TEST(ProjectedShadow, DiffersFromPrintedHeuristicByClipping) {
     EXPECT_GT(best, worst + 0.01) << "c = " << c << ": the order of faces should matter";
   }
   EXPECT_GT(similarity(cube(6), 0, 0.02), 0.99) << "small faces hide the difference";
-  // Without a vertex at or above the light's height, both agree exactly.
+  // If no vertex is at or above the light, both methods agree exactly.
   Mesh low = coarse;
   for (CasterVertex& vertex : low.vertices) vertex.h -= 1.0F;
   EXPECT_EQ(similarity(low, 0, 0.1), 1.0);
@@ -295,7 +296,7 @@ TEST(ProjectedShadow, MatchesReferencePoints) {
         EXPECT_NEAR(matrix(static_cast<Eigen::Index>(i / 4), static_cast<Eigen::Index>(i % 4)),
                     rows.at(i), 1e-8);
       }
-      // The drawn projection works in plane coordinates and must give the same point.
+      // The renderer's projection works in plane coordinates and must give the same point.
       const bool throws_shadow = entry.at("classification") == "shadow";
       const Eigen::Vector3d n = plane.head<3>();
       const PlaneFrame frame = PlaneFrame::make(n, -plane.w() / n.squaredNorm() * n);

@@ -36,7 +36,7 @@ Frame white() {
   return test::plain_frame(kSide, kSide, 255);
 }
 
-// An unbounded table, a back wall with table behind it, and a left wall.
+// An unbounded table with a back wall, which hides table behind it, and a left wall.
 SceneBuilder room() {
   SceneBuilder builder;
   const auto wall = [&](const char* name, const Eigen::Vector3d& normal,
@@ -55,11 +55,11 @@ SceneBuilder room() {
   node.walls = {1, 2};
   builder.add(ring(), test::at(0.0, 0.02, 0.09, {1, 0.3, 0}, 0.9));
   builder.add(box(0.06, 0.06, 0.06), test::at(0.02, 0.21, 0.03));  // behind the back wall
-  builder.add(box(0.1, 0.03, 0.03), test::at(-0.12, 0.1, 0.03, {0, 0, 1}, 0.5));  // into the corner
+  builder.add(box(0.1, 0.03, 0.03), test::at(-0.12, 0.1, 0.03, {0, 0, 1}, 0.5));  // in the corner
   return builder;
 }
 
-// Index of the visible plane at a pixel, or -1.
+// Index of the plane that is visible at a pixel, or -1.
 int plane_shown(const Scene& scene, const CameraModel& camera, const CameraPose& pose, int x, int y,
                 Eigen::Vector3d& place) {
   const auto ray = camera.unproject({static_cast<double>(x), static_cast<double>(y)});
@@ -74,7 +74,7 @@ int plane_shown(const Scene& scene, const CameraModel& camera, const CameraPose&
     const double t = -frame.height(pose.translation()) / frame.n.dot(direction);
     if (!(t > 0.0) || t >= nearest) continue;
     const Eigen::Vector3d p = frame.to_plane(pose.translation() + t * direction);
-    if (!plane.outline.empty()) {  // a rectangle
+    if (!plane.outline.empty()) {  // the outline is a rectangle
       const Eigen::Vector2d low = plane.outline[0];
       const Eigen::Vector2d high = plane.outline[2];
       if ((p.head<2>().array() < low.array()).any() || (p.head<2>().array() > high.array()).any()) {
@@ -130,7 +130,7 @@ TEST_P(SeveralPlanes, ShowShadowOfVisiblePlaneInEachPixel) {
   Scene table = studio.scene();
   table.planes.resize(1);
   int differing = 0;
-  int hidden = 0;  // pixels of the table's shadow behind the wall
+  int hidden = 0;  // pixels of the table's shadow that the wall hides
   for (int y = 0; y < kSide; ++y) {
     for (int x = 0; x < kSide; ++x) {
       Eigen::Vector3d p;
@@ -167,7 +167,7 @@ TEST(ReceiverPlanes, DrawSameFrameInAnyOrderAndWithSkipping) {
   EXPECT_EQ(draw(true), first);
 }
 
-// A plane out of view must not change the other plane's shadow.
+// A plane out of view must not change the shadow on the other plane.
 TEST(ReceiverPlanes, IgnorePlaneOutOfView) {
   SceneBuilder builder = room();
   builder.scene().planes[1].point.y() = 60.0;
@@ -198,7 +198,7 @@ TEST(DefaultWalls, StandAtFarEdgesOfCasterPaths) {
   EXPECT_NEAR(builder.scene().planes[2].point.x(), -0.2 - r, 1e-6);
   EXPECT_NEAR(builder.scene().planes[1].outline[2].y(), 0.15 + r, 1e-6);
   EXPECT_NEAR(builder.scene().planes[1].outline[2].x(), 0.15 + r, 1e-6);
-  // A node with its own wall gets no default walls.
+  // A node that lists a wall gets no default walls.
   builder.scene().shadows[0].planes = {0, 1};
   builder.scene().shadows[0].walls.clear();
   add_default_walls(builder.scene(), builder.scene().shadows[0]);

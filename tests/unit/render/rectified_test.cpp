@@ -1,4 +1,4 @@
-// The image without lens distortion: each pixel's place in the video, and the overlay on it.
+// The image without lens distortion: position of each pixel in the video, and overlay.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -27,7 +27,7 @@ std::vector<CameraModel> lenses() {
   return all;
 }
 
-// Intersection of the pixel's ray with the distorted video, computed without the grid.
+// Position in the distorted video that the pixel's ray projects to, computed without the grid.
 Eigen::Vector2d exact(const CameraModel& camera, const CameraModel& straight, double x, double y) {
   return *camera.project_extended(*straight.unproject({x, y}));
 }
@@ -44,14 +44,14 @@ TEST(Rectification, ComputesGridAccurateToTenthOfPixel) {
         const auto corner = [&](int dx, int dy) {
           return static_cast<std::size_t>((row + dy) * grid.columns + column + dx);
         };
-        // The grid's error is largest in the middle of the triangles' sides.
+        // The grid's error is largest at the midpoints of the triangles' sides.
         for (const auto& [a, b] :
              {std::pair(corner(0, 0), corner(1, 0)), std::pair(corner(0, 0), corner(0, 1)),
               std::pair(corner(1, 0), corner(0, 1))}) {
           const Eigen::Vector2d middle = 0.5 * (grid.picture[a] + grid.picture[b]);
           const Eigen::Vector2d source = 0.5 * (grid.video[a] + grid.video[b]);
           const Eigen::Vector2d truth = exact(camera, straight, middle.x(), middle.y());
-          // Only points that are visible in the video count.
+          // Compares only points that are visible in the video.
           if (truth.x() < -1 || truth.y() < -1 || truth.x() > kWidth || truth.y() > kHeight)
             continue;
           worst = std::max(worst, (source - truth).norm());
@@ -63,8 +63,8 @@ TEST(Rectification, ComputesGridAccurateToTenthOfPixel) {
   }
 }
 
-// The frame's luma rises from left to right and from top to bottom, so that it encodes the source
-// position of each pixel.
+// The luma of the video increases from left to right or from top to bottom, so that it encodes the
+// source position of each pixel.
 TEST(Rectification, SamplesVideoAlongRayOfEachPixel) {
   for (const GlApi api : {GlApi::gl33, GlApi::gles30}) {
     for (const CameraModel& camera : lenses()) {
@@ -93,7 +93,8 @@ TEST(Rectification, SamplesVideoAlongRayOfEachPixel) {
             const Eigen::Vector2d at = exact(camera, straight, x, y);
             if (at.x() > 0 && at.y() > 0 && at.x() < kWidth - 1 && at.y() < kHeight - 1) {
               ++inside;
-              // Two roundings to codes; the grid's 0.1 px correspond to 0.03 codes.
+              // Rounding to grey levels occurs twice; the grid's error of 0.1 px corresponds to
+              // 0.03 grey levels.
               ASSERT_NEAR(picture.red(x, y), luma(at.x(), at.y()), 1.05) << x << " " << y;
             } else if (at.x() < -1 || at.y() < -1 || at.x() > kWidth || at.y() > kHeight) {
               ++outside;
@@ -108,8 +109,8 @@ TEST(Rectification, SamplesVideoAlongRayOfEachPixel) {
   }
 }
 
-// The video has one mark, drawn through the true lens. In the rectified image the overlay must
-// cover it.
+// The video contains the object, drawn through the true lens. In the rectified image the overlay
+// must cover it.
 TEST(Rectification, AlignsOverlayWithVideo) {
   for (const CameraModel& camera : lenses()) {
     const CameraPose pose = test::look_at({0.05, -0.35, 0.4}, {0.0, 0.0, 0.0});
@@ -130,7 +131,7 @@ TEST(Rectification, AlignsOverlayWithVideo) {
       EXPECT_TRUE(compositor.read_back(picture.rgba));
       return picture;
     };
-    // The object as seen through the lens becomes the video.
+    // The video is the object as drawn through the lens.
     const Frame grey = test::plain_frame(kWidth, kHeight, 30);
     const Picture seen = draw(bent, camera, grey, true);
     FrameBuffer video = allocate_frame(PixelFormat::grey8, kWidth, kHeight);

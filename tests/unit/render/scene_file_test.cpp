@@ -22,7 +22,7 @@ using testing::HasSubstr;
 
 const std::string kBox = R"({"name":"box","shape":{"kind":"box","size":[0.1,0.1,0.1]}})";
 
-// Warnings and advice of a scene with one node, one per line.
+// Warnings and advice for a scene with one shadow node, one per line.
 std::string warnings_and_advice(const Scene& scene) {
   std::string all;
   for (const std::string& warning : scene.warnings) all += warning + "\n";
@@ -75,7 +75,7 @@ TEST_F(SceneFile, LoadsDefaultSceneWithoutWarnings) {
   // a = M / (M - 1), H = a h_max
   EXPECT_NEAR(scene->shadows[0].layered.light_ratio, 3.0, 1e-12);
   EXPECT_NEAR(scene->shadows[0].layered.light_height, 3.0 * 0.24, 1e-12);
-  // The object rises within four seconds of recording, from near contact to a height where the
+  // Within four seconds of the recording, the object rises from near contact to a height where the
   // layers separate.
   EXPECT_LT(evaluate_scene(*scene, 0.0).objects[0].position.z(), 0.02);
   EXPECT_GT(evaluate_scene(*scene, 3.8).objects[0].position.z(), 0.14);
@@ -115,7 +115,7 @@ TEST_F(SceneFile, NamesPlaceAndAllowedValuesOfViolations) {
 TEST_F(SceneFile, NamesPlaceOfTooLongName) {
   EXPECT_THAT(error_of(R"({"objects":[{"name":")" + std::string(300, 'a') + "\"}]}"),
               HasSubstr("/objects/0/name: is \"aaaa"));
-  // Characters are counted, not bytes: 200 of two bytes each are allowed.
+  // The limit of 200 counts characters, not bytes; these characters have two bytes each.
   std::string umlauts;
   for (int i = 0; i < 200; ++i) umlauts += "\u00e4";
   EXPECT_TRUE(load(R"({"name":")" + umlauts + R"(","objects":[]})"));
@@ -133,13 +133,13 @@ TEST_F(SceneFile, RejectsDuplicateKey) {
       << "the same key of two objects";
 }
 
-// find_violation() walks the schema itself, so that it must know every keyword in it.
+// find_violation() implements the schema's keywords itself, so the schema must not use others.
 void expect_known_keywords(const nlohmann::json& schema, const std::string& place) {
   static const std::set<std::string_view> kTypes = {"object", "array", "string", "boolean",
                                                     "number"};
   static const std::set<std::string_view> kDescribing = {"$schema", "title", "description",
                                                          "expected", "definitions"};
-  // Those that find_violation() in scene_json.cpp checks.
+  // The keywords that find_violation() in scene_json.cpp checks.
   static const std::set<std::string_view> kChecked = {"$ref",       "additionalProperties",
                                                       "enum",       "exclusiveMinimum",
                                                       "items",      "maxItems",
@@ -167,7 +167,7 @@ void expect_known_keywords(const nlohmann::json& schema, const std::string& plac
     } else if (key == "additionalProperties") {
       EXPECT_EQ(value, false) << place;
     } else if (key == "$ref") {
-      // No other keyword beside a $ref counts.
+      // Keywords beside a $ref would be ignored, so only a description is allowed.
       EXPECT_EQ(schema.size(), schema.contains("description") ? 2U : 1U) << place;
     }
   }
@@ -267,7 +267,7 @@ TEST_F(SceneFile, ReadsGroupsAndProxiesOfObjects) {
   EXPECT_EQ(own->objects[0].proxy_model->name, "cube");
 }
 
-// A model's warning appears once, however many objects use the model.
+// A model's warning appears once, for any number of objects that use the model.
 TEST_F(SceneFile, PassesOnModelWarningsOnce) {
   std::ofstream(folder_.path() / "thing.obj")
       << "mtllib lost.mtl\nv 0 0 0\nv 0.1 0 0\nv 0 0.1 0\nf 1 2 3\n";
@@ -291,7 +291,8 @@ TEST_F(SceneFile, WarnsWhenNothingCastsShadow) {
 }
 
 TEST_F(SceneFile, WarnsWhenLightAdviceIsNotFollowed) {
-  // The box has a footprint of radius 0.0707 m; its shadow falls on a sheet of half width W.
+  // The footprint of the box has a radius r of 0.0707 m; the shadow falls on a sheet of half width
+  // W.
   const auto warnings = [this](const std::string& layered, double half_width) {
     const Result<Scene> scene = load(fmt::format(
         R"({{"objects":[{0}],"planes":[{{"name":"sheet","outline":)"
@@ -302,7 +303,7 @@ TEST_F(SceneFile, WarnsWhenLightAdviceIsNotFollowed) {
     return warnings_and_advice(*scene);
   };
   const std::string m15 = R"({"workspace_height":0.3,"magnification":1.5})";
-  // W / (2 r) = 1.5 at W = 0.2121 m.
+  // The limit W / (2 r) = 1.5 is reached at W = 0.2121 m.
   EXPECT_EQ(warnings(m15, 0.213), "");
   EXPECT_THAT(warnings(m15, 0.211),
               HasSubstr("/shadows/0: where its umbra vanishes the penumbra of \"box\" is 0.42 m "
@@ -331,7 +332,7 @@ TEST_F(SceneFile, WarnsWhenLightAdviceIsNotFollowed) {
 }
 
 TEST_F(SceneFile, WarnsOfObjectsAboveWorkspaceOrLight) {
-  // The box's top is 0.05 m above its middle; the sheet is wide enough for all cases.
+  // The box's top is 0.05 m above its centre. The sheet is wide enough for all cases.
   const auto warnings = [this](const std::string& where, const std::string& layered) {
     const Result<Scene> scene = load(fmt::format(
         R"({{"objects":[{{"name":"box","shape":{{"kind":"box","size":[0.1,0.1,0.1]}},{}}}],)"
@@ -345,15 +346,16 @@ TEST_F(SceneFile, WarnsOfObjectsAboveWorkspaceOrLight) {
   EXPECT_THAT(warnings(R"("position":[0,0,0.16])", workspace),
               HasSubstr("/shadows/0: \"box\" comes to 0.21 m above \"table\", beyond the "
                         "workspace_height of 0.2 m, and has no umbra there"));
-  // A rotation by 45 degrees raises the top by 0.0207 m. The highest point of the path counts, not
-  // its start.
+  // A rotation by 45 degrees raises the top by 0.0207 m. The highest point of the path is relevant,
+  // not its start.
   EXPECT_THAT(warnings(R"("position":[0,0,0.14],"rotation_deg":[0,45,0])", workspace),
               HasSubstr("comes to 0.2107 m"));
   EXPECT_THAT(warnings(R"("position":[0,0,0.05],"animation":{"keyframes":[{"time_s":0},)"
                        R"({"time_s":1,"position":[0,0,0.2]},{"time_s":2}]})",
                        workspace),
               HasSubstr("comes to 0.3 m"));
-  // A spin alone rotates it too. The shape's extent counts, not that of its bounding box.
+  // A spin rotates the box in the same way. The shape's extent is relevant, not that of its
+  // bounding box.
   EXPECT_THAT(
       warnings(R"("position":[0,0,0.14],"animation":{"spin":{"axis":[0,1,0],"turns_per_s":0.1}})",
                workspace),
@@ -362,7 +364,7 @@ TEST_F(SceneFile, WarnsOfObjectsAboveWorkspaceOrLight) {
       warnings(R"("position":[0,0,0.12],"animation":{"spin":{"axis":[0,1,0],"turns_per_s":0.1}})",
                workspace),
       "");
-  // An explicitly given light may have a vanishing umbra; only its cap is warned of.
+  // With explicit constants the umbra may vanish, so only the cap at 0.525 m gives a warning.
   const std::string light = R"({"light_height":0.6,"light_ratio":3})";  // cap at 0.525 m
   EXPECT_EQ(warnings(R"("position":[0,0,0.16])", light), "");
   EXPECT_EQ(warnings(R"("position":[0,0,0.47])", light), "");

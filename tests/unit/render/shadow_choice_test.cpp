@@ -1,4 +1,5 @@
-// The choice of drawing method, and the darkness of shadows: their dependence on view and scene.
+// The choice between direct drawing and masks, and the brightness of shadows, for different views
+// and scenes.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -34,7 +35,7 @@ Frame grey() {
   return test::plain_frame(kSide, kSide, kGrey);
 }
 
-// A block of 12 faces in view, and optionally a second one whose shadow is out of sight.
+// A block of 12 faces in view, and optionally a second block whose shadow is not visible.
 enum class Other { none, cut, whole, off_outline };
 SceneBuilder block_and(Other other) {
   SceneBuilder builder;
@@ -42,7 +43,8 @@ SceneBuilder block_and(Other other) {
   if (other == Other::cut) builder.add(block(0.05), test::at(8, 0, 0));
   if (other == Other::whole) builder.add(block(0.05), test::at(8, 0, 0.06));
   if (other == Other::off_outline) {
-    // The second block is in view and nearer to the camera; its shadow is off the outline.
+    // The second block is in view, nearer to the camera; its shadow lies outside the plane's
+    // outline.
     builder.scene().planes[0].outline = {{-0.2, -0.08}, {0.2, -0.08}, {0.2, 0.2}, {-0.2, 0.2}};
     builder.add(block(0.05), test::at(0.0, -0.2, 0.05));
   }
@@ -70,9 +72,9 @@ TEST(ShadowChoice, DoesNotDependOnCulledShadows) {
   }
 }
 
-// Finds by bisection the height at which the size of the masks changes, then moves across it by a
-// hundredth of a millimetre: no mask may be drawn again. `drawn_at` maps a height to the frame and
-// the number of masks drawn for it. Returns the lower height and its frame.
+// Finds the height at which the masks' size changes by bisection, then moves the camera across it
+// by a hundredth of a millimetre; no mask may be drawn again. `drawn_at` returns the frame drawn at
+// a height and the number of masks drawn for it. Returns the lower height and its frame.
 template <typename DrawnAt>
 std::pair<double, Picture> tremble(const DrawnAt& drawn_at, double high, double low) {
   constexpr double kStep = 1e-5;
@@ -153,7 +155,7 @@ TEST(ShadowChoice, ReusesNothingWithNoSkip) {
   }
 }
 
-// For every technique, the darkest value is the remaining light encoded with the camera response.
+// For every technique, the darkest pixel is the remaining light, encoded with the camera response.
 TEST(ShadowTone, FollowsCameraResponse) {
   struct Case {
     ShadowTechnique technique;
@@ -178,7 +180,7 @@ TEST(ShadowTone, FollowsCameraResponse) {
       Studio studio(builder.build(), CameraModel::make(parameters).value());
       PlanOptions options;
       options.technique = c.technique;
-      // Edges of masks, and all edges on phantoms, are mixed after encoding.
+      // Edges of masks, and all edges on phantoms, are interpolated after encoding.
       options.layers = LayerDrawing::direct;
       pictures.push_back(studio.draw_shadows(grey(), studio.plan(from_height(0.6), options)));
     }
@@ -214,7 +216,7 @@ TEST(LiftedByAmbient, RisesWithShareOfAmbientLight) {
     scene.ambient.setConstant(ambient);
     return lifted_by_ambient(given, scene, lights, Eigen::Vector3d::UnitZ(), {0.1, 0.0, 0.0});
   };
-  PlacedLight above;  // straight above the point, unattenuated
+  PlacedLight above;  // straight above the point, not attenuated
   above.place = {0.1, 0.0, 2.0, 1.0};
   PlacedLight sideways;
   sideways.place = {1.0, 0.0, 0.0, 0.0};
@@ -222,8 +224,8 @@ TEST(LiftedByAmbient, RisesWithShareOfAmbientLight) {
     EXPECT_EQ(lifted(little, {above}).umbra, given.umbra);
     EXPECT_EQ(lifted(little, {above}).penumbra, given.penumbra);
   }
-  // With the usual ambient light of 0.36 the total is 1.36, here it is 1.66. The shadow removes the
-  // same amount of light from both.
+  // The total light is 1.36 with the usual ambient light of 0.36 and 1.66 here. The shadow removes
+  // the same amount of light from both.
   EXPECT_NEAR(lifted(0.66, {above}).umbra, 1.0 - 0.85 * 1.36 / 1.66, 1e-9);
   EXPECT_NEAR(lifted(0.66, {above}).middle, 1.0 - 0.6 * 1.36 / 1.66, 1e-9);
   EXPECT_NEAR(lifted(0.66, {above}).penumbra, 1.0 - 0.17 * 1.36 / 1.66, 1e-9);

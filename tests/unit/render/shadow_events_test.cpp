@@ -1,4 +1,4 @@
-// Events of the shadow node and the recomputation they cause; animated lights and the sun.
+// Events of the shadow node and the recomputations they cause, animated lights, and the sun.
 #include "render/scene/shadow_events.hpp"
 
 #include <gtest/gtest.h>
@@ -88,14 +88,15 @@ TEST(ShadowEvents, RecomputeOnlyAffectedTriples) {
   for (const double time : {0.0, 0.4, 0.8, 1.0, 1.5, 2.0, 2.0, 3.0}) {
     const SceneState state = evaluate_scene(studio.scene(), time);
     FramePlan plan = studio.plan(pose, all, time);
-    plan.reuse = true;  // nothing is skipped, and unchanged triples are reused
+    plan.reuse = true;  // draws everything, and reuses unchanged triples
     studio.draw(test::plain_frame(kSide, kSide, 255), plan);
     std::size_t expected = 12;
     if (before) {
       const auto events = shadow_events(*before, state);
       expected = test::affected_triples(studio.scene(), node, events).size();
       EXPECT_EQ(events.size(), time <= 1.0 ? 2U : time <= 2.0 && before->time_s < 2.0 ? 1U : 0U);
-      // Light 0 has 6 triples. Object 0 has 4, 2 of which belong to that light and count once.
+      // Light 0 belongs to 6 triples. Object 0 belongs to 4, 2 of which also belong to light 0 and
+      // count once.
       EXPECT_EQ(expected, time <= 1.0 ? 8U : time <= 2.0 && before->time_s < 2.0 ? 4U : 0U);
     }
     EXPECT_EQ(studio.stats()[Counter::triples_recomputed], static_cast<std::int64_t>(expected))
@@ -124,7 +125,7 @@ TEST(AnimatedLight, MovesAndTurns) {
 }
 
 TEST(Sun, MatchesAlmanacPositions) {
-  // Example of I. Reda and A. Andreas, "Solar position algorithm for solar radiation applications"
+  // Example in I. Reda and A. Andreas, "Solar position algorithm for solar radiation applications"
   // (NREL/TP-560-34302): 2003-10-17 19:30:30 UTC.
   const SunPosition sun = sun_position(1066419030.0, 39.742476, -105.1786);
   EXPECT_NEAR(sun.azimuth_rad / kDegree, 194.34024, 0.02);
@@ -139,13 +140,13 @@ TEST(Sun, LightsTableFromItsDirection) {
   const SunPosition east{90.0 * kDegree, 30.0 * kDegree};
   const Eigen::Vector3d d = direction_to(east, 0.0);
   EXPECT_LT((d - Eigen::Vector3d(std::cos(30 * kDegree), 0.0, 0.5)).norm(), 1e-12);
-  // North turned to -x, so that east is +y.
+  // North is rotated to -x, so that east is +y.
   EXPECT_LT((direction_to(east, 90.0) - Eigen::Vector3d(0.0, std::cos(30 * kDegree), 0.5)).norm(),
             1e-12);
   Scene scene;
   SceneLight& light = scene.lights.emplace_back();
   light.kind = SceneLight::Kind::directional;
-  light.sun = Sun{48.0, 11.0, 1782000000.0, 1.0, 0.0};  // 2026-06-21 00:00 UTC, an hour a second
+  light.sun = Sun{48.0, 11.0, 1782000000.0, 1.0, 0.0};  // 2026-06-21 00:00 UTC; 1 s is 1 h
   EXPECT_EQ(evaluate_scene(scene, 0.0).lights[0].color.norm(), 0.0) << "night";
   const PlacedLight noon = evaluate_scene(scene, 11.3).lights[0];
   EXPECT_GT(noon.color.norm(), 0.0);

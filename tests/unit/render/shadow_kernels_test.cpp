@@ -93,7 +93,7 @@ TEST(ShadowKernels, StayInArmsOfLShape) {
       generate_kernels(mesh, Eigen::Vector3d::UnitZ(), KernelSource::automatic);
   for (std::size_t i = 0; i < mesh.positions.size(); ++i) {
     const Eigen::Vector2d k = to_eigen(kernels.kernels[i]).head<2>();
-    // The kernel is near the middle line of one of the arms, never in the empty quarter.
+    // The kernel is near the centre line of an arm, never in the empty quarter of the L.
     const bool in_lower_arm = std::abs(k.y() - 0.015) < 0.004;
     const bool in_left_arm = std::abs(k.x() - 0.015) < 0.004;
     EXPECT_TRUE(in_lower_arm || in_left_arm) << k.transpose();
@@ -187,8 +187,8 @@ TEST(ShadowKernels, FillMissingFaces) {
   EXPECT_LT(off, whole.positions.size() / 50);
 }
 
-// |x - k| <= 1.5 r plus one cell, where r is the radius of the largest disc about k inside the
-// silhouette, measured on polygons. The radius stored with a kernel is that of this disc.
+// Checks |x - k| <= 1.5 r plus one cell, where r is the radius of the largest disc about k inside
+// the silhouette, measured on polygons. The radius stored with a kernel must equal r.
 TEST(ShadowKernels, StayWithinReachOfTheirDisc) {
   for (const Model& model : {l_shape(), test::torus_model(12, 64), test::box_model(0.1)}) {
     const ShadowMesh mesh = make_shadow_mesh(model);
@@ -203,7 +203,8 @@ TEST(ShadowKernels, StayWithinReachOfTheirDisc) {
         EXPECT_LE(reach[i].distance, test::farthest_allowed(reach[i]));
         EXPECT_NEAR(static_cast<double>(kernels.radius[i]), reach[i].inside, reach[i].cell);
       }
-      // A mean of such kernels may lie outside, but no farther than the largest disc reaches.
+      // A mean of such kernels may lie outside the silhouette, but no farther than the largest
+      // disc's radius.
       const ShadowKernels smooth = generate_kernels(mesh, up, KernelSource::smooth);
       double farthest = 0.0;
       for (const test::KernelReach& at : reach)
@@ -214,7 +215,7 @@ TEST(ShadowKernels, StayWithinReachOfTheirDisc) {
   }
 }
 
-// The check above fails for kernels that are too far away.
+// The check of the previous test must fail for kernels that are too far away.
 TEST(ShadowKernels, ExceedReachWithOneKernelForBar) {
   test::ShapeBuilder shape;
   shape.box(-0.1, -0.01, -0.01, 0.1, 0.01, 0.01);
@@ -314,7 +315,7 @@ TEST(ShadowKernels, AreExactOnAxisAndInterpolatedBetweenForPerAxis) {
   }
 }
 
-// Random rasters with holes and bays, compared with a search over all uncovered cells.
+// Compares random rasters with holes and bays with an exhaustive search over all uncovered cells.
 TEST(Footprint, MeasuresDistanceToNearestOutsideCell) {
   std::mt19937 random(7);
   std::uniform_real_distribution<float> unit(0.0F, 1.0F);

@@ -55,7 +55,7 @@ TEST(ShadowMesh, WeldsWithinTenMicrometresAcrossCells) {
   }
 }
 
-// The unit of a file must not change the parts, nor the kernels up to scale.
+// The unit of the file must not change the parts, nor the kernels except for scale.
 TEST(ShadowMesh, KeepsPartsAndKernelsInAnyUnit) {
   test::ShapeBuilder shape;
   shape.box(0.01, 0.02, 0.0, 0.08, 0.05, 0.03);
@@ -71,7 +71,7 @@ TEST(ShadowMesh, KeepsPartsAndKernelsInAnyUnit) {
     std::mt19937 random(5);
     for (glm::vec3& p : scaled.meshes[0].positions) {
       p *= scale;
-      // Each corner of a face is rounded separately, as in files.
+      // Each corner of a face is rounded separately, as in files with a triangle soup.
       for (int i = 0; i < 3; ++i) p[i] = std::nextafter(p[i], random() % 2 == 0 ? 1e9F : -1e9F);
     }
     const ShadowMesh other = make_shadow_mesh(scaled);
@@ -89,7 +89,7 @@ TEST(ShadowMesh, KeepsPartsAndKernelsInAnyUnit) {
   }
 }
 
-// A distant vertex does not show the precision of the others.
+// The weld distance must follow the precision of most vertices, not that of a distant one.
 TEST(ShadowMesh, KeepsWeldDistanceDespiteFarVertex) {
   Model model = test::box_model(0.1);
   model.meshes[0].positions.emplace_back(1e6F, 0.0F, 0.0F);
@@ -108,14 +108,14 @@ TEST(ShadowMesh, WarnsOfPartsThatCastNothing) {
   EXPECT_THAT(*warning, testing::HasSubstr("12 faces"));
   EXPECT_THAT(*warning, testing::HasSubstr("export"));
 
-  test::ShapeBuilder shape;  // a box above the weld distance, and one of 4 um below it
+  test::ShapeBuilder shape;  // one box above the weld distance, and one of 4 um below it
   shape.box(0.0, 0.0, 0.0, 0.1, 0.1, 0.1);
   shape.box(0.2, 0.0, 0.0, 0.200004, 4e-6, 4e-6);
   warning = warning_of_lost_faces(shape.build(), "two.obj");
   ASSERT_TRUE(warning.has_value());
   EXPECT_THAT(*warning, testing::HasSubstr("12 of its 24 faces"));
 
-  // Faces at a sphere's poles have no area; their neighbours cast instead.
+  // Faces at a sphere's poles have no area; their neighbours cover the gap.
   shape.sphere(0.05, 12, 24);
   EXPECT_EQ(warning_of_lost_faces(shape.build(), "sphere.obj"), std::nullopt);
 }
@@ -124,7 +124,7 @@ TEST(ShadowMesh, FindsConnectedComponentsOverAllMeshes) {
   test::ShapeBuilder shape;
   shape.box(0, 0, 0, 0.1, 0.1, 0.1);
   shape.box(0.3, 0, 0, 0.4, 0.1, 0.1);
-  shape.box(0.1, 0.1, 0.1, 0.2, 0.2, 0.2);  // touches the first at a corner
+  shape.box(0.1, 0.1, 0.1, 0.2, 0.2, 0.2);  // touches the first box at a corner
   Model model = shape.build();
   model.meshes.push_back(test::box_model(0.05).meshes[0]);
   model.meshes[1].source_vertex.clear();
@@ -145,7 +145,7 @@ TEST(ShadowMesh, DropsNonFiniteAndOutOfRangeVertices) {
   mesh.positions.emplace_back(0.0F, std::numeric_limits<float>::infinity(), 0.0F);
   mesh.positions.emplace_back(3e38F, -3e38F, 0.0F);
   mesh.source_vertex.insert(mesh.source_vertex.end(), {8, 9, 10});
-  model.source_vertex_count = 12;  // one vertex of the file is unused
+  model.source_vertex_count = 12;  // one vertex of the file is not used by a face
   mesh.indices.insert(mesh.indices.end(), {0, 1, 8, 0, 1, 9, 0, 1, 10, 0, 1, 4000000000U});
   const ShadowMesh shadow = make_shadow_mesh(model);
   EXPECT_EQ(shadow.indices.size(), faces + 3);

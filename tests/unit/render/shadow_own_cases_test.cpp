@@ -1,5 +1,5 @@
-// Cases whose answers come from independent methods: closed forms, exact integers, slabs between
-// crossings, distances to shapes.
+// Cases with results from independent methods: closed forms, exact integers, slabs between
+// crossings, and distances to shapes.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -35,10 +35,10 @@ std::int64_t twice_area(const std::array<WholePoint, 3>& p) {
   return (p[1].x - p[0].x) * (p[2].y - p[0].y) - (p[1].y - p[0].y) * (p[2].x - p[0].x);
 }
 
-// Images of faces at 4096 factors in integer arithmetic. A face is twisted if the sign of its area
-// changes at one of them.
+// Computes images of faces at 4096 factors in integer arithmetic. A face is twisted if its signed
+// area changes sign at one of them.
 TEST(ShadowReference, FindsTwistedFacesByExactImages) {
-  constexpr std::int64_t kSteps = 4096;         // per unit of factor
+  constexpr std::int64_t kSteps = 4096;         // steps per unit of the factor
   constexpr std::int64_t kLeast = kSteps / 16;  // 0.0625
   constexpr std::int64_t kGreatest = kSteps * 27 / 16;
   std::mt19937 random(3);
@@ -46,18 +46,19 @@ TEST(ShadowReference, FindsTwistedFacesByExactImages) {
   std::uniform_int_distribution<std::int64_t> wander(-60, 60);
   std::size_t all_twisted = 0;
   std::size_t all_ambiguous = 0;
-  std::size_t only_between = 0;  // twisted, but at neither end of the range
+  std::size_t only_between = 0;  // twisted, but at neither end of the range of factors
   for (int set = 0; set < 10; ++set) {
     std::vector<WholePoint> x(40);
     std::vector<WholePoint> k(40);
     std::vector<CasterVertex> vertices;
     for (std::size_t i = 0; i < x.size(); ++i) {
       x[i] = {place(random), place(random)};
-      // Kernels are near their vertices, some far away, many shared.
+      // Kernels: a quarter at random positions, a quarter shared with the previous vertex, half
+      // near the vertex.
       k[i] = i % 4 == 0   ? WholePoint{place(random) / 4, place(random) / 4}
              : i % 4 == 1 ? k[i - 1]
                           : WholePoint{x[i].x + wander(random), x[i].y + wander(random)};
-      constexpr float kUnit = 1.0F / 1024.0F;  // multiples are exact in float
+      constexpr float kUnit = 1.0F / 1024.0F;  // multiples of it are exact in float
       vertices.push_back({static_cast<float>(x[i].x) * kUnit, static_cast<float>(x[i].y) * kUnit,
                           0.1F, static_cast<float>(k[i].x) * kUnit,
                           static_cast<float>(k[i].y) * kUnit});
@@ -91,7 +92,7 @@ TEST(ShadowReference, FindsTwistedFacesByExactImages) {
       for (std::int64_t step = kLeast; step <= kGreatest; ++step)
         least = std::min(least, against(step));
       tested_area += static_cast<double>(std::abs(whole));
-      // Areas below this could change sign between two steps; these sets contain none.
+      // A smaller area could change sign between two steps. At most three faces are that ambiguous.
       ambiguous += least >= 0.0 && least < 1e-6 ? 1U : 0U;
       if (least >= 0.0) continue;
       ++twisted;
@@ -114,8 +115,8 @@ TEST(ShadowReference, FindsTwistedFacesByExactImages) {
   EXPECT_LE(all_ambiguous, 3U);
 }
 
-// Boxes with one kernel each rise in steps of 1 cm from below the plane to above the cap. At each
-// height the image is a rectangle about the kernel, and the largest one contains the others.
+// Boxes with one kernel each rise in steps of 1 cm from below the plane to above the cap. The image
+// of each height is a rectangle about the kernel; the largest one contains the others.
 TEST(ShadowReference, MatchesAreasOfRisingBoxes) {
   struct Light {
     double height, ratio, umbra_height;
@@ -123,14 +124,14 @@ TEST(ShadowReference, MatchesAreasOfRisingBoxes) {
   constexpr double kThick = 0.05;
   constexpr double kWide = 0.06;
   constexpr double kDeep = 0.04;
-  constexpr double kApart = 0.05;  // between the boxes' middles; less than a penumbra's width
+  constexpr double kApart = 0.05;  // gap between the boxes, less than a penumbra's width
   test::ShapeBuilder shape;
   shape.box(0, 0, 0, kWide, kDeep, kThick);
   shape.box(kWide + kApart, 0, 0, 2 * kWide + kApart, kDeep, kThick);
   const ShadowMesh mesh = make_shadow_mesh(shape.build());
   ASSERT_EQ(mesh.part_count, 2U);
   ShadowKernels kernels{Eigen::Vector3d::UnitZ(), {}, {}};
-  constexpr double kKernelX = 0.02;  // from each box's corner
+  constexpr double kKernelX = 0.02;  // offset from each box's corner
   constexpr double kKernelY = 0.03;
   for (const glm::vec3& p : mesh.positions) {
     const double corner = p.x > static_cast<float>(kWide) + 0.01F ? kWide + kApart : 0.0;
@@ -141,7 +142,7 @@ TEST(ShadowReference, MatchesAreasOfRisingBoxes) {
     const LayeredConstants constants =
         make_layered_constants(light.height, light.ratio, light.umbra_height).value();
     const double h_u = light.umbra_height > 0.0 ? light.umbra_height : light.height / light.ratio;
-    // The magnification is at most 8; at the zenith there is no cap.
+    // The cap limits the magnification to 8; a light at the zenith has no cap.
     const double cap = std::isinf(light.height) ? kInfinity : light.height * (1.0 - 1.0 / 8.0);
     int shadows = 0;
     for (int step = -10; step <= 100; ++step) {
@@ -162,7 +163,7 @@ TEST(ShadowReference, MatchesAreasOfRisingBoxes) {
         if (from < to - 1e-9) {
           const double s = std::max(factor(from), factor(to));
           const double both = 2.0 * kWide * kDeep * s * s;
-          // The two images are congruent and displaced by kApart.
+          // The two images are congruent, at a distance of kWide + kApart.
           const double overlap = std::max(0.0, kWide * s - (kWide + kApart)) * kDeep * s;
           expected = both - overlap;
           ++shadows;
@@ -170,7 +171,7 @@ TEST(ShadowReference, MatchesAreasOfRisingBoxes) {
         const auto outline =
             union_of_triangles(layer_triangles(vertices, mesh.indices, constants, layer));
         ASSERT_TRUE(outline);
-        // At contact and at h_u, the result depends on the last bit of a height.
+        // At contact and at h_u, the result depends on the rounding of a height.
         if (std::abs(low + kThick) < 1e-6 || std::abs(from - to) < 1e-6) continue;
         EXPECT_NEAR(outline->area, expected, 2e-5 * expected + 1e-12)
             << "H " << light.height << ", layer " << lambda << ", at " << low;
@@ -180,8 +181,9 @@ TEST(ShadowReference, MatchesAreasOfRisingBoxes) {
   }
 }
 
-// Between neighbouring events (edges that begin, end or cross), the covered length of a vertical
-// line is linear. The length in the middle times the width is therefore the area.
+// Area by slabs: between neighbouring events (edges that begin, end or cross), the covered length
+// of a vertical line is linear. The area is therefore the length in the middle times the slab's
+// width.
 double area_by_slabs(const std::vector<PlanePoint>& triangles) {
   using Number = long double;
   struct Edge {
@@ -249,7 +251,7 @@ TEST(ShadowReference, MatchesSlabAreasOfUnions) {
   std::uniform_real_distribution<float> anywhere(-1.0F, 1.0F);
   std::uniform_int_distribution<int> whole(-4, 4);
   for (int set = 0; set < 60; ++set) {
-    // Every other set lies on a grid, where edges and corners coincide.
+    // Every second set lies on a grid, where edges and corners coincide.
     const bool grid = set % 2 == 1;
     const auto coordinate = [&] {
       return grid ? static_cast<float>(whole(random)) / 16.0F : anywhere(random);
@@ -265,15 +267,15 @@ TEST(ShadowReference, MatchesSlabAreasOfUnions) {
   }
 }
 
-// Level, flat bodies of uniform thickness under a disc light at the zenith. The umbra contains the
-// points deeper in the body than its radius times h / h_u; the penumbra extends by the same
-// distance outwards.
+// Level, flat bodies of uniform thickness under a disc light at the zenith. The umbra is the body's
+// shape, eroded by the body's radius times h / h_u. The penumbra is the shape dilated by the same
+// distance.
 TEST(ShadowReference, MatchesAreasOfBodiesOfOneThickness) {
   static constexpr double kRadius = 0.015;  // half the thickness
   struct Body {
     const char* name;
     Model model;
-    std::function<double(const Eigen::Vector2d&)> depth;  // of a point, negative outside [m]
+    std::function<double(const Eigen::Vector2d&)> depth;  // in the outline [m]; < 0 outside
   };
   constexpr int kSides = 128;
   const auto disc = [] {
@@ -288,10 +290,10 @@ TEST(ShadowReference, MatchesAreasOfBodiesOfOneThickness) {
       shape.triangle(middle, rim[i], rim[(i + 1) % rim.size()]);
     return shape.build();
   };
-  static constexpr double kHalf = 0.05;  // of a capsule's middle line
+  static constexpr double kHalf = 0.05;  // half length of a capsule's centre line
   const auto capsule = [] {
     test::ShapeBuilder shape;
-    std::vector<std::array<std::uint32_t, 2>> pairs;  // across the middle line
+    std::vector<std::array<std::uint32_t, 2>> pairs;  // across the centre line
     constexpr int kEnd = kSides / 4;
     for (int i = 1; i <= kEnd; ++i) {
       const double t = 0.5 * std::numbers::pi * i / kEnd;
@@ -313,7 +315,7 @@ TEST(ShadowReference, MatchesAreasOfBodiesOfOneThickness) {
       shape.quad(pairs[i][0], pairs[i + 1][0], pairs[i + 1][1], pairs[i][1]);
     return shape.build();
   };
-  static constexpr double kRing = 0.045;  // of a ring's middle line
+  static constexpr double kRing = 0.045;  // radius of a ring's centre line
   const auto ring = [] {
     test::ShapeBuilder shape;
     std::vector<std::array<std::uint32_t, 2>> pairs;
@@ -355,8 +357,9 @@ TEST(ShadowReference, MatchesAreasOfBodiesOfOneThickness) {
           mesh, kernels,
           {Eigen::Vector3d(0, 0, share * kUmbraHeight), Eigen::Quaterniond::Identity(), 1.0},
           PlaneFrame());
-      // Tolerance: a kernel may be off by a cell's diagonal, plus the difference of two discs that
-      // count as equal. The layer moves by its share of that. The outline is a polygon.
+      // Tolerance of the outline: a kernel may be off by a cell's diagonal, plus the difference
+      // between discs that count as equal. The layer moves by `share` of that. A polygon
+      // approximates the outline.
       const double cells =
           std::clamp(tuning.cells_per_root * std::sqrt(static_cast<double>(mesh.positions.size())),
                      static_cast<double>(tuning.least_side_cells),
@@ -389,7 +392,7 @@ TEST(ShadowReference, MatchesAreasOfBodiesOfOneThickness) {
         RecordProperty(std::string(body.name) + (lambda_of(layer) < 0 ? "_umbra" : "_penumbra") +
                            (share < 0.5 ? "_low" : "_high"),
                        std::to_string(worst / off));
-        // The outline lies on the exact one; equal area shows that it has no gap.
+        // The outline is close to the exact one. An equal area shows that it has no gap.
         const double half = kRadius + reach;
         const double exact = body.name[0] == 'd' ? std::numbers::pi * half * half
                              : body.name[0] == 'c'

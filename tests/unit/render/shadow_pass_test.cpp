@@ -1,4 +1,4 @@
-// Shadows as drawn: areas against closed formulas, pixels against a projection on the CPU.
+// Drawn shadows: areas are compared with closed formulas, pixels with a projection on the CPU.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -31,7 +31,7 @@ constexpr int kSide = 400;
 constexpr double kEyeHeight = 1.0;
 constexpr double kFocal = 800.0;
 
-// Looks straight down from 1 m; 800 px per metre of the table.
+// A camera 1 m above the table that looks straight down; the table has 800 px/m.
 CameraModel overhead_camera() {
   CameraParameters p;
   p.width = p.height = kSide;
@@ -71,14 +71,14 @@ LayeredConstants constants_with(double light_height, double ratio, double umbra_
   return make_layered_constants(light_height, ratio, umbra_height).value();
 }
 
-// Pixels of the only shadow's layer, drawn alone, and their area on the table.
+// Pixels of one layer of the only shadow, drawn alone, and their area on the table.
 struct Layer {
   std::vector<std::uint8_t> pixels;
   double area_m2 = 0.0;
 };
 Layer draw_layer(Studio& studio, const PoseEstimate& pose, ShadowLayer layer, bool skip = true) {
   PlanOptions options;
-  options.layers = LayerDrawing::direct;  // masks: silhouette_mask_test.cpp
+  options.layers = LayerDrawing::direct;  // silhouette_mask_test.cpp tests masks
   options.skip = skip;
   FramePlan plan = studio.plan(pose, options);
   for (ShadowDraw& shadow : plan.shadows) {
@@ -106,7 +106,7 @@ int differing(const std::vector<std::uint8_t>& a, const std::vector<std::uint8_t
   return count;
 }
 
-// Pixels whose centres lie in any of the projected triangles, as seen by the overhead camera.
+// Pixels of the overhead camera whose centres lie in any of the projected triangles.
 std::vector<std::uint8_t> covered_by(const std::vector<PlanePoint>& points) {
   std::vector<std::uint8_t> mask(static_cast<std::size_t>(kSide * kSide), 0);
   const CameraModel camera = overhead_camera();
@@ -145,13 +145,13 @@ std::vector<std::uint8_t> covered_by(const std::vector<PlanePoint>& points) {
   return mask;
 }
 
-// The scene's first object, placed over the first plane as `penumbra shadow` does, with its long
-// edges split for the overhead camera.
+// The scene's first object, placed over the first plane as `penumbra shadow` does. Its long edges
+// are split for the overhead camera.
 struct PlacedObject {
   ShadowMesh mesh;
   CasterGeometry geometry;
-  ShadowKernels kernels;               // of `mesh`
-  std::vector<CasterVertex> vertices;  // of `geometry`
+  ShadowKernels kernels;               // kernels of `mesh`
+  std::vector<CasterVertex> vertices;  // vertices of `geometry`
 };
 PlacedObject first_object(const Scene& scene) {
   const SceneObject& object = scene.objects[0];
@@ -171,7 +171,7 @@ PlacedObject first_object(const Scene& scene) {
   return placed;
 }
 
-// Computes the layer with the CPU's functions alone.
+// Computes the layer on the CPU, without OpenGL.
 std::vector<std::uint8_t> cpu_layer(const Scene& scene, ShadowLayer layer) {
   const LayeredConstants& constants = scene.shadows[0].layered;
   const PlacedObject placed = first_object(scene);
@@ -203,8 +203,8 @@ TEST(ShadowPass, DrawsLevelDiscWithSquaredFactorAreas) {
       const double expected =
           48.0 * std::sin(2.0 * std::numbers::pi / 96.0) * square(0.05 * s);  // 96 corners
       const double drawn = draw_layer(studio, overhead(), layer).area_m2;
-      // A pixel is 1.6 mm^2. Counting pixels at the boundary is off by a few tens of pixels at
-      // most.
+      // A pixel is 1.6 mm^2. Counting pixels at the boundary has an error of less than a few tens
+      // of pixels.
       EXPECT_NEAR(drawn, expected, 0.004 * expected + 12 * square(kEyeHeight / kFocal))
           << "H " << c.constants.light_height << " h " << c.h << " lambda " << lambda_of(layer);
     }
@@ -217,7 +217,8 @@ TEST(ShadowPass, DrawsCubeWithLayerFactorAreas) {
   builder.add(box(0.08, 0.08, 0.08), test::at(0.003, 0.005, 0.1));
   builder.scene().shadows[0].layered = constants;
   Studio studio(builder.build(), overhead_camera());
-  // The bottom determines the umbra, which shrinks upwards; the top determines the other layers.
+  // The box's bottom determines the umbra, which shrinks with height; its top determines the other
+  // layers.
   const double umbra = square(0.08 * layer_factor(constants, ShadowLayer::umbra, 0.06));
   const double middle = square(0.08 * layer_factor(constants, ShadowLayer::middle, 0.14));
   const double penumbra = square(0.08 * layer_factor(constants, ShadowLayer::penumbra, 0.14));
@@ -273,7 +274,7 @@ TEST(ShadowPass, MatchesProjectionOnCpu) {
       const Layer drawn = draw_layer(studio, overhead(), layer);
       const std::vector<std::uint8_t> expected = cpu_layer(studio.scene(), layer);
       const auto size = std::count(expected.begin(), expected.end(), 1);
-      // Only centres on an edge may differ, by rounding to 1/256 px and to float.
+      // Only pixel centres on an edge may differ, because of rounding to 1/256 px and to float.
       EXPECT_LE(differing(drawn.pixels, expected), 2 + size / 400)
           << c.name << ", lambda " << lambda_of(layer) << ", " << size << " px";
       EXPECT_GT(size, 100) << c.name;
@@ -281,7 +282,7 @@ TEST(ShadowPass, MatchesProjectionOnCpu) {
   }
 }
 
-// The layer of a light of fixed size.
+// Computes a layer of a light of fixed size on the CPU.
 std::vector<std::uint8_t> cpu_light_layer(const Scene& scene, ShadowLayer layer) {
   const PlacedObject placed = first_object(scene);
   std::vector<VertexDisc> discs =
@@ -295,7 +296,7 @@ std::vector<std::uint8_t> cpu_light_layer(const Scene& scene, ShadowLayer layer)
 }
 
 TEST(ShadowPass, MatchesProjectionOnCpuForFixedLight) {
-  // The club is thick at one end and thin at the other, so that the two light modes differ.
+  // The club is thick at one end and thin at the other, which makes the two light modes differ.
   ShapeBuilder club;
   club.limb({-0.06, 0.0, 0.0}, {0.06, 0.01, 0.0}, 0.025, 0.006, 24);
   club.sphere(0.025, 16, 24, -0.06);
@@ -333,8 +334,8 @@ TEST(ShadowPass, MatchesProjectionOnCpuForFixedLight) {
   }
 }
 
-// Pixels whose rays meet the plane z = 0 inside the layer that `penumbra shadow` computes, through
-// any lens, and the number of them with a neighbour outside.
+// Pixels whose rays meet the plane z = 0 inside the layer that `penumbra shadow` computes, for any
+// lens; and the number of these pixels that have a neighbour outside.
 struct Expected {
   std::vector<std::uint8_t> pixels;
   int size = 0, border = 0;
@@ -386,8 +387,8 @@ std::vector<Eigen::Vector2d> ground_under(const CameraModel& camera, const PoseE
   return ground;
 }
 
-// Faces are split to follow the lens, but their layer must stay the straight-edged image of the
-// whole face. The faces are large, tilted, and near enough to be split.
+// Faces are split to follow the lens, but the layer must stay the image of the unsplit faces with
+// straight edges. The faces are large, tilted, and near enough to be split.
 TEST(ShadowPass, MatchesShadowCommandThroughLens) {
   const CameraModel camera = test::camera_of(kSide, kSide, 420.0, DistortionModel::plumb_bob,
                                              {-0.25, 0.07, 0.001, -0.001});
@@ -417,7 +418,8 @@ TEST(ShadowPass, MatchesShadowCommandThroughLens) {
                                  ", lambda " + std::to_string(lambda_of(layer));
         const Layer drawn = draw_layer(studio, pose, layer);
         EXPECT_GT(expected.size, 100) << what;
-        // Edges lie within 0.15 px of their exact place; pixels that close to one may differ.
+        // Edges lie within 0.15 px of their exact position, so pixels that close to an edge may
+        // differ.
         EXPECT_LE(differing(drawn.pixels, expected.pixels), 4 + 0.15 * expected.border)
             << what << ", " << expected.size << " px";
         EXPECT_EQ(draw_layer(studio, pose, layer, false).pixels, drawn.pixels) << what;
@@ -426,8 +428,8 @@ TEST(ShadowPass, MatchesShadowCommandThroughLens) {
   }
 }
 
-// A bar of 0.2 m at 30 degrees rises through h_u. Its umbra shrinks without a jump, although it has
-// only 12 triangles (docs/shadows.md#layers).
+// A bar of 0.2 m, inclined by 30 degrees, rises through h_u. Its umbra must shrink without a jump
+// although the bar has only 12 triangles (docs/shadows.md#layers).
 TEST(ShadowPass, ShrinksUmbraOfRisingBarEvenly) {
   double last = -1.0;
   double start = 0.0;
@@ -479,7 +481,7 @@ TEST(ShadowPass, DarkensPixelOnceByDarkestLayer) {
     }
   }
   EXPECT_GT(overlap, 1000);
-  // Encoded light fractions of the scene: 255 f^(1/2.2).
+  // Light fractions of the scene, encoded: 255 f^(1/2.2).
   std::set<int> expected = {255};
   for (const double f : {0.15, 0.4, 0.83})
     expected.insert(static_cast<int>(std::lround(255.0 * std::pow(f, 1.0 / 2.2))));
@@ -501,7 +503,7 @@ TEST(ShadowPass, DrawsFootprintAsSimpleShadow) {
 TEST(ShadowPass, CutsShadowAtReceiverOutline) {
   SceneBuilder builder;
   builder.add(box(0.16, 0.16, 0.02), test::at(0, 0, 0.05));
-  // An L whose inner corner lies at the origin, under the shadow.
+  // An L-shaped outline whose inner corner lies at the origin, under the shadow.
   builder.scene().planes[0].outline = {{-0.3, -0.3}, {0.3, -0.3}, {0.3, 0.0},
                                        {0.0, 0.0},   {0.0, 0.3},  {-0.3, 0.3}};
   Studio cut(builder.build(), overhead_camera());
@@ -524,7 +526,7 @@ TEST(ShadowPass, CutsShadowAtReceiverOutline) {
 TEST(ShadowPass, DoesNoWorkWhenOnlyCameraMoves) {
   SceneBuilder builder;
   builder.add(box(0.2, 0.02, 0.02), test::at(0, 0, 0.3, {0, 1, 0}, -0.5236));  // clipped
-  // The torus stands apart: a mask on another object would depend on the camera's distance.
+  // The torus stands apart, because a mask on another object would depend on the camera's distance.
   builder.add(torus(), test::at(0.0, 0.2, 0.1));
   Studio studio(builder.build(), overhead_camera());
   // Masks depend on the camera's distance (DrawnMask.IsReusedUntilCasterMoves).
@@ -593,7 +595,7 @@ TEST(ShadowPass, KeepsSurfaceAndKernelsWhenSplitting) {
       EXPECT_LE(glm::distance(p, q), 0.02F);
   }
   EXPECT_NEAR(area, 2.0 * (0.2 * 0.1 + 0.2 * 0.02 + 0.1 * 0.02), 1e-6);
-  // Coarser stages are the same surface with longer edges.
+  // Coarser levels approximate the same surface with longer edges.
   ASSERT_GT(g.coarser.size(), 1U);
   EXPECT_EQ(g.coarser[0].indices, mesh.indices);
   float longer = std::numeric_limits<float>::infinity();
@@ -626,7 +628,7 @@ TEST(ShadowPass, ReportsFieldThatIsTooCoarse) {
     PlanOptions options;
     options.layers = layers;
     options.skip = !lifted;
-    for (int frame = 0; frame < 2; ++frame) {  // made, and kept
+    for (int frame = 0; frame < 2; ++frame) {  // computed in the first frame, reused in the second
       studio.draw(white(), studio.plan(overhead(), options));
     }
     const auto& skipped = studio.stats().skipped;

@@ -1,4 +1,4 @@
-// Reduced meshes as casters: the decision to use one, and that only shadows are drawn from it.
+// Reduced meshes as casters: the decision to use one. Only shadows may be drawn from it.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -27,7 +27,7 @@ ShadowMesh bundled(const char* name) {
   return make_shadow_mesh(model.value());
 }
 
-// Agreement of a layer on another raster, four times finer than the one that decides.
+// Agreement (IoU) of a layer on a raster four times finer than the one used for the decision.
 double agreement(const ShadowMesh& full, const ShadowProxy& proxy, double height,
                  ShadowLayer layer) {
   const PlaneFrame plane;
@@ -85,7 +85,7 @@ TEST(ShadowProxy, MatchesAgreementOfFinerRaster) {
             << "at " << kProxyHeights[at] << " h_u, layer " << i << ", share " << share;
       }
     }
-    // Stopping early gives the same decision.
+    // A comparison that stops early reaches the same decision.
     EXPECT_EQ(
         compare_with_proxy(full, kernels, {}, *proxy, {kLight, LightMode::proportional, 1.0}, false)
             .kept(),
@@ -105,7 +105,7 @@ TEST(ShadowProxy, AgreesWithItselfOnly) {
         compare_with_proxy(hand, kernels, discs, same, {kLight, mode, 1.0}, true);
     EXPECT_EQ(found.least(), 1.0) << to_string(mode);
   }
-  // A ring whose hole is filled.
+  // The proxy fills the hole of the ring.
   ShadowProxy filled = same;
   const auto centre = static_cast<std::uint32_t>(filled.mesh.positions.size());
   filled.mesh.positions.emplace_back(0.0F, 0.0F, 0.0F);
@@ -138,11 +138,11 @@ TEST(ShadowProxy, NeverReducesMeshOfFewFaces) {
   EXPECT_FALSE(simplified_caster(ShadowMesh{}));
 }
 
-// Drawn with the proxy enabled and disabled.
+// Draws the scene with the proxy enabled and disabled.
 class DrawnProxy : public testing::Test {
  protected:
   static constexpr int kSide = 400;
-  // A smooth ball with a reduced mesh that casts.
+  // A smooth ball with a proxy that is accepted.
   static SceneBuilder ball(const Placement& placement) {
     SceneBuilder builder;
     builder.add(sphere(48, 96), placement);
@@ -166,7 +166,7 @@ class DrawnProxy : public testing::Test {
 };
 
 TEST_F(DrawnProxy, SavesFacesAndChangesFewPixels) {
-  // The ball is tilted, so that its outline is not a ring of its mesh.
+  // The ball is tilted, so that its outline differs from the rings of its mesh.
   Studio studio(ball(test::at(0.0, 0.0, 0.1, {1, 0.3, 0}, 0.7)).build(), camera());
   const Picture full = draw(studio, false);
   EXPECT_EQ(studio.stats()[Counter::proxy_shadows], 0);
@@ -184,7 +184,7 @@ TEST_F(DrawnProxy, SavesFacesAndChangesFewPixels) {
     }
   }
   EXPECT_GT(dark, 5000U);
-  // Three layers, each with an agreement of at least 0.98.
+  // Each of the three layers agrees to at least 0.98.
   EXPECT_LT(static_cast<double>(different), 0.06 * static_cast<double>(dark));
   EXPECT_GT(different, 0U) << "no reduced mesh was drawn";
   // The decision is made once and depends only on the tilt.

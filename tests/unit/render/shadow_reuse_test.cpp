@@ -1,5 +1,5 @@
-// The CPU's work after each kind of change between two frames (docs/shadows.md#own-frame), for
-// every technique; and shadow fields as drawn.
+// Work on the CPU after each kind of change between two frames (docs/shadows.md#own-frame), for
+// every technique; and drawn shadow fields.
 #include <gtest/gtest.h>
 
 #include <cmath>
@@ -58,7 +58,7 @@ Placement turned(const Placement& placement, const Eigen::Vector3d& axis, double
   return result;
 }
 
-// One caster that the test moves.
+// A scene with one caster that the test moves.
 class Stage {
  public:
   Stage(ShadowTechnique technique, std::shared_ptr<const Model> model, const Placement& start,
@@ -101,12 +101,12 @@ struct Case {
 };
 class ShadowReuse : public testing::TestWithParam<Case> {
  protected:
-  // One set of kernels; a light of fixed size also needs one set of part sizes.
+  // Number of kernel generations per tilt. A light of fixed size also computes the parts' sizes.
   static int sets_per_tilt() {
     if (GetParam().technique == ShadowTechnique::simple) return 0;
     return GetParam().light_mode == LightMode::fixed ? 2 : 1;
   }
-  // Only the placement of existing geometry changes.
+  // Expects that only the placement of existing geometry changed.
   static void expect_reused(const CompositeStats& stats, const char* what) {
     EXPECT_EQ(stats[Counter::shadow_vertices], 0) << what;
     EXPECT_EQ(stats[Counter::kernel_generations], 0) << what;
@@ -119,8 +119,8 @@ class ShadowReuse : public testing::TestWithParam<Case> {
     EXPECT_EQ(stats[Counter::triples_recomputed], 1) << what;
   }
 };
-// The tilt is about a slanted axis, so that no rounding is exact. "Clipped" reaches below the
-// plane.
+// The rotation axis is slanted, so that every coordinate is rounded. The clipped caster extends
+// below the plane.
 const Placement kFree = test::at(0.01, 0.02, 0.11, {1.0, 0.4, 0.2}, 0.33);
 const Placement kClipped = test::at(0.01, 0.02, 0.01, {1.0, 0.4, 0.2}, 0.33);
 INSTANTIATE_TEST_SUITE_P(
@@ -211,7 +211,7 @@ TEST_P(ShadowReuse, GeneratesKernelsForTiltBeyondThreshold) {
   EXPECT_EQ(stage.stats()[Counter::kernel_generations], 0) << "kept from the start";
 }
 
-// Kernels that no generator makes, so that the drawn shadow shows if they are in use.
+// Kernels that no generator would produce, so that the drawn shadow shows whether they are used.
 std::shared_ptr<const Model> l_with_stored_kernels(const std::string& stamp = "") {
   Model model = *l_model();
   for (Mesh& mesh : model.meshes)
@@ -242,7 +242,7 @@ TEST(StoredKernels, RequireThicknessForFixedLight) {
     for (const LightMode mode : {LightMode::proportional, LightMode::fixed}) {
       Stage stage(ShadowTechnique::layered, l_with_stored_kernels(stamp), placement, mode);
       stage.draw(placement);
-      // A light of fixed size also generates radii, and parts.
+      // A light of fixed size also needs the kernels' radii and the part sizes.
       const int others = mode == LightMode::fixed ? (serves ? 2 : 1) : 0;
       EXPECT_EQ(stage.stats()[Counter::kernel_generations],
                 others + (serves || mode == LightMode::proportional ? 0 : 1))
@@ -268,7 +268,7 @@ TEST(StoredKernels, KeepTheirKindForOtherTilts) {
 }
 
 TEST(ShadowField, IsReusedForTiltThatMovesNoEdge) {
-  // A level caster lies in the middle of a rounding step.
+  // The level placement lies in the middle of a rounding step of the tilt.
   const Placement level = test::at(0.0, 0.0, 0.1);
   Stage stage(ShadowTechnique::field, l_model(), level);
   const Picture before = stage.draw(level);
@@ -299,7 +299,7 @@ TEST(OwnFrame, ReproducesObjectPlacement) {
   }
 }
 
-// Evaluates the field at each pixel's point on the table.
+// Evaluates the field at the point of the table behind each pixel.
 TEST(ShadowField, MatchesFieldValuesOnPlane) {
   const Placement unturned = test::at(0.0, 0.0, 0.09);
   const double yaw = 0.6;
@@ -340,7 +340,7 @@ TEST(ShadowField, MatchesFieldValuesOnPlane) {
     }
   }
   for (std::size_t i = 0; i < 3; ++i) EXPECT_GT(size[i], 300) << i;
-  // Half floats move an edge by at most 1/2000 cell, which affects pixels with a centre that close.
+  // Rounding to half floats moves an edge by at most 1/2000 cell, so few pixels can differ.
   EXPECT_LE(differing, 5);
 }
 
@@ -356,7 +356,7 @@ TEST(ShadowField, DarkensOnceForOverlappingCasters) {
     builder.scene().shadows[0].technique = ShadowTechnique::field;
     Studio studio(builder.build(), camera());
     PlanOptions options;
-    options.layers = LayerDrawing::direct;  // in a mask, covered shares of a pixel add up
+    options.layers = LayerDrawing::direct;  // in a mask, coverages of one pixel add up
     return studio.draw_shadows(white(), studio.plan(overhead(), options));
   };
   const Picture together = draw(both);
@@ -374,7 +374,7 @@ TEST(ShadowField, DarkensOnceForOverlappingCasters) {
 
 TEST(ShadowField, DrawsWholeCardOnPlaneDespiteRounding) {
   for (const double angle : {0.0, 0.7, 2.9}) {
-    // The card lies in the slanted plane, so that every height is a rounding error.
+    // The card lies in the slanted plane, so every height of it is a rounding error.
     SceneBuilder builder;
     Placement placement = test::at(0.0, 0.0, 0.0, {1.0, 0.3, 0.0}, 0.4);
     const Eigen::Vector3d normal = placement.rotation * Eigen::Vector3d::UnitZ();
@@ -387,7 +387,7 @@ TEST(ShadowField, DrawsWholeCardOnPlaneDespiteRounding) {
       PlanOptions options;
       options.layers = layers;
       const Picture picture = studio.draw_shadows(white(), studio.plan(overhead(), options));
-      constexpr int kHalfUmbra = (255 + 107) / 2;  // of a pixel on an edge
+      constexpr int kHalfUmbra = (255 + 107) / 2;  // value of a pixel on an edge
       int dark = 0;
       for (int y = 0; y < kSide; ++y)
         for (int x = 0; x < kSide; ++x) dark += picture.red(x, y) < kHalfUmbra ? 1 : 0;

@@ -1,5 +1,5 @@
-// Places computed by the vertex shader, read back by transform feedback and compared with exact
-// factors. The shader's formulas differ from the CPU's.
+// Positions computed by the vertex shader, read back by transform feedback and compared with exact
+// factors. The shader uses other formulas than the CPU.
 #include <epoxy/gl.h>
 #include <fmt/format.h>
 #include <gtest/gtest.h>
@@ -32,7 +32,7 @@ struct Vertex {
   glm::vec3 position{0.0F}, kernel{0.0F};
 };
 
-// Runs shadow.vert.glsl with a lens that passes on the place on the plane.
+// Runs shadow.vert.glsl with a lens function that outputs the position on the plane.
 class PlaceReader {
  public:
   explicit PlaceReader(GlApi api) {
@@ -64,7 +64,7 @@ class PlaceReader {
     array_ = std::make_unique<VertexArray>();
     input_ = std::make_unique<GlBuffer>(BufferUse::vertices);
     glGenBuffers(1, &output_);
-    // Draw calls need a framebuffer although nothing is rasterised.
+    // OpenGL requires a framebuffer for draw calls, although nothing is rasterised.
     glGenFramebuffers(1, &framebuffer_);
     glGenRenderbuffers(1, &pixel_);
     glBindRenderbuffer(GL_RENDERBUFFER, pixel_);
@@ -81,7 +81,7 @@ class PlaceReader {
     glDeleteProgram(program_);
   }
 
-  // Places of one layer's vertices; the uniforms are set as ShadowPass sets them.
+  // Returns the positions of one layer's vertices. Sets the uniforms as ShadowPass does.
   std::vector<glm::vec2> places(const LayeredConstants& c, ShadowLayer layer,
                                 std::span<const Vertex> vertices) {
     glUseProgram(program_);
@@ -148,8 +148,8 @@ class PlaceReader {
 
 class ShadowShader : public testing::TestWithParam<GlApi> {};
 
-// A vertex lies 1 m from its kernel, so that its image's distance equals the factor
-// (docs/shadows.md#layers: error within 4e-7 (1 + |s|) H / (H - h)).
+// Error bound for a vertex 1 m from its kernel, where the distance of its image from the kernel
+// equals the factor (docs/shadows.md#layers: error within 4e-7 (1 + |s|) H / (H - h)).
 double bound_of(double exact, double H, double h) {
   return 4e-7 * (1.0 + std::abs(exact)) * (std::isinf(H) ? 1.0 : H / (H - h));
 }
@@ -177,14 +177,14 @@ TEST_P(ShadowShader, MatchesReferenceFactorsWithinFloatBound) {
   }
 }
 
-// Exact factors in long double for lights near, far and at the zenith, with heights over each
-// layer's whole range and close to both ends.
+// Exact factors in long double for lights near, far and at the zenith. The heights cover each
+// layer's range and are close to both ends.
 TEST_P(ShadowShader, MatchesExactFactorsWithinFloatBound) {
   PlaceReader reader(GetParam());
   std::mt19937 random(11);
   std::uniform_real_distribution<double> unit(0.0, 1.0);
   const auto in_float = [](double value) { return static_cast<double>(static_cast<float>(value)); };
-  double worst = 0.0;  // as a share of the bound
+  double worst = 0.0;  // largest error as a fraction of the bound
   for (int set = 0; set < 200; ++set) {
     const bool zenith = set % 5 == 0;
     const double H = zenith ? std::numeric_limits<double>::infinity()
@@ -225,8 +225,8 @@ TEST_P(ShadowShader, MatchesExactFactorsWithinFloatBound) {
   RecordProperty("worst_share_of_the_bound", fmt::format("{:.3f}", worst));
 }
 
-// Contact and collapse are exact for any rounding: at the plane each layer equals the vertex, at
-// h_u the umbra equals the kernel.
+// At the plane each layer equals the vertex, and at h_u the umbra equals the kernel: exactly, for
+// any rounding.
 TEST_P(ShadowShader, IsExactAtContactAndUmbraHeight) {
   PlaceReader reader(GetParam());
   const double inf = std::numeric_limits<double>::infinity();

@@ -1,4 +1,4 @@
-// Layers of given meshes and kernels against an independent oracle in double precision.
+// Layers of given meshes and kernels, compared with an independent oracle in double precision.
 #include <fmt/format.h>
 #include <gtest/gtest.h>
 
@@ -13,7 +13,7 @@ std::filesystem::path vectors_dir() {
   return test::shared_dir().empty() ? std::filesystem::path() : test::shared_dir() / "vectors";
 }
 
-// Mesh and kernels exactly as given: vertices are not welded.
+// Mesh and kernels exactly as in the vectors, without welding.
 struct GivenCaster {
   ShadowMesh mesh;
   ShadowKernels kernels;
@@ -56,10 +56,10 @@ double ring_moment(const test::Ring& ring, Eigen::Vector2d& moment) {
   return area;
 }
 
-// Tests if a point lies on an edge that two triangles share exactly, one on either side. Such a
-// point is inside their union for any arithmetic.
+// Tests if a point lies on an edge that two triangles share exactly, one on each side. Such a point
+// is inside their union, independent of rounding.
 bool on_seam(const Eigen::Vector2d& p, const std::vector<PlanePoint>& triangles) {
-  constexpr double kNear = 1e-8;  // [m]: float layers, and samples of ten digits
+  constexpr double kNear = 1e-8;  // [m]; layers are float, and samples have ten digits
   const auto in_double = [&](std::size_t i) {
     return Eigen::Vector2d(static_cast<double>(triangles[i].u),
                            static_cast<double>(triangles[i].v));
@@ -120,7 +120,7 @@ void expect_layer(const nlohmann::json& expected, const nlohmann::json& toleranc
   EXPECT_LT((moment / signed_area - test::point_from(expected.at("centroid"))).norm(),
             5.0 * boundary);
 
-  // Masks 1024 pixels wide of the triangles and of the oracle's polygons.
+  // Compares masks of the triangles and of the oracle's polygons, 1024 pixels wide.
   const double extent = 1.02 * (high - low).maxCoeff();
   const Eigen::Vector2d corner = 0.5 * (low + high) - Eigen::Vector2d::Constant(0.5 * extent);
   test::Mask ours(corner, extent / 1024.0, 1024);
@@ -130,9 +130,8 @@ void expect_layer(const nlohmann::json& expected, const nlohmann::json& toleranc
   theirs.cover(test::rings_from(expected.at("polygons")));
   polygons.cover(rings);
 
-  // The oracle's union has zero-width slits between faces that share an edge, a result of rounding.
-  // Some of its samples lie on such slits: inside the layer, up to 50 mm from its boundary. Only
-  // these are skipped.
+  // Rounding leaves zero-width slits in the oracle's union, between faces that share an edge.
+  // Samples on such slits, which lie up to 50 mm inside the layer, are skipped.
   for (const auto& sample : expected.at("boundary_samples")) {
     const Eigen::Vector2d p = test::point_from(sample);
     const double distance = test::distance_to_rings(p, rings);

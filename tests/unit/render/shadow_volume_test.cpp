@@ -1,4 +1,4 @@
-// Shadow volumes are closed surfaces; their darkening is compared with rays to the light.
+// Shadow volumes are closed surfaces. The darkening is compared with rays to the light.
 #include "render/shadow/volumes/shadow_volume.hpp"
 
 #include <gtest/gtest.h>
@@ -78,7 +78,7 @@ TEST(ShadowVolume, IsClosedForAnyCaster) {
   cube.box(-0.05, -0.05, 0.1, 0.05, 0.05, 0.2);
   ShapeBuilder torus;
   torus.torus(0.06, 0.02, 16, 40);
-  ShapeBuilder open;  // three sides of a box, one of them with inverted winding
+  ShapeBuilder open;  // three sides of a box, one of them with reversed winding
   open.quad(open.vertex(0, 0, 0.1), open.vertex(0.1, 0, 0.1), open.vertex(0.1, 0.1, 0.1),
             open.vertex(0, 0.1, 0.1));
   open.quad(open.vertex(0, 0, 0.1), open.vertex(0.1, 0, 0.1), open.vertex(0.1, 0, 0.2),
@@ -110,7 +110,7 @@ TEST(ShadowVolume, IsEmptyForLightInsideCaster) {
   const ShadowVolume inside = caster.volume({}, {0.0, 0.0, 0.15, 1.0}, {{kTable}}, 12.0);
   EXPECT_TRUE(inside.light_inside);
   EXPECT_TRUE(inside.triangles.empty());
-  // For a light in the plane of its top, that face counts as unlit and two sides remain.
+  // For a light in the plane of the box's top, that face counts as unlit and two sides remain lit.
   const ShadowVolume level = caster.volume({}, {0.3, 0.3, 0.2, 1.0}, {{kTable}}, 12.0);
   EXPECT_FALSE(level.light_inside);
   EXPECT_TRUE(closed(level.triangles));
@@ -133,7 +133,7 @@ TEST(ShadowVolume, ReportsLightInsideCaster) {
   }
 }
 
-// The author's proxy casts in projected shadows and volumes, unless proxies are switched off.
+// The author's proxy casts projected shadows and volumes, unless proxies are disabled.
 TEST(ShadowVolume, UsesAuthoredProxyModel) {
   for (const ShadowTechnique technique : {ShadowTechnique::hard, ShadowTechnique::volume}) {
     SceneBuilder builder = with_light({0.0, 0.0, 0.6});
@@ -161,8 +161,8 @@ TEST(ShadowVolume, UsesAuthoredProxyModel) {
   }
 }
 
-// The oracle gives bitmaps of the table, seen from outside and inside the volume, and with the near
-// plane in the volume's wall.
+// The oracle's bitmaps show the table from outside the volume, from inside it, and with the near
+// plane in the volume's side.
 TEST(ShadowVolume, MatchesReferenceMasks) {
   if (test::shared_dir().empty()) GTEST_SKIP() << "no shared data beside the checkout";
   const auto json = test::read_json(test::shared_dir() / "vectors" / "shadow_volume.json");
@@ -193,7 +193,7 @@ TEST(ShadowVolume, MatchesReferenceMasks) {
         test::vector_from(entry.at("forward"));
     const CameraPose pose(R, test::vector_from(entry.at("eye")));
     FramePlan plan = studio.plan(test::tracked(pose));
-    plan.objects.clear();  // "caster not drawn"
+    plan.objects.clear();  // the oracle does not draw the caster
     const Picture picture = studio.draw(white(side), plan);
     const auto rows = entry.at("rows").get<std::vector<std::string>>();
     int dark = 0;
@@ -212,11 +212,11 @@ TEST(ShadowVolume, MatchesReferenceMasks) {
   EXPECT_GE(count, 3U);
 }
 
-// A box in the table frame for ray tests.
+// An axis-aligned box in the table frame, for ray tests.
 struct Block {
   Placement placement;
   Eigen::Vector3d half;
-  // Smallest t > least at which p + t d crosses the box's surface.
+  // Smallest t greater than `least` at which p + t d crosses the box's surface.
   [[nodiscard]] double hit(const Eigen::Vector3d& p, const Eigen::Vector3d& d, double least) const {
     const Eigen::Vector3d from =
         placement.rotation.conjugate() * (p - placement.position) / placement.scale;
@@ -232,7 +232,7 @@ struct Block {
     if (enter > leave || leave <= least) return std::numeric_limits<double>::infinity();
     return enter > least ? enter : leave;
   }
-  // Normal of the face that contains this surface point.
+  // Normal of the box's face that contains this surface point.
   [[nodiscard]] Eigen::Vector3d normal(const Eigen::Vector3d& p) const {
     const Eigen::Vector3d at =
         placement.rotation.conjugate() * (p - placement.position) / placement.scale;
@@ -244,7 +244,7 @@ struct Block {
   }
 };
 
-// One light's share of all red light at a point, by Lambert's law.
+// Fraction that one light contributes to all red light at a point, by Lambert's law.
 double share_of(int light, const FramePlan& plan, const Scene& scene, const Eigen::Vector3d& place,
                 const Eigen::Vector3d& normal) {
   const double up = 0.5 + 0.5 * normal.z();
@@ -266,8 +266,8 @@ struct View {
 };
 
 // The table, a phantom box, a virtual box and a caster of two boxes. Each pixel is compared with
-// the ray from its surface point to the light: seen from outside, from within the shadow, and with
-// the volume's wall through the near plane.
+// the ray from its surface point to the light. Views are from outside, from within the shadow, and
+// with the near plane in the volume's side.
 class VolumeView : public testing::TestWithParam<std::tuple<View, bool>> {};
 INSTANTIATE_TEST_SUITE_P(
     Views, VolumeView,
@@ -310,7 +310,7 @@ TEST_P(VolumeView, DarkensUnlitPixelsOnly) {
   none.technique = ShadowTechnique::none;
   const Picture without = studio.draw(white(), studio.plan(pose, none));
 
-  std::vector<int> expected(std::size_t{kSide} * kSide, -1);  // 1: in shadow, -1: not compared
+  std::vector<int> expected(std::size_t{kSide} * kSide, -1);  // 1 shadow, 0 lit, -1 unknown
   std::vector<bool> off(expected.size());
   int dark = 0;
   int on_phantom = 0;
@@ -335,17 +335,17 @@ TEST_P(VolumeView, DarkensUnlitPixelsOnly) {
       }
       double caster = t;
       for (const Block& block : casters) caster = std::min(caster, block.hit(view.eye, d, kNear));
-      if (caster < t || !std::isfinite(t)) continue;  // pixels of the caster itself
+      if (caster < t || !std::isfinite(t)) continue;  // the pixel shows the caster itself
       const Eigen::Vector3d place = view.eye + t * d;
       const Eigen::Vector3d to_light = light - place;
       bool blocked = false;
       for (const Block& block : casters)
         blocked = blocked || block.hit(place, to_light, 1e-9) < 1.0;
-      // A face turned away from the light loses nothing.
+      // A face turned away from the light receives none of it, so it can't lose any.
       const Eigen::Vector3d normal =
           shown != nullptr ? shown->normal(place) : Eigen::Vector3d::UnitZ();
       const double cosine = normal.dot(to_light.normalized());
-      if (cosine > 0.0 && cosine < 0.03) continue;  // a difference of less than a code
+      if (cosine > 0.0 && cosine < 0.03) continue;  // the difference is less than a grey level
       away += blocked && cosine < 0.0 ? 1 : 0;
       blocked = blocked && cosine > 0.0;
       ++compared;
@@ -357,7 +357,7 @@ TEST_P(VolumeView, DarkensUnlitPixelsOnly) {
       off[static_cast<std::size_t>(kSide * y + x)] = drawn != blocked;
     }
   }
-  // A pixel centre may fall on either side of an edge. Pixels whose whole neighbourhood is lit or
+  // An edge may fall on either side of a pixel centre. Pixels whose whole neighbourhood is lit or
   // in shadow must match.
   const auto [beside_no_edge, wrong_there] = test::beside_no_edge(kSide, expected, off);
   EXPECT_GT(beside_no_edge, 5000);
@@ -371,8 +371,8 @@ TEST_P(VolumeView, DarkensUnlitPixelsOnly) {
   EXPECT_LE(wrong, 20 + dark / 60) << dark << " dark of " << compared;
 }
 
-// Objects of an uncertain or coasting group are drawn faintly, and so are their shadows and the
-// shadows on them. A pixel in two shadows shows the stronger one.
+// Objects of an uncertain or coasting group are drawn faintly. So are their shadows and the shadows
+// on them. A pixel in two shadows shows the stronger one.
 TEST(ShadowVolume, FadesWithCasterAndReceiver) {
   const Eigen::Vector3d light(-0.15, 0.05, 0.6);
   SceneBuilder builder = with_light(light);
@@ -408,7 +408,7 @@ TEST(ShadowVolume, FadesWithCasterAndReceiver) {
   plan.volumes.clear();
   const Picture without = studio.draw(white(), plan);
 
-  std::map<std::pair<float, float>, int> seen;  // keyed by receiver's and caster's opacity
+  std::map<std::pair<float, float>, int> seen;  // keyed by the opacity of receiver and caster
   int wrong = 0;
   for (int y = 0; y < kSide; ++y) {
     for (int x = 0; x < kSide; ++x) {
@@ -452,7 +452,7 @@ TEST(ShadowVolume, FadesWithCasterAndReceiver) {
   }
   EXPECT_LE(wrong, 350) << "more than edges of " << kSide * kSide;
 
-  // With uniform opacity, both drawing methods give the same frame.
+  // With uniform opacity, both drawing modes give the same frame.
   FramePlan even = studio.plan(pose);
   const Picture solid = studio.draw(white(), even);
   even.phantoms[0].opacity = 0.999999F;
@@ -464,8 +464,8 @@ TEST(ShadowVolume, FadesWithCasterAndReceiver) {
   EXPECT_EQ(other, 0);
 }
 
-// Three lights, two casters and two nodes. Each node's lights act on its casters only. A pixel that
-// misses several lights loses the sum of their shares, each once.
+// Three lights, two casters and two nodes. The lights of a node act on its casters only. A pixel
+// that several lights don't reach loses the light of each once.
 TEST(ShadowVolume, DrawsEveryLightOfEveryNode) {
   const std::vector<Eigen::Vector3d> lights = {
       {-0.2, 0.05, 0.6}, {0.15, -0.25, 0.5}, {0.2, 0.3, 0.7}};
@@ -499,11 +499,11 @@ TEST(ShadowVolume, DrawsEveryLightOfEveryNode) {
   ASSERT_EQ(plan.volumes.size(), 4U);
   plan.objects.clear();
   const Picture solid = studio.draw(white(), plan);
-  // An opacity just below 1 selects drawing caster by caster.
+  // an opacity just below 1 selects drawing caster by caster
   plan.volumes[0].opacity = 0.999999F;
   const Picture faint = studio.draw(white(), plan);
 
-  std::map<int, int> seen;  // keyed by the set of missed lights
+  std::map<int, int> seen;  // keyed by the set of blocked lights
   int wrong = 0;
   int apart = 0;
   for (int y = 0; y < kSide; ++y) {
@@ -534,7 +534,7 @@ TEST(ShadowVolume, DrawsEveryLightOfEveryNode) {
   EXPECT_EQ(apart, 0);
 }
 
-// More closed parts overlap than the stencil can count; the result must stay dark.
+// More closed parts overlap than the stencil can count. The result must stay dark.
 TEST(ShadowVolume, StaysDarkForManyStackedParts) {
   ShapeBuilder stack;
   constexpr int kParts = 128;  // twice the range of the stencil counter
@@ -563,7 +563,7 @@ TEST(ShadowVolume, StaysDarkForManyStackedParts) {
   EXPECT_LT(picture.red(kSide / 2, kSide / 2), 250);
 }
 
-// Coincident planes, like two names for one table, darken each pixel once.
+// Coincident planes (two names for one table) darken each pixel once.
 TEST(ShadowVolume, DarkensCoincidentPlanesOnce) {
   SceneBuilder builder = with_light({-0.2, 0.05, 0.6});
   builder.add(box(0.08, 0.08, 0.02), test::at(0.0, 0.0, 0.1));
@@ -574,8 +574,8 @@ TEST(ShadowVolume, DarkensCoincidentPlanesOnce) {
   EXPECT_EQ(picture_of(builder), once);
 }
 
-// A projected shadow ends where a phantom stands on its plane, because the phantom blocks the ray
-// first. Phantoms are compared with rays; the plane's shadow must stay unchanged.
+// A phantom on the plane blocks the rays behind it, so a projected shadow continues on the phantom.
+// Phantoms are compared with rays; the plane's own shadow must stay unchanged.
 TEST(ShadowVolume, CarriesProjectedShadowsOntoPhantoms) {
   const Eigen::Vector3d light(-0.25, 0.05, 0.6);
   SceneBuilder builder = with_light(light);
@@ -626,7 +626,7 @@ TEST(ShadowVolume, CarriesProjectedShadowsOntoPhantoms) {
   EXPECT_LE(wrong, 20) << "more than edges, of " << dark;
 }
 
-// Only volumes without a phantom inside are skipped, which must not change the frame.
+// Only volumes that contain no phantom are skipped, which must not change the frame.
 TEST(ShadowVolume, ExtendsProjectedShadowsOnlyToPhantomsTheyMeet) {
   std::mt19937 random(11);
   const auto within = [&random](double low, double high) {
@@ -662,8 +662,8 @@ TEST(ShadowVolume, ExtendsProjectedShadowsOnlyToPhantomsTheyMeet) {
   EXPECT_GT(drawn, 5);
 }
 
-// One light serves two nodes, by projection and by volume. A pixel in both shadows loses its light
-// once.
+// One light acts in two nodes, by projection in one and by volume in the other. A pixel in both
+// shadows loses the light once.
 TEST(ShadowVolume, CountsLightOnceWithProjectedShadow) {
   SceneBuilder builder = with_light({-0.2, 0.05, 0.6});
   builder.add(box(0.08, 0.08, 0.02), test::at(0.0, 0.0, 0.1));
@@ -678,7 +678,8 @@ TEST(ShadowVolume, CountsLightOnceWithProjectedShadow) {
   EXPECT_EQ(picture_of(builder), volumes);
 }
 
-// Two lights, one projected and one as a volume: a pixel that misses both loses both shares.
+// Two lights, one with a projected shadow and one with a volume. A pixel in both shadows loses the
+// light of both.
 TEST(ShadowVolume, AddsToProjectedShadowOfOtherLight) {
   SceneBuilder builder = with_light({-0.2, 0.05, 0.6});
   SceneLight& second = builder.scene().lights.emplace_back(builder.scene().lights[0]);
@@ -694,8 +695,7 @@ TEST(ShadowVolume, AddsToProjectedShadowOfOtherLight) {
   EXPECT_EQ(picture_of(builder), volumes);
 }
 
-// A phantom below the plane is hidden by it. The pixels there are darkened only by the plane's
-// shadow.
+// The plane hides a phantom below it. Pixels there are darkened only by the plane's shadow.
 TEST(ShadowVolume, IgnoresPhantomsUnderPlane) {
   SceneBuilder builder = with_light({-0.2, 0.05, 0.6});
   builder.scene().shadows[0].technique = ShadowTechnique::hard;
@@ -713,7 +713,7 @@ TEST(ShadowVolume, HasFewBatchesForTree) {
   for (const Eigen::Vector4d& light :
        {Eigen::Vector4d(0.3, 0.1, 0.9, 1.0), Eigen::Vector4d(-0.4, 0.1, 0.3, 1.0),
         Eigen::Vector4d(0.2, 0.3, 0.9, 0.0), Eigen::Vector4d(0.9, 0.0, 0.2, 0.0),
-        Eigen::Vector4d(0.01, 0.0, 0.2, 1.0)}) {  // the last one amid the leaves
+        Eigen::Vector4d(0.01, 0.0, 0.2, 1.0)}) {  // the last light is amid the leaves
     const ShadowVolume volume = caster.volume({}, light, {{kTable}}, 12.0);
     EXPECT_FALSE(volume.triangles.empty());
     EXPECT_LE(volume.batch_ends.size(), 3U);
@@ -736,7 +736,7 @@ TEST(ShadowVolume, IsUnchangedForInvertedClosedPart) {
   EXPECT_EQ(volume.triangles.size(), right);
   EXPECT_TRUE(closed(volume.triangles));
   EXPECT_TRUE(caster.volume({}, inside, {{kTable}}, 12.0).light_inside);
-  // A double-sided card has no inside, even if seen edge-on.
+  // A double-sided card has no interior, even if seen edge-on.
   ShapeBuilder card;
   const auto a = card.vertex(0, 0, 0.1), b = card.vertex(0.1, 0, 0.1),
              c = card.vertex(0.1, 0.1, 0.1), d = card.vertex(0, 0.1, 0.1);
@@ -746,7 +746,8 @@ TEST(ShadowVolume, IsUnchangedForInvertedClosedPart) {
       VolumeCaster(mesh_of(card)).volume({}, {0.3, 0.3, 0.1, 1.0}, {{kTable}}, 12.0).light_inside);
 }
 
-// Two nodes share caster and light. The volume is made once, long enough for the receivers of both.
+// Two nodes share caster and light. The volume is computed once and extends to the receivers of
+// both.
 TEST(ShadowVolume, IsDrawnOnceForTwoNodes) {
   SceneBuilder builder = with_light({-0.2, 0.05, 0.6});
   builder.add(box(0.08, 0.08, 0.02), test::at(0.0, 0.0, 0.1));
@@ -812,13 +813,13 @@ TEST(ShadowVolume, IsRecomputedOnlyWhenCasterOrLightMoves) {
   plan.volumes[1].T_table_object.position.z() += 0.01;
   studio.draw(white(), plan);
   EXPECT_EQ(studio.stats()[Counter::triples_recomputed], 1);
-  // The volume must grow to reach a floor that sinks.
+  // If a floor sinks, the volume must become longer.
   for (ShadowVolumeDraw& draw : plan.volumes) draw.floors[0].q.z() -= 0.3;
   studio.draw(white(), plan);
   EXPECT_EQ(studio.stats()[Counter::triples_recomputed], 2);
 }
 
-// Skipped volumes must not change the frame, for one light and for two.
+// Skipping volumes must not change the frame, for one light and for two.
 TEST(ShadowVolume, IsSkippedOutOfView) {
   std::mt19937 random(5);
   const auto within = [&random](double low, double high) {
