@@ -1,4 +1,4 @@
-// Masks of shadow layers on a plane: their coverage, and their agreement with directly drawn faces.
+// Masks of shadow layers on a plane: coverage of cells, and agreement with directly drawn faces.
 #include "render/shadow/masks/silhouette_mask.hpp"
 
 #include <gtest/gtest.h>
@@ -35,7 +35,7 @@ std::shared_ptr<const Model> torus(int rings = 16, int segments = 32) {
   shape.torus(0.05, 0.018, rings, segments);
   return test::finished(shape.build(), {0.7F, 0.3F, 0.15F, 1.0F});
 }
-// Two parts, one above the other.
+// A model of two parts, one above the other.
 std::shared_ptr<const Model> table_and_ball() {
   ShapeBuilder shape;
   shape.box(-0.05, -0.03, 0.0, 0.05, 0.03, 0.01);
@@ -52,7 +52,7 @@ TEST(PairedEdges, ExistForClosedMeshesOnly) {
   const ShadowMesh cube = make_shadow_mesh(*box());
   const auto edges = paired_edges(cube.indices);
   ASSERT_TRUE(edges);
-  EXPECT_EQ(edges->size(), 18U);  // 12, and 6 diagonals
+  EXPECT_EQ(edges->size(), 18U);  // 12 edges and 6 diagonals
   for (const SharedEdge& edge : *edges) {
     const auto has = [&](std::uint32_t face, std::uint32_t a, std::uint32_t b) {
       for (std::size_t i = 0; i < 3; ++i) {
@@ -80,7 +80,7 @@ TEST(PairedEdges, ExistForClosedMeshesOnly) {
   EXPECT_TRUE(paired_edges(wedges));
 }
 
-// Tests if neighbouring faces traverse their common edge in opposite directions.
+// Tests if neighbouring faces traverse their shared edge in opposite directions.
 bool are_oriented(const std::vector<std::uint32_t>& faces) {
   std::set<std::pair<std::uint32_t, std::uint32_t>> edges;
   for (std::size_t i = 0; i < faces.size(); i += 3) {
@@ -111,7 +111,8 @@ TEST(OrientedFaces, FlipFacesToMatchNeighbours) {
   }
   const std::vector<glm::vec3> places = {{0, 0, 0}, {1, 0, 0}, {0, 1, 0},
                                          {0, 0, 1}, {1, 1, 1}, {1, 0, 0}};
-  // Three faces share one edge, also if its vertices are only at equal positions.
+  // Three faces share one edge. The result is the same if they share only the positions of its
+  // vertices.
   EXPECT_FALSE(oriented_faces(places, std::vector<std::uint32_t>{0, 1, 2, 0, 1, 3, 0, 1, 4}));
   EXPECT_FALSE(oriented_faces(places, std::vector<std::uint32_t>{0, 1, 2, 0, 5, 3, 1, 0, 4}));
   const auto two = oriented_faces(places, std::vector<std::uint32_t>{0, 1, 2, 0, 5, 3});
@@ -160,7 +161,7 @@ Mask draw(const std::vector<const Placed*>& casters, const glm::vec3& light, dou
   mask.cells = {cell, bounds.min().x() - 1, bounds.min().y() - 1,
                 static_cast<int>(bounds.sizes().x()) + 3, static_cast<int>(bounds.sizes().y()) + 3};
   MaskRaster picture;
-  // The second pass must not depend on the first.
+  // The result of the second pass must not depend on the first.
   for (int again = 0; again < 2; ++again) {
     picture.begin(mask.cells);
     for (std::size_t i = 0; i < casters.size(); ++i) {
@@ -172,7 +173,7 @@ Mask draw(const std::vector<const Placed*>& casters, const glm::vec3& light, dou
   return mask;
 }
 
-// Share of 8 x 8 points of a cell that lie in a layer's faces.
+// Fraction of a cell's 8 x 8 sample points that lie in a layer's faces.
 double covered_share(const std::vector<PlanePoint>& faces, double cell, std::int64_t u,
                      std::int64_t v) {
   int inside = 0;
@@ -196,7 +197,7 @@ double covered_share(const std::vector<PlanePoint>& faces, double cell, std::int
   return inside / 64.0;
 }
 
-// Compares each layer's coverage of every cell with the faces, for closed bodies in random poses.
+// Compares the coverage of every cell with the layer's faces, for closed bodies in random poses.
 TEST(SilhouetteMask, MatchesFacesOfClosedMesh) {
   std::mt19937 random(5);
   std::uniform_real_distribution<double> one(-1.0, 1.0);
@@ -232,7 +233,7 @@ TEST(SilhouetteMask, MatchesFacesOfClosedMesh) {
           area += expected;
         }
       }
-      // If a body covers part of a cell twice, the coverages add up: at most half a cell too
+      // Where a body covers part of a cell twice, the coverages add up, to at most half a cell too
       // much.
       EXPECT_LT(most, trial % 3 == 0 ? 0.1 : 0.5) << trial << " layer " << layer;
       EXPECT_GT(area, 5.0) << trial << " layer " << layer;
@@ -241,7 +242,8 @@ TEST(SilhouetteMask, MatchesFacesOfClosedMesh) {
   }
 }
 
-// Open and cut meshes are covered face by face. Neighbouring faces leave no seam for any rounding.
+// Open and clipped meshes are covered face by face. Neighbouring faces must leave no seam, for any
+// rounding.
 TEST(SilhouetteMask, MatchesFacesOfOpenAndCutMeshes) {
   std::mt19937 random(11);
   std::uniform_real_distribution<double> one(-1.0, 1.0);
@@ -277,7 +279,7 @@ TEST(SilhouetteMask, MatchesFacesOfOpenAndCutMeshes) {
       picture.begin(mask.cells);
       picture.cover(caster, {}, {});
       picture.finish(light, mask.codes);
-      // A cover taken from one raster and put into a larger one gives the same mask.
+      // A cover that was stored from one raster gives the same mask in a larger raster.
       MaskCells larger = mask.cells;
       larger.u -= 5;
       larger.v -= 7;
@@ -291,7 +293,7 @@ TEST(SilhouetteMask, MatchesFacesOfOpenAndCutMeshes) {
       picture.begin(larger);
       picture.cover(cover);
       picture.finish(light, again.codes);
-      // The shares of cells in a window that only partly overlaps the raster.
+      // Coverage of a window that only partly overlaps the raster.
       MaskCells part = mask.cells;
       part.u += 3;
       part.v -= 2;
@@ -329,15 +331,15 @@ TEST(SilhouetteMask, MatchesFacesOfOpenAndCutMeshes) {
           }
         }
       }
-      // Overlapping sheets add up in more cells if only a thin rest of the umbra remains.
+      // Where only a thin strip of the umbra is left, overlapping sheets add up in more cells.
       EXPECT_LT(std::abs(sum), 0.003 * area + 2.5) << trial << " layer " << layer;
-      // If two sheets cover different parts of a cell, the larger coverage counts.
+      // Where two sheets cover different parts of a cell, only the larger coverage counts.
       EXPECT_LT(most, trial % 4 == 1 ? 0.12 : 0.5) << trial << " layer " << layer;
     }
   }
 }
 
-// Other casters and the origin of the mask must not change a caster's cells by a bit.
+// Other casters and the origin of the mask must not change a caster's cells, bit for bit.
 TEST(SilhouetteMask, KeepsCasterUnchangedByOthers) {
   const glm::vec3 light(0.4F, 0.6F, 0.9F);
   const Placed ring = place(*torus(), test::at(0.31, -0.22, 0.1, {1, 0.3, 0}, 0.5));
@@ -359,7 +361,7 @@ TEST(SilhouetteMask, KeepsCasterUnchangedByOthers) {
 }
 
 TEST(SilhouetteMask, KeepsDarkestLayer) {
-  // The box is high above, and the ring's layers lie in its penumbra.
+  // The box is high above the ring, so that the ring's layers lie in the box's penumbra.
   const Placed ring = place(*torus(), test::at(0, 0, 0.05));
   const Placed high = place(*box(), test::at(0, 0, 0.2));
   const glm::vec3 light(0.1F, 0.5F, 0.9F);
@@ -387,7 +389,7 @@ TEST(SilhouetteMask, IsEmptyWithoutCasters) {
   EXPECT_TRUE(caster.bounds().isEmpty());
   caster.project({}, {}, none.own, kConstants, {true, true, true}, 0.001);
   EXPECT_TRUE(caster.bounds().isEmpty());
-  // Far from the plane's origin the same cells result, shifted.
+  // Far from the plane's origin the cells are the same, shifted.
   const Mask near = draw({&none}, glm::vec3(0.0F, 0.5F, 0.8F), 0.001);
   Placed far = none;
   far.own.T_plane_own.slide += Eigen::Vector2d(512.0, -256.0);
@@ -409,7 +411,7 @@ ShadowField some_field(int i, std::mt19937& generator) {
   for (std::vector<float>* layer : {&field.umbra, &field.middle, &field.penumbra}) {
     layer->resize(count);
     const float least = noise(generator);
-    // Some layers cover the whole field, others have places that touch 0.
+    // Some layers are positive everywhere; others touch 0.
     for (float& value : *layer) {
       value = i % 7 == 0 ? 1.0F : noise(generator) - least;
       if (std::abs(value) < 0.05F) value = 0.0F;
@@ -418,7 +420,7 @@ ShadowField some_field(int i, std::mt19937& generator) {
   return field;
 }
 
-// A field's outline covers the same cells as its triangles up to rounding, at any position.
+// A field's outline must cover the same cells as its triangles up to rounding, at any position.
 TEST(SilhouetteMask, MatchesTrianglesOfOutlines) {
   std::mt19937 generator(7);
   for (int i = 0; i < 60; ++i) {
@@ -448,7 +450,7 @@ TEST(SilhouetteMask, MatchesTrianglesOfOutlines) {
     };
     const std::vector<std::uint8_t> outlined = picture_of(true);
     const std::vector<std::uint8_t> faces = picture_of(false);
-    // In thin faces that fold over, sums round differently.
+    // In thin faces that fold over, the sums round differently.
     ASSERT_EQ(outlined.size(), faces.size()) << i;
     for (std::size_t cell = 0; cell < faces.size(); ++cell)
       ASSERT_NEAR(outlined[cell], faces[cell], 2) << i;
@@ -473,10 +475,9 @@ TEST(SilhouetteMask, IgnoresOutlinesThatAreNotFinite) {
   }
 }
 
-// ---- parts of a mask, and many sheets ----
+// ---- windows of a mask, and many sheets ----
 
-// Triangles in cells of one size, equal for all layers, and their coverage of some of a raster's
-// cells.
+// Triangles in cells of one size, the same for all layers.
 constexpr double kUnit = 1.0 / 1024.0;  // keeps coordinates exact
 using Triangles = std::vector<Eigen::Vector2d>;
 OwnFrame unmoved() {
@@ -492,7 +493,7 @@ MaskCaster caster_of(const Triangles& corners) {
   for (const ShadowLayer layer : kShadowLayers) caster.project_faces(layer, points);
   return caster;
 }
-// A closed mesh that is covered by its outlines.
+// A closed mesh whose mask is covered by its silhouettes.
 struct Body {
   std::vector<glm::vec3> positions;
   std::vector<std::uint32_t> indices;
@@ -504,7 +505,7 @@ struct Body {
   }
 };
 using Cover = std::function<void(MaskRaster&)>;
-// Rasters `cells` and returns the shares of `part`.
+// Rasters `cells` and returns the coverage (0 to 255) of the cells in `part`.
 std::vector<std::uint8_t> shares_of(MaskRaster& picture, const Cover& cover, const MaskCells& cells,
                                     const MaskCells& part) {
   std::vector<std::uint8_t> shares(std::size_t{4} * static_cast<std::size_t>(part.width) *
@@ -520,8 +521,8 @@ MaskCells cells_around(const MaskCaster& caster, double cell) {
           static_cast<int>(box.sizes().y()) + 3};
 }
 
-// A part equals the whole raster bit by bit, also if edges run through its corners or along its
-// borders.
+// The coverage in a window must equal the whole raster's bit by bit, including edges through the
+// window's corners and along its borders.
 TEST(SilhouetteMask, MatchesWholeRasterInParts) {
   std::mt19937 random(23);
   const auto whole_number = [&random](int low, int high) {
@@ -548,7 +549,7 @@ TEST(SilhouetteMask, MatchesWholeRasterInParts) {
           << " at " << part.u - whole.u << ", " << part.v - whole.v;
       const bool dark = std::ranges::any_of(expected, [](std::uint8_t share) { return share > 0; });
       (dark ? partly : beside) += 1;
-      // Codes are equal too, and no state is left over.
+      // The encoded values are also equal, and no state is left over from earlier masks.
       std::vector<std::uint8_t> all;
       std::vector<std::uint8_t> some;
       of_whole.begin(whole);
@@ -570,7 +571,7 @@ TEST(SilhouetteMask, MatchesWholeRasterInParts) {
   };
   for (int trial = 0; trial < 60; ++trial) {
     SCOPED_TRACE(trial);
-    // Vertices lie on corners and borders of cells or anywhere; triangles are small or large.
+    // Vertices lie on corners and borders of cells, or anywhere. Triangles are small or large.
     const int reach = trial % 5 == 0 ? 300 : 24;
     const int fine = trial % 2 == 0 ? 1 : 256;
     Triangles corners;
@@ -605,7 +606,7 @@ TEST(SilhouetteMask, MatchesWholeRasterInParts) {
   EXPECT_GT(beside, 200);
 }
 
-// Meshes larger than any raster are compared with coverage by half planes, and parts with parts.
+// Meshes larger than any raster are compared with coverage by half planes.
 TEST(SilhouetteMask, MatchesReferenceForMeshLargerThanRaster) {
   std::mt19937 random(29);
   std::uniform_real_distribution<double> one(-1.0, 1.0);
@@ -627,7 +628,7 @@ TEST(SilhouetteMask, MatchesReferenceForMeshLargerThanRaster) {
       MaskCaster caster = caster_of(trial % 2 == 0 ? Triangles{a, b, c} : Triangles{a, c, b});
       const Cover cover = [&](MaskRaster& to) { to.cover(caster, {}, {}); };
       const auto shares = shares_of(picture, cover, cells, cells);
-      // Corners as rounded to float.
+      // Corners, rounded to float.
       const auto placed = [](const Eigen::Vector2d& p) -> Eigen::Vector2d {
         return Eigen::Vector2d(static_cast<double>(static_cast<float>(kUnit * p.x())),
                                static_cast<double>(static_cast<float>(kUnit * p.y()))) /
@@ -637,7 +638,7 @@ TEST(SilhouetteMask, MatchesReferenceForMeshLargerThanRaster) {
       const Eigen::Vector2d side = placed(b) - from;
       for (int v = 0; v < cells.height; ++v) {
         for (int u = 0; u < cells.width; ++u) {
-          // Counts 256 points of a cell, unless its corners are all on one side.
+          // Counts 256 points of a cell, unless all its corners are on one side.
           const auto is_inside = [&](double x, double y) {
             const Eigen::Vector2d d = Eigen::Vector2d(static_cast<double>(cells.u + u) + x,
                                                       static_cast<double>(cells.v + v) + y) -
@@ -655,7 +656,8 @@ TEST(SilhouetteMask, MatchesReferenceForMeshLargerThanRaster) {
           }
           const double expected = 255.0 * inside / 256.0;
           const int share = shares[static_cast<std::size_t>(4 * (v * cells.width + u))];
-          // Tolerance: the mask rounds crossings of cell borders; the reference counts points.
+          // Tolerance: the mask rounds the crossings of cell borders, and the reference counts
+          // points.
           ASSERT_NEAR(share, expected, 8.0) << reach << " " << trial << ": " << u << ", " << v;
           edges += inside > 0 && inside < 256 ? 1 : 0;
         }
@@ -667,7 +669,7 @@ TEST(SilhouetteMask, MatchesReferenceForMeshLargerThanRaster) {
   EXPECT_GT(edges, 1000);
 }
 
-// Vertices that are not finite or out of range must not change the other body's coverage.
+// Vertices that are not finite or out of range must not change the coverage of the other body.
 TEST(SilhouetteMask, IgnoresVerticesThatAreNotFinite) {
   const float infinity = std::numeric_limits<float>::infinity();
   const float nan = std::numeric_limits<float>::quiet_NaN();
@@ -708,7 +710,7 @@ TEST(SilhouetteMask, IgnoresVerticesThatAreNotFinite) {
         dark += of_rest[i] == 255 ? 1 : 0;
       }
       EXPECT_GT(dark, 2000);
-      // If only one vertex is bad, the first box's coverage remains.
+      // If only one vertex is invalid, the coverage of the first box must remain.
       Body pierced = body;
       pierced.positions.back()[static_cast<int>(axis)] = wrong;
       const auto of_more = shares(pierced);
@@ -722,7 +724,7 @@ TEST(SilhouetteMask, IgnoresVerticesThatAreNotFinite) {
   EXPECT_TRUE(caster_of({{0, 0}, {far, 1}, {3, 4}}).bounds().isEmpty());
 }
 
-// Any number of faces may overlap, covered by themselves, by outlines, or from stored covers.
+// Any number of sheets may overlap: as open faces, as closed bodies, or from stored covers.
 TEST(SilhouetteMask, DoesNotOverflowForManySheets) {
   const Triangles triangle = {{2.3, 1.2}, {30.7, 4.1}, {12.4, 25.9}};
   const auto open = [&](std::size_t count, bool turn_some) {
@@ -733,7 +735,7 @@ TEST(SilhouetteMask, DoesNotOverflowForManySheets) {
     }
     return caster_of(corners);
   };
-  // Flat bodies of four faces; three of the faces have the same winding.
+  // Flat closed bodies of four faces; three of the faces have the same winding.
   const auto closed = [](std::size_t count) {
     Body body;
     for (std::size_t i = 0; i < count; ++i) {
@@ -765,7 +767,7 @@ TEST(SilhouetteMask, DoesNotOverflowForManySheets) {
     for (std::size_t i = 0; i < shares_in_part.size(); ++i)
       ASSERT_GE(shares_in_part[i], few_of_part[i]) << i;
   };
-  constexpr std::size_t kFew = 4000;  // faces or bodies
+  constexpr std::size_t kFew = 4000;  // number of faces or bodies
   std::vector<std::size_t> many_of = {16384, 32768, 65536};
   if (test::nightly()) many_of.insert(many_of.end(), {20000, 32767, 40000});
   for (const bool turn_some : {false, true}) {
@@ -777,7 +779,7 @@ TEST(SilhouetteMask, DoesNotOverflowForManySheets) {
       SCOPED_TRACE(count);
       MaskCaster many = open(turn_some ? 2 * count : count, turn_some);
       check([&](MaskRaster& to) { to.cover(many, {}, {}); }, shares, of_part);
-      // Several stored covers, each with fewer faces.
+      // Several stored covers with fewer faces each.
       MaskRaster of_one;
       MaskCover cover;
       of_one.begin(cells);
@@ -815,7 +817,7 @@ CameraModel camera(double times = 1.0) {
   p.width = static_cast<int>(kWidth * times);
   p.height = static_cast<int>(kHeight * times);
   p.fx = p.fy = 420.0 * times;
-  // The middle of the large frame's first pixel lies half a small pixel further out.
+  // The centre of the large frame's first pixel lies half a small pixel farther out.
   p.cx = (160.0 + 0.5) * times - 0.5;
   p.cy = (120.0 + 0.5) * times - 0.5;
   return CameraModel::make(p).value();
@@ -881,7 +883,7 @@ TEST_F(DrawnMask, FollowsLensDistortion) {
   const Picture direct = shadows(studio, by(LayerDrawing::direct));
   const Picture mask = shadows(studio, by(LayerDrawing::mask));
   EXPECT_EQ(studio.stats()[Counter::layer_masks_drawn], 1);
-  // A misplaced edge would differ by a layer's step along its length.
+  // A misplaced edge would differ by a layer's step along its whole length.
   int off = 0;
   int dark = 0;
   for (int y = 2; y + 2 < kHeight; ++y) {
@@ -897,7 +899,8 @@ TEST_F(DrawnMask, FollowsLensDistortion) {
   EXPECT_EQ(off, 0);
 }
 
-// Frames agree bit for bit in any mode and with any lens, also for a mask kept from another view.
+// Frames must agree bit for bit in every mode, for any lens, and for a mask that was drawn for
+// another view.
 TEST_F(DrawnMask, IsUnchangedBySkippingEmptyPieces) {
   const auto objects = scene({{torus(), test::at(-0.15, 0.02, 0.1, {1, 0.2, 0}, 0.4)},
                               {table_and_ball(), test::at(0.12, 0.1, 0.05)}});
@@ -917,8 +920,8 @@ TEST_F(DrawnMask, IsUnchangedBySkippingEmptyPieces) {
         const Picture picture = some.draw(frame, plan);
         ASSERT_EQ(
             some.stats()[Counter::layer_masks_drawn] + some.stats()[Counter::layer_masks_kept], 1);
-        // More than half of the rectangle around both casters is empty; without a lens the mask is
-        // one piece.
+        // More than half of the rectangle around both casters is empty. Without lens distortion the
+        // mask is a single piece.
         if (lens) {
           EXPECT_GT(some.stats()[Counter::mask_pieces_skipped], 128);
         } else {
@@ -934,7 +937,7 @@ TEST_F(DrawnMask, IsUnchangedBySkippingEmptyPieces) {
   }
 }
 
-// A caster slides and turns, so that its edges cross the borders of pieces anywhere.
+// The caster slides and rotates, so that its edges cross the borders of pieces at many positions.
 TEST_F(DrawnMask, DrawsPiecesOfPresentMask) {
   const auto objects = ring();
   Studio some(objects, bent_camera());
@@ -969,21 +972,22 @@ TEST_F(DrawnMask, IsEqualInEveryModeAndApi) {
   const Picture retextured = shadows(studio, by(LayerDrawing::mask, Translucency::retexture));
   for (std::size_t i = 0; i < blended.rgba.size(); ++i)
     ASSERT_NEAR(retextured.rgba[i], blended.rgba[i], 1);
-  // Automatic choice takes a mask, because the casters have at least 1024 faces.
+  // The automatic choice is a mask, because the casters have at least 1024 faces.
   EXPECT_EQ(shadows(studio, by(LayerDrawing::automatic)), blended);
-  // Strips are drawn where the stencil is set, without a mask.
+  // Geometry strips are drawn with the stencil, without a mask.
   EXPECT_EQ(shadows(studio, by(LayerDrawing::mask, Translucency::geometry_mesh)),
             shadows(studio, by(LayerDrawing::direct, Translucency::geometry_mesh)));
 }
 
-// Index of a pixel in the 16-pixel screen-door pattern (translucency.glsl).
+// Index of a pixel within the 16-pixel screen-door pattern (translucency.glsl).
 int door_place(int x, int y) {
   const int either = x ^ y;
   return ((either & 1) << 3) | ((y & 1) << 2) | (either & 2) | ((y & 2) >> 1);
 }
 
-// Over white video, the same pixels are dark away from the layers' edges. Near an edge, pixels that
-// the lightest layer there darkens are dark, and no pixel that its darkest layer leaves alone is.
+// Over white video, masks and direct drawing darken the same pixels, except near the edges of
+// layers. Near an edge, a pixel that the pattern of the lightest neighbouring layer darkens must be
+// dark, and a pixel that the pattern of the darkest one leaves must be light.
 TEST_F(DrawnMask, CoversSamePixelsAsDirectScreenDoor) {
   for (const LightFractions& fractions :
        {LightFractions(), LightFractions{0.0, 0.28, 0.83}, LightFractions{0.41, 0.62, 0.95}}) {
@@ -996,7 +1000,7 @@ TEST_F(DrawnMask, CoversSamePixelsAsDirectScreenDoor) {
       EXPECT_EQ(studio.stats()[Counter::layer_masks_drawn], 0);
       const Picture mask = shadows(studio, by(LayerDrawing::mask, Translucency::mesh));
       EXPECT_EQ(studio.stats()[Counter::layer_masks_drawn], 1);
-      // A change of mode is not a change of light: each mode has a separate mask.
+      // Each translucency mode has a separate mask, so a change of mode redraws it.
       const Picture blended = shadows(studio, by(LayerDrawing::mask));
       EXPECT_EQ(studio.stats()[Counter::layer_masks_drawn], 1);
       EXPECT_NE(blended, mask);
@@ -1060,7 +1064,7 @@ TEST_F(DrawnMask, IsReusedUntilCasterMoves) {
   EXPECT_EQ(draw(first).second, before) << "frames in between do not matter";
 }
 
-// Scenes with cut layers, open meshes and lights of fixed size.
+// Scenes with clipped layers, open meshes and lights of fixed size.
 class MaskByFaces : public DrawnMask {
  protected:
   static std::shared_ptr<const Model> open_torus(bool turn_some = false) {
@@ -1073,7 +1077,7 @@ class MaskByFaces : public DrawnMask {
       std::swap(indices[i], indices[i + 1]);
     return test::finished(model, glm::vec4(0.5F));
   }
-  // A Moebius strip.
+  // A Moebius strip, which has no consistent orientation.
   static std::shared_ptr<const Model> moebius() {
     constexpr int kSteps = 24;
     constexpr double kHalf = 0.015;
@@ -1088,7 +1092,7 @@ class MaskByFaces : public DrawnMask {
       add(i, -kHalf);
       add(i, kHalf);
     }
-    // The last vertex of one side meets the first of the other.
+    // The last vertex of one side is joined to the first vertex of the other.
     const auto at = [](int i, int side) {
       const int turned = i == kSteps ? 1 - side : side;
       return static_cast<std::uint32_t>(2 * (i % kSteps) + turned);
@@ -1113,8 +1117,8 @@ TEST_F(MaskByFaces, SmoothsEdgesOnly) {
   const struct {
     const char* what;
     std::shared_ptr<const Scene> of;
-    // Largest edge error as a share of direct drawing's. Near its end an umbra is narrower than a
-    // cell and is spread over it.
+    // Maximum edge error relative to direct drawing. Just below the umbra height an umbra is
+    // narrower than a cell, which blurs it over the cell.
     double most;
   } cases[] = {
       {"open", scene({{open_torus(), test::at(0, 0, 0.1, tilt, 0.4)}}), 0.4},
@@ -1150,7 +1154,8 @@ TEST_F(MaskByFaces, SmoothsEdgesOnly) {
   }
 }
 
-// A caster rises through its cut heights; neighbouring faces must leave no seam.
+// The caster rises through the heights where its layers are clipped. Neighbouring faces must leave
+// no seam.
 TEST_F(MaskByFaces, LeavesNoSeamAtMovingCut) {
   const auto objects = scene({{torus(), test::at(0, 0, 0)}});
   Studio studio(objects, camera());
@@ -1169,7 +1174,7 @@ TEST_F(MaskByFaces, LeavesNoSeamAtMovingCut) {
   }
 }
 
-// Without a consistent orientation of faces, the whole plane is drawn directly.
+// If a mesh has no consistent orientation, all shadows of the plane are drawn directly.
 TEST_F(MaskByFaces, RejectsMeshWithoutOrientation) {
   const auto objects = scene({{moebius(), test::at(0, 0, 0.1)}, {torus(), test::at(0.1, 0, 0.1)}});
   Studio studio(objects, camera());
@@ -1183,7 +1188,7 @@ TEST_F(MaskByFaces, RejectsMeshWithoutOrientation) {
   EXPECT_TRUE(studio.stats().skipped.empty()) << "no mask was requested";
 }
 
-// Masks and direct drawing show the darkest layer of all nodes.
+// Masks and direct drawing must show the darkest layer of all nodes.
 TEST_F(MaskByFaces, SharesMaskBetweenNodesOfDifferentLights) {
   Scene two = *scene({{torus(), test::at(0, 0, 0.1, {1, 0.2, 0}, 0.4)},
                       {table_and_ball(), test::at(0.03, 0.02, 0.06)}});
@@ -1199,7 +1204,7 @@ TEST_F(MaskByFaces, SharesMaskBetweenNodesOfDifferentLights) {
   EXPECT_EQ(coarse.stats()[Counter::layer_masks_drawn], 1);
   EXPECT_LT(mask.rms, 6.0);
   EXPECT_LE(mask.largest_elsewhere, 1);
-  // Directly drawn, each pixel equals that of the node that darkens it more.
+  // In direct drawing, each pixel equals the darker one of the two nodes drawn alone.
   const Picture both = shadows(coarse, by(LayerDrawing::direct));
   std::array<Picture, 2> alone;
   for (std::size_t i = 0; i < 2; ++i) {
@@ -1223,14 +1228,14 @@ TEST_F(MaskByFaces, SharesMaskBetweenNodesOfDifferentLights) {
   EXPECT_GT(of_second, 20);
 }
 
-// Masks smooth the edges of fields and simple shadows too. Simple shadows alone use a mask only on
-// request.
+// Masks also smooth the edges of fields and simple shadows. A plane with only simple shadows uses a
+// mask on request only.
 TEST_F(DrawnMask, SupportsEveryTechnique) {
   struct Case {
     const char* what;
     std::vector<ShadowTechnique> of;
-    int automatic;  // number of masks
-    double most;    // [codes RMS]; a simple shadow has one step of several layers' height
+    int automatic;  // number of masks in automatic mode
+    double most;    // [grey levels RMS]; a simple shadow has a single, higher step
   };
   constexpr auto kSimple = ShadowTechnique::simple;
   constexpr auto kField = ShadowTechnique::field;
@@ -1271,7 +1276,7 @@ TEST_F(DrawnMask, SupportsEveryTechnique) {
     Studio recreated(objects, camera());
     EXPECT_EQ(shadows(recreated, by(LayerDrawing::automatic)), c.automatic == 1 ? mask : direct);
     EXPECT_EQ(recreated.stats()[Counter::layer_masks_drawn], c.automatic);
-    // Without motion nothing is drawn again. Without reuse all is, with the same result.
+    // Without motion no mask is drawn again. With reuse disabled all are, with the same result.
     EXPECT_EQ(shadows(recreated, by(LayerDrawing::mask)), mask);
     EXPECT_EQ(shadows(recreated, by(LayerDrawing::mask)), mask);
     EXPECT_EQ(recreated.stats()[Counter::layer_masks_kept], 1);
@@ -1281,14 +1286,14 @@ TEST_F(DrawnMask, SupportsEveryTechnique) {
     EXPECT_EQ(shadows(recreated, without), mask);
     EXPECT_GT(recreated.stats()[Counter::shadow_vertices], 0);
     const Picture retextured = shadows(recreated, by(LayerDrawing::mask, Translucency::retexture));
-    const int rounding = recreated.context().info().software ? 0 : 1;  // of another program
+    const int rounding = recreated.context().info().software ? 0 : 1;  // of a second program
     for (std::size_t i = 0; i < mask.rgba.size(); ++i)
       ASSERT_LE(std::abs(int{retextured.rgba[i]} - int{mask.rgba[i]}), rounding);
   }
 }
 
-// Casters that rested since the last mask are neither projected nor covered again, and the frame
-// equals one drawn afresh.
+// Casters at rest since the last mask are neither projected nor covered again. The frame must equal
+// one from a new compositor.
 TEST_F(DrawnMask, RedrawsOnlyMovingCasters) {
   const auto objects = scene({{torus(), test::at(0.0, 0.0, 0.1, {1, 0.2, 0}, 0.4)},
                               {table_and_ball(), test::at(-0.1, 0.02, 0.05)},
@@ -1304,16 +1309,17 @@ TEST_F(DrawnMask, RedrawsOnlyMovingCasters) {
   };
   static_cast<void>(draw(studio, true));
   const std::int64_t all = studio.stats()[Counter::shadow_vertices];
-  std::map<std::size_t, std::int64_t> alone;  // vertices that a caster has
+  std::map<std::size_t, std::int64_t> alone;  // number of vertices of each caster
   for (std::size_t i = 0; i < 3; ++i) {
     alone[i] =
         static_cast<std::int64_t>(make_shadow_mesh(*objects->objects[i].model).positions.size());
   }
   ASSERT_GT(alone[0], 2 * alone[2]);
-  // Moves of the box, the box, the ring, all, the ring, the ring.
+  // Objects that move before each mask: the box, the box, the ring, all, the ring, the ring.
   const std::vector<std::vector<std::size_t>> moves = {{2}, {2}, {0}, {0, 1, 2}, {0}, {0}};
-  // A caster found at rest is projected once more for its cover to be stored. The box counts twice,
-  // since its umbra is cut: closed for two layers, and face by face for the third.
+  // A caster found at rest is projected once more, to store its cover. The box counts twice because
+  // its umbra is clipped: it is projected as a closed mesh for two layers and face by face for the
+  // umbra.
   const std::vector<std::int64_t> projected = {all, 2 * alone[2], alone[0] + 2 * alone[2],
                                                all, all,          alone[0]};
   for (std::size_t i = 0; i < moves.size(); ++i) {
@@ -1349,7 +1355,7 @@ TEST(MaskLayout, GroupsPartsThatMeet) {
       bounds.emplace_back(
           low, low + Eigen::Vector<std::int64_t, 2>(between(0, longest), between(0, longest)));
     }
-    bounds.emplace_back();  // of an object that casts nothing
+    bounds.emplace_back();  // an object without a shadow
     const auto seen = [&](const Eigen::AlignedBox2d& box) {
       const Eigen::AlignedBox2d part = box.intersection(view);
       return part.isEmpty() ? VisiblePart{} : VisiblePart{part, kSize + trial % 3 - 1};
@@ -1373,7 +1379,7 @@ TEST(MaskLayout, GroupsPartsThatMeet) {
             cell_size(kSize) * (bounds[i].max().cast<double>() + Eigen::Vector2d::Ones()));
         if (group.cut) needed = needed.intersection(view);
         if (needed.isEmpty()) continue;
-        // Compared up to rounding.
+        // Tolerance for rounding.
         EXPECT_TRUE((rect.min().array() <= needed.min().array() + 1e-9).all());
         EXPECT_TRUE((rect.max().array() >= needed.max().array() - 1e-9).all());
       }
@@ -1444,7 +1450,7 @@ class LargeMask : public DrawnMask {
                   {torus(), test::at(0.0, -0.12, 0.05, {1, 0.2, 0}, 0.2)},
                   {torus(), test::at(0.0, 0.1, 0.1)}});
   }
-  // The beam is slanted, so that a mask of all of it would have millions of cells.
+  // The beam is slanted, so that a mask of its whole shadow would have millions of cells.
   static std::shared_ptr<const Scene> long_beam() {
     return scene({{beam(2.0), test::at(0.0, 0.0, 0.06, {0, 0, 1}, 0.35)},
                   {torus(), test::at(0.1, -0.1, 0.05, {1, 0.2, 0}, 0.2)}});
@@ -1495,8 +1501,8 @@ TEST_F(LargeMask, SmoothsEdgesOnly) {
   }
 }
 
-// Earlier frames and the translucency mode must not matter. Nightly each mode in every frame, else
-// another one in each.
+// The frame must not depend on earlier frames. The nightly form draws every frame in each
+// translucency mode, the usual form in one of them.
 TEST_F(LargeMask, DependsOnlyOnPresentFrame) {
   const std::vector<PoseEstimate> path = {seen_from({0.05, -0.38, 0.36}, {0.0, 0.0, 0.0}),
                                           seen_from({0.06, -0.37, 0.36}, {0.0, 0.02, 0}),
@@ -1536,7 +1542,7 @@ TEST_F(LargeMask, IsReusedForSmallCameraMotion) {
     EXPECT_GE(masks, 1);
     std::int64_t again = 0;
     constexpr int kSteps = 30;
-    for (int i = 0; i < kSteps; ++i) {  // a second of a slow hand, 6 cm
+    for (int i = 0; i < kSteps; ++i) {  // one second of slow hand motion, 6 cm
       static_cast<void>(
           drawn(studio, seen_from({0.05 + 0.001 * i, -0.38 + 0.0015 * i, 0.36}, {0.0005 * i, 0, 0}),
                 by(LayerDrawing::mask)));

@@ -1,4 +1,4 @@
-// Objects and planes that move with a group of tags.
+// Objects and planes that move with a tag group.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -182,7 +182,7 @@ TEST(TagGroup, FadesUncertainOrCoastingGroup) {
   EXPECT_EQ(plan_of(builder.scene(), groups).receivers.size(), 1U);
 }
 
-// A wall moved by its group gives the same frame as a scene with the wall there.
+// A wall moved by its group must give the same frame as a scene whose wall is at that pose.
 TEST(TagGroup, CastsShadowOnMovedWall) {
   const Eigen::Vector3d shift(0.02, 0.06, -0.01);
   test::SceneBuilder there = before_a_wall(false);
@@ -206,7 +206,7 @@ TEST(TagGroup, CastsShadowOnMovedWall) {
   }
 }
 
-// If a wall turns about its normal by a right angle, its outline turns too.
+// If a wall rotates about its normal by 90 degrees, so does its outline.
 TEST(TagGroup, RotatesOutlineWithWall) {
   test::SceneBuilder turned = before_a_wall(false);
   ScenePlane& wall = turned.scene().planes[kWall];
@@ -233,7 +233,7 @@ TEST(TagGroup, RotatesOutlineWithWall) {
   }
 }
 
-// Each object has its group's opacity, in one frame.
+// In one frame, each object is drawn with the opacity of its own group.
 TEST(TagGroup, DrawsFaintAndSolidObjectsTogether) {
   test::SceneBuilder builder;
   builder.scene().shadows.clear();
@@ -264,7 +264,7 @@ TEST(TagGroup, DrawsFaintAndSolidObjectsTogether) {
   EXPECT_GT(between, 500);
 }
 
-// Reuse as in docs/shadows.md#own-frame, with the plane moving instead of the object.
+// Reuse as in docs/shadows.md#own-frame, for a moving plane instead of a moving object.
 TEST(TagGroup, RecomputesOnlyShadowsOfMovedPlane) {
   Studio studio(before_a_wall().build(), camera());
   const Frame frame = test::plain_frame(kWidth, kHeight, 190);
@@ -289,7 +289,7 @@ TEST(TagGroup, RecomputesOnlyShadowsOfMovedPlane) {
     const CompositeStats away = draw(placed({0, 0.01, 0}), 0.15);
     EXPECT_EQ(away[Counter::triples_recomputed], 1) << "the table's stays";
     EXPECT_EQ(away[Counter::reprojections], 1);
-    if (technique == ShadowTechnique::hard) continue;  // its light does not move along
+    if (technique == ShadowTechnique::hard) continue;  // its light does not move with the plane
     const Eigen::Vector3d along = 0.03 * wall.e1 - 0.01 * wall.e2;
     const CompositeStats slid = draw(placed(Eigen::Vector3d(0, 0.01, 0) + along), 0.15);
     EXPECT_EQ(slid[Counter::reprojections], 2) << "the plane moves along itself";

@@ -1,5 +1,5 @@
-// Translucency modes of shadows and fading overlays: densities and order of the mesh, retexturing
-// against blending, and that only `blend` enables blending.
+// Translucency modes of shadows and fading overlays: density and nesting of patterns, agreement of
+// retexturing and blending. Only `blend` may enable blending.
 #include <epoxy/gl.h>
 #include <gtest/gtest.h>
 
@@ -57,7 +57,7 @@ Frame noise(PixelFormat format) {
   return buffer.frame;
 }
 
-// View from above of a plate with all three layers side by side.
+// A plate, seen from above, whose three layers are visible side by side.
 SceneBuilder plate(const LightFractions& fractions) {
   SceneBuilder builder;
   builder.add(box(0.12, 0.12, 0.004), test::at(0.0, 0.0, 0.1));
@@ -69,7 +69,7 @@ PoseEstimate above() {
   return test::tracked(test::look_at({0.02, -0.06, 0.45}, {0.0, 0.0, 0.0}));
 }
 
-// Casters over a table, a wall with an outline, a phantom, and two lights.
+// A table with casters, a phantom, two lights, and a wall with an outline.
 SceneBuilder busy() {
   SceneBuilder builder;
   builder.add(ring(), test::at(0.05, 0.0, 0.1, {1, 0, 0}, 0.4));
@@ -94,7 +94,7 @@ SceneBuilder busy() {
   builder.scene().shadows[0].lights = {0, 1};
   return builder;
 }
-// The node casts onto both planes, so that shadows on the phantom have two directions.
+// The node casts onto both planes, so that the phantom receives shadows from two directions.
 SceneBuilder busy_on_both() {
   SceneBuilder builder = busy();
   builder.scene().shadows[0].planes = {0, 1};
@@ -108,7 +108,8 @@ std::vector<CameraPose> views() {
           test::look_at({0.5, -0.2, 0.2}, {0.4, 0.4, 0.0})};
 }
 
-// Nightly all views for each case, else one: another for the next case.
+// The nightly form draws all views for each case, the usual form one, which differs from case to
+// case.
 std::vector<CameraPose> views_of_case(std::size_t number) {
   const std::vector<CameraPose> all = views();
   if (test::nightly()) return all;
@@ -140,7 +141,8 @@ bool all_black_of_are_black_in(const Picture& lighter, const Picture& darker) {
   }
   return true;
 }
-// A GPU may round two programs' results differently; software OpenGL does not.
+// Difference allowed between two shader programs: a GPU may round differently, software OpenGL does
+// not.
 int rounding_codes(Studio& studio) {
   return studio.context().info().software ? 0 : 1;
 }
@@ -184,8 +186,8 @@ TEST(Translucency, UsesRequestedModeElseSupportedOne) {
   }
 }
 
-// In each 4 x 4 block wholly within one layer, at any position, the share of untouched pixels is
-// the layer's light fraction: exactly for multiples of 1/16, otherwise to half a pixel of 16.
+// In a 4 x 4 block that lies wholly within one layer, the fraction of unchanged pixels must equal
+// the layer's light fraction, to half a pixel of 16. Blocks may lie at any position.
 TEST(ScreenDoor, MatchesLightFractionsByDensity) {
   struct Case {
     LightFractions fractions;
@@ -226,9 +228,9 @@ TEST(ScreenDoor, MatchesLightFractionsByDensity) {
   }
 }
 
-// The dark pixels of a pattern are dark in every darker one, so that layers and casters may be
-// drawn in any order, separately or together. (Edges of masks are graded; see
-// DrawnMask.CoversSamePixelsAsDirectScreenDoor.)
+// Pixels that are dark in one pattern are dark in every darker pattern. Layers and casters can
+// therefore be drawn in any order, separately or together.
+// (DrawnMask.CoversSamePixelsAsDirectScreenDoor tests the graded edges of masks.)
 TEST(ScreenDoor, NestsDarkerPatterns) {
   SceneBuilder builder = plate({0.15, 0.4, 0.83});
   builder.add(ring(), test::at(0.04, 0.03, 0.06));
@@ -250,7 +252,7 @@ TEST(ScreenDoor, NestsDarkerPatterns) {
       together.rgba[i] = std::min(together.rgba[i], picture.rgba[i]);
   }
   EXPECT_EQ(together, whole);
-  // Overlapping layers of one caster use the same pixels.
+  // Overlapping layers of one caster must darken the same pixels.
   FramePlan solid = plan;
   for (ShadowDraw& draw : solid.shadows) draw.fractions = {0.0, 0.0, 0.0};
   std::array<Picture, 3> masks;
@@ -275,7 +277,7 @@ TEST(ScreenDoor, NestsDarkerPatterns) {
   EXPECT_EQ(studio.draw_shadows(white(), plan), whole);
 }
 
-// The opacity of a fading pose scales the share of pattern pixels as well.
+// The opacity of a fading pose scales the fraction of pattern pixels.
 TEST(ScreenDoor, ThinsOutWithFadingPose) {
   SceneBuilder builder;
   builder.add(box(0.2, 0.2, 0.02), test::at(0, 0, 0.01), false);
@@ -301,15 +303,15 @@ TEST(ScreenDoor, ThinsOutWithFadingPose) {
   EXPECT_EQ(seen, 60 * 60 / 2);
 }
 
-// Retexturing equals blending up to the rounding of a code: shadows on planes, phantoms and
-// objects, of several lights, and fading overlays.
+// Retexturing must equal blending up to rounding: for shadows on planes, phantoms and objects, of
+// several lights, and for fading overlays.
 TEST(Retexture, MatchesBlending) {
   for (const auto& builder : {busy(), busy_on_both()}) {
     for (const GlApi api : {GlApi::gl33, GlApi::gles30}) {
       Studio studio(builder.build(), bent_camera(), api);
       const Frame frame = noise(PixelFormat::nv12);
       const auto poses = views();
-      // Another test compares the APIs.
+      // Both APIs give the same frame (Translucency.DrawsSameFrameOnBothApis).
       const std::size_t count = test::nightly() && api == GlApi::gl33 ? 3 : 1;
       for (const auto& [technique, name] : kShadowTechniqueNames) {
         for (const CameraPose& view : std::span(poses).first(count)) {
@@ -320,7 +322,7 @@ TEST(Retexture, MatchesBlending) {
             const auto draw = [&](Translucency mode) {
               return studio.draw(frame, studio.plan(pose, options_of(mode, technique)));
             };
-            // A faint object that is darkened is rounded twice when blended.
+            // Blending rounds a faint object in a shadow twice.
             EXPECT_LE(largest_difference(draw(Translucency::blend), draw(Translucency::retexture)),
                       rounding_codes(studio) + (age_s > 0.0 ? 2 : 1))
                 << name << " " << age_s;
@@ -331,11 +333,11 @@ TEST(Retexture, MatchesBlending) {
   }
 }
 
-// A plane may lie in front of an object. Retexturing must keep the object there, also where a mask
+// A plane may lie in front of an object. Retexturing must keep the object there, even where a mask
 // is empty.
 TEST(Retexture, KeepsShadowsOnObjectsBehindPlane) {
   SceneBuilder builder = busy_on_both();
-  builder.add(box(0.4, 0.004, 0.2), test::at(0.0, 0.154, 0.1));   // the wall's body
+  builder.add(box(0.4, 0.004, 0.2), test::at(0.0, 0.154, 0.1));   // behind the wall's plane
   builder.add(box(0.2, 0.2, 0.02), test::at(0.05, 0.0, -0.015));  // below the table
   builder.scene().shadows[0].casters = {0, 1, 2};
   Studio studio(builder.build(), bent_camera());
@@ -359,7 +361,7 @@ TEST(Retexture, KeepsShadowsOnObjectsBehindPlane) {
   }
 }
 
-// The mean of a frame with solid rays and one without.
+// A frame with faint rays is the mean of a frame with solid rays and one without rays.
 TEST(Retexture, BlendsFaintRaysOnce) {
   Studio studio(busy().build(), bent_camera());
   const Frame frame = noise(PixelFormat::nv12);
@@ -386,7 +388,8 @@ TEST(Retexture, BlendsFaintRaysOnce) {
       wrong += std::abs(faint.rgba[c] - expected) > 1.01 ? 1 : 0;
     }
   }
-  // A GPU may decide otherwise at a pixel where a ray and an object have nearly the same depth.
+  // A GPU may resolve the depth test differently where a ray and an object have almost the same
+  // depth.
   EXPECT_LE(wrong, 3 * rounding_codes(studio));
   EXPECT_GT(rays, 500);
 }
@@ -481,7 +484,7 @@ TEST(Translucency, EnablesBlendingOnlyInBlendMode) {
     }
   };
   constexpr std::array kLayers = {LayerDrawing::direct, LayerDrawing::mask};
-  // The first draws load the driver's functions.
+  // The first draws load the driver's functions, which the test then replaces.
   for (const LayerDrawing layers : kLayers) draw_all(Translucency::blend, layers);
   for (const LayerDrawing layers : kLayers) {
     for (const Translucency mode : kWithoutBlending) {
@@ -496,7 +499,7 @@ TEST(Translucency, EnablesBlendingOnlyInBlendMode) {
   }
 }
 
-// On an unbounded plane, only blending needs a stencil.
+// On an unbounded plane, only blending needs the stencil.
 TEST(Translucency, NeedsNoStencilForMeshAndRetextureOnTable) {
   SceneBuilder builder = busy();
   builder.scene().planes.resize(1);
@@ -564,7 +567,7 @@ TEST(Translucency, DrawsSameFrameOnBothApis) {
   }
 }
 
-// The strips are many pixels wide, and their share of each layer is the layer's.
+// The strips are many pixels wide. Their fraction of a layer's area must be the layer's.
 TEST(GeometryMesh, MatchesLightFractionOfLayer) {
   const LightFractions fractions{0.15, 0.4, 0.83};
   Studio studio(plate(fractions).build(), test::camera_of(900, 900, 1200.0));

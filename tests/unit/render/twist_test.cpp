@@ -1,4 +1,4 @@
-// Overshoot of layers: coverage added by faces between different kernels.
+// Overshoot of layers: area added by faces whose vertices have different kernels.
 #include "render/shadow/kernels/twist.hpp"
 
 #include <gtest/gtest.h>
@@ -32,7 +32,7 @@ TEST(LayerOvershoot, IsIndependentOfDistanceFromOrigin) {
   for (const KernelSource source : {KernelSource::automatic, KernelSource::centroid}) {
     for (const bool rod : {true, false}) {
       test::ShapeBuilder shape, far;
-      // Halves and quarters of a metre are exact in float at 8 km.
+      // Multiples of a quarter metre are exact in float at 8 km.
       const double width = rod ? 0.125 : 1.0;
       shape.box(0.0, 0.0, 0.0, 1.0, width, 0.25);
       far.box(8192.0, -4096.0, 0.0, 8193.0, -4096.0 + width, 0.25);

@@ -1,5 +1,5 @@
-// The window, if there is a display (a desktop, or tests/support/with-display); otherwise, the
-// reported error.
+// Opens a window if there is a display (a desktop, or tests/support/with-display); otherwise checks
+// the reported error.
 #include <dlfcn.h>
 #include <epoxy/gl.h>
 #define GLFW_INCLUDE_NONE
@@ -25,7 +25,7 @@ Function* glfw_function(const char* name) {
 
 }  // namespace
 
-// Replaces the library's functions by those of a driver without reset notification.
+// Replaces GLFW's function to simulate a driver without reset notification.
 extern "C" void glfwWindowHint(int hint, int value) {
   if (hint == GLFW_CONTEXT_ROBUSTNESS) robustness_asked_for = value;
   glfw_function<decltype(glfwWindowHint)>("glfwWindowHint")(hint, value);
@@ -75,7 +75,7 @@ TEST(Window, ShowsFrameUprightAndLetterboxed) {
     compositor.present();
     ASSERT_EQ(size.width, 300);
     ASSERT_EQ(size.height, 240);
-    // 300 x 200 in 300 x 240: 20 black rows above and below. A window's row 0 is its lowest.
+    // 300 x 200 in 300 x 240: 20 black rows above and below. Row 0 of a window is the lowest.
     const auto value = [](int x, int y_from_bottom) {
       std::array<std::uint8_t, 4> pixel{};
       glBindFramebuffer(GL_READ_FRAMEBUFFER, 0);
