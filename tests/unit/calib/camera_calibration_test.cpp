@@ -1,5 +1,5 @@
-// From images to a camera file: which images are rejected and why, and how other programs read the
-// file.
+// From images to a camera file: which images are rejected with which reason, and how other programs
+// read the file.
 #include "calib/camera_calibration.hpp"
 
 #include <gmock/gmock.h>
@@ -100,7 +100,7 @@ TEST(CameraCalibrator, RejectsBlurredCutOffMirroredAndRepeatedImages) {
   EXPECT_LT(projection_difference(camera, result->solution.camera).mean_px, 2.0);
 }
 
-// 36 images for 8 views: surplus images are rejected and freed during the sweep.
+// A sweep of 36 images for 8 views: surplus images are rejected and freed during the sweep.
 TEST(CameraCalibrator, FreesSurplusPicturesOfLongSweep) {
   const CameraModel camera = test::wide_camera();
   const auto board = test::board(4, 3, 0.04);
@@ -112,7 +112,7 @@ TEST(CameraCalibrator, FreesSurplusPicturesOfLongSweep) {
     PatternRenderOptions options;
     options.samples = 8;
     options.seed = static_cast<std::uint64_t>(k + 1);
-    // A slow sweep: neighbouring images are much alike.
+    // A slow sweep, in which neighbouring images are similar.
     const double t = 2.0 * M_PI * k / kPictures;
     const Eigen::Vector3d at(0.05 * std::cos(t), 0.04 * std::sin(2.0 * t), 0.0);
     sweep.push_back(renderer->render(
@@ -163,7 +163,7 @@ TEST(ReportedRejections, ListOneImagePerRepeatedReason) {
   EXPECT_EQ(pictures_to_report(pictures, 1), (Told{no, 0, 2, 1, no, no, no, no}));
 }
 
-// Tags printed at another size than the file says, and shifts that have another cause.
+// Tags printed at another size than in the file, and corner shifts with another cause.
 TEST(TagSizeMismatch, IsFoundFromShiftsThatGrowWithTagSize) {
   std::mt19937 rng(3);
   std::normal_distribution<double> noise(0.0, 0.02);
@@ -196,14 +196,14 @@ TEST(ProjectionDifference, ReportsShareItCouldNotCompare) {
   const CameraModel camera = test::desk_camera();
   EXPECT_EQ(projection_difference(camera, camera).skipped, 0.0);
   CameraParameters p = camera.parameters();
-  p.distortion = {-0.6};  // monotonic only to half of the image
+  p.distortion = {-0.6};  // monotonic only up to half of the image's radius
   const CameraModel folds = CameraModel::make(p).value();
   const double skipped = projection_difference(folds, camera).skipped;
   EXPECT_GT(skipped, 0.05);
   EXPECT_LT(skipped, 1.0);
 }
 
-// OpenCV reads the written file with the same digits.
+// OpenCV must read the same digits from the written file.
 TEST(CameraFile, IsReadByOpenCvWithSameNumbers) {
   const test::TemporaryFolder folder;
   for (const CameraModel& camera : {test::desk_camera(), test::wide_lens()}) {

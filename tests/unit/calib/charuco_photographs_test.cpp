@@ -1,4 +1,4 @@
-// Photographs of one of OpenCV's ChArUco boards, taken by others with a webcam.
+// Photographs of one of OpenCV's ChArUco boards, from a webcam.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -43,7 +43,7 @@ Result<CameraCalibration> calibrate_from(const CharucoBoard& board) {
   return calibrator->finish();
 }
 
-// Markers of another size are still detected.
+// Markers whose size differs from the file's are still detected.
 TEST(CharucoPhotographs, ReportMarkerSizeThatDiffersFromFile) {
   if (test::shared_dir().empty()) GTEST_SKIP() << "no photographs beside the checkout";
   for (const double share : {0.68, 0.82}) {
@@ -63,11 +63,11 @@ TEST(CharucoPhotographs, YieldCalibration) {
   const auto result = calibrate_from(photographed_board());
   ASSERT_TRUE(result) << result.error().message;
   EXPECT_GE(result->solution.views.size(), 15U);
-  // Most of the 49 corners in most views.
+  // Most of the 49 corners must be found in most views.
   EXPECT_GE(result->solution.corners, 15 * 40);
   ASSERT_TRUE(result->held_out_px);
   EXPECT_LT(*result->held_out_px, 0.2);
-  // The views cover little of the image, so the verdict is poor.
+  // The views cover a small fraction of the image, so the verdict is poor.
   EXPECT_EQ(result->grade, CalibrationGrade::poor);
   RecordProperty("fx", std::to_string(result->solution.camera.parameters().fx));
   RecordProperty("held_out_px", std::to_string(*result->held_out_px));

@@ -1,4 +1,4 @@
-// The solver on simulated views of a known lens.
+// The solver on simulated views through a known lens.
 #include "calib/solver/intrinsics_solver.hpp"
 
 #include <gmock/gmock.h>
@@ -104,7 +104,7 @@ TEST(IntrinsicsSolver, EstimatesBoardWarp) {
   }
 }
 
-// Mean projection errors over several calibrations with a board deformed by `bend`.
+// Mean projection errors of several calibrations whose board is deformed by `bend`.
 struct ShapeErrors {
   double rigid_px = 0.0;
   double free_px = 0.0;
@@ -141,17 +141,17 @@ TEST(IntrinsicsSolver, CorrectsWavyBoardWithoutHarmingFlatOne) {
   };
   const ShapeErrors wavy = errors_with(waves);
   EXPECT_LT(wavy.free_px, 0.5 * wavy.rigid_px);
-  // With a flat board, the needless parameters must not spoil the principal point.
+  // On a flat board, the additional warp parameters must not degrade the principal point.
   const auto none = [](Eigen::Vector3d&, std::mt19937&) {};
   const ShapeErrors flat = errors_with(none);
   EXPECT_LT(flat.free_px, 1.5 * flat.rigid_px);
-  // The print stretched the sheet by 0.1 %.
+  // The printer stretched the sheet by 0.1 %.
   const auto stretched = [](Eigen::Vector3d& p, std::mt19937&) { p.y() *= 1.001; };
   const ShapeErrors longer = errors_with(stretched);
   EXPECT_LT(longer.free_px, 2.0 * longer.rigid_px);
 }
 
-// The square size is not part of the lens: a wrong size scales all distances and is not observable
+// The square size must not affect the lens: a wrong size scales all distances and can't be observed
 // in the views.
 TEST(IntrinsicsSolver, KeepsLensIndependentOfSquareSize) {
   std::mt19937 rng(7);
@@ -199,8 +199,8 @@ TEST(IntrinsicsSolver, RejectsTwoViewsWithReason) {
   EXPECT_THAT(solved.error().message, HasSubstr("at least 3"));
 }
 
-// Short form of the stress test: true projections lie within the predicted uncertainty. One
-// calibration of the 8 that is wrong everywhere is more than the 5 % that may lie outside.
+// Short form of the stress test: the true projection lies within the predicted uncertainty. A
+// single calibration of 8 that is wrong everywhere would exceed the 5 % that may lie outside.
 TEST(IntrinsicsSolver, PredictsUncertaintyConsistentWithErrors) {
   const CameraModel truth = test::desk_camera();
   const auto board = test::flat_board();
@@ -227,7 +227,7 @@ TEST(IntrinsicsSolver, PredictsUncertaintyConsistentWithErrors) {
     }
   }
   EXPECT_GE(inside, 0.95 * all);
-  // The uncertainty is not too large either.
+  // The uncertainty must not be too large either.
   EXPECT_GT(ratio / all, 0.3);
 }
 

@@ -1,4 +1,4 @@
-// Which lens model a calibration chooses, and which it rejects.
+// Choice of the lens model in a calibration, and rejected models.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -33,22 +33,22 @@ CameraModel lens(DistortionModel model, double f, std::array<double, 8> distorti
 TEST(NonMonotonicDistortion, IsLocatedWhereRadiusStopsGrowing) {
   EXPECT_FALSE(non_monotonic_place_in_image(test::desk_camera()));
   EXPECT_FALSE(non_monotonic_place_in_image(test::wide_lens()));
-  // r (1 - r^2 / 3) grows up to r = 1, where it is 2/3: 133 px at f = 200, inside the upper and
-  // lower borders.
+  // r (1 - r^2 / 3) increases up to r = 1, where its value is 2/3. At f = 200 that is 133 px, which
+  // is inside the upper and lower image borders.
   const CameraModel folds = lens(DistortionModel::plumb_bob, 200.0, {-1.0 / 3.0});
   const auto at = non_monotonic_place_in_image(folds);
   ASSERT_TRUE(at);
   EXPECT_NEAR(at->x(), folds.parameters().cx, 10.0);
-  // Non-monotonic in the corners only: 0.75 of the half diagonal.
+  // Non-monotonic in the corners only, from 0.75 of the half diagonal.
   const auto corner =
       non_monotonic_place_in_image(lens(DistortionModel::plumb_bob, 450.0, {-1.0 / 3.0}));
   ASSERT_TRUE(corner);
   EXPECT_GT(std::abs(corner->x() - 320.0), 180.0);
   EXPECT_GT(std::abs(corner->y() - 240.0), 130.0);
-  // Levels off without falling: a rational approximation of r / (1 + r^2)^0.5.
+  // The radius levels off without decreasing: a rational approximation of r / (1 + r^2)^0.5.
   EXPECT_TRUE(non_monotonic_place_in_image(
       lens(DistortionModel::rational, 150.0, {0.0, 0.0, 0.0, 0.0, 0.0, 0.5, 0.02, 0.0})));
-  // A fisheye lens may still grow beyond 90 degrees, which is monotonic.
+  // A fisheye lens may be monotonic beyond 90 degrees.
   EXPECT_FALSE(non_monotonic_place_in_image(lens(DistortionModel::fisheye, 150.0, {})));
 }
 
@@ -104,7 +104,7 @@ TEST(LensChoice, ChoosesFisheyeWhenViewsNeedIt) {
   EXPECT_EQ(wide.lens->solution.camera.parameters().model, DistortionModel::fisheye);
 }
 
-// Few, noisy views in the middle of the image leave the outer distortion undetermined.
+// A few noisy views in the middle of the image do not determine the outer distortion.
 TEST(LensChoice, NeverChoosesNonMonotonicLens) {
   int refused = 0;
   for (unsigned seed = 0; seed < (test::nightly() ? 12 : 5); ++seed) {
@@ -143,8 +143,8 @@ TEST(LensChoice, NeverChoosesNonMonotonicLens) {
   EXPECT_GT(refused, 5) << "the views are meant to be so poor that some lenses fold";
 }
 
-// Views with corners near the image's borders: corners that a lens with too few parameters calls
-// outliers are kept, and a rational lens is seldom non-monotonic there.
+// Views with corners near the image's borders. Corners that a lens with too few parameters rejects
+// as outliers must be kept; a rational lens fits them and is seldom non-monotonic there.
 TEST(LensChoice, KeepsFarCornersThatRicherLensExplains) {
   const CameraModel truth = test::rational_lens();
   int found = 0;
@@ -153,7 +153,7 @@ TEST(LensChoice, KeepsFarCornersThatRicherLensExplains) {
     const Chosen wide =
         choose(truth, {.views = 20, .noise_px = 0.05, .distance_m = 0.25, .reach = 0.95}, seed);
     ASSERT_TRUE(wide.lens) << wide.lens.error().message;
-    // On the same corners, the lens with too few parameters has a far larger error.
+    // On the same corners, the lens with too few parameters has a much larger error.
     ASSERT_TRUE(wide.trials.front().held_out_px);
     EXPECT_GT(*wide.trials.front().held_out_px, 3.0 * *wide.lens->held_out_px);
     if (wide.lens->solution.camera.parameters().model != DistortionModel::rational) continue;
@@ -190,7 +190,7 @@ CameraPose tilted(double degrees) {
           Eigen::Vector3d(0.0, 0.0, 0.4)};
 }
 
-// A calibration whose covariance is small everywhere.
+// A calibration with a small covariance everywhere in the image.
 CameraCalibration sure_of_itself() {
   CameraCalibration c;
   c.solution.camera = test::desk_camera();
@@ -230,7 +230,7 @@ TEST(CalibrationVerdict, IsPoorWhenNonMonotonicLensFitsBetter) {
   EXPECT_EQ(c.grade, CalibrationGrade::poor);
   EXPECT_THAT(c.verdict, HasSubstr("rational_polynomial explains the views better (0.200 px)"));
   EXPECT_THAT(c.verdict, HasSubstr("non-monotonic near the top left"));
-  // The rejected lens is not better, so the chosen one is good.
+  // The rejected lens is not better, so the chosen one is rated good.
   c = sure_of_itself();
   folds.held_out_px = 0.5;
   c.trials.push_back(folds);
@@ -255,7 +255,7 @@ TEST(CalibrationVerdict, IncludesSpreadOfEquallyGoodLenses) {
   EXPECT_EQ(c.grade, CalibrationGrade::poor);
 }
 
-// The verdict gives advice even if the projection is known nowhere.
+// The verdict must contain advice even if the projection is uncertain everywhere.
 TEST(CalibrationVerdict, GivesAdviceWhenProjectionIsUnknown) {
   CameraCalibration c = sure_of_itself();
   c.solution.covariance = std::numeric_limits<double>::infinity() * Eigen::MatrixXd::Ones(9, 9);
@@ -271,7 +271,7 @@ TEST(CalibrationVerdict, LimitsRivalDifferencesOutsideSeenArea) {
   other.chosen = false;
   other.rival = true;
   CameraParameters p = other.camera.parameters();
-  p.distortion[4] += 0.4;  // k3: an error that grows outwards
+  p.distortion[4] += 0.4;  // k3: the difference increases with the radius
   other.camera = CameraModel::make(p).value();
   c.trials.push_back(other);
   judge(c);
@@ -284,18 +284,19 @@ TEST(CalibrationVerdict, LimitsRivalDifferencesOutsideSeenArea) {
   judge(c);
   EXPECT_LT(c.uncertainty.largest_px, 0.5 * everywhere);
   EXPECT_GT(c.uncertainty.largest_px, 0.0);
-  // But the uncertainty there is not below that of the seen area.
+  // The uncertainty outside the observed area is not below that inside it.
   EXPECT_NEAR(c.uncertainty.sigma_px.front(), c.uncertainty.largest_px, 1e-9);
 }
 
-// Two lenses may cross outside the seen area; their agreement there is no evidence.
+// Two lens models may agree by chance on a curve outside the observed area; that agreement is no
+// evidence.
 TEST(CalibrationVerdict, KeepsUncertaintyWhereRivalLensesCross) {
   CameraCalibration c = sure_of_itself();
   ModelTrial other = c.trials.front();
   other.chosen = false;
   other.rival = true;
   CameraParameters p = other.camera.parameters();
-  // 3 px to the right in the middle, less further to the right.
+  // The difference is 3 px to the right in the middle and decreases towards the right.
   p.cx += 3.0;
   p.distortion[0] -= 0.1;
   other.camera = CameraModel::make(p).value();
@@ -316,7 +317,7 @@ TEST(CalibrationVerdict, KeepsUncertaintyWhereRivalLensesCross) {
 }
 
 TEST(CalibrationVerdict, AdvisesNextViews) {
-  // Too little tilt, then nearly enough.
+  // The views have too little tilt, then nearly enough.
   CameraCalibration c = sure_of_itself();
   c.solution.views[0].T_board_camera = tilted(39.9);
   c.solution.covariance *= 1e8;
@@ -324,7 +325,7 @@ TEST(CalibrationVerdict, AdvisesNextViews) {
   EXPECT_NE(c.grade, CalibrationGrade::good) << c.verdict;
   EXPECT_THAT(c.verdict, HasSubstr("differ by more than 39 degrees, 40 are good"));
   EXPECT_THAT(c.verdict, testing::Not(HasSubstr("take more views")));
-  // No single fault: the advice names the view that helps most.
+  // No single fault: the advice names the most informative view.
   c = sure_of_itself();
   c.solution.covariance *= 1e8;
   judge(c);
@@ -332,7 +333,7 @@ TEST(CalibrationVerdict, AdvisesNextViews) {
   EXPECT_THAT(c.verdict, HasSubstr("at the worst place in the image (the "));
   EXPECT_THAT(c.verdict, HasSubstr("; take more views: from near"));
   EXPECT_EQ(c.advice.size(), 1U);
-  // Parts of the image without a corner, and with a single one.
+  // Parts of the image have no corner, or a single one.
   c = sure_of_itself();
   for (CalibrationPicture& picture : c.pictures) {
     std::erase_if(picture.view.corners, [&](const TargetCorner& corner) {

@@ -1,4 +1,4 @@
-// The predicted error of corners over the table matches their actual error.
+// The predicted error of corners over the table, compared with the actual error.
 #include "calib/solver/table_volume.hpp"
 
 #include <gtest/gtest.h>
@@ -40,7 +40,8 @@ TEST(TableVolume, MatchesCubeErrorOfPerturbedLenses) {
   ASSERT_TRUE(solved) << solved.error().message;
   const auto volume = table_volume_uncertainty(truth, solved->covariance);
   ASSERT_TRUE(volume);
-  // As near as the image holds the whole cube: one corner is close to the image's edge.
+  // The nearest distance at which the image contains the whole cube: one corner is close to the
+  // border.
   double to_edge = 1e9;
   for (const Eigen::Vector2d& p : volume->corners_px) {
     to_edge =
@@ -58,7 +59,7 @@ TEST(TableVolume, MatchesCubeErrorOfPerturbedLenses) {
       constexpr double kMargin = 2.0;
       if (!pixel || pixel->x() < kMargin || pixel->y() < kMargin ||
           pixel->x() > truth.width() - 1 - kMargin || pixel->y() > truth.height() - 1 - kMargin)
-        continue;  // cut off by the image's edge
+        continue;  // outside the image
       tags.push_back({corner, *pixel});
     }
   }

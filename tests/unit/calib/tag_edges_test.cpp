@@ -1,4 +1,4 @@
-// Corners from all of a tag's edges, on images with exact truth.
+// Corners measured from all edges of a tag, on images with exact truth.
 #include "calib/survey/tag_edges.hpp"
 
 #include <gtest/gtest.h>
@@ -14,8 +14,8 @@ namespace {
 
 class TagEdges : public testing::Test {
  protected:
-  // RMS distance of measured and true corners [px] over some views; `size`: mean excess of the
-  // measured tag size.
+  // RMS distance between measured and true corners [px] over several views. `size`: mean excess of
+  // the measured tag size.
   struct Errors {
     double rms_px = 0.0;
     double size_px = 0.0;
@@ -36,7 +36,7 @@ class TagEdges : public testing::Test {
       options.seed += static_cast<std::uint64_t>(k);
       options.samples = 96;
       const GreyImage picture = renderer.render(std::array{pose}, options);
-      // A prediction with the error of a first survey.
+      // The predicted pose has the error of a first survey.
       Vector6d off;
       off << 2e-4, -1e-4, 3e-4, 4e-4, -3e-4, 2e-4;
       const auto predicted = perturbed(pose, off).inverse();

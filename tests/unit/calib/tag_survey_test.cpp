@@ -1,4 +1,4 @@
-// Sweeps over loose tags; corners are exact except for the errors that a test adds.
+// Surveys of loose tags. Corners are exact except for the errors that a test adds.
 #include "calib/survey/tag_survey.hpp"
 
 #include <fmt/format.h>
@@ -21,7 +21,8 @@
 namespace penumbra {
 namespace {
 
-// Views of a board from 0.5 to 1.1 m; the black squares' edges are shifted outwards by `shift_px`.
+// Views of a board from 0.5 to 1.1 m. The edges of the black squares are shifted outwards by
+// `shift_px`.
 std::vector<SurveyFrame> sweep(const CameraModel& camera, const std::vector<MappedTag>& board,
                                double shift_px) {
   std::vector<SurveyFrame> frames;
@@ -78,7 +79,7 @@ TEST_F(TagSurveyTest, RejectsImplausiblyLargeEdgeShift) {
   EXPECT_EQ(survey->edge_shift_px, 0.0);
 }
 
-// A complete survey: images, detection, first survey, edges, second survey.
+// Runs a complete survey: images, detection, first survey, edges, second survey.
 Result<TagSurvey> survey_pictures(const CameraModel& camera, const std::vector<MappedTag>& board,
                                   const std::vector<GreyImage>& pictures,
                                   const SurveyOptions& options) {
@@ -116,7 +117,7 @@ TEST_F(TagSurveyTest, RemovesCameraResponseBiasByEdges) {
   const auto survey = survey_pictures(camera_, board_, pictures, options_);
   ASSERT_TRUE(survey) << survey.error().message;
   EXPECT_LT(survey->rms_px, 0.06);
-  // On these images, the detector's corners alone would put the tags 0.4 mm too far apart.
+  // On these images, the detector's corners alone would increase the tags' spacing by 0.4 mm.
   EXPECT_NEAR(pitch(*survey), 0.08, 2.5e-5);
   double squares = 0.0;
   int count = 0;
@@ -156,7 +157,7 @@ TEST_F(TagSurveyTest, RefinesCameraWhenRequested) {
   EXPECT_GT(left->rms_px, 10.0 * survey->rms_px);
 }
 
-// The anchor tag lies on a pencil; another tag stands upright.
+// The anchor tag is tilted by a pencil under it, and another tag stands upright.
 TEST_F(TagSurveyTest, FitsTablePlaneToMostTags) {
   const Eigen::Quaterniond tilted(
       Eigen::AngleAxisd(radians(3.0), Eigen::Vector3d(1.0, 1.0, 0.0).normalized()));
@@ -189,8 +190,8 @@ TEST_F(TagSurveyTest, FitsTablePlaneToMostTags) {
   EXPECT_NEAR(std::acos(tipped.z()), radians(3.0), radians(0.05));
 }
 
-// A tag of another size than given is rejected and reported with its apparent size; the others are
-// not affected.
+// A tag whose size differs from the given one is rejected and reported with its measured size. The
+// other tags are not affected.
 TEST_F(TagSurveyTest, RejectsAndNamesTagOfWrongSize) {
   for (const double factor : {0.5, 0.9, 1.5, 3.0}) {
     SCOPED_TRACE(factor);
@@ -242,10 +243,10 @@ TEST_F(TagSurveyTest, ReportsSizeOfTagWithoutGivenSize) {
                                    "--sizes"));
 }
 
-// A hand pushes the tag during the sweep, early or late.
+// The tag is moved during the sweep, early or late.
 TEST_F(TagSurveyTest, RejectsAndNamesMovedTag) {
   for (const std::size_t when : {std::size_t{3}, std::size_t{6}, std::size_t{9}}) {
-    for (const int id : {3, 0}) {  // 0 is the anchor
+    for (const int id : {3, 0}) {  // tag 0 is the anchor
       SCOPED_TRACE(fmt::format("tag {} at {}", id, when));
       auto frames = sweep(camera_, board_, 0.0);
       auto moved = board_;
@@ -271,7 +272,7 @@ TEST_F(TagSurveyTest, RejectsAndNamesMovedTag) {
   }
 }
 
-// A hand hides the tag, or half of it, in some images: they do not count for it.
+// The tag is hidden, completely or by half, in some images; these images do not count for it.
 TEST_F(TagSurveyTest, CountsOnlyInlierFramesOfTag) {
   auto frames = sweep(camera_, board_, 0.0);
   for (const std::size_t f : {2U, 7U}) {
@@ -285,9 +286,9 @@ TEST_F(TagSurveyTest, CountsOnlyInlierFramesOfTag) {
   EXPECT_EQ(survey->tags[3].frames, 12);
 }
 
-// Errors follow the survey's model: each corner has noise of its covariance, and each tag one error
-// along its edges that is common to all frames. Over many surveys, the normalised squared errors of
-// the tags' poses are chi-square distributed.
+// Errors follow the survey's model: independent noise per corner with the given covariance, plus an
+// error along the edges of each tag that is common to all frames. Over many surveys, the normalised
+// squared errors of the tags' poses must follow a chi-square distribution.
 TEST_F(TagSurveyTest, PredictsCovarianceConsistentWithErrors) {
   constexpr int kSurveys = 60;
   constexpr double kNoise = 0.08;    // [px], per coordinate
@@ -326,7 +327,7 @@ TEST_F(TagSurveyTest, PredictsCovarianceConsistentWithErrors) {
       const auto survey = survey_tags(camera_, frames, options_);
       ASSERT_TRUE(survey) << survey.error().message;
       ASSERT_EQ(survey->tags.size(), board_.size());
-      for (std::size_t i = 1; i < board_.size(); ++i) {  // 0 is the anchor
+      for (std::size_t i = 1; i < board_.size(); ++i) {  // tag 0 is the anchor
         const SurveyedTag& tag = survey->tags[i];
         Eigen::Matrix<double, 6, 1> error;
         error.head<3>() = tag.tag.T_table_tag.translation() - (board_[i].T_table_tag.translation() -
@@ -336,9 +337,10 @@ TEST_F(TagSurveyTest, PredictsCovarianceConsistentWithErrors) {
         squares[tag.tag.id] += error.dot(tag.covariance.ldlt().solve(error));
       }
     }
-    // 6 degrees of freedom per tag: mean 6, and the mean of n has a standard deviation of sqrt(12 /
-    // n). The covariance is inflated if errors of neighbouring frames correlate, and never
-    // deflated: by chance it is about a sixth too wide.
+    // 6 degrees of freedom per tag: the mean is 6, and the mean of n has a standard deviation of
+    // sqrt(12 / n). The survey inflates the covariance if errors of neighbouring frames correlate
+    // but never deflates it. Because of chance correlations it is therefore about 1/6 too large on
+    // average.
     for (const auto& [id, sum] : squares) {
       const double mean = sum / kSurveys;
       EXPECT_LT(mean, 6.0 + 3.0 * std::sqrt(12.0 / kSurveys)) << id;

@@ -46,7 +46,7 @@ void expect_true_scale(const TagBoard& board, const PageSize& page) {
   const TagMap map = tag_map_of(board).value();
   ASSERT_EQ(detections.size(), map.tags().size()) << "every tag is found";
 
-  // Compares with the map after fitting the board's centre only: no scale, no rotation.
+  // Fits only the board's centre before the comparison with the map, neither scale nor rotation.
   Eigen::Vector2d offset = Eigen::Vector2d::Zero();
   std::vector<Eigen::Vector2d> differences_m;
   for (const TagDetection& detection : detections) {
@@ -76,7 +76,7 @@ TEST(TargetSheet, PrintsAnyPageFamilyAndLayoutAtTrueScale) {
                     page_size_from_string("150x200").value());
 }
 
-// A printed page, detected with the target file written with it.
+// A page as printed, detected with the target file written with it.
 struct SheetInHand {
   Target target;
   TargetView view;
@@ -100,7 +100,7 @@ SheetInHand printed(const SheetTarget& sheet, const PageSize& page) {
 
 class PrintedSheet : public testing::TestWithParam<std::pair<SheetTarget, const char*>> {};
 
-// Fits the page's position and rotation only: no scale.
+// Fits only the page's position and rotation, not its scale.
 TEST_P(PrintedSheet, MatchesItsTargetFile) {
   const SheetInHand hand =
       printed(GetParam().first, page_size_from_string(GetParam().second).value());
@@ -145,7 +145,7 @@ INSTANTIATE_TEST_SUITE_P(
              "_" + test.param.second;
     });
 
-// The ruler's ends are the first and last ink of the longest dark row below the board.
+// The ends of the ruler are the first and last dark pixels of the longest dark row below the board.
 TEST_P(PrintedSheet, HasRulerOfHundredMillimetres) {
   const SheetInHand hand =
       printed(GetParam().first, page_size_from_string(GetParam().second).value());
@@ -159,11 +159,12 @@ TEST_P(PrintedSheet, HasRulerOfHundredMillimetres) {
       longest = std::max(longest, run);
     }
   }
-  // The stroke's width adds to both ends, and so does half a pixel of the raster.
+  // The stroke's width and half a pixel are added at both ends.
   EXPECT_NEAR(longest / kPixelsPerMetre, 0.1, 4e-4);
 }
 
-// Compares corners on a page of another resolution with the map: no scale, no rotation.
+// Compares the corners on a page of another resolution with the map, without fitting scale or
+// rotation.
 void expect_same_scale(const Frame& frame, double pixels_per_metre, const TagMap& map) {
   std::vector<std::uint8_t> scratch;
   TagDetector detector = TagDetector::create(map.families()).value();
@@ -180,7 +181,7 @@ void expect_same_scale(const Frame& frame, double pixels_per_metre, const TagMap
   }
 }
 
-// Dots per metre from the file's pHYs chunk.
+// Dots per metre in the file's pHYs chunk.
 double density_of(const std::filesystem::path& png) {
   const std::vector<std::uint8_t> bytes = read_file(png).value();
   const std::string_view text(reinterpret_cast<const char*>(bytes.data()), bytes.size());
@@ -245,8 +246,8 @@ TEST_P(PrintedSheet, HasTitle) {
   EXPECT_THAT(info, testing::ContainsRegex("Title: +[A-Za-z0-9]"));
 }
 
-// The page's edges have ink at the height and breadth of the board's centre (from the detected
-// corners), and none in between.
+// Expects marks on the page's edges at the height and breadth of the board's centre (computed from
+// the detected corners), and no other ink on the edges.
 void expect_axes(const SheetTarget& target, double x_mark_m, double y_mark_m, double half_m) {
   const SheetInHand hand = printed(target, page_size_from_string("a4").value());
   Eigen::Vector2d centre = Eigen::Vector2d::Zero();
@@ -254,7 +255,7 @@ void expect_axes(const SheetTarget& target, double x_mark_m, double y_mark_m, do
   centre /= static_cast<double>(hand.view.corners.size());
   std::vector<std::uint8_t> scratch;
   const ImageView page = luma(hand.frame, scratch);
-  const auto ink = [&](double x_m, double y_m) {  // from the centre, y up
+  const auto ink = [&](double x_m, double y_m) {  // coordinates from the board's centre, y up
     const double x = centre.x() + x_m * kPixelsPerMetre;
     const double y = centre.y() - y_m * kPixelsPerMetre;
     const int half = static_cast<int>(half_m * kPixelsPerMetre);
@@ -278,7 +279,7 @@ TEST(TargetSheet, MarksAxesOnEdges) {
   expect_axes(TagBoard{}, 0.1100, 0.0825, 0.0010);  // 215 x 160 mm with its white margins
 }
 
-// 2 mm remain between the board and the page's margin.
+// The gap between the board and the page's margin is 2 mm.
 TEST(TargetSheet, MarksAxesOfCharucoBoard) {
   expect_axes(CharucoBoard{}, 0.1225, 0.0920, 0.0007);  // 240 x 180 mm
 }
@@ -300,7 +301,8 @@ TEST(TargetSheet, RejectsTooLargePng) {
   EXPECT_FALSE(std::filesystem::exists(png));
 }
 
-// Every kind of sheet at several scales; other sheets and changed files are rejected.
+// Tests every kind of sheet at several scales. Files of other sheets and changed files are
+// rejected.
 TEST_P(PrintedSheet, RecoversScaleSavedInItsFile) {
   const test::TemporaryFolder folder;
   const auto file = folder.path() / "target.yaml";
@@ -347,7 +349,7 @@ TEST(TargetSheet, ReportsBoardThatDoesNotFitPage) {
   EXPECT_THAT(written.error().message, HasSubstr("does not fit on a page of 210 x 297 mm"));
   EXPECT_FALSE(std::filesystem::exists(folder.path() / "sheet.pdf"));
 
-  // The ruler needs space too; the page is rotated if it has that space only then.
+  // The ruler needs space too. The page is rotated if only then it has that space.
   board = TagBoard{};
   board.columns = board.rows = 1;
   const auto narrow =
@@ -360,7 +362,7 @@ TEST(TargetSheet, ReportsBoardThatDoesNotFitPage) {
   board.pitch_m = 0.045;
   EXPECT_THAT(tag_map_of(board).error().message, HasSubstr("need 0.0500 m each"));
   board = TagBoard{};
-  board.first_id = 580;  // 36h11 ends at 586
+  board.first_id = 580;  // the last id of 36h11 is 586
   EXPECT_FALSE(tag_map_of(board));
   board = TagBoard{};
   board.tag_size_m = std::numeric_limits<double>::quiet_NaN();

@@ -66,7 +66,7 @@ TEST(Target, ReadsCharucoWithOpenCvDictionaries) {
   EXPECT_EQ(board->tags->tags().front().family, TagFamily::aruco_4x4_50);
   EXPECT_GT(board->tags->tags()[0].T_table_tag.translation().x(),
             board->points[0].x() - 0.0255 + 0.0254);  // the second square of the first row
-  // Before OpenCV 4.6, boards with an even number of rows began with a white square.
+  // Boards of OpenCV before 4.6 with an even number of rows began with a white square.
   const auto legacy = target_of(text + "dictionary: 4x4_50\nlegacy: true\n");
   ASSERT_TRUE(legacy) << legacy.error().message;
   EXPECT_LT(legacy->tags->tags()[0].T_table_tag.translation().x(), legacy->points[0].x());

@@ -1,4 +1,4 @@
-// The guide takes views that add information and skips others.
+// The guide accepts views that add information and rejects others.
 #include "calib/report/view_guide.hpp"
 
 #include <gmock/gmock.h>
@@ -15,7 +15,7 @@
 namespace penumbra {
 namespace {
 
-// The sum of the single views' information equals that of the solver.
+// The information of the single views adds up to the solver's.
 TEST(ViewInformation, AddsUpToSolverCovariance) {
   std::mt19937 rng(5);
   const CameraModel truth = test::desk_camera();
@@ -35,7 +35,8 @@ TEST(ViewInformation, AddsUpToSolverCovariance) {
     EXPECT_NEAR(expected(i, i) / solved->covariance(i, i), 1.0, 0.02) << i;
 }
 
-// Tag edges shift by an unknown amount per view, which reduces the information on their sizes.
+// The edges of tags shift by an unknown amount per view, which reduces the information about tag
+// sizes.
 TEST(ViewInformation, AddsUpToSolverCovarianceForTags) {
   std::mt19937 rng(6);
   const CameraModel truth = test::desk_camera();
@@ -43,7 +44,7 @@ TEST(ViewInformation, AddsUpToSolverCovarianceForTags) {
   auto views = test::simulate_views(truth, board, {}, rng);
   auto plain = views;
   for (CalibrationView& view : views) {
-    for (TargetCorner& corner : view.corners)  // squares of 2 x 2 points
+    for (TargetCorner& corner : view.corners)  // a tag is a square of 2 x 2 points
       corner.spread = {corner.point % 9 % 2 == 0 ? -1.0 : 1.0,
                        corner.point / 9 % 2 == 0 ? -1.0 : 1.0};
   }
@@ -98,7 +99,7 @@ TEST_F(ViewGuideTest, TakesInformativeViewsUntilLensIsKnown) {
     const Eigen::Vector3d at(0.14 * ((k * 7) % 5 - 2) / 2.0, 0.08 * ((k * 3) % 3 - 1), 0.0);
     const GreyImage view =
         picture(at, 0.3 + 0.07 * (k % 4), radians(30.0 + 15.0 * (k % 4)), radians(80.0 * k));
-    (void)guide_.look(view.view());  // the target just arrived and still moves
+    (void)guide_.look(view.view());  // the target has just appeared and still moves
     (void)guide_.look(view.view());
     if (const auto px = guide_.progress().largest_px) {
       EXPECT_LT(*px, 2.0 * before_px);
@@ -110,7 +111,7 @@ TEST_F(ViewGuideTest, TakesInformativeViewsUntilLensIsKnown) {
                                << ' ' << progress.tilt << ' ' << progress.certainty;
   EXPECT_LE(*progress.largest_px, options().goal_px);
   EXPECT_THAT(progress.lens, testing::StartsWith("plumb_bob"));
-  // The same view again adds no information.
+  // A repeated view adds no information.
   const GreyImage again = picture({0.0, 0.0, 0.0}, 0.4, radians(60.0), radians(80.0));
   (void)guide_.look(again.view());
   (void)guide_.look(again.view());
