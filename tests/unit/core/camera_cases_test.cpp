@@ -1,4 +1,4 @@
-// Camera files in the form of other programs.
+// Camera files in the formats of other programs.
 #include <fmt/format.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -30,14 +30,14 @@ std::string error_of(const std::string& text, const std::string& name = {}) {
   return camera ? "" : camera.error().message;
 }
 
-// A file of camera_calibration_parsers.
+// Text of a file as camera_calibration_parsers writes it.
 std::string ros_text(const std::string& model, const std::string& coefficients) {
   return "image_width: 640\nimage_height: 480\ncamera_name: cam\ncamera_matrix:\n  rows: 3\n"
          "  cols: 3\n  data: [500, 0, 320, 0, 501, 240, 0, 0, 1]\n" +
          model + "distortion_coefficients:\n  rows: 1\n  cols: 5\n  data: " + coefficients + "\n";
 }
 
-// A file of OpenCV. `head`: text before the keys; `coefficients`: numbers with commas.
+// Text of an OpenCV file. `head` precedes the keys; `coefficients` are numbers with commas.
 std::string opencv_text(const std::string& head, const std::string& coefficients) {
   return head +
          "image_width: 640\nimage_height: 480\ncamera_matrix: !!opencv-matrix\n   rows: 3\n"

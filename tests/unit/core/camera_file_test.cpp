@@ -111,7 +111,7 @@ TEST_F(CameraFile, ReadsOverlayErrorOfLens) {
   ASSERT_TRUE(of_corners) << of_corners.error().message;
   EXPECT_EQ(of_corners->parameters().overlay_sigma_px, 2.5);
   EXPECT_EQ(scaled_to(*of_corners, 320, 240)->parameters().overlay_sigma_px, 1.25);
-  // A record like that of `calibrate`.
+  // A record like one that `calibrate` writes.
   CalibrationRecord record;
   record.table_tracked_px = {3.0, 4.0, 0.0, 0.0};
   record.table_known_pose_px = {5.0, 5.0, 5.0, 5.0};
@@ -123,7 +123,7 @@ TEST_F(CameraFile, ReadsOverlayErrorOfLens) {
   }
 }
 
-// With a k1 of -5000 only a fortieth of the image is monotonic.
+// With k1 = -5000 the lens is monotonic only in a fortieth of the image.
 TEST_F(CameraFile, RejectsDistortionNonMonotonicNearPrincipalPoint) {
   refuses(camera_text("distortion_model: plumb_bob", "[-5000, 0, 0, 0, 0]"), "non-monotonic");
   refuses(camera_text("distortion_model: plumb_bob", "[-20, 0, 0, 0, 0]"), "distortion");
@@ -132,7 +132,7 @@ TEST_F(CameraFile, RejectsDistortionNonMonotonicNearPrincipalPoint) {
   refuses(camera_text("distortion_model: plumb_bob", "[0, 0, 0, 0, 0]",
                       "[500, 0, 99999, 0, 500, 240, 0, 0, 1]"),
           "principal point");
-  // Non-monotonic in the corners only, which fits of wide lenses often are.
+  // Non-monotonic in the corners only, as is common for fits of wide-angle lenses.
   EXPECT_TRUE(load(camera_text("distortion_model: plumb_bob", "[-0.35, 0.05, 0, 0, 0]")));
   EXPECT_TRUE(load(camera_text("distortion_model: plumb_bob", "[-1.2, 0, 0, 0, 0]")));
 }
@@ -175,7 +175,7 @@ TEST_F(CameraFile, RoundTripsExactly) {
   }
 }
 
-// Binning merges pixels 2 p and 2 p + 1 into p, so the centre moves by half a pixel.
+// Binning merges pixels 2 p and 2 p + 1 into p, so the principal point moves by half a pixel.
 TEST_F(CameraFile, ScalesCalibrationByWholePixels) {
   const auto camera = load(camera_text() + "rolling_shutter_row_s: 0.00003\ntone_curve: 2.2\n");
   ASSERT_TRUE(camera) << camera.error().message;

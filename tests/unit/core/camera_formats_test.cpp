@@ -19,7 +19,7 @@ namespace {
 using testing::HasSubstr;
 using testing::Not;
 
-// Kalibr's files have no k3.
+// Kalibr's format has no k3.
 CameraModel without_k3() {
   CameraParameters p = test::desk_camera().parameters();
   p.distortion[4] = 0.0;
@@ -82,7 +82,7 @@ TEST(CameraFormats, LimitKalibrToFourCoefficients) {
   ASSERT_TRUE(loaded) << loaded.error().message;
   EXPECT_EQ(loaded->parameters().distortion, p.distortion);
   EXPECT_EQ(loaded->parameters().model, DistortionModel::plumb_bob);
-  p.distortion[4] = -0.004;  // Kalibr's format would lose it
+  p.distortion[4] = -0.004;  // Kalibr's format can't store it
   const auto refused =
       save_camera(folder.path() / "other", CameraModel::make(p).value(), CameraFileFormat::kalibr);
   ASSERT_FALSE(refused);
@@ -90,7 +90,7 @@ TEST(CameraFormats, LimitKalibrToFourCoefficients) {
   EXPECT_FALSE(std::filesystem::exists(folder.path() / "other"));
 }
 
-// Kalibr takes every top-level key for a camera.
+// Kalibr interprets every top-level key as a camera.
 TEST(CameraFormats, WriteOnlyCameraToKalibrChain) {
   const test::TemporaryFolder folder;
   CalibrationRecord record;

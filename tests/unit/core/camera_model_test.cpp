@@ -75,7 +75,7 @@ TEST(CameraModel, ProjectsStrongFisheyeExactlyToRim) {
     const double depth = 0.2 + u(random);
     const Eigen::Vector3d point = depth * Eigen::Vector3d(std::tan(theta) * std::cos(phi),
                                                           std::tan(theta) * std::sin(phi), 1.0);
-    // The formula in angles.
+    // The fisheye formula, in angles.
     const double t2 = theta * theta;
     const double theta_d = theta * (1.0 + t2 * (-0.04 + t2 * (0.012 + t2 * (-0.006 + t2 * 0.001))));
     const Eigen::Vector2d expected(p.fx * theta_d * std::cos(phi) + p.cx,
@@ -111,7 +111,7 @@ TEST(CameraModel, LimitsRadiusToMonotonicRange) {
   const double far = camera.project_extended({3.0, 0.0, 1.0})->x();
   const double near = camera.project_extended({2.0, 0.0, 1.0})->x();
   EXPECT_GT(far, near) << "beyond the monotonic range, points farther out must project farther out";
-  // Holds for any distance: rounding must not lose the radius where the lens stops growing.
+  // Rounding must not lose the radius at which the lens stops growing, for points at any distance.
   for (int i = 0; i < 2000; ++i) {
     const double x = 1.1 + 0.37 * i;
     EXPECT_TRUE(camera.project_extended({x, 0.731 * x, 1.0})) << x;

@@ -61,11 +61,11 @@ TEST(CameraPlausibility, AcceptsWideTelephotoAndCroppedCameras) {
     EXPECT_EQ(warning_of(p), "") << c.name;
   }
   CameraParameters p = usual();
-  p.cx = 40.0;  // crop of the right side of a larger image
+  p.cx = 40.0;  // a crop of the right side of a larger image
   p.cy = 470.0;
   EXPECT_EQ(warning_of(p), "");
   p = usual();
-  p.fy = 250.0;  // every other row is skipped
+  p.fy = 250.0;  // every second row is skipped
   p.height = 240;
   p.cy = 119.5;
   EXPECT_EQ(warning_of(p), "");
@@ -116,7 +116,7 @@ TEST(CameraPlausibility, NamesFileInWarning) {
               testing::ElementsAre(testing::StartsWith(file.string() + ": cx is 959.5")));
 }
 
-// Every camera file of the bundled and shared recordings, cases and data.
+// Reads every camera file of the bundled and shared recordings, cases and data.
 TEST(CameraPlausibility, AcceptsBundledAndSharedCameras) {
   std::vector<fs::path> roots = {test::source_dir() / "recordings"};
   if (const fs::path shared = test::shared_dir(); !shared.empty()) {

@@ -12,7 +12,7 @@
 namespace penumbra {
 namespace {
 
-// 500 px focal length, no distortion.
+// A camera with a focal length of 500 px and no distortion.
 CameraModel pinhole() {
   CameraParameters p;
   p.width = 640;
@@ -24,7 +24,8 @@ CameraModel pinhole() {
   return CameraModel::make(p).value();
 }
 
-// Straight above the table at height z, looking down: x stays, y and z change sign.
+// Camera straight above the table at height z that looks down: its x is the table's, its y and z
+// are reversed.
 CameraPose above(double x, double y, double z) {
   return {Eigen::Quaterniond(0.0, 1.0, 0.0, 0.0), Eigen::Vector3d(x, y, z)};
 }
@@ -52,8 +53,8 @@ TEST(Evaluation, PlacesOverlayCubeOnTable) {
 }
 
 TEST(Evaluation, MatchesHandComputedCornerShifts) {
-  // From 1 m, a shift of 1 mm moves the corners on the table by 500 * 0.001 / 1 = 0.5 px and those
-  // at 0.2 m by 500 * 0.001 / 0.8 = 0.625 px, against the shift.
+  // Seen from 1 m, a shift of 1 mm moves the corners on the table by 500 * 0.001 / 1 = 0.5 px and
+  // those at 0.2 m by 500 * 0.001 / 0.8 = 0.625 px, against the shift.
   const OverlayDifference d =
       overlay_difference(pinhole(), above(0.001, 0.0, 1.0), above(0.0, 0.0, 1.0));
   for (std::size_t i = 0; i < 8; ++i) {
@@ -73,11 +74,12 @@ TEST(Evaluation, IgnoresCornersBehindCamera) {
 }
 
 TEST(Evaluation, RatesPoseWithoutVisibleCornersWorst) {
-  // The estimate is below the table and looks away: it sees no corner, the true camera all of them.
+  // The estimated camera is below the table and looks away, so it sees no corner. The true camera
+  // sees all.
   const OverlayDifference d = overlay_difference(pinhole(), above(0, 0, -1.0), above(0, 0, 1.0));
   for (std::size_t i = 0; i < 8; ++i) {
     EXPECT_TRUE(d.valid[i]);
-    // At least a quarter turn, at 500 px per radian.
+    // The error is at least a quarter turn at 500 px per radian.
     EXPECT_GT(d.difference_px[i].norm(), 500.0 * std::numbers::pi / 2.0);
     EXPECT_LE(d.difference_px[i].norm(), 500.0 * std::numbers::pi);
   }
@@ -94,7 +96,7 @@ TEST(Evaluation, MatchesHandComputedRecording) {
   Trajectory truth;
   Trajectory estimated;
   for (int i = 0; i < 5; ++i) truth.poses.push_back({i * 33'333'000LL, above(0.0, 0.0, 1.0), {}});
-  // Frame 2 has no pose; frame 3's time is off by 0.4 ms.
+  // Frame 2 has no pose. Frame 3's timestamp is off by 0.4 ms.
   estimated.poses.push_back({0, above(0.0, 0.0, 1.0), {}});
   estimated.poses.push_back({33'333'000, above(0.001, 0.0, 1.0), {}});
   estimated.poses.push_back({3 * 33'333'000LL + 400'000, above(0.0, 0.002, 1.0), {}});
@@ -110,18 +112,19 @@ TEST(Evaluation, MatchesHandComputedRecording) {
   EXPECT_NEAR(e.translation_mm.max, 2.0, 1e-9);
   EXPECT_NEAR(e.translation_mm.median, 1.5, 1e-9);
   EXPECT_NEAR(e.rotation_deg.max, 0.0, 1e-9);
-  // Corner errors: 8 times 0, 4 times 0.5, 4 times 0.625, and twice (4 times 1, 4 times 1.25).
+  // Corner errors [px]: 8 times 0, 4 times 0.5, 4 times 0.625, then twice 4 times 1 and 4 times
+  // 1.25.
   EXPECT_NEAR(e.overlay_px.max, 1.25, 1e-9);
   EXPECT_NEAR(e.overlay_px.rmse, std::sqrt((4 * 0.25 + 4 * 0.390625 + 8 * 1.0 + 8 * 1.5625) / 32.0),
               1e-9);
   EXPECT_NEAR(e.overlay_frame_px.max, std::sqrt((1.0 + 1.5625) / 2.0), 1e-9);
   EXPECT_EQ(e.jitter_changes, 16);
-  // Changes: frames 0-1 (0.5 and 0.625) and 3-4 (none); 1-2 and 2-3 have no pair.
+  // Frame-to-frame changes: 0-1 (0.5 and 0.625) and 3-4 (none). The pairs 1-2 and 2-3 lack a pose.
   EXPECT_NEAR(e.jitter_px, std::sqrt((4 * 0.25 + 4 * 0.390625) / 16.0), 1e-9);
 }
 
-// A circle of 0.3 m at 2 rad/s, sampled by motion capture at 100 Hz. A chord lies inside the circle
-// by r (1 - cos(w T / 2)) at its middle, and every estimate falls there.
+// A circle of radius 0.3 m at 2 rad/s, sampled by motion capture at 100 Hz. At its middle, where
+// all estimates lie, a chord is inside the circle by r (1 - cos(w T / 2)).
 TEST(Evaluation, InterpolatesTruthWithChordError) {
   constexpr double kRadius = 0.3;
   constexpr double kRate = 2.0;
@@ -144,7 +147,7 @@ TEST(Evaluation, InterpolatesTruthWithChordError) {
   EXPECT_NEAR(e.translation_mm.max, e.translation_mm.rmse, 1e-9);
   EXPECT_EQ(e.jitter_changes, 99 * 8) << "every third true pose, but no repeated frame";
 
-  // A clock that lags by 20 ms shifts the estimate by the motion during 20 ms.
+  // A clock offset of 20 ms shifts the estimate by the motion during 20 ms.
   Trajectory behind = estimated;
   for (StampedPose& pose : behind.poses) pose.timestamp_ns -= 20'000'000;
   const Evaluation late = evaluate(pinhole(), behind, truth);
@@ -153,7 +156,7 @@ TEST(Evaluation, InterpolatesTruthWithChordError) {
             e.translation_mm.rmse);
 }
 
-// The estimate has three times the truth's rate: each true pose counts once.
+// The estimate has three times as many poses as the truth. Each true pose must count once.
 TEST(Evaluation, CountsEachTruePoseOnce) {
   Trajectory truth;
   Trajectory estimated;
@@ -181,8 +184,8 @@ TEST(Evaluation, CountsUnjudgedFramesByCause) {
   EXPECT_EQ(evaluate(pinhole(), estimated, truth, {.max_gap_ns = 200'000'000}).frames_judged, 5);
 }
 
-// The shared case: 20 frames at 30 Hz against motion capture at 100 Hz. An independent calculation
-// gave the figures (Python: bisection, quaternion logarithm and exponential).
+// The shared case: 20 frames at 30 Hz against motion capture at 100 Hz. The expected values come
+// from an independent calculation in Python (bisection, quaternion logarithm and exponential).
 TEST(Evaluation, MatchesIndependentCalculation) {
   const std::filesystem::path shared = test::shared_dir();
   if (shared.empty()) GTEST_SKIP() << "no shared data beside the checkout";
@@ -207,7 +210,7 @@ TEST(Evaluation, MeasuresWholeRotationAngle) {
                              Eigen::Quaterniond(Eigen::AngleAxisd(std::numbers::pi / 180.0,
                                                                   Eigen::Vector3d(1, 2, 2) / 3.0)),
                              Eigen::Vector3d::Zero());
-  // The same rotation with the quaternion's sign flipped.
+  // Adds the same rotation with the quaternion's sign flipped.
   estimated.poses.push_back(
       {0, CameraPose(Eigen::Quaterniond(-turned.rotation().coeffs()), turned.translation()), {}});
   EXPECT_NEAR(evaluate(pinhole(), estimated, truth).rotation_deg.max, 1.0, 1e-9);
@@ -239,8 +242,8 @@ TEST(Evaluation, PredictsOverlayErrorOfCovarianceSamples) {
     sum += error * error;
   }
   EXPECT_NEAR(std::sqrt(sum / kTrials) / expected, 1.0, 0.02);
-  // A corner that approaches the camera's plane has a growing error, also beyond the lens's valid
-  // range: less distance, more error.
+  // The error of a corner increases as the corner approaches the camera's plane, even outside the
+  // lens's valid range.
   double before = 0.0;
   for (const double depth : {0.1, 0.03, 0.01, 0.003, 0.001, 0.0003}) {
     const CameraPose near(Eigen::Quaterniond(0.0, 1.0, 0.0, 0.0),
@@ -250,7 +253,7 @@ TEST(Evaluation, PredictsOverlayErrorOfCovarianceSamples) {
     before = here;
   }
   EXPECT_GT(before, 1e4 * expected);
-  // A camera that looks away has no overlay in view, so the error is unbounded.
+  // A camera that looks away shows no overlay, so its error is unbounded.
   EXPECT_TRUE(std::isinf(predicted_overlay_error_px(camera, above(0, 0, -1.0), covariance)));
 }
 

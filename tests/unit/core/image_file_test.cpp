@@ -19,7 +19,7 @@ namespace {
 
 using Bytes = std::vector<std::uint8_t>;
 
-// A smooth colour image, which JPEG changes little: R along x, G along y, B along both.
+// A smooth colour image, which JPEG changes little: R varies along x, G along y, B along both.
 Bytes smooth_rgb(int width, int height) {
   Bytes rgb;
   for (int y = 0; y < height; ++y) {
@@ -74,8 +74,8 @@ int sample(const Frame& frame, std::size_t plane, int x, int y) {
   return frame.planes[plane].data[y * frame.planes[plane].stride + x];
 }
 
-// Largest difference between the frame's planes and full-range BT.601 of the RGB image; chroma is
-// compared with the mean over the pixels it covers.
+// Largest difference between the frame's planes and full-range BT.601 of the RGB image. Chroma is
+// compared with the mean over the pixels that a sample covers.
 double worst_difference(const Frame& frame, const Bytes& rgb) {
   const auto at = [&](int x, int y, std::size_t c) {
     return static_cast<double>(
@@ -155,7 +155,7 @@ TEST(Jpeg, DecodesGreyWithUnusualSamplingFactors) {
   Bytes bytes = encode_jpeg(rgb, 61, 47, TJSAMP_GRAY);
   const auto usual = decode_image(bytes, "picture");
   ASSERT_TRUE(usual);
-  // Sampling factors have no effect in a scan of one component: 2x2 equals 1x1.
+  // In a scan of one component, sampling factors have no effect: 2x2 equals 1x1.
   for (std::size_t i = 0; i + 12 < bytes.size(); ++i) {
     if (bytes[i] == 0xFF && bytes[i + 1] == 0xC0) {
       ASSERT_EQ(bytes[i + 11], 0x11);
@@ -185,7 +185,7 @@ TEST(Jpeg, RejectsFileTruncatedBeforeEndMarker) {
 
 TEST(Jpeg, RejectsFileWithDecoderWarning) {
   Bytes bytes = encode_jpeg(smooth_rgb(320, 240), 320, 240, TJSAMP_420);
-  // Puts an end marker into the middle of the entropy-coded data.
+  // Writes an end marker into the middle of the entropy-coded data.
   bytes[bytes.size() / 2] = 0xFF;
   bytes[bytes.size() / 2 + 1] = 0xD9;
   const auto frame = decode_image(bytes, "broken.jpg");
@@ -193,7 +193,7 @@ TEST(Jpeg, RejectsFileWithDecoderWarning) {
   EXPECT_NE(frame.error().message.find("broken.jpg: damaged JPEG"), std::string::npos);
 }
 
-// Many webcams send every image like this.
+// Many webcams put fill bytes before the end marker of every image.
 TEST(Jpeg, AcceptsFillBytesBeforeEndMarker) {
   for (const int flags : {0, TJFLAG_PROGRESSIVE}) {
     const Bytes plain = encode_jpeg(smooth_rgb(61, 47), 61, 47, TJSAMP_420, flags);
@@ -228,19 +228,19 @@ TEST(Jpeg, AcceptsFillBytesBeforeEndMarker) {
   }
 }
 
-// Fill bytes at the end do not hide damage before them.
+// Fill bytes at the end must not hide damage before them.
 TEST(Jpeg, RejectsDamageDespiteFillBytes) {
   Bytes bytes = encode_jpeg(smooth_rgb(320, 240), 320, 240, TJSAMP_420);
   bytes.insert(bytes.end() - 2, 3, std::uint8_t{0});
   ASSERT_TRUE(decode_image(bytes, "filled.jpg"));
-  // 64 ones in the entropy-coded data: no Huffman code has 16 ones.
+  // Writes 64 one bits into the entropy-coded data; no Huffman code consists of 16 one bits.
   Bytes bad_code = bytes;
   for (std::size_t i = 0; i < 16; ++i) bad_code[bytes.size() - 60 + i] = i % 2 == 0 ? 0xFF : 0x00;
   const auto bad = decode_image(bad_code, "bad.jpg");
   ASSERT_FALSE(bad);
   EXPECT_NE(bad.error().message.find("bad.jpg: damaged JPEG"), std::string::npos);
   EXPECT_FALSE(decode_rgba(bad_code, "bad.jpg"));
-  // Removes bytes in the middle.
+  // Removes bytes in the middle of the entropy-coded data.
   Bytes shorter = bytes;
   shorter.erase(shorter.begin() + static_cast<std::ptrdiff_t>(bytes.size() / 2),
                 shorter.end() - 40);
@@ -260,7 +260,7 @@ TEST(Jpeg, RejectsHeaderWithExcessiveSize) {
 }
 
 Bytes encode_grey_ramp(int depth, bool alpha, bool interlaced) {
-  // 9 rows of 16 columns: the grey value depends on the column (and at 8 and 16 bits on the row).
+  // 9 rows of 16 columns. The grey value depends on the column, at 8 and 16 bits also on the row.
   Bytes raw;
   for (int y = 0; y < 9; ++y) {
     unsigned bits = 0;

@@ -60,7 +60,7 @@ TEST_P(CameraJpegKind, NeedsNoEndMarkerWhenBlocksAreComplete) {
   expect_same(unended + '\xFF');
   expect_same(unended + std::string(500, '\xFF'));
   expect_same(unended + std::string(5000, '\0'));
-  expect_same(unended + test::encode_jpeg_kind(GetParam(), 3));  // the next image
+  expect_same(unended + test::encode_jpeg_kind(GetParam(), 3));  // the next image follows
 }
 
 TEST_P(CameraJpegKind, IsRejectedWhenBlocksAreMissing) {
@@ -70,7 +70,7 @@ TEST_P(CameraJpegKind, IsRejectedWhenBlocksAreMissing) {
     const std::string half = sound_.substr(0, length);
     ASSERT_FALSE(decoded(half)) << length << " of " << sound_.size();
     ASSERT_FALSE(decoded(half + "\xFF\xD9")) << length << " of " << sound_.size();
-    // Zeros may complete the last blocks.
+    // Zeros could encode the last missing blocks.
     if (length + 120 < sound_.size()) {
       ASSERT_FALSE(decoded(half + std::string(4000, '\0'))) << length << " of " << sound_.size();
     }
@@ -143,7 +143,7 @@ TEST(CameraJpeg, RejectsComponentWithoutScan) {
   }
 }
 
-// An image that lacks any number of scans is rejected, with and without an end marker.
+// An image that lacks one or more scans is rejected, with or without an end marker.
 TEST(CameraJpeg, RejectsProgressiveImageThatLacksScans) {
   for (const int components : {1, 3}) {
     test::JpegKind kind = test::jpeg_kinds()[0];
@@ -187,7 +187,7 @@ TEST(CameraJpeg, CropsPaddingOnlyWithinLastBlockRow) {
           << i << ", row " << y;
     }
   }
-  // With one block row less, bytes would remain after the last block.
+  // One block row less would leave bytes after the last block.
   EXPECT_EQ(outline_jpeg(normalized_jpeg(*outline, 64))->height, 80);
 }
 

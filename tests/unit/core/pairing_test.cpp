@@ -28,7 +28,7 @@ CameraPose at_x(double x, double angle = 0.0) {
           Eigen::Vector3d(x, 0.0, 1.0)};
 }
 
-// A pose every `interval_ns`, 1 m/s along x, 2 rad/s about z.
+// A trajectory with a pose every `interval_ns`, moving by 1 m/s along x and 2 rad/s about z.
 Trajectory even_motion(int count, std::int64_t interval_ns, std::int64_t start_ns = 0) {
   Trajectory t;
   for (int i = 0; i < count; ++i) {
@@ -61,17 +61,17 @@ TEST(Pairing, ReturnsExactPoseWhenTimesDifferByRounding) {
 }
 
 TEST(Pairing, NamesReasonForMissingTruePose) {
-  Trajectory truth = even_motion(3, 50 * kMs);  // 0 to 100 ms
+  Trajectory truth = even_motion(3, 50 * kMs);  // poses from 0 to 100 ms
   truth.poses.push_back({300 * kMs, at_x(0.3), {}});
   EXPECT_TRUE(pose_at(truth, 60 * kMs, kMaxGap));
   EXPECT_EQ(pose_at(truth, 200 * kMs, kMaxGap).error(), NotJudged::gap_too_long);
   EXPECT_TRUE(pose_at(truth, 200 * kMs, 200 * kMs)) << "a gap of exactly the longest";
   EXPECT_EQ(pose_at(truth, 200 * kMs, 200 * kMs - 1).error(), NotJudged::gap_too_long);
-  // Extrapolates up to 10 ms beyond the end, but not next to a long gap.
+  // Extrapolates up to 10 ms beyond the end, but not beside a long gap.
   EXPECT_NEAR(pose_at(truth, -10 * kMs, kMaxGap)->translation().x(), -0.01, 1e-12);
   EXPECT_EQ(pose_at(truth, -10 * kMs - 1, kMaxGap).error(), NotJudged::outside_truth);
   EXPECT_EQ(pose_at(truth, 302 * kMs, kMaxGap).error(), NotJudged::outside_truth);
-  // Without interpolation, a pose within 1 ms is used.
+  // Without interpolation, uses a pose that is at most 1 ms away.
   EXPECT_EQ(pose_at(truth, 300 * kMs + kMs, kMaxGap)->translation().x(), 0.3);
   EXPECT_EQ(pose_at(truth, 100 * kMs + kMs, kMaxGap)->translation().x(), 0.1);
   EXPECT_EQ(pose_at(truth, 101 * kMs + 1, kMaxGap).error(), NotJudged::gap_too_long);
@@ -134,7 +134,7 @@ TEST(Pairing, InterpolatesShortestRotationNearHalfTurns) {
   }
 }
 
-// For any times and poses, the interpolated pose is finite and lies between its neighbours.
+// For any times and poses, the interpolated pose must be finite and lie between its neighbours.
 TEST(Pairing, StaysOnSegmentForAnyTimes) {
   std::mt19937_64 random(7);
   constexpr std::int64_t kFarthest = 4'000'000'000'000'000'000;
@@ -212,11 +212,11 @@ TEST(TimestampUnits, AreRejectedByNameWhenTheyFitAnotherUnit) {
     const Trajectory other = even_motion(120, 33 * kMs * factor);
     EXPECT_THAT(unit_error(other, truth), AllOf(HasSubstr("e.tum"), HasSubstr(name)));
     EXPECT_THAT(unit_error(truth, other), AllOf(HasSubstr("t.tum"), HasSubstr(name)));
-    // The same unit, but clocks that do not overlap: no unit error is reported.
+    // The unit is the same, but the clocks do not overlap: no unit error may be reported.
     EXPECT_THAT(unit_error(other, even_motion(120, 33 * kMs * factor, -4'000 * factor * kMs)),
                 AllOf(HasSubstr("e.tum"), HasSubstr(name)));
   }
-  // 200 frames/s with times in milliseconds is an error; an interval of 5 s alone is none.
+  // 200 frames/s with times in milliseconds is an error. An interval of 5 s alone is no error.
   EXPECT_THAT(unit_error(even_motion(120, 5'000 * kMs), even_motion(120, 5 * kMs)),
               AllOf(HasSubstr("e.tum"), HasSubstr("milliseconds")));
   EXPECT_THAT(unit_error(even_motion(120, 5 * kMs), even_motion(120, 5'000 * kMs)),
@@ -225,7 +225,7 @@ TEST(TimestampUnits, AreRejectedByNameWhenTheyFitAnotherUnit) {
 }
 
 TEST(TimestampUnits, WarnOfLongIntervalsBetweenPoses) {
-  // Photographs, one every 10 s, against themselves and against motion capture at 100 Hz.
+  // Photographs, one every 10 s, compared with themselves and with motion capture at 100 Hz.
   const Trajectory photographs = even_motion(12, 10'000 * kMs);
   const auto same = check_units_of_time({photographs, "e.tum"}, {photographs, "t.tum"}, {});
   ASSERT_TRUE(same) << same.error().message;

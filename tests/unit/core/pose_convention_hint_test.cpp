@@ -13,7 +13,7 @@ using testing::AllOf;
 using testing::HasSubstr;
 using testing::StartsWith;
 
-constexpr int kTrajectories = 300;  // per property
+constexpr int kTrajectories = 300;  // trajectories per property
 
 double uniform(std::mt19937& random, double low, double high) {
   return std::uniform_real_distribution<double>(low, high)(random);
@@ -29,8 +29,8 @@ Eigen::Quaterniond turn(std::mt19937& random, double largest_rad) {
       Eigen::AngleAxisd(uniform(random, -largest_rad, largest_rad), direction(random)));
 }
 
-// A camera that moves over the table at 0.2 to 2 m and looks roughly at its origin. Not from
-// straight above, where some poses are nearly their own inverse.
+// A camera that moves over the table at 0.2 to 2 m and looks roughly at the origin. Views from
+// straight above are excluded, because some of these poses nearly equal their inverse.
 Trajectory random_trajectory(std::mt19937& random) {
   Trajectory trajectory;
   const double distance_m = uniform(random, 0.2, 2.0);
@@ -61,7 +61,7 @@ Trajectory changed(Trajectory trajectory, const Change& change) {
 CameraPose in_millimetres(const CameraPose& pose) {
   return {pose.rotation(), 1000.0 * pose.translation()};
 }
-// The quaternion written as w x y z and read as x y z w.
+// Misreads a quaternion written as w x y z as x y z w.
 CameraPose w_first(const CameraPose& pose) {
   const Eigen::Quaterniond& q = pose.rotation();
   return {Eigen::Quaterniond(q.z(), q.w(), q.x(), q.y()), pose.translation()};
@@ -70,7 +70,8 @@ CameraPose inverted(const CameraPose& pose) {
   return {pose.inverse().rotation(), pose.inverse().translation()};
 }
 
-// An estimate of the trajectory with errors of up to `share` of the distance and `share` rad.
+// An estimate of the trajectory with translation errors of up to `share` of the distance and
+// rotation errors of up to `share` rad.
 Trajectory estimate_of(const Trajectory& truth, double share, std::mt19937& random) {
   return changed(truth, [&](const CameraPose& pose) {
     const double distance_m = pose.translation().norm();

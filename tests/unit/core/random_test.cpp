@@ -8,7 +8,7 @@
 namespace penumbra {
 namespace {
 
-// The published generator's first numbers for the seed 1234567.
+// The first numbers of the published generator for the seed 1234567.
 TEST(SplitMix64, ReproducesPublishedSequence) {
   constexpr std::array<std::uint64_t, 5> kExpected = {6457827717110365317U, 3203168211198807973U,
                                                       9817491932198370423U, 4593380528125082431U,

@@ -27,7 +27,7 @@ RunningStatistics running(const std::vector<double>& values) {
   return statistics;
 }
 
-// Bounds of the quantile: quantiles of the values, each moved by its bin's error.
+// Bounds of a quantile: quantiles of the values after each is moved by its bin's error.
 struct Bounds {
   double low = 0.0, high = 0.0;
 };
@@ -107,8 +107,8 @@ TEST(RunningStatistics, IgnoresNonFiniteValues) {
   }
 }
 
-// Counts at the limit of exact storage, one above it, and far above; values of one size, of all
-// sizes, and a few distinct ones.
+// Numbers of values: the limit of exact storage, one more, and many more. The values are of one
+// magnitude, of all magnitudes, or a few distinct ones.
 RC_GTEST_PROP(RunningStatistics, StaysWithinBinErrorForManyValues, ()) {
   Draw draw(*rc::gen::arbitrary<std::uint64_t>());
   const std::size_t more[] = {1, 2, 100, 3 * RunningStatistics::kMostExact};

@@ -1,5 +1,5 @@
-// 16-bit images that use fewer bits: the depth comes from their values or sBIT chunks, and is
-// common to all images.
+// 16-bit images that use fewer bits. The sample depth is determined from their values or sBIT
+// chunks, and is common to all images.
 #include "core/image/sample_depth.hpp"
 
 #include <gmock/gmock.h>
@@ -26,7 +26,7 @@ constexpr int kHeight = 9;
 
 using Layout = test::DeepPng;
 
-// All channels run from 0 to `brightest`, except alpha, which is opaque.
+// All channels increase from 0 to `brightest`, except alpha, which is opaque.
 Values ramp(int brightest, const Layout& layout = {}) {
   Values values;
   const int colours = layout.channels - (layout.alpha ? 1 : 0);
@@ -91,7 +91,7 @@ TEST_F(SampleDepthTest, FollowsChunkWhenValuesFit) {
   EXPECT_EQ(found().bits, 12);
   EXPECT_TRUE(found().by_chunk);
   EXPECT_THAT(found().text(), HasSubstr("by their sBIT chunk"));
-  // Scaled up to 16 bits, as the PNG specification requires of encoders.
+  // The values are scaled up to 16 bits, as the PNG specification requires of encoders.
   add(png_of(ramp(50000), {.significant_bits = 12}));
   EXPECT_EQ(found().bits, 16);
   pictures_.clear();
@@ -112,7 +112,7 @@ TEST_F(SampleDepthTest, IgnoresOtherFiles) {
   EXPECT_EQ(found().bits, 10);
 }
 
-// Keeps the upper 8 of the bits used, in every layout; a larger value becomes white.
+// Decoding keeps the upper 8 of the used bits, in every layout. A larger value becomes white.
 TEST(DecodeImage, KeepsUpperBitsOfReducedSamples) {
   const Layout layouts[] = {{},
                             {.interlaced = true},

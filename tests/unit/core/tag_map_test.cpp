@@ -41,7 +41,7 @@ TEST_F(TagMapFile, ReadsTagAndPlacesItsCorners) {
   EXPECT_EQ(map->find(TagFamily::tag36h11, 4), nullptr);
   EXPECT_EQ(map->find(TagFamily::tag25h9, 3), nullptr);
   EXPECT_THAT(map->families(), testing::ElementsAre(TagFamily::tag36h11));
-  // A quarter turn to the left about z: the tag's (-s/2, -s/2) lies at (s/2, -s/2) from its centre.
+  // Rotated by 90 degrees about z: the tag's corner (-s/2, -s/2) is at (s/2, -s/2) from its centre.
   const auto corners = tag->corners();
   EXPECT_LT((corners[0] - Eigen::Vector3d(0.12, 0.18, 0)).norm(), 1e-12);
   EXPECT_LT((corners[1] - Eigen::Vector3d(0.12, 0.22, 0)).norm(), 1e-12);

@@ -57,7 +57,8 @@ TEST(AsUtf8, KeepsValidPartsBesideOtherBytes) {
 }
 
 TEST(AsUtf8, TakesMalformedUtf8AsLatin1) {
-  // Overlong, a surrogate, past the last plane, cut off, a continuation byte alone.
+  // Invalid UTF-8: overlong, a surrogate, beyond the last plane, truncated, a lone continuation
+  // byte.
   EXPECT_EQ(as_utf8("\xC0\xAF"), "\xC3\x80\xC2\xAF");
   EXPECT_EQ(as_utf8("\xE0\x80\xAF"), "\xC3\xA0\xC2\x80\xC2\xAF");
   EXPECT_EQ(as_utf8("\xED\xA0\x80"), "\xC3\xAD\xC2\xA0\xC2\x80");

@@ -92,7 +92,7 @@ TEST_F(TrajectoryFile, ReadsEurocGroundtruth) {
     EXPECT_NEAR(read->poses[0].T_table_camera.rotation().x(), 0.8, 1e-15);
     EXPECT_NEAR(read->poses[1].T_table_camera.rotation().y(), 0.6, 1e-15);
   }
-  // The header determines the position of w.
+  // The header determines whether w comes first or last.
   const auto w_last = load("timestamp [ns],px,py,pz,qx,qy,qz,qw\n5,1,2,3,0.8,0,0,0.6\n");
   ASSERT_TRUE(w_last) << w_last.error().message;
   EXPECT_NEAR(w_last->poses.at(0).T_table_camera.rotation().w(), 0.6, 1e-15);
@@ -164,7 +164,7 @@ TEST_F(TrajectoryFile, RoundTripsExactly) {
   EXPECT_FALSE(save_trajectory(folder_.path() / "no" / "path.tum", trajectory));
 }
 
-// A camera that turns and moves uniformly, sampled at uneven times.
+// Pose of a camera that rotates and moves uniformly.
 CameraPose on_the_way(double t) {
   return {
       Eigen::Quaterniond(Eigen::AngleAxisd(0.9 * t, Eigen::Vector3d(1.0, 2.0, -1.0).normalized())),
