@@ -28,8 +28,8 @@ void expect_same(const std::vector<TagDetection>& a, const std::vector<TagDetect
   }
 }
 
-// Background and immediate search find the same tags, also when the caller overwrites the pixels
-// during the search.
+// The background search must find the same tags as the immediate search, even if the caller
+// overwrites the pixels during the search.
 TEST(BackgroundSearch, FindsSameTagsAsImmediateSearch) {
   const test::Stage stage({test::wall()});
   for (const bool own_thread : {false, true}) {
@@ -79,7 +79,7 @@ TEST(BackgroundSearch, NeverBlocksCaller) {
   }
   ASSERT_TRUE(found);
   EXPECT_GE(found->tags.size(), 6U);
-  // The destructor runs during a search, and with a result that was not taken.
+  // The destructor must handle a running search and a result that the caller has not taken.
   beside->begin(image, 8, SearchResolution::full);
   beside.reset();
   beside = search(true);

@@ -89,7 +89,7 @@ TEST_F(BoardPoseTest, ReportsInconsistencyWhenHalfOfTagsAreWrong) {
   EXPECT_TRUE(board->inconsistent);
 }
 
-// Shifts half of the board: no single tag is an outlier, and the fit stays fairly good.
+// Half of the board is shifted: no single tag is an outlier, and the residuals are small.
 TEST_F(BoardPoseTest, ReportsInconsistencyOfBumpedHalfButNotOfNoise) {
   for (int trial = 0; trial < 200; ++trial) {
     std::vector<MappedTag> really = sheet();
@@ -104,7 +104,7 @@ TEST_F(BoardPoseTest, ReportsInconsistencyOfBumpedHalfButNotOfNoise) {
     const auto board = estimate_board_pose(camera_, bumped);
     ASSERT_TRUE(board);
     EXPECT_TRUE(board->inconsistent) << trial;
-    // Noise of any strength is not an inconsistency.
+    // Noise of any strength must not be reported as an inconsistency.
     for (const double noise : {0.2, 0.6, 1.0}) {
       const auto noisy =
           estimate_board_pose(camera_, observe(camera_, truth_, sheet(), noise, random_));
@@ -115,8 +115,8 @@ TEST_F(BoardPoseTest, ReportsInconsistencyOfBumpedHalfButNotOfNoise) {
 }
 
 TEST_F(BoardPoseTest, ReportsSmallFrontalTagAsAmbiguous) {
-  // 24 px wide, tilted by 20 degrees: solvers choose the wrong one of the two poses in almost a
-  // third of the views. The report must mark each of these as ambiguous.
+  // The tag is 24 px wide and tilted by 20 degrees. In almost a third of the views, solvers choose
+  // the wrong one of its two poses. The result must mark each of these poses as ambiguous.
   int wrong = 0;
   constexpr int kTrials = 200;
   for (int i = 0; i < kTrials; ++i) {

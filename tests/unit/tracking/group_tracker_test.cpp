@@ -1,4 +1,4 @@
-// The table and other rigid groups of tags in one image; each group moves independently and its
+// Tracks the table and other rigid tag groups in one image. Each group moves independently, and its
 // true pose is exact.
 #include "tracking/group_tracker.hpp"
 
@@ -56,7 +56,7 @@ TEST(GroupTracker, RejectsMapWithoutTableOrWithUnknownTag) {
   EXPECT_THAT(unknown.error().message, testing::AllOf(HasSubstr("'wall'"), HasSubstr("9999")));
 }
 
-// A group at rest at its map pose keeps that pose, bit for bit, while the camera moves.
+// A group at rest at its map pose must keep that pose, bit for bit, while the camera moves.
 TEST(GroupTracker, KeepsPoseOfGroupAtRest) {
   const Stage stage({wall()});
   GroupTracker tracker = stage.tracker();
@@ -80,13 +80,13 @@ TEST(GroupTracker, KeepsPoseOfGroupAtRest) {
   EXPECT_LE(changes, 2) << "noise is not motion";
 }
 
-// The map has a wrong pose for the wall; the image is right.
+// The map has a wrong pose for the wall. The image shows the true one.
 TEST(GroupTracker, TracksMovedWall) {
   const Stage stage({wall()});
   GroupTracker tracker = stage.tracker();
   const Placement leaning(turned(12.0, {1.0, 0.3, 0.6}), Eigen::Vector3d(0.02, 0.03, -0.01));
   for (int f = 0; f < 12; ++f) {
-    // The wall is pushed halfway through.
+    // Halfway through, the wall is pushed to another pose.
     const Placement at =
         f < 6 ? leaning
               : Placement(leaning.rotation(), leaning.translation() + Eigen::Vector3d(0, 0.004, 0));
@@ -99,7 +99,7 @@ TEST(GroupTracker, TracksMovedWall) {
   }
 }
 
-// Block and camera are both hand-held; the errors are against exact truth.
+// Block and camera move like hand-held ones.
 TEST(GroupTracker, TracksHandHeldProp) {
   const Stage stage({wall(), block()});
   GroupTracker tracker = stage.tracker();
@@ -127,8 +127,8 @@ TEST(GroupTracker, TracksHandHeldProp) {
   EXPECT_EQ(detections, 1) << "the first frame's, shared by all";
 }
 
-// The group moves by a fraction of a pixel per frame, less than the measurement noise: averaging
-// may not let the drawn pose lag by more than its bound.
+// The group moves by a fraction of a pixel per frame, less than the measurement noise. Averaging
+// must not let the drawn pose lag by more than its bound.
 TEST(GroupTracker, TracksSlowMotionBelowNoise) {
   const Stage stage({block()});
   GroupTracker tracker = stage.tracker();
@@ -147,7 +147,7 @@ TEST(GroupTracker, KeepsTablePoseIndependentOfOtherGroups) {
   const Stage stage({wall(), block()});
   std::vector<Frame> pictures;
   for (int f = 0; f < 6; ++f) {
-    // Without the block for a while: it is searched for.
+    // The block is absent in some frames, so the tracker searches for it.
     Placements at;
     if (f >= 2 && f < 5) at["block"] = shifted(5.0, 0.0, 0.0);
     pictures.push_back(stage.picture(f, at));
@@ -238,7 +238,7 @@ TEST(GroupTracker, CoastsHiddenGroupThenFindsItAnywhere) {
       EXPECT_EQ(estimate.status, TrackStatus::lost) << f;
     }
   }
-  // The block returns farther away than a search near the old place reaches.
+  // The wall returns farther away than a search near its old pose covers.
   const Placement there(turned(20.0, Eigen::Vector3d::UnitZ()), Eigen::Vector3d(0.05, 0.06, 0.0));
   int frames = 0;
   bool found = false;
@@ -254,7 +254,7 @@ TEST(GroupTracker, CoastsHiddenGroupThenFindsItAnywhere) {
   EXPECT_LE(frames, 9);
 }
 
-// A group that returns to its old place is found in its first frame, without a search.
+// A group that returns to its old pose must be tracked in its first frame, without a search.
 TEST(GroupTracker, TracksReturningGroupAtOnce) {
   const Stage stage({wall()});
   std::vector<MappedTag> hidden = stage.tags;
@@ -305,14 +305,14 @@ TEST(GroupTracker, IsDeterministic) {
   }
 }
 
-// A prop enters the view while it moves, and the wall stands elsewhere than in the map; the table
-// is tracked throughout.
+// A block enters the view while it moves, and the wall is at another pose than in the map. The
+// table is tracked in every frame.
 struct Arriving {
   Stage stage{{wall(), block()}};
   std::vector<Frame> pictures;
   std::vector<Placements> truth;
 };
-constexpr int kArrives = 3;  // frame
+constexpr int kArrives = 3;  // first frame with wall and block
 
 Arriving arriving() {
   Arriving arriving;
@@ -351,7 +351,7 @@ Arrival arrive(const Arriving& arriving, const TrackerOptions& options, Duration
   return arrival;
 }
 
-// How long a frame takes in which all is searched for, under the machine's present load.
+// Duration of a frame with searches for all groups, under the machine's present load.
 Duration time_of_search(const Arriving& arriving) {
   TrackerOptions options;
   options.search_timing = SearchTiming::in_frame;
@@ -384,20 +384,20 @@ TEST(GroupTracker, NeverWaitsForSearchOnceTableIsTracked) {
     for (const char* group : {"wall", "block"}) {
       SCOPED_TRACE(group);
       const GroupEstimate& a = named(frame, group);
-      // The background thread gives the same bits.
+      // The search thread must give the same results bit by bit.
       const GroupEstimate& b = named(threaded.frames[f], group);
       EXPECT_EQ(a.status, b.status);
       EXPECT_EQ(text_of(a.reason), text_of(b.reason));
       EXPECT_EQ(a.T_table_group.matrix(), b.T_table_group.matrix());
       EXPECT_EQ(a.covariance, b.covariance);
       EXPECT_EQ(frame.times.search_used, threaded.frames[f].times.search_used);
-      // Search time counts as tracking time, whichever thread runs the search.
+      // The time of a search counts as tracking time, for any thread that runs it.
       for (const TrackedFrame* one : {&frame, &threaded.frames[f]}) {
         EXPECT_EQ(one->times.search_cpu_ms > 0.0, one->times.search_used);
         EXPECT_GT(one->times.total_cpu_ms, one->times.search_cpu_ms);
       }
-      // Searching within the frame gives the same poses from one frame after both searches
-      // succeeded.
+      // From the frame after both searches succeeded, searching within the frame must give the same
+      // poses.
       const GroupEstimate& c = named(waiting.frames[f], group);
       const int both = std::max(beside.first_tracked(group), waiting.first_tracked(group));
       if (a.status != TrackStatus::tracked || c.status != TrackStatus::tracked) continue;
@@ -421,7 +421,7 @@ TEST(GroupTracker, NeverWaitsForSearchOnceTableIsTracked) {
   }
 }
 
-// With enough time, a background search has its result in the next frame too.
+// With enough time, the result of a background search is used in the next frame.
 TEST(GroupTracker, FindsSameGroupsByBackgroundSearch) {
   const Arriving shown = arriving();
   TrackerOptions options;
@@ -441,8 +441,9 @@ TEST(GroupTracker, FindsSameGroupsByBackgroundSearch) {
   for (std::size_t f = 1; f < live.frames.size(); ++f) {
     EXPECT_EQ(live.frames[f].times.detect_ms, 0.0);
   }
-  // Without any time, the table may be found some frames late, because its fine search runs in the
-  // background, but then stays tracked; the tracker may be destroyed during a search.
+  // Without waiting, the table may be found some frames late, because the full-resolution search
+  // runs in the background. It must then stay tracked. The tracker may be destroyed during a
+  // search.
   const Arrival hurried = arrive(shown, options);
   bool found = false;
   for (const TrackedFrame& frame : hurried.frames) {
@@ -453,8 +454,7 @@ TEST(GroupTracker, FindsSameGroupsByBackgroundSearch) {
   EXPECT_TRUE(found);
 }
 
-// On a machine that takes seconds per frame, the view has changed by the end of each background
-// search.
+// On a machine that takes seconds per frame, the view has changed when a background search ends.
 TEST(GroupTracker, FindsTableOnSlowMachine) {
   const Stage stage({wall()});
   std::vector<Frame> pictures;

@@ -1,5 +1,5 @@
-// Mirrored and negative images of a board are recognised by occasional checks; other images are not
-// reported.
+// Occasional checks recognise mirrored and negative images of a board. They must not report other
+// images.
 #include "tracking/detection/image_check.hpp"
 
 #include <gmock/gmock.h>
@@ -72,7 +72,7 @@ TEST(ImageCheck, FindsNothingInImagesOfOtherTags) {
   EXPECT_EQ(check.nothing_found({}), std::nullopt);
 }
 
-// Checks the 1st, 2nd, 4th, 8th ... image; reports a fault once.
+// The check runs on the 1st, 2nd, 4th, 8th ... image and reports a fault once.
 TEST(ImageCheck, ChecksFewImagesAndReportsOnce) {
   const std::vector<MappedTag> tags = test::board(3, 2, 0.06);
   const GreyImage fault = mirrored(view_of(tags, 1));

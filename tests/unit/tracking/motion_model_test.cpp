@@ -76,7 +76,8 @@ TEST(MotionModel, KeepsCovariancePositiveDefinite) {
     const MotionPrediction prediction = motion.predict(k * kFrame_ns);
     const Eigen::SelfAdjointEigenSolver<Matrix6d> eigen(prediction.covariance);
     ASSERT_GT(eigen.eigenvalues().minCoeff(), 0.0) << "frame " << k;
-    // The image always adds information: the posterior is below the prediction.
+    // The image always adds information, so the posterior covariance is smaller than the
+    // prediction's.
     const Matrix6d image = measured(std::pow(10.0, -3.0 + n(random)), 1e-3).inverse();
     const Matrix6d posterior = (prediction.covariance.inverse() + image).inverse();
     Vector6d xi;

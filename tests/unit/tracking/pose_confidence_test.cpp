@@ -29,7 +29,7 @@ class PoseConfidence : public ::testing::Test {
     const double unit = predicted_overlay_error_px(group_.camera, pose_, Matrix6d::Identity());
     return error_px * error_px / (unit * unit) * Matrix6d::Identity();
   }
-  // Adds a second pose, turned about the table's x axis.
+  // Adds a second pose, rotated about the table's x axis.
   void add_second(Measurement& measurement, double turn_rad) const {
     measurement.second = measurement.best;
     const Transform<frame::Map, frame::Map> turn(

@@ -19,7 +19,7 @@ MapPoseEstimate tracked_at(double x_m) {
   return estimate;
 }
 
-// Frames 1, 2, ... of a camera that moves by 10 mm per frame.
+// History after frames 1, 2, ... of a camera that moves by 10 mm per frame.
 PoseHistory steady_history(int frames) {
   PoseHistory history;
   for (int f = 1; f <= frames; ++f) {

@@ -85,8 +85,8 @@ TEST(PoseRefiner, ConvergesFromWrongStart) {
   EXPECT_LT(perturbation_between(as_map_pose(truth), refined->T_map_camera).norm(), 1e-6);
 }
 
-// Both solvers start at the same pose and reach the same minimum: with noise, outliers, one tag and
-// many.
+// Both solvers start at the same pose and must reach the same minimum: with noise, with outliers,
+// and for one tag or many.
 TEST_P(PoseRefinerLens, FindsSameMinimumAsCeres) {
   const CameraModel camera = test::lens_of(GetParam());
   std::mt19937 random(12);
@@ -123,19 +123,19 @@ TEST_P(PoseRefinerLens, FindsSameMinimumAsCeres) {
         cost_theirs += huber((b - point.pixel).norm());
         if (i % 5 != 0) worst_px = std::max(worst_px, (a - b).norm());
       }
-      // Outliers beyond the loss threshold slow down both solvers, and Ceres stops earlier.
+      // Outliers beyond the loss threshold slow down both solvers; Ceres then stops earlier.
       EXPECT_LT(cost_ours, cost_theirs * (1.0 + 1e-6));
       EXPECT_NEAR(ours->rms_px, theirs->rms_px, i % 5 == 0 ? 5e-3 : 1e-4);
     }
   }
   EXPECT_GE(compared, 60);
-  EXPECT_LT(worst_px, 2e-3);  // the cost is flat there: solvers stop at different poses
+  EXPECT_LT(worst_px, 2e-3);  // the cost is flat, so the solvers stop at different poses
   RecordProperty("worst_px", std::to_string(worst_px));
 }
 
-// The normalised error squared of 6 parameters has mean 6 when the covariance is right. With the
-// variance estimated from f = 2n - 6 residuals and its upper side taken, it is
-// 6 f / (f - 2) / (1 + sqrt(2 / f)).
+// With a correct covariance, the normalised error squared of 6 parameters has mean 6. The refiner
+// estimates the variance from f = 2n - 6 residuals and takes the upper end of its confidence
+// interval, so the mean is 6 f / (f - 2) / (1 + sqrt(2 / f)).
 TEST(PoseRefiner, PredictsCovarianceOfTrials) {
   const CameraModel camera = desk_camera();
   std::mt19937 random(9);
@@ -154,12 +154,13 @@ TEST(PoseRefiner, PredictsCovarianceOfTrials) {
     }
     constexpr double kFreedom = 2 * 48 - 6;
     const double expected = 6.0 * kFreedom / (kFreedom - 2.0) / (1.0 + std::sqrt(2.0 / kFreedom));
-    // Standard deviation over 400 trials: sqrt(2 * 6 / 400) = 0.17; the tolerance is four of them.
+    // The standard deviation over 400 trials is sqrt(2 * 6 / 400) = 0.17; the tolerance is four of
+    // them.
     EXPECT_NEAR(sum / kTrials, expected, 0.7) << noise;
   }
 }
 
-// Reprojection residual for Ceres, with numeric derivatives.
+// Reprojection residual for Ceres, differentiated numerically.
 struct Reprojection {
   const CameraModel& camera;
   const MapFromCamera& pose;
@@ -197,7 +198,7 @@ TEST_P(PoseRefinerLens, FindsSameCovarianceAsCeres) {
       ASSERT_TRUE(covariance.Compute(std::vector<const double*>{xi.data()}, &problem));
       Eigen::Matrix<double, 6, 6, Eigen::RowMajor> of_ceres;
       ASSERT_TRUE(covariance.GetCovarianceBlock(xi.data(), xi.data(), of_ceres.data()));
-      // Ceres' cost is half of the sum of squares; this one is in units of the residuals' variance.
+      // Ceres' cost is half of the sum of squares, here in units of the residuals' variance.
       double cost = 0.0;
       ASSERT_TRUE(problem.Evaluate({}, &cost, nullptr, nullptr, nullptr));
       const double freedom = 2.0 * static_cast<double>(points.size()) - 6.0;

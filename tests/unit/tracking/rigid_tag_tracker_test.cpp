@@ -51,7 +51,7 @@ TEST(RigidTagTracker, GivesReasonWithoutPose) {
   EXPECT_EQ(tracker.track(Frame{}).pose.status, TrackStatus::lost);
 }
 
-// Fixture with the first frames of the bundled recording.
+// Fixture with the first frames of the bundled recording `tabletop`.
 class RigidTagTrackerOnTabletop : public testing::Test {
  protected:
   void SetUp() override {
@@ -104,7 +104,7 @@ TEST_F(RigidTagTrackerOnTabletop, ExtrapolatesForHoldTimeThenIsLost) {
     EXPECT_GT(held.predicted_overlay_error_px, promised) << "it must get less certain";
     promised = held.predicted_overlay_error_px;
     if (i == kSeen + 2) {
-      // The extrapolated pose is closer to the truth than the last measured one.
+      // The extrapolated pose must be closer to the truth than the last measured one.
       const std::int64_t time = listed_[i].timestamp_ns;
       EXPECT_LT(error_px(held, time),
                 overlay_difference(*camera_, still, truth_.at(time)->T_table_camera).rms_px());
@@ -112,11 +112,11 @@ TEST_F(RigidTagTrackerOnTabletop, ExtrapolatesForHoldTimeThenIsLost) {
   }
   const PoseEstimate lost = tracker.track(grey_frame(640, 480, last + 2'000'000'000)).pose;
   EXPECT_EQ(lost.status, TrackStatus::lost);
-  // The tags are visible again: tracked at once.
+  // The tags are visible again and must be tracked at once.
   Frame again = frame(20);
   again.timestamp_ns = last + 3'000'000'000;
   EXPECT_EQ(tracker.track(again).pose.status, TrackStatus::tracked);
-  // Timestamps that go backwards restart the tracker.
+  // A timestamp that goes back restarts the tracker.
   EXPECT_EQ(tracker.track(frame(3)).pose.status, TrackStatus::tracked);
   EXPECT_EQ(tracker.track(grey_frame(640, 480, 0)).pose.status, TrackStatus::lost);
 }
@@ -153,14 +153,14 @@ TEST_F(RigidTagTrackerOnTabletop, ReportsTagsOfAnotherBoard) {
   auto tracker = GroupTracker::create(*camera_, TagMap::make(tags).value()).value();
   const PoseEstimate pose = tracker.track(frame(0)).pose;
   EXPECT_EQ(pose.status, TrackStatus::lost);
-  // At half the resolution one of the twelve is not found.
+  // At half the resolution one of the twelve tags may not be detected.
   EXPECT_THAT(text_of(pose.reason),
               testing::ContainsRegex("1[12] tags in view, none of them of this board"));
 }
 
 TEST_F(RigidTagTrackerOnTabletop, NeverTracksMapThatDoesNotFit) {
   std::vector<MappedTag> tags = map_->tags();
-  // Swaps the places of all tags.
+  // Permutes the positions of all tags.
   for (std::size_t i = 0; i < tags.size(); ++i)
     tags[i].T_table_tag = map_->tags()[(i * 7 + 3) % tags.size()].T_table_tag;
   auto tracker = GroupTracker::create(*camera_, TagMap::make(tags).value()).value();
@@ -186,7 +186,7 @@ TEST_F(RigidTagTrackerOnTabletop, DetectsCornersInLinearLightWhenResponseIsKnown
   EXPECT_LT(linear_rms, 0.8 * plain_rms);
 }
 
-// The uncertainty of the camera file's lens adds to the predicted error and changes no pose.
+// The camera file's uncertainty must add to the predicted error and change no pose.
 TEST_F(RigidTagTrackerOnTabletop, AddsLensErrorToPredictedError) {
   const auto with_lens = [&](double sigma_px) {
     CameraParameters parameters = camera_->parameters();
@@ -230,7 +230,7 @@ TEST_F(RigidTagTrackerOnTabletop, IsDeterministic) {
     auto a = GroupTracker::create(*camera_, *map_, options).value();
     auto b = GroupTracker::create(*camera_, *map_, options).value();
     for (std::size_t i = 0; i < 8; ++i) {
-      // A grey frame in between includes recovery in the test.
+      // One grey frame, so that the test includes recovery.
       const Frame shown = i == 3 ? grey_frame(640, 480, listed_[i].timestamp_ns) : frame(i);
       const PoseEstimate x = a.track(shown).pose;
       const PoseEstimate y = b.track(shown).pose;
@@ -281,7 +281,7 @@ TEST_F(RigidTagTrackerOnTabletop, SamplesEveryPixelInAutomaticModeAtRest) {
     }
   }
   EXPECT_GT(moving, 10) << "the recording must show motion";
-  // Repeats one image: the motion ends.
+  // Repeats one image, so the motion ends.
   for (std::size_t i = 60; i < 75; ++i) {
     Frame same = frame(59);
     same.timestamp_ns = listed_[i].timestamp_ns;
@@ -312,7 +312,7 @@ TEST_F(RigidTagTrackerOnTabletop, DetectsOncePerFrameWhileLost) {
   EXPECT_LT(error_px(found.pose, listed_[50].timestamp_ns), 0.5);
 }
 
-// With a known exposure, motion blur does not displace the edges.
+// With a known exposure time, motion blur must not displace the estimated pose.
 TEST(RigidTagTracker, ModelsBlurWhenExposureIsKnown) {
   double with = 0.0;
   double without = 0.0;
@@ -354,7 +354,7 @@ TEST(RigidTagTracker, ModelsBlurWhenExposureIsKnown) {
   EXPECT_LT(std::sqrt(with / frames), 0.8 * std::sqrt(without / frames));
 }
 
-// Ceres refines the pose by corners only if pattern alignment does not replace it.
+// Ceres refines the pose from corners only if no pattern alignment follows.
 TEST_F(RigidTagTrackerOnTabletop, SkipsCornerSolveWhenPatternIsAligned) {
   for (std::size_t i = 0; i < listed_.size(); i += 10) {
     SCOPED_TRACE(i);
@@ -362,7 +362,7 @@ TEST_F(RigidTagTrackerOnTabletop, SkipsCornerSolveWhenPatternIsAligned) {
     ASSERT_EQ(first.pose.status, TrackStatus::tracked);
     EXPECT_TRUE(first.times.corner_solve_skipped);
   }
-  // Half of the tags are displaced against the map, and it is ambiguous which half.
+  // Half of the tags are displaced relative to the map, so it is ambiguous which half is right.
   std::vector<MappedTag> tags = map_->tags();
   for (std::size_t i = 0; i < tags.size(); i += 2) {
     tags[i].T_table_tag = {tags[i].T_table_tag.rotation(),
@@ -396,7 +396,7 @@ TEST_F(RigidTagTrackerOnTabletop, AgreesBetweenDetectionAndAlignmentWithinErrors
   EXPECT_LT(std::sqrt(ratio2), 1.5);
 }
 
-// Hand motion with a rolling shutter whose readout takes most of a frame.
+// Hand-held motion with a rolling shutter whose readout takes most of the frame interval.
 TEST(RigidTagTracker, CorrectsRollingShutter) {
   test::Session session;
   CameraParameters p = test::lens_camera(test::Lens::plumb_bob, 640, 480, 0.85).parameters();
@@ -422,7 +422,7 @@ TEST(RigidTagTracker, CorrectsRollingShutter) {
   double knowing2 = 0.0;
   double unknowing2 = 0.0;
   constexpr int kFrames = 14;
-  constexpr int kFirst = 4;  // the velocity is known from this frame on
+  constexpr int kFirst = 4;  // first frame with a known velocity
   for (int i = 0; i < kFrames; ++i) {
     const Frame frame = session.picture(renderer, i);
     const TrackedFrame with = knowing.track(frame);
@@ -440,7 +440,7 @@ TEST(RigidTagTracker, CorrectsRollingShutter) {
   }
   RecordProperty("knowing_px", std::to_string(std::sqrt(knowing2)));
   RecordProperty("unknowing_px", std::to_string(std::sqrt(unknowing2)));
-  // The rest is the change of velocity within a frame.
+  // The remaining error comes from the change of velocity within a frame.
   EXPECT_LT(std::sqrt(knowing2), 0.25);
   EXPECT_GT(std::sqrt(unknowing2), 15.0 * std::sqrt(knowing2));
 }
@@ -451,7 +451,7 @@ TEST(TrackingMode, HasNames) {
   EXPECT_FALSE(tracking_mode_from_string("automatic"));
 }
 
-// One tag seen from nearly above: two poses explain it, and the tilt passes through zero.
+// One tag, seen from nearly above: two poses explain the image, and the tilt passes through zero.
 TEST(RigidTagTracker, FollowsLoneTagWithoutTrustingMirroredPose) {
   const CameraModel camera = test::desk_camera();
   for (const double size_m : {0.03, 0.08}) {

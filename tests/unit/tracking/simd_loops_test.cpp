@@ -31,7 +31,7 @@ std::vector<const Loops*> variants() {
   return list;
 }
 
-// A lattice of 11 x 11 vertices with cells of 10 mm, seen at an angle from half a metre.
+// Pose of a lattice of 11 x 11 vertices with cells of 10 mm, seen obliquely from half a metre.
 Eigen::Isometry3d lattice_pose() {
   Eigen::Isometry3d T = Eigen::Isometry3d::Identity();  // T_camera_lattice [cells]
   T.linear() = (Eigen::AngleAxisd(2.5, Eigen::Vector3d::UnitX()) *
@@ -110,7 +110,7 @@ TEST(SimdLoops, JacobiansMatchCentralDifferences) {
       in.reach = reach;
       in.correlated = correlated;
       const Loops& variant = simd::widest_loops();
-      // Numeric derivative of each sample's model by each motion component.
+      // Numeric derivative of each sample's model value by each component of the motion.
       std::array<std::vector<double>, 6> numeric;
       for (int k = 0; k < 6; ++k) {
         const double step = k < 3 ? 4e-3 : 4e-4;
@@ -132,8 +132,7 @@ TEST(SimdLoops, JacobiansMatchCentralDifferences) {
       }
       variant.evaluate(&in, &set.s, 1);
       for (int i = 0; i < set.s.count; ++i) {
-        // With a weight of one sample alone, the gradient is this sample's Jacobian times its
-        // residual.
+        // If only one sample has a weight, the gradient is its Jacobian times its residual.
         for (int j = 0; j < set.s.count; ++j) set.s.weight[j] = i == j ? 1.0F : 0.0F;
         set.s.value[i] = in.offset + in.gain * set.s.model[i] + 1.0F;
         Sums sums;
@@ -151,7 +150,7 @@ TEST(SimdLoops, JacobiansMatchCentralDifferences) {
   }
 }
 
-// The first, middle and last moment of an exposure during which the camera moves by `motion`.
+// First, middle and last moment of an exposure during which the camera moves by `motion`.
 constexpr int kMoments = 3;
 std::array<AccumulateInput, kMoments> moments_of(const Eigen::Isometry3d& T, const Vector6d& motion,
                                                  const AccumulateInput& in) {
@@ -195,7 +194,7 @@ TEST(SimdLoops, AnchorMatchesPrepare) {
   }
 }
 
-// The model of several moments is the mean of their single models.
+// The model value over several moments must be the mean of the values at single moments.
 TEST(SimdLoops, EvaluateMomentsAveragesSingleMoments) {
   const Eigen::Isometry3d T = lattice_pose();
   const Loops& variant = simd::widest_loops();
@@ -208,7 +207,7 @@ TEST(SimdLoops, EvaluateMomentsAveragesSingleMoments) {
       in.offset = 30.0F;
       in.reach = reach;
       in.correlated = correlated;
-      // Each moment has its own anchors and coefficients.
+      // Each moment has separate anchors and coefficients.
       std::array<SampleSet, kMoments> sets = {random_samples(simd::kBlock, T, 0.5F),
                                               random_samples(simd::kBlock, T, 0.6F),
                                               random_samples(simd::kBlock, T, 0.7F)};
@@ -236,8 +235,8 @@ TEST(SimdLoops, EvaluateMomentsAveragesSingleMoments) {
   }
 }
 
-// Without correlation the bivariate distribution is a product; with distant lines the vertex alone
-// gives the value of its neighbourhood.
+// Without correlation the bivariate distribution is a product. If other lines are far away, the
+// nearest vertex alone determines the value.
 TEST(SimdLoops, ModelsOfAllReachesAgreeForDistantLines) {
   const Eigen::Isometry3d T = lattice_pose();
   SampleSet set = random_samples(simd::kBlock, T, 0.0F);
@@ -257,7 +256,7 @@ TEST(SimdLoops, ModelsOfAllReachesAgreeForDistantLines) {
 }
 
 TEST(SimdLoops, CorrelatedBlurMatchesBivariateNormal) {
-  // Sums P(X < x, Y < y) over a fine grid; compares with the loop for a single corner.
+  // Sums P(X < x, Y < y) over a fine grid, for comparison with the loop at a single corner.
   const Eigen::Isometry3d T = lattice_pose();
   SampleSet set = random_samples(simd::kBlock, T, 0.0F);
   AccumulateInput in;
@@ -292,7 +291,7 @@ TEST(SimdLoops, CorrelatedBlurMatchesBivariateNormal) {
   }
 }
 
-// The first block starts the sums, the others continue them.
+// The first block initializes the sums; the others add to them.
 TEST(SimdLoops, AccumulateAddsUpBlocks) {
   const Eigen::Isometry3d T = lattice_pose();
   constexpr int kBlocks = 5;
@@ -324,7 +323,7 @@ TEST(SimdLoops, AccumulateAddsUpBlocks) {
       added.weight += sums.weight;
       added.base_weight += sums.base_weight;
     }
-    // Rows and columns of the matrix have individual scales.
+    // Each row and column of the matrix has its own scale.
     const auto diagonal = [](int p) { return p * 8 - p * (p - 1) / 2; };
     int index = 0;
     for (int p = 0; p < 8; ++p) {
@@ -370,8 +369,8 @@ std::vector<simd::Lens::Kind> lens_kinds() {
   return kinds;
 }
 
-// Sums have a fixed order of lanes, without fused operations: all instruction sets give the same
-// bits, so all machines the same poses.
+// Sums have a fixed order of lanes and no fused operations. All instruction sets therefore give the
+// same bits, and all machines the same poses.
 TEST(SimdLoops, EveryInstructionSetGivesSameBits) {
   const Eigen::Isometry3d T = lattice_pose();
   std::mt19937 random(3);
@@ -432,8 +431,8 @@ TEST(SimdLoops, EveryInstructionSetGivesSameBits) {
   }
 }
 
-// The requested outputs do not change pixels, rays, depths and blur of a lattice. The blur is that
-// of the image, mapped back by the derivative of the projection.
+// The set of requested outputs must not change a lattice's pixels, rays, depths and blur. The
+// expected blur is that of the image, mapped back by the projection's derivative.
 TEST(SimdLoops, ProjectGivesSameValuesForAnyOutputs) {
   const Eigen::Isometry3d T = lattice_pose();
   constexpr int kSide = 11;
@@ -494,7 +493,7 @@ TEST(SimdLoops, ProjectGivesSameValuesForAnyOutputs) {
         const Projected places = projected(*variant, false, false);
         for (std::size_t k = 0; k < 8; ++k) {
           SCOPED_TRACE(k);
-          // Compares bytes: vertices behind the camera may be NaN.
+          // Compares bytes, because vertices behind the camera may be NaN.
           const auto equal = [&](const Projected& some) {
             return std::memcmp(some.arrays[k].data(), all.arrays[k].data(),
                                sizeof(float) * kSide * kSide) == 0;
@@ -507,7 +506,7 @@ TEST(SimdLoops, ProjectGivesSameValuesForAnyOutputs) {
           EXPECT_EQ(some->arrays[2], all.arrays[2]);
       }
       EXPECT_LE(all.v.depth[kCount - 1], 0.0F);
-      // Differences of neighbouring vertices give the derivative of the pixel.
+      // Differences between neighbouring vertices approximate the derivative of the pixel position.
       const Eigen::Matrix2d covariance =
           0.34 * Eigen::Matrix2d::Identity() + (motion * motion.transpose()).cast<double>() / 12.0;
       for (int j = 1; j + 1 < kSide; ++j) {
@@ -532,15 +531,15 @@ TEST(SimdLoops, ProjectGivesSameValuesForAnyOutputs) {
   }
 }
 
-// Each coefficient of each model, over the whole image and, for fisheye, up to 75 degrees from the
-// axis: project and unproject agree with the camera model in double.
+// For each coefficient of each model, project and unproject must agree with the camera model in
+// double precision: over the whole image, for fisheye up to 75 degrees from the axis.
 TEST(SimdLoops, LensMatchesCameraModel) {
   struct Case {
     std::string name;
     DistortionModel model;
     double focal_px;
     std::array<double, 8> k;
-    double radius;  // of the rays
+    double radius;  // largest radius of a ray
   };
   std::vector<Case> cases = {
       {"none", DistortionModel::plumb_bob, 530.0, {}, 0.9},
@@ -567,7 +566,7 @@ TEST(SimdLoops, LensMatchesCameraModel) {
     const CameraModel camera = CameraModel::make(p).value();
     ASSERT_GT(camera.max_radius(), c.radius);
     const simd::Lens lens = simd::lens_of(camera);
-    // Vertices whose rays are their lattice coordinates, 0.02 apart.
+    // The rays of the vertices are their lattice coordinates, 0.02 apart.
     constexpr int kCount = 64 * simd::kBlock;
     constexpr double kCell = 0.02;
     const std::array<float, 9> M = {0.02F, 0, 0, 0, 0.02F, 0, 0, 0, 1};
@@ -599,7 +598,7 @@ TEST(SimdLoops, LensMatchesCameraModel) {
     SampleSet set(kCount);
     for (int i = 0; i < kCount; ++i) {
       const auto k = static_cast<std::size_t>(i);
-      // The first guesses are within three pixels.
+      // The initial guesses are within three pixels.
       const auto guess = camera.unproject(pixels[k] + 3.0 * Eigen::Vector2d(u(random), u(random)));
       ASSERT_TRUE(guess);
       set.s.ray_x[i] = static_cast<float>(guess->x());
@@ -624,7 +623,7 @@ TEST(SimdLoops, LensMatchesCameraModel) {
     EXPECT_LT(pixel_off, 5e-4);
     EXPECT_LT(ray_off, 5e-3);
     RecordProperty(c.name, std::to_string(pixel_off) + ", " + std::to_string(ray_off) + " px");
-    // Rays beyond the lens's field of view give no pixel.
+    // A ray beyond the lens's field of view gives no pixel.
     if (std::isfinite(camera.max_radius())) {
       a[0] = static_cast<float>(1.01 * camera.max_radius() / kCell);
       b[0] = 0.0F;
@@ -634,10 +633,10 @@ TEST(SimdLoops, LensMatchesCameraModel) {
   }
 }
 
-// Compares the walk along edges with a loop in double, pixel by pixel.
+// Compares the pixels near edges with those of a loop in double precision.
 TEST(SimdLoops, WalkTakesPixelsWithinReachOfEdge) {
   const Eigen::Isometry3d T = lattice_pose();
-  // Along a: at b = 3 from 1 to 4, at b = 7 from 2 to 9; along b, the same.
+  // Edges along a: at b = 3 from 1 to 4, at b = 7 from 2 to 9. The same edges along b.
   std::vector<simd::Walk::Cell> cells;
   for (const auto& [from, to, across, run] : {std::array{1, 4, 3, 5}, std::array{2, 9, 7, 8}}) {
     for (int cell = from; cell < to; ++cell)
@@ -681,7 +680,7 @@ TEST(SimdLoops, WalkTakesPixelsWithinReachOfEdge) {
         walk.along_b = along_b;
         walk.along_x = std::abs(along.x()) >= std::abs(along.y());
         walk.width = 640;
-        walk.height = 270;  // part of the edges lies below the image
+        walk.height = 270;  // part of the edges is below the image
         walk.stride = 700;
         walk.reach_px = 1.3F;
         walk.most_rows = band_count > 0 ? band_count : 5;
@@ -756,7 +755,7 @@ TEST(SimdLoops, WalkTakesPixelsWithinReachOfEdge) {
   }
 }
 
-// Compares runs walked in sequence with a loop in double, step by step.
+// Compares the pixels along runs with those of a loop in double precision, step by step.
 TEST(SimdLoops, WalkRunsVisitsEveryPixel) {
   constexpr int kWidth = 300;
   constexpr int kHeight = 200;
@@ -784,7 +783,7 @@ TEST(SimdLoops, WalkRunsVisitsEveryPixel) {
   }
   depth[10] = -1.0F;
   depth[31] = 0.0F;
-  x[40] = x[41];  // degenerate run: a point
+  x[40] = x[41];  // degenerate run of length 0
   y[40] = y[41];
   x[50] = 2e5F;
   std::array<float, 20> all_rows{};
@@ -958,7 +957,7 @@ TEST(SimdLoops, ReadAndAttachFillSamples) {
   }
 }
 
-// Compares the pixels nearest to cells with a loop in double, cell by cell.
+// Compares the pixels nearest to cells with those of a loop in double precision, cell by cell.
 TEST(SimdLoops, CellPlacesAreNearestPixels) {
   constexpr int kWidth = 90;
   constexpr int kHeight = 70;
@@ -1015,11 +1014,11 @@ TEST(SimdLoops, CellPlacesAreNearestPixels) {
   }
 }
 
-// Compares one step over packs of four tags with matrices, tag by tag.
+// Compares one step over packs of four tags with matrix operations, tag by tag.
 TEST(SimdLoops, PackedTagsMatchSingleTags) {
   std::mt19937 random(21);
   std::normal_distribution<double> n(0.0, 1.0);
-  constexpr std::size_t kLeftOut = 2;  // in the second pack; no later tag is used either
+  constexpr std::size_t kLeftOut = 2;  // index in the second pack; no later tag is used either
   std::array<simd::TagPack, 2> packs;
   struct Tag {
     Eigen::Matrix<double, 8, 8> H;
@@ -1066,7 +1065,7 @@ TEST(SimdLoops, PackedTagsMatchSingleTags) {
     pack.side_cells[lane] = tag.side;
     tags.push_back(tag);
   }
-  // Too few samples; not finite.
+  // One tag has too few samples, the next a value that is not finite.
   packs[1].weight[kLeftOut] = 3.0;
   packs[1].weight[3] = 100.0;
   packs[1].H[4][3] = std::numeric_limits<double>::quiet_NaN();

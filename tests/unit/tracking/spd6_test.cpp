@@ -11,7 +11,8 @@
 namespace penumbra {
 namespace {
 
-// A = Q diag Q^T with the given condition, then scaled like metres against radians.
+// A = Q diag Q^T with the given condition number, then scaled as if rows were in metres and
+// radians.
 Matrix6d random_spd(std::mt19937_64& random, double condition, double scale) {
   std::normal_distribution<double> normal;
   std::uniform_real_distribution<double> uniform(0.0, 1.0);
@@ -42,7 +43,7 @@ TEST(Spd6, MatchesAccuracyOfPivotedLdlt) {
         const Long6 A_long = A.cast<long double>();
         const Vector6d x = A_long.ldlt().solve(b.cast<long double>()).cast<double>();
         const Matrix6d inverse = A_long.ldlt().solve(Long6(Long6::Identity())).cast<double>();
-        // Compares each entry in its own unit.
+        // Compares each entry in units of the standard deviations of its row and column.
         const Vector6d unit = inverse.diagonal().cwiseSqrt();
         const double size = x.cwiseQuotient(unit).norm();
         const auto off = [&](const Vector6d& found, const Matrix6d& found_inverse) {
@@ -73,7 +74,7 @@ TEST(Spd6, ReadsLowerTriangleAndReturnsSymmetricInverse) {
   EXPECT_TRUE(inverse_of_spd(A) == inverse_of_spd(A).transpose());
 }
 
-// For a matrix that is not positive definite the result is LDLT's, if that has one.
+// For a matrix that is not positive definite the result is that of LDLT, or none if LDLT fails.
 TEST(Spd6, FallsBackToPivotedLdltForIndefiniteMatrix) {
   std::mt19937_64 random(5);
   const Vector6d b = Vector6d::LinSpaced(1.0, 2.0);
@@ -97,7 +98,7 @@ TEST(Spd6, FallsBackToPivotedLdltForIndefiniteMatrix) {
   }
 }
 
-// Scales range from nanometre accuracy to an unknown rotation.
+// Scales range from an accuracy of nanometres to an undetermined rotation.
 TEST(Spd6, CoversRangeOfDoubles) {
   for (const double size : {1e-150, 1e-30, 1e30, 1e150}) {
     SCOPED_TRACE(size);

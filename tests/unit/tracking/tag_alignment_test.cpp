@@ -48,7 +48,7 @@ class TagAlignerTest : public ::testing::Test {
     return overlay_difference(camera_, estimated, as_map_pose(truth)).rms_px();
   }
 
-  // Renders the image of a camera that moves during the exposure; `truth` is the pose at its
+  // Renders the image of a camera that moves during the exposure. `truth` is its pose in the
   // middle.
   static GreyImage blurred_image(PatternRenderer& renderer, const CameraPose& truth,
                                  const Vector6d& motion, const PatternRenderOptions& render) {
@@ -58,10 +58,10 @@ class TagAlignerTest : public ::testing::Test {
       path.push_back(perturbed(truth, motion * ((i + 0.5) / kPoses - 0.5)));
     return renderer.render(path, render);
   }
-  // A blurred image of a known motion, with the input to align it from the true pose.
+  // An image blurred by a known motion, and an input that starts at the true pose.
   struct BlurredView {
     GreyImage image;
-    AlignmentInput input;  // refers to the image
+    AlignmentInput input;  // refers to `image`
   };
   BlurredView blurred_view(PatternRenderer& renderer, double length_px) {
     PatternRenderOptions render;
@@ -101,9 +101,9 @@ TEST_F(TagAlignerTest, FindsPoseWithinHundredthOfPixelWithoutNoise) {
   }
 }
 
-// Compares the derivatives that the Cramer-Rao bound uses with differences of images of many
-// samples. The differences contain sampling noise, less for blurred images and larger steps; it
-// makes the bound one percent smaller.
+// Compares the derivatives used by the Cramer-Rao bound with differences between images of many
+// samples. Sampling noise in the differences makes the bound one percent smaller; blur and larger
+// steps reduce that noise.
 TEST_F(TagAlignerTest, BoundUsesDerivativesOfRenderedImage) {
   PatternRenderOptions render;
   render.background = render.white;  // hides the sheet's edge
@@ -116,10 +116,11 @@ TEST_F(TagAlignerTest, BoundUsesDerivativesOfRenderedImage) {
   const auto product = [](const std::vector<double>& a, const std::vector<double>& b) {
     return std::inner_product(a.begin(), a.end(), b.begin(), 0.0);
   };
-  // Without the nightly form three of six: one across, one along the view, one that turns.
+  // The short form tests three of six parameters: a translation across the view, one along it, and
+  // a rotation.
   for (std::size_t k = 0; k < 6; k += test::nightly() ? 1 : 2) {
     SCOPED_TRACE(testing::Message() << "parameter " << k);
-    // Each step moves the tag's corners by about a third of a pixel.
+    // Each step moves the tag's corners by about 1/3 px.
     constexpr std::array<double, 6> kSteps = {2e-4, 2e-4, 2e-3, 3e-4, 3e-4, 3e-3};
     const double step = kSteps[k];
     Vector6d xi = Vector6d::Zero();
@@ -146,7 +147,7 @@ TEST_F(TagAlignerTest, StaysNearCramerRaoBoundWithNoise) {
   double accurate2 = 0.0;
   double expected2 = 0.0;
   constexpr int kPoses = 4;
-  constexpr int kPictures = 6;  // per pose, each with other noise
+  constexpr int kPictures = 6;  // per pose, with different noise
   for (int k = 0; k < kPoses; ++k) {
     const CameraPose truth = random_view(random_);
     PatternRenderOptions render;
@@ -182,7 +183,7 @@ TEST_F(TagAlignerTest, StaysNearCramerRaoBoundWithNoise) {
   }
   EXPECT_LT(std::sqrt(fast2), 3.0);
   EXPECT_LT(std::sqrt(accurate2), 1.4);
-  // The predicted covariance is near the bound and near the errors found.
+  // The predicted covariance must be close to the bound and to the actual errors.
   EXPECT_GT(std::sqrt(expected2), 0.85);
   EXPECT_LT(std::sqrt(expected2), 1.2);
   RecordProperty("fast_over_bound", std::to_string(std::sqrt(fast2)));
@@ -210,7 +211,7 @@ TEST_F(TagAlignerTest, StopsSamplingWhenBudgetIsMet) {
   const auto expected_px = [this](const AlignmentResult& result) {
     return predicted_overlay_error_px(camera_, result.T_map_camera, result.covariance);
   };
-  // The last budget is below what all pixels give.
+  // The smallest budget is below the error that all pixels give.
   int asked = 0;
   int before = 0;
   for (const double times : {8.0, 4.0, 2.0, 1.2, 0.5}) {
@@ -230,7 +231,7 @@ TEST_F(TagAlignerTest, StopsSamplingWhenBudgetIsMet) {
       EXPECT_TRUE(times < 2.0 || result.counters.sampling_stopped) << times;
       EXPECT_LT(expected_px(result), budget_px) << times;
     } else {
-      // At the start of the last round, a few pixels more or less count as edge pixels.
+      // The set of edge pixels at the start of the final round may differ by a few pixels.
       EXPECT_FALSE(result.counters.sampling_stopped);
       EXPECT_NEAR(result.counters.samples, all.counters.samples, 0.001 * all.counters.samples);
     }
@@ -239,7 +240,7 @@ TEST_F(TagAlignerTest, StopsSamplingWhenBudgetIsMet) {
     }
   }
   EXPECT_GE(asked, 5);
-  // A need slightly above the previous one is met by the first round: one query.
+  // A need slightly above the previous one is met in the first round, so one query suffices.
   const double budget_px = 2.0 * expected_px(all);
   asked = 0;
   aligner.set_sample_need([&](const AlignmentResult& result) {
@@ -261,7 +262,7 @@ TEST_F(TagAlignerTest, ConvergesFromMoreThanOneCellAway) {
   PatternRenderOptions render;
   render.noise_grey = 2.0;
   render.samples = 128;
-  for (const double start_px : {8.0, 16.0}) {  // cells are about 10 px
+  for (const double start_px : {8.0, 16.0}) {  // cells are about 10 px wide
     int converged = 0;
     constexpr int kStarts = 20;
     for (int k = 0; k < 4; ++k) {
@@ -299,8 +300,8 @@ TEST_F(TagAlignerTest, KeepsPoseWhenThirdOfEveryTagIsCovered) {
   EXPECT_LT(std::sqrt(sum2), 0.035);
 }
 
-// If the pattern's contrast is known from the last frame, the search starts near the prediction and
-// widens only if it fails there.
+// If the pattern's contrast is known from the previous frame, the search starts near the prediction
+// and covers a larger range only if it fails there.
 TEST_F(TagAlignerTest, SearchesNearPredictionFirstWhenContrastIsKnown) {
   auto aligner = TagAligner::create(camera_, tags_).value();
   int narrower = 0;
@@ -317,7 +318,7 @@ TEST_F(TagAlignerTest, SearchesNearPredictionFirstWhenContrastIsKnown) {
     const GreyImage image = picture(truth, render);
     AlignmentInput input;
     input.luma = image.view();
-    // A prediction error beyond the near window.
+    // The prediction error exceeds the near window.
     input.covariance = loose_prior(0.0007 * 25.0, 0.0012 * 25.0);
     input.predicted = as_map_pose(truth);
     const double contrast = aligner.align(input).counters.contrast;
@@ -344,7 +345,7 @@ TEST_F(TagAlignerTest, SearchesNearPredictionFirstWhenContrastIsKnown) {
   EXPECT_GE(again, 1);
 }
 
-// If the prediction error is within the fine stage's reach, the wide stage is skipped.
+// If the prediction error is within the range of the fine stage, the wide stage is skipped.
 TEST_F(TagAlignerTest, SkipsWideStageWhenSearchEndsNear) {
   struct Effort {
     TagAligner aligner;
@@ -379,11 +380,11 @@ TEST_F(TagAlignerTest, SkipsWideStageWhenSearchEndsNear) {
   }
 }
 
-// The predicted error of the pattern search holds for every layout and cell size: also if the
-// narrow window cuts the score's peak off, and if a row of tags may rotate about its axis.
+// The predicted error of the pattern search must hold for every layout and cell size: also if the
+// narrow window truncates the score's peak, and if a row of tags may rotate about its axis.
 TEST_F(TagAlignerTest, PatternSearchPredictsItsError) {
-  // Images per layout. The RMS of 12 scatters by 1 / sqrt(2 * 12) = 20 %; the bound of 1.3 leaves
-  // 20 % above the largest RMS of 24, 1.07.
+  // Images per layout. The RMS of 12 errors has a relative standard deviation of 1 / sqrt(2 * 12) =
+  // 20 %. The bound of 1.3 is 20 % above the largest RMS over 24 images, 1.07.
   const int kPictures = test::nightly() ? 24 : 12;
   for (const auto& [columns, rows, size_m] : {std::tuple(3, 2, 0.06), std::tuple(3, 2, 0.1),
                                               std::tuple(5, 1, 0.06), std::tuple(4, 3, 0.03)}) {
@@ -437,8 +438,8 @@ TEST_F(TagAlignerTest, PatternSearchPredictsItsError) {
   }
 }
 
-// Four tags leave two degrees of freedom to judge a pose by and a lone tag none, which is too few
-// to call it near.
+// With four tags, two degrees of freedom remain to verify a pose, and with a single tag none. These
+// are too few to accept a search near the prediction.
 TEST_F(TagAlignerTest, RunsWideStageForFewTags) {
   for (const std::vector<MappedTag>& tags : {board(2, 2, 0.06), board(1, 1, 0.1)}) {
     SCOPED_TRACE(tags.size());
@@ -455,7 +456,7 @@ TEST_F(TagAlignerTest, RunsWideStageForFewTags) {
   }
 }
 
-// A lamp or shadow may cover some of the tags only.
+// A lamp or a shadow may cover only some of the tags.
 TEST_F(TagAlignerTest, FitsGainAndOffsetPerTag) {
   const std::array<double, 6> lights = {1.2, 0.3, 0.7, 0.25, 1.0, 0.5};
   ASSERT_EQ(tags_.size(), lights.size());
@@ -488,7 +489,7 @@ TEST_F(TagAlignerTest, FitsGainAndOffsetPerTag) {
     GreyImage uneven = even;
     for (int y = 0; y < even.height; ++y) {
       for (int x = 0; x < even.width; ++x) {
-        // Each light ends in the middle of the white gap between two tags.
+        // The lights meet in the middle of the white gap between two tags.
         std::size_t nearest = 0;
         double least = std::numeric_limits<double>::infinity();
         for (std::size_t n = 0; n < centres.size(); ++n) {
@@ -520,11 +521,11 @@ TEST_F(TagAlignerTest, FitsGainAndOffsetPerTag) {
       of.uneven2 += std::pow(overlay_px(result.T_map_camera, truth), 2);
     }
   }
-  // The darkest tags carry less information.
+  // The darkest tags carry less information, so the error increases.
   for (const Errors& of : errors) EXPECT_LT(std::sqrt(of.uneven2), 3.0 * std::sqrt(of.even2));
 }
 
-// The camera turned by up to 110 px between two frames, and rolled.
+// The camera rotates by up to 110 px between two frames, and rolls.
 TEST_F(TagAlignerTest, PyramidSearchFindsTagsFarFromPrediction) {
   auto aligner = TagAligner::create(camera_, tags_).value();
   std::uniform_real_distribution<double> uniform(-1.0, 1.0);
@@ -588,7 +589,7 @@ TEST_F(TagAlignerTest, PyramidSearchFindsNothingWithoutTags) {
   EXPECT_FALSE(aligner.search_pyramid(input, true));
 }
 
-// Images smaller than the search window, and smaller than one pixel of the pyramid level.
+// Images smaller than the search window, and smaller than a pixel of the pyramid level.
 TEST_F(TagAlignerTest, PyramidSearchTakesImagesOfAnySize) {
   std::uniform_int_distribution<int> grey(0, 255);
   for (int width = 1; width <= 40; width += width < 20 ? 1 : 5) {
@@ -600,7 +601,7 @@ TEST_F(TagAlignerTest, PyramidSearchTakesImagesOfAnySize) {
       p.cx = 0.5 * (width - 1);
       p.cy = 0.5 * (height - 1);
       auto aligner = TagAligner::create(CameraModel::make(p).value(), tags_).value();
-      // The rows end with the allocation, so reading past a row reads foreign memory.
+      // The last row ends with the allocation, so a sanitizer detects a read beyond it.
       std::vector<std::uint8_t> pixels;
       for (int i = 0; i < width * height; ++i)
         pixels.push_back(static_cast<std::uint8_t>(grey(random_)));
@@ -616,7 +617,8 @@ TEST_F(TagAlignerTest, PyramidSearchTakesImagesOfAnySize) {
   }
 }
 
-// Tags out of view or too small to read are counted; they cost nothing and change no pose.
+// Tags out of view, or too small to read, are counted. They must cost no samples and change no
+// pose.
 TEST_F(TagAlignerTest, SkipsTagsOutOfViewOrTooSmall) {
   std::vector<MappedTag> more = tags_;
   const auto add = [&more](double x, double y, double size_m, bool upside_down) {
@@ -650,7 +652,7 @@ TEST_F(TagAlignerTest, SkipsTagsOutOfViewOrTooSmall) {
       const AlignmentResult b = align(seen, image, start, 2.0);
       ASSERT_TRUE(b.verified);
       EXPECT_TRUE(a.verified);
-      // A distant tag may be counted as either.
+      // The distant tag may be counted as either.
       EXPECT_GE(a.counters.tags_out_of_view, 2);
       EXPECT_GE(a.counters.tags_too_small, 2);
       EXPECT_EQ(a.counters.tags_out_of_view + a.counters.tags_too_small, 6);
@@ -664,8 +666,7 @@ TEST_F(TagAlignerTest, SkipsTagsOutOfViewOrTooSmall) {
   }
 }
 
-// Families differ in the number of cells, in the cells outside the black square, and in the data
-// cells.
+// Families differ in the number of cells, the data cells, and the cells outside the black square.
 TEST_F(TagAlignerTest, AlignsEveryTagFamily) {
   for (const TagFamily family :
        {TagFamily::tag36h11, TagFamily::tag36h10, TagFamily::tag25h9, TagFamily::tag16h5,
@@ -673,7 +674,7 @@ TEST_F(TagAlignerTest, AlignsEveryTagFamily) {
         TagFamily::tag_standard52h13, TagFamily::tag_custom48h12, TagFamily::aruco_4x4_50,
         TagFamily::aruco_5x5_250, TagFamily::aruco_6x6_1000}) {
     SCOPED_TRACE(to_string(family));
-    // Families with cells around the black square need a sheet under them.
+    // Families with cells around the black square need space between the tags.
     std::vector<MappedTag> tags = board(3, 2, 0.045);
     for (MappedTag& tag : tags) {
       tag.family = family;
@@ -727,7 +728,7 @@ TEST_F(TagAlignerTest, ModelsKnownMotionBlur) {
   EXPECT_LT(known2, unknown2);
 }
 
-// Knowing the motion does no harm if the blur is shorter than a cell (10 px).
+// A known motion must not increase the error if the blur is shorter than a cell (10 px).
 TEST_F(TagAlignerTest, KnownShortBlurIsNoWorseThanUnknown) {
   auto aligner = TagAligner::create(camera_, tags_).value();
   for (const double length_px : {4.0, 8.0}) {
@@ -770,8 +771,8 @@ TEST_F(TagAlignerTest, KnownShortBlurIsNoWorseThanUnknown) {
   }
 }
 
-// A blur of several cells looks the same at many poses along it. A blur shorter than a cell, or a
-// motion that the image does not show, leaves one pose.
+// With a blur of several cells, many poses along it explain the image. With a blur shorter than a
+// cell, or without visible blur, only one does.
 TEST_F(TagAlignerTest, MotionBlurErrorGrowsWithLongBlur) {
   auto aligner = TagAligner::create(camera_, tags_).value();
   const auto blur_error_px = [&](double moved_px, double taken_for_px, bool known) {
@@ -813,8 +814,9 @@ TEST_F(TagAlignerTest, MotionBlurErrorGrowsWithLongBlur) {
     EXPECT_EQ(blur_error_px(0.0, 40.0, false), 0.0) << "the image is sharp";
     EXPECT_EQ(blur_error_px(0.0, 40.0, true), 0.0)
         << "a reported motion adds no error to a sharp image";
-    // Cells are about 10 px. A blur of more than two cells gives at least a uniform error over the
-    // excess and at most one over its whole length. An unknown blur may fail to verify.
+    // Cells are about 10 px wide. For a blur of more than two cells, the error is at least that of
+    // a uniform distribution over the excess, and at most that over the whole blur. With an unknown
+    // motion the alignment may fail to verify.
     const std::optional<double> known = blur_error_px(48.0, 48.0, true);
     ASSERT_TRUE(known);
     EXPECT_GT(*known, 2.0);
@@ -830,8 +832,8 @@ TEST_F(TagAlignerTest, MotionBlurErrorGrowsWithLongBlur) {
   EXPECT_GT(least_unknown, 0.5);
 }
 
-// The error that blur adds to the pose equals that of corner poses from tags that are displaced
-// independently along the motion.
+// The error that blur adds to a pose must equal that of poses from tags displaced independently
+// along the motion.
 TEST_F(TagAlignerTest, MotionBlurErrorIncludesRotation) {
   auto aligner = TagAligner::create(camera_, tags_).value();
   std::normal_distribution<double> normal;
@@ -847,7 +849,7 @@ TEST_F(TagAlignerTest, MotionBlurErrorIncludesRotation) {
     const MotionBlurError error = aligner.motion_blur_error(motion, true);
     const double predicted_px = predicted_overlay_error_px(camera_, pose, error.covariance);
     EXPECT_GT(predicted_px, error.shift_px) << "the overlay stands above the tags";
-    // Displaces each tag independently; the displacement is scaled down so that no corner is
+    // Displaces each tag independently. The displacement is scaled down, so that no corner is
     // rejected.
     const double each_px = std::numbers::sqrt2 * error.shift_px;
     constexpr double kPart = 0.02;
@@ -878,8 +880,8 @@ TEST_F(TagAlignerTest, MotionBlurErrorIncludesRotation) {
   EXPECT_NEAR(std::sqrt(predicted2 / found2), 1.0, 0.4);
 }
 
-// A reported motion that did not blur the image explains none of the blur. If the motion may be
-// wrong, the image is judged as if none were known.
+// A reported motion that did not blur the image explains none of its blur. If the motion may be
+// wrong, the result must equal that without a known motion.
 TEST_F(TagAlignerTest, MotionBlurErrorAllowsForWrongMotion) {
   auto aligner = TagAligner::create(camera_, tags_).value();
   constexpr double kLongest_cells = 3.0;
@@ -903,8 +905,8 @@ TEST_F(TagAlignerTest, MotionBlurErrorAllowsForWrongMotion) {
     }
   }
   EXPECT_GE(blurred, 2);
-  // If the reported motion explains the blur, little remains for other motions; a sharp image
-  // leaves none.
+  // If the reported motion explains the blur, other motions add little error. In a sharp image they
+  // add none.
   const BlurredView view = blurred_view(renderer_, 48.0);
   ASSERT_TRUE(aligner.refine(view.input).verified);
   const MotionBlurError sure = aligner.motion_blur_error(view.input.exposure_motion, true);
@@ -924,7 +926,7 @@ TEST_F(TagAlignerTest, MotionBlurErrorAllowsForWrongMotion) {
             0.0);
 }
 
-// The image shows which share of the motion happened during the exposure.
+// The image shows which fraction of the motion occurred during the exposure.
 TEST_F(TagAlignerTest, MotionBlurErrorFindsBlurredShareOfMotion) {
   auto aligner = TagAligner::create(camera_, tags_).value();
   for (const double part : {0.375, 0.625, 1.0}) {
@@ -945,7 +947,8 @@ TEST_F(TagAlignerTest, MotionBlurErrorFindsBlurredShareOfMotion) {
   }
 }
 
-// A lone tag has no neighbour to turn against: its blur hides a shift of up to the full ambiguity.
+// A blurred single tag has no neighbour that limits its rotation; its shift may be the full
+// ambiguity.
 TEST_F(TagAlignerTest, MotionBlurErrorOfLoneTagHasNoRotation) {
   const std::vector<MappedTag> lone = board(1, 1, 0.12);
   PatternRenderer renderer = PatternRenderer::create(camera_, lone).value();
@@ -957,7 +960,7 @@ TEST_F(TagAlignerTest, MotionBlurErrorOfLoneTagHasNoRotation) {
     const Vector6d& motion = view.input.exposure_motion;
     const MotionBlurError error = aligner.motion_blur_error(motion, true);
     EXPECT_TRUE(error.covariance.isZero(0.0));
-    // The cell pattern along the motion, about the tag's middle.
+    // Projects a point of the tag at a fraction `share` of the motion.
     const auto at = [&](double share, double x_m, double y_m) {
       const Eigen::Vector3d point = lone.front().T_table_tag * Eigen::Vector3d(x_m, y_m, 0.0);
       return camera_.project(perturbed(view.input.predicted, share * motion).inverse() * point)
@@ -975,8 +978,8 @@ TEST_F(TagAlignerTest, MotionBlurErrorOfLoneTagHasNoRotation) {
   EXPECT_GE(blurred, 2);
 }
 
-// Two or three tags, one displaced against the map by much less than a cell: the fitted pose is
-// wrong, and its covariance must cover that error.
+// Of two or three tags, one is displaced relative to the map by much less than a cell. The fitted
+// pose is wrong, and its covariance must cover that error.
 TEST_F(TagAlignerTest, MapCovarianceCoversMovedTagAmongFew) {
   for (const int columns : {2, 3}) {
     const std::vector<MappedTag> printed = board(columns, 1, 0.07);
@@ -1024,7 +1027,7 @@ TEST_F(TagAlignerTest, MapCovarianceCoversMovedTagAmongFew) {
   }
 }
 
-// Estimates the error from the image alone, with no known motion.
+// The error is estimated from the image alone, without a known motion.
 TEST_F(TagAlignerTest, MotionBlurErrorNeedsNoKnownMotion) {
   auto aligner = TagAligner::create(camera_, tags_).value();
   int blurred = 0;

@@ -35,13 +35,13 @@ struct Drawn {
   int height = 0;
   std::ptrdiff_t stride = 0;
   std::vector<std::uint8_t> pixels;
-  std::array<Eigen::Vector2d, 4> corners_px;  // pixel centres at whole numbers
+  std::array<Eigen::Vector2d, 4> corners_px;  // pixel centres at integers
 
   [[nodiscard]] ImageView view() const { return {pixels.data(), width, height, stride}; }
 };
 
-// An upright tag of family 36h11, turned by `angle` about its centre; each pixel is the mean of 16
-// x 16 samples of the printed pattern.
+// Draws an upright tag of family 36h11, rotated by `angle` about its centre. Each pixel is the mean
+// of 16 x 16 samples of the printed pattern.
 Drawn draw_tag(int id, Eigen::Vector2d centre, double side_px, double angle, int padding) {
   Drawn drawn;
   drawn.width = 160;
@@ -70,13 +70,13 @@ Drawn draw_tag(int id, Eigen::Vector2d centre, double side_px, double angle, int
     }
   }
   const double h = 0.5 * side_px;
-  // Upright: y up on the tag is up in the image, where rows count down.
+  // Upright: the tag's y axis points up in the image, whose rows run down.
   const std::array<Eigen::Vector2d, 4> upright = {{{-h, h}, {h, h}, {h, -h}, {-h, -h}}};
   for (std::size_t i = 0; i < 4; ++i) {
     drawn.corners_px[i] = centre + Eigen::Vector2d(c * upright[i].x() - s * upright[i].y(),
                                                    s * upright[i].x() + c * upright[i].y());
   }
-  std::free(pattern->buf);  // Debian exports no image_u8_destroy beside the detector
+  std::free(pattern->buf);  // Debian's library exports no image_u8_destroy
   std::free(pattern);
   tag36h11_destroy(family);
   return drawn;
@@ -99,12 +99,11 @@ TEST(TagDetector, OrdersCornersAndPlacesPixelCentresAtIntegers) {
       ++count;
     }
   }
-  // With the library's own pixel origin the mean would be (0.5, 0.5).
+  // With libapriltag's own pixel origin the mean would be (0.5, 0.5).
   EXPECT_LT((sum / count).cwiseAbs().maxCoeff(), 0.06) << sum / count;
 }
 
-// Memory followed by an inaccessible page, which catches overreads in builds without a sanitizer
-// too.
+// Pixels in front of an inaccessible page, which detects overreads even without a sanitizer.
 class GuardedPixels {
  public:
   GuardedPixels() {
@@ -123,7 +122,7 @@ class GuardedPixels {
     if (begin_ != nullptr) munmap(begin_, 2 * size_);
   }
   [[nodiscard]] bool guarded() const { return guarded_; }
-  // Noise whose last pixel is the last readable byte.
+  // A noise image whose last pixel is the last readable byte.
   [[nodiscard]] ImageView view(int width, int height, int stride) const {
     return {begin_ + size_ - stride * (height - 1) - width, width, height, stride};
   }
@@ -171,9 +170,7 @@ TEST(TagDetector, IsDeterministic) {
     EXPECT_EQ(again.at(0).corners_px, first[0].corners_px);
 }
 
-// Compares with the exact corners of the rendered sheet. The camera response lets white bleed into
-// black, so each corner lies about 0.2 px inside its tag. That cancels over the four corners; an
-// origin that is off by half a pixel does not.
+// A detector that changes its decimation must find the same tags as a new detector.
 TEST(TagDetector, SearchesQuadsAtRequestedDecimation) {
   const auto image = load_image(test::recordings_dir() / "tabletop" / "frames" / "000000.jpg");
   ASSERT_TRUE(image);
@@ -197,8 +194,8 @@ TEST(TagDetector, SearchesQuadsAtRequestedDecimation) {
   EXPECT_EQ(one.detect(view).size(), one.detect(view, 1.0F).size());
 }
 
-// The camera response puts corners inside the tags, because white bleeds into black. After
-// linearisation with the exponent estimated from the images the corners are unbiased.
+// The camera response lets white bleed into black, so corners are detected inside the tags. After
+// linearisation with the exponent estimated from the images, the corners must be unbiased.
 TEST(TagDetector, MatchesTruthOfRecording) {
   const auto recording = test::recordings_dir() / "tabletop";
   ASSERT_TRUE(std::filesystem::exists(recording / "camera.yaml")) << recording;

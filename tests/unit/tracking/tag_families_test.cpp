@@ -1,4 +1,4 @@
-// ArUco's dictionaries as families of tags.
+// ArUco dictionaries as tag families.
 #include "tracking/detection/tag_families.hpp"
 
 #include <gtest/gtest.h>
@@ -14,7 +14,7 @@
 namespace penumbra {
 namespace {
 
-// The marker's cells row by row, rotated by 90 degrees.
+// The marker's code rotated by 90 degrees; cells are in row-major order.
 std::uint64_t turned(std::uint64_t code, int cells) {
   std::uint64_t result = 0;
   for (int row = 0; row < cells; ++row) {
@@ -48,7 +48,7 @@ TEST(ArucoCodes, HaveDistanceForTheirErrorCorrection) {
   }
 }
 
-// The first marker of OpenCV's documentation as printed: rows from the top, 1 is white.
+// The first marker in OpenCV's documentation: rows from the top, 1 is white.
 TEST(ArucoCodes, AreOrientedLikeOpenCv) {
   const auto pattern = TagPattern::make(TagFamily::aruco_4x4_50, 0);
   ASSERT_TRUE(pattern);
@@ -79,7 +79,7 @@ TEST(ArucoCodes, AreDetected) {
     auto detector = TagDetector::create(std::array{family});
     ASSERT_TRUE(detector);
     const auto found = detector->detect(picture.view());
-    // At most one square inside a marker may also read as a marker.
+    // A single square inside a marker may happen to be a valid marker.
     EXPECT_LE(found.size(), tags.size() + 1) << to_string(family);
     const auto T_camera_table = pose.inverse();
     for (const MappedTag& tag : tags) {

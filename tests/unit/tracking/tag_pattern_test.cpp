@@ -12,7 +12,7 @@
 namespace penumbra {
 namespace {
 
-// The drawing of libapriltag is the reference: the same cells, with rows from the top.
+// Compares the cells, in rows from the top, with the drawing of libapriltag.
 void expect_same_as_drawing(TagFamily family, apriltag_family_t* handle, int id) {
   const Result<TagPattern> pattern = TagPattern::make(family, id);
   ASSERT_TRUE(pattern.has_value());
@@ -49,8 +49,8 @@ TEST(TagPattern, CoversEveryColourChangeOnceByRuns) {
   const Result<TagPattern> pattern = TagPattern::make(TagFamily::tag36h11, 7);
   ASSERT_TRUE(pattern.has_value());
   const int width = pattern->total_width();
-  // Each unit edge of each run separates two colours with the run's polarity; the number of edges
-  // equals that of colour changes between neighbouring cells.
+  // Each unit edge of each run separates two colours with the run's polarity. The number of edges
+  // must equal that of colour changes between neighbouring cells.
   int edges = 0;
   for (const EdgeRun& run : pattern->runs()) {
     EXPECT_LT(run.begin, run.end);
@@ -71,7 +71,7 @@ TEST(TagPattern, CoversEveryColourChangeOnceByRuns) {
     }
   }
   EXPECT_EQ(edges, changes);
-  // The outer side of the black border consists of four whole runs of 8 cells.
+  // The outer side of the black border consists of four runs of 8 cells.
   int border_sides = 0;
   for (const EdgeRun& run : pattern->runs())
     border_sides += (run.position == 1 || run.position == 9) && run.end - run.begin == 8 ? 1 : 0;

@@ -25,7 +25,7 @@ using test::displaced;
 
 constexpr int kPictures = 6;
 
-// Camera response: linear light to pixel value, both 0 to 1.
+// Camera response: maps linear light to a pixel value, both from 0 to 1.
 using Tone = std::function<double(double)>;
 Tone power(double exponent) {
   return [exponent](double light) { return std::pow(light, 1.0 / exponent); };
@@ -34,7 +34,7 @@ double srgb(double light) {
   return light <= 0.0031308 ? 12.92 * light : 1.055 * std::pow(light, 1.0 / 2.4) - 0.055;
 }
 
-// Linear-light images of a board from several poses, shared by cameras with different responses.
+// Linear images of a board from several poses. Cameras with different responses share them.
 class Views {
  public:
   Views(const PatternRenderOptions& options, int count, std::vector<MappedTag> tags)
@@ -43,7 +43,7 @@ class Views {
     std::mt19937_64 random(7);
     std::uniform_real_distribution<double> u(0.0, 1.0);
     for (int k = 0; k < count; ++k) {
-      // Cells are 4 to 7 px.
+      // Cells are 4 to 7 px wide.
       const double distance = 0.40 + 0.20 * u(random);
       const double elevation = radians(45.0 + 40.0 * u(random));
       const double azimuth = radians(360.0 * u(random));
@@ -60,7 +60,7 @@ class Views {
   [[nodiscard]] const CameraModel& camera() const { return camera_; }
   [[nodiscard]] const std::vector<MappedTag>& tags() const { return tags_; }
   [[nodiscard]] const CameraPose& truth(int view) const { return poses_[at(view)]; }
-  // The start pose, about one pixel off the truth.
+  // Start pose, about one pixel from the truth.
   [[nodiscard]] const CameraPose& start(int view) const { return starts_[at(view)]; }
 
   [[nodiscard]] GreyImage picture(int view, const Tone& tone, double noise_grey,
@@ -113,7 +113,7 @@ TEST(ToneEstimator, EstimatesExponentOfImages) {
       EXPECT_EQ(estimate->pictures, kPictures);
       EXPECT_NEAR(estimate->exponent, exponent, std::min(estimate->sigma, 0.03));
       EXPECT_LT(estimate->sigma, 0.15);
-      // 0.5 px of lens blur and the pixel's box.
+      // Lens blur of 0.5 px, combined with the pixel's box.
       EXPECT_NEAR(estimate->blur_px, std::hypot(0.5, std::sqrt(1.0 / 12.0)), 0.02);
     }
   }
@@ -153,8 +153,8 @@ TEST(ToneEstimator, IgnoresCoveredThirdOfEveryTag) {
   }
 }
 
-// sRGB is close to a power law: the estimated exponent removes the bias of an alignment that
-// ignores it.
+// sRGB is close to a power law, so the estimated exponent removes the bias of an alignment that
+// ignores the response.
 TEST(ToneEstimator, RemovesAlignmentBiasByEstimatedExponent) {
   const Views& views = board_views();
   const auto estimate = views.shown(srgb, 0.0).estimate();
@@ -185,8 +185,8 @@ TEST(ToneEstimator, RemovesAlignmentBiasByEstimatedExponent) {
   EXPECT_LT(with, 0.5 * without) << with << " and " << without << " px";
 }
 
-// A response that is no power law has another nearest exponent at each exposure; the change stays
-// below the estimate's uncertainty.
+// For a response that is not a power law, the best exponent depends on the exposure. The change
+// must stay below the estimate's uncertainty.
 TEST(ToneEstimator, BoundsExponentChangeAcrossSrgbExposures) {
   const auto bright = board_views().shown(srgb, 2.0).estimate();
   ASSERT_TRUE(bright) << bright.error().message;
@@ -197,7 +197,7 @@ TEST(ToneEstimator, BoundsExponentChangeAcrossSrgbExposures) {
   }
 }
 
-// One image has another response than the others (a reflection, another exposure program).
+// One image has another response than the others, for example because of a reflection.
 TEST(ToneEstimator, RejectsInconsistentImage) {
   const Views& views = board_views();
   ToneEstimator estimator = ToneEstimator::create(views.camera(), views.tags()).value();
@@ -241,7 +241,7 @@ TEST(ToneEstimator, RejectsUninformativeImages) {
   const double nan = std::numeric_limits<double>::quiet_NaN();
   EXPECT_FALSE(estimator.add(
       good.view(), CameraPose(Eigen::Quaterniond::Identity(), Eigen::Vector3d(nan, 0.0, 0.4))));
-  EXPECT_FALSE(estimator.add(good.view(), views.start(1)));  // wrong board pose
+  EXPECT_FALSE(estimator.add(good.view(), views.start(1)));  // the board's pose is wrong
   EXPECT_FALSE(estimator.add(views.picture(0, power(1.4), 2.0, 1.6).view(), views.start(0)))
       << "the paper is cut off";
   EXPECT_FALSE(estimator.add(views.picture(0, power(1.0), 2.0, 0.1).view(), views.start(0)))
