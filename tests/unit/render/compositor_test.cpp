@@ -214,7 +214,7 @@ std::vector<CameraPose> views() {
 
 const std::array<double, 8> kBent = {-0.28, 0.09, 0.0012, -0.0009, -0.006};
 
-// The nightly form draws all views for each technique, the usual form a third of them, which
+// The nightly form draws all views for each technique, the short form a third of them, which
 // differs from technique to technique.
 std::vector<CameraPose> views_of(ShadowTechnique technique) {
   const std::vector<CameraPose> all = views();

@@ -353,7 +353,7 @@ std::vector<CasterAt> some_casters(int count) {
 }
 
 // The reference has 4 x 4 as many pixels. Grounds are level or curved; of several casters the
-// darkest counts. The usual form draws one and three casters on level ground and two on the dome;
+// darkest counts. The short form draws one and three casters on level ground and two on the dome;
 // the nightly form draws all combinations.
 TEST_P(PhantomShadow, HasSmoothEdges) {
   const std::vector<std::pair<const char*, CasterAt>> grounds = {

@@ -606,7 +606,7 @@ TEST(SilhouetteMask, MatchesWholeRasterInParts) {
   EXPECT_GT(beside, 200);
 }
 
-// Meshes larger than any raster are compared with coverage by half planes.
+// Meshes larger than any raster are compared with half planes, and windows with the whole raster.
 TEST(SilhouetteMask, MatchesReferenceForMeshLargerThanRaster) {
   std::mt19937 random(29);
   std::uniform_real_distribution<double> one(-1.0, 1.0);
@@ -1502,7 +1502,7 @@ TEST_F(LargeMask, SmoothsEdgesOnly) {
 }
 
 // The frame must not depend on earlier frames. The nightly form draws every frame in each
-// translucency mode, the usual form in one of them.
+// translucency mode, the short form in one of them.
 TEST_F(LargeMask, DependsOnlyOnPresentFrame) {
   const std::vector<PoseEstimate> path = {seen_from({0.05, -0.38, 0.36}, {0.0, 0.0, 0.0}),
                                           seen_from({0.06, -0.37, 0.36}, {0.0, 0.02, 0}),

@@ -108,7 +108,7 @@ std::vector<CameraPose> views() {
           test::look_at({0.5, -0.2, 0.2}, {0.4, 0.4, 0.0})};
 }
 
-// The nightly form draws all views for each case, the usual form one, which differs from case to
+// The nightly form draws all views for each case, the short form one, which differs from case to
 // case.
 std::vector<CameraPose> views_of_case(std::size_t number) {
   const std::vector<CameraPose> all = views();
