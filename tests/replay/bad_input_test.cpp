@@ -1,4 +1,5 @@
-// Bad input: exit code 1, one line that names the file and the cause, and no output file.
+// Bad input: the program exits with code 1 and one line that names the file and the cause, and
+// writes no output file.
 
 #include <gmock/gmock.h>
 #include <unistd.h>
@@ -13,7 +14,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-// Copies the first frames of a bundled recording, for tests to damage.
+// Copies the first frames of a bundled recording, so that tests can damage them.
 class ReplayInput : public testing::Test {
  protected:
   static constexpr int kFrames = 6;
@@ -25,7 +26,7 @@ class ReplayInput : public testing::Test {
       fs::copy_file(source / file, recording() / file);
     }
     std::string listing;
-    int count = -1;  // the header
+    int count = -1;  // not counting the header
     for (const std::string& line : lines_of(bytes_of(source / "timestamps.csv"))) {
       if (count == kFrames) break;
       listing += line + "\n";
@@ -45,7 +46,7 @@ class ReplayInput : public testing::Test {
     std::ofstream(path, std::ios::binary) << text;
   }
 
-  // Replays with every output and expects a failure without any output file.
+  // Replays with every output; expects a failure and no output file.
   void expect_replay_fails(const std::vector<std::string>& more,
                            const std::vector<std::string>& parts) {
     std::vector<std::string> arguments = {"replay",        recording(),        "--output",
@@ -97,7 +98,7 @@ TEST_F(ReplayInput, RejectsFolderInPlaceOfFrameFile) {
 }
 
 TEST_F(ReplayInput, ReportsPermissionDeniedInsteadOfMissing) {
-  // Root can read every file, so the program runs as an unprivileged user, from a folder that this
+  // Root can read every file, so the program runs as an unprivileged user, in a folder that this
   // user can't enter.
   const fs::path copy = file("penumbra");
   fs::copy_file(program(), copy);
@@ -144,7 +145,7 @@ TEST_F(ReplayInput, RejectsMissingCameraFile) {
 
 TEST_F(ReplayInput, RejectsDuplicateTagId) {
   std::string tags = bytes_of(recording() / "tags.yaml");
-  // The second tag gets the first tag's id.
+  // The second tag gets the id of the first.
   const std::size_t first = tags.find("id:");
   const std::size_t second = tags.find("id:", first + 1);
   ASSERT_NE(second, std::string::npos);
@@ -176,7 +177,7 @@ TEST_F(ReplayInput, RejectsInvalidModelFiles) {
   write(file("thing.obj"), bytes);
   write(file("scene.json"), R"({"objects": [{"name": "thing", "model": "thing.obj"}]})");
   expect_replay_fails({"--scene", file("scene.json")}, {"thing.obj"});
-  // An OBJ reader might take nan for 0.
+  // A lenient OBJ reader might read nan as 0.
   write(file("thing.obj"), "v 0 0 0\nv 1 0 0\nv 0 nan 0\nf 1 2 3\n");
   expect_replay_fails({"--scene", file("scene.json")}, {"thing.obj", "nan"});
   write(file("thing.obj"), "v 0 0 0\nv 0.1 0 0\nv 0 0.1 0\nf 1 2 3\n");
@@ -249,8 +250,8 @@ TEST_F(ReplayInput, RejectsOutputsInsideRecording) {
   EXPECT_FALSE(fs::exists(file("out")));
 }
 
-// The file names of EuRoC's frames are timestamps, all digits: they must not count as an earlier
-// output.
+// The file names of EuRoC's frames are timestamps, which are all digits. The program must not take
+// them for an earlier output.
 TEST_F(ReplayInput, RejectsEurocFrameFolderAsOutput) {
   const fs::path euroc = file("euroc");
   const fs::path data = euroc / "mav0" / "cam0" / "data";
@@ -271,7 +272,7 @@ TEST_F(ReplayInput, RejectsEurocFrameFolderAsOutput) {
   const auto before = contents_of(data);
   ASSERT_EQ(before.size(), static_cast<std::size_t>(kFrames));
   expect_failure(penumbra({"replay", euroc, "--frames", "1:2", "--output", data}), {"recording"});
-  // Also the folder of another recording.
+  // The folder of another recording is rejected too.
   expect_failure(penumbra({"replay", recording(), "--output", data}), {"recording"});
   EXPECT_EQ(contents_of(data), before);
   EXPECT_EQ(contents_of(data.parent_path()).size(), 2U);

@@ -1,4 +1,4 @@
-// The program on recordings with a known lens, and on input that it must reject.
+// The calibration commands on recordings with a known lens, and on input that they must reject.
 #include <fmt/format.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -64,7 +64,7 @@ class CalibrateCommand : public testing::Test {
     while (std::getline(lines, line)) last = line;
     return last;
   }
-  // A new folder with frames first, first + step, ... of a recording.
+  // Creates a folder with frames first, first + step, ... of a recording.
   [[nodiscard]] std::filesystem::path some_frames(const std::string& recording, int count) const {
     const auto pictures = folder_.path() / "pictures";
     std::filesystem::create_directories(pictures);
@@ -87,7 +87,7 @@ class CalibrateCommand : public testing::Test {
 class TargetMeasurement : public CalibrateCommand {};
 class MapCommand : public CalibrateCommand {};
 
-// From half of the images in the short form.
+// The short form uses half of the images.
 TEST_F(CalibrateCommand, RecoversCameraFromAprilGrid) {
   const auto report = folder() / "report.html";
   const auto result =
@@ -106,14 +106,14 @@ TEST_F(CalibrateCommand, RecoversCameraFromAprilGrid) {
   EXPECT_NEAR(p.cx, t.cx, 0.5);
   EXPECT_NEAR(p.cy, t.cy, 0.5);
   EXPECT_LT(projection_difference(*truth, *camera).mean_px, 0.2);
-  // The images have a camera response; the recording's README does not give it.
+  // The images have a camera response, whose value is not in the recording's README.
   ASSERT_TRUE(p.tone_curve);
   EXPECT_GT(*p.tone_curve, 1.3);
   EXPECT_LT(*p.tone_curve, 2.4);
   EXPECT_THAT(result.out, HasSubstr("tone curve: light = grey ^ "));
   const std::string html = test::read_bytes(report);
   EXPECT_THAT(html, HasSubstr("class=\"verdict good\""));
-  EXPECT_THAT(html, Not(HasSubstr("http")));  // no external resources
+  EXPECT_THAT(html, Not(HasSubstr("http")));  // the report has no external resources
 }
 
 TEST_F(CalibrateCommand, RecoversCameraFromChessboard) {
@@ -209,7 +209,7 @@ TEST_F(CalibrateCommand, RejectsUnusableInputs) {
   expect_refused(calibrate(shared("recordings/chessboard"), metres), "did you mean 0.025");
 }
 
-// A print of Kalibr, photographed by others: its tags have a border of two cells.
+// A sheet of Kalibr's, photographed by others, whose tags have a border of two cells.
 TEST_F(CalibrateCommand, RejectsTagsWithTwoCellBorders) {
   const auto pictures = folder() / "kalibr";
   std::filesystem::create_directories(pictures);
@@ -238,7 +238,7 @@ TEST_F(CalibrateCommand, RejectsComparisonCameraOfOtherSizeBeforeSolving) {
   EXPECT_EQ(result.out, "") << "nothing was solved";
 }
 
-// Input files stay unchanged, and no two files of a run may be the same.
+// A command must not overwrite its input files or write two outputs to one file.
 TEST_F(CalibrateCommand, NeverOverwritesItsInputs) {
   const std::string text =
       "target_type: aprilgrid\ntagCols: 6\ntagRows: 6\ntagSize: 0.03\n"
@@ -267,7 +267,7 @@ TEST_F(CalibrateCommand, NeverOverwritesItsInputs) {
   }
 }
 
-// The steps of the README: print, measure the ruler, pass --measured.
+// Follows the README: print, measure the ruler, pass --measured.
 TEST_F(TargetMeasurement, CorrectsTargetFileOfEveryKind) {
   for (const char* type : {"tags", "aprilgrid", "charuco", "chessboard"}) {
     SCOPED_TRACE(type);
@@ -286,7 +286,7 @@ TEST_F(TargetMeasurement, CorrectsTargetFileOfEveryKind) {
     ASSERT_EQ(measured.exit_code, 0) << measured.err;
     const std::string corrected = read_text_file(file, 1 << 20).value();
     EXPECT_NE(corrected, nominal);
-    // A second measurement replaces the first, which the message names.
+    // A second measurement replaces the first one, which the message mentions.
     const auto again = print({"--measured", "100.4"});
     ASSERT_EQ(again.exit_code, 0) << again.err;
     EXPECT_THAT(again.out, HasSubstr("ruler: 100.4 mm on paper (before: 99.2 mm)"));
@@ -298,7 +298,7 @@ TEST_F(TargetMeasurement, CorrectsTargetFileOfEveryKind) {
     };
     EXPECT_NEAR(length(*twice) / length(load_target(file).value()), 1.004, 1e-7);
     ASSERT_EQ(print({"--measured", "100.4"}).exit_code, 0);
-    // Without --measured, the measured file stays.
+    // Without --measured, the measured file must stay.
     const std::string measured_text = read_text_file(file, 1 << 20).value();
     const auto unsaid = print({});
     EXPECT_EQ(unsaid.exit_code, 1);
@@ -306,7 +306,7 @@ TEST_F(TargetMeasurement, CorrectsTargetFileOfEveryKind) {
     EXPECT_EQ(read_text_file(file, 1 << 20).value(), measured_text);
     ASSERT_EQ(print({"--measured", "100"}).exit_code, 0);
     EXPECT_EQ(read_text_file(file, 1 << 20).value(), nominal);
-    // The file of another sheet, or a changed one, is not replaced.
+    // The file of another sheet, or a changed file, must not be replaced.
     test::write_text(file, nominal + "# mine\n");
     const auto kept = print({"--measured", "99.2"});
     EXPECT_EQ(kept.exit_code, 1);
@@ -315,7 +315,7 @@ TEST_F(TargetMeasurement, CorrectsTargetFileOfEveryKind) {
   }
 }
 
-// All views show the target from the front: focal length and distance are not separable.
+// All views show the target from the front, so focal length and distance can't be separated.
 TEST_F(CalibrateCommand, RejectsPurelyFrontalViews) {
   const auto camera = load_camera(shared("recordings/calibration/camera.yaml"));
   const auto tags = load_tag_map(shared("recordings/calibration/tags.yaml"));
@@ -356,7 +356,7 @@ TEST_F(CalibrateCommand, SkipsUnreadableImages) {
   EXPECT_THAT(result.out, HasSubstr("of 12 pictures"));
 }
 
-// The calibration recording, played like a hand-held target: each image several times.
+// Plays the calibration recording as a camera, like a hand-held target: each image is repeated.
 class CalibrateFromCamera : public CalibrateCommand {
  protected:
   void SetUp() override {
@@ -387,7 +387,7 @@ class CalibrateFromCamera : public CalibrateCommand {
   }
 };
 
-// Counts pixels of about this colour.
+// Number of pixels of about this colour.
 int pixels_like(const RgbaImage& image, int red, int green, int blue) {
   int count = 0;
   for (std::size_t i = 0; i + 3 < image.pixels.size(); i += 4) {
@@ -418,8 +418,7 @@ TEST_F(CalibrateFromCamera, GuidesInWindowAndReproducesResultFromKeptViews) {
   ASSERT_TRUE(truth && camera);
   EXPECT_LT(projection_difference(*truth, *camera).mean_px, 0.5);
 
-  // Two screenshots: one while views were taken, with bars, corners and cells; one with the
-  // verdict.
+  // Two screenshots: one during the views, with bars, corners and cells; one with the verdict.
   std::vector<std::filesystem::path> shots;
   for (const auto& entry : std::filesystem::directory_iterator(folder())) {
     if (entry.path().extension() == ".png") shots.push_back(entry.path());
@@ -440,7 +439,7 @@ TEST_F(CalibrateFromCamera, GuidesInWindowAndReproducesResultFromKeptViews) {
   EXPECT_GT(bars, 1000);
   EXPECT_LT(pixels_like(*at_end, 255, 190, 60) + pixels_like(*at_end, 70, 215, 110), bars / 2);
 
-  // Calibrating from the folder of views gives the same digits.
+  // Calibrating from the stored views must give the same digits.
   const std::string first = test::read_bytes(output());
   std::filesystem::remove(output());
   const auto again = calibrate(keep(), shared("recordings/calibration/aprilgrid.yaml"),
@@ -450,8 +449,8 @@ TEST_F(CalibrateFromCamera, GuidesInWindowAndReproducesResultFromKeptViews) {
   EXPECT_EQ(last_line(again.out), last_line(result.out));
 }
 
-// The calibration checks every image and ends without a key; the lens equals that of the same
-// images offline. The short form plays half of the images.
+// The calibration checks every image and ends without a key. The lens must equal that of
+// `calibrate` on the same images. The short form plays half of the images.
 TEST_F(CalibrateFromCamera, MatchesOfflineCalibrationOnPlayedRecording) {
   hold(test::nightly() ? 32 : 16, 1);
   const auto source = held();
@@ -479,7 +478,7 @@ TEST_F(CalibrateFromCamera, WritesNoResultWhenInterruptedWithTooFewViews) {
   hold(1, 2000);
   const auto result =
       test::run_program(test::program(), arguments({}), {}, {}, [this](pid_t process) {
-        // Presses Ctrl-C after the first view.
+        // Sends SIGINT after the first view.
         std::thread([this, process] {
           for (int i = 0; i < 600 && !std::filesystem::exists(keep() / "000000.png"); ++i)
             std::this_thread::sleep_for(std::chrono::milliseconds(50));
@@ -489,13 +488,13 @@ TEST_F(CalibrateFromCamera, WritesNoResultWhenInterruptedWithTooFewViews) {
   expect_refused(result, "at least 3 views");
   EXPECT_THAT(result.out, HasSubstr("no display; going on without a window"));
   EXPECT_TRUE(std::filesystem::exists(keep() / "000000.png")) << "the views taken are kept";
-  // A folder that is not empty is rejected.
+  // A folder that is not empty must be rejected.
   const auto second = test::run_program(test::program(), arguments({"--no-window"}));
   expect_refused(second, "holds files already");
   EXPECT_THAT(second.out, Not(HasSubstr("window")));
 }
 
-// When the display is lost, the views so far are solved and kept.
+// If the display is lost, the views taken so far are stored and calibrated from.
 TEST_F(CalibrateFromCamera, SolvesFromKeptViewsWhenDisplayIsLost) {
   ASSERT_EQ(std::system("command -v Xvfb >/dev/null 2>&1"), 0) << "scripts/setup installs it";
   hold(32, 6);
@@ -512,7 +511,7 @@ TEST_F(CalibrateFromCamera, SolvesFromKeptViewsWhenDisplayIsLost) {
   const auto camera = load_camera(output());
   ASSERT_TRUE(camera) << camera.error().message;
   EXPECT_TRUE(test::read_bytes(folder() / "report.html").ends_with("</html>\n"));
-  // Calibrating from the folder of views gives the same result.
+  // Calibrating from the stored views must give the same result.
   const std::string first = test::read_bytes(output());
   const auto again = calibrate(keep(), shared("recordings/calibration/aprilgrid.yaml"),
                                {"--model", "plumb_bob", "--board", "rigid"});
@@ -536,8 +535,8 @@ TEST_F(CalibrateFromCamera, KeepsViewsWhenDisplayIsLostTooEarlyToSolve) {
   EXPECT_TRUE(load_image(keep() / "000000.png"));
 }
 
-// Ctrl-C and SIGTERM at any time, also during the solution, end the program soon and leave old
-// files unchanged. The short form sends two signals, the nightly a series.
+// Ctrl-C and SIGTERM end the program soon, even during the solution, and leave old files unchanged.
+// The short form sends two signals, the nightly form a series.
 TEST_F(CalibrateCommand, StopsPromptlyOnSignalAndKeepsOldFiles) {
   const auto results = folder() / "results";
   std::filesystem::create_directories(results);
@@ -546,7 +545,7 @@ TEST_F(CalibrateCommand, StopsPromptlyOnSignalAndKeepsOldFiles) {
   const auto source = shared("recordings/calibration");
   struct Run {
     std::vector<std::string> arguments;
-    int first_delay_ms;  // of the short form, whose second signal comes while it is solved
+    int first_delay_ms;  // short form: the second signal comes during the solution
   };
   const std::vector<Run> runs = {
       {{"calibrate", source.string(), "--target", (source / "aprilgrid.yaml").string(), "--output",
@@ -573,7 +572,7 @@ TEST_F(CalibrateCommand, StopsPromptlyOnSignalAndKeepsOldFiles) {
       });
       if (result.exit_code == 0) break;
       EXPECT_EQ(std::distance(std::filesystem::directory_iterator(results), {}), 1);
-      if (result.exit_code > 128) continue;  // killed before it opened a file
+      if (result.exit_code > 128) continue;  // the signal killed it before it opened a file
       EXPECT_LT(since_signal.elapsed().wall_ms, 3000.0) << arguments[0] << ' ' << delay_ms;
       EXPECT_EQ(result.exit_code, 1) << result.err;
       EXPECT_THAT(result.err, HasSubstr("ended early; no file was written"));
@@ -627,7 +626,7 @@ TEST_F(MapCommand, RecoversTabletopTags) {
   const auto truth = load_tag_map(shared("recordings/tabletop/tags.yaml"));
   ASSERT_TRUE(found && truth);
   ASSERT_EQ(found->tags().size(), truth->tags().size());
-  // One map is relative to the anchor, the other to the sheet: they differ by a rigid motion.
+  // One map is relative to the anchor, the other to the sheet, so they differ by a rigid motion.
   Eigen::Matrix3Xd a(3, found->tags().size());
   Eigen::Matrix3Xd b(3, found->tags().size());
   for (std::size_t i = 0; i < found->tags().size(); ++i) {
@@ -640,12 +639,12 @@ TEST_F(MapCommand, RecoversTabletopTags) {
   const Eigen::Matrix3Xd moved =
       (motion.topLeftCorner<3, 3>() * a).colwise() + Eigen::Vector3d(motion.topRightCorner<3, 1>());
   EXPECT_LT(std::sqrt((moved - b).squaredNorm() / static_cast<double>(a.cols())), 0.1e-3);
-  // The scale is right to 1/1000; the camera response alone would cause a larger error.
+  // The scale is accurate to 1/1000; ignoring the camera response would cause a larger error.
   const auto spread = [](const Eigen::Matrix3Xd& p) {
     return (p.colwise() - p.rowwise().mean()).norm();
   };
   EXPECT_NEAR(spread(a) / spread(b), 1.0, 1e-3);
-  // The errors match the covariances in the file.
+  // The errors must match the covariances in the file.
   const YAML::Node file = YAML::LoadFile(tags.string());
   const Eigen::Vector3d anchor = truth->find(TagFamily::tag36h11, 5)->T_table_tag.translation();
   double squares = 0.0;

@@ -45,7 +45,7 @@ TEST(CommandLine, PrintsHelpWithExampleForEveryCommand) {
   }
 }
 
-// Returns the names of the options, "--output", in a command's help.
+// Returns the option names, such as "--output", in a command's help.
 std::set<std::string> options_in(const std::string& help) {
   static const std::regex option(R"(^  (?:-\w,)?(--[a-z-]+))");
   std::set<std::string> names;
@@ -102,7 +102,7 @@ std::string all_documents() {
 }
 
 TEST(CommandLine, HasNoOptionThatDocumentsLack) {
-  // Whole names: "--light" is not in "--light-mode".
+  // Matches whole names, so that "--light-mode" does not count as "--light".
   static const std::regex option(R"(--[a-z]+(?:-[a-z]+)*)");
   const std::string documents = all_documents();
   const std::set<std::string> named(
@@ -312,10 +312,10 @@ TEST(CommandLine, SuggestsSimilarOptionForUnknownOne) {
   }
   const ProgramResult far = penumbra({"replay", "r", "--bogus"});
   EXPECT_THAT(far.err, HasSubstr("--bogus: no such option (see penumbra replay --help)"));
-  // A misspelt option of the program, before the command.
+  // A misspelt global option, before the command.
   EXPECT_THAT(penumbra({"--log-levle", "debug", "replay", "r"}).err,
               HasSubstr("--log-levle: no such option; did you mean --log-level?"));
-  // No suggestion for words that are not misspelt, nor for other errors.
+  // Words that are not misspelt, and other errors, give no suggestion.
   EXPECT_THAT(penumbra({"map", "--recording", "r", "--output", "t.yaml"}).err,
               testing::Not(HasSubstr("did you mean")));
   EXPECT_THAT(penumbra({"replay", "--frames", "3", "--", "r"}).err,
@@ -344,7 +344,7 @@ TEST(CommandLine, AcceptsHelpAsCommand) {
   EXPECT_THAT(unknown.err, HasSubstr("'bogus' is not a command"));
 }
 
-// With given poses no tracking runs, and `detect` samples the image as it finds it.
+// Options of tracking have no effect with given poses; --pose-budget has none in the mode `detect`.
 TEST(CommandLine, ReportsOptionsWithoutEffect) {
   const ProgramResult given =
       penumbra({"replay", "no-such-recording", "--poses-from", "groundtruth", "--tracking", "fast",
@@ -430,7 +430,7 @@ TEST(EvaluateCommand, ReportsZeroErrorForIdenticalTrajectories) {
   EXPECT_TRUE(json["not_judged"].empty());
 }
 
-// Truth at every third frame, from a clock that is 2 s ahead.
+// True poses at every third frame, from a clock that is 2 s ahead.
 TEST(EvaluateCommand, InterpolatesTruthAndCountsUncoveredFrames) {
   const TemporaryFolder folder;
   const std::string camera = bundled("tabletop") + "/camera.yaml";
@@ -508,7 +508,7 @@ TEST(EvaluateCommand, ReadsSharedTrajectoryAndCameraFiles) {
   EXPECT_THAT(warned.err, HasSubstr("plumb_bob is assumed"));
 }
 
-// Usual mistakes in files of true poses give one more line, and the same numbers.
+// Common mistakes in files of true poses add one line to the output and do not change the numbers.
 TEST(EvaluateCommand, HintsAtWrongUnitsQuaternionOrderAndDirection) {
   const TemporaryFolder folder;
   const std::string truth = bundled("tabletop") + "/groundtruth.tum";

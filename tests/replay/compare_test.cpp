@@ -1,4 +1,4 @@
-// penumbra replay --compare: several techniques side by side.
+// penumbra replay --compare: several techniques in panes side by side.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -17,7 +17,7 @@ namespace {
 
 using testing::HasSubstr;
 
-// Pixels of one pane.
+// Returns the pixels of one pane.
 RgbaImage pane_of(const RgbaImage& picture, const PaneGrid& grid, std::size_t pane, int width,
                   int height) {
   RgbaImage cut{width, height, {}};
@@ -40,8 +40,8 @@ class CompareOption : public testing::Test {
     arguments.insert(arguments.end(), more.begin(), more.end());
     return penumbra(arguments);
   }
-  // Each pane of each frame equals the frame that its technique draws alone. Frames of a technique
-  // without `more` are kept for the next list.
+  // Expects that each pane of each frame equals the frame drawn with its technique alone. Frames of
+  // a technique without `more` are kept for later lists.
   void expect_panes(const std::vector<std::string>& techniques,
                     const std::vector<std::string>& more = {}) {
     std::string list;
@@ -59,7 +59,7 @@ class CompareOption : public testing::Test {
       words = {"--shadow", techniques[pane], "--output", alone};
       if (!more.empty()) std::filesystem::remove_all(alone);
       words.insert(words.end(), more.begin(), more.end());
-      if (techniques[pane] == "cocl") {  // always has CoCL kernels
+      if (techniques[pane] == "cocl") {  // always uses CoCL kernels
         const auto kernels = std::ranges::find(words, "--kernels");
         if (kernels != words.end()) words.erase(kernels, kernels + 2);
       }
@@ -179,7 +179,7 @@ TEST_F(CompareOption, WritesAllOutputsAndReport) {
     EXPECT_EQ(differing, 0U) << name;
   }
   EXPECT_FALSE(video->next().value()) << "three frames, no more";
-  // The poses equal those of a replay without --compare.
+  // The poses must equal those of a replay without --compare.
   ASSERT_EQ(replay({"--poses", file("alone.tum")}).exit_code, 0);
   EXPECT_EQ(bytes_of(file("out.tum")), bytes_of(file("alone.tum")));
 

@@ -1,8 +1,8 @@
-// The command lines that the documents show run as they are written, on the bundled data.
+// Runs the command lines in the documents as written, on the bundled data.
 //
-// A line that needs more than that ends in a comment that begins with "needs", such as
-// "# needs a camera". A fenced block whose first line names a file ("```json my-scene.json")
-// is that file.
+// A line that needs other data or devices ends in a comment that begins with "needs", such as "#
+// needs a camera". A fenced block whose first line names a file ("```json my-scene.json") gives the
+// file's contents.
 
 #include <algorithm>
 #include <array>
@@ -16,16 +16,16 @@ namespace {
 
 struct Document {
   std::vector<std::string> command_lines;
-  std::map<std::string, std::string> files;  // name -> contents
+  std::map<std::string, std::string> files;  // file name -> contents
 };
 
-// Reads the fenced blocks. Lines that end in a backslash are joined with the next one.
+// Reads the fenced blocks. Joins each line that ends in a backslash with the next one.
 Document read_document(const std::filesystem::path& file) {
   constexpr std::string_view kFence = "```";
   constexpr std::string_view kProgram = "penumbra ";
   Document document;
   bool in_block = false;
-  std::string* contents = nullptr;  // of the block's file
+  std::string* contents = nullptr;  // contents of the block's file
   std::string joined;
   for (const std::string& line : lines_of(bytes_of(file))) {
     if (line.starts_with(kFence)) {
@@ -50,9 +50,9 @@ Document read_document(const std::filesystem::path& file) {
 struct DocumentCase {
   const char* name;
   const char* file;
-  int least_lines;  // a document that is read wrongly has fewer
+  int least_lines;  // detects a document that was read incompletely
 };
-// The test lists every document with command lines, so that they run side by side.
+// Lists every document with command lines; each is a test of its own, so that they run in parallel.
 constexpr std::array kDocuments = {DocumentCase{"Readme", "README.md", 9},
                                    DocumentCase{"Usage", "docs/usage.md", 18},
                                    DocumentCase{"Live", "docs/live.md", 2},

@@ -1,4 +1,4 @@
-// penumbra live, with a recording that plays as a camera.
+// penumbra live with a recording played as a camera.
 #include <gtest/gtest.h>
 
 #include <cmath>
@@ -32,7 +32,7 @@ std::vector<std::string> live(const std::vector<std::string>& more) {
   return arguments;
 }
 
-// Runs the program with a limit on the size of each file [KiB], like on a full disk.
+// Runs the program with a maximum file size [KiB], which simulates a full disk.
 test::ProgramResult with_files_up_to(int kib, const std::vector<std::string>& arguments) {
   std::vector<std::string> words = {
       "-c", fmt::format(R"(trap '' XFSZ; ulimit -f {}; exec "$0" "$@")", kib),
@@ -55,13 +55,13 @@ TEST(LiveCommand, RecordsSessionThatReplaysToSamePoses) {
   EXPECT_EQ(report["time_ms"]["latency"]["count"], frames);
   EXPECT_GT(report["time_ms"]["latency"]["median"].get<double>(), 0.0);
 
-  // Each captured frame is stored, or counted as not recorded.
+  // Each captured frame must be stored or counted as not recorded.
   const std::string listed = test::read_bytes(temporary.path() / "session" / "timestamps.csv");
   const auto rows = std::count(listed.begin(), listed.end(), '\n') - 1;
   EXPECT_EQ(report["recorded"]["written"], rows);
   EXPECT_GE(rows + report["recorded"]["left_out"].get<int>(), frames);
 
-  // The stored files have the camera's own bytes.
+  // The stored files must equal the camera's bytes.
   const auto recorded = test::contents_of(temporary.path() / "session" / "frames");
   const auto played = test::contents_of(test::recordings_dir() / "tabletop" / "frames");
   ASSERT_FALSE(recorded.empty());
@@ -83,7 +83,7 @@ TEST(LiveCommand, RecordsSessionThatReplaysToSamePoses) {
   EXPECT_LT(difference.overlay_px.max, 0.2);
 }
 
-// The camera sometimes gives half an image with both marks; the recording keeps it.
+// Some images are truncated but have both start and end marker. The recording keeps them.
 TEST(LiveCommand, RecordsDamagedFramesForIdenticalReplay) {
   const test::TemporaryFolder temporary;
   const auto path = [&](const char* name) { return (temporary.path() / name).string(); };
@@ -161,8 +161,8 @@ TEST(LiveCommand, ScalesCalibrationOnlyWhenExact) {
     arguments.insert(arguments.end(), more.begin(), more.end());
     return penumbra(arguments);
   };
-  // The program offers --scale-calibration and never scales without it; it offers nothing if
-  // scaling is not exact.
+  // The program suggests --scale-calibration if scaling would be exact, and never scales without
+  // the option.
   for (const char* name : {"twice.yaml", "half.yaml"}) {
     test::expect_failure(live_with(name, {}), {name, "2x2", "--scale-calibration"});
   }
@@ -182,7 +182,7 @@ TEST(LiveCommand, ScalesCalibrationOnlyWhenExact) {
     const auto report = test::read_json(path("report.json"));
     EXPECT_GT(report["frames"].get<int>(), 0);
     EXPECT_GE(report["frames_tracked"].get<int>(), report["frames"].get<int>() * 95 / 100);
-    // The stored calibration has the recording's size.
+    // The stored calibration has the size of the recorded images.
     const CameraModel stored = load_camera(session + "/camera.yaml").value();
     EXPECT_EQ(stored.width(), camera.width());
     EXPECT_EQ(stored.height(), camera.height());
@@ -198,7 +198,7 @@ TEST(LiveCommand, SelectsNamedCameraFromMultiCameraFile) {
   const auto path = [&](const char* name) { return (temporary.path() / name).string(); };
   const CameraModel camera = load_camera(calibration()).value();
   CameraParameters of_chain = camera.parameters();
-  of_chain.distortion[4] = 0.0;  // Kalibr's files have no k3
+  of_chain.distortion[4] = 0.0;  // Kalibr's format has no k3
   ASSERT_TRUE(save_camera(path("right.yaml"), CameraModel::make(of_chain).value(),
                           CameraFileFormat::kalibr));
   std::string left = test::bytes_of(path("right.yaml"));
@@ -231,7 +231,7 @@ TEST(LiveCommand, SelectsNamedCameraFromMultiCameraFile) {
   EXPECT_EQ(stored.distortion, of_chain.distortion);
 }
 
-// Damaged frames are not counted as late.
+// Damaged frames must not be counted as late.
 TEST(LiveCommand, CountsDamagedFramesSeparatelyFromLateFrames) {
   const test::TemporaryFolder temporary;
   const auto camera = temporary.path() / "camera";
@@ -265,8 +265,8 @@ TEST(LiveCommand, CountsDamagedFramesSeparatelyFromLateFrames) {
   EXPECT_NE(done.out.find(fmt::format("{} damaged", damaged)), std::string::npos) << done.out;
 }
 
-// A camera's driver would drop these frames too. The recording holds several of each kind in a row,
-// so that a slow machine receives one of them.
+// A camera's driver would reject these frames too. The recording has several of each kind in
+// sequence, so that even a slow machine receives one of them.
 TEST(LiveCommand, RejectsFramesOfOtherSizeOrFormat) {
   for (const bool jpeg : {false, true}) {
     SCOPED_TRACE(jpeg ? "JPEG" : "PNG");
@@ -352,7 +352,7 @@ TEST(LiveCommand, KeepsReadableFilesOnCtrlC) {
   const auto done = test::run_program(
       test::program(), live({"--record", session.string()}), {}, {}, [&](pid_t child) {
         interrupter = std::thread([&session, child] {
-          // Waits until frames are being recorded.
+          // Waits until the session records frames.
           while (test::lines_of(test::bytes_of(session / "timestamps.csv")).size() < 20) {
             std::this_thread::sleep_for(std::chrono::milliseconds(10));
           }
@@ -383,7 +383,7 @@ TEST(LiveCommand, ContinuesThenFailsWhenRecordingCannotBeWritten) {
   EXPECT_NE(last.find("free some space"), std::string::npos) << done.err;
 }
 
-// If the video fails, only the video ends.
+// If writing the video fails, only the video ends.
 TEST(LiveCommand, KeepsOtherOutputsWhenVideoCannotBeWritten) {
   const test::TemporaryFolder temporary;
   const auto path = [&](const char* name) { return (temporary.path() / name).string(); };
@@ -424,7 +424,7 @@ TEST(LiveCommand, KeepsOtherOutputsWhenVideoCannotBeWritten) {
   }
 }
 
-// If poses can't be written any more, the earlier ones stay, in whole lines.
+// If the poses can't be written any more, the file keeps the earlier ones in whole lines.
 TEST(LiveCommand, EndsPoseFileWithWholeLineWhenDiskIsFull) {
   const test::TemporaryFolder temporary;
   const std::string poses = (temporary.path() / "live.tum").string();
@@ -439,7 +439,7 @@ TEST(LiveCommand, EndsPoseFileWithWholeLineWhenDiskIsFull) {
 }
 
 #ifdef PENUMBRA_RESET_DRIVER
-// After a driver reset no OpenGL call works. Outputs made until then are kept.
+// After a driver reset no OpenGL call succeeds. Outputs written before the reset are kept.
 TEST(LiveCommand, KeepsOutputsWhenGraphicsDriverIsReset) {
   const test::TemporaryFolder temporary;
   const auto path = [&](const char* name) { return (temporary.path() / name).string(); };
@@ -469,8 +469,7 @@ TEST(LiveCommand, KeepsOutputsWhenGraphicsDriverIsReset) {
       penumbra({"replay", path("session"), "--no-window", "--poses", path("replay.tum")});
   EXPECT_EQ(replayed.exit_code, 0) << replayed.err;
 
-  // A replay keeps the outputs of an earlier one; a driver reset before the first frame ends it
-  // too.
+  // A reset before the first frame also ends a replay, which keeps the outputs of an earlier one.
   const std::string before = test::bytes_of(path("replay.tum"));
   for (const int at : {5, 1}) {
     const auto again = penumbra(
@@ -481,7 +480,7 @@ TEST(LiveCommand, KeepsOutputsWhenGraphicsDriverIsReset) {
 }
 #endif
 
-// A replay that ends early because of its recording does not replace earlier outputs.
+// A replay that ends early because its recording is damaged must not replace earlier outputs.
 TEST(LiveCommand, KeepsEarlierOutputsWhenReplayFails) {
   const test::TemporaryFolder temporary;
   const auto path = [&](const char* name) { return (temporary.path() / name).string(); };
@@ -502,7 +501,7 @@ TEST(LiveCommand, PlaysVideoRecordingAsCamera) {
   const test::TemporaryFolder temporary;
   const auto path = [&](const char* name) { return (temporary.path() / name).string(); };
   std::filesystem::create_directory(path("video"));
-  // A recording like that of an uncompressed camera, with the images of the bundled JPEGs.
+  // The bundled images as a video, like the recording of an uncompressed camera.
   std::ofstream(path("nothing.json")) << R"({"objects": [], "shadows": []})";
   const auto made =
       penumbra({"replay", bundled("tabletop"), "--no-window", "--frames", "0:12", "--scene",
@@ -515,7 +514,7 @@ TEST(LiveCommand, PlaysVideoRecordingAsCamera) {
   listing << "frame,timestamp_s,file\n";
   for (int i = 0; i < 12; ++i) listing << fmt::format("{},{:.6f},video.mkv\n", i, i / 30.0);
   listing.close();
-  // Slow enough to drop no frame, and long enough to start again at the end.
+  // Slow enough that no frame is dropped, and long enough that the recording restarts.
   const auto done =
       penumbra({"live", "--camera", "recording:" + path("video"), "--calibration", calibration(),
                 "--no-window", "--fps", "8", "--duration", "2", "--poses", path("live.tum"),
@@ -533,7 +532,7 @@ TEST(LiveCommand, PlaysVideoRecordingAsCamera) {
 TEST(LiveCommand, ReportsWhyNoFrameIsTracked) {
   const test::TemporaryFolder temporary;
   const auto path = [&](const char* name) { return (temporary.path() / name).string(); };
-  // A sheet of the same family, but with other ids.
+  // A sheet of the same family with other ids.
   const auto sheet = penumbra(
       {"target", "--first-id", "300", "--output", path("other.pdf"), "--tags", path("other.yaml")});
   ASSERT_EQ(sheet.exit_code, 0) << sheet.err;
@@ -583,7 +582,7 @@ TEST(LiveCommand, RejectsWrongUsageWithExitCode2) {
   EXPECT_EQ(much.exit_code, 2);
   EXPECT_EQ(penumbra(live({"--size", "640"})).exit_code, 2);
   EXPECT_EQ(penumbra(live({"--format", "bayer"})).exit_code, 2);
-  // Options that a recording does not support.
+  // These options are not supported for a recording.
   for (const std::vector<std::string>& option : std::vector<std::vector<std::string>>{
            {"--size", "640x480"}, {"--format", "grey"}, {"--exposure", "4"}, {"--focus", "1"}}) {
     const auto done = penumbra(live(option));
@@ -594,8 +593,8 @@ TEST(LiveCommand, RejectsWrongUsageWithExitCode2) {
   EXPECT_EQ(penumbra(live({"--duration", "-1"})).exit_code, 2);
 }
 
-// The script skips camera tests only if the virtual machine does not start. Without shared data it
-// builds no software camera.
+// The script skips camera tests only if the virtual machine can't start. Without shared data it
+// must not build a software camera.
 TEST(TestLiveScript, SkipsWithoutVirtualMachineAndFailsWithoutSetup) {
   const test::TemporaryFolder temporary;
   const auto machine = [&](const char* name, const std::string& script) {

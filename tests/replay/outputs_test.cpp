@@ -1,4 +1,4 @@
-// Text outputs on standard output and in pipes, and the tag map that a run tracks by.
+// Text outputs on standard output and in pipes, and the tag map that a run uses.
 #include <fmt/format.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -34,7 +34,7 @@ std::string cube() {
   return (test::source_dir() / "scenes" / "models" / "cube.glb").string();
 }
 
-// Runs the program in a shell, for redirections.
+// Runs a script in a shell, for redirections.
 test::ProgramResult in_shell(const std::string& script, const fs::path& folder) {
   return test::run_program("/bin/bash",
                            {"-c", "set -o pipefail; penumbra() { \"" + test::program().string() +
@@ -80,7 +80,7 @@ TEST(StandardOutput, ReceivesShadowsKernelsAndTargets) {
     const auto result = penumbra(arguments);
     EXPECT_EQ(result.exit_code, 0) << result.err;
     EXPECT_FALSE(result.out.empty());
-    // One of them contains times.
+    // Compares the text up to the times, which differ between runs.
     const auto comparable = [](const std::string& text) {
       return text.substr(0, text.find("\"time_ms\""));
     };
@@ -91,8 +91,8 @@ TEST(StandardOutput, ReceivesShadowsKernelsAndTargets) {
   same_as_file({"target", "--output", folder.path() / "sheet.pdf"}, "--tags", "tags-named.yaml");
 }
 
-// Runs a command with its output in a file, on standard output and in a named pipe; expects equal
-// text in all three and returns it.
+// Runs a command with its output in a file, on standard output and in a named pipe. Expects the
+// same text in all three and returns it.
 std::string same_in_file_output_and_pipe(const std::vector<std::string>& arguments,
                                          const std::string& option) {
   const TemporaryFolder folder;
@@ -217,7 +217,7 @@ TEST(StandardOutput, FailsInOneLineWhenReaderIsGone) {
   }
 }
 
-// Reads the pipes one after the other, like a script.
+// The reader reads the two pipes in sequence, like a script.
 TEST(NamedPipe, CarriesPosesAndReport) {
   const TemporaryFolder folder;
   const fs::path poses = folder.path() / "poses";
@@ -235,12 +235,12 @@ TEST(NamedPipe, CarriesPosesAndReport) {
   EXPECT_TRUE(fs::is_fifo(poses) && fs::is_fifo(report)) << "a pipe was replaced";
 }
 
-// Shell words that wait for the notice in the file `log`, which comes after a second, and as long
-// again.
+// Shell words that wait until the file `log` has the warning, which takes a second, and then for
+// another second.
 const std::string kUntilWarned =
     " 2> log & for i in {1..1500}; do [ -s log ] && break; sleep 0.02; done; sleep 1.1; ";
 
-// Reader and writer open the pipe after the notice.
+// Reader and writer open the pipe after the warning.
 TEST(NamedPipe, ReportsWaitOnce) {
   const TemporaryFolder folder;
   const fs::path pipe = folder.path() / "pipe";
@@ -277,7 +277,7 @@ TEST(NamedPipe, StopsWaitingForReaderOnCtrlC) {
         std::this_thread::sleep_for(std::chrono::seconds(3));
         kill(child, SIGINT);
       });
-  // The signal itself ended the program if it came before the outputs were opened.
+  // The exit code is 128 + SIGINT if the signal came before the outputs were opened.
   EXPECT_TRUE(result.exit_code == 1 || result.exit_code == 128 + SIGINT) << result.exit_code;
   if (result.exit_code == 1) {
     EXPECT_THAT(result.err, HasSubstr("waiting for its reader"));
@@ -328,7 +328,7 @@ TEST(TagMapInUse, ComesFromRecordingOrCalibrationNeverFromDefault) {
       penumbra({"study", "--experiment", "heights", "--output", folder.path() / "a.csv", "--camera",
                 played, "--calibration", camera}),
       expected);
-  // The recording's own map has priority over the one beside the calibration.
+  // The recording's own map has priority over the map beside the calibration.
   test::write_text(folder.path() / "tags.yaml", test::small_tags_yaml());
   for (const fs::path& used : {folder.path() / "tags.yaml", recording / "tags.yaml"}) {
     test::write_text(used, test::small_tags_yaml());
@@ -339,7 +339,7 @@ TEST(TagMapInUse, ComesFromRecordingOrCalibrationNeverFromDefault) {
   }
 }
 
-// --- pictures that are not what they seem ---
+// --- images with faults ---
 
 Frame first_frame_of(const char* recording) {
   for (const char* extension : {".jpg", ".png"}) {
@@ -351,8 +351,8 @@ Frame first_frame_of(const char* recording) {
   return {};
 }
 
-// Writes the bundled recording's first frames as a camera of `bits` bits stores them, and as 8
-// bits.
+// Writes the first frames of the bundled recording as a camera with `bits` bits stores them, and as
+// 8-bit images.
 void write_deep_recording(const fs::path& folder, int bits, bool with_chunk) {
   const fs::path source = bundled("tabletop");
   fs::create_directories(folder / "frames");
@@ -472,7 +472,7 @@ TEST(ImageFault, IsReportedForMirroredAndNegativeImages) {
 TEST(ImageFault, IsReportedWhenMirroringBeginsMidSession) {
   const TemporaryFolder folder;
   const auto recording = changed_recording(folder.path() / "mirrored", mirror);
-  // One normal frame, then mirrored ones: the pose is extrapolated for half a second first.
+  // One normal frame, then mirrored frames. The pose is first extrapolated for half a second.
   fs::remove(recording / "frames" / "000000.png");
   const Frame frame = first_frame_of("tabletop");
   std::vector<std::uint8_t> scratch;

@@ -1,4 +1,4 @@
-// --pixel-buffers: the outputs are the same, although each frame is read back one frame later.
+// --pixel-buffers: outputs must be the same, although each frame is read back one frame later.
 #include <fmt/format.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -21,7 +21,7 @@ class PixelBufferOption : public testing::Test {
   [[nodiscard]] std::string path(const std::string& name) const {
     return (folder_.path() / name).string();
   }
-  // Runs the program with outputs called `name` in the folder.
+  // Runs the program with outputs in the folder whose names begin with `name`.
   ProgramResult run(const std::string& name, std::vector<std::string> arguments,
                     const std::string& buffers,
                     const std::vector<std::string>& environment = {}) const {
@@ -36,7 +36,7 @@ class PixelBufferOption : public testing::Test {
     arguments.insert(arguments.end(), more.begin(), more.end());
     return arguments;
   }
-  // Runs the program with a limit on the size of each file [KiB].
+  // Runs the program with a maximum file size [KiB].
   static ProgramResult with_files_up_to(int kib, const std::vector<std::string>& arguments) {
     std::vector<std::string> words = {
         "-c", fmt::format(R"(trap '' XFSZ; ulimit -f {}; exec "$0" "$@")", kib),
@@ -44,7 +44,7 @@ class PixelBufferOption : public testing::Test {
     words.insert(words.end(), arguments.begin(), arguments.end());
     return run_program("/bin/bash", words);
   }
-  // Each frame of the run is in its video and, if tracked, among its poses.
+  // Expects each frame of the run in its video and, if tracked, among its poses.
   void expect_all_written(const std::string& name) const {
     const auto report = read_json(path(name + ".json"));
     const int frames = report["frames"].get<int>();
@@ -64,7 +64,7 @@ class PixelBufferOption : public testing::Test {
   TemporaryFolder folder_;
 };
 
-// The short form replays fewer frames, and one alone with two threads only.
+// The short form replays fewer frames, and the single frame with two threads only.
 TEST_F(PixelBufferOption, WritesSameFilesInReplay) {
   const char* const several = nightly() ? "20:32" : "20:24";
   for (const std::string threads : {"1", "2"}) {
@@ -162,7 +162,7 @@ TEST_F(PixelBufferOption, KeepsEveryFrameOnCtrlC) {
         "on",       "--no-window",       "--output",  path("out"), "--poses",    path("out.tum"),
         "--report", path("out.json")};
     const auto done = run_program(program(), arguments, {}, {}, [&](pid_t child) {
-      for (int i = 0; i < 6000; ++i) {  // given up after a minute
+      for (int i = 0; i < 6000; ++i) {  // gives up after a minute
         const std::string partial = path("out.partial-" + std::to_string(child) + "-0");
         if (std::filesystem::exists(partial + "/000002.png")) break;
         std::this_thread::sleep_for(std::chrono::milliseconds(10));
@@ -175,7 +175,7 @@ TEST_F(PixelBufferOption, KeepsEveryFrameOnCtrlC) {
     EXPECT_LT(report["frames"].get<int>(), 120);
     const auto pictures = contents_of(path("out"));
     ASSERT_EQ(pictures.size(), report["frames"].get<std::size_t>());
-    // The images equal those of an uninterrupted run.
+    // The images must equal those of an uninterrupted run.
     ASSERT_EQ(run("whole",
                   {"replay", bundled("tabletop"), "--frames", fmt::format("0:{}", pictures.size())},
                   "off")
@@ -210,7 +210,7 @@ TEST_F(PixelBufferOption, ClosesOnlyVideoWhenDiskIsFull) {
 
 TEST_F(PixelBufferOption, WritesEveryDrawnFrameInLive) {
   for (const char* threads : {"1", "2"}) {
-    // Also frames before a pause of the camera: 5 frames/s are slower than the drawing.
+    // Frames before a pause of the camera are included: 5 frames/s are slower than drawing.
     for (const char* fps : {"30", "5"}) {
       SCOPED_TRACE(fmt::format("{} threads, {} frames/s", threads, fps));
       const auto done =
@@ -242,7 +242,7 @@ TEST_F(PixelBufferOption, KeepsEveryFrameWhenLiveIsInterrupted) {
 }
 
 #ifdef PENUMBRA_RESET_DRIVER
-// The driver loses the pending image; its pose is kept.
+// A driver reset loses the pending image. Its pose must be kept.
 TEST_F(PixelBufferOption, LosesOnlyPendingFrameOnDriverReset) {
   const auto done = run("live.mkv", live({"--duration", "30"}), "on",
                         {"LD_PRELOAD=" PENUMBRA_RESET_DRIVER, "PENUMBRA_TEST_RESET_AT=60"});

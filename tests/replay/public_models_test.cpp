@@ -1,6 +1,6 @@
-// The OBJ and glTF models of Debian's assimp-testmodels, collected from public reports. Each has
-// the area of the table, or is rejected for the reason in the table. The short form takes every
-// fourth model of the two large folders, the nightly all.
+// The OBJ and glTF models of Debian's assimp-testmodels, collected from public bug reports. Each
+// must have the area in the table, or be rejected for the reason in the table. The short form tests
+// every fourth model of the two large folders, the nightly form all.
 #include <gmock/gmock.h>
 
 #include <algorithm>
@@ -23,19 +23,19 @@ namespace {
 namespace fs = std::filesystem;
 
 const fs::path kModels = "/usr/share/assimp/models";
-// Far below the models, so that it cuts none: seen along the vertical and an oblique direction, as
-// in tests/reference/model_areas.py.
+// Planes far below the models, so that they clip none. Projections are along the vertical and an
+// oblique direction, as in tests/reference/model_areas.py.
 constexpr const char* kVerticalPlane = "0 0 1 0 0 -1000000";
 constexpr const char* kObliquePlane = "0.6 0.48 0.64 -600000 -480000 -640000";
 
-// A row of tests/reference/public_models.csv. A damaged file that is readable in part may have
-// areas and a reason: either result passes.
+// A row of tests/reference/public_models.csv. For a partly readable file, the row may have both
+// areas and a reason; either result passes.
 struct ExpectedModel {
   bool in_debian_12 = true;
   std::optional<double> vertical_cm2;
   std::optional<double> oblique_cm2;
   double extent_m = 0.0;
-  std::string message;  // regular expression of the error, empty: no error
+  std::string message;  // regular expression for the error; empty if none is expected
 };
 
 std::map<std::string, ExpectedModel> expected_models() {
@@ -67,7 +67,7 @@ bool is_model(const fs::path& file) {
   return extension == ".obj" || extension == ".gltf" || extension == ".glb";
 }
 
-// Names as in the table.
+// Returns the models' names as written in the table.
 std::vector<std::string> installed_models() {
   std::vector<std::string> names;
   for (const auto& entry : fs::recursive_directory_iterator(kModels)) {
@@ -79,7 +79,8 @@ std::vector<std::string> installed_models() {
   return names;
 }
 
-// Expects exit code 0 with warnings of one line each, or 1 with one error that names the file.
+// Expects exit code 0 with warnings of one line each, or exit code 1 with one error that names the
+// file.
 void expect_clear_lines(const ProgramResult& result, const std::string& name) {
   if (result.exit_code != 0) {
     expect_failure(result, {name});
@@ -90,7 +91,7 @@ void expect_clear_lines(const ProgramResult& result, const std::string& name) {
   }
 }
 
-// scripts/setup installs the package, so a run after a complete set-up requires it.
+// scripts/setup installs the package, so the tests require it after a complete setup.
 bool is_required() {
   return std::getenv("CI") != nullptr;
 }
@@ -102,8 +103,8 @@ class PublicModels : public testing::TestWithParam<const char*> {
     if (is_required()) FAIL() << "CI is set, but assimp-testmodels is missing (scripts/setup)";
     GTEST_SKIP() << "the package assimp-testmodels is missing (scripts/setup installs it)";
   }
-  // Area of the model's projection onto the plane [cm2], or nothing if the file is rejected.
-  // `name`: as in the table, or a path.
+  // Area of the model's projection onto the plane [cm2]; nullopt if the file is rejected. `name`:
+  // as in the table, or a path.
   std::optional<double> shadow_area(const std::string& name, const std::string& plane,
                                     const ExpectedModel& expected) {
     const fs::path output = folder_.path() / "shadow.json";
@@ -130,7 +131,7 @@ class PublicModels : public testing::TestWithParam<const char*> {
     EXPECT_EQ(kernels.size() % 3, 0U);
     for (const auto& number : kernels) ASSERT_TRUE(std::isfinite(number.get<double>()));
   }
-  // The model as `kernels` writes it into a .glb, or nothing if the output must be a .json file.
+  // Path of the .glb that `kernels` writes; nullopt if the kernels of this model need a .json file.
   std::optional<std::string> with_kernels(const std::string& name) {
     const std::string output = folder_.path() / "kernels.glb";
     const ProgramResult result = penumbra({"kernels", kModels / name, "--output", output});
@@ -143,7 +144,7 @@ class PublicModels : public testing::TestWithParam<const char*> {
   TemporaryFolder folder_;
 };
 
-// Tolerance: 1e-5 of the area, and the area of edge-on faces at float precision.
+// Tolerance: 1e-5 of the area, plus the area of edge-on faces at float precision.
 void expect_area(const std::optional<double>& area, const std::optional<double>& expected,
                  double extent_m) {
   if (!area || !expected) return;
@@ -157,7 +158,7 @@ TEST_P(PublicModels, MatchReferenceAreas) {
   const int step = is_large && !nightly() ? 4 : 1;
   int number = 0;
   int tried = 0;
-  int written = 0;  // as .glb
+  int written = 0;  // number of .glb files
   for (const std::string& name : installed_models()) {
     if (!name.starts_with(folder + "/")) continue;
     SCOPED_TRACE(name);

@@ -1,4 +1,4 @@
-// Helpers of the replay tests: run the built program over recordings and read its outputs.
+// Helpers for the replay tests, which run the built program on recordings and read its outputs.
 #pragma once
 
 #include <gtest/gtest.h>
@@ -45,8 +45,8 @@ inline std::string bytes_of(const std::filesystem::path& file) {
   return {std::istreambuf_iterator<char>(stream), std::istreambuf_iterator<char>()};
 }
 
-// Number of bytes and FNV-1a hash of a file, which a failure prints in place of its bytes; empty
-// without the file.
+// Size and FNV-1a hash of a file, because a failed comparison prints them instead of all bytes.
+// Empty if the file is missing.
 inline std::string fingerprint_of(const std::filesystem::path& file) {
   const std::string bytes = bytes_of(file);
   if (bytes.empty()) return {};
@@ -55,7 +55,7 @@ inline std::string fingerprint_of(const std::filesystem::path& file) {
   return std::to_string(bytes.size()) + " bytes, " + std::to_string(hash);
 }
 
-// File name -> fingerprint of every file in a folder.
+// Maps the name of every file in a folder to its fingerprint.
 inline std::map<std::string, std::string> contents_of(const std::filesystem::path& folder) {
   std::map<std::string, std::string> contents;
   std::error_code none;
@@ -77,7 +77,7 @@ inline std::vector<std::string> lines_of(const std::string& text) {
   return lines;
 }
 
-// Expects exit code 1 and exactly one line on standard error, which contains every one of `parts`.
+// Expects exit code 1 and exactly one line on standard error, which contains each of `parts`.
 inline void expect_failure(const ProgramResult& result, const std::vector<std::string>& parts) {
   EXPECT_EQ(result.exit_code, 1) << result.err;
   const std::vector<std::string> lines = lines_of(result.err);

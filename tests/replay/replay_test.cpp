@@ -1,4 +1,4 @@
-// Whole replays of the bundled recordings by the built program.
+// Replays of the bundled recordings with the built program.
 
 #include <gmock/gmock.h>
 
@@ -66,7 +66,7 @@ TEST(ReplayCommand, TracksTabletopInEveryFrameWithinTwoPixels) {
   for (const char* stage : {"capture", "track", "align", "shadow", "render", "frame"}) {
     EXPECT_EQ(done.report["time_ms"][stage]["count"], 120) << stage;
   }
-  // Detected once, then aligned.
+  // The first frame is detected, the others are aligned.
   EXPECT_EQ(done.report["time_ms"]["detect"]["count"], 1);
   EXPECT_EQ(done.report["tracking"]["full_detections"], 1);
   EXPECT_EQ(done.report["tracking"]["tracked_updates"], 119);
@@ -76,7 +76,7 @@ TEST(ReplayCommand, TracksTabletopInEveryFrameWithinTwoPixels) {
   EXPECT_GT(done.report["time_ms"]["capture"]["cpu_mean"].get<double>(), 0.0);
   EXPECT_GT(done.report["work"]["passes_drawn"].get<int>(), 120);
 
-  // `evaluate` gives the same from the poses file.
+  // `evaluate` must report the same accuracy from the pose file.
   const ProgramResult evaluated =
       penumbra({"evaluate", "--estimated", folder.path() / "out.tum", "--groundtruth",
                 bundled("tabletop") + "/groundtruth.tum", "--camera",
@@ -103,7 +103,8 @@ INSTANTIATE_TEST_SUITE_P(Replay, SharedRecordings,
                          testing::Values("shake", "grazing", "still", "single", "reentry"),
                          [](const auto& test) { return std::string(test.param); });
 
-// The short form replays the frames in which `reentry` loses the board and the others move.
+// The short form replays frames 20 to 49, where `reentry` loses the board and the other cameras
+// move.
 TEST_P(SharedRecordings, ReplayWithEveryFrameAccountedFor) {
   const fs::path shared = shared_dir();
   if (shared.empty()) GTEST_SKIP() << "no shared recordings beside the checkout";
@@ -159,7 +160,8 @@ TEST(ReplayCommand, WritesSameBytesWhenRunTwice) {
   EXPECT_EQ(bytes_of(folder.path() / "a.mkv.tum"), poses);
 }
 
-// The poses turn away from the table: first objects, then their shadows leave the image.
+// The camera turns away from the table, so that first objects and then their shadows leave the
+// image.
 TEST(ReplayCommand, DrawsSameFramesWithoutSkipping) {
   const TemporaryFolder folder;
   std::string poses;
@@ -204,7 +206,7 @@ TEST(ReplayCommand, NamesFramesByTheirNumbers) {
   fs::copy(bundled("corner"), recording, fs::copy_options::recursive);
   std::string listing;
   for (const std::string& line : lines_of(bytes_of(recording / "timestamps.csv"))) {
-    // Frames 3, 4 and 5 were dropped by the camera.
+    // Leaves out frames 3, 4 and 5, as if the camera had dropped them.
     if (!line.starts_with("3,") && !line.starts_with("4,") && !line.starts_with("5,")) {
       listing += line + "\n";
     }
@@ -240,7 +242,7 @@ TEST(ReplayCommand, AcceptsOutputNamesWithColonsAndDanglingLinks) {
   EXPECT_EQ(contents_of(folder.path() / "pictures").size(), 2U);
 }
 
-// The nightly form writes the whole recording.
+// The nightly form replays the whole recording.
 TEST(ReplayCommand, WritesSameBytesForTabletopRunTwice) {
   const TemporaryFolder folder;
   const int count = nightly() ? 120 : 15;
@@ -263,8 +265,8 @@ TEST(ReplayCommand, WritesSameBytesForTabletopRunTwice) {
   }
 }
 
-// The output has as many frames as requested, with their names and numbers; a replay of 0 frames
-// must not pass.
+// The output must have exactly the requested frames with their names and numbers. A replay of 0
+// frames must fail.
 TEST(ReplayCommand, WritesExactlyRequestedFrames) {
   const TemporaryFolder folder;
   const Replay done =
@@ -313,7 +315,7 @@ TEST(ReplayCommand, StopsSamplingWithinPoseBudget) {
     const Replay done = replay(folder.path(), options);
     EXPECT_EQ(done.result.exit_code, 0) << done.result.err;
     EXPECT_EQ(done.report["frames_tracked"], 20);
-    // The report counts skipped pixels.
+    // The report counts the pixels that were skipped.
     const bool stops = std::ranges::find(options, "--pose-budget") != options.end();
     const auto& skipped = done.report["tracking"]["skipped"];
     EXPECT_EQ(skipped.contains("pixels_within_budget"), stops && options.back() != "0.000001")
@@ -337,7 +339,7 @@ TEST(ReplayCommand, StopsSamplingWithinPoseBudget) {
   EXPECT_LT(loose.second, 0.3);
   EXPECT_GT(tight.first, loose.first);
   EXPECT_LT(tight.second, 1.1 * loose.second);
-  // An unreachable budget uses all pixels; with `fast` at most that mode's number.
+  // An unreachable budget uses all pixels; in the mode `fast`, at most that mode's number.
   EXPECT_NEAR(static_cast<double>(endless.first), static_cast<double>(all.first),
               0.02 * static_cast<double>(all.first));
   EXPECT_LE(run({"--tracking", "fast", "--pose-budget", "0.000001"}).first, fast.first * 101 / 100);
@@ -385,7 +387,7 @@ TEST(ReplayCommand, SmoothsDrawingButNotWrittenPoses) {
   EXPECT_EQ(plain_frames.at("000000.png"), smooth_frames.at("000000.png")) << "drawn as measured";
   EXPECT_NE(plain_frames, smooth_frames);
   EXPECT_EQ(smooth_frames, test::contents_of(path("alone"))) << "threads change nothing";
-  // --smooth does not change given poses.
+  // --smooth must not change given poses.
   EXPECT_EQ(penumbra({"replay", bundled("tabletop"), "--smooth", "--poses-from", "groundtruth"})
                 .exit_code,
             2);
@@ -402,7 +404,7 @@ TEST(ReplayCommand, SkipsTrackingForGivenPoses) {
   EXPECT_EQ(truth.report["tracking"]["full_detections"], 0);
   EXPECT_EQ(truth.report["time_ms"]["detect"]["count"], 0);
   EXPECT_EQ(truth.report["time_ms"]["solve"]["count"], 0);
-  // Rendering from the poses of a replay gives the images of that replay.
+  // Rendering from the poses of a replay must give the same images.
   const Replay tracked =
       replay(folder.path(), {bundled("tabletop"), "--frames", "10:14", "--output",
                              folder.path() / "tracked", "--poses", folder.path() / "out.tum"});
@@ -438,8 +440,8 @@ TEST(ReplayCommand, DrawsEachTechniqueDifferently) {
   EXPECT_EQ(fingerprint_of(folder.path() / "k" / "000030.png"), pictures["cocl"]);
 }
 
-// The report names the mode of translucency; in each mode, skipping changes no byte. The short form
-// omits two modes in the corner.
+// The report contains the translucency mode. In each mode, skipping must not change a byte. The
+// short form omits two modes for `corner`.
 TEST(ReplayCommand, AppliesAndReportsForcedTranslucency) {
   const TemporaryFolder folder;
   std::map<std::string, std::map<std::string, std::string>> frames;
@@ -470,7 +472,7 @@ TEST(ReplayCommand, AppliesAndReportsForcedTranslucency) {
   EXPECT_NE(frames["geometry-mesh"], frames["mesh"]);
 }
 
-// Frames of a recording, replayed to a folder of images and a file of poses called `name`.
+// Frames of a recording, replayed into a folder of images and a pose file named after `name`.
 struct NamedReplay {
   std::map<std::string, std::string> pictures;
   nlohmann::json report;
@@ -496,11 +498,12 @@ TEST(ReplayCommand, RectifiesFramesWithoutChangingPoses) {
   EXPECT_EQ(straight.size(), 3U);
   EXPECT_NE(straight, bent);
   EXPECT_EQ(run("all", {"--rectified", "--no-skip"}), straight);
-  // Tracking uses the original video.
+  // Tracking uses the original video, so the poses are the same.
   EXPECT_EQ(bytes_of(folder.path() / "straight.tum"), bytes_of(folder.path() / "bent.tum"));
 }
 
-// Objects take the video's light, for any number of threads; it does not affect the poses.
+// Objects are lit by the light in the video, equally for any number of threads. The poses do not
+// depend on it.
 TEST(ReplayCommand, LightsObjectsLikeVideo) {
   const TemporaryFolder folder;
   const auto run = [&](const std::string& name, const std::vector<std::string>& more) {
@@ -516,7 +519,7 @@ TEST(ReplayCommand, LightsObjectsLikeVideo) {
   EXPECT_EQ(bytes_of(folder.path() / "own.tum"), bytes_of(folder.path() / "lit.tum"));
 }
 
-// Draws one frame of a scene of the helicopter alone, level, with these options.
+// Draws one frame of a scene with a level helicopter, with the given options.
 class ReplayShadowOptions : public testing::Test {
  protected:
   ReplayShadowOptions() {
@@ -564,12 +567,12 @@ TEST_F(ReplayShadowOptions, ReadsKernelsFromFile) {
   }
   EXPECT_EQ(named["auto"], automatic);
   EXPECT_NE(named["cocl"], automatic);
-  // If neither the scene nor --shadow names a technique, a kernel file of another kind than the
-  // node's is used.
+  // If neither the scene nor --shadow selects a technique, the kernels of --kernels are used even
+  // if their kind differs from the node's.
   EXPECT_NE(picture({"--kernels", "per-axis"}), named["cocl"]);
 }
 
-// A technique that needs a light, in a scene without one: one warning, for any number of frames.
+// A technique needs a light that the scene lacks: the program warns once, for any number of frames.
 TEST_F(ReplayShadowOptions, WarnsOnceOfMissingLight) {
   std::ofstream(scene()) << R"({"objects":[{"name":"helicopter","position":[0,0,0.08],"model":")"
                          << model() << R"("}],"shadows":[{"name":"s","technique":"layered"}]})";
@@ -586,7 +589,7 @@ TEST_F(ReplayShadowOptions, WarnsOnceOfMissingLight) {
   EXPECT_EQ(last_warnings_, "");
 }
 
-// One line names the option and the technique; options with an effect give no warning.
+// The warning names the option and the technique. An option with an effect gives no warning.
 TEST_F(ReplayShadowOptions, WarnsOfOptionsWithoutEffect) {
   using Words = std::vector<std::string>;
   for (const auto& [technique, words] :
@@ -625,7 +628,7 @@ TEST_F(ReplayShadowOptions, ReportsMismatchedKernels) {
   expect_failure(with("{"), {"k.json"});
   expect_failure(replay({"--kernels", file("none.json")}, file("frames")), {"none.json"});
   EXPECT_FALSE(std::filesystem::exists(file("frames")));
-  // A file for another shape with the same number of vertices.
+  // Kernels of another shape with the same number of vertices.
   ASSERT_EQ(penumbra({"kernels", model(), "--output", file("k.json")}).exit_code, 0);
   std::string text = bytes_of(file("k.json"));
   const std::size_t key = text.find("\"geometry\":\"") + 12;
@@ -669,7 +672,8 @@ TEST(ReplayCommand, KeepsReadableFilesOnCtrlC) {
   EXPECT_EQ(contents_of(folder.path()).size(), 3U) << "a partial file was left";
 }
 
-// The recording's true poses are a pipe without a writer: set-up blocks as long as the test wants.
+// The true poses are read from a pipe without a writer, so the setup blocks as long as the test
+// wants.
 TEST(ReplayCommand, StopsSetupOnSignalAndLeavesNoFile) {
   for (const int number : {SIGINT, SIGTERM}) {
     const TemporaryFolder folder;
@@ -691,7 +695,8 @@ TEST(ReplayCommand, StopsSetupOnSignalAndLeavesNoFile) {
                         if (writer < 0) std::this_thread::sleep_for(std::chrono::milliseconds(10));
                       }
                       kill(child, number);
-                      // Unblocks a program that does not end; its exit code is then wrong.
+                      // Unblocks a program that ignores the signal; the test then fails because of
+                      // the exit code.
                       siginfo_t info{};
                       for (int i = 0; i < 1000 && info.si_pid == 0; ++i) {
                         waitid(P_PID, static_cast<id_t>(child), &info, WEXITED | WNOHANG | WNOWAIT);
@@ -704,7 +709,7 @@ TEST(ReplayCommand, StopsSetupOnSignalAndLeavesNoFile) {
   }
 }
 
-// MESA_GL_VERSION_OVERRIDE removes OpenGL 3.3, as on a Raspberry Pi 4.
+// MESA_GL_VERSION_OVERRIDE disables OpenGL 3.3, which a Raspberry Pi 4 also lacks.
 TEST(ReplayCommand, FallsBackToOpenGlEs) {
   const TemporaryFolder folder;
   const ProgramResult result =
@@ -753,12 +758,12 @@ TEST(ReplayCommand, WritesSameFramesWithWindow) {
   EXPECT_EQ(contents_of(folder.path() / "window"), contents_of(folder.path() / "offscreen"));
 }
 
-// Counters in the report: kernels and layers are recomputed only when needed.
+// Counters in the report show that kernels and layers are recomputed only if necessary.
 TEST(ReplayCommand, ComputesKernelsOnceForStillOrSlidingObjects) {
   const TemporaryFolder folder;
   struct Case {
     std::string name;
-    std::string place;  // keys of the object
+    std::string place;  // JSON keys of the object
     int recomputed, reprojected, moved;
   };
   const auto from_to = [](const std::string& from, const std::string& to) {

@@ -1,4 +1,4 @@
-// Every bundled scene through the whole program.
+// Every bundled scene, replayed by the built program.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -39,7 +39,7 @@ TEST_P(Scenes, ReplayOverTabletop) {
                 "100:106", "--output", (folder.path() / "out").string(), "--report",
                 (folder.path() / "report.json").string()});
   EXPECT_EQ(result.exit_code, 0) << result.err;
-  // Its upright board has a group of tags that this recording lacks.
+  // The scene's upright board needs a tag group that this recording lacks.
   if (GetParam() != "corner") {
     EXPECT_EQ(result.err, "");
   }
@@ -49,12 +49,13 @@ TEST_P(Scenes, ReplayOverTabletop) {
   EXPECT_GT(report.at("work").at("triples_recomputed"), 0) << "it has a shadow";
 }
 
-// Frames drawn with all skips and caches equal frames drawn without. Every bundled scene and every
-// technique, over the tabletop; nightly over the corner and with the stack too.
+// Frames drawn with all skips and caches must equal frames drawn without them. Tests every bundled
+// scene and every technique over the recording `tabletop`. The nightly form adds the recording
+// `corner` and the scene `stack`.
 struct Session {
   std::string scene;
   std::string recording;
-  std::string technique;  // none: the scene's own
+  std::string technique;  // empty: the scene's own technique
 };
 std::vector<Session> sessions() {
   std::vector<Session> sessions;
@@ -83,10 +84,10 @@ INSTANTIATE_TEST_SUITE_P(Bundled, Sessions, testing::ValuesIn(sessions()),
 TEST_P(Sessions, AreTheSameWithoutSkipping) {
   const Session& session = GetParam();
   const TemporaryFolder folder;
-  // Casters are low at frame 40 of the tabletop, and high and over the pad at its end.
+  // In `tabletop` the casters are low at frame 40, and high and over the pad at the end.
   const bool tabletop = session.recording == "tabletop";
   const auto takes = [&](int frame) {
-    if (nightly() || frame == 0) return true;  // the first one starts the scene's clock
+    if (nightly() || frame == 0) return true;  // the first frame starts the scene's clock
     if (!tabletop) return frame == 30 || frame == 31;
     const bool low = frame == 40 || frame == 41;
     return frame == 116 || frame == 117 || (low && !session.technique.empty());
@@ -114,13 +115,13 @@ TEST_P(Sessions, AreTheSameWithoutSkipping) {
   for (const char* counter : {"reprojections", "layer_masks_kept", "phantom_masks_kept"}) {
     EXPECT_EQ(work.at(counter), 0) << counter;
   }
-  // Groups without a pose can't be drawn.
+  // Groups without a pose are not drawn.
   const nlohmann::json& skipped = reports["no-skip"].at("skipped");
   EXPECT_EQ(work.at("passes_skipped"), skipped.value("group_not_seen", 0));
   EXPECT_EQ(skipped.size(), skipped.count("group_not_seen")) << skipped;
 }
 
-// A tree of 26,000 faces under a moving sun and a fixed lantern: only the sun's shadow is
+// A tree of 26,000 faces under a moving sun and a fixed lantern. Only the sun's shadow may be
 // recomputed.
 TEST(AnimatedLight, RecomputesOnlyItsOwnShadows) {
   const TemporaryFolder folder;
@@ -140,10 +141,11 @@ TEST(AnimatedLight, RecomputesOnlyItsOwnShadows) {
   EXPECT_EQ(hard.at("light_moved"), kFrames - 1);
   EXPECT_EQ(hard.at("object_moved"), 0);
   EXPECT_EQ(hard.at("object_rotated"), 0);
-  // One tree, one plane, two lights: both shadows at first, then the sun's in each frame.
+  // One tree, one plane and two lights: the first frame computes both shadows, each later frame the
+  // sun's.
   EXPECT_EQ(hard.at("triples_recomputed"), 2 + (kFrames - 1));
   EXPECT_EQ(hard.at("reprojections"), kFrames - 1) << "the lantern's";
-  // Layers fall along the plane's normal, so a moving light does not change them.
+  // Layers are projected along the plane's normal, so a moving light does not change them.
   const nlohmann::json layered = work_of({"--shadow", "layered"});
   EXPECT_EQ(layered.at("light_moved"), kFrames - 1);
   EXPECT_EQ(layered.at("triples_recomputed"), 1);

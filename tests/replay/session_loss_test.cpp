@@ -1,4 +1,5 @@
-// Sessions whose terminal, log, display or reader goes away: outputs made until then are complete.
+// Sessions that lose their terminal, log, display or reader. Outputs written until then must be
+// complete.
 #include <fmt/format.h>
 #include <gtest/gtest.h>
 #include <pty.h>
@@ -43,7 +44,7 @@ class LiveSession {
   [[nodiscard]] std::string path(const char* name) const {
     return (folder_.path() / name).string();
   }
-  // Waits until `count` frames are drawn and recorded. Returns false if the program ended before.
+  // Waits until `count` frames are drawn and recorded. Returns false if the program ends earlier.
   [[nodiscard]] bool wait_for_frames(const RunningProgram& running, std::size_t count) const {
     constexpr int kMost = 6000;
     for (int i = 0; i < kMost && running.runs(); ++i) {
@@ -52,7 +53,7 @@ class LiveSession {
     }
     return false;
   }
-  // Each output opens, is complete, and matches the report.
+  // Expects that each output can be opened, is complete and matches the report.
   void expect_whole_outputs() const {
     const auto report = read_json(path("report.json"));
     ASSERT_TRUE(report.is_object());
@@ -107,14 +108,14 @@ std::string name_of(const testing::TestParamInfo<Loss>& info) {
   return "LogDisk";
 }
 
-// A non-blocking descriptor that writes to the same pipe.
+// Returns a non-blocking descriptor for the same pipe.
 int own_writer(int pipe_end) {
   return open(fmt::format("/proc/self/fd/{}", pipe_end).c_str(),
               O_WRONLY | O_NONBLOCK | O_NOCTTY | O_CLOEXEC);
 }
 
-// Fills the pipe or terminal of a stalled reader. A terminal has room again after a moment, when it
-// has passed the text to its other end.
+// Fills the buffer of a pipe or terminal whose reader has stalled. A terminal gets room again after
+// it passes its text on, so the function writes until it stays full.
 void fill_pipe(int writer) {
   const std::string line = std::string(127, '-') + '\n';
   for (bool has_room = true; has_room;) {
@@ -124,7 +125,7 @@ void fill_pipe(int writer) {
   }
 }
 
-// The terminal, log, display or reader that a session depends on, and its loss.
+// The terminal, log, display or reader of a session, which the test can take away.
 class Surroundings {
  public:
   explicit Surroundings(Loss loss) : loss_(loss) {
@@ -159,7 +160,7 @@ class Surroundings {
     if (filler_ >= 0) close(filler_);
   }
 
-  // Runs in the program's process.
+  // Called in the program's process.
   void set_up() const {
     if (loss_ == Loss::terminal) {
       setsid();
@@ -186,7 +187,7 @@ class Surroundings {
   Loss loss_;
   int mine_ = -1;
   int its_ = -1;
-  int filler_ = -1;  // writes into the log's pipe
+  int filler_ = -1;  // writes to the log's pipe
   std::optional<VirtualDisplay> display_;
 };
 
@@ -196,12 +197,12 @@ TEST_P(SessionLoss, LeavesWholeOutputsAtAnyMoment) {
   ASSERT_TRUE(has_xvfb()) << "no Xvfb: scripts/setup installs it";
   const Loss loss = GetParam();
   const bool ends_session = loss == Loss::terminal || loss == Loss::display;
-  // Without the reader or the terminal the final table is lost, and without the display the window:
-  // exit code 1. A lost log has no effect on it.
+  // Without a reader or terminal the final table is lost, and without a display the window: the
+  // exit code is 1. A lost log does not change the exit code.
   const bool loses_log =
       loss == Loss::log_reader || loss == Loss::stalled_log_reader || loss == Loss::log_disk;
   const int expected_code = loses_log ? 0 : 1;
-  // A display is lost by two signals.
+  // The display server ends by one of two signals.
   const int times = nightly() ? 50 : loss == Loss::display ? 2 : 1;
   const unsigned latest_frame = nightly() ? 40 : 12;
   for (int i = 0; i < times; ++i) {
@@ -228,7 +229,7 @@ TEST_P(SessionLoss, LeavesWholeOutputsAtAnyMoment) {
     const auto report = read_json(session.path("report.json"));
     EXPECT_EQ(report.contains("failure"), loss == Loss::display);
     EXPECT_EQ(report["interrupted"].get<bool>(), loss != Loss::display);
-    // At the debug level the encoder logs when it ends.
+    // At the debug level, the encoder writes log lines when it ends.
     EXPECT_TRUE(!loses_log || report.contains("log_lines_dropped"));
   }
 }
@@ -239,7 +240,7 @@ INSTANTIATE_TEST_SUITE_P(Losses, SessionLoss,
                                          Loss::log_disk),
                          name_of);
 
-// The exit code of the program in a shell with this redirection.
+// Returns the exit code of the program, run in a shell with this redirection.
 int exit_code_with(const std::string& redirection, const std::vector<std::string>& arguments) {
   std::vector<std::string> words = {"/bin/bash", "-c", "exec \"$0\" \"$@\" " + redirection,
                                     program().string()};
@@ -270,8 +271,8 @@ TEST(StandardStreams, FailPrintingCommandsWhenStdoutIsFullOrClosed) {
   expect_failure(closed, {"standard output", "closed"});
 }
 
-// A lost log does not change the exit code, and no output file gets the number of a closed standard
-// descriptor.
+// A lost log must not change the exit code. An output file must not get the descriptor number of a
+// closed standard stream.
 TEST(StandardStreams, LetLiveWriteOutputsWhenClosedOrFull) {
   for (const auto& [redirection, expected_code] : std::vector<std::pair<std::string, int>>{
            {"2>&-", 0}, {"2>/dev/full", 0}, {"<&- >&- 2>&-", 1}, {">/dev/full 2>/dev/full", 1}}) {
@@ -334,7 +335,7 @@ TEST(StandardStreams, ReportDroppedLinesWhenLogReaderResumes) {
   }
 }
 
-// Printing waits for the terminal; the outputs do not.
+// Messages wait for the terminal, but outputs do not.
 TEST(StandardStreams, LetLiveWriteOutputsWhenTerminalStalls) {
   const LiveSession session;
   int ends[2] = {-1, -1};
@@ -368,7 +369,7 @@ TEST(HangupSignal, StaysIgnoredWhenIgnoredAtStart) {
   RunningProgram running(
       {program().string(), "replay", bundled("tabletop"), "--no-window", "--realtime", "--frames",
        "0:36", "--poses", poses, "--report", report_file},
-      [] { std::signal(SIGHUP, SIG_IGN); });  // as nohup does
+      [] { std::signal(SIGHUP, SIG_IGN); });  // like nohup
   for (int i = 0; i < 12; ++i) {
     std::this_thread::sleep_for(milliseconds(100));
     running.signal(SIGHUP);
@@ -379,7 +380,7 @@ TEST(HangupSignal, StaysIgnoredWhenIgnoredAtStart) {
   EXPECT_EQ(report["interrupted"], false);
 }
 
-// A closing terminal sends SIGHUP more than once, timeout(1) SIGTERM twice.
+// A closing terminal sends SIGHUP more than once, and timeout(1) sends SIGTERM twice.
 TEST(Interrupt, ClosesOutputsDespiteRepeatedSignals) {
   for (const int number : {SIGHUP, SIGTERM, SIGINT}) {
     SCOPED_TRACE(number);
@@ -400,7 +401,7 @@ TEST(DisplayLoss, EndsReplayWithWholeOutputs) {
   ASSERT_TRUE(has_xvfb()) << "no Xvfb: scripts/setup installs it";
   const TemporaryFolder folder;
   const auto path = [&folder](const char* name) { return (folder.path() / name).string(); };
-  for (const char* gl_version : {"", "3.1"}) {  // GLX; OpenGL ES by EGL
+  for (const char* gl_version : {"", "3.1"}) {  // default: GLX; 3.1: OpenGL ES through EGL
     SCOPED_TRACE(gl_version);
     VirtualDisplay display;
     RunningProgram running({program().string(), "replay", bundled("tabletop"), "--output",

@@ -1,4 +1,4 @@
-// penumbra shadow and penumbra kernels, as a person runs them.
+// penumbra shadow and penumbra kernels, run from the command line.
 
 #include <fmt/format.h>
 #include <gmock/gmock.h>
@@ -27,7 +27,7 @@ class ShadowCommand : public testing::Test {
   void write(const std::string& name, const std::string& text) const {
     std::ofstream(file(name), std::ios::binary) << text;
   }
-  // JSON output of `penumbra shadow` with these arguments.
+  // Returns the JSON output of `penumbra shadow` with these arguments.
   nlohmann::json layers(std::vector<std::string> arguments) {
     arguments.insert(arguments.begin(), "shadow");
     arguments.insert(arguments.end(), {"--output", file("layers.json")});
@@ -46,7 +46,7 @@ TEST_F(ShadowCommand, ScalesSquareByLayerFormula) {
   EXPECT_EQ(json["H"], 0.9);
   EXPECT_EQ(json["a"], 3.0);
   EXPECT_NEAR(json["umbra_height"].get<double>(), 0.3, 1e-12);
-  // s = (H + lambda a h) / (H - h) at h = 0.1.
+  // Expected factors s = (H + lambda a h) / (H - h) at h = 0.1.
   const std::map<std::string, double> factors = {
       {"umbra", 0.6 / 0.8}, {"middle", 0.9 / 0.8}, {"penumbra", 1.2 / 0.8}};
   ASSERT_EQ(json["layers"].size(), 3U);
@@ -97,7 +97,7 @@ TEST_F(ShadowCommand, ScalesModelAndKernelsByUnit) {
   const auto stored = layers({file("mm.obj"), "--unit", "mm", "--kernels", file("k.json")});
   EXPECT_EQ(stored["layers"], computed["layers"]);
   EXPECT_EQ(stored["kernels"]["source"], file("k.json").string());
-  // A .glb is in metres.
+  // Coordinates of a .glb are in metres.
   const auto glb = layers({file("k.glb")});
   EXPECT_EQ(glb["kernels"]["source"], "stored");
   EXPECT_NEAR(glb["layers"]["umbra"]["area"].get<double>(),
@@ -241,7 +241,7 @@ TEST_F(ShadowCommand, NamesOptionOfInvalidLight) {
 }
 
 TEST_F(ShadowCommand, AppliesPoseAndPlane) {
-  // Lifted to the height where the umbra vanishes; the plane's normal turns with the object.
+  // First at the height where the umbra vanishes, then rotated together with the plane's normal.
   auto json = layers({file("square.obj"), "--pose", "0 0 0.2 0 0 0 1"});
   EXPECT_EQ(json["layers"]["umbra"]["area"], 0.0);
   EXPECT_EQ(json["layers"]["umbra"]["polygons"], nlohmann::json::array());
@@ -251,7 +251,7 @@ TEST_F(ShadowCommand, AppliesPoseAndPlane) {
 }
 
 TEST_F(ShadowCommand, KeepsAreaFarFromOriginAndAtAnySize) {
-  // The square is as large 100 m away.
+  // The square's shadow has the same area 100 m from the origin.
   const auto here = layers({file("square.obj")});
   const auto there =
       layers({file("square.obj"), "--plane", "0 0 1 70 -60 100", "--pose", "70 -60 100 0 0 0 1"});
@@ -260,7 +260,7 @@ TEST_F(ShadowCommand, KeepsAreaFarFromOriginAndAtAnySize) {
                 here["layers"][name]["area"].get<double>(), 1e-7)
         << name;
   }
-  // Also for a shift along the plane, with the outlines at the same place.
+  // A motion along the plane must move the outlines with the model and keep their area.
   const std::string helicopter = (source_dir() / "scenes" / "models" / "helicopter.glb").string();
   for (const std::string technique : {"layered", "field", "simple"}) {
     const auto near = layers({helicopter, "--technique", technique, "--pose", "0 0 0.1 0 0 0 1"});
@@ -323,7 +323,7 @@ TEST_F(ShadowCommand, ReportsWhyShadowIsMissing) {
   for (const char* technique : {"layered", "field"}) {
     lifted("0.1", technique);
     EXPECT_EQ(last_warnings_, "") << technique;
-    lifted("0.28", technique);  // without an umbra: the number is empty, not an error
+    lifted("0.28", technique);  // the umbra is missing, so its number is empty
     EXPECT_EQ(last_warnings_, "") << technique;
     EXPECT_EQ(lifted("2", technique)["layers"]["penumbra"]["area"], 0.0);
     EXPECT_THAT(last_warnings_, HasSubstr("too high")) << technique;
@@ -339,7 +339,7 @@ TEST_F(ShadowCommand, ReportsWhyShadowIsMissing) {
   // Far away along the plane, the shadow is the same.
   EXPECT_GT(layers({cube, "--pose", "1e8 0 0.1 0 0 0 1"})["layers"]["umbra"]["area"], 0.0);
   EXPECT_EQ(last_warnings_, "");
-  // A light between the object's bottom and top, or below both.
+  // The light is between the object's bottom and top, or below both.
   const auto lit = [&](const char* light) {
     return layers({cube, "--technique", "hard", "--light", light, "--pose", "0 0 0.2 0 0 0 1"});
   };
@@ -349,15 +349,15 @@ TEST_F(ShadowCommand, ReportsWhyShadowIsMissing) {
   EXPECT_THAT(last_warnings_, HasSubstr("above the light casts nothing"));
   EXPECT_EQ(lit("0.3 0 0.1 1")["layers"]["shadow"]["area"], 0.0);
   EXPECT_THAT(last_warnings_, HasSubstr("no shadow"));
-  lit("0 0 1 0");  // direction of a light at infinity, above everything
+  lit("0 0 1 0");  // a light at infinity is above every object
   EXPECT_EQ(last_warnings_, "");
-  // Edge-on to the plane.
+  // A card that is edge-on to the plane.
   write("card.obj", "v 0 0 0.1\nv 0 0.1 0.1\nv 0 0.1 0.2\nf 1 2 3\n");
   layers({file("card.obj")});
   EXPECT_THAT(last_warnings_, HasSubstr("no layer"));
 }
 
-// In contact the layers coincide and the shadow is complete: no warning.
+// In contact the layers coincide and the shadow is complete, so there is no warning.
 TEST_F(ShadowCommand, AcceptsContactShadowWithoutWarning) {
   const std::string square = file("square.obj");
   for (const char* technique : {"layered", "simple"}) {
@@ -379,7 +379,7 @@ TEST_F(ShadowCommand, WarnsOfObjectAboveWorkspace) {
   };
   EXPECT_EQ(at("0.2"), "") << "its top is at the workspace's";
   EXPECT_THAT(at("0.25"), HasSubstr("--workspace-height 0.3"));
-  // With a light no larger than the lit object, the umbra exists at every height.
+  // If the light is no larger than the object, an umbra exists at every height.
   const ProgramResult table = penumbra({"shadow", file("square.obj"), "--light-ratio", "0.5"});
   EXPECT_THAT(table.out, HasSubstr("the umbra never vanishes"));
   EXPECT_THAT(table.out, testing::Not(HasSubstr("vanishes at")));
@@ -394,7 +394,7 @@ TEST_F(ShadowCommand, WritesSvgAndTable) {
                            "id=\"object\"", "id=\"kernels\"", "<circle", "</svg>"}) {
     EXPECT_THAT(svg, HasSubstr(part));
   }
-  // The image's title names the shadow.
+  // The SVG's title names model and technique.
   EXPECT_THAT(svg, HasSubstr(">ring, layered shadow<"));
   EXPECT_THAT(svg, HasSubstr(">H = 0.9 m, a = 3<"));
   for (const auto& [words, title] : std::vector<std::pair<std::vector<std::string>, std::string>>{
@@ -434,7 +434,7 @@ TEST_F(ShadowCommand, UsesStoredKernelsUntilModelChanges) {
     const auto from_json = layers({model, "--kernels", file("kept.json")});
     EXPECT_NEAR(from_json["layers"]["umbra"]["area"].get<double>(),
                 fresh["layers"]["umbra"]["area"].get<double>(), 1e-8);
-    // Kernels for another tilt are not used.
+    // Kernels for another tilt must not be used.
     EXPECT_EQ(
         layers({file("kept.glb"), "--pose", "0 0 0 0.1 0 0 0.99498743710662"})["kernels"]["source"],
         "auto");
@@ -464,7 +464,7 @@ TEST_F(ShadowCommand, RecomputesKernelsWithoutThicknessForFixedLight) {
   EXPECT_THAT(last_warnings_, HasSubstr("cocl"));
   EXPECT_EQ(with({ring, "--kernels", file("kept.json")})["layers"], fresh["layers"]);
   EXPECT_THAT(last_warnings_, HasSubstr("cocl"));
-  // A scaled model keeps using its kernels.
+  // The proportional light mode needs no thickness, so it uses the stored kernels.
   EXPECT_EQ(layers({file("kept.glb")})["kernels"]["source"], "stored");
   EXPECT_EQ(last_warnings_, "");
 }
@@ -476,7 +476,7 @@ TEST_F(ShadowCommand, DetectsModelChangedAfterKernelsWereStored) {
     SCOPED_TRACE(model);
     ASSERT_EQ(penumbra({"kernels", model, "--output", file("kept.glb")}).exit_code, 0);
     EXPECT_EQ(layers({file("kept.glb")})["kernels"]["source"], "stored");
-    // An editor that keeps unknown attributes moves one coordinate by a centimetre.
+    // Simulates an editor that keeps unknown attributes and moves one coordinate by a centimetre.
     std::string glb = bytes_of(file("kept.glb"));
     const auto word = [&glb](std::size_t at) {
       std::uint32_t value = 0;
@@ -510,10 +510,11 @@ TEST_F(KernelsCommand, PrintsOneLine) {
   EXPECT_EQ(lines_of(result.out).size(), 1U) << result.out;
 }
 
-// One mesh on two nodes: each vertex has two places, but the file holds one kernel per vertex.
+// Two nodes use one mesh, so each vertex has two positions, but the file holds one kernel per
+// vertex.
 TEST_F(KernelsCommand, StoresKernelsForBothNodesOfSharedMesh) {
   const auto scene = [](const std::string& nodes) {
-    // Three vertices (0 0 0), (0.1 0 0), (0 0 0.1) and a face of them.
+    // Vertices (0 0 0), (0.1 0 0), (0 0 0.1) and their face.
     return R"({"asset":{"version":"2.0"},"scene":0,"scenes":[{"nodes":)" + nodes +
            R"(}],"nodes":[{"mesh":0},{"mesh":0,"translation":[0.3,0.1,0]}],)"
            R"("meshes":[{"primitives":[{"attributes":{"POSITION":0},"indices":1}]}],)"
@@ -539,7 +540,7 @@ TEST_F(KernelsCommand, StoresKernelsForBothNodesOfSharedMesh) {
     EXPECT_NEAR(with_file["layers"][layer]["area"].get<double>(), area, 1e-6 * area) << layer;
     EXPECT_NEAR(stored["layers"][layer]["area"].get<double>(), area, 1e-6 * area) << layer;
   }
-  // A file with kernels for one use is rejected for two uses, even without its hashes.
+  // Kernels for one use of the mesh must be rejected for two uses, even without hashes.
   auto kernels = read_json(file("k.json"));
   kernels.erase("geometry");
   kernels.erase("vertex_order");
@@ -550,7 +551,7 @@ TEST_F(KernelsCommand, StoresKernelsForBothNodesOfSharedMesh) {
 }
 
 TEST_F(ShadowCommand, TreatsGroupAsOnePart) {
-  // Two tiles side by side that share no vertex.
+  // Two adjacent tiles without a shared vertex.
   write("tiles.obj",
         "o left\nv -0.1 0 0.1\nv 0 0 0.1\nv 0 0.1 0.1\nv -0.1 0.1 0.1\nf 1 2 3\nf 1 3 4\n"
         "o right\nv 0 -0.02 0.1\nv 0.1 -0.02 0.1\nv 0.1 0.08 0.1\nv 0 0.08 0.1\nf 5 6 7\n"
@@ -565,14 +566,14 @@ TEST_F(ShadowCommand, TreatsGroupAsOnePart) {
   EXPECT_EQ(pieces(layers({tiles, "--group", "*t"})), 1U);
   expect_failure(penumbra({"shadow", tiles, "--group", "tower"}),
                  {"tiles.obj", "tower", "left, right"});
-  // Stored kernels keep the group.
+  // Stored kernels must keep the group.
   ASSERT_EQ(penumbra({"kernels", tiles, "--group", "all", "--output", file("tiles.glb")}).exit_code,
             0);
   EXPECT_EQ(pieces(layers({file("tiles.glb")})), 1U);
 }
 
-// A grouped wall of bricks with usual joints is as thick as the wall, not as a brick: it has one
-// umbra with joints across it.
+// A grouped wall of bricks with usual joints must count as thick as the wall, not as a brick. Its
+// umbra is connected and extends across the joints.
 TEST_F(ShadowCommand, MeasuresGroupThicknessAcrossJoints) {
   std::string wall;
   int vertices = 0;
@@ -588,7 +589,7 @@ TEST_F(ShadowCommand, MeasuresGroupThicknessAcrossJoints) {
     for (int column = 0; column < 5; ++column) brick(0.021 * column, 0.011 * row, 0.020, 0.010);
   }
   write("wall.obj", wall);
-  // Height of the umbra, including joints.
+  // Height of the umbra, including the joints.
   const auto height = [&](const std::vector<std::string>& words) {
     double low = 1.0;
     double high = 0.0;
@@ -606,7 +607,7 @@ TEST_F(ShadowCommand, MeasuresGroupThicknessAcrossJoints) {
   const double plate = height({file("plate.obj")});
   EXPECT_NEAR(height({file("wall.obj"), "--group", "brick*"}), plate, 0.03 * plate);
   EXPECT_GT(height({file("wall.obj")}), 1.1 * plate);
-  // A light as wide as the wall would shine through the joints, and a field would have no umbra.
+  // A light as wide as the wall would shine through the joints, so a field would have no umbra.
   const auto field = [&](const std::vector<std::string>& more) {
     std::vector<std::string> words = {file("wall.obj"), "--technique", "field"};
     words.insert(words.end(), more.begin(), more.end());
@@ -640,7 +641,7 @@ TEST_F(ShadowCommand, RecomputesStoredKernelsOfOtherGroups) {
     EXPECT_NEAR(umbra(json), whole, 1e-8);
     EXPECT_EQ(json["kernels"]["source"], "auto");
     EXPECT_THAT(last_warnings_, HasSubstr("other parts"));
-    // A group name of a single part changes nothing; storing the model again keeps its names.
+    // A group of a single part changes nothing. Storing the model again must keep its names.
     json = with({"--group", "left"});
     EXPECT_NEAR(umbra(json), loose, 1e-8);
     EXPECT_NE(json["kernels"]["source"], "auto");
@@ -655,8 +656,8 @@ TEST_F(ShadowCommand, RecomputesStoredKernelsOfOtherGroups) {
   }
 }
 
-// A model with stored kernels keeps its groups and kernel kind: another tilt gets new kernels of
-// the same groups and kind.
+// A model with stored kernels keeps their groups and kind: for another tilt, new kernels of the
+// same groups and kind are generated.
 TEST_F(ShadowCommand, KeepsStoredGroupsAndKindForOtherTilts) {
   write("tiles.obj",
         "o left\nv -0.1 0 0.1\nv 0 0 0.1\nv 0 0.1 0.1\nv -0.1 0.1 0.1\nf 1 2 3\nf 1 3 4\n"
@@ -709,8 +710,8 @@ TEST_F(KernelsCommand, WritesGroupsToKernelFile) {
   }
 }
 
-// Kernels in millimetres, or from a faulty writer: nothing on a table is a thousand kilometres
-// away.
+// Kernels in millimetres, or from a faulty writer. No object on a table has kernels that are a
+// thousand kilometres away.
 TEST_F(ShadowCommand, RejectsImplausiblyFarKernels) {
   const std::string square = file("square.obj");
   ASSERT_EQ(penumbra({"kernels", square, "--output", file("k.json")}).exit_code, 0);
@@ -730,7 +731,7 @@ TEST_F(ShadowCommand, ReadsStoredKernelsWithOtherUpAxis) {
 }
 
 TEST_F(KernelsCommand, KeepsPartNamesInRewrittenModel) {
-  // Two groups that share an edge and alternate in material, beside a third.
+  // Two groups that share an edge and alternate in material, and a third group.
   write("house.mtl", "newmtl red\nKd 1 0 0\nnewmtl blue\nKd 0 0 1\n");
   write("house.obj",
         "mtllib house.mtl\nv -0.1 0 0.1\nv 0 0 0.1\nv 0 0.1 0.1\nv -0.1 0.1 0.1\n"
@@ -755,7 +756,7 @@ TEST_F(KernelsCommand, KeepsPartNamesInRewrittenModel) {
   EXPECT_EQ(same({}), "stored");
   EXPECT_EQ(last_warnings_, "");
   EXPECT_EQ(same({"--group", "all"}), "auto");
-  EXPECT_EQ(same({"--group", "wall *"}), "stored");  // they are one part already
+  EXPECT_EQ(same({"--group", "wall *"}), "stored");  // they form a single part without the option
   EXPECT_EQ(same({"--group", "wall 1", "--group", "tower"}), "stored");
   EXPECT_EQ(same({"--group", "t*", "--group", "wall 2"}), "stored");
   expect_failure(penumbra({"shadow", file("house.glb"), "--group", "roof"}),
@@ -776,8 +777,8 @@ TEST_F(KernelsCommand, ReplacesStoredKernels) {
   EXPECT_EQ(layers({file("three.glb")})["kernels"]["source"], "stored");
 }
 
-// Tools that merge equal data let a position and a kernel share it: storing kernels again must not
-// change the positions.
+// Tools that merge equal data may store a position and a kernel in the same bytes. Replacing
+// kernels must not change the positions.
 TEST_F(KernelsCommand, KeepsSharedDataWhenReplacingKernels) {
   ASSERT_EQ(penumbra({"kernels", file("square.obj"), "--output", file("one.glb")}).exit_code, 0);
   const std::string glb = bytes_of(file("one.glb"));
@@ -838,7 +839,7 @@ TEST_F(ShadowCommand, ReportsProxyAgreement) {
   const auto few = layers({models + "/cube.glb", "--proxy", "auto"});
   EXPECT_FALSE(few["proxy"]["used"]);
   EXPECT_EQ(few["proxy"]["faces"], 0);
-  // Kernels of another caster are not used.
+  // Kernels of another caster must not be used.
   const auto wrong = layers({models + "/ring.glb", "--proxy", models + "/cube.glb"});
   EXPECT_FALSE(wrong["proxy"]["used"]);
   EXPECT_GT(wrong["proxy"]["faces"], 0);
@@ -885,7 +886,7 @@ TEST_F(ShadowCommand, LeavesNoPartialFileWhenInterrupted) {
   }
 }
 
-// On a full disk, the message names the requested file, not the temporary one.
+// On a full disk, the message must name the requested file, not the temporary one.
 TEST_F(ShadowCommand, NamesRequestedFileWhenDiskIsFull) {
   const auto on_a_full_disk = [](std::vector<std::string> arguments) {
     arguments.insert(arguments.begin(),

@@ -1,5 +1,4 @@
-// penumbra simulate, through the program: its recording opens, has the requested content, and is
-// reproducible.
+// penumbra simulate: the recording opens, has the requested content, and is reproducible.
 #include <gmock/gmock.h>
 
 #include <algorithm>
@@ -42,7 +41,7 @@ class SimulateCommand : public testing::Test {
   [[nodiscard]] std::string file(const char* name) const {
     return (folder_.path() / name).string();
   }
-  // Half a metre up, `step_m` to the right from frame to frame.
+  // Camera path half a metre above the table that moves by `step_m` to the right per frame.
   void write_path(int frames, double step_m) {
     Trajectory path;
     for (int i = 0; i < frames; ++i) {
@@ -94,7 +93,7 @@ TEST_F(SimulateCommand, WritesRecordingThatTracksToItsTruth) {
   EXPECT_EQ(evaluated.exit_code, 0) << evaluated.err;
 }
 
-// The simulator exposes all rows at once, so the recording has no rolling shutter.
+// The simulator exposes all rows at once, so the recording must have no rolling shutter.
 TEST_F(SimulateCommand, OmitsRollingShutterFromRecording) {
   write_text(file("camera.yaml"),
              bytes_of(file("camera.yaml")) + "rolling_shutter_row_s: 0.00005\n");
@@ -138,12 +137,12 @@ TEST_F(SimulateCommand, AddsIndependentNoiseOfRequestedSigma) {
   EXPECT_NEAR(sigma(pixels("loud", 0), pixels("loud", 1)), 5.0 * std::sqrt(2.0), 0.15);
 }
 
-// The blur is a box along the motion and none across it, centred on the sharp edge.
+// The blur must be a box along the motion, none across it, and centred on the sharp edge.
 TEST_F(SimulateCommand, BlursAlongMotionCentredOnTruth) {
-  write_path(4, 0.012);  // 8 px a frame
+  write_path(4, 0.012);  // 8 px per frame
   ASSERT_EQ(run("sharp").exit_code, 0);
   ASSERT_EQ(run("blurred", {"--blur", "0.0333333"}).exit_code, 0);
-  // The left edge of the left tags' black squares, at the middle of the exposure.
+  // Profile across the left edge of the left tags' black squares, at the middle of the exposure.
   const auto profile = [&](const char* name) {
     const std::vector<std::uint8_t> image = pixels(name, 3);
     std::vector<double> row(320, 0.0);
@@ -194,7 +193,8 @@ TEST_F(SimulateCommand, AppliesToneGainAndCover) {
   EXPECT_GT(changed, 2000);
 }
 
-// Detection fails on a tag with a hidden edge; the tracker continues with a tag that it knows.
+// Detection fails for a tag with a hidden edge, but the tracker can align a tag that it already
+// tracks.
 TEST_F(SimulateCommand, KeepsTagsTrackableWhenCoveredLater) {
   ASSERT_EQ(run("plain").exit_code, 0);
   ASSERT_EQ(run("covered", {"--cover", "0.4"}).exit_code, 0);

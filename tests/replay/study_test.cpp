@@ -1,4 +1,4 @@
-// penumbra study, driven by a scripted participant.
+// penumbra study with a scripted participant.
 #include <fmt/format.h>
 #include <gtest/gtest.h>
 
@@ -85,8 +85,8 @@ std::vector<StudyRow> rows_of(const fs::path& results) {
   return rows;
 }
 
-// Answers of the scripted participant of `heights`: one miss, then a sphere, the right one in two
-// trials of three.
+// Script of a participant of `heights`: each trial has one miss, then a click on a sphere, which is
+// the right one in two of three trials.
 struct Expected {
   std::int64_t time_ns = 0;
   int chosen = 0;
@@ -98,7 +98,7 @@ std::vector<Expected> write_heights_script(const StudyPlan& plan, const fs::path
     const StudySample& sample = plan.samples[static_cast<std::size_t>(trial.sample)];
     Expected answer;
     answer.chosen = (highest_of(sample) + (trial.number % 3 == 0 ? 1 : 0)) % 3;
-    // Not at frame times, so that rounding to them would show.
+    // Times are not at frames, so that rounding to frame times would show.
     answer.time_ns = 123'456'789 + 41'000'001 * trial.number;
     script << trial.number << " 0.05 click pixel 3 470\n"
            << trial.number << " 0." << answer.time_ns << " click sphere " << answer.chosen + 1
@@ -133,7 +133,7 @@ void check_heights(const StudyPlan& plan, const std::vector<Expected>& expected,
                     sample.places[static_cast<std::size_t>(expected[i].chosen)].z(),
                 5e-7);
     EXPECT_EQ(row.misses, 1);
-    // Frames come every 1/30 s, the first at once.
+    // A frame every 1/30 s, from time 0.
     EXPECT_EQ(row.frames, static_cast<int>(expected[i].time_ns / 33'333'333) + 1);
     EXPECT_EQ(row.frames_lost, 0);
   }
@@ -150,7 +150,7 @@ TEST(StudyCommand, WritesScriptedTimesAndErrors) {
   ASSERT_EQ(run.exit_code, 0) << run.err;
   EXPECT_EQ(run.err, "") << "there was a window";
   check_heights(plan, expected, rows_of(results));
-  // One participant, three answers each: medians, and too few for an interval.
+  // One participant with three answers each: medians, but too few answers for an interval.
   const std::vector<std::string> summary =
       lines_of(bytes_of(folder.path() / "answers-summary.csv"));
   ASSERT_EQ(summary.size(), 3U);
@@ -167,7 +167,7 @@ TEST(StudyCommand, WritesScriptedTimesAndErrors) {
         << summary[t + 1];
   }
   EXPECT_NE(run.out.find("answers: " + results.string()), std::string::npos) << run.out;
-  // Offscreen the rows are the same bytes; a second run is rejected.
+  // Offscreen, the rows must be the same bytes. A second run must be rejected.
   const fs::path offscreen = folder.path() / "offscreen.csv";
   auto no_window = arguments_of(plan.design, offscreen, script);
   no_window.emplace_back("--no-window");
@@ -177,7 +177,8 @@ TEST(StudyCommand, WritesScriptedTimesAndErrors) {
   EXPECT_EQ(bytes_of(offscreen), bytes_of(results));
 }
 
-// At any moment, the answers so far are complete and the participant can continue later.
+// The display may be lost at any moment: answers given so far are complete, and the participant can
+// continue later.
 TEST(DisplayLoss, EndsStudyWithWholeAnswers) {
   ASSERT_TRUE(has_xvfb()) << "no Xvfb: scripts/setup installs it";
   for (const int number : {SIGKILL, SIGTERM}) {
@@ -209,7 +210,8 @@ TEST(DisplayLoss, EndsStudyWithWholeAnswers) {
   }
 }
 
-// Slides along the table and lifts; each target is missed once, then met to a few millimetres.
+// Slides along the table, then lifts. Each target is missed once, then met within a few
+// millimetres.
 TEST(StudyCommand, WritesScriptedDrags) {
   ASSERT_TRUE(has_xvfb()) << "no Xvfb: scripts/setup installs it";
   const TemporaryFolder folder;
@@ -292,12 +294,12 @@ class StillView {
   [[nodiscard]] Eigen::Vector2d pixel(const Eigen::Vector3d& place) const {
     return camera_->project(T_table_camera_.inverse() * place).value().array().round();
   }
-  // Runs the study in a window, with a simulated mouse.
+  // Runs the study in a window with a simulated mouse.
   [[nodiscard]] ProgramResult answer(const char* hand, const StudyDesign& design,
                                      const fs::path& results, const std::string& what,
                                      const std::vector<std::string>& more = {}) const {
     auto arguments = arguments_of(design, results, "");
-    arguments.resize(arguments.size() - 2);  // removes the script's option
+    arguments.resize(arguments.size() - 2);  // removes the option for the script
     *(std::ranges::find(arguments, "--recording") + 1) = folder_.string();
     arguments.insert(arguments.end(), {"--poses-from", "groundtruth"});
     arguments.insert(arguments.end(), more.begin(), more.end());
@@ -312,7 +314,8 @@ class StillView {
   CameraPose T_table_camera_;
 };
 
-// The X server sends clicks, and times are real. The second half runs after the window was closed.
+// The X server sends the clicks, and times are real. The second half runs after the window was
+// closed.
 TEST(StudyCommand, AcceptsMouseClicksAsAnswers) {
   ASSERT_TRUE(has_xvfb()) << "no Xvfb: scripts/setup installs it";
   ASSERT_EQ(std::system("command -v xdotool >/dev/null"), 0) << "scripts/setup installs it";
@@ -352,25 +355,25 @@ TEST(StudyCommand, AcceptsMouseClicksAsAnswers) {
     EXPECT_EQ(rows[i].frames_lost, 0);
     answered_ms += 1e-6 * static_cast<double>(rows[i].response_time_ns);
   }
-  EXPECT_LT(answered_ms, took_ms);  // from one clock: no time counts twice
+  EXPECT_LT(answered_ms, took_ms);  // both times are from one clock, so no time counts twice
 }
 
-// The mouse's pixels that bring the ball onto each target in turn: along the table to above or
-// below it, then up or down.
+// Mouse pixels that move the ball to each target in turn: along the table to the target's position,
+// then up or down.
 struct Drags {
   StudyPlan plan;
   std::string pixels;
 };
-// Chooses a sample in which a press meets the ball only at the expected place, so that repeated
+// Chooses a sample in which a press hits the ball only at the expected position, so that repeated
 // presses have no effect.
 Drags separate_drags(const StillView& view) {
-  constexpr double kApart = 32.0;  // [px]: more than the ball's radius, and than a rounded edge
+  constexpr double kApart = 32.0;  // [px]; more than the ball's radius and the rounding of its edge
   for (std::uint64_t seed = 1; seed < 1000; ++seed) {
     StudyDesign design = design_of(StudyExperiment::drag, 1, {"layered"});
     design.seed = seed;
     Drags drags{plan_study(design), ""};
     const auto& places = drags.plan.samples.front().places;
-    std::vector<Eigen::Vector2d> rests, above;  // of the ball, and of the ball at its old height
+    std::vector<Eigen::Vector2d> rests, above;  // the ball at rest, and at its old height
     for (std::size_t i = 0; i < places.size(); ++i) {
       rests.push_back(view.pixel(places[i]));
       if (i == 0) continue;
@@ -393,7 +396,7 @@ Drags separate_drags(const StillView& view) {
   throw std::runtime_error("no sample keeps its places apart");
 }
 
-// The drag experiment, with a simulated mouse.
+// The drag experiment with a simulated mouse.
 TEST(StudyCommand, AcceptsMouseDragsAsAnswers) {
   ASSERT_TRUE(has_xvfb()) << "no Xvfb: scripts/setup installs it";
   ASSERT_EQ(std::system("command -v xdotool >/dev/null"), 0) << "scripts/setup installs it";
@@ -411,8 +414,8 @@ TEST(StudyCommand, AcceptsMouseDragsAsAnswers) {
     EXPECT_EQ(rows[i].step, static_cast<int>(i) + 1);
     EXPECT_EQ(rows[i].places, std::vector{places[i + 1]});
     EXPECT_TRUE(rows[i].correct);
-    // The mouse picks the ball's surface, which is closer to the eye than its centre, at whole
-    // pixels.
+    // The mouse picks the ball's surface at whole pixels, which is closer to the eye than the
+    // ball's centre.
     EXPECT_LT(rows[i].error_m, plan.design.tolerance_m);
     EXPECT_GE(rows[i].misses, 1) << "it was let go over the target's place";
     EXPECT_GT(rows[i].response_time_ns, 0);
@@ -438,7 +441,7 @@ TEST(StudyCommand, ResumesInterruptedSession) {
   check_heights(plan, expected, rows_of(results));
 }
 
-// A recording that plays as a camera, at its own pace and with the frames' clock.
+// Plays a recording as a camera, in real time and with the timestamps of the frames.
 TEST(StudyCommand, RunsOnLiveCamera) {
   const TemporaryFolder folder;
   const StudyPlan plan = plan_study(design_of(StudyExperiment::heights, 1, {"layered"}));

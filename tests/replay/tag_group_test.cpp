@@ -30,7 +30,7 @@ class TagGroups : public testing::Test {
   [[nodiscard]] std::string file(const std::string& name) const {
     return (folder_.path() / name).string();
   }
-  // The tags of `corner` with the wall in a separate group whose map pose is wrong by T.
+  // Writes the tags of `corner` with the wall in a separate group whose map pose is wrong by T.
   void write_wrong_map(const std::string& name, const Eigen::Isometry3d& T) const {
     std::vector<MappedTag> tags =
         load_tag_map(recordings_dir() / "corner" / "tags-wall.yaml").value().tags();
@@ -41,7 +41,7 @@ class TagGroups : public testing::Test {
     }
     ASSERT_TRUE(write_text_file(file(name), tag_map_text(TagMap::make(tags).value())));
   }
-  // A scene whose wall has the same wrong pose.
+  // Writes a scene whose wall has the same wrong pose.
   void write_wrong_scene(const std::string& name, const Eigen::Isometry3d& T, bool tied) const {
     nlohmann::json scene = read_json(corner_scene());
     nlohmann::json& wall = scene["planes"][1];
@@ -52,7 +52,8 @@ class TagGroups : public testing::Test {
     if (!tied) wall.erase("tag_group");
     write_text(file(name), scene.dump());
   }
-  // Half a metre before the tags, a prop that is carried around over the table.
+  // Writes a camera path half a metre from the tags, with a prop that is moved about over the
+  // table.
   void write_simulation(int frames) const {
     std::string tags = "tags:\n";
     for (int i = 0; i < 4; ++i) {
@@ -104,7 +105,7 @@ class TagGroups : public testing::Test {
             "--blur",       "0.004",
             "--seed",       "5"};
   }
-  // A box that stands on the prop, and the table that receives its shadow.
+  // Writes a scene with a box that stands on the prop, and the table that receives its shadow.
   void write_prop_scene(const std::string& name) const {
     write_text(file(name),
                R"({"objects":[{"name":"lid","shape":{"kind":"box","size":[0.03,0.03,0.02]},
@@ -115,7 +116,7 @@ class TagGroups : public testing::Test {
             "shadows":[{"name":"s","technique":"layered","casters":["lid"],
              "planes":["table","top"],"layered":{"light_height":0.6,"light_ratio":3}}]})");
   }
-  // Share of pixels of all frames that differ by more than 8 grey levels.
+  // Fraction of pixels in all frames that differ by more than 8 grey levels.
   [[nodiscard]] double differing(const std::string& a, const std::string& b) const {
     std::int64_t different = 0;
     std::int64_t all = 0;
@@ -134,8 +135,8 @@ class TagGroups : public testing::Test {
   TemporaryFolder folder_;
 };
 
-// The wall's pose is measured, not taken from the map: maps that are wrong by centimetres give the
-// same image.
+// The wall's pose is measured, not taken from the map. Maps that are wrong by centimetres must give
+// the same image.
 TEST_F(TagGroups, MeasuresWallPoseDespiteWrongMap) {
   Eigen::Isometry3d wrong = Eigen::Isometry3d::Identity();
   wrong.translate(Eigen::Vector3d(0.01, 0.03, -0.02));
@@ -168,7 +169,7 @@ TEST_F(TagGroups, MeasuresWallPoseDespiteWrongMap) {
     const Trajectory places = load_trajectory(folder_.path() / "groups" / "wall.tum").value();
     ASSERT_EQ(places.poses.size(), 6U);
     for (const StampedPose& place : places.poses) {
-      // The measured pose compensates the map's error.
+      // The measured pose must compensate for the map's error.
       const Eigen::Isometry3d found = Eigen::Isometry3d(place.T_table_camera.matrix()) * wrong;
       EXPECT_LT(Eigen::AngleAxisd(found.rotation()).angle(), radians(0.15));
       EXPECT_LT(
@@ -202,7 +203,7 @@ TEST_F(TagGroups, ReusesShadowOfWallAtRest) {
   EXPECT_FALSE(report["skipped"].contains("group_not_seen"));
 }
 
-// A hand-held prop against exact truth, in every output.
+// A hand-held prop is compared with exact truth in every output.
 TEST_F(TagGroups, TracksHandHeldPropToItsTruth) {
   const int frames = nightly() ? 24 : 12;
   write_simulation(frames);
@@ -246,7 +247,7 @@ TEST_F(TagGroups, TracksHandHeldPropToItsTruth) {
   const Trajectory places = load_trajectory(file("places/the prop.tum")).value();
   EXPECT_EQ(static_cast<int>(places.poses.size()), prop["frames_tracked"].get<int>());
 
-  // `evaluate` gives the same.
+  // `evaluate` must report the same.
   const std::vector<std::string> evaluation = {"evaluate",
                                                "--estimated",
                                                file("tracked.tum"),
@@ -281,10 +282,10 @@ TEST_F(TagGroups, TracksHandHeldPropToItsTruth) {
   elsewhere.resize(elsewhere.size() - 2);
   EXPECT_EQ(penumbra(elsewhere).exit_code, 2);
 
-  // Given poses draw the same scene, except for the tracking error.
+  // Given poses must draw the same scene, except for the tracking error.
   run("given", {"--poses-from", "groundtruth"});
   EXPECT_LT(differing("tracked", "given"), 2e-3);
-  // Without skipping, and for any number of threads: same bits.
+  // Without skipping, and for any number of threads, the bits must be the same.
   run("all", {"--no-skip", "--threads", "1"});
   EXPECT_EQ(contents_of(folder_.path() / "tracked"), contents_of(folder_.path() / "all"));
   EXPECT_EQ(bytes_of(file("tracked.tum")), bytes_of(file("all.tum")));
@@ -327,7 +328,7 @@ TEST_F(TagGroups, RecordsGroupPosesInLiveSession) {
   const auto json = nlohmann::json::parse(compared.out, nullptr, false);
   EXPECT_LT(json["overlay_frame_px"]["max"].get<double>(), 0.2);
   EXPECT_LT(json["groups"]["the prop"]["overlay_frame_px"]["median"].get<double>(), 0.3);
-  // Poses from the tracked session include the groups.
+  // The poses of the tracked session include those of the groups.
   const ProgramResult given =
       penumbra({"replay", file("session"), "--no-window", "--scene", file("scene.json"),
                 "--poses-from", file("session/poses.tum"), "--report", file("given.json")});
@@ -335,7 +336,7 @@ TEST_F(TagGroups, RecordsGroupPosesInLiveSession) {
   EXPECT_EQ(read_json(file("given.json"))["groups"]["the prop"]["frames_tracked"], tracked);
 }
 
-// Groups that the scene does not use are not tracked; the program reports that, and the output is
+// Groups that the scene does not use are not tracked. The program reports that, and the output is
 // the same.
 TEST_F(TagGroups, SkipsGroupsUnusedByScene) {
   write_simulation(3);
@@ -367,7 +368,7 @@ TEST_F(TagGroups, SkipsGroupsUnusedByScene) {
   EXPECT_EQ(bytes_of(file("skipping.tum")), bytes_of(file("all.tum")));
 }
 
-// The synthetic scene's objects move with the prop.
+// Objects in a simulated recording move with the prop.
 TEST_F(TagGroups, DrawsSimulatedObjectsOnTheirGroup) {
   write_simulation(2);
   write_prop_scene("scene.json");
@@ -412,7 +413,7 @@ TEST_F(TagGroups, ReportsErrorsInOneLine) {
   EXPECT_EQ(with_group("=x.tum").exit_code, 2);
   EXPECT_FALSE(std::filesystem::exists(file("never")));
 
-  // A scene with a group that the recording's tags lack runs with a warning.
+  // A scene with a group that the recording's tags lack gives a warning.
   const ProgramResult warned =
       penumbra({"replay", bundled("tabletop"), "--no-window", "--scene", corner_scene(), "--frames",
                 "0:3", "--report", file("report.json")});
@@ -422,7 +423,7 @@ TEST_F(TagGroups, ReportsErrorsInOneLine) {
                                          HasSubstr("tags.yaml")));
   EXPECT_EQ(read_json(file("report.json"))["skipped"]["group_not_seen"], 3);
 
-  // A group's file may be damaged, and its name may be no valid file name.
+  // The pose file of a group may be damaged, and a group's name may be invalid as a file name.
   ASSERT_EQ(penumbra(simulation("made")).exit_code, 0);
   write_text(file("made/groups/the prop.tum"), "1 0 0 nan 0 0 0 1\n");
   expect_failure(penumbra({"replay", file("made"), "--no-window"}), {"the prop.tum", "line 1"});

@@ -1,5 +1,5 @@
-// Poses of whole recordings against their exact truth. No frame with the status tracked may be
-// wrong.
+// Poses of whole recordings, compared with their exact truth. No frame with the status `tracked`
+// may be wrong.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -20,16 +20,16 @@ namespace {
 struct Expected {
   std::string name;
   bool bundled = false;
-  int least_tracked = 0;   // of all frames
-  double median_px = 0.0;  // of the overlay error over the corners of tracked frames
-  double max_px = 0.0;     // of a tracked frame's RMS over the corners
+  int least_tracked = 0;   // minimum number of tracked frames
+  double median_px = 0.0;  // median over all corners of tracked frames
+  double max_px = 0.0;     // maximum RMS over the corners of a tracked frame
   int most_detections = 0;
   TrackingMode mode = TrackingMode::automatic;
 };
 
-// Measured values with a margin for other machines' rounding; a tracked frame must never reach 5
-// px. The short form tracks the first rows: all recordings in the automatic mode, and one in each
-// other mode.
+// Measured values plus a margin for the rounding of other machines. A tracked frame must never
+// reach 5 px. The short form tracks the first rows: all recordings in the automatic mode, and one
+// recording in each other mode.
 constexpr std::ptrdiff_t kShortForm = 11;
 const std::vector<Expected>& expectations() {
   constexpr auto kDetect = TrackingMode::detect;
@@ -106,7 +106,7 @@ TEST_P(TrackedRecordings, StayWithinErrorBounds) {
   EXPECT_LE(result->tracked.overlay_px.median, expected.median_px);
 }
 
-// Frame-to-frame change of the overlay of a camera at rest, compared with that of detection.
+// Frame-to-frame change of the overlay for a camera at rest, relative to that of detection.
 TEST(StillRecording, HasLessJitterThanDetection) {
   const std::filesystem::path shared = test::shared_dir();
   if (shared.empty()) GTEST_SKIP() << "no shared recordings beside the checkout";
@@ -123,8 +123,8 @@ TEST(StillRecording, HasLessJitterThanDetection) {
   EXPECT_LT(jitter_px(TrackingMode::fast), 0.75 * detected);
 }
 
-// One of five tags is displaced in the image or in the map, at a grazing view: each tag, both
-// cases. The short form displaces each tag once along each axis.
+// One of five tags is displaced in the image or in the map, in a grazing view. The nightly form
+// displaces each tag in both ways, the short form each tag once along each axis.
 TEST(GrazingRecording, KeepsPoseWhenOneTagMoved) {
   const std::filesystem::path shared = test::shared_dir();
   if (shared.empty()) GTEST_SKIP() << "no shared recordings beside the checkout";
@@ -164,8 +164,8 @@ TEST(GrazingRecording, KeepsPoseWhenOneTagMoved) {
   }
 }
 
-// A shaking camera at a third of the frame rate: mostly the pattern search recovers, without a
-// detection.
+// A camera shaken at a third of the frame rate. The pattern search must recover most frames without
+// a detection.
 TEST(ShakeRecording, RecoversByPatternSearchAfterJumps) {
   const std::filesystem::path shared = test::shared_dir();
   if (shared.empty()) GTEST_SKIP() << "no shared recordings beside the checkout";
@@ -173,7 +173,7 @@ TEST(ShakeRecording, RecoversByPatternSearchAfterJumps) {
   const auto result = test::track_recording(folder, {}, 3);
   ASSERT_TRUE(result) << result.error().message;
   EXPECT_EQ(result->wrong, 0);
-  EXPECT_GE(result->count_of(TrackStatus::tracked), 26);  // 27; three are too blurred
+  EXPECT_GE(result->count_of(TrackStatus::tracked), 26);  // 27 measured; three are too blurred
   ASSERT_EQ(result->overlay_px.size(), 30U);
   int measured = 0;
   for (std::size_t i = 0; i < result->overlay_px.size(); ++i) {
@@ -193,7 +193,7 @@ TEST(ShakeRecording, RecoversByPatternSearchAfterJumps) {
   EXPECT_LE(detected, found_by_pattern);
 }
 
-// The board leaves the view and comes back.
+// The board leaves the view and returns.
 TEST(ReentryRecording, ReportsNoPoseWhileBoardIsAwayAndRecoversAtOnce) {
   const std::filesystem::path shared = test::shared_dir();
   if (shared.empty()) GTEST_SKIP() << "no shared recordings beside the checkout";
@@ -203,7 +203,7 @@ TEST(ReentryRecording, ReportsNoPoseWhileBoardIsAwayAndRecoversAtOnce) {
   const std::vector<int> corners = test::most_corners_in_view(folder, result->frames.size());
   ASSERT_EQ(corners.size(), result->frames.size());
   int away = 0;
-  std::size_t back = 0;  // frame of the return
+  std::size_t back = 0;  // first frame after the return
   for (std::size_t i = 0; i < corners.size(); ++i) {
     const TrackStatus status = result->frames[i].pose.status;
     if (corners[i] == 0) {

@@ -1,4 +1,4 @@
-// The whole program in a real window, on a virtual display.
+// The program in a real window, on a virtual display.
 #include <fmt/format.h>
 #include <gtest/gtest.h>
 
@@ -39,7 +39,7 @@ TEST(Window, WritesSameFramesWithAndWithoutHud) {
   EXPECT_EQ(contents_of(folder.path() / "bare"), expected);
 }
 
-// Recorded edits replay deterministically, and --no-edits skips them.
+// Recorded edits replay deterministically, and --no-edits ignores them.
 TEST(Window, ReplaysRecordedEdits) {
   const TemporaryFolder folder;
   const fs::path recording = folder.path() / "recording";
@@ -78,14 +78,14 @@ TEST(Window, ReplaysRecordedEdits) {
   }
 }
 
-// A drag in a live session replays to the same images, bit for bit, with the session's poses.
+// A drag in a live session must replay to the same images, bit for bit, with the session's poses.
 TEST(Window, RecordsDragThatReplaysToSameFrames) {
   ASSERT_TRUE(has_xvfb()) << "no Xvfb: scripts/setup installs it";
   ASSERT_EQ(std::system("command -v xdotool >/dev/null 2>&1"), 0) << "scripts/setup installs it";
   const TemporaryFolder folder;
   const auto path = [&folder](const char* name) { return (folder.path() / name).string(); };
-  // The block is larger than the uncertainty of the view's middle: it lies under the pixel for
-  // every camera position.
+  // The block is larger than the variation of the view's centre, so it is under the pixel for every
+  // camera pose.
   std::ofstream(path("scene.json"))
       << R"({"objects":[{"name":"block","shape":{"kind":"box","size":[0.1,0.08,0.04]},)"
       << R"("position":[0,0,0.06],"animation":{"spin":{"turns_per_s":0.1}}}],)"
@@ -128,11 +128,11 @@ TEST(Window, RecordsDragThatReplaysToSameFrames) {
   const auto seen = contents_of(folder.path() / "live");
   const auto edited = replayed("edited", {});
   ASSERT_GT(seen.size(), 10U);
-  // A session numbers images like the camera, a recording counts its own frames; on a slow machine
+  // A session numbers images like the camera, a recording counts its own frames. On a slow machine
   // the camera's numbers have gaps.
   const auto listed = list_frames(folder.path() / "session");
   ASSERT_TRUE(listed) << listed.error().message;
-  // The block moves at the end.
+  // The block moves only at the end.
   const std::size_t first_unedited = listed->size() - std::min<std::size_t>(listed->size(), 40);
   const auto unedited = replayed(
       "unedited", {"--no-edits", "--frames", fmt::format("{}:{}", first_unedited, listed->size())});
@@ -158,7 +158,7 @@ TEST(Window, RecordsDragThatReplaysToSameFrames) {
 int pixels_drawn(const fs::path& picture, const RgbaImage& video) {
   const auto seen = load_rgba(picture);
   if (!seen || seen->pixels.size() != video.pixels.size()) return -1;
-  constexpr int kConverted = 24;  // error of JPEG decoding, colour conversion and screen
+  constexpr int kConverted = 24;  // error of JPEG, colour conversion and screen
   int drawn = 0;
   for (std::size_t i = 0; i < video.pixels.size(); i += 4) {
     int most = 0;
@@ -170,16 +170,16 @@ int pixels_drawn(const fs::path& picture, const RgbaImage& video) {
   return drawn;
 }
 
-// Keys in a live session with a slow camera: a frozen image never looks live, screenshots show the
-// window's content, and the recording between two presses of R replays.
+// Keys in a live session with a slow camera: a frozen image must not look live, screenshots show
+// the window's content, and the recording between two presses of R replays.
 TEST(Window, FadesOnStreamStallAndRecordsByKey) {
   ASSERT_TRUE(has_xvfb()) << "no Xvfb: scripts/setup installs it";
   ASSERT_EQ(std::system("command -v xdotool >/dev/null 2>&1"), 0) << "scripts/setup installs it";
   const TemporaryFolder folder;
   const auto path = [&folder](const char* name) { return (folder.path() / name).string(); };
-  // The camera repeats one view, so every change on the screen was drawn. Damaged images follow for
-  // more than a second between whole ones; at the end of a recording they would be trimmed. They
-  // have a start and an end mark, because truncated images are not recorded.
+  // The camera repeats one view, so that any change on the screen was drawn by the program. Between
+  // whole images, damaged ones follow for more than a second (at the end, the recording would drop
+  // them). They have start and end markers, because truncated images are not recorded.
   const fs::path camera = folder.path() / "camera";
   const fs::path view = fs::path(bundled("tabletop")) / "frames" / "000030.jpg";
   fs::create_directories(camera / "frames");
@@ -242,8 +242,8 @@ TEST(Window, FadesOnStreamStallAndRecordsByKey) {
   EXPECT_EQ(report["frames_tracked"], report["frames"]);
 }
 
-// Started in the folder of the played recording, keys save neither screenshots nor recordings
-// there.
+// In a session started in the folder of the played recording, keys save neither screenshots nor
+// recordings there.
 TEST(Window, NeverSavesIntoPlayedRecording) {
   ASSERT_TRUE(has_xvfb()) << "no Xvfb: scripts/setup installs it";
   ASSERT_EQ(std::system("command -v xdotool >/dev/null 2>&1"), 0) << "scripts/setup installs it";
