@@ -1,10 +1,11 @@
-// Compares pattern alignment with full-frame libapriltag and PnP, on recordings with exact truth,
-// on one thread, in one run: time and overlay error.
+// Compares pattern alignment with full-frame libapriltag and PnP in one run on one thread: time and
+// overlay error on recordings with exact truth.
 //
 //   alignment_benchmark FOLDER_OF_RECORDINGS [name ...] [tone=EXPONENT|estimated] [blur=PX] [-n]
 //
-// tone=estimated: estimates the exponent from 30 frames of each recording, aligned without one.
-// -n: without libapriltag.
+// tone=estimated: estimates the exponent from 30 frames of each recording, aligned without a known
+// response.
+// -n: runs without libapriltag.
 #include <time.h>
 
 #include <Eigen/LU>
@@ -100,10 +101,10 @@ std::optional<Recording> load(const std::filesystem::path& folder) {
 
 struct Outcome {
   std::vector<double> us;
-  Trajectory poses;  // of the frames with a verified pose
+  Trajectory poses;  // poses of the frames with a verified pose
   int detections = 0;
   double samples = 0.0;
-  std::vector<double> ratio;  // error over predicted error
+  std::vector<double> ratio;  // actual error divided by predicted error
 };
 
 std::vector<PointObservation> observations_of(const Recording& recording,
@@ -228,7 +229,7 @@ Outcome run_alignment(const Recording& recording, AlignmentEffort effort) {
   return outcome;
 }
 
-// Estimates the camera response from poses that are aligned without one.
+// Estimates the camera response from frames that are aligned without a known response.
 void estimate_tone(const Recording& recording) {
   tone = 1.0;
   const Outcome aligned = run_alignment(recording, AlignmentEffort::accurate);

@@ -1,5 +1,5 @@
-// Compares our calibration with OpenCV's and mrcal's on the same corners of real photographs, in
-// one run: CPU time, residuals and held-out error. Prints Markdown.
+// Compares our calibration with OpenCV's and mrcal's on the same corners of real photographs in one
+// run: CPU time, residuals and held-out error. Prints Markdown.
 //
 //   calibration_benchmark FOLDER_OF_PHOTOGRAPHS
 #include <fmt/format.h>
@@ -34,7 +34,7 @@ using Calibrate = std::function<std::optional<test::CameraAndBoard>(const Views&
 
 struct Photographs {
   const char* folder;
-  int columns;  // inner corners
+  int columns;  // number of inner corners
   int rows;
   double square_m;
   bool charuco = false;  // markers: the first of DICT_4X4_50, 3/4 of a square wide
@@ -98,8 +98,8 @@ bool has_mrcal() {
   return std::system("command -v mrcal-calibrate-cameras > /dev/null 2>&1") == 0;
 }
 
-// Runs Debian's mrcal as a program, so that its time includes the start. It estimates the board
-// warp, but its files hold only the camera: the held-out error uses a flat board.
+// Runs Debian's mrcal as a program, so its time includes the program's start. mrcal estimates the
+// board warp, but its files hold only the camera, so the held-out error uses a flat board.
 std::optional<test::CameraAndBoard> mrcal(const Corners& corners, const Target& target,
                                           const Views& views) {
   const test::TemporaryFolder folder;
@@ -142,7 +142,7 @@ Views all_as_inliers(Views views) {
   return views;
 }
 
-// Runs every calibration on the same corners.
+// Runs each calibration on the same corners.
 void compare_on(const char* whose, const Corners& corners, const Target& target, double& first_ms) {
   const SolverOptions rigid_board;
   SolverOptions free_board;
@@ -198,7 +198,8 @@ void compare(const std::filesystem::path& root, const Photographs& set) {
   double first_ms = 0.0;
   compare_on("OpenCV's", corners, target, first_ms);
 
-  // The program as users run it, from images: it detects the corners and chooses lens and board.
+  // Runs the program on images, as users do: it detects the corners and chooses lens and board
+  // model.
   const double before = cpu_ms(RUSAGE_SELF);
   CameraCalibrator calibrator = CameraCalibrator::create(target).value();
   const auto read = for_each_picture(folder, [&](const Picture& picture) -> Result<bool> {
@@ -225,8 +226,7 @@ void compare(const std::filesystem::path& root, const Photographs& set) {
       chosen.model = trial.model;
       chosen.without_k3 = trial.without_k3;
     }
-    // The error is over all corners, as in the other rows; the program's report counts only the
-    // corners that it kept.
+    // The error covers all corners, as in the other rows; the program's report counts inliers only.
     const auto held_out = test::held_out_px(
         own.views, [&](const Views& views) { return ours(own, target, views, chosen); });
     std::printf(

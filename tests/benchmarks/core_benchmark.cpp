@@ -1,5 +1,5 @@
-// Compares the camera model's projection and inverse with OpenCV's: time and error. A projection's
-// error is the distance to OpenCV's; an inverse's is the reprojection error of its ray.
+// Compares the camera model's projection and inverse with OpenCV's: time and error. The error of a
+// projection is its distance to OpenCV's; that of an inverse is the reprojection error of its ray.
 #include <benchmark/benchmark.h>
 
 #include <Eigen/Core>
@@ -30,7 +30,7 @@ std::vector<Eigen::Vector3d> rays(const CameraModel& camera) {
   return all;
 }
 
-// The camera in OpenCV's form, and the rays.
+// The camera and the rays as OpenCV's types.
 class OpenCvCamera {
  public:
   explicit OpenCvCamera(const CameraModel& camera)

@@ -1,10 +1,11 @@
-// Consistency of the predicted overlay error: its ratio to the actual error on random synthetic
-// sessions.
+// Consistency of the predicted overlay error: ratio of actual to predicted error on random
+// synthetic sessions.
 //
 //   honesty_benchmark [sessions=N] [first=SEED] [frames=N] [near] [moved=SHARE] [csv]
 //
-// near: distances down to 6 cm, within the overlay's cube. moved: before the third frame, this
-// share of the tags (rounded) is moved together by up to a tag's size.
+// near: distances down to 6 cm, within the overlay's cube.
+// moved: before the third frame, a fraction SHARE of the tags (rounded) is moved together by up to
+// a tag's size.
 #include <algorithm>
 #include <cstdio>
 #include <cstdlib>

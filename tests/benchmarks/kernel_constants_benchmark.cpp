@@ -1,12 +1,13 @@
-// Sensitivity of the constants of automatic kernels (render/shadow/kernels/shadow_kernels.hpp):
-// each is varied alone over random silhouettes that no test uses. They should lie on plateaus.
+// Sensitivity of the constants of automatic kernels (render/shadow/kernels/shadow_kernels.hpp).
+// Each constant is varied alone, over random silhouettes that no test uses. Its usual value should
+// lie on a plateau.
 //
 //   kernel_constants_benchmark [SHAPES]      (default: 400)
 //   scripts/benchmark --only kernel_constants
 //
-// A level, flat body under a light at the zenith has an exact shadow: its outline eroded by the
-// radius of the light's image is the umbra, dilated by it the penumbra. The layers of each set of
-// kernels are compared with it at two heights.
+// A level, flat body under a light at the zenith has an exact shadow. The umbra is its outline
+// eroded by the radius of the light's image, and the penumbra is the outline dilated by it. The
+// layers of each set of kernels are compared with it at two heights.
 #include <fmt/format.h>
 
 #include <array>
@@ -30,7 +31,7 @@ namespace penumbra {
 namespace {
 
 constexpr double kUmbraHeight = 0.3;              // [m]
-constexpr std::array kHeightShares = {0.3, 0.6};  // of the umbra height
+constexpr std::array kHeightShares = {0.3, 0.6};  // relative to the umbra height
 constexpr int kPixels = 256;
 
 using Random = std::mt19937;
@@ -38,7 +39,8 @@ double uniform(Random& random, double from, double to) {
   return std::uniform_real_distribution<double>(from, to)(random);
 }
 
-// Adds a closed outline r(turn) about the origin as rings of vertices from the middle outwards.
+// Adds a closed outline of radius r(turn) about the origin, as rings of vertices from the centre
+// outwards.
 void add_round(test::ShapeBuilder& shape, const std::function<double(double)>& radius) {
   constexpr std::uint32_t kRings = 4;
   constexpr std::uint32_t kSegments = 72;
@@ -90,7 +92,8 @@ Model round_body(Random& random) {
   return shape.build();
 }
 
-// Adds a band of `half_width(t)` along `path(t)`, t from 0 to 1: left edge, middle and right edge.
+// Adds a band of half width `half_width(t)` along `path(t)`, t from 0 to 1. It has three rows of
+// vertices: left edge, centre line and right edge.
 void add_band(test::ShapeBuilder& shape, const std::function<Eigen::Vector2d(double)>& path,
               const std::function<double(double)>& half_width) {
   constexpr int kSteps = 40;
@@ -129,7 +132,7 @@ Model ribbon(Random& random) {
   return shape.build();
 }
 
-// A trunk that thins out, with branches from points of its middle line.
+// A trunk that becomes thinner, with branches from points of its centre line.
 Model limbs(Random& random) {
   test::ShapeBuilder shape;
   const double thick = uniform(random, 0.008, 0.022);
@@ -150,7 +153,7 @@ Model limbs(Random& random) {
   return shape.build();
 }
 
-// Squares that touch along edges.
+// Squares that touch along their edges.
 Model tiles(Random& random) {
   constexpr double kSide = 0.04;
   constexpr int kParts = 4;
@@ -177,7 +180,7 @@ Model tiles(Random& random) {
 
 constexpr std::array kKinds = {&star, &ribbon, &tiles, &round_body, &limbs};
 
-// A silhouette at two heights with its exact umbra and penumbra.
+// A silhouette with its exact umbra and penumbra at two heights.
 struct Silhouette {
   struct Level {
     Placement placement;
@@ -194,7 +197,7 @@ struct Silhouette {
 };
 
 Silhouette make_silhouette(Model model, Random& random) {
-  // A random turn, since rasters would otherwise align with edges.
+  // A random rotation, because rasters would otherwise be aligned with edges.
   const double turn = uniform(random, 0.0, 6.0);
   for (glm::vec3& p : model.meshes[0].positions) {
     const Eigen::Vector2d q = Eigen::Rotation2Dd(turn) *
@@ -274,7 +277,7 @@ void run(int count) {
         make_silhouette(kKinds[static_cast<std::size_t>(i) % kKinds.size()](random), random));
   }
   fmt::print("{} silhouettes      value   IoU umbra  penumbra   CPU [ms]\n", count);
-  // Sets one constant and returns true if the value is the usual one.
+  // Sets a constant; returns true if the value is the usual one.
   using Set = std::function<bool(KernelTuning&, double)>;
   const auto vary = [&](const char* name, const std::vector<double>& values, const Set& set) {
     for (const double value : values) {
@@ -298,7 +301,8 @@ void run(int count) {
   vary("ridge_slope", {0.4, 0.5, 0.6, 0.7, 0.8, 0.9}, member(&KernelTuning::ridge_slope));
   vary("cells_of_all", {0, 4096, 16384, 131072}, member(&KernelTuning::cells_of_all));
   vary("most_side_cells", {64, 96, 128, 192, 256}, member(&KernelTuning::most_side_cells));
-  // The mesh as one of thousands of parts, where the minimum over all parts does not apply.
+  // The mesh is treated as one of thousands of parts, for which the minimum over all parts does not
+  // apply.
   const auto of_many = [&](auto KernelTuning::*field) {
     return [set = member(field)](KernelTuning& tuning, double value) {
       tuning.cells_of_all = 0;

@@ -1,10 +1,10 @@
-// Compares our tracker with its peers on the same frames in one run, on one thread: CPU time,
-// error, and every tracking goal with the reached value. Prints Markdown.
+// Compares our tracker with its peers on the same frames, in one run on one thread: CPU time and
+// error. Also prints each tracking goal with the value reached. Output is Markdown.
 //
 //   peers_benchmark FOLDER_OF_RECORDINGS [REAL_VIDEO|-] [RESULTS.json] [repetitions=N]
 //                   [only=NAME,...] [quick]
 //
-// REAL_VIDEO: visp-rbt-sequence (peers/comparison.hpp). quick: few synthetic images.
+// REAL_VIDEO: folder of visp-rbt-sequence (peers/comparison.hpp). quick: fewer synthetic images.
 #include <fmt/format.h>
 
 #include <algorithm>
@@ -88,14 +88,14 @@ void print_comparison(const Footage& footage, const std::vector<Outcome>& outcom
   std::fflush(stdout);
 }
 
-// "fast 0.123, accurate 0.056, auto 0.056"
+// Formats the values of all modes: "fast 0.123, accurate 0.056, auto 0.056".
 template <class Value>
 std::string of_three(const std::vector<Outcome>& outcomes, Value value) {
   return fmt::format("fast {}, accurate {}, auto {}", value(outcome_of(outcomes, kFast)),
                      value(outcome_of(outcomes, kAccurate)), value(outcome_of(outcomes, kAuto)));
 }
 
-// The default mode decides if a goal without a named mode is met.
+// A goal that names no mode is assessed in the default mode.
 template <class Holds>
 bool by_default(const std::vector<Outcome>& outcomes, Holds holds) {
   return holds(outcome_of(outcomes, kAuto));
@@ -209,8 +209,8 @@ void add_goals(const Footage& footage, const std::filesystem::path& folder,
   }
 }
 
-// RMS distance of the tags' reprojected corners in each frame [px] to the reference, to the pose
-// from libapriltag's corners (decimate 1), and to these corners.
+// RMS distance [px] of the tags' reprojected corners, per frame: to the reference, to the pose from
+// libapriltag's corners (decimate 1), and to these corners.
 struct Reprojection {
   std::vector<double> to_reference, to_detected, to_corners;
 };
@@ -310,7 +310,7 @@ void add_synthetic_goals(bool quick, std::vector<Goal>& goals) {
                    "100 %; <= 0.035",
                    fmt::format("{:.0f} %; {:.4f}", 100.0 * covered.found_share(), covered.rms_px()),
                    covered.found == covered.runs && covered.rms_px() <= 0.035});
-  // The cells are about 10 px wide.
+  // Cells are about 10 px wide.
   for (const auto& [cells, least] : {std::pair(0.8, 0.98), std::pair(1.6, 0.90)}) {
     const test::TrialScore score = trials.basin(10.0 * cells, quick ? 2 : 12, 12);
     goals.push_back({"synthetic, start error",
@@ -330,7 +330,7 @@ Frame frame_of(const GreyImage& image) {
   return buffer.frame;
 }
 
-// Exact images with noise, the same for every method: error over the Cramer-Rao bound.
+// Exact images with noise, the same for each method: error relative to the Cramer-Rao bound.
 void compare_with_bound(bool quick) {
   test::SyntheticTrials trials;
   const int views = quick ? 4 : 24;

@@ -1,6 +1,6 @@
-// Composited frames at 640 x 480 by technique: upload, video, object and shadow. CPU time of this
-// thread, which includes the software rasteriser's (LP_NUM_THREADS=0). Also counts the pixels that
-// skipping changes against frames drawn with every pass.
+// Composited frames at 640 x 480 by technique: upload, video, object and shadow. Measures the CPU
+// time of this thread, which includes the software rasteriser (LP_NUM_THREADS=0). Also counts the
+// pixels that differ from frames drawn without skipping.
 #include <benchmark/benchmark.h>
 
 #include <algorithm>
@@ -28,7 +28,7 @@ struct Studio {
 
 // Returns the studio of a bundled scene.
 Studio& studio(const std::string& scene) {
-  // The map is leaked, since a driver may be unloaded before statics are destroyed.
+  // The map is leaked, because a driver may be unloaded before static objects are destroyed.
   static auto& studios = *new std::map<std::string, Studio>;
   const auto [found, is_new] = studios.try_emplace(scene);
   Studio& s = found->second;
@@ -62,7 +62,7 @@ FramePlan plan_of(const Studio& s, const Frame& frame, const PlanOptions& option
   return plan_at(s, frame, seconds(frame.timestamp_ns), options);
 }
 
-// Number of pixels per frame that skipping changes; 0 is correct.
+// Number of pixels per frame that skipping changes; must be 0.
 double pixels_changed_by_skipping(Studio& s, PlanOptions options) {
   std::vector<std::uint8_t> with(640 * 480 * 4), without(with.size());
   std::size_t changed = 0;
@@ -106,15 +106,15 @@ void composite(benchmark::State& state, ShadowTechnique technique,
   state.counters["pixels_changed_by_skipping"] = changed;
 }
 
-// Hard shadows of a tree of 26,000 faces from the sun and a lantern, while only the camera moves
-// and while the sun moves: update cost and frame time.
+// Hard shadows of a tree of 26,000 faces from the sun and a lantern. Measures update and frame time
+// while only the camera moves, and while the sun moves.
 void tree_under_two_lights(benchmark::State& state, ShadowTechnique technique, bool sun_moves) {
   Studio& s = studio("tree");
   PlanOptions options;
   options.technique = technique;
   std::vector<std::uint8_t> rgba(640 * 480 * 4);
   constexpr double kStart_s = 1.0;
-  constexpr double kStep_s = 0.001;  // enough steps before sunset
+  constexpr double kStep_s = 0.001;  // small enough for many steps before sunset
   std::size_t i = 0;
   CompositeStats sum;
   for (auto _ : state) {

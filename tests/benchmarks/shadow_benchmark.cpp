@@ -1,4 +1,4 @@
-// CPU time and error of the shadow stages: welding, kernels, layers, fields, polygons.
+// CPU time and error of the stages of shadows: welding, kernels, layers, fields, polygons.
 #include <benchmark/benchmark.h>
 
 #include <algorithm>
@@ -41,7 +41,7 @@ constexpr std::array kShapes = {std::pair{Shape::hand, "hand 3k faces"},
                                 std::pair{Shape::tree, "tree 23k faces in 1463 parts"},
                                 std::pair{Shape::bush, "bush 23k faces in 1463 parts"}};
 
-// Returns an empty mesh for a missing shape.
+// Returns the mesh of a shape; empty if the shape is missing.
 ShadowMesh mesh_of(Shape shape) {
   switch (shape) {
     case Shape::hand:
@@ -58,7 +58,7 @@ ShadowMesh mesh_of(Shape shape) {
   return {};
 }
 
-// A model whose weld reproduces the mesh.
+// Returns a model whose welding gives the mesh.
 Model model_of(const ShadowMesh& mesh) {
   Model model;
   model.meshes.emplace_back();
@@ -83,7 +83,7 @@ double cpu_ms(const std::function<void()>& work) {
   return times[3];
 }
 
-// A triangle soup: each face has separate vertices, up to 2 um from their places.
+// A triangle soup whose vertices are displaced by up to 2 um.
 Model soup_of(const ShadowMesh& mesh) {
   Model model;
   Mesh& soup = model.meshes.emplace_back();
@@ -97,8 +97,8 @@ Model soup_of(const ShadowMesh& mesh) {
   return model;
 }
 
-// Also measures the largest distance that welding moved a vertex (at most 10 um), and the number of
-// vertices too many or too few.
+// Also measures the largest displacement by welding (limit: 10 um), and the number of surplus or
+// missing vertices.
 void weld(benchmark::State& state, Shape shape) {
   const ShadowMesh mesh = mesh_of(shape);
   const Model model = soup_of(mesh);
@@ -114,7 +114,7 @@ void weld(benchmark::State& state, Shape shape) {
                                             static_cast<double>(mesh.positions.size()));
 }
 
-// Raster of a layer or its field: 512 cells along the longer side of the penumbra.
+// Raster of a layer or field, with 512 cells along the longer side of the penumbra.
 struct Canvas {
   Eigen::Vector2f low, high;
   [[nodiscard]] Coverage covered(const std::vector<PlanePoint>& triangles) const {
@@ -135,8 +135,8 @@ Canvas canvas_round(const std::vector<PlanePoint>& penumbra) {
   return canvas;
 }
 
-// Also measures the change by rasters of four times as many cells per side (IoU of umbra and
-// penumbra at 0.4 h_u with those kernels), and the time relative to reading the model from a .glb.
+// Also measures the difference to kernels from rasters with four times as many cells per side (IoU
+// of umbra and penumbra at 0.4 h_u), and the time relative to reading the model from a .glb.
 void kernels(benchmark::State& state, Shape shape, KernelSource source) {
   const ShadowMesh mesh = mesh_of(shape);
   const Eigen::Vector3d up = Eigen::Vector3d(0.1, 0.2, 1.0);
@@ -178,7 +178,7 @@ void kernels(benchmark::State& state, Shape shape, KernelSource source) {
   }
 }
 
-// Time of all 20 cases and agreement with ray-cast shadows: mean IoU of umbra and penumbra.
+// Time for all 20 cases, and agreement with ray-cast shadows: mean IoU of umbra and penumbra.
 void agreement(benchmark::State& state, std::optional<KernelSource> kernels) {
   const test::QualityCases all;
   if (all.cases().empty()) {
@@ -206,7 +206,7 @@ BENCHMARK_CAPTURE(agreement, automatic, KernelSource::automatic)->Unit(benchmark
 BENCHMARK_CAPTURE(agreement, smooth, KernelSource::smooth)->Unit(benchmark::kMillisecond);
 BENCHMARK_CAPTURE(agreement, field, std::nullopt)->Unit(benchmark::kMillisecond);
 
-// Also measures the IoU of umbra and penumbra with a field of 1024 cells.
+// Also measures the IoU of umbra and penumbra with those of a field of 1024 cells.
 void field(benchmark::State& state, Shape shape, bool own_lights) {
   const ShadowMesh mesh = mesh_of(shape);
   const PlaneFrame plane;
@@ -237,7 +237,7 @@ void field(benchmark::State& state, Shape shape, bool own_lights) {
   }
 }
 
-// Also measures the mean relative error of the parts' radii against the finest rasters.
+// Also measures the mean relative error of the parts' radii, compared with the finest rasters.
 void discs(benchmark::State& state, Shape shape) {
   const ShadowMesh mesh = mesh_of(shape);
   const Eigen::Vector3d up = Eigen::Vector3d::UnitZ();
@@ -254,8 +254,8 @@ void discs(benchmark::State& state, Shape shape) {
   state.counters["radius_error_%"] = 100.0 * sum / std::max(count, 1.0);
 }
 
-// Also measures the mean relative error of the three areas against rasterised layers, 512 cells
-// along the longer side. Those are exact to about 0.1 %.
+// Also measures the mean relative error of the three areas, compared with rasterised layers (512
+// cells along the longer side, exact to about 0.1 %).
 void polygons(benchmark::State& state, Shape shape) {
   const ShadowMesh mesh = mesh_of(shape);
   const PlaneFrame plane;
@@ -281,7 +281,7 @@ void polygons(benchmark::State& state, Shape shape) {
   state.counters["area_error_%"] = 100.0 * error;
 }
 
-// Registers every shape under every stage.
+// Registers each stage for each shape.
 const bool kRegistered = [] {
   for (const auto& [shape, name] : kShapes) {
     if ((shape == Shape::hand || shape == Shape::tree) && test::shared_dir().empty()) continue;

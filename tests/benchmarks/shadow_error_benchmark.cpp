@@ -1,11 +1,11 @@
-// Run time and error of every shadow technique: layers of eight meshes against a ray-cast area
-// light. Also the time of kernels relative to reading a model.
+// Run time and error of every shadow technique: shadows of eight meshes are compared with those of
+// a ray-cast area light. Also compares the time of kernels with that of reading a model.
 //
 //   shadow_error_benchmark [RESULTS.json]
 //
-// The light is at the zenith (H = infinity). Each connected part has a disc light as wide as the
-// part is thick, which is the light that the layers model (docs/shadows.md#kernels and 2.9c).
-// Without Embree there is no reference, and only times are given.
+// The light is at the zenith (H = infinity). Each connected component has a disc light as wide as
+// the component is thick: this is the light that layers model (docs/shadows.md#kernels and 2.9c).
+// Without Embree there is no reference, so only times are measured.
 #include <fmt/format.h>
 
 #include <Eigen/Geometry>
@@ -41,7 +41,7 @@ namespace penumbra {
 namespace {
 
 constexpr int kPixels = 256;
-constexpr double kHeightShare = 0.45;  // height of the body's middle as a share of h_u
+constexpr double kHeightShare = 0.45;  // height of the body's centre relative to h_u
 
 double cpu_now_ms() {
   timespec now{};
@@ -68,7 +68,7 @@ struct Layers {
   std::array<std::vector<std::uint8_t>, 3> bits;  // umbra, middle, penumbra
 };
 
-// A mesh over the plane, and the grid on which its shadow is compared.
+// A mesh over the plane, and the grid on which shadows are compared.
 struct Scene {
   std::string name;
   ShadowMesh mesh;
@@ -81,7 +81,7 @@ struct Scene {
   [[nodiscard]] std::vector<CasterVertex> place(const ShadowKernels& kernels) const {
     return place_caster(mesh, kernels, placement, plane);
   }
-  [[nodiscard]] double slope(std::size_t part) const {  // radius of the part's light per height
+  [[nodiscard]] double slope(std::size_t part) const {  // light's radius over its height
     return static_cast<double>(discs[part].radius) / constants.umbra_height;
   }
 };
@@ -98,7 +98,7 @@ Scene make_scene(const std::string& name, const Model& model) {
     low = low.cwiseMin(q);
     high = high.cwiseMax(q);
   }
-  // The whole body stays above the plane and below h_u.
+  // The whole body is above the plane and below h_u.
   const double h_u = std::max(0.3, 1.4 * (high.z() - low.z()));
   scene.constants =
       make_layered_constants(std::numeric_limits<double>::infinity(), 0.0, h_u).value();
@@ -124,7 +124,7 @@ std::vector<std::uint8_t> covered(const Scene& scene, const std::vector<PlanePoi
   return mask.bits;
 }
 
-// Evenly spread points of the unit disc (a sunflower), its centre first.
+// Evenly spread points of the unit disc (a sunflower); the centre comes first.
 std::vector<Eigen::Vector2f> light_samples(int count, int on_rim) {
   std::vector<Eigen::Vector2f> samples;
   const double golden = std::numbers::pi * (3.0 - std::sqrt(5.0));
@@ -141,10 +141,10 @@ std::vector<Eigen::Vector2f> light_samples(int count, int on_rim) {
 }
 
 struct Window {
-  int left, right, bottom, top;  // pixels; right and top are one past the last
+  int left, right, bottom, top;  // pixels; right and top are exclusive
 };
 
-// Pixels onto which a part of the body may cast, for a light of this `slope`.
+// Pixels that a part of the body may shadow, for a light of this `slope`.
 Window window_of(const Scene& scene, std::span<const Eigen::Vector3f> points, double slope) {
   Eigen::Vector2d low = Eigen::Vector2d::Constant(std::numeric_limits<double>::infinity());
   Eigen::Vector2d high = -low;
@@ -171,7 +171,7 @@ Layers empty_layers() {
 }
 
 #ifdef PENUMBRA_EMBREE
-// Casts rays from every pixel to the lights of the parts.
+// Casts rays from every pixel to the lights of all parts.
 class RayCaster {
  public:
   explicit RayCaster(const Scene& scene) : scene_(scene), device_(rtcNewDevice("threads=1")) {
@@ -202,7 +202,7 @@ class RayCaster {
   RayCaster(const RayCaster&) = delete;
   RayCaster& operator=(const RayCaster&) = delete;
 
-  // Time to build the trees over the faces, which each new tilt needs.
+  // Time to build the trees over the faces, which is necessary for each new tilt.
   [[nodiscard]] double build_ms() const { return build_ms_; }
 
   [[nodiscard]] Layers cast(const std::vector<Eigen::Vector2f>& samples) const {
@@ -295,8 +295,8 @@ class RayCaster {
 #endif
 
 // Percentage-closer soft shadows (Fernando 2005): a height map seen from the light's centre, a
-// blocker search, and a filter as wide as the light's image at the blockers' mean height. All parts
-// share one light, that of the thickest one.
+// blocker search, and a filter as wide as the light's image at the mean height of the blockers. All
+// parts share the light of the thickest part.
 class SoftShadow {
  public:
   explicit SoftShadow(const Scene& scene) : scene_(scene) {
@@ -384,8 +384,8 @@ class SoftShadow {
 };
 
 struct Measured {
-  double height_ms = 0.0;  // CPU time when the body rises
-  double tilt_ms = 0.0;    // CPU time when it tilts: also kernels, part lights or trees
+  double height_ms = 0.0;  // CPU time after the body rises
+  double tilt_ms = 0.0;    // CPU time after it tilts; includes kernels, part lights or trees
   Layers layers;
 };
 
@@ -418,8 +418,8 @@ Measured measure_kernels(const Scene& scene, KernelSource source, bool fixed_lig
   return measured;
 }
 
-// Uses the reduced mesh that casts where its layers agree to 0.98, and the model where none does. A
-// tilt includes the comparison.
+// Uses the proxy if its layers agree to 0.98, otherwise the model. The time of a tilt includes the
+// comparison.
 Measured measure_proxy(const Scene& scene) {
   const Eigen::Vector3d up = Eigen::Vector3d::UnitZ();
   const ShadowKernels kernels = generate_kernels(scene.mesh, up, KernelSource::automatic);
@@ -631,7 +631,7 @@ void compare_techniques(nlohmann::ordered_json& results) {
 #endif
 }
 
-// For meshes worth reducing: time saved by the proxy and error added.
+// Time saved and error added by proxies, for meshes with many faces.
 void compare_proxies(nlohmann::ordered_json& results) {
   fmt::print(
       "\n{:<22} {:>7} {:>6}  {:<9} {:>10} {:>10}   {:^25} {:^20}\n{:62}{:>10}   {:>7} {:>8} {:>8} "
@@ -681,7 +681,7 @@ void compare_proxies(nlohmann::ordered_json& results) {
   }
 }
 
-// Compares kernel generation with reading the mesh from a file in the same run.
+// Compares kernel generation with reading the mesh from a file, in the same run.
 void compare_kernels_with_reading(nlohmann::ordered_json& results) {
   const test::TemporaryFolder folder;
   const auto torus_file = [&](const char* name, int rings, int segments) {
@@ -729,7 +729,7 @@ void compare_kernels_with_reading(nlohmann::ordered_json& results) {
   }
 }
 
-// Times with a goal in milliseconds on one core.
+// Times that have a goal in milliseconds on one core.
 void compare_with_goals(nlohmann::ordered_json& results) {
   const ShadowMesh torus = make_shadow_mesh(test::torus_model(24, 64));
   const PlaneFrame plane;

@@ -5,12 +5,12 @@ from scatter_chart import PANEL_H, PANEL_W, panel, picture
 
 COLOURS = {"layered": "#1f6fd6", "field": "#c2410c", "rays": "#6b7280", "other": "#0f766e"}
 LEFT, TOP, GAP = 74, 98, 92
-FLOOR = 0.001  # smaller errors are drawn on the lower edge
+FLOOR = 0.001  # smaller errors are drawn at the lower border
 ROW_GAP = 76
 STEPS = [step * 10.0 ** power for power in range(-3, 3) for step in (1.0, 3.0)]
 MEASURES = (("Area error", lambda row, layer: row["area_error"][layer], lambda e: f"{100 * e:g} %"),
             ("1 - IoU", lambda row, layer: 1.0 - row["iou"][layer], lambda e: f"{e:g}"))
-LAYERS = ((0, "umbra"), (2, "penumbra"))  # the middle layer is exact for all but soft shadows
+LAYERS = ((0, "umbra"), (2, "penumbra"))  # the middle layer is exact, except for soft shadows
 
 
 def colour_of(name):

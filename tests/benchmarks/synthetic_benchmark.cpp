@@ -1,4 +1,4 @@
-// Pattern alignment on exact synthetic images: error over the Cramer-Rao bound, occlusion,
+// Pattern alignment on exact synthetic images: error relative to the Cramer-Rao bound, occlusion,
 // basin of convergence, motion blur.
 //
 //   synthetic_benchmark [bias] [noise] [cover] [basin] [blur] [samples=N]

@@ -1,5 +1,5 @@
-// Scored trials of the pattern alignment on exact synthetic images: six tags of 60 mm with cells of
-// about 10 px, seen by a 1280x720 camera with lens distortion.
+// Trials of the pattern alignment on exact synthetic images: six tags of 60 mm with cells of about
+// 10 px, seen by a 1280x720 camera with lens distortion.
 #pragma once
 
 #include <algorithm>
@@ -20,9 +20,9 @@ namespace penumbra::test {
 
 struct TrialScore {
   int runs = 0;
-  int found = 0;               // verified, with an error below 3 px
-  int wrong = 0;               // verified, with a larger error
-  std::vector<double> errors;  // overlay errors of found poses [px]
+  int found = 0;               // number of verified poses with an error below 3 px
+  int wrong = 0;               // number of verified poses with a larger error
+  std::vector<double> errors;  // overlay errors of the poses in `found` [px]
   std::vector<double> us;
   double ratio2 = 0.0;  // sum of (error / bound)^2, if the bound was requested
 
@@ -35,9 +35,9 @@ class SyntheticTrials {
  public:
   explicit SyntheticTrials(int samples = PatternRenderOptions().samples) : samples_(samples) {}
 
-  // Images with white noise [grey levels]; each view is drawn `draws` times with new noise, since a
-  // single error over its bound scatters by its own size. Start errors are 2 px. The Cramer-Rao
-  // bound is optional (gain and offset of each tag unknown).
+  // Images with white noise [grey levels] and start errors of 2 px. Each view is drawn `draws`
+  // times with different noise, because the ratio of a single error to its bound scatters by its
+  // own size. The Cramer-Rao bound is optional; gain and offset of each tag are unknown in it.
   [[nodiscard]] TrialScore noise(AlignmentEffort effort, double noise_grey, int views,
                                  bool with_bound, int draws = 1) {
     TagAligner aligner = make_aligner(effort);
@@ -50,8 +50,8 @@ class SyntheticTrials {
     return score;
   }
 
-  // The same images, with the bound, for methods without a start pose: `find` takes an image and
-  // returns the camera's pose or nothing.
+  // Runs the same images, with the bound, for a method without a start pose: `find` takes an image
+  // and returns the camera's pose or nullopt.
   template <class Find>
   void noise_by(double noise_grey, int views, int draws, std::vector<TrialScore>& scores,
                 Find find) {
@@ -70,7 +70,7 @@ class SyntheticTrials {
   [[nodiscard]] const CameraModel& camera() const { return camera_; }
   [[nodiscard]] const std::vector<MappedTag>& tags() const { return tags_; }
 
-  // Covers a share of every tag; noise 2.
+  // Covers a fraction of every tag; noise of 2 grey levels.
   [[nodiscard]] TrialScore cover(double share, int views) {
     TagAligner aligner = make_aligner(AlignmentEffort::fast);
     std::mt19937_64 random(11);
@@ -86,7 +86,7 @@ class SyntheticTrials {
     return score;
   }
 
-  // Start errors are `start_px` at the tags' corners on average; noise 2.
+  // Start errors are `start_px` on average at the tags' corners; noise of 2 grey levels.
   [[nodiscard]] TrialScore basin(double start_px, int views, int starts) {
     TagAligner aligner = make_aligner(AlignmentEffort::fast);
     std::mt19937_64 random(13);
@@ -104,7 +104,8 @@ class SyntheticTrials {
     return score;
   }
 
-  // Motion blur of this length at the tags' corners, known to the alignment or not; noise 2.
+  // Motion blur of this length at the tags' corners; the motion is known or unknown to the
+  // alignment. Noise of 2 grey levels.
   [[nodiscard]] TrialScore blur(double length_px, bool known, int views) {
     TagAligner aligner = make_aligner(AlignmentEffort::fast);
     std::mt19937_64 random(17);

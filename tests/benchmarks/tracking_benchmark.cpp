@@ -1,5 +1,5 @@
-// Detection and pose: CPU time per frame and overlay error against exact truth on the bundled
-// recording; and the cost of recovery after a jerk, on synthetic images.
+// Detection and pose estimation on the bundled recording: CPU time per frame, and overlay error
+// against exact truth. Also the time of recovery after a jerk, on synthetic images.
 #include <benchmark/benchmark.h>
 
 #include <algorithm>
@@ -43,7 +43,7 @@ const Session& session() {
   return session;
 }
 
-// Detection alone; `detections` is per frame.
+// Detection alone. The counter `detections` is per frame.
 void detect(benchmark::State& state, float quad_decimate) {
   TagDetector detector = TagDetector::create(std::array{TagFamily::tag36h11}).value();
   std::vector<std::uint8_t> scratch;
@@ -56,7 +56,7 @@ void detect(benchmark::State& state, float quad_decimate) {
   state.counters["tags"] = static_cast<double>(found) / static_cast<double>(state.iterations());
 }
 
-// The whole tracker: image in memory -> pose with covariance.
+// The whole tracker: from an image in memory to a pose with covariance.
 void track(benchmark::State& state, TrackingMode mode) {
   TrackerOptions options;
   options.mode = mode;
@@ -82,8 +82,8 @@ void track(benchmark::State& state, TrackingMode mode) {
   state.counters["overlay_max_px"] = evaluation.overlay_px.max;
 }
 
-// Views of six tags at 1280 x 720, each with the next frame after the camera turned by 50 to 120 px
-// (cells are 10 px).
+// Views of six tags at 1280 x 720, each followed by a frame of the camera rotated by 50 to 120 px.
+// Cells are 10 px wide.
 struct Jump {
   CameraPose before, after;
   Frame first, second;
@@ -127,14 +127,14 @@ const std::vector<Jump>& jumps() {
   return jumps;
 }
 
-// Times only the frame after each jump. `by_pattern` and `by_box` are the shares of frames found by
-// these searches.
+// Times only the frame after each jump. `by_pattern` and `by_box` are the fractions of frames that
+// were found by pattern search and by ROI detection.
 void recover(benchmark::State& state) {
   TrackerOptions options;
   options.mode = TrackingMode::fast;
   const CameraModel camera = test::wide_camera();
   const TagMap tags = TagMap::make(test::board(3, 2, 0.06)).value();
-  static_cast<void>(jumps());  // prepared outside the timed part
+  static_cast<void>(jumps());  // prepares the images outside the timed part
   double by_pattern = 0.0, by_box = 0.0, tracked = 0.0, squares = 0.0;
   for (auto _ : state) {
     by_pattern = by_box = tracked = squares = 0.0;

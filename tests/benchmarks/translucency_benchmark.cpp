@@ -1,6 +1,6 @@
-// Pattern quality of shadows without blending. For each layer, drawn alone: the share of black
-// pixels in windows of 16 x 16 px, and the pixels inside it that change when the camera moves by
-// 0.37 px.
+// Pattern quality of shadows without blending. For each layer, drawn alone, measures the fraction
+// of black pixels in windows of 16 x 16 px, and the pixels inside the layer that change when the
+// camera moves by 0.37 px.
 #include <fmt/format.h>
 
 #include <algorithm>
@@ -38,7 +38,7 @@ FramePlan one_layer(FramePlan plan, std::size_t layer) {
   return plan;
 }
 
-// Camera that looks straight down from this height [m] with this offset, and a plate whose shadow
+// A camera at this height [m] with this offset that looks straight down, and a plate whose shadow
 // fills most of the view.
 struct View {
   double height = 0.5;
@@ -60,8 +60,8 @@ struct View {
 };
 
 struct Pattern {
-  double mean = 0.0, sd = 0.0, least = 1.0, most = 0.0;  // share of black pixels in windows
-  double flips = 0.0;                                    // share of the pixels inside
+  double mean = 0.0, sd = 0.0, least = 1.0, most = 0.0;  // fraction of black pixels per window
+  double flips = 0.0;                                    // fraction of the pixels inside
   int windows = 0;
 };
 

@@ -10,7 +10,7 @@ from scatter_chart import FAINT, INK, RULE
 
 PAGES = pathlib.Path(__file__).resolve().parents[2] / "docs" / "benchmarks"
 COLOURS = {"blend": "#1c6dd0", "retexture": "#0f8f7a", "mesh": "#8a4fbf", "geometry-mesh": "#c2571a"}
-TRIANGLES = 48  # selects the rows of instructions.md
+TRIANGLES = 48  # selects rows of instructions.md
 
 
 def measured():

@@ -2,10 +2,11 @@
 //
 //   count_frames FRAMES TRIANGLES:MOTION:TECHNIQUE:TRANSLUCENCY...
 //
-// MOTION: still | moving | cut | over-box | over-ball. The caster, a torus of TRIANGLES triangles
-// (12: a box), moves over the table; with over-box and over-ball, over a phantom that receives its
-// shadow. Counting starts at the fourth frame, after programs are compiled and caches filled. Each
-// count is dumped under its row's name; the number of draw calls in the row's last frame is
+// MOTION: still | moving | cut | over-box | over-ball. The caster is a torus of TRIANGLES triangles
+// (12: a box). It moves over the table; with over-box and over-ball, over a phantom that receives
+// its shadow. Counting starts at the fourth frame, when programs are compiled and caches are
+// filled. Each count is dumped under its row's name. Prints the number of draw calls in the row's
+// last frame. scripts/count-instructions runs this program.
 // printed. scripts/count-instructions runs it.
 #include <valgrind/callgrind.h>
 
@@ -71,8 +72,8 @@ std::optional<Row> row_of(const std::string& name) {
   return Row{name, *body, *choice, *translucency};
 }
 
-// Draws the warm-up frames of a row and `frames` more, which are counted. Returns the draw calls of
-// the last one.
+// Draws a row's warm-up frames and `frames` counted ones. Returns the number of draw calls in the
+// last frame.
 std::int64_t draw_row(test::Studio& studio, const Row& row, int frames) {
   const auto [triangles, motion, receiver] = row.body;
   studio.context().make_current();
@@ -84,7 +85,7 @@ std::int64_t draw_row(test::Studio& studio, const Row& row, int frames) {
   options.translucency = row.translucency;
   SceneState state = evaluate_scene(scene, 0.0);
   const auto video = triangles == 12 ? counted::Video::checkerboard : counted::Video::gradients;
-  // Two frames in turn, so that each is uploaded.
+  // Two frames alternate, so that each is uploaded.
   const std::array<Frame, 2> frames_of_video = {counted::video(video), counted::video(video)};
   std::int64_t calls = 0;
   for (int i = 0; i < kWarmFrames + frames; ++i) {
@@ -112,7 +113,7 @@ int main(int argc, char** argv) {
   if (frames < 1) return misused();
   counted::use_one_thread_of_software_gl();
   std::vector<Row> rows;
-  using Drawn = std::pair<int, counted::Receiver>;  // one studio for all motions of a body
+  using Drawn = std::pair<int, counted::Receiver>;  // all motions share a studio
   std::map<Drawn, test::Studio> studios;
   for (int i = 2; i < argc; ++i) {
     const auto row = row_of(argv[i]);
@@ -124,7 +125,7 @@ int main(int argc, char** argv) {
                             make_layered_constants(0.7, 2.5, 0.0).value(), row->body.receiver)),
                         counted::camera());
   }
-  // All shaders are compiled before callgrind's only start of instrumentation, since each start
+  // Compiles all shaders before instrumentation starts. It starts once only, because callgrind then
   // translates all code again.
   const auto studio_of = [&studios](const Body& body) -> test::Studio& {
     return studios.at({body.triangles, body.receiver});

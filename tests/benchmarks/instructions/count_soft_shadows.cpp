@@ -1,15 +1,15 @@
-// Soft shadows of one object on a rectangle of the table, 1280 x 720: cost of the layers and their
-// distance from an area light's shadow, compared with common GPU techniques.
+// Soft shadows of one object on a rectangle of the table, 1280 x 720. Compares the layers with
+// common GPU techniques: cost, and difference from the shadow of an area light.
 //
 //   count_soft_shadows count FRAMES SHAPE:TECHNIQUE... draws moving frames for callgrind to count,
 //                                                      dumped under these names
 //   count_soft_shadows frame SHAPE:TECHNIQUE FILE.ppm  one image
 //   count_soft_shadows errors                          SHAPE TECHNIQUE and four figures a line
 //
-// SHAPE: sphere | torus, of 3000 triangles. TECHNIQUE: one of the program's, one of
-// soft_shadows.hpp, or `bare`, the frame without a shadow. The light is a disc at the zenith, sized
-// as the layers' constants imply for the body's thickness. A share of 0.15 of the light is ambient,
-// as in the layers' light fractions.
+// SHAPE: sphere | torus, of 3000 triangles. TECHNIQUE: a technique of the program, a technique of
+// soft_shadows.hpp, or `bare` for the frame without a shadow. The light is a disc at the zenith
+// whose size follows from the layers' constants and the body's thickness. A fraction of 0.15 of the
+// light is ambient, as in the layers' light fractions.
 #include <valgrind/callgrind.h>
 
 #include <array>
@@ -36,7 +36,7 @@ constexpr double kUmbraHeight = 0.28;  // H / a of the scenes' usual constants [
 constexpr int kReferenceSamples = 1024;
 
 std::shared_ptr<const Scene> scene_of(std::string_view shape) {
-  // At the zenith the kernels' lights of all parts coincide.
+  // At the zenith, the lights of all parts coincide.
   const LayeredConstants constants =
       make_layered_constants(std::numeric_limits<double>::infinity(), 0.0, kUmbraHeight).value();
   return std::make_shared<const Scene>(counted::scene_of(
@@ -47,7 +47,7 @@ void check(const Result<void>& done) {
   if (!done) throw std::runtime_error(done.error().message);
 }
 
-// Draws a frame with the program's passes and adds a peer's soft shadow.
+// Draws a frame with the program's passes and adds the soft shadow of a peer technique.
 class PeerStudio {
  public:
   explicit PeerStudio(std::shared_ptr<const Scene> scene)
@@ -58,7 +58,7 @@ class PeerStudio {
     check(objects_->choose(Translucency::blend, PixelFormat::yuyv));
     video_.emplace(GlApi::gl33);
   }
-  // Selects the technique of the next frames; without one the frame has no shadow.
+  // Selects the technique of the following frames; nullopt: no shadow.
   void choose(std::optional<counted::SoftTechnique> technique) {
     context_->make_current();
     soft_.reset();
@@ -138,7 +138,7 @@ void run_frames(const Scene& scene, const CameraModel& camera, const std::string
   if (frames > 0) CALLGRIND_DUMP_STATS_AT(name.c_str());
 }
 
-// Contexts of the program's techniques and of the peers, created once each.
+// Studios of the program's techniques and of the peers, created on first use.
 class Studios {
  public:
   explicit Studios(std::string_view shape)
@@ -159,7 +159,7 @@ class Studios {
                  program_.compositor().draw(frame, plan).value();
                });
   }
-  // Draws over plain grey video, so that only the shadow differs.
+  // Uses plain grey video, so that images differ only in the shadow.
   test::Picture picture(std::string_view technique) {
     const SceneState state = evaluate_scene(*scene_, 0.0);
     const Frame frame = counted::video(counted::Video::plain);
@@ -190,7 +190,7 @@ struct Choice {
 };
 
 struct Shadow {
-  std::vector<int> lost;  // codes by which the shadow darkens each pixel
+  std::vector<int> lost;  // number of grey levels by which the shadow darkens each pixel
   int darkest = 0;
   Shadow(const test::Picture& with, const test::Picture& without) {
     for (std::size_t i = 1; i < with.rgba.size(); i += 4) {
@@ -201,9 +201,9 @@ struct Shadow {
 };
 
 struct Errors {
-  double rms = 0.0;                    // codes, over the pixels that the reference darkens
-  double relative = 0.0;               // L2 of the difference over L2 of the reference's shadow
-  double umbra = 0.0, penumbra = 0.0;  // area relative to the reference's, minus 1
+  double rms = 0.0;                    // RMS where the reference is dark [grey levels]
+  double relative = 0.0;               // L2 norm of the difference over the reference's
+  double umbra = 0.0, penumbra = 0.0;  // area divided by the reference's, minus 1
 };
 Errors errors_of(const Shadow& shadow, const Shadow& reference) {
   double off = 0.0;
@@ -283,7 +283,7 @@ int main(int argc, char** argv) {
     rows.emplace_back(argv[i], *choice);
     studios.try_emplace(choice->shape, choice->shape);
   }
-  // All shaders are compiled before callgrind's only start of instrumentation.
+  // Compiles all shaders before the single start of instrumentation.
   for (const auto& [name, choice] : rows) studios.at(choice.shape).count(choice.technique, 0, name);
   CALLGRIND_START_INSTRUMENTATION;
   for (const auto& [name, choice] : rows)

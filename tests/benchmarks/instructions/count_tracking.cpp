@@ -1,8 +1,8 @@
 // Tracks a recording for callgrind to count: count_tracking RECORDING WARM FRAMES METHOD...
-// A method is a tracking mode, or libapriltag-1 or -2: full-frame detection at that decimation, and
-// the pose of its corners. Counts FRAMES frames of each method from frame WARM on, and dumps them
-// under its name. Prints each method's overlay error [px], the RMS over the counted frames, which
-// must all have a pose. scripts/count-instructions runs it.
+// METHOD: a tracking mode; or libapriltag-1 or -2, which is full-frame detection at that decimation
+// plus the pose from its corners. Counts FRAMES frames of each method from frame WARM on, and dumps
+// the count under the method's name. Prints each method's RMS overlay error [px] over the counted
+// frames, which must all have a pose. scripts/count-instructions runs this program.
 #include <valgrind/callgrind.h>
 
 #include <cmath>

@@ -1,4 +1,4 @@
-// The scene that the counting programs draw: one object over the table, 1280 x 720, YUYV video.
+// Scene of the counting programs: one object over the table, 1280 x 720, YUYV video.
 #pragma once
 
 #include <algorithm>
@@ -15,8 +15,8 @@ namespace penumbra::counted {
 
 inline constexpr int kWidth = 1280;
 inline constexpr int kHeight = 720;
-inline constexpr int kWarmFrames = 3;         // programs are compiled and caches filled after these
-inline constexpr double kObjectHeight = 0.1;  // of the object's middle in the first frame [m]
+inline constexpr int kWarmFrames = 3;            // then programs are compiled and caches are filled
+inline constexpr double kObjectHeight = 0.1;     // of the object's centre in the first frame [m]
 inline constexpr double kRisePerFrame = 0.0007;  // [m]
 
 inline void use_one_thread_of_software_gl() {
@@ -24,7 +24,7 @@ inline void use_one_thread_of_software_gl() {
   setenv("LIBGL_ALWAYS_SOFTWARE", "1", 1);
 }
 
-// A torus with twice as many faces along the tube as around it.
+// A torus with twice as many faces along its tube as around it.
 inline std::shared_ptr<const Model> torus(int triangles) {
   int around = 4;
   while (2 * around * around * 2 < triangles) ++around;
@@ -40,7 +40,7 @@ inline std::shared_ptr<const Model> sphere(int triangles) {
   return test::finished(shape.build(), {0.7F, 0.3F, 0.15F, 1.0F});
 }
 
-// A box for 12 triangles, otherwise a torus.
+// Returns a box for 12 triangles, otherwise a torus.
 inline std::shared_ptr<const Model> body(int triangles) {
   if (triangles > 12) return torus(triangles);
   return test::finished(test::box_model(0.08), {0.7F, 0.3F, 0.15F, 1.0F});
@@ -64,7 +64,7 @@ inline Frame video(Video kind) {
   return buffer.frame;
 }
 
-// A phantom that receives the object's shadow.
+// Phantom that receives the object's shadow.
 enum class Receiver { none, box, ball };
 inline Scene scene_of(std::shared_ptr<const Model> model, const LayeredConstants& constants,
                       Receiver receiver = Receiver::none) {
@@ -84,7 +84,7 @@ inline Scene scene_of(std::shared_ptr<const Model> model, const LayeredConstants
 
 enum class Motion { still, moving, cut };
 // Lifts and slides the object, so that its shadow changes in each frame. `cut` moves it through the
-// umbra height, where only a part of it has an umbra.
+// umbra height, so that only a part of it has an umbra.
 inline void move_on(SceneState& state, int frame, Motion motion = Motion::moving,
                     double umbra_height = 0.0) {
   const double start = motion == Motion::cut ? umbra_height : kObjectHeight;
@@ -99,7 +99,7 @@ inline PoseEstimate pose() {
   return test::tracked(test::look_at({0.1, -0.45, 0.4}, {0.0, 0.0, 0.03}));
 }
 
-// "layered-direct" and "layered-mask" force the drawing mode of the layers.
+// "layered-direct" and "layered-mask" select the drawing mode of the layers.
 struct TechniqueChoice {
   ShadowTechnique technique = ShadowTechnique::none;
   LayerDrawing layers = LayerDrawing::automatic;

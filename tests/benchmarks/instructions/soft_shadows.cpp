@@ -15,11 +15,11 @@
 namespace penumbra::counted {
 namespace {
 
-constexpr int kMapSide = 512;  // texels; about the shadow's size in pixels
+constexpr int kMapSide = 512;  // texels; similar to the shadow's size in pixels
 constexpr int kSumUnit = 0, kHeightUnit = 0, kBlockedUnit = 1;
-constexpr int kMostSums = 255;  // range of a stencil value
+constexpr int kMostSums = 255;  // maximum value of the stencil
 
-// Projects a caster's vertex from one point of the light into the map, or into the image.
+// Projects a caster's vertex from a point of the light into the map or the image.
 constexpr std::string_view kCasterVertex = R"(
 layout(location = 0) in vec3 position;
 uniform mat4x3 plane_from_caster;  // -> (u, v, h)
@@ -60,7 +60,7 @@ uniform float ambient;
 layout(location = 0) out vec4 color;
 #if defined(SUMMED)
 uniform sampler2D sum;
-uniform float whole;  // sum for a fully blocked light
+uniform float whole;  // sum of a fully blocked light
 float blocked() {
 #ifdef IN_PICTURE
   return texelFetch(sum, ivec2(gl_FragCoord.xy), 0).r / whole;
@@ -69,13 +69,13 @@ float blocked() {
 #endif
 }
 #else
-uniform highp sampler2D heights;  // depth: 1 on the plane, 0 at `top`
+uniform highp sampler2D heights;  // depth: 1 on the plane, 0 at height `top`
 uniform highp sampler2DShadow stops;
-uniform vec2 reach;  // light's radius on the plane for height `top`, in map extents
+uniform vec2 reach;  // light's radius, projected onto the plane from height `top`, in map extents
 const float kEmpty = 0.9999;
 #if defined(PCSS)
-// A spiral of points evenly spread over a disc (Vogel, 1979), each turned from the last by the
-// golden angle.
+// Points spread evenly over a disc on a spiral (Vogel, 1979). Each is rotated by the golden angle
+// relative to the previous one.
 const mat2 kTurn = mat2(-0.73736888, 0.67549029, -0.67549029, -0.73736888);
 float blocked() {
   float depths = 0.0;
@@ -91,7 +91,7 @@ float blocked() {
     towards = kTurn * towards;
   }
   vec2 width = reach * (1.0 - depths / max(found, 1.0));
-  int taps = found > 0.0 ? SAMPLES : 0;  // no taps without a blocker
+  int taps = found > 0.0 ? SAMPLES : 0;  // without a blocker, the filter is not needed
   float sum = 0.0;
   towards = vec2(1.0, 0.0);
   for (int i = 0; i < taps; ++i) {
@@ -168,7 +168,7 @@ std::optional<SoftTechnique> soft_technique(std::string_view name) {
                                      std::pair{std::string_view("reference-"), Kind::reference}}) {
     if (!name.starts_with(prefix)) continue;
     const auto samples = parse_integer(name.substr(prefix.size()));
-    // Sums must stay exact: 8 bits, or the 11 significant bits of a half float.
+    // Sums must be exact: an 8-bit value, or 11 significant bits of a half float.
     const int most = kind == Kind::reference ? 2048 : 255;
     if (!samples || *samples < 1 || *samples > most) return std::nullopt;
     return SoftTechnique{kind, static_cast<int>(*samples)};
@@ -249,10 +249,10 @@ void SoftShadows::set_caster() const {
   caster_.set("bounds", bounds_);
   caster_.set("top", top_);
   mesh_layout_.bind();
-  // The faces of a closed body towards the light cover its whole shadow.
+  // The shadow of a closed body equals that of its faces towards the light.
   glEnable(GL_CULL_FACE);
   glCullFace(GL_BACK);
-  // The image's first row is its top one, which flips the winding.
+  // Row 0 of the image is the top, which flips the winding.
   const bool turned = technique_.kind == SoftTechnique::Kind::reference;
   glFrontFace(turned == faces_outwards_ ? GL_CW : GL_CCW);
 }
@@ -288,7 +288,7 @@ void SoftShadows::draw_sum(const LensUniforms& lens, const glm::mat4x3& camera_f
     const double turn = std::numbers::pi * (3.0 - std::sqrt(5.0)) * i;
     caster_.set("towards_light", glm::vec2(static_cast<float>(r * std::cos(turn)),
                                            static_cast<float>(r * std::sin(turn))));
-    // Each light sample counts a texel once: the stencil holds the number of the last sample.
+    // The stencil holds the number of the last sample, so that a sample counts a texel once.
     if (i > 0 && i % kMostSums == 0) glClear(GL_STENCIL_BUFFER_BIT);
     glStencilFunc(GL_NOTEQUAL, i % kMostSums + 1, 0xFF);
     glDrawElements(GL_TRIANGLES, index_count_, GL_UNSIGNED_INT, nullptr);

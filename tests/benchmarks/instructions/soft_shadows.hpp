@@ -1,8 +1,8 @@
 // Soft shadows by common GPU techniques, for comparison with the layered ones: an object's shadow
-// on a plane under a disc light at the zenith. They are a shadow map (orthographic, over the
-// shadow's rectangle) read once, by PCF or by PCSS (Fernando, 2005), and the average of hard
-// shadows from many points of the light (Heckbert and Herf, 1997). Each darkens the rectangle by
-// one blended draw.
+// on a plane under a disc light at the zenith. One family uses a shadow map (orthographic, over the
+// shadow's rectangle), read once, by PCF, or by PCSS (Fernando, 2005). The other averages hard
+// shadows from many points of the light (Heckbert and Herf, 1997). Each technique darkens the
+// rectangle with one blended draw.
 #pragma once
 
 #include <epoxy/gl.h>
@@ -24,10 +24,10 @@ namespace penumbra::counted {
 struct SoftTechnique {
   enum class Kind {
     hard,      // the map's nearest texel
-    pcf,       // the mean of 4 x 4 texels, filtered
-    pcss,      // `samples` each for the search and for the filter
-    average,   // `samples` hard shadows on a plane image of the map's size
-    reference  // the same for each pixel of the image: the area light
+    pcf,       // mean of 4 x 4 filtered texels
+    pcss,      // `samples` for the search, and again for the filter
+    average,   // mean of `samples` hard shadows on an image of the plane, in the map's size
+    reference  // like average, in each pixel of the image: the area light
   };
   Kind kind = Kind::hard;
   int samples = 1;
@@ -35,13 +35,13 @@ struct SoftTechnique {
 [[nodiscard]] std::optional<SoftTechnique> soft_technique(std::string_view name);
 
 struct SoftLight {
-  double slope = 0.0;    // the light's radius over its height, seen from the plane
-  float ambient = 0.0F;  // share of light that is never blocked
+  double slope = 0.0;    // the light's radius divided by its height, seen from the plane
+  float ambient = 0.0F;  // fraction of the light that is never blocked
 };
 
 class SoftShadows {
  public:
-  // The context must be current now and at each later call.
+  // The context must be current in this call and in all later ones.
   [[nodiscard]] static Result<SoftShadows> create(const ShadowMesh& mesh, SoftTechnique technique,
                                                   const SoftLight& light, GlContext::Size picture);
   // Draws the map, or the sum of hard shadows, before the frame.
@@ -60,7 +60,7 @@ class SoftShadows {
   ShaderProgram caster_, rectangle_;
   SoftTechnique technique_;
   SoftLight light_;
-  GlContext::Size size_;  // of the map, or the sum
+  GlContext::Size size_;  // size of the map or of the sum
   std::vector<glm::vec3> positions_;
   VertexArray mesh_layout_, rectangle_layout_;
   GlBuffer mesh_vertices_{BufferUse::vertices}, mesh_indices_{BufferUse::indices};
@@ -69,11 +69,11 @@ class SoftShadows {
   bool faces_outwards_ = true;
   FramebufferHandle target_;
   TextureHandle texture_, stencil_;
-  GLuint nearest_ = 0, compared_ = 0;  // samplers; kept until the context ends
-  // State of the present frame.
+  GLuint nearest_ = 0, compared_ = 0;  // samplers, which live as long as the context
+  // State of the current frame.
   glm::mat4x3 plane_from_caster_{0.0F};
   glm::vec4 bounds_{0.0F};  // lowest (u, v), then the extents [m]
-  float top_ = 0.0F;        // [m]
+  float top_ = 0.0F;        // height of the caster's top [m]
 };
 
 }  // namespace penumbra::counted

@@ -22,7 +22,7 @@ class Aruco : public Peer {
     parameters_->cornerRefinementMethod = corners == ArucoCorners::subpix
                                               ? cv::aruco::CORNER_REFINE_SUBPIX
                                               : cv::aruco::CORNER_REFINE_APRILTAG;
-    // The default value suppresses tags that are separated by a border of one or two cells.
+    // The default value rejects neighbouring tags with a gap of one or two cells.
     parameters_->minMarkerDistanceRate = 0.01;
     cv::setNumThreads(1);
   }
@@ -35,13 +35,13 @@ class Aruco : public Peer {
     cv::aruco::detectMarkers(image, dictionary_, corners, ids, parameters_);
     std::vector<PointObservation> points;
     for (std::size_t i = 0; i < ids.size(); ++i) {
-      // OpenCV's version of the family is rotated by half a turn, and its corners go clockwise.
+      // OpenCV's version of the family is rotated by 180 degrees, and its corners are clockwise.
       constexpr std::array<std::size_t, 4> kOurs = {1, 0, 3, 2};
       std::array<Eigen::Vector2d, 4> corners_px;
       for (std::size_t k = 0; k < 4; ++k) {
         const cv::Point2f& p = corners[i][k];
         corners_px[kOurs[k]] = Eigen::Vector2d(static_cast<double>(p.x), static_cast<double>(p.y));
-        // OpenCV's port of the AprilTag quad detector has its origin at the pixel's corner.
+        // OpenCV's port of the AprilTag quad detector has its origin at a pixel's corner.
         if (half_pixel_) corners_px[kOurs[k]] -= Eigen::Vector2d(0.5, 0.5);
       }
       add_corners(tags_, TagFamily::tag36h11, ids[i], corners_px, points);

@@ -1,4 +1,4 @@
-// Runs several methods over the same frames and measures time and error of each.
+// Runs several methods on the same frames and measures the time and error of each.
 #pragma once
 
 #include <filesystem>
@@ -16,7 +16,7 @@
 
 namespace penumbra::peers {
 
-// Frames in memory with grey levels and times, and their reference data.
+// Frames in memory with grey levels and timestamps, and their reference data.
 struct Footage {
   std::string name;
   CameraModel camera;
@@ -27,42 +27,42 @@ struct Footage {
 
 struct Found {
   CameraPose T_table_camera;
-  bool tracked = true;  // false: our tracker reports uncertain or coasting (held)
+  bool tracked = true;  // false if our tracker reports uncertain or coasting (held)
 };
 
-// A stateful method: frames come in order, and each run makes a new one.
+// A stateful method that receives frames in order. Each run creates a new one.
 using Method = std::function<std::optional<Found>(const Frame&)>;
 struct NamedMethod {
   std::string name;
   bool ours = false;
-  std::function<Method()> make;  // null if the library is missing
+  std::function<Method()> make;  // null if the library is not available
 };
 
-// Our tracker in three modes, libapriltag (decimate 1 and 2; pose by PnP and by our refinement),
-// OpenCV's aruco, ViSP.
+// Returns our tracker in three modes, libapriltag (decimate 1 and 2; pose by PnP and by our
+// refinement), OpenCV's aruco, and ViSP.
 [[nodiscard]] std::vector<NamedMethod> all_methods(const CameraModel& camera, const TagMap& tags);
 
 struct Outcome {
   std::string name;
   bool ours = false;
-  std::vector<double> ms;          // CPU time of every frame, minimum of the repetitions
-  std::vector<double> overlay_px;  // of every tracked frame; negative for the others
-  std::vector<CameraPose> poses;   // of every frame; identity without a pose
+  std::vector<double> ms;          // CPU time of each frame, minimum of the repetitions
+  std::vector<double> overlay_px;  // of each tracked frame; negative for other frames
+  std::vector<CameraPose> poses;   // of each frame; identity without a pose
   std::vector<bool> posed;
   Evaluation evaluation;  // over the tracked frames
   int tracked = 0;
   int wrong = 0;  // tracked, with an error above 5 px
-  int flips = 0;  // nearer to the mirrored truth, with an error above 1 px
+  int flips = 0;  // closer to the mirrored truth, with an error above 1 px
 
   [[nodiscard]] double median_ms() const;
   [[nodiscard]] double mean_ms() const;
-  [[nodiscard]] int within(double px) const;  // tracked frames with a smaller error
-  [[nodiscard]] int beyond(double px) const;  // tracked frames with a larger error
-  // Largest RMS error of a tracked frame.
+  [[nodiscard]] int within(double px) const;  // number of tracked frames with a smaller error
+  [[nodiscard]] int beyond(double px) const;  // number of tracked frames with a larger error
+  // Largest RMS error of a tracked frame [px].
   [[nodiscard]] double largest_px() const;
 };
 
-// Runs all methods `repetitions` times in turn. Errors need the footage's truth.
+// Runs all methods in turn, `repetitions` times. Computes errors only if the footage has truth.
 [[nodiscard]] std::vector<Outcome> compare(const Footage& footage,
                                            const std::vector<NamedMethod>& methods,
                                            int repetitions);
@@ -78,14 +78,15 @@ inline constexpr std::string_view kDecimate1 = "libapriltag d1 + PnP";
 inline constexpr std::string_view kDecimate1Ours = "libapriltag d1 + our pose";
 inline constexpr std::string_view kDecimate2 = "libapriltag d2 + PnP";
 
-// visp-rbt-sequence: a folder of frames/NNNN.png, cam.json, apriltag_data.json. The tags' poses and
-// the reference poses in `truth` come from a bundle adjustment over the points inside the tags
-// where four cells meet (saddle_points.hpp). libapriltag's corners only give the search regions.
+// Reads visp-rbt-sequence: a folder with frames/NNNN.png, cam.json and apriltag_data.json. The
+// tags' poses and the reference poses in `truth` come from a bundle adjustment over the points
+// inside the tags where four cells meet (saddle_points.hpp). libapriltag's corners give only the
+// search regions.
 struct RealVideo {
   Footage footage;
-  std::vector<std::vector<PointObservation>> corners;  // by libapriltag with decimate 1, per frame
+  std::vector<std::vector<PointObservation>> corners;  // by libapriltag, decimate 1, per frame
   int tags = 0;
-  double rms_px = 0.0;  // of the adjustment
+  double rms_px = 0.0;  // residual of the bundle adjustment
 };
 [[nodiscard]] Result<RealVideo> load_real_video(const std::filesystem::path& folder);
 

@@ -62,7 +62,7 @@ std::optional<CameraPose> solve_pnp(const CameraModel& camera,
                                     std::span<const PointObservation> points) {
   if (points.size() < 4) return std::nullopt;
   const CameraParameters& p = camera.parameters();
-  PENUMBRA_ASSERT(p.model == DistortionModel::plumb_bob);  // the model of the recordings
+  PENUMBRA_ASSERT(p.model == DistortionModel::plumb_bob);  // the recordings use this model
   const cv::Matx33d K(p.fx, 0.0, p.cx, 0.0, p.fy, p.cy, 0.0, 0.0, 1.0);
   const std::vector<double> lens(p.distortion.begin(), p.distortion.begin() + 5);
   std::vector<cv::Point3d> object;

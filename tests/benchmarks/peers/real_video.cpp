@@ -60,7 +60,7 @@ Result<RealVideo> load_real_video(const std::filesystem::path& folder) {
   if (count.empty()) return fail("{}: no tag in any frame", folder.string());
   SurveyOptions options;
   options.tag_size_m = tag_size_m;
-  // The table frame is the frame of the tag that is seen most often.
+  // The table frame is the frame of the tag detected most often.
   options.anchor = std::max_element(count.begin(), count.end(), [](const auto& a, const auto& b) {
                      return a.second < b.second;
                    })->first;
@@ -72,13 +72,12 @@ Result<RealVideo> load_real_video(const std::filesystem::path& folder) {
   std::vector<MappedTag> mapped;
   for (const SurveyedTag& tag : survey->tags) {
     mapped.push_back(tag.tag);
-    // The adjustment below keeps the first tag fixed.
+    // The adjustment keeps the first tag fixed, so the anchor must be first.
     if (tag.tag.id == options.anchor) std::swap(mapped.front(), mapped.back());
   }
   video.tags = static_cast<int>(mapped.size());
 
-  // The detector has no part in the reference from here on, since it is one of the compared
-  // methods.
+  // From here on, the reference does not use the detector, which is one of the compared methods.
   std::vector<CameraPose> poses;
   std::vector<std::vector<SaddlePoint>> points;
   std::vector<std::size_t> placed;

@@ -15,7 +15,7 @@
 namespace penumbra::peers {
 namespace {
 
-constexpr double kSigma_px = 1.3;  // of the quadric's weights [px]: a quarter of a usual cell
+constexpr double kSigma_px = 1.3;  // of the quadric's weights: a quarter of a typical cell
 constexpr double kNear_px = 2.0;
 
 std::optional<Eigen::Vector2d> saddle_near(ImageView image, Eigen::Vector2d place) {
@@ -86,8 +86,8 @@ struct PointCost {
   }
 };
 
-// The unit of the residuals is 0.1 px. The prior keeps tags of one print parallel to a tenth of a
-// degree.
+// Prior that keeps the tags of one sheet parallel to a tenth of a degree. Residuals are in units of
+// 0.1 px.
 struct ParallelPrior {
   template <class T>
   bool operator()(const T* T_table_tag, T* residual) const {

@@ -1,5 +1,5 @@
-// A reference for real video that is independent of the compared methods: the points inside the
-// tags where two white and two black cells meet.
+// A reference for real video that does not depend on the compared methods: the points inside tags
+// where two white and two black cells meet.
 #pragma once
 
 #include <Eigen/Core>
@@ -18,18 +18,18 @@ struct SaddlePoint {
   Eigen::Vector2d pixel = Eigen::Vector2d::Zero();   // measured [px]
 };
 
-// Finds the points by the saddle of a quadric through the surrounding grey levels (Lucchese and
-// Mitra, 2002), which blur, camera response and bright paper do not shift. Searches within 2 px of
-// the prediction by `T_table_camera`.
+// Finds the points as saddles of a quadric fitted to the surrounding grey levels (Lucchese and
+// Mitra, 2002). Blur, camera response and bright paper do not shift a saddle. Searches within 2 px
+// of the position predicted with `T_table_camera`.
 [[nodiscard]] std::vector<SaddlePoint> find_saddle_points(const CameraModel& camera,
                                                           std::span<const MappedTag> tags,
                                                           const CameraPose& T_table_camera,
                                                           ImageView image);
 
 // Adjusts tag poses and camera poses to the points, with Cauchy's loss over 0.25 px to reject
-// covered points. The tags stay in z = 0 and parallel, as printed (some have only one such point);
-// the first one stays fixed. The camera has no distortion. Returns the RMS of the inliers
-// (residuals under 1 px) [px].
+// covered points. The first tag is fixed. The others stay in z = 0 and parallel to it, as printed,
+// because some have only one such point. The camera must have no distortion. Returns the RMS of the
+// inliers (residuals below 1 px) [px].
 double adjust(const CameraModel& camera, std::span<const std::vector<SaddlePoint>> points,
               std::vector<MappedTag>& tags, std::vector<CameraPose>& poses);
 

@@ -20,7 +20,7 @@ class Visp : public Peer {
     std::vector<PointObservation> points;
     for (const VispTag& tag : detector_.detect(luma.data, luma.width, luma.height)) {
       std::array<Eigen::Vector2d, 4> corners_px;
-      // Corners come in libapriltag's order, with the origin at the pixel's corner.
+      // ViSP returns the corners in libapriltag's order, with the origin at a pixel's corner.
       for (std::size_t k = 0; k < 4; ++k)
         corners_px[k] = Eigen::Vector2d(tag.corners_px[k][0] - 0.5, tag.corners_px[k][1] - 0.5);
       add_corners(tags_, TagFamily::tag36h11, tag.id, corners_px, points);

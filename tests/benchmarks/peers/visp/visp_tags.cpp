@@ -41,8 +41,8 @@ std::optional<std::array<double, 12>> visp_pose(const std::vector<VispPoint>& po
     p.set_y(point.ray[1]);
     solver.addPoint(p);
   }
-  // Refines the better of both linear starts, like vpPose::DEMENTHON_LAGRANGE_VIRTUAL_VS of later
-  // versions.
+  // Refines the better one of the two linear starts, as vpPose::DEMENTHON_LAGRANGE_VIRTUAL_VS of
+  // later versions does.
   vpHomogeneousMatrix best;
   double least = -1.0;
   for (const vpPose::vpPoseMethodType start : {vpPose::DEMENTHON, vpPose::LAGRANGE}) {

@@ -1,5 +1,5 @@
-// ViSP's detector and pose as plain numbers. ViSP's headers need C++17 or older, so this file must
-// not include the project's headers.
+// ViSP's detector and pose estimation with plain numbers. ViSP's headers need C++17 or older, so
+// this file must not include headers of the project.
 #pragma once
 
 #include <array>
@@ -22,7 +22,7 @@ class VispTags {
   VispTags& operator=(const VispTags&) = delete;
   ~VispTags();
 
-  // The image rows have no padding.
+  // `luma` has no padding between rows.
   [[nodiscard]] std::vector<VispTag> detect(const std::uint8_t* luma, int width, int height);
 
  private:
@@ -34,7 +34,7 @@ struct VispPoint {
   std::array<double, 3> object;
   std::array<double, 2> ray;  // x / z and y / z, undistorted
 };
-// Pose of the object in the camera, 3x4, row-major.
+// Returns the pose of the object in the camera frame, 3x4, row-major.
 [[nodiscard]] std::optional<std::array<double, 12>> visp_pose(const std::vector<VispPoint>& points);
 
 }  // namespace penumbra::peers
