@@ -1,4 +1,5 @@
-// Real photographs: as good as OpenCV on the same corners, and better on held-out views.
+// Real photographs: our calibration must fit as well as OpenCV's on the same corners, and better on
+// held-out views.
 #include <gtest/gtest.h>
 
 #include "app/calibration/image_folder.hpp"
@@ -13,7 +14,7 @@ namespace {
 
 struct Photographs {
   const char* folder;
-  int columns;  // inner corners
+  int columns;  // number of inner corners
   int rows;
   std::size_t views;
   bool charuco = false;  // first markers of DICT_4X4_50
@@ -57,7 +58,7 @@ TEST_P(CalibrationPhotographs, FitAsWellAsOpenCvAndBetterOnHeldOutViews) {
   for (CalibrationView& view : without_outliers) view.outlier.assign(view.corners.size(), false);
   const auto solved = solve_intrinsics(width, height, target.points, without_outliers);
   ASSERT_TRUE(solved) << solved.error().message;
-  // Both reach the same minimum; OpenCV stops slightly before it.
+  // Both reach the same minimum, but OpenCV stops slightly before it.
   EXPECT_LE(solved->rms_all_px, peer->rms_px * 1.0001);
   EXPECT_GE(solved->rms_all_px, peer->rms_px * 0.99);
 
@@ -76,7 +77,7 @@ TEST_P(CalibrationPhotographs, FitAsWellAsOpenCvAndBetterOnHeldOutViews) {
   EXPECT_LT(*held, *peer_held);
 }
 
-// One set of each kind of target; nightly all.
+// Returns one set of each kind of target; in the nightly form all sets.
 std::vector<Photographs> sets() {
   std::vector<Photographs> sets = {{"opencv-chessboard", 9, 6, 13},
                                    {"photonvision-calib/charuco-lifecam-480", 7, 7, 15, true}};

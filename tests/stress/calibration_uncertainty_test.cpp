@@ -1,5 +1,5 @@
-// Simulated calibrations: the true projection lies within the predicted 3 sigma. The nightly run
-// does 200 of them.
+// Simulated calibrations: the true projection lies within the predicted 3 sigma. The nightly form
+// runs 200 of them.
 #include <gtest/gtest.h>
 
 #include <Eigen/LU>
@@ -15,7 +15,7 @@
 namespace penumbra {
 namespace {
 
-// Number of image points within the predicted error.
+// Number of image points whose error is within the predicted one.
 struct Hits {
   int inside = 0;  // within 3 sigma
   int all = 0;
@@ -71,8 +71,8 @@ TEST(CalibrationUncertainty, PredictsProjectionErrorOfSimulatedCalibrations) {
   hits.expect_honest();
 }
 
-// The lens model is chosen by cross-validation, as in `penumbra calibrate`. It may be simpler than
-// the truth only if the difference is negligible.
+// Cross-validation chooses the lens model, as in `penumbra calibrate`. The model may be simpler
+// than the true one only if the difference is negligible.
 TEST(CalibrationUncertainty, PredictsProjectionErrorOfChosenLensModel) {
   const CameraModel truth = test::desk_camera();
   const auto board = test::flat_board();
@@ -95,7 +95,7 @@ TEST(CalibrationUncertainty, PredictsProjectionErrorOfChosenLensModel) {
 struct Lens {
   const char* name;
   CameraModel camera;
-  double distance_m;  // at which the board fills a third of the image
+  double distance_m;  // distance at which the board fills a third of the image
 };
 
 CameraModel plumb_bob(double f, std::array<double, 8> distortion) {
@@ -106,9 +106,9 @@ CameraModel plumb_bob(double f, std::array<double, 8> distortion) {
   return CameraModel::make(p).value();
 }
 
-// The verdict for a wrong lens must never be good, for any lens and any placement of the board. The
-// usual run takes one calibration of one case of each lens, in which every reach and every noise
-// occurs; the nightly run three of all cases.
+// The verdict on a wrong lens must never be good, for any lens and any positions of the board. The
+// short form runs one calibration of one case per lens, so that each reach and each noise occurs;
+// the nightly form runs three of every case.
 TEST(CalibrationVerdict, IsNeverGoodForWrongLens) {
   const Lens lenses[] = {
       {"plumb_bob", plumb_bob(531.0, {-0.215, 0.062, 0.0008, -0.0006, -0.004}), 0.4},

@@ -1,6 +1,6 @@
-// Opening and closing a camera repeatedly leaks no descriptor, thread or memory. The camera is the
-// bundled recording or $PENUMBRA_CAMERA ("v4l2:/dev/video0", with its calibration in
-// $PENUMBRA_CAMERA_CALIBRATION); $PENUMBRA_CAMERA_CYCLES sets the number of cycles.
+// Opening and closing a camera repeatedly must not leak descriptors, threads or memory. The camera
+// is the bundled recording, or $PENUMBRA_CAMERA ("v4l2:/dev/video0") with its calibration in
+// $PENUMBRA_CAMERA_CALIBRATION. $PENUMBRA_CAMERA_CYCLES sets the number of cycles.
 #include <fmt/format.h>
 #include <gtest/gtest.h>
 #include <malloc.h>
@@ -40,7 +40,7 @@ Held held() {
   return now;
 }
 
-// Reads the first row, which crashes if the memory was released.
+// Reads the first row, which crashes if its memory was released.
 unsigned sum_of(const Frame& frame) {
   unsigned sum = 0;
   for (int i = 0; i < frame.planes[0].width; ++i) sum += frame.planes[0].data[i];
@@ -58,14 +58,14 @@ TEST(CameraCycles, LeakNoDescriptorThreadOrMemory) {
   const auto cycle = [&] {
     auto source = open_live_source(request, &*camera);
     ASSERT_TRUE(source) << source.error().message;
-    // The frame outlives its camera, as the window's frame does.
+    // The frame is destroyed after its camera, as the window's frame may be.
     auto frame = (*source)->next();
     ASSERT_TRUE(frame && *frame);
     (*source)->stop();
     source->reset();
     EXPECT_NE(sum_of(**frame), 0U);
   };
-  // Libraries initialise themselves during the first cycles.
+  // Libraries initialise themselves in the first cycles, which are not measured.
   for (int i = 0; i < std::max(4, cycles / 10); ++i) cycle();
   const Held before = held();
   for (int i = 0; i < cycles && !testing::Test::HasFailure(); ++i) cycle();

@@ -1,4 +1,4 @@
-// Layers and kernels over random casters, poses, planes and constants.
+// Properties of layers and kernels for random casters, poses, planes and constants.
 #include <gtest/gtest.h>
 #include <rapidcheck/gtest.h>
 
@@ -42,7 +42,7 @@ PlaneFrame any_plane(double distance) {
                                              real(-distance, distance)));
 }
 
-// A random soup of faces; some are slivers, points, repeated or unconnected.
+// A random triangle soup. Some faces are slivers, points, repeated or unconnected.
 Model any_soup(double size) {
   Model model;
   Mesh& mesh = model.meshes.emplace_back();
@@ -75,8 +75,8 @@ Eigen::Quaterniond any_rotation() {
   return q.norm() > 0.1 ? q.normalized() : Eigen::Quaterniond::Identity();
 }
 
-// Limbs and boxes in random directions, overlapping or apart: closed parts with a thickness, unlike
-// a soup.
+// Limbs and boxes in random directions, overlapping or separate. Unlike a soup, these closed parts
+// have a thickness.
 Model any_body() {
   test::ShapeBuilder shape;
   const int pieces = *rc::gen::inRange(1, 5);
@@ -114,7 +114,7 @@ RC_GTEST_PROP(LayerProperties, FloatFactorStaysWithinErrorBound, ()) {
     constants.umbra_height = constants.light_height / constants.light_ratio;
   for (const ShadowLayer layer : kShadowLayers) {
     const double high = std::min(layer_height_range(constants, layer).high, 3.0);
-    // Heights over the whole range and next to both ends.
+    // Heights cover the whole range and lie close to both ends.
     const double where = real(0.0, 1.0);
     const int kind = *rc::gen::inRange(0, 3);
     const auto h = static_cast<float>(kind == 0   ? where * high
@@ -160,7 +160,7 @@ RC_GTEST_PROP(LayerProperties, FactorsReachLimitsOfHeightLightAndRatio, ()) {
   const double h_u = real(0.1, 1.0);
   const double a = real(1.5, 8.0);
   const LayeredConstants constants = make_layered_constants(a * h_u, a, 0.0).value();
-  // h -> 0: the rates are lambda: (1 + lambda a) / H.
+  // h -> 0: the factor changes by (1 + lambda a) / H per metre.
   for (const ShadowLayer layer : kShadowLayers) {
     const double h = 1e-7 * h_u;
     const double rate = (layer_factor(constants, layer, h) - 1.0) / h;
@@ -170,15 +170,15 @@ RC_GTEST_PROP(LayerProperties, FactorsReachLimitsOfHeightLightAndRatio, ()) {
   // h -> h_u
   RC_ASSERT(layer_factor(constants, ShadowLayer::umbra, h_u * (1.0 - 1e-9)) < 1e-7);
   RC_ASSERT(layer_factor(constants, ShadowLayer::umbra, constants.umbra_height) == 0.0);
-  // h -> H: the cap, finite and positive
+  // h -> H: the cap, which is finite and positive
   for (const double h : {a * h_u, a * h_u * (1.0 + 1e-12), 2.0 * a * h_u, 1e9}) {
     const double m = layer_factor(constants, ShadowLayer::middle, h);
     RC_ASSERT(std::abs(m - 8.0) < 1e-9);
   }
-  // a -> 1: h_u -> H, and the umbra no longer shrinks
+  // a -> 1: h_u -> H, and the umbra keeps its size
   const LayeredConstants equal = make_layered_constants(h_u, 1.0, 0.0).value();
   RC_ASSERT(std::abs(layer_factor(equal, ShadowLayer::umbra, 0.7 * h_u) - 1.0) < 1e-12);
-  // H -> infinity with h_u fixed: the zenith rates
+  // H -> infinity with fixed h_u: the rates at the zenith
   const LayeredConstants zenith = make_layered_constants(kInfinity, 0.0, h_u).value();
   const LayeredConstants high = make_layered_constants(1e7 * h_u, 0.0, h_u).value();
   for (const ShadowLayer layer : kShadowLayers) {
@@ -224,7 +224,7 @@ RC_GTEST_PROP(LayerProperties, IgnoreNonFiniteVertices, ()) {
   const ShadowMesh mesh = make_shadow_mesh(model);
   for (const glm::vec3& p : mesh.positions) RC_ASSERT(finite(p));
   RC_ASSERT(mesh.from_source[victim] == kNoShadowPosition);
-  // The layer ignores such vertices as well.
+  // Layers must ignore such vertices as well.
   std::vector<CasterVertex> vertices(6, CasterVertex{0.0F, 0.1F, 0.05F, 0.0F, 0.0F});
   vertices[1].u = 0.3F;
   vertices[2].v = 0.4F;
@@ -245,7 +245,7 @@ RC_GTEST_PROP(LayerProperties, AreEquivariantUnderTranslationAndYaw, ()) {
   const Eigen::Vector3d slide(real(-1, 1), real(-1, 1), 0.0);
   const Eigen::Quaterniond turn(Eigen::AngleAxisd(yaw, Eigen::Vector3d::UnitZ()));
   const Placement after = {turn * before.position + slide, turn * before.rotation, 1.0};
-  // The kernels stay unchanged, since the up direction in the object frame is the same.
+  // The up direction in the object frame is unchanged, and therefore the kernels are.
   const Eigen::Vector3d up = up_in_object(before, plane);
   RC_ASSERT((up - up_in_object(after, plane)).norm() < 1e-12);
   const ShadowKernels kernels = generate_kernels(mesh, up, KernelSource::automatic);
@@ -264,7 +264,7 @@ RC_GTEST_PROP(LayerProperties, AreEquivariantUnderTranslationAndYaw, ()) {
   }
 }
 
-// A level star-shaped footprint with its kernel in the middle.
+// A level star-shaped footprint whose kernel is its centre.
 RC_GTEST_PROP(LayerProperties, LayersNestForStarShapedFootprint, ()) {
   std::vector<CasterVertex> vertices = {{0.0F, 0.0F, 0.0F, 0.0F, 0.0F}};
   std::vector<std::uint32_t> indices;
@@ -287,7 +287,7 @@ RC_GTEST_PROP(LayerProperties, LayersNestForStarShapedFootprint, ()) {
     RC_ASSERT(outline.has_value());
     area[i] = outline->area;
   }
-  // The union of two nested layers is the outer one.
+  // The union of two nested layers must equal the outer one.
   for (std::size_t i = 0; i + 1 < 3; ++i) {
     auto both = layer_triangles(vertices, indices, constants, kShadowLayers[i]);
     const auto outer = layer_triangles(vertices, indices, constants, kShadowLayers[i + 1]);
@@ -298,9 +298,9 @@ RC_GTEST_PROP(LayerProperties, LayersNestForStarShapedFootprint, ()) {
   }
 }
 
-// Drawn layers against the formulas in long double, from the vertices as given, at any distance of
-// the plane from the origin. The factor's error is bounded by equation 2.11, the rest by the
-// rounding of coordinates.
+// Compares drawn layers with the formulas in long double on the given vertices, at any distance of
+// the plane from the origin. Equation 2.11 bounds the error of the factor; the rounding of
+// coordinates bounds the rest.
 RC_GTEST_PROP(LayerProperties, FloatLayersMatchExactLayers, ()) {
   const ShadowMesh mesh = make_shadow_mesh(any_soup(0.1));
   LayeredConstants constants = any_constants();
@@ -321,13 +321,13 @@ RC_GTEST_PROP(LayerProperties, FloatLayersMatchExactLayers, ()) {
                                                       static_cast<double>(p.y),
                                                       static_cast<double>(p.z)));
   };
-  constexpr double kUlp = 6e-8;  // relative, of float
+  constexpr double kUlp = 6e-8;  // relative rounding error of a float
   for (std::size_t layer = 0; layer < 3; ++layer) {
     const HeightRange range = layer_height_range(constants, kShadowLayers[layer]);
     for (std::size_t i = 0; i < vertices.size(); ++i) {
       const Eigen::Vector3d x = exact(mesh.positions[i]);
       const Eigen::Vector3d k = exact(kernels.kernels[i]);
-      // The rounding of a height next to a clip height may put it on the other side.
+      // Rounding may move a height across a nearby clip height.
       if (x.z() < 1e-6 || x.z() > range.high - 1e-6) continue;
       const double s = layer_factor(constants, kShadowLayers[layer], x.z());
       const Eigen::Vector2d expected = k.head<2>() + s * (x - k).head<2>();
@@ -337,9 +337,9 @@ RC_GTEST_PROP(LayerProperties, FloatLayersMatchExactLayers, ()) {
                                          : (1.0 + constants.light_ratio) * steep / (H - x.z());
       const double reach = (x - k).head<2>().norm();
       const double size = 1.0 + x.head<2>().norm() + k.head<2>().norm();
-      const double bound = 4e-7 * (1.0 + std::abs(s)) * steep * reach +  // 2.11
-                           4.0 * kUlp * slope * reach +                  // h
-                           8.0 * kUlp * (1.0 + s) * size;                // u, v, k
+      const double bound = 4e-7 * (1.0 + std::abs(s)) * steep * reach +  // of s, 2.11
+                           4.0 * kUlp * slope * reach +                  // of h
+                           8.0 * kUlp * (1.0 + s) * size;                // of u, v, k
       const PlanePoint one = project_to_layer(vertices[i], constants, kShadowLayers[layer]);
       RC_ASSERT((Eigen::Vector2d(static_cast<double>(one.u), static_cast<double>(one.v)) - expected)
                     .norm() <= bound);
@@ -347,12 +347,12 @@ RC_GTEST_PROP(LayerProperties, FloatLayersMatchExactLayers, ()) {
   }
 }
 
-// Limits of whole layers, not only of their factors.
+// Limits of whole layers, in addition to those of their factors.
 RC_GTEST_PROP(LayerProperties, LayersReachLimitsOfHeightLightAndRatio, ()) {
   const double h_u = real(0.2, 0.5);
   const double a = real(1.5, 6.0);
   const LayeredConstants constants = make_layered_constants(a * h_u, a, 0.0).value();
-  // A level, flat body: all vertices have one height.
+  // For a level, flat body all vertices have one height.
   Model model = any_body();
   for (glm::vec3& p : model.meshes[0].positions) p.z = 0.0F;
   const ShadowMesh mesh = make_shadow_mesh(model);
@@ -370,14 +370,15 @@ RC_GTEST_PROP(LayerProperties, LayersReachLimitsOfHeightLightAndRatio, ()) {
       mesh.indices));
   if (footprint < 1e-5) return;
   for (const ShadowLayer layer : kShadowLayers) {
-    // h = 0 and h -> 0: at contact every layer is the orthogonal shadow.
+    // h = 0 and h -> 0: in contact every layer equals the orthogonal shadow.
     RC_ASSERT(std::abs(area_of(layers_at(constants, 0.0, layer)) - footprint) < 1e-5 * footprint);
     RC_ASSERT(std::abs(area_of(layers_at(constants, 1e-6, layer)) - footprint) < 1e-3 * footprint);
-    // Nothing below the plane. At and above the light the cap applies, never an antishadow.
+    // Below the plane there is no layer. At and above the light the cap applies, so there is no
+    // antishadow.
     RC_ASSERT(layers_at(constants, -1e-6, layer).empty());
     RC_ASSERT(layers_at(constants, a * h_u, layer).empty());
     RC_ASSERT(layers_at(constants, 2.0 * a * h_u, layer).empty());
-    // H -> infinity with h_u kept: the zenith limit.
+    // H -> infinity with fixed h_u: the limit at the zenith.
     const double h = real(0.05, 0.9) * h_u;
     const double zenith =
         area_of(layers_at(make_layered_constants(kInfinity, 0.0, h_u).value(), h, layer));
@@ -385,8 +386,8 @@ RC_GTEST_PROP(LayerProperties, LayersReachLimitsOfHeightLightAndRatio, ()) {
         area_of(layers_at(make_layered_constants(1e6 * h_u, 0.0, h_u).value(), h, layer));
     RC_ASSERT(std::abs(zenith - high) < 1e-3 * footprint);
   }
-  // h -> h_u from below: the umbra shrinks onto its kernels, which have no area with one kernel per
-  // part. At h_u it is gone.
+  // h -> h_u from below: the umbra shrinks onto its kernels, which have no area for one kernel per
+  // part. At h_u it vanishes.
   const ShadowKernels single =
       generate_kernels(mesh, Eigen::Vector3d::UnitZ(), KernelSource::centroid);
   const auto nearly = place_caster(
@@ -407,7 +408,7 @@ RC_GTEST_PROP(LayerProperties, LayersReachLimitsOfHeightLightAndRatio, ()) {
   }
 }
 
-// Degenerate faces and slivers add no area to a layer, whichever kernels they have.
+// Degenerate faces and slivers must not add area to a layer, for any kernels.
 RC_GTEST_PROP(LayerProperties, SliversAndDegenerateFacesAddNoArea, ()) {
   const ShadowMesh mesh = make_shadow_mesh(any_body());
   const LayeredConstants constants = any_constants();
@@ -446,7 +447,7 @@ RC_GTEST_PROP(LayerProperties, SliversAndDegenerateFacesAddNoArea, ()) {
   }
 }
 
-// Fields, layers of one light and hard shadows accept any soup; a field's layers nest.
+// Fields, layers of fixed light and hard shadows accept any soup. The layers of a field nest.
 RC_GTEST_PROP(LayerProperties, EveryTechniqueAcceptsTriangleSoup, ()) {
   const double size = std::pow(10.0, real(-4.0, 4.0));
   const ShadowMesh mesh = make_shadow_mesh(any_soup(size));
@@ -487,7 +488,7 @@ RC_GTEST_PROP(LayerProperties, EveryTechniqueAcceptsTriangleSoup, ()) {
     RC_ASSERT(std::isfinite(p.u) && std::isfinite(p.v));
 }
 
-// Rings of any shape and orientation: round outlines of hundreds of vertices.
+// Rings of any shape and orientation, with round outlines of hundreds of vertices.
 Model any_ring() {
   test::ShapeBuilder shape;
   shape.torus(real(0.03, 0.06), real(0.005, 0.02), *rc::gen::inRange(8, 20),
@@ -500,7 +501,7 @@ Model any_ring() {
   return model;
 }
 
-// Moves each coordinate to a neighbouring float, or leaves it.
+// Moves each coordinate to an adjacent float, or leaves it.
 Model rounded_otherwise(Model model, std::mt19937& random) {
   for (glm::vec3& p : model.meshes[0].positions) {
     for (int i = 0; i < 3; ++i) {
@@ -511,9 +512,9 @@ Model rounded_otherwise(Model model, std::mt19937& random) {
   return model;
 }
 
-// Kernels generated for a body turned about the plane's normal are the turned kernels, and the
-// layers follow (docs/shadows.md#kernels, rule 2, and 2.10). Rounding may change which of several
-// equally large and near discs wins; the comparison allows that.
+// Kernels generated for a body rotated about the plane's normal must be the rotated kernels, and
+// the layers must follow (docs/shadows.md#kernels, rule 2, and 2.10). Of several discs of equal
+// size at equal distance, rounding may choose another; the comparison allows that.
 RC_GTEST_PROP(LayerProperties, RegeneratedKernelsRotateWithBody, ()) {
   const Model model = *rc::gen::inRange(0, 4) == 0 ? any_ring() : any_body();
   const Eigen::Vector3d up = Eigen::Vector3d(real(-0.5, 0.5), real(-0.5, 0.5), 1.0).normalized();
@@ -533,8 +534,8 @@ RC_GTEST_PROP(LayerProperties, RegeneratedKernelsRotateWithBody, ()) {
   double size = 0.0;
   for (const glm::vec3& p : mesh.positions)
     size = std::max(size, (exact(p) - exact(mesh.positions[0])).norm());
-  // A raster's direction follows an edge of at least 1 % of a part's size, so it is known to some
-  // hundred roundings.
+  // A raster is aligned with an edge of at least 1 % of a part's size, so its direction is accurate
+  // to some hundred roundings.
   const double allowed = 1e-5 * size;
   const auto off = [&](const ShadowKernels& before, std::size_t i) {
     const Eigen::Vector3d d = exact(after.kernels[i]) - R * exact(before.kernels[i]);
@@ -551,7 +552,7 @@ RC_GTEST_PROP(LayerProperties, RegeneratedKernelsRotateWithBody, ()) {
       std::erase_if(chosen_otherwise, [&](std::size_t i) { return off(other, i) <= allowed; });
     }
     RC_ASSERT(chosen_otherwise.empty());
-    return;  // ambiguous kernels; the layers need not agree
+    return;  // ambiguous kernels, so the layers may differ
   }
 
   const LayeredConstants constants = make_layered_constants(0.9, 3.0, 0.0).value();
@@ -561,7 +562,7 @@ RC_GTEST_PROP(LayerProperties, RegeneratedKernelsRotateWithBody, ()) {
   const auto turned_vertices = place_caster(turned_mesh, after, placement, plane);
   for (const ShadowLayer layer : kShadowLayers) {
     const auto triangles = layer_triangles(vertices, mesh.indices, constants, layer);
-    // No outline is longer than the sum of all edges, and none moves further than this.
+    // The outline is at most as long as the sum of all edges, and no point moves farther than this.
     double edges = 0.0;
     for (std::size_t i = 0; i < triangles.size(); ++i) {
       const PlanePoint& p = triangles[i];
@@ -578,9 +579,9 @@ RC_GTEST_PROP(LayerProperties, RegeneratedKernelsRotateWithBody, ()) {
   }
 }
 
-// A micrometre of height changes a layer only minimally, also where vertices pass the plane, the
-// umbra height and the cap. Level faces would appear at once as they pass the plane, so the body is
-// tilted.
+// One micrometre of height must change a layer only slightly, also where vertices cross the plane,
+// the umbra height or the cap. The body is tilted, because a level face appears at once when it
+// crosses the plane.
 RC_GTEST_PROP(LayerProperties, LayersChangeContinuouslyWithHeight, ()) {
   const ShadowMesh mesh = make_shadow_mesh(any_body());
   const LayeredConstants constants = make_layered_constants(0.9, 3.0, 0.0).value();
@@ -589,7 +590,7 @@ RC_GTEST_PROP(LayerProperties, LayersChangeContinuouslyWithHeight, ()) {
   const PlaneFrame plane;
   const ShadowKernels kernels = generate_kernels(
       mesh, up_in_object({Eigen::Vector3d::Zero(), tilt, 1.0}, plane), KernelSource::automatic);
-  // Half of the starts lie exactly where a vertex passes one of these heights.
+  // In half of the trials, a vertex crosses one of these heights exactly.
   double start = real(-0.1, 0.9);
   if (*rc::gen::inRange(0, 2) == 0) {
     const glm::vec3& p = mesh.positions[static_cast<std::size_t>(
@@ -611,17 +612,18 @@ RC_GTEST_PROP(LayerProperties, LayersChangeContinuouslyWithHeight, ()) {
       area[side][i] = area_of(layer_triangles(vertices, mesh.indices, constants, kShadowLayers[i]));
   }
   for (std::size_t i = 0; i < 3; ++i) {
-    // A face of at most 0.1 m by 0.1 m, inclined by 17 degrees or more, is enlarged up to 8 or 32
-    // times where it is cut at the cap. One micrometre of height is then at most 4 um along it.
+    // A face of at most 0.1 m by 0.1 m is inclined by at least 17 degrees. Where it is clipped at
+    // the cap, it is magnified up to 8 times (middle layer) or 32 times (penumbra). Along the face,
+    // a micrometre of height is at most 4 um.
     const double longest = 0.3 * (i == 0 ? 1.0 : i == 1 ? 8.0 : 32.0);
     RC_ASSERT(std::abs(area[1][i] - area[0][i]) <= 8.0 * kStep * longest * longest / 0.1 + 1e-8);
   }
 }
 
-// A whole rise of an inclined bar, through the plane and the umbra height. A layer changes by at
-// most 1 % of its size per millimetre (docs/shadows.md#layers; skipping faces instead of clipping
-// them gives 44 %). The limit is a little larger while the bar, 0.16 m tall, emerges from the
-// plane.
+// An inclined bar rises through the plane and the umbra height. Per millimetre, a layer may change
+// by at most 1 % of its size (docs/shadows.md#layers; without clipping, faces that are skipped
+// would change it by 44 %). While the bar, 0.16 m tall, emerges from the plane, the limit is
+// slightly larger.
 TEST(ShadowStress, LimitsChangePerMillimetreOfRisingBar) {
   for (const int segments : {3, 12}) {
     test::ShapeBuilder shape;
@@ -646,8 +648,8 @@ TEST(ShadowStress, LimitsChangePerMillimetreOfRisingBar) {
             union_of_triangles(layer_triangles(vertices, mesh.indices, constants, kShadowLayers[i]))
                 .value()
                 .area;
-        // The share refers to the layer's size, or to the footprint's for a layer that has just
-        // appeared or nearly vanished.
+        // The change is relative to the layer's size, or to the footprint's size for a layer that
+        // has just appeared or has almost vanished.
         const double share = step < 95 ? 0.015 : 0.01;
         EXPECT_LE(std::abs(area - before[i]), share * std::max({area, before[i], footprint}))
             << "layer " << i << " at " << step << " mm";
@@ -659,12 +661,12 @@ TEST(ShadowStress, LimitsChangePerMillimetreOfRisingBar) {
   }
 }
 
-// However faces fold over, a layer stays within the caster's outline widened by the largest
-// movement of its vertices. Overshoot is bounded only by the kernels' reach
-// (docs/shadows.md#fold-overs, 2.6 rule 5), which the thickness of the parts bounds.
+// However faces fold over, a layer must stay within the caster's outline, dilated by the largest
+// displacement of its vertices. The distance of the kernels bounds this displacement
+// (docs/shadows.md#fold-overs, 2.6 rule 5), and the thickness of the parts bounds that distance.
 RC_GTEST_PROP(LayerProperties, OvershootStaysWithinKernelReach, ()) {
-  // The bodies are closed: a soup has faces seen edge-on, which have no outline but may open in a
-  // layer.
+  // The bodies are closed. A soup has faces that are seen edge-on, which have no outline but may
+  // gain area in a layer.
   const ShadowMesh mesh = make_shadow_mesh(any_body());
   const LayeredConstants constants = make_layered_constants(0.9, 3.0, 0.0).value();
   const Placement placement = {Eigen::Vector3d(0, 0, real(0.1, 0.15)), any_rotation(), 1.0};
@@ -672,8 +674,8 @@ RC_GTEST_PROP(LayerProperties, OvershootStaysWithinKernelReach, ()) {
   const ShadowKernels kernels =
       generate_kernels(mesh, up_in_object(placement, plane), KernelSource::automatic);
   const auto vertices = place_caster(mesh, kernels, placement, plane);
-  // Largest movement of the vertices that heights and the thickness of parts allow, without the
-  // kernels.
+  // Largest displacement of the vertices that follows from heights and the thickness of parts,
+  // without the kernels.
   const auto reach = test::kernel_reach(mesh, kernels);
   double moved = 0.0;
   for (std::size_t i = 0; i < reach.size(); ++i) {
@@ -721,7 +723,7 @@ struct Surface {
   ShadowKernels kernels;
 };
 
-// The same surface with edges of at most 1 / `parts` of its extent.
+// Returns the same surface with edges of at most 1 / `parts` of its extent.
 Surface split(const ShadowMesh& mesh, float parts) {
   float extent = 0.0F;
   const glm::vec3 first = mesh.positions.front();
@@ -735,10 +737,10 @@ Surface split(const ShadowMesh& mesh, float parts) {
   return Surface(make_shadow_mesh(model));
 }
 
-// Coverage outside the outline that every point of the surface draws by itself with a kernel of its
-// own: what coarse faces between different kernels add, twisted or not (docs/shadows.md#fold-overs
-// (3)). For growing layers; a shrinking one is torn apart there where kernels change, and faces
-// mend it.
+// Area that a layer covers beyond the image of the surface itself, in which each point has its own
+// kernel. Coarse faces whose vertices have different kernels add this area, twisted or not
+// (docs/shadows.md#fold-overs (3)). The measure holds for growing layers only: the image of a
+// shrinking layer has gaps where kernels change, which faces close.
 double spill(const Surface& coarse, const Surface& fine, double s) {
   const auto coarse_image = coarse.image(s);
   const auto fine_image = fine.image(s);
@@ -767,7 +769,7 @@ double spill(const Surface& coarse, const Surface& fine, double s) {
   };
   test::Mask layer = empty;
   cover(layer, coarse.mesh, coarse_image, kInfinity);
-  // In the fine surface, faces torn apart by a change of kernel do not count as outline.
+  // In the fine surface, faces that a change of kernel stretches are not part of the image.
   test::Mask reference = empty;
   cover(reference, fine.mesh, fine_image, 4.0 * empty.pixel);
   for (const Eigen::Vector2d& p : fine_image) {
@@ -803,7 +805,7 @@ TEST(ShadowStress, BoundsOvershootOfTwistedFaces) {
   }
 }
 
-// The union of a soup, computed at once and in pieces.
+// The union of a soup must be the same if computed at once or in pieces.
 RC_GTEST_PROP(LayerProperties, UnionInPiecesMatchesWholeUnion, ()) {
   std::vector<PlanePoint> triangles;
   const double size = std::pow(10.0, real(-2.0, 0.0));
@@ -840,8 +842,8 @@ TEST(ShadowStress, UnitesTwentyFiveThousandUnconnectedFaces) {
   EXPECT_NEAR(outline->area, mask.area(), 2e-3 * mask.area());
 }
 
-// Objects of 0.1 mm and of 10 km have the same layers up to scale, if the light scales too.
-// (Vertices are welded within 10 um, so a body of 0.1 mm must be simple.)
+// Objects of 0.1 mm and of 10 km must have the same layers up to scale if the light is scaled too.
+// The body is simple, because vertices within 10 um are welded.
 TEST(ShadowStress, ScalesLayersWithObjectSize) {
   const Model unit = [] {
     test::ShapeBuilder shape;
@@ -857,7 +859,7 @@ TEST(ShadowStress, ScalesLayersWithObjectSize) {
     for (glm::vec3& p : model.meshes[0].positions) p *= static_cast<float>(size);
     const ShadowMesh mesh = make_shadow_mesh(model);
     ASSERT_EQ(mesh.positions.size(), unit.meshes[0].positions.size()) << size;
-    // The plane is 100 m from the origin, or the object's size if that is larger.
+    // The distance of the plane from the origin is 100 m or the object's size, whichever is larger.
     const PlaneFrame plane =
         PlaneFrame::make({0.3, -0.5, 0.8}, std::max(100.0, size) * Eigen::Vector3d(0.6, -0.3, 0.7));
     const Placement placement = {plane.q + 0.6 * size * plane.n, tilt, 1.0};
@@ -869,7 +871,7 @@ TEST(ShadowStress, ScalesLayersWithObjectSize) {
         power_distance_layers(vertices, mesh.indices, mesh.part,
                               part_lights(part_discs(mesh, up), placement, plane), constants);
     for (std::size_t i = 0; i < 3; ++i) {
-      // Areas at scale 1, since unions are exact to 1e-12 m^2 only.
+      // Computes areas at scale 1, because unions are exact only to 1e-12 m^2.
       const auto area_at_size_1 = [size](std::vector<PlanePoint> triangles) {
         for (PlanePoint& p : triangles) {
           p.u = static_cast<float>(static_cast<double>(p.u) / size);
@@ -906,8 +908,8 @@ TEST(ShadowStress, ComputesFieldOfMillionTriangles) {
   const ShadowField field =
       power_distance_layers(place_caster(mesh, none, placement, plane), mesh.indices, mesh.part,
                             part_lights(discs, placement, plane), constants);
-  // Below the light the ring of radius 0.05 and thickness 0.012 grows by H / (H - h) = 1.125, and
-  // its rims move by a r h / (H - h).
+  // Below the light, the ring of radius 0.05 and thickness 0.012 is magnified by H / (H - h) =
+  // 1.125, and its rims move by a r h / (H - h).
   const double grown = 1.125;
   const double rim = 3.0 * 0.012 * 0.1 / 0.8;
   const auto ring = [&](double out) {
@@ -918,7 +920,7 @@ TEST(ShadowStress, ComputesFieldOfMillionTriangles) {
   EXPECT_NEAR(area_at(field, ShadowLayer::middle), ring(0.0), 0.02 * ring(0.0));
   EXPECT_NEAR(area_at(field, ShadowLayer::penumbra), ring(rim), 0.02 * ring(rim));
   EXPECT_NEAR(area_at(field, ShadowLayer::umbra), ring(-rim), 0.05 * ring(-rim));
-  // The other stages that visit every face.
+  // Also runs the other stages that visit every face.
   const auto kernels = generate_kernels(mesh, plane.n, KernelSource::automatic);
   const auto vertices = place_caster(mesh, kernels, placement, plane);
   const double share = find_twists(vertices, mesh.indices, 0.05, 1.65).area_share;
@@ -941,7 +943,7 @@ TEST(ShadowStress, ComputesLayersOfMillionTriangles) {
       union_of_triangles(layer_triangles(vertices, mesh.indices, constants, ShadowLayer::penumbra));
   ASSERT_TRUE(outline);
   ASSERT_EQ(outline->polygons.size(), 1U);
-  // A ring's shadow is a ring: one hole, and small specks where neighbouring kernels differ.
+  // The shadow of a ring has one large hole, and tiny holes where neighbouring kernels differ.
   double largest = 0.0;
   double all = 0.0;
   for (const auto& hole : outline->polygons[0].holes) {

@@ -1,5 +1,5 @@
 // Rigid tag groups in difficult cases: duplicates, single tags, edge-on views, occlusion by another
-// group, inconsistent maps. No result is ever non-finite, and no wrong pose is called tracked.
+// group, inconsistent maps. Results must be finite, and no wrong pose may have the status tracked.
 #include <fmt/format.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -85,7 +85,7 @@ TEST(TagGroupStress, IgnoresCopyOfGroupTag) {
   }
 }
 
-// A single tag has two poses. Turned over slowly, it passes through frontal and edge-on views.
+// A single tag has two poses. It rotates slowly through frontal and edge-on views.
 TEST(TagGroupStress, NeverTracksWrongPoseOfSingleTagGroup) {
   std::vector<MappedTag> one = block();
   one.resize(1);
@@ -112,7 +112,7 @@ TEST(TagGroupStress, NeverTracksWrongPoseOfSingleTagGroup) {
   }
 }
 
-// The block is carried between camera and wall, then in front of the table's tags.
+// The block moves between camera and wall, then in front of the table's tags.
 TEST(TagGroupStress, TracksGroupsThatOccludeEachOther) {
   const Stage stage({wall(), block()});
   GroupTracker tracker = stage.tracker();
@@ -136,14 +136,14 @@ TEST(TagGroupStress, TracksGroupsThatOccludeEachOther) {
   EXPECT_GE(block_seen, frames - 4);
 }
 
-// The map has one or half of the wall's tags at wrong places; then it has two groups exchanged.
+// In the map, one or half of the wall's tags are at wrong positions; then two groups are exchanged.
 TEST(TagGroupStress, NeverTracksWrongPoseWhenMapIsInconsistent) {
   for (const int wrong : {1, 3}) {
     SCOPED_TRACE(wrong);
     const Stage stage({wall()});
     std::vector<MappedTag> drawn = stage.tags;
     int left = wrong;
-    int moved_id = -1;  // id of the last one
+    int moved_id = -1;  // id of the last displaced tag
     for (MappedTag& tag : drawn) {
       if (tag.group != "wall" || left-- <= 0) continue;
       moved_id = tag.id;
@@ -166,7 +166,7 @@ TEST(TagGroupStress, NeverTracksWrongPoseWhenMapIsInconsistent) {
       }
     }
   }
-  // Each group is where the other is mapped: the image decides for each.
+  // Each group is at the map pose of the other, so only the image distinguishes them.
   std::vector<MappedTag> far = wall(3, 1);
   for (MappedTag& tag : far) {
     tag.id += 50;
@@ -185,7 +185,7 @@ TEST(TagGroupStress, NeverTracksWrongPoseWhenMapIsInconsistent) {
   }
 }
 
-// Twelve groups of one tag each, with independent motions.
+// Twelve groups of one tag each move independently.
 TEST(TagGroupStress, TracksTwelveIndependentGroups) {
   std::vector<std::vector<MappedTag>> parts;
   for (int k = 0; k < 12; ++k) {

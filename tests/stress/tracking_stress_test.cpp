@@ -1,6 +1,6 @@
 // Tracking at the limits of image quality: exact synthetic frames with one condition varied over
-// its range. No result is ever non-finite, no wrong pose is called tracked, and there is a pose
-// where one is expected. The nightly run covers the whole ranges.
+// its range. Results must be finite, no wrong pose may have the status tracked, and a pose must
+// exist where one is expected. The nightly form covers the whole ranges.
 #include <fmt/format.h>
 #include <gtest/gtest.h>
 
@@ -34,7 +34,7 @@ std::vector<RejectedTag> only(const MappedTag& tag) {
   return {{tag.id, TagRejection::inconsistent}};
 }
 
-// Distance at which a tag of `size_m` is `side_px` wide.
+// Distance at which a tag of size `size_m` is `side_px` wide in the image.
 double distance_for(const Session& session, double side_px) {
   return session.camera.parameters().fx * session.tags.front().size_m / side_px;
 }
@@ -42,7 +42,7 @@ double distance_for(const Session& session, double side_px) {
 struct Cell {
   std::string name;
   std::function<void(Session&)> change;
-  bool tracked = true;  // true if most frames should have a pose
+  bool tracked = true;  // whether most frames must have a pose
 };
 
 std::vector<Cell> cells() {
@@ -61,7 +61,7 @@ std::vector<Cell> cells() {
   add(
       "noise", {0, 12}, {0, 1, 2, 4, 8, 12}, [](Session& s, double v) { s.light.noise_grey = v; },
       always);
-  // The cells are about 6 px wide; the exposure is limited to the frame interval.
+  // Cells are about 6 px wide. The exposure is at most the frame interval.
   add(
       "blur cells", {1, 3}, {0.25, 0.5, 1, 1.5, 2, 3},
       [](Session& s, double v) {
@@ -157,7 +157,8 @@ TEST(TrackingStress, PredictsErrorInEveryCondition) {
     int tracked = 0;
     for (int f = 0; f < frames; ++f) {
       SCOPED_TRACE(f);
-      // Detection can't read a covered tag, but a tracked tag may become covered.
+      // Detection can't read a covered tag, but a tracked tag may become covered, so the first
+      // frame is not covered.
       Session seen = session;
       if (f == 0) seen.light.cover_share = 0.0;
       const PoseEstimate pose = tracker.track(seen.picture(renderer, f)).pose;
@@ -198,13 +199,13 @@ struct Blurred {
   }
 };
 
-// A shaking hand blurs the tags over several cells, with the exposure known or not. The predicted
-// error must match the actual one, also if the pose is one of many similar ones.
+// A shaking hand blurs the tags over several cells; the exposure is known or not. The predicted
+// error must match the actual one, even if the pose is one of many similar ones.
 TEST(TrackingStress, PredictsErrorUnderStrongMotionBlur) {
   int frames = 0;
-  int blurred = 0;  // by more than three cells
+  int blurred = 0;  // blurred by more than three cells
   Blurred followed;
-  Blurred first;  // of frames without a previous frame
+  Blurred first;  // frames without a previous frame
   const int sessions = nightly() ? 40 : 8;
   for (int k = 0; k < sessions; ++k) {
     Draw draw(900U + static_cast<std::uint64_t>(k));
@@ -270,7 +271,7 @@ TEST(TrackingStress, PredictsErrorUnderStrongMotionBlur) {
   EXPECT_LE(first.beyond, 0.01 * first.tracked()) << "of " << first.tracked();
 }
 
-// There and back over the same images: drift would accumulate.
+// The camera moves to and fro over the same images, so that any drift would accumulate.
 TEST(TrackingStress, TracksTenThousandFramesWithoutDrift) {
   Session session = ordinary();
   session.camera = test::lens_camera(Lens::plumb_bob, 320, 240, 0.85);
@@ -327,8 +328,8 @@ Session moved(Session session, std::size_t tag, const Eigen::Vector3d& by) {
   return session;
 }
 
-// Tags of two families may share ids: only the moved tag is rejected, and the other one still
-// counts.
+// Tags of two families may share ids. Only the moved tag may be rejected; the tag with the same id
+// in the other family must still be used.
 TEST(TrackingStress, KeepsSameIdOfOtherFamilyWhenTagMoved) {
   Session session = ordinary();
   const auto half = session.tags.size() / 2;
@@ -359,7 +360,7 @@ TEST(TrackingStress, KeepsSameIdOfOtherFamilyWhenTagMoved) {
   }
 }
 
-// A tag lies away from its mapped place, by less than a cell up to more than a tag.
+// A tag is displaced from its mapped position, by less than a cell up to more than a tag.
 TEST(TrackingStress, RejectsMovedTag) {
   for (const double moved_m : {0.002, 0.004, 0.012, 0.1}) {
     SCOPED_TRACE(moved_m);
@@ -373,8 +374,8 @@ TEST(TrackingStress, RejectsMovedTag) {
       expect_honest(session, pose, session.truth(f));
       EXPECT_LT(overlay_difference(session.camera, pose.T_table_camera, session.truth(f)).rms_px(),
                 0.6);
-      // A tag moved by a quarter of a cell only loses weight. Beyond the aligner's search range it
-      // is not read as a tag. Neither needs a rejection, but no other tag may be rejected.
+      // A tag displaced by a quarter of a cell only loses weight, and a tag beyond the aligner's
+      // search range is not read. Neither must be rejected, but no other tag may be rejected.
       for (const RejectedTag& tag : pose.tags_rejected) EXPECT_EQ(tag.id, session.tags[3].id);
       if (moved_m == 0.004) {
         EXPECT_EQ(pose.tags_rejected, only(session.tags[3]));
@@ -383,9 +384,9 @@ TEST(TrackingStress, RejectsMovedTag) {
   }
 }
 
-// With few tags at grazing view, a pose that half fits all of them is many pixels off. For each
-// moved tag and direction, no frame may be tracked with such a pose, and only that tag may be
-// rejected.
+// With few tags in a grazing view, a pose that compromises between all of them is wrong by many
+// pixels. For each moved tag and direction, no frame may be tracked with such a pose, and only the
+// moved tag may be rejected.
 TEST(TrackingStress, NeverTracksWrongPoseWhenOneOfFewTagsMoved) {
   struct Board {
     const char* name;
@@ -427,7 +428,8 @@ TEST(TrackingStress, NeverTracksWrongPoseWhenOneOfFewTagsMoved) {
             if (by == 0.0) {
               EXPECT_EQ(pose.status, TrackStatus::tracked) << text_of(pose.reason);
             }
-            // With so few tags the moved one is ambiguous, unless it lies outside the search range.
+            // With so few tags it is ambiguous which one moved, unless that tag is outside the
+            // search range.
             if (board.tags.size() > 3 || std::abs(by) < 0.004) continue;
             ++cases_of_fewer;
             reported += pose.reason.cause == PoseCause::uncertain_map ? 1 : 0;
@@ -443,7 +445,7 @@ TEST(TrackingStress, NeverTracksWrongPoseWhenOneOfFewTagsMoved) {
   EXPECT_GE(reported, 0.4 * cases_of_fewer) << "of " << cases_of_fewer;
 }
 
-// Half of the board was moved as one piece, so that the correct half is ambiguous.
+// Half of the board is moved as one piece, so it is ambiguous which half is right.
 TEST(TrackingStress, NeverTracksWrongPoseWhenHalfOfBoardMoved) {
   for (const double by : {0.003, 0.006}) {
     SCOPED_TRACE(by);
@@ -463,7 +465,7 @@ TEST(TrackingStress, NeverTracksWrongPoseWhenHalfOfBoardMoved) {
   }
 }
 
-// After inconsistent frames, a part of the tags suffices for tracking, although the others stay
+// After inconsistent frames, some of the tags must suffice for tracking while the others stay
 // hidden.
 TEST(TrackingStress, RecoversAfterInconsistentFrames) {
   const Session session = ordinary();
@@ -490,7 +492,7 @@ TEST(TrackingStress, RecoversAfterInconsistentFrames) {
   }
 }
 
-// A rejected tag counts again after it is put back, and not before.
+// A rejected tag must be used again after it is put back, and not before.
 TEST(TrackingStress, UsesMovedTagAgainAfterItIsPutBack) {
   Session session = ordinary();
   session.motion.x.amplitude = session.motion.y.amplitude = 0.0;
@@ -516,8 +518,8 @@ TEST(TrackingStress, UsesMovedTagAgainAfterItIsPutBack) {
   }
 }
 
-// After a jerk, the pattern is searched for in a larger range, then tags near their last places,
-// then in the whole frame. The first successful search is enough.
+// After a jerk, the tracker searches for the pattern in a larger range, then for tags near their
+// previous positions, then in the whole frame. It stops at the first success.
 TEST(TrackingStress, FindsTableAfterJumpAwayFromPrediction) {
   int found_by_pattern = 0;
   int found_in_box = 0;
@@ -553,7 +555,7 @@ TEST(TrackingStress, FindsTableAfterJumpAwayFromPrediction) {
   EXPECT_GE(found_in_box, 1);
 }
 
-// A part of every tag becomes covered during tracking; no frame may be lost.
+// A part of every tag becomes covered during tracking. No frame may be lost.
 TEST(TrackingStress, KeepsTagsThatBecomeCovered) {
   const std::vector<double> few = {0.3};
   const std::vector<double> all = {0.1, 0.2, 0.3};
@@ -573,8 +575,8 @@ TEST(TrackingStress, KeepsTagsThatBecomeCovered) {
   }
 }
 
-// A partly covered tag explains none of its hidden cells, like a blurred one, but it must not be
-// taken for motion blur.
+// A partly covered tag has cells that the pattern does not explain, like a blurred tag. It must not
+// be mistaken for motion blur.
 TEST(TrackingStress, KeepsCoveredTagsInFastMotion) {
   for (const double light : {0.3, 0.8}) {
     for (const double times : {6.0, 12.0}) {
@@ -597,7 +599,7 @@ TEST(TrackingStress, KeepsCoveredTagsInFastMotion) {
   }
 }
 
-// A camera that jumped between two sharp frames did not move during them, however long the
+// A camera that jumped between two sharp frames did not move during them, for any length of the
 // exposure.
 TEST(TrackingStress, AssumesNoMotionBlurForJumpBetweenSharpFrames) {
   Session session = ordinary();

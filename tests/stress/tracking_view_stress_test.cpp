@@ -1,5 +1,5 @@
 // Views that change during tracking: exposure jumps, tags that enter the view, the limits of
-// visibility, tags at a fisheye's rim, and duplicate prints.
+// visibility, tags at a fisheye lens's rim, and duplicate prints.
 #include <fmt/format.h>
 #include <gtest/gtest.h>
 
@@ -43,8 +43,8 @@ double error_px(const Session& session, const PoseEstimate& pose, int frame) {
   return overlay_difference(session.camera, pose.T_table_camera, session.truth(frame)).rms_px();
 }
 
-// A change of exposure or of a lamp: up to ten times as much light, or a tenth, from one frame to
-// the next while the hand moves.
+// From one frame to the next, exposure or lamp change the light by a factor of up to ten or down to
+// 1/10, while the hand moves.
 TEST(TrackingStress, TracksThroughExposureJumps) {
   constexpr std::array<double, 12> kGains = {1.0, 0.3, 1.0,  0.15, 1.2, 0.12,
                                              1.2, 2.5, 0.25, 0.25, 1.0, 0.1};
@@ -71,8 +71,8 @@ TEST(TrackingStress, TracksThroughExposureJumps) {
   }
 }
 
-// Numbers of mapped tags with every corner at least `margin_px` inside the image, and with every
-// corner at least that far outside.
+// Number of mapped tags whose corners are all at least `margin_px` inside the image, and number of
+// those whose corners are all at least that far outside.
 struct Seen {
   int wholly = 0, not_at_all = 0;
 };
@@ -95,8 +95,8 @@ Seen seen_at(const Session& session, const CameraPose& at, double margin_px) {
   return seen;
 }
 
-// The camera turns from a corner of the sheet to all of it and back. Each tag counts as soon as it
-// is visible, without a search.
+// The camera moves from a corner of the sheet to the whole sheet and back. Each tag must be used as
+// soon as it is visible, without a search.
 TEST(TrackingStress, AddsTagsAsTheyEnterView) {
   for (const TrackingMode mode : {TrackingMode::fast, TrackingMode::accurate}) {
     SCOPED_TRACE(to_string(mode));
@@ -134,7 +134,8 @@ TEST(TrackingStress, AddsTagsAsTheyEnterView) {
   }
 }
 
-// A strong fisheye sees the sheet at its rim, where the last coefficients amount to pixels.
+// A strong fisheye lens sees the sheet at its rim, where the last coefficients displace corners by
+// pixels.
 TEST(TrackingStress, TracksAtFisheyeRimAsWellAsAtCentre) {
   for (const double focal : {0.35, 0.45}) {
     for (const double aside : {0.0, 0.25, 0.4}) {
@@ -163,8 +164,8 @@ TEST(TrackingStress, TracksAtFisheyeRimAsWellAsAtCentre) {
   }
 }
 
-// A table a hundred times as large at a hundred times the distance gives the same image, and the
-// pose scales.
+// A table that is a hundred times larger at a hundred times the distance gives the same image, and
+// the pose must scale.
 TEST(TrackingStress, ScalesPoseWithTableSize) {
   for (const double times : {0.1, 100.0}) {
     SCOPED_TRACE(times);
@@ -184,8 +185,8 @@ TEST(TrackingStress, ScalesPoseWithTableSize) {
       const PoseEstimate pose = tracker.track(session.picture(renderer, f)).pose;
       const CameraPose truth = session.truth(f);
       ASSERT_TRUE(pose.has_pose()) << text_of(pose.reason);
-      // The overlay's cube is always 0.2 m. From a few centimetres its error does not measure the
-      // pose.
+      // The overlay's cube is always 0.2 m. At a distance of a few centimetres, its error does not
+      // measure the pose.
       if (times > 1.0) {
         EXPECT_EQ(pose.status, TrackStatus::tracked) << text_of(pose.reason);
         expect_honest(session, pose, truth);
@@ -199,7 +200,7 @@ TEST(TrackingStress, ScalesPoseWithTableSize) {
   }
 }
 
-// Tags that recede at constant size are lost, and the status reports it.
+// Tags that recede are lost when they are too small. The status must report that.
 TEST(TrackingStress, LosesTagsTooFarAway) {
   Session session = ordinary();
   auto renderer = PatternRenderer::create(session.camera, session.tags).value();
@@ -214,17 +215,17 @@ TEST(TrackingStress, LosesTagsTooFarAway) {
     if (pose.status != TrackStatus::tracked) {
       EXPECT_NE(pose.reason.cause, PoseCause::none);
     }
-    if (f < 20) {  // tags of 12 px
+    if (f < 20) {  // tags are 12 px wide
       EXPECT_EQ(pose.status, TrackStatus::tracked) << text_of(pose.reason);
     }
-    if (f == kFrames - 1) {  // of 1 px
+    if (f == kFrames - 1) {  // tags are 1 px wide
       EXPECT_EQ(pose.status, TrackStatus::lost);
     }
   }
 }
 
 // One condition degrades step by step from easy to invisible. The pose must be tracked up to the
-// given limit, and no wrong pose may be tracked beyond it.
+// given limit, and beyond it no wrong pose may be tracked.
 TEST(TrackingStress, TracksDegradingConditionsToExpectedLimits) {
   struct Condition {
     const char* name;
@@ -261,7 +262,8 @@ TEST(TrackingStress, TracksDegradingConditionsToExpectedLimits) {
     const int steps = nightly() ? 60 : 30;
     double reached = condition.from;
     for (int f = 0; f <= steps; ++f) {
-      // If `inverse`, the reciprocal changes evenly, like a hand that moves evenly in distance.
+      // With `inverse`, the reciprocal changes evenly: for a tag's size in the image, the
+      // reciprocal is proportional to the distance.
       const double share = static_cast<double>(f) / steps;
       const double value =
           condition.inverse
@@ -285,7 +287,7 @@ TEST(TrackingStress, TracksDegradingConditionsToExpectedLimits) {
   }
 }
 
-// Width of the first tag in the image across its longer sides [px].
+// Width of the first tag in the image, perpendicular to its longer sides [px].
 double least_width_px(const Session& session, const CameraPose& at) {
   std::vector<Eigen::Vector2d> corners;
   for (const Eigen::Vector3d& corner : session.tags.front().corners())
@@ -295,13 +297,14 @@ double least_width_px(const Session& session, const CameraPose& at) {
   return std::abs(a.x() * b.y() - a.y() * b.x()) / std::max(a.norm(), b.norm());
 }
 
-// A single tag recedes until it is seven pixels wide, and returns. There its second pose explains
-// the image as well as the true one, and model errors may favour it. The tracked pose must be kept.
+// A single tag recedes until it is seven pixels wide, and returns. At that size its second pose
+// explains the image as well as the true one, and model errors may favour it. The tracker must keep
+// the true pose.
 TEST(TrackingStress, KeepsPoseOfRecedingSingleTagWithoutFlip) {
   int tracked = 0;
   int frames = 0;
   int tracked_readable = 0;
-  int readable = 0;  // frames on the way out with cells of at least a pixel
+  int readable = 0;  // frames on the way out with cells of at least one pixel
   const int sessions = nightly() ? 40 : 3;
   for (int k = 0; k < sessions; ++k) {
     Draw draw(60U + static_cast<std::uint64_t>(k));
@@ -328,7 +331,7 @@ TEST(TrackingStress, KeepsPoseOfRecedingSingleTagWithoutFlip) {
       const bool is_tracked = pose.status == TrackStatus::tracked;
       tracked += is_tracked ? 1 : 0;
       ++frames;
-      // On the way back the pose may be ambiguous after a new detection.
+      // On the way back, the pose may be ambiguous after a new detection.
       if (2 * f > kFrames || least_width_px(now, now.truth(f)) < 8.0) continue;
       tracked_readable += is_tracked ? 1 : 0;
       ++readable;
@@ -340,8 +343,8 @@ TEST(TrackingStress, KeepsPoseOfRecedingSingleTagWithoutFlip) {
   EXPECT_GE(tracked_readable, 0.97 * readable) << "of " << readable;
 }
 
-// A single tag in the first frame, with any lens, camera response, light and tilt. Its pose is
-// reported as tracked only if the image determines it.
+// A single tag in the first frame, with any lens, camera response, light and tilt. Its pose may
+// have the status tracked only if the image determines it.
 TEST(TrackingStress, LeavesAmbiguousFirstPoseOfSingleTagOpen) {
   int tracked = 0;
   int open = 0;
@@ -375,8 +378,8 @@ TEST(TrackingStress, LeavesAmbiguousFirstPoseOfSingleTagOpen) {
   EXPECT_LE(wrong, 0.002 * tracked);
 }
 
-// Duplicate prints of tags are rejected if other tags show which print is right, also in detection.
-// Without such tags, nothing is tracked.
+// Duplicate prints of tags must be rejected if other tags determine which print is right, also in
+// the mode `detect`. Without such tags, no pose may be tracked.
 TEST(TrackingStress, RejectsDuplicatePrintsOfTags) {
   const auto with_copies = [](const Session& session, std::size_t count) {
     std::vector<MappedTag> drawn = session.tags;
