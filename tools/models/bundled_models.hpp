@@ -1,4 +1,4 @@
-// The bundled models, made from formulas. Object frame: z up, metres.
+// The bundled models, generated from formulas. Object frame: z up, metres.
 #pragma once
 
 #include <glm/vec3.hpp>
@@ -9,7 +9,7 @@
 
 namespace penumbra::models {
 
-// Positions of the helicopter's rotor hubs in its object frame [m]. The main rotor turns about z,
+// Positions of the helicopter's rotor hubs in its object frame [m]. The main rotor rotates about z,
 // the tail rotor about y.
 constexpr glm::dvec3 kMastTop(0.0, 0.0, 0.062);
 constexpr glm::dvec3 kTailRotorHub(-0.0785, 0.0052, 0.0515);

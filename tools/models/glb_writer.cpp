@@ -79,7 +79,7 @@ int add_indices(tinygltf::Model& file, const Mesh& mesh) {
                       mesh.indices.size());
 }
 
-// Rounds colours to the few digits they were chosen with.
+// Rounds a colour to the few digits with which it was chosen.
 double short_number(float value) {
   return std::round(static_cast<double>(value) * 1e4) / 1e4;
 }

@@ -9,8 +9,8 @@
 
 namespace penumbra::models {
 
-// Returns the bytes of a .glb: one node and mesh for each name, with one primitive for each
-// material. The model's z is up; glTF's y is, so (x, y, z) is written as (x, z, -y). The same model
+// Returns the bytes of a .glb with one node and mesh per name and one primitive per material. The
+// model's z axis is up and glTF's y axis is, so (x, y, z) is written as (x, z, -y). The same model
 // always gives the same bytes.
 [[nodiscard]] Result<std::vector<std::uint8_t>> encode_glb(const Model& model);
 

@@ -24,7 +24,7 @@ double distance_to(const Bone& bone, const Point& p) {
          (bone.radius_from + t * (bone.radius_to - bone.radius_from));
 }
 
-// Union with a fillet of about `k` millimetres.
+// Union of two distances with a fillet of about `k` millimetres.
 double blend(double a, double b, double k) {
   const double h = std::max(k - std::abs(a - b), 0.0) / k;
   return std::min(a, b) - 0.25 * k * h * h;
@@ -62,8 +62,8 @@ double hand_distance(const Point& p) {
   return -blend(-d, p.z, 3.0);  // a flat wrist to stand on
 }
 
-// Surface nets: one vertex in each cell that the surface crosses, and one quad across each crossed
-// grid edge. The vertices are then moved onto the surface.
+// Surface nets: one vertex in each cell that the surface crosses, and one quad across each grid
+// edge that it crosses. The vertices are then moved onto the surface.
 Solid mesh_of(const Field& field, const Point& low, const Point& high, double cell) {
   const glm::ivec3 size = glm::ivec3(glm::ceil((high - low) / cell)) + 1;
   const auto index = [&size](const glm::ivec3& c) {

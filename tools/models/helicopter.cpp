@@ -1,5 +1,5 @@
-// A small rescue helicopter, 0.13 m long: nose towards +x, skids on z = 0, rotor mast over the
-// origin. The rotors are separate models with their hubs at their origins.
+// A small rescue helicopter, 0.13 m long, with its nose towards +x, its skids on z = 0 and its
+// rotor mast over the origin. The rotors are separate models with their hubs at the origin.
 #include <algorithm>
 #include <cmath>
 #include <glm/geometric.hpp>
@@ -45,8 +45,8 @@ double chord(const Station& a, const Station& b) {
                     std::hypot(a.bottom - b.bottom, a.half_width - b.half_width));
 }
 
-// A surface through stations from pole to pole, with `steps` pieces between neighbours. Beyond a
-// pole the first section is mirrored, so that the ends are round.
+// Lofts a surface through stations from pole to pole, with `steps` pieces between neighbours.
+// Beyond a pole the first section is mirrored, which rounds the end.
 Solid superellipse_loft(const std::vector<Station>& stations, const std::vector<int>& steps,
                         int segments) {
   const auto reflected = [](Station s) {
@@ -128,13 +128,13 @@ Solid fuselage(const Paints& paint_of) {
   paint(
       body, [&](const Point& p) { return waist(p) - 2.3; }, paint_of.yellow);
   paint(body, waist, paint_of.white);
-  // White bands round the boom.
+  // White bands around the boom.
   for (const double x : {-58.0, -64.5})
     paint_band(
         body, [x](const Point& p) { return p.x - x; }, 1.9, paint_of.white);
 
-  // Windows: a wide windscreen in two halves, and one window in each door. Faces are small where an
-  // outline is curved.
+  // Windows: a wide windscreen in two halves, and one window in each door. Faces are small where a
+  // window's outline is curved.
   struct Window {
     std::vector<glm::dvec2> corners;  // (x, z)
     double radius, frame;             // corner radius; half the width of the post in the middle
@@ -191,7 +191,7 @@ Solid exhaust(const Paints& paint_of) {
   Solid pipe = with_material(
       revolve_loop({{2.5, 0.0}, {2.7, 5.0}, {2.9, 8.6}, {2.4, 8.6}, {2.1, 3.0}, {1.2, 0.0}}, 10),
       paint_of.metal);
-  // Soot inside; the inner wall is nearer to the axis than half the wall's thickness.
+  // Soot on the inner wall, which is the part nearer to the axis than half the wall's thickness.
   recolor(
       pipe, [](const Point& p) { return std::hypot(p.x, p.y) - 2.25; }, paint_of.dark);
   const Point along = glm::normalize(Point(-0.80, 0.46, 0.42));
@@ -202,13 +202,14 @@ Solid exhaust(const Paints& paint_of) {
   });
 }
 
-// A lens-shaped section of unit chord along x from 0 (leading edge) to -1, thickness along z.
+// A lens-shaped cross-section of unit chord, from 0 (leading edge) to -1 along x; thickness along
+// z.
 Points airfoil(double chord_length, double thickness, int segments) {
   Points section;
   for (int j = 0; j < segments; ++j) {
     const double turn = 2.0 * std::numbers::pi * j / segments;
     const double along = 0.5 - 0.5 * std::cos(turn);
-    // Thickest at a third of the chord.
+    // The section is thickest at a third of the chord.
     const double fullness = std::sin(turn) * (1.15 - 0.55 * along);
     section.emplace_back(-chord_length * along, 0.0, 0.5 * thickness * fullness);
   }
@@ -369,8 +370,8 @@ struct BladeShape {
   int stations, segments;
 };
 
-// A blade along +x with its leading edge towards +y, for a rotor that turns counter-clockwise seen
-// from above.
+// A blade along +x with its leading edge towards +y, for a rotor that rotates counter-clockwise
+// when seen from above.
 Solid blade(const BladeShape& shape) {
   std::vector<Points> rings;
   for (int i = 0; i <= shape.stations; ++i) {
@@ -383,7 +384,7 @@ Solid blade(const BladeShape& shape) {
     Points ring =
         airfoil(width, shape.thickness * (1.0 - 0.4 * s) * (0.5 + 0.5 * end), shape.segments);
     for (Point& p : ring) {
-      const double forward = p.x + 0.32 * width;  // pitched about the front third
+      const double forward = p.x + 0.32 * width;  // pitch axis at the front third
       p = Point(r, std::cos(pitch) * forward - std::sin(pitch) * p.z,
                 std::sin(pitch) * forward + std::cos(pitch) * p.z - shape.droop * s * s);
     }
@@ -456,7 +457,7 @@ Model make_helicopter_tail_rotor() {
   Model model;
   model.name = "helicopter_tail_rotor";
   const Paints paint_of = add_paints(model);
-  // Modelled turning about z, then tilted so that z becomes y.
+  // Models the rotor about z, then tilts it so that z becomes y.
   const auto laid = [](Solid solid) {
     return moved(std::move(solid), [](const Point& p) { return Point(p.x, p.z, -p.y); });
   };

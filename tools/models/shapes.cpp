@@ -1,4 +1,4 @@
-// Small plain shapes for tests and shadow studies, resting on z = 0.
+// Small plain shapes that rest on z = 0, for tests and shadow studies.
 #include <cmath>
 #include <numbers>
 
@@ -83,7 +83,7 @@ Model make_spiral_staircase() {
     const double top = kRise * (i + 1);
     std::vector<glm::dvec2> outline;
     constexpr int kArc = 5;
-    const double width = kTurnPerStep * 1.12;  // treads overlap a little
+    const double width = kTurnPerStep * 1.12;  // treads overlap slightly
     for (int k = 0; k <= kArc; ++k) {
       const double turn = from + width * k / kArc;
       outline.emplace_back(38.0 * std::cos(turn), 38.0 * std::sin(turn));

@@ -22,7 +22,7 @@ void triangle(Solid& solid, std::uint32_t a, std::uint32_t b, std::uint32_t c) {
   solid.faces.push_back({{a, b, c}, 0});
 }
 
-// Splits along the shorter diagonal.
+// Splits the quad along its shorter diagonal.
 void quad(Solid& solid, std::uint32_t a, std::uint32_t b, std::uint32_t c, std::uint32_t d) {
   const double ac = glm::distance(solid.points[a], solid.points[c]);
   const double bd = glm::distance(solid.points[b], solid.points[d]);
@@ -59,7 +59,7 @@ Point centre_of(const Points& ring) {
   return sum / static_cast<double>(ring.size());
 }
 
-// Joins rows of vertex indices by quads; rows and columns may be closed.
+// Joins rows of vertex indices by quads. Rows and columns may be closed.
 void weave(Solid& solid, const std::vector<std::vector<std::uint32_t>>& rows, bool closed) {
   const std::size_t last = closed ? rows.size() : rows.size() - 1;
   for (std::size_t r = 0; r < last; ++r) {
@@ -135,7 +135,7 @@ Solid tube(const Points& path, const std::vector<double>& radii, int sides) {
     if (i == 0) {
       side = std::abs(along.z) < 0.9 ? Point(0.0, 0.0, 1.0) : Point(1.0, 0.0, 0.0);
     }
-    // The last ring's direction is carried over, so that the tube does not twist.
+    // Carries over the direction of the previous ring, so that the tube does not twist.
     side = glm::normalize(side - along * glm::dot(side, along));
     const Point other = glm::cross(along, side);
     Points ring;
@@ -153,7 +153,7 @@ Solid tube(const Points& path, double radius, int sides) {
 }
 
 Solid sphere(const Point& centre, const Point& radii, int subdivisions) {
-  // An icosahedron whose faces are subdivided into four and projected to the unit sphere.
+  // An icosahedron whose faces are split into four and projected onto the unit sphere.
   const double g = (1.0 + std::sqrt(5.0)) / 2.0;
   Solid solid;
   solid.points = {{-1, g, 0},  {1, g, 0},  {-1, -g, 0}, {1, -g, 0}, {0, -1, g},  {0, 1, g},
@@ -278,11 +278,11 @@ void append(Solid& to, const Solid& more) {
 }
 
 void cut(Solid& solid, const Field& field, double slide) {
-  constexpr double kSlideShare = 0.25;  // of an edge
+  constexpr double kSlideShare = 0.25;  // fraction of an edge
   std::vector<double> value;
   for (const Point& p : solid.points) value.push_back(field(p));
 
-  // Vertices close to the curve slide onto it along the edge with the nearest crossing.
+  // Vertices close to the curve slide onto it, along the edge with the nearest crossing.
   struct Slide {
     double distance = 0.0;
     Point to = Point(0.0);
@@ -325,8 +325,8 @@ void cut(Solid& solid, const Field& field, double slide) {
   const std::vector<Face> whole = std::exchange(solid.faces, {});
   for (const Face& face : whole) {
     const std::size_t before = solid.faces.size();
-    // Rotates the corners until the first is alone on its side, or is on the curve with the others
-    // on opposite sides.
+    // Rotates the corners until the first one is alone on its side, or is on the curve with the
+    // other two on opposite sides.
     std::array<std::uint32_t, 3> v = face.corners;
     bool split = false;
     for (int turn = 0; turn < 3 && !split; ++turn) {
@@ -375,7 +375,7 @@ void refine(Solid& solid, const Field& field, double longest) {
       for (std::size_t k = 0; k < 3; ++k) split[k] = long_inside(v[k], v[(k + 1) % 3]);
       const auto count = std::count(split.begin(), split.end(), true);
       again = again || count > 0;
-      // Rotates until the first edge is split and, if two are, the last one is not.
+      // Rotates until the first edge is split and, if two are split, the last one is not.
       while (count > 0 && count < 3 && !(split[0] && !split[2])) {
         std::rotate(v.begin(), v.begin() + 1, v.end());
         std::rotate(split.begin(), split.begin() + 1, split.end());
@@ -431,7 +431,7 @@ void paint_band(Solid& solid, const Field& field, double half_width, int materia
 }
 
 double rounded_polygon(const std::vector<glm::dvec2>& corners, double radius, const glm::dvec2& p) {
-  // The distance to the outline comes from its segments, the sign from counting crossings.
+  // The segments give the distance to the outline; counting crossings gives its sign.
   double nearest = glm::distance(p, corners.front());
   bool inside = false;
   for (std::size_t i = 0; i < corners.size(); ++i) {

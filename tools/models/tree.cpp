@@ -1,4 +1,4 @@
-// A tree of many parts: trunk, branches, twigs and tufts of leaves, each a closed surface.
+// A tree of many parts: trunk, branches, twigs and tufts of leaves. Each part is a closed surface.
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -12,7 +12,7 @@
 namespace penumbra::models {
 namespace {
 
-// Gives the same numbers on every machine, unlike the standard library's distributions.
+// Returns the same numbers on every machine, unlike the standard library's distributions.
 class Random {
  public:
   double between(double low, double high) {
@@ -24,7 +24,7 @@ class Random {
   std::uint64_t state_ = 20011;
 };
 
-// An uneven ball with a flatter bottom.
+// An uneven ball with a flattened bottom.
 Solid tuft(const Point& centre, double radius, double phase) {
   return moved(sphere(Point(0.0), Point(1.0), 1), [=](const Point& p) {
     const double bump = 1.0 + 0.10 * std::sin(5.0 * p.x + phase) +
@@ -58,7 +58,7 @@ Model make_tree() {
   for (const Point& p : trunk_path)
     trunk_radii.push_back(1.2 + 6.0 * (1.0 - p.z / 132.0) + 5.0 * std::exp(-p.z / 5.0));
   Solid trunk = moved(tube(trunk_path, trunk_radii, 16), [](const Point& p) {
-    return Point(p.x, p.y, std::max(p.z, 0.0));  // the leaning foot ends on the ground
+    return Point(p.x, p.y, std::max(p.z, 0.0));  // the foot of a leaning trunk ends on the ground
   });
   add_part(model, "trunk", with_material(std::move(trunk), bark), 60.0);
 
