@@ -52,7 +52,7 @@ struct DocumentCase {
   const char* file;
   int least_lines;  // detects a document that was read incompletely
 };
-// Lists every document with command lines; each is a test of its own, so that they run in parallel.
+// Lists every document with command lines. Each is a separate test, so that they run in parallel.
 constexpr std::array kDocuments = {DocumentCase{"Readme", "README.md", 9},
                                    DocumentCase{"Usage", "docs/usage.md", 18},
                                    DocumentCase{"Live", "docs/live.md", 2},

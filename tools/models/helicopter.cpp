@@ -202,8 +202,7 @@ Solid exhaust(const Paints& paint_of) {
   });
 }
 
-// A lens-shaped cross-section of unit chord, from 0 (leading edge) to -1 along x; thickness along
-// z.
+// A lens-shaped section of unit chord: x from 0 (leading edge) to -1, thickness along z.
 Points airfoil(double chord_length, double thickness, int segments) {
   Points section;
   for (int j = 0; j < segments; ++j) {

@@ -233,7 +233,7 @@ TEST(SilhouetteMask, MatchesFacesOfClosedMesh) {
           area += expected;
         }
       }
-      // Where a body covers part of a cell twice, the coverages add up, to at most half a cell too
+      // If a body covers part of a cell twice, the coverages add up, to at most half a cell too
       // much.
       EXPECT_LT(most, trial % 3 == 0 ? 0.1 : 0.5) << trial << " layer " << layer;
       EXPECT_GT(area, 5.0) << trial << " layer " << layer;
@@ -331,9 +331,9 @@ TEST(SilhouetteMask, MatchesFacesOfOpenAndCutMeshes) {
           }
         }
       }
-      // Where only a thin strip of the umbra is left, overlapping sheets add up in more cells.
+      // If only a thin strip of the umbra is left, overlapping sheets add up in more cells.
       EXPECT_LT(std::abs(sum), 0.003 * area + 2.5) << trial << " layer " << layer;
-      // Where two sheets cover different parts of a cell, only the larger coverage counts.
+      // If two sheets cover different parts of a cell, only the larger coverage counts.
       EXPECT_LT(most, trial % 4 == 1 ? 0.12 : 0.5) << trial << " layer " << layer;
     }
   }

@@ -233,7 +233,7 @@ TEST(TagGroup, RotatesOutlineWithWall) {
   }
 }
 
-// In one frame, each object is drawn with the opacity of its own group.
+// In one frame, each object is drawn with the opacity of its group.
 TEST(TagGroup, DrawsFaintAndSolidObjectsTogether) {
   test::SceneBuilder builder;
   builder.scene().shadows.clear();

@@ -978,7 +978,7 @@ TEST_F(TagAlignerTest, MotionBlurErrorOfLoneTagHasNoRotation) {
   EXPECT_GE(blurred, 2);
 }
 
-// Of two or three tags, one is displaced relative to the map by much less than a cell. The fitted
+// One of two or three tags is displaced relative to the map by much less than a cell. The fitted
 // pose is wrong, and its covariance must cover that error.
 TEST_F(TagAlignerTest, MapCovarianceCoversMovedTagAmongFew) {
   for (const int columns : {2, 3}) {
