@@ -58,7 +58,7 @@ struct Solid {
 void append(Solid& to, const Solid& more);
 
 // Splits faces along field = 0, so that the field has one sign in each face. Vertices within
-// `slide` [mm] and a fraction of their edge move onto the curve, which avoids slivers.
+// `slide` [mm] and 1/4 of an edge move onto the curve to avoid slivers. The surface stays closed.
 void cut(Solid& solid, const Field& field, double slide = 0.4);
 // Halves edges longer than `longest` [mm] whose middle is inside, until none is left.
 void refine(Solid& solid, const Field& field, double longest);
