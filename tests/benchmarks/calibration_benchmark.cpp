@@ -75,11 +75,11 @@ struct Corners {
 Corners find_corners(const std::filesystem::path& folder, const Target& target) {
   TargetDetector detector = TargetDetector::create(target).value();
   Corners corners;
-  const auto read = for_each_picture(folder, [&](const Picture& picture) -> Result<bool> {
-    corners.width = picture.luma.width;
-    corners.height = picture.luma.height;
-    const TargetView view = detector.detect(picture.luma);
-    if (view.problem.empty()) corners.views.push_back({picture.name, view.corners});
+  const auto read = for_each_picture(folder, [&](const Picture& image) -> Result<bool> {
+    corners.width = image.luma.width;
+    corners.height = image.luma.height;
+    const TargetView view = detector.detect(image.luma);
+    if (view.problem.empty()) corners.views.push_back({image.name, view.corners});
     return true;
   });
   if (!read) std::fprintf(stderr, "%s\n", read.error().message.c_str());
@@ -202,8 +202,8 @@ void compare(const std::filesystem::path& root, const Photographs& set) {
   // model.
   const double before = cpu_ms(RUSAGE_SELF);
   CameraCalibrator calibrator = CameraCalibrator::create(target).value();
-  const auto read = for_each_picture(folder, [&](const Picture& picture) -> Result<bool> {
-    if (auto added = calibrator.add(picture.name, picture.luma); !added)
+  const auto read = for_each_picture(folder, [&](const Picture& image) -> Result<bool> {
+    if (auto added = calibrator.add(image.name, image.luma); !added)
       return tl::unexpected(added.error());
     return true;
   });
@@ -212,8 +212,8 @@ void compare(const std::filesystem::path& root, const Photographs& set) {
   if (read && whole) {
     Corners own = corners;
     own.views.clear();
-    for (const CalibrationPicture& picture : whole->pictures) {
-      if (picture.solved >= 0) own.views.push_back({picture.name, picture.view.corners});
+    for (const CalibrationPicture& image : whole->pictures) {
+      if (image.solved >= 0) own.views.push_back({image.name, image.view.corners});
     }
     compare_on("penumbra's", own, target, first_ms);
     const CalibrationSolution& solution = whole->solution;

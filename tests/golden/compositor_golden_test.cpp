@@ -95,8 +95,8 @@ std::shared_ptr<const Scene> solids() {
   return builder.build();
 }
 
-RgbaImage image_of(const test::Picture& picture) {
-  return {picture.width, picture.height, picture.rgba};
+RgbaImage image_of(const test::Picture& image) {
+  return {image.width, image.height, image.rgba};
 }
 
 // State of the scene in the program's first frame, lit by the video.
@@ -240,13 +240,12 @@ TEST(RectifiedView, CompositedFrameMatchesGolden) {
                  without_distortion(view->camera));
   const auto drawn = compositor->draw(view->frame, plan);
   ASSERT_TRUE(drawn) << drawn.error().message;
-  RgbaImage picture{view->camera.width(), view->camera.height(), {}};
-  picture.pixels.resize(std::size_t{4} * static_cast<std::size_t>(picture.width) *
-                        static_cast<std::size_t>(picture.height));
-  ASSERT_TRUE(compositor->read_back(picture.pixels));
-  EXPECT_TRUE(matches_golden("default__tabletop__layered-rectified__000060", picture));
-  EXPECT_FALSE(
-      compare(picture, composite(*view, ShadowTechnique::layered, scene, 2.0)).acceptable());
+  RgbaImage image{view->camera.width(), view->camera.height(), {}};
+  image.pixels.resize(std::size_t{4} * static_cast<std::size_t>(image.width) *
+                      static_cast<std::size_t>(image.height));
+  ASSERT_TRUE(compositor->read_back(image.pixels));
+  EXPECT_TRUE(matches_golden("default__tabletop__layered-rectified__000060", image));
+  EXPECT_FALSE(compare(image, composite(*view, ShadowTechnique::layered, scene, 2.0)).acceptable());
 }
 
 // The other bundled scenes in README.md's table, with their own technique and with others.

@@ -132,8 +132,8 @@ TEST_F(ReplayInput, ReportsPermissionDeniedInsteadOfMissing) {
 }
 
 TEST_F(ReplayInput, RejectsTruncatedJpeg) {
-  const fs::path picture = recording() / "frames" / "000003.jpg";
-  fs::resize_file(picture, fs::file_size(picture) / 2);
+  const fs::path image = recording() / "frames" / "000003.jpg";
+  fs::resize_file(image, fs::file_size(image) / 2);
   expect_replay_fails({}, {"000003.jpg", "damaged"});
   expect_replay_fails({"--threads", "1"}, {"000003.jpg", "damaged"});
 }

@@ -18,13 +18,13 @@ namespace {
 using testing::HasSubstr;
 
 // Returns the pixels of one pane.
-RgbaImage pane_of(const RgbaImage& picture, const PaneGrid& grid, std::size_t pane, int width,
+RgbaImage pane_of(const RgbaImage& image, const PaneGrid& grid, std::size_t pane, int width,
                   int height) {
   RgbaImage cut{width, height, {}};
   const PaneGrid::Corner corner = grid.corner_of(pane);
   for (int y = 0; y < height; ++y) {
     const auto* row =
-        picture.pixels.data() + std::ptrdiff_t{4} * ((corner.y + y) * picture.width + corner.x);
+        image.pixels.data() + std::ptrdiff_t{4} * ((corner.y + y) * image.width + corner.x);
     cut.pixels.insert(cut.pixels.end(), row, row + std::ptrdiff_t{4} * width);
   }
   return cut;
@@ -68,14 +68,14 @@ class CompareOption : public testing::Test {
         ASSERT_EQ(single.exit_code, 0) << single.err;
       }
       for (const char* name : {"000028.png", "000029.png", "000030.png"}) {
-        const auto picture = load_rgba(together + "/" + name);
-        ASSERT_TRUE(picture) << picture.error().message;
+        const auto image = load_rgba(together + "/" + name);
+        ASSERT_TRUE(image) << image.error().message;
         const auto expected = load_rgba(alone + "/" + name);
         ASSERT_TRUE(expected) << expected.error().message;
         const PaneGrid grid(expected->width, expected->height, techniques);
-        ASSERT_EQ(picture->width, grid.width());
-        ASSERT_EQ(picture->height, grid.height());
-        EXPECT_TRUE(pane_of(*picture, grid, pane, expected->width, expected->height).pixels ==
+        ASSERT_EQ(image->width, grid.width());
+        ASSERT_EQ(image->height, grid.height());
+        EXPECT_TRUE(pane_of(*image, grid, pane, expected->width, expected->height).pixels ==
                     expected->pixels)
             << techniques[pane] << " in " << name;
       }
@@ -158,10 +158,10 @@ TEST_F(CompareOption, WritesAllOutputsAndReport) {
   auto video = VideoReader::open(file("out.mkv"));
   ASSERT_TRUE(video) << video.error().message;
   for (const char* name : {"000028.png", "000029.png", "000030.png"}) {
-    const auto picture = load_rgba(file("frames") + "/" + name);
-    ASSERT_TRUE(picture) << picture.error().message;
-    ASSERT_EQ(picture->width, size.width);
-    ASSERT_EQ(picture->height, size.height);
+    const auto image = load_rgba(file("frames") + "/" + name);
+    ASSERT_TRUE(image) << image.error().message;
+    ASSERT_EQ(image->width, size.width);
+    ASSERT_EQ(image->height, size.height);
     const auto frame = video->next();
     ASSERT_TRUE(frame && *frame);
     ASSERT_EQ((*frame)->format, PixelFormat::rgb24);
@@ -172,7 +172,7 @@ TEST_F(CompareOption, WritesAllOutputsAndReport) {
     for (std::ptrdiff_t y = 0; y < size.height; ++y) {
       for (std::ptrdiff_t x = 0; x < size.width; ++x) {
         const std::uint8_t* of_video = plane.data + y * plane.stride + 3 * x;
-        const std::uint8_t* of_picture = picture->pixels.data() + 4 * (y * size.width + x);
+        const std::uint8_t* of_picture = image->pixels.data() + 4 * (y * size.width + x);
         differing += std::equal(of_video, of_video + 3, of_picture) ? 0U : 1U;
       }
     }

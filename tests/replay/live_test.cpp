@@ -318,7 +318,7 @@ TEST(LiveCommand, NeverWritesToPlayedRecording) {
   const auto camera = temporary.path() / "camera";
   std::filesystem::copy(bundled("tabletop"), camera, std::filesystem::copy_options::recursive);
   const auto before = test::contents_of(camera);
-  const auto pictures = test::contents_of(camera / "frames");
+  const auto images = test::contents_of(camera / "frames");
   for (const auto& [option, name] :
        std::vector<std::pair<std::string, std::string>>{{"--poses", "groundtruth.tum"},
                                                         {"--report", "timestamps.csv"},
@@ -332,7 +332,7 @@ TEST(LiveCommand, NeverWritesToPlayedRecording) {
                          {name, "only read"});
   }
   EXPECT_EQ(test::contents_of(camera), before);
-  EXPECT_EQ(test::contents_of(camera / "frames"), pictures);
+  EXPECT_EQ(test::contents_of(camera / "frames"), images);
 }
 
 TEST(LiveCommand, ReportsLagOfSmoothedPoses) {

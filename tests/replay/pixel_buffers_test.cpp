@@ -173,15 +173,15 @@ TEST_F(PixelBufferOption, KeepsEveryFrameOnCtrlC) {
     const auto report = read_json(path("out.json"));
     EXPECT_EQ(report["interrupted"], true);
     EXPECT_LT(report["frames"].get<int>(), 120);
-    const auto pictures = contents_of(path("out"));
-    ASSERT_EQ(pictures.size(), report["frames"].get<std::size_t>());
+    const auto images = contents_of(path("out"));
+    ASSERT_EQ(images.size(), report["frames"].get<std::size_t>());
     // The images must equal those of an uninterrupted run.
-    ASSERT_EQ(run("whole",
-                  {"replay", bundled("tabletop"), "--frames", fmt::format("0:{}", pictures.size())},
-                  "off")
-                  .exit_code,
-              0);
-    EXPECT_EQ(pictures, contents_of(path("whole")));
+    ASSERT_EQ(
+        run("whole",
+            {"replay", bundled("tabletop"), "--frames", fmt::format("0:{}", images.size())}, "off")
+            .exit_code,
+        0);
+    EXPECT_EQ(images, contents_of(path("whole")));
     EXPECT_EQ(bytes_of(path("out.tum")), bytes_of(path("whole.tum")));
     std::filesystem::remove_all(path("whole"));
     std::filesystem::remove_all(path("out"));

@@ -142,12 +142,12 @@ TEST(Window, RecordsDragThatReplaysToSameFrames) {
   for (std::size_t i = 0; i < listed->size(); ++i) {
     const auto age_ns =
         static_cast<double>((*listed)[i].timestamp_ns - listed->front().timestamp_ns);
-    const auto picture = seen.find(fmt::format("{:06}.png", std::lround(age_ns / kInterval_ns)));
-    if (picture == seen.end()) continue;
+    const auto image = seen.find(fmt::format("{:06}.png", std::lround(age_ns / kInterval_ns)));
+    if (image == seen.end()) continue;
     const std::string name = fmt::format("{:06}.png", i);
     ASSERT_TRUE(edited.contains(name)) << name;
-    EXPECT_EQ(picture->second, edited.at(name)) << name;
-    moved += i >= first_unedited && picture->second != unedited.at(name) ? 1 : 0;
+    EXPECT_EQ(image->second, edited.at(name)) << name;
+    moved += i >= first_unedited && image->second != unedited.at(name) ? 1 : 0;
     ++compared;
   }
   EXPECT_EQ(compared, seen.size());
@@ -155,8 +155,8 @@ TEST(Window, RecordsDragThatReplaysToSameFrames) {
 }
 
 // Number of pixels that differ from the video.
-int pixels_drawn(const fs::path& picture, const RgbaImage& video) {
-  const auto seen = load_rgba(picture);
+int pixels_drawn(const fs::path& image, const RgbaImage& video) {
+  const auto seen = load_rgba(image);
   if (!seen || seen->pixels.size() != video.pixels.size()) return -1;
   constexpr int kConverted = 24;  // error of JPEG, colour conversion and screen
   int drawn = 0;

@@ -42,12 +42,12 @@ TEST_P(CalibrationPhotographs, FitAsWellAsOpenCvAndBetterOnHeldOutViews) {
   int width = 0;
   int height = 0;
   const auto read = for_each_picture(test::shared_dir() / "data" / "real" / GetParam().folder,
-                                     [&](const Picture& picture) -> Result<bool> {
-                                       width = picture.luma.width;
-                                       height = picture.luma.height;
-                                       const TargetView view = detector.detect(picture.luma);
+                                     [&](const Picture& image) -> Result<bool> {
+                                       width = image.luma.width;
+                                       height = image.luma.height;
+                                       const TargetView view = detector.detect(image.luma);
                                        if (view.problem.empty())
-                                         views.push_back({picture.name, view.corners});
+                                         views.push_back({image.name, view.corners});
                                        return true;
                                      });
   ASSERT_TRUE(read) << read.error().message;

@@ -142,10 +142,10 @@ TEST(CalibrationVerdict, IsNeverGoodForWrongLens) {
           c.solution = chosen->solution;
           c.held_out_px = chosen->held_out_px;
           for (std::size_t v = 0; v < views.size(); ++v) {
-            CalibrationPicture picture;
-            picture.solved = static_cast<int>(v);
-            picture.view.corners = views[v].corners;
-            c.pictures.push_back(std::move(picture));
+            CalibrationPicture image;
+            image.solved = static_cast<int>(v);
+            image.view.corners = views[v].corners;
+            c.pictures.push_back(std::move(image));
           }
           judge(c);
           if (c.grade != CalibrationGrade::good) continue;

@@ -177,7 +177,7 @@ std::optional<SoftTechnique> soft_technique(std::string_view name) {
 }
 
 Result<SoftShadows> SoftShadows::create(const ShadowMesh& mesh, SoftTechnique technique,
-                                        const SoftLight& light, GlContext::Size picture) {
+                                        const SoftLight& light, GlContext::Size image) {
   using Kind = SoftTechnique::Kind;
   const bool in_picture = technique.kind == Kind::reference;
   const std::string samples = fmt::format("SAMPLES {}", technique.samples);
@@ -194,7 +194,7 @@ Result<SoftShadows> SoftShadows::create(const ShadowMesh& mesh, SoftTechnique te
   soft.faces_outwards_ = volume_of(mesh) > 0.0F;
   soft.technique_ = technique;
   soft.light_ = light;
-  soft.size_ = in_picture ? picture : GlContext::Size{kMapSide, kMapSide};
+  soft.size_ = in_picture ? image : GlContext::Size{kMapSide, kMapSide};
   soft.positions_ = mesh.positions;
   soft.index_count_ = static_cast<int>(mesh.indices.size());
   soft.mesh_layout_.bind();

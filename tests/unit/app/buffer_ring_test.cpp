@@ -129,8 +129,8 @@ TEST(BufferRing, KeepsFramesUnchangedAcrossThreads) {
         std::this_thread::yield();
         continue;
       }
-      const Picture picture{ring->lend(*index), ring->buffer(*index), value};
-      for (auto& box : boxes) box.put(picture);
+      const Picture image{ring->lend(*index), ring->buffer(*index), value};
+      for (auto& box : boxes) box.put(image);
     }
     ring->close();
     ring.reset();
@@ -140,9 +140,9 @@ TEST(BufferRing, KeepsFramesUnchangedAcrossThreads) {
   for (auto& box : boxes) {
     readers.emplace_back([&box] {
       while (!box.finished()) {
-        const auto picture = box.take(std::chrono::milliseconds(100));
-        if (!picture) continue;
-        for (const std::uint8_t byte : picture->bytes) ASSERT_EQ(byte, picture->value);
+        const auto image = box.take(std::chrono::milliseconds(100));
+        if (!image) continue;
+        for (const std::uint8_t byte : image->bytes) ASSERT_EQ(byte, image->value);
       }
     });
   }

@@ -33,9 +33,9 @@ TEST(ImageSource, WarnsOfValuesAboveDepthOfOthers) {
   }
   std::vector<std::string> notices;
   int images = 0;
-  const auto read = for_each_picture(folder.path(), [&](const Picture& picture) -> Result<bool> {
+  const auto read = for_each_picture(folder.path(), [&](const Picture& image) -> Result<bool> {
     ++images;
-    if (!picture.notice.empty()) notices.push_back(picture.notice);
+    if (!image.notice.empty()) notices.push_back(image.notice);
     return true;
   });
   ASSERT_TRUE(read) << read.error().message;

@@ -39,10 +39,10 @@ TEST(PngWriter, WritesOnlyImagesNumberedByFrame) {
   write(folder, {7, 8, 123456});
   EXPECT_EQ(names_in(folder), (std::set<std::string>{"000007.png", "000008.png", "123456.png"}));
   EXPECT_EQ(names_in(folder.parent_path()), (std::set<std::string>{"out"}));
-  const auto picture = load_image(folder / "000007.png");
-  ASSERT_TRUE(picture) << picture.error().message;
-  ASSERT_EQ(picture->format, PixelFormat::rgb24);
-  EXPECT_THAT(std::vector<int>(picture->planes[0].data, picture->planes[0].data + 6),
+  const auto image = load_image(folder / "000007.png");
+  ASSERT_TRUE(image) << image.error().message;
+  ASSERT_EQ(image->format, PixelFormat::rgb24);
+  EXPECT_THAT(std::vector<int>(image->planes[0].data, image->planes[0].data + 6),
               testing::ElementsAre(1, 2, 3, 4, 5, 6));
 }
 

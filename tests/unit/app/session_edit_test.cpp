@@ -53,8 +53,8 @@ class EditedSession : public testing::Test {
   SessionFrame step() {
     Frame frame = test::plain_frame(kPictureWidth, kPictureHeight, 200);
     frame.timestamp_ns = 1'000'000'000LL * frame_number++;
-    picture.assign(static_cast<std::size_t>(kPictureWidth) * kPictureHeight * 4, 0);
-    return session->draw(session->track(frame), picture).value();
+    image.assign(static_cast<std::size_t>(kPictureWidth) * kPictureHeight * 4, 0);
+    return session->draw(session->track(frame), image).value();
   }
   [[nodiscard]] ShadowStyled styled(const char* name) const {
     for (const ShadowNode& node : session->view().scene->shadows) {
@@ -67,20 +67,20 @@ class EditedSession : public testing::Test {
   CameraModel camera = test::camera_of(kPictureWidth, kPictureHeight, 140.0);
   std::unique_ptr<GlContext> context;
   std::optional<Session> session;
-  std::vector<std::uint8_t> picture;
+  std::vector<std::uint8_t> image;
   int frame_number = 0;
 };
 
 // The image of the warm-up must not remain in the framebuffer.
 TEST_F(EditedSession, DrawsBlackAfterWarmUp) {
   ASSERT_TRUE(session->warm_up(PixelFormat::yuv420p));
-  picture.assign(static_cast<std::size_t>(kPictureWidth) * kPictureHeight * 4, 77);
-  ASSERT_TRUE(session->read_back(picture));
+  image.assign(static_cast<std::size_t>(kPictureWidth) * kPictureHeight * 4, 77);
+  ASSERT_TRUE(session->read_back(image));
   int lit = 0;
-  for (std::size_t i = 0; i < picture.size(); ++i) lit += i % 4 != 3 && picture[i] != 0 ? 1 : 0;
+  for (std::size_t i = 0; i < image.size(); ++i) lit += i % 4 != 3 && image[i] != 0 ? 1 : 0;
   EXPECT_EQ(lit, 0);
   step();
-  EXPECT_GT(picture[0], 0);
+  EXPECT_GT(image[0], 0);
 }
 
 // A replay uses the light that the session recorded, not light measured in the images.
@@ -99,27 +99,27 @@ TEST_F(EditedSession, UsesRecordedLightInPlaceOfMeasuredOne) {
   };
   const auto measured = drawn_with({});
   ASSERT_TRUE(measured);
-  const auto bright = picture;
+  const auto bright = image;
   const VideoLight dim = {{0.1, 0.2, 0.15}, {0.05, 0.05, 0.05}};
   const auto recorded = drawn_with({{0, dim}});
   ASSERT_TRUE(recorded);
   EXPECT_EQ(recorded->on_table, dim.on_table);
   EXPECT_EQ(recorded->around, dim.around);
-  EXPECT_NE(picture, bright);
+  EXPECT_NE(image, bright);
   (void)drawn_with({{0, *measured}});
-  EXPECT_EQ(picture, bright);
+  EXPECT_EQ(image, bright);
 }
 
 TEST_F(EditedSession, ReusesShadowsWhenLightFractionsChange) {
   EXPECT_EQ(step().composite[Counter::triples_recomputed], 2);
-  const auto before = picture;
+  const auto before = image;
   EXPECT_EQ(step().composite[Counter::triples_recomputed], 0);
-  EXPECT_EQ(picture, before) << "a still scene";
+  EXPECT_EQ(image, before) << "a still scene";
   ShadowStyled edit = styled("left");
   edit.style.fractions = {0.9, 0.95, 0.99};
   ASSERT_TRUE(session->edit(edit));
   const SessionFrame after = step();
-  EXPECT_NE(picture, before);
+  EXPECT_NE(image, before);
   EXPECT_EQ(after.composite[Counter::triples_recomputed], 0);
   EXPECT_EQ(after.composite[Counter::kernel_generations], 0);
   EXPECT_EQ(after.composite[Counter::reprojections], 2);
@@ -127,12 +127,12 @@ TEST_F(EditedSession, ReusesShadowsWhenLightFractionsChange) {
 
 TEST_F(EditedSession, ReprojectsOnlyEditedNodeWhenLightConstantsChange) {
   step();
-  const auto before = picture;
+  const auto before = image;
   ShadowStyled edit = styled("right");
   edit.style.layered = layered_constants_for_workspace(0.2, 2.0).value();
   ASSERT_TRUE(session->edit(edit));
   const SessionFrame after = step();
-  EXPECT_NE(picture, before);
+  EXPECT_NE(image, before);
   EXPECT_EQ(after.composite[Counter::triples_recomputed], 1);
   EXPECT_EQ(after.composite[Counter::reprojections], 1);
   EXPECT_EQ(after.composite[Counter::kernel_generations], 0);
@@ -156,12 +156,12 @@ TEST_F(EditedSession, GeneratesKernelsOnceForEditedNode) {
 
 TEST_F(EditedSession, ChangesTechniqueOfEditedNodeOnly) {
   step();
-  const auto before = picture;
+  const auto before = image;
   ShadowStyled edit = styled("left");
   edit.style.technique = ShadowTechnique::simple;
   ASSERT_TRUE(session->edit(edit));
   const SessionFrame after = step();
-  EXPECT_NE(picture, before);
+  EXPECT_NE(image, before);
   EXPECT_EQ(after.composite[Counter::triples_recomputed], 1);
   EXPECT_EQ(after.composite[Counter::reprojections], 1);
   ASSERT_EQ(after.edits.size(), 1U);
@@ -185,11 +185,11 @@ TEST_F(EditedSession, KeepsOptionTechniqueForOtherNodes) {
 
 TEST_F(EditedSession, RedrawsMovedObjectAndReusesShadowOnSlide) {
   step();
-  const auto before = picture;
+  const auto before = image;
   Placement placement = test::at(-0.12, 0.05, 0.1);
   ASSERT_TRUE(session->edit(ObjectPlaced{"object1", placement, false}));
   SessionFrame after = step();
-  EXPECT_NE(picture, before);
+  EXPECT_NE(image, before);
   EXPECT_EQ(after.composite[Counter::triples_recomputed], 0) << "it slid on the plane";
   placement.position.z() = 0.14;
   ASSERT_TRUE(session->edit(ObjectPlaced{"object1", placement, false}));
@@ -219,7 +219,7 @@ TEST_F(EditedSession, ReplaysEditsToSameFrames) {
            1.0},
           true},
       ObjectPlaced{"object1", test::at(-0.1, 0.07, 0.13), false}};
-  std::vector<std::vector<std::uint8_t>> pictures;
+  std::vector<std::vector<std::uint8_t>> images;
   std::vector<std::string> lines;
   for (const SceneEdit& edit : edits) {
     ASSERT_TRUE(session->edit(edit));
@@ -227,14 +227,14 @@ TEST_F(EditedSession, ReplaysEditsToSameFrames) {
     for (const SceneEdit& applied : done.edits) {
       lines.push_back(event_line({done.tracked.frame.timestamp_ns, applied}));
     }
-    pictures.push_back(picture);
+    images.push_back(image);
   }
   ASSERT_EQ(lines.size(), edits.size());
   restart({});
   for (std::size_t i = 0; i < lines.size(); ++i) {
     ASSERT_TRUE(session->replay_edit(test::events_of(lines[i])->edits.at(0).edit));
     EXPECT_TRUE(step().edits.empty());
-    EXPECT_EQ(picture, pictures[i]) << "frame " << i;
+    EXPECT_EQ(image, images[i]) << "frame " << i;
   }
 }
 

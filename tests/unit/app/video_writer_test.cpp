@@ -21,9 +21,9 @@ std::vector<std::vector<std::uint8_t>> noise(int width, int height, int count) {
   std::mt19937 random(11);
   std::uniform_int_distribution<int> byte(0, 255);
   std::vector<std::vector<std::uint8_t>> pictures(static_cast<std::size_t>(count));
-  for (auto& picture : pictures) {
-    picture.resize(static_cast<std::size_t>(width * height * 4));
-    for (std::uint8_t& value : picture) value = static_cast<std::uint8_t>(byte(random));
+  for (auto& image : pictures) {
+    image.resize(static_cast<std::size_t>(width * height * 4));
+    for (std::uint8_t& value : image) value = static_cast<std::uint8_t>(byte(random));
   }
   return pictures;
 }
@@ -166,12 +166,12 @@ TEST_P(H264Colors, MatchColorTagsOfStream) {
   const double r = 200.0;
   const double g = 60.0;
   const double b = 30.0;
-  std::vector<std::uint8_t> picture;
+  std::vector<std::uint8_t> image;
   for (int i = 0; i < expected.width * expected.height; ++i) {
-    picture.insert(picture.end(), {200, 60, 30, 255});
+    image.insert(image.end(), {200, 60, 30, 255});
   }
   write_all(file, OutputKind::h264, {expected.width, expected.height, 1.0 / 30.0},
-            {picture, picture, picture}, {0, 33'000'000, 66'000'000});
+            {image, image, image}, {0, 33'000'000, 66'000'000});
   const DecodedVideo video = decode_video(file);
   ASSERT_TRUE(video.opened);
   EXPECT_EQ(video.codec, AV_CODEC_ID_H264);

@@ -200,14 +200,14 @@ CameraCalibration sure_of_itself() {
   c.solution.views[0].T_board_camera = tilted(60.0);
   c.held_out_px = 0.5;
   for (int k = 0; k < 12; ++k) {
-    CalibrationPicture picture;
-    picture.solved = k;
+    CalibrationPicture image;
+    image.solved = k;
     for (int i = 0; i < 108; ++i) {
       TargetCorner corner;
       corner.pixel = {20.0 + 600.0 * (i % 12) / 11.0, 20.0 + 440.0 * (i / 12) / 8.0};
-      picture.view.corners.push_back(corner);
+      image.view.corners.push_back(corner);
     }
-    c.pictures.push_back(picture);
+    c.pictures.push_back(image);
   }
   ModelTrial own;
   own.held_out_px = c.held_out_px;
@@ -276,8 +276,8 @@ TEST(CalibrationVerdict, LimitsRivalDifferencesOutsideSeenArea) {
   c.trials.push_back(other);
   judge(c);
   const double everywhere = c.uncertainty.largest_px;
-  for (CalibrationPicture& picture : c.pictures) {
-    std::erase_if(picture.view.corners, [](const TargetCorner& corner) {
+  for (CalibrationPicture& image : c.pictures) {
+    std::erase_if(image.view.corners, [](const TargetCorner& corner) {
       return (corner.pixel - Eigen::Vector2d(320.0, 240.0)).norm() > 200.0;
     });
   }
@@ -301,8 +301,8 @@ TEST(CalibrationVerdict, KeepsUncertaintyWhereRivalLensesCross) {
   p.distortion[0] -= 0.1;
   other.camera = CameraModel::make(p).value();
   c.trials.push_back(other);
-  for (CalibrationPicture& picture : c.pictures) {
-    std::erase_if(picture.view.corners, [](const TargetCorner& corner) {
+  for (CalibrationPicture& image : c.pictures) {
+    std::erase_if(image.view.corners, [](const TargetCorner& corner) {
       return (corner.pixel - Eigen::Vector2d(320.0, 240.0)).norm() > 120.0;
     });
   }
@@ -335,12 +335,12 @@ TEST(CalibrationVerdict, AdvisesNextViews) {
   EXPECT_EQ(c.advice.size(), 1U);
   // Parts of the image have no corner, or a single one.
   c = sure_of_itself();
-  for (CalibrationPicture& picture : c.pictures) {
-    std::erase_if(picture.view.corners, [&](const TargetCorner& corner) {
+  for (CalibrationPicture& image : c.pictures) {
+    std::erase_if(image.view.corners, [&](const TargetCorner& corner) {
       const bool top = corner.pixel.y() < 160.0;
       return (top && corner.pixel.x() < 214.0) ||
              (top && corner.pixel.x() > 426.0 &&
-              (&picture != &c.pictures.front() || corner.pixel.y() > 60.0));
+              (&image != &c.pictures.front() || corner.pixel.y() > 60.0));
     });
   }
   judge(c);

@@ -35,7 +35,7 @@ class TagEdges : public testing::Test {
       PatternRenderOptions options = render;
       options.seed += static_cast<std::uint64_t>(k);
       options.samples = 96;
-      const GreyImage picture = renderer.render(std::array{pose}, options);
+      const GreyImage image = renderer.render(std::array{pose}, options);
       // The predicted pose has the error of a first survey.
       Vector6d off;
       off << 2e-4, -1e-4, 3e-4, 4e-4, -3e-4, 2e-4;
@@ -43,7 +43,7 @@ class TagEdges : public testing::Test {
       for (const MappedTag& tag : board) {
         const TagPattern pattern = TagPattern::make(tag.family, tag.id).value();
         const auto measured =
-            measure_tag(picture.view(), camera, pattern, tag.size_m, predicted * tag.T_table_tag);
+            measure_tag(image.view(), camera, pattern, tag.size_m, predicted * tag.T_table_tag);
         if (!measured) continue;
         Eigen::Matrix<double, 8, 1> e;
         std::array<Eigen::Vector2d, 4> truth;

@@ -81,15 +81,15 @@ TEST_F(TagSurveyTest, RejectsImplausiblyLargeEdgeShift) {
 
 // Runs a complete survey: images, detection, first survey, edges, second survey.
 Result<TagSurvey> survey_pictures(const CameraModel& camera, const std::vector<MappedTag>& board,
-                                  const std::vector<GreyImage>& pictures,
+                                  const std::vector<GreyImage>& images,
                                   const SurveyOptions& options) {
   TagDetector detector = TagDetector::create(std::array{TagFamily::tag36h11}).value();
   std::vector<SurveyFrame> frames;
-  for (const GreyImage& picture : pictures) frames.push_back({detector.detect(picture.view()), {}});
+  for (const GreyImage& image : images) frames.push_back({detector.detect(image.view()), {}});
   const auto first = survey_tags(camera, frames, options);
   if (!first) return first;
   for (std::size_t f = 0; f < frames.size(); ++f)
-    frames[f] = measured_frame(*first, f, frames[f], pictures[f].view());
+    frames[f] = measured_frame(*first, f, frames[f], images[f].view());
   EXPECT_EQ(first->tags.size(), board.size());
   return survey_tags(camera, frames, options);
 }
@@ -97,7 +97,7 @@ Result<TagSurvey> survey_pictures(const CameraModel& camera, const std::vector<M
 std::vector<GreyImage> pictures_of(const CameraModel& camera, const std::vector<MappedTag>& board,
                                    int count, std::uint64_t seed) {
   PatternRenderer renderer = PatternRenderer::create(camera, board).value();
-  std::vector<GreyImage> pictures;
+  std::vector<GreyImage> images;
   for (int k = 0; k < count; ++k) {
     const CameraPose pose =
         test::looking_at({0.01 * (k % 3), 0.0, 0.0}, 0.5 + 0.03 * (k % 6),
@@ -107,14 +107,14 @@ std::vector<GreyImage> pictures_of(const CameraModel& camera, const std::vector<
     render.noise_grey = 3.0;
     render.samples = 64;
     render.seed = seed + static_cast<std::uint64_t>(k);
-    pictures.push_back(renderer.render(std::array{pose}, render));
+    images.push_back(renderer.render(std::array{pose}, render));
   }
-  return pictures;
+  return images;
 }
 
 TEST_F(TagSurveyTest, RemovesCameraResponseBiasByEdges) {
-  const auto pictures = pictures_of(camera_, board_, 12, 1);
-  const auto survey = survey_pictures(camera_, board_, pictures, options_);
+  const auto images = pictures_of(camera_, board_, 12, 1);
+  const auto survey = survey_pictures(camera_, board_, images, options_);
   ASSERT_TRUE(survey) << survey.error().message;
   EXPECT_LT(survey->rms_px, 0.06);
   // On these images, the detector's corners alone would increase the tags' spacing by 0.4 mm.

@@ -163,11 +163,11 @@ TEST(DecodeImage, ReadsDarkImagesLikeEightBitOriginals) {
   if (test::shared_dir().empty()) GTEST_SKIP() << "no shared data beside the checkout";
   const auto cases = test::shared_dir() / "cases" / "dark-16-bit-pictures";
   for (const auto& [name, bits] : {std::pair{"r_gray10in16", 10}, {"r_gray12in16", 12}}) {
-    const std::vector<std::filesystem::path> pictures = {cases / name / "frames" / "000000.png",
-                                                         cases / name / "frames" / "000001.png"};
-    const SampleDepth depth = sample_depth_of(pictures);
+    const std::vector<std::filesystem::path> images = {cases / name / "frames" / "000000.png",
+                                                       cases / name / "frames" / "000001.png"};
+    const SampleDepth depth = sample_depth_of(images);
     EXPECT_EQ(depth.bits, bits);
-    const auto frame = load_image(pictures[0], {depth.bits});
+    const auto frame = load_image(images[0], {depth.bits});
     ASSERT_TRUE(frame) << frame.error().message;
     std::vector<std::uint8_t> scratch;
     const ImageView grey = luma(*frame, scratch);

@@ -123,7 +123,7 @@ struct Agreement {
   int deepest = 0;    // largest number of lights blocked at one pixel
 };
 Agreement agreement(const Scene& scene, const CameraModel& camera, const PoseEstimate& pose,
-                    const Picture& picture, const PlaneFrame& plane = {}) {
+                    const Picture& image, const PlaneFrame& plane = {}) {
   std::vector<Blocked> lights;
   for (int i = 0; i < static_cast<int>(scene.lights.size()); ++i) {
     lights.emplace_back(scene, i, plane);
@@ -141,7 +141,7 @@ Agreement agreement(const Scene& scene, const CameraModel& camera, const PoseEst
             std::max(result.deepest, static_cast<int>(std::ranges::count(blocked, 1.0)));
       }
       result.dark += expected < 254.0 ? 1 : 0;
-      result.differing += std::abs(picture.red(x, y) - expected) > 1.5 ? 1 : 0;
+      result.differing += std::abs(image.red(x, y) - expected) > 1.5 ? 1 : 0;
     }
   }
   return result;
@@ -180,8 +180,8 @@ TEST_P(HardShadow, MatchesCpuProjection) {
     SceneBuilder builder = with_lights({c.light});
     builder.add(c.model, c.placement);
     Studio studio(builder.build(), GetParam().camera);
-    const Picture picture = studio.draw_shadows(white(), studio.plan(slanted()));
-    const Agreement a = agreement(studio.scene(), GetParam().camera, slanted(), picture);
+    const Picture image = studio.draw_shadows(white(), studio.plan(slanted()));
+    const Agreement a = agreement(studio.scene(), GetParam().camera, slanted(), image);
     EXPECT_GT(a.dark, 200) << c.name;
     // Only pixel centres on an edge may differ, because of rounding and the lens's error of 0.1 px.
     EXPECT_LE(a.differing, 4 + a.dark / 100) << c.name << ", " << a.dark << " px";
@@ -231,8 +231,8 @@ TEST(HardShadowLight, IsRemovedOncePerLight) {
   builder.add(box(0.1, 0.1, 0.02), test::at(0.0, 0.0, 0.08));
   builder.add(box(0.12, 0.04, 0.02), test::at(0.03, 0.02, 0.15, {0, 0, 1}, 0.7));
   Studio studio(builder.build(), straight_camera());
-  const Picture picture = studio.draw_shadows(white(), studio.plan(slanted()));
-  const Agreement a = agreement(studio.scene(), straight_camera(), slanted(), picture);
+  const Picture image = studio.draw_shadows(white(), studio.plan(slanted()));
+  const Agreement a = agreement(studio.scene(), straight_camera(), slanted(), image);
   EXPECT_EQ(a.deepest, 3) << "all three lights are missed somewhere";
   EXPECT_GT(a.dark, 2000);
   EXPECT_LE(a.differing, 4 + a.dark / 60);
@@ -250,7 +250,7 @@ TEST(HardShadowLight, FadesWithItsCaster) {
   for (HardShadowDraw& draw : plan.hard_shadows) {
     draw.opacity = kOpacity[static_cast<std::size_t>(draw.object)];
   }
-  const Picture picture = studio.draw_shadows(white(), plan);
+  const Picture image = studio.draw_shadows(white(), plan);
 
   std::vector<std::vector<Blocked>> by;  // indexed [light][caster]
   for (int light = 0; light < 2; ++light) {
@@ -277,7 +277,7 @@ TEST(HardShadowLight, FadesWithItsCaster) {
         both += weak && strong ? 1 : 0;
       }
       const double expected = expected_red(studio.scene(), blocked, {}, *place);
-      wrong += std::abs(picture.red(x, y) - expected) > 1.5 ? 1 : 0;
+      wrong += std::abs(image.red(x, y) - expected) > 1.5 ? 1 : 0;
     }
   }
   EXPECT_GT(faint, 1000);
@@ -292,8 +292,8 @@ TEST(HardShadowLight, IsIgnoredFromBelowAndDefaultsToFirst) {
   const FramePlan plan = studio.plan(slanted());
   EXPECT_TRUE(plan.hard_shadows.empty());
   EXPECT_EQ(plan.skipped.size(), 2U);
-  const Picture picture = studio.draw_shadows(white(), plan);
-  EXPECT_EQ(std::ranges::count_if(picture.rgba, [](std::uint8_t v) { return v < 255; }), 0);
+  const Picture image = studio.draw_shadows(white(), plan);
+  EXPECT_EQ(std::ranges::count_if(image.rgba, [](std::uint8_t v) { return v < 255; }), 0);
 
   SceneBuilder unnamed = with_lights({lamp(0.1, 0.1, 0.5), lamp(-0.3, 0.1, 0.5)});
   unnamed.scene().shadows[0].lights.clear();

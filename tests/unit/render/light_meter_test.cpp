@@ -204,8 +204,8 @@ class LitSheet : public testing::Test {
     state.video_light = light;
     const FramePlan plan = plan_frame(
         *scene, state, test::tracked(test::look_at({0.0, -0.01, 0.5}, {0, 0, 0})), camera);
-    const test::Picture picture = studio.draw(test::plain_frame(160, 120, 60), plan);
-    const std::uint8_t* pixel = picture.at(80, 60);
+    const test::Picture image = studio.draw(test::plain_frame(160, 120, 60), plan);
+    const std::uint8_t* pixel = image.at(80, 60);
     return {static_cast<double>(pixel[0]), static_cast<double>(pixel[1]),
             static_cast<double>(pixel[2])};
   }

@@ -116,8 +116,8 @@ Eigen::Vector2i pixel_of(const CameraModel& camera, const CameraPose& pose,
 }
 
 // Colourfulness of a pixel. The video and the shadows are grey.
-int color_at(const Picture& picture, const Eigen::Vector2i& at) {
-  const std::uint8_t* p = picture.at(at.x(), at.y());
+int color_at(const Picture& image, const Eigen::Vector2i& at) {
+  const std::uint8_t* p = image.at(at.x(), at.y());
   return std::max({p[0], p[1], p[2]}) - std::min({p[0], p[1], p[2]});
 }
 
@@ -135,14 +135,14 @@ TEST_P(DrawnRays, HaveDotsAtVerticesAndShadowsAndLinesBetween) {
   options.light_rays = true;
   FramePlan plan = studio.plan(kFromFront, options);
   plan.objects.clear();  // no object occludes the rays
-  const Picture picture = studio.draw(grey(), plan);
+  const Picture image = studio.draw(grey(), plan);
   const auto rays = light_rays(marked_vertices(*builder.scene().objects[0].model, 12),
                                test::at(0.0, 0.0, 0.15), {0.0, 0.0, 0.4, 1.0}, {{kTable}});
   ASSERT_EQ(rays.size(), 8U);
   const CameraPose& pose = kFromFront.T_table_camera;
   for (const LightRay& ray : rays) {
-    EXPECT_GT(color_at(picture, pixel_of(camera, pose, ray.vertex)), 60);
-    EXPECT_GT(color_at(picture, pixel_of(camera, pose, ray.shadow)), 60);
+    EXPECT_GT(color_at(image, pixel_of(camera, pose, ray.vertex)), 60);
+    EXPECT_GT(color_at(image, pixel_of(camera, pose, ray.shadow)), 60);
     // Points halfway to the light and halfway to the shadow.
     for (const Eigen::Vector3d& p : {Eigen::Vector3d(0.4 * ray.from + 0.6 * ray.vertex),
                                      Eigen::Vector3d(0.5 * ray.vertex + 0.5 * ray.shadow)}) {
@@ -150,7 +150,7 @@ TEST_P(DrawnRays, HaveDotsAtVerticesAndShadowsAndLinesBetween) {
       int most = 0;
       for (int dy = -1; dy <= 1; ++dy) {
         for (int dx = -1; dx <= 1; ++dx) {
-          most = std::max(most, color_at(picture, at + Eigen::Vector2i(dx, dy)));
+          most = std::max(most, color_at(image, at + Eigen::Vector2i(dx, dy)));
         }
       }
       EXPECT_GT(most, 60) << "no ray at " << at.transpose();
@@ -165,7 +165,7 @@ TEST(RayOverlay, IsHiddenByObjectsInFront) {
   // A phantom that covers the whole view in front of everything.
   builder.add(test::box(1.0, 0.002, 1.0), test::at(0.1, -0.3, 0.3), false, true);
   Studio hidden(builder.build(), camera);
-  const Picture picture = hidden.draw(grey(), hidden.plan(kFromFront));
+  const Picture image = hidden.draw(grey(), hidden.plan(kFromFront));
   Studio shown(lit_box().build(), camera);
   PlanOptions options;
   options.light_rays = true;
@@ -176,7 +176,7 @@ TEST(RayOverlay, IsHiddenByObjectsInFront) {
   int colorful_without = 0;
   for (int y = 0; y < kSide; ++y) {
     for (int x = 0; x < kSide; ++x) {
-      colorful += color_at(picture, {x, y}) > 30 ? 1 : 0;
+      colorful += color_at(image, {x, y}) > 30 ? 1 : 0;
       colorful_without += color_at(without_phantom, {x, y}) > 30 ? 1 : 0;
     }
   }
@@ -219,10 +219,10 @@ TEST(RayOverlay, FadesWithPose) {
     pose.age_s = age_s;
     FramePlan plan = studio.plan(pose, options);
     plan.objects.clear();
-    const Picture picture = studio.draw(grey(), plan);
+    const Picture image = studio.draw(grey(), plan);
     int most = 0;
     for (int y = 0; y < kSide; ++y) {
-      for (int x = 0; x < kSide; ++x) most = std::max(most, color_at(picture, {x, y}));
+      for (int x = 0; x < kSide; ++x) most = std::max(most, color_at(image, {x, y}));
     }
     return most;
   };

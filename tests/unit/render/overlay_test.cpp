@@ -140,7 +140,7 @@ TEST_P(OverlayProjection, DrawsWhereCameraModelProjects) {
     }
   }
   Studio studio(builder.build(), camera, std::get<1>(GetParam()));
-  const test::Picture picture =
+  const test::Picture image =
       studio.draw(test::plain_frame(640, 480, 0), studio.plan(test::tracked(pose)));
 
   double worst = 0.0;
@@ -154,7 +154,7 @@ TEST_P(OverlayProjection, DrawsWhereCameraModelProjects) {
          y <= std::min(479, static_cast<int>(e.y()) + 25); ++y) {
       for (int x = std::max(0, static_cast<int>(e.x()) - 25);
            x <= std::min(639, static_cast<int>(e.x()) + 25); ++x) {
-        if (picture.red(x, y) < 128) continue;
+        if (image.red(x, y) < 128) continue;
         sum += Eigen::Vector2d(x, y);
         ++count;
       }
@@ -218,10 +218,10 @@ TEST(Overlay, ExtendsProjectionBeyondNonMonotonicRadius) {
   SceneBuilder builder;
   builder.add(test::finished(far, glm::vec4(0.0F), glm::vec3(4.0F)), Placement{}, false);
   Studio studio(builder.build(), camera);
-  const test::Picture picture =
+  const test::Picture image =
       studio.draw(test::plain_frame(640, 480, 0), studio.plan(test::tracked(CameraPose())));
   for (int y = 0; y < 480; ++y) {
-    for (int x = 0; x < 560; ++x) ASSERT_EQ(picture.red(x, y), 0) << x << " " << y;
+    for (int x = 0; x < 560; ++x) ASSERT_EQ(image.red(x, y), 0) << x << " " << y;
   }
 }
 
@@ -311,11 +311,11 @@ TEST(Overlay, BendsLongEdgesWithLensCloseUp) {
   animation.keyframes[1].time_s = 1.0;
   animation.keyframes[1].placement.scale = 10.0;
   Studio studio(builder.build(), camera);
-  const test::Picture picture = studio.draw(test::plain_frame(640, 480, 0),
-                                            studio.plan(test::tracked(CameraPose()), {}, 1.0));
+  const test::Picture image = studio.draw(test::plain_frame(640, 480, 0),
+                                          studio.plan(test::tracked(CameraPose()), {}, 1.0));
   const double worst =
       worst_window_px(camera, rows_of_line(camera, a, b), rows_of_line(camera, a + down, b + down),
-                      [&](int x, int y) { return picture.red(x, y) >= 128; });
+                      [&](int x, int y) { return image.red(x, y) >= 128; });
   std::printf("long edge close up: worst %.3f px\n", worst);
   EXPECT_LE(worst, 0.15);
 }
@@ -348,7 +348,7 @@ TEST(Overlay, LongShadowEdgesFollowTheLensAtEveryDistance) {
     R << 1, 0, 0, 0, -1, 0, 0, 0, -1;
     const CameraPose pose(R, Eigen::Vector3d(0.0, 0.0, 0.15 * times));
     Studio studio(builder.build(), camera);
-    const test::Picture picture =
+    const test::Picture image =
         studio.draw_shadows(test::plain_frame(640, 480, 200), studio.plan(test::tracked(pose)));
     const Eigen::Vector2d kernel = 0.25 * (corners[0] + corners[1] + corners[2] + corners[3]);
     const auto shadow = [&](const Eigen::Vector2d& p) {
@@ -357,7 +357,7 @@ TEST(Overlay, LongShadowEdgesFollowTheLensAtEveryDistance) {
     };
     const double worst = worst_window_px(camera, rows_of_line(camera, shadow(a), shadow(b)),
                                          rows_of_line(camera, shadow(a + down), shadow(b + down)),
-                                         [&](int x, int y) { return picture.red(x, y) < 100; });
+                                         [&](int x, int y) { return image.red(x, y) < 100; });
     std::printf("long shadow at %.2f m: worst %.3f px\n", 0.15 * times, worst);
     // Far edges are split into pieces in proportion to their distance (kSplitShare), hence the
     // larger error.

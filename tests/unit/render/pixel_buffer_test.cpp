@@ -168,9 +168,9 @@ TEST_P(PixelBuffers, ReturnFramesInDrawingOrder) {
 TEST_P(PixelBuffers, ReportLostFrameWithoutReplacingIt) {
   const auto shown = studio(64, 48, with_pixel_buffers(true));
   Compositor& compositor = shown->compositor();
-  Picture picture = shown->draw(small_noise(1), FramePlan());
+  Picture image = shown->draw(small_noise(1), FramePlan());
   ASSERT_TRUE(compositor.request_image());
-  ASSERT_TRUE(compositor.take_image(picture.rgba));
+  ASSERT_TRUE(compositor.take_image(image.rgba));
   static decltype(epoxy_glUnmapBuffer) unmap = nullptr;
   unmap = epoxy_glUnmapBuffer;
   ASSERT_TRUE(compositor.request_image());
@@ -182,15 +182,15 @@ TEST_P(PixelBuffers, ReportLostFrameWithoutReplacingIt) {
           unmap(target);
           return GL_FALSE;
         });
-    const auto taken = compositor.take_image(picture.rgba);
+    const auto taken = compositor.take_image(image.rgba);
     ASSERT_FALSE(taken);
     EXPECT_NE(taken.error().message.find("--pixel-buffers off"), std::string::npos);
   }
   EXPECT_EQ(compositor.pictures_asked_for(), 0U);
   const Picture expected = shown->draw(small_noise(3), FramePlan());
   ASSERT_TRUE(compositor.request_image());
-  ASSERT_TRUE(compositor.take_image(picture.rgba));
-  EXPECT_EQ(picture, expected);
+  ASSERT_TRUE(compositor.take_image(image.rgba));
+  EXPECT_EQ(image, expected);
 }
 
 // A CPU rasteriser draws into this process's memory, where a pixel buffer would only add a copy.

@@ -121,7 +121,7 @@ TEST_P(SeveralPlanes, ShowShadowOfVisiblePlaneInEachPixel) {
   Studio studio(room().build(), camera);
   const FramePlan plan = studio.plan(slanted());
   EXPECT_EQ(plan.receivers.size(), 3U);
-  const Picture picture = studio.draw_shadows(white(), plan);
+  const Picture image = studio.draw_shadows(white(), plan);
   // A pixel is darkened once, also where planes meet.
   const int dark = static_cast<int>(std::lround(255.0 * std::pow(0.4, 1.0 / 2.2)));
   std::vector<int> size(3);
@@ -137,8 +137,8 @@ TEST_P(SeveralPlanes, ShowShadowOfVisiblePlaneInEachPixel) {
       const int plane = plane_shown(studio.scene(), camera, slanted().T_table_camera, x, y, p);
       const bool shadow = plane >= 0 && shadows[static_cast<std::size_t>(plane)].at(p);
       if (shadow) ++size[static_cast<std::size_t>(plane)];
-      differing += picture.red(x, y) != (shadow ? dark : 255) ? 1 : 0;
-      ASSERT_TRUE(picture.red(x, y) == dark || picture.red(x, y) == 255) << x << " " << y;
+      differing += image.red(x, y) != (shadow ? dark : 255) ? 1 : 0;
+      ASSERT_TRUE(image.red(x, y) == dark || image.red(x, y) == 255) << x << " " << y;
       if (plane == 1) {
         const int below = plane_shown(table, camera, slanted().T_table_camera, x, y, p);
         hidden += below == 0 && shadows[0].at(p) ? 1 : 0;

@@ -101,10 +101,10 @@ std::pair<double, Picture> tremble(const DrawnAt& drawn_at, double high, double 
 TEST(ShadowChoice, KeepsPlaneMasksWhileCameraTrembles) {
   Studio studio(block_and(Other::none).build(), test::camera_of(kSide, kSide, 220.0));
   const auto drawn_at = [&](double height) {
-    const Picture picture = studio.draw(grey(), studio.plan(from_height(height)));
+    const Picture image = studio.draw(grey(), studio.plan(from_height(height)));
     EXPECT_EQ(
         studio.stats()[Counter::layer_masks_drawn] + studio.stats()[Counter::layer_masks_kept], 1);
-    return std::pair(picture, studio.stats()[Counter::layer_masks_drawn]);
+    return std::pair(image, studio.stats()[Counter::layer_masks_drawn]);
   };
   const auto [low, below] = tremble(drawn_at, 0.8, 0.4);
   Studio other(block_and(Other::none).build(), test::camera_of(kSide, kSide, 220.0));
@@ -118,9 +118,9 @@ TEST(ShadowChoice, KeepsReceiverMasksWhileCameraTrembles) {
   Studio studio(builder.build(), test::camera_of(kSide, kSide, 220.0));
   tremble(
       [&](double height) {
-        const Picture picture = studio.draw(grey(), studio.plan(from_height(height)));
+        const Picture image = studio.draw(grey(), studio.plan(from_height(height)));
         EXPECT_GT(studio.stats()[Counter::masks_drawn] + studio.stats()[Counter::masks_kept], 0);
-        return std::pair(picture, studio.stats()[Counter::masks_drawn]);
+        return std::pair(image, studio.stats()[Counter::masks_drawn]);
       },
       1.2, 0.5);
 }
@@ -173,7 +173,7 @@ TEST(ShadowTone, FollowsCameraResponse) {
     if (c.phantom) builder.add(block(0.08), test::at(0.0, 0.0, 0.04), false, true);
     for (int i = 0; i < c.lights; ++i)
       builder.scene().lights.emplace_back().position = {0.2 - 0.4 * i, 0.0, 1.0};
-    std::vector<Picture> pictures;
+    std::vector<Picture> images;
     for (const std::optional<double> tone : {std::optional<double>(), std::optional(1.0)}) {
       CameraParameters parameters = test::camera_of(kSide, kSide, 220.0).parameters();
       parameters.tone_curve = tone;
@@ -182,12 +182,12 @@ TEST(ShadowTone, FollowsCameraResponse) {
       options.technique = c.technique;
       // Edges of masks, and all edges on phantoms, are interpolated after encoding.
       options.layers = LayerDrawing::direct;
-      pictures.push_back(studio.draw_shadows(grey(), studio.plan(from_height(0.6), options)));
+      images.push_back(studio.draw_shadows(grey(), studio.plan(from_height(0.6), options)));
     }
-    const auto is_edge = [&picture = pictures[0]](int x, int y) {
+    const auto is_edge = [&image = images[0]](int x, int y) {
       for (int j = std::max(y - 1, 0); j <= std::min(y + 1, kSide - 1); ++j) {
         for (int i = std::max(x - 1, 0); i <= std::min(x + 1, kSide - 1); ++i) {
-          if (picture.red(i, j) != picture.red(x, y)) return true;
+          if (image.red(i, j) != image.red(x, y)) return true;
         }
       }
       return false;
@@ -196,13 +196,13 @@ TEST(ShadowTone, FollowsCameraResponse) {
     for (int y = 0; y < kSide; ++y) {
       for (int x = 0; x < kSide; ++x) {
         if (c.phantom && is_edge(x, y)) continue;
-        const double left = std::pow(pictures[0].red(x, y) / double{kGrey}, kUsualToneExponent);
-        ASSERT_NEAR(pictures[1].red(x, y), left * kGrey, 2.6) << x << ", " << y;
-        dark += pictures[1].red(x, y) < kGrey - 20 ? 1 : 0;
+        const double left = std::pow(images[0].red(x, y) / double{kGrey}, kUsualToneExponent);
+        ASSERT_NEAR(images[1].red(x, y), left * kGrey, 2.6) << x << ", " << y;
+        dark += images[1].red(x, y) < kGrey - 20 ? 1 : 0;
       }
     }
     EXPECT_GT(dark, 100);
-    const int darkest = *std::ranges::min_element(pictures[1].rgba);
+    const int darkest = *std::ranges::min_element(images[1].rgba);
     if (c.technique == ShadowTechnique::layered) {
       EXPECT_NEAR(darkest, LightFractions().umbra * kGrey, 1.0);
     }
@@ -254,8 +254,8 @@ TEST(LiftedByAmbient, MatchesDrawnShadow) {
     const LightFractions expected =
         lifted_by_ambient(LightFractions(), studio.scene(), plan.lights, Eigen::Vector3d::UnitZ(),
                           Eigen::Vector3d::Zero());
-    const Picture picture = studio.draw_shadows(grey(), plan);
-    const int darkest = *std::ranges::min_element(picture.rgba);
+    const Picture image = studio.draw_shadows(grey(), plan);
+    const int darkest = *std::ranges::min_element(image.rgba);
     EXPECT_NEAR(darkest, kGrey * std::pow(expected.umbra, 1.0 / kUsualToneExponent), 1.0);
     EXPECT_GT(darkest, before);
     before = darkest;

@@ -86,12 +86,12 @@ Layer draw_layer(Studio& studio, const PoseEstimate& pose, ShadowLayer layer, bo
     shadow.middle = shadow.middle && layer == ShadowLayer::middle;
     shadow.penumbra = shadow.penumbra && layer == ShadowLayer::penumbra;
   }
-  const Picture picture = studio.draw_shadows(white(), plan);
+  const Picture image = studio.draw_shadows(white(), plan);
   Layer drawn;
   int count = 0;
   for (int y = 0; y < kSide; ++y) {
     for (int x = 0; x < kSide; ++x) {
-      const bool dark = picture.red(x, y) < 255;
+      const bool dark = image.red(x, y) < 255;
       drawn.pixels.push_back(dark ? 1 : 0);
       count += dark ? 1 : 0;
     }
@@ -494,9 +494,9 @@ TEST(ShadowPass, DrawsFootprintAsSimpleShadow) {
   Studio studio(builder.build(), overhead_camera());
   PlanOptions options;
   options.technique = ShadowTechnique::simple;
-  const Picture picture = studio.draw_shadows(white(), studio.plan(overhead(), options));
+  const Picture image = studio.draw_shadows(white(), studio.plan(overhead(), options));
   int dark = 0;
-  for (std::size_t i = 0; i < picture.rgba.size(); i += 4) dark += picture.rgba[i] < 255 ? 1 : 0;
+  for (std::size_t i = 0; i < image.rgba.size(); i += 4) dark += image.rgba[i] < 255 ? 1 : 0;
   EXPECT_NEAR(dark * square(kEyeHeight / kFocal), 0.08 * 0.05, 0.01 * 0.08 * 0.05);
 }
 

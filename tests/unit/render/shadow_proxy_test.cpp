@@ -223,11 +223,11 @@ TEST_F(DrawnProxy, IsRejectedWhenItsLayersDiffer) {
   SceneBuilder builder = ball(test::at(0.0, 0.0, 0.1));
   builder.scene().objects[0].proxy_model.reset();
   Studio none(builder.build(), camera());
-  const Picture picture = draw(none, true);
+  const Picture image = draw(none, true);
   EXPECT_EQ(none.stats()[Counter::proxy_checks], 0);
   builder.scene().objects[0].proxy_model = test::finished(test::box_model(0.1), glm::vec4(1.0F));
   Studio wrong(builder.build(), camera());
-  EXPECT_EQ(draw(wrong, true), picture);
+  EXPECT_EQ(draw(wrong, true), image);
   EXPECT_EQ(wrong.stats()[Counter::proxy_checks], 1);
   EXPECT_EQ(wrong.stats()[Counter::proxy_shadows], 0);
 }

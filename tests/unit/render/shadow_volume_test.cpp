@@ -194,7 +194,7 @@ TEST(ShadowVolume, MatchesReferenceMasks) {
     const CameraPose pose(R, test::vector_from(entry.at("eye")));
     FramePlan plan = studio.plan(test::tracked(pose));
     plan.objects.clear();  // the oracle does not draw the caster
-    const Picture picture = studio.draw(white(side), plan);
+    const Picture image = studio.draw(white(side), plan);
     const auto rows = entry.at("rows").get<std::vector<std::string>>();
     int dark = 0;
     int wrong = 0;
@@ -202,7 +202,7 @@ TEST(ShadowVolume, MatchesReferenceMasks) {
       for (int x = 0; x < side; ++x) {
         const bool expected = rows[static_cast<std::size_t>(y)][static_cast<std::size_t>(x)] == '#';
         dark += expected ? 1 : 0;
-        wrong += (picture.red(x, y) < 255) != expected ? 1 : 0;
+        wrong += (image.red(x, y) < 255) != expected ? 1 : 0;
       }
     }
     EXPECT_GT(dark, 20);
@@ -559,8 +559,8 @@ TEST(ShadowVolume, StaysDarkForManyStackedParts) {
   Studio studio(builder.build(), test::camera_of(kSide, kSide, 200.0));
   FramePlan plan = studio.plan(test::tracked(test::look_at({0.0, -0.3, 0.4}, {0, 0, 0})));
   plan.objects.clear();
-  const Picture picture = studio.draw(white(), plan);
-  EXPECT_LT(picture.red(kSide / 2, kSide / 2), 250);
+  const Picture image = studio.draw(white(), plan);
+  EXPECT_LT(image.red(kSide / 2, kSide / 2), 250);
 }
 
 // Coincident planes (two names for one table) darken each pixel once.
@@ -781,11 +781,11 @@ TEST(ShadowVolume, NeverDarkensEmptyDepth) {
   Studio studio(builder.build(), camera);
   FramePlan plan = studio.plan(test::tracked(test::look_at({0.3, -0.4, 0.4}, {0, 0, 0})));
   plan.objects.clear();
-  const Picture picture = studio.draw(white(), plan);
+  const Picture image = studio.draw(white(), plan);
   int dark = 0;
   for (int y = 0; y < kSide; ++y) {
     for (int x = 0; x < kSide; ++x) {
-      if (picture.red(x, y) == 255) continue;
+      if (image.red(x, y) == 255) continue;
       ++dark;
       const auto ray = camera.unproject({static_cast<double>(x), static_cast<double>(y)});
       const Eigen::Vector3d d = plan.T_table_camera.rotation() * *ray;
@@ -883,12 +883,12 @@ TEST(ShadowVolume, DrawsNothingWhenAllIsOutOfView) {
   EXPECT_EQ(reasons, (std::vector<std::string>{"object1: outside the view",
                                                "object1: its light rays are outside the view",
                                                "object1: its shadow volume is outside the view"}));
-  const Picture picture = studio.draw(white(), plan);
+  const Picture image = studio.draw(white(), plan);
   EXPECT_EQ(studio.stats()[Counter::shadow_vertices], 0);
   EXPECT_LE(studio.stats()[Counter::draw_calls], 2) << "the video and the plane's stencil";
   PlanOptions all;
   all.skip = false;
-  EXPECT_EQ(picture, studio.draw(white(), studio.plan(pose, all)));
+  EXPECT_EQ(image, studio.draw(white(), studio.plan(pose, all)));
   EXPECT_GT(studio.stats()[Counter::draw_calls], 5);
 }
 

@@ -160,15 +160,14 @@ Mask draw(const std::vector<const Placed*>& casters, const glm::vec3& light, dou
   Mask mask;
   mask.cells = {cell, bounds.min().x() - 1, bounds.min().y() - 1,
                 static_cast<int>(bounds.sizes().x()) + 3, static_cast<int>(bounds.sizes().y()) + 3};
-  MaskRaster picture;
+  MaskRaster raster;
   // The result of the second pass must not depend on the first.
   for (int again = 0; again < 2; ++again) {
-    picture.begin(mask.cells);
+    raster.begin(mask.cells);
     for (std::size_t i = 0; i < casters.size(); ++i) {
-      picture.cover(projected[i], casters[i]->mesh.indices,
-                    *paired_edges(casters[i]->mesh.indices));
+      raster.cover(projected[i], casters[i]->mesh.indices, *paired_edges(casters[i]->mesh.indices));
     }
-    picture.finish(light, mask.codes);
+    raster.finish(light, mask.codes);
   }
   return mask;
 }
@@ -274,25 +273,25 @@ TEST(SilhouetteMask, MatchesFacesOfOpenAndCutMeshes) {
                     static_cast<int>(caster.bounds().sizes().y()) + 3};
       glm::vec3 light(1.0F);
       light[static_cast<int>(layer)] = 0.0F;
-      MaskRaster picture;
+      MaskRaster raster;
       MaskCover cover;
-      picture.begin(mask.cells);
-      picture.cover(caster, {}, {});
-      picture.finish(light, mask.codes);
+      raster.begin(mask.cells);
+      raster.cover(caster, {}, {});
+      raster.finish(light, mask.codes);
       // A cover that was stored from one raster gives the same mask in a larger raster.
       MaskCells larger = mask.cells;
       larger.u -= 5;
       larger.v -= 7;
       larger.width += 9;
       larger.height += 11;
-      picture.begin(mask.cells);
-      picture.cover(caster, {}, {});
-      picture.take(cover);
+      raster.begin(mask.cells);
+      raster.cover(caster, {}, {});
+      raster.take(cover);
       Mask again;
       again.cells = larger;
-      picture.begin(larger);
-      picture.cover(cover);
-      picture.finish(light, again.codes);
+      raster.begin(larger);
+      raster.cover(cover);
+      raster.finish(light, again.codes);
       // Coverage of a window that only partly overlaps the raster.
       MaskCells part = mask.cells;
       part.u += 3;
@@ -300,9 +299,9 @@ TEST(SilhouetteMask, MatchesFacesOfOpenAndCutMeshes) {
       part.width += 1;
       std::vector<std::uint8_t> shares(std::size_t{4} * static_cast<std::size_t>(part.width) *
                                        static_cast<std::size_t>(part.height));
-      picture.begin(mask.cells);
-      picture.cover(caster, {}, {});
-      picture.finish_shares(part, shares);
+      raster.begin(mask.cells);
+      raster.cover(caster, {}, {});
+      raster.finish_shares(part, shares);
       const std::uint8_t* texel = shares.data();
       for (std::int64_t v = part.v; v < part.v + part.height; ++v) {
         for (std::int64_t u = part.u; u < part.u + part.width; ++u, texel += 4) {
@@ -441,11 +440,11 @@ TEST(SilhouetteMask, MatchesTrianglesOfOutlines) {
       const auto& box = caster.bounds();
       std::vector<std::uint8_t> codes;
       if (box.isEmpty()) return codes;
-      MaskRaster picture;
-      picture.begin({kCell, box.min().x() - 1, box.min().y() - 1,
-                     static_cast<int>(box.sizes().x()) + 3, static_cast<int>(box.sizes().y()) + 3});
-      picture.cover(caster, {}, {});
-      picture.finish({0.0F, 0.5F, 0.8F}, codes);
+      MaskRaster raster;
+      raster.begin({kCell, box.min().x() - 1, box.min().y() - 1,
+                    static_cast<int>(box.sizes().x()) + 3, static_cast<int>(box.sizes().y()) + 3});
+      raster.cover(caster, {}, {});
+      raster.finish({0.0F, 0.5F, 0.8F}, codes);
       return codes;
     };
     const std::vector<std::uint8_t> outlined = picture_of(true);
@@ -466,11 +465,11 @@ TEST(SilhouetteMask, IgnoresOutlinesThatAreNotFinite) {
     const std::vector<OutlineSide> sides = {{a, b}, {b, c}, {c, a}};
     caster.project_outline(ShadowLayer::middle, sides);
     EXPECT_TRUE(caster.bounds().isEmpty());
-    MaskRaster picture;
-    picture.begin({0.001, 0, 0, 16, 16});
-    picture.cover(caster, {}, {});
+    MaskRaster raster;
+    raster.begin({0.001, 0, 0, 16, 16});
+    raster.cover(caster, {}, {});
     std::vector<std::uint8_t> codes;
-    picture.finish({0.0F, 0.5F, 0.8F}, codes);
+    raster.finish({0.0F, 0.5F, 0.8F}, codes);
     EXPECT_EQ(std::ranges::count(codes, 255), 256);
   }
 }
@@ -506,13 +505,13 @@ struct Body {
 };
 using Cover = std::function<void(MaskRaster&)>;
 // Rasters `cells` and returns the coverage (0 to 255) of the cells in `part`.
-std::vector<std::uint8_t> shares_of(MaskRaster& picture, const Cover& cover, const MaskCells& cells,
+std::vector<std::uint8_t> shares_of(MaskRaster& raster, const Cover& cover, const MaskCells& cells,
                                     const MaskCells& part) {
   std::vector<std::uint8_t> shares(std::size_t{4} * static_cast<std::size_t>(part.width) *
                                    static_cast<std::size_t>(part.height));
-  picture.begin(cells);
-  cover(picture);
-  picture.finish_shares(part, shares);
+  raster.begin(cells);
+  cover(raster);
+  raster.finish_shares(part, shares);
   return shares;
 }
 MaskCells cells_around(const MaskCaster& caster, double cell) {
@@ -611,7 +610,7 @@ TEST(SilhouetteMask, MatchesReferenceForMeshLargerThanRaster) {
   std::mt19937 random(29);
   std::uniform_real_distribution<double> one(-1.0, 1.0);
   const MaskCells cells{kUnit, -20, -15, 40, 30};
-  MaskRaster picture;
+  MaskRaster raster;
   int edges = 0;
   for (const double reach : {3e3, 2e5, 1.9e6}) {
     for (int trial = 0; trial < 30; ++trial) {
@@ -627,7 +626,7 @@ TEST(SilhouetteMask, MatchesReferenceForMeshLargerThanRaster) {
       const Eigen::Vector2d c = rounded(through + reach * across);
       MaskCaster caster = caster_of(trial % 2 == 0 ? Triangles{a, b, c} : Triangles{a, c, b});
       const Cover cover = [&](MaskRaster& to) { to.cover(caster, {}, {}); };
-      const auto shares = shares_of(picture, cover, cells, cells);
+      const auto shares = shares_of(raster, cover, cells, cells);
       // Corners, rounded to float.
       const auto placed = [](const Eigen::Vector2d& p) -> Eigen::Vector2d {
         return Eigen::Vector2d(static_cast<double>(static_cast<float>(kUnit * p.x())),
@@ -663,7 +662,7 @@ TEST(SilhouetteMask, MatchesReferenceForMeshLargerThanRaster) {
         }
       }
       const MaskCells part{kUnit, cells.u + trial, cells.v + trial % 7, 9, 21};
-      ASSERT_EQ(shares_of(picture, cover, part, part), shares_of(picture, cover, cells, part));
+      ASSERT_EQ(shares_of(raster, cover, part, part), shares_of(raster, cover, cells, part));
     }
   }
   EXPECT_GT(edges, 1000);
@@ -685,13 +684,13 @@ TEST(SilhouetteMask, IgnoresVerticesThatAreNotFinite) {
   const std::size_t of_first = body.positions.size() / 2;
   const auto edges = paired_edges(body.indices);
   ASSERT_TRUE(edges);
-  MaskRaster picture;
+  MaskRaster raster;
   constexpr double kCell = 0.001;
   const MaskCells cells{kCell, -60, -50, 160, 100};
   const auto shares = [&](const Body& of) {
     MaskCaster caster = of.projected(kCell);
     return shares_of(
-        picture, [&](MaskRaster& to) { to.cover(caster, of.indices, *edges); }, cells, cells);
+        raster, [&](MaskRaster& to) { to.cover(caster, of.indices, *edges); }, cells, cells);
   };
   const auto all = shares(body);
   for (const float wrong : {nan, infinity, -infinity, 3e38F, -1e30F, 1e9F}) {
@@ -750,10 +749,10 @@ TEST(SilhouetteMask, DoesNotOverflowForManySheets) {
   };
   const MaskCells cells{kUnit, -2, -2, 40, 34};
   const MaskCells part{kUnit, 10, 6, 11, 9};
-  MaskRaster picture;
+  MaskRaster raster;
   const auto check = [&](const Cover& many, const std::vector<std::uint8_t>& few,
                          const std::vector<std::uint8_t>& few_of_part) {
-    const auto shares = shares_of(picture, many, cells, cells);
+    const auto shares = shares_of(raster, many, cells, cells);
     int full = 0;
     for (std::size_t i = 0; i < shares.size(); ++i) {
       ASSERT_GE(shares[i], few[i]) << i;
@@ -763,7 +762,7 @@ TEST(SilhouetteMask, DoesNotOverflowForManySheets) {
       full += few[i] == 255 ? 1 : 0;
     }
     EXPECT_GT(full, 600);
-    const auto shares_in_part = shares_of(picture, many, part, part);
+    const auto shares_in_part = shares_of(raster, many, part, part);
     for (std::size_t i = 0; i < shares_in_part.size(); ++i)
       ASSERT_GE(shares_in_part[i], few_of_part[i]) << i;
   };
@@ -773,8 +772,8 @@ TEST(SilhouetteMask, DoesNotOverflowForManySheets) {
   for (const bool turn_some : {false, true}) {
     MaskCaster few = open(kFew, turn_some);
     const Cover cover_few = [&](MaskRaster& to) { to.cover(few, {}, {}); };
-    const auto shares = shares_of(picture, cover_few, cells, cells);
-    const auto of_part = shares_of(picture, cover_few, part, part);
+    const auto shares = shares_of(raster, cover_few, cells, cells);
+    const auto of_part = shares_of(raster, cover_few, part, part);
     for (const std::size_t count : many_of) {
       SCOPED_TRACE(count);
       MaskCaster many = open(turn_some ? 2 * count : count, turn_some);
@@ -788,7 +787,7 @@ TEST(SilhouetteMask, DoesNotOverflowForManySheets) {
       const auto taken = [&](MaskRaster& to) {
         for (int i = 0; i < 3; ++i) to.cover(cover);
       };
-      const auto of_taken = shares_of(picture, taken, cells, cells);
+      const auto of_taken = shares_of(raster, taken, cells, cells);
       for (std::size_t i = 0; i < of_taken.size(); ++i) ASSERT_GE(of_taken[i], shares[i]) << i;
     }
   }
@@ -796,8 +795,8 @@ TEST(SilhouetteMask, DoesNotOverflowForManySheets) {
   MaskCaster few_projected = few.projected(kUnit);
   const auto few_edges = paired_edges(few.indices);
   const Cover cover_few = [&](MaskRaster& to) { to.cover(few_projected, few.indices, *few_edges); };
-  const auto shares = shares_of(picture, cover_few, cells, cells);
-  const auto of_part = shares_of(picture, cover_few, part, part);
+  const auto shares = shares_of(raster, cover_few, cells, cells);
+  const auto of_part = shares_of(raster, cover_few, part, part);
   for (const std::size_t count : many_of) {
     SCOPED_TRACE(count);
     const Body many = closed(count);
@@ -917,7 +916,7 @@ TEST_F(DrawnMask, IsUnchangedBySkippingEmptyPieces) {
         plan.objects.clear();
         ASSERT_TRUE(plan.reuse);
         const Frame frame = test::plain_frame(kWidth, kHeight, 200);
-        const Picture picture = some.draw(frame, plan);
+        const Picture image = some.draw(frame, plan);
         ASSERT_EQ(
             some.stats()[Counter::layer_masks_drawn] + some.stats()[Counter::layer_masks_kept], 1);
         // More than half of the rectangle around both casters is empty. Without lens distortion the
@@ -928,9 +927,9 @@ TEST_F(DrawnMask, IsUnchangedBySkippingEmptyPieces) {
           EXPECT_EQ(some.stats()[Counter::mask_pieces_skipped], 0);
         }
         plan.reuse = false;
-        EXPECT_EQ(picture, all.draw(frame, plan)) << to_string(mode) << " lens " << lens;
+        EXPECT_EQ(image, all.draw(frame, plan)) << to_string(mode) << " lens " << lens;
         EXPECT_EQ(all.stats()[Counter::mask_pieces_skipped], 0);
-        EXPECT_EQ(picture, some.draw(frame, plan));
+        EXPECT_EQ(image, some.draw(frame, plan));
         EXPECT_EQ(some.stats()[Counter::mask_pieces_skipped], 0);
       }
     }
@@ -950,10 +949,10 @@ TEST_F(DrawnMask, DrawsPiecesOfPresentMask) {
         Eigen::AngleAxisd(0.05, Eigen::Vector3d::UnitZ()) * state.objects[0].rotation;
     FramePlan plan = plan_frame(*objects, state, pose(), bent_camera(), by(LayerDrawing::mask));
     plan.objects.clear();
-    const Picture picture = some.draw(frame, plan);
+    const Picture image = some.draw(frame, plan);
     EXPECT_GT(some.stats()[Counter::mask_pieces_skipped], 0);
     plan.reuse = false;
-    ASSERT_EQ(picture, all.draw(frame, plan)) << i;
+    ASSERT_EQ(image, all.draw(frame, plan)) << i;
   }
 }
 
@@ -1041,10 +1040,10 @@ TEST_F(DrawnMask, IsReusedUntilCasterMoves) {
   const Frame frame = test::plain_frame(kWidth, kHeight, 255);
   SceneState state = evaluate_scene(*objects, 0.0);
   const auto draw = [&](const CameraPose& at) {
-    const Picture picture = studio.draw_shadows(
+    const Picture image = studio.draw_shadows(
         frame,
         plan_frame(*objects, state, test::tracked(at), studio.camera(), by(LayerDrawing::mask)));
-    return std::pair(studio.stats()[Counter::layer_masks_drawn], picture);
+    return std::pair(studio.stats()[Counter::layer_masks_drawn], image);
   };
   const CameraPose first = test::look_at({0.1, -0.45, 0.4}, {0.0, 0.0, 0.03});
   EXPECT_EQ(draw(first).first, 1);
@@ -1324,14 +1323,14 @@ TEST_F(DrawnMask, RedrawsOnlyMovingCasters) {
                                                all, all,          alone[0]};
   for (std::size_t i = 0; i < moves.size(); ++i) {
     for (const std::size_t moved : moves[i]) state.objects[moved].position.x() += 0.0037;
-    const Picture picture = draw(studio, true);
+    const Picture image = draw(studio, true);
     EXPECT_EQ(studio.stats()[Counter::layer_masks_drawn], 1);
     EXPECT_EQ(studio.stats()[Counter::shadow_vertices], projected[i]) << i;
     EXPECT_EQ(studio.stats()[Counter::triples_recomputed], 0) << "they only slide";
     Studio fresh(objects, camera());
-    EXPECT_EQ(picture, draw(fresh, true)) << i;
+    EXPECT_EQ(image, draw(fresh, true)) << i;
     Studio whole(objects, camera());
-    EXPECT_EQ(picture, draw(whole, false)) << i;
+    EXPECT_EQ(image, draw(whole, false)) << i;
     EXPECT_GE(whole.stats()[Counter::shadow_vertices], all);
   }
 }
@@ -1523,11 +1522,11 @@ TEST_F(LargeMask, DependsOnlyOnPresentFrame) {
         const Translucency mode = kModes[k];
         SCOPED_TRACE(std::to_string(i) + " " + std::string(to_string(mode)));
         PlanOptions options = by(LayerDrawing::mask, mode);
-        const Picture picture = drawn(studio, path[i], options);
+        const Picture image = drawn(studio, path[i], options);
         Studio fresh(of, by_camera);
-        EXPECT_EQ(picture, drawn(fresh, path[i], options));
+        EXPECT_EQ(image, drawn(fresh, path[i], options));
         options.skip = false;
-        EXPECT_EQ(picture, drawn(whole, path[i], options));
+        EXPECT_EQ(image, drawn(whole, path[i], options));
       }
     }
   }
@@ -1570,11 +1569,11 @@ TEST_F(LargeMask, RedrawsOnlyGroupOfMovingCaster) {
   EXPECT_EQ(masks, 4);
   for (int i = 0; i < 4; ++i) {
     state.objects[3].position.y() += 0.0037;
-    const Picture picture = draw(studio);
+    const Picture image = draw(studio);
     EXPECT_EQ(studio.stats()[Counter::layer_masks_drawn], 1);
     EXPECT_EQ(studio.stats()[Counter::layer_masks_kept], 3);
     Studio fresh(objects, studio.camera());
-    EXPECT_EQ(picture, draw(fresh));
+    EXPECT_EQ(image, draw(fresh));
   }
 }
 

@@ -123,13 +123,13 @@ PlanOptions options_of(Translucency mode, ShadowTechnique technique = ShadowTech
   return options;
 }
 
-bool is_black(const Picture& picture, int x, int y) {
-  return picture.at(x, y)[0] == 0 && picture.at(x, y)[1] == 0 && picture.at(x, y)[2] == 0;
+bool is_black(const Picture& image, int x, int y) {
+  return image.at(x, y)[0] == 0 && image.at(x, y)[1] == 0 && image.at(x, y)[2] == 0;
 }
-int black_pixels(const Picture& picture) {
+int black_pixels(const Picture& image) {
   int count = 0;
-  for (int y = 0; y < picture.height; ++y) {
-    for (int x = 0; x < picture.width; ++x) count += is_black(picture, x, y) ? 1 : 0;
+  for (int y = 0; y < image.height; ++y) {
+    for (int x = 0; x < image.width; ++x) count += is_black(image, x, y) ? 1 : 0;
   }
   return count;
 }
@@ -244,12 +244,12 @@ TEST(ScreenDoor, NestsDarkerPatterns) {
   for (int layer = 0; layer < 3; ++layer) {
     FramePlan alone = plan;
     keep_layer(alone, layer);
-    Picture& picture = layers[static_cast<std::size_t>(layer)];
-    picture = studio.draw_shadows(white(), alone);
-    EXPECT_GT(black_pixels(picture), 200);
-    EXPECT_TRUE(all_black_of_are_black_in(picture, whole));
+    Picture& image = layers[static_cast<std::size_t>(layer)];
+    image = studio.draw_shadows(white(), alone);
+    EXPECT_GT(black_pixels(image), 200);
+    EXPECT_TRUE(all_black_of_are_black_in(image, whole));
     for (std::size_t i = 0; i < together.rgba.size(); ++i)
-      together.rgba[i] = std::min(together.rgba[i], picture.rgba[i]);
+      together.rgba[i] = std::min(together.rgba[i], image.rgba[i]);
   }
   EXPECT_EQ(together, whole);
   // Overlapping layers of one caster must darken the same pixels.
@@ -580,7 +580,7 @@ TEST(GeometryMesh, MatchesLightFractionOfLayer) {
     keep_layer(blended, layer);
     keep_layer(strips, layer);
     const Picture mask = studio.draw_shadows(frame, blended);
-    const Picture picture = studio.draw_shadows(frame, strips);
+    const Picture image = studio.draw_shadows(frame, strips);
     EXPECT_EQ(studio.stats().translucency, Translucency::geometry_mesh);
     int inside = 0;
     int black = 0;
@@ -588,9 +588,9 @@ TEST(GeometryMesh, MatchesLightFractionOfLayer) {
       for (int x = 0; x < 900; ++x) {
         const bool is_inside = mask.red(x, y) != 255;
         inside += is_inside ? 1 : 0;
-        black += is_black(picture, x, y) ? 1 : 0;
-        ASSERT_TRUE(is_inside || picture.red(x, y) == 255);
-        ASSERT_TRUE(is_black(picture, x, y) || picture.red(x, y) == 255);
+        black += is_black(image, x, y) ? 1 : 0;
+        ASSERT_TRUE(is_inside || image.red(x, y) == 255);
+        ASSERT_TRUE(is_black(image, x, y) || image.red(x, y) == 255);
       }
     }
     ASSERT_GT(inside, 100'000);

@@ -207,13 +207,13 @@ TEST(TagDetector, MatchesTruthOfRecording) {
     Frame frame;
     CameraPose T_table_camera;
   };
-  std::vector<Picture> pictures;
+  std::vector<Picture> images;
   ToneEstimator estimator = ToneEstimator::create(camera, map.tags()).value();
   std::vector<std::uint8_t> scratch;
   for (std::size_t i = 0; i < frames.size(); i += 12) {
-    pictures.push_back(
+    images.push_back(
         {load_image(frames[i].file).value(), truth.at(frames[i].timestamp_ns)->T_table_camera});
-    estimator.add(luma(pictures.back().frame, scratch), pictures.back().T_table_camera);
+    estimator.add(luma(images.back().frame, scratch), images.back().T_table_camera);
   }
   const auto estimate = estimator.estimate();
   ASSERT_TRUE(estimate) << estimate.error().message;
@@ -222,7 +222,7 @@ TEST(TagDetector, MatchesTruthOfRecording) {
     Eigen::Vector2d sum = Eigen::Vector2d::Zero();
     double inward = 0.0;
     int count = 0;
-    for (const Picture& picture : pictures) {
+    for (const Picture& picture : images) {
       const auto T_camera_table = picture.T_table_camera.inverse();
       search.begin(picture.frame);
       for (const TagDetection& tag : search.tags(SearchResolution::full)) {

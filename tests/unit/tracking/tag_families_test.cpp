@@ -75,10 +75,10 @@ TEST(ArucoCodes, AreDetected) {
     options.noise_grey = 1.0;
     const auto pose =
         test::looking_at(Eigen::Vector3d::Zero(), 0.4, radians(60.0), radians(30.0), radians(20.0));
-    const GreyImage picture = renderer->render(std::array{pose}, options);
+    const GreyImage image = renderer->render(std::array{pose}, options);
     auto detector = TagDetector::create(std::array{family});
     ASSERT_TRUE(detector);
-    const auto found = detector->detect(picture.view());
+    const auto found = detector->detect(image.view());
     // A single square inside a marker may happen to be a valid marker.
     EXPECT_LE(found.size(), tags.size() + 1) << to_string(family);
     const auto T_camera_table = pose.inverse();
