@@ -80,14 +80,14 @@ std::optional<double> tag_size_error_of(std::span<const double> sizes_px,
   return 2.0 * slope;
 }
 
-std::vector<std::optional<int>> pictures_to_report(std::span<const CalibrationPicture> pictures,
-                                                   int most) {
-  std::map<PictureRejection, int> count;
-  for (const CalibrationPicture& picture : pictures) ++count[picture.reason];
+std::vector<std::optional<int>> images_to_report(std::span<const CalibrationImage> pictures,
+                                                 int most) {
+  std::map<ImageRejection, int> count;
+  for (const CalibrationImage& picture : pictures) ++count[picture.reason];
   std::vector<std::optional<int>> reported(pictures.size());
   for (std::size_t i = 0; i < pictures.size(); ++i) {
-    const PictureRejection reason = pictures[i].reason;
-    if (reason == PictureRejection::no || count[reason] == 0) continue;
+    const ImageRejection reason = pictures[i].reason;
+    if (reason == ImageRejection::no || count[reason] == 0) continue;
     const bool many = count[reason] > most;
     reported[i] = many ? count[reason] - 1 : 0;
     if (many) count[reason] = 0;
@@ -116,28 +116,28 @@ Result<void> CameraCalibrator::add(const std::string& name, ImageView luma) {
     return fail("{}: is {} x {} px, but {} is {} x {}; give pictures of one camera and one size",
                 name, luma.width, luma.height, first_, width_, height_);
   }
-  CalibrationPicture picture;
+  CalibrationImage picture;
   picture.name = name;
   picture.width = luma.width;
   picture.height = luma.height;
   picture.view = detector_->detect(luma);
   ++candidates_;
-  if (!picture.view.corners.empty()) ++seen_in_;
-  if (4 * picture.view.two_cell_tags > static_cast<int>(picture.view.corners.size())) ++wide_in_;
+  if (!picture.view.corners.empty()) ++images_with_target_;
+  if (4 * picture.view.two_cell_tags > static_cast<int>(picture.view.corners.size()))
+    ++images_with_wide_tags_;
   if (!picture.view.problem.empty()) {
     constexpr int kMostImages = 8;
-    look_for_board(luma, kMostImages);
-    reject(picture, PictureRejection::not_seen, problem_of(picture.view, luma));
+    detect_any_board(luma, kMostImages);
+    reject(picture, ImageRejection::not_seen, problem_of(picture.view, luma));
   }
   if (picture.left_out.empty()) {
     // A repeated view would count its errors twice. A hand's tremor exceeds this limit.
     const double nearest = 0.002 * width_;
-    for (const CalibrationPicture& other : pictures_) {
+    for (const CalibrationImage& other : pictures_) {
       if (!other.left_out.empty() ||
           corner_distance(picture.view.corners, other.view.corners) > nearest)
         continue;
-      reject(picture, PictureRejection::seen_before,
-             fmt::format("the same view as {}", other.name));
+      reject(picture, ImageRejection::seen_before, fmt::format("the same view as {}", other.name));
       break;
     }
   }
@@ -149,11 +149,11 @@ Result<void> CameraCalibrator::add(const std::string& name, ImageView luma) {
   }
   pictures_.push_back(std::move(picture));
   // Frees images, because long recordings do not fit into memory.
-  if (candidates_ > 2 * options_.most_views) {
+  if (candidates_ > 2 * options_.max_views) {
     reject_blurred();
     reject_surplus();
-    for (CalibrationPicture& other : pictures_) {
-      if (other.reason != PictureRejection::no) other.luma = std::vector<std::uint8_t>();
+    for (CalibrationImage& other : pictures_) {
+      if (other.reason != ImageRejection::no) other.luma = std::vector<std::uint8_t>();
     }
   }
   return {};
@@ -173,45 +173,44 @@ std::string CameraCalibrator::problem_of(const TargetView& view, ImageView luma)
   return std::string(advice(*fault));
 }
 
-void CameraCalibrator::look_for_board(ImageView luma, int most_images) {
-  if (target_.kind != TargetKind::chessboard || searched_for_boards_ >= most_images) return;
-  ++searched_for_boards_;
-  if (const auto size = chessboard_size(luma)) boards_seen_.push_back(*size);
+void CameraCalibrator::detect_any_board(ImageView luma, int most_images) {
+  if (target_.kind != TargetKind::chessboard || board_searches_ >= most_images) return;
+  ++board_searches_;
+  if (const auto size = chessboard_size(luma)) board_sizes_.push_back(*size);
 }
 
 // Requires several images with the same size, because a board may be partly visible or misdetected.
-std::optional<std::string> CameraCalibrator::other_board_in_words() const {
+std::optional<std::string> CameraCalibrator::other_board_advice() const {
   constexpr int kLeastImages = 3;
   std::map<std::array<int, 2>, int> counts;
-  for (const std::array<int, 2>& size : boards_seen_) ++counts[size];
+  for (const std::array<int, 2>& size : board_sizes_) ++counts[size];
   const auto most = std::ranges::max_element(counts, {}, [](const auto& c) { return c.second; });
   const std::array target_size = {std::max(target_.columns, target_.rows),
                                   std::min(target_.columns, target_.rows)};
   if (most == counts.end() || most->second < kLeastImages || most->first == target_size)
     return std::nullopt;
   const bool larger = most->first[0] > target_size[0] || most->first[1] > target_size[1];
-  if (!larger && 2 * most->second < static_cast<int>(boards_seen_.size())) return std::nullopt;
+  if (!larger && 2 * most->second < static_cast<int>(board_sizes_.size())) return std::nullopt;
   return fmt::format(
       "{} images show a chessboard of {} x {} inner corners, but the target file says {} x {}: "
       "correct the target file, or show the whole board",
       most->second, most->first[0], most->first[1], target_.columns, target_.rows);
 }
 
-void CameraCalibrator::reject(CalibrationPicture& picture, PictureRejection reason,
-                              std::string words) {
+void CameraCalibrator::reject(CalibrationImage& picture, ImageRejection reason, std::string words) {
   picture.reason = reason;
   picture.left_out = std::move(words);
   --candidates_;
-  if (reason != PictureRejection::seen_before && reason != PictureRejection::surplus) return;
+  if (reason != ImageRejection::seen_before && reason != ImageRejection::surplus) return;
   // Frees the memory; `= {}` would not.
   picture.view.corners = std::vector<TargetCorner>();
   picture.luma = std::vector<std::uint8_t>();
 }
 
 void CameraCalibrator::add_unreadable(const std::string& name, const std::string& why) {
-  CalibrationPicture picture;
+  CalibrationImage picture;
   picture.name = name;
-  picture.reason = PictureRejection::unreadable;
+  picture.reason = ImageRejection::unreadable;
   picture.left_out = why;
   pictures_.push_back(std::move(picture));
 }
@@ -219,20 +218,20 @@ void CameraCalibrator::add_unreadable(const std::string& name, const std::string
 Result<void> CameraCalibrator::check_found() const {
   if (pictures_.empty()) return fail("there are no pictures");
   std::map<std::string, int> reasons;
-  for (const CalibrationPicture& picture : pictures_) {
-    if (picture.reason == PictureRejection::seen_before) {
+  for (const CalibrationImage& picture : pictures_) {
+    if (picture.reason == ImageRejection::seen_before) {
       ++reasons["the same view as another"];
-    } else if (picture.reason != PictureRejection::no) {
+    } else if (picture.reason != ImageRejection::no) {
       ++reasons[picture.left_out];
     }
   }
   const int usable = candidates_;
-  if (wide_in_ > usable) {
+  if (images_with_wide_tags_ > usable) {
     return fail(
         "in {} of {} pictures the tags have a black border of two cells, as Kalibr prints them; "
         "libapriltag, which finds tags here and while tracking, reads borders of one cell: print a "
         "sheet with penumbra target",
-        wide_in_, pictures_.size());
+        images_with_wide_tags_, pictures_.size());
   }
   const auto most =
       std::ranges::max_element(reasons, {}, [](const auto& reason) { return reason.second; });
@@ -246,9 +245,9 @@ Result<void> CameraCalibrator::check_found() const {
   }
   const bool too_few = usable < static_cast<int>(kFewestViews);
   if (too_few) {
-    if (const auto other_board = other_board_in_words()) return fail("{}", *other_board);
+    if (const auto other_board = other_board_advice()) return fail("{}", *other_board);
   }
-  if (seen_in_ == 0) {
+  if (images_with_target_ == 0) {
     if (some_faulty_) {
       return fail("the target ({}) is in none of {} images as they are{}", target_.description,
                   pictures_.size(), because);
@@ -280,7 +279,7 @@ Result<void> CameraCalibrator::check_markers() const {
   if (target_.kind != TargetKind::charuco) return {};
   std::vector<double> shares;
   std::vector<double> edges_px;
-  for (const CalibrationPicture& picture : pictures_) {
+  for (const CalibrationImage& picture : pictures_) {
     if (!picture.left_out.empty() || !picture.view.markers) continue;
     shares.push_back(picture.view.markers->share);
     edges_px.push_back(picture.view.markers->edge_px);
@@ -299,15 +298,15 @@ Result<void> CameraCalibrator::check_markers() const {
 
 void CameraCalibrator::reject_blurred() {
   std::vector<double> blurs;
-  for (const CalibrationPicture& picture : pictures_) {
+  for (const CalibrationImage& picture : pictures_) {
     if (picture.left_out.empty() && picture.view.blur_px > 0.0)
       blurs.push_back(picture.view.blur_px);
   }
   if (blurs.size() < 6) return;
   const double limit = std::max(2.0 * upper_median(blurs), 1.5);
-  for (CalibrationPicture& picture : pictures_) {
+  for (CalibrationImage& picture : pictures_) {
     if (!picture.left_out.empty() || picture.view.blur_px <= limit || candidates_ <= 4) continue;
-    reject(picture, PictureRejection::blurred,
+    reject(picture, ImageRejection::blurred,
            fmt::format("blurred: edges are {:.1f} px wide (sigma), {:.1f} in most views",
                        picture.view.blur_px, upper_median(blurs)));
   }
@@ -315,7 +314,7 @@ void CameraCalibrator::reject_blurred() {
 
 // Selects the most different views: each next view is the furthest from those already selected.
 void CameraCalibrator::reject_surplus() {
-  if (candidates_ <= options_.most_views) return;
+  if (candidates_ <= options_.max_views) return;
   std::vector<std::size_t> at;
   for (std::size_t i = 0; i < pictures_.size(); ++i) {
     if (pictures_[i].left_out.empty()) at.push_back(i);
@@ -324,7 +323,7 @@ void CameraCalibrator::reject_surplus() {
   std::vector<double> distance(at.size(), largest);
   std::vector<bool> chosen(at.size(), false);
   std::size_t next = 0;
-  for (int n = 0; n < options_.most_views; ++n) {
+  for (int n = 0; n < options_.max_views; ++n) {
     chosen[next] = true;
     std::size_t furthest = next;
     double most = -1.0;
@@ -343,13 +342,13 @@ void CameraCalibrator::reject_surplus() {
   }
   for (std::size_t i = 0; i < at.size(); ++i) {
     if (!chosen[i])
-      reject(pictures_[at[i]], PictureRejection::surplus, "much like others: enough views");
+      reject(pictures_[at[i]], ImageRejection::surplus, "much like others: enough views");
   }
 }
 
 std::vector<CalibrationView> CameraCalibrator::used_views() {
   std::vector<CalibrationView> views;
-  for (CalibrationPicture& picture : pictures_) {
+  for (CalibrationImage& picture : pictures_) {
     picture.solved = -1;
     if (!picture.left_out.empty()) continue;
     picture.solved = static_cast<int>(views.size());
@@ -359,7 +358,7 @@ std::vector<CalibrationView> CameraCalibrator::used_views() {
 }
 
 void CameraCalibrator::refine_corners(const CalibrationSolution& solution) {
-  for (CalibrationPicture& picture : pictures_) {
+  for (CalibrationImage& picture : pictures_) {
     if (stop_.stop_requested()) return;
     if (picture.solved < 0) continue;
     picture.view =
@@ -379,7 +378,7 @@ Result<void> CameraCalibrator::check_solution(const CalibrationSolution& solutio
         views.size(), tilt);
   }
   if (solution.noise_px > 3.0 || solution.outliers * 2 > solution.corners) {
-    if (const auto other_board = other_board_in_words()) return fail("{}", *other_board);
+    if (const auto other_board = other_board_advice()) return fail("{}", *other_board);
     return fail(
         "no camera explains the corners: they are off by {:.1f} px, {} of {} outliers; does the "
         "target file say what is printed (tag size, spacing, squares), and is it one camera with "
@@ -411,7 +410,7 @@ Result<ToneEstimate> CameraCalibrator::estimate_tone(CameraCalibration& result) 
   if (!target_.tags) return fail("a chessboard's corners do not show it, tags do");
   PENUMBRA_TRY(ToneEstimator estimator,
                ToneEstimator::create(result.solution.camera, target_.tags->tags()));
-  for (const CalibrationPicture& picture : result.pictures) {
+  for (const CalibrationImage& picture : result.pictures) {
     if (stop_.stop_requested()) return fail("ended early");
     if (picture.solved < 0) continue;
     const SolvedView& view = result.solution.views[static_cast<std::size_t>(picture.solved)];
@@ -431,17 +430,17 @@ Result<CameraCalibration> CameraCalibrator::finish(std::stop_token stop, const S
   reject_blurred();
   reject_surplus();
   std::vector<CalibrationView> views = used_views();
-  if (searched_for_boards_ > 0) {
+  if (board_searches_ > 0) {
     // In some images, a part of a larger board was detected as the target.
     constexpr int kMostImages = 12;
-    for (const CalibrationPicture& picture : pictures_) {
-      if (picture.left_out.empty()) look_for_board(picture.picture(), kMostImages);
+    for (const CalibrationImage& picture : pictures_) {
+      if (picture.left_out.empty()) detect_any_board(picture.picture(), kMostImages);
     }
   }
   constexpr int kBefore = 3;  // steps before the lens choice
   constexpr int kAfter = 1;
   LensChoice choice = {options_.model, options_.for_kalibr, stop_, {}};
-  int last = kBefore + most_steps(choice, options_.shape.has_value()) + kAfter;
+  int last = kBefore + max_steps(choice, options_.shape.has_value()) + kAfter;
   const auto tell_step = [&](const char* what, int step) {
     if (tell) tell({what, step, last});
   };
@@ -474,7 +473,7 @@ Result<CameraCalibration> CameraCalibrator::finish(std::stop_token stop, const S
   result.held_out_px = chosen->held_out_px;
   PENUMBRA_TRY_VOID(check_solution(result.solution, views));
   result.pictures = std::move(pictures_);
-  result.other_board = other_board_in_words();
+  result.other_board = other_board_advice();
   judge(result);
   tell_step("tone curve", last);
   const Result<ToneEstimate> tone = estimate_tone(result);

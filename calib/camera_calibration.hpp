@@ -25,15 +25,15 @@ struct CalibrationOptions {
   std::optional<BoardShape> shape;       // else chosen by cross-validation
   // Considers only lenses that Kalibr's files can represent: plumb_bob without k3, and fisheye.
   bool for_kalibr = false;
-  int most_views = 60;  // maximum to solve, the most different ones; memory holds twice as many
+  int max_views = 60;  // maximum to solve, the most different ones; memory holds twice as many
 };
 
-enum class PictureRejection { no, unreadable, not_seen, seen_before, blurred, surplus };
+enum class ImageRejection { no, unreadable, not_seen, seen_before, blurred, surplus };
 
-struct CalibrationPicture {
+struct CalibrationImage {
   std::string name;
   TargetView view;  // without corners for `seen_before` and `surplus`
-  PictureRejection reason = PictureRejection::no;
+  ImageRejection reason = ImageRejection::no;
   std::string left_out;            // the reason in words; empty if used
   int solved = -1;                 // index into CalibrationSolution::views; -1 if not used
   int width = 0;                   // [px]
@@ -46,8 +46,8 @@ struct CalibrationPicture {
 
 // Selects the unused images to report: all images of a reason, or only the first if there are more
 // than `most`. The values count the other images that each stands for; nullopt: not selected.
-[[nodiscard]] std::vector<std::optional<int>> pictures_to_report(
-    std::span<const CalibrationPicture> pictures, int most);
+[[nodiscard]] std::vector<std::optional<int>> images_to_report(
+    std::span<const CalibrationImage> pictures, int most);
 
 // Projection uncertainty over the image: standard deviation along the worst direction [px].
 struct UncertaintyMap {
@@ -67,7 +67,7 @@ inline constexpr double kGoodProjection_px = 0.5;
 // Raises the map to the difference from another camera that explains the views equally well
 // (docs/calibration.md#verdict).
 void raise_to_difference(UncertaintyMap& map, const CameraModel& camera, const CameraModel& other,
-                         std::span<const CalibrationPicture> pictures);
+                         std::span<const CalibrationImage> pictures);
 
 // Distance between the projections of two cameras over the image of `a`. No rotation is fitted.
 struct ProjectionDifference {
@@ -89,7 +89,7 @@ enum class CalibrationGrade { good, usable, poor };
 
 struct CameraCalibration {
   CalibrationSolution solution;
-  std::vector<CalibrationPicture> pictures;
+  std::vector<CalibrationImage> pictures;
   std::vector<ModelTrial> trials;
   std::optional<double> held_out_px;
   // Advice to users if most images show a chessboard with other numbers of corners.
@@ -114,10 +114,10 @@ class CameraCalibrator {
                                                        const CalibrationOptions& options = {});
 
   // Searches an image for the target. Fails if its size differs from the other images' size.
-  // Rejects images with mirrored or negative tags (CalibrationPicture::left_out).
+  // Rejects images with mirrored or negative tags (CalibrationImage::left_out).
   [[nodiscard]] Result<void> add(const std::string& name, ImageView luma);
   void add_unreadable(const std::string& name, const std::string& why);
-  // Returns the number of images in memory: up to 2 * CalibrationOptions::most_views.
+  // Returns the number of images in memory: up to 2 * CalibrationOptions::max_views.
   [[nodiscard]] std::ptrdiff_t images_in_memory() const;
 
   // Solves; call it once. The error is one line that explains what the images lack. Fails soon
@@ -129,14 +129,14 @@ class CameraCalibrator {
   CameraCalibrator() = default;
   [[nodiscard]] std::string problem_of(const TargetView& view, ImageView luma);
   // Searches for a chessboard of any size. Limited to `most_images`, because each takes 0.1 s.
-  void look_for_board(ImageView luma, int most_images);
+  void detect_any_board(ImageView luma, int most_images);
   // Returns advice if the chessboard size in most images differs from the target file.
-  [[nodiscard]] std::optional<std::string> other_board_in_words() const;
+  [[nodiscard]] std::optional<std::string> other_board_advice() const;
   [[nodiscard]] Result<void> check_found() const;
   [[nodiscard]] Result<void> check_markers() const;
   void reject_blurred();
   void reject_surplus();
-  void reject(CalibrationPicture& picture, PictureRejection reason, std::string words);
+  void reject(CalibrationImage& picture, ImageRejection reason, std::string words);
   [[nodiscard]] std::vector<CalibrationView> used_views();
   void refine_corners(const CalibrationSolution& solution);
   [[nodiscard]] Result<void> check_solution(const CalibrationSolution& solution,
@@ -148,16 +148,16 @@ class CameraCalibrator {
   std::optional<TargetDetector> detector_;
   std::optional<ImageCheck> check_;  // of targets with tags
   bool some_faulty_ = false;         // an image was mirrored or negative
-  std::vector<CalibrationPicture> pictures_;
+  std::vector<CalibrationImage> pictures_;
   int width_ = 0;
   int height_ = 0;
-  std::string first_;   // image that set the size
-  int seen_in_ = 0;     // images with a corner of the target
-  int wide_in_ = 0;     // of these: most tags have a border of two cells
-  int candidates_ = 0;  // images that are still in use
-  // Sizes of the chessboards that look_for_board() found.
-  std::vector<std::array<int, 2>> boards_seen_;
-  int searched_for_boards_ = 0;
+  std::string first_;              // image that set the size
+  int images_with_target_ = 0;     // images with a corner of the target
+  int images_with_wide_tags_ = 0;  // of these: most tags have a border of two cells
+  int candidates_ = 0;             // images that are still in use
+  // Sizes of the chessboards that detect_any_board() found.
+  std::vector<std::array<int, 2>> board_sizes_;
+  int board_searches_ = 0;
   std::stop_token stop_;
 };
 

@@ -89,7 +89,7 @@ struct Compositor::Impl {
   Result<void> make_passes(const CameraModel& camera, int samples) {
     const GlApi api = context.info().api;
     PENUMBRA_TRY(framebuffer, Framebuffer::create(width, height, samples));
-    PENUMBRA_TRY(abilities, probe_picture(api));
+    PENUMBRA_TRY(abilities, probe_fragment_abilities(api));
     PENUMBRA_TRY(objects, ObjectPainter::create(api, *scene, camera));
     PENUMBRA_TRY(receivers, Receivers::create(api, *scene, camera));
     PENUMBRA_TRY(painter, LayerPainter::create(api, camera));
@@ -277,7 +277,7 @@ Result<CompositeStats> Compositor::request_image() {
   return stats;
 }
 
-std::size_t Compositor::pictures_asked_for() const {
+std::size_t Compositor::pending_images() const {
   return impl_->pictures.asked();
 }
 
@@ -308,7 +308,7 @@ int Compositor::samples() const {
 
 void Compositor::clear() {
   impl_->framebuffer.clear();
-  if (impl_->gpu_timer) impl_->gpu_timer->forget();
+  if (impl_->gpu_timer) impl_->gpu_timer->drop_pending();
 }
 
 void Compositor::present() {

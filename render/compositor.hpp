@@ -65,7 +65,7 @@ class Compositor {
   // Starts an asynchronous read_back(); up to two may be pending. Like take_image(), returns the
   // stats of the most recent draw() with the time added. A failed request is not pending.
   [[nodiscard]] Result<CompositeStats> request_image();
-  [[nodiscard]] std::size_t pictures_asked_for() const;
+  [[nodiscard]] std::size_t pending_images() const;
   // Reads the oldest pending image; waits until it is drawn. A failure drops all pending images.
   [[nodiscard]] Result<CompositeStats> take_image(std::span<std::uint8_t> rgba);
   // Returns the GPU times [ms] that have arrived and are not in any stats yet; never waits.

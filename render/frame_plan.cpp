@@ -200,8 +200,8 @@ class Planner {
                                       scene_.planes[static_cast<std::size_t>(draw.plane)].outline);
     plan_receivers_under(draw, model, heights.high);
     const ShadowDraw whole = draw;
-    if (options_.skip && !something_to_see(draw, model, heights)) {
-      plan_.unseen_shadows.push_back(whole);
+    if (options_.skip && !drop_invisible_layers(draw, model, heights)) {
+      plan_.skipped_shadows.push_back(whole);
       return;
     }
     plan_.shadows.push_back(draw);
@@ -215,7 +215,7 @@ class Planner {
     under.top = top;
     under.radius = is_bounded(draw, model) ? draw.radius : std::numeric_limits<double>::infinity();
     for (const OverPlane& receiver : receivers_over(draw.plane, draw.plane_frame)) {
-      if (!are_one_thing(draw.object, receiver.object) && receiver.meets(under))
+      if (!belong_together(draw.object, receiver.object) && receiver.meets(under))
         ++plan_.meeting_pairs;
     }
     if (misses_all(under, plan_.phantoms)) skip(SkipReason::shadow_misses_phantoms, draw.object);
@@ -224,7 +224,7 @@ class Planner {
 
   // Returns the root of the connected virtual objects that an object belongs to. Children of a
   // phantom, or of an object without a model, are roots.
-  [[nodiscard]] int thing_of(int object) const {
+  [[nodiscard]] int root_object_of(int object) const {
     for (int parent = object_at(object).parent;
          parent >= 0 && object_at(parent).model && !object_at(parent).phantom;
          parent = object_at(parent).parent)
@@ -232,9 +232,9 @@ class Planner {
     return object;
   }
   // Returns true if caster and receiver belong together, so that neither shadows the other.
-  [[nodiscard]] bool are_one_thing(int caster, int receiver) const {
+  [[nodiscard]] bool belong_together(int caster, int receiver) const {
     if (object_at(receiver).phantom) return receiver == caster;
-    return thing_of(receiver) == thing_of(caster);
+    return root_object_of(receiver) == root_object_of(caster);
   }
 
   struct OverPlane {
@@ -268,7 +268,7 @@ class Planner {
     bool asked = false;
     bool met = false;
     for (const ObjectDraw& receiver : receivers) {
-      if (are_one_thing(under.shadow.object, receiver.object)) continue;
+      if (belong_together(under.shadow.object, receiver.object)) continue;
       const SceneObject& object = object_at(receiver.object);
       if (options_.skip && !object.phantom && all_blends(*object.model)) {
         skip(SkipReason::receiver_blends, receiver.object);
@@ -507,7 +507,7 @@ class Planner {
 
   // Drops layers that are certainly invisible; returns true if any may be visible. Conservative, as
   // it tests the mesh's box.
-  bool something_to_see(ShadowDraw& draw, const Model& model, const HeightRange& heights) {
+  bool drop_invisible_layers(ShadowDraw& draw, const Model& model, const HeightRange& heights) {
     if (heights.high < -kContactTolerance_m)
       return skip(SkipReason::shadow_below_plane, draw.object);
     if (traits_of(draw.technique).has_penumbra) {

@@ -133,7 +133,7 @@ struct FramePlan {
   std::vector<PlaneReceiver> receivers;  // each once, for all nodes and techniques; in view or not
   std::vector<ShadowDraw> shadows;
   // Skipped shadows, because culling one must not change how the rest is drawn.
-  std::vector<ShadowDraw> unseen_shadows;
+  std::vector<ShadowDraw> skipped_shadows;
   std::vector<ReceivedShadowDraw> received_shadows;
   // Number of pairs of a caster and a receiver that its shadow may reach. Limits the resolution of
   // their masks; counts pairs out of view as well, so that the resolution does not depend on the

@@ -9,7 +9,7 @@ const Eigen::Vector3d kLuminance(0.2126, 0.7152, 0.0722);
 
 }  // namespace
 
-std::vector<PlacedLight> lights_or_lamp(const std::vector<PlacedLight>& lights) {
+std::vector<PlacedLight> lights_or_default(const std::vector<PlacedLight>& lights) {
   return lights.empty() ? std::vector<PlacedLight>{default_light()} : lights;
 }
 
@@ -23,7 +23,7 @@ Lighting lighting_for(const Scene& scene, const SceneState& state) {
   if (!state.video_light) return lighting;
 
   Eigen::Vector3d on_table = lighting.sky;
-  for (const PlacedLight& light : lights_or_lamp(state.lights)) {
+  for (const PlacedLight& light : lights_or_default(state.lights)) {
     const Eigen::Vector3d towards = light.place.head<3>();
     const double length = towards.norm();
     if (length > 0.0) on_table += std::max(towards.z() / length, 0.0) * light.color;
@@ -40,7 +40,7 @@ LightFractions lifted_by_ambient(const LightFractions& fractions, const Scene& s
   const double ambient = kLuminance.dot(scene.ambient);
   if (!(ambient > Scene::kUsualAmbient)) return fractions;
   double direct = 0.0;
-  for (const PlacedLight& light : lights_or_lamp(lights)) {
+  for (const PlacedLight& light : lights_or_default(lights)) {
     const Eigen::Vector3d towards = light.place.head<3>() - light.place.w() * place;
     const double length = towards.norm();
     if (length > 0.0)

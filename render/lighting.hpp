@@ -9,7 +9,7 @@
 namespace penumbra {
 
 // Returns the lights, or default_light() if there are none.
-[[nodiscard]] std::vector<PlacedLight> lights_or_lamp(const std::vector<PlacedLight>& lights);
+[[nodiscard]] std::vector<PlacedLight> lights_or_default(const std::vector<PlacedLight>& lights);
 
 // Factor on the scene's lights, and ambient light on virtual objects. Linear RGB.
 struct Lighting {

@@ -67,6 +67,6 @@ enum class LayerDrawing {
 };
 
 // Number of pixels in the screen-door's pattern, and thus of its densities.
-inline constexpr int kDoorPlaces = 16;
+inline constexpr int kDoorPixels = 16;
 
 }  // namespace penumbra

@@ -16,7 +16,7 @@ namespace {
 // 99 % quantile of chi-square with 6 degrees of freedom, for measurements of a resting group.
 constexpr double kRests = 16.8;
 // Growth of a resting group's covariance per frame; averages about five frames.
-constexpr double kForgets = 1.25;
+constexpr double kCovarianceGrowth = 1.25;
 // Maximum distance of the displayed pose from the average, and of the average from a measurement.
 constexpr double kShownWithin_px = 0.25;
 // Maximum time between two measurements that define a velocity.
@@ -34,7 +34,7 @@ Matrix6d adjoint(const Transform<A, B>& T_a_b) {
 }
 
 // Covariance of the camera's pose over a group's middle, caused by that of the group's pose.
-Matrix6d carried_to_camera(const MiddleFromCamera& T_middle_camera, const Matrix6d& of_place) {
+Matrix6d propagated_to_camera(const MiddleFromCamera& T_middle_camera, const Matrix6d& of_place) {
   const MiddleFromCamera normalised(T_middle_camera.rotation(), T_middle_camera.translation());
   const Matrix6d A = adjoint(normalised.inverse());
   return A * of_place * A.transpose();
@@ -68,7 +68,7 @@ bool GroupPlace::take(const CameraModel& camera, const Place& now, bool uncertai
   if (found_) {
     Place& found = *found_;
     const Vector6d away = perturbation_between(found.T_table_middle, now.T_table_middle);
-    const Matrix6d before = kForgets * found.covariance;
+    const Matrix6d before = kCovarianceGrowth * found.covariance;
     const Matrix6d total = before + now.covariance;
     const Vector6d weighed = total.ldlt().solve(away);
     agrees = away.dot(weighed) < kRests &&
@@ -112,8 +112,8 @@ GroupEstimate GroupPlace::coasting(const CameraModel& camera, double hold_s,
   estimate.rests = rests_;
   estimate.T_table_group = at * T_group_middle_.inverse();
   const MiddleFromCamera T_middle_camera = at.inverse() * table_pose.T_table_camera;
-  const Matrix6d of_group = found_->covariance + unforeseen_motion(age_s);
-  estimate.covariance = table_pose.covariance + carried_to_camera(T_middle_camera, of_group);
+  const Matrix6d of_group = found_->covariance + extrapolation_covariance(age_s);
+  estimate.covariance = table_pose.covariance + propagated_to_camera(T_middle_camera, of_group);
   estimate.predicted_overlay_error_px =
       predicted_overlay_px(camera, T_middle_camera, estimate.covariance);
   return estimate;
@@ -157,7 +157,7 @@ GroupEstimate GroupPlace::measured(const CameraModel& camera, const PoseEstimate
   const MiddleFromCamera drawn = shown_.inverse() * table_pose.T_table_camera;
   if (rests_) {
     // Drawn by the table's pose, at a place averaged over several frames.
-    estimate.covariance = table_pose.covariance + carried_to_camera(drawn, found_->covariance);
+    estimate.covariance = table_pose.covariance + propagated_to_camera(drawn, found_->covariance);
   } else {
     estimate.covariance = seen.covariance;
   }

@@ -17,8 +17,8 @@ namespace {
 
 // For a lost group: number of initial frames that test its old pose, and interval of later tests.
 // The same for searches of the whole image, which take as long as tracking 20 frames or more.
-constexpr int kLooksAtFirst = 15;
-constexpr int kLooksEvery = 4;
+constexpr int kInitialTests = 15;
+constexpr int kTestInterval = 4;
 constexpr int kSearchesAtFirst = 2;
 constexpr int kSearchesEvery = 8;
 
@@ -191,7 +191,7 @@ GroupEstimate GroupTracker::Impl::follow(Group& group, const Frame& frame, const
   const int unseen = group.unseen;
   TrackRequest request = request_for(group);
   // The group's last place. A search of the frame finds more, tags in wrong places too.
-  const bool looks = !search->searched() && (unseen < kLooksAtFirst || unseen % kLooksEvery == 0);
+  const bool looks = !search->searched() && (unseen < kInitialTests || unseen % kTestInterval == 0);
   if (looks && is_measured(table_pose.status))
     request.hint = as_map_pose(group.place.shown().inverse() * table_pose.T_table_camera);
   MapPoseEstimate then;  // where the group was seen in the past

@@ -15,9 +15,9 @@ namespace {
 constexpr double kDecides = 9.0;  // minimum log-likelihood ratio for a decision
 // Two poses whose tag corners differ by less than this are treated as one [px].
 constexpr double kSame_px = 0.15;
-// The same for residuals, if cells are smaller than kRunTogether_sigmas of the point spread.
+// The same for residuals, if cells are smaller than kOverlap_sigmas of the point spread.
 constexpr double kSameResiduals = 2.0;
-constexpr double kRunTogether_sigmas = 5.0;
+constexpr double kOverlap_sigmas = 5.0;
 
 // The pose from which the verified tags, all in one plane, look the same but for perspective.
 MapFromCamera mirrored(const RigidTags& group, const MapFromCamera& pose,
@@ -52,7 +52,7 @@ bool add_second_pose(const RigidTags& group, const Alignment& first, const Image
   other.input.exposure_motion = first.input.exposure_motion;
   other.input.velocity = first.input.velocity;
   other.input.predicted = mirrored(group, measurement.best.T_map_camera, seen);
-  other.input.covariance = loose_covariance();
+  other.input.covariance = uninformative_covariance();
   other.input.rejected = first.input.rejected;
   measurement.second.reset();
   measurement.ambiguous = false;
@@ -60,7 +60,7 @@ bool add_second_pose(const RigidTags& group, const Alignment& first, const Image
   if (!other.input.predicted.is_finite()) return false;
   double residuals = kSameResiduals;
   for (const TagAlignment& tag : seen) {
-    if (tag.verified && tag.cell_px > kRunTogether_sigmas * first.aligner.options().blur_px)
+    if (tag.verified && tag.cell_px > kOverlap_sigmas * first.aligner.options().blur_px)
       residuals = 0.0;
   }
   const auto look_the_same = [&](const MapFromCamera& pose, double residual_px) {

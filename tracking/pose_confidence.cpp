@@ -150,11 +150,11 @@ double samples_needed(const CameraModel& camera, const AlignmentResult& result, 
   return noise_px * noise_px / left;
 }
 
-JudgedPose judge(const RigidTags& group, const Measurement& measurement,
-                 const std::optional<MapFromCamera>& predicted) {
+AssessedPose judge(const RigidTags& group, const Measurement& measurement,
+                   const std::optional<MapFromCamera>& predicted) {
   const Choice chosen = choose(group, measurement, predicted);
   const MapFromCamera& pose = chosen.pose.T_map_camera;
-  JudgedPose judged;
+  AssessedPose judged;
   MapPoseEstimate& estimate = judged.estimate;
   estimate.T_map_camera = pose;
   // Unread tags show blur or a grazing view, see docs/tracking.md#unread-tags.

@@ -52,13 +52,13 @@ void take_alignment(const RigidTags& group, const Alignment& alignment, const Re
 bool add_second_pose(const RigidTags& group, const Alignment& first, const ImageMotion& motion,
                      Measurement& measurement);
 
-struct JudgedPose {
+struct AssessedPose {
   MapPoseEstimate estimate;
   bool only_lens_uncertain = false;  // uncertain only because of the lens
 };
 
 // Returns the estimate of a measured frame. If two poses fit, `predicted` selects one.
-[[nodiscard]] JudgedPose judge(const RigidTags& group, const Measurement& measurement,
-                               const std::optional<MapFromCamera>& predicted);
+[[nodiscard]] AssessedPose judge(const RigidTags& group, const Measurement& measurement,
+                                 const std::optional<MapFromCamera>& predicted);
 
 }  // namespace penumbra

@@ -55,17 +55,17 @@ struct RigidTagTracker::Impl {
   bool found_inconsistent = false;  // the tags found by the latest search are inconsistent
   TrackTimes times = {};
 
-  [[nodiscard]] JudgedPose estimate(const Frame& frame, const TrackRequest& request);
-  [[nodiscard]] JudgedPose measure(const Frame& frame, const TrackRequest& request);
-  [[nodiscard]] JudgedPose coast(const Frame& frame, PoseReason reason) const;
+  [[nodiscard]] AssessedPose estimate(const Frame& frame, const TrackRequest& request);
+  [[nodiscard]] AssessedPose measure(const Frame& frame, const TrackRequest& request);
+  [[nodiscard]] AssessedPose coast(const Frame& frame, PoseReason reason) const;
   // Aligns from `start`; returns nullopt if the result is not verified.
-  [[nodiscard]] std::optional<JudgedPose> follow(const Frame& frame, Start start);
-  [[nodiscard]] std::optional<JudgedPose> follow_hint(const Frame& frame, const MapFromCamera& hint,
-                                                      Start start);
-  [[nodiscard]] std::optional<JudgedPose> follow_far(const Frame& frame);
+  [[nodiscard]] std::optional<AssessedPose> follow(const Frame& frame, Start start);
+  [[nodiscard]] std::optional<AssessedPose> follow_hint(const Frame& frame,
+                                                        const MapFromCamera& hint, Start start);
+  [[nodiscard]] std::optional<AssessedPose> follow_far(const Frame& frame);
   // Detects tags, and aligns the pose found where that is verified.
-  [[nodiscard]] JudgedPose find(const Frame& frame, const std::optional<MapFromCamera>& predicted,
-                                SearchResolution finest);
+  [[nodiscard]] AssessedPose find(const Frame& frame, const std::optional<MapFromCamera>& predicted,
+                                  SearchResolution finest);
 
   struct Followed {
     Measurement measurement;
@@ -83,21 +83,21 @@ struct RigidTagTracker::Impl {
   void note_work(const AlignmentResult& result);
 };
 
-JudgedPose RigidTagTracker::Impl::coast(const Frame& frame, PoseReason reason) const {
+AssessedPose RigidTagTracker::Impl::coast(const Frame& frame, PoseReason reason) const {
   return {history.coast(group.camera, frame.timestamp_ns, options.hold_s, std::move(reason))};
 }
 
-JudgedPose RigidTagTracker::Impl::estimate(const Frame& frame, const TrackRequest& request) {
+AssessedPose RigidTagTracker::Impl::estimate(const Frame& frame, const TrackRequest& request) {
   if (frame.empty()) return coast(frame, not_measured("the frame is empty"));
   if (frame.width != group.camera.width() || frame.height != group.camera.height()) {
-    JudgedPose lost;
+    AssessedPose lost;
     lost.estimate.reason =
         not_measured(fmt::format("the frame is {}x{}, the camera file says {}x{}", frame.width,
                                  frame.height, group.camera.width(), group.camera.height()));
     return lost;
   }
   history.begin_frame(frame.timestamp_ns);
-  JudgedPose judged = measure(frame, request);
+  AssessedPose judged = measure(frame, request);
   const MapPoseEstimate& estimate = judged.estimate;
   if (estimate.status == TrackStatus::lost || estimate.status == TrackStatus::held) return judged;
   const PoseCause cause = estimate.reason.cause;
@@ -108,7 +108,7 @@ JudgedPose RigidTagTracker::Impl::estimate(const Frame& frame, const TrackReques
   return judged;
 }
 
-JudgedPose RigidTagTracker::Impl::measure(const Frame& frame, const TrackRequest& request) {
+AssessedPose RigidTagTracker::Impl::measure(const Frame& frame, const TrackRequest& request) {
   const std::optional<MapFromCamera> predicted = history.recent_prediction(frame.timestamp_ns);
   if (options.mode == TrackingMode::detect) {
     MeasurementResult measurement = corners.detect(group, SearchResolution::full, times);
@@ -121,7 +121,7 @@ JudgedPose RigidTagTracker::Impl::measure(const Frame& frame, const TrackRequest
       (frame.timestamp_ns <= motion.timestamp_ns() ||
        seconds(frame.timestamp_ns - motion.timestamp_ns()) > kPriorLifetime_s))
     motion.reset();
-  std::optional<JudgedPose> followed = follow(frame, Start::own_motion);
+  std::optional<AssessedPose> followed = follow(frame, Start::own_motion);
   if (!followed && request.hint && !found_inconsistent)
     followed =
         follow_hint(frame, *request.hint, request.hint_seen ? Start::seen_hint : Start::hint);
@@ -162,7 +162,7 @@ AlignmentInput RigidTagTracker::Impl::input_from(const MapFromCamera& pose) cons
   AlignmentInput input;
   input.luma = corners.frame().image();
   input.predicted = pose;
-  input.covariance = loose_covariance();
+  input.covariance = uninformative_covariance();
   input.rejected = state.consensus.rejected();
   return input;
 }
@@ -177,16 +177,16 @@ std::optional<RigidTagTracker::Impl::Followed> RigidTagTracker::Impl::align_foll
   alignment.input.covariance = prediction.covariance;
   alignment.input.first_samples = state.last_samples;
   alignment.input.starts_far = state.last_start_far;
-  alignment.input.seen_contrast = state.last_contrast;
+  alignment.input.previous_contrast = state.last_contrast;
   alignment.input.velocity = prediction.velocity;
   const AlignmentResult& result = alignment.result;
   alignment.run();
-  if (result.verified && !from_hint) align_at_own_speed(history, camera, frame, alignment);
+  if (result.verified && !from_hint) align_with_measured_motion(history, camera, frame, alignment);
   if (!state.consensus.settle(group, corners.observations(), alignment)) {
     found_inconsistent = true;
     return std::nullopt;
   }
-  state.consensus.look_again_seldom(alignment);
+  state.consensus.retest_rejected_seldom(alignment);
   note_work(result);
   state.last_start_far = result.counters.far_start;
   state.last_contrast = result.verified ? result.counters.contrast : 0.0;
@@ -196,7 +196,7 @@ std::optional<RigidTagTracker::Impl::Followed> RigidTagTracker::Impl::align_foll
   ImageMotion motion{motion_px, 0.0, {}};
   if (from_hint && result.verified) {
     alignment.input.predicted = result.T_map_camera;
-    alignment.input.covariance = loose_covariance();
+    alignment.input.covariance = uninformative_covariance();
     alignment.with_search = false;
     alignment.run();
     note_work(result);
@@ -221,7 +221,7 @@ std::optional<RigidTagTracker::Impl::Followed> RigidTagTracker::Impl::align_foll
   return followed;
 }
 
-std::optional<JudgedPose> RigidTagTracker::Impl::follow(const Frame& frame, Start start) {
+std::optional<AssessedPose> RigidTagTracker::Impl::follow(const Frame& frame, Start start) {
   if (!state.motion.has_state()) return std::nullopt;
   const MotionPrediction prediction = state.motion.predict(frame.timestamp_ns);
   if (!prediction.T_map_camera.is_finite() || !prediction.covariance.allFinite()) {
@@ -242,7 +242,7 @@ std::optional<JudgedPose> RigidTagTracker::Impl::follow(const Frame& frame, Star
     measurement.ambiguous = true;
     expected.reset();
   }
-  JudgedPose judged = judge(group, measurement, expected);
+  AssessedPose judged = judge(group, measurement, expected);
   const MapPoseEstimate& estimate = judged.estimate;
   state.branch_open = estimate.status == TrackStatus::uncertain && measurement.ambiguous &&
                       estimate.reason.cause == PoseCause::two_poses;
@@ -256,22 +256,22 @@ std::optional<JudgedPose> RigidTagTracker::Impl::follow(const Frame& frame, Star
 }
 
 // Aligns from a hint without a prior.
-std::optional<JudgedPose> RigidTagTracker::Impl::follow_hint(const Frame& frame,
-                                                             const MapFromCamera& hint,
-                                                             Start start) {
+std::optional<AssessedPose> RigidTagTracker::Impl::follow_hint(const Frame& frame,
+                                                               const MapFromCamera& hint,
+                                                               Start start) {
   if (!hint.is_finite()) return std::nullopt;
   constexpr double kHint_m = 0.01;
   constexpr double kHint_rad = 0.03;
   const Following before = state;
   state.branch_open = false;
   state.motion.start(frame.timestamp_ns, hint, covariance_of(kHint_m, kHint_rad));
-  std::optional<JudgedPose> found = follow(frame, start);
+  std::optional<AssessedPose> found = follow(frame, start);
   if (!found) state = before;
   return found;
 }
 
 // Tracks a camera that moved beyond the range of the pattern search.
-std::optional<JudgedPose> RigidTagTracker::Impl::follow_far(const Frame& frame) {
+std::optional<AssessedPose> RigidTagTracker::Impl::follow_far(const Frame& frame) {
   if (!state.motion.has_state()) return std::nullopt;
   const MotionPrediction prediction = state.motion.predict(frame.timestamp_ns);
   AlignmentInput input = input_from(prediction.T_map_camera);
@@ -283,7 +283,7 @@ std::optional<JudgedPose> RigidTagTracker::Impl::follow_far(const Frame& frame) 
     align.add_to(times.align_ms, times.align_cpu_ms);
     if (!guess) continue;
     const MotionModel before = state.motion;
-    std::optional<JudgedPose> found = follow_hint(frame, *guess, Start::hint);
+    std::optional<AssessedPose> found = follow_hint(frame, *guess, Start::hint);
     if (!found) {
       found_inconsistent = false;  // resets the flag, because the guess may be wrong
       continue;
@@ -308,7 +308,7 @@ void RigidTagTracker::Impl::align_found(const Frame& frame, Measurement& measure
   consensus.begin(measurement.rejected);
   Alignment alignment{aligner, input_from(measurement.best.T_map_camera), false};
   alignment.run();
-  consensus.look_again(alignment);
+  consensus.retest_rejected(alignment);
   measurement.inconsistent = !consensus.settle(group, corners.observations(), alignment);
   measurement.rejected = consensus.rejected();
   const AlignmentResult& result = alignment.result;
@@ -340,9 +340,9 @@ void RigidTagTracker::Impl::align_found(const Frame& frame, Measurement& measure
   }
 }
 
-JudgedPose RigidTagTracker::Impl::find(const Frame& frame,
-                                       const std::optional<MapFromCamera>& predicted,
-                                       SearchResolution finest) {
+AssessedPose RigidTagTracker::Impl::find(const Frame& frame,
+                                         const std::optional<MapFromCamera>& predicted,
+                                         SearchResolution finest) {
   MeasurementResult measurement = corners.find(group, finest, predicted, times);
   if (!measurement) return coast(frame, measurement.error());
   if (measurement->inconsistent) {
@@ -354,7 +354,7 @@ JudgedPose RigidTagTracker::Impl::find(const Frame& frame,
   }
   CornerSearch::refine(group, *measurement, times);
   times.corner_solve_skipped = !measurement->by_ceres;
-  JudgedPose judged = judge(group, *measurement, predicted);
+  AssessedPose judged = judge(group, *measurement, predicted);
   const MapPoseEstimate& estimate = judged.estimate;
   found_inconsistent = measurement->inconsistent;
   if (found_inconsistent) {

@@ -75,13 +75,13 @@ double RigidTags::corner_distance_px(const MapFromCamera& a, const MapFromCamera
   return count > 0.0 ? sum / count : 0.0;
 }
 
-bool most_are_inconsistent(const AlignmentResult& result) {
+bool many_are_inconsistent(const AlignmentResult& result) {
   const auto inconsistent = std::ranges::count_if(
       result.tags, [](const TagAlignment& tag) { return !tag.verified && tag.inconsistent; });
   return result.verified && result.tags_verified < 2 * inconsistent;
 }
 
-Matrix6d loose_covariance() {
+Matrix6d uninformative_covariance() {
   return covariance_of(0.05, 0.1);
 }
 

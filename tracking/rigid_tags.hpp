@@ -52,9 +52,9 @@ struct Alignment {
 };
 
 // Returns true if the number of inconsistent tags exceeds half the number of verified tags.
-[[nodiscard]] bool most_are_inconsistent(const AlignmentResult& result);
+[[nodiscard]] bool many_are_inconsistent(const AlignmentResult& result);
 
 // Returns a prior covariance so large that it does not constrain the pose.
-[[nodiscard]] Matrix6d loose_covariance();
+[[nodiscard]] Matrix6d uninformative_covariance();
 
 }  // namespace penumbra

@@ -24,7 +24,7 @@ double scatter_px(const RigidTags& group, const Alignment& joint) {
   const MapFromCamera& pose = joint.result.T_map_camera;
   Alignment alone{joint.aligner, joint.input, false};
   alone.input.predicted = pose;
-  alone.input.covariance = loose_covariance();
+  alone.input.covariance = uninformative_covariance();
   double sum = 0.0;
   double count = 0.0;
   for (const TagAlignment& tag : joint.result.tags) {
@@ -73,7 +73,7 @@ bool TagConsensus::lacks_majority(std::span<const TagObservation> detected,
                                   const Alignment& alignment) const {
   const AlignmentResult& result = alignment.result;
   if (!result.verified) return false;
-  if (alignment.with_search) return most_are_inconsistent(result);
+  if (alignment.with_search) return many_are_inconsistent(result);
   if (result.tags_verified < 2 * inconsistent_tags(result, detected)) return true;
   constexpr double kStrict_px = 0.15;  // one tag may have biased the pose of the others
   return strict_frames_ > 0 &&
@@ -151,12 +151,12 @@ bool TagConsensus::settle(const RigidTags& group, std::span<const TagObservation
   return apart_px < kElsewhere_px;
 }
 
-void TagConsensus::look_again_seldom(Alignment& alignment) {
+void TagConsensus::retest_rejected_seldom(Alignment& alignment) {
   constexpr int kSeldom = 60;  // [frames]
-  if (!rejected_.empty() && ++frames_rejected_ >= kSeldom) look_again(alignment);
+  if (!rejected_.empty() && ++frames_rejected_ >= kSeldom) retest_rejected(alignment);
 }
 
-void TagConsensus::look_again(Alignment& alignment) {
+void TagConsensus::retest_rejected(Alignment& alignment) {
   const AlignmentResult& result = alignment.result;
   if (rejected_.empty() || !result.verified) return;
   frames_rejected_ = 0;

@@ -22,8 +22,8 @@ class TagConsensus {
   [[nodiscard]] bool settle(const RigidTags& group, std::span<const TagObservation> detected,
                             Alignment& alignment);
   // Retests whether rejected tags agree with the others: now, or once in many calls.
-  void look_again(Alignment& alignment);
-  void look_again_seldom(Alignment& alignment);
+  void retest_rejected(Alignment& alignment);
+  void retest_rejected_seldom(Alignment& alignment);
 
   // Some frames after a search with inconsistent tags are strict: most tags in the image must fit.
   void begin_strict_frames();

@@ -58,7 +58,7 @@ Pictures newest_of(LiveSource& source) {
 
 Pictures all_of(const std::filesystem::path& recording) {
   return [recording](const TakePicture& take, const std::stop_token& stop) {
-    return for_each_picture(recording, [&](const Picture& picture) -> Result<bool> {
+    return for_each_image(recording, [&](const Picture& picture) -> Result<bool> {
       if (stop.stop_requested()) return false;
       return take(picture);
     });
@@ -79,16 +79,16 @@ std::string guide_text(const GuideProgress& progress) {
 }
 
 // Checks images one by one on its own thread, because solving for a view would block the window.
-class Looking {
+class ImageChecker {
  public:
-  struct Looked {
+  struct CheckedImage {
     Frame frame;
     GuideResult look;
     GuideProgress progress;
   };
 
-  Looking(Pictures pictures, const CaptureOptions& options, CameraCalibrator& calibrator,
-          ViewGuide guide, std::optional<ImageCheck> check, std::stop_source stop, bool bars)
+  ImageChecker(Pictures pictures, const CaptureOptions& options, CameraCalibrator& calibrator,
+               ViewGuide guide, std::optional<ImageCheck> check, std::stop_source stop, bool bars)
       : pictures_(std::move(pictures)),
         calibrator_(calibrator),
         options_(options),
@@ -97,12 +97,12 @@ class Looking {
         stop_(std::move(stop)),
         bars_(bars),
         thread_([this] { run(); }) {}
-  Looking(const Looking&) = delete;
-  Looking& operator=(const Looking&) = delete;
-  ~Looking() { stop(); }
+  ImageChecker(const ImageChecker&) = delete;
+  ImageChecker& operator=(const ImageChecker&) = delete;
+  ~ImageChecker() { stop(); }
 
   // Returns the newest checked image, or nullopt after `patience`.
-  [[nodiscard]] std::optional<Looked> take(std::chrono::milliseconds patience) {
+  [[nodiscard]] std::optional<CheckedImage> take(std::chrono::milliseconds patience) {
     return looked_.take(patience);
   }
   [[nodiscard]] bool finished() const { return looked_.finished(); }
@@ -213,7 +213,7 @@ class Looking {
   int width_ = 0;
   int height_ = 0;
   std::map<std::string, int> reasons_;  // counts of reasons for rejecting images
-  Mailbox<Looked> looked_;
+  Mailbox<CheckedImage> looked_;
   std::thread thread_;  // declared last, because it uses the others
 };
 
@@ -247,8 +247,8 @@ Result<Capture> capture_views(const CaptureSource& source, const Target& target,
   }
   const bool bars = window == nullptr && isatty(STDERR_FILENO) == 1;
   CaptureEnd end = CaptureEnd::no_more;
-  Looking looking(camera != nullptr ? newest_of(**camera) : all_of(std::get<1>(source)), options,
-                  calibrator, std::move(guide), std::move(check), stop, bars);
+  ImageChecker looking(camera != nullptr ? newest_of(**camera) : all_of(std::get<1>(source)),
+                       options, calibrator, std::move(guide), std::move(check), stop, bars);
   for (std::optional<Stopwatch> since_first; !looking.finished();) {
     auto looked = looking.take(kPatience);
     if (looked && !since_first) since_first.emplace();

@@ -45,7 +45,7 @@ void words(ImU32 color, const std::string& text) {
   ImGui::PopStyleColor();
 }
 
-void cells_over(const GuideHud& hud, const PictureArea& area, float em) {
+void cells_over(const GuideHud& hud, const ImageArea& area, float em) {
   const GuideCoverage& coverage = hud.progress.coverage;
   if (coverage.columns <= 0 || coverage.rows <= 0) return;
   ImDrawList& list = *ImGui::GetBackgroundDrawList();
@@ -67,7 +67,7 @@ void cells_over(const GuideHud& hud, const PictureArea& area, float em) {
   }
 }
 
-void corners_over(const GuideHud& hud, const PictureArea& area, float em) {
+void corners_over(const GuideHud& hud, const ImageArea& area, float em) {
   ImDrawList& list = *ImGui::GetBackgroundDrawList();
   const double scale = static_cast<double>(area.width) / hud.width;
   const float radius = std::max(2.0F, 0.16F * em);
@@ -156,7 +156,7 @@ void verdict(const GuideHud& hud, GlContext::Size size, float em) {
 void draw_guide(Overlay& overlay, const GuideHud& hud, GlContext::Size size) {
   if (hud.width <= 0 || hud.height <= 0) return;
   overlay.draw_custom(size, [&](float em) {
-    const PictureArea area = picture_area(hud.width, hud.height, size);
+    const ImageArea area = image_area(hud.width, hud.height, size);
     cells_over(hud, area, em);
     if (!hud.words.empty()) {
       verdict(hud, size, em);
@@ -241,12 +241,12 @@ void GuideWindow::refresh() {
   hud_.flash = taken_ ? std::max(0.0, 1.0 - since_taken_.elapsed().wall_ms / kFlash_ms) : 0.0;
   picture_.present(size);
   draw_guide(*overlay_, hud_, size);
-  if (std::exchange(save_, false)) save_picture_of_window();
+  if (std::exchange(save_, false)) save_window_image();
   context_->swap();
   if (!context_->poll_events()) closed_ = true;
 }
 
-void GuideWindow::save_picture_of_window() {
+void GuideWindow::save_window_image() {
   const GlContext::Size size = context_->window_size();
   if (size.width <= 0 || size.height <= 0) return;
   const std::size_t row = static_cast<std::size_t>(size.width) * 4U;
@@ -260,7 +260,7 @@ void GuideWindow::save_picture_of_window() {
     const auto begin = upside_down.begin() + static_cast<std::ptrdiff_t>(row) * y;
     rgba.insert(rgba.end(), begin, begin + static_cast<std::ptrdiff_t>(row));
   }
-  log_info("{}", save_picture(size.width, size.height, rgba));
+  log_info("{}", save_screenshot_png(size.width, size.height, rgba));
 }
 
 void GuideWindow::wait(InterruptWatch& interrupt) {

@@ -55,7 +55,7 @@ class GuideWindow {
   GuideWindow(std::unique_ptr<GlContext> context, std::unique_ptr<Overlay> overlay,
               Framebuffer picture);
   void take(const WindowEvent& event);
-  void save_picture_of_window();
+  void save_window_image();
 
   std::unique_ptr<GlContext> context_;  // declared first: the OpenGL objects below need it
   std::unique_ptr<Overlay> overlay_;

@@ -63,8 +63,8 @@ Result<void> each_file(const std::filesystem::path& source,
 
 }  // namespace
 
-Result<void> for_each_picture(const std::filesystem::path& source,
-                              const std::function<Result<bool>(const Picture&)>& take) {
+Result<void> for_each_image(const std::filesystem::path& source,
+                            const std::function<Result<bool>(const Picture&)>& take) {
   std::error_code ignored;
   if (!std::filesystem::exists(source, ignored)) {
     return fail("{}: no such folder; give a recording or a folder of PNG or JPEG images",

@@ -23,7 +23,7 @@ struct Picture {
 
 // Calls `take` for every image in order until it returns false or an error. Ignores camera.yaml,
 // tags.yaml and groundtruth.tum in the folder. Fails if there are no images.
-[[nodiscard]] Result<void> for_each_picture(
-    const std::filesystem::path& source, const std::function<Result<bool>(const Picture&)>& take);
+[[nodiscard]] Result<void> for_each_image(const std::filesystem::path& source,
+                                          const std::function<Result<bool>(const Picture&)>& take);
 
 }  // namespace penumbra

@@ -36,8 +36,8 @@ Frame without_padding(Frame frame, const ImageSize& size) {
 
 }  // namespace
 
-Started<CameraJpeg> receive_camera_jpeg(std::span<const std::uint8_t> bytes,
-                                        const ImageSize& granted, std::string_view remedy) {
+StreamResult<CameraJpeg> receive_camera_jpeg(std::span<const std::uint8_t> bytes,
+                                             const ImageSize& granted, std::string_view remedy) {
   const auto outline = outline_jpeg(bytes);
   if (!outline) {
     return fail_with(CaptureFault::damaged, "an incomplete JPEG is skipped ({}); {}",

@@ -32,9 +32,9 @@ inline constexpr char kOtherJpegSize[] =
 
 // Finds the image in a camera's buffer, or returns why it is rejected. Decodes it only if the end
 // mark is missing, to check that it is complete. `remedy` ends the message about a damaged image.
-[[nodiscard]] Started<CameraJpeg> receive_camera_jpeg(std::span<const std::uint8_t> bytes,
-                                                      const ImageSize& granted,
-                                                      std::string_view remedy = kImproveTransfer);
+[[nodiscard]] StreamResult<CameraJpeg> receive_camera_jpeg(
+    std::span<const std::uint8_t> bytes, const ImageSize& granted,
+    std::string_view remedy = kImproveTransfer);
 
 // Decodes a camera's image and crops the padding that its encoder added.
 [[nodiscard]] Result<Frame> decode_camera_jpeg(std::span<const std::uint8_t> bytes,

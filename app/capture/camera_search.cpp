@@ -3,12 +3,12 @@
 namespace penumbra {
 
 void CameraSearch::begin() {
-  first_look_ = true;
+  first_search_ = true;
   others_.clear();
 }
 
 std::optional<std::size_t> CameraSearch::find(std::span<const V4l2Identity> connected) {
-  const bool first_look = std::exchange(first_look_, false);
+  const bool first_look = std::exchange(first_search_, false);
   std::optional<std::size_t> moved;
   std::set<std::string> places;  // bus addresses; one camera may have several devices
   for (std::size_t i = 0; i < connected.size(); ++i) {

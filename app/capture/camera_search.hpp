@@ -34,7 +34,7 @@ class CameraSearch {
   }
 
   V4l2Identity lost_;  // includes the latest bus address
-  bool first_look_ = true;
+  bool first_search_ = true;
   std::set<std::string> others_;  // bus addresses of the excluded cameras
 };
 

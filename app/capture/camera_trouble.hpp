@@ -15,17 +15,18 @@
 namespace penumbra {
 
 // Reason why a stream could not be started.
-struct Trouble {
+struct StreamError {
   CaptureFault fault;
   std::string message;
 };
 template <class T>
-using Started = tl::expected<T, Trouble>;
+using StreamResult = tl::expected<T, StreamError>;
 
 template <class... Args>
-[[nodiscard]] tl::unexpected<Trouble> fail_with(CaptureFault fault,
-                                                fmt::format_string<Args...> text, Args&&... args) {
-  return tl::unexpected<Trouble>({fault, fmt::format(text, std::forward<Args>(args)...)});
+[[nodiscard]] tl::unexpected<StreamError> fail_with(CaptureFault fault,
+                                                    fmt::format_string<Args...> text,
+                                                    Args&&... args) {
+  return tl::unexpected<StreamError>({fault, fmt::format(text, std::forward<Args>(args)...)});
 }
 
 // `error`: an errno or a negated errno.
@@ -52,7 +53,7 @@ class Outage {
  public:
   explicit Outage(FaultCounter& faults) : faults_(faults) {}
   // Starts an outage, or continues it. `now`: a shorter text for the HUD; default: the message.
-  void begin(const Trouble& trouble, const std::optional<std::string>& now = std::nullopt);
+  void begin(const StreamError& trouble, const std::optional<std::string>& now = std::nullopt);
   // Call this when a frame arrives. Returns true if it ended an outage.
   bool end();
 

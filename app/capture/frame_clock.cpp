@@ -39,13 +39,13 @@ std::int64_t FrameClock::usual_interval_ns() const {
   return usual_interval(granted_ns_, intervals_ns_, count, count / 2);
 }
 
-void FrameClock::judge_interval(std::int64_t interval_ns, bool consecutive, FrameStamp& stamp) {
+void FrameClock::check_interval(std::int64_t interval_ns, bool consecutive, FrameStamp& stamp) {
   const std::int64_t usual_ns = usual_interval_ns();
   const bool is_long =
       consecutive && usual_ns > 0 &&
       static_cast<double>(interval_ns) > kGapIntervals * static_cast<double>(usual_ns);
   if (!is_long) {
-    stamp.lost_silent = static_cast<std::uint32_t>(
+    stamp.lost_by_time = static_cast<std::uint32_t>(
         std::min<std::uint64_t>(pending_lost_, std::numeric_limits<std::uint32_t>::max()));
     pending_lost_ = long_run_ = 0;
     return;
@@ -74,11 +74,11 @@ FrameStamp FrameClock::next(std::uint32_t driver_sequence, std::int64_t driver_n
     // one interval ahead, because some drivers stamp the end of the exposure.
     const bool possible = driver_ns <= arrival_ns + usual_interval_ns() &&
                           driver_ns >= arrival_ns - kOldest_ns &&
-                          (!any_believed_ || driver_ns > believed_ns_);
+                          (!any_plausible_ || driver_ns > plausible_ns_);
     stamp.bad_time = !possible;
     if (possible) {
-      believed_ns_ = driver_ns;
-      any_believed_ = true;
+      plausible_ns_ = driver_ns;
+      any_plausible_ = true;
     }
   }
   if (!monotonic || stamp.bad_time) stamp.timestamp_ns = arrival_ns;
@@ -93,7 +93,7 @@ FrameStamp FrameClock::next(std::uint32_t driver_sequence, std::int64_t driver_n
     stamp.lost_counted = step - 1;
     const std::int64_t interval_ns = stamp.timestamp_ns - timestamp_ns_;
     if (continuous_ && !stamp.bad_time && !last_bad_) {
-      judge_interval(interval_ns, step == 1 && monotonic, stamp);
+      check_interval(interval_ns, step == 1 && monotonic, stamp);
       intervals_ns_[intervals_++ % intervals_ns_.size()] = interval_ns / step;
     }
     sequence_ += step;
@@ -115,17 +115,17 @@ void FrameClock::restart(std::int64_t interval_ns) {
   last_bad_ = false;
 }
 
-void FramePace::saw(std::int64_t timestamp_ns) {
+void FramePace::observe(std::int64_t timestamp_ns) {
   if (any_ && timestamp_ns > last_ns_) {
     intervals_ns_[intervals_++ % intervals_ns_.size()] = timestamp_ns - last_ns_;
   }
   last_ns_ = timestamp_ns;
   any_ = true;
-  fruitless_starts_ = 0;
+  failed_starts_ = 0;
 }
 
 void FramePace::restart(std::int64_t granted_ns) {
-  if (!any_) ++fruitless_starts_;
+  if (!any_) ++failed_starts_;
   granted_ns_ = granted_ns;
   intervals_ = 0;
   any_ = false;
@@ -137,8 +137,8 @@ std::int64_t FramePace::usual_ns() const {
   return usual_interval(granted_ns_, intervals_ns_, count, (count - 1) / 2);
 }
 
-std::int64_t FramePace::silent_after_ns() const {
-  const std::int64_t starting_ns = kStarting_ns << std::min(fruitless_starts_, kMostDoublings);
+std::int64_t FramePace::stall_timeout_ns() const {
+  const std::int64_t starting_ns = kStarting_ns << std::min(failed_starts_, kMostDoublings);
   const std::int64_t least = intervals_ == 0 ? starting_ns : kSilent_ns;
   return std::max(least, kMissed * usual_ns());
 }

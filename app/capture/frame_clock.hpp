@@ -12,7 +12,7 @@ struct FrameStamp {
   std::int64_t timestamp_ns = 0;   // monotonic clock, increasing
   std::uint32_t lost_counted = 0;  // lost before this frame, by the driver's sequence numbers
   // Frames lost by the timestamps only; reported with the first punctual frame after the gap.
-  std::uint32_t lost_silent = 0;
+  std::uint32_t lost_by_time = 0;
   bool bad_time = false;  // the driver's time was impossible; timestamp_ns is the time of arrival
   // New interval [ns] if the camera has become slower; 0 for every other frame.
   std::int64_t slower_interval_ns = 0;
@@ -37,7 +37,7 @@ class FrameClock {
   [[nodiscard]] std::int64_t usual_interval_ns() const;
   // Decides whether frames were lost during an interval [ns]. `consecutive`: the driver's sequence
   // numbers show no loss.
-  void judge_interval(std::int64_t interval_ns, bool consecutive, FrameStamp& stamp);
+  void check_interval(std::int64_t interval_ns, bool consecutive, FrameStamp& stamp);
 
   std::int64_t granted_ns_ = 0;
   std::array<std::int64_t, 15> intervals_ns_{};
@@ -49,8 +49,8 @@ class FrameClock {
   std::uint32_t driver_sequence_ = 0;
   std::uint64_t sequence_ = 0;
   std::int64_t timestamp_ns_ = 0;
-  std::int64_t believed_ns_ = 0;  // previous plausible time of the driver
-  bool any_believed_ = false;
+  std::int64_t plausible_ns_ = 0;  // previous plausible time of the driver
+  bool any_plausible_ = false;
   bool last_bad_ = false;
 };
 
@@ -59,7 +59,7 @@ class FramePace {
  public:
   explicit FramePace(std::int64_t granted_ns = 0) : granted_ns_(granted_ns) {}
 
-  void saw(std::int64_t timestamp_ns);
+  void observe(std::int64_t timestamp_ns);
   // Call this when the stream is restarted: the pause is not an interval.
   void restart(std::int64_t granted_ns);
 
@@ -68,7 +68,7 @@ class FramePace {
   // A stalled stream is restarted after this time: 1 s, or three intervals of a slow camera. Before
   // the first interval it is 3 s, because many cameras start slowly. It doubles after a restart
   // without a frame (6 s, then 12 s).
-  [[nodiscard]] std::int64_t silent_after_ns() const;
+  [[nodiscard]] std::int64_t stall_timeout_ns() const;
   // The newest frame is stale after this time: 250 ms, or three intervals of a slow camera.
   [[nodiscard]] std::int64_t stale_after_ns() const;
 
@@ -77,8 +77,8 @@ class FramePace {
   std::array<std::int64_t, 5> intervals_ns_{};
   std::size_t intervals_ = 0;  // count since the restart
   std::int64_t last_ns_ = 0;
-  bool any_ = false;          // a frame arrived since the restart
-  int fruitless_starts_ = 0;  // consecutive starts without a frame
+  bool any_ = false;       // a frame arrived since the restart
+  int failed_starts_ = 0;  // consecutive starts without a frame
 };
 
 }  // namespace penumbra

@@ -102,8 +102,8 @@ std::string model_of(const lc::Camera& camera) {
   return camera.properties().get(lc::properties::Model).value_or(std::string());
 }
 
-Started<std::shared_ptr<lc::Camera>> find_camera(const lc::CameraManager& manager,
-                                                 const std::string& name) {
+StreamResult<std::shared_ptr<lc::Camera>> find_camera(const lc::CameraManager& manager,
+                                                      const std::string& name) {
   const auto cameras = manager.cameras();
   if (const auto place = parse_integer(name);
       place && *place >= 0 && static_cast<std::uint64_t>(*place) < cameras.size()) {
@@ -275,9 +275,9 @@ class Stream {
     std::string id;
     StreamFormat format;
   };
-  static Started<std::unique_ptr<Stream>> start(const LibcameraOptions& options,
-                                                const std::optional<Before>& as_before,
-                                                Completed& completed) {
+  static StreamResult<std::unique_ptr<Stream>> start(const LibcameraOptions& options,
+                                                     const std::optional<Before>& as_before,
+                                                     Completed& completed) {
     auto manager = camera_manager();
     if (!manager) return fail_with(CaptureFault::io_error, "{}", manager.error().message);
     PENUMBRA_TRY(auto camera, find_camera(**manager, as_before ? as_before->id : options.camera));
@@ -350,7 +350,7 @@ class Stream {
          Completed& completed)
       : manager_(std::move(manager)), camera_(std::move(camera)), completed_(completed) {}
 
-  [[nodiscard]] tl::unexpected<Trouble> trouble(const char* what, int error) const {
+  [[nodiscard]] tl::unexpected<StreamError> trouble(const char* what, int error) const {
     const CaptureFault fault = fault_of(error);
     std::string_view remedy =
         "see libcamera's log (LIBCAMERA_LOG_LEVELS=*:DEBUG) and the kernel's (dmesg)";
@@ -367,7 +367,7 @@ class Stream {
                      remedy);
   }
 
-  Started<void> run(const LibcameraOptions& options, const std::optional<Before>& as_before) {
+  StreamResult<void> run(const LibcameraOptions& options, const std::optional<Before>& as_before) {
     if (const int error = camera_->acquire(); error != 0) return trouble("opening it", error);
     acquired_ = true;
     std::unique_ptr<lc::CameraConfiguration> configuration =
@@ -387,8 +387,9 @@ class Stream {
     return {};
   }
 
-  Started<void> configure(lc::CameraConfiguration& configuration, const LibcameraOptions& options,
-                          const std::optional<Before>& as_before) {
+  StreamResult<void> configure(lc::CameraConfiguration& configuration,
+                               const LibcameraOptions& options,
+                               const std::optional<Before>& as_before) {
     lc::StreamConfiguration& requested = configuration.at(0);
     const lc::Size size(static_cast<unsigned>(options.width),
                         static_cast<unsigned>(options.height));
@@ -455,7 +456,7 @@ class Stream {
     return {};
   }
 
-  Started<void> allocate() {
+  StreamResult<void> allocate() {
     allocator_ = std::make_unique<lc::FrameBufferAllocator>(camera_);
     if (const int count = allocator_->allocate(stream_); count <= 0) {
       return trouble("getting memory for frames", count == 0 ? ENOMEM : count);
@@ -669,7 +670,7 @@ class LibcameraSource final : public LiveSource {
   [[nodiscard]] std::string description() const override {
     return fmt::format("libcamera:{} ({}), {} {}x{} at {}{}", before_.id, model_,
                        before_.format.name, before_.format.width, before_.format.height,
-                       rate_in_words(before_.format), shares_ ? ", buffers shared by DMA-BUF" : "");
+                       rate_text(before_.format), shares_ ? ", buffers shared by DMA-BUF" : "");
   }
 
  private:
@@ -694,7 +695,7 @@ class LibcameraSource final : public LiveSource {
 
   std::optional<CapturedImage> receive() {
     const auto silent = std::chrono::duration_cast<std::chrono::milliseconds>(
-        std::chrono::nanoseconds(pace_.silent_after_ns()));
+        std::chrono::nanoseconds(pace_.stall_timeout_ns()));
     lc::Request* request = completed_->take(silent);
     if (request == nullptr) {
       if (completed_->stopped()) return std::nullopt;
@@ -729,7 +730,7 @@ class LibcameraSource final : public LiveSource {
       image.exposure_s = 1e-6 * *us;
     }
     count_stamp(faults_, stamp, before_.format);
-    pace_.saw(stamp.timestamp_ns);
+    pace_.observe(stamp.timestamp_ns);
     std::size_t bytes = 0;
     for (const auto& plane : metadata.planes()) bytes += plane.bytesused;
     if (metadata.status != lc::FrameMetadata::FrameSuccess || bytes == 0) {

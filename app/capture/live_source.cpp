@@ -16,7 +16,7 @@ constexpr std::string_view kLowerTheLoad =
 
 }  // namespace
 
-std::string rate_in_words(const StreamFormat& format) {
+std::string rate_text(const StreamFormat& format) {
   return fmt::format("{:.4g}/s{}", 1.0 / format.interval_s,
                      format.interval_granted ? "" : " as asked, or its own rate");
 }
@@ -33,13 +33,13 @@ void count_stamp(FaultCounter& faults, const FrameStamp& stamp, const StreamForm
                     kLowerTheLoad),
         stamp.lost_counted);
   }
-  if (stamp.lost_silent > 0) {
+  if (stamp.lost_by_time > 0) {
     faults.count(
         CaptureFault::silent_gap,
         fmt::format("frames were dropped without the driver counting them: the time between two "
                     "frames was too long; {}",
                     kLowerTheLoad),
-        stamp.lost_silent);
+        stamp.lost_by_time);
   }
   if (stamp.bad_time) {
     faults.count(

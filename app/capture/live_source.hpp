@@ -38,7 +38,7 @@ struct StreamFormat {
 };
 
 // Returns "30/s"; if the camera does not report its rate, "30/s as asked, or its own rate".
-[[nodiscard]] std::string rate_in_words(const StreamFormat& format);
+[[nodiscard]] std::string rate_text(const StreamFormat& format);
 // Pause after a bad frame, because a camera may deliver only bad ones: half an interval, but not
 // more than 100 ms.
 [[nodiscard]] std::chrono::milliseconds bad_frame_pause(double interval_s);

@@ -24,7 +24,7 @@ class Mailbox {
   }
 
   // Waits until the slot is empty, then fills it, so no item is dropped. Returns false once closed.
-  [[nodiscard]] bool hand_over(T item) {
+  [[nodiscard]] bool put_when_empty(T item) {
     {
       std::unique_lock lock(mutex_);
       changed_.wait(lock, [this] { return closed_ || !slot_; });

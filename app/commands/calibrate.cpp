@@ -62,7 +62,7 @@ CalibrationOptions calibration_options(const CalibrateOptions& options) {
   if (options.board == "rigid") result.shape = BoardShape::rigid;
   if (options.board == "bowed") result.shape = BoardShape::bowed;
   if (options.board == "free") result.shape = BoardShape::free;
-  result.most_views = options.views;
+  result.max_views = options.views;
   result.for_kalibr = format_of(options) == CameraFileFormat::kalibr;
   return result;
 }
@@ -104,10 +104,10 @@ CalibrationRecord record_of(const CameraCalibration& calibration, const Target& 
 
 void print_summary(const CameraCalibration& calibration) {
   constexpr int kMostOfAReason = 8;
-  const auto listed = pictures_to_report(calibration.pictures, kMostOfAReason);
+  const auto listed = images_to_report(calibration.pictures, kMostOfAReason);
   for (std::size_t i = 0; i < listed.size(); ++i) {
     if (!listed[i]) continue;
-    const CalibrationPicture& picture = calibration.pictures[i];
+    const CalibrationImage& picture = calibration.pictures[i];
     const std::string more = *listed[i] > 0 ? fmt::format(" and {} more", *listed[i]) : "";
     fmt::print("rejected: {}{}: {}\n", picture.name, more, picture.left_out);
   }
@@ -166,7 +166,7 @@ Result<void> read_pictures(const CalibrateOptions& options,
                            CameraCalibrator& calibrator) {
   const std::filesystem::path& source = options.source;
   std::optional<ProgressBar> progress;
-  PENUMBRA_TRY_VOID(for_each_picture(source, [&](const Picture& picture) -> Result<bool> {
+  PENUMBRA_TRY_VOID(for_each_image(source, [&](const Picture& picture) -> Result<bool> {
     if (!picture.notice.empty()) log_warning("{}", picture.notice);
     if (!progress) progress.emplace(picture.count, "pictures");
     if (picture.luma.empty()) {
@@ -201,7 +201,7 @@ std::unique_ptr<GuideWindow> window_for(const CalibrateOptions& options, int wid
 // The size of the first readable image.
 Result<ImageSize> picture_size(const std::filesystem::path& recording) {
   std::optional<ImageSize> size;
-  PENUMBRA_TRY_VOID(for_each_picture(recording, [&](const Picture& picture) -> Result<bool> {
+  PENUMBRA_TRY_VOID(for_each_image(recording, [&](const Picture& picture) -> Result<bool> {
     if (!picture.luma.empty()) size = ImageSize{picture.luma.width, picture.luma.height};
     return !size;
   }));
@@ -229,7 +229,7 @@ Result<Guided> guide(const CalibrateOptions& options, const Target& target,
   if (recording) {
     PENUMBRA_TRY(size, picture_size(*recording));
     // A view must add more than the average one of a full set.
-    capture.guide.least_gain = 0.5 / options.views;
+    capture.guide.min_gain = 0.5 / options.views;
   } else {
     PENUMBRA_TRY(camera, open_live_source(options.camera));
     size = {camera->format().width, camera->format().height};

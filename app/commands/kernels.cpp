@@ -105,7 +105,7 @@ Result<ExitCode> run_kernels(const KernelsOptions& options) {
         const ShadowKernels set =
             generate_kernels(mesh, options.direction, options.source, &progress);
         time_ms = watch.elapsed().wall_ms;
-        kernels = kernels_to_keep(plain, mesh, set, options.source, options.groups);
+        kernels = make_kernel_file(plain, mesh, set, options.source, options.groups);
         return {};
       },
       progress, "vertices", interrupt, output));

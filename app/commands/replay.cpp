@@ -34,9 +34,9 @@ std::vector<ComparedTechnique> compared(const ReplayOptions& options) {
     }
     techniques.push_back({name, plan_of(choice)});
   }
-  if (!techniques.empty() && (techniques.size() < kLeastPanes || techniques.size() > kMostPanes)) {
+  if (!techniques.empty() && (techniques.size() < kMinPanes || techniques.size() > kMaxPanes)) {
     usage_error("--compare", "{} techniques; give {} to {}, with commas between them",
-                techniques.size(), kLeastPanes, kMostPanes);
+                techniques.size(), kMinPanes, kMaxPanes);
   }
   return techniques;
 }
@@ -79,7 +79,7 @@ void add_replay_command(CLI::App& program, ChosenCommand& chosen) {
   };
   add_text_option(command, "--compare", "TECHNIQUE,...", take_compared,
                   fmt::format("{} to {} techniques side by side, at the same poses and times",
-                              kLeastPanes, kMostPanes))
+                              kMinPanes, kMaxPanes))
       ->excludes(shadow);
   add_tracking_options(command, request.tracking);
   CLI::Option* smooth = add_smooth_option(command, request.smooth);

@@ -190,7 +190,7 @@ void check_stored_kernels(const ShadowJob& job, const Model& model, Caster& cast
     caster.kernels_from_file = false;
   }
   if (job.fixed_light && !caster.mesh.stored_kernels.empty() && automatic &&
-      !have_thickness(stored_kernel_source(model))) {
+      !have_radii(stored_kernel_source(model))) {
     warn(result,
          "{}: its kernels (cocl) have no thickness, which a light of one size needs; they are "
          "computed again",
@@ -219,7 +219,7 @@ Result<Caster> load_caster(ShadowJob& job, ShadowResult& result) {
   }
   caster.stored_source = stored_kernel_source(model);
   if (job.technique != ShadowJob::Technique::layered) {
-    caster.mesh = make_shadow_mesh(model, job.groups, CutOuts::what_is_seen);
+    caster.mesh = make_shadow_mesh(model, job.groups, CutOuts::visible_regions);
     return caster;
   }
   caster.mesh = make_shadow_mesh(model, job.groups);
@@ -280,7 +280,7 @@ Result<void> add_penumbra_layers(const ShadowJob& job, const ShadowMesh& mesh,
   const Eigen::Vector3d up = up_in_object(job.placement, plane);
   std::vector<PartDisc> parts;
   if (job.fixed_light) {
-    complete_radii(kernels, mesh, up);
+    add_missing_radii(kernels, mesh, up);
     parts = part_discs(mesh, up);
   }
   // For the exact tilt of this shadow; stored kernels are for one near it.

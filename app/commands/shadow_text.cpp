@@ -71,7 +71,7 @@ std::string shadow_json(const ShadowJob& job, const ShadowResult& result) {
     proxy["used"] = result.proxy.used;
     proxy["faces"] = result.proxy.faces;
     proxy["of_faces"] = result.faces;
-    proxy["least_iou"] = kLeastProxyAgreement;
+    proxy["least_iou"] = kMinProxyAgreement;
     auto& heights = proxy["heights"] = Json::array();
     for (std::size_t i = 0; result.proxy.faces > 0 && i < kProxyHeights.size(); ++i) {
       auto& height = heights.emplace_back();

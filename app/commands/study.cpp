@@ -105,7 +105,7 @@ void add_design_options(CLI::App& command, StudyOptions& options) {
       ->capture_default_str();
   add_option(command, "--trials", "N", options.samples,
              "Samples for each technique (default: as in the paper, 20 for heights, 5 for drag)")
-      ->check(CLI::Range(1, kMostStudySamples));
+      ->check(CLI::Range(1, kMaxStudySamples));
   add_option(command, "--tolerance", "MM", options.tolerance_mm,
              "Maximum distance between a released sphere and its target [mm]")
       ->check(CLI::Range(0.1, 100.0))

@@ -35,7 +35,8 @@ std::vector<std::pair<std::string, std::int64_t>> fault_counts(const CaptureStat
 LiveHost::LiveHost(Session& session, RunRecorder& run, LiveSource& source, LiveRecorder& recorder,
                    const LiveRequest& request)
     : SessionHost(session, run), source_(source), recorder_(recorder), request_(request) {
-  if (auto played = played_recording(request.camera.source)) keep_out_of(std::move(*played));
+  if (auto played = played_recording(request.camera.source))
+    set_played_recording(std::move(*played));
 }
 
 std::string LiveHost::toggle_recording() {
@@ -59,7 +60,7 @@ std::string LiveHost::toggle_recording() {
 void LiveHost::describe(HudState& state, bool debug) const {
   SessionHost::describe(state, debug);
   state.live = true;
-  if (state.has_picture) state.stalled_s = stall_s_;
+  if (state.has_image) state.stalled_s = stall_s_;
   if (!stall_s_) state.latency_ms = run_.recent_ms("latency");
   const CaptureStats stats = source_.faults().stats();
   state.frames_dropped =

@@ -123,7 +123,7 @@ void LivePipeline::track_all() {
       const std::lock_guard lock(drawer_mutex_);
       ++handed_over_;
     }
-    if (!ready_.hand_over(std::move(*ready))) break;
+    if (!ready_.put_when_empty(std::move(*ready))) break;
   }
 }
 
@@ -150,7 +150,7 @@ std::optional<ReadyFrame> LivePipeline::track_next(std::chrono::milliseconds pat
   const StageTime time = watch.elapsed();
   const std::int64_t now_ns = monotonic_ns();
   last_whole_ns_ = now_ns;
-  pace_.saw(now_ns);
+  pace_.observe(now_ns);
   stale_after_ns_ = pace_.stale_after_ns();
   tracking_now_ = true;
   ReadyFrame ready{track_(*frame), time};

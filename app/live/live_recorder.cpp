@@ -22,7 +22,7 @@ void LiveRecorder::begin(const std::filesystem::path& folder) {
 }
 
 void LiveRecorder::record_to(std::shared_ptr<RecordingWriter> writer) {
-  reap();
+  collect_finished();
   writer->add_event(monotonic_ns(), "start", head_.camera);
   scene_recorded_ = false;
   const std::lock_guard lock(mutex_);
@@ -30,7 +30,7 @@ void LiveRecorder::record_to(std::shared_ptr<RecordingWriter> writer) {
 }
 
 void LiveRecorder::stop() {
-  reap();
+  collect_finished();
   std::shared_ptr<RecordingWriter> writer;
   {
     const std::lock_guard lock(mutex_);
@@ -57,7 +57,7 @@ void LiveRecorder::stop() {
   }));
 }
 
-void LiveRecorder::reap() {
+void LiveRecorder::collect_finished() {
   std::erase_if(ended_, [this](std::future<Ended>& ended) {
     if (ended.wait_for(std::chrono::seconds(0)) != std::future_status::ready) return false;
     const Ended one = ended.get();
@@ -72,7 +72,7 @@ void LiveRecorder::reap() {
 Result<void> LiveRecorder::finish() {
   stop();
   for (const std::future<Ended>& ended : ended_) ended.wait();
-  reap();
+  collect_finished();
   if (failed_) return tl::unexpected(*failed_);
   return {};
 }
@@ -89,7 +89,7 @@ void LiveRecorder::add(const SessionFrame& frame, const Session& session) {
   if (!scene_recorded_) {
     scene_recorded_ = true;
     to->add_event(session.scene_start_ns().value_or(timestamp_ns), kSceneStartEvent);
-    for (const SceneEdit& edit : session.edits_so_far()) to->add_scene_edit({timestamp_ns, edit});
+    for (const SceneEdit& edit : session.latest_edits()) to->add_scene_edit({timestamp_ns, edit});
   } else {
     for (const SceneEdit& edit : frame.edits) to->add_scene_edit({timestamp_ns, edit});
   }

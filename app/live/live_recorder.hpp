@@ -50,7 +50,7 @@ class LiveRecorder {
   };
   void record_to(std::shared_ptr<RecordingWriter> writer);
   // Collects the results of writers that are done.
-  void reap();
+  void collect_finished();
 
   const RecordingHead head_;
   mutable std::mutex mutex_;

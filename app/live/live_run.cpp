@@ -180,7 +180,7 @@ class LiveLoop {
  private:
   [[nodiscard]] TrackedFrame track(const Frame& frame) {
     TrackedFrame tracked = setup_.session->track(frame);
-    image_faults_.saw(tracked);
+    image_faults_.observe(tracked);
     return tracked;
   }
   void record_faults();
@@ -248,12 +248,12 @@ void LiveLoop::draw(ReadyFrame ready) {
   const Stopwatch watch;
   const std::int64_t timestamp_ns = ready.tracked.frame.timestamp_ns;
   run_.add_time("capture", ready.capture_time);
-  stall_display_.saw(ready.tracked);
-  const auto done = setup_.session->draw(std::move(ready.tracked), pixels_, PictureTime::later);
+  stall_display_.observe(ready.tracked);
+  const auto done = setup_.session->draw(std::move(ready.tracked), pixels_, ReadBackTime::later);
   if (!done) return fail_with(done.error());
   run_.add_frame(*done);
   setup_.recorder->add(*done, *setup_.session);
-  if (viewer_) host_.saw(*done);
+  if (viewer_) host_.observe(*done);
   show(Viewer::Picture::next);
   // Latency from the driver's timestamp until the image is on the screen (offscreen: drawn).
   const bool paused = timestamp_ns <= paused_until_ns_;
@@ -273,7 +273,7 @@ void LiveLoop::draw_stall() {
   if (auto picture = stall_ns ? stall_display_.picture(*stall_ns) : std::nullopt) {
     const auto drawn = setup_.session->redraw(std::move(*picture));
     if (!drawn) return fail_with(drawn.error());
-    if (viewer_) host_.saw(*drawn);
+    if (viewer_) host_.observe(*drawn);
     if (!stall_display_.holds()) host_.forget_frame();
   }
   show(Viewer::Picture::same);

@@ -200,7 +200,7 @@ Result<RunOutputs> open_outputs(const OutputRequest& request, const FrameFormat&
   return outputs;
 }
 
-Result<void> RunOutputs::write_without_picture(const TrackedFrame& frame) {
+Result<void> RunOutputs::write_without_image(const TrackedFrame& frame) {
   const Frame& video = frame.frame;
   Result<void> all;
   const auto done = [&all](const Result<void>& written) {
@@ -223,7 +223,7 @@ Result<void> RunOutputs::write_without_picture(const TrackedFrame& frame) {
 
 Result<void> RunOutputs::write(const TrackedFrame& frame, std::span<const std::uint8_t> pixels,
                                RunRecorder& run) {
-  Result<void> all = write_without_picture(frame);
+  Result<void> all = write_without_image(frame);
   if (!frames) return all;
   const auto written = frames->write(frame.frame.sequence, frame.frame.timestamp_ns, pixels);
   for (const StageTime& time : frames->take_times()) run.add_time("encode", time);
@@ -256,7 +256,7 @@ Result<void> RunOutputs::write_report(const RunReport& measured) {
 }
 
 Result<void> LateOutputs::write(const SessionFrame& frame, std::span<const std::uint8_t> pixels) {
-  if (frame.picture != PictureTime::later) {
+  if (frame.picture != ReadBackTime::later) {
     auto rest = write_rest();
     auto written = outputs_.write(frame.tracked, pixels, run_);
     return rest ? written : rest;
@@ -283,7 +283,7 @@ Result<void> LateOutputs::write_rest() {
     return outputs_.write(frame, pixels_, run_);
   }
   // Writes the pose even if the image is lost.
-  auto written = outputs_.write_without_picture(frame);
+  auto written = outputs_.write_without_image(frame);
   return written ? tl::unexpected(taken.error()) : written;
 }
 

@@ -56,7 +56,7 @@ struct RunOutputs {
   [[nodiscard]] Result<void> write(const TrackedFrame& frame, std::span<const std::uint8_t> pixels,
                                    RunRecorder& run);
   // Writes a frame whose image could not be read back.
-  [[nodiscard]] Result<void> write_without_picture(const TrackedFrame& frame);
+  [[nodiscard]] Result<void> write_without_image(const TrackedFrame& frame);
   // Completes frames and poses. If one output fails, the others are still completed.
   [[nodiscard]] Result<void> finish(RunRecorder& run);
   [[nodiscard]] Result<void> write_report(const RunReport& measured);

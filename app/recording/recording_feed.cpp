@@ -131,7 +131,7 @@ class RecordingFeed final : public LiveSource {
     if (format_.name == kJpegName) {
       auto received = receive_camera_jpeg(*bytes, {format_.width, format_.height}, kRecordAgain);
       if (!received) {
-        const Trouble& trouble = received.error();
+        const StreamError& trouble = received.error();
         if (trouble.fault != CaptureFault::damaged) return skip_other(file.string());
         // Counts as captured, because the report lists damaged and late frames separately.
         faults_.count_frame();

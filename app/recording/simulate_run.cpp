@@ -39,8 +39,8 @@ tl::unexpected<Error> cannot_be_made(const fs::path& folder, const std::error_co
 }
 
 constexpr std::size_t kLargestText = std::size_t{16} << 20U;
-constexpr int kMostMoments = 64;       // times sampled within an exposure, for the tags
-constexpr int kMostSceneMoments = 16;  // for the objects, which are drawn at each time
+constexpr int kMaxMoments = 64;       // times sampled within an exposure, for the tags
+constexpr int kMaxSceneMoments = 16;  // for the objects, which are drawn at each time
 constexpr double kMomentApart_px = 0.25;
 
 Result<void> create_recording_folder(const fs::path& path, OutputFolder& folder) {
@@ -124,7 +124,7 @@ class Simulation {
   [[nodiscard]] const std::map<std::string, Trajectory>& groups() const { return groups_; }
 
   Result<void> add_scene(GlContext& context, std::shared_ptr<const Scene> scene) {
-    tied_ = tag_groups_of(*scene);
+    attached_groups_ = tag_groups_of(*scene);
     SessionOptions options;
     options.scene_start_ns = path_.poses.front().timestamp_ns;
     PENUMBRA_TRY(auto session, Session::create(context, std::move(scene), camera_,
@@ -135,7 +135,7 @@ class Simulation {
 
   Result<void> write_frame(int number, const fs::path& file) {
     const std::int64_t middle_ns = path_.poses[static_cast<std::size_t>(number)].timestamp_ns;
-    const std::vector<std::int64_t> times = moments(middle_ns, kMostMoments);
+    const std::vector<std::int64_t> times = moments(middle_ns, kMaxMoments);
     std::vector<CameraPose> poses;
     for (const std::int64_t time : times) poses.push_back(interpolate_pose(path_, time));
     std::vector<GroupPlacement> placements;
@@ -156,7 +156,7 @@ class Simulation {
     if (!session_) return save_grey_png(file, tags.view());
     // Draws the scene over the blurred tags at several times and averages the light, which gives
     // the objects motion blur. Noise is added last.
-    PENUMBRA_TRY(auto drawn, draw_scene(tags, moments(middle_ns, kMostSceneMoments)));
+    PENUMBRA_TRY(auto drawn, draw_scene(tags, moments(middle_ns, kMaxSceneMoments)));
     add_noise(drawn, request_.noise_grey, light.seed);
     return save_png(file, camera_.width(), camera_.height(), drawn);
   }
@@ -189,9 +189,9 @@ class Simulation {
         moved_px = std::isfinite(of_group) ? std::max(moved_px, of_group) : of_group;
       }
       // The motion is not finite if the table's middle is outside the image.
-      count = std::isfinite(moved_px) && moved_px > 0.0 && moved_px < kMostMoments * kMomentApart_px
+      count = std::isfinite(moved_px) && moved_px > 0.0 && moved_px < kMaxMoments * kMomentApart_px
                   ? static_cast<int>(std::ceil(2.0 * moved_px / kMomentApart_px)) + 1
-                  : kMostMoments;
+                  : kMaxMoments;
       count = std::clamp(count, 2, most);
     }
     std::vector<std::int64_t> times;
@@ -222,7 +222,7 @@ class Simulation {
       tracked.pose.status = TrackStatus::tracked;
       tracked.pose.T_table_camera = interpolate_pose(path_, time);
       tracked.pose.ambiguity_ratio = std::numeric_limits<double>::infinity();
-      for (const std::string& name : tied_) {
+      for (const std::string& name : attached_groups_) {
         GroupEstimate& group = tracked.groups.emplace_back();
         group.name = name;
         group.status = TrackStatus::tracked;
@@ -250,7 +250,7 @@ class Simulation {
   Trajectory path_;
   std::map<std::string, Trajectory> groups_;  // T_table_group
   std::map<std::string, Transform<frame::Group, frame::GroupMiddle>> middles_;
-  std::vector<std::string> tied_;  // groups that the scene needs
+  std::vector<std::string> attached_groups_;  // groups that the scene needs
   PatternRenderer renderer_;
   PatternRenderOptions light_;
   std::optional<Session> session_;

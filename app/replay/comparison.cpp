@@ -26,7 +26,7 @@ Result<Comparison> Comparison::create(GlContext& context, std::shared_ptr<const 
                                       const CameraModel& camera, PoseSource poses,
                                       const std::vector<ComparedTechnique>& techniques,
                                       SessionOptions options) {
-  PENUMBRA_ASSERT(techniques.size() >= kLeastPanes && techniques.size() <= kMostPanes);
+  PENUMBRA_ASSERT(techniques.size() >= kMinPanes && techniques.size() <= kMaxPanes);
   std::vector<std::string> names;
   for (const ComparedTechnique& technique : techniques) names.push_back(technique.name);
   Comparison comparison(camera, names);
@@ -89,7 +89,7 @@ std::vector<PaneReport> Comparison::reports() const {
 
 std::string ComparisonHost::save_screenshot() {
   const PaneGrid& grid = comparison_.grid();
-  return save_picture(grid.width(), grid.height(), grid.rgba(), recording_);
+  return save_screenshot_png(grid.width(), grid.height(), grid.rgba(), recording_);
 }
 
 }  // namespace penumbra

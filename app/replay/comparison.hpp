@@ -62,7 +62,7 @@ class Comparison {
 class ComparisonHost final : public RunHost {
  public:
   // All referenced arguments must outlive this object.
-  ComparisonHost(const Comparison& comparison, GlContext& context, UploadedPicture picture,
+  ComparisonHost(const Comparison& comparison, GlContext& context, UploadedImage picture,
                  RunRecorder& run, int frame_count)
       : RunHost(run, frame_count),
         comparison_(comparison),
@@ -77,7 +77,7 @@ class ComparisonHost final : public RunHost {
 
   const Comparison& comparison_;
   GlContext& context_;
-  UploadedPicture picture_;
+  UploadedImage picture_;
 };
 
 }  // namespace penumbra

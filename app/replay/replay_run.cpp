@@ -280,7 +280,7 @@ ReplayLoop::TrackAhead::Item ReplayLoop::track_next() {
   PENUMBRA_TRY(auto frame, setup_.source->next());
   if (!frame) return std::optional<TrackedItem>();
   TrackedFrame done = setup_.view->track(*frame);
-  if (image_faults_) image_faults_->saw(done);
+  if (image_faults_) image_faults_->observe(done);
   return std::optional<TrackedItem>({std::move(done), setup_.source->capture_time()});
 }
 
@@ -320,7 +320,7 @@ Result<void> ReplayLoop::draw(TrackedItem item) {
     pacer_.wait_for(timestamp_ns, viewer_ ? viewer_->paused_ms() : 0.0);
   }
   if (viewer_) {
-    host_->saw(done);
+    host_->observe(done);
     stopped_ = !viewer_->show(interrupt_) || stopped_;
   }
   stopped_ = interrupt_.interrupted() || stopped_;

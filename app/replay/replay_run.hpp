@@ -15,8 +15,8 @@
 
 namespace penumbra {
 
-inline constexpr std::size_t kLeastPanes = 2;
-inline constexpr std::size_t kMostPanes = 8;
+inline constexpr std::size_t kMinPanes = 2;
+inline constexpr std::size_t kMaxPanes = 8;
 
 struct ComparedTechnique {
   std::string name;  // caption, and key in the report

@@ -32,7 +32,7 @@ Result<SessionFrame> ReplayView::draw(TrackedFrame tracked, bool read_back) {
     pixels_.resize(std::size_t{4} * static_cast<std::size_t>(camera.width()) *
                    static_cast<std::size_t>(camera.height()));
   }
-  return session_->draw(std::move(tracked), pixels_, PictureTime::later);
+  return session_->draw(std::move(tracked), pixels_, ReadBackTime::later);
 }
 
 void ReplayView::take_gpu_times(RunRecorder& run) {
@@ -48,13 +48,13 @@ Result<RunHost*> ReplayView::open_host(GlContext& context, RunRecorder& run,
   const int frame_count = static_cast<int>(recording.frames.size());
   if (comparison_) {
     const PaneGrid& grid = comparison_->grid();
-    PENUMBRA_TRY(auto picture, UploadedPicture::create(grid.width(), grid.height()));
+    PENUMBRA_TRY(auto picture, UploadedImage::create(grid.width(), grid.height()));
     host_ = std::make_unique<ComparisonHost>(*comparison_, context, std::move(picture), run,
                                              frame_count);
   } else {
     host_ = std::make_unique<SessionHost>(*session_, run, frame_count);
   }
-  host_->keep_out_of(recording.folder);
+  host_->set_played_recording(recording.folder);
   return host_.get();
 }
 

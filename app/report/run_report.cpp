@@ -48,7 +48,7 @@ Json json_of(const Evaluation& e) {
   json["frames_judged"] = e.frames_judged;
   json["share_judged"] = ratio_of(e.frames_judged, e.frames_estimated);
   json["not_judged"] = Json::object();
-  for (const NotJudged cause : kNotJudged) {
+  for (const NotEvaluated cause : kNotEvaluatedCauses) {
     const int count = e.frames_not_judged[static_cast<std::size_t>(cause)];
     if (count > 0) json["not_judged"][std::string(to_string(cause))] = count;
   }
@@ -160,7 +160,7 @@ void TrackingCounts::add(TrackStatus status, const MeasuredTags& tags) {
 }
 
 void StageTimes::add(StageTime time) {
-  recent_ms_[wall_ms_.count() % kMostRecent] = time.wall_ms;
+  recent_ms_[wall_ms_.count() % kRecentFrames] = time.wall_ms;
   wall_ms_.add(time.wall_ms);
   cpu_ms_.add(time.cpu_ms);
 }
@@ -172,7 +172,7 @@ StageSummary StageTimes::summary() const {
 }
 
 std::optional<double> StageTimes::recent_ms() const {
-  const std::size_t used = std::min(kMostRecent, wall_ms_.count());
+  const std::size_t used = std::min(kRecentFrames, wall_ms_.count());
   if (used == 0) return std::nullopt;
   return std::accumulate(recent_ms_.begin(), recent_ms_.begin() + used, 0.0) /
          static_cast<double>(used);
@@ -484,11 +484,11 @@ std::string evaluation_table(const Evaluation& evaluation) {
 
 std::string not_judged_in_words(const Evaluation& evaluation) {
   std::string text;
-  for (const NotJudged cause : kNotJudged) {
+  for (const NotEvaluated cause : kNotEvaluatedCauses) {
     const int count = evaluation.frames_not_judged[static_cast<std::size_t>(cause)];
     if (count == 0) continue;
     text += fmt::format("{}{} {}", text.empty() ? "" : ", ", count,
-                        cause == NotJudged::outside_truth
+                        cause == NotEvaluated::outside_truth
                             ? "outside the time of the ground truth"
                             : "in a gap of the ground truth that is too long (--max-gap)");
   }

@@ -36,13 +36,14 @@ class StageTimes {
  public:
   void add(StageTime time);
   [[nodiscard]] StageSummary summary() const;
-  // Returns the mean wall time of the last kMostRecent frames [ms]; nullopt before the first frame.
+  // Returns the mean wall time of the last kRecentFrames frames [ms]; nullopt before the first
+  // frame.
   [[nodiscard]] std::optional<double> recent_ms() const;
 
  private:
-  static constexpr std::size_t kMostRecent = 30;
+  static constexpr std::size_t kRecentFrames = 30;
   RunningStatistics wall_ms_, cpu_ms_;
-  std::array<double, kMostRecent> recent_ms_{};  // ring buffer
+  std::array<double, kRecentFrames> recent_ms_{};  // ring buffer
 };
 
 // Counts of frames by the status of their pose, and of the tags measured in them.

@@ -6,7 +6,7 @@
 
 namespace penumbra {
 
-void ImageFaultWatch::saw(const TrackedFrame& tracked) {
+void ImageFaultWatch::observe(const TrackedFrame& tracked) {
   if (!tags_) return;
   const PoseEstimate& pose = tracked.pose;
   if (pose.status != TrackStatus::lost || pose.tags_used > 0) {

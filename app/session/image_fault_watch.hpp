@@ -18,7 +18,7 @@ class ImageFaultWatch {
 
   // Call this for every tracked frame in order. Checks lost frames; after tags were detected once,
   // only from the kLongLoss-th consecutive lost frame on. Stops after it has logged a fault.
-  void saw(const TrackedFrame& tracked);
+  void observe(const TrackedFrame& tracked);
   static constexpr int kLongLoss = 60;
   [[nodiscard]] std::optional<ImageFault> fault() const;
 

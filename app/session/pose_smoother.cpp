@@ -13,7 +13,7 @@ constexpr double kCutoffGain_s_px2 = 1.0;
 constexpr double kVelocityCutoff_hz = 2.0;  // keeps noise at rest from raising the pose's cutoff
 
 // Fraction of a step that a first-order low-pass filter follows within dt.
-double share_within(double dt_s, double cutoff_hz) {
+double step_fraction(double dt_s, double cutoff_hz) {
   const double turns = 2.0 * std::numbers::pi * cutoff_hz * dt_s;
   return std::isinf(turns) ? 1.0 : turns / (1.0 + turns);
 }
@@ -38,19 +38,19 @@ SmoothedPose PoseSmoother::smooth(std::int64_t timestamp_ns, const CameraPose& m
   }
   if (!last_ || timestamp_ns < last_->timestamp_ns) return start(timestamp_ns, measured);
   const double dt = seconds_between(last_->timestamp_ns, timestamp_ns);
-  if (dt > kLongestGap_s) return start(timestamp_ns, measured);
+  if (dt > kMaxGap_s) return start(timestamp_ns, measured);
 
   double share = 0.0;
   double lag_ms = last_->drawn.lag_ms;
   if (dt > 0.0) {
     const Vector6d velocity = perturbation_between(last_->measured, measured) / dt;
-    last_->velocity += share_within(dt, kVelocityCutoff_hz) * (velocity - last_->velocity);
+    last_->velocity += step_fraction(dt, kVelocityCutoff_hz) * (velocity - last_->velocity);
     last_->timestamp_ns = timestamp_ns;
     last_->measured = measured;
     const double speed =
         overlay_difference(camera_, perturbed(measured, last_->velocity * dt), measured).rms_px() /
         dt;
-    share = share_within(dt, kLeastCutoff_hz + kCutoffGain_s_px2 * speed * speed);
+    share = step_fraction(dt, kLeastCutoff_hz + kCutoffGain_s_px2 * speed * speed);
   }
   const Vector6d step_to_measured = perturbation_between(last_->drawn.T_table_camera, measured);
   SmoothedPose drawn;
@@ -59,12 +59,12 @@ SmoothedPose PoseSmoother::smooth(std::int64_t timestamp_ns, const CameraPose& m
   for (int step = 0; step < kMostSteps; ++step) {
     drawn.T_table_camera = perturbed(last_->drawn.T_table_camera, share * step_to_measured);
     drawn.offset_px = overlay_difference(camera_, drawn.T_table_camera, measured).rms_px();
-    if (drawn.offset_px <= kMostOffset_px && drawn.T_table_camera.is_finite()) {
+    if (drawn.offset_px <= kMaxOffset_px && drawn.T_table_camera.is_finite()) {
       drawn.lag_ms = dt > 0.0 ? 1e3 * dt * (1.0 - share) / share : lag_ms * (1.0 - share);
       last_->drawn = drawn;
       return drawn;
     }
-    const double left = (1.0 - share) * 0.99 * kMostOffset_px / drawn.offset_px;
+    const double left = (1.0 - share) * 0.99 * kMaxOffset_px / drawn.offset_px;
     if (!std::isfinite(left)) break;
     share = 1.0 - left;
   }
@@ -80,7 +80,7 @@ void LagMeter::add(std::int64_t timestamp_ns, const CameraPose& measured, const 
 void LagMeter::compare(const Pose& before, const Pose& here, const Pose& after) {
   if (after.timestamp_ns <= before.timestamp_ns) return;
   const double dt = seconds_between(before.timestamp_ns, after.timestamp_ns);
-  if (dt > kLongestGap_s) return;
+  if (dt > kMaxGap_s) return;
   const OverlayDifference from = overlay_difference(camera_, before.measured, here.measured);
   const OverlayDifference to = overlay_difference(camera_, after.measured, here.measured);
   const OverlayDifference off = overlay_difference(camera_, here.drawn, here.measured);
@@ -94,7 +94,7 @@ void LagMeter::compare(const Pose& before, const Pose& here, const Pose& after) 
     squares += velocity.squaredNorm();
     ++corners;
   }
-  if (!(squares > corners * kLeastSpeed_px_s * kLeastSpeed_px_s)) return;
+  if (!(squares > corners * kMinSpeed_px_s * kMinSpeed_px_s)) return;
   if (!std::isfinite(along) || !std::isfinite(squares)) return;
   along_ += along;
   squares_ += squares;

@@ -23,9 +23,9 @@ class PoseSmoother {
  public:
   // Largest offset of the drawn overlay from the measured one. If the pose jumps further, the drawn
   // pose follows immediately up to this offset.
-  static constexpr double kMostOffset_px = 0.25;
+  static constexpr double kMaxOffset_px = 0.25;
   // The filter restarts if no pose arrives for longer than this [s].
-  static constexpr double kLongestGap_s = 0.5;
+  static constexpr double kMaxGap_s = 0.5;
 
   explicit PoseSmoother(CameraModel camera) : camera_(std::move(camera)) {}
 
@@ -54,8 +54,8 @@ class PoseSmoother {
 class LagMeter {
  public:
   // Ignores slower motion [px/s] and longer intervals between poses [s].
-  static constexpr double kLeastSpeed_px_s = 5.0;
-  static constexpr double kLongestGap_s = 0.25;
+  static constexpr double kMinSpeed_px_s = 5.0;
+  static constexpr double kMaxGap_s = 0.25;
 
   explicit LagMeter(CameraModel camera) : camera_(std::move(camera)) {}
 

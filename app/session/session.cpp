@@ -56,7 +56,7 @@ Session::Session(const Scene& scene, const CameraModel& camera, PoseSource poses
                  const SessionOptions& options, Compositor compositor)
     : scene_(scene),
       camera_(camera),
-      tied_(tag_groups_of(scene)),
+      attached_groups_(tag_groups_of(scene)),
       poses_(std::move(poses)),
       options_(options),
       smoother_(camera),
@@ -76,7 +76,7 @@ Result<Session> Session::create(GlContext& context, std::shared_ptr<const Scene>
 
 TrackedFrame Session::track(const Frame& frame) {
   if (auto* tracker = std::get_if<GroupTracker>(&poses_)) return tracker->track(frame);
-  return look_up(std::get<GivenPoses>(poses_), tied_, frame);
+  return look_up(std::get<GivenPoses>(poses_), attached_groups_, frame);
 }
 
 Result<void> Session::warm_up(PixelFormat format) {
@@ -102,18 +102,18 @@ Result<void> Session::warm_up(PixelFormat format) {
 }
 
 Result<SessionFrame> Session::draw(TrackedFrame tracked, std::span<std::uint8_t> rgba,
-                                   PictureTime picture) {
+                                   ReadBackTime picture) {
   auto result = compose(std::move(tracked), rgba, picture);
   if (result) result->edits = std::exchange(edits_, {});
   return result;
 }
 
 Result<SessionFrame> Session::redraw(TrackedFrame tracked) {
-  return compose(std::move(tracked), {}, PictureTime::now);
+  return compose(std::move(tracked), {}, ReadBackTime::now);
 }
 
 Result<SessionFrame> Session::compose(TrackedFrame tracked, std::span<std::uint8_t> rgba,
-                                      PictureTime picture) {
+                                      ReadBackTime picture) {
   SessionFrame result;
   result.tracked = std::move(tracked);
   const Frame& frame = result.tracked.frame;
@@ -160,16 +160,16 @@ Result<SessionFrame> Session::compose(TrackedFrame tracked, std::span<std::uint8
   }
   result.composite = std::move(drawn);
   if (!rgba.empty()) {
-    result.picture = compositor_.pixel_buffers() ? picture : PictureTime::now;
-    PENUMBRA_TRY_VOID(read_picture(rgba, result));
+    result.picture = compositor_.pixel_buffers() ? picture : ReadBackTime::now;
+    PENUMBRA_TRY_VOID(read_back_image(rgba, result));
   }
   result.draw_time = plan_watch.elapsed();
   return result;
 }
 
-Result<void> Session::read_picture(std::span<std::uint8_t> rgba, SessionFrame& drawn) {
-  const bool later = drawn.picture == PictureTime::later;
-  const bool has_earlier = compositor_.pictures_asked_for() > 0;
+Result<void> Session::read_back_image(std::span<std::uint8_t> rgba, SessionFrame& drawn) {
+  const bool later = drawn.picture == ReadBackTime::later;
+  const bool has_earlier = compositor_.pending_images() > 0;
   auto read = later ? compositor_.request_image() : compositor_.read_back(rgba);
   if (read && later && has_earlier) read = compositor_.take_image(rgba);
   if (!read) return tl::unexpected(read.error());
@@ -183,7 +183,7 @@ Result<void> Session::read_picture(std::span<std::uint8_t> rgba, SessionFrame& d
 Result<StageTime> Session::take_image(std::vector<std::uint8_t>& rgba) {
   rgba.resize(std::size_t{4} * static_cast<std::size_t>(camera_.width()) *
               static_cast<std::size_t>(camera_.height()));
-  if (compositor_.pictures_asked_for() == 0) return fail("a picture that was drawn is lost");
+  if (compositor_.pending_images() == 0) return fail("a picture that was drawn is lost");
   const Stopwatch watch;
   PENUMBRA_TRY_VOID(compositor_.take_image(rgba));
   return watch.elapsed();
@@ -207,9 +207,9 @@ bool Session::edit(const SceneEdit& edit) {
   }
   if (!apply(scene_, edit)) return false;
   edits_.push_back(edit);
-  std::erase_if(edits_so_far_,
+  std::erase_if(latest_edits_,
                 [&](const SceneEdit& earlier) { return subject_of(earlier) == subject_of(edit); });
-  edits_so_far_.push_back(edit);
+  latest_edits_.push_back(edit);
   return true;
 }
 

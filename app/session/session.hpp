@@ -46,7 +46,7 @@ struct SessionOptions {
 };
 
 // When an image is read back: immediately, or while the next one is drawn.
-enum class PictureTime { now, later };
+enum class ReadBackTime { now, later };
 
 struct SessionFrame {
   TrackedFrame tracked;                  // contains the measured pose
@@ -58,9 +58,9 @@ struct SessionFrame {
   StageTime light_time;  // measuring the video's light
   StageTime plan_time;
   StageTime draw_time;  // total of plan, shadows, rendering and read-back
-  // True if an image was read back: this one or, for PictureTime::later, the previous one.
+  // True if an image was read back: this one or, for ReadBackTime::later, the previous one.
   bool read_back = false;
-  PictureTime picture = PictureTime::now;
+  ReadBackTime picture = ReadBackTime::now;
   std::vector<SceneEdit> edits;  // edits since the previous frame, in effect from this one on
 };
 
@@ -88,7 +88,7 @@ class Session {
   // `later` and pixel buffers, it receives the image of the previous such call; the next call or
   // take_image() returns this one.
   [[nodiscard]] Result<SessionFrame> draw(TrackedFrame tracked, std::span<std::uint8_t> rgba = {},
-                                          PictureTime picture = PictureTime::now);
+                                          ReadBackTime picture = ReadBackTime::now);
   // Reads the pending image of draw(..., later) into `rgba`, which is resized. Returns the time
   // that this took. Fails if no image is pending.
   [[nodiscard]] Result<StageTime> take_image(std::vector<std::uint8_t>& rgba);
@@ -104,7 +104,7 @@ class Session {
   // Repeats a recorded edit, which is not added to SessionFrame::edits.
   bool replay_edit(const SceneEdit& edit) { return apply(scene_, edit); }
   // Latest edit of each edited object or node, for a recording that starts now.
-  [[nodiscard]] const std::vector<SceneEdit>& edits_so_far() const { return edits_so_far_; }
+  [[nodiscard]] const std::vector<SceneEdit>& latest_edits() const { return latest_edits_; }
   // Timestamp at which the scene's time is 0; nullopt before the first frame.
   [[nodiscard]] std::optional<std::int64_t> scene_start_ns() const {
     return options_.scene_start_ns;
@@ -133,19 +133,19 @@ class Session {
           const SessionOptions& options, Compositor compositor);
 
   [[nodiscard]] Result<SessionFrame> compose(TrackedFrame tracked, std::span<std::uint8_t> rgba,
-                                             PictureTime picture);
-  [[nodiscard]] Result<void> read_picture(std::span<std::uint8_t> rgba, SessionFrame& drawn);
+                                             ReadBackTime picture);
+  [[nodiscard]] Result<void> read_back_image(std::span<std::uint8_t> rgba, SessionFrame& drawn);
 
   Scene scene_;  // shares its models with the compositor's scene
   CameraModel camera_;
-  std::vector<std::string> tied_;  // tag groups that scene objects are attached to
+  std::vector<std::string> attached_groups_;  // tag groups that scene objects are attached to
   PoseSource poses_;
   SessionOptions options_;
   PoseSmoother smoother_;
   LightMeter light_meter_;
   Compositor compositor_;
   std::vector<SceneEdit> edits_;  // since the previous frame
-  std::vector<SceneEdit> edits_so_far_;
+  std::vector<SceneEdit> latest_edits_;
   std::set<SkippedPass> warned_;  // logged so far
   std::optional<SceneState> state_;
   std::optional<SceneState> state_with_pose_;  // of the latest frame with a pose

@@ -50,8 +50,8 @@ void SessionHost::redraw() {
   last_ = std::move(*drawn);
 }
 
-std::string save_picture(int width, int height, std::span<const std::uint8_t> rgba,
-                         const std::optional<std::filesystem::path>& recording) {
+std::string save_screenshot_png(int width, int height, std::span<const std::uint8_t> rgba,
+                                const std::optional<std::filesystem::path>& recording) {
   const std::filesystem::path file = free_name(".png");
   if (recording && lies_in(file, *recording)) {
     return "this folder is the recording that is played; start elsewhere to save pictures";
@@ -66,11 +66,11 @@ std::string SessionHost::save_screenshot() {
   std::vector<std::uint8_t> pixels(static_cast<std::size_t>(camera.width()) *
                                    static_cast<std::size_t>(camera.height()) * 4U);
   if (auto read = session_.read_back(pixels); !read) return read.error().message;
-  return save_picture(camera.width(), camera.height(), pixels, recording_);
+  return save_screenshot_png(camera.width(), camera.height(), pixels, recording_);
 }
 
 void describe_frame(HudState& state, const SessionFrame& frame, const RunRecorder& run) {
-  state.has_picture = true;
+  state.has_image = true;
   state.frame = frame.tracked.frame.sequence;
   state.pose = frame.tracked.pose;
   state.smoothed = frame.smoothed;
@@ -123,8 +123,8 @@ void SessionHost::describe(HudState& state, bool debug) const {
       }
     }
   }
-  state.picture_width = view.camera->width();
-  state.picture_height = view.camera->height();
+  state.image_width = view.camera->width();
+  state.image_height = view.camera->height();
 }
 
 }  // namespace penumbra

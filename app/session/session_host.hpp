@@ -21,9 +21,9 @@ class RunHost : public ViewerHost {
       : run_(run), frame_count_(frame_count) {}
 
   // Call this with each frame before the window shows it.
-  void saw(const SessionFrame& frame) { last_ = frame; }
+  void observe(const SessionFrame& frame) { last_ = frame; }
   // Sets the folder of the played recording; no screenshots are saved into it.
-  void keep_out_of(std::filesystem::path recording) { recording_ = std::move(recording); }
+  void set_played_recording(std::filesystem::path recording) { recording_ = std::move(recording); }
 
   [[nodiscard]] std::string toggle_recording() override { return "only live is recorded"; }
   void describe(HudState& state, bool debug) const override;
@@ -69,8 +69,9 @@ void describe_frame(HudState& state, const SessionFrame& frame, const RunRecorde
 
 // Saves RGBA8 pixels as a PNG in the current folder, unless that lies in the played `recording`.
 // Returns a message for the user.
-[[nodiscard]] std::string save_picture(int width, int height, std::span<const std::uint8_t> rgba,
-                                       const std::optional<std::filesystem::path>& recording = {});
+[[nodiscard]] std::string save_screenshot_png(
+    int width, int height, std::span<const std::uint8_t> rgba,
+    const std::optional<std::filesystem::path>& recording = {});
 
 // Returns "penumbra-20260131-142305EXTENSION" in the current folder, by the current time; with -2,
 // -3, ... if that name exists.

@@ -75,7 +75,7 @@ Result<std::vector<WindowEvent>> ScriptedParticipant::events_of(const ScriptActi
       return fail("{}: line {}: pixel {:.1f} {:.1f} is outside of the picture", script_.name,
                   action.line, pixel.x(), pixel.y());
     }
-    pointer_ = window_from_picture(*view.camera, window, pixel);
+    pointer_ = window_from_image(*view.camera, window, pixel);
   }
   event.x = pointer_.x();
   event.y = pointer_.y();
@@ -89,7 +89,7 @@ Result<std::vector<WindowEvent>> ScriptedParticipant::events_of(const ScriptActi
   if (action.kind == Kind::release) return std::vector{up};
 
   if (const auto pointer = pointer_in_window(view, window, pointer_)) {
-    if (const auto picked = pick(*view.scene, takeable(*view.scene), pointer->ray)) {
+    if (const auto picked = pick(*view.scene, pickable_state(*view.scene), pointer->ray)) {
       taken_ = pointer->ray.origin + picked->distance * pointer->ray.direction;
     }
   }

@@ -17,7 +17,7 @@ class RecordedFeed final : public StudyFeed {
         interval_ns_(nanoseconds(interval_s)),
         given_poses_(given_poses) {}
 
-  Result<std::optional<StudyPicture>> next() override {
+  Result<std::optional<StudyImage>> next() override {
     for (int attempt = 0; attempt < 2; ++attempt) {
       if (!source_) {
         PENUMBRA_TRY(source_, open_recording_source(recording_));
@@ -32,11 +32,11 @@ class RecordedFeed final : public StudyFeed {
       if (started_) clock_ns_ += last_ns_ ? recorded_ns - *last_ns_ : interval_ns_;
       started_ = true;
       last_ns_ = recorded_ns;
-      StudyPicture picture{std::move(*frame), clock_ns_};
+      StudyImage picture{std::move(*frame), clock_ns_};
       if (!given_poses_) {
         picture.frame.timestamp_ns = recording_.frames.front().timestamp_ns + clock_ns_;
       }
-      return std::optional<StudyPicture>(std::move(picture));
+      return std::optional<StudyImage>(std::move(picture));
     }
     return fail("{}: holds no frame that can be decoded; record or copy it again",
                 recording_.folder.string());
@@ -59,7 +59,7 @@ class CameraFeed final : public StudyFeed {
   explicit CameraFeed(std::unique_ptr<LiveSource> source)
       : source_(std::move(source)), newest_(*source_) {}
 
-  Result<std::optional<StudyPicture>> next() override {
+  Result<std::optional<StudyImage>> next() override {
     // Short, so that the times of a person's events are precise.
     constexpr std::chrono::milliseconds kPatience(2);
     const bool finished = newest_.finished();
@@ -68,9 +68,9 @@ class CameraFeed final : public StudyFeed {
       if (const auto error = newest_.error()) return tl::unexpected(*error);
       return fail("{}: the stream ended; check the camera's connection", source_->description());
     }
-    if (!frame) return std::optional<StudyPicture>();
+    if (!frame) return std::optional<StudyImage>();
     const std::int64_t time_ns = frame->timestamp_ns;
-    return std::optional<StudyPicture>({std::move(*frame), time_ns});
+    return std::optional<StudyImage>({std::move(*frame), time_ns});
   }
   void rewind() override {}
   [[nodiscard]] bool waits() const override { return false; }

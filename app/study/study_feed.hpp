@@ -13,7 +13,7 @@
 
 namespace penumbra {
 
-struct StudyPicture {
+struct StudyImage {
   Frame frame;
   // Time at which the image is due, increasing. Clock: the recording's (from 0) or the camera's.
   std::int64_t clock_ns = 0;
@@ -27,7 +27,7 @@ class StudyFeed {
   virtual ~StudyFeed() = default;
 
   // Returns the next image, or nullopt if the camera delivers none within a short wait.
-  [[nodiscard]] virtual Result<std::optional<StudyPicture>> next() = 0;
+  [[nodiscard]] virtual Result<std::optional<StudyImage>> next() = 0;
   // Restarts a recording; has no effect on a camera.
   virtual void rewind() = 0;
   // Returns true if images are produced on demand (recording), false if at their own rate.

@@ -30,7 +30,7 @@ struct StudyTechnique {
 
 // Returns the paper's number of samples: 20 for heights, 5 for drag.
 [[nodiscard]] int usual_samples(StudyExperiment experiment);
-inline constexpr int kMostStudySamples = 1000;
+inline constexpr int kMaxStudySamples = 1000;
 
 struct StudyDesign {
   StudyExperiment experiment = StudyExperiment::heights;

@@ -62,8 +62,9 @@ StudySummary of_one(const Answers& answers) {
   StudySummary summary;
   summary.response_time_s = median_of(answers.times_s);
   summary.error_m = median_of(answers.errors_m);
-  const ShareEstimate share = share_of(answers.wrong, static_cast<int>(answers.times_s.size()));
-  summary.wrong_share = share.share;
+  const FractionEstimate share =
+      estimate_fraction(answers.wrong, static_cast<int>(answers.times_s.size()));
+  summary.wrong_fraction = share.share;
   summary.wrong_interval = share.interval;
   return summary;
 }
@@ -275,12 +276,12 @@ std::vector<StudySummary> summarise(const StudyDesign& design, std::span<const S
         const StudySummary one = of_one(answers);
         times.push_back(one.response_time_s->median);
         errors.push_back(one.error_m->median);
-        shares.push_back(one.wrong_share);
+        shares.push_back(one.wrong_fraction);
       }
       summary.response_time_s = median_of(times);
       summary.error_m = median_of(errors);
       const auto share = median_of(shares);
-      summary.wrong_share = share->median;
+      summary.wrong_fraction = share->median;
       summary.wrong_interval = share->interval;
     }
     summary.technique = technique.name;
@@ -302,7 +303,7 @@ std::string summary_table(StudyExperiment experiment, std::span<const StudySumma
     if (one.answers == 0) continue;
     table += fmt::format("{:>11.3f}{:>17}{:>10.1f}{:>15}", one.response_time_s->median,
                          with_interval(one.response_time_s->interval, 1.0, 3),
-                         100.0 * one.wrong_share, with_interval(one.wrong_interval, 100.0, 1));
+                         100.0 * one.wrong_fraction, with_interval(one.wrong_interval, 100.0, 1));
     if (drag) {
       table += fmt::format("{:>12.2f}{:>15}", 1e3 * one.error_m->median,
                            with_interval(one.error_m->interval, 1e3, 2));
@@ -322,7 +323,7 @@ std::string summary_csv(const std::string& study, std::span<const StudySummary> 
       continue;
     }
     text += fields_of(one.response_time_s->median, one.response_time_s->interval) +
-            fields_of(one.wrong_share, one.wrong_interval) +
+            fields_of(one.wrong_fraction, one.wrong_interval) +
             fields_of(one.error_m->median, one.error_m->interval) + "\n";
   }
   return text;

@@ -87,7 +87,7 @@ struct StudySummary {
   int participants = 0, answers = 0;
   std::optional<MedianEstimate> response_time_s;
   std::optional<MedianEstimate> error_m;
-  double wrong_share = 0.0;  // with several participants the median of their fractions
+  double wrong_fraction = 0.0;  // with several participants the median of their fractions
   std::optional<Interval> wrong_interval;
 };
 [[nodiscard]] std::vector<StudySummary> summarise(const StudyDesign& design,

@@ -45,7 +45,7 @@ std::optional<MedianEstimate> median_of(std::span<const double> values) {
   return estimate;
 }
 
-ShareEstimate share_of(int hits, int count) {
+FractionEstimate estimate_fraction(int hits, int count) {
   PENUMBRA_ASSERT(count > 0 && hits >= 0 && hits <= count);
   const double n = count;
   const double share = hits / n;

@@ -17,7 +17,7 @@ SceneEdit placed(std::string object, const Eigen::Vector3d& position) {
 
 }  // namespace
 
-SceneState takeable(const Scene& scene) {
+SceneState pickable_state(const Scene& scene) {
   SceneState state = evaluate_scene(scene, 0.0);
   state.opacities.resize(scene.objects.size(), 1.0);
   for (std::size_t i = 0; i < scene.objects.size(); ++i) {
@@ -59,7 +59,7 @@ void StudyTask::show(std::int64_t time_ns) {
   step_ = 1;
   misses_ = frames_ = frames_lost_ = 0;
   ball_ = sample().places[0];
-  hand_.let_go();
+  hand_.release_object();
   rows_.clear();
 }
 
@@ -73,7 +73,7 @@ StudyTask::Outcome StudyTask::press(const Scene& scene, const PointerView& point
                                     std::int64_t time_ns) {
   Outcome outcome;
   if (!shown_ || hand_.holding()) return outcome;
-  const SceneState state = takeable(scene);
+  const SceneState state = pickable_state(scene);
   if (plan_.design.experiment == StudyExperiment::drag) {
     const auto held = hand_.take(scene, state, pointer, lift ? DragMode::lift : DragMode::slide);
     if (held) outcome.edits.emplace_back(*held);
@@ -111,7 +111,7 @@ StudyTask::Outcome StudyTask::move(const PointerView& pointer) {
 StudyTask::Outcome StudyTask::release(std::int64_t time_ns) {
   Outcome outcome;
   if (!shown_ || !hand_.holding()) return outcome;
-  hand_.let_go();
+  hand_.release_object();
   if ((ball_ - target()).norm() <= plan_.design.tolerance_m) {
     answer_step(time_ns, outcome);
   } else {
@@ -123,7 +123,7 @@ StudyTask::Outcome StudyTask::release(std::int64_t time_ns) {
 StudyTask::Outcome StudyTask::accept(std::int64_t time_ns) {
   Outcome outcome;
   if (!shown_ || plan_.design.experiment != StudyExperiment::drag) return outcome;
-  hand_.let_go();
+  hand_.release_object();
   answer_step(time_ns, outcome);
   return outcome;
 }

@@ -78,6 +78,6 @@ class StudyTask {
 
 // Returns the scene's current state, including edits that are not drawn yet. The target of a drag
 // is excluded, so that it can't be picked.
-[[nodiscard]] SceneState takeable(const Scene& scene);
+[[nodiscard]] SceneState pickable_state(const Scene& scene);
 
 }  // namespace penumbra

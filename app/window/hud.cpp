@@ -144,23 +144,23 @@ HudStatus status_of(const GroupEstimate& group) {
   return status;
 }
 
-std::string age_in_words(const HudState& state) {
+std::string age_text(const HudState& state) {
   if (state.stalled_s) return fmt::format("the frame is {:.1f} s old", *state.stalled_s);
   return state.latency_ms ? fmt::format("latency {:.0f} ms", *state.latency_ms) : std::string();
 }
 
 std::vector<std::string> warnings_of(const HudState& state) {
   std::vector<std::string> warnings;
-  if (state.stalled_s) warnings.push_back(age_in_words(state));
+  if (state.stalled_s) warnings.push_back(age_text(state));
   if (state.trouble) warnings.push_back("camera: " + *state.trouble);
   if (state.recording && state.recording->error) {
-    warnings.push_back(recording_in_words(*state.recording));
+    warnings.push_back(recording_text(*state.recording));
     warnings.push_back(*state.recording->error);
   }
   return warnings;
 }
 
-std::string recording_in_words(const HudRecording& recording) {
+std::string recording_text(const HudRecording& recording) {
   std::string words =
       fmt::format("{} {}   {} frames", recording.error ? "recording FAILED:" : "REC",
                   recording.folder, recording.written);
@@ -168,12 +168,12 @@ std::string recording_in_words(const HudRecording& recording) {
   return words;
 }
 
-std::string smoothing_in_words(const SmoothedPose& smoothed) {
+std::string smoothing_text(const SmoothedPose& smoothed) {
   return fmt::format("smoothed: {:.{}f} ms late, {:.2f} px", smoothed.lag_ms,
                      smoothed.lag_ms < 10.0 ? 1 : 0, smoothed.offset_px);
 }
 
-std::string technique_in_words(std::span<const HudNode> nodes) {
+std::string technique_text(std::span<const HudNode> nodes) {
   std::vector<std::string_view> words;
   for (const HudNode& node : nodes) {
     const bool cocl = node.style.technique == ShadowTechnique::layered &&
@@ -184,10 +184,10 @@ std::string technique_in_words(std::span<const HudNode> nodes) {
   return words.empty() ? "none" : fmt::format("{}", fmt::join(words, ", "));
 }
 
-std::vector<std::string> reasons_in_words(const HudState& state) {
+std::vector<std::string> reason_lines(const HudState& state) {
   std::vector<std::string> lines;
   const auto add = [&lines](std::string_view head, const auto& parts) {
-    const std::size_t shown = std::min(parts.size(), kMostReasons);
+    const std::size_t shown = std::min(parts.size(), kMaxReasons);
     for (std::size_t i = 0; i < shown; ++i) {
       lines.push_back(fmt::format("{}: {}", head, parts[i]));
     }

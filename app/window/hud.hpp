@@ -89,7 +89,7 @@ struct HudFoldOver {
 
 struct HudState {
   bool live = false;
-  bool has_picture = false;
+  bool has_image = false;
   std::uint64_t frame = 0;         // number
   std::optional<int> frame_count;  // number of frames of a recording
   PoseEstimate pose;
@@ -114,7 +114,7 @@ struct HudState {
   std::vector<std::string> skipped, kept;                  // with their reasons
   std::vector<HudFoldOver> twists;
   std::vector<Eigen::Vector2d> kernels_px;  // positions in the image
-  int picture_width = 0, picture_height = 0;
+  int image_width = 0, image_height = 0;
 
   // The viewer sets these.
   bool paused = false;
@@ -147,17 +147,17 @@ struct HudStatus {
 // failed recording.
 [[nodiscard]] std::vector<std::string> warnings_of(const HudState& state);
 // Returns "latency 45 ms", or the age of a stalled frame; empty if neither is known.
-[[nodiscard]] std::string age_in_words(const HudState& state);
+[[nodiscard]] std::string age_text(const HudState& state);
 // Returns "REC folder   26 frames, 3 dropped", or "recording FAILED: ...".
-[[nodiscard]] std::string recording_in_words(const HudRecording& recording);
+[[nodiscard]] std::string recording_text(const HudRecording& recording);
 // Returns lines for the debug view: "skipped: rotor: outside the view", then "kept: video: ...".
-// Lists up to kMostReasons of each kind, then the number of the others.
-[[nodiscard]] std::vector<std::string> reasons_in_words(const HudState& state);
-inline constexpr std::size_t kMostReasons = 10;
+// Lists up to kMaxReasons of each kind, then the number of the others.
+[[nodiscard]] std::vector<std::string> reason_lines(const HudState& state);
+inline constexpr std::size_t kMaxReasons = 10;
 // Returns "smoothed: 12 ms late, 0.05 px".
-[[nodiscard]] std::string smoothing_in_words(const SmoothedPose& smoothed);
+[[nodiscard]] std::string smoothing_text(const SmoothedPose& smoothed);
 // Returns "layered", "cocl", ..., or a list if the nodes differ.
-[[nodiscard]] std::string technique_in_words(std::span<const HudNode> nodes);
+[[nodiscard]] std::string technique_text(std::span<const HudNode> nodes);
 
 // Returns "mesh", or "auto (blend)".
 [[nodiscard]] std::string in_words(Translucency asked, Translucency drawn);

@@ -62,7 +62,7 @@ class Manipulator {
   // Moves the grabbed object to the pointer, but not below the table unless it was below. Returns
   // nullopt if no object is grabbed or the pointer is above the horizon.
   [[nodiscard]] std::optional<ObjectPlaced> drag(const PointerView& pointer) const;
-  void let_go() { grab_.reset(); }
+  void release_object() { grab_.reset(); }
   [[nodiscard]] bool holding() const { return grab_.has_value(); }
 
   // Puts the selected object on the table at the pointer.

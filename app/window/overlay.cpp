@@ -222,12 +222,12 @@ struct Overlay::Impl {
   // Shows the pose's status; returns the rate and age of the frames.
   static std::string pose_status(const HudState& state, int rate_digits) {
     const HudStatus status = status_of(state.pose);
-    text(status.color, state.has_picture ? status.text : "waiting for the first picture");
+    text(status.color, state.has_image ? status.text : "waiting for the first picture");
     if (state.paused) {
       ImGui::SameLine();
       text({1.0F, 0.9F, 0.3F, 1.0F}, "  PAUSED");
     }
-    const std::string age = age_in_words(state);
+    const std::string age = age_text(state);
     return fmt::format("{:.{}f} frames/s{}{}", state.frames_per_s, rate_digits,
                        age.empty() ? "" : "   ", age);
   }
@@ -235,12 +235,12 @@ struct Overlay::Impl {
   void status(const HudState& state) {
     text(pose_status(state, 1) + "   " + frame_in_words(state));
     text(measured_tags(state.pose));
-    if (state.smoothed) text(kQuiet, smoothing_in_words(*state.smoothed));
+    if (state.smoothed) text(kQuiet, smoothing_text(*state.smoothed));
     for (const GroupEstimate& group : state.groups) {
       const HudStatus of_group = status_of(group);
       text(of_group.color, of_group.text);
     }
-    text("shadows: " + technique_in_words(state.nodes));
+    text("shadows: " + technique_text(state.nodes));
     if (const std::string times = stage_times(state); !times.empty()) text(kQuiet, times);
     camera_and_recording(state);
   }
@@ -259,7 +259,7 @@ struct Overlay::Impl {
     } else {
       text(line + "   " + measured_tags(state.pose));
       if (const std::string times = stage_times(state); !times.empty()) text(kQuiet, times);
-      if (state.smoothed) text(kQuiet, smoothing_in_words(*state.smoothed));
+      if (state.smoothed) text(kQuiet, smoothing_text(*state.smoothed));
     }
     camera_and_recording(state, !handheld);
   }
@@ -273,7 +273,7 @@ struct Overlay::Impl {
     }
     if (state.recording) {
       const HudRecording& recording = *state.recording;
-      text(kWarning, recording_in_words(recording));
+      text(kWarning, recording_text(recording));
       if (recording.error) text(kWarning, *recording.error);
     }
     if (selection && !state.selected.empty()) {
@@ -330,7 +330,7 @@ struct Overlay::Impl {
     ImGui::PushStyleVar(ImGuiStyleVar_FramePadding, ImVec2(0.1F * em, 0.1F * em));
     begin_window("buttons", {0.0F, height}, {0.0F, 1.0F}, kPlain);
     std::vector<std::pair<std::string, WindowCommand>> buttons = {
-        {technique_in_words(state.nodes) + "###technique", WindowCommand::next_technique},
+        {technique_text(state.nodes) + "###technique", WindowCommand::next_technique},
         {fmt::format("{}###drag", name_of(state.drag)), next_drag(state.drag)},
         {state.paused ? "go on###pause" : "pause###pause", WindowCommand::pause},
         {"picture", WindowCommand::screenshot}};
@@ -452,7 +452,7 @@ struct Overlay::Impl {
     if (ImGui::Checkbox("smooth the drawn pose (J)", &smooth)) {
       actions.commands.push_back(WindowCommand::smooth);
     }
-    if (state.smoothed) text(kQuiet, smoothing_in_words(*state.smoothed));
+    if (state.smoothed) text(kQuiet, smoothing_text(*state.smoothed));
     ImGui::Separator();
   }
 
@@ -490,9 +490,9 @@ struct Overlay::Impl {
 
   // Draws over the image and below every HUD window.
   void kernel_dots(const HudState& state, GlContext::Size size) const {
-    if (state.picture_width <= 0 || state.picture_height <= 0) return;
-    const PictureArea area = picture_area(state.picture_width, state.picture_height, size);
-    const double scale = static_cast<double>(area.width) / state.picture_width;
+    if (state.image_width <= 0 || state.image_height <= 0) return;
+    const ImageArea area = image_area(state.image_width, state.image_height, size);
+    const double scale = static_cast<double>(area.width) / state.image_width;
     ImDrawList& list = *ImGui::GetBackgroundDrawList();
     const ImU32 dot = ImGui::ColorConvertFloat4ToU32(to_imgui(kKernelDot));
     const float radius = std::max(1.5F, 0.12F * em);
@@ -520,7 +520,7 @@ struct Overlay::Impl {
       work += fmt::format("{}{} {}", work.empty() ? "since the start: " : "   ", name, count);
     }
     text(kQuiet, work);
-    for (const std::string& line : reasons_in_words(state)) text(kQuiet, line);
+    for (const std::string& line : reason_lines(state)) text(kQuiet, line);
     for (std::size_t i = 0; i < state.twists.size() && i < kMostDebugLines; ++i) {
       const HudFoldOver& twist = state.twists[i];
       text(twist.twist.faces_twisted > 0 ? kWarning : kQuiet,

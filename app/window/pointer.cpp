@@ -6,15 +6,15 @@ namespace penumbra {
 namespace {
 
 // Returns the number of image pixels per window pixel.
-double scale_of(const CameraModel& camera, const PictureArea& area) {
+double scale_of(const CameraModel& camera, const ImageArea& area) {
   return static_cast<double>(camera.width()) / area.width;
 }
 
 }  // namespace
 
-Eigen::Vector2d window_from_picture(const CameraModel& camera, GlContext::Size window,
-                                    const Eigen::Vector2d& picture_px) {
-  const PictureArea area = picture_area(camera.width(), camera.height(), window);
+Eigen::Vector2d window_from_image(const CameraModel& camera, GlContext::Size window,
+                                  const Eigen::Vector2d& picture_px) {
+  const ImageArea area = image_area(camera.width(), camera.height(), window);
   return (picture_px + Eigen::Vector2d::Constant(0.5)) / scale_of(camera, area) +
          Eigen::Vector2d(area.x, area.y);
 }
@@ -22,7 +22,7 @@ Eigen::Vector2d window_from_picture(const CameraModel& camera, GlContext::Size w
 std::optional<PointerView> pointer_in_window(const SessionView& view, GlContext::Size window,
                                              const Eigen::Vector2d& window_px) {
   if (view.camera == nullptr || !view.T_table_camera) return std::nullopt;
-  const PictureArea area = picture_area(view.camera->width(), view.camera->height(), window);
+  const ImageArea area = image_area(view.camera->width(), view.camera->height(), window);
   const Eigen::Vector2d pixel =
       (window_px - Eigen::Vector2d(area.x, area.y)) * scale_of(*view.camera, area) -
       Eigen::Vector2d::Constant(0.5);

@@ -12,8 +12,8 @@
 
 namespace penumbra {
 
-[[nodiscard]] Eigen::Vector2d window_from_picture(const CameraModel& camera, GlContext::Size window,
-                                                  const Eigen::Vector2d& picture_px);
+[[nodiscard]] Eigen::Vector2d window_from_image(const CameraModel& camera, GlContext::Size window,
+                                                const Eigen::Vector2d& picture_px);
 // Returns nullopt outside the image or without a pose.
 [[nodiscard]] std::optional<PointerView> pointer_in_window(const SessionView& view,
                                                            GlContext::Size window,

@@ -4,15 +4,15 @@
 
 namespace penumbra {
 
-std::optional<TrackedFrame> StallDisplay::picture(std::int64_t silence_ns) {
+std::optional<TrackedFrame> StallDisplay::picture(std::int64_t stall_ns) {
   if (!last_) return std::nullopt;
   TrackedFrame tracked = *last_;
   // A repeated frame has no new measurements.
   tracked.pose.tags_used = 0;
   bool gone = true;
-  const auto hold = [&gone, silence_ns](auto& pose) {
+  const auto hold = [&gone, stall_ns](auto& pose) {
     if (!pose.has_pose()) return;
-    pose.age_s += seconds(silence_ns);
+    pose.age_s += seconds(stall_ns);
     if (pose.status != TrackStatus::held) pose.held_from = pose.status;
     pose.status = pose.age_s > kHoldSeconds ? TrackStatus::lost : TrackStatus::held;
     gone = gone && pose.status == TrackStatus::lost;

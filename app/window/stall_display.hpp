@@ -12,12 +12,12 @@ namespace penumbra {
 // image does not look live.
 class StallDisplay {
  public:
-  void saw(const TrackedFrame& tracked) { last_ = tracked; }
+  void observe(const TrackedFrame& tracked) { last_ = tracked; }
   // Returns true if a frame can be drawn again.
   [[nodiscard]] bool holds() const { return last_.has_value(); }
-  // Returns the frame to draw after a stall of `silence_ns`, which is added to the age of its
+  // Returns the frame to draw after a stall of `stall_ns`, which is added to the age of its
   // poses. Returns nullopt if the screen does not change.
-  [[nodiscard]] std::optional<TrackedFrame> picture(std::int64_t silence_ns);
+  [[nodiscard]] std::optional<TrackedFrame> picture(std::int64_t stall_ns);
 
  private:
   std::optional<TrackedFrame> last_;

@@ -128,7 +128,7 @@ void Viewer::take_button(const WindowEvent& event) {
     if (event.code != drag_button_) return;
     pointer_moved_ = true;
     follow_pointer();
-    manipulator_.let_go();
+    manipulator_.release_object();
     drag_button_ = -1;
     return;
   }

@@ -32,7 +32,7 @@ std::string base64(const std::vector<std::uint8_t>& bytes) {
 }
 
 // Returns a reduced image as an 8-bit grey BMP, which needs no encoder.
-std::string thumbnail(const CalibrationPicture& picture, int width) {
+std::string thumbnail(const CalibrationImage& picture, int width) {
   if (picture.luma.empty()) return {};
   width = std::min(width, picture.width);
   const int height = std::max(1, picture.height * width / picture.width);
@@ -109,7 +109,7 @@ std::string image_plot_begin(const CameraModel& camera) {
 std::string corners_plot(const CameraCalibration& c, double scale) {
   const double zoom = kPlotWidth / c.solution.camera.width();
   std::string svg = image_plot_begin(c.solution.camera);
-  for (const CalibrationPicture& picture : c.pictures) {
+  for (const CalibrationImage& picture : c.pictures) {
     if (picture.solved < 0) continue;
     const SolvedView& view = c.solution.views[static_cast<std::size_t>(picture.solved)];
     for (std::size_t i = 0; i < picture.view.corners.size() && i < view.residuals_px.size(); ++i) {
@@ -419,10 +419,10 @@ std::string calibration_report(const CameraCalibration& c, const ReportInput& in
       "<h2>Views</h2><table><tr><th></th><th>picture</th><th>corners</th><th>residual</th>"
       "<th>blur</th><th>distance</th><th></th></tr>\n";
   constexpr int kMostOfAReason = 30;
-  const auto reported = pictures_to_report(c.pictures, kMostOfAReason);
+  const auto reported = images_to_report(c.pictures, kMostOfAReason);
   for (std::size_t i = 0; i < c.pictures.size(); ++i) {
-    const CalibrationPicture& picture = c.pictures[i];
-    if (picture.reason != PictureRejection::no && !reported[i]) continue;
+    const CalibrationImage& picture = c.pictures[i];
+    if (picture.reason != ImageRejection::no && !reported[i]) continue;
     const std::string more =
         reported[i].value_or(0) > 0 ? fmt::format(" and {} more", *reported[i]) : "";
     const SolvedView* view =

@@ -76,7 +76,7 @@ UncertaintyMap uncertainty_map(const CameraModel& camera, const Eigen::MatrixXd&
 }
 
 void raise_to_difference(UncertaintyMap& map, const CameraModel& camera, const CameraModel& other,
-                         std::span<const CalibrationPicture> pictures) {
+                         std::span<const CalibrationImage> pictures) {
   const double near = kNear * std::hypot(camera.width(), camera.height());
   const ImageCells cells{map.columns, map.rows, camera.width(), camera.height()};
   std::vector<double> differences(map.sigma_px.size(), 0.0);
@@ -87,7 +87,7 @@ void raise_to_difference(UncertaintyMap& map, const CameraModel& camera, const C
     const auto direction = camera.unproject(pixel);
     const auto there = direction ? other.project_extended(*direction) : std::nullopt;
     if (there) differences[cell] = (*there - pixel).norm();
-    for (const CalibrationPicture& picture : pictures) {
+    for (const CalibrationImage& picture : pictures) {
       if (picture.solved < 0 || seen[cell]) continue;
       seen[cell] = std::ranges::any_of(picture.view.corners, [&](const TargetCorner& corner) {
         return (corner.pixel - pixel).norm() < near;
@@ -148,7 +148,7 @@ void judge(CameraCalibration& result) {
   std::vector<double> blurs;
   const ImageCells cells{3, 3, width, height};
   std::vector<int> seen(cells.count(), 0);
-  for (const CalibrationPicture& picture : result.pictures) {
+  for (const CalibrationImage& picture : result.pictures) {
     if (picture.solved < 0) continue;
     blurs.push_back(picture.view.blur_px);
     for (const TargetCorner& corner : picture.view.corners) ++seen[cells.at(corner.pixel)];

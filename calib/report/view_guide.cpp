@@ -251,7 +251,7 @@ GuideResult ViewGuide::look(ImageView luma) {
   }
   if (self.solution) {
     result.gain = self.gain_of(view.corners);
-    if (result.gain < self.options.least_gain) return because("adds no information");
+    if (result.gain < self.options.min_gain) return because("adds no information");
   }
   result.taken = true;
   self.take(std::move(view.corners));

@@ -21,7 +21,7 @@ struct GuideOptions {
   std::optional<DistortionModel> model;
   bool for_kalibr = false;  // only lenses that Kalibr's files can represent
   // Minimum relative reduction of the mean projection uncertainty (1 sigma) for a view to be used.
-  double least_gain = 0.03;
+  double min_gain = 0.03;
   double goal_px = 0.3;  // target for the maximum projection uncertainty in the image
   // True if a person holds the target: rejects images with motion, because a better one will
   // follow. False for a recording: rejects only blurred images.

@@ -36,13 +36,13 @@ class Choice {
  public:
   Choice(const CalibrationSolution& start, const std::vector<Eigen::Vector3d>& board,
          const std::vector<CalibrationView>& views, const LensChoice& choice,
-         std::vector<ModelTrial>& trials, int most_steps)
+         std::vector<ModelTrial>& trials, int max_steps)
       : start_(start),
         board_(board),
         views_(views),
         choice_(choice),
         trials_(trials),
-        most_steps_(most_steps) {}
+        most_steps_(max_steps) {}
 
   // Solves with every lens, then uses the outliers of the lens that explains the most corners for
   // all. A lens with too few parameters would reject corners far from the centre.
@@ -215,7 +215,7 @@ void Choice::find_own_outliers(const std::vector<CalibrationView>& views, bool f
 }  // namespace
 
 // Counts each lens twice; without a given board shape, also two shapes and more lenses on one.
-int most_steps(const LensChoice& choice, bool shape_given) {
+int max_steps(const LensChoice& choice, bool shape_given) {
   const auto lenses = static_cast<int>(lenses_of(choice).size());
   return shape_given ? 2 * lenses : 3 * lenses + 1;
 }
@@ -280,7 +280,7 @@ Result<ChosenLens> choose_lens(const CalibrationSolution& start,
                                const std::vector<CalibrationView>& views, const LensChoice& choice,
                                std::optional<BoardShape> shape, std::vector<ModelTrial>& trials) {
   const std::vector<Lens> lenses = lenses_of(choice);
-  Choice tried(start, board, views, choice, trials, most_steps(choice, shape.has_value()));
+  Choice tried(start, board, views, choice, trials, max_steps(choice, shape.has_value()));
   const BoardShape first_shape = shape.value_or(BoardShape::rigid);
   tried.decide_outliers(lenses, first_shape);
   for (const Lens& lens : lenses) tried.consider(lens, first_shape);

@@ -50,7 +50,7 @@ struct LensChoice {
   StepCallback tell = {};                // called at each step of choose_lens()
 };
 // Returns the maximum number of steps of choose_lens(), with a given or a chosen board shape.
-[[nodiscard]] int most_steps(const LensChoice& choice, bool shape_given);
+[[nodiscard]] int max_steps(const LensChoice& choice, bool shape_given);
 // Returns a first lens, for refining corners and as the start of choose_lens(). `width`, `height`:
 // image size [px].
 [[nodiscard]] Result<CalibrationSolution> first_solution(int width, int height,

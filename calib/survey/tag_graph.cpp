@@ -170,7 +170,7 @@ TagGraph::TagGraph(const CameraModel& camera, int anchor)
 
 double TagPlacement::mean_px() const {
   double sum = 0.0;
-  for (const auto& [frame, error] : errors_px) sum += std::min(error, kFarOff);
+  for (const auto& [frame, error] : errors_px) sum += std::min(error, kMaxSightingError_px);
   return errors_px.empty() ? 0.0 : sum / static_cast<double>(errors_px.size());
 }
 

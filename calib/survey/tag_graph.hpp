@@ -54,11 +54,11 @@ struct TagPlacement {
   // For each frame that shows the tag: frame index and RMS error of the corners.
   std::vector<std::pair<std::size_t, double>> errors_px;
 
-  // Limits each error to kFarOff.
+  // Limits each error to kMaxSightingError_px.
   [[nodiscard]] double mean_px() const;
   [[nodiscard]] double median_px() const;
 };
-inline constexpr double kFarOff = 20.0;  // [px]
+inline constexpr double kMaxSightingError_px = 20.0;  // [px]
 
 class TagGraph {
  public:

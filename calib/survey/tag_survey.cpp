@@ -89,8 +89,9 @@ std::vector<int> tags_on_table(const std::map<int, TagPose>& tags, const SurveyO
 
 // Transforms tags, cameras and covariance from the anchor's frame to the table's. `tags`:
 // T_anchor_tag of survey.tags. `on_plane`: ids of the tags on the table.
-void settle_on_plane(TagSurvey& survey, const std::map<int, TagPose>& tags,
-                     const GraphCovariance& found, const std::vector<int>& on_plane, int anchor) {
+void transform_to_plane(TagSurvey& survey, const std::map<int, TagPose>& tags,
+                        const GraphCovariance& found, const std::vector<int>& on_plane,
+                        int anchor) {
   const auto n = static_cast<Eigen::Index>(tags.size());
   Eigen::Matrix3Xd centres(3, n);
   std::vector<Eigen::Index> members;  // columns of `centres`
@@ -180,7 +181,7 @@ SurveyInput input_of(const CameraModel& camera, std::span<const SurveyFrame> fra
       if (is_measured(frame, i)) ++measured[frame.tags[i].id];
     }
   }
-  const auto most = static_cast<std::size_t>(options.most_frames);
+  const auto most = static_cast<std::size_t>(options.max_frames);
   const std::size_t step = std::max<std::size_t>(1, (frames.size() + most - 1) / most);
   for (std::size_t f = 0; f < frames.size(); f += step) {
     const SurveyFrame& frame = frames[f];
@@ -235,7 +236,7 @@ Result<void> chain(TagGraph& graph, const SurveyInput& input, int anchor,
         next_best.emplace(id, std::move(*fit));
       }
     }
-    if (!grew && next_best && next_best->second.median_px() < kFarOff) {
+    if (!grew && next_best && next_best->second.median_px() < kMaxSightingError_px) {
       graph.tags[next_best->first] = packed(next_best->second.T_anchor_tag);
       grew = true;
     }
@@ -250,7 +251,7 @@ Result<void> chain(TagGraph& graph, const SurveyInput& input, int anchor,
   return {};
 }
 
-struct SettledGraph {
+struct AdjustedGraph {
   TagGraph graph;  // without outliers
   double rms_px = 0.0;
   std::map<int, double> lost;  // fraction of outlier sightings by placed tag
@@ -258,9 +259,9 @@ struct SettledGraph {
 };
 
 // Chains and bundle adjusts all tags that are not in `without`.
-Result<SettledGraph> settle(const CameraModel& camera, const SurveyInput& input, int anchor,
-                            const std::set<int>& without, const SurveyOptions& options) {
-  SettledGraph result{TagGraph(camera, anchor), 0.0, {}, {}};
+Result<AdjustedGraph> settle(const CameraModel& camera, const SurveyInput& input, int anchor,
+                             const std::set<int>& without, const SurveyOptions& options) {
+  AdjustedGraph result{TagGraph(camera, anchor), 0.0, {}, {}};
   TagGraph& graph = result.graph;
   graph.stop = options.stop;
   graph.frames = input.frames;
@@ -336,8 +337,8 @@ std::optional<Movement> movement_of(const TagGraph& judge, int id, double size_m
         least = sum;
         split = k;
       }
-      sum += std::min(before->errors_px[k].second, kFarOff) -
-             std::min(after->errors_px[k].second, kFarOff);
+      sum += std::min(before->errors_px[k].second, kMaxSightingError_px) -
+             std::min(after->errors_px[k].second, kMaxSightingError_px);
     }
     if (!fit_parts()) continue;
     const auto n = static_cast<double>(seen.size());
@@ -400,7 +401,7 @@ std::optional<Contradiction> contradiction_of(const TagGraph& judge, const Surve
 
 // The consistent tags, and reasons for the others.
 struct Agreement {
-  SettledGraph settled;
+  AdjustedGraph settled;
   std::map<int, Contradiction> others;
 };
 
@@ -451,8 +452,8 @@ bool anchor_is_doubtful(const Agreement& agreement, const SurveyInput& input, in
 }
 
 // Explains a doubtful anchor by surveys with other anchors.
-tl::unexpected<Error> blame(const CameraModel& camera, const SurveyInput& input,
-                            const SurveyOptions& options) {
+tl::unexpected<Error> doubtful_anchor_error(const CameraModel& camera, const SurveyInput& input,
+                                            const SurveyOptions& options) {
   std::vector<std::pair<int, int>> by_count;  // most sightings first
   for (const auto& [id, count] : input.seen) {
     if (id != options.anchor) by_count.emplace_back(-count, id);
@@ -527,7 +528,8 @@ Result<TagSurvey> survey_tags(const CameraModel& camera, std::span<const SurveyF
                 input.without_size.count(options.anchor) > 0 ? " with a size" : "", joined(ids));
   }
   PENUMBRA_TRY(auto agreement, agree(camera, input, options.anchor, options));
-  if (anchor_is_doubtful(agreement, input, options.anchor)) return blame(camera, input, options);
+  if (anchor_is_doubtful(agreement, input, options.anchor))
+    return doubtful_anchor_error(camera, input, options);
   TagGraph& graph = agreement.settled.graph;
   TagSurvey result;
   result.rms_px = agreement.settled.rms_px;
@@ -572,7 +574,7 @@ Result<TagSurvey> survey_tags(const CameraModel& camera, std::span<const SurveyF
     tag.tag = {id, options.family, size_of(options, id), poses[id]};
     tag.frames = static_cast<int>(graph.seen_of(id).size());
   }
-  settle_on_plane(result, poses, covariance, tags_on_table(poses, options), options.anchor);
+  transform_to_plane(result, poses, covariance, tags_on_table(poses, options), options.anchor);
   explain_left_out(result, agreement, input, options.anchor);
   return result;
 }

@@ -35,7 +35,7 @@ struct SurveyOptions {
   // is the frame's x axis.
   int anchor = 0;
   SurveyPlane plane = SurveyPlane::fitted;
-  int most_frames = 150;  // if there are more, uses every n-th
+  int max_frames = 150;  // if there are more, uses every n-th
   // Solves for one outward edge shift (camera response, blur) of all tags without MeasuredTag.
   bool edge_shift = true;
   bool refine_camera = false;  // solves for the lens as well

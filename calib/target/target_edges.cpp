@@ -139,7 +139,7 @@ std::optional<double> find_edge(ImageView luma, const EdgeSearch& search) {
     mass += weight;
     moment += weight * at;
   }
-  if (mass < search.least_change) return std::nullopt;
+  if (mass < search.min_change) return std::nullopt;
   // Corrects the window's pull of the centroid towards its centre, for a blur of 0.8 px (sigma).
   const double offset = moment / mass * (1.0 + 0.64 / (search.width * search.width));
   if (!(std::abs(offset) < search.reach)) return std::nullopt;

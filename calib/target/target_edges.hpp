@@ -45,7 +45,7 @@ struct EdgeSearch {
   double reach = 0.0;              // half length of the search, up to 7
   double width = 0.0;              // sigma of the window that suppresses other edges
   std::optional<double> polarity;  // 1: from black to white along the normal, -1: the reverse
-  double least_change = 0.0;       // minimum grey-level change within the window
+  double min_change = 0.0;         // minimum grey-level change within the window
 };
 // Returns the edge's offset from the expected position [px]: the windowed centroid of the
 // grey-level change. Returns nullopt if there is no such change.

@@ -61,7 +61,7 @@ Result<BoardExtent> extent_of(const TagBoard& board) {
 }
 
 // Rotates the page by 90 degrees if the sheet fits only then.
-Result<PageSize> turned_page(const Sheet& sheet, const PageSize& page) {
+Result<PageSize> rotated_page(const Sheet& sheet, const PageSize& page) {
   const double needed_width = std::max(sheet.width, kRulerLength) + 2.0 * kMargin;
   const double needed_height = sheet.height + 2.0 * kMargin + kFooter;
   double width = page.width_m;
@@ -278,14 +278,14 @@ Result<TagMap> tag_map_of(const TagBoard& board, double printed_scale) {
 
 Result<void> check_fits(const SheetTarget& target, const PageSize& page) {
   PENUMBRA_TRY(const Sheet sheet, sheet_of(target));
-  PENUMBRA_TRY_VOID(turned_page(sheet, page));
+  PENUMBRA_TRY_VOID(rotated_page(sheet, page));
   return {};
 }
 
 Result<void> write_sheet(const std::filesystem::path& file, const SheetTarget& target,
                          const PageSize& page, SheetFormat format) {
   PENUMBRA_TRY(const Sheet sheet, sheet_of(target));
-  PENUMBRA_TRY(const PageSize turned, turned_page(sheet, page));
+  PENUMBRA_TRY(const PageSize turned, rotated_page(sheet, page));
   PENUMBRA_TRY(const std::vector<std::uint8_t> bytes,
                with_place(file.string(), page_bytes(sheet, turned, format)));
   return write_file(file, bytes);

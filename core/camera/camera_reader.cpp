@@ -133,7 +133,7 @@ std::optional<DistortionModel> model_named(std::string_view name, CameraFileForm
 }
 
 // Sets the coefficients of p.model from a list in the order of ROS and OpenCV; missing ones are 0.
-Result<void> take_coefficients(const PlacedNumbers& given, CameraParameters& p) {
+Result<void> set_coefficients(const PlacedNumbers& given, CameraParameters& p) {
   const std::vector<double>& d = given.values;
   constexpr std::array<std::size_t, 6> kCounts = {0, 4, 5, 8, 12, 14};
   if (std::ranges::count(kCounts, d.size()) == 0) {
@@ -164,7 +164,7 @@ Result<void> take_coefficients(const PlacedNumbers& given, CameraParameters& p) 
 }
 
 // Reads overlay_px. Older files have values per corner instead, of which it is the RMS.
-Result<void> take_uncertainty(const YamlFields& fields, CameraParameters& p) {
+Result<void> read_uncertainty(const YamlFields& fields, CameraParameters& p) {
   constexpr const char* kRemedy = "leave out `uncertainty`, or calibrate again";
   PENUMBRA_TRY(const bool present, fields.has_optional("uncertainty"));
   if (!present) return {};
@@ -178,7 +178,7 @@ Result<void> take_uncertainty(const YamlFields& fields, CameraParameters& p) {
 }
 
 // Reads the optional keys, which other programs ignore.
-Result<void> take_optional(const YamlFields& fields, CameraParameters& p) {
+Result<void> read_optional_fields(const YamlFields& fields, CameraParameters& p) {
   PENUMBRA_TRY(
       p.tone_curve,
       fields.optional_number("tone_curve", "give the exponent of the tone curve, or leave it out"));
@@ -186,7 +186,7 @@ Result<void> take_optional(const YamlFields& fields, CameraParameters& p) {
       p.rolling_shutter_row_s,
       fields.optional_number("rolling_shutter_row_s",
                              "give the seconds from one row to the next, or leave it out"));
-  return take_uncertainty(fields, p);
+  return read_uncertainty(fields, p);
 }
 
 // Recognises a matrix of OpenCV's FileStorage by its YAML tag or its keys.
@@ -328,7 +328,7 @@ Result<ReadCamera> read_ros_or_opencv(const YamlFields& fields, const std::strin
     auto text = assumed_model_text(fields, matrix_key, coefficients.values, p.model);
     if (text) read.warnings.push_back(std::move(*text));
   }
-  PENUMBRA_TRY_VOID(take_coefficients(coefficients, p));
+  PENUMBRA_TRY_VOID(set_coefficients(coefficients, p));
 
   if (fields.has("camera_name")) {
     PENUMBRA_TRY(const YAML::Node name, fields.node("camera_name", ""));
@@ -336,12 +336,12 @@ Result<ReadCamera> read_ros_or_opencv(const YamlFields& fields, const std::strin
       return fail("{}: is not text; give a name or leave it out", fields.place_of("camera_name"));
     p.name = name.IsScalar() ? name.Scalar() : "";
   }
-  PENUMBRA_TRY_VOID(take_optional(fields, p));
+  PENUMBRA_TRY_VOID(read_optional_fields(fields, p));
   return read;
 }
 
 // Sets fx, fy, cx, cy from the first four numbers.
-void take_pinhole(const std::vector<double>& k, CameraParameters& p) {
+void set_pinhole(const std::vector<double>& k, CameraParameters& p) {
   p.fx = k[0];
   p.fy = k[1];
   p.cx = k[2];
@@ -358,7 +358,7 @@ Result<ReadCamera> read_kalibr(const YamlFields& camera) {
   PENUMBRA_TRY(const std::vector<double> k,
                camera.numbers("intrinsics", 4, "give [fx, fy, cx, cy]"));
   PENUMBRA_TRY_VOID(read_size(camera, "resolution", p));
-  take_pinhole(k, p);
+  set_pinhole(k, p);
   PENUMBRA_TRY(const std::string model,
                camera.text("distortion_model",
                            ("name " + model_names(CameraFileFormat::kalibr, "none")).c_str()));
@@ -399,7 +399,7 @@ Result<ReadCamera> read_mrcal(const YamlFields& fields) {
     return fail("{}: has {} numbers, but {} has {}", fields.place_of("intrinsics"), k.size(), model,
                 4 + count);
   PENUMBRA_TRY_VOID(read_size(fields, "imagersize", p));
-  take_pinhole(k, p);
+  set_pinhole(k, p);
   p.model = count == 8 ? DistortionModel::rational : DistortionModel::plumb_bob;
   std::copy(k.begin() + 4, k.end(), p.distortion.begin());
   return read;

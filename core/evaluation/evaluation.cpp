@@ -178,7 +178,7 @@ Evaluation evaluate(const CameraModel& camera, const Trajectory& estimated, cons
       frame_interval_ns > 0 ? frame_interval_ns : median_interval_ns(estimated);
   ErrorCollector errors(camera);
   std::int64_t previous_ns = 0;  // timestamp of the previous evaluated pose
-  bool previous_judged = false;
+  bool previous_evaluated = false;
   std::vector<bool> with_pose(truth.poses.size(), false);
   for (const StampedPose& pose : estimated.poses) {
     ++result.frames_estimated;
@@ -186,16 +186,16 @@ Evaluation evaluate(const CameraModel& camera, const Trajectory& estimated, cons
     const auto true_pose = pose_at(truth, time_ns, options.max_gap_ns);
     if (!true_pose) {
       ++result.frames_not_judged[static_cast<std::size_t>(true_pose.error())];
-      previous_judged = false;
+      previous_evaluated = false;
       continue;
     }
     ++result.frames_judged;
     with_pose[nearest_index(truth, time_ns)] = true;
     const bool consecutive =
-        previous_judged && pose.timestamp_ns - previous_ns <= interval_ns + interval_ns / 2;
+        previous_evaluated && pose.timestamp_ns - previous_ns <= interval_ns + interval_ns / 2;
     errors.add(pose.T_table_camera, *true_pose, consecutive);
     previous_ns = pose.timestamp_ns;
-    previous_judged = true;
+    previous_evaluated = true;
   }
   result.frames_with_pose = static_cast<int>(std::ranges::count(with_pose, true));
   errors.finish(result);

@@ -38,7 +38,7 @@ struct Evaluation {
   int frames_estimated = 0;   // estimated poses
   int frames_with_pose = 0;   // number of frames_with_truth that have an evaluated estimate
   int frames_judged = 0;      // number of frames_estimated that were evaluated
-  std::array<int, 2> frames_not_judged{};  // the other estimates, by NotJudged
+  std::array<int, 2> frames_not_judged{};  // the other estimates, by NotEvaluated
   std::int64_t time_offset_ns = 0;         // PairingOptions::time_offset_ns that was added
   Statistics translation_mm;               // |t_estimated - t_true|
   Statistics rotation_deg;                 // angle of R_estimated^T R_true

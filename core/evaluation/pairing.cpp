@@ -104,12 +104,12 @@ Result<void> check_against_each_other(const NamedTrajectory& estimated,
 
 }  // namespace
 
-std::string_view to_string(NotJudged cause) {
-  return cause == NotJudged::outside_truth ? "outside_truth" : "gap_too_long";
+std::string_view to_string(NotEvaluated cause) {
+  return cause == NotEvaluated::outside_truth ? "outside_truth" : "gap_too_long";
 }
 
-tl::expected<CameraPose, NotJudged> pose_at(const Trajectory& trajectory, std::int64_t timestamp_ns,
-                                            std::int64_t max_gap_ns) {
+tl::expected<CameraPose, NotEvaluated> pose_at(const Trajectory& trajectory,
+                                               std::int64_t timestamp_ns, std::int64_t max_gap_ns) {
   const std::vector<StampedPose>& poses = trajectory.poses;
   const StampedPose* near = trajectory.at(timestamp_ns, kNearTime_ns);
   if (near != nullptr &&
@@ -131,7 +131,7 @@ tl::expected<CameraPose, NotJudged> pose_at(const Trajectory& trajectory, std::i
       return interpolated(before, *after, timestamp_ns);
   }
   if (near != nullptr) return near->T_table_camera;
-  return tl::unexpected(inside ? NotJudged::gap_too_long : NotJudged::outside_truth);
+  return tl::unexpected(inside ? NotEvaluated::gap_too_long : NotEvaluated::outside_truth);
 }
 
 std::int64_t shifted(std::int64_t timestamp_ns, std::int64_t offset_ns) {
@@ -164,8 +164,8 @@ Result<std::vector<std::string>> check_units_of_time(const NamedTrajectory& esti
                    options.max_gap_ns)
         .has_value();
   });
-  const bool few_judged = 2 * static_cast<std::size_t>(judged) < poses.size();
-  if (few_judged && poses.size() >= 2 && truth.trajectory.poses.size() >= 2) {
+  const bool few_evaluated = 2 * static_cast<std::size_t>(judged) < poses.size();
+  if (few_evaluated && poses.size() >= 2 && truth.trajectory.poses.size() >= 2) {
     PENUMBRA_TRY_VOID(check_against_each_other(estimated, truth, options));
   }
   std::vector<std::string> warnings;

@@ -21,22 +21,22 @@ struct PairingOptions {
 };
 
 // The reason why there is no true pose at a time.
-enum class NotJudged {
+enum class NotEvaluated {
   outside_truth,  // beyond the first or last true pose by more than is extrapolated
   gap_too_long,   // between two poses with a gap of more than PairingOptions::max_gap_ns
 };
-inline constexpr std::array<NotJudged, 2> kNotJudged = {NotJudged::outside_truth,
-                                                        NotJudged::gap_too_long};
-[[nodiscard]] std::string_view to_string(NotJudged cause);  // "outside_truth", "gap_too_long"
+inline constexpr std::array<NotEvaluated, 2> kNotEvaluatedCauses = {NotEvaluated::outside_truth,
+                                                                    NotEvaluated::gap_too_long};
+[[nodiscard]] std::string_view to_string(NotEvaluated cause);  // "outside_truth", "gap_too_long"
 
 // Returns the pose at a time by the first rule that applies:
 // - a pose within 1 us, since files round their times,
 // - interpolated (position linearly, rotation by slerp) across a gap of up to `max_gap_ns`,
 // - extrapolated beyond an end, by up to half of the interval at that end but not more than 10 ms,
 // - a pose within 1 ms.
-[[nodiscard]] tl::expected<CameraPose, NotJudged> pose_at(const Trajectory& trajectory,
-                                                          std::int64_t timestamp_ns,
-                                                          std::int64_t max_gap_ns);
+[[nodiscard]] tl::expected<CameraPose, NotEvaluated> pose_at(const Trajectory& trajectory,
+                                                             std::int64_t timestamp_ns,
+                                                             std::int64_t max_gap_ns);
 
 // Adds the offset; saturates at the largest and smallest time.
 [[nodiscard]] std::int64_t shifted(std::int64_t timestamp_ns, std::int64_t offset_ns);

@@ -42,7 +42,7 @@ void RunningStatistics::add(double value) {
   ++count_;
   sum_ += value;
   squares_ += static_cast<long double>(value) * value;
-  if (bins_.empty() && values_.size() < kMostExact) {
+  if (bins_.empty() && values_.size() < kMaxExact) {
     values_.push_back(value);
     return;
   }
@@ -57,7 +57,7 @@ double RunningStatistics::mean() const {
   return empty() ? 0.0 : static_cast<double>(sum_ / static_cast<long double>(count_));
 }
 
-double RunningStatistics::in_order(std::uint64_t rank) const {
+double RunningStatistics::value_of_rank(std::uint64_t rank) const {
   std::uint64_t below = 0;
   std::size_t bin = 0;
   while (bin + 1 < bins_.size() && below + bins_[bin] <= rank) below += bins_[bin++];
@@ -78,7 +78,7 @@ Statistics RunningStatistics::statistics() const {
     const std::uint64_t above = std::min<std::uint64_t>(below + 1, count_ - 1);
     const double weight = position - static_cast<double>(below);
     const auto at = [&](std::uint64_t rank) {
-      return bins_.empty() ? sorted[static_cast<std::size_t>(rank)] : in_order(rank);
+      return bins_.empty() ? sorted[static_cast<std::size_t>(rank)] : value_of_rank(rank);
     };
     return std::lerp(at(below), at(above), weight);
   };

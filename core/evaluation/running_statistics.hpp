@@ -9,13 +9,13 @@
 
 namespace penumbra {
 
-// Exact up to kMostExact values. With more, count, mean, rmse, minimum and maximum stay exact;
+// Exact up to kMaxExact values. With more, count, mean, rmse, minimum and maximum stay exact;
 // order statistics come from a histogram with kBinsPerOctave equal bins between powers of two (as
 // in HdrHistogram). Their relative error is up to 1/(2 kBinsPerOctave) = 0.8 % from 2^kFirstOctave
 // to 2^kLastOctave. Smaller and negative values count as the minimum, larger ones as the maximum.
 class RunningStatistics {
  public:
-  static constexpr std::size_t kMostExact = 4096;
+  static constexpr std::size_t kMaxExact = 4096;
   static constexpr int kBinsPerOctave = 64;
   static constexpr int kFirstOctave = -20;
   static constexpr int kLastOctave = 44;
@@ -33,13 +33,13 @@ class RunningStatistics {
 
  private:
   // Returns the value with this rank (0: minimum) from the histogram.
-  [[nodiscard]] double in_order(std::uint64_t rank) const;
+  [[nodiscard]] double value_of_rank(std::uint64_t rank) const;
 
   std::size_t count_ = 0;
   double least_ = 0.0, greatest_ = 0.0;
   // long double holds the square of any double.
   long double sum_ = 0.0L, squares_ = 0.0L;
-  std::vector<double> values_;       // up to kMostExact of them
+  std::vector<double> values_;       // up to kMaxExact of them
   std::vector<std::uint64_t> bins_;  // of more values; first and last: outside the octaves
 };
 

@@ -111,7 +111,7 @@ class JpegDecoder {
     switch (errors.msg_code) {
       case JWRN_EXTRANEOUS_DATA: {
         const auto count = static_cast<std::size_t>(errors.msg_parm.i[0]);
-        return count <= (errors.msg_parm.i[1] == JPEG_EOI ? kMostFillBytes : kMostStrayBytes);
+        return count <= (errors.msg_parm.i[1] == JPEG_EOI ? kMaxFillBytes : kMaxStrayBytes);
       }
       case JWRN_NOT_SEQUENTIAL:  // scan parameters that baseline images ignore
       case JWRN_JFIF_MAJOR:
@@ -178,7 +178,7 @@ class JpegDecoder {
       if (info_.comp_info[i].quant_table == nullptr) leave("ends before the scan of a component");
     }
     if (jpeg_has_multiple_scans(&info_) == FALSE) {
-      if (source_.bytes_in_buffer > kMostFillBytes + 2) {
+      if (source_.bytes_in_buffer > kMaxFillBytes + 2) {
         leave("more bytes before the end mark than belong to its blocks");
       }
     } else if (info_.progressive_mode != FALSE) {

@@ -64,7 +64,7 @@ class MarkerWalk {
   // Advances past the next marker and returns it, or nullopt if there is none.
   std::optional<std::uint8_t> next_marker() {
     std::size_t stray = 0;
-    while (at_ + 1 < bytes_.size() && stray <= kMostStrayBytes) {
+    while (at_ + 1 < bytes_.size() && stray <= kMaxStrayBytes) {
       if (bytes_[at_] == 0xFF && bytes_[at_ + 1] == 0xFF) {  // fill byte
         ++at_;
       } else if (bytes_[at_] == 0xFF && bytes_[at_ + 1] != 0x00) {
@@ -161,13 +161,13 @@ class MarkerWalk {
   // Strips padding (zeros and 0xFF). Keeps the first zero: it may belong to the final block (a flat
   // chroma block has four zero bits) or be stuffed after a 0xFF.
   [[nodiscard]] std::size_t without_padding(std::size_t end) const {
-    while (end > at_after_headers() && bytes_[end - 1] == 0xFF) --end;
+    while (end > offset_after_height() && bytes_[end - 1] == 0xFF) --end;
     std::size_t last = end;
-    while (last > at_after_headers() && bytes_[last - 1] == 0x00) --last;
+    while (last > offset_after_height() && bytes_[last - 1] == 0x00) --last;
     const std::size_t zeros = bytes_[last - 1] == 0xFF ? 2 : 1;
     return std::min(end, last + zeros);
   }
-  [[nodiscard]] std::size_t at_after_headers() const { return out_.size_offset + 2; }
+  [[nodiscard]] std::size_t offset_after_height() const { return out_.size_offset + 2; }
 
   const std::span<const std::uint8_t> bytes_;
   JpegOutline out_;

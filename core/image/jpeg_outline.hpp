@@ -13,8 +13,8 @@ namespace penumbra {
 
 // Maximum number of stray bytes that is harmless. Cameras pad their final USB packet before the end
 // marker; some write up to 9 bytes before other markers. Lost data causes 100 or more.
-inline constexpr std::size_t kMostFillBytes = 1024;  // before the end marker
-inline constexpr std::size_t kMostStrayBytes = 16;   // before any other marker
+inline constexpr std::size_t kMaxFillBytes = 1024;  // before the end marker
+inline constexpr std::size_t kMaxStrayBytes = 16;   // before any other marker
 
 struct JpegOutline {
   // From the final start marker through the end marker; if it is missing, through the last byte

@@ -37,7 +37,7 @@ SampleDepth sample_depth_of(std::span<const std::filesystem::path> images) {
   SampleDepth depth;
   std::optional<int> by_chunk;
   const std::size_t count = images.size();
-  const std::size_t looks = std::min<std::size_t>(count, kMostLookedAt);
+  const std::size_t looks = std::min<std::size_t>(count, kMaxSampledImages);
   for (std::size_t i = 0; i < looks; ++i) {
     // Includes the first and the final image.
     const std::size_t at = looks > 1 ? i * (count - 1) / (looks - 1) : 0;

@@ -24,8 +24,9 @@ struct SampleDepth {
 
 // Returns one depth for all images. Uses the sBIT chunk if all values fit into its depth (if not,
 // the samples were scaled up). Otherwise uses the smallest depth that fits all values, or 16 above
-// 14 bits. Decodes up to kMostLookedAt images, evenly spaced; ignores unreadable and 8-bit ones.
-inline constexpr int kMostLookedAt = 256;
+// 14 bits. Decodes up to kMaxSampledImages images, evenly spaced; ignores unreadable and 8-bit
+// ones.
+inline constexpr int kMaxSampledImages = 256;
 [[nodiscard]] SampleDepth sample_depth_of(std::span<const std::filesystem::path> images);
 
 // Provides options that decode all images with one depth, and warns once if values exceed it.

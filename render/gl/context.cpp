@@ -27,7 +27,7 @@ GlInfo current_gl_info(GlApi api) {
   if (epoxy_gl_version() >= core || epoxy_has_gl_extension("GL_KHR_robustness")) {
     GLint strategy = GL_NO_RESET_NOTIFICATION;
     glGetIntegerv(GL_RESET_NOTIFICATION_STRATEGY, &strategy);
-    info.tells_resets = strategy == GL_LOSE_CONTEXT_ON_RESET;
+    info.reports_resets = strategy == GL_LOSE_CONTEXT_ON_RESET;
   }
   return info;
 }
@@ -37,7 +37,7 @@ std::optional<unsigned> take_gl_error(const GlInfo& context) {
   // Limits the loop, because a lost context may report errors for ever.
   for (int i = 0; first != GL_NO_ERROR && i < 16 && glGetError() != GL_NO_ERROR; ++i) {
   }
-  if (context.tells_resets && glGetGraphicsResetStatus() != GL_NO_ERROR) return GL_CONTEXT_LOST;
+  if (context.reports_resets && glGetGraphicsResetStatus() != GL_NO_ERROR) return GL_CONTEXT_LOST;
   if (first == GL_NO_ERROR) return std::nullopt;
   return first;
 }

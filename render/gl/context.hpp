@@ -19,7 +19,7 @@ struct GlInfo {
   bool software = false;  // a CPU rasteriser: llvmpipe, softpipe, swrast
   // The context reports driver resets (GL_KHR_robustness). Else a reset is another error or ends
   // the process.
-  bool tells_resets = false;
+  bool reports_resets = false;
 };
 [[nodiscard]] GlInfo current_gl_info(GlApi api);
 

@@ -39,7 +39,7 @@ bool are_product(const Pixels& pixels) {
 
 }  // namespace
 
-Result<FragmentAbilities> probe_picture(GlApi api) {
+Result<FragmentAbilities> probe_fragment_abilities(GlApi api) {
   constexpr std::array<std::string_view, 1> kRgb = {"VIDEO_RGB"};
   PENUMBRA_TRY(auto framebuffer, Framebuffer::create(kSide, kSide));
   PENUMBRA_TRY(const auto fill, ShaderProgram::link(api, {"video.vert.glsl"}, {"fill.frag.glsl"}));

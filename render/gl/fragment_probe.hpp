@@ -14,6 +14,6 @@ struct FragmentAbilities {
 
 // Draws a few pixels into its own framebuffer and reads them back. Leaves no framebuffer bound.
 // Fails if a shader does not compile.
-[[nodiscard]] Result<FragmentAbilities> probe_picture(GlApi api);
+[[nodiscard]] Result<FragmentAbilities> probe_fragment_abilities(GlApi api);
 
 }  // namespace penumbra

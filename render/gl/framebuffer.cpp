@@ -41,7 +41,7 @@ void store_rgba(bool half_floats, int width, int height) {
 // Copies into the window's framebuffer, letterboxed.
 void show(GLuint framebuffer, int width, int height, GlContext::Size window) {
   if (window.width <= 0 || window.height <= 0) return;
-  const PictureArea area = picture_area(width, height, window);
+  const ImageArea area = image_area(width, height, window);
   const int bottom = window.height - area.y - area.height;
   glBindFramebuffer(GL_DRAW_FRAMEBUFFER, 0);
   glBindFramebuffer(GL_READ_FRAMEBUFFER, framebuffer);
@@ -55,12 +55,12 @@ void show(GLuint framebuffer, int width, int height, GlContext::Size window) {
 
 }  // namespace
 
-PictureArea picture_area(int picture_width, int picture_height, GlContext::Size window) {
-  const double scale = std::min(static_cast<double>(window.width) / picture_width,
-                                static_cast<double>(window.height) / picture_height);
-  PictureArea area;
-  area.width = std::max(1, static_cast<int>(scale * picture_width + 0.5));
-  area.height = std::max(1, static_cast<int>(scale * picture_height + 0.5));
+ImageArea image_area(int image_width, int image_height, GlContext::Size window) {
+  const double scale = std::min(static_cast<double>(window.width) / image_width,
+                                static_cast<double>(window.height) / image_height);
+  ImageArea area;
+  area.width = std::max(1, static_cast<int>(scale * image_width + 0.5));
+  area.height = std::max(1, static_cast<int>(scale * image_height + 0.5));
   area.x = (window.width - area.width) / 2;
   area.y = (window.height - area.height) / 2;
   return area;
@@ -158,8 +158,8 @@ void Framebuffer::bind_sums_texture(int unit) {
   glBindTexture(GL_TEXTURE_2D, sums_.id());
 }
 
-void Framebuffer::copy_picture(int unit) {
-  copy(framebuffer_.id(), picture_copy_, false, unit);
+void Framebuffer::copy_image(int unit) {
+  copy(framebuffer_.id(), image_copy_, false, unit);
 }
 
 void Framebuffer::copy_sums(int unit) {
@@ -223,11 +223,11 @@ void Framebuffer::present(GlContext::Size window) const {
   show(resolved(), width_, height_, window);
 }
 
-Result<UploadedPicture> UploadedPicture::create(int width, int height) {
+Result<UploadedImage> UploadedImage::create(int width, int height) {
   GLint largest = 0;
   glGetIntegerv(GL_MAX_TEXTURE_SIZE, &largest);
   if (width > largest || height > largest) return too_large(width, height, largest);
-  UploadedPicture picture;
+  UploadedImage picture;
   picture.width_ = width;
   picture.height_ = height;
   picture.texture_ = nearest_texture();
@@ -239,7 +239,7 @@ Result<UploadedPicture> UploadedPicture::create(int width, int height) {
   return picture;
 }
 
-void UploadedPicture::present(std::span<const std::uint8_t> rgba, GlContext::Size window) {
+void UploadedImage::present(std::span<const std::uint8_t> rgba, GlContext::Size window) {
   PENUMBRA_ASSERT(rgba.size() == std::size_t{4} * static_cast<std::size_t>(width_) *
                                      static_cast<std::size_t>(height_));
   glActiveTexture(GL_TEXTURE0);

@@ -12,22 +12,21 @@
 namespace penumbra {
 
 // The area of a window that an image fills, letterboxed [px], from the window's top left corner.
-struct PictureArea {
+struct ImageArea {
   int x = 0, y = 0, width = 0, height = 0;
 };
-[[nodiscard]] PictureArea picture_area(int picture_width, int picture_height,
-                                       GlContext::Size window);
+[[nodiscard]] ImageArea image_area(int image_width, int image_height, GlContext::Size window);
 
 // Shows images from main memory in a window.
-class UploadedPicture {
+class UploadedImage {
  public:
-  [[nodiscard]] static Result<UploadedPicture> create(int width, int height);
-  // Copies to the window's framebuffer, at picture_area(). `rgba`: rows top to bottom, width *
+  [[nodiscard]] static Result<UploadedImage> create(int width, int height);
+  // Copies to the window's framebuffer, at image_area(). `rgba`: rows top to bottom, width *
   // height * 4 bytes.
   void present(std::span<const std::uint8_t> rgba, GlContext::Size window);
 
  private:
-  UploadedPicture() = default;
+  UploadedImage() = default;
   FramebufferHandle framebuffer_;
   TextureHandle texture_;
   int width_ = 0;
@@ -50,7 +49,7 @@ class Framebuffer {
   void bind_sums_texture(int unit);
   // Copies the image, or the sums, and binds the copy as a texture. Leaves the copied framebuffer
   // bound for drawing.
-  void copy_picture(int unit);
+  void copy_image(int unit);
   void copy_sums(int unit);
   // Reads rows top to bottom, width * height * 4 bytes; multisampled pixels are averaged.
   void read_rgba(std::span<std::uint8_t> rgba) const;
@@ -58,7 +57,7 @@ class Framebuffer {
   void read_rgba_to_buffer() const;
   // Discards depth and stencil at the end of a frame, so that tiling GPUs don't store them.
   void invalidate_depth_stencil() const;
-  // Copies to the window's framebuffer, at picture_area().
+  // Copies to the window's framebuffer, at image_area().
   void present(GlContext::Size window) const;
   void clear() const;  // to opaque black
 
@@ -80,7 +79,7 @@ class Framebuffer {
   TextureHandle sums_;                  // without multisampling
   RenderbufferHandle sums_samples_;     // with multisampling
   bool sums_are_half_floats_ = true;
-  Copy picture_copy_, sums_copy_;
+  Copy image_copy_, sums_copy_;
   mutable Copy resolved_;
   int width_ = 0;
   int height_ = 0;

@@ -28,7 +28,7 @@ void GpuTimer::begin() {
   measures_ = count_ < kMost;
   if (!measures_) return;
   Measured& measured = ring_[(first_ + count_) % kMost];
-  measured.forgotten = false;
+  measured.dropped = false;
   glBeginQuery(GL_TIME_ELAPSED, measured.query.id());
 }
 
@@ -56,7 +56,7 @@ void GpuTimer::take(std::vector<double>& times_ms) {
     GLuint there = GL_FALSE;
     glGetQueryObjectuiv(measured.query.id(), GL_QUERY_RESULT_AVAILABLE, &there);
     if (there == GL_FALSE) break;
-    if (!measured.forgotten) times_ms.push_back(result_ms(measured));
+    if (!measured.dropped) times_ms.push_back(result_ms(measured));
     first_ = (first_ + 1) % kMost;
     --count_;
   }
@@ -65,11 +65,11 @@ void GpuTimer::take(std::vector<double>& times_ms) {
   glGetIntegerv(GL_GPU_DISJOINT_EXT, &disjoint);
   if (disjoint == 0) return;
   times_ms.resize(before);
-  forget();
+  drop_pending();
 }
 
-void GpuTimer::forget() {
-  for (std::size_t i = 0; i < count_; ++i) ring_[(first_ + i) % kMost].forgotten = true;
+void GpuTimer::drop_pending() {
+  for (std::size_t i = 0; i < count_; ++i) ring_[(first_ + i) % kMost].dropped = true;
 }
 
 }  // namespace penumbra

@@ -27,12 +27,12 @@ class GpuTimer {
   // clock (GL_GPU_DISJOINT_EXT) invalidates all pending measurements.
   void take(std::vector<double>& times_ms);
   // Drops the pending results.
-  void forget();
+  void drop_pending();
 
  private:
   struct Measured {
     QueryHandle query;
-    bool forgotten = false;
+    bool dropped = false;
   };
   explicit GpuTimer(GlApi api);
   [[nodiscard]] double result_ms(const Measured& measured) const;

@@ -39,24 +39,24 @@ void UploadBuffers::unbind() {
 }
 
 void ReadBackBuffers::ask(const Framebuffer& picture, std::size_t bytes) {
-  PENUMBRA_ASSERT(asked_ < kMost);
-  buffers_[(first_ + asked_) % kMost].bind(GL_PIXEL_PACK_BUFFER, bytes, GL_STREAM_READ);
+  PENUMBRA_ASSERT(pending_ < kMost);
+  buffers_[(first_ + pending_) % kMost].bind(GL_PIXEL_PACK_BUFFER, bytes, GL_STREAM_READ);
   picture.read_rgba_to_buffer();
   glBindBuffer(GL_PIXEL_PACK_BUFFER, 0);
-  ++asked_;
+  ++pending_;
 }
 
 void ReadBackBuffers::drop_last() {
-  PENUMBRA_ASSERT(asked_ > 0);
-  --asked_;
+  PENUMBRA_ASSERT(pending_ > 0);
+  --pending_;
 }
 
 Result<void> ReadBackBuffers::take(std::span<std::uint8_t> rgba) {
-  PENUMBRA_ASSERT(asked_ > 0);
+  PENUMBRA_ASSERT(pending_ > 0);
   const PixelBuffer& buffer = buffers_[first_];
   PENUMBRA_ASSERT(buffer.bytes == rgba.size());
   first_ = (first_ + 1) % kMost;
-  --asked_;
+  --pending_;
   glBindBuffer(GL_PIXEL_PACK_BUFFER, buffer.handle.id());
   const void* start = glMapBufferRange(GL_PIXEL_PACK_BUFFER, 0,
                                        static_cast<GLsizeiptr>(rgba.size()), GL_MAP_READ_BIT);

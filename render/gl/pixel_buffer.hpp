@@ -43,16 +43,16 @@ class ReadBackBuffers {
 
   // Requests the current image, width * height * 4 bytes.
   void ask(const Framebuffer& picture, std::size_t bytes);
-  [[nodiscard]] std::size_t asked() const { return asked_; }
+  [[nodiscard]] std::size_t asked() const { return pending_; }
   // Reads the oldest pending image; waits until it is drawn.
   [[nodiscard]] Result<void> take(std::span<std::uint8_t> rgba);
   // Drop the newest pending image, or all pending images.
   void drop_last();
-  void drop_all() { asked_ = 0; }
+  void drop_all() { pending_ = 0; }
 
  private:
   std::array<PixelBuffer, kMost> buffers_;
-  std::size_t first_ = 0, asked_ = 0;  // a ring
+  std::size_t first_ = 0, pending_ = 0;  // a ring
 };
 
 }  // namespace penumbra

@@ -160,19 +160,19 @@ glm::dvec2 FaceOpacity::Face::greatest_texcoord() const {
   return glm::max(a.texcoord, glm::max(b.texcoord, c.texcoord));
 }
 
-FaceSight FaceOpacity::bounds(const Face& face) const {
+FaceVisibility FaceOpacity::bounds(const Face& face) const {
   const AlphaPyramid::Range texture =
       alpha_ ? alpha_->range(face.least_texcoord(), face.greatest_texcoord())
              : AlphaPyramid::Range{};
   const double greatest =
       texture.greatest * std::max({face.a.factor, face.b.factor, face.c.factor});
   if (material_.alpha_mode == AlphaMode::blend) {
-    return greatest > 0.0 ? FaceSight::whole : FaceSight::hidden;
+    return greatest > 0.0 ? FaceVisibility::whole : FaceVisibility::hidden;
   }
   const auto cutoff = static_cast<double>(material_.alpha_cutoff);
-  if (greatest < cutoff) return FaceSight::hidden;
+  if (greatest < cutoff) return FaceVisibility::hidden;
   const double least = texture.least * std::min({face.a.factor, face.b.factor, face.c.factor});
-  return least >= cutoff ? FaceSight::whole : FaceSight::partial;
+  return least >= cutoff ? FaceVisibility::whole : FaceVisibility::partial;
 }
 
 // Returns opacity minus cutoff.
@@ -187,9 +187,9 @@ bool FaceOpacity::walk(const Face& face, int depth, const Take& take) const {
     return Corner{glm::mix(p.position, q.position, t), glm::mix(p.texcoord, q.texcoord, t),
                   glm::mix(p.factor, q.factor, t)};
   };
-  const FaceSight sight = bounds(face);
-  if (sight == FaceSight::hidden) return true;
-  if (sight == FaceSight::whole) return take(face.a, face.b, face.c);
+  const FaceVisibility sight = bounds(face);
+  if (sight == FaceVisibility::hidden) return true;
+  if (sight == FaceVisibility::whole) return take(face.a, face.b, face.c);
   const auto& [a, b, c] = face;
   glm::dvec2 extent(0.0);
   if (alpha_) {
@@ -234,17 +234,18 @@ bool FaceOpacity::walk(const Face& face, int depth, const Take& take) const {
   return true;
 }
 
-FaceSight FaceOpacity::sight(std::size_t index) const {
-  if (all_whole_) return FaceSight::whole;
+FaceVisibility FaceOpacity::sight(std::size_t index) const {
+  if (all_whole_) return FaceVisibility::whole;
   const Face whole = face(index);
-  const FaceSight coarse = bounds(whole);
-  if (coarse != FaceSight::partial) return coarse;
+  const FaceVisibility coarse = bounds(whole);
+  if (coarse != FaceVisibility::partial) return coarse;
   const bool all_hidden =
       walk(whole, kSightDepth, [](const Corner&, const Corner&, const Corner&) { return false; });
-  return all_hidden ? FaceSight::hidden : FaceSight::partial;
+  return all_hidden ? FaceVisibility::hidden : FaceVisibility::partial;
 }
 
-void FaceOpacity::append_seen(std::size_t index, int depth, std::vector<glm::vec3>& corners) const {
+void FaceOpacity::append_visible(std::size_t index, int depth,
+                                 std::vector<glm::vec3>& corners) const {
   walk(face(index), depth, [&corners](const Corner& a, const Corner& b, const Corner& c) {
     for (const Corner* corner : {&a, &b, &c}) corners.emplace_back(corner->position);
     return true;
@@ -255,7 +256,7 @@ bool has_cut_outs(const Model& model) {
   return std::any_of(model.meshes.begin(), model.meshes.end(), [&model](const Mesh& mesh) {
     const FaceOpacity opacity(model, mesh);
     for (std::size_t i = 0; !opacity.all_whole() && i + 2 < mesh.indices.size(); i += 3) {
-      if (opacity.sight(i) == FaceSight::partial) return true;
+      if (opacity.sight(i) == FaceVisibility::partial) return true;
     }
     return false;
   });
@@ -272,9 +273,9 @@ int cut_out_depth(const Model& model, std::size_t most_triangles) {
       const Mesh& mesh = model.meshes[m];
       const FaceOpacity& opacity = opacities[m];
       for (std::size_t i = 0; !opacity.all_whole() && i + 2 < mesh.indices.size(); i += 3) {
-        if (opacity.sight(i) != FaceSight::partial) continue;
+        if (opacity.sight(i) != FaceVisibility::partial) continue;
         corners.clear();
-        opacity.append_seen(i, depth, corners);
+        opacity.append_visible(i, depth, corners);
         triangles += corners.size() / 3;
         if (triangles > most_triangles) return false;
       }

@@ -38,7 +38,7 @@ class AlphaPyramid {
   std::vector<Level> levels_;
 };
 
-enum class FaceSight { hidden, partial, whole };
+enum class FaceVisibility { hidden, partial, whole };
 
 // Opacity of the faces of one mesh.
 class FaceOpacity {
@@ -49,10 +49,10 @@ class FaceOpacity {
   [[nodiscard]] bool all_whole() const { return all_whole_; }
   // `index`: position of the face's first corner in Mesh::indices. Faces with alpha mode BLEND are
   // hidden if fully transparent, else whole, never partial.
-  [[nodiscard]] FaceSight sight(std::size_t index) const;
+  [[nodiscard]] FaceVisibility sight(std::size_t index) const;
   // Appends the visible triangles of a face, three corners each. Their resolution is 2^depth steps
   // along an edge of the face, or a quarter of a texel if that is coarser.
-  void append_seen(std::size_t index, int depth, std::vector<glm::vec3>& corners) const;
+  void append_visible(std::size_t index, int depth, std::vector<glm::vec3>& corners) const;
 
  private:
   struct Corner {
@@ -66,7 +66,7 @@ class FaceOpacity {
     [[nodiscard]] glm::dvec2 greatest_texcoord() const;
   };
   [[nodiscard]] Face face(std::size_t index) const;
-  [[nodiscard]] FaceSight bounds(const Face& face) const;
+  [[nodiscard]] FaceVisibility bounds(const Face& face) const;
   [[nodiscard]] double excess(const Corner& corner) const;
   // Calls `take` for each visible triangle until `take` returns false.
   template <class Take>
@@ -82,8 +82,8 @@ class FaceOpacity {
 // Returns true if some face of the model is partially visible (alpha mode MASK).
 [[nodiscard]] bool has_cut_outs(const Model& model);
 
-// Returns the maximum depth for append_seen() for which the model's partial faces give no more than
-// `most_triangles` triangles, or 0.
+// Returns the maximum depth for append_visible() for which the model's partial faces give no more
+// than `most_triangles` triangles, or 0.
 [[nodiscard]] int cut_out_depth(const Model& model, std::size_t most_triangles);
 
 // Returns a warning, with `file`, that a model with cut-outs casts shadows of its whole faces.

@@ -36,7 +36,7 @@ inline constexpr std::size_t kMaxGroups = 1000;
 [[nodiscard]] bool leaves_folder(std::string_view name);
 
 // Maximum absolute coordinate in a model file, in the file's unit. See also ModelLimits.
-inline constexpr double kMaxFileCoordinate_m = 1e12;
+inline constexpr double kMaxFileCoordinate = 1e12;
 
 // Returns Model::origin for the bounds in the file: their centre if it is far away relative to
 // their size, else zero. Readers subtract it in double.

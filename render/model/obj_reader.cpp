@@ -121,9 +121,9 @@ Result<void> ObjReader::read_position(const std::vector<std::string_view>& words
     if (!value) {
       return fail("\"{}\" is not a finite number; export the model again", words[i].substr(0, 40));
     }
-    if (std::abs(*value) > kMaxFileCoordinate_m) {
+    if (std::abs(*value) > kMaxFileCoordinate) {
       return fail("{} is over the {} allowed; move the model to the origin", *value,
-                  kMaxFileCoordinate_m);
+                  kMaxFileCoordinate);
     }
     position[static_cast<Eigen::Index>(i) - 1] = *value;
   }

@@ -220,7 +220,7 @@ void* PolygonSplitter::add_corner(const GLdouble* place, void* const* parents,
 }
 
 // Rotates the axes in the polygon's plane, and thus the direction of GLU's sweep.
-void PolygonSplitter::turn_axes(double angle) {
+void PolygonSplitter::rotate_axes(double angle) {
   const Eigen::Matrix2d turn = Eigen::Rotation2Dd(-angle).toRotationMatrix();
   for (Eigen::Vector2d& p : flat_) p = turn * p;
   const Eigen::Vector3d u = axis_u_;
@@ -252,7 +252,7 @@ void PolygonSplitter::tessellate() {
 // Returns the number of attempts. If edges coincide up to rounding, as along a bridge to a hole,
 // GLU may lose or fold areas, so other sweep directions are tried. Accepts a result with the
 // outline's area, or one obtained twice.
-double PolygonSplitter::tessellate_soundly() {
+double PolygonSplitter::tessellate_with_retries() {
   double before = -1.0;
   for (int attempt = 1;; ++attempt) {
     tessellate();
@@ -274,7 +274,7 @@ double PolygonSplitter::tessellate_soundly() {
         folded <= tolerance && (!split_.crosses_itself || std::abs(covered - before) <= tolerance);
     if (sound || failed_ || attempt == kMaxAttempts) return attempt;
     before = covered;
-    turn_axes(kAttemptAngle);
+    rotate_axes(kAttemptAngle);
   }
 }
 
@@ -318,7 +318,7 @@ const PolygonSplit& PolygonSplitter::split(std::span<const Eigen::Vector3d> corn
     split_.outcome = PolygonSplit::Outcome::too_intricate;
     return split_;
   }
-  steps_left_ -= steps * tessellate_soundly();
+  steps_left_ -= steps * tessellate_with_retries();
   if (failed_) split_.outcome = PolygonSplit::Outcome::too_intricate;
   return split_;
 }

@@ -58,9 +58,9 @@ class PolygonSplitter {
   void project(std::span<const Eigen::Vector3d> corners);
   [[nodiscard]] Eigen::Vector3d plane_normal() const;
   [[nodiscard]] bool split_quad(std::span<const Eigen::Vector3d> corners);
-  void turn_axes(double angle);
+  void rotate_axes(double angle);
   void tessellate();
-  [[nodiscard]] double tessellate_soundly();
+  [[nodiscard]] double tessellate_with_retries();
   [[nodiscard]] void* add_corner(const double* place, void* const* parents, const float* weights);
 
   std::unique_ptr<GLUtesselator, DeleteTessellator> tessellator_;

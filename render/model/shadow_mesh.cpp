@@ -23,7 +23,7 @@ constexpr double kWeldShare = 1e-4;      // upper limit, fraction of the longest
 constexpr double kRounding = 4.0 * 1.1920929e-7;
 // Cell size of the search grid in weld distances, so that most searches visit only one cell.
 constexpr double kCellSize = 8.0;
-constexpr std::size_t kMostPieces = 100'000;  // maximum number of triangles from cut faces
+constexpr std::size_t kMaxPieces = 100'000;  // maximum number of triangles from cut faces
 
 struct CellIndex {
   std::int64_t x, y, z;
@@ -199,7 +199,7 @@ void collect_group(const Mesh& source, const std::vector<std::uint32_t>& welded,
 
 struct Welding {
   bool stored = false;                          // keeps the model's stored kernels
-  std::optional<int> cut_depth = std::nullopt;  // of append_seen(); nullopt: whole faces
+  std::optional<int> cut_depth = std::nullopt;  // of append_visible(); nullopt: whole faces
 };
 
 class Welder {
@@ -256,7 +256,7 @@ void Welder::add_face(const std::array<std::uint32_t, 3>& face) {
 // Adds the visible triangles of a face. `corner`: one position of the face.
 void Welder::add_pieces(const FaceOpacity& opacity, std::size_t index, std::uint32_t corner) {
   std::vector<glm::vec3> corners;
-  opacity.append_seen(index, *welding_.cut_depth, corners);
+  opacity.append_visible(index, *welding_.cut_depth, corners);
   for (std::size_t i = 0; i + 2 < corners.size(); i += 3) {
     std::array<std::uint32_t, 3> piece{};
     for (std::size_t k = 0; k < 3; ++k) {
@@ -279,9 +279,9 @@ void Welder::add_faces(const Mesh& source) {
       usable = usable && face[corner] != kNoShadowPosition;
     }
     if (!usable) continue;
-    const FaceSight sight = opacity.sight(i);
-    if (sight == FaceSight::hidden) continue;
-    if (sight == FaceSight::partial && welding_.cut_depth) {
+    const FaceVisibility sight = opacity.sight(i);
+    if (sight == FaceVisibility::hidden) continue;
+    if (sight == FaceVisibility::partial && welding_.cut_depth) {
       add_pieces(opacity, i, face[0]);
     } else {
       add_face(face);
@@ -386,8 +386,8 @@ double weld_distance(const Model& model) {
 ShadowMesh make_shadow_mesh(const Model& model, std::span<const std::string> groups,
                             CutOuts cut_outs) {
   if (groups.empty()) groups = model.shadow_kernel_groups;
-  if (cut_outs == CutOuts::what_is_seen && has_cut_outs(model)) {
-    return Welder(model, groups, {.cut_depth = cut_out_depth(model, kMostPieces)}).make();
+  if (cut_outs == CutOuts::visible_regions && has_cut_outs(model)) {
+    return Welder(model, groups, {.cut_depth = cut_out_depth(model, kMaxPieces)}).make();
   }
   const bool stored = model.shadow_kernel_up.has_value();
   ShadowMesh mesh = Welder(model, groups, {.stored = stored}).make();

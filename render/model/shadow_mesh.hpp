@@ -41,9 +41,9 @@ struct ShadowMesh {
 [[nodiscard]] double weld_distance(const Model& model);
 
 // How partially transparent faces cast (cut_out.hpp). Fully transparent faces cast no shadow.
-enum class CutOuts { whole_faces, what_is_seen };
+enum class CutOuts { whole_faces, visible_regions };
 
-// `groups`: parts to be joined (part_groups.hpp). With what_is_seen, the mesh has no stored
+// `groups`: parts to be joined (part_groups.hpp). With visible_regions, the mesh has no stored
 // kernels, because cutting adds corners; the pieces of a face belong to one part.
 [[nodiscard]] ShadowMesh make_shadow_mesh(const Model& model,
                                           std::span<const std::string> groups = {},

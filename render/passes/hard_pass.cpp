@@ -30,7 +30,7 @@ const ShadowMesh& HardPass::mesh_of(const Scene& scene, const HardShadowDraw& dr
       casting_model(scene.objects[static_cast<std::size_t>(draw.object)], draw.proxy).get();
   auto& entry = meshes_[model];
   if (!entry)
-    entry = std::make_unique<ShadowMesh>(make_shadow_mesh(*model, {}, CutOuts::what_is_seen));
+    entry = std::make_unique<ShadowMesh>(make_shadow_mesh(*model, {}, CutOuts::visible_regions));
   return *entry;
 }
 
@@ -163,7 +163,7 @@ int HardPass::draw_plane(const DrawContext& context, const FramePlan& plan,
 int HardPass::draw(const DrawContext& context, const FramePlan& plan) {
   if (plan.hard_shadows.empty()) return 0;
   // One copy is enough, because a pixel shows no more than one plane.
-  if (context.mode == Translucency::retexture) context.framebuffer.copy_picture(kPictureBeforeUnit);
+  if (context.mode == Translucency::retexture) context.framebuffer.copy_image(kFramebufferCopyUnit);
   int calls = 0;
   for (const PlaneReceiver& receiver : plan.receivers) {
     calls += draw_plane(context, plan, receiver);

@@ -336,7 +336,7 @@ int ObjectPainter::draw_objects(const FramePlan& plan, const LensUniforms& lens,
   glDepthFunc(GL_EQUAL);
   glDepthMask(GL_FALSE);
   const Programs mixed = lit_program_.chosen();
-  if (mode_ == Translucency::retexture) framebuffer.copy_picture(kPictureBeforeUnit);
+  if (mode_ == Translucency::retexture) framebuffer.copy_image(kFramebufferCopyUnit);
   begin_lit(mixed, plan, lens);
   begin_translucent(mode_, Blending::mix);
   for (std::span<const ObjectDraw> left = faint; !left.empty();) {
@@ -402,7 +402,7 @@ int ObjectPainter::draw_blended(const FramePlan& plan, const LensUniforms& lens,
     sorted.clear();
     for (const auto& [depth, face] : order)
       sorted.insert(sorted.end(), mesh.faces[face].begin(), mesh.faces[face].end());
-    if (mode_ == Translucency::retexture) framebuffer.copy_picture(kPictureBeforeUnit);
+    if (mode_ == Translucency::retexture) framebuffer.copy_image(kFramebufferCopyUnit);
     begin_translucent(mode_, Blending::see_through);
     program.set("opacity", surface.draw->opacity);
     program.set("table_from_object", to_gl(surface.draw->T_table_object));

@@ -123,7 +123,7 @@ int RayPass::draw(const DrawContext& context, const FramePlan& plan) {
   glColorMask(GL_TRUE, GL_TRUE, GL_TRUE, GL_TRUE);
   glDepthFunc(GL_EQUAL);
   glDepthMask(GL_FALSE);
-  if (context.mode == Translucency::retexture) context.framebuffer.copy_picture(kPictureBeforeUnit);
+  if (context.mode == Translucency::retexture) context.framebuffer.copy_image(kFramebufferCopyUnit);
   // Dots of several lights at one vertex have equal depth; the stencil keeps the first.
   glStencilMask(0xFF);
   glClear(GL_STENCIL_BUFFER_BIT);

@@ -219,7 +219,7 @@ void ReceivedShadowPass::cover_level(const Level& level, const MaskCells& cells,
                       static_cast<int>(over.sizes().x()) + 1,
                       static_cast<int>(over.sizes().y()) + 1});
   part.cover(mask_caster_, mask_raster_);
-  mask_raster_.finish_shares(cells, shares_);
+  mask_raster_.finish_coverage(cells, shares_);
 }
 
 int ReceivedShadowPass::draw_levels(const Scene& scene, const ReceivedShadowDraw& draw,
@@ -349,13 +349,13 @@ int ReceivedShadowPass::draw_casters(const DrawContext& context, const FramePlan
     } else {
       glDisable(GL_BLEND);
     }
-    if (retextured && !first) framebuffer.copy_picture(kPictureBeforeUnit);
+    if (retextured && !first) framebuffer.copy_image(kFramebufferCopyUnit);
     glColorMask(GL_FALSE, GL_FALSE, GL_FALSE, GL_TRUE);
     calls += draw_shadow(context, plan, *shown, first ? Gathering::first : Gathering::further);
   }
   glBlendEquation(GL_FUNC_ADD);
   glColorMask(GL_TRUE, GL_TRUE, GL_TRUE, GL_TRUE);
-  if (retextured) framebuffer.copy_picture(kPictureBeforeUnit);
+  if (retextured) framebuffer.copy_image(kFramebufferCopyUnit);
   return calls + darken(*casters.front(), Gathering::result);
 }
 
@@ -382,7 +382,7 @@ int ReceivedShadowPass::draw(const DrawContext& context, const FramePlan& plan) 
     left.erase(left.begin(), other.begin());
     if (context.mode == Translucency::blend) context.receivers.begin_marks();
     if (context.mode == Translucency::retexture)
-      context.framebuffer.copy_picture(kPictureBeforeUnit);
+      context.framebuffer.copy_image(kFramebufferCopyUnit);
     for (const auto& [receiver, casters] : over) calls += draw_casters(context, plan, casters);
   }
   MaskStack::unbind(kShadowMaskUnit);

@@ -108,7 +108,7 @@ void Receivers::draw_grid(const ShaderProgram& program, const FramePlan& plan,
   grid_.draw(GL_TRIANGLES);
 }
 
-void Receivers::draw_place(const FramePlan& plan, const PlaneFrame& frame,
+void Receivers::draw_depth(const FramePlan& plan, const PlaneFrame& frame,
                            const LensUniforms& lens) const {
   plane_program_.use();
   draw_grid(plane_program_, plan, frame, lens);
@@ -181,7 +181,7 @@ void Receivers::begin_marks() {
   used_ = true;
 }
 
-void Receivers::test_place() {
+void Receivers::test_plane() {
   if (marked_) {
     stencil_test(0, 0);
   } else {

@@ -39,7 +39,7 @@ class Receivers {
   // `bits`.
   void stencil_test(unsigned bits, unsigned compared);
   // Passes all pixels of the plane; disables the stencil test if the plane fills the image.
-  void test_place();
+  void test_plane();
   // Clears the stencil for a pass that uses all bits, until the next begin_plane().
   void begin_marks();
 
@@ -47,7 +47,7 @@ class Receivers {
   void draw_grid(const ShaderProgram& program, const FramePlan& plan, const PlaneFrame& frame,
                  const LensUniforms& lens) const;
   // Draws the plane's depth, the same as in begin_frame(), with the current tests and masks.
-  void draw_place(const FramePlan& plan, const PlaneFrame& frame, const LensUniforms& lens) const;
+  void draw_depth(const FramePlan& plan, const PlaneFrame& frame, const LensUniforms& lens) const;
 
  private:
   // Inverts kReceiverBit inside the outline.

@@ -185,7 +185,7 @@ int ShadowPass::draw(const DrawContext& context, const FramePlan& plan) {
   const LayerPainter::Brush brush = strips ? painter_.plain() : painter_.darkening();
   int calls = 0;
   if (retextured && !fetches_video_ && !plan.shadows.empty()) {
-    context.framebuffer.copy_picture(kPictureBeforeUnit);  // once, as a pixel shows only one plane
+    context.framebuffer.copy_image(kFramebufferCopyUnit);  // once, as a pixel shows only one plane
   }
   for (const PlaneReceiver& receiver : plan.receivers) {
     const auto first = std::ranges::find(plan.shadows, receiver.plane, &ShadowDraw::plane);
@@ -207,7 +207,7 @@ int ShadowPass::draw(const DrawContext& context, const FramePlan& plan) {
       glStencilOp(GL_KEEP, GL_KEEP, GL_INCR);
     } else {
       glStencilMask(0);
-      receivers.test_place();
+      receivers.test_plane();
     }
     calls += masked ? masks_.draw(plan, receiver, lens, mask_quad_, context.work)
                     : draw_plane(plan, receiver.plane, brush);

@@ -36,8 +36,8 @@ Result<ShaderProgram> TranslucentProgram::link(
   defines.insert(defines.end(), mode_defines.begin(), mode_defines.end());
   PENUMBRA_TRY(auto program, ShaderProgram::link(api_, vertex_files_, fragment, defines));
   program.use();
-  program.set("picture_before", kPictureBeforeUnit);
-  program.set("sums_before", kSumsBeforeUnit);
+  program.set("picture_before", kFramebufferCopyUnit);
+  program.set("sums_before", kSumsCopyUnit);
   return program;
 }
 
@@ -100,9 +100,9 @@ void end_translucent() {
   glDisable(GL_BLEND);
 }
 
-float door_places(float light_left) {
+float opaque_door_pixels(float light_left) {
   const float lost = 1.0F - std::pow(std::clamp(light_left, 0.0F, 1.0F), 2.2F);
-  return std::floor(static_cast<float>(kDoorPlaces) * lost + 0.5F);
+  return std::floor(static_cast<float>(kDoorPixels) * lost + 0.5F);
 }
 
 }  // namespace penumbra

@@ -14,8 +14,8 @@
 namespace penumbra {
 
 // Texture units reserved for all passes.
-inline constexpr int kPictureBeforeUnit = 3;
-inline constexpr int kSumsBeforeUnit = 4;
+inline constexpr int kFramebufferCopyUnit = 3;
+inline constexpr int kSumsCopyUnit = 4;
 inline constexpr int kVideoUnit = 5;  // and the next two
 
 // The content under a program's fragments.
@@ -66,6 +66,6 @@ void end_translucent();  // back to opaque
 
 // Returns the number of black pixels of a screen-door pattern that reduces the linear light as much
 // as the factor `light_left` on the encoded value.
-[[nodiscard]] float door_places(float light_left);
+[[nodiscard]] float opaque_door_pixels(float light_left);
 
 }  // namespace penumbra

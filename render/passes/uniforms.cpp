@@ -17,7 +17,7 @@ void set_lens(const ShaderProgram& program, const LensUniforms& lens) {
 
 void set_lights(const ShaderProgram& program, const FramePlan& plan,
                 std::span<const float> blocked) {
-  const std::vector<PlacedLight> lights = lights_or_lamp(plan.lights);
+  const std::vector<PlacedLight> lights = lights_or_default(plan.lights);
   PENUMBRA_ASSERT(lights.size() <= kMaxLights);
   std::array<glm::vec4, kMaxLights> places{};
   std::array<glm::vec4, kMaxLights> colors{};

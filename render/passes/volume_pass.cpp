@@ -72,7 +72,7 @@ Result<void> VolumePass::prepare(const DrawContext& context, const FramePlan& pl
     Volume& volume = volumes_[{draw.object, draw.light}];
     if (plan.reuse && volume.made_for && same_volume(*volume.made_for, draw)) {
       ++work[Counter::reprojections];
-      note_trouble(draw, volume, work);
+      report_problems(draw, volume, work);
       continue;
     }
     ++work[Counter::triples_recomputed];
@@ -85,7 +85,7 @@ Result<void> VolumePass::prepare(const DrawContext& context, const FramePlan& pl
     volume.made_for = draw;
     volume.light_inside = made.light_inside;
     volume.ends_above_floors = made.ends_above_floors;
-    note_trouble(draw, volume, work);
+    report_problems(draw, volume, work);
     auto [triangles, batch_ends] = split_batches(made, longest_edge_);
     work[Counter::shadow_vertices] += static_cast<std::int64_t>(triangles.size());
     volume.surface.write(triangles, BufferLife::every_frame);
@@ -94,8 +94,8 @@ Result<void> VolumePass::prepare(const DrawContext& context, const FramePlan& pl
   return {};
 }
 
-void VolumePass::note_trouble(const ShadowVolumeDraw& draw, const Volume& volume,
-                              RenderWork& work) {
+void VolumePass::report_problems(const ShadowVolumeDraw& draw, const Volume& volume,
+                                 RenderWork& work) {
   if (volume.light_inside)
     work.skipped.push_back({SkipReason::light_inside_caster, draw.object, draw.light});
   if (volume.ends_above_floors)
@@ -139,12 +139,12 @@ void VolumePass::count(const Drawing& drawing, const ShadowVolumeDraw& draw,
   glDisable(GL_DEPTH_TEST);
 }
 
-int VolumePass::note_volume(const Drawing& drawing, const ShadowVolumeDraw& draw) const {
+int VolumePass::mark_volume(const Drawing& drawing, const ShadowVolumeDraw& draw) const {
   int calls = mark_caster(drawing, draw);
   const std::size_t batches = volumes_.at({draw.object, draw.light}).batch_ends.size();
   for (std::size_t batch = 0; batch < batches; ++batch) {
     count(drawing, draw, batch);
-    note_dark();
+    mark_dark();
     calls += 2;
   }
   clear_mark();
@@ -152,7 +152,7 @@ int VolumePass::note_volume(const Drawing& drawing, const ShadowVolumeDraw& draw
 }
 
 // Marks pixels with a non-zero count as dark, and resets the count.
-void VolumePass::note_dark() const {
+void VolumePass::mark_dark() const {
   fill_program_.use();
   glStencilMask(kCountBits | kDarkBit);
   glStencilFunc(GL_NOTEQUAL, static_cast<GLint>(kDarkBit), kCountBits);
@@ -201,7 +201,7 @@ int VolumePass::darken_planes(const Drawing& drawing, int light, const Darkening
     glStencilMask(kMarkBit);
     glStencilFunc(GL_NOTEQUAL, static_cast<GLint>(kMarkBit), how.tested);
     glStencilOp(GL_KEEP, GL_KEEP, GL_REPLACE);
-    receivers.draw_place(plan, receiver.frame, lens);
+    receivers.draw_depth(plan, receiver.frame, lens);
     glColorMask(GL_TRUE, GL_TRUE, GL_TRUE, GL_TRUE);
     begin_translucent(mode_, how.add_up ? Blending::sum : Blending::darken);
     glDisable(GL_DEPTH_TEST);
@@ -220,7 +220,7 @@ int VolumePass::darken_planes(const Drawing& drawing, int light, const Darkening
 
 void VolumePass::darken_by_sums(const FramePlan& plan, Framebuffer& framebuffer) const {
   framebuffer.bind();
-  if (mode_ == Translucency::retexture) framebuffer.copy_picture(kPictureBeforeUnit);
+  if (mode_ == Translucency::retexture) framebuffer.copy_image(kFramebufferCopyUnit);
   framebuffer.bind_sums_texture(0);
   glColorMask(GL_TRUE, GL_TRUE, GL_TRUE, GL_TRUE);
   glDisable(GL_DEPTH_TEST);
@@ -243,7 +243,7 @@ int VolumePass::draw_light(const Drawing& drawing, Casters casters, bool add_up)
                            [](const ShadowVolumeDraw* draw) { return draw->opacity; });
   int calls = 0;
   if (casters.front()->opacity == casters.back()->opacity) {
-    for (const ShadowVolumeDraw* caster : casters) calls += note_volume(drawing, *caster);
+    for (const ShadowVolumeDraw* caster : casters) calls += mark_volume(drawing, *caster);
     return calls + darken(drawing, *casters.front(),
                           {kDarkBit, 0, kDarkBit, casters.front()->opacity, add_up});
   }
@@ -262,7 +262,7 @@ int VolumePass::draw_light(const Drawing& drawing, Casters casters, bool add_up)
       glDrawArrays(GL_TRIANGLES, 0, 3);
       calls += darken(drawing, *caster,
                       {kCountBits, kDarkBit, kCountBits | kDarkBit, caster->opacity, add_up});
-      note_dark();
+      mark_dark();
       calls += 2;
     }
   }
@@ -289,9 +289,9 @@ int VolumePass::draw(const DrawContext& context, const FramePlan& plan) {
   for (const Casters& casters : lights) {
     // A light darkens a pixel once, so one copy per light is enough.
     if (add_up && mode_ != Translucency::blend) {
-      framebuffer.copy_sums(kSumsBeforeUnit);
+      framebuffer.copy_sums(kSumsCopyUnit);
     } else if (!add_up && mode_ == Translucency::retexture) {
-      framebuffer.copy_picture(kPictureBeforeUnit);
+      framebuffer.copy_image(kFramebufferCopyUnit);
     }
     calls += draw_light(drawing, casters, add_up);
   }

@@ -53,15 +53,15 @@ class VolumePass : public Pass {
     const Receivers& receivers;
   };
 
-  static void note_trouble(const ShadowVolumeDraw& draw, const Volume& volume, RenderWork& work);
+  static void report_problems(const ShadowVolumeDraw& draw, const Volume& volume, RenderWork& work);
   int mark_caster(const Drawing& drawing, const ShadowVolumeDraw& draw) const;
   static void clear_mark();
   // Counts how often each pixel's ray enters one batch of the volume (z-fail): faces behind the
   // pixel's surface count up if they face away from the eye, else down. Skips marked pixels.
   void count(const Drawing& drawing, const ShadowVolumeDraw& draw, std::size_t batch) const;
   // Marks the pixels inside any batch of the volume as dark.
-  int note_volume(const Drawing& drawing, const ShadowVolumeDraw& draw) const;
-  void note_dark() const;
+  int mark_volume(const Drawing& drawing, const ShadowVolumeDraw& draw) const;
+  void mark_dark() const;
   int darken(const Drawing& drawing, const ShadowVolumeDraw& draw, const Darkening& how) const;
   int darken_planes(const Drawing& drawing, int light, const Darkening& how) const;
   void darken_by_sums(const FramePlan& plan, Framebuffer& framebuffer) const;

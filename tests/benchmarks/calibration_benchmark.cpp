@@ -75,7 +75,7 @@ struct Corners {
 Corners find_corners(const std::filesystem::path& folder, const Target& target) {
   TargetDetector detector = TargetDetector::create(target).value();
   Corners corners;
-  const auto read = for_each_picture(folder, [&](const Picture& image) -> Result<bool> {
+  const auto read = for_each_image(folder, [&](const Picture& image) -> Result<bool> {
     corners.width = image.luma.width;
     corners.height = image.luma.height;
     const TargetView view = detector.detect(image.luma);
@@ -202,7 +202,7 @@ void compare(const std::filesystem::path& root, const Photographs& set) {
   // model.
   const double before = cpu_ms(RUSAGE_SELF);
   CameraCalibrator calibrator = CameraCalibrator::create(target).value();
-  const auto read = for_each_picture(folder, [&](const Picture& image) -> Result<bool> {
+  const auto read = for_each_image(folder, [&](const Picture& image) -> Result<bool> {
     if (auto added = calibrator.add(image.name, image.luma); !added)
       return tl::unexpected(added.error());
     return true;
@@ -212,7 +212,7 @@ void compare(const std::filesystem::path& root, const Photographs& set) {
   if (read && whole) {
     Corners own = corners;
     own.views.clear();
-    for (const CalibrationPicture& image : whole->pictures) {
+    for (const CalibrationImage& image : whole->pictures) {
       if (image.solved >= 0) own.views.push_back({image.name, image.view.corners});
     }
     compare_on("penumbra's", own, target, first_ms);

@@ -56,10 +56,10 @@ int main(int argc, char** argv) {
   for (int s = first; s < first + sessions; ++s) {
     SessionKind kind;
     Session session = random_session(static_cast<std::uint64_t>(s), kind);
-    if (near) go_near(static_cast<std::uint64_t>(s), session);
+    if (near) move_near_table(static_cast<std::uint64_t>(s), session);
     PatternRenderer renderer = PatternRenderer::create(session.camera, session.tags).value();
     const std::vector<MappedTag> bumped =
-        with_some_moved(static_cast<std::uint64_t>(s), session.tags, moved_share);
+        with_displaced_tags(static_cast<std::uint64_t>(s), session.tags, moved_share);
     PatternRenderer after = PatternRenderer::create(session.camera, bumped).value();
     GroupTracker tracker =
         GroupTracker::create(session.camera, TagMap::make(session.tags).value()).value();

@@ -185,7 +185,7 @@ void add_goals(const Footage& footage, const std::filesystem::path& folder,
         [&](const Outcome& o) { return fmt::format("{:.2f}", rms_over_d1(o)); },
         [&](const Outcome& o) { return rms_over_d1(o) <= 0.4; });
   } else if (name == "reentry") {
-    const std::vector<int> corners = test::most_corners_in_view(folder, footage.frames.size());
+    const std::vector<int> corners = test::max_corners_in_view(folder, footage.frames.size());
     if (corners.empty()) return;
     std::size_t back = 0;
     for (std::size_t i = 1; i < corners.size(); ++i) {

@@ -660,7 +660,7 @@ void compare_proxies(nlohmann::ordered_json& results) {
       errors = errors_of(measured.layers, reference);
 #endif
       const std::size_t faces = scene.mesh.indices.size() / 3;
-      const bool kept = agreement && *agreement >= kLeastProxyAgreement;
+      const bool kept = agreement && *agreement >= kMinProxyAgreement;
       const std::size_t casts = reduced && kept ? proxy->mesh.indices.size() / 3 : faces;
       fmt::print(
           "{:<22} {:>7} {:>6}  {:<9} {:>10.4f} {:>10.4f}   {:>7.1f} {:>8.1f} {:>8.1f} {:>6.3f} "

@@ -42,11 +42,12 @@ class SyntheticTrials {
                                  bool with_bound, int draws = 1) {
     TagAligner aligner = make_aligner(effort);
     TrialScore score;
-    noisy_pictures(noise_grey, views, with_bound, draws,
-                   [&](const GreyImage& image, const CameraPose& truth, const CameraPose& start,
-                       double bound_px) {
-                     run(aligner, image, truth, start, 2.0, Vector6d::Zero(), score, bound_px);
-                   });
+    for_each_noisy_image(noise_grey, views, with_bound, draws,
+                         [&](const GreyImage& image, const CameraPose& truth,
+                             const CameraPose& start, double bound_px) {
+                           run(aligner, image, truth, start, 2.0, Vector6d::Zero(), score,
+                               bound_px);
+                         });
     return score;
   }
 
@@ -55,7 +56,7 @@ class SyntheticTrials {
   template <class Find>
   void noise_by(double noise_grey, int views, int draws, std::vector<TrialScore>& scores,
                 Find find) {
-    noisy_pictures(
+    for_each_noisy_image(
         noise_grey, views, true, draws,
         [&](const GreyImage& image, const CameraPose& truth, const CameraPose&, double bound_px) {
           for (std::size_t k = 0; k < scores.size(); ++k) {
@@ -142,7 +143,7 @@ class SyntheticTrials {
     return renderer_.render(std::span(&pose, 1), render);
   }
   template <class Visit>
-  void noisy_pictures(double noise_grey, int views, bool with_bound, int draws, Visit visit) {
+  void for_each_noisy_image(double noise_grey, int views, bool with_bound, int draws, Visit visit) {
     std::mt19937_64 random(7);
     for (int k = 0; k < views; ++k) {
       const CameraPose truth = random_view(random);

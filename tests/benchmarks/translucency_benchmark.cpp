@@ -73,10 +73,10 @@ Pattern pattern_of(const View& view, Translucency mode, std::size_t layer) {
     options.translucency = how;
     return studio.draw(white, one_layer(studio.plan(view.pose(aside_px), options), layer));
   };
-  const test::Picture inside = draw(Translucency::blend, 0.0);
-  const test::Picture inside_after = draw(Translucency::blend, kStep_px);
-  const test::Picture before = draw(mode, 0.0);
-  const test::Picture after = draw(mode, kStep_px);
+  const test::RenderedImage inside = draw(Translucency::blend, 0.0);
+  const test::RenderedImage inside_after = draw(Translucency::blend, kStep_px);
+  const test::RenderedImage before = draw(mode, 0.0);
+  const test::RenderedImage after = draw(mode, kStep_px);
   Pattern pattern;
   std::vector<double> shares;
   for (int y = 0; y + kWindow_px <= kSide; y += 5) {

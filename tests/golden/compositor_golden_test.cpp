@@ -95,7 +95,7 @@ std::shared_ptr<const Scene> solids() {
   return builder.build();
 }
 
-RgbaImage image_of(const test::Picture& image) {
+RgbaImage image_of(const test::RenderedImage& image) {
   return {image.width, image.height, image.rgba};
 }
 

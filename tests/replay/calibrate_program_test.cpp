@@ -388,7 +388,7 @@ class CalibrateFromCamera : public CalibrateCommand {
 };
 
 // Number of pixels of about this colour.
-int pixels_like(const RgbaImage& image, int red, int green, int blue) {
+int count_pixels_of_colour(const RgbaImage& image, int red, int green, int blue) {
   int count = 0;
   for (std::size_t i = 0; i + 3 < image.pixels.size(); i += 4) {
     count += std::abs(image.pixels[i] - red) < 12 && std::abs(image.pixels[i + 1] - green) < 12 &&
@@ -435,9 +435,12 @@ TEST_F(CalibrateFromCamera, GuidesInWindowAndReproducesResultFromKeptViews) {
   const auto at_end = load_rgba(shots[1]);
   ASSERT_TRUE(during && at_end);
   EXPECT_GE(during->width, 640);
-  const int bars = pixels_like(*during, 255, 190, 60) + pixels_like(*during, 70, 215, 110);
+  const int bars =
+      count_pixels_of_colour(*during, 255, 190, 60) + count_pixels_of_colour(*during, 70, 215, 110);
   EXPECT_GT(bars, 1000);
-  EXPECT_LT(pixels_like(*at_end, 255, 190, 60) + pixels_like(*at_end, 70, 215, 110), bars / 2);
+  EXPECT_LT(
+      count_pixels_of_colour(*at_end, 255, 190, 60) + count_pixels_of_colour(*at_end, 70, 215, 110),
+      bars / 2);
 
   // Calibrating from the stored views must give the same digits.
   const std::string first = test::read_bytes(output());

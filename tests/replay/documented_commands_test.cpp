@@ -50,7 +50,7 @@ Document read_document(const std::filesystem::path& file) {
 struct DocumentCase {
   const char* name;
   const char* file;
-  int least_lines;  // detects a document that was read incompletely
+  int min_lines;  // detects a document that was read incompletely
 };
 // Lists every document with command lines. Each is a separate test, so that they run in parallel.
 constexpr std::array kDocuments = {DocumentCase{"Readme", "README.md", 9},
@@ -86,7 +86,7 @@ TEST_P(DocumentedCommands, RunAsShown) {
         run_program("/bin/sh", {"-c", command, program().string()}, {}, folder.path());
     EXPECT_EQ(result.exit_code, 0) << GetParam().file << ": " << line << "\n" << result.err;
   }
-  EXPECT_GE(lines, GetParam().least_lines);
+  EXPECT_GE(lines, GetParam().min_lines);
 }
 
 TEST(DocumentedCommandsList, HasEveryDocumentWithCommands) {

@@ -237,7 +237,7 @@ TEST(NamedPipe, CarriesPosesAndReport) {
 
 // Shell words that wait until the file `log` has the warning, which takes a second, and then for
 // another second.
-const std::string kUntilWarned =
+const std::string kWaitForWarning =
     " 2> log & for i in {1..1500}; do [ -s log ] && break; sleep 0.02; done; sleep 1.1; ";
 
 // Reader and writer open the pipe after the warning.
@@ -245,7 +245,7 @@ TEST(NamedPipe, ReportsWaitOnce) {
   const TemporaryFolder folder;
   const fs::path pipe = folder.path() / "pipe";
   ASSERT_EQ(mkfifo(pipe.c_str(), 0600), 0);
-  const auto read = in_shell("penumbra shadow '" + cube() + "' --output pipe" + kUntilWarned +
+  const auto read = in_shell("penumbra shadow '" + cube() + "' --output pipe" + kWaitForWarning +
                                  "cat pipe > layers.json; wait $!",
                              folder.path());
   EXPECT_EQ(read.exit_code, 0) << read.err;
@@ -258,8 +258,8 @@ TEST(NamedPipe, ReportsWaitOnce) {
       "penumbra evaluate --estimated pipe --groundtruth '{0}/groundtruth.tum' --camera "
       "'{0}/camera.yaml' --json",
       bundled("corner"));
-  const auto written = in_shell("rm log; " + evaluate + kUntilWarned + "cat '" + bundled("corner") +
-                                    "/groundtruth.tum' > pipe; wait $!",
+  const auto written = in_shell("rm log; " + evaluate + kWaitForWarning + "cat '" +
+                                    bundled("corner") + "/groundtruth.tum' > pipe; wait $!",
                                 folder.path());
   EXPECT_EQ(written.exit_code, 0) << written.err;
   EXPECT_EQ(bytes_of(folder.path() / "log"),

@@ -126,9 +126,9 @@ void fill_pipe(int writer) {
 }
 
 // The terminal, log, display or reader of a session, which the test can take away.
-class Surroundings {
+class SessionDependencies {
  public:
-  explicit Surroundings(Loss loss) : loss_(loss) {
+  explicit SessionDependencies(Loss loss) : loss_(loss) {
     switch (loss) {
       case Loss::log_reader:
       case Loss::stalled_log_reader:
@@ -152,9 +152,9 @@ class Surroundings {
         break;
     }
   }
-  Surroundings(const Surroundings&) = delete;
-  Surroundings& operator=(const Surroundings&) = delete;
-  ~Surroundings() {
+  SessionDependencies(const SessionDependencies&) = delete;
+  SessionDependencies& operator=(const SessionDependencies&) = delete;
+  ~SessionDependencies() {
     if (mine_ >= 0) close(mine_);
     if (its_ >= 0) close(its_);
     if (filler_ >= 0) close(filler_);
@@ -211,7 +211,7 @@ TEST_P(SessionLoss, LeavesWholeOutputsAtAnyMoment) {
     const std::size_t frames = 3 + random() % latest_frame;
     const milliseconds delay(random() % 50);
     const LiveSession session;
-    Surroundings surroundings(loss);
+    SessionDependencies surroundings(loss);
     RunningProgram running(
         session.words(loss == Loss::display ? std::vector<std::string>{"--duration", "60"}
                                             : std::vector<std::string>{"--no-window"}),

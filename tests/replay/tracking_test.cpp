@@ -20,7 +20,7 @@ namespace {
 struct Expected {
   std::string name;
   bool bundled = false;
-  int least_tracked = 0;   // minimum number of tracked frames
+  int min_tracked = 0;     // minimum number of tracked frames
   double median_px = 0.0;  // median over all corners of tracked frames
   double max_px = 0.0;     // maximum RMS over the corners of a tracked frame
   int most_detections = 0;
@@ -102,7 +102,7 @@ TEST_P(TrackedRecordings, StayWithinErrorBounds) {
   for (const TrackedFrame& frame : result->frames) detections += frame.times.full_detection ? 1 : 0;
   EXPECT_LE(detections, expected.most_detections);
   EXPECT_EQ(result->wrong, 0);
-  EXPECT_GE(result->count_of(TrackStatus::tracked), expected.least_tracked);
+  EXPECT_GE(result->count_of(TrackStatus::tracked), expected.min_tracked);
   EXPECT_LE(result->tracked.overlay_px.median, expected.median_px);
 }
 
@@ -132,7 +132,7 @@ TEST(GrazingRecording, KeepsPoseWhenOneTagMoved) {
   ASSERT_TRUE(session) << session.error().message;
   std::vector<Frame> frames;
   for (const test::ListedFrame& entry : session->listed) {
-    frames.push_back(test::load_picture(entry).value());
+    frames.push_back(test::load_frame_image(entry).value());
   }
   const std::vector<MappedTag> tags(session->tags.tags().begin(), session->tags.tags().end());
   for (std::size_t k = 0; k < tags.size(); ++k) {
@@ -200,7 +200,7 @@ TEST(ReentryRecording, ReportsNoPoseWhileBoardIsAwayAndRecoversAtOnce) {
   const std::filesystem::path folder = shared / "recordings" / "reentry";
   const auto result = test::track_recording(folder);
   ASSERT_TRUE(result) << result.error().message;
-  const std::vector<int> corners = test::most_corners_in_view(folder, result->frames.size());
+  const std::vector<int> corners = test::max_corners_in_view(folder, result->frames.size());
   ASSERT_EQ(corners.size(), result->frames.size());
   int away = 0;
   std::size_t back = 0;  // first frame after the return

@@ -41,15 +41,15 @@ TEST_P(CalibrationPhotographs, FitAsWellAsOpenCvAndBetterOnHeldOutViews) {
   std::vector<CalibrationView> views;
   int width = 0;
   int height = 0;
-  const auto read = for_each_picture(test::shared_dir() / "data" / "real" / GetParam().folder,
-                                     [&](const Picture& image) -> Result<bool> {
-                                       width = image.luma.width;
-                                       height = image.luma.height;
-                                       const TargetView view = detector.detect(image.luma);
-                                       if (view.problem.empty())
-                                         views.push_back({image.name, view.corners});
-                                       return true;
-                                     });
+  const auto read = for_each_image(test::shared_dir() / "data" / "real" / GetParam().folder,
+                                   [&](const Picture& image) -> Result<bool> {
+                                     width = image.luma.width;
+                                     height = image.luma.height;
+                                     const TargetView view = detector.detect(image.luma);
+                                     if (view.problem.empty())
+                                       views.push_back({image.name, view.corners});
+                                     return true;
+                                   });
   ASSERT_TRUE(read) << read.error().message;
   ASSERT_GE(views.size(), GetParam().views);
   const auto peer = test::opencv_calibration(width, height, target.points, views);

@@ -36,7 +36,7 @@ struct Hits {
       }
     }
   }
-  void expect_honest() const {
+  void expect_consistent() const {
     std::printf(
         "inside 3 sigma: %.2f %% of %d image points; mean squared error over predicted: %.2f\n",
         100.0 * inside / all, all, chi2 / (2.0 * all));
@@ -68,7 +68,7 @@ TEST(CalibrationUncertainty, PredictsProjectionErrorOfSimulatedCalibrations) {
     ASSERT_TRUE(solved) << solved.error().message;
     hits.add(*solved, truth);
   }
-  hits.expect_honest();
+  hits.expect_consistent();
 }
 
 // Cross-validation chooses the lens model, as in `penumbra calibrate`. The model may be simpler
@@ -89,7 +89,7 @@ TEST(CalibrationUncertainty, PredictsProjectionErrorOfChosenLensModel) {
     hits.add(chosen->solution, truth);
   }
   std::printf("k3 = 0 in %d\n", without_k3);
-  hits.expect_honest();
+  hits.expect_consistent();
 }
 
 struct Lens {
@@ -142,7 +142,7 @@ TEST(CalibrationVerdict, IsNeverGoodForWrongLens) {
           c.solution = chosen->solution;
           c.held_out_px = chosen->held_out_px;
           for (std::size_t v = 0; v < views.size(); ++v) {
-            CalibrationPicture image;
+            CalibrationImage image;
             image.solved = static_cast<int>(v);
             image.view.corners = views[v].corners;
             c.pictures.push_back(std::move(image));

@@ -72,8 +72,8 @@ TEST(CameraCycles, LeakNoDescriptorThreadOrMemory) {
   const Held after = held();
   EXPECT_EQ(after.descriptors, before.descriptors);
   EXPECT_EQ(after.threads, before.threads);
-  constexpr long kMostGrowth_kib = 1024;
-  EXPECT_LE(after.resident_kib - before.resident_kib, kMostGrowth_kib);
+  constexpr long kMaxGrowth_kib = 1024;
+  EXPECT_LE(after.resident_kib - before.resident_kib, kMaxGrowth_kib);
   fmt::print("{} cycles of {}: {} KiB more, {} descriptors, {} threads\n", cycles, request.source,
              after.resident_kib - before.resident_kib, after.descriptors, after.threads);
 }

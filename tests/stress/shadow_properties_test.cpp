@@ -676,13 +676,13 @@ RC_GTEST_PROP(LayerProperties, OvershootStaysWithinKernelReach, ()) {
   const auto vertices = place_caster(mesh, kernels, placement, plane);
   // Largest displacement of the vertices that follows from heights and the thickness of parts,
   // without the kernels.
-  const auto reach = test::kernel_reach(mesh, kernels);
+  const auto reach = test::kernel_distances(mesh, kernels);
   double moved = 0.0;
   for (std::size_t i = 0; i < reach.size(); ++i) {
-    RC_ASSERT(reach[i].distance <= test::farthest_allowed(reach[i]));
+    RC_ASSERT(reach[i].distance <= test::max_allowed_distance(reach[i]));
     const double height = static_cast<double>(vertices[i].h);
     const double growth = layer_factor(constants, ShadowLayer::penumbra, height) - 1.0;
-    moved = std::max(moved, growth * test::farthest_allowed(reach[i]));
+    moved = std::max(moved, growth * test::max_allowed_distance(reach[i]));
   }
   const auto orthogonal = union_of_triangles(orthogonal_triangles(vertices, mesh.indices));
   RC_ASSERT(orthogonal.has_value());

@@ -27,8 +27,8 @@ using test::turned;
 using test::wall;
 
 // Checks poses and covariances against the true placements `at`.
-void expect_honest(const Stage& stage, const TrackedFrame& tracked, int frame,
-                   const Placements& at) {
+void expect_consistent(const Stage& stage, const TrackedFrame& tracked, int frame,
+                       const Placements& at) {
   for (const GroupEstimate& group : tracked.groups) {
     SCOPED_TRACE(group.name);
     if (!group.has_pose()) continue;
@@ -74,7 +74,7 @@ TEST(TagGroupStress, IgnoresCopyOfGroupTag) {
     for (int f = 0; f < (nightly() ? 30 : 8); ++f) {
       const Placements at = {{"block", shifted(-0.002 * f, 0.001 * f, 0.001 * f)}};
       const TrackedFrame tracked = tracker.track(stage.picture(f, at, &drawn));
-      expect_honest(stage, tracked, f, at);
+      expect_consistent(stage, tracked, f, at);
       EXPECT_EQ(tracked.pose.status, TrackStatus::tracked);
       EXPECT_EQ(named(tracked, "wall").status, TrackStatus::tracked);
       seen += named(tracked, "block").has_pose() ? 1 : 0;
@@ -103,7 +103,7 @@ TEST(TagGroupStress, NeverTracksWrongPoseOfSingleTagGroup) {
       const Eigen::Quaterniond R = turned(90.0 - step * f, Eigen::Vector3d::UnitX());
       const Placements at = {{"block", test::Placement(R, Eigen::Vector3d(centre - R * centre))}};
       const TrackedFrame tracked = tracker.track(stage.picture(f, at));
-      expect_honest(stage, tracked, f, at);
+      expect_consistent(stage, tracked, f, at);
       tracked_frames += named(tracked, "block").status == TrackStatus::tracked ? 1 : 0;
     }
     if (size_m > 0.05) {
@@ -124,7 +124,7 @@ TEST(TagGroupStress, TracksGroupsThatOccludeEachOther) {
     const double s = static_cast<double>(f) / frames;
     const Placements at = {{"block", shifted(-0.28 * s, 0.06 - 0.1 * s, 0.05 - 0.03 * s)}};
     const TrackedFrame tracked = tracker.track(stage.picture(f, at));
-    expect_honest(stage, tracked, f, at);
+    expect_consistent(stage, tracked, f, at);
     EXPECT_EQ(tracked.pose.status, TrackStatus::tracked);
     EXPECT_LT(
         overlay_difference(stage.camera, tracked.pose.T_table_camera, stage.truth(f)).rms_px(),
@@ -155,7 +155,7 @@ TEST(TagGroupStress, NeverTracksWrongPoseWhenMapIsInconsistent) {
       const TrackedFrame tracked = tracker.track(stage.picture(f, {}, &drawn));
       EXPECT_EQ(tracked.pose.status, TrackStatus::tracked);
       if (wrong == 1) {
-        expect_honest(stage, tracked, f, {});
+        expect_consistent(stage, tracked, f, {});
         EXPECT_EQ(named(tracked, "wall").status, TrackStatus::tracked);
         EXPECT_THAT(named(tracked, "wall").tags_rejected,
                     testing::ElementsAre(testing::Field(&RejectedTag::id, moved_id)));
@@ -177,7 +177,7 @@ TEST(TagGroupStress, NeverTracksWrongPoseWhenMapIsInconsistent) {
   GroupTracker tracker = stage.tracker();
   for (int f = 0; f < 6; ++f) {
     const TrackedFrame tracked = tracker.track(stage.picture(f, at));
-    expect_honest(stage, tracked, f, at);
+    expect_consistent(stage, tracked, f, at);
     EXPECT_EQ(named(tracked, "wall").status, TrackStatus::tracked)
         << text_of(named(tracked, "wall").reason);
     EXPECT_EQ(named(tracked, "door").status, TrackStatus::tracked)
@@ -207,7 +207,7 @@ TEST(TagGroupStress, TracksTwelveIndependentGroups) {
       at[fmt::format("coin {}", k)] = shifted(0.0, 0.0006 * f * (k - 6), 0.0005 * f);
     const TrackedFrame tracked = tracker.track(stage.picture(f, at));
     ASSERT_EQ(tracked.groups.size(), 12U);
-    expect_honest(stage, tracked, f, at);
+    expect_consistent(stage, tracked, f, at);
     for (const GroupEstimate& group : tracked.groups) placed += group.tags_used > 0 ? 1 : 0;
   }
   EXPECT_GE(placed, frames * 8);

@@ -21,9 +21,9 @@
 namespace penumbra {
 namespace {
 
-using test::Beyond;
 using test::Draw;
-using test::expect_honest;
+using test::ExceededPredictions;
+using test::expect_consistent;
 using test::Layout;
 using test::Lens;
 using test::nightly;
@@ -69,7 +69,8 @@ std::vector<Cell> cells() {
         const double px =
             test::corner_distance_px(s.camera, s.tags, s.motion.at(0.0), s.motion.at(s.frame_s));
         const double times = 6.0 * v / std::max(px, 0.01);
-        for (test::Sway* sway : {&s.motion.x, &s.motion.y, &s.motion.azimuth, &s.motion.roll})
+        for (test::Oscillation* sway :
+             {&s.motion.x, &s.motion.y, &s.motion.azimuth, &s.motion.roll})
           sway->amplitude *= std::min(times, 12.0);
       },
       [](double v) { return v <= 1.0; });
@@ -146,7 +147,7 @@ std::vector<Cell> cells() {
 }
 
 TEST(TrackingStress, PredictsErrorInEveryCondition) {
-  Beyond all;
+  ExceededPredictions all;
   for (const Cell& cell : cells()) {
     SCOPED_TRACE(cell.name);
     Session session = ordinary();
@@ -163,7 +164,7 @@ TEST(TrackingStress, PredictsErrorInEveryCondition) {
       if (f == 0) seen.light.cover_share = 0.0;
       const PoseEstimate pose = tracker.track(seen.picture(renderer, f)).pose;
       tracked += pose.status == TrackStatus::tracked ? 1 : 0;
-      expect_honest(session, pose, session.truth(f), nightly() ? &all : nullptr);
+      expect_consistent(session, pose, session.truth(f), nightly() ? &all : nullptr);
     }
     if (cell.tracked) {
       EXPECT_GE(tracked, frames - 1);
@@ -181,7 +182,8 @@ TEST(TrackingStress, PredictsErrorOnRandomSessions) {
     auto renderer = PatternRenderer::create(session.camera, session.tags).value();
     auto tracker = GroupTracker::create(session.camera, TagMap::make(session.tags).value()).value();
     for (int f = 0; f < 3; ++f)
-      expect_honest(session, tracker.track(session.picture(renderer, f)).pose, session.truth(f));
+      expect_consistent(session, tracker.track(session.picture(renderer, f)).pose,
+                        session.truth(f));
   }
 }
 
@@ -218,7 +220,7 @@ TEST(TrackingStress, PredictsErrorUnderStrongMotionBlur) {
     session.motion =
         test::hand(3, draw.between(0.38, 0.5), radians(draw.between(35.0, 75.0)), draw);
     const double times = draw.between(2.0, 6.0);
-    for (test::Sway* sway : {&session.motion.x, &session.motion.y, &session.motion.azimuth})
+    for (test::Oscillation* sway : {&session.motion.x, &session.motion.y, &session.motion.azimuth})
       sway->amplitude *= times;
     session.exposure_s = draw.between(0.010, 0.025);
     const double cell_px = session.camera.parameters().fx * session.tags.front().size_m /
@@ -318,7 +320,7 @@ TEST(TrackingStress, IgnoresCopyOfMappedTag) {
   for (int f = 0; f < 4; ++f) {
     const PoseEstimate pose = tracker.track(session.picture(renderer, f)).pose;
     EXPECT_EQ(pose.status, TrackStatus::tracked) << text_of(pose.reason);
-    expect_honest(session, pose, session.truth(f));
+    expect_consistent(session, pose, session.truth(f));
   }
 }
 
@@ -349,7 +351,7 @@ TEST(TrackingStress, KeepsSameIdOfOtherFamilyWhenTagMoved) {
       for (int f = 0; f < 4; ++f) {
         const PoseEstimate pose = tracker.track(session.picture(renderer, f)).pose;
         EXPECT_EQ(pose.status, TrackStatus::tracked) << text_of(pose.reason);
-        expect_honest(session, pose, session.truth(f));
+        expect_consistent(session, pose, session.truth(f));
         EXPECT_EQ(pose.tags_rejected, only(session.tags[2]));
         EXPECT_EQ(pose.tags_used, 11);
         EXPECT_LT(
@@ -371,7 +373,7 @@ TEST(TrackingStress, RejectsMovedTag) {
     for (int f = 0; f < 4; ++f) {
       const PoseEstimate pose = tracker.track(session.picture(renderer, f)).pose;
       EXPECT_EQ(pose.status, TrackStatus::tracked) << text_of(pose.reason);
-      expect_honest(session, pose, session.truth(f));
+      expect_consistent(session, pose, session.truth(f));
       EXPECT_LT(overlay_difference(session.camera, pose.T_table_camera, session.truth(f)).rms_px(),
                 0.6);
       // A tag displaced by a quarter of a cell only loses weight, and a tag beyond the aligner's
@@ -423,7 +425,7 @@ TEST(TrackingStress, NeverTracksWrongPoseWhenOneOfFewTagsMoved) {
           bool right = false;
           for (int f = 0; f < 4; ++f) {
             const PoseEstimate pose = tracker.track(session.picture(renderer, f)).pose;
-            expect_honest(session, pose, session.truth(f));
+            expect_consistent(session, pose, session.truth(f));
             right = pose.tags_rejected == only(board.tags[tag]);
             if (by == 0.0) {
               EXPECT_EQ(pose.status, TrackStatus::tracked) << text_of(pose.reason);
@@ -457,7 +459,7 @@ TEST(TrackingStress, NeverTracksWrongPoseWhenHalfOfBoardMoved) {
     auto tracker = GroupTracker::create(session.camera, TagMap::make(session.tags).value()).value();
     for (int f = 0; f < 6; ++f) {
       const PoseEstimate pose = tracker.track(session.picture(renderer, f)).pose;
-      expect_honest(session, pose, session.truth(f));
+      expect_consistent(session, pose, session.truth(f));
       if (by > 0.004) {
         EXPECT_NE(pose.status, TrackStatus::tracked);
       }
@@ -485,7 +487,7 @@ TEST(TrackingStress, RecoversAfterInconsistentFrames) {
   }
   for (int f = 4; f < 16; ++f) {
     const PoseEstimate pose = tracker.track(session.picture(right, f)).pose;
-    expect_honest(session, pose, session.truth(f));
+    expect_consistent(session, pose, session.truth(f));
     if (f >= 10) {
       EXPECT_EQ(pose.status, TrackStatus::tracked) << f << ": " << text_of(pose.reason);
     }
@@ -539,7 +541,7 @@ TEST(TrackingStress, FindsTableAfterJumpAwayFromPrediction) {
     }
     const TrackedFrame jumped = tracker.track(later.picture(renderer, 3));
     EXPECT_EQ(jumped.pose.status, TrackStatus::tracked) << text_of(jumped.pose.reason);
-    expect_honest(session, jumped.pose, later.truth(3));
+    expect_consistent(session, jumped.pose, later.truth(3));
     const bool by_pattern = jumped.times.pyramid_search;
     const bool in_box = jumped.times.roi_detection;
     EXPECT_FALSE(by_pattern && in_box);
@@ -568,7 +570,7 @@ TEST(TrackingStress, KeepsTagsThatBecomeCovered) {
       session.light.cover_share = f < 2 ? 0.0 : share;
       const PoseEstimate pose = tracker.track(session.picture(renderer, f)).pose;
       EXPECT_EQ(pose.status, TrackStatus::tracked) << f << ": " << text_of(pose.reason);
-      expect_honest(session, pose, session.truth(f));
+      expect_consistent(session, pose, session.truth(f));
       EXPECT_LT(overlay_difference(session.camera, pose.T_table_camera, session.truth(f)).rms_px(),
                 0.3);
     }
@@ -582,7 +584,8 @@ TEST(TrackingStress, KeepsCoveredTagsInFastMotion) {
     for (const double times : {6.0, 12.0}) {
       SCOPED_TRACE(testing::Message() << "cover of light " << light << ", motion x " << times);
       Session session = ordinary();
-      for (test::Sway* sway : {&session.motion.x, &session.motion.y, &session.motion.azimuth})
+      for (test::Oscillation* sway :
+           {&session.motion.x, &session.motion.y, &session.motion.azimuth})
         sway->amplitude *= times;
       session.light.cover = light;
       auto renderer = PatternRenderer::create(session.camera, session.tags).value();
@@ -593,7 +596,7 @@ TEST(TrackingStress, KeepsCoveredTagsInFastMotion) {
         const PoseEstimate pose = tracker.track(session.picture(renderer, f)).pose;
         EXPECT_EQ(pose.status, TrackStatus::tracked) << f << ": " << text_of(pose.reason);
         EXPECT_LT(pose.predicted_overlay_error_px, 0.8);
-        expect_honest(session, pose, session.truth(f));
+        expect_consistent(session, pose, session.truth(f));
       }
     }
   }
@@ -603,7 +606,7 @@ TEST(TrackingStress, KeepsCoveredTagsInFastMotion) {
 // exposure.
 TEST(TrackingStress, AssumesNoMotionBlurForJumpBetweenSharpFrames) {
   Session session = ordinary();
-  for (test::Sway* sway :
+  for (test::Oscillation* sway :
        {&session.motion.x, &session.motion.y, &session.motion.distance, &session.motion.elevation,
         &session.motion.azimuth, &session.motion.roll})
     sway->amplitude = 0.0;
@@ -618,7 +621,7 @@ TEST(TrackingStress, AssumesNoMotionBlurForJumpBetweenSharpFrames) {
       if (with_exposure) frame.exposure_s = 0.02;
       const PoseEstimate pose = tracker.track(frame).pose;
       EXPECT_EQ(pose.status, TrackStatus::tracked) << f << ": " << text_of(pose.reason);
-      expect_honest(there, pose, there.truth(f));
+      expect_consistent(there, pose, there.truth(f));
     }
   }
 }

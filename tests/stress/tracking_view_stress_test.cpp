@@ -26,7 +26,7 @@ namespace penumbra {
 namespace {
 
 using test::Draw;
-using test::expect_honest;
+using test::expect_consistent;
 using test::Layout;
 using test::Lens;
 using test::nightly;
@@ -64,7 +64,7 @@ TEST(TrackingStress, TracksThroughExposureJumps) {
         EXPECT_EQ(frame.pose.tags_used, 12);
         EXPECT_EQ(frame.times.full_detection, f == 0);
         EXPECT_FALSE(frame.times.roi_detection);
-        expect_honest(session, frame.pose, session.truth(number));
+        expect_consistent(session, frame.pose, session.truth(number));
         EXPECT_LT(error_px(session, frame.pose, number), 0.5);
       }
     }
@@ -76,7 +76,7 @@ TEST(TrackingStress, TracksThroughExposureJumps) {
 struct Seen {
   int wholly = 0, not_at_all = 0;
 };
-Seen seen_at(const Session& session, const CameraPose& at, double margin_px) {
+Seen tags_in_view(const Session& session, const CameraPose& at, double margin_px) {
   Seen seen;
   const Eigen::Vector2d last(session.camera.width() - 1, session.camera.height() - 1);
   for (const MappedTag& tag : session.tags) {
@@ -118,10 +118,10 @@ TEST(TrackingStress, AddsTagsAsTheyEnterView) {
       const TrackedFrame frame = tracker.track(now.picture(renderer, f));
       EXPECT_EQ(frame.pose.status, TrackStatus::tracked) << text_of(frame.pose.reason);
       EXPECT_EQ(frame.times.full_detection, f == 0);
-      expect_honest(now, frame.pose, now.truth(f));
-      const Seen seen = seen_at(now, now.truth(f), 4.0);
+      expect_consistent(now, frame.pose, now.truth(f));
+      const Seen seen = tags_in_view(now, now.truth(f), 4.0);
       EXPECT_GE(frame.pose.tags_used, seen.wholly);
-      const int far_out = seen_at(now, now.truth(f), 40.0).not_at_all;
+      const int far_out = tags_in_view(now, now.truth(f), 40.0).not_at_all;
       EXPECT_GE(frame.times.tags_out_of_view, far_out);
       EXPECT_LE(frame.times.tags_out_of_view, 12 - seen.wholly);
       out = std::max(out, far_out);
@@ -155,7 +155,7 @@ TEST(TrackingStress, TracksAtFisheyeRimAsWellAsAtCentre) {
         const CameraPose truth = session.truth(f);
         const PoseEstimate pose = tracker.track(session.picture(renderer, f)).pose;
         EXPECT_EQ(pose.status, TrackStatus::tracked) << text_of(pose.reason);
-        expect_honest(session, pose, truth);
+        expect_consistent(session, pose, truth);
         const double corners_px =
             test::corner_distance_px(session.camera, session.tags, pose.T_table_camera, truth);
         EXPECT_LT(corners_px, 0.1);
@@ -174,7 +174,8 @@ TEST(TrackingStress, ScalesPoseWithTableSize) {
       tag.size_m *= times;
       tag.T_table_tag = {tag.T_table_tag.rotation(), times * tag.T_table_tag.translation()};
     }
-    for (test::Sway* sway : {&session.motion.distance, &session.motion.x, &session.motion.y}) {
+    for (test::Oscillation* sway :
+         {&session.motion.distance, &session.motion.x, &session.motion.y}) {
       sway->middle *= times;
       sway->amplitude *= times;
     }
@@ -189,7 +190,7 @@ TEST(TrackingStress, ScalesPoseWithTableSize) {
       // measure the pose.
       if (times > 1.0) {
         EXPECT_EQ(pose.status, TrackStatus::tracked) << text_of(pose.reason);
-        expect_honest(session, pose, truth);
+        expect_consistent(session, pose, truth);
       }
       const double distance = truth.translation().norm();
       EXPECT_LT((pose.T_table_camera.translation() - truth.translation()).norm(), 1e-3 * distance);
@@ -211,7 +212,7 @@ TEST(TrackingStress, LosesTagsTooFarAway) {
     Session now = session;
     now.motion.distance.middle *= std::pow(1.06, f);
     const PoseEstimate pose = tracker.track(now.picture(renderer, f)).pose;
-    expect_honest(now, pose, now.truth(f));
+    expect_consistent(now, pose, now.truth(f));
     if (pose.status != TrackStatus::tracked) {
       EXPECT_NE(pose.reason.cause, PoseCause::none);
     }
@@ -273,7 +274,7 @@ TEST(TrackingStress, TracksDegradingConditionsToExpectedLimits) {
       Session now = ordinary();
       condition.set(now, value);
       const PoseEstimate pose = tracker.track(now.picture(renderer, f)).pose;
-      expect_honest(now, pose, now.truth(f));
+      expect_consistent(now, pose, now.truth(f));
       if (pose.status != TrackStatus::tracked) {
         EXPECT_NE(pose.reason.cause, PoseCause::none);
       }
@@ -288,7 +289,7 @@ TEST(TrackingStress, TracksDegradingConditionsToExpectedLimits) {
 }
 
 // Width of the first tag in the image, perpendicular to its longer sides [px].
-double least_width_px(const Session& session, const CameraPose& at) {
+double min_width_px(const Session& session, const CameraPose& at) {
   std::vector<Eigen::Vector2d> corners;
   for (const Eigen::Vector3d& corner : session.tags.front().corners())
     corners.push_back(session.camera.project(at.inverse() * corner).value());
@@ -327,12 +328,12 @@ TEST(TrackingStress, KeepsPoseOfRecedingSingleTagWithoutFlip) {
       Session now = session;
       now.motion.distance.middle = reach_px * (away / 7.0 + (1.0 - away) / 30.0);
       const PoseEstimate pose = tracker.track(now.picture(renderer, f)).pose;
-      expect_honest(now, pose, now.truth(f));
+      expect_consistent(now, pose, now.truth(f));
       const bool is_tracked = pose.status == TrackStatus::tracked;
       tracked += is_tracked ? 1 : 0;
       ++frames;
       // On the way back, the pose may be ambiguous after a new detection.
-      if (2 * f > kFrames || least_width_px(now, now.truth(f)) < 8.0) continue;
+      if (2 * f > kFrames || min_width_px(now, now.truth(f)) < 8.0) continue;
       tracked_readable += is_tracked ? 1 : 0;
       ++readable;
     }
@@ -410,7 +411,7 @@ TEST(TrackingStress, RejectsDuplicatePrintsOfTags) {
             EXPECT_NE(pose.reason.cause, PoseCause::none);
             continue;
           }
-          expect_honest(session, pose, session.truth(f));
+          expect_consistent(session, pose, session.truth(f));
           if (!few) {
             EXPECT_EQ(pose.status, TrackStatus::tracked) << text_of(pose.reason);
             // Detection can't distinguish the prints; alignment keeps the right one.

@@ -7,16 +7,16 @@
 
 namespace penumbra::test {
 
-struct BesideNoEdge {
+struct InteriorPixels {
   int pixels = 0, wrong = 0;
 };
 
 // Counts the pixels of a square image whose 3 x 3 neighbourhood has one expected value, and how
 // many of these pixels are wrong. `expected` holds a value per pixel; a pixel with a negative value
 // is not compared, and neither are its neighbours.
-inline BesideNoEdge beside_no_edge(int side, const std::vector<int>& expected,
-                                   const std::vector<bool>& wrong) {
-  BesideNoEdge found;
+inline InteriorPixels count_interior_pixels(int side, const std::vector<int>& expected,
+                                            const std::vector<bool>& wrong) {
+  InteriorPixels found;
   for (int y = 1; y + 1 < side; ++y) {
     for (int x = 1; x + 1 < side; ++x) {
       const auto at = [&](int dx, int dy) {

@@ -15,7 +15,7 @@ struct EdgeError {
   int largest_elsewhere = 0;
 };
 // Compares the image with the mean over `times` x `times` pixels of the fine image.
-inline EdgeError edge_error(const Picture& picture, const Picture& fine, int times) {
+inline EdgeError edge_error(const RenderedImage& picture, const RenderedImage& fine, int times) {
   EdgeError error;
   double sum = 0.0;
   for (int y = 0; y < picture.height; ++y) {

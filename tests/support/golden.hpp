@@ -24,7 +24,7 @@
 
 namespace penumbra::test {
 
-struct PictureDifference {
+struct ImageDifference {
   bool same_size = false;
   bool exact = false;
   std::size_t pixels = 0;
@@ -40,8 +40,8 @@ struct PictureDifference {
 };
 
 // Compares colour only, since the PNG files of golden images have no alpha.
-inline PictureDifference compare(const RgbaImage& actual, const RgbaImage& golden) {
-  PictureDifference d;
+inline ImageDifference compare(const RgbaImage& actual, const RgbaImage& golden) {
+  ImageDifference d;
   d.same_size = actual.width == golden.width && actual.height == golden.height &&
                 actual.pixels.size() == golden.pixels.size();
   if (!d.same_size) return d;
@@ -53,7 +53,7 @@ inline PictureDifference compare(const RgbaImage& actual, const RgbaImage& golde
                                      static_cast<int>(golden.pixels[i + c])));
     }
     d.largest = std::max(d.largest, most);
-    if (most > PictureDifference::kToleranceCodes) ++d.over_tolerance;
+    if (most > ImageDifference::kToleranceCodes) ++d.over_tolerance;
   }
   d.exact = d.largest == 0;
   return d;
@@ -102,7 +102,7 @@ inline testing::AssertionResult matches_golden(const std::string& name, const Rg
     write_failure(name, actual, RgbaImage());
     return testing::AssertionFailure() << golden.error().message;
   }
-  const PictureDifference d = compare(actual, *golden);
+  const ImageDifference d = compare(actual, *golden);
   if (d.exact && d.same_size) return testing::AssertionSuccess();
   const char* elsewhere = std::getenv("PENUMBRA_OTHER_OPENGL");
   if (d.acceptable() || (elsewhere != nullptr && d.acceptable_elsewhere())) {
@@ -113,7 +113,7 @@ inline testing::AssertionResult matches_golden(const std::string& name, const Rg
   write_failure(name, actual, *golden);
   return testing::AssertionFailure()
          << name << ": " << d.over_tolerance << " of " << d.pixels << " px differ by more than "
-         << PictureDifference::kToleranceCodes << " codes, the largest by " << d.largest << "; see "
+         << ImageDifference::kToleranceCodes << " codes, the largest by " << d.largest << "; see "
          << golden_output_dir();
 }
 

@@ -14,7 +14,7 @@
 
 namespace penumbra::test {
 
-struct KernelReach {
+struct KernelDistance {
   double distance = 0.0;  // |x - k| across `up` [m]
   double inside = 0.0;    // radius of the disc about k in its part's silhouette [m]; or 0
   double cell = 0.0;      // upper bound of the cell size of the part's raster [m]
@@ -22,7 +22,8 @@ struct KernelReach {
 
 // Returns an entry for each vertex; those without a visible face stay 0. Holes of less than 0.5 %
 // of a silhouette count as filled, like missing faces (docs/shadows.md#kernels).
-inline std::vector<KernelReach> kernel_reach(const ShadowMesh& mesh, const ShadowKernels& kernels) {
+inline std::vector<KernelDistance> kernel_distances(const ShadowMesh& mesh,
+                                                    const ShadowKernels& kernels) {
   const PlaneFrame plane = PlaneFrame::make(kernels.up, Eigen::Vector3d::Zero());
   const auto flat = [&plane](const glm::vec3& p) -> Eigen::Vector2d {
     return plane
@@ -38,7 +39,7 @@ inline std::vector<KernelReach> kernel_reach(const ShadowMesh& mesh, const Shado
     }
     return std::abs(area);
   };
-  std::vector<KernelReach> all(mesh.positions.size());
+  std::vector<KernelDistance> all(mesh.positions.size());
   const KernelTuning tuning;
   for (std::uint32_t part = 0; part < mesh.part_count; ++part) {
     std::vector<PlanePoint> triangles;
@@ -98,7 +99,7 @@ inline std::vector<KernelReach> kernel_reach(const ShadowMesh& mesh, const Shado
 
 // Upper bound of |x - k|: 1.5 r plus one cell (docs/shadows.md#kernels, rule 5). The raster
 // determines r to one cell.
-inline double farthest_allowed(const KernelReach& reach) {
+inline double max_allowed_distance(const KernelDistance& reach) {
   return 1.5 * (reach.inside + reach.cell) + reach.cell;
 }
 

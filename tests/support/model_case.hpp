@@ -39,12 +39,13 @@ class ModelCase : public testing::Test {
 
 // Projected area of a model's faces along `direction` (unit): of faces towards and away from the
 // viewer. For faces that do not overlap, it equals the area of their shadow.
-struct SeenArea {
+struct ProjectedArea {
   double front = 0.0;
   double back = 0.0;
 };
-inline SeenArea seen_area(const Model& model, const glm::dvec3& direction = {0.0, 0.0, 1.0}) {
-  SeenArea area;
+inline ProjectedArea measure_projected_area(const Model& model,
+                                            const glm::dvec3& direction = {0.0, 0.0, 1.0}) {
+  ProjectedArea area;
   for (const Mesh& mesh : model.meshes) {
     for (std::size_t t = 0; t + 2 < mesh.indices.size(); t += 3) {
       const glm::dvec3 a(mesh.positions[mesh.indices[t]]), b(mesh.positions[mesh.indices[t + 1]]),

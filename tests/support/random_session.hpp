@@ -66,7 +66,7 @@ inline CameraModel lens_camera(Lens lens, int width, int height, double focal) {
 }
 
 // A value that oscillates about its middle.
-struct Sway {
+struct Oscillation {
   double middle = 0.0, amplitude = 0.0, hertz = 0.0, phase = 0.0;
   [[nodiscard]] double at(double t) const {
     return middle + amplitude * std::sin(2.0 * std::numbers::pi * hertz * t + phase);
@@ -75,7 +75,7 @@ struct Sway {
 
 // A hand-held camera that looks at a point near the table's centre.
 struct HandMotion {
-  Sway x, y, distance, elevation, azimuth, roll;
+  Oscillation x, y, distance, elevation, azimuth, roll;
   [[nodiscard]] CameraPose at(double t) const {
     return looking_at({x.at(t), y.at(t), 0.0}, distance.at(t),
                       std::clamp(elevation.at(t), 0.03, 1.55), azimuth.at(t), roll.at(t));
@@ -200,8 +200,8 @@ inline HandMotion hand(int haste, double distance_m, double elevation, Draw& dra
   constexpr std::array<double, 4> kHertz = {0.7, 0.6, 1.1, 4.0};
   const auto h = static_cast<std::size_t>(haste);
   const auto sway = [&](double middle, double amplitude) {
-    return Sway{middle, amplitude * draw.between(0.4, 1.0), kHertz[h] * draw.between(0.6, 1.4),
-                draw.between(0.0, 6.28)};
+    return Oscillation{middle, amplitude * draw.between(0.4, 1.0),
+                       kHertz[h] * draw.between(0.6, 1.4), draw.between(0.0, 6.28)};
   };
   return {sway(draw.between(-0.02, 0.02), kShift[h]), sway(draw.between(-0.02, 0.02), kShift[h]),
           sway(distance_m, 0.5 * kShift[h]),          sway(elevation, kTurn[h]),
@@ -247,7 +247,7 @@ inline Session random_session(std::uint64_t seed, SessionKind& kind) {
 }
 
 // Moves the camera into the overlay's cube or close to it.
-inline void go_near(std::uint64_t seed, Session& session) {
+inline void move_near_table(std::uint64_t seed, Session& session) {
   Draw draw(seed * 6151U + 3U);
   session.motion.distance.middle = draw.log_between(0.06, 0.32);
   session.motion.distance.amplitude =
@@ -256,8 +256,8 @@ inline void go_near(std::uint64_t seed, Session& session) {
 
 // Displaces a fraction `share` of the tags together along the table, by 1/20 to 1 of a tag's side,
 // and rotates them slightly.
-inline std::vector<MappedTag> with_some_moved(std::uint64_t seed, std::vector<MappedTag> tags,
-                                              double share) {
+inline std::vector<MappedTag> with_displaced_tags(std::uint64_t seed, std::vector<MappedTag> tags,
+                                                  double share) {
   Draw draw(seed * 3571U + 11U);
   const auto count =
       static_cast<std::size_t>(std::lround(share * static_cast<double>(tags.size())));

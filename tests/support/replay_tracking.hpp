@@ -75,7 +75,7 @@ inline Result<RecordedSession> load_session(const std::filesystem::path& recordi
   return RecordedSession{*camera, *tags, *truth, *listed};
 }
 
-inline Result<Frame> load_picture(const ListedFrame& entry) {
+inline Result<Frame> load_frame_image(const ListedFrame& entry) {
   auto frame = load_image(entry.file);
   if (frame) frame->timestamp_ns = entry.timestamp_ns;
   return frame;
@@ -132,7 +132,7 @@ inline Result<TrackedRecording> track_recording(const std::filesystem::path& rec
   auto trial = TrackingTrial::create(*session, session->tags, options);
   if (!trial) return tl::unexpected(trial.error());
   for (std::size_t i = 0; i < session->listed.size(); i += every) {
-    const auto frame = load_picture(session->listed[i]);
+    const auto frame = load_frame_image(session->listed[i]);
     if (!frame) return tl::unexpected(frame.error());
     trial->add(*frame);
   }

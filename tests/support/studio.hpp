@@ -124,7 +124,7 @@ inline CameraModel camera_of(int width, int height, double focal,
 }
 
 // Camera with a square image and a distortion of a few pixels.
-inline CameraModel bent_camera(int side, double focal) {
+inline CameraModel distorted_camera(int side, double focal) {
   return camera_of(side, side, focal, DistortionModel::plumb_bob,
                    {-0.28, 0.08, 0.001, -0.0008, 0.0, 0.0, 0.0, 0.0});
 }
@@ -138,7 +138,7 @@ inline Frame plain_frame(int width, int height, std::uint8_t value) {
   return buffer.frame;
 }
 
-struct Picture {
+struct RenderedImage {
   int width = 0;
   int height = 0;
   std::vector<std::uint8_t> rgba;
@@ -146,7 +146,7 @@ struct Picture {
     return rgba.data() + 4 * (static_cast<std::ptrdiff_t>(y) * width + x);
   }
   [[nodiscard]] int red(int x, int y) const { return *at(x, y); }
-  friend bool operator==(const Picture&, const Picture&) = default;
+  friend bool operator==(const RenderedImage&, const RenderedImage&) = default;
 };
 
 // A context with a compositor. It uses one sample per pixel, also on a GPU, because tests compare
@@ -168,19 +168,19 @@ class Studio {
                                double time_s = 0.0) const {
     return plan_frame(*scene_, evaluate_scene(*scene_, time_s), pose, camera_, options);
   }
-  Picture draw(const Frame& frame, const FramePlan& plan) {
+  RenderedImage draw(const Frame& frame, const FramePlan& plan) {
     context_->make_current();
     const auto stats = compositor_->draw(frame, plan);
     if (!stats) throw std::runtime_error(stats.error().message);
     stats_ = *stats;
-    Picture picture{camera_.width(), camera_.height(), {}};
+    RenderedImage picture{camera_.width(), camera_.height(), {}};
     picture.rgba.resize(std::size_t{4} * static_cast<std::size_t>(picture.width) *
                         static_cast<std::size_t>(picture.height));
     const auto read = compositor_->read_back(picture.rgba);
     if (!read) throw std::runtime_error(read.error().message);
     return picture;
   }
-  Picture draw_shadows(const Frame& frame, FramePlan plan) {  // draws no objects
+  RenderedImage draw_shadows(const Frame& frame, FramePlan plan) {  // draws no objects
     plan.objects.clear();
     return draw(frame, plan);
   }

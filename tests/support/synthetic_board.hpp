@@ -124,10 +124,10 @@ inline Matrix6d loose_prior(double metres, double angle) {
 // Gaussian of lens_blur_px, convolved with the pixel's box); its contrast scales the derivative.
 // The derivative is analytic, because differences of sampled images contain sampling noise, which
 // would count as information. It includes the tags' edges but not the sheet's.
-inline std::array<std::vector<double>, 6> light_by_pose(const CameraModel& camera,
-                                                        std::span<const MappedTag> tags,
-                                                        const CameraPose& pose,
-                                                        const PatternRenderOptions& options) {
+inline std::array<std::vector<double>, 6> light_derivatives(const CameraModel& camera,
+                                                            std::span<const MappedTag> tags,
+                                                            const CameraPose& pose,
+                                                            const PatternRenderOptions& options) {
   std::array<std::vector<double>, 6> derivative;
   for (auto& d : derivative)
     d.assign(static_cast<std::size_t>(camera.width() * camera.height()), 0.0);
@@ -193,7 +193,8 @@ inline Matrix6d pose_bound(PatternRenderer& renderer, const CameraModel& camera,
   options.samples = 256;  // only for the light itself, which determines the gain
   const std::array<CameraPose, 1> centre = {pose};
   const std::vector<double> light = renderer.render_light(centre, options);
-  const std::array<std::vector<double>, 6> derivative = light_by_pose(camera, tags, pose, options);
+  const std::array<std::vector<double>, 6> derivative =
+      light_derivatives(camera, tags, pose, options);
   Matrix6d information = Matrix6d::Zero();
   for (const MappedTag& tag : tags) {
     // Pixels of this tag: its black square and half the margin.

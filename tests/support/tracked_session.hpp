@@ -26,12 +26,12 @@ inline Session ordinary() {
 
 // Number of tracked frames whose error exceeds four times the predicted one. A small fraction of
 // them may.
-struct Beyond {
+struct ExceededPredictions {
   int tracked = 0, beyond = 0;
 };
 
-inline void expect_honest(const Session& session, const PoseEstimate& pose, const CameraPose& truth,
-                          Beyond* of_many = nullptr) {
+inline void expect_consistent(const Session& session, const PoseEstimate& pose,
+                              const CameraPose& truth, ExceededPredictions* of_many = nullptr) {
   if (!pose.has_pose()) return;
   EXPECT_TRUE(pose.T_table_camera.is_finite());
   EXPECT_TRUE(pose.covariance.allFinite());

@@ -13,8 +13,8 @@ namespace penumbra::test {
 
 // Returns for each frame the number of corners in the image (0 to 4) of the most visible tag. Empty
 // if the file can't be read.
-inline std::vector<int> most_corners_in_view(const std::filesystem::path& recording,
-                                             std::size_t frames) {
+inline std::vector<int> max_corners_in_view(const std::filesystem::path& recording,
+                                            std::size_t frames) {
   const auto text = read_text_file(recording / "visibility.csv", 1 << 20);
   if (!text) return {};
   std::vector<int> corners(frames, 0);

@@ -60,7 +60,7 @@ Point centre_of(const Points& ring) {
 }
 
 // Joins rows of vertex indices by quads. Rows and columns may be closed.
-void weave(Solid& solid, const std::vector<std::vector<std::uint32_t>>& rows, bool closed) {
+void join_rows(Solid& solid, const std::vector<std::vector<std::uint32_t>>& rows, bool closed) {
   const std::size_t last = closed ? rows.size() : rows.size() - 1;
   for (std::size_t r = 0; r < last; ++r) {
     const auto& a = rows[r];
@@ -94,7 +94,7 @@ Solid loft(const std::vector<Points>& rings, const Point& first_centre, const Po
   Solid solid;
   std::vector<std::vector<std::uint32_t>> rows;
   for (const Points& ring : rings) rows.push_back(add_ring(solid, ring));
-  weave(solid, rows, false);
+  join_rows(solid, rows, false);
   const std::uint32_t first = add(solid, first_centre);
   const std::uint32_t last = add(solid, last_centre);
   for (std::size_t i = 0; i < rows.front().size(); ++i) {
@@ -121,7 +121,7 @@ Solid revolve_loop(const std::vector<glm::dvec2>& profile, int segments) {
   Solid solid;
   std::vector<std::vector<std::uint32_t>> rows;
   for (const glm::dvec2& p : profile) rows.push_back(add_ring(solid, circle(p.x, p.y, segments)));
-  weave(solid, rows, true);
+  join_rows(solid, rows, true);
   return facing_out(std::move(solid));
 }
 

@@ -20,7 +20,7 @@ inline constexpr int kMaxSearchCells = 36;
 // Minimum number of samples for a tag to contribute equations.
 inline constexpr int kFewestSamples = 16;
 // Minimum fraction of its samples' weight that Tukey's weights must leave, for a tag to be used.
-inline constexpr double kLeastWeightShare = 0.3;
+inline constexpr double kMinWeightFraction = 0.3;
 
 struct AlignedTag {
   // Fails if the family has no such id.
@@ -48,8 +48,8 @@ struct AlignedTag {
   // values of an earlier frame.
   bool rejected = false;  // ignored in this frame
   bool visible = false;
-  bool too_small = false;    // reason for not being visible
-  bool wholly_seen = false;  // all vertices have a projection
+  bool too_small = false;        // reason for not being visible
+  bool fully_projected = false;  // all vertices have a projection
   Eigen::Matrix3d R_lattice_camera = Eigen::Matrix3d::Identity();
   Eigen::Vector3d centre = Eigen::Vector3d::Zero();  // camera in the lattice frame [cells]
   Eigen::Matrix3d ray_from_lattice = Eigen::Matrix3d::Identity();

@@ -167,8 +167,8 @@ void AlignmentProblem::project_lattice(AlignedTag& tag, double added_variance_px
   // Depth is linear in the lattice and the lens model's disc is convex, so the corners suffice.
   const auto last = static_cast<std::size_t>(tag.side - 1);
   const auto top = last * static_cast<std::size_t>(tag.side);
-  tag.wholly_seen = tag.depth[0] > 0.0F && tag.depth[last] > 0.0F && tag.depth[top] > 0.0F &&
-                    tag.depth[top + last] > 0.0F;
+  tag.fully_projected = tag.depth[0] > 0.0F && tag.depth[last] > 0.0F && tag.depth[top] > 0.0F &&
+                        tag.depth[top + last] > 0.0F;
 }
 
 const std::int32_t* AlignmentProblem::find_cells(const AlignedTag& tag) {
@@ -202,7 +202,7 @@ void AlignmentProblem::measure_motion(AlignedTag& tag, const Eigen::Vector3d& ce
   constexpr double kSigmasApart = 4.0;
   if (blur == BlurModel::moments)
     tag.moments = std::clamp(ceil_of(std::min(longest_px / (kSigmasApart * options.blur_px), 1e5)),
-                             1, kMostMoments);
+                             1, kMaxMoments);
   tag.spread_px = tag.motion_px / tag.moments;
 }
 

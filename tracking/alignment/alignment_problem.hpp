@@ -92,8 +92,8 @@ struct AlignmentProblem {
                                         int& y) const {
     const auto v = static_cast<std::size_t>(cell.j * tag.side + cell.i);
     const std::size_t up = v + static_cast<std::size_t>(tag.side);
-    if (!tag.wholly_seen && !(tag.depth[v] > 0.0F && tag.depth[v + 1] > 0.0F &&
-                              tag.depth[up] > 0.0F && tag.depth[up + 1] > 0.0F))
+    if (!tag.fully_projected && !(tag.depth[v] > 0.0F && tag.depth[v + 1] > 0.0F &&
+                                  tag.depth[up] > 0.0F && tag.depth[up + 1] > 0.0F))
       return false;
     const float* px = tag.pixel_x.data();
     const float* py = tag.pixel_y.data();
@@ -115,9 +115,9 @@ struct AlignmentProblem {
   void measure_motion(AlignedTag& tag, const Eigen::Vector3d& centre,
                       const Eigen::Matrix<double, 2, 3>& J, BlurModel blur) const;
 
-  static constexpr int kMostMoments = 16;
+  static constexpr int kMaxMoments = 16;
   // For each number of moments, the motions from T_camera_map to them; computed when needed.
-  std::array<std::vector<Eigen::Isometry3d>, kMostMoments + 1> paths_;
+  std::array<std::vector<Eigen::Isometry3d>, kMaxMoments + 1> paths_;
   std::vector<std::int32_t> cell_places_;
 };
 

@@ -95,7 +95,7 @@ void EdgeSampler::finish_samples(AlignedTag& tag) {
     const auto moment = static_cast<std::size_t>(k);
     simd::Samples& of = tag.moment_samples[moment];
     of = tag.samples;
-    if (k > 0) arena_.take_anchors(tag.reach, of);
+    if (k > 0) arena_.allocate_anchors(tag.reach, of);
     problem_.loops->anchor(tag.moment_inputs[moment].lattice_from_ray, tag.reach, tag.side, of);
     attach(tag, of);
   }
@@ -252,10 +252,10 @@ void EdgeSampler::step_along(AlignedTag& tag, const Band& band,
   std::array<int, 2> counts{};
   for (const std::size_t k : {0U, 1U})
     counts[k] = static_cast<int>(cells[k] * cell_px[k].cwiseAbs().maxCoeff() / stride + 0.5);
-  const std::array<int, 2> most_rows = {band.rows_at_most(reach_px[0]),
-                                        band.rows_at_most(reach_px[1])};
+  const std::array<int, 2> max_rows = {band.rows_at_most(reach_px[0]),
+                                       band.rows_at_most(reach_px[1])};
   // The loops may write three pixels beyond the end.
-  take_samples(tag, most_rows[0] * counts[0] + most_rows[1] * counts[1] + 4);
+  take_samples(tag, max_rows[0] * counts[0] + max_rows[1] * counts[1] + 4);
   tag.step_count = counts[0] + counts[1];
   const std::array<float, 9> M = rows_of(tag.ray_from_lattice);
   const std::array<float, 20> offsets = band.row_offsets();
@@ -274,7 +274,7 @@ void EdgeSampler::step_along(AlignedTag& tag, const Band& band,
     walk.cell_count = cells[k];
     walk.count = counts[k];
     walk.reach_px = static_cast<float>(reach_px[k]);
-    walk.most_rows = most_rows[k];
+    walk.max_rows = max_rows[k];
     walk.along_b = k == 1;
     walk.along_x = std::abs(cell_px[k].x()) >= std::abs(cell_px[k].y());
     tag.used = problem_.loops->walk(problem_.lens, walk, tag.samples, tag.used);
@@ -313,9 +313,9 @@ void EdgeSampler::walk_runs(AlignedTag& tag, const Band& band,
   }
   walk.stride_px = band.stride(mean_of(reach_px), length, tilt, cap);
   tag.thinned = walk.stride_px > 1.0;
-  walk.most_rows = band.rows_at_most(std::max(reach_px[0], reach_px[1]));
+  walk.max_rows = band.rows_at_most(std::max(reach_px[0], reach_px[1]));
   // The loops may write three pixels beyond the end.
-  take_samples(tag, walk.most_rows * (static_cast<int>(length / walk.stride_px) + 2) + 4);
+  take_samples(tag, walk.max_rows * (static_cast<int>(length / walk.stride_px) + 2) + 4);
   const std::array<float, 20> offsets = band.row_offsets();
   fill_plan(band, offsets, walk.count, tag, walk);
   tag.used = problem_.loops->walk_runs(problem_.lens, walk, tag.samples);

@@ -53,7 +53,7 @@ void MapAgreement::collect(const AlignmentProblem& problem, const PoseSolver& so
     const simd::TagPack& pack = solver.packs()[k / 4];
     const std::size_t lane = k % 4;
     const AlignedTag& tag = *problem.active[k];
-    if (!pack.valid[lane] || !(tag.sums.weight > kLeastWeightShare * tag.sums.base_weight))
+    if (!pack.valid[lane] || !(tag.sums.weight > kMinWeightFraction * tag.sums.base_weight))
       continue;
     const Eigen::Vector3d centre = tag.centre_point();
     if (!(centre.z() > 0.0)) continue;

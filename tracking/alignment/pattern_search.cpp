@@ -20,7 +20,7 @@ constexpr int kCoarsest = 16;       // maximum reduction factor of the pyramid
 // Minimum contrast of a peak above noise: mean white cell minus mean black cell [grey].
 constexpr double kLeastContrast = 12.0;
 // Fraction of the previous contrast that ends a search; a displaced pattern has up to half of it.
-constexpr double kAsSeen = 0.75;
+constexpr double kPreviousContrastFraction = 0.75;
 // Maximum errors from which the fine stage converges.
 constexpr double kNearError_px = 1.2;
 constexpr double kNearError_cells = 0.2;
@@ -29,7 +29,7 @@ constexpr double kRowGrid = 0.1;
 constexpr std::size_t kFewestToJudge = 5;  // minimum number of tags to measure their scatter
 
 // Centre of a peak in a score map [rows and columns].
-struct SearchTop {
+struct PeakCentre {
   double row = 0.0;
   double column = 0.0;
   bool open = false;  // the peak may extend beyond the map
@@ -38,8 +38,8 @@ struct SearchTop {
 // Returns the centroid of the scores, clamped between foot and shoulder: a peak is flat over a
 // cell.
 template <class Score>
-SearchTop find_top(const SearchWindow& window, std::span<const Score> scores, int row, int column,
-                   double cell) {
+PeakCentre peak_centre(const SearchWindow& window, std::span<const Score> scores, int row,
+                       int column, double cell) {
   // Levels in fifths of the peak; a displaced pattern stays below the foot.
   constexpr int kParts = 5;
   constexpr int kFoot = 3;
@@ -85,7 +85,7 @@ SearchTop find_top(const SearchWindow& window, std::span<const Score> scores, in
   return {sum_rows / sum, sum_columns / sum, open};
 }
 
-Eigen::Vector2d displacement(const SearchWindow& window, const SearchTop& top) {
+Eigen::Vector2d displacement(const SearchWindow& window, const PeakCentre& top) {
   return {top.column - window.reach, window.first_row + window.row_step * top.row};
 }
 
@@ -96,7 +96,7 @@ struct OwnPeak {
 // Returns the maximum of a tag's score map within `slack` of `about`, or nullopt if its contrast
 // (white minus black cells [grey]) is too small or it is on the flank of a higher peak outside.
 std::optional<OwnPeak> own_peak(const AlignedTag& tag, const SearchWindow& window, OwnPeak about,
-                                int slack, double least_contrast) {
+                                int slack, double min_contrast) {
   const int columns = window.columns;
   const int last_row = window.rows - 1;
   const int last_column = 2 * window.reach;
@@ -119,7 +119,7 @@ std::optional<OwnPeak> own_peak(const AlignedTag& tag, const SearchWindow& windo
       at_column = c;
     }
   }
-  if (2.0 * score / tag.score_points < least_contrast) return std::nullopt;
+  if (2.0 * score / tag.score_points < min_contrast) return std::nullopt;
   if ((at_row == r0 && r0 > 0 && value(r0 - 1, at_column) > score) ||
       (at_row == r1 && r1 < last_row && value(r1 + 1, at_column) > score) ||
       (at_column == c0 && c0 > 0 && value(at_row, c0 - 1) > score) ||
@@ -249,7 +249,7 @@ bool PatternSearch::search_independently() {
   return search_within(window_of(kReach), true, kLeastContrast);
 }
 
-bool PatternSearch::search(double seen_contrast) {
+bool PatternSearch::search(double previous_contrast) {
   begin_full_size();
   double sigma_px = 0.0;
   double smallest_cell_max_px = 1e9;
@@ -263,9 +263,10 @@ bool PatternSearch::search(double seen_contrast) {
   if (narrow.holds(0.5 * smallest_cell_max_px)) {  // the top of a peak is as wide as a cell
     // A nearby peak with the previous frame's contrast excludes peaks elsewhere.
     const bool enough = narrow.holds(3.0 * sigma_px);
-    const bool likely = seen_contrast > 0.0;
+    const bool likely = previous_contrast > 0.0;
     const double least =
-        enough ? kLeastContrast : std::max(kAsSeen * seen_contrast, kLeastContrast);
+        enough ? kLeastContrast
+               : std::max(kPreviousContrastFraction * previous_contrast, kLeastContrast);
     if ((enough || likely) && search_within(narrow, false, least)) return true;
   }
   return search_within(window_of(kReach), false, kLeastContrast);
@@ -406,7 +407,7 @@ int PatternSearch::score_tags(const SearchWindow& window) {
                                kMaxSearchCells / 2);
   const int size = window.size();
   score_sum_.assign(static_cast<std::size_t>(size), 0);
-  if (scale_ == 1) fetch_ahead(window.reach);
+  if (scale_ == 1) prefetch_image(window.reach);
   CellWindows windows;
   int total = 0;
   for (AlignedTag* tag : problem_.active) {
@@ -425,7 +426,7 @@ int PatternSearch::score_tags(const SearchWindow& window) {
 }
 
 bool PatternSearch::search_within(const SearchWindow& window, bool independent,
-                                  double least_contrast) {
+                                  double min_contrast) {
   const double scale = scale_;
   const int total = score_tags(window);
   if (total == 0) return false;
@@ -434,18 +435,18 @@ bool PatternSearch::search_within(const SearchWindow& window, bool independent,
   const int best_column = static_cast<int>(best) % window.columns;
   const double contrast = 2.0 * score_sum_[static_cast<std::size_t>(best)] / total;
   problem_.counters.contrast = contrast;
-  if (!independent && contrast < least_contrast) return false;
+  if (!independent && contrast < min_contrast) return false;
   // In the largest window, accepts clipped peaks of cells that are as large as the window.
   const bool largest = window.reach >= kReach;
-  const auto elsewhere = [&](const SearchTop& top, double cell_px) {
+  const auto elsewhere = [&](const PeakCentre& top, double cell_px) {
     if (largest) return top.open && window.holds(cell_px / scale);
     return top.open || !window.holds(displacement(window, top).lpNorm<Eigen::Infinity>());
   };
   double largest_cell_px = 0.0;
   for (const AlignedTag* tag : problem_.active)
     largest_cell_px = std::max(largest_cell_px, tag->cell_max_px);
-  const SearchTop found =
-      find_top<std::int32_t>(window, score_sum_, best_row, best_column, largest_cell_px / scale);
+  const PeakCentre found =
+      peak_centre<std::int32_t>(window, score_sum_, best_row, best_column, largest_cell_px / scale);
   if (!largest && elsewhere(found, largest_cell_px)) return false;
   displaced_.clear();
   const Eigen::Isometry3d T_map_camera = problem_.T_camera_map.inverse();
@@ -456,8 +457,8 @@ bool PatternSearch::search_within(const SearchWindow& window, bool independent,
     const std::optional<OwnPeak> peak = own_peak(*tag, window, {best_row, best_column}, slack,
                                                  std::max(kLeastContrast, 0.4 * contrast));
     if (!peak) continue;
-    const SearchTop top = find_top<std::int16_t>(window, tag->scores, peak->row, peak->column,
-                                                 tag->cell_max_px / scale_);
+    const PeakCentre top = peak_centre<std::int16_t>(window, tag->scores, peak->row, peak->column,
+                                                     tag->cell_max_px / scale_);
     if (elsewhere(top, tag->cell_max_px)) continue;
     const Eigen::Vector3d p_camera = tag->centre_point();
     // The centre of a clipped peak is uncertain by up to a cell.
@@ -473,7 +474,7 @@ bool PatternSearch::search_within(const SearchWindow& window, bool independent,
 }
 
 // Prefetches the image around the tags, because hardware can't predict the access pattern.
-void PatternSearch::fetch_ahead(int margin) const {
+void PatternSearch::prefetch_image(int margin) const {
   float x0 = 1e9F;
   float y0 = 1e9F;
   float x1 = -1e9F;

@@ -51,8 +51,8 @@ class PatternSearch {
   explicit PatternSearch(AlignmentProblem& problem) : problem_(problem) {}
 
   // Searches within 3 sigma of the prediction; unless the peak is well inside, then searches the
-  // largest window. `seen_contrast`: see AlignmentInput. Returns false if nothing is found.
-  [[nodiscard]] bool search(double seen_contrast);
+  // largest window. `previous_contrast`: see AlignmentInput. Returns false if nothing is found.
+  [[nodiscard]] bool search(double previous_contrast);
   // Searches the largest window for each tag independently.
   [[nodiscard]] bool search_independently();
   // Searches an image reduced so far that a cell is 1 px wide; `further`: half of that.
@@ -78,8 +78,8 @@ class PatternSearch {
                          CellWindows& windows);
   [[nodiscard]] int score_tags(const SearchWindow& window);
   [[nodiscard]] bool search_within(const SearchWindow& window, bool independent,
-                                   double least_contrast);
-  void fetch_ahead(int margin) const;
+                                   double min_contrast);
+  void prefetch_image(int margin) const;
   [[nodiscard]] ImageView shrink(int scale);
 
   AlignmentProblem& problem_;

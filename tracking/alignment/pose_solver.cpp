@@ -113,7 +113,7 @@ void PoseSolver::accumulate(double cutoff, Equations& equations) {
 }
 
 // Returns false for too few residuals.
-bool PoseSolver::take_variance(const Equations& equations) {
+bool PoseSolver::update_variance(const Equations& equations) {
   if (!(equations.weight > 12.0)) return false;
   variance_ = variance_of(equations.cost, equations.weight);
   information_ = equations.H / variance_;
@@ -123,7 +123,7 @@ bool PoseSolver::take_variance(const Equations& equations) {
 std::optional<PoseSolver::Step> PoseSolver::step(double cutoff, StepBy by) {
   Equations equations;
   accumulate(cutoff, equations);
-  if (!take_variance(equations)) return std::nullopt;
+  if (!update_variance(equations)) return std::nullopt;
   const Vector6d deviation = log_se3(problem_.T_camera_map * problem_.T_predicted.inverse());
   slope_ = by == StepBy::slope ? measured_slope(cutoff) : 1.0;
   const Matrix6d H_prior = slope_ * equations.H + variance_ * problem_.prior_information;

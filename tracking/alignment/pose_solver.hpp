@@ -69,7 +69,7 @@ class PoseSolver {
   };
   void accumulate(double cutoff, Equations& equations);
   void fill_pack(AlignedTag& tag, double cutoff, simd::TagPack& pack, std::size_t lane);
-  [[nodiscard]] bool take_variance(const Equations& equations);
+  [[nodiscard]] bool update_variance(const Equations& equations);
   [[nodiscard]] double measured_slope(double cutoff) const;
   // Updates the active tags for the current pose; returns the maximum motion of a corner [px].
   [[nodiscard]] double follow_tags(const Vector6d& xi, const Eigen::Isometry3d& motion);

@@ -32,10 +32,10 @@ class SampleArena {
     s.count = padded(capacity);
     take_each(s.count, s.pixel_x, s.pixel_y, s.ray_x, s.ray_y, s.value, s.weight, s.model,
               s.residual);
-    take_anchors(reach, s);
+    allocate_anchors(reach, s);
   }
   // Allocates new arrays for the members that depend on the anchor.
-  void take_anchors(int reach, simd::Samples& s) {
+  void allocate_anchors(int reach, simd::Samples& s) {
     take_each(s.count, s.va, s.vb, s.ka, s.kb, s.rho, s.c[0], s.c[1], s.c[2], s.c[3]);
     if (reach > 1)
       take_each(s.count, s.c[4], s.c[5], s.c[6], s.c[7], s.c[8], s.c[9], s.c[10], s.c[11], s.c[12],

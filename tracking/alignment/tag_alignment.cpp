@@ -83,7 +83,7 @@ struct TagAligner::Impl {
   enum class Start { near_pose, search, independent_search };
 
   void begin(const AlignmentInput& frame);
-  [[nodiscard]] bool look_where_predicted();
+  [[nodiscard]] bool project_at_prediction();
   [[nodiscard]] AlignmentResult run(const AlignmentInput& frame, bool with_search);
   [[nodiscard]] bool attempt(Start start, bool may_be_near);
   [[nodiscard]] bool wide_stage();
@@ -106,7 +106,7 @@ void TagAligner::Impl::begin(const AlignmentInput& frame) {
 }
 
 // Projects the tags at the prediction, for a search; returns false if none is in view.
-bool TagAligner::Impl::look_where_predicted() {
+bool TagAligner::Impl::project_at_prediction() {
   problem.T_camera_map = problem.T_predicted;
   problem.find_visible(Projection::search);
   return !problem.active.empty();
@@ -139,12 +139,12 @@ bool TagAligner::Impl::attempt(Start start, bool may_be_near) {
   problem.T_camera_map = problem.T_predicted;
   bool near = false;
   if (start != Start::near_pose) {
-    const bool any = look_where_predicted();
+    const bool any = project_at_prediction();
     counters.tags_visible = static_cast<int>(problem.active.size());
     if (!any) return fail_for("no tag in view");
     // If the search fails, the pose remains the prediction.
-    std::ignore =
-        start == Start::search ? search.search(input.seen_contrast) : search.search_independently();
+    std::ignore = start == Start::search ? search.search(input.previous_contrast)
+                                         : search.search_independently();
     near = may_be_near && search.found_near();
   }
   problem.find_visible(near ? Projection::fine : Projection::wide);
@@ -320,7 +320,7 @@ AlignmentResult TagAligner::refine(const AlignmentInput& input) {
 std::optional<MapFromCamera> TagAligner::search_pyramid(const AlignmentInput& input, bool further) {
   Impl& m = *impl_;
   m.begin(input);
-  if (!m.look_where_predicted() || !m.search.search_pyramid(further)) return std::nullopt;
+  if (!m.project_at_prediction() || !m.search.search_pyramid(further)) return std::nullopt;
   const MapFromCamera guess = m.problem.pose();
   return guess.is_finite() ? std::optional(guess) : std::nullopt;
 }

@@ -59,7 +59,7 @@ struct AlignmentInput {
   bool starts_far = false;
   std::span<const int> rejected;  // tags to ignore, as indices into the list of create()
   // AlignmentCounters::contrast of the previous frame, at which a search ends; 0: unknown.
-  double seen_contrast = 0.0;
+  double previous_contrast = 0.0;
 };
 
 // Minimum AlignmentResult::disagreement of tags that are inconsistent with the map.

@@ -48,7 +48,7 @@ struct Cells {
 // for distortion.
 bool reads_clearly(const AlignedTag& tag, double blur_px) {
   constexpr double kSigmas = 2.2;
-  if (tag.reach != 1 || !tag.wholly_seen) return false;
+  if (tag.reach != 1 || !tag.fully_projected) return false;
   const auto last = static_cast<std::size_t>(tag.side - 1);
   const auto top = last * static_cast<std::size_t>(tag.side);
   float least = std::numeric_limits<float>::infinity();
@@ -126,9 +126,9 @@ void decode_tags(AlignmentProblem& problem, EdgeSampler& sampler, AlignmentResul
     const int right = cells.read - cells.wrong;
     check.verified = cells.read >= least && 4 * cells.wrong <= cells.read &&
                      20 * right >= 9 * cells.decidable && check.gain > 12.0 &&
-                     check.weight_share > kLeastWeightShare;
+                     check.weight_share > kMinWeightFraction;
     // Most cells of an occluded tag are undecided.
-    check.inconsistent = check.weight_share <= kLeastWeightShare && cells.decidable >= least &&
+    check.inconsistent = check.weight_share <= kMinWeightFraction && cells.decidable >= least &&
                          5 * right >= 4 * cells.decidable;
     in_image += cells.decidable >= least ? 1 : 0;
     result.tags_verified += check.verified ? 1 : 0;

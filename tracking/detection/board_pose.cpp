@@ -12,9 +12,9 @@ namespace {
 using Tags = std::vector<TagObservation>;
 
 // A tag is inconsistent with the others if its RMS exceeds kOutlier_px and, in addition, either
-// kOutlierTimesMiddle times the median tag's RMS or the effect of blur.
+// kOutlierMedianRatio times the median tag's RMS or the effect of blur.
 constexpr double kOutlier_px = 1.5;
-constexpr double kOutlierTimesMiddle = 2.5;
+constexpr double kOutlierMedianRatio = 2.5;
 constexpr double kOutlierAlways_px = 3.0;
 
 std::vector<PointObservation> points_of(const Tags& tags) {
@@ -181,7 +181,7 @@ Agreement reject_outliers(const CameraModel& camera, Tags used) {
     const double worst = sorted.back();
     agreed = worst <= kOutlier_px;
     if (agreed) break;
-    const bool alike = worst <= kOutlierTimesMiddle * middle && worst <= kOutlierAlways_px;
+    const bool alike = worst <= kOutlierMedianRatio * middle && worst <= kOutlierAlways_px;
     if (rest.size() <= 2 || 2 * (rest.size() - 1) <= used.size()) {
       agreed = alike;
       break;

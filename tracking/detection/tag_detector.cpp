@@ -98,7 +98,7 @@ Result<TagDetector> TagDetector::create(std::span<const TagFamily> families,
       }
     }
     apriltag_detector_add_family_bits(impl->detector, handle.get(),
-                                      std::min(kMostCorrectedBits, most_corrected_bits(family)));
+                                      std::min(kMostCorrectedBits, max_corrected_bits(family)));
     impl->families.push_back({family, std::move(handle)});
   }
   return TagDetector(std::move(impl));

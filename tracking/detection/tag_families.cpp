@@ -81,7 +81,7 @@ TagFamilyHandle make_tag_family(TagFamily family) {
   return {known->create(), known->destroy};
 }
 
-int most_corrected_bits(TagFamily family) {
+int max_corrected_bits(TagFamily family) {
   const auto aruco = aruco_dictionary_of(family);
   // If one wrong bit were allowed, 1 in 20 random squares would be read as a marker of 4x4_50.
   return aruco && aruco->cells == 4 ? 0 : 2;

@@ -17,7 +17,7 @@ using TagFamilyHandle = std::unique_ptr<apriltag_family_t, void (*)(apriltag_fam
 [[nodiscard]] TagFamilyHandle make_tag_family(TagFamily family);
 
 // Returns how many wrong bits can be corrected without confusing codes or random patterns.
-[[nodiscard]] int most_corrected_bits(TagFamily family);
+[[nodiscard]] int max_corrected_bits(TagFamily family);
 
 // Codes of the first `count` (up to 1000) markers of OpenCV's DICT_4X4_1000, DICT_5X5_1000 or
 // DICT_6X6_1000 (Garrido-Jurado et al., Pattern Recognition 47, 2014); `cells`: 4, 5 or 6. Bits are

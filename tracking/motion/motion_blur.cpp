@@ -54,8 +54,8 @@ ImageMotion motion_found(const PoseHistory& history, const CameraModel& camera, 
   return found;
 }
 
-void align_at_own_speed(const PoseHistory& history, const CameraModel& camera, const Frame& frame,
-                        Alignment& alignment) {
+void align_with_measured_motion(const PoseHistory& history, const CameraModel& camera,
+                                const Frame& frame, Alignment& alignment) {
   AlignmentInput& input = alignment.input;
   AlignmentResult& result = alignment.result;
   const double half_readout_s =
@@ -112,7 +112,7 @@ bool align_with_motion_blur(const PoseHistory& history, const CameraModel& camer
   const bool enough = result.tags_verified >= 2 && 4 * result.tags_verified >= 3 * tags_before;
   // Compares fractions of the gain, because a correctly blurred model also restores the gain.
   if (result.verified && enough && result.residual_rms <= residual && result.inconsistent_tag < 0 &&
-      !most_are_inconsistent(result)) {
+      !many_are_inconsistent(result)) {
     const MotionBlurError left =
         motion_found(history, camera, frame, alignment, kAlignedBlur_cells).blur;
     // A pose with a motion below a cell may have drifted along a blur that is still present.

@@ -31,8 +31,8 @@ struct ImageMotion {
 
 // Aligns again with the measured motion if it differs from the prediction and the camera has a
 // rolling shutter or a known exposure time.
-void align_at_own_speed(const PoseHistory& history, const CameraModel& camera, const Frame& frame,
-                        Alignment& alignment);
+void align_with_measured_motion(const PoseHistory& history, const CameraModel& camera,
+                                const Frame& frame, Alignment& alignment);
 
 // Aligns a blurred frame again with a model of its motion during the exposure. If the exposure time
 // is unknown, uses the fraction of the frame interval that explains the image best. Returns true,

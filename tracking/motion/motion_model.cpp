@@ -32,7 +32,7 @@ double adapted(double q, double ratio, double least, double most) {
 
 }  // namespace
 
-Matrix6d unforeseen_motion(double age_s) {
+Matrix6d extrapolation_covariance(double age_s) {
   constexpr double kLinear_m_s2 = 2.0;
   constexpr double kAngular_rad_s2 = 10.0;
   return covariance_of(0.5 * kLinear_m_s2 * age_s * age_s, 0.5 * kAngular_rad_s2 * age_s * age_s);

@@ -17,7 +17,7 @@ struct MotionPrediction {
 };
 
 // Returns the covariance of a hand-held pose extrapolated for `age_s` [m^2, rad^2].
-[[nodiscard]] Matrix6d unforeseen_motion(double age_s);
+[[nodiscard]] Matrix6d extrapolation_covariance(double age_s);
 
 class MotionModel {
  public:

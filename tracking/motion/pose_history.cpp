@@ -83,7 +83,7 @@ MapPoseEstimate PoseHistory::coast(const CameraModel& camera, std::int64_t times
   estimate.T_map_camera = *predicted;
   estimate.age_s = age_s;
   estimate.ambiguity_ratio = std::numeric_limits<double>::infinity();
-  estimate.covariance = last_->covariance + unforeseen_motion(age_s);
+  estimate.covariance = last_->covariance + extrapolation_covariance(age_s);
   estimate.predicted_overlay_error_px = add_lens_uncertainty_px(
       camera, predicted_overlay_error_px(camera, estimate.T_map_camera, estimate.covariance));
   return estimate;

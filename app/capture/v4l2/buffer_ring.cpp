@@ -37,12 +37,12 @@ std::shared_ptr<const void> BufferRing::lend(unsigned index) {
   }
   // Resets `ring` explicitly: a weak_ptr to the result would keep this deleter and the ring alive.
   return {buffers_[index].data(), [ring = shared_from_this(), index](const void*) mutable {
-            ring->give_back(index);
+            ring->return_buffer(index);
             ring.reset();
           }};
 }
 
-void BufferRing::give_back(unsigned index) {
+void BufferRing::return_buffer(unsigned index) {
   // Holds the lock during the call, so that no thread is in the driver after close().
   const std::lock_guard lock(mutex_);
   if (closed_) return;

@@ -42,7 +42,7 @@ class BufferRing : public std::enable_shared_from_this<BufferRing> {
 
  private:
   BufferRing(std::vector<std::span<const std::uint8_t>> buffers, Driver driver);
-  void give_back(unsigned index);
+  void return_buffer(unsigned index);
 
   const std::vector<std::span<const std::uint8_t>> buffers_;
   const Driver driver_;

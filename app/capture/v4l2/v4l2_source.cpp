@@ -40,7 +40,7 @@ constexpr std::size_t kDriverNeeds = 2;
 constexpr int kRetry_ms = 200;  // between attempts to open the camera again
 constexpr int kFirstTries = 3;  // a camera that was just closed may need a moment
 // Interval between searches of all devices while the camera is missing and no device is added.
-constexpr std::int64_t kLookAround_ns = 2'000'000'000;
+constexpr std::int64_t kSearchInterval_ns = 2'000'000'000;
 
 struct KnownFormat {
   std::uint32_t fourcc;
@@ -66,8 +66,8 @@ std::int64_t monotonic_ns() {
   return std::int64_t{t.tv_sec} * 1'000'000'000 + t.tv_nsec;
 }
 
-tl::unexpected<Trouble> trouble(const V4l2Device& device, const char* call, int error) {
-  return tl::unexpected<Trouble>({fault_of(error), v4l2_call_help(device.path(), call, error)});
+tl::unexpected<StreamError> trouble(const V4l2Device& device, const char* call, int error) {
+  return tl::unexpected<StreamError>({fault_of(error), v4l2_call_help(device.path(), call, error)});
 }
 
 FrameLayout layout_of(const KnownFormat& known, const v4l2_pix_format& granted) {
@@ -96,9 +96,9 @@ class Stream {
  public:
   // `as_before`: if given, only this format is accepted. `settings`: control values to restore;
   // requested values take precedence.
-  static Started<std::unique_ptr<Stream>> start(V4l2Device device, const V4l2Options& options,
-                                                const std::optional<StreamFormat>& as_before,
-                                                const std::vector<V4l2Setting>& settings = {}) {
+  static StreamResult<std::unique_ptr<Stream>> start(
+      V4l2Device device, const V4l2Options& options, const std::optional<StreamFormat>& as_before,
+      const std::vector<V4l2Setting>& settings = {}) {
     std::unique_ptr<Stream> stream(new Stream(std::move(device)));
     if (!as_before) reset_view(*stream->device_);
     PENUMBRA_TRY_VOID(stream->set_format(options, as_before));
@@ -150,7 +150,8 @@ class Stream {
   explicit Stream(V4l2Device device)
       : device_(std::make_shared<const V4l2Device>(std::move(device))) {}
 
-  Started<void> choose(const V4l2Options& options, const std::optional<StreamFormat>& as_before) {
+  StreamResult<void> choose(const V4l2Options& options,
+                            const std::optional<StreamFormat>& as_before) {
     using Merit = std::tuple<bool, double, int>;  // has the size, rate [1/s], -cost
     std::optional<Merit> best;
     for (const V4l2Format& offered : device_->formats()) {
@@ -180,8 +181,8 @@ class Stream {
                                     as_before ? as_before->name : options.format.value_or("")));
   }
 
-  Started<void> set_format(const V4l2Options& options,
-                           const std::optional<StreamFormat>& as_before) {
+  StreamResult<void> set_format(const V4l2Options& options,
+                                const std::optional<StreamFormat>& as_before) {
     PENUMBRA_TRY_VOID(choose(options, as_before));
     v4l2_format requested{};
     requested.type = V4L2_BUF_TYPE_VIDEO_CAPTURE;
@@ -233,7 +234,7 @@ class Stream {
     }
   }
 
-  Started<void> map_buffers(bool share) {
+  StreamResult<void> map_buffers(bool share) {
     unsigned count = kBuffers;
     if (const int error = device_->request_buffers(count); error != 0) {
       return trouble(*device_, "VIDIOC_REQBUFS", error);
@@ -248,7 +249,7 @@ class Stream {
       buffers->push_back(std::move(*buffer));
     }
     buffers_ = buffers;
-    const auto give_back = [&device = *device_, &refusal = refusal_, buffers](unsigned index) {
+    const auto return_buffer = [&device = *device_, &refusal = refusal_, buffers](unsigned index) {
       (*buffers)[index].end_reading();
       v4l2_buffer buffer{};
       buffer.type = V4L2_BUF_TYPE_VIDEO_CAPTURE;
@@ -258,7 +259,7 @@ class Stream {
       if (error != 0) refusal = error;
       return error == 0;
     };
-    ring_ = BufferRing::create(std::move(views), {give_back, [buffers] { buffers->clear(); }});
+    ring_ = BufferRing::create(std::move(views), {return_buffer, [buffers] { buffers->clear(); }});
     return {};
   }
 
@@ -341,7 +342,7 @@ class V4l2Source final : public LiveSource {
   }
   [[nodiscard]] std::string description() const override {
     return fmt::format("{} ({}), {} {}x{} at {}{}", options_.device.string(), card_, format_.name,
-                       format_.width, format_.height, rate_in_words(format_),
+                       format_.width, format_.height, rate_text(format_),
                        shares_ ? ", buffers shared by DMA-BUF" : "");
   }
 
@@ -371,7 +372,7 @@ class V4l2Source final : public LiveSource {
     is_gone_ = is_gone_ || fault == CaptureFault::disconnected;
     set_stream(nullptr);
     search_.begin();
-    looked_around_.reset();
+    latest_search_.reset();
     return std::nullopt;
   }
 
@@ -386,13 +387,13 @@ class V4l2Source final : public LiveSource {
   }
 
   // Finds the camera under its old or a new device number, possibly at another USB port.
-  Started<V4l2Device> find() {
+  StreamResult<V4l2Device> find() {
     std::vector<std::filesystem::path> paths = {options_.device, path_};
-    const bool around = look_around();
+    const bool around = should_search_all();
     if (around) {
       for (auto& path : list_v4l2_paths()) paths.push_back(std::move(path));
     }
-    std::optional<Trouble> first;
+    std::optional<StreamError> first;
     std::vector<V4l2Device> connected;
     std::vector<V4l2Identity> identities;
     for (const auto& path : paths) {
@@ -404,7 +405,8 @@ class V4l2Source final : public LiveSource {
       } else if (!first) {
         const bool exists = access(path.c_str(), F_OK) == 0;
         const bool allowed = exists && access(path.c_str(), R_OK | W_OK) == 0;
-        first = Trouble{exists && !allowed ? CaptureFault::forbidden : CaptureFault::disconnected,
+        first =
+            StreamError{exists && !allowed ? CaptureFault::forbidden : CaptureFault::disconnected,
                         device.error().message};
       }
     }
@@ -419,8 +421,8 @@ class V4l2Source final : public LiveSource {
   }
 
   // Returns true if find() should open every device: immediately after the camera was lost, when a
-  // device was added or removed or its owner changed, and every kLookAround_ns.
-  bool look_around() {
+  // device was added or removed or its owner changed, and every kSearchInterval_ns.
+  bool should_search_all() {
     std::string listing;
     for (const auto& path : list_v4l2_paths()) {
       struct stat about {};
@@ -429,11 +431,11 @@ class V4l2Source final : public LiveSource {
                              about.st_ctim.tv_nsec);
     }
     const std::int64_t now_ns = monotonic_ns();
-    if (looked_around_ && looked_around_->first == listing &&
-        now_ns - looked_around_->second < kLookAround_ns) {
+    if (latest_search_ && latest_search_->first == listing &&
+        now_ns - latest_search_->second < kSearchInterval_ns) {
       return false;
     }
-    looked_around_.emplace(std::move(listing), now_ns);
+    latest_search_.emplace(std::move(listing), now_ns);
     return true;
   }
 
@@ -462,7 +464,7 @@ class V4l2Source final : public LiveSource {
       is_gone_ = is_gone_ || started.error().fault == CaptureFault::disconnected;
       return false;
     }
-    looked_around_.reset();
+    latest_search_.reset();
     is_gone_ = false;
     set_stream(std::move(*started));
     path_ = stream_->device()->path();
@@ -478,7 +480,7 @@ class V4l2Source final : public LiveSource {
     std::array<pollfd, 2> waiting{
         {{stream_->device()->descriptor(), POLLIN, 0}, {stop_, POLLIN, 0}}};
     constexpr std::int64_t kMs_ns = 1'000'000;
-    const std::int64_t silent_ms = pace_.silent_after_ns() / kMs_ns;
+    const std::int64_t silent_ms = pace_.stall_timeout_ns() / kMs_ns;
     const int ready = poll(waiting.data(), waiting.size(), static_cast<int>(silent_ms));
     if (ready < 0 || waiting[1].revents != 0) return std::nullopt;
     if (ready == 0) {
@@ -534,7 +536,7 @@ class V4l2Source final : public LiveSource {
       image.exposure_s = exposure_s_;
     }
     count_stamp(faults_, stamp, format_);
-    pace_.saw(stamp.timestamp_ns);
+    pace_.observe(stamp.timestamp_ns);
 
     if ((buffer.flags & V4L2_BUF_FLAG_ERROR) != 0 || buffer.bytesused == 0) {
       return skip(
@@ -586,7 +588,7 @@ class V4l2Source final : public LiveSource {
   std::filesystem::path path_;  // current device of the camera
   const std::string card_;
   CameraSearch search_;
-  std::optional<std::pair<std::string, std::int64_t>> looked_around_;  // device listing, time [ns]
+  std::optional<std::pair<std::string, std::int64_t>> latest_search_;  // device listing, time [ns]
   const StreamFormat format_;
   const bool shares_;  // state of the first stream
   FaultCounter faults_;

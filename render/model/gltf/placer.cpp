@@ -202,9 +202,9 @@ Result<void> Placer::place_all() {
   std::vector<VertexTransformer> visible;
   for (const PlacedPrimitive& placed : collected_) {
     VertexTransformer transformer(placed);
-    if (!transformer.measure(kMaxFileCoordinate_m)) {
+    if (!transformer.measure(kMaxFileCoordinate)) {
       return fail("{}: a vertex lies farther than {:g} units of the file from the origin",
-                  placed.place, kMaxFileCoordinate_m);
+                  placed.place, kMaxFileCoordinate);
     }
     if (!transformer.has_surface()) {
       // A scale of 0 on all axes is valid and hides a node (glTF 2.0, 5.25).

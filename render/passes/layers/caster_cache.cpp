@@ -121,7 +121,7 @@ void set_geometry(CasterBody& body, const ShadowMesh& mesh, float max_edge) {
 
 // Adds the radii of generated kernels to kernels from a file, which have none.
 void complete_set(CachedCaster& caster, KernelSet& set, RenderWork& work) {
-  if (complete_radii(set.made, caster.mesh, set.made.up)) ++work[Counter::kernel_generations];
+  if (add_missing_radii(set.made, caster.mesh, set.made.up)) ++work[Counter::kernel_generations];
 }
 
 // Computes the body's kernels and uploads its faces and, if `to_gpu`, its vertices.
@@ -194,7 +194,7 @@ CachedCaster& CasterCache::caster_of(const Scene& scene, const ShadowDraw& draw)
   const SceneObject& object = scene.objects[index];
   const float edge = edges_[index];
   const CutOuts cut_outs = cut_outs_[index] && !traits_of(draw.technique).ignores_cut_outs
-                               ? CutOuts::what_is_seen
+                               ? CutOuts::visible_regions
                                : CutOuts::whole_faces;
   auto& entry =
       casters_[{object.model.get(), edge, object.proxy_model.get(), object.groups, cut_outs}];
@@ -322,7 +322,7 @@ CasterCache::Casting CasterCache::casting(const ShadowDraw& draw, CachedCaster& 
   if (traits_of(draw.technique).uses_kernels) {
     const bool stored_serve =
         draw.kernels == KernelSource::automatic &&
-        (draw.light_mode == LightMode::proportional || have_thickness(caster.stored_source));
+        (draw.light_mode == LightMode::proportional || have_radii(caster.stored_source));
     with.key.source = stored_serve ? caster.stored_source : draw.kernels;
     // Computed in the own frame, so that rotation in the plane changes no bit.
     const Eigen::Vector3d up = own.T_own_object.rotation.conjugate() * Eigen::Vector3d::UnitZ();

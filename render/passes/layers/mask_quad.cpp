@@ -41,16 +41,16 @@ void MaskTexture::upload(const MaskCells& cells, std::span<const std::uint8_t> c
     const std::size_t end = ((piece + 1) * count + kPieces - 1) / kPieces;
     return std::pair(first - std::min<std::size_t>(first, 1), std::min(end + 1, count));
   };
-  darkest_in_column_.resize(width);
+  min_in_column_.resize(width);
   for (std::size_t piece_row = 0; piece_row < kPieces; ++piece_row) {
     const auto [first, end] = cells_of(piece_row, static_cast<std::size_t>(cells.height));
-    std::ranges::fill(darkest_in_column_, std::uint8_t{255});
+    std::ranges::fill(min_in_column_, std::uint8_t{255});
     for (std::size_t row = first; row < end; ++row)
-      take_least(codes.data() + row * width, width, darkest_in_column_.data());
+      take_least(codes.data() + row * width, width, min_in_column_.data());
     darkens_[piece_row] = 0;
     for (std::size_t column = 0; column < kPieces; ++column) {
       const auto [left, right] = cells_of(column, width);
-      const auto begin = darkest_in_column_.begin();
+      const auto begin = min_in_column_.begin();
       const bool dark = std::any_of(begin + static_cast<std::ptrdiff_t>(left),
                                     begin + static_cast<std::ptrdiff_t>(right),
                                     [](std::uint8_t code) { return code != 255; });

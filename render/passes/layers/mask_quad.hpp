@@ -28,7 +28,7 @@ class MaskTexture {
   glm::vec4 rect_{0.0F};  // corner and extents [m], plane
   // One bit for each piece of the finest grid, row by row: whether it has an effect.
   std::array<std::uint64_t, kPieces> darkens_{};
-  std::vector<std::uint8_t> darkest_in_column_;  // over some rows
+  std::vector<std::uint8_t> min_in_column_;  // over some rows
   // The most recently drawn grid and its pieces.
   VertexArray layout_;
   GlBuffer indices_{BufferUse::indices};

@@ -35,7 +35,7 @@ glm::vec3 mask_light(const ShadowDraw& draw, Translucency mode) {
   const glm::vec3 light = layer_light(draw);
   if (mode != Translucency::mesh) return light;
   const auto open = [](float left) {
-    return 1.0F - door_places(left) / static_cast<float>(kDoorPlaces);
+    return 1.0F - opaque_door_pixels(left) / static_cast<float>(kDoorPixels);
   };
   return {open(light.x), open(light.y), open(light.z)};
 }
@@ -142,7 +142,7 @@ std::optional<double> PlaneMasks::depth_of(const Scene& scene, const FramePlan& 
     return true;
   };
   bool serve = true;
-  for (const std::vector<ShadowDraw>* draws : {&plan.shadows, &plan.unseen_shadows}) {
+  for (const std::vector<ShadowDraw>* draws : {&plan.shadows, &plan.skipped_shadows}) {
     for (const ShadowDraw& draw : *draws) {
       if (draw.plane == plane && !serves(draw)) serve = false;
     }
@@ -291,9 +291,9 @@ void PlaneMasks::draw_masks(int half_octave, std::vector<MaskPart> of, const Lay
       PartCover cover{parts[i], cell, {}, 0};
       const CellBox& bounds = casters_[i].bounds();
       if (!bounds.isEmpty()) {
-        picture_.begin(cells_about(bounds, cell));
-        parts[i].cover(casters_[i], picture_);
-        picture_.take(cover.cover);
+        raster_.begin(cells_about(bounds, cell));
+        parts[i].cover(casters_[i], raster_);
+        raster_.take(cover.cover);
       }
       plane.covers.push_back(std::move(cover));
     }
@@ -313,7 +313,7 @@ void PlaneMasks::fill_mask(const MaskLayout::Group& group, const std::vector<boo
                            Plane& plane, DrawnMask& mask) {
   const MaskCells& cells = mask.cells;
   const auto width = static_cast<std::size_t>(cells.width);
-  codes_.resize(width * static_cast<std::size_t>(cells.height));
+  mask_values_.resize(width * static_cast<std::size_t>(cells.height));
   // A clipped mask may be large, so bands of rows limit the memory of the sums.
   const int rows =
       group.cut ? std::clamp(kMaskCellsAtOnce / cells.width, 1, cells.height) : cells.height;
@@ -322,10 +322,11 @@ void PlaneMasks::fill_mask(const MaskLayout::Group& group, const std::vector<boo
     band.v += first_row;
     band.height = std::min(rows, cells.height - first_row);
     cover_band(group, noted, band, plane, mask,
-               std::span(codes_).subspan(width * static_cast<std::size_t>(first_row),
-                                         width * static_cast<std::size_t>(band.height)));
+               std::span(mask_values_)
+                   .subspan(width * static_cast<std::size_t>(first_row),
+                            width * static_cast<std::size_t>(band.height)));
   }
-  mask.texture.upload(cells, codes_);
+  mask.texture.upload(cells, mask_values_);
 }
 
 void PlaneMasks::cover_band(const MaskLayout::Group& group, const std::vector<bool>& noted,
@@ -337,27 +338,27 @@ void PlaneMasks::cover_band(const MaskLayout::Group& group, const std::vector<bo
   for (std::size_t of_light = 0; of_light < parts.size(); ++of_light) {
     if (done[of_light]) continue;
     const glm::vec3 light = parts[of_light].light;
-    picture_.begin(band);
+    raster_.begin(band);
     for (std::size_t k = of_light; k < parts.size(); ++k) {
       if (done[k] || parts[k].light != light) continue;
       done[k] = true;
       if (!noted[k]) {
-        parts[k].cover(casters_[group.parts[k]], picture_);
+        parts[k].cover(casters_[group.parts[k]], raster_);
         continue;
       }
       const auto known = plane.cover_of(parts[k], mask.cells.size);
       PENUMBRA_ASSERT(known != plane.covers.end());
       known->last_used = plane.times_drawn;
-      picture_.cover(known->cover);
+      raster_.cover(known->cover);
     }
     if (first) {
-      picture_.finish(light, codes);
+      raster_.finish(light, codes);
       first = false;
       continue;
     }
     // Parts with different `light` are combined by their minimum.
-    picture_.finish(light, lighter_codes_);
-    std::ranges::transform(codes, lighter_codes_, codes.begin(),
+    raster_.finish(light, other_values_);
+    std::ranges::transform(codes, other_values_, codes.begin(),
                            [](std::uint8_t a, std::uint8_t b) { return std::min(a, b); });
   }
 }

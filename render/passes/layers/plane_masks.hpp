@@ -100,8 +100,8 @@ class PlaneMasks {
   ViewFrustum frustum_;
   std::map<int, Plane> planes_;
   std::vector<MaskCaster> casters_;
-  MaskRaster picture_;
-  std::vector<std::uint8_t> codes_, lighter_codes_;
+  MaskRaster raster_;
+  std::vector<std::uint8_t> mask_values_, other_values_;
 };
 
 }  // namespace penumbra

@@ -116,7 +116,7 @@ struct ComparedMesh {
 
 std::optional<ShadowProxy> simplified_caster(const ShadowMesh& full) {
   const std::size_t faces = full.indices.size() / 3;
-  if (faces <= kLeastProxyFaces) return std::nullopt;
+  if (faces <= kMinProxyFaces) return std::nullopt;
   const double share = faces > kManyFaces ? kShareOfMany : kShareOfFew;
   const auto target = 3 * static_cast<std::size_t>(share * static_cast<double>(faces));
   std::vector<std::uint32_t> indices(full.indices.size());
@@ -207,7 +207,7 @@ ProxyAgreement compare_with_proxy(const ShadowMesh& full, const ShadowKernels& k
     for (std::size_t i = 0; i < kShadowLayers.size(); ++i) {
       result.iou[at][i] = agreement(whole.layer(whole_vertices, use, kShadowLayers[i]),
                                     reduced.layer(reduced_vertices, use, kShadowLayers[i]));
-      if (!thorough && result.iou[at][i] < kLeastProxyAgreement) return result;
+      if (!thorough && result.iou[at][i] < kMinProxyAgreement) return result;
     }
   }
   return result;

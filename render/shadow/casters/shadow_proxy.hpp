@@ -21,12 +21,12 @@ struct ShadowProxy {
 };
 
 // Meshes with this number of faces or fewer are not reduced.
-inline constexpr std::size_t kLeastProxyFaces = 2000;
-inline constexpr double kLeastProxyAgreement = 0.98;
+inline constexpr std::size_t kMinProxyFaces = 2000;
+inline constexpr double kMinProxyAgreement = 0.98;
 inline constexpr std::array kProxyHeights = {0.2, 0.6};  // height of the middle / h_u
 
 // Reduces a mesh to half of its faces, or to a quarter if it has over 20,000. Returns nullopt for
-// kLeastProxyFaces or fewer, and if the borders prevent a reduction to three quarters.
+// kMinProxyFaces or fewer, and if the borders prevent a reduction to three quarters.
 [[nodiscard]] std::optional<ShadowProxy> simplified_caster(const ShadowMesh& full);
 
 // Makes a proxy of the author's reduced model, in the same object frame.
@@ -38,7 +38,7 @@ struct ProxyAgreement {
   // [index into kProxyHeights][index into kShadowLayers]; 1 if both layers are empty.
   std::array<std::array<double, 3>, 2> iou{};
   [[nodiscard]] double least() const;
-  [[nodiscard]] bool kept() const { return least() >= kLeastProxyAgreement; }
+  [[nodiscard]] bool kept() const { return least() >= kMinProxyAgreement; }
 };
 
 // The light, and the scale of the object.

@@ -65,9 +65,9 @@ Result<KernelFile> load_kernel_file(const std::filesystem::path& file) {
   for (std::size_t i = 0; i < list->size(); ++i) {
     const auto value = number_from((*list)[i]);
     if (!value) return fail("{}: kernels[{}]: is not a finite number; give metres", name, i);
-    if (std::abs(*value) > kMaxFileCoordinate_m) {
+    if (std::abs(*value) > kMaxFileCoordinate) {
       return fail("{}: kernels[{}]: {:g} m is farther away than a model may be ({:g} m)", name, i,
-                  *value, kMaxFileCoordinate_m);
+                  *value, kMaxFileCoordinate);
     }
     kernels[i / 3][static_cast<Eigen::Index>(i % 3)] = *value;
     if (i % 3 == 2) bounds.extend(kernels[i / 3]);
@@ -217,8 +217,9 @@ Result<void> attach_kernels_to_scene(Scene& scene, const KernelFile& kernels,
   return {};
 }
 
-KernelFile kernels_to_keep(const Model& model, const ShadowMesh& mesh, const ShadowKernels& kernels,
-                           KernelSource source, std::span<const std::string> groups) {
+KernelFile make_kernel_file(const Model& model, const ShadowMesh& mesh,
+                            const ShadowKernels& kernels, KernelSource source,
+                            std::span<const std::string> groups) {
   KernelFile result;
   result.groups.assign(groups.begin(), groups.end());
   result.up = kernels.up;
@@ -255,7 +256,7 @@ bool has_stored_kernels_for(const ShadowMesh& mesh, const Eigen::Vector3d& up) {
   return own.cross(up).norm() <= std::sin(kKernelTiltRad) * own.norm() * up.norm();
 }
 
-bool complete_radii(ShadowKernels& kernels, const ShadowMesh& mesh, const Eigen::Vector3d& up) {
+bool add_missing_radii(ShadowKernels& kernels, const ShadowMesh& mesh, const Eigen::Vector3d& up) {
   if (kernels.radius.size() == mesh.positions.size()) return false;
   kernels.radius = generate_kernels(mesh, up, KernelSource::automatic).radius;
   return true;

@@ -48,9 +48,9 @@ struct KernelFile {
                                                    const std::string& file);
 
 // Makes the contents of a kernel file. The kernel of a vertex that no face uses is (0, 0, 0).
-[[nodiscard]] KernelFile kernels_to_keep(const Model& model, const ShadowMesh& mesh,
-                                         const ShadowKernels& kernels, KernelSource source,
-                                         std::span<const std::string> groups = {});
+[[nodiscard]] KernelFile make_kernel_file(const Model& model, const ShadowMesh& mesh,
+                                          const ShadowKernels& kernels, KernelSource source,
+                                          std::span<const std::string> groups = {});
 
 // Returns the kernels stored with the mesh.
 [[nodiscard]] ShadowKernels stored_kernels_of(const ShadowMesh& mesh);
@@ -59,13 +59,13 @@ struct KernelFile {
 [[nodiscard]] bool has_stored_kernels_for(const ShadowMesh& mesh, const Eigen::Vector3d& up);
 // Computes the disc radii for `up` if the kernels have none (stored ones). Returns false if they
 // do.
-bool complete_radii(ShadowKernels& kernels, const ShadowMesh& mesh, const Eigen::Vector3d& up);
+bool add_missing_radii(ShadowKernels& kernels, const ShadowMesh& mesh, const Eigen::Vector3d& up);
 
 // Returns the source of the model's stored kernels. Other tilts use the same source.
 [[nodiscard]] KernelSource stored_kernel_source(const Model& model);
 
 // Returns true if kernels of this source have radii, which a light of one size needs.
-[[nodiscard]] inline bool have_thickness(KernelSource source) {
+[[nodiscard]] inline bool have_radii(KernelSource source) {
   return source != KernelSource::centroid;
 }
 

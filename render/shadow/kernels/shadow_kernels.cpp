@@ -50,8 +50,8 @@ struct PlanarKernel {
 
 // Clears left[i] for cells that the disc reaches; returns the number of cleared cells.
 PENUMBRA_VECTOR_CLONES
-std::int32_t take_held(const float* x, const float* y, std::int32_t* __restrict left,
-                       std::size_t count, float disc_x, float disc_y, float squared_reach) {
+std::int32_t clear_reached(const float* x, const float* y, std::int32_t* __restrict left,
+                           std::size_t count, float disc_x, float disc_y, float squared_reach) {
   std::int32_t held = 0;
   for (std::size_t i = 0; i < count; ++i) {
     const float dx = disc_x - x[i];
@@ -170,9 +170,9 @@ class LocalThickness {
     std::size_t left = count - count / 2;
     for (const Disc& disc : discs_.all()) {
       const float reach = disc.radius + 0.5F;
-      const auto held = static_cast<std::size_t>(take_held(samples_.x.data(), samples_.y.data(),
-                                                           samples_.left.data(), count, disc.x,
-                                                           disc.y, reach * reach));
+      const auto held = static_cast<std::size_t>(clear_reached(samples_.x.data(), samples_.y.data(),
+                                                               samples_.left.data(), count, disc.x,
+                                                               disc.y, reach * reach));
       if (held < left) {
         left -= held;
         continue;

@@ -18,38 +18,38 @@ constexpr float kFarthest = 1 << 29;
 void MaskCaster::begin(const OwnFrame& own, double cell) {
   wanted_ = {};
   bounds_.setEmpty();
-  for (std::vector<Place>& faces : faces_) faces.clear();
-  for (std::vector<Place>& sides : sides_) sides.clear();
+  for (std::vector<Position>& faces : faces_) faces.clear();
+  for (std::vector<Position>& sides : sides_) sides.clear();
   T_plane_own_ = own.T_plane_own;
   cell_ = cell;
   first_ = (T_plane_own_.slide / cell).array().floor().cast<std::int64_t>();
 }
 
-std::optional<MaskCaster::Place> MaskCaster::place_of(const PlanePoint& p) const {
+std::optional<MaskCaster::Position> MaskCaster::position_of(const PlanePoint& p) const {
   const Eigen::Vector2d on_plane =
       T_plane_own_ * Eigen::Vector2d(static_cast<double>(p.u), static_cast<double>(p.v));
-  Eigen::Vector2d at = kPlaces * (on_plane / cell_ - first_.cast<double>());
+  Eigen::Vector2d at = kSubcells * (on_plane / cell_ - first_.cast<double>());
   constexpr double kMost = kFarthest;
   if (!(std::abs(at.x()) <= kMost && std::abs(at.y()) <= kMost)) {
     if (!at.allFinite()) return std::nullopt;
     at = at.cwiseMax(-kMost).cwiseMin(kMost);
   }
-  return Place{std::llround(at.x()), std::llround(at.y())};
+  return Position{std::llround(at.x()), std::llround(at.y())};
 }
 
-void MaskCaster::extend_bounds(const Place& place) {
-  bounds_.extend(first_ + Place(place.x() >> kPlaceBits, place.y() >> kPlaceBits));
+void MaskCaster::extend_bounds(const Position& place) {
+  bounds_.extend(first_ + Position(place.x() >> kSubcellBits, place.y() >> kSubcellBits));
 }
 
 void MaskCaster::project_faces(ShadowLayer layer, std::span<const PlanePoint> triangles) {
-  std::vector<Place>& places = faces_[static_cast<std::size_t>(layer)];
+  std::vector<Position>& places = faces_[static_cast<std::size_t>(layer)];
   places.clear();
   places.reserve(triangles.size());
   for (std::size_t i = 0; i + 2 < triangles.size(); i += 3) {
-    const std::array<std::optional<Place>, 3> face = {
-        place_of(triangles[i]), place_of(triangles[i + 1]), place_of(triangles[i + 2])};
+    const std::array<std::optional<Position>, 3> face = {
+        position_of(triangles[i]), position_of(triangles[i + 1]), position_of(triangles[i + 2])};
     if (!face[0] || !face[1] || !face[2]) continue;
-    for (const std::optional<Place>& place : face) {
+    for (const std::optional<Position>& place : face) {
       places.push_back(*place);
       extend_bounds(*place);
     }
@@ -57,19 +57,19 @@ void MaskCaster::project_faces(ShadowLayer layer, std::span<const PlanePoint> tr
 }
 
 void MaskCaster::project_outline(ShadowLayer layer, std::span<const OutlineSide> sides) {
-  std::vector<Place>& places = sides_[static_cast<std::size_t>(layer)];
+  std::vector<Position>& places = sides_[static_cast<std::size_t>(layer)];
   places.clear();
   places.reserve(2 * sides.size());
   for (const OutlineSide& side : sides) {
-    const std::optional<Place> from = place_of(side.from);
-    const std::optional<Place> to = place_of(side.to);
+    const std::optional<Position> from = position_of(side.from);
+    const std::optional<Position> to = position_of(side.to);
     if (!from || !to) {  // a line that isn't closed bounds no area
       places.clear();
       return;
     }
     places.insert(places.end(), {*from, *to});
   }
-  for (const Place& place : places) extend_bounds(place);
+  for (const Position& place : places) extend_bounds(place);
 }
 
 void MaskCaster::project(std::span<const glm::vec3> positions, std::span<const glm::vec3> kernels,
@@ -97,7 +97,7 @@ void MaskCaster::project(std::span<const glm::vec3> positions, std::span<const g
   const auto umbra_height = static_cast<float>(constants.umbra_height);
   const auto inverse_umbra = static_cast<float>(1.0 / constants.umbra_height);
   const auto cap = static_cast<float>(layer_height_range(constants, ShadowLayer::middle).high);
-  const auto places = static_cast<float>(kPlaces / cell);
+  const auto places = static_cast<float>(kSubcells / cell);
 
   images_.resize(positions.size());
   constexpr float kMost = std::numeric_limits<float>::max();
@@ -139,7 +139,7 @@ void MaskCaster::project(std::span<const glm::vec3> positions, std::span<const g
       return lowest >= -kFarthest && highest <= kFarthest && lowest <= highest;
     };
     if (!within(low.u[layer], high.u[layer]) || !within(low.v[layer], high.v[layer])) {
-      clamp_places();
+      clamp_positions();
       return;
     }
     extend_bounds(low.place(layer));
@@ -148,7 +148,7 @@ void MaskCaster::project(std::span<const glm::vec3> positions, std::span<const g
 }
 
 // Faces with a NaN position have an area of NaN, so they do not count as counter-clockwise.
-void MaskCaster::clamp_places() {
+void MaskCaster::clamp_positions() {
   bounds_.setEmpty();
   constexpr float kNone = std::numeric_limits<float>::quiet_NaN();
   for (Images& image : images_) {

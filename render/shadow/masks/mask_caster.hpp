@@ -39,32 +39,33 @@ class MaskCaster {
 
  private:
   friend class MaskRaster;
-  static constexpr int kPlaceBits = 8;
-  static constexpr int kPlaces = 1 << kPlaceBits;  // subdivisions of a cell's side
+  static constexpr int kSubcellBits = 8;
+  static constexpr int kSubcells = 1 << kSubcellBits;  // subdivisions of a cell's side
   // In units of 1/256 cell, relative to the cell under the object's origin.
-  using Place = Eigen::Vector<std::int64_t, 2>;
+  using Position = Eigen::Vector<std::int64_t, 2>;
   // Integral (u, v) of a vertex in each layer. In a wanted layer, both are finite or both are NaN.
   struct Images {
     alignas(16) std::array<float, 4> u;
     alignas(16) std::array<float, 4> v;
-    [[nodiscard]] Place place(std::size_t layer) const {
+    [[nodiscard]] Position place(std::size_t layer) const {
       return {static_cast<std::int64_t>(u[layer]), static_cast<std::int64_t>(v[layer])};
     }
   };
-  void clamp_places();
+  void clamp_positions();
   // Returns nullopt if the point is not finite.
-  [[nodiscard]] std::optional<Place> place_of(const PlanePoint& p) const;
-  void extend_bounds(const Place& place);
+  [[nodiscard]] std::optional<Position> position_of(const PlanePoint& p) const;
+  void extend_bounds(const Position& place);
 
   std::vector<Images> images_;
   std::array<bool, 3> wanted_{};
-  Place first_ = Place::Zero();  // the cell under the object's origin
+  Position first_ = Position::Zero();  // the cell under the object's origin
   CellBox bounds_;
-  std::vector<std::uint8_t> turned_;  // per face: a bit per layer, set if counter-clockwise
+  std::vector<std::uint8_t>
+      counter_clockwise_;  // per face: a bit per layer, set if counter-clockwise
   PlanarMotion T_plane_own_;
   double cell_ = 0.0;
-  std::array<std::vector<Place>, 3> faces_;  // three points each
-  std::array<std::vector<Place>, 3> sides_;  // two points each
+  std::array<std::vector<Position>, 3> faces_;  // three points each
+  std::array<std::vector<Position>, 3> sides_;  // two points each
 };
 
 }  // namespace penumbra

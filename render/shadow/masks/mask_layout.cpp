@@ -10,7 +10,7 @@ namespace {
 // A mask with up to this number of cells along each side is neither split nor clipped, so camera
 // motion does not change it.
 constexpr std::int64_t kCellsOfWhole = 1024;
-constexpr double kMostCells = 1 << 23;  // in all masks of a plane: 8 MiB
+constexpr double kMaxCells = 1 << 23;  // in all masks of a plane: 8 MiB
 // The visible region is rounded to multiples of this: small camera motion does not change it.
 constexpr std::int64_t kCutCells = 256;
 
@@ -39,7 +39,7 @@ CellBox in_cells_of(const CellBox& box, int from, int to) {
 }
 
 // Returns the cells of the visible region, rounded to multiples of kCutCells.
-CellBox seen_cells(const Eigen::AlignedBox2d& seen, double cell) {
+CellBox visible_cells(const Eigen::AlignedBox2d& seen, double cell) {
   const double step = cell * kCutCells;
   const Eigen::Vector2d first = (seen.min() / step).array().floor();
   const Eigen::Vector2d end = (seen.max() / step).array().floor() + 1.0;
@@ -118,16 +118,16 @@ MaskLayout lay_out_masks(std::span<const CellBox> bounds, int half_octave, std::
       if (cut) {
         Eigen::AlignedBox2d of_group;
         for (const std::size_t i : group.parts) of_group.extend(of_part[i].box);
-        box = box.intersection(seen_cells(of_group, cell_size(size)));
+        box = box.intersection(visible_cells(of_group, cell_size(size)));
         if (box.isEmpty()) continue;
       }
       const Eigen::Vector2d sides = box.sizes().cast<double>() + Eigen::Vector2d::Ones();
       cells += sides.prod();
       longest = std::max(longest, box.sizes().maxCoeff() + 1);
-      if (cells > kMostCells || longest > most) break;
+      if (cells > kMaxCells || longest > most) break;
       layout.groups.push_back({group.parts, cells_of(box, cell_size(size)), cut});
     }
-    if (cells <= kMostCells && longest <= most) return layout;
+    if (cells <= kMaxCells && longest <= most) return layout;
   }
 }
 

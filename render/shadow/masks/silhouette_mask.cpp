@@ -13,18 +13,18 @@ namespace penumbra {
 namespace {
 
 constexpr std::int32_t kWhole = 1 << 17;  // a covered cell: twice its area in squared subcells
-// kMostSheets: number of sheets (overlapping faces over a cell) that a sum can hold.
-// kSettledSheets: sums are clamped to this to make room; it is large enough to make the rounding of
+// kMaxSheets: number of sheets (overlapping faces over a cell) that a sum can hold.
+// kClampedSheets: sums are clamped to this to make room; it is large enough to make the rounding of
 // edges negligible.
-constexpr std::size_t kMostSheets = std::numeric_limits<std::int32_t>::max() / kWhole;
-constexpr std::size_t kSettledSheets = 512;
-constexpr std::size_t kSheetsAtOnce = kMostSheets - kSettledSheets;
+constexpr std::size_t kMaxSheets = std::numeric_limits<std::int32_t>::max() / kWhole;
+constexpr std::size_t kClampedSheets = 512;
+constexpr std::size_t kSheetsAtOnce = kMaxSheets - kClampedSheets;
 
 // Computes the factor on the encoded value of cells that layers cover partially.
 PENUMBRA_VECTOR_CLONES
-void codes_of(const std::int32_t* umbra, const std::int32_t* middle, const std::int32_t* penumbra,
-              std::size_t count, float umbra_light, float middle_light, float penumbra_light,
-              std::uint8_t* __restrict codes) {
+void mask_values_of(const std::int32_t* umbra, const std::int32_t* middle,
+                    const std::int32_t* penumbra, std::size_t count, float umbra_light,
+                    float middle_light, float penumbra_light, std::uint8_t* __restrict codes) {
   for (std::size_t i = 0; i < count; ++i) {
     const auto share = [](std::int32_t covered) {
       const std::int32_t area = covered < 0 ? -covered : covered;
@@ -67,12 +67,12 @@ void MaskRaster::begin(const MaskCells& cells) {
 
 void MaskRaster::cover(MaskCaster& caster, std::span<const std::uint32_t> indices,
                        std::span<const SharedEdge> edges) {
-  const CellBox own(Place(cells_.u, cells_.v),
-                    Place(cells_.u + cells_.width - 1, cells_.v + cells_.height - 1));
+  const CellBox own(Position(cells_.u, cells_.v),
+                    Position(cells_.u + cells_.width - 1, cells_.v + cells_.height - 1));
   // Outside the mask, the edges of a closed outline cancel.
   if (!own.intersects(caster.bounds_)) return;
   const std::vector<MaskCaster::Images>& images = caster.images_;
-  std::vector<std::uint8_t>& turned = caster.turned_;
+  std::vector<std::uint8_t>& turned = caster.counter_clockwise_;
   turned.resize(indices.size() / 3);
   const auto wanted = static_cast<std::uint8_t>(
       (caster.wanted_[0] ? 1 : 0) | (caster.wanted_[1] ? 2 : 0) | (caster.wanted_[2] ? 4 : 0));
@@ -98,9 +98,9 @@ void MaskRaster::cover(MaskCaster& caster, std::span<const std::uint32_t> indice
     });
     sheets = std::min(sheets, (static_cast<std::size_t>(outlines) + 1) / 2);
   }
-  const Place first = MaskCaster::kPlaces * (caster.first_ - Place(cells_.u, cells_.v));
+  const Position first = MaskCaster::kSubcells * (caster.first_ - Position(cells_.u, cells_.v));
   if (sheets > kSheetsAtOnce) {
-    cover_turned(caster, indices, first);
+    cover_counter_clockwise(caster, indices, first);
   } else {
     for (std::size_t layer = 0; layer < 3; ++layer) {
       if (caster.wanted_[layer]) make_room(layer, sheets);
@@ -114,16 +114,17 @@ void MaskRaster::cover(MaskCaster& caster, std::span<const std::uint32_t> indice
 }
 
 void MaskRaster::cover_outlines(const MaskCaster& caster, std::span<const SharedEdge> edges,
-                                const Place& first) {
+                                const Position& first) {
   for (const SharedEdge& edge : edges) {
-    const unsigned differ = caster.turned_[edge.forward] ^ caster.turned_[edge.back];
+    const unsigned differ =
+        caster.counter_clockwise_[edge.forward] ^ caster.counter_clockwise_[edge.back];
     if (differ == 0) continue;
     const MaskCaster::Images& from = caster.images_[edge.from];
     const MaskCaster::Images& to = caster.images_[edge.to];
     for (std::size_t layer = 0; layer < 3; ++layer) {
       if ((differ >> layer & 1U) == 0) continue;
       // Uses the edge's direction in the counter-clockwise face.
-      const bool forward = (caster.turned_[edge.forward] >> layer & 1U) != 0;
+      const bool forward = (caster.counter_clockwise_[edge.forward] >> layer & 1U) != 0;
       add_edge(steps_, layer, first + (forward ? from : to).place(layer),
                first + (forward ? to : from).place(layer));
     }
@@ -132,12 +133,13 @@ void MaskRaster::cover_outlines(const MaskCaster& caster, std::span<const Shared
 
 // Covers counter-clockwise faces one by one, because edges of outlines can't be split into batches
 // that the sums can hold.
-void MaskRaster::cover_turned(const MaskCaster& caster, std::span<const std::uint32_t> indices,
-                              const Place& first) {
+void MaskRaster::cover_counter_clockwise(const MaskCaster& caster,
+                                         std::span<const std::uint32_t> indices,
+                                         const Position& first) {
   for (std::size_t layer = 0; layer < 3; ++layer) {
-    for (std::size_t face = 0; face < caster.turned_.size(); ++face) {
-      if ((caster.turned_[face] >> layer & 1U) == 0) continue;
-      std::array<Place, 3> corners;
+    for (std::size_t face = 0; face < caster.counter_clockwise_.size(); ++face) {
+      if ((caster.counter_clockwise_[face] >> layer & 1U) == 0) continue;
+      std::array<Position, 3> corners;
       for (std::size_t corner = 0; corner < 3; ++corner)
         corners[corner] = first + caster.images_[indices[3 * face + corner]].place(layer);
       make_room(layer, 1);
@@ -146,7 +148,8 @@ void MaskRaster::cover_turned(const MaskCaster& caster, std::span<const std::uin
   }
 }
 
-void MaskRaster::cover_faces(std::span<const Place> places, std::size_t layer, const Place& first) {
+void MaskRaster::cover_faces(std::span<const Position> places, std::size_t layer,
+                             const Position& first) {
   std::size_t room_for = 0;
   for (std::size_t i = 0; i + 2 < places.size(); i += 3) {
     if (i == room_for) {
@@ -154,9 +157,9 @@ void MaskRaster::cover_faces(std::span<const Place> places, std::size_t layer, c
       make_room(layer, sheets);
       room_for += 3 * sheets;
     }
-    std::array<Place, 3> p = {first + places[i], first + places[i + 1], first + places[i + 2]};
-    const Place b = p[1] - p[0];
-    const Place c = p[2] - p[0];
+    std::array<Position, 3> p = {first + places[i], first + places[i + 1], first + places[i + 2]};
+    const Position b = p[1] - p[0];
+    const Position c = p[2] - p[0];
     const std::int64_t area = b.x() * c.y() - c.x() * b.y();
     if (area == 0) continue;
     if (area < 0) {
@@ -169,10 +172,10 @@ void MaskRaster::cover_faces(std::span<const Place> places, std::size_t layer, c
 }
 
 // Traverses an edge in the same direction for both of its faces, so that it is rounded equally.
-void MaskRaster::add_face(Steps& to, std::size_t layer, const std::array<Place, 3>& corners) {
+void MaskRaster::add_face(Steps& to, std::size_t layer, const std::array<Position, 3>& corners) {
   for (std::size_t corner = 0; corner < 3; ++corner) {
-    const Place& a = corners[corner];
-    const Place& b = corners[(corner + 1) % 3];
+    const Position& a = corners[corner];
+    const Position& b = corners[(corner + 1) % 3];
     if (std::pair(a.y(), a.x()) < std::pair(b.y(), b.x())) {
       add_edge(to, layer, a, b);
     } else {
@@ -182,7 +185,8 @@ void MaskRaster::add_face(Steps& to, std::size_t layer, const std::array<Place, 
 }
 
 // Covers closed lines, which add one sheet: none lies inside another of the same orientation.
-void MaskRaster::cover_lines(std::span<const Place> places, std::size_t layer, const Place& first) {
+void MaskRaster::cover_lines(std::span<const Position> places, std::size_t layer,
+                             const Position& first) {
   if (places.empty()) return;
   make_room(layer, 1);
   for (std::size_t i = 0; i + 1 < places.size(); i += 2)
@@ -190,14 +194,14 @@ void MaskRaster::cover_lines(std::span<const Place> places, std::size_t layer, c
 }
 
 void MaskRaster::make_room(std::size_t layer, std::size_t sheets) {
-  if (sheets_[layer] + sheets > kMostSheets) settle();
+  if (sheets_[layer] + sheets > kMaxSheets) clamp_sums();
   sheets_[layer] += sheets;
-  PENUMBRA_ASSERT(sheets_[layer] <= kMostSheets);
+  PENUMBRA_ASSERT(sheets_[layer] <= kMaxSheets);
 }
 
-// Clamps sums to kSettledSheets; covered cells stay covered.
-void MaskRaster::settle() {
-  static constexpr auto kMost = static_cast<std::int32_t>(kSettledSheets) * kWhole;
+// Clamps sums to kClampedSheets; covered cells stay covered.
+void MaskRaster::clamp_sums() {
+  static constexpr auto kMost = static_cast<std::int32_t>(kClampedSheets) * kWhole;
   const auto settle_row = [](std::array<std::int32_t, 4>* steps,
                              std::span<const std::uint8_t> touched) {
     std::array<std::int32_t, 3> sum{};
@@ -217,7 +221,7 @@ void MaskRaster::settle() {
     settle_row(&steps_[begin], touched);
     if (has_back_) settle_row(&back_[begin], touched);
   }
-  for (std::size_t& held : sheets_) held = std::min(held, kSettledSheets);
+  for (std::size_t& held : sheets_) held = std::min(held, kClampedSheets);
 }
 
 void MaskRaster::cover(const MaskCover& cover) {
@@ -246,7 +250,7 @@ void MaskRaster::take(MaskCover& cover) {
   cover.steps_.clear();
   cover.back_.clear();
   // Other masks need room for the sheets of this cover.
-  if (std::ranges::max(sheets_) > kSheetsAtOnce) settle();
+  if (std::ranges::max(sheets_) > kSheetsAtOnce) clamp_sums();
   cover.sheets_ = sheets_;
   for (int v = 0; v < cells_.height; ++v) {
     const std::size_t row = static_cast<std::size_t>(v) * row_cells_;
@@ -261,36 +265,36 @@ void MaskRaster::take(MaskCover& cover) {
 }
 
 // Splits the edge at the borders of the mask's rows.
-void MaskRaster::add_edge(Steps& sums, std::size_t layer, const Place& from, const Place& to,
+void MaskRaster::add_edge(Steps& sums, std::size_t layer, const Position& from, const Position& to,
                           int sign) {
-  const std::int64_t right = std::int64_t{MaskCaster::kPlaces} * cells_.width;
-  const std::int64_t bottom = std::int64_t{MaskCaster::kPlaces} * cells_.height;
+  const std::int64_t right = std::int64_t{MaskCaster::kSubcells} * cells_.width;
+  const std::int64_t bottom = std::int64_t{MaskCaster::kSubcells} * cells_.height;
   const std::int64_t v0 = from.y();
   const std::int64_t v1 = to.y();
   if (v0 == v1 || std::max(v0, v1) <= 0 || std::min(v0, v1) >= bottom) return;
   if (std::min(from.x(), to.x()) >= right) return;
   const bool down = v1 > v0;
-  const std::int64_t first_row = (down ? v0 : v0 - 1) >> MaskCaster::kPlaceBits;
-  if (first_row == (down ? v1 - 1 : v1) >> MaskCaster::kPlaceBits) {  // most edges
+  const std::int64_t first_row = (down ? v0 : v0 - 1) >> MaskCaster::kSubcellBits;
+  if (first_row == (down ? v1 - 1 : v1) >> MaskCaster::kSubcellBits) {  // most edges
     add_in_row(sums, layer, sign, first_row, from, to);
     return;
   }
   const std::int64_t rise = down ? v1 - v0 : v0 - v1;
   const std::int64_t run = to.x() - from.x();
   const auto row_of = [this](std::int64_t v) {
-    return std::clamp<std::int64_t>(v >> MaskCaster::kPlaceBits, 0, cells_.height - 1);
+    return std::clamp<std::int64_t>(v >> MaskCaster::kSubcellBits, 0, cells_.height - 1);
   };
   const std::int64_t last = row_of(down ? v1 - 1 : v1);
   // Returns the edge's intersection with a row's border, or its end.
-  const auto at = [&](std::int64_t v) -> Place {
+  const auto at = [&](std::int64_t v) -> Position {
     if (down ? v <= v0 : v >= v0) return from;
     if (down ? v >= v1 : v <= v1) return to;
     return {from.x() + quotient(run * (down ? v - v0 : v0 - v), rise), v};
   };
   std::int64_t row = row_of(down ? v0 : v0 - 1);
-  Place begin = at(MaskCaster::kPlaces * (down ? row : row + 1));
+  Position begin = at(MaskCaster::kSubcells * (down ? row : row + 1));
   for (;; row += down ? 1 : -1) {
-    const Place end = at(MaskCaster::kPlaces * (down ? row + 1 : row));
+    const Position end = at(MaskCaster::kSubcells * (down ? row + 1 : row));
     add_in_row(sums, layer, sign, row, begin, end);
     if (row == last) return;
     begin = end;
@@ -298,7 +302,7 @@ void MaskRaster::add_edge(Steps& sums, std::size_t layer, const Place& from, con
 }
 
 inline void MaskRaster::add_in_row(Steps& sums, std::size_t layer, int sign, std::int64_t row,
-                                   const Place& from, const Place& to) {
+                                   const Position& from, const Position& to) {
   const std::size_t row_begin = static_cast<std::size_t>(row) * row_cells_;
   // Local pointers, because stores of bytes may alias those of the vectors.
   std::array<std::int32_t, 4>* const steps = sums.data() + row_begin;
@@ -306,19 +310,19 @@ inline void MaskRaster::add_in_row(Steps& sums, std::size_t layer, int sign, std
   // `places`: twice the edge's mean position in the cell.
   const auto add = [=](std::int64_t cell, std::int64_t height, std::int64_t places) {
     const auto area = static_cast<std::int32_t>(height * places);
-    const auto whole = static_cast<std::int32_t>(2 * MaskCaster::kPlaces * height);
+    const auto whole = static_cast<std::int32_t>(2 * MaskCaster::kSubcells * height);
     steps[cell][layer] += sign * (whole - area);
     steps[cell + 1][layer] += sign * area;
     touched[cell] = touched[cell + 1] = 1;
   };
   const std::int64_t u0 = from.x();
   const std::int64_t u1 = to.x();
-  const std::int64_t first = u0 >> MaskCaster::kPlaceBits;
-  const std::int64_t last = u1 >> MaskCaster::kPlaceBits;
+  const std::int64_t first = u0 >> MaskCaster::kSubcellBits;
+  const std::int64_t last = u1 >> MaskCaster::kSubcellBits;
   const std::int64_t end_cell = cells_.width - 1;
   const std::int64_t rise = to.y() - from.y();
   if (first == last && first >= 0 && first <= end_cell) {  // most edges
-    add(first, rise, u0 + u1 - 2 * MaskCaster::kPlaces * first);
+    add(first, rise, u0 + u1 - 2 * MaskCaster::kSubcells * first);
     return;
   }
   const bool right = last >= first;
@@ -338,16 +342,16 @@ inline void MaskRaster::add_in_row(Steps& sums, std::size_t layer, int sign, std
   } else if (!right && first > end_cell) {
     if (last > end_cell) return;
     cell = end_cell;
-    done = rise_at(MaskCaster::kPlaces * (cell + 1));
+    done = rise_at(MaskCaster::kSubcells * (cell + 1));
   }
   const std::int64_t stop = right ? std::min(last, end_cell) : std::max<std::int64_t>(last, 0);
   const int step = right ? 1 : -1;
-  const int border = right ? MaskCaster::kPlaces : 0;
+  const int border = right ? MaskCaster::kSubcells : 0;
   for (; right ? cell <= stop : cell >= stop; cell += step) {
-    const std::int64_t corner = MaskCaster::kPlaces * cell;
+    const std::int64_t corner = MaskCaster::kSubcells * cell;
     const std::int64_t next = cell == last ? rise : rise_at(corner + border);
     add(cell, next - done,
-        (cell == first ? u0 - corner : MaskCaster::kPlaces - border) +
+        (cell == first ? u0 - corner : MaskCaster::kSubcells - border) +
             (cell == last ? u1 - corner : border));
     done = next;
   }
@@ -367,8 +371,8 @@ void MaskRaster::finish(const glm::vec3& light, std::span<std::uint8_t> codes) {
   changed_codes_.resize(row_cells_);
   for (std::size_t row = 0; row < height; ++row) {
     const std::size_t count = finish_row(row);
-    codes_of(covered_[0].data(), covered_[1].data(), covered_[2].data(), count, light.x, light.y,
-             light.z, changed_codes_.data());
+    mask_values_of(covered_[0].data(), covered_[1].data(), covered_[2].data(), count, light.x,
+                   light.y, light.z, changed_codes_.data());
     const auto out = codes.begin() + static_cast<std::ptrdiff_t>(row * width);
     for (std::size_t i = 0; i < count; ++i) {
       if (changed_codes_[i] == 255) continue;
@@ -378,7 +382,7 @@ void MaskRaster::finish(const glm::vec3& light, std::span<std::uint8_t> codes) {
   has_back_ = false;
 }
 
-void MaskRaster::finish_shares(const MaskCells& part, std::span<std::uint8_t> rgba) {
+void MaskRaster::finish_coverage(const MaskCells& part, std::span<std::uint8_t> rgba) {
   PENUMBRA_ASSERT(part.size == cells_.size &&
                   rgba.size() == std::size_t{4} * static_cast<std::size_t>(part.width) *
                                      static_cast<std::size_t>(part.height));

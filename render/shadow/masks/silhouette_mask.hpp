@@ -49,28 +49,29 @@ class MaskRaster {
   void finish(const glm::vec3& light, std::span<std::uint8_t> codes);
   // For each cell of `part` (with the same cell size), writes the fractions covered by umbra,
   // middle and penumbra, 0 to 255, in ascending order; the fourth byte is 0. Clears the coverage.
-  void finish_shares(const MaskCells& part, std::span<std::uint8_t> rgba);
+  void finish_coverage(const MaskCells& part, std::span<std::uint8_t> rgba);
 
  private:
   using Steps = std::vector<std::array<std::int32_t, 4>>;
-  using Place = MaskCaster::Place;  // here relative to the mask's corner
+  using Position = MaskCaster::Position;  // here relative to the mask's corner
 
   // `first`: origin of the caster's positions.
   void cover_outlines(const MaskCaster& caster, std::span<const SharedEdge> edges,
-                      const Place& first);
-  void cover_turned(const MaskCaster& caster, std::span<const std::uint32_t> indices,
-                    const Place& first);
-  void cover_faces(std::span<const Place> places, std::size_t layer, const Place& first);
-  void cover_lines(std::span<const Place> places, std::size_t layer, const Place& first);
-  void add_face(Steps& to, std::size_t layer, const std::array<Place, 3>& corners);
+                      const Position& first);
+  void cover_counter_clockwise(const MaskCaster& caster, std::span<const std::uint32_t> indices,
+                               const Position& first);
+  void cover_faces(std::span<const Position> places, std::size_t layer, const Position& first);
+  void cover_lines(std::span<const Position> places, std::size_t layer, const Position& first);
+  void add_face(Steps& to, std::size_t layer, const std::array<Position, 3>& corners);
   // `sign` -1: reverses the edge.
-  void add_edge(Steps& sums, std::size_t layer, const Place& from, const Place& to, int sign = 1);
+  void add_edge(Steps& sums, std::size_t layer, const Position& from, const Position& to,
+                int sign = 1);
   // Adds an edge that lies within one row.
-  void add_in_row(Steps& sums, std::size_t layer, int sign, std::int64_t row, const Place& from,
-                  const Place& to);
+  void add_in_row(Steps& sums, std::size_t layer, int sign, std::int64_t row, const Position& from,
+                  const Position& to);
   // Ensures that a layer's sums can hold this number of further sheets.
   void make_room(std::size_t layer, std::size_t sheets);
-  void settle();
+  void clamp_sums();
   // Sums up a row into changed_ and covered_, then clears it. Returns the number of changes.
   std::size_t finish_row(std::size_t row);
   // Returns the cell of change i, or the end of the row.

@@ -38,8 +38,8 @@ bool inside(const Eigen::Vector2d& p, std::span<const Eigen::Vector2d> outline) 
 }
 
 // Returns the shadow of a point on the plane, or nullopt if it has none there.
-std::optional<Eigen::Vector3d> thrown_onto(const RayReceiver& plane, const Eigen::Vector4d& light,
-                                           const Eigen::Vector3d& point) {
+std::optional<Eigen::Vector3d> shadow_on(const RayReceiver& plane, const Eigen::Vector4d& light,
+                                         const Eigen::Vector3d& point) {
   const double height = light_height(plane.frame, light);
   if (!(height > 0.0)) return std::nullopt;
   const HeightRange range = hard_shadow_range(plane.frame, light);
@@ -107,7 +107,7 @@ std::vector<LightRay> light_rays(std::span<const MarkedVertex> vertices,
     if (!vertex.allFinite()) continue;
     std::optional<Eigen::Vector3d> shadow;
     for (const RayReceiver& plane : planes) {
-      const auto onto = thrown_onto(plane, light, vertex);
+      const auto onto = shadow_on(plane, light, vertex);
       if (!onto) continue;
       if (!shadow || (*onto - vertex).squaredNorm() < (*shadow - vertex).squaredNorm()) {
         shadow = onto;

@@ -27,8 +27,8 @@ HeightRange range_below(const Eigen::Vector3d& to_light, bool local) {
 }
 
 // S = P + (P - L) d_P / (d_L - d_P): exact for points on the plane.
-Eigen::Vector2d thrown(const Eigen::Vector2d& p, double h, const Eigen::Vector3d& to_light,
-                       bool local) {
+Eigen::Vector2d project_from_light(const Eigen::Vector2d& p, double h,
+                                   const Eigen::Vector3d& to_light, bool local) {
   return local ? Eigen::Vector2d(p + (p - to_light.head<2>()) * (h / (to_light.z() - h)))
                : Eigen::Vector2d(p - to_light.head<2>() * (h / to_light.z()));
 }
@@ -45,7 +45,8 @@ HeightRange hard_shadow_range(const PlaneFrame& plane, const Eigen::Vector4d& li
 
 Eigen::Vector2d shadow_point(const PlaneFrame& plane, const Eigen::Vector4d& light,
                              const Eigen::Vector3d& point) {
-  return thrown(point.head<2>(), point.z(), light_on_plane(plane, light), light.w() != 0.0);
+  return project_from_light(point.head<2>(), point.z(), light_on_plane(plane, light),
+                            light.w() != 0.0);
 }
 
 std::vector<PlanePoint> projected_triangles(std::span<const CasterVertex> vertices,
@@ -60,7 +61,7 @@ std::vector<PlanePoint> projected_triangles(std::span<const CasterVertex> vertic
   triangles.reserve(faces.size());
   for (const CasterVertex& vertex : faces) {
     const Eigen::Vector2d p(static_cast<double>(vertex.u), static_cast<double>(vertex.v));
-    const Eigen::Vector2d s = thrown(p, static_cast<double>(vertex.h), to_light, local);
+    const Eigen::Vector2d s = project_from_light(p, static_cast<double>(vertex.h), to_light, local);
     triangles.push_back({static_cast<float>(s.x()), static_cast<float>(s.y())});
   }
   return triangles;

@@ -91,8 +91,8 @@ class PeerStudio {
     glFinish();
     if (glGetError() != GL_NO_ERROR) throw std::runtime_error("OpenGL reports an error");
   }
-  [[nodiscard]] test::Picture picture() const {
-    test::Picture picture{counted::kWidth, counted::kHeight, {}};
+  [[nodiscard]] test::RenderedImage picture() const {
+    test::RenderedImage picture{counted::kWidth, counted::kHeight, {}};
     picture.rgba.resize(std::size_t{4} * counted::kWidth * counted::kHeight);
     framebuffer_->read_rgba(picture.rgba);
     return picture;
@@ -160,7 +160,7 @@ class Studios {
                });
   }
   // Uses plain grey video, so that images differ only in the shadow.
-  test::Picture picture(std::string_view technique) {
+  test::RenderedImage picture(std::string_view technique) {
     const SceneState state = evaluate_scene(*scene_, 0.0);
     const Frame frame = counted::video(counted::Video::plain);
     const FramePlan plan =
@@ -177,7 +177,7 @@ class Studios {
   test::Studio program_;
 };
 
-int write_picture(const test::Picture& picture, const char* file) {
+int write_image(const test::RenderedImage& picture, const char* file) {
   std::ofstream out(file, std::ios::binary);
   out << "P6 " << picture.width << " " << picture.height << " 255\n";
   for (std::size_t i = 0; i < picture.rgba.size(); i += 4)
@@ -192,7 +192,7 @@ struct Choice {
 struct Shadow {
   std::vector<int> lost;  // number of grey levels by which the shadow darkens each pixel
   int darkest = 0;
-  Shadow(const test::Picture& with, const test::Picture& without) {
+  Shadow(const test::RenderedImage& with, const test::RenderedImage& without) {
     for (std::size_t i = 1; i < with.rgba.size(); i += 4) {
       lost.push_back(static_cast<int>(without.rgba[i]) - static_cast<int>(with.rgba[i]));
       darkest = std::max(darkest, lost.back());
@@ -229,7 +229,7 @@ Errors errors_of(const Shadow& shadow, const Shadow& reference) {
 int print_errors() {
   for (const char* shape : {"sphere", "torus"}) {
     Studios studios(shape);
-    const test::Picture bare = studios.picture("bare");
+    const test::RenderedImage bare = studios.picture("bare");
     if (!(bare == studios.picture("none"))) {
       std::fprintf(stderr, "count_soft_shadows: the peers' frame is not the program's\n");
       return 1;
@@ -270,7 +270,7 @@ int main(int argc, char** argv) {
   };
   if (what == "frame" && argc == 4) {
     const auto choice = choice_of(argv[2]);
-    return choice ? write_picture(Studios(choice->shape).picture(choice->technique), argv[3])
+    return choice ? write_image(Studios(choice->shape).picture(choice->technique), argv[3])
                   : misused();
   }
   const auto frames = static_cast<int>(parse_integer(argv[2]).value_or(0));

@@ -119,7 +119,7 @@ int main(int argc, char** argv) {
   }
   std::vector<Frame> frames;
   for (std::size_t i = 0; i < needed; ++i)
-    frames.push_back(test::load_picture(session->listed[i]).value());
+    frames.push_back(test::load_frame_image(session->listed[i]).value());
   for (int i = 4; i < argc; ++i) {
     if (!count(*session, frames, static_cast<std::size_t>(warm), argv[i])) return 1;
   }

@@ -17,7 +17,7 @@ namespace {
 
 constexpr int kMapSide = 512;  // texels; similar to the shadow's size in pixels
 constexpr int kSumUnit = 0, kHeightUnit = 0, kBlockedUnit = 1;
-constexpr int kMostSums = 255;  // maximum value of the stencil
+constexpr int kMaxSums = 255;  // maximum value of the stencil
 
 // Projects a caster's vertex from a point of the light into the map or the image.
 constexpr std::string_view kCasterVertex = R"(
@@ -289,8 +289,8 @@ void SoftShadows::draw_sum(const LensUniforms& lens, const glm::mat4x3& camera_f
     caster_.set("towards_light", glm::vec2(static_cast<float>(r * std::cos(turn)),
                                            static_cast<float>(r * std::sin(turn))));
     // The stencil holds the number of the last sample, so that a sample counts a texel once.
-    if (i > 0 && i % kMostSums == 0) glClear(GL_STENCIL_BUFFER_BIT);
-    glStencilFunc(GL_NOTEQUAL, i % kMostSums + 1, 0xFF);
+    if (i > 0 && i % kMaxSums == 0) glClear(GL_STENCIL_BUFFER_BIT);
+    glStencilFunc(GL_NOTEQUAL, i % kMaxSums + 1, 0xFF);
     glDrawElements(GL_TRIANGLES, index_count_, GL_UNSIGNED_INT, nullptr);
   }
   glDisable(GL_BLEND);

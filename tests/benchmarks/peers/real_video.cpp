@@ -64,7 +64,7 @@ Result<RealVideo> load_real_video(const std::filesystem::path& folder) {
   options.anchor = std::max_element(count.begin(), count.end(), [](const auto& a, const auto& b) {
                      return a.second < b.second;
                    })->first;
-  options.most_frames = static_cast<int>(footage.frames.size());
+  options.max_frames = static_cast<int>(footage.frames.size());
   options.edge_shift = false;
   options.plane = SurveyPlane::anchor;
   const auto survey = survey_tags(footage.camera, seen, options);

@@ -43,7 +43,7 @@ TEST(CountStamp, NamesRemedyForEveryFault) {
   FaultCounter faults("camera");
   FrameStamp stamp;
   stamp.lost_counted = 2;
-  stamp.lost_silent = 3;
+  stamp.lost_by_time = 3;
   stamp.bad_time = true;
   stamp.slower_interval_ns = 66'000'000;
   count_stamp(faults, stamp, StreamFormat());

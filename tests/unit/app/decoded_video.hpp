@@ -14,7 +14,7 @@ extern "C" {
 
 namespace penumbra::test {
 
-struct DecodedPicture {
+struct DecodedImage {
   double time_s = 0.0;
   // planes one after the other, rows without padding; 0RGB32: 4 bytes B G R X per pixel
   std::vector<std::uint8_t> bytes;
@@ -28,7 +28,7 @@ struct DecodedVideo {
   int width = 0, height = 0;
   AVColorSpace color_space = AVCOL_SPC_UNSPECIFIED;
   AVColorRange color_range = AVCOL_RANGE_UNSPECIFIED;
-  std::vector<DecodedPicture> pictures;
+  std::vector<DecodedImage> pictures;
 };
 
 inline DecodedVideo decode_video(const std::filesystem::path& file) {
@@ -52,7 +52,7 @@ inline DecodedVideo decode_video(const std::filesystem::path& file) {
       avcodec_send_packet(decoder, at_end ? nullptr : packet);
       if (!at_end) av_packet_unref(packet);
       while (avcodec_receive_frame(decoder, frame) == 0) {
-        DecodedPicture picture;
+        DecodedImage picture;
         picture.time_s = static_cast<double>(frame->pts) * av_q2d(stream->time_base);
         const bool packed = frame->format == AV_PIX_FMT_0RGB32;
         for (int plane = 0; plane < (packed ? 1 : 3); ++plane) {

@@ -26,7 +26,7 @@ TEST(FrameClock, CountsFromZeroWithDriverTimestamps) {
     const FrameStamp stamp = camera.frame(100 + i, 10 * i);
     EXPECT_EQ(stamp.sequence, i);
     EXPECT_EQ(stamp.timestamp_ns, kStart + 10 * i * kMs);
-    EXPECT_EQ(stamp.lost_counted + stamp.lost_silent, 0U);
+    EXPECT_EQ(stamp.lost_counted + stamp.lost_by_time, 0U);
     EXPECT_FALSE(stamp.bad_time);
   }
 }
@@ -36,7 +36,7 @@ TEST(FrameClock, CountsSequenceGapOnce) {
   (void)camera.frame(5, 0);
   const FrameStamp stamp = camera.frame(9, 40);
   EXPECT_EQ(stamp.lost_counted, 3U);
-  EXPECT_EQ(stamp.lost_silent, 0U);
+  EXPECT_EQ(stamp.lost_by_time, 0U);
   EXPECT_EQ(stamp.sequence, 4U);
 }
 
@@ -45,18 +45,18 @@ TEST(FrameClock, CountsTimestampGapOnceFramesAreRegularAgain) {
   for (std::uint32_t i = 0; i < 20; ++i) (void)camera.frame(i, 10 * i);
   const FrameStamp late = camera.frame(20, 240);
   EXPECT_EQ(late.lost_counted, 0U);
-  EXPECT_EQ(late.lost_silent, 0U);
-  EXPECT_EQ(camera.frame(21, 250).lost_silent, 4U);
-  EXPECT_EQ(camera.frame(22, 260).lost_silent, 0U);
+  EXPECT_EQ(late.lost_by_time, 0U);
+  EXPECT_EQ(camera.frame(21, 250).lost_by_time, 4U);
+  EXPECT_EQ(camera.frame(22, 260).lost_by_time, 0U);
 }
 
 TEST(FrameClock, SumsConsecutiveTimestampGaps) {
   Camera camera;
   for (std::uint32_t i = 0; i < 20; ++i) (void)camera.frame(i, 10 * i);
-  EXPECT_EQ(camera.frame(20, 220).lost_silent, 0U);  // 2 frames missing so far
-  EXPECT_EQ(camera.frame(21, 240).lost_silent, 0U);  // 1 more frame missing
-  EXPECT_EQ(camera.frame(22, 290).lost_silent, 0U);  // 4 more frames missing
-  EXPECT_EQ(camera.frame(23, 300).lost_silent, 7U);
+  EXPECT_EQ(camera.frame(20, 220).lost_by_time, 0U);  // 2 frames missing so far
+  EXPECT_EQ(camera.frame(21, 240).lost_by_time, 0U);  // 1 more frame missing
+  EXPECT_EQ(camera.frame(22, 290).lost_by_time, 0U);  // 4 more frames missing
+  EXPECT_EQ(camera.frame(23, 300).lost_by_time, 7U);
 }
 
 TEST(FrameClock, CountsNoGapForCameraSlowerThanGranted) {
@@ -65,15 +65,15 @@ TEST(FrameClock, CountsNoGapForCameraSlowerThanGranted) {
     int reported = 0;
     for (std::uint32_t i = 0; i < 100; ++i) {
       const FrameStamp stamp = camera.frame(i, interval_ms * i);
-      EXPECT_EQ(stamp.lost_silent, 0U) << interval_ms << " ms, frame " << i;
+      EXPECT_EQ(stamp.lost_by_time, 0U) << interval_ms << " ms, frame " << i;
       if (stamp.slower_interval_ns == 0) continue;
       EXPECT_EQ(stamp.slower_interval_ns, interval_ms * kMs);
       ++reported;
     }
     EXPECT_EQ(reported, 1) << interval_ms;
     // At the slow rate, missing frames are still counted.
-    EXPECT_EQ(camera.frame(100, interval_ms * 103).lost_silent, 0U);
-    EXPECT_EQ(camera.frame(101, interval_ms * 104).lost_silent, 3U);
+    EXPECT_EQ(camera.frame(100, interval_ms * 103).lost_by_time, 0U);
+    EXPECT_EQ(camera.frame(101, interval_ms * 104).lost_by_time, 3U);
   }
 }
 
@@ -83,7 +83,7 @@ TEST(FrameClock, CountsNoGapWhenRateHalves) {
   std::int64_t slower_ns = 0;
   for (std::uint32_t i = 0; i < 50; ++i) {
     const FrameStamp stamp = camera.frame(50 + i, 490 + 20 * (i + 1));
-    EXPECT_EQ(stamp.lost_silent, 0U) << i;
+    EXPECT_EQ(stamp.lost_by_time, 0U) << i;
     slower_ns = std::max(slower_ns, stamp.slower_interval_ns);
   }
   EXPECT_EQ(slower_ns, 20 * kMs);
@@ -94,7 +94,7 @@ TEST(FrameClock, ReportsNoSlowerRateForLossesDriverCounts) {
   for (std::uint32_t i = 0; i < 100; ++i) {
     const FrameStamp stamp = camera.frame(3 * i, 30 * i);
     EXPECT_EQ(stamp.slower_interval_ns, 0);
-    EXPECT_EQ(stamp.lost_silent, 0U);
+    EXPECT_EQ(stamp.lost_by_time, 0U);
     EXPECT_EQ(stamp.lost_counted, i == 0 ? 0U : 2U);
   }
 }
@@ -128,7 +128,7 @@ TEST(FrameClock, ReplacesImplausibleTimestampByArrival) {
     EXPECT_TRUE(stamp.bad_time) << driver_ns;
     EXPECT_EQ(stamp.timestamp_ns, arrival);
     EXPECT_GT(stamp.timestamp_ns, last);
-    EXPECT_EQ(stamp.lost_silent, 0U);
+    EXPECT_EQ(stamp.lost_by_time, 0U);
     last = stamp.timestamp_ns;
   }
 }
@@ -180,7 +180,7 @@ TEST(FrameClock, CountsNoGapAcrossRestart) {
   camera.clock.restart(10 * kMs);
   const FrameStamp stamp = camera.frame(500, 5000);
   EXPECT_EQ(stamp.sequence, 20U);
-  EXPECT_EQ(stamp.lost_counted + stamp.lost_silent, 0U);
+  EXPECT_EQ(stamp.lost_counted + stamp.lost_by_time, 0U);
   EXPECT_EQ(stamp.timestamp_ns, kStart + 5000 * kMs);
 }
 

@@ -53,11 +53,11 @@ TEST(Hud, PrefixesGroupStatusWithItsName) {
 
 TEST(Hud, ListsTechniquesOfNodes) {
   std::vector<HudNode> nodes(3);
-  EXPECT_EQ(technique_in_words(nodes), "layered");
+  EXPECT_EQ(technique_text(nodes), "layered");
   nodes[1].style.kernels = KernelSource::centroid;
   nodes[2].style.technique = ShadowTechnique::simple;
-  EXPECT_EQ(technique_in_words(nodes), "layered, cocl, simple");
-  EXPECT_EQ(technique_in_words({}), "none");
+  EXPECT_EQ(technique_text(nodes), "layered, cocl, simple");
+  EXPECT_EQ(technique_text({}), "none");
 }
 
 // Converts the values of docs/shadows.md#constants in both directions.
@@ -120,20 +120,20 @@ TEST(Hud, ListsTechniquesInHelpInOrderOfTheirKeys) {
 
 TEST(Hud, ListsReasonsForSkippedAndReusedParts) {
   HudState state;
-  EXPECT_TRUE(reasons_in_words(state).empty());
+  EXPECT_TRUE(reason_lines(state).empty());
   state.skipped = {"rotor: outside the view", "leaf: too high for an umbra"};
   state.kept = {"video: the frame is on the GPU already"};
-  EXPECT_THAT(reasons_in_words(state),
+  EXPECT_THAT(reason_lines(state),
               testing::ElementsAre("skipped: rotor: outside the view",
                                    "skipped: leaf: too high for an umbra",
                                    "kept: video: the frame is on the GPU already"));
-  // The HUD shows at most kMostReasons reasons.
-  state.skipped.resize(kMostReasons + 3, "leaf: outside the view");
-  state.kept.resize(kMostReasons, "floor: its mask is that of an earlier picture");
-  const std::vector<std::string> lines = reasons_in_words(state);
-  ASSERT_EQ(lines.size(), 2 * kMostReasons + 1);
-  EXPECT_EQ(lines[kMostReasons - 1], "skipped: leaf: outside the view");
-  EXPECT_EQ(lines[kMostReasons], "skipped: 3 more");
+  // The HUD shows at most kMaxReasons reasons.
+  state.skipped.resize(kMaxReasons + 3, "leaf: outside the view");
+  state.kept.resize(kMaxReasons, "floor: its mask is that of an earlier picture");
+  const std::vector<std::string> lines = reason_lines(state);
+  ASSERT_EQ(lines.size(), 2 * kMaxReasons + 1);
+  EXPECT_EQ(lines[kMaxReasons - 1], "skipped: leaf: outside the view");
+  EXPECT_EQ(lines[kMaxReasons], "skipped: 3 more");
   EXPECT_EQ(lines.back(), "kept: floor: its mask is that of an earlier picture");
 }
 

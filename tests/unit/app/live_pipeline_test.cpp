@@ -18,9 +18,9 @@ namespace {
 using std::chrono::milliseconds;
 
 // A camera that delivers frames when the test passes them.
-class FedCamera final : public LiveSource {
+class ScriptedCamera final : public LiveSource {
  public:
-  explicit FedCamera(double interval_s = 1.0 / 30.0) { format_.interval_s = interval_s; }
+  explicit ScriptedCamera(double interval_s = 1.0 / 30.0) { format_.interval_s = interval_s; }
   void give(const std::string& jpeg) {
     auto bytes = std::make_shared<const std::string>(jpeg);
     CapturedImage image;
@@ -67,21 +67,21 @@ class FedCamera final : public LiveSource {
   bool stopped_ = false;
 };
 
-TrackedFrame as_it_is(const Frame& frame) {
+TrackedFrame track_nothing(const Frame& frame) {
   TrackedFrame tracked;
   tracked.frame = frame;
   return tracked;
 }
 
-void let_go(const CapturedImage& /*image*/) {}
+void release_object(const CapturedImage& /*image*/) {}
 
 class LivePipelineThreading : public testing::TestWithParam<bool> {};
 
 // A frame becomes stale if only damaged images follow it, even though the camera goes on
 // delivering.
 TEST_P(LivePipelineThreading, MarksFrameStaleWhileOthersAreDamaged) {
-  FedCamera camera;
-  LivePipeline pipeline(camera, as_it_is, let_go, GetParam());
+  ScriptedCamera camera;
+  LivePipeline pipeline(camera, track_nothing, release_object, GetParam());
   camera.give(0);
   std::optional<ReadyFrame> ready;
   while (!ready) ready = pipeline.take(milliseconds(50));
@@ -103,8 +103,8 @@ TEST_P(LivePipelineThreading, MarksFrameStaleWhileOthersAreDamaged) {
 }
 
 TEST_P(LivePipelineThreading, KeepsSlowCameraFreshBetweenFrames) {
-  FedCamera camera(1.0);
-  LivePipeline pipeline(camera, as_it_is, let_go, GetParam());
+  ScriptedCamera camera(1.0);
+  LivePipeline pipeline(camera, track_nothing, release_object, GetParam());
   camera.give(0);
   std::optional<ReadyFrame> ready;
   while (!ready) ready = pipeline.take(milliseconds(50));
@@ -119,14 +119,14 @@ INSTANTIATE_TEST_SUITE_P(Threading, LivePipelineThreading, testing::Bool(), [](c
 });
 
 TEST(LivePipeline, EndsWithErrorOfThrowingTracker) {
-  FedCamera camera;
+  ScriptedCamera camera;
   LivePipeline pipeline(
       camera,
       [](const Frame& frame) {
         if (frame.sequence == 1) throw std::runtime_error("the tracker's own");
-        return as_it_is(frame);
+        return track_nothing(frame);
       },
-      let_go, true);
+      release_object, true);
   camera.give(0);
   while (!pipeline.take(milliseconds(50))) {
   }
@@ -142,15 +142,15 @@ TEST(LivePipeline, EndsWithErrorOfThrowingTracker) {
 
 // The next frame drawn is the one that was newest when the previous drawing began.
 TEST(LivePipeline, TakesNoFrameWhileTrackedOneWaits) {
-  FedCamera camera;
+  ScriptedCamera camera;
   std::atomic<int> tracked = 0;
   LivePipeline pipeline(
       camera,
       [&](const Frame& frame) {
         ++tracked;
-        return as_it_is(frame);
+        return track_nothing(frame);
       },
-      let_go, true);
+      release_object, true);
   camera.give(0);
   while (tracked < 1) std::this_thread::yield();
   for (int i = 1; i < 8; ++i) {
@@ -168,8 +168,8 @@ TEST(LivePipeline, TakesNoFrameWhileTrackedOneWaits) {
 // Tracking at the start of a drawing would give a frame that is one drawing old. The test counts
 // frames relative to a drawing's duration, so it does not depend on the machine's speed.
 TEST(LivePipeline, BeginsTrackingLateDuringDraw) {
-  FedCamera camera;
-  LivePipeline pipeline(camera, as_it_is, let_go, true);
+  ScriptedCamera camera;
+  LivePipeline pipeline(camera, track_nothing, release_object, true);
   std::atomic<bool> over = false;
   std::atomic<int> given = 0;
   std::thread feed([&] {
@@ -201,8 +201,8 @@ TEST(LivePipeline, BeginsTrackingLateDuringDraw) {
 
 // The pipeline also stops while its thread waits for its start time.
 TEST(LivePipeline, StopsDuringDraw) {
-  FedCamera camera;
-  LivePipeline pipeline(camera, as_it_is, let_go, true);
+  ScriptedCamera camera;
+  LivePipeline pipeline(camera, track_nothing, release_object, true);
   for (int i = 0; i < 3; ++i) {
     camera.give(i);
     while (!pipeline.take(milliseconds(50))) {

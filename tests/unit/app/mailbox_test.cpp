@@ -34,7 +34,7 @@ TEST(Mailbox, KeepsLastItemAfterCloseAndAcceptsNoMore) {
   box.put(1);
   box.close();
   box.put(2);
-  EXPECT_FALSE(box.hand_over(3));
+  EXPECT_FALSE(box.put_when_empty(3));
   EXPECT_FALSE(box.finished());
   EXPECT_EQ(box.take(milliseconds(0)), 1);
   EXPECT_TRUE(box.finished());
@@ -45,7 +45,7 @@ TEST(Mailbox, KeepsLastItemAfterCloseAndAcceptsNoMore) {
 TEST(Mailbox, DeliversHandedOverItemsInOrder) {
   Mailbox<int> box;
   std::thread giver([&] {
-    for (int i = 0; i < 1000; ++i) ASSERT_TRUE(box.hand_over(i));
+    for (int i = 0; i < 1000; ++i) ASSERT_TRUE(box.put_when_empty(i));
     box.close();
   });
   int expected = 0;
@@ -98,7 +98,7 @@ TEST(Mailbox, LetsProducerWaitForEmptySlot) {
 TEST(Mailbox, WakesWaitingProducerOnClose) {
   Mailbox<int> box;
   box.put(1);
-  std::thread giver([&] { EXPECT_FALSE(box.hand_over(2)); });
+  std::thread giver([&] { EXPECT_FALSE(box.put_when_empty(2)); });
   box.close();
   giver.join();
 }

@@ -203,7 +203,7 @@ TEST_F(Manipulation, KeepsObjectWhenPointerRests) {
     ASSERT_TRUE(dragged);
     EXPECT_LT((dragged->placement.position - taken->placement.position).norm(), 1e-12);
     EXPECT_LT(dragged->placement.rotation.angularDistance(taken->placement.rotation), 1e-7);
-    hands.let_go();
+    hands.release_object();
     EXPECT_FALSE(hands.drag(start));
     EXPECT_EQ(hands.selected(), taken->object) << "still selected";
   }
@@ -214,7 +214,7 @@ TEST_F(Manipulation, PutsSelectedObjectOnTable) {
   const PointerView target = pointer_at({-0.1, -0.15, 0.0});
   EXPECT_FALSE(hands.put(scene(), state(), target)) << "nothing is selected";
   ASSERT_TRUE(hands.take(scene(), state(), pointer_at({0.05, -0.03, 0.25}), DragMode::slide));
-  hands.let_go();
+  hands.release_object();
   const auto put = hands.put(scene(), state(), target);
   ASSERT_TRUE(put);
   EXPECT_LT((put->placement.position - Eigen::Vector3d(-0.1, -0.15, 0.05)).norm(), 1e-6);

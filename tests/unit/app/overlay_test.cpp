@@ -24,7 +24,7 @@ namespace {
 HudState busy_state() {
   HudState state;
   state.live = true;
-  state.has_picture = true;
+  state.has_image = true;
   state.frame = 117;
   state.pose.status = TrackStatus::uncertain;
   state.pose.reason = not_measured("two poses explain the picture");
@@ -51,20 +51,19 @@ HudState busy_state() {
 
 TEST(HudText, ShowsFrameAgeInPlaceOfLatency) {
   HudState state;
-  EXPECT_EQ(age_in_words(state), "");
+  EXPECT_EQ(age_text(state), "");
   EXPECT_TRUE(warnings_of(state).empty());
   state.latency_ms = 48.2;
-  EXPECT_EQ(age_in_words(state), "latency 48 ms");
+  EXPECT_EQ(age_text(state), "latency 48 ms");
   EXPECT_TRUE(warnings_of(state).empty());
   state.stalled_s = 3.21;
-  EXPECT_EQ(age_in_words(state), "the frame is 3.2 s old");
+  EXPECT_EQ(age_text(state), "the frame is 3.2 s old");
   EXPECT_EQ(warnings_of(state).size(), 1U);
   state.recording = HudRecording{"session", 26, 0, std::nullopt};
-  EXPECT_EQ(recording_in_words(*state.recording), "REC session   26 frames");
+  EXPECT_EQ(recording_text(*state.recording), "REC session   26 frames");
   EXPECT_EQ(warnings_of(state).size(), 1U);
   state.recording = HudRecording{"session", 26, 40, "no space left"};
-  EXPECT_EQ(recording_in_words(*state.recording),
-            "recording FAILED: session   26 frames, 40 dropped");
+  EXPECT_EQ(recording_text(*state.recording), "recording FAILED: session   26 frames, 40 dropped");
   EXPECT_EQ(warnings_of(state).back(), "no space left");
 }
 
@@ -158,9 +157,9 @@ TEST_P(HudOverlay, DrawsEveryLayoutAndKeepsFrameVisible) {
 // The debug view shows the image scaled into a window of another aspect ratio.
 TEST_P(HudOverlay, DrawsKernelsAsDotsInDebugView) {
   HudState state;
-  state.has_picture = true;
-  state.picture_width = 320;
-  state.picture_height = 240;
+  state.has_image = true;
+  state.image_width = 320;
+  state.image_height = 240;
   state.kernels_px = {{159.5, 119.5}, {300.0, 200.0}};
   HudActions actions;
   const auto bluish = [](const Shot& shot, int x, int y) {

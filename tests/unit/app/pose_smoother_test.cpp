@@ -138,7 +138,7 @@ TEST(PoseSmoother, FollowsJumpWithoutOvershoot) {
     double before = jump_px;
     for (int i = 0; i < 60; ++i) {
       const SmoothedPose drawn = draw(shifted(jump_px));
-      EXPECT_LE(drawn.offset_px, PoseSmoother::kMostOffset_px);
+      EXPECT_LE(drawn.offset_px, PoseSmoother::kMaxOffset_px);
       EXPECT_LE(drawn.offset_px, before + 1e-9) << "nearer and nearer";
       EXPECT_LE(apart_px(drawn.T_table_camera, shifted(0.0)),
                 apart_px(shifted(jump_px), shifted(0.0)) + 1e-9)
@@ -202,7 +202,7 @@ RC_GTEST_PROP(PoseSmoother, StaysWithinBoundsForAnyMotionAndTimes, ()) {
     const SmoothedPose drawn = smoother.smooth(at, pose);
     RC_ASSERT(drawn.T_table_camera.is_finite());
     RC_ASSERT(std::isfinite(drawn.lag_ms) && drawn.lag_ms >= 0.0);
-    RC_ASSERT(drawn.offset_px >= 0.0 && drawn.offset_px <= PoseSmoother::kMostOffset_px);
+    RC_ASSERT(drawn.offset_px >= 0.0 && drawn.offset_px <= PoseSmoother::kMaxOffset_px);
     // Maximum lag, at the minimum cutoff of 1 Hz: 1 / (2 pi 1 Hz).
     RC_ASSERT(drawn.lag_ms <= 160.0);
     const Vector6d whole = perturbation_between(before, pose);
@@ -243,7 +243,7 @@ RC_GTEST_PROP(PoseSmoother, ReturnsFinitePosesForFiniteInput, ()) {
     RC_ASSERT(pose.is_finite());
     RC_ASSERT(drawn.T_table_camera.is_finite());
     RC_ASSERT(std::isfinite(drawn.lag_ms) && std::isfinite(drawn.offset_px));
-    RC_ASSERT(drawn.offset_px <= PoseSmoother::kMostOffset_px);
+    RC_ASSERT(drawn.offset_px <= PoseSmoother::kMaxOffset_px);
   }
 }
 

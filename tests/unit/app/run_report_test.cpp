@@ -411,7 +411,7 @@ TEST(RunReport, UsesConstantMemoryForManyFrames) {
       run.add_time("latency", {20.0, 0.0});
     }
   };
-  add(2 * RunningStatistics::kMostExact);
+  add(2 * RunningStatistics::kMaxExact);
   const auto before = mallinfo2().uordblks;
   add(20'000);
   // Number of allocated bytes; mallinfo2() counts it exactly.

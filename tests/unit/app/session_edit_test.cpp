@@ -204,9 +204,9 @@ TEST_F(EditedSession, KeepsEditsForNextFrameAfterRedraw) {
   ASSERT_TRUE(session->edit(ObjectPlaced{"object1", test::at(0, 0.1, 0.1), false}));
   EXPECT_TRUE(session->redraw(first.tracked)->edits.empty());
   EXPECT_EQ(step().edits.size(), 1U);
-  EXPECT_EQ(session->edits_so_far().size(), 1U);
+  EXPECT_EQ(session->latest_edits().size(), 1U);
   ASSERT_TRUE(session->edit(ObjectPlaced{"object1", test::at(0, 0.2, 0.1), false}));
-  EXPECT_EQ(session->edits_so_far().size(), 1U) << "the last one of each";
+  EXPECT_EQ(session->latest_edits().size(), 1U) << "the last one of each";
 }
 
 // Replayed edits give the recorded frames, bit for bit.

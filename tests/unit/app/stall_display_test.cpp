@@ -29,7 +29,7 @@ TEST(StreamStall, CoastsPoseThenLosesIt) {
   for (const TrackStatus before : {TrackStatus::tracked, TrackStatus::uncertain}) {
     SCOPED_TRACE(to_string(before));
     StallDisplay silence;
-    silence.saw(frame_with(before, TrackStatus::lost));
+    silence.observe(frame_with(before, TrackStatus::lost));
     const auto early = silence.picture(100 * kMs);
     ASSERT_TRUE(early);
     EXPECT_EQ(early->pose.status, TrackStatus::held);
@@ -53,13 +53,13 @@ TEST(StreamStall, CoastsPoseThenLosesIt) {
 TEST(StreamStall, FadesEachGroupFromItsOwnAge) {
   const double half_s = 0.5 * kHoldSeconds;
   StallDisplay silence;
-  silence.saw(frame_with(TrackStatus::tracked, TrackStatus::held, half_s));
-  const auto silence_ns = static_cast<std::int64_t>(0.6e9 * kHoldSeconds);
-  const auto picture = silence.picture(silence_ns);
+  silence.observe(frame_with(TrackStatus::tracked, TrackStatus::held, half_s));
+  const auto stall_ns = static_cast<std::int64_t>(0.6e9 * kHoldSeconds);
+  const auto picture = silence.picture(stall_ns);
   ASSERT_TRUE(picture);
   EXPECT_EQ(picture->pose.status, TrackStatus::held);
   EXPECT_EQ(picture->groups[0].status, TrackStatus::lost);
-  EXPECT_DOUBLE_EQ(picture->groups[0].age_s, half_s + 1e-9 * static_cast<double>(silence_ns));
+  EXPECT_DOUBLE_EQ(picture->groups[0].age_s, half_s + 1e-9 * static_cast<double>(stall_ns));
   EXPECT_EQ(picture->groups[0].held_from, TrackStatus::uncertain) << "as it was held before";
   EXPECT_TRUE(silence.holds()) << "the table is still drawn";
 }

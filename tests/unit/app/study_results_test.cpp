@@ -73,11 +73,11 @@ TEST(StudyStatistics, ComputesWilsonIntervalOfShare) {
   };
   for (const Known known : {Known{81, 263, 0.2553, 0.3662}, Known{15, 148, 0.0624, 0.1605},
                             Known{0, 20, 0.0, 0.1611}, Known{1, 29, 0.0061, 0.1718}}) {
-    const ShareEstimate share = share_of(known.hits, known.count);
+    const FractionEstimate share = estimate_fraction(known.hits, known.count);
     EXPECT_NEAR(share.interval.low, known.low, 6e-5);
     EXPECT_NEAR(share.interval.high, known.high, 6e-5);
   }
-  EXPECT_EQ(share_of(20, 20).interval.high, 1.0);
+  EXPECT_EQ(estimate_fraction(20, 20).interval.high, 1.0);
 }
 
 StudyDesign design_of(int participant) {
@@ -243,7 +243,7 @@ TEST(StudySummary, CountsAnswersOfOneParticipantOrParticipants) {
   EXPECT_DOUBLE_EQ(summary[0].response_time_s->median, 5.5);
   EXPECT_DOUBLE_EQ(summary[0].response_time_s->interval->low, 2.0);
   EXPECT_DOUBLE_EQ(summary[0].response_time_s->interval->high, 9.0);
-  EXPECT_DOUBLE_EQ(summary[0].wrong_share, 0.2);
+  EXPECT_DOUBLE_EQ(summary[0].wrong_fraction, 0.2);
   EXPECT_EQ(summary[1].answers, 0);
   EXPECT_FALSE(summary[1].response_time_s);
   // Adds six participants with different medians, one of whom gave far more answers.
@@ -257,7 +257,7 @@ TEST(StudySummary, CountsAnswersOfOneParticipantOrParticipants) {
   EXPECT_DOUBLE_EQ(summary[0].response_time_s->median, 41.0);  // median of 5.5, 21, 31, ... 71
   EXPECT_DOUBLE_EQ(summary[0].response_time_s->interval->low, 5.5);
   EXPECT_DOUBLE_EQ(summary[0].response_time_s->interval->high, 71.0);
-  EXPECT_DOUBLE_EQ(summary[0].wrong_share, 0.0);
+  EXPECT_DOUBLE_EQ(summary[0].wrong_fraction, 0.0);
   const std::string csv = summary_csv("s", summary);
   EXPECT_NE(csv.find("\ns,layered,7,1025,41.000000,5.500000,71.000000,0.000000,"),
             std::string::npos)

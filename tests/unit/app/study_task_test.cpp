@@ -126,7 +126,7 @@ TEST(StudyTask, RecordsDragWhenBallIsReleasedNearTarget) {
     const Eigen::Vector3d lift(0.0, 0.0, target.z() + off.z() - ball.z());
     for (const bool up : {false, true}) {
       const PointerView taken = bench.at(ball);
-      const auto picked = pick(bench.scene_, takeable(bench.scene_), taken.ray);
+      const auto picked = pick(bench.scene_, pickable_state(bench.scene_), taken.ray);
       ASSERT_TRUE(picked);
       const Eigen::Vector3d point =
           taken.ray.origin + picked->distance * taken.ray.direction + (up ? lift : slide);

@@ -95,7 +95,7 @@ class Host : public ViewerHost {
   void describe(HudState& state, bool debug) const override {
     ++described;
     debug_asked = debug;
-    state.has_picture = true;
+    state.has_image = true;
     state.trouble = trouble;
   }
 

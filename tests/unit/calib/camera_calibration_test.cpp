@@ -123,12 +123,12 @@ TEST(CameraCalibrator, FreesSurplusPicturesOfLongSweep) {
   CalibrationOptions options;
   options.model = DistortionModel::plumb_bob;
   options.shape = BoardShape::rigid;
-  options.most_views = 8;
+  options.max_views = 8;
   auto calibrator =
       CameraCalibrator::create(tag_target(TagMap::make(board).value()).value(), options);
   for (const GreyImage& image : sweep) {
     EXPECT_TRUE(calibrator->add("a picture", image.view()));
-    EXPECT_LE(calibrator->images_in_memory(), 2 * options.most_views);
+    EXPECT_LE(calibrator->images_in_memory(), 2 * options.max_views);
   }
   std::vector<SolvingStep> steps;
   const auto found =
@@ -142,8 +142,8 @@ TEST(CameraCalibrator, FreesSurplusPicturesOfLongSweep) {
   EXPECT_EQ(steps[4].what, "plumb_bob, rigid board");
   EXPECT_EQ(found->solution.views.size(), 8U);
   int surplus = 0;
-  for (const CalibrationPicture& picture : found->pictures) {
-    if (picture.reason != PictureRejection::surplus) continue;
+  for (const CalibrationImage& picture : found->pictures) {
+    if (picture.reason != ImageRejection::surplus) continue;
     ++surplus;
     EXPECT_EQ(picture.luma.capacity() + picture.view.corners.capacity(), 0U);
   }
@@ -152,15 +152,15 @@ TEST(CameraCalibrator, FreesSurplusPicturesOfLongSweep) {
 }
 
 TEST(ReportedRejections, ListOneImagePerRepeatedReason) {
-  std::vector<CalibrationPicture> pictures(8);
-  pictures[1].reason = PictureRejection::blurred;
-  for (const std::size_t i : {2U, 4U, 5U}) pictures[i].reason = PictureRejection::surplus;
-  for (const std::size_t i : {3U, 7U}) pictures[i].reason = PictureRejection::seen_before;
+  std::vector<CalibrationImage> pictures(8);
+  pictures[1].reason = ImageRejection::blurred;
+  for (const std::size_t i : {2U, 4U, 5U}) pictures[i].reason = ImageRejection::surplus;
+  for (const std::size_t i : {3U, 7U}) pictures[i].reason = ImageRejection::seen_before;
   using Told = std::vector<std::optional<int>>;
   const std::nullopt_t no = std::nullopt;
-  EXPECT_EQ(pictures_to_report(pictures, 3), (Told{no, 0, 0, 0, 0, 0, no, 0}));
-  EXPECT_EQ(pictures_to_report(pictures, 2), (Told{no, 0, 2, 0, no, no, no, 0}));
-  EXPECT_EQ(pictures_to_report(pictures, 1), (Told{no, 0, 2, 1, no, no, no, no}));
+  EXPECT_EQ(images_to_report(pictures, 3), (Told{no, 0, 0, 0, 0, 0, no, 0}));
+  EXPECT_EQ(images_to_report(pictures, 2), (Told{no, 0, 2, 0, no, no, no, 0}));
+  EXPECT_EQ(images_to_report(pictures, 1), (Told{no, 0, 2, 1, no, no, no, no}));
 }
 
 // Tags printed at another size than in the file, and corner shifts with another cause.

@@ -191,7 +191,7 @@ CameraPose tilted(double degrees) {
 }
 
 // A calibration with a small covariance everywhere in the image.
-CameraCalibration sure_of_itself() {
+CameraCalibration confident_calibration() {
   CameraCalibration c;
   c.solution.camera = test::desk_camera();
   c.solution.covariance = 1e-12 * Eigen::MatrixXd::Identity(9, 9);
@@ -200,7 +200,7 @@ CameraCalibration sure_of_itself() {
   c.solution.views[0].T_board_camera = tilted(60.0);
   c.held_out_px = 0.5;
   for (int k = 0; k < 12; ++k) {
-    CalibrationPicture image;
+    CalibrationImage image;
     image.solved = k;
     for (int i = 0; i < 108; ++i) {
       TargetCorner corner;
@@ -218,7 +218,7 @@ CameraCalibration sure_of_itself() {
 }
 
 TEST(CalibrationVerdict, IsPoorWhenNonMonotonicLensFitsBetter) {
-  CameraCalibration c = sure_of_itself();
+  CameraCalibration c = confident_calibration();
   judge(c);
   ASSERT_EQ(c.grade, CalibrationGrade::good) << c.verdict;
   ModelTrial folds;
@@ -231,7 +231,7 @@ TEST(CalibrationVerdict, IsPoorWhenNonMonotonicLensFitsBetter) {
   EXPECT_THAT(c.verdict, HasSubstr("rational_polynomial explains the views better (0.200 px)"));
   EXPECT_THAT(c.verdict, HasSubstr("non-monotonic near the top left"));
   // The rejected lens is not better, so the chosen one is rated good.
-  c = sure_of_itself();
+  c = confident_calibration();
   folds.held_out_px = 0.5;
   c.trials.push_back(folds);
   judge(c);
@@ -239,7 +239,7 @@ TEST(CalibrationVerdict, IsPoorWhenNonMonotonicLensFitsBetter) {
 }
 
 TEST(CalibrationVerdict, IncludesSpreadOfEquallyGoodLenses) {
-  CameraCalibration c = sure_of_itself();
+  CameraCalibration c = confident_calibration();
   ModelTrial other = c.trials.front();
   other.chosen = false;
   CameraParameters p = other.camera.parameters();
@@ -257,7 +257,7 @@ TEST(CalibrationVerdict, IncludesSpreadOfEquallyGoodLenses) {
 
 // The verdict must contain advice even if the projection is uncertain everywhere.
 TEST(CalibrationVerdict, GivesAdviceWhenProjectionIsUnknown) {
-  CameraCalibration c = sure_of_itself();
+  CameraCalibration c = confident_calibration();
   c.solution.covariance = std::numeric_limits<double>::infinity() * Eigen::MatrixXd::Ones(9, 9);
   judge(c);
   EXPECT_EQ(c.grade, CalibrationGrade::poor);
@@ -266,7 +266,7 @@ TEST(CalibrationVerdict, GivesAdviceWhenProjectionIsUnknown) {
 }
 
 TEST(CalibrationVerdict, LimitsRivalDifferencesOutsideSeenArea) {
-  CameraCalibration c = sure_of_itself();
+  CameraCalibration c = confident_calibration();
   ModelTrial other = c.trials.front();
   other.chosen = false;
   other.rival = true;
@@ -276,7 +276,7 @@ TEST(CalibrationVerdict, LimitsRivalDifferencesOutsideSeenArea) {
   c.trials.push_back(other);
   judge(c);
   const double everywhere = c.uncertainty.largest_px;
-  for (CalibrationPicture& image : c.pictures) {
+  for (CalibrationImage& image : c.pictures) {
     std::erase_if(image.view.corners, [](const TargetCorner& corner) {
       return (corner.pixel - Eigen::Vector2d(320.0, 240.0)).norm() > 200.0;
     });
@@ -291,7 +291,7 @@ TEST(CalibrationVerdict, LimitsRivalDifferencesOutsideSeenArea) {
 // Two lens models may agree by chance on a curve outside the observed area; that agreement is no
 // evidence.
 TEST(CalibrationVerdict, KeepsUncertaintyWhereRivalLensesCross) {
-  CameraCalibration c = sure_of_itself();
+  CameraCalibration c = confident_calibration();
   ModelTrial other = c.trials.front();
   other.chosen = false;
   other.rival = true;
@@ -301,7 +301,7 @@ TEST(CalibrationVerdict, KeepsUncertaintyWhereRivalLensesCross) {
   p.distortion[0] -= 0.1;
   other.camera = CameraModel::make(p).value();
   c.trials.push_back(other);
-  for (CalibrationPicture& image : c.pictures) {
+  for (CalibrationImage& image : c.pictures) {
     std::erase_if(image.view.corners, [](const TargetCorner& corner) {
       return (corner.pixel - Eigen::Vector2d(320.0, 240.0)).norm() > 120.0;
     });
@@ -318,7 +318,7 @@ TEST(CalibrationVerdict, KeepsUncertaintyWhereRivalLensesCross) {
 
 TEST(CalibrationVerdict, AdvisesNextViews) {
   // The views have too little tilt, then nearly enough.
-  CameraCalibration c = sure_of_itself();
+  CameraCalibration c = confident_calibration();
   c.solution.views[0].T_board_camera = tilted(39.9);
   c.solution.covariance *= 1e8;
   judge(c);
@@ -326,7 +326,7 @@ TEST(CalibrationVerdict, AdvisesNextViews) {
   EXPECT_THAT(c.verdict, HasSubstr("differ by more than 39 degrees, 40 are good"));
   EXPECT_THAT(c.verdict, testing::Not(HasSubstr("take more views")));
   // No single fault: the advice names the most informative view.
-  c = sure_of_itself();
+  c = confident_calibration();
   c.solution.covariance *= 1e8;
   judge(c);
   EXPECT_NE(c.grade, CalibrationGrade::good) << c.verdict;
@@ -334,8 +334,8 @@ TEST(CalibrationVerdict, AdvisesNextViews) {
   EXPECT_THAT(c.verdict, HasSubstr("; take more views: from near"));
   EXPECT_EQ(c.advice.size(), 1U);
   // Parts of the image have no corner, or a single one.
-  c = sure_of_itself();
-  for (CalibrationPicture& image : c.pictures) {
+  c = confident_calibration();
+  for (CalibrationImage& image : c.pictures) {
     std::erase_if(image.view.corners, [&](const TargetCorner& corner) {
       const bool top = corner.pixel.y() < 160.0;
       return (top && corner.pixel.x() < 214.0) ||

@@ -80,9 +80,9 @@ TEST_F(TagSurveyTest, RejectsImplausiblyLargeEdgeShift) {
 }
 
 // Runs a complete survey: images, detection, first survey, edges, second survey.
-Result<TagSurvey> survey_pictures(const CameraModel& camera, const std::vector<MappedTag>& board,
-                                  const std::vector<GreyImage>& images,
-                                  const SurveyOptions& options) {
+Result<TagSurvey> survey_images(const CameraModel& camera, const std::vector<MappedTag>& board,
+                                const std::vector<GreyImage>& images,
+                                const SurveyOptions& options) {
   TagDetector detector = TagDetector::create(std::array{TagFamily::tag36h11}).value();
   std::vector<SurveyFrame> frames;
   for (const GreyImage& image : images) frames.push_back({detector.detect(image.view()), {}});
@@ -94,8 +94,8 @@ Result<TagSurvey> survey_pictures(const CameraModel& camera, const std::vector<M
   return survey_tags(camera, frames, options);
 }
 
-std::vector<GreyImage> pictures_of(const CameraModel& camera, const std::vector<MappedTag>& board,
-                                   int count, std::uint64_t seed) {
+std::vector<GreyImage> render_views(const CameraModel& camera, const std::vector<MappedTag>& board,
+                                    int count, std::uint64_t seed) {
   PatternRenderer renderer = PatternRenderer::create(camera, board).value();
   std::vector<GreyImage> images;
   for (int k = 0; k < count; ++k) {
@@ -113,8 +113,8 @@ std::vector<GreyImage> pictures_of(const CameraModel& camera, const std::vector<
 }
 
 TEST_F(TagSurveyTest, RemovesCameraResponseBiasByEdges) {
-  const auto images = pictures_of(camera_, board_, 12, 1);
-  const auto survey = survey_pictures(camera_, board_, images, options_);
+  const auto images = render_views(camera_, board_, 12, 1);
+  const auto survey = survey_images(camera_, board_, images, options_);
   ASSERT_TRUE(survey) << survey.error().message;
   EXPECT_LT(survey->rms_px, 0.06);
   // On these images, the detector's corners alone would increase the tags' spacing by 0.4 mm.

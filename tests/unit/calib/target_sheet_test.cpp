@@ -77,13 +77,13 @@ TEST(TargetSheet, PrintsAnyPageFamilyAndLayoutAtTrueScale) {
 }
 
 // A page as printed, detected with the target file written with it.
-struct SheetInHand {
+struct DetectedSheet {
   Target target;
   TargetView view;
   Frame frame;
 };
 
-SheetInHand printed(const SheetTarget& sheet, const PageSize& page) {
+DetectedSheet printed(const SheetTarget& sheet, const PageSize& page) {
   const test::TemporaryFolder folder;
   const auto pdf = folder.path() / "sheet.pdf";
   const auto file = folder.path() / "target.yaml";
@@ -91,7 +91,7 @@ SheetInHand printed(const SheetTarget& sheet, const PageSize& page) {
   EXPECT_TRUE(written) << written.error().message;
   const auto saved = save_target(file, sheet);
   EXPECT_TRUE(saved) << saved.error().message;
-  SheetInHand hand{load_target(file).value(), {}, rendered(pdf)};
+  DetectedSheet hand{load_target(file).value(), {}, rendered(pdf)};
   std::vector<std::uint8_t> scratch;
   TargetDetector detector = TargetDetector::create(hand.target).value();
   hand.view = detector.detect(luma(hand.frame, scratch));
@@ -102,7 +102,7 @@ class PrintedSheet : public testing::TestWithParam<std::pair<SheetTarget, const 
 
 // Fits only the page's position and rotation, not its scale.
 TEST_P(PrintedSheet, MatchesItsTargetFile) {
-  const SheetInHand hand =
+  const DetectedSheet hand =
       printed(GetParam().first, page_size_from_string(GetParam().second).value());
   EXPECT_EQ(hand.view.problem, "");
   ASSERT_EQ(hand.view.corners.size(), hand.target.points.size()) << "every point is found";
@@ -147,7 +147,7 @@ INSTANTIATE_TEST_SUITE_P(
 
 // The ends of the ruler are the first and last dark pixels of the longest dark row below the board.
 TEST_P(PrintedSheet, HasRulerOfHundredMillimetres) {
-  const SheetInHand hand =
+  const DetectedSheet hand =
       printed(GetParam().first, page_size_from_string(GetParam().second).value());
   std::vector<std::uint8_t> scratch;
   const ImageView page = luma(hand.frame, scratch);
@@ -249,7 +249,7 @@ TEST_P(PrintedSheet, HasTitle) {
 // Expects marks on the page's edges at the height and breadth of the board's centre (computed from
 // the detected corners), and no other ink on the edges.
 void expect_axes(const SheetTarget& target, double x_mark_m, double y_mark_m, double half_m) {
-  const SheetInHand hand = printed(target, page_size_from_string("a4").value());
+  const DetectedSheet hand = printed(target, page_size_from_string("a4").value());
   Eigen::Vector2d centre = Eigen::Vector2d::Zero();
   for (const TargetCorner& corner : hand.view.corners) centre += corner.pixel;
   centre /= static_cast<double>(hand.view.corners.size());

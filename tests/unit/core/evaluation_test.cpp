@@ -108,7 +108,7 @@ TEST(Evaluation, MatchesHandComputedRecording) {
   EXPECT_EQ(e.frames_estimated, 5);
   EXPECT_EQ(e.frames_judged, 4);
   EXPECT_EQ(e.frames_with_pose, 4);
-  EXPECT_EQ(e.frames_not_judged[static_cast<std::size_t>(NotJudged::outside_truth)], 1);
+  EXPECT_EQ(e.frames_not_judged[static_cast<std::size_t>(NotEvaluated::outside_truth)], 1);
   EXPECT_NEAR(e.translation_mm.max, 2.0, 1e-9);
   EXPECT_NEAR(e.translation_mm.median, 1.5, 1e-9);
   EXPECT_NEAR(e.rotation_deg.max, 0.0, 1e-9);
@@ -179,8 +179,8 @@ TEST(Evaluation, CountsUnjudgedFramesByCause) {
   EXPECT_EQ(e.frames_estimated, 8);
   EXPECT_EQ(e.frames_judged, 3);
   EXPECT_EQ(e.frames_with_pose, 3);
-  EXPECT_EQ(e.frames_not_judged[static_cast<std::size_t>(NotJudged::outside_truth)], 3);
-  EXPECT_EQ(e.frames_not_judged[static_cast<std::size_t>(NotJudged::gap_too_long)], 2);
+  EXPECT_EQ(e.frames_not_judged[static_cast<std::size_t>(NotEvaluated::outside_truth)], 3);
+  EXPECT_EQ(e.frames_not_judged[static_cast<std::size_t>(NotEvaluated::gap_too_long)], 2);
   EXPECT_EQ(evaluate(pinhole(), estimated, truth, {.max_gap_ns = 200'000'000}).frames_judged, 5);
 }
 

@@ -64,22 +64,22 @@ TEST(Pairing, NamesReasonForMissingTruePose) {
   Trajectory truth = even_motion(3, 50 * kMs);  // poses from 0 to 100 ms
   truth.poses.push_back({300 * kMs, at_x(0.3), {}});
   EXPECT_TRUE(pose_at(truth, 60 * kMs, kMaxGap));
-  EXPECT_EQ(pose_at(truth, 200 * kMs, kMaxGap).error(), NotJudged::gap_too_long);
+  EXPECT_EQ(pose_at(truth, 200 * kMs, kMaxGap).error(), NotEvaluated::gap_too_long);
   EXPECT_TRUE(pose_at(truth, 200 * kMs, 200 * kMs)) << "a gap of exactly the longest";
-  EXPECT_EQ(pose_at(truth, 200 * kMs, 200 * kMs - 1).error(), NotJudged::gap_too_long);
+  EXPECT_EQ(pose_at(truth, 200 * kMs, 200 * kMs - 1).error(), NotEvaluated::gap_too_long);
   // Extrapolates up to 10 ms beyond the end, but not beside a long gap.
   EXPECT_NEAR(pose_at(truth, -10 * kMs, kMaxGap)->translation().x(), -0.01, 1e-12);
-  EXPECT_EQ(pose_at(truth, -10 * kMs - 1, kMaxGap).error(), NotJudged::outside_truth);
-  EXPECT_EQ(pose_at(truth, 302 * kMs, kMaxGap).error(), NotJudged::outside_truth);
+  EXPECT_EQ(pose_at(truth, -10 * kMs - 1, kMaxGap).error(), NotEvaluated::outside_truth);
+  EXPECT_EQ(pose_at(truth, 302 * kMs, kMaxGap).error(), NotEvaluated::outside_truth);
   // Without interpolation, uses a pose that is at most 1 ms away.
   EXPECT_EQ(pose_at(truth, 300 * kMs + kMs, kMaxGap)->translation().x(), 0.3);
   EXPECT_EQ(pose_at(truth, 100 * kMs + kMs, kMaxGap)->translation().x(), 0.1);
-  EXPECT_EQ(pose_at(truth, 101 * kMs + 1, kMaxGap).error(), NotJudged::gap_too_long);
-  EXPECT_EQ(pose_at(Trajectory{}, 0, kMaxGap).error(), NotJudged::outside_truth);
+  EXPECT_EQ(pose_at(truth, 101 * kMs + 1, kMaxGap).error(), NotEvaluated::gap_too_long);
+  EXPECT_EQ(pose_at(Trajectory{}, 0, kMaxGap).error(), NotEvaluated::outside_truth);
   Trajectory one;
   one.poses = {truth.poses[0]};
   EXPECT_TRUE(pose_at(one, 0, kMaxGap));
-  EXPECT_EQ(pose_at(one, 2 * kMs, kMaxGap).error(), NotJudged::outside_truth);
+  EXPECT_EQ(pose_at(one, 2 * kMs, kMaxGap).error(), NotEvaluated::outside_truth);
 }
 
 TEST(Pairing, ExtrapolatesHalfIntervalAtMostTenMilliseconds) {
@@ -98,14 +98,14 @@ TEST(Pairing, ExtrapolatesHalfIntervalAtMostTenMilliseconds) {
       EXPECT_NEAR(pose->translation().x(), seconds(time), 1e-12);
     }
     for (const std::int64_t time : {-most - 1, last + most + 1, -interval / 2 - 1})
-      EXPECT_EQ(pose_at(truth, time, 2000 * kMs).error(), NotJudged::outside_truth) << interval;
+      EXPECT_EQ(pose_at(truth, time, 2000 * kMs).error(), NotEvaluated::outside_truth) << interval;
   }
 }
 
 TEST(Pairing, TakesOnlyPosesWithinOneMillisecondWithoutGaps) {
   const Trajectory truth = even_motion(10, 10 * kMs);
   EXPECT_EQ(pose_at(truth, 21 * kMs, 0)->translation().x(), 0.02);
-  EXPECT_EQ(pose_at(truth, 25 * kMs, 0).error(), NotJudged::gap_too_long);
+  EXPECT_EQ(pose_at(truth, 25 * kMs, 0).error(), NotEvaluated::gap_too_long);
 }
 
 TEST(Pairing, InterpolatesShortestRotationNearHalfTurns) {

@@ -68,9 +68,9 @@ void expect_near_exact(const std::vector<double>& values) {
 TEST(RunningStatistics, IsExactForFewValues) {
   Draw draw(3);
   std::vector<double> values;
-  for (std::size_t i = 0; i < RunningStatistics::kMostExact; ++i) {
+  for (std::size_t i = 0; i < RunningStatistics::kMaxExact; ++i) {
     values.push_back(draw.log_between(1e-9, 1e9) * (i % 7 == 0 ? -1.0 : 1.0));
-    if (i % 500 > 3 && i + 1 != RunningStatistics::kMostExact) continue;
+    if (i % 500 > 3 && i + 1 != RunningStatistics::kMaxExact) continue;
     const RunningStatistics statistics = running(values);
     const Statistics found = statistics.statistics();
     const Statistics exact = statistics_of(values);
@@ -97,10 +97,10 @@ TEST(RunningStatistics, IsZeroWithoutValues) {
 
 TEST(RunningStatistics, IgnoresNonFiniteValues) {
   RunningStatistics statistics;
-  for (std::size_t i = 0; i < 2 * RunningStatistics::kMostExact; ++i) {
+  for (std::size_t i = 0; i < 2 * RunningStatistics::kMaxExact; ++i) {
     for (const double value : {std::nan(""), kInfinity, -kInfinity, 2.0}) statistics.add(value);
   }
-  EXPECT_EQ(statistics.count(), 2 * RunningStatistics::kMostExact);
+  EXPECT_EQ(statistics.count(), 2 * RunningStatistics::kMaxExact);
   const Statistics s = statistics.statistics();
   for (const double value : {s.rmse, s.median, s.p95, s.max, statistics.mean()}) {
     EXPECT_EQ(value, 2.0);
@@ -111,9 +111,9 @@ TEST(RunningStatistics, IgnoresNonFiniteValues) {
 // magnitude, of all magnitudes, or a few distinct ones.
 RC_GTEST_PROP(RunningStatistics, StaysWithinBinErrorForManyValues, ()) {
   Draw draw(*rc::gen::arbitrary<std::uint64_t>());
-  const std::size_t more[] = {1, 2, 100, 3 * RunningStatistics::kMostExact};
+  const std::size_t more[] = {1, 2, 100, 3 * RunningStatistics::kMaxExact};
   const std::size_t count =
-      RunningStatistics::kMostExact + more[static_cast<std::size_t>(draw.below(4))];
+      RunningStatistics::kMaxExact + more[static_cast<std::size_t>(draw.below(4))];
   const double low = draw.log_between(1e-7, 1e12);
   const double high = low * draw.log_between(1.0, 1e9);
   const auto kinds = 1 + draw.below(5);
@@ -139,7 +139,7 @@ RC_GTEST_PROP(RunningStatistics, StaysFiniteAndOrderedForAnyInput, ()) {
   Draw draw(*rc::gen::arbitrary<std::uint64_t>());
   const bool many = draw() < 0.5;
   RunningStatistics statistics;
-  for (std::size_t i = 0; i < (many ? 2 * RunningStatistics::kMostExact : 20); ++i) {
+  for (std::size_t i = 0; i < (many ? 2 * RunningStatistics::kMaxExact : 20); ++i) {
     const double kind = draw();
     const double sign = draw() < 0.5 ? -1.0 : 1.0;
     statistics.add(sign * (kind < 0.2   ? kHuge

@@ -165,7 +165,7 @@ TEST_F(TrajectoryFile, RoundTripsExactly) {
 }
 
 // Pose of a camera that rotates and moves uniformly.
-CameraPose on_the_way(double t) {
+CameraPose pose_at_time(double t) {
   return {
       Eigen::Quaterniond(Eigen::AngleAxisd(0.9 * t, Eigen::Vector3d(1.0, 2.0, -1.0).normalized())),
       Eigen::Vector3d(0.3 * t, -0.2 * t, 1.0 + 0.1 * t)};
@@ -174,11 +174,11 @@ CameraPose on_the_way(double t) {
 TEST(Trajectory, InterpolatesAndExtrapolatesEvenMotion) {
   Trajectory t;
   for (const double time : {0.0, 0.4, 0.5, 1.1, 1.2})
-    t.poses.push_back({nanoseconds(time), on_the_way(time), {}});
+    t.poses.push_back({nanoseconds(time), pose_at_time(time), {}});
   for (const double time : {-0.3, 0.0, 0.1, 0.4, 0.47, 0.8, 1.13, 1.2, 1.5}) {
     const CameraPose pose = interpolate_pose(t, nanoseconds(time));
-    EXPECT_LT((pose.translation() - on_the_way(time).translation()).norm(), 1e-9) << time;
-    EXPECT_LT(pose.rotation().angularDistance(on_the_way(time).rotation()), 1e-8) << time;
+    EXPECT_LT((pose.translation() - pose_at_time(time).translation()).norm(), 1e-9) << time;
+    EXPECT_LT(pose.rotation().angularDistance(pose_at_time(time).rotation()), 1e-8) << time;
   }
   Trajectory one;
   one.poses = {t.poses[1]};

@@ -16,7 +16,7 @@
 namespace penumbra {
 namespace {
 
-using test::Picture;
+using test::RenderedImage;
 using test::SceneBuilder;
 using test::ShapeBuilder;
 using test::Studio;
@@ -143,7 +143,7 @@ TEST(Compositor, DrawsVideoPixelExactInEveryFormat) {
         for (const ColorMatrix matrix : {ColorMatrix::bt601, ColorMatrix::bt709}) {
           for (const ColorRange range : {ColorRange::full, ColorRange::limited}) {
             const Frame frame = noise_frame(format, width, height, matrix, range);
-            const Picture picture = studio.draw(frame, FramePlan());
+            const RenderedImage picture = studio.draw(frame, FramePlan());
             double worst = 0.0;
             for (int y = 0; y < height; ++y) {
               for (int x = 0; x < width; ++x) {
@@ -259,9 +259,9 @@ TEST(Compositor, DrawsSameFrameOnBothApisAndEveryRun) {
     options.technique = technique;
     for (const CameraPose& pose : views_of(technique)) {
       const FramePlan plan = desktop.plan(test::tracked(pose), options);
-      const Picture picture = desktop.draw(frame, plan);
+      const RenderedImage picture = desktop.draw(frame, plan);
       ASSERT_EQ(picture, again.draw(frame, plan));
-      const Picture other = embedded.draw(frame, plan);
+      const RenderedImage other = embedded.draw(frame, plan);
       int over = 0;
       for (std::size_t i = 0; i < picture.rgba.size(); ++i)
         over += std::abs(picture.rgba[i] - other.rgba[i]) > 2 ? 1 : 0;
@@ -286,7 +286,7 @@ TEST(Compositor, UsesPhantomsAsInvisibleOccluders) {
   behind.add(box(0.12, glm::vec4(1.0F)), test::at(0.0, -0.15, 0.06), false, true);
   Studio hidden(behind.build(), camera);
   const auto changed = [&](Studio& studio) {
-    const Picture a = studio.draw(frame, studio.plan(test::tracked(pose)));
+    const RenderedImage a = studio.draw(frame, studio.plan(test::tracked(pose)));
     int count = 0;
     for (int y = 0; y < 240; ++y) {
       for (int x = 0; x < 320; ++x) count += a.red(x, y) != 200 ? 1 : 0;
@@ -323,10 +323,10 @@ TEST(Compositor, FadesOutCoastingPose) {
     options.layers = layers;
     pose.status = TrackStatus::tracked;
     pose.age_s = 0.0;
-    const Picture full = studio.draw(frame, studio.plan(pose, options));
+    const RenderedImage full = studio.draw(frame, studio.plan(pose, options));
     pose.status = TrackStatus::held;
     pose.age_s = 0.25;
-    const Picture half = studio.draw(frame, studio.plan(pose, options));
+    const RenderedImage half = studio.draw(frame, studio.plan(pose, options));
     // The mask's values are rounded in both frames, which adds to the difference.
     const double most = layers == LayerDrawing::direct ? 1.01 : 1.01 + 0.5 * 200 / 255 * 1.5;
     for (std::size_t i = 0; i < full.rgba.size(); ++i) {
@@ -404,7 +404,7 @@ TEST(Compositor, DetectsDriverReset) {
   for (const GlApi api : {GlApi::gl33, GlApi::gles30}) {
     const auto context = create_offscreen_context(api);
     ASSERT_TRUE(context);
-    EXPECT_TRUE((*context)->info().tells_resets) << "Mesa's software rasterisers do";
+    EXPECT_TRUE((*context)->info().reports_resets) << "Mesa's software rasterisers do";
     SceneBuilder builder;
     const auto camera = test::camera_of(64, 48, 60.0);
     auto compositor = Compositor::create(**context, builder.build(), camera);
@@ -417,7 +417,7 @@ TEST(Compositor, DetectsDriverReset) {
     const auto drawn = compositor->draw(frame, FramePlan());
     const auto made = Compositor::create(**context, builder.build(), camera);
     GlInfo silent = (*context)->info();
-    silent.tells_resets = false;
+    silent.reports_resets = false;
     EXPECT_FALSE(take_gl_error(silent)) << "not asked if the context can't report resets";
     driver_was_reset = false;
     epoxy_glGetGraphicsResetStatus = driver_reset_status;

@@ -40,15 +40,15 @@ TEST(OffscreenContext, IsCreatedWithoutResetNotification) {
   for (const GlApi api : {GlApi::gl33, GlApi::gles30}) {
     const auto usual = create_offscreen_context(api);
     ASSERT_TRUE(usual) << usual.error().message;
-    EXPECT_TRUE((*usual)->info().tells_resets || !(*usual)->info().software)
+    EXPECT_TRUE((*usual)->info().reports_resets || !(*usual)->info().software)
         << "Mesa's rasterisers do";
     create_context = epoxy_eglCreateContext;
     refused = 0;
     const ReplacedGl refuses(epoxy_eglCreateContext, create_without_notification);
     const auto context = create_offscreen_context(api);
     ASSERT_TRUE(context) << context.error().message;
-    EXPECT_EQ(refused, (*usual)->info().tells_resets ? 1 : refused);
-    EXPECT_FALSE((*context)->info().tells_resets);
+    EXPECT_EQ(refused, (*usual)->info().reports_resets ? 1 : refused);
+    EXPECT_FALSE((*context)->info().reports_resets);
     EXPECT_EQ((*context)->info().renderer, (*usual)->info().renderer);
     EXPECT_EQ((*context)->info().version, (*usual)->info().version);
     // The compositor draws in this context and requests nothing that the driver lacks.

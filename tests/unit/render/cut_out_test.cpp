@@ -55,7 +55,7 @@ double area_of(const ShadowMesh& mesh) {
 }
 
 double area_seen(const Model& model) {
-  return area_of(make_shadow_mesh(model, {}, CutOuts::what_is_seen));
+  return area_of(make_shadow_mesh(model, {}, CutOuts::visible_regions));
 }
 
 TEST(CutOut, CastsVisibleHalfOfHalfTransparentFace) {
@@ -76,7 +76,7 @@ TEST(CutOut, FollowsCurvedOutline) {
 
 TEST(CutOut, KeepsPiecesOfOneFaceInOnePart) {
   const Model model = textured_square(64, [](int x, int) { return x < 16 || x >= 48 ? 255 : 0; });
-  const ShadowMesh mesh = make_shadow_mesh(model, {}, CutOuts::what_is_seen);
+  const ShadowMesh mesh = make_shadow_mesh(model, {}, CutOuts::visible_regions);
   ASSERT_FALSE(mesh.indices.empty());
   for (const std::uint32_t index : mesh.indices) {
     EXPECT_EQ(mesh.part[index], mesh.part[mesh.indices[0]]);
@@ -135,7 +135,7 @@ TEST(CutOut, KeepsTrianglesWithinBudget) {
   Mesh& mesh = model.meshes[0];
   const std::vector<std::uint32_t> face = mesh.indices;
   for (int i = 0; i < 200; ++i) mesh.indices.insert(mesh.indices.end(), face.begin(), face.end());
-  const ShadowMesh seen = make_shadow_mesh(model, {}, CutOuts::what_is_seen);
+  const ShadowMesh seen = make_shadow_mesh(model, {}, CutOuts::visible_regions);
   EXPECT_LE(seen.indices.size() / 3, 100'000U);
   EXPECT_FALSE(seen.indices.empty());
 }

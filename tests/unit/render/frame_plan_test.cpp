@@ -26,7 +26,7 @@ PoseEstimate above() {
   return test::tracked(test::look_at({0.0, -0.4, 0.5}, {0.0, 0.0, 0.0}));
 }
 
-std::vector<std::string> whats(const FramePlan& plan) {
+std::vector<std::string> skip_names(const FramePlan& plan) {
   std::vector<std::string> names;
   for (const SkippedPass& skipped : plan.skipped) names.emplace_back(key_of(skipped.reason));
   return names;
@@ -52,7 +52,7 @@ TEST(FramePlan, DrawsEverythingInView) {
   EXPECT_TRUE(plan.shadows[0].umbra && plan.shadows[0].middle && plan.shadows[0].penumbra);
   EXPECT_EQ(plan.received_shadows.size(), 1U);
   // The phantom is too low to cast a shadow on the cube.
-  EXPECT_EQ(whats(plan), std::vector<std::string>{"shadow_misses_objects"});
+  EXPECT_EQ(skip_names(plan), std::vector<std::string>{"shadow_misses_objects"});
 }
 
 TEST(FramePlan, DrawsNothingWithoutPose) {
@@ -63,7 +63,7 @@ TEST(FramePlan, DrawsNothingWithoutPose) {
   const FramePlan plan = plan_of(builder, lost);
   EXPECT_FALSE(plan.has_pose);
   EXPECT_TRUE(plan.objects.empty() && plan.shadows.empty());
-  EXPECT_THAT(whats(plan), testing::ElementsAre("no_pose"));
+  EXPECT_THAT(skip_names(plan), testing::ElementsAre("no_pose"));
   EXPECT_EQ(text_of(plan.skipped[0], builder.scene()), "overlay: no tag found");
 
   PoseEstimate broken = above();
@@ -78,7 +78,7 @@ TEST(FramePlan, SkipsObjectsOutOfView) {
   builder.add(cube(0.05), test::at(3.0, 0, 0.1));
   const FramePlan plan = plan_of(builder, above());
   EXPECT_TRUE(plan.objects.empty() && plan.shadows.empty());
-  EXPECT_THAT(whats(plan), testing::ElementsAre("object_out_of_view", "shadow_out_of_view"));
+  EXPECT_THAT(skip_names(plan), testing::ElementsAre("object_out_of_view", "shadow_out_of_view"));
   EXPECT_EQ(text_of(plan.skipped[0], builder.scene()), "object1: outside the view");
   PlanOptions all;
   all.skip = false;
@@ -104,12 +104,12 @@ TEST(FramePlan, DropsLayersAboveTheirHeights) {
   ASSERT_EQ(plan.shadows.size(), 1U);
   EXPECT_FALSE(plan.shadows[0].umbra);
   EXPECT_TRUE(plan.shadows[0].middle && plan.shadows[0].penumbra);
-  EXPECT_THAT(whats(plan), testing::ElementsAre("umbra_vanished"));
+  EXPECT_THAT(skip_names(plan), testing::ElementsAre("umbra_vanished"));
 
   SceneBuilder high;
   high.scene().shadows[0].layered = builder.scene().shadows[0].layered;
   high.add(cube(0.02), test::at(0, 0, 0.45));
-  EXPECT_THAT(whats(plan_of(high, above())), testing::Contains("shadow_above_light"));
+  EXPECT_THAT(skip_names(plan_of(high, above())), testing::Contains("shadow_above_light"));
 
   // Each part of a field has its own umbra height, which is evaluated while the field is computed.
   PlanOptions field;
@@ -117,29 +117,30 @@ TEST(FramePlan, DropsLayersAboveTheirHeights) {
   const FramePlan fields = plan_of(builder, above(), field);
   ASSERT_EQ(fields.shadows.size(), 1U);
   EXPECT_TRUE(fields.shadows[0].umbra && fields.shadows[0].middle && fields.shadows[0].penumbra);
-  EXPECT_THAT(whats(fields), testing::IsEmpty());
-  EXPECT_THAT(whats(plan_of(high, above(), field)), testing::Contains("shadow_above_light"));
+  EXPECT_THAT(skip_names(fields), testing::IsEmpty());
+  EXPECT_THAT(skip_names(plan_of(high, above(), field)), testing::Contains("shadow_above_light"));
 
   SceneBuilder low;
   low.add(cube(0.02), test::at(0, 0, -0.05));
-  EXPECT_THAT(whats(plan_of(low, above())), testing::Contains("shadow_below_plane"));
+  EXPECT_THAT(skip_names(plan_of(low, above())), testing::Contains("shadow_below_plane"));
 }
 
 TEST(FramePlan, ReportsOtherSkipReasons) {
   SceneBuilder builder;
   const int quiet = builder.add(cube(0.02), test::at(0, 0, 0.1));
   builder.scene().objects[static_cast<std::size_t>(quiet)].casts_shadow = false;
-  EXPECT_THAT(whats(plan_of(builder, above())), testing::ElementsAre("casts_no_shadow"));
+  EXPECT_THAT(skip_names(plan_of(builder, above())), testing::ElementsAre("casts_no_shadow"));
   PlanOptions none;
   none.technique = ShadowTechnique::none;
-  EXPECT_THAT(whats(plan_of(builder, above(), none)), testing::ElementsAre("technique_none"));
-  EXPECT_THAT(whats(plan_of(builder, test::tracked(test::look_at({0, -0.4, -0.5}, {0, 0, 0})))),
-              testing::ElementsAre("camera_behind_plane"));
+  EXPECT_THAT(skip_names(plan_of(builder, above(), none)), testing::ElementsAre("technique_none"));
+  EXPECT_THAT(
+      skip_names(plan_of(builder, test::tracked(test::look_at({0, -0.4, -0.5}, {0, 0, 0})))),
+      testing::ElementsAre("camera_behind_plane"));
 
   SceneBuilder beside;
   beside.add(cube(0.02), test::at(0, 0, 0.05));
   beside.scene().planes[0].outline = {{1.0, 1.0}, {1.2, 1.0}, {1.2, 1.2}};
-  EXPECT_THAT(whats(plan_of(beside, above())), testing::ElementsAre("shadow_off_receiver"));
+  EXPECT_THAT(skip_names(plan_of(beside, above())), testing::ElementsAre("shadow_off_receiver"));
 }
 
 TEST(FramePlan, OverridesNodesByOptions) {
@@ -188,7 +189,7 @@ TEST(FramePlan, FadesOverlayOfCoastingPoseOverTime) {
     last = opacity;
   }
   pose.age_s = 0.5;
-  EXPECT_THAT(whats(plan_of(builder, pose)), testing::ElementsAre("faded_out"));
+  EXPECT_THAT(skip_names(plan_of(builder, pose)), testing::ElementsAre("faded_out"));
 }
 
 // A light above the table; negative z puts it below.
@@ -220,14 +221,14 @@ TEST(FramePlan, SkipsLightsInOrUnderPlane) {
   SceneBuilder lit = lit_by({1.0, 0.0, -1.0});
   const FramePlan plan = evaluated_plan_of(lit);
   EXPECT_EQ(plan.hard_shadows.size(), 1U);
-  ASSERT_THAT(whats(plan), testing::ElementsAre("light_below_plane", "light_below_plane"));
+  ASSERT_THAT(skip_names(plan), testing::ElementsAre("light_below_plane", "light_below_plane"));
   EXPECT_THAT(text_of(plan.skipped[0], lit.scene()), testing::HasSubstr("light at 0"));
   EXPECT_THAT(text_of(plan.skipped[1], lit.scene()), testing::HasSubstr("light at -1"));
   // A sun below the horizon does not light the plane either.
   SceneBuilder night = lit_by({1.0});
   night.scene().lights[0].kind = SceneLight::Kind::directional;
   night.scene().lights[0].direction = Eigen::Vector3d(0.6, 0.0, -0.8);
-  EXPECT_THAT(whats(evaluated_plan_of(night)), testing::ElementsAre("light_below_plane"));
+  EXPECT_THAT(skip_names(evaluated_plan_of(night)), testing::ElementsAre("light_below_plane"));
 }
 
 TEST(FramePlan, SkipsLastLightsBeyondPlaneLimit) {
@@ -235,12 +236,12 @@ TEST(FramePlan, SkipsLastLightsBeyondPlaneLimit) {
   for (std::size_t i = 0; i < kMaxHardLights; ++i)
     heights.push_back(1.0 + 0.01 * static_cast<double>(i));
   const FramePlan full = evaluated_plan_of(lit_by(heights));
-  EXPECT_TRUE(whats(full).empty());
+  EXPECT_TRUE(skip_names(full).empty());
   heights.insert(heights.end(), {2.5, 3.5});
   SceneBuilder lit = lit_by(heights);
   const FramePlan plan = evaluated_plan_of(lit);
   EXPECT_EQ(plan.hard_shadows.size(), full.hard_shadows.size());
-  ASSERT_THAT(whats(plan), testing::ElementsAre("too_many_lights", "too_many_lights"));
+  ASSERT_THAT(skip_names(plan), testing::ElementsAre("too_many_lights", "too_many_lights"));
   EXPECT_THAT(text_of(plan.skipped[0], lit.scene()), testing::HasSubstr("light at 2.5"));
   EXPECT_THAT(text_of(plan.skipped[1], lit.scene()), testing::HasSubstr("light at 3.5"));
 }

@@ -28,13 +28,13 @@ class GltfModelFile : public test::ModelCase {
   void expect_square(const GltfBuilder& file) { expect_square(loaded(file.gltf())); }
   void expect_square(const Result<Model>& model) {
     ASSERT_TRUE(model) << error_of(model);
-    EXPECT_NEAR(test::seen_area(*model).front, 0.01, 1e-9);
+    EXPECT_NEAR(test::measure_projected_area(*model).front, 0.01, 1e-9);
     EXPECT_THAT(model->warnings, IsEmpty());
   }
   void expect_square_with_warning(const GltfBuilder& file, const std::string& warning) {
     const auto model = loaded(file.gltf());
     ASSERT_TRUE(model) << error_of(model);
-    EXPECT_NEAR(test::seen_area(*model).front, 0.01, 1e-9);
+    EXPECT_NEAR(test::measure_projected_area(*model).front, 0.01, 1e-9);
     EXPECT_THAT(model->warnings, ElementsAre(HasSubstr(warning)));
   }
 };
@@ -201,7 +201,7 @@ TEST_F(GltfModelFile, KeepsShapeOfModelsFarFromOrigin) {
   const auto model = loaded(file.gltf());
   ASSERT_TRUE(model) << error_of(model);
   EXPECT_THAT(model->warnings, IsEmpty());
-  EXPECT_NEAR(test::seen_area(*model).front, 1e-4, 1e-9);
+  EXPECT_NEAR(test::measure_projected_area(*model).front, 1e-4, 1e-9);
   const Eigen::Vector3d corner =
       model->origin + Eigen::Vector3d(model->min_corner.x, model->min_corner.y, 0.0);
   EXPECT_NEAR(corner.x(), 300'000.25, 1e-6);
@@ -280,8 +280,8 @@ TEST_F(GltfModelFile, KeepsSurfaceOfNodesFlattenedToPlane) {
   file.node({{"mesh", box}, {"scale", {1, 0, 1}}});
   const auto model = loaded(file.gltf());
   ASSERT_TRUE(model) << error_of(model);
-  EXPECT_NEAR(test::seen_area(*model).front, 0.5, 1e-7);
-  EXPECT_NEAR(test::seen_area(*model).back, 0.5, 1e-7);
+  EXPECT_NEAR(test::measure_projected_area(*model).front, 0.5, 1e-7);
+  EXPECT_NEAR(test::measure_projected_area(*model).back, 0.5, 1e-7);
   for (const glm::vec3& n : model->meshes[0].normals) EXPECT_NEAR(glm::length(n), 1.0F, 1e-6F);
 }
 
@@ -317,8 +317,8 @@ TEST_F(GltfModelFile, PlacesCopyOfMeshForEachInstance) {
   ASSERT_TRUE(model) << error_of(model);
   EXPECT_THAT(model->warnings, IsEmpty());
   EXPECT_EQ(model->triangle_count(), 6U);
-  EXPECT_NEAR(test::seen_area(*model).front, 0.02 + 0.06, 1e-8);
-  EXPECT_NEAR(test::seen_area(*model).back, 0.01, 1e-8);
+  EXPECT_NEAR(test::measure_projected_area(*model).front, 0.02 + 0.06, 1e-8);
+  EXPECT_NEAR(test::measure_projected_area(*model).back, 0.01, 1e-8);
   // The third instance: x from 2 to 2.05, doubled by the node.
   EXPECT_NEAR(model->max_corner.x, 4.1F, 1e-6F);
   EXPECT_NEAR(model->max_corner.z, 1.5F, 1e-6F);
@@ -368,7 +368,7 @@ TEST_F(GltfModelFile, MatchesAreaOfSharedNodeCases) {
     const auto model = shared_case(file);
     if (!model) GTEST_SKIP() << "no shared data beside the checkout";
     ASSERT_TRUE(*model) << error_of(*model);
-    EXPECT_NEAR(test::seen_area(**model).front, area, 1e-6) << file;
+    EXPECT_NEAR(test::measure_projected_area(**model).front, area, 1e-6) << file;
   }
   const auto instances = shared_case("gltf-instances-and-visibility/instances-used.gltf");
   ASSERT_TRUE(*instances) << error_of(*instances);

@@ -26,7 +26,7 @@ GltfBuilder morphed_square() {
 }
 
 double area(const Result<Model>& model) {
-  return model ? test::seen_area(*model).front : -1.0;
+  return model ? test::measure_projected_area(*model).front : -1.0;
 }
 
 TEST_F(GltfMorph, UsesMeshWeightsByDefault) {

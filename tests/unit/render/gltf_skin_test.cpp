@@ -45,7 +45,7 @@ TEST_F(GltfSkin, ScalesVerticesOfScaledJoint) {
   const auto model = loaded(
       skinned_square(kNoFields, {{"scale", {2, 2, 2}}, {"translation", {0.2, 0.05, 0}}}).gltf());
   ASSERT_TRUE(model) << error_of(model);
-  EXPECT_NEAR(test::seen_area(*model).front, 0.04, 1e-8);
+  EXPECT_NEAR(test::measure_projected_area(*model).front, 0.04, 1e-8);
   EXPECT_NEAR(model->min_corner.x, 0.2F, 1e-6F);
   EXPECT_NEAR(model->max_corner.x, 0.4F, 1e-6F);
   EXPECT_NEAR(model->min_corner.z, 0.05F, 1e-6F);
@@ -59,7 +59,7 @@ TEST_F(GltfSkin, IgnoresTransformOfMeshNodeAndParents) {
   file.json["scenes"][0]["nodes"] = {2, 1};
   const auto model = loaded(file.gltf());
   ASSERT_TRUE(model) << error_of(model);
-  EXPECT_NEAR(test::seen_area(*model).front, 0.01, 1e-8);
+  EXPECT_NEAR(test::measure_projected_area(*model).front, 0.01, 1e-8);
   EXPECT_NEAR(model->min_corner.x, 0.2F, 1e-6F);
 }
 
@@ -69,7 +69,7 @@ TEST_F(GltfSkin, AppliesScaleAboveArmature) {
   file.json["scenes"][0]["nodes"] = {0, 2};
   const auto model = loaded(file.gltf());
   ASSERT_TRUE(model) << error_of(model);
-  EXPECT_NEAR(test::seen_area(*model).front, 1e-6, 1e-11);
+  EXPECT_NEAR(test::measure_projected_area(*model).front, 1e-6, 1e-11);
   EXPECT_NEAR(model->origin.x() + static_cast<double>(model->min_corner.x), 0.1, 1e-7);
 }
 
@@ -122,7 +122,7 @@ TEST_F(GltfSkin, KeepsOutsideOfMirroredArmature) {
       file.accessor(std::vector<float>{0, 1, 0, 0, 1, 0, 0, 1, 0, 0, 1, 0}, "VEC3");
   const auto model = loaded(file.gltf());
   ASSERT_TRUE(model) << error_of(model);
-  const test::SeenArea area = test::seen_area(*model);
+  const test::ProjectedArea area = test::measure_projected_area(*model);
   EXPECT_NEAR(area.front, 0.01, 1e-8);
   EXPECT_EQ(area.back, 0.0);
   EXPECT_EQ(model->meshes[0].normals[0], glm::vec3(0, 0, 1));
@@ -147,7 +147,7 @@ TEST_F(GltfSkin, NormalizesWeights) {
   file.primitive()["attributes"]["WEIGHTS_0"] = file.accessor(weights, "VEC4");
   const auto model = loaded(file.gltf());
   ASSERT_TRUE(model) << error_of(model);
-  EXPECT_NEAR(test::seen_area(*model).front, 0.01, 1e-8);
+  EXPECT_NEAR(test::measure_projected_area(*model).front, 0.01, 1e-8);
   EXPECT_EQ(model->min_corner.x, 0.5F);
   EXPECT_THAT(model->warnings, ElementsAre(HasSubstr("do not add up to 1")));
 }
@@ -431,12 +431,12 @@ TEST_F(GltfSkin, MatchesSizeAndPlaceOfSharedCases) {
   const auto scaled = shared_case("gltf-skin-ignored/skin_joint_scaled.gltf");
   if (!scaled) GTEST_SKIP() << "no shared data beside the checkout";
   ASSERT_TRUE(*scaled) << error_of(*scaled);
-  EXPECT_NEAR(test::seen_area(**scaled).front, 0.04, 1e-7);
+  EXPECT_NEAR(test::measure_projected_area(**scaled).front, 0.04, 1e-7);
   EXPECT_NEAR((*scaled)->min_corner.x, 0.2F, 1e-6F);
   EXPECT_NEAR((*scaled)->max_corner.x, 0.4F, 1e-6F);
   const auto ignored = shared_case("gltf-skin-ignored/skin_node_transform_ignored.gltf");
   ASSERT_TRUE(ignored && *ignored) << error_of(*ignored);
-  EXPECT_NEAR(test::seen_area(**ignored).front, 0.01, 1e-7);
+  EXPECT_NEAR(test::measure_projected_area(**ignored).front, 0.01, 1e-7);
   EXPECT_NEAR((*ignored)->min_corner.x, 0.2F, 1e-6F);
   EXPECT_NEAR((*ignored)->max_corner.x, 0.3F, 1e-6F);
   const auto simple = shared_case("gltf-skin-ignored/simple_skin-khronos.gltf", UpAxis::z);
@@ -449,7 +449,7 @@ TEST_F(GltfSkin, MatchesSizeAndPlaceOfSharedCases) {
   ASSERT_TRUE(quad && *quad) << error_of(*quad);
   double area = 0.0;
   for (const glm::dvec3& axis : {glm::dvec3(1, 0, 0), glm::dvec3(0, 1, 0), glm::dvec3(0, 0, 1)}) {
-    const test::SeenArea seen = test::seen_area(**quad, axis);
+    const test::ProjectedArea seen = test::measure_projected_area(**quad, axis);
     area = std::max({area, seen.front, seen.back});
   }
   EXPECT_NEAR(area, 4e4, 4e4 * 1e-5);

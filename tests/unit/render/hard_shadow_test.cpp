@@ -18,7 +18,7 @@ namespace penumbra::hard_shadow_test {
 namespace {
 
 using test::box;
-using test::Picture;
+using test::RenderedImage;
 using test::ring;
 using test::SceneBuilder;
 using test::ShapeBuilder;
@@ -26,11 +26,11 @@ using test::Studio;
 
 constexpr int kSide = 200;
 
-CameraModel straight_camera() {
+CameraModel undistorted_camera() {
   return test::camera_of(kSide, kSide, 300.0);
 }
-CameraModel bent_camera() {
-  return test::bent_camera(kSide, 280.0);
+CameraModel distorted_camera() {
+  return test::distorted_camera(kSide, 280.0);
 }
 PoseEstimate slanted() {
   return test::tracked(test::look_at({0.35, -0.5, 0.55}, {0.0, 0.02, 0.0}));
@@ -65,8 +65,8 @@ SceneBuilder with_lights(const std::vector<SceneLight>& lights) {
 }
 
 // Intersection of a pixel centre's ray with a plane.
-std::optional<Eigen::Vector3d> seen_at(const CameraModel& camera, const CameraPose& pose,
-                                       const PlaneFrame& plane, int x, int y) {
+std::optional<Eigen::Vector3d> point_at_pixel(const CameraModel& camera, const CameraPose& pose,
+                                              const PlaneFrame& plane, int x, int y) {
   const auto ray = camera.unproject({static_cast<double>(x), static_cast<double>(y)});
   if (!ray) return std::nullopt;
   const Eigen::Vector3d direction = pose.rotation() * *ray;
@@ -123,7 +123,7 @@ struct Agreement {
   int deepest = 0;    // largest number of lights blocked at one pixel
 };
 Agreement agreement(const Scene& scene, const CameraModel& camera, const PoseEstimate& pose,
-                    const Picture& image, const PlaneFrame& plane = {}) {
+                    const RenderedImage& image, const PlaneFrame& plane = {}) {
   std::vector<Blocked> lights;
   for (int i = 0; i < static_cast<int>(scene.lights.size()); ++i) {
     lights.emplace_back(scene, i, plane);
@@ -131,7 +131,7 @@ Agreement agreement(const Scene& scene, const CameraModel& camera, const PoseEst
   Agreement result;
   for (int y = 0; y < kSide; ++y) {
     for (int x = 0; x < kSide; ++x) {
-      const auto place = seen_at(camera, pose.T_table_camera, plane, x, y);
+      const auto place = point_at_pixel(camera, pose.T_table_camera, plane, x, y);
       double expected = 255.0;
       if (place) {
         std::vector<double> blocked;
@@ -153,8 +153,8 @@ struct LensCase {
 };
 class HardShadow : public testing::TestWithParam<LensCase> {};
 INSTANTIATE_TEST_SUITE_P(Lenses, HardShadow,
-                         testing::Values(LensCase{"undistorted", straight_camera()},
-                                         LensCase{"distorted", bent_camera()}),
+                         testing::Values(LensCase{"undistorted", undistorted_camera()},
+                                         LensCase{"distorted", distorted_camera()}),
                          [](const auto& instance) { return std::string(instance.param.name); });
 
 TEST_P(HardShadow, MatchesCpuProjection) {
@@ -180,7 +180,7 @@ TEST_P(HardShadow, MatchesCpuProjection) {
     SceneBuilder builder = with_lights({c.light});
     builder.add(c.model, c.placement);
     Studio studio(builder.build(), GetParam().camera);
-    const Picture image = studio.draw_shadows(white(), studio.plan(slanted()));
+    const RenderedImage image = studio.draw_shadows(white(), studio.plan(slanted()));
     const Agreement a = agreement(studio.scene(), GetParam().camera, slanted(), image);
     EXPECT_GT(a.dark, 200) << c.name;
     // Only pixel centres on an edge may differ, because of rounding and the lens's error of 0.1 px.
@@ -196,19 +196,19 @@ TEST_P(HardShadow, EndsAtOutlineOfSlantedPlane) {
   plane.point = {0.02, 0.05, 0.01};
   const PlaneFrame frame = PlaneFrame::make(plane.normal, plane.point);
   Studio whole(builder.build(), GetParam().camera);
-  const Picture all = whole.draw_shadows(white(), whole.plan(slanted()));
+  const RenderedImage all = whole.draw_shadows(white(), whole.plan(slanted()));
   const Agreement a = agreement(whole.scene(), GetParam().camera, slanted(), all, frame);
   EXPECT_GT(a.dark, 1000);
   EXPECT_LE(a.differing, 4 + a.dark / 100);
 
   plane.outline = {{-0.3, -0.3}, {0.05, -0.3}, {0.05, 0.05}, {-0.3, 0.05}};
   Studio cut(builder.build(), GetParam().camera);
-  const Picture part = cut.draw_shadows(white(), cut.plan(slanted()));
+  const RenderedImage part = cut.draw_shadows(white(), cut.plan(slanted()));
   int kept = 0;
   int wrong = 0;
   for (int y = 0; y < kSide; ++y) {
     for (int x = 0; x < kSide; ++x) {
-      const auto place = seen_at(GetParam().camera, slanted().T_table_camera, frame, x, y);
+      const auto place = point_at_pixel(GetParam().camera, slanted().T_table_camera, frame, x, y);
       const Eigen::Vector3d p = frame.to_plane(*place);
       const double inside =
           std::min({p.x() + 0.3, p.y() + 0.3, 0.05 - p.x(), 0.05 - p.y()});  // [m] to the edge
@@ -230,9 +230,9 @@ TEST(HardShadowLight, IsRemovedOncePerLight) {
       {lamp(-0.25, 0.0, 0.5, 0.8), lamp(0.2, 0.25, 0.4, 0.5), parallel(0.1, -0.3, 0.9, 0.6)});
   builder.add(box(0.1, 0.1, 0.02), test::at(0.0, 0.0, 0.08));
   builder.add(box(0.12, 0.04, 0.02), test::at(0.03, 0.02, 0.15, {0, 0, 1}, 0.7));
-  Studio studio(builder.build(), straight_camera());
-  const Picture image = studio.draw_shadows(white(), studio.plan(slanted()));
-  const Agreement a = agreement(studio.scene(), straight_camera(), slanted(), image);
+  Studio studio(builder.build(), undistorted_camera());
+  const RenderedImage image = studio.draw_shadows(white(), studio.plan(slanted()));
+  const Agreement a = agreement(studio.scene(), undistorted_camera(), slanted(), image);
   EXPECT_EQ(a.deepest, 3) << "all three lights are missed somewhere";
   EXPECT_GT(a.dark, 2000);
   EXPECT_LE(a.differing, 4 + a.dark / 60);
@@ -244,13 +244,13 @@ TEST(HardShadowLight, FadesWithItsCaster) {
   SceneBuilder builder = with_lights({lamp(-0.25, 0.0, 0.5, 0.8), parallel(0.1, -0.3, 0.9, 0.6)});
   builder.add(box(0.1, 0.1, 0.02), test::at(0.0, 0.0, 0.08));
   builder.add(box(0.12, 0.04, 0.02), test::at(0.03, 0.02, 0.15, {0, 0, 1}, 0.7));
-  Studio studio(builder.build(), straight_camera());
+  Studio studio(builder.build(), undistorted_camera());
   FramePlan plan = studio.plan(slanted());
   constexpr std::array<float, 2> kOpacity = {0.4F, 1.0F};
   for (HardShadowDraw& draw : plan.hard_shadows) {
     draw.opacity = kOpacity[static_cast<std::size_t>(draw.object)];
   }
-  const Picture image = studio.draw_shadows(white(), plan);
+  const RenderedImage image = studio.draw_shadows(white(), plan);
 
   std::vector<std::vector<Blocked>> by;  // indexed [light][caster]
   for (int light = 0; light < 2; ++light) {
@@ -266,7 +266,7 @@ TEST(HardShadowLight, FadesWithItsCaster) {
   int wrong = 0;
   for (int y = 0; y < kSide; ++y) {
     for (int x = 0; x < kSide; ++x) {
-      const auto place = seen_at(straight_camera(), slanted().T_table_camera, {}, x, y);
+      const auto place = point_at_pixel(undistorted_camera(), slanted().T_table_camera, {}, x, y);
       if (!place) continue;
       std::vector<double> blocked;
       for (const std::vector<Blocked>& casters : by) {
@@ -288,21 +288,21 @@ TEST(HardShadowLight, FadesWithItsCaster) {
 TEST(HardShadowLight, IsIgnoredFromBelowAndDefaultsToFirst) {
   SceneBuilder builder = with_lights({lamp(0.0, 0.0, -0.2), parallel(0.2, 0.1, -0.5)});
   builder.add(box(0.1, 0.1, 0.02), test::at(0.0, 0.0, 0.08));
-  Studio studio(builder.build(), straight_camera());
+  Studio studio(builder.build(), undistorted_camera());
   const FramePlan plan = studio.plan(slanted());
   EXPECT_TRUE(plan.hard_shadows.empty());
   EXPECT_EQ(plan.skipped.size(), 2U);
-  const Picture image = studio.draw_shadows(white(), plan);
+  const RenderedImage image = studio.draw_shadows(white(), plan);
   EXPECT_EQ(std::ranges::count_if(image.rgba, [](std::uint8_t v) { return v < 255; }), 0);
 
   SceneBuilder unnamed = with_lights({lamp(0.1, 0.1, 0.5), lamp(-0.3, 0.1, 0.5)});
   unnamed.scene().shadows[0].lights.clear();
   unnamed.add(box(0.1, 0.1, 0.02), test::at(0.0, 0.0, 0.08));
-  Studio first(unnamed.build(), straight_camera());
+  Studio first(unnamed.build(), undistorted_camera());
   ASSERT_EQ(first.plan(slanted()).hard_shadows.size(), 1U);
   EXPECT_EQ(first.plan(slanted()).hard_shadows[0].light, 0);
   unnamed.scene().lights.clear();
-  Studio dark(unnamed.build(), straight_camera());
+  Studio dark(unnamed.build(), undistorted_camera());
   EXPECT_EQ(dark.plan(slanted()).hard_shadows.size(), 0U);
 }
 
@@ -317,10 +317,10 @@ TEST(HardShadowLight, MatchesFrameWithoutSkipping) {
     wall.point = {0, 0.2, 0};
     wall.outline = {{-0.1, 0.0}, {0.1, 0.0}, {0.1, 0.2}, {-0.1, 0.2}};
     builder.scene().shadows[0].planes = {0, 1};
-    Studio studio(builder.build(), bent_camera());
+    Studio studio(builder.build(), distorted_camera());
     PlanOptions all;
     all.skip = false;
-    const Picture plain = studio.draw(white(), studio.plan(slanted(), all));
+    const RenderedImage plain = studio.draw(white(), studio.plan(slanted(), all));
     EXPECT_EQ(studio.draw(white(), studio.plan(slanted())), plain) << i;
   }
 }
@@ -329,7 +329,7 @@ TEST(HardShadowWork, ReprojectsOnlyMovedLightsAndObjects) {
   SceneBuilder builder = with_lights({lamp(-0.25, 0.0, 0.5), lamp(0.2, 0.25, 0.4)});
   builder.add(box(0.1, 0.1, 0.02), test::at(0.0, 0.0, 0.08));
   builder.add(box(0.04, 0.04, 0.02), test::at(0.1, 0.1, 0.08));
-  Studio studio(builder.build(), straight_camera());
+  Studio studio(builder.build(), undistorted_camera());
   FramePlan plan = studio.plan(slanted());
   studio.draw(white(), plan);
   EXPECT_EQ(studio.stats()[Counter::triples_recomputed], 4);

@@ -19,7 +19,7 @@
 namespace penumbra {
 namespace {
 
-using test::Picture;
+using test::RenderedImage;
 using test::Studio;
 
 // Memory that can be mapped several times, like a camera's buffer.
@@ -79,20 +79,20 @@ class ImportedVideo : public testing::TestWithParam<GlApi> {};
 
 TEST_P(ImportedVideo, MatchesCopiedVideoInEveryFormat) {
   constexpr int kWidth = 64, kHeight = 48;
-  constexpr std::size_t kMostBytes = std::size_t{kWidth} * kHeight * 4;
+  constexpr std::size_t kMaxBytes = std::size_t{kWidth} * kHeight * 4;
   for (const PixelFormat format : {PixelFormat::grey8, PixelFormat::rgb24, PixelFormat::yuyv,
                                    PixelFormat::nv12, PixelFormat::yuv420p, PixelFormat::yuv422p}) {
     test::SceneBuilder empty;
     Studio studio(empty.build(), test::camera_of(kWidth, kHeight, 50.0), GetParam());
     // Two buffers alternate, as a camera fills them; each is used three times.
-    SharedBuffer first(kMostBytes, 1), second(kMostBytes, 2);
+    SharedBuffer first(kMaxBytes, 1), second(kMaxBytes, 2);
     std::int64_t imports = 0;
     for (unsigned i = 0; i < 6; ++i) {
       const Frame frame = noise(format, kWidth, kHeight, i);
-      const Picture copied = studio.draw(frame, FramePlan());
+      const RenderedImage copied = studio.draw(frame, FramePlan());
       EXPECT_EQ(studio.stats()[Counter::video_copies], 1);
       const Frame shared = (i % 2 == 0 ? first : second).filled(frame);
-      const Picture read = studio.draw(shared, FramePlan());
+      const RenderedImage read = studio.draw(shared, FramePlan());
       EXPECT_EQ(studio.stats()[Counter::video_copies] + studio.stats()[Counter::video_imports], 1);
       imports += studio.stats()[Counter::video_imports];
       ASSERT_EQ(read.rgba, copied.rgba) << static_cast<int>(format) << " " << i;

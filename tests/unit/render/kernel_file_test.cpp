@@ -20,9 +20,9 @@ constexpr const char* kReordered =
 
 KernelFile kernel_file_for(const Model& model) {
   const ShadowMesh mesh = make_shadow_mesh(model);
-  return kernels_to_keep(model, mesh,
-                         generate_kernels(mesh, Eigen::Vector3d::UnitZ(), KernelSource::automatic),
-                         KernelSource::automatic);
+  return make_kernel_file(model, mesh,
+                          generate_kernels(mesh, Eigen::Vector3d::UnitZ(), KernelSource::automatic),
+                          KernelSource::automatic);
 }
 
 TEST(KernelFile, IsRejectedForReorderedVertices) {

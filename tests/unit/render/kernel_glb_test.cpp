@@ -83,8 +83,8 @@ class KernelGlb : public testing::Test {
 
 KernelFile kernels_of(const Model& model) {
   const ShadowMesh mesh = make_shadow_mesh(model);
-  return kernels_to_keep(model, mesh, generate_kernels(mesh, kUp, KernelSource::automatic),
-                         KernelSource::automatic);
+  return make_kernel_file(model, mesh, generate_kernels(mesh, kUp, KernelSource::automatic),
+                          KernelSource::automatic);
 }
 
 // Compares the kernels loaded with a model with those generated for it, vertex by vertex.

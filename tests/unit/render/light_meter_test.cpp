@@ -204,7 +204,7 @@ class LitSheet : public testing::Test {
     state.video_light = light;
     const FramePlan plan = plan_frame(
         *scene, state, test::tracked(test::look_at({0.0, -0.01, 0.5}, {0, 0, 0})), camera);
-    const test::Picture image = studio.draw(test::plain_frame(160, 120, 60), plan);
+    const test::RenderedImage image = studio.draw(test::plain_frame(160, 120, 60), plan);
     const std::uint8_t* pixel = image.at(80, 60);
     return {static_cast<double>(pixel[0]), static_cast<double>(pixel[1]),
             static_cast<double>(pixel[2])};
@@ -275,10 +275,10 @@ TEST(VideoLight, KeepsShadowStrengthOnTable) {
     options.technique = technique;
     SceneState state = evaluate_scene(*scene, 0.0);
     const Frame frame = test::plain_frame(160, 120, 180);
-    const test::Picture without =
+    const test::RenderedImage without =
         studio.draw_shadows(frame, plan_frame(*scene, state, pose, camera, options));
     state.video_light = VideoLight{{0.4, 0.3, 0.2}, {0.1, 0.08, 0.05}};
-    const test::Picture with =
+    const test::RenderedImage with =
         studio.draw_shadows(frame, plan_frame(*scene, state, pose, camera, options));
     int darkened = 0;
     for (std::size_t i = 0; i < with.rgba.size(); ++i) {

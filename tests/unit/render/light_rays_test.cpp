@@ -15,7 +15,7 @@
 namespace penumbra::light_rays_test {
 namespace {
 
-using test::Picture;
+using test::RenderedImage;
 using test::SceneBuilder;
 using test::Studio;
 
@@ -116,7 +116,7 @@ Eigen::Vector2i pixel_of(const CameraModel& camera, const CameraPose& pose,
 }
 
 // Colourfulness of a pixel. The video and the shadows are grey.
-int color_at(const Picture& image, const Eigen::Vector2i& at) {
+int color_at(const RenderedImage& image, const Eigen::Vector2i& at) {
   const std::uint8_t* p = image.at(at.x(), at.y());
   return std::max({p[0], p[1], p[2]}) - std::min({p[0], p[1], p[2]});
 }
@@ -128,14 +128,14 @@ INSTANTIATE_TEST_SUITE_P(Lenses, DrawnRays, testing::Bool(), [](const auto& inst
 
 TEST_P(DrawnRays, HaveDotsAtVerticesAndShadowsAndLinesBetween) {
   const CameraModel camera =
-      GetParam() ? test::bent_camera(kSide, 260.0) : test::camera_of(kSide, kSide, 260.0);
+      GetParam() ? test::distorted_camera(kSide, 260.0) : test::camera_of(kSide, kSide, 260.0);
   SceneBuilder builder = lit_box();
   Studio studio(builder.build(), camera);
   PlanOptions options;
   options.light_rays = true;
   FramePlan plan = studio.plan(kFromFront, options);
   plan.objects.clear();  // no object occludes the rays
-  const Picture image = studio.draw(grey(), plan);
+  const RenderedImage image = studio.draw(grey(), plan);
   const auto rays = light_rays(marked_vertices(*builder.scene().objects[0].model, 12),
                                test::at(0.0, 0.0, 0.15), {0.0, 0.0, 0.4, 1.0}, {{kTable}});
   ASSERT_EQ(rays.size(), 8U);
@@ -165,13 +165,13 @@ TEST(RayOverlay, IsHiddenByObjectsInFront) {
   // A phantom that covers the whole view in front of everything.
   builder.add(test::box(1.0, 0.002, 1.0), test::at(0.1, -0.3, 0.3), false, true);
   Studio hidden(builder.build(), camera);
-  const Picture image = hidden.draw(grey(), hidden.plan(kFromFront));
+  const RenderedImage image = hidden.draw(grey(), hidden.plan(kFromFront));
   Studio shown(lit_box().build(), camera);
   PlanOptions options;
   options.light_rays = true;
   FramePlan plan = shown.plan(kFromFront, options);
   plan.objects.clear();
-  const Picture without_phantom = shown.draw(grey(), plan);
+  const RenderedImage without_phantom = shown.draw(grey(), plan);
   int colorful = 0;
   int colorful_without = 0;
   for (int y = 0; y < kSide; ++y) {
@@ -190,10 +190,10 @@ TEST(RayOverlay, IsDrawnOnlyWhenEnabled) {
   Studio plain(builder.build(), camera);
   builder.scene().shadows[0].light_rays = true;
   Studio node(builder.build(), camera);
-  const Picture without = plain.draw(grey(), plain.plan(kFromFront));
+  const RenderedImage without = plain.draw(grey(), plain.plan(kFromFront));
   PlanOptions asked;
   asked.light_rays = true;
-  const Picture by_option = plain.draw(grey(), plain.plan(kFromFront, asked));
+  const RenderedImage by_option = plain.draw(grey(), plain.plan(kFromFront, asked));
   EXPECT_NE(without, by_option);
   EXPECT_EQ(node.draw(grey(), node.plan(kFromFront)), by_option);
   EXPECT_EQ(plain.draw(grey(), plain.plan(kFromFront)), without) << "the next frame is unchanged";
@@ -219,7 +219,7 @@ TEST(RayOverlay, FadesWithPose) {
     pose.age_s = age_s;
     FramePlan plan = studio.plan(pose, options);
     plan.objects.clear();
-    const Picture image = studio.draw(grey(), plan);
+    const RenderedImage image = studio.draw(grey(), plan);
     int most = 0;
     for (int y = 0; y < kSide; ++y) {
       for (int x = 0; x < kSide; ++x) most = std::max(most, color_at(image, {x, y}));
@@ -257,8 +257,8 @@ TEST(RayOverlay, BlendsDotsOfFadingObjectOnce) {
     plan.hard_shadows.clear();
     return studio.draw(grey(), plan);
   };
-  const Picture one = drawn(Translucency::blend, 1);
-  const Picture two = drawn(Translucency::blend, 2);
+  const RenderedImage one = drawn(Translucency::blend, 1);
+  const RenderedImage two = drawn(Translucency::blend, 2);
   int dots = 0;
   for (const double x : {-0.04, 0.04}) {
     for (const double y : {-0.04, 0.04}) {
@@ -270,7 +270,7 @@ TEST(RayOverlay, BlendsDotsOfFadingObjectOnce) {
   }
   EXPECT_GE(dots, 2);
   // Retexturing replaces the video, so blending twice is impossible: the frame must be the same.
-  const Picture fetched = drawn(Translucency::retexture, 2);
+  const RenderedImage fetched = drawn(Translucency::retexture, 2);
   int differ = 0;
   for (std::size_t i = 0; i < two.rgba.size(); ++i)
     differ += std::abs(fetched.rgba[i] - two.rgba[i]) > 1 ? 1 : 0;
@@ -299,7 +299,7 @@ TEST(RayOverlay, SkipsRaysOutOfView) {
     }
     builder.add(test::box(0.05, 0.05, 0.05),
                 test::at(within(-0.9, 0.9), within(-0.9, 0.9), within(0.0, 0.3)));
-    Studio studio(builder.build(), i % 3 == 0 ? test::bent_camera(kSide, 260.0)
+    Studio studio(builder.build(), i % 3 == 0 ? test::distorted_camera(kSide, 260.0)
                                               : test::camera_of(kSide, kSide, 260.0));
     const PoseEstimate pose = test::tracked(test::look_at(
         {within(-0.5, 0.5), -0.4, within(0.1, 0.6)}, {within(-0.3, 0.3), within(-0.3, 0.3), 0.0}));

@@ -18,8 +18,8 @@ namespace penumbra {
 namespace {
 
 using test::one_color;
-using test::Picture;
 using test::png_bytes;
+using test::RenderedImage;
 using test::SceneBuilder;
 using test::Studio;
 using test::TexturedSquare;
@@ -68,7 +68,7 @@ struct Drawing {
   bool phantom = false;
 };
 using AtHeights = std::vector<std::pair<std::shared_ptr<const Model>, double>>;
-Picture drawn(const AtHeights& at_heights, const Drawing& how = {}) {
+RenderedImage drawn(const AtHeights& at_heights, const Drawing& how = {}) {
   SceneBuilder builder = builder_with(how.ambient);
   for (const auto& [model, height] : at_heights)
     builder.add(model, test::at(0, 0, height), false, how.phantom);
@@ -77,7 +77,7 @@ Picture drawn(const AtHeights& at_heights, const Drawing& how = {}) {
   options.translucency = how.mode;
   return studio.draw(test::plain_frame(kSide, kSide, 120), studio.plan(pose(), options));
 }
-Picture drawn(const TexturedSquare& square, const Drawing& how = {}) {
+RenderedImage drawn(const TexturedSquare& square, const Drawing& how = {}) {
   return drawn({{model_of(square), kHeight}}, how);
 }
 
@@ -97,7 +97,7 @@ int inside(const Action& action, double height = kHeight) {
   }
   return count;
 }
-int largest_difference(const Picture& a, const Picture& b) {
+int largest_difference(const RenderedImage& a, const RenderedImage& b) {
   int largest = 0;
   inside([&](int x, int y, double, double) {
     for (int c = 0; c < 3; ++c)
@@ -120,7 +120,7 @@ constexpr const char* kPlain =
     R"("pbrMetallicRoughness":{"baseColorFactor":[0.7,0.5,0.3,1],"metallicFactor":0.2,"roughnessFactor":0.4})";
 
 TEST(Materials, DrawsPlainSquare) {
-  const Picture picture = drawn(square_of(kPlain));
+  const RenderedImage picture = drawn(square_of(kPlain));
   int other = 0;
   EXPECT_GT(inside([&](int x, int y, double, double) { other += picture.red(x, y) != 120; }), 5000);
   EXPECT_GT(other, 5000);
@@ -146,9 +146,9 @@ TEST(Materials, MatchesFactorByEmissiveTexture) {
   const auto emissive = [](const std::string& more, std::vector<RgbaImage> images) {
     return drawn(square_of(std::string(kPlain) + "," + more, std::move(images)));
   };
-  const Picture textured = emissive(
+  const RenderedImage textured = emissive(
       R"("emissiveFactor":[0.5,0.2,0.4],"emissiveTexture":{"index":0})", {one_color(188, 90, 255)});
-  const Picture by_factor = emissive(
+  const RenderedImage by_factor = emissive(
       fmt::format(R"("emissiveFactor":[{},{},{}])", 0.5F * linear(188), 0.2F * linear(90), 0.4F),
       {});
   EXPECT_LE(largest_difference(textured, by_factor), 1);
@@ -191,11 +191,11 @@ TEST(Materials, MatchesGeometryByNormalTexture) {
     const auto [x, y, z] = decoded(r, g, b);
     TexturedSquare geometry = square_of(kPlain);
     geometry.normals = normals_of(x, y, z);
-    const Picture expected = drawn(geometry);
+    const RenderedImage expected = drawn(geometry);
     TexturedSquare bumpy = square_of(std::string(kPlain) + kBumpy, {one_color(r, g, b)});
     EXPECT_LE(largest_difference(drawn(bumpy), expected), 1) << "derived tangents";
     bumpy.tangents = std::vector<std::array<float, 4>>(4, {1, 0, 0, 1});
-    const Picture given = drawn(bumpy);
+    const RenderedImage given = drawn(bumpy);
     EXPECT_LE(largest_difference(given, expected), 1) << "given tangents";
     EXPECT_LE(largest_difference(drawn(bumpy, {0.3, Translucency::blend, GlApi::gles30}), expected),
               1);
@@ -271,18 +271,18 @@ TEST(Materials, PlacesTexturesByCoordinates) {
                                             halves({0, 70, 20, 255}, {0, 180, 230, 255})});
   square.samplers = R"({"magFilter":9728,"minFilter":9728})";
   square.texcoords_1 = {{1, 1}, {0, 1}, {0, 0}, {1, 0}};
-  const Picture both = drawn(square);
+  const RenderedImage both = drawn(square);
   const auto half = [](std::array<int, 3> color, int rough, int metal) {
     return drawn(square_of(fmt::format(
         R"("pbrMetallicRoughness":{{"baseColorFactor":[{},{},{},1],"metallicFactor":{},"roughnessFactor":{}}})",
         linear(color[0]), linear(color[1]), linear(color[2]), metal / 255.0, rough / 255.0)));
   };
-  const Picture left = half({200, 90, 60}, 180, 230);
-  const Picture right = half({60, 90, 200}, 70, 20);
+  const RenderedImage left = half({200, 90, 60}, 180, 230);
+  const RenderedImage right = half({60, 90, 200}, 70, 20);
   int wrong = 0;
   inside([&](int x, int y, double px, double) {
     if (std::abs(px) < 0.002) return;
-    const Picture& expected = px < 0.0 ? left : right;
+    const RenderedImage& expected = px < 0.0 ? left : right;
     for (int c = 0; c < 3; ++c)
       wrong += std::abs(int{both.at(x, y)[c]} - int{expected.at(x, y)[c]}) > 1 ? 1 : 0;
   });
@@ -307,7 +307,7 @@ TEST(Materials, WrapsTexturesBySampler) {
       {33648, {true, false, false, true, true, false}}};
   for (const auto& [wrap, bright] : expected) {
     SCOPED_TRACE(wrap);
-    const Picture picture = across(wrap);
+    const RenderedImage picture = across(wrap);
     int wrong = 0;
     inside([&](int x, int y, double px, double) {
       const double sixth = (px + 0.1) / 0.2 * 6.0;
@@ -331,8 +331,8 @@ TEST(Materials, RemovesPixelsBelowAlphaCutoff) {
     return square;
   };
   // Alpha at the two texels: 0.8 * 120 / 255 = 0.38 and 0.8 * 135 / 255 = 0.42.
-  const Picture picture = drawn(cut(120, 135));
-  const Picture whole = drawn(cut(255, 255));
+  const RenderedImage picture = drawn(cut(120, 135));
+  const RenderedImage whole = drawn(cut(255, 255));
   int wrong = 0;
   inside([&](int x, int y, double px, double) {
     if (std::abs(px) < 0.002) return;
@@ -345,7 +345,8 @@ TEST(Materials, RemovesPixelsBelowAlphaCutoff) {
   builder.add(model_of(cut(120, 135)), test::at(0, 0, 0.1), false, true);
   builder.add(model_of(square_of(kPlain)), test::at(0, 0, kHeight), false);
   Studio studio(builder.build(), camera());
-  const Picture behind = studio.draw(test::plain_frame(kSide, kSide, 120), studio.plan(pose()));
+  const RenderedImage behind =
+      studio.draw(test::plain_frame(kSide, kSide, 120), studio.plan(pose()));
   int seen = 0;
   int hidden = 0;
   inside([&](int x, int y, double, double) { (behind.red(x, y) == 120 ? hidden : seen) += 1; });
@@ -364,9 +365,9 @@ std::string solid(double r, double g, double b) {
 }
 
 TEST(Materials, BlendsByOpacity) {
-  const Picture opaque = drawn(square_of(solid(0.8, 0.3, 0.1)));
+  const RenderedImage opaque = drawn(square_of(solid(0.8, 0.3, 0.1)));
   for (const Translucency mode : {Translucency::blend, Translucency::retexture}) {
-    const Picture mixed = drawn(square_of(glass(0.8, 0.3, 0.1, 0.35)), {0.3, mode});
+    const RenderedImage mixed = drawn(square_of(glass(0.8, 0.3, 0.1, 0.35)), {0.3, mode});
     int wrong = 0;
     inside([&](int x, int y, double, double) {
       for (int c = 0; c < 3; ++c) {
@@ -378,7 +379,8 @@ TEST(Materials, BlendsByOpacity) {
     EXPECT_EQ(wrong, 0) << to_string(mode);
   }
   // A screen-door pattern covers 6 of 16 pixels.
-  const Picture door = drawn(square_of(glass(0.8, 0.3, 0.1, 0.35)), {0.3, Translucency::mesh});
+  const RenderedImage door =
+      drawn(square_of(glass(0.8, 0.3, 0.1, 0.35)), {0.3, Translucency::mesh});
   int open = 0;
   int wrong = 0;
   const int all = inside([&](int x, int y, double, double) {
@@ -398,8 +400,8 @@ TEST(Materials, SortsBlendedObjectsBackToFront) {
        {Translucency::blend, Translucency::retexture, Translucency::mesh}) {
     SCOPED_TRACE(to_string(mode));
     const Drawing how{0.3, mode};
-    const Picture one = drawn({{red, 0.1}, {green, kHeight}, {white, 0.0}}, how);
-    const Picture other = drawn({{white, 0.0}, {green, kHeight}, {red, 0.1}}, how);
+    const RenderedImage one = drawn({{red, 0.1}, {green, kHeight}, {white, 0.0}}, how);
+    const RenderedImage other = drawn({{white, 0.0}, {green, kHeight}, {red, 0.1}}, how);
     EXPECT_EQ(one, other);
     EXPECT_NE(one, drawn({{green, 0.1}, {red, kHeight}, {white, 0.0}}, how));
   }
@@ -432,7 +434,7 @@ TEST(Materials, SortsBlendedTrianglesBackToFront) {
     model->max_corner = {0.1F, 0.1F, 0.08F};
     return model;
   };
-  const Picture one = drawn({{stack(false), 0.0}});
+  const RenderedImage one = drawn({{stack(false), 0.0}});
   EXPECT_EQ(one, drawn({{stack(true), 0.0}}));
 }
 
@@ -443,9 +445,9 @@ TEST(Materials, FadesBlendedMaterialsWithOverlay) {
   Studio studio(builder.build(), camera());
   FramePlan plan = studio.plan(pose());
   const Frame frame = test::plain_frame(kSide, kSide, 120);
-  const Picture full = studio.draw(frame, plan);
+  const RenderedImage full = studio.draw(frame, plan);
   for (ObjectDraw& draw : plan.objects) draw.opacity = 0.5F;
-  const Picture faint = studio.draw(frame, plan);
+  const RenderedImage faint = studio.draw(frame, plan);
   int wrong = 0;
   inside([&](int x, int y, double, double) {
     wrong += std::abs(faint.red(x, y) - 0.5 * (120 + full.red(x, y))) > 1.01 ? 1 : 0;
@@ -456,7 +458,7 @@ TEST(Materials, FadesBlendedMaterialsWithOverlay) {
 TEST(Materials, DrawsBackFacesOnlyWhenDoubleSided) {
   TexturedSquare square = square_of(kPlain);
   square.node = R"("rotation":[1,0,0,0])";  // upside down
-  const Picture video = drawn(AtHeights{{nullptr, 0.0}});
+  const RenderedImage video = drawn(AtHeights{{nullptr, 0.0}});
   EXPECT_EQ(drawn(square), video);
   square.material += R"(,"doubleSided":true)";
   EXPECT_GT(largest_difference(drawn(square), video), 20);
@@ -477,7 +479,8 @@ TEST(Materials, DrawsBackFacesOnlyWhenDoubleSided) {
   builder.add(model_of(real), test::at(0, 0, 0.1), false, true);
   builder.add(model_of(square_of(kPlain)), test::at(0, 0, 0.02), false);
   Studio studio(builder.build(), camera());
-  const Picture behind = studio.draw(test::plain_frame(kSide, kSide, 120), studio.plan(pose()));
+  const RenderedImage behind =
+      studio.draw(test::plain_frame(kSide, kSide, 120), studio.plan(pose()));
   int hidden = 0;
   inside([&](int x2, int y2, double, double) { hidden += behind.red(x2, y2) == 120 ? 1 : 0; }, 0.1);
   EXPECT_GT(hidden, 5000);

@@ -104,7 +104,7 @@ TEST_F(FarModel, StoresKernelFilesInFileCoordinates) {
   const ShadowMesh mesh = make_shadow_mesh(*model);
   const ShadowKernels made =
       generate_kernels(mesh, Eigen::Vector3d::UnitZ(), KernelSource::automatic);
-  const KernelFile kept = kernels_to_keep(*model, mesh, made, KernelSource::automatic);
+  const KernelFile kept = make_kernel_file(*model, mesh, made, KernelSource::automatic);
   const auto file = folder_.write("kernels.json", kernel_file_json(kept));
   const Result<KernelFile> read = load_kernel_file(file);
   ASSERT_TRUE(read) << read.error().message;
@@ -206,7 +206,7 @@ std::vector<std::string> lines_of(const FramePlan& plan) {
   for (const ObjectDraw& draw : plan.objects) add("object", draw.object, draw.T_table_object, "");
   for (const ObjectDraw& draw : plan.phantoms) add("phantom", draw.object, draw.T_table_object, "");
   for (const ShadowDraw& draw : plan.shadows) shadow("shadow", draw, "");
-  for (const ShadowDraw& draw : plan.unseen_shadows) shadow("unseen", draw, "");
+  for (const ShadowDraw& draw : plan.skipped_shadows) shadow("unseen", draw, "");
   for (const ReceivedShadowDraw& draw : plan.received_shadows) {
     shadow("received", draw.shadow, fmt::format(" by {}: {:.6f}", draw.receiver, draw.top));
   }

@@ -37,7 +37,7 @@ PoseEstimate view_pose() {
 }
 
 // Writes frames for inspection if PENUMBRA_MSAA_PICTURES=FOLDER is set.
-void keep(const test::Picture& picture, const std::string& name) {
+void keep(const test::RenderedImage& picture, const std::string& name) {
   const char* folder = std::getenv("PENUMBRA_MSAA_PICTURES");
   if (folder == nullptr) return;
   ASSERT_TRUE(save_png(std::filesystem::path(folder) / (name + ".png"), picture.width,
@@ -76,10 +76,10 @@ TEST(Multisampling, SmoothsObjectEdges) {
     return studio.draw(test::plain_frame(times * kViewWidth, times * kViewHeight, 220),
                        studio.plan(view_pose()));
   };
-  const test::Picture fine = draw(kFiner, 0, GlApi::gl33);
+  const test::RenderedImage fine = draw(kFiner, 0, GlApi::gl33);
   for (const GlApi api : {GlApi::gl33, GlApi::gles30}) {
-    const test::Picture plain = draw(1, 0, api);
-    const test::Picture smooth = draw(1, 4, api);
+    const test::RenderedImage plain = draw(1, 0, api);
+    const test::RenderedImage smooth = draw(1, 4, api);
     keep(plain, "plain");
     keep(smooth, "smooth");
     double plain_sum = 0.0;
@@ -138,8 +138,8 @@ TEST(Multisampling, ChangesOnlyEdges) {
         PlanOptions options;
         options.technique = technique;
         options.translucency = mode;
-        const test::Picture a = plain.draw(frame, plain.plan(view_pose(), options, 0.8));
-        const test::Picture b = smooth.draw(frame, smooth.plan(view_pose(), options, 0.8));
+        const test::RenderedImage a = plain.draw(frame, plain.plan(view_pose(), options, 0.8));
+        const test::RenderedImage b = smooth.draw(frame, smooth.plan(view_pose(), options, 0.8));
         keep(a, name + "-plain");
         keep(b, name + "-smooth");
         int changed = 0;
@@ -169,7 +169,7 @@ TEST(Multisampling, DrawsFewFacesDirectly) {
     return builder.build();
   };
   struct Drawn {
-    test::Picture picture;
+    test::RenderedImage picture;
     std::int64_t masks = 0;
   };
   const auto draw = [](const std::shared_ptr<const Scene>& scene, int times, int samples,
@@ -179,7 +179,7 @@ TEST(Multisampling, DrawsFewFacesDirectly) {
     test::Studio studio(scene, view_of(times), GlApi::gl33, options);
     PlanOptions plan;
     plan.layers = layers;
-    const test::Picture picture =
+    const test::RenderedImage picture =
         studio.draw_shadows(test::plain_frame(times * kViewWidth, times * kViewHeight, 255),
                             studio.plan(view_pose(), plan));
     return Drawn{picture, studio.stats()[Counter::layer_masks_drawn]};
@@ -190,7 +190,7 @@ TEST(Multisampling, DrawsFewFacesDirectly) {
   EXPECT_EQ(draw(few, 1, 0, LayerDrawing::automatic).masks, 1);
   EXPECT_EQ(draw(few, 1, 4, LayerDrawing::mask).masks, 1);
   EXPECT_EQ(draw(many, 1, 4, LayerDrawing::automatic).masks, 1);
-  const test::Picture fine = draw(few, 8, 0, LayerDrawing::direct).picture;
+  const test::RenderedImage fine = draw(few, 8, 0, LayerDrawing::direct).picture;
   const auto error = [&](int samples, LayerDrawing layers) {
     const auto of_edges = test::edge_error(draw(few, 1, samples, layers).picture, fine, 8);
     EXPECT_GT(of_edges.edges, 300);

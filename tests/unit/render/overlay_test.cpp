@@ -140,7 +140,7 @@ TEST_P(OverlayProjection, DrawsWhereCameraModelProjects) {
     }
   }
   Studio studio(builder.build(), camera, std::get<1>(GetParam()));
-  const test::Picture image =
+  const test::RenderedImage image =
       studio.draw(test::plain_frame(640, 480, 0), studio.plan(test::tracked(pose)));
 
   double worst = 0.0;
@@ -218,7 +218,7 @@ TEST(Overlay, ExtendsProjectionBeyondNonMonotonicRadius) {
   SceneBuilder builder;
   builder.add(test::finished(far, glm::vec4(0.0F), glm::vec3(4.0F)), Placement{}, false);
   Studio studio(builder.build(), camera);
-  const test::Picture image =
+  const test::RenderedImage image =
       studio.draw(test::plain_frame(640, 480, 0), studio.plan(test::tracked(CameraPose())));
   for (int y = 0; y < 480; ++y) {
     for (int x = 0; x < 560; ++x) ASSERT_EQ(image.red(x, y), 0) << x << " " << y;
@@ -311,8 +311,8 @@ TEST(Overlay, BendsLongEdgesWithLensCloseUp) {
   animation.keyframes[1].time_s = 1.0;
   animation.keyframes[1].placement.scale = 10.0;
   Studio studio(builder.build(), camera);
-  const test::Picture image = studio.draw(test::plain_frame(640, 480, 0),
-                                          studio.plan(test::tracked(CameraPose()), {}, 1.0));
+  const test::RenderedImage image = studio.draw(test::plain_frame(640, 480, 0),
+                                                studio.plan(test::tracked(CameraPose()), {}, 1.0));
   const double worst =
       worst_window_px(camera, rows_of_line(camera, a, b), rows_of_line(camera, a + down, b + down),
                       [&](int x, int y) { return image.red(x, y) >= 128; });
@@ -348,7 +348,7 @@ TEST(Overlay, LongShadowEdgesFollowTheLensAtEveryDistance) {
     R << 1, 0, 0, 0, -1, 0, 0, 0, -1;
     const CameraPose pose(R, Eigen::Vector3d(0.0, 0.0, 0.15 * times));
     Studio studio(builder.build(), camera);
-    const test::Picture image =
+    const test::RenderedImage image =
         studio.draw_shadows(test::plain_frame(640, 480, 200), studio.plan(test::tracked(pose)));
     const Eigen::Vector2d kernel = 0.25 * (corners[0] + corners[1] + corners[2] + corners[3]);
     const auto shadow = [&](const Eigen::Vector2d& p) {

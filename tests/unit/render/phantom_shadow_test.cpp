@@ -22,7 +22,7 @@ namespace penumbra::phantom_shadow_test {
 namespace {
 
 using test::box;
-using test::Picture;
+using test::RenderedImage;
 using test::SceneBuilder;
 using test::ShapeBuilder;
 using test::Studio;
@@ -34,13 +34,13 @@ Frame white() {
 }
 // Draws the plane's shadow without masks, so that each pixel is on one side of its edges. Tests
 // compare shadows on receivers with the values on both sides of such an edge.
-Picture draw_directly(Studio& studio, FramePlan plan) {
+RenderedImage draw_directly(Studio& studio, FramePlan plan) {
   plan.layers = LayerDrawing::direct;
   return studio.draw_shadows(white(), plan);
 }
 // Distance of `value` from the range of values in the pixel's 3 x 3 neighbourhood, which contains
 // both sides of an edge.
-double off(double value, const Picture& picture, int x, int y) {
+double off(double value, const RenderedImage& picture, int x, int y) {
   int low = 255;
   int high = 0;
   for (int j = std::max(y - 1, 0); j <= std::min(y + 1, picture.height - 1); ++j) {
@@ -253,8 +253,8 @@ TEST_P(PhantomShadow, MatchesPlaneShadowOnLevelTop) {
   Studio with_plane(scene(false), camera());
   const Eigen::Vector3d eye(0.1, -0.35, 0.6);
   const PoseEstimate pose = from(eye);
-  const Picture on_phantom = draw_directly(with_phantom, with_phantom.plan(pose));
-  const Picture on_plane = draw_directly(with_plane, with_plane.plan(pose));
+  const RenderedImage on_phantom = draw_directly(with_phantom, with_phantom.plan(pose));
+  const RenderedImage on_plane = draw_directly(with_plane, with_plane.plan(pose));
   int dark = 0;
   int wrong = 0;
   int dark_sides = 0;
@@ -282,10 +282,10 @@ TEST_P(PhantomShadow, MatchesPlaneShadowOnLevelTop) {
 
 // Fraction of the light of a source straight above that layered casters leave at a point: the light
 // in the darkest layer over the point, on a plane at its height.
-class LeftOfLight {
+class RemainingLight {
  public:
   // Casters may be rotated about the vertical only.
-  explicit LeftOfLight(const ShadowNode& node) : node_(node) {}
+  explicit RemainingLight(const ShadowNode& node) : node_(node) {}
   void add(const Model& caster, const Placement& placement) {
     ShadowMesh mesh = make_shadow_mesh(caster);
     ShadowKernels kernels = generate_kernels(
@@ -376,7 +376,7 @@ TEST_P(PhantomShadow, HasSmoothEdges) {
         return studio.draw_shadows(test::plain_frame(kSide * times, kSide * times, 255), plan);
       };
       // Direct drawing and masks agree everywhere except at edges.
-      const Picture fine = draw(4, LayerDrawing::direct);
+      const RenderedImage fine = draw(4, LayerDrawing::direct);
       for (const LayerDrawing layers : {LayerDrawing::direct, LayerDrawing::mask}) {
         const test::EdgeError error = test::edge_error(draw(1, layers), fine, 4);
         std::printf("%s, %s, %s, %d casters: %.2f codes RMS over %d pixels\n", GetParam().name,
@@ -410,7 +410,7 @@ TEST(PhantomShadow, CoversShadowOfLargeCaster) {
       };
       Studio coarse(scene, camera_by(1));
       Studio fine(scene, camera_by(4));
-      const Picture reference = draw(fine, 4, LayerDrawing::direct);
+      const RenderedImage reference = draw(fine, 4, LayerDrawing::direct);
       const test::EdgeError drawn =
           test::edge_error(draw(coarse, 1, LayerDrawing::direct), reference, 4);
       const std::int64_t calls = coarse.stats()[Counter::draw_calls];
@@ -435,10 +435,10 @@ TEST(PhantomShadow, HasSmoothEdgesOnSlope) {
   for (const int count : {1, 3}) {
     SCOPED_TRACE(count);
     SceneBuilder builder = builder_with(ShadowTechnique::layered);
-    LeftOfLight left_of_light(builder.scene().shadows[0]);
+    RemainingLight remaining_light(builder.scene().shadows[0]);
     for (const CasterAt& caster : some_casters(count)) {
       builder.add(caster.model, caster.placement);
-      left_of_light.add(*caster.model, caster.placement);
+      remaining_light.add(*caster.model, caster.placement);
     }
     builder.add(solid(ramp(0.8, kSlope, 0.01)), test::at(-0.4, 0.0, -0.1), false, true);
     Studio studio(builder.build(), camera_by(1));
@@ -446,7 +446,7 @@ TEST(PhantomShadow, HasSmoothEdgesOnSlope) {
     const PoseEstimate pose = from(eye);
     FramePlan plan = studio.plan(pose);
     plan.shadows.clear();
-    const Picture picture = studio.draw_shadows(white(), plan);
+    const RenderedImage picture = studio.draw_shadows(white(), plan);
     // Plane of the ramp: z = 0.001 - 0.1 + slope * (x + 0.4).
     const Eigen::Vector3d normal(-kSlope, 0.0, 1.0);
     const double offset = 0.001 - 0.1 + kSlope * 0.4;
@@ -455,7 +455,7 @@ TEST(PhantomShadow, HasSmoothEdgesOnSlope) {
           pose.T_table_camera.rotation() * camera_by(1).unproject({x, y}).value();
       const Eigen::Vector3d p = eye + (offset - normal.dot(eye)) / normal.dot(d) * d;
       if (std::abs(p.y()) > 0.047) return kOnTheRim;
-      const double lost = (1.0 - left_of_light.at(p)) / normal.norm();
+      const double lost = (1.0 - remaining_light.at(p)) / normal.norm();
       return 255.0 * std::pow(1.0 - lost, 1.0 / 2.2);
     };
     double sum = 0.0;
@@ -502,11 +502,11 @@ TEST_P(SphereShadow, MatchesShadowAtEachHeight) {
   const Eigen::Vector3d eye(0.15, -0.4, 0.5);
   const PoseEstimate pose = from(eye);
   const FramePlan plan = without_caster(studio.plan(pose));
-  const Picture picture = studio.draw(white(), plan);
-  const Picture unshadowed = studio.draw(white(), without_received(plan));
+  const RenderedImage picture = studio.draw(white(), plan);
+  const RenderedImage unshadowed = studio.draw(white(), without_received(plan));
 
-  LeftOfLight left_of_light(studio.scene().shadows[0]);
-  left_of_light.add(*caster, placement);
+  RemainingLight remaining_light(studio.scene().shadows[0]);
+  remaining_light.add(*caster, placement);
   int on_ball = 0;
   int dark = 0;
   int wrong = 0;
@@ -519,7 +519,7 @@ TEST_P(SphereShadow, MatchesShadowAtEachHeight) {
       if (under < 4e-5) continue;  // near the silhouette, which is a polyline
       const Eigen::Vector3d p = eye + (-b - std::sqrt(under)) * d;
       const double facing = std::max((p - middle).z() / kRadius, 0.0);
-      const double lost = (1.0 - left_of_light.at(p)) * facing;
+      const double lost = (1.0 - remaining_light.at(p)) * facing;
       const double expected = unshadowed.red(x, y) * std::pow(1.0 - lost, 1.0 / 2.2);
       ++on_ball;
       dark += expected < 0.94 * unshadowed.red(x, y) ? 1 : 0;
@@ -539,7 +539,7 @@ TEST_P(PhantomShadow, FallsOnlyDownwards) {
   builder.add(box(0.04, 0.04, 0.08), test::at(0.0, 0.0, 0.04), false, true);
   Studio studio(builder.build(), camera());
   FramePlan plan = studio.plan(from({0.1, -0.3, 0.5}));
-  const Picture with = draw_directly(studio, plan);
+  const RenderedImage with = draw_directly(studio, plan);
   plan.received_shadows.clear();
   EXPECT_EQ(with, draw_directly(studio, plan));
 }
@@ -597,7 +597,7 @@ TEST_P(PhantomShadow, IsReusedWhileOnlyCameraMoves) {
   EXPECT_EQ(studio.stats()[Counter::triples_recomputed], 1)
       << "a phantom's top is not a plane of the scene";
   const FramePlan moved = studio.plan(from({-0.2, -0.3, 0.4}), direct);
-  const Picture kept = studio.draw(white(), moved);
+  const RenderedImage kept = studio.draw(white(), moved);
   EXPECT_EQ(studio.stats()[Counter::masks_drawn], 0);
   EXPECT_EQ(studio.stats()[Counter::masks_kept], 1);
   EXPECT_EQ(studio.stats()[Counter::shadow_vertices], 0);
@@ -667,9 +667,9 @@ TEST(PhantomShadow, IsRecomputedAfterEachKindOfChange) {
   Studio studio(scene, camera());
   for (const auto& [name, change] : changes) {
     FramePlan plan = studio.plan(pose);
-    const Picture before = draw_directly(studio, plan);
+    const RenderedImage before = draw_directly(studio, plan);
     change(plan);
-    const Picture after = draw_directly(studio, plan);
+    const RenderedImage after = draw_directly(studio, plan);
     Studio fresh(scene, camera());
     EXPECT_EQ(after, draw_directly(fresh, plan)) << name;
     EXPECT_EQ(after == before, std::string(name) == "nothing") << name;
@@ -677,12 +677,12 @@ TEST(PhantomShadow, IsRecomputedAfterEachKindOfChange) {
 }
 
 // Numbers of dark pixels on a level part of a phantom and on a plane at its height.
-struct OnBoth {
+struct DarkPixels {
   int on_phantom = 0, on_plane = 0, unlike = 0;
 };
-OnBoth compare(const Model& phantom, const std::shared_ptr<const Model>& caster,
-               const Placement& placement, double height, const Eigen::AlignedBox2d& part,
-               const std::function<void(FramePlan&)>& change = {}) {
+DarkPixels compare(const Model& phantom, const std::shared_ptr<const Model>& caster,
+                   const Placement& placement, double height, const Eigen::AlignedBox2d& part,
+                   const std::function<void(FramePlan&)>& change = {}) {
   const auto draw = [&](bool with_phantom) {
     SceneBuilder builder = builder_with(ShadowTechnique::layered);
     builder.add(caster, placement);
@@ -696,11 +696,11 @@ OnBoth compare(const Model& phantom, const std::shared_ptr<const Model>& caster,
     if (change) change(plan);
     return draw_directly(studio, plan);
   };
-  const Picture on_phantom = draw(true);
-  const Picture on_plane = draw(false);
+  const RenderedImage on_phantom = draw(true);
+  const RenderedImage on_plane = draw(false);
   const PoseEstimate pose = from({0.1, -0.35, 0.6});
   const Eigen::Vector3d eye = pose.T_table_camera.translation();
-  OnBoth result;
+  DarkPixels result;
   for (int y = 0; y < kSide; ++y) {
     for (int x = 0; x < kSide; ++x) {
       const auto ray = camera().unproject({static_cast<double>(x), static_cast<double>(y)});
@@ -726,7 +726,7 @@ TEST(PhantomShadow, FallsOnEveryStepOfStaircase) {
     SCOPED_TRACE(step);
     const double height = 0.015 * (step + 1);
     const double x = 0.02 * step + 0.01;
-    const OnBoth both =
+    const DarkPixels both =
         compare(staircase(), box(0.012, 0.06, 0.01), test::at(x, 0.0, height + 0.005), height,
                 around(x, 0.0, 0.0095, 0.045));
     EXPECT_GT(both.on_plane, 60);
@@ -738,8 +738,9 @@ TEST(PhantomShadow, FallsFromPlateThinnerThanLipBesideIt) {
   ShapeBuilder shape;
   shape.box(-0.06, -0.06, 0.0, 0.06, 0.06, 0.03);
   shape.box(0.04, -0.06, 0.0, 0.06, 0.06, 0.0304);
-  const OnBoth both = compare(shape.build(), box(0.05, 0.05, 0.0003), test::at(-0.01, 0.0, 0.03015),
-                              0.03, around(0.0, 0.0, 0.039, 0.055));
+  const DarkPixels both =
+      compare(shape.build(), box(0.05, 0.05, 0.0003), test::at(-0.01, 0.0, 0.03015), 0.03,
+              around(0.0, 0.0, 0.039, 0.055));
   EXPECT_GT(both.on_plane, 400);
   EXPECT_LT(both.unlike, 0.01 * both.on_plane);
 }
@@ -752,7 +753,7 @@ TEST(PhantomShadow, StaysFiniteOnSurfaceWithoutNormals) {
   builder.add(l_shape(), test::at(0, 0, 0.15));
   builder.add(std::make_shared<const Model>(bare), Placement(), false, true);
   Studio studio(builder.build(), camera());
-  const Picture picture = draw_directly(studio, studio.plan(from({0.1, -0.35, 0.6})));
+  const RenderedImage picture = draw_directly(studio, studio.plan(from({0.1, -0.35, 0.6})));
   int dark = 0;
   for (int y = 0; y < kSide; ++y) {
     for (int x = 0; x < kSide; ++x) {
@@ -770,7 +771,7 @@ TEST(PhantomShadow, IsIndependentOfFaceWinding) {
     for (std::size_t i = 0; i + 2 < mesh.indices.size(); i += 3)
       std::swap(mesh.indices[i], mesh.indices[i + 1]);
   }
-  const OnBoth both =
+  const DarkPixels both =
       compare(turned, l_shape(), test::at(0, 0, 0.15), 0.06, around(0, 0, 0.055, 0.055));
   EXPECT_GT(both.on_plane, 800);
   EXPECT_LT(both.unlike, 0.01 * both.on_plane);
@@ -781,7 +782,7 @@ TEST(PhantomShadow, IsIndependentOfFaceWinding) {
 TEST(PhantomShadow, UsesDarkestLayerOfAllCasters) {
   const Model block = standing_box(0.16, 0.06);
   const auto all = around(0, 0, 0.075, 0.075);
-  const OnBoth fractions =
+  const DarkPixels fractions =
       compare(block, l_shape(), test::at(0, 0, 0.15), 0.06, all, [](FramePlan& plan) {
         const auto lightest_first = [](ShadowDraw& draw) { draw.fractions = {0.9, 0.5, 0.2}; };
         for (ShadowDraw& draw : plan.shadows) lightest_first(draw);
@@ -789,7 +790,7 @@ TEST(PhantomShadow, UsesDarkestLayerOfAllCasters) {
       });
   EXPECT_GT(fractions.on_plane, 800);
   EXPECT_LT(fractions.unlike, 0.01 * fractions.on_plane);
-  const OnBoth opacity =
+  const DarkPixels opacity =
       compare(block, l_shape(), test::at(0, 0, 0.15), 0.06, all, [](FramePlan& plan) {
         // Adds a second, fainter caster beside it.
         const auto add_faint = [](auto& draws, const auto& shadow_of) {
@@ -835,8 +836,8 @@ TEST(PhantomShadow, IsIndependentOfNeighbouringShadow) {
        {Translucency::blend, Translucency::mesh, Translucency::retexture}) {
     SCOPED_TRACE(to_string(mode));
     plan.translucency = alone.translucency = mode;
-    const Picture both = studio.draw(white(), plan);
-    const Picture one = studio.draw(white(), alone);
+    const RenderedImage both = studio.draw(white(), plan);
+    const RenderedImage one = studio.draw(white(), alone);
     int unlike = 0;
     int elsewhere = 0;
     for (int y = 0; y < kSide; ++y) {
@@ -862,9 +863,9 @@ TEST(PhantomShadow, StaysBelowItsCaster) {
     Studio studio(builder.build(), camera());
     const PoseEstimate pose = test::tracked(test::look_at({x, -0.5, 0.7}, {x, 0.0, 0.1}));
     FramePlan plan = studio.plan(pose);
-    const Picture with = draw_directly(studio, plan);
+    const RenderedImage with = draw_directly(studio, plan);
     plan.received_shadows.clear();
-    const Picture without = draw_directly(studio, plan);
+    const RenderedImage without = draw_directly(studio, plan);
     int dark = 0;
     for (int y = 0; y < kSide; ++y)
       for (int column = 0; column < kSide; ++column)
@@ -895,8 +896,8 @@ TEST(PhantomShadow, IsIndependentOfPlaneOrder) {
     EXPECT_EQ(plan.received_shadows.size(), 2U);
     return draw_directly(studio, plan);
   };
-  const Picture one = picture(false);
-  const Picture other = picture(true);
+  const RenderedImage one = picture(false);
+  const RenderedImage other = picture(true);
   int unlike = 0;
   for (std::size_t i = 0; i < one.rgba.size(); ++i)
     unlike += std::abs(one.rgba[i] - other.rgba[i]) > 1 ? 1 : 0;
@@ -929,9 +930,9 @@ TEST(PhantomShadow, KeepsHardShadowsUnchanged) {
     for (ReceivedShadowDraw& draw : plan.received_shadows) draw.shadow.plane = 1;
     return draw_directly(studio, plan);
   };
-  const Picture both = picture(true, true);
-  const Picture simple = picture(true, false);
-  const Picture hard = picture(false, true);
+  const RenderedImage both = picture(true, true);
+  const RenderedImage simple = picture(true, false);
+  const RenderedImage hard = picture(false, true);
   int unlike = 0;
   int dark = 0;
   for (int y = 0; y < kSide; ++y) {
@@ -979,7 +980,7 @@ TEST(PhantomShadow, DarkensOnce) {
     Studio studio(builder.build(), camera());
     return draw_directly(studio, studio.plan(from({0.1, -0.3, 0.5})));
   };
-  const Picture once = picture(1, 1);
+  const RenderedImage once = picture(1, 1);
   EXPECT_EQ(picture(2, 1), once);
   EXPECT_EQ(picture(1, 2), once);
   EXPECT_EQ(picture(3, 3), once);
@@ -995,7 +996,7 @@ TEST(PhantomShadow, FallsAlongNormalOfItsPlane) {
   Studio studio(builder.build(), camera());
   const Eigen::Vector3d eye(0.1, -0.6, 0.35);
   const PoseEstimate pose = from(eye);
-  const Picture picture = draw_directly(studio, studio.plan(pose));
+  const RenderedImage picture = draw_directly(studio, studio.plan(pose));
   const auto red_at = [&](const Eigen::Vector3d& place) {
     const auto pixel = camera().project(pose.T_table_camera.inverse() * place);
     return picture.red(static_cast<int>(std::lround(pixel->x())),
@@ -1026,9 +1027,9 @@ TEST_P(PhantomShadow, MatchesPlaneShadowOnTopOfObject) {
   const Eigen::Vector3d eye(0.1, -0.35, 0.6);
   const PoseEstimate pose = from(eye);
   const FramePlan plan = without_caster(with_object.plan(pose));
-  const Picture shadowed = with_object.draw(white(), plan);
-  const Picture unshadowed = with_object.draw(white(), without_received(plan));
-  const Picture on_plane = draw_directly(with_plane, with_plane.plan(pose));
+  const RenderedImage shadowed = with_object.draw(white(), plan);
+  const RenderedImage unshadowed = with_object.draw(white(), without_received(plan));
+  const RenderedImage on_plane = draw_directly(with_plane, with_plane.plan(pose));
   int dark = 0;
   int wrong = 0;
   int front = 0;
@@ -1082,8 +1083,8 @@ TEST(PhantomShadow, MatchesPlaneShadowOnAnyLevelTop) {
       Studio studio(builder.build(), camera());
       return draw_directly(studio, studio.plan(from({0.1, -0.35, 0.6})));
     };
-    const Picture on_object = draw(true);
-    const Picture on_plane = draw(false);
+    const RenderedImage on_object = draw(true);
+    const RenderedImage on_plane = draw(false);
     const PoseEstimate pose = from({0.1, -0.35, 0.6});
     const Eigen::Vector3d eye = pose.T_table_camera.translation();
     int dark = 0;
@@ -1170,9 +1171,9 @@ TEST_P(PhantomShadow, IsDarkestOfAllCastersOnObject) {
     });
     return studio.draw(white(), one);
   };
-  const Picture a = of(first);
-  const Picture b = of(second);
-  const Picture both = studio.draw(white(), plan);
+  const RenderedImage a = of(first);
+  const RenderedImage b = of(second);
+  const RenderedImage both = studio.draw(white(), plan);
   int unlike = 0;
   int of_both = 0;
   for (int y = 0; y < kSide; ++y) {
@@ -1265,10 +1266,10 @@ TEST(PhantomShadow, FallsOnObjectsInEveryTranslucencyMode) {
     if (!received) plan.received_shadows.clear();
     return studio.draw(white(), plan);
   };
-  const Picture blended = drawn(Translucency::blend, true);
-  const Picture retextured = drawn(Translucency::retexture, true);
-  const Picture door = drawn(Translucency::mesh, true);
-  const Picture lit = drawn(Translucency::blend, false);
+  const RenderedImage blended = drawn(Translucency::blend, true);
+  const RenderedImage retextured = drawn(Translucency::retexture, true);
+  const RenderedImage door = drawn(Translucency::mesh, true);
+  const RenderedImage lit = drawn(Translucency::blend, false);
   int unlike = 0;
   int dark = 0;
   int black = 0;
@@ -1301,11 +1302,11 @@ TEST(PhantomShadow, KeepsResolutionDespiteDistantObjects) {
     options.layers = LayerDrawing::mask;
     const FramePlan plan = studio.plan(from({0.1, -0.25, 0.3}), options);
     EXPECT_EQ(plan.meeting_pairs, 1U);
-    const Picture picture = studio.draw(white(), plan);
+    const RenderedImage picture = studio.draw(white(), plan);
     EXPECT_GT(studio.stats()[Counter::masks_drawn], 0);
     return picture;
   };
-  const Picture alone = drawn(0, true);
+  const RenderedImage alone = drawn(0, true);
   EXPECT_EQ(alone, drawn(40, true));
   EXPECT_EQ(alone, drawn(40, false));
 }

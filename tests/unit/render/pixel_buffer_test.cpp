@@ -16,7 +16,7 @@
 namespace penumbra {
 namespace {
 
-using test::Picture;
+using test::RenderedImage;
 using test::ReplacedGl;
 using test::Studio;
 
@@ -73,10 +73,10 @@ TEST_P(PixelBuffers, UploadVideoUnchangedInEveryFormatSizeAndStride) {
       // Uses more frames than the ring has buffers.
       for (const int gap : {0, 1, 2, 3, 5, 64}) {
         const Frame frame = noise_of(format, width, height, gap, ++seed);
-        const Picture expected = direct->draw(frame, FramePlan());
+        const RenderedImage expected = direct->draw(frame, FramePlan());
         EXPECT_EQ(direct->stats()[Counter::video_copies], 1);
         EXPECT_EQ(direct->stats()[Counter::pixel_buffer_uploads], 0);
-        const Picture got = buffered->draw(frame, FramePlan());
+        const RenderedImage got = buffered->draw(frame, FramePlan());
         EXPECT_EQ(buffered->stats()[Counter::video_copies], 1);
         EXPECT_EQ(buffered->stats()[Counter::pixel_buffer_uploads], 1);
         ASSERT_EQ(got.rgba, expected.rgba)
@@ -90,7 +90,7 @@ TEST_P(PixelBuffers, ReuseAndReportFrameAlreadyUploaded) {
   for (const bool on : {false, true}) {
     const auto shown = studio(64, 48, with_pixel_buffers(on));
     const Frame frame = small_noise(1);
-    const Picture first = shown->draw(frame, FramePlan());
+    const RenderedImage first = shown->draw(frame, FramePlan());
     EXPECT_TRUE(shown->stats().kept.empty());
     EXPECT_EQ(shown->draw(frame, FramePlan()), first);
     EXPECT_EQ(shown->stats()[Counter::video_copies] + shown->stats()[Counter::pixel_buffer_uploads],
@@ -112,7 +112,7 @@ TEST_P(PixelBuffers, FallBackToDirectUploadWhenDriverLosesBuffer) {
   static decltype(epoxy_glUnmapBuffer) unmap = nullptr;
   unmap = epoxy_glUnmapBuffer;
   for (unsigned i = 2; i < 8; ++i) {
-    const Picture expected = direct->draw(small_noise(i), FramePlan());
+    const RenderedImage expected = direct->draw(small_noise(i), FramePlan());
     {
       const ReplacedGl loses(
           epoxy_glUnmapBuffer, +[](GLenum target) -> GLboolean {
@@ -142,33 +142,33 @@ TEST_P(PixelBuffers, ReturnFramesInDrawingOrder) {
     const auto shown = studio(37, 23, options);
     const auto at_once = studio(37, 23, with_pixel_buffers(false));
     Compositor& compositor = shown->compositor();
-    Picture got{37, 23, std::vector<std::uint8_t>(std::size_t{4} * 37 * 23)};
-    std::vector<Picture> expected;
+    RenderedImage got{37, 23, std::vector<std::uint8_t>(std::size_t{4} * 37 * 23)};
+    std::vector<RenderedImage> expected;
     for (unsigned i = 0; i < 7; ++i) {
       const Frame frame = noise_of(PixelFormat::yuv444p, 37, 23, 1, i);
       expected.push_back(at_once->draw(frame, FramePlan()));
       // A screenshot reads the pending frame at once.
       ASSERT_EQ(shown->draw(frame, FramePlan()), expected.back());
-      EXPECT_EQ(compositor.pictures_asked_for(), i > 0 ? 1U : 0U);
+      EXPECT_EQ(compositor.pending_images(), i > 0 ? 1U : 0U);
       const auto asked = compositor.request_image();
       ASSERT_TRUE(asked) << asked.error().message;
       EXPECT_EQ((*asked)[Counter::pixel_buffer_read_backs], 1);
       EXPECT_GT(asked->readback_ms, 0.0);
       if (i == 0) continue;
-      EXPECT_EQ(compositor.pictures_asked_for(), 2U);
+      EXPECT_EQ(compositor.pending_images(), 2U);
       ASSERT_TRUE(compositor.take_image(got.rgba));
       ASSERT_EQ(got, expected[i - 1]) << i;
     }
     ASSERT_TRUE(compositor.take_image(got.rgba));
     EXPECT_EQ(got, expected.back());
-    EXPECT_EQ(compositor.pictures_asked_for(), 0U);
+    EXPECT_EQ(compositor.pending_images(), 0U);
   }
 }
 
 TEST_P(PixelBuffers, ReportLostFrameWithoutReplacingIt) {
   const auto shown = studio(64, 48, with_pixel_buffers(true));
   Compositor& compositor = shown->compositor();
-  Picture image = shown->draw(small_noise(1), FramePlan());
+  RenderedImage image = shown->draw(small_noise(1), FramePlan());
   ASSERT_TRUE(compositor.request_image());
   ASSERT_TRUE(compositor.take_image(image.rgba));
   static decltype(epoxy_glUnmapBuffer) unmap = nullptr;
@@ -186,8 +186,8 @@ TEST_P(PixelBuffers, ReportLostFrameWithoutReplacingIt) {
     ASSERT_FALSE(taken);
     EXPECT_NE(taken.error().message.find("--pixel-buffers off"), std::string::npos);
   }
-  EXPECT_EQ(compositor.pictures_asked_for(), 0U);
-  const Picture expected = shown->draw(small_noise(3), FramePlan());
+  EXPECT_EQ(compositor.pending_images(), 0U);
+  const RenderedImage expected = shown->draw(small_noise(3), FramePlan());
   ASSERT_TRUE(compositor.request_image());
   ASSERT_TRUE(compositor.take_image(image.rgba));
   EXPECT_EQ(image, expected);

@@ -145,7 +145,7 @@ Outline keyhole(std::size_t corners, Random& random) {
 }
 
 // Adds repeated corners, corners on edges, and spikes that go out and back along one line.
-Outline dressed(const Outline& outline, Random& random) {
+Outline with_degenerate_corners(const Outline& outline, Random& random) {
   Outline result;
   for (std::size_t i = 0; i < outline.size(); ++i) {
     const Eigen::Vector2d edge = outline[(i + 1) % outline.size()] - outline[i];
@@ -174,7 +174,7 @@ TEST(PolygonSplitter, KeepsAreaOfRandomSimplePolygons) {
     const auto& [kind, make] = kinds[static_cast<std::size_t>(i) % kinds.size()];
     const std::size_t corners = 4 + random.below(497);
     Outline outline = make(corners, random);
-    if (random.below(2) == 0) outline = dressed(outline, random);
+    if (random.below(2) == 0) outline = with_degenerate_corners(outline, random);
     if (random.below(2) == 0) outline = Outline(outline.rbegin(), outline.rend());
     const double size = std::pow(10.0, between(random, -4.0, 4.0));
     Eigen::Quaterniond rotation = Eigen::Quaterniond::Identity();

@@ -15,7 +15,7 @@ namespace penumbra::receivers_test {
 namespace {
 
 using test::box;
-using test::Picture;
+using test::RenderedImage;
 using test::ring;
 using test::SceneBuilder;
 using test::ShapeBuilder;
@@ -23,11 +23,11 @@ using test::Studio;
 
 constexpr int kSide = 320;
 
-CameraModel straight_camera() {
+CameraModel undistorted_camera() {
   return test::camera_of(kSide, kSide, 400.0);
 }
-CameraModel bent_camera() {
-  return test::bent_camera(kSide, 400.0);
+CameraModel distorted_camera() {
+  return test::distorted_camera(kSide, 400.0);
 }
 PoseEstimate slanted() {
   return test::tracked(test::look_at({0.35, -0.55, 0.4}, {0.0, 0.05, 0.06}));
@@ -60,8 +60,8 @@ SceneBuilder room() {
 }
 
 // Index of the plane that is visible at a pixel, or -1.
-int plane_shown(const Scene& scene, const CameraModel& camera, const CameraPose& pose, int x, int y,
-                Eigen::Vector3d& place) {
+int visible_plane(const Scene& scene, const CameraModel& camera, const CameraPose& pose, int x,
+                  int y, Eigen::Vector3d& place) {
   const auto ray = camera.unproject({static_cast<double>(x), static_cast<double>(y)});
   if (!ray) return -1;
   const Eigen::Vector3d direction = pose.rotation() * *ray;
@@ -117,11 +117,11 @@ INSTANTIATE_TEST_SUITE_P(Lenses, SeveralPlanes, testing::Bool(), [](const auto& 
 });
 
 TEST_P(SeveralPlanes, ShowShadowOfVisiblePlaneInEachPixel) {
-  const CameraModel camera = GetParam() ? bent_camera() : straight_camera();
+  const CameraModel camera = GetParam() ? distorted_camera() : undistorted_camera();
   Studio studio(room().build(), camera);
   const FramePlan plan = studio.plan(slanted());
   EXPECT_EQ(plan.receivers.size(), 3U);
-  const Picture image = studio.draw_shadows(white(), plan);
+  const RenderedImage image = studio.draw_shadows(white(), plan);
   // A pixel is darkened once, also where planes meet.
   const int dark = static_cast<int>(std::lround(255.0 * std::pow(0.4, 1.0 / 2.2)));
   std::vector<int> size(3);
@@ -134,13 +134,13 @@ TEST_P(SeveralPlanes, ShowShadowOfVisiblePlaneInEachPixel) {
   for (int y = 0; y < kSide; ++y) {
     for (int x = 0; x < kSide; ++x) {
       Eigen::Vector3d p;
-      const int plane = plane_shown(studio.scene(), camera, slanted().T_table_camera, x, y, p);
+      const int plane = visible_plane(studio.scene(), camera, slanted().T_table_camera, x, y, p);
       const bool shadow = plane >= 0 && shadows[static_cast<std::size_t>(plane)].at(p);
       if (shadow) ++size[static_cast<std::size_t>(plane)];
       differing += image.red(x, y) != (shadow ? dark : 255) ? 1 : 0;
       ASSERT_TRUE(image.red(x, y) == dark || image.red(x, y) == 255) << x << " " << y;
       if (plane == 1) {
-        const int below = plane_shown(table, camera, slanted().T_table_camera, x, y, p);
+        const int below = visible_plane(table, camera, slanted().T_table_camera, x, y, p);
         hidden += below == 0 && shadows[0].at(p) ? 1 : 0;
       }
     }
@@ -153,12 +153,12 @@ TEST_P(SeveralPlanes, ShowShadowOfVisiblePlaneInEachPixel) {
 TEST(ReceiverPlanes, DrawSameFrameInAnyOrderAndWithSkipping) {
   Scene scene = room().scene();
   const auto draw = [&](bool skip) {
-    Studio studio(std::make_shared<const Scene>(scene), bent_camera());
+    Studio studio(std::make_shared<const Scene>(scene), distorted_camera());
     PlanOptions options;
     options.skip = skip;
     return studio.draw(white(), studio.plan(slanted(), options));
   };
-  const Picture first = draw(true);
+  const RenderedImage first = draw(true);
   EXPECT_EQ(draw(false), first);
   scene.shadows[0].walls = {2, 1};
   EXPECT_EQ(draw(true), first);
@@ -172,11 +172,11 @@ TEST(ReceiverPlanes, IgnorePlaneOutOfView) {
   SceneBuilder builder = room();
   builder.scene().planes[1].point.y() = 60.0;
   builder.scene().planes[2].point.x() = -60.0;
-  Studio with(builder.build(), straight_camera());
+  Studio with(builder.build(), undistorted_camera());
   builder.scene().shadows[0].walls.clear();
-  Studio without(builder.build(), straight_camera());
-  const Picture a = with.draw_shadows(white(), with.plan(slanted()));
-  const Picture b = without.draw_shadows(white(), without.plan(slanted()));
+  Studio without(builder.build(), undistorted_camera());
+  const RenderedImage a = with.draw_shadows(white(), with.plan(slanted()));
+  const RenderedImage b = without.draw_shadows(white(), without.plan(slanted()));
   EXPECT_EQ(a, b);
 }
 

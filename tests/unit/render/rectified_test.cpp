@@ -14,7 +14,7 @@
 namespace penumbra::rectified_test {
 namespace {
 
-using test::Picture;
+using test::RenderedImage;
 
 constexpr int kWidth = 640;
 constexpr int kHeight = 480;
@@ -82,7 +82,7 @@ TEST(Rectification, SamplesVideoAlongRayOfEachPixel) {
         auto compositor = Compositor::create(*context, test::SceneBuilder().build(), camera,
                                              {.rectified = true, .msaa = 0})
                               .value();
-        Picture picture{kWidth, kHeight, std::vector<std::uint8_t>(4 * kWidth * kHeight)};
+        RenderedImage picture{kWidth, kHeight, std::vector<std::uint8_t>(4 * kWidth * kHeight)};
         ASSERT_TRUE(compositor.draw(buffer.frame, FramePlan()));
         ASSERT_TRUE(compositor.read_back(picture.rgba));
         const CameraModel straight = without_distortion(camera);
@@ -126,14 +126,14 @@ TEST(Rectification, AlignsOverlayWithVideo) {
                           bool with_object) {
       FramePlan plan = plan_frame(*scene, evaluate_scene(*scene, 0.0), test::tracked(pose), view);
       if (!with_object) plan.objects.clear();
-      Picture picture{kWidth, kHeight, std::vector<std::uint8_t>(4 * kWidth * kHeight)};
+      RenderedImage picture{kWidth, kHeight, std::vector<std::uint8_t>(4 * kWidth * kHeight)};
       EXPECT_TRUE(compositor.draw(frame, plan));
       EXPECT_TRUE(compositor.read_back(picture.rgba));
       return picture;
     };
     // The video is the object as drawn through the lens.
     const Frame grey = test::plain_frame(kWidth, kHeight, 30);
-    const Picture seen = draw(bent, camera, grey, true);
+    const RenderedImage seen = draw(bent, camera, grey, true);
     FrameBuffer video = allocate_frame(PixelFormat::grey8, kWidth, kHeight);
     for (int y = 0; y < kHeight; ++y) {
       for (int x = 0; x < kWidth; ++x) {
@@ -142,10 +142,10 @@ TEST(Rectification, AlignsOverlayWithVideo) {
       }
     }
     const CameraModel straight = without_distortion(camera);
-    const Picture resampled = draw(rectified, straight, video.frame, false);
-    const Picture drawn = draw(rectified, straight, grey, true);
-    const Picture empty = draw(rectified, straight, grey, false);
-    const auto middle = [](const Picture& picture, auto weight) {
+    const RenderedImage resampled = draw(rectified, straight, video.frame, false);
+    const RenderedImage drawn = draw(rectified, straight, grey, true);
+    const RenderedImage empty = draw(rectified, straight, grey, false);
+    const auto middle = [](const RenderedImage& picture, auto weight) {
       Eigen::Vector3d sum = Eigen::Vector3d::Zero();
       for (int y = 0; y < kHeight; ++y) {
         for (int x = 0; x < kWidth; ++x) sum += weight(picture, x, y) * Eigen::Vector3d(x, y, 1.0);
@@ -153,8 +153,8 @@ TEST(Rectification, AlignsOverlayWithVideo) {
       return Eigen::Vector3d(sum.x() / sum.z(), sum.y() / sum.z(), sum.z());
     };
     const Eigen::Vector3d of_video =
-        middle(resampled, [](const Picture& p, int x, int y) { return p.red(x, y) / 200.0; });
-    const Eigen::Vector3d of_overlay = middle(drawn, [&](const Picture& p, int x, int y) {
+        middle(resampled, [](const RenderedImage& p, int x, int y) { return p.red(x, y) / 200.0; });
+    const Eigen::Vector3d of_overlay = middle(drawn, [&](const RenderedImage& p, int x, int y) {
       return std::equal(p.at(x, y), p.at(x, y) + 3, empty.at(x, y)) ? 0.0 : 1.0;
     });
     ASSERT_GT(of_overlay.z(), 2000.0);

@@ -13,7 +13,7 @@
 namespace penumbra {
 namespace {
 
-using test::Picture;
+using test::RenderedImage;
 using test::SceneBuilder;
 using test::Studio;
 
@@ -52,7 +52,7 @@ SceneBuilder block_and(Other other) {
 }
 
 TEST(ShadowChoice, DoesNotDependOnCulledShadows) {
-  const CameraModel camera = test::bent_camera(kSide, 220.0);
+  const CameraModel camera = test::distorted_camera(kSide, 220.0);
   for (const Other other : {Other::none, Other::cut, Other::whole, Other::off_outline}) {
     SCOPED_TRACE(static_cast<int>(other));
     Studio skipping(block_and(other).build(), camera);
@@ -62,8 +62,8 @@ TEST(ShadowChoice, DoesNotDependOnCulledShadows) {
     for (const double distance : {0.6, 0.53, 0.47, 0.4}) {
       const FramePlan plan = skipping.plan(from_the_side(distance));
       EXPECT_EQ(plan.shadows.size(), 1U);
-      EXPECT_EQ(plan.unseen_shadows.size(), other == Other::none ? 0U : 1U);
-      const Picture seen = skipping.draw(grey(), plan);
+      EXPECT_EQ(plan.skipped_shadows.size(), other == Other::none ? 0U : 1U);
+      const RenderedImage seen = skipping.draw(grey(), plan);
       EXPECT_EQ(seen, whole.draw(grey(), whole.plan(from_the_side(distance), all)));
       const auto masks = skipping.stats()[Counter::layer_masks_drawn] +
                          skipping.stats()[Counter::layer_masks_kept];
@@ -76,7 +76,7 @@ TEST(ShadowChoice, DoesNotDependOnCulledShadows) {
 // by a hundredth of a millimetre; no mask may be drawn again. `drawn_at` returns the frame drawn at
 // a height and the number of masks drawn for it. Returns the lower height and its frame.
 template <typename DrawnAt>
-std::pair<double, Picture> tremble(const DrawnAt& drawn_at, double high, double low) {
+std::pair<double, RenderedImage> tremble(const DrawnAt& drawn_at, double high, double low) {
   constexpr double kStep = 1e-5;
   static_cast<void>(drawn_at(high));
   while (high - low > kStep) {
@@ -84,8 +84,8 @@ std::pair<double, Picture> tremble(const DrawnAt& drawn_at, double high, double 
     static_cast<void>(drawn_at(high));
     (drawn_at(middle).second > 0 ? low : high) = middle;
   }
-  const Picture above = drawn_at(high).first;
-  const Picture below = drawn_at(low).first;
+  const RenderedImage above = drawn_at(high).first;
+  const RenderedImage below = drawn_at(low).first;
   std::int64_t made = 0;
   for (int i = 0; i < 10; ++i) {
     const auto [up, up_made] = drawn_at(high);
@@ -101,7 +101,7 @@ std::pair<double, Picture> tremble(const DrawnAt& drawn_at, double high, double 
 TEST(ShadowChoice, KeepsPlaneMasksWhileCameraTrembles) {
   Studio studio(block_and(Other::none).build(), test::camera_of(kSide, kSide, 220.0));
   const auto drawn_at = [&](double height) {
-    const Picture image = studio.draw(grey(), studio.plan(from_height(height)));
+    const RenderedImage image = studio.draw(grey(), studio.plan(from_height(height)));
     EXPECT_EQ(
         studio.stats()[Counter::layer_masks_drawn] + studio.stats()[Counter::layer_masks_kept], 1);
     return std::pair(image, studio.stats()[Counter::layer_masks_drawn]);
@@ -118,7 +118,7 @@ TEST(ShadowChoice, KeepsReceiverMasksWhileCameraTrembles) {
   Studio studio(builder.build(), test::camera_of(kSide, kSide, 220.0));
   tremble(
       [&](double height) {
-        const Picture image = studio.draw(grey(), studio.plan(from_height(height)));
+        const RenderedImage image = studio.draw(grey(), studio.plan(from_height(height)));
         EXPECT_GT(studio.stats()[Counter::masks_drawn] + studio.stats()[Counter::masks_kept], 0);
         return std::pair(image, studio.stats()[Counter::masks_drawn]);
       },
@@ -137,7 +137,7 @@ TEST(ShadowChoice, ReusesNothingWithNoSkip) {
     PlanOptions options;
     options.technique = technique;
     const Frame frame = grey();
-    const Picture first = studio.draw(frame, studio.plan(from_height(0.5), options));
+    const RenderedImage first = studio.draw(frame, studio.plan(from_height(0.5), options));
     EXPECT_EQ(studio.draw(frame, studio.plan(from_height(0.5), options)), first);
     const CompositeStats again = studio.stats();
     EXPECT_EQ(again[Counter::triples_recomputed], 0);
@@ -173,7 +173,7 @@ TEST(ShadowTone, FollowsCameraResponse) {
     if (c.phantom) builder.add(block(0.08), test::at(0.0, 0.0, 0.04), false, true);
     for (int i = 0; i < c.lights; ++i)
       builder.scene().lights.emplace_back().position = {0.2 - 0.4 * i, 0.0, 1.0};
-    std::vector<Picture> images;
+    std::vector<RenderedImage> images;
     for (const std::optional<double> tone : {std::optional<double>(), std::optional(1.0)}) {
       CameraParameters parameters = test::camera_of(kSide, kSide, 220.0).parameters();
       parameters.tone_curve = tone;
@@ -254,7 +254,7 @@ TEST(LiftedByAmbient, MatchesDrawnShadow) {
     const LightFractions expected =
         lifted_by_ambient(LightFractions(), studio.scene(), plan.lights, Eigen::Vector3d::UnitZ(),
                           Eigen::Vector3d::Zero());
-    const Picture image = studio.draw_shadows(grey(), plan);
+    const RenderedImage image = studio.draw_shadows(grey(), plan);
     const int darkest = *std::ranges::min_element(image.rgba);
     EXPECT_NEAR(darkest, kGrey * std::pow(expected.umbra, 1.0 / kUsualToneExponent), 1.0);
     EXPECT_GT(darkest, before);

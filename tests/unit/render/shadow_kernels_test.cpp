@@ -195,21 +195,21 @@ TEST(ShadowKernels, StayWithinReachOfTheirDisc) {
     for (const Eigen::Vector3d& up : {Eigen::Vector3d(0.2, 0.5, 1.0), Eigen::Vector3d(0, 0, 1),
                                       Eigen::Vector3d(1.0, 0.3, 0.1)}) {
       const ShadowKernels kernels = generate_kernels(mesh, up, KernelSource::automatic);
-      const auto reach = test::kernel_reach(mesh, kernels);
+      const auto reach = test::kernel_distances(mesh, kernels);
       ASSERT_EQ(kernels.radius.size(), mesh.positions.size());
       for (std::size_t i = 0; i < reach.size(); ++i) {
         ASSERT_GT(reach[i].cell, 0.0);
         EXPECT_GT(reach[i].inside, 0.0) << "a kernel outside its silhouette";
-        EXPECT_LE(reach[i].distance, test::farthest_allowed(reach[i]));
+        EXPECT_LE(reach[i].distance, test::max_allowed_distance(reach[i]));
         EXPECT_NEAR(static_cast<double>(kernels.radius[i]), reach[i].inside, reach[i].cell);
       }
       // A mean of such kernels may lie outside the silhouette, but no farther than the largest
       // disc's radius.
       const ShadowKernels smooth = generate_kernels(mesh, up, KernelSource::smooth);
       double farthest = 0.0;
-      for (const test::KernelReach& at : reach)
-        farthest = std::max(farthest, test::farthest_allowed(at));
-      for (const test::KernelReach& at : test::kernel_reach(mesh, smooth))
+      for (const test::KernelDistance& at : reach)
+        farthest = std::max(farthest, test::max_allowed_distance(at));
+      for (const test::KernelDistance& at : test::kernel_distances(mesh, smooth))
         EXPECT_LE(at.distance, farthest);
     }
   }
@@ -220,10 +220,10 @@ TEST(ShadowKernels, ExceedReachWithOneKernelForBar) {
   test::ShapeBuilder shape;
   shape.box(-0.1, -0.01, -0.01, 0.1, 0.01, 0.01);
   const ShadowMesh mesh = make_shadow_mesh(shape.build());
-  for (const test::KernelReach& at : test::kernel_reach(
+  for (const test::KernelDistance& at : test::kernel_distances(
            mesh, generate_kernels(mesh, Eigen::Vector3d::UnitZ(), KernelSource::centroid))) {
     EXPECT_NEAR(at.inside, 0.01, 0.001);
-    EXPECT_GT(at.distance, 2.0 * test::farthest_allowed(at));
+    EXPECT_GT(at.distance, 2.0 * test::max_allowed_distance(at));
   }
 }
 

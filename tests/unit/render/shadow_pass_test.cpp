@@ -22,7 +22,7 @@ namespace penumbra::shadow_pass_test {
 namespace {
 
 using test::box;
-using test::Picture;
+using test::RenderedImage;
 using test::SceneBuilder;
 using test::ShapeBuilder;
 using test::Studio;
@@ -86,7 +86,7 @@ Layer draw_layer(Studio& studio, const PoseEstimate& pose, ShadowLayer layer, bo
     shadow.middle = shadow.middle && layer == ShadowLayer::middle;
     shadow.penumbra = shadow.penumbra && layer == ShadowLayer::penumbra;
   }
-  const Picture image = studio.draw_shadows(white(), plan);
+  const RenderedImage image = studio.draw_shadows(white(), plan);
   Layer drawn;
   int count = 0;
   for (int y = 0; y < kSide; ++y) {
@@ -468,9 +468,9 @@ TEST(ShadowPass, DarkensPixelOnceByDarkestLayer) {
     options.layers = LayerDrawing::direct;
     return studio.draw_shadows(white(), studio.plan(overhead(), options));
   };
-  const Picture together = draw(both);
-  const Picture first = draw(one);
-  const Picture second = draw(other);
+  const RenderedImage together = draw(both);
+  const RenderedImage first = draw(one);
+  const RenderedImage second = draw(other);
   std::set<int> values;
   int overlap = 0;
   for (int y = 0; y < kSide; ++y) {
@@ -494,7 +494,7 @@ TEST(ShadowPass, DrawsFootprintAsSimpleShadow) {
   Studio studio(builder.build(), overhead_camera());
   PlanOptions options;
   options.technique = ShadowTechnique::simple;
-  const Picture image = studio.draw_shadows(white(), studio.plan(overhead(), options));
+  const RenderedImage image = studio.draw_shadows(white(), studio.plan(overhead(), options));
   int dark = 0;
   for (std::size_t i = 0; i < image.rgba.size(); i += 4) dark += image.rgba[i] < 255 ? 1 : 0;
   EXPECT_NEAR(dark * square(kEyeHeight / kFocal), 0.08 * 0.05, 0.01 * 0.08 * 0.05);

@@ -15,7 +15,7 @@
 namespace penumbra {
 namespace {
 
-using test::Picture;
+using test::RenderedImage;
 using test::SceneBuilder;
 using test::Studio;
 
@@ -65,7 +65,7 @@ TEST(ShadowProxy, MatchesAgreementOfFinerRaster) {
     SCOPED_TRACE(name);
     const ShadowMesh full = bundled(name);
     const auto proxy = simplified_caster(full);
-    if (full.indices.size() / 3 <= kLeastProxyFaces) {
+    if (full.indices.size() / 3 <= kMinProxyFaces) {
       EXPECT_FALSE(proxy);
       continue;
     }
@@ -155,7 +155,7 @@ class DrawnProxy : public testing::Test {
     shape.sphere(0.05, rings, sectors);
     return test::finished(shape.build(), glm::vec4(1.0F));
   }
-  static Picture draw(Studio& studio, bool proxies, bool skip = true) {
+  static RenderedImage draw(Studio& studio, bool proxies, bool skip = true) {
     PlanOptions options;
     options.proxies = proxies;
     options.skip = skip;
@@ -168,11 +168,11 @@ class DrawnProxy : public testing::Test {
 TEST_F(DrawnProxy, SavesFacesAndChangesFewPixels) {
   // The ball is tilted, so that its outline differs from the rings of its mesh.
   Studio studio(ball(test::at(0.0, 0.0, 0.1, {1, 0.3, 0}, 0.7)).build(), camera());
-  const Picture full = draw(studio, false);
+  const RenderedImage full = draw(studio, false);
   EXPECT_EQ(studio.stats()[Counter::proxy_shadows], 0);
   EXPECT_EQ(studio.stats()[Counter::proxy_checks], 0);
   EXPECT_EQ(studio.stats()[Counter::proxy_faces_saved], 0);
-  const Picture reduced = draw(studio, true);
+  const RenderedImage reduced = draw(studio, true);
   EXPECT_EQ(studio.stats()[Counter::proxy_shadows], 1);
   EXPECT_EQ(studio.stats()[Counter::proxy_checks], 1);
   EXPECT_GT(studio.stats()[Counter::proxy_faces_saved], 3 * 2000);
@@ -223,7 +223,7 @@ TEST_F(DrawnProxy, IsRejectedWhenItsLayersDiffer) {
   SceneBuilder builder = ball(test::at(0.0, 0.0, 0.1));
   builder.scene().objects[0].proxy_model.reset();
   Studio none(builder.build(), camera());
-  const Picture image = draw(none, true);
+  const RenderedImage image = draw(none, true);
   EXPECT_EQ(none.stats()[Counter::proxy_checks], 0);
   builder.scene().objects[0].proxy_model = test::finished(test::box_model(0.1), glm::vec4(1.0F));
   Studio wrong(builder.build(), camera());

@@ -15,7 +15,7 @@
 namespace penumbra::shadow_reuse_test {
 namespace {
 
-using test::Picture;
+using test::RenderedImage;
 using test::SceneBuilder;
 using test::ShapeBuilder;
 using test::Studio;
@@ -75,8 +75,8 @@ class Stage {
         }()),
         studio_(scene_, camera()) {}
 
-  Picture draw(const Placement& placement, const PoseEstimate& pose = overhead(),
-               const LayeredConstants* constants = nullptr) {
+  RenderedImage draw(const Placement& placement, const PoseEstimate& pose = overhead(),
+                     const LayeredConstants* constants = nullptr) {
     PlanOptions options;
     options.layers = LayerDrawing::direct;  // a sliding caster would need a new mask
     FramePlan plan = studio_.plan(pose, options);
@@ -154,7 +154,7 @@ TEST_P(ShadowReuse, KeepsGeometryWhileCasterSlidesAndTurns) {
     placement = turned(placement, Eigen::Vector3d::UnitZ(), 0.17);
     placement.position.x() = 0.03 * std::sin(0.7 * i);
     placement.position.y() = 0.02 * std::cos(1.1 * i);
-    const Picture moved = stage.draw(placement);
+    const RenderedImage moved = stage.draw(placement);
     expect_reused(stage.stats(), "slid and turned");
     if (i % 10 != 0) continue;
     Stage fresh(GetParam().technique, l_model(), placement, GetParam().light_mode);
@@ -258,8 +258,8 @@ TEST(StoredKernels, KeepTheirKindForOtherTilts) {
                 source);
     return stage.draw(tilted);
   };
-  const Picture automatic = picture(l_model(), KernelSource::automatic);
-  const Picture centroid = picture(l_model(), KernelSource::centroid);
+  const RenderedImage automatic = picture(l_model(), KernelSource::automatic);
+  const RenderedImage centroid = picture(l_model(), KernelSource::centroid);
   ASSERT_NE(automatic, centroid);
   EXPECT_EQ(picture(l_with_stored_kernels("g-p-cocl"), KernelSource::automatic), centroid);
   EXPECT_EQ(picture(l_with_stored_kernels("g-p-auto"), KernelSource::automatic), automatic);
@@ -271,8 +271,8 @@ TEST(ShadowField, IsReusedForTiltThatMovesNoEdge) {
   // The level placement lies in the middle of a rounding step of the tilt.
   const Placement level = test::at(0.0, 0.0, 0.1);
   Stage stage(ShadowTechnique::field, l_model(), level);
-  const Picture before = stage.draw(level);
-  const Picture after = stage.draw(turned(level, {1, 0, 0}, 4e-5));
+  const RenderedImage before = stage.draw(level);
+  const RenderedImage after = stage.draw(turned(level, {1, 0, 0}, 4e-5));
   EXPECT_EQ(stage.stats()[Counter::reprojections], 1);
   EXPECT_EQ(after, before);
   stage.draw(turned(level, {1, 0, 0}, 1e-3));
@@ -306,7 +306,7 @@ TEST(ShadowField, MatchesFieldValuesOnPlane) {
   Placement placement = turned(unturned, Eigen::Vector3d::UnitZ(), yaw);
   placement.position += Eigen::Vector3d(0.013, -0.021, 0.0);
   Stage stage(ShadowTechnique::field, l_model(), placement);
-  const Picture picture = stage.draw(placement);
+  const RenderedImage picture = stage.draw(placement);
 
   const ShadowMesh mesh = make_shadow_mesh(*l_model());
   const PlaneFrame plane;
@@ -359,9 +359,9 @@ TEST(ShadowField, DarkensOnceForOverlappingCasters) {
     options.layers = LayerDrawing::direct;  // in a mask, coverages of one pixel add up
     return studio.draw_shadows(white(), studio.plan(overhead(), options));
   };
-  const Picture together = draw(both);
-  const Picture first = draw(one);
-  const Picture second = draw(other);
+  const RenderedImage together = draw(both);
+  const RenderedImage first = draw(one);
+  const RenderedImage second = draw(other);
   int overlap = 0;
   for (int y = 0; y < kSide; ++y) {
     for (int x = 0; x < kSide; ++x) {
@@ -386,7 +386,7 @@ TEST(ShadowField, DrawsWholeCardOnPlaneDespiteRounding) {
     for (const LayerDrawing layers : {LayerDrawing::direct, LayerDrawing::mask}) {
       PlanOptions options;
       options.layers = layers;
-      const Picture picture = studio.draw_shadows(white(), studio.plan(overhead(), options));
+      const RenderedImage picture = studio.draw_shadows(white(), studio.plan(overhead(), options));
       constexpr int kHalfUmbra = (255 + 107) / 2;  // value of a pixel on an edge
       int dark = 0;
       for (int y = 0; y < kSide; ++y)

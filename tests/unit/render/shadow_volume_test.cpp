@@ -25,7 +25,7 @@ namespace penumbra::shadow_volume_test {
 namespace {
 
 using test::box;
-using test::Picture;
+using test::RenderedImage;
 using test::ring;
 using test::SceneBuilder;
 using test::ShapeBuilder;
@@ -194,7 +194,7 @@ TEST(ShadowVolume, MatchesReferenceMasks) {
     const CameraPose pose(R, test::vector_from(entry.at("eye")));
     FramePlan plan = studio.plan(test::tracked(pose));
     plan.objects.clear();  // the oracle does not draw the caster
-    const Picture image = studio.draw(white(side), plan);
+    const RenderedImage image = studio.draw(white(side), plan);
     const auto rows = entry.at("rows").get<std::vector<std::string>>();
     int dark = 0;
     int wrong = 0;
@@ -305,10 +305,10 @@ TEST_P(VolumeView, DarkensUnlitPixelsOnly) {
            : test::camera_of(kSide, kSide, 200.0);
   Studio studio(builder.build(), camera);
   const PoseEstimate pose = test::tracked(test::look_at(view.eye, view.target));
-  const Picture with = studio.draw(white(), studio.plan(pose));
+  const RenderedImage with = studio.draw(white(), studio.plan(pose));
   PlanOptions none;
   none.technique = ShadowTechnique::none;
-  const Picture without = studio.draw(white(), studio.plan(pose, none));
+  const RenderedImage without = studio.draw(white(), studio.plan(pose, none));
 
   std::vector<int> expected(std::size_t{kSide} * kSide, -1);  // 1 shadow, 0 lit, -1 unknown
   std::vector<bool> off(expected.size());
@@ -359,7 +359,7 @@ TEST_P(VolumeView, DarkensUnlitPixelsOnly) {
   }
   // An edge may fall on either side of a pixel centre. Pixels whose whole neighbourhood is lit or
   // in shadow must match.
-  const auto [interior, wrong_interior] = test::beside_no_edge(kSide, expected, off);
+  const auto [interior, wrong_interior] = test::count_interior_pixels(kSide, expected, off);
   EXPECT_GT(interior, 5000);
   EXPECT_EQ(wrong_interior, 0) << "of " << interior;
   EXPECT_GT(dark, 1000);
@@ -404,9 +404,9 @@ TEST(ShadowVolume, FadesWithCasterAndReceiver) {
     if (object.object == 3) object.opacity = kObjectOpacity;
   }
   for (std::size_t i = 0; i < 2; ++i) plan.volumes[i].opacity = kCasterOpacity[i];
-  const Picture with = studio.draw(white(), plan);
+  const RenderedImage with = studio.draw(white(), plan);
   plan.volumes.clear();
-  const Picture without = studio.draw(white(), plan);
+  const RenderedImage without = studio.draw(white(), plan);
 
   std::map<std::pair<float, float>, int> seen;  // keyed by the opacity of receiver and caster
   int wrong = 0;
@@ -454,9 +454,9 @@ TEST(ShadowVolume, FadesWithCasterAndReceiver) {
 
   // With uniform opacity, both drawing modes give the same frame.
   FramePlan even = studio.plan(pose);
-  const Picture solid = studio.draw(white(), even);
+  const RenderedImage solid = studio.draw(white(), even);
   even.phantoms[0].opacity = 0.999999F;
-  const Picture by_receiver = studio.draw(white(), even);
+  const RenderedImage by_receiver = studio.draw(white(), even);
   int other = 0;
   for (std::size_t i = 0; i < solid.rgba.size(); ++i) {
     other += std::abs(solid.rgba[i] - by_receiver.rgba[i]) > 1 ? 1 : 0;
@@ -498,10 +498,10 @@ TEST(ShadowVolume, DrawsEveryLightOfEveryNode) {
   EXPECT_TRUE(plan.skipped.empty());
   ASSERT_EQ(plan.volumes.size(), 4U);
   plan.objects.clear();
-  const Picture solid = studio.draw(white(), plan);
+  const RenderedImage solid = studio.draw(white(), plan);
   // an opacity just below 1 selects drawing caster by caster
   plan.volumes[0].opacity = 0.999999F;
-  const Picture faint = studio.draw(white(), plan);
+  const RenderedImage faint = studio.draw(white(), plan);
 
   std::map<int, int> seen;  // keyed by the set of blocked lights
   int wrong = 0;
@@ -559,7 +559,7 @@ TEST(ShadowVolume, StaysDarkForManyStackedParts) {
   Studio studio(builder.build(), test::camera_of(kSide, kSide, 200.0));
   FramePlan plan = studio.plan(test::tracked(test::look_at({0.0, -0.3, 0.4}, {0, 0, 0})));
   plan.objects.clear();
-  const Picture image = studio.draw(white(), plan);
+  const RenderedImage image = studio.draw(white(), plan);
   EXPECT_LT(image.red(kSide / 2, kSide / 2), 250);
 }
 
@@ -598,9 +598,9 @@ TEST(ShadowVolume, CarriesProjectedShadowsOntoPhantoms) {
   ASSERT_EQ(plan.volumes.size(), 1U);
   EXPECT_FALSE(plan.volumes[0].on_planes);
   ASSERT_EQ(plan.hard_shadows.size(), 1U);
-  const Picture with = studio.draw(white(), plan);
+  const RenderedImage with = studio.draw(white(), plan);
   plan.volumes.clear();
-  const Picture without = studio.draw(white(), plan);
+  const RenderedImage without = studio.draw(white(), plan);
   int dark = 0;
   int wrong = 0;
   for (int y = 0; y < kSide; ++y) {
@@ -781,7 +781,7 @@ TEST(ShadowVolume, NeverDarkensEmptyDepth) {
   Studio studio(builder.build(), camera);
   FramePlan plan = studio.plan(test::tracked(test::look_at({0.3, -0.4, 0.4}, {0, 0, 0})));
   plan.objects.clear();
-  const Picture image = studio.draw(white(), plan);
+  const RenderedImage image = studio.draw(white(), plan);
   int dark = 0;
   for (int y = 0; y < kSide; ++y) {
     for (int x = 0; x < kSide; ++x) {
@@ -849,7 +849,7 @@ TEST(ShadowVolume, IsSkippedOutOfView) {
     }
     builder.add(box(0.1, 0.1, 0.1), test::at(within(-0.2, 0.2), within(-0.2, 0.2), 0.02), false,
                 i % 2 == 0);
-    Studio studio(builder.build(), i % 4 == 0 ? test::bent_camera(kSide, 260.0)
+    Studio studio(builder.build(), i % 4 == 0 ? test::distorted_camera(kSide, 260.0)
                                               : test::camera_of(kSide, kSide, 260.0));
     const PoseEstimate pose = test::tracked(test::look_at(
         {within(-0.5, 0.5), -0.4, within(0.1, 0.6)}, {within(-0.3, 0.3), within(-0.3, 0.3), 0.0}));
@@ -883,7 +883,7 @@ TEST(ShadowVolume, DrawsNothingWhenAllIsOutOfView) {
   EXPECT_EQ(reasons, (std::vector<std::string>{"object1: outside the view",
                                                "object1: its light rays are outside the view",
                                                "object1: its shadow volume is outside the view"}));
-  const Picture image = studio.draw(white(), plan);
+  const RenderedImage image = studio.draw(white(), plan);
   EXPECT_EQ(studio.stats()[Counter::shadow_vertices], 0);
   EXPECT_LE(studio.stats()[Counter::draw_calls], 2) << "the video and the plane's stencil";
   PlanOptions all;

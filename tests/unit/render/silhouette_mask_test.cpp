@@ -24,7 +24,7 @@ namespace {
 
 using test::edge_error;
 using test::EdgeError;
-using test::Picture;
+using test::RenderedImage;
 using test::ShapeBuilder;
 using test::Studio;
 
@@ -173,8 +173,8 @@ Mask draw(const std::vector<const Placed*>& casters, const glm::vec3& light, dou
 }
 
 // Fraction of a cell's 8 x 8 sample points that lie in a layer's faces.
-double covered_share(const std::vector<PlanePoint>& faces, double cell, std::int64_t u,
-                     std::int64_t v) {
+double covered_fraction(const std::vector<PlanePoint>& faces, double cell, std::int64_t u,
+                        std::int64_t v) {
   int inside = 0;
   for (int i = 0; i < 64; ++i) {
     const double x = cell * (static_cast<double>(u) + (i % 8 + 0.5) / 8.0);
@@ -226,7 +226,7 @@ TEST(SilhouetteMask, MatchesFacesOfClosedMesh) {
       for (std::int64_t v = mask.cells.v; v < mask.cells.v + mask.cells.height; ++v) {
         for (std::int64_t u = mask.cells.u; u < mask.cells.u + mask.cells.width; ++u) {
           const double share = 1.0 - mask.at(u, v) / 255.0;
-          const double expected = covered_share(faces, kCell, u, v);
+          const double expected = covered_fraction(faces, kCell, u, v);
           most = std::max(most, std::abs(share - expected));
           sum += share - expected;
           area += expected;
@@ -301,7 +301,7 @@ TEST(SilhouetteMask, MatchesFacesOfOpenAndCutMeshes) {
                                        static_cast<std::size_t>(part.height));
       raster.begin(mask.cells);
       raster.cover(caster, {}, {});
-      raster.finish_shares(part, shares);
+      raster.finish_coverage(part, shares);
       const std::uint8_t* texel = shares.data();
       for (std::int64_t v = part.v; v < part.v + part.height; ++v) {
         for (std::int64_t u = part.u; u < part.u + part.width; ++u, texel += 4) {
@@ -320,7 +320,7 @@ TEST(SilhouetteMask, MatchesFacesOfOpenAndCutMeshes) {
         for (std::int64_t u = mask.cells.u; u < mask.cells.u + mask.cells.width; ++u) {
           ASSERT_EQ(mask.at(u, v), again.at(u, v));
           const double share = 1.0 - mask.at(u, v) / 255.0;
-          const double expected = covered_share(expected_faces, kCell, u, v);
+          const double expected = covered_fraction(expected_faces, kCell, u, v);
           most = std::max(most, std::abs(share - expected));
           sum += share - expected;
           area += expected;
@@ -511,7 +511,7 @@ std::vector<std::uint8_t> shares_of(MaskRaster& raster, const Cover& cover, cons
                                    static_cast<std::size_t>(part.height));
   raster.begin(cells);
   cover(raster);
-  raster.finish_shares(part, shares);
+  raster.finish_coverage(part, shares);
   return shares;
 }
 MaskCells cells_around(const MaskCaster& caster, double cell) {
@@ -821,7 +821,7 @@ CameraModel camera(double times = 1.0) {
   p.cy = (120.0 + 0.5) * times - 0.5;
   return CameraModel::make(p).value();
 }
-CameraModel bent_camera() {
+CameraModel distorted_camera() {
   CameraParameters p = camera().parameters();
   p.model = DistortionModel::plumb_bob;
   p.distortion = {-0.28, 0.08, 0.001, -0.0008, 0.0, 0.0, 0.0, 0.0};
@@ -849,7 +849,7 @@ class DrawnMask : public testing::Test {
     options.translucency = translucency;
     return options;
   }
-  static Picture shadows(Studio& studio, const PlanOptions& options) {
+  static RenderedImage shadows(Studio& studio, const PlanOptions& options) {
     return studio.draw_shadows(
         test::plain_frame(studio.camera().width(), studio.camera().height(), 255),
         studio.plan(pose(), options));
@@ -862,7 +862,7 @@ TEST_F(DrawnMask, SmoothsEdgesOnly) {
                        {torus(), test::at(-0.04, -0.02, 0.15)}})}) {
     Studio coarse(objects, camera());
     Studio fine(objects, camera(4.0));
-    const Picture reference = shadows(fine, by(LayerDrawing::direct));
+    const RenderedImage reference = shadows(fine, by(LayerDrawing::direct));
     const EdgeError mask = edge_error(shadows(coarse, by(LayerDrawing::mask)), reference, 4);
     EXPECT_EQ(coarse.stats()[Counter::layer_masks_drawn], 1);
     const EdgeError direct = edge_error(shadows(coarse, by(LayerDrawing::direct)), reference, 4);
@@ -878,9 +878,9 @@ TEST_F(DrawnMask, SmoothsEdgesOnly) {
 }
 
 TEST_F(DrawnMask, FollowsLensDistortion) {
-  Studio studio(ring(), bent_camera());
-  const Picture direct = shadows(studio, by(LayerDrawing::direct));
-  const Picture mask = shadows(studio, by(LayerDrawing::mask));
+  Studio studio(ring(), distorted_camera());
+  const RenderedImage direct = shadows(studio, by(LayerDrawing::direct));
+  const RenderedImage mask = shadows(studio, by(LayerDrawing::mask));
   EXPECT_EQ(studio.stats()[Counter::layer_masks_drawn], 1);
   // A misplaced edge would differ by a layer's step along its whole length.
   int off = 0;
@@ -906,7 +906,7 @@ TEST_F(DrawnMask, IsUnchangedBySkippingEmptyPieces) {
   const PoseEstimate near = test::tracked(test::look_at({0.05, -0.2, 0.25}, {0.0, 0.05, 0.0}));
   const PoseEstimate far = test::tracked(test::look_at({0.1, -0.8, 0.9}, {0.0, 0.05, 0.0}));
   for (const bool lens : {false, true}) {
-    const CameraModel by_camera = lens ? bent_camera() : camera();
+    const CameraModel by_camera = lens ? distorted_camera() : camera();
     Studio some(objects, by_camera);
     Studio all(objects, by_camera);
     for (const Translucency mode :
@@ -916,7 +916,7 @@ TEST_F(DrawnMask, IsUnchangedBySkippingEmptyPieces) {
         plan.objects.clear();
         ASSERT_TRUE(plan.reuse);
         const Frame frame = test::plain_frame(kWidth, kHeight, 200);
-        const Picture image = some.draw(frame, plan);
+        const RenderedImage image = some.draw(frame, plan);
         ASSERT_EQ(
             some.stats()[Counter::layer_masks_drawn] + some.stats()[Counter::layer_masks_kept], 1);
         // More than half of the rectangle around both casters is empty. Without lens distortion the
@@ -939,17 +939,18 @@ TEST_F(DrawnMask, IsUnchangedBySkippingEmptyPieces) {
 // The caster slides and rotates, so that its edges cross the borders of pieces at many positions.
 TEST_F(DrawnMask, DrawsPiecesOfPresentMask) {
   const auto objects = ring();
-  Studio some(objects, bent_camera());
-  Studio all(objects, bent_camera());
+  Studio some(objects, distorted_camera());
+  Studio all(objects, distorted_camera());
   SceneState state = evaluate_scene(*objects, 0.0);
   const Frame frame = test::plain_frame(kWidth, kHeight, 200);
   for (int i = 0; i < 60; ++i) {
     state.objects[0].position.x() += 0.00037;
     state.objects[0].rotation =
         Eigen::AngleAxisd(0.05, Eigen::Vector3d::UnitZ()) * state.objects[0].rotation;
-    FramePlan plan = plan_frame(*objects, state, pose(), bent_camera(), by(LayerDrawing::mask));
+    FramePlan plan =
+        plan_frame(*objects, state, pose(), distorted_camera(), by(LayerDrawing::mask));
     plan.objects.clear();
-    const Picture image = some.draw(frame, plan);
+    const RenderedImage image = some.draw(frame, plan);
     EXPECT_GT(some.stats()[Counter::mask_pieces_skipped], 0);
     plan.reuse = false;
     ASSERT_EQ(image, all.draw(frame, plan)) << i;
@@ -960,7 +961,7 @@ TEST_F(DrawnMask, IsEqualInEveryModeAndApi) {
   const auto objects = scene({{torus(), test::at(0.0, 0.0, 0.1, {1, 0.2, 0}, 0.4)},
                               {torus(), test::at(0.9, 2.0, 0.1)}});  // one out of view
   Studio studio(objects, camera());
-  const Picture blended = shadows(studio, by(LayerDrawing::mask));
+  const RenderedImage blended = shadows(studio, by(LayerDrawing::mask));
   PlanOptions all = by(LayerDrawing::mask);
   all.skip = false;
   EXPECT_EQ(shadows(studio, all), blended);
@@ -968,7 +969,7 @@ TEST_F(DrawnMask, IsEqualInEveryModeAndApi) {
   EXPECT_EQ(shadows(fresh, all), blended);
   Studio es(objects, camera(), GlApi::gles30);
   EXPECT_EQ(shadows(es, by(LayerDrawing::mask)), blended);
-  const Picture retextured = shadows(studio, by(LayerDrawing::mask, Translucency::retexture));
+  const RenderedImage retextured = shadows(studio, by(LayerDrawing::mask, Translucency::retexture));
   for (std::size_t i = 0; i < blended.rgba.size(); ++i)
     ASSERT_NEAR(retextured.rgba[i], blended.rgba[i], 1);
   // The automatic choice is a mask, because the casters have at least 1024 faces.
@@ -979,7 +980,7 @@ TEST_F(DrawnMask, IsEqualInEveryModeAndApi) {
 }
 
 // Index of a pixel within the 16-pixel screen-door pattern (translucency.glsl).
-int door_place(int x, int y) {
+int screen_door_index(int x, int y) {
   const int either = x ^ y;
   return ((either & 1) << 3) | ((y & 1) << 2) | (either & 2) | ((y & 2) >> 1);
 }
@@ -993,14 +994,14 @@ TEST_F(DrawnMask, CoversSamePixelsAsDirectScreenDoor) {
     for (const bool lens : {false, true}) {
       Scene of_ring = *ring();
       of_ring.shadows[0].fractions = fractions;
-      Studio studio(std::make_shared<const Scene>(of_ring), lens ? bent_camera() : camera());
-      const Picture layers = shadows(studio, by(LayerDrawing::direct));
-      const Picture direct = shadows(studio, by(LayerDrawing::direct, Translucency::mesh));
+      Studio studio(std::make_shared<const Scene>(of_ring), lens ? distorted_camera() : camera());
+      const RenderedImage layers = shadows(studio, by(LayerDrawing::direct));
+      const RenderedImage direct = shadows(studio, by(LayerDrawing::direct, Translucency::mesh));
       EXPECT_EQ(studio.stats()[Counter::layer_masks_drawn], 0);
-      const Picture mask = shadows(studio, by(LayerDrawing::mask, Translucency::mesh));
+      const RenderedImage mask = shadows(studio, by(LayerDrawing::mask, Translucency::mesh));
       EXPECT_EQ(studio.stats()[Counter::layer_masks_drawn], 1);
       // Each translucency mode has a separate mask, so a change of mode redraws it.
-      const Picture blended = shadows(studio, by(LayerDrawing::mask));
+      const RenderedImage blended = shadows(studio, by(LayerDrawing::mask));
       EXPECT_EQ(studio.stats()[Counter::layer_masks_drawn], 1);
       EXPECT_NE(blended, mask);
       int inside = 0;
@@ -1018,8 +1019,8 @@ TEST_F(DrawnMask, CoversSamePixelsAsDirectScreenDoor) {
           const int shown = mask.red(x, y);
           EXPECT_TRUE(shown == 0 || shown == 255);
           const auto black = [&](int value) {
-            return static_cast<float>(door_place(x, y)) <
-                   door_places(static_cast<float>(value) / 255.0F);
+            return static_cast<float>(screen_door_index(x, y)) <
+                   opaque_door_pixels(static_cast<float>(value) / 255.0F);
           };
           if (shown == 0 ? !black(darkest) : black(lightest)) ++outside;
           if (darkest != lightest) continue;
@@ -1040,7 +1041,7 @@ TEST_F(DrawnMask, IsReusedUntilCasterMoves) {
   const Frame frame = test::plain_frame(kWidth, kHeight, 255);
   SceneState state = evaluate_scene(*objects, 0.0);
   const auto draw = [&](const CameraPose& at) {
-    const Picture image = studio.draw_shadows(
+    const RenderedImage image = studio.draw_shadows(
         frame,
         plan_frame(*objects, state, test::tracked(at), studio.camera(), by(LayerDrawing::mask)));
     return std::pair(studio.stats()[Counter::layer_masks_drawn], image);
@@ -1053,7 +1054,7 @@ TEST_F(DrawnMask, IsReusedUntilCasterMoves) {
     return part.reason == KeepReason::layer_mask;
   }));
   EXPECT_EQ(studio.stats()[Counter::shadow_vertices], 0);
-  const Picture before = draw(first).second;
+  const RenderedImage before = draw(first).second;
   EXPECT_EQ(draw(test::look_at({0.1, -0.2, 0.2}, {0.0, 0.0, 0.03})).first, 1) << "nearer: finer";
   for (const Eigen::Vector3d& step : {Eigen::Vector3d(1e-3, 0, 0), Eigen::Vector3d(0, 0, 1e-3),
                                       Eigen::Vector3d(-1e-3, 0, -1e-3)}) {
@@ -1139,7 +1140,7 @@ TEST_F(MaskByFaces, SmoothsEdgesOnly) {
     SCOPED_TRACE(c.what);
     Studio coarse(c.of, camera());
     Studio fine(c.of, camera(4.0));
-    const Picture reference = shadows(fine, by(LayerDrawing::direct));
+    const RenderedImage reference = shadows(fine, by(LayerDrawing::direct));
     const EdgeError mask = edge_error(shadows(coarse, by(LayerDrawing::mask)), reference, 4);
     EXPECT_EQ(coarse.stats()[Counter::layer_masks_drawn], 1);
     const EdgeError direct = edge_error(shadows(coarse, by(LayerDrawing::direct)), reference, 4);
@@ -1167,7 +1168,7 @@ TEST_F(MaskByFaces, LeavesNoSeamAtMovingCut) {
       return by_studio.draw_shadows(test::plain_frame(seen_by.width(), seen_by.height(), 255),
                                     plan_frame(*objects, state, pose(), seen_by, by(layers)));
     };
-    const Picture mask = drawn(studio, LayerDrawing::mask);
+    const RenderedImage mask = drawn(studio, LayerDrawing::mask);
     EXPECT_EQ(studio.stats()[Counter::layer_masks_drawn], 1);
     EXPECT_LE(edge_error(mask, drawn(fine, LayerDrawing::direct), 4).largest_elsewhere, 1) << i;
   }
@@ -1177,7 +1178,7 @@ TEST_F(MaskByFaces, LeavesNoSeamAtMovingCut) {
 TEST_F(MaskByFaces, RejectsMeshWithoutOrientation) {
   const auto objects = scene({{moebius(), test::at(0, 0, 0.1)}, {torus(), test::at(0.1, 0, 0.1)}});
   Studio studio(objects, camera());
-  const Picture asked = shadows(studio, by(LayerDrawing::mask));
+  const RenderedImage asked = shadows(studio, by(LayerDrawing::mask));
   EXPECT_EQ(studio.stats()[Counter::layer_masks_drawn], 0);
   ASSERT_EQ(studio.stats().skipped.size(), 1U);
   const SkippedPass& skipped = studio.stats().skipped[0];
@@ -1198,14 +1199,14 @@ TEST_F(MaskByFaces, SharesMaskBetweenNodesOfDifferentLights) {
   const auto objects = std::make_shared<const Scene>(two);
   Studio coarse(objects, camera());
   Studio fine(objects, camera(4.0));
-  const Picture reference = shadows(fine, by(LayerDrawing::direct));
+  const RenderedImage reference = shadows(fine, by(LayerDrawing::direct));
   const EdgeError mask = edge_error(shadows(coarse, by(LayerDrawing::mask)), reference, 4);
   EXPECT_EQ(coarse.stats()[Counter::layer_masks_drawn], 1);
   EXPECT_LT(mask.rms, 6.0);
   EXPECT_LE(mask.largest_elsewhere, 1);
   // In direct drawing, each pixel equals the darker one of the two nodes drawn alone.
-  const Picture both = shadows(coarse, by(LayerDrawing::direct));
-  std::array<Picture, 2> alone;
+  const RenderedImage both = shadows(coarse, by(LayerDrawing::direct));
+  std::array<RenderedImage, 2> alone;
   for (std::size_t i = 0; i < 2; ++i) {
     Scene one = two;
     one.shadows[1 - i].casters.clear();
@@ -1258,12 +1259,12 @@ TEST_F(DrawnMask, SupportsEveryTechnique) {
     const auto objects = std::make_shared<const Scene>(some);
     Studio coarse(objects, camera());
     Studio fine(objects, camera(4.0));
-    const Picture reference = shadows(fine, by(LayerDrawing::direct));
-    const Picture mask = shadows(coarse, by(LayerDrawing::mask));
+    const RenderedImage reference = shadows(fine, by(LayerDrawing::direct));
+    const RenderedImage mask = shadows(coarse, by(LayerDrawing::mask));
     EXPECT_EQ(coarse.stats()[Counter::layer_masks_drawn], 1);
     EXPECT_TRUE(coarse.stats().skipped.empty());
     const EdgeError error = edge_error(mask, reference, 4);
-    const Picture direct = shadows(coarse, by(LayerDrawing::direct));
+    const RenderedImage direct = shadows(coarse, by(LayerDrawing::direct));
     EXPECT_EQ(coarse.stats()[Counter::layer_masks_drawn], 0);
     const EdgeError drawn = edge_error(direct, reference, 4);
     std::printf("%s: edge error [codes RMS]: mask %.2f, direct %.2f, over %d pixels\n", c.what,
@@ -1284,7 +1285,8 @@ TEST_F(DrawnMask, SupportsEveryTechnique) {
     without.skip = false;
     EXPECT_EQ(shadows(recreated, without), mask);
     EXPECT_GT(recreated.stats()[Counter::shadow_vertices], 0);
-    const Picture retextured = shadows(recreated, by(LayerDrawing::mask, Translucency::retexture));
+    const RenderedImage retextured =
+        shadows(recreated, by(LayerDrawing::mask, Translucency::retexture));
     const int rounding = recreated.context().info().software ? 0 : 1;  // of a second program
     for (std::size_t i = 0; i < mask.rgba.size(); ++i)
       ASSERT_LE(std::abs(int{retextured.rgba[i]} - int{mask.rgba[i]}), rounding);
@@ -1323,7 +1325,7 @@ TEST_F(DrawnMask, RedrawsOnlyMovingCasters) {
                                                all, all,          alone[0]};
   for (std::size_t i = 0; i < moves.size(); ++i) {
     for (const std::size_t moved : moves[i]) state.objects[moved].position.x() += 0.0037;
-    const Picture image = draw(studio, true);
+    const RenderedImage image = draw(studio, true);
     EXPECT_EQ(studio.stats()[Counter::layer_masks_drawn], 1);
     EXPECT_EQ(studio.stats()[Counter::shadow_vertices], projected[i]) << i;
     EXPECT_EQ(studio.stats()[Counter::triples_recomputed], 0) << "they only slide";
@@ -1457,7 +1459,7 @@ class LargeMask : public DrawnMask {
   static PoseEstimate seen_from(const Eigen::Vector3d& eye, const Eigen::Vector3d& target) {
     return test::tracked(test::look_at(eye, target));
   }
-  static Picture drawn(Studio& studio, const PoseEstimate& from, const PlanOptions& options) {
+  static RenderedImage drawn(Studio& studio, const PoseEstimate& from, const PlanOptions& options) {
     return studio.draw_shadows(
         test::plain_frame(studio.camera().width(), studio.camera().height(), 255),
         studio.plan(from, options));
@@ -1486,7 +1488,7 @@ TEST_F(LargeMask, SmoothsEdgesOnly) {
     SCOPED_TRACE(c.what);
     Studio coarse(c.of, camera_of_height(c.height));
     Studio fine(c.of, camera_of_height(c.height, 4.0));
-    const Picture mask = drawn(coarse, c.from, by(LayerDrawing::mask));
+    const RenderedImage mask = drawn(coarse, c.from, by(LayerDrawing::mask));
     const EdgeError error = edge_error(mask, drawn(fine, c.from, by(LayerDrawing::direct)), 4);
     EXPECT_GE(coarse.stats()[Counter::layer_masks_drawn], 1);
     std::printf("%s: edge error %.2f codes RMS over %d pixels, elsewhere %d at most\n", c.what,
@@ -1522,7 +1524,7 @@ TEST_F(LargeMask, DependsOnlyOnPresentFrame) {
         const Translucency mode = kModes[k];
         SCOPED_TRACE(std::to_string(i) + " " + std::string(to_string(mode)));
         PlanOptions options = by(LayerDrawing::mask, mode);
-        const Picture image = drawn(studio, path[i], options);
+        const RenderedImage image = drawn(studio, path[i], options);
         Studio fresh(of, by_camera);
         EXPECT_EQ(image, drawn(fresh, path[i], options));
         options.skip = false;
@@ -1569,7 +1571,7 @@ TEST_F(LargeMask, RedrawsOnlyGroupOfMovingCaster) {
   EXPECT_EQ(masks, 4);
   for (int i = 0; i < 4; ++i) {
     state.objects[3].position.y() += 0.0037;
-    const Picture image = draw(studio);
+    const RenderedImage image = draw(studio);
     EXPECT_EQ(studio.stats()[Counter::layer_masks_drawn], 1);
     EXPECT_EQ(studio.stats()[Counter::layer_masks_kept], 3);
     Studio fresh(objects, studio.camera());

@@ -18,7 +18,7 @@ namespace penumbra {
 namespace tag_group_test {
 namespace {
 
-using test::Picture;
+using test::RenderedImage;
 using test::Studio;
 
 constexpr int kWidth = 320;
@@ -75,7 +75,7 @@ FramePlan plan_of(const Scene& scene, const std::vector<GroupEstimate>& groups,
                   const PlanOptions& options = {}, const PoseEstimate& pose = viewer()) {
   return plan_frame(scene, evaluate_scene(scene, 0.0, groups), pose, camera(), options);
 }
-int differing(const Picture& a, const Picture& b) {
+int differing(const RenderedImage& a, const RenderedImage& b) {
   int count = 0;
   for (std::size_t i = 0; i < a.rgba.size(); i += 4)
     count += std::abs(int{a.rgba[i]} - int{b.rgba[i]}) > 3 ? 1 : 0;
@@ -198,9 +198,9 @@ TEST(TagGroup, CastsShadowOnMovedWall) {
     PlanOptions options;
     options.technique = technique;
     const auto groups = seen("wall", placed(shift));
-    const Picture a = tied.draw(frame, plan_of(tied.scene(), groups, options));
-    const Picture b = fixed.draw(frame, plan_of(fixed.scene(), {}, options));
-    const Picture c = old.draw(frame, plan_of(old.scene(), {}, options));
+    const RenderedImage a = tied.draw(frame, plan_of(tied.scene(), groups, options));
+    const RenderedImage b = fixed.draw(frame, plan_of(fixed.scene(), {}, options));
+    const RenderedImage c = old.draw(frame, plan_of(old.scene(), {}, options));
     EXPECT_EQ(a, b);
     EXPECT_GT(differing(a, c), 40) << "the wall's place must matter";
   }
@@ -225,9 +225,9 @@ TEST(TagGroup, RotatesOutlineWithWall) {
     PlanOptions options;
     options.technique = technique;
     const auto groups = seen("wall", GroupPose(R, Eigen::Vector3d(frame.q - R * frame.q)));
-    const Picture a = tied.draw(video, plan_of(tied.scene(), groups, options));
-    const Picture b = fixed.draw(video, plan_of(fixed.scene(), {}, options));
-    const Picture c = old.draw(video, plan_of(old.scene(), {}, options));
+    const RenderedImage a = tied.draw(video, plan_of(tied.scene(), groups, options));
+    const RenderedImage b = fixed.draw(video, plan_of(fixed.scene(), {}, options));
+    const RenderedImage c = old.draw(video, plan_of(old.scene(), {}, options));
     EXPECT_LT(differing(a, b), 10);
     EXPECT_GT(differing(a, c), 40);
   }
@@ -245,9 +245,9 @@ TEST(TagGroup, DrawsFaintAndSolidObjectsTogether) {
   const auto at = [&](TrackStatus status) {
     return studio.draw(frame, plan_of(studio.scene(), seen("prop", placed({0, 0, 0}), status)));
   };
-  const Picture solid = at(TrackStatus::tracked);
-  const Picture faint = at(TrackStatus::uncertain);
-  const Picture none = at(TrackStatus::lost);
+  const RenderedImage solid = at(TrackStatus::tracked);
+  const RenderedImage faint = at(TrackStatus::uncertain);
+  const RenderedImage none = at(TrackStatus::lost);
   int same = 0;
   int between = 0;
   for (int y = 0; y < kHeight; ++y) {

@@ -23,7 +23,7 @@ namespace penumbra::translucency_test {
 namespace {
 
 using test::box;
-using test::Picture;
+using test::RenderedImage;
 using test::ring;
 using test::SceneBuilder;
 using test::Studio;
@@ -34,10 +34,10 @@ constexpr std::array kWithoutBlending = {Translucency::mesh, Translucency::retex
                                          Translucency::geometry_mesh};
 const std::array<double, 8> kBent = {-0.28, 0.09, 0.0012, -0.0009, -0.006};
 
-CameraModel straight_camera() {
+CameraModel undistorted_camera() {
   return test::camera_of(kWidth, kHeight, 300.0);
 }
-CameraModel bent_camera() {
+CameraModel distorted_camera() {
   return test::camera_of(kWidth, kHeight, 260.0, DistortionModel::plumb_bob, kBent);
 }
 Frame white() {
@@ -123,17 +123,17 @@ PlanOptions options_of(Translucency mode, ShadowTechnique technique = ShadowTech
   return options;
 }
 
-bool is_black(const Picture& image, int x, int y) {
+bool is_black(const RenderedImage& image, int x, int y) {
   return image.at(x, y)[0] == 0 && image.at(x, y)[1] == 0 && image.at(x, y)[2] == 0;
 }
-int black_pixels(const Picture& image) {
+int black_pixels(const RenderedImage& image) {
   int count = 0;
   for (int y = 0; y < image.height; ++y) {
     for (int x = 0; x < image.width; ++x) count += is_black(image, x, y) ? 1 : 0;
   }
   return count;
 }
-bool all_black_of_are_black_in(const Picture& lighter, const Picture& darker) {
+bool all_black_of_are_black_in(const RenderedImage& lighter, const RenderedImage& darker) {
   for (int y = 0; y < lighter.height; ++y) {
     for (int x = 0; x < lighter.width; ++x) {
       if (is_black(lighter, x, y) && !is_black(darker, x, y)) return false;
@@ -147,7 +147,7 @@ int rounding_codes(Studio& studio) {
   return studio.context().info().software ? 0 : 1;
 }
 
-int largest_difference(const Picture& a, const Picture& b) {
+int largest_difference(const RenderedImage& a, const RenderedImage& b) {
   int largest = 0;
   for (std::size_t i = 0; i < a.rgba.size(); ++i)
     largest =
@@ -196,11 +196,11 @@ TEST(ScreenDoor, MatchesLightFractionsByDensity) {
   for (const Case& c : {Case{{0.0625, 0.4375, 0.8125}, {15, 9, 3}},
                         Case{{0.15, 0.4, 0.83}, {14, 10, 3}}, Case{{0.0, 0.5, 1.0}, {16, 8, 0}}}) {
     for (const GlApi api : {GlApi::gl33, GlApi::gles30}) {
-      Studio studio(plate(c.fractions).build(), straight_camera(), api);
-      const Picture blended =
+      Studio studio(plate(c.fractions).build(), undistorted_camera(), api);
+      const RenderedImage blended =
           studio.draw_shadows(white(), studio.plan(above(), options_of(Translucency::blend)));
       const FramePlan plan = studio.plan(above(), options_of(Translucency::mesh));
-      const Picture mesh = studio.draw_shadows(white(), plan);
+      const RenderedImage mesh = studio.draw_shadows(white(), plan);
       const glm::vec3 light = layer_light(plan.shadows.at(0));
       std::array<int, 3> blocks{};
       for (int y = 0; y + 4 <= kHeight; ++y) {
@@ -234,17 +234,17 @@ TEST(ScreenDoor, MatchesLightFractionsByDensity) {
 TEST(ScreenDoor, NestsDarkerPatterns) {
   SceneBuilder builder = plate({0.15, 0.4, 0.83});
   builder.add(ring(), test::at(0.04, 0.03, 0.06));
-  Studio studio(builder.build(), bent_camera());
+  Studio studio(builder.build(), distorted_camera());
   PlanOptions options = options_of(Translucency::mesh);
   options.layers = LayerDrawing::direct;
   FramePlan plan = studio.plan(above(), options);
-  const Picture whole = studio.draw_shadows(white(), plan);
-  std::array<Picture, 3> layers;
-  Picture together = studio.draw(white(), FramePlan());
+  const RenderedImage whole = studio.draw_shadows(white(), plan);
+  std::array<RenderedImage, 3> layers;
+  RenderedImage together = studio.draw(white(), FramePlan());
   for (int layer = 0; layer < 3; ++layer) {
     FramePlan alone = plan;
     keep_layer(alone, layer);
-    Picture& image = layers[static_cast<std::size_t>(layer)];
+    RenderedImage& image = layers[static_cast<std::size_t>(layer)];
     image = studio.draw_shadows(white(), alone);
     EXPECT_GT(black_pixels(image), 200);
     EXPECT_TRUE(all_black_of_are_black_in(image, whole));
@@ -255,7 +255,7 @@ TEST(ScreenDoor, NestsDarkerPatterns) {
   // Overlapping layers of one caster must darken the same pixels.
   FramePlan solid = plan;
   for (ShadowDraw& draw : solid.shadows) draw.fractions = {0.0, 0.0, 0.0};
-  std::array<Picture, 3> masks;
+  std::array<RenderedImage, 3> masks;
   for (int layer = 0; layer < 3; ++layer) {
     FramePlan alone = solid;
     keep_layer(alone, layer);
@@ -281,14 +281,15 @@ TEST(ScreenDoor, NestsDarkerPatterns) {
 TEST(ScreenDoor, ThinsOutWithFadingPose) {
   SceneBuilder builder;
   builder.add(box(0.2, 0.2, 0.02), test::at(0, 0, 0.01), false);
-  Studio studio(builder.build(), straight_camera());
+  Studio studio(builder.build(), undistorted_camera());
   PoseEstimate pose = above();
-  const Picture solid = studio.draw(white(), studio.plan(pose, options_of(Translucency::mesh)));
+  const RenderedImage solid =
+      studio.draw(white(), studio.plan(pose, options_of(Translucency::mesh)));
   pose.status = TrackStatus::held;
   pose.age_s = 0.25;
   const FramePlan plan = studio.plan(pose, options_of(Translucency::mesh));
   ASSERT_NEAR(plan.overlay_opacity, 0.5, 1e-6);
-  const Picture faint = studio.draw(white(), plan);
+  const RenderedImage faint = studio.draw(white(), plan);
   int of_object = 0;
   int seen = 0;
   for (int y = 90; y < 90 + 60; ++y) {
@@ -308,7 +309,7 @@ TEST(ScreenDoor, ThinsOutWithFadingPose) {
 TEST(Retexture, MatchesBlending) {
   for (const auto& builder : {busy(), busy_on_both()}) {
     for (const GlApi api : {GlApi::gl33, GlApi::gles30}) {
-      Studio studio(builder.build(), bent_camera(), api);
+      Studio studio(builder.build(), distorted_camera(), api);
       const Frame frame = noise(PixelFormat::nv12);
       const auto poses = views();
       // Both APIs give the same frame (Translucency.DrawsSameFrameOnBothApis).
@@ -340,7 +341,7 @@ TEST(Retexture, KeepsShadowsOnObjectsBehindPlane) {
   builder.add(box(0.4, 0.004, 0.2), test::at(0.0, 0.154, 0.1));   // behind the wall's plane
   builder.add(box(0.2, 0.2, 0.02), test::at(0.05, 0.0, -0.015));  // below the table
   builder.scene().shadows[0].casters = {0, 1, 2};
-  Studio studio(builder.build(), bent_camera());
+  Studio studio(builder.build(), distorted_camera());
   const Frame frame = noise(PixelFormat::yuyv);
   for (const ShadowTechnique technique : {ShadowTechnique::layered, ShadowTechnique::field,
                                           ShadowTechnique::simple, ShadowTechnique::walls}) {
@@ -352,8 +353,8 @@ TEST(Retexture, KeepsShadowsOnObjectsBehindPlane) {
           options.skip = skip;
           return studio.draw(frame, studio.plan(test::tracked(view), options));
         };
-        const Picture blended = draw(Translucency::blend, true);
-        const Picture retextured = draw(Translucency::retexture, true);
+        const RenderedImage blended = draw(Translucency::blend, true);
+        const RenderedImage retextured = draw(Translucency::retexture, true);
         EXPECT_LE(largest_difference(blended, retextured), 1);
         EXPECT_EQ(retextured, draw(Translucency::retexture, false));
       }
@@ -363,7 +364,7 @@ TEST(Retexture, KeepsShadowsOnObjectsBehindPlane) {
 
 // A frame with faint rays is the mean of a frame with solid rays and one without rays.
 TEST(Retexture, BlendsFaintRaysOnce) {
-  Studio studio(busy().build(), bent_camera());
+  Studio studio(busy().build(), distorted_camera());
   const Frame frame = noise(PixelFormat::nv12);
   const auto draw = [&](bool faint, bool rays) {
     PoseEstimate pose = test::tracked(views().front());
@@ -373,10 +374,10 @@ TEST(Retexture, BlendsFaintRaysOnce) {
     options.light_rays = rays;
     return studio.draw(frame, studio.plan(pose, options));
   };
-  const Picture solid = draw(false, true);
-  const Picture solid_without = draw(false, false);
-  const Picture faint = draw(true, true);
-  const Picture faint_without = draw(true, false);
+  const RenderedImage solid = draw(false, true);
+  const RenderedImage solid_without = draw(false, false);
+  const RenderedImage faint = draw(true, true);
+  const RenderedImage faint_without = draw(true, false);
   int rays = 0;
   int wrong = 0;
   for (std::size_t i = 0; i < solid.rgba.size(); i += 4) {
@@ -395,7 +396,7 @@ TEST(Retexture, BlendsFaintRaysOnce) {
 }
 
 TEST(Retexture, FetchesEveryVideoFormat) {
-  Studio studio(plate({0.15, 0.4, 0.83}).build(), straight_camera());
+  Studio studio(plate({0.15, 0.4, 0.83}).build(), undistorted_camera());
   for (const PixelFormat format :
        {PixelFormat::grey8, PixelFormat::rgb24, PixelFormat::yuyv, PixelFormat::nv12,
         PixelFormat::yuv420p, PixelFormat::yuv422p, PixelFormat::yuv444p}) {
@@ -404,7 +405,7 @@ TEST(Retexture, FetchesEveryVideoFormat) {
       const auto draw = [&](Translucency mode) {
         return studio.draw_shadows(frame, studio.plan(above(), options_of(mode, technique)));
       };
-      const Picture blended = draw(Translucency::blend);
+      const RenderedImage blended = draw(Translucency::blend);
       EXPECT_LE(largest_difference(blended, draw(Translucency::retexture)),
                 1 + rounding_codes(studio));
       EXPECT_GT(largest_difference(blended, studio.draw(frame, FramePlan())), 40);
@@ -467,9 +468,9 @@ class Watch {
 };
 
 TEST(Translucency, EnablesBlendingOnlyInBlendMode) {
-  Studio studio(busy_on_both().build(), bent_camera());
+  Studio studio(busy_on_both().build(), distorted_camera());
   const Frame frame = noise(PixelFormat::yuv420p);
-  const Picture video = studio.draw(frame, FramePlan());
+  const RenderedImage video = studio.draw(frame, FramePlan());
   const auto draw_all = [&](Translucency mode, LayerDrawing layers) {
     for (const auto& [technique, name] : kShadowTechniqueNames) {
       for (const bool faint : {false, true}) {
@@ -504,7 +505,7 @@ TEST(Translucency, NeedsNoStencilForMeshAndRetextureOnTable) {
   SceneBuilder builder = busy();
   builder.scene().planes.resize(1);
   builder.scene().shadows[0].walls.clear();
-  Studio studio(builder.build(), bent_camera());
+  Studio studio(builder.build(), distorted_camera());
   const Frame frame = noise(PixelFormat::yuyv);
   const auto stencilled = [&](Translucency mode) {
     const auto draw = [&] {
@@ -523,8 +524,8 @@ TEST(Translucency, NeedsNoStencilForMeshAndRetextureOnTable) {
 
 TEST(Translucency, DrawsSameFrameWhenSkippingInvisibleParts) {
   const auto scene = busy_on_both().build();
-  Studio with(scene, bent_camera());
-  Studio without(scene, bent_camera());
+  Studio with(scene, distorted_camera());
+  Studio without(scene, distorted_camera());
   const Frame frame = noise(PixelFormat::nv12);
   std::size_t cases = 0;
   std::size_t skipped = 0;
@@ -536,8 +537,8 @@ TEST(Translucency, DrawsSameFrameWhenSkippingInvisibleParts) {
       for (const CameraPose& view : views_of_case(cases++)) {
         const FramePlan plan = with.plan(test::tracked(view), some);
         skipped += plan.skipped.size();
-        const Picture skipping = with.draw(frame, plan);
-        const Picture whole = without.draw(frame, without.plan(test::tracked(view), all));
+        const RenderedImage skipping = with.draw(frame, plan);
+        const RenderedImage whole = without.draw(frame, without.plan(test::tracked(view), all));
         ASSERT_LE(largest_difference(skipping, whole), rounding_codes(with))
             << to_string(mode) << " " << name << " " << view.translation().transpose();
       }
@@ -548,16 +549,16 @@ TEST(Translucency, DrawsSameFrameWhenSkippingInvisibleParts) {
 
 TEST(Translucency, DrawsSameFrameOnBothApis) {
   const auto scene = busy_on_both().build();
-  Studio desktop(scene, bent_camera(), GlApi::gl33);
-  Studio embedded(scene, bent_camera(), GlApi::gles30);
+  Studio desktop(scene, distorted_camera(), GlApi::gl33);
+  Studio embedded(scene, distorted_camera(), GlApi::gles30);
   const Frame frame = noise(PixelFormat::nv12);
   std::size_t cases = 0;
   for (const Translucency mode : kWithoutBlending) {
     for (const auto& [technique, name] : kShadowTechniqueNames) {
       for (const CameraPose& view : views_of_case(cases++)) {
         const FramePlan plan = desktop.plan(test::tracked(view), options_of(mode, technique));
-        const Picture one = desktop.draw(frame, plan);
-        const Picture other = embedded.draw(frame, plan);
+        const RenderedImage one = desktop.draw(frame, plan);
+        const RenderedImage other = embedded.draw(frame, plan);
         int over = 0;
         for (std::size_t i = 0; i < one.rgba.size(); ++i)
           over += std::abs(one.rgba[i] - other.rgba[i]) > 2 ? 1 : 0;
@@ -579,8 +580,8 @@ TEST(GeometryMesh, MatchesLightFractionOfLayer) {
     FramePlan strips = studio.plan(near, options_of(Translucency::geometry_mesh));
     keep_layer(blended, layer);
     keep_layer(strips, layer);
-    const Picture mask = studio.draw_shadows(frame, blended);
-    const Picture image = studio.draw_shadows(frame, strips);
+    const RenderedImage mask = studio.draw_shadows(frame, blended);
+    const RenderedImage image = studio.draw_shadows(frame, strips);
     EXPECT_EQ(studio.stats().translucency, Translucency::geometry_mesh);
     int inside = 0;
     int black = 0;
@@ -609,14 +610,14 @@ TEST(TranslucencyProbe, DetectsSupportedModes) {
   for (const GlApi api : {GlApi::gl33, GlApi::gles30}) {
     const auto context = create_offscreen_context(api).value();
     context->make_current();
-    const FragmentAbilities found = probe_picture(api).value();
+    const FragmentAbilities found = probe_fragment_abilities(api).value();
     EXPECT_TRUE(found.blends);
     EXPECT_TRUE(found.fetches);
     EXPECT_EQ(glGetError(), static_cast<GLenum>(GL_NO_ERROR));
 
     driver_enable = epoxy_glEnable;
     epoxy_glEnable = enable_without_blending;
-    const FragmentAbilities without = probe_picture(api).value();
+    const FragmentAbilities without = probe_fragment_abilities(api).value();
     epoxy_glEnable = driver_enable;
     EXPECT_FALSE(without.blends);
     EXPECT_TRUE(without.fetches);
@@ -628,11 +629,11 @@ TEST(TranslucencyProbe, SelectsRetextureWhenDriverDoesNotBlend) {
     (void)studio.draw(white(), studio.plan(above()));
     return studio.stats().translucency;
   };
-  Studio studio(plate({0.15, 0.4, 0.83}).build(), straight_camera());
+  Studio studio(plate({0.15, 0.4, 0.83}).build(), undistorted_camera());
   EXPECT_EQ(drawn(studio), Translucency::blend);
   driver_enable = epoxy_glEnable;
   epoxy_glEnable = enable_without_blending;
-  Studio without(plate({0.15, 0.4, 0.83}).build(), straight_camera());
+  Studio without(plate({0.15, 0.4, 0.83}).build(), undistorted_camera());
   epoxy_glEnable = driver_enable;
   EXPECT_EQ(drawn(without), Translucency::retexture);
 }

@@ -105,7 +105,7 @@ TEST(Window, ShowsFrameWithoutResetNotification) {
     refuses_reset_notification = false;
     ASSERT_TRUE(context) << context.error().message;
     EXPECT_EQ(windows_refused, 1) << "requested first";
-    EXPECT_FALSE((*context)->info().tells_resets);
+    EXPECT_FALSE((*context)->info().reports_resets);
     auto compositor =
         Compositor::create(**context, test::SceneBuilder().build(), test::camera_of(64, 48, 50.0));
     ASSERT_TRUE(compositor) << compositor.error().message;

@@ -307,15 +307,15 @@ TEST(GroupTracker, IsDeterministic) {
 
 // A block enters the view while it moves, and the wall is at another pose than in the map. The
 // table is tracked in every frame.
-struct Arriving {
+struct ArrivalScenario {
   Stage stage{{wall(), block()}};
   std::vector<Frame> pictures;
   std::vector<Placements> truth;
 };
 constexpr int kArrives = 3;  // first frame with wall and block
 
-Arriving arriving() {
-  Arriving arriving;
+ArrivalScenario arriving() {
+  ArrivalScenario arriving;
   std::vector<MappedTag> without = arriving.stage.tags;
   std::erase_if(without, [](const MappedTag& tag) { return tag.group != "table"; });
   for (int f = 0; f < 14; ++f) {
@@ -341,7 +341,8 @@ struct Arrival {
 
 using Duration = std::chrono::steady_clock::duration;
 
-Arrival arrive(const Arriving& arriving, const TrackerOptions& options, Duration patience = {}) {
+Arrival arrive(const ArrivalScenario& arriving, const TrackerOptions& options,
+               Duration patience = {}) {
   Arrival arrival;
   GroupTracker tracker = arriving.stage.tracker(options);
   for (const Frame& picture : arriving.pictures) {
@@ -352,7 +353,7 @@ Arrival arrive(const Arriving& arriving, const TrackerOptions& options, Duration
 }
 
 // Duration of a frame with searches for all groups, under the machine's present load.
-Duration time_of_search(const Arriving& arriving) {
+Duration search_duration(const ArrivalScenario& arriving) {
   TrackerOptions options;
   options.search_timing = SearchTiming::in_frame;
   GroupTracker tracker = arriving.stage.tracker(options);
@@ -362,7 +363,7 @@ Duration time_of_search(const Arriving& arriving) {
 }
 
 TEST(GroupTracker, NeverWaitsForSearchOnceTableIsTracked) {
-  const Arriving shown = arriving();
+  const ArrivalScenario shown = arriving();
   const Stage& stage = shown.stage;
   TrackerOptions options;
   options.search_timing = SearchTiming::in_frame;
@@ -423,10 +424,10 @@ TEST(GroupTracker, NeverWaitsForSearchOnceTableIsTracked) {
 
 // With enough time, the result of a background search is used in the next frame.
 TEST(GroupTracker, FindsSameGroupsByBackgroundSearch) {
-  const Arriving shown = arriving();
+  const ArrivalScenario shown = arriving();
   TrackerOptions options;
   options.search_timing = SearchTiming::when_done;
-  const Arrival live = arrive(shown, options, 2 * time_of_search(shown));
+  const Arrival live = arrive(shown, options, 2 * search_duration(shown));
   for (const char* group : {"wall", "block"}) {
     const int first = live.first_tracked(group);
     ASSERT_GE(first, kArrives) << group;

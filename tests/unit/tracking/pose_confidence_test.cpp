@@ -45,14 +45,14 @@ class PoseConfidence : public ::testing::Test {
 };
 
 TEST_F(PoseConfidence, TracksPoseBelowLimit) {
-  const JudgedPose judged = judge(group_, measured(1.0), std::nullopt);
+  const AssessedPose judged = judge(group_, measured(1.0), std::nullopt);
   EXPECT_EQ(judged.estimate.status, TrackStatus::tracked);
   EXPECT_NEAR(judged.estimate.predicted_overlay_error_px, 1.0, 1e-6);
   EXPECT_EQ(judged.estimate.reason.cause, PoseCause::none);
 }
 
 TEST_F(PoseConfidence, IsUncertainAboveLimit) {
-  const JudgedPose judged = judge(group_, measured(3.0), std::nullopt);
+  const AssessedPose judged = judge(group_, measured(3.0), std::nullopt);
   EXPECT_EQ(judged.estimate.status, TrackStatus::uncertain);
   EXPECT_EQ(text_of(judged.estimate.reason), "expected error 3.0 px");
   EXPECT_FALSE(judged.only_lens_uncertain);
@@ -75,10 +75,10 @@ TEST_F(PoseConfidence, ChoosesBetweenTwoPosesByPrediction) {
   Measurement measurement = measured(0.1);
   add_second(measurement, 0.4);
   const MapFromCamera second = measurement.second->T_map_camera;
-  const JudgedPose best = judge(group_, measurement, pose_);
+  const AssessedPose best = judge(group_, measurement, pose_);
   EXPECT_EQ(best.estimate.status, TrackStatus::tracked);
   EXPECT_EQ(best.estimate.T_map_camera.matrix(), pose_.matrix());
-  const JudgedPose other = judge(group_, measurement, second);
+  const AssessedPose other = judge(group_, measurement, second);
   EXPECT_EQ(other.estimate.status, TrackStatus::tracked);
   EXPECT_EQ(other.estimate.T_map_camera.matrix(), second.matrix());
 }
@@ -87,7 +87,7 @@ TEST_F(PoseConfidence, BlamesLensWhenOnlyCameraFileIsUncertain) {
   CameraParameters parameters = group_.camera.parameters();
   parameters.overlay_sigma_px = 5.0;
   const RigidTags group{CameraModel::make(parameters).value(), group_.tags};
-  const JudgedPose judged = judge(group, measured(1.0), std::nullopt);
+  const AssessedPose judged = judge(group, measured(1.0), std::nullopt);
   EXPECT_EQ(judged.estimate.status, TrackStatus::uncertain);
   EXPECT_THAT(text_of(judged.estimate.reason), HasSubstr("the camera file knows its lens"));
   EXPECT_TRUE(judged.only_lens_uncertain);
@@ -105,7 +105,7 @@ TEST_F(PoseConfidence, EnlargesErrorOfDetectedPoseByUnreadTags) {
   measurement.aligned = false;
   measurement.tags_used = 1;
   ASSERT_EQ(group_.in_view(pose_), 6);
-  const JudgedPose judged = judge(group_, measurement, std::nullopt);
+  const AssessedPose judged = judge(group_, measurement, std::nullopt);
   EXPECT_NEAR(judged.estimate.predicted_overlay_error_px, 0.5 * std::sqrt(6.0), 1e-6);
 }
 

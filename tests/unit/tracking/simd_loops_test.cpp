@@ -683,7 +683,7 @@ TEST(SimdLoops, WalkTakesPixelsWithinReachOfEdge) {
         walk.height = 270;  // part of the edges is below the image
         walk.stride = 700;
         walk.reach_px = 1.3F;
-        walk.most_rows = band_count > 0 ? band_count : 5;
+        walk.max_rows = band_count > 0 ? band_count : 5;
         walk.band_count = band_count;
         walk.offsets = band_count > 0 ? band.data() : offsets.data();
         std::vector<std::int32_t> end(32);
@@ -809,7 +809,7 @@ TEST(SimdLoops, WalkRunsVisitsEveryPixel) {
         walk.height = kHeight;
         walk.stride = kStride;
         walk.band_count = band_count;
-        walk.most_rows = band_count > 0 ? band_count : 5;
+        walk.max_rows = band_count > 0 ? band_count : 5;
         walk.offsets = band_count > 0 ? band.data() : all_rows.data();
         struct Sample {
           int x, y, place;
@@ -1018,7 +1018,7 @@ TEST(SimdLoops, CellPlacesAreNearestPixels) {
 TEST(SimdLoops, PackedTagsMatchSingleTags) {
   std::mt19937 random(21);
   std::normal_distribution<double> n(0.0, 1.0);
-  constexpr std::size_t kLeftOut = 2;  // index in the second pack; no later tag is used either
+  constexpr std::size_t kRejected = 2;  // index in the second pack; no later tag is used either
   std::array<simd::TagPack, 2> packs;
   struct Tag {
     Eigen::Matrix<double, 8, 8> H;
@@ -1030,7 +1030,7 @@ TEST(SimdLoops, PackedTagsMatchSingleTags) {
     int side = 0;
   };
   std::vector<Tag> tags;
-  for (std::size_t k = 0; k < 4 + kLeftOut; ++k) {
+  for (std::size_t k = 0; k < 4 + kRejected; ++k) {
     Tag tag;
     Eigen::Matrix<double, 20, 8> J;
     for (double& j : J.reshaped()) j = n(random);
@@ -1066,7 +1066,7 @@ TEST(SimdLoops, PackedTagsMatchSingleTags) {
     tags.push_back(tag);
   }
   // One tag has too few samples, the next a value that is not finite.
-  packs[1].weight[kLeftOut] = 3.0;
+  packs[1].weight[kRejected] = 3.0;
   packs[1].weight[3] = 100.0;
   packs[1].H[4][3] = std::numeric_limits<double>::quiet_NaN();
   simd::CameraStep step;
@@ -1095,7 +1095,7 @@ TEST(SimdLoops, PackedTagsMatchSingleTags) {
       EXPECT_EQ(std::memcmp(a.moved_px2, b.moved_px2, sizeof a.moved_px2), 0) << variant->name;
     }
   }
-  for (const std::size_t lane : {kLeftOut, std::size_t{3}}) {
+  for (const std::size_t lane : {kRejected, std::size_t{3}}) {
     const simd::TagPack& pack = results[0][1];
     EXPECT_FALSE(pack.valid[lane]);
     for (const auto& h : pack.H_camera) EXPECT_EQ(h[lane], 0.0);
@@ -1106,7 +1106,7 @@ TEST(SimdLoops, PackedTagsMatchSingleTags) {
     const Tag& tag = tags[k];
     const simd::TagPack& pack = results[0][k / 4];
     const std::size_t lane = k % 4;
-    if (k >= 4 + kLeftOut) continue;
+    if (k >= 4 + kRejected) continue;
     ASSERT_TRUE(pack.valid[lane]);
     const Eigen::Matrix2d inverse = tag.H.bottomRightCorner<2, 2>().inverse();
     const Eigen::Matrix<double, 6, 2> cross = tag.H.topRightCorner<6, 2>();

@@ -112,7 +112,7 @@ TEST_F(TagAlignerTest, BoundUsesDerivativesOfRenderedImage) {
   const std::vector<MappedTag> one = {tags_[4]};
   auto renderer = PatternRenderer::create(camera_, one).value();
   const CameraPose pose = random_view(random_);
-  const auto exact = test::light_by_pose(camera_, one, pose, render);
+  const auto exact = test::light_derivatives(camera_, one, pose, render);
   const auto product = [](const std::vector<double>& a, const std::vector<double>& b) {
     return std::inner_product(a.begin(), a.end(), b.begin(), 0.0);
   };
@@ -326,9 +326,9 @@ TEST_F(TagAlignerTest, SearchesNearPredictionFirstWhenContrastIsKnown) {
     for (const double start_px : {2.0, 6.0, 22.0}) {
       SCOPED_TRACE(start_px);
       input.predicted = as_map_pose(displaced(camera_, tags_, truth, start_px, random_));
-      input.seen_contrast = 0.0;
+      input.previous_contrast = 0.0;
       const AlignmentResult reference = aligner.align(input);
-      input.seen_contrast = contrast;
+      input.previous_contrast = contrast;
       const AlignmentResult result = aligner.align(input);
       ASSERT_EQ(result.verified, reference.verified);
       if (!reference.verified) continue;
@@ -408,12 +408,12 @@ TEST_F(TagAlignerTest, PatternSearchPredictsItsError) {
       input.luma = image.view();
       input.predicted = as_map_pose(truth);
       input.covariance = loose_prior(0.0007 * 25.0, 0.0012 * 25.0);
-      input.seen_contrast = aligner.align(input).counters.contrast;
+      input.previous_contrast = aligner.align(input).counters.contrast;
       input.predicted = as_map_pose(displaced(camera_, tags, truth, 12.0 / kPictures * k, random_));
       problem.begin(input);
       problem.T_camera_map = problem.T_predicted;
       problem.find_visible(Projection::search);
-      ASSERT_TRUE(search.search(input.seen_contrast)) << k;
+      ASSERT_TRUE(search.search(input.previous_contrast)) << k;
       if (!std::isfinite(search.error_px())) {
         ++unknown;
         continue;

@@ -44,7 +44,7 @@ TEST(ArucoCodes, HaveDistanceForTheirErrorCorrection) {
       }
       ASSERT_EQ(code, codes[i]);
     }
-    EXPECT_GE((nearest - 1) / 2, most_corrected_bits(family)) << to_string(family);
+    EXPECT_GE((nearest - 1) / 2, max_corrected_bits(family)) << to_string(family);
   }
 }
 

@@ -119,7 +119,7 @@ struct Sums {
 struct WalkPlan {
   int width = 0, height = 0;       // image size [px]
   std::ptrdiff_t stride = 0;       // between image rows [bytes]
-  int most_rows = 0;               // maximum pixels per step
+  int max_rows = 0;                // maximum pixels per step
   int band_count = 0;              // number of `offsets`; 0: all pixels within reach
   const float* offsets = nullptr;  // 20 offsets: 0, 1, 2 ..., or those of the band
   // Output for each step (Walk) or each run with a step (RunWalk): end of its samples, and its run.

@@ -24,7 +24,7 @@ PENUMBRA_INLINE void place_steps(const Lens& lens, const Walk& w, StepBlock& blo
   const auto cross_bytes = static_cast<std::int32_t>(along_x ? w.stride : 1);
   const float band_first = w.offsets[0];
   const float band_last = w.offsets[band ? w.band_count - 1 : 0];
-  const auto most = static_cast<float>(w.most_rows);
+  const auto most = static_cast<float>(w.max_rows);
 #pragma omp simd
   for (int i = 0; i < kSteps; ++i) {
     const float a = block.a[i];
@@ -177,7 +177,7 @@ int walk_as(const Lens& lens, const Walk& w, const Samples& s, int used) {
     const int steps = w.count - begin < kSteps ? w.count - begin : kSteps;
     // Without distortion a ray is known from its pixel.
     constexpr bool kRays = kind != Lens::Kind::none;
-    used = w.most_rows <= 4
+    used = w.max_rows <= 4
                ? write_steps<kRays, true>(block, steps, w.offsets, cross_bytes, out, used)
                : write_steps<kRays, false>(block, steps, w.offsets, cross_bytes, out, used);
     out.end += kSteps;
@@ -286,7 +286,7 @@ PENUMBRA_INLINE void place_run_steps(const RunWalk& w, const RunSteps& steps, St
   const auto cross_bytes = static_cast<std::int32_t>(along_x ? w.stride : 1);
   const auto band_first = static_cast<std::int32_t>(w.offsets[0]);
   const auto band_last = static_cast<std::int32_t>(w.offsets[band ? w.band_count - 1 : 0]);
-  const std::int32_t most = w.most_rows;
+  const std::int32_t most = w.max_rows;
   const std::int32_t band_rows = w.band_count;
 #pragma omp simd
   for (int i = 0; i < kSteps; ++i) {
@@ -397,7 +397,7 @@ int walk_runs_as(RunWalk& w, const Samples& s) {
         out.walk = s.pixel_y;
         out.cross = s.pixel_x;
       }
-      used = w.most_rows <= 4
+      used = w.max_rows <= 4
                  ? write_steps<with_rays, true>(block, count, w.offsets, cross_bytes, out, used)
                  : write_steps<with_rays, false>(block, count, w.offsets, cross_bytes, out, used);
     }
