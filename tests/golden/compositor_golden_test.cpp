@@ -449,7 +449,7 @@ TEST_P(GoldenLayerComparison, DetectsLayerShiftedByTwoPixels) {
   }
 }
 
-TEST(GoldenComparison, AcceptsTwoCodesAndOneOutlierInTenThousand) {
+TEST(GoldenComparison, AcceptsTwoGreyLevelsAndOneOutlierInTenThousand) {
   RgbaImage a{100, 100, std::vector<std::uint8_t>(40'000, 100)};
   RgbaImage b = a;
   EXPECT_TRUE(compare(a, b).exact);

@@ -101,7 +101,7 @@ std::string all_documents() {
   return text;
 }
 
-TEST(CommandLine, HasNoOptionThatDocumentsLack) {
+TEST(CommandLine, HasEveryOptionDocumented) {
   // Matches whole names, so that "--light-mode" does not count as "--light".
   static const std::regex option(R"(--[a-z]+(?:-[a-z]+)*)");
   const std::string documents = all_documents();

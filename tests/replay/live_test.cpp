@@ -425,7 +425,7 @@ TEST(LiveCommand, KeepsOtherOutputsWhenVideoCannotBeWritten) {
 }
 
 // If the poses can't be written any more, the file keeps the earlier ones in whole lines.
-TEST(LiveCommand, EndsPoseFileWithWholeLineWhenDiskIsFull) {
+TEST(LiveCommand, EndsPoseFileWithCompleteLineWhenDiskIsFull) {
   const test::TemporaryFolder temporary;
   const std::string poses = (temporary.path() / "live.tum").string();
   const auto done = with_files_up_to(1, live({"--duration", "2", "--poses", poses}));

@@ -190,7 +190,7 @@ TEST_P(PublicModels, MatchReferenceAreas) {
 INSTANTIATE_TEST_SUITE_P(Folder, PublicModels, testing::Values("OBJ", "glTF", "glTF2", "invalid"),
                          [](const auto& folder) { return std::string(folder.param); });
 
-TEST(PublicModelTable, NamesEveryInstalledModel) {
+TEST(PublicModelTable, ListsEveryInstalledModel) {
   if (!fs::is_directory(kModels)) {
     if (is_required()) FAIL() << "CI is set, but assimp-testmodels is missing (scripts/setup)";
     GTEST_SKIP() << "the package assimp-testmodels is missing (scripts/setup installs it)";

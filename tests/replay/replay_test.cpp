@@ -200,7 +200,7 @@ TEST(ReplayCommand, DrawsSameFramesWithoutSkipping) {
   EXPECT_EQ(reports["no-skip"]["work"]["passes_skipped"], 0);
 }
 
-TEST(ReplayCommand, NamesFramesByTheirNumbers) {
+TEST(ReplayCommand, WritesFilesNamedByFrameNumber) {
   const TemporaryFolder folder;
   const fs::path recording = folder.path() / "gaps";
   fs::copy(bundled("corner"), recording, fs::copy_options::recursive);

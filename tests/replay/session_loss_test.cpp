@@ -193,7 +193,7 @@ class SessionDependencies {
 
 class SessionLoss : public testing::TestWithParam<Loss> {};
 
-TEST_P(SessionLoss, LeavesWholeOutputsAtAnyMoment) {
+TEST_P(SessionLoss, LeavesCompleteOutputsAtAnyMoment) {
   ASSERT_TRUE(has_xvfb()) << "no Xvfb: scripts/setup installs it";
   const Loss loss = GetParam();
   const bool ends_session = loss == Loss::terminal || loss == Loss::display;
@@ -397,7 +397,7 @@ TEST(Interrupt, ClosesOutputsDespiteRepeatedSignals) {
   }
 }
 
-TEST(DisplayLoss, EndsReplayWithWholeOutputs) {
+TEST(DisplayLoss, EndsReplayWithCompleteOutputs) {
   ASSERT_TRUE(has_xvfb()) << "no Xvfb: scripts/setup installs it";
   const TemporaryFolder folder;
   const auto path = [&folder](const char* name) { return (folder.path() / name).string(); };
@@ -425,7 +425,7 @@ TEST(DisplayLoss, EndsReplayWithWholeOutputs) {
   }
 }
 
-TEST(DisplayLoss, EndsLiveWithWholeOutputsWhenWindowIsDestroyed) {
+TEST(DisplayLoss, EndsLiveWithCompleteOutputsWhenWindowIsDestroyed) {
   ASSERT_TRUE(has_xvfb()) << "no Xvfb: scripts/setup installs it";
   ASSERT_EQ(std::system("command -v xdotool >/dev/null 2>&1"), 0) << "scripts/setup installs it";
   const VirtualDisplay display;

@@ -227,7 +227,7 @@ TEST_F(ShadowCommand, WarnsOfOptionsWithoutEffect) {
   }
 }
 
-TEST_F(ShadowCommand, NamesOptionOfInvalidLight) {
+TEST_F(ShadowCommand, ReportsOptionOfInvalidLight) {
   for (const auto& [option, number] : {std::pair{"--light-ratio", "inf"},
                                        {"--umbra-height", "inf"},
                                        {"--light-ratio", "1e40"},
@@ -887,7 +887,7 @@ TEST_F(ShadowCommand, LeavesNoPartialFileWhenInterrupted) {
 }
 
 // On a full disk, the message must name the requested file, not the temporary one.
-TEST_F(ShadowCommand, NamesRequestedFileWhenDiskIsFull) {
+TEST_F(ShadowCommand, ReportsRequestedFileWhenDiskIsFull) {
   const auto on_a_full_disk = [](std::vector<std::string> arguments) {
     arguments.insert(arguments.begin(),
                      {"-c", "trap '' XFSZ; ulimit -f 0; exec \"$0\" \"$@\"", program().string()});

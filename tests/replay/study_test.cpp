@@ -179,7 +179,7 @@ TEST(StudyCommand, WritesScriptedTimesAndErrors) {
 
 // The display may be lost at any moment: answers given so far are complete, and the participant can
 // continue later.
-TEST(DisplayLoss, EndsStudyWithWholeAnswers) {
+TEST(DisplayLoss, EndsStudyWithCompleteAnswers) {
   ASSERT_TRUE(has_xvfb()) << "no Xvfb: scripts/setup installs it";
   for (const int number : {SIGKILL, SIGTERM}) {
     SCOPED_TRACE(number);

@@ -105,7 +105,7 @@ double area_at(const ShadowField& field, ShadowLayer layer) {
   return union_of_triangles(field_triangles(field, layer)).value().area;
 }
 
-RC_GTEST_PROP(LayerProperties, FloatFactorStaysWithinErrorBound, ()) {
+RC_GTEST_PROP(LayerFactors, StayWithinErrorBoundInFloat, ()) {
   const LayeredConstants given = any_constants();
   LayeredConstants constants = given;
   constants.light_height = static_cast<double>(static_cast<float>(given.light_height));
@@ -138,7 +138,7 @@ RC_GTEST_PROP(LayerProperties, FloatFactorStaysWithinErrorBound, ()) {
   }
 }
 
-RC_GTEST_PROP(LayerProperties, FactorsAreOrderedAndMonotonic, ()) {
+RC_GTEST_PROP(LayerFactors, AreOrderedAndMonotonic, ()) {
   const LayeredConstants constants = any_constants();
   const double top = std::min(layer_height_range(constants, ShadowLayer::middle).high, 10.0);
   double before[3] = {1.0, 1.0, 1.0};
@@ -156,7 +156,7 @@ RC_GTEST_PROP(LayerProperties, FactorsAreOrderedAndMonotonic, ()) {
   }
 }
 
-RC_GTEST_PROP(LayerProperties, FactorsReachLimitsOfHeightLightAndRatio, ()) {
+RC_GTEST_PROP(LayerFactors, ReachLimitsOfHeightLightAndRatio, ()) {
   const double h_u = real(0.1, 1.0);
   const double a = real(1.5, 8.0);
   const LayeredConstants constants = make_layered_constants(a * h_u, a, 0.0).value();
@@ -265,7 +265,7 @@ RC_GTEST_PROP(LayerProperties, AreEquivariantUnderTranslationAndYaw, ()) {
 }
 
 // A level star-shaped footprint whose kernel is its centre.
-RC_GTEST_PROP(LayerProperties, LayersNestForStarShapedFootprint, ()) {
+RC_GTEST_PROP(LayerProperties, NestForStarShapedFootprint, ()) {
   std::vector<CasterVertex> vertices = {{0.0F, 0.0F, 0.0F, 0.0F, 0.0F}};
   std::vector<std::uint32_t> indices;
   const int corners = *rc::gen::inRange(5, 20);
@@ -301,7 +301,7 @@ RC_GTEST_PROP(LayerProperties, LayersNestForStarShapedFootprint, ()) {
 // Compares drawn layers with the formulas in long double on the given vertices, at any distance of
 // the plane from the origin. Equation 2.11 bounds the error of the factor; the rounding of
 // coordinates bounds the rest.
-RC_GTEST_PROP(LayerProperties, FloatLayersMatchExactLayers, ()) {
+RC_GTEST_PROP(LayerProperties, MatchExactLayersInFloat, ()) {
   const ShadowMesh mesh = make_shadow_mesh(any_soup(0.1));
   LayeredConstants constants = any_constants();
   if (!std::isinf(constants.light_height)) {
@@ -348,7 +348,7 @@ RC_GTEST_PROP(LayerProperties, FloatLayersMatchExactLayers, ()) {
 }
 
 // Limits of whole layers, in addition to those of their factors.
-RC_GTEST_PROP(LayerProperties, LayersReachLimitsOfHeightLightAndRatio, ()) {
+RC_GTEST_PROP(LayerProperties, ReachLimitsOfHeightLightAndRatio, ()) {
   const double h_u = real(0.2, 0.5);
   const double a = real(1.5, 6.0);
   const LayeredConstants constants = make_layered_constants(a * h_u, a, 0.0).value();
@@ -409,7 +409,7 @@ RC_GTEST_PROP(LayerProperties, LayersReachLimitsOfHeightLightAndRatio, ()) {
 }
 
 // Degenerate faces and slivers must not add area to a layer, for any kernels.
-RC_GTEST_PROP(LayerProperties, SliversAndDegenerateFacesAddNoArea, ()) {
+RC_GTEST_PROP(LayerProperties, IgnoreSliversAndDegenerateFaces, ()) {
   const ShadowMesh mesh = make_shadow_mesh(any_body());
   const LayeredConstants constants = any_constants();
   const Placement placement = {Eigen::Vector3d(0, 0, real(0.0, 0.2)), any_rotation(), 1.0};
@@ -448,7 +448,7 @@ RC_GTEST_PROP(LayerProperties, SliversAndDegenerateFacesAddNoArea, ()) {
 }
 
 // Fields, layers of fixed light and hard shadows accept any soup. The layers of a field nest.
-RC_GTEST_PROP(LayerProperties, EveryTechniqueAcceptsTriangleSoup, ()) {
+RC_GTEST_PROP(ShadowTechniques, AcceptTriangleSoup, ()) {
   const double size = std::pow(10.0, real(-4.0, 4.0));
   const ShadowMesh mesh = make_shadow_mesh(any_soup(size));
   const PlaneFrame plane = any_plane(*rc::gen::inRange(0, 2) == 0 ? 0.1 : 100.0);
@@ -515,7 +515,7 @@ Model rounded_otherwise(Model model, std::mt19937& random) {
 // Kernels generated for a body rotated about the plane's normal must be the rotated kernels, and
 // the layers must follow (docs/shadows.md#kernels, rule 2, and 2.10). Of several discs of equal
 // size at equal distance, rounding may choose another; the comparison allows that.
-RC_GTEST_PROP(LayerProperties, RegeneratedKernelsRotateWithBody, ()) {
+RC_GTEST_PROP(GeneratedKernels, RotateWithBody, ()) {
   const Model model = *rc::gen::inRange(0, 4) == 0 ? any_ring() : any_body();
   const Eigen::Vector3d up = Eigen::Vector3d(real(-0.5, 0.5), real(-0.5, 0.5), 1.0).normalized();
   const Eigen::Matrix3d R = Eigen::AngleAxisd(real(-3.0, 3.0), up).toRotationMatrix();
@@ -582,7 +582,7 @@ RC_GTEST_PROP(LayerProperties, RegeneratedKernelsRotateWithBody, ()) {
 // One micrometre of height must change a layer only slightly, also where vertices cross the plane,
 // the umbra height or the cap. The body is tilted, because a level face appears at once when it
 // crosses the plane.
-RC_GTEST_PROP(LayerProperties, LayersChangeContinuouslyWithHeight, ()) {
+RC_GTEST_PROP(LayerProperties, ChangeContinuouslyWithHeight, ()) {
   const ShadowMesh mesh = make_shadow_mesh(any_body());
   const LayeredConstants constants = make_layered_constants(0.9, 3.0, 0.0).value();
   const Eigen::Quaterniond tilt(
@@ -664,7 +664,7 @@ TEST(ShadowStress, LimitsChangePerMillimetreOfRisingBar) {
 // However faces fold over, a layer must stay within the caster's outline, dilated by the largest
 // displacement of its vertices. The distance of the kernels bounds this displacement
 // (docs/shadows.md#fold-overs, 2.6 rule 5), and the thickness of the parts bounds that distance.
-RC_GTEST_PROP(LayerProperties, OvershootStaysWithinKernelReach, ()) {
+RC_GTEST_PROP(LayerOvershoot, StaysWithinKernelDistance, ()) {
   // The bodies are closed. A soup has faces that are seen edge-on, which have no outline but may
   // gain area in a layer.
   const ShadowMesh mesh = make_shadow_mesh(any_body());
@@ -806,7 +806,7 @@ TEST(ShadowStress, BoundsOvershootOfTwistedFaces) {
 }
 
 // The union of a soup must be the same if computed at once or in pieces.
-RC_GTEST_PROP(LayerProperties, UnionInPiecesMatchesWholeUnion, ()) {
+RC_GTEST_PROP(LayerUnion, IsSameInPiecesAndAtOnce, ()) {
   std::vector<PlanePoint> triangles;
   const double size = std::pow(10.0, real(-2.0, 0.0));
   const int faces = *rc::gen::inRange(1, 150);

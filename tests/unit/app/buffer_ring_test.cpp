@@ -40,7 +40,7 @@ struct FakeDriver {
   }
 };
 
-TEST(BufferRing, ReturnsBufferWhenLastOwnerIsGone) {
+TEST(BufferRing, ReturnsBufferWhenLastOwnerReleasesIt) {
   FakeDriver driver;
   const auto ring = driver.ring();
   ASSERT_TRUE(ring->queue_all());
@@ -57,7 +57,7 @@ TEST(BufferRing, ReturnsBufferWhenLastOwnerIsGone) {
   EXPECT_EQ(driver.queued.back(), *index);
 }
 
-TEST(BufferRing, KeepsMemoryUntilLastFrameIsGoneAfterClose) {
+TEST(BufferRing, KeepsMemoryAfterCloseUntilLastFrameIsReleased) {
   FakeDriver driver;
   auto ring = driver.ring();
   ASSERT_TRUE(ring->queue_all());

@@ -48,7 +48,7 @@ std::string with_height(std::string jpeg, int height) {
   return jpeg;
 }
 
-TEST(CameraJpegGate, AcceptsImagesAsCamerasSendThem) {
+TEST(CameraJpegGate, AcceptsTypicalCameraImages) {
   const std::string sound = tabletop_frame(0);
   const std::string older = tabletop_frame(1);
   const std::string unended = sound.substr(0, sound.size() - 2);

@@ -84,7 +84,7 @@ struct WithOrientation {
   int orientation = 1;
 };
 
-TEST(LibcameraRotation, TurnsImageUprightInBothApiVersions) {
+TEST(LibcameraRotation, RotatesImageUprightInBothApiVersions) {
   const auto transform_of = [](int angle, bool* possible) {
     *possible = angle % 180 == 0;
     return angle;

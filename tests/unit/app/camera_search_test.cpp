@@ -42,7 +42,7 @@ TEST(CameraSearch, ChoosesNeitherOfTwoNewCandidates) {
   EXPECT_EQ(search.find(There{kMoved, kMovedToo, kLost}), 2U);
 }
 
-TEST(CameraSearch, StartsOverAtEveryLoss) {
+TEST(CameraSearch, RestartsAtEveryLoss) {
   CameraSearch search(kLost);
   search.begin();
   EXPECT_EQ(search.find(There{}), std::nullopt);

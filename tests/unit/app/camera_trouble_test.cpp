@@ -39,7 +39,7 @@ TEST(Outage, CountsEachFaultOnceUntilNextFrame) {
   EXPECT_EQ(faults.stats().of(CaptureFault::disconnected), 2U);
 }
 
-TEST(CountStamp, NamesRemedyForEveryFault) {
+TEST(CountStamp, SuggestsRemedyForEveryFault) {
   FaultCounter faults("camera");
   FrameStamp stamp;
   stamp.lost_counted = 2;
@@ -59,7 +59,7 @@ TEST(CountStamp, NamesRemedyForEveryFault) {
   EXPECT_THAT(events[3].detail, HasSubstr("add light"));
 }
 
-TEST(CameraTrouble, NamesDeviceWithoutPermission) {
+TEST(CameraTrouble, ReportsDeviceWithoutPermission) {
   const test::TemporaryFolder devices;
   const auto place = [&](const char* name) { return devices.path() / name; };
   std::filesystem::permissions(devices.path(), std::filesystem::perms(0755));

@@ -7,7 +7,7 @@ namespace {
 
 constexpr std::int64_t kMillisecond = 1'000'000;
 
-TEST(FramePace, DeclaresStallAfterOneSecondAndStaleAfterQuarter) {
+TEST(FramePace, DeclaresStaleAfterQuarterSecondAndStallAfterOne) {
   FramePace pace(33 * kMillisecond);
   for (int i = 0; i < 10; ++i) pace.observe(i * 33 * kMillisecond);
   EXPECT_EQ(pace.usual_ns(), 33 * kMillisecond);

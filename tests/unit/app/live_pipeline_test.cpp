@@ -141,7 +141,7 @@ TEST(LivePipeline, EndsWithErrorOfThrowingTracker) {
 }
 
 // The next frame drawn is the one that was newest when the previous drawing began.
-TEST(LivePipeline, TakesNoFrameWhileTrackedOneWaits) {
+TEST(LivePipeline, ReadsNoFrameWhileTrackedOneWaits) {
   ScriptedCamera camera;
   std::atomic<int> tracked = 0;
   LivePipeline pipeline(

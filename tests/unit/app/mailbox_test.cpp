@@ -11,7 +11,7 @@ namespace {
 
 using std::chrono::milliseconds;
 
-TEST(Mailbox, TakeGivesTheNewestItem) {
+TEST(Mailbox, ReturnsNewestItem) {
   Mailbox<int> box;
   box.put(1);
   box.put(2);
@@ -58,7 +58,7 @@ TEST(Mailbox, DeliversHandedOverItemsInOrder) {
   EXPECT_EQ(expected, 1000);
 }
 
-TEST(Mailbox, ItemsStayInOrderBetweenThreads) {
+TEST(Mailbox, KeepsOrderBetweenThreads) {
   Mailbox<std::unique_ptr<int>> box;
   constexpr int kItems = 20000;
   std::thread giver([&] {

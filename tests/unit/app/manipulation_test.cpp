@@ -174,7 +174,7 @@ TEST_F(Manipulation, ReachesUpAndAwayOnly) {
   EXPECT_NEAR(hands.drag(pointer)->placement.position.z(), 0.05, 1e-7);
 }
 
-TEST_F(Manipulation, TurnsAboutTableNormalAndImageHorizontal) {
+TEST_F(Manipulation, RotatesAboutTableNormalAndImageHorizontal) {
   Manipulator hands;
   const PointerView start = pointer_at({0.05, -0.03, 0.25});
   ASSERT_TRUE(hands.take(scene(), state(), start, DragMode::turn));

@@ -38,7 +38,7 @@ TEST(OutputFile, AppearsWhenComplete) {
   EXPECT_FALSE(fs::exists(file->partial()));
 }
 
-TEST(OutputFile, LeavesNothingWhenDestroyedUncommitted) {
+TEST(OutputFile, LeavesNoFileWhenDestroyedUncommitted) {
   const test::TemporaryFolder folder;
   {
     auto file = OutputFile::create(folder.path() / "a.json");

@@ -161,7 +161,7 @@ TEST_F(FrameFolderRecording, RejectsFolderThatIsNoRecording) {
   EXPECT_THAT(error_of(empty.path()), HasSubstr("neither frames/ nor video.mkv"));
 }
 
-TEST_F(FrameFolderRecording, NamesMissingFile) {
+TEST_F(FrameFolderRecording, ReportsMissingFile) {
   for (const char* name : {"camera.yaml", "tags.yaml", "timestamps.csv"}) {
     test::write_recording(folder(), kFrames);
     std::filesystem::remove(folder() / name);
@@ -218,7 +218,7 @@ struct BadLine {
   const char* message;
 };
 
-TEST_F(FrameFolderRecording, NamesInvalidLineAndCause) {
+TEST_F(FrameFolderRecording, ReportsInvalidLineAndCause) {
   const std::string good = test::read_bytes(folder() / "timestamps.csv");
   for (const BadLine& bad :
        {BadLine{"3,nan,frames/000003.jpg", "timestamp_s: 'nan'"},
@@ -401,7 +401,7 @@ TEST_F(FrameFolderRecording, RejectsRecordingWithoutReadableFrame) {
   EXPECT_THAT(error_of(folder()), AllOf(HasSubstr("000000.jpg"), HasSubstr("none of the 8")));
 }
 
-TEST_F(FrameFolderRecording, RejectsFrameOfOtherSizeNamingBothSizes) {
+TEST_F(FrameFolderRecording, RejectsFrameOfOtherSizeAndReportsBothSizes) {
   write_text(frame(2), test::jpeg_of(2, 32, 24));
   EXPECT_THAT(error_of(folder()),
               AllOf(HasSubstr("000002.jpg"), HasSubstr("32x24"), HasSubstr("64x48")));
@@ -538,7 +538,7 @@ TEST_F(VideoRecording, ReadsColorRangeAndMatrixFromFile) {
   EXPECT_EQ(play(*open_recording(folder())).frames[0].color_matrix, ColorMatrix::bt709);
 }
 
-TEST_F(VideoRecording, DecodesAnyFrameRangeLikeWhole) {
+TEST_F(VideoRecording, DecodesFrameRangesLikeWholeVideo) {
   for (const int gop : {1, 3, 100}) {
     test::VideoSpec spec;
     spec.gop = gop;
@@ -631,7 +631,7 @@ TEST_F(VideoRecording, RejectsGarbageFile) {
   EXPECT_THAT(error_of(folder()), HasSubstr("video.mkv"));
 }
 
-TEST_F(VideoRecording, RejectsLossyCodecByName) {
+TEST_F(VideoRecording, RejectsAndReportsLossyCodec) {
   test::VideoSpec spec;
   spec.codec = AV_CODEC_ID_MPEG4;
   spec.gop = 12;
@@ -639,7 +639,7 @@ TEST_F(VideoRecording, RejectsLossyCodecByName) {
   EXPECT_THAT(error_of(folder()), AllOf(HasSubstr("video.mkv"), HasSubstr("mpeg4")));
 }
 
-TEST_F(VideoRecording, RejectsTenBitFormatByName) {
+TEST_F(VideoRecording, RejectsAndReportsTenBitFormat) {
   test::VideoSpec spec;
   spec.format = AV_PIX_FMT_YUV420P10LE;
   test::write_video(video(), spec, [](AVFrame& frame, int) {
@@ -844,13 +844,13 @@ TEST_F(EurocRecording, TransformsGroundtruthFromBodyToCamera) {
   EXPECT_THAT(damaged->notices.at(0), AllOf(HasSubstr("data.csv"), HasSubstr("line 1")));
 }
 
-TEST_F(EurocRecording, NamesUnknownDistortionModel) {
+TEST_F(EurocRecording, ReportsUnknownDistortionModel) {
   write_sensor("fov");
   EXPECT_THAT(error_of(folder()),
               AllOf(HasSubstr("sensor.yaml"), HasSubstr("distortion_model"), HasSubstr("fov")));
 }
 
-TEST_F(EurocRecording, NamesInvalidLine) {
+TEST_F(EurocRecording, ReportsInvalidLine) {
   write_text(cam0() / "data.csv",
              "#timestamp [ns],filename\n1403636579763555584,1403636579763555584.png\n1e9,b.png\n");
   EXPECT_THAT(error_of(folder()), AllOf(HasSubstr("data.csv: line 3"), HasSubstr("1e9")));

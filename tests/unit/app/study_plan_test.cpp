@@ -154,7 +154,7 @@ TEST(StudyPlan, CreatesThreeToFiveReachableDragTargets) {
   EXPECT_EQ(counts.rbegin()->first, 5U);
 }
 
-TEST(StudyPlan, NamesStudyByParametersThatMustAgree) {
+TEST(StudyPlan, IdentifiesStudyByParameters) {
   auto design = design_of(StudyExperiment::heights, 1, 20, {"layered", "cocl"});
   EXPECT_EQ(study_name(design), "heights-seed7-samples20-layered+cocl");
   design.participant = 5;

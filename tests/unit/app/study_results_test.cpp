@@ -65,7 +65,7 @@ TEST(StudyStatistics, CoversMedianAtNominalRate) {
   EXPECT_NEAR(static_cast<double>(held) / kRuns, 0.9586, 0.0130);
 }
 
-TEST(StudyStatistics, ComputesWilsonIntervalOfShare) {
+TEST(StudyStatistics, ComputesWilsonIntervalOfProportion) {
   // Newcombe 1998, Statistics in Medicine 17:857, table I: 81/263, 15/148, 0/20, 1/29.
   struct Known {
     int hits, count;

@@ -214,7 +214,7 @@ TEST(StudyScript, ReadsCommentsAndBlanks) {
   EXPECT_EQ(actions[6].kind, ScriptAction::Kind::accept);
 }
 
-TEST(StudyScript, NamesLineOfError) {
+TEST(StudyScript, ReportsLineOfError) {
   const auto refused = [](const std::string& text, const std::string& line,
                           const std::string& what) {
     const auto script = parse_study_script(text, "s.txt");
@@ -243,7 +243,7 @@ TEST(StudyScript, NamesLineOfError) {
 }
 
 // Pixels of a script's positions in a window that is larger than the image.
-TEST(ScriptedParticipant, PointsAtScriptedPlaces) {
+TEST(ScriptedParticipant, PointsAtScriptedPositions) {
   Bench bench(StudyExperiment::drag, {0.1, -0.7, 0.45});
   bench.begin(0);
   SessionView view;

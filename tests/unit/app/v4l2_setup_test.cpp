@@ -30,7 +30,7 @@ TEST(V4l2Setup, AcceptsProgressiveFramesOnly) {
   }
 }
 
-TEST(CameraControls, ReportTheValueThatTheDriverGrantsInstead) {
+TEST(CameraControls, ReportValueGrantedByDriver) {
   EXPECT_EQ(changed_control_text("exposure", " ms", 500.0, 204.7, ControlRange{0.3, 204.7}),
             "exposure: the camera gives 204.7 ms for 500 ms; it takes 0.3 to 204.7 ms");
   EXPECT_EQ(changed_control_text("focus", "", 999.0, 250.0, std::nullopt),

@@ -50,7 +50,7 @@ GreyImage mirrored(GreyImage image) {
   return image;
 }
 
-TEST(CameraCalibrator, RejectsBlurredCutOffMirroredAndRepeatedImages) {
+TEST(CameraCalibrator, RejectsBlurredPartialMirroredAndRepeatedImages) {
   const CameraModel camera = test::wide_camera();
   const auto board = test::board(4, 3, 0.04);
   auto renderer = PatternRenderer::create(camera, board);
@@ -101,7 +101,7 @@ TEST(CameraCalibrator, RejectsBlurredCutOffMirroredAndRepeatedImages) {
 }
 
 // A sweep of 36 images for 8 views: surplus images are rejected and freed during the sweep.
-TEST(CameraCalibrator, FreesSurplusPicturesOfLongSweep) {
+TEST(CameraCalibrator, FreesSurplusImagesOfLongSweep) {
   const CameraModel camera = test::wide_camera();
   const auto board = test::board(4, 3, 0.04);
   auto renderer = PatternRenderer::create(camera, board);
@@ -192,7 +192,7 @@ TEST(TagSizeMismatch, IsFoundFromShiftsThatGrowWithTagSize) {
       tag_size_error_of(std::vector<double>(20, std::nan("")), std::vector<double>(20, 0.5)));
 }
 
-TEST(ProjectionDifference, ReportsShareItCouldNotCompare) {
+TEST(ProjectionDifference, ReportsFractionNotCompared) {
   const CameraModel camera = test::desk_camera();
   EXPECT_EQ(projection_difference(camera, camera).skipped, 0.0);
   CameraParameters p = camera.parameters();

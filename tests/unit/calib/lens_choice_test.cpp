@@ -238,7 +238,7 @@ TEST(CalibrationVerdict, IsPoorWhenNonMonotonicLensFitsBetter) {
   EXPECT_EQ(c.grade, CalibrationGrade::good) << c.verdict;
 }
 
-TEST(CalibrationVerdict, IncludesSpreadOfEquallyGoodLenses) {
+TEST(CalibrationVerdict, IncludesSpreadOfEquivalentLensModels) {
   CameraCalibration c = confident_calibration();
   ModelTrial other = c.trials.front();
   other.chosen = false;
@@ -265,7 +265,7 @@ TEST(CalibrationVerdict, GivesAdviceWhenProjectionIsUnknown) {
   EXPECT_THAT(c.verdict, HasSubstr("take more views"));
 }
 
-TEST(CalibrationVerdict, LimitsRivalDifferencesOutsideSeenArea) {
+TEST(CalibrationVerdict, LimitsRivalDifferencesOutsideObservedArea) {
   CameraCalibration c = confident_calibration();
   ModelTrial other = c.trials.front();
   other.chosen = false;
@@ -290,7 +290,7 @@ TEST(CalibrationVerdict, LimitsRivalDifferencesOutsideSeenArea) {
 
 // Two lens models may agree by chance on a curve outside the observed area; that agreement is no
 // evidence.
-TEST(CalibrationVerdict, KeepsUncertaintyWhereRivalLensesCross) {
+TEST(CalibrationVerdict, KeepsUncertaintyWhereRivalLensesAgreeByChance) {
   CameraCalibration c = confident_calibration();
   ModelTrial other = c.trials.front();
   other.chosen = false;

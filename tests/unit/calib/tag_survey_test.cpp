@@ -192,7 +192,7 @@ TEST_F(TagSurveyTest, FitsTablePlaneToMostTags) {
 
 // A tag whose size differs from the given one is rejected and reported with its measured size. The
 // other tags are not affected.
-TEST_F(TagSurveyTest, RejectsAndNamesTagOfWrongSize) {
+TEST_F(TagSurveyTest, RejectsAndReportsTagOfWrongSize) {
   for (const double factor : {0.5, 0.9, 1.5, 3.0}) {
     SCOPED_TRACE(factor);
     auto board = board_;
@@ -223,7 +223,7 @@ TEST_F(TagSurveyTest, RejectsAndNamesTagOfWrongSize) {
   }
 }
 
-TEST_F(TagSurveyTest, NamesAnchorThatDoesNotFit) {
+TEST_F(TagSurveyTest, ReportsAnchorThatDoesNotFit) {
   board_[0].size_m *= 1.4;
   const auto survey = survey_tags(camera_, sweep(camera_, board_, 0.0), options_);
   ASSERT_FALSE(survey);
@@ -244,7 +244,7 @@ TEST_F(TagSurveyTest, ReportsSizeOfTagWithoutGivenSize) {
 }
 
 // The tag is moved during the sweep, early or late.
-TEST_F(TagSurveyTest, RejectsAndNamesMovedTag) {
+TEST_F(TagSurveyTest, RejectsAndReportsMovedTag) {
   for (const std::size_t when : {std::size_t{3}, std::size_t{6}, std::size_t{9}}) {
     for (const int id : {3, 0}) {  // tag 0 is the anchor
       SCOPED_TRACE(fmt::format("tag {} at {}", id, when));

@@ -73,7 +73,7 @@ TEST(Target, ReadsCharucoWithOpenCvDictionaries) {
   EXPECT_FALSE(target_of(text + "dictionary: 4x4_50\nlegacy: perhaps\n"));
 }
 
-TEST(Target, NamesInvalidValue) {
+TEST(Target, ReportsInvalidValue) {
   const auto message = [](const std::string& text) {
     const auto target = target_of(text);
     return target ? std::string("(no error)") : target.error().message;

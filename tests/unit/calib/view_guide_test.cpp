@@ -91,7 +91,7 @@ class ViewGuideTest : public testing::Test {
   std::uint64_t seed_ = 0;
 };
 
-TEST_F(ViewGuideTest, TakesInformativeViewsUntilLensIsKnown) {
+TEST_F(ViewGuideTest, AcceptsInformativeViewsUntilLensIsKnown) {
   EXPECT_THAT(guide_.progress().advice, testing::HasSubstr("show the target"));
 
   double before_px = 1e9;

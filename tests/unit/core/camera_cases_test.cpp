@@ -123,7 +123,7 @@ TEST(RosCameraInfo, AssumesMissingModelWithWarning) {
               HasSubstr("is it meant to be `distortion_model`?"));
 }
 
-TEST(RosCameraInfo, RejectsCoefficientsOfOtherModelsByName) {
+TEST(RosCameraInfo, RejectsAndReportsCoefficientsOfOtherModels) {
   const std::string rational = "distortion_model: rational_polynomial\n";
   EXPECT_THAT(error_of(ros_text(rational, "[0,0,0,0,0,0,0,0,0.01,0,0,0]")),
               AllOf(HasSubstr("number 9 (s1, of a thin prism) is 0.01"), HasSubstr("line")));

@@ -68,7 +68,7 @@ TEST_F(CameraFile, ReadsEveryModelUnderBothKeys) {
             DistortionModel::fisheye);
 }
 
-TEST_F(CameraFile, NamesFileAndFieldOfError) {
+TEST_F(CameraFile, ReportsFileAndFieldOfError) {
   refuses("", "map");
   refuses(camera_text("distortion_model: omnidirectional"), "omnidirectional");
   refuses(camera_text("distortion_model: plumb_bob", "[1, 2]"), "distortion_coefficients");

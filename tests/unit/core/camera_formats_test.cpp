@@ -65,7 +65,7 @@ TEST(CameraFormats, RoundTripEveryFormatAndModel) {
   }
 }
 
-TEST(CameraFormats, KalibrHoldsNoRationalLens) {
+TEST(CameraFormats, RejectRationalLensInKalibr) {
   EXPECT_FALSE(model_name(DistortionModel::rational, CameraFileFormat::kalibr));
 }
 

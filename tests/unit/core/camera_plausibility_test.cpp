@@ -71,7 +71,7 @@ TEST(CameraPlausibility, AcceptsWideTelephotoAndCroppedCameras) {
   EXPECT_EQ(warning_of(p), "");
 }
 
-TEST(CameraPlausibility, NamesFieldValueAndCause) {
+TEST(CameraPlausibility, ReportsFieldValueAndCause) {
   CameraParameters p = usual();
   p.cx = 959.5;
   EXPECT_THAT(warning_of(p), AllOf(HasSubstr("cx is 959.5"), HasSubstr("640 px"),
@@ -94,7 +94,7 @@ TEST(CameraPlausibility, NamesFieldValueAndCause) {
   EXPECT_THAT(warning_of(p), HasSubstr("733 degrees"));
 }
 
-TEST(CameraPlausibility, NamesDistortionNonMonotonicInsideImage) {
+TEST(CameraPlausibility, WarnsOfDistortionNonMonotonicInsideImage) {
   CameraParameters p = usual();
   p.distortion = {-2.0};
   EXPECT_THAT(warning_of(p), AllOf(HasSubstr("[-2, 0, 0, 0, 0] of plumb_bob"),
@@ -104,7 +104,7 @@ TEST(CameraPlausibility, NamesDistortionNonMonotonicInsideImage) {
   EXPECT_THAT(warning_of(p), HasSubstr("[-0.8, 0, 0, 0] of equidistant"));
 }
 
-TEST(CameraPlausibility, NamesFileInWarning) {
+TEST(CameraPlausibility, ReportsFileInWarning) {
   const test::TemporaryFolder folder;
   const fs::path file = folder.path() / "camera.yaml";
   CameraParameters p = usual();

@@ -168,7 +168,7 @@ TEST(Evaluation, CountsEachTruePoseOnce) {
   EXPECT_EQ(e.frames_with_truth, 6);
 }
 
-TEST(Evaluation, CountsUnjudgedFramesByCause) {
+TEST(Evaluation, CountsUnevaluatedFramesByCause) {
   Trajectory truth;
   Trajectory estimated;
   for (const int ms : {0, 33, 67, 267, 300})

@@ -307,7 +307,7 @@ TEST(Png, ConvertsEveryGreyTypeToEightBits) {
   }
 }
 
-TEST(Png, DecodesColourExactlyAlsoInterlaced) {
+TEST(Png, DecodesColourAndInterlacedImagesExactly) {
   const Bytes rgb = smooth_rgb(61, 47);
   for (const bool interlaced : {false, true}) {
     const auto frame =
@@ -401,7 +401,7 @@ TEST(Png, RoundTripsSavedGreyImages) {
   }
 }
 
-TEST(Png, NamesMissingFolderWhenSaving) {
+TEST(Png, ReportsMissingFolderWhenSaving) {
   const auto saved = save_png("/nonexistent/folder/a.png", 1, 1, Bytes(4));
   ASSERT_FALSE(saved);
   EXPECT_NE(saved.error().message.find("/nonexistent/folder/a.png"), std::string::npos);
@@ -418,7 +418,7 @@ TEST(DecodeRgba, ReturnsOpaqueJpegCloseToSource) {
   }
 }
 
-TEST(ImageFile, NamesFilesThatAreNoImages) {
+TEST(ImageFile, ReportsFilesThatAreNoImages) {
   const test::TemporaryFolder folder;
   EXPECT_NE(load_image(folder.path() / "none.jpg").error().message.find("none.jpg: no such file"),
             std::string::npos);

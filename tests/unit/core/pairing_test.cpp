@@ -60,7 +60,7 @@ TEST(Pairing, ReturnsExactPoseWhenTimesDifferByRounding) {
   }
 }
 
-TEST(Pairing, NamesReasonForMissingTruePose) {
+TEST(Pairing, ReportsReasonForMissingTruePose) {
   Trajectory truth = even_motion(3, 50 * kMs);  // poses from 0 to 100 ms
   truth.poses.push_back({300 * kMs, at_x(0.3), {}});
   EXPECT_TRUE(pose_at(truth, 60 * kMs, kMaxGap));
@@ -102,7 +102,7 @@ TEST(Pairing, ExtrapolatesHalfIntervalAtMostTenMilliseconds) {
   }
 }
 
-TEST(Pairing, TakesOnlyPosesWithinOneMillisecondWithoutGaps) {
+TEST(Pairing, UsesOnlyPosesWithinOneMillisecondWithoutInterpolation) {
   const Trajectory truth = even_motion(10, 10 * kMs);
   EXPECT_EQ(pose_at(truth, 21 * kMs, 0)->translation().x(), 0.02);
   EXPECT_EQ(pose_at(truth, 25 * kMs, 0).error(), NotEvaluated::gap_too_long);
@@ -197,7 +197,7 @@ std::string unit_error(const Trajectory& estimated, const Trajectory& truth) {
   return checked ? "" : checked.error().message;
 }
 
-TEST(TimestampUnits, AreRejectedByNameWhenTheyFitAnotherUnit) {
+TEST(TimestampUnits, AreRejectedWhenTimesFitAnotherUnit) {
   const Trajectory truth = even_motion(120, 33 * kMs);
   EXPECT_EQ(unit_error(truth, truth), "");
   EXPECT_EQ(unit_error(even_motion(120, 5 * kMs), even_motion(60, 10 * kMs)), "");

@@ -112,7 +112,7 @@ TEST(PoseConventionHint, IsEmptyForUnrelatedTrajectories) {
   }
 }
 
-TEST(PoseConventionHint, NamesConvention) {
+TEST(PoseConventionHint, ReportsConvention) {
   struct Case {
     Change change;
     std::vector<const char*> words;
@@ -140,7 +140,7 @@ TEST(PoseConventionHint, NamesConvention) {
   }
 }
 
-TEST(PoseConventionHint, NamesEstimateWhenItDiffers) {
+TEST(PoseConventionHint, ReportsEstimateThatDiffers) {
   std::mt19937 random(4);
   for (int i = 0; i < kTrajectories; ++i) {
     const Trajectory truth = random_trajectory(random);

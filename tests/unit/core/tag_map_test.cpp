@@ -62,7 +62,7 @@ TEST_F(TagMapFile, ReadsGroupsAndEveryFamily) {
   }
 }
 
-TEST_F(TagMapFile, NamesFileTagAndFieldOfError) {
+TEST_F(TagMapFile, ReportsFileTagAndFieldOfError) {
   const std::string head = "tags:\n";
   refuses("", "map");
   refuses("tags: 3\n", "tags");

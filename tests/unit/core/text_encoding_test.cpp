@@ -25,7 +25,7 @@ TEST(ByteOrderMark, IsSkippedOnlyOnce) {
   EXPECT_EQ(without_byte_order_mark("\xEF\xBB\xBF\xEF\xBB\xBFv", "a.obj").value(), "\xEF\xBB\xBFv");
 }
 
-TEST(ByteOrderMark, RejectsUtf16AndUtf32ByName) {
+TEST(ByteOrderMark, RejectsAndReportsUtf16AndUtf32) {
   for (const std::string_view text :
        {"\xFF\xFE#\0 \0"sv, "\xFE\xFF\0#\0 "sv, "\xFF\xFE"sv, "#\0 \0"sv, "\0#\0 "sv}) {
     const auto result = without_byte_order_mark(text, "a.tum");
@@ -46,7 +46,7 @@ TEST(AsUtf8, KeepsValidUtf8) {
   }
 }
 
-TEST(AsUtf8, TakesOtherBytesAsLatin1) {
+TEST(AsUtf8, ReadsOtherBytesAsLatin1) {
   EXPECT_EQ(as_utf8("gr\xFCn"), "gr\xC3\xBCn");
   EXPECT_EQ(as_utf8("T\xF6pfchen"), "T\xC3\xB6pfchen");
   EXPECT_EQ(as_utf8("\xFF\x80"), "\xC3\xBF\xC2\x80");
@@ -56,7 +56,7 @@ TEST(AsUtf8, KeepsValidPartsBesideOtherBytes) {
   EXPECT_EQ(as_utf8("gr\xC3\xBCn: B\xE4r.png"), "gr\xC3\xBCn: B\xC3\xA4r.png");
 }
 
-TEST(AsUtf8, TakesMalformedUtf8AsLatin1) {
+TEST(AsUtf8, ReadsMalformedUtf8AsLatin1) {
   // Invalid UTF-8: overlong, a surrogate, beyond the last plane, truncated, a lone continuation
   // byte.
   EXPECT_EQ(as_utf8("\xC0\xAF"), "\xC3\x80\xC2\xAF");

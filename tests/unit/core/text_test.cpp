@@ -57,7 +57,7 @@ TEST(Text, ParsesOnlyCompleteNumbers) {
   EXPECT_EQ(parse_integer("99999999999999999999"), std::nullopt);
 }
 
-TEST(Text, NamesFilesThatCannotBeRead) {
+TEST(Text, ReportsFilesThatCannotBeRead) {
   const test::TemporaryFolder folder;
   const auto missing = read_text_file(folder.path() / "none.txt", 10);
   ASSERT_FALSE(missing);

@@ -43,7 +43,7 @@ TEST_F(TrajectoryFile, ReadsPosesAndComments) {
   EXPECT_EQ(read->poses[2].T_table_camera.rotation().x(), 1.0);
 }
 
-TEST_F(TrajectoryFile, NamesFileAndLineOfError) {
+TEST_F(TrajectoryFile, ReportsFileAndLineOfError) {
   refuses("0 0 0 0 0 0 0\n", "line 1");
   refuses("0 0 0 0 0 0 0 1\n# x\n1 0 0 0 0 0 0 1 5\n", "line 3");
   refuses("0 nan 0 0 0 0 0 1\n", "tx");
@@ -58,7 +58,7 @@ TEST_F(TrajectoryFile, NamesFileAndLineOfError) {
   EXPECT_FALSE(load_trajectory(folder_.path() / "absent.tum"));
 }
 
-TEST_F(TrajectoryFile, NamesUnitOfTimestampsTooLargeForSeconds) {
+TEST_F(TrajectoryFile, ReportsUnitOfTimestampsTooLargeForSeconds) {
   refuses("1604644894000 0 0 0 0 0 0 1\n", "milliseconds; divide by 1e3");
   refuses("1604644894000000 0 0 0 0 0 0 1\n", "microseconds; divide by 1e6");
   refuses("1403636579763555584 0 0 0 0 0 0 1\n", "nanoseconds; divide by 1e9");
@@ -66,7 +66,7 @@ TEST_F(TrajectoryFile, NamesUnitOfTimestampsTooLargeForSeconds) {
   refuses("inf 0 0 0 0 0 0 1\n", "line 1: timestamp");
 }
 
-TEST_F(TrajectoryFile, SkipsByteOrderMarkAndNamesUtf16) {
+TEST_F(TrajectoryFile, SkipsByteOrderMarkAndReportsUtf16) {
   const auto read = load("\xEF\xBB\xBF# timestamp tx ty tz qx qy qz qw\r\n1 2 3 4 0 0 0 1\r\n");
   ASSERT_TRUE(read) << read.error().message;
   EXPECT_EQ(read->poses.at(0).T_table_camera.translation(), Eigen::Vector3d(2, 3, 4));
@@ -99,7 +99,7 @@ TEST_F(TrajectoryFile, ReadsEurocGroundtruth) {
   EXPECT_FALSE(load("1 2 3 4 0 0 0 1\n")->of_body);
 }
 
-TEST_F(TrajectoryFile, RejectsOtherCsvFilesByName) {
+TEST_F(TrajectoryFile, RejectsAndReportsOtherCsvFiles) {
   refuses("1403636580838555648,4.5,-1.8,0.75\n", "has 4 values between commas");
   refuses("1.25,4.5,-1.8,0.75,1,0,0,0\n", "not a whole number of nanoseconds");
   refuses("1,4.5,-1.8,0.75,0.6,0.6,0,0\n", "not a rotation");
@@ -108,7 +108,7 @@ TEST_F(TrajectoryFile, RejectsOtherCsvFilesByName) {
   refuses("1e99999999999,0,0,1,1,0,0,0\n", "nanoseconds");
 }
 
-TEST(TrajectoryCases, ReadOrNameSharedFiles) {
+TEST(TrajectoryCases, ReadOrRejectSharedFiles) {
   const std::filesystem::path shared = test::shared_dir();
   if (shared.empty()) GTEST_SKIP() << "no shared data beside the checkout";
   const std::filesystem::path folder = shared / "cases" / "tum-byte-order-mark";
@@ -171,7 +171,7 @@ CameraPose pose_at_time(double t) {
       Eigen::Vector3d(0.3 * t, -0.2 * t, 1.0 + 0.1 * t)};
 }
 
-TEST(Trajectory, InterpolatesAndExtrapolatesEvenMotion) {
+TEST(Trajectory, InterpolatesAndExtrapolatesUniformMotion) {
   Trajectory t;
   for (const double time : {0.0, 0.4, 0.5, 1.1, 1.2})
     t.poses.push_back({nanoseconds(time), pose_at_time(time), {}});
@@ -185,7 +185,7 @@ TEST(Trajectory, InterpolatesAndExtrapolatesEvenMotion) {
   EXPECT_EQ(interpolate_pose(one, 5).translation(), t.poses[1].T_table_camera.translation());
 }
 
-TEST(Trajectory, InterpolatesWithoutKink) {
+TEST(Trajectory, InterpolatesSmoothlyAcrossPoses) {
   Trajectory t;
   for (int i = 0; i < 8; ++i) {
     const double a = 0.7 * i;

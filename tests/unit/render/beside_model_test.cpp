@@ -41,7 +41,7 @@ TEST(BesideModel, SkipsFileScheme) {
   EXPECT_EQ(beside_model("m", "file:///home/me/t.png").value(), "m/t.png");
 }
 
-TEST(BesideModel, TakesLastPartOfPathOutsideFolder) {
+TEST(BesideModel, UsesFileNameOfPathOutsideFolder) {
   for (const std::string name :
        {"/t.png", "/etc/t.png", "../t.png", "a/../../t.png", "a/../t.png", R"(..\t.png)",
         R"(C:\Users\me\t.png)", "c:/t.png", "C:t.png", R"(\\server\share\t.png)", "//server/t.png",
@@ -52,7 +52,7 @@ TEST(BesideModel, TakesLastPartOfPathOutsideFolder) {
   }
 }
 
-TEST(BesideModel, RejectsNameWithoutLastPart) {
+TEST(BesideModel, RejectsPathWithoutFileName) {
   for (const std::string_view name :
        {""sv, "."sv, ".."sv, "/"sv, "a/"sv, "../.."sv, "a/."sv, "C:"sv, R"(C:\)"sv, "C:.."sv,
         "file:"sv, "t.png\0"sv, "a\0/t.png"sv}) {

@@ -206,13 +206,13 @@ TEST(BundledModels, HaveClosedPartsFacingOutwards) {
   }
 }
 
-TEST(BundledModels, FailClosednessCheckForOpenPart) {
+TEST(ClosednessCheck, DetectsOpenPart) {
   Model sphere = models::make_sphere();
   sphere.meshes.front().indices.resize(sphere.meshes.front().indices.size() - 3);
   EXPECT_EQ(open_edges(parts_of(sphere).begin()->second), 3U);
 }
 
-TEST(BundledModels, HaveVolumesOfTheirFormulas) {
+TEST(BundledModels, MatchAnalyticVolumes) {
   const auto volume = [](const Model& model) {
     return volumes(parts_of(model).begin()->second).front() * 1e9;  // [mm^3]
   };

@@ -298,7 +298,7 @@ TEST(Compositor, UsesPhantomsAsInvisibleOccluders) {
   EXPECT_LT(changed(hidden), seen / 3);
 }
 
-TEST(Compositor, DrawsNoShadowSeenFromBehindPlane) {
+TEST(Compositor, DrawsNoShadowForCameraBehindPlane) {
   SceneBuilder builder;
   builder.add(box(0.1, glm::vec4(1.0F)), test::at(0, 0, 0.2));
   Studio studio(builder.build(), test::camera_of(320, 240, 300.0));
@@ -474,7 +474,7 @@ TEST(Compositor, RejectsMoreLightsThanSupported) {
   EXPECT_THAT(made.error().message, testing::HasSubstr("lights: 9"));
 }
 
-TEST(Shader, NamesFileAndLineOfError) {
+TEST(Shader, ReportsFileAndLineOfError) {
   for (const GlApi api : {GlApi::gl33, GlApi::gles30}) {
     const auto context = create_offscreen_context(api);
     ASSERT_TRUE(context) << context.error().message;
@@ -499,7 +499,7 @@ TEST(GlContext, ReportsRendererAndApi) {
   }
 }
 
-TEST(Compositor, NamesImageBeyondDriverLimit) {
+TEST(Compositor, ReportsImageBeyondDriverLimit) {
   const auto plain = box(0.05, glm::vec4(1.0F));
   auto model = std::make_shared<Model>(*plain);
   constexpr int kWidth = 1 << 17;  // more than any driver supports

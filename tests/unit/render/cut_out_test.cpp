@@ -58,7 +58,7 @@ double area_seen(const Model& model) {
   return area_of(make_shadow_mesh(model, {}, CutOuts::visible_regions));
 }
 
-TEST(CutOut, CastsVisibleHalfOfHalfTransparentFace) {
+TEST(CutOut, CastsShadowOfVisibleHalfOfFace) {
   const Model model = textured_square(64, [](int x, int) { return x < 32 ? 255 : 0; });
   EXPECT_TRUE(has_cut_outs(model));
   EXPECT_NEAR(area_seen(model), 0.005, 0.005 * 1e-4);
@@ -74,7 +74,7 @@ TEST(CutOut, FollowsCurvedOutline) {
   EXPECT_NEAR(area_seen(model), expected, 3e-3 * expected);
 }
 
-TEST(CutOut, KeepsPiecesOfOneFaceInOnePart) {
+TEST(CutOut, KeepsPiecesOfFaceInOneComponent) {
   const Model model = textured_square(64, [](int x, int) { return x < 16 || x >= 48 ? 255 : 0; });
   const ShadowMesh mesh = make_shadow_mesh(model, {}, CutOuts::visible_regions);
   ASSERT_FALSE(mesh.indices.empty());
@@ -84,7 +84,7 @@ TEST(CutOut, KeepsPiecesOfOneFaceInOnePart) {
   EXPECT_NEAR(area_of(mesh), 0.005, 1e-5);
 }
 
-TEST(CutOut, CastsNothingForTransparentTexture) {
+TEST(CutOut, CastsNoShadowForTransparentTexture) {
   const Model model = textured_square(8, [](int, int) { return 100; });
   EXPECT_TRUE(make_shadow_mesh(model).indices.empty());
   EXPECT_EQ(area_seen(model), 0.0);
@@ -98,7 +98,7 @@ TEST(CutOut, IgnoresAlphaOfOpaqueMaterial) {
   EXPECT_FALSE(has_cut_outs(model));
 }
 
-TEST(CutOut, CastsBlendedFaceUnlessInvisible) {
+TEST(CutOut, CastsShadowOfBlendedFaceUnlessInvisible) {
   Model model = textured_square(8, [](int, int) { return 1; });
   model.materials[0].alpha_mode = AlphaMode::blend;
   EXPECT_NEAR(area_of(make_shadow_mesh(model)), 0.01, 1e-9);
@@ -114,7 +114,7 @@ TEST(CutOut, AppliesVertexColours) {
   EXPECT_TRUE(make_shadow_mesh(model).indices.empty());
 }
 
-TEST(CutOut, CutsRepeatedTextureEverywhere) {
+TEST(CutOut, ClipsRepeatedTextureEverywhere) {
   for (const TextureWrap wrap : {TextureWrap::repeat, TextureWrap::mirrored}) {
     Model model = textured_square(16, [](int x, int) { return x >= 4 && x < 12 ? 255 : 0; });
     model.materials[0].base_color_texture.sampling.wrap_s = wrap;
@@ -123,7 +123,7 @@ TEST(CutOut, CutsRepeatedTextureEverywhere) {
   }
 }
 
-TEST(CutOut, CutsNearestTexelsAtTheirBorders) {
+TEST(CutOut, ClipsNearestTexelsAtTheirBorders) {
   Model model = textured_square(4, [](int x, int y) { return (x + y) % 2 == 0 ? 255 : 0; });
   model.materials[0].base_color_texture.sampling.smooth_near = false;
   EXPECT_NEAR(area_seen(model), 0.005, 2e-4);

@@ -54,7 +54,7 @@ TEST(FixedLight, ShrinksUmbraOfThinPartsFirst) {
   EXPECT_NEAR(Square(0.1F, 0.5F, 1.0F).area(constants, ShadowLayer::penumbra), 4.0 * p * p, 1e-4);
 }
 
-TEST(FixedLight, CutsFacesWhereUmbraEnds) {
+TEST(FixedLight, ClipsFacesWhereUmbraEnds) {
   const LayeredConstants constants = make_layered_constants(0.9, 3.0, 0.0).value();
   Square square(0.0F, 1.0F, 1.0F);
   square.vertices[1].h = square.vertices[2].h = 0.6F;  // the umbra ends half-way, at 0.3 m

@@ -256,7 +256,7 @@ TEST(RenderWork, HasTextForEveryReason) {
   EXPECT_EQ(key_of(KeepReason::phantom_mask), "phantom_mask");
 }
 
-TEST(RenderCounters, AddsByIndexUnderReportNames) {
+TEST(RenderCounters, AddByIndexAndHaveReportNames) {
   RenderCounters a;
   RenderCounters b;
   a[Counter::shadow_vertices] = 3;

@@ -68,7 +68,7 @@ TEST_F(GltfModelFile, ReadsDataUrisOfAnyMediaType) {
   EXPECT_THAT(error_of(loaded(file.gltf())), HasSubstr("malformed at character 2"));
 }
 
-TEST_F(GltfModelFile, NamesByteLengthBeyondData) {
+TEST_F(GltfModelFile, ReportsByteLengthBeyondData) {
   GltfBuilder file = square();
   file.json["buffers"] = {{{"byteLength", file.binary.size() + 1},
                            {"uri", "data:;base64," + test::base64(file.binary)}}};
@@ -158,7 +158,7 @@ TEST_F(GltfModelFile, AcceptsWholeNumbersWrittenWithPoint) {
   expect_square(file);
 }
 
-TEST_F(GltfModelFile, NamesFieldsOfWrongType) {
+TEST_F(GltfModelFile, ReportsFieldsOfWrongType) {
   const auto error_with = [&](const nlohmann::json::json_pointer& field,
                               const nlohmann::json& value) {
     GltfBuilder file = square();
@@ -463,7 +463,7 @@ TEST_F(GltfModelFile, IgnoresImagesOfUnusedMaterials) {
   expect_square(file);
 }
 
-TEST_F(GltfModelFile, NamesAndIgnoresMalformedMaterialFields) {
+TEST_F(GltfModelFile, ReportsAndIgnoresMalformedMaterialFields) {
   GltfBuilder file = square();
   file.primitive()["material"] = 0;
   file.json["materials"] = {{{"pbrMetallicRoughness", {{"metallicFactor", "1"}}}}};
@@ -473,7 +473,7 @@ TEST_F(GltfModelFile, NamesAndIgnoresMalformedMaterialFields) {
 
 // --- extensions and unread content ---
 
-TEST_F(GltfModelFile, NamesRequiredExtensionsThatKeepShape) {
+TEST_F(GltfModelFile, ReportsRequiredExtensionsThatKeepShape) {
   for (const char* extension :
        {"KHR_materials_unlit", "KHR_materials_emissive_strength", "KHR_materials_variants",
         "KHR_materials_pbrSpecularGlossiness", "KHR_texture_transform", "KHR_texture_basisu",
@@ -496,7 +496,7 @@ TEST_F(GltfModelFile, RejectsRequiredExtensionsThatMayChangeShape) {
   }
 }
 
-TEST_F(GltfModelFile, RejectsCompressedDataByExtension) {
+TEST_F(GltfModelFile, RejectsCompressedDataAndReportsExtension) {
   GltfBuilder file = square();
   for (const char* extension :
        {"KHR_draco_mesh_compression", "EXT_meshopt_compression", "KHR_meshopt_compression"}) {
@@ -524,7 +524,7 @@ TEST_F(GltfModelFile, RejectsCompressedDataByExtension) {
   EXPECT_THAT(error_of(loaded(meshopt.gltf())), HasSubstr("extension EXT_meshopt_compression"));
 }
 
-TEST_F(GltfModelFile, NamesUsedExtensionsWithVisibleContent) {
+TEST_F(GltfModelFile, ReportsUsedExtensionsWithVisibleContent) {
   for (const auto& [extension, consequence] : std::map<std::string, std::string>{
            {"KHR_materials_variants", "the default materials are shown"},
            {"MSFT_lod", "the finest level of detail is shown"},
@@ -540,7 +540,7 @@ TEST_F(GltfModelFile, NamesUsedExtensionsWithVisibleContent) {
   expect_square(file);
 }
 
-TEST_F(GltfModelFile, NamesShownSceneAmongSeveral) {
+TEST_F(GltfModelFile, ReportsShownSceneAmongSeveral) {
   GltfBuilder file = square();
   file.json["scenes"].push_back({{"name", "night"}, {"nodes", {0}}});
   expect_square_with_warning(file, "has 2 scenes; only scenes/0 is shown");
@@ -548,7 +548,7 @@ TEST_F(GltfModelFile, NamesShownSceneAmongSeveral) {
   expect_square_with_warning(file, "has 2 scenes; only scenes/1 (\"night\") is shown");
 }
 
-TEST_F(GltfModelFile, NamesIgnoredContentOncePerKind) {
+TEST_F(GltfModelFile, ReportsIgnoredContentOncePerKind) {
   GltfBuilder file = square();
   file.json["animations"] = {nlohmann::json::object(), nlohmann::json::object()};
   file.json["cameras"] = {{{"type", "no camera at all"}}};

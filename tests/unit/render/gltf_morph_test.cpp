@@ -125,7 +125,7 @@ TEST_F(GltfMorph, AppliesTargetsBeforeSkin) {
   EXPECT_NEAR(area(loaded(file.gltf())), 0.18, 1e-7);
 }
 
-TEST_F(GltfMorph, RejectsDamageByNamingField) {
+TEST_F(GltfMorph, RejectsDamageAndReportsField) {
   const auto error_with = [&](const auto& damage) {
     GltfBuilder file = morphed_square();
     damage(file);

@@ -91,7 +91,7 @@ TEST_F(GltfSkin, TreatsMissingInverseBindMatricesAsIdentity) {
   EXPECT_EQ(model->min_corner.x, 0.5F);
 }
 
-TEST_F(GltfSkin, NamesIgnoredInstancesOfSkinnedMesh) {
+TEST_F(GltfSkin, ReportsIgnoredInstancesOfSkinnedMesh) {
   GltfBuilder file = skinned_square(kNoFields, kNoFields);
   file.json["nodes"][0]["extensions"]["EXT_mesh_gpu_instancing"]["attributes"]["TRANSLATION"] =
       file.accessor(std::vector<float>{0, 0, 0, 1, 0, 0}, "VEC3");
@@ -182,7 +182,7 @@ TEST_F(GltfSkin, DropsSurfaceOfZeroScaleJoints) {
   EXPECT_THAT(model->warnings, IsEmpty());
 }
 
-TEST_F(GltfSkin, RejectsDamageByNamingField) {
+TEST_F(GltfSkin, RejectsDamageAndReportsField) {
   const auto error_with = [&](const auto& damage) {
     GltfBuilder file = skinned_square(kNoFields, kNoFields);
     damage(file);
@@ -427,7 +427,7 @@ TEST_F(GltfSkin, MatchesFormulaForRandomArmatures) {
   EXPECT_GT(normals, 1500U);
 }
 
-TEST_F(GltfSkin, MatchesSizeAndPlaceOfSharedCases) {
+TEST_F(GltfSkin, MatchesSizeAndPositionOfSharedCases) {
   const auto scaled = shared_case("gltf-skin-ignored/skin_joint_scaled.gltf");
   if (!scaled) GTEST_SKIP() << "no shared data beside the checkout";
   ASSERT_TRUE(*scaled) << error_of(*scaled);

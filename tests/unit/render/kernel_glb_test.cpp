@@ -313,7 +313,7 @@ TEST_F(KernelGlb, EmbedsImagesBesideModel) {
   EXPECT_EQ(model->textures[0].rgba, rgba);
 }
 
-TEST_F(KernelGlb, NamesMissingImage) {
+TEST_F(KernelGlb, ReportsMissingImage) {
   GltfMaker maker;
   const Json box = maker.box();
   maker.json["meshes"] = Json::array();
@@ -359,7 +359,7 @@ TEST_F(KernelGlb, ConvertsObjWithLatin1NamesAndImageToMetres) {
             fs::file_size(folder() / "p.png"));
 }
 
-TEST_F(KernelGlb, KeepsPlaceOfObjFarFromOrigin) {
+TEST_F(KernelGlb, KeepsPositionOfObjFarFromOrigin) {
   const fs::path file =
       write("far.obj", "v 300 500 20\nv 301 500 20\nv 301 501 20.5\nv 300 501 21\nf 1 2 3 4\n");
   const Result<Model> model = load_model(file);

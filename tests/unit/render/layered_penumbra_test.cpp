@@ -97,7 +97,7 @@ TEST(LayerHeightRange, IsLimitedByCapAndUmbraHeight) {
   EXPECT_GT(layer_factor(grows, ShadowLayer::umbra, 0.5), 1.0);
 }
 
-TEST(ClipToHeights, CutsAtBothEndsAndKeepsInside) {
+TEST(ClipToHeights, ClipsAtBothEndsAndKeepsInterior) {
   const LayeredConstants constants = make_layered_constants(0.9, 3.0, 0.0).value();
   const std::vector<CasterVertex> vertices = {{0.0F, 0.0F, -0.1F, 0.0F, 0.0F},
                                               {1.0F, 0.0F, 0.5F, 0.5F, 0.0F},
@@ -132,7 +132,7 @@ TEST(ClipToHeights, CutsAtBothEndsAndKeepsInside) {
   EXPECT_GT(vanished, 0);
 }
 
-TEST(ClipToHeights, DropsFacesThatCannotCast) {
+TEST(ClipToHeights, DropsFacesWithoutShadow) {
   const LayeredConstants constants = make_layered_constants(0.9, 3.0, 0.0).value();
   const float nan = std::numeric_limits<float>::quiet_NaN();
   const std::vector<CasterVertex> vertices = {{0.0F, 0.0F, 0.4F, 0.0F, 0.0F},

@@ -82,7 +82,7 @@ TEST_F(ModelFile, KeepsOutsideOfMirroredNode) {
   EXPECT_EQ(mesh.normals[0], glm::vec3(0, -1, 0));
 }
 
-TEST_F(ModelFile, RejectsMalformedGltfByName) {
+TEST_F(ModelFile, RejectsMalformedGltfAndReportsField) {
   const std::string nodes = R"("nodes":[{"mesh":0}])";
   EXPECT_THAT(error_of(gltf("\"byteLength\":36", "\"byteLength\":3600")),
               HasSubstr("bufferViews/0: reaches past the end of its buffer (42 bytes)"));
@@ -183,7 +183,7 @@ TEST_F(ModelFile, RejectsTooManyMaterials) {
   EXPECT_TRUE(load_model(file));
 }
 
-TEST_F(ModelFile, RejectsNodesWithoutExtentByName) {
+TEST_F(ModelFile, RejectsAndReportsNodesWithoutExtent) {
   EXPECT_THAT(error_of(gltf(R"({"mesh":0})", R"({"mesh":0,"name":"lid","scale":[0,0,0]})")),
               HasSubstr("nodes/0 (\"lid\"): its scale leaves no surface to see"));
   EXPECT_THAT(error_of(gltf(R"({"mesh":0})", R"({"mesh":0,"scale":[0,1,0]})")),

@@ -62,7 +62,7 @@ class FarModel : public testing::Test {
   test::ModelFolder folder_;
 };
 
-TEST_F(FarModel, KeepsShapeAndPlace) {
+TEST_F(FarModel, KeepsShapeAndPosition) {
   for (const Eigen::Vector3d& place : {Eigen::Vector3d(3e5, 5e5, 0), Eigen::Vector3d(1e4, 2e4, 3),
                                        Eigen::Vector3d(458074.6, 5429380.17, 162.9)}) {
     const Result<Model> model = folder_.obj(disc(place.x(), place.y(), place.z()));
@@ -88,7 +88,7 @@ TEST_F(FarModel, IsPlacedInDoublePrecision) {
   EXPECT_EQ(placed_model(near, {{1, 2, 3}, odd, 0.7}), (Placement{{1, 2, 3}, odd, 0.7}));
 }
 
-TEST_F(FarModel, KeepsPlaceWhenOriginMoves) {
+TEST_F(FarModel, KeepsPositionWhenOriginMoves) {
   Result<Model> model = folder_.obj(disc(3e5, 5e5, 0));
   ASSERT_TRUE(model) << model.error().message;
   const float x = model->meshes[0].positions[0].x;

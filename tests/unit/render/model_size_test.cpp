@@ -48,7 +48,7 @@ Model sized(float x, float z) {
   return model;
 }
 
-TEST(SizeWarning, NamesSizeAndLikelyUnit) {
+TEST(SizeWarning, ReportsSizeAndLikelyUnit) {
   using testing::Optional;
   EXPECT_THAT(warning_of_size(sized(64.0F, 1.0F), {}, "m.obj"),
               Optional(std::string("m.obj: is 64 m wide; in millimetres? use --unit mm")));

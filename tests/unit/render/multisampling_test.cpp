@@ -44,7 +44,7 @@ void keep(const test::RenderedImage& picture, const std::string& name) {
                        picture.height, picture.rgba));
 }
 
-TEST(Multisampling, IsChosenByRenderer) {
+TEST(Multisampling, DefaultsByRenderer) {
   EXPECT_EQ(multisampling_for(true, 8), 0);
   EXPECT_EQ(multisampling_for(false, 8), 4);
   EXPECT_EQ(multisampling_for(false, 2), 2);

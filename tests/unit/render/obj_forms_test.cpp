@@ -61,7 +61,7 @@ TEST_F(ObjModelFile, AcceptsCornersEndingInSlashes) {
   expect_square(kCorners + "vn 0 0 1\nf 1/0/1 2/0/1 3/0/1 4/0/1\n", IsEmpty());
 }
 
-TEST_F(ObjModelFile, NamesDecimalCommas) {
+TEST_F(ObjModelFile, ReportsDecimalCommas) {
   const Result<Model> model = folder_.obj("v 0 0 0\nv 0,5 0,0 1,0\n");
   ASSERT_FALSE(model);
   EXPECT_THAT(model.error().message, HasSubstr("line 2: \"0,5\" has a decimal comma"));
@@ -80,7 +80,7 @@ TEST_F(ObjModelFile, AcceptsCommentsAnywhere) {
                 IsEmpty());
 }
 
-TEST_F(ObjModelFile, SkipsAndNamesFacesWithoutSurface) {
+TEST_F(ObjModelFile, SkipsAndReportsFacesWithoutSurface) {
   expect_square(kCorners + "f 1 2 3 4\nf 1\nf 1 2\n",
                 ElementsAre(AllOf(HasSubstr("line 6: a face has fewer than 3 corners"),
                                   HasSubstr("(2 such lines)"))));
@@ -91,7 +91,7 @@ TEST_F(ObjModelFile, SkipsAndNamesFacesWithoutSurface) {
                 ElementsAre(HasSubstr("line 6: a line does not start with a word of the OBJ")));
 }
 
-TEST_F(ObjModelFile, NamesAbsentNormalsAndTextureCoordinates) {
+TEST_F(ObjModelFile, ReportsAbsentNormalsAndTextureCoordinates) {
   expect_square(kCorners + "f 1//1 2//1 3//1 4//1\n",
                 ElementsAre(HasSubstr("line 5: a face names a normal that is not there")));
   expect_square(kCorners + "f 1/1 2/-3 3/3 4/4\n",
@@ -111,7 +111,7 @@ TEST_F(ObjModelFile, SkipsByteOrderMark) {
   EXPECT_EQ(color_of("\xEF\xBB\xBF" + kRed), glm::vec4(1, 0, 0, 1));
 }
 
-TEST_F(ObjModelFile, NamesUtf16Text) {
+TEST_F(ObjModelFile, ReportsUtf16Text) {
   std::string wide = "\xFF\xFE";
   for (const char c : kCorners) wide += {c, '\0'};
   const Result<Model> model = folder_.obj(wide);
@@ -130,7 +130,7 @@ TEST_F(ObjModelFile, AcceptsColoursOfOneOrMoreThanThreeNumbers) {
   EXPECT_THAT(warning, HasSubstr("m.mtl: line 2: Kd has over three numbers"));
 }
 
-TEST_F(ObjModelFile, NamesAndIgnoresInvalidColours) {
+TEST_F(ObjModelFile, ReportsAndIgnoresInvalidColours) {
   for (const std::string form : {"spectral file.rfl", "xyz 1 1 1", "nan 0 0", "-1 0 0", ""}) {
     std::string warning;
     EXPECT_EQ(color_of("newmtl red\nKd " + form + "\n", &warning), glm::vec4(0.6F, 0.6F, 0.6F, 1))
@@ -139,7 +139,7 @@ TEST_F(ObjModelFile, NamesAndIgnoresInvalidColours) {
   }
 }
 
-TEST_F(ObjModelFile, NamesIgnoredMaterialLinesOncePerKind) {
+TEST_F(ObjModelFile, ReportsIgnoredMaterialLinesOncePerKind) {
   // Highlights and refraction are not drawn; their keywords give no warning.
   EXPECT_EQ(color_of(kRed + "Ka 1 1 1\nKs 1 1 1\nNs 90\nNi 1.5\nillum 2\nsharpness 60\nTf 1 1 1\n"),
             glm::vec4(1, 0, 0, 1));
@@ -225,7 +225,7 @@ TEST_F(ObjModelFile, FindsMaterialFileOutsideFolderBesideModel) {
   }
 }
 
-TEST_F(ObjModelFile, NamesUnknownMaterial) {
+TEST_F(ObjModelFile, ReportsUnknownMaterial) {
   folder_.write("m.mtl", kRed);
   expect_square("mtllib m.mtl\n" + kCorners + "usemtl rde\nf 1 2 3 4\n",
                 ElementsAre(HasSubstr("material \"rde\" is in no material file")));

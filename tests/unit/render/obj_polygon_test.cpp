@@ -83,7 +83,7 @@ TEST_F(ObjPolygon, SplitsQuadAlongShorterDiagonal) {
   EXPECT_THAT(model->meshes[0].source_vertex, ElementsAre(0, 1, 3, 2));
 }
 
-TEST_F(ObjPolygon, FillsAndNamesCrossingOutlineOnce) {
+TEST_F(ObjPolygon, FillsAndReportsCrossingOutlineOnce) {
   const Result<Model> model = folder_.obj(
       "v 0 0 0 1 0 0\nv 1 1 0 1 0 0\nv 1 0 0 1 0 0\nv 0 1 0 1 0 0\nvt 0 0\nvt 1 1\nvt 1 0\n"
       "vt 0 1\nf 1/1 2/2 3/3 4/4\nf 1/1 2/2 3/3 4/4\n");
@@ -106,14 +106,14 @@ TEST_F(ObjPolygon, FillsAndNamesCrossingOutlineOnce) {
   EXPECT_EQ(make_shadow_mesh(*model).from_source.size(), 6U);
 }
 
-TEST_F(ObjPolygon, NamesFaceThatIsNotFlat) {
+TEST_F(ObjPolygon, ReportsFaceThatIsNotFlat) {
   const Result<Model> model = folder_.obj("v 0 0 0\nv 1 0 0\nv 1 1 0.5\nv 0 1 0\nf 1 2 3 4\n");
   ASSERT_TRUE(model) << model.error().message;
   EXPECT_EQ(model->triangle_count(), 2U);
   EXPECT_THAT(model->warnings, ElementsAre(HasSubstr("line 5: a face is not flat")));
 }
 
-TEST_F(ObjPolygon, SkipsAndNamesIntricateFace) {
+TEST_F(ObjPolygon, SkipsAndReportsIntricateFace) {
   std::string text, face = "f";
   for (int i = 0; i < 3000; ++i) {
     text += fmt::format("v {} {} 0\n", (i * 7919) % 3001, (i * 104729) % 2999);

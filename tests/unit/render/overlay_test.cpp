@@ -292,7 +292,7 @@ std::vector<double> rows_of_line(const CameraModel& camera, const Eigen::Vector3
 
 // An animation enlarges a thin object ten times, near the upper border and at the camera's nearest
 // distance. The object's edges must follow the distortion over their whole length.
-TEST(Overlay, BendsLongEdgesWithLensCloseUp) {
+TEST(Overlay, DrawsLongEdgesWithLensDistortionCloseUp) {
   const CameraModel camera = strong_lens();
   const Eigen::Vector3d a(-0.09, -0.0500, 0.15), b(0.09, -0.0330, 0.15);
   const Eigen::Vector3d down(0.0, 0.006, 0.0);
@@ -322,7 +322,7 @@ TEST(Overlay, BendsLongEdgesWithLensCloseUp) {
 
 // The penumbra of a level strip is twice as long as the strip. The test draws it at the nearest
 // distance, where it fills the image, and at larger ones, where edges are split into longer pieces.
-TEST(Overlay, LongShadowEdgesFollowTheLensAtEveryDistance) {
+TEST(Overlay, DrawsLongShadowEdgesWithLensDistortion) {
   const CameraModel camera = strong_lens();
   for (const double times : {1.0, 1.7, 4.0, 11.0}) {
     const double height = 0.1 * times, light = 0.4 * times;

@@ -966,7 +966,7 @@ TEST(PhantomShadow, IsIndependentOfOtherNodes) {
 }
 
 // Several casters, or coincident planes, darken a pixel once, by the darkest shadow.
-TEST(PhantomShadow, DarkensOnce) {
+TEST(PhantomShadow, DarkensPixelOnce) {
   const auto picture = [](int casters, int planes) {
     SceneBuilder builder = builder_with(ShadowTechnique::simple);
     for (int i = 0; i < casters; ++i) {
@@ -1156,7 +1156,7 @@ TEST(PhantomShadow, FallsOnPhantomParent) {
 }
 
 // As on planes, each pixel shows the darkest shadow of all casters.
-TEST_P(PhantomShadow, IsDarkestOfAllCastersOnObject) {
+TEST_P(PhantomShadow, ShowsDarkestCasterOnObject) {
   SceneBuilder builder = builder_with(GetParam().technique, GetParam().light_mode);
   const int first = builder.add(l_shape(), test::at(0.0, 0.0, 0.16));
   const int second = builder.add(l_shape(), test::at(0.03, 0.02, 0.22, {0, 0, 1}, 1.0));

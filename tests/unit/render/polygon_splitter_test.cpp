@@ -207,7 +207,7 @@ TEST(PolygonSplitter, KeepsEveryCornerOfSimplePolygon) {
   }
 }
 
-TEST(PolygonSplitter, SplitsConcaveQuadInside) {
+TEST(PolygonSplitter, SplitsConcaveQuadAlongInnerDiagonal) {
   const Outline arrow = {{0, 0}, {2, 1}, {0, 2}, {0.7, 1}};
   for (std::size_t first = 0; first < 4; ++first) {
     Outline outline = arrow;

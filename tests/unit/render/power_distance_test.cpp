@@ -110,7 +110,7 @@ TEST(PowerDistance, MatchesRayCastShadowOfSphere) {
 }
 
 // The lower parts of these tilted casters add to the umbra of the upper parts.
-TEST(PowerDistance, UmbraMatchesRaysForTiltedCasters) {
+TEST(PowerDistance, MatchesRayCastUmbraOfTiltedCasters) {
   test::ShapeBuilder cone;
   std::vector<std::uint32_t> ring;
   for (int i = 0; i < 40; ++i) {

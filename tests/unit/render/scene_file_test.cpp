@@ -81,7 +81,7 @@ TEST_F(SceneFile, LoadsDefaultSceneWithoutWarnings) {
   EXPECT_GT(evaluate_scene(*scene, 3.8).objects[0].position.z(), 0.14);
 }
 
-TEST_F(SceneFile, NamesPlaceAndAllowedValuesOfViolations) {
+TEST_F(SceneFile, ReportsPathAndAllowedValuesOfViolations) {
   EXPECT_THAT(error_of("{"), HasSubstr("scene.json: is not JSON: parse error at line 1"));
   EXPECT_THAT(error_of("[]"),
               HasSubstr("scene.json: /: is an empty list; give an object that says what is drawn"));
@@ -112,7 +112,7 @@ TEST_F(SceneFile, NamesPlaceAndAllowedValuesOfViolations) {
               HasSubstr("/planes/0/normal: has no length"));
 }
 
-TEST_F(SceneFile, NamesPlaceOfTooLongName) {
+TEST_F(SceneFile, ReportsPathOfTooLongName) {
   EXPECT_THAT(error_of(R"({"objects":[{"name":")" + std::string(300, 'a') + "\"}]}"),
               HasSubstr("/objects/0/name: is \"aaaa"));
   // The limit of 200 counts characters, not bytes; these characters have two bytes each.
@@ -268,7 +268,7 @@ TEST_F(SceneFile, ReadsGroupsAndProxiesOfObjects) {
 }
 
 // A model's warning appears once, for any number of objects that use the model.
-TEST_F(SceneFile, PassesOnModelWarningsOnce) {
+TEST_F(SceneFile, ForwardsModelWarningsOnce) {
   std::ofstream(folder_.path() / "thing.obj")
       << "mtllib lost.mtl\nv 0 0 0\nv 0.1 0 0\nv 0 0.1 0\nf 1 2 3\n";
   const Result<Scene> scene =

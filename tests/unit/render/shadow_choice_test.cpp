@@ -98,7 +98,7 @@ std::pair<double, RenderedImage> tremble(const DrawnAt& drawn_at, double high, d
   return {low, below};
 }
 
-TEST(ShadowChoice, KeepsPlaneMasksWhileCameraTrembles) {
+TEST(ShadowChoice, ReusesPlaneMasksDuringCameraJitter) {
   Studio studio(block_and(Other::none).build(), test::camera_of(kSide, kSide, 220.0));
   const auto drawn_at = [&](double height) {
     const RenderedImage image = studio.draw(grey(), studio.plan(from_height(height)));
@@ -111,7 +111,7 @@ TEST(ShadowChoice, KeepsPlaneMasksWhileCameraTrembles) {
   EXPECT_EQ(other.draw(grey(), other.plan(from_height(low))), below);
 }
 
-TEST(ShadowChoice, KeepsReceiverMasksWhileCameraTrembles) {
+TEST(ShadowChoice, ReusesReceiverMasksDuringCameraJitter) {
   SceneBuilder builder;
   builder.add(block(0.05), test::at(0, 0, 0.15));
   builder.add(block(0.06), test::at(0.01, 0, 0.03), false, true);
@@ -209,7 +209,7 @@ TEST(ShadowTone, FollowsCameraResponse) {
   }
 }
 
-TEST(LiftedByAmbient, RisesWithShareOfAmbientLight) {
+TEST(AmbientLightFractions, IncreaseWithAmbientLight) {
   Scene scene;
   const LightFractions given;
   const auto lifted = [&](double ambient, const std::vector<PlacedLight>& lights) {
@@ -244,7 +244,7 @@ TEST(LiftedByAmbient, RisesWithShareOfAmbientLight) {
   EXPECT_GT(before, 0.999) << "strong ambient light hides the shadow";
 }
 
-TEST(LiftedByAmbient, MatchesDrawnShadow) {
+TEST(AmbientLightFractions, MatchDrawnShadow) {
   int before = 0;
   for (const double ambient : {0.36, 0.7, 2.0}) {
     SceneBuilder builder = block_and(Other::none);

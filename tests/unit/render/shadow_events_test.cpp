@@ -107,7 +107,7 @@ TEST(ShadowEvents, RecomputeOnlyAffectedTriples) {
   }
 }
 
-TEST(AnimatedLight, MovesAndTurns) {
+TEST(AnimatedLight, MovesAndRotates) {
   Scene scene;
   SceneLight& lamp = scene.lights.emplace_back();
   lamp.position = {0.1, 0.2, 0.5};

@@ -189,7 +189,7 @@ TEST(ShadowKernels, FillMissingFaces) {
 
 // Checks |x - k| <= 1.5 r plus one cell, where r is the radius of the largest disc about k inside
 // the silhouette, measured on polygons. The radius stored with a kernel must equal r.
-TEST(ShadowKernels, StayWithinReachOfTheirDisc) {
+TEST(ShadowKernels, StayWithinDistanceBoundOfTheirDisc) {
   for (const Model& model : {l_shape(), test::torus_model(12, 64), test::box_model(0.1)}) {
     const ShadowMesh mesh = make_shadow_mesh(model);
     for (const Eigen::Vector3d& up : {Eigen::Vector3d(0.2, 0.5, 1.0), Eigen::Vector3d(0, 0, 1),
@@ -216,7 +216,7 @@ TEST(ShadowKernels, StayWithinReachOfTheirDisc) {
 }
 
 // The check of the previous test must fail for kernels that are too far away.
-TEST(ShadowKernels, ExceedReachWithOneKernelForBar) {
+TEST(ShadowKernels, ExceedDistanceBoundWithOneKernelForBar) {
   test::ShapeBuilder shape;
   shape.box(-0.1, -0.01, -0.01, 0.1, 0.01, 0.01);
   const ShadowMesh mesh = make_shadow_mesh(shape.build());

@@ -99,7 +99,7 @@ TEST(ShadowMesh, KeepsWeldDistanceDespiteFarVertex) {
   EXPECT_EQ(make_shadow_mesh(model).positions.size(), 9U);
 }
 
-TEST(ShadowMesh, WarnsOfPartsThatCastNothing) {
+TEST(ShadowMesh, WarnsOfPartsWithoutShadow) {
   Model point = test::box_model(0.1);
   for (glm::vec3& p : point.meshes[0].positions) p = {0.1F, 0.2F, 0.3F};
   auto warning = warning_of_lost_faces(point, "point.obj");

@@ -500,7 +500,7 @@ TEST(ShadowPass, DrawsFootprintAsSimpleShadow) {
   EXPECT_NEAR(dark * square(kEyeHeight / kFocal), 0.08 * 0.05, 0.01 * 0.08 * 0.05);
 }
 
-TEST(ShadowPass, CutsShadowAtReceiverOutline) {
+TEST(ShadowPass, ClipsShadowAtReceiverOutline) {
   SceneBuilder builder;
   builder.add(box(0.16, 0.16, 0.02), test::at(0, 0, 0.05));
   // An L-shaped outline whose inner corner lies at the origin, under the shadow.

@@ -243,7 +243,7 @@ TEST(SilhouetteMask, MatchesFacesOfClosedMesh) {
 
 // Open and clipped meshes are covered face by face. Neighbouring faces must leave no seam, for any
 // rounding.
-TEST(SilhouetteMask, MatchesFacesOfOpenAndCutMeshes) {
+TEST(SilhouetteMask, MatchesFacesOfOpenAndClippedMeshes) {
   std::mt19937 random(11);
   std::uniform_real_distribution<double> one(-1.0, 1.0);
   constexpr double kCell = 0.006;
@@ -522,7 +522,7 @@ MaskCells cells_around(const MaskCaster& caster, double cell) {
 
 // The coverage in a window must equal the whole raster's bit by bit, including edges through the
 // window's corners and along its borders.
-TEST(SilhouetteMask, MatchesWholeRasterInParts) {
+TEST(SilhouetteMask, MatchesWholeRasterInWindows) {
   std::mt19937 random(23);
   const auto whole_number = [&random](int low, int high) {
     return std::uniform_int_distribution<int>(low, high)(random);
@@ -937,7 +937,7 @@ TEST_F(DrawnMask, IsUnchangedBySkippingEmptyPieces) {
 }
 
 // The caster slides and rotates, so that its edges cross the borders of pieces at many positions.
-TEST_F(DrawnMask, DrawsPiecesOfPresentMask) {
+TEST_F(DrawnMask, DrawsPiecesOfCurrentMask) {
   const auto objects = ring();
   Studio some(objects, distorted_camera());
   Studio all(objects, distorted_camera());
@@ -1156,7 +1156,7 @@ TEST_F(MaskByFaces, SmoothsEdgesOnly) {
 
 // The caster rises through the heights where its layers are clipped. Neighbouring faces must leave
 // no seam.
-TEST_F(MaskByFaces, LeavesNoSeamAtMovingCut) {
+TEST_F(MaskByFaces, LeavesNoSeamAtMovingClipHeight) {
   const auto objects = scene({{torus(), test::at(0, 0, 0)}});
   Studio studio(objects, camera());
   Studio fine(objects, camera(4.0));
@@ -1339,7 +1339,7 @@ TEST_F(DrawnMask, RedrawsOnlyMovingCasters) {
 
 // ---- large or spread-out shadows ----
 
-TEST(MaskLayout, GroupsPartsThatMeet) {
+TEST(MaskLayout, GroupsOverlappingShadows) {
   std::mt19937 random(7);
   const auto between = [&random](int low, int high) {
     return std::uniform_int_distribution<int>(low, high)(random);
@@ -1504,7 +1504,7 @@ TEST_F(LargeMask, SmoothsEdgesOnly) {
 
 // The frame must not depend on earlier frames. The nightly form draws every frame in each
 // translucency mode, the short form in one of them.
-TEST_F(LargeMask, DependsOnlyOnPresentFrame) {
+TEST_F(LargeMask, DependsOnlyOnCurrentFrame) {
   const std::vector<PoseEstimate> path = {seen_from({0.05, -0.38, 0.36}, {0.0, 0.0, 0.0}),
                                           seen_from({0.06, -0.37, 0.36}, {0.0, 0.02, 0}),
                                           seen_from({0.15, -0.3, 0.3}, {0.1, 0.02, 0.0}),

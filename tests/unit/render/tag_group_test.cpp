@@ -115,7 +115,7 @@ TEST(TagGroup, MovesAttachedObjectsWithGroup) {
   EXPECT_EQ(rest.planes[0].opacity, 1.0);
 }
 
-TEST(TagGroup, HidesObjectsOfUnseenGroup) {
+TEST(TagGroup, HidesObjectsOfInvisibleGroup) {
   test::SceneBuilder builder = before_a_wall();
   builder.scene().objects[0].tag_group = "prop";
   builder.add(box(0.02), test::at(0.05, 0.05, 0.05));

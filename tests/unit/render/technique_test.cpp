@@ -11,7 +11,7 @@ TEST(TechniqueNames, AreInOrderOfEnum) {
   for (const auto& [source, name] : kKernelSourceNames) EXPECT_EQ(to_string(source), name);
 }
 
-TEST(TechniqueTraits, AgreeWithOneAnother) {
+TEST(TechniqueTraits, AreConsistent) {
   for (const auto& [technique, name] : kShadowTechniqueNames) {
     const TechniqueTraits traits = traits_of(technique);
     EXPECT_FALSE(traits.uses_lights && traits.has_penumbra) << name;

@@ -83,7 +83,7 @@ std::set<std::string> keys_of_schema(const std::string& schema) {
   return keys;
 }
 
-TEST(Documents, ScenesNameEveryKeyOfTheSchema) {
+TEST(Documents, DescribeEverySceneKey) {
   const std::set<std::string> keys =
       keys_of_schema(text_of_file(test::source_dir() / "scenes" / "scene.schema.json"));
   EXPECT_THAT(keys, testing::IsSupersetOf({"$schema", "casters", "keyframes", "north_deg"}));
@@ -124,7 +124,7 @@ std::set<std::string> keys_of(const KeySource& source) {
   return {found.begin(), found.end()};
 }
 
-TEST(Documents, ReportsNameEveryKeyOfTheWriters) {
+TEST(Documents, DescribeEveryReportKey) {
   // These words belong to tables for people.
   const std::set<std::string> no_keys = {"error", "s"};
   for (const KeySource& source : kKeySources) {
@@ -179,7 +179,7 @@ std::set<std::string> anchors_in(const std::string& document) {
   return anchors;
 }
 
-TEST(Documents, AnchorsFollowGitHub) {
+TEST(HeadingAnchors, MatchGitHub) {
   EXPECT_THAT(anchors_in("# Report of a run\ntext\n## `tags.yaml`, & more\n## Work\n## Work\n"
                          "```\n# no heading\n```\n#no heading\n"),
               testing::UnorderedElementsAre("report-of-a-run", "tagsyaml--more", "work", "work-1"));
@@ -214,7 +214,7 @@ std::vector<fs::path> files_with(const std::set<std::string>& extensions) {
   return files;
 }
 
-TEST(Documents, LinksLeadToFilesAndHeadings) {
+TEST(Documents, HaveLinksToExistingFilesAndHeadings) {
   std::vector<std::string> problems;
   int links = 0;
   for (const fs::path& file : files_with({".md"})) {
@@ -234,7 +234,7 @@ TEST(Documents, LinksLeadToFilesAndHeadings) {
   EXPECT_THAT(problems, testing::IsEmpty());
 }
 
-TEST(Documents, ReferencesLeadToHeadings) {
+TEST(Documents, HaveReferencesToExistingHeadings) {
   std::vector<std::string> problems;
   int references = 0;
   for (const fs::path& file : files_with({".md", ".hpp", ".cpp", ".glsl"})) {

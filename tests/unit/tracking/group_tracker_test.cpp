@@ -187,7 +187,7 @@ TEST(GroupTracker, KeepsTablePoseIndependentOfOtherGroups) {
   }
 }
 
-TEST(GroupTracker, ReportsUnseenGroupLostWithFewSearches) {
+TEST(GroupTracker, ReportsInvisibleGroupLostWithFewSearches) {
   Stage stage({wall(), block()});
   std::vector<MappedTag> drawn = stage.tags;
   std::erase_if(drawn, [](const MappedTag& tag) { return tag.group == "block"; });

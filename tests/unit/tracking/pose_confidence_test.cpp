@@ -83,7 +83,7 @@ TEST_F(PoseConfidence, ChoosesBetweenTwoPosesByPrediction) {
   EXPECT_EQ(other.estimate.T_map_camera.matrix(), second.matrix());
 }
 
-TEST_F(PoseConfidence, BlamesLensWhenOnlyCameraFileIsUncertain) {
+TEST_F(PoseConfidence, AttributesErrorToLensWhenOnlyCameraFileIsUncertain) {
   CameraParameters parameters = group_.camera.parameters();
   parameters.overlay_sigma_px = 5.0;
   const RigidTags group{CameraModel::make(parameters).value(), group_.tags};
@@ -93,7 +93,7 @@ TEST_F(PoseConfidence, BlamesLensWhenOnlyCameraFileIsUncertain) {
   EXPECT_TRUE(judged.only_lens_uncertain);
 }
 
-TEST_F(PoseConfidence, BlamesMapWhenItAddsError) {
+TEST_F(PoseConfidence, AttributesErrorToMapWhenItAddsError) {
   Measurement measurement = measured(3.0);
   measurement.map_px = 2.9;
   EXPECT_THAT(text_of(judge(group_, measurement, std::nullopt).estimate.reason),

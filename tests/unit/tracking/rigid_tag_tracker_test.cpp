@@ -26,7 +26,7 @@ Frame grey_frame(int width, int height, std::int64_t timestamp_ns) {
   return buffer.frame;
 }
 
-TEST(RigidTagTracker, NeedsTagOfTableGroup) {
+TEST(RigidTagTracker, RequiresTagOfTableGroup) {
   std::vector<MappedTag> tags = test::sheet();
   for (MappedTag& tag : tags) tag.group = "lid";
   const auto tracker = GroupTracker::create(test::desk_camera(), TagMap::make(tags).value());
@@ -38,7 +38,7 @@ TEST(RigidTagTracker, NeedsTagOfTableGroup) {
       GroupTracker::create(test::desk_camera(), TagMap::make(test::sheet()).value(), options));
 }
 
-TEST(RigidTagTracker, GivesReasonWithoutPose) {
+TEST(RigidTagTracker, ReturnsReasonWithoutPose) {
   auto tracker =
       GroupTracker::create(test::desk_camera(), TagMap::make(test::sheet()).value()).value();
   const PoseEstimate nothing = tracker.track(grey_frame(640, 480, 0)).pose;
@@ -452,7 +452,7 @@ TEST(TrackingMode, HasNames) {
 }
 
 // One tag, seen from nearly above: two poses explain the image, and the tilt passes through zero.
-TEST(RigidTagTracker, FollowsLoneTagWithoutTrustingMirroredPose) {
+TEST(RigidTagTracker, TracksSingleTagWithoutMirroredPose) {
   const CameraModel camera = test::desk_camera();
   for (const double size_m : {0.03, 0.08}) {
     const std::vector<MappedTag> tags = {test::flat_tag(3, 0.0, 0.0, size_m)};

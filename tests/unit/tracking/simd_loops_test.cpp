@@ -237,7 +237,7 @@ TEST(SimdLoops, EvaluateMomentsAveragesSingleMoments) {
 
 // Without correlation the bivariate distribution is a product. If other lines are far away, the
 // nearest vertex alone determines the value.
-TEST(SimdLoops, ModelsOfAllReachesAgreeForDistantLines) {
+TEST(SimdLoops, ModelsOfAllNeighbourhoodsAgreeForDistantLines) {
   const Eigen::Isometry3d T = lattice_pose();
   SampleSet set = random_samples(simd::kBlock, T, 0.0F);
   AccumulateInput in;
@@ -634,7 +634,7 @@ TEST(SimdLoops, LensMatchesCameraModel) {
 }
 
 // Compares the pixels near edges with those of a loop in double precision.
-TEST(SimdLoops, WalkTakesPixelsWithinReachOfEdge) {
+TEST(SimdLoops, WalkVisitsPixelsNearEdge) {
   const Eigen::Isometry3d T = lattice_pose();
   // Edges along a: at b = 3 from 1 to 4, at b = 7 from 2 to 9. The same edges along b.
   std::vector<simd::Walk::Cell> cells;
@@ -958,7 +958,7 @@ TEST(SimdLoops, ReadAndAttachFillSamples) {
 }
 
 // Compares the pixels nearest to cells with those of a loop in double precision, cell by cell.
-TEST(SimdLoops, CellPlacesAreNearestPixels) {
+TEST(SimdLoops, PixelsOfCellsAreNearestPixels) {
   constexpr int kWidth = 90;
   constexpr int kHeight = 70;
   std::mt19937 random(3);

@@ -578,7 +578,7 @@ TEST_F(TagAlignerTest, PyramidSearchStopsAtSmallestImage) {
   EXPECT_FALSE(aligner.search_pyramid(input, true));
 }
 
-TEST_F(TagAlignerTest, PyramidSearchFindsNothingWithoutTags) {
+TEST_F(TagAlignerTest, PyramidSearchFindsNoPoseWithoutTags) {
   auto aligner = TagAligner::create(camera_, tags_).value();
   const std::vector<std::uint8_t> grey(1280 * 720, 120);
   AlignmentInput input;
@@ -590,7 +590,7 @@ TEST_F(TagAlignerTest, PyramidSearchFindsNothingWithoutTags) {
 }
 
 // Images smaller than the search window, and smaller than a pixel of the pyramid level.
-TEST_F(TagAlignerTest, PyramidSearchTakesImagesOfAnySize) {
+TEST_F(TagAlignerTest, PyramidSearchAcceptsImagesOfAnySize) {
   std::uniform_int_distribution<int> grey(0, 255);
   for (int width = 1; width <= 40; width += width < 20 ? 1 : 5) {
     for (int height = 1; height <= 40; height += height < 20 ? 1 : 5) {
@@ -927,7 +927,7 @@ TEST_F(TagAlignerTest, MotionBlurErrorAllowsForWrongMotion) {
 }
 
 // The image shows which fraction of the motion occurred during the exposure.
-TEST_F(TagAlignerTest, MotionBlurErrorFindsBlurredShareOfMotion) {
+TEST_F(TagAlignerTest, MotionBlurErrorFindsBlurredFractionOfMotion) {
   auto aligner = TagAligner::create(camera_, tags_).value();
   for (const double part : {0.375, 0.625, 1.0}) {
     int found = 0;
@@ -949,7 +949,7 @@ TEST_F(TagAlignerTest, MotionBlurErrorFindsBlurredShareOfMotion) {
 
 // A blurred single tag has no neighbour that limits its rotation; its shift may be the full
 // ambiguity.
-TEST_F(TagAlignerTest, MotionBlurErrorOfLoneTagHasNoRotation) {
+TEST_F(TagAlignerTest, MotionBlurErrorOfSingleTagHasNoRotation) {
   const std::vector<MappedTag> lone = board(1, 1, 0.12);
   PatternRenderer renderer = PatternRenderer::create(camera_, lone).value();
   auto aligner = TagAligner::create(camera_, lone).value();

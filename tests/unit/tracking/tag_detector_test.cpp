@@ -147,7 +147,7 @@ TEST(TagDetector, AcceptsImagesOfAnySize) {
   }
 }
 
-TEST(TagDetector, FindsNoTagInEmptyViews) {
+TEST(TagDetector, FindsNoTagInEmptyOrBlankImages) {
   TagDetector detector = TagDetector::create(kFamily).value();
   EXPECT_TRUE(detector.detect({}).empty());
   const std::vector<std::uint8_t> pixels(100 * 100, 128);
@@ -156,7 +156,7 @@ TEST(TagDetector, FindsNoTagInEmptyViews) {
   EXPECT_TRUE(detector.detect({pixels.data(), 0, 100, 100}).empty());
 }
 
-TEST(TagDetector, NeedsTagFamily) {
+TEST(TagDetector, RequiresTagFamily) {
   EXPECT_FALSE(TagDetector::create({}));
 }
 

@@ -26,7 +26,7 @@ std::uint64_t turned(std::uint64_t code, int cells) {
   return result;
 }
 
-TEST(ArucoCodes, HaveDistanceForTheirErrorCorrection) {
+TEST(ArucoCodes, HaveHammingDistanceForErrorCorrection) {
   for (int number = static_cast<int>(TagFamily::aruco_4x4_50);
        number <= static_cast<int>(TagFamily::aruco_6x6_1000); ++number) {
     const auto family = static_cast<TagFamily>(number);
