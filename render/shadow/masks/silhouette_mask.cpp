@@ -331,6 +331,21 @@ inline void MaskRaster::add_in_row(Steps& sums, std::size_t layer, int sign, std
   const auto rise_at = [=](std::int64_t u) {
     return quotient(rise * (right ? u - u0 : u0 - u), run);
   };
+  const int step = right ? 1 : -1;
+  const int border = right ? MaskCaster::kSubcells : 0;
+  if (std::min(first, last) >= 0 && std::max(first, last) <= end_cell) {  // most other edges
+    std::int64_t border_u = MaskCaster::kSubcells * first + border;
+    std::int64_t before = rise_at(border_u);
+    add(first, before, u0 - MaskCaster::kSubcells * first + border);
+    for (std::int64_t inner = first + step; inner != last; inner += step) {
+      border_u += step * MaskCaster::kSubcells;
+      const std::int64_t next = rise_at(border_u);
+      add(inner, next - before, MaskCaster::kSubcells);
+      before = next;
+    }
+    add(last, rise - before, MaskCaster::kSubcells - border + u1 - MaskCaster::kSubcells * last);
+    return;
+  }
   // The part of an edge left of the mask covers its rows from the first cell on; the part right of
   // the mask has no effect.
   std::int64_t done = 0;
@@ -345,8 +360,6 @@ inline void MaskRaster::add_in_row(Steps& sums, std::size_t layer, int sign, std
     done = rise_at(MaskCaster::kSubcells * (cell + 1));
   }
   const std::int64_t stop = right ? std::min(last, end_cell) : std::max<std::int64_t>(last, 0);
-  const int step = right ? 1 : -1;
-  const int border = right ? MaskCaster::kSubcells : 0;
   for (; right ? cell <= stop : cell >= stop; cell += step) {
     const std::int64_t corner = MaskCaster::kSubcells * cell;
     const std::int64_t next = cell == last ? rise : rise_at(corner + border);
