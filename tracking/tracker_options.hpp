@@ -40,7 +40,7 @@ enum class SearchTiming {
 struct TrackerOptions {
   TrackingMode mode = TrackingMode::automatic;
   // Samples pixels until the predicted overlay error is below this [px], within the limit of the
-  // mode; 0: samples as many as the mode allows.
+  // mode; 0: no budget, only the limit of the mode.
   double pose_budget_px = 0.0;
   SearchTiming search_timing = SearchTiming::next_frame;
   // next_frame: searches in a second thread, with the same poses. when_done always does.

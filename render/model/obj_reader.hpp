@@ -23,7 +23,7 @@ namespace penumbra {
 [[nodiscard]] std::vector<std::string_view> obj_words(std::string_view line);
 // Returns the line after its first word, trimmed.
 [[nodiscard]] std::string_view after_keyword(std::string_view line);
-// Returns 0 if the number underflows a double, nullopt if it overflows or is no number.
+// Returns 0 if the number underflows a double, nullopt if it overflows or is not a number.
 [[nodiscard]] std::optional<double> finite_number(std::string_view word);
 // Returns true for a number with a decimal comma, "0,5".
 [[nodiscard]] bool has_decimal_comma(std::string_view word);

@@ -39,7 +39,7 @@ struct VertexDisc {
                                                             const LayeredConstants& constants,
                                                             ShadowLayer layer);
 
-// Counts the faces that fold over in a layer. Each vertex has the factor of its own height, while
+// Counts the faces that fold over in a layer. The factor is evaluated at the height of each vertex;
 // find_twists() tests a range of factors common to a face.
 [[nodiscard]] TwistReport fixed_light_twists(std::span<const CasterVertex> vertices,
                                              std::span<const VertexDisc> discs,

@@ -778,7 +778,7 @@ TEST(PhantomShadow, IsIndependentOfFaceWinding) {
 }
 
 // For one caster the first matching layer counts, as on planes, even if it is fainter than others.
-// Of several casters the darkest counts.
+// If several casters cover a pixel, the darkest layer counts.
 TEST(PhantomShadow, UsesDarkestLayerOfAllCasters) {
   const Model block = standing_box(0.16, 0.06);
   const auto all = around(0, 0, 0.075, 0.075);
