@@ -20,6 +20,8 @@ namespace penumbra {
 // One object is reused between frames, to reuse its memory.
 class MaskCaster {
  public:
+  static constexpr int kSubcellBits = 8;
+  static constexpr int kSubcells = 1 << kSubcellBits;  // subdivisions of a cell's side
   // Removes all layers and sets the cell size [m].
   void begin(const OwnFrame& own, double cell);
   // Adds a layer as triangles in the own frame [m], three points each. The mesh has paired edges
@@ -39,8 +41,6 @@ class MaskCaster {
 
  private:
   friend class MaskRaster;
-  static constexpr int kSubcellBits = 8;
-  static constexpr int kSubcells = 1 << kSubcellBits;  // subdivisions of a cell's side
   // In units of 1/256 cell, relative to the cell under the object's origin.
   using Position = Eigen::Vector<std::int64_t, 2>;
   // Integral (u, v) of a vertex in each layer. In a wanted layer, both are finite or both are NaN.

@@ -52,6 +52,80 @@ std::int64_t quotient(std::int64_t value, std::int64_t by) {
   return value / by - (value % by < 0 ? 1 : 0);
 }
 
+// Sums of one layer in one row of the mask.
+struct RowSums {
+  std::array<std::int32_t, 4>* steps;
+  std::uint8_t* touched;
+  std::size_t layer;
+  int sign;
+
+  void move(std::ptrdiff_t cells) {
+    steps += cells;
+    touched += cells;
+  }
+  // Adds the part of an edge that lies in one cell. `places`: twice its mean position in the cell.
+  void add(std::int64_t cell, std::int64_t rise, std::int64_t places) const {
+    const auto area = static_cast<std::int32_t>(rise * places);
+    const auto whole = static_cast<std::int32_t>(2 * MaskCaster::kSubcells * rise);
+    steps[cell][layer] += sign * (whole - area);
+    steps[cell + 1][layer] += sign * area;
+    touched[cell] = touched[cell + 1] = 1;
+  }
+};
+
+// Adds the part of an edge that lies in one row, from `u0` to `u1`, and crosses cells or lies
+// partly beside the mask.
+void add_across_cells(const RowSums& sums, std::int64_t width, std::int64_t u0, std::int64_t u1,
+                      std::int64_t rise) {
+  const std::int64_t first = u0 >> MaskCaster::kSubcellBits;
+  const std::int64_t last = u1 >> MaskCaster::kSubcellBits;
+  const bool right = last >= first;
+  const std::int64_t run = right ? u1 - u0 : u0 - u1;
+  // Returns the part of `rise` before a column's border.
+  const auto rise_at = [=](std::int64_t u) {
+    return quotient(rise * (right ? u - u0 : u0 - u), run);
+  };
+  const int step = right ? 1 : -1;
+  const int border = right ? MaskCaster::kSubcells : 0;
+  if (std::min(first, last) >= 0 && std::max(first, last) < width) {  // most edges
+    std::int64_t border_u = MaskCaster::kSubcells * first + border;
+    std::int64_t before = rise_at(border_u);
+    sums.add(first, before, u0 - MaskCaster::kSubcells * first + border);
+    for (std::int64_t inner = first + step; inner != last; inner += step) {
+      border_u += step * MaskCaster::kSubcells;
+      const std::int64_t next = rise_at(border_u);
+      sums.add(inner, next - before, MaskCaster::kSubcells);
+      before = next;
+    }
+    sums.add(last, rise - before,
+             MaskCaster::kSubcells - border + u1 - MaskCaster::kSubcells * last);
+    return;
+  }
+  // The part of an edge left of the mask covers its rows from the first cell on; the part right of
+  // the mask has no effect.
+  std::int64_t done = 0;
+  std::int64_t cell = first;
+  if (right && first < 0) {
+    done = last < 0 ? rise : rise_at(0);
+    sums.add(0, done, 0);
+    cell = 0;
+  } else if (!right && first >= width) {
+    if (last >= width) return;
+    cell = width - 1;
+    done = rise_at(MaskCaster::kSubcells * width);
+  }
+  const std::int64_t stop = right ? std::min(last, width - 1) : std::max<std::int64_t>(last, 0);
+  for (; right ? cell <= stop : cell >= stop; cell += step) {
+    const std::int64_t corner = MaskCaster::kSubcells * cell;
+    const std::int64_t next = cell == last ? rise : rise_at(corner + border);
+    sums.add(cell, next - done,
+             (cell == first ? u0 - corner : MaskCaster::kSubcells - border) +
+                 (cell == last ? u1 - corner : border));
+    done = next;
+  }
+  if (!right && last < 0) sums.add(0, rise - done, 0);
+}
+
 }  // namespace
 
 void MaskRaster::begin(const MaskCells& cells) {
@@ -269,106 +343,45 @@ void MaskRaster::add_edge(Steps& sums, std::size_t layer, const Position& from, 
                           int sign) {
   const std::int64_t right = std::int64_t{MaskCaster::kSubcells} * cells_.width;
   const std::int64_t bottom = std::int64_t{MaskCaster::kSubcells} * cells_.height;
+  const std::int64_t u0 = from.x();
   const std::int64_t v0 = from.y();
+  const std::int64_t u1 = to.x();
   const std::int64_t v1 = to.y();
   if (v0 == v1 || std::max(v0, v1) <= 0 || std::min(v0, v1) >= bottom) return;
-  if (std::min(from.x(), to.x()) >= right) return;
+  if (std::min(u0, u1) >= right) return;
   const bool down = v1 > v0;
-  const std::int64_t first_row = (down ? v0 : v0 - 1) >> MaskCaster::kSubcellBits;
-  if (first_row == (down ? v1 - 1 : v1) >> MaskCaster::kSubcellBits) {  // most edges
-    add_in_row(sums, layer, sign, first_row, from, to);
-    return;
-  }
-  const std::int64_t rise = down ? v1 - v0 : v0 - v1;
-  const std::int64_t run = to.x() - from.x();
+  const int step = down ? 1 : -1;
+  const std::int64_t rise = step * (v1 - v0);
   const auto row_of = [this](std::int64_t v) {
     return std::clamp<std::int64_t>(v >> MaskCaster::kSubcellBits, 0, cells_.height - 1);
   };
   const std::int64_t last = row_of(down ? v1 - 1 : v1);
-  // Returns the edge's intersection with a row's border, or its end.
-  const auto at = [&](std::int64_t v) -> Position {
-    if (down ? v <= v0 : v >= v0) return from;
-    if (down ? v >= v1 : v <= v1) return to;
-    return {from.x() + quotient(run * (down ? v - v0 : v0 - v), rise), v};
-  };
   std::int64_t row = row_of(down ? v0 : v0 - 1);
-  Position begin = at(MaskCaster::kSubcells * (down ? row : row + 1));
-  for (;; row += down ? 1 : -1) {
-    const Position end = at(MaskCaster::kSubcells * (down ? row + 1 : row));
-    add_in_row(sums, layer, sign, row, begin, end);
-    if (row == last) return;
-    begin = end;
-  }
-}
-
-inline void MaskRaster::add_in_row(Steps& sums, std::size_t layer, int sign, std::int64_t row,
-                                   const Position& from, const Position& to) {
-  const std::size_t row_begin = static_cast<std::size_t>(row) * row_cells_;
-  // Local pointers, because stores of bytes may alias those of the vectors.
-  std::array<std::int32_t, 4>* const steps = sums.data() + row_begin;
-  std::uint8_t* const touched = touched_.data() + row_begin;
-  // `places`: twice the edge's mean position in the cell.
-  const auto add = [=](std::int64_t cell, std::int64_t height, std::int64_t places) {
-    const auto area = static_cast<std::int32_t>(height * places);
-    const auto whole = static_cast<std::int32_t>(2 * MaskCaster::kSubcells * height);
-    steps[cell][layer] += sign * (whole - area);
-    steps[cell + 1][layer] += sign * area;
-    touched[cell] = touched[cell + 1] = 1;
-  };
-  const std::int64_t u0 = from.x();
-  const std::int64_t u1 = to.x();
-  const std::int64_t first = u0 >> MaskCaster::kSubcellBits;
-  const std::int64_t last = u1 >> MaskCaster::kSubcellBits;
-  const std::int64_t end_cell = cells_.width - 1;
-  const std::int64_t rise = to.y() - from.y();
-  if (first == last && first >= 0 && first <= end_cell) {  // most edges
-    add(first, rise, u0 + u1 - 2 * MaskCaster::kSubcells * first);
-    return;
-  }
-  const bool right = last >= first;
-  const std::int64_t run = right ? u1 - u0 : u0 - u1;
-  // Returns the part of `rise` before a column's border.
-  const auto rise_at = [=](std::int64_t u) {
-    return quotient(rise * (right ? u - u0 : u0 - u), run);
-  };
-  const int step = right ? 1 : -1;
-  const int border = right ? MaskCaster::kSubcells : 0;
-  if (std::min(first, last) >= 0 && std::max(first, last) <= end_cell) {  // most other edges
-    std::int64_t border_u = MaskCaster::kSubcells * first + border;
-    std::int64_t before = rise_at(border_u);
-    add(first, before, u0 - MaskCaster::kSubcells * first + border);
-    for (std::int64_t inner = first + step; inner != last; inner += step) {
-      border_u += step * MaskCaster::kSubcells;
-      const std::int64_t next = rise_at(border_u);
-      add(inner, next - before, MaskCaster::kSubcells);
-      before = next;
+  // Rise from `from` to the borders of the row, and the positions there.
+  std::int64_t border = step * (MaskCaster::kSubcells * (down ? row : row + 1) - v0);
+  std::int64_t before = std::max<std::int64_t>(border, 0);
+  const auto u_at = [&](std::int64_t height) { return u0 + quotient((u1 - u0) * height, rise); };
+  std::int64_t begin = before == 0 ? u0 : u_at(before);
+  RowSums row_sums{sums.data(), touched_.data(), layer, sign};
+  row_sums.move(row * static_cast<std::ptrdiff_t>(row_cells_));
+  const std::ptrdiff_t stride = step * static_cast<std::ptrdiff_t>(row_cells_);
+  while (true) {
+    border += MaskCaster::kSubcells;
+    const std::int64_t after = std::min(border, rise);
+    const std::int64_t end = after == rise ? u1 : u_at(after);
+    const std::int64_t cell = begin >> MaskCaster::kSubcellBits;
+    const std::int64_t height = step * (after - before);
+    if (cell == end >> MaskCaster::kSubcellBits && cell >= 0 && cell < cells_.width) {
+      row_sums.add(cell, height, begin + end - 2 * MaskCaster::kSubcells * cell);
+    } else {
+      add_across_cells(row_sums, cells_.width, begin, end, height);
     }
-    add(last, rise - before, MaskCaster::kSubcells - border + u1 - MaskCaster::kSubcells * last);
-    return;
+    if (row == last) return;
+    row += step;
+    row_sums.move(stride);
+    begin = end;
+    before = after;
   }
-  // The part of an edge left of the mask covers its rows from the first cell on; the part right of
-  // the mask has no effect.
-  std::int64_t done = 0;
-  std::int64_t cell = first;
-  if (right && first < 0) {
-    done = last < 0 ? rise : rise_at(0);
-    add(0, done, 0);
-    cell = 0;
-  } else if (!right && first > end_cell) {
-    if (last > end_cell) return;
-    cell = end_cell;
-    done = rise_at(MaskCaster::kSubcells * (cell + 1));
-  }
-  const std::int64_t stop = right ? std::min(last, end_cell) : std::max<std::int64_t>(last, 0);
-  for (; right ? cell <= stop : cell >= stop; cell += step) {
-    const std::int64_t corner = MaskCaster::kSubcells * cell;
-    const std::int64_t next = cell == last ? rise : rise_at(corner + border);
-    add(cell, next - done,
-        (cell == first ? u0 - corner : MaskCaster::kSubcells - border) +
-            (cell == last ? u1 - corner : border));
-    done = next;
-  }
-  if (!right && last < 0) add(0, rise - done, 0);
 }
 
 void MaskRaster::finish(const glm::vec3& light, std::vector<std::uint8_t>& codes) {
@@ -386,10 +399,15 @@ void MaskRaster::finish(const glm::vec3& light, std::span<std::uint8_t> codes) {
     const std::size_t count = finish_row(row);
     mask_values_of(covered_[0].data(), covered_[1].data(), covered_[2].data(), count, light.x,
                    light.y, light.z, changed_codes_.data());
-    const auto out = codes.begin() + static_cast<std::ptrdiff_t>(row * width);
+    std::uint8_t* const out = codes.data() + row * width;
+    const std::uint8_t* const changed_codes = changed_codes_.data();
+    std::ptrdiff_t end = begin_of(0, count);
     for (std::size_t i = 0; i < count; ++i) {
-      if (changed_codes_[i] == 255) continue;
-      std::fill(out + begin_of(i, count), out + begin_of(i + 1, count), changed_codes_[i]);
+      const std::ptrdiff_t begin = std::exchange(end, begin_of(i + 1, count));
+      const std::uint8_t code = changed_codes[i];
+      if (code == 255 || begin == end) continue;
+      out[begin] = code;
+      if (end != begin + 1) std::fill(out + begin + 1, out + end, code);  // rarely
     }
   }
   has_back_ = false;
@@ -437,24 +455,25 @@ std::size_t MaskRaster::finish_row(std::size_t row) {
   for (std::vector<std::int32_t>& covered : covered_) covered.resize(row_cells_);
   const std::size_t begin = row * row_cells_;
   const std::span<std::uint8_t> touched = std::span(touched_).subspan(begin, row_cells_);
+  std::array<std::int32_t, 4>* const steps = steps_.data() + begin;
+  std::array<std::int32_t, 4>* const back = has_back_ ? back_.data() + begin : nullptr;
+  const std::array covered = {covered_[0].data(), covered_[1].data(), covered_[2].data()};
+  std::uint32_t* const changed = changed_.data();
   std::array<std::int32_t, 3> front{};
   std::array<std::int32_t, 3> behind{};
   std::size_t count = 0;
   for_each_set(touched, [&](std::size_t i) {
     for (std::size_t layer = 0; layer < 3; ++layer) {
-      front[layer] += steps_[begin + i][layer];
-      covered_[layer][count] = front[layer];
-    }
-    steps_[begin + i] = {};
-    if (has_back_) {
-      for (std::size_t layer = 0; layer < 3; ++layer) {
-        behind[layer] += back_[begin + i][layer];
-        if (std::abs(behind[layer]) > std::abs(front[layer]))
-          covered_[layer][count] = behind[layer];
+      std::int32_t area = front[layer] += steps[i][layer];
+      if (back != nullptr) {
+        behind[layer] += back[i][layer];
+        if (std::abs(behind[layer]) > std::abs(area)) area = behind[layer];
       }
-      back_[begin + i] = {};
+      covered[layer][count] = area;
     }
-    changed_[count++] = static_cast<std::uint32_t>(i);
+    steps[i] = {};
+    if (back != nullptr) back[i] = {};
+    changed[count++] = static_cast<std::uint32_t>(i);
   });
   std::ranges::fill(touched, std::uint8_t{0});
   return count;

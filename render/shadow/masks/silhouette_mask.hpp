@@ -66,9 +66,6 @@ class MaskRaster {
   // `sign` -1: reverses the edge.
   void add_edge(Steps& sums, std::size_t layer, const Position& from, const Position& to,
                 int sign = 1);
-  // Adds an edge that lies within one row.
-  void add_in_row(Steps& sums, std::size_t layer, int sign, std::int64_t row, const Position& from,
-                  const Position& to);
   // Ensures that a layer's sums can hold this number of further sheets.
   void make_room(std::size_t layer, std::size_t sheets);
   void clamp_sums();
