@@ -1,4 +1,4 @@
-// penumbra calibrate: computes camera.yaml and a verdict from images of a printed target.
+// penumbra calibrate: computes camera.yaml and its assessment from images of a printed target.
 
 #include <fmt/chrono.h>
 
@@ -35,15 +35,15 @@ struct CalibrateOptions {
   std::filesystem::path output;
   std::filesystem::path report;
   std::filesystem::path compare;
-  std::string compare_name;  // which camera of this file
+  std::string compare_name;  // name of the camera in the file `compare`
   std::string model = "auto";
   std::string board = "auto";
   std::string format = "auto";
   std::optional<double> focus_position;
   int views = 60;
   bool window = true;
-  CameraRequest camera;    // if the source is a camera
-  CaptureOptions capture;  // from a camera, or a recording that is played as one
+  CameraRequest camera;    // used if the source is a camera
+  CaptureOptions capture;  // used if the source is a camera or a recording played as one
 };
 
 CameraFileFormat format_of(const CalibrateOptions& options) {
@@ -142,7 +142,7 @@ void print_summary(const CameraCalibration& calibration) {
   }
 }
 
-// The camera's file and, if it is named, the report.
+// Creates the camera file and, if requested, the report.
 Result<std::vector<OutputFile>> create_outputs(const CalibrateOptions& options) {
   std::vector<OutputFile> outputs;
   for (const std::filesystem::path& path : {options.output, options.report}) {
@@ -153,7 +153,7 @@ Result<std::vector<OutputFile>> create_outputs(const CalibrateOptions& options) 
   return outputs;
 }
 
-// Fails if the earlier camera is of another size.
+// Fails if the camera to compare with has another image size.
 Result<void> check_comparable(const CalibrateOptions& options,
                               const std::optional<CameraModel>& earlier, int width, int height) {
   if (!earlier || (earlier->width() == width && earlier->height() == height)) return {};
@@ -184,7 +184,7 @@ Result<void> read_pictures(const CalibrateOptions& options,
   return {};
 }
 
-// Opens a window for images of this size [px]; null without a display or with --no-window.
+// Opens a window for images of this size [px]. Returns null without a display or with --no-window.
 std::unique_ptr<GuideWindow> window_for(const CalibrateOptions& options, int width, int height) {
   if (!options.window) return nullptr;
   std::string why = "no display";
@@ -198,7 +198,7 @@ std::unique_ptr<GuideWindow> window_for(const CalibrateOptions& options, int wid
   return nullptr;
 }
 
-// The size of the first readable image.
+// Returns the size of the first readable image.
 Result<ImageSize> picture_size(const std::filesystem::path& recording) {
   std::optional<ImageSize> size;
   PENUMBRA_TRY_VOID(for_each_image(recording, [&](const Picture& picture) -> Result<bool> {
@@ -214,7 +214,7 @@ Result<ImageSize> picture_size(const std::filesystem::path& recording) {
 
 struct Guided {
   Capture capture;
-  std::unique_ptr<GuideWindow> window;  // null without one
+  std::unique_ptr<GuideWindow> window;  // null without a window
 };
 
 Result<Guided> guide(const CalibrateOptions& options, const Target& target,
@@ -228,7 +228,7 @@ Result<Guided> guide(const CalibrateOptions& options, const Target& target,
   ImageSize size;
   if (recording) {
     PENUMBRA_TRY(size, picture_size(*recording));
-    // A view must add more than the average one of a full set.
+    // A view must add more than the average view of a full set adds.
     capture.guide.min_gain = 0.5 / options.views;
   } else {
     PENUMBRA_TRY(camera, open_live_source(options.camera));
@@ -347,7 +347,7 @@ void print_result(const CalibrateOptions& options, const Target& target,
   std::fflush(stdout);
 }
 
-// Fails for the printed sheet in place of the file that describes it. A pipe can be read only once.
+// Fails if the target is the printed PDF instead of its description. Pipes are readable only once.
 Result<void> check_is_no_sheet(const std::filesystem::path& target) {
   if (is_stream(target)) return {};
   std::ifstream file(target, std::ios::binary);
@@ -361,7 +361,7 @@ Result<void> check_is_no_sheet(const std::filesystem::path& target) {
 }
 
 Result<ExitCode> run_calibrate(const CalibrateOptions& options) {
-  InterruptWatch interrupt;  // first: a window and a camera start threads
+  InterruptWatch interrupt;  // must precede the threads of window and camera
   PENUMBRA_TRY_VOID(check_is_no_sheet(options.target));
   PENUMBRA_TRY(const auto target, load_target(options.target));
   std::optional<CameraModel> earlier;
@@ -374,7 +374,7 @@ Result<ExitCode> run_calibrate(const CalibrateOptions& options) {
   if (!calibrator) return fail_in(options.target.string(), calibrator.error());
 
   std::unique_ptr<GuideWindow> window;
-  bool person_waits = false;  // for the verdict in the window
+  bool person_waits = false;  // whether the window stays open to show the verdict
   if (names_camera(options.source.string())) {
     PENUMBRA_TRY(auto guided, guide(options, target, earlier, interrupt, *calibrator));
     window = std::move(guided.window);

@@ -1,4 +1,4 @@
-// penumbra demo: the bundled recording with the bundled scene, nothing to type.
+// penumbra demo: replays the bundled recording with the bundled scene.
 
 #include <memory>
 

@@ -1,4 +1,4 @@
-// penumbra devices: lists cameras, their formats, and why one can't be used.
+// penumbra devices: lists cameras with their formats, or the reason why a camera can't be used.
 
 #include <fmt/ranges.h>
 
@@ -26,7 +26,7 @@ std::string text_of(const V4l2Size& size) {
   return text + fmt::format(" at {:.4g}/s", fmt::join(size.rates, "/s, "));
 }
 
-// Removes the advice to run this command.
+// Removes the advice to run `penumbra devices` from a message.
 std::string without_advice(std::string message) {
   for (const std::string_view advice : {"; plug it in, or see what there is: penumbra devices",
                                         "; see what there is: penumbra devices"}) {

@@ -1,4 +1,4 @@
-// penumbra evaluate: compares an estimated camera path with the true one.
+// penumbra evaluate: compares an estimated camera trajectory with the ground truth.
 
 #include "core/evaluation/evaluation.hpp"
 #include "core/propagate.hpp"
@@ -31,7 +31,7 @@ struct EvaluateOptions {
   bool json = false;
 };
 
-// "0.000000000 to 3.966667000 s"
+// Returns the time range of a trajectory, such as "0.000000000 to 3.966667000 s".
 std::string times_of(const Trajectory& trajectory, std::int64_t offset_ns = 0) {
   const auto time_of = [&](const StampedPose& pose) {
     return format_ns_as_seconds(shifted(pose.timestamp_ns, offset_ns));
@@ -40,7 +40,7 @@ std::string times_of(const Trajectory& trajectory, std::int64_t offset_ns = 0) {
                      time_of(trajectory.poses.back()));
 }
 
-// Fails if no pose was judged, or if the times are not in seconds.
+// Fails if no pose could be compared with the truth, or if the times are not in seconds.
 Result<void> check_pairing(const Evaluation& evaluation, const NamedTrajectory& estimated,
                            const NamedTrajectory& truth, const PairingOptions& pairing) {
   for (const auto& [trajectory, name] : {estimated, truth}) {
@@ -61,7 +61,7 @@ Result<void> check_pairing(const Evaluation& evaluation, const NamedTrajectory& 
       times_of(truth.trajectory));
 }
 
-// Evaluates the groups of tags that have a file of estimated places and one of true ones.
+// Evaluates the tag groups that have both a file of estimated poses and one of true poses.
 Result<std::map<std::string, Evaluation>> evaluate_groups(const EvaluateOptions& options,
                                                           const CameraModel& camera,
                                                           const Trajectory& estimated,

@@ -1,4 +1,4 @@
-// penumbra kernels: computes the shadow kernels of a model once and keeps them.
+// penumbra kernels: computes the shadow kernels of a model and stores them in a file.
 
 #include <algorithm>
 #include <cmath>
@@ -26,7 +26,7 @@ struct KernelsOptions {
   std::vector<std::string> groups;
   Eigen::Vector3d direction = Eigen::Vector3d::UnitZ();
   KernelSource source = KernelSource::automatic;
-  double unit_m = 1.0;  // of the model's coordinates
+  double unit_m = 1.0;  // unit of the model's coordinates [m]
   bool glb = false;
 };
 
@@ -44,7 +44,7 @@ Eigen::Vector3d direction_from(const std::string& text) {
   return direction.stableNormalized();
 }
 
-// Returns the kernel stamp of a glTF file for its coordinates as they are, without --unit.
+// Returns the kernel stamp of a glTF file for the coordinates in the file, not scaled by --unit.
 Result<std::string> stamp_in_own_unit(const KernelsOptions& options, const std::string& stamp) {
   if (options.unit_m == 1.0) return stamp;
   PENUMBRA_TRY(const auto model, load_model(options.model, {.stored_kernels = false}));
@@ -93,7 +93,7 @@ Result<ExitCode> run_kernels(const KernelsOptions& options) {
   KernelProgress progress;
   PENUMBRA_TRY_VOID(with_progress(
       [&]() -> Result<void> {
-        // Kernels in the file are replaced, so they are not checked.
+        // Kernels in the file will be replaced, so they are not read.
         auto model = load_model(options.model, {.unit_m = options.unit_m, .stored_kernels = false});
         if (!model) return tl::unexpected(model.error());
         if (const auto checked = check_groups(*model, options.groups); !checked) {

@@ -1,4 +1,4 @@
-// penumbra live: a camera -> augmented video in a window, video, poses, report, recording.
+// penumbra live: augments a camera's video in a window; writes video, poses, report, recording.
 
 #include <cmath>
 #include <memory>
@@ -35,7 +35,7 @@ Result<ExitCode> live(const LiveOptions& options) {
   return ExitCode::success;
 }
 
-// Adds an option that takes "auto", or a number for `set`.
+// Adds an option whose value is "auto" or a number, which is passed to `set`.
 template <class Set>
 void add_automatic_option(CLI::App& command, const std::string& name, const std::string& type,
                           bool& automatic, Set set, const std::string& description) {

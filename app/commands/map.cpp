@@ -1,4 +1,4 @@
-// penumbra map: makes the tags.yaml of loose tags from a recording that sweeps over them.
+// penumbra map: surveys the tags in a recording and writes their tags.yaml.
 
 #include <array>
 #include <cmath>
@@ -41,7 +41,7 @@ tl::unexpected<Error> ended_early(const MapOptions& options) {
   return fail("{}: ended early; no file was written", options.recording.string());
 }
 
-// Calls `take(index, luma)` for every frame. Fails if the user ends it.
+// Calls `take(index, luma)` for every frame. Fails if the user interrupts it.
 template <class Take>
 Result<void> for_each_luma(const MapOptions& options, const Recording& recording, const char* what,
                            InterruptWatch& interrupt, const Take& take) {
@@ -105,7 +105,7 @@ Result<ExitCode> run_map(const MapOptions& options) {
   if (!options.sizes.empty()) {
     PENUMBRA_TRY(survey.sizes_m, load_tag_sizes(options.sizes));
   }
-  // Reads no tags.yaml: it is the result.
+  // Does not read the recording's tags.yaml, which this command computes.
   OpenRecordingOptions open;
   open.surroundings = false;
   PENUMBRA_TRY(auto recording, open_recording(options.recording, open));
@@ -135,8 +135,8 @@ Result<ExitCode> run_map(const MapOptions& options) {
     return result;
   };
   PENUMBRA_TRY(auto result, survey_all());
-  // Edges are measured at the surveyed tags. Rejecting a tag changes the survey, so they are
-  // measured again.
+  // Edges are measured at the surveyed tag positions. A rejected tag changes these, so the edges
+  // are measured again.
   constexpr int kMostRounds = 3;
   for (int round = 0; round < kMostRounds; ++round) {
     const std::vector<int> placed = ids_of(result);

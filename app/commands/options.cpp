@@ -19,7 +19,7 @@ namespace {
 constexpr std::string_view kCocl = "cocl";
 constexpr const char* kFirstGroup = "Main options";
 constexpr std::size_t kHelpWidth = 80;
-constexpr std::size_t kOptionColumn = 28;  // of the descriptions of options
+constexpr std::size_t kOptionColumn = 28;  // column where the descriptions of options begin
 constexpr std::size_t kCommandColumn = 13;
 
 template <class Names>
@@ -32,7 +32,7 @@ std::string joined_names(const Names& names, std::string_view separator) {
   return words;
 }
 
-// A folder's name may have dots, but not the extension of a file.
+// Returns true for the extension of an unsupported format. Folder names may contain other dots.
 bool names_unknown_video(const std::string& path) {
   constexpr std::array<std::string_view, 14> kFiles = {".avi", ".webm", ".mov",  ".m4v", ".mpg",
                                                        ".ts",  ".ogv",  ".mpeg", ".wmv", ".gif",
@@ -61,7 +61,7 @@ void add_seconds_option(CLI::App& command, const std::string& name, double least
   add_text_option(command, name, "SECONDS", take, description)->default_str(default_text);
 }
 
-// Breaks a text at blanks. Further lines begin with `indent` blanks.
+// Wraps a text at blanks. Continuation lines begin with `indent` blanks.
 std::string wrapped(std::string_view text, std::size_t indent) {
   std::string result;
   std::size_t column = indent;
@@ -74,7 +74,7 @@ std::string wrapped(std::string_view text, std::size_t indent) {
   return result;
 }
 
-// A name, and its description from a column on: on the next line if the name is too long.
+// Returns a name and its description, which begins at `column`, on the next line if necessary.
 std::string help_entry(const std::string& name, const std::string& text, std::size_t column) {
   std::string entry = "  " + std::string(trim(name));
   const bool fits = entry.size() + 2 <= column;
@@ -89,7 +89,7 @@ class HelpFormatter final : public CLI::Formatter {
     std::string help = wrapped(app->get_description(), 0) + "\n" +
                        make_usage(app, std::move(name)) + make_positionals(app);
     std::vector<std::string> groups = app->get_groups();
-    std::ranges::rotate(groups, groups.begin() + 1);  // that of add_common_options() is the last
+    std::ranges::rotate(groups, groups.begin() + 1);  // add_common_options() comes last
     for (const std::string& group : groups) {
       const auto options = app->get_options([&group](const CLI::Option* option) {
         return option->get_group() == group && option->nonpositional();
@@ -447,7 +447,7 @@ std::function<std::string(const std::string&)> length_check(std::string_view sym
     const std::string_view given_symbol = trim(std::string_view(text).substr(end));
     for (const LengthUnit& given : kLengthUnits) {
       const double value = *number * given.length_m / unit.length_m;
-      // Without a unit, the first one that puts the number in range.
+      // For a number without a unit, suggests the first unit in which the number is in range.
       if (!in_range(value) || (!given_symbol.empty() && given.symbol != given_symbol)) continue;
       if (given.symbol == unit.symbol) return fmt::format("{}: {:g}", message, value);
       return fmt::format("{}: {:g} for {:g} {}", message, value, *number, given.symbol);

@@ -25,15 +25,15 @@
 
 namespace penumbra {
 
-// Exit code of the process. A command returns success, also when Ctrl-C or SIGTERM ended it early
-// and its files are complete. main() makes the others from an Error and from a wrong command line.
+// Exit code of the process. A command that Ctrl-C or SIGTERM ended early returns success if its
+// files are complete. main() returns `failure` for an Error and `usage` for a wrong command line.
 enum class ExitCode : int {
   success = 0,
   failure = 1,
   usage = 2,
 };
 
-// Set while the command line is parsed, run afterwards.
+// The chosen command: set while the command line is parsed, called afterwards.
 using ChosenCommand = std::function<Result<ExitCode>()>;
 
 void add_demo_command(CLI::App& program, ChosenCommand& chosen);
@@ -49,37 +49,37 @@ void add_kernels_command(CLI::App& program, ChosenCommand& chosen);
 void add_simulate_command(CLI::App& program, ChosenCommand& chosen);
 void add_study_command(CLI::App& program, ChosenCommand& chosen);
 
-// Reports wrong usage of an option: throws CLI::ValidationError.
+// Reports wrong usage of an option by throwing CLI::ValidationError.
 template <class... Args>
 [[noreturn]] void usage_error(const std::string& option, fmt::format_string<Args...> text,
                               Args&&... args) {
   throw CLI::ValidationError(option, fmt::format(text, std::forward<Args>(args)...));
 }
 
-// The layout of every `--help`. Lines of a footer that begin with a blank are not wrapped.
+// Returns the formatter of every `--help`. It does not wrap footer lines that begin with a blank.
 [[nodiscard]] std::shared_ptr<CLI::FormatterBase> make_help_formatter();
-// Sets the group of the options that are added next.
+// Sets the help group of the options that are added after this call.
 void start_group(CLI::App& command, const std::string& name);
 // Moves options to the group that the help shows first.
 void put_first(CLI::App& command, std::initializer_list<const char*> options);
 
-// Adds a command with --version and --log-level. `footer` ends its help.
+// Adds a command with the options --version and --log-level. Its help ends with `footer`.
 CLI::App& add_command(CLI::App& program, const std::string& name, const std::string& description,
                       const std::string& footer);
-// --version and --log-level.
+// Adds --version and --log-level.
 void add_common_options(CLI::App& command);
 
-// Adds an option that sets a variable. `type` stands for its value in the help.
+// Adds an option that sets a variable. The help shows `type` as the option's value.
 template <class T>
 CLI::Option* add_option(CLI::App& command, const std::string& name, const std::string& type,
                         T& variable, const std::string& description) {
   return command.add_option(name, variable, description)->type_name(type);
 }
-// Adds an option whose text `take` uses, or rejects with usage_error().
+// Adds an option whose text is passed to `take`, which may reject it with usage_error().
 CLI::Option* add_text_option(CLI::App& command, const std::string& name, const std::string& type,
                              const std::function<void(const std::string&)>& take,
                              const std::string& description);
-// Adds an option that takes one of several words. `words`: "a|b|c"; `kind` names them in the error.
+// Adds an option that accepts one of `words` ("a|b|c"). Error messages call its value a `kind`.
 template <class T, class FromString>
 CLI::Option* add_word_option(CLI::App& command, const std::string& name, const std::string& words,
                              const std::string& kind, T& variable, FromString from_string,
@@ -98,31 +98,31 @@ CLI::Option* add_word_option(CLI::App& command, const std::string& name, const s
 void add_off_flag(CLI::App& command, const std::string& name, bool& variable,
                   const std::string& description);
 
-// The values of add_shadow_options().
+// Values of the options that add_shadow_options() adds.
 struct ShadowChoice {
   PlanOptions plan;
   bool cocl = false;  // --shadow cocl: the layered technique with one kernel per object
-  std::optional<std::filesystem::path> kernel_file;  // in place of a source
-  bool asks_for_proxies = false;                     // by --proxy auto
+  std::optional<std::filesystem::path> kernel_file;  // used instead of a source
+  bool asks_for_proxies = false;                     // whether --proxy auto was given
 };
-// Returns --shadow.
+// Adds the shadow options and returns the option --shadow.
 CLI::Option* add_shadow_options(CLI::App& command, ShadowChoice& choice);
-// Sets the technique that a word of --shadow names; `option` is the one that has it.
+// Sets the technique called `name`. `option` is the option with this value, for error messages.
 void set_technique(ShadowChoice& choice, const std::string& option, const std::string& name);
-// Logs which options the technique of --shadow does not use.
+// Warns of each given option that the technique of --shadow does not use.
 void warn_of_no_use(const ShadowChoice& choice);
 void warn_of_no_use(const CLI::App& command, const TrackerOptions& tracking);
-// The plan of the choice. Rejects options that contradict each other.
+// Converts the choice to plan options. Rejects options that contradict each other.
 [[nodiscard]] PlanOptions plan_of(const ShadowChoice& choice);
 
-// A value of --kernels: a source, or a kernel file in its place.
+// Value of --kernels: a source or a kernel file.
 struct KernelChoice {
   KernelSource source = KernelSource::automatic;
   std::optional<std::filesystem::path> file;
 };
 [[nodiscard]] KernelChoice kernel_choice_from(const std::string& text);
 
-// Options that several commands share.
+// Each adds options that several commands share.
 void add_tracking_options(CLI::App& command, TrackerOptions& tracking);
 CLI::Option* add_smooth_option(CLI::App& command, bool& smooth);
 void add_output_options(CLI::App& command, OutputRequest& request);
@@ -131,7 +131,7 @@ void add_frame_options(CLI::App& command, RunRequest& request, ShadowChoice& sha
 void add_window_options(CLI::App& command, RunRequest& request);
 // Moves the parsed shadow options into the request. Warns of unused ones, rejects contradictions.
 void take_run_options(const CLI::App& command, const ShadowChoice& shadow, RunRequest& request);
-// Sets the program's own scene if the request names none; fails if it is not found.
+// Sets the bundled scene if the request has no scene. Fails if the bundled scene is missing.
 [[nodiscard]] Result<void> complete(RunRequest& request);
 
 CLI::Option* add_camera_name_option(CLI::App& command, std::string& name);
@@ -143,17 +143,17 @@ CLI::Option* add_poses_from_option(CLI::App& command, std::optional<std::string>
 void add_part_group_option(CLI::App& command, std::vector<std::string>& groups);
 void add_unit_option(CLI::App& command, double& unit_m);
 
-// Words that --shadow takes: "none, simple, ...".
+// Returns the values that --shadow accepts: "none, simple, ...".
 [[nodiscard]] std::string known_techniques();
 
-// Checks a length in the unit of this symbol (kLengthUnits). Its message names the unit, and what
-// to type for a value that was given in another one.
+// Returns a check for lengths in the unit with this symbol (kLengthUnits). Its message contains the
+// unit and, for a value in another unit, the converted value.
 [[nodiscard]] std::function<std::string(const std::string&)> length_check(std::string_view symbol,
                                                                           double least,
                                                                           double most);
 
-// Call it once the command line is read: if one of these options names standard output ("-"),
-// everything else that is printed goes to standard error. Rejects two that do.
+// If one of these options is "-", redirects all messages to standard error. Rejects a second "-".
+// Call after the command line was parsed.
 void claim_outputs(const CLI::App& command, std::initializer_list<const char*> options);
 
 }  // namespace penumbra

@@ -1,4 +1,4 @@
-// penumbra replay RECORDING: a recorded session -> window, video, poses, report.
+// penumbra replay RECORDING: augments a recording in a window; writes video, poses, report.
 
 #include <algorithm>
 #include <memory>
@@ -17,8 +17,8 @@ struct ReplayOptions {
   std::vector<std::string> compare;
 };
 
-// The panes of --compare. --kernels and --light-mode apply to every pane except cocl, which has its
-// own kernels.
+// Returns the panes of --compare. --kernels and --light-mode apply to every pane except `cocl`,
+// which always uses CoCL kernels.
 std::vector<ComparedTechnique> compared(const ReplayOptions& options) {
   std::vector<ComparedTechnique> techniques;
   for (const std::string& name : options.compare) {

@@ -107,7 +107,7 @@ void add_shadow_command(CLI::App& program, ChosenCommand& chosen) {
              "--magnification", "--kernels", "--unit", "--show-kernels"});
   command.callback([&command, options, &chosen] {
     claim_outputs(command, {"--output"});
-    chosen = [job = job_from(*options)] { return run_shadow(job); };  // wrong usage ends here
+    chosen = [job = job_from(*options)] { return run_shadow(job); };  // throws for wrong usage
   });
 }
 

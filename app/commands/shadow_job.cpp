@@ -89,7 +89,7 @@ ShadowJob::Format format_of(const std::filesystem::path& output) {
   usage_error("--output", "{}: is not .json, .svg or .png; choose one of them", output.string());
 }
 
-// Sets the technique and returns where its kernels come from.
+// Sets the technique and returns the kernel source as text.
 std::string take_technique(const ShadowOptions& options, ShadowJob& job) {
   std::string kernels = options.kernels;
   if (options.technique == "simple") {
@@ -131,7 +131,7 @@ void note_unused_options(const ShadowOptions& options, ShadowJob& job) {
   if (!job.has_layers()) {
     no_use(options.kernels != "auto", "--kernels");
     no_use(!options.light_mode.empty(), "--light-mode");
-    // Only the first of those that choose the light.
+    // Warns only of the first option that selects the light.
     (void)(no_use(!options.light_height.empty(), "--light-height") ||
            no_use(options.light_ratio.has_value(), "--light-ratio") ||
            no_use(options.umbra_height.has_value(), "--umbra-height") ||

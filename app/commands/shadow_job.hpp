@@ -1,4 +1,4 @@
-// penumbra shadow: its options, the job that they describe, and its result as text and picture.
+// penumbra shadow: the options, the job they describe, and the result as text and image.
 #pragma once
 
 #include <Eigen/Core>
@@ -22,7 +22,7 @@
 
 namespace penumbra {
 
-// The options as they are typed.
+// The options as given on the command line.
 struct ShadowOptions {
   std::filesystem::path model;
   std::filesystem::path output;
@@ -44,33 +44,33 @@ struct ShadowOptions {
   bool show_kernels = false;
 };
 
-// The options after their checks.
+// The checked and converted options.
 struct ShadowJob {
   enum class Technique { layered, field, simple, hard };
   enum class Format { table, json, svg, png };
-  enum class Proxy { none, simplified, from_file };  // mesh that casts in place of the model
+  enum class Proxy { none, simplified, from_file };  // mesh that casts instead of the model
   std::filesystem::path model;
   std::filesystem::path output;
   Format format = Format::table;
   Technique technique = Technique::layered;
   KernelSource source = KernelSource::automatic;
-  std::filesystem::path kernel_file;  // in place of the source
+  std::filesystem::path kernel_file;  // used instead of the source
   bool fixed_light = false;
-  std::vector<std::string> groups;  // of parts that are one
+  std::vector<std::string> groups;  // names of groups whose parts are treated as one part
   Proxy proxy = Proxy::none;
   std::filesystem::path proxy_file;
   UpAxis up = UpAxis::by_format;
-  double unit_m = 1.0;  // of the model's coordinates
+  double unit_m = 1.0;  // unit of the model's coordinates [m]
   LayeredConstants constants;
-  std::optional<double> workspace_height;  // [m] that the constants were chosen for
+  std::optional<double> workspace_height;  // height that determined the constants [m]
   Placement placement;
-  Eigen::Vector3d model_origin = Eigen::Vector3d::Zero();  // set with the placement by loading
+  Eigen::Vector3d model_origin = Eigen::Vector3d::Zero();  // set when the model is loaded
   PlaneFrame plane;
   Eigen::Vector4d light = Eigen::Vector4d::Zero();
   bool show_kernels = false;
-  std::vector<std::string> warnings;  // about options that this technique does not use
+  std::vector<std::string> warnings;  // options that the technique does not use
 
-  // Umbra, middle and penumbra, rather than one shadow.
+  // Returns true if the technique has umbra, middle layer and penumbra instead of one shadow.
   [[nodiscard]] bool has_layers() const {
     return technique == Technique::layered || technique == Technique::field;
   }
@@ -84,27 +84,27 @@ inline constexpr std::array<std::pair<ShadowLayer, const char*>, 3> kLayerNames 
      {ShadowLayer::middle, "middle"},
      {ShadowLayer::penumbra, "penumbra"}}};
 
-// A proxy compared with the mesh.
+// Comparison of the proxy with the mesh.
 struct ProxyResult {
-  std::size_t faces = 0;  // 0: none was made
+  std::size_t faces = 0;  // 0 without a proxy
   bool used = false;
   ProxyAgreement agreement;
 };
 
 struct ShadowResult {
-  std::vector<ShadowDrawing::Layer> layers;  // umbra, middle, penumbra; or shadow
+  std::vector<ShadowDrawing::Layer> layers;  // umbra, middle and penumbra, or one shadow
   LayerOutline object;
   std::vector<Eigen::Vector2d> kernels;
   std::string kernel_source = "none";
   double kernel_ms = 0.0;
   std::size_t twisted_faces = 0;
   std::optional<TwistReport> twists;
-  std::optional<double> spill;  // of proportional lights
+  std::optional<double> spill;  // overshoot in the proportional light mode
   std::size_t faces = 0;
   std::size_t vertices = 0;
   std::size_t parts = 0;
   ProxyResult proxy;
-  std::vector<std::string> warnings;  // each once, in the order of logging
+  std::vector<std::string> warnings;  // without duplicates, in the order they were logged
 };
 
 [[nodiscard]] Result<ShadowResult> compute_shadow(const ShadowJob& job);

@@ -20,7 +20,7 @@
 namespace penumbra {
 namespace {
 
-// Logs a line about the model or its shadow and keeps it.
+// Logs a warning and adds it to the result, unless the result already contains it.
 template <class... Args>
 void warn(ShadowResult& result, fmt::format_string<Args...> text, Args&&... args) {
   std::string line = without_control_characters(fmt::format(text, std::forward<Args>(args)...));
@@ -29,11 +29,11 @@ void warn(ShadowResult& result, fmt::format_string<Args...> text, Args&&... args
   result.warnings.push_back(std::move(line));
 }
 
-// The casting mesh, and the possible sources of its kernels.
+// The casting mesh and where its kernels may come from.
 struct Caster {
   ShadowMesh mesh;
   bool kernels_from_file = false;
-  std::optional<KernelSource> stored_source;  // of the kernels that came with the model
+  std::optional<KernelSource> stored_source;  // source of the kernels stored with the model
 };
 
 ShadowKernels choose_kernels(const ShadowJob& job, const Caster& caster, ShadowResult& result) {
@@ -70,7 +70,7 @@ Result<void> add_layer(ShadowResult& result, const std::string& name,
   return {};
 }
 
-// The least and the greatest layer factor between the plane and the caster's top.
+// Returns the minimum and maximum layer factor between the plane and the caster's top.
 std::pair<double, double> factors_of(std::span<const CasterVertex> vertices,
                                      const LayeredConstants& constants) {
   double top = 0.0;
@@ -83,7 +83,7 @@ std::pair<double, double> factors_of(std::span<const CasterVertex> vertices,
   return factors;
 }
 
-// Returns nothing if the mesh is not worth reducing.
+// Returns nullopt if no proxy is requested or if reducing the mesh is not worthwhile.
 Result<std::optional<ShadowProxy>> make_proxy(const ShadowJob& job, const ShadowMesh& mesh,
                                               ShadowResult& result) {
   if (job.proxy == ShadowJob::Proxy::simplified) return simplified_caster(mesh);
@@ -94,7 +94,7 @@ Result<std::optional<ShadowProxy>> make_proxy(const ShadowJob& job, const Shadow
   return std::optional<ShadowProxy>(proxy_from_model(mesh, model));
 }
 
-// The plane with its origin under the middle of the caster, where floats are precise.
+// Moves the plane's origin under the caster's centre, where floats are most precise.
 PlaneFrame plane_under(const ShadowMesh& mesh, const Placement& placement,
                        const PlaneFrame& plane) {
   Eigen::AlignedBox3d box;
@@ -106,7 +106,7 @@ PlaneFrame plane_under(const ShadowMesh& mesh, const Placement& placement,
   return under;
 }
 
-// Warns of a shadow without an area and of parts above the light.
+// Warns if the shadow has no area or if the caster extends above the light.
 void warn_of_heights(const ShadowJob& job, std::span<const CasterVertex> vertices,
                      std::span<const std::uint32_t> indices, ShadowResult& result) {
   double bottom = std::numeric_limits<double>::infinity();
@@ -121,7 +121,7 @@ void warn_of_heights(const ShadowJob& job, std::span<const CasterVertex> vertice
     warn(result, "{}: has no face that casts a shadow", name);
     return;
   }
-  if (top < 0.0) {  // in contact it still casts
+  if (top < 0.0) {  // at 0 the caster touches the plane and still casts
     warn(result, "{}: is under the plane (its top at {:.3g} m), so there is no shadow", name, top);
     return;
   }
@@ -140,7 +140,7 @@ void warn_of_heights(const ShadowJob& job, std::span<const CasterVertex> vertice
          "of H = {:.3g} m and casts nothing; raise --light-height",
          name, top, reach, job.constants.light_height);
   }
-  // Float heights of vertices: a top that stands exactly at the workspace's is inside.
+  // The tolerance covers float rounding: a top exactly at the workspace height is inside.
   if (layers && job.workspace_height && top > *job.workspace_height * (1.0 + 1e-6)) {
     warn(
         result,
@@ -179,7 +179,7 @@ void slide(LayerOutline& outline, const Eigen::Vector2d& by) {
   }
 }
 
-// Drops stored kernels that the options can't use, and warns of them.
+// Discards stored kernels that do not fit the options, with a warning.
 void check_stored_kernels(const ShadowJob& job, const Model& model, Caster& caster,
                           ShadowResult& result) {
   const std::string name = (caster.kernels_from_file ? job.kernel_file : job.model).string();
@@ -200,7 +200,7 @@ void check_stored_kernels(const ShadowJob& job, const Model& model, Caster& cast
   }
 }
 
-// Also moves the job's placement to the model's origin.
+// Loads the model and its kernels. Changes the job's placement to that of the model's origin.
 Result<Caster> load_caster(ShadowJob& job, ShadowResult& result) {
   PENUMBRA_TRY(auto model, load_model(job.model, {.up = job.up, .unit_m = job.unit_m}));
   job.model_origin = model.origin;
@@ -241,7 +241,7 @@ Result<void> add_hard_shadow(const ShadowJob& job, std::span<const CasterVertex>
 Result<void> add_field_layers(const ShadowJob& job, std::span<const CasterVertex> vertices,
                               const ShadowMesh& mesh, const PlaneFrame& plane,
                               ShadowResult& result) {
-  // The renderer's number of cells.
+  // Uses as many cells as the renderer.
   const ShadowField field = power_distance_layers(
       vertices, mesh.indices, mesh.part,
       part_lights(part_discs(mesh, up_in_object(job.placement, plane), kHalfFieldCell, false),
@@ -253,7 +253,7 @@ Result<void> add_field_layers(const ShadowJob& job, std::span<const CasterVertex
   return {};
 }
 
-// The kernels of a shadow in its plane, each once.
+// Returns the distinct kernels of a shadow, in plane coordinates.
 std::vector<Eigen::Vector2d> kernel_places(std::span<const CasterVertex> vertices) {
   std::vector<Eigen::Vector2d> places;
   for (const CasterVertex& vertex : vertices) {
@@ -283,7 +283,7 @@ Result<void> add_penumbra_layers(const ShadowJob& job, const ShadowMesh& mesh,
     add_missing_radii(kernels, mesh, up);
     parts = part_discs(mesh, up);
   }
-  // For the exact tilt of this shadow; stored kernels are for one near it.
+  // Stored kernels are for a similar tilt; this copy has the exact tilt.
   const auto at_tilt = [&] {
     ShadowKernels turned = kernels;
     turned.up = up;

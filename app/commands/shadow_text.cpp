@@ -38,7 +38,7 @@ std::string shadow_json(const ShadowJob& job, const ShadowResult& result) {
   Json json;
   json["H"] = number_or_inf(job.constants.light_height);
   json["a"] = number_or_inf(job.constants.light_ratio);
-  // With a light ratio of at most 1 the umbra never vanishes.
+  // If the light is no larger than the object (ratio <= 1), the umbra never vanishes.
   json["umbra_height"] =
       job.constants.light_ratio > 1.0 ? Json(job.constants.umbra_height) : Json("inf");
   const auto ring_json = [](const std::vector<Eigen::Vector2d>& ring) {

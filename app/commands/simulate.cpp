@@ -1,4 +1,4 @@
-// penumbra simulate SCENE: makes a synthetic recording with exact truth.
+// penumbra simulate SCENE: renders a synthetic recording with exact ground truth.
 
 #include <algorithm>
 #include <memory>
@@ -18,7 +18,7 @@ Result<ExitCode> simulate(const SimulateRequest& request) {
   return ExitCode::success;
 }
 
-// CLI11's own Range lets "nan" through.
+// Accepts numbers in a range. CLI::Range would accept "nan".
 CLI::Validator within(double low, double high) {
   return CLI::Validator(
       [low, high](std::string& text) {
@@ -29,7 +29,7 @@ CLI::Validator within(double low, double high) {
       fmt::format("{} to {}", low, high));
 }
 
-// CLI11 reads "-1" as the largest unsigned number.
+// Accepts whole numbers from 0. CLI11 would read "-1" as the largest unsigned number.
 CLI::Validator whole_number() {
   return CLI::Validator(
       [](std::string& text) {
@@ -40,7 +40,7 @@ CLI::Validator whole_number() {
       "N");
 }
 
-// Takes NAME=FILE.tum for each group.
+// Adds the groups given as NAME=FILE.tum to the request.
 void take_groups(const std::vector<std::string>& given, SimulateRequest& request) {
   for (const std::string& text : given) {
     const std::size_t equals = text.rfind('=');

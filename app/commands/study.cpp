@@ -1,5 +1,5 @@
-// penumbra study: runs the two experiments of Layered Penumbrae with a person or a script. Writes a
-// CSV file of answers and a summary.
+// penumbra study: runs the two experiments of Layered Penumbrae with a person or a script. Writes
+// the answers to a CSV file and prints a summary.
 
 #include <algorithm>
 #include <memory>
@@ -16,7 +16,7 @@ namespace {
 struct StudyOptions {
   StudyRequest request;
   std::optional<int> samples;
-  std::string techniques = "layered,walls";  // as the paper compared them
+  std::string techniques = "layered,walls";  // the techniques that the paper compares
   double tolerance_mm = 10.0;
   bool plan = false;
 };

@@ -1,4 +1,4 @@
-// penumbra target: makes a sheet to print at true scale, and the file that describes it.
+// penumbra target: writes a sheet to print at true scale and the file that describes it.
 
 #include <fmt/ranges.h>
 
@@ -17,14 +17,14 @@ namespace {
 
 struct TargetOptions {
   std::filesystem::path output;
-  std::filesystem::path tags;  // beside the sheet when empty
+  std::filesystem::path tags;  // empty: beside the sheet
   std::string page = "a4";
   std::string family = "tag36h11";
-  std::string dictionary;  // in place of the family
+  std::string dictionary;  // used instead of the family
   std::optional<double> measured_mm;
   std::string type = "tags";
   int first_id = 0;
-  // Default: that of the type.
+  // Empty values: the type's defaults.
   std::optional<int> columns;
   std::optional<int> rows;
   std::optional<double> tag_size_m;
@@ -33,7 +33,7 @@ struct TargetOptions {
   std::optional<double> square_m;
 };
 
-constexpr double kRulerMm = 100.0;  // on the sheet
+constexpr double kRulerMm = 100.0;  // nominal length of the ruler on the sheet
 
 struct ChosenSheet {
   SheetTarget target;
@@ -42,7 +42,7 @@ struct ChosenSheet {
   std::filesystem::path tags;
 };
 
-// Sets columns and rows (of inner corners for a chessboard) where they are given.
+// Sets the given ones of columns and rows (of inner corners for a chessboard).
 void set_grid(const TargetOptions& options, int& columns, int& rows) {
   columns = options.columns.value_or(columns);
   rows = options.rows.value_or(rows);
@@ -104,7 +104,7 @@ void check_options_of_type(const CLI::App& command, const std::string& type) {
   }
 }
 
-// Rejects wrong options; reads no file.
+// Converts the options, rejecting wrong ones. Reads no file.
 ChosenSheet target_of(const TargetOptions& options) {
   const auto family =
       tag_family_from_string(options.dictionary.empty() ? options.family : options.dictionary);
@@ -139,7 +139,7 @@ bool exists_as_file(const std::filesystem::path& path) {
   return !is_stream(path) && std::filesystem::exists(path, ignored);
 }
 
-// Returns true if there is a file `old` with other content than its replacement.
+// Returns true if the file `old` exists and its content differs from the replacement's.
 bool would_change(const std::filesystem::path& old, const std::filesystem::path& replacement) {
   if (!exists_as_file(old)) return false;
   constexpr std::size_t kMaxBytes = 16'000'000;
@@ -148,16 +148,16 @@ bool would_change(const std::filesystem::path& old, const std::filesystem::path&
   return !before || !after || *before != *after;
 }
 
-// Returns the ruler's length that the file of an earlier run has [mm]; nothing if that file
-// describes another sheet.
+// Returns the ruler length [mm] in the file of an earlier run. Returns nullopt if that file is
+// missing or describes another sheet.
 std::optional<double> measured_before(const ChosenSheet& target) {
   if (!exists_as_file(target.tags)) return std::nullopt;
   const auto scale = printed_scale_of(target.tags, target.target);
   return scale ? std::optional(kRulerMm * *scale) : std::nullopt;
 }
 
-// Fails if a file that is not named by --tags would change, except for a new measurement of its
-// ruler.
+// Fails if the target file exists with other content, unless --tags names it or only the measured
+// ruler length changes.
 Result<void> check_replaceable(const TargetOptions& options, const ChosenSheet& target,
                                const std::filesystem::path& replacement) {
   if (!options.tags.empty() || !would_change(target.tags, replacement)) return {};
