@@ -17,7 +17,7 @@ struct Log {
   std::atomic<int> done = 0;
 };
 
-// A slow writer that fails, or throws, at one frame.
+// Slow writer that returns an error, or throws, at one frame.
 class SlowWriter final : public FrameWriter {
  public:
   SlowWriter(Log& log, std::uint64_t bad, bool throws) : log_(log), bad_(bad), throws_(throws) {}
@@ -77,7 +77,7 @@ TEST_P(BackgroundWriterQueue, WritesFramesInOrderWithTheirPixels) {
 
 TEST_P(BackgroundWriterQueue, ReportsErrorByTheEndAndDoesNotFinish) {
   for (const bool throws : {false, true}) {
-    if (throws && GetParam() == 0) continue;  // without a queue the caller gets the exception
+    if (throws && GetParam() == 0) continue;  // without a queue, the exception reaches the caller
     Log log;
     auto writer = slow_writer(log, GetParam(), 5, throws);
     const std::vector<std::uint8_t> pixels(16);

@@ -12,7 +12,7 @@
 namespace penumbra {
 namespace {
 
-// Stand-in for a driver that fills buffers in the order they were queued.
+// Fake driver that fills buffers in the order they were queued.
 struct FakeDriver {
   std::array<std::array<std::uint8_t, 16>, 4> memory{};
   std::mutex mutex;
@@ -69,12 +69,12 @@ TEST(BufferRing, KeepsMemoryAfterCloseUntilLastFrameIsReleased) {
   EXPECT_EQ(static_cast<const std::uint8_t*>(lent.get())[15], 7);
   const std::size_t queued = driver.queued.size();
   lent.reset();
-  EXPECT_EQ(driver.queued.size(), queued);  // the driver got no further buffer
+  EXPECT_EQ(driver.queued.size(), queued);  // no buffer was queued after the close
   EXPECT_EQ(driver.released, 1);
 }
 
 // A weak pointer only identifies an image. It must not keep an unplugged device open, because the
-// device could then not return under its old number.
+// device would then get another number when it is plugged in again.
 TEST(BufferRing, FreesMemoryDespiteWeakPointers) {
   FakeDriver driver;
   auto ring = driver.ring();

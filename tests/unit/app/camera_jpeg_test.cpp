@@ -32,7 +32,7 @@ std::span<const std::uint8_t> view_of(const std::string& text) {
   return {reinterpret_cast<const std::uint8_t*>(text.data()), text.size()};
 }
 
-// Receives a camera's buffer as `live` does, and decodes the image unless the check already did.
+// Checks and decodes a camera's buffer as `live` does.
 Result<Frame> live_frame(const std::string& buffer, const ImageSize& granted) {
   auto received = receive_camera_jpeg(view_of(buffer), granted);
   if (!received) return fail("{}", received.error().message);
@@ -85,7 +85,7 @@ TEST(CameraJpegGate, RejectsTruncatedImagesWithRemedy) {
           sound.substr(0, length) + sound}) {
       const auto received = receive_camera_jpeg(view_of(buffer), kTabletop);
       if (length <= 2 && buffer.ends_with(sound)) {
-        continue;  // a whole image after at most a doubled start marker
+        continue;  // complete image, possibly with a doubled start marker
       }
       ASSERT_FALSE(received) << length;
       EXPECT_EQ(received.error().fault, CaptureFault::damaged);
@@ -238,7 +238,7 @@ TEST_P(SharedCameraJpegs, AreAccepted) {
     const auto replayed = decode_recorded_image(view_of(bytes), "a.jpg", GetParam().size);
     ASSERT_TRUE(replayed) << replayed.error().message;
     EXPECT_TRUE(test::same_pixels(*live, *replayed));
-    // The images of the project's recording, some with restart markers.
+    // Images in `frames` must have the same pixels as their undamaged originals.
     const auto twin = folder / ("clean-" + entry.path().stem().string().substr(5) + ".jpg");
     if (entry.path().parent_path().filename() == "frames") {
       const auto clean = load_image(twin);

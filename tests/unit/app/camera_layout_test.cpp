@@ -24,7 +24,7 @@ TEST(FrameLayout, PlacesPlanesConsecutively) {
   EXPECT_EQ(yu12.bytes, 704U * 480U + 2U * 352U * 240U);
 
   const FrameLayout yuyv = frame_layout(PixelFormat::yuyv, 640, 480, 1280);
-  EXPECT_EQ(yuyv.frame.planes[0].width, 320) << "groups of two pixels";
+  EXPECT_EQ(yuyv.frame.planes[0].width, 320) << "chroma samples are shared by two pixels";
   EXPECT_EQ(yuyv.bytes, 1280U * 480U);
 
   const FrameLayout rgb = frame_layout(PixelFormat::rgb24, 33, 7, 99);
@@ -93,10 +93,10 @@ TEST(LibcameraRotation, RotatesImageUprightInBothApiVersions) {
   show_upright(old_one, 180, transform_of);
   EXPECT_EQ(old_one.transform, 180);
   show_upright(old_one, 45, transform_of);
-  EXPECT_EQ(old_one.transform, 180) << "an unsupported transform changes nothing";
+  EXPECT_EQ(old_one.transform, 180) << "an unsupported transform must be kept";
   WithOrientation new_one;
   show_upright(new_one, 180, transform_of);
-  EXPECT_EQ(new_one.orientation, 1) << "it starts upright";
+  EXPECT_EQ(new_one.orientation, 1) << "orientation 1 is upright";
 }
 
 }  // namespace

@@ -78,7 +78,7 @@ TEST(CameraTrouble, ReportsDeviceWithoutPermission) {
     EXPECT_EQ(is_root ? seteuid(0) : 0, 0);
     return found;
   };
-  EXPECT_FALSE(find_now()) << "mem is not a camera";
+  EXPECT_FALSE(find_now()) << "/dev/mem is not a camera";
   for (const char* name : {"media0", "video1"}) {
     std::filesystem::permissions(place(name), std::filesystem::perms(is_root ? 0600 : 0000));
   }

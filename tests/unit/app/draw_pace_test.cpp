@@ -23,7 +23,7 @@ TEST(DrawPace, StartsWorkJustInTimeForNextDraw) {
   pace.prepared(5 * kMillisecond_ns);
   pace.took(0);
   pace.asked(60 * kMillisecond_ns);
-  EXPECT_FALSE(pace.begin_at_ns()) << "the drawer waits";
+  EXPECT_FALSE(pace.begin_at_ns()) << "drawing waits for a frame";
   pace.took(70 * kMillisecond_ns);
   EXPECT_EQ(pace.begin_at_ns(), (70 + 60 - 5 - 1) * kMillisecond_ns);
   // The estimate uses the shortest recent drawing and the longest recent work.

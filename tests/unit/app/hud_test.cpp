@@ -36,7 +36,7 @@ TEST(Hud, FadesCoastingPoseAndShowsItsAge) {
   pose.age_s = 0.4;
   const HudStatus old = status_of(pose);
   EXPECT_GT(young.color.alpha, old.color.alpha);
-  EXPECT_GT(old.color.alpha, 0.3F) << "still to be read";
+  EXPECT_GT(old.color.alpha, 0.3F) << "must stay readable";
   EXPECT_THAT(old.text, testing::HasSubstr("0.40 s"));
 }
 
@@ -105,7 +105,7 @@ TEST(Hud, MapsKeysToCommandsAndHelp) {
   event.code = '9';
   EXPECT_FALSE(technique_of_key(event));
   EXPECT_TRUE(is_number_key(event));
-  event.code = 321;  // 1 of the keypad
+  event.code = 321;  // keypad 1
   EXPECT_EQ(technique_of_key(event), techniques_by_key().front());
   event.code = 'H';
   EXPECT_FALSE(is_number_key(event));

@@ -95,7 +95,8 @@ TEST(LookAhead, JoinsThreadAndFreesItemsWhenDestroyedEarly) {
 TEST(LookAhead, ProducesAheadOfConsumer) {
   std::atomic<int> made = 0;
   Numbers numbers([&]() -> Numbers::Item { return std::optional<int>(made++); }, 4);
-  while (made.load() < 4) std::this_thread::yield();  // items are made without any request
+  while (made.load() < 4)
+    std::this_thread::yield();  // items are produced before the first call of next()
   EXPECT_EQ(*numbers.next(), std::optional<int>(0));
 }
 

@@ -96,7 +96,8 @@ TEST_F(Manipulation, MovesWholeObjectWithPickedPart) {
   const auto taken = hands.take(scene(), state(), pointer_at({0.18, 0.0, 0.31}), DragMode::slide);
   ASSERT_TRUE(taken);
   EXPECT_EQ(taken->object, scene().objects[static_cast<std::size_t>(cube)].name);
-  EXPECT_EQ(taken->placement.position, Eigen::Vector3d(0.05, 0.02, 0.25)) << "held where it was";
+  EXPECT_EQ(taken->placement.position, Eigen::Vector3d(0.05, 0.02, 0.25))
+      << "picking must not move the object";
 }
 
 TEST_F(Manipulation, SlidesPointUnderPointerAtConstantHeight) {
@@ -107,7 +108,7 @@ TEST_F(Manipulation, SlidesPointUnderPointerAtConstantHeight) {
   ASSERT_TRUE(moved);
   EXPECT_FALSE(moved->turned);
   EXPECT_LT((moved->placement.position - Eigen::Vector3d(-0.06, 0.09, 0.25)).norm(), 1e-6);
-  EXPECT_EQ(moved->placement.position.z(), 0.25) << "to the last bit";
+  EXPECT_EQ(moved->placement.position.z(), 0.25) << "the height must be exactly the same";
 }
 
 TEST_F(Manipulation, StopsSlideAboveHorizon) {

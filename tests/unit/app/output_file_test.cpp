@@ -152,7 +152,7 @@ TEST(OutputFile, WritesToNamedPipe) {
     EXPECT_TRUE(write_text(*file, long_text));
   });
   EXPECT_EQ(text, "first " + long_text);
-  EXPECT_TRUE(fs::is_fifo(pipe)) << "it was not replaced";
+  EXPECT_TRUE(fs::is_fifo(pipe)) << "the pipe was replaced by a file";
   EXPECT_EQ(std::distance(fs::directory_iterator(folder.path()), {}), 1) << "a .part file is left";
 }
 
@@ -177,7 +177,8 @@ TEST(PoseWriter, StreamsPosesToPipe) {
   PoseEstimate pose;
   pose.status = TrackStatus::tracked;
   ASSERT_TRUE(writer->write(1'000'000'000, pose));
-  EXPECT_GT(read(reader, block.data(), block.size()), 0) << "before the writer is done";
+  EXPECT_GT(read(reader, block.data(), block.size()), 0)
+      << "poses must arrive before the writer finishes";
   // The reader closes its end.
   close(reader);
   const auto before = std::signal(SIGPIPE, SIG_IGN);
@@ -201,10 +202,10 @@ TEST(OutputFile, WritesToOpenDescriptor) {
     ASSERT_TRUE(file) << file.error().message;
     EXPECT_TRUE(write_text(*file, "after"));
   }
-  EXPECT_EQ(write(descriptor, " open", 5), 5) << "it was closed";
+  EXPECT_EQ(write(descriptor, " open", 5), 5) << "the descriptor was closed";
   close(descriptor);
   EXPECT_EQ(text_of(path), "before after open");
-  EXPECT_FALSE(OutputFile::create("/dev/fd/876")) << "not open";
+  EXPECT_FALSE(OutputFile::create("/dev/fd/876")) << "the descriptor is not open";
 }
 
 TEST(OutputFile, RecognisesStreamPaths) {

@@ -208,10 +208,11 @@ TEST_P(HudOverlay, ListsSkippedAndReusedPartsInDebugViewOnly) {
   };
   const int without = bottom(shot_of(plain, true));
   const int line = bottom(shot_of(left_out, true)) - without;
-  EXPECT_GT(line, 8) << "[px] of a line";
+  EXPECT_GT(line, 8) << "height of a line [px]";
   EXPECT_EQ(bottom(shot_of(kept, true)), without + line);
   EXPECT_EQ(bottom(shot_of(both, true)), without + 2 * line);
-  EXPECT_NE(shot_of(kept, true).rgba, shot_of(left_out, true).rgba) << "each line has its own text";
+  EXPECT_NE(shot_of(kept, true).rgba, shot_of(left_out, true).rgba)
+      << "skipped and reused parts must have different texts";
   EXPECT_EQ(shot_of(both, false).rgba, shot_of(plain, false).rgba);
   keep(shot_of(both, true), prefix() + "reasons-1280x720");
 }
@@ -227,7 +228,7 @@ TEST_P(HudOverlay, TurnsClickShorterThanFrameIntoCommand) {
   event.x = 30.0;
   event.y = 460.0;
   EXPECT_TRUE(overlay->covers(event.x, event.y));
-  EXPECT_FALSE(overlay->covers(320.0, 300.0)) << "the picture's middle is free";
+  EXPECT_FALSE(overlay->covers(320.0, 300.0)) << "the HUD must not cover the image's centre";
   event.kind = WindowEvent::Kind::button_down;
   overlay->handle(event);
   event.kind = WindowEvent::Kind::button_up;
@@ -269,7 +270,7 @@ TEST_P(HudOverlay, OffersFullScreenAndQuitButtonsInCompactHelp) {
   }
   EXPECT_TRUE(found.contains(WindowCommand::full_screen));
   EXPECT_TRUE(found.contains(WindowCommand::quit));
-  EXPECT_TRUE(found.contains(WindowCommand::help)) << "the help is closed by a touch too";
+  EXPECT_TRUE(found.contains(WindowCommand::help)) << "a touch must also close the help";
 }
 
 // A study's participant sees the instructions and no controls.
@@ -294,12 +295,12 @@ TEST_P(HudOverlay, ReplacesHudByStudyInstructions) {
     };
     EXPECT_EQ(is_changed(320, 240), in_the_middle);
     EXPECT_EQ(is_changed(14, 480 - 14), !in_the_middle);
-    EXPECT_FALSE(overlay->covers(30.0, 460.0)) << "the HUD's buttons are gone";
+    EXPECT_FALSE(overlay->covers(30.0, 460.0)) << "the HUD's buttons must be hidden";
   }
 }
 
-// Collects the settings that change while the pointer drags at each height of the open panel, near
-// its left end: within boxes too.
+// Settings that change when the pointer drags near the left end of the open panel, tried at every
+// height. Dragging inside an input box changes its value too.
 struct DraggedSettings {
   bool constants = false;
   bool strength = false, umbra = false, middle = false, penumbra = false;

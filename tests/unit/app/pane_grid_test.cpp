@@ -91,11 +91,11 @@ TEST(PaneGrid, DrawsReadableCaptionsThatFit) {
   const auto inked = [](const std::vector<int>& band) {
     return std::ranges::count_if(band, [](int value) { return value > 180; });
   };
-  EXPECT_GT(inked(of(0)), 20) << "letters nearly white on dark";
+  EXPECT_GT(inked(of(0)), 20) << "the letters must be nearly white";
   EXPECT_EQ(inked(of(1)), 0);
   const std::vector<int> longest = of(2);
   EXPECT_GT(inked(longest), 100);
-  EXPECT_LT(longest.front(), 60) << "it ends before the pane does";
+  EXPECT_LT(longest.front(), 60) << "the caption must fit the pane";
   EXPECT_LT(longest.back(), 60);
 }
 

@@ -139,10 +139,10 @@ TEST(PoseSmoother, FollowsJumpWithoutOvershoot) {
     for (int i = 0; i < 60; ++i) {
       const SmoothedPose drawn = draw(shifted(jump_px));
       EXPECT_LE(drawn.offset_px, PoseSmoother::kMaxOffset_px);
-      EXPECT_LE(drawn.offset_px, before + 1e-9) << "nearer and nearer";
+      EXPECT_LE(drawn.offset_px, before + 1e-9) << "the offset must never grow";
       EXPECT_LE(apart_px(drawn.T_table_camera, shifted(0.0)),
                 apart_px(shifted(jump_px), shifted(0.0)) + 1e-9)
-          << "and never beyond";
+          << "the drawn pose must not overshoot";
       before = drawn.offset_px;
     }
     EXPECT_LT(before, 0.01);
@@ -160,7 +160,8 @@ TEST(PoseSmoother, RestartsAfterLossGapAndBackwardTime) {
   };
   PoseSmoother smoother(desk_camera());
   (void)smoother.smooth(second, a);
-  EXPECT_GT(smoother.smooth(second + 33'000'000, b).offset_px, 0.05) << "without a loss";
+  EXPECT_GT(smoother.smooth(second + 33'000'000, b).offset_px, 0.05)
+      << "without a reset, smoothing must continue";
 
   smoother.reset();
   expect_as_measured(smoother.smooth(second + 66'000'000, b));

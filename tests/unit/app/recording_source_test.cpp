@@ -611,7 +611,7 @@ TEST_F(VideoRecording, ContinuesAfterDamagedFrame) {
     ASSERT_FALSE(damaged.empty());
     EXPECT_LT(*damaged.rbegin() - *damaged.begin(), gop);
     if (gop > 1) {
-      EXPECT_EQ((*damaged.rbegin() + 1) % gop, 0) << "up to the next key frame";
+      EXPECT_EQ((*damaged.rbegin() + 1) % gop, 0) << "the damage must end at the next key frame";
     }
     // Skips some frames of the same video.
     auto again = VideoReader::open(video());
@@ -839,7 +839,8 @@ TEST_F(EurocRecording, TransformsGroundtruthFromBodyToCamera) {
 
   write_text(truth / "data.csv", "1,1,2\n");
   const auto damaged = open_recording(folder());
-  ASSERT_TRUE(damaged) << "its job does not need the truth: " << damaged.error().message;
+  ASSERT_TRUE(damaged) << "damaged ground truth must not prevent opening: "
+                       << damaged.error().message;
   EXPECT_FALSE(damaged->groundtruth);
   EXPECT_THAT(damaged->notices.at(0), AllOf(HasSubstr("data.csv"), HasSubstr("line 1")));
 }
@@ -856,7 +857,7 @@ TEST_F(EurocRecording, ReportsInvalidLine) {
   EXPECT_THAT(error_of(folder()), AllOf(HasSubstr("data.csv: line 3"), HasSubstr("1e9")));
 }
 
-// --- the project's own recordings ---
+// --- bundled and shared recordings ---
 
 TEST(BundledRecordings, OpenAndPlayToTheEnd) {
   for (const auto& [name, frames] : {std::pair{"tabletop", 120}, {"corner", 40}}) {

@@ -196,8 +196,8 @@ TEST(RunReport, HasEveryDocumentedField) {
   }
   EXPECT_EQ(json["time_ms"]["track"]["count"], 5);
   EXPECT_EQ(json["time_ms"]["track"]["median"], 3.0);
-  EXPECT_EQ(json["time_ms"]["detect"]["count"], 4) << "one frame was not searched";
-  EXPECT_EQ(json["time_ms"]["solve"]["count"], 0) << "it never ran";
+  EXPECT_EQ(json["time_ms"]["detect"]["count"], 4) << "one of five frames had no detection";
+  EXPECT_EQ(json["time_ms"]["solve"]["count"], 0) << "the pose solver never ran";
   EXPECT_EQ(json["time_ms"]["readback"]["count"], 4);
   EXPECT_EQ(json["tracking"]["reprojection_rms_px"]["median"], 0.25);
   EXPECT_EQ(json["tracking"]["expected_overlay_px"]["max"], 0.125) << "counts tracked frames only";

@@ -101,7 +101,7 @@ TEST(SceneEdit, RoundTripsStyleIncludingZenithLight) {
   EXPECT_EQ(read.style.layered.light_height, styled.style.layered.light_height);
   EXPECT_EQ(read.style.layered.umbra_height, styled.style.layered.umbra_height);
   EXPECT_EQ(read.style.fractions.middle, 0.3);
-  EXPECT_FALSE(read.style.light_rays) << "like recordings of versions without the key";
+  EXPECT_FALSE(read.style.light_rays) << "default for events of older versions without the key";
   styled.style.light_rays = true;
   const auto with_rays = test::events_of(event_line({5, styled}));
   ASSERT_TRUE(with_rays && with_rays->edits.size() == 1);
@@ -128,7 +128,7 @@ TEST(SceneEdit, IgnoresOtherEventsAndRejectsDamagedOnes) {
 TEST(SceneEdit, ReadsFileTruncatedInLastLine) {
   const test::TemporaryFolder folder;
   const auto file = folder.path() / "events.jsonl";
-  EXPECT_TRUE(load_scene_events(file)->edits.empty()) << "no file, no edits";
+  EXPECT_TRUE(load_scene_events(file)->edits.empty()) << "a missing file has no edits";
   const std::string late = event_line({2'000'000'000, placed_somewhere()}) + "\n";
   const std::string early = event_line({1'000'000'000, placed_somewhere()}) + "\n";
   const std::string start = "{\"timestamp_s\":0.500000001,\"event\":\"scene_start\"}\n";
@@ -136,7 +136,7 @@ TEST(SceneEdit, ReadsFileTruncatedInLastLine) {
   const auto events = load_scene_events(file);
   ASSERT_TRUE(events) << events.error().message;
   ASSERT_EQ(events->edits.size(), 2U);
-  EXPECT_EQ(events->edits[0].timestamp_ns, 1'000'000'000) << "in order of time";
+  EXPECT_EQ(events->edits[0].timestamp_ns, 1'000'000'000) << "edits must be sorted by time";
   EXPECT_EQ(events->scene_start_ns, 500'000'001);
   test::write_text(file, late.substr(0, 40) + "\n" + early);
   const auto damaged = load_scene_events(file);
@@ -178,7 +178,7 @@ TEST(SceneEdit, RoundTripsVideoLightExactly) {
     const VideoLight* at = light_at(events->lights, timestamp_ns);
     return at != nullptr && at->on_table == light.on_table && at->around == light.around;
   };
-  EXPECT_TRUE(is(0, first)) << "before the first frame that was drawn";
+  EXPECT_TRUE(is(0, first)) << "before the first drawn frame";
   EXPECT_TRUE(is(1'000'000'001, first));
   EXPECT_TRUE(is(2'000'000'002, first)) << "the frame of the edit was not drawn";
   EXPECT_TRUE(is(2'000'000'003, second));

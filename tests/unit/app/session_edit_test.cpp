@@ -114,7 +114,7 @@ TEST_F(EditedSession, ReusesShadowsWhenLightFractionsChange) {
   EXPECT_EQ(step().composite[Counter::triples_recomputed], 2);
   const auto before = image;
   EXPECT_EQ(step().composite[Counter::triples_recomputed], 0);
-  EXPECT_EQ(image, before) << "a still scene";
+  EXPECT_EQ(image, before) << "without an edit, frames must be equal";
   ShadowStyled edit = styled("left");
   edit.style.fractions = {0.9, 0.95, 0.99};
   ASSERT_TRUE(session->edit(edit));
@@ -150,7 +150,7 @@ TEST_F(EditedSession, GeneratesKernelsOnceForEditedNode) {
   EXPECT_EQ(step().composite[Counter::kernel_generations], 0);
   ASSERT_TRUE(session->edit(original));
   after = step();
-  EXPECT_EQ(after.composite[Counter::kernel_generations], 0) << "they are there still";
+  EXPECT_EQ(after.composite[Counter::kernel_generations], 0) << "earlier kernels must be reused";
   EXPECT_EQ(after.composite[Counter::triples_recomputed], 1);
 }
 
@@ -166,7 +166,7 @@ TEST_F(EditedSession, ChangesTechniqueOfEditedNodeOnly) {
   EXPECT_EQ(after.composite[Counter::reprojections], 1);
   ASSERT_EQ(after.edits.size(), 1U);
   EXPECT_EQ(std::get<ShadowStyled>(after.edits[0]).node, "left");
-  EXPECT_TRUE(step().edits.empty()) << "returned once";
+  EXPECT_TRUE(step().edits.empty()) << "each edit must be returned once";
 }
 
 TEST_F(EditedSession, KeepsOptionTechniqueForOtherNodes) {
@@ -190,11 +190,13 @@ TEST_F(EditedSession, RedrawsMovedObjectAndReusesShadowOnSlide) {
   ASSERT_TRUE(session->edit(ObjectPlaced{"object1", placement, false}));
   SessionFrame after = step();
   EXPECT_NE(image, before);
-  EXPECT_EQ(after.composite[Counter::triples_recomputed], 0) << "it slid on the plane";
+  EXPECT_EQ(after.composite[Counter::triples_recomputed], 0)
+      << "a slide along the plane must reuse the shadow";
   placement.position.z() = 0.14;
   ASSERT_TRUE(session->edit(ObjectPlaced{"object1", placement, false}));
   after = step();
-  EXPECT_EQ(after.composite[Counter::triples_recomputed], 1) << "it rose";
+  EXPECT_EQ(after.composite[Counter::triples_recomputed], 1)
+      << "a change of height must recompute the shadow";
   EXPECT_EQ(after.composite[Counter::kernel_generations], 0);
   EXPECT_FALSE(session->edit(ObjectPlaced{"unknown", placement, false}));
 }
@@ -206,7 +208,7 @@ TEST_F(EditedSession, KeepsEditsForNextFrameAfterRedraw) {
   EXPECT_EQ(step().edits.size(), 1U);
   EXPECT_EQ(session->latest_edits().size(), 1U);
   ASSERT_TRUE(session->edit(ObjectPlaced{"object1", test::at(0, 0.2, 0.1), false}));
-  EXPECT_EQ(session->latest_edits().size(), 1U) << "the last one of each";
+  EXPECT_EQ(session->latest_edits().size(), 1U) << "only the latest edit of each object";
 }
 
 // Replayed edits give the recorded frames, bit for bit.

@@ -20,48 +20,49 @@ TrackedFrame frame_with(TrackStatus table, TrackStatus wall, double wall_age_s =
 }
 
 TEST(StreamStall, HasNothingToShowBeforeFirstFrame) {
-  StallDisplay silence;
-  EXPECT_FALSE(silence.holds());
-  EXPECT_FALSE(silence.picture(100 * kMs));
+  StallDisplay display;
+  EXPECT_FALSE(display.holds());
+  EXPECT_FALSE(display.picture(100 * kMs));
 }
 
 TEST(StreamStall, CoastsPoseThenLosesIt) {
   for (const TrackStatus before : {TrackStatus::tracked, TrackStatus::uncertain}) {
     SCOPED_TRACE(to_string(before));
-    StallDisplay silence;
-    silence.observe(frame_with(before, TrackStatus::lost));
-    const auto early = silence.picture(100 * kMs);
+    StallDisplay display;
+    display.observe(frame_with(before, TrackStatus::lost));
+    const auto early = display.picture(100 * kMs);
     ASSERT_TRUE(early);
     EXPECT_EQ(early->pose.status, TrackStatus::held);
-    EXPECT_EQ(early->pose.held_from, before) << "it fades from the last drawn opacity";
+    EXPECT_EQ(early->pose.held_from, before) << "fading must start at the previous opacity";
     EXPECT_DOUBLE_EQ(early->pose.age_s, 0.1);
-    EXPECT_EQ(early->pose.tags_used, 0) << "a stale image is not measured";
+    EXPECT_EQ(early->pose.tags_used, 0) << "no tag is measured in a stale image";
     EXPECT_EQ(early->pose.reason.cause, PoseCause::not_measured);
-    EXPECT_EQ(early->groups[0].status, TrackStatus::lost) << "a group without a pose gets none";
-    const auto again = silence.picture(200 * kMs);
+    EXPECT_EQ(early->groups[0].status, TrackStatus::lost) << "a lost group must stay lost";
+    const auto again = display.picture(200 * kMs);
     ASSERT_TRUE(again);
-    EXPECT_DOUBLE_EQ(again->pose.age_s, 0.2) << "measured since the frame, not since the held pose";
+    EXPECT_DOUBLE_EQ(again->pose.age_s, 0.2) << "the age counts from the frame";
     EXPECT_EQ(again->pose.held_from, before);
-    const auto late = silence.picture(static_cast<std::int64_t>(1.01e9 * kHoldSeconds));
+    const auto late = display.picture(static_cast<std::int64_t>(1.01e9 * kHoldSeconds));
     ASSERT_TRUE(late);
     EXPECT_EQ(late->pose.status, TrackStatus::lost);
-    EXPECT_FALSE(silence.holds()) << "its buffer goes back to the camera";
-    EXPECT_FALSE(silence.picture(static_cast<std::int64_t>(1.1e9 * kHoldSeconds)));
+    EXPECT_FALSE(display.holds()) << "the frame's buffer must return to the camera";
+    EXPECT_FALSE(display.picture(static_cast<std::int64_t>(1.1e9 * kHoldSeconds)));
   }
 }
 
 TEST(StreamStall, FadesEachGroupFromItsOwnAge) {
   const double half_s = 0.5 * kHoldSeconds;
-  StallDisplay silence;
-  silence.observe(frame_with(TrackStatus::tracked, TrackStatus::held, half_s));
+  StallDisplay display;
+  display.observe(frame_with(TrackStatus::tracked, TrackStatus::held, half_s));
   const auto stall_ns = static_cast<std::int64_t>(0.6e9 * kHoldSeconds);
-  const auto picture = silence.picture(stall_ns);
-  ASSERT_TRUE(picture);
-  EXPECT_EQ(picture->pose.status, TrackStatus::held);
-  EXPECT_EQ(picture->groups[0].status, TrackStatus::lost);
-  EXPECT_DOUBLE_EQ(picture->groups[0].age_s, half_s + 1e-9 * static_cast<double>(stall_ns));
-  EXPECT_EQ(picture->groups[0].held_from, TrackStatus::uncertain) << "as it was held before";
-  EXPECT_TRUE(silence.holds()) << "the table is still drawn";
+  const auto shown = display.picture(stall_ns);
+  ASSERT_TRUE(shown);
+  EXPECT_EQ(shown->pose.status, TrackStatus::held);
+  EXPECT_EQ(shown->groups[0].status, TrackStatus::lost);
+  EXPECT_DOUBLE_EQ(shown->groups[0].age_s, half_s + 1e-9 * static_cast<double>(stall_ns));
+  EXPECT_EQ(shown->groups[0].held_from, TrackStatus::uncertain)
+      << "the group was coasting from this status";
+  EXPECT_TRUE(display.holds()) << "the table's pose is still coasting";
 }
 
 }  // namespace

@@ -176,7 +176,8 @@ TEST(StudyScene, HasCastersPlanesWallsAndLight) {
     EXPECT_EQ(node.planes.size(), 1U);
     EXPECT_EQ(node.walls.size(), 2U);
     EXPECT_EQ(node.lights.size(), 1U);
-    EXPECT_GT(node.layered.umbra_height, 0.2) << "the umbra is there at every height";
+    EXPECT_GT(node.layered.umbra_height, 0.2)
+        << "the umbra must exist at every height of the study";
     for (const SceneObject& object : scene.objects) {
       EXPECT_NEAR(static_cast<double>(object.model->max_corner.z), kStudySphere_m, 1e-6);
     }

@@ -25,7 +25,7 @@ TEST(StudyStatistics, ComputesMedianIntervalFromOrderStatistics) {
   const std::array five = {5.0, 1.0, 4.0, 2.0, 3.0};
   ASSERT_TRUE(median_of(five));
   EXPECT_EQ(median_of(five)->median, 3.0);
-  EXPECT_FALSE(median_of(five)->interval) << "2 / 32 is more than 5 %";
+  EXPECT_FALSE(median_of(five)->interval) << "for 5 values the error rate of 2 / 32 exceeds 5 %";
   std::vector<double> values;
   for (int i = 1; i <= 6; ++i) values.push_back(i);
   EXPECT_EQ(median_of(values)->median, 3.5);
@@ -157,7 +157,7 @@ TEST(StudyFile, AcceptsByteOrderMark) {
     const auto file = StudyFile::open(path, design_of(2), false);
     ASSERT_FALSE(file);
     EXPECT_EQ(file.error().message, path.string() + ": is UTF-16 text; save it as UTF-8");
-    EXPECT_EQ(text_of(path), wide) << "the file was changed";
+    EXPECT_EQ(text_of(path), wide) << "a UTF-16 file must not be changed";
   }
 }
 
@@ -190,7 +190,7 @@ TEST(StudyFile, KeepsExistingRowsAndRejectsForeignOnes) {
     EXPECT_EQ(second->rows().size(), 1U);
     ASSERT_TRUE(second->append(std::vector{row_of(design_of(2), 1, 1, 2.0, false)}));
   }
-  EXPECT_TRUE(text_of(path).starts_with(before)) << "only grows";
+  EXPECT_TRUE(text_of(path).starts_with(before)) << "rows must only be appended";
 
   const fs::path no_study = folder.path() / "table.csv";
   std::ofstream(no_study) << "a,b\n1,2\n";

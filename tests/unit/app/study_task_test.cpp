@@ -146,7 +146,7 @@ TEST(StudyTask, RecordsDragWhenBallIsReleasedNearTarget) {
     EXPECT_EQ(row.response_time_ns, 2 * kSecond);
     EXPECT_NEAR(row.error_m, offsets[i].norm(), 1e-9);
     EXPECT_TRUE(row.correct);
-    EXPECT_EQ(row.misses, 1) << "the slide alone did not reach it";
+    EXPECT_EQ(row.misses, 1) << "the release after the slide must count as a miss";
     ASSERT_EQ(row.places.size(), 1U);
     EXPECT_EQ(row.places[0], sample.places[i + 1]);
   }

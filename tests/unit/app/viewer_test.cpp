@@ -149,7 +149,7 @@ TEST(Viewer, PausesUntilSpaceIsPressedAgain) {
   Host host;
   Viewer viewer(window, host, nullptr);
   EXPECT_TRUE(viewer.show(interrupt));
-  EXPECT_EQ(window.swaps, 4) << "the picture is drawn again while it stands still";
+  EXPECT_EQ(window.swaps, 4) << "the paused frame must be redrawn";
   EXPECT_GT(viewer.paused_ms(), 0.0);
   EXPECT_TRUE(viewer.show(interrupt));
   EXPECT_EQ(window.swaps, 5);
@@ -180,7 +180,7 @@ TEST(Viewer, PresentsOneFramePerStep) {
   Viewer viewer(window, host, nullptr);
   EXPECT_TRUE(viewer.show(interrupt));
   EXPECT_EQ(window.swaps, 1);
-  EXPECT_TRUE(viewer.show(interrupt)) << "waits for the second step";
+  EXPECT_TRUE(viewer.show(interrupt)) << "the viewer must wait for the second step";
   EXPECT_EQ(window.swaps, 3);
   EXPECT_FALSE(viewer.show(interrupt));
 }
@@ -235,7 +235,7 @@ TEST(Viewer, EditsOneNodeOrAllByKey) {
   ASSERT_EQ(host.edits.size(), 2U);
   EXPECT_EQ(last().node, "two");
   for (int i = 0; i < 2; ++i) EXPECT_TRUE(viewer.show(interrupt));
-  ASSERT_EQ(host.edits.size(), 4U) << "all again";
+  ASSERT_EQ(host.edits.size(), 4U) << "the last edit must change both nodes";
   EXPECT_EQ(last().style.technique, techniques_by_key()[0]);
 }
 
@@ -251,7 +251,7 @@ TEST(Viewer, CyclesTranslucencyOnM) {
     seen.insert(host.way);
   }
   EXPECT_EQ(seen.size(), kTranslucencyNames.size());
-  EXPECT_EQ(host.way, Translucency::automatic) << "once round";
+  EXPECT_EQ(host.way, Translucency::automatic) << "the last key must return to the first mode";
   EXPECT_TRUE(host.edits.empty()) << "not a scene edit";
 }
 
@@ -372,13 +372,13 @@ TEST_F(ViewerWithHud, DrawsNothingWhenHidden) {
   Viewer viewer(window, host, Overlay::create(*gl).value(), options);
   for (int i = 0; i < 3; ++i) EXPECT_TRUE(viewer.show(interrupt));
   EXPECT_EQ(host.hud_drawings, 0);
-  EXPECT_TRUE(viewer.show(interrupt)) << "shown from here on";
+  EXPECT_TRUE(viewer.show(interrupt)) << "H must show the HUD";
   EXPECT_EQ(host.hud_drawings, 1);
   EXPECT_FALSE(host.debug_asked);
-  EXPECT_TRUE(viewer.show(interrupt)) << "with the debug view";
+  EXPECT_TRUE(viewer.show(interrupt)) << "D must add the debug view";
   EXPECT_TRUE(host.debug_asked);
   EXPECT_TRUE(viewer.show(interrupt));
-  EXPECT_EQ(host.hud_drawings, 2) << "hidden again";
+  EXPECT_EQ(host.hud_drawings, 2) << "H must hide the HUD again";
 }
 
 // A hidden HUD still shows warnings, because a frozen image must not look live.

@@ -91,7 +91,7 @@ TEST_F(CameraFile, ReportsFileAndFieldOfError) {
   refuses(camera_text() + "tone_curv: 2\n", "is it meant to be `tone_curve`?");
   refuses(camera_text() + "rolling_shutter_row: 0.00003\n", "`rolling_shutter_row_s`?");
   for (const char* others : {"rolling_shutter: true\n", "rolling: 1\n", "tone: warm\n"})
-    EXPECT_TRUE(load(camera_text() + others)) << "other tools' own: " << others;
+    EXPECT_TRUE(load(camera_text() + others)) << "keys of other tools must be accepted: " << others;
   refuses(camera_text() + "uncertainty: {overlay_pix: 3}\n", "`overlay_px`?");
   refuses(camera_text() + "uncertainty: {overlay: 3}\n", "`overlay_px`?");
   refuses(camera_text() + "rolling_shutter_row_s: 0.001\n", "480 rows then take 0.48 s");
@@ -186,7 +186,8 @@ TEST_F(CameraFile, ScalesCalibrationByWholePixels) {
     EXPECT_EQ(scaled->width(), width);
     EXPECT_EQ(scaled->height(), height);
     EXPECT_EQ(scaled->parameters().tone_curve, 2.2);
-    EXPECT_FALSE(scaled->parameters().rolling_shutter_row_s) << "is not known there";
+    EXPECT_FALSE(scaled->parameters().rolling_shutter_row_s)
+        << "the row time is unknown at another size";
     for (const Eigen::Vector3d& p :
          {Eigen::Vector3d(0.0, 0.0, 1.0), Eigen::Vector3d(0.3, -0.2, 0.7),
           Eigen::Vector3d(-0.4, 0.1, 0.9)}) {

@@ -111,7 +111,7 @@ TEST(CameraModel, LimitsRadiusToMonotonicRange) {
   const double far = camera.project_extended({3.0, 0.0, 1.0})->x();
   const double near = camera.project_extended({2.0, 0.0, 1.0})->x();
   EXPECT_GT(far, near) << "beyond the monotonic range, points farther out must project farther out";
-  // Rounding must not lose the radius at which the lens stops growing, for points at any distance.
+  // Rounding must not hide the radius where the projection stops increasing, at any distance.
   for (int i = 0; i < 2000; ++i) {
     const double x = 1.1 + 0.37 * i;
     EXPECT_TRUE(camera.project_extended({x, 0.731 * x, 1.0})) << x;

@@ -89,7 +89,7 @@ TEST(Evaluation, RatesPoseWithoutVisibleCornersWorst) {
   estimated.poses.push_back({0, above(0, 0, -1.0), {}});
   const Evaluation e = evaluate(pinhole(), estimated, truth);
   EXPECT_GT(e.overlay_px.median, 700.0);
-  EXPECT_EQ(e.jitter_changes, 0) << "one frame has no jitter value, not 0";
+  EXPECT_EQ(e.jitter_changes, 0) << "a single frame has no jitter value";
 }
 
 TEST(Evaluation, MatchesHandComputedRecording) {
@@ -119,7 +119,8 @@ TEST(Evaluation, MatchesHandComputedRecording) {
               1e-9);
   EXPECT_NEAR(e.overlay_frame_px.max, std::sqrt((1.0 + 1.5625) / 2.0), 1e-9);
   EXPECT_EQ(e.jitter_changes, 16);
-  // Frame-to-frame changes: 0-1 (0.5 and 0.625) and 3-4 (none). The pairs 1-2 and 2-3 lack a pose.
+  // Frame-to-frame changes: 0-1 (0.5 and 0.625) and 3-4 (no change). The pairs 1-2 and 2-3 lack a
+  // pose.
   EXPECT_NEAR(e.jitter_px, std::sqrt((4 * 0.25 + 4 * 0.390625) / 16.0), 1e-9);
 }
 
@@ -145,7 +146,7 @@ TEST(Evaluation, InterpolatesTruthWithChordError) {
   EXPECT_EQ(e.frames_judged, 100);
   EXPECT_NEAR(e.translation_mm.rmse, 1e3 * kRadius * (1.0 - std::cos(kRate * 0.005)), 1e-9);
   EXPECT_NEAR(e.translation_mm.max, e.translation_mm.rmse, 1e-9);
-  EXPECT_EQ(e.jitter_changes, 99 * 8) << "every third true pose, but no repeated frame";
+  EXPECT_EQ(e.jitter_changes, 99 * 8) << "consecutive frames use every third true pose, each once";
 
   // A clock offset of 20 ms shifts the estimate by the motion during 20 ms.
   Trajectory behind = estimated;

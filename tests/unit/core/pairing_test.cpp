@@ -65,7 +65,7 @@ TEST(Pairing, ReportsReasonForMissingTruePose) {
   truth.poses.push_back({300 * kMs, at_x(0.3), {}});
   EXPECT_TRUE(pose_at(truth, 60 * kMs, kMaxGap));
   EXPECT_EQ(pose_at(truth, 200 * kMs, kMaxGap).error(), NotEvaluated::gap_too_long);
-  EXPECT_TRUE(pose_at(truth, 200 * kMs, 200 * kMs)) << "a gap of exactly the longest";
+  EXPECT_TRUE(pose_at(truth, 200 * kMs, 200 * kMs)) << "a gap of exactly the maximum length";
   EXPECT_EQ(pose_at(truth, 200 * kMs, 200 * kMs - 1).error(), NotEvaluated::gap_too_long);
   // Extrapolates up to 10 ms beyond the end, but not beside a long gap.
   EXPECT_NEAR(pose_at(truth, -10 * kMs, kMaxGap)->translation().x(), -0.01, 1e-12);
@@ -202,7 +202,7 @@ TEST(TimestampUnits, AreRejectedWhenTimesFitAnotherUnit) {
   EXPECT_EQ(unit_error(truth, truth), "");
   EXPECT_EQ(unit_error(even_motion(120, 5 * kMs), even_motion(60, 10 * kMs)), "");
   EXPECT_EQ(unit_error(even_motion(4, 1'000 * kMs), even_motion(4, 1'000 * kMs)), "")
-      << "stills, one a second";
+      << "images taken once per second";
   struct Unit {
     std::int64_t factor;
     const char* name;

@@ -108,7 +108,7 @@ TEST(PoseConventionHint, IsEmptyForUnrelatedTrajectories) {
                                }),
                        truth),
               "")
-        << "another world frame " << i;
+        << "other world frame, trajectory " << i;
   }
 }
 

@@ -27,7 +27,7 @@ RunningStatistics running(const std::vector<double>& values) {
   return statistics;
 }
 
-// Bounds of a quantile: quantiles of the values after each is moved by its bin's error.
+// Bounds of a quantile: its values if all values are lowered or raised by the error of their bin.
 struct Bounds {
   double low = 0.0, high = 0.0;
 };

@@ -96,11 +96,11 @@ TEST_F(SampleDepthTest, FollowsChunkWhenValuesFit) {
   EXPECT_EQ(found().bits, 16);
   pictures_.clear();
   add(png_of(ramp(9000), {.significant_bits = 12}));
-  EXPECT_EQ(found().bits, 16) << "dark, but scaled";
+  EXPECT_EQ(found().bits, 16) << "a dark image with scaled values";
 }
 
 TEST_F(SampleDepthTest, IgnoresOtherFiles) {
-  EXPECT_EQ(found().bits, 16) << "no pictures";
+  EXPECT_EQ(found().bits, 16) << "without image files the depth is 16";
   add({});
   std::vector<std::uint8_t> damaged = png_of(ramp(300));
   damaged[damaged.size() / 2] ^= 0xFFU;

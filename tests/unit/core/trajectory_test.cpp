@@ -221,7 +221,7 @@ TEST(Trajectory, FindsNearestPose) {
   EXPECT_EQ(t.at(14, 5), &t.poses[1]);
   EXPECT_EQ(t.at(16, 5), &t.poses[2]);
   EXPECT_EQ(t.at(30, 5), nullptr);
-  EXPECT_EQ(t.at(30, 10), &t.poses[2]) << "the earlier of two equally near ones";
+  EXPECT_EQ(t.at(30, 10), &t.poses[2]) << "of two equally near poses, the earlier one";
   EXPECT_EQ(t.at(-3, 5), &t.poses[0]);
   EXPECT_EQ(t.at(99, 5), nullptr);
   EXPECT_EQ(Trajectory{}.at(0, 100), nullptr);
