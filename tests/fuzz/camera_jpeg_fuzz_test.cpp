@@ -29,7 +29,7 @@ Result<Frame> received(const std::string& buffer, const ImageSize& granted) {
   return decode_camera_jpeg(image->bytes, "fuzz", granted, kImproveTransfer);
 }
 
-// Result of libjpeg for the same bytes, without the product's code.
+// Result of decoding with libjpeg alone, as the reference.
 struct Verdict {
   bool has_all_rows = false;
   bool has_all_coefficients = false;
@@ -123,8 +123,8 @@ TEST_P(CameraJpegFuzz, AcceptsOnlyImagesThatLibjpegDecodesInFull) {
       EXPECT_EQ((ImageSize{frame->width, frame->height}), size_);
       const auto outline = outline_jpeg(image_bytes(broken));
       ASSERT_TRUE(outline);
-      // libjpeg would stop at a marker in the bytes around the image, so it gets the image's bytes
-      // only.
+      // Passes only the image's own bytes to libjpeg, which would stop at a marker in the bytes
+      // around them.
       const Verdict cut = Oracle::judge(outline->bytes);
       EXPECT_TRUE(cut.is_whole()) << "mutation " << i;
     } else {

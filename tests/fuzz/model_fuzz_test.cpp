@@ -26,7 +26,7 @@ std::string mutated(std::string text, std::mt19937& random) {
   const auto below = [&random](std::size_t n) { return random() % std::max<std::size_t>(n, 1); };
   const std::size_t changes = 1 + below(4);
   for (std::size_t i = 0; i < changes && !text.empty(); ++i) {
-    // Headers matter more than vertices: half of the changes are near the start.
+    // Half of the changes are near the start, where the headers are.
     const std::size_t at =
         below(below(2) == 0 ? std::min<std::size_t>(text.size(), 3000) : text.size());
     switch (below(6)) {

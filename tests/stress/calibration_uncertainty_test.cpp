@@ -41,7 +41,7 @@ struct Hits {
         "inside 3 sigma: %.2f %% of %d image points; mean squared error over predicted: %.2f\n",
         100.0 * inside / all, all, chi2 / (2.0 * all));
     EXPECT_GE(inside, 0.95 * all);
-    EXPECT_GT(chi2 / (2.0 * all), 0.3) << "the prediction is too wide to say anything";
+    EXPECT_GT(chi2 / (2.0 * all), 0.3) << "the predicted covariance is far too large";
   }
 };
 
@@ -106,9 +106,9 @@ CameraModel plumb_bob(double f, std::array<double, 8> distortion) {
   return CameraModel::make(p).value();
 }
 
-// The verdict on a wrong lens must never be good, for any lens and any positions of the board. The
-// short form runs one calibration of one case per lens, so that each reach and each noise occurs;
-// the nightly form runs three of every case.
+// The verdict on a wrong calibration must never be good, for any lens and any views of the board.
+// `reach` is the fraction of the image that the views cover. The short form runs one case per lens
+// once, and covers each reach and each noise level. The nightly form runs every case three times.
 TEST(CalibrationVerdict, IsNeverGoodForWrongLens) {
   const Lens lenses[] = {
       {"plumb_bob", plumb_bob(531.0, {-0.215, 0.062, 0.0008, -0.0006, -0.004}), 0.4},
@@ -159,7 +159,7 @@ TEST(CalibrationVerdict, IsNeverGoodForWrongLens) {
     }
   }
   std::printf("good: %d\n", good);
-  EXPECT_GE(good, nightly ? 6 : 1) << "a verdict that is never good is useless";
+  EXPECT_GE(good, nightly ? 6 : 1) << "the verdict must be good for some calibrations";
 }
 
 }  // namespace

@@ -337,9 +337,10 @@ RC_GTEST_PROP(LayerProperties, MatchExactLayersInFloat, ()) {
                                          : (1.0 + constants.light_ratio) * steep / (H - x.z());
       const double reach = (x - k).head<2>().norm();
       const double size = 1.0 + x.head<2>().norm() + k.head<2>().norm();
-      const double bound = 4e-7 * (1.0 + std::abs(s)) * steep * reach +  // of s, 2.11
-                           4.0 * kUlp * slope * reach +                  // of h
-                           8.0 * kUlp * (1.0 + s) * size;                // of u, v, k
+      const double bound =
+          4e-7 * (1.0 + std::abs(s)) * steep * reach +  // error of s, equation 2.11
+          4.0 * kUlp * slope * reach +                  // rounding of h
+          8.0 * kUlp * (1.0 + s) * size;                // rounding of u, v, k
       const PlanePoint one = project_to_layer(vertices[i], constants, kShadowLayers[layer]);
       RC_ASSERT((Eigen::Vector2d(static_cast<double>(one.u), static_cast<double>(one.v)) - expected)
                     .norm() <= bound);

@@ -159,7 +159,8 @@ TEST(TagGroupStress, NeverTracksWrongPoseWhenMapIsInconsistent) {
         EXPECT_EQ(named(tracked, "wall").status, TrackStatus::tracked);
         EXPECT_THAT(named(tracked, "wall").tags_rejected,
                     testing::ElementsAre(testing::Field(&RejectedTag::id, moved_id)));
-        EXPECT_THAT(tracked.pose.tags_rejected, testing::IsEmpty()) << "not a tag of the table";
+        EXPECT_THAT(tracked.pose.tags_rejected, testing::IsEmpty())
+            << "no tag of the table may be rejected";
       } else {
         EXPECT_NE(named(tracked, "wall").status, TrackStatus::tracked)
             << "the correct half is ambiguous";

@@ -261,7 +261,8 @@ TEST(TrackingStress, PredictsErrorUnderStrongMotionBlur) {
   RecordProperty("followed", followed.summary());
   RecordProperty("first", first.summary());
   EXPECT_GT(6 * blurred, frames) << "of " << frames;
-  EXPECT_GT(followed.tracked(), (nightly() ? 1.1 : 0.9) * frames) << "of two trackers";
+  EXPECT_GT(followed.tracked(), (nightly() ? 1.1 : 0.9) * frames)
+      << "tracked frames of both trackers";
   EXPECT_LT(followed.spread(), 1.0);
   EXPECT_GT(followed.spread(), 0.5);
   EXPECT_LE(followed.beyond, 0.01 * followed.tracked()) << "of " << followed.tracked();
@@ -478,7 +479,7 @@ TEST(TrackingStress, RecoversAfterInconsistentFrames) {
   for (std::size_t tag = 0; tag < session.tags.size(); ++tag) {
     if (tag % 2 == 0 || tag == 1) part.push_back(session.tags[tag]);
   }
-  ASSERT_LT(3 * part.size(), 2 * session.tags.size()) << "fewer than needed for immediate recovery";
+  ASSERT_LT(3 * part.size(), 2 * session.tags.size()) << "too few tags for an immediate recovery";
   auto contradicting = PatternRenderer::create(session.camera, wrong.tags).value();
   auto right = PatternRenderer::create(session.camera, part).value();
   auto tracker = GroupTracker::create(session.camera, TagMap::make(session.tags).value()).value();
@@ -547,7 +548,7 @@ TEST(TrackingStress, FindsTableAfterJumpAwayFromPrediction) {
     EXPECT_FALSE(by_pattern && in_box);
     EXPECT_EQ(jumped.times.full_detection, !by_pattern && !in_box);
     if (by_pattern) {
-      EXPECT_EQ(jumped.times.detect_ms, 0.0) << "no tag is detected";
+      EXPECT_EQ(jumped.times.detect_ms, 0.0) << "the recovery must need no detection";
     }
     found_by_pattern += by_pattern ? 1 : 0;
     found_in_box += in_box ? 1 : 0;
