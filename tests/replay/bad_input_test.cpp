@@ -56,7 +56,8 @@ class ReplayInput : public testing::Test {
     expect_failure(penumbra(arguments), parts);
     for (const auto& entry : fs::directory_iterator(folder_.path())) {
       const std::string name = entry.path().filename().string();
-      EXPECT_FALSE(name.starts_with("out") || name.starts_with("report")) << "left over: " << name;
+      EXPECT_FALSE(name.starts_with("out") || name.starts_with("report"))
+          << "output file left: " << name;
     }
   }
 

@@ -209,7 +209,7 @@ TEST_F(CalibrateCommand, RejectsUnusableInputs) {
   expect_refused(calibrate(shared("recordings/chessboard"), metres), "did you mean 0.025");
 }
 
-// A sheet of Kalibr's, photographed by others, whose tags have a border of two cells.
+// Photographs of a Kalibr sheet whose tags have a border of two cells.
 TEST_F(CalibrateCommand, RejectsTagsWithTwoCellBorders) {
   const auto pictures = folder() / "kalibr";
   std::filesystem::create_directories(pictures);
@@ -235,7 +235,7 @@ TEST_F(CalibrateCommand, RejectsComparisonCameraOfOtherSizeBeforeSolving) {
                 {"--compare", earlier.string(), "--report", (folder() / "report.html").string()});
   expect_refused(result, "earlier.yaml: is of 1280 x 480 px, but the pictures are 640 x 480");
   EXPECT_FALSE(std::filesystem::exists(folder() / "report.html"));
-  EXPECT_EQ(result.out, "") << "nothing was solved";
+  EXPECT_EQ(result.out, "") << "no calibration must be printed";
 }
 
 // A command must not overwrite its input files or write two outputs to one file.

@@ -88,7 +88,7 @@ TEST(CommandLine, KeepsHelpNarrowBriefAndGrouped) {
     EXPECT_LE(sizes["Main options:"], kMostFirst) << help;
     const std::size_t general = help.find("\nGeneral:\n");
     EXPECT_EQ(help.find("\n  -", help.find("--log-level", general)), std::string::npos)
-        << "the general options are the last ones: " << help;
+        << "general options must come last: " << help;
   }
 }
 
@@ -337,7 +337,7 @@ TEST(CommandLine, AcceptsHelpAsCommand) {
   EXPECT_EQ(penumbra({"help", "help"}).out, all.out);
   EXPECT_EQ(penumbra({"help", "--log-level"}).out, all.out);
   const std::string replay = penumbra({"replay", "--help"}).out;
-  EXPECT_EQ(penumbra({"help", "replay", "--output"}).out, replay) << "nothing is run";
+  EXPECT_EQ(penumbra({"help", "replay", "--output"}).out, replay) << "the command must not run";
   EXPECT_EQ(penumbra({"help", "replay", "r", "--shadow", "bogus"}).out, replay);
   const ProgramResult unknown = penumbra({"help", "bogus"});
   EXPECT_EQ(unknown.exit_code, 2);
@@ -381,7 +381,8 @@ TEST(TargetCommand, KeepsDifferentTagMapUnlessNamedExplicitly) {
   const std::filesystem::path sheet = folder.path() / "sheet.pdf";
   const std::filesystem::path tags = folder.path() / "tags.yaml";
   ASSERT_EQ(penumbra({"target", "--output", sheet}).exit_code, 0);
-  EXPECT_EQ(penumbra({"target", "--output", sheet}).exit_code, 0) << "the same again";
+  EXPECT_EQ(penumbra({"target", "--output", sheet}).exit_code, 0)
+      << "writing the same sheet again must succeed";
   const auto before = contents_of(folder.path());
   const std::vector<std::string> other = {"target", "--output", sheet, "--columns", "3"};
   expect_failure(penumbra(other), {"tags.yaml", "--tags"});
@@ -457,7 +458,7 @@ TEST(EvaluateCommand, InterpolatesTruthAndCountsUncoveredFrames) {
   ASSERT_EQ(result.exit_code, 0) << result.err;
   const auto json = nlohmann::json::parse(result.out, nullptr, false);
   EXPECT_EQ(json["frames_estimated"], 30);
-  EXPECT_EQ(json["frames_judged"], 16) << "those up to the last true pose";
+  EXPECT_EQ(json["frames_judged"], 16) << "frames up to the last true pose";
   EXPECT_EQ(json["not_judged"], nlohmann::json({{"outside_truth", 14}}));
   EXPECT_EQ(json["frames_with_truth"], 6);
   EXPECT_EQ(json["frames_with_pose"], 6);

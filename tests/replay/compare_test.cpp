@@ -178,7 +178,7 @@ TEST_F(CompareOption, WritesAllOutputsAndReport) {
     }
     EXPECT_EQ(differing, 0U) << name;
   }
-  EXPECT_FALSE(video->next().value()) << "three frames, no more";
+  EXPECT_FALSE(video->next().value()) << "the video has more than three frames";
   // The poses must equal those of a replay without --compare.
   ASSERT_EQ(replay({"--poses", file("alone.tum")}).exit_code, 0);
   EXPECT_EQ(bytes_of(file("out.tum")), bytes_of(file("alone.tum")));
@@ -193,7 +193,7 @@ TEST_F(CompareOption, WritesAllOutputsAndReport) {
     EXPECT_EQ(pane.at("time_ms").at("render").at("count"), 3) << name;
     drawn += pane.at("work").at("passes_drawn").get<std::int64_t>();
   }
-  EXPECT_EQ(report.at("work").at("passes_drawn"), drawn) << "of all panes together";
+  EXPECT_EQ(report.at("work").at("passes_drawn"), drawn) << "must be the sum over all panes";
   EXPECT_EQ(report.at("time_ms").at("render").at("count"), 3);
   EXPECT_GT(report.at("compare").at("layered").at("work").at("kernel_generations"), 0);
   EXPECT_EQ(report.at("compare").at("hard").at("work").at("kernel_generations"), 0);
@@ -208,7 +208,8 @@ TEST_F(CompareOption, WritesSameFramesWithWindow) {
                    "--compare", "layered,hard", "--output", file("window")},
                   {}, folder_.path());
   ASSERT_EQ(shown.exit_code, 0) << shown.err;
-  EXPECT_EQ(shown.out.find("offscreen"), std::string::npos) << "there was a window";
+  EXPECT_EQ(shown.out.find("offscreen"), std::string::npos)
+      << "the program drew offscreen, without a window";
   EXPECT_EQ(contents_of(file("window")), contents_of(file("offscreen")));
 }
 

@@ -394,7 +394,7 @@ TEST(LiveCommand, KeepsOtherOutputsWhenVideoCannotBeWritten) {
     EXPECT_NE(last.find(path("out.mkv")), std::string::npos) << done.err;
     EXPECT_NE(done.err.find("this output is closed"), std::string::npos) << done.err;
     const auto kept = count_video_frames(path("out.mkv"));
-    ASSERT_TRUE(kept) << "what was written before is there; " << kept.error().message;
+    ASSERT_TRUE(kept) << "the video must keep its earlier frames: " << kept.error().message;
     EXPECT_GT(*kept, 0);
     const auto report = test::read_json(path("report.json"));
     EXPECT_LT(*kept, report["frames"].get<int>());

@@ -54,7 +54,7 @@ TEST(StandardOutput, ReceivesOnlyPoses) {
         penumbra({"replay", bundled("corner"), "--no-window", "--frames", "0:4", "--poses", name});
     EXPECT_EQ(result.exit_code, 0) << result.err;
     EXPECT_EQ(result.out, bytes_of(file)) << name;
-    EXPECT_THAT(result.err, HasSubstr("tracked 4")) << "the table goes to standard error";
+    EXPECT_THAT(result.err, HasSubstr("tracked 4")) << "the table must be on standard error";
   }
 }
 

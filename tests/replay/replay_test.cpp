@@ -62,7 +62,8 @@ TEST(ReplayCommand, TracksTabletopInEveryFrameWithinTwoPixels) {
   EXPECT_EQ(accuracy["frames_with_pose"], 120);
   EXPECT_LE(accuracy["overlay_px"]["median"].get<double>(), 0.5);
   EXPECT_LE(accuracy["overlay_px"]["max"].get<double>(), 2.0);
-  EXPECT_GT(accuracy["overlay_px"]["max"].get<double>(), 0.0) << "no tracker is perfect";
+  EXPECT_GT(accuracy["overlay_px"]["max"].get<double>(), 0.0)
+      << "the truth must not be the estimate";
   for (const char* stage : {"capture", "track", "align", "shadow", "render", "frame"}) {
     EXPECT_EQ(done.report["time_ms"][stage]["count"], 120) << stage;
   }
@@ -322,7 +323,7 @@ TEST(ReplayCommand, StopsSamplingWithinPoseBudget) {
         << options.back();
     EXPECT_FALSE(options.size() > 3 && options[3] == "--tracking" &&
                  skipped.contains("pixels_while_moving"))
-        << "only auto chooses";
+        << "only the mode auto uses fewer pixels while moving";
     return std::pair(done.report["tracking"]["pixels_sampled"].get<std::int64_t>(),
                      done.report["accuracy"]["overlay_px"]["rmse"].get<double>());
   };
@@ -384,9 +385,11 @@ TEST(ReplayCommand, SmoothsDrawingButNotWrittenPoses) {
               plain["accuracy"]["overlay_px"]["rmse"].get<double>(), 0.05);
   const auto plain_frames = test::contents_of(path("plain"));
   const auto smooth_frames = test::contents_of(path("smooth"));
-  EXPECT_EQ(plain_frames.at("000000.png"), smooth_frames.at("000000.png")) << "drawn as measured";
+  EXPECT_EQ(plain_frames.at("000000.png"), smooth_frames.at("000000.png"))
+      << "the first frame must be drawn as measured";
   EXPECT_NE(plain_frames, smooth_frames);
-  EXPECT_EQ(smooth_frames, test::contents_of(path("alone"))) << "threads change nothing";
+  EXPECT_EQ(smooth_frames, test::contents_of(path("alone")))
+      << "the number of threads must not change the frames";
   // --smooth must not change given poses.
   EXPECT_EQ(penumbra({"replay", bundled("tabletop"), "--smooth", "--poses-from", "groundtruth"})
                 .exit_code,
@@ -493,13 +496,13 @@ TEST(ReplayCommand, RectifiesFramesWithoutChangingPoses) {
   const auto run = [&](const std::string& name, const std::vector<std::string>& more) {
     return replay_named(folder, name, "30:33", more).pictures;
   };
-  const auto bent = run("bent", {});
-  const auto straight = run("straight", {"--rectified"});
-  EXPECT_EQ(straight.size(), 3U);
-  EXPECT_NE(straight, bent);
-  EXPECT_EQ(run("all", {"--rectified", "--no-skip"}), straight);
+  const auto distorted = run("distorted", {});
+  const auto rectified = run("rectified", {"--rectified"});
+  EXPECT_EQ(rectified.size(), 3U);
+  EXPECT_NE(rectified, distorted);
+  EXPECT_EQ(run("all", {"--rectified", "--no-skip"}), rectified);
   // Tracking uses the original video, so the poses are the same.
-  EXPECT_EQ(bytes_of(folder.path() / "straight.tum"), bytes_of(folder.path() / "bent.tum"));
+  EXPECT_EQ(bytes_of(folder.path() / "rectified.tum"), bytes_of(folder.path() / "distorted.tum"));
 }
 
 // Objects are lit by the light in the video, equally for any number of threads. The poses do not

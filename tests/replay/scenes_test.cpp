@@ -46,7 +46,7 @@ TEST_P(Scenes, ReplayOverTabletop) {
   EXPECT_EQ(contents_of(folder.path() / "out").size(), 6U);
   const nlohmann::json report = read_json(folder.path() / "report.json");
   EXPECT_EQ(report.at("frames_tracked"), 6);
-  EXPECT_GT(report.at("work").at("triples_recomputed"), 0) << "it has a shadow";
+  EXPECT_GT(report.at("work").at("triples_recomputed"), 0) << "the scene must have a shadow";
 }
 
 // Frames drawn with all skips and caches must equal frames drawn without them. Tests every bundled
@@ -144,7 +144,7 @@ TEST(AnimatedLight, RecomputesOnlyItsOwnShadows) {
   // One tree, one plane and two lights: the first frame computes both shadows, each later frame the
   // sun's.
   EXPECT_EQ(hard.at("triples_recomputed"), 2 + (kFrames - 1));
-  EXPECT_EQ(hard.at("reprojections"), kFrames - 1) << "the lantern's";
+  EXPECT_EQ(hard.at("reprojections"), kFrames - 1) << "the lantern's shadow is reprojected";
   // Layers are projected along the plane's normal, so a moving light does not change them.
   const nlohmann::json layered = work_of({"--shadow", "layered"});
   EXPECT_EQ(layered.at("light_moved"), kFrames - 1);

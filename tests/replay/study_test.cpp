@@ -148,7 +148,7 @@ TEST(StudyCommand, WritesScriptedTimesAndErrors) {
   const auto arguments = arguments_of(plan.design, results, script);
   const ProgramResult run = in_window(arguments, folder.path());
   ASSERT_EQ(run.exit_code, 0) << run.err;
-  EXPECT_EQ(run.err, "") << "there was a window";
+  EXPECT_EQ(run.err, "") << "the program ran offscreen, without a window";
   check_heights(plan, expected, rows_of(results));
   // One participant with three answers each: medians, but too few answers for an interval.
   const std::vector<std::string> summary =
@@ -393,7 +393,7 @@ Drags separate_drags(const StillView& view) {
     }
     if (apart) return drags;
   }
-  throw std::runtime_error("no sample keeps its places apart");
+  throw std::runtime_error("no sample has separate positions");
 }
 
 // The drag experiment with a simulated mouse.
@@ -417,7 +417,7 @@ TEST(StudyCommand, AcceptsMouseDragsAsAnswers) {
     // The mouse picks the ball's surface at whole pixels, which is closer to the eye than the
     // ball's centre.
     EXPECT_LT(rows[i].error_m, plan.design.tolerance_m);
-    EXPECT_GE(rows[i].misses, 1) << "it was let go over the target's place";
+    EXPECT_GE(rows[i].misses, 1) << "the release at the old height must be a miss";
     EXPECT_GT(rows[i].response_time_ns, 0);
   }
 }

@@ -185,7 +185,7 @@ TEST_F(TagGroups, MeasuresWallPoseDespiteWrongMap) {
       ASSERT_EQ(other.exit_code, 0) << other.err;
     }
     EXPECT_LT(differing("measured", "fixed"), 5e-4);
-    EXPECT_GT(differing("measured", "believed"), 2e-3) << "the wall's place must matter";
+    EXPECT_GT(differing("measured", "believed"), 2e-3) << "a wrong wall pose must change the image";
     std::filesystem::remove_all(folder_.path() / "groups");
   }
 }
@@ -199,7 +199,7 @@ TEST_F(TagGroups, ReusesShadowOfWallAtRest) {
   EXPECT_EQ(run.err, "");
   EXPECT_THAT(run.out, HasSubstr("tag group wall: tracked 40"));
   const nlohmann::json report = read_json(file("report.json"));
-  EXPECT_LE(report["work"]["plane_moved"].get<int>(), 6) << "of 39 changes from frame to frame";
+  EXPECT_LE(report["work"]["plane_moved"].get<int>(), 6) << "moved planes in 39 frame changes";
   EXPECT_FALSE(report["skipped"].contains("group_not_seen"));
 }
 

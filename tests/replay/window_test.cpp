@@ -30,7 +30,8 @@ TEST(Window, WritesSameFramesWithAndWithoutHud) {
   ASSERT_EQ(offscreen.exit_code, 0) << offscreen.err;
   const ProgramResult hud = in_window(arguments("hud", {}), folder.path());
   ASSERT_EQ(hud.exit_code, 0) << hud.err;
-  EXPECT_EQ(hud.out.find("offscreen"), std::string::npos) << "there was a window";
+  EXPECT_EQ(hud.out.find("offscreen"), std::string::npos)
+      << "the program drew offscreen, without a window";
   const ProgramResult bare = in_window(arguments("bare", {"--no-hud"}), folder.path());
   ASSERT_EQ(bare.exit_code, 0) << bare.err;
   const auto expected = contents_of(folder.path() / "offscreen");
@@ -223,8 +224,10 @@ TEST(Window, FadesOnStreamStallAndRecordsByKey) {
     if (entry.is_directory() && entry.path() != camera) recorded = entry.path();
   }
   ASSERT_GE(drawn.size(), 3U);
-  EXPECT_GT(*std::ranges::max_element(drawn), 2000) << "the block, right after a frame";
-  EXPECT_LT(*std::ranges::min_element(drawn), 100) << "half a second later it is gone";
+  EXPECT_GT(*std::ranges::max_element(drawn), 2000)
+      << "the block must be drawn right after a frame";
+  EXPECT_LT(*std::ranges::min_element(drawn), 100)
+      << "the block must disappear half a second later";
   EXPECT_GE(*std::ranges::min_element(drawn), 0);
 
   ASSERT_FALSE(recorded.empty());
@@ -238,7 +241,7 @@ TEST(Window, FadesOnStreamStallAndRecordsByKey) {
   ASSERT_EQ(replayed.exit_code, 0) << replayed.err;
   const auto report = read_json(path("report.json"));
   EXPECT_GE(report["frames"], 1);
-  EXPECT_LT(report["frames"], rows.size() - 1) << "damaged frames are skipped";
+  EXPECT_LT(report["frames"], rows.size() - 1) << "replay must skip damaged frames";
   EXPECT_EQ(report["frames_tracked"], report["frames"]);
 }
 
