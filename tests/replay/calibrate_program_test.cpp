@@ -452,8 +452,8 @@ TEST_F(CalibrateFromCamera, GuidesInWindowAndReproducesResultFromKeptViews) {
   EXPECT_EQ(last_line(again.out), last_line(result.out));
 }
 
-// The calibration checks every image and ends without a key. The lens must equal that of
-// `calibrate` on the same images. The short form plays half of the images.
+// The session checks every image of the recording and ends without a key press. Its camera must
+// equal that of `calibrate` on the same images. The short form plays half of the images.
 TEST_F(CalibrateFromCamera, MatchesOfflineCalibrationOnPlayedRecording) {
   hold(test::nightly() ? 32 : 16, 1);
   const auto source = held();
@@ -490,14 +490,14 @@ TEST_F(CalibrateFromCamera, WritesNoResultWhenInterruptedWithTooFewViews) {
       });
   expect_refused(result, "at least 3 views");
   EXPECT_THAT(result.out, HasSubstr("no display; going on without a window"));
-  EXPECT_TRUE(std::filesystem::exists(keep() / "000000.png")) << "the views taken are kept";
+  EXPECT_TRUE(std::filesystem::exists(keep() / "000000.png")) << "the kept views must remain";
   // A folder that is not empty must be rejected.
   const auto second = test::run_program(test::program(), arguments({"--no-window"}));
   expect_refused(second, "holds files already");
   EXPECT_THAT(second.out, Not(HasSubstr("window")));
 }
 
-// If the display is lost, the views taken so far are stored and calibrated from.
+// If the display is lost, the program calibrates from the views it has kept so far.
 TEST_F(CalibrateFromCamera, SolvesFromKeptViewsWhenDisplayIsLost) {
   ASSERT_EQ(std::system("command -v Xvfb >/dev/null 2>&1"), 0) << "scripts/setup installs it";
   hold(32, 6);

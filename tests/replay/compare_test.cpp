@@ -40,8 +40,8 @@ class CompareOption : public testing::Test {
     arguments.insert(arguments.end(), more.begin(), more.end());
     return penumbra(arguments);
   }
-  // Expects that each pane of each frame equals the frame drawn with its technique alone. Frames of
-  // a technique without `more` are kept for later lists.
+  // Expects that each pane of each frame equals the frame drawn with its technique alone. Calls
+  // without `more` share the frames of each technique.
   void expect_panes(const std::vector<std::string>& techniques,
                     const std::vector<std::string>& more = {}) {
     std::string list;

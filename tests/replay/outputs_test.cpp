@@ -235,8 +235,8 @@ TEST(NamedPipe, CarriesPosesAndReport) {
   EXPECT_TRUE(fs::is_fifo(poses) && fs::is_fifo(report)) << "a pipe was replaced";
 }
 
-// Shell words that wait until the file `log` has the warning, which takes a second, and then for
-// another second.
+// Shell commands that wait for the warning in the file `log`, which appears after a second, and
+// then for one more second.
 const std::string kWaitForWarning =
     " 2> log & for i in {1..1500}; do [ -s log ] && break; sleep 0.02; done; sleep 1.1; ";
 

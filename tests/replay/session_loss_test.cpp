@@ -114,8 +114,8 @@ int own_writer(int pipe_end) {
               O_WRONLY | O_NONBLOCK | O_NOCTTY | O_CLOEXEC);
 }
 
-// Fills the buffer of a pipe or terminal whose reader has stalled. A terminal gets room again after
-// it passes its text on, so the function writes until it stays full.
+// Fills the buffer of a pipe or terminal whose reader has stalled. A terminal forwards
+// text and has room again, so the function writes until the buffer stays full.
 void fill_pipe(int writer) {
   const std::string line = std::string(127, '-') + '\n';
   for (bool has_room = true; has_room;) {
@@ -125,7 +125,7 @@ void fill_pipe(int writer) {
   }
 }
 
-// The terminal, log, display or reader of a session, which the test can take away.
+// Terminal, log, display or reader that a session depends on. lose() removes it.
 class SessionDependencies {
  public:
   explicit SessionDependencies(Loss loss) : loss_(loss) {
@@ -160,7 +160,7 @@ class SessionDependencies {
     if (filler_ >= 0) close(filler_);
   }
 
-  // Called in the program's process.
+  // Connects the program to them. Must be called in the process that becomes the program.
   void set_up() const {
     if (loss_ == Loss::terminal) {
       setsid();
@@ -171,7 +171,7 @@ class SessionDependencies {
     if (its_ >= 0) dup2(its_, STDERR_FILENO);
     if (display_) setenv("DISPLAY", display_->name().c_str(), 1);
   }
-  // The program has its own copy of the descriptor.
+  // Closes the test's copy of the program's descriptor. Must be called after the program started.
   void started() {
     if (loss_ == Loss::log_disk) return;
     if (its_ >= 0) close(std::exchange(its_, -1));
@@ -185,8 +185,8 @@ class SessionDependencies {
 
  private:
   Loss loss_;
-  int mine_ = -1;
-  int its_ = -1;
+  int mine_ = -1;    // the test's end of the pipe or terminal
+  int its_ = -1;     // the program's end
   int filler_ = -1;  // writes to the log's pipe
   std::optional<VirtualDisplay> display_;
 };

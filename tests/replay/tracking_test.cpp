@@ -27,9 +27,9 @@ struct Expected {
   TrackingMode mode = TrackingMode::automatic;
 };
 
-// Measured values plus a margin for the rounding of other machines. A tracked frame must never
-// reach 5 px. The short form tracks the first rows: all recordings in the automatic mode, and one
-// recording in each other mode.
+// Limits are measured values plus a margin for rounding on other machines. A tracked frame must
+// never reach 5 px. The short form tracks the first rows: all recordings in the automatic mode, and
+// one recording in each other mode.
 constexpr std::ptrdiff_t kShortForm = 11;
 const std::vector<Expected>& expectations() {
   constexpr auto kDetect = TrackingMode::detect;

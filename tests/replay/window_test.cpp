@@ -129,8 +129,8 @@ TEST(Window, RecordsDragThatReplaysToSameFrames) {
   const auto seen = contents_of(folder.path() / "live");
   const auto edited = replayed("edited", {});
   ASSERT_GT(seen.size(), 10U);
-  // A session numbers images like the camera, a recording counts its own frames. On a slow machine
-  // the camera's numbers have gaps.
+  // A session names images by the camera's frame numbers, which have gaps on a slow machine. A
+  // replay numbers them consecutively, so images are matched by their timestamps.
   const auto listed = list_frames(folder.path() / "session");
   ASSERT_TRUE(listed) << listed.error().message;
   // The block moves only at the end.

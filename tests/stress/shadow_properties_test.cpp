@@ -536,7 +536,7 @@ RC_GTEST_PROP(GeneratedKernels, RotateWithBody, ()) {
   for (const glm::vec3& p : mesh.positions)
     size = std::max(size, (exact(p) - exact(mesh.positions[0])).norm());
   // A raster is aligned with an edge of at least 1 % of a part's size, so its direction is accurate
-  // to some hundred roundings.
+  // to some hundred rounding errors.
   const double allowed = 1e-5 * size;
   const auto off = [&](const ShadowKernels& before, std::size_t i) {
     const Eigen::Vector3d d = exact(after.kernels[i]) - R * exact(before.kernels[i]);
@@ -738,10 +738,10 @@ Surface split(const ShadowMesh& mesh, float parts) {
   return Surface(make_shadow_mesh(model));
 }
 
-// Area that a layer covers beyond the image of the surface itself, in which each point has its own
-// kernel. Coarse faces whose vertices have different kernels add this area, twisted or not
-// (docs/shadows.md#fold-overs (3)). The measure holds for growing layers only: the image of a
-// shrinking layer has gaps where kernels change, which faces close.
+// Fraction of a layer's area that lies outside the exact layer, in which each surface point has its
+// own kernel. Coarse faces whose vertices have different kernels cause it, twisted or not
+// (docs/shadows.md#fold-overs (3)). Valid for growing layers only: an exact shrinking layer has
+// gaps where kernels change, and coarse faces close these gaps.
 double spill(const Surface& coarse, const Surface& fine, double s) {
   const auto coarse_image = coarse.image(s);
   const auto fine_image = fine.image(s);
@@ -770,7 +770,7 @@ double spill(const Surface& coarse, const Surface& fine, double s) {
   };
   test::Mask layer = empty;
   cover(layer, coarse.mesh, coarse_image, kInfinity);
-  // In the fine surface, faces that a change of kernel stretches are not part of the image.
+  // Fine faces that are stretched by a change of kernel are not part of the exact layer.
   test::Mask reference = empty;
   cover(reference, fine.mesh, fine_image, 4.0 * empty.pixel);
   for (const Eigen::Vector2d& p : fine_image) {

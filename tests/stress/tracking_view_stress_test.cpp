@@ -43,8 +43,8 @@ double error_px(const Session& session, const PoseEstimate& pose, int frame) {
   return overlay_difference(session.camera, pose.T_table_camera, session.truth(frame)).rms_px();
 }
 
-// From one frame to the next, exposure or lamp change the light by a factor of up to ten or down to
-// 1/10, while the hand moves.
+// Between frames, the exposure or a lamp changes the brightness by a factor of up to 10, while the
+// camera moves.
 TEST(TrackingStress, TracksThroughExposureJumps) {
   constexpr std::array<double, 12> kGains = {1.0, 0.3, 1.0,  0.15, 1.2, 0.12,
                                              1.2, 2.5, 0.25, 0.25, 1.0, 0.1};
@@ -263,8 +263,8 @@ TEST(TrackingStress, TracksDegradingConditionsToExpectedLimits) {
     const int steps = nightly() ? 60 : 30;
     double reached = condition.from;
     for (int f = 0; f <= steps; ++f) {
-      // With `inverse`, the reciprocal changes evenly: for a tag's size in the image, the
-      // reciprocal is proportional to the distance.
+      // With `inverse`, the reciprocal changes linearly. The reciprocal of a tag's size in the
+      // image is proportional to its distance.
       const double share = static_cast<double>(f) / steps;
       const double value =
           condition.inverse

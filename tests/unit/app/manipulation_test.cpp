@@ -136,7 +136,7 @@ TEST_F(Manipulation, KeepsObjectsAboveTable) {
   ASSERT_TRUE(hands.take(scene(), state(), pointer_at(front), DragMode::lift));
   const auto moved = hands.drag(pointer_at(front - Eigen::Vector3d(0.0, 0.0, 0.24)));
   ASSERT_TRUE(moved);
-  EXPECT_NEAR(moved->placement.position.z(), 0.05, 1e-7) << "it stands on the table";
+  EXPECT_NEAR(moved->placement.position.z(), 0.05, 1e-7) << "the object must stop on the table";
 }
 
 TEST_F(Manipulation, LiftsByUpwardDragWhenSeenFromAbove) {

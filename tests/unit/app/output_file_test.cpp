@@ -159,7 +159,7 @@ TEST(OutputFile, WritesToNamedPipe) {
 TEST(OutputFile, WaitsForPipeReaderAtFirstByte) {
   const test::TemporaryFolder folder;
   ASSERT_EQ(mkfifo((folder.path() / "pipe").c_str(), 0600), 0);
-  // Neither create() blocks, so a reader may open the two pipes in sequence.
+  // create() does not wait for a reader, so a reader may open both pipes in sequence.
   EXPECT_TRUE(OutputFile::create(folder.path() / "pipe"));
   EXPECT_TRUE(OutputFile::create(folder.path() / "pipe"));
 }

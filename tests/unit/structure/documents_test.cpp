@@ -48,7 +48,7 @@ std::set<std::string> words_in_code(const std::string& document) {
   return words;
 }
 
-// Returns those of `keys` that do not occur in the document's `code` spans.
+// Returns the keys that do not occur in the document's `code` spans.
 std::set<std::string> keys_missing_in(const char* document, const std::set<std::string>& keys) {
   const std::set<std::string> words =
       words_in_code(text_of_file(test::source_dir() / "docs" / document));
@@ -125,7 +125,7 @@ std::set<std::string> keys_of(const KeySource& source) {
 }
 
 TEST(Documents, DescribeEveryReportKey) {
-  // These words belong to tables for people.
+  // Words of printed tables, which the expressions match too.
   const std::set<std::string> no_keys = {"error", "s"};
   for (const KeySource& source : kKeySources) {
     std::set<std::string> keys = keys_of(source);
