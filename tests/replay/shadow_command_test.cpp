@@ -377,7 +377,7 @@ TEST_F(ShadowCommand, WarnsOfObjectAboveWorkspace) {
             std::string("0 0 ") + height + " 0 0 0 1"});
     return last_warnings_;
   };
-  EXPECT_EQ(at("0.2"), "") << "its top is at the workspace's";
+  EXPECT_EQ(at("0.2"), "") << "a top at the workspace height needs no warning";
   EXPECT_THAT(at("0.25"), HasSubstr("--workspace-height 0.3"));
   // If the light is no larger than the object, an umbra exists at every height.
   const ProgramResult table = penumbra({"shadow", file("square.obj"), "--light-ratio", "0.5"});
@@ -678,7 +678,7 @@ TEST_F(ShadowCommand, KeepsStoredGroupsAndKindForOtherTilts) {
   EXPECT_EQ(kept["kernels"]["source"], "auto");
   EXPECT_EQ(kept["layers"], whole["layers"]);
   EXPECT_EQ(tilted({file("kept.glb"), "--group", "left"})["layers"], loose["layers"])
-      << "named groups replace the stored ones";
+      << "--group must replace the stored groups";
   // Storing without --group removes the groups.
   ASSERT_EQ(penumbra({"kernels", file("kept.glb"), "--output", file("kept.glb")}).exit_code, 0);
   EXPECT_EQ(tilted({file("kept.glb")})["layers"], loose["layers"]);

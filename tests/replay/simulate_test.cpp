@@ -127,7 +127,8 @@ TEST_F(SimulateCommand, AddsIndependentNoiseOfRequestedSigma) {
   write_path(2, 0.0);
   ASSERT_EQ(run("quiet").exit_code, 0);
   ASSERT_EQ(run("loud", {"--noise", "5"}).exit_code, 0);
-  EXPECT_EQ(pixels("quiet", 0), pixels("quiet", 1)) << "the camera stands still";
+  EXPECT_EQ(pixels("quiet", 0), pixels("quiet", 1))
+      << "without noise, frames of a camera at rest must be equal";
   const auto sigma = [](const std::vector<std::uint8_t>& a, const std::vector<std::uint8_t>& b) {
     double sum = 0.0;
     for (std::size_t i = 0; i < a.size(); ++i) sum += std::pow(double{1} * a[i] - b[i], 2);

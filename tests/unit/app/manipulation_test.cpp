@@ -66,8 +66,10 @@ TEST_F(Manipulation, PicksNearestSurface) {
   ASSERT_TRUE(picked);
   EXPECT_EQ(picked->object, cube);
   EXPECT_NEAR(picked->distance, 1.0 + 0.02 - 0.05, 1e-7);
-  EXPECT_FALSE(pick(scene(), state(), {{0.05, -1.0, 0.25}, Eigen::Vector3d(0, -1, 0)})) << "behind";
-  EXPECT_FALSE(pick(scene(), state(), {{2.0, -1.0, 0.25}, Eigen::Vector3d(0, 1, 0)})) << "beside";
+  EXPECT_FALSE(pick(scene(), state(), {{0.05, -1.0, 0.25}, Eigen::Vector3d(0, -1, 0)}))
+      << "the cube is behind the ray";
+  EXPECT_FALSE(pick(scene(), state(), {{2.0, -1.0, 0.25}, Eigen::Vector3d(0, 1, 0)}))
+      << "the ray passes beside the cube";
 }
 
 TEST_F(Manipulation, PicksScaledAndRotatedObjects) {
@@ -223,7 +225,7 @@ TEST_F(Manipulation, PutsSelectedObjectOnTable) {
 
 TEST_F(Manipulation, PlacesCursorUnderPointer) {
   const PointerView target = pointer_at({-0.1, -0.15, 0.25});
-  EXPECT_FALSE(cursor_at(scene(), state(), target, 0.0)) << "the scene has none";
+  EXPECT_FALSE(cursor_at(scene(), state(), target, 0.0)) << "the scene has no cursor";
   builder.scene().objects[static_cast<std::size_t>(cube)].cursor = true;
   const auto moved = cursor_at(scene(), state(), target, 0.0);
   ASSERT_TRUE(moved);
@@ -240,7 +242,7 @@ TEST_F(Manipulation, PlacesCursorUnderPointer) {
   EXPECT_NEAR(lowered->placement.position.z(), 0.25 - lowest, 1e-9);
   PointerView up = target;
   up.ray.direction = Eigen::Vector3d(0.0, 0.8, 0.6);
-  EXPECT_FALSE(cursor_at(scene(), state(), up, 0.0)) << "past the horizon";
+  EXPECT_FALSE(cursor_at(scene(), state(), up, 0.0)) << "the pointer is above the horizon";
   EXPECT_FALSE(cursor_at(scene(), state(), target, std::numeric_limits<double>::quiet_NaN()));
 }
 

@@ -173,7 +173,7 @@ TEST(PoseWriter, StreamsPosesToPipe) {
   auto writer = PoseWriter::create(pipe, false);
   ASSERT_TRUE(writer) << writer.error().message;
   std::array<char, 4096> block{};
-  EXPECT_GT(read(reader, block.data(), block.size()), 0) << "the header";
+  EXPECT_GT(read(reader, block.data(), block.size()), 0) << "the header must arrive first";
   PoseEstimate pose;
   pose.status = TrackStatus::tracked;
   ASSERT_TRUE(writer->write(1'000'000'000, pose));

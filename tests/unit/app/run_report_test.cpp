@@ -300,7 +300,7 @@ TEST(RunReport, CountsReasonsOfUntrackedFrames) {
   for (int i = 0; i < 1000; ++i) {
     add(TrackStatus::lost, std::string(static_cast<std::size_t>(i) + 1, 'x').c_str());
   }
-  EXPECT_LE(run.report().reasons.size(), 65U) << "memory is bounded";
+  EXPECT_LE(run.report().reasons.size(), 65U) << "the number of reasons must be bounded";
 }
 
 TEST(RunReport, SuggestsCameraFileWhenTagsFitNoPose) {

@@ -198,7 +198,7 @@ TEST(Viewer, ExecutesCommandsOfKeys) {
   EXPECT_FALSE(window.full_screen) << "F11";
   const auto last = [&] { return std::get<ShadowStyled>(host.edits.back()); };
   EXPECT_TRUE(viewer.show(interrupt));
-  ASSERT_EQ(host.edits.size(), 2U) << "both nodes";
+  ASSERT_EQ(host.edits.size(), 2U) << "the key must change both nodes";
   EXPECT_EQ(last().node, "two");
   EXPECT_EQ(last().style.technique, techniques_by_key()[2]);
   EXPECT_TRUE(viewer.show(interrupt));
@@ -341,7 +341,7 @@ TEST(Viewer, MovesCursorWithPointerOnlyWhenEnabled) {
       places.push_back(std::get<ObjectPlaced>(edit).placement.position);
     return places;
   };
-  EXPECT_TRUE(edits({key('K'), move}).empty()) << "the scene has none";
+  EXPECT_TRUE(edits({key('K'), move}).empty()) << "the scene has no cursor";
   scene.objects[0].cursor = true;
   EXPECT_TRUE(edits({move, wheel}).empty());
   EXPECT_TRUE(edits({key('K'), key('K'), move}).empty());
