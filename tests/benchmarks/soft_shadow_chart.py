@@ -13,7 +13,7 @@ STEPS = [step * 10.0 ** power for power in range(-2, 4) for step in (1.0, 3.0)]
 
 
 def measured():
-    """shape -> [(technique, instructions [M], error [codes])]."""
+    """shape -> [(technique, instructions [M], RMS error [grey levels])]."""
     line = re.compile(r"^\| (\w+) \| ([\w-]+) \| ([\d.]+) \| [\d.]+ \| ([\d.]+) \| [\d.]+ \| [-+][\d.]+ % \| [-+][\d.]+ % \|$")
     shapes = {}
     for text in (PAGES / "instructions.md").read_text().splitlines():
@@ -53,5 +53,5 @@ def draw(file):
                       [((1.0 - share(step, errors)) * PANEL_H, f"{step:g}") for step in errors], colour_of)
     file.write_text(picture(LEFT + len(shapes) * (PANEL_W + GAP) - GAP + 60, TOP + PANEL_H + 66, LEFT, "Soft shadows: run time against error",
                             "moving, on one rectangle of the table at 1280 x 720, against an area light's; lower is closer, further left is "
-                            "faster", body, "instructions that the shadow takes of a frame (software OpenGL)", "error [codes rms]",
+                            "faster", body, "instructions that the shadow takes of a frame (software OpenGL)", "RMS error [grey levels]",
                             TOP + PANEL_H / 2))

@@ -455,7 +455,7 @@ TEST(GoldenComparison, AcceptsTwoGreyLevelsAndOneOutlierInTenThousand) {
   EXPECT_TRUE(compare(a, b).exact);
   for (std::size_t i = 0; i < b.pixels.size(); i += 4) b.pixels[i] = 102;
   EXPECT_FALSE(compare(a, b).exact);
-  EXPECT_TRUE(compare(a, b).acceptable()) << "2 codes everywhere";
+  EXPECT_TRUE(compare(a, b).acceptable()) << "2 grey levels everywhere";
   b.pixels[0] = 200;
   EXPECT_TRUE(compare(a, b).acceptable()) << "1 of 10 000 pixels";
   b.pixels[4] = 103;

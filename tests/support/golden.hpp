@@ -31,7 +31,7 @@ struct ImageDifference {
   std::size_t over_tolerance = 0;  // pixels that differ by more than 2 grey levels in any channel
   int largest = 0;                 // largest difference [grey levels]
 
-  static constexpr int kToleranceCodes = 2;
+  static constexpr int kToleranceGreyLevels = 2;
   // 0.01 % of the pixels, rounded down.
   [[nodiscard]] bool acceptable() const { return same_size && over_tolerance * 10'000 <= pixels; }
   [[nodiscard]] bool acceptable_elsewhere() const {
@@ -47,13 +47,13 @@ inline ImageDifference compare(const RgbaImage& actual, const RgbaImage& golden)
   if (!d.same_size) return d;
   d.pixels = actual.pixels.size() / 4;
   for (std::size_t i = 0; i < actual.pixels.size(); i += 4) {
-    int most = 0;
+    int difference = 0;
     for (std::size_t c = 0; c < 3; ++c) {
-      most = std::max(most, std::abs(static_cast<int>(actual.pixels[i + c]) -
-                                     static_cast<int>(golden.pixels[i + c])));
+      difference = std::max(difference, std::abs(static_cast<int>(actual.pixels[i + c]) -
+                                                 static_cast<int>(golden.pixels[i + c])));
     }
-    d.largest = std::max(d.largest, most);
-    if (most > ImageDifference::kToleranceCodes) ++d.over_tolerance;
+    d.largest = std::max(d.largest, difference);
+    if (difference > ImageDifference::kToleranceGreyLevels) ++d.over_tolerance;
   }
   d.exact = d.largest == 0;
   return d;
@@ -113,8 +113,8 @@ inline testing::AssertionResult matches_golden(const std::string& name, const Rg
   write_failure(name, actual, *golden);
   return testing::AssertionFailure()
          << name << ": " << d.over_tolerance << " of " << d.pixels << " px differ by more than "
-         << ImageDifference::kToleranceCodes << " codes, the largest by " << d.largest << "; see "
-         << golden_output_dir();
+         << ImageDifference::kToleranceGreyLevels << " grey levels, the largest by " << d.largest
+         << "; see " << golden_output_dir();
 }
 
 }  // namespace penumbra::test

@@ -199,8 +199,9 @@ TEST(Multisampling, DrawsFewFacesDirectly) {
   const double directly = error(4, LayerDrawing::direct);
   const double mask = error(4, LayerDrawing::mask);
   const double plain = error(0, LayerDrawing::direct);
-  std::printf("edge error [codes RMS]: directly with 4 samples %.2f, mask %.2f, directly %.2f\n",
-              directly, mask, plain);
+  std::printf(
+      "edge error [grey levels RMS]: directly with 4 samples %.2f, mask %.2f, directly %.2f\n",
+      directly, mask, plain);
   EXPECT_LT(directly, 6.0);
   EXPECT_LT(mask, 6.0);
   EXPECT_GT(plain, 12.0);

@@ -379,9 +379,9 @@ TEST_P(PhantomShadow, HasSmoothEdges) {
       const RenderedImage fine = draw(4, LayerDrawing::direct);
       for (const LayerDrawing layers : {LayerDrawing::direct, LayerDrawing::mask}) {
         const test::EdgeError error = test::edge_error(draw(1, layers), fine, 4);
-        std::printf("%s, %s, %s, %d casters: %.2f codes RMS over %d pixels\n", GetParam().name,
-                    layers == LayerDrawing::direct ? "drawn" : "covered", name, count, error.rms,
-                    error.edges);
+        std::printf("%s, %s, %s, %d casters: %.2f grey levels RMS over %d pixels\n",
+                    GetParam().name, layers == LayerDrawing::direct ? "drawn" : "covered", name,
+                    count, error.rms, error.edges);
         EXPECT_GT(error.edges, 200);
         EXPECT_LE(error.rms, layers == LayerDrawing::mask ? 6.0 : GetParam().drawn_edge_error);
         EXPECT_LE(error.largest_elsewhere, 1);
@@ -418,8 +418,8 @@ TEST(PhantomShadow, CoversShadowOfLargeCaster) {
           test::edge_error(draw(coarse, 1, LayerDrawing::mask), reference, 4);
       EXPECT_EQ(coarse.stats()[Counter::masks_drawn], 1);
       EXPECT_LT(coarse.stats()[Counter::draw_calls], calls) << "layers are not drawn";
-      std::printf("beam of %.1f m: covered %.2f, drawn %.2f codes RMS over %d pixels\n", length,
-                  covered.rms, drawn.rms, covered.edges);
+      std::printf("beam of %.1f m: covered %.2f, drawn %.2f grey levels RMS over %d pixels\n",
+                  length, covered.rms, drawn.rms, covered.edges);
       EXPECT_GT(covered.edges, 100);
       EXPECT_LE(covered.rms, 6.0);
       EXPECT_LE(covered.largest_elsewhere, 1);
@@ -476,8 +476,8 @@ TEST(PhantomShadow, HasSmoothEdgesOnSlope) {
         ++edges;
       }
     }
-    std::printf("slope, %d casters: %.2f codes RMS over %d pixels\n", count, std::sqrt(sum / edges),
-                edges);
+    std::printf("slope, %d casters: %.2f grey levels RMS over %d pixels\n", count,
+                std::sqrt(sum / edges), edges);
     EXPECT_GT(edges, 100);
     EXPECT_LE(std::sqrt(sum / edges), 6.0);
   }

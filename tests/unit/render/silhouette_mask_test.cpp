@@ -867,7 +867,7 @@ TEST_F(DrawnMask, SmoothsEdgesOnly) {
     EXPECT_EQ(coarse.stats()[Counter::layer_masks_drawn], 1);
     const EdgeError direct = edge_error(shadows(coarse, by(LayerDrawing::direct)), reference, 4);
     EXPECT_EQ(coarse.stats()[Counter::layer_masks_drawn], 0);
-    std::printf("edge error [codes RMS]: mask %.2f, direct %.2f, over %d pixels\n", mask.rms,
+    std::printf("edge error [grey levels RMS]: mask %.2f, direct %.2f, over %d pixels\n", mask.rms,
                 direct.rms, mask.edges);
     EXPECT_GT(mask.edges, 500);
     EXPECT_LT(mask.rms, 6.0);
@@ -1145,8 +1145,8 @@ TEST_F(MaskByFaces, SmoothsEdgesOnly) {
     EXPECT_EQ(coarse.stats()[Counter::layer_masks_drawn], 1);
     const EdgeError direct = edge_error(shadows(coarse, by(LayerDrawing::direct)), reference, 4);
     EXPECT_EQ(coarse.stats()[Counter::layer_masks_drawn], 0);
-    std::printf("%s: edge error [codes RMS]: mask %.2f, direct %.2f, over %d pixels\n", c.what,
-                mask.rms, direct.rms, mask.edges);
+    std::printf("%s: edge error [grey levels RMS]: mask %.2f, direct %.2f, over %d pixels\n",
+                c.what, mask.rms, direct.rms, mask.edges);
     EXPECT_GT(mask.edges, 300);
     EXPECT_LT(mask.rms, c.most * direct.rms);
     EXPECT_LE(mask.largest_elsewhere, 1);
@@ -1267,8 +1267,8 @@ TEST_F(DrawnMask, SupportsEveryTechnique) {
     const RenderedImage direct = shadows(coarse, by(LayerDrawing::direct));
     EXPECT_EQ(coarse.stats()[Counter::layer_masks_drawn], 0);
     const EdgeError drawn = edge_error(direct, reference, 4);
-    std::printf("%s: edge error [codes RMS]: mask %.2f, direct %.2f, over %d pixels\n", c.what,
-                error.rms, drawn.rms, error.edges);
+    std::printf("%s: edge error [grey levels RMS]: mask %.2f, direct %.2f, over %d pixels\n",
+                c.what, error.rms, drawn.rms, error.edges);
     EXPECT_GT(error.edges, 500);
     EXPECT_LT(error.rms, c.most);
     EXPECT_GT(drawn.rms, 1.5 * error.rms);
@@ -1491,8 +1491,8 @@ TEST_F(LargeMask, SmoothsEdgesOnly) {
     const RenderedImage mask = drawn(coarse, c.from, by(LayerDrawing::mask));
     const EdgeError error = edge_error(mask, drawn(fine, c.from, by(LayerDrawing::direct)), 4);
     EXPECT_GE(coarse.stats()[Counter::layer_masks_drawn], 1);
-    std::printf("%s: edge error %.2f codes RMS over %d pixels, elsewhere %d at most\n", c.what,
-                error.rms, error.edges, error.largest_elsewhere);
+    std::printf("%s: edge error %.2f grey levels RMS over %d pixels, elsewhere %d at most\n",
+                c.what, error.rms, error.edges, error.largest_elsewhere);
     EXPECT_GT(error.edges, 1500);
     EXPECT_LE(error.rms, 6.0);
     EXPECT_LE(error.largest_elsewhere, 1);

@@ -143,7 +143,7 @@ bool all_black_of_are_black_in(const RenderedImage& lighter, const RenderedImage
 }
 // Difference allowed between two shader programs: a GPU may round differently, software OpenGL does
 // not.
-int rounding_codes(Studio& studio) {
+int rounding_grey_levels(Studio& studio) {
   return studio.context().info().software ? 0 : 1;
 }
 
@@ -325,7 +325,7 @@ TEST(Retexture, MatchesBlending) {
             };
             // Blending rounds a faint object in a shadow twice.
             EXPECT_LE(largest_difference(draw(Translucency::blend), draw(Translucency::retexture)),
-                      rounding_codes(studio) + (age_s > 0.0 ? 2 : 1))
+                      rounding_grey_levels(studio) + (age_s > 0.0 ? 2 : 1))
                 << name << " " << age_s;
           }
         }
@@ -391,7 +391,7 @@ TEST(Retexture, BlendsFaintRaysOnce) {
   }
   // A GPU may resolve the depth test differently where a ray and an object have almost the same
   // depth.
-  EXPECT_LE(wrong, 3 * rounding_codes(studio));
+  EXPECT_LE(wrong, 3 * rounding_grey_levels(studio));
   EXPECT_GT(rays, 500);
 }
 
@@ -407,7 +407,7 @@ TEST(Retexture, FetchesEveryVideoFormat) {
       };
       const RenderedImage blended = draw(Translucency::blend);
       EXPECT_LE(largest_difference(blended, draw(Translucency::retexture)),
-                1 + rounding_codes(studio));
+                1 + rounding_grey_levels(studio));
       EXPECT_GT(largest_difference(blended, studio.draw(frame, FramePlan())), 40);
     }
   }
@@ -539,7 +539,7 @@ TEST(Translucency, DrawsSameFrameWhenSkippingInvisibleParts) {
         skipped += plan.skipped.size();
         const RenderedImage skipping = with.draw(frame, plan);
         const RenderedImage whole = without.draw(frame, without.plan(test::tracked(view), all));
-        ASSERT_LE(largest_difference(skipping, whole), rounding_codes(with))
+        ASSERT_LE(largest_difference(skipping, whole), rounding_grey_levels(with))
             << to_string(mode) << " " << name << " " << view.translation().transpose();
       }
     }
