@@ -12,7 +12,7 @@
 #include "render/shadow/kernels/twist.hpp"
 #include "render/shadow/layers/layer_polygons.hpp"
 #include "render/shadow/projected/projected_shadow.hpp"
-#include "support/kernel_reach.hpp"
+#include "support/kernel_distances.hpp"
 #include "support/shadow_cases.hpp"
 #include "support/shapes.hpp"
 

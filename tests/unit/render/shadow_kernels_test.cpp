@@ -9,7 +9,7 @@
 #include <random>
 
 #include "render/shadow/kernels/footprint.hpp"
-#include "support/kernel_reach.hpp"
+#include "support/kernel_distances.hpp"
 #include "support/shapes.hpp"
 
 namespace penumbra {

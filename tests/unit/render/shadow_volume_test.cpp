@@ -14,7 +14,7 @@
 
 #include "render/camera_gl.hpp"
 #include "render/model/model.hpp"
-#include "support/beside_no_edge.hpp"
+#include "support/interior_pixels.hpp"
 #include "support/paths.hpp"
 #include "support/shadow_cases.hpp"
 #include "support/shapes.hpp"

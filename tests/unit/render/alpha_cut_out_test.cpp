@@ -58,14 +58,14 @@ double area_seen(const Model& model) {
   return area_of(make_shadow_mesh(model, {}, CutOuts::visible_regions));
 }
 
-TEST(CutOut, CastsShadowOfVisibleHalfOfFace) {
+TEST(AlphaCutOut, CastsShadowOfVisibleHalfOfFace) {
   const Model model = textured_square(64, [](int x, int) { return x < 32 ? 255 : 0; });
   EXPECT_TRUE(has_cut_outs(model));
   EXPECT_NEAR(area_seen(model), 0.005, 0.005 * 1e-4);
   EXPECT_NEAR(area_of(make_shadow_mesh(model)), 0.01, 1e-9);
 }
 
-TEST(CutOut, FollowsCurvedOutline) {
+TEST(AlphaCutOut, FollowsCurvedOutline) {
   const Model model = textured_square(256, [](int x, int y) {
     const double r = std::hypot(x - 127.5, y - 127.5);
     return static_cast<int>(std::lround(255.0 * std::clamp(100.0 - r + 0.5, 0.0, 1.0)));
@@ -74,7 +74,7 @@ TEST(CutOut, FollowsCurvedOutline) {
   EXPECT_NEAR(area_seen(model), expected, 3e-3 * expected);
 }
 
-TEST(CutOut, KeepsPiecesOfFaceInOneComponent) {
+TEST(AlphaCutOut, KeepsPiecesOfFaceInOneComponent) {
   const Model model = textured_square(64, [](int x, int) { return x < 16 || x >= 48 ? 255 : 0; });
   const ShadowMesh mesh = make_shadow_mesh(model, {}, CutOuts::visible_regions);
   ASSERT_FALSE(mesh.indices.empty());
@@ -84,21 +84,21 @@ TEST(CutOut, KeepsPiecesOfFaceInOneComponent) {
   EXPECT_NEAR(area_of(mesh), 0.005, 1e-5);
 }
 
-TEST(CutOut, CastsNoShadowForTransparentTexture) {
+TEST(AlphaCutOut, CastsNoShadowForTransparentTexture) {
   const Model model = textured_square(8, [](int, int) { return 100; });
   EXPECT_TRUE(make_shadow_mesh(model).indices.empty());
   EXPECT_EQ(area_seen(model), 0.0);
   EXPECT_FALSE(has_cut_outs(model));
 }
 
-TEST(CutOut, IgnoresAlphaOfOpaqueMaterial) {
+TEST(AlphaCutOut, IgnoresAlphaOfOpaqueMaterial) {
   Model model = textured_square(8, [](int, int) { return 0; });
   model.materials[0].alpha_mode = AlphaMode::opaque;
   EXPECT_NEAR(area_of(make_shadow_mesh(model)), 0.01, 1e-9);
   EXPECT_FALSE(has_cut_outs(model));
 }
 
-TEST(CutOut, CastsShadowOfBlendedFaceUnlessInvisible) {
+TEST(AlphaCutOut, CastsShadowOfBlendedFaceUnlessInvisible) {
   Model model = textured_square(8, [](int, int) { return 1; });
   model.materials[0].alpha_mode = AlphaMode::blend;
   EXPECT_NEAR(area_of(make_shadow_mesh(model)), 0.01, 1e-9);
@@ -106,7 +106,7 @@ TEST(CutOut, CastsShadowOfBlendedFaceUnlessInvisible) {
   EXPECT_TRUE(make_shadow_mesh(model).indices.empty());
 }
 
-TEST(CutOut, AppliesVertexColours) {
+TEST(AlphaCutOut, AppliesVertexColours) {
   Model model = textured_square(8, [](int, int) { return 255; });
   model.meshes[0].colors = {{1, 1, 1, 1}, {1, 1, 1, 0}, {1, 1, 1, 0}, {1, 1, 1, 1}};
   EXPECT_NEAR(area_seen(model), 0.005, 1e-6);
@@ -114,7 +114,7 @@ TEST(CutOut, AppliesVertexColours) {
   EXPECT_TRUE(make_shadow_mesh(model).indices.empty());
 }
 
-TEST(CutOut, ClipsRepeatedTextureEverywhere) {
+TEST(AlphaCutOut, ClipsRepeatedTextureEverywhere) {
   for (const TextureWrap wrap : {TextureWrap::repeat, TextureWrap::mirrored}) {
     Model model = textured_square(16, [](int x, int) { return x >= 4 && x < 12 ? 255 : 0; });
     model.materials[0].base_color_texture.sampling.wrap_s = wrap;
@@ -123,13 +123,13 @@ TEST(CutOut, ClipsRepeatedTextureEverywhere) {
   }
 }
 
-TEST(CutOut, ClipsNearestTexelsAtTheirBorders) {
+TEST(AlphaCutOut, ClipsNearestTexelsAtTheirBorders) {
   Model model = textured_square(4, [](int x, int y) { return (x + y) % 2 == 0 ? 255 : 0; });
   model.materials[0].base_color_texture.sampling.smooth_near = false;
   EXPECT_NEAR(area_seen(model), 0.005, 2e-4);
 }
 
-TEST(CutOut, KeepsTrianglesWithinBudget) {
+TEST(AlphaCutOut, KeepsTrianglesWithinBudget) {
   Model model =
       textured_square(512, [](int x, int y) { return (x / 3 + y / 5) % 2 == 0 ? 255 : 0; });
   Mesh& mesh = model.meshes[0];
@@ -140,7 +140,7 @@ TEST(CutOut, KeepsTrianglesWithinBudget) {
   EXPECT_FALSE(seen.indices.empty());
 }
 
-TEST(CutOut, AcceptsExtremeTextureCoordinates) {
+TEST(AlphaCutOut, AcceptsExtremeTextureCoordinates) {
   Model model = textured_square(3, [](int x, int y) { return 85 * ((x + y) % 4); });
   for (const float far : {1e6F, -1e6F}) {
     model.meshes[0].texcoords = {{far, 0}, {-far, far}, {0, far}, {far, far}};
@@ -155,7 +155,7 @@ TEST(CutOut, AcceptsExtremeTextureCoordinates) {
   }
 }
 
-TEST(CutOut, MatchesVisibleAreaInSharedCases) {
+TEST(AlphaCutOut, MatchesVisibleAreaInSharedCases) {
   const auto shared = test::shared_dir();
   if (shared.empty()) GTEST_SKIP() << "no shared data beside the checkout";
   const auto folder = shared / "cases" / "gltf-cut-out-casts-all";

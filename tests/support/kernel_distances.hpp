@@ -99,8 +99,8 @@ inline std::vector<KernelDistance> kernel_distances(const ShadowMesh& mesh,
 
 // Upper bound of |x - k|: 1.5 r plus one cell (docs/shadows.md#kernels, rule 5). The raster
 // determines r to one cell.
-inline double max_allowed_distance(const KernelDistance& reach) {
-  return 1.5 * (reach.inside + reach.cell) + reach.cell;
+inline double max_allowed_distance(const KernelDistance& kernel) {
+  return 1.5 * (kernel.inside + kernel.cell) + kernel.cell;
 }
 
 }  // namespace penumbra::test
