@@ -1,4 +1,4 @@
-// The shadows of faces that are fully or partly transparent.
+// Shadows of faces that are partly or fully transparent (cut-outs).
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 

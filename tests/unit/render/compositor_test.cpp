@@ -94,7 +94,7 @@ TEST(Compositor, CountsPassesAndDrawCallsSeparately) {
   Studio studio(builder.build(), test::camera_of(160, 120, 150.0));
   const Frame frame = test::plain_frame(160, 120, 90);
   studio.draw(frame, FramePlan());
-  EXPECT_EQ(studio.stats()[Counter::passes_drawn], 1) << "the video";
+  EXPECT_EQ(studio.stats()[Counter::passes_drawn], 1) << "video only";
   EXPECT_EQ(studio.stats()[Counter::draw_calls], 1);
 
   FramePlan plan = studio.plan(test::tracked(test::look_at({0.0, -0.4, 0.5}, {0.0, 0.0, 0.0})));
@@ -105,13 +105,13 @@ TEST(Compositor, CountsPassesAndDrawCallsSeparately) {
   part.objects.clear();
   part.shadows.clear();
   studio.draw(frame, part);
-  EXPECT_EQ(studio.stats()[Counter::passes_drawn], 1) << "the video";
+  EXPECT_EQ(studio.stats()[Counter::passes_drawn], 1) << "video only";
   part.objects = plan.objects;
   studio.draw(frame, part);
-  EXPECT_EQ(studio.stats()[Counter::passes_drawn], 2) << "and the objects";
-  EXPECT_EQ(studio.stats()[Counter::draw_calls], 3) << "of which there are two";
+  EXPECT_EQ(studio.stats()[Counter::passes_drawn], 2) << "video and objects";
+  EXPECT_EQ(studio.stats()[Counter::draw_calls], 3) << "video and two objects";
   studio.draw(frame, plan);
-  EXPECT_EQ(studio.stats()[Counter::passes_drawn], 3) << "and their shadows";
+  EXPECT_EQ(studio.stats()[Counter::passes_drawn], 3) << "video, objects and shadows";
   EXPECT_GT(studio.stats()[Counter::draw_calls], 3);
   part.phantoms = plan.objects;
   studio.draw(frame, part);
@@ -206,16 +206,16 @@ std::vector<CameraPose> views() {
     // The targets vary, so that objects and shadows leave the view on all sides.
     poses.push_back(test::look_at(eye, {0.3 * std::sin(2.1 * i), 0.3 * std::cos(1.3 * i), 0.02}));
   }
-  poses.push_back(test::look_at({0.06, 0.01, 0.1}, {0.3, 0.1, 0.05}));  // among the objects
+  poses.push_back(test::look_at({0.06, 0.01, 0.1}, {0.3, 0.1, 0.05}));  // between the objects
   poses.push_back(test::look_at({0.3, 0.3, -0.2}, {0.0, 0.0, 0.1}));    // from under the table
-  poses.push_back(test::look_at({0.3, 0.3, 0.2}, {0.6, 0.6, 0.1}));     // away from everything
+  poses.push_back(test::look_at({0.3, 0.3, 0.2}, {0.6, 0.6, 0.1}));     // no object in view
   return poses;
 }
 
 const std::array<double, 8> kBent = {-0.28, 0.09, 0.0012, -0.0009, -0.006};
 
-// The nightly form draws all views for each technique, the short form a third of them, which
-// differs from technique to technique.
+// The nightly form draws all views for each technique. The short form draws a third of them, a
+// different third for each technique.
 std::vector<CameraPose> views_of(ShadowTechnique technique) {
   const std::vector<CameraPose> all = views();
   if (test::nightly()) return all;
@@ -404,7 +404,7 @@ TEST(Compositor, DetectsDriverReset) {
   for (const GlApi api : {GlApi::gl33, GlApi::gles30}) {
     const auto context = create_offscreen_context(api);
     ASSERT_TRUE(context);
-    EXPECT_TRUE((*context)->info().reports_resets) << "Mesa's software rasterisers do";
+    EXPECT_TRUE((*context)->info().reports_resets) << "Mesa's software rasterisers report resets";
     SceneBuilder builder;
     const auto camera = test::camera_of(64, 48, 60.0);
     auto compositor = Compositor::create(**context, builder.build(), camera);
@@ -418,7 +418,7 @@ TEST(Compositor, DetectsDriverReset) {
     const auto made = Compositor::create(**context, builder.build(), camera);
     GlInfo silent = (*context)->info();
     silent.reports_resets = false;
-    EXPECT_FALSE(take_gl_error(silent)) << "not asked if the context can't report resets";
+    EXPECT_FALSE(take_gl_error(silent)) << "no query if the context can't report resets";
     driver_was_reset = false;
     epoxy_glGetGraphicsResetStatus = driver_reset_status;
     ASSERT_FALSE(drawn);
@@ -454,8 +454,7 @@ TEST(GlError, DescribesCauseAndRemedy) {
   EXPECT_THAT(gl_error_text(GL_CONTEXT_LOST), testing::HasSubstr("was reset"));
   EXPECT_THAT(gl_error_text(GL_INVALID_OPERATION), testing::HasSubstr("refuses"));
   EXPECT_THAT(gl_error_text(0x9999), testing::HasSubstr("0x9999"));
-  // A context that reports errors without end yields one line, and the program does not wait for
-  // more.
+  // Several pending errors are read by one call, which returns the first error.
   const auto context = create_offscreen_context();
   ASSERT_TRUE(context);
   EXPECT_FALSE(take_gl_error((*context)->info()));

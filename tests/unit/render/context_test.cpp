@@ -1,5 +1,4 @@
-// A driver without reset notification still gives a context. The context reports that it lacks the
-// notification.
+// A context is created even if the driver has no reset notification, and the context reports that.
 #include "render/gl/context.hpp"
 
 #include <epoxy/egl.h>
@@ -41,7 +40,7 @@ TEST(OffscreenContext, IsCreatedWithoutResetNotification) {
     const auto usual = create_offscreen_context(api);
     ASSERT_TRUE(usual) << usual.error().message;
     EXPECT_TRUE((*usual)->info().reports_resets || !(*usual)->info().software)
-        << "Mesa's rasterisers do";
+        << "Mesa's software rasterisers report resets";
     create_context = epoxy_eglCreateContext;
     refused = 0;
     const ReplacedGl refuses(epoxy_eglCreateContext, create_without_notification);
@@ -51,7 +50,7 @@ TEST(OffscreenContext, IsCreatedWithoutResetNotification) {
     EXPECT_FALSE((*context)->info().reports_resets);
     EXPECT_EQ((*context)->info().renderer, (*usual)->info().renderer);
     EXPECT_EQ((*context)->info().version, (*usual)->info().version);
-    // The compositor draws in this context and requests nothing that the driver lacks.
+    // The compositor works in this context, because it requests no function that the driver lacks.
     auto compositor =
         Compositor::create(**context, test::SceneBuilder().build(), test::camera_of(64, 48, 50.0));
     ASSERT_TRUE(compositor) << compositor.error().message;

@@ -58,8 +58,8 @@ TEST(FixedLight, ClipsFacesWhereUmbraEnds) {
   const LayeredConstants constants = make_layered_constants(0.9, 3.0, 0.0).value();
   Square square(0.0F, 1.0F, 1.0F);
   square.vertices[1].h = square.vertices[2].h = 0.6F;  // the umbra ends half-way, at 0.3 m
-  // The umbra is a triangle. It extends from x = -1 (s = 1) to the cut at x = 0, where it has
-  // shrunk to the kernel.
+  // The umbra is a triangle. It extends from x = -1 (s = 1) to the clipped edge at x = 0, where it
+  // has shrunk to the kernel.
   EXPECT_NEAR(square.area(constants, ShadowLayer::umbra), 1.0, 1e-5);
 }
 

@@ -111,7 +111,8 @@ TEST(FramePlan, DropsLayersAboveTheirHeights) {
   high.add(cube(0.02), test::at(0, 0, 0.45));
   EXPECT_THAT(skip_names(plan_of(high, above())), testing::Contains("shadow_above_light"));
 
-  // Each part of a field has its own umbra height, which is evaluated while the field is computed.
+  // In a field, each part has its own umbra height. It is known only when the field is computed, so
+  // the plan keeps all layers.
   PlanOptions field;
   field.technique = ShadowTechnique::field;
   const FramePlan fields = plan_of(builder, above(), field);

@@ -145,7 +145,7 @@ TEST_F(GltfModelFile, LimitsElementsWithoutBufferView) {
   EXPECT_TRUE(with_corners(12)) << error_of(with_corners(12));
   EXPECT_THAT(error_of(with_corners(15)),
               HasSubstr("has no buffer view; the file has more than 40 numbers without data"));
-  // A short file that would need 2 GB of memory.
+  // This short file would need 2 GB of memory.
   file.json["accessors"][1]["count"] = 60'000'000;
   file.json["accessors"][1]["type"] = "VEC4";
   EXPECT_THAT(error_of(loaded(file.gltf())), HasSubstr("has no buffer view"));
@@ -343,8 +343,8 @@ TEST_F(GltfModelFile, LimitsInstancesBeforeCreatingThem) {
 }
 
 TEST_F(GltfModelFile, MatchesAreaOfSharedNodeCases) {
-  // Expected areas are those of shadows. The bodies overlap in projection, so only the front faces
-  // of boxes count.
+  // The expected values are areas of shadows. The bodies overlap in projection, so only the front
+  // faces of boxes are summed.
   for (const auto& [file, area] : std::map<std::string, double>{
            {"gltf-hidden-node/scale0_all.gltf", 0.01},
            {"gltf-hidden-node/scale0_two_axes.gltf", 0.01},

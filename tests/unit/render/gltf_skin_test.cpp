@@ -390,7 +390,7 @@ class RandomSkin {
       }
       positions.push_back(moved);
       const Eigen::Vector3d normal = linear.inverse().transpose() * n;
-      // The normal is not compared where the blended matrix nearly flattens space.
+      // The normal is compared only if the blended matrix does not nearly flatten space.
       const bool sure = std::abs(linear.determinant()) > 1e-3 * std::pow(linear.norm(), 3);
       normals.push_back(sure ? normal.normalized() : Eigen::Vector3d(Eigen::Vector3d::Zero()));
     }

@@ -67,8 +67,8 @@ TEST_P(GpuTime, IsReportedOncePerFrameWithBoundedDelay) {
   EXPECT_EQ(drain(), 0U);
 }
 
-// If the GPU lags far behind, frames that find no free query are not measured. The other frames are
-// reported once.
+// If the GPU lags far behind, no query is free for some frames, and these frames are not measured.
+// Each other frame is reported once.
 TEST_P(GpuTime, ArrivesLateWithoutWaiting) {
   if (!measured()) GTEST_SKIP() << "the driver has no GL_EXT_disjoint_timer_query";
   draw();
@@ -120,11 +120,11 @@ TEST_P(DisjointGpuTime, IsDiscarded) {
   EXPECT_EQ(drain(), 1U);
 }
 
-// A CPU rasteriser draws within a stage that is already timed.
+// On a CPU rasteriser, drawing time is already part of a timed CPU stage.
 TEST_P(GpuTime, IsOffByDefaultOnSoftwareRenderers) {
   test::SceneBuilder empty;
   Studio shown(empty.build(), test::camera_of(64, 48, 50.0), GetParam());
-  if (!shown.context().info().software) GTEST_SKIP() << "a GPU draws";
+  if (!shown.context().info().software) GTEST_SKIP() << "the renderer is a GPU";
   std::size_t reported = 0;
   for (int i = 0; i < 10; ++i) {
     shown.draw(test::plain_frame(64, 48, 90), FramePlan());

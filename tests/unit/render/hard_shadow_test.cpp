@@ -99,8 +99,8 @@ class Blocked {
   std::vector<PlanePoint> triangles_;
 };
 
-// Red value of white video where the given fraction of each light is blocked (never the ambient
-// light), by the formulas of blocked_light.frag.glsl.
+// Red value of white video if the given fraction of each light is blocked. The ambient light is
+// never blocked. Uses the formulas of blocked_light.frag.glsl.
 double expected_red(const Scene& scene, const std::vector<double>& blocked, const PlaneFrame& plane,
                     const Eigen::Vector3d& place) {
   const double up = 0.5 + 0.5 * plane.n.z();
@@ -118,8 +118,8 @@ double expected_red(const Scene& scene, const std::vector<double>& blocked, cons
 }
 
 struct Agreement {
-  int dark = 0;       // pixels that should be dark
-  int differing = 0;  // differ by more than 1.5 grey levels
+  int dark = 0;       // pixels that are dark in the reference
+  int differing = 0;  // pixels that differ by more than 1.5 grey levels
   int deepest = 0;    // largest number of lights blocked at one pixel
 };
 Agreement agreement(const Scene& scene, const CameraModel& camera, const PoseEstimate& pose,
@@ -223,8 +223,8 @@ TEST_P(HardShadow, EndsAtOutlineOfSlantedPlane) {
   EXPECT_EQ(wrong, 0);
 }
 
-// Two boxes and three lights. A pixel shadowed from two lights loses the light of both; a light
-// that both boxes block is removed once.
+// Two boxes and three lights. A pixel in the shadows of two lights loses the light of both. If both
+// boxes block the same light, the pixel loses it once.
 TEST(HardShadowLight, IsRemovedOncePerLight) {
   SceneBuilder builder = with_lights(
       {lamp(-0.25, 0.0, 0.5, 0.8), lamp(0.2, 0.25, 0.4, 0.5), parallel(0.1, -0.3, 0.9, 0.6)});
@@ -233,7 +233,7 @@ TEST(HardShadowLight, IsRemovedOncePerLight) {
   Studio studio(builder.build(), undistorted_camera());
   const RenderedImage image = studio.draw_shadows(white(), studio.plan(slanted()));
   const Agreement a = agreement(studio.scene(), undistorted_camera(), slanted(), image);
-  EXPECT_EQ(a.deepest, 3) << "all three lights are missed somewhere";
+  EXPECT_EQ(a.deepest, 3) << "some pixel lies in the shadow of all three lights";
   EXPECT_GT(a.dark, 2000);
   EXPECT_LE(a.differing, 4 + a.dark / 60);
 }

@@ -100,8 +100,8 @@ TEST_P(ImportedVideo, MatchesCopiedVideoInEveryFormat) {
       EXPECT_EQ(studio.draw(shared, FramePlan()).rgba, copied.rgba);
       EXPECT_EQ(studio.stats()[Counter::video_copies] + studio.stats()[Counter::video_imports], 0);
     }
-    // A driver imports a pixel format always or never. Without import (RGB, say) the frame is
-    // copied.
+    // A driver imports either every frame of a pixel format or none. Frames that it does not import
+    // (such as RGB) are copied.
     EXPECT_TRUE(imports == 0 || imports == 6) << imports;
     if (!can_import_textures()) {
       EXPECT_EQ(imports, 0);
@@ -110,8 +110,8 @@ TEST_P(ImportedVideo, MatchesCopiedVideoInEveryFormat) {
   }
 }
 
-// A buffer returns to the camera only after the GPU has finished reading it. In the end all buffers
-// return.
+// A buffer returns to the camera only after the GPU has finished reading it. At the end of the
+// test, all buffers have returned.
 TEST_P(ImportedVideo, ReturnsBuffersWhenGpuIsDone) {
   constexpr int kWidth = 64, kHeight = 48;
   test::SceneBuilder empty;

@@ -60,7 +60,7 @@ TEST(LayeredConstants, RejectInvalidLights) {
   EXPECT_FALSE(layered_constants_for_workspace(1e35, 1.5));
   EXPECT_TRUE(make_layered_constants(1e6, 3.0, 0.0));
   EXPECT_TRUE(make_layered_constants(1e-6, 3.0, 0.0));
-  EXPECT_TRUE(make_layered_constants(0.9, 1.0, 0.0)) << "legal: its umbra never vanishes";
+  EXPECT_TRUE(make_layered_constants(0.9, 1.0, 0.0)) << "valid: the umbra never vanishes";
   EXPECT_THAT(make_layered_constants(0.9, -3.0, 0.0).error().message,
               testing::HasSubstr("light ratio"));
 }
@@ -81,7 +81,7 @@ TEST(LayerFactor, HasExactValuesAtContactUmbraHeightAndZenith) {
                            std::nextafter(static_cast<float>(constants.umbra_height), 1.0F)),
             0.0F);
   EXPECT_EQ(layer_factor(zenith, ShadowLayer::umbra, 0.4), 0.0);
-  // At H and above, the factor stays at that of the cap; it does not become negative.
+  // At H and above, the factor equals the one at the cap; it does not become negative.
   EXPECT_NEAR(layer_factor(constants, ShadowLayer::middle, 2.0), 8.0, 1e-12);
 }
 

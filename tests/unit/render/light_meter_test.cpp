@@ -71,7 +71,7 @@ TEST(LightMeter, MeasuresLightOnDesk) {
   }
 }
 
-// The mean brightness of visible surfaces is low over dark surfaces, for any strength of the light.
+// Over dark surfaces the mean brightness is low, regardless of the light's strength.
 TEST(LightMeter, MeasuresMeanOfVisibleSurfaces) {
   const auto wood = [](int, int) { return Color(0.2, 0.15, 0.1); };
   const VideoLight found = measure_light(rgb_frame(wood, Color::Ones()), std::nullopt);
@@ -151,7 +151,8 @@ TEST(LightMeter, FollowsLampButNotNoise) {
     if (i > 20) largest_step = std::max(largest_step, std::abs(std::log(seen / last)));
     last = seen;
   }
-  // One of 255 grey levels of a bright surface is 2.2 / 255 = 0.0086 of its light.
+  // On a bright surface, a change of 1 in 255 grey levels is a change of 2.2 / 255 = 0.0086 in
+  // light.
   EXPECT_LT(largest_step, 0.004);
 
   const Color before = meter.look_at(rgb_frame(desk, dim, now)).on_table;
@@ -167,7 +168,7 @@ TEST(LightMeter, FollowsLampButNotNoise) {
   EXPECT_LT(worst_ratio(meter.look_at(rgb_frame(desk, bright, now)).on_table, bright), 0.15);
 }
 
-// Drawing a frame again during a pause changes nothing. A step back in time restarts the filter.
+// Drawing a frame again during a pause changes no value. A step back in time restarts the filter.
 TEST(LightMeter, IsDeterministicForSameFrames) {
   std::array<VideoLight, 2> ends;
   for (std::size_t run = 0; run < 2; ++run) {
@@ -234,7 +235,7 @@ TEST_F(LitSheet, IsAsBrightAsPaperInVideo) {
 TEST_F(LitSheet, UsesSceneLightWithoutVideoLight) {
   const Color a = shown(std::nullopt, 0.4, camera());
   EXPECT_GT(a.y(), 190.0);
-  // Video light at the scene's own strength changes only the light from below.
+  // If the video light equals the scene's own, only the light from below changes.
   const Color sky = Color(0.35 * 1.08, 0.35 * 1.12, 0.35 * 1.18);
   EXPECT_EQ(shown(VideoLight{Color::Ones(), Color::Constant(0.2)}, 0.4, camera()), a)
       << sky.transpose();

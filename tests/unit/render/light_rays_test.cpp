@@ -269,7 +269,7 @@ TEST(RayOverlay, BlendsDotsOfFadingObjectOnce) {
     }
   }
   EXPECT_GE(dots, 2);
-  // Retexturing replaces the video, so blending twice is impossible: the frame must be the same.
+  // Retexturing replaces video pixels and cannot blend twice, so both frames must be equal.
   const RenderedImage fetched = drawn(Translucency::retexture, 2);
   int differ = 0;
   for (std::size_t i = 0; i < two.rgba.size(); ++i)

@@ -1,5 +1,5 @@
-// glTF materials: each texture is compared pixel by pixel with equal factors or geometry. Further
-// tests cover transparency, back-face culling and rejected materials.
+// glTF materials. A textured square must equal, pixel by pixel, a square with equivalent factors or
+// geometry. Further tests cover transparency, back-face culling and rejected materials.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -196,15 +196,15 @@ TEST(Materials, MatchesGeometryWithNormalTexture) {
     EXPECT_LE(largest_difference(drawn(bumpy), expected), 1) << "derived tangents";
     bumpy.tangents = std::vector<std::array<float, 4>>(4, {1, 0, 0, 1});
     const RenderedImage given = drawn(bumpy);
-    EXPECT_LE(largest_difference(given, expected), 1) << "given tangents";
+    EXPECT_LE(largest_difference(given, expected), 1) << "tangents of the file";
     EXPECT_LE(largest_difference(drawn(bumpy, {0.3, Translucency::blend, GlApi::gles30}), expected),
               1);
     EXPECT_GT(largest_difference(given, drawn(square_of(kPlain))), 5);
-    // Given tangents have priority over the texture layout: here they are rotated by 90 degrees, so
-    // that the texture's x points to its top.
+    // Tangents of the file have priority over the texture layout. Here they are rotated by 90
+    // degrees, so that the texture's x axis points to its top.
     bumpy.tangents = std::vector<std::array<float, 4>>(4, {0, 0, -1, 1});
     geometry.normals = normals_of(-y, x, z);
-    EXPECT_LE(largest_difference(drawn(bumpy), drawn(geometry)), 1) << "turned";
+    EXPECT_LE(largest_difference(drawn(bumpy), drawn(geometry)), 1) << "rotated";
     bumpy.tangents = std::vector<std::array<float, 4>>(4, {1, 0, 0, -1});
     geometry.normals = normals_of(x, -y, z);
     EXPECT_LE(largest_difference(drawn(bumpy), drawn(geometry)), 1) << "mirrored";
@@ -340,7 +340,7 @@ TEST(Materials, RemovesPixelsBelowAlphaCutoff) {
       wrong += picture.at(x, y)[c] != (px < 0.0 ? 120 : whole.at(x, y)[c]) ? 1 : 0;
   });
   EXPECT_EQ(wrong, 0);
-  // A phantom occludes only where its material is not cut out.
+  // A phantom occludes only where the alpha of its material reaches the cutoff.
   SceneBuilder builder = builder_with();
   builder.add(model_of(cut(120, 135)), test::at(0, 0, 0.1), false, true);
   builder.add(model_of(square_of(kPlain)), test::at(0, 0, kHeight), false);

@@ -151,8 +151,8 @@ TEST_F(FarModel, WarnsInMetresForOtherUnits) {
                                                    "0.0001 m"))));
 }
 
-// The same model three times: a caster above an object and beside a phantom. The model lies at
-// `origin` in its file, and the placements compensate for that.
+// The scene uses one model as caster, as object and as phantom. The model lies at `origin` in its
+// file, and the placements compensate for that.
 FramePlan plan_of_models_at(const Eigen::Vector3d& origin, const PlanOptions& options) {
   test::ShapeBuilder shape;
   shape.box(-0.025, -0.025, -0.025, 0.025, 0.025, 0.025);

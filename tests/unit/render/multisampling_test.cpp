@@ -20,8 +20,8 @@ namespace {
 constexpr int kViewWidth = 320;
 constexpr int kViewHeight = 240;
 
-// The same view with `times` as many pixels per side. Its first times x times pixels cover pixel
-// (0, 0).
+// Camera with the same view and `times` as many pixels per side. Its first `times` x `times` pixels
+// cover pixel (0, 0) of the original.
 CameraModel view_of(int times) {
   CameraParameters p;
   p.width = times * kViewWidth;
@@ -158,8 +158,8 @@ TEST(Multisampling, ChangesOnlyEdges) {
   }
 }
 
-// With multisampling, casters with few faces are drawn directly. Their edges are as smooth as those
-// of a mask.
+// With multisampling, casters with few faces are drawn directly. Their edges must be as smooth as a
+// mask's.
 TEST(Multisampling, DrawsFewFacesDirectly) {
   const auto scene_of = [](int around) {
     test::ShapeBuilder shape;
@@ -199,9 +199,8 @@ TEST(Multisampling, DrawsFewFacesDirectly) {
   const double directly = error(4, LayerDrawing::direct);
   const double mask = error(4, LayerDrawing::mask);
   const double plain = error(0, LayerDrawing::direct);
-  std::printf(
-      "edge error [grey levels RMS]: directly with 4 samples %.2f, mask %.2f, directly %.2f\n",
-      directly, mask, plain);
+  std::printf("edge error [grey levels RMS]: direct with 4 samples %.2f, mask %.2f, direct %.2f\n",
+              directly, mask, plain);
   EXPECT_LT(directly, 6.0);
   EXPECT_LT(mask, 6.0);
   EXPECT_GT(plain, 12.0);

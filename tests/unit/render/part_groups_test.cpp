@@ -97,7 +97,7 @@ Shape wall_umbra(const std::vector<std::string>& groups) {
 
 TEST(PartGroups, CloseJointsOfWallInOneGroup) {
   const Shape loose = wall_umbra({});
-  EXPECT_GT(loose.pieces, 10U) << "every brick shrinks about itself";
+  EXPECT_GT(loose.pieces, 10U) << "each brick's umbra shrinks towards its own kernel";
   for (const char* group : {"all", "wall", "brick_*", "brick_?_?"}) {
     const Shape one = wall_umbra({group});
     EXPECT_EQ(one.pieces, 1U) << group;
@@ -117,7 +117,8 @@ TEST(PartGroups, ContainPartsMatchedByName) {
   EXPECT_EQ(parts({"wall"}), 2U);
   EXPECT_EQ(parts({"brick_0_*"}), loose - 3U);
   EXPECT_EQ(parts({"brick_0_*", "brick_1_*"}), loose - 3U - 4U) << "one group per pattern";
-  EXPECT_EQ(parts({"brick_0_*", "brick_?_0"}), loose - 3U - 3U) << "they meet in one brick";
+  EXPECT_EQ(parts({"brick_0_*", "brick_?_0"}), loose - 3U - 3U)
+      << "both patterns match brick_0_0, so they form one group";
   EXPECT_EQ(parts({"ball"}), loose);
   // Grouping only renumbers parts, so every position keeps its kernels.
   const ShadowMesh one = make_shadow_mesh(model, std::vector<std::string>{"all"});

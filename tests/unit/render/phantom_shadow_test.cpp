@@ -32,8 +32,8 @@ constexpr int kSide = 300;
 Frame white() {
   return test::plain_frame(kSide, kSide, 255);
 }
-// Draws the plane's shadow without masks, so that each pixel is on one side of its edges. Tests
-// compare shadows on receivers with the values on both sides of such an edge.
+// Draws the plane's shadow without masks, so that no pixel is partly covered. Tests compare shadows
+// on receivers with the values on both sides of such an edge.
 RenderedImage draw_directly(Studio& studio, FramePlan plan) {
   plan.layers = LayerDrawing::direct;
   return studio.draw_shadows(white(), plan);
@@ -221,9 +221,9 @@ struct Technique {
   const char* name;
   ShadowTechnique technique;
   LightMode light_mode = LightMode::proportional;
-  // Limit of the RMS error at drawn edges [grey levels]. The single step of a simple shadow is as
-  // high as the three steps of layered shadows together. The edges of a field follow the centres of
-  // its texels.
+  // Maximum RMS error at drawn edges [grey levels]. It is larger for simple shadows, whose single
+  // step is as high as the three steps of layered shadows together, and for fields, whose edges
+  // follow the centres of texels.
   double drawn_edge_error = 6.0;
 };
 class PhantomShadow : public testing::TestWithParam<Technique> {};
@@ -269,19 +269,20 @@ TEST_P(PhantomShadow, MatchesPlaneShadowOnLevelTop) {
         wrong += off(on_phantom.red(x, y), on_plane, x, y) > 2.0 ? 1 : 0;
         continue;
       }
-      // A light straight above does not reach the box's front, so the front has no shadow.
+      // The light comes from straight above and does not reach the box's front, so the front has no
+      // shadow.
       const Eigen::Vector3d q = eye + (-0.05 - eye.y()) / d.y() * d;
       const bool front = std::abs(q.x() - 0.02) < 0.0595 && q.z() > 0.0005 && q.z() < kTop - 0.0005;
       dark_sides += front && on_phantom.red(x, y) != 255 ? 1 : 0;
     }
   }
   EXPECT_GT(dark, 1000);
-  EXPECT_LT(wrong, 0.01 * dark) << "more than edges";
+  EXPECT_LT(wrong, 0.01 * dark) << "pixels away from edges differ";
   EXPECT_EQ(dark_sides, 0);
 }
 
-// Fraction of the light of a source straight above that layered casters leave at a point: the light
-// in the darkest layer over the point, on a plane at its height.
+// Fraction of the light from straight above that layered casters leave at a point. It equals the
+// light in the darkest layer that covers the point, on a plane at its height.
 class RemainingLight {
  public:
   // Casters may be rotated about the vertical only.
@@ -331,7 +332,7 @@ class RemainingLight {
   std::vector<Caster> casters_;
 };
 
-// The centre of a large frame's first pixel lies half a small pixel farther out.
+// Scales the view about the frame's corner, half a pixel before the centre of pixel (0, 0).
 CameraModel camera_by(int times) {
   CameraParameters p;
   p.width = p.height = kSide * times;
@@ -352,9 +353,9 @@ std::vector<CasterAt> some_casters(int count) {
   return casters;
 }
 
-// The reference has 4 x 4 as many pixels. Grounds are level or curved; of several casters the
-// darkest counts. The short form draws one and three casters on level ground and two on the dome;
-// the nightly form draws all combinations.
+// The reference has 4 x 4 times as many pixels. Receivers are level or curved. Where shadows of
+// several casters overlap, the darkest counts. The short form draws one and three casters on level
+// ground and two on the dome; the nightly form draws all combinations.
 TEST_P(PhantomShadow, HasSmoothEdges) {
   const std::vector<std::pair<const char*, CasterAt>> grounds = {
       {"level", {box(0.6, 0.6, 0.06), test::at(0.0, 0.0, 0.03)}},
@@ -375,7 +376,7 @@ TEST_P(PhantomShadow, HasSmoothEdges) {
         plan.layers = layers;
         return studio.draw_shadows(test::plain_frame(kSide * times, kSide * times, 255), plan);
       };
-      // Direct drawing and masks agree everywhere except at edges.
+      // Direct drawing and masks agree except at edges.
       const RenderedImage fine = draw(4, LayerDrawing::direct);
       for (const LayerDrawing layers : {LayerDrawing::direct, LayerDrawing::mask}) {
         const test::EdgeError error = test::edge_error(draw(1, layers), fine, 4);
@@ -390,8 +391,8 @@ TEST_P(PhantomShadow, HasSmoothEdges) {
   }
 }
 
-// The beam is much longer than the receiver, so no mask can hold its whole shadow. The visible part
-// on the receiver must still be covered.
+// The beam is much longer than the receiver, so no mask can hold its whole shadow. The mask must
+// still contain the part of the shadow that is visible on the receiver.
 TEST(PhantomShadow, CoversShadowOfLargeCaster) {
   for (const double length : {0.3, 3.0, 300.0}) {
     for (const LightMode light_mode : {LightMode::proportional, LightMode::fixed}) {
@@ -417,7 +418,8 @@ TEST(PhantomShadow, CoversShadowOfLargeCaster) {
       const test::EdgeError covered =
           test::edge_error(draw(coarse, 1, LayerDrawing::mask), reference, 4);
       EXPECT_EQ(coarse.stats()[Counter::masks_drawn], 1);
-      EXPECT_LT(coarse.stats()[Counter::draw_calls], calls) << "layers are not drawn";
+      EXPECT_LT(coarse.stats()[Counter::draw_calls], calls)
+          << "the mask replaces the draw calls of the layers";
       std::printf("beam of %.1f m: covered %.2f, drawn %.2f grey levels RMS over %d pixels\n",
                   length, covered.rms, drawn.rms, covered.edges);
       EXPECT_GT(covered.edges, 100);
@@ -529,7 +531,7 @@ TEST_P(SphereShadow, MatchesShadowAtEachHeight) {
   }
   EXPECT_GT(on_ball, 800);
   EXPECT_GT(dark, 250);
-  EXPECT_LT(wrong, 0.03 * dark) << "more than edges, of " << dark;
+  EXPECT_LT(wrong, 0.03 * dark) << "pixels away from edges differ; dark: " << dark;
 }
 
 // A caster beside a phantom casts no shadow onto its top unless it is higher.
@@ -605,7 +607,7 @@ TEST_P(PhantomShadow, IsReusedWhileOnlyCameraMoves) {
   EXPECT_EQ(studio.stats()[Counter::proxy_shadows], first[Counter::proxy_shadows]);
   Studio fresh(scene, camera());
   EXPECT_EQ(kept, fresh.draw(white(), fresh.plan(from({-0.2, -0.3, 0.4}), direct)));
-  // If the caster slides, the shadow is drawn again from its stored geometry.
+  // If the caster slides, the shadow is redrawn from its stored geometry.
   FramePlan slid = moved;
   for (ShadowDraw& draw : slid.shadows) draw.T_table_object.position.x() += 0.01;
   for (ReceivedShadowDraw& draw : slid.received_shadows)
@@ -730,7 +732,7 @@ TEST(PhantomShadow, FallsOnEveryStepOfStaircase) {
         compare(staircase(), box(0.012, 0.06, 0.01), test::at(x, 0.0, height + 0.005), height,
                 around(x, 0.0, 0.0095, 0.045));
     EXPECT_GT(both.on_plane, 60);
-    EXPECT_LT(both.unlike, 0.01 * both.on_plane) << "more than edges";
+    EXPECT_LT(both.unlike, 0.01 * both.on_plane) << "pixels away from edges differ";
   }
 }
 
@@ -777,8 +779,8 @@ TEST(PhantomShadow, IsIndependentOfFaceWinding) {
   EXPECT_LT(both.unlike, 0.01 * both.on_plane);
 }
 
-// For one caster the first matching layer counts, as on planes, even if it is fainter than others.
-// If several casters cover a pixel, the darkest layer counts.
+// For one caster, the first layer that covers a pixel counts, as on planes, even if it is fainter
+// than others. If several casters cover a pixel, the darkest layer counts.
 TEST(PhantomShadow, UsesDarkestLayerOfAllCasters) {
   const Model block = standing_box(0.16, 0.06);
   const auto all = around(0, 0, 0.075, 0.075);
@@ -853,8 +855,8 @@ TEST(PhantomShadow, IsIndependentOfNeighbouringShadow) {
   }
 }
 
-// A plate hovers at a constant distance above a ramp, then below its surface. It must not cast a
-// shadow upwards.
+// A plate hovers at a constant distance above a ramp, then below the ramp's surface. It must not
+// cast a shadow upwards.
 TEST(PhantomShadow, StaysBelowItsCaster) {
   const auto darkened = [](double over, double x) {
     SceneBuilder builder = builder_with(ShadowTechnique::layered);
@@ -875,7 +877,7 @@ TEST(PhantomShadow, StaysBelowItsCaster) {
   for (const double x : {0.05, 0.2, 0.4}) {
     SCOPED_TRACE(x);
     EXPECT_GT(darkened(0.03, x), 300);
-    EXPECT_EQ(darkened(-0.03, x), 0) << "wholly under its surface";
+    EXPECT_EQ(darkened(-0.03, x), 0) << "the plate is below the ramp's surface";
   }
 }
 
@@ -1002,9 +1004,9 @@ TEST(PhantomShadow, FallsAlongNormalOfItsPlane) {
     return picture.red(static_cast<int>(std::lround(pixel->x())),
                        static_cast<int>(std::lround(pixel->y())));
   };
-  EXPECT_LT(red_at({0.0, 0.0, 0.05}), 200) << "its front";
+  EXPECT_LT(red_at({0.0, 0.0, 0.05}), 200) << "the box's front";
   EXPECT_EQ(red_at({0.04, 0.0, 0.05}), 255);
-  EXPECT_EQ(red_at({0.0, 0.05, 0.1}), 255) << "its top";
+  EXPECT_EQ(red_at({0.0, 0.05, 0.1}), 255) << "the box's top";
 }
 
 // The top of a virtual box shows the same shadow as a plane. The box's sides stay unchanged, and
@@ -1052,13 +1054,13 @@ TEST_P(PhantomShadow, MatchesPlaneShadowOnTopOfObject) {
     }
   }
   EXPECT_GT(dark, 1000);
-  EXPECT_LT(wrong, 0.01 * dark) << "more than edges";
+  EXPECT_LT(wrong, 0.01 * dark) << "pixels away from edges differ";
   EXPECT_GT(front, 1000);
-  EXPECT_LT(changed, 0.03 * dark) << "more than the top's rim";
+  EXPECT_LT(changed, 0.03 * dark) << "pixels beyond the top's edge change";
 }
 
 // Casters are tilted, clipped at the umbra height and below the light, and consist of several
-// parts. Skipping layers must not remove a visible pixel.
+// parts. Skipping layers must not remove a visible pixel of the shadow.
 TEST(PhantomShadow, MatchesPlaneShadowOnAnyLevelTop) {
   std::mt19937 random(11);
   const auto within = [&random](double low, double high) {
@@ -1100,7 +1102,7 @@ TEST(PhantomShadow, MatchesPlaneShadowOnAnyLevelTop) {
       }
     }
     on_any += dark;
-    EXPECT_LT(unlike, 0.01 * dark) << "more than edges, of " << dark;
+    EXPECT_LT(unlike, 0.01 * dark) << "pixels away from edges differ; dark: " << dark;
   }
   EXPECT_GT(on_any, 10000);
 }
@@ -1311,8 +1313,8 @@ TEST(PhantomShadow, KeepsResolutionDespiteDistantObjects) {
   EXPECT_EQ(alone, drawn(40, false));
 }
 
-// Below a clearly higher caster a slope has fewer, evenly spaced levels. Elsewhere the spacing is
-// the usual one.
+// Under a caster at a large distance, a slope has fewer, evenly spaced levels. Elsewhere the
+// spacing is the usual one.
 TEST(ReceivingLevels, AreSpacedWiderUnderClearCaster) {
   const ReceivingSurface surface(ramp(0.2, 0.5, 0.002), Placement(), PlaneFrame());
   const auto levels = surface.levels(kEverywhere, 1.0, 64, {kLevelStep, 0.06, 0.02});

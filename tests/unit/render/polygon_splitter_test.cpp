@@ -276,7 +276,7 @@ TEST(PolygonSplitter, KeepsCornersOfPolygonWithoutArea) {
             3U);
 }
 
-// The limits must hold: GLU's tessellator would take hours.
+// Without these limits, GLU's tessellator would take hours.
 TEST(PolygonSplitter, RejectsIntricatePolygonsInBoundedTime) {
   const auto start = std::chrono::steady_clock::now();
   Random random(3);
@@ -298,7 +298,7 @@ TEST(PolygonSplitter, RejectsIntricatePolygonsInBoundedTime) {
     PolygonSplitter splitter;
     EXPECT_EQ(splitter.split(in_space(outline)).outcome, PolygonSplit::Outcome::too_intricate);
   }
-  // A single splitter handles many polygons that are each within the limit.
+  // The limits apply per polygon, so one splitter handles many polygons.
   PolygonSplitter splitter;
   crossing.resize(60);
   std::size_t refused = 0;

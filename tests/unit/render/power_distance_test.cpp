@@ -184,8 +184,8 @@ TEST(PowerDistance, JoinsLayersAtContactAndLosesUmbraWithHeight) {
   }
 }
 
-// The umbra of a body that extends below the plane has no hole, although no face lies in the plane
-// there. An open surface has no interior.
+// A body that extends below the plane has no face in the plane, but its umbra must have no hole
+// there. An open surface has no interior to fill.
 TEST(PowerDistance, LeavesNoHoleInBodyReachingBelowPlane) {
   const LayeredConstants constants;
   const auto umbra = [&](const ShadowMesh& mesh, double z, double tilt) {
@@ -208,7 +208,7 @@ TEST(PowerDistance, LeavesNoHoleInBodyReachingBelowPlane) {
   EXPECT_GT(standing, 0.005);
   for (const double z : {0.019, 0.01, 0.0}) {
     EXPECT_GT(umbra(ring, z, 0.0), 0.9 * standing) << z;
-    EXPECT_LT(umbra(ring, z, 0.0), 1.2 * standing) << z << ": its hole is kept";
+    EXPECT_LT(umbra(ring, z, 0.0), 1.2 * standing) << z << ": the ring's hole must stay";
   }
   EXPECT_GT(umbra(cube, 0.02, 0.5), 0.009);
   ShadowMesh open = cube;  // the cube without the faces of one side
@@ -227,7 +227,7 @@ TEST(PowerDistance, NestsLayersEverywhere) {
   }
 }
 
-// The outlines enter and leave each point equally often, and their area equals that of the
+// At each point, as many outline edges begin as end. The outlines' area equals that of the
 // triangles.
 TEST(PowerDistance, TracesClosedOutlinesAroundTriangles) {
   for (const double height : {0.02, 0.1, 0.2}) {

@@ -35,7 +35,7 @@ void expect_as_brute_force(PowerTransform& transform, int width, int height,
     largest = std::max(largest, site.radius);
   }
   transform.run();
-  // Values beside a disc's rim are exact, including diagonal neighbours.
+  // Values are exact in every cell next to a disc's rim, including diagonal neighbours.
   EXPECT_GE(transform.bound(), std::pow(largest + 1.4143F, 2.0F) - largest * largest);
   const double bound = static_cast<double>(transform.bound());
   for (int row = 0; row < height; ++row) {

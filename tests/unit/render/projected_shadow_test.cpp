@@ -41,8 +41,8 @@ ShadowOfPoint classify_shadow(const Eigen::Vector4d& light, const Eigen::Vector4
                               const Eigen::Vector3d& point) {
   const double d_light = plane.dot(light);
   const double d_point = plane.dot(point.homogeneous());
-  // w = d_L w_P - d_P w_L. The side of the light is tested first, because w is also positive below
-  // the plane.
+  // w = d_L w_P - d_P w_L. Points at or above the light are rejected first, because w is also
+  // positive below the plane.
   if (d_light - d_point * light.w() <= 0.0) return ShadowOfPoint::at_or_above_light;
   return d_point < 0.0 ? ShadowOfPoint::below_plane : ShadowOfPoint::shadow;
 }
@@ -189,9 +189,9 @@ TEST(ProjectedShadow, MatchesPrintedCommandList) {
 
 TEST(ProjectedShadow, CastsOnlyBetweenPlaneAndLight) {
   const Eigen::Vector4d light(0.3, 0.2, 3.0, 1.0);
-  EXPECT_EQ(shadow_area(Cube(-2.0F), light), 0.0) << "wholly under the plane";
+  EXPECT_EQ(shadow_area(Cube(-2.0F), light), 0.0) << "cube below the plane";
   EXPECT_NEAR(shadow_area(Cube(-0.4F), {0.0, 0.0, 3.0, 1.0}), std::pow(3.0 / 2.9, 2), 1e-5);
-  EXPECT_EQ(shadow_area(Cube(4.0F), light), 0.0) << "wholly over the light";
+  EXPECT_EQ(shadow_area(Cube(4.0F), light), 0.0) << "cube above the light";
   EXPECT_EQ(shadow_area(Cube(1.0F), {0.0, 0.0, 0.0, 1.0}), 0.0) << "light in the plane";
   EXPECT_EQ(shadow_area(Cube(1.0F), {0.0, 0.0, -1.0, 0.0}), 0.0) << "light under the horizon";
   EXPECT_NEAR(shadow_area(Cube(1.0F), {0.0, 0.0, 2.0, 0.0}), 1.0, 1e-6);
@@ -263,12 +263,12 @@ TEST(ProjectedShadow, DiffersFromPrintedHeuristicByClipping) {
       worst = std::min(worst, iou);
       best = std::max(best, iou);
     }
-    EXPECT_LT(worst, 0.95) << "c = " << c << ": no worse than clipping";
+    EXPECT_LT(worst, 0.95) << "c = " << c << ": must differ from clipping";
     EXPECT_GT(worst, 0.5) << c;
     EXPECT_GT(best, worst + 0.01) << "c = " << c << ": the order of faces should matter";
   }
   EXPECT_GT(similarity(cube(6), 0, 0.02), 0.99) << "small faces hide the difference";
-  // If no vertex is at or above the light, both methods agree exactly.
+  // If all vertices are below the light, both methods agree exactly.
   Mesh low = coarse;
   for (CasterVertex& vertex : low.vertices) vertex.h -= 1.0F;
   EXPECT_EQ(similarity(low, 0, 0.1), 1.0);

@@ -36,7 +36,7 @@ Frame white() {
   return test::plain_frame(kSide, kSide, 255);
 }
 
-// An unbounded table with a back wall, which hides table behind it, and a left wall.
+// An unbounded table with a left wall and a back wall. The back wall hides the table behind it.
 SceneBuilder room() {
   SceneBuilder builder;
   const auto wall = [&](const char* name, const Eigen::Vector3d& normal,
@@ -122,7 +122,7 @@ TEST_P(SeveralPlanes, ShowShadowOfVisiblePlaneInEachPixel) {
   const FramePlan plan = studio.plan(slanted());
   EXPECT_EQ(plan.receivers.size(), 3U);
   const RenderedImage image = studio.draw_shadows(white(), plan);
-  // A pixel is darkened once, also where planes meet.
+  // Each pixel is darkened once, also where planes meet.
   const int dark = static_cast<int>(std::lround(255.0 * std::pow(0.4, 1.0 / 2.2)));
   std::vector<int> size(3);
   std::vector<SimpleShadow> shadows;
@@ -146,8 +146,8 @@ TEST_P(SeveralPlanes, ShowShadowOfVisiblePlaneInEachPixel) {
     }
   }
   for (std::size_t i = 0; i < size.size(); ++i) EXPECT_GT(size[i], 500) << i;
-  EXPECT_GT(hidden, 300) << "the wall occludes a shadow";
-  EXPECT_LE(differing, 90) << "edges only";
+  EXPECT_GT(hidden, 300) << "the wall must hide a part of the table's shadow";
+  EXPECT_LE(differing, 90) << "pixels away from edges differ";
 }
 
 TEST(ReceiverPlanes, DrawSameFrameInAnyOrderAndWithSkipping) {

@@ -59,12 +59,12 @@ TEST(Rectification, ComputesGridAccurateToTenthOfPixel) {
       }
     }
     EXPECT_LE(worst, 0.1);
-    EXPECT_GT(worst, 0.001) << "a lens that bends";
+    EXPECT_GT(worst, 0.001) << "the lens must have distortion";
   }
 }
 
-// The luma of the video increases from left to right or from top to bottom, so that it encodes the
-// source position of each pixel.
+// The luma of the video increases from left to right or from top to bottom, so that each grey level
+// encodes a source position.
 TEST(Rectification, SamplesVideoAlongRayOfEachPixel) {
   for (const GlApi api : {GlApi::gl33, GlApi::gles30}) {
     for (const CameraModel& camera : lenses()) {

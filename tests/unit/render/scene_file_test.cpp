@@ -130,7 +130,7 @@ TEST_F(SceneFile, RejectsDuplicateKey) {
       HasSubstr("/objects/1/shape/kind: is given twice"));
   EXPECT_TRUE(
       load("{\"objects\":[" + kBox + R"(,{"name":"b","shape":{"kind":"box","size":[1,1,1]}}]})"))
-      << "the same key of two objects";
+      << "different objects may have the same key";
 }
 
 // find_violation() implements the schema's keywords itself, so the schema must not use others.
@@ -346,15 +346,15 @@ TEST_F(SceneFile, WarnsOfObjectsAboveWorkspaceOrLight) {
   EXPECT_THAT(warnings(R"("position":[0,0,0.16])", workspace),
               HasSubstr("/shadows/0: \"box\" comes to 0.21 m above \"table\", beyond the "
                         "workspace_height of 0.2 m, and has no umbra there"));
-  // A rotation by 45 degrees raises the top by 0.0207 m. The highest point of the path is relevant,
-  // not its start.
+  // A rotation by 45 degrees raises the top by 0.0207 m. The warning depends on the highest point
+  // of the path, not on its start.
   EXPECT_THAT(warnings(R"("position":[0,0,0.14],"rotation_deg":[0,45,0])", workspace),
               HasSubstr("comes to 0.2107 m"));
   EXPECT_THAT(warnings(R"("position":[0,0,0.05],"animation":{"keyframes":[{"time_s":0},)"
                        R"({"time_s":1,"position":[0,0,0.2]},{"time_s":2}]})",
                        workspace),
               HasSubstr("comes to 0.3 m"));
-  // A spin rotates the box in the same way. The shape's extent is relevant, not that of its
+  // A spin rotates the box in the same way. The height is that of the rotated shape, not of its
   // bounding box.
   EXPECT_THAT(
       warnings(R"("position":[0,0,0.14],"animation":{"spin":{"axis":[0,1,0],"turns_per_s":0.1}})",

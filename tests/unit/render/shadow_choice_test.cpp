@@ -1,5 +1,5 @@
-// The choice between direct drawing and masks, and the brightness of shadows, for different views
-// and scenes.
+// The choice between direct drawing and masks, and the brightness of shadows, for several views and
+// scenes.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -72,9 +72,9 @@ TEST(ShadowChoice, DoesNotDependOnCulledShadows) {
   }
 }
 
-// Finds the height at which the masks' size changes by bisection, then moves the camera across it
-// by a hundredth of a millimetre; no mask may be drawn again. `drawn_at` returns the frame drawn at
-// a height and the number of masks drawn for it. Returns the lower height and its frame.
+// Finds by bisection a height at which the size of the masks changes. Then moves the camera across
+// that height by a hundredth of a millimetre; no mask may be redrawn. `drawn_at` returns the frame
+// drawn at a height and the number of masks drawn for it. Returns the lower height and its frame.
 template <typename DrawnAt>
 std::pair<double, RenderedImage> tremble(const DrawnAt& drawn_at, double high, double low) {
   constexpr double kStep = 1e-5;
@@ -90,7 +90,7 @@ std::pair<double, RenderedImage> tremble(const DrawnAt& drawn_at, double high, d
   for (int i = 0; i < 10; ++i) {
     const auto [up, up_made] = drawn_at(high);
     const auto [down, down_made] = drawn_at(low);
-    EXPECT_EQ(up, above) << "earlier frames do not matter";
+    EXPECT_EQ(up, above) << "the frame must not depend on earlier frames";
     EXPECT_EQ(down, below);
     made += up_made + down_made;
   }
@@ -224,8 +224,8 @@ TEST(AmbientLightFractions, IncreaseWithAmbientLight) {
     EXPECT_EQ(lifted(little, {above}).umbra, given.umbra);
     EXPECT_EQ(lifted(little, {above}).penumbra, given.penumbra);
   }
-  // The total light is 1.36 with the usual ambient light of 0.36 and 1.66 here. The shadow removes
-  // the same amount of light from both.
+  // The usual ambient light of 0.36 gives a total of 1.36; here the total is 1.66. The shadow
+  // removes the same amount of light in both cases.
   EXPECT_NEAR(lifted(0.66, {above}).umbra, 1.0 - 0.85 * 1.36 / 1.66, 1e-9);
   EXPECT_NEAR(lifted(0.66, {above}).middle, 1.0 - 0.6 * 1.36 / 1.66, 1e-9);
   EXPECT_NEAR(lifted(0.66, {above}).penumbra, 1.0 - 0.17 * 1.36 / 1.66, 1e-9);

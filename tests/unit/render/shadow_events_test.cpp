@@ -58,7 +58,7 @@ TEST(ShadowEvents, ListChangedObjectsAndLights) {
   SceneState before;
   before.objects.resize(3);
   before.lights.resize(2);
-  EXPECT_TRUE(shadow_events(before, before).empty()) << "no event, no work";
+  EXPECT_TRUE(shadow_events(before, before).empty()) << "equal states have no events";
   SceneState now = before;
   now.time_s = 1.0;
   now.lights[1].place.x() += 0.1;
@@ -72,7 +72,7 @@ TEST(ShadowEvents, ListChangedObjectsAndLights) {
                                       {ShadowEventKind::object_rotated, 2}}));
   now = before;
   now.lights[0].color *= 0.5;
-  EXPECT_TRUE(shadow_events(before, now).empty()) << "a dimmed light throws the same shadow";
+  EXPECT_TRUE(shadow_events(before, now).empty()) << "dimming a light does not change its shadow";
 }
 
 TEST(ShadowEvents, RecomputeOnlyAffectedTriples) {

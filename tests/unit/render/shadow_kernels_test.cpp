@@ -54,7 +54,8 @@ TEST(ShadowKernels, FormRingForLevelRing) {
     const Eigen::Vector2d k = to_eigen(kernels.kernels[i]).head<2>();
     EXPECT_NEAR(k.norm(), 0.05, 0.0015);
     EXPECT_NEAR(kernels.radius[i], 0.012, 0.0012);
-    EXPECT_GT(k.normalized().dot(x.normalized()), 0.98) << "on its side of the ring";
+    EXPECT_GT(k.normalized().dot(x.normalized()), 0.98)
+        << "kernel and vertex on different sides of the ring";
   }
 }
 
@@ -215,7 +216,8 @@ TEST(ShadowKernels, StayWithinDistanceBoundOfTheirDisc) {
   }
 }
 
-// The check of the previous test must fail for kernels that are too far away.
+// Shows that the check of StayWithinDistanceBoundOfTheirDisc fails for kernels that are too far
+// away.
 TEST(ShadowKernels, ExceedDistanceBoundWithOneKernelForBar) {
   test::ShapeBuilder shape;
   shape.box(-0.1, -0.01, -0.01, 0.1, 0.01, 0.01);

@@ -50,7 +50,7 @@ TEST(ShadowMesh, WeldsWithinTenMicrometresAcrossCells) {
     const ShadowMesh welded = make_shadow_mesh(model);
     EXPECT_EQ(welded.positions.size(), 3U) << at;
     EXPECT_TRUE(welded.indices.empty()) << "the face has collapsed";
-    EXPECT_EQ(welded.part_count, 2U) << "but still connects its ends";
+    EXPECT_EQ(welded.part_count, 2U) << "the collapsed face still connects its ends";
     EXPECT_EQ(welded.lost_faces, 1U);
   }
 }

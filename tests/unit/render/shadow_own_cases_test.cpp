@@ -1,5 +1,5 @@
-// Cases with results from independent methods: closed forms, exact integers, slabs between
-// crossings, and distances to shapes.
+// Shadow results compared with independent methods: closed forms, exact integer arithmetic, slabs
+// between crossings, and distances to shapes.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -35,8 +35,8 @@ std::int64_t twice_area(const std::array<WholePoint, 3>& p) {
   return (p[1].x - p[0].x) * (p[2].y - p[0].y) - (p[1].y - p[0].y) * (p[2].x - p[0].x);
 }
 
-// Computes images of faces at 4096 factors in integer arithmetic. A face is twisted if its signed
-// area changes sign at one of them.
+// Computes the images of each face at 4096 factors in integer arithmetic. A face is twisted if the
+// signed area of at least one image has the opposite sign.
 TEST(ShadowReference, FindsTwistedFacesByExactImages) {
   constexpr std::int64_t kSteps = 4096;         // steps per unit of the factor
   constexpr std::int64_t kLeast = kSteps / 16;  // 0.0625
@@ -92,7 +92,8 @@ TEST(ShadowReference, FindsTwistedFacesByExactImages) {
       for (std::int64_t step = kLeast; step <= kGreatest; ++step)
         least = std::min(least, against(step));
       tested_area += static_cast<double>(std::abs(whole));
-      // A smaller area could change sign between two steps. At most three faces are that ambiguous.
+      // An area this close to 0 may change sign between two steps. At most three faces are
+      // ambiguous in this way.
       ambiguous += least >= 0.0 && least < 1e-6 ? 1U : 0U;
       if (least >= 0.0) continue;
       ++twisted;
@@ -115,8 +116,9 @@ TEST(ShadowReference, FindsTwistedFacesByExactImages) {
   EXPECT_LE(all_ambiguous, 3U);
 }
 
-// Boxes with one kernel each rise in steps of 1 cm from below the plane to above the cap. The image
-// of each height is a rectangle about the kernel; the largest one contains the others.
+// Boxes with one kernel each rise in steps of 1 cm from below the plane to above the cap. The
+// shadow of a box's cross-section at each height is a rectangle about the kernel, and the largest
+// rectangle contains the others.
 TEST(ShadowReference, MatchesAreasOfRisingBoxes) {
   struct Light {
     double height, ratio, umbra_height;
@@ -357,9 +359,9 @@ TEST(ShadowReference, MatchesAreasOfBodiesOfOneThickness) {
           mesh, kernels,
           {Eigen::Vector3d(0, 0, share * kUmbraHeight), Eigen::Quaterniond::Identity(), 1.0},
           PlaneFrame());
-      // Tolerance of the outline: a kernel may be off by a cell's diagonal, plus the difference
-      // between discs that count as equal. The layer moves by `share` of that. A polygon
-      // approximates the outline.
+      // Tolerance of the outline: a kernel may be off by a cell's diagonal, plus the largest
+      // difference between discs that are treated as equal. The layer moves by the fraction `share`
+      // of that. A polygon approximates the outline.
       const double cells =
           std::clamp(tuning.cells_per_root * std::sqrt(static_cast<double>(mesh.positions.size())),
                      static_cast<double>(tuning.least_side_cells),
@@ -392,7 +394,7 @@ TEST(ShadowReference, MatchesAreasOfBodiesOfOneThickness) {
         RecordProperty(std::string(body.name) + (lambda_of(layer) < 0 ? "_umbra" : "_penumbra") +
                            (share < 0.5 ? "_low" : "_high"),
                        std::to_string(worst / off));
-        // The outline is close to the exact one. An equal area shows that it has no gap.
+        // The drawn outline is close to the exact one. Equal areas show that it has no gap.
         const double half = kRadius + reach;
         const double exact = body.name[0] == 'd' ? std::numbers::pi * half * half
                              : body.name[0] == 'c'

@@ -330,7 +330,7 @@ TEST(ShadowPass, MatchesProjectionOnCpuForFixedLight) {
       EXPECT_EQ(draw_layer(studio, overhead(), layer, false).pixels, drawn.pixels) << c.name;
       changed += differing(drawn.pixels, draw_layer(proportional, overhead(), layer).pixels);
     }
-    EXPECT_GT(changed, 100) << c.name << ": same shadow as a proportional light's";
+    EXPECT_GT(changed, 100) << c.name << ": the shadow must differ from a proportional light's";
   }
 }
 
@@ -387,8 +387,8 @@ std::vector<Eigen::Vector2d> ground_under(const CameraModel& camera, const PoseE
   return ground;
 }
 
-// Faces are split to follow the lens, but the layer must stay the image of the unsplit faces with
-// straight edges. The faces are large, tilted, and near enough to be split.
+// Faces are split to follow the lens distortion, but the layer must equal the projection of the
+// unsplit faces. The faces are large, tilted, and near enough to be split.
 TEST(ShadowPass, MatchesShadowCommandThroughLens) {
   const CameraModel camera = test::camera_of(kSide, kSide, 420.0, DistortionModel::plumb_bob,
                                              {-0.25, 0.07, 0.001, -0.001});
@@ -448,8 +448,8 @@ TEST(ShadowPass, ShrinksUmbraOfRisingBarEvenly) {
     }
     last = area;
   }
-  EXPECT_LE(largest_jump, 7 * 0.015) << "of the start's area, per 7 mm";
-  EXPECT_EQ(last, 0.0) << "wholly above h_u";
+  EXPECT_LE(largest_jump, 7 * 0.015) << "fraction of the initial area lost per step of 7 mm";
+  EXPECT_EQ(last, 0.0) << "the bar is above h_u";
 }
 
 TEST(ShadowPass, DarkensPixelOnceByDarkestLayer) {

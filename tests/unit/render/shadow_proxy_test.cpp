@@ -1,4 +1,5 @@
-// Reduced meshes as casters: the decision to use one. Only shadows may be drawn from it.
+// Reduced meshes (proxies) that cast shadows in place of full meshes: when a proxy is used, and
+// what it may change. Objects themselves are never drawn from a proxy.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -82,7 +83,7 @@ TEST(ShadowProxy, MatchesAgreementOfFinerRaster) {
         const double finer =
             agreement(full, *proxy, kProxyHeights[at] * kLight.umbra_height, kShadowLayers[i]);
         EXPECT_NEAR(found.iou[at][i], finer, 0.01)
-            << "at " << kProxyHeights[at] << " h_u, layer " << i << ", share " << share;
+            << "at " << kProxyHeights[at] << " h_u, layer " << i << ", fraction of faces " << share;
       }
     }
     // A comparison that stops early reaches the same decision.
@@ -187,7 +188,7 @@ TEST_F(DrawnProxy, SavesFacesAndChangesFewPixels) {
   // Each of the three layers agrees to at least 0.98.
   EXPECT_LT(static_cast<double>(different), 0.06 * static_cast<double>(dark));
   EXPECT_GT(different, 0U) << "no reduced mesh was drawn";
-  // The decision is made once and depends only on the tilt.
+  // The choice is made once. It depends only on the tilt.
   EXPECT_EQ(draw(studio, true), reduced);
   EXPECT_EQ(studio.stats()[Counter::proxy_checks], 0);
   EXPECT_EQ(studio.stats()[Counter::proxy_shadows], 1);
@@ -212,7 +213,7 @@ TEST_F(DrawnProxy, CastsOnlyForObjectsOfConstantTiltAndScale) {
   const Eigen::Vector3d z(0, 0, 1);
   EXPECT_EQ(checks({}, 0.0), 1);
   EXPECT_EQ(checks({test::at(0, 0, 0), test::at(0.05, 0, 0.1, z, 1.0)}, 0.7), 1)
-      << "lifted, slid and turned";
+      << "lifted, slid and rotated about the vertical";
   EXPECT_EQ(checks({test::at(0, 0, 0), test::at(0, 0, 0, y, 0.5)}, 0.0), 0) << "tilted";
   EXPECT_EQ(checks({test::at(0, 0, 0, y, 0.5)}, 0.0), 1) << "constant tilt";
   EXPECT_EQ(checks({test::at(0, 0, 0, y, 0.5)}, 0.7), 0) << "wobbling";

@@ -1,5 +1,5 @@
 // Work on the CPU after each kind of change between two frames (docs/shadows.md#own-frame), for
-// every technique; and drawn shadow fields.
+// every technique. Also tests drawn shadow fields.
 #include <gtest/gtest.h>
 
 #include <cmath>
@@ -96,7 +96,7 @@ struct Case {
   const char* name;
   ShadowTechnique technique;
   Placement placement;
-  bool on_cpu;  // true if a change makes the CPU process vertices
+  bool on_cpu;  // true if the CPU processes vertices after a change
   LightMode light_mode = LightMode::proportional;
 };
 class ShadowReuse : public testing::TestWithParam<Case> {
@@ -208,7 +208,8 @@ TEST_P(ShadowReuse, GeneratesKernelsForTiltBeyondThreshold) {
   EXPECT_LT(cells, 20);
   EXPECT_EQ(generations, sets_per_tilt() * cells);
   stage.draw(start);
-  EXPECT_EQ(stage.stats()[Counter::kernel_generations], 0) << "kept from the start";
+  EXPECT_EQ(stage.stats()[Counter::kernel_generations], 0)
+      << "kernels of the first tilt are still stored";
 }
 
 // Kernels that no generator would produce, so that the drawn shadow shows whether they are used.

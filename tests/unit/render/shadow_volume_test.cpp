@@ -244,7 +244,7 @@ struct Block {
   }
 };
 
-// Fraction that one light contributes to all red light at a point, by Lambert's law.
+// Fraction of the red light at a point that comes from one light, by Lambert's law.
 double share_of(int light, const FramePlan& plan, const Scene& scene, const Eigen::Vector3d& place,
                 const Eigen::Vector3d& normal) {
   const double up = 0.5 + 0.5 * normal.z();
@@ -450,7 +450,7 @@ TEST(ShadowVolume, FadesWithCasterAndReceiver) {
       EXPECT_GT((seen[{receiver, caster}]), 20) << receiver << " " << caster;
     }
   }
-  EXPECT_LE(wrong, 350) << "more than edges of " << kSide * kSide;
+  EXPECT_LE(wrong, 350) << "pixels away from edges differ; total: " << kSide * kSide;
 
   // With uniform opacity, both drawing modes give the same frame.
   FramePlan even = studio.plan(pose);
@@ -499,7 +499,7 @@ TEST(ShadowVolume, DrawsEveryLightOfEveryNode) {
   ASSERT_EQ(plan.volumes.size(), 4U);
   plan.objects.clear();
   const RenderedImage solid = studio.draw(white(), plan);
-  // an opacity just below 1 selects drawing caster by caster
+  // An opacity just below 1 selects drawing caster by caster.
   plan.volumes[0].opacity = 0.999999F;
   const RenderedImage faint = studio.draw(white(), plan);
 
@@ -530,7 +530,7 @@ TEST(ShadowVolume, DrawsEveryLightOfEveryNode) {
     }
   }
   for (const int missed : {0, 1, 2, 3, 4, 6}) EXPECT_GT(seen[missed], 40) << missed;
-  EXPECT_LE(wrong, 350) << "more than edges of " << kSide * kSide;
+  EXPECT_LE(wrong, 350) << "pixels away from edges differ; total: " << kSide * kSide;
   EXPECT_EQ(apart, 0);
 }
 
@@ -574,8 +574,9 @@ TEST(ShadowVolume, DarkensCoincidentPlanesOnce) {
   EXPECT_EQ(picture_of(builder), once);
 }
 
-// A phantom on the plane blocks the rays behind it, so a projected shadow continues on the phantom.
-// Phantoms are compared with rays; the plane's own shadow must stay unchanged.
+// A phantom on the plane blocks the light rays behind it, so the projected shadow must continue on
+// the phantom. The phantom's pixels are compared with rays to the light. The plane's own shadow
+// must not change.
 TEST(ShadowVolume, CarriesProjectedShadowsOntoPhantoms) {
   const Eigen::Vector3d light(-0.25, 0.05, 0.6);
   SceneBuilder builder = with_light(light);
@@ -623,10 +624,10 @@ TEST(ShadowVolume, CarriesProjectedShadowsOntoPhantoms) {
     }
   }
   EXPECT_GT(dark, 80);
-  EXPECT_LE(wrong, 20) << "more than edges, of " << dark;
+  EXPECT_LE(wrong, 20) << "pixels away from edges differ; dark: " << dark;
 }
 
-// Only volumes that contain no phantom are skipped, which must not change the frame.
+// A volume is skipped only if it contains no part of a phantom. Skipping must not change the frame.
 TEST(ShadowVolume, ExtendsProjectedShadowsOnlyToPhantomsTheyMeet) {
   std::mt19937 random(11);
   const auto within = [&random](double low, double high) {
@@ -770,7 +771,8 @@ TEST(ShadowVolume, IsDrawnOnceForTwoNodes) {
   builder.scene().planes[1].outline = {{-1, -1}, {1, -1}, {1, 1}, {-1, 1}};
   const FramePlan bounded =
       Studio(builder.build(), test::camera_of(kSide, kSide, 260.0)).plan(pose);
-  EXPECT_TRUE(bounded.volumes.at(0).floors.empty()) << "it extends to the farthest receiver";
+  EXPECT_TRUE(bounded.volumes.at(0).floors.empty())
+      << "the volume must extend to the farthest receiver";
 }
 
 TEST(ShadowVolume, NeverDarkensEmptyDepth) {

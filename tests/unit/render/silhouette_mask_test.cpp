@@ -232,8 +232,8 @@ TEST(SilhouetteMask, MatchesFacesOfClosedMesh) {
           area += expected;
         }
       }
-      // If a body covers part of a cell twice, the coverages add up, to at most half a cell too
-      // much.
+      // Where a body covers part of a cell twice, the coverages add up. The sum is too large by at
+      // most half a cell.
       EXPECT_LT(most, trial % 3 == 0 ? 0.1 : 0.5) << trial << " layer " << layer;
       EXPECT_GT(area, 5.0) << trial << " layer " << layer;
       EXPECT_LT(std::abs(sum), 0.006 * area + 0.3) << trial << " layer " << layer;
@@ -278,7 +278,7 @@ TEST(SilhouetteMask, MatchesFacesOfOpenAndClippedMeshes) {
       raster.begin(mask.cells);
       raster.cover(caster, {}, {});
       raster.finish(light, mask.codes);
-      // A cover that was stored from one raster gives the same mask in a larger raster.
+      // A cover stored by one raster gives the same mask in a larger raster.
       MaskCells larger = mask.cells;
       larger.u -= 5;
       larger.v -= 7;
@@ -330,7 +330,7 @@ TEST(SilhouetteMask, MatchesFacesOfOpenAndClippedMeshes) {
           }
         }
       }
-      // If only a thin strip of the umbra is left, overlapping sheets add up in more cells.
+      // If only a thin strip of the umbra remains, overlapping sheets add up in more cells.
       EXPECT_LT(std::abs(sum), 0.003 * area + 2.5) << trial << " layer " << layer;
       // If two sheets cover different parts of a cell, only the larger coverage counts.
       EXPECT_LT(most, trial % 4 == 1 ? 0.12 : 0.5) << trial << " layer " << layer;
@@ -449,7 +449,7 @@ TEST(SilhouetteMask, MatchesTrianglesOfOutlines) {
     };
     const std::vector<std::uint8_t> outlined = picture_of(true);
     const std::vector<std::uint8_t> faces = picture_of(false);
-    // In thin faces that fold over, the sums round differently.
+    // In thin faces that fold over, rounding errors of the sums differ.
     ASSERT_EQ(outlined.size(), faces.size()) << i;
     for (std::size_t cell = 0; cell < faces.size(); ++cell)
       ASSERT_NEAR(outlined[cell], faces[cell], 2) << i;
@@ -806,7 +806,7 @@ TEST(SilhouetteMask, DoesNotOverflowForManySheets) {
   }
 }
 
-// ---- as drawn ----
+// ---- drawn masks ----
 
 constexpr int kWidth = 320;
 constexpr int kHeight = 240;
@@ -816,7 +816,7 @@ CameraModel camera(double times = 1.0) {
   p.width = static_cast<int>(kWidth * times);
   p.height = static_cast<int>(kHeight * times);
   p.fx = p.fy = 420.0 * times;
-  // The centre of the large frame's first pixel lies half a small pixel farther out.
+  // Scales the view about the frame's corner, half a pixel before the centre of pixel (0, 0).
   p.cx = (160.0 + 0.5) * times - 0.5;
   p.cy = (120.0 + 0.5) * times - 0.5;
   return CameraModel::make(p).value();
@@ -898,8 +898,8 @@ TEST_F(DrawnMask, FollowsLensDistortion) {
   EXPECT_EQ(off, 0);
 }
 
-// Frames must agree bit for bit in every mode, for any lens, and for a mask that was drawn for
-// another view.
+// Frames with and without skipping must agree bit for bit: in every mode, for any lens, and for a
+// mask that was drawn for another view.
 TEST_F(DrawnMask, IsUnchangedBySkippingEmptyPieces) {
   const auto objects = scene({{torus(), test::at(-0.15, 0.02, 0.1, {1, 0.2, 0}, 0.4)},
                               {table_and_ball(), test::at(0.12, 0.1, 0.05)}});
@@ -986,8 +986,8 @@ int screen_door_index(int x, int y) {
 }
 
 // Over white video, masks and direct drawing darken the same pixels, except near the edges of
-// layers. Near an edge, a pixel that the pattern of the lightest neighbouring layer darkens must be
-// dark, and a pixel that the pattern of the darkest one leaves must be light.
+// layers. Near an edge, a pixel must be dark if the pattern of the lightest neighbouring layer
+// darkens it. It must be light if the pattern of the darkest one leaves it light.
 TEST_F(DrawnMask, CoversSamePixelsAsDirectScreenDoor) {
   for (const LightFractions& fractions :
        {LightFractions(), LightFractions{0.0, 0.28, 0.83}, LightFractions{0.41, 0.62, 0.95}}) {
@@ -1055,13 +1055,14 @@ TEST_F(DrawnMask, IsReusedUntilCasterMoves) {
   }));
   EXPECT_EQ(studio.stats()[Counter::shadow_vertices], 0);
   const RenderedImage before = draw(first).second;
-  EXPECT_EQ(draw(test::look_at({0.1, -0.2, 0.2}, {0.0, 0.0, 0.03})).first, 1) << "nearer: finer";
+  EXPECT_EQ(draw(test::look_at({0.1, -0.2, 0.2}, {0.0, 0.0, 0.03})).first, 1)
+      << "a nearer camera needs a finer mask";
   for (const Eigen::Vector3d& step : {Eigen::Vector3d(1e-3, 0, 0), Eigen::Vector3d(0, 0, 1e-3),
                                       Eigen::Vector3d(-1e-3, 0, -1e-3)}) {
     state.objects[0].position += step;
     EXPECT_EQ(draw(first).first, 1);
   }
-  EXPECT_EQ(draw(first).second, before) << "frames in between do not matter";
+  EXPECT_EQ(draw(first).second, before) << "the mask must not depend on the frames in between";
 }
 
 // Scenes with clipped layers, open meshes and lights of fixed size.
@@ -1287,7 +1288,7 @@ TEST_F(DrawnMask, SupportsEveryTechnique) {
     EXPECT_GT(recreated.stats()[Counter::shadow_vertices], 0);
     const RenderedImage retextured =
         shadows(recreated, by(LayerDrawing::mask, Translucency::retexture));
-    const int rounding = recreated.context().info().software ? 0 : 1;  // of a second program
+    const int rounding = recreated.context().info().software ? 0 : 1;  // a GPU may round
     for (std::size_t i = 0; i < mask.rgba.size(); ++i)
       ASSERT_LE(std::abs(int{retextured.rgba[i]} - int{mask.rgba[i]}), rounding);
   }
@@ -1318,9 +1319,9 @@ TEST_F(DrawnMask, RedrawsOnlyMovingCasters) {
   ASSERT_GT(alone[0], 2 * alone[2]);
   // Objects that move before each mask: the box, the box, the ring, all, the ring, the ring.
   const std::vector<std::vector<std::size_t>> moves = {{2}, {2}, {0}, {0, 1, 2}, {0}, {0}};
-  // A caster found at rest is projected once more, to store its cover. The box counts twice because
-  // its umbra is clipped: it is projected as a closed mesh for two layers and face by face for the
-  // umbra.
+  // A caster that comes to rest is projected once more, to store its cover. The box counts twice
+  // because its umbra is clipped: it is projected as a closed mesh for two layers and face by face
+  // for the umbra.
   const std::vector<std::int64_t> projected = {all, 2 * alone[2], alone[0] + 2 * alone[2],
                                                all, all,          alone[0]};
   for (std::size_t i = 0; i < moves.size(); ++i) {
@@ -1491,7 +1492,7 @@ TEST_F(LargeMask, SmoothsEdgesOnly) {
     const RenderedImage mask = drawn(coarse, c.from, by(LayerDrawing::mask));
     const EdgeError error = edge_error(mask, drawn(fine, c.from, by(LayerDrawing::direct)), 4);
     EXPECT_GE(coarse.stats()[Counter::layer_masks_drawn], 1);
-    std::printf("%s: edge error %.2f grey levels RMS over %d pixels, elsewhere %d at most\n",
+    std::printf("%s: edge error %.2f grey levels RMS over %d pixels, elsewhere at most %d\n",
                 c.what, error.rms, error.edges, error.largest_elsewhere);
     EXPECT_GT(error.edges, 1500);
     EXPECT_LE(error.rms, 6.0);

@@ -99,7 +99,7 @@ TEST(TagGroup, MovesAttachedObjectsWithGroup) {
       const auto index = static_cast<std::size_t>(i);
       EXPECT_LT((state.objects[index] * p - T * (rest.objects[index] * p)).norm(), 1e-12);
       EXPECT_EQ(opacity_of(state, i), 1.0);
-      EXPECT_EQ(opacity_of(rest, i), 0.0) << "the prop's place is unknown";
+      EXPECT_EQ(opacity_of(rest, i), 0.0) << "the prop's position is unknown";
     }
     EXPECT_EQ(state.objects[static_cast<std::size_t>(free)] * p,
               rest.objects[static_cast<std::size_t>(free)] * p);
@@ -108,7 +108,8 @@ TEST(TagGroup, MovesAttachedObjectsWithGroup) {
   const PlaneFrame was = PlaneFrame::make(scene.planes[kWall].normal, scene.planes[kWall].point);
   const PlaneFrame& is = state.planes[kWall].frame;
   const GroupPose& W = groups[1].T_table_group;
-  EXPECT_LT((is.lift(0.1, 0.2) - W * was.lift(0.1, 0.2)).norm(), 1e-12) << "its axes turn too";
+  EXPECT_LT((is.lift(0.1, 0.2) - W * was.lift(0.1, 0.2)).norm(), 1e-12)
+      << "the plane's axes rotate with the group";
   EXPECT_LT((is.n - W.rotation() * was.n).norm(), 1e-12);
   EXPECT_EQ(state.planes[kWall].opacity, 1.0);
   EXPECT_EQ(rest.planes[kWall].opacity, 0.0);
@@ -202,7 +203,7 @@ TEST(TagGroup, CastsShadowOnMovedWall) {
     const RenderedImage b = fixed.draw(frame, plan_of(fixed.scene(), {}, options));
     const RenderedImage c = old.draw(frame, plan_of(old.scene(), {}, options));
     EXPECT_EQ(a, b);
-    EXPECT_GT(differing(a, c), 40) << "the wall's place must matter";
+    EXPECT_GT(differing(a, c), 40) << "the frame must depend on the wall's position";
   }
 }
 
@@ -260,7 +261,7 @@ TEST(TagGroup, DrawsFaintAndSolidObjectsTogether) {
       between += std::abs(s - n) > 20 ? 1 : 0;
     }
   }
-  EXPECT_GT(same, 500) << "the one on the table stays as it is";
+  EXPECT_GT(same, 500) << "the object on the table must not fade";
   EXPECT_GT(between, 500);
 }
 
@@ -287,7 +288,7 @@ TEST(TagGroup, RecomputesOnlyShadowsOfMovedPlane) {
     EXPECT_EQ(camera_only[Counter::triples_recomputed], 0);
     EXPECT_EQ(camera_only[Counter::shadow_vertices], 0);
     const CompositeStats away = draw(placed({0, 0.01, 0}), 0.15);
-    EXPECT_EQ(away[Counter::triples_recomputed], 1) << "the table's stays";
+    EXPECT_EQ(away[Counter::triples_recomputed], 1) << "the shadow on the table is reused";
     EXPECT_EQ(away[Counter::reprojections], 1);
     if (technique == ShadowTechnique::hard) continue;  // its light does not move with the plane
     const Eigen::Vector3d along = 0.03 * wall.e1 - 0.01 * wall.e2;

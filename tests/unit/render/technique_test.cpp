@@ -17,7 +17,7 @@ TEST(TechniqueTraits, AreConsistent) {
     EXPECT_FALSE(traits.uses_lights && traits.has_penumbra) << name;
     if (!traits.uses_kernels) continue;
     EXPECT_TRUE(traits.has_penumbra && traits.ignores_cut_outs) << name;
-    EXPECT_FALSE(traits.uses_outlines) << name << ": its vertices have no kernels then";
+    EXPECT_FALSE(traits.uses_outlines) << name << ": vertices of outlines have no kernels";
   }
 }
 

@@ -108,8 +108,8 @@ std::vector<CameraPose> views() {
           test::look_at({0.5, -0.2, 0.2}, {0.4, 0.4, 0.0})};
 }
 
-// The nightly form draws all views for each case, the short form one, which differs from case to
-// case.
+// The nightly form draws all views for each case. The short form draws one view, a different one
+// for each case.
 std::vector<CameraPose> views_of_case(std::size_t number) {
   const std::vector<CameraPose> all = views();
   if (test::nightly()) return all;
@@ -186,8 +186,8 @@ TEST(Translucency, UsesRequestedModeElseSupportedOne) {
   }
 }
 
-// In a 4 x 4 block that lies wholly within one layer, the fraction of unchanged pixels must equal
-// the layer's light fraction, to half a pixel of 16. Blocks may lie at any position.
+// In a 4 x 4 block of pixels inside one layer, the fraction of unchanged pixels must equal the
+// layer's light fraction to within half a pixel. Blocks may lie at any position.
 TEST(ScreenDoor, MatchesLightFractionsByDensity) {
   struct Case {
     LightFractions fractions;
@@ -568,7 +568,8 @@ TEST(Translucency, DrawsSameFrameOnBothApis) {
   }
 }
 
-// The strips are many pixels wide. Their fraction of a layer's area must be the layer's.
+// The strips are many pixels wide. They must cover the fraction of the layer's area that loses its
+// light.
 TEST(GeometryMesh, MatchesLightFractionOfLayer) {
   const LightFractions fractions{0.15, 0.4, 0.83};
   Studio studio(plate(fractions).build(), test::camera_of(900, 900, 1200.0));

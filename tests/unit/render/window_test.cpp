@@ -44,7 +44,7 @@ namespace penumbra {
 namespace {
 
 TEST(Window, FailsInOneLineWithoutDisplay) {
-  if (display_available()) GTEST_SKIP() << "there is a display";
+  if (display_available()) GTEST_SKIP() << "a display is available";
   const auto window = create_window_context({});
   ASSERT_FALSE(window);
   EXPECT_THAT(window.error().message, testing::HasSubstr("DISPLAY"));
@@ -104,7 +104,7 @@ TEST(Window, ShowsFrameWithoutResetNotification) {
     const auto context = create_window_context(options);
     refuses_reset_notification = false;
     ASSERT_TRUE(context) << context.error().message;
-    EXPECT_EQ(windows_refused, 1) << "requested first";
+    EXPECT_EQ(windows_refused, 1) << "the first request includes reset notification";
     EXPECT_FALSE((*context)->info().reports_resets);
     auto compositor =
         Compositor::create(**context, test::SceneBuilder().build(), test::camera_of(64, 48, 50.0));
