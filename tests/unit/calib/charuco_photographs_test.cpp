@@ -43,7 +43,7 @@ Result<CameraCalibration> calibrate_from(const CharucoBoard& board) {
   return calibrator->finish();
 }
 
-// Markers whose size differs from the file's are still detected.
+// Markers are detected even if their size differs from that in the target file.
 TEST(CharucoPhotographs, ReportMarkerSizeThatDiffersFromFile) {
   if (test::shared_dir().empty()) GTEST_SKIP() << "no photographs beside the checkout";
   for (const double share : {0.68, 0.82}) {
@@ -54,7 +54,8 @@ TEST(CharucoPhotographs, ReportMarkerSizeThatDiffersFromFile) {
     EXPECT_THAT(result.error().message,
                 testing::HasSubstr("of a square wide, but the target file says"));
     const auto digits = result.error().message.find("0.7");
-    EXPECT_NE(digits, std::string::npos) << "three quarters: " << result.error().message;
+    EXPECT_NE(digits, std::string::npos)
+        << "a marker is three quarters of a square wide: " << result.error().message;
   }
 }
 

@@ -199,8 +199,9 @@ TEST(IntrinsicsSolver, RejectsTwoViewsWithReason) {
   EXPECT_THAT(solved.error().message, HasSubstr("at least 3"));
 }
 
-// Short form of the stress test: the true projection lies within the predicted uncertainty. A
-// single calibration of 8 that is wrong everywhere would exceed the 5 % that may lie outside.
+// Short form of the stress test: the true projection lies within the predicted uncertainty, except
+// at 5 % of the points. If one of the 8 calibrations were wrong everywhere, more points would lie
+// outside.
 TEST(IntrinsicsSolver, PredictsUncertaintyConsistentWithErrors) {
   const CameraModel truth = test::desk_camera();
   const auto board = test::flat_board();

@@ -140,7 +140,7 @@ TEST(LensChoice, NeverChoosesNonMonotonicLens) {
           uncertainty_map(chosen->solution.camera, chosen->solution.covariance).largest_px));
     }
   }
-  EXPECT_GT(refused, 5) << "the views are meant to be so poor that some lenses fold";
+  EXPECT_GT(refused, 5) << "with these poor views, some lenses must be non-monotonic";
 }
 
 // Views with corners near the image's borders. Corners that a lens with too few parameters rejects
@@ -284,7 +284,7 @@ TEST(CalibrationVerdict, LimitsRivalDifferencesOutsideObservedArea) {
   judge(c);
   EXPECT_LT(c.uncertainty.largest_px, 0.5 * everywhere);
   EXPECT_GT(c.uncertainty.largest_px, 0.0);
-  // The uncertainty outside the observed area is not below that inside it.
+  // The uncertainty outside the observed area is at least as large as inside.
   EXPECT_NEAR(c.uncertainty.sigma_px.front(), c.uncertainty.largest_px, 1e-9);
 }
 
@@ -325,7 +325,7 @@ TEST(CalibrationVerdict, AdvisesNextViews) {
   EXPECT_NE(c.grade, CalibrationGrade::good) << c.verdict;
   EXPECT_THAT(c.verdict, HasSubstr("differ by more than 39 degrees, 40 are good"));
   EXPECT_THAT(c.verdict, testing::Not(HasSubstr("take more views")));
-  // No single fault: the advice names the most informative view.
+  // The views have no single fault, so the advice is the most informative view.
   c = confident_calibration();
   c.solution.covariance *= 1e8;
   judge(c);

@@ -148,7 +148,7 @@ TEST_F(TagSurveyTest, RefinesCameraWhenRequested) {
   EXPECT_NEAR(survey->camera.parameters().cy, camera_.parameters().cy, 0.05);
   EXPECT_EQ(survey->lens_covariance.rows(), 9);
   EXPECT_FALSE(survey->camera.parameters().overlay_sigma_px)
-      << "it belongs to the camera before refinement";
+      << "the value describes the camera before refinement";
   options_.refine_camera = false;
   const auto left = survey_tags(given, frames, options_);
   ASSERT_TRUE(left) << left.error().message;

@@ -44,7 +44,7 @@ void expect_true_scale(const TagBoard& board, const PageSize& page) {
   TagDetector detector = TagDetector::create(std::array{board.family}).value();
   const std::vector<TagDetection> detections = detector.detect(luma(frame, scratch));
   const TagMap map = tag_map_of(board).value();
-  ASSERT_EQ(detections.size(), map.tags().size()) << "every tag is found";
+  ASSERT_EQ(detections.size(), map.tags().size()) << "all tags must be detected";
 
   // Fits only the board's centre before the comparison with the map, neither scale nor rotation.
   Eigen::Vector2d offset = Eigen::Vector2d::Zero();
@@ -105,7 +105,7 @@ TEST_P(PrintedSheet, MatchesItsTargetFile) {
   const DetectedSheet hand =
       printed(GetParam().first, page_size_from_string(GetParam().second).value());
   EXPECT_EQ(hand.view.problem, "");
-  ASSERT_EQ(hand.view.corners.size(), hand.target.points.size()) << "every point is found";
+  ASSERT_EQ(hand.view.corners.size(), hand.target.points.size()) << "all points must be detected";
   const auto count = static_cast<Eigen::Index>(hand.view.corners.size());
   Eigen::Matrix2Xd measured(2, count);
   Eigen::Matrix2Xd said(2, count);
@@ -336,7 +336,8 @@ TEST(TargetSheet, ScalesTagMapByMeasuredRuler) {
   const TagMap map = tag_map_of(TagBoard{}, 0.992).value();
   EXPECT_NEAR(map.tags()[0].size_m, 0.04 * 0.992, 1e-12);
   EXPECT_NEAR(map.tags()[0].T_table_tag.translation().x(), -0.0825 * 0.992, 1e-12);
-  EXPECT_FALSE(tag_map_of(TagBoard{}, 0.0992)) << "99.2 given as metres or the like";
+  EXPECT_FALSE(tag_map_of(TagBoard{}, 0.0992))
+      << "a measured length of 99.2 mm in a wrong unit must be rejected";
 }
 
 TEST(TargetSheet, ReportsBoardThatDoesNotFitPage) {
@@ -349,7 +350,7 @@ TEST(TargetSheet, ReportsBoardThatDoesNotFitPage) {
   EXPECT_THAT(written.error().message, HasSubstr("does not fit on a page of 210 x 297 mm"));
   EXPECT_FALSE(std::filesystem::exists(folder.path() / "sheet.pdf"));
 
-  // The ruler needs space too. The page is rotated if only then it has that space.
+  // The ruler needs space, too. The page is rotated if only the rotated page has that space.
   board = TagBoard{};
   board.columns = board.rows = 1;
   const auto narrow =

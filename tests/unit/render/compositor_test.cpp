@@ -132,8 +132,8 @@ TEST(Compositor, CountsPassesAndDrawCallsSeparately) {
 TEST(Compositor, DrawsVideoPixelExactInEveryFormat) {
   SceneBuilder empty;
   for (const GlApi api : {GlApi::gl33, GlApi::gles30}) {
-    // With odd sizes, half of the last chroma sample lies outside. In large frames a texel is a
-    // small fraction of the frame.
+    // In frames of odd size, half of the rightmost and lowest chroma samples lies outside. In large
+    // frames a texel is a small fraction of the frame.
     for (const auto& [width, height] : {std::pair{64, 48}, std::pair{37, 23}, std::pair{3841, 3},
                                         std::pair{4096, 2}, std::pair{5, 2161}}) {
       Studio studio(empty.build(), test::camera_of(width, height, 50.0), api);

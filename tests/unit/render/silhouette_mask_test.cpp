@@ -882,7 +882,7 @@ TEST_F(DrawnMask, FollowsLensDistortion) {
   const RenderedImage direct = shadows(studio, by(LayerDrawing::direct));
   const RenderedImage mask = shadows(studio, by(LayerDrawing::mask));
   EXPECT_EQ(studio.stats()[Counter::layer_masks_drawn], 1);
-  // A misplaced edge would differ by a layer's step along its whole length.
+  // At a misplaced edge, pixels would differ by a layer's step along the whole edge.
   int off = 0;
   int dark = 0;
   for (int y = 2; y + 2 < kHeight; ++y) {

@@ -79,7 +79,7 @@ TEST(BackgroundSearch, NeverBlocksCaller) {
   }
   ASSERT_TRUE(found);
   EXPECT_GE(found->tags.size(), 6U);
-  // The destructor must handle a running search and a result that the caller has not taken.
+  // The destructor must handle a running search, and a result that the caller has not read.
   beside->begin(image, 8, SearchResolution::full);
   beside.reset();
   beside = search(true);

@@ -89,7 +89,7 @@ TEST_F(BoardPoseTest, ReportsInconsistencyWhenHalfOfTagsAreWrong) {
   EXPECT_TRUE(board->inconsistent);
 }
 
-// Half of the board is shifted: no single tag is an outlier, and the residuals are small.
+// Half of the board is shifted. No single tag is an outlier, and the residuals are small.
 TEST_F(BoardPoseTest, ReportsInconsistencyOfBumpedHalfButNotOfNoise) {
   for (int trial = 0; trial < 200; ++trial) {
     std::vector<MappedTag> really = sheet();
@@ -130,7 +130,7 @@ TEST_F(BoardPoseTest, ReportsSmallFrontalTagAsAmbiguous) {
     EXPECT_TRUE(board->is_ambiguous(1.6))
         << i << ": off by " << degrees(angle) << " degrees, ratio " << board->ambiguity_ratio();
   }
-  EXPECT_GT(wrong, 5) << "the case must be a hard one";
+  EXPECT_GT(wrong, 5) << "the test needs views in which the wrong pose is chosen";
 }
 
 TEST_F(BoardPoseTest, IgnoresNonFiniteValues) {

@@ -77,7 +77,7 @@ TEST(GroupTracker, KeepsPoseOfGroupAtRest) {
     }
     before = estimate.T_table_group;
   }
-  EXPECT_LE(changes, 2) << "noise is not motion";
+  EXPECT_LE(changes, 2) << "noise must not be treated as motion";
 }
 
 // The map has a wrong pose for the wall. The image shows the true one.
@@ -99,7 +99,7 @@ TEST(GroupTracker, TracksMovedWall) {
   }
 }
 
-// Block and camera move like hand-held ones.
+// Block and camera move as if hand-held.
 TEST(GroupTracker, TracksHandHeldProp) {
   const Stage stage({wall(), block()});
   GroupTracker tracker = stage.tracker();
@@ -124,7 +124,7 @@ TEST(GroupTracker, TracksHandHeldProp) {
     EXPECT_TRUE(estimate.covariance.allFinite());
   }
   EXPECT_GE(tracked_frames, 28);
-  EXPECT_EQ(detections, 1) << "the first frame's, shared by all";
+  EXPECT_EQ(detections, 1) << "only in the first frame, for all groups";
 }
 
 // The group moves by a fraction of a pixel per frame, less than the measurement noise. Averaging
@@ -231,7 +231,7 @@ TEST(GroupTracker, CoastsHiddenGroupThenFindsItAnywhere) {
       EXPECT_GT(estimate.predicted_overlay_error_px, promised);
       promised = estimate.predicted_overlay_error_px;
       if (held > 1) {
-        EXPECT_EQ(estimate.T_table_group.matrix(), last.matrix()) << "it rested";
+        EXPECT_EQ(estimate.T_table_group.matrix(), last.matrix()) << "the group was at rest";
       }
       last = estimate.T_table_group;
     } else {
@@ -392,13 +392,13 @@ TEST(GroupTracker, NeverWaitsForSearchOnceTableIsTracked) {
       EXPECT_EQ(a.T_table_group.matrix(), b.T_table_group.matrix());
       EXPECT_EQ(a.covariance, b.covariance);
       EXPECT_EQ(frame.times.search_used, threaded.frames[f].times.search_used);
-      // The time of a search counts as tracking time, for any thread that runs it.
+      // The time of a search counts as tracking time, also if another thread runs it.
       for (const TrackedFrame* one : {&frame, &threaded.frames[f]}) {
         EXPECT_EQ(one->times.search_cpu_ms > 0.0, one->times.search_used);
         EXPECT_GT(one->times.total_cpu_ms, one->times.search_cpu_ms);
       }
-      // From the frame after both searches succeeded, searching within the frame must give the same
-      // poses.
+      // Once both kinds of search have succeeded, they must give the same poses from the next frame
+      // on.
       const GroupEstimate& c = named(waiting.frames[f], group);
       const int both = std::max(beside.first_tracked(group), waiting.first_tracked(group));
       if (a.status != TrackStatus::tracked || c.status != TrackStatus::tracked) continue;

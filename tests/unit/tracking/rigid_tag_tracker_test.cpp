@@ -101,10 +101,10 @@ TEST_F(RigidTagTrackerOnTabletop, ExtrapolatesForHoldTimeThenIsLost) {
     ASSERT_EQ(held.status, TrackStatus::held);
     EXPECT_NEAR(held.age_s, seconds(listed_[i].timestamp_ns - listed_[kSeen].timestamp_ns), 1e-12);
     EXPECT_THAT(text_of(held.reason), testing::HasSubstr("no tag"));
-    EXPECT_GT(held.predicted_overlay_error_px, promised) << "it must get less certain";
+    EXPECT_GT(held.predicted_overlay_error_px, promised) << "the predicted error must grow";
     promised = held.predicted_overlay_error_px;
     if (i == kSeen + 2) {
-      // The extrapolated pose must be closer to the truth than the last measured one.
+      // The extrapolated pose must be closer to the truth than the most recent measured pose.
       const std::int64_t time = listed_[i].timestamp_ns;
       EXPECT_LT(error_px(held, time),
                 overlay_difference(*camera_, still, truth_.at(time)->T_table_camera).rms_px());
@@ -218,7 +218,7 @@ TEST_F(RigidTagTrackerOnTabletop, AddsLensErrorToPredictedError) {
     ASSERT_EQ(b.status, TrackStatus::held);
     EXPECT_NEAR(b.predicted_overlay_error_px, std::hypot(a.predicted_overlay_error_px, 0.7), 1e-12);
     EXPECT_EQ(hardly_known.track(grey_frame(640, 480, later)).pose.status, TrackStatus::held)
-        << "the lens is the same in the next frame";
+        << "an uncertain lens must not end coasting";
   }
 }
 
@@ -362,7 +362,7 @@ TEST_F(RigidTagTrackerOnTabletop, SkipsCornerSolveWhenPatternIsAligned) {
     ASSERT_EQ(first.pose.status, TrackStatus::tracked);
     EXPECT_TRUE(first.times.corner_solve_skipped);
   }
-  // Half of the tags are displaced relative to the map, so it is ambiguous which half is right.
+  // Half of the tags are displaced relative to the map, so either half may be right.
   std::vector<MappedTag> tags = map_->tags();
   for (std::size_t i = 0; i < tags.size(); i += 2) {
     tags[i].T_table_tag = {tags[i].T_table_tag.rotation(),
@@ -489,7 +489,7 @@ TEST(RigidTagTracker, TracksSingleTagWithoutMirroredPose) {
       }
     }
     EXPECT_GE(tracked, size_m > 0.05 ? 80 : 1) << size_m;
-    EXPECT_GE(tracked + uncertain, 85) << size_m << ": an ambiguous view is reported as such";
+    EXPECT_GE(tracked + uncertain, 85) << size_m << ": ambiguous views must be reported";
   }
 }
 

@@ -101,9 +101,9 @@ TEST_F(TagAlignerTest, FindsPoseWithinHundredthOfPixelWithoutNoise) {
   }
 }
 
-// Compares the derivatives used by the Cramer-Rao bound with differences between images of many
-// samples. Sampling noise in the differences makes the bound one percent smaller; blur and larger
-// steps reduce that noise.
+// Compares the derivatives in the Cramer-Rao bound with differences between rendered images.
+// Sampling noise of the images makes the bound from differences one percent smaller; blur and
+// larger steps reduce that noise.
 TEST_F(TagAlignerTest, BoundUsesDerivativesOfRenderedImage) {
   PatternRenderOptions render;
   render.background = render.white;  // hides the sheet's edge
@@ -211,14 +211,14 @@ TEST_F(TagAlignerTest, StopsSamplingWhenBudgetIsMet) {
   const auto expected_px = [this](const AlignmentResult& result) {
     return predicted_overlay_error_px(camera_, result.T_map_camera, result.covariance);
   };
-  // The smallest budget is below the error that all pixels give.
+  // The smallest budget is below the error that is reached with all pixels.
   int asked = 0;
   int before = 0;
   for (const double times : {8.0, 4.0, 2.0, 1.2, 0.5}) {
     const double budget_px = times * expected_px(all);
     aligner.set_sample_need([&](const AlignmentResult& result) {
       ++asked;
-      EXPECT_FALSE(result.verified) << "not decoded yet";
+      EXPECT_FALSE(result.verified) << "tags are decoded only after sampling";
       return std::pow(expected_px(result) / budget_px, 2);
     });
     const AlignmentResult result = align(aligner, image, start, 2.0);
@@ -240,7 +240,8 @@ TEST_F(TagAlignerTest, StopsSamplingWhenBudgetIsMet) {
     }
   }
   EXPECT_GE(asked, 5);
-  // A need slightly above the previous one is met in the first round, so one query suffices.
+  // If the first round already has more samples than the budget needs, the aligner queries the need
+  // only once.
   const double budget_px = 2.0 * expected_px(all);
   asked = 0;
   aligner.set_sample_need([&](const AlignmentResult& result) {
@@ -562,7 +563,8 @@ TEST_F(TagAlignerTest, PyramidSearchFindsTagsFarFromPrediction) {
       break;
     }
   }
-  EXPECT_LT(near_by_itself, kPictures / 3) << "else there is nothing to bring near";
+  EXPECT_LT(near_by_itself, kPictures / 3)
+      << "without the pyramid, most starts must be too far away";
   EXPECT_GE(near_coarsely, kPictures - 2);
 }
 
@@ -652,7 +654,7 @@ TEST_F(TagAlignerTest, SkipsTagsOutOfViewOrTooSmall) {
       const AlignmentResult b = align(seen, image, start, 2.0);
       ASSERT_TRUE(b.verified);
       EXPECT_TRUE(a.verified);
-      // The distant tag may be counted as either.
+      // The distant tag may be counted as out of view or as too small.
       EXPECT_GE(a.counters.tags_out_of_view, 2);
       EXPECT_GE(a.counters.tags_too_small, 2);
       EXPECT_EQ(a.counters.tags_out_of_view + a.counters.tags_too_small, 6);
@@ -796,7 +798,8 @@ TEST_F(TagAlignerTest, MotionBlurErrorGrowsWithLongBlur) {
     EXPECT_TRUE(std::isfinite(error_px));
     EXPECT_TRUE(error.covariance.allFinite());
     EXPECT_EQ(error.covariance.isZero(0.0), error_px == 0.0);
-    EXPECT_EQ(aligner.motion_blur_error(motion, known).shift_px, error_px) << "asking leaves all";
+    EXPECT_EQ(aligner.motion_blur_error(motion, known).shift_px, error_px)
+        << "a query must not change the aligner";
     EXPECT_EQ(aligner.motion_blur_error(motion, known).covariance, error.covariance);
     if (input.exposure_motion.isZero(0.0)) {
       EXPECT_FALSE(aligner.edge_pixels().empty());
@@ -811,7 +814,7 @@ TEST_F(TagAlignerTest, MotionBlurErrorGrowsWithLongBlur) {
     SCOPED_TRACE(k);
     EXPECT_EQ(blur_error_px(4.0, 4.0, true), 0.0);
     EXPECT_EQ(blur_error_px(4.0, 4.0, false), 0.0);
-    EXPECT_EQ(blur_error_px(0.0, 40.0, false), 0.0) << "the image is sharp";
+    EXPECT_EQ(blur_error_px(0.0, 40.0, false), 0.0) << "a sharp image has no blur error";
     EXPECT_EQ(blur_error_px(0.0, 40.0, true), 0.0)
         << "a reported motion adds no error to a sharp image";
     // Cells are about 10 px wide. For a blur of more than two cells, the error is at least that of
@@ -895,7 +898,7 @@ TEST_F(TagAlignerTest, MotionBlurErrorAllowsForWrongMotion) {
     ++blurred;
     for (const bool known : {false, true}) {
       const MotionBlurError sure = aligner.motion_blur_error(nearly_none, known);
-      EXPECT_EQ(sure.shift_px, 0.0) << "of less than a cell";
+      EXPECT_EQ(sure.shift_px, 0.0) << "a motion of less than a cell adds no error";
       const MotionBlurError any = aligner.motion_blur_error(nearly_none, known, kLongest_cells);
       const MotionBlurError none = aligner.motion_blur_error(std::nullopt, false, kLongest_cells);
       EXPECT_GT(any.shift_px, 0.3);
@@ -905,8 +908,8 @@ TEST_F(TagAlignerTest, MotionBlurErrorAllowsForWrongMotion) {
     }
   }
   EXPECT_GE(blurred, 2);
-  // If the reported motion explains the blur, other motions add little error. In a sharp image they
-  // add none.
+  // If the reported motion explains the blur, other possible motions add little error. In a sharp
+  // image they add none.
   const BlurredView view = blurred_view(renderer_, 48.0);
   ASSERT_TRUE(aligner.refine(view.input).verified);
   const MotionBlurError sure = aligner.motion_blur_error(view.input.exposure_motion, true);
@@ -947,8 +950,8 @@ TEST_F(TagAlignerTest, MotionBlurErrorFindsBlurredFractionOfMotion) {
   }
 }
 
-// A blurred single tag has no neighbour that limits its rotation; its shift may be the full
-// ambiguity.
+// A blurred single tag has no neighbour that limits its rotation. Its shift may be as large as the
+// full ambiguity along the motion.
 TEST_F(TagAlignerTest, MotionBlurErrorOfSingleTagHasNoRotation) {
   const std::vector<MappedTag> lone = board(1, 1, 0.12);
   PatternRenderer renderer = PatternRenderer::create(camera_, lone).value();
@@ -1054,12 +1057,12 @@ TEST_F(TagAlignerTest, MotionBlurErrorNeedsNoKnownMotion) {
       return std::optional(found.shift_px);
     };
     EXPECT_EQ(error_px(Vector6d::Zero()), 0.0);
-    EXPECT_EQ(error_px(0.4 * motion), 0.0) << "about a cell of some 10 px";
+    EXPECT_EQ(error_px(0.4 * motion), 0.0) << "the blur is about one cell (10 px)";
     const std::optional<double> error = error_px(motion);
     if (!error) continue;  // strong blur may prevent verification
     ++blurred;
     EXPECT_GT(*error, 0.3);
-    EXPECT_LT(*error, 8.0) << "of 2 c, c a cell";
+    EXPECT_LT(*error, 8.0) << "for a motion of at most 2 cells (20 px)";
   }
   EXPECT_GE(blurred, 2);
 }

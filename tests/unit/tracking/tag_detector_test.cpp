@@ -185,7 +185,7 @@ TEST(TagDetector, SearchesQuadsAtRequestedDecimation) {
     const std::vector<TagDetection> expected = own.detect(view, decimate);
     ASSERT_EQ(found.size(), expected.size());
     if (decimate == 4.0F) before = found.size();
-    EXPECT_GE(found.size(), before) << "finer finds more";
+    EXPECT_GE(found.size(), before) << "a finer search must find as many tags";
     for (std::size_t i = 0; i < found.size(); ++i) {
       EXPECT_EQ(found[i].id, expected[i].id);
       EXPECT_EQ(found[i].corners_px, expected[i].corners_px);
@@ -228,7 +228,7 @@ TEST(TagDetector, MatchesTruthOfRecording) {
       for (const TagDetection& tag : search.tags(SearchResolution::full)) {
         const MappedTag* mapped = map.find(tag.family, tag.id);
         if (mapped == nullptr) {
-          ADD_FAILURE() << "tag " << tag.id << " is not there";
+          ADD_FAILURE() << "tag " << tag.id << " is not on the board";
           continue;
         }
         const auto corners = mapped->corners();

@@ -243,9 +243,9 @@ TEST(ToneEstimator, RejectsUninformativeImages) {
       good.view(), CameraPose(Eigen::Quaterniond::Identity(), Eigen::Vector3d(nan, 0.0, 0.4))));
   EXPECT_FALSE(estimator.add(good.view(), views.start(1)));  // the board's pose is wrong
   EXPECT_FALSE(estimator.add(views.picture(0, power(1.4), 2.0, 1.6).view(), views.start(0)))
-      << "the paper is cut off";
+      << "the paper is overexposed";
   EXPECT_FALSE(estimator.add(views.picture(0, power(1.0), 2.0, 0.1).view(), views.start(0)))
-      << "hardly any contrast";
+      << "the contrast is too low";
   GreyImage flat = good;
   for (const int grey : {0, 128, 255}) {
     std::fill(flat.pixels.begin(), flat.pixels.end(), static_cast<std::uint8_t>(grey));
