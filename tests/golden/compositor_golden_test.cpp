@@ -329,7 +329,8 @@ TEST(BundledSceneList, HasGoldenImageAndReadmeLineForEveryScene) {
   EXPECT_GE(with_picture.size(), 8U);
 }
 
-// The shadow reaches the phantom before the recording ends: without the phantom the image differs.
+// The shadow falls on the phantom before the recording ends, so the image without the phantom must
+// differ.
 TEST(DefaultScenePhantom, ReceivesShadowBeforeRecordingEnds) {
   const auto view = half_size_view("tabletop", 116);
   ASSERT_TRUE(view) << view.error().message;
@@ -455,7 +456,7 @@ TEST(GoldenComparison, AcceptsTwoGreyLevelsAndOneOutlierInTenThousand) {
   EXPECT_TRUE(compare(a, b).exact);
   for (std::size_t i = 0; i < b.pixels.size(); i += 4) b.pixels[i] = 102;
   EXPECT_FALSE(compare(a, b).exact);
-  EXPECT_TRUE(compare(a, b).acceptable()) << "2 grey levels everywhere";
+  EXPECT_TRUE(compare(a, b).acceptable()) << "2 grey levels in every pixel";
   b.pixels[0] = 200;
   EXPECT_TRUE(compare(a, b).acceptable()) << "1 of 10 000 pixels";
   b.pixels[4] = 103;

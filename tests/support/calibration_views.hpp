@@ -53,8 +53,8 @@ inline std::vector<Eigen::Vector3d> flat_board(int columns = 9, int rows = 7, do
 struct ViewOptions {
   int views = 15;
   double noise_px = 0.1;
-  double tilt_rad = 0.7;     // maximum, in any direction
-  double distance_m = 0.35;  // typical
+  double tilt_rad = 0.7;     // maximum tilt, in any direction
+  double distance_m = 0.35;  // typical distance
   // 0: the board's centre lies up to 0.35 of the distance from the optical axis. Otherwise the
   // centre lies within this fraction of the image, and corners outside the fraction are not
   // observed.

@@ -34,7 +34,7 @@ inline EdgeError edge_error(const RenderedImage& picture, const RenderedImage& f
       }
     }
   }
-  // Skips pixels near which the fine image changes within one pixel's distance.
+  // Compares pixels that are more than two pixels away from every edge of the fine image.
   for (int y = 2; y + 2 < picture.height; ++y) {
     for (int x = 2; x + 2 < picture.width; ++x) {
       const int value = fine.red(times * x, times * y);

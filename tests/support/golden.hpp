@@ -106,14 +106,14 @@ inline testing::AssertionResult matches_golden(const std::string& name, const Rg
   if (d.exact && d.same_size) return testing::AssertionSuccess();
   const char* elsewhere = std::getenv("PENUMBRA_OTHER_OPENGL");
   if (d.acceptable() || (elsewhere != nullptr && d.acceptable_elsewhere())) {
-    std::printf("%s: not the same bits: %zu px over tolerance\n", name.c_str(),
+    std::printf("%s: not bit-identical: %zu px over tolerance\n", name.c_str(),
                 static_cast<std::size_t>(d.over_tolerance));
     return testing::AssertionSuccess();
   }
   write_failure(name, actual, *golden);
   return testing::AssertionFailure()
          << name << ": " << d.over_tolerance << " of " << d.pixels << " px differ by more than "
-         << ImageDifference::kToleranceGreyLevels << " grey levels, the largest by " << d.largest
+         << ImageDifference::kToleranceCodes << " grey levels, the largest by " << d.largest
          << "; see " << golden_output_dir();
 }
 

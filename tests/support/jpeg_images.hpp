@@ -88,8 +88,8 @@ inline std::vector<std::size_t> restarts_of(const std::string& jpeg) {
   return found;
 }
 
-// Offsets at which to cut between scans: each scan begins with its Huffman tables, the first with
-// all headers.
+// Offsets at which one scan ends and the next begins. The first scan begins with all headers, each
+// further scan with its Huffman tables.
 inline std::vector<std::size_t> scans_of(const std::string& jpeg) {
   std::vector<std::size_t> found{0};
   bool in_blocks = true;

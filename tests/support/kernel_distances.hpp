@@ -16,12 +16,12 @@ namespace penumbra::test {
 
 struct KernelDistance {
   double distance = 0.0;  // |x - k| across `up` [m]
-  double inside = 0.0;    // radius of the disc about k in its part's silhouette [m]; or 0
+  double inside = 0.0;    // radius of the largest disc about k in its part's silhouette, or 0 [m]
   double cell = 0.0;      // upper bound of the cell size of the part's raster [m]
 };
 
-// Returns an entry for each vertex; those without a visible face stay 0. Holes of less than 0.5 %
-// of a silhouette count as filled, like missing faces (docs/shadows.md#kernels).
+// Returns an entry for each vertex. Entries of vertices without a visible face are 0. Holes of less
+// than 0.5 % of a silhouette count as filled, like missing faces (docs/shadows.md#kernels).
 inline std::vector<KernelDistance> kernel_distances(const ShadowMesh& mesh,
                                                     const ShadowKernels& kernels) {
   const PlaneFrame plane = PlaneFrame::make(kernels.up, Eigen::Vector3d::Zero());

@@ -37,8 +37,8 @@ class ModelCase : public testing::Test {
   TemporaryFolder folder_;
 };
 
-// Projected area of a model's faces along `direction` (unit): of faces towards and away from the
-// viewer. For faces that do not overlap, it equals the area of their shadow.
+// Projected areas of a model's faces along `direction` (unit): `front` sums the faces towards the
+// viewer, `back` the others. If the faces do not overlap, each sum equals the area of their shadow.
 struct ProjectedArea {
   double front = 0.0;
   double back = 0.0;

@@ -91,7 +91,7 @@ struct Session {
   PatternRenderOptions light;
 
   [[nodiscard]] CameraPose truth(int frame) const { return motion.at(frame * frame_s); }
-  // Renders a frame. The frame's time is the middle of the exposure, with a rolling shutter that of
+  // Renders a frame. Its timestamp is the middle of the exposure; with a rolling shutter, that of
   // the middle row.
   [[nodiscard]] Frame picture(PatternRenderer& renderer, int frame) const {
     const double middle = frame * frame_s;

@@ -1,4 +1,4 @@
-// Runs a program: arguments in, exit code and both outputs back.
+// Runs a program with arguments and returns its exit code and both of its outputs.
 #pragma once
 
 #include <fcntl.h>

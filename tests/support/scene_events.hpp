@@ -1,4 +1,4 @@
-// Parses one line of events.jsonl like a recording's file.
+// Reads one line of events.jsonl in the way that a recording's file is read.
 #pragma once
 
 #include <string>

@@ -1,4 +1,4 @@
-// Reference for recomputation: the shadows that a change in the scene affects.
+// Reference for recomputation: lists the shadows that a change in the scene affects.
 #pragma once
 
 #include <algorithm>

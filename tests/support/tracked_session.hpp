@@ -24,8 +24,8 @@ inline Session ordinary() {
   return session;
 }
 
-// Number of tracked frames whose error exceeds four times the predicted one. A small fraction of
-// them may.
+// Number of tracked frames whose error exceeds four times the predicted error. Callers check that
+// the fraction of such frames is small.
 struct ExceededPredictions {
   int tracked = 0, beyond = 0;
 };
