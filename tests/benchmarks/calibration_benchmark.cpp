@@ -37,7 +37,7 @@ struct Photographs {
   int columns;  // number of inner corners
   int rows;
   double square_m;
-  bool charuco = false;  // markers: the first of DICT_4X4_50, 3/4 of a square wide
+  bool charuco = false;  // with the first markers of DICT_4X4_50, 3/4 of a square wide
 };
 constexpr Photographs kSets[] = {{"opencv-chessboard", 9, 6, 0.025},
                                  {"swatbotics/calibration", 7, 5, 0.025},
@@ -98,8 +98,8 @@ bool has_mrcal() {
   return std::system("command -v mrcal-calibrate-cameras > /dev/null 2>&1") == 0;
 }
 
-// Runs Debian's mrcal as a program, so its time includes the program's start. mrcal estimates the
-// board warp, but its files hold only the camera, so the held-out error uses a flat board.
+// Runs Debian's mrcal as a program, so its time includes the start of the program. mrcal estimates
+// the board warp but does not save it, so the held-out error uses a flat board.
 std::optional<test::CameraAndBoard> mrcal(const Corners& corners, const Target& target,
                                           const Views& views) {
   const test::TemporaryFolder folder;

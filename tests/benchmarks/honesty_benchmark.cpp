@@ -5,7 +5,7 @@
 //
 // near: distances down to 6 cm, within the overlay's cube.
 // moved: before the third frame, a fraction SHARE of the tags (rounded) is moved together by up to
-// a tag's size.
+// the size of a tag.
 #include <algorithm>
 #include <cstdio>
 #include <cstdlib>

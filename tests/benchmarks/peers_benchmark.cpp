@@ -95,7 +95,7 @@ std::string of_three(const std::vector<Outcome>& outcomes, Value value) {
                      value(outcome_of(outcomes, kAccurate)), value(outcome_of(outcomes, kAuto)));
 }
 
-// A goal that names no mode is assessed in the default mode.
+// A goal without a mode in its name is assessed in the default mode.
 template <class Holds>
 bool by_default(const std::vector<Outcome>& outcomes, Holds holds) {
   return holds(outcome_of(outcomes, kAuto));

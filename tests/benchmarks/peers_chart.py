@@ -13,7 +13,7 @@ def colour_of(name):
 
 
 def label_of(row):
-    """The name without the words that all rows share; if not all frames are good, also the numbers of poses and of wrong poses."""
+    """The name without the words that all rows share. If some poses are wrong or missing, also the number of right ones and of frames."""
     label = row["name"].replace(" + PnP", "").replace(" + our pose", ", our pose")
     good = row["posed"] - row["wrong"]
     return label if good == row["frames"] else f"{label} ({good}/{row['frames']})"

@@ -4,8 +4,8 @@
 //   shadow_error_benchmark [RESULTS.json]
 //
 // The light is at the zenith (H = infinity). Each connected component has a disc light as wide as
-// the component is thick: this is the light that layers model (docs/shadows.md#kernels and 2.9c).
-// Without Embree there is no reference, so only times are measured.
+// the component is thick, because layers model this light (docs/shadows.md#kernels). Without Embree
+// there is no reference, so only times are measured.
 #include <fmt/format.h>
 
 #include <Eigen/Geometry>
@@ -98,7 +98,7 @@ Scene make_scene(const std::string& name, const Model& model) {
     low = low.cwiseMin(q);
     high = high.cwiseMax(q);
   }
-  // The whole body is above the plane and below h_u.
+  // Places the whole body between the plane and h_u.
   const double h_u = std::max(0.3, 1.4 * (high.z() - low.z()));
   scene.constants =
       make_layered_constants(std::numeric_limits<double>::infinity(), 0.0, h_u).value();
@@ -202,7 +202,7 @@ class RayCaster {
   RayCaster(const RayCaster&) = delete;
   RayCaster& operator=(const RayCaster&) = delete;
 
-  // Time to build the trees over the faces, which is necessary for each new tilt.
+  // Time to build the trees over the faces, which must be rebuilt for each new tilt [ms].
   [[nodiscard]] double build_ms() const { return build_ms_; }
 
   [[nodiscard]] Layers cast(const std::vector<Eigen::Vector2f>& samples) const {

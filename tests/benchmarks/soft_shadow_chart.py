@@ -13,7 +13,7 @@ STEPS = [step * 10.0 ** power for power in range(-2, 4) for step in (1.0, 3.0)]
 
 
 def measured():
-    """shape -> [(technique, instructions [M], RMS error [grey levels])]."""
+    """Returns shape -> [(technique, instructions [M], error [grey levels])]."""
     line = re.compile(r"^\| (\w+) \| ([\w-]+) \| ([\d.]+) \| [\d.]+ \| ([\d.]+) \| [\d.]+ \| [-+][\d.]+ % \| [-+][\d.]+ % \|$")
     shapes = {}
     for text in (PAGES / "instructions.md").read_text().splitlines():

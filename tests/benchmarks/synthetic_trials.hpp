@@ -36,8 +36,9 @@ class SyntheticTrials {
   explicit SyntheticTrials(int samples = PatternRenderOptions().samples) : samples_(samples) {}
 
   // Images with white noise [grey levels] and start errors of 2 px. Each view is drawn `draws`
-  // times with different noise, because the ratio of a single error to its bound scatters by its
-  // own size. The Cramer-Rao bound is optional; gain and offset of each tag are unknown in it.
+  // times with different noise, because the ratio of error to bound varies by about 100 % between
+  // single images. The Cramer-Rao bound is optional; it treats gain and offset of each tag as
+  // unknown.
   [[nodiscard]] TrialScore noise(AlignmentEffort effort, double noise_grey, int views,
                                  bool with_bound, int draws = 1) {
     TagAligner aligner = make_aligner(effort);
@@ -182,7 +183,7 @@ class SyntheticTrials {
     AlignmentInput input;
     input.luma = image.view();
     input.predicted = as_map_pose(start);
-    // The prior has the size of the start errors.
+    // The standard deviations of the prior match the start errors.
     input.covariance = loose_prior(0.0007 * start_px, 0.0012 * start_px);
     input.exposure_motion = motion;
     const Stopwatch watch;

@@ -1,5 +1,5 @@
 // Detection and pose estimation on the bundled recording: CPU time per frame, and overlay error
-// against exact truth. Also the time of recovery after a jerk, on synthetic images.
+// against exact truth. Also measures the time to recover after a jerk, on synthetic images.
 #include <benchmark/benchmark.h>
 
 #include <algorithm>

@@ -14,7 +14,7 @@ TRIANGLES = 48  # selects rows of instructions.md
 
 
 def measured():
-    """(label, mode, density error, standard deviation, share of pixels that flip) of each pattern and distance."""
+    """Returns (label, mode, density error, standard deviation, fraction of flipping pixels) of each pattern and distance."""
     rows = {}
     line = re.compile(r"^(mesh|geometry-mesh, [\d.]+ px)\s+([\d.]+)\s+\w+\s+([\d.]+)\s+([\d.]+)\s+([\d.]+)\s+[\d.]+\s+[\d.]+\s+([\d.]+) %$")
     for text in (PAGES / "translucency.md").read_text().splitlines():
@@ -31,7 +31,7 @@ def measured():
 
 
 def costs():
-    """mode -> instructions relative to a simple shadow."""
+    """Returns mode -> instructions relative to a simple shadow."""
     line = re.compile(rf"^\| {TRIANGLES} \| moving \| layered \| ([\w-]+) \| [\d.]+ \| ([\d.]+) \|")
     found = (line.match(text) for text in (PAGES / "instructions.md").read_text().splitlines())
     return {match.group(1): float(match.group(2)) for match in found if match}

@@ -2,12 +2,11 @@
 //
 //   count_frames FRAMES TRIANGLES:MOTION:TECHNIQUE:TRANSLUCENCY...
 //
-// MOTION: still | moving | cut | over-box | over-ball. The caster is a torus of TRIANGLES triangles
-// (12: a box). It moves over the table; with over-box and over-ball, over a phantom that receives
-// its shadow. Counting starts at the fourth frame, when programs are compiled and caches are
-// filled. Each count is dumped under its row's name. Prints the number of draw calls in the row's
-// last frame. scripts/count-instructions runs this program.
-// printed. scripts/count-instructions runs it.
+// MOTION: still | moving | cut (moves through the umbra height) | over-box | over-ball (moves over
+// a phantom that receives the shadow). The caster is a torus of TRIANGLES triangles, or a box
+// for 12. Counting starts at the fourth frame, when programs are compiled and caches are filled.
+// Each count is dumped under the name of its row. Prints the number of draw calls in the final
+// frame of each row. scripts/count-instructions runs this program.
 #include <valgrind/callgrind.h>
 
 #include <algorithm>

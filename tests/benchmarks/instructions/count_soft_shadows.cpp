@@ -4,7 +4,7 @@
 //   count_soft_shadows count FRAMES SHAPE:TECHNIQUE... draws moving frames for callgrind to count,
 //                                                      dumped under these names
 //   count_soft_shadows frame SHAPE:TECHNIQUE FILE.ppm  one image
-//   count_soft_shadows errors                          SHAPE TECHNIQUE and four figures a line
+//   count_soft_shadows errors                          lines of SHAPE TECHNIQUE and four figures
 //
 // SHAPE: sphere | torus, of 3000 triangles. TECHNIQUE: a technique of the program, a technique of
 // soft_shadows.hpp, or `bare` for the frame without a shadow. The light is a disc at the zenith

@@ -15,8 +15,8 @@ namespace penumbra::counted {
 
 inline constexpr int kWidth = 1280;
 inline constexpr int kHeight = 720;
-inline constexpr int kWarmFrames = 3;            // then programs are compiled and caches are filled
-inline constexpr double kObjectHeight = 0.1;     // of the object's centre in the first frame [m]
+inline constexpr int kWarmFrames = 3;            // enough to compile programs and fill caches
+inline constexpr double kObjectHeight = 0.1;     // height of its centre in the first frame [m]
 inline constexpr double kRisePerFrame = 0.0007;  // [m]
 
 inline void use_one_thread_of_software_gl() {

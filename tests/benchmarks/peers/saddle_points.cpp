@@ -15,7 +15,7 @@
 namespace penumbra::peers {
 namespace {
 
-constexpr double kSigma_px = 1.3;  // of the quadric's weights: a quarter of a typical cell
+constexpr double kSigma_px = 1.3;  // Gaussian weights of the fit; 1/4 of a typical cell
 constexpr double kNear_px = 2.0;
 
 std::optional<Eigen::Vector2d> saddle_near(ImageView image, Eigen::Vector2d place) {

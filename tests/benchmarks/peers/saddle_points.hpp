@@ -26,8 +26,8 @@ struct SaddlePoint {
                                                           const CameraPose& T_table_camera,
                                                           ImageView image);
 
-// Adjusts tag poses and camera poses to the points, with Cauchy's loss over 0.25 px to reject
-// covered points. The first tag is fixed. The others stay in z = 0 and parallel to it, as printed,
+// Adjusts tag poses and camera poses to the points. Cauchy's loss with a scale of 0.25 px rejects
+// covered points. The first tag is fixed. The other tags stay in the plane z = 0, as printed,
 // because some have only one such point. The camera must have no distortion. Returns the RMS of the
 // inliers (residuals below 1 px) [px].
 double adjust(const CameraModel& camera, std::span<const std::vector<SaddlePoint>> points,
