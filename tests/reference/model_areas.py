@@ -2,13 +2,13 @@
 """Areas of models' orthogonal projections along the vertical, computed independently of penumbra.
 
 Reads OBJ and glTF 2.0 by their specifications in double precision and prints one line per file:
-the areas [cm2] that `penumbra shadow FILE --technique simple` has to give along the vertical and
+the areas [cm2] that `penumbra shadow FILE --technique simple` must give along the vertical and
 along an oblique direction, or why the file is malformed or has no triangles. The areas in
 tests/data/public_models.csv are made with it:
 
     /usr/bin/python3 tests/reference/model_areas.py /usr/share/assimp/models
 
-Needs Debian's python3-numpy and python3-shapely. penumbra's own tests read the table alone.
+Needs Debian's python3-numpy and python3-shapely. The tests read only the table.
 """
 
 import base64
@@ -24,7 +24,7 @@ import shapely.ops
 
 
 class Refusal(Exception):
-    """The file has no area: the message says why."""
+    """The file has no area; the message gives the reason."""
 
 
 def require(condition, why):
@@ -44,7 +44,7 @@ def even_odd(ring):
 
 
 def crossings(ring, point):
-    """How often a ray to the right of the point crosses the ring."""
+    """Number of crossings of the ring by a ray from the point to the right."""
     count = 0
     for (ax, ay), (bx, by) in zip(ring, np.roll(ring, -1, axis=0)):
         if (ay > point.y) != (by > point.y):
@@ -304,7 +304,7 @@ def triangles_of(mode, indices):
 
 
 def is_invisible(gltf, primitive):
-    """By its material's factor alone; textures are not read here."""
+    """Tests the alpha of the base colour factor; textures are not read."""
     if "material" not in primitive:
         return False
     material = element(gltf.list_of("materials"), primitive["material"], "material")
@@ -316,7 +316,7 @@ def is_invisible(gltf, primitive):
 
 
 def require_uncompressed(gltf, primitive):
-    """An extension that is not required may still be the only place of the geometry."""
+    """Rejects geometry that only a compression extension contains, even if it is not required."""
     position = element(gltf.list_of("accessors"), primitive["attributes"]["POSITION"], "accessor")
     for name in COMPRESSION:
         require(name not in primitive.get("extensions", {}) or "bufferView" in position,

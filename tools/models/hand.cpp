@@ -62,8 +62,8 @@ double hand_distance(const Point& p) {
   return -blend(-d, p.z, 3.0);  // a flat wrist to stand on
 }
 
-// Surface nets: one vertex in each cell that the surface crosses, and one quad across each grid
-// edge that it crosses. The vertices are then moved onto the surface.
+// Surface nets: creates a vertex in each cell and a quad across each grid edge that the surface
+// crosses. The vertices are then moved onto the surface.
 Solid mesh_of(const Field& field, const Point& low, const Point& high, double cell) {
   const glm::ivec3 size = glm::ivec3(glm::ceil((high - low) / cell)) + 1;
   const auto index = [&size](const glm::ivec3& c) {

@@ -365,7 +365,7 @@ struct BladeShape {
   double root, tip;              // radii [mm]
   double chord, thickness;       // [mm]
   double root_pitch, tip_pitch;  // [rad], leading edge up
-  double droop;                  // of the tip [mm]
+  double droop;                  // droop of the tip [mm]
   int stations, segments;
 };
 

@@ -282,7 +282,8 @@ void cut(Solid& solid, const Field& field, double slide) {
   std::vector<double> value;
   for (const Point& p : solid.points) value.push_back(field(p));
 
-  // Vertices close to the curve slide onto it, along the edge with the nearest crossing.
+  // Vertices close to the curve slide onto it, along the edge whose crossing with the curve is
+  // nearest.
   struct Slide {
     double distance = 0.0;
     Point to = Point(0.0);
@@ -431,7 +432,7 @@ void paint_band(Solid& solid, const Field& field, double half_width, int materia
 }
 
 double rounded_polygon(const std::vector<glm::dvec2>& corners, double radius, const glm::dvec2& p) {
-  // The segments give the distance to the outline; counting crossings gives its sign.
+  // The nearest segment gives the distance to the outline; the number of crossings gives its sign.
   double nearest = glm::distance(p, corners.front());
   bool inside = false;
   for (std::size_t i = 0; i < corners.size(); ++i) {

@@ -64,8 +64,8 @@ void cut(Solid& solid, const Field& field, double slide = 0.4);
 void refine(Solid& solid, const Field& field, double longest);
 void recolor(Solid& solid, const Field& field, int material);  // faces whose centre is inside
 void paint(Solid& solid, const Field& field, int material);    // cuts, then recolours
-// Paints a band between two parallel curves. The curves are cut separately, so that the band may be
-// narrower than a face.
+// Paints a band between two parallel curves. The faces are cut along each curve separately, so that
+// the band may be narrower than a face.
 void paint_band(Solid& solid, const Field& field, double half_width, int material);
 
 // Signed distance [mm] to a polygon grown by `radius`, which rounds its corners, in any two
