@@ -27,7 +27,7 @@ inline Result<std::vector<ListedFrame>> list_frames(const std::filesystem::path&
   if (!text) return tl::unexpected(text.error());
   std::vector<ListedFrame> frames;
   std::string_view rest = *text;
-  rest.remove_prefix(std::min(rest.find('\n') + 1, rest.size()));  // the heading
+  rest.remove_prefix(std::min(rest.find('\n') + 1, rest.size()));  // skips the header line
   while (!rest.empty()) {
     const std::size_t end = std::min(rest.find('\n'), rest.size());
     const std::string_view line = trim(rest.substr(0, end));

@@ -20,7 +20,7 @@ inline std::vector<int> max_corners_in_view(const std::filesystem::path& recordi
   std::vector<int> corners(frames, 0);
   std::istringstream lines(*text);
   std::string line;
-  std::getline(lines, line);  // the heading
+  std::getline(lines, line);  // skips the header line
   while (std::getline(lines, line)) {
     std::size_t frame = 0;
     int id = 0;

@@ -69,7 +69,7 @@ class SoftShadows {
   bool faces_outwards_ = true;
   FramebufferHandle target_;
   TextureHandle texture_, stencil_;
-  GLuint nearest_ = 0, compared_ = 0;  // samplers, which live as long as the context
+  GLuint nearest_ = 0, compared_ = 0;  // samplers; deleted with the context
   // State of the current frame.
   glm::mat4x3 plane_from_caster_{0.0F};
   glm::vec4 bounds_{0.0F};  // lowest (u, v), then the extents [m]

@@ -46,7 +46,7 @@ struct Outcome {
   std::string name;
   bool ours = false;
   std::vector<double> ms;          // CPU time of each frame, minimum of the repetitions
-  std::vector<double> overlay_px;  // of each tracked frame; negative for other frames
+  std::vector<double> overlay_px;  // error of each tracked frame; negative for other frames
   std::vector<CameraPose> poses;   // of each frame; identity without a pose
   std::vector<bool> posed;
   Evaluation evaluation;  // over the tracked frames
@@ -84,7 +84,7 @@ inline constexpr std::string_view kDecimate2 = "libapriltag d2 + PnP";
 // search regions.
 struct RealVideo {
   Footage footage;
-  std::vector<std::vector<PointObservation>> corners;  // by libapriltag, decimate 1, per frame
+  std::vector<std::vector<PointObservation>> corners;  // libapriltag's (decimate 1), per frame
   int tags = 0;
   double rms_px = 0.0;  // residual of the bundle adjustment
 };

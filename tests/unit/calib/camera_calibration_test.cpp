@@ -1,5 +1,5 @@
-// From images to a camera file: which images are rejected with which reason, and how other programs
-// read the file.
+// Calibration from images to a camera file: which images are rejected and why, and whether other
+// programs can read the file.
 #include "calib/camera_calibration.hpp"
 
 #include <gmock/gmock.h>

@@ -35,10 +35,10 @@ TEST(NonMonotonicDistortion, IsLocatedWhereRadiusStopsGrowing) {
   EXPECT_FALSE(non_monotonic_place_in_image(test::wide_lens()));
   // r (1 - r^2 / 3) increases up to r = 1, where its value is 2/3. At f = 200 that is 133 px, which
   // is inside the upper and lower image borders.
-  const CameraModel folds = lens(DistortionModel::plumb_bob, 200.0, {-1.0 / 3.0});
-  const auto at = non_monotonic_place_in_image(folds);
+  const CameraModel non_monotonic = lens(DistortionModel::plumb_bob, 200.0, {-1.0 / 3.0});
+  const auto at = non_monotonic_place_in_image(non_monotonic);
   ASSERT_TRUE(at);
-  EXPECT_NEAR(at->x(), folds.parameters().cx, 10.0);
+  EXPECT_NEAR(at->x(), non_monotonic.parameters().cx, 10.0);
   // Non-monotonic in the corners only, from 0.75 of the half diagonal.
   const auto corner =
       non_monotonic_place_in_image(lens(DistortionModel::plumb_bob, 450.0, {-1.0 / 3.0}));
@@ -53,11 +53,11 @@ TEST(NonMonotonicDistortion, IsLocatedWhereRadiusStopsGrowing) {
 }
 
 TEST(UncertaintyMap, IsUnboundedForNonMonotonicLens) {
-  const CameraModel folds = lens(DistortionModel::plumb_bob, 450.0, {-1.0 / 3.0});
+  const CameraModel non_monotonic = lens(DistortionModel::plumb_bob, 450.0, {-1.0 / 3.0});
   const Eigen::MatrixXd tiny = 1e-12 * Eigen::MatrixXd::Identity(9, 9);
   EXPECT_LT(uncertainty_map(test::desk_camera(), tiny).largest_px, 0.1);
-  EXPECT_TRUE(std::isinf(uncertainty_map(folds, tiny).largest_px));
-  EXPECT_TRUE(std::isinf(uncertainty_map(folds, tiny).mean_px));
+  EXPECT_TRUE(std::isinf(uncertainty_map(non_monotonic, tiny).largest_px));
+  EXPECT_TRUE(std::isinf(uncertainty_map(non_monotonic, tiny).mean_px));
 }
 
 struct Chosen {
@@ -221,19 +221,19 @@ TEST(CalibrationVerdict, IsPoorWhenNonMonotonicLensFitsBetter) {
   CameraCalibration c = confident_calibration();
   judge(c);
   ASSERT_EQ(c.grade, CalibrationGrade::good) << c.verdict;
-  ModelTrial folds;
-  folds.model = DistortionModel::rational;
-  folds.held_out_px = 0.2;
-  folds.non_monotonic_px = Eigen::Vector2d(5.0, 5.0);
-  c.trials.push_back(folds);
+  ModelTrial non_monotonic;
+  non_monotonic.model = DistortionModel::rational;
+  non_monotonic.held_out_px = 0.2;
+  non_monotonic.non_monotonic_px = Eigen::Vector2d(5.0, 5.0);
+  c.trials.push_back(non_monotonic);
   judge(c);
   EXPECT_EQ(c.grade, CalibrationGrade::poor);
   EXPECT_THAT(c.verdict, HasSubstr("rational_polynomial explains the views better (0.200 px)"));
   EXPECT_THAT(c.verdict, HasSubstr("non-monotonic near the top left"));
   // The rejected lens is not better, so the chosen one is rated good.
   c = confident_calibration();
-  folds.held_out_px = 0.5;
-  c.trials.push_back(folds);
+  non_monotonic.held_out_px = 0.5;
+  c.trials.push_back(non_monotonic);
   judge(c);
   EXPECT_EQ(c.grade, CalibrationGrade::good) << c.verdict;
 }

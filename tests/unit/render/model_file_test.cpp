@@ -290,7 +290,7 @@ TEST_F(ModelFile, ColoursFacesByObjMaterials) {
   ASSERT_TRUE(model) << error_of(model);
   ASSERT_EQ(model->meshes.size(), 2U);
   EXPECT_EQ(model->materials[0].name, "paint");
-  EXPECT_NEAR(model->materials[0].base_color.g, 0.21404F, 1e-4F);  // sRGB 0.5
+  EXPECT_NEAR(model->materials[0].base_color.g, 0.21404F, 1e-4F);  // linear value of sRGB 0.5
   EXPECT_EQ(model->materials[0].emissive.b, 1.0F);
 }
 

@@ -28,15 +28,16 @@ std::vector<CameraModel> lenses() {
 }
 
 // Position in the distorted video that the pixel's ray projects to, computed without the grid.
-Eigen::Vector2d exact(const CameraModel& camera, const CameraModel& straight, double x, double y) {
-  return *camera.project_extended(*straight.unproject({x, y}));
+Eigen::Vector2d exact(const CameraModel& camera, const CameraModel& undistorted, double x,
+                      double y) {
+  return *camera.project_extended(*undistorted.unproject({x, y}));
 }
 
 TEST(Rectification, ComputesGridAccurateToTenthOfPixel) {
   for (const CameraModel& camera : lenses()) {
-    const CameraModel straight = without_distortion(camera);
-    EXPECT_FALSE(straight.has_distortion());
-    EXPECT_EQ(straight.parameters().fx, camera.parameters().fx);
+    const CameraModel undistorted = without_distortion(camera);
+    EXPECT_FALSE(undistorted.has_distortion());
+    EXPECT_EQ(undistorted.parameters().fx, camera.parameters().fx);
     const RectifyingGrid grid = rectifying_grid(camera);
     double worst = 0.0;
     for (int row = 0; row + 1 < grid.rows; ++row) {
@@ -50,7 +51,7 @@ TEST(Rectification, ComputesGridAccurateToTenthOfPixel) {
               std::pair(corner(1, 0), corner(0, 1))}) {
           const Eigen::Vector2d middle = 0.5 * (grid.picture[a] + grid.picture[b]);
           const Eigen::Vector2d source = 0.5 * (grid.video[a] + grid.video[b]);
-          const Eigen::Vector2d truth = exact(camera, straight, middle.x(), middle.y());
+          const Eigen::Vector2d truth = exact(camera, undistorted, middle.x(), middle.y());
           // Compares only points that are visible in the video.
           if (truth.x() < -1 || truth.y() < -1 || truth.x() > kWidth || truth.y() > kHeight)
             continue;
@@ -85,12 +86,12 @@ TEST(Rectification, SamplesVideoAlongRayOfEachPixel) {
         RenderedImage picture{kWidth, kHeight, std::vector<std::uint8_t>(4 * kWidth * kHeight)};
         ASSERT_TRUE(compositor.draw(buffer.frame, FramePlan()));
         ASSERT_TRUE(compositor.read_back(picture.rgba));
-        const CameraModel straight = without_distortion(camera);
+        const CameraModel undistorted = without_distortion(camera);
         int inside = 0;
         int outside = 0;
         for (int y = 0; y < kHeight; y += 3) {
           for (int x = 0; x < kWidth; x += 3) {
-            const Eigen::Vector2d at = exact(camera, straight, x, y);
+            const Eigen::Vector2d at = exact(camera, undistorted, x, y);
             if (at.x() > 0 && at.y() > 0 && at.x() < kWidth - 1 && at.y() < kHeight - 1) {
               ++inside;
               // Rounding to grey levels occurs twice; the grid's error of 0.1 px corresponds to
@@ -141,10 +142,10 @@ TEST(Rectification, AlignsOverlayWithVideo) {
             std::equal(seen.at(x, y), seen.at(x, y) + 3, std::array{30, 30, 30}.data()) ? 0 : 200;
       }
     }
-    const CameraModel straight = without_distortion(camera);
-    const RenderedImage resampled = draw(rectified, straight, video.frame, false);
-    const RenderedImage drawn = draw(rectified, straight, grey, true);
-    const RenderedImage empty = draw(rectified, straight, grey, false);
+    const CameraModel undistorted = without_distortion(camera);
+    const RenderedImage resampled = draw(rectified, undistorted, video.frame, false);
+    const RenderedImage drawn = draw(rectified, undistorted, grey, true);
+    const RenderedImage empty = draw(rectified, undistorted, grey, false);
     const auto middle = [](const RenderedImage& picture, auto weight) {
       Eigen::Vector3d sum = Eigen::Vector3d::Zero();
       for (int y = 0; y < kHeight; ++y) {
@@ -169,7 +170,7 @@ TEST(Rectification, PlacesRetexturedShadowsInRectifiedFrame) {
   builder.add(test::ring(), test::at(0.0, 0.0, 0.08));
   const auto scene = builder.build();
   const CameraModel camera = lenses().front();
-  const CameraModel straight = without_distortion(camera);
+  const CameraModel undistorted = without_distortion(camera);
   FrameBuffer buffer = allocate_frame(PixelFormat::nv12, kWidth, kHeight);
   for (std::size_t plane = 0; plane < 2; ++plane) {
     const PixelPlane& view = buffer.frame.planes[plane];
@@ -184,7 +185,7 @@ TEST(Rectification, PlacesRetexturedShadowsInRectifiedFrame) {
     PlanOptions options;
     options.translucency = mode;
     const auto pose = test::tracked(test::look_at({0.05, -0.35, 0.4}, {0.0, 0.0, 0.0}));
-    FramePlan plan = plan_frame(*scene, evaluate_scene(*scene, 0.0), pose, straight, options);
+    FramePlan plan = plan_frame(*scene, evaluate_scene(*scene, 0.0), pose, undistorted, options);
     plan.objects.clear();
     std::vector<std::uint8_t> pixels(4 * kWidth * kHeight);
     EXPECT_TRUE(compositor.draw(buffer.frame, plan));

@@ -277,7 +277,8 @@ TEST(ShadowReference, MatchesAreasOfBodiesOfOneThickness) {
   struct Body {
     const char* name;
     Model model;
-    std::function<double(const Eigen::Vector2d&)> depth;  // in the outline [m]; < 0 outside
+    // Distance to the outline [m]; negative outside.
+    std::function<double(const Eigen::Vector2d&)> depth;
   };
   constexpr int kSides = 128;
   const auto disc = [] {

@@ -714,7 +714,7 @@ TEST(ShadowVolume, HasFewBatchesForTree) {
   for (const Eigen::Vector4d& light :
        {Eigen::Vector4d(0.3, 0.1, 0.9, 1.0), Eigen::Vector4d(-0.4, 0.1, 0.3, 1.0),
         Eigen::Vector4d(0.2, 0.3, 0.9, 0.0), Eigen::Vector4d(0.9, 0.0, 0.2, 0.0),
-        Eigen::Vector4d(0.01, 0.0, 0.2, 1.0)}) {  // the last light is amid the leaves
+        Eigen::Vector4d(0.01, 0.0, 0.2, 1.0)}) {  // this light is among the leaves
     const ShadowVolume volume = caster.volume({}, light, {{kTable}}, 12.0);
     EXPECT_FALSE(volume.triangles.empty());
     EXPECT_LE(volume.batch_ends.size(), 3U);

@@ -959,7 +959,7 @@ TEST_F(DrawnMask, DrawsPiecesOfCurrentMask) {
 
 TEST_F(DrawnMask, IsEqualInEveryModeAndApi) {
   const auto objects = scene({{torus(), test::at(0.0, 0.0, 0.1, {1, 0.2, 0}, 0.4)},
-                              {torus(), test::at(0.9, 2.0, 0.1)}});  // one out of view
+                              {torus(), test::at(0.9, 2.0, 0.1)}});  // this torus is out of view
   Studio studio(objects, camera());
   const RenderedImage blended = shadows(studio, by(LayerDrawing::mask));
   PlanOptions all = by(LayerDrawing::mask);

@@ -240,10 +240,10 @@ TEST(PoseRefiner, RejectsDegenerateInput) {
   auto points = points_of(observe(camera, truth, sheet(), 0.0, random));
   EXPECT_FALSE(refine_pose(camera, {}, as_map_pose(truth)));
   EXPECT_FALSE(refine_pose(camera, std::span(points).first(2), as_map_pose(truth)));
-  // Behind the camera.
+  // The points are behind the camera.
   EXPECT_FALSE(refine_pose(
       camera, points, MapFromCamera(Eigen::Quaterniond::Identity(), Eigen::Vector3d(0, 0, 0.5))));
-  // On one line.
+  // Points on one line do not determine a pose.
   std::vector<PointObservation> line;
   for (int i = 0; i < 6; ++i) {
     const Eigen::Vector3d p(0.02 * i, 0.01 * i, 0.0);

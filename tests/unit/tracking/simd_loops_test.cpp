@@ -339,7 +339,7 @@ TEST(SimdLoops, AccumulateAddsUpBlocks) {
     EXPECT_EQ(whole.base_weight, added.base_weight);
     EXPECT_EQ(whole.base_weight, 320.0 - 46.0);
   }
-  // No samples.
+  // Without samples, all sums are zero.
   set.s.count = 0;
   for (const Loops* variant : variants()) {
     Sums sums;
