@@ -1,5 +1,5 @@
 // Turns Ctrl-C, SIGTERM and a closed terminal into a flag that loops poll, so that files are closed
-// before the end.
+// before the process ends.
 #pragma once
 
 #include <atomic>
@@ -42,7 +42,7 @@ class InterruptWatch {
   bool interrupted_ = false;
   Clock::time_point request_ends_ = Clock::time_point::min();
   std::atomic<bool> stopped_ = false;
-  std::thread ender_;  // runs until hold(), and again after an interruption
+  std::thread ender_;  // ends the process on a signal; runs until hold() and after an interruption
 };
 
 }  // namespace penumbra

@@ -52,14 +52,14 @@ std::optional<std::string> unknown_option(const CLI::App& program) {
       if (word == "--") break;  // the words after it are not options
       if (!word.starts_with('-')) continue;
       const std::string name = word.substr(0, word.find('='));
-      constexpr std::size_t kMostTypos = 2;
-      std::size_t least = kMostTypos + 1;
+      constexpr std::size_t kMaxTypos = 2;
+      std::size_t min_typos = kMaxTypos + 1;
       std::string meant;
       for (const CLI::Option* option : reader->get_options()) {
         if (!option->nonpositional() || option->get_name().empty()) continue;
         const std::size_t typos = edit_distance(name, option->get_name());
-        if (typos >= least) continue;
-        least = typos;
+        if (typos >= min_typos) continue;
+        min_typos = typos;
         meant = option->get_name();
       }
       return fmt::format("{}: no such option{}", name,
@@ -131,9 +131,9 @@ ExitCode run(int argc, char** argv) {
       return ExitCode::success;
     }
     // CLI11 reports a misspelt required option as missing.
-    const bool left_over = dynamic_cast<const CLI::ExtrasError*>(&error) != nullptr ||
-                           dynamic_cast<const CLI::RequiredError*>(&error) != nullptr;
-    if (!wrong && left_over) wrong = unknown_option(program);
+    const bool may_be_misspelt = dynamic_cast<const CLI::ExtrasError*>(&error) != nullptr ||
+                                 dynamic_cast<const CLI::RequiredError*>(&error) != nullptr;
+    if (!wrong && may_be_misspelt) wrong = unknown_option(program);
     return wrong_usage(program, wrong ? *wrong : error.what());
   }
   if (const auto wrong = meaningless_option(program)) return wrong_usage(program, *wrong);

@@ -19,8 +19,8 @@ std::string bar_text(int done, int total) {
 
 }  // namespace
 
-std::string step_text(const std::string& what, int step, int most, double elapsed_ms) {
-  return fmt::format("{}  {}, {:.0f} s", bar_text(step - 1, most), what, 1e-3 * elapsed_ms);
+std::string step_text(const std::string& what, int step, int last, double elapsed_ms) {
+  return fmt::format("{}  {}, {:.0f} s", bar_text(step - 1, last), what, 1e-3 * elapsed_ms);
 }
 
 std::string progress_text(int done, int total, double elapsed_ms, const std::string& unit) {
@@ -57,8 +57,8 @@ void ProgressBar::update(int done) {
   }
 }
 
-void ProgressBar::update(const std::string& what, int step, int most) {
-  if (const auto now_ms = time_to_draw(false)) draw(step_text(what, step, most, *now_ms));
+void ProgressBar::update(const std::string& what, int step, int last) {
+  if (const auto now_ms = time_to_draw(false)) draw(step_text(what, step, last, *now_ms));
 }
 
 }  // namespace penumbra

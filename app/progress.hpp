@@ -17,8 +17,8 @@ class ProgressBar {
   ~ProgressBar();  // clears the bar
 
   void update(int done);
-  // Shows `what` this step does, the elapsed time, and `step` of at most `most` steps.
-  void update(const std::string& what, int step, int most);
+  // Shows `what` this step does, the elapsed time, and `step` of `last` steps or fewer.
+  void update(const std::string& what, int step, int last);
 
  private:
   // Returns the time since the start [ms] if the bar is to be drawn now.
@@ -35,6 +35,6 @@ class ProgressBar {
 [[nodiscard]] std::string progress_text(int done, int total, double elapsed_ms,
                                         const std::string& unit = "frames");
 // Returns "[####              ]  what, 12 s"; the bar is empty at step 1.
-[[nodiscard]] std::string step_text(const std::string& what, int step, int most, double elapsed_ms);
+[[nodiscard]] std::string step_text(const std::string& what, int step, int last, double elapsed_ms);
 
 }  // namespace penumbra

@@ -18,9 +18,9 @@ TagsInUse tags_in_use(const std::filesystem::path& file, const TagMap& tags) {
 }
 
 void print_tags(const TagsInUse& tags) {
-  constexpr std::size_t kMostListed = 4;
+  constexpr std::size_t kMaxListed = 4;
   std::string sizes;
-  if (tags.sizes_m.size() > kMostListed) {
+  if (tags.sizes_m.size() > kMaxListed) {
     sizes = fmt::format("{:.4g} to {:.4g}", tags.sizes_m.front() * 1e3, tags.sizes_m.back() * 1e3);
   } else {
     for (const double size : tags.sizes_m) {

@@ -84,8 +84,8 @@ class LogDescriptor {
     return true;
   }
   // Returns the number of bytes written.
-  static std::size_t write_in_time(std::string_view text, milliseconds patience) {
-    const auto end = Clock::now() + patience;
+  static std::size_t write_in_time(std::string_view text, milliseconds timeout) {
+    const auto end = Clock::now() + timeout;
     std::size_t done = 0;
     while (done < text.size()) {
       const auto left = std::chrono::ceil<milliseconds>(end - Clock::now());

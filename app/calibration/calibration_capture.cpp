@@ -101,9 +101,9 @@ class ImageChecker {
   ImageChecker& operator=(const ImageChecker&) = delete;
   ~ImageChecker() { stop(); }
 
-  // Returns the newest checked image, or nullopt after `patience`.
-  [[nodiscard]] std::optional<CheckedImage> take(std::chrono::milliseconds patience) {
-    return looked_.take(patience);
+  // Returns the newest checked image, or nullopt after `timeout`.
+  [[nodiscard]] std::optional<CheckedImage> take(std::chrono::milliseconds timeout) {
+    return looked_.take(timeout);
   }
   [[nodiscard]] bool finished() const { return looked_.finished(); }
   // Ends the thread; after that the caller may use the calibrator.
@@ -118,10 +118,10 @@ class ImageChecker {
     capture.end = guide_.progress().enough ? CaptureEnd::enough : end;
     capture.pictures = looks_;
     capture.views = guide_.progress().views;
-    int most = 0;
+    int max_times = 0;
     for (const auto& [why, times] : reasons_) {
-      if (times > most) capture.why_not = why;
-      most = std::max(most, times);
+      if (times > max_times) capture.why_not = why;
+      max_times = std::max(max_times, times);
     }
     return capture;
   }

@@ -139,8 +139,8 @@ std::int64_t FramePace::usual_ns() const {
 
 std::int64_t FramePace::stall_timeout_ns() const {
   const std::int64_t starting_ns = kStarting_ns << std::min(failed_starts_, kMostDoublings);
-  const std::int64_t least = intervals_ == 0 ? starting_ns : kSilent_ns;
-  return std::max(least, kMissed * usual_ns());
+  const std::int64_t shortest_ns = intervals_ == 0 ? starting_ns : kSilent_ns;
+  return std::max(shortest_ns, kMissed * usual_ns());
 }
 
 std::int64_t FramePace::stale_after_ns() const {

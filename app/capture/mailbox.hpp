@@ -42,12 +42,12 @@ class Mailbox {
     return !closed_;
   }
 
-  // Waits for an item. Returns nullopt after `patience`, or if the mailbox is closed and empty.
-  [[nodiscard]] std::optional<T> take(std::chrono::milliseconds patience) {
+  // Waits for an item. Returns nullopt after `timeout`, or if the mailbox is closed and empty.
+  [[nodiscard]] std::optional<T> take(std::chrono::milliseconds timeout) {
     std::optional<T> item;
     {
       std::unique_lock lock(mutex_);
-      changed_.wait_for(lock, patience, [this] { return closed_ || slot_; });
+      changed_.wait_for(lock, timeout, [this] { return closed_ || slot_; });
       item = std::exchange(slot_, std::nullopt);
     }
     changed_.notify_all();

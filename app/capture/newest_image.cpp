@@ -13,8 +13,8 @@ NewestImage::~NewestImage() {
   capture_.join();
 }
 
-std::optional<Frame> NewestImage::take(std::chrono::milliseconds patience) {
-  const std::optional<CapturedImage> image = newest_.take(patience);
+std::optional<Frame> NewestImage::take(std::chrono::milliseconds timeout) {
+  const std::optional<CapturedImage> image = newest_.take(timeout);
   return image ? source_.decode(*image) : std::nullopt;
 }
 

@@ -23,7 +23,7 @@ class NewestImage {
   ~NewestImage();
 
   // Returns nullopt if no image arrived in time, or if it is damaged.
-  [[nodiscard]] std::optional<Frame> take(std::chrono::milliseconds patience);
+  [[nodiscard]] std::optional<Frame> take(std::chrono::milliseconds timeout);
   // Returns true if no more images will arrive; error() is set if the source failed.
   [[nodiscard]] bool finished() const { return newest_.finished(); }
   [[nodiscard]] std::optional<Error> error() const;

@@ -37,15 +37,15 @@ LivePipeline::~LivePipeline() {
   stop();
 }
 
-std::optional<ReadyFrame> LivePipeline::take(std::chrono::milliseconds patience) {
-  if (!side_by_side_) return track_next(patience);
+std::optional<ReadyFrame> LivePipeline::take(std::chrono::milliseconds timeout) {
+  if (!side_by_side_) return track_next(timeout);
   {
     const std::lock_guard lock(drawer_mutex_);
     draw_pace_.asked(monotonic_ns());
     drawer_waits_ = true;
   }
   drawer_changed_.notify_all();
-  auto ready = ready_.take(patience);
+  auto ready = ready_.take(timeout);
   if (ready) {
     {
       const std::lock_guard lock(drawer_mutex_);
@@ -139,8 +139,8 @@ bool LivePipeline::wait_for_drawer() {
   return !stopping_;
 }
 
-std::optional<ReadyFrame> LivePipeline::track_next(std::chrono::milliseconds patience) {
-  auto image = inbox_.take(patience);
+std::optional<ReadyFrame> LivePipeline::track_next(std::chrono::milliseconds timeout) {
+  auto image = inbox_.take(timeout);
   if (!image) return std::nullopt;
   const Stopwatch watch;
   const std::int64_t begun_ns = monotonic_ns();

@@ -45,7 +45,7 @@ class LivePipeline {
   ~LivePipeline();
 
   // Returns nullopt if no frame is ready in time, or if its image is damaged.
-  [[nodiscard]] std::optional<ReadyFrame> take(std::chrono::milliseconds patience);
+  [[nodiscard]] std::optional<ReadyFrame> take(std::chrono::milliseconds timeout);
   // Returns true after the last frame.
   [[nodiscard]] bool finished() const;
   // Returns how long the stream has stalled without a complete image; nullopt while it is live.
@@ -61,7 +61,7 @@ class LivePipeline {
   void capture_all();
   void track_all();
   [[nodiscard]] bool wait_for_drawer();
-  std::optional<ReadyFrame> track_next(std::chrono::milliseconds patience);
+  std::optional<ReadyFrame> track_next(std::chrono::milliseconds timeout);
 
   LiveSource& source_;
   const Track track_;

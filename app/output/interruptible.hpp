@@ -54,8 +54,8 @@ auto with_progress(const Work& work, const Progress& progress, const std::string
     bool counting = false;
     do {
       const std::size_t total = progress.total;
-      constexpr auto kMost = static_cast<std::size_t>(std::numeric_limits<int>::max());
-      if (total > 0 && total <= kMost && !counting) {
+      constexpr auto kMaxTotal = static_cast<std::size_t>(std::numeric_limits<int>::max());
+      if (total > 0 && total <= kMaxTotal && !counting) {
         counting = true;
         bar.emplace(static_cast<int>(total), unit);
       }

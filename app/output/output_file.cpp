@@ -54,12 +54,12 @@ int write_all(int descriptor, std::string_view text) {
 // Returns N if the path names descriptor N of this process: /dev/stdout, /dev/fd/N.
 std::optional<int> descriptor_of(const fs::path& path) {
   if (path == "-") return STDOUT_FILENO;
-  constexpr int kMostLinks = 8;
+  constexpr int kMaxLinks = 8;
   std::error_code error;
   const fs::path descriptors = fs::canonical("/proc/self/fd", error);
   if (error) return std::nullopt;
   fs::path at = path;
-  for (int i = 0; i < kMostLinks; ++i) {
+  for (int i = 0; i < kMaxLinks; ++i) {
     const auto number = parse_integer(at.filename().string());
     if (number && *number >= 0 && *number <= std::numeric_limits<int>::max() &&
         fs::canonical(at.parent_path(), error) == descriptors) {
@@ -393,10 +393,10 @@ std::error_code OutputFolder::commit(fs::path* aside) {
 }
 
 fs::path follow_links(const fs::path& path) {
-  constexpr int kMostLinks = 40;  // the limit of Linux
+  constexpr int kMaxLinks = 40;  // the limit of Linux
   fs::path at = path;
   std::error_code error;
-  for (int i = 0; i < kMostLinks && fs::is_symlink(at, error); ++i) {
+  for (int i = 0; i < kMaxLinks && fs::is_symlink(at, error); ++i) {
     const fs::path next = fs::read_symlink(at, error);
     if (error) return path;
     at = next.is_absolute() ? next : at.parent_path() / next;

@@ -30,8 +30,8 @@ int caption_height_of(int pane_height) {
 GridLayout grid_layout(int panes) {
   PENUMBRA_ASSERT(panes > 0);
   if (panes <= 3) return {panes, 1};
-  constexpr int kMostColumns = 4;
-  const int rows = std::max(2, (panes + kMostColumns - 1) / kMostColumns);
+  constexpr int kMaxColumns = 4;
+  const int rows = std::max(2, (panes + kMaxColumns - 1) / kMaxColumns);
   return {(panes + rows - 1) / rows, rows};
 }
 

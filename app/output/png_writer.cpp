@@ -54,11 +54,11 @@ Result<void> check_replaceable(const fs::path& folder) {
 // Removes the numbered images, and the folder if it contains no other files.
 void remove_pictures(const fs::path& folder) {
   std::error_code ignored;
-  std::vector<fs::path> pictures;
+  std::vector<fs::path> files;
   for (const fs::directory_entry& entry : fs::directory_iterator(folder, ignored)) {
-    if (is_numbered_png(entry.path())) pictures.push_back(entry.path());
+    if (is_numbered_png(entry.path())) files.push_back(entry.path());
   }
-  for (const fs::path& picture : pictures) fs::remove(picture, ignored);
+  for (const fs::path& image : files) fs::remove(image, ignored);
   fs::remove(folder, ignored);
 }
 

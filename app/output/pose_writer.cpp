@@ -36,8 +36,8 @@ Result<void> PoseWriter::write(std::int64_t timestamp_ns, TrackStatus status,
 }
 
 void PoseWriter::rescue() {
-  constexpr std::size_t kMostBytes = 4'000'000'000;
-  const auto text = read_text_file(file_.partial(), kMostBytes);
+  constexpr std::size_t kMaxBytes = 4'000'000'000;
+  const auto text = read_text_file(file_.partial(), kMaxBytes);
   const std::size_t end = text ? text->rfind('\n') : std::string::npos;
   if (end == std::string::npos) return;
   std::error_code error;

@@ -287,17 +287,17 @@ Result<void> LateOutputs::write_rest() {
   return written ? tl::unexpected(taken.error()) : written;
 }
 
-Result<std::unique_ptr<GlContext>> open_window(GlContext::Size picture, bool vsync) {
+Result<std::unique_ptr<GlContext>> open_window(GlContext::Size size, bool vsync) {
   return with_either_api([&](GlApi api) {
     return create_window_context(
-        {.width = picture.width, .height = picture.height, .api = api, .vsync = vsync});
+        {.width = size.width, .height = size.height, .api = api, .vsync = vsync});
   });
 }
 
 Result<std::unique_ptr<GlContext>> open_run_context(const WindowChoice& choice,
-                                                    GlContext::Size picture) {
+                                                    GlContext::Size size) {
   if (choice.window && display_available()) {
-    auto window = open_window(picture, choice.vsync);
+    auto window = open_window(size, choice.vsync);
     if (window) return window;
     fmt::print("{}; going on offscreen\n", window.error().message);
   } else if (choice.window) {

@@ -113,16 +113,16 @@ void warn_of_unknown_groups(const Scene& scene, const TagMap& tags,
                                            const std::optional<std::filesystem::path>& kernel_file);
 
 // Opens a window for an image of this size [px].
-[[nodiscard]] Result<std::unique_ptr<GlContext>> open_window(GlContext::Size picture, bool vsync);
+[[nodiscard]] Result<std::unique_ptr<GlContext>> open_window(GlContext::Size size, bool vsync);
 
 struct WindowChoice {
   bool window = true;  // opens a window if there is a display
   bool vsync = true;
 };
 // Opens a window or an offscreen context. If no display exists, prints a line and opens the latter.
-// `picture`: size of the image and of a new window [px].
+// `size`: size of the image and of a new window [px].
 [[nodiscard]] Result<std::unique_ptr<GlContext>> open_run_context(const WindowChoice& choice,
-                                                                  GlContext::Size picture);
+                                                                  GlContext::Size size);
 // Returns the error of a run that ended because its window's display was lost, else nullopt.
 [[nodiscard]] std::optional<Error> display_loss(const GlContext& context);
 

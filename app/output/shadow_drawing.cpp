@@ -48,16 +48,16 @@ void for_each_point(const LayerOutline& outline, Visit visit) {
   }
 }
 
-Layout lay_out(const ShadowDrawing& picture) {
+Layout lay_out(const ShadowDrawing& drawing) {
   Eigen::Vector2d low = Eigen::Vector2d::Constant(std::numeric_limits<double>::infinity());
   Eigen::Vector2d high = -low;
   const auto grow = [&](const Eigen::Vector2d& p) {
     low = low.cwiseMin(p);
     high = high.cwiseMax(p);
   };
-  for (const ShadowDrawing::Layer& layer : picture.layers) for_each_point(layer.outline, grow);
-  for_each_point(picture.object, grow);
-  for (const Eigen::Vector2d& k : picture.kernels) grow(k);
+  for (const ShadowDrawing::Layer& layer : drawing.layers) for_each_point(layer.outline, grow);
+  for_each_point(drawing.object, grow);
+  for (const Eigen::Vector2d& k : drawing.kernels) grow(k);
   if (!low.allFinite()) {
     low.setConstant(-0.05);
     high.setConstant(0.05);
@@ -108,12 +108,12 @@ class Canvas {
   virtual void text(double x, double y, double size, const std::string& words) = 0;
 };
 
-void draw(Canvas& canvas, const ShadowDrawing& picture, const Layout& layout) {
+void draw(Canvas& canvas, const ShadowDrawing& drawing, const Layout& layout) {
   const double unit = layout.unit;
   canvas.rectangle(0.0, 0.0, layout.width, layout.height, kPaper);
-  canvas.text(layout.margin(), layout.margin() + 0.5 * unit, 3.0 * unit, picture.title);
-  canvas.text(layout.margin(), layout.margin() + 3.5 * unit, 2.0 * unit, picture.subtitle);
-  for (const ShadowDrawing::Layer& layer : picture.layers) {
+  canvas.text(layout.margin(), layout.margin() + 0.5 * unit, 3.0 * unit, drawing.title);
+  canvas.text(layout.margin(), layout.margin() + 3.5 * unit, 2.0 * unit, drawing.subtitle);
+  for (const ShadowDrawing::Layer& layer : drawing.layers) {
     canvas.begin_group(layer.name);
     for (const LayerPolygon& polygon : layer.outline.polygons) {
       canvas.fill(polygon, layer_color(layer.name));
@@ -121,13 +121,13 @@ void draw(Canvas& canvas, const ShadowDrawing& picture, const Layout& layout) {
     canvas.end_group();
   }
   canvas.begin_group("object");
-  for (const LayerPolygon& polygon : picture.object.polygons) {
+  for (const LayerPolygon& polygon : drawing.object.polygons) {
     canvas.stroke(polygon, kObject, 0.28 * unit);
   }
   canvas.end_group();
-  if (!picture.kernels.empty()) {
+  if (!drawing.kernels.empty()) {
     canvas.begin_group("kernels");
-    for (const Eigen::Vector2d& k : picture.kernels) {
+    for (const Eigen::Vector2d& k : drawing.kernels) {
       canvas.dot(layout.on_sheet(k), 0.45 * unit, kKernel);
     }
     canvas.end_group();
@@ -141,11 +141,11 @@ void draw(Canvas& canvas, const ShadowDrawing& picture, const Layout& layout) {
     canvas.text(x + 2.7 * unit, line, size, words);
     x += (6.0 + 1.4 * static_cast<double>(words.size())) * unit;
   };
-  for (const ShadowDrawing::Layer& layer : picture.layers) {
+  for (const ShadowDrawing::Layer& layer : drawing.layers) {
     entry(layer_color(layer.name), layer.name);
   }
   entry(kObject, "object");
-  if (!picture.kernels.empty()) entry(kKernel, "kernels");
+  if (!drawing.kernels.empty()) entry(kKernel, "kernels");
   const double bar = scale_bar_m(0.3 * (layout.width - 2.0 * layout.margin()) / layout.mm_per_m);
   canvas.rectangle(layout.margin(), line + 4.0 * unit, layout.mm_per_m * bar, 0.5 * unit, kInk);
   canvas.text(layout.margin() + layout.mm_per_m * bar + 1.5 * unit, line + 4.9 * unit, size,
@@ -294,18 +294,18 @@ class CairoCanvas final : public Canvas {
 
 }  // namespace
 
-std::string shadow_svg(const ShadowDrawing& picture) {
-  const Layout layout = lay_out(picture);
+std::string shadow_svg(const ShadowDrawing& drawing) {
+  const Layout layout = lay_out(drawing);
   SvgCanvas canvas(layout);
-  draw(canvas, picture, layout);
+  draw(canvas, drawing, layout);
   return canvas.finish();
 }
 
-Result<void> write_shadow_png(const std::filesystem::path& file, const ShadowDrawing& picture) {
+Result<void> write_shadow_png(const std::filesystem::path& file, const ShadowDrawing& drawing) {
   constexpr double kPixelsAcross = 1200.0;
-  const Layout layout = lay_out(picture);
+  const Layout layout = lay_out(drawing);
   CairoCanvas canvas(layout, kPixelsAcross / std::max(layout.width, layout.height));
-  draw(canvas, picture, layout);
+  draw(canvas, drawing, layout);
   const cairo_status_t status = canvas.write(file);
   if (status != CAIRO_STATUS_SUCCESS) {
     return fail("{}: can't be written: {}", file.string(), cairo_status_to_string(status));

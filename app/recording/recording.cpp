@@ -273,8 +273,8 @@ Result<void> drop_incomplete_images(Recording& recording) {
       first_cause = fmt::format("{}: the end of its name is missing in the listing", file.string());
     } else if (!std::filesystem::is_regular_file(file, ignored)) {
       return fail("{}: is not a file; a recording's frames are files", file.string());
-    } else if (const auto picture = load_image(file); !picture) {
-      first_cause = picture.error().message;
+    } else if (const auto image = load_image(file); !image) {
+      first_cause = image.error().message;
     } else {
       break;
     }
@@ -401,11 +401,11 @@ Result<void> load_surroundings(const std::filesystem::path& folder,
 }  // namespace
 
 std::optional<std::filesystem::path> group_file(const std::string& group) {
-  constexpr std::size_t kLongest = 200;
+  constexpr std::size_t kMaxLength = 200;
   const bool plain = std::ranges::all_of(group, [](char c) {
     return static_cast<unsigned char>(c) >= 0x20 && c != '/' && c != '\\' && c != 0x7f;
   });
-  if (!plain || group.empty() || group.size() > kLongest || group.front() == '.') {
+  if (!plain || group.empty() || group.size() > kMaxLength || group.front() == '.') {
     return std::nullopt;
   }
   return std::filesystem::path(group + ".tum");

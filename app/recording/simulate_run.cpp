@@ -169,7 +169,7 @@ class Simulation {
 
   // Returns the centres of equal intervals of an exposure. They are so close that the image moves
   // by a fraction of a pixel between them.
-  [[nodiscard]] std::vector<std::int64_t> moments(std::int64_t middle_ns, int most) const {
+  [[nodiscard]] std::vector<std::int64_t> moments(std::int64_t middle_ns, int max_count) const {
     const std::int64_t exposure_ns = nanoseconds(request_.exposure_s);
     int count = 1;
     if (exposure_ns > 0) {
@@ -192,7 +192,7 @@ class Simulation {
       count = std::isfinite(moved_px) && moved_px > 0.0 && moved_px < kMaxMoments * kMomentApart_px
                   ? static_cast<int>(std::ceil(2.0 * moved_px / kMomentApart_px)) + 1
                   : kMaxMoments;
-      count = std::clamp(count, 2, most);
+      count = std::clamp(count, 2, max_count);
     }
     std::vector<std::int64_t> times;
     for (int k = 0; k < count; ++k) {

@@ -107,7 +107,7 @@ enum class SliceSums { none, right, wrong, no_chain };
 
 SliceSums check_slices(std::span<const std::uint8_t> packet, std::size_t trailer) {
   const AVCRC* table = av_crc_get_table(AV_CRC_32_IEEE);
-  bool right = true;
+  bool valid = true;
   std::size_t end = packet.size();
   while (end > 0) {
     if (end < trailer) return SliceSums::no_chain;
@@ -116,10 +116,10 @@ SliceSums check_slices(std::span<const std::uint8_t> packet, std::size_t trailer
         (std::size_t{field[0]} << 16U) | (std::size_t{field[1]} << 8U) | std::size_t{field[2]};
     if (size + trailer > end) return SliceSums::no_chain;
     end -= size + trailer;
-    if (trailer > 3 && av_crc(table, 0, packet.data() + end, size + trailer) != 0) right = false;
+    if (trailer > 3 && av_crc(table, 0, packet.data() + end, size + trailer) != 0) valid = false;
   }
   if (trailer <= 3) return SliceSums::none;
-  return right ? SliceSums::right : SliceSums::wrong;
+  return valid ? SliceSums::right : SliceSums::wrong;
 }
 
 constexpr std::size_t kTrailerWithSum = 8;
@@ -300,7 +300,7 @@ Result<VideoReader> VideoReader::open(const std::filesystem::path& file) {
 
 Result<void> VideoReader::skip(int count) {
   const int target = impl_->frame + count;
-  // Reads one packet more, because earlier packets are needed until the next key frame.
+  // Reads one packet beyond the target: if it is a key frame, no earlier packet is decoded.
   while (impl_->frame + static_cast<int>(impl_->waiting.size()) <= target) {
     PENUMBRA_TRY(const AVPacket* packet, impl_->demuxer.next());
     if (packet == nullptr) break;

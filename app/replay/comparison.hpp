@@ -62,12 +62,12 @@ class Comparison {
 class ComparisonHost final : public RunHost {
  public:
   // All referenced arguments must outlive this object.
-  ComparisonHost(const Comparison& comparison, GlContext& context, UploadedImage picture,
+  ComparisonHost(const Comparison& comparison, GlContext& context, UploadedImage image,
                  RunRecorder& run, int frame_count)
       : RunHost(run, frame_count),
         comparison_(comparison),
         context_(context),
-        picture_(std::move(picture)) {}
+        picture_(std::move(image)) {}
 
   void present() override { picture_.present(comparison_.grid().rgba(), context_.window_size()); }
   [[nodiscard]] std::string save_screenshot() override;

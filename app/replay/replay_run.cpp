@@ -110,11 +110,11 @@ int index_of(const Recording& recording, int number) {
 }
 
 // Scales the size of a pane grid down to a screen.
-GlContext::Size window_size_for(GlContext::Size picture) {
-  constexpr double kWidest = 1600.0;
-  constexpr double kTallest = 960.0;
-  const double scale = std::min({1.0, kWidest / picture.width, kTallest / picture.height});
-  return {static_cast<int>(scale * picture.width), static_cast<int>(scale * picture.height)};
+GlContext::Size window_size_for(GlContext::Size grid) {
+  constexpr double kMaxWidth = 1600.0;
+  constexpr double kMaxHeight = 960.0;
+  const double scale = std::min({1.0, kMaxWidth / grid.width, kMaxHeight / grid.height});
+  return {static_cast<int>(scale * grid.width), static_cast<int>(scale * grid.height)};
 }
 
 // Loads the edits and lights of the recorded session; omits the edits if the request disables them.

@@ -48,9 +48,9 @@ Result<RunHost*> ReplayView::open_host(GlContext& context, RunRecorder& run,
   const int frame_count = static_cast<int>(recording.frames.size());
   if (comparison_) {
     const PaneGrid& grid = comparison_->grid();
-    PENUMBRA_TRY(auto picture, UploadedImage::create(grid.width(), grid.height()));
-    host_ = std::make_unique<ComparisonHost>(*comparison_, context, std::move(picture), run,
-                                             frame_count);
+    PENUMBRA_TRY(auto image, UploadedImage::create(grid.width(), grid.height()));
+    host_ =
+        std::make_unique<ComparisonHost>(*comparison_, context, std::move(image), run, frame_count);
   } else {
     host_ = std::make_unique<SessionHost>(*session_, run, frame_count);
   }

@@ -260,10 +260,10 @@ void RunRecorder::add_frame(const SessionFrame& frame) {
 }
 
 void RunRecorder::add_reason(const PoseReason& reason) {
-  constexpr std::size_t kMostKinds = 64;  // bound; about twelve occur
+  constexpr std::size_t kMaxKinds = 64;  // bound; about twelve occur
   const std::string general = without_numbers(text_of(reason));
   const bool other =
-      general.empty() || (reasons_.size() >= kMostKinds && !reasons_.contains(general));
+      general.empty() || (reasons_.size() >= kMaxKinds && !reasons_.contains(general));
   ReasonCount& count = reasons_[other ? "other" : general];
   if (count.frames++ == 0 && !other) count.first = reason;
 }
@@ -512,12 +512,12 @@ std::string smoothing_table(const SmoothingReport& smoothing) {
 
 // `map`: name of the map in the text.
 std::string rejected_tag_lines(const TrackingCounts& counts, std::string_view map) {
-  constexpr std::size_t kMostNamed = 5;  // tags listed for each reason
+  constexpr std::size_t kMaxNamed = 5;  // tags listed for each reason
   std::string text;
   for (std::size_t i = 0; i < kTagRejections; ++i) {
     std::size_t named = 0;
     for (const auto& [id, frames] : counts.tags_rejected[i]) {
-      if (++named > kMostNamed) break;
+      if (++named > kMaxNamed) break;
       text += text_of(static_cast<TagRejection>(i), id, map, frames) + "\n";
     }
   }

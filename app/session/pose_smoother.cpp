@@ -55,8 +55,8 @@ SmoothedPose PoseSmoother::smooth(std::int64_t timestamp_ns, const CameraPose& m
   const Vector6d step_to_measured = perturbation_between(last_->drawn.T_table_camera, measured);
   SmoothedPose drawn;
   // The offset is nearly proportional to the remaining step, so a few iterations suffice.
-  constexpr int kMostSteps = 8;
-  for (int step = 0; step < kMostSteps; ++step) {
+  constexpr int kMaxSteps = 8;
+  for (int step = 0; step < kMaxSteps; ++step) {
     drawn.T_table_camera = perturbed(last_->drawn.T_table_camera, share * step_to_measured);
     drawn.offset_px = overlay_difference(camera_, drawn.T_table_camera, measured).rms_px();
     if (drawn.offset_px <= kMaxOffset_px && drawn.T_table_camera.is_finite()) {

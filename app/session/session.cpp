@@ -102,8 +102,8 @@ Result<void> Session::warm_up(PixelFormat format) {
 }
 
 Result<SessionFrame> Session::draw(TrackedFrame tracked, std::span<std::uint8_t> rgba,
-                                   ReadBackTime picture) {
-  auto result = compose(std::move(tracked), rgba, picture);
+                                   ReadBackTime read_back_time) {
+  auto result = compose(std::move(tracked), rgba, read_back_time);
   if (result) result->edits = std::exchange(edits_, {});
   return result;
 }
@@ -113,7 +113,7 @@ Result<SessionFrame> Session::redraw(TrackedFrame tracked) {
 }
 
 Result<SessionFrame> Session::compose(TrackedFrame tracked, std::span<std::uint8_t> rgba,
-                                      ReadBackTime picture) {
+                                      ReadBackTime read_back_time) {
   SessionFrame result;
   result.tracked = std::move(tracked);
   const Frame& frame = result.tracked.frame;
@@ -160,7 +160,7 @@ Result<SessionFrame> Session::compose(TrackedFrame tracked, std::span<std::uint8
   }
   result.composite = std::move(drawn);
   if (!rgba.empty()) {
-    result.picture = compositor_.pixel_buffers() ? picture : ReadBackTime::now;
+    result.picture = compositor_.pixel_buffers() ? read_back_time : ReadBackTime::now;
     PENUMBRA_TRY_VOID(read_back_image(rgba, result));
   }
   result.draw_time = plan_watch.elapsed();

@@ -88,7 +88,7 @@ class Session {
   // `later` and pixel buffers, it receives the image of the previous such call; the next call or
   // take_image() returns this one.
   [[nodiscard]] Result<SessionFrame> draw(TrackedFrame tracked, std::span<std::uint8_t> rgba = {},
-                                          ReadBackTime picture = ReadBackTime::now);
+                                          ReadBackTime read_back_time = ReadBackTime::now);
   // Reads the pending image of draw(..., later) into `rgba`, which is resized. Returns the time
   // that this took. Fails if no image is pending.
   [[nodiscard]] Result<StageTime> take_image(std::vector<std::uint8_t>& rgba);
@@ -133,7 +133,7 @@ class Session {
           const SessionOptions& options, Compositor compositor);
 
   [[nodiscard]] Result<SessionFrame> compose(TrackedFrame tracked, std::span<std::uint8_t> rgba,
-                                             ReadBackTime picture);
+                                             ReadBackTime read_back_time);
   [[nodiscard]] Result<void> read_back_image(std::span<std::uint8_t> rgba, SessionFrame& drawn);
 
   Scene scene_;  // shares its models with the compositor's scene

@@ -32,11 +32,11 @@ class RecordedFeed final : public StudyFeed {
       if (started_) clock_ns_ += last_ns_ ? recorded_ns - *last_ns_ : interval_ns_;
       started_ = true;
       last_ns_ = recorded_ns;
-      StudyImage picture{std::move(*frame), clock_ns_};
+      StudyImage image{std::move(*frame), clock_ns_};
       if (!given_poses_) {
-        picture.frame.timestamp_ns = recording_.frames.front().timestamp_ns + clock_ns_;
+        image.frame.timestamp_ns = recording_.frames.front().timestamp_ns + clock_ns_;
       }
-      return std::optional<StudyImage>(std::move(picture));
+      return std::optional<StudyImage>(std::move(image));
     }
     return fail("{}: holds no frame that can be decoded; record or copy it again",
                 recording_.folder.string());

@@ -1,8 +1,8 @@
 // Plans the trials of one participant, which depend only on a seed and the participant's number.
 //
 // The two experiments of Layered Penumbrae, section 2.1: (1) point at the highest of three spheres,
-// (2) drag a sphere onto one target after the other. The paper specifies the number of samples,
-// half of which are difficult in (1), and three to five targets in (2). This program chooses sizes,
+// (2) drag a sphere onto one target after the other. The paper specifies the number of samples
+// (half are difficult in (1)) and three to five targets in (2). This program chooses sizes,
 // positions and heights for a table that is seen by a handheld camera.
 #pragma once
 

@@ -72,20 +72,20 @@ class StudyLoop {
     begin_block();
     while (!task_.finished() && !closed_ && !interrupt.interrupted()) {
       if (phase_ == Phase::pause && time_ns() >= pause_ends_ns_) begin_trial();
-      PENUMBRA_TRY(auto picture, feed_.next());
-      if (!picture) {
+      PENUMBRA_TRY(auto image, feed_.next());
+      if (!image) {
         poll();
         continue;
       }
       if (script_) {
-        PENUMBRA_TRY_VOID(act_until(picture->clock_ns));
+        PENUMBRA_TRY_VOID(act_until(image->clock_ns));
         if (task_.finished()) break;
-        clock_ns_ = picture->clock_ns;
+        clock_ns_ = image->clock_ns;
       } else if (feed_.waits()) {
-        wait_for(picture->clock_ns);
+        wait_for(image->clock_ns);
         if (task_.finished()) break;
       }
-      PENUMBRA_TRY_VOID(show(picture->frame));
+      PENUMBRA_TRY_VOID(show(image->frame));
       if (failure_) return tl::unexpected(*failure_);
     }
     if (failure_) return tl::unexpected(*failure_);

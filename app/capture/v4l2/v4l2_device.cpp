@@ -18,7 +18,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-// Bounds endless lists of a broken driver.
+// Maximum length of a list; a broken driver's lists may be endless.
 constexpr unsigned kMostEntries = 256;
 
 double rate_of(const v4l2_fract& interval) {
@@ -74,12 +74,12 @@ std::vector<V4l2Size> sizes_of(const V4l2Device& device, std::uint32_t fourcc) {
 
 // Returns true if a user can set the control.
 bool is_setting(const v4l2_queryctrl& about) {
-  constexpr std::uint32_t kNotSet =
+  constexpr std::uint32_t kNotSettable =
       V4L2_CTRL_FLAG_READ_ONLY | V4L2_CTRL_FLAG_INACTIVE | V4L2_CTRL_FLAG_VOLATILE;
   const auto of_class = V4L2_CTRL_ID2CLASS(about.id);
   const bool common = (of_class == V4L2_CTRL_CLASS_USER || of_class == V4L2_CTRL_CLASS_CAMERA) &&
                       !V4L2_CTRL_DRIVER_PRIV(about.id);
-  return common && (about.flags & kNotSet) == 0;
+  return common && (about.flags & kNotSettable) == 0;
 }
 
 }  // namespace
@@ -238,9 +238,9 @@ std::optional<V4l2Controls> V4l2Device::controls() const {
   v4l2_queryctrl entry{};
   entry.id = V4L2_CTRL_FLAG_NEXT_CTRL;
   for (unsigned i = 0; i < kMostEntries; ++i) {
-    const int end = call(VIDIOC_QUERYCTRL, &entry);
-    if (end == EINVAL || end == ENOTTY) break;  // no further control, or no controls at all
-    if (end != 0) return std::nullopt;
+    const int status = call(VIDIOC_QUERYCTRL, &entry);
+    if (status == EINVAL || status == ENOTTY) break;  // no further control, or no controls at all
+    if (status != 0) return std::nullopt;
     const bool is_switch = entry.type == V4L2_CTRL_TYPE_BOOLEAN ||
                            entry.type == V4L2_CTRL_TYPE_MENU ||
                            entry.type == V4L2_CTRL_TYPE_INTEGER_MENU;

@@ -32,9 +32,9 @@ void warn_of_missing(const V4l2Device& device, const char* name) {
 
 void set_number(const V4l2Device& device, const NumberControl& control, double requested,
                 bool report) {
-  constexpr double kMost = std::numeric_limits<std::int32_t>::max();
+  constexpr double kMaxValue = std::numeric_limits<std::int32_t>::max();
   const auto steps = static_cast<std::int32_t>(
-      std::lround(std::clamp(requested * control.steps_per_unit, -kMost, kMost)));
+      std::lround(std::clamp(requested * control.steps_per_unit, -kMaxValue, kMaxValue)));
   const bool done = device.set_control(control.id, steps);
   // If the camera does not report the value, it counts as set.
   const std::int32_t given = done ? device.control(control.id).value_or(steps) : steps;
