@@ -163,7 +163,7 @@ Result<void> set_coefficients(const PlacedNumbers& given, CameraParameters& p) {
   return {};
 }
 
-// Reads overlay_px. Older files have values per corner instead, of which it is the RMS.
+// Reads overlay_px. Older files have a value per corner instead; the result is their RMS.
 Result<void> read_uncertainty(const YamlFields& fields, CameraParameters& p) {
   constexpr const char* kRemedy = "leave out `uncertainty`, or calibrate again";
   PENUMBRA_TRY(const bool present, fields.has_optional("uncertainty"));

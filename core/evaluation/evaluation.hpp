@@ -55,8 +55,8 @@ struct Evaluation {
                                   const Trajectory& truth, const PairingOptions& options = {},
                                   std::int64_t frame_interval_ns = 0);
 
-// Returns T_middle_camera of a group of tags at the times of `camera` for which pose_at() finds the
-// group's pose (T_table_group). `max_gap_ns` 0: only at times that both trajectories have.
+// Returns T_middle_camera of a group of tags at those times of `camera` at which pose_at() finds
+// the group's pose (T_table_group). `max_gap_ns` 0: only at times that both trajectories have.
 [[nodiscard]] Trajectory over_group(
     const Trajectory& camera, const Trajectory& group,
     const Transform<frame::Group, frame::GroupMiddle>& T_group_middle, std::int64_t max_gap_ns = 0);

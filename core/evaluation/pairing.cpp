@@ -39,8 +39,8 @@ constexpr double kShortestInterval_s = 1e-5;
 
 // Returns the median interval [s], or nullopt for fewer than three poses.
 std::optional<double> median_interval_s(const Trajectory& trajectory) {
-  constexpr std::size_t kFewest = 3;
-  if (trajectory.poses.size() < kFewest) return std::nullopt;
+  constexpr std::size_t kMinPoses = 3;
+  if (trajectory.poses.size() < kMinPoses) return std::nullopt;
   return seconds(median_interval_ns(trajectory));
 }
 

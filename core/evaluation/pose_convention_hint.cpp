@@ -62,8 +62,8 @@ double difference_of(const std::vector<PosePair>& pairs, const Convention& of_es
     const double angle = estimated.rotation().angularDistance(truth.rotation());
     angle_sum += angle * angle;
   }
-  constexpr double kLeastDistance_m = 1e-6;
-  const double distance = std::max(upper_median(std::move(distances)), kLeastDistance_m);
+  constexpr double kMinDistance_m = 1e-6;
+  const double distance = std::max(upper_median(std::move(distances)), kMinDistance_m);
   return std::sqrt((position_sum / (distance * distance) + angle_sum) /
                    static_cast<double>(pairs.size()));
 }

@@ -28,7 +28,7 @@ class RunningStatistics {
   [[nodiscard]] double mean() const;
   [[nodiscard]] double least() const { return least_; }
   [[nodiscard]] double greatest() const { return greatest_; }
-  // Has the meaning of statistics_of().
+  // Computes the same statistics as statistics_of().
   [[nodiscard]] Statistics statistics() const;
 
  private:
@@ -40,7 +40,7 @@ class RunningStatistics {
   // long double holds the square of any double.
   long double sum_ = 0.0L, squares_ = 0.0L;
   std::vector<double> values_;       // up to kMaxExact of them
-  std::vector<std::uint64_t> bins_;  // of more values; first and last: outside the octaves
+  std::vector<std::uint64_t> bins_;  // of more values; the outer ones: outside the octaves
 };
 
 }  // namespace penumbra

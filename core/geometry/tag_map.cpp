@@ -93,9 +93,9 @@ std::optional<TagFamily> tag_family_from_string(std::string_view name) {
   const std::string plain = plain_name(name);
   std::string_view rest = plain;
   const auto without = [&rest](std::string_view prefix) {
-    const bool there = rest.starts_with(prefix);
-    if (there) rest.remove_prefix(prefix.size());
-    return there;
+    const bool found = rest.starts_with(prefix);
+    if (found) rest.remove_prefix(prefix.size());
+    return found;
   };
   const bool dictionary = without("dict");
   if (without("aruco")) return family_of_key(rest, true);

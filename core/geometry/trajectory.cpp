@@ -85,8 +85,8 @@ CameraPose interpolate_pose(const Trajectory& trajectory, std::int64_t timestamp
            gap_s * (u * (1.0 - u) * (1.0 - u) * rate0 - u * u * (1.0 - u) * rate1);
   };
   const Eigen::Vector3d turn = rotation_vector(begin.rotation().conjugate() * end.rotation());
-  constexpr double kMostTurn = 2.5;  // [rad] between two poses; a cubic is ambiguous above it
-  const Eigen::Vector3d vector = turn.norm() < kMostTurn
+  constexpr double kMaxTurn_rad = 2.5;  // between two poses; a cubic is ambiguous above it
+  const Eigen::Vector3d vector = turn.norm() < kMaxTurn_rad
                                      ? cubic(turn, v0.angular, rate_of_vector(turn, v1.angular))
                                      : Eigen::Vector3d(u * turn);
   return {

@@ -104,8 +104,8 @@ std::optional<std::int64_t> parse_whole_ns(std::string_view text) {
     return parse_seconds_as_ns(fmt::format("{}e-9", text));
   }
   const std::optional<std::int64_t> exponent = parse_integer(text.substr(e + 1));
-  constexpr std::int64_t kMostDigits = 100;
-  if (!exponent || *exponent > kMostDigits || *exponent < -kMostDigits) return std::nullopt;
+  constexpr std::int64_t kMaxExponent = 100;
+  if (!exponent || *exponent > kMaxExponent || *exponent < -kMaxExponent) return std::nullopt;
   return parse_seconds_as_ns(fmt::format("{}e{}", text.substr(0, e), *exponent - 9));
 }
 

@@ -11,8 +11,8 @@ namespace penumbra {
 // Frames. Table: origin at the board's centre, x right, y up on the sheet, z out of the table.
 // Camera: OpenCV optical axes, x right, y down, z forward. Tag: origin at the tag's centre, x right
 // and y up on the upright printed tag, z out of the paper. Object: a model's own frame, z up (glTF
-// files are turned when loaded). Map: of the tags or points that a tracker or solver is given;
-// which frame that is (the table, the middle of a group of tags, a board), its caller knows.
+// files are turned when loaded). Map: frame of a tracker's or solver's tags or points,
+// chosen by the caller (the table, the middle of a group of tags, or a board).
 namespace frame {
 struct Table;
 struct Camera;

@@ -27,9 +27,9 @@ constexpr std::size_t kCheapPixels = 16'000'000;  // larger images must have eno
 constexpr int kMostScans = 500;  // limits the time for a small, malicious progressive file
 constexpr int kMostComponents = 3;
 
-// Wraps libjpeg and fails on damage for which libjpeg only warns and outputs grey or shifted
-// blocks. Errors of libjpeg return by longjmp, so that code called by guarded() must not have
-// objects with a destructor.
+// Wraps libjpeg. Fails on damage; libjpeg would only warn and output grey or shifted blocks. Errors
+// of libjpeg return by longjmp, so code called by guarded() must not have objects with a
+// destructor.
 class JpegDecoder {
  public:
   explicit JpegDecoder(std::span<const std::uint8_t> bytes) {
@@ -154,8 +154,8 @@ class JpegDecoder {
   }
 
   void read_raw_rows(const FrameBuffer& buffer) {
-    constexpr std::size_t kMostRows = std::size_t{MAX_SAMP_FACTOR} * DCTSIZE;
-    std::array<std::array<JSAMPROW, kMostRows>, kMostComponents> rows{};
+    constexpr std::size_t kMaxRows = std::size_t{MAX_SAMP_FACTOR} * DCTSIZE;
+    std::array<std::array<JSAMPROW, kMaxRows>, kMostComponents> rows{};
     std::array<JSAMPARRAY, kMostComponents> planes{};
     const auto lines = static_cast<JDIMENSION>(info_.max_v_samp_factor * DCTSIZE);
     while (info_.output_scanline < info_.output_height) {

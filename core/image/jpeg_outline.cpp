@@ -121,12 +121,12 @@ class MarkerWalk {
     out_.width = static_cast<int>(length_at(segment + 5));
     component_count_ = bytes_[segment + 7];
     if (length < kFixed + kPerComponent * component_count_) return false;
-    int most = 1;
+    int max_factor = 1;
     for (std::size_t i = 0; i < component_count_; ++i) {
-      most = std::max(most, bytes_[segment + kFixed + kPerComponent * i + 1] & 0x0F);
+      max_factor = std::max(max_factor, bytes_[segment + kFixed + kPerComponent * i + 1] & 0x0F);
     }
     // The sampling factors of a single component have no effect.
-    out_.block_height = component_count_ == 1 ? 8 : 8 * most;
+    out_.block_height = component_count_ == 1 ? 8 : 8 * max_factor;
     is_single_scan_ = marker == 0xC0 || marker == 0xC1;
     return true;
   }

@@ -93,9 +93,9 @@ std::size_t utf8_sequence_length(std::string_view text) {
     code = (code << 6U) | (byte_at(i) & 0x3FU);
   }
   // Overlong forms, surrogates and code points above U+10FFFF are invalid.
-  constexpr std::array<std::uint32_t, 5> kLeast = {0, 0, 0x80, 0x800, 0x10000};
+  constexpr std::array<std::uint32_t, 5> kMinCodePoint = {0, 0, 0x80, 0x800, 0x10000};
   const bool surrogate = code >= 0xD800U && code <= 0xDFFFU;
-  return code < kLeast[length] || code > 0x10FFFFU || surrogate ? 0 : length;
+  return code < kMinCodePoint[length] || code > 0x10FFFFU || surrogate ? 0 : length;
 }
 
 struct CloseFile {

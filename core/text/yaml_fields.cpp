@@ -24,8 +24,8 @@ class DocumentCheck {
  public:
   [[nodiscard]] std::optional<std::string> problem(const YAML::Node& node, int depth = 0) {
     constexpr int kDeepest = 32;
-    constexpr int kMostNodes = 1'000'000;
-    if (depth > kDeepest || ++nodes_ > kMostNodes) {
+    constexpr int kMaxNodes = 1'000'000;
+    if (depth > kDeepest || ++nodes_ > kMaxNodes) {
       return fmt::format(
           "line {}: holds itself, or far more than such a file does; write values out in place of "
           "aliases (*name)",
@@ -100,12 +100,12 @@ bool YamlFields::has(const std::string& key) const {
 Result<bool> YamlFields::has_optional(const std::string& key) const {
   if (has(key)) return true;
   constexpr std::size_t kMisspelt = 2;
-  constexpr std::size_t kLongest = 64;
+  constexpr std::size_t kMaxLength = 64;
   constexpr std::array<std::string_view, 3> kUnits = {"_m", "_px", "_s"};
   for (const auto& entry : map_) {
     if (!entry.first.IsScalar()) continue;
     const std::string& other = entry.first.Scalar();
-    if (other.size() > kLongest) continue;
+    if (other.size() > kMaxLength) continue;
     const bool without_unit = std::ranges::any_of(
         kUnits, [&](std::string_view unit) { return key == other + std::string(unit); });
     if (!without_unit && edit_distance(other, key) > kMisspelt) continue;
