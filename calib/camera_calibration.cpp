@@ -81,14 +81,14 @@ std::optional<double> tag_size_error_of(std::span<const double> sizes_px,
 }
 
 std::vector<std::optional<int>> images_to_report(std::span<const CalibrationImage> pictures,
-                                                 int most) {
+                                                 int limit) {
   std::map<ImageRejection, int> count;
   for (const CalibrationImage& picture : pictures) ++count[picture.reason];
   std::vector<std::optional<int>> reported(pictures.size());
   for (std::size_t i = 0; i < pictures.size(); ++i) {
     const ImageRejection reason = pictures[i].reason;
     if (reason == ImageRejection::no || count[reason] == 0) continue;
-    const bool many = count[reason] > most;
+    const bool many = count[reason] > limit;
     reported[i] = many ? count[reason] - 1 : 0;
     if (many) count[reason] = 0;
   }
@@ -126,8 +126,8 @@ Result<void> CameraCalibrator::add(const std::string& name, ImageView luma) {
   if (4 * picture.view.two_cell_tags > static_cast<int>(picture.view.corners.size()))
     ++images_with_wide_tags_;
   if (!picture.view.problem.empty()) {
-    constexpr int kMostImages = 8;
-    detect_any_board(luma, kMostImages);
+    constexpr int kMaxImages = 8;
+    detect_any_board(luma, kMaxImages);
     reject(picture, ImageRejection::not_seen, problem_of(picture.view, luma));
   }
   if (picture.left_out.empty()) {
@@ -181,20 +181,20 @@ void CameraCalibrator::detect_any_board(ImageView luma, int most_images) {
 
 // Requires several images with the same size, because a board may be partly visible or misdetected.
 std::optional<std::string> CameraCalibrator::other_board_advice() const {
-  constexpr int kLeastImages = 3;
+  constexpr int kMinImages = 3;
   std::map<std::array<int, 2>, int> counts;
   for (const std::array<int, 2>& size : board_sizes_) ++counts[size];
-  const auto most = std::ranges::max_element(counts, {}, [](const auto& c) { return c.second; });
+  const auto mode = std::ranges::max_element(counts, {}, [](const auto& c) { return c.second; });
   const std::array target_size = {std::max(target_.columns, target_.rows),
                                   std::min(target_.columns, target_.rows)};
-  if (most == counts.end() || most->second < kLeastImages || most->first == target_size)
+  if (mode == counts.end() || mode->second < kMinImages || mode->first == target_size)
     return std::nullopt;
-  const bool larger = most->first[0] > target_size[0] || most->first[1] > target_size[1];
-  if (!larger && 2 * most->second < static_cast<int>(board_sizes_.size())) return std::nullopt;
+  const bool larger = mode->first[0] > target_size[0] || mode->first[1] > target_size[1];
+  if (!larger && 2 * mode->second < static_cast<int>(board_sizes_.size())) return std::nullopt;
   return fmt::format(
       "{} images show a chessboard of {} x {} inner corners, but the target file says {} x {}: "
       "correct the target file, or show the whole board",
-      most->second, most->first[0], most->first[1], target_.columns, target_.rows);
+      mode->second, mode->first[0], mode->first[1], target_.columns, target_.rows);
 }
 
 void CameraCalibrator::reject(CalibrationImage& picture, ImageRejection reason, std::string words) {
@@ -233,12 +233,12 @@ Result<void> CameraCalibrator::check_found() const {
         "sheet with penumbra target",
         images_with_wide_tags_, pictures_.size());
   }
-  const auto most =
+  const auto mode =
       std::ranges::max_element(reasons, {}, [](const auto& reason) { return reason.second; });
-  const std::string because = most == reasons.end()
+  const std::string because = mode == reasons.end()
                                   ? ""
-                                  : fmt::format(" ({} time{}: {})", most->second,
-                                                most->second == 1 ? "" : "s", most->first);
+                                  : fmt::format(" ({} time{}: {})", mode->second,
+                                                mode->second == 1 ? "" : "s", mode->first);
   if (std::ranges::all_of(pictures_, [](const auto& picture) { return picture.width == 0; })) {
     return fail("none of {} pictures can be read ({})", pictures_.size(),
                 pictures_.front().left_out);
@@ -326,15 +326,15 @@ void CameraCalibrator::reject_surplus() {
   for (int n = 0; n < options_.max_views; ++n) {
     chosen[next] = true;
     std::size_t furthest = next;
-    double most = -1.0;
+    double best_worth = -1.0;
     for (std::size_t i = 0; i < at.size(); ++i) {
       distance[i] = std::min(distance[i], corner_distance(pictures_[at[i]].view.corners,
                                                           pictures_[at[next]].view.corners));
       // Views with more corners get a higher weight.
       const double worth =
           distance[i] * std::sqrt(static_cast<double>(pictures_[at[i]].view.corners.size()));
-      if (!chosen[i] && worth > most) {
-        most = worth;
+      if (!chosen[i] && worth > best_worth) {
+        best_worth = worth;
         furthest = i;
       }
     }
@@ -432,9 +432,9 @@ Result<CameraCalibration> CameraCalibrator::finish(std::stop_token stop, const S
   std::vector<CalibrationView> views = used_views();
   if (board_searches_ > 0) {
     // In some images, a part of a larger board was detected as the target.
-    constexpr int kMostImages = 12;
+    constexpr int kMaxImages = 12;
     for (const CalibrationImage& picture : pictures_) {
-      if (picture.left_out.empty()) detect_any_board(picture.picture(), kMostImages);
+      if (picture.left_out.empty()) detect_any_board(picture.picture(), kMaxImages);
     }
   }
   constexpr int kBefore = 3;  // steps before the lens choice

@@ -25,7 +25,7 @@ struct CalibrationOptions {
   std::optional<BoardShape> shape;       // else chosen by cross-validation
   // Considers only lenses that Kalibr's files can represent: plumb_bob without k3, and fisheye.
   bool for_kalibr = false;
-  int max_views = 60;  // maximum to solve, the most different ones; memory holds twice as many
+  int max_views = 60;  // solves the most different ones; memory holds twice this number
 };
 
 enum class ImageRejection { no, unreadable, not_seen, seen_before, blurred, surplus };
@@ -45,9 +45,9 @@ struct CalibrationImage {
 };
 
 // Selects the unused images to report: all images of a reason, or only the first if there are more
-// than `most`. The values count the other images that each stands for; nullopt: not selected.
+// than `limit`. The values count the other images that each stands for; nullopt: not selected.
 [[nodiscard]] std::vector<std::optional<int>> images_to_report(
-    std::span<const CalibrationImage> pictures, int most);
+    std::span<const CalibrationImage> pictures, int limit);
 
 // Projection uncertainty over the image: standard deviation along the worst direction [px].
 struct UncertaintyMap {

@@ -418,8 +418,8 @@ std::string calibration_report(const CameraCalibration& c, const ReportInput& in
   html +=
       "<h2>Views</h2><table><tr><th></th><th>picture</th><th>corners</th><th>residual</th>"
       "<th>blur</th><th>distance</th><th></th></tr>\n";
-  constexpr int kMostOfAReason = 30;
-  const auto reported = images_to_report(c.pictures, kMostOfAReason);
+  constexpr int kMaxPerReason = 30;
+  const auto reported = images_to_report(c.pictures, kMaxPerReason);
   for (std::size_t i = 0; i < c.pictures.size(); ++i) {
     const CalibrationImage& picture = c.pictures[i];
     if (picture.reason != ImageRejection::no && !reported[i]) continue;

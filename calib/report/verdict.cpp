@@ -20,11 +20,11 @@ constexpr double kNear = 0.05;  // fraction of the image's diagonal that a detec
 std::string worst_place(const UncertaintyMap& map, const ImageCells& cells) {
   const ImageCells of_map{map.columns, map.rows, cells.width, cells.height};
   std::size_t worst = 0;
-  double most = -1.0;
+  double max_sigma_px = -1.0;
   for (std::size_t cell = 0; cell < map.sigma_px.size(); ++cell) {
-    if (!(map.sigma_px[cell] > most)) continue;  // skips NaN as well
+    if (!(map.sigma_px[cell] > max_sigma_px)) continue;  // skips NaN as well
     worst = cell;
-    most = map.sigma_px[cell];
+    max_sigma_px = map.sigma_px[cell];
   }
   return "the " + cells.name(cells.at(of_map.middle(worst)));
 }
@@ -85,8 +85,8 @@ void raise_to_difference(UncertaintyMap& map, const CameraModel& camera, const C
   for (std::size_t cell = 0; cell < cells.count(); ++cell) {
     const Eigen::Vector2d pixel = cells.middle(cell);
     const auto direction = camera.unproject(pixel);
-    const auto there = direction ? other.project_extended(*direction) : std::nullopt;
-    if (there) differences[cell] = (*there - pixel).norm();
+    const auto reprojected = direction ? other.project_extended(*direction) : std::nullopt;
+    if (reprojected) differences[cell] = (*reprojected - pixel).norm();
     for (const CalibrationImage& picture : pictures) {
       if (picture.solved < 0 || seen[cell]) continue;
       seen[cell] = std::ranges::any_of(picture.view.corners, [&](const TargetCorner& corner) {

@@ -150,7 +150,7 @@ std::optional<Eigen::Vector2d> Bundle::residual(std::size_t v, std::size_t c) {
   return r;
 }
 
-double Bundle::distance_at(double share) {
+double Bundle::distance_at(double fraction) {
   std::vector<double> distances;
   for (std::size_t v = 0; v < views_.size(); ++v) {
     for (std::size_t c = 0; c < views_[v].corners.size(); ++c) {
@@ -160,7 +160,7 @@ double Bundle::distance_at(double share) {
     }
   }
   if (distances.empty()) return 1.0;
-  return order_statistic(std::move(distances), share);
+  return order_statistic(std::move(distances), fraction);
 }
 
 bool Bundle::mark_outliers(double limit_px) {
@@ -268,12 +268,12 @@ Result<CalibrationSolution> Bundle::finish() {
     solution.views.push_back(std::move(view));
   }
   const int inliers = solution.corners - solution.outliers;
-  const double freedom = 2.0 * inliers - n_lens - 6.0 * static_cast<double>(views_.size());
-  if (freedom < 10.0) {
+  const double dof = 2.0 * inliers - n_lens - 6.0 * static_cast<double>(views_.size());
+  if (dof < 10.0) {
     return fail("{} corners in {} views do not fix a camera; take more views", inliers,
                 views_.size());
   }
-  solution.noise_px = std::sqrt(sum / freedom);
+  solution.noise_px = std::sqrt(sum / dof);
   solution.rms_px = std::sqrt(sum / inliers);
   solution.rms_all_px = std::sqrt(sum_all / solution.corners);
   if (options_.model == DistortionModel::rational) {
@@ -296,8 +296,8 @@ Result<CalibrationSolution> Bundle::finish() {
   Eigen::MatrixXd inverse = factor.solve(Eigen::MatrixXd::Identity(n, n));
   if (options_.model == DistortionModel::rational &&
       !(inverse.diagonal().minCoeff() > 0.0 && inverse.allFinite())) {
-    // Only the prior constrains a common factor of numerator and denominator, more weakly than
-    // rounding errors. The factor moves no pixel; limit its variance.
+    // Only the prior constrains a common factor of numerator and denominator, so weakly that
+    // rounding errors dominate. The factor moves no pixel, so its variance is limited.
     const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> eigen(scaled);
     constexpr double kRounding = 1e-13;
     const Eigen::VectorXd values = eigen.eigenvalues().cwiseMax(kRounding);
@@ -343,10 +343,10 @@ Eigen::Vector3d Bundle::prior_sigma() const {
 }
 
 double Bundle::image_end() const {
-  constexpr double kWidest = 1.35;  // [rad] from the axis
+  constexpr double kMaxAngle = 1.35;  // [rad] from the axis
   // Assumes an equidistant lens; for lenses with less distortion this is an upper bound.
   return std::tan(
-      std::min(0.5 * std::hypot(width_, height_) / std::sqrt(lens[0] * lens[1]), kWidest));
+      std::min(0.5 * std::hypot(width_, height_) / std::sqrt(lens[0] * lens[1]), kMaxAngle));
 }
 
 Eigen::Vector3d Bundle::warp_of(const Eigen::Vector3d& p) const {

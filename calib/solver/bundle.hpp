@@ -40,7 +40,7 @@ class Bundle {
   // Returns sigma per axis [px]. The median distance of a 2-D normal distribution is 1.1774 sigma.
   [[nodiscard]] double robust_noise() { return std::max(distance_at(0.5) / 1.1774, 1e-4); }
   // Returns a quantile of the corners' 2-D errors [px], without known outliers.
-  [[nodiscard]] double distance_at(double share);
+  [[nodiscard]] double distance_at(double fraction);
 
   // Returns true if the set of outliers changed. Keeps 4 or more corners per view. Does not change
   // views with known outliers.

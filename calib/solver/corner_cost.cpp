@@ -69,10 +69,10 @@ struct RationalPrior {
       const T n_by_t = k1 + t * (2.0 * k2 + 3.0 * t * k3);
       const T d_by_t = k4 + t * (2.0 * k5 + 3.0 * t * k6);
       const T growth = n / d + 2.0 * t * (n_by_t * d - n * d_by_t) / (d * d);
-      const double least = 1.0 / (1.0 + t);
-      residual[6 + 2 * i] = (growth - std::sqrt(least)) / (0.1 + 0.5 * (1.0 - least));
-      const T missing = kLeastGrowth * least - growth;
-      residual[7 + 2 * i] = missing > T(0.0) ? missing / (kGrowthSigma * least) : T(0.0);
+      const double equidistant = 1.0 / (1.0 + t);
+      residual[6 + 2 * i] = (growth - std::sqrt(equidistant)) / (0.1 + 0.5 * (1.0 - equidistant));
+      const T missing = kLeastGrowth * equidistant - growth;
+      residual[7 + 2 * i] = missing > T(0.0) ? missing / (kGrowthSigma * equidistant) : T(0.0);
     }
     return true;
   }

@@ -49,10 +49,10 @@ std::vector<Guess> guess_lens(int width, int height, std::span<const Eigen::Vect
                               std::span<const CalibrationView> views,
                               const SolverOptions& options) {
   const DistortionModel model = options.model;
-  constexpr std::size_t kMostViews = 8;
+  constexpr std::size_t kMaxViews = 8;
   std::vector<std::vector<PointObservation>> chosen;
-  const std::size_t step = std::max<std::size_t>(1, views.size() / kMostViews);
-  for (std::size_t v = 0; v < views.size() && chosen.size() < kMostViews; v += step)
+  const std::size_t step = std::max<std::size_t>(1, views.size() / kMaxViews);
+  for (std::size_t v = 0; v < views.size() && chosen.size() < kMaxViews; v += step)
     chosen.push_back(observations_of(views[v], board));
   std::vector<Guess> guesses;
   const bool polynomial = is_polynomial(model);
@@ -88,15 +88,15 @@ std::vector<Guess> guess_lens(int width, int height, std::span<const Eigen::Vect
 std::optional<CameraPose> best_pose(const CameraModel& camera,
                                     std::span<const PointObservation> observations) {
   std::optional<CameraPose> best;
-  double least = std::numeric_limits<double>::infinity();
+  double min_error = std::numeric_limits<double>::infinity();
   for (const MapFromCamera& pose : solve_pose(camera, observations)) {
     RefinerOptions options;
     options.robust_scale_px = 3.0;
     const auto refined = refine_pose(camera, observations, pose, options);
     const MapFromCamera& candidate = refined ? refined->T_map_camera : pose;
     const double error = median_error(camera, candidate, observations);
-    if (error < least) {
-      least = error;
+    if (error < min_error) {
+      min_error = error;
       best = as_table_pose(candidate);
     }
   }
@@ -124,10 +124,10 @@ std::vector<std::size_t> radial_coefficients(DistortionModel model) {
 std::optional<CameraParameters> as_model(const CameraModel& camera, DistortionModel model) {
   const CameraParameters& from = camera.parameters();
   const auto end = camera.unproject(Eigen::Vector2d(0.0, 0.0));
-  constexpr double kWidest = 4.0;  // tangent of the maximum angle from the axis
+  constexpr double kMaxTan = 4.0;  // tangent of the maximum angle from the axis
   const double furthest = std::min(
-      {end ? end->head<2>().norm() : kWidest,
-       std::isfinite(camera.max_radius()) ? 0.98 * camera.max_radius() : kWidest, kWidest});
+      {end ? end->head<2>().norm() : kMaxTan,
+       std::isfinite(camera.max_radius()) ? 0.98 * camera.max_radius() : kMaxTan, kMaxTan});
   if (!(furthest > 0.05)) return std::nullopt;
   constexpr int kSamples = 48;
   const std::vector<std::size_t> places = radial_coefficients(model);
@@ -241,7 +241,7 @@ Result<CalibrationSolution> solve_intrinsics(int width, int height,
   SolverOptions rough = options;
   rough.shape = BoardShape::rigid;
   std::optional<CalibrationSolution> best;
-  double least = std::numeric_limits<double>::infinity();
+  double min_error = std::numeric_limits<double>::infinity();
   std::string why = "no lens explains the corners; is it the right target file, and one camera?";
   int tried = 0;
   for (const Guess& guess : guesses) {
@@ -272,8 +272,8 @@ Result<CalibrationSolution> solve_intrinsics(int width, int height,
     }
     const double error =
         solved->noise_px * (1.0 + static_cast<double>(solved->outliers) / solved->corners);
-    if (error < 0.98 * least) {
-      least = error;
+    if (error < 0.98 * min_error) {
+      min_error = error;
       best = std::move(*solved);
     }
   }

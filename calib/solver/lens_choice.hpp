@@ -32,10 +32,10 @@ struct ModelTrial {
 [[nodiscard]] std::optional<Eigen::Vector2d> non_monotonic_place_in_image(
     const CameraModel& camera);
 
-// Maximum ratio of held-out errors (new to old) for which additional parameters are worthwhile.
+// Additional parameters are worthwhile if the held-out error falls to this fraction or less.
 inline constexpr double kWorthwhile = 0.97;
 
-// Progress for users: step 1 to `most`, or fewer.
+// Progress for users. choose_lens() may end before the step `most`.
 struct SolvingStep {
   std::string what;  // "plumb_bob, free board"
   int step = 0;

@@ -269,7 +269,7 @@ std::optional<TagPlacement> TagGraph::place(int id, double scale, std::size_t fi
   if (seen.size() < kFewestFrames) return std::nullopt;
   const auto corners = tag_corners(scale * seen.front().second->size_m);
   std::optional<TagPlacement> best;
-  double least = std::numeric_limits<double>::infinity();
+  double min_error_px = std::numeric_limits<double>::infinity();
   const std::size_t step = std::max<std::size_t>(1, seen.size() / 10);
   for (std::size_t k = 0; k < seen.size() && !stop.stop_requested(); k += step) {
     const auto& [frame, sighting] = seen[k];
@@ -284,8 +284,8 @@ std::optional<TagPlacement> TagGraph::place(int id, double scale, std::size_t fi
       here.scale = scale;
       measure(here, seen, camera);
       const double middle = here.median_px();
-      if (middle < least) {
-        least = middle;
+      if (middle < min_error_px) {
+        min_error_px = middle;
         best = std::move(here);
       }
     }

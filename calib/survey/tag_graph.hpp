@@ -30,7 +30,7 @@ struct TagSighting {
   int id = 0;
   double size_m = 0.0;
   std::array<Eigen::Vector2d, 4> corners_px;
-  std::array<Eigen::Vector2d, 4> spread;      // edge_spreads(); zero for corrected corners
+  std::array<Eigen::Vector2d, 4> spread;      // of edge_spreads(); 0 for corrected corners
   Matrix8d whitening = Matrix8d::Identity();  // makes the corners' errors independent, sigma 1
 };
 
@@ -92,7 +92,7 @@ class TagGraph {
   void measure(TagPlacement& fit, int id) const;
   // Bundle adjustment; returns false if it fails.
   bool adjust(bool robust);
-  // Removes outlier sightings; returns true if there were any. `rms_px`: 2-D error of the others.
+  // Removes outlier sightings; returns true if there were any. `rms_px`: 2-D error of the rest.
   bool drop_outliers(double& rms_px);
   [[nodiscard]] Result<GraphCovariance> covariance();
 

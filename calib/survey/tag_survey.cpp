@@ -181,8 +181,8 @@ SurveyInput input_of(const CameraModel& camera, std::span<const SurveyFrame> fra
       if (is_measured(frame, i)) ++measured[frame.tags[i].id];
     }
   }
-  const auto most = static_cast<std::size_t>(options.max_frames);
-  const std::size_t step = std::max<std::size_t>(1, (frames.size() + most - 1) / most);
+  const auto max_frames = static_cast<std::size_t>(options.max_frames);
+  const std::size_t step = std::max<std::size_t>(1, (frames.size() + max_frames - 1) / max_frames);
   for (std::size_t f = 0; f < frames.size(); f += step) {
     const SurveyFrame& frame = frames[f];
     std::map<int, int> times;
@@ -311,14 +311,14 @@ struct Movement {
 
 // `judge` must have all sightings, and cameras that hardly depend on this tag.
 std::optional<Movement> movement_of(const TagGraph& judge, int id, double size_m) {
-  constexpr std::size_t kFewest = 3;  // minimum sightings before and after
+  constexpr std::size_t kMinSeen = 3;  // minimum sightings before and after
   const auto seen = judge.seen_of(id);
-  if (seen.size() < 2 * kFewest) return std::nullopt;
+  if (seen.size() < 2 * kMinSeen) return std::nullopt;
   std::optional<Movement> best;
   for (const double share : {0.25, 0.5, 0.75}) {
     std::size_t split =
-        std::clamp(static_cast<std::size_t>(share * static_cast<double>(seen.size())), kFewest,
-                   seen.size() - kFewest);
+        std::clamp(static_cast<std::size_t>(share * static_cast<double>(seen.size())), kMinSeen,
+                   seen.size() - kMinSeen);
     std::optional<TagPlacement> before;
     std::optional<TagPlacement> after;
     const auto fit_parts = [&] {
@@ -331,10 +331,10 @@ std::optional<Movement> movement_of(const TagGraph& judge, int id, double size_m
     judge.measure(*before, id);
     judge.measure(*after, id);
     double sum = after->mean_px() * static_cast<double>(seen.size());
-    double least = std::numeric_limits<double>::infinity();
-    for (std::size_t k = 0; k + kFewest <= seen.size(); ++k) {
-      if (k >= kFewest && sum < least) {
-        least = sum;
+    double min_sum = std::numeric_limits<double>::infinity();
+    for (std::size_t k = 0; k + kMinSeen <= seen.size(); ++k) {
+      if (k >= kMinSeen && sum < min_sum) {
+        min_sum = sum;
         split = k;
       }
       sum += std::min(before->errors_px[k].second, kMaxSightingError_px) -
@@ -408,7 +408,7 @@ struct Agreement {
 // Rejects inconsistent tags one by one, worst first.
 Result<Agreement> agree(const CameraModel& camera, const SurveyInput& input, int anchor,
                         const SurveyOptions& options) {
-  constexpr double kMostLost = 0.5;    // fraction of the sightings
+  constexpr double kMaxLost = 0.5;     // fraction of the sightings
   constexpr double kSuspicious = 0.1;  // smaller fractions may be caused by blur or occlusion
   std::set<int> without;
   for (;;) {
@@ -419,7 +419,7 @@ Result<Agreement> agree(const CameraModel& camera, const SurveyInput& input, int
     judge.frames = input.frames;
     std::optional<std::pair<double, int>> worst;
     for (const auto& [id, lost] : settled->lost) {
-      if (id != anchor && lost > kMostLost && (!worst || lost > worst->first)) worst = {lost, id};
+      if (id != anchor && lost > kMaxLost && (!worst || lost > worst->first)) worst = {lost, id};
     }
     for (const auto& [id, lost] : settled->lost) {
       if (worst || lost <= kSuspicious) continue;
@@ -443,7 +443,7 @@ Result<Agreement> agree(const CameraModel& camera, const SurveyInput& input, int
   }
 }
 
-// Returns true if so many tags are inconsistent with the anchor that it may be wrong.
+// Returns true if the anchor may be wrong, because too many tags are inconsistent with it.
 bool anchor_is_doubtful(const Agreement& agreement, const SurveyInput& input, int anchor) {
   const auto lost = agreement.settled.lost.find(anchor);
   if (lost != agreement.settled.lost.end() && lost->second > 0.5) return true;

@@ -84,8 +84,8 @@ struct SurveyFrame {
                                             std::span<const SurveyFrame> frames,
                                             const SurveyOptions& options);
 
-// Measures the edges of a frame's tags. `survey`: result for detected frames, of which this one has
-// the index `index`. A second survey with measured frames is several times more accurate.
+// Measures the edges of a frame's tags. `survey`: result for the detected frames; `index`: index of
+// this frame. A second survey with measured frames is several times more accurate.
 [[nodiscard]] SurveyFrame measured_frame(const TagSurvey& survey, std::size_t index,
                                          const SurveyFrame& frame, ImageView luma);
 

@@ -165,13 +165,13 @@ Result<std::vector<std::uint8_t>> vector_bytes(const Sheet& sheet, const PageSiz
 }
 
 Result<std::vector<std::uint8_t>> png_page(const Sheet& sheet, const PageSize& page) {
-  constexpr double kMostPixels = 1e8;      // at the finer resolution
-  constexpr double kMostAcross = 32767.0;  // limit of cairo
+  constexpr double kMaxPixels = 1e8;       // at the finer resolution
+  constexpr double kMaxSide_px = 32767.0;  // limit of cairo
   double per_metre = 600.0 / 0.0254;
-  if (page.width_m * page.height_m * per_metre * per_metre > kMostPixels) per_metre /= 2.0;
+  if (page.width_m * page.height_m * per_metre * per_metre > kMaxPixels) per_metre /= 2.0;
   const double across = std::ceil(page.width_m * per_metre);
   const double down = std::ceil(page.height_m * per_metre);
-  if (across > kMostAcross || down > kMostAcross || across * down > 2.5 * kMostPixels) {
+  if (across > kMaxSide_px || down > kMaxSide_px || across * down > 2.5 * kMaxPixels) {
     return fail("a PNG of {:.0f} x {:.0f} px is too large; name a .pdf or .svg", across, down);
   }
   const auto width = static_cast<int>(across);

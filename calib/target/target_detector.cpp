@@ -453,17 +453,17 @@ TargetView TargetDetector::refine(ImageView luma, const TargetView& view, const 
   }
   // Searches for every crossing, including those that detection missed.
   double arm_m = target_.square_m;
-  double clear_m = 0.4 * target_.square_m;
+  double clearance_m = 0.4 * target_.square_m;
   if (target_.kind == TargetKind::charuco) {
-    clear_m = 0.4 * (target_.square_m - target_.tags->tags().front().size_m);
+    clearance_m = 0.4 * (target_.square_m - target_.tags->tags().front().size_m);
   } else if (target_.kind == TargetKind::tags) {
     arm_m = gap_m_;
-    clear_m = 0.75 * target_.tags->tags().front().size_m / cells_;
+    clearance_m = 0.75 * target_.tags->tags().front().size_m / cells_;
   }
   const std::vector<const TargetCorner*> before = corners_by_point(target_, view.corners);
   for (std::size_t i = 0; i < target_.points.size(); ++i) {
     const auto found =
-        follow_crossing(luma, camera, T_camera_board, target_.points[i], arm_m, clear_m);
+        follow_crossing(luma, camera, T_camera_board, target_.points[i], arm_m, clearance_m);
     if (found) {
       refined.corners.push_back({static_cast<int>(i), *found});
     } else if (before[i] != nullptr) {

@@ -126,8 +126,8 @@ std::optional<double> find_edge(ImageView luma, const EdgeSearch& search) {
     if (!value) return std::nullopt;
     values[static_cast<std::size_t>(s)] = *value;
   }
-  const double whole = values[static_cast<std::size_t>(2 * steps + 1)] - values[0];
-  const double polarity = search.polarity.value_or(whole < 0.0 ? -1.0 : 1.0);
+  const double total_change = values[static_cast<std::size_t>(2 * steps + 1)] - values[0];
+  const double polarity = search.polarity.value_or(total_change < 0.0 ? -1.0 : 1.0);
   double mass = 0.0;
   double moment = 0.0;
   for (int s = 0; s <= 2 * steps; ++s) {
@@ -140,7 +140,7 @@ std::optional<double> find_edge(ImageView luma, const EdgeSearch& search) {
     moment += weight * at;
   }
   if (mass < search.min_change) return std::nullopt;
-  // Corrects the window's pull of the centroid towards its centre, for a blur of 0.8 px (sigma).
+  // The window biases the centroid towards its centre; this corrects it for a blur of sigma 0.8 px.
   const double offset = moment / mass * (1.0 + 0.64 / (search.width * search.width));
   if (!(std::abs(offset) < search.reach)) return std::nullopt;
   return offset;
@@ -186,7 +186,7 @@ std::optional<std::array<Eigen::Vector2d, 4>> follow_tag(
 std::optional<Eigen::Vector2d> follow_crossing(ImageView luma, const CameraModel& camera,
                                                const CameraFromBoard& T_camera_board,
                                                const Eigen::Vector3d& corner, double arm_m,
-                                               double clear_m) {
+                                               double clearance_m) {
   const auto predicted = camera.project(T_camera_board * corner);
   if (!predicted || !is_inside(luma, *predicted, kCornerBorder)) return std::nullopt;
   Eigen::Matrix2d normals;
@@ -194,13 +194,13 @@ std::optional<Eigen::Vector2d> follow_crossing(ImageView luma, const CameraModel
   for (int axis = 0; axis < 2; ++axis) {
     const Eigen::Vector3d x = axis == 0 ? Eigen::Vector3d::UnitX() : Eigen::Vector3d::UnitY();
     const Eigen::Vector3d y = axis == 0 ? Eigen::Vector3d::UnitY() : Eigen::Vector3d::UnitX();
-    const auto away = camera.project(T_camera_board * Eigen::Vector3d(corner - clear_m * y));
+    const auto away = camera.project(T_camera_board * Eigen::Vector3d(corner - clearance_m * y));
     const auto along = camera.project(T_camera_board * Eigen::Vector3d(corner + arm_m * x));
     if (!away || !along) return std::nullopt;
     const Eigen::Vector2d e = *along - *predicted;
-    const double clear = std::abs(cross(e, *away - *predicted)) / e.norm();
+    const double clearance = std::abs(cross(e, *away - *predicted)) / e.norm();
     const auto edge = follow_edge(luma, camera, T_camera_board, corner - arm_m * x,
-                                  corner + arm_m * x, *away, std::min(clear, 4.0), true);
+                                  corner + arm_m * x, *away, std::min(clearance, 4.0), true);
     if (!edge) return std::nullopt;
     normals.row(axis) = edge->normal_middle.transpose();
     offsets[axis] = edge->at_middle;

@@ -61,11 +61,11 @@ using CameraFromBoard = Transform<frame::Camera, frame::Table>;
     const std::array<Eigen::Vector3d, 4>& corners, int cells);
 
 // Returns the saddle point [px] where two edges cross, from `arm_m` of each edge on both sides. No
-// other edge may be within `clear_m` of them.
+// other edge may be within `clearance_m` of them.
 [[nodiscard]] std::optional<Eigen::Vector2d> follow_crossing(ImageView luma,
                                                              const CameraModel& camera,
                                                              const CameraFromBoard& T_camera_board,
                                                              const Eigen::Vector3d& corner,
-                                                             double arm_m, double clear_m);
+                                                             double arm_m, double clearance_m);
 
 }  // namespace penumbra
