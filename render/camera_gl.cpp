@@ -140,13 +140,13 @@ ViewFrustum make_frustum(const CameraModel& camera) {
 }
 
 double longest_edge(const CameraModel& camera) {
-  constexpr double kLongestEdge_px = 32.0;
+  constexpr double kMaxEdge_px = 32.0;
   constexpr double kTolerance_px = 0.1;  // part of a total error budget of 0.15 px
-  constexpr double kShortest = 0.001;    // [m]
-  constexpr double kLongest = 0.02;      // [m]
+  constexpr double kMinLength = 0.001;   // [m]
+  constexpr double kMaxLength = 0.02;    // [m]
   constexpr int kSamples = 12;           // along each side of the image
   const double focal = std::max(camera.parameters().fx, camera.parameters().fy);
-  double length = kLongestEdge_px / focal;  // at depth 1
+  double length = kMaxEdge_px / focal;  // at depth 1
   // The error of a chord's middle grows with the square of the chord's length.
   const double half = 0.5 * length;
   double worst = 0.0;
@@ -168,9 +168,9 @@ double longest_edge(const CameraModel& camera) {
       }
     }
   }
-  if (worst < 1e-3) return kLongest;  // no distortion
+  if (worst < 1e-3) return kMaxLength;  // no distortion
   if (worst > kTolerance_px) length *= std::sqrt(kTolerance_px / worst);
-  return std::clamp(length * kNearestDistance, kShortest, kLongest);
+  return std::clamp(length * kNearestDistance, kMinLength, kMaxLength);
 }
 
 }  // namespace penumbra

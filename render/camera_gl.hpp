@@ -46,8 +46,8 @@ struct LensUniforms {
 [[nodiscard]] glm::mat4x3 plane_from_object(const PlaneFrame& plane,
                                             const Placement& T_table_object);
 
-// Minimum camera distance for which geometry is tessellated [m]. Closer, the tags are only partly
-// in view.
+// Geometry is tessellated for camera distances from this one on [m]. Closer, the tags are only
+// partly in view.
 inline constexpr double kNearestDistance = 0.15;
 // Returns the maximum length of an edge drawn straight [m]: at kNearestDistance it is up to 32 px
 // long and deviates from the distorted edge by about 0.1 px.

@@ -19,13 +19,13 @@ namespace {
 constexpr double kContactTolerance_m = 1e-6;
 
 // Returns a disc that contains every layer. A kernel lies inside the footprint's bounding circle of
-// radius r, so an imaginary vertex k + s (x - k) is within s r + (s - 1) r of its centre. 5 % are
+// radius r, so a projected vertex k + s (x - k) is within s r + (s - 1) r of its centre. 5 % are
 // added for kernels one raster cell outside.
 Disc shadow_bounds(const BoxCorners& corners, const ShadowDraw& draw, double top) {
   Disc disc = footprint(corners, draw.plane_frame);
   double s = 1.0;
-  // Fields: a part's light is over its middle and up to a times its size, so the rim is projected
-  // to within r + 2 t r + a t r, less than the (2 s - 1) r of kernels.
+  // Fields: a light over a part's middle, up to a times its size, t = h / (H - h). The rim is
+  // projected to within r + 2 t r + a t r, less than the (2 s - 1) r of kernels.
   if (traits_of(draw.technique).has_penumbra) {
     for (const ShadowLayer layer : {ShadowLayer::umbra, ShadowLayer::penumbra}) {
       const HeightRange range = layer_height_range(draw.constants, layer);
@@ -152,7 +152,7 @@ class Planner {
     return scene_.objects[static_cast<std::size_t>(object)];
   }
 
-  // Returns true if an object casts shadows at this time. `report`: reports if never.
+  // Returns true if an object casts shadows at this time. `report`: records if it never does.
   bool casts(int object, bool report = true) {
     if (object_at(object).model && object_at(object).casts_shadow)
       return opacity_of_object(object) > 0.0F;
@@ -170,7 +170,7 @@ class Planner {
       draw.plane = receiver.plane;
       draw.technique = technique == ShadowTechnique::walls ? ShadowTechnique::simple : technique;
       draw.kernels = options_.kernels.value_or(node.kernels);
-      // A single kernel for the whole object gives no thickness for a proportional light.
+      // A proportional light needs each part's thickness; one kernel per object has none.
       if (traits_of(technique).uses_kernels && draw.kernels != KernelSource::centroid) {
         draw.light_mode = options_.light_mode.value_or(node.light_mode);
       }
@@ -207,7 +207,7 @@ class Planner {
     plan_.shadows.push_back(draw);
   }
 
-  // Plans the shadow on receivers, even if invisible on the plane: layers depend on the height.
+  // Plans the shadow on receivers. Layers that are invisible on the plane may be visible higher up.
   void plan_receivers_under(const ShadowDraw& draw, const Model& model, double top) {
     if (scene_.objects.size() < 2) return;
     ReceivedShadowDraw under;
@@ -263,10 +263,10 @@ class Planner {
     return entry->second;
   }
 
-  // Plans the shadow on receivers that it may reach. Returns true if it reaches none of several.
+  // Plans the shadow on receivers that it may reach. Returns true if there are only others.
   bool misses_all(const ReceivedShadowDraw& under, const std::vector<ObjectDraw>& receivers) {
-    bool asked = false;
-    bool met = false;
+    bool has_receivers = false;
+    bool reaches_any = false;
     for (const ObjectDraw& receiver : receivers) {
       if (belong_together(under.shadow.object, receiver.object)) continue;
       const SceneObject& object = object_at(receiver.object);
@@ -274,16 +274,16 @@ class Planner {
         skip(SkipReason::receiver_blends, receiver.object);
         continue;
       }
-      asked = true;
+      has_receivers = true;
       if (options_.skip && !over_plane(receiver.object, under.shadow.plane_frame).meets(under))
         continue;
-      met = true;
+      reaches_any = true;
       ReceivedShadowDraw draw = under;
       draw.receiver = receiver.object;
       draw.shadow.opacity = std::min(under.shadow.opacity, receiver.opacity);
       plan_.received_shadows.push_back(draw);
     }
-    return asked && !met;
+    return has_receivers && !reaches_any;
   }
 
   static std::vector<int> planes_of(const ShadowNode& node, ShadowTechnique technique) {
@@ -349,7 +349,7 @@ class Planner {
     for (const int caster : node.casters) {
       if (casts(caster, on_planes)) casters.push_back(caster);
     }
-    const std::vector<BoundingSphere> seen =
+    const std::vector<BoundingSphere> visible_phantoms =
         on_planes ? std::vector<BoundingSphere>() : spheres_about_phantoms();
     for (const int light : lights) {
       // A light without a projected shadow on any plane casts none on phantoms either.
@@ -360,7 +360,7 @@ class Planner {
       if (!on_planes && !shown) continue;
       for (const int caster : casters) {
         ShadowVolumeDraw draw{lit_caster(caster, light), floors, on_planes, {}};
-        if (!on_planes) draw.receivers = spheres_met(draw, seen);
+        if (!on_planes) draw.receivers = spheres_met(draw, visible_phantoms);
         if (on_planes || !draw.receivers.empty()) {
           volume_lights_.insert(light);
         } else if (options_.skip) {
@@ -369,8 +369,8 @@ class Planner {
         } else {
           // The receivers affect the triangles and thus the pixels at their edges, so a volume that
           // reaches a receiver has the same receivers with and without skipping.
-          draw.receivers = seen;
-          if (seen.empty()) continue;
+          draw.receivers = visible_phantoms;
+          if (visible_phantoms.empty()) continue;
         }
         add_volume(draw);
       }
@@ -418,10 +418,10 @@ class Planner {
     if (draw.floors.empty()) known->floors.clear();
     if (known->floors.empty()) return;
     for (const PlaneFrame& floor : draw.floors) {
-      const bool there = std::ranges::any_of(known->floors, [&floor](const PlaneFrame& other) {
+      const bool is_known = std::ranges::any_of(known->floors, [&floor](const PlaneFrame& other) {
         return other.n == floor.n && other.q == floor.q;
       });
-      if (!there) known->floors.push_back(floor);
+      if (!is_known) known->floors.push_back(floor);
     }
   }
 
@@ -474,9 +474,9 @@ class Planner {
       if (heights.high < range.low || heights.low > range.high) continue;
       if (heights.high > range.high) return true;
       for (const Eigen::Vector3d& corner : corners) {
-        const Eigen::Vector2d image =
+        const Eigen::Vector2d projected =
             shadow_point(plane.frame, draw.light_place, plane.frame.to_plane(corner));
-        hull.push_back(plane.frame.lift(image.x(), image.y()));
+        hull.push_back(plane.frame.lift(projected.x(), projected.y()));
       }
     }
     return !out_of_view(std::move(hull)) || skip(SkipReason::rays_out_of_view, draw.object);
@@ -492,17 +492,17 @@ class Planner {
     const HeightRange range = hard_shadow_range(draw.plane_frame, draw.light_place);
     if (heights.low > range.high) return skip(SkipReason::shadow_above_light, draw.object);
     if (heights.low < -kContactTolerance_m || heights.high > range.high) return true;
-    BoxCorners image;
+    BoxCorners projected;
     Eigen::AlignedBox2d bounds;
     for (std::size_t i = 0; i < corners.size(); ++i) {
       const Eigen::Vector2d p =
           shadow_point(draw.plane_frame, draw.light_place, draw.plane_frame.to_plane(corners[i]));
       bounds.extend(p);
-      image[i] = draw.plane_frame.lift(p.x(), p.y());
+      projected[i] = draw.plane_frame.lift(p.x(), p.y());
     }
     if (misses_outline(bounds, scene_.planes[static_cast<std::size_t>(draw.plane)].outline))
       return skip(SkipReason::shadow_off_receiver, draw.object);
-    return !out_of_view(image) || skip(SkipReason::shadow_out_of_view, draw.object);
+    return !out_of_view(projected) || skip(SkipReason::shadow_out_of_view, draw.object);
   }
 
   // Drops layers that are certainly invisible; returns true if any may be visible. Conservative, as

@@ -227,16 +227,16 @@ Result<UploadedImage> UploadedImage::create(int width, int height) {
   GLint largest = 0;
   glGetIntegerv(GL_MAX_TEXTURE_SIZE, &largest);
   if (width > largest || height > largest) return too_large(width, height, largest);
-  UploadedImage picture;
-  picture.width_ = width;
-  picture.height_ = height;
-  picture.texture_ = nearest_texture();
+  UploadedImage uploaded;
+  uploaded.width_ = width;
+  uploaded.height_ = height;
+  uploaded.texture_ = nearest_texture();
   store_rgba(false, width, height);
-  picture.framebuffer_ = FramebufferHandle::create();
-  glBindFramebuffer(GL_FRAMEBUFFER, picture.framebuffer_.id());
-  glFramebufferTexture2D(GL_FRAMEBUFFER, GL_COLOR_ATTACHMENT0, GL_TEXTURE_2D, picture.texture_.id(),
-                         0);
-  return picture;
+  uploaded.framebuffer_ = FramebufferHandle::create();
+  glBindFramebuffer(GL_FRAMEBUFFER, uploaded.framebuffer_.id());
+  glFramebufferTexture2D(GL_FRAMEBUFFER, GL_COLOR_ATTACHMENT0, GL_TEXTURE_2D,
+                         uploaded.texture_.id(), 0);
+  return uploaded;
 }
 
 void UploadedImage::present(std::span<const std::uint8_t> rgba, GlContext::Size window) {

@@ -53,9 +53,9 @@ void GpuTimer::take(std::vector<double>& times_ms) {
   const std::size_t before = times_ms.size();
   while (count_ > 0) {
     const Measured& measured = ring_[first_];
-    GLuint there = GL_FALSE;
-    glGetQueryObjectuiv(measured.query.id(), GL_QUERY_RESULT_AVAILABLE, &there);
-    if (there == GL_FALSE) break;
+    GLuint available = GL_FALSE;
+    glGetQueryObjectuiv(measured.query.id(), GL_QUERY_RESULT_AVAILABLE, &available);
+    if (available == GL_FALSE) break;
     if (!measured.dropped) times_ms.push_back(result_ms(measured));
     first_ = (first_ + 1) % kMost;
     --count_;

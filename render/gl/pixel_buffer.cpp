@@ -38,10 +38,10 @@ void UploadBuffers::unbind() {
   glBindBuffer(GL_PIXEL_UNPACK_BUFFER, 0);
 }
 
-void ReadBackBuffers::ask(const Framebuffer& picture, std::size_t bytes) {
+void ReadBackBuffers::ask(const Framebuffer& image, std::size_t bytes) {
   PENUMBRA_ASSERT(pending_ < kMost);
   buffers_[(first_ + pending_) % kMost].bind(GL_PIXEL_PACK_BUFFER, bytes, GL_STREAM_READ);
-  picture.read_rgba_to_buffer();
+  image.read_rgba_to_buffer();
   glBindBuffer(GL_PIXEL_PACK_BUFFER, 0);
   ++pending_;
 }

@@ -42,7 +42,7 @@ class ReadBackBuffers {
   static constexpr std::size_t kMost = 2;  // pending images
 
   // Requests the current image, width * height * 4 bytes.
-  void ask(const Framebuffer& picture, std::size_t bytes);
+  void ask(const Framebuffer& image, std::size_t bytes);
   [[nodiscard]] std::size_t asked() const { return pending_; }
   // Reads the oldest pending image; waits until it is drawn.
   [[nodiscard]] Result<void> take(std::span<std::uint8_t> rgba);

@@ -262,7 +262,7 @@ bool has_cut_outs(const Model& model) {
   });
 }
 
-int cut_out_depth(const Model& model, std::size_t most_triangles) {
+int cut_out_depth(const Model& model, std::size_t max_triangles) {
   constexpr int kFinest = 7;
   std::vector<FaceOpacity> opacities;
   for (const Mesh& mesh : model.meshes) opacities.emplace_back(model, mesh);
@@ -277,7 +277,7 @@ int cut_out_depth(const Model& model, std::size_t most_triangles) {
         corners.clear();
         opacity.append_visible(i, depth, corners);
         triangles += corners.size() / 3;
-        if (triangles > most_triangles) return false;
+        if (triangles > max_triangles) return false;
       }
     }
     return true;

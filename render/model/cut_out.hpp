@@ -82,9 +82,9 @@ class FaceOpacity {
 // Returns true if some face of the model is partially visible (alpha mode MASK).
 [[nodiscard]] bool has_cut_outs(const Model& model);
 
-// Returns the maximum depth for append_visible() for which the model's partial faces give no more
-// than `most_triangles` triangles, or 0.
-[[nodiscard]] int cut_out_depth(const Model& model, std::size_t most_triangles);
+// Returns the maximum depth for append_visible() at which the model's partial faces give up to
+// `max_triangles` triangles, or 0.
+[[nodiscard]] int cut_out_depth(const Model& model, std::size_t max_triangles);
 
 // Returns a warning, with `file`, that a model with cut-outs casts shadows of its whole faces.
 [[nodiscard]] std::string warning_of_cut_outs(const std::string& file);

@@ -110,7 +110,7 @@ struct Model {
   // The up direction (unit) that Mesh::shadow_kernels were made for, if there are any.
   std::optional<glm::vec3> shadow_kernel_up;
   std::string shadow_kernel_geometry;  // KernelStamp of the kernels; may be ""
-  // Groups of parts (part_groups.hpp) for which the kernels were stored; the default groups.
+  // Groups of parts (part_groups.hpp) of the stored kernels; the default groups.
   std::vector<std::string> shadow_kernel_groups;
   // Faces are visible only from the front (counter-clockwise), unless their material is
   // double-sided.

@@ -55,7 +55,7 @@ inline constexpr double kMaxFileCoordinate = 1e12;
 void generate_normals(Mesh& mesh);
 
 // Computes tangents for `texcoords`, or `texcoords_2` if `second`, weighted by the corners' angles.
-// Splits vertices at which a layout meets its mirror image. Requires normals.
+// Splits vertices shared by mirrored and unmirrored texture layouts. Requires normals.
 void generate_tangents(Mesh& mesh, bool second);
 
 // Merges a mesh of the same material, because thousands of draw calls would be slow. An attribute

@@ -111,11 +111,11 @@ ImageLine image_from(std::string_view line) {
   ImageLine image{after_keyword(line), false, {}};
   while (true) {
     const std::vector<std::string_view> words = obj_words(image.name);
-    const auto most = words.empty() ? std::nullopt : option_arguments(words[0]);
-    if (!most || words.size() < 2) return image;
-    const bool numbers = *most > 1;
+    const auto limit = words.empty() ? std::nullopt : option_arguments(words[0]);
+    if (!limit || words.size() < 2) return image;
+    const bool numbers = *limit > 1;
     std::size_t used = numbers ? 0 : 1;
-    while (numbers && used < *most && used + 2 < words.size() && finite_number(words[used + 1])) {
+    while (numbers && used < *limit && used + 2 < words.size() && finite_number(words[used + 1])) {
       ++used;
     }
     if (words[0] == "-clamp") image.clamps = words[1] == "on";

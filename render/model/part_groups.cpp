@@ -48,14 +48,14 @@ Result<void> check_groups(const Model& model, std::span<const std::string> group
     if (group == kGroupOfAll) continue;
     const std::vector<bool> members = nodes_of_group(model, group);
     if (std::ranges::find(members, true) != members.end()) continue;
-    constexpr std::size_t kMostNames = 12;
+    constexpr std::size_t kMaxNames = 12;
     std::vector<std::string> names;
     for (const ModelNode& node : model.nodes) {
       const std::string& name = node.name.empty() ? node.mesh : node.name;
       if (!name.empty() && std::ranges::find(names, name) == names.end()) {
-        names.push_back(names.size() < kMostNames ? name.substr(0, 60) : "...");
+        names.push_back(names.size() < kMaxNames ? name.substr(0, 60) : "...");
       }
-      if (names.size() > kMostNames) break;
+      if (names.size() > kMaxNames) break;
     }
     return fail("group \"{}\": the model \"{}\" has no such node, mesh or object; {}",
                 group.substr(0, 60), model.name,

@@ -160,9 +160,9 @@ int ReceivedShadowPass::make_mask(const Scene& scene, const ReceivedShadowDraw& 
     spacing.clear_step = std::clamp(2.0 * mask.made_for->texel / std::max(reach->rate, 1e-9),
                                     kLevelStep, kLongestLevelStep);
   }
-  const std::size_t most =
+  const std::size_t max_levels =
       draw.shadow.technique == ShadowTechnique::field ? kMostFieldLevels : kMostReceivingLevels;
-  mask.levels = surface.faces.levels(box, draw.top, most, spacing);
+  mask.levels = surface.faces.levels(box, draw.top, max_levels, spacing);
   if (mask.levels.empty()) return 0;
 
   // Aligns the mask to a grid on the plane, which does not move with the caster.

@@ -19,7 +19,7 @@ inline constexpr unsigned kShadowBits = 0x7FU;   // for the shadow techniques
 
 // Creates the program that darkens a plane by its blocked lights, for Receivers::draw_grid().
 [[nodiscard]] Result<TranslucentProgram> plane_light_program(GlApi api);
-// Makes it current for a plane; `opacity`: of the shadow. set_lights() sets the lights.
+// Selects the program and sets it up for a plane and its shadow's opacity, except the lights.
 void begin_plane_light(const ShaderProgram& program, const FramePlan& plan, const PlaneFrame& plane,
                        float opacity);
 

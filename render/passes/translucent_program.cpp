@@ -13,13 +13,13 @@ namespace penumbra {
 Result<TranslucentProgram> TranslucentProgram::create(GlApi api, ShaderFiles vertex,
                                                       ShaderFiles fragment,
                                                       std::vector<std::string_view> defines,
-                                                      Under under) {
+                                                      Under background) {
   TranslucentProgram program;
   program.api_ = api;
   program.vertex_files_ = std::move(vertex);
   program.fragment_files_ = std::move(fragment);
   program.defines_ = std::move(defines);
-  program.under_ = under;
+  program.under_ = background;
   PENUMBRA_TRY(auto blended, program.link({}));
   program.variants_.emplace_back("", std::move(blended));
   return program;

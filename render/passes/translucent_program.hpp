@@ -31,7 +31,7 @@ class TranslucentProgram {
   [[nodiscard]] static Result<TranslucentProgram> create(GlApi api, ShaderFiles vertex,
                                                          ShaderFiles fragment,
                                                          std::vector<std::string_view> defines = {},
-                                                         Under under = Under::picture);
+                                                         Under background = Under::picture);
 
   // Selects the program that get() returns, and links it on first use. The baseline geometry_mesh
   // uses `mesh` for everything except planes. `video`: the format of the frames to fetch; nullopt

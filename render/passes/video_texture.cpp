@@ -41,14 +41,14 @@ glm::vec2 chroma_step(PixelFormat format) {
 // Returns the image's size as a fraction of the first plane's size (xy) and of the chroma planes'
 // size (zw); < 1 if the last sample is partly outside the image.
 glm::vec4 plane_extents(const Frame& frame) {
-  const glm::vec2 picture(frame.width, frame.height);
+  const glm::vec2 size_px(frame.width, frame.height);
   const auto size = [&frame](std::size_t i) {
     return glm::vec2(frame.planes[i].width, frame.planes[i].height);
   };
   const glm::vec2 first_step(frame.format == PixelFormat::yuyv ? 2.0F : 1.0F, 1.0F);
-  const glm::vec2 first = picture / (first_step * size(0));
+  const glm::vec2 first = size_px / (first_step * size(0));
   if (frame.plane_count < 2) return {first, first};
-  return {first, picture / (chroma_step(frame.format) * size(1))};
+  return {first, size_px / (chroma_step(frame.format) * size(1))};
 }
 
 }  // namespace
@@ -189,10 +189,10 @@ bool VideoTexture::import(const Frame& frame) {
   return true;
 }
 
-void VideoTexture::release(std::size_t most) {
+void VideoTexture::release(std::size_t max_in_use) {
   while (!in_use_.empty()) {
     auto* fence = static_cast<GLsync>(in_use_.front().drawn);
-    const bool wait = in_use_.size() > most;
+    const bool wait = in_use_.size() > max_in_use;
     const GLenum state = glClientWaitSync(fence, wait ? GL_SYNC_FLUSH_COMMANDS_BIT : 0U,
                                           wait ? kPatience_ns : GLuint64{0});
     if (!wait && state == GL_TIMEOUT_EXPIRED) return;

@@ -87,8 +87,8 @@ class VideoTexture {
   [[nodiscard]] bool import(const Frame& frame);
   // Returns false if the driver provides no buffer or loses it.
   [[nodiscard]] bool upload_through_buffer(const Frame& frame);
-  // Releases frames that the GPU has finished; waits while more than `most` are in use.
-  void release(std::size_t most);
+  // Releases frames that the GPU has finished; waits while more than `max_in_use` are in use.
+  void release(std::size_t max_in_use);
 
   VideoProgram program_;
   bool pixel_buffers_ = false;

@@ -234,8 +234,8 @@ void VolumePass::darken_by_sums(const FramePlan& plan, Framebuffer& framebuffer)
   glDrawArrays(GL_TRIANGLES, 0, 3);
 }
 
-// Draws casters of equal opacity together, else one by one with the highest opacity first, so that
-// a pixel in several shadows is darkened once, by the first.
+// Draws all casters together if their opacities are equal, else one by one, highest opacity first.
+// A pixel in several shadows is darkened once, by the first.
 int VolumePass::draw_light(const Drawing& drawing, Casters casters, bool add_up) const {
   glStencilMask(0xFF);
   glClear(GL_STENCIL_BUFFER_BIT);

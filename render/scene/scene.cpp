@@ -307,11 +307,11 @@ void add_default_walls(Scene& scene, ShadowNode& node) {
   // Returns the casters' maximum coordinate along a direction.
   const auto reach = [&](const Eigen::Vector3d& direction) {
     const std::vector<double> heights = greatest_heights(scene, direction, Eigen::Vector3d::Zero());
-    double most = -std::numeric_limits<double>::infinity();
+    double highest = -std::numeric_limits<double>::infinity();
     for (const int caster : node.casters) {
-      most = std::max(most, heights[static_cast<std::size_t>(caster)]);
+      highest = std::max(highest, heights[static_cast<std::size_t>(caster)]);
     }
-    return most;
+    return highest;
   };
   const double left = -reach(-Eigen::Vector3d::UnitX());
   const double right = reach(Eigen::Vector3d::UnitX());

@@ -32,7 +32,7 @@ std::string shown(const json& value) {
   return shortened(value.dump(-1, ' ', true, json::error_handler_t::replace));
 }
 
-// Callback for json::parse that finds duplicate keys, of which the reader silently keeps the last.
+// Callback for json::parse that finds duplicate keys; the reader silently keeps the last of them.
 class DuplicateKeys {
  public:
   bool operator()(json::parse_event_t event, const json& parsed) {

@@ -26,9 +26,9 @@ std::vector<ShadowEvent> shadow_events(const SceneState& before, const SceneStat
   for (std::size_t i = 0; i < std::min(before.planes.size(), now.planes.size()); ++i) {
     const PlacedPlane& a = before.planes[i];
     const PlacedPlane& b = now.planes[i];
-    const bool there = a.opacity > 0.0 || b.opacity > 0.0;
+    const bool visible = a.opacity > 0.0 || b.opacity > 0.0;
     add(ShadowEventKind::plane_moved, i,
-        there && (a.frame.n != b.frame.n || a.frame.q != b.frame.q || a.frame.e1 != b.frame.e1));
+        visible && (a.frame.n != b.frame.n || a.frame.q != b.frame.q || a.frame.e1 != b.frame.e1));
   }
   return events;
 }

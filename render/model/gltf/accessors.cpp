@@ -171,9 +171,9 @@ Result<Elements> Accessors::elements(int index, const std::string& what) {
     return fail("{}: its component type or shape is not one for this use", place);
   }
   // The longest accessors are indices, with three per triangle.
-  const std::size_t most = std::max(limits_.max_vertices, 3 * limits_.max_triangles);
-  if (accessor.count == 0 || accessor.count > most) {
-    return fail("{}: has {} elements; 1 to {} can be read", place, accessor.count, most);
+  const std::size_t max_count = std::max(limits_.max_vertices, 3 * limits_.max_triangles);
+  if (accessor.count == 0 || accessor.count > max_count) {
+    return fail("{}: has {} elements; 1 to {} can be read", place, accessor.count, max_count);
   }
   // Elements without a buffer view are zeros (glTF 2.0, 5.1.1).
   Elements result{accessor.count, width, {}};

@@ -81,8 +81,8 @@ class Accessors {
   const tinygltf::Model& gltf_;
   Buffers& buffers_;
   const ModelLimits& limits_;
-  // Remaining limit of zero components from accessors without a buffer view, which don't increase
-  // the file's size.
+  // Remaining number of zeros for accessors without a buffer view, which could be unlimited in a
+  // small file.
   std::size_t zeros_left_;
 };
 

@@ -167,7 +167,7 @@ Result<Eigen::Matrix4d> Nodes::T_root_node(int node) {
   return T_root_node;
 }
 
-Result<std::vector<Eigen::Matrix4d>> Nodes::instances_of(int index, std::size_t most) {
+Result<std::vector<Eigen::Matrix4d>> Nodes::instances_of(int index, std::size_t max_count) {
   const tinygltf::Node& node = gltf_.nodes[static_cast<std::size_t>(index)];
   const std::string place = fmt::format("nodes/{}", index);
   const auto extension = node.extensions.find(kInstancing);
@@ -191,8 +191,8 @@ Result<std::vector<Eigen::Matrix4d>> Nodes::instances_of(int index, std::size_t 
       return fail("{}: have {} and {} elements", what, elements->count, count);
     }
   }
-  if (count > most) {
-    return fail("{}: has {} instances; {} of this mesh can be read", place, count, most);
+  if (count > max_count) {
+    return fail("{}: has {} instances; {} of this mesh can be read", place, count, max_count);
   }
   const auto vector_of = [](const Elements& elements, std::size_t i) {
     return Eigen::Map<const Eigen::Vector3d>(&elements.values[3 * i]);

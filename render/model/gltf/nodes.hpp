@@ -34,8 +34,8 @@ class Nodes {
   [[nodiscard]] Result<std::vector<Placement>> visible_meshes();
 
   // Returns the transforms of a node's instances (EXT_mesh_gpu_instancing), or one identity if it
-  // has none. Fails if there are more than `most`.
-  [[nodiscard]] Result<std::vector<Eigen::Matrix4d>> instances_of(int node, std::size_t most);
+  // has none. Fails if there are more than `max_count`.
+  [[nodiscard]] Result<std::vector<Eigen::Matrix4d>> instances_of(int node, std::size_t max_count);
 
   // Returns T_root_joint times the inverse bind matrix for each joint of a skin
   // (glTF 2.0, 3.7.3.3). It transforms a vertex of the mesh to the root frame.

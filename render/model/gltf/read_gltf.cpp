@@ -148,8 +148,8 @@ Result<std::vector<VertexPlacement>> Reader::vertex_placements(const Placement& 
     result.push_back({placement.T_root_node, matrices});
     return result;
   }
-  const std::size_t most = limits_.max_vertices / meshes_.vertex_count(placement.mesh);
-  PENUMBRA_TRY(const auto instances, nodes_.instances_of(placement.node, most));
+  const std::size_t max_instances = limits_.max_vertices / meshes_.vertex_count(placement.mesh);
+  PENUMBRA_TRY(const auto instances, nodes_.instances_of(placement.node, max_instances));
   for (const Eigen::Matrix4d& T_node_instance : instances) {
     result.push_back({placement.T_root_node * T_node_instance, nullptr});
     if (node.extensions.contains(kInstancing)) result.back().T_node_instance = T_node_instance;

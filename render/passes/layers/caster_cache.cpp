@@ -50,12 +50,12 @@ std::vector<double> largest_magnifications(const Scene& scene) {
 
 // Returns times at which to compare placements: keys, times between keys, and steps of a spin.
 std::set<double> sample_times(const Scene& scene) {
-  constexpr std::size_t kMostKeys = 32;  // of one object
+  constexpr std::size_t kMaxKeys = 32;  // of one object
   constexpr int kSpinSteps = 8;
   std::set<double> times = {0.0};
   for (const SceneObject& object : scene.objects) {
     const std::vector<Keyframe>& keys = object.animation.keyframes;
-    for (std::size_t i = 0; i < keys.size(); i += 1 + keys.size() / kMostKeys) {
+    for (std::size_t i = 0; i < keys.size(); i += 1 + keys.size() / kMaxKeys) {
       times.insert(keys[i].time_s);
       if (i > 0) times.insert(0.5 * (keys[i].time_s + keys[i - 1].time_s));
     }
@@ -206,9 +206,9 @@ CachedCaster& CasterCache::caster_of(const Scene& scene, const ShadowDraw& draw)
   if (cut_outs == CutOuts::whole_faces && object.proxy_model) {
     entry->proxy = proxy_from_model(entry->mesh, *object.proxy_model);
     set_geometry(entry->reduced, entry->proxy->mesh, edge);
-    const auto most = kWorthwhileFaces * static_cast<double>(entry->whole.geometry.indices.size());
+    const auto limit = kWorthwhileFaces * static_cast<double>(entry->whole.geometry.indices.size());
     const std::size_t faces = entry->reduced.geometry.indices.size();
-    if (faces == 0 || static_cast<double>(faces) > most) entry->proxy.reset();
+    if (faces == 0 || static_cast<double>(faces) > limit) entry->proxy.reset();
   }
   if (!entry->mesh.positions.empty()) {
     entry->min_corner = entry->max_corner = entry->mesh.positions.front();

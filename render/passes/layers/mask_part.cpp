@@ -68,12 +68,12 @@ void MaskPart::project(const Faces& images, double cell, MaskCaster& projected,
   }
 }
 
-void MaskPart::cover(MaskCaster& projected, MaskRaster& picture) const {
+void MaskPart::cover(MaskCaster& projected, MaskRaster& raster) const {
   static const std::vector<SharedEdge> kNoEdges;
   if (!any_from(layers, LayerSource::masked)) {
-    picture.cover(projected, {}, kNoEdges);
+    raster.cover(projected, {}, kNoEdges);
   } else {
-    picture.cover(projected, caster->casting_mesh(reduced).indices, *caster->body(reduced).edges);
+    raster.cover(projected, caster->casting_mesh(reduced).indices, *caster->body(reduced).edges);
   }
 }
 

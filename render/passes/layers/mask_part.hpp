@@ -38,7 +38,7 @@ struct MaskPart : MaskShape {
   // Projects the part onto cells of this size [m].
   void project(const Faces& faces, double cell, MaskCaster& projected, RenderWork& work) const;
   // Adds the projected part to a raster with cells of that size.
-  void cover(MaskCaster& projected, MaskRaster& picture) const;
+  void cover(MaskCaster& projected, MaskRaster& raster) const;
 };
 
 }  // namespace penumbra

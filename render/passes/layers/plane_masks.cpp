@@ -250,7 +250,7 @@ void PlaneMasks::draw_masks(int half_octave, std::vector<MaskPart> of, const Lay
   plane.drawn_before = parts;
 
   std::vector<std::optional<MaskPart::Faces>> faces(parts.size());
-  std::vector<double> projected(parts.size(), 0.0);  // cell size for which each part is projected
+  std::vector<double> projected(parts.size(), 0.0);  // cell size of each part's projection
   const auto project = [&](std::size_t i, double cell) {
     if (projected[i] == cell) return;
     if (!faces[i]) faces[i] = parts[i].face_images(work);

@@ -16,7 +16,7 @@ namespace {
 // Heights this far outside a range count as within it [m], so that rounding does not clip a caster
 // that stands on the plane.
 constexpr double kContactTolerance = 1e-6;
-// Precision of tilt and height (OwnFrame::make()): that of floats for layers, 1/32 cell for fields.
+// Bits of tilt and height in OwnFrame::make(): as exact as floats for layers, 1/32 cell for fields.
 constexpr int kLayerBits = 26;
 constexpr int kFieldBits = 13;
 
@@ -75,7 +75,7 @@ void upload_placed(const std::array<std::vector<PlanePoint>, 3>& images, const C
   prepared.placed.write(std::span<const PlanePoint>(all), BufferLife::every_frame);
   for (std::size_t i = 0; i < 3; ++i) {
     if (images[i].empty()) continue;
-    // Uses the same point of the plane as position and kernel, where every factor is 1.
+    // Position and kernel are the same point, so that the shader projects it onto itself.
     prepared.placed_layouts[i].bind();
     for (const unsigned attribute : {0U, 1U}) {
       VertexArray::attribute(attribute, 2, sizeof(PlanePoint), first[i] * sizeof(PlanePoint));
@@ -262,8 +262,8 @@ void ShadowGeometry::place_layers(const ShadowDraw& draw, CachedCaster& caster, 
     if (!prepared.key.masked) continue;
     // With a light of one size, each part loses its umbra at its own height.
     if (sources[i] == LayerSource::nothing && !fixed) continue;
-    const bool closes_up = sources[i] == LayerSource::whole && body.edges && !fixed;
-    prepared.layers[i].source = closes_up ? LayerSource::masked : LayerSource::masked_faces;
+    const bool is_closed = sources[i] == LayerSource::whole && body.edges && !fixed;
+    prepared.layers[i].source = is_closed ? LayerSource::masked : LayerSource::masked_faces;
   }
   if (prepared.key.masked) return;
   if (CasterCache::projects_on_cpu(draw, body)) {
@@ -409,20 +409,20 @@ std::optional<ShadowReach> ShadowGeometry::reach_of(const Scene& scene, const Sh
   if (caster.is_empty()) return reach;
   const OwnFrame own = OwnFrame::make(draw.T_table_object, draw.plane_frame,
                                       draw.T_table_object.scale * caster.size, kLayerBits);
-  const CasterCache::Casting with = casters_.casting(draw, caster, own, false, work);
-  const ShadowMesh& mesh = caster.casting_mesh(with.reduced);
+  const CasterCache::Casting casting = casters_.casting(draw, caster, own, false, work);
+  const ShadowMesh& mesh = caster.casting_mesh(casting.reduced);
   const std::vector<CasterVertex> vertices =
-      own_vertices(own, mesh.positions, caster.kernels(*with.kernels, with.reduced), work);
+      own_vertices(own, mesh.positions, caster.kernels(*casting.kernels, casting.reduced), work);
   // The projection of a clipped face lies between those of its vertices.
   std::vector<bool> casts(vertices.size(), false);
-  const double least = from - kContactTolerance;
+  const double min_height = from - kContactTolerance;
   for (std::size_t i = 0; i + 2 < mesh.indices.size(); i += 3) {
     const std::array<std::uint32_t, 3> face = {mesh.indices[i], mesh.indices[i + 1],
                                                mesh.indices[i + 2]};
-    const bool over = std::ranges::any_of(face, [&](std::uint32_t corner) {
-      return static_cast<double>(vertices[corner].h) >= least;
+    const bool is_over = std::ranges::any_of(face, [&](std::uint32_t corner) {
+      return static_cast<double>(vertices[corner].h) >= min_height;
     });
-    if (!over) continue;
+    if (!is_over) continue;
     for (const std::uint32_t corner : face) casts[corner] = true;
   }
   double top = 0.0;  // height above `from`
@@ -447,11 +447,11 @@ std::optional<ShadowReach> ShadowGeometry::reach_of(const Scene& scene, const Sh
     thickest = std::max(
         thickest, static_cast<double>(std::hypot(vertex.u - vertex.ku, vertex.v - vertex.kv)));
     // Projections lie between those at the vertex's height and at the lowest height. A point on a
-    // clip line may have the factor of any point of its face.
+    // clip line has some factor between those of its face's vertices.
     for (const ShadowLayer layer : kShadowLayers) {
       const double highest = layer_height_range(c, layer).high;
-      const double over = top > highest ? highest : std::clamp(h - from, 0.0, highest);
-      reach.box.extend(image_at(vertex, layer_factor(c, layer, over)));
+      const double height = top > highest ? highest : std::clamp(h - from, 0.0, highest);
+      reach.box.extend(image_at(vertex, layer_factor(c, layer, height)));
     }
   }
   if (layered) reach.rate = thickest * layer_rate(c, ShadowLayer::penumbra, top);

@@ -124,8 +124,8 @@ std::optional<ShadowProxy> simplified_caster(const ShadowMesh& full) {
   indices.resize(meshopt_simplify(indices.data(), full.indices.data(), full.indices.size(),
                                   &full.positions.front().x, full.positions.size(),
                                   sizeof(glm::vec3), target, kAnyError));
-  const auto most = static_cast<std::size_t>(kWorthwhileShare * static_cast<double>(faces));
-  if (indices.empty() || indices.size() / 3 > most) return std::nullopt;
+  const auto max_faces = static_cast<std::size_t>(kWorthwhileShare * static_cast<double>(faces));
+  if (indices.empty() || indices.size() / 3 > max_faces) return std::nullopt;
   ShadowProxy proxy;
   std::vector<std::uint32_t> kept(full.positions.size(), kNoShadowPosition);
   for (std::uint32_t& index : indices) {
@@ -170,10 +170,10 @@ ShadowKernels carried_kernels(const ShadowProxy& proxy, const ShadowKernels& ful
 }
 
 double ProxyAgreement::least() const {
-  double least = 1.0;
+  double minimum = 1.0;
   for (const auto& layers : iou)
-    least = std::min(least, *std::min_element(layers.begin(), layers.end()));
-  return least;
+    minimum = std::min(minimum, *std::min_element(layers.begin(), layers.end()));
+  return minimum;
 }
 
 ProxyAgreement compare_with_proxy(const ShadowMesh& full, const ShadowKernels& kernels,

@@ -336,7 +336,7 @@ class PartField {
                  gaps.x[index_of(span.end, span.line)]);
     });
     if (!covers_rows) return;
-    // The same along columns, of which only the ends of the spans are used.
+    // The same along columns; only the ends of the spans are used.
     const auto transposed = [](const FieldPoint& p) { return FieldPoint{p.y, p.x, p.rho}; };
     for_each_span(transposed(a), transposed(b), transposed(c),
                   {window_.bottom, window_.left, window_.height, window_.width},
@@ -431,10 +431,10 @@ ShadowField power_distance_layers(std::span<const CasterVertex> vertices,
   if (!(extent > 0.0F)) return field;
 
   constexpr int kMargin = 3;
-  constexpr float kFewestCells = 24.0F;  // along the longer side
+  constexpr float kMinCells = 24.0F;  // along the longer side
   const float cell =
       std::max(extent / static_cast<float>(std::max(8, options.cells) - 2 * kMargin),
-               std::min(static_cast<float>(options.finest_cell), extent / kFewestCells));
+               std::min(static_cast<float>(options.finest_cell), extent / kMinCells));
   if (!(cell > std::numeric_limits<float>::min())) return field;
   field.cell = static_cast<double>(cell);
   field.width = static_cast<int>(std::ceil(size.x() / cell)) + 2 * kMargin;

@@ -21,7 +21,7 @@ constexpr float kEdgeTolerance = 1e-3F;  // [cells]
 // Fractions of a silhouette's size.
 constexpr float kFlatCorner = 1e-6F;  // larger than the deviation of an edge by rounding
 constexpr float kShortEdge = 1e-2F;   // shorter edges have no direction
-// An angle of 0.37 rad, which regular shapes don't have between their edges and corners.
+// Cosine and sine of 0.37 rad: no edge or corner of a regular shape is at this angle to another.
 constexpr float kAskewCosine = 0.93232F;
 constexpr float kAskewSine = 0.36162F;
 constexpr float kEqual = 1.001F;  // areas and sides that differ by less are equal
@@ -196,12 +196,12 @@ void gather_hull_candidates(std::span<const Eigen::Vector2f> points,
     lowest = std::min(lowest, a.y());
     highest = std::max(highest, a.y());
     const auto [from, to] = std::minmax(a.x(), b.x());
-    for (std::size_t wall = 0; wall <= kColumns; ++wall) {
-      const float x = left + width * static_cast<float>(wall);
+    for (std::size_t border = 0; border <= kColumns; ++border) {
+      const float x = left + width * static_cast<float>(border);
       if (x < from || x > to || a.x() == b.x()) continue;
       const float y = a.y() + (b.y() - a.y()) * ((x - a.x()) / (b.x() - a.x()));
-      low[wall] = std::min(low[wall], y);
-      high[wall] = std::max(high[wall], y);
+      low[border] = std::min(low[border], y);
+      high[border] = std::max(high[border], y);
     }
   }
   const float rounding = 1e-5F * (highest - lowest);
@@ -471,12 +471,12 @@ void FootprintRaster::fill_small_holes(double share) {
   }
 }
 
-void FootprintRaster::bridge_gaps(int most) {
-  const auto bridge = [most](float* cells, std::size_t step, int count) {
+void FootprintRaster::bridge_gaps(int max_gap) {
+  const auto bridge = [max_gap](float* cells, std::size_t step, int count) {
     int last = -1;  // previous covered column
     for (int i = 0; i < count; ++i) {
       if (cells[static_cast<std::size_t>(i) * step] == 0.0F) continue;
-      if (last >= 0 && i - last - 1 <= most) {
+      if (last >= 0 && i - last - 1 <= max_gap) {
         for (int gap = last + 1; gap < i; ++gap) cells[static_cast<std::size_t>(gap) * step] = 1.0F;
       }
       last = i;

@@ -24,8 +24,8 @@ class FootprintRaster {
   // Fills enclosed holes smaller than the fraction `share` of the covered cells.
   void fill_small_holes(double share);
 
-  // Fills gaps of up to `most` cells between two covered cells of a row or column.
-  void bridge_gaps(int most);
+  // Fills gaps of up to `max_gap` cells between two covered cells of a row or column.
+  void bridge_gaps(int max_gap);
 
   // Computes the exact Euclidean distance from each covered cell's centre to the nearest centre of
   // an uncovered cell [cells].

@@ -115,8 +115,8 @@ void note_kernels(Json& mesh, const KernelFile& kernels, const Eigen::Vector3d& 
 Result<GlbDocument> GlbDocument::open(const std::filesystem::path& file,
                                       std::vector<std::string>& warnings) {
   const std::string name = file.string();
-  const std::size_t most = ModelLimits().max_file_bytes;
-  PENUMBRA_TRY(const auto bytes, read_file(file, most));
+  const std::size_t max_bytes = ModelLimits().max_file_bytes;
+  PENUMBRA_TRY(const auto bytes, read_file(file, max_bytes));
   gltf::Container container{{reinterpret_cast<const char*>(bytes.data()), bytes.size()}, {}};
   if (container.json.starts_with("glTF")) {
     PENUMBRA_TRY(auto opened, gltf::open_glb(name, bytes));
@@ -125,7 +125,7 @@ Result<GlbDocument> GlbDocument::open(const std::filesystem::path& file,
     PENUMBRA_TRY(container.json, without_byte_order_mark(container.json, name));
   }
   PENUMBRA_TRY(auto parsed, gltf::parse_document(name, container.json));
-  gltf::Buffers buffers(file, std::move(parsed.buffers), container.binary, most);
+  gltf::Buffers buffers(file, std::move(parsed.buffers), container.binary, max_bytes);
   GlbDocument document;
   document.json = Json::parse(container.json);
   auto binary = joined_buffers(document.json, buffers);

@@ -146,11 +146,11 @@ class LocalThickness {
     PlanarKernel result;
     const int side = side_cells(part);
     const Eigen::Vector2f extent = extent_of(part.points);
-    const int most = kMedianFiner * kMedianFiner * side * side;
+    const int max_budget = kMedianFiner * kMedianFiner * side * side;
     const float of_use = extent.x() * extent.y() / (finest_cell * finest_cell);
-    const int budget = of_use < static_cast<float>(most)
+    const int budget = of_use < static_cast<float>(max_budget)
                            ? std::max(kFewestMedianCells, static_cast<int>(of_use))
-                           : most;
+                           : max_budget;
     if (!rasterise(part, side, budget)) {
       for (const Eigen::Vector2f& point : part.points) result.centre += point;
       if (!part.points.empty()) result.centre /= static_cast<float>(part.points.size());
@@ -275,12 +275,12 @@ class LocalThickness {
                                     at.y())];
     } else {
       // For a border vertex that no disc reaches, uses the disc with the smallest distance to it.
-      float least = kBorderSlack * nominal_cell_;
+      float min_miss = kBorderSlack * nominal_cell_;
       for (const Disc& other : discs) {
         const float miss =
             std::hypot(other.x - at.x(), other.y - at.y()) - tuning_.reach * other.radius;
-        if (miss >= least) continue;
-        least = miss;
+        if (miss >= min_miss) continue;
+        min_miss = miss;
         winner = &other;
       }
     }

@@ -37,9 +37,9 @@ void find_ridge(const float* depths, std::ptrdiff_t stride, std::size_t count, f
     const float beside = left[x] > right[x] ? left[x] : right[x];
     const float upright = above[x] > below[x] ? above[x] : below[x];
     const float straight = beside > upright ? beside : upright;
-    const float over = above_left[x] > above_right[x] ? above_left[x] : above_right[x];
-    const float under = below_left[x] > below_right[x] ? below_left[x] : below_right[x];
-    const float diagonal = over > under ? over : under;
+    const float upper = above_left[x] > above_right[x] ? above_left[x] : above_right[x];
+    const float lower = below_left[x] > below_right[x] ? below_left[x] : below_right[x];
+    const float diagonal = upper > lower ? upper : lower;
     const float depth = depths[x];
     const bool on_ridge =
         (depth > 0.0F) & (depth + slope > straight) & (depth + diagonal_slope > diagonal);
@@ -70,7 +70,7 @@ PENUMBRA_VECTOR_CLONES
 std::int32_t relative_distances(const float* x, const float* y, const float* squared_reach,
                                 const float* squared_radius, std::size_t count, float to_x,
                                 float to_y, std::int32_t* __restrict distances) {
-  std::int32_t least = std::bit_cast<std::int32_t>(std::numeric_limits<float>::infinity());
+  std::int32_t min_distance = std::bit_cast<std::int32_t>(std::numeric_limits<float>::infinity());
   for (std::size_t i = 0; i < count; ++i) {
     const float dx = x[i] - to_x;
     const float dy = y[i] - to_y;
@@ -79,9 +79,9 @@ std::int32_t relative_distances(const float* x, const float* y, const float* squ
     const auto distance = std::bit_cast<std::int32_t>(
         squared <= squared_reach[i] ? in_radii : std::numeric_limits<float>::infinity());
     distances[i] = distance;
-    least = distance < least ? distance : least;
+    min_distance = distance < min_distance ? distance : min_distance;
   }
-  return least;
+  return min_distance;
 }
 
 // The middle of a ridge that covers several of the 3 x 3 cells around a cell (index bits: row by
@@ -149,10 +149,10 @@ std::size_t ReachingDiscs::next_reaching(std::size_t disc, float x, float y) con
 }
 
 std::size_t ReachingDiscs::nearest(std::size_t first, std::size_t end, float x, float y) {
-  const std::int32_t least =
+  const std::int32_t min_distance =
       relative_distances(x_.data() + first, y_.data() + first, squared_reach_.data() + first,
                          squared_radius_.data() + first, end - first, x, y, distances_.data());
-  const float limit = std::bit_cast<float>(least) * kAsNear + kNearEnough;
+  const float limit = std::bit_cast<float>(min_distance) * kAsNear + kNearEnough;
   const auto found = std::ranges::find_if(
       distances_, [limit](std::int32_t bits) { return std::bit_cast<float>(bits) <= limit; });
   return first + static_cast<std::size_t>(found - distances_.begin());

@@ -24,7 +24,7 @@ double signed_area(const std::array<Eigen::Vector2d, 3>& p) {
 }  // namespace
 
 TwistReport find_twists(std::span<const CasterVertex> vertices,
-                        std::span<const std::uint32_t> indices, double least, double greatest) {
+                        std::span<const std::uint32_t> indices, double low, double high) {
   TwistReport report;
   Eigen::AlignedBox2d box;
   for (const CasterVertex& vertex : vertices) {
@@ -57,9 +57,9 @@ TwistReport find_twists(std::span<const CasterVertex> vertices,
     const auto turns_over = [&](double s) {
       return (kernel_area + s * (mixed + s * offset_area)) * area < 0.0;
     };
-    bool twisted = turns_over(least) || turns_over(greatest);
+    bool twisted = turns_over(low) || turns_over(high);
     const double turning_point = -mixed / (2.0 * offset_area);
-    if (turning_point > least && turning_point < greatest) {
+    if (turning_point > low && turning_point < high) {
       twisted = twisted || turns_over(turning_point);
     }
     ++report.faces_tested;

@@ -27,10 +27,10 @@ struct CasterKernels {
   std::vector<Eigen::Vector3d> on_plane;  // the distinct kernels: table frame [m]
 };
 
-// Tests all factors from `least` to `greatest`; the corners of a face have the same factor.
+// Tests all factors from `low` to `high`; the corners of a face have the same factor.
 [[nodiscard]] TwistReport find_twists(std::span<const CasterVertex> vertices,
-                                      std::span<const std::uint32_t> indices, double least,
-                                      double greatest);
+                                      std::span<const std::uint32_t> indices, double low,
+                                      double high);
 
 // Returns the fraction of a layer, scaled by one factor > 1, that lies outside the ideal outline,
 // which has a kernel for each point of the surface. Cells are 1/192 of the layer's longer side.

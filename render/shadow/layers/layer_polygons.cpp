@@ -14,7 +14,7 @@ namespace {
 
 // Within this range Clipper needs only 64-bit arithmetic.
 constexpr double kGridHalf = 5e8;
-constexpr double kSpeck = 1e-12;  // [m^2]
+constexpr double kSpeck = 1e-12;  // [m^2]; smaller polygons are dropped
 
 struct Grid {
   Eigen::Vector2d middle = Eigen::Vector2d::Zero();
@@ -101,17 +101,17 @@ std::vector<Edge> boundary_edges(std::span<const Triangle> triangles) {
   }
   const auto ends = [](const Edge& edge) { return std::pair(edge.from, edge.to); };
   std::ranges::sort(edges, {}, ends);
-  std::vector<Edge> left;
+  std::vector<Edge> remaining;
   for (std::size_t i = 0; i < edges.size();) {
     Edge sum = edges[i];
     for (++i; i < edges.size() && edges[i].from == sum.from && edges[i].to == sum.to; ++i) {
       sum.count += edges[i].count;
     }
-    for (; sum.count > 0; --sum.count) left.push_back({sum.from, sum.to, 1});
-    for (; sum.count < 0; ++sum.count) left.push_back({sum.to, sum.from, 1});
+    for (; sum.count > 0; --sum.count) remaining.push_back({sum.from, sum.to, 1});
+    for (; sum.count < 0; ++sum.count) remaining.push_back({sum.to, sum.from, 1});
   }
-  std::ranges::sort(left, {}, ends);
-  return left;
+  std::ranges::sort(remaining, {}, ends);
+  return remaining;
 }
 
 // Joins the edges to closed walks: each corner has equally many incoming and outgoing edges.
@@ -145,7 +145,7 @@ ClipperLib::Paths closed_walks(const std::vector<Edge>& edges) {
   return walks;
 }
 
-// Ratio of the edge limit of a union made at once to that of a piece.
+// Edge limit of the whole union / edge limit of a piece.
 constexpr std::size_t kPiecesShorter = 10;
 
 // Returns false if Clipper fails; may throw clipperException.
@@ -162,10 +162,10 @@ bool unite(const ClipperLib::Paths& paths, Solution& solution) {
 // Computes the union of the triangles as closed paths with positive orientation. If the boundary is
 // too long, unites each half of the triangles first, which removes inner crossings, and then the
 // two results. Reorders the triangles.
-bool outline_paths(std::span<Triangle> triangles, std::size_t edges_at_once,
-                   std::size_t edges_of_a_piece, ClipperLib::Paths& outline) {
+bool outline_paths(std::span<Triangle> triangles, std::size_t max_edges,
+                   std::size_t max_piece_edges, ClipperLib::Paths& outline) {
   const std::vector<Edge> edges = boundary_edges(triangles);
-  if (edges.size() <= edges_at_once || triangles.size() < 2) {
+  if (edges.size() <= max_edges || triangles.size() < 2) {
     outline = closed_walks(edges);
     return true;
   }
@@ -181,7 +181,7 @@ bool outline_paths(std::span<Triangle> triangles, std::size_t edges_at_once,
   for (const std::span<Triangle>& part : {triangles.first(half), triangles.subspan(half)}) {
     ClipperLib::Paths paths;
     ClipperLib::Paths united;
-    if (!outline_paths(part, edges_of_a_piece, edges_of_a_piece, paths) || !unite(paths, united))
+    if (!outline_paths(part, max_piece_edges, max_piece_edges, paths) || !unite(paths, united))
       return false;
     outline.insert(outline.end(), united.begin(), united.end());
   }
@@ -191,7 +191,7 @@ bool outline_paths(std::span<Triangle> triangles, std::size_t edges_at_once,
 }  // namespace
 
 Result<LayerOutline> union_of_triangles(std::span<const PlanePoint> triangles,
-                                        std::size_t edges_at_once) {
+                                        std::size_t max_edges) {
   LayerOutline outline;
   for (const PlanePoint& p : triangles) {
     if (!std::isfinite(p.u) || !std::isfinite(p.v))
@@ -205,7 +205,7 @@ Result<LayerOutline> union_of_triangles(std::span<const PlanePoint> triangles,
   try {
     std::vector<Triangle> snapped = snapped_triangles(triangles, grid);
     ClipperLib::Paths paths;
-    if (!outline_paths(snapped, edges_at_once, edges_at_once / kPiecesShorter, paths) ||
+    if (!outline_paths(snapped, max_edges, max_edges / kPiecesShorter, paths) ||
         !unite(paths, tree)) {
       return fail("shadow layer: the union of its triangles failed");
     }

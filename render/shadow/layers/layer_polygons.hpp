@@ -23,9 +23,9 @@ struct LayerOutline {
 
 // Takes three points per triangle, of either orientation; triangles may overlap. Coordinates are
 // rounded to 1e-9 of the layer's size; polygons under 1e-12 m^2 are dropped. A boundary with more
-// than `edges_at_once` edges is united in pieces, because Clipper computes all crossings inside the
+// than `max_edges` edges is united in pieces, because Clipper computes all crossings inside the
 // union, hundreds of millions for a triangle soup.
 [[nodiscard]] Result<LayerOutline> union_of_triangles(std::span<const PlanePoint> triangles,
-                                                      std::size_t edges_at_once = 6000);
+                                                      std::size_t max_edges = 6000);
 
 }  // namespace penumbra

@@ -60,7 +60,7 @@ double ReceivingSurface::lowest(const Eigen::AlignedBox2d& over) const {
 }
 
 std::vector<double> ReceivingSurface::levels(const Eigen::AlignedBox2d& over, double top,
-                                             std::size_t most, const LevelSpacing& spacing) const {
+                                             std::size_t limit, const LevelSpacing& spacing) const {
   std::vector<double> plateaus;
   double slope_low = std::numeric_limits<double>::infinity();
   double slope_high = -slope_low;
@@ -84,7 +84,7 @@ std::vector<double> ReceivingSurface::levels(const Eigen::AlignedBox2d& over, do
     // Adds evenly spaced levels from `low` to `high`, both included.
     const auto add = [&](double low, double high, double step) {
       const double range = high - low;
-      const double steps = std::clamp(std::ceil(range / step), 1.0, static_cast<double>(most - 1));
+      const double steps = std::clamp(std::ceil(range / step), 1.0, static_cast<double>(limit - 1));
       for (int i = 0; i <= static_cast<int>(steps); ++i) {
         const double height = low + range * i / steps;
         const auto near = [height](double plateau) {
@@ -100,12 +100,12 @@ std::vector<double> ReceivingSurface::levels(const Eigen::AlignedBox2d& over, do
     std::sort(levels.begin(), levels.end());
     levels.erase(std::unique(levels.begin(), levels.end()), levels.end());
   }
-  if (levels.size() <= most) return levels;
+  if (levels.size() <= limit) return levels;
   const double low = levels.front();
   const double high = levels.back();
-  levels.resize(most);
-  for (std::size_t i = 0; i < most; ++i) {
-    levels[i] = low + (high - low) * static_cast<double>(i) / static_cast<double>(most - 1);
+  levels.resize(limit);
+  for (std::size_t i = 0; i < limit; ++i) {
+    levels[i] = low + (high - low) * static_cast<double>(i) / static_cast<double>(limit - 1);
   }
   return levels;
 }

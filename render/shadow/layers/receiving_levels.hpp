@@ -20,8 +20,8 @@ inline constexpr double kLevelWidth = 5e-4;  // heights this far above a level c
 // Minimum spacing of the levels of sloped faces.
 struct LevelSpacing {
   double step = kLevelStep;  // [m]
-  // `clear_step` applies below the height `clear_below`, where the whole caster is higher and its
-  // outlines change slowly [m].
+  // `clear_step` applies under the caster, at heights below `clear_below`, where its outlines
+  // change slowly with the height [m].
   double clear_below = -1.0, clear_step = kLevelStep;
 };
 
@@ -35,9 +35,9 @@ class ReceivingSurface {
   [[nodiscard]] const Eigen::AlignedBox2d& bounds() const { return bounds_; }
   // Returns the levels of the faces over the rectangle: heights above the plane [m], ascending, up
   // to `top`. Horizontal faces within kLevelWidth share the lowest height; sloped faces get levels
-  // at `spacing`. If there are more than `most` (> 1) levels, returns `most` evenly spaced ones.
+  // at `spacing`. If there are more than `limit` (> 1) levels, returns `limit` evenly spaced ones.
   [[nodiscard]] std::vector<double> levels(const Eigen::AlignedBox2d& over, double top,
-                                           std::size_t most,
+                                           std::size_t limit,
                                            const LevelSpacing& spacing = {}) const;
   // Returns the lowest height of the faces over the rectangle [m]; infinity if there are none.
   [[nodiscard]] double lowest(const Eigen::AlignedBox2d& over) const;

@@ -35,14 +35,14 @@ template <class Point, class Excess, class Middle, class IsInvisible>
     const auto ab = excess(a, b);
     const auto bc = excess(b, c);
     const auto ca = excess(c, a);
-    const auto most = std::max({ab, bc, ca});
-    if (!(most > 1)) {
+    const auto largest = std::max({ab, bc, ca});
+    if (!(largest > 1)) {
       put(done, a, b, c);
-    } else if (ab == most) {
+    } else if (ab == largest) {
       const Point m = middle(a, b);
       put(triangles, a, m, c);
       put(triangles, m, b, c);
-    } else if (bc == most) {
+    } else if (bc == largest) {
       const Point m = middle(b, c);
       put(triangles, a, b, m);
       put(triangles, a, m, c);

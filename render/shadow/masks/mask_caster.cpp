@@ -29,10 +29,10 @@ std::optional<MaskCaster::Position> MaskCaster::position_of(const PlanePoint& p)
   const Eigen::Vector2d on_plane =
       T_plane_own_ * Eigen::Vector2d(static_cast<double>(p.u), static_cast<double>(p.v));
   Eigen::Vector2d at = kSubcells * (on_plane / cell_ - first_.cast<double>());
-  constexpr double kMost = kFarthest;
-  if (!(std::abs(at.x()) <= kMost && std::abs(at.y()) <= kMost)) {
+  constexpr double kMaxCoordinate = kFarthest;
+  if (!(std::abs(at.x()) <= kMaxCoordinate && std::abs(at.y()) <= kMaxCoordinate)) {
     if (!at.allFinite()) return std::nullopt;
-    at = at.cwiseMax(-kMost).cwiseMin(kMost);
+    at = at.cwiseMax(-kMaxCoordinate).cwiseMin(kMaxCoordinate);
   }
   return Position{std::llround(at.x()), std::llround(at.y())};
 }
@@ -100,9 +100,9 @@ void MaskCaster::project(std::span<const glm::vec3> positions, std::span<const g
   const auto places = static_cast<float>(kSubcells / cell);
 
   images_.resize(positions.size());
-  constexpr float kMost = std::numeric_limits<float>::max();
-  Images low{{kMost, kMost, kMost, kMost}, {kMost, kMost, kMost, kMost}};
-  Images high{{-kMost, -kMost, -kMost, -kMost}, {-kMost, -kMost, -kMost, -kMost}};
+  constexpr float kMax = std::numeric_limits<float>::max();
+  Images low{{kMax, kMax, kMax, kMax}, {kMax, kMax, kMax, kMax}};
+  Images high{{-kMax, -kMax, -kMax, -kMax}, {-kMax, -kMax, -kMax, -kMax}};
   for (std::size_t i = 0; i < positions.size(); ++i) {
     const glm::vec3& p = positions[i];
     const glm::vec3& q = kernels[i];

@@ -80,7 +80,7 @@ double cell_size(int half_octave) {
   return std::exp2(0.5 * half_octave);
 }
 
-MaskLayout lay_out_masks(std::span<const CellBox> bounds, int half_octave, std::int64_t most,
+MaskLayout lay_out_masks(std::span<const CellBox> bounds, int half_octave, std::int64_t max_side,
                          const std::function<VisiblePart(const Eigen::AlignedBox2d&)>& seen) {
   MaskLayout layout;
   PartGroup all;
@@ -124,10 +124,10 @@ MaskLayout lay_out_masks(std::span<const CellBox> bounds, int half_octave, std::
       const Eigen::Vector2d sides = box.sizes().cast<double>() + Eigen::Vector2d::Ones();
       cells += sides.prod();
       longest = std::max(longest, box.sizes().maxCoeff() + 1);
-      if (cells > kMaxCells || longest > most) break;
+      if (cells > kMaxCells || longest > max_side) break;
       layout.groups.push_back({group.parts, cells_of(box, cell_size(size)), cut});
     }
-    if (cells <= kMaxCells && longest <= most) return layout;
+    if (cells <= kMaxCells && longest <= max_side) return layout;
   }
 }
 

@@ -46,9 +46,9 @@ struct MaskLayout {
 // Lays out one mask if all parts fit into one of moderate size, else one mask for each group of
 // overlapping parts. The mask of a large group is clipped to its visible region and has the cell
 // size that this region needs, or larger cells if there would be too many. `bounds`: of each part,
-// in cells of `half_octave`; `most`: maximum number of cells along a side of a mask.
+// in cells of `half_octave`; `max_side`: maximum number of cells along a side of a mask.
 [[nodiscard]] MaskLayout lay_out_masks(
-    std::span<const CellBox> bounds, int half_octave, std::int64_t most,
+    std::span<const CellBox> bounds, int half_octave, std::int64_t max_side,
     const std::function<VisiblePart(const Eigen::AlignedBox2d&)>& seen);
 
 }  // namespace penumbra

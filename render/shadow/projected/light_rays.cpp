@@ -52,7 +52,7 @@ std::optional<Eigen::Vector3d> shadow_on(const RayReceiver& plane, const Eigen::
 
 }  // namespace
 
-std::vector<MarkedVertex> marked_vertices(const Model& model, std::size_t most) {
+std::vector<MarkedVertex> marked_vertices(const Model& model, std::size_t limit) {
   struct Candidate {
     MarkedVertex vertex;
     bool colored = false;
@@ -75,12 +75,12 @@ std::vector<MarkedVertex> marked_vertices(const Model& model, std::size_t most) 
   if (candidates.empty()) return marked;
   const Eigen::Vector3d low = to_eigen(model.min_corner);
   const Eigen::Vector3d high = to_eigen(model.max_corner);
-  const double least = kSameCorner * kSameCorner * (high - low).squaredNorm();
+  const double min_squared_distance = kSameCorner * kSameCorner * (high - low).squaredNorm();
   Eigen::Vector3d reference = 0.5 * (low + high);
-  while (marked.size() < most) {
+  while (marked.size() < limit) {
     const bool first = marked.empty();
     const Candidate* farthest = nullptr;
-    double farthest_away = first ? -1.0 : least;
+    double farthest_away = first ? -1.0 : min_squared_distance;
     for (Candidate& candidate : candidates) {
       const double away = (candidate.vertex.position - reference).squaredNorm();
       if (!first) candidate.nearest = std::min(candidate.nearest, away);

@@ -18,10 +18,10 @@ struct MarkedVertex {
   Eigen::Vector3d position = Eigen::Vector3d::Zero();  // object frame [m]
   glm::vec3 color{1.0F};                               // linear light
 };
-// Chooses up to `most` vertices by farthest-point sampling, starting with the vertex farthest from
+// Chooses up to `limit` vertices by farthest-point sampling, starting with the vertex farthest from
 // the centre of the model's box; for a box these are its corners. The colours are the model's
 // vertex colours or, if it has none, distinct hues.
-[[nodiscard]] std::vector<MarkedVertex> marked_vertices(const Model& model, std::size_t most);
+[[nodiscard]] std::vector<MarkedVertex> marked_vertices(const Model& model, std::size_t limit);
 
 // Rays of a parallel light start at this distance before the vertex [m].
 inline constexpr double kParallelRay = 0.25;
