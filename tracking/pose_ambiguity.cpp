@@ -19,7 +19,7 @@ constexpr double kSame_px = 0.15;
 constexpr double kSameResiduals = 2.0;
 constexpr double kOverlap_sigmas = 5.0;
 
-// The pose from which the verified tags, all in one plane, look the same but for perspective.
+// Returns the pose from which the coplanar verified tags look the same except for perspective.
 MapFromCamera mirrored(const RigidTags& group, const MapFromCamera& pose,
                        std::span<const TagAlignment> seen) {
   const Transform<frame::Camera, frame::Map> T_camera_map = pose.inverse();

@@ -1,5 +1,5 @@
-// Tracks the camera over one rigid group of tags, from frame to frame. Poses are over the frame of
-// the tag map: the table, or another group's middle, of which GroupTracker makes a map.
+// Tracks the camera over one rigid group of tags, from frame to frame. Poses are relative to
+// the tag map's frame: the table, or the middle of another group (GroupTracker makes its map).
 #pragma once
 
 #include <memory>

@@ -32,8 +32,8 @@ int RigidTags::in_view(const MapFromCamera& pose) const {
 }
 
 std::optional<PixelBox> RigidTags::box_about(const MapFromCamera& pose) const {
-  constexpr double kLeastRoom_px = 32.0;
-  constexpr double kMostOfImage = 0.6;
+  constexpr double kMinMargin_px = 32.0;
+  constexpr double kMaxImageFraction = 0.6;
   const auto T_camera_map = pose.inverse();
   Eigen::AlignedBox2d box;
   for (const MappedTag& tag : tags) {
@@ -45,11 +45,11 @@ std::optional<PixelBox> RigidTags::box_about(const MapFromCamera& pose) const {
   const Eigen::AlignedBox2d image(Eigen::Vector2d::Zero(),
                                   Eigen::Vector2d(camera.width(), camera.height()));
   if (box.isEmpty()) return std::nullopt;
-  const double room = std::max(kLeastRoom_px, 0.25 * box.sizes().maxCoeff());
-  box.min().array() -= room;
-  box.max().array() += room;
+  const double margin = std::max(kMinMargin_px, 0.25 * box.sizes().maxCoeff());
+  box.min().array() -= margin;
+  box.max().array() += margin;
   box = box.intersection(image);
-  if (box.isEmpty() || box.volume() > kMostOfImage * image.volume()) return std::nullopt;
+  if (box.isEmpty() || box.volume() > kMaxImageFraction * image.volume()) return std::nullopt;
   const Eigen::Vector2i begin = box.min().cast<int>();
   const Eigen::Vector2i size = box.max().cast<int>() - begin;
   if (size.minCoeff() < 1) return std::nullopt;
@@ -65,10 +65,10 @@ double RigidTags::corner_distance_px(const MapFromCamera& a, const MapFromCamera
   for (const TagAlignment& tag : seen) {
     if (!tag.verified) continue;
     for (const Eigen::Vector3d& corner : (*this)[tag.index].corners()) {
-      const auto here = camera.project(from_a * corner);
-      const auto there = camera.project(from_b * corner);
-      if (!here || !there) continue;
-      sum += (*here - *there).norm();
+      const auto pixel_a = camera.project(from_a * corner);
+      const auto pixel_b = camera.project(from_b * corner);
+      if (!pixel_a || !pixel_b) continue;
+      sum += (*pixel_a - *pixel_b).norm();
       count += 1.0;
     }
   }

@@ -36,10 +36,10 @@ double scatter_px(const RigidTags& group, const Alignment& joint) {
     const AlignmentResult& own = alone.result;
     if (!own.verified || !own.T_map_camera.is_finite()) continue;
     const auto centre = group[tag.index].T_table_tag.translation();
-    const auto here = group.camera.project(pose.inverse() * centre);
-    const auto there = group.camera.project(own.T_map_camera.inverse() * centre);
-    if (!here || !there) continue;
-    sum += (*here - *there).squaredNorm();
+    const auto pixel = group.camera.project(pose.inverse() * centre);
+    const auto own_pixel = group.camera.project(own.T_map_camera.inverse() * centre);
+    if (!pixel || !own_pixel) continue;
+    sum += (*pixel - *own_pixel).squaredNorm();
     count += 1.0;
   }
   return count > 0.0 ? std::sqrt(sum / count) : 0.0;
@@ -85,13 +85,13 @@ bool TagConsensus::lacks_majority(std::span<const TagObservation> detected,
 // corners, because a pose that was fitted to the wrong tag may be a local minimum.
 void TagConsensus::reject_one(const RigidTags& group, std::span<const TagObservation> detected,
                               Alignment& alignment) {
-  constexpr std::size_t kMostToTry = 6;
+  constexpr std::size_t kMaxTries = 6;
   constexpr double kAgree = 3.0;
   const AlignmentResult& result = alignment.result;
   if (result.counters.tags_visible < 4 || !may_reject(result)) return;
   std::vector<TagAlignment> candidates = result.tags;
   std::ranges::stable_sort(candidates, {}, &TagAlignment::weight_share);
-  candidates.resize(std::min(candidates.size(), kMostToTry));
+  candidates.resize(std::min(candidates.size(), kMaxTries));
   double least = kAgree;
   int outlier = -1;
   MapFromCamera best_start = alignment.input.predicted;
@@ -138,7 +138,7 @@ bool TagConsensus::settle(const RigidTags& group, std::span<const TagObservation
   if (result.verified && result.disagreement >= kDisagree &&
       3 * result.tags_verified < 2 * result.counters.tags_visible)
     return false;
-  // Maximum errors of real tags by lens, response and paper [px]: of a joint pose, and per tag.
+  // Maximum errors of a joint pose and of one tag by lens, camera response and paper [px].
   constexpr double kSuspicious_px = 0.3;
   constexpr double kElsewhere_px = 0.5;
   if (!result.verified || result.disagreement < kDisagree ||

@@ -19,7 +19,7 @@ namespace penumbra {
 inline constexpr int kMaxSearchCells = 36;
 // Minimum number of samples for a tag to contribute equations.
 inline constexpr int kFewestSamples = 16;
-// Minimum fraction of its samples' weight that Tukey's weights must leave, for a tag to be used.
+// Minimum mean Tukey weight of a tag's samples; the tag is not used if it is less.
 inline constexpr double kMinWeightFraction = 0.3;
 
 struct AlignedTag {
@@ -30,7 +30,7 @@ struct AlignedTag {
   Eigen::Isometry3d T_map_tag = Eigen::Isometry3d::Identity();
   double cell_m = 0.0;
   int side = 0;  // lattice vertices per side
-  // Vertices, padded to a multiple of 16 with the final one.
+  // Vertices, padded to a multiple of 16 with copies of the final one.
   std::vector<float> lattice_a, lattice_b;
   // Coefficients of each vertex for 1, 2 and 3 lines per axis; see simd::Samples.
   std::vector<std::array<float, 4>> coefficients1;
@@ -62,15 +62,14 @@ struct AlignedTag {
   double cell_px = 0.0;  // smaller width of the central cell; cell_max_px: the larger one
   double cell_max_px = 0.0;
   double correlation = 0.0;
-  // Rolling shutter: camera motion from the image's middle row to the row through the tag's centre,
-  // that row, and the tag's displacement per row [px].
+  // Rolling shutter: camera motion from the image's middle row to `row`, through the tag's centre.
   Eigen::Isometry3d row_motion = Eigen::Isometry3d::Identity();
   double row = 0.0;
-  Eigen::Vector2d row_shear = Eigen::Vector2d::Zero();
+  Eigen::Vector2d row_shear = Eigen::Vector2d::Zero();  // the tag's displacement per row [px]
   Eigen::Vector2d motion_px = Eigen::Vector2d::Zero();  // during the exposure
-  // Number of moments of the exposure, motion within one, and sigma of the point spread with it.
-  int moments = 1;
-  Eigen::Vector2d spread_px = Eigen::Vector2d::Zero();
+  int moments = 1;                                      // of the exposure, equally spaced
+  Eigen::Vector2d spread_px = Eigen::Vector2d::Zero();  // motion within one moment
+  // Sigma of the point spread function along a and b, with that motion.
   Eigen::Vector2d sigma_cells = Eigen::Vector2d::Zero();
   double gain = 0.0, offset = 0.0;
   int reach = 1;  // pattern lines per axis that the model of a pixel uses
@@ -80,12 +79,12 @@ struct AlignedTag {
   // Samples and poses of each moment, if there are several.
   std::vector<simd::Samples> moment_samples;
   std::vector<simd::AccumulateInput> moment_inputs;
-  int capacity = 0;  // [samples]
-  int used = 0;      // number of samples without padding
-  // Steps or runs of the latest selection, and the end of each one's samples.
-  int step_count = 0;
-  bool thinned = false;  // pixels at edges were skipped
-  std::vector<std::int32_t> step_end, step_run;
+  int capacity = 0;                    // [samples]
+  int used = 0;                        // number of samples without padding
+  int step_count = 0;                  // steps or runs of the latest selection
+  bool thinned = false;                // pixels at edges were skipped
+  std::vector<std::int32_t> step_end;  // end of each step's samples
+  std::vector<std::int32_t> step_run;
   simd::Sums sums;
   std::vector<std::int16_t> scores;  // score map of the pattern search
   int score_points = 0;

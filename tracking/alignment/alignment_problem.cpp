@@ -262,8 +262,8 @@ bool AlignmentProblem::measure(AlignedTag& tag, BlurModel blur) const {
   if (tag.moments > 1) tag.sigma_cells = cov_lattice.diagonal().cwiseSqrt();
   tag.reach = sigma_cells < 0.2 ? 1 : (sigma_cells < 0.4 ? 2 : 3);
   // Correlation has an effect only at vertices, and little in the mean of many moments.
-  constexpr int kMostCorrelated = 2;
-  tag.correlated = tag.moments <= kMostCorrelated && std::abs(tag.correlation) > 0.3;
+  constexpr int kMaxCorrelatedMoments = 2;
+  tag.correlated = tag.moments <= kMaxCorrelatedMoments && std::abs(tag.correlation) > 0.3;
   return true;
 }
 

@@ -164,8 +164,8 @@ void EdgeSampler::take_samples(AlignedTag& tag, int capacity) {
   tag.capacity = capacity;
   arena_.take(capacity, tag.reach, tag.samples);
   // The loops write whole blocks.
-  if (const auto most = static_cast<std::size_t>(capacity + simd::kBlock); tag.vertex.size() < most)
-    tag.vertex.resize(most + most / 2);
+  if (const auto room = static_cast<std::size_t>(capacity + simd::kBlock); tag.vertex.size() < room)
+    tag.vertex.resize(room + room / 2);
   tag.samples.vertex = tag.vertex.data();
 }
 
@@ -203,10 +203,10 @@ void EdgeSampler::select(AlignedTag& tag, bool wide, int cap) {
   reach_px.fill(sigmas * problem_.options.blur_px);
   if (!tag.motion_px.isZero(0.0)) reach_px = {reach_across(tag.along_a), reach_across(tag.along_b)};
   // Closer steps may select the same pixel where the tag appears smaller.
-  constexpr double kLeastStep_px = 1.5;
+  constexpr double kMinStep_px = 1.5;
   // With fewer tags, the tilt depends on single edges.
-  constexpr std::size_t kFewestTags = 3;
-  if (problem_.active.size() >= kFewestTags) {
+  constexpr std::size_t kMinTags = 3;
+  if (problem_.active.size() >= kMinTags) {
     // Total extent of the edges along their nearer image axis, and along the other one.
     double length = 0.0;
     double tilt = 0.0;
@@ -217,7 +217,7 @@ void EdgeSampler::select(AlignedTag& tag, bool wide, int cap) {
       tilt += cells * cell_px.cwiseAbs().minCoeff();
     }
     const double stride = band.stride(mean_of(reach_px), length, tilt, cap);
-    if (stride > kLeastStep_px && length < 1e7) {
+    if (stride > kMinStep_px && length < 1e7) {
       tag.thinned = true;
       step_along(tag, band, reach_px, stride);
       finish_samples(tag);
@@ -231,9 +231,9 @@ void EdgeSampler::select(AlignedTag& tag, bool wide, int cap) {
 // `steps`: number of steps or runs.
 void EdgeSampler::fill_plan(const Band& band, const std::array<float, 20>& offsets, int steps,
                             AlignedTag& tag, simd::WalkPlan& plan) const {
-  if (const auto most = static_cast<std::size_t>(steps); tag.step_run.size() < most) {
-    tag.step_end.resize(most);
-    tag.step_run.resize(most);
+  if (const auto room = static_cast<std::size_t>(steps); tag.step_run.size() < room) {
+    tag.step_end.resize(room);
+    tag.step_run.resize(room);
   }
   plan.width = problem_.image.width;
   plan.height = problem_.image.height;

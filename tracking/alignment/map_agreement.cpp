@@ -85,8 +85,8 @@ void MapAgreement::estimate_map_error(const AlignmentProblem& problem, double va
   for (const TagEquations& of : equations_) {
     const Eigen::LDLT<Matrix6d> solver(of.H);
     // A tag clipped by the image's border may not determine a pose.
-    constexpr double kLeastCondition = 1e-13;
-    if (!solver.isPositive() || !(solver.rcond() > kLeastCondition)) continue;
+    constexpr double kMinCondition = 1e-13;
+    if (!solver.isPositive() || !(solver.rcond() > kMinCondition)) continue;
     const Matrix6d own = solver.solve(Matrix6d::Identity());
     const Vector6d x = own * of.g;
     const AlignedTag& tag = problem.tags[static_cast<std::size_t>(of.index)];
@@ -125,19 +125,19 @@ int MapAgreement::find_outlier(double squares) const {
   const std::size_t count = equations_.size();
   // If one of four tags is removed, noise alone sometimes falls to 1/9.
   const double small_part = count > 4 ? 1.0 / 9.0 : 1.0 / 16.0;
-  constexpr std::size_t kMostToTry = 12;  // the tags with the largest disagreement
+  constexpr std::size_t kMaxTries = 12;  // the tags with the largest disagreement
   std::vector<std::size_t> order(count);
   std::iota(order.begin(), order.end(), std::size_t{0});
   std::ranges::stable_sort(order, std::greater<>(),
                            [this](std::size_t k) { return equations_[k].squares; });
-  order.resize(std::min(count, kMostToTry));
+  order.resize(std::min(count, kMaxTries));
   Matrix6d H_all = Matrix6d::Zero();
   Vector6d g_all = Vector6d::Zero();
   for (const TagEquations& of : equations_) {
     H_all += of.H;
     g_all += of.g;
   }
-  double least = small_part * per_freedom(squares, count);
+  double limit = small_part * per_freedom(squares, count);
   int outlier = -1;
   for (const std::size_t without : order) {
     const TagEquations& gone = equations_[without];
@@ -150,8 +150,8 @@ int MapAgreement::find_outlier(double squares) const {
       const Eigen::Vector3d asked = of.motions.transpose() * (of.g - of.H * motion);
       left += asked.dot(of.inverse * asked);
     }
-    if (!(per_freedom(left, count - 1) < least)) continue;
-    least = per_freedom(left, count - 1);
+    if (!(per_freedom(left, count - 1) < limit)) continue;
+    limit = per_freedom(left, count - 1);
     outlier = gone.index;
   }
   return outlier;
@@ -176,8 +176,8 @@ void MapAgreement::check(const AlignmentProblem& problem, const PoseSolver& solv
   result.displacement_px = std::sqrt(shifts_px2 / static_cast<double>(count));
   result.disagreement = per_freedom(squares, count) / solver.variance();
   // Lens, camera response and paper displace real tags by less than this.
-  constexpr double kLeast_px = 0.1;
-  if (count > kFewestCompared && result.displacement_px >= kLeast_px &&
+  constexpr double kMinDisagreement_px = 0.1;
+  if (count > kFewestCompared && result.displacement_px >= kMinDisagreement_px &&
       result.disagreement >= kDisagree)
     result.inconsistent_tag = find_outlier(squares);
 }

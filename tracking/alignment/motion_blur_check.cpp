@@ -24,14 +24,14 @@ constexpr double kMostOwn = 12.0;
 // Returns the explained variance fraction of unoccluded cells: least trimmed squares of the best
 // fitting 3/5. Negative for too few cells.
 double explained_by_most(const float* models, const float* values, int count) {
-  constexpr int kFewest = 16;
-  if (count < kFewest) return -1.0;
+  constexpr int kMinCells = 16;
+  if (count < kMinCells) return -1.0;
   constexpr double kShare = 0.6;
   // Variance of the middle 3/5 of a normal distribution.
   constexpr double kOfNormal = 0.2145;
   constexpr int kSteps = 5;
   const auto n = static_cast<std::size_t>(count);
-  const auto most = static_cast<std::size_t>(kShare * count + 0.5);
+  const auto kept = static_cast<std::size_t>(kShare * count + 0.5);
   std::vector<std::size_t> order(n);
   std::iota(order.begin(), order.end(), std::size_t{0});
   std::vector<double> squares(n);
@@ -39,7 +39,7 @@ double explained_by_most(const float* models, const float* values, int count) {
   double spread = 0.0;  // of the model, over all cells
   double rest = 0.0;    // residual variance of the selected 3/5
   for (int step = 0; step < kSteps; ++step) {
-    const std::size_t used = step == 0 ? n : most;
+    const std::size_t used = step == 0 ? n : kept;
     double m = 0.0;
     double v = 0.0;
     for (std::size_t k = 0; k < used; ++k) {
@@ -61,10 +61,10 @@ double explained_by_most(const float* models, const float* values, int count) {
           static_cast<double>(values[i]) - v - gain * (static_cast<double>(models[i]) - m);
       squares[i] = residual * residual;
     }
-    std::ranges::nth_element(order, order.begin() + static_cast<std::ptrdiff_t>(most), {},
+    std::ranges::nth_element(order, order.begin() + static_cast<std::ptrdiff_t>(kept), {},
                              [&squares](std::size_t i) { return squares[i]; });
     rest = 0.0;
-    for (std::size_t k = 0; k < most; ++k) rest += squares[order[k]] / static_cast<double>(most);
+    for (std::size_t k = 0; k < kept; ++k) rest += squares[order[k]] / static_cast<double>(kept);
   }
   const double explained = gain * gain * spread;
   if (!(gain > 0.0) || !(explained > 0.0)) return 0.0;

@@ -16,7 +16,7 @@ namespace penumbra {
 // the same at many poses along tags blurred along the motion. See docs/tracking.md#motion-blur.
 class MotionBlurCheck {
  public:
-  // Arguments are results of an alignment; `variance`: of the residuals.
+  // Arguments are results of an alignment; `variance` is that of the residuals.
   MotionBlurCheck(AlignmentProblem& problem, EdgeSampler& sampler,
                   std::span<const TagAlignment> tags, std::span<const TagEquations> equations,
                   double variance);

@@ -264,10 +264,10 @@ bool PatternSearch::search(double previous_contrast) {
     // A nearby peak with the previous frame's contrast excludes peaks elsewhere.
     const bool enough = narrow.holds(3.0 * sigma_px);
     const bool likely = previous_contrast > 0.0;
-    const double least =
+    const double required_contrast =
         enough ? kLeastContrast
                : std::max(kPreviousContrastFraction * previous_contrast, kLeastContrast);
-    if ((enough || likely) && search_within(narrow, false, least)) return true;
+    if ((enough || likely) && search_within(narrow, false, required_contrast)) return true;
   }
   return search_within(window_of(kReach), false, kLeastContrast);
 }

@@ -65,7 +65,7 @@ class PatternSearch {
 
  private:
   static constexpr int kReach = 31;  // [px] in each direction
-  // Search window of each cell of a tag in memory; as many white cells as black ones.
+  // Search window of each cell of a tag in memory; equal numbers of white and black cells.
   struct CellWindows {
     std::array<const std::uint8_t*, kMaxSearchCells> begin;
     std::array<std::ptrdiff_t, kMaxSearchCells> stride;

@@ -179,14 +179,14 @@ void PoseSolver::measure_noise() {
   constexpr std::uint32_t kShift = 19;                  // leaves 4 bits of the mantissa
   constexpr std::uint32_t kFirst = (127U - 16U) << 4U;  // 2^-16 of the gain or less
   constexpr std::size_t kClasses = 20 * 16;             // up to 2^4
-  constexpr float kLeast = 0x1p-16F;
-  constexpr float kMost = 0x1.fp3F;  // begin of the final class
+  constexpr float kMinShare = 0x1p-16F;
+  constexpr float kMaxShare = 0x1.fp3F;  // begin of the final class
   std::array<std::uint16_t, kClasses> histogram{};
   int count = 0;
   visit_evenly(problem_.active, 384, [&](const AlignedTag& tag, int k) {
     const auto inverse_gain = static_cast<float>(1.0 / tag.gain);
-    const float share = std::min(std::abs(tag.samples.residual[k]) * inverse_gain, kMost);
-    ++histogram[(std::bit_cast<std::uint32_t>(std::max(share, kLeast)) >> kShift) - kFirst];
+    const float share = std::min(std::abs(tag.samples.residual[k]) * inverse_gain, kMaxShare);
+    ++histogram[(std::bit_cast<std::uint32_t>(std::max(share, kMinShare)) >> kShift) - kFirst];
     ++count;
   });
   if (count < 16) return;
@@ -212,7 +212,7 @@ void PoseSolver::measure_noise() {
 // Returns the sum of d(w r) / dr divided by the sum of w; see docs/tracking.md#slope-steps.
 double PoseSolver::measured_slope(double cutoff) const {
   PENUMBRA_ASSERT(cutoff > 0.0);
-  constexpr double kLeast = 0.7;  // 0.83 for normally distributed residuals
+  constexpr double kMinSlope = 0.7;  // 0.83 for normally distributed residuals
   const double limit = tukey_share(cutoff);
   double slope = 0.0;
   double weight = 0.0;
@@ -223,7 +223,7 @@ double PoseSolver::measured_slope(double cutoff) const {
     weight += base * inside * inside;
     slope += base * inside * (5.0 * inside - 4.0);
   });
-  return weight > 0.0 ? std::clamp(slope / weight, kLeast, 1.0) : 1.0;
+  return weight > 0.0 ? std::clamp(slope / weight, kMinSlope, 1.0) : 1.0;
 }
 
 }  // namespace penumbra

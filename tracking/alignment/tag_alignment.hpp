@@ -168,7 +168,7 @@ class TagAligner {
   // Estimates the error of the latest alignment's pose along a motion that blurred the image, in
   // addition to its covariance. Zero for a sharp image or a blur below a cell.
   // - `motion`: during the exposure; nullopt if unknown.
-  // - `known`: false if `motion` is only the maximum, of which the exposure covers a fraction.
+  // - `known`: false if the exposure covers an unknown fraction of `motion`.
   // - `longest_cells`: maximum blur in any direction for tags that `motion` does not explain.
   [[nodiscard]] MotionBlurError motion_blur_error(const std::optional<Vector6d>& motion, bool known,
                                                   double longest_cells = 0.0);

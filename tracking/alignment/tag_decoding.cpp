@@ -22,8 +22,8 @@ class Explained {
   }
   // Returns 0 if the model is no better than its negative; negative for too few cells.
   [[nodiscard]] double share() const {
-    constexpr double kFewest = 16.0;
-    if (count_ < kFewest) return -1.0;
+    constexpr double kMinCells = 16.0;
+    if (count_ < kMinCells) return -1.0;
     const double both = count_ * both_ - model_ * value_;
     const double alone =
         (count_ * model2_ - model_ * model_) * (count_ * value2_ - value_ * value_);
@@ -51,10 +51,10 @@ bool reads_clearly(const AlignedTag& tag, double blur_px) {
   if (tag.reach != 1 || !tag.fully_projected) return false;
   const auto last = static_cast<std::size_t>(tag.side - 1);
   const auto top = last * static_cast<std::size_t>(tag.side);
-  float least = std::numeric_limits<float>::infinity();
+  float min_k = std::numeric_limits<float>::infinity();
   for (const std::size_t v : {std::size_t{0}, last, top, top + last})
-    least = std::min({least, tag.ka[v], tag.kb[v]});
-  return 0.5 * static_cast<double>(least) >= kSigmas + std::sqrt(0.5) / blur_px;
+    min_k = std::min({min_k, tag.ka[v], tag.kb[v]});
+  return 0.5 * static_cast<double>(min_k) >= kSigmas + std::sqrt(0.5) / blur_px;
 }
 
 // Compares the cells with their own colours.
@@ -122,15 +122,15 @@ void decode_tags(AlignmentProblem& problem, EdgeSampler& sampler, AlignmentResul
     check.weight_share =
         tag->sums.base_weight > 0.0 ? tag->sums.weight / tag->sums.base_weight : 0.0;
     check.explained = cells.explained;
-    const int least = std::max(8, static_cast<int>(tag->pattern.data_cells().size()) / 4);
+    const int min_cells = std::max(8, static_cast<int>(tag->pattern.data_cells().size()) / 4);
     const int right = cells.read - cells.wrong;
-    check.verified = cells.read >= least && 4 * cells.wrong <= cells.read &&
+    check.verified = cells.read >= min_cells && 4 * cells.wrong <= cells.read &&
                      20 * right >= 9 * cells.decidable && check.gain > 12.0 &&
                      check.weight_share > kMinWeightFraction;
     // Most cells of an occluded tag are undecided.
-    check.inconsistent = check.weight_share <= kMinWeightFraction && cells.decidable >= least &&
+    check.inconsistent = check.weight_share <= kMinWeightFraction && cells.decidable >= min_cells &&
                          5 * right >= 4 * cells.decidable;
-    in_image += cells.decidable >= least ? 1 : 0;
+    in_image += cells.decidable >= min_cells ? 1 : 0;
     result.tags_verified += check.verified ? 1 : 0;
     result.tags.push_back(check);
   }

@@ -92,21 +92,20 @@ std::vector<double> tag_rms(const CameraModel& camera, const Tags& tags,
   return result;
 }
 
-// Returns true if the tags do not lie where the map says, with no single one that is wrong. Noise
-// moves each corner independently; a tag that lies elsewhere has its four moved together, and the
-// pose takes only 6 numbers of that away. Compares, per degree of freedom, the displacement of
+// Returns true if several tags are inconsistent with the map. Noise moves each corner
+// independently; a displaced tag moves its four corners together, and the pose absorbs only 6
+// degrees of freedom of that. Compares, per degree of freedom, the displacement of
 // whole tags with the scatter of their corners.
 bool several_are_inconsistent(const CameraModel& camera, const Tags& tags,
                               const MapFromCamera& pose) {
   // Lens, tone curve and printing displace real tags by less than this [px].
-  constexpr double kLeast_px = 0.5;
+  constexpr double kMinDisplacement_px = 0.5;
   // 99.9 % quantiles of the F distribution with 2 n - 6 and 6 n degrees of freedom, for 4, 5 and 6
   // tags. That for 6 is an upper bound for more tags.
-  constexpr std::array<double, 3> kGreatestRatio = {9.4, 6.2, 5.0};
-  constexpr std::size_t kFewestTags = 4;
-  if (tags.size() < kFewestTags) return false;
-  const double greatest_ratio =
-      kGreatestRatio[std::min(tags.size() - kFewestTags, kGreatestRatio.size() - 1)];
+  constexpr std::array<double, 3> kMaxRatio = {9.4, 6.2, 5.0};
+  constexpr std::size_t kMinTags = 4;
+  if (tags.size() < kMinTags) return false;
+  const double max_ratio = kMaxRatio[std::min(tags.size() - kMinTags, kMaxRatio.size() - 1)];
   const auto T_camera_map = pose.inverse();
   double between = 0.0;
   double within = 0.0;
@@ -119,10 +118,10 @@ bool several_are_inconsistent(const CameraModel& camera, const Tags& tags,
     for (const Eigen::Vector2d& r : *residuals) within += (r - mean).squaredNorm();
   }
   const auto count = static_cast<double>(tags.size());
-  if (between < kLeast_px * kLeast_px * count) return false;
+  if (between < kMinDisplacement_px * kMinDisplacement_px * count) return false;
   const double between_variance = 4.0 * between / (2.0 * count - 6.0);
   const double within_variance = within / (6.0 * count);
-  return between_variance > greatest_ratio * within_variance;
+  return between_variance > max_ratio * within_variance;
 }
 
 // The tag without which the others fit best, and the minima without it.
@@ -136,13 +135,13 @@ WithoutOne leave_one_out(const CameraModel& camera, const Tags& tags,
   // Sufficient to compare fits; the selected minima are refined later.
   RefinerOptions options;
   options.max_iterations = 8;
-  constexpr std::size_t kMostToTry = 12;  // with more tags, tries only the worst
+  constexpr std::size_t kMaxTries = 12;  // with more tags, tries only the worst
   WithoutOne best;
   const auto worst =
       static_cast<std::size_t>(std::max_element(rms.begin(), rms.end()) - rms.begin());
   best.index = worst;
   for (std::size_t i = 0; i < tags.size(); ++i) {
-    if (tags.size() > kMostToTry && i != worst) continue;
+    if (tags.size() > kMaxTries && i != worst) continue;
     Tags trial = tags;
     trial.erase(trial.begin() + static_cast<std::ptrdiff_t>(i));
     std::vector<RefinedPose> minima = minima_of(camera, trial, options);

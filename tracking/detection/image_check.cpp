@@ -12,7 +12,7 @@
 namespace penumbra {
 namespace {
 
-constexpr std::size_t kFewestTags = 2;  // 1 if the map has only one; one may be a false detection
+constexpr std::size_t kFewestTags = 2;  // or 1 if the map has no more; a single one may be false
 constexpr int kLargePixels = 500'000;   // larger images are searched at half resolution
 
 struct Copy {

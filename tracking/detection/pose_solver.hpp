@@ -1,4 +1,4 @@
-// Closed-form camera poses from points of a map and their pixels: where refinement starts.
+// Closed-form camera poses from points of a map and their pixels, as start of the refinement.
 #pragma once
 
 #include <Eigen/Core>
@@ -17,8 +17,8 @@ struct PointObservation {
 
 // Poses that see all points from in front, closest fit first. Coplanar points have up to two (IPPE:
 // Collins and Bartoli, IJCV 2014), other points one (SQPnP: Terzakis and Lourakis, ECCV 2020),
-// nearly coplanar ones all three. None for fewer than 4 observations with a ray, points on a line,
-// or numbers that are not finite.
+// nearly coplanar ones all three. None for points on a line, numbers that are not finite, or fewer
+// than 4 pixels that the lens model can unproject.
 [[nodiscard]] std::vector<MapFromCamera> solve_pose(const CameraModel& camera,
                                                     std::span<const PointObservation> observations);
 

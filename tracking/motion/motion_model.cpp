@@ -24,10 +24,10 @@ constexpr double kLinearSpeed_m_s = 0.7;
 constexpr double kAngularSpeed_rad_s = 2.0;
 
 // Adapts q to the latest innovation: immediately if it is larger, slowly if it is smaller.
-double adapted(double q, double ratio, double least, double most) {
+double adapted(double q, double ratio, double low, double high) {
   const double factor =
       ratio > 1.0 ? std::min(ratio, 1000.0) : std::pow(std::max(ratio, 0.05), 0.1);
-  return std::clamp(q * factor, least, most);
+  return std::clamp(q * factor, low, high);
 }
 
 }  // namespace

@@ -24,7 +24,7 @@ PENUMBRA_INLINE void place_steps(const Lens& lens, const Walk& w, StepBlock& blo
   const auto cross_bytes = static_cast<std::int32_t>(along_x ? w.stride : 1);
   const float band_first = w.offsets[0];
   const float band_last = w.offsets[band ? w.band_count - 1 : 0];
-  const auto most = static_cast<float>(w.max_rows);
+  const auto max_rows = static_cast<float>(w.max_rows);
 #pragma omp simd
   for (int i = 0; i < kSteps; ++i) {
     const float a = block.a[i];
@@ -69,7 +69,7 @@ PENUMBRA_INLINE void place_steps(const Lens& lens, const Walk& w, StepBlock& blo
       const float reach = wide < 8.0F ? wide : 8.0F;
       first = -round_down(reach - centre);
       const float all = round_down(centre + reach) - first + 1.0F;
-      rows = all < most ? all : most;
+      rows = all < max_rows ? all : max_rows;
       low = first;
       high = first + rows - 1.0F;
     }
@@ -286,7 +286,7 @@ PENUMBRA_INLINE void place_run_steps(const RunWalk& w, const RunSteps& steps, St
   const auto cross_bytes = static_cast<std::int32_t>(along_x ? w.stride : 1);
   const auto band_first = static_cast<std::int32_t>(w.offsets[0]);
   const auto band_last = static_cast<std::int32_t>(w.offsets[band ? w.band_count - 1 : 0]);
-  const std::int32_t most = w.max_rows;
+  const std::int32_t max_rows = w.max_rows;
   const std::int32_t band_rows = w.band_count;
 #pragma omp simd
   for (int i = 0; i < kSteps; ++i) {
@@ -307,7 +307,7 @@ PENUMBRA_INLINE void place_run_steps(const RunWalk& w, const RunSteps& steps, St
     } else {
       first = -floor_of_double(-(centre - steps.reach[i]));
       const std::int32_t all = floor_of_double(centre + steps.reach[i]) - first + 1;
-      const std::int32_t some = all < most ? all : most;
+      const std::int32_t some = all < max_rows ? all : max_rows;
       rows = some > 0 ? some : 0;
       low = first;
       high = first + rows - 1;

@@ -184,7 +184,7 @@ void follow(const CameraStep& step, TagPack* packs, int count) {
     load(pack.ray_from_lattice, M);
     Pack side;
     load(pack.side_cells, side);
-    Pack most = {0.0, 0.0, 0.0, 0.0};
+    Pack max_px2 = {0.0, 0.0, 0.0, 0.0};
     for (int corner = 0; corner < 4; ++corner) {
       Pack p[3];
       Pack q[3];
@@ -200,8 +200,8 @@ void follow(const CameraStep& step, TagPack* packs, int count) {
       const Pack x = (q[0] * p[2] - p[0] * q[2]) * step.fx * scale;
       const Pack y = (q[1] * p[2] - p[1] * q[2]) * step.fy * scale;
       const Pack px2 = x * x + y * y;
-      most = ((p[2] > 0.0) & (q[2] > 0.0) & (px2 > most)) ? px2 : most;
+      max_px2 = ((p[2] > 0.0) & (q[2] > 0.0) & (px2 > max_px2)) ? px2 : max_px2;
     }
-    store(pack.moved_px2, most);
+    store(pack.moved_px2, max_px2);
   }
 }
