@@ -27,11 +27,11 @@ InterruptWatch::InterruptWatch() {
   sigaddset(&watched_, SIGTERM);
   if (!is_ignored(SIGHUP)) sigaddset(&watched_, SIGHUP);
   pthread_sigmask(SIG_BLOCK, &watched_, &before_);
-  start_ender(Clock::time_point::min(), true);
+  start_terminator(Clock::time_point::min(), true);
 }
 
 InterruptWatch::~InterruptWatch() {
-  stop_ender();
+  stop_terminator();
   // A pending signal would kill the process although its files are closed.
   while (take_signal(watched_)) {
   }
@@ -39,37 +39,37 @@ InterruptWatch::~InterruptWatch() {
 }
 
 void InterruptWatch::hold() {
-  stop_ender();
+  stop_terminator();
 }
 
 bool InterruptWatch::interrupted() {
   if (interrupted_) return true;
-  if (ender_.joinable() || !take_signal(watched_)) return false;
+  if (terminator_.joinable() || !take_signal(watched_)) return false;
   const auto now = Clock::now();
   if (now < request_ends_) return false;
   interrupted_ = true;
   request_ends_ = now + kRequest;
-  start_ender(request_ends_, false);
+  start_terminator(request_ends_, false);
   return true;
 }
 
 void InterruptWatch::again() {
   if (!interrupted_) return;
-  stop_ender();
+  stop_terminator();
   interrupted_ = false;
 }
 
 // Starts the thread that ends the process at the first signal after `from`. It ignores SIGHUP
 // unless `by_hangup`.
-void InterruptWatch::start_ender(Clock::time_point from, bool by_hangup) {
+void InterruptWatch::start_terminator(Clock::time_point from, bool by_hangup) {
   stopped_ = false;
-  ender_ = std::thread([this, from, by_hangup] {
+  terminator_ = std::thread([this, from, by_hangup] {
     while (true) {
       siginfo_t info{};
       const int number = sigwaitinfo(&watched_, &info);
       if (number <= 0) continue;
       if (stopped_) {
-        // A signal of another process that arrived before stop_ender()'s must stay pending.
+        // A signal of another process that arrived before stop_terminator()'s must stay pending.
         if (info.si_pid != getpid()) kill(getpid(), number);
         return;
       }
@@ -81,11 +81,11 @@ void InterruptWatch::start_ender(Clock::time_point from, bool by_hangup) {
   });
 }
 
-void InterruptWatch::stop_ender() {
-  if (!ender_.joinable()) return;
+void InterruptWatch::stop_terminator() {
+  if (!terminator_.joinable()) return;
   stopped_ = true;
-  pthread_kill(ender_.native_handle(), SIGTERM);  // sends it to that thread only
-  ender_.join();
+  pthread_kill(terminator_.native_handle(), SIGTERM);  // sends it to that thread only
+  terminator_.join();
 }
 
 }  // namespace penumbra

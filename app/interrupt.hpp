@@ -34,15 +34,16 @@ class InterruptWatch {
  private:
   using Clock = std::chrono::steady_clock;
 
-  void start_ender(Clock::time_point from, bool by_hangup);
-  void stop_ender();
+  void start_terminator(Clock::time_point from, bool by_hangup);
+  void stop_terminator();
 
   sigset_t watched_{};
   sigset_t before_{};
   bool interrupted_ = false;
   Clock::time_point request_ends_ = Clock::time_point::min();
   std::atomic<bool> stopped_ = false;
-  std::thread ender_;  // ends the process on a signal; runs until hold() and after an interruption
+  std::thread
+      terminator_;  // ends the process on a signal; runs until hold() and after an interruption
 };
 
 }  // namespace penumbra

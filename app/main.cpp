@@ -70,7 +70,7 @@ std::optional<std::string> unknown_option(const CLI::App& program) {
 }
 
 // Turns "help COMMAND" into "COMMAND --help" and ignores further words.
-void ask_for_help(std::vector<std::string>& words) {
+void rewrite_help_command(std::vector<std::string>& words) {
   if (words.empty() || words.front() != "help") return;
   std::vector<std::string> asked = {"--help"};
   if (words.size() > 1 && words[1] != "help" && !words[1].starts_with('-'))
@@ -117,7 +117,7 @@ ExitCode run(int argc, char** argv) {
   }
 
   std::vector<std::string> words(argv + 1, argv + argc);
-  ask_for_help(words);
+  rewrite_help_command(words);
   std::ranges::reverse(words);  // CLI11 expects the last word first
 
   try {

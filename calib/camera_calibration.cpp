@@ -12,8 +12,8 @@
 namespace penumbra {
 namespace {
 
-constexpr std::size_t kFewestViews = 3;
-constexpr double kLeastTilt_deg = 8.0;  // focal length and distance are ambiguous for less
+constexpr std::size_t kMinViews = 3;
+constexpr double kMinTilt_deg = 8.0;  // focal length and distance are ambiguous for less
 // Edge shifts caused by camera response, blur and ink do not exceed both limits. A larger shift
 // means that the black squares have another size than in the target file.
 constexpr double kOtherSize = 0.04;  // fraction of the size
@@ -133,7 +133,7 @@ Result<void> CameraCalibrator::add(const std::string& name, ImageView luma) {
   if (picture.left_out.empty()) {
     // A repeated view would count its errors twice. A hand's tremor exceeds this limit.
     const double nearest = 0.002 * width_;
-    for (const CalibrationImage& other : pictures_) {
+    for (const CalibrationImage& other : images_) {
       if (!other.left_out.empty() ||
           corner_distance(picture.view.corners, other.view.corners) > nearest)
         continue;
@@ -147,12 +147,12 @@ Result<void> CameraCalibrator::add(const std::string& name, ImageView luma) {
     for (int y = 0; y < luma.height; ++y)
       picture.luma.insert(picture.luma.end(), luma.row(y), luma.row(y) + luma.width);
   }
-  pictures_.push_back(std::move(picture));
+  images_.push_back(std::move(picture));
   // Frees images, because long recordings do not fit into memory.
   if (candidates_ > 2 * options_.max_views) {
     reject_blurred();
     reject_surplus();
-    for (CalibrationImage& other : pictures_) {
+    for (CalibrationImage& other : images_) {
       if (other.reason != ImageRejection::no) other.luma = std::vector<std::uint8_t>();
     }
   }
@@ -160,14 +160,14 @@ Result<void> CameraCalibrator::add(const std::string& name, ImageView luma) {
 }
 
 std::ptrdiff_t CameraCalibrator::images_in_memory() const {
-  return std::ranges::count_if(pictures_, [](const auto& p) { return p.luma.capacity() > 0; });
+  return std::ranges::count_if(images_, [](const auto& p) { return p.luma.capacity() > 0; });
 }
 
 // Describes why the target is not found in an image. The image may be mirrored or negative.
 std::string CameraCalibrator::problem_of(const TargetView& view, ImageView luma) {
   if (!check_ || !view.corners.empty() || view.two_cell_tags > 0) return view.problem;
   // After one mirrored or negative image, checks every image.
-  const auto fault = some_faulty_ ? check_->look(luma) : check_->nothing_found(luma);
+  const auto fault = some_faulty_ ? check_->look(luma) : check_->check_untagged(luma);
   if (!fault) return view.problem;
   some_faulty_ = true;
   return std::string(advice(*fault));
@@ -212,13 +212,13 @@ void CameraCalibrator::add_unreadable(const std::string& name, const std::string
   picture.name = name;
   picture.reason = ImageRejection::unreadable;
   picture.left_out = why;
-  pictures_.push_back(std::move(picture));
+  images_.push_back(std::move(picture));
 }
 
 Result<void> CameraCalibrator::check_found() const {
-  if (pictures_.empty()) return fail("there are no pictures");
+  if (images_.empty()) return fail("there are no pictures");
   std::map<std::string, int> reasons;
-  for (const CalibrationImage& picture : pictures_) {
+  for (const CalibrationImage& picture : images_) {
     if (picture.reason == ImageRejection::seen_before) {
       ++reasons["the same view as another"];
     } else if (picture.reason != ImageRejection::no) {
@@ -231,7 +231,7 @@ Result<void> CameraCalibrator::check_found() const {
         "in {} of {} pictures the tags have a black border of two cells, as Kalibr prints them; "
         "libapriltag, which finds tags here and while tracking, reads borders of one cell: print a "
         "sheet with penumbra target",
-        images_with_wide_tags_, pictures_.size());
+        images_with_wide_tags_, images_.size());
   }
   const auto mode =
       std::ranges::max_element(reasons, {}, [](const auto& reason) { return reason.second; });
@@ -239,24 +239,23 @@ Result<void> CameraCalibrator::check_found() const {
                                   ? ""
                                   : fmt::format(" ({} time{}: {})", mode->second,
                                                 mode->second == 1 ? "" : "s", mode->first);
-  if (std::ranges::all_of(pictures_, [](const auto& picture) { return picture.width == 0; })) {
-    return fail("none of {} pictures can be read ({})", pictures_.size(),
-                pictures_.front().left_out);
+  if (std::ranges::all_of(images_, [](const auto& picture) { return picture.width == 0; })) {
+    return fail("none of {} pictures can be read ({})", images_.size(), images_.front().left_out);
   }
-  const bool too_few = usable < static_cast<int>(kFewestViews);
+  const bool too_few = usable < static_cast<int>(kMinViews);
   if (too_few) {
     if (const auto other_board = other_board_advice()) return fail("{}", *other_board);
   }
   if (images_with_target_ == 0) {
     if (some_faulty_) {
       return fail("the target ({}) is in none of {} images as they are{}", target_.description,
-                  pictures_.size(), because);
+                  images_.size(), because);
     }
     return fail("the target ({}) is in none of {} pictures{}; is it the right target file?",
-                target_.description, pictures_.size(), because);
+                target_.description, images_.size(), because);
   }
   if (!too_few) return {};
-  if (usable == static_cast<int>(pictures_.size())) {
+  if (usable == static_cast<int>(images_.size())) {
     return fail(
         "{} picture{} too few, a camera needs at least 3; take 20, with the target tilted in "
         "several directions and in every part of the image",
@@ -270,7 +269,7 @@ Result<void> CameraCalibrator::check_found() const {
   return fail(
       "only {} of {} pictures can be used{}, and a camera needs at least 3{} take 20, with the "
       "target tilted in several directions and in every part of the image",
-      usable, pictures_.size(), because, count);
+      usable, images_.size(), because, count);
 }
 
 // Fails if the markers' size differs from the target file. The lens would be correct, but not the
@@ -279,7 +278,7 @@ Result<void> CameraCalibrator::check_markers() const {
   if (target_.kind != TargetKind::charuco) return {};
   std::vector<double> shares;
   std::vector<double> edges_px;
-  for (const CalibrationImage& picture : pictures_) {
+  for (const CalibrationImage& picture : images_) {
     if (!picture.left_out.empty() || !picture.view.markers) continue;
     shares.push_back(picture.view.markers->share);
     edges_px.push_back(picture.view.markers->edge_px);
@@ -298,13 +297,13 @@ Result<void> CameraCalibrator::check_markers() const {
 
 void CameraCalibrator::reject_blurred() {
   std::vector<double> blurs;
-  for (const CalibrationImage& picture : pictures_) {
+  for (const CalibrationImage& picture : images_) {
     if (picture.left_out.empty() && picture.view.blur_px > 0.0)
       blurs.push_back(picture.view.blur_px);
   }
   if (blurs.size() < 6) return;
   const double limit = std::max(2.0 * upper_median(blurs), 1.5);
-  for (CalibrationImage& picture : pictures_) {
+  for (CalibrationImage& picture : images_) {
     if (!picture.left_out.empty() || picture.view.blur_px <= limit || candidates_ <= 4) continue;
     reject(picture, ImageRejection::blurred,
            fmt::format("blurred: edges are {:.1f} px wide (sigma), {:.1f} in most views",
@@ -316,8 +315,8 @@ void CameraCalibrator::reject_blurred() {
 void CameraCalibrator::reject_surplus() {
   if (candidates_ <= options_.max_views) return;
   std::vector<std::size_t> at;
-  for (std::size_t i = 0; i < pictures_.size(); ++i) {
-    if (pictures_[i].left_out.empty()) at.push_back(i);
+  for (std::size_t i = 0; i < images_.size(); ++i) {
+    if (images_[i].left_out.empty()) at.push_back(i);
   }
   const double largest = 10.0 * width_;
   std::vector<double> distance(at.size(), largest);
@@ -328,11 +327,11 @@ void CameraCalibrator::reject_surplus() {
     std::size_t furthest = next;
     double best_worth = -1.0;
     for (std::size_t i = 0; i < at.size(); ++i) {
-      distance[i] = std::min(distance[i], corner_distance(pictures_[at[i]].view.corners,
-                                                          pictures_[at[next]].view.corners));
+      distance[i] = std::min(distance[i], corner_distance(images_[at[i]].view.corners,
+                                                          images_[at[next]].view.corners));
       // Views with more corners get a higher weight.
       const double worth =
-          distance[i] * std::sqrt(static_cast<double>(pictures_[at[i]].view.corners.size()));
+          distance[i] * std::sqrt(static_cast<double>(images_[at[i]].view.corners.size()));
       if (!chosen[i] && worth > best_worth) {
         best_worth = worth;
         furthest = i;
@@ -342,13 +341,13 @@ void CameraCalibrator::reject_surplus() {
   }
   for (std::size_t i = 0; i < at.size(); ++i) {
     if (!chosen[i])
-      reject(pictures_[at[i]], ImageRejection::surplus, "much like others: enough views");
+      reject(images_[at[i]], ImageRejection::surplus, "much like others: enough views");
   }
 }
 
 std::vector<CalibrationView> CameraCalibrator::used_views() {
   std::vector<CalibrationView> views;
-  for (CalibrationImage& picture : pictures_) {
+  for (CalibrationImage& picture : images_) {
     picture.solved = -1;
     if (!picture.left_out.empty()) continue;
     picture.solved = static_cast<int>(views.size());
@@ -358,7 +357,7 @@ std::vector<CalibrationView> CameraCalibrator::used_views() {
 }
 
 void CameraCalibrator::refine_corners(const CalibrationSolution& solution) {
-  for (CalibrationImage& picture : pictures_) {
+  for (CalibrationImage& picture : images_) {
     if (stop_.stop_requested()) return;
     if (picture.solved < 0) continue;
     picture.view =
@@ -370,7 +369,7 @@ void CameraCalibrator::refine_corners(const CalibrationSolution& solution) {
 Result<void> CameraCalibrator::check_solution(const CalibrationSolution& solution,
                                               const std::vector<CalibrationView>& views) const {
   const double tilt = degrees(tilt_spread(solution.views));
-  if (tilt < kLeastTilt_deg) {
+  if (tilt < kMinTilt_deg) {
     return fail(
         "all {} views show the target parallel to one plane (within {:.1f} degrees), so focal "
         "length and distance can't be separated; tilt the target by 30 to 45 degrees in several "
@@ -433,7 +432,7 @@ Result<CameraCalibration> CameraCalibrator::finish(std::stop_token stop, const S
   if (board_searches_ > 0) {
     // In some images, a part of a larger board was detected as the target.
     constexpr int kMaxImages = 12;
-    for (const CalibrationImage& picture : pictures_) {
+    for (const CalibrationImage& picture : images_) {
       if (picture.left_out.empty()) detect_any_board(picture.picture(), kMaxImages);
     }
   }
@@ -472,7 +471,7 @@ Result<CameraCalibration> CameraCalibrator::finish(std::stop_token stop, const S
   result.solution = std::move(chosen->solution);
   result.held_out_px = chosen->held_out_px;
   PENUMBRA_TRY_VOID(check_solution(result.solution, views));
-  result.pictures = std::move(pictures_);
+  result.pictures = std::move(images_);
   result.other_board = other_board_advice();
   judge(result);
   tell_step("tone curve", last);

@@ -148,7 +148,7 @@ class CameraCalibrator {
   std::optional<TargetDetector> detector_;
   std::optional<ImageCheck> check_;  // of targets with tags
   bool some_faulty_ = false;         // an image was mirrored or negative
-  std::vector<CalibrationImage> pictures_;
+  std::vector<CalibrationImage> images_;
   int width_ = 0;
   int height_ = 0;
   std::string first_;              // image that set the size

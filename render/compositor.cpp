@@ -278,7 +278,7 @@ Result<CompositeStats> Compositor::request_image() {
 }
 
 std::size_t Compositor::pending_images() const {
-  return impl_->pictures.asked();
+  return impl_->pictures.pending_reads();
 }
 
 Result<CompositeStats> Compositor::take_image(std::span<std::uint8_t> rgba) {

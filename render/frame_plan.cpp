@@ -143,7 +143,7 @@ class Planner {
     plan_.volume_lights = static_cast<int>(volume_lights_.size());
     if (options_.skip) {
       std::erase_if(plan_.volumes,
-                    [this](const ShadowVolumeDraw& draw) { return !volume_shows(draw); });
+                    [this](const ShadowVolumeDraw& draw) { return !volume_may_show(draw); });
     }
   }
 
@@ -198,7 +198,7 @@ class Planner {
                        misses_outline({bounds.centre.array() - bounds.radius,
                                        bounds.centre.array() + bounds.radius},
                                       scene_.planes[static_cast<std::size_t>(draw.plane)].outline);
-    plan_receivers_under(draw, model, heights.high);
+    plan_on_receivers(draw, model, heights.high);
     const ShadowDraw whole = draw;
     if (options_.skip && !drop_invisible_layers(draw, model, heights)) {
       plan_.skipped_shadows.push_back(whole);
@@ -208,18 +208,19 @@ class Planner {
   }
 
   // Plans the shadow on receivers. Layers that are invisible on the plane may be visible higher up.
-  void plan_receivers_under(const ShadowDraw& draw, const Model& model, double top) {
+  void plan_on_receivers(const ShadowDraw& draw, const Model& model, double top) {
     if (scene_.objects.size() < 2) return;
     ReceivedShadowDraw under;
     under.shadow = draw;
     under.top = top;
     under.radius = is_bounded(draw, model) ? draw.radius : std::numeric_limits<double>::infinity();
-    for (const OverPlane& receiver : receivers_over(draw.plane, draw.plane_frame)) {
+    for (const ReceiverBounds& receiver : all_receiver_bounds(draw.plane, draw.plane_frame)) {
       if (!belong_together(draw.object, receiver.object) && receiver.meets(under))
         ++plan_.meeting_pairs;
     }
-    if (misses_all(under, plan_.phantoms)) skip(SkipReason::shadow_misses_phantoms, draw.object);
-    if (misses_all(under, plan_.objects)) skip(SkipReason::shadow_misses_objects, draw.object);
+    if (plan_on_reached(under, plan_.phantoms))
+      skip(SkipReason::shadow_misses_phantoms, draw.object);
+    if (plan_on_reached(under, plan_.objects)) skip(SkipReason::shadow_misses_objects, draw.object);
   }
 
   // Returns the root of the connected virtual objects that an object belongs to. Children of a
@@ -237,7 +238,7 @@ class Planner {
     return root_object_of(receiver) == root_object_of(caster);
   }
 
-  struct OverPlane {
+  struct ReceiverBounds {
     int object = 0;
     Disc disc;
     HeightRange heights;  // [m]
@@ -246,25 +247,25 @@ class Planner {
              heights.high > 0.0 && under.top >= heights.low;
     }
   };
-  [[nodiscard]] OverPlane over_plane(int object, const PlaneFrame& plane) const {
+  [[nodiscard]] ReceiverBounds receiver_bounds(int object, const PlaneFrame& plane) const {
     const BoxCorners box = box_corners(*object_at(object).model, placement_of_model(object));
     return {object, footprint(box, plane), heights_above(plane, box)};
   }
   // All receivers, in view or not.
-  const std::vector<OverPlane>& receivers_over(int plane, const PlaneFrame& frame) {
-    const auto [entry, is_new] = receivers_over_.try_emplace(plane);
+  const std::vector<ReceiverBounds>& all_receiver_bounds(int plane, const PlaneFrame& frame) {
+    const auto [entry, is_new] = receiver_bounds_.try_emplace(plane);
     for (std::size_t i = 0; is_new && i < scene_.objects.size(); ++i) {
       const SceneObject& object = scene_.objects[i];
       const auto index = static_cast<int>(i);
       if (!object.model || opacity_of_object(index) <= 0.0F) continue;
       if (object.phantom || !all_blends(*object.model))
-        entry->second.push_back(over_plane(index, frame));
+        entry->second.push_back(receiver_bounds(index, frame));
     }
     return entry->second;
   }
 
   // Plans the shadow on receivers that it may reach. Returns true if there are only others.
-  bool misses_all(const ReceivedShadowDraw& under, const std::vector<ObjectDraw>& receivers) {
+  bool plan_on_reached(const ReceivedShadowDraw& under, const std::vector<ObjectDraw>& receivers) {
     bool has_receivers = false;
     bool reaches_any = false;
     for (const ObjectDraw& receiver : receivers) {
@@ -275,7 +276,7 @@ class Planner {
         continue;
       }
       has_receivers = true;
-      if (options_.skip && !over_plane(receiver.object, under.shadow.plane_frame).meets(under))
+      if (options_.skip && !receiver_bounds(receiver.object, under.shadow.plane_frame).meets(under))
         continue;
       reaches_any = true;
       ReceivedShadowDraw draw = under;
@@ -299,14 +300,14 @@ class Planner {
     return {0};
   }
 
-  [[nodiscard]] const Eigen::Vector4d& place_of(int light) const {
+  [[nodiscard]] const Eigen::Vector4d& light_position_of(int light) const {
     return plan_.lights[static_cast<std::size_t>(light)].place;
   }
   [[nodiscard]] LitCaster lit_caster(int object, int light) const {
     return {object,
             light,
             placement_of_model(object),
-            place_of(light),
+            light_position_of(light),
             options_.proxies,
             opacity_of_object(object)};
   }
@@ -316,7 +317,7 @@ class Planner {
     if (node_lights.empty()) skip(SkipReason::no_light, node_index);
     for (const int light : node_lights) {
       // A light below the plane or the horizon does not reach it.
-      if (light_height(receiver.frame, place_of(light)) <= 0.0) {
+      if (light_height(receiver.frame, light_position_of(light)) <= 0.0) {
         skip(SkipReason::light_below_plane, light);
         continue;
       }
@@ -330,7 +331,7 @@ class Planner {
         if (!casts(caster)) continue;
         HardShadowDraw draw{lit_caster(caster, light), receiver.plane, receiver.frame};
         draw.opacity = std::min(receiver.opacity, draw.opacity);
-        if (options_.skip && !hard_shadow_shows(draw)) continue;
+        if (options_.skip && !hard_shadow_may_show(draw)) continue;
         plan_.hard_shadows.push_back(draw);
       }
     }
@@ -360,7 +361,7 @@ class Planner {
       if (!on_planes && !shown) continue;
       for (const int caster : casters) {
         ShadowVolumeDraw draw{lit_caster(caster, light), floors, on_planes, {}};
-        if (!on_planes) draw.receivers = spheres_met(draw, visible_phantoms);
+        if (!on_planes) draw.receivers = spheres_reached(draw, visible_phantoms);
         if (on_planes || !draw.receivers.empty()) {
           volume_lights_.insert(light);
         } else if (options_.skip) {
@@ -394,13 +395,13 @@ class Planner {
   }
 
   // Returns the receivers that a caster may shadow.
-  [[nodiscard]] std::vector<BoundingSphere> spheres_met(
+  [[nodiscard]] std::vector<BoundingSphere> spheres_reached(
       const ShadowVolumeDraw& draw, const std::vector<BoundingSphere>& receivers) const {
     const BoundingSphere caster =
         sphere_about(*casting_model(object_at(draw.object), draw.proxy), draw.T_table_object);
     std::vector<BoundingSphere> met;
     for (const BoundingSphere& receiver : receivers) {
-      if (may_shadow(draw.light_place, caster, receiver)) met.push_back(receiver);
+      if (may_shadow(draw.light_position, caster, receiver)) met.push_back(receiver);
     }
     return met;
   }
@@ -437,7 +438,7 @@ class Planner {
       for (const int caster : node.casters) {
         if (!casts(caster, false)) continue;
         const LightRayDraw draw{lit_caster(caster, light), planes};
-        if (options_.skip && !rays_show(draw)) continue;
+        if (options_.skip && !rays_may_show(draw)) continue;
         plan_.rays.push_back(draw);
       }
     }
@@ -449,8 +450,8 @@ class Planner {
   }
 
   // A volume for phantoms alone is planned only if it reaches one.
-  bool volume_shows(const ShadowVolumeDraw& draw) {
-    if (!draw.on_planes || !out_of_view(hull_of_volume(casting_box(draw), draw.light_place,
+  bool volume_may_show(const ShadowVolumeDraw& draw) {
+    if (!draw.on_planes || !out_of_view(hull_of_volume(casting_box(draw), draw.light_position,
                                                        draw.floors, kVolumeReach)))
       return true;
     return skip(SkipReason::volume_out_of_view, draw.object);
@@ -458,24 +459,24 @@ class Planner {
 
   // Returns true if rays may be in view. They lie in the hull of the light, the caster's box and
   // its projections onto the planes; if the light is not above the box, returns true.
-  bool rays_show(const LightRayDraw& draw) {
+  bool rays_may_show(const LightRayDraw& draw) {
     const BoxCorners corners = casting_box(draw);
     std::vector<Eigen::Vector3d> hull(corners.begin(), corners.end());
-    if (draw.light_place.w() != 0.0) {
-      hull.emplace_back(draw.light_place.head<3>() / draw.light_place.w());
+    if (draw.light_position.w() != 0.0) {
+      hull.emplace_back(draw.light_position.head<3>() / draw.light_position.w());
     } else {
       for (const Eigen::Vector3d& corner : corners)
-        hull.emplace_back(corner + kParallelRay * draw.light_place.head<3>().normalized());
+        hull.emplace_back(corner + kParallelRay * draw.light_position.head<3>().normalized());
     }
     for (const LightRayDraw::Plane& plane : draw.planes) {
-      if (!(light_height(plane.frame, draw.light_place) > 0.0)) continue;
+      if (!(light_height(plane.frame, draw.light_position) > 0.0)) continue;
       const HeightRange heights = heights_above(plane.frame, corners);
-      const HeightRange range = hard_shadow_range(plane.frame, draw.light_place);
+      const HeightRange range = hard_shadow_range(plane.frame, draw.light_position);
       if (heights.high < range.low || heights.low > range.high) continue;
       if (heights.high > range.high) return true;
       for (const Eigen::Vector3d& corner : corners) {
         const Eigen::Vector2d projected =
-            shadow_point(plane.frame, draw.light_place, plane.frame.to_plane(corner));
+            shadow_point(plane.frame, draw.light_position, plane.frame.to_plane(corner));
         hull.push_back(plane.frame.lift(projected.x(), projected.y()));
       }
     }
@@ -484,19 +485,19 @@ class Planner {
 
   // Returns true if a hard shadow may be in view, judged by the projection of the caster's box.
   // Returns true for a box that extends below the plane or up to the light.
-  bool hard_shadow_shows(const HardShadowDraw& draw) {
+  bool hard_shadow_may_show(const HardShadowDraw& draw) {
     const BoxCorners corners = casting_box(draw);
     const HeightRange heights = heights_above(draw.plane_frame, corners);
     if (heights.high < -kContactTolerance_m)
       return skip(SkipReason::shadow_below_plane, draw.object);
-    const HeightRange range = hard_shadow_range(draw.plane_frame, draw.light_place);
+    const HeightRange range = hard_shadow_range(draw.plane_frame, draw.light_position);
     if (heights.low > range.high) return skip(SkipReason::shadow_above_light, draw.object);
     if (heights.low < -kContactTolerance_m || heights.high > range.high) return true;
     BoxCorners projected;
     Eigen::AlignedBox2d bounds;
     for (std::size_t i = 0; i < corners.size(); ++i) {
-      const Eigen::Vector2d p =
-          shadow_point(draw.plane_frame, draw.light_place, draw.plane_frame.to_plane(corners[i]));
+      const Eigen::Vector2d p = shadow_point(draw.plane_frame, draw.light_position,
+                                             draw.plane_frame.to_plane(corners[i]));
       bounds.extend(p);
       projected[i] = draw.plane_frame.lift(p.x(), p.y());
     }
@@ -561,9 +562,9 @@ class Planner {
   const SceneState& state_;
   const PlanOptions& options_;
   FramePlan& plan_;
-  std::map<int, std::set<int>> lights_on_;                // by plane: lights with hard shadows
-  std::set<int> volume_lights_;                           // all lights with volumes, in view or not
-  std::map<int, std::vector<OverPlane>> receivers_over_;  // by plane
+  std::map<int, std::set<int>> lights_on_;  // by plane: lights with hard shadows
+  std::set<int> volume_lights_;             // all lights with volumes, in view or not
+  std::map<int, std::vector<ReceiverBounds>> receiver_bounds_;  // by plane
   ViewFrustum frustum_;
   Transform<frame::Camera, frame::Table> T_camera_table_;
 };

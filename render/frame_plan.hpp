@@ -90,9 +90,9 @@ struct ReceivedShadowDraw {
 struct LitCaster {
   int object = 0, light = 0;  // indices into the scene
   Placement T_table_object;
-  Eigen::Vector4d light_place;  // see PlacedLight::place
-  bool proxy = true;            // the author's reduced model casts, if there is one
-  float opacity = 1.0F;         // of the caster
+  Eigen::Vector4d light_position;  // see PlacedLight::place
+  bool proxy = true;               // the author's reduced model casts, if there is one
+  float opacity = 1.0F;            // of the caster
 };
 
 // One caster's projected shadow on one plane. opacity: minimum of the caster's and the plane's.

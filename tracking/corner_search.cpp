@@ -11,7 +11,7 @@ namespace {
 
 // Ratio of the RMS of second and best pose, below which the second may be the true one.
 constexpr double kAmbiguityRatio = 1.6;
-constexpr double kMostReprojectionRms_px = 3.0;  // maximum of a valid pose
+constexpr double kMaxReprojectionRms_px = 3.0;  // maximum of a valid pose
 
 void take_corners(Measurement& measurement) {
   const BoardPose& board = measurement.by_corners;
@@ -77,7 +77,7 @@ MeasurementResult CornerSearch::measure(const RigidTags& group,
   measurement.tags_used = measurement.by_corners.tags_used;
   measurement.inconsistent = measurement.by_corners.inconsistent;
   measurement.rejected = measurement.by_corners.rejected;
-  if (measurement.best.rms_px > kMostReprojectionRms_px)
+  if (measurement.best.rms_px > kMaxReprojectionRms_px)
     return tl::unexpected(PoseReason{PoseCause::misfit, measurement.best.rms_px});
   return measurement;
 }

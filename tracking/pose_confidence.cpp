@@ -16,7 +16,7 @@ constexpr double kTagBias_px = 0.01;    // common to all edges of a tag
 constexpr double kSpreadBias_px = 0.1;  // of edges whose point spread overlaps the next edge
 constexpr double kPartsOfTag = 8.0;     // groups of a tag's edges with a common kSpreadBias_px
 constexpr double kToneBias_px = 0.04;   // common to all edges if the camera response is unknown
-// Error of the mean pose during an exposure / ImageMotion::missed_px.
+// Error of the mean pose during an exposure / ImageMotion::unpredicted_px.
 constexpr double kExposureShare = 1.0 / 24.0;
 // Sigma of a uniform blur of unit length: 1 / sqrt(12).
 constexpr double kBlurShare = 0.288675134594813;
@@ -119,10 +119,10 @@ std::optional<RefinedPose> pose_of(const RigidTags& group, const Alignment& alig
       predicted_overlay_error_px(group.camera, result.T_map_camera, pose.covariance);
   if (predicted_px > 0.0 && std::isfinite(predicted_px)) {
     const double blur_px =
-        std::min(kBlurShare * std::hypot(motion.predicted_px, motion.missed_px), pose.rms_px);
-    const double systematic_px =
-        std::hypot(group.camera.parameters().tone_curve ? 0.0 : kToneBias_px,
-                   kExposureShare * motion.missed_px, std::hypot(blur_px, motion.blur.shift_px));
+        std::min(kBlurShare * std::hypot(motion.predicted_px, motion.unpredicted_px), pose.rms_px);
+    const double systematic_px = std::hypot(
+        group.camera.parameters().tone_curve ? 0.0 : kToneBias_px,
+        kExposureShare * motion.unpredicted_px, std::hypot(blur_px, motion.blur.shift_px));
     pose.covariance *= 1.0 + systematic_px * systematic_px / (predicted_px * predicted_px);
   }
   return pose;

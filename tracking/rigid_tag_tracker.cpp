@@ -200,14 +200,14 @@ std::optional<RigidTagTracker::Impl::Followed> RigidTagTracker::Impl::align_foll
     alignment.with_search = false;
     alignment.run();
     note_work(result);
-    motion = motion_found(history, camera, frame, alignment, kAlignedBlur_cells);
+    motion = estimate_motion(history, camera, frame, alignment, kAlignedBlur_cells);
   } else if (result.verified) {
-    motion.blur = motion_found(history, camera, frame, alignment, kAlignedBlur_cells).blur;
+    motion.blur = estimate_motion(history, camera, frame, alignment, kAlignedBlur_cells).blur;
     // Blur and tilt of a few distant tags may look alike.
     if (!state.branch_open &&
         align_with_motion_blur(history, camera, frame, alignment, motion.blur))
       note_work(result);
-    motion.missed_px =
+    motion.unpredicted_px =
         overlay_difference(camera, result.T_map_camera, prediction.T_map_camera).rms_px();
   }
   const std::optional<RefinedPose> best = pose_of(group, alignment, motion);
@@ -314,7 +314,7 @@ void RigidTagTracker::Impl::align_found(const Frame& frame, Measurement& measure
   const AlignmentResult& result = alignment.result;
   note_work(result);
   const ImageMotion motion =
-      motion_found(history, group.camera, frame, alignment, kDetectedBlur_cells);
+      estimate_motion(history, group.camera, frame, alignment, kDetectedBlur_cells);
   const std::optional<RefinedPose> best = pose_of(group, alignment, motion);
   if (best) {
     take_alignment(group, alignment, *best, measurement);

@@ -27,12 +27,12 @@
 namespace penumbra {
 namespace {
 
-using TakePicture = std::function<Result<bool>(const Picture&)>;
+using TakeImage = std::function<Result<bool>(const NamedImage&)>;
 // Calls `take` for each image until it returns false or an error, or a stop is requested.
-using Pictures = std::function<Result<void>(const TakePicture& take, const std::stop_token& stop)>;
+using ImageFeed = std::function<Result<void>(const TakeImage& take, const std::stop_token& stop)>;
 
-Pictures newest_of(LiveSource& source) {
-  return [&source](const TakePicture& take, const std::stop_token& stop) -> Result<void> {
+ImageFeed newest_of(LiveSource& source) {
+  return [&source](const TakeImage& take, const std::stop_token& stop) -> Result<void> {
     constexpr std::chrono::milliseconds kPatience(50);
     NewestImage pictures(source);
     std::vector<std::uint8_t> scratch;
@@ -45,7 +45,7 @@ Pictures newest_of(LiveSource& source) {
         return {};
       }
       if (!frame) continue;
-      Picture picture;
+      NamedImage picture;
       picture.name = "a picture";
       picture.frame = *frame;
       picture.luma = luma(*frame, scratch);
@@ -56,9 +56,9 @@ Pictures newest_of(LiveSource& source) {
   };
 }
 
-Pictures all_of(const std::filesystem::path& recording) {
-  return [recording](const TakePicture& take, const std::stop_token& stop) {
-    return for_each_image(recording, [&](const Picture& picture) -> Result<bool> {
+ImageFeed all_of(const std::filesystem::path& recording) {
+  return [recording](const TakeImage& take, const std::stop_token& stop) {
+    return for_each_image(recording, [&](const NamedImage& picture) -> Result<bool> {
       if (stop.stop_requested()) return false;
       return take(picture);
     });
@@ -87,9 +87,9 @@ class ImageChecker {
     GuideProgress progress;
   };
 
-  ImageChecker(Pictures pictures, const CaptureOptions& options, CameraCalibrator& calibrator,
+  ImageChecker(ImageFeed pictures, const CaptureOptions& options, CameraCalibrator& calibrator,
                ViewGuide guide, std::optional<ImageCheck> check, std::stop_source stop, bool bars)
-      : pictures_(std::move(pictures)),
+      : image_feed_(std::move(pictures)),
         calibrator_(calibrator),
         options_(options),
         guide_(std::move(guide)),
@@ -129,8 +129,8 @@ class ImageChecker {
  private:
   void run() {
     try {
-      const auto done =
-          pictures_([this](const Picture& picture) { return look_at(picture); }, stop_.get_token());
+      const auto done = image_feed_([this](const NamedImage& picture) { return look_at(picture); },
+                                    stop_.get_token());
       if (!done) error_ = done.error();
     } catch (const std::exception& error) {
       error_ = Error{error.what()};
@@ -139,7 +139,7 @@ class ImageChecker {
   }
 
   // Returns false if the capture should end.
-  [[nodiscard]] Result<bool> look_at(const Picture& picture) {
+  [[nodiscard]] Result<bool> look_at(const NamedImage& picture) {
     ++looks_;
     if (!picture.notice.empty()) log_warning("{}", picture.notice);
     if (picture.luma.empty()) {
@@ -159,7 +159,7 @@ class ImageChecker {
     GuideResult look = guide_.look(picture.luma);
     if (check_ && !look.corners_px.empty()) check_.reset();
     if (check_) {
-      if (const auto fault = check_->nothing_found(picture.luma)) {
+      if (const auto fault = check_->check_untagged(picture.luma)) {
         return fail("{}: {}", picture.name, advice(*fault));
       }
     }
@@ -200,7 +200,7 @@ class ImageChecker {
     return {};
   }
 
-  const Pictures pictures_;
+  const ImageFeed image_feed_;
   CameraCalibrator& calibrator_;
   const CaptureOptions& options_;
   ViewGuide guide_;

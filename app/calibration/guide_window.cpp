@@ -192,7 +192,7 @@ GuideWindow::GuideWindow(std::unique_ptr<GlContext> context, std::unique_ptr<Ove
                          Framebuffer picture)
     : context_(std::move(context)),
       overlay_(std::move(overlay)),
-      picture_(std::move(picture)),
+      framebuffer_(std::move(picture)),
       video_(context_->info().api, !context_->info().software) {
   context_->on_event([this](const WindowEvent& event) { take(event); });
 }
@@ -204,7 +204,7 @@ GuideWindow::~GuideWindow() {
 Result<void> GuideWindow::show(const Frame& frame, GuideResult look, GuideProgress progress) {
   frame_ = frame;
   (void)video_.upload(frame_);
-  picture_.bind();
+  framebuffer_.bind();
   PENUMBRA_TRY_VOID(video_.draw(frame_));
   video_.hold(frame_);
   if (look.taken) {
@@ -239,7 +239,7 @@ void GuideWindow::take(const WindowEvent& event) {
 void GuideWindow::refresh() {
   const GlContext::Size size = context_->window_size();
   hud_.flash = taken_ ? std::max(0.0, 1.0 - since_taken_.elapsed().wall_ms / kFlash_ms) : 0.0;
-  picture_.present(size);
+  framebuffer_.present(size);
   draw_guide(*overlay_, hud_, size);
   if (std::exchange(save_, false)) save_window_image();
   context_->swap();

@@ -59,7 +59,7 @@ class GuideWindow {
 
   std::unique_ptr<GlContext> context_;  // declared first: the OpenGL objects below need it
   std::unique_ptr<Overlay> overlay_;
-  Framebuffer picture_;
+  Framebuffer framebuffer_;
   VideoTexture video_;
   Frame frame_;  // keeps the buffer while the image is shown
   GuideHud hud_;

@@ -14,18 +14,18 @@
 namespace penumbra {
 namespace {
 
-bool is_picture(const std::filesystem::path& file) {
+bool is_image_file(const std::filesystem::path& file) {
   const std::string extension = lower_extension(file);
   return extension == ".png" || extension == ".jpg" || extension == ".jpeg";
 }
 
-Result<std::vector<std::filesystem::path>> pictures_in(const std::filesystem::path& folder) {
+Result<std::vector<std::filesystem::path>> image_files_in(const std::filesystem::path& folder) {
   std::vector<std::filesystem::path> files;
   std::error_code error;
   std::error_code ignored;
   for (std::filesystem::directory_iterator entry(folder, error), end; !error && entry != end;
        entry.increment(error)) {
-    if (entry->is_regular_file(ignored) && is_picture(*entry)) files.push_back(*entry);
+    if (entry->is_regular_file(ignored) && is_image_file(*entry)) files.push_back(*entry);
   }
   if (error) return fail("{}: cannot be read: {}", folder.string(), error.message());
   std::sort(files.begin(), files.end());
@@ -35,12 +35,12 @@ Result<std::vector<std::filesystem::path>> pictures_in(const std::filesystem::pa
 // Reads the images and passes them to `take`. `source`: name for messages.
 Result<void> each_file(const std::filesystem::path& source,
                        const std::vector<std::filesystem::path>& files,
-                       const std::function<Result<bool>(const Picture&)>& take) {
+                       const std::function<Result<bool>(const NamedImage&)>& take) {
   const SampleDepth depth = sample_depth_of(files);
   ClampWatch clamps(depth.bits);
   std::vector<std::uint8_t> scratch;
   for (std::size_t i = 0; i < files.size(); ++i) {
-    Picture picture;
+    NamedImage picture;
     if (i == 0 && depth.reduced()) {
       picture.notice = fmt::format("{}: {}", source.string(), depth.text());
     }
@@ -64,7 +64,7 @@ Result<void> each_file(const std::filesystem::path& source,
 }  // namespace
 
 Result<void> for_each_image(const std::filesystem::path& source,
-                            const std::function<Result<bool>(const Picture&)>& take) {
+                            const std::function<Result<bool>(const NamedImage&)>& take) {
   std::error_code ignored;
   if (!std::filesystem::exists(source, ignored)) {
     return fail("{}: no such folder; give a recording or a folder of PNG or JPEG images",
@@ -75,14 +75,14 @@ Result<void> for_each_image(const std::filesystem::path& source,
                 source.string());
   }
   if (!is_recording(source)) {
-    PENUMBRA_TRY(const auto files, pictures_in(source));
+    PENUMBRA_TRY(const auto files, image_files_in(source));
     if (files.empty())
       return fail("{}: holds no PNG or JPEG images; put those of the target there",
                   source.string());
     return each_file(source, files, take);
   }
   OpenRecordingOptions options;
-  options.surroundings = false;
+  options.with_metadata = false;
   PENUMBRA_TRY(const auto recording, open_recording(source, options));
   if (recording.video.empty()) {
     std::vector<std::filesystem::path> files;
@@ -94,7 +94,7 @@ Result<void> for_each_image(const std::filesystem::path& source,
   for (int i = 0;; ++i) {
     PENUMBRA_TRY(const auto frame, frames->next());
     if (!frame) return {};
-    Picture picture;
+    NamedImage picture;
     picture.name = fmt::format("frame {}", frame->sequence);
     picture.index = i;
     picture.count = frames->frame_count().value_or(0);

@@ -11,7 +11,7 @@
 
 namespace penumbra {
 
-struct Picture {
+struct NamedImage {
   std::string name;  // file name, or "frame 12" of a video
   int index = 0;
   int count = 0;           // number of images; 0 if unknown
@@ -23,7 +23,8 @@ struct Picture {
 
 // Calls `take` for every image in order until it returns false or an error. Ignores camera.yaml,
 // tags.yaml and groundtruth.tum in the folder. Fails if there are no images.
-[[nodiscard]] Result<void> for_each_image(const std::filesystem::path& source,
-                                          const std::function<Result<bool>(const Picture&)>& take);
+[[nodiscard]] Result<void> for_each_image(
+    const std::filesystem::path& source,
+    const std::function<Result<bool>(const NamedImage&)>& take);
 
 }  // namespace penumbra

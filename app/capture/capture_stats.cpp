@@ -9,7 +9,7 @@ namespace penumbra {
 namespace {
 
 // Limits the queue while no recording reads the events.
-constexpr std::size_t kMostEvents = 256;
+constexpr std::size_t kMaxEvents = 256;
 
 // Same order as CaptureFault.
 struct FaultText {
@@ -53,7 +53,7 @@ void FaultCounter::count(CaptureFault fault, std::string_view detail, std::uint6
     std::uint64_t& counter = stats_.faults[static_cast<std::size_t>(fault)];
     first = counter == 0;
     counter += times;
-    if (events_.size() < kMostEvents) events_.push_back({now_ns, fault, std::string(detail)});
+    if (events_.size() < kMaxEvents) events_.push_back({now_ns, fault, std::string(detail)});
   }
   if (first) {
     log_warning("{}: {} (reported once, then counted)", camera_, detail);

@@ -9,7 +9,7 @@ namespace {
 // Longest plausible time between a frame's timestamp and its arrival.
 constexpr std::int64_t kOldest_ns = 10'000'000'000;
 // If the sequence number jumps by more than this, the driver has reset it.
-constexpr std::uint32_t kMostLost = 1U << 20U;
+constexpr std::uint32_t kMaxLost = 1U << 20U;
 // A pause of this many intervals between consecutive sequence numbers implies a lost frame.
 constexpr double kGapIntervals = 1.6;
 // This number of consecutive long intervals means a slower camera, not gaps.
@@ -18,7 +18,7 @@ constexpr std::uint32_t kSlowerAfter = 5;
 constexpr std::int64_t kMissed = 3;  // [intervals]
 constexpr std::int64_t kSilent_ns = 1'000'000'000;
 constexpr std::int64_t kStarting_ns = 3'000'000'000;
-constexpr int kMostDoublings = 2;  // largest number of doublings of kStarting_ns
+constexpr int kMaxDoublings = 2;  // largest number of doublings of kStarting_ns
 constexpr std::int64_t kStale_ns = 250'000'000;
 
 // Returns the granted interval, or the n-th smallest of the first `count` ones if that is longer.
@@ -88,7 +88,7 @@ FrameStamp FrameClock::next(std::uint32_t driver_sequence, std::int64_t driver_n
     std::uint32_t step = 1;
     if (continuous_) {
       const std::uint32_t difference = driver_sequence - driver_sequence_;  // wraps
-      if (difference >= 1 && difference <= kMostLost) step = difference;
+      if (difference >= 1 && difference <= kMaxLost) step = difference;
     }
     stamp.lost_counted = step - 1;
     const std::int64_t interval_ns = stamp.timestamp_ns - timestamp_ns_;
@@ -138,7 +138,7 @@ std::int64_t FramePace::usual_ns() const {
 }
 
 std::int64_t FramePace::stall_timeout_ns() const {
-  const std::int64_t starting_ns = kStarting_ns << std::min(failed_starts_, kMostDoublings);
+  const std::int64_t starting_ns = kStarting_ns << std::min(failed_starts_, kMaxDoublings);
   const std::int64_t shortest_ns = intervals_ == 0 ? starting_ns : kSilent_ns;
   return std::max(shortest_ns, kMissed * usual_ns());
 }

@@ -50,8 +50,8 @@ namespace lc = libcamera;
 // See v4l2_source.cpp.
 constexpr unsigned kBuffers = 6;
 constexpr std::size_t kDriverNeeds = 2;
-constexpr auto kRetry = std::chrono::milliseconds(500);        // an attempt enumerates all cameras
-constexpr std::uint64_t kMostBytes = std::uint64_t{1} << 30U;  // largest size of one buffer
+constexpr auto kRetry = std::chrono::milliseconds(500);  // an attempt enumerates all cameras
+constexpr std::uint64_t kMaxBufferBytes = std::uint64_t{1} << 30U;  // largest size of one buffer
 
 struct KnownFormat {
   lc::PixelFormat format;
@@ -136,7 +136,7 @@ class MappedBuffer {
     std::map<int, std::size_t> lengths;  // keyed by libcamera's descriptor
     for (const auto& plane : buffer.planes()) {
       const std::uint64_t end = std::uint64_t{offset_of(plane)} + plane.length;
-      if (end == 0 || end > kMostBytes) return tl::unexpected(EINVAL);
+      if (end == 0 || end > kMaxBufferBytes) return tl::unexpected(EINVAL);
       std::size_t& length = lengths[plane.fd.get()];
       length = std::max<std::size_t>(length, end);
     }

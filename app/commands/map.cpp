@@ -107,7 +107,7 @@ Result<ExitCode> run_map(const MapOptions& options) {
   }
   // Does not read the recording's tags.yaml, which this command computes.
   OpenRecordingOptions open;
-  open.surroundings = false;
+  open.with_metadata = false;
   PENUMBRA_TRY(auto recording, open_recording(options.recording, open));
   for (const std::string& notice : recording.notices) log_warning("{}", notice);
   recording.camera_file = options.camera;

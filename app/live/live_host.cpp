@@ -12,7 +12,7 @@
 namespace penumbra {
 namespace {
 
-constexpr double kLongestStart_s = 10.0;
+constexpr double kMaxStart_s = 10.0;
 
 // Number of frames that arrived damaged.
 std::uint64_t damaged_frames(const CaptureStats& stats) {
@@ -80,7 +80,7 @@ void LiveHost::describe(HudState& state, bool debug) const {
 bool LiveHost::is_over() const {
   if (!request_.duration_s) return false;
   const double longest_s =
-      has_begun_ ? *request_.duration_s : std::max(*request_.duration_s, kLongestStart_s);
+      has_begun_ ? *request_.duration_s : std::max(*request_.duration_s, kMaxStart_s);
   return watch_.elapsed().wall_ms >= longest_s * 1e3;
 }
 
@@ -98,7 +98,7 @@ std::string LiveHost::no_frame_text() const {
   return fmt::format(
       "{}: gave no frame in {:.0f} s; choose another --format or --size, try another USB port, or "
       "see the kernel's log (dmesg)",
-      camera, std::max(request_.duration_s.value_or(0.0), kLongestStart_s));
+      camera, std::max(request_.duration_s.value_or(0.0), kMaxStart_s));
 }
 
 void LiveHost::set_live() {

@@ -13,7 +13,7 @@ namespace {
 constexpr int kGap = 4;                    // between panes [px]
 constexpr std::uint8_t kBackground = 24;   // grey level of captions, gaps and empty panes
 constexpr double kWordsWhite = 0.94;       // opacity of the white letters
-constexpr int kLeastCaption = 20;          // [px]
+constexpr int kMinCaption_px = 20;         // [px]
 constexpr int kPaneHeightPerCaption = 16;  // ratio of pane height to caption height
 constexpr double kLettersOfCaption = 0.66;
 
@@ -22,7 +22,7 @@ int even(int length) {
 }
 
 int caption_height_of(int pane_height) {
-  return even(std::max(kLeastCaption, pane_height / kPaneHeightPerCaption));
+  return even(std::max(kMinCaption_px, pane_height / kPaneHeightPerCaption));
 }
 
 }  // namespace

@@ -145,7 +145,7 @@ Result<void> read_rows(const std::vector<Row>& rows, const std::string& csv, con
   return fail("{}: lists 0 frames; record again, or list the frames there are", csv);
 }
 
-Result<void> list_own(const std::filesystem::path& folder, Recording& recording) {
+Result<void> list_timestamps_csv(const std::filesystem::path& folder, Recording& recording) {
   const std::filesystem::path csv_file = folder / "timestamps.csv";
   const std::string csv = csv_file.string();
   if (!file_exists(csv_file)) {
@@ -356,10 +356,9 @@ void add_euroc_groundtruth(const std::filesystem::path& mav0, Recording& recordi
   recording.groundtruth = std::move(*truth);
 }
 
-Result<void> load_surroundings(const std::filesystem::path& folder,
-                               const std::filesystem::path& sensor,
-                               const OpenRecordingOptions& options, Recording& recording) {
-  if (!options.surroundings) return {};
+Result<void> load_metadata(const std::filesystem::path& folder, const std::filesystem::path& sensor,
+                           const OpenRecordingOptions& options, Recording& recording) {
+  if (!options.with_metadata) return {};
   const std::filesystem::path camera = options.camera.value_or(folder / "camera.yaml");
   if (options.camera || file_exists(camera)) {
     PENUMBRA_TRY(auto loaded, load_camera_file(camera, options.camera_name));
@@ -464,12 +463,11 @@ Result<Recording> open_recording(const std::filesystem::path& folder,
                         (folder / "video.mkv").string()));
       }
     }
-    PENUMBRA_TRY_VOID(list_own(folder, recording));
+    PENUMBRA_TRY_VOID(list_timestamps_csv(folder, recording));
   }
-  recording.of_camera = file_exists(folder / "controls.json");
+  recording.from_camera = file_exists(folder / "controls.json");
   // Loaded before the frames, so that a missing camera file is the first error.
-  PENUMBRA_TRY_VOID(
-      load_surroundings(folder, euroc ? cam0 / "sensor.yaml" : "", options, recording));
+  PENUMBRA_TRY_VOID(load_metadata(folder, euroc ? cam0 / "sensor.yaml" : "", options, recording));
   PENUMBRA_TRY_VOID(recording.video.empty() ? drop_incomplete_images(recording)
                                             : compare_video_length(recording));
   if (recording.video.empty()) {

@@ -178,7 +178,7 @@ Result<Frame> first_image(const Recording& recording) {
     auto frame = read_file(listed.file).and_then([&](const std::vector<std::uint8_t>& bytes) {
       return decode_recorded_image(bytes, listed.file.string(), size, {recording.sample_bits});
     });
-    if (frame || !recording.of_camera) return frame;
+    if (frame || !recording.from_camera) return frame;
     if (!first_error) first_error = frame.error();
   }
   return tl::unexpected(*first_error);

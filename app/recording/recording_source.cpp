@@ -85,7 +85,7 @@ class Decoder {
     auto frame = decode_recorded_image(bytes, name, size_, clamps_.options());
     if (const auto warning = clamps_.take_warning(name)) log_warning("{}", *warning);
     if (frame) return std::optional<Frame>(std::move(*frame));
-    if (!recording_.of_camera) {
+    if (!recording_.from_camera) {
       return fail("{}, or remove its line from the listing", frame.error().message);
     }
     faults_.count(CaptureFault::damaged,

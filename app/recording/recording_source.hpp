@@ -39,7 +39,7 @@ struct Recording {
   std::vector<RecordedFrame> frames;  // in order of time
   std::filesystem::path video;        // video.mkv, or empty
   int sample_bits = 16;               // bits used in 16-bit images, see DecodeOptions
-  bool of_camera = false;             // recorded live (has controls.json), so frames may be damaged
+  bool from_camera = false;           // recorded live (has controls.json), so frames may be damaged
   std::optional<CameraModel> camera;  // nullopt only if not required (images for a calibration)
   std::filesystem::path camera_file;  // file of `camera`
   std::optional<TagMap> tags;
@@ -51,8 +51,8 @@ struct Recording {
 struct OpenRecordingOptions {
   bool require_camera = true;
   bool require_tags = true;
-  bool surroundings = true;  // reads camera, tags and ground truth; off for a calibration
-  std::string camera_name;   // selects one camera of a file with several
+  bool with_metadata = true;  // reads camera, tags and ground truth; off for a calibration
+  std::string camera_name;    // selects one camera of a file with several
   std::optional<std::filesystem::path> camera;  // instead of the recording's
   std::optional<std::filesystem::path> tags;    // instead of the recording's
 };

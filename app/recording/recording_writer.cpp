@@ -34,7 +34,7 @@ using Json = nlohmann::ordered_json;
 
 // Limits of the queue: one second of video, and lines for a much longer time.
 constexpr std::size_t kMaxImages = 32;
-constexpr std::size_t kMostLines = 4096;
+constexpr std::size_t kMaxLines = 4096;
 // Interval of writing controls.json: its largest age if the program is killed.
 constexpr std::chrono::seconds kControlsAge(1);
 
@@ -343,7 +343,7 @@ struct RecordingWriter::Impl {
         counts.dropped += is_image ? 1 : 0;
         return;
       }
-      if (is_image ? images_waiting >= kMaxImages : queue.size() >= kMostLines) {
+      if (is_image ? images_waiting >= kMaxImages : queue.size() >= kMaxLines) {
         if (is_image) {
           first_dropped = ++counts.dropped == 1;
           if (gap_frames++ == 0) gap_start_ns = std::get<CapturedImage>(item).timestamp_ns;

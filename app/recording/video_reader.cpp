@@ -103,27 +103,27 @@ class Demuxer {
 // checksums, an error status (1 byte) and a CRC follow, chosen so that the CRC-32 of the slice is
 // 0. Slices are located from the packet's end. Checked here, because libav's decoder only conceals
 // a bad slice.
-enum class SliceSums { none, right, wrong, no_chain };
+enum class SliceChecksums { none, right, wrong, bad_sizes };
 
-SliceSums check_slices(std::span<const std::uint8_t> packet, std::size_t trailer) {
+SliceChecksums check_slices(std::span<const std::uint8_t> packet, std::size_t trailer) {
   const AVCRC* table = av_crc_get_table(AV_CRC_32_IEEE);
   bool valid = true;
   std::size_t end = packet.size();
   while (end > 0) {
-    if (end < trailer) return SliceSums::no_chain;
+    if (end < trailer) return SliceChecksums::bad_sizes;
     const std::uint8_t* field = packet.data() + end - trailer;
     const std::size_t size =
         (std::size_t{field[0]} << 16U) | (std::size_t{field[1]} << 8U) | std::size_t{field[2]};
-    if (size + trailer > end) return SliceSums::no_chain;
+    if (size + trailer > end) return SliceChecksums::bad_sizes;
     end -= size + trailer;
     if (trailer > 3 && av_crc(table, 0, packet.data() + end, size + trailer) != 0) valid = false;
   }
-  if (trailer <= 3) return SliceSums::none;
-  return valid ? SliceSums::right : SliceSums::wrong;
+  if (trailer <= 3) return SliceChecksums::none;
+  return valid ? SliceChecksums::right : SliceChecksums::wrong;
 }
 
-constexpr std::size_t kTrailerWithSum = 8;
-constexpr std::size_t kTrailerWithout = 3;
+constexpr std::size_t kTrailerBytesWithCrc = 8;
+constexpr std::size_t kTrailerBytesWithoutCrc = 3;
 
 // Pixel formats that are returned as planes.
 struct Mapping {
@@ -211,7 +211,7 @@ struct VideoReader::Impl {
   std::deque<Av<AVPacket>> waiting;  // skipped packets since the last key frame
   int frame = 0;                     // number of the next frame
   bool broken = false;               // a frame since the last key frame was damaged
-  bool has_sums = false;
+  bool has_checksums = false;
 
   tl::unexpected<Error> damaged(std::string_view what) const {
     return fail("{}: frame {}: damaged ({}); record or copy it again", demuxer.name(), frame, what);
@@ -222,11 +222,12 @@ struct VideoReader::Impl {
     // FFV1 versions 0 and 1 have no configuration record and no checksums.
     if (parameters.codec_id != AV_CODEC_ID_FFV1 || parameters.extradata_size <= 0) return {};
     const std::span<const std::uint8_t> bytes(packet.data, static_cast<std::size_t>(packet.size));
-    const SliceSums sums = check_slices(bytes, kTrailerWithSum);
-    if (sums == SliceSums::wrong) return damaged("a check sum is wrong");
-    if (sums == SliceSums::right) {
-      has_sums = true;
-    } else if (has_sums || check_slices(bytes, kTrailerWithout) == SliceSums::no_chain) {
+    const SliceChecksums sums = check_slices(bytes, kTrailerBytesWithCrc);
+    if (sums == SliceChecksums::wrong) return damaged("a check sum is wrong");
+    if (sums == SliceChecksums::right) {
+      has_checksums = true;
+    } else if (has_checksums ||
+               check_slices(bytes, kTrailerBytesWithoutCrc) == SliceChecksums::bad_sizes) {
       return damaged("its slices do not fill it");
     }
     return {};

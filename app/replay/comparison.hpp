@@ -67,9 +67,9 @@ class ComparisonHost final : public RunHost {
       : RunHost(run, frame_count),
         comparison_(comparison),
         context_(context),
-        picture_(std::move(image)) {}
+        image_(std::move(image)) {}
 
-  void present() override { picture_.present(comparison_.grid().rgba(), context_.window_size()); }
+  void present() override { image_.present(comparison_.grid().rgba(), context_.window_size()); }
   [[nodiscard]] std::string save_screenshot() override;
 
  private:
@@ -77,7 +77,7 @@ class ComparisonHost final : public RunHost {
 
   const Comparison& comparison_;
   GlContext& context_;
-  UploadedImage picture_;
+  UploadedImage image_;
 };
 
 }  // namespace penumbra

@@ -12,7 +12,7 @@ class RateMeter {
   // Adds a frame at this time [ms] of a monotonic clock.
   void add(double at_ms) {
     at_ms_.push_back(at_ms);
-    if (at_ms_.size() > kMostFrames) at_ms_.pop_front();
+    if (at_ms_.size() > kMaxFrames) at_ms_.pop_front();
   }
   // Returns the rate over the recent frames [1/s]; 0 for fewer than two. The next frame counts as
   // arriving now if it is late, so the rate decreases during a stall.
@@ -26,7 +26,7 @@ class RateMeter {
   void restart() { at_ms_.clear(); }
 
  private:
-  static constexpr std::size_t kMostFrames = 30;
+  static constexpr std::size_t kMaxFrames = 30;
   std::deque<double> at_ms_;
 };
 

@@ -27,7 +27,7 @@ void ImageFaultWatch::observe(const TrackedFrame& tracked) {
     }
     check_.emplace(std::move(*check));
   }
-  const auto fault = check_->nothing_found(luma(tracked.frame, scratch_));
+  const auto fault = check_->check_untagged(luma(tracked.frame, scratch_));
   if (!fault) return;
   end();
   log_warning("{}; nothing is tracked in such images", advice(*fault));

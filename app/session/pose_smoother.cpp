@@ -8,7 +8,7 @@
 namespace penumbra {
 namespace {
 
-constexpr double kLeastCutoff_hz = 1.0;
+constexpr double kMinCutoff_hz = 1.0;
 constexpr double kCutoffGain_s_px2 = 1.0;
 constexpr double kVelocityCutoff_hz = 2.0;  // keeps noise at rest from raising the pose's cutoff
 
@@ -50,7 +50,7 @@ SmoothedPose PoseSmoother::smooth(std::int64_t timestamp_ns, const CameraPose& m
     const double speed =
         overlay_difference(camera_, perturbed(measured, last_->velocity * dt), measured).rms_px() /
         dt;
-    share = step_fraction(dt, kLeastCutoff_hz + kCutoffGain_s_px2 * speed * speed);
+    share = step_fraction(dt, kMinCutoff_hz + kCutoffGain_s_px2 * speed * speed);
   }
   const Vector6d step_to_measured = perturbation_between(last_->drawn.T_table_camera, measured);
   SmoothedPose drawn;

@@ -22,12 +22,12 @@ constexpr std::string_view kStyled = "shadow_changed";
 constexpr std::string_view kLit = "video_light";
 constexpr double kBrightest = 1e6;  // multiples of full white
 constexpr double kFarthest_m = 1e6;
-constexpr double kLongestQuaternionError = 1e-3;
+constexpr double kMaxQuaternionError = 1e-3;
 
 bool usable(const Placement& placement) {
   return placement.position.allFinite() && placement.position.cwiseAbs().maxCoeff() < kFarthest_m &&
          placement.rotation.coeffs().allFinite() &&
-         std::abs(placement.rotation.norm() - 1.0) < kLongestQuaternionError &&
+         std::abs(placement.rotation.norm() - 1.0) < kMaxQuaternionError &&
          std::isfinite(placement.scale) && placement.scale > 0.0 && placement.scale < kFarthest_m;
 }
 

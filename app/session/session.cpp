@@ -125,7 +125,7 @@ Result<SessionFrame> Session::compose(TrackedFrame tracked, std::span<std::uint8
   if (options_.video_light) {
     const Stopwatch light_watch;
     const VideoLight* recorded = light_at(options_.recorded_light, frame.timestamp_ns);
-    state.video_light = recorded != nullptr ? *recorded : light_meter_.look_at(frame);
+    state.video_light = recorded != nullptr ? *recorded : light_meter_.measure(frame);
     result.video_light = state.video_light;
     result.light_time = light_watch.elapsed();
   }

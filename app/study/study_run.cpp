@@ -288,13 +288,13 @@ class StudyLoop {
   std::optional<Error> failure_;  // error of an event
 };
 
-struct Pictures {
+struct StudyInput {
   CameraModel camera;
   PoseSource poses;
   std::unique_ptr<StudyFeed> feed;  // feed of a recording; a camera is opened last
 };
 
-Result<Pictures> open_pictures(const StudyRequest& request, const Scene& scene) {
+Result<StudyInput> open_input(const StudyRequest& request, const Scene& scene) {
   if (!request.from_camera) {
     OpenRecordingOptions options;
     options.tags = request.tags;
@@ -310,9 +310,9 @@ Result<Pictures> open_pictures(const StudyRequest& request, const Scene& scene) 
     replay.poses_from = request.poses_from;
     replay.tracking = request.tracking;
     PENUMBRA_TRY(auto poses, open_replay_poses(replay, recording, scene));
-    return Pictures{*recording.camera, std::move(poses),
-                    feed_of_recording(recording, median_frame_interval_s(recording),
-                                      request.poses_from.has_value())};
+    return StudyInput{*recording.camera, std::move(poses),
+                      feed_of_recording(recording, median_frame_interval_s(recording),
+                                        request.poses_from.has_value())};
   }
   PENUMBRA_TRY(const auto camera,
                load_chosen_camera(request.camera.calibration, request.camera.camera_name));
@@ -321,7 +321,7 @@ Result<Pictures> open_pictures(const StudyRequest& request, const Scene& scene) 
       GroupTracker::create(camera, tags, request.tracking,
                            wanted_groups(scene, tags, *request.tags, OutputRequest(), true));
   if (!tracker) return fail_in(request.tags->string(), tracker.error());
-  return Pictures{camera, std::move(*tracker), nullptr};
+  return StudyInput{camera, std::move(*tracker), nullptr};
 }
 
 Result<void> check_paths(const StudyRequest& request) {
@@ -358,7 +358,7 @@ Result<StudyReport> run_study(const StudyRequest& request) {
   }
   PENUMBRA_TRY_VOID(check_paths(request));
   const auto scene = std::make_shared<const Scene>(study_scene(request.design.experiment));
-  PENUMBRA_TRY(auto pictures, open_pictures(request, *scene));
+  PENUMBRA_TRY(auto pictures, open_input(request, *scene));
 
   // A script does not need vertical synchronisation.
   PENUMBRA_TRY(auto context, open_run_context({request.window, !script},

@@ -15,8 +15,8 @@ namespace penumbra {
 namespace {
 
 constexpr std::size_t kMaxScriptBytes = std::size_t{4} << 20U;
-constexpr std::int64_t kMostTrials = 1'000'000;
-constexpr std::int64_t kLongest_ns = 86'400'000'000'000;  // a day
+constexpr std::int64_t kMaxTrials = 1'000'000;
+constexpr std::int64_t kMaxTime_ns = 86'400'000'000'000;  // a day
 constexpr std::int64_t kNoTime = -1;
 constexpr double kFarthest = 1e5;  // [m], [px]
 
@@ -120,7 +120,7 @@ Result<StudyScript> parse_study_script(std::string_view text, std::string name) 
     const auto trial = parse_integer(words[0]);
     const std::int64_t at_ns =
         words.size() > 1 ? parse_seconds_as_ns(words[1]).value_or(kNoTime) : kNoTime;
-    if (!trial || *trial < 1 || *trial > kMostTrials || at_ns < 0 || at_ns > kLongest_ns ||
+    if (!trial || *trial < 1 || *trial > kMaxTrials || at_ns < 0 || at_ns > kMaxTime_ns ||
         words.size() < 3) {
       return fail(
           "{}: line {}: starts with no trial and time; write the trial's number from 1, the "

@@ -31,7 +31,7 @@ constexpr float kHelpWidth = 48.0F;    // [em] narrower windows wrap the lines o
 constexpr float kHelpColumns = 26.0F;  // [em] narrower windows show a key above its text
 constexpr float kPanelWidth = 12.0F;   // [em] narrower panels clip their texts
 constexpr int kHandheldHeight = 400;   // [px] a smaller width or height shows fewer lines
-constexpr std::size_t kMostDebugLines = 10;
+constexpr std::size_t kMaxDebugLines = 10;
 
 constexpr ImGuiWindowFlags kPlain = ImGuiWindowFlags_NoDecoration | ImGuiWindowFlags_NoMove |
                                     ImGuiWindowFlags_NoSavedSettings |
@@ -521,7 +521,7 @@ struct Overlay::Impl {
     }
     text(kQuiet, work);
     for (const std::string& line : reason_lines(state)) text(kQuiet, line);
-    for (std::size_t i = 0; i < state.twists.size() && i < kMostDebugLines; ++i) {
+    for (std::size_t i = 0; i < state.twists.size() && i < kMaxDebugLines; ++i) {
       const HudFoldOver& twist = state.twists[i];
       text(twist.twist.faces_twisted > 0 ? kWarning : kQuiet,
            fmt::format("{}: {} of {} faces twisted, {:.1f} % of the area; overshoot {:.1f} %",

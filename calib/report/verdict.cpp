@@ -187,7 +187,7 @@ void judge(CameraCalibration& result) {
   std::string non_monotonic;
   for (const ModelTrial& trial : result.trials) {
     if (!trial.non_monotonic_px || !non_monotonic.empty() || !trial.held_out_px ||
-        !result.held_out_px || *trial.held_out_px >= kWorthwhile * *result.held_out_px)
+        !result.held_out_px || *trial.held_out_px >= kMaxHeldOutRatio * *result.held_out_px)
       continue;
     non_monotonic = fmt::format(
         "{} explains the views better ({:.3f} px), but was not taken, since it is non-monotonic "

@@ -106,7 +106,7 @@ struct ViewGuide::Impl {
     const auto information = view_information(solution->camera, solution->board, corners);
     if (!information) return 0.0;
     const Eigen::MatrixXd& P = solution->covariance;
-    const double noise = solution->noise_px * solution->noise_px * solution->clustering;
+    const double noise = solution->noise_px * solution->noise_px * solution->covariance_inflation;
     // (P^-1 + I / noise)^-1 without inverting P, whose entries differ by orders of magnitude.
     const Eigen::MatrixXd one = Eigen::MatrixXd::Identity(P.rows(), P.cols());
     const Eigen::MatrixXd after = (one + P * *information / noise).partialPivLu().solve(P);

@@ -55,7 +55,7 @@ Bundle::Bundle(int width, int height, std::span<const Eigen::Vector3d> board,
   for (const CalibrationView& view : views) {
     outlier_.push_back(view.outlier.empty() ? std::vector<bool>(view.corners.size(), false)
                                             : view.outlier);
-    shifts_.push_back(std::ranges::any_of(
+    has_edge_shift_.push_back(std::ranges::any_of(
         view.corners, [](const TargetCorner& corner) { return !corner.spread.isZero(); }));
   }
 }
@@ -96,7 +96,7 @@ bool Bundle::solve(int free_coefficients, bool square_pixels, bool move_centre, 
   for (std::size_t v = 0; v < views_.size(); ++v) {
     problem.AddParameterBlock(poses[v].data(), kViewSize);
     ordering->AddElementToGroup(poses[v].data(), 0);
-    if (!shifts_[v])
+    if (!has_edge_shift_[v])
       problem.SetManifold(poses[v].data(), new ceres::SubsetManifold(kViewSize, {6}));
     else
       problem.AddResidualBlock(edge_shift_prior().release(),
@@ -111,7 +111,7 @@ bool Bundle::solve(int free_coefficients, bool square_pixels, bool move_centre, 
     }
   }
   if (options_.model == DistortionModel::rational) {
-    problem.AddResidualBlock(rational_prior(image_end()).release(),
+    problem.AddResidualBlock(rational_prior(max_image_radius()).release(),
                              new ceres::ScaledLoss(nullptr, noise * noise, ceres::TAKE_OWNERSHIP),
                              lens.data());
   }
@@ -150,7 +150,7 @@ std::optional<Eigen::Vector2d> Bundle::residual(std::size_t v, std::size_t c) {
   return r;
 }
 
-double Bundle::distance_at(double fraction) {
+double Bundle::residual_quantile(double fraction) {
   std::vector<double> distances;
   for (std::size_t v = 0; v < views_.size(); ++v) {
     for (std::size_t c = 0; c < views_[v].corners.size(); ++c) {
@@ -241,7 +241,7 @@ Result<CalibrationSolution> Bundle::finish() {
       }
       sum_view += r.squaredNorm();
       ++used;
-      if (!shifts_[v]) J_view.col(6).setZero();
+      if (!has_edge_shift_[v]) J_view.col(6).setZero();
       const auto J_l = J_lens.leftCols(n_lens);
       S.topLeftCorner(n_lens, n_lens) += J_l.transpose() * J_l;
       B.topRows(n_lens) += J_l.transpose() * J_view;
@@ -258,7 +258,7 @@ Result<CalibrationSolution> Bundle::finish() {
         g.segment(first, 3) += J_shape.transpose() * r;
       }
     }
-    C(6, 6) += shifts_[v] ? 1e-6 : 1.0;
+    C(6, 6) += has_edge_shift_[v] ? 1e-6 : 1.0;
     const Eigen::LDLT<Eigen::Matrix<double, kViewSize, kViewSize>> pose(C);
     const Eigen::MatrixXd BC = pose.solve(B.transpose()).transpose();
     S -= BC * B.transpose();
@@ -281,7 +281,7 @@ Result<CalibrationSolution> Bundle::finish() {
     Eigen::Matrix<double, kRationalPriorSize, kLensSize, Eigen::RowMajor> J;
     const double* at = lens.data();
     double* jacobian = J.data();
-    rational_prior(image_end())->Evaluate(&at, r.data(), &jacobian);
+    rational_prior(max_image_radius())->Evaluate(&at, r.data(), &jacobian);
     S.topLeftCorner(n_lens, n_lens) +=
         solution.noise_px * solution.noise_px * J.leftCols(n_lens).transpose() * J.leftCols(n_lens);
   }
@@ -326,12 +326,13 @@ Result<CalibrationSolution> Bundle::finish() {
   const Eigen::MatrixXd ratio = plain.solve(scale.head(n_lens).cwiseInverse().asDiagonal() * meat *
                                             scale.head(n_lens).cwiseInverse().asDiagonal());
   const double clustered = ratio.trace() / n_lens / (solution.noise_px * solution.noise_px);
-  solution.clustering = std::isfinite(clustered) ? std::clamp(clustered, 1.0, 100.0) : 1.0;
+  solution.covariance_inflation =
+      std::isfinite(clustered) ? std::clamp(clustered, 1.0, 100.0) : 1.0;
   // Fixed parameters have no variance.
   const int n_all = 4 + coefficient_count(options_.model);
   solution.covariance = Eigen::MatrixXd::Zero(n_all, n_all);
   solution.covariance.topLeftCorner(n_lens, n_lens) =
-      lens_inverse * (solution.noise_px * solution.noise_px * solution.clustering);
+      lens_inverse * (solution.noise_px * solution.noise_px * solution.covariance_inflation);
   return solution;
 }
 
@@ -342,7 +343,7 @@ Eigen::Vector3d Bundle::prior_sigma() const {
   return {in_plane, in_plane, out_of_plane};
 }
 
-double Bundle::image_end() const {
+double Bundle::max_image_radius() const {
   constexpr double kMaxAngle = 1.35;  // [rad] from the axis
   // Assumes an equidistant lens; for lenses with less distortion this is an upper bound.
   return std::tan(

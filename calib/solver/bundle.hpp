@@ -38,9 +38,9 @@ class Bundle {
   [[nodiscard]] std::optional<Eigen::Vector2d> residual(std::size_t v, std::size_t c);
 
   // Returns sigma per axis [px]. The median distance of a 2-D normal distribution is 1.1774 sigma.
-  [[nodiscard]] double robust_noise() { return std::max(distance_at(0.5) / 1.1774, 1e-4); }
+  [[nodiscard]] double robust_noise() { return std::max(residual_quantile(0.5) / 1.1774, 1e-4); }
   // Returns a quantile of the corners' 2-D errors [px], without known outliers.
-  [[nodiscard]] double distance_at(double fraction);
+  [[nodiscard]] double residual_quantile(double fraction);
 
   // Returns true if the set of outliers changed. Keeps 4 or more corners per view. Does not change
   // views with known outliers.
@@ -53,7 +53,7 @@ class Bundle {
  private:
   [[nodiscard]] Eigen::Vector3d prior_sigma() const;
   // Returns the approximate maximum radius of normalised coordinates in the image.
-  [[nodiscard]] double image_end() const;
+  [[nodiscard]] double max_image_radius() const;
   // Returns the number of coefficients that are not fixed at 0.
   [[nodiscard]] int coefficients() const {
     return options_.without_k3 && options_.model == DistortionModel::plumb_bob
@@ -76,7 +76,7 @@ class Bundle {
   double radius_ = 0.0;
   std::vector<ShapeParameters> shapes_;
   std::vector<std::vector<bool>> outlier_;
-  std::vector<bool> shifts_;
+  std::vector<bool> has_edge_shift_;
 };
 
 }  // namespace penumbra

@@ -11,7 +11,7 @@ namespace {
 
 constexpr double kEdgeShiftPrior = 1.0;  // [px]
 // Minimum derivative of the distorted radius, relative to an equidistant lens, and its sigma.
-constexpr double kLeastGrowth = 0.3;
+constexpr double kMinGrowth = 0.3;
 constexpr double kGrowthSigma = 0.03;
 constexpr double kNearest = 1e-6;  // [m] in front of the camera
 
@@ -71,7 +71,7 @@ struct RationalPrior {
       const T growth = n / d + 2.0 * t * (n_by_t * d - n * d_by_t) / (d * d);
       const double equidistant = 1.0 / (1.0 + t);
       residual[6 + 2 * i] = (growth - std::sqrt(equidistant)) / (0.1 + 0.5 * (1.0 - equidistant));
-      const T missing = kLeastGrowth * equidistant - growth;
+      const T missing = kMinGrowth * equidistant - growth;
       residual[7 + 2 * i] = missing > T(0.0) ? missing / (kGrowthSigma * equidistant) : T(0.0);
     }
     return true;

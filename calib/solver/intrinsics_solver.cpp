@@ -103,7 +103,7 @@ std::optional<CameraPose> best_pose(const CameraModel& camera,
   return best;
 }
 
-constexpr int kMostIterations = 100;
+constexpr int kMaxIterations = 100;
 constexpr double kBadFit_px = 0.5;     // noise of a solution that can't start another model
 constexpr double kFarthest_px = 20.0;  // maximum corner error at a nearby start
 
@@ -180,16 +180,16 @@ Result<CalibrationSolution> polish(Bundle& bundle, const SolverOptions& options,
   if (robust_first) {
     const double scale = std::max(2.0 * noise, 0.5);
     // Handles large errors far from the centre, which a start with fewer coefficients has.
-    const double far = std::min(bundle.distance_at(0.95), kFarthest_px);
-    if (far > 2.0 * scale && !bundle.solve(8, false, true, noise, far, kMostIterations))
+    const double far = std::min(bundle.residual_quantile(0.95), kFarthest_px);
+    if (far > 2.0 * scale && !bundle.solve(8, false, true, noise, far, kMaxIterations))
       return fails();
-    if (!bundle.solve(8, false, true, noise, scale, kMostIterations)) return fails();
+    if (!bundle.solve(8, false, true, noise, scale, kMaxIterations)) return fails();
     noise = bundle.robust_noise();
   }
   for (int round = 0; round < 5; ++round) {
     const bool changed = bundle.mark_outliers(std::max(kOutlierSigmas * noise, 0.02));
     if (round > 0 && !changed) break;
-    if (!bundle.solve(8, false, true, noise, 0.0, kMostIterations)) return fails();
+    if (!bundle.solve(8, false, true, noise, 0.0, kMaxIterations)) return fails();
     noise = bundle.robust_noise();
   }
   return bundle.finish();

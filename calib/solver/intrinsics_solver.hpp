@@ -64,10 +64,10 @@ struct CalibrationSolution {
   // Covariance of the lens parameters (4 + coefficient_count rows), scaled by noise_px^2 and
   // `clustering`.
   Eigen::MatrixXd covariance;
-  double noise_px = 0.0;    // sigma per axis, without outliers
-  double rms_px = 0.0;      // 2-D error, without outliers
-  double rms_all_px = 0.0;  // 2-D error, with outliers
-  double clustering = 1.0;  // covariance inflation for correlated residuals of a view
+  double noise_px = 0.0;              // sigma per axis, without outliers
+  double rms_px = 0.0;                // 2-D error, without outliers
+  double rms_all_px = 0.0;            // 2-D error, with outliers
+  double covariance_inflation = 1.0;  // covariance inflation for correlated residuals of a view
   int corners = 0;
   int outliers = 0;
 };

@@ -42,7 +42,7 @@ class Choice {
         views_(views),
         choice_(choice),
         trials_(trials),
-        most_steps_(max_steps) {}
+        max_steps_(max_steps) {}
 
   // Solves with every lens, then uses the outliers of the lens that explains the most corners for
   // all. A lens with too few parameters would reject corners far from the centre.
@@ -60,7 +60,7 @@ class Choice {
     trial.model = lens.model;
     trial.without_k3 = lens.without_k3;
     choice_.tell({fmt::format("{}, {} board", lens_name(trial), to_string(shape)), steps_,
-                  std::max(steps_, most_steps_)});
+                  std::max(steps_, max_steps_)});
   }
 
   std::optional<ChosenLens> best;
@@ -86,7 +86,7 @@ class Choice {
   const LensChoice& choice_;
   std::vector<ModelTrial>& trials_;
   int steps_ = 0;
-  int most_steps_ = 0;
+  int max_steps_ = 0;
   struct Solved {
     Lens lens;
     BoardShape shape;
@@ -175,7 +175,7 @@ void Choice::consider(const Lens& lens, BoardShape shape) {
                      false, solved->camera});
   held_out_.push_back(held_out);
   const bool other = best && best->solution.camera.parameters().model != lens.model;
-  const double worthwhile = other ? kOtherKind : kWorthwhile;
+  const double worthwhile = other ? kOtherKind : kMaxHeldOutRatio;
   // A lens without held-out errors loses against one with them.
   if (fold || (best && !(held_out && (!best_held_out_ ||
                                       clearly_better(*held_out, *best_held_out_, worthwhile)))))
@@ -189,8 +189,8 @@ void Choice::mark_rivals() {
   for (std::size_t t = 0; t < trials_.size(); ++t) {
     if (t == best->trial || !held_out_[t]) continue;
     const double ratio = rms_of(*held_out_[t]) / rms_of(*best_held_out_);
-    trials_[t].rival =
-        kWorthwhile * ratio <= 1.0 && standard_errors(*best_held_out_, *held_out_[t]) <= kSurely;
+    trials_[t].rival = kMaxHeldOutRatio * ratio <= 1.0 &&
+                       standard_errors(*best_held_out_, *held_out_[t]) <= kSurely;
   }
 }
 

@@ -33,7 +33,7 @@ struct ModelTrial {
     const CameraModel& camera);
 
 // Additional parameters are worthwhile if the held-out error falls to this fraction or less.
-inline constexpr double kWorthwhile = 0.97;
+inline constexpr double kMaxHeldOutRatio = 0.97;
 
 // Progress for users. choose_lens() may end before the step `most`.
 struct SolvingStep {

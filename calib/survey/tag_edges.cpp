@@ -13,9 +13,9 @@ namespace {
 
 constexpr double kNarrowestCell = 2.4;  // [px]
 constexpr double kShiftPrior = 0.5;     // [px], 1 sigma
-constexpr double kMostNoise = 0.6;      // [px] per sample; more means another pattern
+constexpr double kMaxNoise_px = 0.6;    // [px] per sample; more means another pattern
 constexpr int kUnknowns = 10;           // a homography's 8, and 2 shifts
-constexpr std::size_t kFewestSamples = 40;
+constexpr std::size_t kMinSamples = 40;
 
 using Row = Eigen::Matrix<double, kUnknowns, 1>;
 using Normal = Eigen::Matrix<double, kUnknowns, kUnknowns>;
@@ -67,7 +67,7 @@ class TagFit {
     for (const EdgeRun& run : pattern.runs()) {
       if (!add_run(run)) return false;
     }
-    return samples_.size() >= kFewestSamples;
+    return samples_.size() >= kMinSamples;
   }
 
   bool solve(ImageView luma) {
@@ -93,7 +93,7 @@ class TagFit {
         sum += weight * error * error;
         weights += weight;
       }
-      if (found < kFewestSamples || 10 * found < 6 * samples_.size()) return false;
+      if (found < kMinSamples || 10 * found < 6 * samples_.size()) return false;
       noise_ = std::clamp(std::sqrt(sum / std::max(weights - kUnknowns, 1.0)), 0.02, 2.0);
       for (int i = 8; i < kUnknowns; ++i) A(i, i) += std::pow(noise_ / kShiftPrior, 2);
       const Eigen::LDLT<Normal> factor(A);
@@ -101,7 +101,7 @@ class TagFit {
       if (factor.info() != Eigen::Success || !x_.allFinite()) return false;
       if (round == kRounds - 1) covariance_ = noise_ * noise_ * factor.solve(Normal::Identity());
     }
-    return noise_ < kMostNoise && covariance_.allFinite();
+    return noise_ < kMaxNoise_px && covariance_.allFinite();
   }
 
   [[nodiscard]] MeasuredTag result() const {

@@ -24,10 +24,10 @@ constexpr double kGraphShiftPrior = 0.5;  // [px]
 constexpr double kDetectionNoise = 0.1;   // [px] per coordinate of a detected corner
 constexpr double kMeasuredFloor = 0.01;   // [px] sigma of lens model errors
 // Errors of a tag's corners that are the same in all frames (docs/calibration.md#survey).
-constexpr double kCommonError = 0.02;      // [px] minimum
-constexpr double kCommonShare = 0.3;       // fraction of the corners' RMS 2-D error
-constexpr std::size_t kFewestFrames = 2;   // minimum number of frames that show a tag
-constexpr std::size_t kMostClusters = 20;  // of neighbouring frames
+constexpr double kCommonError = 0.02;     // [px] minimum
+constexpr double kCommonShare = 0.3;      // fraction of the corners' RMS 2-D error
+constexpr std::size_t kMinFrames = 2;     // minimum number of frames that show a tag
+constexpr std::size_t kMaxClusters = 20;  // of neighbouring frames
 constexpr int kTagSize = 6;
 
 // Whitened residuals of a tag's four corners in one frame.
@@ -229,8 +229,9 @@ void TagGraph::pose_cameras() {
   }
 }
 
-std::vector<TagGraph::Seen> TagGraph::seen_of(int id, std::size_t first, std::size_t last) const {
-  std::vector<Seen> seen;
+std::vector<TagGraph::PosedSighting> TagGraph::sightings_of(int id, std::size_t first,
+                                                            std::size_t last) const {
+  std::vector<PosedSighting> seen;
   for (std::size_t f = first; f < std::min(last, frames.size()); ++f) {
     if (f >= cameras.size() || !cameras[f]) continue;
     for (const TagSighting& sighting : frames[f]) {
@@ -240,7 +241,7 @@ std::vector<TagGraph::Seen> TagGraph::seen_of(int id, std::size_t first, std::si
   return seen;
 }
 
-void TagGraph::measure(TagPlacement& fit, const std::vector<Seen>& seen,
+void TagGraph::measure(TagPlacement& fit, const std::vector<PosedSighting>& seen,
                        const CameraModel& camera) const {
   fit.errors_px.clear();
   for (const auto& [frame, sighting] : seen) {
@@ -257,7 +258,7 @@ void TagGraph::measure(TagPlacement& fit, const std::vector<Seen>& seen,
 }
 
 void TagGraph::measure(TagPlacement& fit, int id) const {
-  if (const Result<CameraModel> lens = this->camera()) measure(fit, seen_of(id), *lens);
+  if (const Result<CameraModel> lens = this->camera()) measure(fit, sightings_of(id), *lens);
 }
 
 std::optional<TagPlacement> TagGraph::place(int id, double scale, std::size_t first,
@@ -265,8 +266,8 @@ std::optional<TagPlacement> TagGraph::place(int id, double scale, std::size_t fi
   const Result<CameraModel> lens = this->camera();
   if (!lens) return std::nullopt;
   const CameraModel& camera = *lens;
-  const std::vector<Seen> seen = seen_of(id, first, last);
-  if (seen.size() < kFewestFrames) return std::nullopt;
+  const std::vector<PosedSighting> seen = sightings_of(id, first, last);
+  if (seen.size() < kMinFrames) return std::nullopt;
   const auto corners = tag_corners(scale * seen.front().second->size_m);
   std::optional<TagPlacement> best;
   double min_error_px = std::numeric_limits<double>::infinity();
@@ -306,7 +307,7 @@ std::optional<TagPlacement> TagGraph::fit(int id, bool free_size, std::size_t fi
     if (here && (!best || here->mean_px() < best->mean_px())) best = std::move(here);
   }
   if (!best) return std::nullopt;
-  const std::vector<Seen> seen = seen_of(id, first, last);
+  const std::vector<PosedSighting> seen = sightings_of(id, first, last);
   Pose6 pose = packed(best->T_anchor_tag);
   double log_scale = std::log(best->scale);
   ceres::Problem problem;
@@ -507,7 +508,7 @@ Result<GraphCovariance> TagGraph::covariance() {
   }
   // Errors of neighbouring frames are correlated (light, blur, lens model). Covariance inflation:
   // scatter of the scores summed over clusters of frames, relative to that of independent errors.
-  const std::size_t clusters = std::min(kMostClusters, scores.size());
+  const std::size_t clusters = std::min(kMaxClusters, scores.size());
   std::vector<Eigen::VectorXd> stretches(clusters, Eigen::VectorXd::Zero(n));
   for (std::size_t k = 0; k < scores.size(); ++k)
     stretches[k * clusters / scores.size()] += scores[k];
@@ -515,8 +516,8 @@ Result<GraphCovariance> TagGraph::covariance() {
   for (const Eigen::VectorXd& stretch : stretches) scatter += stretch.dot(inverse * stretch);
   scatter *= static_cast<double>(clusters) / std::max(static_cast<double>(clusters) - 1.0, 1.0);
   const double ratio = scatter / (static_cast<double>(n) * noise * noise);
-  result.clustering = std::isfinite(ratio) ? std::clamp(ratio, 1.0, 1000.0) : 1.0;
-  Eigen::MatrixXd covariance = inverse * noise * noise * result.clustering;
+  result.covariance_inflation = std::isfinite(ratio) ? std::clamp(ratio, 1.0, 1000.0) : 1.0;
+  Eigen::MatrixXd covariance = inverse * noise * noise * result.covariance_inflation;
   const double common_px = std::max(kCommonError, kCommonShare * std::sqrt(squares_px / corners));
   for (const auto& [id, follows] : common) {
     const Eigen::MatrixXd moved = inverse * follows * common_px;

@@ -44,7 +44,8 @@ struct GraphCovariance {
   Eigen::MatrixXd lens;  // empty for a fixed lens
   std::vector<int> ids;  // tag ids; each has six rows in `tags`
   Eigen::MatrixXd tags;
-  double clustering = 1.0;  // covariance inflation for correlated errors of neighbouring frames
+  double covariance_inflation =
+      1.0;  // covariance inflation for correlated errors of neighbouring frames
 };
 
 // Pose and size of a tag, estimated from all posed frames that show it.
@@ -78,9 +79,9 @@ class TagGraph {
   // Estimates camera poses from placed tags; skips frames with two poses that fit almost equally.
   void pose_cameras();
   // A posed frame and its sighting of the tag.
-  using Seen = std::pair<std::size_t, const TagSighting*>;
-  [[nodiscard]] std::vector<Seen> seen_of(int id, std::size_t first = 0,
-                                          std::size_t last = kAllFrames) const;
+  using PosedSighting = std::pair<std::size_t, const TagSighting*>;
+  [[nodiscard]] std::vector<PosedSighting> sightings_of(int id, std::size_t first = 0,
+                                                        std::size_t last = kAllFrames) const;
   // Estimates a pose from each posed frame in [first, last); returns the one with the least mean
   // error over these frames, or nullopt for fewer than two. `scale`: size / nominal size.
   [[nodiscard]] std::optional<TagPlacement> place(int id, double scale = 1.0, std::size_t first = 0,
@@ -97,7 +98,8 @@ class TagGraph {
   [[nodiscard]] Result<GraphCovariance> covariance();
 
  private:
-  void measure(TagPlacement& fit, const std::vector<Seen>& seen, const CameraModel& camera) const;
+  void measure(TagPlacement& fit, const std::vector<PosedSighting>& seen,
+               const CameraModel& camera) const;
   [[nodiscard]] std::vector<PointObservation> placed_in(std::size_t frame) const;
   template <class Visit>
   void for_each(const Visit& visit);

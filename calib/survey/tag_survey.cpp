@@ -21,12 +21,12 @@
 namespace penumbra {
 namespace {
 
-// Camera response and blur shift a readable tag's edges by less than kMostEdgeShift. A larger shift
-// means a model error (board warp, lens) that scale and shift have absorbed.
-constexpr double kMostEdgeShift = 0.5;    // [px]
+// Camera response and blur shift a readable tag's edges by less than kMaxEdgeShift_px. A larger
+// shift means a model error (board warp, lens) that scale and shift have absorbed.
+constexpr double kMaxEdgeShift_px = 0.5;  // [px]
 constexpr double kFlat = radians(6.0);    // maximum angle between tags of one table
 constexpr double kHigh = 0.03;            // maximum height over the plane / tag size
-constexpr double kMostLensSpread = 0.02;  // maximum relative sigma of the focal length
+constexpr double kMaxLensSigma = 0.02;    // maximum relative sigma of the focal length
 
 double size_of(const SurveyOptions& options, int id) {
   const auto named = options.sizes_m.find(id);
@@ -277,7 +277,7 @@ Result<AdjustedGraph> settle(const CameraModel& camera, const SurveyInput& input
     return true;
   };
   bool settled = adjust();
-  if (settled && std::abs(graph.shift) > kMostEdgeShift) {
+  if (settled && std::abs(graph.shift) > kMaxEdgeShift_px) {
     graph = chained;
     settled = adjust();
   }
@@ -312,7 +312,7 @@ struct Movement {
 // `judge` must have all sightings, and cameras that hardly depend on this tag.
 std::optional<Movement> movement_of(const TagGraph& judge, int id, double size_m) {
   constexpr std::size_t kMinSeen = 3;  // minimum sightings before and after
-  const auto seen = judge.seen_of(id);
+  const auto seen = judge.sightings_of(id);
   if (seen.size() < 2 * kMinSeen) return std::nullopt;
   std::optional<Movement> best;
   for (const double share : {0.25, 0.5, 0.75}) {
@@ -551,14 +551,14 @@ Result<TagSurvey> survey_tags(const CameraModel& camera, std::span<const SurveyF
   result.lens_covariance = covariance.lens;
   if (options.refine_camera) {
     const double spread = std::sqrt(covariance.lens(0, 0)) / result.camera.parameters().fx;
-    if (!(spread < kMostLensSpread)) {
+    if (!(spread < kMaxLensSigma)) {
       return fail(
           "the sweep determines the focal length only to {:.1f} %; look at the tags from lower and "
           "from more sides, or leave the camera as it is",
           spread * 100.0);
     }
   }
-  result.clustering = covariance.clustering;
+  result.covariance_inflation = covariance.covariance_inflation;
   result.edge_shift_px = graph.shift;
   result.cameras.resize(frames.size());
   for (std::size_t f = 0; f < graph.frames.size(); ++f) {
@@ -572,7 +572,7 @@ Result<TagSurvey> survey_tags(const CameraModel& camera, std::span<const SurveyF
     poses[id] = unpacked<frame::Table, frame::Tag>(pose);
     SurveyedTag& tag = result.tags.emplace_back();
     tag.tag = {id, options.family, size_of(options, id), poses[id]};
-    tag.frames = static_cast<int>(graph.seen_of(id).size());
+    tag.frames = static_cast<int>(graph.sightings_of(id).size());
   }
   transform_to_plane(result, poses, covariance, tags_on_table(poses, options), options.anchor);
   explain_left_out(result, agreement, input, options.anchor);

@@ -61,7 +61,8 @@ struct TagSurvey {
   std::vector<std::optional<CameraPose>> cameras;
   double rms_px = 0.0;         // 2-D distance
   double edge_shift_px = 0.0;  // SurveyOptions::edge_shift
-  double clustering = 1.0;     // covariance inflation for correlated errors of neighbouring frames
+  double covariance_inflation =
+      1.0;  // covariance inflation for correlated errors of neighbouring frames
   // Number of tags in the plane, RMS height of their centres, and the plane's tilt relative to the
   // anchor.
   int tags_on_plane = 0;

@@ -12,7 +12,7 @@ namespace {
 
 constexpr double kSmallest = 0.0005;  // [m] of a tag or a square
 constexpr double kLargest = 2.0;      // [m]
-constexpr int kMostAcross = 100;
+constexpr int kMaxPerSide = 100;
 
 Result<void> check_length(double metres, std::string_view what) {
   if (metres >= kSmallest && metres <= kLargest) return {};
@@ -23,8 +23,8 @@ Result<void> check_length(double metres, std::string_view what) {
 }
 
 Result<void> check_count(int count, std::string_view what) {
-  if (count >= 2 && count <= kMostAcross) return {};
-  return fail("{} is {}; give 2 to {}", what, count, kMostAcross);
+  if (count >= 2 && count <= kMaxPerSide) return {};
+  return fail("{} is {}; give 2 to {}", what, count, kMaxPerSide);
 }
 
 void add_grid(Target& target) {
@@ -198,9 +198,9 @@ Result<Target> charuco_target(const CharucoBoard& board) {
 }
 
 Result<TagMap> tag_map_of(const AprilGrid& grid) {
-  if (grid.columns < 1 || grid.rows < 1 || grid.columns > kMostAcross || grid.rows > kMostAcross) {
+  if (grid.columns < 1 || grid.rows < 1 || grid.columns > kMaxPerSide || grid.rows > kMaxPerSide) {
     return fail("an aprilgrid of {} x {} tags; give 1 to {} of each", grid.columns, grid.rows,
-                kMostAcross);
+                kMaxPerSide);
   }
   PENUMBRA_TRY_VOID(check_length(grid.tag_size_m, "tagSize"));
   if (!(grid.spacing > 0.0 && grid.spacing <= 10.0)) {

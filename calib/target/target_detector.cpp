@@ -14,8 +14,8 @@
 namespace penumbra {
 namespace {
 
-constexpr int kFewestCorners = 8;
-constexpr double kLeastContrast = 20.0;  // [grey levels]
+constexpr int kMinCorners = 8;
+constexpr double kMinContrast = 20.0;  // [grey levels]
 
 // OpenCV has no read-only view; do not write through this one.
 cv::Mat as_mat(ImageView luma) {
@@ -47,7 +47,7 @@ bool is_saddle(ImageView luma, const Eigen::Vector2d& centre, double radius_px) 
     lowest = std::min(lowest, *value);
     highest = std::max(highest, *value);
   }
-  if (highest - lowest < kLeastContrast) return false;
+  if (highest - lowest < kMinContrast) return false;
   const double middle = 0.5 * (lowest + highest);
   int changes = 0;
   for (std::size_t i = 0; i < kSamples; ++i) {
@@ -93,7 +93,7 @@ std::optional<double> blur_across(ImageView luma, const Eigen::Vector2d& a,
   double slope = 0.0;
   for (std::size_t i = 4; i < profile.size(); ++i)
     slope = std::max(slope, std::abs(profile[i] - profile[i - 4]) / (4.0 * kStep));
-  if (*highest - *lowest < kLeastContrast || slope <= 0.0) return std::nullopt;
+  if (*highest - *lowest < kMinContrast || slope <= 0.0) return std::nullopt;
   return (*highest - *lowest) / (slope * std::sqrt(2.0 * M_PI));
 }
 
@@ -130,11 +130,11 @@ double corner_distance(std::span<const TargetCorner> a, std::span<const TargetCo
 }
 
 std::optional<std::array<int, 2>> chessboard_size(ImageView luma) {
-  constexpr int kLeast = 3;
+  constexpr int kMinSize = 3;
   std::vector<cv::Point2f> corners;
   cv::Mat found;  // one element per corner
   try {
-    if (!cv::findChessboardCornersSB(as_mat(luma), {kLeast, kLeast}, corners,
+    if (!cv::findChessboardCornersSB(as_mat(luma), {kMinSize, kMinSize}, corners,
                                      cv::CALIB_CB_NORMALIZE_IMAGE | cv::CALIB_CB_LARGER, found)) {
       return std::nullopt;
     }
@@ -181,8 +181,7 @@ bool TargetDetector::has_squares(ImageView luma, const TargetView& view) const {
       const auto at_square = sample_luma(luma, centre + (1.0 + spacing_) * (corner - centre));
       const auto at_border = sample_luma(luma, centre + (1.0 - 1.0 / cells_) * side);
       const auto at_paper = sample_luma(luma, centre + (1.0 + spacing_) * side);
-      if (!at_square || !at_border || !at_paper || *at_paper - *at_border < kLeastContrast)
-        continue;
+      if (!at_square || !at_border || !at_paper || *at_paper - *at_border < kMinContrast) continue;
       ++(*at_square < 0.5 * (*at_paper + *at_border) ? black : white);
     }
   }
@@ -231,7 +230,7 @@ TargetView TargetDetector::detect_tags(ImageView luma) {
   if (two_cell_tags_ && 4 * seen.size() < target_.tags->tags().size()) {
     view.two_cell_tags = static_cast<int>(seen_tags(luma, *two_cell_tags_).size());
   }
-  const std::size_t needed = std::min<std::size_t>(kFewestCorners, target_.points.size());
+  const std::size_t needed = std::min<std::size_t>(kMinCorners, target_.points.size());
   if (view.corners.size() < needed) {
     view.problem = seen.empty() ? "no tag of the target is seen"
                    : repeated > 0
@@ -385,7 +384,7 @@ TargetView TargetDetector::detect_charuco(ImageView luma) {
     if (found) view.corners.push_back({static_cast<int>(point), *found});
   }
   view.markers = marker_share(view, seen);
-  if (view.corners.size() < kFewestCorners) {
+  if (view.corners.size() < kMinCorners) {
     view.problem = seen.empty() ? "no tag of the board is seen"
                                 : fmt::format("only {} of {} corners are seen", view.corners.size(),
                                               target_.points.size());
@@ -447,7 +446,7 @@ TargetView TargetDetector::refine(ImageView luma, const TargetView& view, const 
       set_spreads(corners);
       refined.corners.insert(refined.corners.end(), corners.begin(), corners.end());
     }
-    return refined.corners.size() >= std::min<std::size_t>(kFewestCorners, view.corners.size())
+    return refined.corners.size() >= std::min<std::size_t>(kMinCorners, view.corners.size())
                ? refined
                : view;
   }

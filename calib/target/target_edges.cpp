@@ -8,7 +8,7 @@
 namespace penumbra {
 namespace {
 
-constexpr double kLeastNormalsDet = 0.2;  // minimum for two edges to define a corner
+constexpr double kMinNormalsDet = 0.2;  // minimum for two edges to define a corner
 
 // Offsets of a straight board edge from its predicted curve, along the normals [px].
 struct FollowedEdge {
@@ -109,7 +109,7 @@ std::array<Eigen::Vector2d, 4> edge_spreads(const std::array<Eigen::Vector2d, 4>
     Eigen::Matrix2d normals;
     normals.row(0) = outward(corners[(i + 3) % 4], corners[i]).transpose();
     normals.row(1) = outward(corners[i], corners[(i + 1) % 4]).transpose();
-    spreads[i] = std::abs(normals.determinant()) < kLeastNormalsDet
+    spreads[i] = std::abs(normals.determinant()) < kMinNormalsDet
                      ? Eigen::Vector2d(Eigen::Vector2d::Zero())
                      : Eigen::Vector2d(normals.inverse() * Eigen::Vector2d::Ones());
   }
@@ -177,7 +177,7 @@ std::optional<std::array<Eigen::Vector2d, 4>> follow_tag(
     Eigen::Matrix2d normals;
     normals.row(0) = before.normal_end.transpose();
     normals.row(1) = after.normal_begin.transpose();
-    if (std::abs(normals.determinant()) < kLeastNormalsDet) return std::nullopt;
+    if (std::abs(normals.determinant()) < kMinNormalsDet) return std::nullopt;
     found[i] = predicted[i] + normals.inverse() * Eigen::Vector2d(before.at_end, after.at_begin);
   }
   return found;
@@ -205,7 +205,7 @@ std::optional<Eigen::Vector2d> follow_crossing(ImageView luma, const CameraModel
     normals.row(axis) = edge->normal_middle.transpose();
     offsets[axis] = edge->at_middle;
   }
-  if (std::abs(normals.determinant()) < kLeastNormalsDet) return std::nullopt;
+  if (std::abs(normals.determinant()) < kMinNormalsDet) return std::nullopt;
   const Eigen::Vector2d moved = normals.inverse() * offsets;
   if (!(moved.norm() < 5.0)) return std::nullopt;
   return *predicted + moved;

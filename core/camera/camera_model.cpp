@@ -99,8 +99,8 @@ Result<CameraModel> CameraModel::make(const CameraParameters& parameters) {
     if (!(row_s >= 0.0 && row_s < 1.0)) {
       return fail("rolling_shutter_row_s is {}; it must be the seconds from row to row", row_s);
     }
-    constexpr double kLongestReadout_s = 0.2;  // slow cameras need 1/30 s or more
-    if (row_s * p.height > kLongestReadout_s) {
+    constexpr double kMaxReadout_s = 0.2;  // slow cameras need 1/30 s or more
+    if (row_s * p.height > kMaxReadout_s) {
       return fail(
           "rolling_shutter_row_s is {}: {} rows then take {:.3g} s, longer than any camera; it "
           "must be the seconds from one row to the next",

@@ -13,7 +13,7 @@ namespace {
 
 constexpr std::int64_t kSameTime_ns = 1'000;  // covers rounding to microseconds
 constexpr std::int64_t kNearTime_ns = 1'000'000;
-constexpr std::int64_t kMostBeyond_ns = 10'000'000;  // maximum extrapolation beyond the ends
+constexpr std::int64_t kMaxExtrapolation_ns = 10'000'000;  // maximum extrapolation beyond the ends
 
 // Interpolates between two poses, or extrapolates beyond them.
 CameraPose interpolated(const StampedPose& before, const StampedPose& after,
@@ -34,8 +34,8 @@ constexpr std::array<TimeUnit, 3> kFinerUnits = {
     {{"milliseconds", 1e3}, {"microseconds", 1e6}, {"nanoseconds", 1e9}}};
 
 // Range of plausible intervals between two poses of a video.
-constexpr double kLongestInterval_s = 8.0;
-constexpr double kShortestInterval_s = 1e-5;
+constexpr double kMaxInterval_s = 8.0;
+constexpr double kMinInterval_s = 1e-5;
 
 // Returns the median interval [s], or nullopt for fewer than three poses.
 std::optional<double> median_interval_s(const Trajectory& trajectory) {
@@ -47,7 +47,7 @@ std::optional<double> median_interval_s(const Trajectory& trajectory) {
 // Returns a warning about the unit of time if the poses are 8 s or more apart.
 std::optional<std::string> long_interval_text(const NamedTrajectory& named) {
   const std::optional<double> interval_s = median_interval_s(named.trajectory);
-  if (!interval_s || *interval_s < kLongestInterval_s) return std::nullopt;
+  if (!interval_s || *interval_s < kMaxInterval_s) return std::nullopt;
   // Guesses the unit that corresponds to a video of 0.2 to 200 frames per second.
   const TimeUnit& unit = *interval_s < 5e3   ? kFinerUnits[0]
                          : *interval_s < 5e6 ? kFinerUnits[1]
@@ -60,7 +60,7 @@ std::optional<std::string> long_interval_text(const NamedTrajectory& named) {
 
 Result<void> check_not_too_near(const NamedTrajectory& named) {
   const std::optional<double> interval_s = median_interval_s(named.trajectory);
-  if (!interval_s || *interval_s >= kShortestInterval_s) return {};
+  if (!interval_s || *interval_s >= kMinInterval_s) return {};
   return fail(
       "{}: timestamps are {:.3g} s apart (median), too near for a video; give them in seconds",
       named.name, *interval_s);
@@ -126,7 +126,7 @@ tl::expected<CameraPose, NotEvaluated> pose_at(const Trajectory& trajectory,
     const std::uint64_t beyond = std::min(distance_ns(timestamp_ns, before.timestamp_ns),
                                           distance_ns(timestamp_ns, after->timestamp_ns));
     const bool just_beyond =
-        beyond <= std::min(gap / 2, static_cast<std::uint64_t>(kMostBeyond_ns));
+        beyond <= std::min(gap / 2, static_cast<std::uint64_t>(kMaxExtrapolation_ns));
     if (gap <= static_cast<std::uint64_t>(max_gap_ns) && (inside || just_beyond))
       return interpolated(before, *after, timestamp_ns);
   }

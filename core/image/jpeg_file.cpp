@@ -24,8 +24,8 @@ namespace penumbra {
 namespace {
 
 constexpr std::size_t kCheapPixels = 16'000'000;  // larger images must have enough bytes
-constexpr int kMostScans = 500;  // limits the time for a small, malicious progressive file
-constexpr int kMostComponents = 3;
+constexpr int kMaxScans = 500;  // limits the time for a small, malicious progressive file
+constexpr int kMaxComponents = 3;
 
 // Wraps libjpeg. Fails on damage; libjpeg would only warn and output grey or shifted blocks. Errors
 // of libjpeg return by longjmp, so code called by guarded() must not have objects with a
@@ -49,7 +49,7 @@ class JpegDecoder {
     source_.resync_to_restart = jpeg_resync_to_restart;
     progress_.progress_monitor = [](j_common_ptr info) {
       JpegDecoder& decoder = self(info);
-      if (decoder.info_.input_scan_number > kMostScans) decoder.leave("more than 500 scans");
+      if (decoder.info_.input_scan_number > kMaxScans) decoder.leave("more than 500 scans");
     };
   }
   JpegDecoder(const JpegDecoder&) = delete;
@@ -155,8 +155,8 @@ class JpegDecoder {
 
   void read_raw_rows(const FrameBuffer& buffer) {
     constexpr std::size_t kMaxRows = std::size_t{MAX_SAMP_FACTOR} * DCTSIZE;
-    std::array<std::array<JSAMPROW, kMaxRows>, kMostComponents> rows{};
-    std::array<JSAMPARRAY, kMostComponents> planes{};
+    std::array<std::array<JSAMPROW, kMaxRows>, kMaxComponents> rows{};
+    std::array<JSAMPARRAY, kMaxComponents> planes{};
     const auto lines = static_cast<JDIMENSION>(info_.max_v_samp_factor * DCTSIZE);
     while (info_.output_scanline < info_.output_height) {
       const std::size_t at = info_.output_scanline / lines;
@@ -295,7 +295,7 @@ Result<Frame> decode_converted(JpegDecoder& decoder, const JpegSource& source) {
   const int width = static_cast<int>(decoder.info().image_width);
   const int height = static_cast<int>(decoder.info().image_height);
   FrameBuffer buffer = allocate_frame(PixelFormat::yuv444p, width, height);
-  std::array<int, kMostComponents> strides{};
+  std::array<int, kMaxComponents> strides{};
   for (std::size_t i = 0; i < strides.size(); ++i) {
     strides[i] = static_cast<int>(buffer.frame.planes[i].stride);
   }

@@ -13,8 +13,8 @@
 namespace penumbra {
 namespace {
 
-constexpr int kFewestBits = 8;
-constexpr int kMostBits = 14;  // no camera uses 15
+constexpr int kMinBits = 8;
+constexpr int kMaxBits = 14;  // no camera uses 15
 
 // Reads only the first bytes of the file.
 bool is_sixteen_bit_png(const std::filesystem::path& file) {
@@ -53,16 +53,16 @@ SampleDepth sample_depth_of(std::span<const std::filesystem::path> images) {
     if (const auto& bits = (*samples)->significant_bits) {
       by_chunk = std::max(by_chunk.value_or(0), *bits);
     }
-    if (depth.brightest >= 1 << kMostBits) return depth;
+    if (depth.brightest >= 1 << kMaxBits) return depth;
   }
   if (depth.brightest == 0) return depth;  // all images are black, or none has 16 bits
-  if (by_chunk && *by_chunk >= kFewestBits) {
+  if (by_chunk && *by_chunk >= kMinBits) {
     depth.by_chunk = true;
-    if (depth.brightest < 1 << *by_chunk) depth.bits = *by_chunk > kMostBits ? 16 : *by_chunk;
+    if (depth.brightest < 1 << *by_chunk) depth.bits = *by_chunk > kMaxBits ? 16 : *by_chunk;
     return depth;
   }
   const auto needed = static_cast<int>(std::bit_width(static_cast<unsigned>(depth.brightest)));
-  depth.bits = std::max(needed, kFewestBits);
+  depth.bits = std::max(needed, kMinBits);
   return depth;
 }
 

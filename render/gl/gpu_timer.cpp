@@ -24,18 +24,18 @@ std::optional<GpuTimer> GpuTimer::create(GlApi api) {
 }
 
 void GpuTimer::begin() {
-  PENUMBRA_ASSERT(!measures_);
-  measures_ = count_ < kMost;
-  if (!measures_) return;
-  Measured& measured = ring_[(first_ + count_) % kMost];
+  PENUMBRA_ASSERT(!measuring_);
+  measuring_ = count_ < kMaxPending;
+  if (!measuring_) return;
+  Measured& measured = ring_[(first_ + count_) % kMaxPending];
   measured.dropped = false;
   glBeginQuery(GL_TIME_ELAPSED, measured.query.id());
 }
 
 void GpuTimer::end() {
-  if (!measures_) return;
+  if (!measuring_) return;
   glEndQuery(GL_TIME_ELAPSED);
-  measures_ = false;
+  measuring_ = false;
   ++count_;
 }
 
@@ -57,7 +57,7 @@ void GpuTimer::take(std::vector<double>& times_ms) {
     glGetQueryObjectuiv(measured.query.id(), GL_QUERY_RESULT_AVAILABLE, &available);
     if (available == GL_FALSE) break;
     if (!measured.dropped) times_ms.push_back(result_ms(measured));
-    first_ = (first_ + 1) % kMost;
+    first_ = (first_ + 1) % kMaxPending;
     --count_;
   }
   if (api_ == GlApi::gl33) return;
@@ -69,7 +69,7 @@ void GpuTimer::take(std::vector<double>& times_ms) {
 }
 
 void GpuTimer::drop_pending() {
-  for (std::size_t i = 0; i < count_; ++i) ring_[(first_ + i) % kMost].dropped = true;
+  for (std::size_t i = 0; i < count_; ++i) ring_[(first_ + i) % kMaxPending].dropped = true;
 }
 
 }  // namespace penumbra

@@ -14,7 +14,7 @@ namespace penumbra {
 class GpuTimer {
  public:
   // Maximum number of pending results; a GPU is two or three frames behind.
-  static constexpr std::size_t kMost = 8;
+  static constexpr std::size_t kMaxPending = 8;
 
   // The context must be current, now and at every later call. Returns nullopt if the driver has no
   // timer: OpenGL 3.3 has one, OpenGL ES needs GL_EXT_disjoint_timer_query.
@@ -38,9 +38,9 @@ class GpuTimer {
   [[nodiscard]] double result_ms(const Measured& measured) const;
 
   GlApi api_;
-  std::array<Measured, kMost> ring_;
+  std::array<Measured, kMaxPending> ring_;
   std::size_t first_ = 0, count_ = 0;
-  bool measures_ = false;
+  bool measuring_ = false;
 };
 
 }  // namespace penumbra

@@ -8,7 +8,7 @@ namespace penumbra {
 namespace {
 
 // OpenGL 3.3 and OpenGL ES 3.0 guarantee 4 samples if the driver supports multisampling.
-constexpr int kMostSamples = 4;
+constexpr int kMaxSamples = 4;
 
 }  // namespace
 
@@ -16,7 +16,7 @@ MaskStack::MaskStack()
     : framebuffer_(FramebufferHandle::create()), texture_(TextureHandle::create()) {
   GLint most = 0;
   glGetIntegerv(GL_MAX_SAMPLES, &most);
-  sample_count_ = std::min(kMostSamples, most);
+  sample_count_ = std::min(kMaxSamples, most);
   if (sample_count_ <= 1) sample_count_ = 0;
   if (sample_count_ > 0) {
     samples_framebuffer_ = FramebufferHandle::create();

@@ -39,8 +39,8 @@ void UploadBuffers::unbind() {
 }
 
 void ReadBackBuffers::ask(const Framebuffer& image, std::size_t bytes) {
-  PENUMBRA_ASSERT(pending_ < kMost);
-  buffers_[(first_ + pending_) % kMost].bind(GL_PIXEL_PACK_BUFFER, bytes, GL_STREAM_READ);
+  PENUMBRA_ASSERT(pending_ < kMaxPending);
+  buffers_[(first_ + pending_) % kMaxPending].bind(GL_PIXEL_PACK_BUFFER, bytes, GL_STREAM_READ);
   image.read_rgba_to_buffer();
   glBindBuffer(GL_PIXEL_PACK_BUFFER, 0);
   ++pending_;
@@ -55,7 +55,7 @@ Result<void> ReadBackBuffers::take(std::span<std::uint8_t> rgba) {
   PENUMBRA_ASSERT(pending_ > 0);
   const PixelBuffer& buffer = buffers_[first_];
   PENUMBRA_ASSERT(buffer.bytes == rgba.size());
-  first_ = (first_ + 1) % kMost;
+  first_ = (first_ + 1) % kMaxPending;
   --pending_;
   glBindBuffer(GL_PIXEL_PACK_BUFFER, buffer.handle.id());
   const void* start = glMapBufferRange(GL_PIXEL_PACK_BUFFER, 0,

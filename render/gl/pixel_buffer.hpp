@@ -39,11 +39,11 @@ class UploadBuffers {
 // Read-backs: an image is requested after it is drawn and read while the next one is drawn.
 class ReadBackBuffers {
  public:
-  static constexpr std::size_t kMost = 2;  // pending images
+  static constexpr std::size_t kMaxPending = 2;  // pending images
 
   // Requests the current image, width * height * 4 bytes.
   void ask(const Framebuffer& image, std::size_t bytes);
-  [[nodiscard]] std::size_t asked() const { return pending_; }
+  [[nodiscard]] std::size_t pending_reads() const { return pending_; }
   // Reads the oldest pending image; waits until it is drawn.
   [[nodiscard]] Result<void> take(std::span<std::uint8_t> rgba);
   // Drop the newest pending image, or all pending images.
@@ -51,7 +51,7 @@ class ReadBackBuffers {
   void drop_all() { pending_ = 0; }
 
  private:
-  std::array<PixelBuffer, kMost> buffers_;
+  std::array<PixelBuffer, kMaxPending> buffers_;
   std::size_t first_ = 0, pending_ = 0;  // a ring
 };
 

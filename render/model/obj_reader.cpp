@@ -35,8 +35,8 @@ bool is_tiny(std::string_view number) {
 }
 
 constexpr double kMaxTexcoord = 1e6;
-constexpr double kLeastNormal = 1e-30;  // floats can represent the components of longer normals
-constexpr double kGreatestNormal = 1e30;
+constexpr double kMinNormal = 1e-30;  // floats can represent the components of longer normals
+constexpr double kMaxNormal = 1e30;
 
 bool continues(std::string_view line) {
   if (line.ends_with('\r')) line.remove_suffix(1);
@@ -165,7 +165,7 @@ void ObjReader::read_normal(const std::vector<std::string_view>& words) {
   const double largest = normal.cwiseAbs().maxCoeff();
   if (largest == 0.0) {
     warnings_.add(line_, "a normal is not a direction; it is computed from the faces");
-  } else if (!(largest >= kLeastNormal && largest <= kGreatestNormal)) {
+  } else if (!(largest >= kMinNormal && largest <= kMaxNormal)) {
     normal = (normal / largest).normalized();
   }
   obj_.normals.push_back(to_glm(normal));

@@ -22,10 +22,10 @@ constexpr double kSamePlace = 1e-9;
 constexpr double kFlatShare = 0.01;      // distance of corners from the plane / radius
 constexpr double kAreaTolerance = 1e-6;  // fraction of the area
 constexpr int kMaxAttempts = 5;
-constexpr double kAttemptAngle = 1.0;     // [rad] between attempts
-constexpr double kLeastAreaShare = 1e-9;  // below, areas of opposite orientation cancel
-constexpr double kNoArea = 1e-14;         // / squared radius
-constexpr double kRoundedArea = 1e-12;    // / squared radius
+constexpr double kAttemptAngle = 1.0;      // [rad] between attempts
+constexpr double kMinAreaFraction = 1e-9;  // below, areas of opposite orientation cancel
+constexpr double kNoArea = 1e-14;          // / squared radius
+constexpr double kRoundedArea = 1e-12;     // / squared radius
 
 double cross_2d(const Eigen::Vector2d& a, const Eigen::Vector2d& b) {
   return a.x() * b.y() - a.y() * b.x();
@@ -168,7 +168,7 @@ Eigen::Vector3d PolygonSplitter::plane_normal() const {
     if (term.squaredNorm() > largest.squaredNorm()) largest = term;
   }
   if (!(largest.norm() > kNoArea)) return Eigen::Vector3d::Zero();
-  return (sum.norm() > kLeastAreaShare * total ? sum : largest).normalized();
+  return (sum.norm() > kMinAreaFraction * total ? sum : largest).normalized();
 }
 
 // Splits a quadrilateral along its shorter inner diagonal. Returns false if no diagonal is inside,

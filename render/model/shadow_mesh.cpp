@@ -43,7 +43,7 @@ class WeldGrid {
   // Welds positions up to `distance` [m] apart; 0: only equal ones.
   WeldGrid(std::size_t expected, double distance)
       : squared_distance_(distance * distance),
-        cells_per_m_(1.0 / (kCellSize * std::max(distance, kLeastDistance))) {
+        cells_per_m_(1.0 / (kCellSize * std::max(distance, kMinDistance_m))) {
     std::size_t size = 64;
     while (size < 2 * expected) size *= 2;
     slots_.resize(size, kNone);
@@ -83,7 +83,7 @@ class WeldGrid {
 
  private:
   static constexpr std::uint32_t kNone = std::numeric_limits<std::uint32_t>::max();
-  static constexpr double kLeastDistance = 1e-30;  // [m]; the cell size must not be 0
+  static constexpr double kMinDistance_m = 1e-30;  // [m]; the cell size must not be 0
 
   void grow() {
     std::vector<std::uint32_t> slots(2 * slots_.size(), kNone);

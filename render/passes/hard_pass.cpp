@@ -42,7 +42,7 @@ void HardPass::make(const HardShadowDraw& draw, const ShadowMesh& mesh, Shadow& 
       place_caster(mesh, none, draw.T_table_object, draw.plane_frame);
   work[Counter::shadow_vertices] += static_cast<std::int64_t>(vertices.size());
   std::vector<PlanePoint> triangles =
-      projected_triangles(vertices, mesh.indices, draw.light_place, draw.plane_frame);
+      projected_triangles(vertices, mesh.indices, draw.light_position, draw.plane_frame);
   if (longest_edge_) {
     triangles = split_for_lens(std::move(triangles),
                                draw.plane_frame.to_plane(Eigen::Vector3d::Zero()).head<2>(),
@@ -62,9 +62,10 @@ Result<void> HardPass::prepare(const DrawContext& context, const FramePlan& plan
     const Key key = {draw.object, draw.plane, draw.light};
     if (!seen.insert(key).second) continue;
     Shadow& shadow = shadows_[key];
-    if (const auto& made = shadow.made_for;
-        plan.reuse && made && made->plane_frame == draw.plane_frame &&
-        made->T_table_object == draw.T_table_object && made->light_place == draw.light_place) {
+    if (const auto& made = shadow.made_for; plan.reuse && made &&
+                                            made->plane_frame == draw.plane_frame &&
+                                            made->T_table_object == draw.T_table_object &&
+                                            made->light_position == draw.light_position) {
       ++work[Counter::reprojections];
       continue;
     }

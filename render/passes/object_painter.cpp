@@ -88,7 +88,7 @@ Result<ObjectPainter> ObjectPainter::create(GlApi api, const Scene& scene,
   ObjectPainter painter;
   PENUMBRA_TRY(painter.lit_program_, make({kLightDefine}));
   PENUMBRA_TRY(painter.darkening_program_, make({kLightDefine, "DARKENS"}));
-  static_assert(kMostReceivingLevels == 64);
+  static_assert(kMaxReceivingLevels == 64);
   PENUMBRA_TRY(painter.masked_program_,
                TranslucentProgram::create(
                    api, vertex, {"shadow_mask.glsl", "surface_normal.glsl", "masked.frag.glsl"},

@@ -24,7 +24,7 @@ namespace penumbra {
 [[nodiscard]] float longest_model_edge(double longest_edge_m, double scale);
 
 inline constexpr int kShadowMaskUnit = 1;  // texture unit of masks
-inline constexpr std::size_t kMostReceivingLevels = 64;
+inline constexpr std::size_t kMaxReceivingLevels = 64;
 
 // How a shadow is drawn on a surface: alone (none), or as one of several. Several shadows gather
 // their darkest value in the framebuffer's alpha (first, further), which then darkens (result).
@@ -38,7 +38,7 @@ struct ShadowMask {
   glm::vec2 origin{0.0F}, extent{1.0F};
   glm::vec3 light_left{1.0F};  // factor on the encoded image, by layer
   int level_count = 0;
-  std::array<glm::vec4, kMostReceivingLevels / 4> levels{};  // heights [m], ascending
+  std::array<glm::vec4, kMaxReceivingLevels / 4> levels{};  // heights [m], ascending
 };
 
 class ObjectPainter {

@@ -13,13 +13,13 @@
 namespace penumbra {
 namespace {
 
-constexpr std::size_t kMostVertices = 12;  // of a caster
-constexpr int kPieces = 48;                // of a ray across the whole view, to follow the lens
+constexpr std::size_t kMaxVertices = 12;  // of a caster
+constexpr int kPieces = 48;               // of a ray across the whole view, to follow the lens
 // Half widths, as fractions of the image's height.
 constexpr double kRayPerHeight = 0.0016;
 constexpr double kDotPerHeight = 0.0075;
-constexpr double kLeastRay_px = 0.6;
-constexpr double kLeastDot_px = 2.2;
+constexpr double kMinRay_px = 0.6;
+constexpr double kMinDot_px = 2.2;
 
 glm::vec3 encoded(const glm::vec3& linear) {
   const auto encode = [](float v) { return std::pow(std::clamp(v, 0.0F, 1.0F), 1.0F / 2.2F); };
@@ -33,8 +33,8 @@ Result<std::unique_ptr<RayPass>> RayPass::create(GlApi api, const CameraModel& c
   PENUMBRA_TRY(pass->program_,
                TranslucentProgram::create(api, {"lens.glsl", "ray.vert.glsl"}, {"ray.frag.glsl"}));
   const CameraParameters& p = camera.parameters();
-  pass->half_width_ = {static_cast<float>(std::max(kLeastRay_px, kRayPerHeight * p.height) / p.fy),
-                       static_cast<float>(std::max(kLeastDot_px, kDotPerHeight * p.height) / p.fy)};
+  pass->half_width_ = {static_cast<float>(std::max(kMinRay_px, kRayPerHeight * p.height) / p.fy),
+                       static_cast<float>(std::max(kMinDot_px, kDotPerHeight * p.height) / p.fy)};
   if (camera.has_distortion()) pass->pieces_ = kPieces;
   return pass;
 }
@@ -76,7 +76,7 @@ int RayPass::draw(const DrawContext& context, const FramePlan& plan) {
         casting_model(scene.objects[static_cast<std::size_t>(draw.object)], draw.proxy).get();
     auto marked = marked_.find(model);
     if (marked == marked_.end()) {
-      marked = marked_.emplace(model, marked_vertices(*model, kMostVertices)).first;
+      marked = marked_.emplace(model, marked_vertices(*model, kMaxVertices)).first;
     }
     std::vector<RayReceiver> planes;
     for (const LightRayDraw::Plane& plane : draw.planes) {
@@ -86,14 +86,14 @@ int RayPass::draw(const DrawContext& context, const FramePlan& plan) {
       batches.push_back({draw.opacity, static_cast<int>(corners_.size()), 0});
     }
     for (const LightRay& ray :
-         light_rays(marked->second, draw.T_table_object, draw.light_place, planes)) {
+         light_rays(marked->second, draw.T_table_object, draw.light_position, planes)) {
       const glm::vec3 color = encoded(ray.color);
       add_ribbon(ray.from, ray.shadow, color);
       add_dot(ray.vertex, color);
       add_dot(ray.shadow, color);
     }
-    if (draw.light_place.w() != 0.0 && lights.insert(draw.light).second) {
-      add_dot(draw.light_place.head<3>() / draw.light_place.w(), glm::vec3(1.0F));
+    if (draw.light_position.w() != 0.0 && lights.insert(draw.light).second) {
+      add_dot(draw.light_position.head<3>() / draw.light_position.w(), glm::vec3(1.0F));
     }
     batches.back().count = static_cast<int>(corners_.size()) - batches.back().first;
   }

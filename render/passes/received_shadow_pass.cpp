@@ -14,20 +14,20 @@ namespace penumbra {
 namespace {
 
 // Fewer than for other shadows: all levels are recomputed when the caster's height changes.
-constexpr std::size_t kMostFieldLevels = 16;
+constexpr std::size_t kMaxFieldLevels = 16;
 constexpr double kFinestTexel = 5e-4;  // [m]
-constexpr int kMostTexels = 1024;      // along a side
+constexpr int kMaxTexels = 1024;       // along a side
 // Limits for one pair of caster and receiver, and for all pairs in meeting_pairs.
-constexpr double kMostTexelsInAll = 4e6;
-constexpr double kLeastTexelsInAll = 1e5;
-constexpr double kMostTexelsOfFrame = 64e6;
-constexpr double kLongestLevelStep = 0.03;  // [m]
-constexpr int kTexelsAtOnce = 32;           // sides are multiples, so that storage changes rarely
+constexpr double kMaxTexelsOfPair = 4e6;
+constexpr double kMinTexelsOfPair = 1e5;
+constexpr double kMaxTexelsOfFrame = 64e6;
+constexpr double kMaxLevelStep = 0.03;  // [m]
+constexpr int kTexelsAtOnce = 32;       // sides are multiples, so that storage changes rarely
 // Counts pairs out of view as well, because culling must not change the image.
-double most_texels(const FramePlan& plan) {
+double max_texels_of_pair(const FramePlan& plan) {
   const auto pairs =
       static_cast<double>(std::bit_ceil(std::max<std::size_t>(plan.meeting_pairs, 1)));
-  return std::clamp(kMostTexelsOfFrame / pairs, kLeastTexelsInAll, kMostTexelsInAll);
+  return std::clamp(kMaxTexelsOfFrame / pairs, kMinTexelsOfPair, kMaxTexelsOfPair);
 }
 
 // Returns the bounds, on the plane, of the region in which the shadow may reach the surface.
@@ -158,10 +158,10 @@ int ReceivedShadowPass::make_mask(const Scene& scene, const ReceivedShadowDraw& 
     spacing.clear_below = reach->low;
     // Keeps every outline accurate to one texel.
     spacing.clear_step = std::clamp(2.0 * mask.made_for->texel / std::max(reach->rate, 1e-9),
-                                    kLevelStep, kLongestLevelStep);
+                                    kLevelStep, kMaxLevelStep);
   }
   const std::size_t max_levels =
-      draw.shadow.technique == ShadowTechnique::field ? kMostFieldLevels : kMostReceivingLevels;
+      draw.shadow.technique == ShadowTechnique::field ? kMaxFieldLevels : kMaxReceivingLevels;
   mask.levels = surface.faces.levels(box, draw.top, max_levels, spacing);
   if (mask.levels.empty()) return 0;
 
@@ -171,10 +171,10 @@ int ReceivedShadowPass::make_mask(const Scene& scene, const ReceivedShadowDraw& 
   for (;; texel *= 2.0) {
     mask.origin = (box.min() / texel).array().floor() * texel;
     const Eigen::Array2d texels = ((box.max() - mask.origin) / texel).array().ceil() + 1.0;
-    if ((texels > kMostTexels).any()) continue;
+    if ((texels > kMaxTexels).any()) continue;
     size = ((texels / kTexelsAtOnce).ceil() * kTexelsAtOnce).cast<int>();
     if (static_cast<double>(size.prod()) * static_cast<double>(mask.levels.size()) <=
-        mask.made_for->most_texels)
+        mask.made_for->max_texels_of_pair)
       break;
   }
   mask.extent = size.cast<double>().matrix() * texel;
@@ -262,7 +262,7 @@ Result<void> ReceivedShadowPass::prepare(const DrawContext& context, const Frame
     surfaces_.clear();
     levels_.clear();
   }
-  const double texels = most_texels(plan);
+  const double texels = max_texels_of_pair(plan);
   for (const ReceivedShadowDraw& draw : plan.received_shadows) {
     const ObjectDraw* receiver = drawn_object(plan, draw.receiver);
     if (receiver == nullptr) continue;

@@ -45,7 +45,7 @@ class ReceivedShadowPass : public Pass {
     std::uint64_t surface = 0;  // its version
     double top = 0.0;
     double texel = 0.0;  // texel size for the current view [m]
-    double most_texels = 0.0;
+    double max_texels_of_pair = 0.0;
     bool covered = false;  // rasterised on the CPU instead of drawn
     friend bool operator==(const MaskInputs&, const MaskInputs&) = default;
   };

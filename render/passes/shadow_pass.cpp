@@ -23,7 +23,7 @@ void note_empty_field(const ShadowDraw& draw, const CachedCaster& caster,
     return layer.source == LayerSource::nothing;
   };
   if (draw.technique != ShadowTechnique::field || !std::ranges::all_of(prepared.layers, is_empty) ||
-      cut_layers(draw, caster) == LayerSources{})
+      layer_sources(draw, caster) == LayerSources{})
     return;
   work.skipped.push_back({SkipReason::field_too_coarse, draw.object});
 }
@@ -89,7 +89,7 @@ Result<void> ShadowPass::prepare(const DrawContext& context, const FramePlan& pl
       prepared.clear();
     } else {
       geometry_.prepare(draw, caster, masked, prepared, work);
-      if (!masked) prepared.surface = geometry_.surface_for(draw, plan, caster, prepared);
+      if (!masked) prepared.surface = geometry_.coarsest_range(draw, plan, caster, prepared);
       note_empty_field(draw, caster, prepared, work);
       for (const LayerGeometry& layer : prepared.layers) {
         if (!prepared.key.reduced || layer.source == LayerSource::nothing) continue;

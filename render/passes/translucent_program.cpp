@@ -13,13 +13,13 @@ namespace penumbra {
 Result<TranslucentProgram> TranslucentProgram::create(GlApi api, ShaderFiles vertex,
                                                       ShaderFiles fragment,
                                                       std::vector<std::string_view> defines,
-                                                      Under background) {
+                                                      Background background) {
   TranslucentProgram program;
   program.api_ = api;
   program.vertex_files_ = std::move(vertex);
   program.fragment_files_ = std::move(fragment);
   program.defines_ = std::move(defines);
-  program.under_ = background;
+  program.background_ = background;
   PENUMBRA_TRY(auto blended, program.link({}));
   program.variants_.emplace_back("", std::move(blended));
   return program;
@@ -47,7 +47,7 @@ Result<void> TranslucentProgram::choose(Translucency mode, std::optional<PixelFo
     defines = {"SCREEN_DOOR"};
   } else if (mode == Translucency::retexture) {
     defines = {"RETEXTURED"};
-    if (under_ == Under::video && video) {
+    if (background_ == Background::video && video) {
       defines.emplace_back("OVER_VIDEO");
       defines.push_back(layout_define(*video));
     }

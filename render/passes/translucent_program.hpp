@@ -19,7 +19,7 @@ inline constexpr int kSumsCopyUnit = 4;
 inline constexpr int kVideoUnit = 5;  // and the next two
 
 // The content under a program's fragments.
-enum class Under {
+enum class Background {
   video,    // the video alone: in mode retexture, fetched from the video's textures
   picture,  // any content: in mode retexture, fetched from a copy of the framebuffer
 };
@@ -28,10 +28,9 @@ class TranslucentProgram {
  public:
   TranslucentProgram() = default;  // no program
   // Like ShaderProgram::link(), with translucency.glsl before the fragment files.
-  [[nodiscard]] static Result<TranslucentProgram> create(GlApi api, ShaderFiles vertex,
-                                                         ShaderFiles fragment,
-                                                         std::vector<std::string_view> defines = {},
-                                                         Under background = Under::picture);
+  [[nodiscard]] static Result<TranslucentProgram> create(
+      GlApi api, ShaderFiles vertex, ShaderFiles fragment,
+      std::vector<std::string_view> defines = {}, Background background = Background::picture);
 
   // Selects the program that get() returns, and links it on first use. The baseline geometry_mesh
   // uses `mesh` for everything except planes. `video`: the format of the frames to fetch; nullopt
@@ -47,7 +46,7 @@ class TranslucentProgram {
   GlApi api_ = GlApi::gl33;
   ShaderFiles vertex_files_, fragment_files_;
   std::vector<std::string_view> defines_;
-  Under under_ = Under::picture;
+  Background background_ = Background::picture;
   // Key: the mode's last define; "" for the first.
   std::vector<std::pair<std::string_view, ShaderProgram>> variants_;
   std::size_t chosen_ = 0;

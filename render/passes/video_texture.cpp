@@ -15,9 +15,9 @@ namespace penumbra {
 namespace {
 
 // More than one camera has; buffers of an earlier stream are evicted first.
-constexpr std::size_t kMostImported = 12;
+constexpr std::size_t kMaxImported = 12;
 // Maximum number of frames that the GPU may be reading while the next one is drawn.
-constexpr std::size_t kMostInUse = 1;
+constexpr std::size_t kMaxInUse = 1;
 constexpr GLuint64 kPatience_ns = 1'000'000'000;  // maximum wait for the GPU
 
 TexelFormat texel_format(PixelFormat format, std::size_t plane) {
@@ -107,7 +107,7 @@ VideoTexture::Upload VideoTexture::upload(const Frame& frame, bool reuse) {
       frame.owner && !uploaded_owner_.expired() && !uploaded_owner_.owner_before(frame.owner) &&
       !frame.owner.owner_before(uploaded_owner_) && frame.planes[0].data == uploaded_data_;
   if (same && reuse) return Upload::there;
-  release(kMostInUse);
+  release(kMaxInUse);
   uploaded_owner_ = frame.owner;
   uploaded_data_ = frame.planes[0].data;
   shows_imported_ = can_import_ && frame.dma_buf.descriptor >= 0 && import(frame);
@@ -185,7 +185,7 @@ bool VideoTexture::import(const Frame& frame) {
     buffer.planes.push_back(std::move(*texture));
   }
   imported_.push_back(std::move(buffer));
-  if (imported_.size() > kMostImported) imported_.pop_front();
+  if (imported_.size() > kMaxImported) imported_.pop_front();
   return true;
 }
 

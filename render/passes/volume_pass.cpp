@@ -43,7 +43,7 @@ std::pair<std::vector<glm::vec3>, std::vector<int>> split_batches(
 
 // Returns true if the two draws have the same volume.
 bool same_volume(const ShadowVolumeDraw& a, const ShadowVolumeDraw& b) {
-  return a.T_table_object == b.T_table_object && a.light_place == b.light_place &&
+  return a.T_table_object == b.T_table_object && a.light_position == b.light_position &&
          a.floors == b.floors && a.receivers == b.receivers;
 }
 
@@ -80,7 +80,7 @@ Result<void> VolumePass::prepare(const DrawContext& context, const FramePlan& pl
     const Model* model = casting_model(object, draw.proxy).get();
     auto& caster = casters_[model];
     if (!caster) caster = std::make_unique<VolumeCaster>(make_shadow_mesh(*model));
-    const ShadowVolume made = caster->volume(draw.T_table_object, draw.light_place, draw.floors,
+    const ShadowVolume made = caster->volume(draw.T_table_object, draw.light_position, draw.floors,
                                              kVolumeReach, draw.receivers);
     volume.made_for = draw;
     volume.light_inside = made.light_inside;

@@ -12,11 +12,11 @@ namespace penumbra {
 namespace {
 
 constexpr int kCodes = 256;
-constexpr int kOverexposed = 250;       // channels with this value or more may be clipped
-constexpr double kPaperFrom = 0.95;     // quantile of the luminance of exposed pixels
-constexpr double kPaperTo = 0.99;       // brighter pixels are glints
-constexpr double kLeastExposed = 0.25;  // fraction of pixels; else uses overexposed ones too
-constexpr double kDarkest = 1e-3;       // noise level of linear light
+constexpr int kOverexposed = 250;             // channels with this value or more may be clipped
+constexpr double kPaperFrom = 0.95;           // quantile of the luminance of exposed pixels
+constexpr double kPaperTo = 0.99;             // brighter pixels are glints
+constexpr double kMinExposedFraction = 0.25;  // fraction of pixels; else uses overexposed ones too
+constexpr double kDarkest = 1e-3;             // noise level of linear light
 constexpr double kTimeConstant_s = 0.25;
 constexpr double kForgotten_s = 2.0;  // the filter restarts after a longer gap
 
@@ -143,14 +143,14 @@ VideoLight measure_light(const Frame& frame, std::optional<double> tone_curve) {
       if (std::ranges::max(rgb) < kOverexposed) exposed.add(rgb, light);
     }
   }
-  const Histogram& used = exposed.total >= kLeastExposed * all.total ? exposed : all;
+  const Histogram& used = exposed.total >= kMinExposedFraction * all.total ? exposed : all;
   VideoLight light;
   light.around = (sum / all.total).cwiseMax(kDarkest);
   light.on_table = (used.mean_between(kPaperFrom, kPaperTo) / kPaperReflectance).cwiseMax(kDarkest);
   return light;
 }
 
-const VideoLight& LightMeter::look_at(const Frame& frame) {
+const VideoLight& LightMeter::measure(const Frame& frame) {
   if (last_ns_ == frame.timestamp_ns) return light_;
   const VideoLight now = measure_light(frame, tone_curve_);
   const double elapsed_s =

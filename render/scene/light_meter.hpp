@@ -34,7 +34,7 @@ class LightMeter {
 
   // Adds a frame and returns the filtered light. Expects ascending times: an earlier or much later
   // frame restarts the filter; a repeated frame has no effect.
-  const VideoLight& look_at(const Frame& frame);
+  const VideoLight& measure(const Frame& frame);
 
  private:
   std::optional<double> tone_curve_;

@@ -14,7 +14,7 @@
 namespace penumbra {
 namespace {
 
-constexpr double kLongestTurn_s = 3600.0;   // maximum sampled time of slow spins
+constexpr double kMaxTurn_s = 3600.0;       // maximum sampled time of slow spins
 constexpr std::size_t kHeightSamples = 64;  // over all animations, in addition to keys
 
 // Returns the spline's velocity at a key, from its two neighbours (non-uniform Catmull-Rom). The
@@ -238,7 +238,7 @@ std::vector<double> greatest_over_time(const Scene& scene, const Height& height)
   for (const SceneObject& object : scene.objects) {
     const std::vector<Keyframe>& keys = object.animation.keyframes;
     const double turns_per_s = std::abs(object.animation.spin_turns_per_s);
-    if (turns_per_s > 0.0) end = std::max(end, std::min(1.0 / turns_per_s, kLongestTurn_s));
+    if (turns_per_s > 0.0) end = std::max(end, std::min(1.0 / turns_per_s, kMaxTurn_s));
     if (keys.empty()) continue;
     end = std::max(end, keys.back().time_s);
     for (std::size_t i = 0; i < keys.size(); i += 1 + keys.size() / kHeightSamples) {

@@ -91,7 +91,7 @@ TEST_F(CompareOption, DrawsEachPaneLikeItsTechniqueAlone) {
   expect_panes({"layered", "cocl"}, {"--kernels", "smooth", "--threads", "1"});
 }
 
-TEST_F(CompareOption, AppliesRecordedObjectMovesInEveryPane) {
+TEST_F(CompareOption, ReplaysRecordedEditsInEveryPane) {
   const std::filesystem::path recording = folder_.path() / "recording";
   std::filesystem::create_directory(recording);
   for (const auto& entry : std::filesystem::directory_iterator(bundled("tabletop"))) {

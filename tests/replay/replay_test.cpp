@@ -163,7 +163,7 @@ TEST(ReplayCommand, WritesSameBytesWhenRunTwice) {
 
 // The camera turns away from the table, so that first objects and then their shadows leave the
 // image.
-TEST(ReplayCommand, DrawsSameFramesWithoutSkipping) {
+TEST(ReplayCommand, DrawsSameFramesWithAndWithoutSkipping) {
   const TemporaryFolder folder;
   std::string poses;
   int frame = 0;
@@ -507,7 +507,7 @@ TEST(ReplayCommand, RectifiesFramesWithoutChangingPoses) {
 
 // Objects are lit by the light in the video, equally for any number of threads. The poses do not
 // depend on it.
-TEST(ReplayCommand, LightsObjectsLikeVideo) {
+TEST(ReplayCommand, LightsObjectsWithLightOfVideo) {
   const TemporaryFolder folder;
   const auto run = [&](const std::string& name, const std::vector<std::string>& more) {
     return replay_named(folder, name, "10:16", more);
@@ -640,7 +640,7 @@ TEST_F(ReplayShadowOptions, ReportsMismatchedKernels) {
   EXPECT_EQ(picture({"--kernels", file("k.json")}), picture({}));
 }
 
-TEST_F(ReplayShadowOptions, DrawsFixedLightModeDifferently) {
+TEST_F(ReplayShadowOptions, AppliesFixedLightMode) {
   const std::string proportional = picture({});
   EXPECT_EQ(picture({"--light-mode", "proportional"}), proportional);
   const std::string fixed = picture({"--light-mode", "fixed"});

@@ -123,7 +123,7 @@ TEST_P(Sessions, AreTheSameWithoutSkipping) {
 
 // A tree of 26,000 faces under a moving sun and a fixed lantern. Only the sun's shadow may be
 // recomputed.
-TEST(AnimatedLight, RecomputesOnlyItsOwnShadows) {
+TEST(AnimatedLight, RecomputesOnlyShadowsOfMovingLight) {
   const TemporaryFolder folder;
   constexpr int kFrames = 8;
   const auto work_of = [&](const std::vector<std::string>& more) {

@@ -256,7 +256,7 @@ TEST(StandardStreams, KeepExitCodesWhenStderrIsFullOrClosed) {
   }
 }
 
-TEST(StandardStreams, FailPrintingCommandsWhenStdoutIsFullOrClosed) {
+TEST(StandardStreams, MakePrintingCommandsFailWhenStdoutIsFullOrClosed) {
   for (const char* redirection : {">&-", ">/dev/full", ">&- 2>&-", ">/dev/full 2>/dev/full"}) {
     SCOPED_TRACE(redirection);
     EXPECT_EQ(exit_code_with(redirection, {"devices"}), 1);
@@ -362,7 +362,7 @@ TEST(StandardStreams, LetLiveWriteOutputsWhenTerminalStalls) {
   EXPECT_EQ(running.exit_code(), 0);
 }
 
-TEST(HangupSignal, StaysIgnoredWhenIgnoredAtStart) {
+TEST(HangupSignal, IsIgnoredWhenIgnoredAtStart) {
   const TemporaryFolder folder;
   const std::string report_file = (folder.path() / "report.json").string();
   const std::string poses = (folder.path() / "out.tum").string();

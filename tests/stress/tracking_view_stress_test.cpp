@@ -301,7 +301,7 @@ double min_width_px(const Session& session, const CameraPose& at) {
 // A single tag recedes until it is seven pixels wide, and returns. At that size its second pose
 // explains the image as well as the true one, and model errors may favour it. The tracker must keep
 // the true pose.
-TEST(TrackingStress, KeepsPoseOfRecedingSingleTagWithoutFlip) {
+TEST(TrackingStress, KeepsCorrectPoseOfRecedingSingleTag) {
   int tracked = 0;
   int frames = 0;
   int tracked_readable = 0;
@@ -346,7 +346,7 @@ TEST(TrackingStress, KeepsPoseOfRecedingSingleTagWithoutFlip) {
 
 // A single tag in the first frame, with any lens, camera response, light and tilt. Its pose may
 // have the status tracked only if the image determines it.
-TEST(TrackingStress, LeavesAmbiguousFirstPoseOfSingleTagOpen) {
+TEST(TrackingStress, TracksFirstPoseOfSingleTagOnlyWhenUnambiguous) {
   int tracked = 0;
   int open = 0;
   int wrong = 0;

@@ -18,7 +18,7 @@ namespace penumbra {
 // Maximum number of cells per tag in the pattern search, such that their sums fit in 16 bits.
 inline constexpr int kMaxSearchCells = 36;
 // Minimum number of samples for a tag to contribute equations.
-inline constexpr int kFewestSamples = 16;
+inline constexpr int kMinSamples = 16;
 // Minimum mean Tukey weight of a tag's samples; the tag is not used if it is less.
 inline constexpr double kMinWeightFraction = 0.3;
 

@@ -13,7 +13,7 @@
 namespace penumbra {
 namespace {
 
-constexpr std::size_t kFewestCompared = 3;  // minimum number of tags for a comparison
+constexpr std::size_t kMinComparedTags = 3;  // minimum number of tags for a comparison
 constexpr std::size_t kFewCompared = 4;  // with more tags, one error of the map has little effect
 
 // Returns the sum of squares per degree of freedom: three per tag, minus six of the pose.
@@ -163,7 +163,7 @@ void MapAgreement::check(const AlignmentProblem& problem, const PoseSolver& solv
   collect(problem, solver);
   const std::size_t count = equations_.size();
   if (count > 1 && count <= kFewCompared) estimate_map_error(problem, solver.variance(), result);
-  if (count < kFewestCompared) return;
+  if (count < kMinComparedTags) return;
   double squares = 0.0;
   double shifts_px2 = 0.0;
   for (TagEquations& of : equations_) {
@@ -177,7 +177,7 @@ void MapAgreement::check(const AlignmentProblem& problem, const PoseSolver& solv
   result.disagreement = per_freedom(squares, count) / solver.variance();
   // Lens, camera response and paper displace real tags by less than this.
   constexpr double kMinDisagreement_px = 0.1;
-  if (count > kFewestCompared && result.displacement_px >= kMinDisagreement_px &&
+  if (count > kMinComparedTags && result.displacement_px >= kMinDisagreement_px &&
       result.disagreement >= kDisagree)
     result.inconsistent_tag = find_outlier(squares);
 }

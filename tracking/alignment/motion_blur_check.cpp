@@ -19,11 +19,11 @@ constexpr double kShared = 0.5;
 // and displacement in any direction, if a motion explains the other tags.
 constexpr double kOwnAway = 0.25;
 // Number of tags above which a common rotation is not reduced further.
-constexpr double kMostOwn = 12.0;
+constexpr double kMaxTagsForRotation = 12.0;
 
 // Returns the explained variance fraction of unoccluded cells: least trimmed squares of the best
 // fitting 3/5. Negative for too few cells.
-double explained_by_most(const float* models, const float* values, int count) {
+double explained_by_best_cells(const float* models, const float* values, int count) {
   constexpr int kMinCells = 16;
   if (count < kMinCells) return -1.0;
   constexpr double kShare = 0.6;
@@ -141,7 +141,7 @@ void MotionBlurCheck::explain_by(const std::optional<Vector6d>& motion, int shar
     sampler_.give_back();
     sampler_.read_cells(*tag);
     sampler_.average_cells(*tag);
-    const double here = explained_by_most(tag->samples.model, tag->samples.value, tag->used);
+    const double here = explained_by_best_cells(tag->samples.model, tag->samples.value, tag->used);
     if (here >= 0.0) shares_.push_back(here);
   }
   const double here = shares_.empty() ? 0.0 : median();
@@ -194,7 +194,7 @@ MotionBlurError MotionBlurCheck::sum_up(const std::optional<Vector6d>& motion, b
     const auto of = std::ranges::find(equations_, blur.index, &TagEquations::index);
     if (!turns || of == equations_.end()) continue;
     const double own2 =
-        std::max(count / kMostOwn, 1.0) * (flat2 + (anywhere ? 1.0 : kOwnAway) * away2);
+        std::max(count / kMaxTagsForRotation, 1.0) * (flat2 + (anywhere ? 1.0 : kOwnAway) * away2);
     // Motions of the tag's centre by 1 px along each axis.
     const AlignedTag& tag = problem_.tags[static_cast<std::size_t>(blur.index)];
     Eigen::Matrix<double, 2, 3> J;

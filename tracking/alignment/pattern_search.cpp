@@ -18,7 +18,7 @@ constexpr int kSearchPoints = 256;  // of all tags
 constexpr int kNarrowReach = 15;    // [px]
 constexpr int kCoarsest = 16;       // maximum reduction factor of the pyramid
 // Minimum contrast of a peak above noise: mean white cell minus mean black cell [grey].
-constexpr double kLeastContrast = 12.0;
+constexpr double kMinContrast = 12.0;
 // Fraction of the previous contrast that ends a search; a displaced pattern has up to half of it.
 constexpr double kPreviousContrastFraction = 0.75;
 // Maximum errors from which the fine stage converges.
@@ -26,7 +26,7 @@ constexpr double kNearError_px = 1.2;
 constexpr double kNearError_cells = 0.2;
 // Error of a peak's centre caused by the row spacing / row spacing.
 constexpr double kRowGrid = 0.1;
-constexpr std::size_t kFewestToJudge = 5;  // minimum number of tags to measure their scatter
+constexpr std::size_t kMinTagsForScatter = 5;  // minimum number of tags to measure their scatter
 
 // Centre of a peak in a score map [rows and columns].
 struct PeakCentre {
@@ -188,7 +188,7 @@ double fit_error_px(const std::vector<DisplacedTag>& displaced, const AlignmentP
   // Prior of the scatter, with the weight of four values.
   constexpr double kScatter_cells = 0.05;
   constexpr double kScatterNumbers = 4.0;
-  if (displaced.size() < kFewestToJudge) return std::numeric_limits<double>::infinity();
+  if (displaced.size() < kMinTagsForScatter) return std::numeric_limits<double>::infinity();
   double sum2 = 0.0;
   double cells = 0.0;
   Eigen::Vector2d middle = Eigen::Vector2d::Zero();
@@ -246,7 +246,7 @@ void PatternSearch::begin_full_size() {
 
 bool PatternSearch::search_independently() {
   begin_full_size();
-  return search_within(window_of(kReach), true, kLeastContrast);
+  return search_within(window_of(kReach), true, kMinContrast);
 }
 
 bool PatternSearch::search(double previous_contrast) {
@@ -265,11 +265,11 @@ bool PatternSearch::search(double previous_contrast) {
     const bool enough = narrow.holds(3.0 * sigma_px);
     const bool likely = previous_contrast > 0.0;
     const double required_contrast =
-        enough ? kLeastContrast
-               : std::max(kPreviousContrastFraction * previous_contrast, kLeastContrast);
+        enough ? kMinContrast
+               : std::max(kPreviousContrastFraction * previous_contrast, kMinContrast);
     if ((enough || likely) && search_within(narrow, false, required_contrast)) return true;
   }
-  return search_within(window_of(kReach), false, kLeastContrast);
+  return search_within(window_of(kReach), false, kMinContrast);
 }
 
 bool PatternSearch::found_near() const {
@@ -291,7 +291,7 @@ bool PatternSearch::search_pyramid(bool further) {
   view_ = shrink(scale);
   scale_ = scale;
   if (view_.empty()) return false;
-  return search_within(window_of(kReach), false, kLeastContrast);
+  return search_within(window_of(kReach), false, kMinContrast);
 }
 
 // Averages scale x scale pixels; drops incomplete blocks at the right and bottom.
@@ -455,7 +455,7 @@ bool PatternSearch::search_within(const SearchWindow& window, bool independent,
     const int slack =
         independent ? window.columns : static_cast<int>(std::ceil(tag->cell_px / scale)) + 2;
     const std::optional<OwnPeak> peak = own_peak(*tag, window, {best_row, best_column}, slack,
-                                                 std::max(kLeastContrast, 0.4 * contrast));
+                                                 std::max(kMinContrast, 0.4 * contrast));
     if (!peak) continue;
     const PeakCentre top = peak_centre<std::int16_t>(window, tag->scores, peak->row, peak->column,
                                                      tag->cell_max_px / scale_);

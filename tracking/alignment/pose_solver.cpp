@@ -26,7 +26,7 @@ void visit_evenly(const std::vector<AlignedTag*>& tags, int count, const Each& e
   const int stride = std::max(1, (total + count - 1) / count);
   int next = 0;
   for (const auto* tag : tags) {
-    if (tag->used < kFewestSamples || !(tag->gain > 1.5)) continue;  // no equations
+    if (tag->used < kMinSamples || !(tag->gain > 1.5)) continue;  // no equations
     for (; next < tag->used; next += stride) each(*tag, next);
     next -= tag->used;
   }
@@ -55,7 +55,7 @@ void PoseSolver::fill_pack(AlignedTag& tag, double cutoff, simd::TagPack& pack, 
   }
   pack.per_cell[lane] = 1.0 / tag.cell_m;
   pack.side_cells[lane] = tag.side - 1;
-  if (tag.used < kFewestSamples || !(tag.gain > 1.0)) {
+  if (tag.used < kMinSamples || !(tag.gain > 1.0)) {
     for (auto& h : pack.H) h[lane] = 0.0;
     return;
   }

@@ -81,7 +81,7 @@ double design_effect(const AlignmentProblem& problem, const PoseSolver& solver, 
   int parameters = 8;  // 6 of the pose, 2 widenings
   const auto inverse_limit = static_cast<float>(1.0 / solver.tukey_share(cutoff));
   for (const AlignedTag* tag : problem.active) {
-    if (tag->used < kFewestSamples || !(tag->gain > 1.5)) continue;
+    if (tag->used < kMinSamples || !(tag->gain > 1.5)) continue;
     parameters += 2;
     simd::Samples s = tag->samples;
     s.leverage = arena.lend(3 * static_cast<std::size_t>(s.count));

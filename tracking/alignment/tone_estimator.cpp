@@ -14,21 +14,21 @@
 namespace penumbra {
 namespace {
 
-constexpr double kStart = 1.5;               // typical exponent of a camera
-constexpr double kLeast = 0.5, kMost = 4.0;  // range of exponents
-constexpr double kLeastBlur_px = 0.25, kMostBlur_px = 1.6;
+constexpr double kStart = 1.5;                            // typical exponent of a camera
+constexpr double kMinExponent = 0.5, kMaxExponent = 4.0;  // range of exponents
+constexpr double kMinBlur_px = 0.25, kMaxBlur_px = 1.6;
 constexpr double kSettledBlur = 0.05;  // change of log(blur) at convergence
 constexpr double kFartherBlur = 0.3;   // maximum change of log(blur) per fit
 constexpr int kAlignments = 6;         // maximum per image
 constexpr int kSteps = 12;             // Gauss-Newton steps
 constexpr double kTukey = 4.685;       // cutoff [sigmas]
 // Limits for the use of a tag.
-constexpr double kLeastContrast = 0.12;               // white - black, 1 = 255 grey levels
+constexpr double kMinContrast = 0.12;                 // white - black, 1 = 255 grey levels
 constexpr float kBlackest = 1.0F, kWhitest = 254.0F;  // a pixel beyond is clipped [grey]
 constexpr std::size_t kMostClipped = 50;              // maximum 1 clipped pixel in 50
-constexpr std::size_t kFewestPixels = 64;
+constexpr std::size_t kMinPixels = 64;
 
-constexpr int kFewestImages = 5;
+constexpr int kMinImages = 5;
 // Error of the exponent because real responses are not powers; see docs/tracking.md#tone-curve.
 constexpr double kModelSigma = 0.1;
 
@@ -102,7 +102,7 @@ std::optional<Levels> start_levels(std::span<const EdgePixel> pixels) {
     clipped += pixel.grey <= kBlackest || pixel.grey >= kWhitest ? 1U : 0U;
   }
   const Eigen::Vector2d levels = H.ldlt().solve(g);
-  if (!levels.allFinite() || levels[1] - levels[0] < kLeastContrast ||
+  if (!levels.allFinite() || levels[1] - levels[0] < kMinContrast ||
       clipped * kMostClipped > pixels.size())
     return std::nullopt;
   return Levels{clamped(levels[0]), clamped(levels[1])};
@@ -126,7 +126,7 @@ std::optional<Fit> fit_tone(const std::vector<EdgePixel>& pixels, double start) 
     while (end < pixels.size() && pixels[end].tag == pixels[begin].tag) ++end;
     const std::span<const EdgePixel> own(pixels.data() + begin, end - begin);
     begin = end;
-    if (own.size() < kFewestPixels) continue;
+    if (own.size() < kMinPixels) continue;
     if (const auto levels = start_levels(own)) tags.push_back({own, *levels});
   }
   if (tags.empty()) return std::nullopt;
@@ -182,7 +182,7 @@ std::optional<Fit> fit_tone(const std::vector<EdgePixel>& pixels, double start) 
     const double before = fit.exponent;
     const double blur_before = fit.log_blur;
     fit.exponent = std::clamp(before + moved[0], 0.7 * before, 1.4 * before);
-    fit.exponent = std::clamp(fit.exponent, kLeast, kMost);
+    fit.exponent = std::clamp(fit.exponent, kMinExponent, kMaxExponent);
     fit.log_blur = std::clamp(fit.log_blur + moved[1], -kFartherBlur, kFartherBlur);
     for (std::size_t k = 0; k < tags.size(); ++k) {
       const Marginalised& e = marginalised[k];
@@ -201,7 +201,7 @@ std::optional<Fit> fit_tone(const std::vector<EdgePixel>& pixels, double start) 
     fit.sigma = std::sqrt(std::max(variance * inverse(0, 0), (inverse * scatter * inverse)(0, 0)));
     if (step > 3 && std::abs(fit.exponent - before) < 1e-4) break;
   }
-  if (!std::isfinite(fit.sigma) || fit.exponent <= kLeast || fit.exponent >= kMost)
+  if (!std::isfinite(fit.sigma) || fit.exponent <= kMinExponent || fit.exponent >= kMaxExponent)
     return std::nullopt;
   for (const Tag& tag : tags) {
     if (!(tag.levels.white > tag.levels.black)) return std::nullopt;
@@ -245,7 +245,7 @@ bool ToneEstimator::add(ImageView luma, const CameraPose& T_table_camera) {
     exponent = fit->exponent;
     const double blur_before = blur_px;
     blur_px = blur_px * std::exp(fit->log_blur);
-    if (!(blur_px > kLeastBlur_px && blur_px < kMostBlur_px)) return false;
+    if (!(blur_px > kMinBlur_px && blur_px < kMaxBlur_px)) return false;
     // Repeats the fit if the blur changed; the pose does not depend on the exponent.
     if (std::abs(std::log(blur_px / blur_before)) > kSettledBlur) continue;
     found_.push_back({exponent, fit->sigma, blur_px});
@@ -256,9 +256,9 @@ bool ToneEstimator::add(ImageView luma, const CameraPose& T_table_camera) {
 }
 
 Result<ToneEstimate> ToneEstimator::estimate() const {
-  if (found_.size() < kFewestImages) {
+  if (found_.size() < kMinImages) {
     return fail("{} pictures with well exposed tags are too few for a tone curve; {} are enough",
-                found_.size(), kFewestImages);
+                found_.size(), kMinImages);
   }
   std::vector<double> exponents;
   std::vector<double> blurs;
@@ -293,7 +293,7 @@ Result<ToneEstimate> ToneEstimator::estimate() const {
     worth += w;
   }
   result.sigma = std::hypot(std::sqrt(squares) / worth, kModelSigma);
-  if (!(result.sigma <= kGreatestToneSigma)) {
+  if (!(result.sigma <= kMaxToneSigma)) {
     return fail("the pictures leave the tone curve's exponent open by {:.2f}", result.sigma);
   }
   return result;

@@ -24,7 +24,7 @@
 namespace penumbra {
 
 // Maximum error (1 sigma) of a useful exponent; a less accurate one is no better than none.
-inline constexpr double kGreatestToneSigma = 0.25;
+inline constexpr double kMaxToneSigma = 0.25;
 
 struct ToneEstimate {
   double exponent = 1.0;  // linear light = (grey / 255) ^ exponent
@@ -44,7 +44,7 @@ class ToneEstimator {
   // or the image is blurred. Takes as long as several accurate alignments.
   bool add(ImageView luma, const CameraPose& T_table_camera);
 
-  // Fails for too few images, or if sigma exceeds kGreatestToneSigma. The same images give the same
+  // Fails for too few images, or if sigma exceeds kMaxToneSigma. The same images give the same
   // bits.
   [[nodiscard]] Result<ToneEstimate> estimate() const;
 

@@ -12,8 +12,8 @@
 namespace penumbra {
 namespace {
 
-constexpr std::size_t kFewestTags = 2;  // or 1 if the map has no more; a single one may be false
-constexpr int kLargePixels = 500'000;   // larger images are searched at half resolution
+constexpr std::size_t kMinTags = 2;    // or 1 if the map has no more; a single one may be false
+constexpr int kLargePixels = 500'000;  // larger images are searched at half resolution
 
 struct Copy {
   ImageFault fault;
@@ -75,13 +75,13 @@ bool ImageCheck::finds_tags(ImageView luma) {
     if (tags_.find(detection.family, detection.id) != nullptr)
       seen.emplace(detection.family, detection.id);
   }
-  return seen.size() >= std::min(kFewestTags, tags_.tags().size());
+  return seen.size() >= std::min(kMinTags, tags_.tags().size());
 }
 
-std::optional<ImageFault> ImageCheck::nothing_found(ImageView luma) {
+std::optional<ImageFault> ImageCheck::check_untagged(ImageView luma) {
   if (done_ || luma.empty()) return std::nullopt;
   ++images_without_tags_;
-  done_ = images_without_tags_ >= kLastLook;
+  done_ = images_without_tags_ >= kMaxImages;
   if (!std::has_single_bit(images_without_tags_)) return std::nullopt;
   const auto fault = look(luma);
   if (fault) done_ = true;

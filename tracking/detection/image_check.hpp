@@ -21,15 +21,15 @@ enum class ImageFault { mirrored, negative, mirrored_negative };
 [[nodiscard]] std::string_view advice(ImageFault fault);
 
 // Searches mirrored and inverted copies of images without tags for the map's tags. Limits the cost:
-// checks only the 1st, 2nd, 4th, 8th ... such image, up to number kLastLook.
+// checks only the 1st, 2nd, 4th, 8th ... such image, up to number kMaxImages.
 class ImageCheck {
  public:
-  static constexpr std::uint64_t kLastLook = 1024;
+  static constexpr std::uint64_t kMaxImages = 1024;
 
   [[nodiscard]] static Result<ImageCheck> create(const TagMap& tags);
 
   // Call for each image in which no tag was found. Returns a fault once.
-  [[nodiscard]] std::optional<ImageFault> nothing_found(ImageView luma);
+  [[nodiscard]] std::optional<ImageFault> check_untagged(ImageView luma);
   // Checks an image without counting it.
   [[nodiscard]] std::optional<ImageFault> look(ImageView luma);
 

@@ -17,7 +17,7 @@ namespace {
 // px threshold tiles. Below this size [px], after decimation, no tag is readable.
 constexpr int kSmallestSide = 16;
 constexpr int kLargestSide = 32767;         // libapriltag's cluster points are 16-bit half pixels
-constexpr int kMostCorrectedBits = 1;       // rejects detections with more
+constexpr int kMaxCorrectedBits = 1;        // rejects detections with more
 constexpr double kDecodeSharpening = 0.25;  // libapriltag's default
 
 struct DestroyDetections {
@@ -98,7 +98,7 @@ Result<TagDetector> TagDetector::create(std::span<const TagFamily> families,
       }
     }
     apriltag_detector_add_family_bits(impl->detector, handle.get(),
-                                      std::min(kMostCorrectedBits, max_corrected_bits(family)));
+                                      std::min(kMaxCorrectedBits, max_corrected_bits(family)));
     impl->families.push_back({family, std::move(handle)});
   }
   return TagDetector(std::move(impl));
@@ -124,7 +124,7 @@ std::vector<TagDetection> TagDetector::detect(ImageView luma, float quad_decimat
   for (int i = 0; i < zarray_size(found.get()); ++i) {
     apriltag_detection_t* detection = nullptr;
     zarray_get(found.get(), i, &detection);
-    if (detection == nullptr || detection->hamming > kMostCorrectedBits) continue;
+    if (detection == nullptr || detection->hamming > kMaxCorrectedBits) continue;
     const auto family =
         std::find_if(impl_->families.begin(), impl_->families.end(),
                      [&](const Impl::Family& f) { return f.handle.get() == detection->family; });

@@ -8,7 +8,7 @@ namespace {
 
 constexpr int kSize = 6;
 // Minimum pivot / diagonal element; below it, most digits are lost.
-constexpr double kLeastPivot = 1e-13;
+constexpr double kMinPivot = 1e-13;
 
 // A = L D L^T, with ones on the diagonal of L.
 struct Factors {
@@ -27,7 +27,7 @@ bool factorise(const Matrix6d& A, Factors& factors) {
     double pivot = A(column, column);
 #pragma GCC unroll 6
     for (std::size_t k = 0; k < j; ++k) pivot -= L[j][k] * scaled[j][k];
-    positive = positive && pivot > kLeastPivot * A(column, column);
+    positive = positive && pivot > kMinPivot * A(column, column);
     inverse_D[j] = 1.0 / pivot;
 #pragma GCC unroll 6
     for (std::size_t i = j + 1; i < kSize; ++i) {

@@ -25,8 +25,8 @@ double image_motion_px(const CameraModel& camera, const MapFromCamera& pose,
   return moved_px(camera, pose, kMotionInterval_s * velocity);
 }
 
-ImageMotion motion_found(const PoseHistory& history, const CameraModel& camera, const Frame& frame,
-                         const Alignment& alignment, double longest_cells) {
+ImageMotion estimate_motion(const PoseHistory& history, const CameraModel& camera,
+                            const Frame& frame, const Alignment& alignment, double longest_cells) {
   const AlignmentResult& result = alignment.result;
   ImageMotion found{kUnknownMotion_px, kUnknownMotion_px, {}};
   if (!result.verified) return found;
@@ -36,10 +36,10 @@ ImageMotion motion_found(const PoseHistory& history, const CameraModel& camera, 
     return found;
   }
   // With a longer interval, assumes dropped frames rather than a longer exposure.
-  constexpr double kLongestExposure_s = 1.0 / 30.0;
+  constexpr double kMaxExposure_s = 1.0 / 30.0;
   const double interval_s = history.frame_interval_s();
   const double exposure_s =
-      std::min(frame.exposure_s.value_or(std::min(interval_s, kLongestExposure_s)), interval_s);
+      std::min(frame.exposure_s.value_or(std::min(interval_s, kMaxExposure_s)), interval_s);
   // With two poses, blur may have displaced either; with three, it would displace all alike.
   if (exposure_s > 0.0)
     found.blur = alignment.aligner.motion_blur_error(exposure_s * motion->velocity,
@@ -49,8 +49,8 @@ ImageMotion motion_found(const PoseHistory& history, const CameraModel& camera, 
   if (!(found.blur.shift_px > 0.0)) return found;
   found.predicted_px =
       std::max(found.predicted_px, image_motion_px(camera, result.T_map_camera, motion->velocity));
-  found.missed_px =
-      std::max(found.missed_px, image_motion_px(camera, result.T_map_camera, motion->change));
+  found.unpredicted_px =
+      std::max(found.unpredicted_px, image_motion_px(camera, result.T_map_camera, motion->change));
   return found;
 }
 
@@ -114,7 +114,7 @@ bool align_with_motion_blur(const PoseHistory& history, const CameraModel& camer
   if (result.verified && enough && result.residual_rms <= residual && result.inconsistent_tag < 0 &&
       !many_are_inconsistent(result)) {
     const MotionBlurError left =
-        motion_found(history, camera, frame, alignment, kAlignedBlur_cells).blur;
+        estimate_motion(history, camera, frame, alignment, kAlignedBlur_cells).blur;
     // A pose with a motion below a cell may have drifted along a blur that is still present.
     const auto blur_is_left = [&] {
       const auto any = alignment.aligner.motion_blur_error(std::nullopt, false, kAlignedBlur_cells);

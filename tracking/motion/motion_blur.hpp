@@ -15,7 +15,7 @@ inline constexpr double kAlignedBlur_cells = 5.0;
 // Image motion in 1/30 s, RMS over the overlay cube.
 struct ImageMotion {
   double predicted_px = 0.0;
-  double missed_px = 0.0;  // deviation from the prediction at constant velocity
+  double unpredicted_px = 0.0;  // deviation from the prediction at constant velocity
   MotionBlurError blur;
 };
 
@@ -25,9 +25,9 @@ struct ImageMotion {
 
 // Estimates the motion in a frame and the pose error caused by its blur. `longest_cells`: maximum
 // blur that the method which measured the pose can read.
-[[nodiscard]] ImageMotion motion_found(const PoseHistory& history, const CameraModel& camera,
-                                       const Frame& frame, const Alignment& alignment,
-                                       double longest_cells);
+[[nodiscard]] ImageMotion estimate_motion(const PoseHistory& history, const CameraModel& camera,
+                                          const Frame& frame, const Alignment& alignment,
+                                          double longest_cells);
 
 // Aligns again with the measured motion if it differs from the prediction and the camera has a
 // rolling shutter or a known exposure time.

@@ -15,10 +15,10 @@ constexpr double kFrame_s = 1.0 / 30.0;
 constexpr double density(double displacement) {
   return 3.0 * displacement * displacement / (kFrame_s * kFrame_s * kFrame_s);
 }
-constexpr double kStartLinear_m = 0.010, kLeastLinear_m = 0.0003, kMostLinear_m = 0.030;
+constexpr double kStartLinear_m = 0.010, kMinLinear_m = 0.0003, kMaxLinear_m = 0.030;
 constexpr double kStartAngular_rad = radians(1.0);
-constexpr double kLeastAngular_rad = radians(0.03);
-constexpr double kMostAngular_rad = radians(3.0);
+constexpr double kMinAngular_rad = radians(0.03);
+constexpr double kMaxAngular_rad = radians(3.0);
 // Speed of a hand-held camera with unknown motion (1 sigma).
 constexpr double kLinearSpeed_m_s = 0.7;
 constexpr double kAngularSpeed_rad_s = 2.0;
@@ -88,9 +88,9 @@ void MotionModel::update(std::int64_t timestamp_ns, const MapFromCamera& T_map_c
     return expected > 0.1 * next.P_pose.diagonal().segment<3>(first).sum() ? found / expected
                                                                            : 0.999;
   };
-  next.q_linear = adapted(next.q_linear, ratio(0), density(kLeastLinear_m), density(kMostLinear_m));
+  next.q_linear = adapted(next.q_linear, ratio(0), density(kMinLinear_m), density(kMaxLinear_m));
   next.q_angular =
-      adapted(next.q_angular, ratio(3), density(kLeastAngular_rad), density(kMostAngular_rad));
+      adapted(next.q_angular, ratio(3), density(kMinAngular_rad), density(kMaxAngular_rad));
   next.velocity += gain * moved;
   next.P_velocity -= gain * learned * gain.transpose();
   next.P_cross = gain * covariance;

@@ -19,7 +19,7 @@ namespace {
 namespace fs = std::filesystem;
 
 // Maximum length of a list; a broken driver's lists may be endless.
-constexpr unsigned kMostEntries = 256;
+constexpr unsigned kMaxEntries = 256;
 
 double rate_of(const v4l2_fract& interval) {
   return interval.numerator > 0 ? static_cast<double>(interval.denominator) / interval.numerator
@@ -28,7 +28,7 @@ double rate_of(const v4l2_fract& interval) {
 
 void add_rates(const V4l2Device& device, std::uint32_t fourcc, V4l2Size& size) {
   std::vector<double>& rates = size.rates;
-  for (unsigned i = 0; i < kMostEntries; ++i) {
+  for (unsigned i = 0; i < kMaxEntries; ++i) {
     v4l2_frmivalenum entry{};
     entry.index = i;
     entry.pixel_format = fourcc;
@@ -50,7 +50,7 @@ void add_rates(const V4l2Device& device, std::uint32_t fourcc, V4l2Size& size) {
 
 std::vector<V4l2Size> sizes_of(const V4l2Device& device, std::uint32_t fourcc) {
   std::vector<V4l2Size> sizes;
-  for (unsigned i = 0; i < kMostEntries; ++i) {
+  for (unsigned i = 0; i < kMaxEntries; ++i) {
     v4l2_frmsizeenum entry{};
     entry.index = i;
     entry.pixel_format = fourcc;
@@ -98,7 +98,7 @@ std::string fourcc_text(std::uint32_t fourcc) {
   return text;
 }
 
-std::string v4l2_help(const fs::path& path, int error) {
+std::string v4l2_open_error(const fs::path& path, int error) {
   const std::string name = path.string();
   switch (error) {
     case ENOENT:
@@ -120,7 +120,7 @@ std::string v4l2_help(const fs::path& path, int error) {
   }
 }
 
-std::string v4l2_call_help(const fs::path& path, const char* call, int error) {
+std::string v4l2_call_error(const fs::path& path, const char* call, int error) {
   const std::string what = fmt::format("{}: {} fails: {}", path.string(), call, message_of(error));
   switch (error) {
     case ENOSPC:
@@ -139,11 +139,11 @@ std::string v4l2_call_help(const fs::path& path, const char* call, int error) {
       return what + "; try another USB port or cable, and see the kernel's log (dmesg)";
     default:
       return fault_of(error) == CaptureFault::io_error ? what + "; see the kernel's log (dmesg)"
-                                                       : v4l2_help(path, error);
+                                                       : v4l2_open_error(path, error);
   }
 }
 
-std::string multi_planar_text(const fs::path& path, const std::string& card) {
+std::string multi_planar_error(const fs::path& path, const std::string& card) {
   return fmt::format(
       "{}: has only V4L2's multi-planar interface ({}), which is not read; open the camera through "
       "libcamera (penumbra devices lists libcamera:0 and so on)",
@@ -155,20 +155,20 @@ Result<V4l2Device> V4l2Device::open(const fs::path& path) {
   V4l2Device device;
   device.path_ = path;
   device.descriptor_ = ::open(path.c_str(), O_RDWR | O_NONBLOCK | O_CLOEXEC);
-  if (device.descriptor_ < 0) return fail("{}", v4l2_help(path, errno));
+  if (device.descriptor_ < 0) return fail("{}", v4l2_open_error(path, errno));
   v4l2_capability about{};
   const int error =
       fs::is_character_file(path, ignored) ? device.call(VIDIOC_QUERYCAP, &about) : ENOTTY;
   if (error == ENOTTY || error == EINVAL) {
     return fail("{}: is not a camera; see what there is: penumbra devices", path.string());
   }
-  if (error != 0) return fail("{}", v4l2_help(path, error));
+  if (error != 0) return fail("{}", v4l2_open_error(path, error));
   device.identity_ = {v4l2_text(about.driver), v4l2_text(about.card), v4l2_text(about.bus_info)};
   const std::uint32_t can =
       (about.capabilities & V4L2_CAP_DEVICE_CAPS) != 0 ? about.device_caps : about.capabilities;
   if ((can & V4L2_CAP_VIDEO_CAPTURE) == 0) {
     if ((can & V4L2_CAP_VIDEO_CAPTURE_MPLANE) != 0) {
-      return fail("{}", multi_planar_text(path, device.identity_.card));
+      return fail("{}", multi_planar_error(path, device.identity_.card));
     }
     const char* what = (can & V4L2_CAP_META_CAPTURE) != 0 ? "gives data about frames, not frames"
                                                           : "gives no frames";
@@ -206,7 +206,7 @@ int V4l2Device::call(unsigned long request, void* argument) const {
 
 std::vector<V4l2Format> V4l2Device::formats() const {
   std::vector<V4l2Format> formats;
-  for (unsigned i = 0; i < kMostEntries; ++i) {
+  for (unsigned i = 0; i < kMaxEntries; ++i) {
     v4l2_fmtdesc entry{};
     entry.index = i;
     entry.type = V4L2_BUF_TYPE_VIDEO_CAPTURE;
@@ -237,7 +237,7 @@ std::optional<V4l2Controls> V4l2Device::controls() const {
   V4l2Controls controls;
   v4l2_queryctrl entry{};
   entry.id = V4L2_CTRL_FLAG_NEXT_CTRL;
-  for (unsigned i = 0; i < kMostEntries; ++i) {
+  for (unsigned i = 0; i < kMaxEntries; ++i) {
     const int status = call(VIDIOC_QUERYCTRL, &entry);
     if (status == EINVAL || status == ENOTTY) break;  // no further control, or no controls at all
     if (status != 0) return std::nullopt;

@@ -102,12 +102,12 @@ class V4l2Device {
 // Returns a text field of a V4L2 struct as one line.
 [[nodiscard]] std::string v4l2_text(std::span<const std::uint8_t> field);
 // Describes why opening the device failed with this errno, and the remedy.
-[[nodiscard]] std::string v4l2_help(const std::filesystem::path& path, int error);
+[[nodiscard]] std::string v4l2_open_error(const std::filesystem::path& path, int error);
 // The same for a `call` (an ioctl or its purpose) that failed on an open device.
-[[nodiscard]] std::string v4l2_call_help(const std::filesystem::path& path, const char* call,
-                                         int error);
+[[nodiscard]] std::string v4l2_call_error(const std::filesystem::path& path, const char* call,
+                                          int error);
 // Error message for a device that has only the multi-planar interface.
-[[nodiscard]] std::string multi_planar_text(const std::filesystem::path& path,
-                                            const std::string& card);
+[[nodiscard]] std::string multi_planar_error(const std::filesystem::path& path,
+                                             const std::string& card);
 
 }  // namespace penumbra

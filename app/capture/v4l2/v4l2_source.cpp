@@ -67,7 +67,8 @@ std::int64_t monotonic_ns() {
 }
 
 tl::unexpected<StreamError> trouble(const V4l2Device& device, const char* call, int error) {
-  return tl::unexpected<StreamError>({fault_of(error), v4l2_call_help(device.path(), call, error)});
+  return tl::unexpected<StreamError>(
+      {fault_of(error), v4l2_call_error(device.path(), call, error)});
 }
 
 FrameLayout layout_of(const KnownFormat& known, const v4l2_pix_format& granted) {

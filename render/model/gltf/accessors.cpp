@@ -103,8 +103,8 @@ Result<std::span<const std::uint8_t>> Accessors::view_bytes(int view,
   return data.subspan(v.byteOffset, v.byteLength);
 }
 
-Result<Accessors::Stretch> Accessors::stretch(int view, const Layout& layout,
-                                              const std::string& what) const {
+Result<Accessors::StridedRange> Accessors::strided_range(int view, const Layout& layout,
+                                                         const std::string& what) const {
   PENUMBRA_TRY(const std::span<const std::uint8_t> bytes, view_bytes(view, what));
   const tinygltf::BufferView& v = gltf_.bufferViews[static_cast<std::size_t>(view)];
   std::size_t stride = layout.size;
@@ -123,7 +123,7 @@ Result<Accessors::Stretch> Accessors::stretch(int view, const Layout& layout,
   if (layout.offset > bytes.size() || needed > bytes.size() - layout.offset) {
     return fail("{}: reaches past the end of its buffer view ({} bytes)", what, bytes.size());
   }
-  return Stretch{bytes.data() + layout.offset, stride};
+  return StridedRange{bytes.data() + layout.offset, stride};
 }
 
 Result<void> Accessors::apply_sparse(const tinygltf::Accessor& accessor, Elements& elements,
@@ -138,14 +138,14 @@ Result<void> Accessors::apply_sparse(const tinygltf::Accessor& accessor, Element
   }
   const auto count = static_cast<std::size_t>(s.count);
   const std::size_t size = component_size(accessor.componentType);
-  PENUMBRA_TRY(const Stretch indices, stretch(s.indices.bufferView,
-                                              {static_cast<std::size_t>(index_offset), count,
-                                               index_size, index_size, false},
-                                              place + " sparse indices"));
-  PENUMBRA_TRY(const Stretch values, stretch(s.values.bufferView,
-                                             {static_cast<std::size_t>(value_offset), count,
-                                              size * elements.width, size, false},
-                                             place + " sparse values"));
+  PENUMBRA_TRY(const StridedRange indices, strided_range(s.indices.bufferView,
+                                                         {static_cast<std::size_t>(index_offset),
+                                                          count, index_size, index_size, false},
+                                                         place + " sparse indices"));
+  PENUMBRA_TRY(const StridedRange values, strided_range(s.values.bufferView,
+                                                        {static_cast<std::size_t>(value_offset),
+                                                         count, size * elements.width, size, false},
+                                                        place + " sparse values"));
   for (std::size_t i = 0; i < count; ++i) {
     const double to =
         component_at(indices.data + i * indices.stride, s.indices.componentType, false);
@@ -178,9 +178,10 @@ Result<Elements> Accessors::elements(int index, const std::string& what) {
   // Elements without a buffer view are zeros (glTF 2.0, 5.1.1).
   Elements result{accessor.count, width, {}};
   if (accessor.bufferView >= 0) {
-    PENUMBRA_TRY(const Stretch from,
-                 stretch(accessor.bufferView,
-                         {accessor.byteOffset, accessor.count, size * width, size, true}, place));
+    PENUMBRA_TRY(
+        const StridedRange from,
+        strided_range(accessor.bufferView,
+                      {accessor.byteOffset, accessor.count, size * width, size, true}, place));
     result.values.resize(accessor.count * width);
     for (std::size_t i = 0; i < accessor.count; ++i) {
       read_element(from.data + i * from.stride, accessor, result.values.data() + i * width);

@@ -62,7 +62,7 @@ class Accessors {
 
  private:
   // A checked range of a buffer: elements that are `stride` bytes apart.
-  struct Stretch {
+  struct StridedRange {
     const std::uint8_t* data = nullptr;
     std::size_t stride = 0;
   };
@@ -73,8 +73,8 @@ class Accessors {
     std::size_t alignment = 0;
     bool strided = false;
   };
-  [[nodiscard]] Result<Stretch> stretch(int view, const Layout& layout,
-                                        const std::string& what) const;
+  [[nodiscard]] Result<StridedRange> strided_range(int view, const Layout& layout,
+                                                   const std::string& what) const;
   [[nodiscard]] Result<void> apply_sparse(const tinygltf::Accessor& accessor, Elements& elements,
                                           const std::string& place) const;
 

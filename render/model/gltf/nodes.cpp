@@ -78,10 +78,10 @@ Result<void> Nodes::walk(int index, const Eigen::Matrix4d& T_root_parent, int de
   }
   // glTF nodes form trees. A node visited twice is in a cycle or has two parents.
   const auto i = static_cast<std::size_t>(index);
-  if (met_[i]) {
+  if (visited_[i]) {
     return fail("{}: has two parents or is its own ancestor; export the scene as a tree", what);
   }
-  met_[i] = true;
+  visited_[i] = true;
   const tinygltf::Node& node = gltf_.nodes[i];
   if (is_hidden(node)) return {};
   PENUMBRA_TRY(const Eigen::Matrix4d T_parent_node, node_transform(i));
@@ -114,7 +114,7 @@ std::vector<int> Nodes::find_parents() const {
 }
 
 Result<std::vector<Placement>> Nodes::visible_meshes() {
-  met_.assign(gltf_.nodes.size(), false);
+  visited_.assign(gltf_.nodes.size(), false);
   std::vector<int> shown;
   if (gltf_.scenes.empty()) {
     // In a file without scenes, all root nodes are visible.

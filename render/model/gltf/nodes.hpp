@@ -56,7 +56,7 @@ class Nodes {
   const tinygltf::Model& gltf_;
   Accessors& accessors_;
   Model& model_;
-  std::vector<bool> met_;  // per node
+  std::vector<bool> visited_;  // per node
   std::vector<Placement> placements_;
   std::vector<int> parents_;  // find_parents(); empty until first needed
   std::vector<std::optional<Eigen::Matrix4d>> T_root_nodes_;

@@ -21,8 +21,8 @@ constexpr std::size_t kMaxProxyChecks = 4096;
 constexpr double kWorthwhileFaces = 0.75;
 // Range of factors tested for twists: from an umbra that has almost vanished to a penumbra at 0.65
 // of the umbra's height.
-constexpr double kLeastFactor = 0.05;
-constexpr double kGreatestTestedFactor = 1.65;
+constexpr double kMinTestedFactor = 0.05;
+constexpr double kMaxTestedFactor = 1.65;
 
 // Returns, for each object, the maximum ratio of a shadow edge to the caster's edge: the penumbra's
 // factor at the object's maximum height.
@@ -247,7 +247,7 @@ KernelSet& CasterCache::kernels_of(CachedCaster& caster, const KernelKey& key, R
   set.twist =
       find_twists(place_caster(caster.mesh, set.made, Placement(),
                                PlaneFrame::make(key.direction.up(), Eigen::Vector3d::Zero())),
-                  caster.mesh.indices, kLeastFactor, kGreatestTestedFactor);
+                  caster.mesh.indices, kMinTestedFactor, kMaxTestedFactor);
   work[Counter::faces_tested] += static_cast<std::int64_t>(set.twist.faces_tested);
   work[Counter::faces_twisted] += static_cast<std::int64_t>(set.twist.faces_twisted);
   return set;

@@ -52,8 +52,9 @@ void FieldTexture::upload(const ShadowField& field) {
 
 Result<FieldQuad> FieldQuad::create(GlApi api, double longest_edge_m) {
   FieldQuad quad;
-  PENUMBRA_TRY(quad.program_, TranslucentProgram::create(api, {"lens.glsl", "field.vert.glsl"},
-                                                         {"field.frag.glsl"}, {}, Under::video));
+  PENUMBRA_TRY(quad.program_,
+               TranslucentProgram::create(api, {"lens.glsl", "field.vert.glsl"},
+                                          {"field.frag.glsl"}, {}, Background::video));
   quad.longest_edge_m_ = longest_edge_m;
   return quad;
 }
@@ -64,7 +65,7 @@ void FieldQuad::begin(const ShaderProgram& program, const LensUniforms& lens,
   set_lens(program, lens);
   program.set("camera_from_plane", camera_from_plane);
   program.set("field", 0);
-  straight_ = lens.model == 0;
+  undistorted_ = lens.model == 0;
 }
 
 void FieldQuad::draw(const ShaderProgram& program, const FieldTexture& field,
@@ -75,13 +76,13 @@ void FieldQuad::draw(const ShaderProgram& program, const FieldTexture& field,
   program.set("field_last", field.last_);
   program.set("plane_from_own", glm::vec4(static_cast<float>(T_plane_own.cosine),
                                           static_cast<float>(T_plane_own.sine),
-                                          static_cast<float>(T_plane_own.slide.x()),
-                                          static_cast<float>(T_plane_own.slide.y())));
+                                          static_cast<float>(T_plane_own.displacement.x()),
+                                          static_cast<float>(T_plane_own.displacement.y())));
   program.set("layer_wanted", glm::vec3(wanted[0], wanted[1], wanted[2]));
   program.set("layer_light", layer_light);
   field.texture_->bind(0);
   grids_.draw(UnitGrids::grid_for(static_cast<double>(std::max(field.rect_.z, field.rect_.w)),
-                                  longest_edge_m_, straight_));
+                                  longest_edge_m_, undistorted_));
 }
 
 }  // namespace penumbra

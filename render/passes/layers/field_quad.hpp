@@ -52,7 +52,7 @@ class FieldQuad {
   TranslucentProgram program_;
   UnitGrids grids_;
   double longest_edge_m_ = 0.0;  // maximum length of a piece that follows the lens
-  bool straight_ = false;        // no distortion: one piece is exact
+  bool undistorted_ = false;     // no distortion: one piece is exact
 };
 
 }  // namespace penumbra

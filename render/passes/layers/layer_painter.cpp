@@ -16,7 +16,8 @@ glm::mat4x3 plane_from_own(const PlanarMotion& T) {
   const auto c = static_cast<float>(T.cosine);
   const auto s = static_cast<float>(T.sine);
   return {glm::vec3(c, s, 0.0F), glm::vec3(-s, c, 0.0F), glm::vec3(0.0F, 0.0F, 1.0F),
-          glm::vec3(static_cast<float>(T.slide.x()), static_cast<float>(T.slide.y()), 0.0F)};
+          glm::vec3(static_cast<float>(T.displacement.x()), static_cast<float>(T.displacement.y()),
+                    0.0F)};
 }
 
 // Returns each layer's argument of darkened_by_layer() in translucency.glsl.
@@ -38,7 +39,7 @@ Result<LayerPainter> LayerPainter::create(GlApi api, const CameraModel& camera) 
   LayerPainter painter;
   PENUMBRA_TRY(painter.program_,
                TranslucentProgram::create(api, {"lens.glsl", "shadow.vert.glsl"},
-                                          {"shadow.frag.glsl"}, {}, Under::video));
+                                          {"shadow.frag.glsl"}, {}, Background::video));
   PENUMBRA_TRY(painter.field_quad_, FieldQuad::create(api, longest_edge(camera)));
   return painter;
 }

@@ -15,10 +15,10 @@ namespace penumbra {
 namespace {
 
 // A coarser grid draws too many cells without effect; a finer one costs more than it saves.
-constexpr std::size_t kLeastGrid = 4;
+constexpr std::size_t kMinGrid = 4;
 
 PENUMBRA_VECTOR_CLONES
-void take_least(const std::uint8_t* codes, std::size_t count, std::uint8_t* least) {
+void take_minimum(const std::uint8_t* codes, std::size_t count, std::uint8_t* least) {
 #if defined(__GNUC__) && !defined(__clang__)
 #pragma GCC ivdep  // two arrays
 #endif
@@ -46,7 +46,7 @@ void MaskTexture::upload(const MaskCells& cells, std::span<const std::uint8_t> c
     const auto [first, end] = cells_of(piece_row, static_cast<std::size_t>(cells.height));
     std::ranges::fill(min_in_column_, std::uint8_t{255});
     for (std::size_t row = first; row < end; ++row)
-      take_least(codes.data() + row * width, width, min_in_column_.data());
+      take_minimum(codes.data() + row * width, width, min_in_column_.data());
     darkens_[piece_row] = 0;
     for (std::size_t column = 0; column < kPieces; ++column) {
       const auto [left, right] = cells_of(column, width);
@@ -61,8 +61,9 @@ void MaskTexture::upload(const MaskCells& cells, std::span<const std::uint8_t> c
 
 Result<MaskQuad> MaskQuad::create(GlApi api, double longest_edge_m) {
   MaskQuad quad;
-  PENUMBRA_TRY(quad.program_, TranslucentProgram::create(api, {"lens.glsl", "mask.vert.glsl"},
-                                                         {"mask.frag.glsl"}, {}, Under::video));
+  PENUMBRA_TRY(quad.program_,
+               TranslucentProgram::create(api, {"lens.glsl", "mask.vert.glsl"}, {"mask.frag.glsl"},
+                                          {}, Background::video));
   quad.longest_edge_m_ = longest_edge_m;
   return quad;
 }
@@ -90,7 +91,7 @@ int MaskQuad::draw(MaskTexture& mask, const LensUniforms& lens,
   const std::size_t grid =
       lens.model == 0
           ? 0
-          : std::max(kLeastGrid,
+          : std::max(kMinGrid,
                      UnitGrids::grid_for(size, longest_edge_m_ * depth / kNearestDistance, false));
   if (mask.grid_ != grid || mask.all_ != all_pieces) {
     mask.grid_ = grid;

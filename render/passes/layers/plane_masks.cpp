@@ -17,7 +17,7 @@ constexpr double kNone = std::numeric_limits<double>::infinity();
 // Tuned by measurement, see docs/rendering.md#mask-cells.
 constexpr double kPixelsPerMaskCell = 1.6;
 constexpr double kPixelsPerSeenCell = 1.35;
-constexpr std::int64_t kMostMaskSide = 8192;  // cells
+constexpr std::int64_t kMaxMaskSide = 8192;  // cells
 constexpr int kMaskCellsAtOnce = 1 << 20;
 // Up to this number of faces on a plane, direct drawing costs far less CPU time than a mask
 // (docs/rendering.md#masks).
@@ -59,7 +59,7 @@ PlaneMasks::PlaneMasks(const CameraModel& camera, bool multisampled)
       frustum_(make_frustum(camera)) {
   GLint most_side = 0;
   glGetIntegerv(GL_MAX_TEXTURE_SIZE, &most_side);
-  most_side_ = std::min<std::int64_t>(kMostMaskSide, most_side);
+  most_side_ = std::min<std::int64_t>(kMaxMaskSide, most_side);
 }
 
 std::vector<PlaneMasks::PartCover>::iterator PlaneMasks::Plane::cover_of(const MaskPart& part,
@@ -133,7 +133,7 @@ std::optional<double> PlaneMasks::depth_of(const Scene& scene, const FramePlan& 
       not_masked = draw.object;
       return false;
     }
-    if (!has_one_light_size(draw) && cut_layers(draw, caster) == LayerSources{}) return true;
+    if (!has_one_light_size(draw) && layer_sources(draw, caster) == LayerSources{}) return true;
     const std::array<Eigen::Vector3d, 4> square = square_in_view(draw, plan);
     double nearest = kNone;
     for (const Eigen::Vector3d& corner : square) nearest = std::min(nearest, corner.z());

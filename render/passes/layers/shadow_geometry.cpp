@@ -153,7 +153,7 @@ void settle_contact(std::vector<CasterVertex>& vertices) {
   }
 }
 
-LayerSources cut_layers(const ShadowDraw& draw, const CachedCaster& caster) {
+LayerSources layer_sources(const ShadowDraw& draw, const CachedCaster& caster) {
   const HeightMap height(draw.plane_frame, draw.T_table_object);
   // In most frames the box is sufficient.
   const glm::vec3& a = caster.min_corner;
@@ -249,11 +249,11 @@ void ShadowGeometry::place_layers(const ShadowDraw& draw, CachedCaster& caster, 
                                   PreparedShadow& prepared, RenderWork& work) const {
   const bool fixed = draw.light_mode == LightMode::fixed;
   if (fixed && !prepared.key.masked) {
-    image_layers(draw, caster, kernels, prepared, work);
+    project_layers(draw, caster, kernels, prepared, work);
     return;
   }
   const CasterBody& body = caster.body(prepared.key.reduced);
-  const LayerSources sources = cut_layers(draw, caster);
+  const LayerSources sources = layer_sources(draw, caster);
   bool clips = false;
   for (std::size_t i = 0; i < 3; ++i) {
     if (!prepared.wanted[i]) continue;
@@ -267,7 +267,7 @@ void ShadowGeometry::place_layers(const ShadowDraw& draw, CachedCaster& caster, 
   }
   if (prepared.key.masked) return;
   if (CasterCache::projects_on_cpu(draw, body)) {
-    image_layers(draw, caster, kernels, prepared, work);
+    project_layers(draw, caster, kernels, prepared, work);
   } else if (clips) {
     clip_layers(draw, caster, kernels, prepared, work);
   }
@@ -276,8 +276,9 @@ void ShadowGeometry::place_layers(const ShadowDraw& draw, CachedCaster& caster, 
 // Projects on the CPU: for lights of one size, whose factor differs between vertices, and for
 // casters whose edges are split for the lens. Splitting adds vertices on the straight edges of the
 // projected faces (docs/shadows.md#layers).
-void ShadowGeometry::image_layers(const ShadowDraw& draw, CachedCaster& caster, KernelSet& kernels,
-                                  PreparedShadow& prepared, RenderWork& work) const {
+void ShadowGeometry::project_layers(const ShadowDraw& draw, CachedCaster& caster,
+                                    KernelSet& kernels, PreparedShadow& prepared,
+                                    RenderWork& work) const {
   const bool fixed = draw.light_mode == LightMode::fixed;
   const CasterBody& body = caster.body(prepared.key.reduced);
   const ShadowMesh& mesh = caster.casting_mesh(prepared.key.reduced);
@@ -369,9 +370,9 @@ void ShadowGeometry::make_field(const ShadowDraw& draw, CachedCaster& caster,
   prepared.outlines = std::make_shared<const FieldOutlines>(std::move(outlines));
 }
 
-std::size_t ShadowGeometry::surface_for(const ShadowDraw& draw, const FramePlan& plan,
-                                        const CachedCaster& caster,
-                                        const PreparedShadow& prepared) const {
+std::size_t ShadowGeometry::coarsest_range(const ShadowDraw& draw, const FramePlan& plan,
+                                           const CachedCaster& caster,
+                                           const PreparedShadow& prepared) const {
   const CasterBody& body = caster.body(prepared.key.reduced);
   const std::size_t finest = body.geometry.coarser.size();
   if (finest == 0) return finest;

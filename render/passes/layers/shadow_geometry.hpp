@@ -99,7 +99,7 @@ struct ShadowReach {
 [[nodiscard]] HeightRange range_of(const ShadowDraw& draw, ShadowLayer layer);
 // Returns, for each wanted layer, whether the whole mesh, a part of it (clipped) or nothing is in
 // the layer's height range.
-[[nodiscard]] LayerSources cut_layers(const ShadowDraw& draw, const CachedCaster& caster);
+[[nodiscard]] LayerSources layer_sources(const ShadowDraw& draw, const CachedCaster& caster);
 // Returns positions and kernels in the own frame, and counts them in `work`.
 [[nodiscard]] std::vector<CasterVertex> own_vertices(const OwnFrame& own,
                                                      std::span<const glm::vec3> positions,
@@ -117,9 +117,9 @@ class ShadowGeometry {
                RenderWork& work) const;
   // Returns the coarsest of the caster's ranges whose shadow follows the lens at its nearest point
   // to the camera. Depends only on the current frame.
-  [[nodiscard]] std::size_t surface_for(const ShadowDraw& draw, const FramePlan& plan,
-                                        const CachedCaster& caster,
-                                        const PreparedShadow& prepared) const;
+  [[nodiscard]] std::size_t coarsest_range(const ShadowDraw& draw, const FramePlan& plan,
+                                           const CachedCaster& caster,
+                                           const PreparedShadow& prepared) const;
   // Returns bounds at heights from `from` upwards; nullopt for lights of one size and for fields,
   // whose bounds are not known in advance.
   std::optional<ShadowReach> reach_of(const Scene& scene, const ShadowDraw& draw, double from,
@@ -130,8 +130,8 @@ class ShadowGeometry {
  private:
   void place_layers(const ShadowDraw& draw, CachedCaster& caster, KernelSet& kernels,
                     PreparedShadow& prepared, RenderWork& work) const;
-  void image_layers(const ShadowDraw& draw, CachedCaster& caster, KernelSet& kernels,
-                    PreparedShadow& prepared, RenderWork& work) const;
+  void project_layers(const ShadowDraw& draw, CachedCaster& caster, KernelSet& kernels,
+                      PreparedShadow& prepared, RenderWork& work) const;
   void make_field(const ShadowDraw& draw, CachedCaster& caster, PreparedShadow& prepared,
                   RenderWork& work) const;
 

@@ -35,8 +35,8 @@ float cross(const Eigen::Vector2f& a, const Eigen::Vector2f& b) {
 // from contributing; there is a row before the first and after the last. Exact, as all values are
 // small integers. Their bit patterns compare like the values.
 PENUMBRA_VECTOR_CLONES
-void lower_rows(const float* __restrict g2, float* __restrict squared, std::size_t rows,
-                std::size_t stride, std::size_t width) {
+void transform_rows(const float* __restrict g2, float* __restrict squared, std::size_t rows,
+                    std::size_t stride, std::size_t width) {
   for (std::size_t row = 0; row < rows; ++row) {
     const float* here = g2 + row * stride;
     float* out = squared + row * stride;
@@ -504,8 +504,8 @@ void FootprintRaster::compute_depth() {
   take_squares(depth_.data(), squared_column_distance_.data(), depth_.size());
   const auto inner_rows = static_cast<std::size_t>(std::max(height_ - 2, 0));
   float* squared = depth_.data() + stride();
-  lower_rows(squared_column_distance_.data() + stride(), squared, inner_rows, stride(),
-             static_cast<std::size_t>(width_));
+  transform_rows(squared_column_distance_.data() + stride(), squared, inner_rows, stride(),
+                 static_cast<std::size_t>(width_));
   take_roots(squared, inner_rows * stride());
 }
 

@@ -26,7 +26,7 @@ constexpr double kHoleShare = 0.005;  // smaller holes are missing faces
 constexpr double kJointShare = 0.05;
 constexpr int kCentroidCells = 128;  // along each side
 constexpr int kMedianFiner = 2;  // refinement of the raster for a median radius, along each side
-constexpr int kFewestMedianCells = 32 * 32;  // cells for the median radius of a small part
+constexpr int kMinMedianCells = 32 * 32;  // cells for the median radius of a small part
 constexpr int kTileCells = 8;
 constexpr std::size_t kFewVertices = 64;  // below this, tiles cost more than they save
 // Accuracy of a radius; like kBorderSlack in cells of a raster whose longer side has the nominal
@@ -149,7 +149,7 @@ class LocalThickness {
     const int max_budget = kMedianFiner * kMedianFiner * side * side;
     const float of_use = extent.x() * extent.y() / (finest_cell * finest_cell);
     const int budget = of_use < static_cast<float>(max_budget)
-                           ? std::max(kFewestMedianCells, static_cast<int>(of_use))
+                           ? std::max(kMinMedianCells, static_cast<int>(of_use))
                            : max_budget;
     if (!rasterise(part, side, budget)) {
       for (const Eigen::Vector2f& point : part.points) result.centre += point;

@@ -35,7 +35,7 @@ struct Grid {
   }
 };
 
-Grid grid_round(std::span<const PlanePoint> points) {
+Grid grid_around(std::span<const PlanePoint> points) {
   Eigen::AlignedBox2d box;
   for (const PlanePoint& p : points) box.extend(Eigen::Vector2f(p.u, p.v).cast<double>());
   return {0.5 * (box.min() + box.max()), 0.5 * box.sizes().maxCoeff() / kGridHalf};
@@ -146,7 +146,7 @@ ClipperLib::Paths closed_walks(const std::vector<Edge>& edges) {
 }
 
 // Edge limit of the whole union / edge limit of a piece.
-constexpr std::size_t kPiecesShorter = 10;
+constexpr std::size_t kPieceDivisor = 10;
 
 // Returns false if Clipper fails; may throw clipperException.
 template <class Solution>
@@ -198,14 +198,14 @@ Result<LayerOutline> union_of_triangles(std::span<const PlanePoint> triangles,
       return fail("shadow layer: has a point that is not finite; check the model and the pose");
   }
   if (triangles.size() < 3) return outline;
-  const Grid grid = grid_round(triangles);
+  const Grid grid = grid_around(triangles);
   if (!(grid.step > 0.0)) return outline;
 
   ClipperLib::PolyTree tree;
   try {
     std::vector<Triangle> snapped = snapped_triangles(triangles, grid);
     ClipperLib::Paths paths;
-    if (!outline_paths(snapped, max_edges, max_edges / kPiecesShorter, paths) ||
+    if (!outline_paths(snapped, max_edges, max_edges / kPieceDivisor, paths) ||
         !unite(paths, tree)) {
       return fail("shadow layer: the union of its triangles failed");
     }

@@ -32,7 +32,7 @@ OwnFrame OwnFrame::make(const Placement& T_world_object, const PlaneFrame& plane
   const double length = std::hypot(along, across);
   own.T_plane_own.cosine = along / length;
   own.T_plane_own.sine = across / length;
-  own.T_plane_own.slide = plane.to_plane(T_world_object.position).head<2>();
+  own.T_plane_own.displacement = plane.to_plane(T_world_object.position).head<2>();
   return own;
 }
 

@@ -12,10 +12,11 @@ namespace penumbra {
 // A rigid motion in the plane: p_plane = R(cosine, sine) p_own + slide.
 struct PlanarMotion {
   double cosine = 1.0, sine = 0.0;
-  Eigen::Vector2d slide = Eigen::Vector2d::Zero();  // [m]
+  Eigen::Vector2d displacement = Eigen::Vector2d::Zero();  // [m]
 
   [[nodiscard]] Eigen::Vector2d operator*(const Eigen::Vector2d& p) const {
-    return {cosine * p.x() - sine * p.y() + slide.x(), sine * p.x() + cosine * p.y() + slide.y()};
+    return {cosine * p.x() - sine * p.y() + displacement.x(),
+            sine * p.x() + cosine * p.y() + displacement.y()};
   }
   friend bool operator==(const PlanarMotion&, const PlanarMotion&) = default;
 };

@@ -10,7 +10,7 @@
 namespace penumbra {
 namespace {
 
-constexpr double kLeastCosine = 0.02;  // steeper faces receive little light from straight above
+constexpr double kMinCosine = 0.02;  // steeper faces receive little light from straight above
 constexpr double kLevelCosine = 0.999;
 constexpr double kContact = 1e-4;  // lower faces touch or are below the plane: no level [m]
 
@@ -28,7 +28,7 @@ ReceivingSurface::ReceivingSurface(const Model& model, const Placement& T_table_
       }
       const Eigen::Vector3d normal = (corners[1] - corners[0]).cross(corners[2] - corners[0]);
       const double length = normal.norm();
-      if (!(std::abs(normal.z()) > kLeastCosine * length)) continue;
+      if (!(std::abs(normal.z()) > kMinCosine * length)) continue;
       const Eigen::Vector3d low = corners[0].cwiseMin(corners[1]).cwiseMin(corners[2]);
       const Eigen::Vector3d high = corners[0].cwiseMax(corners[1]).cwiseMax(corners[2]);
       if (!(high.z() > kContact)) continue;

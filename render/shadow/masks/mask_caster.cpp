@@ -22,7 +22,7 @@ void MaskCaster::begin(const OwnFrame& own, double cell) {
   for (std::vector<Position>& sides : sides_) sides.clear();
   T_plane_own_ = own.T_plane_own;
   cell_ = cell;
-  first_ = (T_plane_own_.slide / cell).array().floor().cast<std::int64_t>();
+  first_ = (T_plane_own_.displacement / cell).array().floor().cast<std::int64_t>();
 }
 
 std::optional<MaskCaster::Position> MaskCaster::position_of(const PlanePoint& p) const {
@@ -86,7 +86,7 @@ void MaskCaster::project(std::span<const glm::vec3> positions, std::span<const g
       own.T_plane_own.cosine;
   const Eigen::Matrix3d linear = turn * map.linear;
   Eigen::Vector3d offset = turn * map.offset;
-  offset.head<2>() += cell * (own.T_plane_own.slide / cell - first_.cast<double>());
+  offset.head<2>() += cell * (own.T_plane_own.displacement / cell - first_.cast<double>());
   std::array<float, 9> m{};
   for (Eigen::Index i = 0; i < 9; ++i)
     m[static_cast<std::size_t>(i)] = static_cast<float>(linear(i / 3, i % 3));

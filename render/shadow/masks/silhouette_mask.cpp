@@ -275,7 +275,7 @@ void MaskRaster::make_room(std::size_t layer, std::size_t sheets) {
 
 // Clamps sums to kClampedSheets; covered cells stay covered.
 void MaskRaster::clamp_sums() {
-  static constexpr auto kMost = static_cast<std::int32_t>(kClampedSheets) * kWhole;
+  static constexpr auto kMaxSum = static_cast<std::int32_t>(kClampedSheets) * kWhole;
   const auto settle_row = [](std::array<std::int32_t, 4>* steps,
                              std::span<const std::uint8_t> touched) {
     std::array<std::int32_t, 3> sum{};
@@ -283,7 +283,7 @@ void MaskRaster::clamp_sums() {
     for_each_set(touched, [&](std::size_t i) {
       for (std::size_t layer = 0; layer < 3; ++layer) {
         sum[layer] += steps[i][layer];
-        const std::int32_t held = std::clamp(sum[layer], -kMost, kMost);
+        const std::int32_t held = std::clamp(sum[layer], -kMaxSum, kMaxSum);
         steps[i][layer] = held - before[layer];
         before[layer] = held;
       }

@@ -47,7 +47,7 @@ class LightGrid {
  public:
   static constexpr int kSide = 160;
   // The margin allows for overlaps between the grid points.
-  static constexpr unsigned kMost = kMaxVolumesCounted - 15U;
+  static constexpr unsigned kMaxInitialCount = kMaxVolumesCounted - 15U;
 
   LightGrid(const std::vector<Eigen::Vector3d>& points, const std::vector<bool>& used,
             const VolumeLight& light)
@@ -335,7 +335,7 @@ ShadowVolume VolumeCaster::volume(const Placement& T_table_object,
       };
       cover();
       const std::size_t batch = result.batch_ends.empty() ? 0 : result.batch_ends.back();
-      if (grid->most() > LightGrid::kMost && result.triangles.size() > batch) {
+      if (grid->most() > LightGrid::kMaxInitialCount && result.triangles.size() > batch) {
         result.batch_ends.push_back(result.triangles.size());
         grid->clear();
         cover();

@@ -179,7 +179,7 @@ TEST(CameraJpegGate, RecordsNormalizedImages) {
   EXPECT_EQ(test::read_bytes(folder / "frames" / "000000.jpg"), with_height(sound, 472));
 
   OpenRecordingOptions options;
-  options.surroundings = false;
+  options.with_metadata = false;
   const auto recording = open_recording(folder, options);
   ASSERT_TRUE(recording) << recording.error().message;
   const auto source = open_recording_source(*recording);

@@ -20,7 +20,7 @@ TEST(CameraSearch, FindsCameraAtItsOldPort) {
   EXPECT_EQ(search.find(There{kTwin, kOther, kLost}), 2U);
 }
 
-TEST(CameraSearch, IgnoresTwinPresentBeforeLoss) {
+TEST(CameraSearch, IgnoresIdenticalCameraPresentBeforeLoss) {
   CameraSearch search(kLost);
   search.begin();
   for (int i = 0; i < 5; ++i) EXPECT_EQ(search.find(There{kOther, kTwin}), std::nullopt);
@@ -34,7 +34,7 @@ TEST(CameraSearch, FindsCameraReconnectedAtOtherPort) {
   EXPECT_EQ(search.find(There{kOther, kTwin, kMoved, kMoved}), 2U);
 }
 
-TEST(CameraSearch, ChoosesNeitherOfTwoNewCandidates) {
+TEST(CameraSearch, WaitsWhenTwoNewCamerasMatch) {
   CameraSearch search(kLost);
   search.begin();
   EXPECT_EQ(search.find(There{}), std::nullopt);

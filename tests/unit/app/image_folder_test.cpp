@@ -21,7 +21,7 @@ using testing::ElementsAre;
 using testing::HasSubstr;
 
 // The sample depth is determined from 256 of the 300 images. The seventh image is not one of them.
-TEST(ImageSource, WarnsOfValuesAboveDepthOfOthers) {
+TEST(ImageSource, WarnsOfValuesAboveBitDepthOfOtherImages) {
   const test::TemporaryFolder folder;
   constexpr int kCount = 300;
   constexpr int kSkipped = 6;

@@ -237,7 +237,7 @@ int open_descriptors() {
   return count;
 }
 
-TEST(LiveRecorder, ReleasesDescriptorsOfEndedRecordings) {
+TEST(LiveRecorder, ClosesFilesOfEndedRecordings) {
   const test::TemporaryFolder temporary;
   RecordingHead head;
   head.camera = "a camera";

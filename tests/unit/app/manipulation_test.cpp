@@ -82,7 +82,7 @@ TEST_F(Manipulation, PicksScaledAndRotatedObjects) {
   EXPECT_NEAR(picked->distance, 1.0, 1e-6);
 }
 
-TEST_F(Manipulation, RejectsObjectsHiddenByPhantom) {
+TEST_F(Manipulation, IgnoresObjectsHiddenByPhantom) {
   Manipulator hands;
   const Ray ray{{-0.3, -1.0, 0.02}, Eigen::Vector3d(0.0, 1.0, 0.0)};
   PointerView pointer;
@@ -102,7 +102,7 @@ TEST_F(Manipulation, MovesWholeObjectWithPickedPart) {
       << "picking must not move the object";
 }
 
-TEST_F(Manipulation, SlidesPointUnderPointerAtConstantHeight) {
+TEST_F(Manipulation, KeepsHeightAndPointUnderPointerInSlideMode) {
   Manipulator hands;
   const Eigen::Vector3d top(0.05, -0.02, 0.30);
   ASSERT_TRUE(hands.take(scene(), state(), pointer_at(top), DragMode::slide));
@@ -120,7 +120,7 @@ TEST_F(Manipulation, StopsSlideAboveHorizon) {
   EXPECT_FALSE(hands.drag(view_at(camera, pose, {320.0, 5.0}).value()));
 }
 
-TEST_F(Manipulation, LiftsUpAndSidewaysOnly) {
+TEST_F(Manipulation, MovesUpAndSidewaysOnlyInLiftMode) {
   Manipulator hands;
   const Eigen::Vector3d front(0.05, -0.03, 0.25);
   const PointerView start = pointer_at(front);
@@ -154,7 +154,7 @@ TEST_F(Manipulation, LiftsByUpwardDragWhenSeenFromAbove) {
   EXPECT_NEAR(moved->placement.position.x(), 0.05, 1e-9);
 }
 
-TEST_F(Manipulation, ReachesUpAndAwayOnly) {
+TEST_F(Manipulation, MovesUpAndAwayOnlyInReachMode) {
   Manipulator hands;
   const PointerView start = pointer_at({0.05, -0.03, 0.25});
   ASSERT_TRUE(hands.take(scene(), state(), start, DragMode::reach));
@@ -196,7 +196,7 @@ TEST_F(Manipulation, RotatesAboutTableNormalAndImageHorizontal) {
   EXPECT_LT(turned->placement.rotation.angularDistance(tilt), 1e-9);
 }
 
-TEST_F(Manipulation, KeepsObjectWhenPointerRests) {
+TEST_F(Manipulation, KeepsObjectWhenPointerDoesNotMove) {
   for (const DragMode mode : {DragMode::slide, DragMode::lift, DragMode::reach, DragMode::turn}) {
     Manipulator hands;
     const PointerView start = pointer_at({0.05, -0.03, 0.25});

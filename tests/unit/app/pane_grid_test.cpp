@@ -24,7 +24,7 @@ class PaneGridLayout : public testing::TestWithParam<int> {};
 INSTANTIATE_TEST_SUITE_P(Panes, PaneGridLayout, testing::Values(2, 3, 4, 5, 6, 7, 8),
                          [](const auto& test) { return "Panes" + std::to_string(test.param); });
 
-TEST_P(PaneGridLayout, PlacesEachPaneAndChangesNothingElse) {
+TEST_P(PaneGridLayout, WritesOnlyPixelsOfEachPane) {
   constexpr int kWidth = 61;
   constexpr int kHeight = 47;
   const auto panes = static_cast<std::size_t>(GetParam());

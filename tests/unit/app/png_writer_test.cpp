@@ -46,7 +46,7 @@ TEST(PngWriter, WritesOnlyImagesNumberedByFrame) {
               testing::ElementsAre(1, 2, 3, 4, 5, 6));
 }
 
-TEST(PngWriter, ReplacesEarlierSetCompletely) {
+TEST(PngWriter, RemovesAllImagesOfEarlierRun) {
   const test::TemporaryFolder temporary;
   write(temporary.path() / "out", {0, 1, 2});
   write(temporary.path() / "out/", {1});
@@ -112,7 +112,7 @@ TEST(PngWriter, SeparatesRunsWithSameTarget) {
   EXPECT_EQ(names_in(temporary.path()), (std::set<std::string>{"out"}));
 }
 
-TEST(PngWriter, KeepsOldFolderWithoutFinish) {
+TEST(PngWriter, KeepsOldFolderWhenNotFinished) {
   const test::TemporaryFolder temporary;
   const fs::path folder = temporary.path() / "out";
   write(folder, {0, 1});

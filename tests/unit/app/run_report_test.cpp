@@ -448,7 +448,7 @@ TEST(RunReport, CountsRecordedFrames) {
   EXPECT_EQ(json["recorded"]["left_out"], 86);
 }
 
-TEST(StageTimes, AveragesLastThirtyAsRecent) {
+TEST(StageTimes, ReportsMeanOfLastThirtyAsRecentTime) {
   StageTimes times;
   EXPECT_FALSE(times.recent_ms());
   for (int i = 1; i <= 100; ++i) {

@@ -233,7 +233,7 @@ TEST(StudyFile, LosesOnlyTruncatedLine) {
   EXPECT_EQ(text_of(path), damaged);
 }
 
-TEST(StudySummary, CountsAnswersOfOneParticipantOrParticipants) {
+TEST(StudySummary, SummarisesOneOrSeveralParticipants) {
   std::vector<StudyRow> rows;
   for (int i = 0; i < 10; ++i) rows.push_back(row_of(design_of(1), 1, 1, 1.0 + i, i < 8));
   auto summary = summarise(design_of(1), rows);

@@ -49,7 +49,7 @@ TEST(V4l2Setup, AdvisesWhenNoFormatIsReadable) {
 }
 
 TEST(V4l2Setup, AdvisesLibcameraForMultiPlanarDevices) {
-  EXPECT_THAT(multi_planar_text("/dev/video3", "unicam"),
+  EXPECT_THAT(multi_planar_error("/dev/video3", "unicam"),
               AllOf(HasSubstr("/dev/video3: "), HasSubstr("multi-planar"), HasSubstr("unicam"),
                     HasSubstr("libcamera:0"), HasSubstr("penumbra devices")));
 }
@@ -73,7 +73,7 @@ TEST(CameraControls, ClampToRangeWithWarning) {
 }
 
 TEST(V4l2Setup, AdvisesWhenUsbBandwidthIsExhausted) {
-  const std::string text = v4l2_call_help("/dev/video0", "VIDIOC_STREAMON", ENOSPC);
+  const std::string text = v4l2_call_error("/dev/video0", "VIDIOC_STREAMON", ENOSPC);
   EXPECT_THAT(text, HasSubstr("bandwidth"));
   EXPECT_THAT(text, HasSubstr("--format mjpeg"));
   EXPECT_THAT(text, Not(HasSubstr("plug")));
@@ -82,7 +82,7 @@ TEST(V4l2Setup, AdvisesWhenUsbBandwidthIsExhausted) {
 }
 
 TEST(V4l2Setup, GivesAdviceForEachError) {
-  const auto help = [](int error) { return v4l2_call_help("/dev/video0", "VIDIOC_S_FMT", error); };
+  const auto help = [](int error) { return v4l2_call_error("/dev/video0", "VIDIOC_S_FMT", error); };
   EXPECT_THAT(help(EINVAL), HasSubstr("choose another --format or --size"));
   EXPECT_THAT(help(EPIPE), HasSubstr("libcamera"));
   EXPECT_THAT(help(EIO), HasSubstr("cable"));

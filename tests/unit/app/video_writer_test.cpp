@@ -100,7 +100,7 @@ TEST_P(VideoWriterCodec, WritesSameBytesForSameFrames) {
   EXPECT_EQ(bytes_of(first), bytes_of(second));
 }
 
-TEST_P(VideoWriterCodec, SeparatesFramesWithEqualTimestamps) {
+TEST_P(VideoWriterCodec, IncreasesEqualTimestamps) {
   const test::TemporaryFolder folder;
   const fs::path file = folder.path() / ("a" + extension());
   write_all(file, GetParam(), {32, 32, 1.0 / 30.0}, noise(32, 32, 3), {7, 7, 7});
@@ -110,7 +110,7 @@ TEST_P(VideoWriterCodec, SeparatesFramesWithEqualTimestamps) {
   EXPECT_LT(video.pictures[1].time_s, video.pictures[2].time_s);
 }
 
-TEST_P(VideoWriterCodec, KeepsOldFileWithoutFinish) {
+TEST_P(VideoWriterCodec, KeepsOldFileWhenNotFinished) {
   const test::TemporaryFolder folder;
   const fs::path file = folder.path() / ("a" + extension());
   std::ofstream(file) << "old";

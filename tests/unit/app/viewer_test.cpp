@@ -155,7 +155,7 @@ TEST(Viewer, PausesUntilSpaceIsPressedAgain) {
   EXPECT_EQ(window.swaps, 5);
 }
 
-TEST(Viewer, EndsPauseOnClose) {
+TEST(Viewer, EndsPauseWhenWindowCloses) {
   ScriptedWindow window(std::deque<int>{kSpace, 0, kEscape});
   InterruptWatch interrupt;
   Host host;
@@ -163,7 +163,7 @@ TEST(Viewer, EndsPauseOnClose) {
   EXPECT_FALSE(viewer.show(interrupt));
 }
 
-TEST(Viewer, EndsPauseWithRun) {
+TEST(Viewer, EndsPauseWhenRunEnds) {
   ScriptedWindow window(std::deque<int>{kSpace, 0, 0});
   InterruptWatch interrupt;
   Host host;
@@ -207,7 +207,7 @@ TEST(Viewer, ExecutesCommandsOfKeys) {
   EXPECT_EQ(last().style.technique, technique_after(host.style.technique));
 }
 
-TEST(Viewer, KeepsSceneOnNumberKeysWithoutEffect) {
+TEST(Viewer, IgnoresKeysWithoutTechniqueOrShadow) {
   for (const bool has_shadows : {true, false}) {
     std::deque<int> keys = {'7', '9', 328};  // 328: 8 of the keypad
     if (!has_shadows) keys = {'1', '0', 'N'};
@@ -239,7 +239,7 @@ TEST(Viewer, EditsOneNodeOrAllByKey) {
   EXPECT_EQ(last().style.technique, techniques_by_key()[0]);
 }
 
-TEST(Viewer, CyclesTranslucencyOnM) {
+TEST(Viewer, CyclesTranslucencyWithKeyM) {
   std::deque<int> keys(kTranslucencyNames.size(), 'M');
   ScriptedWindow window(keys);
   Host host;
@@ -364,7 +364,7 @@ class ViewerWithHud : public testing::Test {
   InterruptWatch interrupt;
 };
 
-TEST_F(ViewerWithHud, DrawsNothingWhenHidden) {
+TEST_F(ViewerWithHud, DrawsNoHudWhenHidden) {
   ScriptedWindow window(std::deque<int>{0, kX, 'H', 'D', 'H', 0});
   window.size = {640, 480};
   ViewerOptions options;
@@ -382,7 +382,7 @@ TEST_F(ViewerWithHud, DrawsNothingWhenHidden) {
 }
 
 // A hidden HUD still shows warnings, because a frozen image must not look live.
-TEST_F(ViewerWithHud, DrawsWarningsWhenHidden) {
+TEST_F(ViewerWithHud, DrawsWarningsWhenHudIsHidden) {
   ScriptedWindow window(std::deque<int>{0, 0});
   window.size = {640, 480};
   ViewerOptions options;
@@ -404,7 +404,7 @@ TEST_F(ViewerWithHud, DrawsWarningsWhenHidden) {
   EXPECT_EQ(host.hud_drawings, 0);
 }
 
-TEST_F(ViewerWithHud, ReappearsOnTouchInCorner) {
+TEST_F(ViewerWithHud, ShowsHudAgainOnTouchInCorner) {
   ScriptedWindow window(
       std::deque<WindowEvent>{pointer(WindowEvent::Kind::button_down, 10.0, 10.0)});
   window.size = {640, 480};
@@ -416,7 +416,7 @@ TEST_F(ViewerWithHud, ReappearsOnTouchInCorner) {
 }
 
 // A click on a button must not pick the object under it.
-TEST_F(ViewerWithHud, ConsumesClicksOnItsButtons) {
+TEST_F(ViewerWithHud, DoesNotPickObjectsUnderHudButtons) {
   test::SceneBuilder builder;
   builder.add(test::finished(make_box({2.0F, 2.0F, 0.1F}), glm::vec4(1.0F)), test::at(0, 0, 0));
   const Scene& scene = builder.scene();

@@ -223,7 +223,7 @@ TEST_F(TagSurveyTest, RejectsAndReportsTagOfWrongSize) {
   }
 }
 
-TEST_F(TagSurveyTest, ReportsAnchorThatDoesNotFit) {
+TEST_F(TagSurveyTest, ReportsInconsistentAnchor) {
   board_[0].size_m *= 1.4;
   const auto survey = survey_tags(camera_, sweep(camera_, board_, 0.0), options_);
   ASSERT_FALSE(survey);

@@ -30,7 +30,7 @@ TEST(ViewInformation, AddsUpToSolverCovariance) {
     sum += *information;
   }
   const Eigen::MatrixXd expected =
-      sum.inverse() * solved->noise_px * solved->noise_px * solved->clustering;
+      sum.inverse() * solved->noise_px * solved->noise_px * solved->covariance_inflation;
   for (int i = 0; i < 9; ++i)
     EXPECT_NEAR(expected(i, i) / solved->covariance(i, i), 1.0, 0.02) << i;
 }
@@ -59,7 +59,7 @@ TEST(ViewInformation, AddsUpToSolverCovarianceForTags) {
     sum += *information;
     without += *more;
   }
-  const double noise = solved->noise_px * solved->noise_px * solved->clustering;
+  const double noise = solved->noise_px * solved->noise_px * solved->covariance_inflation;
   const Eigen::MatrixXd expected = sum.inverse() * noise;
   for (int i = 0; i < 9; ++i)
     EXPECT_NEAR(expected(i, i) / solved->covariance(i, i), 1.0, 0.02) << i;

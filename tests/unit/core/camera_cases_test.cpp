@@ -287,7 +287,7 @@ TEST(OpenCvFile, IsReadAsJsonAndXml) {
   }
 }
 
-TEST(OpenCvFile, IsRejectedInOneLineWhenXmlIsDamaged) {
+TEST(OpenCvFile, IsRejectedWithOneLineWhenXmlIsDamaged) {
   EXPECT_THAT(error_of("<?xml version=\"1.0\"?>\n<opencv_storage><a>1</b></opencv_storage>"),
               AllOf(HasSubstr("line 2"), HasSubstr("XML")));
   EXPECT_THAT(error_of("<html><body>404</body></html>"), HasSubstr("no FileStorage of OpenCV"));

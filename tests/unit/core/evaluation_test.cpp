@@ -73,7 +73,7 @@ TEST(Evaluation, IgnoresCornersBehindCamera) {
   EXPECT_EQ(d.rms_px(), 0.0);
 }
 
-TEST(Evaluation, RatesPoseWithoutVisibleCornersWorst) {
+TEST(Evaluation, GivesLargeErrorToPoseWithoutVisibleCorners) {
   // The estimated camera is below the table and looks away, so it sees no corner. The true camera
   // sees all.
   const OverlayDifference d = overlay_difference(pinhole(), above(0, 0, -1.0), above(0, 0, 1.0));

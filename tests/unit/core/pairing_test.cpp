@@ -82,7 +82,7 @@ TEST(Pairing, ReportsReasonForMissingTruePose) {
   EXPECT_EQ(pose_at(one, 2 * kMs, kMaxGap).error(), NotEvaluated::outside_truth);
 }
 
-TEST(Pairing, ExtrapolatesHalfIntervalAtMostTenMilliseconds) {
+TEST(Pairing, ExtrapolatesUpToHalfIntervalOrTenMilliseconds) {
   struct Case {
     std::int64_t interval_ns;
     std::int64_t most_ns;

@@ -140,7 +140,7 @@ TEST(PoseConventionHint, ReportsConvention) {
   }
 }
 
-TEST(PoseConventionHint, ReportsEstimateThatDiffers) {
+TEST(PoseConventionHint, ReportsWrongUnitOrQuaternionOrderOfEstimate) {
   std::mt19937 random(4);
   for (int i = 0; i < kTrajectories; ++i) {
     const Trajectory truth = random_trajectory(random);

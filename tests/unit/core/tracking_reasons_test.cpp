@@ -5,7 +5,7 @@
 namespace penumbra {
 namespace {
 
-TEST(PoseReason, HasTextOfItsCause) {
+TEST(PoseReason, HasTextForEachCause) {
   EXPECT_EQ(text_of(PoseReason{}), "");
   EXPECT_EQ(text_of(not_measured("not {seen}")), "not {seen}");
   EXPECT_EQ(text_of({PoseCause::two_poses}), "two poses fit");
@@ -21,7 +21,7 @@ TEST(PoseReason, HasTextOfItsCause) {
             "the table is uncertain: two poses fit");
 }
 
-TEST(TagRejection, HasKeyAndLineOfReport) {
+TEST(TagRejection, HasReportKeyAndText) {
   EXPECT_EQ(key_of(TagRejection::inconsistent), "tags_left_out");
   EXPECT_EQ(text_of(TagRejection::inconsistent, "41", "the map", 2),
             "tag 41 is inconsistent with the map: rejected in 2 frames (measure it again, or make "

@@ -74,7 +74,7 @@ TEST(AlphaCutOut, FollowsCurvedOutline) {
   EXPECT_NEAR(area_seen(model), expected, 3e-3 * expected);
 }
 
-TEST(AlphaCutOut, KeepsPiecesOfFaceInOneComponent) {
+TEST(AlphaCutOut, KeepsVisiblePiecesOfFaceInOneComponent) {
   const Model model = textured_square(64, [](int x, int) { return x < 16 || x >= 48 ? 255 : 0; });
   const ShadowMesh mesh = make_shadow_mesh(model, {}, CutOuts::visible_regions);
   ASSERT_FALSE(mesh.indices.empty());
@@ -114,7 +114,7 @@ TEST(AlphaCutOut, AppliesVertexColours) {
   EXPECT_TRUE(make_shadow_mesh(model).indices.empty());
 }
 
-TEST(AlphaCutOut, ClipsRepeatedTextureEverywhere) {
+TEST(AlphaCutOut, ClipsEveryRepetitionOfTexture) {
   for (const TextureWrap wrap : {TextureWrap::repeat, TextureWrap::mirrored}) {
     Model model = textured_square(16, [](int x, int) { return x >= 4 && x < 12 ? 255 : 0; });
     model.materials[0].base_color_texture.sampling.wrap_s = wrap;

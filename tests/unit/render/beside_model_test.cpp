@@ -12,7 +12,7 @@ namespace {
 
 using namespace std::string_view_literals;
 
-TEST(BesideModel, KeepsRelativePaths) {
+TEST(ModelResourcePath, KeepsRelativePaths) {
   for (const std::string name :
        {"t.png", "pictures/t.png", "my picture.png", "a/b:c.png", "..t.png", "a/t..png"}) {
     EXPECT_EQ(beside_model("m", name).value(), "m/" + name);
@@ -20,7 +20,7 @@ TEST(BesideModel, KeepsRelativePaths) {
   }
 }
 
-TEST(BesideModel, FindsLatin1NamesStoredAsUtf8) {
+TEST(ModelResourcePath, FindsLatin1NamesStoredAsUtf8) {
   const test::ModelFolder folder;
   const auto utf8 = folder.write("B\xC3\xA4r.png", "");
   EXPECT_EQ(beside_model(folder.path(), "B\xE4r.png").value(), utf8);
@@ -29,19 +29,19 @@ TEST(BesideModel, FindsLatin1NamesStoredAsUtf8) {
   EXPECT_EQ(beside_model(folder.path(), "B\xE4r.png").value(), latin1);
 }
 
-TEST(BesideModel, ReadsBackslashesAsSlashes) {
+TEST(ModelResourcePath, ReadsBackslashesAsSlashes) {
   EXPECT_EQ(beside_model("m", R"(.\t.png)").value(), "m/./t.png");
   EXPECT_EQ(beside_model("m", R"(pictures\\wood\t.png)").value(), "m/pictures//wood/t.png");
   EXPECT_FALSE(leaves_folder(R"(pictures\t.png)"));
 }
 
-TEST(BesideModel, SkipsFileScheme) {
+TEST(ModelResourcePath, SkipsFileScheme) {
   EXPECT_EQ(beside_model("m", "file:t.png").value(), "m/t.png");
   EXPECT_EQ(beside_model("m", "FILE:a/t.png").value(), "m/a/t.png");
   EXPECT_EQ(beside_model("m", "file:///home/me/t.png").value(), "m/t.png");
 }
 
-TEST(BesideModel, UsesFileNameOfPathOutsideFolder) {
+TEST(ModelResourcePath, UsesFileNameOfPathOutsideFolder) {
   for (const std::string name :
        {"/t.png", "/etc/t.png", "../t.png", "a/../../t.png", "a/../t.png", R"(..\t.png)",
         R"(C:\Users\me\t.png)", "c:/t.png", "C:t.png", R"(\\server\share\t.png)", "//server/t.png",
@@ -52,7 +52,7 @@ TEST(BesideModel, UsesFileNameOfPathOutsideFolder) {
   }
 }
 
-TEST(BesideModel, RejectsPathWithoutFileName) {
+TEST(ModelResourcePath, RejectsPathWithoutFileName) {
   for (const std::string_view name :
        {""sv, "."sv, ".."sv, "/"sv, "a/"sv, "../.."sv, "a/."sv, "C:"sv, R"(C:\)"sv, "C:.."sv,
         "file:"sv, "t.png\0"sv, "a\0/t.png"sv}) {

@@ -342,7 +342,7 @@ TEST(HardShadowWork, ReprojectsOnlyMovedLightsAndObjects) {
   EXPECT_EQ(redraw(), std::pair(std::int64_t{0}, std::int64_t{4})) << "only the camera moved";
   EXPECT_EQ(studio.stats()[Counter::shadow_vertices], 0);
   for (HardShadowDraw& draw : plan.hard_shadows) {
-    if (draw.light == 1) draw.light_place.x() += 0.01;
+    if (draw.light == 1) draw.light_position.x() += 0.01;
   }
   EXPECT_EQ(redraw(), std::pair(std::int64_t{2}, std::int64_t{2})) << "one light";
   for (HardShadowDraw& draw : plan.hard_shadows) {

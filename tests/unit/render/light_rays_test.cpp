@@ -207,7 +207,7 @@ TEST(RayOverlay, IsDrawnOnlyWhenEnabled) {
   EXPECT_EQ(plain.plan(kFromFront, asked).rays.size(), 1U);
 }
 
-TEST(RayOverlay, FadesWithPose) {
+TEST(RayOverlay, FadesWithCoastingPose) {
   const CameraModel camera = test::camera_of(kSide, kSide, 260.0);
   Studio studio(lit_box().build(), camera);
   PlanOptions options;

@@ -126,7 +126,7 @@ TEST(Materials, DrawsPlainSquare) {
   EXPECT_GT(other, 5000);
 }
 
-TEST(Materials, MatchesFactorsWithMetallicRoughnessTexture) {
+TEST(Materials, MultipliesMetallicRoughnessTextureByFactors) {
   const auto textured = [](int rough, int metal) {
     return drawn(square_of(
         R"("pbrMetallicRoughness":{"baseColorFactor":[0.7,0.5,0.3,1],"metallicFactor":0.9,"roughnessFactor":0.8,"metallicRoughnessTexture":{"index":0}})",
@@ -142,7 +142,7 @@ TEST(Materials, MatchesFactorsWithMetallicRoughnessTexture) {
   EXPECT_GT(largest_difference(textured(60, 20), by_factors(140, 200)), 20);
 }
 
-TEST(Materials, MatchesFactorWithEmissiveTexture) {
+TEST(Materials, MultipliesEmissiveTextureByFactor) {
   const auto emissive = [](const std::string& more, std::vector<RgbaImage> images) {
     return drawn(square_of(std::string(kPlain) + "," + more, std::move(images)));
   };
@@ -183,7 +183,7 @@ std::vector<std::array<float, 3>> normals_of(float right, float towards_top, flo
 }
 constexpr const char* kBumpy = R"(,"normalTexture":{"index":0})";
 
-TEST(Materials, MatchesGeometryWithNormalTexture) {
+TEST(Materials, ShadesNormalTextureLikeVertexNormals) {
   std::vector<std::array<int, 3>> texels = {{60, 90, 220}};  // tilted along both axes
   if (test::nightly()) texels.insert(texels.end(), {{204, 128, 230}, {128, 204, 230}});
   for (const auto& [r, g, b] : texels) {
@@ -261,7 +261,7 @@ TEST(Materials, SplitsTangentsAtMirroredTexture) {
   EXPECT_NE(mesh.tangents[mesh.indices[0]].w, mesh.tangents[mesh.indices[3]].w);
 }
 
-TEST(Materials, PlacesTexturesByCoordinates) {
+TEST(Materials, MapsTexturesByTextureCoordinates) {
   const auto halves = [](std::array<int, 4> left, std::array<int, 4> right) {
     return test::image_of(2, 1, [=](int x, int) { return x == 0 ? left : right; });
   };

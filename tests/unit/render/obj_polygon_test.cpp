@@ -62,7 +62,7 @@ TEST_F(ObjPolygon, KeepsTextureCoordinatesAndNormalsOfCorners) {
 }
 
 // A square with a square hole, joined to the outline by a bridge, and a U with repeated corners.
-TEST_F(ObjPolygon, KeepsAreaOfKeyholesAndDoubledCorners) {
+TEST_F(ObjPolygon, KeepsAreaOfPolygonsWithBridgesAndRepeatedCorners) {
   Result<Model> model = folder_.obj(
       "v 0 0 0.05\nv 0.03 0.03 0.05\nv 0.03 0.07 0.05\nv 0.07 0.07 0.05\nv 0.07 0.03 0.05\n"
       "v 0.1 0 0.05\nv 0.1 0.1 0.05\nv 0 0.1 0.05\nf 1 2 3 4 5 2 1 6 7 8\n");

@@ -95,7 +95,7 @@ Shape wall_umbra(const std::vector<std::string>& groups) {
   return shape;
 }
 
-TEST(PartGroups, CloseJointsOfWallInOneGroup) {
+TEST(PartGroups, CloseGapsBetweenGroupedBricks) {
   const Shape loose = wall_umbra({});
   EXPECT_GT(loose.pieces, 10U) << "each brick's umbra shrinks towards its own kernel";
   for (const char* group : {"all", "wall", "brick_*", "brick_?_?"}) {

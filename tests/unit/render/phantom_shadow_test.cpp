@@ -236,7 +236,7 @@ INSTANTIATE_TEST_SUITE_P(
     [](const auto& instance) { return std::string(instance.param.name); });
 
 // The top of a phantom box shows the same shadow as a plane at its height.
-TEST_P(PhantomShadow, MatchesPlaneShadowOnLevelTop) {
+TEST_P(PhantomShadow, MatchesPlaneShadowOnHorizontalTop) {
   constexpr double kTop = 0.07;
   const Placement placement = test::at(0.015, 0.01, 0.2, {0.3, 1.0, 0.2}, 0.4);
   const auto scene = [&](bool phantom) {
@@ -736,7 +736,7 @@ TEST(PhantomShadow, FallsOnEveryStepOfStaircase) {
   }
 }
 
-TEST(PhantomShadow, FallsFromPlateThinnerThanLipBesideIt) {
+TEST(PhantomShadow, FallsFromPlateThinnerThanAdjacentStep) {
   ShapeBuilder shape;
   shape.box(-0.06, -0.06, 0.0, 0.06, 0.06, 0.03);
   shape.box(0.04, -0.06, 0.0, 0.06, 0.06, 0.0304);
@@ -948,7 +948,7 @@ TEST(PhantomShadow, KeepsHardShadowsUnchanged) {
 }
 
 // Skipping one caster must not change the shadows of others on the same phantom.
-TEST(PhantomShadow, IsIndependentOfOtherNodes) {
+TEST(PhantomShadow, IsIndependentOfSkippedNodes) {
   SceneBuilder builder = builder_with(ShadowTechnique::layered);
   builder.add(l_shape(), test::at(0.0, 0.0, 0.15));
   builder.add(l_shape(), test::at(0.6, 0.0, 0.1));
@@ -1061,7 +1061,7 @@ TEST_P(PhantomShadow, MatchesPlaneShadowOnTopOfObject) {
 
 // Casters are tilted, clipped at the umbra height and below the light, and consist of several
 // parts. Skipping layers must not remove a visible pixel of the shadow.
-TEST(PhantomShadow, MatchesPlaneShadowOnAnyLevelTop) {
+TEST(PhantomShadow, MatchesPlaneShadowOnObjectTopAtRandomHeight) {
   std::mt19937 random(11);
   const auto within = [&random](double low, double high) {
     return std::uniform_real_distribution<double>(low, high)(random);
@@ -1315,7 +1315,7 @@ TEST(PhantomShadow, KeepsResolutionDespiteDistantObjects) {
 
 // Under a caster at a large distance, a slope has fewer, evenly spaced levels. Elsewhere the
 // spacing is the usual one.
-TEST(ReceivingLevels, AreSpacedWiderUnderClearCaster) {
+TEST(ReceivingLevels, AreSpacedWiderUnderHighCaster) {
   const ReceivingSurface surface(ramp(0.2, 0.5, 0.002), Placement(), PlaneFrame());
   const auto levels = surface.levels(kEverywhere, 1.0, 64, {kLevelStep, 0.06, 0.02});
   EXPECT_NEAR(levels.front(), 0.001, 1e-6);

@@ -150,10 +150,10 @@ TEST_P(PixelBuffers, ReturnFramesInDrawingOrder) {
       // A screenshot reads the pending frame at once.
       ASSERT_EQ(shown->draw(frame, FramePlan()), expected.back());
       EXPECT_EQ(compositor.pending_images(), i > 0 ? 1U : 0U);
-      const auto asked = compositor.request_image();
-      ASSERT_TRUE(asked) << asked.error().message;
-      EXPECT_EQ((*asked)[Counter::pixel_buffer_read_backs], 1);
-      EXPECT_GT(asked->readback_ms, 0.0);
+      const auto pending_reads = compositor.request_image();
+      ASSERT_TRUE(pending_reads) << pending_reads.error().message;
+      EXPECT_EQ((*pending_reads)[Counter::pixel_buffer_read_backs], 1);
+      EXPECT_GT(pending_reads->readback_ms, 0.0);
       if (i == 0) continue;
       EXPECT_EQ(compositor.pending_images(), 2U);
       ASSERT_TRUE(compositor.take_image(got.rgba));

@@ -199,7 +199,7 @@ TEST(ProjectedShadow, CastsOnlyBetweenPlaneAndLight) {
 
 // Half of the cube is above the light. Clipping yields two points on a crossing face's edges; the
 // heuristic yields one, for any order of neighbours.
-TEST(ProjectedShadow, DiffersFromPrintedHeuristicByClipping) {
+TEST(ProjectedShadow, DiffersFromPrintedHeuristic) {
   struct Mesh {
     std::vector<CasterVertex> vertices;
     std::vector<std::uint32_t> indices;

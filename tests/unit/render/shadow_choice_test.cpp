@@ -51,7 +51,7 @@ SceneBuilder block_and(Other other) {
   return builder;
 }
 
-TEST(ShadowChoice, DoesNotDependOnCulledShadows) {
+TEST(LayerDrawingChoice, IgnoresCulledShadows) {
   const CameraModel camera = test::distorted_camera(kSide, 220.0);
   for (const Other other : {Other::none, Other::cut, Other::whole, Other::off_outline}) {
     SCOPED_TRACE(static_cast<int>(other));
@@ -98,7 +98,7 @@ std::pair<double, RenderedImage> tremble(const DrawnAt& drawn_at, double high, d
   return {low, below};
 }
 
-TEST(ShadowChoice, ReusesPlaneMasksDuringCameraJitter) {
+TEST(ShadowMasks, AreReusedOnPlanesDuringCameraJitter) {
   Studio studio(block_and(Other::none).build(), test::camera_of(kSide, kSide, 220.0));
   const auto drawn_at = [&](double height) {
     const RenderedImage image = studio.draw(grey(), studio.plan(from_height(height)));
@@ -111,7 +111,7 @@ TEST(ShadowChoice, ReusesPlaneMasksDuringCameraJitter) {
   EXPECT_EQ(other.draw(grey(), other.plan(from_height(low))), below);
 }
 
-TEST(ShadowChoice, ReusesReceiverMasksDuringCameraJitter) {
+TEST(ShadowMasks, AreReusedOnReceiversDuringCameraJitter) {
   SceneBuilder builder;
   builder.add(block(0.05), test::at(0, 0, 0.15));
   builder.add(block(0.06), test::at(0.01, 0, 0.03), false, true);
@@ -125,7 +125,7 @@ TEST(ShadowChoice, ReusesReceiverMasksDuringCameraJitter) {
       1.2, 0.5);
 }
 
-TEST(ShadowChoice, ReusesNothingWithNoSkip) {
+TEST(FrameReuse, IsDisabledWithoutSkipping) {
   for (const ShadowTechnique technique : {ShadowTechnique::layered, ShadowTechnique::field,
                                           ShadowTechnique::hard, ShadowTechnique::volume}) {
     SceneBuilder builder;
@@ -156,7 +156,7 @@ TEST(ShadowChoice, ReusesNothingWithNoSkip) {
 }
 
 // For every technique, the darkest pixel is the remaining light, encoded with the camera response.
-TEST(ShadowTone, FollowsCameraResponse) {
+TEST(ShadowBrightness, FollowsCameraResponse) {
   struct Case {
     ShadowTechnique technique;
     int lights;

@@ -45,7 +45,7 @@ TEST(ShadowKernels, CollapseToCentreOfCube) {
   }
 }
 
-TEST(ShadowKernels, FormRingForLevelRing) {
+TEST(ShadowKernels, FormCircleForLevelTorus) {
   const ShadowMesh mesh = make_shadow_mesh(test::torus_model(12, 64));
   const ShadowKernels kernels =
       generate_kernels(mesh, Eigen::Vector3d::UnitZ(), KernelSource::automatic);
@@ -59,7 +59,7 @@ TEST(ShadowKernels, FormRingForLevelRing) {
   }
 }
 
-TEST(ShadowKernels, FormRingForUprightTubeAndSpineForLyingOne) {
+TEST(ShadowKernels, FormRingForUprightTubeAndLineForLyingTube) {
   test::ShapeBuilder shape;  // a pipe with two radii and open ends
   shape.limb({0, 0, 0}, {0, 0, 0.1}, 0.03, 0.03, 48);
   shape.limb({0, 0, 0}, {0, 0, 0.1}, 0.02, 0.02, 48);
@@ -218,7 +218,7 @@ TEST(ShadowKernels, StayWithinDistanceBoundOfTheirDisc) {
 
 // Shows that the check of StayWithinDistanceBoundOfTheirDisc fails for kernels that are too far
 // away.
-TEST(ShadowKernels, ExceedDistanceBoundWithOneKernelForBar) {
+TEST(ShadowKernels, ExceedDistanceBoundForCentroidOfBar) {
   test::ShapeBuilder shape;
   shape.box(-0.1, -0.01, -0.01, 0.1, 0.01, 0.01);
   const ShadowMesh mesh = make_shadow_mesh(shape.build());
@@ -302,7 +302,7 @@ TEST(ShadowKernels, ReportProgress) {
   }
 }
 
-TEST(ShadowKernels, AreExactOnAxisAndInterpolatedBetweenForPerAxis) {
+TEST(ShadowKernels, AreExactOnAxesAndInterpolatedBetweenThem) {
   const ShadowMesh mesh = make_shadow_mesh(l_shape());
   const auto direct = generate_kernels(mesh, Eigen::Vector3d::UnitZ(), KernelSource::automatic);
   const auto composed = generate_kernels(mesh, Eigen::Vector3d::UnitZ(), KernelSource::per_axis);

@@ -37,7 +37,7 @@ std::int64_t twice_area(const std::array<WholePoint, 3>& p) {
 
 // Computes the images of each face at 4096 factors in integer arithmetic. A face is twisted if the
 // signed area of at least one image has the opposite sign.
-TEST(ShadowReference, FindsTwistedFacesByExactImages) {
+TEST(TwistReport, MatchesExactIntegerAreas) {
   constexpr std::int64_t kSteps = 4096;         // steps per unit of the factor
   constexpr std::int64_t kLeast = kSteps / 16;  // 0.0625
   constexpr std::int64_t kGreatest = kSteps * 27 / 16;
@@ -247,7 +247,7 @@ double area_by_slabs(const std::vector<PlanePoint>& triangles) {
   return static_cast<double>(area);
 }
 
-TEST(ShadowReference, MatchesSlabAreasOfUnions) {
+TEST(TriangleUnion, MatchesAreaBySlabs) {
   EXPECT_NEAR(area_by_slabs({{0, 0}, {2, 0}, {0, 2}, {1, 0}, {3, 0}, {1, 2}}), 3.5, 1e-12);
   std::mt19937 random(17);
   std::uniform_real_distribution<float> anywhere(-1.0F, 1.0F);
@@ -272,7 +272,7 @@ TEST(ShadowReference, MatchesSlabAreasOfUnions) {
 // Level, flat bodies of uniform thickness under a disc light at the zenith. The umbra is the body's
 // shape, eroded by the body's radius times h / h_u. The penumbra is the shape dilated by the same
 // distance.
-TEST(ShadowReference, MatchesAreasOfBodiesOfOneThickness) {
+TEST(ShadowReference, MatchesErodedAndDilatedFlatBodies) {
   static constexpr double kRadius = 0.015;  // half the thickness
   struct Body {
     const char* name;

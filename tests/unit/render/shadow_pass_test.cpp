@@ -182,7 +182,7 @@ std::vector<std::uint8_t> cpu_layer(const Scene& scene, ShadowLayer layer) {
   return covered_by(points);
 }
 
-TEST(ShadowPass, DrawsLevelDiscWithSquaredFactorAreas) {
+TEST(ShadowPass, DrawsLevelDiscWithAreaOfSquaredFactor) {
   struct Case {
     LayeredConstants constants;
     double h;
@@ -211,7 +211,7 @@ TEST(ShadowPass, DrawsLevelDiscWithSquaredFactorAreas) {
   }
 }
 
-TEST(ShadowPass, DrawsCubeWithLayerFactorAreas) {
+TEST(ShadowPass, DrawsCubeWithAreaOfLayerFactor) {
   const LayeredConstants constants = constants_with(0.9, 3.0);
   SceneBuilder builder;
   builder.add(box(0.08, 0.08, 0.08), test::at(0.003, 0.005, 0.1));

@@ -268,7 +268,7 @@ TEST(StoredKernels, KeepTheirKindForOtherTilts) {
       << "a requested kind has priority";
 }
 
-TEST(ShadowField, IsReusedForTiltThatMovesNoEdge) {
+TEST(ShadowField, IsReusedForNegligibleTilt) {
   // The level placement lies in the middle of a rounding step of the tilt.
   const Placement level = test::at(0.0, 0.0, 0.1);
   Stage stage(ShadowTechnique::field, l_model(), level);
@@ -373,7 +373,7 @@ TEST(ShadowField, DarkensOnceForOverlappingCasters) {
   EXPECT_GT(overlap, 500);
 }
 
-TEST(ShadowField, DrawsWholeCardOnPlaneDespiteRounding) {
+TEST(ShadowField, DrawsCompleteCardInPlaneDespiteRounding) {
   for (const double angle : {0.0, 0.7, 2.9}) {
     // The card lies in the slanted plane, so every height of it is a rounding error.
     SceneBuilder builder;

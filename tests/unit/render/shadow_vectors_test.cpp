@@ -231,7 +231,7 @@ TEST(ShadowVectors, MatchFactorsWithinFloatBound) {
   }
 }
 
-TEST(ShadowVectors, MatchAreasOfHeightSweeps) {
+TEST(ShadowVectors, MatchAreasOfCasterAtEachHeight) {
   if (vectors_dir().empty()) GTEST_SKIP() << "no shared data beside the checkout";
   std::size_t sweeps = 0;
   for (const auto& file : std::filesystem::directory_iterator(vectors_dir())) {

@@ -577,7 +577,7 @@ TEST(ShadowVolume, DarkensCoincidentPlanesOnce) {
 // A phantom on the plane blocks the light rays behind it, so the projected shadow must continue on
 // the phantom. The phantom's pixels are compared with rays to the light. The plane's own shadow
 // must not change.
-TEST(ShadowVolume, CarriesProjectedShadowsOntoPhantoms) {
+TEST(ShadowVolume, ContinuesProjectedShadowsOnPhantoms) {
   const Eigen::Vector3d light(-0.25, 0.05, 0.6);
   SceneBuilder builder = with_light(light);
   builder.scene().shadows[0].technique = ShadowTechnique::hard;
@@ -628,7 +628,7 @@ TEST(ShadowVolume, CarriesProjectedShadowsOntoPhantoms) {
 }
 
 // A volume is skipped only if it contains no part of a phantom. Skipping must not change the frame.
-TEST(ShadowVolume, ExtendsProjectedShadowsOnlyToPhantomsTheyMeet) {
+TEST(ShadowVolume, SkipsVolumesWithoutPhantomForProjectedShadows) {
   std::mt19937 random(11);
   const auto within = [&random](double low, double high) {
     return std::uniform_real_distribution<double>(low, high)(random);
@@ -775,7 +775,7 @@ TEST(ShadowVolume, IsDrawnOnceForTwoNodes) {
       << "the volume must extend to the farthest receiver";
 }
 
-TEST(ShadowVolume, NeverDarkensEmptyDepth) {
+TEST(ShadowVolume, NeverDarkensPixelsWithoutReceiver) {
   SceneBuilder builder = with_light({0.0, 0.0, 0.5});
   builder.add(ring(), test::at(0.0, 0.0, 0.2));
   builder.scene().planes[0].outline = {{0.03, -0.06}, {0.15, -0.06}, {0.15, 0.06}, {0.03, 0.06}};

@@ -391,10 +391,10 @@ TEST(SilhouetteMask, IsEmptyWithoutCasters) {
   // Far from the plane's origin the cells are the same, shifted.
   const Mask near = draw({&none}, glm::vec3(0.0F, 0.5F, 0.8F), 0.001);
   Placed far = none;
-  far.own.T_plane_own.slide += Eigen::Vector2d(512.0, -256.0);
+  far.own.T_plane_own.displacement += Eigen::Vector2d(512.0, -256.0);
   const Mask moved = draw({&far}, glm::vec3(0.0F, 0.5F, 0.8F), 1.0 / 1024.0);
   Placed back = far;
-  back.own.T_plane_own.slide -= Eigen::Vector2d(512.0, -256.0);
+  back.own.T_plane_own.displacement -= Eigen::Vector2d(512.0, -256.0);
   EXPECT_EQ(moved.codes, draw({&back}, glm::vec3(0.0F, 0.5F, 0.8F), 1.0 / 1024.0).codes);
   EXPECT_GT(near.cells.width, 10);
 }

@@ -171,7 +171,7 @@ TEST(Translucency, RoundTripsEveryName) {
   EXPECT_FALSE(translucency_from_string("glass"));
 }
 
-TEST(Translucency, UsesRequestedModeElseSupportedOne) {
+TEST(Translucency, SelectsRequestedOrSupportedMode) {
   for (const bool blends : {false, true}) {
     for (const bool fetches : {false, true}) {
       const FragmentAbilities abilities{blends, fetches};
@@ -570,7 +570,7 @@ TEST(Translucency, DrawsSameFrameOnBothApis) {
 
 // The strips are many pixels wide. They must cover the fraction of the layer's area that loses its
 // light.
-TEST(GeometryMesh, MatchesLightFractionOfLayer) {
+TEST(GeometryMesh, CoversPixelFractionOfBlockedLight) {
   const LightFractions fractions{0.15, 0.4, 0.83};
   Studio studio(plate(fractions).build(), test::camera_of(900, 900, 1200.0));
   const PoseEstimate near = test::tracked(test::look_at({0.0, -0.01, 0.2}, {0.0, 0.0, 0.0}));

@@ -90,7 +90,7 @@ TEST_F(BoardPoseTest, ReportsInconsistencyWhenHalfOfTagsAreWrong) {
 }
 
 // Half of the board is shifted. No single tag is an outlier, and the residuals are small.
-TEST_F(BoardPoseTest, ReportsInconsistencyOfBumpedHalfButNotOfNoise) {
+TEST_F(BoardPoseTest, ReportsInconsistencyOfShiftedHalfButNotOfNoise) {
   for (int trial = 0; trial < 200; ++trial) {
     std::vector<MappedTag> really = sheet();
     auto map = really;

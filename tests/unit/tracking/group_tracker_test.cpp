@@ -268,7 +268,7 @@ TEST(GroupTracker, TracksReturningGroupAtOnce) {
   EXPECT_FALSE(tracked.times.full_detection);
 }
 
-TEST(GroupTracker, LosesGroupsWithoutTable) {
+TEST(GroupTracker, LosesGroupsWhenTableIsInvisible) {
   const Stage stage({wall()});
   std::vector<MappedTag> bare = stage.tags;
   std::erase_if(bare, [](const MappedTag& tag) { return tag.group == "table"; });

@@ -51,7 +51,7 @@ TEST(ImageCheck, RecognisesMirroredAndNegativeImages) {
   for (const std::uint64_t seed : {1U, 2U, 3U}) {
     const GreyImage plain = view_of(tags, seed);
     const auto found = [&](const GreyImage& image) {
-      return ImageCheck::create(map).value().nothing_found(image.view());
+      return ImageCheck::create(map).value().check_untagged(image.view());
     };
     EXPECT_EQ(found(mirrored(plain)), ImageFault::mirrored);
     EXPECT_EQ(found(upside_down(mirrored(plain))), ImageFault::mirrored);
@@ -66,10 +66,10 @@ TEST(ImageCheck, ReportsNoFaultForImagesOfOtherTags) {
   std::vector<MappedTag> others = tags;
   for (MappedTag& tag : others) tag.id += 100;
   auto check = ImageCheck::create(TagMap::make(others).value()).value();
-  EXPECT_EQ(check.nothing_found(mirrored(view_of(tags, 1)).view()), std::nullopt);
+  EXPECT_EQ(check.check_untagged(mirrored(view_of(tags, 1)).view()), std::nullopt);
   const std::vector<std::uint8_t> grey(640 * 480, 128);
-  EXPECT_EQ(check.nothing_found({grey.data(), 640, 480, 640}), std::nullopt);
-  EXPECT_EQ(check.nothing_found({}), std::nullopt);
+  EXPECT_EQ(check.check_untagged({grey.data(), 640, 480, 640}), std::nullopt);
+  EXPECT_EQ(check.check_untagged({}), std::nullopt);
 }
 
 // The check runs on the 1st, 2nd, 4th, 8th ... image and reports a fault once.
@@ -79,10 +79,10 @@ TEST(ImageCheck, ChecksFewImagesAndReportsOnce) {
   const std::vector<std::uint8_t> grey(640 * 480, 128);
   const ImageView nothing{grey.data(), 640, 480, 640};
   auto check = ImageCheck::create(TagMap::make(tags).value()).value();
-  for (int i = 1; i <= 4; ++i) EXPECT_EQ(check.nothing_found(nothing), std::nullopt);
-  for (int i = 5; i <= 7; ++i) EXPECT_EQ(check.nothing_found(fault.view()), std::nullopt) << i;
-  EXPECT_EQ(check.nothing_found(fault.view()), ImageFault::mirrored);
-  for (int i = 9; i <= 16; ++i) EXPECT_EQ(check.nothing_found(fault.view()), std::nullopt) << i;
+  for (int i = 1; i <= 4; ++i) EXPECT_EQ(check.check_untagged(nothing), std::nullopt);
+  for (int i = 5; i <= 7; ++i) EXPECT_EQ(check.check_untagged(fault.view()), std::nullopt) << i;
+  EXPECT_EQ(check.check_untagged(fault.view()), ImageFault::mirrored);
+  for (int i = 9; i <= 16; ++i) EXPECT_EQ(check.check_untagged(fault.view()), std::nullopt) << i;
 }
 
 TEST(ImageCheck, ChecksEveryRequestedImage) {
@@ -104,7 +104,7 @@ TEST(ImageCheck, RecognisesSharedImages) {
        {std::pair{"mirrored.png", ImageFault::mirrored}, {"inverted.png", ImageFault::negative}}) {
     const Frame frame = load_image(cases / name).value();
     std::vector<std::uint8_t> scratch;
-    EXPECT_EQ(ImageCheck::create(map).value().nothing_found(luma(frame, scratch)), fault);
+    EXPECT_EQ(ImageCheck::create(map).value().check_untagged(luma(frame, scratch)), fault);
   }
 }
 

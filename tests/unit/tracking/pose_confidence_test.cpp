@@ -100,7 +100,7 @@ TEST_F(PoseConfidence, AttributesErrorToMapWhenItAddsError) {
               HasSubstr("do not lie as the map says"));
 }
 
-TEST_F(PoseConfidence, EnlargesErrorOfDetectedPoseByUnreadTags) {
+TEST_F(PoseConfidence, EnlargesErrorOfDetectedPoseForMissedTags) {
   Measurement measurement = measured(0.5);
   measurement.aligned = false;
   measurement.tags_used = 1;

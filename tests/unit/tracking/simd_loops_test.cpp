@@ -166,7 +166,7 @@ Vector6d some_motion() {
   return (Vector6d() << 0.5, -0.3, 0.4, 0.01, 0.02, -0.03).finished();
 }
 
-TEST(SimdLoops, AnchorMatchesPrepare) {
+TEST(SimdLoops, AnchorFindsSameVerticesAsPrepare) {
   const Eigen::Isometry3d T = lattice_pose();
   AccumulateInput in;
   set_pose(T, in);
@@ -195,7 +195,7 @@ TEST(SimdLoops, AnchorMatchesPrepare) {
 }
 
 // The model value over several moments must be the mean of the values at single moments.
-TEST(SimdLoops, EvaluateMomentsAveragesSingleMoments) {
+TEST(SimdLoops, EvaluateOfSeveralMomentsIsMeanOfEachMoment) {
   const Eigen::Isometry3d T = lattice_pose();
   const Loops& variant = simd::widest_loops();
   for (const int reach : {1, 2, 3}) {

@@ -885,7 +885,7 @@ TEST_F(TagAlignerTest, MotionBlurErrorIncludesRotation) {
 
 // A reported motion that did not blur the image explains none of its blur. If the motion may be
 // wrong, the result must equal that without a known motion.
-TEST_F(TagAlignerTest, MotionBlurErrorAllowsForWrongMotion) {
+TEST_F(TagAlignerTest, MotionBlurErrorGrowsWhenMotionDoesNotExplainBlur) {
   auto aligner = TagAligner::create(camera_, tags_).value();
   constexpr double kLongest_cells = 3.0;
   int blurred = 0;

@@ -97,7 +97,7 @@ void project_as(const Lens& lens_in, const Blur& blur, const float* M_in, const 
     const Wide X = M[0] * a + M[1] * b + M[2];
     const Wide Y = M[3] * a + M[4] * b + M[5];
     const Wide Z = M[6] * a + M[7] * b + M[8];
-    const Wide inverse = 1.0F / most(Z, wide(1e-9F));
+    const Wide inverse = 1.0F / max_of(Z, wide(1e-9F));
     const Wide x = X * inverse;
     const Wide y = Y * inverse;
     Wide xd;
@@ -151,7 +151,7 @@ void project_as(const Lens& lens_in, const Blur& blur, const float* M_in, const 
     store(v.kb + i, kb);
     if constexpr (wanted == Wanted::correlation) {
       const Wide cov = au * bu * cxx + (au * bv + av * bu) * mxy + av * bv * cyy;
-      store(v.rho + i, most(least(cov * ka * kb, wide(0.95F)), wide(-0.95F)));
+      store(v.rho + i, max_of(min_of(cov * ka * kb, wide(0.95F)), wide(-0.95F)));
     }
   }
 }

@@ -198,7 +198,7 @@ PENUMBRA_INLINE void weigh(const AccumulateInput& in, const Samples& s, int i, c
                            BlockTerms& block, int l) {
   const Wide r = load(s.value + i) - (in.gain * m + in.offset);
   const Wide t = r * in.inverse_cutoff;
-  const Wide inside = most(1.0F - t * t, Wide{});
+  const Wide inside = max_of(1.0F - t * t, Wide{});
   const Wide w = load(s.weight + i) * (inside * inside);
   store(block.J[6] + l, m);
   store(block.weight + l, w);
@@ -263,8 +263,8 @@ void leverage(const LeverageInput& in, const Samples& s) {
     const Wide r = load(residual + i) * inverse_gain;
     const Wide m = (load(value + i) - offset) * inverse_gain - r;
     const Wide t = r * inverse_limit;
-    const Wide inside = most(1.0F - t * t, Wide{});
-    const Wide slope = most(m * (1.0F - m), Wide{});  // approximate slope of a blurred edge
+    const Wide inside = max_of(1.0F - t * t, Wide{});
+    const Wide slope = max_of(m * (1.0F - m), Wide{});  // approximate slope of a blurred edge
     const Wide effect = slope * inside * inside;
     store_pairs(pairs + 2 * static_cast<std::ptrdiff_t>(i), effect * r, effect * slope);
     store(squares + i, effect * effect);

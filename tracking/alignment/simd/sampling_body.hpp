@@ -24,8 +24,8 @@ void read(const std::uint8_t* pixels, const float* levels, int used, const Sampl
 // Stores the vertex nearest to a lattice point; adding 1.5 * 2^23 rounds to an integer.
 PENUMBRA_INLINE void store_anchor(const Wide& a, const Wide& b, const Wide& last, int side,
                                   const Samples& s, int i) {
-  const Wide va = least(most((a + 12582912.0F) - 12582912.0F, Wide{}), last);
-  const Wide vb = least(most((b + 12582912.0F) - 12582912.0F, Wide{}), last);
+  const Wide va = min_of(max_of((a + 12582912.0F) - 12582912.0F, Wide{}), last);
+  const Wide vb = min_of(max_of((b + 12582912.0F) - 12582912.0F, Wide{}), last);
   store(s.va + i, va);
   store(s.vb + i, vb);
   const WideInts vertex =

@@ -40,7 +40,7 @@ PENUMBRA_INLINE Wide square_root(const Wide& x) {
 }
 // Minimum and maximum; `limit` if x is NaN. Intrinsics, because the compiler turns a constant limit
 // into comparisons and blends.
-PENUMBRA_INLINE Wide least(const Wide& x, const Wide& limit) {
+PENUMBRA_INLINE Wide min_of(const Wide& x, const Wide& limit) {
 #if defined(__AVX512F__)
   return _mm512_maskz_min_ps(0xFFFF, x, limit);
 #elif defined(__AVX2__)
@@ -49,7 +49,7 @@ PENUMBRA_INLINE Wide least(const Wide& x, const Wide& limit) {
   return x < limit ? x : limit;
 #endif
 }
-PENUMBRA_INLINE Wide most(const Wide& x, const Wide& limit) {
+PENUMBRA_INLINE Wide max_of(const Wide& x, const Wide& limit) {
 #if defined(__AVX512F__)
   return _mm512_maskz_max_ps(0xFFFF, x, limit);
 #elif defined(__AVX2__)
@@ -78,7 +78,7 @@ PENUMBRA_INLINE void store_pairs(float* at, const Wide& x, const Wide& y) {
 // exp(-x) for x >= 0 with a relative error below 3e-7: 2^-n by the exponent bits, a polynomial for
 // the remainder. The minimum result is about 1e-35.
 PENUMBRA_INLINE Wide exp_negative(const Wide& x) {
-  const Wide scaled = least(x, wide(80.0F)) * -1.44269504F;
+  const Wide scaled = min_of(x, wide(80.0F)) * -1.44269504F;
   // Adding 1.5 * 2^23 rounds to the nearest integer and stores it in the low bits.
   const Wide shifted = scaled + 12582912.0F;
   const Wide n = shifted - 12582912.0F;
@@ -127,7 +127,7 @@ PENUMBRA_INLINE Wide binormal_cdf(const Wide& x, const Wide& y, const Wide& rho,
         (1.0F + t2 * (-0.16666667F + t2 * (0.00833333F + t2 * (-0.00019841F + t2 * 2.7557e-6F))));
     const Wide inverse = 1.0F / (1.0F - s * s);
     const Wide z = (squares - product * s) * inverse;
-    integral += kWeight[k] * exp_negative(most(z, Wide{}));
+    integral += kWeight[k] * exp_negative(max_of(z, Wide{}));
   }
   const Wide root = 1.0F / square_root(1.0F - rho * rho);
   Wide unused;
