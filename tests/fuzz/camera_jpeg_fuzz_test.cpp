@@ -102,7 +102,7 @@ int per_kind(int usual, int nightly) {
 
 class CameraJpegFuzz : public testing::TestWithParam<test::JpegKind> {
  protected:
-  const std::string sound_ = test::encode_jpeg_kind(GetParam());
+  const std::string valid_jpeg_ = test::encode_jpeg_kind(GetParam());
   const ImageSize size_{GetParam().width, GetParam().height};
 };
 
@@ -112,10 +112,10 @@ TEST_P(CameraJpegFuzz, AcceptsOnlyImagesThatLibjpegDecodesInFull) {
   int used = 0;
   for (int i = 0; i < count; ++i) {
     // A third of the changes are in the headers.
-    const std::size_t head = i % 3 == 0 ? test::headers_length(sound_) : 0;
+    const std::size_t head = i % 3 == 0 ? test::headers_length(valid_jpeg_) : 0;
     const std::string broken =
-        test::mutated(sound_.substr(0, head > 0 ? head : sound_.size()), random) +
-        (head > 0 ? sound_.substr(head) : std::string());
+        test::mutated(valid_jpeg_.substr(0, head > 0 ? head : valid_jpeg_.size()), random) +
+        (head > 0 ? valid_jpeg_.substr(head) : std::string());
     const auto frame = received(broken, size_);
     const Verdict raw = Oracle::judge(image_bytes(broken));
     if (frame) {
@@ -141,13 +141,13 @@ TEST_P(CameraJpegFuzz, AcceptsOnlyImagesThatLibjpegDecodesInFull) {
 }
 
 // Changes bytes outside the entropy-coded blocks.
-std::string with_harmless_change(const std::string& sound, test::Random& random) {
-  const auto fill = [&](std::size_t most) {
-    std::string bytes(1 + random.below(most), '\0');
+std::string with_harmless_change(const std::string& valid_jpeg, test::Random& random) {
+  const auto fill = [&](std::size_t max_length) {
+    std::string bytes(1 + random.below(max_length), '\0');
     for (char& c : bytes) c = static_cast<char>(random.below(255));  // no 0xFF
     return bytes;
   };
-  std::string bytes = sound;
+  std::string bytes = valid_jpeg;
   const std::size_t headers = test::headers_length(bytes);
   const auto restarts = test::restarts_of(bytes);
   switch (random.below(8)) {
@@ -204,11 +204,11 @@ std::string with_harmless_change(const std::string& sound, test::Random& random)
 
 TEST_P(CameraJpegFuzz, AcceptsCompleteImagesAfterHarmlessChanges) {
   test::Random random(12);
-  const auto expected = received(sound_, size_);
+  const auto expected = received(valid_jpeg_, size_);
   ASSERT_TRUE(expected) << expected.error().message;
   const int count = per_kind(100, 1500);
   for (int i = 0; i < count; ++i) {
-    const std::string changed = with_harmless_change(sound_, random);
+    const std::string changed = with_harmless_change(valid_jpeg_, random);
     const auto frame = received(changed, size_);
     ASSERT_TRUE(frame) << "change " << i << ": " << frame.error().message;
     ASSERT_TRUE(test::same_pixels(*frame, *expected)) << "change " << i;

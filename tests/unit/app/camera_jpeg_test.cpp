@@ -49,15 +49,15 @@ std::string with_height(std::string jpeg, int height) {
 }
 
 TEST(CameraJpegGate, AcceptsTypicalCameraImages) {
-  const std::string sound = tabletop_frame(0);
+  const std::string valid_jpeg = tabletop_frame(0);
   const std::string older = tabletop_frame(1);
-  const std::string unended = sound.substr(0, sound.size() - 2);
-  const auto expected = live_frame(sound, kTabletop);
+  const std::string unended = valid_jpeg.substr(0, valid_jpeg.size() - 2);
+  const auto expected = live_frame(valid_jpeg, kTabletop);
   ASSERT_TRUE(expected) << expected.error().message;
   for (const std::string& buffer :
-       {sound + older.substr(older.size() - 900), sound + std::string(1024, '\xFF'),
-        sound + std::string(9000, '\0'), unended, unended + std::string(9000, '\0'),
-        unended + std::string(512, '\xFF'), "\xFF\xD8" + sound, "\xFF\xD8" + unended}) {
+       {valid_jpeg + older.substr(older.size() - 900), valid_jpeg + std::string(1024, '\xFF'),
+        valid_jpeg + std::string(9000, '\0'), unended, unended + std::string(9000, '\0'),
+        unended + std::string(512, '\xFF'), "\xFF\xD8" + valid_jpeg, "\xFF\xD8" + unended}) {
     const auto frame = live_frame(buffer, kTabletop);
     ASSERT_TRUE(frame) << frame.error().message;
     EXPECT_TRUE(test::same_pixels(*frame, *expected));
@@ -68,23 +68,24 @@ TEST(CameraJpegGate, AcceptsTypicalCameraImages) {
 }
 
 TEST(CameraJpegGate, DecodesOnlyImagesWithoutEndMarker) {
-  const std::string sound = tabletop_frame(0);
-  const auto ended = receive_camera_jpeg(view_of(sound + "xx"), kTabletop);
+  const std::string valid_jpeg = tabletop_frame(0);
+  const auto ended = receive_camera_jpeg(view_of(valid_jpeg + "xx"), kTabletop);
   ASSERT_TRUE(ended);
   EXPECT_FALSE(ended->frame);
-  EXPECT_EQ(ended->bytes.size(), sound.size());
-  EXPECT_TRUE(receive_camera_jpeg(view_of(sound.substr(0, sound.size() - 2)), kTabletop)->frame);
+  EXPECT_EQ(ended->bytes.size(), valid_jpeg.size());
+  EXPECT_TRUE(
+      receive_camera_jpeg(view_of(valid_jpeg.substr(0, valid_jpeg.size() - 2)), kTabletop)->frame);
 }
 
 TEST(CameraJpegGate, RejectsTruncatedImagesWithRemedy) {
-  const std::string sound = tabletop_frame(0);
-  for (const std::size_t length :
-       {std::size_t{0}, std::size_t{2}, std::size_t{300}, sound.size() / 2, sound.size() - 40}) {
+  const std::string valid_jpeg = tabletop_frame(0);
+  for (const std::size_t length : {std::size_t{0}, std::size_t{2}, std::size_t{300},
+                                   valid_jpeg.size() / 2, valid_jpeg.size() - 40}) {
     for (const std::string& buffer :
-         {sound.substr(0, length), sound.substr(0, length) + std::string(5000, '\0'),
-          sound.substr(0, length) + sound}) {
+         {valid_jpeg.substr(0, length), valid_jpeg.substr(0, length) + std::string(5000, '\0'),
+          valid_jpeg.substr(0, length) + valid_jpeg}) {
       const auto received = receive_camera_jpeg(view_of(buffer), kTabletop);
-      if (length <= 2 && buffer.ends_with(sound)) {
+      if (length <= 2 && buffer.ends_with(valid_jpeg)) {
         continue;  // complete image, possibly with a doubled start marker
       }
       ASSERT_FALSE(received) << length;
@@ -92,7 +93,8 @@ TEST(CameraJpegGate, RejectsTruncatedImagesWithRemedy) {
       EXPECT_THAT(received.error().message, HasSubstr("try another USB port"));
     }
   }
-  const auto half = receive_camera_jpeg(view_of(sound.substr(0, sound.size() / 2)), kTabletop);
+  const auto half =
+      receive_camera_jpeg(view_of(valid_jpeg.substr(0, valid_jpeg.size() / 2)), kTabletop);
   EXPECT_THAT(half.error().message, AllOf(HasSubstr("after line"), HasSubstr("of 480")));
 }
 
@@ -101,13 +103,13 @@ TEST(CameraJpegGate, RejectsProgressiveImagesThatLackScans) {
   test::JpegKind kind = test::jpeg_kinds()[0];
   kind.progressive = true;
   const ImageSize size{kind.width, kind.height};
-  const std::string sound = test::encode_jpeg_kind(kind);
-  ASSERT_TRUE(live_frame(sound, size));
-  ASSERT_TRUE(decode_recorded_image(view_of(sound), "a.jpg", size));
-  const auto scans = test::scans_of(sound);
+  const std::string valid_jpeg = test::encode_jpeg_kind(kind);
+  ASSERT_TRUE(live_frame(valid_jpeg, size));
+  ASSERT_TRUE(decode_recorded_image(view_of(valid_jpeg), "a.jpg", size));
+  const auto scans = test::scans_of(valid_jpeg);
   for (std::size_t i = 1; i < scans.size(); ++i) {
     for (const char* end : {"", "\xFF\xD9"}) {
-      const std::string cut = sound.substr(0, scans[i]) + end;
+      const std::string cut = valid_jpeg.substr(0, scans[i]) + end;
       EXPECT_FALSE(live_frame(cut, size)) << i << " of " << scans.size() << " scans";
       EXPECT_FALSE(decode_recorded_image(view_of(cut), "a.jpg", size))
           << i << " of " << scans.size() << " scans";
@@ -116,26 +118,27 @@ TEST(CameraJpegGate, RejectsProgressiveImagesThatLackScans) {
 }
 
 TEST(CameraJpegGate, CropsPaddedImageToGrantedHeight) {
-  const std::string sound = tabletop_frame(0);
-  const auto expected = live_frame(sound, kTabletop);
+  const std::string valid_jpeg = tabletop_frame(0);
+  const auto expected = live_frame(valid_jpeg, kTabletop);
   ASSERT_TRUE(expected);
   for (const int granted : {479, 472, 465}) {
-    const auto frame = live_frame(sound, {640, granted});
+    const auto frame = live_frame(valid_jpeg, {640, granted});
     ASSERT_TRUE(frame) << frame.error().message;
     EXPECT_EQ(frame->height, granted);
     EXPECT_EQ(frame->planes[0].height, granted);
     EXPECT_EQ(frame->planes[1].height, (granted + 1) / 2);
     EXPECT_EQ(frame->planes[2].height, (granted + 1) / 2);
-    const auto replayed = decode_recorded_image(view_of(sound), "a.jpg", ImageSize{640, granted});
+    const auto replayed =
+        decode_recorded_image(view_of(valid_jpeg), "a.jpg", ImageSize{640, granted});
     ASSERT_TRUE(replayed);
     EXPECT_TRUE(test::same_pixels(*replayed, *frame));
   }
 }
 
 TEST(CameraJpegGate, ReportsBothSizesOnMismatch) {
-  const std::string sound = tabletop_frame(0);
+  const std::string valid_jpeg = tabletop_frame(0);
   for (const ImageSize granted : {ImageSize{640, 464}, {640, 481}, {632, 480}, {320, 240}}) {
-    const auto received = receive_camera_jpeg(view_of(sound), granted);
+    const auto received = receive_camera_jpeg(view_of(valid_jpeg), granted);
     ASSERT_FALSE(received);
     EXPECT_EQ(received.error().fault, CaptureFault::wrong_format);
     EXPECT_THAT(
@@ -159,8 +162,8 @@ TEST(CameraJpegGate, KeepsPaddingOfOtherFormats) {
 TEST(CameraJpegGate, RecordsNormalizedImages) {
   const test::TemporaryFolder temporary;
   const std::filesystem::path folder = temporary.path() / "session";
-  const std::string sound = tabletop_frame(0);
-  const std::string buffer = "\xFF\xD8" + sound.substr(0, sound.size() - 2);
+  const std::string valid_jpeg = tabletop_frame(0);
+  const std::string buffer = "\xFF\xD8" + valid_jpeg.substr(0, valid_jpeg.size() - 2);
   const ImageSize granted{640, 472};
   auto received = receive_camera_jpeg(view_of(buffer), granted);
   ASSERT_TRUE(received);
@@ -176,7 +179,7 @@ TEST(CameraJpegGate, RecordsNormalizedImages) {
   image.owner = std::make_shared<int>(0);
   (*writer)->add_image(image);
   ASSERT_TRUE((*writer)->finish());
-  EXPECT_EQ(test::read_bytes(folder / "frames" / "000000.jpg"), with_height(sound, 472));
+  EXPECT_EQ(test::read_bytes(folder / "frames" / "000000.jpg"), with_height(valid_jpeg, 472));
 
   OpenRecordingOptions options;
   options.with_metadata = false;
@@ -195,8 +198,8 @@ TEST(CameraJpegGate, SkipsTruncatedImagesOfPlayedRecording) {
   const std::filesystem::path folder = temporary.path() / "recording";
   test::write_recording(folder, 4);
   test::write_text(folder / "controls.json", "{}\n");
-  const std::string sound = test::jpeg_of(0);
-  test::write_text(folder / "frames" / "000000.jpg", sound.substr(0, sound.size() / 2));
+  const std::string valid_jpeg = test::jpeg_of(0);
+  test::write_text(folder / "frames" / "000000.jpg", valid_jpeg.substr(0, valid_jpeg.size() / 2));
   const std::string second = test::jpeg_of(1);
   test::write_text(folder / "frames" / "000001.jpg",
                    "\xFF\xD8" + second.substr(0, second.size() - 2) + std::string(20, '\0'));

@@ -45,13 +45,13 @@ std::vector<std::uint8_t> png_of(const Values& values, const Layout& layout = {}
 class SampleDepthTest : public testing::Test {
  protected:
   void add(const std::vector<std::uint8_t>& bytes) {
-    pictures_.push_back(folder_.path() / (std::to_string(pictures_.size()) + ".png"));
-    ASSERT_TRUE(write_file(pictures_.back(), bytes));
+    images_.push_back(folder_.path() / (std::to_string(images_.size()) + ".png"));
+    ASSERT_TRUE(write_file(images_.back(), bytes));
   }
-  [[nodiscard]] SampleDepth found() const { return sample_depth_of(pictures_); }
+  [[nodiscard]] SampleDepth found() const { return sample_depth_of(images_); }
 
   test::TemporaryFolder folder_;
-  std::vector<std::filesystem::path> pictures_;
+  std::vector<std::filesystem::path> images_;
 };
 
 TEST_F(SampleDepthTest, IsSmallestDepthThatHoldsEveryValue) {
@@ -67,7 +67,7 @@ TEST_F(SampleDepthTest, IsSmallestDepthThatHoldsEveryValue) {
                                         {16384, 16},
                                         {40000, 16},
                                         {65535, 16}}) {
-    pictures_.clear();
+    images_.clear();
     add(png_of(ramp(brightest)));
     EXPECT_EQ(found().bits, bits) << brightest;
     EXPECT_EQ(found().brightest, brightest);
@@ -94,7 +94,7 @@ TEST_F(SampleDepthTest, FollowsChunkWhenValuesFit) {
   // The values are scaled up to 16 bits, as the PNG specification requires of encoders.
   add(png_of(ramp(50000), {.significant_bits = 12}));
   EXPECT_EQ(found().bits, 16);
-  pictures_.clear();
+  images_.clear();
   add(png_of(ramp(9000), {.significant_bits = 12}));
   EXPECT_EQ(found().bits, 16) << "a dark image with scaled values";
 }
@@ -105,8 +105,8 @@ TEST_F(SampleDepthTest, IgnoresOtherFiles) {
   std::vector<std::uint8_t> damaged = png_of(ramp(300));
   damaged[damaged.size() / 2] ^= 0xFFU;
   add(damaged);
-  pictures_.push_back(folder_.path() / "missing.png");
-  pictures_.push_back(folder_.path());
+  images_.push_back(folder_.path() / "missing.png");
+  images_.push_back(folder_.path());
   EXPECT_EQ(found().bits, 16);
   add(png_of(ramp(1020)));
   EXPECT_EQ(found().bits, 10);
