@@ -65,7 +65,7 @@ constexpr std::array kDocuments = {DocumentCase{"Readme", "README.md", 9},
                                    DocumentCase{"Files", "docs/files.md", 0},
                                    DocumentCase{"Reports", "docs/reports.md", 0}};
 class DocumentedCommands : public testing::TestWithParam<DocumentCase> {};
-INSTANTIATE_TEST_SUITE_P(Of, DocumentedCommands, testing::ValuesIn(kDocuments),
+INSTANTIATE_TEST_SUITE_P(Documents, DocumentedCommands, testing::ValuesIn(kDocuments),
                          [](const auto& instance) { return std::string(instance.param.name); });
 
 TEST_P(DocumentedCommands, RunAsShown) {

@@ -73,15 +73,15 @@ std::vector<Session> sessions() {
   }
   return sessions;
 }
-class Sessions : public testing::TestWithParam<Session> {};
-INSTANTIATE_TEST_SUITE_P(Bundled, Sessions, testing::ValuesIn(sessions()),
+class ReplayedSession : public testing::TestWithParam<Session> {};
+INSTANTIATE_TEST_SUITE_P(Bundled, ReplayedSession, testing::ValuesIn(sessions()),
                          [](const auto& instance) {
                            const Session& s = instance.param;
                            return s.scene + "_" + s.recording +
                                   (s.technique.empty() ? "" : "_" + s.technique);
                          });
 
-TEST_P(Sessions, AreTheSameWithoutSkipping) {
+TEST_P(ReplayedSession, WritesSameFramesWithNoSkip) {
   const Session& session = GetParam();
   const TemporaryFolder folder;
   // In `tabletop` the casters are low at frame 40, and high and over the pad at the end.
@@ -97,17 +97,17 @@ TEST_P(Sessions, AreTheSameWithoutSkipping) {
   const std::string frames =
       nightly() ? (tabletop ? "0:120" : "0:40") : (tabletop ? "1:118" : "1:32");
   std::map<std::string, nlohmann::json> reports;
-  for (const std::string way : {"skip", "no-skip"}) {
+  for (const std::string option : {"skip", "no-skip"}) {
     std::vector<std::string> words = {"replay",   recording.string(),
                                       "--scene",  scene_file(session.scene),
                                       "--frames", frames,
-                                      "--output", (folder.path() / way).string(),
+                                      "--output", (folder.path() / option).string(),
                                       "--report", (folder.path() / "report.json").string()};
     if (!session.technique.empty()) words.insert(words.end(), {"--shadow", session.technique});
-    if (way == "no-skip") words.emplace_back("--no-skip");
+    if (option == "no-skip") words.emplace_back("--no-skip");
     const ProgramResult result = penumbra(words);
     ASSERT_EQ(result.exit_code, 0) << result.err;
-    reports[way] = read_json(folder.path() / "report.json");
+    reports[option] = read_json(folder.path() / "report.json");
   }
   EXPECT_GT(contents_of(folder.path() / "skip").size(), 1U);
   EXPECT_EQ(contents_of(folder.path() / "skip"), contents_of(folder.path() / "no-skip"));
