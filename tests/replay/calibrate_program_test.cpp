@@ -375,13 +375,13 @@ class CalibrateFromCamera : public CalibrateCommand {
     test::write_text(held() / "timestamps.csv", lines);
   }
   [[nodiscard]] std::filesystem::path held() const { return folder() / "held"; }
-  [[nodiscard]] std::filesystem::path keep() const { return folder() / "views"; }
+  [[nodiscard]] std::filesystem::path views_folder() const { return folder() / "views"; }
   [[nodiscard]] std::vector<std::string> arguments(std::vector<std::string> more) const {
     std::vector<std::string> words = {
         "calibrate", "recording:" + held().string(),
         "--target",  shared("recordings/calibration/aprilgrid.yaml").string(),
         "--output",  output().string(),
-        "--keep",    keep().string()};
+        "--keep",    views_folder().string()};
     words.insert(words.end(), more.begin(), more.end());
     return words;
   }
@@ -404,8 +404,8 @@ TEST_F(CalibrateFromCamera, GuidesInWindowAndReproducesResultFromKeptViews) {
       << "scripts/setup installs both";
   hold(16, 3);
   std::vector<std::string> words = {
-      (test::source_dir() / "tests" / "support" / "guide-by-keys").string(), keep().string(),
-      output().string(), test::program().string()};
+      (test::source_dir() / "tests" / "support" / "guide-by-keys").string(),
+      views_folder().string(), output().string(), test::program().string()};
   for (const std::string& word : arguments({"--model", "plumb_bob", "--board", "rigid"}))
     words.push_back(word);
   const auto result = test::run_program(test::source_dir() / "tests" / "support" / "with-display",
@@ -425,10 +425,10 @@ TEST_F(CalibrateFromCamera, GuidesInWindowAndReproducesResultFromKeptViews) {
   }
   std::sort(shots.begin(), shots.end());
   ASSERT_EQ(shots.size(), 2U);
-  if (const char* kept = std::getenv("PENUMBRA_HUD_PICTURES")) {
-    std::filesystem::copy_file(shots[0], std::filesystem::path(kept) / "guide.png",
+  if (const char* image_folder = std::getenv("PENUMBRA_HUD_IMAGES")) {
+    std::filesystem::copy_file(shots[0], std::filesystem::path(image_folder) / "guide.png",
                                std::filesystem::copy_options::overwrite_existing);
-    std::filesystem::copy_file(shots[1], std::filesystem::path(kept) / "verdict.png",
+    std::filesystem::copy_file(shots[1], std::filesystem::path(image_folder) / "verdict.png",
                                std::filesystem::copy_options::overwrite_existing);
   }
   const auto during = load_rgba(shots[0]);
@@ -445,7 +445,7 @@ TEST_F(CalibrateFromCamera, GuidesInWindowAndReproducesResultFromKeptViews) {
   // Calibrating from the stored views must give the same digits.
   const std::string first = test::read_bytes(output());
   std::filesystem::remove(output());
-  const auto again = calibrate(keep(), shared("recordings/calibration/aprilgrid.yaml"),
+  const auto again = calibrate(views_folder(), shared("recordings/calibration/aprilgrid.yaml"),
                                {"--model", "plumb_bob", "--board", "rigid"});
   ASSERT_EQ(again.exit_code, 0) << again.err;
   EXPECT_EQ(test::read_bytes(output()), first);
@@ -483,14 +483,15 @@ TEST_F(CalibrateFromCamera, WritesNoResultWhenInterruptedWithTooFewViews) {
       test::run_program(test::program(), arguments({}), {}, {}, [this](pid_t process) {
         // Sends SIGINT after the first view.
         std::thread([this, process] {
-          for (int i = 0; i < 600 && !std::filesystem::exists(keep() / "000000.png"); ++i)
+          for (int i = 0; i < 600 && !std::filesystem::exists(views_folder() / "000000.png"); ++i)
             std::this_thread::sleep_for(std::chrono::milliseconds(50));
           kill(process, SIGINT);
         }).detach();
       });
   expect_refused(result, "at least 3 views");
   EXPECT_THAT(result.out, HasSubstr("no display; going on without a window"));
-  EXPECT_TRUE(std::filesystem::exists(keep() / "000000.png")) << "the kept views must remain";
+  EXPECT_TRUE(std::filesystem::exists(views_folder() / "000000.png"))
+      << "the kept views must remain";
   // A folder that is not empty must be rejected.
   const auto second = test::run_program(test::program(), arguments({"--no-window"}));
   expect_refused(second, "holds files already");
@@ -506,7 +507,7 @@ TEST_F(CalibrateFromCamera, SolvesFromKeptViewsWhenDisplayIsLost) {
                                               "--report", (folder() / "report.html").string()});
   words.insert(words.begin(), test::program().string());
   test::RunningProgram running(words, [&] { setenv("DISPLAY", display.name().c_str(), 1); });
-  while (running.runs() && !std::filesystem::exists(keep() / "000005.png")) {
+  while (running.runs() && !std::filesystem::exists(views_folder() / "000005.png")) {
     std::this_thread::sleep_for(std::chrono::milliseconds(10));
   }
   display.end(SIGKILL);
@@ -516,7 +517,7 @@ TEST_F(CalibrateFromCamera, SolvesFromKeptViewsWhenDisplayIsLost) {
   EXPECT_TRUE(test::read_bytes(folder() / "report.html").ends_with("</html>\n"));
   // Calibrating from the stored views must give the same result.
   const std::string first = test::read_bytes(output());
-  const auto again = calibrate(keep(), shared("recordings/calibration/aprilgrid.yaml"),
+  const auto again = calibrate(views_folder(), shared("recordings/calibration/aprilgrid.yaml"),
                                {"--model", "plumb_bob", "--board", "rigid"});
   ASSERT_EQ(again.exit_code, 0) << again.err;
   EXPECT_EQ(test::read_bytes(output()), first);
@@ -529,13 +530,13 @@ TEST_F(CalibrateFromCamera, KeepsViewsWhenDisplayIsLostTooEarlyToSolve) {
   std::vector<std::string> words = arguments({});
   words.insert(words.begin(), test::program().string());
   test::RunningProgram running(words, [&] { setenv("DISPLAY", display.name().c_str(), 1); });
-  while (running.runs() && !std::filesystem::exists(keep() / "000000.png")) {
+  while (running.runs() && !std::filesystem::exists(views_folder() / "000000.png")) {
     std::this_thread::sleep_for(std::chrono::milliseconds(10));
   }
   display.end(SIGTERM);
   EXPECT_EQ(running.exit_code(), 1);
   EXPECT_FALSE(std::filesystem::exists(output()));
-  EXPECT_TRUE(load_image(keep() / "000000.png"));
+  EXPECT_TRUE(load_image(views_folder() / "000000.png"));
 }
 
 // Ctrl-C and SIGTERM end the program soon, even during the solution, and leave old files unchanged.

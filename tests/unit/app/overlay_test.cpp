@@ -99,9 +99,9 @@ std::size_t changed_pixels(const Shot& shot) {
   return changed;
 }
 
-// Saves the image for inspection if PENUMBRA_HUD_PICTURES=FOLDER is set.
-void keep(const Shot& shot, const std::string& name) {
-  const char* folder = std::getenv("PENUMBRA_HUD_PICTURES");
+// Saves the image for inspection if PENUMBRA_HUD_IMAGES=FOLDER is set.
+void save_for_inspection(const Shot& shot, const std::string& name) {
+  const char* folder = std::getenv("PENUMBRA_HUD_IMAGES");
   if (folder == nullptr) return;
   const auto file = std::filesystem::path(folder) / (name + ".png");
   ASSERT_TRUE(save_png(file, shot.width, shot.height, shot.rgba));
@@ -122,7 +122,7 @@ TEST_P(HudOverlay, DrawsEveryLayoutAndKeepsFrameVisible) {
     const char* name;
     int width, height;
     HudPanels panels;
-    double most;  // maximum fraction of the window that the HUD covers
+    double max_fraction;  // maximum fraction of the window that the HUD covers
   };
   const std::vector<Case> cases = {
       {"full-1280x720", 1280, 720, {}, 0.35},
@@ -146,11 +146,11 @@ TEST_P(HudOverlay, DrawsEveryLayoutAndKeepsFrameVisible) {
     // The layout sizes are final in the second drawing.
     shoot(*overlay, busy_state(), one.panels, one.width, one.height, actions);
     const Shot shot = shoot(*overlay, busy_state(), one.panels, one.width, one.height, actions);
-    const double share = static_cast<double>(changed_pixels(shot)) / (one.width * one.height);
-    EXPECT_GT(share, 0.02) << one.name;
-    EXPECT_LT(share, one.most) << one.name;
+    const double fraction = static_cast<double>(changed_pixels(shot)) / (one.width * one.height);
+    EXPECT_GT(fraction, 0.02) << one.name;
+    EXPECT_LT(fraction, one.max_fraction) << one.name;
     EXPECT_TRUE(actions.commands.empty() && actions.edits.empty()) << one.name;
-    keep(shot, prefix() + one.name);
+    save_for_inspection(shot, prefix() + one.name);
   }
 }
 
@@ -175,7 +175,7 @@ TEST_P(HudOverlay, DrawsKernelsAsDotsInDebugView) {
     EXPECT_EQ(bluish(shot, 160 + 480, 360), debug);
     EXPECT_EQ(bluish(shot, 160 + 901, 601), debug);
     EXPECT_FALSE(bluish(shot, 160 + 480, 380));
-    if (debug) keep(shot, prefix() + "kernels-1280x720");
+    if (debug) save_for_inspection(shot, prefix() + "kernels-1280x720");
   }
 }
 
@@ -214,7 +214,7 @@ TEST_P(HudOverlay, ListsSkippedAndReusedPartsInDebugViewOnly) {
   EXPECT_NE(shot_of(kept, true).rgba, shot_of(left_out, true).rgba)
       << "skipped and reused parts must have different texts";
   EXPECT_EQ(shot_of(both, false).rgba, shot_of(plain, false).rgba);
-  keep(shot_of(both, true), prefix() + "reasons-1280x720");
+  save_for_inspection(shot_of(both, true), prefix() + "reasons-1280x720");
 }
 
 TEST_P(HudOverlay, TurnsClickShorterThanFrameIntoCommand) {

@@ -36,12 +36,12 @@ PoseEstimate view_pose() {
   return test::tracked(test::look_at({0.25, -0.45, 0.4}, {0.0, 0.0, 0.05}));
 }
 
-// Writes frames for inspection if PENUMBRA_MSAA_PICTURES=FOLDER is set.
-void keep(const test::RenderedImage& picture, const std::string& name) {
-  const char* folder = std::getenv("PENUMBRA_MSAA_PICTURES");
+// Writes frames for inspection if PENUMBRA_MSAA_IMAGES=FOLDER is set.
+void save_for_inspection(const test::RenderedImage& image, const std::string& name) {
+  const char* folder = std::getenv("PENUMBRA_MSAA_IMAGES");
   if (folder == nullptr) return;
-  ASSERT_TRUE(save_png(std::filesystem::path(folder) / (name + ".png"), picture.width,
-                       picture.height, picture.rgba));
+  ASSERT_TRUE(save_png(std::filesystem::path(folder) / (name + ".png"), image.width, image.height,
+                       image.rgba));
 }
 
 TEST(Multisampling, DefaultsByRenderer) {
@@ -80,30 +80,30 @@ TEST(Multisampling, SmoothsObjectEdges) {
   for (const GlApi api : {GlApi::gl33, GlApi::gles30}) {
     const test::RenderedImage plain = draw(1, 0, api);
     const test::RenderedImage smooth = draw(1, 4, api);
-    keep(plain, "plain");
-    keep(smooth, "smooth");
+    save_for_inspection(plain, "plain");
+    save_for_inspection(smooth, "smooth");
     double plain_sum = 0.0;
     double smooth_sum = 0.0;
     int edge_pixels = 0;
     for (int y = 0; y < kViewHeight; ++y) {
       for (int x = 0; x < kViewWidth; ++x) {
         double mean = 0.0;
-        int least = 255;
-        int most = 0;
+        int lowest = 255;
+        int highest = 0;
         for (int j = 0; j < kFiner; ++j) {
           for (int i = 0; i < kFiner; ++i) {
             const int red = fine.at(kFiner * x + i, kFiner * y + j)[1];
             mean += red / static_cast<double>(kFiner * kFiner);
-            least = std::min(least, red);
-            most = std::max(most, red);
+            lowest = std::min(lowest, red);
+            highest = std::max(highest, red);
           }
         }
         const double plain_error = plain.at(x, y)[1] - mean;
         const double smooth_error = smooth.at(x, y)[1] - mean;
-        if (most - least <= 1) {
+        if (highest - lowest <= 1) {
           EXPECT_NEAR(smooth.at(x, y)[1], plain.at(x, y)[1], 1) << x << ", " << y;
         }
-        if (most - least < 8) continue;
+        if (highest - lowest < 8) continue;
         ++edge_pixels;
         plain_sum += plain_error * plain_error;
         smooth_sum += smooth_error * smooth_error;
@@ -140,8 +140,8 @@ TEST(Multisampling, ChangesOnlyEdges) {
         options.translucency = mode;
         const test::RenderedImage a = plain.draw(frame, plain.plan(view_pose(), options, 0.8));
         const test::RenderedImage b = smooth.draw(frame, smooth.plan(view_pose(), options, 0.8));
-        keep(a, name + "-plain");
-        keep(b, name + "-smooth");
+        save_for_inspection(a, name + "-plain");
+        save_for_inspection(b, name + "-smooth");
         int changed = 0;
         for (int y = 0; y < kViewHeight; ++y) {
           for (int x = 0; x < kViewWidth; ++x) {
