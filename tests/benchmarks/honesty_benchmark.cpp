@@ -23,11 +23,11 @@ namespace {
 using namespace penumbra;
 using namespace penumbra::test;
 
-double quantile(std::vector<double> values, double share) {
+double quantile(std::vector<double> values, double fraction) {
   if (values.empty()) return 0.0;
   std::sort(values.begin(), values.end());
   return values[std::min(values.size() - 1,
-                         static_cast<std::size_t>(share * static_cast<double>(values.size())))];
+                         static_cast<std::size_t>(fraction * static_cast<double>(values.size())))];
 }
 
 struct Group {

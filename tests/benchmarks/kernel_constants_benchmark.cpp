@@ -219,9 +219,9 @@ Silhouette make_silhouette(Model model, Random& random) {
   const float half = 0.5F * (high - low).maxCoeff() + discs[0].radius;
   result.low = 0.5F * (low + high) - Eigen::Vector2f::Constant(half);
   result.pixel = 2.0F * half / kPixels;
-  for (const double share : kHeightShares) {
+  for (const double fraction : kHeightShares) {
     Silhouette::Level level{
-        {Eigen::Vector3d(0, 0, share * kUmbraHeight), Eigen::Quaterniond::Identity(), 1.0},
+        {Eigen::Vector3d(0, 0, fraction * kUmbraHeight), Eigen::Quaterniond::Identity(), 1.0},
         result.empty(),
         result.empty()};
     const ShadowKernels none{result.plane.n, result.mesh.positions, {}};
@@ -255,15 +255,16 @@ Agreement judge(const std::vector<Silhouette>& silhouettes, const KernelTuning& 
     for (const Silhouette::Level& level : silhouette.levels) {
       const auto vertices =
           place_caster(silhouette.mesh, kernels, level.placement, silhouette.plane);
-      const double share = 1.0 / static_cast<double>(silhouettes.size() * silhouette.levels.size());
+      const double weight =
+          1.0 / static_cast<double>(silhouettes.size() * silhouette.levels.size());
       const auto agreement = [&](ShadowLayer layer, const Coverage& exact) {
         Coverage covered = silhouette.empty();
         covered.cover(
             layer_triangles(vertices, silhouette.mesh.indices, silhouette.constants, layer));
         return covered.iou(exact);
       };
-      mean.umbra += share * agreement(ShadowLayer::umbra, level.umbra);
-      mean.penumbra += share * agreement(ShadowLayer::penumbra, level.penumbra);
+      mean.umbra += weight * agreement(ShadowLayer::umbra, level.umbra);
+      mean.penumbra += weight * agreement(ShadowLayer::penumbra, level.penumbra);
     }
   }
   return mean;

@@ -107,16 +107,17 @@ void add_speed_goals(const std::string& name, const std::vector<Outcome>& outcom
   const Outcome& accurate = outcome_of(outcomes, kAccurate);
   const Outcome& d1 = outcome_of(outcomes, kDecimate1);
   const Outcome& d2 = outcome_of(outcomes, kDecimate2);
-  const auto time = [&](const std::string& mode, double ratio, double least,
+  const auto time = [&](const std::string& mode, double ratio, double min_ratio,
                         const std::string& other) {
     goals.push_back({name, fmt::format("{}: median time against {} + PnP", mode, other),
-                     fmt::format("<= 1/{:.0f}", least), fmt::format("1/{:.1f}", ratio),
-                     ratio >= least});
+                     fmt::format("<= 1/{:.0f}", min_ratio), fmt::format("1/{:.1f}", ratio),
+                     ratio >= min_ratio});
   };
-  const auto error = [&](const std::string& mode, const Outcome& outcome, double most) {
+  const auto error = [&](const std::string& mode, const Outcome& outcome, double max_ratio) {
     const double ratio = outcome.evaluation.overlay_px.rmse / d1.evaluation.overlay_px.rmse;
     goals.push_back({name, mode + ": overlay RMS against decimate 1",
-                     fmt::format("<= {:.2f}", most), fmt::format("{:.2f}", ratio), ratio <= most});
+                     fmt::format("<= {:.2f}", max_ratio), fmt::format("{:.2f}", ratio),
+                     ratio <= max_ratio});
   };
   time("fast", d2.median_ms() / fast.median_ms(), 20.0, "decimate 2");
   time("fast", d1.median_ms() / fast.median_ms(), 60.0, "decimate 1");
@@ -297,11 +298,11 @@ void compare_on_video(const Options& options, nlohmann::ordered_json& results,
 void add_synthetic_goals(bool quick, std::vector<Goal>& goals) {
   test::SyntheticTrials trials;
   const int views = quick ? 4 : 24;
-  const auto bound = [&](AlignmentEffort effort, const std::string& name, double most) {
+  const auto bound = [&](AlignmentEffort effort, const std::string& name, double limit) {
     const double ratio = trials.noise(effort, 2.0, views, true, 8).over_bound();
-    goals.push_back({"synthetic, noise 2 grey levels",
-                     name + ": overlay error over the Cramer-Rao bound",
-                     fmt::format("<= {:.1f}", most), fmt::format("{:.2f}", ratio), ratio <= most});
+    goals.push_back(
+        {"synthetic, noise 2 grey levels", name + ": overlay error over the Cramer-Rao bound",
+         fmt::format("<= {:.1f}", limit), fmt::format("{:.2f}", ratio), ratio <= limit});
   };
   bound(AlignmentEffort::fast, "fast", 4.0);
   bound(AlignmentEffort::accurate, "accurate", 1.7);
@@ -311,13 +312,13 @@ void add_synthetic_goals(bool quick, std::vector<Goal>& goals) {
                    fmt::format("{:.0f} %; {:.4f}", 100.0 * covered.found_share(), covered.rms_px()),
                    covered.found == covered.runs && covered.rms_px() <= 0.035});
   // Cells are about 10 px wide.
-  for (const auto& [cells, least] : {std::pair(0.8, 0.98), std::pair(1.6, 0.90)}) {
+  for (const auto& [cells, min_fraction] : {std::pair(0.8, 0.98), std::pair(1.6, 0.90)}) {
     const test::TrialScore score = trials.basin(10.0 * cells, quick ? 2 : 12, 12);
     goals.push_back({"synthetic, start error",
                      fmt::format("converged from {} cells at the tags' corners", cells),
-                     fmt::format(">= {:.0f} %", 100.0 * least),
+                     fmt::format(">= {:.0f} %", 100.0 * min_fraction),
                      fmt::format("{:.1f} % of {}", 100.0 * score.found_share(), score.runs),
-                     score.found_share() >= least && score.wrong == 0});
+                     score.found_share() >= min_fraction && score.wrong == 0});
   }
 }
 

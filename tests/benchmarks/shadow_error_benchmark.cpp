@@ -150,9 +150,9 @@ Window window_of(const Scene& scene, std::span<const Eigen::Vector3f> points, do
   Eigen::Vector2d high = -low;
   for (const Eigen::Vector3f& p : points) {
     const Eigen::Vector2d q = p.head<2>().cast<double>();
-    const Eigen::Vector2d reach = Eigen::Vector2d::Constant(slope * static_cast<double>(p.z()));
-    low = low.cwiseMin(q - reach);
-    high = high.cwiseMax(q + reach);
+    const Eigen::Vector2d radius = Eigen::Vector2d::Constant(slope * static_cast<double>(p.z()));
+    low = low.cwiseMin(q - radius);
+    high = high.cwiseMax(q + radius);
   }
   const auto pixel = [&](double x, double origin) {
     return std::clamp(static_cast<int>(std::floor((x - origin) / scene.grid.pixel)), 0, kPixels);

@@ -56,8 +56,8 @@ int main(int argc, char** argv) {
     }
   }
   if (wants("cover")) {
-    for (const double share : {0.15, 0.30, 0.50})
-      print(fmt::format("fast, {:.0f} % covered", 100.0 * share), trials.cover(share, 16));
+    for (const double fraction : {0.15, 0.30, 0.50})
+      print(fmt::format("fast, {:.0f} % covered", 100.0 * fraction), trials.cover(fraction, 16));
   }
   if (wants("basin")) {
     for (const double start : {4.0, 8.0, 12.0, 16.0, 24.0})

@@ -73,7 +73,7 @@ class SyntheticTrials {
   [[nodiscard]] const std::vector<MappedTag>& tags() const { return tags_; }
 
   // Covers a fraction of every tag; noise of 2 grey levels.
-  [[nodiscard]] TrialScore cover(double share, int views) {
+  [[nodiscard]] TrialScore cover(double fraction, int views) {
     TagAligner aligner = make_aligner(AlignmentEffort::fast);
     std::mt19937_64 random(11);
     TrialScore score;
@@ -81,7 +81,7 @@ class SyntheticTrials {
       const CameraPose truth = random_view(random);
       PatternRenderOptions render = options(k);
       render.noise_grey = 2.0;
-      render.cover_share = share;
+      render.cover_share = fraction;
       run(aligner, picture(truth, render), truth, displaced(camera_, tags_, truth, 2.0, random),
           2.0, Vector6d::Zero(), score, 0.0);
     }

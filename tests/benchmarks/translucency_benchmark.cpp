@@ -60,8 +60,8 @@ struct View {
 };
 
 struct Pattern {
-  double mean = 0.0, sd = 0.0, least = 1.0, most = 0.0;  // fraction of black pixels per window
-  double flips = 0.0;                                    // fraction of the pixels inside
+  double mean = 0.0, sd = 0.0, minimum = 1.0, maximum = 0.0;  // fraction of black pixels per window
+  double flips = 0.0;                                         // fraction of the pixels inside
   int windows = 0;
 };
 
@@ -78,7 +78,7 @@ Pattern pattern_of(const View& view, Translucency mode, std::size_t layer) {
   const test::RenderedImage before = draw(mode, 0.0);
   const test::RenderedImage after = draw(mode, kStep_px);
   Pattern pattern;
-  std::vector<double> shares;
+  std::vector<double> fractions;
   for (int y = 0; y + kWindow_px <= kSide; y += 5) {
     for (int x = 0; x + kWindow_px <= kSide; x += 5) {
       int black = 0;
@@ -89,19 +89,19 @@ Pattern pattern_of(const View& view, Translucency mode, std::size_t layer) {
           black += before.red(x + dx, y + dy) == 0 ? 1 : 0;
         }
       }
-      if (whole) shares.push_back(static_cast<double>(black) / (kWindow_px * kWindow_px));
+      if (whole) fractions.push_back(static_cast<double>(black) / (kWindow_px * kWindow_px));
     }
   }
-  for (const double share : shares) {
-    pattern.mean += share / static_cast<double>(shares.size());
-    pattern.least = std::min(pattern.least, share);
-    pattern.most = std::max(pattern.most, share);
+  for (const double fraction : fractions) {
+    pattern.mean += fraction / static_cast<double>(fractions.size());
+    pattern.minimum = std::min(pattern.minimum, fraction);
+    pattern.maximum = std::max(pattern.maximum, fraction);
   }
-  for (const double share : shares)
-    pattern.sd +=
-        (share - pattern.mean) * (share - pattern.mean) / static_cast<double>(shares.size());
+  for (const double fraction : fractions)
+    pattern.sd += (fraction - pattern.mean) * (fraction - pattern.mean) /
+                  static_cast<double>(fractions.size());
   pattern.sd = std::sqrt(pattern.sd);
-  pattern.windows = static_cast<int>(shares.size());
+  pattern.windows = static_cast<int>(fractions.size());
   std::size_t both = 0;
   std::size_t flipped = 0;
   for (int y = 0; y < kSide; ++y) {
@@ -120,7 +120,7 @@ void print_row(const char* name, const View& view, Translucency mode) {
     const Pattern p = pattern_of(view, mode, layer);
     fmt::print("{:<24} {:>6.2f} {:>9} {:>7.4f} {:>7.4f} {:>7.4f} {:>7.4f} {:>7.4f} {:>8.2f} %\n",
                name, view.height, kLayers[layer].name, 1.0 - kLayers[layer].light, p.mean, p.sd,
-               p.least, p.most, 100.0 * p.flips);
+               p.minimum, p.maximum, 100.0 * p.flips);
   }
 }
 
@@ -130,7 +130,7 @@ void print_row(const char* name, const View& view, Translucency mode) {
 int main() {
   using namespace penumbra;
   fmt::print("{:<24} {:>6} {:>9} {:>7} {:>7} {:>7} {:>7} {:>7} {:>10}\n", "translucency", "eye [m]",
-             "layer", "wanted", "mean", "sd", "least", "most", "flips");
+             "layer", "wanted", "mean", "sd", "min", "max", "flips");
   for (const double height : {0.2, 0.5, 1.2}) {
     print_row("mesh", {height}, Translucency::mesh);
     const std::string strips = fmt::format("geometry-mesh, {:.1f} px", 3e-3 * kFocal_px / height);

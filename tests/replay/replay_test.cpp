@@ -448,25 +448,25 @@ TEST(ReplayCommand, DrawsEachTechniqueDifferently) {
 TEST(ReplayCommand, AppliesAndReportsForcedTranslucency) {
   const TemporaryFolder folder;
   std::map<std::string, std::map<std::string, std::string>> frames;
-  for (const std::string way : {"auto", "blend", "mesh", "retexture", "geometry-mesh"}) {
+  for (const std::string mode : {"auto", "blend", "mesh", "retexture", "geometry-mesh"}) {
     for (const char* recording : {"tabletop", "corner"}) {
-      const bool in_short_form = way != "auto" && way != "geometry-mesh";
+      const bool in_short_form = mode != "auto" && mode != "geometry-mesh";
       if (!nightly() && !in_short_form && std::string(recording) == "corner") continue;
-      const fs::path base = folder.path() / fmt::format("{}-{}", way, recording);
+      const fs::path base = folder.path() / fmt::format("{}-{}", mode, recording);
       const auto run = [&](const std::string& name, const std::vector<std::string>& more) {
         std::vector<std::string> arguments = {
             bundled(recording), "--frames", "30:32",    "--poses-from",      "groundtruth",
-            "--translucency",   way,        "--output", base.string() + name};
+            "--translucency",   mode,       "--output", base.string() + name};
         arguments.insert(arguments.end(), more.begin(), more.end());
         const Replay done = replay(folder.path(), arguments);
         EXPECT_EQ(done.result.exit_code, 0) << done.result.err;
-        EXPECT_EQ(done.report["gl"]["translucency"], way == "auto" ? "blend" : way);
+        EXPECT_EQ(done.report["gl"]["translucency"], mode == "auto" ? "blend" : mode);
         return contents_of(base.string() + name);
       };
       const auto skipping = run("", {});
       ASSERT_EQ(skipping.size(), 2U);
-      EXPECT_EQ(run("all", {"--no-skip"}), skipping) << way << " " << recording;
-      if (std::string(recording) == "tabletop") frames[way] = skipping;
+      EXPECT_EQ(run("all", {"--no-skip"}), skipping) << mode << " " << recording;
+      if (std::string(recording) == "tabletop") frames[mode] = skipping;
     }
   }
   EXPECT_EQ(frames["auto"], frames["blend"]);

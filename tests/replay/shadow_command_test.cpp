@@ -828,13 +828,13 @@ TEST_F(ShadowCommand, ReportsProxyAgreement) {
   const auto& proxy = with["proxy"];
   EXPECT_LT(proxy["faces"], 0.75 * proxy["of_faces"].get<double>());
   ASSERT_EQ(proxy["heights"].size(), 2U);
-  double least = 1.0;
+  double min_iou = 1.0;
   for (const auto& height : proxy["heights"]) {
     for (const char* layer : {"umbra", "middle", "penumbra"}) {
-      least = std::min(least, height["iou"][layer].get<double>());
+      min_iou = std::min(min_iou, height["iou"][layer].get<double>());
     }
   }
-  EXPECT_EQ(proxy["used"].get<bool>(), least >= 0.98) << least;
+  EXPECT_EQ(proxy["used"].get<bool>(), min_iou >= 0.98) << min_iou;
   EXPECT_EQ(with["layers"] == plain["layers"], !proxy["used"].get<bool>());
   const auto few = layers({models + "/cube.glb", "--proxy", "auto"});
   EXPECT_FALSE(few["proxy"]["used"]);

@@ -295,7 +295,8 @@ TEST_F(ShadowCommandVectors, MatchShadowVolumesOnPlane) {
     Mask shadow(Eigen::Vector2d::Constant(-0.5 * kExtent), kExtent / kPixels, kPixels);
     shadow.cover(rings_from(got.at("shadow").at("polygons")));
     const int size = entry.at("size").get<int>();
-    const double reach = std::tan(entry.at("fov_deg").get<double>() * 0.5 * 0.017453292519943295);
+    const double tan_half_fov =
+        std::tan(entry.at("fov_deg").get<double>() * 0.5 * 0.017453292519943295);
     const Eigen::Vector3d eye = vector_from(entry.at("eye"));
     const auto rows = entry.at("rows").get<std::vector<std::string>>();
     int wrong = 0;
@@ -304,8 +305,8 @@ TEST_F(ShadowCommandVectors, MatchShadowVolumesOnPlane) {
       for (int column = 0; column < size; ++column) {
         const Eigen::Vector3d ray =
             vector_from(entry.at("forward")) +
-            vector_from(entry.at("right")) * ((2.0 * (column + 0.5) / size - 1.0) * reach) -
-            vector_from(entry.at("up")) * ((2.0 * (row + 0.5) / size - 1.0) * reach);
+            vector_from(entry.at("right")) * ((2.0 * (column + 0.5) / size - 1.0) * tan_half_fov) -
+            vector_from(entry.at("up")) * ((2.0 * (row + 0.5) / size - 1.0) * tan_half_fov);
         bool covered = false;
         if (ray.z() < 0.0) {
           const Eigen::Vector2d p = (eye - ray * (eye.z() / ray.z())).head<2>();

@@ -162,11 +162,11 @@ int pixels_drawn(const fs::path& image, const RgbaImage& video) {
   constexpr int kConverted = 24;  // error of JPEG, colour conversion and screen
   int drawn = 0;
   for (std::size_t i = 0; i < video.pixels.size(); i += 4) {
-    int most = 0;
+    int difference = 0;
     for (std::size_t k = i; k < i + 3; ++k) {
-      most = std::max(most, std::abs(int{seen->pixels[k]} - int{video.pixels[k]}));
+      difference = std::max(difference, std::abs(int{seen->pixels[k]} - int{video.pixels[k]}));
     }
-    drawn += most > kConverted ? 1 : 0;
+    drawn += difference > kConverted ? 1 : 0;
   }
   return drawn;
 }

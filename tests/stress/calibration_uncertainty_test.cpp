@@ -107,8 +107,9 @@ CameraModel plumb_bob(double f, std::array<double, 8> distortion) {
 }
 
 // The verdict on a wrong calibration must never be good, for any lens and any views of the board.
-// `reach` is the fraction of the image that the views cover. The short form runs one case per lens
-// once, and covers each reach and each noise level. The nightly form runs every case three times.
+// `coverage` is the fraction of the image that the views cover. The short form runs one case per
+// lens once, and covers each value of it and each noise level. The nightly form runs every case
+// three times.
 TEST(CalibrationVerdict, IsNeverGoodForWrongLens) {
   const Lens lenses[] = {
       {"plumb_bob", plumb_bob(531.0, {-0.215, 0.062, 0.0008, -0.0006, -0.004}), 0.4},
@@ -121,7 +122,7 @@ TEST(CalibrationVerdict, IsNeverGoodForWrongLens) {
   int good = 0;
   int cases = 0;  // 6 of each lens
   for (const Lens& lens : lenses) {
-    for (const double reach : {0.95, 0.6, 0.35}) {
+    for (const double coverage : {0.95, 0.6, 0.35}) {
       for (const double noise_px : {0.05, 0.2}) {
         const int i = cases++;
         const int lens_index = i / 6;
@@ -130,10 +131,12 @@ TEST(CalibrationVerdict, IsNeverGoodForWrongLens) {
           const int width = lens.camera.width();
           const int height = lens.camera.height();
           std::mt19937 rng(500 + run);
-          const auto views = test::simulate_views(
-              lens.camera, board,
-              {.views = 14, .noise_px = noise_px, .distance_m = lens.distance_m, .reach = reach},
-              rng);
+          const auto views = test::simulate_views(lens.camera, board,
+                                                  {.views = 14,
+                                                   .noise_px = noise_px,
+                                                   .distance_m = lens.distance_m,
+                                                   .coverage = coverage},
+                                                  rng);
           const auto start = first_solution(width, height, board, views, {});
           if (!start) continue;  // the calibration was rejected
           CameraCalibration c;
@@ -151,9 +154,9 @@ TEST(CalibrationVerdict, IsNeverGoodForWrongLens) {
           if (c.grade != CalibrationGrade::good) continue;
           ++good;
           const double wrong = projection_difference(lens.camera, c.solution.camera).mean_px;
-          EXPECT_LT(wrong, 1.0) << lens.name << ", reach " << reach << ", run " << run;
+          EXPECT_LT(wrong, 1.0) << lens.name << ", coverage " << coverage << ", run " << run;
           EXPECT_LT(wrong, 3.0 * c.uncertainty.mean_px)
-              << lens.name << ", reach " << reach << ", run " << run;
+              << lens.name << ", coverage " << coverage << ", run " << run;
         }
       }
     }

@@ -208,8 +208,8 @@ RC_GTEST_PROP(LayerProperties, AcceptTriangleSoupOfAnySize, ()) {
   const TwistReport twists = find_twists(vertices, mesh.indices, 0.05, 1.65);
   RC_ASSERT(twists.faces_twisted <= twists.faces_tested);
   RC_ASSERT(0.0 <= twists.area_share && twists.area_share <= 1.0);
-  const double spill = layer_overshoot(mesh, kernels, real(1.0, 3.0));
-  RC_ASSERT(0.0 <= spill && spill <= 1.0);
+  const double overshoot = layer_overshoot(mesh, kernels, real(1.0, 3.0));
+  RC_ASSERT(0.0 <= overshoot && overshoot <= 1.0);
 }
 
 RC_GTEST_PROP(LayerProperties, IgnoreNonFiniteVertices, ()) {
@@ -335,12 +335,12 @@ RC_GTEST_PROP(LayerProperties, MatchExactLayersInFloat, ()) {
       const double steep = std::isinf(H) ? 1.0 : H / (H - x.z());
       const double slope = std::isinf(H) ? 1.0 / constants.umbra_height
                                          : (1.0 + constants.light_ratio) * steep / (H - x.z());
-      const double reach = (x - k).head<2>().norm();
+      const double distance = (x - k).head<2>().norm();
       const double size = 1.0 + x.head<2>().norm() + k.head<2>().norm();
       const double bound =
-          4e-7 * (1.0 + std::abs(s)) * steep * reach +  // error of s, equation 2.11
-          4.0 * kUlp * slope * reach +                  // rounding of h
-          8.0 * kUlp * (1.0 + s) * size;                // rounding of u, v, k
+          4e-7 * (1.0 + std::abs(s)) * steep * distance +  // error of s, equation 2.11
+          4.0 * kUlp * slope * distance +                  // rounding of h
+          8.0 * kUlp * (1.0 + s) * size;                   // rounding of u, v, k
       const PlanePoint one = project_to_layer(vertices[i], constants, kShadowLayers[layer]);
       RC_ASSERT((Eigen::Vector2d(static_cast<double>(one.u), static_cast<double>(one.v)) - expected)
                     .norm() <= bound);
@@ -651,8 +651,8 @@ TEST(ShadowStress, LimitsChangePerMillimetreOfRisingBar) {
                 .area;
         // The change is relative to the layer's size, or to the footprint's size for a layer that
         // has just appeared or has almost vanished.
-        const double share = step < 95 ? 0.015 : 0.01;
-        EXPECT_LE(std::abs(area - before[i]), share * std::max({area, before[i], footprint}))
+        const double tolerance = step < 95 ? 0.015 : 0.01;
+        EXPECT_LE(std::abs(area - before[i]), tolerance * std::max({area, before[i], footprint}))
             << "layer " << i << " at " << step << " mm";
         before[i] = area;
       }
@@ -677,13 +677,13 @@ RC_GTEST_PROP(LayerOvershoot, StaysWithinKernelDistance, ()) {
   const auto vertices = place_caster(mesh, kernels, placement, plane);
   // Largest displacement of the vertices that follows from heights and the thickness of parts,
   // without the kernels.
-  const auto reach = test::kernel_distances(mesh, kernels);
+  const auto distances = test::kernel_distances(mesh, kernels);
   double moved = 0.0;
-  for (std::size_t i = 0; i < reach.size(); ++i) {
-    RC_ASSERT(reach[i].distance <= test::max_allowed_distance(reach[i]));
+  for (std::size_t i = 0; i < distances.size(); ++i) {
+    RC_ASSERT(distances[i].distance <= test::max_allowed_distance(distances[i]));
     const double height = static_cast<double>(vertices[i].h);
     const double growth = layer_factor(constants, ShadowLayer::penumbra, height) - 1.0;
-    moved = std::max(moved, growth * test::max_allowed_distance(reach[i]));
+    moved = std::max(moved, growth * test::max_allowed_distance(distances[i]));
   }
   const auto orthogonal = union_of_triangles(orthogonal_triangles(vertices, mesh.indices));
   RC_ASSERT(orthogonal.has_value());
@@ -742,7 +742,7 @@ Surface split(const ShadowMesh& mesh, float parts) {
 // own kernel. Coarse faces whose vertices have different kernels cause it, twisted or not
 // (docs/shadows.md#fold-overs (3)). Valid for growing layers only: an exact shrinking layer has
 // gaps where kernels change, and coarse faces close these gaps.
-double spill(const Surface& coarse, const Surface& fine, double s) {
+double overshoot_of(const Surface& coarse, const Surface& fine, double s) {
   const auto coarse_image = coarse.image(s);
   const auto fine_image = fine.image(s);
   Eigen::Vector2d low = coarse_image.front();
@@ -800,8 +800,8 @@ TEST(ShadowStress, BoundsOvershootOfTwistedFaces) {
     const Surface coarse(mesh.mesh);
     const Surface fine = split(mesh.mesh, 150.0F);
     for (const double s : {1.3, 1.65}) {
-      const double share = spill(coarse, fine, s);
-      EXPECT_LE(share, std::string(name) == "hand" ? 0.10 : 0.05) << name << " at factor " << s;
+      const double overshoot = overshoot_of(coarse, fine, s);
+      EXPECT_LE(overshoot, std::string(name) == "hand" ? 0.10 : 0.05) << name << " at factor " << s;
     }
   }
 }
@@ -924,9 +924,9 @@ TEST(ShadowStress, ComputesFieldOfMillionTriangles) {
   // Also runs the other stages that visit every face.
   const auto kernels = generate_kernels(mesh, plane.n, KernelSource::automatic);
   const auto vertices = place_caster(mesh, kernels, placement, plane);
-  const double share = find_twists(vertices, mesh.indices, 0.05, 1.65).area_share;
-  EXPECT_GT(share, 0.0);
-  EXPECT_LT(share, 1.0);
+  const double area_fraction = find_twists(vertices, mesh.indices, 0.05, 1.65).area_share;
+  EXPECT_GT(area_fraction, 0.0);
+  EXPECT_LT(area_fraction, 1.0);
   EXPECT_LT(layer_overshoot(mesh, kernels, 1.65), 0.02) << "twisted faces do not overshoot";
 }
 

@@ -562,13 +562,13 @@ TEST(TrackingStress, FindsTableAfterJumpAwayFromPrediction) {
 TEST(TrackingStress, KeepsTagsThatBecomeCovered) {
   const std::vector<double> few = {0.3};
   const std::vector<double> all = {0.1, 0.2, 0.3};
-  for (const double share : nightly() ? all : few) {
-    SCOPED_TRACE(share);
+  for (const double fraction : nightly() ? all : few) {
+    SCOPED_TRACE(fraction);
     Session session = ordinary();
     auto renderer = PatternRenderer::create(session.camera, session.tags).value();
     auto tracker = GroupTracker::create(session.camera, TagMap::make(session.tags).value()).value();
     for (int f = 0; f < (nightly() ? 30 : 8); ++f) {
-      session.light.cover_share = f < 2 ? 0.0 : share;
+      session.light.cover_share = f < 2 ? 0.0 : fraction;
       const PoseEstimate pose = tracker.track(session.picture(renderer, f)).pose;
       EXPECT_EQ(pose.status, TrackStatus::tracked) << f << ": " << text_of(pose.reason);
       expect_consistent(session, pose, session.truth(f));

@@ -73,11 +73,11 @@ TEST(TrackingStress, TracksThroughExposureJumps) {
 
 // Number of mapped tags whose corners are all at least `margin_px` inside the image, and number of
 // those whose corners are all at least that far outside.
-struct Seen {
-  int wholly = 0, not_at_all = 0;
+struct TagsInView {
+  int inside = 0, outside = 0;
 };
-Seen tags_in_view(const Session& session, const CameraPose& at, double margin_px) {
-  Seen seen;
+TagsInView tags_in_view(const Session& session, const CameraPose& at, double margin_px) {
+  TagsInView in_view;
   const Eigen::Vector2d last(session.camera.width() - 1, session.camera.height() - 1);
   for (const MappedTag& tag : session.tags) {
     double inside = 1e9;
@@ -89,10 +89,10 @@ Seen tags_in_view(const Session& session, const CameraPose& at, double margin_px
       inside = std::min(inside, depth);
       outside = std::min(outside, -depth);
     }
-    seen.wholly += inside >= margin_px ? 1 : 0;
-    seen.not_at_all += outside >= margin_px ? 1 : 0;
+    in_view.inside += inside >= margin_px ? 1 : 0;
+    in_view.outside += outside >= margin_px ? 1 : 0;
   }
-  return seen;
+  return in_view;
 }
 
 // The camera moves from a corner of the sheet to the whole sheet and back. Each tag must be used as
@@ -106,7 +106,7 @@ TEST(TrackingStress, AddsTagsAsTheyEnterView) {
     auto renderer = PatternRenderer::create(session.camera, session.tags).value();
     GroupTracker tracker = tracker_of(session, mode);
     int fewest = 12;
-    int most = 0;
+    int max_tags_used = 0;
     int out = 0;
     constexpr int kFrames = 60;
     for (int f = 0; f < kFrames; ++f) {
@@ -119,18 +119,18 @@ TEST(TrackingStress, AddsTagsAsTheyEnterView) {
       EXPECT_EQ(frame.pose.status, TrackStatus::tracked) << text_of(frame.pose.reason);
       EXPECT_EQ(frame.times.full_detection, f == 0);
       expect_consistent(now, frame.pose, now.truth(f));
-      const Seen seen = tags_in_view(now, now.truth(f), 4.0);
-      EXPECT_GE(frame.pose.tags_used, seen.wholly);
-      const int far_out = tags_in_view(now, now.truth(f), 40.0).not_at_all;
+      const TagsInView in_view = tags_in_view(now, now.truth(f), 4.0);
+      EXPECT_GE(frame.pose.tags_used, in_view.inside);
+      const int far_out = tags_in_view(now, now.truth(f), 40.0).outside;
       EXPECT_GE(frame.times.tags_out_of_view, far_out);
-      EXPECT_LE(frame.times.tags_out_of_view, 12 - seen.wholly);
+      EXPECT_LE(frame.times.tags_out_of_view, 12 - in_view.inside);
       out = std::max(out, far_out);
-      fewest = std::min(fewest, seen.wholly);
-      most = std::max(most, frame.pose.tags_used);
+      fewest = std::min(fewest, in_view.inside);
+      max_tags_used = std::max(max_tags_used, frame.pose.tags_used);
     }
     EXPECT_LE(fewest, 6);
     EXPECT_GE(out, 1);
-    EXPECT_EQ(most, 12);
+    EXPECT_EQ(max_tags_used, 12);
   }
 }
 
@@ -265,11 +265,11 @@ TEST(TrackingStress, TracksDegradingConditionsToExpectedLimits) {
     for (int f = 0; f <= steps; ++f) {
       // With `inverse`, the reciprocal changes linearly. The reciprocal of a tag's size in the
       // image is proportional to its distance.
-      const double share = static_cast<double>(f) / steps;
-      const double value =
-          condition.inverse
-              ? 1.0 / (1.0 / condition.from + (1.0 / condition.to - 1.0 / condition.from) * share)
-              : condition.from + (condition.to - condition.from) * share;
+      const double fraction = static_cast<double>(f) / steps;
+      const double value = condition.inverse
+                               ? 1.0 / (1.0 / condition.from +
+                                        (1.0 / condition.to - 1.0 / condition.from) * fraction)
+                               : condition.from + (condition.to - condition.from) * fraction;
       SCOPED_TRACE(value);
       Session now = ordinary();
       condition.set(now, value);

@@ -58,7 +58,7 @@ struct ViewOptions {
   // 0: the board's centre lies up to 0.35 of the distance from the optical axis. Otherwise the
   // centre lies within this fraction of the image, and corners outside the fraction are not
   // observed.
-  double reach = 0.0;
+  double coverage = 0.0;
 };
 
 // `shape` holds the true points. Views are redrawn until most of the target is inside the image.
@@ -79,10 +79,10 @@ inline std::vector<CalibrationView> simulate_views(const CameraModel& camera,
     const double z = options.distance_m * (1.0 + 0.3 * unit(rng));
     Eigen::Vector3d t(0.35 * z * unit(rng), 0.25 * z * unit(rng), z);
     const Eigen::Vector2d half(0.5 * camera.width(), 0.5 * camera.height());
-    if (options.reach > 0.0) {
+    if (options.coverage > 0.0) {
       const Eigen::Vector2d off(unit(rng), unit(rng));
       const auto ray =
-          camera.unproject(half + options.reach * Eigen::Vector2d(off.cwiseProduct(half)));
+          camera.unproject(half + options.coverage * Eigen::Vector2d(off.cwiseProduct(half)));
       if (!ray) continue;
       t = z * ray->normalized();
     }
@@ -94,8 +94,8 @@ inline std::vector<CalibrationView> simulate_views(const CameraModel& camera,
       if (!pixel || pixel->x() < 3.0 || pixel->y() < 3.0 || pixel->x() > camera.width() - 4.0 ||
           pixel->y() > camera.height() - 4.0)
         continue;
-      if (options.reach > 0.0 &&
-          (*pixel - half).cwiseQuotient(half).cwiseAbs().maxCoeff() > options.reach + 0.1)
+      if (options.coverage > 0.0 &&
+          (*pixel - half).cwiseQuotient(half).cwiseAbs().maxCoeff() > options.coverage + 0.1)
         continue;
       TargetCorner corner;
       corner.point = static_cast<int>(i);

@@ -254,13 +254,13 @@ inline void move_near_table(std::uint64_t seed, Session& session) {
       std::min(session.motion.distance.amplitude, 0.1 * session.motion.distance.middle);
 }
 
-// Displaces a fraction `share` of the tags together along the table, by 1/20 to 1 of a tag's side,
-// and rotates them slightly.
+// Displaces `fraction` of the tags together along the table, by 1/20 to 1 of a tag's side, and
+// rotates them slightly.
 inline std::vector<MappedTag> with_displaced_tags(std::uint64_t seed, std::vector<MappedTag> tags,
-                                                  double share) {
+                                                  double fraction) {
   Draw draw(seed * 3571U + 11U);
   const auto count =
-      static_cast<std::size_t>(std::lround(share * static_cast<double>(tags.size())));
+      static_cast<std::size_t>(std::lround(fraction * static_cast<double>(tags.size())));
   const double side = tags.front().size_m;
   const double by = side * draw.log_between(0.05, 1.0);
   const double towards = draw.between(0.0, 2.0 * std::numbers::pi);

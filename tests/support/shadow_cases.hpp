@@ -90,11 +90,11 @@ inline double distance_to_segment(const Eigen::Vector2d& p, const Eigen::Vector2
   return (p - a - t * d).norm();
 }
 inline double distance_to_rings(const Eigen::Vector2d& p, const std::vector<Ring>& rings) {
-  double least = std::numeric_limits<double>::infinity();
+  double distance = std::numeric_limits<double>::infinity();
   for (const Ring& ring : rings)
     for (std::size_t i = 0; i < ring.size(); ++i)
-      least = std::min(least, distance_to_segment(p, ring[i], ring[(i + 1) % ring.size()]));
-  return least;
+      distance = std::min(distance, distance_to_segment(p, ring[i], ring[(i + 1) % ring.size()]));
+  return distance;
 }
 
 // H may be the string "inf", because JSON has no infinity.

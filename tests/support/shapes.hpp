@@ -169,9 +169,9 @@ inline Model bush_model(int twigs, int segments = 8) {
   shape.limb({0, 0, 0}, {0, 0, 0.2}, 0.012, 0.006, 16);
   for (int i = 0; i < twigs; ++i) {
     const double turn = 2.0 * std::numbers::pi * unit(random);
-    const double reach = 0.1 * std::sqrt(unit(random));
+    const double radius = 0.1 * std::sqrt(unit(random));
     const double z = 0.06 + 0.16 * unit(random);
-    const std::array<double, 3> p = {reach * std::cos(turn), reach * std::sin(turn), z};
+    const std::array<double, 3> p = {radius * std::cos(turn), radius * std::sin(turn), z};
     const std::array<double, 3> q = {p[0] + 0.02 * (unit(random) - 0.5),
                                      p[1] + 0.02 * (unit(random) - 0.5),
                                      p[2] + 0.005 + 0.01 * unit(random)};

@@ -132,7 +132,7 @@ inline std::array<std::vector<double>, 6> light_derivatives(const CameraModel& c
   for (auto& d : derivative)
     d.assign(static_cast<std::size_t>(camera.width() * camera.height()), 0.0);
   const double sigma = options.lens_blur_px;
-  const int reach = static_cast<int>(std::ceil(5.0 * sigma)) + 1;
+  const int radius = static_cast<int>(std::ceil(5.0 * sigma)) + 1;
   const auto spread = [sigma](double u) {
     const auto cdf = [sigma](double x) { return 0.5 * std::erfc(-x / (sigma * std::sqrt(2.0))); };
     return cdf(u + 0.5) - cdf(u - 0.5);
@@ -169,14 +169,15 @@ inline std::array<std::vector<double>, 6> light_derivatives(const CameraModel& c
         const Eigen::Matrix<double, 1, 6> swept = jump * normal.transpose() * J * moves;
         const int cx = static_cast<int>(std::lround(q.x()));
         const int cy = static_cast<int>(std::lround(q.y()));
-        for (int y = std::max(0, cy - reach); y <= std::min(camera.height() - 1, cy + reach); ++y) {
+        for (int y = std::max(0, cy - radius); y <= std::min(camera.height() - 1, cy + radius);
+             ++y) {
           const double spread_y = spread(y - q.y());
-          for (int x = std::max(0, cx - reach); x <= std::min(camera.width() - 1, cx + reach);
+          for (int x = std::max(0, cx - radius); x <= std::min(camera.width() - 1, cx + radius);
                ++x) {
-            const double share = spread_y * spread(x - q.x());
+            const double weight = spread_y * spread(x - q.x());
             const auto pixel = static_cast<std::size_t>(y * camera.width() + x);
             for (std::size_t k = 0; k < 6; ++k)
-              derivative[k][pixel] += share * swept[static_cast<Eigen::Index>(k)];
+              derivative[k][pixel] += weight * swept[static_cast<Eigen::Index>(k)];
           }
         }
       }

@@ -40,8 +40,8 @@ void main() {
 )";
 constexpr std::string_view kCasterFragment = R"(
 layout(location = 0) out vec4 color;
-uniform float share;
-void main() { color = vec4(share); }
+uniform float value;
+void main() { color = vec4(value); }
 )";
 constexpr std::string_view kRectangleVertex = R"(
 layout(location = 0) in vec2 corner;  // 0 .. 1
@@ -71,7 +71,7 @@ float blocked() {
 #else
 uniform highp sampler2D heights;  // depth: 1 on the plane, 0 at height `top`
 uniform highp sampler2DShadow stops;
-uniform vec2 reach;  // light's radius, projected onto the plane from height `top`, in map extents
+uniform vec2 radius;  // light's radius, projected onto the plane from height `top`, in map extents
 const float kEmpty = 0.9999;
 #if defined(PCSS)
 // Points spread evenly over a disc on a spiral (Vogel, 1979). Each is rotated by the golden angle
@@ -83,14 +83,14 @@ float blocked() {
   vec2 towards = vec2(1.0, 0.0);
   for (int i = 0; i < SAMPLES; ++i) {
     vec2 tap = towards * sqrt((float(i) + 0.5) / float(SAMPLES));
-    float depth = textureLod(heights, at + tap * reach, 0.0).r;
+    float depth = textureLod(heights, at + tap * radius, 0.0).r;
     if (depth < kEmpty) {
       depths += depth;
       found += 1.0;
     }
     towards = kTurn * towards;
   }
-  vec2 width = reach * (1.0 - depths / max(found, 1.0));
+  vec2 width = radius * (1.0 - depths / max(found, 1.0));
   int taps = found > 0.0 ? SAMPLES : 0;  // without a blocker, the filter is not needed
   float sum = 0.0;
   towards = vec2(1.0, 0.0);
@@ -169,8 +169,8 @@ std::optional<SoftTechnique> soft_technique(std::string_view name) {
     if (!name.starts_with(prefix)) continue;
     const auto samples = parse_integer(name.substr(prefix.size()));
     // Sums must be exact: an 8-bit value, or 11 significant bits of a half float.
-    const int most = kind == Kind::reference ? 2048 : 255;
-    if (!samples || *samples < 1 || *samples > most) return std::nullopt;
+    const int max_samples = kind == Kind::reference ? 2048 : 255;
+    if (!samples || *samples < 1 || *samples > max_samples) return std::nullopt;
     return SoftTechnique{kind, static_cast<int>(*samples)};
   }
   return std::nullopt;
@@ -282,7 +282,7 @@ void SoftShadows::draw_sum(const LensUniforms& lens, const glm::mat4x3& camera_f
     set_lens(caster_, lens);
     caster_.set("camera_from_plane", camera_from_plane);
   }
-  caster_.set("share", in_picture ? 1.0F : 1.0F / 255.0F);
+  caster_.set("value", in_picture ? 1.0F : 1.0F / 255.0F);
   for (int i = 0; i < technique_.samples; ++i) {
     const double r = light_.slope * std::sqrt((i + 0.5) / technique_.samples);
     const double turn = std::numbers::pi * (3.0 - std::sqrt(5.0)) * i;
@@ -305,9 +305,9 @@ void SoftShadows::prepare(const Placement& T_table_object, const PlaneFrame& pla
   top_ = 0.0F;
   for (const glm::vec3& p : positions_) {
     const glm::vec3 x = plane_from_caster_ * glm::vec4(p, 1.0F);
-    const float reach = static_cast<float>(light_.slope) * x.z;
-    low = glm::min(low, glm::vec2(x) - reach);
-    high = glm::max(high, glm::vec2(x) + reach);
+    const float radius = static_cast<float>(light_.slope) * x.z;
+    low = glm::min(low, glm::vec2(x) - radius);
+    high = glm::max(high, glm::vec2(x) + radius);
     top_ = std::max(top_, x.z);
   }
   bounds_ = {low, high - low};
@@ -329,7 +329,7 @@ void SoftShadows::draw(const LensUniforms& lens, const glm::mat4x3& camera_from_
   p.set("camera_from_plane", camera_from_plane);
   p.set("bounds", bounds_);
   p.set("ambient", light_.ambient);
-  p.set("reach", static_cast<float>(light_.slope) * top_ / glm::vec2(bounds_.z, bounds_.w));
+  p.set("radius", static_cast<float>(light_.slope) * top_ / glm::vec2(bounds_.z, bounds_.w));
   p.set("sum", kSumUnit);
   p.set("heights", kHeightUnit);
   p.set("stops", kBlockedUnit);

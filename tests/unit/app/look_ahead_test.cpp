@@ -64,13 +64,13 @@ INSTANTIATE_TEST_SUITE_P(All, LookAheadDepth, testing::Values(0, 1, 2, 7),
 TEST(LookAhead, NeverProducesMoreThanDepthAhead) {
   std::atomic<int> made = 0;
   std::atomic<int> taken = 0;
-  std::atomic<int> most = 0;
+  std::atomic<int> max_ahead = 0;
   {
     Numbers numbers(
         [&]() -> Numbers::Item {
           // One item is being made while at most 3 wait. `taken` does not yet count the item that
           // was just returned.
-          most = std::max(most.load(), made.load() + 1 - taken.load());
+          max_ahead = std::max(max_ahead.load(), made.load() + 1 - taken.load());
           return std::optional<int>(made++);
         },
         3);
@@ -79,7 +79,7 @@ TEST(LookAhead, NeverProducesMoreThanDepthAhead) {
       ++taken;
     }
   }
-  EXPECT_LE(most.load(), 3 + 1);
+  EXPECT_LE(max_ahead.load(), 3 + 1);
 }
 
 TEST(LookAhead, JoinsThreadAndFreesItemsWhenDestroyedEarly) {

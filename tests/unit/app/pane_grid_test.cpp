@@ -70,14 +70,14 @@ std::vector<int> caption_of(const PaneGrid& grid, std::size_t pane, int pane_wid
   std::vector<int> brightest;
   const PaneGrid::Corner corner = grid.corner_of(pane);
   for (int x = corner.x; x < corner.x + pane_width; ++x) {
-    int most = 0;
+    int maximum = 0;
     for (int y = corner.y - band; y < corner.y; ++y) {
-      most = std::max<int>(
-          most, grid.rgba()[std::size_t{4} *
-                            (static_cast<std::size_t>(y) * static_cast<std::size_t>(grid.width()) +
-                             static_cast<std::size_t>(x))]);
+      maximum = std::max<int>(
+          maximum, grid.rgba()[std::size_t{4} * (static_cast<std::size_t>(y) *
+                                                     static_cast<std::size_t>(grid.width()) +
+                                                 static_cast<std::size_t>(x))]);
     }
-    brightest.push_back(most);
+    brightest.push_back(maximum);
   }
   return brightest;
 }

@@ -210,9 +210,9 @@ RC_GTEST_PROP(PoseSmoother, StaysWithinBoundsForAnyMotionAndTimes, ()) {
     const Vector6d made = perturbation_between(before, drawn.T_table_camera);
     const Vector6d left = perturbation_between(drawn.T_table_camera, pose);
     for (const auto part : {0, 3}) {
-      const double way = whole.segment<3>(part).norm();
-      RC_ASSERT(made.segment<3>(part).norm() <= way * (1.0 + 1e-6) + 1e-9);
-      RC_ASSERT(left.segment<3>(part).norm() <= way * (1.0 + 1e-6) + 1e-9);
+      const double whole_norm = whole.segment<3>(part).norm();
+      RC_ASSERT(made.segment<3>(part).norm() <= whole_norm * (1.0 + 1e-6) + 1e-9);
+      RC_ASSERT(left.segment<3>(part).norm() <= whole_norm * (1.0 + 1e-6) + 1e-9);
     }
     before = drawn.T_table_camera;
   }

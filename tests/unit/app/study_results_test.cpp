@@ -73,9 +73,9 @@ TEST(StudyStatistics, ComputesWilsonIntervalOfProportion) {
   };
   for (const Known known : {Known{81, 263, 0.2553, 0.3662}, Known{15, 148, 0.0624, 0.1605},
                             Known{0, 20, 0.0, 0.1611}, Known{1, 29, 0.0061, 0.1718}}) {
-    const FractionEstimate share = estimate_fraction(known.hits, known.count);
-    EXPECT_NEAR(share.interval.low, known.low, 6e-5);
-    EXPECT_NEAR(share.interval.high, known.high, 6e-5);
+    const FractionEstimate fraction = estimate_fraction(known.hits, known.count);
+    EXPECT_NEAR(fraction.interval.low, known.low, 6e-5);
+    EXPECT_NEAR(fraction.interval.high, known.high, 6e-5);
   }
   EXPECT_EQ(estimate_fraction(20, 20).interval.high, 1.0);
 }

@@ -76,8 +76,8 @@ class Host : public ViewerHost {
     return {{"one", style}, {"two", style}};
   }
   void edit(const SceneEdit& edit) override { edits.push_back(edit); }
-  [[nodiscard]] Translucency translucency() const override { return way; }
-  void set_translucency(Translucency asked) override { way = asked; }
+  [[nodiscard]] Translucency translucency() const override { return translucency_mode; }
+  void set_translucency(Translucency asked) override { translucency_mode = asked; }
   void redraw() override { ++redrawn; }
   [[nodiscard]] bool is_over() const override { return presented >= ends_after; }
   [[nodiscard]] std::string save_screenshot() override {
@@ -103,7 +103,7 @@ class Host : public ViewerHost {
   int ends_after = std::numeric_limits<int>::max();  // frames
   bool has_shadows = true;
   ShadowStyle style;
-  Translucency way = Translucency::automatic;
+  Translucency translucency_mode = Translucency::automatic;
   SessionView shown;
   std::vector<SceneEdit> edits;
   mutable int described = 0;
@@ -248,10 +248,11 @@ TEST(Viewer, CyclesTranslucencyWithKeyM) {
   std::set<Translucency> seen;
   for (std::size_t i = 0; i < kTranslucencyNames.size(); ++i) {
     EXPECT_TRUE(viewer.show(interrupt));
-    seen.insert(host.way);
+    seen.insert(host.translucency_mode);
   }
   EXPECT_EQ(seen.size(), kTranslucencyNames.size());
-  EXPECT_EQ(host.way, Translucency::automatic) << "the last key must return to the first mode";
+  EXPECT_EQ(host.translucency_mode, Translucency::automatic)
+      << "the last key must return to the first mode";
   EXPECT_TRUE(host.edits.empty()) << "not a scene edit";
 }
 

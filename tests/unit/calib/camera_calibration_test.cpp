@@ -168,25 +168,25 @@ TEST(TagSizeMismatch, IsFoundFromShiftsThatGrowWithTagSize) {
   std::mt19937 rng(3);
   std::normal_distribution<double> noise(0.0, 0.02);
   std::uniform_real_distribution<double> size(25.0, 70.0);
-  const auto share_of = [&](double share, double everywhere_px, std::size_t views) {
+  const auto size_error_of_views = [&](double size_error, double everywhere_px, std::size_t views) {
     std::vector<double> sizes;
     std::vector<double> shifts;
     for (std::size_t v = 0; v < views; ++v) {
       sizes.push_back(size(rng));
-      shifts.push_back(everywhere_px + 0.5 * share * sizes.back() + noise(rng));
+      shifts.push_back(everywhere_px + 0.5 * size_error * sizes.back() + noise(rng));
     }
     return tag_size_error_of(sizes, shifts);
   };
   for (int run = 0; run < 200; ++run) {
-    EXPECT_FALSE(share_of(0.0, 0.4, 20));
-    EXPECT_FALSE(share_of(0.005, -0.4, 20)) << "within the tolerance of paper";
+    EXPECT_FALSE(size_error_of_views(0.0, 0.4, 20));
+    EXPECT_FALSE(size_error_of_views(0.005, -0.4, 20)) << "within the tolerance of paper";
     for (const double wrong : {-0.05, -0.02, 0.02, 0.05}) {
-      const auto found = share_of(wrong, 0.4, 20);
+      const auto found = size_error_of_views(wrong, 0.4, 20);
       ASSERT_TRUE(found) << wrong;
       EXPECT_NEAR(*found, wrong, 0.005);
     }
   }
-  EXPECT_FALSE(share_of(0.05, 0.0, 5)) << "too few views";
+  EXPECT_FALSE(size_error_of_views(0.05, 0.0, 5)) << "too few views";
   EXPECT_FALSE(tag_size_error_of(std::vector<double>(20, 40.0), std::vector<double>(20, 0.5)));
   EXPECT_FALSE(
       tag_size_error_of(std::vector<double>(20, std::nan("")), std::vector<double>(20, 0.5)));

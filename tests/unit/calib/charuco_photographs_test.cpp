@@ -46,11 +46,11 @@ Result<CameraCalibration> calibrate_from(const CharucoBoard& board) {
 // Markers are detected even if their size differs from that in the target file.
 TEST(CharucoPhotographs, ReportMarkerSizeThatDiffersFromFile) {
   if (test::shared_dir().empty()) GTEST_SKIP() << "no photographs beside the checkout";
-  for (const double share : {0.68, 0.82}) {
+  for (const double fraction : {0.68, 0.82}) {
     CharucoBoard board = photographed_board();
-    board.tag_m = share * board.square_m;
+    board.tag_m = fraction * board.square_m;
     const auto result = calibrate_from(board);
-    ASSERT_FALSE(result) << share;
+    ASSERT_FALSE(result) << fraction;
     EXPECT_THAT(result.error().message,
                 testing::HasSubstr("of a square wide, but the target file says"));
     const auto digits = result.error().message.find("0.7");

@@ -151,7 +151,7 @@ TEST(LensChoice, KeepsFarCornersThatRicherLensExplains) {
   const unsigned sessions = test::nightly() ? 5 : 2;
   for (unsigned seed = 28; seed > 28 - sessions; --seed) {
     const Chosen wide =
-        choose(truth, {.views = 20, .noise_px = 0.05, .distance_m = 0.25, .reach = 0.95}, seed);
+        choose(truth, {.views = 20, .noise_px = 0.05, .distance_m = 0.25, .coverage = 0.95}, seed);
     ASSERT_TRUE(wide.lens) << wide.lens.error().message;
     // On the same corners, the lens with too few parameters has a much larger error.
     ASSERT_TRUE(wide.trials.front().held_out_px);

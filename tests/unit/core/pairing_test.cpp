@@ -85,19 +85,20 @@ TEST(Pairing, ReportsReasonForMissingTruePose) {
 TEST(Pairing, ExtrapolatesUpToHalfIntervalOrTenMilliseconds) {
   struct Case {
     std::int64_t interval_ns;
-    std::int64_t most_ns;
+    std::int64_t max_extrapolation_ns;
   };
-  for (const auto& [interval, most] :
+  for (const auto& [interval, max_extrapolation] :
        {Case{5 * kMs, 2'500'000}, Case{10 * kMs, 5 * kMs}, Case{100 * kMs, 10 * kMs},
         Case{1000 * kMs, 10 * kMs}, Case{2000 * kMs, 10 * kMs}}) {
     const Trajectory truth = even_motion(5, interval);
     const std::int64_t last = 4 * interval;
-    for (const std::int64_t time : {-most, last + most}) {
+    for (const std::int64_t time : {-max_extrapolation, last + max_extrapolation}) {
       const auto pose = pose_at(truth, time, 2000 * kMs);
       ASSERT_TRUE(pose) << interval;
       EXPECT_NEAR(pose->translation().x(), seconds(time), 1e-12);
     }
-    for (const std::int64_t time : {-most - 1, last + most + 1, -interval / 2 - 1})
+    for (const std::int64_t time :
+         {-max_extrapolation - 1, last + max_extrapolation + 1, -interval / 2 - 1})
       EXPECT_EQ(pose_at(truth, time, 2000 * kMs).error(), NotEvaluated::outside_truth) << interval;
   }
 }

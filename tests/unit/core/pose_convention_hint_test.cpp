@@ -70,14 +70,14 @@ CameraPose inverted(const CameraPose& pose) {
   return {pose.inverse().rotation(), pose.inverse().translation()};
 }
 
-// An estimate of the trajectory with translation errors of up to `share` of the distance and
-// rotation errors of up to `share` rad.
-Trajectory estimate_of(const Trajectory& truth, double share, std::mt19937& random) {
+// An estimate of the trajectory with translation errors of up to `error` of the distance and
+// rotation errors of up to `error` rad.
+Trajectory estimate_of(const Trajectory& truth, double error, std::mt19937& random) {
   return changed(truth, [&](const CameraPose& pose) {
     const double distance_m = pose.translation().norm();
     return CameraPose(
-        pose.rotation() * turn(random, share),
-        pose.translation() + uniform(random, 0.0, share) * distance_m * direction(random));
+        pose.rotation() * turn(random, error),
+        pose.translation() + uniform(random, 0.0, error) * distance_m * direction(random));
   });
 }
 
@@ -89,8 +89,8 @@ TEST(PoseConventionHint, IsEmptyForCorrectTruth) {
   std::mt19937 random(1);
   for (int i = 0; i < kTrajectories; ++i) {
     const Trajectory truth = random_trajectory(random);
-    for (const double share : {0.0, 0.005, 0.1, 1.0})
-      EXPECT_EQ(hint_for(estimate_of(truth, share, random), truth), "") << i << " " << share;
+    for (const double error : {0.0, 0.005, 0.1, 1.0})
+      EXPECT_EQ(hint_for(estimate_of(truth, error, random), truth), "") << i << " " << error;
   }
 }
 

@@ -31,18 +31,18 @@ RunningStatistics running(const std::vector<double>& values) {
 struct Bounds {
   double low = 0.0, high = 0.0;
 };
-Bounds bounds_of(std::vector<double> values, double share) {
+Bounds bounds_of(std::vector<double> values, double fraction) {
   std::ranges::sort(values);
-  const double least = values.front();
-  const double greatest = values.back();
+  const double minimum = values.front();
+  const double maximum = values.back();
   const double first = std::ldexp(1.0, RunningStatistics::kFirstOctave);
   const double last = std::ldexp(1.0, RunningStatistics::kLastOctave);
   const auto moved = [&](double value, double by) {
-    if (value < first) return least;
-    if (value >= last) return greatest;
-    return std::clamp(value * (1.0 + by), least, greatest);
+    if (value < first) return minimum;
+    if (value >= last) return maximum;
+    return std::clamp(value * (1.0 + by), minimum, maximum);
   };
-  const double position = share * static_cast<double>(values.size() - 1);
+  const double position = fraction * static_cast<double>(values.size() - 1);
   const auto below = static_cast<std::size_t>(position);
   const std::size_t above = std::min(below + 1, values.size() - 1);
   const double weight = position - static_cast<double>(below);
@@ -55,8 +55,8 @@ Bounds bounds_of(std::vector<double> values, double share) {
 void expect_near_exact(const std::vector<double>& values) {
   const Statistics found = running(values).statistics();
   const double slack = 1e-12;
-  const auto within = [&](double value, double share) {
-    const Bounds bounds = bounds_of(values, share);
+  const auto within = [&](double value, double fraction) {
+    const Bounds bounds = bounds_of(values, fraction);
     RC_ASSERT(value >= bounds.low - slack * std::abs(bounds.low));
     RC_ASSERT(value <= bounds.high + slack * std::abs(bounds.high));
   };

@@ -257,14 +257,15 @@ TEST(BundledModels, IncludeHelicopterOfDocumentedSize) {
   double mast_top = 0.0;
   for (const auto& [p, i] : parts.at("mast").points) mast_top = std::max<double>(mast_top, p[2]);
   EXPECT_NEAR(mast_top, models::kMastTop.z, 1e-6);
-  float reach = 0.0F;
+  float body_radius = 0.0F;
   for (const Mesh& mesh : rotor.meshes)
-    for (const glm::vec3& p : mesh.positions) reach = std::max(reach, std::hypot(p.x, p.y));
+    for (const glm::vec3& p : mesh.positions)
+      body_radius = std::max(body_radius, std::hypot(p.x, p.y));
   const float lowest = static_cast<float>(models::kMastTop.z) + rotor.min_corner.z;
   for (const auto& [name, part] : parts) {
     if (name == "mast") continue;
     for (const auto& [p, i] : part.points)
-      EXPECT_FALSE(std::hypot(p[0], p[1]) <= reach && p[2] >= lowest) << name;
+      EXPECT_FALSE(std::hypot(p[0], p[1]) <= body_radius && p[2] >= lowest) << name;
   }
 }
 

@@ -328,12 +328,12 @@ TEST(Compositor, FadesOutCoastingPose) {
     pose.age_s = 0.25;
     const RenderedImage half = studio.draw(frame, studio.plan(pose, options));
     // The mask's values are rounded in both frames, which adds to the difference.
-    const double most = layers == LayerDrawing::direct ? 1.01 : 1.01 + 0.5 * 200 / 255 * 1.5;
+    const double tolerance = layers == LayerDrawing::direct ? 1.01 : 1.01 + 0.5 * 200 / 255 * 1.5;
     for (std::size_t i = 0; i < full.rgba.size(); ++i) {
       if (i % 4 == 3) {
         ASSERT_EQ(half.rgba[i], 255);
       } else {
-        ASSERT_NEAR(half.rgba[i], 0.5 * (full.rgba[i] + 200), most);
+        ASSERT_NEAR(half.rgba[i], 0.5 * (full.rgba[i] + 200), tolerance);
       }
     }
   }

@@ -195,8 +195,8 @@ TEST_F(KernelGlb, StoresKernelsOfSkinnedMeshInItsAxes) {
   std::vector<float> weights;
   for (int i = 0; i < 8; ++i) {
     joints.insert(joints.end(), {0, 1, 0, 0});
-    const float share = (i & 4) != 0 ? 1.0F : 0.25F;
-    weights.insert(weights.end(), {share, 1.0F - share, 0, 0});
+    const float weight = (i & 4) != 0 ? 1.0F : 0.25F;
+    weights.insert(weights.end(), {weight, 1.0F - weight, 0, 0});
   }
   box["attributes"]["JOINTS_0"] = maker.add(joints, 5121, "VEC4", 8);
   box["attributes"]["WEIGHTS_0"] = maker.add(weights, 5126, "VEC4", 8);

@@ -147,13 +147,13 @@ TEST_P(DrawnRays, HaveDotsAtVerticesAndShadowsAndLinesBetween) {
     for (const Eigen::Vector3d& p : {Eigen::Vector3d(0.4 * ray.from + 0.6 * ray.vertex),
                                      Eigen::Vector3d(0.5 * ray.vertex + 0.5 * ray.shadow)}) {
       const Eigen::Vector2i at = pixel_of(camera, pose, p);
-      int most = 0;
+      int brightest = 0;
       for (int dy = -1; dy <= 1; ++dy) {
         for (int dx = -1; dx <= 1; ++dx) {
-          most = std::max(most, color_at(image, at + Eigen::Vector2i(dx, dy)));
+          brightest = std::max(brightest, color_at(image, at + Eigen::Vector2i(dx, dy)));
         }
       }
-      EXPECT_GT(most, 60) << "no ray at " << at.transpose();
+      EXPECT_GT(brightest, 60) << "no ray at " << at.transpose();
     }
   }
 }
@@ -220,11 +220,11 @@ TEST(RayOverlay, FadesWithCoastingPose) {
     FramePlan plan = studio.plan(pose, options);
     plan.objects.clear();
     const RenderedImage image = studio.draw(grey(), plan);
-    int most = 0;
+    int brightest = 0;
     for (int y = 0; y < kSide; ++y) {
-      for (int x = 0; x < kSide; ++x) most = std::max(most, color_at(image, {x, y}));
+      for (int x = 0; x < kSide; ++x) brightest = std::max(brightest, color_at(image, {x, y}));
     }
-    return most;
+    return brightest;
   };
   const int fresh = colorful(0.0);
   const int old = colorful(0.5 * kHoldSeconds);

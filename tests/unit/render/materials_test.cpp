@@ -163,7 +163,7 @@ TEST(Materials, DarkensOnlyAmbientLightByOcclusion) {
                   {one_color(red, 255, 0)}),
         {0.6});
   };
-  const auto ambient = [](double share) { return drawn(square_of(kPlain), {0.6 * share}); };
+  const auto ambient = [](double factor) { return drawn(square_of(kPlain), {0.6 * factor}); };
   EXPECT_LE(largest_difference(open(102, 1.0), ambient(0.4)), 1);
   EXPECT_LE(largest_difference(open(102, 0.5), ambient(0.7)), 1);
   EXPECT_LE(largest_difference(open(102, 0.0), ambient(1.0)), 1);

@@ -193,13 +193,13 @@ TEST(ReceivingLevels, AreSortedAndBoundedForTriangleSoup) {
       const std::uint32_t b = corner();
       soup.triangle(a, b, i % 7 == 0 && face > 0 ? b : corner());
     }
-    const std::size_t most = 2 + static_cast<std::size_t>(i) % 15;
+    const std::size_t max_levels = 2 + static_cast<std::size_t>(i) % 15;
     const Model model = soup.build();
     const auto levels =
-        ReceivingSurface(model, placement, PlaneFrame()).levels(kEverywhere, 10.0, most);
+        ReceivingSurface(model, placement, PlaneFrame()).levels(kEverywhere, 10.0, max_levels);
     if (levels.empty()) continue;
     ++with_levels;
-    EXPECT_LE(levels.size(), most);
+    EXPECT_LE(levels.size(), max_levels);
     EXPECT_TRUE(std::ranges::is_sorted(levels));
     EXPECT_GE(levels.front(), lowest - 1e-6);
     EXPECT_LE(levels.back(), highest + 1e-6);
@@ -209,8 +209,9 @@ TEST(ReceivingLevels, AreSortedAndBoundedForTriangleSoup) {
       for (std::size_t k = 0; k + 2 < mesh.indices.size(); k += 3)
         std::swap(mesh.indices[k], mesh.indices[k + 1]);
     }
-    EXPECT_EQ(ReceivingSurface(turned, placement, PlaneFrame()).levels(kEverywhere, 10.0, most),
-              levels);
+    EXPECT_EQ(
+        ReceivingSurface(turned, placement, PlaneFrame()).levels(kEverywhere, 10.0, max_levels),
+        levels);
   }
   EXPECT_GT(with_levels, 190);
   const double nan = std::numeric_limits<double>::quiet_NaN();

@@ -16,14 +16,14 @@ struct Site {
 };
 
 double brute_force(const std::vector<Site>& sites, int column, int row) {
-  double least = std::numeric_limits<double>::infinity();
+  double smallest = std::numeric_limits<double>::infinity();
   for (const Site& site : sites) {
     const double dx = column - site.column;
     const double dy = row - site.row;
     const double radius = static_cast<double>(site.radius);
-    least = std::min(least, dx * dx + dy * dy - radius * radius);
+    smallest = std::min(smallest, dx * dx + dy * dy - radius * radius);
   }
-  return least;
+  return smallest;
 }
 
 void expect_as_brute_force(PowerTransform& transform, int width, int height,

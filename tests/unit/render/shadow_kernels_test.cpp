@@ -196,19 +196,19 @@ TEST(ShadowKernels, StayWithinDistanceBoundOfTheirDisc) {
     for (const Eigen::Vector3d& up : {Eigen::Vector3d(0.2, 0.5, 1.0), Eigen::Vector3d(0, 0, 1),
                                       Eigen::Vector3d(1.0, 0.3, 0.1)}) {
       const ShadowKernels kernels = generate_kernels(mesh, up, KernelSource::automatic);
-      const auto reach = test::kernel_distances(mesh, kernels);
+      const auto distances = test::kernel_distances(mesh, kernels);
       ASSERT_EQ(kernels.radius.size(), mesh.positions.size());
-      for (std::size_t i = 0; i < reach.size(); ++i) {
-        ASSERT_GT(reach[i].cell, 0.0);
-        EXPECT_GT(reach[i].inside, 0.0) << "a kernel outside its silhouette";
-        EXPECT_LE(reach[i].distance, test::max_allowed_distance(reach[i]));
-        EXPECT_NEAR(static_cast<double>(kernels.radius[i]), reach[i].inside, reach[i].cell);
+      for (std::size_t i = 0; i < distances.size(); ++i) {
+        ASSERT_GT(distances[i].cell, 0.0);
+        EXPECT_GT(distances[i].inside, 0.0) << "a kernel outside its silhouette";
+        EXPECT_LE(distances[i].distance, test::max_allowed_distance(distances[i]));
+        EXPECT_NEAR(static_cast<double>(kernels.radius[i]), distances[i].inside, distances[i].cell);
       }
       // A mean of such kernels may lie outside the silhouette, but no farther than the largest
       // disc's radius.
       const ShadowKernels smooth = generate_kernels(mesh, up, KernelSource::smooth);
       double farthest = 0.0;
-      for (const test::KernelDistance& at : reach)
+      for (const test::KernelDistance& at : distances)
         farthest = std::max(farthest, test::max_allowed_distance(at));
       for (const test::KernelDistance& at : test::kernel_distances(mesh, smooth))
         EXPECT_LE(at.distance, farthest);

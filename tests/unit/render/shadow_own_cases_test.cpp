@@ -88,14 +88,13 @@ TEST(TwistReport, MatchesExactIntegerAreas) {
       const auto against = [&](std::int64_t step) {
         return static_cast<double>(image(step)) / static_cast<double>(whole);
       };
-      double least = kInfinity;
+      double smallest = kInfinity;
       for (std::int64_t step = kLeast; step <= kGreatest; ++step)
-        least = std::min(least, against(step));
+        smallest = std::min(smallest, against(step));
       tested_area += static_cast<double>(std::abs(whole));
-      // An area this close to 0 may change sign between two steps. At most three faces are
-      // ambiguous in this way.
-      ambiguous += least >= 0.0 && least < 1e-6 ? 1U : 0U;
-      if (least >= 0.0) continue;
+      // A smaller area could change sign between two steps. At most three faces are that ambiguous.
+      ambiguous += smallest >= 0.0 && smallest < 1e-6 ? 1U : 0U;
+      if (smallest >= 0.0) continue;
       ++twisted;
       twisted_area += static_cast<double>(std::abs(whole));
       only_between += against(kLeast) >= 0.0 && against(kGreatest) >= 0.0 ? 1U : 0U;
@@ -355,27 +354,28 @@ TEST(ShadowReference, MatchesErodedAndDilatedFlatBodies) {
     const auto long_side = static_cast<double>(std::max(high.x - low.x, high.y - low.y));
     const ShadowKernels kernels =
         generate_kernels(mesh, Eigen::Vector3d::UnitZ(), KernelSource::automatic);
-    for (const double share : {0.3, 0.6}) {
-      const auto vertices = place_caster(
-          mesh, kernels,
-          {Eigen::Vector3d(0, 0, share * kUmbraHeight), Eigen::Quaterniond::Identity(), 1.0},
-          PlaneFrame());
-      // Tolerance of the outline: a kernel may be off by a cell's diagonal, plus the largest
-      // difference between discs that are treated as equal. The layer moves by the fraction `share`
-      // of that. A polygon approximates the outline.
+    for (const double height_fraction : {0.3, 0.6}) {
+      const auto vertices = place_caster(mesh, kernels,
+                                         {Eigen::Vector3d(0, 0, height_fraction * kUmbraHeight),
+                                          Eigen::Quaterniond::Identity(), 1.0},
+                                         PlaneFrame());
+      // Tolerance of the outline: a kernel may be off by a cell's diagonal, plus the difference
+      // between discs that count as equal. The layer moves by `height_fraction` of that. A polygon
+      // approximates the outline.
       const double cells =
           std::clamp(tuning.cells_per_root * std::sqrt(static_cast<double>(mesh.positions.size())),
                      static_cast<double>(tuning.least_side_cells),
                      static_cast<double>(tuning.most_side_cells));
       const double cell = long_side / cells;
-      const double off = share * (std::numbers::sqrt2 * cell +
-                                  (1.0 - static_cast<double>(tuning.equal_radius)) * kRadius) +
-                         2e-5;
+      const double off =
+          height_fraction * (std::numbers::sqrt2 * cell +
+                             (1.0 - static_cast<double>(tuning.equal_radius)) * kRadius) +
+          2e-5;
       for (const ShadowLayer layer : {ShadowLayer::umbra, ShadowLayer::penumbra}) {
         const auto outline =
             union_of_triangles(layer_triangles(vertices, mesh.indices, constants, layer));
         ASSERT_TRUE(outline);
-        const double reach = lambda_of(layer) * share * kRadius;
+        const double distance = lambda_of(layer) * height_fraction * kRadius;
         double length = 0.0;
         double worst = 0.0;
         const auto along = [&](const std::vector<Eigen::Vector2d>& polygon) {
@@ -384,19 +384,19 @@ TEST(ShadowReference, MatchesErodedAndDilatedFlatBodies) {
             const Eigen::Vector2d& b = polygon[(i + 1) % polygon.size()];
             length += (b - a).norm();
             for (int part = 0; part < 8; ++part)
-              worst = std::max(worst, std::abs(body.depth(a + (b - a) * (part / 8.0)) + reach));
+              worst = std::max(worst, std::abs(body.depth(a + (b - a) * (part / 8.0)) + distance));
           }
         };
         for (const LayerPolygon& polygon : outline->polygons) {
           along(polygon.outer);
           for (const auto& hole : polygon.holes) along(hole);
         }
-        EXPECT_LE(worst, off) << body.name << " " << lambda_of(layer) << " at " << share;
+        EXPECT_LE(worst, off) << body.name << " " << lambda_of(layer) << " at " << height_fraction;
         RecordProperty(std::string(body.name) + (lambda_of(layer) < 0 ? "_umbra" : "_penumbra") +
-                           (share < 0.5 ? "_low" : "_high"),
+                           (height_fraction < 0.5 ? "_low" : "_high"),
                        std::to_string(worst / off));
-        // The drawn outline is close to the exact one. Equal areas show that it has no gap.
-        const double half = kRadius + reach;
+        // The outline is close to the exact one. An equal area shows that it has no gap.
+        const double half = kRadius + distance;
         const double exact = body.name[0] == 'd' ? std::numbers::pi * half * half
                              : body.name[0] == 'c'
                                  ? std::numbers::pi * half * half + 4.0 * kHalf * half

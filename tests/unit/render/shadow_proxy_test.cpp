@@ -71,9 +71,9 @@ TEST(ShadowProxy, MatchesAgreementOfFinerRaster) {
       continue;
     }
     ASSERT_TRUE(proxy);
-    const double share =
+    const double face_fraction =
         static_cast<double>(proxy->mesh.indices.size()) / static_cast<double>(full.indices.size());
-    EXPECT_LE(share, 0.75);
+    EXPECT_LE(face_fraction, 0.75);
     const ShadowKernels kernels =
         generate_kernels(full, Eigen::Vector3d::UnitZ(), KernelSource::automatic);
     const ProxyAgreement found =
@@ -82,8 +82,8 @@ TEST(ShadowProxy, MatchesAgreementOfFinerRaster) {
       for (std::size_t i = 0; i < kShadowLayers.size(); ++i) {
         const double finer =
             agreement(full, *proxy, kProxyHeights[at] * kLight.umbra_height, kShadowLayers[i]);
-        EXPECT_NEAR(found.iou[at][i], finer, 0.01)
-            << "at " << kProxyHeights[at] << " h_u, layer " << i << ", fraction of faces " << share;
+        EXPECT_NEAR(found.iou[at][i], finer, 0.01) << "at " << kProxyHeights[at] << " h_u, layer "
+                                                   << i << ", fraction of faces " << face_fraction;
       }
     }
     // A comparison that stops early reaches the same decision.
@@ -126,11 +126,11 @@ TEST(ShadowProxy, CarriesKernelsFromNearestVertex) {
   const ShadowProxy proxy = proxy_from_model(full, coarse);
   ASSERT_EQ(proxy.source_of.size(), proxy.mesh.positions.size());
   for (std::size_t i = 0; i < proxy.source_of.size(); ++i) {
-    float least = 1e9F;
+    float nearest = 1e9F;
     for (const glm::vec3& p : full.positions) {
-      least = std::min(least, glm::distance(p, proxy.mesh.positions[i]));
+      nearest = std::min(nearest, glm::distance(p, proxy.mesh.positions[i]));
     }
-    EXPECT_EQ(glm::distance(full.positions[proxy.source_of[i]], proxy.mesh.positions[i]), least);
+    EXPECT_EQ(glm::distance(full.positions[proxy.source_of[i]], proxy.mesh.positions[i]), nearest);
   }
 }
 

@@ -216,8 +216,9 @@ TEST(ShadowVolume, MatchesReferenceMasks) {
 struct Block {
   Placement placement;
   Eigen::Vector3d half;
-  // Smallest t greater than `least` at which p + t d crosses the box's surface.
-  [[nodiscard]] double hit(const Eigen::Vector3d& p, const Eigen::Vector3d& d, double least) const {
+  // Smallest t greater than `min_distance` at which p + t d crosses the box's surface.
+  [[nodiscard]] double hit(const Eigen::Vector3d& p, const Eigen::Vector3d& d,
+                           double min_distance) const {
     const Eigen::Vector3d from =
         placement.rotation.conjugate() * (p - placement.position) / placement.scale;
     const Eigen::Vector3d along = placement.rotation.conjugate() * d / placement.scale;
@@ -229,8 +230,8 @@ struct Block {
       enter = std::max(enter, std::min(a, b));
       leave = std::min(leave, std::max(a, b));
     }
-    if (enter > leave || leave <= least) return std::numeric_limits<double>::infinity();
-    return enter > least ? enter : leave;
+    if (enter > leave || leave <= min_distance) return std::numeric_limits<double>::infinity();
+    return enter > min_distance ? enter : leave;
   }
   // Normal of the box's face that contains this surface point.
   [[nodiscard]] Eigen::Vector3d normal(const Eigen::Vector3d& p) const {
@@ -437,11 +438,11 @@ TEST(ShadowVolume, FadesWithCasterAndReceiver) {
       if (caster_seen) continue;
       ++seen[{receiver, caster}];
       const double opacity = static_cast<double>(std::min(receiver, caster));
-      const double share =
+      const double covered =
           share_of(0, plan, builder.scene(), place,
                    shown != nullptr ? shown->normal(place) : Eigen::Vector3d::UnitZ());
       const double expected =
-          without.red(x, y) * (1.0 - opacity * (1.0 - std::pow(1.0 - share, 1.0 / 2.2)));
+          without.red(x, y) * (1.0 - opacity * (1.0 - std::pow(1.0 - covered, 1.0 / 2.2)));
       wrong += std::abs(with.red(x, y) - expected) > 1.5 ? 1 : 0;
     }
   }

@@ -220,21 +220,21 @@ TEST(SilhouetteMask, MatchesFacesOfClosedMesh) {
       const Mask mask = draw({&placed}, light, kCell, only);
       const std::vector<PlanePoint> faces =
           layer_triangles(vertices, placed.mesh.indices, kConstants, kShadowLayers[layer]);
-      double most = 0.0;
+      double max_error = 0.0;
       double sum = 0.0;
       double area = 0.0;
       for (std::int64_t v = mask.cells.v; v < mask.cells.v + mask.cells.height; ++v) {
         for (std::int64_t u = mask.cells.u; u < mask.cells.u + mask.cells.width; ++u) {
-          const double share = 1.0 - mask.at(u, v) / 255.0;
+          const double coverage = 1.0 - mask.at(u, v) / 255.0;
           const double expected = covered_fraction(faces, kCell, u, v);
-          most = std::max(most, std::abs(share - expected));
-          sum += share - expected;
+          max_error = std::max(max_error, std::abs(coverage - expected));
+          sum += coverage - expected;
           area += expected;
         }
       }
-      // Where a body covers part of a cell twice, the coverages add up. The sum is too large by at
-      // most half a cell.
-      EXPECT_LT(most, trial % 3 == 0 ? 0.1 : 0.5) << trial << " layer " << layer;
+      // If a body covers part of a cell twice, the coverages add up, to at most half a cell too
+      // much.
+      EXPECT_LT(max_error, trial % 3 == 0 ? 0.1 : 0.5) << trial << " layer " << layer;
       EXPECT_GT(area, 5.0) << trial << " layer " << layer;
       EXPECT_LT(std::abs(sum), 0.006 * area + 0.3) << trial << " layer " << layer;
     }
@@ -313,19 +313,19 @@ TEST(SilhouetteMask, MatchesFacesOfOpenAndClippedMeshes) {
           ASSERT_EQ(texel[3], 0);
         }
       }
-      double most = 0.0;
+      double max_error = 0.0;
       double sum = 0.0;
       double area = 0.0;
       for (std::int64_t v = mask.cells.v; v < mask.cells.v + mask.cells.height; ++v) {
         for (std::int64_t u = mask.cells.u; u < mask.cells.u + mask.cells.width; ++u) {
           ASSERT_EQ(mask.at(u, v), again.at(u, v));
-          const double share = 1.0 - mask.at(u, v) / 255.0;
+          const double coverage = 1.0 - mask.at(u, v) / 255.0;
           const double expected = covered_fraction(expected_faces, kCell, u, v);
-          most = std::max(most, std::abs(share - expected));
-          sum += share - expected;
+          max_error = std::max(max_error, std::abs(coverage - expected));
+          sum += coverage - expected;
           area += expected;
           if (expected == 1.0) {
-            ASSERT_GT(share, 0.96)
+            ASSERT_GT(coverage, 0.96)
                 << trial << " layer " << layer << " a seam at " << u << ", " << v;
           }
         }
@@ -333,7 +333,7 @@ TEST(SilhouetteMask, MatchesFacesOfOpenAndClippedMeshes) {
       // If only a thin strip of the umbra remains, overlapping sheets add up in more cells.
       EXPECT_LT(std::abs(sum), 0.003 * area + 2.5) << trial << " layer " << layer;
       // If two sheets cover different parts of a cell, only the larger coverage counts.
-      EXPECT_LT(most, trial % 4 == 1 ? 0.12 : 0.5) << trial << " layer " << layer;
+      EXPECT_LT(max_error, trial % 4 == 1 ? 0.12 : 0.5) << trial << " layer " << layer;
     }
   }
 }
@@ -409,10 +409,10 @@ ShadowField some_field(int i, std::mt19937& generator) {
   const auto count = static_cast<std::size_t>(field.width * field.height);
   for (std::vector<float>* layer : {&field.umbra, &field.middle, &field.penumbra}) {
     layer->resize(count);
-    const float least = noise(generator);
+    const float lowest = noise(generator);
     // Some layers are positive everywhere; others touch 0.
     for (float& value : *layer) {
-      value = i % 7 == 0 ? 1.0F : noise(generator) - least;
+      value = i % 7 == 0 ? 1.0F : noise(generator) - lowest;
       if (std::abs(value) < 0.05F) value = 0.0F;
     }
   }
@@ -535,8 +535,8 @@ TEST(SilhouetteMask, MatchesWholeRasterInWindows) {
     if (caster.bounds().isEmpty()) return;
     const MaskCells whole = cells_around(caster, cell);
     for (int i = 0; i < 12; ++i) {
-      const auto side = [&](int most) {
-        return i % 3 == 0 ? whole_number(1, 4) : whole_number(1, most);
+      const auto side = [&](int max_size) {
+        return i % 3 == 0 ? whole_number(1, 4) : whole_number(1, max_size);
       };
       MaskCells part{cell, whole.u + whole_number(-8, whole.width + 4),
                      whole.v + whole_number(-8, whole.height + 4), side(whole.width + 8),
@@ -546,7 +546,8 @@ TEST(SilhouetteMask, MatchesWholeRasterInWindows) {
       ASSERT_EQ(shares_of(of_part, cover, part, part), expected)
           << whole.width << " x " << whole.height << ": " << part.width << " x " << part.height
           << " at " << part.u - whole.u << ", " << part.v - whole.v;
-      const bool dark = std::ranges::any_of(expected, [](std::uint8_t share) { return share > 0; });
+      const bool dark =
+          std::ranges::any_of(expected, [](std::uint8_t covered) { return covered > 0; });
       (dark ? partly : beside) += 1;
       // The encoded values are also equal, and no state is left over from earlier masks.
       std::vector<std::uint8_t> all;
@@ -571,13 +572,14 @@ TEST(SilhouetteMask, MatchesWholeRasterInWindows) {
   for (int trial = 0; trial < 60; ++trial) {
     SCOPED_TRACE(trial);
     // Vertices lie on corners and borders of cells, or anywhere. Triangles are small or large.
-    const int reach = trial % 5 == 0 ? 300 : 24;
+    const int extent = trial % 5 == 0 ? 300 : 24;
     const int fine = trial % 2 == 0 ? 1 : 256;
     Triangles corners;
     for (int face = 0; face < 1 + trial % 4; ++face) {
       for (int corner = 0; corner < 3; ++corner) {
-        corners.emplace_back(whole_number(-reach * fine, reach * fine) / static_cast<double>(fine),
-                             whole_number(-reach * fine, reach * fine) / static_cast<double>(fine));
+        corners.emplace_back(
+            whole_number(-extent * fine, extent * fine) / static_cast<double>(fine),
+            whole_number(-extent * fine, extent * fine) / static_cast<double>(fine));
       }
     }
     MaskCaster faces = caster_of(corners);
@@ -612,7 +614,7 @@ TEST(SilhouetteMask, MatchesReferenceForMeshLargerThanRaster) {
   const MaskCells cells{kUnit, -20, -15, 40, 30};
   MaskRaster raster;
   int edges = 0;
-  for (const double reach : {3e3, 2e5, 1.9e6}) {
+  for (const double extent : {3e3, 2e5, 1.9e6}) {
     for (int trial = 0; trial < 30; ++trial) {
       // One side of the triangle runs close to the raster.
       const Eigen::Vector2d along = Eigen::Vector2d(one(random), one(random)).normalized();
@@ -621,9 +623,9 @@ TEST(SilhouetteMask, MatchesReferenceForMeshLargerThanRaster) {
       const auto rounded = [](const Eigen::Vector2d& p) -> Eigen::Vector2d {
         return (256.0 * p).array().round() / 256.0;
       };
-      const Eigen::Vector2d a = rounded(through - reach * along);
-      const Eigen::Vector2d b = rounded(through + reach * along);
-      const Eigen::Vector2d c = rounded(through + reach * across);
+      const Eigen::Vector2d a = rounded(through - extent * along);
+      const Eigen::Vector2d b = rounded(through + extent * along);
+      const Eigen::Vector2d c = rounded(through + extent * across);
       MaskCaster caster = caster_of(trial % 2 == 0 ? Triangles{a, b, c} : Triangles{a, c, b});
       const Cover cover = [&](MaskRaster& to) { to.cover(caster, {}, {}); };
       const auto shares = shares_of(raster, cover, cells, cells);
@@ -654,10 +656,10 @@ TEST(SilhouetteMask, MatchesReferenceForMeshLargerThanRaster) {
               inside += is_inside((i % 16 + 0.5) / 16.0, (i / 16 + 0.5) / 16.0) ? 1 : 0;
           }
           const double expected = 255.0 * inside / 256.0;
-          const int share = shares[static_cast<std::size_t>(4 * (v * cells.width + u))];
+          const int covered = shares[static_cast<std::size_t>(4 * (v * cells.width + u))];
           // Tolerance: the mask rounds the crossings of cell borders, and the reference counts
           // points.
-          ASSERT_NEAR(share, expected, 8.0) << reach << " " << trial << ": " << u << ", " << v;
+          ASSERT_NEAR(covered, expected, 8.0) << extent << " " << trial << ": " << u << ", " << v;
           edges += inside > 0 && inside < 256 ? 1 : 0;
         }
       }
@@ -1120,7 +1122,7 @@ TEST_F(MaskByFaces, SmoothsEdgesOnly) {
     std::shared_ptr<const Scene> of;
     // Maximum edge error relative to direct drawing. Just below the umbra height an umbra is
     // narrower than a cell, which blurs it over the cell.
-    double most;
+    double max_ratio;
   } cases[] = {
       {"open", scene({{open_torus(), test::at(0, 0, 0.1, tilt, 0.4)}}), 0.4},
       {"open, faces turned", scene({{open_torus(true), test::at(0, 0, 0.1, tilt, 0.4)}}), 0.4},
@@ -1149,7 +1151,7 @@ TEST_F(MaskByFaces, SmoothsEdgesOnly) {
     std::printf("%s: edge error [grey levels RMS]: mask %.2f, direct %.2f, over %d pixels\n",
                 c.what, mask.rms, direct.rms, mask.edges);
     EXPECT_GT(mask.edges, 300);
-    EXPECT_LT(mask.rms, c.most * direct.rms);
+    EXPECT_LT(mask.rms, c.max_ratio * direct.rms);
     EXPECT_LE(mask.largest_elsewhere, 1);
     EXPECT_EQ(direct.largest_elsewhere, 0);
   }
@@ -1235,8 +1237,8 @@ TEST_F(DrawnMask, SupportsEveryTechnique) {
   struct Case {
     const char* what;
     std::vector<ShadowTechnique> of;
-    int automatic;  // number of masks in automatic mode
-    double most;    // [grey levels RMS]; a simple shadow has a single, higher step
+    int automatic;     // number of masks in automatic mode
+    double max_error;  // [grey levels RMS]; a simple shadow has a single, higher step
   };
   constexpr auto kSimple = ShadowTechnique::simple;
   constexpr auto kField = ShadowTechnique::field;
@@ -1271,7 +1273,7 @@ TEST_F(DrawnMask, SupportsEveryTechnique) {
     std::printf("%s: edge error [grey levels RMS]: mask %.2f, direct %.2f, over %d pixels\n",
                 c.what, error.rms, drawn.rms, error.edges);
     EXPECT_GT(error.edges, 500);
-    EXPECT_LT(error.rms, c.most);
+    EXPECT_LT(error.rms, c.max_error);
     EXPECT_GT(drawn.rms, 1.5 * error.rms);
     EXPECT_LE(error.largest_elsewhere, 1);
     Studio recreated(objects, camera());

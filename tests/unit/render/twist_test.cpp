@@ -9,7 +9,7 @@
 namespace penumbra {
 namespace {
 
-double spill_of(const Model& model, KernelSource source, const Eigen::Vector3d& up) {
+double overshoot_of(const Model& model, KernelSource source, const Eigen::Vector3d& up) {
   const ShadowMesh mesh = make_shadow_mesh(model);
   return layer_overshoot(mesh, generate_kernels(mesh, up, source), 1.65);
 }
@@ -20,11 +20,11 @@ TEST(LayerOvershoot, IsSmallForAutomaticAndLargeForSingleKernels) {
   const Model rod = bar.build();
   for (const Eigen::Vector3d& up :
        {Eigen::Vector3d(0, 0, 1), Eigen::Vector3d(0.3, 0.2, 1.0), Eigen::Vector3d(0, 0.4, -1.0)}) {
-    EXPECT_LT(spill_of(test::box_model(0.08), KernelSource::automatic, up), 0.02);
-    EXPECT_LT(spill_of(rod, KernelSource::automatic, up), 0.02);
-    EXPECT_LT(spill_of(test::torus_model(12, 64), KernelSource::automatic, up), 0.02);
-    EXPECT_GT(spill_of(rod, KernelSource::centroid, up), 0.2);
-    EXPECT_GT(spill_of(test::torus_model(12, 64), KernelSource::centroid, up), 0.4);
+    EXPECT_LT(overshoot_of(test::box_model(0.08), KernelSource::automatic, up), 0.02);
+    EXPECT_LT(overshoot_of(rod, KernelSource::automatic, up), 0.02);
+    EXPECT_LT(overshoot_of(test::torus_model(12, 64), KernelSource::automatic, up), 0.02);
+    EXPECT_GT(overshoot_of(rod, KernelSource::centroid, up), 0.2);
+    EXPECT_GT(overshoot_of(test::torus_model(12, 64), KernelSource::centroid, up), 0.4);
   }
 }
 
@@ -37,7 +37,8 @@ TEST(LayerOvershoot, IsIndependentOfDistanceFromOrigin) {
       shape.box(0.0, 0.0, 0.0, 1.0, width, 0.25);
       far.box(8192.0, -4096.0, 0.0, 8193.0, -4096.0 + width, 0.25);
       const Eigen::Vector3d up(0, 0, 1);
-      EXPECT_NEAR(spill_of(far.build(), source, up), spill_of(shape.build(), source, up), 0.005)
+      EXPECT_NEAR(overshoot_of(far.build(), source, up), overshoot_of(shape.build(), source, up),
+                  0.005)
           << rod << " " << to_string(source);
     }
   }
@@ -51,8 +52,8 @@ TEST(LayerOvershoot, IsBoundedForDegenerateMeshes) {
   for (const float size : {0.0F, 1e-30F, 3e38F}) {
     mesh.positions = {{0, 0, 0}, {size, 0, 0}, {-size, size, 0}};
     mesh.indices = {0, 1, 2};
-    const double spill = spill_of(model, KernelSource::automatic, up);
-    EXPECT_TRUE(spill >= 0.0 && spill <= 1.0) << size;
+    const double overshoot = overshoot_of(model, KernelSource::automatic, up);
+    EXPECT_TRUE(overshoot >= 0.0 && overshoot <= 1.0) << size;
   }
 }
 

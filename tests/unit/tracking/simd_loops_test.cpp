@@ -721,10 +721,10 @@ TEST(SimdLoops, WalkVisitsPixelsNearEdge) {
           const double slope = d.y() / d.x();
           const double step = std::round(p.x());
           const double centre = p.y() + slope * (step - p.x());
-          const double reach = 1.3 * std::sqrt(1.0 + slope * slope);
+          const double half_width = 1.3 * std::sqrt(1.0 + slope * slope);
           std::vector<double> expected;
           for (int c = -20; c < 700; ++c) {
-            if (band_count == 0 && std::abs(c - centre) <= reach) expected.push_back(c);
+            if (band_count == 0 && std::abs(c - centre) <= half_width) expected.push_back(c);
           }
           for (int i = 0; i < band_count; ++i)
             expected.push_back(std::floor(centre) +
@@ -836,7 +836,7 @@ TEST(SimdLoops, WalkRunsVisitsEveryPixel) {
             std::swap(q.x(), q.y());
           }
           const double slope = (q.y() - p.y()) / length;
-          const double reach = std::min(1.7 * std::sqrt(1.0 + slope * slope), 8.0);
+          const double half_width = std::min(1.7 * std::sqrt(1.0 + slope * slope), 8.0);
           double at = carry;
           for (; at < length; at += stride) {
             const double toward = q.x() < p.x() ? -1.0 : 1.0;
@@ -845,8 +845,8 @@ TEST(SimdLoops, WalkRunsVisitsEveryPixel) {
             const double centre = p.y() + slope * exact;
             std::vector<double> rows;
             if (band_count == 0) {
-              for (double c = std::ceil(centre - reach); c <= centre + reach && rows.size() < 5;
-                   ++c)
+              for (double c = std::ceil(centre - half_width);
+                   c <= centre + half_width && rows.size() < 5; ++c)
                 rows.push_back(c);
             }
             for (int i = 0; i < band_count; ++i)
@@ -1132,16 +1132,17 @@ TEST(SimdLoops, PackedTagsMatchSingleTags) {
         inverse * (tag.g.tail<2>() / step.slope - cross.transpose() * (to_lattice * xi));
     EXPECT_NEAR(pack.levels[0][lane], levels[0], 1e-10);
     EXPECT_NEAR(pack.levels[1][lane], levels[1], 1e-10);
-    double most = 0.0;
+    double max_moved_px2 = 0.0;
     for (const double a : {0.0, 9.0}) {
       for (const double b : {0.0, 9.0}) {
         const Eigen::Vector3d p = tag.M * Eigen::Vector3d(a, b, 1.0);
         const Eigen::Vector3d q = motion * p;
         const Eigen::Vector2d moved = q.hnormalized() - p.hnormalized();
-        most = std::max(most, moved.cwiseProduct(Eigen::Vector2d(500.0, 510.0)).squaredNorm());
+        max_moved_px2 = std::max(max_moved_px2,
+                                 moved.cwiseProduct(Eigen::Vector2d(500.0, 510.0)).squaredNorm());
       }
     }
-    EXPECT_NEAR(pack.moved_px2[lane], most, 1e-9 * most);
+    EXPECT_NEAR(pack.moved_px2[lane], max_moved_px2, 1e-9 * max_moved_px2);
   }
 }
 

@@ -492,12 +492,12 @@ TEST_F(TagAlignerTest, FitsGainAndOffsetPerTag) {
       for (int x = 0; x < even.width; ++x) {
         // The lights meet in the middle of the white gap between two tags.
         std::size_t nearest = 0;
-        double least = std::numeric_limits<double>::infinity();
+        double nearest_distance2 = std::numeric_limits<double>::infinity();
         for (std::size_t n = 0; n < centres.size(); ++n) {
           const double distance2 =
               std::pow(centres[n].x() - x, 2.0) + std::pow(centres[n].y() - y, 2.0);
-          if (distance2 < least) {
-            least = distance2;
+          if (distance2 < nearest_distance2) {
+            nearest_distance2 = distance2;
             nearest = n;
           }
         }
@@ -864,8 +864,8 @@ TEST_F(TagAlignerTest, MotionBlurErrorIncludesRotation) {
         TagObservation of;
         of.index = tag.index;
         of.corners_map = tags_[static_cast<std::size_t>(tag.index)].corners();
-        const auto at = [&](double share, const Eigen::Vector3d& point) {
-          return camera_.project(perturbed(pose, share * motion).inverse() * point).value();
+        const auto at = [&](double fraction, const Eigen::Vector3d& point) {
+          return camera_.project(perturbed(pose, fraction * motion).inverse() * point).value();
         };
         const Eigen::Vector3d centre = 0.5 * (of.corners_map[0] + of.corners_map[2]);
         const Eigen::Vector2d by =
@@ -939,12 +939,13 @@ TEST_F(TagAlignerTest, MotionBlurErrorFindsBlurredFractionOfMotion) {
       BlurredView view = blurred_view(renderer_, 30.0);
       const Vector6d blur_motion = std::exchange(view.input.exposure_motion, Vector6d::Zero());
       if (!aligner.refine(view.input).verified) continue;
-      const Vector6d most = 1.0 / part * blur_motion;
-      const Vector6d reported = aligner.motion_blur_error(most, false).motion;
+      const Vector6d full_motion = 1.0 / part * blur_motion;
+      const Vector6d reported = aligner.motion_blur_error(full_motion, false).motion;
       ++found;
-      EXPECT_LT((reported - blur_motion).norm(), 0.26 * most.norm());
-      EXPECT_LT((reported - reported.dot(most) / most.squaredNorm() * most).norm(),
-                1e-9 * most.norm());
+      EXPECT_LT((reported - blur_motion).norm(), 0.26 * full_motion.norm());
+      EXPECT_LT(
+          (reported - reported.dot(full_motion) / full_motion.squaredNorm() * full_motion).norm(),
+          1e-9 * full_motion.norm());
     }
     EXPECT_GE(found, 2);
   }
@@ -963,10 +964,10 @@ TEST_F(TagAlignerTest, MotionBlurErrorOfSingleTagHasNoRotation) {
     const Vector6d& motion = view.input.exposure_motion;
     const MotionBlurError error = aligner.motion_blur_error(motion, true);
     EXPECT_TRUE(error.covariance.isZero(0.0));
-    // Projects a point of the tag at a fraction `share` of the motion.
-    const auto at = [&](double share, double x_m, double y_m) {
+    // Projects a point of the tag at `fraction` of the motion.
+    const auto at = [&](double fraction, double x_m, double y_m) {
       const Eigen::Vector3d point = lone.front().T_table_tag * Eigen::Vector3d(x_m, y_m, 0.0);
-      return camera_.project(perturbed(view.input.predicted, share * motion).inverse() * point)
+      return camera_.project(perturbed(view.input.predicted, fraction * motion).inverse() * point)
           .value();
     };
     constexpr double kCell_m = 0.12 / 8.0;

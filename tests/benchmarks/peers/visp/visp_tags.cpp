@@ -44,7 +44,7 @@ std::optional<std::array<double, 12>> visp_pose(const std::vector<VispPoint>& po
   // Refines the better one of the two linear starts, as vpPose::DEMENTHON_LAGRANGE_VIRTUAL_VS of
   // later versions does.
   vpHomogeneousMatrix best;
-  double least = -1.0;
+  double min_residual = -1.0;
   for (const vpPose::vpPoseMethodType start : {vpPose::DEMENTHON, vpPose::LAGRANGE}) {
     vpHomogeneousMatrix cMo;
     try {
@@ -53,12 +53,12 @@ std::optional<std::array<double, 12>> visp_pose(const std::vector<VispPoint>& po
       continue;
     }
     const double residual = solver.computeResidual(cMo);
-    if (least < 0.0 || residual < least) {
-      least = residual;
+    if (min_residual < 0.0 || residual < min_residual) {
+      min_residual = residual;
       best = cMo;
     }
   }
-  if (least < 0.0) return std::nullopt;
+  if (min_residual < 0.0) return std::nullopt;
   try {
     solver.computePose(vpPose::VIRTUAL_VS, best);
   } catch (const vpException&) {
