@@ -166,7 +166,7 @@ Result<void> read_pictures(const CalibrateOptions& options,
                            CameraCalibrator& calibrator) {
   const std::filesystem::path& source = options.source;
   std::optional<ProgressBar> progress;
-  PENUMBRA_TRY_VOID(for_each_image(source, [&](const Picture& picture) -> Result<bool> {
+  PENUMBRA_TRY_VOID(for_each_image(source, [&](const NamedImage& picture) -> Result<bool> {
     if (!picture.notice.empty()) log_warning("{}", picture.notice);
     if (!progress) progress.emplace(picture.count, "pictures");
     if (picture.luma.empty()) {
@@ -201,7 +201,7 @@ std::unique_ptr<GuideWindow> window_for(const CalibrateOptions& options, int wid
 // Returns the size of the first readable image.
 Result<ImageSize> picture_size(const std::filesystem::path& recording) {
   std::optional<ImageSize> size;
-  PENUMBRA_TRY_VOID(for_each_image(recording, [&](const Picture& picture) -> Result<bool> {
+  PENUMBRA_TRY_VOID(for_each_image(recording, [&](const NamedImage& picture) -> Result<bool> {
     if (!picture.luma.empty()) size = ImageSize{picture.luma.width, picture.luma.height};
     return !size;
   }));
