@@ -2,11 +2,11 @@
 #pragma once
 
 #include <Eigen/Core>
-#include <string_view>
 #include <vector>
 
 #include "core/geometry/tracking_reasons.hpp"
 #include "core/geometry/transform.hpp"
+#include "core/text/enum_names.hpp"
 
 namespace penumbra {
 
@@ -17,17 +17,12 @@ namespace penumbra {
 enum class TrackStatus { tracked, uncertain, held, lost };
 
 [[nodiscard]] constexpr std::string_view to_string(TrackStatus status) {
-  switch (status) {
-    case TrackStatus::tracked:
-      return "tracked";
-    case TrackStatus::uncertain:
-      return "uncertain";
-    case TrackStatus::held:
-      return "held";
-    case TrackStatus::lost:
-      return "lost";
-  }
-  return {};
+  constexpr auto kNames =
+      std::to_array<EnumName<TrackStatus>>({{TrackStatus::tracked, "tracked"},
+                                            {TrackStatus::uncertain, "uncertain"},
+                                            {TrackStatus::held, "held"},
+                                            {TrackStatus::lost, "lost"}});
+  return name_of(kNames, status);
 }
 
 inline constexpr double kHoldSeconds = 0.5;  // [s]
