@@ -59,9 +59,7 @@ CalibrationOptions calibration_options(const CalibrateOptions& options) {
   for (const DistortionModel model : kDistortionModels) {
     if (options.model == short_name(model)) result.model = model;
   }
-  if (options.board == "rigid") result.shape = BoardShape::rigid;
-  if (options.board == "bowed") result.shape = BoardShape::bowed;
-  if (options.board == "free") result.shape = BoardShape::free;
+  result.shape = value_named(kBoardShapeNames, options.board);
   result.max_views = options.views;
   result.for_kalibr = format_of(options) == CameraFileFormat::kalibr;
   return result;

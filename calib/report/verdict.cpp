@@ -7,6 +7,7 @@
 #include "calib/camera_calibration.hpp"
 #include "calib/target/image_cells.hpp"
 #include "core/statistics.hpp"
+#include "core/text/enum_names.hpp"
 #include "core/units.hpp"
 
 namespace penumbra {
@@ -32,15 +33,11 @@ std::string worst_place(const UncertaintyMap& map, const ImageCells& cells) {
 }  // namespace
 
 std::string_view to_string(CalibrationGrade grade) {
-  switch (grade) {
-    case CalibrationGrade::good:
-      return "good";
-    case CalibrationGrade::usable:
-      return "usable";
-    case CalibrationGrade::poor:
-      return "poor";
-  }
-  return {};
+  constexpr auto kNames =
+      std::to_array<EnumName<CalibrationGrade>>({{CalibrationGrade::good, "good"},
+                                                 {CalibrationGrade::usable, "usable"},
+                                                 {CalibrationGrade::poor, "poor"}});
+  return name_of(kNames, grade);
 }
 
 UncertaintyMap uncertainty_map(const CameraModel& camera, const Eigen::MatrixXd& covariance,

@@ -220,18 +220,6 @@ Result<void> check_views(std::span<const Eigen::Vector3d> board,
 
 }  // namespace
 
-std::string_view to_string(BoardShape shape) {
-  switch (shape) {
-    case BoardShape::rigid:
-      return "rigid";
-    case BoardShape::bowed:
-      return "bowed";
-    case BoardShape::free:
-      return "free";
-  }
-  return {};
-}
-
 Result<CalibrationSolution> solve_intrinsics(int width, int height,
                                              std::span<const Eigen::Vector3d> board,
                                              std::span<const CalibrationView> views,

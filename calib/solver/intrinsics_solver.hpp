@@ -16,6 +16,7 @@
 #include "core/camera/camera_model.hpp"
 #include "core/error.hpp"
 #include "core/geometry/transform.hpp"
+#include "core/text/enum_names.hpp"
 
 namespace penumbra {
 
@@ -36,7 +37,11 @@ enum class BoardShape {
   free,   // an offset of each point, with a prior (Strobl and Hirzinger, More accurate pinhole
          // camera calibration with imperfect planar target, ICCV workshops 2011, without the prior)
 };
-[[nodiscard]] std::string_view to_string(BoardShape shape);  // "rigid", "bowed", "free"
+inline constexpr auto kBoardShapeNames = std::to_array<EnumName<BoardShape>>(
+    {{BoardShape::rigid, "rigid"}, {BoardShape::bowed, "bowed"}, {BoardShape::free, "free"}});
+[[nodiscard]] constexpr std::string_view to_string(BoardShape shape) {
+  return name_of(kBoardShapeNames, shape);
+}
 
 struct SolverOptions {
   DistortionModel model = DistortionModel::plumb_bob;
