@@ -9,6 +9,7 @@
 #include <tuple>
 
 #include "core/propagate.hpp"
+#include "core/text/enum_names.hpp"
 #include "render/scene/yuv_conversion.hpp"
 
 namespace penumbra {
@@ -21,16 +22,9 @@ constexpr std::size_t kMaxInUse = 1;
 constexpr GLuint64 kPatience_ns = 1'000'000'000;  // maximum wait for the GPU
 
 TexelFormat texel_format(PixelFormat format, std::size_t plane) {
-  switch (format) {
-    case PixelFormat::rgb24:
-      return TexelFormat::rgb8;
-    case PixelFormat::yuyv:
-      return TexelFormat::rgba8;
-    case PixelFormat::nv12:
-      return plane == 0 ? TexelFormat::r8 : TexelFormat::rg8;
-    default:
-      return TexelFormat::r8;
-  }
+  if (format == PixelFormat::rgb24) return TexelFormat::rgb8;
+  if (format == PixelFormat::yuyv) return TexelFormat::rgba8;
+  return format == PixelFormat::nv12 && plane > 0 ? TexelFormat::rg8 : TexelFormat::r8;
 }
 
 glm::vec2 chroma_step(PixelFormat format) {
@@ -54,18 +48,15 @@ glm::vec4 plane_extents(const Frame& frame) {
 }  // namespace
 
 std::string_view layout_define(PixelFormat format) {
-  switch (format) {
-    case PixelFormat::grey8:
-      return "VIDEO_GREY";
-    case PixelFormat::rgb24:
-      return "VIDEO_RGB";
-    case PixelFormat::yuyv:
-      return "VIDEO_YUYV";
-    case PixelFormat::nv12:
-      return "VIDEO_NV12";
-    default:
-      return "VIDEO_PLANAR";
-  }
+  constexpr auto kDefines =
+      std::to_array<EnumName<PixelFormat>>({{PixelFormat::grey8, "VIDEO_GREY"},
+                                            {PixelFormat::rgb24, "VIDEO_RGB"},
+                                            {PixelFormat::yuyv, "VIDEO_YUYV"},
+                                            {PixelFormat::nv12, "VIDEO_NV12"},
+                                            {PixelFormat::yuv420p, "VIDEO_PLANAR"},
+                                            {PixelFormat::yuv422p, "VIDEO_PLANAR"},
+                                            {PixelFormat::yuv444p, "VIDEO_PLANAR"}});
+  return name_of(kDefines, format);
 }
 
 Result<const ShaderProgram*> VideoProgram::get(PixelFormat format) {
