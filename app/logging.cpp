@@ -30,15 +30,9 @@ void log_libav(void* source, int level, const char* format, va_list arguments) {
 }
 
 spdlog::level::level_enum spdlog_level(LogLevel level) {
-  switch (level) {
-    case LogLevel::debug:
-      return spdlog::level::debug;
-    case LogLevel::info:
-      return spdlog::level::info;
-    case LogLevel::warning:
-      break;
-  }
-  return spdlog::level::warn;
+  return level == LogLevel::debug  ? spdlog::level::debug
+         : level == LogLevel::info ? spdlog::level::info
+                                   : spdlog::level::warn;
 }
 
 }  // namespace
