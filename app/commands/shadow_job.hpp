@@ -2,16 +2,15 @@
 #pragma once
 
 #include <Eigen/Core>
-#include <array>
 #include <cstddef>
 #include <filesystem>
 #include <optional>
 #include <string>
-#include <utility>
 #include <vector>
 
 #include "app/output/shadow_drawing.hpp"
 #include "core/error.hpp"
+#include "core/text/enum_names.hpp"
 #include "render/model/model.hpp"
 #include "render/scene/plane_frame.hpp"
 #include "render/scene/scene.hpp"
@@ -79,10 +78,10 @@ struct ShadowJob {
 // Throws CLI::ValidationError for wrong options.
 [[nodiscard]] ShadowJob job_from(const ShadowOptions& options);
 
-inline constexpr std::array<std::pair<ShadowLayer, const char*>, 3> kLayerNames = {
-    {{ShadowLayer::umbra, "umbra"},
-     {ShadowLayer::middle, "middle"},
-     {ShadowLayer::penumbra, "penumbra"}}};
+inline constexpr auto kLayerNames =
+    std::to_array<EnumName<ShadowLayer>>({{ShadowLayer::umbra, "umbra"},
+                                          {ShadowLayer::middle, "middle"},
+                                          {ShadowLayer::penumbra, "penumbra"}});
 
 // Comparison of the proxy with the mesh.
 struct ProxyResult {

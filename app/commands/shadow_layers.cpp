@@ -248,7 +248,7 @@ Result<void> add_field_layers(const ShadowJob& job, std::span<const CasterVertex
                   job.placement, plane),
       job.constants);
   for (const auto& [layer, name] : kLayerNames) {
-    PENUMBRA_TRY_VOID(add_layer(result, name, field_triangles(field, layer)));
+    PENUMBRA_TRY_VOID(add_layer(result, std::string(name), field_triangles(field, layer)));
   }
   return {};
 }
@@ -310,7 +310,7 @@ Result<void> add_penumbra_layers(const ShadowJob& job, const ShadowMesh& mesh,
         job.fixed_light
             ? fixed_light_triangles(vertices, discs, caster.indices, job.constants, layer)
             : layer_triangles(vertices, caster.indices, job.constants, layer);
-    PENUMBRA_TRY_VOID(add_layer(result, name, triangles));
+    PENUMBRA_TRY_VOID(add_layer(result, std::string(name), triangles));
   }
   if (job.show_kernels) result.kernels = kernel_places(vertices);
   return {};

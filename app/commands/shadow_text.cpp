@@ -77,7 +77,7 @@ std::string shadow_json(const ShadowJob& job, const ShadowResult& result) {
       auto& height = heights.emplace_back();
       height["umbra_heights"] = kProxyHeights[i];
       for (std::size_t layer = 0; layer < kLayerNames.size(); ++layer) {
-        height["iou"][kLayerNames[layer].second] = result.proxy.agreement.iou[i][layer];
+        height["iou"][kLayerNames[layer].name] = result.proxy.agreement.iou[i][layer];
       }
     }
   }
