@@ -1,10 +1,7 @@
 // Modes of drawing translucent fragments: shadows, and objects that fade out.
 #pragma once
 
-#include <array>
-#include <optional>
-#include <string_view>
-
+#include "core/text/enum_names.hpp"
 #include "render/gl/fragment_probe.hpp"
 
 namespace penumbra {
@@ -17,32 +14,17 @@ enum class Translucency {
   geometry_mesh,  // black strips on the plane, as in Layered Penumbrae; a baseline
 };
 
-struct TranslucencyName {
-  Translucency way;
-  std::string_view name;
-};
-inline constexpr std::array kTranslucencyNames = {
-    TranslucencyName{Translucency::automatic, "auto"},
-    TranslucencyName{Translucency::blend, "blend"},
-    TranslucencyName{Translucency::mesh, "mesh"},
-    TranslucencyName{Translucency::retexture, "retexture"},
-    TranslucencyName{Translucency::geometry_mesh, "geometry-mesh"},
-};
+inline constexpr auto kTranslucencyNames = std::to_array<EnumName<Translucency>>({
+    {Translucency::automatic, "auto"},
+    {Translucency::blend, "blend"},
+    {Translucency::mesh, "mesh"},
+    {Translucency::retexture, "retexture"},
+    {Translucency::geometry_mesh, "geometry-mesh"},
+});
 static_assert(kTranslucencyNames.size() ==
               static_cast<std::size_t>(Translucency::geometry_mesh) + 1);
-
 [[nodiscard]] constexpr std::string_view to_string(Translucency mode) {
-  for (const TranslucencyName& entry : kTranslucencyNames) {
-    if (entry.way == mode) return entry.name;
-  }
-  return "auto";
-}
-[[nodiscard]] constexpr std::optional<Translucency> translucency_from_string(
-    std::string_view name) {
-  for (const TranslucencyName& entry : kTranslucencyNames) {
-    if (entry.name == name) return entry.way;
-  }
-  return std::nullopt;
+  return name_of(kTranslucencyNames, mode);
 }
 
 // Replaces `automatic` by a mode that works in the context. `blend` and `retexture` give the same
@@ -65,6 +47,10 @@ enum class LayerDrawing {
   // clipped, or from a field's outlines; `direct` if the orientation of faces is unknown.
   mask,
 };
+inline constexpr auto kLayerDrawingNames =
+    std::to_array<EnumName<LayerDrawing>>({{LayerDrawing::automatic, "auto"},
+                                           {LayerDrawing::direct, "direct"},
+                                           {LayerDrawing::mask, "mask"}});
 
 // Number of pixels in the screen-door's pattern, and thus of its densities.
 inline constexpr int kDoorPixels = 16;

@@ -1,10 +1,8 @@
 // Options of the trackers.
 #pragma once
 
-#include <optional>
-#include <string_view>
-
 #include "core/geometry/pose_estimate.hpp"
+#include "core/text/enum_names.hpp"
 
 namespace penumbra {
 
@@ -16,15 +14,12 @@ enum class TrackingMode {
   automatic,  // fast while the view moves; accurate if it rests or has fewer than three tags
 };
 
-// Parses a value of --tracking ("auto" for automatic); returns nullopt for another word.
-[[nodiscard]] constexpr std::optional<TrackingMode> tracking_mode_from_string(
-    std::string_view name) {
-  if (name == "detect") return TrackingMode::detect;
-  if (name == "fast") return TrackingMode::fast;
-  if (name == "accurate") return TrackingMode::accurate;
-  if (name == "auto") return TrackingMode::automatic;
-  return std::nullopt;
-}
+// Values of --tracking, in the order of the help.
+inline constexpr auto kTrackingModeNames =
+    std::to_array<EnumName<TrackingMode>>({{TrackingMode::fast, "fast"},
+                                           {TrackingMode::accurate, "accurate"},
+                                           {TrackingMode::automatic, "auto"},
+                                           {TrackingMode::detect, "detect"}});
 
 // When GroupTracker searches a frame for tags that it has lost.
 enum class SearchTiming {

@@ -138,14 +138,9 @@ void add_kernels_command(CLI::App& program, ChosenCommand& chosen) {
       "The direction they are for, in the object's frame (z up)")
       ->default_str("0,0,1");
   add_unit_option(command, options->unit_m);
-  const auto take_source = [options](const std::string& text) {
-    const auto source = kernel_source_from_string(text);
-    if (!source) {
-      usage_error("--kernels", "{}: no such kernels; known: auto, smooth, per-axis, cocl", text);
-    }
-    options->source = *source;
-  };
-  add_text_option(command, "--kernels", "KERNELS", take_source, "auto, smooth, per-axis or cocl")
+  add_word_option(command, "--kernels", kKernelSourceNames, "kernels", options->source,
+                  "auto, smooth, per-axis or cocl")
+      ->type_name("KERNELS")
       ->default_str("auto");
   add_part_group_option(command, options->groups);
   add_option(

@@ -22,16 +22,6 @@ constexpr std::size_t kHelpWidth = 80;
 constexpr std::size_t kOptionColumn = 28;  // column where the descriptions of options begin
 constexpr std::size_t kCommandColumn = 13;
 
-template <class Names>
-std::string joined_names(const Names& names, std::string_view separator) {
-  std::string words;
-  for (const auto& entry : names) {
-    if (!words.empty()) words += separator;
-    words += entry.name;
-  }
-  return words;
-}
-
 // Returns true for the extension of an unsupported format. Folder names may contain other dots.
 bool names_unknown_video(const std::string& path) {
   constexpr std::array<std::string_view, 14> kFiles = {".avi", ".webm", ".mov",  ".m4v", ".mpg",
@@ -39,13 +29,6 @@ bool names_unknown_video(const std::string& path) {
                                                        ".png", ".jpg",  ".jpeg", ".y4m"};
   return output_kind(path) == OutputKind::folder &&
          std::ranges::find(kFiles, lower_extension(path)) != kFiles.end();
-}
-
-std::optional<LayerDrawing> layer_drawing_from_string(const std::string& name) {
-  if (name == "auto") return LayerDrawing::automatic;
-  if (name == "direct") return LayerDrawing::direct;
-  if (name == "mask") return LayerDrawing::mask;
-  return std::nullopt;
 }
 
 void add_seconds_option(CLI::App& command, const std::string& name, double least, double most,
@@ -169,7 +152,7 @@ std::string known_techniques() {
 
 void set_technique(ShadowChoice& choice, const std::string& option, const std::string& name) {
   choice.cocl = name == kCocl;
-  choice.plan.technique = shadow_technique_from_string(choice.cocl ? "layered" : name);
+  choice.plan.technique = value_named(kShadowTechniqueNames, choice.cocl ? "layered" : name);
   if (!choice.plan.technique) {
     usage_error(option, "{}: no such technique; known: {}", name, known_techniques());
   }
@@ -192,8 +175,7 @@ CLI::Option* add_shadow_options(CLI::App& command, ShadowChoice& choice) {
       fmt::format("Shadow kernels in place of the scene's: {}, or a kernel file",
                   joined_names(kKernelSourceNames, ", ")));
   add_word_option(
-      command, "--light-mode", "proportional|fixed", "mode", plan.light_mode,
-      light_mode_from_string,
+      command, "--light-mode", kLightModeNames, "mode", plan.light_mode,
       "Light of layered shadows: proportional to each part's thickness, or of one fixed size");
   add_text_option(
       command, "--proxy", "auto|none",
@@ -206,12 +188,11 @@ CLI::Option* add_shadow_options(CLI::App& command, ShadowChoice& choice) {
       "auto: reduced models of the scene cast where exact enough; none: objects cast themselves")
       ->default_str("auto");
   add_word_option(
-      command, "--translucency", joined_names(kTranslucencyNames, "|"), "way", plan.translucency,
-      translucency_from_string,
+      command, "--translucency", kTranslucencyNames, "way", plan.translucency,
       "How the video shines through; auto: the first of blend, retexture, mesh that works")
       ->default_str("auto");
   add_word_option(
-      command, "--layers", "auto|direct|mask", "way", plan.layers, layer_drawing_from_string,
+      command, "--layers", kLayerDrawingNames, "way", plan.layers,
       "Layers drawn face by face (direct) or as one mask per plane (mask); auto: by cost")
       ->default_str("auto");
   command.add_flag("--show-rays", plan.light_rays,
@@ -220,7 +201,7 @@ CLI::Option* add_shadow_options(CLI::App& command, ShadowChoice& choice) {
 }
 
 KernelChoice kernel_choice_from(const std::string& text) {
-  if (const auto source = kernel_source_from_string(text)) return {*source, std::nullopt};
+  if (const auto source = value_named(kKernelSourceNames, text)) return {*source, std::nullopt};
   std::error_code ignored;
   if (std::filesystem::path(text).has_extension() || std::filesystem::exists(text, ignored)) {
     return {KernelSource::automatic, text};
@@ -317,8 +298,7 @@ CLI::Option* add_poses_from_option(CLI::App& command, std::optional<std::string>
 
 void add_tracking_options(CLI::App& command, TrackerOptions& tracking) {
   start_group(command, "Tracking");
-  add_word_option(command, "--tracking", "fast|accurate|auto|detect", "way", tracking.mode,
-                  tracking_mode_from_string,
+  add_word_option(command, "--tracking", kTrackingModeNames, "way", tracking.mode,
                   "auto: fast while the view moves, else accurate; detect: detection alone")
       ->default_str("auto");
   const auto take_budget = [&tracking](double px) {

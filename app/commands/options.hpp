@@ -79,20 +79,24 @@ CLI::Option* add_option(CLI::App& command, const std::string& name, const std::s
 CLI::Option* add_text_option(CLI::App& command, const std::string& name, const std::string& type,
                              const std::function<void(const std::string&)>& take,
                              const std::string& description);
-// Adds an option that accepts one of `words` ("a|b|c"). Error messages call its value a `kind`.
-template <class T, class FromString>
-CLI::Option* add_word_option(CLI::App& command, const std::string& name, const std::string& words,
-                             const std::string& kind, T& variable, FromString from_string,
+// Joins the names of a table of EnumName.
+[[nodiscard]] std::string joined_names(const auto& names, const char* separator) {
+  std::vector<std::string_view> words;
+  for (const auto& entry : names) words.push_back(entry.name);
+  return fmt::format("{}", fmt::join(words, separator));
+}
+// Adds an option that accepts a name of a static table. Error messages call its value a `kind`.
+CLI::Option* add_word_option(CLI::App& command, const std::string& name, const auto& names,
+                             const std::string& kind, auto& variable,
                              const std::string& description) {
-  const auto take = [=, &variable](const std::string& word) {
-    const auto value = from_string(word);
+  const auto take = [=, &names, &variable](const std::string& word) {
+    const auto value = value_named(names, word);
     if (!value) {
-      usage_error(name, "{}: no such {}; known: {}", word, kind,
-                  fmt::join(CLI::detail::split(words, '|'), ", "));
+      usage_error(name, "{}: no such {}; known: {}", word, kind, joined_names(names, ", "));
     }
     variable = *value;
   };
-  return add_text_option(command, name, words, take, description);
+  return add_text_option(command, name, joined_names(names, "|"), take, description);
 }
 // Adds a flag that sets a variable to false.
 void add_off_flag(CLI::App& command, const std::string& name, bool& variable,

@@ -186,7 +186,7 @@ ShadowJob job_from(const ShadowOptions& options) {
   job.source = chosen.source;
   if (chosen.file) job.kernel_file = *chosen.file;
   if (!options.light_mode.empty()) {
-    const auto mode = light_mode_from_string(options.light_mode);
+    const auto mode = value_named(kLightModeNames, options.light_mode);
     if (!mode) {
       usage_error("--light-mode", "{}: no such mode; known: proportional, fixed",
                   options.light_mode);

@@ -106,8 +106,8 @@ std::optional<SceneEdit> edit_in(const Json& json, std::string_view event) {
   if (event == kStyled) {
     ShadowStyled styled;
     styled.node = text_in(json, "node");
-    const auto technique = shadow_technique_from_string(text_in(json, "technique"));
-    const auto kernels = kernel_source_from_string(text_in(json, "kernels"));
+    const auto technique = value_named(kShadowTechniqueNames, text_in(json, "technique"));
+    const auto kernels = value_named(kKernelSourceNames, text_in(json, "kernels"));
     if (!technique || !kernels) return std::nullopt;
     styled.style.technique = *technique;
     styled.style.kernels = *kernels;

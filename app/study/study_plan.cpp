@@ -82,7 +82,7 @@ std::string_view to_string(StudyExperiment experiment) {
 
 std::optional<StudyTechnique> study_technique_from_string(std::string_view name) {
   const bool cocl = name == "cocl";  // layered, with one kernel for the whole object
-  const auto technique = shadow_technique_from_string(cocl ? "layered" : name);
+  const auto technique = value_named(kShadowTechniqueNames, cocl ? "layered" : name);
   if (!technique) return std::nullopt;
   return StudyTechnique{std::string(name), *technique,
                         cocl ? KernelSource::centroid : KernelSource::automatic};

@@ -91,8 +91,8 @@ std::optional<WindowCommand> command_of_key(const WindowEvent& event) {
 
 std::vector<ShadowTechnique> techniques_by_key() {
   std::vector<ShadowTechnique> techniques;
-  for (const ShadowTechniqueName& entry : kShadowTechniqueNames) {
-    if (entry.technique != ShadowTechnique::none) techniques.push_back(entry.technique);
+  for (const auto& [technique, name] : kShadowTechniqueNames) {
+    if (technique != ShadowTechnique::none) techniques.push_back(technique);
   }
   return techniques;
 }
@@ -100,9 +100,8 @@ std::vector<ShadowTechnique> techniques_by_key() {
 std::optional<ShadowTechnique> technique_of_key(const WindowEvent& event) {
   if (!is_number_key(event)) return std::nullopt;
   const auto digit = static_cast<std::size_t>(event.code - first_digit(event));
-  const std::vector<ShadowTechnique> techniques = techniques_by_key();
-  if (digit > techniques.size()) return std::nullopt;
-  return digit == 0 ? ShadowTechnique::none : techniques[digit - 1];
+  if (digit >= kShadowTechniqueNames.size()) return std::nullopt;
+  return kShadowTechniqueNames[digit].value;
 }
 
 ShadowTechnique technique_after(ShadowTechnique technique) {
@@ -208,8 +207,8 @@ std::string in_words(Translucency asked, Translucency drawn) {
 }
 
 Translucency translucency_after(Translucency mode) {
-  const auto at = std::ranges::find(kTranslucencyNames, mode, &TranslucencyName::way);
-  return at + 1 == kTranslucencyNames.end() ? kTranslucencyNames.front().way : (at + 1)->way;
+  const auto at = std::ranges::find(kTranslucencyNames, mode, &EnumName<Translucency>::value);
+  return at + 1 == kTranslucencyNames.end() ? kTranslucencyNames.front().value : (at + 1)->value;
 }
 
 std::optional<Workspace> workspace_of(const LayeredConstants& constants) {

@@ -97,14 +97,12 @@ WindowCommand next_drag(DragMode mode) {
 }
 
 // Drop-down list of named values, labelled `shown`. Returns true if one was chosen.
-template <class Entry, class Value, std::size_t N>
-bool choose(const char* id, const std::string& shown, const std::array<Entry, N>& entries,
-            Value Entry::*value_of, Value& value) {
+bool choose(const char* id, const std::string& shown, const auto& names, auto& value) {
   if (!ImGui::BeginCombo(id, shown.c_str())) return false;
   bool chosen = false;
-  for (const Entry& entry : entries) {
-    if (ImGui::Selectable(std::string(entry.name).c_str(), entry.*value_of == value)) {
-      value = entry.*value_of;
+  for (const auto& entry : names) {
+    if (ImGui::Selectable(std::string(entry.name).c_str(), entry.value == value)) {
+      value = entry.value;
       chosen = true;
     }
   }
@@ -368,10 +366,10 @@ struct Overlay::Impl {
     text(kWhite, node.name);
     ShadowStyle style = node.style;
     bool changed = choose("##technique", fmt::format("technique: {}", to_string(style.technique)),
-                          kShadowTechniqueNames, &ShadowTechniqueName::technique, style.technique);
+                          kShadowTechniqueNames, style.technique);
     if (traits_of(style.technique).uses_kernels) {
       changed |= choose("##kernels", fmt::format("kernels: {}", to_string(style.kernels)),
-                        kKernelSourceNames, &KernelSourceName::source, style.kernels);
+                        kKernelSourceNames, style.kernels);
     }
     if (traits_of(style.technique).uses_lights) {
       changed |= ImGui::Checkbox("light rays", &style.light_rays);
@@ -477,7 +475,7 @@ struct Overlay::Impl {
     Translucency translucency = state.translucency;
     if (choose("##translucency",
                "translucency: " + in_words(state.translucency, state.translucency_drawn),
-               kTranslucencyNames, &TranslucencyName::way, translucency)) {
+               kTranslucencyNames, translucency)) {
       actions.translucency = translucency;
     }
     for (const HudNode& node : state.nodes) node_panel(node, actions);

@@ -600,12 +600,12 @@ Result<void> SceneReader::read_shadow(const Entry& from) {
   ShadowNode node;
   PENUMBRA_TRY(node.name, new_name(from, scene_.shadows));
   // The schema ensures known words.
-  node.technique = shadow_technique_from_string(from["technique"].text()).value();
+  node.technique = value_named(kShadowTechniqueNames, from["technique"].text()).value();
   if (const auto kernels = from.find("kernels")) {
-    node.kernels = kernel_source_from_string(kernels->text()).value();
+    node.kernels = value_named(kKernelSourceNames, kernels->text()).value();
   }
   if (const auto mode = from.find("light_mode")) {
-    node.light_mode = light_mode_from_string(mode->text()).value();
+    node.light_mode = value_named(kLightModeNames, mode->text()).value();
     if (node.light_mode == LightMode::fixed && node.kernels == KernelSource::centroid) {
       return mode->fault("is \"fixed\", which needs kernels with a thickness; cocl has none");
     }

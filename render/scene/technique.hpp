@@ -1,10 +1,9 @@
 // Shadow techniques, and the kinds of light and of kernels that they use.
 #pragma once
 
-#include <array>
 #include <cstddef>
-#include <optional>
-#include <string_view>
+
+#include "core/text/enum_names.hpp"
 
 namespace penumbra {
 
@@ -63,65 +62,34 @@ enum class KernelSource {
   centroid,   // COCL: one kernel for the whole object, the centroid of its footprint
 };
 
-struct ShadowTechniqueName {
-  ShadowTechnique technique;
-  std::string_view name;
-};
-inline constexpr std::array kShadowTechniqueNames = {
-    ShadowTechniqueName{ShadowTechnique::none, "none"},
-    ShadowTechniqueName{ShadowTechnique::simple, "simple"},
-    ShadowTechniqueName{ShadowTechnique::layered, "layered"},
-    ShadowTechniqueName{ShadowTechnique::field, "field"},
-    ShadowTechniqueName{ShadowTechnique::walls, "walls"},
-    ShadowTechniqueName{ShadowTechnique::hard, "hard"},
-    ShadowTechniqueName{ShadowTechnique::volume, "volume"},
-};
+inline constexpr auto kShadowTechniqueNames = std::to_array<EnumName<ShadowTechnique>>({
+    {ShadowTechnique::none, "none"},
+    {ShadowTechnique::simple, "simple"},
+    {ShadowTechnique::layered, "layered"},
+    {ShadowTechnique::field, "field"},
+    {ShadowTechnique::walls, "walls"},
+    {ShadowTechnique::hard, "hard"},
+    {ShadowTechnique::volume, "volume"},
+});
 static_assert(kShadowTechniqueNames.size() ==
               static_cast<std::size_t>(ShadowTechnique::volume) + 1);
 
-struct KernelSourceName {
-  KernelSource source;
-  std::string_view name;
-};
-inline constexpr std::array kKernelSourceNames = {
-    KernelSourceName{KernelSource::automatic, "auto"},
-    KernelSourceName{KernelSource::smooth, "smooth"},
-    KernelSourceName{KernelSource::per_axis, "per-axis"},
-    KernelSourceName{KernelSource::centroid, "cocl"},
-};
+inline constexpr auto kLightModeNames = std::to_array<EnumName<LightMode>>(
+    {{LightMode::proportional, "proportional"}, {LightMode::fixed, "fixed"}});
+
+inline constexpr auto kKernelSourceNames = std::to_array<EnumName<KernelSource>>({
+    {KernelSource::automatic, "auto"},
+    {KernelSource::smooth, "smooth"},
+    {KernelSource::per_axis, "per-axis"},
+    {KernelSource::centroid, "cocl"},
+});
 static_assert(kKernelSourceNames.size() == static_cast<std::size_t>(KernelSource::centroid) + 1);
 
-// The tables list the values in the order of their enums.
 [[nodiscard]] constexpr std::string_view to_string(ShadowTechnique technique) {
-  return kShadowTechniqueNames[static_cast<std::size_t>(technique)].name;
-}
-[[nodiscard]] constexpr std::string_view to_string(LightMode mode) {
-  return mode == LightMode::fixed ? "fixed" : "proportional";
+  return name_of(kShadowTechniqueNames, technique);
 }
 [[nodiscard]] constexpr std::string_view to_string(KernelSource source) {
-  return kKernelSourceNames[static_cast<std::size_t>(source)].name;
-}
-
-template <class Value, class Table>
-[[nodiscard]] constexpr std::optional<Value> value_named(const Table& table,
-                                                         std::string_view wanted) {
-  for (const auto& [value, name] : table) {
-    if (name == wanted) return value;
-  }
-  return std::nullopt;
-}
-[[nodiscard]] constexpr std::optional<ShadowTechnique> shadow_technique_from_string(
-    std::string_view name) {
-  return value_named<ShadowTechnique>(kShadowTechniqueNames, name);
-}
-[[nodiscard]] constexpr std::optional<LightMode> light_mode_from_string(std::string_view name) {
-  if (name == "proportional") return LightMode::proportional;
-  if (name == "fixed") return LightMode::fixed;
-  return std::nullopt;
-}
-[[nodiscard]] constexpr std::optional<KernelSource> kernel_source_from_string(
-    std::string_view name) {
-  return value_named<KernelSource>(kKernelSourceNames, name);
+  return name_of(kKernelSourceNames, source);
 }
 
 }  // namespace penumbra

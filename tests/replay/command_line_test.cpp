@@ -271,7 +271,7 @@ TEST(CommandLine, ReportsUnitAndExampleForInvalidLength) {
 }
 
 TEST(CommandLine, AcceptsEveryKernelSource) {
-  for (const KernelSourceName& entry : kKernelSourceNames) {
+  for (const auto& entry : kKernelSourceNames) {
     const ProgramResult result =
         penumbra({"replay", "no-such-recording", "--kernels", std::string(entry.name)});
     EXPECT_THAT(result.err, HasSubstr("no-such-recording")) << entry.name;

@@ -195,7 +195,7 @@ RC_GTEST_PROP(LayerProperties, AcceptTriangleSoupOfAnySize, ()) {
       plane.q + size * Eigen::Vector3d(real(-1, 1), real(-1, 1), real(-1, 1)), any_rotation(),
       std::pow(10.0, real(-1.0, 1.0))};
   const LayeredConstants constants = any_constants();
-  const auto source = kKernelSourceNames[static_cast<std::size_t>(*rc::gen::inRange(0, 4))].source;
+  const auto source = kKernelSourceNames[static_cast<std::size_t>(*rc::gen::inRange(0, 4))].value;
   const ShadowKernels kernels = generate_kernels(mesh, up_in_object(placement, plane), source);
   RC_ASSERT(kernels.kernels.size() == mesh.positions.size());
   for (const glm::vec3& k : kernels.kernels) RC_ASSERT(finite(k));

@@ -14,9 +14,8 @@ namespace penumbra::test {
 inline std::vector<ShadowTechnique> techniques_without(
     std::initializer_list<ShadowTechnique> excluded) {
   std::vector<ShadowTechnique> techniques;
-  for (const ShadowTechniqueName& entry : kShadowTechniqueNames) {
-    if (std::ranges::find(excluded, entry.technique) == excluded.end())
-      techniques.push_back(entry.technique);
+  for (const auto& [technique, name] : kShadowTechniqueNames) {
+    if (std::ranges::find(excluded, technique) == excluded.end()) techniques.push_back(technique);
   }
   return techniques;
 }

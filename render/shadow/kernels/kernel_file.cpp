@@ -243,7 +243,7 @@ ShadowKernels stored_kernels_of(const ShadowMesh& mesh) {
 }
 
 KernelSource stored_kernel_source(const Model& model) {
-  return kernel_source_from_string(kernel_stamp_from(model.shadow_kernel_geometry).source)
+  return value_named(kKernelSourceNames, kernel_stamp_from(model.shadow_kernel_geometry).source)
       .value_or(KernelSource::automatic);
 }
 

@@ -66,7 +66,7 @@ std::optional<Row> row_of(const std::string& name) {
   if (parts.size() != 4) return std::nullopt;
   const auto body = body_of(parts[0], parts[1]);
   const auto choice = counted::technique_of(parts[2]);
-  const auto translucency = translucency_from_string(parts[3]);
+  const auto translucency = value_named(kTranslucencyNames, parts[3]);
   if (!body || !choice || !translucency) return std::nullopt;
   return Row{name, *body, *choice, *translucency};
 }

@@ -31,7 +31,7 @@ using Method = std::function<std::optional<CameraPose>(const Frame&)>;
 
 std::optional<Method> tracker_of(const test::RecordedSession& session, const std::string& name) {
   TrackerOptions options;
-  const auto mode = tracking_mode_from_string(name);
+  const auto mode = value_named(kTrackingModeNames, name);
   if (!mode) return std::nullopt;
   options.mode = *mode;
   auto tracker = std::make_shared<GroupTracker>(

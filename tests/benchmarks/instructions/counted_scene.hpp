@@ -112,7 +112,7 @@ struct TechniqueChoice {
     choice.layers = mode;
     name.remove_suffix(suffix.size());
   }
-  const auto technique = shadow_technique_from_string(name);
+  const auto technique = value_named(kShadowTechniqueNames, name);
   if (!technique) return std::nullopt;
   choice.technique = *technique;
   return choice;

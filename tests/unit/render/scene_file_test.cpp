@@ -195,7 +195,7 @@ TEST_F(SceneFile, ListsEveryTechniqueAndKernelKindInSchema) {
         "{\"objects\":[" + kBox + R"(],"shadows":[{"name":"s","technique":"layered","kernels":")" +
         std::string(entry.name) + "\"}]}");
     ASSERT_TRUE(scene) << scene.error().message;
-    EXPECT_EQ(scene->shadows[0].kernels, entry.source);
+    EXPECT_EQ(scene->shadows[0].kernels, entry.value);
   }
 }
 

@@ -414,8 +414,9 @@ TEST(ShadowPass, MatchesShadowCommandThroughLens) {
       Studio studio(builder.build(), camera);
       for (const ShadowLayer layer : kShadowLayers) {
         const Expected expected = offline_layer(studio.scene(), ground, layer);
-        const std::string what = std::string(c.name) + ", " + std::string(to_string(mode)) +
-                                 ", lambda " + std::to_string(lambda_of(layer));
+        const std::string what = std::string(c.name) + ", " +
+                                 std::string(name_of(kLightModeNames, mode)) + ", lambda " +
+                                 std::to_string(lambda_of(layer));
         const Layer drawn = draw_layer(studio, pose, layer);
         EXPECT_GT(expected.size, 100) << what;
         // Edges lie within 0.15 px of their exact position, so pixels that close to an edge may

@@ -104,7 +104,7 @@ TEST(ShadowProxy, AgreesWithItselfOnly) {
   for (const LightMode mode : {LightMode::proportional, LightMode::fixed}) {
     const ProxyAgreement found =
         compare_with_proxy(hand, kernels, discs, same, {kLight, mode, 1.0}, true);
-    EXPECT_EQ(found.least(), 1.0) << to_string(mode);
+    EXPECT_EQ(found.least(), 1.0) << name_of(kLightModeNames, mode);
   }
   // The proxy fills the hole of the ring.
   ShadowProxy filled = same;

@@ -247,7 +247,7 @@ TEST(StoredKernels, RequireThicknessForFixedLight) {
       const int others = mode == LightMode::fixed ? (serves ? 2 : 1) : 0;
       EXPECT_EQ(stage.stats()[Counter::kernel_generations],
                 others + (serves || mode == LightMode::proportional ? 0 : 1))
-          << stamp << " " << to_string(mode);
+          << stamp << " " << name_of(kLightModeNames, mode);
     }
   }
 }

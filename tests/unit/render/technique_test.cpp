@@ -5,10 +5,13 @@
 namespace penumbra {
 namespace {
 
-// to_string() uses the value as the index into the table.
-TEST(TechniqueNames, AreInOrderOfEnum) {
-  for (const auto& [technique, name] : kShadowTechniqueNames) EXPECT_EQ(to_string(technique), name);
-  for (const auto& [source, name] : kKernelSourceNames) EXPECT_EQ(to_string(source), name);
+TEST(TechniqueNames, RoundTrip) {
+  for (const auto& [technique, name] : kShadowTechniqueNames) {
+    EXPECT_EQ(to_string(technique), name);
+    EXPECT_EQ(value_named(kShadowTechniqueNames, name), technique);
+  }
+  EXPECT_FALSE(value_named(kShadowTechniqueNames, "soft"));
+  EXPECT_EQ(name_of(kShadowTechniqueNames, ShadowTechnique{99}), "");
 }
 
 TEST(TechniqueTraits, AreConsistent) {

@@ -166,9 +166,9 @@ void keep_layer(FramePlan& plan, int layer) {
 TEST(Translucency, RoundTripsEveryName) {
   for (const auto& [mode, name] : kTranslucencyNames) {
     EXPECT_EQ(to_string(mode), name);
-    EXPECT_EQ(translucency_from_string(name), mode);
+    EXPECT_EQ(value_named(kTranslucencyNames, name), mode);
   }
-  EXPECT_FALSE(translucency_from_string("glass"));
+  EXPECT_FALSE(value_named(kTranslucencyNames, "glass"));
 }
 
 TEST(Translucency, SelectsRequestedOrSupportedMode) {

@@ -446,9 +446,9 @@ TEST(RigidTagTracker, CorrectsRollingShutter) {
 }
 
 TEST(TrackingMode, HasNames) {
-  EXPECT_EQ(tracking_mode_from_string("detect"), TrackingMode::detect);
-  EXPECT_EQ(tracking_mode_from_string("auto"), TrackingMode::automatic);
-  EXPECT_FALSE(tracking_mode_from_string("automatic"));
+  EXPECT_EQ(value_named(kTrackingModeNames, "detect"), TrackingMode::detect);
+  EXPECT_EQ(value_named(kTrackingModeNames, "auto"), TrackingMode::automatic);
+  EXPECT_FALSE(value_named(kTrackingModeNames, "automatic"));
 }
 
 // One tag, seen from nearly above: two poses explain the image, and the tilt passes through zero.
