@@ -33,7 +33,7 @@ TEST(ImageSource, WarnsOfValuesAboveBitDepthOfOtherImages) {
   }
   std::vector<std::string> notices;
   int images = 0;
-  const auto read = for_each_image(folder.path(), [&](const Picture& image) -> Result<bool> {
+  const auto read = for_each_image(folder.path(), [&](const NamedImage& image) -> Result<bool> {
     ++images;
     if (!image.notice.empty()) notices.push_back(image.notice);
     return true;

@@ -147,7 +147,7 @@ TEST(LightMeter, FollowsLampButNotNoise) {
   for (std::size_t i = 0; i < 40; ++i, now += kFrame_ns) {
     Frame& frame = noisy[i % noisy.size()];
     frame.timestamp_ns = now;
-    const double seen = meter.look_at(frame).on_table.y();
+    const double seen = meter.measure(frame).on_table.y();
     if (i > 20) largest_step = std::max(largest_step, std::abs(std::log(seen / last)));
     last = seen;
   }
@@ -155,17 +155,17 @@ TEST(LightMeter, FollowsLampButNotNoise) {
   // light.
   EXPECT_LT(largest_step, 0.004);
 
-  const Color before = meter.look_at(rgb_frame(desk, dim, now)).on_table;
+  const Color before = meter.measure(rgb_frame(desk, dim, now)).on_table;
   now += kFrame_ns;
-  const Color after_one = meter.look_at(rgb_frame(desk, bright, now)).on_table;
+  const Color after_one = meter.measure(rgb_frame(desk, bright, now)).on_table;
   EXPECT_GT(after_one.x(), before.x());
   EXPECT_LT(after_one.x(), 0.5);
   for (int i = 0; i < 15; ++i) {
     now += kFrame_ns;
-    meter.look_at(rgb_frame(desk, bright, now));
+    meter.measure(rgb_frame(desk, bright, now));
   }
   now += kFrame_ns;
-  EXPECT_LT(worst_ratio(meter.look_at(rgb_frame(desk, bright, now)).on_table, bright), 0.15);
+  EXPECT_LT(worst_ratio(meter.measure(rgb_frame(desk, bright, now)).on_table, bright), 0.15);
 }
 
 // Drawing a frame again during a pause changes no value. A step back in time restarts the filter.
@@ -175,11 +175,11 @@ TEST(LightMeter, IsDeterministicForSameFrames) {
     LightMeter meter(std::nullopt);
     for (int i = 0; i < 5; ++i) {
       const Frame frame = rgb_frame(desk, Color::Constant(0.2 + 0.1 * i), 40'000'000LL * i, 2.0, 3);
-      for (std::size_t again = 0; again <= run; ++again) ends[run] = meter.look_at(frame);
+      for (std::size_t again = 0; again <= run; ++again) ends[run] = meter.measure(frame);
     }
     if (run == 0) continue;
     const Frame first = rgb_frame(desk, Color::Constant(0.2), 0, 2.0, 3);
-    EXPECT_EQ(meter.look_at(first).on_table, measure_light(first, std::nullopt).on_table);
+    EXPECT_EQ(meter.measure(first).on_table, measure_light(first, std::nullopt).on_table);
   }
   EXPECT_EQ(ends[0].on_table, ends[1].on_table);
   EXPECT_EQ(ends[0].around, ends[1].around);
