@@ -18,7 +18,7 @@ constexpr double kMinTilt_deg = 8.0;  // focal length and distance are ambiguous
 // means that the black squares have another size than in the target file.
 constexpr double kOtherSize = 0.04;  // fraction of the size
 constexpr double kOtherEdge_px = 0.8;
-// Minimum slope of edge shift over size, and its significance, that mean another size as well.
+// A slope of edge shift over size above both limits also means another size.
 constexpr double kOtherSlope = 0.012;
 constexpr double kOtherSlopeSigmas = 5.0;
 
@@ -284,15 +284,15 @@ Result<void> CameraCalibrator::check_markers() const {
     edges_px.push_back(picture.view.markers->edge_px);
   }
   if (shares.empty()) return {};
-  const double said = target_.tags->tags().front().size_m / target_.square_m;
+  const double nominal = target_.tags->tags().front().size_m / target_.square_m;
   const double seen = upper_median(shares);
-  if (std::abs(seen / said - 1.0) <= kOtherSize ||
+  if (std::abs(seen / nominal - 1.0) <= kOtherSize ||
       std::abs(upper_median(edges_px)) <= kOtherEdge_px)
     return {};
   return fail(
       "the markers are {:.3f} of a square wide, but the target file says {:.3f}; measure tag_m and "
       "square_m again, and count columns and rows",
-      seen, said);
+      seen, nominal);
 }
 
 void CameraCalibrator::reject_blurred() {

@@ -45,7 +45,7 @@ struct CalibrationImage {
 };
 
 // Selects the unused images to report: all images of a reason, or only the first if there are more
-// than `limit`. The values count the other images that each stands for; nullopt: not selected.
+// than `limit`. Value: number of other images that the image represents; nullopt: not selected.
 [[nodiscard]] std::vector<std::optional<int>> images_to_report(
     std::span<const CalibrationImage> pictures, int limit);
 
@@ -121,7 +121,7 @@ class CameraCalibrator {
   [[nodiscard]] std::ptrdiff_t images_in_memory() const;
 
   // Solves; call it once. The error is one line that explains what the images lack. Fails soon
-  // after `stop` was requested. Calls `tell` on this thread at each step.
+  // after `stop` was requested. Calls the callback on this thread at each step.
   [[nodiscard]] Result<CameraCalibration> finish(std::stop_token stop = {},
                                                  const StepCallback& tell = {});
 

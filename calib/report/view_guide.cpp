@@ -168,9 +168,9 @@ struct ViewGuide::Impl {
     progress.coverage = {kColumns, kRows, std::vector<bool>(cells.size(), true), std::nullopt};
     for (const std::size_t cell : missing) progress.coverage.seen[cell] = false;
     progress.image = std::min(1.0, seen / kCellsNeeded);
-    const auto [least, most] = std::minmax_element(sizes.begin(), sizes.end());
+    const auto [least, greatest] = std::minmax_element(sizes.begin(), sizes.end());
     if (!sizes.empty() && *least > 0.0)
-      progress.size = std::clamp(std::log(*most / *least) / std::log(kSizesNeeded), 0.0, 1.0);
+      progress.size = std::clamp(std::log(*greatest / *least) / std::log(kSizesNeeded), 0.0, 1.0);
     if (solution) {
       progress.tilt = std::min(1.0, tilt_spread(solution->views) / kTiltNeeded);
       progress.largest_px = uncertainty.largest_px;

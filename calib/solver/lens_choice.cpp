@@ -29,7 +29,7 @@ std::vector<Lens> lenses_of(const LensChoice& choice) {
 constexpr double kMuchBetter = 0.85;
 constexpr double kOtherKind = 0.9;
 constexpr double kMoreOutliers = 0.05;  // fraction of all corners
-constexpr double kSurely = 2.0;         // standard errors of the mean over the views
+constexpr double kSurely = 2.0;         // significant: standard errors of the mean over the views
 
 // Tries lenses and board shapes on the same corners and keeps the best.
 class Choice {
@@ -44,12 +44,12 @@ class Choice {
         trials_(trials),
         max_steps_(max_steps) {}
 
-  // Solves with every lens, then uses the outliers of the lens that explains the most corners for
-  // all. A lens with too few parameters would reject corners far from the centre.
+  // Solves with every lens. All lenses then get the outliers of the one that explains the most
+  // corners, because a lens with too few parameters rejects corners far from the centre.
   void decide_outliers(const std::vector<Lens>& lenses, BoardShape shape);
   void consider(const Lens& lens, BoardShape shape);
-  // Solves the best lens again with its own outliers, unless these are many more, which means that
-  // it does not explain the corners. `for_all`: applies them to later lenses as well.
+  // Solves the best lens again with the outliers that it finds itself. Has no effect if these are
+  // many more: then the lens does not explain the corners. `for_all`: later lenses get them too.
   void find_own_outliers(const std::vector<CalibrationView>& views, bool for_all);
   // Marks the lenses whose held-out errors are not larger than those of the best one.
   void mark_rivals();
@@ -92,7 +92,7 @@ class Choice {
     BoardShape shape;
     CalibrationSolution solution;
   };
-  std::vector<Solved> first_;
+  std::vector<Solved> first_;  // solutions of decide_outliers()
   std::optional<std::vector<ViewError>> best_held_out_;
   std::vector<std::optional<std::vector<ViewError>>> held_out_;  // per trial
 };
@@ -108,7 +108,7 @@ int explained(const CalibrationSolution& solution, double noise_px) {
   return count;
 }
 
-// Returns the mean of the views' squared errors, `b` - `a`, in standard errors; 0 if all are equal.
+// Returns the mean of b - a (squared errors per view) over its standard error; 0 if all are equal.
 double standard_errors(const std::vector<ViewError>& a, const std::vector<ViewError>& b) {
   const auto n = static_cast<double>(a.size());
   double mean = 0.0;
@@ -121,47 +121,47 @@ double standard_errors(const std::vector<ViewError>& a, const std::vector<ViewEr
   return variance > 0.0 ? mean / std::sqrt(variance) : 0.0;
 }
 
-// Returns true if `a` is much better, or significantly better over the views.
+// Returns true if `a` is much better, or significantly better with a ratio below `max_ratio`.
 bool clearly_better(const std::vector<ViewError>& a, const std::vector<ViewError>& b,
-                    double worthwhile) {
+                    double max_ratio) {
   const double ratio = rms_of(a) / rms_of(b);
-  return ratio < kMuchBetter || (ratio < worthwhile && standard_errors(a, b) > kSurely);
+  return ratio < kMuchBetter || (ratio < max_ratio && standard_errors(a, b) > kSurely);
 }
 
 void Choice::decide_outliers(const std::vector<Lens>& lenses, BoardShape shape) {
-  const Solved* clearest = nullptr;
+  const Solved* cleanest = nullptr;  // the solution with the least noise
   first_.reserve(lenses.size());
   for (const Lens& lens : lenses) {
     if (choice_.stop.stop_requested()) return;
     tell(lens, shape);
     Result<CalibrationSolution> solved = solve_intrinsics(
-        clearest == nullptr ? start_ : clearest->solution, board_, views_, solver_of(lens, shape));
+        cleanest == nullptr ? start_ : cleanest->solution, board_, views_, solver_of(lens, shape));
     if (!solved) {
       if (!first_error) first_error = solved.error();
       continue;
     }
     first_.push_back({lens, shape, std::move(*solved)});
-    if (clearest == nullptr || first_.back().solution.noise_px < clearest->solution.noise_px)
-      clearest = &first_.back();
+    if (cleanest == nullptr || first_.back().solution.noise_px < cleanest->solution.noise_px)
+      cleanest = &first_.back();
   }
-  if (clearest == nullptr) return;
-  const double noise = clearest->solution.noise_px;
-  const Solved* most = &first_.front();
+  if (cleanest == nullptr) return;
+  const double noise = cleanest->solution.noise_px;
+  const Solved* fittest = &first_.front();  // explains the most corners
   for (const Solved& solved : first_) {
-    if (explained(solved.solution, noise) > explained(most->solution, noise)) most = &solved;
+    if (explained(solved.solution, noise) > explained(fittest->solution, noise)) fittest = &solved;
   }
-  take_outliers(most->solution);
+  take_outliers(fittest->solution);
 }
 
 void Choice::consider(const Lens& lens, BoardShape shape) {
   if (choice_.stop.stop_requested()) return;
   tell(lens, shape);
   const SolverOptions solver = solver_of(lens, shape);
-  const auto near = std::ranges::find_if(
+  const auto initial = std::ranges::find_if(
       first_, [&](const Solved& solved) { return solved.lens == lens && solved.shape == shape; });
-  Result<CalibrationSolution> solved = solve_intrinsics(near != first_.end() ? near->solution
-                                                        : best               ? best->solution
-                                                                             : start_,
+  Result<CalibrationSolution> solved = solve_intrinsics(initial != first_.end() ? initial->solution
+                                                        : best                  ? best->solution
+                                                                                : start_,
                                                         board_, views_, solver);
   if (!solved) {
     if (!first_error) first_error = solved.error();
@@ -175,10 +175,10 @@ void Choice::consider(const Lens& lens, BoardShape shape) {
                      false, solved->camera});
   held_out_.push_back(held_out);
   const bool other = best && best->solution.camera.parameters().model != lens.model;
-  const double worthwhile = other ? kOtherKind : kMaxHeldOutRatio;
+  const double max_ratio = other ? kOtherKind : kMaxHeldOutRatio;
   // A lens without held-out errors loses against one with them.
   if (fold || (best && !(held_out && (!best_held_out_ ||
-                                      clearly_better(*held_out, *best_held_out_, worthwhile)))))
+                                      clearly_better(*held_out, *best_held_out_, max_ratio)))))
     return;
   best = ChosenLens{std::move(*solved), held_out_px, lens.without_k3, trials_.size() - 1};
   best_held_out_ = held_out;
@@ -214,7 +214,7 @@ void Choice::find_own_outliers(const std::vector<CalibrationView>& views, bool f
 
 }  // namespace
 
-// Counts each lens twice; without a given board shape, also two shapes and more lenses on one.
+// Two steps per lens; without a given shape, also two shapes and the more complex lenses.
 int max_steps(const LensChoice& choice, bool shape_given) {
   const auto lenses = static_cast<int>(lenses_of(choice).size());
   return shape_given ? 2 * lenses : 3 * lenses + 1;
@@ -226,25 +226,25 @@ std::string lens_name(const ModelTrial& trial) {
 
 std::optional<Eigen::Vector2d> non_monotonic_place_in_image(const CameraModel& camera) {
   const CameraParameters& p = camera.parameters();
-  const bool whole = !is_polynomial(p.model) && !std::isfinite(camera.max_radius());
+  const bool whole = !is_polynomial(p.model) && !std::isfinite(camera.max_radius());  // any angle
   constexpr int kSteps = 64;  // along each side
   const Eigen::Vector2d centre(p.cx, p.cy);
   std::optional<Eigen::Vector2d> nearest;
-  const auto look_at = [&](double x, double y) {
+  const auto check = [&](double x, double y) {
     const Eigen::Vector2d pixel(x, y);
     const auto direction = camera.unproject(pixel);
-    const bool said =
+    const bool monotonic =
         direction ? camera.distortion_jacobian(direction->head<2>()).determinant() > 0.0 : whole;
-    if (!said && (!nearest || (pixel - centre).norm() < (*nearest - centre).norm()))
+    if (!monotonic && (!nearest || (pixel - centre).norm() < (*nearest - centre).norm()))
       nearest = pixel;
   };
   for (int i = 0; i <= kSteps; ++i) {
     const double x = (p.width - 1.0) * i / kSteps;
     const double y = (p.height - 1.0) * i / kSteps;
-    look_at(x, 0.0);
-    look_at(x, p.height - 1.0);
-    look_at(0.0, y);
-    look_at(p.width - 1.0, y);
+    check(x, 0.0);
+    check(x, p.height - 1.0);
+    check(0.0, y);
+    check(p.width - 1.0, y);
   }
   return nearest;
 }

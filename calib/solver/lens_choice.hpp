@@ -35,11 +35,11 @@ struct ModelTrial {
 // Additional parameters are worthwhile if the held-out error falls to this fraction or less.
 inline constexpr double kMaxHeldOutRatio = 0.97;
 
-// Progress for users. choose_lens() may end before the step `most`.
+// Progress for users. choose_lens() may end before the last step.
 struct SolvingStep {
   std::string what;  // "plumb_bob, free board"
   int step = 0;
-  int most = 0;
+  int most = 0;  // number of the last step
 };
 using StepCallback = std::function<void(const SolvingStep&)>;
 

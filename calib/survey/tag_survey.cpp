@@ -286,7 +286,7 @@ Result<AdjustedGraph> settle(const CameraModel& camera, const SurveyInput& input
     settled = adjust();
   }
   if (!settled) return fail("the tags' places do not settle; sweep slower");
-  std::map<int, std::pair<int, int>> counts;  // sightings, and those left
+  std::map<int, std::pair<int, int>> counts;  // sightings, and those without outliers
   for (std::size_t f = 0; f < input.frames.size(); ++f) {
     if (!graph.cameras[f]) continue;
     for (const TagSighting& sighting : input.frames[f]) ++counts[sighting.id].first;

@@ -24,7 +24,7 @@ struct Target {
   std::vector<Eigen::Vector3d> points;
   // Pairs of points that are joined by a straight edge between black and white.
   std::vector<std::pair<int, int>> edges;
-  std::optional<TagMap> tags;  // tags, charuco: the markers
+  std::optional<TagMap> tags;  // kinds tags and charuco: their tags
   int columns = 0;             // chessboard, charuco: inner corners across
   int rows = 0;                // inner corners down
   double square_m = 0.0;       // chessboard, charuco

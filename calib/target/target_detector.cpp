@@ -343,8 +343,8 @@ std::optional<TargetView::MarkerShare> TargetDetector::marker_share(
   }
   if (shares.empty()) return std::nullopt;
   const double share = upper_median(std::move(shares));
-  const double said = target_.tags->tags().front().size_m / target_.square_m;
-  return TargetView::MarkerShare{share, 0.5 * (share - said) * upper_median(std::move(squares_px))};
+  const double spec = target_.tags->tags().front().size_m / target_.square_m;
+  return TargetView::MarkerShare{share, 0.5 * (share - spec) * upper_median(std::move(squares_px))};
 }
 
 TargetView TargetDetector::detect_charuco(ImageView luma) {
