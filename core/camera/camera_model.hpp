@@ -38,7 +38,7 @@ inline constexpr std::array kDistortionModels = {
     DistortionModel::plumb_bob, DistortionModel::rational, DistortionModel::fisheye};
 
 struct DistortionTraits {
-  std::string_view name;        // ROS's
+  std::string_view name;        // as in ROS
   std::string_view short_name;  // value of `penumbra calibrate --model`
   int coefficients = 0;
   bool is_polynomial = false;  // the first coefficients are k1 k2 p1 p2 k3

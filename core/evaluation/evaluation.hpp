@@ -21,7 +21,7 @@ namespace penumbra {
 [[nodiscard]] Statistics statistics_of(std::vector<double> values);
 
 // Pixels of the overlay cube's corners: estimated - true [px]. Corners behind the true camera are
-// not valid; one behind the estimated camera only counts as the angle between its two directions
+// not valid; one behind only the estimated camera counts as the angle between its two directions
 // times the focal length. Projection is CameraModel::project_extended(). `Origin`: Table or Map.
 struct OverlayDifference {
   std::array<Eigen::Vector2d, 8> difference_px{};

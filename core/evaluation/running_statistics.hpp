@@ -40,7 +40,7 @@ class RunningStatistics {
   // long double holds the square of any double.
   long double sum_ = 0.0L, squares_ = 0.0L;
   std::vector<double> values_;       // up to kMaxExact of them
-  std::vector<std::uint64_t> bins_;  // of more values; the outer ones: outside the octaves
+  std::vector<std::uint64_t> bins_;  // of more values; first and last: outside the octaves
 };
 
 }  // namespace penumbra

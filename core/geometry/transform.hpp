@@ -32,7 +32,7 @@ class Transform {
       : Transform(Eigen::Quaterniond(rotation), translation) {}
 
   [[nodiscard]] static Transform identity() { return {}; }
-  // The same bits, where frame To coincides with frame Same.
+  // Returns T with the same numbers. Frame To must coincide with frame Same.
   template <class Same>
   [[nodiscard]] static Transform renamed(const Transform<Same, From>& T) {
     Transform result;

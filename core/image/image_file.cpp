@@ -52,15 +52,15 @@ tl::unexpected<Error> png_failure(int status, const std::string& name) {
 
 // Returns true if the image is complete up to the CRC of IEND, which libspng does not require.
 bool reaches_end_mark(std::span<const std::uint8_t> bytes) {
-  constexpr std::size_t kAround = 12;  // length, type and CRC
+  constexpr std::size_t kChunkOverhead = 12;  // [bytes] length, type and CRC of a chunk
   std::size_t at = 8;
-  while (at + kAround <= bytes.size()) {
+  while (at + kChunkOverhead <= bytes.size()) {
     const std::size_t length = (std::size_t{bytes[at]} << 24U) |
                                (std::size_t{bytes[at + 1]} << 16U) |
                                (std::size_t{bytes[at + 2]} << 8U) | bytes[at + 3];
-    if (length > bytes.size() - at - kAround) return false;
+    if (length > bytes.size() - at - kChunkOverhead) return false;
     if (std::memcmp(bytes.data() + at + 4, "IEND", 4) == 0) return true;
-    at += length + kAround;
+    at += length + kChunkOverhead;
   }
   return false;
 }
@@ -105,7 +105,7 @@ Result<void> read_png_rows(spng_ctx* png, int format, int flags, std::uint8_t* p
   return {};
 }
 
-// Stored samples of a 16-bit PNG, rows without padding.
+// All samples of a 16-bit PNG as stored, rows without padding.
 struct DeepSamples {
   std::size_t channels = 1;
   std::size_t colours = 1;  // number of channels without alpha

@@ -67,7 +67,7 @@ TEST(Pairing, ReportsReasonForMissingTruePose) {
   EXPECT_EQ(pose_at(truth, 200 * kMs, kMaxGap).error(), NotEvaluated::gap_too_long);
   EXPECT_TRUE(pose_at(truth, 200 * kMs, 200 * kMs)) << "a gap of exactly the maximum length";
   EXPECT_EQ(pose_at(truth, 200 * kMs, 200 * kMs - 1).error(), NotEvaluated::gap_too_long);
-  // Extrapolates up to 10 ms beyond the end, but not beside a long gap.
+  // Extrapolates up to 10 ms beyond an end, unless the interval at that end is a long gap.
   EXPECT_NEAR(pose_at(truth, -10 * kMs, kMaxGap)->translation().x(), -0.01, 1e-12);
   EXPECT_EQ(pose_at(truth, -10 * kMs - 1, kMaxGap).error(), NotEvaluated::outside_truth);
   EXPECT_EQ(pose_at(truth, 302 * kMs, kMaxGap).error(), NotEvaluated::outside_truth);
@@ -142,7 +142,7 @@ TEST(Pairing, StaysOnSegmentForAnyTimes) {
   std::uniform_int_distribution<std::int64_t> any_time(-kFarthest, kFarthest);
   std::normal_distribution<double> normal;
   std::uniform_real_distribution<double> size(-9.0, 9.0);
-  int judged = 0;
+  int evaluated = 0;
   for (int trial = 0; trial < 3000; ++trial) {
     Trajectory truth;
     std::set<std::int64_t> times;
@@ -166,7 +166,7 @@ TEST(Pairing, StaysOnSegmentForAnyTimes) {
     const std::int64_t gap = trial % 5 == 0 ? std::numeric_limits<std::int64_t>::max() : kMaxGap;
     const auto pose = pose_at(truth, time, gap);
     if (!pose) continue;
-    ++judged;
+    ++evaluated;
     EXPECT_TRUE(pose->is_finite());
     EXPECT_NEAR(pose->rotation().norm(), 1.0, 1e-12);
     const auto after = std::ranges::lower_bound(truth.poses, time, {}, &StampedPose::timestamp_ns);
@@ -176,14 +176,14 @@ TEST(Pairing, StaysOnSegmentForAnyTimes) {
     EXPECT_LE((pose->translation() - a).norm() + (pose->translation() - b).norm(),
               (a - b).norm() * (1.0 + 1e-9) + 1e-12);
   }
-  EXPECT_GT(judged, 300);
+  EXPECT_GT(evaluated, 300);
 }
 
 TEST(Pairing, SaturatesShiftedTimes) {
-  constexpr std::int64_t kMost = std::numeric_limits<std::int64_t>::max();
+  constexpr std::int64_t kMax_ns = std::numeric_limits<std::int64_t>::max();
   EXPECT_EQ(shifted(5, -7), -2);
-  EXPECT_EQ(shifted(kMost - 1, 5), kMost);
-  EXPECT_EQ(shifted(-kMost, -5), std::numeric_limits<std::int64_t>::min());
+  EXPECT_EQ(shifted(kMax_ns - 1, 5), kMax_ns);
+  EXPECT_EQ(shifted(-kMax_ns, -5), std::numeric_limits<std::int64_t>::min());
 }
 
 TEST(Pairing, IgnoresLostFramesInMedianInterval) {
@@ -213,11 +213,13 @@ TEST(TimestampUnits, AreRejectedWhenTimesFitAnotherUnit) {
     const Trajectory other = even_motion(120, 33 * kMs * factor);
     EXPECT_THAT(unit_error(other, truth), AllOf(HasSubstr("e.tum"), HasSubstr(name)));
     EXPECT_THAT(unit_error(truth, other), AllOf(HasSubstr("t.tum"), HasSubstr(name)));
-    // The unit is the same, but the clocks do not overlap: no unit error may be reported.
+    // Both files have the same wrong unit, and their times do not overlap. The long intervals are
+    // reported with the unit.
     EXPECT_THAT(unit_error(other, even_motion(120, 33 * kMs * factor, -4'000 * factor * kMs)),
                 AllOf(HasSubstr("e.tum"), HasSubstr(name)));
   }
-  // 200 frames/s with times in milliseconds is an error. An interval of 5 s alone is no error.
+  // At 200 frames/s, times in milliseconds look like intervals of 5 s. These alone are plausible,
+  // so only the other file reveals the unit.
   EXPECT_THAT(unit_error(even_motion(120, 5'000 * kMs), even_motion(120, 5 * kMs)),
               AllOf(HasSubstr("e.tum"), HasSubstr("milliseconds")));
   EXPECT_THAT(unit_error(even_motion(120, 5 * kMs), even_motion(120, 5'000 * kMs)),
