@@ -16,7 +16,7 @@ namespace penumbra {
 namespace {
 
 // For a lost group: number of initial frames that test its old pose, and interval of later tests.
-// The same for searches of the whole image, which take as long as tracking 20 frames or more.
+// Searches of the whole image are rarer: they take as long as tracking 20 frames or more.
 constexpr int kInitialTests = 15;
 constexpr int kTestInterval = 4;
 constexpr int kSearchesAtFirst = 2;
@@ -171,7 +171,7 @@ TrackedFrame GroupTracker::Impl::follow_table(const Frame& frame, const Past* pa
     if (past != nullptr && !is_measured(past->table_pose.status)) {
       const MapPoseEstimate then = table.locate(past->found.tags);
       if (is_measured(then.status)) {
-        // A search pays here if the tags moved too far to be recognised.
+        // A search in this frame helps if the tags moved too far to be recognised.
         if (past->recent) request.hint = then.T_map_camera;
         request.hint_seen = past->recent;
         request.finest = SearchResolution::full;
@@ -190,7 +190,7 @@ GroupEstimate GroupTracker::Impl::follow(Group& group, const Frame& frame, const
   const PoseEstimate& table_pose = result.pose;
   const int unseen = group.unseen;
   TrackRequest request = request_for(group);
-  // The group's last place. A search of the frame finds more, tags in wrong places too.
+  // Tries the group's last place, unless this frame is searched: a search finds other places too.
   const bool looks = !search->searched() && (unseen < kInitialTests || unseen % kTestInterval == 0);
   if (looks && is_measured(table_pose.status))
     request.hint = as_map_pose(group.place.shown().inverse() * table_pose.T_table_camera);
@@ -199,7 +199,7 @@ GroupEstimate GroupTracker::Impl::follow(Group& group, const Frame& frame, const
     then = group.tracker.locate(past->found.tags);
   const bool was_seen = is_measured(then.status);
   if (was_seen && is_measured(table_pose.status)) {
-    // Brought forward by the camera's motion over the table.
+    // Corrects the past pose by the camera's motion over the table since then.
     request.hint = as_map_pose(over_middle(then) * (past->table_pose.T_table_camera.inverse() *
                                                     table_pose.T_table_camera));
     request.hint_seen = true;

@@ -15,7 +15,7 @@ namespace {
 constexpr double kDecides = 9.0;  // minimum log-likelihood ratio for a decision
 // Two poses whose tag corners differ by less than this are treated as one [px].
 constexpr double kSame_px = 0.15;
-// The same for residuals, if cells are smaller than kOverlap_sigmas of the point spread.
+// Minimum limit / displacement that explains the residuals, for cells below kOverlap_sigmas.
 constexpr double kSameResiduals = 2.0;
 constexpr double kOverlap_sigmas = 5.0;
 

@@ -41,7 +41,7 @@ class RigidTagTracker {
   RigidTagTracker(RigidTagTracker&&) noexcept;
   ~RigidTagTracker();
 
-  // As GroupTracker's, of a frame that the shared search has begun. The caller adds the total time.
+  // Tracks a frame that the shared search has begun. The caller adds the total time.
   [[nodiscard]] TrackedTags track(const Frame& frame, const TrackRequest& request);
 
   // Estimates the pose of an earlier frame from its detected tags: tracked, uncertain, or lost with

@@ -23,7 +23,7 @@ class EdgeSampler {
   void read_levels();
   // Frees the samples of all tags for the next selection.
   void give_back() { arena_.give_back(); }
-  // Selects about `cap` pixels or fewer at the edges parts of one tag's runs.
+  // Selects about `cap` pixels or fewer at the edges of one tag.
   void select(AlignedTag& tag, bool wide, int cap);
   // Samples the data cells' centres and evaluates the model for them.
   void read_cells(AlignedTag& tag);

@@ -79,7 +79,7 @@ void MapAgreement::estimate_map_error(const AlignmentProblem& problem, double va
   Matrix6d H_of_places = Matrix6d::Zero();
   Matrix6d W = Matrix6d::Zero();
   Matrix6d W_of_places = Matrix6d::Zero();
-  Vector6d asked = Vector6d::Zero();
+  Vector6d weighted_sum = Vector6d::Zero();
   double squares = 0.0;
   double trace = 0.0;
   for (const TagEquations& of : equations_) {
@@ -98,13 +98,13 @@ void MapAgreement::estimate_map_error(const AlignmentProblem& problem, double va
     H_of_places += of.H.leftCols<3>() * of.H.topRows<3>();
     W += weight;
     W_of_places += weight.leftCols<3>() * weight.topRows<3>();
-    asked += weight * x;
+    weighted_sum += weight * x;
     squares += x.dot(weight * x);
     trace += weight.topLeftCorner<3, 3>().trace();
   }
   if (tags_count < 2.0) return;
   const Eigen::LDLT<Matrix6d> together(W);
-  squares -= asked.dot(together.solve(asked));
+  squares -= weighted_sum.dot(together.solve(weighted_sum));
   trace -= together.solve(W_of_places).trace();
   const double freedom = 6.0 * (tags_count - 1.0);
   if (!(squares > freedom) || !(trace > 0.0)) return;
@@ -147,8 +147,8 @@ int MapAgreement::find_outlier(double squares) const {
     for (std::size_t k = 0; k < count; ++k) {
       if (k == without) continue;
       const TagEquations& of = equations_[k];
-      const Eigen::Vector3d asked = of.motions.transpose() * (of.g - of.H * motion);
-      left += asked.dot(of.inverse * asked);
+      const Eigen::Vector3d gradient = of.motions.transpose() * (of.g - of.H * motion);
+      left += gradient.dot(of.inverse * gradient);
     }
     if (!(per_freedom(left, count - 1) < limit)) continue;
     limit = per_freedom(left, count - 1);
@@ -167,9 +167,9 @@ void MapAgreement::check(const AlignmentProblem& problem, const PoseSolver& solv
   double squares = 0.0;
   double shifts_px2 = 0.0;
   for (TagEquations& of : equations_) {
-    const Eigen::Vector3d asked = of.motions.transpose() * of.g;
-    const Eigen::Vector3d shift = of.inverse * asked;
-    of.squares = asked.dot(shift);
+    const Eigen::Vector3d gradient = of.motions.transpose() * of.g;
+    const Eigen::Vector3d shift = of.inverse * gradient;
+    of.squares = gradient.dot(shift);
     squares += of.squares;
     shifts_px2 += shift.head<2>().squaredNorm();
   }

@@ -24,7 +24,7 @@ constexpr double kPreviousContrastFraction = 0.75;
 // Maximum errors from which the fine stage converges.
 constexpr double kNearError_px = 1.2;
 constexpr double kNearError_cells = 0.2;
-// Error of a peak's centre caused by the row spacing / row spacing.
+// Error of a peak's centre caused by the row spacing, as a fraction of this spacing.
 constexpr double kRowGrid = 0.1;
 constexpr std::size_t kMinTagsForScatter = 5;  // minimum number of tags to measure their scatter
 

@@ -160,8 +160,8 @@ class TagAligner {
   // Verifies and refines a pose from another source (a detection) without a search.
   [[nodiscard]] AlignmentResult refine(const AlignmentInput& input);
 
-  // Searches a smaller image, which reaches further: a guess to align from, off by some pixels or
-  // entirely wrong. `further`: in one smaller again. Nothing where no tag is seen.
+  // Searches a reduced image, which has a larger range; `further`: an even smaller one. Returns a
+  // start for an alignment, which may be off by some pixels or wrong; nullopt if no tag is found.
   [[nodiscard]] std::optional<MapFromCamera> search_pyramid(const AlignmentInput& input,
                                                             bool further);
 

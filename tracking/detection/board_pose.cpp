@@ -64,7 +64,7 @@ std::vector<RefinedPose> minima_of(const CameraModel& camera, const Tags& tags,
 
 using Residuals = std::array<Eigen::Vector2d, 4>;  // [px]
 
-// Nothing where a corner projects nowhere.
+// Returns nullopt if a corner has no projection.
 std::optional<Residuals> residuals_of(const CameraModel& camera, const TagObservation& tag,
                                       const Transform<frame::Camera, frame::Map>& T_camera_map) {
   Residuals residuals;
@@ -186,7 +186,7 @@ Agreement reject_outliers(const CameraModel& camera, Tags used) {
       break;
     }
     WithoutOne without = leave_one_out(camera, rest, rms);
-    // Noise alone does not fall to 1/3 if one tag is removed.
+    // If the errors are only noise, removing a tag does not reduce them to 1/3.
     agreed = alike && (without.minima.empty() ||
                        3.0 * without.minima.front().rms_px > rest_minima.front().rms_px);
     if (agreed) break;

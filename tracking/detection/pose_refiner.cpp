@@ -164,7 +164,7 @@ std::optional<MapFromCamera> minimum_near(const CameraModel& camera,
                                           std::span<const PointObservation> observations,
                                           const MapFromCamera& start,
                                           const RefinerOptions& options) {
-  // A step that moves the points by less is the last [px], RMS.
+  // Ends after a step that moves the points by less than this [px], RMS.
   constexpr double kLastStep_px = 1e-7;
   const double last_step2 = kLastStep_px * kLastStep_px * static_cast<double>(observations.size());
   MapFromCamera pose = start;

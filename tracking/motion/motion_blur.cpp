@@ -40,7 +40,7 @@ ImageMotion estimate_motion(const PoseHistory& history, const CameraModel& camer
   const double interval_s = history.frame_interval_s();
   const double exposure_s =
       std::min(frame.exposure_s.value_or(std::min(interval_s, kMaxExposure_s)), interval_s);
-  // With two poses, blur may have displaced either; with three, it would displace all alike.
+  // Blur may have displaced one of two poses; of three poses it would displace all equally.
   if (exposure_s > 0.0)
     found.blur = alignment.aligner.motion_blur_error(exposure_s * motion->velocity,
                                                      frame.exposure_s.has_value(),

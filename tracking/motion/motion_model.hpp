@@ -30,7 +30,7 @@ class MotionModel {
              const Matrix6d& covariance);
   // Requires a state that is not later than `timestamp_ns`.
   [[nodiscard]] MotionPrediction predict(std::int64_t timestamp_ns) const;
-  // Takes the pose found from predict(timestamp_ns), and its covariance, prediction included.
+  // Updates with the pose found from predict(timestamp_ns); `covariance` includes the prediction's.
   void update(std::int64_t timestamp_ns, const MapFromCamera& T_map_camera,
               const Matrix6d& covariance);
 

@@ -34,18 +34,18 @@ class PoseHistory {
   // Time since the previous frame [s], an upper limit of the exposure; 0: unknown.
   [[nodiscard]] double frame_interval_s() const { return frame_interval_s_; }
 
-  // Adds a pose. `is_located`: not one of several far apart. `continues`: predictions may use it.
+  // Adds a pose. `is_located`: not one of several far apart. `continues`: usable by predict().
   void add(std::int64_t timestamp_ns, const MapPoseEstimate& estimate, bool is_located,
            bool continues);
 
   // The tracked motion continued at constant velocity.
   [[nodiscard]] std::optional<MapFromCamera> predict(std::int64_t timestamp_ns) const;
-  // The same while the last tracked pose is recent.
+  // predict() while its last pose is recent; nullopt afterwards.
   [[nodiscard]] std::optional<MapFromCamera> recent_prediction(std::int64_t timestamp_ns) const;
   // Motion in a frame with this pose, by measured poses and constant acceleration.
   [[nodiscard]] std::optional<CameraMotion> motion_at(std::int64_t timestamp_ns,
                                                       const MapFromCamera& pose) const;
-  // Returns true if the pose before was tracked.
+  // Returns true if the latest located pose was tracked. There must be one.
   [[nodiscard]] bool was_tracked() const { return measured_->tracked; }
 
   // Extrapolates a frame without a measurement for up to `hold_s`; then lost.
@@ -59,9 +59,9 @@ class PoseHistory {
     Matrix6d covariance = Matrix6d::Zero();
     bool tracked = false;
   };
-  // The latest two tracked poses.
+  // The latest two poses for predict().
   std::optional<TimedPose> last_, before_last_;
-  // The latest two located poses, tracked or uncertain.
+  // The latest two located poses, for motion_at(); tracked or uncertain.
   std::optional<TimedPose> measured_, before_measured_;
   TrackStatus last_status_ = TrackStatus::tracked;  // of the latest measured frame
   double frame_interval_s_ = 0.0;

@@ -292,7 +292,7 @@ PENUMBRA_INLINE void place_run_steps(const RunWalk& w, const RunSteps& steps, St
   for (int i = 0; i < kSteps; ++i) {
     const std::int32_t walk =
         floor_of_double(steps.along[i] + steps.direction[i] * steps.at[i] + 0.5);
-    // Distance distance along the run of this pixel's centre.
+    // Distance along the run of this pixel's centre.
     const double exact = steps.direction[i] * (static_cast<double>(walk) - steps.along[i]);
     const double centre = steps.across[i] + steps.slope[i] * exact;
     std::int32_t first = 0;
