@@ -17,8 +17,8 @@ struct LibcameraOptions : RequestedSettings {
   bool dma_buf = true;       // allows a GPU to read the buffers in place
 };
 
-// Opens the camera and starts its viewfinder stream. After that, the source counts the camera's
-// faults and restarts the stream until stop().
+// Opens the camera and starts its viewfinder stream. Until stop(), the source counts the camera's
+// faults and restarts the stream after them.
 [[nodiscard]] Result<std::unique_ptr<LiveSource>> open_libcamera_source(
     const LibcameraOptions& options);
 

@@ -19,7 +19,7 @@ namespace penumbra {
 
 struct CapturedImage {
   std::uint64_t sequence = 0;        // counts from 0; lost frames leave gaps
-  std::int64_t timestamp_ns = 0;     // FrameStamp's, on the monotonic clock
+  std::int64_t timestamp_ns = 0;     // from the FrameStamp, on the monotonic clock
   std::optional<double> exposure_s;  // see Frame::exposure_s
   // The image is either a JPEG, or a frame whose planes lie in the camera's buffer.
   std::span<const std::uint8_t> jpeg;
@@ -34,7 +34,7 @@ struct StreamFormat {
   int width = 0;     // [px]
   int height = 0;    // [px]
   double interval_s = 1.0 / 30.0;
-  bool interval_granted = true;  // false: the requested one, as the camera does not report its own
+  bool interval_granted = true;  // false: interval_s is the requested one; the camera reports none
 };
 
 // Returns "30/s"; if the camera does not report its rate, "30/s as asked, or its own rate".

@@ -54,7 +54,7 @@ struct CameraAddress {
                                                        const CameraAddress& address,
                                                        const StreamFormat& format,
                                                        const CameraModel& camera);
-// Returns the calibration. If the request scales it, its size is the requested or the recording's.
+// Returns the calibration, scaled to the requested or the recording's size if the request says so.
 [[nodiscard]] Result<CameraModel> calibration_at_size(const CameraRequest& request,
                                                       const CameraAddress& address,
                                                       const CameraModel& camera);

@@ -10,7 +10,7 @@ namespace {
 
 constexpr double kMinCutoff_hz = 1.0;
 constexpr double kCutoffGain_s_px2 = 1.0;
-constexpr double kVelocityCutoff_hz = 2.0;  // keeps noise at rest from raising the pose's cutoff
+constexpr double kVelocityCutoff_hz = 2.0;  // noise of a resting pose must not look like motion
 
 // Fraction of a step that a first-order low-pass filter follows within dt.
 double step_fraction(double dt_s, double cutoff_hz) {
@@ -54,7 +54,7 @@ SmoothedPose PoseSmoother::smooth(std::int64_t timestamp_ns, const CameraPose& m
   }
   const Vector6d step_to_measured = perturbation_between(last_->drawn.T_table_camera, measured);
   SmoothedPose drawn;
-  // The offset is nearly proportional to the remaining step, so a few iterations suffice.
+  // Raises the share until the offset is small enough; the offset is nearly linear in the share.
   constexpr int kMaxSteps = 8;
   for (int step = 0; step < kMaxSteps; ++step) {
     drawn.T_table_camera = perturbed(last_->drawn.T_table_camera, share * step_to_measured);
