@@ -5,11 +5,11 @@
 // pattern contains each lighter one, so the drawing order does not matter.
 int door_place() {
   ivec2 at = ivec2(gl_FragCoord.xy) & 3;
-  int either = at.x ^ at.y;
-  return ((either & 1) << 3) | ((at.y & 1) << 2) | (either & 2) | (at.y >> 1);
+  int mixed = at.x ^ at.y;
+  return ((mixed & 1) << 3) | ((at.y & 1) << 2) | (mixed & 2) | (at.y >> 1);
 }
 
-// `opaque`: number of opaque pixels among 16.
+// Discards the fragment unless it is one of the `opaque` opaque pixels among 16.
 void open_door(float opaque) {
   if (float(door_place()) >= opaque) discard;
 }
@@ -46,6 +46,7 @@ vec3 under_fragment() {
 vec4 darkened(vec3 factor) {
   return vec4(under_fragment() * factor, 1.0);
 }
+// `layer`: its factor on the encoded value.
 vec4 darkened_by_layer(float layer) {
   return darkened(vec3(layer));
 }
@@ -58,17 +59,16 @@ vec4 mixed_in(vec3 color, float opacity) {
 vec4 darkened(vec3 factor) {
   return vec4(factor, 1.0);
 }
-// `layer`: its factor on the encoded value, also if RETEXTURED.
 vec4 darkened_by_layer(float layer) {
   return vec4(vec3(layer), 1.0);
 }
-// The opacity is set in the blending.
+// The opacity is a constant of the blending.
 vec4 mixed_in(vec3 color, float opacity) {
   return vec4(color, 1.0);
 }
 #endif
 
-// The same with an opacity per fragment.
+// mixed_in() with an opacity per fragment, which is the alpha if blended.
 vec4 seen_through(vec3 color, float opacity) {
 #if defined(SCREEN_DOOR) || defined(RETEXTURED)
   return mixed_in(color, opacity);
@@ -77,7 +77,7 @@ vec4 seen_through(vec3 color, float opacity) {
 #endif
 }
 
-// Adds colour over several draw calls; alpha: the maximum.
+// Sums the colours of several draw calls, and takes the maximum of their alphas.
 #if defined(SCREEN_DOOR) || defined(RETEXTURED)
 uniform sampler2D sums_before;
 vec4 added(vec4 value) {

@@ -7,6 +7,7 @@
 namespace penumbra::gltf {
 namespace {
 
+// none: does not affect the image. ignored: warns. texture: the material reader warns.
 enum class Effect { read, none, ignored, texture, compression, unknown };
 
 // For an extension, the first entry applies whose `start` is a prefix of its name.
@@ -121,7 +122,6 @@ std::vector<std::string> ignored_content(const Document& document) {
   }
   for (const auto& [extension, first_place] : document.extensions) {
     const auto& [start, effect, consequence] = known_extension(extension);
-    // The material reader warns about textures.
     if (effect != Effect::ignored && effect != Effect::unknown) continue;
     if (std::ranges::count(document.model.extensionsRequired, extension) > 0) continue;
     lines.push_back(fmt::format(

@@ -54,12 +54,12 @@ void mark_crossed(const std::uint8_t* low, const std::uint8_t* high, std::size_t
   }
 }
 
-// Appends a layer's outline in one square. at_border[i]: side i is on the raster's border, which
-// bounds the layer.
+// Appends a layer's outline in one square. at_border[i]: side i is on the raster's border, where
+// the outline follows the border.
 void add_sides(const ShadowField& field, const std::array<FieldCorner, 4>& corners,
                const std::array<bool, 4>& at_border, std::vector<OutlineSide>& sides) {
-  std::array<std::optional<PlanePoint>, 4> left;  // per side: where it leaves the layer
-  std::array<std::optional<PlanePoint>, 4> entered;
+  std::array<std::optional<PlanePoint>, 4> left;     // per side: where the layer ends
+  std::array<std::optional<PlanePoint>, 4> entered;  // per side: where the layer begins
   for (std::size_t c = 0; c < 4; ++c) {
     const FieldCorner& from = corners[c];
     const FieldCorner& to = corners[(c + 1) % 4];

@@ -33,22 +33,22 @@ class MaskRaster {
  public:
   // Starts a mask without coverage.
   void begin(const MaskCells& cells);
-  // Covers the layers of a caster that was projected onto cells of this size: the mesh with these
-  // faces and edges, and the caster's faces and outlines. A cell gets bit for bit the same value as
-  // in a larger mask.
+  // Covers the layers of a caster that was projected onto cells of this size. `indices`, `edges`:
+  // faces and edges of its mesh. Layers that it got as triangles or outlines are covered as well.
+  // A cell gets bit for bit the same value as in a larger mask.
   void cover(MaskCaster& caster, std::span<const std::uint32_t> indices,
              std::span<const SharedEdge> edges);
   // Adds a cover, which must lie within the mask's cells.
   void cover(const MaskCover& cover);
   // Moves all that was covered since begin() to `cover`.
   void take(MaskCover& cover);
-  // Writes the factor on the encoded video value for each cell, 0 to 255, row by row. A layer
-  // counts where no darker layer covers; cells on an edge get an area-weighted mean. `light`:
+  // Writes the factor on the encoded video value for each cell, 0 to 255, row by row. The darkest
+  // layer over a point counts; cells on an edge get an area-weighted mean. `light`:
   // factor of each layer. Clears the coverage.
   void finish(const glm::vec3& light, std::vector<std::uint8_t>& codes);
   void finish(const glm::vec3& light, std::span<std::uint8_t> codes);
   // For each cell of `part` (with the same cell size), writes the fractions covered by umbra,
-  // middle and penumbra, 0 to 255, in ascending order; the fourth byte is 0. Clears the coverage.
+  // middle and penumbra (0 to 255, never decreasing); the fourth byte is 0. Clears the coverage.
   void finish_coverage(const MaskCells& part, std::span<std::uint8_t> rgba);
 
  private:
@@ -66,7 +66,7 @@ class MaskRaster {
   // `sign` -1: reverses the edge.
   void add_edge(Steps& sums, std::size_t layer, const Position& from, const Position& to,
                 int sign = 1);
-  // Ensures that a layer's sums can hold this number of further sheets.
+  // Ensures that a layer's sums can hold this number of further sheets (faces over a cell).
   void make_room(std::size_t layer, std::size_t sheets);
   void clamp_sums();
   // Sums up a row into changed_ and covered_, then clears it. Returns the number of changes.

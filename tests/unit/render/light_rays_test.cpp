@@ -60,8 +60,8 @@ TEST(LightRays, PassThroughVertexToItsShadow) {
   const auto parallel = light_rays(kOne, test::at(0.0, 0.1, 0.0), {1.0, 0.0, 1.0, 0.0}, {{kTable}});
   ASSERT_EQ(parallel.size(), 1U);
   EXPECT_LT((parallel[0].shadow - Eigen::Vector3d(-0.1, 0.1, 0.0)).norm(), 1e-12);
-  const Eigen::Vector3d before = (parallel[0].from - parallel[0].vertex).normalized();
-  EXPECT_LT((before - Eigen::Vector3d(1.0, 0.0, 1.0).normalized()).norm(), 1e-12);
+  const Eigen::Vector3d to_light = (parallel[0].from - parallel[0].vertex).normalized();
+  EXPECT_LT((to_light - Eigen::Vector3d(1.0, 0.0, 1.0).normalized()).norm(), 1e-12);
 }
 
 TEST(LightRays, EndAtFirstPlaneTheyMeet) {
@@ -73,10 +73,10 @@ TEST(LightRays, EndAtFirstPlaneTheyMeet) {
   EXPECT_NEAR(rays[0].shadow.z(), 0.6 - 0.4 * 1.2, 1e-12);
   // A ray that misses the wall's outline continues to the table.
   const std::vector<Eigen::Vector2d> small = {{0.5, 0.5}, {0.6, 0.5}, {0.6, 0.6}};
-  const std::vector<RayReceiver> with_hole = {kTable, {wall.frame, small}};
-  const auto on = light_rays(kOne, Placement(), {0.0, 0.0, 0.6, 1.0}, with_hole);
-  ASSERT_EQ(on.size(), 1U);
-  EXPECT_NEAR(on[0].shadow.z(), 0.0, 1e-12);
+  const std::vector<RayReceiver> with_small_wall = {kTable, {wall.frame, small}};
+  const auto missing = light_rays(kOne, Placement(), {0.0, 0.0, 0.6, 1.0}, with_small_wall);
+  ASSERT_EQ(missing.size(), 1U);
+  EXPECT_NEAR(missing[0].shadow.z(), 0.0, 1e-12);
 }
 
 TEST(LightRays, AreOmittedWhereNoShadowIsCast) {
@@ -191,20 +191,20 @@ TEST(RayOverlay, IsDrawnOnlyWhenEnabled) {
   builder.scene().shadows[0].light_rays = true;
   Studio node(builder.build(), camera);
   const RenderedImage without = plain.draw(grey(), plain.plan(kFromFront));
-  PlanOptions asked;
-  asked.light_rays = true;
-  const RenderedImage by_option = plain.draw(grey(), plain.plan(kFromFront, asked));
+  PlanOptions with_rays;
+  with_rays.light_rays = true;
+  const RenderedImage by_option = plain.draw(grey(), plain.plan(kFromFront, with_rays));
   EXPECT_NE(without, by_option);
   EXPECT_EQ(node.draw(grey(), node.plan(kFromFront)), by_option);
   EXPECT_EQ(plain.draw(grey(), plain.plan(kFromFront)), without) << "the next frame is unchanged";
   // Shadow techniques without a light have no rays.
   for (const ShadowTechnique technique :
        {ShadowTechnique::simple, ShadowTechnique::layered, ShadowTechnique::none}) {
-    asked.technique = technique;
-    EXPECT_TRUE(plain.plan(kFromFront, asked).rays.empty());
+    with_rays.technique = technique;
+    EXPECT_TRUE(plain.plan(kFromFront, with_rays).rays.empty());
   }
-  asked.technique = ShadowTechnique::volume;
-  EXPECT_EQ(plain.plan(kFromFront, asked).rays.size(), 1U);
+  with_rays.technique = ShadowTechnique::volume;
+  EXPECT_EQ(plain.plan(kFromFront, with_rays).rays.size(), 1U);
 }
 
 TEST(RayOverlay, FadesWithCoastingPose) {
@@ -283,7 +283,7 @@ TEST(RayOverlay, SkipsRaysOutOfView) {
   const auto within = [&random](double low, double high) {
     return std::uniform_real_distribution<double>(low, high)(random);
   };
-  std::size_t left_out = 0;
+  std::size_t skipped = 0;
   std::size_t drawn = 0;
   for (int i = 0; i < 30; ++i) {
     SceneBuilder builder = lit_box();
@@ -312,11 +312,11 @@ TEST(RayOverlay, SkipsRaysOutOfView) {
     const auto reported =
         std::ranges::count(skipping.skipped, SkipReason::rays_out_of_view, &SkippedPass::reason);
     EXPECT_EQ(skipping.rays.size() + static_cast<std::size_t>(reported), 2U);
-    left_out += static_cast<std::size_t>(reported);
+    skipped += static_cast<std::size_t>(reported);
     drawn += skipping.rays.size();
     EXPECT_EQ(studio.draw(grey(), skipping), studio.draw(grey(), whole)) << i;
   }
-  EXPECT_GT(left_out, 5U);
+  EXPECT_GT(skipped, 5U);
   EXPECT_GT(drawn, 10U);
 }
 
