@@ -34,7 +34,7 @@ class StudyFeed {
   [[nodiscard]] virtual bool waits() const = 0;
 };
 
-// Plays a recording. `given_poses`: frames keep their recorded times, to find the given poses.
+// Plays a recording. `given_poses`: frames keep their recorded times, by which poses are found.
 // Otherwise times keep increasing over all loops, as the tracker requires.
 [[nodiscard]] std::unique_ptr<StudyFeed> feed_of_recording(const Recording& recording,
                                                            double interval_s, bool given_poses);
