@@ -1,5 +1,5 @@
 // Pose graph of a sweep: cameras and tags are chained outwards from an anchor, then bundle
-// adjusted. Computes their covariance.
+// adjusted. Also computes the covariance of the tags and the lens.
 #pragma once
 
 #include <Eigen/Core>
@@ -30,7 +30,7 @@ struct TagSighting {
   int id = 0;
   double size_m = 0.0;
   std::array<Eigen::Vector2d, 4> corners_px;
-  std::array<Eigen::Vector2d, 4> spread;      // of edge_spreads(); 0 for corrected corners
+  std::array<Eigen::Vector2d, 4> spread;      // d corner / d edge shift; 0 for a MeasuredTag
   Matrix8d whitening = Matrix8d::Identity();  // makes the corners' errors independent, sigma 1
 };
 
