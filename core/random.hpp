@@ -10,7 +10,7 @@ namespace penumbra {
 class SplitMix64 {
  public:
   explicit SplitMix64(std::uint64_t seed) : state_(seed) {}
-  // An independent stream for each purpose of one seed.
+  // Different purposes give independent streams from the same seed.
   SplitMix64(std::uint64_t seed, std::uint64_t purpose) : state_(seed) {
     state_ = next() ^ (purpose * 0xD1342543DE82EF95U);
   }
