@@ -1,4 +1,4 @@
-// Conservative bounds of objects over planes; which objects receive shadows.
+// Conservative bounds of objects over planes.
 #pragma once
 
 #include <Eigen/Core>

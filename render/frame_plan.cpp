@@ -24,15 +24,15 @@ constexpr double kContactTolerance_m = 1e-6;
 Disc shadow_bounds(const BoxCorners& corners, const ShadowDraw& draw, double top) {
   Disc disc = footprint(corners, draw.plane_frame);
   double s = 1.0;
-  // Fields: a light over a part's middle, up to a times its size, t = h / (H - h). The rim is
-  // projected to within r + 2 t r + a t r, less than the (2 s - 1) r of kernels.
+  // A field has a light above the middle of a part, with a radius of up to a r. With t = h / (H -
+  // h), the part is projected to within r + 2 t r + a t r, less than the (2 s - 1) r of kernels.
   if (traits_of(draw.technique).has_penumbra) {
     for (const ShadowLayer layer : {ShadowLayer::umbra, ShadowLayer::penumbra}) {
       const HeightRange range = layer_height_range(draw.constants, layer);
       s = std::max(s, layer_factor(draw.constants, layer, std::clamp(top, range.low, range.high)));
     }
   }
-  // A light of one size moves a vertex by up to 2.5 radii of a disc as small as a cell.
+  // A fixed light moves a vertex by up to 2.5 radii, because its disc may be as small as a cell.
   const double reach = draw.light_mode == LightMode::fixed ? 2.5 : 2.0;
   disc.radius *= 1.05 * (reach * s - 1.0);
   return disc;
@@ -264,7 +264,7 @@ class Planner {
     return entry->second;
   }
 
-  // Plans the shadow on receivers that it may reach. Returns true if there are only others.
+  // Plans the shadow on receivers that it may reach. Returns true if it reaches none of several.
   bool plan_on_reached(const ReceivedShadowDraw& under, const std::vector<ObjectDraw>& receivers) {
     bool has_receivers = false;
     bool reaches_any = false;
@@ -512,7 +512,7 @@ class Planner {
     if (heights.high < -kContactTolerance_m)
       return skip(SkipReason::shadow_below_plane, draw.object);
     if (traits_of(draw.technique).has_penumbra) {
-      // With a light of one size, each part loses its umbra at its own height.
+      // If the light has one size for all parts, each part loses its umbra at its own height.
       const bool one_light = has_one_light_size(draw);
       const auto above = [&](ShadowLayer layer) {
         return heights.low >

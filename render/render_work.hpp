@@ -17,7 +17,7 @@ struct Scene;
 enum class Counter : std::size_t {
   shadow_vertices,     // vertices that the CPU projected or clipped for shadows
   kernel_generations,  // sets of kernels, and of part lights, made for a tilt
-  // Shadows drawn from the geometry of an earlier frame, and shadows recomputed.
+  // Shadows drawn with the geometry of an earlier frame, and shadows with new geometry.
   reprojections,
   triples_recomputed,
   proxy_shadows,      // drawn from a reduced mesh
@@ -34,7 +34,7 @@ enum class Counter : std::size_t {
   // counted.
   video_copies,
   video_imports,
-  // Through pixel buffers: copies of the video, and images of request_image().
+  // Transfers through pixel buffers: copies of the video, and images of request_image().
   pixel_buffer_uploads,
   pixel_buffer_read_backs,
   // Faces of the kernel sets made in this frame, and faces twisted in some layer.
@@ -128,8 +128,8 @@ struct KeptPart {
 [[nodiscard]] std::string text_of(const SkippedPass& skipped, const Scene& scene);
 [[nodiscard]] std::string text_of(const KeptPart& kept, const Scene& scene);
 
-// Maximum distance of shadow volumes from the table's origin [m]. Within the far plane of a camera
-// up to 8 m from the origin.
+// Maximum distance of shadow volumes from the table's origin [m]. A camera up to 8 m from the
+// origin has its far plane beyond it.
 inline constexpr double kVolumeReach = 12.0;
 
 struct RenderWork {

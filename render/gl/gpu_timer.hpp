@@ -20,7 +20,7 @@ class GpuTimer {
   // timer: OpenGL 3.3 has one, OpenGL ES needs GL_EXT_disjoint_timer_query.
   [[nodiscard]] static std::optional<GpuTimer> create(GlApi api);
 
-  // Enclose the measured draw calls; not nested. Ignored while kMost results are pending.
+  // Enclose the measured draw calls; not nested. Ignored while kMaxPending results are pending.
   void begin();
   void end();
   // Appends the times [ms] that have arrived since the previous call. An interruption of the GPU's

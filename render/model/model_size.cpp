@@ -39,7 +39,7 @@ std::optional<std::string> warning_of_size(const Model& model, const ModelSize& 
   const std::string start =
       fmt::format("{}: is {} {}", subject, in_words(length), extent.z == longest ? "high" : "wide");
   const bool scene = size.remedy == SizeRemedy::scene_scale;
-  // In a scene, the scale may already convert the unit.
+  // A scene's scale may already convert the unit, so the unit is guessed from the unscaled length.
   const LengthUnit* unit = likely_unit(scene ? longest : longest / size.unit_m);
   if (unit == nullptr) {
     const double factor = std::pow(10.0, std::round(std::log10(0.1 / length)));

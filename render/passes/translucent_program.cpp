@@ -52,14 +52,14 @@ Result<void> TranslucentProgram::choose(Translucency mode, std::optional<PixelFo
       defines.push_back(layout_define(*video));
     }
   }
-  const std::string_view name = defines.empty() ? std::string_view() : defines.back();
+  const std::string_view key = defines.empty() ? std::string_view() : defines.back();
   const auto known =
-      std::ranges::find(variants_, name, &std::pair<std::string_view, ShaderProgram>::first);
+      std::ranges::find(variants_, key, &std::pair<std::string_view, ShaderProgram>::first);
   chosen_ = static_cast<std::size_t>(known - variants_.begin());
   if (known != variants_.end()) return {};
   chosen_ = 0;
   PENUMBRA_TRY(auto linked, link(defines));
-  variants_.emplace_back(name, std::move(linked));
+  variants_.emplace_back(key, std::move(linked));
   chosen_ = variants_.size() - 1;
   return {};
 }
@@ -100,8 +100,8 @@ void end_translucent() {
   glDisable(GL_BLEND);
 }
 
-float opaque_door_pixels(float light_left) {
-  const float lost = 1.0F - std::pow(std::clamp(light_left, 0.0F, 1.0F), 2.2F);
+float opaque_door_pixels(float factor) {
+  const float lost = 1.0F - std::pow(std::clamp(factor, 0.0F, 1.0F), 2.2F);
   return std::floor(static_cast<float>(kDoorPixels) * lost + 0.5F);
 }
 

@@ -63,8 +63,8 @@ void begin_translucent(Translucency mode, Blending blending);
 void set_mixing(Translucency mode, const ShaderProgram& program, float opacity);
 void end_translucent();  // back to opaque
 
-// Returns the number of black pixels of a screen-door pattern that reduces the linear light as much
-// as the factor `light_left` on the encoded value.
-[[nodiscard]] float opaque_door_pixels(float light_left);
+// Returns the number of black pixels of the screen-door pattern that reduces the linear light as
+// much as this factor on the encoded value.
+[[nodiscard]] float opaque_door_pixels(float factor);
 
 }  // namespace penumbra

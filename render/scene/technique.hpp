@@ -11,7 +11,7 @@ enum class ShadowTechnique {
   none,
   simple,   // orthogonal projection onto the plane, one layer
   layered,  // layered penumbrae: umbra, middle, penumbra
-  field,    // the same layers for lights of one size, as power-distance fields without kernels
+  field,    // the same layers for one light size per part, as power-distance fields without kernels
   walls,    // simple, onto several planes: the table and walls around it
   hard,     // projected from the scene's lights, one layer for each
   volume,   // shadow volumes of the scene's lights on all surfaces, for a 3D cursor

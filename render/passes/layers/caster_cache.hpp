@@ -142,7 +142,7 @@ class CasterCache {
   static const std::vector<PartDisc>& parts_of(CachedCaster& caster,
                                                const KernelDirection& direction, bool of_field,
                                                RenderWork& work);
-  // Returns the discs at a casting mesh's vertices, for lights of one size.
+  // Returns the discs at a casting mesh's vertices, for LightMode::fixed.
   static std::vector<VertexDisc> discs_of(CachedCaster& caster, const KernelKey& key, bool reduced,
                                           double scale, RenderWork& work);
   // Returns true if the CPU, not the vertex shader, projects the vertices.

@@ -29,8 +29,8 @@ Result<MeshStrips> MeshStrips::create(GlApi api, const CameraModel& camera) {
   return strips;
 }
 
-unsigned MeshStrips::level_of(float light_left) {
-  const double lost = 1.0 - std::pow(std::clamp(static_cast<double>(light_left), 0.0, 1.0), 2.2);
+unsigned MeshStrips::level_of(float factor) {
+  const double lost = 1.0 - std::pow(std::clamp(static_cast<double>(factor), 0.0, 1.0), 2.2);
   return static_cast<unsigned>(std::lround(kDarkest * lost));
 }
 

@@ -15,9 +15,9 @@ class MeshStrips {
  public:
   [[nodiscard]] static Result<MeshStrips> create(GlApi api, const CameraModel& camera);
 
-  // Returns the linear light that a layer removes [1/127]. `light_left`: factor on the encoded
+  // Returns the linear light that a layer removes [1/127] with this factor on the encoded
   // value.
-  [[nodiscard]] static unsigned level_of(float light_left);
+  [[nodiscard]] static unsigned level_of(float factor);
   // Draws the strips of a level within `bounds` (on the plane, [m]) and the table, with the current
   // tests. Returns the number of draw calls.
   int draw(unsigned level, const Eigen::AlignedBox2d& bounds, const LensUniforms& lens,

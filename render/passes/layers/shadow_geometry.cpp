@@ -260,7 +260,7 @@ void ShadowGeometry::place_layers(const ShadowDraw& draw, CachedCaster& caster, 
     prepared.layers[i].source = sources[i];
     clips = clips || sources[i] == LayerSource::clipped;
     if (!prepared.key.masked) continue;
-    // With a light of one size, each part loses its umbra at its own height.
+    // If the light has one size for all parts, each part loses its umbra at its own height.
     if (sources[i] == LayerSource::nothing && !fixed) continue;
     const bool is_closed = sources[i] == LayerSource::whole && body.edges && !fixed;
     prepared.layers[i].source = is_closed ? LayerSource::masked : LayerSource::masked_faces;
@@ -273,8 +273,8 @@ void ShadowGeometry::place_layers(const ShadowDraw& draw, CachedCaster& caster, 
   }
 }
 
-// Projects on the CPU: for lights of one size, whose factor differs between vertices, and for
-// casters whose edges are split for the lens. Splitting adds vertices on the straight edges of the
+// Projects on the CPU: for fixed lights, whose factor differs between vertices, and for casters
+// whose edges are split for the lens. Splitting adds vertices on the straight edges of the
 // projected faces (docs/shadows.md#layers).
 void ShadowGeometry::project_layers(const ShadowDraw& draw, CachedCaster& caster,
                                     KernelSet& kernels, PreparedShadow& prepared,

@@ -120,7 +120,7 @@ class ShadowGeometry {
   [[nodiscard]] std::size_t coarsest_range(const ShadowDraw& draw, const FramePlan& plan,
                                            const CachedCaster& caster,
                                            const PreparedShadow& prepared) const;
-  // Returns bounds at heights from `from` upwards; nullopt for lights of one size and for fields,
+  // Returns bounds at heights from `from` upwards; nullopt for fixed lights and for fields,
   // whose bounds are not known in advance.
   std::optional<ShadowReach> reach_of(const Scene& scene, const ShadowDraw& draw, double from,
                                       RenderWork& work) const;

@@ -106,10 +106,10 @@ CasterGeometry split_long_edges(const ShadowMesh& mesh, float max_edge_m,
   return g;
 }
 
-void add_midpoints(const CasterGeometry& geometry, std::vector<PlanePoint>& images) {
-  PENUMBRA_ASSERT(images.size() == geometry.mesh_positions);
-  images.reserve(geometry.positions.size());
-  for (const auto& [a, b] : geometry.midpoint_of) images.push_back(middle(images[a], images[b]));
+void add_midpoints(const CasterGeometry& geometry, std::vector<PlanePoint>& points) {
+  PENUMBRA_ASSERT(points.size() == geometry.mesh_positions);
+  points.reserve(geometry.positions.size());
+  for (const auto& [a, b] : geometry.midpoint_of) points.push_back(middle(points[a], points[b]));
 }
 
 std::vector<PlanePoint> split_long_edges(std::vector<PlanePoint> triangles, float longest) {

@@ -34,7 +34,7 @@ struct CasterGeometry {
 
 // Appends the projections of the added vertices to those of the mesh's own vertices. A projected
 // edge is straight, so its midpoint is the mean of its projected ends.
-void add_midpoints(const CasterGeometry& geometry, std::vector<PlanePoint>& images);
+void add_midpoints(const CasterGeometry& geometry, std::vector<PlanePoint>& points);
 
 // Splits triangles, three points each, until no edge is longer than `longest` [m] or there are
 // about 200,000. All triangles at an edge share its midpoint.
@@ -42,8 +42,8 @@ void add_midpoints(const CasterGeometry& geometry, std::vector<PlanePoint>& imag
                                                        float longest);
 
 // Returns one kernel per position, interpolated along edges as in clip_to_heights(). Each kernel is
-// moved along the up direction to its vertex's height, so that it also fits directions within 2
-// degrees.
+// moved along the up direction to its vertex's height, so that the kernels are also usable for
+// up directions within 2 degrees.
 [[nodiscard]] std::vector<glm::vec3> level_kernels(const CasterGeometry& geometry,
                                                    const ShadowKernels& kernels);
 

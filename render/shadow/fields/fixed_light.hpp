@@ -1,4 +1,4 @@
-// Layered penumbrae of a light of one size (docs/shadows.md#lights-of-one-size):
+// Layered penumbrae of LightMode::fixed (docs/shadows.md#lights-of-one-size):
 //
 //   s_lambda(h) = (H + lambda (R_L / R) h) / (H - h)
 //
@@ -26,7 +26,7 @@ struct VertexDisc {
                                                    const ShadowKernels& kernels,
                                                    std::span<const PartDisc> parts, double scale);
 
-// Returns the imaginary vertices of a layer, one per vertex; nullopt if the mesh exceeds the
+// Returns the projected vertices of a layer, one per vertex; nullopt if the mesh exceeds the
 // layer's height range, in which case fixed_light_triangles() must clip its faces.
 [[nodiscard]] std::optional<std::vector<PlanePoint>> fixed_light_images(
     std::span<const CasterVertex> vertices, std::span<const VertexDisc> discs,

@@ -1,5 +1,5 @@
-// Computes the layers of a light of one size as 2-D fields (docs/shadows.md#fields). Needs no
-// kernels, works for any mesh, and never folds over.
+// Computes the layers of a light with one size per part as 2-D fields (docs/shadows.md#fields).
+// Needs no kernels, works for any mesh, and never folds over.
 #pragma once
 
 #include <Eigen/Core>

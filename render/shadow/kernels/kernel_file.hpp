@@ -4,10 +4,10 @@
 //    "groups": ["brick*"]}
 //
 // "kernels": one triple per vertex, in the order of the model file; object frame [m]; made for the
-// direction "up". If a glTF file uses a mesh several times (nodes, instances), the triples of
-// further uses follow all others, in the order of the scene. "geometry": a stamp (KernelStamp);
-// "vertex_order": a hash of the vertices' order; "groups": parts that share one light. These three
-// are optional.
+// direction "up". If nodes or instances of a glTF file share a mesh, the triples for its first use
+// are at the mesh's place in the file's order; those for further uses are at the end, in the order
+// of the scene. Optional: "geometry", a stamp (KernelStamp); "vertex_order", a hash of the
+// vertices' order; "groups", parts that share one light.
 #pragma once
 
 #include <Eigen/Core>
@@ -57,14 +57,14 @@ struct KernelFile {
 // Returns true if the mesh has stored kernels for this direction or its opposite
 // (docs/shadows.md#kernel-directions).
 [[nodiscard]] bool has_stored_kernels_for(const ShadowMesh& mesh, const Eigen::Vector3d& up);
-// Computes the disc radii for `up` if the kernels have none (stored ones). Returns false if they
-// do.
+// Computes the disc radii for `up` if they are missing, as in stored kernels. Returns true if they
+// were missing.
 bool add_missing_radii(ShadowKernels& kernels, const ShadowMesh& mesh, const Eigen::Vector3d& up);
 
-// Returns the source of the model's stored kernels. Other tilts use the same source.
+// Returns the source of the model's stored kernels. Kernels for other tilts use the same source.
 [[nodiscard]] KernelSource stored_kernel_source(const Model& model);
 
-// Returns true if kernels of this source have radii, which a light of one size needs.
+// Returns true if kernels of this source have radii, which LightMode::fixed needs.
 [[nodiscard]] inline bool have_radii(KernelSource source) {
   return source != KernelSource::centroid;
 }

@@ -157,7 +157,7 @@ PlanePoint project_to_layer(const CasterVertex& vertex, const LayeredConstants& 
     const float s = layer_factor_f(constants, layer, vertex.h);
     return {vertex.ku + s * du, vertex.kv + s * dv};
   }
-  // Computed from x, so that the imaginary vertex is exactly the vertex at contact.
+  // Computed from x, so that the projected vertex is exactly the vertex at contact.
   const float growth = layer_growth_f(constants, layer, vertex.h);
   return {vertex.u + growth * du, vertex.v + growth * dv};
 }

@@ -34,7 +34,7 @@ struct CasterVertex {
                                                         std::span<const std::uint32_t> indices,
                                                         const HeightRange& range);
 
-// The imaginary vertex x_lambda of a caster vertex: (u, v) [m].
+// Returns the projected vertex x_lambda of a caster vertex: (u, v) [m].
 struct PlanePoint {
   float u = 0.0F, v = 0.0F;
 };

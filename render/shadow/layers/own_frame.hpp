@@ -9,7 +9,7 @@
 
 namespace penumbra {
 
-// A rigid motion in the plane: p_plane = R(cosine, sine) p_own + slide.
+// A rigid motion in the plane: p_plane = R(cosine, sine) p_own + displacement.
 struct PlanarMotion {
   double cosine = 1.0, sine = 0.0;
   Eigen::Vector2d displacement = Eigen::Vector2d::Zero();  // [m]
