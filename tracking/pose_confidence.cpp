@@ -13,10 +13,10 @@ namespace {
 
 // Systematic errors that the covariance does not include; see docs/tracking.md#bias.
 constexpr double kTagBias_px = 0.01;    // common to all edges of a tag
-constexpr double kSpreadBias_px = 0.1;  // of edges whose point spread overlaps the next edge
-constexpr double kPartsOfTag = 8.0;     // groups of a tag's edges with a common kSpreadBias_px
+constexpr double kSpreadBias_px = 0.1;  // of an edge, if its point spread overlaps the next edge
+constexpr double kPartsOfTag = 8.0;     // groups of a tag's edges; each has its own kSpreadBias_px
 constexpr double kToneBias_px = 0.04;   // common to all edges if the camera response is unknown
-// Error of the mean pose during an exposure / ImageMotion::unpredicted_px.
+// Ratio of the error of the mean pose during an exposure to ImageMotion::unpredicted_px.
 constexpr double kExposureShare = 1.0 / 24.0;
 // Sigma of a uniform blur of unit length: 1 / sqrt(12).
 constexpr double kBlurShare = 0.288675134594813;
@@ -27,7 +27,7 @@ struct CovarianceInflation {
   double bias = 0.0;     // added: displacement of whole tags that is the same in every frame
 };
 
-// A tag's bias rotates the pose relative to the other tags; a single tag has none.
+// Adds kTagBias_px only for several tags, because it displaces a tag relative to the others.
 CovarianceInflation inflation_of(const AlignmentResult& result, double blur_px, double noise_px) {
   CovarianceInflation inflation;
   // The disagreement of the tags already includes a part of the correlation.
@@ -39,8 +39,8 @@ CovarianceInflation inflation_of(const AlignmentResult& result, double blur_px, 
   const double spread_px = std::min(kSpreadBias_px, noise_px);
   for (const TagAlignment& tag : result.tags) {
     if (!tag.verified) continue;
-    const double reach = std::exp(-std::pow(tag.cell_px / blur_px, 2) / 8.0);
-    bias2 += std::pow(spread_px * reach, 2) / (kPartsOfTag * result.tags_verified);
+    const double overlap = std::exp(-std::pow(tag.cell_px / blur_px, 2) / 8.0);
+    bias2 += std::pow(spread_px * overlap, 2) / (kPartsOfTag * result.tags_verified);
   }
   inflation.bias = bias2 / (noise_px * noise_px) * result.counters.samples / result.tags_verified;
   return inflation;
@@ -100,18 +100,18 @@ std::optional<RefinedPose> pose_of(const RigidTags& group, const Alignment& alig
     return std::nullopt;
   RefinedPose pose;
   pose.T_map_camera = result.T_map_camera;
-  // Displacement of the edges: their slope is 1 / (sqrt(2 pi) sigma) of the gain.
+  // Displacement of the edges: the slope of a blurred edge is gain / (sqrt(2 pi) sigma).
   pose.noise_px = result.residual_rms * std::sqrt(2.0 * std::numbers::pi) * lens_blur_px;
   pose.rms_px = std::sqrt(2.0) * pose.noise_px;
   const CovarianceInflation inflation = inflation_of(result, lens_blur_px, pose.noise_px);
-  const Matrix6d& inverse = result.covariance;
+  const Matrix6d& posterior = result.covariance;
   const Matrix6d prior_information = inverse_of_spd(alignment.input.covariance);
-  pose.covariance = inflation.scatter * inverse -
-                    (inflation.scatter - 1.0) * (inverse * prior_information * inverse).eval();
+  pose.covariance = inflation.scatter * posterior -
+                    (inflation.scatter - 1.0) * (posterior * prior_information * posterior).eval();
   if (inflation.bias > 0.0) {
     // Limits the bias to 1 m and 1 rad where the image gives no information.
-    const Matrix6d of_image = inverse_of_spd(inverse) - prior_information;
-    pose.covariance += inflation.bias * inverse_of_spd(of_image + Matrix6d::Identity());
+    const Matrix6d image_information = inverse_of_spd(posterior) - prior_information;
+    pose.covariance += inflation.bias * inverse_of_spd(image_information + Matrix6d::Identity());
   }
   pose.covariance += result.map_covariance + motion.blur.covariance;
   pose.covariance = 0.5 * (pose.covariance + pose.covariance.transpose()).eval();
@@ -157,7 +157,7 @@ AssessedPose judge(const RigidTags& group, const Measurement& measurement,
   AssessedPose judged;
   MapPoseEstimate& estimate = judged.estimate;
   estimate.T_map_camera = pose;
-  // Unread tags show blur or a grazing view, see docs/tracking.md#unread-tags.
+  // Tags in view but not read indicate blur or a grazing view (docs/tracking.md#unread-tags).
   const double share = measurement.aligned
                            ? 1.0
                            : static_cast<double>(std::max(group.in_view(pose), 1)) /

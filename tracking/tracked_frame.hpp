@@ -14,13 +14,13 @@ struct TrackTimes {
   double total_ms = 0.0, detect_ms = 0.0, align_ms = 0.0, solve_ms = 0.0;  // wall
   // CPU time of the calling thread, and of a background search.
   double total_cpu_ms = 0.0, detect_cpu_ms = 0.0, align_cpu_ms = 0.0, solve_cpu_ms = 0.0;
-  // Times of the background search whose tags this frame used. The total includes its CPU time.
+  // Times of the background search whose tags this frame used. total_cpu_ms includes search_cpu_ms.
   double search_ms = 0.0, search_cpu_ms = 0.0;
   bool search_used = false;     // tags of a background search were used
   bool full_detection = false;  // tags were detected in the full frame
   bool pyramid_search = false;  // the pyramid search found the pattern
   bool roi_detection = false;   // detection in a region of interest was sufficient
-  bool every_pixel = false;     // the final alignment could use every pixel at an edge
+  bool every_pixel = false;     // the final alignment was allowed to use every pixel at an edge
   int samples = 0;              // pixels that the final alignment used
   // Tags of the map that the final alignment skipped.
   int tags_out_of_view = 0, tags_too_small = 0;
@@ -34,7 +34,7 @@ struct TrackedFrame {
   Frame frame;
   PoseEstimate pose;
   TrackTimes times;
-  std::vector<GroupEstimate> groups;  // beside the table, in the order of the tag map
+  std::vector<GroupEstimate> groups;  // other than the table, in the order of the tag map
   int groups_skipped = 0;             // groups that are not tracked because no caller needs them
 };
 

@@ -29,8 +29,8 @@ void write_pose(const MapFromCamera& pose, double* x) {
 }
 
 // Unit quaternions x R^3 with steps in the camera's axes. Costs write d residual / d step into the
-// first 6 of the 7 columns; the Jacobians of this class select these. Ceres uses the ambient
-// derivative only in that product.
+// first 6 of the 7 columns of their Jacobian, and PlusJacobian() selects these. Ceres uses a cost's
+// Jacobian only in its product with PlusJacobian().
 class PoseManifold final : public ceres::Manifold {
  public:
   int AmbientSize() const override { return 7; }
@@ -164,7 +164,7 @@ std::optional<MapFromCamera> minimum_near(const CameraModel& camera,
                                           std::span<const PointObservation> observations,
                                           const MapFromCamera& start,
                                           const RefinerOptions& options) {
-  // Ends after a step that moves the points by less than this [px], RMS.
+  // The iteration ends after a step that moves the points by less than this [px, RMS].
   constexpr double kLastStep_px = 1e-7;
   const double last_step2 = kLastStep_px * kLastStep_px * static_cast<double>(observations.size());
   MapFromCamera pose = start;
@@ -172,7 +172,7 @@ std::optional<MapFromCamera> minimum_near(const CameraModel& camera,
   double cost = cost_of(camera, observations, pose, options.robust_scale_px, equations);
   if (!std::isfinite(cost)) return std::nullopt;
   double damping = 1e-4;
-  double harder = 2.0;
+  double damping_factor = 2.0;
   for (int i = 0; i < options.max_iterations; ++i) {
     Matrix6d damped = equations.H;
     damped.diagonal() += damping * equations.H.diagonal().cwiseMax(1e-6).cwiseMin(1e32);
@@ -188,12 +188,12 @@ std::optional<MapFromCamera> minimum_near(const CameraModel& camera,
       cost = next_cost;
       equations = next_equations;
       damping = std::max(damping / 3.0, 1e-16);
-      harder = 2.0;
+      damping_factor = 2.0;
     } else {
-      damping *= harder;
-      harder *= 2.0;
+      damping *= damping_factor;
+      damping_factor *= 2.0;
     }
-    // Rejected steps also terminate: only rounding is left.
+    // A rejected step this short also ends the iteration: only rounding errors are left.
     if (moved2 <= last_step2 || !(damping < 1e32)) break;
   }
   return pose;

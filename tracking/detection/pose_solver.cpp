@@ -13,7 +13,7 @@ namespace {
 struct Spread {
   Eigen::Vector3d centroid = Eigen::Vector3d::Zero();
   Eigen::Matrix3d R_map_own = Eigen::Matrix3d::Identity();
-  Eigen::Vector3d deviation = Eigen::Vector3d::Zero();  // [m] RMS along own x, y, z; falling
+  Eigen::Vector3d deviation = Eigen::Vector3d::Zero();  // [m] RMS along the axes; descending
 };
 
 Spread spread_of(const std::vector<PointObservation>& points) {
@@ -26,7 +26,7 @@ Spread spread_of(const std::vector<PointObservation>& points) {
     scatter += d * d.transpose();
   }
   scatter /= static_cast<double>(points.size());
-  const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> eigen(scatter);  // rising
+  const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> eigen(scatter);  // ascending
   spread.R_map_own.col(0) = eigen.eigenvectors().col(2);
   spread.R_map_own.col(1) = eigen.eigenvectors().col(1);
   spread.R_map_own.col(2) = spread.R_map_own.col(0).cross(spread.R_map_own.col(1));
@@ -81,9 +81,9 @@ std::vector<MapFromCamera> solve_pose(const CameraModel& camera,
       const Eigen::Vector3d t(translations[i].ptr<double>());
       if (!r.allFinite() || !t.allFinite()) continue;
       const double angle = r.norm();
-      Eigen::Matrix3d R_camera_own = Eigen::Matrix3d::Identity();
-      if (angle > 0.0) R_camera_own = Eigen::AngleAxisd(angle, r / angle).toRotationMatrix();
-      const Eigen::Matrix3d R_camera_map = R_camera_own * spread.R_map_own.transpose();
+      Eigen::Matrix3d R_camera_principal = Eigen::Matrix3d::Identity();
+      if (angle > 0.0) R_camera_principal = Eigen::AngleAxisd(angle, r / angle).toRotationMatrix();
+      const Eigen::Matrix3d R_camera_map = R_camera_principal * spread.R_map_own.transpose();
       const Eigen::Vector3d t_camera_map = t - R_camera_map * spread.centroid;
       Candidate candidate;
       candidate.pose = Transform<frame::Camera, frame::Map>(R_camera_map, t_camera_map).inverse();

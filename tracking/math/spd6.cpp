@@ -67,7 +67,7 @@ Matrix6d inverse_of_spd(const Matrix6d& A) {
   Factors factors;
   if (!factorise(A, factors)) return A.ldlt().solve(Matrix6d::Identity());
   const auto& [L, inverse_D] = factors;
-  // The inverse of L, and A^-1 = L^-T D^-1 L^-1.
+  // M = L^-1, and A^-1 = M^T D^-1 M.
   std::array<std::array<double, kSize>, kSize> M;
 #pragma GCC unroll 6
   for (std::size_t j = 0; j < kSize; ++j) {
