@@ -1,4 +1,4 @@
-// Distance of an image's edges from the edges of a reference image with a higher resolution.
+// Differences of an image from a reference image with a higher resolution, at edges and elsewhere.
 #pragma once
 
 #include <algorithm>
@@ -10,16 +10,16 @@
 namespace penumbra::test {
 
 struct EdgeError {
-  double rms = 0.0;  // [grey levels]
-  int edges = 0;     // number of pixels at edges
-  int largest_elsewhere = 0;
+  double rms = 0.0;           // difference at edges [grey levels]
+  int edges = 0;              // number of pixels at edges
+  int largest_elsewhere = 0;  // largest difference away from edges [grey levels]
 };
 // Compares the image with the mean over `times` x `times` pixels of the fine image.
-inline EdgeError edge_error(const RenderedImage& picture, const RenderedImage& fine, int times) {
+inline EdgeError edge_error(const RenderedImage& image, const RenderedImage& fine, int times) {
   EdgeError error;
   double sum = 0.0;
-  for (int y = 0; y < picture.height; ++y) {
-    for (int x = 0; x < picture.width; ++x) {
+  for (int y = 0; y < image.height; ++y) {
+    for (int x = 0; x < image.width; ++x) {
       int low = 255, high = 0, total = 0;
       for (int i = 0; i < times * times; ++i) {
         const int value = fine.red(times * x + i % times, times * y + i / times);
@@ -27,16 +27,16 @@ inline EdgeError edge_error(const RenderedImage& picture, const RenderedImage& f
         high = std::max(high, value);
         total += value;
       }
-      const double off = picture.red(x, y) - static_cast<double>(total) / (times * times);
+      const double difference = image.red(x, y) - static_cast<double>(total) / (times * times);
       if (low != high) {
-        sum += off * off;
+        sum += difference * difference;
         ++error.edges;
       }
     }
   }
   // Compares pixels that are more than two pixels away from every edge of the fine image.
-  for (int y = 2; y + 2 < picture.height; ++y) {
-    for (int x = 2; x + 2 < picture.width; ++x) {
+  for (int y = 2; y + 2 < image.height; ++y) {
+    for (int x = 2; x + 2 < image.width; ++x) {
       const int value = fine.red(times * x, times * y);
       bool flat = true;
       for (int j = -2 * times; j < 3 * times && flat; ++j) {
@@ -45,7 +45,7 @@ inline EdgeError edge_error(const RenderedImage& picture, const RenderedImage& f
       }
       if (flat) {
         error.largest_elsewhere =
-            std::max(error.largest_elsewhere, std::abs(picture.red(x, y) - value));
+            std::max(error.largest_elsewhere, std::abs(image.red(x, y) - value));
       }
     }
   }

@@ -252,13 +252,13 @@ TEST(HardShadowLight, FadesWithItsCaster) {
   }
   const RenderedImage image = studio.draw_shadows(white(), plan);
 
-  std::vector<std::vector<Blocked>> by;  // indexed [light][caster]
+  std::vector<std::vector<Blocked>> blockers;  // indexed [light][caster]
   for (int light = 0; light < 2; ++light) {
-    by.emplace_back();
+    blockers.emplace_back();
     for (int caster = 0; caster < 2; ++caster) {
       Scene alone = studio.scene();
       alone.shadows[0].casters = {caster};
-      by.back().emplace_back(alone, light, PlaneFrame());
+      blockers.back().emplace_back(alone, light, PlaneFrame());
     }
   }
   int faint = 0;
@@ -269,7 +269,7 @@ TEST(HardShadowLight, FadesWithItsCaster) {
       const auto place = point_at_pixel(undistorted_camera(), slanted().T_table_camera, {}, x, y);
       if (!place) continue;
       std::vector<double> blocked;
-      for (const std::vector<Blocked>& casters : by) {
+      for (const std::vector<Blocked>& casters : blockers) {
         const bool weak = casters[0].at(*place);
         const bool strong = casters[1].at(*place);
         blocked.push_back(strong ? 1.0 : weak ? static_cast<double>(kOpacity[0]) : 0.0);

@@ -41,8 +41,8 @@ test::Mask mask_of(const ShadowField& field, ShadowLayer layer, double half, int
 }
 
 // Ray-cast shadow of a convex mesh on a plane, lit by a disc light of radius R at height H above
-// (0, 0). Each pixel counts the blocked points of the light's rim. Points of the rim suffice,
-// because the part of the disc hidden by a convex caster is convex.
+// (0, 0): the pixels from which all points, any point or the centre of the light are hidden. Points
+// of the light's rim suffice, because the part of the disc hidden by a convex caster is convex.
 struct Truth {
   test::Mask all, any, centre;
 };
