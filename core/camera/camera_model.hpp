@@ -89,7 +89,7 @@ struct CameraParameters {
   std::optional<double> overlay_sigma_px;
 };
 
-// Distorts normalised image coordinates. T is double or ceres::Jet, also for a K that is double.
+// Distorts normalised image coordinates. T: double or ceres::Jet. K: double or T.
 template <class T, class K>
 void distort(DistortionModel model, const std::array<K, 8>& k, const T& x, const T& y, T& x_d,
              T& y_d) {
@@ -114,7 +114,7 @@ void distort(DistortionModel model, const std::array<K, 8>& k, const T& x, const
     }
     case DistortionModel::plumb_bob:
     case DistortionModel::rational:
-      [[likely]] break;  // without the attribute this path saves registers
+      [[likely]] break;  // without the attribute this path spills registers to the stack
   }
   T radial = T(1.0) + r2 * (T(k[0]) + r2 * (T(k[1]) + r2 * T(k[4])));
   if (model == DistortionModel::rational) {
