@@ -123,7 +123,7 @@ void MapAgreement::estimate_map_error(const AlignmentProblem& problem, double va
 
 int MapAgreement::find_outlier(double squares) const {
   const std::size_t count = equations_.size();
-  // If one of four tags is removed, noise alone sometimes falls to 1/9.
+  // Removing one of four tags sometimes reduces pure noise to 1/9.
   const double small_part = count > 4 ? 1.0 / 9.0 : 1.0 / 16.0;
   constexpr std::size_t kMaxTries = 12;  // the tags with the largest disagreement
   std::vector<std::size_t> order(count);

@@ -1,4 +1,4 @@
-// Tests whether the tags' relative poses agree with the map, by the equations of each tag.
+// Tests whether the tags' relative poses agree with the map, using each tag's normal equations.
 #pragma once
 
 #include <span>
@@ -9,16 +9,16 @@
 
 namespace penumbra {
 
-// Equations of one tag: left perturbation of T_camera_map, gain and offset marginalised.
+// Normal equations of one tag: left perturbation of T_camera_map, gain and offset marginalised.
 struct TagEquations {
   int index = 0;
   Matrix6d H = Matrix6d::Zero();
   Vector6d g = Vector6d::Zero();
   // Perturbations that move the tag by 1 px along each image axis and 1 rad about its ray, and the
-  // inverse of the equations for these three motions.
+  // inverse of the normal matrix of these three motions.
   Eigen::Matrix<double, 6, 3> motions = Eigen::Matrix<double, 6, 3>::Zero();
   Eigen::Matrix3d inverse = Eigen::Matrix3d::Zero();
-  double squares = 0.0;
+  double squares = 0.0;  // squared motion preferred by the tag, weighted by the normal matrix
 };
 
 class MapAgreement {

@@ -19,12 +19,12 @@ constexpr int kNarrowReach = 15;    // [px]
 constexpr int kCoarsest = 16;       // maximum reduction factor of the pyramid
 // Minimum contrast of a peak above noise: mean white cell minus mean black cell [grey].
 constexpr double kMinContrast = 12.0;
-// Fraction of the previous contrast that ends a search; a displaced pattern has up to half of it.
+// A peak with this fraction of the previous contrast ends a search. A wrong one has up to half.
 constexpr double kPreviousContrastFraction = 0.75;
 // Maximum errors from which the fine stage converges.
 constexpr double kNearError_px = 1.2;
 constexpr double kNearError_cells = 0.2;
-// Error of a peak's centre caused by the row spacing, as a fraction of this spacing.
+// Error of a peak's centre caused by the spacing of rows, as a fraction of that spacing.
 constexpr double kRowGrid = 0.1;
 constexpr std::size_t kMinTagsForScatter = 5;  // minimum number of tags to measure their scatter
 
@@ -35,8 +35,7 @@ struct PeakCentre {
   bool open = false;  // the peak may extend beyond the map
 };
 
-// Returns the centroid of the scores, clamped between foot and shoulder: a peak is flat over a
-// cell.
+// Returns the centroid of the scores, clamped between foot and shoulder: a peak is flat on top.
 template <class Score>
 PeakCentre peak_centre(const SearchWindow& window, std::span<const Score> scores, int row,
                        int column, double cell) {
@@ -63,23 +62,23 @@ PeakCentre peak_centre(const SearchWindow& window, std::span<const Score> scores
   double sum_columns = 0.0;
   bool open = false;
   for (int r = r0; r <= r1; ++r) {
-    const Score* const of_row = scores.data() + static_cast<std::ptrdiff_t>(r) * window.columns;
-    int of_places = 0;
-    int of_columns = 0;  // relative to c0
+    const Score* const row_scores = scores.data() + static_cast<std::ptrdiff_t>(r) * window.columns;
+    int row_sum = 0;
+    int row_moment = 0;  // relative to c0
     int highest = 0;
     for (int c = c0; c <= c1; ++c) {
-      const int value = of_row[c];
+      const int value = row_scores[c];
       const int up = std::clamp(value, foot, shoulder) - foot;
-      of_places += up;
-      of_columns += up * (c - c0);
+      row_sum += up;
+      row_moment += up * (c - c0);
       highest = std::max(highest, value);
     }
     open = open || ((r == 0 || r == last_row) && highest >= shoulder) ||
-           (c0 == 0 && of_row[0] >= shoulder) ||
-           (c1 == last_column && of_row[last_column] >= shoulder);
-    sum += of_places;
-    sum_rows += static_cast<double>(of_places) * r;
-    sum_columns += static_cast<double>(of_columns) + static_cast<double>(of_places) * c0;
+           (c0 == 0 && row_scores[0] >= shoulder) ||
+           (c1 == last_column && row_scores[last_column] >= shoulder);
+    sum += row_sum;
+    sum_rows += static_cast<double>(row_sum) * r;
+    sum_columns += static_cast<double>(row_moment) + static_cast<double>(row_sum) * c0;
   }
   if (!(sum > 0.0)) return {static_cast<double>(row), static_cast<double>(column), open};
   return {sum_rows / sum, sum_columns / sum, open};
@@ -436,9 +435,9 @@ bool PatternSearch::search_within(const SearchWindow& window, bool independent,
   const double contrast = 2.0 * score_sum_[static_cast<std::size_t>(best)] / total;
   problem_.counters.contrast = contrast;
   if (!independent && contrast < min_contrast) return false;
-  // In the largest window, accepts clipped peaks of cells that are as large as the window.
+  // Rejects peaks that may extend beyond the window, unless no window is large enough for the cell.
   const bool largest = window.reach >= kReach;
-  const auto elsewhere = [&](const PeakCentre& top, double cell_px) {
+  const auto is_unreliable = [&](const PeakCentre& top, double cell_px) {
     if (largest) return top.open && window.holds(cell_px / scale);
     return top.open || !window.holds(displacement(window, top).lpNorm<Eigen::Infinity>());
   };
@@ -447,7 +446,7 @@ bool PatternSearch::search_within(const SearchWindow& window, bool independent,
     largest_cell_px = std::max(largest_cell_px, tag->cell_max_px);
   const PeakCentre found =
       peak_centre<std::int32_t>(window, score_sum_, best_row, best_column, largest_cell_px / scale);
-  if (!largest && elsewhere(found, largest_cell_px)) return false;
+  if (!largest && is_unreliable(found, largest_cell_px)) return false;
   displaced_.clear();
   const Eigen::Isometry3d T_map_camera = problem_.T_camera_map.inverse();
   for (const AlignedTag* tag : problem_.active) {
@@ -459,14 +458,14 @@ bool PatternSearch::search_within(const SearchWindow& window, bool independent,
     if (!peak) continue;
     const PeakCentre top = peak_centre<std::int16_t>(window, tag->scores, peak->row, peak->column,
                                                      tag->cell_max_px / scale_);
-    if (elsewhere(top, tag->cell_max_px)) continue;
+    if (is_unreliable(top, tag->cell_max_px)) continue;
     const Eigen::Vector3d p_camera = tag->centre_point();
     // The centre of a clipped peak is uncertain by up to a cell.
-    const double cut_off_px = top.open ? tag->cell_max_px / std::sqrt(12.0) : 0.0;
+    const double clip_sigma_px = top.open ? tag->cell_max_px / std::sqrt(12.0) : 0.0;
     displaced_.push_back(
         {T_map_camera * p_camera,
          problem_.camera.project_unchecked(p_camera) + scale * displacement(window, top),
-         std::hypot(0.4 * scale + 0.1 * tag->cell_px, cut_off_px), tag->cell_px, top.open});
+         std::hypot(0.4 * scale + 0.1 * tag->cell_px, clip_sigma_px), tag->cell_px, top.open});
   }
   if (displaced_.empty() || !fit_displaced(displaced_, problem_)) return false;
   error_px_ = std::hypot(fit_error_px(displaced_, problem_), kRowGrid * scale * window.row_step);

@@ -11,8 +11,8 @@ namespace {
 
 using Tags = std::vector<TagObservation>;
 
-// A tag is inconsistent with the others if its RMS exceeds kOutlier_px and, in addition, either
-// kOutlierMedianRatio times the median tag's RMS or the effect of blur.
+// A tag is inconsistent with the others if its RMS exceeds kOutlier_px and also either
+// kOutlierMedianRatio times the median tag's RMS or kOutlierAlways_px, which blur does not reach.
 constexpr double kOutlier_px = 1.5;
 constexpr double kOutlierMedianRatio = 2.5;
 constexpr double kOutlierAlways_px = 3.0;
@@ -94,8 +94,8 @@ std::vector<double> tag_rms(const CameraModel& camera, const Tags& tags,
 
 // Returns true if several tags are inconsistent with the map. Noise moves each corner
 // independently; a displaced tag moves its four corners together, and the pose absorbs only 6
-// degrees of freedom of that. Compares, per degree of freedom, the displacement of
-// whole tags with the scatter of their corners.
+// degrees of freedom of that. Compares, per degree of freedom, the displacement of whole tags with
+// the scatter of their corners.
 bool several_are_inconsistent(const CameraModel& camera, const Tags& tags,
                               const MapFromCamera& pose) {
   // Lens, tone curve and printing displace real tags by less than this [px].
@@ -176,17 +176,17 @@ Agreement reject_outliers(const CameraModel& camera, Tags used) {
     if (!rest_minima.empty()) rms = tag_rms(camera, rest, rest_minima.front().T_map_camera);
     std::vector<double> sorted = rms;
     std::sort(sorted.begin(), sorted.end());
-    const double middle = sorted[(sorted.size() - 1) / 2];  // for an even count, the lower one
+    const double median = sorted[(sorted.size() - 1) / 2];  // for an even count, the lower one
     const double worst = sorted.back();
     agreed = worst <= kOutlier_px;
     if (agreed) break;
-    const bool alike = worst <= kOutlierMedianRatio * middle && worst <= kOutlierAlways_px;
+    const bool alike = worst <= kOutlierMedianRatio * median && worst <= kOutlierAlways_px;
     if (rest.size() <= 2 || 2 * (rest.size() - 1) <= used.size()) {
       agreed = alike;
       break;
     }
     WithoutOne without = leave_one_out(camera, rest, rms);
-    // If the errors are only noise, removing a tag does not reduce them to 1/3.
+    // If the residuals are only noise, removing one tag does not reduce them to 1/3.
     agreed = alike && (without.minima.empty() ||
                        3.0 * without.minima.front().rms_px > rest_minima.front().rms_px);
     if (agreed) break;

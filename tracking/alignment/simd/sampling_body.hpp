@@ -1,23 +1,23 @@
-// Computes grey levels, rays and anchors of samples.
+// Reads grey levels of samples and computes their rays and anchors (see alignment_loops.hpp).
 // Included by loops_body.hpp, once for each instruction set, inside its namespace.
 
 void read(const std::uint8_t* pixels, const float* levels, int used, const Samples& s) {
-  const std::int32_t* const __restrict place = s.vertex;
+  const std::int32_t* const __restrict offset = s.vertex;
   float* const __restrict value = s.value;
 #pragma GCC unroll 4
-  for (int i = 0; i < used; ++i) value[i] = levels[pixels[place[i]]];
+  for (int i = 0; i < used; ++i) value[i] = levels[pixels[offset[i]]];
   float* const __restrict weight = s.weight;
 #pragma omp simd
   for (int i = 0; i < used; ++i) weight[i] = 1.0F;
-  const int left = s.count - used;
-  if (left == 0) return;
+  const int padding = s.count - used;
+  if (padding == 0) return;
   float* const arrays[] = {s.pixel_x, s.pixel_y, s.ray_x, s.ray_y, s.value, s.weight};
 #pragma GCC unroll 6
   for (int k = 0; k < 6; ++k) {
     float* const __restrict to = arrays[k] + used;
     const float last = k < 4 && used > 0 ? to[-1] : 0.0F;
 #pragma omp simd
-    for (int i = 0; i < left; ++i) to[i] = last;
+    for (int i = 0; i < padding; ++i) to[i] = last;
   }
 }
 
@@ -70,8 +70,8 @@ void prepare_as(const Lens& lens_in, const float* M_in, int reach, int side,
       inverse_det = 1.0F / (j00 * j11 - j01 * j01);
       step();
       if constexpr (kind == Lens::Kind::fisheye) {
-        // Needs a third step, because rays are tangents of angles (0.07 px error without it at 75
-        // degrees).
+        // Needs a third step, because ray coordinates grow like the tangent of the angle (0.07 px
+        // error without it at 75 degrees).
         distort<kind>(lens, x, y, xd, yd, j00, j01, j11);
         inverse_det = 1.0F / (j00 * j11 - j01 * j01);
         step();
@@ -105,7 +105,7 @@ void anchor(const float* M_in, int reach, int side, const Samples& samples) {
   }
 }
 
-// Gathers ka, kb and coefficients of each anchor; transposes the coefficients of four samples.
+// Gathers blur (ka, kb) and coefficients of each anchor; transposes these into four arrays.
 void attach(const float* ka, const float* kb, const float* coefficients, const Samples& s) {
 #if defined(__AVX2__)
   constexpr int kPart = 8;
