@@ -1,7 +1,7 @@
 // Layered, field and simple shadows on phantoms and on other virtual objects
 // (docs/rendering.md#shadows-on-receivers). For each shadow that may reach a receiver, a mask is
 // made at each of the receiver's levels, like on a plane at that height. It is rasterised on the
-// CPU ("covered") or drawn with multisampling. Each pixel of the receiver is then darkened once, by
+// CPU (`covered`) or drawn with multisampling. Each pixel of the receiver is then darkened once, by
 // the darkest shadow over it, with Lambert's law.
 #pragma once
 
@@ -31,7 +31,7 @@ class ReceivedShadowPass : public Pass {
   int draw(const DrawContext& context, const FramePlan& plan) override;
 
  private:
-  // A receiver above a plane.
+  // A receiver in the coordinates of a shadow plane.
   struct Surface {
     Placement T_table_object;
     PlaneFrame plane;
@@ -44,9 +44,9 @@ class ReceivedShadowPass : public Pass {
     ShadowShape shadow;
     std::uint64_t surface = 0;  // its version
     double top = 0.0;
-    double texel = 0.0;  // texel size for the current view [m]
-    double max_texels_of_pair = 0.0;
-    bool covered = false;  // rasterised on the CPU instead of drawn
+    double texel = 0.0;               // texel size for the current view [m]
+    double max_texels_of_pair = 0.0;  // limit for this pair of caster and receiver
+    bool covered = false;             // rasterised on the CPU instead of drawn
     friend bool operator==(const MaskInputs&, const MaskInputs&) = default;
   };
   struct Mask {
@@ -94,13 +94,13 @@ class ReceivedShadowPass : public Pass {
   const ShadowGeometry& geometry_;
   LayerPainter& painter_;
   bool multisampled_ = false;
-  double pixel_at_unit_depth_ = 0.0;                       // 1 m from the camera [m]
-  std::map<std::pair<int, int>, Surface> surfaces_;        // receiver, plane
+  double pixel_at_unit_depth_ = 0.0;                 // size of a pixel 1 m from the camera [m]
+  std::map<std::pair<int, int>, Surface> surfaces_;  // receiver, plane
   std::map<std::tuple<int, int, int, int>, Masks> masks_;  // node, object, plane, receiver
   // (node, object, plane, receiver, level).
   std::map<std::tuple<int, int, int, int, int>, PreparedShadow> levels_;
-  std::vector<Shown> shown_;  // in this frame
-  std::vector<std::uint8_t> shares_;
+  std::vector<Shown> shown_;          // in this frame
+  std::vector<std::uint8_t> shares_;  // coverage of each cell by the layers, RGBA
   MaskCaster mask_caster_;
   MaskRaster mask_raster_;
   int calls_ = 0;  // draw calls of prepare()

@@ -1,11 +1,11 @@
 // Metallic-roughness surface under a few lights and hemisphere ambient light. Computes linear light
-// and encodes it with the video's tone curve. DARKENS: computes the light left in shadows instead.
+// and encodes it with the camera response. DARKENS: darkens the surface by a shadow instead.
 in vec3 place;
-in vec3 facing;
-in vec2 surface;
+in vec3 facing;  // normal, not of unit length
+in vec2 surface;  // texture coordinates
 in vec4 tint;
 #if defined(MATERIAL_MAPS)
-in vec4 along;
+in vec4 along;  // tangent; w: as Mesh::tangents
 in vec2 surface_2;
 #endif
 

@@ -15,7 +15,7 @@ namespace {
 constexpr double kPeriod = 3e-3;    // [m]
 constexpr double kTable = 0.3;      // half the table's side [m]
 constexpr double kFarthest = 3.0;   // maximum distance of strips [m]
-constexpr unsigned kDarkest = 127;  // level of black
+constexpr unsigned kDarkest = 127;  // level at which the strips cover the plane
 
 }  // namespace
 

@@ -11,20 +11,20 @@
 
 namespace penumbra {
 
-// Fractions of a part's height. The umbra is the union of the umbra of the whole part and of those
-// of the part clipped at each fraction (docs/shadows.md#fields).
+// Fractions of a part's height at which the part is clipped. Its umbra is the union of the umbras
+// of the whole part and of the clipped parts (docs/shadows.md#fields).
 inline constexpr std::array<double, 2> kLevels = {0.5, 0.02};
 
-// A projected corner: its position on the plane, and the radius rho of the light's projection
-// through it.
+// A projected corner: its position on the plane, and the radius rho of the disc that the light
+// casts through it.
 struct FieldPoint {
   float x, y, rho;
 };
 
 struct PartMatter {
   std::size_t begin = 0, end = 0;  // into ProjectedParts::corners
-  Eigen::AlignedBox2f matter;      // bounds of its points
-  Eigen::AlignedBox2f reach;       // bounds of the discs around these points
+  Eigen::AlignedBox2f matter;      // bounds of its projected corners
+  Eigen::AlignedBox2f reach;       // bounds of the discs around these corners
   // rho at kLevels (< 0: no such level) and at the top of the part.
   std::array<float, kLevels.size()> levels = {-1.0F, -1.0F};
   float top = 0.0F;

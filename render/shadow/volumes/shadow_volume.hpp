@@ -23,7 +23,7 @@ struct BoundingSphere {
   double radius = 0.0;
   friend bool operator==(const BoundingSphere&, const BoundingSphere&) = default;
 };
-// Returns false if no caster in its sphere can block the light from a receiver in the other.
+// Returns false if no object in the sphere `caster` can shadow any point of the sphere `receiver`.
 [[nodiscard]] bool may_shadow(const Eigen::Vector4d& light, const BoundingSphere& caster,
                               const BoundingSphere& receiver);
 
@@ -89,7 +89,7 @@ class VolumeCaster {
   // by the light; other parts use every face, oriented towards the light.
   std::vector<bool> closed_;
   std::vector<BoundingSphere> spheres_;  // bounding sphere of each part, object frame
-  std::vector<double> outside_;          // per part: -1 if closed and inside out, else 1
+  std::vector<double> outside_;          // sign per part: -1 if closed and inside out, else 1
 };
 
 // Returns points whose convex hull contains the volume of any caster in the hull of `points`, table
