@@ -34,22 +34,22 @@ using ImageFeed = std::function<Result<void>(const TakeImage& take, const std::s
 ImageFeed newest_of(LiveSource& source) {
   return [&source](const TakeImage& take, const std::stop_token& stop) -> Result<void> {
     constexpr std::chrono::milliseconds kPatience(50);
-    NewestImage pictures(source);
+    NewestImage images(source);
     std::vector<std::uint8_t> scratch;
     while (!stop.stop_requested()) {
       // Read before take(): the last image may arrive between both calls.
-      const bool finished = pictures.finished();
-      const std::optional<Frame> frame = pictures.take(kPatience);
+      const bool finished = images.finished();
+      const std::optional<Frame> frame = images.take(kPatience);
       if (!frame && finished) {
-        if (const auto error = pictures.error()) return tl::unexpected(*error);
+        if (const auto error = images.error()) return tl::unexpected(*error);
         return {};
       }
       if (!frame) continue;
-      NamedImage picture;
-      picture.name = "a picture";
-      picture.frame = *frame;
-      picture.luma = luma(*frame, scratch);
-      PENUMBRA_TRY(const bool more, take(picture));
+      NamedImage image;
+      image.name = "a picture";
+      image.frame = *frame;
+      image.luma = luma(*frame, scratch);
+      PENUMBRA_TRY(const bool more, take(image));
       if (!more) return {};
     }
     return {};
@@ -58,16 +58,16 @@ ImageFeed newest_of(LiveSource& source) {
 
 ImageFeed all_of(const std::filesystem::path& recording) {
   return [recording](const TakeImage& take, const std::stop_token& stop) {
-    return for_each_image(recording, [&](const NamedImage& picture) -> Result<bool> {
+    return for_each_image(recording, [&](const NamedImage& image) -> Result<bool> {
       if (stop.stop_requested()) return false;
-      return take(picture);
+      return take(image);
     });
   };
 }
 
-std::string bar(const char* name, double share) {
+std::string bar(const char* name, double fraction) {
   constexpr int kWidth = 10;
-  const int filled = std::clamp(static_cast<int>(share * kWidth), 0, kWidth);
+  const int filled = std::clamp(static_cast<int>(fraction * kWidth), 0, kWidth);
   return fmt::format("{} [{:#<{}}{: <{}}]", name, "", filled, "", kWidth - filled);
 }
 
@@ -87,9 +87,9 @@ class ImageChecker {
     GuideProgress progress;
   };
 
-  ImageChecker(ImageFeed pictures, const CaptureOptions& options, CameraCalibrator& calibrator,
+  ImageChecker(ImageFeed image_feed, const CaptureOptions& options, CameraCalibrator& calibrator,
                ViewGuide guide, std::optional<ImageCheck> check, std::stop_source stop, bool bars)
-      : image_feed_(std::move(pictures)),
+      : image_feed_(std::move(image_feed)),
         calibrator_(calibrator),
         options_(options),
         guide_(std::move(guide)),
@@ -129,7 +129,7 @@ class ImageChecker {
  private:
   void run() {
     try {
-      const auto done = image_feed_([this](const NamedImage& picture) { return look_at(picture); },
+      const auto done = image_feed_([this](const NamedImage& image) { return look_at(image); },
                                     stop_.get_token());
       if (!done) error_ = done.error();
     } catch (const std::exception& error) {
@@ -139,33 +139,33 @@ class ImageChecker {
   }
 
   // Returns false if the capture should end.
-  [[nodiscard]] Result<bool> look_at(const NamedImage& picture) {
+  [[nodiscard]] Result<bool> look_at(const NamedImage& image) {
     ++looks_;
-    if (!picture.notice.empty()) log_warning("{}", picture.notice);
-    if (picture.luma.empty()) {
-      calibrator_.add_unreadable(picture.name, picture.unreadable);
+    if (!image.notice.empty()) log_warning("{}", image.notice);
+    if (image.luma.empty()) {
+      calibrator_.add_unreadable(image.name, image.unreadable);
       ++reasons_["can't be read"];
       return true;
     }
     if (width_ == 0) {
-      width_ = picture.luma.width;
-      height_ = picture.luma.height;
-    } else if (picture.luma.width != width_ || picture.luma.height != height_) {
+      width_ = image.luma.width;
+      height_ = image.luma.height;
+    } else if (image.luma.width != width_ || image.luma.height != height_) {
       return fail(
           "{}: is {} x {} px, but those before are {} x {}; give pictures of one camera and "
           "one size",
-          picture.name, picture.luma.width, picture.luma.height, width_, height_);
+          image.name, image.luma.width, image.luma.height, width_, height_);
     }
-    GuideResult look = guide_.look(picture.luma);
+    GuideResult look = guide_.look(image.luma);
     if (check_ && !look.corners_px.empty()) check_.reset();
     if (check_) {
-      if (const auto fault = check_->check_untagged(picture.luma)) {
-        return fail("{}: {}", picture.name, advice(*fault));
+      if (const auto fault = check_->check_untagged(image.luma)) {
+        return fail("{}: {}", image.name, advice(*fault));
       }
     }
     const GuideProgress& progress = guide_.progress();
     if (look.taken) {
-      PENUMBRA_TRY_VOID(take_view(picture.luma, progress));
+      PENUMBRA_TRY_VOID(take_view(image.luma, progress));
     } else {
       ++reasons_[look.why];
     }
@@ -174,21 +174,21 @@ class ImageChecker {
                  look.taken ? "" : fmt::format(" ({})", look.why));
       std::fflush(stderr);
     }
-    looked_.put({picture.frame, std::move(look), progress});
+    looked_.put({image.frame, std::move(look), progress});
     // A recording is always read to its end.
     return !options_.guide.held || !progress.enough;
   }
 
-  [[nodiscard]] Result<void> take_view(ImageView picture, const GuideProgress& progress) {
+  [[nodiscard]] Result<void> take_view(ImageView image, const GuideProgress& progress) {
     std::string name = fmt::format("view {}", progress.views);
     std::string file;
     if (options_.keep) {
       name = fmt::format("{:06}.png", progress.views - 1);
       const std::filesystem::path path = *options_.keep / name;
-      PENUMBRA_TRY_VOID(save_grey_png(path, picture));
+      PENUMBRA_TRY_VOID(save_grey_png(path, image));
       file = fmt::format(" ({})", path.string());
     }
-    PENUMBRA_TRY_VOID(calibrator_.add(name, picture));
+    PENUMBRA_TRY_VOID(calibrator_.add(name, image));
     if (bars_) std::fputs("\r\033[K", stderr);
     fmt::print("view {}{}: image {:.0f} %, size {:.0f} %, tilt {:.0f} %, {}; {}{}\n",
                progress.views, file, 100.0 * progress.image, 100.0 * progress.size,

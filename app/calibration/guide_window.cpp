@@ -87,11 +87,11 @@ void corners_over(const GuideHud& hud, const ImageArea& area, float em) {
   }
 }
 
-void bar(const char* name, double share, float em) {
+void bar(const char* name, double fraction, float em) {
   words(name);
   ImGui::SameLine(5.0F * em);
-  ImGui::PushStyleColor(ImGuiCol_PlotHistogram, share >= 1.0 ? kGreen : kAmber);
-  const auto filled = static_cast<float>(std::clamp(share, 0.0, 1.0));
+  ImGui::PushStyleColor(ImGuiCol_PlotHistogram, fraction >= 1.0 ? kGreen : kAmber);
+  const auto filled = static_cast<float>(std::clamp(fraction, 0.0, 1.0));
   ImGui::ProgressBar(filled, {11.0F * em, 1.1F * em}, "");
   ImGui::PopStyleColor();
   ImGui::SameLine();
@@ -176,12 +176,12 @@ Result<std::unique_ptr<GuideWindow>> GuideWindow::open(int width, int height) {
                                           static_cast<int>(scale * height + 0.5)},
                                          true));
   PENUMBRA_TRY(auto overlay, Overlay::create(*context));
-  PENUMBRA_TRY(auto picture, Framebuffer::create(width, height));
-  picture.bind();
+  PENUMBRA_TRY(auto framebuffer, Framebuffer::create(width, height));
+  framebuffer.bind();
   glClearColor(0.0F, 0.0F, 0.0F, 1.0F);
   glClear(GL_COLOR_BUFFER_BIT);
   std::unique_ptr<GuideWindow> window(
-      new GuideWindow(std::move(context), std::move(overlay), std::move(picture)));
+      new GuideWindow(std::move(context), std::move(overlay), std::move(framebuffer)));
   window->hud_.width = width;
   window->hud_.height = height;
   window->hud_.words = "waiting for the camera";
@@ -189,10 +189,10 @@ Result<std::unique_ptr<GuideWindow>> GuideWindow::open(int width, int height) {
 }
 
 GuideWindow::GuideWindow(std::unique_ptr<GlContext> context, std::unique_ptr<Overlay> overlay,
-                         Framebuffer picture)
+                         Framebuffer framebuffer)
     : context_(std::move(context)),
       overlay_(std::move(overlay)),
-      framebuffer_(std::move(picture)),
+      framebuffer_(std::move(framebuffer)),
       video_(context_->info().api, !context_->info().software) {
   context_->on_event([this](const WindowEvent& event) { take(event); });
 }

@@ -53,7 +53,7 @@ class GuideWindow {
 
  private:
   GuideWindow(std::unique_ptr<GlContext> context, std::unique_ptr<Overlay> overlay,
-              Framebuffer picture);
+              Framebuffer framebuffer);
   void take(const WindowEvent& event);
   void save_window_image();
 

@@ -40,22 +40,22 @@ Result<void> each_file(const std::filesystem::path& source,
   ClampWatch clamps(depth.bits);
   std::vector<std::uint8_t> scratch;
   for (std::size_t i = 0; i < files.size(); ++i) {
-    NamedImage picture;
+    NamedImage image;
     if (i == 0 && depth.reduced()) {
-      picture.notice = fmt::format("{}: {}", source.string(), depth.text());
+      image.notice = fmt::format("{}: {}", source.string(), depth.text());
     }
-    picture.name = files[i].filename().string();
-    picture.index = static_cast<int>(i);
-    picture.count = static_cast<int>(files.size());
+    image.name = files[i].filename().string();
+    image.index = static_cast<int>(i);
+    image.count = static_cast<int>(files.size());
     const Result<Frame> frame = load_image(files[i], clamps.options());
-    if (auto warning = clamps.take_warning(files[i].string())) picture.notice = std::move(*warning);
+    if (auto warning = clamps.take_warning(files[i].string())) image.notice = std::move(*warning);
     if (frame) {
-      picture.frame = *frame;
-      picture.luma = luma(*frame, scratch);
+      image.frame = *frame;
+      image.luma = luma(*frame, scratch);
     } else {
-      picture.unreadable = frame.error().message;
+      image.unreadable = frame.error().message;
     }
-    PENUMBRA_TRY(const bool more, take(picture));
+    PENUMBRA_TRY(const bool more, take(image));
     if (!more) return {};
   }
   return {};
@@ -94,13 +94,13 @@ Result<void> for_each_image(const std::filesystem::path& source,
   for (int i = 0;; ++i) {
     PENUMBRA_TRY(const auto frame, frames->next());
     if (!frame) return {};
-    NamedImage picture;
-    picture.name = fmt::format("frame {}", frame->sequence);
-    picture.index = i;
-    picture.count = frames->frame_count().value_or(0);
-    picture.frame = *frame;
-    picture.luma = luma(*frame, scratch);
-    PENUMBRA_TRY(const bool more, take(picture));
+    NamedImage image;
+    image.name = fmt::format("frame {}", frame->sequence);
+    image.index = i;
+    image.count = frames->frame_count().value_or(0);
+    image.frame = *frame;
+    image.luma = luma(*frame, scratch);
+    PENUMBRA_TRY(const bool more, take(image));
     if (!more) return {};
   }
 }
