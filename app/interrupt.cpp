@@ -59,8 +59,8 @@ void InterruptWatch::again() {
   interrupted_ = false;
 }
 
-// Starts the thread that ends the process at the first signal after `from`. It ignores SIGHUP
-// unless `by_hangup`.
+// Starts the thread that ends the process at the first signal after `from`. SIGHUP ends it only if
+// `by_hangup` is set.
 void InterruptWatch::start_terminator(Clock::time_point from, bool by_hangup) {
   stopped_ = false;
   terminator_ = std::thread([this, from, by_hangup] {

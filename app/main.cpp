@@ -72,10 +72,10 @@ std::optional<std::string> unknown_option(const CLI::App& program) {
 // Turns "help COMMAND" into "COMMAND --help" and ignores further words.
 void rewrite_help_command(std::vector<std::string>& words) {
   if (words.empty() || words.front() != "help") return;
-  std::vector<std::string> asked = {"--help"};
+  std::vector<std::string> arguments = {"--help"};
   if (words.size() > 1 && words[1] != "help" && !words[1].starts_with('-'))
-    asked.insert(asked.begin(), words[1]);
-  words = std::move(asked);
+    arguments.insert(arguments.begin(), words[1]);
+  words = std::move(arguments);
 }
 
 // Returns an error message for an empty value or "nan", which CLI11's range checks accept.

@@ -1,5 +1,5 @@
-// JPEG images of cameras and recordings. An image is accepted if it has the camera's size and all
-// of its blocks can be decoded.
+// JPEG images of cameras and recordings. An image is accepted if it has the stream's size
+// (`granted`) and all of its blocks can be decoded.
 #pragma once
 
 #include <cstdint>

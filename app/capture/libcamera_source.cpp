@@ -105,9 +105,9 @@ std::string model_of(const lc::Camera& camera) {
 StreamResult<std::shared_ptr<lc::Camera>> find_camera(const lc::CameraManager& manager,
                                                       const std::string& name) {
   const auto cameras = manager.cameras();
-  if (const auto place = parse_integer(name);
-      place && *place >= 0 && static_cast<std::uint64_t>(*place) < cameras.size()) {
-    return cameras[static_cast<std::size_t>(*place)];
+  if (const auto index = parse_integer(name);
+      index && *index >= 0 && static_cast<std::uint64_t>(*index) < cameras.size()) {
+    return cameras[static_cast<std::size_t>(*index)];
   }
   for (const auto& camera : cameras) {
     if (camera->id() == name || model_of(*camera) == name) return camera;

@@ -101,13 +101,13 @@ CalibrationRecord record_of(const CameraCalibration& calibration, const Target& 
 }
 
 void print_summary(const CameraCalibration& calibration) {
-  constexpr int kMostOfAReason = 8;
-  const auto listed = images_to_report(calibration.pictures, kMostOfAReason);
+  constexpr int kMaxPerReason = 8;
+  const auto listed = images_to_report(calibration.pictures, kMaxPerReason);
   for (std::size_t i = 0; i < listed.size(); ++i) {
     if (!listed[i]) continue;
-    const CalibrationImage& picture = calibration.pictures[i];
+    const CalibrationImage& image = calibration.pictures[i];
     const std::string more = *listed[i] > 0 ? fmt::format(" and {} more", *listed[i]) : "";
-    fmt::print("rejected: {}{}: {}\n", picture.name, more, picture.left_out);
+    fmt::print("rejected: {}{}: {}\n", image.name, more, image.left_out);
   }
   fmt::print("{:<22}{:<9}{:>13}{:>17}\n", "lens", "board", "residual [px]", "held out [px]");
   for (const ModelTrial& trial : calibration.trials) {
@@ -164,19 +164,18 @@ Result<void> read_pictures(const CalibrateOptions& options,
                            CameraCalibrator& calibrator) {
   const std::filesystem::path& source = options.source;
   std::optional<ProgressBar> progress;
-  PENUMBRA_TRY_VOID(for_each_image(source, [&](const NamedImage& picture) -> Result<bool> {
-    if (!picture.notice.empty()) log_warning("{}", picture.notice);
-    if (!progress) progress.emplace(picture.count, "pictures");
-    if (picture.luma.empty()) {
-      calibrator.add_unreadable(picture.name, picture.unreadable);
-    } else if (auto same =
-                   check_comparable(options, earlier, picture.luma.width, picture.luma.height);
+  PENUMBRA_TRY_VOID(for_each_image(source, [&](const NamedImage& image) -> Result<bool> {
+    if (!image.notice.empty()) log_warning("{}", image.notice);
+    if (!progress) progress.emplace(image.count, "pictures");
+    if (image.luma.empty()) {
+      calibrator.add_unreadable(image.name, image.unreadable);
+    } else if (auto same = check_comparable(options, earlier, image.luma.width, image.luma.height);
                !same) {
       return tl::unexpected(same.error());
-    } else if (auto added = calibrator.add(picture.name, picture.luma); !added) {
+    } else if (auto added = calibrator.add(image.name, image.luma); !added) {
       return fail_in(source.string(), added.error());
     }
-    progress->update(picture.index + 1);
+    progress->update(image.index + 1);
     return !interrupt.interrupted();
   }));
   return {};
@@ -199,8 +198,8 @@ std::unique_ptr<GuideWindow> window_for(const CalibrateOptions& options, int wid
 // Returns the size of the first readable image.
 Result<ImageSize> picture_size(const std::filesystem::path& recording) {
   std::optional<ImageSize> size;
-  PENUMBRA_TRY_VOID(for_each_image(recording, [&](const NamedImage& picture) -> Result<bool> {
-    if (!picture.luma.empty()) size = ImageSize{picture.luma.width, picture.luma.height};
+  PENUMBRA_TRY_VOID(for_each_image(recording, [&](const NamedImage& image) -> Result<bool> {
+    if (!image.luma.empty()) size = ImageSize{image.luma.width, image.luma.height};
     return !size;
   }));
   if (!size) {
@@ -240,15 +239,15 @@ Result<Guided> guide(const CalibrateOptions& options, const Target& target,
   const CaptureSource source = camera ? CaptureSource(camera.get()) : CaptureSource(*recording);
   PENUMBRA_TRY(auto captured,
                capture_views(source, target, capture, interrupt, calibrator, window));
-  constexpr int kFewest = 3;
-  if (captured.views < kFewest) {
+  constexpr int kMinViews = 3;
+  if (captured.views < kMinViews) {
     const std::string why =
         captured.why_not.empty() ? "" : fmt::format(" (most often: {})", captured.why_not);
     return fail(
         "{}: {} of {} picture{} {} taken{}, and a camera needs at least {} views; show the whole "
         "target, sharp and still, tilted in several directions",
         options.source.string(), captured.views, captured.pictures,
-        captured.pictures == 1 ? "" : "s", captured.views == 1 ? "was" : "were", why, kFewest);
+        captured.pictures == 1 ? "" : "s", captured.views == 1 ? "was" : "were", why, kMinViews);
   }
   if (captured.end == CaptureEnd::interrupted) {
     fmt::print("solving from {} views; Ctrl-C again ends it without a camera file\n",

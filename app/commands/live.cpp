@@ -52,11 +52,12 @@ void add_automatic_option(CLI::App& command, const std::string& name, const std:
 }
 
 std::string check_control(const std::string& text) {
-  constexpr double kMost = 1e6;
+  constexpr double kMaxSteps = 1e6;
   const auto number = parse_number(text);
   if (!number) return fmt::format("{}: is not a number", text);
-  if (!(std::abs(*number) <= kMost)) {
-    return fmt::format("{}: is out of range; no camera has more than {:.0f} steps", text, kMost);
+  if (!(std::abs(*number) <= kMaxSteps)) {
+    return fmt::format("{}: is out of range; no camera has more than {:.0f} steps", text,
+                       kMaxSteps);
   }
   return {};
 }

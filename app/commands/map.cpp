@@ -137,8 +137,8 @@ Result<ExitCode> run_map(const MapOptions& options) {
   PENUMBRA_TRY(auto result, survey_all());
   // Edges are measured at the surveyed tag positions. A rejected tag changes these, so the edges
   // are measured again.
-  constexpr int kMostRounds = 3;
-  for (int round = 0; round < kMostRounds; ++round) {
+  constexpr int kMaxRounds = 3;
+  for (int round = 0; round < kMaxRounds; ++round) {
     const std::vector<int> placed = ids_of(result);
     PENUMBRA_TRY_VOID(for_each_luma(
         options, recording, "edges", interrupt, [&](std::size_t index, ImageView luma) {

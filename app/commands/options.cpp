@@ -359,9 +359,9 @@ void add_frame_options(CLI::App& command, RunRequest& request, ShadowChoice& sha
   const auto take_samples = [&msaa = request.msaa](const std::string& text) {
     msaa.reset();
     if (text == "auto") return;
-    constexpr std::int64_t kMost = 64;
+    constexpr std::int64_t kMaxSamples = 64;
     const auto samples = text == "off" ? 0 : parse_integer(text);
-    if (!samples || *samples < 0 || *samples > kMost) {
+    if (!samples || *samples < 0 || *samples > kMaxSamples) {
       usage_error("--msaa", "{}: is neither auto, off nor a number of samples", text);
     }
     msaa = static_cast<int>(*samples);

@@ -128,19 +128,19 @@ std::string shadow_table(const ShadowJob& job, const ShadowResult& result) {
 }
 
 ShadowDrawing picture_of(const ShadowJob& job, const ShadowResult& result) {
-  ShadowDrawing picture;
-  picture.title = as_utf8(fmt::format("{}, {}", job.model.stem().string(), technique_words(job)));
+  ShadowDrawing drawing;
+  drawing.title = as_utf8(fmt::format("{}, {}", job.model.stem().string(), technique_words(job)));
   if (job.has_layers()) {
-    picture.subtitle =
+    drawing.subtitle =
         std::isinf(job.constants.light_height)
             ? fmt::format("light at the zenith, umbra to {:g} m", job.constants.umbra_height)
             : fmt::format("H = {:g} m, a = {:.3g}", job.constants.light_height,
                           job.constants.light_ratio);
   }
-  picture.layers.assign(result.layers.rbegin(), result.layers.rend());
-  picture.object = result.object;
-  picture.kernels = result.kernels;
-  return picture;
+  drawing.layers.assign(result.layers.rbegin(), result.layers.rend());
+  drawing.object = result.object;
+  drawing.kernels = result.kernels;
+  return drawing;
 }
 
 }  // namespace penumbra

@@ -130,7 +130,7 @@ void LivePipeline::track_all() {
 // Waits until the next image is due or the drawer waits for it. Returns false if the pipeline ends.
 bool LivePipeline::wait_for_drawer() {
   std::unique_lock lock(drawer_mutex_);
-  // Waits for the count too: the drawer empties ready_ before it counts the frame.
+  // The drawer empties ready_ first and then counts the frame, so this waits for the count.
   drawer_changed_.wait(lock, [this] { return stopping_ || taken_ == handed_over_; });
   if (const auto begin_ns = draw_pace_.begin_at_ns()) {
     const std::chrono::steady_clock::time_point begin{std::chrono::nanoseconds(*begin_ns)};

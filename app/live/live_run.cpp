@@ -270,8 +270,8 @@ void LiveLoop::draw_stall() {
   note_failure(late_.write_rest());
   const auto stall_ns = pipeline_.stale_for_ns();
   if (stall_ns) host_.set_stalled(*stall_ns);
-  if (auto picture = stall_ns ? stall_display_.picture(*stall_ns) : std::nullopt) {
-    const auto drawn = setup_.session->redraw(std::move(*picture));
+  if (auto repeated = stall_ns ? stall_display_.picture(*stall_ns) : std::nullopt) {
+    const auto drawn = setup_.session->redraw(std::move(*repeated));
     if (!drawn) return fail_with(drawn.error());
     if (viewer_) host_.observe(*drawn);
     if (!stall_display_.holds()) host_.forget_frame();

@@ -70,8 +70,8 @@ struct RunOutputs {
                                               const std::vector<std::string>& groups,
                                               int encode_ahead);
 
-// Writes a run's outputs if composited images are available one frame late: a frame is written
-// while the next one is drawn.
+// Writes a run's outputs. If images are read back one frame late, writes each frame while the next
+// one is drawn.
 class LateOutputs {
  public:
   // All arguments must outlive this object. `session`: nullptr if images are never late.

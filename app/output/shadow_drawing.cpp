@@ -65,9 +65,9 @@ Layout lay_out(const ShadowDrawing& drawing) {
   Eigen::Vector2d size = high - low;
   const double extent = std::max(size.maxCoeff(), 1e-9);
   // Widens the map of a very narrow shadow, so that the legend fits below it.
-  const Eigen::Vector2d least = size.cwiseMax(0.45 * extent);
-  low -= 0.5 * (least - size);
-  size = least;
+  const Eigen::Vector2d min_size = size.cwiseMax(0.45 * extent);
+  low -= 0.5 * (min_size - size);
+  size = min_size;
   Layout layout;
   layout.low = low;
   layout.unit = 10.0 * extent;  // 1 % of the extent, in [mm]
@@ -136,10 +136,10 @@ void draw(Canvas& canvas, const ShadowDrawing& drawing, const Layout& layout) {
   const double size = 2.2 * unit;
   const double line = layout.map_bottom + 5.5 * unit;
   double x = layout.margin();
-  const auto entry = [&](std::uint32_t color, const std::string& words) {
+  const auto entry = [&](std::uint32_t color, const std::string& label) {
     canvas.rectangle(x, line - 1.7 * unit, 2.0 * unit, 2.0 * unit, color);
-    canvas.text(x + 2.7 * unit, line, size, words);
-    x += (6.0 + 1.4 * static_cast<double>(words.size())) * unit;
+    canvas.text(x + 2.7 * unit, line, size, label);
+    x += (6.0 + 1.4 * static_cast<double>(label.size())) * unit;
   };
   for (const ShadowDrawing::Layer& layer : drawing.layers) {
     entry(layer_color(layer.name), layer.name);

@@ -176,12 +176,12 @@ class VideoWriter final : public FrameWriter {
     if (!scaler_) return fail("{}: libswscale cannot convert RGBA to yuv420p", name());
     const int matrix =
         av_.encoder->colorspace == AVCOL_SPC_BT709 ? SWS_CS_ITU709 : SWS_CS_SMPTE170M;
-    constexpr int kFull = 1;
-    constexpr int kLimited = 0;
-    constexpr int kOne = 1 << 16;
+    constexpr int kFullRange = 1;
+    constexpr int kLimitedRange = 0;
+    constexpr int kUnity = 1 << 16;  // contrast and saturation 1, fixed point
     const int error =
-        sws_setColorspaceDetails(scaler_.get(), sws_getCoefficients(matrix), kFull,
-                                 sws_getCoefficients(matrix), kLimited, 0, kOne, kOne);
+        sws_setColorspaceDetails(scaler_.get(), sws_getCoefficients(matrix), kFullRange,
+                                 sws_getCoefficients(matrix), kLimitedRange, 0, kUnity, kUnity);
     if (error < 0) return fail("{}: libswscale cannot convert RGBA to yuv420p", name());
     if (av_.encoder->width != format_.width || av_.encoder->height != format_.height) {
       padded_.resize(static_cast<std::size_t>(av_.encoder->width) *

@@ -407,8 +407,8 @@ void RecordingWriter::add_pose(std::int64_t timestamp_ns, const PoseEstimate& po
 
 void RecordingWriter::add_group(std::int64_t timestamp_ns, const GroupEstimate& group) {
   if (group.status != TrackStatus::tracked) return;
-  const CameraPose place(group.T_table_group.rotation(), group.T_table_group.translation());
-  impl_->add(PoseLine{format_tum({timestamp_ns, place, {}}), group.name});
+  const CameraPose pose(group.T_table_group.rotation(), group.T_table_group.translation());
+  impl_->add(PoseLine{format_tum({timestamp_ns, pose, {}}), group.name});
 }
 
 void RecordingWriter::add_event(std::int64_t timestamp_ns, std::string_view event,

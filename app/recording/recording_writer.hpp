@@ -27,7 +27,7 @@ struct RecordingHead {
   StreamFormat format;
   std::vector<std::pair<std::string, std::int64_t>> controls;
   // Reads the controls again on the writer's thread, because some cameras report them only with
-  // frames. If the result is empty, the previous values stay.
+  // frames. An empty result does not replace the previous values.
   std::function<std::vector<std::pair<std::string, std::int64_t>>()> read_controls;
   std::string camera_yaml;  // text of camera.yaml
   std::string tags_yaml;
@@ -36,7 +36,7 @@ struct RecordingHead {
 struct RecordingCounts {
   std::uint64_t written = 0;
   std::uint64_t dropped = 0;         // images dropped because the disk was too slow
-  std::uint64_t lines_dropped = 0;   // poses, light, events, if that lasts over a minute
+  std::uint64_t lines_dropped = 0;   // poses, light, events; dropped if the queue is full
   std::optional<std::string> error;  // why writing ended early
 };
 

@@ -143,8 +143,8 @@ class Simulation {
       GroupPlacement& placement = placements.emplace_back();
       placement.group = group;
       for (const std::int64_t time : times) {
-        const CameraPose place = interpolate_pose(path, time);
-        placement.path.emplace_back(place.rotation(), place.translation());
+        const CameraPose pose = interpolate_pose(path, time);
+        placement.path.emplace_back(pose.rotation(), pose.translation());
       }
     }
     PatternRenderOptions light = light_;
@@ -163,8 +163,8 @@ class Simulation {
 
  private:
   static GroupPose group_pose(const Trajectory& path, std::int64_t time_ns) {
-    const CameraPose place = interpolate_pose(path, time_ns);
-    return {place.rotation(), place.translation()};
+    const CameraPose pose = interpolate_pose(path, time_ns);
+    return {pose.rotation(), pose.translation()};
   }
 
   // Returns the centres of equal intervals of an exposure. They are so close that the image moves
@@ -235,11 +235,11 @@ class Simulation {
         for (std::size_t c = 0; c < 3; ++c) sum[3 * i + c] += linear[rgba[4 * i + c]];
       }
     }
-    const double share = 1.0 / static_cast<double>(times.size());
+    const double fraction = 1.0 / static_cast<double>(times.size());
     for (std::size_t i = 0; i < pixels; ++i) {
       for (std::size_t c = 0; c < 3; ++c) {
         rgba[4 * i + c] = static_cast<std::uint8_t>(
-            std::lround(255.0 * std::pow(share * sum[3 * i + c], 1.0 / light_.gamma)));
+            std::lround(255.0 * std::pow(fraction * sum[3 * i + c], 1.0 / light_.gamma)));
       }
     }
     return rgba;
@@ -266,18 +266,18 @@ Result<CameraModel> without_rolling_shutter(const CameraModel& camera, const fs:
 
 void add_places(const Simulation& simulation, std::int64_t timestamp_ns,
                 std::map<std::string, Trajectory>& group_truth) {
-  for (auto& [group, places] : group_truth) {
+  for (auto& [group, trajectory] : group_truth) {
     const auto moves = simulation.groups().find(group);
-    StampedPose& place = places.poses.emplace_back();
-    place.timestamp_ns = timestamp_ns;
+    StampedPose& pose = trajectory.poses.emplace_back();
+    pose.timestamp_ns = timestamp_ns;
     if (moves != simulation.groups().end())
-      place.T_table_camera = interpolate_pose(moves->second, timestamp_ns);
+      pose.T_table_camera = interpolate_pose(moves->second, timestamp_ns);
   }
 }
 
-std::string text_of_places(const Trajectory& places) {
+std::string text_of_places(const Trajectory& trajectory) {
   std::string text = "# timestamp tx ty tz qx qy qz qw: T_table_group, seconds and metres\n";
-  for (const StampedPose& place : places.poses) text += format_tum(place) + "\n";
+  for (const StampedPose& pose : trajectory.poses) text += format_tum(pose) + "\n";
   return text;
 }
 
@@ -364,9 +364,9 @@ Result<SimulateSummary> run_simulate(const SimulateRequest& request) {
     fs::create_directory(folder.partial() / "groups", error);
     if (error) return cannot_be_made(request.output / "groups", error);
   }
-  for (const auto& [group, places] : group_truth) {
+  for (const auto& [group, trajectory] : group_truth) {
     if (!written) break;
-    written = write_file(fs::path("groups") / *group_file(group), text_of_places(places));
+    written = write_file(fs::path("groups") / *group_file(group), text_of_places(trajectory));
   }
   if (written) written = write_file("timestamps.csv", listing);
   if (!written) return folder.failed(written.error());

@@ -86,10 +86,10 @@ void add_accuracy(const ReplayRequest& request, const Recording& recording, cons
     report.smoothing->accuracy = accuracy_of(camera, run, run.drawn(), truth, request.pairing);
   }
   for (GroupReport& group : report.groups) {
-    const auto places = recording.group_groundtruth.find(group.name);
-    if (places == recording.group_groundtruth.end()) continue;
-    const Evaluation of_group =
-        accuracy_of_group(camera, run, group.name, {truth, places->second}, request.pairing);
+    const auto truth_of_group = recording.group_groundtruth.find(group.name);
+    if (truth_of_group == recording.group_groundtruth.end()) continue;
+    const Evaluation of_group = accuracy_of_group(camera, run, group.name,
+                                                  {truth, truth_of_group->second}, request.pairing);
     if (of_group.frames_with_truth > 0) group.accuracy = of_group;
   }
 }

@@ -40,7 +40,7 @@ SmoothedPose PoseSmoother::smooth(std::int64_t timestamp_ns, const CameraPose& m
   const double dt = seconds_between(last_->timestamp_ns, timestamp_ns);
   if (dt > kMaxGap_s) return start(timestamp_ns, measured);
 
-  double share = 0.0;
+  double fraction = 0.0;
   double lag_ms = last_->drawn.lag_ms;
   if (dt > 0.0) {
     const Vector6d velocity = perturbation_between(last_->measured, measured) / dt;
@@ -50,23 +50,23 @@ SmoothedPose PoseSmoother::smooth(std::int64_t timestamp_ns, const CameraPose& m
     const double speed =
         overlay_difference(camera_, perturbed(measured, last_->velocity * dt), measured).rms_px() /
         dt;
-    share = step_fraction(dt, kMinCutoff_hz + kCutoffGain_s_px2 * speed * speed);
+    fraction = step_fraction(dt, kMinCutoff_hz + kCutoffGain_s_px2 * speed * speed);
   }
   const Vector6d step_to_measured = perturbation_between(last_->drawn.T_table_camera, measured);
   SmoothedPose drawn;
   // Raises the share until the offset is small enough; the offset is nearly linear in the share.
   constexpr int kMaxSteps = 8;
   for (int step = 0; step < kMaxSteps; ++step) {
-    drawn.T_table_camera = perturbed(last_->drawn.T_table_camera, share * step_to_measured);
+    drawn.T_table_camera = perturbed(last_->drawn.T_table_camera, fraction * step_to_measured);
     drawn.offset_px = overlay_difference(camera_, drawn.T_table_camera, measured).rms_px();
     if (drawn.offset_px <= kMaxOffset_px && drawn.T_table_camera.is_finite()) {
-      drawn.lag_ms = dt > 0.0 ? 1e3 * dt * (1.0 - share) / share : lag_ms * (1.0 - share);
+      drawn.lag_ms = dt > 0.0 ? 1e3 * dt * (1.0 - fraction) / fraction : lag_ms * (1.0 - fraction);
       last_->drawn = drawn;
       return drawn;
     }
-    const double left = (1.0 - share) * 0.99 * kMaxOffset_px / drawn.offset_px;
-    if (!std::isfinite(left)) break;
-    share = 1.0 - left;
+    const double remaining_fraction = (1.0 - fraction) * 0.99 * kMaxOffset_px / drawn.offset_px;
+    if (!std::isfinite(remaining_fraction)) break;
+    fraction = 1.0 - remaining_fraction;
   }
   return start(timestamp_ns, measured);
 }

@@ -31,8 +31,8 @@ TrackedFrame look_up(const GivenPoses& given_poses, const std::vector<std::strin
     group.status = TrackStatus::tracked;
     const auto given = given_poses.groups.find(name);
     if (given == given_poses.groups.end()) continue;
-    if (const StampedPose* place = given->second.at(frame.timestamp_ns); place != nullptr) {
-      group.T_table_group = {place->T_table_camera.rotation(), place->T_table_camera.translation()};
+    if (const StampedPose* pose = given->second.at(frame.timestamp_ns); pose != nullptr) {
+      group.T_table_group = {pose->T_table_camera.rotation(), pose->T_table_camera.translation()};
     } else {
       group.status = TrackStatus::lost;
       group.reason = not_measured("no place given for this time");

@@ -57,10 +57,9 @@ struct SessionFrame {
   CompositeStats composite;
   StageTime light_time;  // measuring the video's light
   StageTime plan_time;
-  StageTime draw_time;  // total of plan, shadows, rendering and read-back
-  // True if an image was read back: this one or, for ReadBackTime::later, the previous one.
-  bool read_back = false;
-  ReadBackTime picture = ReadBackTime::now;
+  StageTime draw_time;                       // total of plan, shadows, rendering and read-back
+  bool read_back = false;                    // an image was read back (which one: see `picture`)
+  ReadBackTime picture = ReadBackTime::now;  // later: the previous image was read back
   std::vector<SceneEdit> edits;  // edits since the previous frame, in effect from this one on
 };
 

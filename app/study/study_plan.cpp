@@ -113,8 +113,8 @@ std::vector<int> williams_row(int count, std::int64_t row) {
   const auto r = static_cast<int>(row % williams_rows(count));
   std::vector<int> treatments;
   for (int i = 0; i < count; ++i) {
-    const int first_row = i % 2 == 1 ? (i + 1) / 2 : (count - i / 2) % count;
-    treatments.push_back((first_row + r) % count);
+    const int in_first_row = i % 2 == 1 ? (i + 1) / 2 : (count - i / 2) % count;
+    treatments.push_back((in_first_row + r) % count);
   }
   if (r >= count) std::ranges::reverse(treatments);
   return treatments;
@@ -144,12 +144,12 @@ StudyPlan plan_study(const StudyDesign& design) {
       shuffled(design.samples, SplitMix64(design.seed, kSampleOrder));
   const std::int64_t participant = design.participant - 1;
   int block = 0;
-  for (const int letter : williams_row(techniques, participant)) {
+  for (const int technique_symbol : williams_row(techniques, participant)) {
     int trial = 0;
-    for (const int sample : williams_row(design.samples, participant * techniques + block)) {
+    for (const int sample_symbol : williams_row(design.samples, participant * techniques + block)) {
       plan.trials.push_back({static_cast<int>(plan.trials.size()) + 1, block + 1, ++trial,
-                             technique_of[static_cast<std::size_t>(letter)],
-                             sample_of[static_cast<std::size_t>(sample)]});
+                             technique_of[static_cast<std::size_t>(technique_symbol)],
+                             sample_of[static_cast<std::size_t>(sample_symbol)]});
     }
     ++block;
   }

@@ -62,10 +62,10 @@ StudySummary of_one(const Answers& answers) {
   StudySummary summary;
   summary.response_time_s = median_of(answers.times_s);
   summary.error_m = median_of(answers.errors_m);
-  const FractionEstimate share =
+  const FractionEstimate wrong =
       estimate_fraction(answers.wrong, static_cast<int>(answers.times_s.size()));
-  summary.wrong_fraction = share.share;
-  summary.wrong_interval = share.interval;
+  summary.wrong_fraction = wrong.share;
+  summary.wrong_interval = wrong.interval;
   return summary;
 }
 
@@ -102,14 +102,14 @@ std::optional<StudyRow> parse_study_row(std::string_view line) {
   row.technique = fields[5];
   row.chosen = fields[10];
   row.hard = fields[8] == "hard";
-  for (const std::string_view place : split(fields[9], ';')) {
-    const auto point = point_in(place);
+  for (const std::string_view text : split(fields[9], ';')) {
+    const auto point = point_in(text);
     if (!point) return std::nullopt;
     row.places.push_back(*point);
   }
   struct Count {
     std::size_t field;
-    int least;
+    int minimum;
     int StudyRow::*value;
   };
   constexpr std::array<Count, 8> kCounts = {{{2, 1, &StudyRow::participant},
@@ -120,9 +120,9 @@ std::optional<StudyRow> parse_study_row(std::string_view line) {
                                              {14, 0, &StudyRow::misses},
                                              {15, 0, &StudyRow::frames},
                                              {16, 0, &StudyRow::frames_lost}}};
-  for (const auto& [field, least, value] : kCounts) {
+  for (const auto& [field, minimum, value] : kCounts) {
     const auto count = parse_integer(fields[field]);
-    if (!count || *count < least || *count > 1'000'000'000) return std::nullopt;
+    if (!count || *count < minimum || *count > 1'000'000'000) return std::nullopt;
     row.*value = static_cast<int>(*count);
   }
   const auto time = parse_seconds_as_ns(fields[12]);
@@ -271,18 +271,18 @@ std::vector<StudySummary> summarise(const StudyDesign& design, std::span<const S
     if (by_participant.size() == 1) {
       summary = of_one(by_participant.begin()->second);
     } else if (!by_participant.empty()) {
-      std::vector<double> times, errors, shares;
+      std::vector<double> times, errors, fractions;
       for (const auto& [participant, answers] : by_participant) {
         const StudySummary one = of_one(answers);
         times.push_back(one.response_time_s->median);
         errors.push_back(one.error_m->median);
-        shares.push_back(one.wrong_fraction);
+        fractions.push_back(one.wrong_fraction);
       }
       summary.response_time_s = median_of(times);
       summary.error_m = median_of(errors);
-      const auto share = median_of(shares);
-      summary.wrong_fraction = share->median;
-      summary.wrong_interval = share->interval;
+      const auto fraction = median_of(fractions);
+      summary.wrong_fraction = fraction->median;
+      summary.wrong_interval = fraction->interval;
     }
     summary.technique = technique.name;
     summary.participants = static_cast<int>(by_participant.size());

@@ -358,25 +358,25 @@ Result<StudyReport> run_study(const StudyRequest& request) {
   }
   PENUMBRA_TRY_VOID(check_paths(request));
   const auto scene = std::make_shared<const Scene>(study_scene(request.design.experiment));
-  PENUMBRA_TRY(auto pictures, open_input(request, *scene));
+  PENUMBRA_TRY(auto input, open_input(request, *scene));
 
   // A script does not need vertical synchronisation.
   PENUMBRA_TRY(auto context, open_run_context({request.window, !script},
-                                              {pictures.camera.width(), pictures.camera.height()}));
+                                              {input.camera.width(), input.camera.height()}));
   const bool has_window = context->window_size().width > 0;
   if (!script && !has_window) {
     return fail("a study needs a window, and none could be opened; see the line before");
   }
-  PENUMBRA_TRY(auto session, Session::create(*context, scene, pictures.camera,
-                                             std::move(pictures.poses), SessionOptions()));
+  PENUMBRA_TRY(auto session, Session::create(*context, scene, input.camera, std::move(input.poses),
+                                             SessionOptions()));
   PENUMBRA_TRY_VOID(session.warm_up(PixelFormat::yuv420p));
   std::unique_ptr<Overlay> overlay;
   if (has_window) {
     PENUMBRA_TRY(overlay, Overlay::create(*context));
   }
-  std::unique_ptr<StudyFeed> feed = std::move(pictures.feed);
+  std::unique_ptr<StudyFeed> feed = std::move(input.feed);
   if (!feed) {
-    PENUMBRA_TRY(auto source, open_live_source(request.camera, &pictures.camera));
+    PENUMBRA_TRY(auto source, open_live_source(request.camera, &input.camera));
     feed = feed_of_camera(std::move(source));
   }
 

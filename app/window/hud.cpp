@@ -160,11 +160,10 @@ std::vector<std::string> warnings_of(const HudState& state) {
 }
 
 std::string recording_text(const HudRecording& recording) {
-  std::string words =
-      fmt::format("{} {}   {} frames", recording.error ? "recording FAILED:" : "REC",
-                  recording.folder, recording.written);
-  if (recording.dropped > 0) words += fmt::format(", {} dropped", recording.dropped);
-  return words;
+  std::string text = fmt::format("{} {}   {} frames", recording.error ? "recording FAILED:" : "REC",
+                                 recording.folder, recording.written);
+  if (recording.dropped > 0) text += fmt::format(", {} dropped", recording.dropped);
+  return text;
 }
 
 std::string smoothing_text(const SmoothedPose& smoothed) {
@@ -173,14 +172,14 @@ std::string smoothing_text(const SmoothedPose& smoothed) {
 }
 
 std::string technique_text(std::span<const HudNode> nodes) {
-  std::vector<std::string_view> words;
+  std::vector<std::string_view> names;
   for (const HudNode& node : nodes) {
     const bool cocl = node.style.technique == ShadowTechnique::layered &&
                       node.style.kernels == KernelSource::centroid;
-    const std::string_view word = cocl ? "cocl" : to_string(node.style.technique);
-    if (std::ranges::find(words, word) == words.end()) words.push_back(word);
+    const std::string_view name = cocl ? "cocl" : to_string(node.style.technique);
+    if (std::ranges::find(names, name) == names.end()) names.push_back(name);
   }
-  return words.empty() ? "none" : fmt::format("{}", fmt::join(words, ", "));
+  return names.empty() ? "none" : fmt::format("{}", fmt::join(names, ", "));
 }
 
 std::vector<std::string> reason_lines(const HudState& state) {
@@ -199,11 +198,11 @@ std::vector<std::string> reason_lines(const HudState& state) {
   return lines;
 }
 
-std::string in_words(Translucency asked, Translucency drawn) {
-  if (asked != Translucency::automatic || drawn == Translucency::automatic) {
-    return std::string(to_string(asked));
+std::string in_words(Translucency requested, Translucency drawn) {
+  if (requested != Translucency::automatic || drawn == Translucency::automatic) {
+    return std::string(to_string(requested));
   }
-  return fmt::format("{} ({})", to_string(asked), to_string(drawn));
+  return fmt::format("{} ({})", to_string(requested), to_string(drawn));
 }
 
 Translucency translucency_after(Translucency mode) {

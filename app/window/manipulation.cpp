@@ -11,8 +11,8 @@
 namespace penumbra {
 namespace {
 
-// Largest distance of a dragged point from the camera, relative to the grabbed point's. Near the
-// horizon one pixel corresponds to metres.
+// Largest distance of a dragged point from the camera, relative to its distance when grabbed. Near
+// the horizon one pixel corresponds to metres.
 constexpr double kFarthest = 6.0;
 // Smallest sine of the angle between the ray and the vertical plane of a lift.
 constexpr double kFlattest = 0.35;

@@ -48,30 +48,30 @@ constexpr HudColor kWarning = {1.0F, 0.55F, 0.45F, 1.0F};
 constexpr HudColor kKernelDot = {0.25F, 0.85F, 1.0F, 0.9F};
 constexpr HudColor kQuiet = {0.72F, 0.76F, 0.80F, 1.0F};
 
-void text(const std::string& words) {
-  ImGui::TextUnformatted(words.data(), words.data() + words.size());
+void text(const std::string& line) {
+  ImGui::TextUnformatted(line.data(), line.data() + line.size());
 }
-void text(const HudColor& color, const std::string& words) {
+void text(const HudColor& color, const std::string& line) {
   ImGui::PushStyleColor(ImGuiCol_Text, to_imgui(color));
-  text(words);
+  text(line);
   ImGui::PopStyleColor();
 }
 
 std::string measured_tags(const PoseEstimate& pose) {
-  std::string words = fmt::format("tags {}", pose.tags_used);
+  std::string line = fmt::format("tags {}", pose.tags_used);
   if (pose.tags_used > 0) {
-    words += fmt::format("   reprojection {:.2f} px", pose.reprojection_rms_px);
+    line += fmt::format("   reprojection {:.2f} px", pose.reprojection_rms_px);
   }
   if (pose.status == TrackStatus::tracked || pose.status == TrackStatus::uncertain) {
-    words += fmt::format("   predicted error {:.2f} px", pose.predicted_overlay_error_px);
+    line += fmt::format("   predicted error {:.2f} px", pose.predicted_overlay_error_px);
   }
-  return words;
+  return line;
 }
 
 std::string count_of_faults(const HudState& state) {
-  std::string words;
-  for (const auto& [fault, count] : state.faults) words += fmt::format("   {} {}", fault, count);
-  return words;
+  std::string line;
+  for (const auto& [fault, count] : state.faults) line += fmt::format("   {} {}", fault, count);
+  return line;
 }
 
 std::string frame_in_words(const HudState& state) {
@@ -343,8 +343,8 @@ struct Overlay::Impl {
     buttons.emplace_back("hide", WindowCommand::hud);
     // The longest text determines the number of rows: no button moves when its text changes.
     float widest = 0.0F;
-    for (const char* words : {"layered", "picture", "go on", "stop rec", "panels"}) {
-      widest = std::max(widest, ImGui::CalcTextSize(words).x + 0.2F * em);
+    for (const char* label : {"layered", "picture", "go on", "stop rec", "panels"}) {
+      widest = std::max(widest, ImGui::CalcTextSize(label).x + 0.2F * em);
     }
     const auto width_of = [&](std::size_t in_row) {
       const auto count = static_cast<float>(in_row);
@@ -464,9 +464,9 @@ struct Overlay::Impl {
     }
     // Uses half of the screen if that is wide enough for the texts.
     const bool narrow = 0.46F * width < kPanelWidth * em;
-    const ImVec2 most(!open.compact ? 19.0F * em : (narrow ? width : 0.46F * width),
-                      height - top - below);
-    ImGui::SetNextWindowSizeConstraints({most.x, 0.0F}, most);
+    const ImVec2 max_size(!open.compact ? 19.0F * em : (narrow ? width : 0.46F * width),
+                          height - top - below);
+    ImGui::SetNextWindowSizeConstraints({max_size.x, 0.0F}, max_size);
     begin_window("shadows", {width - (open.compact ? 0.0F : 0.5F * em), top}, {1.0F, 0.0F},
                  kScrolled);
     ImGui::PushItemWidth(-1.0F);

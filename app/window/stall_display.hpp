@@ -8,8 +8,8 @@
 
 namespace penumbra {
 
-// Repeats the last frame with its pose held and fading, then without a pose, so that a stalled
-// image does not look live.
+// Repeats the latest frame while its pose ages and the objects fade out, then without a pose, so
+// that a stalled image does not look live.
 class StallDisplay {
  public:
   void observe(const TrackedFrame& tracked) { last_ = tracked; }

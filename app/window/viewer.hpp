@@ -59,7 +59,7 @@ class Viewer {
   Viewer& operator=(const Viewer&) = delete;
   ~Viewer();
 
-  // The next frame, or the same one again, which does not count for the frame rate.
+  // next: a new frame. same: another drawing of the latest frame, not counted for the frame rate.
   enum class Picture { next, same };
   // Shows the latest frame and handles events. While paused, it waits for the end of the pause or
   // run, a step or an interruption. Returns false after the window was closed.
