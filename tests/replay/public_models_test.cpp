@@ -91,7 +91,7 @@ void expect_clear_lines(const ProgramResult& result, const std::string& name) {
   }
 }
 
-// scripts/setup installs the package, so the tests require it after a complete setup.
+// CI runs scripts/setup, which installs the package. Elsewhere the tests may be skipped.
 bool is_required() {
   return std::getenv("CI") != nullptr;
 }

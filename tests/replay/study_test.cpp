@@ -85,12 +85,12 @@ std::vector<StudyRow> rows_of(const fs::path& results) {
   return rows;
 }
 
-// Script of a participant of `heights`: each trial has one miss, then a click on a sphere, which is
-// the right one in two of three trials.
 struct Expected {
   std::int64_t time_ns = 0;
   int chosen = 0;
 };
+// Writes the script of a participant of `heights` and returns the expected answers. Each trial has
+// one miss, then a click on a sphere, which is the right one in two of three trials.
 std::vector<Expected> write_heights_script(const StudyPlan& plan, const fs::path& file) {
   std::vector<Expected> expected;
   std::ofstream script(file);
@@ -275,11 +275,11 @@ class StillView {
     const auto first = std::ranges::find_if(poses, [](const auto& line) { return line[0] != '#'; });
     if (first == poses.end()) throw std::runtime_error("the recording has no poses");
     const std::string pose = first->substr(first->find(' '));
-    constexpr int kPictures = 60;
+    constexpr int kFrames = 60;
     {
       std::ofstream truth(folder_ / "groundtruth.tum"), times(folder_ / "timestamps.csv");
       times << "frame,timestamp_s,file\n";
-      for (int i = 0; i < kPictures; ++i) {
+      for (int i = 0; i < kFrames; ++i) {
         fs::copy_file(source / "frames" / "000000.jpg",
                       folder_ / "frames" / fmt::format("{:06}.jpg", i));
         truth << fmt::format("{:.6f}{}\n", 100.0 + i / 30.0, pose);
@@ -295,16 +295,16 @@ class StillView {
     return camera_->project(T_table_camera_.inverse() * place).value().array().round();
   }
   // Runs the study in a window with a simulated mouse.
-  [[nodiscard]] ProgramResult answer(const char* hand, const StudyDesign& design,
-                                     const fs::path& results, const std::string& what,
+  [[nodiscard]] ProgramResult answer(const char* mouse_script, const StudyDesign& design,
+                                     const fs::path& results, const std::string& positions,
                                      const std::vector<std::string>& more = {}) const {
     auto arguments = arguments_of(design, results, "");
     arguments.resize(arguments.size() - 2);  // removes the option for the script
     *(std::ranges::find(arguments, "--recording") + 1) = folder_.string();
     arguments.insert(arguments.end(), {"--poses-from", "groundtruth"});
     arguments.insert(arguments.end(), more.begin(), more.end());
-    arguments.insert(arguments.begin(), {source_dir() / "tests" / "support" / hand, results, what,
-                                         program().string()});
+    arguments.insert(arguments.begin(), {source_dir() / "tests" / "support" / mouse_script, results,
+                                         positions, program().string()});
     return run_program(source_dir() / "tests" / "support" / "with-display", arguments);
   }
 
@@ -314,8 +314,8 @@ class StillView {
   CameraPose T_table_camera_;
 };
 
-// The X server sends the clicks, and times are real. The second half runs after the window was
-// closed.
+// The X server sends the clicks, and times are real. After two trials the window is closed; a
+// second session resumes with the other two.
 TEST(StudyCommand, AcceptsMouseClicksAsAnswers) {
   ASSERT_TRUE(has_xvfb()) << "no Xvfb: scripts/setup installs it";
   ASSERT_EQ(std::system("command -v xdotool >/dev/null"), 0) << "scripts/setup installs it";
@@ -355,7 +355,7 @@ TEST(StudyCommand, AcceptsMouseClicksAsAnswers) {
     EXPECT_EQ(rows[i].frames_lost, 0);
     answered_ms += 1e-6 * static_cast<double>(rows[i].response_time_ns);
   }
-  EXPECT_LT(answered_ms, took_ms);  // both times are from one clock, so no time counts twice
+  EXPECT_LT(answered_ms, took_ms);  // no time counts in two answers
 }
 
 // Mouse pixels that move the ball to each target in turn: along the table to the target's position,
@@ -364,8 +364,8 @@ struct Drags {
   StudyPlan plan;
   std::string pixels;
 };
-// Chooses a sample in which a press hits the ball only at the expected position, so that repeated
-// presses have no effect.
+// Chooses a sample whose mouse positions are far apart, so that a press hits the ball only at the
+// expected position. The mouse script may then repeat its drags.
 Drags separate_drags(const StillView& view) {
   constexpr double kApart = 32.0;  // [px]; more than the ball's radius and the rounding of its edge
   for (std::uint64_t seed = 1; seed < 1000; ++seed) {
@@ -373,7 +373,8 @@ Drags separate_drags(const StillView& view) {
     design.seed = seed;
     Drags drags{plan_study(design), ""};
     const auto& places = drags.plan.samples.front().places;
-    std::vector<Eigen::Vector2d> rests, above;  // the ball at rest, and at its old height
+    std::vector<Eigen::Vector2d> rests,
+        above;  // the ball on each place, and over the next at its old height
     for (std::size_t i = 0; i < places.size(); ++i) {
       rests.push_back(view.pixel(places[i]));
       if (i == 0) continue;

@@ -95,15 +95,15 @@ TEST(ShadowProxy, MatchesAgreementOfFinerRaster) {
 }
 
 TEST(ShadowProxy, AgreesWithItselfOnly) {
-  const ShadowMesh hand = make_shadow_mesh(test::torus_model(20, 60));
+  const ShadowMesh ring = make_shadow_mesh(test::torus_model(20, 60));
   const ShadowKernels kernels =
-      generate_kernels(hand, Eigen::Vector3d::UnitZ(), KernelSource::automatic);
-  const auto discs = part_discs(hand, Eigen::Vector3d::UnitZ());
-  ShadowProxy same{hand, {}};
-  for (std::uint32_t i = 0; i < hand.positions.size(); ++i) same.source_of.push_back(i);
+      generate_kernels(ring, Eigen::Vector3d::UnitZ(), KernelSource::automatic);
+  const auto discs = part_discs(ring, Eigen::Vector3d::UnitZ());
+  ShadowProxy same{ring, {}};
+  for (std::uint32_t i = 0; i < ring.positions.size(); ++i) same.source_of.push_back(i);
   for (const LightMode mode : {LightMode::proportional, LightMode::fixed}) {
     const ProxyAgreement found =
-        compare_with_proxy(hand, kernels, discs, same, {kLight, mode, 1.0}, true);
+        compare_with_proxy(ring, kernels, discs, same, {kLight, mode, 1.0}, true);
     EXPECT_EQ(found.least(), 1.0) << name_of(kLightModeNames, mode);
   }
   // The proxy fills the hole of the ring.
@@ -116,7 +116,7 @@ TEST(ShadowProxy, AgreesWithItselfOnly) {
     filled.mesh.indices.insert(filled.mesh.indices.end(), {centre, i, (i + 1) % 60});
   }
   EXPECT_FALSE(
-      compare_with_proxy(hand, kernels, discs, filled, {kLight, LightMode::proportional, 1.0}, true)
+      compare_with_proxy(ring, kernels, discs, filled, {kLight, LightMode::proportional, 1.0}, true)
           .kept());
 }
 
