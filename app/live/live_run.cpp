@@ -186,7 +186,7 @@ class LiveLoop {
   void record_faults();
   void draw(ReadyFrame ready);
   void draw_stall();
-  void show(Viewer::Picture picture);
+  void show(Viewer::Picture which);
   // Closes an output that can't be written; the session continues.
   void note_failure(const Result<void>& written);
   void fail_with(const Error& error) {
@@ -279,10 +279,10 @@ void LiveLoop::draw_stall() {
   show(Viewer::Picture::same);
 }
 
-void LiveLoop::show(Viewer::Picture picture) {
+void LiveLoop::show(Viewer::Picture which) {
   if (!viewer_) return;
   const double paused_ms = viewer_->paused_ms();
-  if (!viewer_->show(interrupt_, picture)) stopped_ = true;
+  if (!viewer_->show(interrupt_, which)) stopped_ = true;
   if (viewer_->paused_ms() > paused_ms) paused_until_ns_ = monotonic_ns();
 }
 

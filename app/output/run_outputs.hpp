@@ -78,7 +78,7 @@ class LateOutputs {
   LateOutputs(Session* session, RunOutputs& outputs, RunRecorder& run)
       : session_(session), outputs_(outputs), run_(run) {}
 
-  // Writes a frame, or keeps it for the next call if its image is late (SessionFrame::picture).
+  // Writes a frame, or keeps it for the next call if its image is late (ReadBackTime::later).
   // `pixels`: the frame's image; if it is late, the previous frame's. Fails as write() above.
   [[nodiscard]] Result<void> write(const SessionFrame& frame, std::span<const std::uint8_t> pixels);
   // Writes the pending frame. Call this before the outputs are finished, or if no frame follows

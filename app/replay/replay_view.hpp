@@ -26,7 +26,7 @@ class ReplayView {
     return comparison_ ? comparison_->track(frame) : session_->track(frame);
   }
   [[nodiscard]] Result<SessionFrame> draw(TrackedFrame tracked, bool read_back);
-  // The image that draw() read back: the latest or the previous one (see SessionFrame::picture).
+  // The image that draw() read back: the latest or the previous one (see ReadBackTime).
   [[nodiscard]] std::span<const std::uint8_t> pixels() const {
     return comparison_ ? comparison_->grid().rgba() : std::span<const std::uint8_t>(pixels_);
   }

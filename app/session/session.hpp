@@ -58,8 +58,8 @@ struct SessionFrame {
   StageTime light_time;  // measuring the video's light
   StageTime plan_time;
   StageTime draw_time;                       // total of plan, shadows, rendering and read-back
-  bool read_back = false;                    // an image was read back (which one: see `picture`)
-  ReadBackTime picture = ReadBackTime::now;  // later: the previous image was read back
+  bool read_back = false;                    // an image was read back
+  ReadBackTime picture = ReadBackTime::now;  // `later`: that image is the previous one
   std::vector<SceneEdit> edits;  // edits since the previous frame, in effect from this one on
 };
 

@@ -28,11 +28,11 @@ Viewer::~Viewer() {
   context_.on_event({});
 }
 
-bool Viewer::show(InterruptWatch& interrupt, Picture picture) {
+bool Viewer::show(InterruptWatch& interrupt, Picture which) {
   const Stopwatch pause;
   bool waited = false;
   step_ = false;
-  if (picture == Picture::next) shown_.add(clock_.elapsed().wall_ms);
+  if (which == Picture::next) shown_.add(clock_.elapsed().wall_ms);
   do {
     host_.present();
     draw_hud();

@@ -63,7 +63,7 @@ class Viewer {
   enum class Picture { next, same };
   // Shows the latest frame and handles events. While paused, it waits for the end of the pause or
   // run, a step or an interruption. Returns false after the window was closed.
-  [[nodiscard]] bool show(InterruptWatch& interrupt, Picture picture = Picture::next);
+  [[nodiscard]] bool show(InterruptWatch& interrupt, Picture which = Picture::next);
   // Total time of the pauses [ms], which does not count for pacing.
   [[nodiscard]] double paused_ms() const { return paused_ms_; }
 
