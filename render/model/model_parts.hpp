@@ -32,7 +32,7 @@ inline constexpr std::size_t kMaxGroups = 1000;
 [[nodiscard]] Result<std::filesystem::path> beside_model(const std::filesystem::path& folder,
                                                          std::string_view name);
 // Returns true for a name that leads out of the model's folder: an absolute path, a drive letter, a
-// web address, or a path with "..". Callers of beside_model() then add a warning.
+// web address, or a path with "..". Callers of the function above then add a warning.
 [[nodiscard]] bool leaves_folder(std::string_view name);
 
 // Maximum absolute coordinate in a model file, in the file's unit. See also ModelLimits.

@@ -80,7 +80,7 @@ void main() {
   vec3 own_light = emissive;
   float metal = metallic;
   float rough = roughness;
-  float open = 1.0;
+  float occlusion = 1.0;
 #if defined(MATERIAL_MAPS)
   if (has_texture != 0)
     albedo *= texture(base_color_texture, map_place(base_color_by_second)).rgb;
@@ -93,7 +93,7 @@ void main() {
   }
   if (has_occlusion_map.x > 0.5) {
     float seen = texture(occlusion_map, map_place(has_occlusion_map.y)).r;
-    open = 1.0 + occlusion_strength * (seen - 1.0);
+    occlusion = 1.0 + occlusion_strength * (seen - 1.0);
   }
 #else
   if (has_texture != 0) albedo *= texture(base_color_texture, surface).rgb;
@@ -125,8 +125,9 @@ void main() {
   }
   vec3 mirror = reflect(-view, n);
   vec3 ambient_fresnel = f0 + (max(vec3(1.0 - rough), f0) - f0) * pow(max(1.0 - n_v, 0.0), 5.0);
-  sum += open * diffuse * hemisphere(n.z);
-  sum += open * ambient_fresnel * hemisphere(mix(clamp(mirror.z * 2.5, -1.0, 1.0), n.z, rough));
+  sum += occlusion * diffuse * hemisphere(n.z);
+  sum += occlusion * ambient_fresnel *
+         hemisphere(mix(clamp(mirror.z * 2.5, -1.0, 1.0), n.z, rough));
 
   // Compresses values above 0.75 smoothly instead of clipping at 1.
   const float knee = 0.75;

@@ -147,8 +147,8 @@ ProjectedParts project_parts(std::span<const CasterVertex> vertices,
   std::vector<std::uint32_t> straddling;  // faces that cross a limit
   for (std::size_t p = 0; p < lights.size(); ++p) {
     const LightProjection project(constants, lights[p]);
-    PartMatter matter;
-    matter.begin = result.corners.size();
+    PartMatter projected_part;
+    projected_part.begin = result.corners.size();
     double low = std::numeric_limits<double>::infinity();
     double high = -low;
     const auto add_point = [&](const CasterVertex& vertex) {
@@ -156,9 +156,9 @@ ProjectedParts project_parts(std::span<const CasterVertex> vertices,
       low = std::min(low, static_cast<double>(vertex.h));
       high = std::max(high, static_cast<double>(vertex.h));
       const Eigen::Vector2f at(point.x, point.y);
-      matter.matter.extend(at);
-      matter.reach.extend(at - Eigen::Vector2f::Constant(point.rho));
-      matter.reach.extend(at + Eigen::Vector2f::Constant(point.rho));
+      projected_part.matter.extend(at);
+      projected_part.reach.extend(at - Eigen::Vector2f::Constant(point.rho));
+      projected_part.reach.extend(at + Eigen::Vector2f::Constant(point.rho));
     };
     straddling.clear();
     for (const std::uint32_t index : faces[p]) {
@@ -185,23 +185,23 @@ ProjectedParts project_parts(std::span<const CasterVertex> vertices,
         add_point(corner);
       }
     }
-    matter.end = result.corners.size();
-    if (matter.end == matter.begin) continue;
+    projected_part.end = result.corners.size();
+    if (projected_part.end == projected_part.begin) continue;
     // No caster on a table is that large, and larger numbers would overflow.
     constexpr float kMaxReach = 1e12F;
-    if (!(matter.reach.min().minCoeff() > -kMaxReach &&
-          matter.reach.max().maxCoeff() < kMaxReach)) {
-      result.corners.resize(matter.begin);
+    if (!(projected_part.reach.min().minCoeff() > -kMaxReach &&
+          projected_part.reach.max().maxCoeff() < kMaxReach)) {
+      result.corners.resize(projected_part.begin);
       continue;
     }
     // For a light at the zenith or a flat part, rho is the same at all levels.
     if (!std::isinf(constants.light_height) && high > low) {
       for (std::size_t i = 0; i < kLevels.size(); ++i)
-        matter.levels[i] = project.rho_at(low + kLevels[i] * (high - low));
-      matter.top = project.rho_at(high);
+        projected_part.levels[i] = project.rho_at(low + kLevels[i] * (high - low));
+      projected_part.top = project.rho_at(high);
     }
-    result.reach.extend(matter.reach);
-    result.parts.push_back(matter);
+    result.reach.extend(projected_part.reach);
+    result.parts.push_back(projected_part);
   }
   return result;
 }

@@ -462,16 +462,17 @@ ShadowField power_distance_layers(std::span<const CasterVertex> vertices,
     return window;
   };
   PartField part_field;
-  for (const PartMatter& matter : projected.parts) {
+  for (const PartMatter& projected_part : projected.parts) {
     const auto faces =
-        std::span(projected.corners).subspan(matter.begin, matter.end - matter.begin);
-    part_field.cover(projected.points, faces, window_of(matter.matter));
+        std::span(projected.corners)
+            .subspan(projected_part.begin, projected_part.end - projected_part.begin);
+    part_field.cover(projected.points, faces, window_of(projected_part.matter));
     part_field.find_outline(kAllMatter);
     part_field.add_umbra(field);
-    part_field.add_penumbra(window_of(matter.reach), field);
+    part_field.add_penumbra(window_of(projected_part.reach), field);
     part_field.add_middle(field);
-    float last = matter.top / cell;
-    for (const float level : matter.levels) {
+    float last = projected_part.top / cell;
+    for (const float level : projected_part.levels) {
       const float rho = level / cell;
       constexpr float kFlat = 0.1F;  // parts with a smaller range of rho have one outline [cells]
       if (level < 0.0F || last - rho < kFlat) continue;
