@@ -201,7 +201,7 @@ void ReceivedShadowPass::cover_levels(const Scene& scene, const ReceivedShadowDr
   }
 }
 
-// Rasterises the exact coverage of these cells by each layer into shares_, without OpenGL.
+// Rasterises the exact coverage of these cells by each layer, without OpenGL.
 void ReceivedShadowPass::cover_level(const Level& level, const MaskCells& cells, RenderWork& work) {
   std::ranges::fill(shares_, std::uint8_t{0});
   if (!level.item.prepared->valid) return;
