@@ -53,7 +53,7 @@ bool InterruptWatch::interrupted() {
   return true;
 }
 
-void InterruptWatch::again() {
+void InterruptWatch::clear_interrupted() {
   if (!interrupted_) return;
   stop_terminator();
   interrupted_ = false;

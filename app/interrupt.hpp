@@ -29,7 +29,7 @@ class InterruptWatch {
   // ends the process at once.
   [[nodiscard]] bool interrupted();
   // Clears interrupted(): the next signal sets it again.
-  void again();
+  void clear_interrupted();
 
  private:
   using Clock = std::chrono::steady_clock;

@@ -422,7 +422,8 @@ Result<ToneEstimate> CameraCalibrator::estimate_tone(CameraCalibration& result) 
   return tone;
 }
 
-Result<CameraCalibration> CameraCalibrator::finish(std::stop_token stop, const StepCallback& tell) {
+Result<CameraCalibration> CameraCalibrator::finish(std::stop_token stop,
+                                                   const StepCallback& on_step) {
   stop_ = std::move(stop);
   PENUMBRA_TRY_VOID(check_found());
   PENUMBRA_TRY_VOID(check_markers());
@@ -441,11 +442,11 @@ Result<CameraCalibration> CameraCalibrator::finish(std::stop_token stop, const S
   LensChoice choice = {options_.model, options_.for_kalibr, stop_, {}};
   int last = kBefore + max_steps(choice, options_.shape.has_value()) + kAfter;
   const auto tell_step = [&](const char* what, int step) {
-    if (tell) tell({what, step, last});
+    if (on_step) on_step({what, step, last});
   };
-  choice.tell = [&](const SolvingStep& trial) {
-    last = kBefore + trial.most + kAfter;
-    if (tell) tell({trial.what, kBefore + trial.step, last});
+  choice.on_step = [&](const SolvingStep& trial) {
+    last = kBefore + trial.max_step + kAfter;
+    if (on_step) on_step({trial.what, kBefore + trial.step, last});
   };
   tell_step("a first lens", 1);
   PENUMBRA_TRY(CalibrationSolution solution,

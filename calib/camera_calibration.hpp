@@ -123,7 +123,7 @@ class CameraCalibrator {
   // Solves; call it once. The error is one line that explains what the images lack. Fails soon
   // after `stop` was requested. Calls the callback on this thread at each step.
   [[nodiscard]] Result<CameraCalibration> finish(std::stop_token stop = {},
-                                                 const StepCallback& tell = {});
+                                                 const StepCallback& on_step = {});
 
  private:
   CameraCalibrator() = default;

@@ -53,6 +53,6 @@ inline constexpr auto kLayerDrawingNames =
                                            {LayerDrawing::mask, "mask"}});
 
 // Number of pixels of the screen-door pattern, which has one density per pixel.
-inline constexpr int kDoorPixels = 16;
+inline constexpr int kScreenDoorPixels = 16;
 
 }  // namespace penumbra

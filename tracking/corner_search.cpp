@@ -13,7 +13,7 @@ namespace {
 constexpr double kAmbiguityRatio = 1.6;
 constexpr double kMaxReprojectionRms_px = 3.0;  // maximum of a valid pose
 
-void take_corners(Measurement& measurement) {
+void use_corner_pose(Measurement& measurement) {
   const BoardPose& board = measurement.by_corners;
   measurement.best = board.best;
   measurement.second = board.second;
@@ -22,14 +22,14 @@ void take_corners(Measurement& measurement) {
 }
 
 // Returns true if 2/3 of the tags that should be readable were detected.
-bool shows_most(const RigidTags& group, const Measurement& measurement) {
+bool shows_most_tags(const RigidTags& group, const Measurement& measurement) {
   return 3 * measurement.tags_used >= 2 * group.in_view(measurement.best.T_map_camera);
 }
 
 // Returns true if a finer search would find no other pose, nor inconsistent tags.
 bool is_conclusive(const RigidTags& group, const Measurement& measurement) {
   return !measurement.inconsistent && !measurement.ambiguous && measurement.tags_used > 1 &&
-         shows_most(group, measurement);
+         shows_most_tags(group, measurement);
 }
 
 }  // namespace
@@ -73,7 +73,7 @@ MeasurementResult CornerSearch::measure(const RigidTags& group,
   }
   Measurement measurement;
   measurement.by_corners = std::move(*board);
-  take_corners(measurement);
+  use_corner_pose(measurement);
   measurement.tags_used = measurement.by_corners.tags_used;
   measurement.inconsistent = measurement.by_corners.inconsistent;
   measurement.rejected = measurement.by_corners.rejected;
@@ -86,7 +86,7 @@ void CornerSearch::refine(const RigidTags& group, Measurement& measurement, Trac
   if (measurement.aligned || std::exchange(measurement.by_ceres, true)) return;
   const Stopwatch solve;
   finish_by_ceres(group.camera, measurement.by_corners);
-  take_corners(measurement);
+  use_corner_pose(measurement);
   solve.add_to(times.solve_ms, times.solve_cpu_ms);
 }
 
@@ -126,7 +126,7 @@ MeasurementResult CornerSearch::find(const RigidTags& group, SearchResolution fi
     return tl::unexpected(not_measured("few of the tags are seen yet"));
   }
   MeasurementResult half = detect(group, SearchResolution::half, times);
-  const bool enough = half && !half->inconsistent && shows_most(group, *half);
+  const bool enough = half && !half->inconsistent && shows_most_tags(group, *half);
   if (!first || enough) return half;
   MeasurementResult full = detect(group, SearchResolution::full, times);
   return full ? full : half;

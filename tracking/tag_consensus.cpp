@@ -145,7 +145,7 @@ bool TagConsensus::settle(const RigidTags& group, std::span<const TagObservation
       result.displacement_px < kSuspicious_px)
     return true;
   constexpr int kSeldom = 15;  // [frames]
-  if (alignment.with_search && frames_unasked_++ % kSeldom != 0) return true;
+  if (alignment.with_search && frames_untested_++ % kSeldom != 0) return true;
   const double apart_px = scatter_px(group, alignment);
   alignment.run_without(rejected_);
   return apart_px < kElsewhere_px;

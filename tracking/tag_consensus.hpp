@@ -39,7 +39,7 @@ class TagConsensus {
 
   std::vector<int> rejected_;
   int frames_rejected_ = 0;  // frames since a tag was rejected or retested
-  int frames_unasked_ = 0;   // frames with disagreement in which tags were not tested one by one
+  int frames_untested_ = 0;  // frames with disagreement in which tags were not tested one by one
   int strict_frames_ = 0;    // remaining
 };
 

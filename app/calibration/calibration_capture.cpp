@@ -103,9 +103,9 @@ class ImageChecker {
 
   // Returns the newest checked image, or nullopt after `timeout`.
   [[nodiscard]] std::optional<CheckedImage> take(std::chrono::milliseconds timeout) {
-    return looked_.take(timeout);
+    return checked_images_.take(timeout);
   }
-  [[nodiscard]] bool finished() const { return looked_.finished(); }
+  [[nodiscard]] bool finished() const { return checked_images_.finished(); }
   // Ends the thread; after that the caller may use the calibrator.
   void stop() {
     stop_.request_stop();
@@ -116,7 +116,7 @@ class ImageChecker {
   [[nodiscard]] Capture capture(CaptureEnd end) const {
     Capture capture;
     capture.end = guide_.progress().enough ? CaptureEnd::enough : end;
-    capture.pictures = looks_;
+    capture.pictures = images_checked_;
     capture.views = guide_.progress().views;
     int max_times = 0;
     for (const auto& [why, times] : reasons_) {
@@ -129,18 +129,18 @@ class ImageChecker {
  private:
   void run() {
     try {
-      const auto done = image_feed_([this](const NamedImage& image) { return look_at(image); },
+      const auto done = image_feed_([this](const NamedImage& image) { return check_image(image); },
                                     stop_.get_token());
       if (!done) error_ = done.error();
     } catch (const std::exception& error) {
       error_ = Error{error.what()};
     }
-    looked_.close();
+    checked_images_.close();
   }
 
   // Returns false if the capture should end.
-  [[nodiscard]] Result<bool> look_at(const NamedImage& image) {
-    ++looks_;
+  [[nodiscard]] Result<bool> check_image(const NamedImage& image) {
+    ++images_checked_;
     if (!image.notice.empty()) log_warning("{}", image.notice);
     if (image.luma.empty()) {
       calibrator_.add_unreadable(image.name, image.unreadable);
@@ -174,7 +174,7 @@ class ImageChecker {
                  look.taken ? "" : fmt::format(" ({})", look.why));
       std::fflush(stderr);
     }
-    looked_.put({image.frame, std::move(look), progress});
+    checked_images_.put({image.frame, std::move(look), progress});
     // A recording is always read to its end.
     return !options_.guide.held || !progress.enough;
   }
@@ -209,11 +209,11 @@ class ImageChecker {
   const bool bars_;
   // Used only by the thread until it ends:
   std::optional<Error> error_;
-  int looks_ = 0;
+  int images_checked_ = 0;
   int width_ = 0;
   int height_ = 0;
   std::map<std::string, int> reasons_;  // counts of reasons for rejecting images
-  Mailbox<CheckedImage> looked_;
+  Mailbox<CheckedImage> checked_images_;
   std::thread thread_;  // declared last, because it uses the others
 };
 
@@ -262,7 +262,7 @@ Result<Capture> capture_views(const CaptureSource& source, const Target& target,
     }
     if (interrupt.interrupted()) {
       end = CaptureEnd::interrupted;
-      interrupt.again();  // the views may suffice; a further signal ends the solver
+      interrupt.clear_interrupted();  // the views may suffice; a further signal ends the solver
     } else if (window != nullptr && window->closed()) {
       end = CaptureEnd::closed;
       if (window->display_lost()) {

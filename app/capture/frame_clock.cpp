@@ -7,7 +7,7 @@ namespace penumbra {
 namespace {
 
 // Longest plausible time between a frame's timestamp and its arrival.
-constexpr std::int64_t kOldest_ns = 10'000'000'000;
+constexpr std::int64_t kMaxAge_ns = 10'000'000'000;
 // If the sequence number jumps by more than this, the driver has reset it.
 constexpr std::uint32_t kMaxLost = 1U << 20U;
 // A pause of this many intervals between consecutive sequence numbers implies a lost frame.
@@ -15,11 +15,11 @@ constexpr double kGapIntervals = 1.6;
 // This number of consecutive long intervals means a slower camera, not gaps.
 constexpr std::uint32_t kSlowerAfter = 5;
 // Limits of FramePace for a pause.
-constexpr std::int64_t kMissed = 3;  // [intervals]
-constexpr std::int64_t kSilent_ns = 1'000'000'000;
+constexpr std::int64_t kStallIntervals = 3;  // [intervals]
+constexpr std::int64_t kMinStall_ns = 1'000'000'000;
 constexpr std::int64_t kStarting_ns = 3'000'000'000;
 constexpr int kMaxDoublings = 2;  // largest number of doublings of kStarting_ns
-constexpr std::int64_t kStale_ns = 250'000'000;
+constexpr std::int64_t kMinStale_ns = 250'000'000;
 
 // Returns the granted interval, or the n-th smallest of the first `count` ones if that is longer.
 template <std::size_t N>
@@ -73,7 +73,7 @@ FrameStamp FrameClock::next(std::uint32_t driver_sequence, std::int64_t driver_n
     // A plausible time is later than the previous plausible one and not in the future. It may be
     // one interval ahead, because some drivers stamp the end of the exposure.
     const bool possible = driver_ns <= arrival_ns + usual_interval_ns() &&
-                          driver_ns >= arrival_ns - kOldest_ns &&
+                          driver_ns >= arrival_ns - kMaxAge_ns &&
                           (!any_plausible_ || driver_ns > plausible_ns_);
     stamp.bad_time = !possible;
     if (possible) {
@@ -139,12 +139,12 @@ std::int64_t FramePace::usual_ns() const {
 
 std::int64_t FramePace::stall_timeout_ns() const {
   const std::int64_t starting_ns = kStarting_ns << std::min(failed_starts_, kMaxDoublings);
-  const std::int64_t shortest_ns = intervals_ == 0 ? starting_ns : kSilent_ns;
-  return std::max(shortest_ns, kMissed * usual_ns());
+  const std::int64_t shortest_ns = intervals_ == 0 ? starting_ns : kMinStall_ns;
+  return std::max(shortest_ns, kStallIntervals * usual_ns());
 }
 
 std::int64_t FramePace::stale_after_ns() const {
-  return std::max(kStale_ns, kMissed * usual_ns());
+  return std::max(kMinStale_ns, kStallIntervals * usual_ns());
 }
 
 }  // namespace penumbra

@@ -277,13 +277,14 @@ Result<CameraCalibration> finish_in(GuideWindow* window, InterruptWatch& interru
           const std::lock_guard lock(mutex);
           return latest;
         }();
-        if (step.step > 0) progress.update("solving: " + step.what, step.step, step.most);
+        if (step.step > 0) progress.update("solving: " + step.what, step.step, step.max_step);
         if (window == nullptr || window->closed()) return;
         if (step.step != shown) {
           shown = step.step;
-          window->say(step.step == 0 ? "solving"
-                                     : fmt::format("solving, {} %: {}",
-                                                   100 * (step.step - 1) / step.most, step.what));
+          window->say(step.step == 0
+                          ? "solving"
+                          : fmt::format("solving, {} %: {}", 100 * (step.step - 1) / step.max_step,
+                                        step.what));
         }
         window->refresh();
       });

@@ -53,7 +53,7 @@ Result<void> check_pairing(const Evaluation& evaluation, const NamedTrajectory& 
       "{}: has no pose that {} can judge: {}; its times are {}{}, those of the ground truth {}. "
       "Are both of the same recording? --time-offset shifts the estimate, --max-gap allows longer "
       "gaps",
-      estimated.name, truth.name, not_judged_in_words(evaluation),
+      estimated.name, truth.name, not_judged_text(evaluation),
       times_of(estimated.trajectory, pairing.time_offset_ns),
       pairing.time_offset_ns == 0
           ? ""

@@ -121,7 +121,7 @@ void add_simulate_command(CLI::App& program, ChosenCommand& chosen) {
       ->check(within(0.0, 10.0))
       ->capture_default_str();
   CLI::Option* cover = command
-                           .add_option("--cover", request->cover_share,
+                           .add_option("--cover", request->covered_fraction,
                                        "Share of every tag hidden by grey, from its left side, "
                                        "starting with its white margin")
                            ->check(within(0.0, 1.0))

@@ -163,7 +163,7 @@ void add_study_command(CLI::App& program, ChosenCommand& chosen) {
     StudyRequest& chosen_request = options->request;
     StudyDesign& design = chosen_request.design;
     design.techniques = techniques_from(options->techniques);
-    design.samples = options->samples.value_or(usual_samples(design.experiment));
+    design.samples = options->samples.value_or(default_samples(design.experiment));
     design.tolerance_m = 1e-3 * options->tolerance_mm;
     chosen_request.from_camera = camera->count() > 0;
     if (!options->plan && chosen_request.results.empty()) {

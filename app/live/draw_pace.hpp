@@ -15,25 +15,27 @@ namespace penumbra {
 class DrawPace {
  public:
   // Call this when the drawer takes an image.
-  void took(std::int64_t now_ns) { took_ns_ = now_ns; }
+  void image_taken(std::int64_t now_ns) { drawing_since_ns_ = now_ns; }
   // Call this when the drawer requests the next image.
-  void asked(std::int64_t now_ns) {
-    if (took_ns_ && now_ns >= *took_ns_) drawings_.add(now_ns - *took_ns_);
-    took_ns_.reset();
+  void image_requested(std::int64_t now_ns) {
+    if (drawing_since_ns_ && now_ns >= *drawing_since_ns_)
+      draw_times_ns_.add(now_ns - *drawing_since_ns_);
+    drawing_since_ns_.reset();
   }
   // Adds the time that decoding and tracking an image took.
-  void prepared(std::int64_t duration_ns) { preparations_.add(duration_ns); }
+  void add_preparation(std::int64_t duration_ns) { preparation_times_ns_.add(duration_ns); }
 
   // Returns when to start, assuming the shortest recent drawing time and the longest recent
   // preparation. Returns nullopt to start at once: the drawer waits, or no times are known.
   [[nodiscard]] std::optional<std::int64_t> begin_at_ns() const {
     constexpr std::int64_t kSlack_ns = 1'000'000;  // margin for the wake-up of threads
-    if (!took_ns_ || drawings_.values().empty() || preparations_.values().empty()) {
+    if (!drawing_since_ns_ || draw_times_ns_.values().empty() ||
+        preparation_times_ns_.values().empty()) {
       return std::nullopt;
     }
-    const std::int64_t drawing = std::ranges::min(drawings_.values());
-    const std::int64_t preparation = std::ranges::max(preparations_.values());
-    return *took_ns_ + std::max<std::int64_t>(drawing - preparation - kSlack_ns, 0);
+    const std::int64_t drawing = std::ranges::min(draw_times_ns_.values());
+    const std::int64_t preparation = std::ranges::max(preparation_times_ns_.values());
+    return *drawing_since_ns_ + std::max<std::int64_t>(drawing - preparation - kSlack_ns, 0);
   }
 
  private:
@@ -50,8 +52,8 @@ class DrawPace {
     std::size_t count_ = 0;
   };
 
-  Recent drawings_, preparations_;
-  std::optional<std::int64_t> took_ns_;  // while an image is drawn
+  Recent draw_times_ns_, preparation_times_ns_;
+  std::optional<std::int64_t> drawing_since_ns_;  // while an image is drawn
 };
 
 }  // namespace penumbra

@@ -41,7 +41,7 @@ std::optional<ReadyFrame> LivePipeline::take(std::chrono::milliseconds timeout) 
   if (!side_by_side_) return track_next(timeout);
   {
     const std::lock_guard lock(drawer_mutex_);
-    draw_pace_.asked(monotonic_ns());
+    draw_pace_.image_requested(monotonic_ns());
     drawer_waits_ = true;
   }
   drawer_changed_.notify_all();
@@ -49,7 +49,7 @@ std::optional<ReadyFrame> LivePipeline::take(std::chrono::milliseconds timeout) 
   if (ready) {
     {
       const std::lock_guard lock(drawer_mutex_);
-      draw_pace_.took(monotonic_ns());
+      draw_pace_.image_taken(monotonic_ns());
       drawer_waits_ = false;
       ++taken_;
     }
@@ -157,7 +157,7 @@ std::optional<ReadyFrame> LivePipeline::track_next(std::chrono::milliseconds tim
   last_whole_ns_ = monotonic_ns();
   tracking_now_ = false;
   const std::lock_guard lock(drawer_mutex_);
-  draw_pace_.prepared(last_whole_ns_ - begun_ns);
+  draw_pace_.add_preparation(last_whole_ns_ - begun_ns);
   return ready;
 }
 

@@ -186,7 +186,7 @@ class LiveLoop {
   void record_faults();
   void draw(ReadyFrame ready);
   void draw_stall();
-  void show(Viewer::Picture which);
+  void show(Viewer::ShownFrame which);
   // Closes an output that can't be written; the session continues.
   void note_failure(const Result<void>& written);
   void fail_with(const Error& error) {
@@ -254,7 +254,7 @@ void LiveLoop::draw(ReadyFrame ready) {
   run_.add_frame(*done);
   setup_.recorder->add(*done, *setup_.session);
   if (viewer_) host_.observe(*done);
-  show(Viewer::Picture::next);
+  show(Viewer::ShownFrame::next);
   // Latency from the driver's timestamp until the image is on the screen (offscreen: drawn).
   const bool paused = timestamp_ns <= paused_until_ns_;
   if (!paused) {
@@ -270,16 +270,16 @@ void LiveLoop::draw_stall() {
   note_failure(late_.write_rest());
   const auto stall_ns = pipeline_.stale_for_ns();
   if (stall_ns) host_.set_stalled(*stall_ns);
-  if (auto repeated = stall_ns ? stall_display_.picture(*stall_ns) : std::nullopt) {
+  if (auto repeated = stall_ns ? stall_display_.frame_to_show(*stall_ns) : std::nullopt) {
     const auto drawn = setup_.session->redraw(std::move(*repeated));
     if (!drawn) return fail_with(drawn.error());
     if (viewer_) host_.observe(*drawn);
     if (!stall_display_.holds()) host_.forget_frame();
   }
-  show(Viewer::Picture::same);
+  show(Viewer::ShownFrame::same);
 }
 
-void LiveLoop::show(Viewer::Picture which) {
+void LiveLoop::show(Viewer::ShownFrame which) {
   if (!viewer_) return;
   const double paused_ms = viewer_->paused_ms();
   if (!viewer_->show(interrupt_, which)) stopped_ = true;

@@ -256,7 +256,7 @@ Result<void> RunOutputs::write_report(const RunReport& measured) {
 }
 
 Result<void> LateOutputs::write(const SessionFrame& frame, std::span<const std::uint8_t> pixels) {
-  if (frame.picture != ReadBackTime::later) {
+  if (frame.when_read_back != ReadBackTime::later) {
     auto rest = write_rest();
     auto written = outputs_.write(frame.tracked, pixels, run_);
     return rest ? written : rest;

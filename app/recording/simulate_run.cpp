@@ -148,7 +148,7 @@ class Simulation {
       }
     }
     PatternRenderOptions light = light_;
-    light.cover_share = number < request_.cover_from ? 0.0 : request_.cover_share;
+    light.covered_fraction = number < request_.cover_from ? 0.0 : request_.covered_fraction;
     // Seeds each frame by its number, so that its noise does not depend on other frames.
     light.seed = SplitMix64::nth(request_.seed, static_cast<std::uint64_t>(number));
     if (!session_) light.noise_grey = request_.noise_grey;
@@ -264,8 +264,8 @@ Result<CameraModel> without_rolling_shutter(const CameraModel& camera, const fs:
   return made;
 }
 
-void add_places(const Simulation& simulation, std::int64_t timestamp_ns,
-                std::map<std::string, Trajectory>& group_truth) {
+void add_group_poses(const Simulation& simulation, std::int64_t timestamp_ns,
+                     std::map<std::string, Trajectory>& group_truth) {
   for (auto& [group, trajectory] : group_truth) {
     const auto moves = simulation.groups().find(group);
     StampedPose& pose = trajectory.poses.emplace_back();
@@ -275,7 +275,7 @@ void add_places(const Simulation& simulation, std::int64_t timestamp_ns,
   }
 }
 
-std::string text_of_places(const Trajectory& trajectory) {
+std::string group_poses_text(const Trajectory& trajectory) {
   std::string text = "# timestamp tx ty tz qx qy qz qw: T_table_group, seconds and metres\n";
   for (const StampedPose& pose : trajectory.poses) text += format_tum(pose) + "\n";
   return text;
@@ -352,7 +352,7 @@ Result<SimulateSummary> run_simulate(const SimulateRequest& request) {
       pose.comment.clear();
       listing += fmt::format("{},{},{}", i, format_ns_as_seconds(pose.timestamp_ns), name);
       listing += exposed ? fmt::format(",{:.7g}\n", request.exposure_s) : std::string("\n");
-      add_places(simulation, pose.timestamp_ns, group_truth);
+      add_group_poses(simulation, pose.timestamp_ns, group_truth);
       truth.poses.push_back(std::move(pose));
       progress.update(++summary.frames);
       summary.interrupted = interrupt.interrupted();
@@ -366,7 +366,7 @@ Result<SimulateSummary> run_simulate(const SimulateRequest& request) {
   }
   for (const auto& [group, trajectory] : group_truth) {
     if (!written) break;
-    written = write_file(fs::path("groups") / *group_file(group), text_of_places(trajectory));
+    written = write_file(fs::path("groups") / *group_file(group), group_poses_text(trajectory));
   }
   if (written) written = write_file("timestamps.csv", listing);
   if (!written) return folder.failed(written.error());

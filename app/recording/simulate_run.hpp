@@ -28,11 +28,11 @@ struct SimulateRequest {
   // Camera response (gamma exponent): linear light = (value / 255) ^ exponent. Default: the
   // exponent of the camera file, or 1.
   std::optional<double> tone_curve;
-  double gain = 1.0;          // factor of the light, > 0
-  double lens_blur_px = 0.5;  // sigma, >= 0
-  double cover_share = 0.0;   // covered fraction of each tag, from its left side: 0 to 1
-  int cover_from = 0;         // first frame with covered tags
-  int threads = 1;            // threads that draw the tags; do not affect the result
+  double gain = 1.0;              // factor of the light, > 0
+  double lens_blur_px = 0.5;      // sigma, >= 0
+  double covered_fraction = 0.0;  // covered fraction of each tag, from its left side: 0 to 1
+  int cover_from = 0;             // first frame with covered tags
+  int threads = 1;                // threads that draw the tags; do not affect the result
 };
 
 struct SimulateSummary {

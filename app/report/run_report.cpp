@@ -472,7 +472,7 @@ std::string evaluation_table(const Evaluation& evaluation) {
   text += fmt::format("judged frames with a pose: {} of {} ({:.1f} %)\n", evaluation.frames_judged,
                       evaluation.frames_estimated,
                       100.0 * ratio_of(evaluation.frames_judged, evaluation.frames_estimated));
-  if (const std::string causes = not_judged_in_words(evaluation); !causes.empty()) {
+  if (const std::string causes = not_judged_text(evaluation); !causes.empty()) {
     text += fmt::format("not judged: {}\n", causes);
   }
   if (evaluation.time_offset_ns != 0) {
@@ -482,7 +482,7 @@ std::string evaluation_table(const Evaluation& evaluation) {
   return text;
 }
 
-std::string not_judged_in_words(const Evaluation& evaluation) {
+std::string not_judged_text(const Evaluation& evaluation) {
   std::string text;
   for (const NotEvaluated cause : kNotEvaluatedCauses) {
     const int count = evaluation.frames_not_judged[static_cast<std::size_t>(cause)];

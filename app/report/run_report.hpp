@@ -216,6 +216,6 @@ struct GroupTruth {
 [[nodiscard]] std::string report_table(const RunReport& report);
 [[nodiscard]] std::string evaluation_table(const Evaluation& evaluation);
 // Returns "3 outside the time of the ground truth, 1 in a gap ..."; empty if all are evaluated.
-[[nodiscard]] std::string not_judged_in_words(const Evaluation& evaluation);
+[[nodiscard]] std::string not_judged_text(const Evaluation& evaluation);
 
 }  // namespace penumbra

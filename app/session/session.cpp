@@ -160,7 +160,7 @@ Result<SessionFrame> Session::compose(TrackedFrame tracked, std::span<std::uint8
   }
   result.composite = std::move(drawn);
   if (!rgba.empty()) {
-    result.picture = compositor_.pixel_buffers() ? read_back_time : ReadBackTime::now;
+    result.when_read_back = compositor_.pixel_buffers() ? read_back_time : ReadBackTime::now;
     PENUMBRA_TRY_VOID(read_back_image(rgba, result));
   }
   result.draw_time = plan_watch.elapsed();
@@ -168,7 +168,7 @@ Result<SessionFrame> Session::compose(TrackedFrame tracked, std::span<std::uint8
 }
 
 Result<void> Session::read_back_image(std::span<std::uint8_t> rgba, SessionFrame& drawn) {
-  const bool later = drawn.picture == ReadBackTime::later;
+  const bool later = drawn.when_read_back == ReadBackTime::later;
   const bool has_earlier = compositor_.pending_images() > 0;
   auto read = later ? compositor_.request_image() : compositor_.read_back(rgba);
   if (read && later && has_earlier) read = compositor_.take_image(rgba);

@@ -57,9 +57,9 @@ struct SessionFrame {
   CompositeStats composite;
   StageTime light_time;  // measuring the video's light
   StageTime plan_time;
-  StageTime draw_time;                       // total of plan, shadows, rendering and read-back
-  bool read_back = false;                    // an image was read back
-  ReadBackTime picture = ReadBackTime::now;  // `later`: that image is the previous one
+  StageTime draw_time;     // total of plan, shadows, rendering and read-back
+  bool read_back = false;  // an image was read back
+  ReadBackTime when_read_back = ReadBackTime::now;  // `later`: that image is the previous one
   std::vector<SceneEdit> edits;  // edits since the previous frame, in effect from this one on
 };
 

@@ -42,7 +42,7 @@ class RecordedFeed final : public StudyFeed {
                 recording_.folder.string());
   }
   void rewind() override { source_.reset(); }
-  [[nodiscard]] bool waits() const override { return true; }
+  [[nodiscard]] bool produces_on_demand() const override { return true; }
 
  private:
   const Recording recording_;
@@ -73,7 +73,7 @@ class CameraFeed final : public StudyFeed {
     return std::optional<StudyImage>({std::move(*frame), time_ns});
   }
   void rewind() override {}
-  [[nodiscard]] bool waits() const override { return false; }
+  [[nodiscard]] bool produces_on_demand() const override { return false; }
 
  private:
   std::unique_ptr<LiveSource> source_;

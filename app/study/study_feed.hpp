@@ -31,7 +31,7 @@ class StudyFeed {
   // Restarts a recording; has no effect on a camera.
   virtual void rewind() = 0;
   // Returns true if images are produced on demand (recording), false if at their own rate.
-  [[nodiscard]] virtual bool waits() const = 0;
+  [[nodiscard]] virtual bool produces_on_demand() const = 0;
 };
 
 // Plays a recording. `given_poses`: frames keep their recorded times, by which poses are found.

@@ -88,7 +88,7 @@ std::optional<StudyTechnique> study_technique_from_string(std::string_view name)
                         cocl ? KernelSource::centroid : KernelSource::automatic};
 }
 
-int usual_samples(StudyExperiment experiment) {
+int default_samples(StudyExperiment experiment) {
   return experiment == StudyExperiment::heights ? 20 : 5;
 }
 

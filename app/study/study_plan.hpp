@@ -29,7 +29,7 @@ struct StudyTechnique {
 [[nodiscard]] std::optional<StudyTechnique> study_technique_from_string(std::string_view name);
 
 // Returns the paper's number of samples: 20 for heights, 5 for drag.
-[[nodiscard]] int usual_samples(StudyExperiment experiment);
+[[nodiscard]] int default_samples(StudyExperiment experiment);
 inline constexpr int kMaxStudySamples = 1000;
 
 struct StudyDesign {

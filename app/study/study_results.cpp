@@ -64,7 +64,7 @@ StudySummary of_one(const Answers& answers) {
   summary.error_m = median_of(answers.errors_m);
   const FractionEstimate wrong =
       estimate_fraction(answers.wrong, static_cast<int>(answers.times_s.size()));
-  summary.wrong_fraction = wrong.share;
+  summary.wrong_fraction = wrong.proportion;
   summary.wrong_interval = wrong.interval;
   return summary;
 }

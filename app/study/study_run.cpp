@@ -81,7 +81,7 @@ class StudyLoop {
         PENUMBRA_TRY_VOID(act_until(image->clock_ns));
         if (task_.finished()) break;
         clock_ns_ = image->clock_ns;
-      } else if (feed_.waits()) {
+      } else if (feed_.produces_on_demand()) {
         wait_for(image->clock_ns);
         if (task_.finished()) break;
       }

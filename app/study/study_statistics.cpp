@@ -10,8 +10,9 @@
 namespace penumbra {
 namespace {
 
-constexpr double kMiss = 0.05;          // 1 - confidence level
-constexpr double kNormal = 1.95996398;  // two-sided quantile of the normal distribution for it
+constexpr double kSignificanceLevel = 0.05;  // 1 - confidence level
+constexpr double kNormalQuantile =
+    1.95996398;  // two-sided quantile of the normal distribution for it
 
 // Returns l: the l-th smallest and the l-th largest value bound the median. 0: too few values.
 std::size_t bound_of_median(std::size_t count) {
@@ -23,7 +24,7 @@ std::size_t bound_of_median(std::size_t count) {
     const auto k = static_cast<double>(l);
     below += std::exp(std::lgamma(n + 1.0) - std::lgamma(k + 1.0) - std::lgamma(n - k + 1.0) -
                       n * std::numbers::ln2);
-    if (2.0 * below > kMiss) break;
+    if (2.0 * below > kSignificanceLevel) break;
     ++l;
   }
   return l;
@@ -48,12 +49,12 @@ std::optional<MedianEstimate> median_of(std::span<const double> values) {
 FractionEstimate estimate_fraction(int hits, int count) {
   PENUMBRA_ASSERT(count > 0 && hits >= 0 && hits <= count);
   const double n = count;
-  const double share = hits / n;
-  const double z2 = kNormal * kNormal;
-  const double middle = (share + z2 / (2.0 * n)) / (1.0 + z2 / n);
-  const double half =
-      kNormal / (1.0 + z2 / n) * std::sqrt(share * (1.0 - share) / n + z2 / (4.0 * n * n));
-  return {share,
+  const double proportion = hits / n;
+  const double z2 = kNormalQuantile * kNormalQuantile;
+  const double middle = (proportion + z2 / (2.0 * n)) / (1.0 + z2 / n);
+  const double half = kNormalQuantile / (1.0 + z2 / n) *
+                      std::sqrt(proportion * (1.0 - proportion) / n + z2 / (4.0 * n * n));
+  return {proportion,
           {hits == 0 ? 0.0 : std::max(0.0, middle - half),
            hits == count ? 1.0 : std::min(1.0, middle + half)}};
 }

@@ -24,7 +24,7 @@ struct MedianEstimate {
 // The fraction `hits` / `count` with Wilson's score interval (1927, J. Am. Stat. Assoc. 22:209),
 // which has a nonzero length and lies in [0, 1]. `count` > 0.
 struct FractionEstimate {
-  double share = 0.0;
+  double proportion = 0.0;
   Interval interval;
 };
 [[nodiscard]] FractionEstimate estimate_fraction(int hits, int count);

@@ -198,7 +198,7 @@ std::vector<std::string> reason_lines(const HudState& state) {
   return lines;
 }
 
-std::string in_words(Translucency requested, Translucency drawn) {
+std::string translucency_text(Translucency requested, Translucency drawn) {
   if (requested != Translucency::automatic || drawn == Translucency::automatic) {
     return std::string(to_string(requested));
   }

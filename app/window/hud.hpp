@@ -160,7 +160,7 @@ inline constexpr std::size_t kMaxReasons = 10;
 [[nodiscard]] std::string technique_text(std::span<const HudNode> nodes);
 
 // Returns "mesh", or "auto (blend)".
-[[nodiscard]] std::string in_words(Translucency requested, Translucency drawn);
+[[nodiscard]] std::string translucency_text(Translucency requested, Translucency drawn);
 [[nodiscard]] Translucency translucency_after(Translucency mode);
 
 // Workspace from which a node's constants are computed (docs/shadows.md#constants).

@@ -13,9 +13,9 @@ namespace {
 
 // Largest distance of a dragged point from the camera, relative to its distance when grabbed. Near
 // the horizon one pixel corresponds to metres.
-constexpr double kFarthest = 6.0;
+constexpr double kMaxDistanceRatio = 6.0;
 // Smallest sine of the angle between the ray and the vertical plane of a lift.
-constexpr double kFlattest = 0.35;
+constexpr double kMinSine = 0.35;
 constexpr double kParallel = 1e-9;
 
 Eigen::Vector3d to_double(const glm::vec3& p) {
@@ -174,7 +174,7 @@ std::optional<ObjectPlaced> Manipulator::drag(const PointerView& pointer) const 
   switch (grab.mode) {
     case DragMode::slide: {
       const auto t = meet_plane(pointer.ray, Eigen::Vector3d::UnitZ(), grab.point);
-      if (!t || *t > kFarthest * grab.distance) return std::nullopt;
+      if (!t || *t > kMaxDistanceRatio * grab.distance) return std::nullopt;
       Eigen::Vector3d shift = pointer.ray.origin + *t * pointer.ray.direction - grab.point;
       shift.z() = 0.0;
       placed.placement.position += shift;
@@ -183,9 +183,9 @@ std::optional<ObjectPlaced> Manipulator::drag(const PointerView& pointer) const 
     case DragMode::lift: {
       const Eigen::Vector3d normal = facing(grab.pointer);
       Eigen::Vector3d shift;
-      if (std::abs(grab.pointer.ray.direction.dot(normal)) > kFlattest) {
+      if (std::abs(grab.pointer.ray.direction.dot(normal)) > kMinSine) {
         const auto t = meet_plane(pointer.ray, normal, grab.point);
-        if (!t || *t > kFarthest * grab.distance) return std::nullopt;
+        if (!t || *t > kMaxDistanceRatio * grab.distance) return std::nullopt;
         shift = pointer.ray.origin + *t * pointer.ray.direction - grab.point;
         shift -= shift.dot(normal) * normal;  // removes the rounding error
       } else {

@@ -74,7 +74,7 @@ std::string count_of_faults(const HudState& state) {
   return line;
 }
 
-std::string frame_in_words(const HudState& state) {
+std::string frame_number_text(const HudState& state) {
   return state.frame_count ? fmt::format("frame {} of {}", state.frame, *state.frame_count)
                            : fmt::format("frame {}", state.frame);
 }
@@ -231,7 +231,7 @@ struct Overlay::Impl {
   }
 
   void status(const HudState& state) {
-    text(pose_status(state, 1) + "   " + frame_in_words(state));
+    text(pose_status(state, 1) + "   " + frame_number_text(state));
     text(measured_tags(state.pose));
     if (state.smoothed) text(kQuiet, smoothing_text(*state.smoothed));
     for (const GroupEstimate& group : state.groups) {
@@ -474,7 +474,7 @@ struct Overlay::Impl {
     smoothing_panel(state, actions);
     Translucency translucency = state.translucency;
     if (choose("##translucency",
-               "translucency: " + in_words(state.translucency, state.translucency_drawn),
+               "translucency: " + translucency_text(state.translucency, state.translucency_drawn),
                kTranslucencyNames, translucency)) {
       actions.translucency = translucency;
     }

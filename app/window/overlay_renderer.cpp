@@ -50,7 +50,7 @@ void OverlayRenderer::draw(const ImDrawData& data, GlContext::Size size) {
   program_.use();
   program_.set("screen_size",
                glm::vec2(static_cast<float>(size.width), static_cast<float>(size.height)));
-  program_.set("letters", 0);
+  program_.set("glyphs", 0);
   glActiveTexture(GL_TEXTURE0);
   glBindTexture(GL_TEXTURE_2D, fonts_.id());
   layout_.bind();

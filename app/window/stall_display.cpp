@@ -4,7 +4,7 @@
 
 namespace penumbra {
 
-std::optional<TrackedFrame> StallDisplay::picture(std::int64_t stall_ns) {
+std::optional<TrackedFrame> StallDisplay::frame_to_show(std::int64_t stall_ns) {
   if (!last_) return std::nullopt;
   TrackedFrame tracked = *last_;
   // A repeated frame has no new measurements.

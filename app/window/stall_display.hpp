@@ -17,7 +17,7 @@ class StallDisplay {
   [[nodiscard]] bool holds() const { return last_.has_value(); }
   // Returns the frame to draw after a stall of `stall_ns`, which is added to the age of its
   // poses. Returns nullopt if the screen does not change.
-  [[nodiscard]] std::optional<TrackedFrame> picture(std::int64_t stall_ns);
+  [[nodiscard]] std::optional<TrackedFrame> frame_to_show(std::int64_t stall_ns);
 
  private:
   std::optional<TrackedFrame> last_;

@@ -28,11 +28,11 @@ Viewer::~Viewer() {
   context_.on_event({});
 }
 
-bool Viewer::show(InterruptWatch& interrupt, Picture which) {
+bool Viewer::show(InterruptWatch& interrupt, ShownFrame which) {
   const Stopwatch pause;
   bool waited = false;
   step_ = false;
-  if (which == Picture::next) shown_.add(clock_.elapsed().wall_ms);
+  if (which == ShownFrame::next) shown_.add(clock_.elapsed().wall_ms);
   do {
     host_.present();
     draw_hud();

@@ -60,10 +60,10 @@ class Viewer {
   ~Viewer();
 
   // next: a new frame. same: another drawing of the latest frame, not counted for the frame rate.
-  enum class Picture { next, same };
+  enum class ShownFrame { next, same };
   // Shows the latest frame and handles events. While paused, it waits for the end of the pause or
   // run, a step or an interruption. Returns false after the window was closed.
-  [[nodiscard]] bool show(InterruptWatch& interrupt, Picture which = Picture::next);
+  [[nodiscard]] bool show(InterruptWatch& interrupt, ShownFrame which = ShownFrame::next);
   // Total time of the pauses [ms], which does not count for pacing.
   [[nodiscard]] double paused_ms() const { return paused_ms_; }
 

@@ -27,16 +27,17 @@ std::vector<Lens> lenses_of(const LensChoice& choice) {
 
 // Ratios of held-out errors: docs/calibration.md#lens-choice.
 constexpr double kMuchBetter = 0.85;
-constexpr double kOtherKind = 0.9;
+constexpr double kOtherModelRatio = 0.9;
 constexpr double kMoreOutliers = 0.05;  // fraction of all corners
-constexpr double kSurely = 2.0;         // significant: standard errors of the mean over the views
+constexpr double kSignificantSigmas =
+    2.0;  // significant: standard errors of the mean over the views
 
 // Tries lenses and board shapes on the same corners and keeps the best.
-class Choice {
+class LensSearch {
  public:
-  Choice(const CalibrationSolution& start, const std::vector<Eigen::Vector3d>& board,
-         const std::vector<CalibrationView>& views, const LensChoice& choice,
-         std::vector<ModelTrial>& trials, int max_steps)
+  LensSearch(const CalibrationSolution& start, const std::vector<Eigen::Vector3d>& board,
+             const std::vector<CalibrationView>& views, const LensChoice& choice,
+             std::vector<ModelTrial>& trials, int max_steps)
       : start_(start),
         board_(board),
         views_(views),
@@ -53,14 +54,14 @@ class Choice {
   void find_own_outliers(const std::vector<CalibrationView>& views, bool for_all);
   // Marks the lenses whose held-out errors are not larger than those of the best one.
   void mark_rivals();
-  void tell(const Lens& lens, BoardShape shape) {
+  void on_step(const Lens& lens, BoardShape shape) {
     ++steps_;
-    if (!choice_.tell) return;
+    if (!choice_.on_step) return;
     ModelTrial trial;
     trial.model = lens.model;
     trial.without_k3 = lens.without_k3;
-    choice_.tell({fmt::format("{}, {} board", lens_name(trial), to_string(shape)), steps_,
-                  std::max(steps_, max_steps_)});
+    choice_.on_step({fmt::format("{}, {} board", lens_name(trial), to_string(shape)), steps_,
+                     std::max(steps_, max_steps_)});
   }
 
   std::optional<ChosenLens> best;
@@ -92,7 +93,7 @@ class Choice {
     BoardShape shape;
     CalibrationSolution solution;
   };
-  std::vector<Solved> first_;  // solutions of decide_outliers()
+  std::vector<Solved> initial_;  // solutions of decide_outliers()
   std::optional<std::vector<ViewError>> best_held_out_;
   std::vector<std::optional<std::vector<ViewError>>> held_out_;  // per trial
 };
@@ -125,44 +126,45 @@ double standard_errors(const std::vector<ViewError>& a, const std::vector<ViewEr
 bool clearly_better(const std::vector<ViewError>& a, const std::vector<ViewError>& b,
                     double max_ratio) {
   const double ratio = rms_of(a) / rms_of(b);
-  return ratio < kMuchBetter || (ratio < max_ratio && standard_errors(a, b) > kSurely);
+  return ratio < kMuchBetter || (ratio < max_ratio && standard_errors(a, b) > kSignificantSigmas);
 }
 
-void Choice::decide_outliers(const std::vector<Lens>& lenses, BoardShape shape) {
+void LensSearch::decide_outliers(const std::vector<Lens>& lenses, BoardShape shape) {
   const Solved* cleanest = nullptr;  // the solution with the least noise
-  first_.reserve(lenses.size());
+  initial_.reserve(lenses.size());
   for (const Lens& lens : lenses) {
     if (choice_.stop.stop_requested()) return;
-    tell(lens, shape);
+    on_step(lens, shape);
     Result<CalibrationSolution> solved = solve_intrinsics(
         cleanest == nullptr ? start_ : cleanest->solution, board_, views_, solver_of(lens, shape));
     if (!solved) {
       if (!first_error) first_error = solved.error();
       continue;
     }
-    first_.push_back({lens, shape, std::move(*solved)});
-    if (cleanest == nullptr || first_.back().solution.noise_px < cleanest->solution.noise_px)
-      cleanest = &first_.back();
+    initial_.push_back({lens, shape, std::move(*solved)});
+    if (cleanest == nullptr || initial_.back().solution.noise_px < cleanest->solution.noise_px)
+      cleanest = &initial_.back();
   }
   if (cleanest == nullptr) return;
   const double noise = cleanest->solution.noise_px;
-  const Solved* fittest = &first_.front();  // explains the most corners
-  for (const Solved& solved : first_) {
+  const Solved* fittest = &initial_.front();  // explains the most corners
+  for (const Solved& solved : initial_) {
     if (explained(solved.solution, noise) > explained(fittest->solution, noise)) fittest = &solved;
   }
   take_outliers(fittest->solution);
 }
 
-void Choice::consider(const Lens& lens, BoardShape shape) {
+void LensSearch::consider(const Lens& lens, BoardShape shape) {
   if (choice_.stop.stop_requested()) return;
-  tell(lens, shape);
+  on_step(lens, shape);
   const SolverOptions solver = solver_of(lens, shape);
   const auto initial = std::ranges::find_if(
-      first_, [&](const Solved& solved) { return solved.lens == lens && solved.shape == shape; });
-  Result<CalibrationSolution> solved = solve_intrinsics(initial != first_.end() ? initial->solution
-                                                        : best                  ? best->solution
-                                                                                : start_,
-                                                        board_, views_, solver);
+      initial_, [&](const Solved& solved) { return solved.lens == lens && solved.shape == shape; });
+  Result<CalibrationSolution> solved =
+      solve_intrinsics(initial != initial_.end() ? initial->solution
+                       : best                    ? best->solution
+                                                 : start_,
+                       board_, views_, solver);
   if (!solved) {
     if (!first_error) first_error = solved.error();
     return;
@@ -175,7 +177,7 @@ void Choice::consider(const Lens& lens, BoardShape shape) {
                      false, solved->camera});
   held_out_.push_back(held_out);
   const bool other = best && best->solution.camera.parameters().model != lens.model;
-  const double max_ratio = other ? kOtherKind : kMaxHeldOutRatio;
+  const double max_ratio = other ? kOtherModelRatio : kMaxHeldOutRatio;
   // A lens without held-out errors loses against one with them.
   if (fold || (best && !(held_out && (!best_held_out_ ||
                                       clearly_better(*held_out, *best_held_out_, max_ratio)))))
@@ -184,17 +186,17 @@ void Choice::consider(const Lens& lens, BoardShape shape) {
   best_held_out_ = held_out;
 }
 
-void Choice::mark_rivals() {
+void LensSearch::mark_rivals() {
   if (!best_held_out_) return;
   for (std::size_t t = 0; t < trials_.size(); ++t) {
     if (t == best->trial || !held_out_[t]) continue;
     const double ratio = rms_of(*held_out_[t]) / rms_of(*best_held_out_);
     trials_[t].rival = kMaxHeldOutRatio * ratio <= 1.0 &&
-                       standard_errors(*best_held_out_, *held_out_[t]) <= kSurely;
+                       standard_errors(*best_held_out_, *held_out_[t]) <= kSignificantSigmas;
   }
 }
 
-void Choice::find_own_outliers(const std::vector<CalibrationView>& views, bool for_all) {
+void LensSearch::find_own_outliers(const std::vector<CalibrationView>& views, bool for_all) {
   const CalibrationSolution& before = best->solution;
   const SolverOptions solver =
       solver_of({before.camera.parameters().model, best->without_k3}, before.shape);
@@ -280,7 +282,7 @@ Result<ChosenLens> choose_lens(const CalibrationSolution& start,
                                const std::vector<CalibrationView>& views, const LensChoice& choice,
                                std::optional<BoardShape> shape, std::vector<ModelTrial>& trials) {
   const std::vector<Lens> lenses = lenses_of(choice);
-  Choice tried(start, board, views, choice, trials, max_steps(choice, shape.has_value()));
+  LensSearch tried(start, board, views, choice, trials, max_steps(choice, shape.has_value()));
   const BoardShape first_shape = shape.value_or(BoardShape::rigid);
   tried.decide_outliers(lenses, first_shape);
   for (const Lens& lens : lenses) tried.consider(lens, first_shape);

@@ -39,7 +39,7 @@ inline constexpr double kMaxHeldOutRatio = 0.97;
 struct SolvingStep {
   std::string what;  // "plumb_bob, free board"
   int step = 0;
-  int most = 0;  // number of the last step
+  int max_step = 0;  // number of the last step
 };
 using StepCallback = std::function<void(const SolvingStep&)>;
 
@@ -47,7 +47,7 @@ struct LensChoice {
   std::optional<DistortionModel> model;  // if set, the only model tried
   bool for_kalibr = false;               // only lenses that Kalibr's files can represent
   std::stop_token stop = {};             // ends the search, with an error
-  StepCallback tell = {};                // called at each step of choose_lens()
+  StepCallback on_step = {};             // called at each step of choose_lens()
 };
 // Returns the maximum number of steps of choose_lens(), with a given or a chosen board shape.
 [[nodiscard]] int max_steps(const LensChoice& choice, bool shape_given);

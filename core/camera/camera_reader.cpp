@@ -76,7 +76,7 @@ Result<PlacedNumbers> matrix_numbers(const YamlFields& fields, const std::string
 }
 
 // Reads the image size from a list [width, height].
-Result<void> read_size(const YamlFields& fields, const std::string& key, CameraParameters& p) {
+Result<void> read_size_list(const YamlFields& fields, const std::string& key, CameraParameters& p) {
   PENUMBRA_TRY(const std::vector<double> size, fields.numbers(key, "give [width, height]"));
   const auto is_side = [](double side) { return side >= 1.0 && side <= 1e6; };
   if (size.size() != 2 || !is_side(size[0]) || !is_side(size[1]))
@@ -86,9 +86,9 @@ Result<void> read_size(const YamlFields& fields, const std::string& key, CameraP
   return {};
 }
 
-Result<void> take_size(const YamlFields& fields, CameraParameters& p) {
+Result<void> read_image_size(const YamlFields& fields, CameraParameters& p) {
   if (!has_any(fields, kWidthKeys) && has_any(fields, kSizeKeys))
-    return read_size(fields, key_present(fields, kSizeKeys), p);
+    return read_size_list(fields, key_present(fields, kSizeKeys), p);
   PENUMBRA_TRY(p.width,
                fields.integer(key_present(fields, kWidthKeys), "give the image's width in pixels"));
   PENUMBRA_TRY(p.height, fields.integer(key_present(fields, kHeightKeys),
@@ -96,7 +96,7 @@ Result<void> take_size(const YamlFields& fields, CameraParameters& p) {
   return {};
 }
 
-Result<void> take_matrix(const YamlFields& fields, const std::string& key, CameraParameters& p) {
+Result<void> read_matrix(const YamlFields& fields, const std::string& key, CameraParameters& p) {
   constexpr const char* kMatrix = "give data: [fx, 0, cx, 0, fy, cy, 0, 0, 1]";
   PENUMBRA_TRY(const PlacedNumbers matrix, matrix_numbers(fields, key, kMatrix));
   const std::vector<double>& k = matrix.values;
@@ -126,7 +126,7 @@ std::string model_names(CameraFileFormat format, const char* last = nullptr) {
   return fmt::format("{} or {}", fmt::join(names, ", "), final_name);
 }
 
-std::optional<DistortionModel> model_named(std::string_view name, CameraFileFormat format) {
+std::optional<DistortionModel> model_from_name(std::string_view name, CameraFileFormat format) {
   const auto found = std::ranges::find_if(
       kDistortionModels, [&](DistortionModel model) { return model_name(model, format) == name; });
   return found != kDistortionModels.end() ? std::optional(*found) : std::nullopt;
@@ -198,7 +198,7 @@ bool is_opencv_matrix(const YAML::Node& node) {
 }
 
 // Returns the lens model that the file specifies, or nullopt if it specifies none.
-Result<std::optional<DistortionModel>> named_model(const YamlFields& fields) {
+Result<std::optional<DistortionModel>> specified_model(const YamlFields& fields) {
   const std::string remedy =
       fmt::format("name {} (also: fisheye)", model_names(CameraFileFormat::ros));
   PENUMBRA_TRY(const bool named, fields.has_optional("distortion_model"));
@@ -208,7 +208,7 @@ Result<std::optional<DistortionModel>> named_model(const YamlFields& fields) {
     PENUMBRA_TRY(const YAML::Node node, fields.node(key, remedy.c_str()));
     if (!node.IsNull() && !(node.IsScalar() && node.Scalar().empty())) {
       PENUMBRA_TRY(const std::string model, fields.text(key, remedy.c_str()));
-      if (const auto known = model_named(model, CameraFileFormat::ros)) return known;
+      if (const auto known = model_from_name(model, CameraFileFormat::ros)) return known;
       if (model == "fisheye") return DistortionModel::fisheye;
       const bool projection = key == "camera_model" && model == "pinhole";
       if (!projection)
@@ -312,13 +312,13 @@ struct ReadCamera {
 Result<ReadCamera> read_ros_or_opencv(const YamlFields& fields, const std::string& suffix = {}) {
   ReadCamera read;
   CameraParameters& p = read.parameters;
-  PENUMBRA_TRY_VOID(take_size(fields, p));
+  PENUMBRA_TRY_VOID(read_image_size(fields, p));
   const std::string matrix_key = key_present(fields, kMatrixKeys, suffix);
-  PENUMBRA_TRY_VOID(take_matrix(fields, matrix_key, p));
+  PENUMBRA_TRY_VOID(read_matrix(fields, matrix_key, p));
   PENUMBRA_TRY_VOID(check_whole_image(fields, p));
   PENUMBRA_TRY_VOID(check_no_mirror(fields, suffix));
 
-  PENUMBRA_TRY(const std::optional<DistortionModel> model, named_model(fields));
+  PENUMBRA_TRY(const std::optional<DistortionModel> model, specified_model(fields));
   PENUMBRA_TRY(
       const PlacedNumbers coefficients,
       matrix_numbers(fields, key_present(fields, kDistortionKeys, suffix),
@@ -357,7 +357,7 @@ Result<ReadCamera> read_kalibr(const YamlFields& camera) {
                 camera.place_of("camera_model"), kind);
   PENUMBRA_TRY(const std::vector<double> k,
                camera.numbers("intrinsics", 4, "give [fx, fy, cx, cy]"));
-  PENUMBRA_TRY_VOID(read_size(camera, "resolution", p));
+  PENUMBRA_TRY_VOID(read_size_list(camera, "resolution", p));
   set_pinhole(k, p);
   PENUMBRA_TRY(const std::string model,
                camera.text("distortion_model",
@@ -365,7 +365,7 @@ Result<ReadCamera> read_kalibr(const YamlFields& camera) {
   if (model == "none") return read;
   PENUMBRA_TRY(const std::vector<double> d,
                camera.numbers("distortion_coeffs", "give the model's 4 coefficients"));
-  const std::optional<DistortionModel> lens = model_named(model, CameraFileFormat::kalibr);
+  const std::optional<DistortionModel> lens = model_from_name(model, CameraFileFormat::kalibr);
   if (!lens)
     return fail("{}: the lens model '{}' is not supported; use {}",
                 camera.place_of("distortion_model"), model, model_names(CameraFileFormat::kalibr));
@@ -398,7 +398,7 @@ Result<ReadCamera> read_mrcal(const YamlFields& fields) {
   if (k.size() != 4 + count)
     return fail("{}: has {} numbers, but {} has {}", fields.place_of("intrinsics"), k.size(), model,
                 4 + count);
-  PENUMBRA_TRY_VOID(read_size(fields, "imagersize", p));
+  PENUMBRA_TRY_VOID(read_size_list(fields, "imagersize", p));
   set_pinhole(k, p);
   p.model = count == 8 ? DistortionModel::rational : DistortionModel::plumb_bob;
   std::copy(k.begin() + 4, k.end(), p.distortion.begin());

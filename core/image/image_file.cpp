@@ -106,15 +106,15 @@ Result<void> read_png_rows(spng_ctx* png, int format, int flags, std::uint8_t* p
 }
 
 // All samples of a 16-bit PNG as stored, rows without padding.
-struct DeepSamples {
+struct StoredSamples {
   std::size_t channels = 1;
   std::size_t colours = 1;  // number of channels without alpha
   std::vector<std::uint16_t> values;
 };
 
-Result<DeepSamples> read_deep_samples(spng_ctx* png, const spng_ihdr& header,
-                                      const std::string& name) {
-  DeepSamples samples;
+Result<StoredSamples> read_stored_samples(spng_ctx* png, const spng_ihdr& header,
+                                          const std::string& name) {
+  StoredSamples samples;
   const bool alpha = header.color_type == SPNG_COLOR_TYPE_GRAYSCALE_ALPHA ||
                      header.color_type == SPNG_COLOR_TYPE_TRUECOLOR_ALPHA;
   samples.colours = is_grey(header) ? 1 : 3;
@@ -129,9 +129,9 @@ Result<DeepSamples> read_deep_samples(spng_ctx* png, const spng_ihdr& header,
 }
 
 // Decodes a 16-bit PNG with values in the lowest `sample_bits` bits.
-Result<Frame> decode_deep_png(spng_ctx* png, const spng_ihdr& header, const std::string& name,
-                              const DecodeOptions& options) {
-  PENUMBRA_TRY(const DeepSamples samples, read_deep_samples(png, header, name));
+Result<Frame> decode_16_bit_png(spng_ctx* png, const spng_ihdr& header, const std::string& name,
+                                const DecodeOptions& options) {
+  PENUMBRA_TRY(const StoredSamples samples, read_stored_samples(png, header, name));
   FrameBuffer buffer =
       allocate_frame(is_grey(header) ? PixelFormat::grey8 : PixelFormat::rgb24,
                      static_cast<int>(header.width), static_cast<int>(header.height));
@@ -158,7 +158,7 @@ Result<Frame> decode_png(std::span<const std::uint8_t> bytes, const std::string&
   spng_ihdr header{};
   PENUMBRA_TRY(const Png png, open_png(bytes, name, header));
   if (header.bit_depth == 16 && options.sample_bits < 16) {
-    return decode_deep_png(png.get(), header, name, options);
+    return decode_16_bit_png(png.get(), header, name, options);
   }
   const int width = static_cast<int>(header.width);
   const int height = static_cast<int>(header.height);
@@ -278,7 +278,7 @@ Result<std::optional<SixteenBitSamples>> sixteen_bit_samples(std::span<const std
                                    ? bits.grayscale_bits
                                    : std::max({bits.red_bits, bits.green_bits, bits.blue_bits});
     }
-    PENUMBRA_TRY(const DeepSamples samples, read_deep_samples(png.get(), header, name));
+    PENUMBRA_TRY(const StoredSamples samples, read_stored_samples(png.get(), header, name));
     for (std::size_t at = 0; at < samples.values.size(); at += samples.channels) {
       for (std::size_t c = 0; c < samples.colours; ++c) {
         found.brightest = std::max<int>(found.brightest, samples.values[at + c]);

@@ -146,8 +146,8 @@ std::string geometry_key(const Model& model) {
   return fmt::format("{:016x}", hash);
 }
 
-Result<std::filesystem::path> beside_model(const std::filesystem::path& folder,
-                                           std::string_view name) {
+Result<std::filesystem::path> model_resource_path(const std::filesystem::path& folder,
+                                                  std::string_view name) {
   std::string path = plain_path(name);
   if (leaves_folder(name)) {
     path = path.substr(path.rfind('/') + 1);

@@ -29,8 +29,8 @@ inline constexpr std::size_t kMaxGroups = 1000;
 // Returns the path, in the model's folder, of a file that a model refers to. If the name
 // leaves_folder(), only its last component is used. Backslashes count as slashes; a leading "file:"
 // is removed. Fails if the name has no last component. The file need not exist.
-[[nodiscard]] Result<std::filesystem::path> beside_model(const std::filesystem::path& folder,
-                                                         std::string_view name);
+[[nodiscard]] Result<std::filesystem::path> model_resource_path(const std::filesystem::path& folder,
+                                                                std::string_view name);
 // Returns true for a name that leads out of the model's folder: an absolute path, a drive letter, a
 // web address, or a path with "..". Callers of the function above then add a warning.
 [[nodiscard]] bool leaves_folder(std::string_view name);

@@ -9,7 +9,7 @@
 namespace penumbra {
 namespace {
 
-std::string in_words(double length_m) {
+std::string length_text(double length_m) {
   return length_m < 0.01 ? fmt::format("{:.3g} mm", 1e3 * length_m)
                          : fmt::format("{:.3g} m", length_m);
 }
@@ -36,8 +36,8 @@ std::optional<std::string> warning_of_size(const Model& model, const ModelSize& 
   const double length = longest * size.scale;
   if (!std::isfinite(length) || !(length > 0.0)) return std::nullopt;
   if (length <= kLargestOnTable && length >= kSmallestOnTable) return std::nullopt;
-  const std::string start =
-      fmt::format("{}: is {} {}", subject, in_words(length), extent.z == longest ? "high" : "wide");
+  const std::string start = fmt::format("{}: is {} {}", subject, length_text(length),
+                                        extent.z == longest ? "high" : "wide");
   const bool scene = size.remedy == SizeRemedy::scene_scale;
   // A scene's scale may already convert the unit, so the unit is guessed from the unscaled length.
   const LengthUnit* unit = likely_unit(scene ? longest : longest / size.unit_m);

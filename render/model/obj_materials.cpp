@@ -86,7 +86,7 @@ std::string_view without_comment(std::string_view text) {
 }
 
 bool is_beside(const std::filesystem::path& folder, const std::string& name) {
-  const auto path = beside_model(folder, name);
+  const auto path = model_resource_path(folder, name);
   std::error_code ignored;
   return path && std::filesystem::is_regular_file(*path, ignored);
 }
@@ -221,7 +221,7 @@ void ObjMaterials::read_file_named(const std::string& name, std::size_t line) {
     warnings_.push_back(fmt::format("{}: line {}: {}; its materials are drawn in plain grey",
                                     model_name_, line, cause));
   };
-  const Result<std::filesystem::path> file = beside_model(folder_, name);
+  const Result<std::filesystem::path> file = model_resource_path(folder_, name);
   const std::string path = file ? file->lexically_normal().string() : name;
   if (!files_.insert(path).second) return;
   if (!file) return ignore(file.error().message);
@@ -283,7 +283,7 @@ void ObjMaterials::load_image(Model& model, ObjMaterial& from) {
     return;
   }
   const auto load = [&]() -> Result<int> {
-    PENUMBRA_TRY(const std::filesystem::path file, beside_model(folder_, name));
+    PENUMBRA_TRY(const std::filesystem::path file, model_resource_path(folder_, name));
     PENUMBRA_TRY(const std::vector<std::uint8_t> bytes, read_file(file, limits_.max_file_bytes));
     Result<int> added = add_texture(model, bytes, file.string(), limits_);
     if (added && leaves_folder(name)) {

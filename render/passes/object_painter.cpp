@@ -457,7 +457,7 @@ int ObjectPainter::draw_under_shadow(const ObjectDraw& draw, const FramePlan& pl
   p.set("mask_levels", std::span<const glm::vec4>(mask.levels));
   p.set("mask_count", mask.level_count);
   p.set("gathering", static_cast<int>(gathering));
-  p.set("mask_light_left", mask.light_left);
+  p.set("mask_light_left", mask.encoded_factors);
   p.set("encoding", static_cast<float>(1.0 / plan.tone_exponent));
   p.set("mask_step", static_cast<float>(kLevelStep));
   p.set("mask_level_width", static_cast<float>(kLevelWidth));

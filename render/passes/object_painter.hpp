@@ -36,7 +36,7 @@ struct ShadowMask {
   glm::mat4x3 plane_from_table{0.0F};  // -> (u, v, h)
   glm::vec3 normal{0.0F};              // of the plane, table frame
   glm::vec2 origin{0.0F}, extent{1.0F};
-  glm::vec3 light_left{1.0F};  // factor on the encoded image, by layer
+  glm::vec3 encoded_factors{1.0F};  // factor on the encoded image, by layer
   int level_count = 0;
   std::array<glm::vec4, kMaxReceivingLevels / 4> levels{};  // heights [m], ascending
 };

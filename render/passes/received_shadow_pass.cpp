@@ -24,7 +24,7 @@ constexpr double kMaxTexelsOfFrame = 64e6;
 constexpr double kMaxLevelStep = 0.03;  // [m]
 constexpr int kTexelsAtOnce = 32;       // sides are multiples, so that storage changes rarely
 // Counts pairs out of view as well, because culling must not change the image.
-double max_texels_of_pair(const FramePlan& plan) {
+double max_texels_per_pair(const FramePlan& plan) {
   const auto pairs =
       static_cast<double>(std::bit_ceil(std::max<std::size_t>(plan.meeting_pairs, 1)));
   return std::clamp(kMaxTexelsOfFrame / pairs, kMinTexelsOfPair, kMaxTexelsOfPair);
@@ -174,11 +174,11 @@ int ReceivedShadowPass::make_mask(const Scene& scene, const ReceivedShadowDraw& 
     if ((texels > kMaxTexels).any()) continue;
     size = ((texels / kTexelsAtOnce).ceil() * kTexelsAtOnce).cast<int>();
     if (static_cast<double>(size.prod()) * static_cast<double>(mask.levels.size()) <=
-        mask.made_for->max_texels_of_pair)
+        mask.made_for->max_texels_per_pair)
       break;
   }
   mask.extent = size.cast<double>().matrix() * texel;
-  mask.pictures.resize(size.x(), size.y(), static_cast<int>(mask.levels.size()));
+  mask.level_masks.resize(size.x(), size.y(), static_cast<int>(mask.levels.size()));
   const MaskCells cells{texel, std::llround(mask.origin.x() / texel),
                         std::llround(mask.origin.y() / texel), size.x(), size.y()};
   if (!mask.made_for->covered) return draw_levels(scene, draw, surface, mask, work);
@@ -189,21 +189,22 @@ int ReceivedShadowPass::make_mask(const Scene& scene, const ReceivedShadowDraw& 
 void ReceivedShadowPass::cover_levels(const Scene& scene, const ReceivedShadowDraw& draw,
                                       const Surface& surface, const MaskCells& cells, Mask& mask,
                                       RenderWork& work) {
-  shares_.resize(std::size_t{4} * static_cast<std::size_t>(cells.width) *
-                 static_cast<std::size_t>(cells.height));
+  coverage_.resize(std::size_t{4} * static_cast<std::size_t>(cells.width) *
+                   static_cast<std::size_t>(cells.height));
   for (std::size_t level = 0; level < mask.levels.size(); ++level) {
     PlaneFrame plane = surface.plane;
     plane.q += mask.levels[level] * plane.n;
     cover_level(prepare_level(scene, draw, static_cast<int>(level), plane, true, work), cells,
                 work);
-    mask.shows = mask.shows || std::ranges::any_of(shares_, [](std::uint8_t s) { return s != 0; });
-    mask.pictures.upload(static_cast<int>(level), shares_);
+    mask.shows =
+        mask.shows || std::ranges::any_of(coverage_, [](std::uint8_t s) { return s != 0; });
+    mask.level_masks.upload(static_cast<int>(level), coverage_);
   }
 }
 
 // Rasterises the exact coverage of these cells by each layer, without OpenGL.
 void ReceivedShadowPass::cover_level(const Level& level, const MaskCells& cells, RenderWork& work) {
-  std::ranges::fill(shares_, std::uint8_t{0});
+  std::ranges::fill(coverage_, std::uint8_t{0});
   if (!level.item.prepared->valid) return;
   const MaskPart part =
       MaskPart::of(level.shadow, *level.item.caster, *level.item.prepared, glm::vec3(0.0F));
@@ -219,7 +220,7 @@ void ReceivedShadowPass::cover_level(const Level& level, const MaskCells& cells,
                       static_cast<int>(over.sizes().x()) + 1,
                       static_cast<int>(over.sizes().y()) + 1});
   part.cover(mask_caster_, mask_raster_);
-  mask_raster_.finish_coverage(cells, shares_);
+  mask_raster_.finish_coverage(cells, coverage_);
 }
 
 int ReceivedShadowPass::draw_levels(const Scene& scene, const ReceivedShadowDraw& draw,
@@ -236,7 +237,7 @@ int ReceivedShadowPass::draw_levels(const Scene& scene, const ReceivedShadowDraw
     plane.q += mask.levels[i] * plane.n;
     Level level = prepare_level(scene, draw, static_cast<int>(i), plane, false, work);
     level.shadow.fractions = {1.0, 1.0, 1.0};
-    mask.pictures.begin(static_cast<int>(i));
+    mask.level_masks.begin(static_cast<int>(i));
     for (int layer = 0; layer < 3; ++layer) {
       glColorMask(layer == 0 ? GL_TRUE : GL_FALSE, layer == 1 ? GL_TRUE : GL_FALSE,
                   layer == 2 ? GL_TRUE : GL_FALSE, GL_FALSE);
@@ -246,7 +247,7 @@ int ReceivedShadowPass::draw_levels(const Scene& scene, const ReceivedShadowDraw
       calls += drawn;
     }
     glColorMask(GL_TRUE, GL_TRUE, GL_TRUE, GL_TRUE);
-    mask.pictures.end();
+    mask.level_masks.end();
   }
   return calls;
 }
@@ -262,7 +263,7 @@ Result<void> ReceivedShadowPass::prepare(const DrawContext& context, const Frame
     surfaces_.clear();
     levels_.clear();
   }
-  const double texels = max_texels_of_pair(plan);
+  const double texels = max_texels_per_pair(plan);
   for (const ReceivedShadowDraw& draw : plan.received_shadows) {
     const ObjectDraw* receiver = drawn_object(plan, draw.receiver);
     if (receiver == nullptr) continue;
@@ -302,13 +303,13 @@ Result<void> ReceivedShadowPass::prepare(const DrawContext& context, const Frame
 int ReceivedShadowPass::draw_shadow(const DrawContext& context, const FramePlan& plan,
                                     const Shown& shown, Gathering gathering) {
   const Mask& mask = *shown.mask;
-  mask.pictures.bind(kShadowMaskUnit);
+  mask.level_masks.bind(kShadowMaskUnit);
   ShadowMask uniforms;
   uniforms.plane_from_table = plane_from_object(shown.draw->shadow.plane_frame, Placement());
   uniforms.normal = to_gl(shown.draw->shadow.plane_frame.n);
   uniforms.origin = {static_cast<float>(mask.origin.x()), static_cast<float>(mask.origin.y())};
   uniforms.extent = {static_cast<float>(mask.extent.x()), static_cast<float>(mask.extent.y())};
-  uniforms.light_left = layer_light(shown.draw->shadow);
+  uniforms.encoded_factors = layer_light(shown.draw->shadow);
   uniforms.level_count = static_cast<int>(mask.levels.size());
   for (std::size_t i = 0; i < mask.levels.size(); ++i) {
     uniforms.levels[i / 4][static_cast<glm::length_t>(i % 4)] = static_cast<float>(mask.levels[i]);

@@ -44,9 +44,9 @@ class ReceivedShadowPass : public Pass {
     ShadowShape shadow;
     std::uint64_t surface = 0;  // its version
     double top = 0.0;
-    double texel = 0.0;               // texel size for the current view [m]
-    double max_texels_of_pair = 0.0;  // limit for this pair of caster and receiver
-    bool covered = false;             // rasterised on the CPU instead of drawn
+    double texel = 0.0;                // texel size for the current view [m]
+    double max_texels_per_pair = 0.0;  // limit for this pair of caster and receiver
+    bool covered = false;              // rasterised on the CPU instead of drawn
     friend bool operator==(const MaskInputs&, const MaskInputs&) = default;
   };
   struct Mask {
@@ -54,7 +54,7 @@ class ReceivedShadowPass : public Pass {
     std::vector<double> levels;
     bool shows = false;              // some level is non-empty
     Eigen::Vector2d origin, extent;  // of the mask on the plane [m]
-    MaskStack pictures;
+    MaskStack level_masks;
   };
   // The two most recent ones, because a camera at rest may jitter between two texel sizes.
   struct Masks {
@@ -99,8 +99,8 @@ class ReceivedShadowPass : public Pass {
   std::map<std::tuple<int, int, int, int>, Masks> masks_;  // node, object, plane, receiver
   // (node, object, plane, receiver, level).
   std::map<std::tuple<int, int, int, int, int>, PreparedShadow> levels_;
-  std::vector<Shown> shown_;          // in this frame
-  std::vector<std::uint8_t> shares_;  // coverage of each cell by the layers, RGBA
+  std::vector<Shown> shown_;            // in this frame
+  std::vector<std::uint8_t> coverage_;  // coverage of each cell by the layers, RGBA
   MaskCaster mask_caster_;
   MaskRaster mask_raster_;
   int calls_ = 0;  // draw calls of prepare()

@@ -37,7 +37,7 @@ RectifyingGrid rectifying_grid(const CameraModel& camera) {
       // Covers the image from edge to edge.
       const Eigen::Vector2d pixel(-0.5 + std::min(column * kCell_px, 1.0 * camera.width()),
                                   -0.5 + std::min(row * kCell_px, 1.0 * camera.height()));
-      grid.picture.push_back(pixel);
+      grid.image_px.push_back(pixel);
       const auto ray = straight.unproject(pixel);
       const auto source = ray ? camera.project_extended(*ray) : std::nullopt;
       grid.video.push_back(source ? *source : Eigen::Vector2d::Constant(kNowhere_px));
@@ -52,8 +52,8 @@ RectifiedVideo::RectifiedVideo(GlApi api, const CameraModel& camera)
       height_(camera.height()) {
   const RectifyingGrid grid = rectifying_grid(camera);
   std::vector<glm::vec4> corners;
-  for (std::size_t i = 0; i < grid.picture.size(); ++i) {
-    const Eigen::Vector2d& p = grid.picture[i];
+  for (std::size_t i = 0; i < grid.image_px.size(); ++i) {
+    const Eigen::Vector2d& p = grid.image_px[i];
     const Eigen::Vector2d& v = grid.video[i];
     corners.emplace_back(static_cast<float>(2.0 * (p.x() + 0.5) / width_ - 1.0),
                          static_cast<float>(2.0 * (p.y() + 0.5) / height_ - 1.0),

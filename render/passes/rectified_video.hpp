@@ -15,9 +15,9 @@ namespace penumbra {
 
 // Corners of cells of 12 px, so that interpolated video positions are accurate to 0.1 px.
 struct RectifyingGrid {
-  int columns = 0, rows = 0;             // of corners
-  std::vector<Eigen::Vector2d> picture;  // [px], row by row
-  std::vector<Eigen::Vector2d> video;    // their video pixels [px]; far outside if none
+  int columns = 0, rows = 0;              // of corners
+  std::vector<Eigen::Vector2d> image_px;  // [px], row by row
+  std::vector<Eigen::Vector2d> video;     // their video pixels [px]; far outside if none
 };
 [[nodiscard]] RectifyingGrid rectifying_grid(const CameraModel& camera);
 

@@ -36,8 +36,8 @@ Result<ShaderProgram> TranslucentProgram::link(
   defines.insert(defines.end(), mode_defines.begin(), mode_defines.end());
   PENUMBRA_TRY(auto program, ShaderProgram::link(api_, vertex_files_, fragment, defines));
   program.use();
-  program.set("picture_before", kFramebufferCopyUnit);
-  program.set("sums_before", kSumsCopyUnit);
+  program.set("framebuffer_copy", kFramebufferCopyUnit);
+  program.set("sums_copy", kSumsCopyUnit);
   return program;
 }
 
@@ -100,9 +100,9 @@ void end_translucent() {
   glDisable(GL_BLEND);
 }
 
-float opaque_door_pixels(float factor) {
+float opaque_screen_door_pixels(float factor) {
   const float lost = 1.0F - std::pow(std::clamp(factor, 0.0F, 1.0F), 2.2F);
-  return std::floor(static_cast<float>(kDoorPixels) * lost + 0.5F);
+  return std::floor(static_cast<float>(kScreenDoorPixels) * lost + 0.5F);
 }
 
 }  // namespace penumbra

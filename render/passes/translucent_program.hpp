@@ -20,8 +20,8 @@ inline constexpr int kVideoUnit = 5;  // and the next two
 
 // The content under a program's fragments.
 enum class Background {
-  video,    // the video alone: in mode retexture, fetched from the video's textures
-  picture,  // any content: in mode retexture, fetched from a copy of the framebuffer
+  video,        // the video alone: in mode retexture, fetched from the video's textures
+  any_content,  // any content: in mode retexture, fetched from a copy of the framebuffer
 };
 
 class TranslucentProgram {
@@ -30,7 +30,7 @@ class TranslucentProgram {
   // Like ShaderProgram::link(), with translucency.glsl before the fragment files.
   [[nodiscard]] static Result<TranslucentProgram> create(
       GlApi api, ShaderFiles vertex, ShaderFiles fragment,
-      std::vector<std::string_view> defines = {}, Background background = Background::picture);
+      std::vector<std::string_view> defines = {}, Background background = Background::any_content);
 
   // Selects the program that get() returns, and links it on first use. The baseline geometry_mesh
   // uses `mesh` for everything except planes. `video`: the format of the frames to fetch; nullopt
@@ -46,7 +46,7 @@ class TranslucentProgram {
   GlApi api_ = GlApi::gl33;
   ShaderFiles vertex_files_, fragment_files_;
   std::vector<std::string_view> defines_;
-  Background background_ = Background::picture;
+  Background background_ = Background::any_content;
   // Key: the mode's last define; "" for the first.
   std::vector<std::pair<std::string_view, ShaderProgram>> variants_;
   std::size_t chosen_ = 0;
@@ -65,6 +65,6 @@ void end_translucent();  // back to opaque
 
 // Returns the number of black pixels of the screen-door pattern that reduces the linear light as
 // much as this factor on the encoded value.
-[[nodiscard]] float opaque_door_pixels(float factor);
+[[nodiscard]] float opaque_screen_door_pixels(float factor);
 
 }  // namespace penumbra

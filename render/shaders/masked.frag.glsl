@@ -11,7 +11,7 @@ uniform int gathering;  // enum Gathering: 0 none, 1 first, 2 further, 3 result
 void main() {
   if (gathering == 3) {
 #if defined(RETEXTURED)
-    color = darkened(vec3(texelFetch(picture_before, ivec2(gl_FragCoord.xy), 0).a));
+    color = darkened(vec3(texelFetch(framebuffer_copy, ivec2(gl_FragCoord.xy), 0).a));
 #else
     color = vec4(1.0);  // the blending multiplies by the framebuffer's alpha
 #endif
@@ -23,7 +23,7 @@ void main() {
     return;
   }
 #if defined(RETEXTURED)
-  if (gathering == 2) left = min(left, texelFetch(picture_before, ivec2(gl_FragCoord.xy), 0).a);
+  if (gathering == 2) left = min(left, texelFetch(framebuffer_copy, ivec2(gl_FragCoord.xy), 0).a);
 #endif
   color = vec4(vec3(0.0), left);
 }

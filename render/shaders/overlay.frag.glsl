@@ -1,8 +1,8 @@
-uniform sampler2D letters;
-in vec2 letter;
+uniform sampler2D glyphs;
+in vec2 glyph_uv;
 in vec4 tint;
 layout(location = 0) out vec4 color;
 
 void main() {
-  color = tint * texture(letters, letter);
+  color = tint * texture(glyphs, glyph_uv);
 }

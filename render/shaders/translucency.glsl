@@ -3,31 +3,31 @@
 #if defined(SCREEN_DOOR)
 // Returns the pixel's threshold in a 4 x 4 ordered dither matrix, 0 to 15 (Bayer, 1973). A darker
 // pattern contains each lighter one, so the drawing order does not matter.
-int door_place() {
+int dither_threshold() {
   ivec2 at = ivec2(gl_FragCoord.xy) & 3;
   int mixed = at.x ^ at.y;
   return ((mixed & 1) << 3) | ((at.y & 1) << 2) | (mixed & 2) | (at.y >> 1);
 }
 
 // Discards the fragment unless it is one of the `opaque` opaque pixels among 16.
-void open_door(float opaque) {
-  if (float(door_place()) >= opaque) discard;
+void discard_by_dither(float opaque) {
+  if (float(dither_threshold()) >= opaque) discard;
 }
 
 // The eye averages linear light, so the fraction of black pixels equals the fraction of blocked
 // light.
 vec4 darkened(vec3 factor) {
   float left = dot(pow(factor, vec3(2.2)), vec3(0.2126, 0.7152, 0.0722));
-  open_door(floor(16.0 * (1.0 - left) + 0.5));
+  discard_by_dither(floor(16.0 * (1.0 - left) + 0.5));
   return vec4(0.0, 0.0, 0.0, 1.0);
 }
 // `layer`: its number of opaque pixels among 16.
 vec4 darkened_by_layer(float layer) {
-  open_door(layer);
+  discard_by_dither(layer);
   return vec4(0.0, 0.0, 0.0, 1.0);
 }
 vec4 mixed_in(vec3 color, float opacity) {
-  open_door(floor(16.0 * opacity + 0.5));
+  discard_by_dither(floor(16.0 * opacity + 0.5));
   return vec4(color, 1.0);
 }
 
@@ -38,9 +38,9 @@ vec3 under_fragment() {
   return floor(255.0 * clamp(video_color(ivec2(gl_FragCoord.xy)), 0.0, 1.0) + 0.5) / 255.0;
 }
 #else
-uniform sampler2D picture_before;
+uniform sampler2D framebuffer_copy;
 vec3 under_fragment() {
-  return texelFetch(picture_before, ivec2(gl_FragCoord.xy), 0).rgb;
+  return texelFetch(framebuffer_copy, ivec2(gl_FragCoord.xy), 0).rgb;
 }
 #endif
 vec4 darkened(vec3 factor) {
@@ -79,9 +79,9 @@ vec4 seen_through(vec3 color, float opacity) {
 
 // Sums the colours of several draw calls, and takes the maximum of their alphas.
 #if defined(SCREEN_DOOR) || defined(RETEXTURED)
-uniform sampler2D sums_before;
+uniform sampler2D sums_copy;
 vec4 added(vec4 value) {
-  vec4 before = texelFetch(sums_before, ivec2(gl_FragCoord.xy), 0);
+  vec4 before = texelFetch(sums_copy, ivec2(gl_FragCoord.xy), 0);
   return vec4(before.rgb + value.rgb, max(before.a, value.a));
 }
 #else

@@ -81,7 +81,7 @@ class SyntheticTrials {
       const CameraPose truth = random_view(random);
       PatternRenderOptions render = options(k);
       render.noise_grey = 2.0;
-      render.cover_share = fraction;
+      render.covered_fraction = fraction;
       run(aligner, picture(truth, render), truth, displaced(camera_, tags_, truth, 2.0, random),
           2.0, Vector6d::Zero(), score, 0.0);
     }

@@ -81,7 +81,7 @@ std::vector<std::string> installed_models() {
 
 // Expects exit code 0 with warnings of one line each, or exit code 1 with one error that names the
 // file.
-void expect_clear_lines(const ProgramResult& result, const std::string& name) {
+void expect_one_line_messages(const ProgramResult& result, const std::string& name) {
   if (result.exit_code != 0) {
     expect_failure(result, {name});
     return;
@@ -110,7 +110,7 @@ class PublicModels : public testing::TestWithParam<const char*> {
     const fs::path output = folder_.path() / "shadow.json";
     const ProgramResult result = penumbra(
         {"shadow", kModels / name, "--technique", "simple", "--plane", plane, "--output", output});
-    expect_clear_lines(result, name);
+    expect_one_line_messages(result, name);
     if (result.exit_code != 0) {
       EXPECT_FALSE(expected.message.empty()) << result.err;
       EXPECT_TRUE(std::regex_search(result.err, std::regex(expected.message)))
@@ -123,7 +123,7 @@ class PublicModels : public testing::TestWithParam<const char*> {
   void expect_kernels(const std::string& name, bool readable) {
     const fs::path output = folder_.path() / "kernels.json";
     const ProgramResult result = penumbra({"kernels", kModels / name, "--output", output});
-    expect_clear_lines(result, name);
+    expect_one_line_messages(result, name);
     EXPECT_EQ(result.exit_code, readable ? 0 : 1) << result.err;
     if (!readable || result.exit_code != 0) return;
     const auto kernels = read_json(output)["kernels"];
@@ -135,7 +135,7 @@ class PublicModels : public testing::TestWithParam<const char*> {
   std::optional<std::string> with_kernels(const std::string& name) {
     const std::string output = folder_.path() / "kernels.glb";
     const ProgramResult result = penumbra({"kernels", kModels / name, "--output", output});
-    expect_clear_lines(result, name);
+    expect_one_line_messages(result, name);
     if (result.exit_code == 0) return output;
     EXPECT_THAT(result.err, testing::HasSubstr("store the kernels in a .json file"));
     return std::nullopt;

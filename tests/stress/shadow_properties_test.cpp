@@ -156,7 +156,7 @@ RC_GTEST_PROP(LayerFactors, AreOrderedAndMonotonic, ()) {
   }
 }
 
-RC_GTEST_PROP(LayerFactors, ConvergeToLimitsOfHeightLightAndRatio, ()) {
+RC_GTEST_PROP(LayerFactors, ApproachLimitsAtContactUmbraHeightAndZenith, ()) {
   const double h_u = real(0.1, 1.0);
   const double a = real(1.5, 8.0);
   const LayeredConstants constants = make_layered_constants(a * h_u, a, 0.0).value();
@@ -349,7 +349,7 @@ RC_GTEST_PROP(LayerProperties, MatchExactLayersInFloat, ()) {
 }
 
 // Limits of whole layers, in addition to those of their factors.
-RC_GTEST_PROP(LayerProperties, ConvergeToLimitsOfHeightLightAndRatio, ()) {
+RC_GTEST_PROP(LayerProperties, ApproachLimitsAtContactUmbraHeightAndZenith, ()) {
   const double h_u = real(0.2, 0.5);
   const double a = real(1.5, 6.0);
   const LayeredConstants constants = make_layered_constants(a * h_u, a, 0.0).value();

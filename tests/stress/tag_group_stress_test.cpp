@@ -73,7 +73,7 @@ TEST(TagGroupStress, IgnoresCopyOfGroupTag) {
     int seen = 0;
     for (int f = 0; f < (nightly() ? 30 : 8); ++f) {
       const Placements at = {{"block", shifted(-0.002 * f, 0.001 * f, 0.001 * f)}};
-      const TrackedFrame tracked = tracker.track(stage.picture(f, at, &drawn));
+      const TrackedFrame tracked = tracker.track(stage.frame_image(f, at, &drawn));
       expect_consistent(stage, tracked, f, at);
       EXPECT_EQ(tracked.pose.status, TrackStatus::tracked);
       EXPECT_EQ(named(tracked, "wall").status, TrackStatus::tracked);
@@ -102,7 +102,7 @@ TEST(TagGroupStress, NeverTracksWrongPoseOfSingleTagGroup) {
       const Eigen::Vector3d centre = one[0].T_table_tag.translation();
       const Eigen::Quaterniond R = turned(90.0 - step * f, Eigen::Vector3d::UnitX());
       const Placements at = {{"block", test::Placement(R, Eigen::Vector3d(centre - R * centre))}};
-      const TrackedFrame tracked = tracker.track(stage.picture(f, at));
+      const TrackedFrame tracked = tracker.track(stage.frame_image(f, at));
       expect_consistent(stage, tracked, f, at);
       tracked_frames += named(tracked, "block").status == TrackStatus::tracked ? 1 : 0;
     }
@@ -123,7 +123,7 @@ TEST(TagGroupStress, TracksGroupsThatOccludeEachOther) {
     SCOPED_TRACE(f);
     const double s = static_cast<double>(f) / frames;
     const Placements at = {{"block", shifted(-0.28 * s, 0.06 - 0.1 * s, 0.05 - 0.03 * s)}};
-    const TrackedFrame tracked = tracker.track(stage.picture(f, at));
+    const TrackedFrame tracked = tracker.track(stage.frame_image(f, at));
     expect_consistent(stage, tracked, f, at);
     EXPECT_EQ(tracked.pose.status, TrackStatus::tracked);
     EXPECT_LT(
@@ -152,7 +152,7 @@ TEST(TagGroupStress, NeverTracksWrongPoseWhenMapIsInconsistent) {
     }
     GroupTracker tracker = stage.tracker();
     for (int f = 0; f < 6; ++f) {
-      const TrackedFrame tracked = tracker.track(stage.picture(f, {}, &drawn));
+      const TrackedFrame tracked = tracker.track(stage.frame_image(f, {}, &drawn));
       EXPECT_EQ(tracked.pose.status, TrackStatus::tracked);
       if (wrong == 1) {
         expect_consistent(stage, tracked, f, {});
@@ -177,7 +177,7 @@ TEST(TagGroupStress, NeverTracksWrongPoseWhenMapIsInconsistent) {
   const Placements at = {{"wall", shifted(0.0, 0.02, 0.06)}, {"door", shifted(0.0, -0.01, -0.05)}};
   GroupTracker tracker = stage.tracker();
   for (int f = 0; f < 6; ++f) {
-    const TrackedFrame tracked = tracker.track(stage.picture(f, at));
+    const TrackedFrame tracked = tracker.track(stage.frame_image(f, at));
     expect_consistent(stage, tracked, f, at);
     EXPECT_EQ(named(tracked, "wall").status, TrackStatus::tracked)
         << text_of(named(tracked, "wall").reason);
@@ -206,7 +206,7 @@ TEST(TagGroupStress, TracksTwelveIndependentGroups) {
     Placements at;
     for (int k = 0; k < 12; ++k)
       at[fmt::format("coin {}", k)] = shifted(0.0, 0.0006 * f * (k - 6), 0.0005 * f);
-    const TrackedFrame tracked = tracker.track(stage.picture(f, at));
+    const TrackedFrame tracked = tracker.track(stage.frame_image(f, at));
     ASSERT_EQ(tracked.groups.size(), 12U);
     expect_consistent(stage, tracked, f, at);
     for (const GroupEstimate& group : tracked.groups) placed += group.tags_used > 0 ? 1 : 0;

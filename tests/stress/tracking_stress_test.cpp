@@ -107,7 +107,7 @@ std::vector<Cell> cells() {
       always);
   add(
       "cover", {0.3, 0.8}, {0.1, 0.3, 0.5, 0.65, 0.8},
-      [](Session& s, double v) { s.light.cover_share = v; }, [](double v) { return v < 0.6; });
+      [](Session& s, double v) { s.light.covered_fraction = v; }, [](double v) { return v < 0.6; });
   add(
       "brightness", {0.1, 4}, {0.1, 0.2, 0.5, 1, 2, 4},
       [](Session& s, double v) {
@@ -161,7 +161,7 @@ TEST(TrackingStress, PredictsErrorInEveryCondition) {
       // Detection can't read a covered tag, but a tracked tag may become covered, so the first
       // frame is not covered.
       Session seen = session;
-      if (f == 0) seen.light.cover_share = 0.0;
+      if (f == 0) seen.light.covered_fraction = 0.0;
       const PoseEstimate pose = tracker.track(seen.picture(renderer, f)).pose;
       tracked += pose.status == TrackStatus::tracked ? 1 : 0;
       expect_consistent(session, pose, session.truth(f), nightly() ? &all : nullptr);
@@ -568,7 +568,7 @@ TEST(TrackingStress, KeepsTagsThatBecomeCovered) {
     auto renderer = PatternRenderer::create(session.camera, session.tags).value();
     auto tracker = GroupTracker::create(session.camera, TagMap::make(session.tags).value()).value();
     for (int f = 0; f < (nightly() ? 30 : 8); ++f) {
-      session.light.cover_share = f < 2 ? 0.0 : fraction;
+      session.light.covered_fraction = f < 2 ? 0.0 : fraction;
       const PoseEstimate pose = tracker.track(session.picture(renderer, f)).pose;
       EXPECT_EQ(pose.status, TrackStatus::tracked) << f << ": " << text_of(pose.reason);
       expect_consistent(session, pose, session.truth(f));
@@ -593,7 +593,7 @@ TEST(TrackingStress, KeepsCoveredTagsInFastMotion) {
       auto tracker =
           GroupTracker::create(session.camera, TagMap::make(session.tags).value()).value();
       for (int f = 0; f < 16; ++f) {
-        session.light.cover_share = f < 4 ? 0.0 : 0.3;
+        session.light.covered_fraction = f < 4 ? 0.0 : 0.3;
         const PoseEstimate pose = tracker.track(session.picture(renderer, f)).pose;
         EXPECT_EQ(pose.status, TrackStatus::tracked) << f << ": " << text_of(pose.reason);
         EXPECT_LT(pose.predicted_overlay_error_px, 0.8);

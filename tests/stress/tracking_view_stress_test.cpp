@@ -246,7 +246,7 @@ TEST(TrackingStress, TracksDegradingConditionsToExpectedLimits) {
        }},
       {"tilt deg", 60.0, 85.0, 81.0, false,
        [](Session& s, double v) { s.motion.elevation.middle = radians(90.0 - v); }},
-      {"cover", 0.0, 0.8, 0.5, false, [](Session& s, double v) { s.light.cover_share = v; }},
+      {"cover", 0.0, 0.8, 0.5, false, [](Session& s, double v) { s.light.covered_fraction = v; }},
       {"noise", 2.0, 60.0, 25.0, false, [](Session& s, double v) { s.light.noise_grey = v; }},
       {"light", 1.0, 0.01, 0.05, true,
        [](Session& s, double v) {

@@ -77,8 +77,8 @@ class Stage {
   }
   [[nodiscard]] CameraPose truth(int frame) const { return path.at(frame / 30.0); }
   // `drawn`: tags to render if they differ from the map's.
-  [[nodiscard]] Frame picture(int frame, const Placements& at = {},
-                              const std::vector<MappedTag>* drawn = nullptr) const {
+  [[nodiscard]] Frame frame_image(int frame, const Placements& at = {},
+                                  const std::vector<MappedTag>* drawn = nullptr) const {
     auto renderer = PatternRenderer::create(camera, drawn != nullptr ? *drawn : tags).value();
     std::vector<GroupPlacement> placements;
     for (const auto& [group, placement] : at) placements.push_back({group, placement});

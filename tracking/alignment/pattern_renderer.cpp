@@ -266,14 +266,14 @@ std::vector<double> PatternRenderer::render_light(std::span<const CameraPose> pa
       nearest = h.z();
       value =
           pattern.white(static_cast<int>(a), static_cast<int>(b)) ? options.white : options.black;
-      if (a < options.cover_share * size) value = options.cover;
+      if (a < options.covered_fraction * size) value = options.cover;
     }
     return value;
   };
 
   // Returns the light of a pixel if all sub-samples certainly have the same, else nullopt.
   const auto uniform_light = [&](int k, const Impl::PixelRay& ray) -> std::optional<double> {
-    if (options.cover_share > 0.0) return std::nullopt;
+    if (options.covered_fraction > 0.0) return std::nullopt;
     const TagPattern& pattern = impl_->sheets[static_cast<std::size_t>(k)].pattern;
     const double size = pattern.total_width();
     constexpr double kInfinity = std::numeric_limits<double>::infinity();

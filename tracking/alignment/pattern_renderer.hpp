@@ -36,7 +36,7 @@ struct PatternRenderOptions {
   std::uint64_t seed = 1;
   int samples = 1024;  // sub-samples per pixel near an edge
   // Occluded fraction of each tag's printed square, from its left side, and the cover's light.
-  double cover_share = 0.0;
+  double covered_fraction = 0.0;
   double cover = 0.30;
   // Rows [first_row, end_row) are rendered; other rows show the background.
   int first_row = 0;

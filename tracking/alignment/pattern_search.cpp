@@ -88,14 +88,14 @@ Eigen::Vector2d displacement(const SearchWindow& window, const PeakCentre& top) 
   return {top.column - window.reach, window.first_row + window.row_step * top.row};
 }
 
-struct OwnPeak {
+struct TagPeak {
   int row = 0, column = 0;
 };
 
 // Returns the maximum of a tag's score map within `slack` of `about`, or nullopt if its contrast
 // (white minus black cells [grey]) is too small or it is on the flank of a higher peak outside.
-std::optional<OwnPeak> own_peak(const AlignedTag& tag, const SearchWindow& window, OwnPeak about,
-                                int slack, double min_contrast) {
+std::optional<TagPeak> find_tag_peak(const AlignedTag& tag, const SearchWindow& window,
+                                     TagPeak about, int slack, double min_contrast) {
   const int columns = window.columns;
   const int last_row = window.rows - 1;
   const int last_column = 2 * window.reach;
@@ -124,7 +124,7 @@ std::optional<OwnPeak> own_peak(const AlignedTag& tag, const SearchWindow& windo
       (at_column == c0 && c0 > 0 && value(at_row, c0 - 1) > score) ||
       (at_column == c1 && c1 < last_column && value(at_row, c1 + 1) > score))
     return std::nullopt;
-  return OwnPeak{at_row, at_column};
+  return TagPeak{at_row, at_column};
 }
 
 // d pixel / d xi of a point p of the camera frame, for a left perturbation xi of T_camera_map.
@@ -453,8 +453,8 @@ bool PatternSearch::search_within(const SearchWindow& window, bool independent,
     if (tag->score_points == 0) continue;
     const int slack =
         independent ? window.columns : static_cast<int>(std::ceil(tag->cell_px / scale)) + 2;
-    const std::optional<OwnPeak> peak = own_peak(*tag, window, {best_row, best_column}, slack,
-                                                 std::max(kMinContrast, 0.4 * contrast));
+    const std::optional<TagPeak> peak = find_tag_peak(*tag, window, {best_row, best_column}, slack,
+                                                      std::max(kMinContrast, 0.4 * contrast));
     if (!peak) continue;
     const PeakCentre top = peak_centre<std::int16_t>(window, tag->scores, peak->row, peak->column,
                                                      tag->cell_max_px / scale_);

@@ -44,7 +44,7 @@ void BackgroundSearch::begin(ImageView luma, std::int64_t timestamp_ns,
   if (!thread_.joinable()) return;
   {
     const std::lock_guard lock(mutex_);
-    state_ = State::asked;
+    state_ = State::requested;
   }
   changed_.notify_all();
 }
@@ -79,7 +79,7 @@ void BackgroundSearch::serve() {
   while (true) {
     {
       std::unique_lock lock(mutex_);
-      changed_.wait(lock, [this] { return ends_ || state_ == State::asked; });
+      changed_.wait(lock, [this] { return ends_ || state_ == State::requested; });
       if (ends_) return;
     }
     found_ = search();

@@ -44,7 +44,7 @@ class BackgroundSearch {
   [[nodiscard]] std::optional<PastTags> take(bool wait);
 
  private:
-  enum class State { empty, asked, done };
+  enum class State { empty, requested, done };
 
   BackgroundSearch(TagSearch search, bool own_thread);
   [[nodiscard]] PastTags search();

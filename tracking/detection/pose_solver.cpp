@@ -12,7 +12,7 @@ namespace {
 // Principal axes of points: origin at their centroid, z along the smallest spread.
 struct Spread {
   Eigen::Vector3d centroid = Eigen::Vector3d::Zero();
-  Eigen::Matrix3d R_map_own = Eigen::Matrix3d::Identity();
+  Eigen::Matrix3d R_map_principal = Eigen::Matrix3d::Identity();
   Eigen::Vector3d deviation = Eigen::Vector3d::Zero();  // [m] RMS along the axes; descending
 };
 
@@ -27,9 +27,10 @@ Spread spread_of(const std::vector<PointObservation>& points) {
   }
   scatter /= static_cast<double>(points.size());
   const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> eigen(scatter);  // ascending
-  spread.R_map_own.col(0) = eigen.eigenvectors().col(2);
-  spread.R_map_own.col(1) = eigen.eigenvectors().col(1);
-  spread.R_map_own.col(2) = spread.R_map_own.col(0).cross(spread.R_map_own.col(1));
+  spread.R_map_principal.col(0) = eigen.eigenvectors().col(2);
+  spread.R_map_principal.col(1) = eigen.eigenvectors().col(1);
+  spread.R_map_principal.col(2) =
+      spread.R_map_principal.col(0).cross(spread.R_map_principal.col(1));
   spread.deviation = eigen.eigenvalues().reverse().cwiseMax(0.0).cwiseSqrt();
   return spread;
 }
@@ -65,7 +66,8 @@ std::vector<MapFromCamera> solve_pose(const CameraModel& camera,
   const auto solve = [&](bool planar) {
     std::vector<cv::Point3d> object;
     for (const PointObservation& point : points) {
-      const Eigen::Vector3d p = spread.R_map_own.transpose() * (point.p_map - spread.centroid);
+      const Eigen::Vector3d p =
+          spread.R_map_principal.transpose() * (point.p_map - spread.centroid);
       object.emplace_back(p.x(), p.y(), planar ? 0.0 : p.z());
     }
     std::vector<cv::Mat> rotations;
@@ -83,7 +85,7 @@ std::vector<MapFromCamera> solve_pose(const CameraModel& camera,
       const double angle = r.norm();
       Eigen::Matrix3d R_camera_principal = Eigen::Matrix3d::Identity();
       if (angle > 0.0) R_camera_principal = Eigen::AngleAxisd(angle, r / angle).toRotationMatrix();
-      const Eigen::Matrix3d R_camera_map = R_camera_principal * spread.R_map_own.transpose();
+      const Eigen::Matrix3d R_camera_map = R_camera_principal * spread.R_map_principal.transpose();
       const Eigen::Vector3d t_camera_map = t - R_camera_map * spread.centroid;
       Candidate candidate;
       candidate.pose = Transform<frame::Camera, frame::Map>(R_camera_map, t_camera_map).inverse();

@@ -15,14 +15,14 @@ void PoseHistory::begin_frame(std::int64_t timestamp_ns) {
     last_.reset();
     before_last_.reset();
   }
-  if (measured_ && timestamp_ns <= measured_->timestamp_ns) {
-    measured_.reset();
-    before_measured_.reset();
+  if (located_ && timestamp_ns <= located_->timestamp_ns) {
+    located_.reset();
+    before_located_.reset();
   }
   frame_interval_s_ = 0.0;
-  if (frame_before_ns_)
-    frame_interval_s_ = std::max(seconds(timestamp_ns - *frame_before_ns_), 0.0);
-  frame_before_ns_ = timestamp_ns;
+  if (previous_frame_ns_)
+    frame_interval_s_ = std::max(seconds(timestamp_ns - *previous_frame_ns_), 0.0);
+  previous_frame_ns_ = timestamp_ns;
 }
 
 void PoseHistory::add(std::int64_t timestamp_ns, const MapPoseEstimate& estimate, bool is_located,
@@ -30,7 +30,7 @@ void PoseHistory::add(std::int64_t timestamp_ns, const MapPoseEstimate& estimate
   last_status_ = estimate.status;
   const TimedPose here{timestamp_ns, estimate.T_map_camera, estimate.covariance,
                        estimate.status == TrackStatus::tracked};
-  if (is_located) before_measured_ = std::exchange(measured_, here);
+  if (is_located) before_located_ = std::exchange(located_, here);
   if (continues) before_last_ = std::exchange(last_, here);
 }
 
@@ -51,16 +51,15 @@ std::optional<MapFromCamera> PoseHistory::recent_prediction(std::int64_t timesta
 
 std::optional<CameraMotion> PoseHistory::motion_at(std::int64_t timestamp_ns,
                                                    const MapFromCamera& pose) const {
-  if (!measured_) return std::nullopt;
-  const double step_s = seconds(timestamp_ns - measured_->timestamp_ns);
+  if (!located_) return std::nullopt;
+  const double step_s = seconds(timestamp_ns - located_->timestamp_ns);
   if (!(step_s > 0.0 && step_s <= kPriorLifetime_s)) return std::nullopt;
-  const Vector6d mean = perturbation_between(measured_->pose, pose) / step_s;
+  const Vector6d mean = perturbation_between(located_->pose, pose) / step_s;
   CameraMotion motion{mean, mean, true};
-  if (before_measured_) {
-    const double before_s = seconds(measured_->timestamp_ns - before_measured_->timestamp_ns);
+  if (before_located_) {
+    const double before_s = seconds(located_->timestamp_ns - before_located_->timestamp_ns);
     if (before_s > 0.0 && before_s <= kPriorLifetime_s) {
-      motion.change =
-          mean - perturbation_between(before_measured_->pose, measured_->pose) / before_s;
+      motion.change = mean - perturbation_between(before_located_->pose, located_->pose) / before_s;
       motion.velocity += step_s / (step_s + before_s) * motion.change;
       motion.of_one_step = false;
     }

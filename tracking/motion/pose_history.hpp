@@ -46,7 +46,7 @@ class PoseHistory {
   [[nodiscard]] std::optional<CameraMotion> motion_at(std::int64_t timestamp_ns,
                                                       const MapFromCamera& pose) const;
   // Returns true if the latest located pose was tracked. There must be one.
-  [[nodiscard]] bool was_tracked() const { return measured_->tracked; }
+  [[nodiscard]] bool was_tracked() const { return located_->tracked; }
 
   // Extrapolates a frame without a measurement for up to `hold_s`; then lost.
   [[nodiscard]] MapPoseEstimate coast(const CameraModel& camera, std::int64_t timestamp_ns,
@@ -62,10 +62,10 @@ class PoseHistory {
   // The latest two poses for predict().
   std::optional<TimedPose> last_, before_last_;
   // The latest two located poses, for motion_at(); tracked or uncertain.
-  std::optional<TimedPose> measured_, before_measured_;
+  std::optional<TimedPose> located_, before_located_;
   TrackStatus last_status_ = TrackStatus::tracked;  // of the latest measured frame
   double frame_interval_s_ = 0.0;
-  std::optional<std::int64_t> frame_before_ns_;
+  std::optional<std::int64_t> previous_frame_ns_;
 };
 
 }  // namespace penumbra

@@ -51,7 +51,7 @@ struct V4l2Controls {
 struct V4l2Range {
   std::int32_t minimum = 0;
   std::int32_t maximum = 0;
-  std::int32_t usual = 0;  // the driver's default
+  std::int32_t default_value = 0;  // the driver's default
 };
 
 struct V4l2Identity {

@@ -111,9 +111,10 @@ void reset_selection(const V4l2Device& device, const char* name, std::uint32_t t
 void reset_number(const V4l2Device& device, const char* name, std::uint32_t id) {
   const auto now = device.control(id);
   const auto range = device.range(id);
-  if (!now || !range || *now == range->usual) return;
-  const bool done = device.set_control(id, range->usual) && device.control(id) == range->usual;
-  report_reset(device, name, done, std::to_string(*now), std::to_string(range->usual));
+  if (!now || !range || *now == range->default_value) return;
+  const bool done =
+      device.set_control(id, range->default_value) && device.control(id) == range->default_value;
+  report_reset(device, name, done, std::to_string(*now), std::to_string(range->default_value));
 }
 
 }  // namespace

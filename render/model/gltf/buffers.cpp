@@ -147,9 +147,9 @@ Result<std::span<const std::uint8_t>> Buffers::bytes(std::size_t buffer) {
 Result<std::vector<std::uint8_t>> Buffers::fetch(std::string_view uri) {
   if (is_data_uri(uri)) return decode_data_uri(uri);
   // The file's name may contain a literal '%'.
-  Result<std::filesystem::path> file = beside_model(folder_, percent_decoded(uri));
+  Result<std::filesystem::path> file = model_resource_path(folder_, percent_decoded(uri));
   if (file && !is_file(*file)) {
-    const Result<std::filesystem::path> literal = beside_model(folder_, uri);
+    const Result<std::filesystem::path> literal = model_resource_path(folder_, uri);
     if (literal && is_file(*literal)) file = literal;
   }
   if (!file) return tl::unexpected(file.error());

@@ -24,7 +24,8 @@ glm::mat4x3 plane_from_own(const PlanarMotion& T) {
 glm::vec3 layer_values(const ShadowDraw& draw, const LayerPainter::Brush& brush) {
   const glm::vec3 light = layer_light(draw);
   if (!brush.door) return light;
-  return {opaque_door_pixels(light.x), opaque_door_pixels(light.y), opaque_door_pixels(light.z)};
+  return {opaque_screen_door_pixels(light.x), opaque_screen_door_pixels(light.y),
+          opaque_screen_door_pixels(light.z)};
 }
 
 void draw_range(const CasterBody::IndexRange& range, int instances) {

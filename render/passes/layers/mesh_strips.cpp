@@ -12,10 +12,10 @@
 namespace penumbra {
 namespace {
 
-constexpr double kPeriod = 3e-3;    // [m]
-constexpr double kTable = 0.3;      // half the table's side [m]
-constexpr double kFarthest = 3.0;   // maximum distance of strips [m]
-constexpr unsigned kDarkest = 127;  // level at which the strips cover the plane
+constexpr double kPeriod = 3e-3;      // [m]
+constexpr double kHalfTable = 0.3;    // half the table's side [m]
+constexpr double kFarthest = 3.0;     // maximum distance of strips [m]
+constexpr unsigned kFullLevel = 127;  // level at which the strips cover the plane
 
 }  // namespace
 
@@ -23,7 +23,7 @@ Result<MeshStrips> MeshStrips::create(GlApi api, const CameraModel& camera) {
   MeshStrips strips;
   PENUMBRA_TRY(strips.program_,
                ShaderProgram::link(api, {"lens.glsl", "mesh_strip.vert.glsl"}, {"fill.frag.glsl"}));
-  strips.piece_ = camera.has_distortion() ? longest_edge(camera) : kTable;
+  strips.piece_ = camera.has_distortion() ? longest_edge(camera) : kHalfTable;
   strips.corners_.write(
       std::vector<glm::vec2>{glm::vec2(0, 0), glm::vec2(1, 0), glm::vec2(0, 1), glm::vec2(1)});
   return strips;
@@ -31,12 +31,12 @@ Result<MeshStrips> MeshStrips::create(GlApi api, const CameraModel& camera) {
 
 unsigned MeshStrips::level_of(float factor) {
   const double lost = 1.0 - std::pow(std::clamp(static_cast<double>(factor), 0.0, 1.0), 2.2);
-  return static_cast<unsigned>(std::lround(kDarkest * lost));
+  return static_cast<unsigned>(std::lround(kFullLevel * lost));
 }
 
 int MeshStrips::draw(unsigned level, const Eigen::AlignedBox2d& bounds, const LensUniforms& lens,
                      const glm::mat4x3& camera_from_plane) const {
-  Eigen::Vector2d low = Eigen::Vector2d::Constant(-kTable);
+  Eigen::Vector2d low = Eigen::Vector2d::Constant(-kHalfTable);
   Eigen::Vector2d high = -low;
   if (!bounds.isEmpty()) {
     low = low.cwiseMin(bounds.min()).cwiseMax(-kFarthest);
@@ -50,7 +50,7 @@ int MeshStrips::draw(unsigned level, const Eigen::AlignedBox2d& bounds, const Le
   };
   const int strips = count(low.x(), high.x(), kPeriod);
   const int pieces = count(low.y(), high.y(), piece_);
-  const double width = kPeriod * std::min(level, kDarkest) / kDarkest;
+  const double width = kPeriod * std::min(level, kFullLevel) / kFullLevel;
   program_.use();
   set_lens(program_, lens);
   program_.set("camera_from_plane", camera_from_plane);

@@ -35,7 +35,7 @@ glm::vec3 mask_light(const ShadowDraw& draw, Translucency mode) {
   const glm::vec3 light = layer_light(draw);
   if (mode != Translucency::mesh) return light;
   const auto open = [](float left) {
-    return 1.0F - opaque_door_pixels(left) / static_cast<float>(kDoorPixels);
+    return 1.0F - opaque_screen_door_pixels(left) / static_cast<float>(kScreenDoorPixels);
   };
   return {open(light.x), open(light.y), open(light.z)};
 }

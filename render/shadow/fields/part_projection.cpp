@@ -147,7 +147,7 @@ ProjectedParts project_parts(std::span<const CasterVertex> vertices,
   std::vector<std::uint32_t> straddling;  // faces that cross a limit
   for (std::size_t p = 0; p < lights.size(); ++p) {
     const LightProjection project(constants, lights[p]);
-    PartMatter projected_part;
+    ProjectedPart projected_part;
     projected_part.begin = result.corners.size();
     double low = std::numeric_limits<double>::infinity();
     double high = -low;
@@ -156,7 +156,7 @@ ProjectedParts project_parts(std::span<const CasterVertex> vertices,
       low = std::min(low, static_cast<double>(vertex.h));
       high = std::max(high, static_cast<double>(vertex.h));
       const Eigen::Vector2f at(point.x, point.y);
-      projected_part.matter.extend(at);
+      projected_part.corner_bounds.extend(at);
       projected_part.reach.extend(at - Eigen::Vector2f::Constant(point.rho));
       projected_part.reach.extend(at + Eigen::Vector2f::Constant(point.rho));
     };

@@ -21,10 +21,10 @@ struct FieldPoint {
   float x, y, rho;
 };
 
-struct PartMatter {
-  std::size_t begin = 0, end = 0;  // into ProjectedParts::corners
-  Eigen::AlignedBox2f matter;      // bounds of its projected corners
-  Eigen::AlignedBox2f reach;       // bounds of the discs around these corners
+struct ProjectedPart {
+  std::size_t begin = 0, end = 0;     // into ProjectedParts::corners
+  Eigen::AlignedBox2f corner_bounds;  // bounds of its projected corners
+  Eigen::AlignedBox2f reach;          // bounds of the discs around these corners
   // rho at kLevels (< 0: no such level) and at the top of the part.
   std::array<float, kLevels.size()> levels = {-1.0F, -1.0F};
   float top = 0.0F;
@@ -34,7 +34,7 @@ struct PartMatter {
 struct ProjectedParts {
   std::vector<FieldPoint> points;
   std::vector<std::uint32_t> corners;  // indices into points, three per face
-  std::vector<PartMatter> parts;
+  std::vector<ProjectedPart> parts;
   Eigen::AlignedBox2f reach;  // bounds of the discs of all parts
 };
 

@@ -462,11 +462,11 @@ ShadowField power_distance_layers(std::span<const CasterVertex> vertices,
     return window;
   };
   PartField part_field;
-  for (const PartMatter& projected_part : projected.parts) {
+  for (const ProjectedPart& projected_part : projected.parts) {
     const auto faces =
         std::span(projected.corners)
             .subspan(projected_part.begin, projected_part.end - projected_part.begin);
-    part_field.cover(projected.points, faces, window_of(projected_part.matter));
+    part_field.cover(projected.points, faces, window_of(projected_part.corner_bounds));
     part_field.find_outline(kAllMatter);
     part_field.add_umbra(field);
     part_field.add_penumbra(window_of(projected_part.reach), field);

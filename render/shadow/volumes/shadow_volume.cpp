@@ -189,7 +189,7 @@ VolumeCaster::VolumeCaster(const ShadowMesh& mesh) : indices_(mesh.indices) {
         a.dot(positions_[indices_[3 * face + 1]].cross(positions_[indices_[3 * face + 2]]));
   }
   for (std::size_t part = 0; part < volume.size(); ++part)
-    outside_.push_back(closed_[part] && volume[part] < 0.0 ? -1.0 : 1.0);
+    outward_sign_.push_back(closed_[part] && volume[part] < 0.0 ? -1.0 : 1.0);
 }
 
 bool may_shadow(const Eigen::Vector4d& light, const BoundingSphere& caster,
@@ -227,10 +227,10 @@ VolumeCaster::LitFaces VolumeCaster::lit_faces(std::span<const Eigen::Vector3d> 
     const std::uint32_t part = part_[face];
     if (!needed[part]) continue;
     // A light in the plane of the face does not light it.
-    const double facing = outside_[part] * normal.dot(to_light);
+    const double facing = outward_sign_[part] * normal.dot(to_light);
     const double least = 1e-9 * normal.norm() * to_light.norm();
     if (facing > least) {
-      lit.turn[face] = outside_[part] > 0.0 ? 1 : -1;
+      lit.turn[face] = outward_sign_[part] > 0.0 ? 1 : -1;
       ++lit.by_part[part];
     } else if (facing < -least) {
       ++turned_away[part];

@@ -89,7 +89,7 @@ class VolumeCaster {
   // by the light; other parts use every face, oriented towards the light.
   std::vector<bool> closed_;
   std::vector<BoundingSphere> spheres_;  // bounding sphere of each part, object frame
-  std::vector<double> outside_;          // sign per part: -1 if closed and inside out, else 1
+  std::vector<double> outward_sign_;     // sign per part: -1 if closed and inside out, else 1
 };
 
 // Returns points whose convex hull contains the volume of any caster in the hull of `points`, table

@@ -138,9 +138,10 @@ TEST(Hud, ListsReasonsForSkippedAndReusedParts) {
 }
 
 TEST(Hud, FormatsTranslucency) {
-  EXPECT_EQ(in_words(Translucency::mesh, Translucency::mesh), "mesh");
-  EXPECT_EQ(in_words(Translucency::automatic, Translucency::retexture), "auto (retexture)");
-  EXPECT_EQ(in_words(Translucency::automatic, Translucency::automatic), "auto");
+  EXPECT_EQ(translucency_text(Translucency::mesh, Translucency::mesh), "mesh");
+  EXPECT_EQ(translucency_text(Translucency::automatic, Translucency::retexture),
+            "auto (retexture)");
+  EXPECT_EQ(translucency_text(Translucency::automatic, Translucency::automatic), "auto");
 }
 
 TEST(Hud, CyclesThroughEveryTechnique) {

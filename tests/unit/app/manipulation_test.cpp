@@ -113,7 +113,7 @@ TEST_F(Manipulation, KeepsHeightAndPointUnderPointerInSlideMode) {
   EXPECT_EQ(moved->placement.position.z(), 0.25) << "the height must be exactly the same";
 }
 
-TEST_F(Manipulation, StopsSlideAboveHorizon) {
+TEST_F(Manipulation, IgnoresSlideWhenPointerIsAboveHorizon) {
   pose = look_at({0.0, -0.8, 0.3}, {0.0, 0.0, 0.28});
   Manipulator hands;
   ASSERT_TRUE(hands.take(scene(), state(), pointer_at({0.05, -0.03, 0.25}), DragMode::slide));

@@ -108,7 +108,7 @@ TEST(SceneEdit, RoundTripsStyleIncludingZenithLight) {
   EXPECT_TRUE(std::get<ShadowStyled>(with_rays->edits[0].edit).style.light_rays);
 }
 
-TEST(SceneEdit, IgnoresOtherEventsAndRejectsDamagedOnes) {
+TEST(SceneEdit, IgnoresEventsWithoutEditAndRejectsDamagedEdits) {
   const auto other = test::events_of(R"({"timestamp_s":1.5,"event":"start"})");
   ASSERT_TRUE(other);
   EXPECT_TRUE(other->edits.empty());

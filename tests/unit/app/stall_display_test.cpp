@@ -22,7 +22,7 @@ TrackedFrame frame_with(TrackStatus table, TrackStatus wall, double wall_age_s =
 TEST(StreamStall, HasNothingToShowBeforeFirstFrame) {
   StallDisplay display;
   EXPECT_FALSE(display.holds());
-  EXPECT_FALSE(display.picture(100 * kMs));
+  EXPECT_FALSE(display.frame_to_show(100 * kMs));
 }
 
 TEST(StreamStall, CoastsPoseThenLosesIt) {
@@ -30,7 +30,7 @@ TEST(StreamStall, CoastsPoseThenLosesIt) {
     SCOPED_TRACE(to_string(before));
     StallDisplay display;
     display.observe(frame_with(before, TrackStatus::lost));
-    const auto early = display.picture(100 * kMs);
+    const auto early = display.frame_to_show(100 * kMs);
     ASSERT_TRUE(early);
     EXPECT_EQ(early->pose.status, TrackStatus::held);
     EXPECT_EQ(early->pose.held_from, before) << "fading must start at the previous opacity";
@@ -38,15 +38,15 @@ TEST(StreamStall, CoastsPoseThenLosesIt) {
     EXPECT_EQ(early->pose.tags_used, 0) << "no tag is measured in a stale image";
     EXPECT_EQ(early->pose.reason.cause, PoseCause::not_measured);
     EXPECT_EQ(early->groups[0].status, TrackStatus::lost) << "a lost group must stay lost";
-    const auto again = display.picture(200 * kMs);
+    const auto again = display.frame_to_show(200 * kMs);
     ASSERT_TRUE(again);
     EXPECT_DOUBLE_EQ(again->pose.age_s, 0.2) << "the age counts from the frame";
     EXPECT_EQ(again->pose.held_from, before);
-    const auto late = display.picture(static_cast<std::int64_t>(1.01e9 * kHoldSeconds));
+    const auto late = display.frame_to_show(static_cast<std::int64_t>(1.01e9 * kHoldSeconds));
     ASSERT_TRUE(late);
     EXPECT_EQ(late->pose.status, TrackStatus::lost);
     EXPECT_FALSE(display.holds()) << "the frame's buffer must return to the camera";
-    EXPECT_FALSE(display.picture(static_cast<std::int64_t>(1.1e9 * kHoldSeconds)));
+    EXPECT_FALSE(display.frame_to_show(static_cast<std::int64_t>(1.1e9 * kHoldSeconds)));
   }
 }
 
@@ -55,7 +55,7 @@ TEST(StreamStall, FadesEachGroupFromItsOwnAge) {
   StallDisplay display;
   display.observe(frame_with(TrackStatus::tracked, TrackStatus::held, half_s));
   const auto stall_ns = static_cast<std::int64_t>(0.6e9 * kHoldSeconds);
-  const auto shown = display.picture(stall_ns);
+  const auto shown = display.frame_to_show(stall_ns);
   ASSERT_TRUE(shown);
   EXPECT_EQ(shown->pose.status, TrackStatus::held);
   EXPECT_EQ(shown->groups[0].status, TrackStatus::lost);

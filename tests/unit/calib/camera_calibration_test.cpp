@@ -137,7 +137,7 @@ TEST(CameraCalibrator, FreesSurplusImagesOfLongSweep) {
   ASSERT_EQ(steps.size(), 6U);
   for (std::size_t i = 0; i < steps.size(); ++i) {
     EXPECT_EQ(steps[i].step, static_cast<int>(i) + 1) << steps[i].what;
-    EXPECT_EQ(steps[i].most, 6) << steps[i].what;
+    EXPECT_EQ(steps[i].max_step, 6) << steps[i].what;
   }
   EXPECT_EQ(steps[4].what, "plumb_bob, rigid board");
   EXPECT_EQ(found->solution.views.size(), 8U);

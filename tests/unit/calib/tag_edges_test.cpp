@@ -104,7 +104,7 @@ TEST_F(TagEdges, PropagateNoiseToCovariance) {
 TEST_F(TagEdges, AreNotMeasuredOnNarrowCellsOrHiddenTags) {
   EXPECT_EQ(measure({}, 3.2).tags, 0);
   PatternRenderOptions hidden;
-  hidden.cover_share = 0.6;
+  hidden.covered_fraction = 0.6;
   EXPECT_EQ(measure(hidden).tags, 0);
 }
 

@@ -356,7 +356,7 @@ class SharedCameraCase : public testing::Test {
   std::filesystem::path shared_;
 };
 
-TEST_F(SharedCameraCase, ReadsCoefficientsByDefinition) {
+TEST_F(SharedCameraCase, ReadsCoefficientsByLensModel) {
   const std::string folder = "camera-info-coefficients/";
   for (const char* file : {"ros_empty_D_emptymodel.yaml", "ros_empty_D_plumb.yaml"}) {
     const auto camera = load(folder + file);

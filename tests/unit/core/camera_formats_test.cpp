@@ -91,7 +91,7 @@ TEST(CameraFormats, LimitKalibrToFourCoefficients) {
 }
 
 // Kalibr interprets every top-level key as a camera.
-TEST(CameraFormats, WriteOnlyCameraToKalibrChain) {
+TEST(CameraFormats, WriteKalibrChainOfOneCamera) {
   const test::TemporaryFolder folder;
   CalibrationRecord record;
   record.calibrated_on = "2024-05-06";

@@ -108,7 +108,7 @@ TEST_F(TrajectoryFile, RejectsAndReportsOtherCsvFiles) {
   refuses("1e99999999999,0,0,1,1,0,0,0\n", "nanoseconds");
 }
 
-TEST(TrajectoryCases, ReadOrRejectSharedFiles) {
+TEST(TrajectoryCases, ReadTumAndEurocAndRejectUtf16AndMilliseconds) {
   const std::filesystem::path shared = test::shared_dir();
   if (shared.empty()) GTEST_SKIP() << "no shared data beside the checkout";
   const std::filesystem::path folder = shared / "cases" / "tum-byte-order-mark";

@@ -69,7 +69,7 @@ TEST_P(GpuTime, IsReportedOncePerFrameWithBoundedDelay) {
 
 // If the GPU lags far behind, no query is free for some frames, and these frames are not measured.
 // Each other frame is reported once.
-TEST_P(GpuTime, ArrivesLateWithoutWaiting) {
+TEST_P(GpuTime, IsReadLaterWithoutBlocking) {
   if (!measured()) GTEST_SKIP() << "the driver has no GL_EXT_disjoint_timer_query";
   draw();
   draw();

@@ -285,7 +285,7 @@ TEST(HardShadowLight, FadesWithItsCaster) {
   EXPECT_LE(wrong, 60);
 }
 
-TEST(HardShadowLight, IsIgnoredFromBelowAndDefaultsToFirst) {
+TEST(HardShadowLight, IsIgnoredBelowPlaneAndDefaultsToFirstOfScene) {
   SceneBuilder builder = with_lights({lamp(0.0, 0.0, -0.2), parallel(0.2, 0.1, -0.5)});
   builder.add(box(0.1, 0.1, 0.02), test::at(0.0, 0.0, 0.08));
   Studio studio(builder.build(), undistorted_camera());
@@ -325,7 +325,7 @@ TEST(HardShadowLight, MatchesFrameWithoutSkipping) {
   }
 }
 
-TEST(HardShadowWork, ReprojectsOnlyMovedLightsAndObjects) {
+TEST(HardShadowWork, RecomputesOnlyShadowsOfMovedLightsAndObjects) {
   SceneBuilder builder = with_lights({lamp(-0.25, 0.0, 0.5), lamp(0.2, 0.25, 0.4)});
   builder.add(box(0.1, 0.1, 0.02), test::at(0.0, 0.0, 0.08));
   builder.add(box(0.04, 0.04, 0.02), test::at(0.1, 0.1, 0.08));

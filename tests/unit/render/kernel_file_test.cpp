@@ -47,7 +47,7 @@ TEST(KernelFile, IsRejectedForReorderedVertices) {
   EXPECT_THAT(other->warnings[0], HasSubstr("was made before the model \"model\" changed"));
 }
 
-TEST(KernelFile, IsAcceptedWithoutVertexOrder) {
+TEST(KernelFile, AcceptsFileWithoutVertexOrder) {
   const test::ModelFolder folder;
   auto model = folder.obj(kSquare);
   ASSERT_TRUE(model) << model.error().message;

@@ -402,7 +402,7 @@ TEST_F(KernelGlb, StoresKernelsInUnitOfFile) {
   EXPECT_TRUE(as_metres->shadow_kernel_up);
 }
 
-TEST_F(KernelGlb, WritesSharedCasesOfHiddenNodesAndUnusedBuffers) {
+TEST_F(KernelGlb, WritesModelsWithHiddenNodesAndUnusedBuffers) {
   const fs::path cases = test::shared_dir() / "cases";
   if (test::shared_dir().empty()) GTEST_SKIP() << "no shared data beside the checkout";
   for (const std::string file :
@@ -413,7 +413,7 @@ TEST_F(KernelGlb, WritesSharedCasesOfHiddenNodesAndUnusedBuffers) {
   }
 }
 
-TEST_F(KernelGlb, WritesSharedCaseWithLatin1Names) {
+TEST_F(KernelGlb, WritesModelWithLatin1Names) {
   const fs::path shared = test::shared_dir();
   if (shared.empty()) GTEST_SKIP() << "no shared data beside the checkout";
   const Result<Model> model = load_model(shared / "cases" / "kernels-name-not-utf8" / "latin1.obj");

@@ -18,7 +18,7 @@ TEST(LayeredConstants, DeriveRatioAndUmbraHeightFromEachOther) {
   EXPECT_DOUBLE_EQ(from_height.light_ratio, 3.0);
 }
 
-TEST(LayeredConstants, FollowWorkspaceRuleOfSpecification) {
+TEST(LayeredConstants, MatchWorkspaceHeightAndMagnification) {
   // For h_max = 0.30: M = 1.25 gives H = 1.50, a = 5; M = 1.5 gives 0.90, 3; M = 2 gives 0.60, 2.
   const struct {
     double magnification, light_height, ratio;

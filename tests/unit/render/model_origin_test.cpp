@@ -98,7 +98,7 @@ TEST_F(FarModel, KeepsPositionWhenOriginMoves) {
   EXPECT_EQ(model->origin.x(), 3e5 - 8.0);
 }
 
-TEST_F(FarModel, StoresKernelFilesInFileCoordinates) {
+TEST_F(FarModel, KeepsFileCoordinatesInKernelFile) {
   Result<Model> model = folder_.obj(disc(3e5, 5e5, 1));
   ASSERT_TRUE(model) << model.error().message;
   const ShadowMesh mesh = make_shadow_mesh(*model);

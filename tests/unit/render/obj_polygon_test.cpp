@@ -113,7 +113,7 @@ TEST_F(ObjPolygon, ReportsFaceThatIsNotFlat) {
   EXPECT_THAT(model->warnings, ElementsAre(HasSubstr("line 5: a face is not flat")));
 }
 
-TEST_F(ObjPolygon, SkipsAndReportsIntricateFace) {
+TEST_F(ObjPolygon, SkipsAndReportsFaceWithTooManyCrossings) {
   std::string text, face = "f";
   for (int i = 0; i < 3000; ++i) {
     text += fmt::format("v {} {} 0\n", (i * 7919) % 3001, (i * 104729) % 2999);

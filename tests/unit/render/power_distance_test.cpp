@@ -216,7 +216,7 @@ TEST(PowerDistance, LeavesNoHoleInBodyReachingBelowPlane) {
   EXPECT_LT(umbra(open, 0.0, 0.0), 0.0105);
 }
 
-TEST(PowerDistance, NestsLayersEverywhere) {
+TEST(PowerDistance, KeepsEachLayerInsideLighterLayer) {
   const ShadowMesh mesh = make_shadow_mesh(test::bush_model(60));
   const LayeredConstants constants = make_layered_constants(0.9, 3.0, 0.0).value();
   const ShadowField field =

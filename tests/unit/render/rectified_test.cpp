@@ -49,7 +49,7 @@ TEST(Rectification, ComputesGridAccurateToTenthOfPixel) {
         for (const auto& [a, b] :
              {std::pair(corner(0, 0), corner(1, 0)), std::pair(corner(0, 0), corner(0, 1)),
               std::pair(corner(1, 0), corner(0, 1))}) {
-          const Eigen::Vector2d middle = 0.5 * (grid.picture[a] + grid.picture[b]);
+          const Eigen::Vector2d middle = 0.5 * (grid.image_px[a] + grid.image_px[b]);
           const Eigen::Vector2d source = 0.5 * (grid.video[a] + grid.video[b]);
           const Eigen::Vector2d truth = exact(camera, undistorted, middle.x(), middle.y());
           // Compares only points that are visible in the video.
@@ -83,9 +83,9 @@ TEST(Rectification, SamplesVideoAlongRayOfEachPixel) {
         auto compositor = Compositor::create(*context, test::SceneBuilder().build(), camera,
                                              {.rectified = true, .msaa = 0})
                               .value();
-        RenderedImage picture{kWidth, kHeight, std::vector<std::uint8_t>(4 * kWidth * kHeight)};
+        RenderedImage image_px{kWidth, kHeight, std::vector<std::uint8_t>(4 * kWidth * kHeight)};
         ASSERT_TRUE(compositor.draw(buffer.frame, FramePlan()));
-        ASSERT_TRUE(compositor.read_back(picture.rgba));
+        ASSERT_TRUE(compositor.read_back(image_px.rgba));
         const CameraModel undistorted = without_distortion(camera);
         int inside = 0;
         int outside = 0;
@@ -96,10 +96,10 @@ TEST(Rectification, SamplesVideoAlongRayOfEachPixel) {
               ++inside;
               // Rounding to grey levels occurs twice; the grid's error of 0.1 px corresponds to
               // 0.03 grey levels.
-              ASSERT_NEAR(picture.red(x, y), luma(at.x(), at.y()), 1.05) << x << " " << y;
+              ASSERT_NEAR(image_px.red(x, y), luma(at.x(), at.y()), 1.05) << x << " " << y;
             } else if (at.x() < -1 || at.y() < -1 || at.x() > kWidth || at.y() > kHeight) {
               ++outside;
-              ASSERT_EQ(picture.red(x, y), 0) << x << " " << y;
+              ASSERT_EQ(image_px.red(x, y), 0) << x << " " << y;
             }
           }
         }
@@ -127,10 +127,10 @@ TEST(Rectification, AlignsOverlayWithVideo) {
                           bool with_object) {
       FramePlan plan = plan_frame(*scene, evaluate_scene(*scene, 0.0), test::tracked(pose), view);
       if (!with_object) plan.objects.clear();
-      RenderedImage picture{kWidth, kHeight, std::vector<std::uint8_t>(4 * kWidth * kHeight)};
+      RenderedImage image_px{kWidth, kHeight, std::vector<std::uint8_t>(4 * kWidth * kHeight)};
       EXPECT_TRUE(compositor.draw(frame, plan));
-      EXPECT_TRUE(compositor.read_back(picture.rgba));
-      return picture;
+      EXPECT_TRUE(compositor.read_back(image_px.rgba));
+      return image_px;
     };
     // The video is the object as drawn through the lens.
     const Frame grey = test::plain_frame(kWidth, kHeight, 30);
@@ -146,10 +146,10 @@ TEST(Rectification, AlignsOverlayWithVideo) {
     const RenderedImage resampled = draw(rectified, undistorted, video.frame, false);
     const RenderedImage drawn = draw(rectified, undistorted, grey, true);
     const RenderedImage empty = draw(rectified, undistorted, grey, false);
-    const auto middle = [](const RenderedImage& picture, auto weight) {
+    const auto middle = [](const RenderedImage& image_px, auto weight) {
       Eigen::Vector3d sum = Eigen::Vector3d::Zero();
       for (int y = 0; y < kHeight; ++y) {
-        for (int x = 0; x < kWidth; ++x) sum += weight(picture, x, y) * Eigen::Vector3d(x, y, 1.0);
+        for (int x = 0; x < kWidth; ++x) sum += weight(image_px, x, y) * Eigen::Vector3d(x, y, 1.0);
       }
       return Eigen::Vector3d(sum.x() / sum.z(), sum.y() / sum.z(), sum.z());
     };

@@ -267,7 +267,7 @@ TEST(ShadowKernels, StayFiniteForDegenerateMeshes) {
   all_finite(model, "denormal differences");
 }
 
-TEST(ShadowKernels, KeepVertexWithoutFaceInPlace) {
+TEST(ShadowKernels, EqualPositionOfVertexWithoutFace) {
   Model model = test::box_model(0.1);
   model.meshes[0].positions.emplace_back(1.0F, 2.0F, 3.0F);
   model.meshes[0].source_vertex.push_back(8);

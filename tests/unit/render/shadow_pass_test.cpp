@@ -182,7 +182,7 @@ std::vector<std::uint8_t> cpu_layer(const Scene& scene, ShadowLayer layer) {
   return covered_by(points);
 }
 
-TEST(ShadowPass, DrawsLevelDiscWithAreaOfSquaredFactor) {
+TEST(ShadowPass, ScalesAreaOfHorizontalDiscBySquaredLayerFactor) {
   struct Case {
     LayeredConstants constants;
     double h;

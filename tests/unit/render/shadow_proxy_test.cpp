@@ -94,7 +94,7 @@ TEST(ShadowProxy, MatchesAgreementOfFinerRaster) {
   }
 }
 
-TEST(ShadowProxy, AgreesWithItselfOnly) {
+TEST(ShadowProxy, AgreesWithItselfButNotWithFilledHole) {
   const ShadowMesh ring = make_shadow_mesh(test::torus_model(20, 60));
   const ShadowKernels kernels =
       generate_kernels(ring, Eigen::Vector3d::UnitZ(), KernelSource::automatic);

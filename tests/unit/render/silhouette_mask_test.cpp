@@ -1022,7 +1022,7 @@ TEST_F(DrawnMask, CoversSamePixelsAsDirectScreenDoor) {
           EXPECT_TRUE(shown == 0 || shown == 255);
           const auto black = [&](int value) {
             return static_cast<float>(screen_door_index(x, y)) <
-                   opaque_door_pixels(static_cast<float>(value) / 255.0F);
+                   opaque_screen_door_pixels(static_cast<float>(value) / 255.0F);
           };
           if (shown == 0 ? !black(darkest) : black(lightest)) ++outside;
           if (darkest != lightest) continue;

@@ -39,7 +39,7 @@ TEST(BackgroundSearch, FindsSameTagsAsImmediateSearch) {
     EXPECT_FALSE(beside->take(true));
     TagSearch at_once = TagSearch::create(kFamilies, 1.6).value();
     for (int f = 0; f < 4; ++f) {
-      const Frame frame = stage.picture(f);
+      const Frame frame = stage.frame_image(f);
       std::vector<std::uint8_t> scratch;
       const ImageView image = luma(frame, scratch);
       const auto resolution = f % 2 == 0 ? SearchResolution::half : SearchResolution::full;
@@ -66,7 +66,7 @@ TEST(BackgroundSearch, FindsSameTagsAsImmediateSearch) {
 
 TEST(BackgroundSearch, NeverBlocksCaller) {
   const test::Stage stage({test::wall()});
-  const Frame frame = stage.picture(0);
+  const Frame frame = stage.frame_image(0);
   std::vector<std::uint8_t> scratch;
   const ImageView image = luma(frame, scratch);
   auto beside = search(true);

@@ -38,7 +38,7 @@ TEST(GroupTracker, ListsGroupsOfMapInOrder) {
   EXPECT_NEAR((middle.translation() - Eigen::Vector3d(0.0, 0.14, 0.085)).norm(), 0.0, 1e-12);
   EXPECT_NEAR((middle.rotation() * Eigen::Vector3d::UnitZ() + Eigen::Vector3d::UnitY()).norm(), 0.0,
               1e-12);
-  const TrackedFrame tracked = stage.tracker().track(stage.picture(0));
+  const TrackedFrame tracked = stage.tracker().track(stage.frame_image(0));
   ASSERT_EQ(tracked.groups.size(), 2U);
   EXPECT_EQ(tracked.groups[0].name, "block");
   EXPECT_EQ(tracked.groups[1].name, "wall");
@@ -63,7 +63,7 @@ TEST(GroupTracker, KeepsPoseOfGroupAtRest) {
   int changes = 0;
   GroupPose before;
   for (int f = 0; f < 20; ++f) {
-    const TrackedFrame tracked = tracker.track(stage.picture(f));
+    const TrackedFrame tracked = tracker.track(stage.frame_image(f));
     const GroupEstimate& estimate = named(tracked, "wall");
     ASSERT_EQ(estimate.status, TrackStatus::tracked) << text_of(estimate.reason);
     EXPECT_EQ(estimate.reason.cause, PoseCause::none);
@@ -90,7 +90,7 @@ TEST(GroupTracker, TracksMovedWall) {
     const Placement at =
         f < 6 ? leaning
               : Placement(leaning.rotation(), leaning.translation() + Eigen::Vector3d(0, 0.004, 0));
-    const TrackedFrame tracked = tracker.track(stage.picture(f, {{"wall", at}}));
+    const TrackedFrame tracked = tracker.track(stage.frame_image(f, {{"wall", at}}));
     const GroupEstimate& estimate = named(tracked, "wall");
     ASSERT_EQ(estimate.status, TrackStatus::tracked) << f << ": " << text_of(estimate.reason);
     EXPECT_LT(stage.error_px(tracked, estimate, f, at), 0.6) << f;
@@ -109,7 +109,7 @@ TEST(GroupTracker, TracksHandHeldProp) {
     const double t = f / 30.0;
     const Placement at(turned(25.0 * std::sin(4.0 * t), {0.2, 0.4, 1.0}),
                        Eigen::Vector3d(-0.05 * t, 0.02 * std::sin(5.0 * t), 0.03 * t));
-    const TrackedFrame tracked = tracker.track(stage.picture(f, {{"block", at}}));
+    const TrackedFrame tracked = tracker.track(stage.frame_image(f, {{"block", at}}));
     const GroupEstimate& estimate = named(tracked, "block");
     detections += tracked.times.full_detection ? 1 : 0;
     EXPECT_EQ(named(tracked, "wall").status, TrackStatus::tracked);
@@ -134,7 +134,7 @@ TEST(GroupTracker, TracksSlowMotionBelowNoise) {
   GroupTracker tracker = stage.tracker();
   for (int f = 0; f < 24; ++f) {
     const Placement at = shifted(0.00015 * f, 0.0001 * f, 0.0);
-    const TrackedFrame tracked = tracker.track(stage.picture(f, {{"block", at}}));
+    const TrackedFrame tracked = tracker.track(stage.frame_image(f, {{"block", at}}));
     const GroupEstimate& estimate = named(tracked, "block");
     ASSERT_TRUE(estimate.has_pose()) << text_of(estimate.reason);
     const double error = stage.error_px(tracked, estimate, f, at);
@@ -150,7 +150,7 @@ TEST(GroupTracker, KeepsTablePoseIndependentOfOtherGroups) {
     // The block is absent in some frames, so the tracker searches for it.
     Placements at;
     if (f >= 2 && f < 5) at["block"] = shifted(5.0, 0.0, 0.0);
-    pictures.push_back(stage.picture(f, at));
+    pictures.push_back(stage.frame_image(f, at));
   }
   for (const TrackingMode mode : {TrackingMode::detect, TrackingMode::automatic}) {
     TrackerOptions options;
@@ -165,11 +165,11 @@ TEST(GroupTracker, KeepsTablePoseIndependentOfOtherGroups) {
                                     std::vector<std::string>{"block", "no such"})
                    .value();
     GroupTracker all = stage.tracker(options);
-    for (const Frame& picture : pictures) {
-      const TrackedFrame a = alone.track(picture);
-      const TrackedFrame b = none.track(picture);
-      const TrackedFrame c = one.track(picture);
-      const TrackedFrame d = all.track(picture);
+    for (const Frame& frame_image : pictures) {
+      const TrackedFrame a = alone.track(frame_image);
+      const TrackedFrame b = none.track(frame_image);
+      const TrackedFrame c = one.track(frame_image);
+      const TrackedFrame d = all.track(frame_image);
       EXPECT_THAT(b.groups, IsEmpty());
       EXPECT_EQ(b.groups_skipped, 2);
       ASSERT_EQ(c.groups.size(), 1U);
@@ -192,7 +192,7 @@ TEST(GroupTracker, ReportsInvisibleGroupLostWithFewSearches) {
   std::vector<MappedTag> drawn = stage.tags;
   std::erase_if(drawn, [](const MappedTag& tag) { return tag.group == "block"; });
   std::vector<Frame> pictures;
-  for (int f = 0; f < 8; ++f) pictures.push_back(stage.picture(f, {}, &drawn));
+  for (int f = 0; f < 8; ++f) pictures.push_back(stage.frame_image(f, {}, &drawn));
   GroupTracker tracker = stage.tracker();
   int detections = 0;
   constexpr std::size_t kFrames = 40;
@@ -214,12 +214,12 @@ TEST(GroupTracker, CoastsHiddenGroupThenFindsItAnywhere) {
   TrackerOptions options;
   options.hold_s = 0.2;
   GroupTracker tracker = stage.tracker(options);
-  for (int f = 0; f < 4; ++f) static_cast<void>(tracker.track(stage.picture(f)));
+  for (int f = 0; f < 4; ++f) static_cast<void>(tracker.track(stage.frame_image(f)));
   double promised = 0.0;
   int held = 0;
   GroupPose last;
   for (int f = 4; f < 20; ++f) {
-    const TrackedFrame tracked = tracker.track(stage.picture(f, {}, &hidden));
+    const TrackedFrame tracked = tracker.track(stage.frame_image(f, {}, &hidden));
     const GroupEstimate& estimate = named(tracked, "wall");
     EXPECT_EQ(tracked.pose.status, TrackStatus::tracked);
     EXPECT_NE(estimate.reason.cause, PoseCause::none);
@@ -243,7 +243,7 @@ TEST(GroupTracker, CoastsHiddenGroupThenFindsItAnywhere) {
   int frames = 0;
   bool found = false;
   for (int f = 20; f < 32 && !found; ++f, ++frames) {
-    const TrackedFrame tracked = tracker.track(stage.picture(f, {{"wall", there}}));
+    const TrackedFrame tracked = tracker.track(stage.frame_image(f, {{"wall", there}}));
     const GroupEstimate& estimate = named(tracked, "wall");
     found = estimate.status == TrackStatus::tracked;
     if (found) {
@@ -260,9 +260,9 @@ TEST(GroupTracker, TracksReturningGroupAtOnce) {
   std::vector<MappedTag> hidden = stage.tags;
   std::erase_if(hidden, [](const MappedTag& tag) { return tag.group == "wall"; });
   GroupTracker tracker = stage.tracker();
-  for (int f = 0; f < 3; ++f) static_cast<void>(tracker.track(stage.picture(f)));
-  for (int f = 3; f < 13; ++f) static_cast<void>(tracker.track(stage.picture(f, {}, &hidden)));
-  const TrackedFrame tracked = tracker.track(stage.picture(13));
+  for (int f = 0; f < 3; ++f) static_cast<void>(tracker.track(stage.frame_image(f)));
+  for (int f = 3; f < 13; ++f) static_cast<void>(tracker.track(stage.frame_image(f, {}, &hidden)));
+  const TrackedFrame tracked = tracker.track(stage.frame_image(13));
   EXPECT_EQ(named(tracked, "wall").status, TrackStatus::tracked)
       << text_of(named(tracked, "wall").reason);
   EXPECT_FALSE(tracked.times.full_detection);
@@ -275,10 +275,10 @@ TEST(GroupTracker, LosesGroupsWhenTableIsInvisible) {
   TrackerOptions options;
   options.hold_s = 0.1;
   GroupTracker tracker = stage.tracker(options);
-  for (int f = 0; f < 3; ++f) static_cast<void>(tracker.track(stage.picture(f)));
+  for (int f = 0; f < 3; ++f) static_cast<void>(tracker.track(stage.frame_image(f)));
   GroupEstimate last;
   for (int f = 3; f < 10; ++f) {
-    const TrackedFrame tracked = tracker.track(stage.picture(f, {}, &bare));
+    const TrackedFrame tracked = tracker.track(stage.frame_image(f, {}, &bare));
     last = named(tracked, "wall");
     EXPECT_NE(last.status, TrackStatus::tracked);
     EXPECT_GE(static_cast<int>(last.status), static_cast<int>(tracked.pose.status));
@@ -294,9 +294,9 @@ TEST(GroupTracker, IsDeterministic) {
   for (int f = 0; f < 10; ++f) {
     Placements at;
     if (f % 3 == 2) at["block"] = shifted(0.01 * f, 5.0, 0.0);
-    const Frame picture = stage.picture(f, at);
-    const TrackedFrame x = a.track(picture);
-    const TrackedFrame y = b.track(picture);
+    const Frame frame_image = stage.frame_image(f, at);
+    const TrackedFrame x = a.track(frame_image);
+    const TrackedFrame y = b.track(frame_image);
     for (std::size_t g = 0; g < 2; ++g) {
       EXPECT_EQ(x.groups[g].status, y.groups[g].status);
       EXPECT_EQ(x.groups[g].T_table_group.matrix(), y.groups[g].T_table_group.matrix());
@@ -323,8 +323,9 @@ ArrivalScenario arriving() {
         {{"wall", shifted(0.03, 0.05, 0.0)},
          {"block", Placement(turned(1.5 * f, {0.2, 0.4, 1.0}),
                              Eigen::Vector3d(-0.1 + 0.004 * f, 0.05 - 0.003 * f, 0.03))}});
-    arriving.pictures.push_back(f < kArrives ? arriving.stage.picture(f, {}, &without)
-                                             : arriving.stage.picture(f, arriving.truth.back()));
+    arriving.pictures.push_back(f < kArrives
+                                    ? arriving.stage.frame_image(f, {}, &without)
+                                    : arriving.stage.frame_image(f, arriving.truth.back()));
   }
   return arriving;
 }
@@ -345,8 +346,8 @@ Arrival arrive(const ArrivalScenario& arriving, const TrackerOptions& options,
                Duration patience = {}) {
   Arrival arrival;
   GroupTracker tracker = arriving.stage.tracker(options);
-  for (const Frame& picture : arriving.pictures) {
-    arrival.frames.push_back(tracker.track(picture));
+  for (const Frame& frame_image : arriving.pictures) {
+    arrival.frames.push_back(tracker.track(frame_image));
     std::this_thread::sleep_for(patience);
   }
   return arrival;
@@ -460,7 +461,7 @@ TEST(GroupTracker, FindsTableOnSlowMachine) {
   const Stage stage({wall()});
   std::vector<Frame> pictures;
   for (int f = 0; f < 12; ++f) {
-    pictures.push_back(stage.picture(5 * f));
+    pictures.push_back(stage.frame_image(5 * f));
     pictures.back().timestamp_ns = (1 + f) * std::int64_t{4'000'000'000};
   }
   for (const SearchTiming timing : {SearchTiming::in_frame, SearchTiming::when_done}) {
@@ -479,7 +480,7 @@ TEST(GroupTracker, FindsTableOnSlowMachine) {
 TEST(GroupTracker, RecoversFromInvalidFramesAndClockJumps) {
   const Stage stage({wall()});
   GroupTracker tracker = stage.tracker();
-  for (int f = 0; f < 3; ++f) static_cast<void>(tracker.track(stage.picture(f)));
+  for (int f = 0; f < 3; ++f) static_cast<void>(tracker.track(stage.frame_image(f)));
   EXPECT_FALSE(named(tracker.track(Frame{}), "wall").has_pose() &&
                named(tracker.track(Frame{}), "wall").status == TrackStatus::tracked);
   FrameBuffer small = allocate_frame(PixelFormat::grey8, 64, 48);
@@ -487,7 +488,7 @@ TEST(GroupTracker, RecoversFromInvalidFramesAndClockJumps) {
     std::fill_n(small.plane_data[0] + y * small.frame.planes[0].stride, 64, std::uint8_t{70});
   small.frame.timestamp_ns = 2'000'000'000;
   EXPECT_NE(named(tracker.track(small.frame), "wall").status, TrackStatus::tracked);
-  Frame back = stage.picture(1);
+  Frame back = stage.frame_image(1);
   back.timestamp_ns = 5;
   const TrackedFrame again = tracker.track(back);
   EXPECT_EQ(named(again, "wall").status, TrackStatus::tracked)

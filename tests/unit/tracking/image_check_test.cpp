@@ -96,7 +96,7 @@ TEST(ImageCheck, ChecksEveryRequestedImage) {
   EXPECT_EQ(check.look({}), std::nullopt);
 }
 
-TEST(ImageCheck, RecognisesSharedImages) {
+TEST(ImageCheck, RecognisesMirroredAndNegativePhotographs) {
   if (test::shared_dir().empty()) GTEST_SKIP() << "no shared data beside the checkout";
   const auto cases = test::shared_dir() / "cases" / "mirrored-or-negative-sheet";
   const TagMap map = load_tag_map(test::recordings_dir() / "tabletop" / "tags.yaml").value();

@@ -73,7 +73,7 @@ TEST(PoseHistory, DerivesChangeOfVelocityFromThreePoses) {
   EXPECT_NEAR(faster->velocity.head<3>().norm(), 0.75, 1e-6);
 }
 
-TEST(PoseHistory, DerivesNoMotionFromUnlocatedPoses) {
+TEST(PoseHistory, DerivesNoMotionFromAmbiguousPoses) {
   PoseHistory history;
   history.begin_frame(kFrame_ns);
   history.add(kFrame_ns, tracked_at(0.0), false, true);

@@ -634,7 +634,7 @@ TEST(SimdLoops, LensMatchesCameraModel) {
 }
 
 // Compares the pixels near edges with those of a loop in double precision.
-TEST(SimdLoops, WalkVisitsPixelsNearEdge) {
+TEST(SimdLoops, EdgeWalkSelectsPixelsNearEdge) {
   const Eigen::Isometry3d T = lattice_pose();
   // Edges along a: at b = 3 from 1 to 4, at b = 7 from 2 to 9. The same edges along b.
   std::vector<simd::Walk::Cell> cells;

@@ -289,7 +289,7 @@ TEST_F(TagAlignerTest, KeepsPoseWhenThirdOfEveryTagIsCovered) {
     const CameraPose truth = random_view(random_);
     PatternRenderOptions render;
     render.noise_grey = 2.0;
-    render.cover_share = 0.30;
+    render.covered_fraction = 0.30;
     render.samples = 384;
     render.seed = static_cast<std::uint64_t>(k) + 1;
     const AlignmentResult result =
@@ -314,7 +314,7 @@ TEST_F(TagAlignerTest, SearchesNearPredictionFirstWhenContrastIsKnown) {
     render.noise_grey = 4.0;
     render.samples = 128;
     render.lens_blur_px = k % 3 == 1 ? 1.5 : 0.5;
-    render.cover_share = k % 3 == 2 ? 0.3 : 0.0;
+    render.covered_fraction = k % 3 == 2 ? 0.3 : 0.0;
     render.seed = static_cast<std::uint64_t>(k) + 1;
     const GreyImage image = picture(truth, render);
     AlignmentInput input;

@@ -144,7 +144,7 @@ TEST(ToneEstimator, EstimatesBlur) {
 
 TEST(ToneEstimator, IgnoresCoveredThirdOfEveryTag) {
   PatternRenderOptions options = sharp();
-  options.cover_share = 0.3;
+  options.covered_fraction = 0.3;
   const Views views(options, kPictures, board(4, 3, 0.04));
   for (const double exponent : {1.0, 2.2}) {
     const auto estimate = views.shown(power(exponent), 2.0).estimate();
