@@ -1,5 +1,5 @@
-# CMake toolchain: builds for a 64-bit Raspberry Pi (or any arm64 Debian) on another machine, against a folder of Debian's
-# arm64 packages. scripts/build-arm64 makes that folder and uses this: -D PENUMBRA_SYSROOT=FOLDER.
+# CMake toolchain: cross-compiles for a 64-bit Raspberry Pi or other arm64 Debian. PENUMBRA_SYSROOT is a folder of Debian's
+# arm64 packages, which scripts/build-arm64 creates.
 set(CMAKE_SYSTEM_NAME Linux)
 set(CMAKE_SYSTEM_PROCESSOR aarch64)
 set(CMAKE_TRY_COMPILE_PLATFORM_VARIABLES PENUMBRA_SYSROOT)
@@ -7,7 +7,7 @@ set(CMAKE_SYSROOT ${PENUMBRA_SYSROOT})
 set(CMAKE_CXX_COMPILER aarch64-linux-gnu-g++)
 set(CMAKE_LIBRARY_ARCHITECTURE aarch64-linux-gnu)
 
-# Libraries and headers are the sysroot's, programs the machine's that builds.
+# Searches libraries and headers in the sysroot, programs on the build machine.
 set(CMAKE_FIND_ROOT_PATH ${PENUMBRA_SYSROOT})
 set(CMAKE_FIND_ROOT_PATH_MODE_PROGRAM NEVER)
 set(CMAKE_FIND_ROOT_PATH_MODE_LIBRARY ONLY)

@@ -1,4 +1,4 @@
-# Debian 12 packages (packages.txt), never vendored and never downloaded. Headers of libraries are SYSTEM: our warnings are for our code.
+# Libraries from Debian packages (packages.txt). Their headers are SYSTEM, so that warnings concern only our code.
 find_package(PkgConfig REQUIRED)
 find_package(Threads REQUIRED)
 find_package(Eigen3 3.4 REQUIRED NO_MODULE)
@@ -39,8 +39,7 @@ if(PENUMBRA_BENCHMARKS)
   find_package(benchmark REQUIRED)
 endif()
 
-# OpenCV by its parts: Debian's OpenCVConfig.cmake comes only with the package of all of OpenCV, a gigabyte of viewers and
-# databases that nothing here needs.
+# Finds OpenCV's modules one by one, because Debian's OpenCVConfig.cmake needs the package of all of OpenCV (1 GB).
 find_path(OPENCV_INCLUDE_DIR opencv2/core.hpp PATH_SUFFIXES opencv4 REQUIRED)
 foreach(part core imgproc calib3d)
   find_library(OPENCV_${part}_LIBRARY opencv_${part} REQUIRED)

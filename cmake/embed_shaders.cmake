@@ -1,6 +1,6 @@
 # cmake -D OUTPUT=FILE.cpp -D FOLDER=DIR -D NAMES="a.glsl b.glsl" -P embed_shaders.cmake
-# Writes the shader files into one source file as string literals, known by name alone: no path of the building machine gets
-# into the program.
+# Writes shader files as string literals into one source file. The program knows them by file name, so no path of the build
+# machine gets into it.
 separate_arguments(NAMES)
 set(entries "")
 foreach(name IN LISTS NAMES)

@@ -1,15 +1,15 @@
-# Flags that every target of ours has: the language, the warnings, the sanitizers.
+# Flags of every target: language, warnings, sanitizers.
 add_library(penumbra_options INTERFACE)
 target_compile_features(penumbra_options INTERFACE cxx_std_20)
 target_include_directories(penumbra_options INTERFACE ${PROJECT_SOURCE_DIR})
 target_compile_options(penumbra_options INTERFACE
   -Wall -Wextra -Wpedantic -Wshadow -Wconversion -Wnon-virtual-dtor -Woverloaded-virtual
-  # Products and sums are rounded one by one on every machine: the same poses and pictures everywhere.
+  # No fused multiply-add: every machine computes the same poses and images.
   -ffp-contract=off
-  # No path of the building machine gets into the program.
+  # Keeps paths of the build machine out of the program.
   -fmacro-prefix-map=${PROJECT_SOURCE_DIR}/=)
 if(CMAKE_CXX_COMPILER_ID STREQUAL "GNU")
-  # g++ first collects its garbage at 400 MB, not at 128: about a tenth less time, for 4 % more memory (0.95 GB for the largest file).
+  # g++ collects garbage from 400 MB on instead of 128 MB: a tenth less time for 4 % more memory (0.95 GB at most).
   target_compile_options(penumbra_options INTERFACE --param=ggc-min-heapsize=400000)
 endif()
 if(CMAKE_BUILD_TYPE STREQUAL "Debug")
@@ -21,7 +21,7 @@ if(PENUMBRA_SANITIZE)
   target_link_options(penumbra_options INTERFACE -fsanitize=${PENUMBRA_SANITIZE})
 endif()
 
-# penumbra_module(NAME LIBS...): a static library of the .cpp files in this folder and below.
+# penumbra_module(NAME LIBS...): builds a static library from the .cpp files in this folder and below.
 function(penumbra_module name)
   file(GLOB_RECURSE sources CONFIGURE_DEPENDS ${CMAKE_CURRENT_SOURCE_DIR}/*.cpp)
   list(FILTER sources EXCLUDE REGEX "/main\\.cpp$|/commands/")
@@ -29,16 +29,16 @@ function(penumbra_module name)
   target_link_libraries(penumbra_${name} PUBLIC penumbra_options ${ARGN})
 endfunction()
 
-# penumbra_headers(TARGET HEADERS...): what nearly every file includes is read once. A target of the same compile options takes
-# another's: target_precompile_headers(TARGET REUSE_FROM OTHER). Each file still includes what it uses: the debug preset builds
-# without this.
+# penumbra_headers(TARGET HEADERS...): precompiles common headers. Targets with the same compile options share them with
+# target_precompile_headers(TARGET REUSE_FROM OTHER). Each file must still include what it uses: the debug preset builds
+# without precompiled headers.
 function(penumbra_headers target)
   list(TRANSFORM ARGN REPLACE "^([a-z_]+_headers\\.hpp)$" "${PROJECT_SOURCE_DIR}/cmake/\\1")
   target_precompile_headers(${target} PRIVATE ${ARGN})
 endfunction()
 
-# penumbra_batches(TARGET SIZE): SIZE source files are compiled as one, as most of the time goes into the same headers and
-# templates again and again. So few that a changed file is still compiled in seconds. The debug preset compiles each alone.
+# penumbra_batches(TARGET SIZE): compiles SIZE source files as one, which saves time in shared headers and templates. SIZE is
+# small enough to compile a changed file in seconds. The debug preset compiles each file alone.
 function(penumbra_batches target size)
   if(NOT CMAKE_DISABLE_PRECOMPILE_HEADERS)
     set_target_properties(${target} PROPERTIES UNITY_BUILD ON UNITY_BUILD_BATCH_SIZE ${size})
