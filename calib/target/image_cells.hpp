@@ -31,10 +31,10 @@ struct ImageCells {
   [[nodiscard]] std::string name(std::size_t cell) const {
     const int i = static_cast<int>(cell) % columns;
     const int j = static_cast<int>(cell) / columns;
-    const std::string down = j == 0 ? "top" : j == rows - 1 ? "bottom" : "";
-    const std::string across = i == 0 ? "left" : i == columns - 1 ? "right" : "";
-    if (down.empty() && across.empty()) return "middle";
-    return down + (down.empty() || across.empty() ? "" : " ") + across;
+    const std::string vertical = j == 0 ? "top" : j == rows - 1 ? "bottom" : "";
+    const std::string horizontal = i == 0 ? "left" : i == columns - 1 ? "right" : "";
+    if (vertical.empty() && horizontal.empty()) return "middle";
+    return vertical + (vertical.empty() || horizontal.empty() ? "" : " ") + horizontal;
   }
 };
 

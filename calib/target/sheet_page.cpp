@@ -53,9 +53,8 @@ void draw_text(cairo_t* cr, double x, double y, const std::string& text) {
   cairo_show_text(cr, text.c_str());
 }
 
-// Length of a mark at the page's edge [m], shorter if there is little room.
-constexpr double kMark = 0.003;
-constexpr double kShortestMark = 0.0015;
+constexpr double kMark = 0.003;           // [m] length of an origin mark beside the board
+constexpr double kShortestMark = 0.0015;  // [m] minimum length if there is little room
 
 // Draws a line from (x, y) to (x + dx, y + dy), with an arrow head for an axis.
 void draw_mark(cairo_t* cr, double x, double y, double dx, double dy, bool axis) {
@@ -76,23 +75,23 @@ void draw_mark(cairo_t* cr, double x, double y, double dx, double dy, bool axis)
   cairo_stroke(cr);
 }
 
-// Draws the marks of the origin (x, y on the page) between the board and the page's edges, except
-// on sides without room.
+// Marks the origin (x, y on the page) by lines between the board and the page's edges, where there
+// is room, and by a cross if no tag overlaps it.
 void draw_origin(cairo_t* cr, const Sheet& sheet, const PageSize& page, double x, double y) {
   constexpr double kGap = 0.001;  // to the board's margin
   const double right = 0.5 * sheet.width + kGap;
   const double top = 0.5 * sheet.height + kGap;
-  const double beside = 0.5 * page.width_m - kMargin - right;
-  const double above = y - kMargin - top;
+  const double room_beside = 0.5 * page.width_m - kMargin - right;
+  const double room_above = y - kMargin - top;
   cairo_set_line_width(cr, kThinLine_m);
-  if (beside >= kShortestMark) {
-    const double length = std::min(beside, kMark);
+  if (room_beside >= kShortestMark) {
+    const double length = std::min(room_beside, kMark);
     draw_mark(cr, x - right, y, -length, 0.0, false);
     draw_mark(cr, x + right, y, length, 0.0, true);
     draw_text(cr, x + right + 0.0008, y - 0.0012, "x");
   }
-  if (above >= kShortestMark) {
-    const double length = std::min(above, kMark);
+  if (room_above >= kShortestMark) {
+    const double length = std::min(room_above, kMark);
     draw_mark(cr, x, y + top, 0.0, length, false);
     draw_mark(cr, x, y - top, 0.0, -length, true);
     draw_text(cr, x + 0.0014, y - top - 0.0008, "y");
@@ -165,7 +164,7 @@ Result<std::vector<std::uint8_t>> vector_bytes(const Sheet& sheet, const PageSiz
 }
 
 Result<std::vector<std::uint8_t>> png_page(const Sheet& sheet, const PageSize& page) {
-  constexpr double kMaxPixels = 1e8;       // at the finer resolution
+  constexpr double kMaxPixels = 1e8;       // limit for 600 dpi; larger pages get 300 dpi
   constexpr double kMaxSide_px = 32767.0;  // limit of cairo
   double per_metre = 600.0 / 0.0254;
   if (page.width_m * page.height_m * per_metre * per_metre > kMaxPixels) per_metre /= 2.0;

@@ -10,8 +10,8 @@
 namespace penumbra {
 namespace {
 
-constexpr double kSmallest = 0.0005;  // [m] of a tag or a square
-constexpr double kLargest = 2.0;      // [m]
+constexpr double kSmallest = 0.0005;  // [m] edge of a tag or a square
+constexpr double kLargest = 2.0;      // [m] edge of a tag or a square
 constexpr int kMaxPerSide = 100;
 
 Result<void> check_length(double metres, std::string_view what) {
@@ -30,11 +30,11 @@ Result<void> check_count(int count, std::string_view what) {
 void add_grid(Target& target) {
   for (int j = 0; j < target.rows; ++j) {
     for (int i = 0; i < target.columns; ++i) {
-      const int here = j * target.columns + i;
+      const int index = j * target.columns + i;
       target.points.emplace_back((i - 0.5 * (target.columns - 1)) * target.square_m,
                                  (0.5 * (target.rows - 1) - j) * target.square_m, 0.0);
-      if (i + 1 < target.columns) target.edges.emplace_back(here, here + 1);
-      if (j + 1 < target.rows) target.edges.emplace_back(here, here + target.columns);
+      if (i + 1 < target.columns) target.edges.emplace_back(index, index + 1);
+      if (j + 1 < target.rows) target.edges.emplace_back(index, index + target.columns);
     }
   }
 }
@@ -83,10 +83,11 @@ Result<Target> read_chessboard(const YamlFields& fields) {
   PENUMBRA_TRY(const int rows, fields.integer(rows_key, "give the number of inner corners down"));
   PENUMBRA_TRY(const double square, fields.number(square_key, "give a square's edge in metres"));
   if (kalibr && fields.has("rowSpacingMeters")) {
-    PENUMBRA_TRY(const double other, fields.number("rowSpacingMeters", "give a square's edge"));
-    if (std::abs(other - square) > 1e-9) {
+    PENUMBRA_TRY(const double row_spacing,
+                 fields.number("rowSpacingMeters", "give a square's edge"));
+    if (std::abs(row_spacing - square) > 1e-9) {
       return fail("{}: is {}, but colSpacingMeters is {}; the squares must be square",
-                  fields.place_of("rowSpacingMeters"), other, square);
+                  fields.place_of("rowSpacingMeters"), row_spacing, square);
     }
   }
   return with_place(fields.place(), chessboard_target(columns, rows, square));
@@ -102,7 +103,7 @@ Result<Target> read_charuco(const YamlFields& fields) {
                read_family(fields, fields.has("dictionary") ? "dictionary" : "family",
                            "name a dictionary such as DICT_4X4_50, or a family such as tag36h11"));
   if (fields.has("legacy")) {
-    // In boards of OpenCV before 4.6, the bottom row starts with a black square.
+    // OpenCV before 4.6: the bottom row starts with black, thus with even rows the top with white.
     PENUMBRA_TRY(const std::string legacy, fields.text("legacy", "give true or false"));
     if (legacy != "true" && legacy != "false")
       return fail("{}: is '{}'; give true or false", fields.place_of("legacy"), legacy);

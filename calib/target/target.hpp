@@ -43,9 +43,9 @@ struct Target {
 [[nodiscard]] Result<Target> load_target(const std::filesystem::path& file);
 
 [[nodiscard]] Result<Target> tag_target(TagMap map);
-// `inner_columns` x `inner_rows` corners between squares of `square_m`.
+// Makes a chessboard with `inner_columns` x `inner_rows` corners between squares of `square_m`.
 [[nodiscard]] Result<Target> chessboard_target(int inner_columns, int inner_rows, double square_m);
-// `columns` x `rows` squares with a tag in each white one; ids count from first_id in reading
+// `columns` x `rows` squares with a tag in each white square; ids count from first_id in reading
 // order. The top left square is black, or white if first_white is set (boards of OpenCV before 4.6
 // with an even number of rows).
 struct CharucoBoard {

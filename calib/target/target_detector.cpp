@@ -17,7 +17,7 @@ namespace {
 constexpr int kMinCorners = 8;
 constexpr double kMinContrast = 20.0;  // [grey levels]
 
-// OpenCV has no read-only view; do not write through this one.
+// Do not write to the returned matrix: OpenCV has no read-only view.
 cv::Mat as_mat(ImageView luma) {
   return {luma.height, luma.width, CV_8UC1, const_cast<std::uint8_t*>(luma.data),
           static_cast<std::size_t>(luma.stride)};
@@ -211,17 +211,17 @@ TargetView TargetDetector::detect_tags(ImageView luma) {
   TargetView view;
   int repeated = 0;
   const auto seen = seen_tags(luma, *tags_, &repeated);
-  int cut = 0;
+  int cut_off = 0;
   for (const auto& [index, detection] : seen) {
     std::array<TargetCorner, 4> corners;
-    bool whole = true;
+    bool inside = true;
     for (std::size_t i = 0; i < 4; ++i) {
       corners[i].point = static_cast<int>(4 * index + i);
       corners[i].pixel = detection.corners_px[i];
-      whole = whole && is_inside(luma, corners[i].pixel, kCornerBorder);
+      inside = inside && is_inside(luma, corners[i].pixel, kCornerBorder);
     }
-    if (!whole) {
-      ++cut;
+    if (!inside) {
+      ++cut_off;
       continue;
     }
     set_spreads(corners);
@@ -236,14 +236,14 @@ TargetView TargetDetector::detect_tags(ImageView luma) {
                    : repeated > 0
                        ? "the target's tags are seen twice"
                        : fmt::format("only {} of {} tags are seen whole{}", view.corners.size() / 4,
-                                     target_.tags->tags().size(), cut > 0 ? ": cut off" : "");
+                                     target_.tags->tags().size(), cut_off > 0 ? ": cut off" : "");
     if (view.two_cell_tags > static_cast<int>(seen.size())) {
       view.problem = fmt::format("{} tags have a black border of two cells", view.two_cell_tags);
     }
   }
   if (has_squares(luma, view)) {
     view.black_squares = true;
-    // The corner of a square and a tag that touch is a saddle point.
+    // A point where a corner of a square touches a corner of a tag is a saddle point.
     std::vector<TargetCorner> saddles;
     for (std::size_t i = 0; i < view.corners.size(); ++i) {
       const std::size_t first = i - i % 4;
@@ -278,7 +278,7 @@ TargetView TargetDetector::detect_chessboard(ImageView luma) const {
     view.problem = "the chessboard is not seen whole: not there, cut off, hidden or blurred";
     return view;
   }
-  // The board is never visible from behind, so mirrors the corners' order if necessary.
+  // The board is never visible from behind. A mirrored order of corners is reversed in each row.
   const auto at = [&](int i, int j) {
     const cv::Point2f& p = found[static_cast<std::size_t>(j * target_.columns + i)];
     return Eigen::Vector2d(p.x, p.y);
@@ -343,8 +343,9 @@ std::optional<TargetView::MarkerShare> TargetDetector::marker_share(
   }
   if (shares.empty()) return std::nullopt;
   const double share = upper_median(std::move(shares));
-  const double spec = target_.tags->tags().front().size_m / target_.square_m;
-  return TargetView::MarkerShare{share, 0.5 * (share - spec) * upper_median(std::move(squares_px))};
+  const double nominal_share = target_.tags->tags().front().size_m / target_.square_m;
+  return TargetView::MarkerShare{
+      share, 0.5 * (share - nominal_share) * upper_median(std::move(squares_px))};
 }
 
 TargetView TargetDetector::detect_charuco(ImageView luma) {

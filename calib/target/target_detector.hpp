@@ -21,8 +21,8 @@ namespace penumbra {
 struct TargetCorner {
   int point = 0;          // index into Target::points
   Eigen::Vector2d pixel;  // [px], (0, 0) at the centre of the top-left pixel
-  // d pixel / d outward shift of the black square's edges (camera response, blur); 0 at saddle
-  // points.
+  // Derivative of `pixel` by an outward shift of the black square's edges, which camera response
+  // and blur cause; 0 at saddle points.
   Eigen::Vector2d spread = Eigen::Vector2d::Zero();
 };
 
@@ -36,7 +36,7 @@ struct TargetView {
   // of its square.
   struct MarkerShare {
     double share = 0.0;    // marker edge / square edge
-    double edge_px = 0.0;  // displacement of the marker's edges from the target file
+    double edge_px = 0.0;  // [px] outward shift of its edges against the target file
   };
   std::optional<MarkerShare> markers;
   bool black_squares = false;  // the sheet has Kalibr's black squares at the tags' corners

@@ -8,7 +8,7 @@
 namespace penumbra {
 namespace {
 
-constexpr double kMinNormalsDet = 0.2;  // minimum for two edges to define a corner
+constexpr double kMinNormalsDet = 0.2;  // minimum |determinant| of a corner's two unit normals
 
 // Offsets of a straight board edge from its predicted curve, along the normals [px].
 struct FollowedEdge {
@@ -34,35 +34,35 @@ std::optional<FollowedEdge> follow_edge(ImageView luma, const CameraModel& camer
                                         const Eigen::Vector3d& a, const Eigen::Vector3d& b,
                                         const Eigen::Vector2d& away_from, double reach,
                                         bool alternates) {
-  struct Place {
+  struct EdgePoint {
     double t = 0.0;  // -0.5 at a, 0.5 at b
     Eigen::Vector2d p;
     Eigen::Vector2d normal;
   };
-  const auto place_at = [&](double t) -> std::optional<Place> {
+  const auto point_at = [&](double t) -> std::optional<EdgePoint> {
     const auto p = camera.project(T_camera_board * Eigen::Vector3d(a + (t + 0.5) * (b - a)));
     const auto q = camera.project(T_camera_board * Eigen::Vector3d(a + (t + 0.51) * (b - a)));
     if (!p || !q || !((*q - *p).norm() > 1e-6)) return std::nullopt;
     Eigen::Vector2d normal(-(*q - *p).y(), (*q - *p).x());
     normal.normalize();
     if (normal.dot(*p - away_from) < 0.0) normal = -normal;
-    return Place{t, *p, normal};
+    return EdgePoint{t, *p, normal};
   };
-  const auto begin = place_at(-0.5);
-  const auto middle = place_at(0.0);
-  const auto end = place_at(0.49);
+  const auto begin = point_at(-0.5);
+  const auto middle = point_at(0.0);
+  const auto end = point_at(0.49);
   if (!begin || !middle || !end) return std::nullopt;
   const double length = (end->p - begin->p).norm();
   if (reach < 1.2 || length < 8.0) return std::nullopt;
   const double corner = std::clamp(1.5 * reach / length, 0.04, 0.2);  // blur rounds the corners
   const int count = std::clamp(static_cast<int>(length), 10, 80);
-  std::vector<Place> places;
+  std::vector<EdgePoint> points;
   for (int k = 0; k < count; ++k) {
     const double t = (k + 0.5) / count - 0.5;
     if (std::abs(t) > 0.5 - corner || (alternates && std::abs(t) < corner)) continue;
-    const auto place = place_at(t);
-    if (!place) return std::nullopt;
-    places.push_back(*place);
+    const auto point = point_at(t);
+    if (!point) return std::nullopt;
+    points.push_back(*point);
   }
   // Robust line fit: offset = x0 + x1 t + x2 sign(t).
   Eigen::Vector3d x = Eigen::Vector3d::Zero();
@@ -70,10 +70,10 @@ std::optional<FollowedEdge> follow_edge(ImageView luma, const CameraModel& camer
     Eigen::Matrix3d A = Eigen::Vector3d(0.0, 1e-9, alternates ? 1e-9 : 1.0).asDiagonal();
     Eigen::Vector3d rhs = Eigen::Vector3d::Zero();
     std::size_t used = 0;
-    for (const Place& place : places) {
-      const Eigen::Vector3d basis(1.0, place.t, !alternates ? 0.0 : place.t < 0.0 ? -1.0 : 1.0);
+    for (const EdgePoint& point : points) {
+      const Eigen::Vector3d basis(1.0, point.t, !alternates ? 0.0 : point.t < 0.0 ? -1.0 : 1.0);
       const double expected = basis.dot(x);
-      const auto offset = find_edge(luma, {place.p, place.normal, expected, reach,
+      const auto offset = find_edge(luma, {point.p, point.normal, expected, reach,
                                            round < 2 ? 0.6 * reach : std::min(0.6 * reach, 1.2),
                                            alternates ? std::nullopt : std::optional(1.0), 10.0});
       if (!offset) continue;
@@ -82,7 +82,7 @@ std::optional<FollowedEdge> follow_edge(ImageView luma, const CameraModel& camer
       rhs += weight * (expected + *offset) * basis;
       ++used;
     }
-    if (2 * used < places.size() || used < 6) return std::nullopt;
+    if (2 * used < points.size() || used < 6) return std::nullopt;
     x = A.ldlt().solve(rhs);
     if (!x.allFinite() || x.cwiseAbs().maxCoeff() > 6.0) return std::nullopt;
   }

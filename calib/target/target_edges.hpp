@@ -60,8 +60,8 @@ using CameraFromBoard = Transform<frame::Camera, frame::Table>;
     ImageView luma, const CameraModel& camera, const CameraFromBoard& T_camera_board,
     const std::array<Eigen::Vector3d, 4>& corners, int cells);
 
-// Returns the saddle point [px] where two edges cross, from `arm_m` of each edge on both sides. No
-// other edge may be within `clearance_m` of them.
+// Returns the saddle point [px] where two edges cross. Uses each edge up to `arm_m` on both sides
+// of the crossing. No third edge may be within `clearance_m` of these two.
 [[nodiscard]] std::optional<Eigen::Vector2d> follow_crossing(ImageView luma,
                                                              const CameraModel& camera,
                                                              const CameraFromBoard& T_camera_board,

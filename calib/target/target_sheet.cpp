@@ -310,8 +310,8 @@ std::optional<double> printed_scale_of(const std::filesystem::path& file,
     if (!number) return std::nullopt;
     measured_mm = *number;
   }
-  const Result<std::string> made = target_text(target, measured_mm / 100.0);
-  if (!made || *made != *text) return std::nullopt;
+  const Result<std::string> expected = target_text(target, measured_mm / 100.0);
+  if (!expected || *expected != *text) return std::nullopt;
   return measured_mm / 100.0;
 }
 

@@ -47,7 +47,7 @@ using SheetTarget = std::variant<TagBoard, AprilGrid, CharucoBoard, ChessboardSh
 
 // PNG has 600 dots per inch (300 for pages above 100 Mpx), stored in its pHYs chunk.
 enum class SheetFormat { pdf, svg, png };
-// Returns the format by the extension, in any case; PDF if there is none. Fails for an unknown one.
+// Returns the format by the extension, in any case; PDF without an extension. Fails if unknown.
 [[nodiscard]] Result<SheetFormat> sheet_format_of(const std::filesystem::path& file);
 
 // Fails if the target fits on the page neither in portrait nor in landscape.
