@@ -83,11 +83,10 @@ Result<Target> read_chessboard(const YamlFields& fields) {
   PENUMBRA_TRY(const int rows, fields.integer(rows_key, "give the number of inner corners down"));
   PENUMBRA_TRY(const double square, fields.number(square_key, "give a square's edge in metres"));
   if (kalibr && fields.has("rowSpacingMeters")) {
-    PENUMBRA_TRY(const double row_spacing,
-                 fields.number("rowSpacingMeters", "give a square's edge"));
-    if (std::abs(row_spacing - square) > 1e-9) {
+    PENUMBRA_TRY(const double row_m, fields.number("rowSpacingMeters", "give a square's edge"));
+    if (std::abs(row_m - square) > 1e-9) {
       return fail("{}: is {}, but colSpacingMeters is {}; the squares must be square",
-                  fields.place_of("rowSpacingMeters"), row_spacing, square);
+                  fields.place_of("rowSpacingMeters"), row_m, square);
     }
   }
   return with_place(fields.place(), chessboard_target(columns, rows, square));

@@ -343,9 +343,9 @@ std::optional<TargetView::MarkerShare> TargetDetector::marker_share(
   }
   if (shares.empty()) return std::nullopt;
   const double share = upper_median(std::move(shares));
-  const double nominal_share = target_.tags->tags().front().size_m / target_.square_m;
-  return TargetView::MarkerShare{
-      share, 0.5 * (share - nominal_share) * upper_median(std::move(squares_px))};
+  const double nominal = target_.tags->tags().front().size_m / target_.square_m;
+  return TargetView::MarkerShare{share,
+                                 0.5 * (share - nominal) * upper_median(std::move(squares_px))};
 }
 
 TargetView TargetDetector::detect_charuco(ImageView luma) {

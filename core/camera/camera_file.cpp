@@ -78,7 +78,7 @@ std::span<const double> coefficients(const CameraParameters& p, int count) {
 std::string shortest(double value) {
   return fmt::format("{}", value);
 }
-// Adds a point to a number without one, which OpenCV would read as an integer. No blank may follow.
+// Adds a decimal point if there is none, because OpenCV would read an integer. No blank may follow.
 std::string with_point(double value) {
   std::string digits = shortest(value);
   if (digits.find_first_of(".e") == std::string::npos) digits += ".";
@@ -154,7 +154,7 @@ std::optional<std::string_view> model_name(DistortionModel model, CameraFileForm
 Result<void> save_camera(const std::filesystem::path& file, const CameraModel& camera,
                          CameraFileFormat format, const CalibrationRecord* record) {
   CameraParameters p = camera.parameters();
-  if (record != nullptr) p.overlay_sigma_px.reset();  // replaced by the record's
+  if (record != nullptr) p.overlay_sigma_px.reset();  // record_text() writes the new value
   if (!model_name(p.model, format)) {
     return fail(
         "{}: {}'s files have no {} lens; write another format or calibrate with --model plumb_bob",
@@ -183,16 +183,16 @@ std::string ros_camera_text(const CameraModel& camera) {
 }
 
 Result<CameraModel> scaled_to(const CameraModel& camera, int width, int height) {
-  const auto times = [](int larger, int smaller) {
+  const auto integer_ratio = [](int larger, int smaller) {
     return smaller > 0 && larger % smaller == 0 ? larger / smaller : 0;
   };
   CameraParameters p = camera.parameters();
-  const int down = times(p.width, width);
-  const int up = times(width, p.width);
+  const int down = integer_ratio(p.width, width);
+  const int up = integer_ratio(width, p.width);
   double scale = 0.0;
-  if (down > 0 && down == times(p.height, height)) {
+  if (down > 0 && down == integer_ratio(p.height, height)) {
     scale = 1.0 / down;
-  } else if (up > 0 && up == times(height, p.height)) {
+  } else if (up > 0 && up == integer_ratio(height, p.height)) {
     scale = up;
   } else {
     return fail(

@@ -49,7 +49,7 @@ struct CalibrationRecord {
   std::string target;         // Target::description
   int views = 0;
   double rms_px = 0.0;                 // RMS of the 2-D reprojection error
-  std::optional<double> held_out_px;   // cross-validation
+  std::optional<double> held_out_px;   // rms_px of cross-validation
   double projection_mean_px = 0.0;     // 1 sigma, mean over the image
   double projection_largest_px = 0.0;  // 1 sigma, maximum over the image
   // Predicted error (1 sigma) at the corners of overlay_cube(), viewed from `table_distance_m`:
@@ -70,7 +70,7 @@ struct CalibrationRecord {
 [[nodiscard]] std::string ros_camera_text(const CameraModel& camera);
 
 // Returns the camera for n x n binned images, or the reverse: pixel p of the larger image lies at
-// (p + 0.5) / n - 0.5 of the smaller one. Exact if both show the same view. Fails unless one
+// (p + 0.5) / n - 0.5 of the smaller one. Exact if both images show the same view. Fails unless one
 // integer n scales both sides. Clears rolling_shutter_row_s, which is unknown at the other size.
 [[nodiscard]] Result<CameraModel> scaled_to(const CameraModel& camera, int width, int height);
 

@@ -138,7 +138,7 @@ std::optional<Eigen::Vector2d> CameraModel::project_extended(
   if (!p_camera.allFinite() || p_camera.z() <= 0.0) return std::nullopt;
   const double r = std::hypot(p_camera.x() / p_camera.z(), p_camera.y() / p_camera.z());
   if (!(r > max_radius_)) return project(p_camera);
-  // The profile's derivative is 0 at max_radius, so that the extension uses the slope of the chord
+  // The profile's derivative is 0 at max_radius, so the extension uses the slope of the chord
   // from 0. `edge` is not checked: rounding may put it just beyond max_radius.
   const double scale = max_radius_ / r;
   const Eigen::Vector2d edge =

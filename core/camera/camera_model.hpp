@@ -10,7 +10,7 @@
 //   x_d = d x + 2 p1 x y + p2 (r2 + 2 x^2)
 //   y_d = d y + p1 (r2 + 2 y^2) + 2 p2 x y
 //
-// rational (k1 k2 p1 p2 k3 k4 k5 k6): the same with
+// rational (k1 k2 p1 p2 k3 k4 k5 k6): plumb_bob's formulas with
 //
 //   d = (1 + k1 r2 + k2 r2^2 + k3 r2^3) / (1 + k4 r2 + k5 r2^2 + k6 r2^3)
 //

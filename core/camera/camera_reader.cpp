@@ -33,7 +33,7 @@ constexpr std::array kDistortionKeys = {"distortion_coefficients",
 // Suffixes of keys in stereo files.
 constexpr std::array kPairSuffixes = {"1", "2", "_1", "_2", "_left", "_right", "Left", "Right"};
 
-// In the order of ROS and OpenCV.
+// Names of the coefficients, in the order of ROS and OpenCV.
 constexpr std::array<std::string_view, 14> kCoefficientNames = {
     "k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6", "s1", "s2", "s3", "s4", "tau_x", "tau_y"};
 
@@ -481,8 +481,8 @@ Result<ReadCamera> read_any(const YAML::Node& root, const std::string& file,
   return read;
 }
 
-// Fails if the principal point is far outside the image or the distortion is non-monotonic near the
-// image's centre. Causes are a wrong sign or exponent, or the coefficients of another model.
+// Fails if the principal point is far outside the image, or if the distortion is huge at the
+// image's edge or non-monotonic near its centre: then a sign, an exponent or the model is wrong.
 Result<void> check_lens(const CameraModel& camera) {
   const CameraParameters& p = camera.parameters();
   const Eigen::Vector2d centre(p.cx, p.cy);
@@ -524,7 +524,7 @@ Result<LoadedCamera> load_camera_file(const std::filesystem::path& file, const s
     if (const auto implausible = implausible_parameter(camera))
       read.warnings.push_back(fmt::format("{}: {}", file.string(), *implausible));
     return LoadedCamera{std::move(camera), std::move(read.warnings)};
-  } catch (const std::exception& error) {  // of yaml-cpp
+  } catch (const std::exception& error) {  // thrown by yaml-cpp
     return fail("{}: is not readable as a camera file ({}); correct the file", file.string(),
                 error.what());
   }
