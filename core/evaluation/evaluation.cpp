@@ -205,17 +205,17 @@ Evaluation evaluate(const CameraModel& camera, const Trajectory& estimated, cons
 Trajectory over_group(const Trajectory& camera, const Trajectory& group,
                       const Transform<frame::Group, frame::GroupMiddle>& T_group_middle,
                       std::int64_t max_gap_ns) {
-  Trajectory over;
+  Trajectory relative;
   for (const StampedPose& pose : camera.poses) {
-    const auto place = pose_at(group, pose.timestamp_ns, max_gap_ns);
-    if (!place) continue;
-    const GroupPose T_table_group(place->rotation(), place->translation());
+    const auto group_pose = pose_at(group, pose.timestamp_ns, max_gap_ns);
+    if (!group_pose) continue;
+    const GroupPose T_table_group(group_pose->rotation(), group_pose->translation());
     const auto T_middle_camera = (T_table_group * T_group_middle).inverse() * pose.T_table_camera;
-    over.poses.push_back({pose.timestamp_ns,
-                          CameraPose(T_middle_camera.rotation(), T_middle_camera.translation()),
-                          {}});
+    relative.poses.push_back({pose.timestamp_ns,
+                              CameraPose(T_middle_camera.rotation(), T_middle_camera.translation()),
+                              {}});
   }
-  return over;
+  return relative;
 }
 
 template <class Origin>

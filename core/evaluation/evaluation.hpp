@@ -21,8 +21,8 @@ namespace penumbra {
 [[nodiscard]] Statistics statistics_of(std::vector<double> values);
 
 // Pixels of the overlay cube's corners: estimated - true [px]. Corners behind the true camera are
-// not valid; one behind only the estimated camera counts as the angle between its two directions
-// times the focal length. Projection is CameraModel::project_extended(). `Origin`: Table or Map.
+// not valid. A corner behind only the estimated camera gets the angle between its two directions
+// times the focal length. Projection: CameraModel::project_extended(). `Origin`: Table or Map.
 struct OverlayDifference {
   std::array<Eigen::Vector2d, 8> difference_px{};
   std::array<bool, 8> valid{};
@@ -38,7 +38,7 @@ struct Evaluation {
   int frames_estimated = 0;   // estimated poses
   int frames_with_pose = 0;   // number of frames_with_truth that have an evaluated estimate
   int frames_judged = 0;      // number of frames_estimated that were evaluated
-  std::array<int, 2> frames_not_judged{};  // the other estimates, by NotEvaluated
+  std::array<int, 2> frames_not_judged{};  // by NotEvaluated: estimates without evaluation
   std::int64_t time_offset_ns = 0;         // PairingOptions::time_offset_ns that was added
   Statistics translation_mm;               // |t_estimated - t_true|
   Statistics rotation_deg;                 // angle of R_estimated^T R_true
@@ -61,7 +61,7 @@ struct Evaluation {
     const Trajectory& camera, const Trajectory& group,
     const Transform<frame::Group, frame::GroupMiddle>& T_group_middle, std::int64_t max_gap_ns = 0);
 
-// Predicted overlay error (1 sigma, RMS over the cube's corners) for PoseEstimate's covariance.
+// Returns the predicted overlay error (1 sigma, RMS over the corners) for a pose's covariance.
 template <class Origin>
 [[nodiscard]] double predicted_overlay_error_px(const CameraModel& camera,
                                                 const Transform<Origin, frame::Camera>& pose,

@@ -82,7 +82,7 @@ double duration_s(const Trajectory& trajectory) {
          seconds(trajectory.poses.front().timestamp_ns);
 }
 
-// Fails if the times of the two trajectories overlap after scaling by a unit of time.
+// Fails if scaling the times of one trajectory by 1e3, 1e6 or 1e9 makes the two overlap.
 Result<void> check_against_each_other(const NamedTrajectory& estimated,
                                       const NamedTrajectory& truth, const PairingOptions& options) {
   const std::vector<StampedPose>& poses = estimated.trajectory.poses;

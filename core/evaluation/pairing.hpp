@@ -22,7 +22,7 @@ struct PairingOptions {
 
 // The reason why there is no true pose at a time.
 enum class NotEvaluated {
-  outside_truth,  // beyond the first or last true pose by more than is extrapolated
+  outside_truth,  // before the first or after the last true pose, out of the range of extrapolation
   gap_too_long,   // between two poses with a gap of more than PairingOptions::max_gap_ns
 };
 inline constexpr std::array<NotEvaluated, 2> kNotEvaluatedCauses = {NotEvaluated::outside_truth,

@@ -48,7 +48,7 @@ CameraPose converted(const CameraPose& pose, const Convention& from) {
   return {inverse.rotation(), inverse.translation()};
 }
 
-// Returns the RMS of angles [rad] and of distances relative to the median distance from the origin.
+// Returns the RMS over pairs of hypot(angle [rad], distance / median distance from the origin).
 double difference_of(const std::vector<PosePair>& pairs, const Convention& of_estimated,
                      const Convention& of_truth) {
   std::vector<double> distances;

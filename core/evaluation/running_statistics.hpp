@@ -39,8 +39,8 @@ class RunningStatistics {
   double least_ = 0.0, greatest_ = 0.0;
   // long double holds the square of any double.
   long double sum_ = 0.0L, squares_ = 0.0L;
-  std::vector<double> values_;       // up to kMaxExact of them
-  std::vector<std::uint64_t> bins_;  // of more values; first and last: outside the octaves
+  std::vector<double> values_;       // all values, up to kMaxExact
+  std::vector<std::uint64_t> bins_;  // histogram; first and last bin: values outside the octaves
 };
 
 }  // namespace penumbra
