@@ -1,4 +1,4 @@
-// Rigid groups of tags beside the table: a wall, a held prop. Each is tracked separately.
+// Rigid groups of tags beside the table: a wall, a held prop. Each group is tracked separately.
 #pragma once
 
 #include <string>
@@ -22,7 +22,7 @@ struct GroupMiddle;
 
 using GroupPose = Transform<frame::Table, frame::Group>;  // T_table_group
 
-// `status` is never better than the status of the table's pose.
+// EstimatedPose::status is never better than the status of the table's pose.
 struct GroupEstimate : EstimatedPose {
   std::string name;
   GroupPose T_table_group;  // meaningless when lost

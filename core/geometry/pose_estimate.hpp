@@ -29,7 +29,7 @@ inline constexpr double kHoldSeconds = 0.5;  // [s]
 
 struct MeasuredTags {
   // RMS reprojection error (2-D) of the used corners. After an image alignment: the displacement of
-  // the tags' edges that is equivalent to its residuals.
+  // the tags' edges that would cause the photometric residuals.
   double reprojection_rms_px = 0.0;
   int tags_used = 0;  // 0: not measured in this frame
   std::vector<RejectedTag> tags_rejected;

@@ -69,7 +69,7 @@ std::string plain_name(std::string_view name) {
   return plain;
 }
 
-// Returns the family with this plain_name() without its prefix: "36h11", "standard41h12", "4x450".
+// Returns the family whose plain_name() is the prefix and `key`: "36h11", "standard41h12", "4x450".
 std::optional<TagFamily> family_of_key(std::string_view key, bool aruco) {
   for (std::size_t i = 0; i < kFamilyNames.size(); ++i) {
     const std::string_view prefix = kFamilyNames[i].starts_with(kDictionary) ? kDictionary : kTag;
@@ -92,19 +92,19 @@ std::optional<TagFamily> tag_family_from_string(std::string_view name) {
     name.remove_prefix(scope + 1);
   const std::string plain = plain_name(name);
   std::string_view rest = plain;
-  const auto without = [&rest](std::string_view prefix) {
+  const auto strip = [&rest](std::string_view prefix) {
     const bool found = rest.starts_with(prefix);
     if (found) rest.remove_prefix(prefix.size());
     return found;
   };
-  const bool dictionary = without("dict");
-  if (without("aruco")) return family_of_key(rest, true);
+  const bool dictionary = strip("dict");
+  if (strip("aruco")) return family_of_key(rest, true);
   // Kalibr writes "t36h11".
   const bool tag =
-      without("apriltag") || without("tagcodes") || without("tag") ||
-      (rest.size() > 1 && rest[0] == 't' && rest[1] >= '0' && rest[1] <= '9' && without("t"));
+      strip("apriltag") || strip("tagcodes") || strip("tag") ||
+      (rest.size() > 1 && rest[0] == 't' && rest[1] >= '0' && rest[1] <= '9' && strip("t"));
   if (tag) {
-    without("tag");
+    strip("tag");
     return family_of_key(rest, false);
   }
   if (const auto aruco = family_of_key(rest, true)) return aruco;

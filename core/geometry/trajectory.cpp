@@ -43,7 +43,7 @@ struct Velocity {
   Eigen::Vector3d angular = Eigen::Vector3d::Zero();  // [rad/s], camera frame
 };
 
-// Returns the mean velocity from the previous to the next pose; at an end, to or from pose `i`.
+// Returns the mean velocity from pose i - 1 to i + 1; pose i replaces a missing neighbour.
 Velocity velocity_at(const std::vector<StampedPose>& poses, std::size_t i) {
   const StampedPose& before = poses[i > 0 ? i - 1 : i];
   const StampedPose& after = poses[std::min(i + 1, poses.size() - 1)];
@@ -78,10 +78,10 @@ CameraPose interpolate_pose(const Trajectory& trajectory, std::int64_t timestamp
   const double u = seconds(timestamp_ns - poses[i].timestamp_ns) / gap_s;
   const Velocity v0 = velocity_at(poses, i);
   const Velocity v1 = velocity_at(poses, i + 1);
-  // Cubic Hermite interpolation from 0 to `whole`.
-  const auto cubic = [&](const Eigen::Vector3d& whole, const Eigen::Vector3d& rate0,
+  // Cubic Hermite interpolation from 0 to `change`, with rates rate0 and rate1 at the ends.
+  const auto cubic = [&](const Eigen::Vector3d& change, const Eigen::Vector3d& rate0,
                          const Eigen::Vector3d& rate1) -> Eigen::Vector3d {
-    return u * u * (3.0 - 2.0 * u) * whole +
+    return u * u * (3.0 - 2.0 * u) * change +
            gap_s * (u * (1.0 - u) * (1.0 - u) * rate0 - u * u * (1.0 - u) * rate1);
   };
   const Eigen::Vector3d turn = rotation_vector(begin.rotation().conjugate() * end.rotation());

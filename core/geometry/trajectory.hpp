@@ -21,8 +21,8 @@ struct StampedPose {
 // Poses in order of time; timestamps increase.
 struct Trajectory {
   std::vector<StampedPose> poses;
-  bool of_body =
-      false;  // poses of the body (IMU) and not of the camera, as in EuRoC's ground truth
+  // True: poses of the body (IMU) instead of the camera, as in EuRoC's ground truth.
+  bool of_body = false;
 
   // Returns the pose with the timestamp nearest to `timestamp_ns`, or null if none is within
   // `tolerance_ns`.
@@ -30,11 +30,11 @@ struct Trajectory {
                                       std::int64_t tolerance_ns = 1'000'000) const;
 };
 
-// Interpolates with a non-uniform Catmull-Rom spline; the rotation as a vector relative to the
+// Interpolates with a non-uniform Catmull-Rom spline: position, and rotation vector relative to the
 // previous pose. Extrapolates at constant velocity beyond the ends. `trajectory` must not be empty.
 [[nodiscard]] CameraPose interpolate_pose(const Trajectory& trajectory, std::int64_t timestamp_ns);
 
-// Reads a TUM file, or a CSV file as EuRoC's ground truth (data.csv): time in whole nanoseconds,
+// Reads a TUM file, or a CSV file in the format of EuRoC's ground truth: time in whole nanoseconds,
 // position, quaternion (w x y z, unless the header says otherwise); further columns are ignored.
 // Fails, with file and line, on a wrong count of numbers, a non-finite number, a quaternion that is
 // not of unit length, timestamps that do not increase, and times that can't be in seconds.

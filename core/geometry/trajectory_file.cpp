@@ -16,7 +16,7 @@ namespace {
 
 constexpr std::size_t kLargestTrajectoryFile = std::size_t{256} << 20U;
 
-// In the order of a line of a TUM file.
+// Columns of a TUM file.
 constexpr std::array<std::string_view, 8> kColumns = {"timestamp", "tx", "ty", "tz",
                                                       "qx",        "qy", "qz", "qw"};
 using PoseFields = std::array<std::string_view, kColumns.size()>;
@@ -109,7 +109,7 @@ std::optional<std::int64_t> parse_whole_ns(std::string_view text) {
   return parse_seconds_as_ns(fmt::format("{}e{}", text.substr(0, e), *exponent - 9));
 }
 
-// Returns true if the header has w in column 7. EuRoC's own files have it in column 4.
+// Returns true if the header has w in column 7 (from 0). EuRoC's data sets have w in column 4.
 bool header_has_w_last(const std::vector<std::string_view>& header) {
   const auto names_w = [&](std::size_t column) {
     if (column >= header.size()) return false;

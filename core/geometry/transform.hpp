@@ -10,9 +10,9 @@ namespace penumbra {
 
 // Frames. Table: origin at the board's centre, x right, y up on the sheet, z out of the table.
 // Camera: OpenCV optical axes, x right, y down, z forward. Tag: origin at the tag's centre, x right
-// and y up on the upright printed tag, z out of the paper. Object: a model's own frame, z up (glTF
-// files are turned when loaded). Map: frame of a tracker's or solver's tags or points,
-// chosen by the caller (the table, the middle of a group of tags, or a board).
+// and y up on the upright printed tag, z out of the paper. Object: a model's frame, z up (loading
+// rotates glTF files). Map: frame of the tags or points of a tracker or solver; its caller chooses
+// it (the table, the middle of a group of tags, or a board).
 namespace frame {
 struct Table;
 struct Camera;
@@ -76,7 +76,7 @@ class Transform {
 using CameraPose = Transform<frame::Table, frame::Camera>;   // T_table_camera
 using MapFromCamera = Transform<frame::Map, frame::Camera>;  // T_map_camera
 
-// For a map whose frame is the table frame.
+// Return the pose with its frame renamed; the map frame must be the table frame.
 [[nodiscard]] inline MapFromCamera as_map_pose(const CameraPose& T_table_camera) {
   return MapFromCamera::renamed(T_table_camera);
 }
