@@ -9,7 +9,7 @@
 #define PENUMBRA_CONCATENATE(a, b) PENUMBRA_CONCATENATE_(a, b)
 
 // PENUMBRA_TRY(auto camera, load_camera(path));
-// Declares (or assigns to) `camera` the value of the expression, a Result, or returns its error.
+// Declares or assigns `camera` with the value of the expression, a Result, or returns its error.
 #define PENUMBRA_TRY(declaration, ...) \
   PENUMBRA_TRY_AS_(PENUMBRA_CONCATENATE(tried_, __LINE__), declaration, __VA_ARGS__)
 #define PENUMBRA_TRY_AS_(tried, declaration, ...)              \

@@ -19,14 +19,14 @@ class SplitMix64 {
     state_ += kStep;
     return mixed(state_);
   }
-  // In [low, high).
+  // Returns a number in [low, high).
   double between(double low, double high) {
     return low + (high - low) * (static_cast<double>(next() >> 11U) * 0x1p-53);
   }
-  // In [0, count); 0 < count, much less than 2^64.
+  // Returns a number in [0, count). `count` must be positive and much less than 2^64.
   std::size_t below(std::size_t count) { return static_cast<std::size_t>(next() % count); }
 
-  // The n-th (from 0) value of next() for this seed.
+  // Returns the n-th (from 0) value of next() for this seed.
   [[nodiscard]] static std::uint64_t nth(std::uint64_t seed, std::uint64_t n) {
     return mixed(seed + kStep * (n + 1U));
   }

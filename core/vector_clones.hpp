@@ -1,6 +1,6 @@
 // PENUMBRA_VECTOR_CLONES also compiles a function for AVX2; the loader selects the version for the
-// CPU. Both give the same bits (-ffp-contract=off). Disabled under sanitizers, which are
-// initialised after that selection.
+// CPU. Both versions give the same bits (-ffp-contract=off). Disabled under sanitizers, because the
+// loader calls the selection before they are initialised.
 #pragma once
 
 #if defined(__x86_64__) && defined(__GNUC__) && !defined(__clang__) && \

@@ -39,7 +39,7 @@ struct PixelPlane {
 // The planes' memory as a Linux DMA-BUF, which a GPU can read without a copy.
 struct DmaBuf {
   int descriptor = -1;                  // -1: none; Frame::owner keeps it open
-  std::uint64_t buffer = 0;             // unique, unlike descriptors, which are reused
+  std::uint64_t buffer = 0;             // unique number; descriptors are reused
   std::array<std::size_t, 3> offset{};  // of each plane [bytes]
 };
 
@@ -65,7 +65,7 @@ struct Frame {
 // caller must keep as long as the view; other formats need no copy.
 [[nodiscard]] ImageView luma(const Frame& frame, std::vector<std::uint8_t>& scratch);
 
-// A frame on the heap whose planes a decoder fills through `plane_data`; initially undefined.
+// A frame on the heap. Its pixels are undefined until a decoder fills them through `plane_data`.
 struct FrameBuffer {
   Frame frame;
   std::array<std::uint8_t*, 3> plane_data{};

@@ -16,8 +16,8 @@ namespace penumbra {
 
 struct DecodeOptions {
   // Number of bits of a 16-bit PNG's samples that hold the value, 8 to 16. The decoder keeps the
-  // upper 8 of them; larger values become white. The PNG specification has 16; machine-vision
-  // cameras store 10, 12 or 14 (core/image/sample_depth.hpp).
+  // upper 8 of these bits; values that need more bits become white. The PNG specification has 16;
+  // machine-vision cameras store 10, 12 or 14 (core/image/sample_depth.hpp).
   int sample_bits = 16;
   bool* clamped = nullptr;  // set to true if a value was clamped
 };

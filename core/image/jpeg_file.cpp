@@ -159,12 +159,12 @@ class JpegDecoder {
     std::array<JSAMPARRAY, kMaxComponents> planes{};
     const auto lines = static_cast<JDIMENSION>(info_.max_v_samp_factor * DCTSIZE);
     while (info_.output_scanline < info_.output_height) {
-      const std::size_t at = info_.output_scanline / lines;
+      const std::size_t block_row = info_.output_scanline / lines;
       for (std::size_t i = 0; i < static_cast<std::size_t>(info_.num_components); ++i) {
         const auto count = static_cast<std::size_t>(info_.comp_info[i].v_samp_factor * DCTSIZE);
         const auto stride = static_cast<std::size_t>(buffer.frame.planes[i].stride);
         for (std::size_t row = 0; row < count; ++row) {
-          rows[i][row] = buffer.plane_data[i] + (at * count + row) * stride;
+          rows[i][row] = buffer.plane_data[i] + (block_row * count + row) * stride;
         }
         planes[i] = rows[i].data();
       }
@@ -235,18 +235,18 @@ Result<void> check_header(const jpeg_decompress_struct& info, std::size_t bytes,
 std::optional<PixelFormat> stored_format(const jpeg_decompress_struct& info) {
   if (info.jpeg_color_space == JCS_GRAYSCALE) return PixelFormat::grey8;
   if (info.jpeg_color_space != JCS_YCbCr) return std::nullopt;
-  const jpeg_component_info* parts = info.comp_info;
+  const jpeg_component_info* components = info.comp_info;
   const int h = info.max_h_samp_factor;
   const int v = info.max_v_samp_factor;
-  if (parts[0].h_samp_factor != h || parts[0].v_samp_factor != v ||
-      parts[1].h_samp_factor != parts[2].h_samp_factor ||
-      parts[1].v_samp_factor != parts[2].v_samp_factor) {
+  if (components[0].h_samp_factor != h || components[0].v_samp_factor != v ||
+      components[1].h_samp_factor != components[2].h_samp_factor ||
+      components[1].v_samp_factor != components[2].v_samp_factor) {
     return std::nullopt;
   }
-  const bool same_columns = parts[1].h_samp_factor == h;
-  const bool same_rows = parts[1].v_samp_factor == v;
-  const bool half_columns = 2 * parts[1].h_samp_factor == h;
-  const bool half_rows = 2 * parts[1].v_samp_factor == v;
+  const bool same_columns = components[1].h_samp_factor == h;
+  const bool same_rows = components[1].v_samp_factor == v;
+  const bool half_columns = 2 * components[1].h_samp_factor == h;
+  const bool half_rows = 2 * components[1].v_samp_factor == v;
   if (same_columns && same_rows) return PixelFormat::yuv444p;
   if (half_columns && same_rows) return PixelFormat::yuv422p;
   if (half_columns && half_rows) return PixelFormat::yuv420p;
@@ -267,11 +267,11 @@ Result<Frame> decode_planes(JpegDecoder& decoder, PixelFormat format, const Jpeg
   frame.width = static_cast<int>(info.image_width);
   frame.height = static_cast<int>(info.image_height);
   for (std::size_t i = 0; i < static_cast<std::size_t>(frame.plane_count); ++i) {
-    const jpeg_component_info& part = info.comp_info[i];
-    PENUMBRA_ASSERT(static_cast<int>(part.downsampled_width) <= frame.planes[i].width &&
-                    static_cast<int>(part.downsampled_height) <= frame.planes[i].height);
-    frame.planes[i].width = static_cast<int>(part.downsampled_width);
-    frame.planes[i].height = static_cast<int>(part.downsampled_height);
+    const jpeg_component_info& component = info.comp_info[i];
+    PENUMBRA_ASSERT(static_cast<int>(component.downsampled_width) <= frame.planes[i].width &&
+                    static_cast<int>(component.downsampled_height) <= frame.planes[i].height);
+    frame.planes[i].width = static_cast<int>(component.downsampled_width);
+    frame.planes[i].height = static_cast<int>(component.downsampled_height);
   }
   return frame;
 }

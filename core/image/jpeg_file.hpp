@@ -14,7 +14,7 @@ namespace penumbra {
 
 [[nodiscard]] bool is_jpeg(std::span<const std::uint8_t> bytes);
 
-// Returns the planes, as decode_image() does. Fails unless every block was decoded. Accepts bytes
+// Decodes a JPEG like decode_image(). Fails unless every block was decoded. Accepts bytes
 // after the end marker, a missing end marker, a doubled start marker and a few bytes before a
 // marker (core/image/jpeg_outline.hpp). The message about a damaged image ends with `remedy`.
 [[nodiscard]] Result<Frame> decode_jpeg(std::span<const std::uint8_t> bytes,

@@ -37,10 +37,10 @@ SampleDepth sample_depth_of(std::span<const std::filesystem::path> images) {
   SampleDepth depth;
   std::optional<int> by_chunk;
   const std::size_t count = images.size();
-  const std::size_t looks = std::min<std::size_t>(count, kMaxSampledImages);
-  for (std::size_t i = 0; i < looks; ++i) {
+  const std::size_t sampled = std::min<std::size_t>(count, kMaxSampledImages);
+  for (std::size_t i = 0; i < sampled; ++i) {
     // Includes the first and the final image.
-    const std::size_t at = looks > 1 ? i * (count - 1) / (looks - 1) : 0;
+    const std::size_t at = sampled > 1 ? i * (count - 1) / (sampled - 1) : 0;
     std::error_code ignored;
     if (!std::filesystem::is_regular_file(images[at], ignored) || !is_sixteen_bit_png(images[at])) {
       continue;

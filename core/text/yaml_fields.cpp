@@ -19,13 +19,13 @@ std::string shown(const YAML::Node& node) {
 }
 
 // Rejects what yaml-cpp accepts: duplicate keys of a map (yaml-cpp uses the first), recursive
-// aliases, and aliases that expand to more than kMostNodes.
+// aliases, and aliases that expand to more than kMaxNodes nodes.
 class DocumentCheck {
  public:
   [[nodiscard]] std::optional<std::string> problem(const YAML::Node& node, int depth = 0) {
-    constexpr int kDeepest = 32;
+    constexpr int kMaxDepth = 32;
     constexpr int kMaxNodes = 1'000'000;
-    if (depth > kDeepest || ++nodes_ > kMaxNodes) {
+    if (depth > kMaxDepth || ++nodes_ > kMaxNodes) {
       return fmt::format(
           "line {}: holds itself, or far more than such a file does; write values out in place of "
           "aliases (*name)",
@@ -99,17 +99,17 @@ bool YamlFields::has(const std::string& key) const {
 
 Result<bool> YamlFields::has_optional(const std::string& key) const {
   if (has(key)) return true;
-  constexpr std::size_t kMisspelt = 2;
+  constexpr std::size_t kMaxEdits = 2;
   constexpr std::size_t kMaxLength = 64;
   constexpr std::array<std::string_view, 3> kUnits = {"_m", "_px", "_s"};
   for (const auto& entry : map_) {
     if (!entry.first.IsScalar()) continue;
-    const std::string& other = entry.first.Scalar();
-    if (other.size() > kMaxLength) continue;
+    const std::string& present = entry.first.Scalar();
+    if (present.size() > kMaxLength) continue;
     const bool without_unit = std::ranges::any_of(
-        kUnits, [&](std::string_view unit) { return key == other + std::string(unit); });
-    if (!without_unit && edit_distance(other, key) > kMisspelt) continue;
-    return fail("{}: is not known; is it meant to be `{}`?", place_of(other), key);
+        kUnits, [&](std::string_view unit) { return key == present + std::string(unit); });
+    if (!without_unit && edit_distance(present, key) > kMaxEdits) continue;
+    return fail("{}: is not known; is it meant to be `{}`?", place_of(present), key);
   }
   return false;
 }

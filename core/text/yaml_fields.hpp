@@ -25,7 +25,7 @@ inline constexpr std::size_t kMaxYamlBytes = std::size_t{8} << 20U;
 [[nodiscard]] Result<YAML::Node> parse_yaml_map(const std::string& text, const std::string& name);
 
 // Loads a YAML map and returns `read(root)`, a Result. Converts an exception of yaml-cpp in `read`
-// to an error that contains `kind`, as "a tag map".
+// to an error that contains `kind`, such as "a tag map".
 template <class Read>
 auto read_yaml_map(const std::filesystem::path& file, std::string_view kind, const Read& read)
     -> decltype(read(std::declval<const YAML::Node&>())) {
