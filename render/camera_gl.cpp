@@ -95,27 +95,27 @@ bool ViewFrustum::misses(std::span<const Eigen::Vector3d> hull) const {
          all([this](P p) { return p.y() > y_max * p.z(); });
 }
 
-// Sutherland-Hodgman clipping.
+// Clips by the Sutherland-Hodgman algorithm; da, db: scaled distances of a, b from a side.
 std::vector<Eigen::Vector3d> ViewFrustum::part_in_view(
     std::span<const Eigen::Vector3d> polygon) const {
-  std::vector<Eigen::Vector3d> part(polygon.begin(), polygon.end());
+  std::vector<Eigen::Vector3d> clipped(polygon.begin(), polygon.end());
   std::vector<Eigen::Vector3d> cut;
   for (const Eigen::Vector3d& inwards :
        {Eigen::Vector3d(0.0, 0.0, 1.0), Eigen::Vector3d(1.0, 0.0, -x_min),
         Eigen::Vector3d(-1.0, 0.0, x_max), Eigen::Vector3d(0.0, 1.0, -y_min),
         Eigen::Vector3d(0.0, -1.0, y_max)}) {
     cut.clear();
-    for (std::size_t i = 0; i < part.size(); ++i) {
-      const Eigen::Vector3d& a = part[i];
-      const Eigen::Vector3d& b = part[(i + 1) % part.size()];
-      const double of_a = inwards.dot(a);
-      const double of_b = inwards.dot(b);
-      if (of_a >= 0.0) cut.push_back(a);
-      if ((of_a >= 0.0) != (of_b >= 0.0)) cut.emplace_back(a + of_a / (of_a - of_b) * (b - a));
+    for (std::size_t i = 0; i < clipped.size(); ++i) {
+      const Eigen::Vector3d& a = clipped[i];
+      const Eigen::Vector3d& b = clipped[(i + 1) % clipped.size()];
+      const double da = inwards.dot(a);
+      const double db = inwards.dot(b);
+      if (da >= 0.0) cut.push_back(a);
+      if ((da >= 0.0) != (db >= 0.0)) cut.emplace_back(a + da / (da - db) * (b - a));
     }
-    std::swap(part, cut);
+    std::swap(clipped, cut);
   }
-  return part;
+  return clipped;
 }
 
 ViewFrustum make_frustum(const CameraModel& camera) {

@@ -35,19 +35,19 @@ struct LensUniforms {
 [[nodiscard]] glm::vec3 to_gl(const Eigen::Vector3d& v);
 [[nodiscard]] glm::mat3 to_gl(const Eigen::Matrix3d& m);
 
-// Affine maps, composed in double and rounded once. Columns: mapped axes and origin.
+// Affine maps, composed in double and rounded to float once. Columns: mapped axes and origin.
 [[nodiscard]] glm::mat4x3 to_gl(const Placement& placement);
 [[nodiscard]] glm::mat4x3 camera_from_object(const CameraPose& T_table_camera,
                                              const Placement& T_table_object);
-// (u, v, h) on the plane -> camera frame.
+// Coordinates (u, v, h) of a plane -> camera frame.
 [[nodiscard]] glm::mat4x3 camera_from_plane(const CameraPose& T_table_camera,
                                             const PlaneFrame& plane);
-// Object frame -> (u, v, h).
+// Object frame -> coordinates (u, v, h) of a plane.
 [[nodiscard]] glm::mat4x3 plane_from_object(const PlaneFrame& plane,
                                             const Placement& T_table_object);
 
-// Geometry is tessellated for camera distances from this one on [m]. Closer, the tags are only
-// partly in view.
+// Minimum camera distance for which geometry is tessellated [m]. At smaller distances, the tags are
+// only partly in view.
 inline constexpr double kNearestDistance = 0.15;
 // Returns the maximum length of an edge drawn straight [m]: at kNearestDistance it is up to 32 px
 // long and deviates from the distorted edge by about 0.1 px.

@@ -35,7 +35,7 @@ class ObjectPass : public Pass {
   }
 };
 
-// Drawn after the shadows, which blended surfaces don't receive.
+// Draws blended surfaces after the shadows, which they don't receive.
 class BlendedPass : public Pass {
  public:
   int draw(const DrawContext& context, const FramePlan& plan) override {
@@ -81,9 +81,9 @@ struct Compositor::Impl {
   CasterCache casters;
   ShadowGeometry geometry;
   LayerPainter painter;
-  // In drawing order: passes that write depth, and those that need it and the planes'.
-  std::vector<std::unique_ptr<Pass>> surfaces, overlays;
-  ShadowPass* shadows = nullptr;  // one of `overlays`
+  std::vector<std::unique_ptr<Pass>> surfaces;  // passes that write depth, in drawing order
+  std::vector<std::unique_ptr<Pass>> overlays;  // passes that read this depth and the planes'
+  ShadowPass* shadows = nullptr;                // one of `overlays`
   CompositeStats stats;
 
   Result<void> make_passes(const CameraModel& camera, int samples) {
@@ -126,7 +126,7 @@ struct Compositor::Impl {
     glStencilMask(0xFF);
     glClear(GL_DEPTH_BUFFER_BIT | GL_STENCIL_BUFFER_BIT);
     for (const std::unique_ptr<Pass>& pass : surfaces) count(pass->draw(draw_context, plan));
-    // Drawn after the phantoms, because planes may hide them. Receivers is no Pass, because later
+    // Planes may hide phantoms, so planes are drawn later. `receivers` is not a Pass, because later
     // passes use its stencil bits.
     stats[Counter::draw_calls] += receivers.begin_frame(plan, lens, plan.volume_lights > 0);
     for (const std::unique_ptr<Pass>& pass : overlays) count(pass->draw(draw_context, plan));
@@ -139,12 +139,12 @@ struct Compositor::Impl {
   }
 
   void upload(const Frame& frame, bool reuse) {
-    const VideoTexture::Upload came = video.upload(frame, reuse);
-    const bool buffered = came == VideoTexture::Upload::buffered;
-    stats[Counter::video_copies] = came == VideoTexture::Upload::copied || buffered ? 1 : 0;
-    stats[Counter::video_imports] = came == VideoTexture::Upload::imported ? 1 : 0;
+    const VideoTexture::Upload method = video.upload(frame, reuse);
+    const bool buffered = method == VideoTexture::Upload::buffered;
+    stats[Counter::video_copies] = method == VideoTexture::Upload::copied || buffered ? 1 : 0;
+    stats[Counter::video_imports] = method == VideoTexture::Upload::imported ? 1 : 0;
     stats[Counter::pixel_buffer_uploads] = buffered ? 1 : 0;
-    if (came == VideoTexture::Upload::there) stats.kept.push_back({KeepReason::video});
+    if (method == VideoTexture::Upload::there) stats.kept.push_back({KeepReason::video});
   }
 
   [[nodiscard]] std::size_t picture_bytes() const {
@@ -171,9 +171,9 @@ void add(CompositeStats& to, const CompositeStats& stats) {
   to.kept.insert(to.kept.end(), stats.kept.begin(), stats.kept.end());
 }
 
-int multisampling_for(bool software, int most_samples) {
+int multisampling_for(bool software, int max_samples) {
   constexpr int kSamples = 4;
-  return software ? 0 : std::clamp(most_samples, 0, kSamples);
+  return software ? 0 : std::clamp(max_samples, 0, kSamples);
 }
 
 Compositor::Compositor(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
@@ -186,10 +186,10 @@ Result<Compositor> Compositor::create(GlContext& context, std::shared_ptr<const 
   PENUMBRA_ASSERT(scene != nullptr);
   const bool rectified = options.rectified && video_camera.has_distortion();
   const CameraModel camera = rectified ? without_distortion(video_camera) : video_camera;
-  GLint most_samples = 0;
-  glGetIntegerv(GL_MAX_SAMPLES, &most_samples);
+  GLint max_samples = 0;
+  glGetIntegerv(GL_MAX_SAMPLES, &max_samples);
   const int samples =
-      options.msaa.value_or(multisampling_for(context.info().software, most_samples));
+      options.msaa.value_or(multisampling_for(context.info().software, max_samples));
   const GlApi api = context.info().api;
   const bool on_gpu = !context.info().software;
   auto impl = std::make_unique<Impl>(context, std::move(scene), camera,

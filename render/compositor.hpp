@@ -24,7 +24,7 @@ struct CompositeStats : RenderWork {
   std::vector<double> gpu_ms;
   Translucency translucency = Translucency::blend;  // never automatic
 };
-// Adds the statistics of a frame, except gpu_ms, which belong to other frames.
+// Adds the statistics of a frame, except gpu_ms, because these times belong to other frames.
 void add(CompositeStats& to, const CompositeStats& stats);
 
 struct CompositorOptions {
@@ -33,15 +33,15 @@ struct CompositorOptions {
   bool rectified = false;
   // Samples per pixel; 0: no multisampling; nullopt: multisampling_for(). The driver may use more.
   std::optional<int> msaa = std::nullopt;
-  // Transfers the video, and images of request_image(), asynchronously through pixel buffers; the
-  // image does not depend on it. nullopt: true, except on a CPU rasteriser, where the copies cost
+  // Transfers the video, and images of request_image(), asynchronously through pixel buffers; they
+  // do not change the image. nullopt: true, except on a CPU rasteriser, where the copies cost
   // time.
   std::optional<bool> pixel_buffers = std::nullopt;
 };
 
-// Returns the default number of samples: 4 on a GPU, limited by `most_samples`; 0 on a CPU
+// Returns the default number of samples: 4 on a GPU, limited by `max_samples`; 0 on a CPU
 // rasteriser, where each costs time (docs/benchmarks/instructions.md).
-[[nodiscard]] int multisampling_for(bool software, int most_samples);
+[[nodiscard]] int multisampling_for(bool software, int max_samples);
 
 class Compositor {
  public:
@@ -54,7 +54,7 @@ class Compositor {
   Compositor(Compositor&&) noexcept;
   ~Compositor();
 
-  // Draws into its own framebuffer, of the camera's size.
+  // Draws into the compositor's framebuffer, which has the camera's size.
   [[nodiscard]] Result<CompositeStats> draw(const Frame& frame, const FramePlan& plan);
   // Reads the most recent image: RGBA8, rows top to bottom, width * height * 4 bytes. Returns the
   // stats of its draw() with the read-back time added.
@@ -63,7 +63,7 @@ class Compositor {
   // Returns true if pixel buffers are in use, which request_image() requires.
   [[nodiscard]] bool pixel_buffers() const;
   // Starts an asynchronous read_back(); up to two may be pending. Like take_image(), returns the
-  // stats of the most recent draw() with the time added. A failed request is not pending.
+  // stats of the most recent draw() with the read-back time added. A failed request is not pending.
   [[nodiscard]] Result<CompositeStats> request_image();
   [[nodiscard]] std::size_t pending_images() const;
   // Reads the oldest pending image; waits until it is drawn. A failure drops all pending images.

@@ -18,21 +18,21 @@ namespace {
 
 constexpr double kContactTolerance_m = 1e-6;
 
-// Returns a disc that contains every layer. A kernel lies inside the footprint's bounding circle of
-// radius r, so a projected vertex k + s (x - k) is within s r + (s - 1) r of its centre. 5 % are
-// added for kernels one raster cell outside.
+// Returns a disc that contains every layer. A kernel k lies inside the footprint's bounding circle
+// of radius r. The layer factor s projects a vertex x to k + s (x - k), within s r + (s - 1) r of
+// the centre. 5 % are added for kernels one raster cell outside.
 Disc shadow_bounds(const BoxCorners& corners, const ShadowDraw& draw, double top) {
   Disc disc = footprint(corners, draw.plane_frame);
   double s = 1.0;
-  // A field has a light above the middle of a part, with a radius of up to a r. With t = h / (H -
-  // h), the part is projected to within r + 2 t r + a t r, less than the (2 s - 1) r of kernels.
+  // A field's light stands at height H above the middle of a part, with a radius of up to a r. With
+  // t = h / (H - h), a point at height h is projected to within r + 2 t r + a t r < (2 s - 1) r.
   if (traits_of(draw.technique).has_penumbra) {
     for (const ShadowLayer layer : {ShadowLayer::umbra, ShadowLayer::penumbra}) {
       const HeightRange range = layer_height_range(draw.constants, layer);
       s = std::max(s, layer_factor(draw.constants, layer, std::clamp(top, range.low, range.high)));
     }
   }
-  // A fixed light moves a vertex by up to 2.5 radii, because its disc may be as small as a cell.
+  // For a fixed light 2 becomes 2.5, because the light's disc may be as small as a raster cell.
   const double reach = draw.light_mode == LightMode::fixed ? 2.5 : 2.0;
   disc.radius *= 1.05 * (reach * s - 1.0);
   return disc;
@@ -47,7 +47,7 @@ bool misses_outline(const Eigen::AlignedBox2d& box, const std::vector<Eigen::Vec
       .any();
 }
 
-// Returns true if the disc contains the layers, which is unknown for kernels from a file.
+// Returns true if shadow_bounds() contains the layers, which is unknown for kernels from a file.
 bool is_bounded(const ShadowDraw& draw, const Model& model) {
   return !traits_of(draw.technique).uses_kernels || !model.shadow_kernel_up;
 }
@@ -152,7 +152,7 @@ class Planner {
     return scene_.objects[static_cast<std::size_t>(object)];
   }
 
-  // Returns true if an object casts shadows at this time. `report`: records if it never does.
+  // Returns true if an object casts shadows at this time. `report`: records why it never does.
   bool casts(int object, bool report = true) {
     if (object_at(object).model && object_at(object).casts_shadow)
       return opacity_of_object(object) > 0.0F;
@@ -199,9 +199,9 @@ class Planner {
                                        bounds.centre.array() + bounds.radius},
                                       scene_.planes[static_cast<std::size_t>(draw.plane)].outline);
     plan_on_receivers(draw, model, heights.high);
-    const ShadowDraw whole = draw;
+    const ShadowDraw all_layers = draw;
     if (options_.skip && !drop_invisible_layers(draw, model, heights)) {
-      plan_.skipped_shadows.push_back(whole);
+      plan_.skipped_shadows.push_back(all_layers);
       return;
     }
     plan_.shadows.push_back(draw);
@@ -210,17 +210,17 @@ class Planner {
   // Plans the shadow on receivers. Layers that are invisible on the plane may be visible higher up.
   void plan_on_receivers(const ShadowDraw& draw, const Model& model, double top) {
     if (scene_.objects.size() < 2) return;
-    ReceivedShadowDraw under;
-    under.shadow = draw;
-    under.top = top;
-    under.radius = is_bounded(draw, model) ? draw.radius : std::numeric_limits<double>::infinity();
+    ReceivedShadowDraw cast;
+    cast.shadow = draw;
+    cast.top = top;
+    cast.radius = is_bounded(draw, model) ? draw.radius : std::numeric_limits<double>::infinity();
     for (const ReceiverBounds& receiver : all_receiver_bounds(draw.plane, draw.plane_frame)) {
-      if (!belong_together(draw.object, receiver.object) && receiver.meets(under))
+      if (!belong_together(draw.object, receiver.object) && receiver.meets(cast))
         ++plan_.meeting_pairs;
     }
-    if (plan_on_reached(under, plan_.phantoms))
+    if (plan_on_reached(cast, plan_.phantoms))
       skip(SkipReason::shadow_misses_phantoms, draw.object);
-    if (plan_on_reached(under, plan_.objects)) skip(SkipReason::shadow_misses_objects, draw.object);
+    if (plan_on_reached(cast, plan_.objects)) skip(SkipReason::shadow_misses_objects, draw.object);
   }
 
   // Returns the root of the connected virtual objects that an object belongs to. Children of a
@@ -242,16 +242,16 @@ class Planner {
     int object = 0;
     Disc disc;
     HeightRange heights;  // [m]
-    [[nodiscard]] bool meets(const ReceivedShadowDraw& under) const {
-      return (under.shadow.centre - disc.centre).norm() <= under.radius + disc.radius &&
-             heights.high > 0.0 && under.top >= heights.low;
+    [[nodiscard]] bool meets(const ReceivedShadowDraw& cast) const {
+      return (cast.shadow.centre - disc.centre).norm() <= cast.radius + disc.radius &&
+             heights.high > 0.0 && cast.top >= heights.low;
     }
   };
   [[nodiscard]] ReceiverBounds receiver_bounds(int object, const PlaneFrame& plane) const {
     const BoxCorners box = box_corners(*object_at(object).model, placement_of_model(object));
     return {object, footprint(box, plane), heights_above(plane, box)};
   }
-  // All receivers, in view or not.
+  // Returns the bounds of all receivers, in view or not.
   const std::vector<ReceiverBounds>& all_receiver_bounds(int plane, const PlaneFrame& frame) {
     const auto [entry, is_new] = receiver_bounds_.try_emplace(plane);
     for (std::size_t i = 0; is_new && i < scene_.objects.size(); ++i) {
@@ -264,24 +264,24 @@ class Planner {
     return entry->second;
   }
 
-  // Plans the shadow on receivers that it may reach. Returns true if it reaches none of several.
-  bool plan_on_reached(const ReceivedShadowDraw& under, const std::vector<ObjectDraw>& receivers) {
+  // Plans the shadow on receivers in reach. Returns true if there are receivers, but none in reach.
+  bool plan_on_reached(const ReceivedShadowDraw& cast, const std::vector<ObjectDraw>& receivers) {
     bool has_receivers = false;
     bool reaches_any = false;
     for (const ObjectDraw& receiver : receivers) {
-      if (belong_together(under.shadow.object, receiver.object)) continue;
+      if (belong_together(cast.shadow.object, receiver.object)) continue;
       const SceneObject& object = object_at(receiver.object);
       if (options_.skip && !object.phantom && all_blends(*object.model)) {
         skip(SkipReason::receiver_blends, receiver.object);
         continue;
       }
       has_receivers = true;
-      if (options_.skip && !receiver_bounds(receiver.object, under.shadow.plane_frame).meets(under))
+      if (options_.skip && !receiver_bounds(receiver.object, cast.shadow.plane_frame).meets(cast))
         continue;
       reaches_any = true;
-      ReceivedShadowDraw draw = under;
+      ReceivedShadowDraw draw = cast;
       draw.receiver = receiver.object;
-      draw.shadow.opacity = std::min(under.shadow.opacity, receiver.opacity);
+      draw.shadow.opacity = std::min(cast.shadow.opacity, receiver.opacity);
       plan_.received_shadows.push_back(draw);
     }
     return has_receivers && !reaches_any;
@@ -399,14 +399,14 @@ class Planner {
       const ShadowVolumeDraw& draw, const std::vector<BoundingSphere>& receivers) const {
     const BoundingSphere caster =
         sphere_about(*casting_model(object_at(draw.object), draw.proxy), draw.T_table_object);
-    std::vector<BoundingSphere> met;
+    std::vector<BoundingSphere> reached;
     for (const BoundingSphere& receiver : receivers) {
-      if (may_shadow(draw.light_position, caster, receiver)) met.push_back(receiver);
+      if (may_shadow(draw.light_position, caster, receiver)) reached.push_back(receiver);
     }
-    return met;
+    return reached;
   }
 
-  // Adds a volume, or extends the same volume of another node. Without floors it ends at
+  // Adds a volume, or extends the same volume of another node. Volumes without floors end at
   // kVolumeReach.
   void add_volume(const ShadowVolumeDraw& draw) {
     const auto known = std::ranges::find_if(plan_.volumes, [&draw](const ShadowVolumeDraw& other) {
@@ -449,7 +449,7 @@ class Planner {
                        caster.T_table_object);
   }
 
-  // A volume for phantoms alone is planned only if it reaches one.
+  // Returns true if a volume may be in view, or if it is for phantoms alone and thus reaches one.
   bool volume_may_show(const ShadowVolumeDraw& draw) {
     if (!draw.on_planes || !out_of_view(hull_of_volume(casting_box(draw), draw.light_position,
                                                        draw.floors, kVolumeReach)))

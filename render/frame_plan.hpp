@@ -35,14 +35,14 @@ struct PlanOptions {
 struct ObjectDraw {
   int object = 0;  // index into Scene::objects
   Placement T_table_object;
-  float opacity = 1.0F;  // limited by the overlay's
+  float opacity = 1.0F;  // at most the overlay's opacity
 };
 
 // A shadow-receiving plane whose front faces the eye. It hides the planes behind it.
 struct PlaneReceiver {
   int plane = 0;  // index into Scene::planes
   PlaneFrame frame;
-  float opacity = 1.0F;  // of its shadows; limited by the overlay's
+  float opacity = 1.0F;  // of its shadows; at most the overlay's opacity
 };
 
 // All inputs of the shape of a caster's layers on a plane, without their darkness and visibility.
@@ -67,20 +67,20 @@ struct ShadowDraw : ShadowShape {
   LightFractions fractions;                           // the scene's, lifted by its ambient light
   double tone_exponent = kUsualToneExponent;          // FramePlan::tone_exponent
   bool umbra = true, middle = true, penumbra = true;  // which layers are not empty
-  bool off_outline = false;                           // its bounds are outside the plane's outline
+  bool off_outline = false;                           // the disc is outside the plane's outline
   float opacity = 1.0F;                               // minimum of the caster's and the plane's
   // A disc on the plane that contains every layer [m]; not valid for kernels from a file.
   Eigen::Vector2d centre = Eigen::Vector2d::Zero();
   double radius = 0.0;
 };
 
-// The part of such a shadow that falls on a phantom or on another virtual object above the plane.
-// It is cast along the normal; a point of the receiver gets the shadow of a plane at its height
+// A ShadowDraw as received by a phantom or by another virtual object above the plane. It is cast
+// along the normal; a point of the receiver gets the shadow of a plane at its height
 // (docs/rendering.md#shadows-on-receivers). Objects receive no shadow of themselves or their
 // children, because their surface would be in contact with the caster everywhere.
 struct ReceivedShadowDraw {
   int receiver = 0;   // index into Scene::objects, one of FramePlan::phantoms or objects
-  ShadowDraw shadow;  // on the plane, with all layers; its opacity is limited by the receiver's
+  ShadowDraw shadow;  // on the plane, with all layers; opacity at most that of the receiver
   // Radius around shadow.centre that contains every layer at every height [m]; infinity for kernels
   // from a file.
   double radius = 0.0;
@@ -107,8 +107,8 @@ struct HardShadowDraw : LitCaster {
 // receiver's opacity multiplies the shadow's.
 struct ShadowVolumeDraw : LitCaster {
   std::vector<PlaneFrame> floors;         // the unbounded receiving planes
-  bool on_planes = true;                  // also on virtual objects; else on phantoms alone
-  std::vector<BoundingSphere> receivers;  // phantoms alone: those it may reach; empty: all
+  bool on_planes = true;                  // true: on all surfaces; false: on phantoms alone
+  std::vector<BoundingSphere> receivers;  // phantoms that it may reach; empty: any surface
 };
 
 // Rays from a light through one caster's vertices onto planes.
@@ -132,12 +132,11 @@ struct FramePlan {
   std::vector<ObjectDraw> objects;
   std::vector<PlaneReceiver> receivers;  // each once, for all nodes and techniques; in view or not
   std::vector<ShadowDraw> shadows;
-  // Skipped shadows, because culling one must not change how the rest is drawn.
+  // Skipped shadows. They count for masks, so that culling does not change how others are drawn.
   std::vector<ShadowDraw> skipped_shadows;
   std::vector<ReceivedShadowDraw> received_shadows;
-  // Number of pairs of a caster and a receiver that its shadow may reach. Limits the resolution of
-  // their masks; counts pairs out of view as well, so that the resolution does not depend on the
-  // view.
+  // Number of pairs of a caster and a receiver that its shadow may reach, in view or not. It limits
+  // the resolution of their masks, which must not depend on the view.
   std::size_t meeting_pairs = 0;
   std::vector<HardShadowDraw> hard_shadows;
   std::vector<ShadowVolumeDraw> volumes;
