@@ -19,7 +19,7 @@ class GlBuffer {
  public:
   explicit GlBuffer(BufferUse use) : use_(use), handle_(BufferHandle::create()) {}
 
-  // Replaces the contents. An index buffer is bound into the vertex array that is bound now.
+  // Replaces the contents. An index buffer becomes the index buffer of the bound vertex array.
   void write(std::span<const std::byte> bytes, BufferLife life = BufferLife::once);
   template <class T>
   void write(std::span<const T> values, BufferLife life = BufferLife::once) {
@@ -39,8 +39,8 @@ class VertexArray {
   // Sets the vertex attribute layout(location = index) of the bound array: `count` floats of the
   // bound vertex buffer, at byte `offset` of each `stride` bytes.
   static void attribute(unsigned index, int count, std::size_t stride, std::size_t offset);
-  // The same for consecutive locations of tightly packed floats. `counts`: floats of each location;
-  // `offset`: bytes before the first vertex.
+  // Sets the attributes of consecutive locations from `first` on, tightly packed floats. `counts`:
+  // floats of each location; `offset`: bytes before the first vertex.
   static void attributes(std::initializer_list<int> counts, unsigned first = 0,
                          std::size_t offset = 0);
 
@@ -48,7 +48,7 @@ class VertexArray {
   VertexArrayHandle handle_;
 };
 
-// A vertex array with its own buffers.
+// A vertex array with a vertex buffer and an index buffer.
 class GlMesh {
  public:
   // `counts`: floats per vertex at layout(location = 0), 1, ...
@@ -64,7 +64,7 @@ class GlMesh {
   void write_indices(std::span<const std::uint32_t> indices, BufferLife life = BufferLife::once);
   void bind() const { layout_.bind(); }
   void bind_vertices() const { vertices_.bind(); }
-  // Draws primitives of this mode from all vertices or indices, or from `count` from `first` on.
+  // Draw all indices, or `count` indices from `first` on; without indices, vertices.
   void draw(unsigned mode) const { draw(mode, 0, count_); }
   void draw(unsigned mode, int first, int count) const;
   [[nodiscard]] int count() const { return count_; }
@@ -74,7 +74,7 @@ class GlMesh {
   GlBuffer vertices_{BufferUse::vertices};
   GlBuffer indices_{BufferUse::indices};
   bool indexed_ = false;
-  int count_ = 0;  // of indices, or of vertices without them
+  int count_ = 0;  // number of indices, or of vertices if not indexed
 };
 
 // Indices of the two triangles of a cell in a grid of vertices, row by row. `first`: the cell's

@@ -17,8 +17,8 @@ struct GlInfo {
   std::string renderer;
   std::string version;
   bool software = false;  // a CPU rasteriser: llvmpipe, softpipe, swrast
-  // The context reports driver resets (GL_KHR_robustness). Else a reset is another error or ends
-  // the process.
+  // The context reports driver resets (GL_KHR_robustness). Otherwise a reset appears as another
+  // error or ends the process.
   bool reports_resets = false;
 };
 [[nodiscard]] GlInfo current_gl_info(GlApi api);

@@ -12,7 +12,7 @@ struct FragmentAbilities {
   bool fetches = true;  // reading texels in a fragment shader
 };
 
-// Draws a few pixels into its own framebuffer and reads them back. Leaves no framebuffer bound.
+// Draws a few pixels into a temporary framebuffer and reads them back. Leaves no framebuffer bound.
 // Fails if a shader does not compile.
 [[nodiscard]] Result<FragmentAbilities> probe_fragment_abilities(GlApi api);
 

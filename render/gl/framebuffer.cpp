@@ -72,11 +72,11 @@ Result<Framebuffer> Framebuffer::create(int width, int height, int samples) {
   if (width > largest || height > largest) {
     return too_large(width, height, largest);
   }
-  GLint most = 0;
-  glGetIntegerv(GL_MAX_SAMPLES, &most);
-  if (samples > most) {
+  GLint max_samples = 0;
+  glGetIntegerv(GL_MAX_SAMPLES, &max_samples);
+  if (samples > max_samples) {
     return fail("{} samples a pixel: this graphics driver has at most {}; ask for fewer (--msaa)",
-                samples, most);
+                samples, max_samples);
   }
   Framebuffer f;
   f.width_ = width;

@@ -41,7 +41,7 @@ class Framebuffer {
   // Samples per pixel, at least the requested number; 0 without multisampling.
   [[nodiscard]] int samples() const { return samples_; }
 
-  void bind() const;  // for drawing, with its viewport
+  void bind() const;  // for drawing, and sets its viewport
   // Binds and clears a second colour buffer ("sums") with the same depth and stencil, in which
   // passes add up terms: half-float RGBA, or 8 bits if the driver can't render to half floats.
   void bind_sums();
@@ -67,7 +67,7 @@ class Framebuffer {
     TextureHandle texture;
   };
   void make_sums();
-  // Returns a single-sample framebuffer with the image: this one, or a copy.
+  // Returns a single-sample framebuffer with the image: framebuffer_, or a copy.
   [[nodiscard]] unsigned resolved() const;
   void read(void* rgba) const;
   void copy(unsigned from, Copy& to, bool half_floats, int unit) const;
@@ -76,8 +76,8 @@ class Framebuffer {
   RenderbufferHandle color_;
   RenderbufferHandle depth_stencil_;
   FramebufferHandle sums_framebuffer_;  // made on demand
-  TextureHandle sums_;                  // without multisampling
-  RenderbufferHandle sums_samples_;     // with multisampling
+  TextureHandle sums_;                  // used without multisampling
+  RenderbufferHandle sums_samples_;     // used with multisampling
   bool sums_are_half_floats_ = true;
   Copy image_copy_, sums_copy_;
   mutable Copy resolved_;

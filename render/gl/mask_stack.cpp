@@ -14,9 +14,9 @@ constexpr int kMaxSamples = 4;
 
 MaskStack::MaskStack()
     : framebuffer_(FramebufferHandle::create()), texture_(TextureHandle::create()) {
-  GLint most = 0;
-  glGetIntegerv(GL_MAX_SAMPLES, &most);
-  sample_count_ = std::min(kMaxSamples, most);
+  GLint max_samples = 0;
+  glGetIntegerv(GL_MAX_SAMPLES, &max_samples);
+  sample_count_ = std::min(kMaxSamples, max_samples);
   if (sample_count_ <= 1) sample_count_ = 0;
   if (sample_count_ > 0) {
     samples_framebuffer_ = FramebufferHandle::create();

@@ -12,13 +12,13 @@ class MaskStack {
  public:
   MaskStack();
 
-  // RGBA8. The contents are undefined afterwards.
+  // Allocates `count` RGBA8 images. Their contents are undefined afterwards.
   void resize(int width, int height, int count);
-  // 4 bytes per texel, row 0 first.
+  // Replaces an image. `rgba`: 4 bytes per texel, row 0 first.
   void upload(int index, std::span<const std::uint8_t> rgba) const;
   // Binds and clears an image for drawing, with its viewport.
   void begin(int index);
-  // Ends the drawing; averages the samples of each texel.
+  // Ends the drawing of an image; averages the samples of each texel.
   void end() const;
   // Binds the array with linear filtering, clamped to the edge; row 0 is at texture coordinate 0.
   void bind(int unit) const;

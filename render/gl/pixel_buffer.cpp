@@ -60,13 +60,13 @@ Result<void> ReadBackBuffers::take(std::span<std::uint8_t> rgba) {
   glBindBuffer(GL_PIXEL_PACK_BUFFER, buffer.handle.id());
   const void* start = glMapBufferRange(GL_PIXEL_PACK_BUFFER, 0,
                                        static_cast<GLsizeiptr>(rgba.size()), GL_MAP_READ_BIT);
-  bool whole = start != nullptr;
-  if (whole) {
+  bool complete = start != nullptr;
+  if (complete) {
     std::copy_n(static_cast<const std::uint8_t*>(start), rgba.size(), rgba.data());
-    whole = glUnmapBuffer(GL_PIXEL_PACK_BUFFER) == GL_TRUE;
+    complete = glUnmapBuffer(GL_PIXEL_PACK_BUFFER) == GL_TRUE;
   }
   glBindBuffer(GL_PIXEL_PACK_BUFFER, 0);
-  if (!whole) {
+  if (!complete) {
     return fail(
         "the graphics driver has lost a picture that was to be read back; go on without pixel "
         "buffers (--pixel-buffers off)");

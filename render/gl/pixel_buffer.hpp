@@ -31,7 +31,7 @@ class UploadBuffers {
   static void unbind();
 
  private:
-  // One is written, one is read, and the driver may be one frame behind.
+  // The CPU writes one buffer, the GPU reads one, and the driver may be one frame behind.
   std::array<PixelBuffer, 3> buffers_;
   std::size_t next_ = 0;
 };
@@ -52,7 +52,7 @@ class ReadBackBuffers {
 
  private:
   std::array<PixelBuffer, kMaxPending> buffers_;
-  std::size_t first_ = 0, pending_ = 0;  // a ring
+  std::size_t first_ = 0, pending_ = 0;  // ring: oldest pending image, number of pending images
 };
 
 }  // namespace penumbra

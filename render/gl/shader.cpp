@@ -38,14 +38,14 @@ std::string with_file_names(std::string_view log, std::span<const ShaderText> fi
     const char* const last = line.data() + line.size();
     const char* first = line.data() + (line.starts_with("ERROR: ") ? 7 : 0);
     std::size_t string_number = 0;
-    std::size_t number = 0;
-    const auto string = std::from_chars(first, last, string_number);
-    if (string.ec == std::errc() && string.ptr != last &&
-        (*string.ptr == ':' || *string.ptr == '(')) {
-      const auto place = std::from_chars(string.ptr + 1, last, number);
-      if (place.ec == std::errc() && number / kLinesPerFile < files.size()) {
-        named += fmt::format("{}:{}{}", files[number / kLinesPerFile].name, number % kLinesPerFile,
-                             std::string_view(place.ptr, last));
+    std::size_t line_number = 0;
+    const auto string_result = std::from_chars(first, last, string_number);
+    if (string_result.ec == std::errc() && string_result.ptr != last &&
+        (*string_result.ptr == ':' || *string_result.ptr == '(')) {
+      const auto line_result = std::from_chars(string_result.ptr + 1, last, line_number);
+      if (line_result.ec == std::errc() && line_number / kLinesPerFile < files.size()) {
+        named += fmt::format("{}:{}{}", files[line_number / kLinesPerFile].name,
+                             line_number % kLinesPerFile, std::string_view(line_result.ptr, last));
         continue;
       }
     }

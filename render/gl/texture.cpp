@@ -31,9 +31,10 @@ TexelLayout layout_of(TexelFormat format) {
   return {};
 }
 
-// Indexed by TextureWrap, and by whether linear and TextureMipmaps.
+// Indexed by TextureWrap.
 constexpr std::array<GLint, 3> kWraps = {GL_REPEAT, GL_MIRRORED_REPEAT, GL_CLAMP_TO_EDGE};
 static_assert(kWraps.size() == static_cast<std::size_t>(TextureWrap::clamp) + 1);
+// Indexed by linear (0 or 1) and by TextureMipmaps.
 constexpr std::array<std::array<GLint, 3>, 2> kMinFilters = {
     {{GL_NEAREST, GL_NEAREST_MIPMAP_NEAREST, GL_NEAREST_MIPMAP_LINEAR},
      {GL_LINEAR, GL_LINEAR_MIPMAP_NEAREST, GL_LINEAR_MIPMAP_LINEAR}}};

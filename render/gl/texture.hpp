@@ -13,20 +13,18 @@ namespace penumbra {
 enum class TexelFormat { r8, rg8, rgb8, rgba8, srgb8_alpha8, rgba16f };
 [[nodiscard]] int bytes_per_texel(TexelFormat format);
 
-enum class TextureFilter {
-  nearest,
-  linear  // clamped to the edge
-};
+// Filtering of a texture that is clamped to the edge and has no mipmaps.
+enum class TextureFilter { nearest, linear };
 
 class Texture2d {
  public:
   explicit Texture2d(TextureFilter filter);
   explicit Texture2d(const TextureSampling& sampling);
 
-  // Rows top to bottom, `stride` bytes apart; row 0 is at texture coordinate 0.
+  // Uploads rows top to bottom, `stride` bytes apart; row 0 is at texture coordinate 0.
   void upload(TexelFormat format, int width, int height, const std::uint8_t* data,
               std::ptrdiff_t stride);
-  // The same from tightly packed rows at byte `offset` of the bound pixel unpack buffer.
+  // Uploads tightly packed rows from byte `offset` of the bound pixel unpack buffer.
   void upload_from_buffer(TexelFormat format, int width, int height, std::size_t offset);
   void bind(int unit) const;
 
