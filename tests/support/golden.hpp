@@ -32,8 +32,9 @@ struct ImageDifference {
   int largest = 0;                 // largest difference [grey levels]
 
   static constexpr int kToleranceGreyLevels = 2;
-  // 0.01 % of the pixels, rounded down.
+  // Returns true if at most 0.01 % of the pixels are over the tolerance.
   [[nodiscard]] bool acceptable() const { return same_size && over_tolerance * 10'000 <= pixels; }
+  // Like acceptable(), with the limit for another implementation of OpenGL: 0.2 % of the pixels.
   [[nodiscard]] bool acceptable_elsewhere() const {
     return same_size && over_tolerance * 500 <= pixels;
   }
@@ -104,8 +105,8 @@ inline testing::AssertionResult matches_golden(const std::string& name, const Rg
   }
   const ImageDifference d = compare(actual, *golden);
   if (d.exact && d.same_size) return testing::AssertionSuccess();
-  const char* elsewhere = std::getenv("PENUMBRA_OTHER_OPENGL");
-  if (d.acceptable() || (elsewhere != nullptr && d.acceptable_elsewhere())) {
+  const char* other_opengl = std::getenv("PENUMBRA_OTHER_OPENGL");
+  if (d.acceptable() || (other_opengl != nullptr && d.acceptable_elsewhere())) {
     std::printf("%s: not bit-identical: %zu px over tolerance\n", name.c_str(),
                 static_cast<std::size_t>(d.over_tolerance));
     return testing::AssertionSuccess();
@@ -113,7 +114,7 @@ inline testing::AssertionResult matches_golden(const std::string& name, const Rg
   write_failure(name, actual, *golden);
   return testing::AssertionFailure()
          << name << ": " << d.over_tolerance << " of " << d.pixels << " px differ by more than "
-         << ImageDifference::kToleranceCodes << " grey levels, the largest by " << d.largest
+         << ImageDifference::kToleranceGreyLevels << " grey levels, the largest by " << d.largest
          << "; see " << golden_output_dir();
 }
 
