@@ -18,7 +18,7 @@ inline CameraModel desk_camera() {
   return CameraModel::make(p).value();
 }
 
-// The same webcam with a lens of each model.
+// Returns desk_camera() with a lens of this model.
 inline CameraModel lens_of(DistortionModel model) {
   CameraParameters p = desk_camera().parameters();
   p.model = model;

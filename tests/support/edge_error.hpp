@@ -14,7 +14,7 @@ struct EdgeError {
   int edges = 0;              // number of pixels at edges
   int largest_elsewhere = 0;  // largest difference away from edges [grey levels]
 };
-// Compares the image with the mean over `times` x `times` pixels of the fine image.
+// Compares each pixel of the image with the mean of its `times` x `times` pixels in the fine image.
 inline EdgeError edge_error(const RenderedImage& image, const RenderedImage& fine, int times) {
   EdgeError error;
   double sum = 0.0;

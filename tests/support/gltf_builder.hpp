@@ -59,7 +59,8 @@ class GltfBuilder {
     if (normalized) json["accessors"].back()["normalized"] = true;
     return json["accessors"].size() - 1;
   }
-  // An accessor of zeros without a buffer view, with other values at `indices`.
+  // Appends an accessor without a buffer view: zeros, except for `vectors` at `indices`. Returns
+  // its index.
   std::size_t sparse_accessor(std::size_t count, const std::vector<std::uint16_t>& indices,
                               const std::vector<float>& vectors) {
     const std::size_t index_view = view(indices), value_view = view(vectors);
@@ -73,7 +74,8 @@ class GltfBuilder {
            {"values", {{"bufferView", value_view}}}}}});
     return json["accessors"].size() - 1;
   }
-  // A mesh of one primitive with these positions (x y z ...) and corners; returns its index.
+  // Appends a mesh of one primitive with these positions (x y z ...) and corners; returns its
+  // index.
   std::size_t mesh(const std::vector<float>& positions, const std::vector<std::uint16_t>& corners) {
     const std::size_t position = accessor(positions, "VEC3");
     const std::size_t indices = accessor(corners, "SCALAR");
@@ -81,7 +83,7 @@ class GltfBuilder {
         {{"primitives", {{{"attributes", {{"POSITION", position}}}, {"indices", indices}}}}});
     return json["meshes"].size() - 1;
   }
-  // A square of `side` that faces the file's +y, with its lower corner at the origin.
+  // Appends a mesh: a square of `side` that faces the file's +y, with a corner at the origin.
   std::size_t square(float side) {
     return mesh({0, 0, 0, 0, 0, side, side, 0, side, side, 0, 0}, {0, 1, 2, 0, 2, 3});
   }

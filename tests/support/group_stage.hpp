@@ -55,6 +55,7 @@ inline std::vector<MappedTag> block() {
   return tags;
 }
 
+// Rigid motion of a group from its pose in the tag map, in the table frame.
 using Placement = Transform<frame::Table, frame::Table>;
 using Placements = std::map<std::string, Placement>;
 inline Placement shifted(double x, double y, double z) {
@@ -64,24 +65,25 @@ inline Placement shifted(double x, double y, double z) {
 // Renders images along a camera path over moving tag groups.
 class Stage {
  public:
-  explicit Stage(std::vector<std::vector<MappedTag>> parts) {
+  explicit Stage(std::vector<std::vector<MappedTag>> groups) {
     Draw draw(11);
     camera = lens_camera(Lens::plumb_bob, 640, 480, 0.85);
     tags = layout_of(Layout::sheet, draw);
     for (MappedTag& tag : tags) tag.id %= 90;  // below the ids of wall and block
-    for (const auto& part : parts) tags.insert(tags.end(), part.begin(), part.end());
+    for (const auto& group : groups) tags.insert(tags.end(), group.begin(), group.end());
     path = hand(1, 0.5, radians(40.0), draw);
     path.azimuth.middle = -0.5 * std::numbers::pi;
     light.samples = 64;
     light.noise_grey = 2.0;
   }
   [[nodiscard]] CameraPose truth(int frame) const { return path.at(frame / 30.0); }
-  // `drawn`: tags to render if they differ from the map's.
-  [[nodiscard]] Frame frame_image(int frame, const Placements& at = {},
+  // Renders a frame with groups moved by `moves`. `drawn`: tags to render if they differ from the
+  // map's.
+  [[nodiscard]] Frame frame_image(int frame, const Placements& moves = {},
                                   const std::vector<MappedTag>* drawn = nullptr) const {
     auto renderer = PatternRenderer::create(camera, drawn != nullptr ? *drawn : tags).value();
     std::vector<GroupPlacement> placements;
-    for (const auto& [group, placement] : at) placements.push_back({group, placement});
+    for (const auto& [group, placement] : moves) placements.push_back({group, placement});
     PatternRenderOptions options = light;
     options.seed = 77U + static_cast<std::uint64_t>(frame);
     const std::array<CameraPose, 1> poses = {truth(frame)};
@@ -102,12 +104,12 @@ class Stage {
   // Overlay error of a cube at the group's centre [px].
   [[nodiscard]] double error_px(const TrackedFrame& tracked, const GroupEstimate& group, int frame,
                                 const Placement& placement = {}) const {
-    const GroupPose true_place(placement.rotation(), placement.translation());
+    const GroupPose T_table_group(placement.rotation(), placement.translation());
     const auto drawn =
         (group.T_table_group * group.T_group_middle).inverse() * tracked.pose.T_table_camera;
-    const auto right = (true_place * group.T_group_middle).inverse() * truth(frame);
+    const auto truth_pose = (T_table_group * group.T_group_middle).inverse() * truth(frame);
     return overlay_difference(camera, CameraPose(drawn.rotation(), drawn.translation()),
-                              CameraPose(right.rotation(), right.translation()))
+                              CameraPose(truth_pose.rotation(), truth_pose.translation()))
         .rms_px();
   }
 

@@ -22,9 +22,9 @@ inline InteriorPixels count_interior_pixels(int side, const std::vector<int>& ex
       const auto at = [&](int dx, int dy) {
         return static_cast<std::size_t>(side * (y + dy) + x + dx);
       };
-      const int here = expected[at(0, 0)];
-      bool alike = here >= 0;
-      for (int i = 0; i < 9; ++i) alike = alike && expected[at(i % 3 - 1, i / 3 - 1)] == here;
+      const int value = expected[at(0, 0)];
+      bool alike = value >= 0;
+      for (int i = 0; i < 9; ++i) alike = alike && expected[at(i % 3 - 1, i / 3 - 1)] == value;
       found.pixels += alike ? 1 : 0;
       found.wrong += alike && wrong[at(0, 0)] ? 1 : 0;
     }

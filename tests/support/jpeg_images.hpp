@@ -22,7 +22,7 @@ struct JpegKind {
   int v = 2;
   int width = 96;
   int height = 72;
-  int restart_rows = 0;
+  int restart_rows = 0;  // rows of blocks between restart markers; 0: no markers
   bool progressive = false;
   bool separate_scans = false;  // one scan per component
   bool optimized = false;       // Huffman tables optimized for this image
@@ -50,7 +50,7 @@ inline void PrintTo(const JpegKind& kind, std::ostream* out) {
   *out << kind.name;
 }
 
-// Offset of the first marker with this code in the headers.
+// Returns the offset of the first marker with this code in the headers, or npos.
 inline std::size_t marker_at(const std::string& jpeg, unsigned char code) {
   std::size_t at = 2;
   while (at + 4 <= jpeg.size()) {
@@ -106,7 +106,7 @@ inline std::vector<std::size_t> scans_of(const std::string& jpeg) {
   return found;
 }
 
-// An image with detail in every block; each `seed` gives another image.
+// Encodes an image with detail in every block; each `seed` gives another image.
 inline std::string encode_jpeg_kind(const JpegKind& kind, unsigned seed = 0) {
   jpeg_compress_struct info{};
   jpeg_error_mgr errors{};

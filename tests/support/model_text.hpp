@@ -28,6 +28,7 @@ class ModelFolder {
   TemporaryFolder folder_;
 };
 
+// Sum of area times normal over the triangles [m^2]; zero for a closed surface.
 [[nodiscard]] inline Eigen::Vector3d area_vector(const Model& model) {
   Eigen::Vector3d sum = Eigen::Vector3d::Zero();
   for (const Mesh& mesh : model.meshes) {

@@ -14,12 +14,13 @@ using Random = SplitMix64;
 
 // Applies one to four mutations, usually one: flipped bits, special byte values, truncation, and
 // pieces removed, doubled, moved or zeroed. `words` are tokens that a text parser may handle badly;
-// they are inserted whole.
+// they are inserted as a whole.
 inline std::string mutated(std::string bytes, Random& random,
                            std::initializer_list<std::string_view> words = {}) {
-  constexpr std::array<unsigned char, 8> kTelling{0x00, 0xFF, 0x7F, 0x80, 0x01, 0xFE, 0x20, 0x0A};
-  const std::size_t injuries = 1 + random.below(1 + random.below(4));
-  for (std::size_t i = 0; i < injuries; ++i) {
+  constexpr std::array<unsigned char, 8> kEdgeValues{0x00, 0xFF, 0x7F, 0x80,
+                                                     0x01, 0xFE, 0x20, 0x0A};
+  const std::size_t mutations = 1 + random.below(1 + random.below(4));
+  for (std::size_t i = 0; i < mutations; ++i) {
     if (bytes.empty()) bytes.push_back(static_cast<char>(random.below(256)));
     const std::size_t at = random.below(bytes.size());
     const std::size_t length = 1 + random.below(std::min<std::size_t>(64, bytes.size() - at));
@@ -29,7 +30,7 @@ inline std::string mutated(std::string bytes, Random& random,
         bytes[at] = static_cast<char>(bytes[at] ^ (1 << random.below(8)));
         break;
       case 2:
-        bytes[at] = static_cast<char>(kTelling[random.below(kTelling.size())]);
+        bytes[at] = static_cast<char>(kEdgeValues[random.below(kEdgeValues.size())]);
         break;
       case 3:
         for (std::size_t k = 0; k < std::min<std::size_t>(4, bytes.size() - at); ++k) {

@@ -38,15 +38,15 @@ inline std::optional<CameraAndBoard> opencv_calibration(int width, int height,
   }
   cv::Mat K;
   cv::Mat k;
-  std::vector<cv::Mat> turns;
-  std::vector<cv::Mat> moves;
-  std::vector<cv::Point3f> moved;
+  std::vector<cv::Mat> rvecs;
+  std::vector<cv::Mat> tvecs;
+  std::vector<cv::Point3f> solved_board;
   CameraAndBoard result;
   try {
     result.rms_px = release
                         ? cv::calibrateCameraRO(points, pixels, {width, height}, fixed_point, K, k,
-                                                turns, moves, moved)
-                        : cv::calibrateCamera(points, pixels, {width, height}, K, k, turns, moves);
+                                                rvecs, tvecs, solved_board)
+                        : cv::calibrateCamera(points, pixels, {width, height}, K, k, rvecs, tvecs);
   } catch (const cv::Exception&) {
     return std::nullopt;
   }
@@ -62,12 +62,12 @@ inline std::optional<CameraAndBoard> opencv_calibration(int width, int height,
   if (!camera) return std::nullopt;
   result.camera = *camera;
   result.board = board;
-  for (std::size_t i = 0; i < moved.size() && i < board.size(); ++i)
-    result.board[i] = {moved[i].x, moved[i].y, moved[i].z};
+  for (std::size_t i = 0; i < solved_board.size() && i < board.size(); ++i)
+    result.board[i] = {solved_board[i].x, solved_board[i].y, solved_board[i].z};
   return result;
 }
 
-// Returns the views whose index modulo `folds` is `fold`, or all others.
+// `held` true: returns the views whose index modulo `folds` is `fold`; false: the remaining views.
 inline std::vector<CalibrationView> views_of_fold(const std::vector<CalibrationView>& views,
                                                   std::size_t fold, std::size_t folds, bool held) {
   std::vector<CalibrationView> chosen;
@@ -77,9 +77,9 @@ inline std::vector<CalibrationView> views_of_fold(const std::vector<CalibrationV
   return chosen;
 }
 
-// RMS distance of the corners in held-out views [px]. Each fifth of the views is withheld in turn
-// from `calibrate` (views -> optional<CameraAndBoard>); only the poses of the withheld views are
-// fitted.
+// Returns the RMS reprojection error of the corners in held-out views [px]. Each fifth of the views
+// is withheld in turn from `calibrate` (views -> optional<CameraAndBoard>); only the poses of the
+// withheld views are fitted.
 template <class Calibrate>
 std::optional<double> held_out_px(const std::vector<CalibrationView>& views,
                                   const Calibrate& calibrate) {
@@ -90,11 +90,12 @@ std::optional<double> held_out_px(const std::vector<CalibrationView>& views,
     const std::optional<CameraAndBoard> found =
         calibrate(views_of_fold(views, fold, kFolds, false));
     if (!found) return std::nullopt;
-    const auto left = views_of_fold(views, fold, kFolds, true);
-    const auto errors = pose_only_errors(found->camera, found->board, left);
+    const auto held_views = views_of_fold(views, fold, kFolds, true);
+    const auto errors = pose_only_errors(found->camera, found->board, held_views);
     if (!errors || !std::isfinite(rms_of(*errors))) return std::nullopt;
     double corners = 0.0;
-    for (const CalibrationView& view : left) corners += static_cast<double>(view.corners.size());
+    for (const CalibrationView& view : held_views)
+      corners += static_cast<double>(view.corners.size());
     sum += rms_of(*errors) * rms_of(*errors) * corners;
     count += corners;
   }

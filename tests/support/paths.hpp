@@ -1,4 +1,4 @@
-// Paths of test data: the project's own recordings, and the shared data beside the checkout.
+// Paths of test data: the project's recordings, and the shared data beside the checkout.
 #pragma once
 
 #include <cstdlib>

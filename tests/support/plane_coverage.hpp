@@ -8,7 +8,7 @@
 
 namespace penumbra::test {
 
-// Returns true if (u, v) lies inside one of the triangles (three points each), not on an edge.
+// Returns true if `p` (u, v) lies inside one of the triangles (three points each), not on an edge.
 inline bool covers(std::span<const PlanePoint> triangles, const Eigen::Vector2d& p) {
   const auto side = [&p](const PlanePoint& a, const PlanePoint& b) {
     return (static_cast<double>(b.u) - static_cast<double>(a.u)) *

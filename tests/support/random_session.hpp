@@ -22,7 +22,7 @@
 
 namespace penumbra::test {
 
-// Uniform in [0, 1), the same on every machine.
+// Random numbers, the same on every machine. operator() returns a uniform number in [0, 1).
 class Draw {
  public:
   explicit Draw(std::uint64_t seed) : engine_(seed) {}
@@ -65,7 +65,7 @@ inline CameraModel lens_camera(Lens lens, int width, int height, double focal) {
   return CameraModel::make(p).value();
 }
 
-// A value that oscillates about its middle.
+// A value that oscillates about `middle`; `t`: time [s].
 struct Oscillation {
   double middle = 0.0, amplitude = 0.0, hertz = 0.0, phase = 0.0;
   [[nodiscard]] double at(double t) const {
@@ -126,7 +126,7 @@ struct Session {
   }
 
  private:
-  // Camera poses during an exposure.
+  // Returns camera poses during the exposure, evenly spaced about the time `middle` [s].
   [[nodiscard]] std::vector<CameraPose> path_about(double middle) const {
     const CameraPose begin = motion.at(middle - 0.5 * exposure_s);
     const double moved_px =
@@ -193,10 +193,11 @@ inline std::vector<MappedTag> layout_of(Layout layout, Draw& draw) {
   return tags;
 }
 
-// `haste`: 0 at rest, 1 slow, 2 fast, 3 shaking.
+// Returns the random motion of a hand-held camera. `haste`: 0 at rest, 1 slow, 2 fast, 3 shaking.
+// `elevation` [rad].
 inline HandMotion hand(int haste, double distance_m, double elevation, Draw& draw) {
-  constexpr std::array<double, 4> kTurn = {0.0002, 0.02, 0.06, 0.022};  // [rad]
-  constexpr std::array<double, 4> kShift = {0.0002, 0.015, 0.035, 0.010};
+  constexpr std::array<double, 4> kTurn = {0.0002, 0.02, 0.06, 0.022};     // [rad]
+  constexpr std::array<double, 4> kShift = {0.0002, 0.015, 0.035, 0.010};  // [m]
   constexpr std::array<double, 4> kHertz = {0.7, 0.6, 1.1, 4.0};
   const auto h = static_cast<std::size_t>(haste);
   const auto sway = [&](double middle, double amplitude) {

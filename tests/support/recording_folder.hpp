@@ -20,10 +20,11 @@ inline void write_text(const std::filesystem::path& file, const std::string& tex
   std::ofstream(file, std::ios::binary) << text;
 }
 
-// Writes a recording with links to those frames of another one whose row `takes` accepts.
-template <class Takes>
+// Writes a recording that links to the files of `source` and lists the frames whose row (from 0)
+// `accepts` returns true for.
+template <class Accepts>
 void write_part_of_recording(const std::filesystem::path& folder,
-                             const std::filesystem::path& source, const Takes& takes) {
+                             const std::filesystem::path& source, const Accepts& accepts) {
   std::filesystem::create_directories(folder);
   for (const auto& entry : std::filesystem::directory_iterator(source)) {
     const auto name = entry.path().filename();
@@ -33,7 +34,7 @@ void write_part_of_recording(const std::filesystem::path& folder,
   std::ofstream to(folder / "timestamps.csv");
   std::string line;
   for (int row = -1; std::getline(from, line); ++row) {
-    if (row < 0 || takes(row)) to << line << "\n";
+    if (row < 0 || accepts(row)) to << line << "\n";
   }
 }
 inline void write_thinned_recording(const std::filesystem::path& folder,
@@ -46,7 +47,7 @@ inline std::string read_bytes(const std::filesystem::path& file) {
   return {std::istreambuf_iterator<char>(stream), std::istreambuf_iterator<char>()};
 }
 
-// A grey image with a pattern that encodes `number`.
+// Returns a JPEG image with colour gradients that depend on `number`.
 inline std::string jpeg_of(int number, int width = 64, int height = 48) {
   std::vector<std::uint8_t> rgb;
   for (int y = 0; y < height; ++y) {
@@ -85,11 +86,13 @@ inline const char* small_tags_yaml() {
          "[0, 0, 0, 1]}\n";
 }
 
+// Returns the number with 6 digits: "000012".
 inline std::string number6(int number) {
   std::string digits = std::to_string(number);
   return std::string(6 - digits.size(), '0') + digits;
 }
 
+// Returns a timestamps.csv.
 inline std::string listing(int frames, const std::string& extension = ".jpg") {
   std::string text = "frame,timestamp_s,file\n";
   for (int i = 0; i < frames; ++i) {
@@ -100,6 +103,7 @@ inline std::string listing(int frames, const std::string& extension = ".jpg") {
   return text;
 }
 
+// Returns a groundtruth.tum with one pose for all frames.
 inline std::string truth(int frames) {
   std::string text = "# timestamp tx ty tz qx qy qz qw\n";
   for (int i = 0; i < frames; ++i) {

@@ -5,18 +5,20 @@
 
 namespace penumbra::test {
 
-// `place`: epoxy's pointer to the function, such as epoxy_glUnmapBuffer. Call the function once
+// `pointer`: epoxy's pointer to the function, such as epoxy_glUnmapBuffer. Call the function once
 // before: its first call looks up the driver's function and would overwrite the replacement.
 template <class Function>
 class ReplacedGl {
  public:
-  ReplacedGl(Function& place, Function other) : place_(place), before_(place) { place_ = other; }
+  ReplacedGl(Function& pointer, Function replacement) : pointer_(pointer), before_(pointer) {
+    pointer_ = replacement;
+  }
   ReplacedGl(const ReplacedGl&) = delete;
   ReplacedGl& operator=(const ReplacedGl&) = delete;
-  ~ReplacedGl() { place_ = before_; }
+  ~ReplacedGl() { pointer_ = before_; }
 
  private:
-  Function& place_;
+  Function& pointer_;
   Function before_;
 };
 

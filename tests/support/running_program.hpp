@@ -60,8 +60,8 @@ class RunningProgram {
   // Waits for the end; returns the exit code, or 128 + signal. After two minutes, kills the
   // program.
   [[nodiscard]] int exit_code() {
-    constexpr int kMost = 12'000;
-    for (int i = 0; i < kMost && runs(); ++i) {
+    constexpr int kMaxPolls = 12'000;
+    for (int i = 0; i < kMaxPolls && runs(); ++i) {
       std::this_thread::sleep_for(std::chrono::milliseconds(10));
     }
     if (runs()) ::kill(process_, SIGKILL);
@@ -86,8 +86,8 @@ class VirtualDisplay {
     server_ = fork();
     if (server_ == 0) {
       const int nothing = open("/dev/null", O_RDWR);
-      dup2(ends[1], 3);  // 3 may be that descriptor itself
-      fcntl(3, F_SETFD, 0);
+      dup2(ends[1], 3);      // no effect if ends[1] is 3
+      fcntl(3, F_SETFD, 0);  // clears FD_CLOEXEC, which dup2() keeps in that case
       for (const int descriptor : {0, 1, 2}) dup2(nothing, descriptor);
       execlp("Xvfb", "Xvfb", "-displayfd", "3", "-noreset", "-screen", "0", "1280x1024x24",
              "-nolisten", "tcp", nullptr);
@@ -102,7 +102,7 @@ class VirtualDisplay {
   VirtualDisplay& operator=(const VirtualDisplay&) = delete;
   ~VirtualDisplay() { end(SIGTERM); }
 
-  // for example ":7"
+  // Returns the value of DISPLAY, for example ":7".
   [[nodiscard]] std::string name() const { return ":" + name_; }
   void end(int number) {
     if (server_ <= 0) return;

@@ -1,4 +1,5 @@
-// Compares the pixels of two frames.
+// Compares the pixels of two frames. Not for yuyv and nv12: it reads one byte per sample, or three
+// in rgb24.
 #pragma once
 
 #include <algorithm>

@@ -1,4 +1,4 @@
-// Meshes and cases of the shadow vectors, and masks for comparing layers.
+// Meshes and cases of the shadow test vectors (shared data), and masks for comparing layers.
 #pragma once
 
 #include <gtest/gtest.h>
@@ -20,7 +20,7 @@
 
 namespace penumbra::test {
 
-// A model of one mesh in which each vertex is its own source vertex.
+// Returns a model of one mesh; source_vertex[i] is i.
 inline Model model_of(const std::vector<float>& xyz, const std::vector<std::uint32_t>& indices) {
   Model model;
   Mesh mesh;
@@ -68,8 +68,8 @@ inline Eigen::Vector2d point_from(const nlohmann::json& pair) {
 
 using Ring = std::vector<Eigen::Vector2d>;  // closed, plane coordinates [m]
 
-// The rings of {"outer": [[u, v], ...], "holes": [...]}, the format of the vectors and of the
-// program.
+// Returns the rings of polygons {"outer": [[u, v], ...], "holes": [...]}, the format of the test
+// vectors and of the program.
 inline std::vector<Ring> rings_from(const nlohmann::json& polygons) {
   std::vector<Ring> rings;
   const auto add = [&rings](const nlohmann::json& points) {
@@ -97,7 +97,7 @@ inline double distance_to_rings(const Eigen::Vector2d& p, const std::vector<Ring
   return distance;
 }
 
-// H may be the string "inf", because JSON has no infinity.
+// The light height "H" may be the string "inf", because JSON has no infinity.
 inline LayeredConstants constants_from(const nlohmann::json& json) {
   const bool zenith = json.at("H").is_string();
   LayeredConstants constants =
@@ -200,11 +200,11 @@ inline double iou(const std::vector<std::uint8_t>& a, const std::vector<std::uin
   return either == 0 ? 1.0 : static_cast<double>(both) / static_cast<double>(either);
 }
 
-// Input: base64 of zlib of packed bits, most significant bit first.
+// Decodes a mask: base64 of zlib-compressed, packed bits, most significant bit first.
 inline std::vector<std::uint8_t> decode_mask(const std::string& text, std::size_t bit_count) {
   std::vector<std::uint8_t> packed;
   std::uint32_t buffer = 0;
-  int held = 0;
+  int pending_bits = 0;
   for (const char c : text) {
     int value = -1;
     if (c >= 'A' && c <= 'Z') value = c - 'A';
@@ -214,10 +214,11 @@ inline std::vector<std::uint8_t> decode_mask(const std::string& text, std::size_
     if (c == '/') value = 63;
     if (value < 0) continue;
     buffer = (buffer << 6U) | static_cast<std::uint32_t>(value);
-    held += 6;
-    if (held >= 8) {
-      held -= 8;
-      packed.push_back(static_cast<std::uint8_t>((buffer >> static_cast<unsigned>(held)) & 0xffU));
+    pending_bits += 6;
+    if (pending_bits >= 8) {
+      pending_bits -= 8;
+      packed.push_back(
+          static_cast<std::uint8_t>((buffer >> static_cast<unsigned>(pending_bits)) & 0xffU));
     }
   }
   std::vector<std::uint8_t> bytes((bit_count + 7) / 8);

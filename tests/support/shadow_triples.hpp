@@ -16,7 +16,7 @@ struct ShadowTriple {
   friend auto operator<=>(const ShadowTriple&, const ShadowTriple&) = default;
 };
 // Returns the node's triples that contain an event's object, plane or light, sorted and without
-// duplicates. The lights are the node's, or the scene's first if the node has none.
+// duplicates. The lights are the node's, or the scene's first light if the node has none.
 inline std::vector<ShadowTriple> affected_triples(const Scene& scene, const ShadowNode& node,
                                                   const std::vector<ShadowEvent>& events) {
   std::vector<int> lights = node.lights;

@@ -173,12 +173,12 @@ class Studio {
     const auto stats = compositor_->draw(frame, plan);
     if (!stats) throw std::runtime_error(stats.error().message);
     stats_ = *stats;
-    RenderedImage picture{camera_.width(), camera_.height(), {}};
-    picture.rgba.resize(std::size_t{4} * static_cast<std::size_t>(picture.width) *
-                        static_cast<std::size_t>(picture.height));
-    const auto read = compositor_->read_back(picture.rgba);
+    RenderedImage image{camera_.width(), camera_.height(), {}};
+    image.rgba.resize(std::size_t{4} * static_cast<std::size_t>(image.width) *
+                      static_cast<std::size_t>(image.height));
+    const auto read = compositor_->read_back(image.rgba);
     if (!read) throw std::runtime_error(read.error().message);
-    return picture;
+    return image;
   }
   RenderedImage draw_shadows(const Frame& frame, FramePlan plan) {  // draws no objects
     plan.objects.clear();

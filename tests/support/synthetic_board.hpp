@@ -112,6 +112,8 @@ inline CameraPose displaced(const CameraModel& camera, std::span<const MappedTag
   return perturbed(pose, direction * low);
 }
 
+// Returns a diagonal covariance with these standard deviations of translation [m] and rotation
+// [rad].
 inline Matrix6d loose_prior(double metres, double angle) {
   Matrix6d P = Matrix6d::Zero();
   P.diagonal().head<3>().setConstant(metres * metres);
@@ -133,7 +135,8 @@ inline std::array<std::vector<double>, 6> light_derivatives(const CameraModel& c
     d.assign(static_cast<std::size_t>(camera.width() * camera.height()), 0.0);
   const double sigma = options.lens_blur_px;
   const int radius = static_cast<int>(std::ceil(5.0 * sigma)) + 1;
-  const auto spread = [sigma](double u) {
+  // Integral of the point spread function over a pixel, in one dimension.
+  const auto pixel_weight = [sigma](double u) {
     const auto cdf = [sigma](double x) { return 0.5 * std::erfc(-x / (sigma * std::sqrt(2.0))); };
     return cdf(u + 0.5) - cdf(u - 0.5);
   };
@@ -143,7 +146,7 @@ inline std::array<std::vector<double>, 6> light_derivatives(const CameraModel& c
     const TagPattern pattern = TagPattern::make(tag.family, tag.id).value();
     const double cell_m = tag.size_m / pattern.width_at_border();
     const double half = 0.5 * pattern.total_width();
-    const auto seen = [&](double along, double across, bool vertical) {
+    const auto camera_point = [&](double along, double across, bool vertical) {
       const Eigen::Vector2d ab =
           vertical ? Eigen::Vector2d(across, along) : Eigen::Vector2d(along, across);
       const Eigen::Vector3d p(cell_m * (ab.x() - half), cell_m * (ab.y() - half), 0.0);
@@ -155,14 +158,16 @@ inline std::array<std::vector<double>, 6> light_derivatives(const CameraModel& c
       constexpr double kStep = 1.0 / kStepsPerCell;
       for (int i = 0; i < steps; ++i) {
         const double along = run.begin + (i + 0.5) * kStep;
-        const Eigen::Vector3d p = seen(along, run.position, run.vertical);
+        const Eigen::Vector3d p = camera_point(along, run.position, run.vertical);
         Eigen::Matrix<double, 2, 3> J;
         const Eigen::Vector2d q = camera.project_unchecked(p, &J);
-        const Eigen::Vector2d tangent = J * (seen(along + 0.5 * kStep, run.position, run.vertical) -
-                                             seen(along - 0.5 * kStep, run.position, run.vertical));
-        // Points towards white; its length is that of the step.
+        const Eigen::Vector2d tangent =
+            J * (camera_point(along + 0.5 * kStep, run.position, run.vertical) -
+                 camera_point(along - 0.5 * kStep, run.position, run.vertical));
+        // Points towards white; as long as the step along the edge.
         Eigen::Vector2d normal(-tangent.y(), tangent.x());
-        const Eigen::Vector2d across = J * (seen(along, run.position + 1.0, run.vertical) - p);
+        const Eigen::Vector2d across =
+            J * (camera_point(along, run.position + 1.0, run.vertical) - p);
         if ((normal.dot(across) > 0.0) != (run.polarity > 0)) normal = -normal;
         Eigen::Matrix<double, 3, 6> moves;  // derivative of p by the perturbation
         moves << -Eigen::Matrix3d::Identity(), skew(p);
@@ -171,10 +176,10 @@ inline std::array<std::vector<double>, 6> light_derivatives(const CameraModel& c
         const int cy = static_cast<int>(std::lround(q.y()));
         for (int y = std::max(0, cy - radius); y <= std::min(camera.height() - 1, cy + radius);
              ++y) {
-          const double spread_y = spread(y - q.y());
+          const double weight_y = pixel_weight(y - q.y());
           for (int x = std::max(0, cx - radius); x <= std::min(camera.width() - 1, cx + radius);
                ++x) {
-            const double weight = spread_y * spread(x - q.x());
+            const double weight = weight_y * pixel_weight(x - q.x());
             const auto pixel = static_cast<std::size_t>(y * camera.width() + x);
             for (std::size_t k = 0; k < 6; ++k)
               derivative[k][pixel] += weight * swept[static_cast<Eigen::Index>(k)];
@@ -191,7 +196,7 @@ inline std::array<std::vector<double>, 6> light_derivatives(const CameraModel& c
 inline Matrix6d pose_bound(PatternRenderer& renderer, const CameraModel& camera,
                            std::span<const MappedTag> tags, const CameraPose& pose,
                            PatternRenderOptions options, double noise) {
-  options.samples = 256;  // only for the light itself, which determines the gain
+  options.samples = 256;  // samples per pixel of `light`, the derivative by the gain
   const std::array<CameraPose, 1> centre = {pose};
   const std::vector<double> light = renderer.render_light(centre, options);
   const std::array<std::vector<double>, 6> derivative =

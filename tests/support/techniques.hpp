@@ -20,7 +20,7 @@ inline std::vector<ShadowTechnique> techniques_without(
   return techniques;
 }
 
-// Returns the values of --shadow except those given.
+// Returns the values of --shadow except those given; always includes "cocl".
 inline std::vector<std::string> shadow_words_without(
     std::initializer_list<ShadowTechnique> excluded) {
   std::vector<std::string> words = {"cocl"};

@@ -56,8 +56,8 @@ struct TexturedSquare {
   std::string material;             // JSON fields of the material
   std::vector<std::string> images;  // encoded; texture i shows image i
   std::string samplers = "{}";
-  // Texture coordinates of the corners, anticlockwise from the left one nearest to the eye. The
-  // images appear upright.
+  // Texture coordinates of the corners, anticlockwise from the near left corner. The images
+  // appear upright.
   std::vector<std::array<float, 2>> texcoords = {{0, 1}, {1, 1}, {1, 0}, {0, 0}};
   std::vector<std::array<float, 2>> texcoords_1;
   std::vector<std::array<float, 3>> normals = std::vector<std::array<float, 3>>(4, {0, 1, 0});
@@ -105,10 +105,10 @@ inline std::string glb_of(const TexturedSquare& square) {
         fmt::format("{}{{\"bufferView\":{},\"mimeType\":\"image/png\"}}", i == 0 ? "" : ",", view);
     textures += fmt::format("{}{{\"source\":{},\"sampler\":0}}", i == 0 ? "" : ",", i);
   }
-  std::string pictures;
+  std::string texture_fields;
   if (!square.images.empty()) {
-    pictures = fmt::format("\"images\":[{}],\"textures\":[{}],\"samplers\":[{}],", images, textures,
-                           square.samplers);
+    texture_fields = fmt::format("\"images\":[{}],\"textures\":[{}],\"samplers\":[{}],", images,
+                                 textures, square.samplers);
   }
   binary.resize((binary.size() + 3) / 4 * 4, '\0');
   std::string json = fmt::format(
@@ -119,8 +119,8 @@ inline std::string glb_of(const TexturedSquare& square) {
       "\"indices\":{},\"material\":0}}]}}],\"materials\":[{{{}}}],{}"
       "\"accessors\":[{}],"
       "\"bufferViews\":[{}],\"buffers\":[{{\"byteLength\":{}}}]}}",
-      square.node.empty() ? "" : "," + square.node, attributes, indices, square.material, pictures,
-      accessors, views, binary.size());
+      square.node.empty() ? "" : "," + square.node, attributes, indices, square.material,
+      texture_fields, accessors, views, binary.size());
   json.resize((json.size() + 3) / 4 * 4, ' ');
   std::string glb;
   const auto word = [&glb](std::size_t value) {

@@ -24,12 +24,15 @@ inline Session ordinary() {
   return session;
 }
 
-// Number of tracked frames whose error exceeds four times the predicted error. Callers check that
-// the fraction of such frames is small.
+// Counts frames whose error exceeds the prediction; callers check that their fraction is small.
 struct ExceededPredictions {
-  int tracked = 0, beyond = 0;
+  int tracked = 0;  // tracked frames
+  int beyond = 0;   // tracked frames whose error exceeds 1 px and 4 times the predicted error
 };
 
+// Checks that a tracked pose is near the truth and its predicted error is consistent with its
+// error. With `of_many`, counts an error above 4 times the prediction in it; otherwise such an
+// error is a failure.
 inline void expect_consistent(const Session& session, const PoseEstimate& pose,
                               const CameraPose& truth, ExceededPredictions* of_many = nullptr) {
   if (!pose.has_pose()) return;

@@ -23,7 +23,7 @@ struct VideoSpec {
   int width = 64;
   int height = 48;
   int frames = 8;
-  int gop = 1;
+  int gop = 1;  // frames from key frame to key frame
   AVColorRange range = AVCOL_RANGE_UNSPECIFIED;
   AVColorSpace matrix = AVCOL_SPC_UNSPECIFIED;
 };

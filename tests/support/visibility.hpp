@@ -1,4 +1,5 @@
-// visibility.csv of a rendered recording: the visible fraction of each tag in each image.
+// visibility.csv of a rendered recording: corners in the image and occluded fraction of each tag in
+// each frame.
 #pragma once
 
 #include <algorithm>
@@ -11,8 +12,8 @@
 
 namespace penumbra::test {
 
-// Returns for each frame the number of corners in the image (0 to 4) of the most visible tag. Empty
-// if the file can't be read.
+// Returns for each frame the maximum over the tags of the number of corners in the image (0 to 4).
+// Empty if the file can't be read.
 inline std::vector<int> max_corners_in_view(const std::filesystem::path& recording,
                                             std::size_t frames) {
   const auto text = read_text_file(recording / "visibility.csv", 1 << 20);
