@@ -31,10 +31,10 @@ struct ExceededPredictions {
 };
 
 // Checks that a tracked pose is near the truth and its predicted error is consistent with its
-// error. With `of_many`, counts an error above 4 times the prediction in it; otherwise such an
-// error is a failure.
+// error. An error above 4 times the prediction is counted in `counts`; without `counts` it is a
+// failure.
 inline void expect_consistent(const Session& session, const PoseEstimate& pose,
-                              const CameraPose& truth, ExceededPredictions* of_many = nullptr) {
+                              const CameraPose& truth, ExceededPredictions* counts = nullptr) {
   if (!pose.has_pose()) return;
   EXPECT_TRUE(pose.T_table_camera.is_finite());
   EXPECT_TRUE(pose.covariance.allFinite());
@@ -43,9 +43,9 @@ inline void expect_consistent(const Session& session, const PoseEstimate& pose,
   const double error = overlay_difference(session.camera, pose.T_table_camera, truth).rms_px();
   EXPECT_LT(error, 5.0);
   const bool beyond = error > std::max(1.0, 4.0 * pose.predicted_overlay_error_px);
-  if (of_many != nullptr) {
-    ++of_many->tracked;
-    of_many->beyond += beyond ? 1 : 0;
+  if (counts != nullptr) {
+    ++counts->tracked;
+    counts->beyond += beyond ? 1 : 0;
     EXPECT_LT(error, std::max(1.0, 6.0 * pose.predicted_overlay_error_px));
   } else {
     EXPECT_FALSE(beyond) << error << " px where " << pose.predicted_overlay_error_px

@@ -17,14 +17,15 @@ struct Log {
   std::atomic<int> done = 0;
 };
 
-// Slow writer that returns an error, or throws, at one frame.
+// Slow writer that returns an error, or throws, at frame `failing_number`.
 class SlowWriter final : public FrameWriter {
  public:
-  SlowWriter(Log& log, std::uint64_t bad, bool throws) : log_(log), bad_(bad), throws_(throws) {}
+  SlowWriter(Log& log, std::uint64_t failing_number, bool throws)
+      : log_(log), failing_number_(failing_number), throws_(throws) {}
   Result<void> write(std::uint64_t number, std::int64_t,
                      std::span<const std::uint8_t> rgba) override {
     std::this_thread::sleep_for(std::chrono::milliseconds(2));
-    if (number == bad_) {
+    if (number == failing_number_) {
       if (throws_) throw std::runtime_error("disk gone");
       return fail("disk full");
     }
@@ -40,14 +41,15 @@ class SlowWriter final : public FrameWriter {
 
  private:
   Log& log_;
-  const std::uint64_t bad_;
+  const std::uint64_t failing_number_;
   const bool throws_;
 };
 
-constexpr std::uint64_t kNone = 1'000'000;
+constexpr std::uint64_t kNoFailure = 1'000'000;
 
-BackgroundWriter slow_writer(Log& log, int depth, std::uint64_t bad = kNone, bool throws = false) {
-  return BackgroundWriter(std::make_unique<SlowWriter>(log, bad, throws), depth);
+BackgroundWriter slow_writer(Log& log, int depth, std::uint64_t failing_number = kNoFailure,
+                             bool throws = false) {
+  return BackgroundWriter(std::make_unique<SlowWriter>(log, failing_number, throws), depth);
 }
 
 class BackgroundWriterQueue : public testing::TestWithParam<int> {};

@@ -69,7 +69,7 @@ TEST(BufferRing, KeepsMemoryAfterCloseUntilLastFrameIsReleased) {
   EXPECT_EQ(static_cast<const std::uint8_t*>(lent.get())[15], 7);
   const std::size_t queued = driver.queued.size();
   lent.reset();
-  EXPECT_EQ(driver.queued.size(), queued);  // no buffer was queued after the close
+  EXPECT_EQ(driver.queued.size(), queued);  // close() ends the queueing of buffers
   EXPECT_EQ(driver.released, 1);
 }
 
@@ -115,12 +115,12 @@ TEST(BufferRing, KeepsFramesUnchangedAcrossThreads) {
   FakeDriver driver;
   auto ring = driver.ring();
   ASSERT_TRUE(ring->queue_all());
-  struct Picture {
+  struct Image {
     std::shared_ptr<const void> owner;
     std::span<const std::uint8_t> bytes;
     std::uint8_t value = 0;
   };
-  std::array<Mailbox<Picture>, 2> boxes;
+  std::array<Mailbox<Image>, 2> boxes;
   std::thread camera([&] {
     for (int i = 0; i < 4000; ++i) {
       const auto value = static_cast<std::uint8_t>(i);
@@ -129,7 +129,7 @@ TEST(BufferRing, KeepsFramesUnchangedAcrossThreads) {
         std::this_thread::yield();
         continue;
       }
-      const Picture image{ring->lend(*index), ring->buffer(*index), value};
+      const Image image{ring->lend(*index), ring->buffer(*index), value};
       for (auto& box : boxes) box.put(image);
     }
     ring->close();

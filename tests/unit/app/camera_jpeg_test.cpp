@@ -33,11 +33,11 @@ std::span<const std::uint8_t> view_of(const std::string& text) {
 }
 
 // Checks and decodes a camera's buffer as `live` does.
-Result<Frame> live_frame(const std::string& buffer, const ImageSize& granted) {
-  auto received = receive_camera_jpeg(view_of(buffer), granted);
+Result<Frame> live_frame(const std::string& buffer, const ImageSize& stream_size) {
+  auto received = receive_camera_jpeg(view_of(buffer), stream_size);
   if (!received) return fail("{}", received.error().message);
   if (received->frame) return std::move(*received->frame);
-  return decode_camera_jpeg(received->bytes, "a frame", granted, kImproveTransfer);
+  return decode_camera_jpeg(received->bytes, "a frame", stream_size, kImproveTransfer);
 }
 
 // Returns the JPEG with `height` written into its frame header.
@@ -121,15 +121,15 @@ TEST(CameraJpegGate, CropsPaddedImageToGrantedHeight) {
   const std::string valid_jpeg = tabletop_frame(0);
   const auto expected = live_frame(valid_jpeg, kTabletop);
   ASSERT_TRUE(expected);
-  for (const int granted : {479, 472, 465}) {
-    const auto frame = live_frame(valid_jpeg, {640, granted});
+  for (const int stream_height : {479, 472, 465}) {
+    const auto frame = live_frame(valid_jpeg, {640, stream_height});
     ASSERT_TRUE(frame) << frame.error().message;
-    EXPECT_EQ(frame->height, granted);
-    EXPECT_EQ(frame->planes[0].height, granted);
-    EXPECT_EQ(frame->planes[1].height, (granted + 1) / 2);
-    EXPECT_EQ(frame->planes[2].height, (granted + 1) / 2);
+    EXPECT_EQ(frame->height, stream_height);
+    EXPECT_EQ(frame->planes[0].height, stream_height);
+    EXPECT_EQ(frame->planes[1].height, (stream_height + 1) / 2);
+    EXPECT_EQ(frame->planes[2].height, (stream_height + 1) / 2);
     const auto replayed =
-        decode_recorded_image(view_of(valid_jpeg), "a.jpg", ImageSize{640, granted});
+        decode_recorded_image(view_of(valid_jpeg), "a.jpg", ImageSize{640, stream_height});
     ASSERT_TRUE(replayed);
     EXPECT_TRUE(test::same_pixels(*replayed, *frame));
   }
@@ -137,14 +137,14 @@ TEST(CameraJpegGate, CropsPaddedImageToGrantedHeight) {
 
 TEST(CameraJpegGate, ReportsBothSizesOnMismatch) {
   const std::string valid_jpeg = tabletop_frame(0);
-  for (const ImageSize granted : {ImageSize{640, 464}, {640, 481}, {632, 480}, {320, 240}}) {
-    const auto received = receive_camera_jpeg(view_of(valid_jpeg), granted);
+  for (const ImageSize stream_size : {ImageSize{640, 464}, {640, 481}, {632, 480}, {320, 240}}) {
+    const auto received = receive_camera_jpeg(view_of(valid_jpeg), stream_size);
     ASSERT_FALSE(received);
     EXPECT_EQ(received.error().fault, CaptureFault::wrong_format);
-    EXPECT_THAT(
-        received.error().message,
-        AllOf(HasSubstr("640x480"), HasSubstr(fmt::format("{}x{}", granted.width, granted.height)),
-              HasSubstr("--size")));
+    EXPECT_THAT(received.error().message,
+                AllOf(HasSubstr("640x480"),
+                      HasSubstr(fmt::format("{}x{}", stream_size.width, stream_size.height)),
+                      HasSubstr("--size")));
   }
 }
 
@@ -158,19 +158,20 @@ TEST(CameraJpegGate, KeepsPaddingOfOtherFormats) {
   EXPECT_EQ(frame->height, 48);
 }
 
-// Other programs can read a recording of such a camera, and replay decodes the same frames as live.
+// A recording stores images without an end marker in normalized form, so that other programs can
+// read them. Replay decodes the same frames as live.
 TEST(CameraJpegGate, RecordsNormalizedImages) {
   const test::TemporaryFolder temporary;
   const std::filesystem::path folder = temporary.path() / "session";
   const std::string valid_jpeg = tabletop_frame(0);
   const std::string buffer = "\xFF\xD8" + valid_jpeg.substr(0, valid_jpeg.size() - 2);
-  const ImageSize granted{640, 472};
-  auto received = receive_camera_jpeg(view_of(buffer), granted);
+  const ImageSize stream_size{640, 472};
+  auto received = receive_camera_jpeg(view_of(buffer), stream_size);
   ASSERT_TRUE(received);
   RecordingHead head;
   head.format.name = "MJPEG";
-  head.format.width = granted.width;
-  head.format.height = granted.height;
+  head.format.width = stream_size.width;
+  head.format.height = stream_size.height;
   auto writer = RecordingWriter::create(folder, head);
   ASSERT_TRUE(writer) << writer.error().message;
   CapturedImage image;
@@ -242,11 +243,11 @@ TEST_P(SharedCameraJpegs, AreAccepted) {
     ASSERT_TRUE(replayed) << replayed.error().message;
     EXPECT_TRUE(test::same_pixels(*live, *replayed));
     // Images in `frames` must have the same pixels as their undamaged originals.
-    const auto twin = folder / ("clean-" + entry.path().stem().string().substr(5) + ".jpg");
+    const auto original = folder / ("clean-" + entry.path().stem().string().substr(5) + ".jpg");
     if (entry.path().parent_path().filename() == "frames") {
-      const auto clean = load_image(twin);
-      ASSERT_TRUE(clean) << clean.error().message;
-      EXPECT_TRUE(test::same_pixels(*live, *clean));
+      const auto undamaged = load_image(original);
+      ASSERT_TRUE(undamaged) << undamaged.error().message;
+      EXPECT_TRUE(test::same_pixels(*live, *undamaged));
     }
   }
   EXPECT_EQ(images, GetParam().images);

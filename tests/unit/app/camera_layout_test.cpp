@@ -89,14 +89,14 @@ TEST(LibcameraRotation, RotatesImageUprightInBothApiVersions) {
     *possible = angle % 180 == 0;
     return angle;
   };
-  WithTransform old_one;
-  show_upright(old_one, 180, transform_of);
-  EXPECT_EQ(old_one.transform, 180);
-  show_upright(old_one, 45, transform_of);
-  EXPECT_EQ(old_one.transform, 180) << "an unsupported transform must be kept";
-  WithOrientation new_one;
-  show_upright(new_one, 180, transform_of);
-  EXPECT_EQ(new_one.orientation, 1) << "orientation 1 is upright";
+  WithTransform with_transform;
+  show_upright(with_transform, 180, transform_of);
+  EXPECT_EQ(with_transform.transform, 180);
+  show_upright(with_transform, 45, transform_of);
+  EXPECT_EQ(with_transform.transform, 180) << "an unsupported transform must be kept";
+  WithOrientation with_orientation;
+  show_upright(with_orientation, 180, transform_of);
+  EXPECT_EQ(with_orientation.orientation, 1) << "orientation 1 is upright";
 }
 
 }  // namespace

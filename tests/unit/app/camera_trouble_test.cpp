@@ -61,15 +61,15 @@ TEST(CountStamp, SuggestsRemedyForEveryFault) {
 
 TEST(CameraTrouble, ReportsDeviceWithoutPermission) {
   const test::TemporaryFolder devices;
-  const auto place = [&](const char* name) { return devices.path() / name; };
+  const auto path_of = [&](const char* name) { return devices.path() / name; };
   std::filesystem::permissions(devices.path(), std::filesystem::perms(0755));
-  EXPECT_FALSE(forbidden_camera_device(place("nowhere")));
+  EXPECT_FALSE(forbidden_camera_device(path_of("nowhere")));
   EXPECT_FALSE(forbidden_camera_device(devices.path()));
   for (const char* name : {"media0", "video0", "video1", "mem"}) {
-    test::write_text(place(name), "");
-    std::filesystem::permissions(place(name), std::filesystem::perms(0666));
+    test::write_text(path_of(name), "");
+    std::filesystem::permissions(path_of(name), std::filesystem::perms(0666));
   }
-  std::filesystem::permissions(place("mem"), std::filesystem::perms(0600));
+  std::filesystem::permissions(path_of("mem"), std::filesystem::perms(0600));
   // Root may open every file, so the test switches to an unprivileged user.
   const bool is_root = geteuid() == 0;
   const auto find_now = [&] {
@@ -80,7 +80,7 @@ TEST(CameraTrouble, ReportsDeviceWithoutPermission) {
   };
   EXPECT_FALSE(find_now()) << "/dev/mem is not a camera";
   for (const char* name : {"media0", "video1"}) {
-    std::filesystem::permissions(place(name), std::filesystem::perms(is_root ? 0600 : 0000));
+    std::filesystem::permissions(path_of(name), std::filesystem::perms(is_root ? 0600 : 0000));
   }
   const auto found = find_now();
   ASSERT_TRUE(found);

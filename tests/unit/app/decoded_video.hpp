@@ -52,8 +52,8 @@ inline DecodedVideo decode_video(const std::filesystem::path& file) {
       avcodec_send_packet(decoder, at_end ? nullptr : packet);
       if (!at_end) av_packet_unref(packet);
       while (avcodec_receive_frame(decoder, frame) == 0) {
-        DecodedImage picture;
-        picture.time_s = static_cast<double>(frame->pts) * av_q2d(stream->time_base);
+        DecodedImage image;
+        image.time_s = static_cast<double>(frame->pts) * av_q2d(stream->time_base);
         const bool packed = frame->format == AV_PIX_FMT_0RGB32;
         for (int plane = 0; plane < (packed ? 1 : 3); ++plane) {
           const int width = packed       ? frame->width * 4
@@ -62,7 +62,7 @@ inline DecodedVideo decode_video(const std::filesystem::path& file) {
           const int height = plane == 0 ? frame->height : frame->height / 2;
           for (int y = 0; y < height; ++y) {
             const std::uint8_t* row = frame->data[plane] + y * frame->linesize[plane];
-            picture.bytes.insert(picture.bytes.end(), row, row + width);
+            image.bytes.insert(image.bytes.end(), row, row + width);
           }
         }
         video.format = static_cast<AVPixelFormat>(frame->format);
@@ -70,7 +70,7 @@ inline DecodedVideo decode_video(const std::filesystem::path& file) {
         video.height = frame->height;
         video.color_space = frame->colorspace;
         video.color_range = frame->color_range;
-        video.pictures.push_back(std::move(picture));
+        video.pictures.push_back(std::move(image));
         av_frame_unref(frame);
       }
     }

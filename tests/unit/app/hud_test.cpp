@@ -20,10 +20,10 @@ TEST(Hud, DistinguishesStatusByWordAndColour) {
   for (const TrackStatus status :
        {TrackStatus::tracked, TrackStatus::uncertain, TrackStatus::held, TrackStatus::lost}) {
     pose.status = status;
-    const HudStatus said = status_of(pose);
-    EXPECT_THAT(said.text, testing::StartsWith(std::string(to_string(status))));
-    EXPECT_EQ(said.text.find("no tag seen") != std::string::npos, status != TrackStatus::tracked);
-    colors.insert({said.color.red, said.color.green, said.color.blue});
+    const HudStatus shown = status_of(pose);
+    EXPECT_THAT(shown.text, testing::StartsWith(std::string(to_string(status))));
+    EXPECT_EQ(shown.text.find("no tag seen") != std::string::npos, status != TrackStatus::tracked);
+    colors.insert({shown.color.red, shown.color.green, shown.color.blue});
   }
   EXPECT_EQ(colors.size(), 4U);
 }

@@ -21,7 +21,7 @@ using std::chrono::milliseconds;
 class ScriptedCamera final : public LiveSource {
  public:
   explicit ScriptedCamera(double interval_s = 1.0 / 30.0) { format_.interval_s = interval_s; }
-  void give(const std::string& jpeg) {
+  void deliver(const std::string& jpeg) {
     auto bytes = std::make_shared<const std::string>(jpeg);
     CapturedImage image;
     image.sequence = next_++;
@@ -32,10 +32,10 @@ class ScriptedCamera final : public LiveSource {
     waiting_.push_back(std::move(image));
     changed_.notify_all();
   }
-  void give(int number) { give(test::jpeg_of(number)); }
-  void give_half() {
+  void deliver(int number) { deliver(test::jpeg_of(number)); }
+  void deliver_damaged() {
     std::string bytes = test::jpeg_of(1);
-    give(bytes.erase(bytes.size() / 2, bytes.size() / 4));
+    deliver(bytes.erase(bytes.size() / 2, bytes.size() / 4));
   }
   Result<std::optional<CapturedImage>> next_image() override {
     std::unique_lock lock(mutex_);
@@ -82,21 +82,21 @@ class LivePipelineThreading : public testing::TestWithParam<bool> {};
 TEST_P(LivePipelineThreading, MarksFrameStaleWhileOthersAreDamaged) {
   ScriptedCamera camera;
   LivePipeline pipeline(camera, track_nothing, release_object, GetParam());
-  camera.give(0);
+  camera.deliver(0);
   std::optional<ReadyFrame> ready;
   while (!ready) ready = pipeline.take(milliseconds(50));
   EXPECT_EQ(pipeline.stale_for_ns(), std::nullopt);
   std::optional<std::int64_t> stale_ns;
   const Stopwatch watch;
   while (!stale_ns && watch.elapsed().wall_ms < 10e3) {
-    camera.give_half();
+    camera.deliver_damaged();
     EXPECT_FALSE(pipeline.take(milliseconds(30)));
     stale_ns = pipeline.stale_for_ns();
   }
   ASSERT_TRUE(stale_ns);
   EXPECT_GE(*stale_ns, 250'000'000);
   EXPECT_GT(camera.faults().stats().of(CaptureFault::damaged), 0U);
-  camera.give(1);
+  camera.deliver(1);
   ready.reset();
   while (!ready) ready = pipeline.take(milliseconds(50));
   EXPECT_EQ(pipeline.stale_for_ns(), std::nullopt);
@@ -105,7 +105,7 @@ TEST_P(LivePipelineThreading, MarksFrameStaleWhileOthersAreDamaged) {
 TEST_P(LivePipelineThreading, KeepsSlowCameraFreshBetweenFrames) {
   ScriptedCamera camera(1.0);
   LivePipeline pipeline(camera, track_nothing, release_object, GetParam());
-  camera.give(0);
+  camera.deliver(0);
   std::optional<ReadyFrame> ready;
   while (!ready) ready = pipeline.take(milliseconds(50));
   for (int i = 0; i < 10; ++i) {
@@ -127,10 +127,10 @@ TEST(LivePipeline, EndsWithErrorOfThrowingTracker) {
         return track_nothing(frame);
       },
       release_object, true);
-  camera.give(0);
+  camera.deliver(0);
   while (!pipeline.take(milliseconds(50))) {
   }
-  camera.give(1);
+  camera.deliver(1);
   const Stopwatch watch;
   while (!pipeline.finished() && watch.elapsed().wall_ms < 10e3) {
     (void)pipeline.take(milliseconds(50));
@@ -151,11 +151,11 @@ TEST(LivePipeline, ReadsNoFrameWhileTrackedOneWaits) {
         return track_nothing(frame);
       },
       release_object, true);
-  camera.give(0);
+  camera.deliver(0);
   while (tracked < 1) std::this_thread::yield();
   for (int i = 1; i < 8; ++i) {
     std::this_thread::sleep_for(milliseconds(20));
-    camera.give(i);
+    camera.deliver(i);
   }
   std::this_thread::sleep_for(milliseconds(100));
   EXPECT_EQ(tracked, 1);
@@ -165,16 +165,17 @@ TEST(LivePipeline, ReadsNoFrameWhileTrackedOneWaits) {
   EXPECT_EQ(next->tracked.frame.sequence, 7U);
 }
 
-// Tracking at the start of a drawing would give a frame that is one drawing old. The test counts
-// frames relative to a drawing's duration, so it does not depend on the machine's speed.
+// A frame tracked at the start of a drawing would be one drawing old when it is drawn. The test
+// requires a frame from the second half of the drawing. It counts frames instead of milliseconds,
+// so it does not depend on the machine's speed.
 TEST(LivePipeline, BeginsTrackingLateDuringDraw) {
   ScriptedCamera camera;
   LivePipeline pipeline(camera, track_nothing, release_object, true);
-  std::atomic<bool> over = false;
+  std::atomic<bool> stop_feed = false;
   std::atomic<int> given = 0;
   std::thread feed([&] {
-    for (int i = 0; !over; ++i) {
-      camera.give(i);
+    for (int i = 0; !stop_feed; ++i) {
+      camera.deliver(i);
       given = i;
       std::this_thread::sleep_for(milliseconds(5));
     }
@@ -190,12 +191,12 @@ TEST(LivePipeline, BeginsTrackingLateDuringDraw) {
     draw();
   }
   (void)next();
-  const int begun = given;
+  const int newest_at_begin = given;
   draw();
-  const int done = given;
+  const int newest_at_end = given;
   // On a slow machine only a few frames may have arrived, hence the + 2.
-  EXPECT_GE(2 * (next() - begun) + 2, done - begun);
-  over = true;
+  EXPECT_GE(2 * (next() - newest_at_begin) + 2, newest_at_end - newest_at_begin);
+  stop_feed = true;
   feed.join();
 }
 
@@ -204,15 +205,15 @@ TEST(LivePipeline, StopsDuringDraw) {
   ScriptedCamera camera;
   LivePipeline pipeline(camera, track_nothing, release_object, true);
   for (int i = 0; i < 3; ++i) {
-    camera.give(i);
+    camera.deliver(i);
     while (!pipeline.take(milliseconds(50))) {
     }
     std::this_thread::sleep_for(milliseconds(300));
   }
-  camera.give(3);
+  camera.deliver(3);
   while (!pipeline.take(milliseconds(50))) {
   }
-  camera.give(4);
+  camera.deliver(4);
   pipeline.stop();
   EXPECT_TRUE(pipeline.finished());
 }

@@ -44,7 +44,7 @@ TEST(Mailbox, KeepsLastItemAfterCloseAndAcceptsNoMore) {
 
 TEST(Mailbox, DeliversHandedOverItemsInOrder) {
   Mailbox<int> box;
-  std::thread giver([&] {
+  std::thread producer([&] {
     for (int i = 0; i < 1000; ++i) ASSERT_TRUE(box.put_when_empty(i));
     box.close();
   });
@@ -54,14 +54,14 @@ TEST(Mailbox, DeliversHandedOverItemsInOrder) {
       ASSERT_EQ(*item, expected++);
     }
   }
-  giver.join();
+  producer.join();
   EXPECT_EQ(expected, 1000);
 }
 
 TEST(Mailbox, KeepsOrderBetweenThreads) {
   Mailbox<std::unique_ptr<int>> box;
   constexpr int kItems = 20000;
-  std::thread giver([&] {
+  std::thread producer([&] {
     for (int i = 0; i < kItems; ++i) box.put(std::make_unique<int>(i));
     box.close();
   });
@@ -72,7 +72,7 @@ TEST(Mailbox, KeepsOrderBetweenThreads) {
     ASSERT_GT(**item, last);
     last = **item;
   }
-  giver.join();
+  producer.join();
   EXPECT_EQ(last, kItems - 1);
 }
 
@@ -81,26 +81,26 @@ TEST(Mailbox, LetsProducerWaitForEmptySlot) {
   EXPECT_TRUE(box.wait_until_empty());
   box.put(1);
   std::atomic<bool> taken = false;
-  std::thread giver([&] {
+  std::thread producer([&] {
     EXPECT_TRUE(box.wait_until_empty());
     EXPECT_TRUE(taken);
   });
   std::this_thread::sleep_for(milliseconds(20));
   taken = true;
   EXPECT_EQ(box.take(milliseconds(0)), 1);
-  giver.join();
+  producer.join();
   box.put(2);
-  std::thread ended([&] { EXPECT_FALSE(box.wait_until_empty()); });
+  std::thread waiting([&] { EXPECT_FALSE(box.wait_until_empty()); });
   box.close();
-  ended.join();
+  waiting.join();
 }
 
 TEST(Mailbox, WakesWaitingProducerOnClose) {
   Mailbox<int> box;
   box.put(1);
-  std::thread giver([&] { EXPECT_FALSE(box.put_when_empty(2)); });
+  std::thread producer([&] { EXPECT_FALSE(box.put_when_empty(2)); });
   box.close();
-  giver.join();
+  producer.join();
 }
 
 }  // namespace

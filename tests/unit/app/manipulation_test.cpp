@@ -51,9 +51,9 @@ TEST_F(Manipulation, CastsPixelRayThroughVisiblePoint) {
   for (const Eigen::Vector3d& p : {Eigen::Vector3d(0.0, 0.0, 0.0), Eigen::Vector3d(0.3, 0.2, 0.1),
                                    Eigen::Vector3d(-0.3, -0.1, 0.0)}) {
     const PointerView view = pointer_at(p);
-    const Eigen::Vector3d to_p = p - view.ray.origin;
-    EXPECT_LT(to_p.cross(view.ray.direction).norm(), 1e-6);
-    EXPECT_GT(to_p.dot(view.ray.direction), 0.0);
+    const Eigen::Vector3d offset = p - view.ray.origin;
+    EXPECT_LT(offset.cross(view.ray.direction).norm(), 1e-6);
+    EXPECT_GT(offset.dot(view.ray.direction), 0.0);
     EXPECT_NEAR(view.right.z(), 0.0, 1e-12);
     EXPECT_NEAR(view.right.norm(), 1.0, 1e-12);
   }
@@ -83,19 +83,20 @@ TEST_F(Manipulation, PicksScaledAndRotatedObjects) {
 }
 
 TEST_F(Manipulation, IgnoresObjectsHiddenByPhantom) {
-  Manipulator hands;
+  Manipulator manipulator;
   const Ray ray{{-0.3, -1.0, 0.02}, Eigen::Vector3d(0.0, 1.0, 0.0)};
   PointerView pointer;
   pointer.ray = ray;
   EXPECT_EQ(pick(scene(), state(), ray)->object, wall);
-  EXPECT_FALSE(hands.take(scene(), state(), pointer, DragMode::slide));
-  EXPECT_FALSE(hands.holding());
-  EXPECT_TRUE(hands.selected().empty());
+  EXPECT_FALSE(manipulator.take(scene(), state(), pointer, DragMode::slide));
+  EXPECT_FALSE(manipulator.holding());
+  EXPECT_TRUE(manipulator.selected().empty());
 }
 
 TEST_F(Manipulation, MovesWholeObjectWithPickedPart) {
-  Manipulator hands;
-  const auto taken = hands.take(scene(), state(), pointer_at({0.18, 0.0, 0.31}), DragMode::slide);
+  Manipulator manipulator;
+  const auto taken =
+      manipulator.take(scene(), state(), pointer_at({0.18, 0.0, 0.31}), DragMode::slide);
   ASSERT_TRUE(taken);
   EXPECT_EQ(taken->object, scene().objects[static_cast<std::size_t>(cube)].name);
   EXPECT_EQ(taken->placement.position, Eigen::Vector3d(0.05, 0.02, 0.25))
@@ -103,10 +104,10 @@ TEST_F(Manipulation, MovesWholeObjectWithPickedPart) {
 }
 
 TEST_F(Manipulation, KeepsHeightAndPointUnderPointerInSlideMode) {
-  Manipulator hands;
+  Manipulator manipulator;
   const Eigen::Vector3d top(0.05, -0.02, 0.30);
-  ASSERT_TRUE(hands.take(scene(), state(), pointer_at(top), DragMode::slide));
-  const auto moved = hands.drag(pointer_at(top + Eigen::Vector3d(-0.11, 0.07, 0.0)));
+  ASSERT_TRUE(manipulator.take(scene(), state(), pointer_at(top), DragMode::slide));
+  const auto moved = manipulator.drag(pointer_at(top + Eigen::Vector3d(-0.11, 0.07, 0.0)));
   ASSERT_TRUE(moved);
   EXPECT_FALSE(moved->turned);
   EXPECT_LT((moved->placement.position - Eigen::Vector3d(-0.06, 0.09, 0.25)).norm(), 1e-6);
@@ -115,39 +116,40 @@ TEST_F(Manipulation, KeepsHeightAndPointUnderPointerInSlideMode) {
 
 TEST_F(Manipulation, IgnoresSlideWhenPointerIsAboveHorizon) {
   pose = look_at({0.0, -0.8, 0.3}, {0.0, 0.0, 0.28});
-  Manipulator hands;
-  ASSERT_TRUE(hands.take(scene(), state(), pointer_at({0.05, -0.03, 0.25}), DragMode::slide));
-  EXPECT_FALSE(hands.drag(view_at(camera, pose, {320.0, 5.0}).value()));
+  Manipulator manipulator;
+  ASSERT_TRUE(manipulator.take(scene(), state(), pointer_at({0.05, -0.03, 0.25}), DragMode::slide));
+  EXPECT_FALSE(manipulator.drag(view_at(camera, pose, {320.0, 5.0}).value()));
 }
 
 TEST_F(Manipulation, MovesUpAndSidewaysOnlyInLiftMode) {
-  Manipulator hands;
+  Manipulator manipulator;
   const Eigen::Vector3d front(0.05, -0.03, 0.25);
   const PointerView start = pointer_at(front);
-  ASSERT_TRUE(hands.take(scene(), state(), start, DragMode::lift));
+  ASSERT_TRUE(manipulator.take(scene(), state(), start, DragMode::lift));
   const Eigen::Vector3d shift = 0.08 * Eigen::Vector3d::UnitZ() - 0.05 * start.right;
-  const auto moved = hands.drag(pointer_at(front + shift));
+  const auto moved = manipulator.drag(pointer_at(front + shift));
   ASSERT_TRUE(moved);
-  const Eigen::Vector3d done = moved->placement.position - Eigen::Vector3d(0.05, 0.02, 0.25);
-  EXPECT_LT((done - shift).norm(), 1e-6);
+  const Eigen::Vector3d displacement =
+      moved->placement.position - Eigen::Vector3d(0.05, 0.02, 0.25);
+  EXPECT_LT((displacement - shift).norm(), 1e-6);
 }
 
 TEST_F(Manipulation, KeepsObjectsAboveTable) {
-  Manipulator hands;
+  Manipulator manipulator;
   const Eigen::Vector3d front(0.05, -0.03, 0.25);
-  ASSERT_TRUE(hands.take(scene(), state(), pointer_at(front), DragMode::lift));
-  const auto moved = hands.drag(pointer_at(front - Eigen::Vector3d(0.0, 0.0, 0.24)));
+  ASSERT_TRUE(manipulator.take(scene(), state(), pointer_at(front), DragMode::lift));
+  const auto moved = manipulator.drag(pointer_at(front - Eigen::Vector3d(0.0, 0.0, 0.24)));
   ASSERT_TRUE(moved);
   EXPECT_NEAR(moved->placement.position.z(), 0.05, 1e-7) << "the object must stop on the table";
 }
 
 TEST_F(Manipulation, LiftsByUpwardDragWhenSeenFromAbove) {
   pose = look_at({0.05, 0.0199, 1.2}, {0.05, 0.02, 0.0});
-  Manipulator hands;
+  Manipulator manipulator;
   const PointerView start = pointer_at({0.05, -0.02, 0.30});
-  ASSERT_TRUE(hands.take(scene(), state(), start, DragMode::lift));
+  ASSERT_TRUE(manipulator.take(scene(), state(), start, DragMode::lift));
   const auto up = view_at(camera, pose, start.pixel - Eigen::Vector2d(0.0, 50.0));
-  const auto moved = hands.drag(up.value());
+  const auto moved = manipulator.drag(up.value());
   ASSERT_TRUE(moved);
   // A vertical drag of 50 px is 50 / 500 rad, seen from 0.9 m.
   EXPECT_NEAR(moved->placement.position.z() - 0.25, 0.9 * 50.0 / 500.0, 1e-3);
@@ -155,35 +157,36 @@ TEST_F(Manipulation, LiftsByUpwardDragWhenSeenFromAbove) {
 }
 
 TEST_F(Manipulation, MovesUpAndAwayOnlyInReachMode) {
-  Manipulator hands;
+  Manipulator manipulator;
   const PointerView start = pointer_at({0.05, -0.03, 0.25});
-  ASSERT_TRUE(hands.take(scene(), state(), start, DragMode::reach));
+  ASSERT_TRUE(manipulator.take(scene(), state(), start, DragMode::reach));
   PointerView pointer = start;
   pointer.pixel += Eigen::Vector2d(40.0, -25.0);
-  const auto moved = hands.drag(pointer);
+  const auto moved = manipulator.drag(pointer);
   ASSERT_TRUE(moved);
   EXPECT_FALSE(moved->turned);
-  const Eigen::Vector3d done = moved->placement.position - Eigen::Vector3d(0.05, 0.02, 0.25);
+  const Eigen::Vector3d displacement =
+      moved->placement.position - Eigen::Vector3d(0.05, 0.02, 0.25);
   const double metres_per_px =
       (start.ray.origin - Eigen::Vector3d(0.05, -0.03, 0.25)).norm() / 500.0;
-  EXPECT_NEAR(done.z(), 25.0 * metres_per_px, 1e-6);
-  EXPECT_NEAR(done.dot(start.right), 0.0, 1e-12);
+  EXPECT_NEAR(displacement.z(), 25.0 * metres_per_px, 1e-6);
+  EXPECT_NEAR(displacement.dot(start.right), 0.0, 1e-12);
   // The object moves at constant height, along the ray's horizontal direction.
   Eigen::Vector3d away = start.ray.direction - start.ray.direction.dot(start.right) * start.right;
   away.z() = 0.0;
-  EXPECT_NEAR(done.dot(away.normalized()), 40.0 * metres_per_px, 1e-6);
+  EXPECT_NEAR(displacement.dot(away.normalized()), 40.0 * metres_per_px, 1e-6);
   // The object stays above the table.
   pointer.pixel.y() = start.pixel.y() + 4000.0;
-  EXPECT_NEAR(hands.drag(pointer)->placement.position.z(), 0.05, 1e-7);
+  EXPECT_NEAR(manipulator.drag(pointer)->placement.position.z(), 0.05, 1e-7);
 }
 
 TEST_F(Manipulation, RotatesAboutTableNormalAndImageHorizontal) {
-  Manipulator hands;
+  Manipulator manipulator;
   const PointerView start = pointer_at({0.05, -0.03, 0.25});
-  ASSERT_TRUE(hands.take(scene(), state(), start, DragMode::turn));
+  ASSERT_TRUE(manipulator.take(scene(), state(), start, DragMode::turn));
   PointerView pointer = start;
   pointer.pixel.x() += 160.0;  // a quarter of the image's width rotates by a quarter turn
-  auto turned = hands.drag(pointer);
+  auto turned = manipulator.drag(pointer);
   ASSERT_TRUE(turned);
   EXPECT_TRUE(turned->turned);
   EXPECT_EQ(turned->placement.position, Eigen::Vector3d(0.05, 0.02, 0.25));
@@ -191,34 +194,34 @@ TEST_F(Manipulation, RotatesAboutTableNormalAndImageHorizontal) {
       Eigen::AngleAxisd(0.5 * std::numbers::pi, Eigen::Vector3d::UnitZ()));
   EXPECT_LT(turned->placement.rotation.angularDistance(quarter), 1e-9);
   pointer.pixel = start.pixel + Eigen::Vector2d(0.0, 80.0);
-  turned = hands.drag(pointer);
+  turned = manipulator.drag(pointer);
   const Eigen::Quaterniond tilt(Eigen::AngleAxisd(0.25 * std::numbers::pi, start.right));
   EXPECT_LT(turned->placement.rotation.angularDistance(tilt), 1e-9);
 }
 
 TEST_F(Manipulation, KeepsObjectWhenPointerDoesNotMove) {
   for (const DragMode mode : {DragMode::slide, DragMode::lift, DragMode::reach, DragMode::turn}) {
-    Manipulator hands;
+    Manipulator manipulator;
     const PointerView start = pointer_at({0.05, -0.03, 0.25});
-    const auto taken = hands.take(scene(), state(), start, mode);
+    const auto taken = manipulator.take(scene(), state(), start, mode);
     ASSERT_TRUE(taken);
-    const auto dragged = hands.drag(start);
+    const auto dragged = manipulator.drag(start);
     ASSERT_TRUE(dragged);
     EXPECT_LT((dragged->placement.position - taken->placement.position).norm(), 1e-12);
     EXPECT_LT(dragged->placement.rotation.angularDistance(taken->placement.rotation), 1e-7);
-    hands.release_object();
-    EXPECT_FALSE(hands.drag(start));
-    EXPECT_EQ(hands.selected(), taken->object) << "still selected";
+    manipulator.release_object();
+    EXPECT_FALSE(manipulator.drag(start));
+    EXPECT_EQ(manipulator.selected(), taken->object) << "still selected";
   }
 }
 
 TEST_F(Manipulation, PutsSelectedObjectOnTable) {
-  Manipulator hands;
+  Manipulator manipulator;
   const PointerView target = pointer_at({-0.1, -0.15, 0.0});
-  EXPECT_FALSE(hands.put(scene(), state(), target)) << "nothing is selected";
-  ASSERT_TRUE(hands.take(scene(), state(), pointer_at({0.05, -0.03, 0.25}), DragMode::slide));
-  hands.release_object();
-  const auto put = hands.put(scene(), state(), target);
+  EXPECT_FALSE(manipulator.put(scene(), state(), target)) << "nothing is selected";
+  ASSERT_TRUE(manipulator.take(scene(), state(), pointer_at({0.05, -0.03, 0.25}), DragMode::slide));
+  manipulator.release_object();
+  const auto put = manipulator.put(scene(), state(), target);
   ASSERT_TRUE(put);
   EXPECT_LT((put->placement.position - Eigen::Vector3d(-0.1, -0.15, 0.05)).norm(), 1e-6);
 }

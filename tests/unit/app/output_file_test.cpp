@@ -56,9 +56,9 @@ TEST(OutputFile, ReportsFailuresWithRequestedName) {
   ASSERT_TRUE(file);
   const std::string partial = file->partial().string();
   ASSERT_THAT(partial, testing::HasSubstr("real"));
-  const std::string asked = (folder.path() / "link").string();
+  const std::string requested = (folder.path() / "link").string();
   EXPECT_EQ(file->failed({partial + ": is full; free some of " + partial}).value().message,
-            asked + ": is full; free some of " + asked);
+            requested + ": is full; free some of " + requested);
   EXPECT_EQ(file->failed({"no path"}).value().message, "no path");
   EXPECT_EQ(renamed({"a.partial-1-0/frames/3.png: no"}, "a.partial-1-0", "a").message,
             "a/frames/3.png: no");
@@ -67,39 +67,39 @@ TEST(OutputFile, ReportsFailuresWithRequestedName) {
 TEST(OutputFile, CommitsSeveralFilesAtomically) {
   const test::TemporaryFolder folder;
   const fs::path replaced = folder.path() / "replaced";
-  const fs::path made = folder.path() / "made";
+  const fs::path created = folder.path() / "made";
   const fs::path last = folder.path() / "last";
   std::ofstream(replaced) << "before";
-  const auto commit_all = [&](bool can_be) {
+  const auto commit_all = [&](bool succeeds) {
     auto a = OutputFile::create(replaced);
-    auto b = OutputFile::create(made);
+    auto b = OutputFile::create(created);
     auto c = OutputFile::create(last);
     EXPECT_TRUE(a && b && c);
     for (OutputFile* file : {&*a, &*b, &*c}) EXPECT_TRUE(write_whole(*file, "after"));
-    if (!can_be) fs::create_directories(last / "in the way");
+    if (!succeeds) fs::create_directories(last / "in the way");
     return commit_together(std::array{&*a, &*b, &*c});
   };
   const auto failed = commit_all(false);
   ASSERT_FALSE(failed);
   EXPECT_THAT(failed.error().message, testing::StartsWith(last.string() + ": cannot be"));
   EXPECT_EQ(text_of(replaced), "before");
-  EXPECT_FALSE(fs::exists(made));
+  EXPECT_FALSE(fs::exists(created));
   EXPECT_EQ(std::distance(fs::directory_iterator(folder.path()), {}), 2) << "a .part file is left";
   fs::remove_all(last);
   ASSERT_TRUE(commit_all(true));
-  for (const fs::path& file : {replaced, made, last}) EXPECT_EQ(text_of(file), "after");
+  for (const fs::path& file : {replaced, created, last}) EXPECT_EQ(text_of(file), "after");
   EXPECT_EQ(std::distance(fs::directory_iterator(folder.path()), {}), 3) << "a .part file is left";
 }
 
 TEST(OutputFile, UsesDistinctPartialFilesForSameTarget) {
   const test::TemporaryFolder folder;
-  auto one = OutputFile::create(folder.path() / "a.json");
-  auto other = OutputFile::create(folder.path() / "a.json");
-  ASSERT_TRUE(one && other);
-  EXPECT_NE(one->partial(), other->partial());
-  ASSERT_TRUE(write_text(*one, "one"));
+  auto first = OutputFile::create(folder.path() / "a.json");
+  auto second = OutputFile::create(folder.path() / "a.json");
+  ASSERT_TRUE(first && second);
+  EXPECT_NE(first->partial(), second->partial());
+  ASSERT_TRUE(write_text(*first, "one"));
   EXPECT_EQ(text_of(folder.path() / "a.json"), "one");
-  ASSERT_TRUE(write_text(*other, "other"));
+  ASSERT_TRUE(write_text(*second, "other"));
   EXPECT_EQ(text_of(folder.path() / "a.json"), "other");
 }
 
@@ -159,7 +159,7 @@ TEST(OutputFile, WritesToNamedPipe) {
 TEST(OutputFile, WaitsForPipeReaderAtFirstByte) {
   const test::TemporaryFolder folder;
   ASSERT_EQ(mkfifo((folder.path() / "pipe").c_str(), 0600), 0);
-  // create() does not wait for a reader, so a reader may open both pipes in sequence.
+  // create() does not wait for a reader, so a reader may open several pipes one after the other.
   EXPECT_TRUE(OutputFile::create(folder.path() / "pipe"));
   EXPECT_TRUE(OutputFile::create(folder.path() / "pipe"));
 }

@@ -141,16 +141,18 @@ TEST_P(HudOverlay, DrawsEveryLayoutAndKeepsFrameVisible) {
       {"full-640x480", 640, 480, {}, 0.6},
       {"full-1920x1080", 1920, 1080, {}, 0.3},
   };
-  for (const Case& one : cases) {
+  for (const Case& layout : cases) {
     HudActions actions;
     // The layout sizes are final in the second drawing.
-    shoot(*overlay, busy_state(), one.panels, one.width, one.height, actions);
-    const Shot shot = shoot(*overlay, busy_state(), one.panels, one.width, one.height, actions);
-    const double fraction = static_cast<double>(changed_pixels(shot)) / (one.width * one.height);
-    EXPECT_GT(fraction, 0.02) << one.name;
-    EXPECT_LT(fraction, one.max_fraction) << one.name;
-    EXPECT_TRUE(actions.commands.empty() && actions.edits.empty()) << one.name;
-    save_for_inspection(shot, prefix() + one.name);
+    shoot(*overlay, busy_state(), layout.panels, layout.width, layout.height, actions);
+    const Shot shot =
+        shoot(*overlay, busy_state(), layout.panels, layout.width, layout.height, actions);
+    const double fraction =
+        static_cast<double>(changed_pixels(shot)) / (layout.width * layout.height);
+    EXPECT_GT(fraction, 0.02) << layout.name;
+    EXPECT_LT(fraction, layout.max_fraction) << layout.name;
+    EXPECT_TRUE(actions.commands.empty() && actions.edits.empty()) << layout.name;
+    save_for_inspection(shot, prefix() + layout.name);
   }
 }
 
@@ -184,11 +186,11 @@ TEST_P(HudOverlay, ListsSkippedAndReusedPartsInDebugViewOnly) {
   HudState plain = busy_state();
   plain.skipped.clear();
   plain.kept.clear();
-  HudState left_out = plain;
-  left_out.skipped = {"rotor: outside the view"};
+  HudState with_skipped = plain;
+  with_skipped.skipped = {"rotor: outside the view"};
   HudState kept = plain;
   kept.kept = {"video: the frame is on the GPU already"};
-  HudState both = left_out;
+  HudState both = with_skipped;
   both.kept = kept.kept;
   const auto shot_of = [&](const HudState& state, bool debug) {
     HudPanels panels;
@@ -197,7 +199,7 @@ TEST_P(HudOverlay, ListsSkippedAndReusedPartsInDebugViewOnly) {
     shoot(*overlay, state, panels, 1280, 720, actions);
     return shoot(*overlay, state, panels, 1280, 720, actions);
   };
-  // Lower end of the debug view: the last row whose left end is not the image's grey.
+  // Lower end of the debug view: the last row in which the pixel at x = 60 is not the image's grey.
   const auto bottom = [](const Shot& shot) {
     int last = 0;
     for (int y = 0; y < shot.height * 3 / 4; ++y) {
@@ -207,11 +209,11 @@ TEST_P(HudOverlay, ListsSkippedAndReusedPartsInDebugViewOnly) {
     return last;
   };
   const int without = bottom(shot_of(plain, true));
-  const int line = bottom(shot_of(left_out, true)) - without;
+  const int line = bottom(shot_of(with_skipped, true)) - without;
   EXPECT_GT(line, 8) << "height of a line [px]";
   EXPECT_EQ(bottom(shot_of(kept, true)), without + line);
   EXPECT_EQ(bottom(shot_of(both, true)), without + 2 * line);
-  EXPECT_NE(shot_of(kept, true).rgba, shot_of(left_out, true).rgba)
+  EXPECT_NE(shot_of(kept, true).rgba, shot_of(with_skipped, true).rgba)
       << "skipped and reused parts must have different texts";
   EXPECT_EQ(shot_of(both, false).rgba, shot_of(plain, false).rgba);
   save_for_inspection(shot_of(both, true), prefix() + "reasons-1280x720");
@@ -247,8 +249,8 @@ TEST_P(HudOverlay, OffersFullScreenAndQuitButtonsInCompactHelp) {
   panels.compact = panels.help = true;
   std::set<WindowCommand> found;
   for (int i = 0; i < 2; ++i) {
-    HudActions none;
-    shoot(*overlay, busy_state(), panels, kWidth, kHeight, none);
+    HudActions actions;
+    shoot(*overlay, busy_state(), panels, kWidth, kHeight, actions);
   }
   for (int y = kStep_px / 2; y < kHeight; y += kStep_px) {
     for (int x = kStep_px / 2; x < kWidth; x += kStep_px) {

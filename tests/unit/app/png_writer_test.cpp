@@ -14,7 +14,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-const std::vector<std::uint8_t> kPicture = {1, 2, 3, 9, 4, 5, 6, 9};  // 2 x 1
+const std::vector<std::uint8_t> kImage = {1, 2, 3, 9, 4, 5, 6, 9};  // 2 x 1
 
 std::set<std::string> names_in(const fs::path& folder) {
   std::set<std::string> names;
@@ -26,7 +26,7 @@ void write(const fs::path& folder, const std::vector<std::uint64_t>& numbers) {
   auto writer = create_png_writer(folder, {2, 1, 0.03});
   ASSERT_TRUE(writer) << writer.error().message;
   for (const std::uint64_t number : numbers) {
-    const auto written = (*writer)->write(number, 0, kPicture);
+    const auto written = (*writer)->write(number, 0, kImage);
     ASSERT_TRUE(written) << written.error().message;
   }
   const auto finished = (*writer)->finish();
@@ -100,14 +100,14 @@ TEST(PngWriter, WritesThroughSymlink) {
 TEST(PngWriter, SeparatesRunsWithSameTarget) {
   const test::TemporaryFolder temporary;
   const fs::path folder = temporary.path() / "out";
-  auto one = create_png_writer(folder, {2, 1, 0.03});
-  auto other = create_png_writer(folder, {2, 1, 0.03});
-  ASSERT_TRUE(one && other);
-  ASSERT_TRUE((*one)->write(1, 0, kPicture));
-  ASSERT_TRUE((*other)->write(2, 0, kPicture));
-  ASSERT_TRUE((*one)->finish());
+  auto first = create_png_writer(folder, {2, 1, 0.03});
+  auto second = create_png_writer(folder, {2, 1, 0.03});
+  ASSERT_TRUE(first && second);
+  ASSERT_TRUE((*first)->write(1, 0, kImage));
+  ASSERT_TRUE((*second)->write(2, 0, kImage));
+  ASSERT_TRUE((*first)->finish());
   EXPECT_EQ(names_in(folder), (std::set<std::string>{"000001.png"}));
-  ASSERT_TRUE((*other)->finish());
+  ASSERT_TRUE((*second)->finish());
   EXPECT_EQ(names_in(folder), (std::set<std::string>{"000002.png"}));
   EXPECT_EQ(names_in(temporary.path()), (std::set<std::string>{"out"}));
 }
@@ -119,7 +119,7 @@ TEST(PngWriter, KeepsOldFolderWhenNotFinished) {
   {
     auto writer = create_png_writer(folder, {2, 1, 0.03});
     ASSERT_TRUE(writer);
-    ASSERT_TRUE((*writer)->write(5, 0, kPicture));
+    ASSERT_TRUE((*writer)->write(5, 0, kImage));
   }
   EXPECT_EQ(names_in(folder), (std::set<std::string>{"000000.png", "000001.png"}));
   EXPECT_EQ(names_in(temporary.path()), (std::set<std::string>{"out"}));

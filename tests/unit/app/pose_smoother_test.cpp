@@ -27,7 +27,7 @@ CameraPose over_the_table() {
   return looking_at({0.0, 0.0, 0.0}, 0.6, 0.9, 0.3, 0.1);
 }
 
-// Lag of the drawn poses from index `first` on.
+// Returns the lag [ms] of the drawn poses from index `first` on.
 std::optional<double> lag_ms(const Trajectory& measured, const Trajectory& drawn,
                              std::size_t first = 0) {
   LagMeter meter(desk_camera());
@@ -42,7 +42,7 @@ double apart_px(const CameraPose& a, const CameraPose& b) {
   return overlay_difference(desk_camera(), a, b).rms_px();
 }
 
-// Camera pose shifted to the right, so that the overlay moves by about `px`.
+// Returns the rest pose shifted to the right, so that the overlay moves by about `px`.
 CameraPose shifted(double px) {
   Vector6d xi = Vector6d::Zero();
   xi[0] = 1e-3;
@@ -118,9 +118,9 @@ TEST(PoseSmoother, MeasuresLagOfDelayedPath) {
   Trajectory measured, drawn;
   for (int i = 0; i < 60; ++i) {
     const std::int64_t at = nanoseconds(1.0 + i * kFrame_s);
-    const auto place = [](double t) { return shifted(60.0 * std::sin(3.0 * t)); };
-    measured.poses.push_back({at, place(i * kFrame_s), {}});
-    drawn.poses.push_back({at, place(i * kFrame_s - 0.012), {}});
+    const auto path_pose = [](double t) { return shifted(60.0 * std::sin(3.0 * t)); };
+    measured.poses.push_back({at, path_pose(i * kFrame_s), {}});
+    drawn.poses.push_back({at, path_pose(i * kFrame_s - 0.012), {}});
   }
   EXPECT_NEAR(lag_ms(measured, drawn).value(), 12.0, 0.5);
   EXPECT_NEAR(lag_ms(measured, measured).value(), 0.0, 1e-9);
@@ -206,13 +206,13 @@ RC_GTEST_PROP(PoseSmoother, StaysWithinBoundsForAnyMotionAndTimes, ()) {
     RC_ASSERT(drawn.offset_px >= 0.0 && drawn.offset_px <= PoseSmoother::kMaxOffset_px);
     // Maximum lag, at the minimum cutoff of 1 Hz: 1 / (2 pi 1 Hz).
     RC_ASSERT(drawn.lag_ms <= 160.0);
-    const Vector6d whole = perturbation_between(before, pose);
-    const Vector6d made = perturbation_between(before, drawn.T_table_camera);
-    const Vector6d left = perturbation_between(drawn.T_table_camera, pose);
-    for (const auto part : {0, 3}) {
-      const double whole_norm = whole.segment<3>(part).norm();
-      RC_ASSERT(made.segment<3>(part).norm() <= whole_norm * (1.0 + 1e-6) + 1e-9);
-      RC_ASSERT(left.segment<3>(part).norm() <= whole_norm * (1.0 + 1e-6) + 1e-9);
+    const Vector6d measured_change = perturbation_between(before, pose);
+    const Vector6d drawn_change = perturbation_between(before, drawn.T_table_camera);
+    const Vector6d remaining = perturbation_between(drawn.T_table_camera, pose);
+    for (const auto begin : {0, 3}) {
+      const double measured_norm = measured_change.segment<3>(begin).norm();
+      RC_ASSERT(drawn_change.segment<3>(begin).norm() <= measured_norm * (1.0 + 1e-6) + 1e-9);
+      RC_ASSERT(remaining.segment<3>(begin).norm() <= measured_norm * (1.0 + 1e-6) + 1e-9);
     }
     before = drawn.T_table_camera;
   }

@@ -390,7 +390,7 @@ TEST_F(FrameFolderRecording, SkipsAndCountsDamagedCameraFrames) {
     EXPECT_EQ(numbers, (std::vector<std::uint64_t>{1, 2, 4, 5, 6, 7}));
     EXPECT_EQ((*source)->damaged(), 2);
   }
-  // A missing file is an error, not camera damage.
+  // A frame that is no file is an error, not damage by the camera.
   std::filesystem::remove(frame(4));
   std::filesystem::create_directory(frame(4));
   EXPECT_THAT(play(*recording).error, HasSubstr("000004.jpg"));
@@ -572,9 +572,9 @@ TEST_F(VideoRecording, SkipsFramesFromAnyPosition) {
       auto reader = VideoReader::open(video());
       ASSERT_TRUE(reader) << reader.error().message;
       for (int at = 0; at < kFrames;) {
-        const int over = static_cast<int>(random() % 4);
-        ASSERT_TRUE(reader->skip(over));
-        at += over;
+        const int skipped = static_cast<int>(random() % 4);
+        ASSERT_TRUE(reader->skip(skipped));
+        at += skipped;
         const auto frame = reader->next();
         ASSERT_TRUE(frame) << frame.error().message;
         ASSERT_EQ(frame->has_value(), at < kFrames);
@@ -614,11 +614,11 @@ TEST_F(VideoRecording, ContinuesAfterDamagedFrame) {
       EXPECT_EQ((*damaged.rbegin() + 1) % gop, 0) << "the damage must end at the next key frame";
     }
     // Skips some frames of the same video.
-    auto again = VideoReader::open(video());
-    ASSERT_TRUE(again);
-    ASSERT_TRUE(again->skip(*damaged.begin() + 1));
+    auto second_reader = VideoReader::open(video());
+    ASSERT_TRUE(second_reader);
+    ASSERT_TRUE(second_reader->skip(*damaged.begin() + 1));
     for (int at = *damaged.begin() + 1; at < kFrames; ++at) {
-      const auto frame = again->next();
+      const auto frame = second_reader->next();
       EXPECT_EQ(frame.has_value(), !damaged.contains(at)) << at;
     }
   }
