@@ -337,6 +337,7 @@ class Planner {
     }
   }
 
+  // `on_planes`: plans volumes that darken all surfaces; false: only visible phantoms.
   void plan_volumes(const ShadowNode& node, bool on_planes) {
     const std::vector<int> lights = lights_of(node);
     if (lights.empty() || node.planes.empty()) return;
