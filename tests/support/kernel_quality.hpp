@@ -91,6 +91,7 @@ class QualityCases {
   std::vector<QualityCase> cases_;
 };
 
+// Layers with reference masks, and their names in the JSON file.
 inline constexpr std::array kJudgedLayers = {std::pair{ShadowLayer::umbra, "umbra"},
                                              std::pair{ShadowLayer::penumbra, "penumbra"}};
 
