@@ -33,13 +33,13 @@ using ImageFeed = std::function<Result<void>(const TakeImage& take, const std::s
 
 ImageFeed newest_of(LiveSource& source) {
   return [&source](const TakeImage& take, const std::stop_token& stop) -> Result<void> {
-    constexpr std::chrono::milliseconds kPatience(50);
+    constexpr std::chrono::milliseconds kTakeTimeout(50);
     NewestImage images(source);
     std::vector<std::uint8_t> scratch;
     while (!stop.stop_requested()) {
-      // Read before take(): the last image may arrive between both calls.
+      // Queried before take(), because the last image may arrive between the two calls.
       const bool finished = images.finished();
-      const std::optional<Frame> frame = images.take(kPatience);
+      const std::optional<Frame> frame = images.take(kTakeTimeout);
       if (!frame && finished) {
         if (const auto error = images.error()) return tl::unexpected(*error);
         return {};
@@ -204,17 +204,17 @@ class ImageChecker {
   CameraCalibrator& calibrator_;
   const CaptureOptions& options_;
   ViewGuide guide_;
-  std::optional<ImageCheck> check_;  // until the target is detected
+  std::optional<ImageCheck> check_;  // set until the target is detected for the first time
   std::stop_source stop_;
   const bool bars_;
-  // Used only by the thread until it ends:
+  // Only the thread uses the members below until it ends.
   std::optional<Error> error_;
   int images_checked_ = 0;
   int width_ = 0;
   int height_ = 0;
   std::map<std::string, int> reasons_;  // counts of reasons for rejecting images
   Mailbox<CheckedImage> checked_images_;
-  std::thread thread_;  // declared last, because it uses the others
+  std::thread thread_;  // declared last, because the thread uses the other members
 };
 
 }  // namespace
@@ -235,7 +235,7 @@ Result<void> create_keep_folder(const std::filesystem::path& folder) {
 Result<Capture> capture_views(const CaptureSource& source, const Target& target,
                               CaptureOptions options, InterruptWatch& interrupt,
                               CameraCalibrator& calibrator, GuideWindow* window) {
-  constexpr std::chrono::milliseconds kPatience(30);  // interval of polling the window and Ctrl-C
+  constexpr std::chrono::milliseconds kPollInterval(30);  // for the window and Ctrl-C
   LiveSource* const* camera = std::get_if<LiveSource*>(&source);
   std::stop_source stop;
   options.guide.held = camera != nullptr;
@@ -247,22 +247,22 @@ Result<Capture> capture_views(const CaptureSource& source, const Target& target,
   }
   const bool bars = window == nullptr && isatty(STDERR_FILENO) == 1;
   CaptureEnd end = CaptureEnd::no_more;
-  ImageChecker looking(camera != nullptr ? newest_of(**camera) : all_of(std::get<1>(source)),
+  ImageChecker checker(camera != nullptr ? newest_of(**camera) : all_of(std::get<1>(source)),
                        options, calibrator, std::move(guide), std::move(check), stop, bars);
-  for (std::optional<Stopwatch> since_first; !looking.finished();) {
-    auto looked = looking.take(kPatience);
-    if (looked && !since_first) since_first.emplace();
+  for (std::optional<Stopwatch> since_first; !checker.finished();) {
+    auto checked = checker.take(kPollInterval);
+    if (checked && !since_first) since_first.emplace();
     if (window != nullptr) {
-      if (looked) {
+      if (checked) {
         auto shown =
-            window->show(looked->frame, std::move(looked->look), std::move(looked->progress));
+            window->show(checked->frame, std::move(checked->look), std::move(checked->progress));
         if (!shown && !window->display_lost()) return tl::unexpected(shown.error());
       }
       window->refresh();
     }
     if (interrupt.interrupted()) {
       end = CaptureEnd::interrupted;
-      interrupt.clear_interrupted();  // the views may suffice; a further signal ends the solver
+      interrupt.clear_interrupted();  // the views may suffice; another Ctrl-C stops the solver
     } else if (window != nullptr && window->closed()) {
       end = CaptureEnd::closed;
       if (window->display_lost()) {
@@ -274,10 +274,10 @@ Result<Capture> capture_views(const CaptureSource& source, const Target& target,
     }
     if (end != CaptureEnd::no_more) break;
   }
-  looking.stop();
+  checker.stop();
   if (bars) std::fputs("\r\033[K", stderr);
-  if (looking.error()) return tl::unexpected(*looking.error());
-  return looking.capture(end);
+  if (checker.error()) return tl::unexpected(*checker.error());
+  return checker.capture(end);
 }
 
 }  // namespace penumbra

@@ -1,5 +1,5 @@
-// Takes views for a calibration from a running camera if they add information, and shows which
-// views are still missing.
+// Selects the images of a camera, a recording or a folder that add information to a calibration as
+// its views. Shows which views are still missing.
 #pragma once
 
 #include <filesystem>
@@ -33,15 +33,15 @@ struct Capture {
   CaptureEnd end = CaptureEnd::no_more;
   int pictures = 0;     // number of images checked
   int views = 0;        // number of these accepted as views
-  std::string why_not;  // most frequent reason for rejecting the others
+  std::string why_not;  // most frequent reason for rejecting an image
 };
 
+using CaptureSource = std::variant<LiveSource*, std::filesystem::path>;
 // Takes views for `calibrator` from the newest images of a camera, or from all images of a
 // recording or folder, and prints a line for each view. `window`, if not nullptr, shows the images;
 // otherwise a terminal on standard error shows progress bars. Ends when the views suffice (camera
 // only), when the duration is over, on Ctrl-C, when the window is closed, or after the last image.
 // Ctrl-C leaves `interrupt` cleared. Fails if the camera fails or a view can't be saved.
-using CaptureSource = std::variant<LiveSource*, std::filesystem::path>;
 [[nodiscard]] Result<Capture> capture_views(const CaptureSource& source, const Target& target,
                                             CaptureOptions options, InterruptWatch& interrupt,
                                             CameraCalibrator& calibrator, GuideWindow* window);

@@ -20,9 +20,9 @@
 namespace penumbra {
 namespace {
 
-constexpr double kFlash_ms = 700.0;
+constexpr double kFlash_ms = 700.0;  // duration of the green frame around an accepted view
 constexpr int kSmallestWidth = 960;  // minimum initial window width [px], for small images
-constexpr std::chrono::milliseconds kRest(15);
+constexpr std::chrono::milliseconds kRest(15);  // pause between two refreshes in wait()
 
 constexpr ImGuiWindowFlags kPanel = ImGuiWindowFlags_NoDecoration | ImGuiWindowFlags_NoMove |
                                     ImGuiWindowFlags_NoSavedSettings | ImGuiWindowFlags_NoInputs |

@@ -1,5 +1,5 @@
-// Window of a calibration. Shows the camera's image with the detected target, the cells without
-// views, a bar for each missing quantity, the next step, and finally the grade.
+// Window of a calibration. Shows the camera's image with the detected target, the image cells that
+// no view covers, a bar for each missing quantity, the next step, and finally the grade.
 #pragma once
 
 #include <memory>
@@ -26,9 +26,9 @@ struct GuideHud {
   GuideResult look;
   GuideProgress progress;
   double flash = 0.0;                     // 1 when a view is taken, then decreasing to 0
-  std::string words;                      // replace the bars: "solving", or the result
-  std::optional<CalibrationGrade> grade;  // grade of the result
-  bool failed = false;                    // `words` is an error
+  std::string words;                      // text in place of the bars: "solving", or the result
+  std::optional<CalibrationGrade> grade;  // grade of the calibration
+  bool failed = false;                    // `words` is an error message
 };
 
 class GuideWindow {

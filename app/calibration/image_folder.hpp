@@ -18,7 +18,7 @@ struct NamedImage {
   Frame frame;             // decoded image; empty if unreadable
   ImageView luma;          // luma plane of `frame`
   std::string unreadable;  // error message if the image can't be read
-  std::string notice;      // warning about the decoding; set for one image only
+  std::string notice;      // warning about the decoding; each kind is set for one image only
 };
 
 // Calls `take` for every image in order until it returns false or an error. Ignores camera.yaml,
