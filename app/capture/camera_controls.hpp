@@ -23,9 +23,9 @@ struct RequestedSettings {
   int width = 640;    // [px]
   int height = 480;   // [px]
   double fps = 30.0;  // ignored if the camera's rate can't be set
-  // grey, nv12, yu12, yuyv or mjpeg; empty: the cheapest format to read at that size and rate.
+  // grey, nv12, yu12, yuyv, mjpeg or rgb; empty: the cheapest format to read at that size and rate.
   std::optional<std::string> format;
-  bool recording = false;  // prefers JPEG, which is stored without encoding
+  bool recording = false;  // prefers JPEG, because a recording stores it without encoding
   CameraControls controls;
 };
 

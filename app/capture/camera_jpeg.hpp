@@ -1,5 +1,5 @@
 // JPEG images of cameras and recordings. An image is accepted if it has the stream's size
-// (`granted`) and all of its blocks can be decoded.
+// (`granted`), apart from padding lines at the bottom, and all of its blocks can be decoded.
 #pragma once
 
 #include <cstdint>
@@ -18,10 +18,10 @@ namespace penumbra {
 
 struct CameraJpeg {
   std::span<const std::uint8_t> bytes;  // without bytes before and after the image
-  std::optional<Frame> frame;           // set only if the end mark is missing (see below)
+  std::optional<Frame> frame;  // set only if the end mark is missing (see receive_camera_jpeg())
 };
 
-// Remedies for incomplete images of a camera and for damaged files.
+// Remedies: kImproveTransfer for a camera's incomplete images, kRecordAgain for damaged files.
 inline constexpr std::string_view kImproveTransfer =
     "data is lost between the camera and the computer: try another USB port or cable, no hub, or a "
     "lower --size or --fps";
@@ -41,7 +41,7 @@ inline constexpr char kOtherJpegSize[] =
                                                const std::string& name, const ImageSize& granted,
                                                std::string_view remedy);
 
-// Decodes an image file of a recording: JPEG as above, or PNG. `size`: the recording's camera size.
+// Decodes a recording's JPEG or PNG file. Crops a JPEG's padding to `size`, the camera's size.
 [[nodiscard]] Result<Frame> decode_recorded_image(std::span<const std::uint8_t> bytes,
                                                   const std::string& name,
                                                   const std::optional<ImageSize>& size,

@@ -8,14 +8,14 @@ void CameraSearch::begin() {
 }
 
 std::optional<std::size_t> CameraSearch::find(std::span<const V4l2Identity> connected) {
-  const bool first_look = std::exchange(first_search_, false);
+  const bool first_search = std::exchange(first_search_, false);
   std::optional<std::size_t> moved;
   std::set<std::string> addresses;  // bus addresses; one camera may have several devices
   for (std::size_t i = 0; i < connected.size(); ++i) {
     const V4l2Identity& camera = connected[i];
     if (is_in_place(camera)) return i;
     if (!is_of_model(camera)) continue;
-    if (first_look) others_.insert(camera.bus);
+    if (first_search) others_.insert(camera.bus);
     if (others_.contains(camera.bus)) continue;
     if (addresses.insert(camera.bus).second) moved = i;
   }

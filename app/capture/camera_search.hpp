@@ -13,8 +13,8 @@
 namespace penumbra {
 
 // Cameras of one model differ only by their bus address (USB port), but each has its own
-// calibration. The lost camera is therefore the one at the old address. If there is none, it is the
-// only one of its model that was connected since then at another address.
+// calibration. The lost camera is therefore the camera at the old address. If no camera is there,
+// it is the only camera of its model that was connected at another address after the loss.
 class CameraSearch {
  public:
   explicit CameraSearch(V4l2Identity lost) : lost_(std::move(lost)) {}

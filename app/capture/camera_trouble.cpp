@@ -52,9 +52,9 @@ std::optional<std::string> forbidden_camera_device(const std::filesystem::path& 
       kJoinVideoGroup);
 }
 
-void Outage::begin(const StreamError& trouble, const std::optional<std::string>& now) {
+void Outage::begin(const StreamError& trouble, const std::optional<std::string>& hud_text) {
   if (fault_ != trouble.fault) faults_.count(trouble.fault, trouble.message);
-  faults_.set_trouble(now.value_or(trouble.message));
+  faults_.set_trouble(hud_text.value_or(trouble.message));
   fault_ = trouble.fault;
 }
 

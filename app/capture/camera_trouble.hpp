@@ -48,12 +48,12 @@ inline constexpr std::string_view kDisconnected =
 [[nodiscard]] std::optional<std::string> forbidden_camera_device(
     const std::filesystem::path& devices = "/dev");
 
-// A period without frames. Counts each kind of fault once per outage. Not thread-safe.
+// A period without frames. Counts a fault only if its kind differs from the last. Not thread-safe.
 class Outage {
  public:
   explicit Outage(FaultCounter& faults) : faults_(faults) {}
-  // Starts an outage, or continues it. `now`: a shorter text for the HUD; default: the message.
-  void begin(const StreamError& trouble, const std::optional<std::string>& now = std::nullopt);
+  // Starts or continues an outage. `hud_text`: shorter text for the HUD; default: the message.
+  void begin(const StreamError& trouble, const std::optional<std::string>& hud_text = std::nullopt);
   // Call this when a frame arrives. Returns true if it ended an outage.
   bool end();
 

@@ -17,8 +17,8 @@ enum class CaptureFault {
   io_error,      // EIO and other errors while streaming
   disconnected,  // ENODEV: unplugged, or reset
   refused,       // EINVAL: the driver refused a valid call
-  busy,          // used by another program when it was opened again
-  forbidden,     // no permission when it was opened again
+  busy,          // another program used the camera when it was opened again
+  forbidden,     // the user had no permission when the camera was opened again
   wrong_format,  // another size or format than before
   error_frame,   // marked as bad by the driver, or empty
   damaged,       // a JPEG that can't be decoded
@@ -59,12 +59,12 @@ class FaultCounter {
   // Sets the current fault; nullopt: it is over.
   void set_trouble(std::optional<std::string> trouble);
   [[nodiscard]] CaptureStats stats() const;
-  // Returns the faults since the previous call, for the events of a recording.
   struct Event {
-    std::int64_t timestamp_ns;  // when it was counted, on the monotonic clock
+    std::int64_t timestamp_ns;  // when the fault was counted, on the monotonic clock
     CaptureFault fault;
     std::string detail;
   };
+  // Returns the faults since the previous call, for the events of a recording.
   [[nodiscard]] std::vector<Event> take_events();
 
  private:

@@ -14,14 +14,13 @@ constexpr std::uint32_t kMaxLost = 1U << 20U;
 constexpr double kGapIntervals = 1.6;
 // This number of consecutive long intervals means a slower camera, not gaps.
 constexpr std::uint32_t kSlowerAfter = 5;
-// Limits of FramePace for a pause.
-constexpr std::int64_t kStallIntervals = 3;  // [intervals]
-constexpr std::int64_t kMinStall_ns = 1'000'000'000;
-constexpr std::int64_t kStarting_ns = 3'000'000'000;
-constexpr int kMaxDoublings = 2;  // largest number of doublings of kStarting_ns
-constexpr std::int64_t kMinStale_ns = 250'000'000;
+constexpr std::int64_t kStallIntervals = 3;  // intervals without a frame that count as a stall
+constexpr std::int64_t kMinStall_ns = 1'000'000'000;  // minimum of stall_timeout_ns()
+constexpr std::int64_t kStarting_ns = 3'000'000'000;  // its minimum before the first interval
+constexpr int kMaxDoublings = 2;                      // largest number of doublings of kStarting_ns
+constexpr std::int64_t kMinStale_ns = 250'000'000;    // minimum of stale_after_ns()
 
-// Returns the granted interval, or the n-th smallest of the first `count` ones if that is longer.
+// Returns `granted_ns` or, if longer, the n-th smallest (from 0) of the first `count` intervals.
 template <std::size_t N>
 std::int64_t usual_interval(std::int64_t granted_ns, std::array<std::int64_t, N> intervals_ns,
                             std::size_t count, std::size_t n) {
@@ -52,7 +51,7 @@ void FrameClock::check_interval(std::int64_t interval_ns, bool consecutive, Fram
   }
   pending_lost_ += static_cast<std::uint64_t>((interval_ns + usual_ns / 2) / usual_ns - 1);
   if (++long_run_ < kSlowerAfter) return;
-  // Keeps only the slow intervals, including this one, so that their median becomes the usual one.
+  // Keeps only the slow intervals, including this one: their median becomes the usual interval.
   std::array<std::int64_t, kSlowerAfter> slow_ns{};
   slow_ns.back() = interval_ns;
   for (std::size_t i = 0; i + 1 < kSlowerAfter; ++i) {
@@ -70,8 +69,8 @@ FrameStamp FrameClock::next(std::uint32_t driver_sequence, std::int64_t driver_n
   FrameStamp stamp;
   stamp.timestamp_ns = driver_ns;
   if (monotonic) {
-    // A plausible time is later than the previous plausible one and not in the future. It may be
-    // one interval ahead, because some drivers stamp the end of the exposure.
+    // A plausible time is later than the previous plausible one, at most kMaxAge_ns old, and at
+    // most one interval ahead of the arrival, because some drivers stamp the end of the exposure.
     const bool possible = driver_ns <= arrival_ns + usual_interval_ns() &&
                           driver_ns >= arrival_ns - kMaxAge_ns &&
                           (!any_plausible_ || driver_ns > plausible_ns_);

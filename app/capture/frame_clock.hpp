@@ -11,10 +11,10 @@ struct FrameStamp {
   std::uint64_t sequence = 0;      // counts from 0; lost frames leave gaps
   std::int64_t timestamp_ns = 0;   // monotonic clock, increasing
   std::uint32_t lost_counted = 0;  // lost before this frame, by the driver's sequence numbers
-  // Frames lost by the timestamps only; reported with the first punctual frame after the gap.
+  // Frames lost according to the timestamps only; reported with the first punctual frame after.
   std::uint32_t lost_by_time = 0;
   bool bad_time = false;  // the driver's time was impossible; timestamp_ns is the time of arrival
-  // New interval [ns] if the camera has become slower; 0 for every other frame.
+  // New interval [ns] if the camera has become slower with this frame, else 0.
   std::int64_t slower_interval_ns = 0;
 };
 

@@ -47,7 +47,7 @@ namespace {
 
 namespace lc = libcamera;
 
-// See v4l2_source.cpp.
+// v4l2_source.cpp explains the first two constants.
 constexpr unsigned kBuffers = 6;
 constexpr std::size_t kDriverNeeds = 2;
 constexpr auto kRetry = std::chrono::milliseconds(500);  // an attempt enumerates all cameras
@@ -85,7 +85,7 @@ Result<std::shared_ptr<lc::CameraManager>> camera_manager() {
   static std::weak_ptr<lc::CameraManager> shared;
   const std::lock_guard lock(mutex);
   if (auto manager = shared.lock()) return manager;
-  // The results of the calls report errors. LIBCAMERA_LOG_FILE still enables a log file.
+  // Switches libcamera's log off, because its calls return errors. The user can keep the log on.
   if (std::getenv("LIBCAMERA_LOG_LEVELS") == nullptr) lc::logSetTarget(lc::LoggingTargetNone);
   std::shared_ptr<lc::CameraManager> manager(new lc::CameraManager, [](lc::CameraManager* ended) {
     ended->stop();
@@ -145,9 +145,9 @@ class MappedBuffer {
     std::map<int, std::span<const std::uint8_t>> bytes;
     for (const auto& [descriptor, length] : lengths) {
       // Duplicates the descriptor, because frames may outlive the camera.
-      const int own = fcntl(descriptor, F_DUPFD_CLOEXEC, 0);
-      if (own < 0) return tl::unexpected(errno);
-      PENUMBRA_TRY(auto memory, BufferMemory::map(own, length));
+      const int duplicate = fcntl(descriptor, F_DUPFD_CLOEXEC, 0);
+      if (duplicate < 0) return tl::unexpected(errno);
+      PENUMBRA_TRY(auto memory, BufferMemory::map(duplicate, length));
       bytes[descriptor] = memory.bytes();
       mapped.memories_.push_back(std::move(memory));
     }
@@ -158,7 +158,7 @@ class MappedBuffer {
   }
 
   [[nodiscard]] const std::vector<std::span<const std::uint8_t>>& planes() const { return planes_; }
-  // Returns the memory that all planes share; nullptr if they lie in several.
+  // Returns the memory that all planes share; nullptr if they lie in several memories.
   [[nodiscard]] const BufferMemory* memory() const {
     return memories_.size() == 1 ? &memories_.front() : nullptr;
   }
@@ -270,11 +270,11 @@ std::optional<double> number_of(const lc::ControlValue& value) {
 // A streaming camera. The destructor stops it; buffers of frames in use stay mapped.
 class Stream {
  public:
-  // `as_before`: if given, only this camera and format are accepted.
   struct Before {
     std::string id;
     StreamFormat format;
   };
+  // `as_before`: the previous stream; if given, only its camera and format are accepted.
   static StreamResult<std::unique_ptr<Stream>> start(const LibcameraOptions& options,
                                                      const std::optional<Before>& as_before,
                                                      Completed& completed) {
@@ -323,9 +323,9 @@ class Stream {
     Frame frame = layout_.frame;
     const auto count = static_cast<std::size_t>(frame.plane_count);
     for (std::size_t i = 0; i < count; ++i) {
-      const bool own = planes.size() == count;  // else the first one holds all planes
-      const std::span<const std::uint8_t> memory = own ? planes[i] : planes[0];
-      const std::size_t offset = own ? 0 : layout_.offset[i];
+      const bool separate = planes.size() == count;  // else planes[0] holds all image planes
+      const std::span<const std::uint8_t> memory = separate ? planes[i] : planes[0];
+      const std::size_t offset = separate ? 0 : layout_.offset[i];
       const std::size_t bytes = static_cast<std::size_t>(frame.planes[i].stride) *
                                 static_cast<std::size_t>(frame.planes[i].height);
       if (offset + bytes > memory.size()) return std::nullopt;
@@ -505,13 +505,13 @@ class Stream {
     format_.interval_granted = has(c::FrameDurationLimits);
     if (!format_.interval_granted) return;
     auto duration_us = static_cast<std::int64_t>(std::llround(1e6 / fps));
-    const lc::ControlInfo& can = camera_->controls().find(&c::FrameDurationLimits)->second;
+    const lc::ControlInfo& range = camera_->controls().find(&c::FrameDurationLimits)->second;
     const auto is_time = [](const lc::ControlValue& value) {
       return value.type() == lc::ControlTypeInteger64 && !value.isArray();
     };
-    if (is_time(can.min()) && is_time(can.max())) {
-      const auto shortest_us = can.min().get<std::int64_t>();
-      const auto longest_us = can.max().get<std::int64_t>();
+    if (is_time(range.min()) && is_time(range.max())) {
+      const auto shortest_us = range.min().get<std::int64_t>();
+      const auto longest_us = range.max().get<std::int64_t>();
       if (0 < shortest_us && shortest_us <= longest_us) {
         duration_us = std::clamp(duration_us, shortest_us, longest_us);
       }
@@ -583,9 +583,9 @@ class Stream {
   }
   void disconnect() { completed_.disconnect(); }
 
-  // Replaces stop() for a removed camera, because libcamera's thread may still be completing or
-  // queueing a request. release() fails while the camera streams, but it is a blocking call to that
-  // thread and so waits for its pending work. Two calls, because pending work may queue more.
+  // Waits until libcamera's thread no longer completes or queues requests of a removed camera, for
+  // which stop() must not be called. release() fails while the camera streams, but it is a blocking
+  // call to that thread, which does its pending work first. That work may queue more: two calls.
   void wait_for_libcamera() {
     for (int i = 0; i < 2; ++i) {
       static_cast<void>(camera_->invokeMethod(&lc::Camera::release, lc::ConnectionTypeBlocking));
@@ -816,7 +816,7 @@ class LibcameraSource final : public LiveSource {
   const LibcameraOptions options_;
   const Stream::Before before_;
   const std::string model_;
-  const bool shares_;  // state of the first stream
+  const bool shares_;  // the first stream shared its buffers
   FaultCounter faults_;
   Outage outage_{faults_};
   FrameClock clock_;

@@ -23,8 +23,8 @@ struct CapturedImage {
   std::optional<double> exposure_s;  // see Frame::exposure_s
   // The image is either a JPEG, or a frame whose planes lie in the camera's buffer.
   std::span<const std::uint8_t> jpeg;
-  Frame frame;  // also set for a JPEG that is already decoded
-  std::shared_ptr<const void> owner;
+  Frame frame;                        // also set for a JPEG that is already decoded
+  std::shared_ptr<const void> owner;  // keeps the camera's buffer in use
 
   [[nodiscard]] bool is_jpeg() const { return !jpeg.empty(); }
 };
@@ -39,8 +39,8 @@ struct StreamFormat {
 
 // Returns "30/s"; if the camera does not report its rate, "30/s as asked, or its own rate".
 [[nodiscard]] std::string rate_text(const StreamFormat& format);
-// Pause after a bad frame, because a camera may deliver only bad ones: half an interval, but not
-// more than 100 ms.
+// Returns the pause after a bad frame: half an interval, 1 to 100 ms. A camera may deliver only bad
+// frames.
 [[nodiscard]] std::chrono::milliseconds bad_frame_pause(double interval_s);
 
 // Focus of a lens, in the units of CameraControls.
@@ -68,7 +68,7 @@ class LiveSource : public FrameSource {
   [[nodiscard]] virtual FaultCounter& faults() = 0;
   // End of the message about a damaged image.
   [[nodiscard]] virtual std::string_view damage_remedy() const;
-  // Known after the first frame; nullopt if the camera does not report it.
+  // Returns the focus after the first frame; nullopt if the camera does not report it.
   [[nodiscard]] virtual std::optional<FocusReading> focus() const { return std::nullopt; }
   // Returns the current values of the camera's controls by name. Thread-safe.
   [[nodiscard]] virtual std::vector<std::pair<std::string, std::int64_t>> controls() const {
@@ -79,7 +79,7 @@ class LiveSource : public FrameSource {
   StageTime capture_time_;
 };
 
-// Counts the lost frames, wrong times and rate changes that a stamp reports. `format`: as granted.
+// Counts the lost frames, wrong times and rate changes of a stamp. `format`: the granted one.
 void count_stamp(FaultCounter& faults, const FrameStamp& stamp, const StreamFormat& format);
 
 }  // namespace penumbra

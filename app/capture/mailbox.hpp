@@ -35,7 +35,7 @@ class Mailbox {
     return true;
   }
 
-  // Waits until the slot is empty, so a writer can make its item late. Returns false once closed.
+  // Waits until the slot is empty, so that a writer makes a fresh item. Returns false once closed.
   [[nodiscard]] bool wait_until_empty() {
     std::unique_lock lock(mutex_);
     changed_.wait(lock, [this] { return closed_ || !slot_; });

@@ -57,7 +57,7 @@ tl::expected<BufferMemory, int> BufferMemory::map(const V4l2Device& device, unsi
     v4l2_exportbuffer requested{};
     requested.type = V4L2_BUF_TYPE_VIDEO_CAPTURE;
     requested.index = index;
-    requested.flags = O_CLOEXEC | O_RDWR;  // some GPU drivers map imports for both
+    requested.flags = O_CLOEXEC | O_RDWR;  // some GPU drivers map imports read-write
     if (device.call(VIDIOC_EXPBUF, &requested) == 0) {
       if (auto memory = map(requested.fd, about.length)) return memory;
     }

@@ -12,11 +12,11 @@ namespace penumbra {
 
 class BufferMemory {
  public:
-  // Maps the first `length` bytes of a DMA-BUF. Owns the descriptor even if it fails. Errors are
-  // errnos.
+  // Maps the first `length` bytes of a DMA-BUF. Takes ownership of the descriptor, even on failure.
+  // Errors are errnos.
   [[nodiscard]] static tl::expected<BufferMemory, int> map(int descriptor, std::size_t length);
   // Maps buffer `index` of a device (V4L2_MEMORY_MMAP), as DMA-BUF if `share` is set and the driver
-  // can export it. A camera that is reconnected then gets its old device number, even if frames are
+  // can export it. With DMA-BUF, a reconnected camera gets its old device number even if frames are
   // still in use. Errors are errnos.
   [[nodiscard]] static tl::expected<BufferMemory, int> map(const V4l2Device& device, unsigned index,
                                                            bool share);
@@ -32,7 +32,7 @@ class BufferMemory {
   [[nodiscard]] int descriptor() const { return descriptor_; }
   // Number that is unique in this process and never reused.
   [[nodiscard]] std::uint64_t number() const { return number_; }
-  // Call these before and after the CPU reads shared memory; they keep its caches coherent.
+  // Call these before and after the CPU reads shared memory; they keep the CPU's caches coherent.
   void begin_reading() const;
   void end_reading() const;
 

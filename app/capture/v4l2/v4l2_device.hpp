@@ -16,7 +16,7 @@ namespace penumbra {
 struct V4l2Size {
   int width = 0;   // [px]
   int height = 0;  // [px]
-  // Upper end if the driver lists a range of sizes, else equal to the above.
+  // Upper end if the driver lists a range of sizes, else equal to `width` and `height`.
   int max_width = 0;
   int max_height = 0;
   // Frame rates [1/s] in descending order: all rates, or both ends of a range if `any_rate`. Empty
@@ -44,7 +44,7 @@ struct V4l2Setting {
 };
 struct V4l2Controls {
   std::vector<std::pair<std::string, std::int64_t>> named;  // all readable numbers and switches
-  std::vector<V4l2Setting> settings;                        // those that a user can set
+  std::vector<V4l2Setting> settings;                        // controls that a user can set
 };
 
 // Range of a numeric control, in the control's own steps.
@@ -80,10 +80,10 @@ class V4l2Device {
   [[nodiscard]] bool busy() const;
   // Returns nullopt if the device disappears or does not answer.
   [[nodiscard]] std::optional<V4l2Controls> controls() const;
-  // Sets the controls that differ. Sets switches first, because many drivers refuse a value while
-  // its automatic mode is on.
+  // Sets the controls whose values differ from `settings`: switches first, because many drivers
+  // refuse a value while its automatic mode is on.
   void restore(const std::vector<V4l2Setting>& settings) const;
-  // Both return nullopt if there is no such control.
+  // control() and range() return nullopt if there is no such control.
   [[nodiscard]] std::optional<std::int32_t> control(std::uint32_t id) const;
   [[nodiscard]] std::optional<V4l2Range> range(std::uint32_t id) const;
   // Returns false if there is no such control, or if it refuses the value.
@@ -103,7 +103,7 @@ class V4l2Device {
 [[nodiscard]] std::string v4l2_text(std::span<const std::uint8_t> field);
 // Describes why opening the device failed with this errno, and the remedy.
 [[nodiscard]] std::string v4l2_open_error(const std::filesystem::path& path, int error);
-// The same for a `call` (an ioctl or its purpose) that failed on an open device.
+// Describes why a `call` (an ioctl or its purpose) failed on an open device, and the remedy.
 [[nodiscard]] std::string v4l2_call_error(const std::filesystem::path& path, const char* call,
                                           int error);
 // Error message for a device that has only the multi-planar interface.

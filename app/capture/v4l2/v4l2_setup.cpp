@@ -17,8 +17,8 @@ namespace {
 struct NumberControl {
   std::uint32_t id;
   const char* name;
-  double steps_per_unit;
-  const char* unit;  // with a leading space, or empty
+  double steps_per_unit;  // the control's steps in one unit of the option
+  const char* unit;       // with a leading space, or empty
 };
 constexpr NumberControl kFocus{V4L2_CID_FOCUS_ABSOLUTE, "focus", 1.0, ""};
 constexpr NumberControl kExposure{V4L2_CID_EXPOSURE_ABSOLUTE, "exposure", 10.0, " ms"};  // 100 us
@@ -100,12 +100,12 @@ void report_reset(const V4l2Device& device, const char* name, bool done, const s
 void reset_selection(const V4l2Device& device, const char* name, std::uint32_t target,
                      std::uint32_t default_target) {
   const auto now = selection(device, target);
-  const auto whole = selection(device, default_target);
-  if (!now || !whole || equal(*now, *whole)) return;
-  set_selection(device, target, *whole);
+  const auto preset = selection(device, default_target);
+  if (!now || !preset || equal(*now, *preset)) return;
+  set_selection(device, target, *preset);
   const auto then = selection(device, target);
   const bool done = !then || !equal(*then, *now);
-  report_reset(device, name, done, text_of(*now), text_of(done ? then.value_or(*whole) : *whole));
+  report_reset(device, name, done, text_of(*now), text_of(done ? then.value_or(*preset) : *preset));
 }
 
 void reset_number(const V4l2Device& device, const char* name, std::uint32_t id) {

@@ -1,5 +1,5 @@
 // Prepares a V4L2 device for streaming: full field of view, progressive frames, requested controls.
-// A driver keeps its settings after a program ends, so those of other programs are reset here.
+// A driver keeps its settings after a program ends, so settings of other programs are reset here.
 #pragma once
 
 #include <cstdint>
@@ -34,8 +34,8 @@ void reset_view(const V4l2Device& device);
 // or the driver does not report it.
 [[nodiscard]] std::optional<std::string> input_problem(const V4l2Device& device);
 
-// Sets the requested controls and switches autofocus off, then reads every value back. With
-// `report`, logs the values that the driver refused or changed.
+// Sets the requested controls and switches autofocus off. Reads numbers back. With `report`, logs
+// the values that the driver refused or changed.
 void set_controls(const V4l2Device& device, const CameraControls& requested, bool report);
 
 }  // namespace penumbra

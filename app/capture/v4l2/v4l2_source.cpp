@@ -33,12 +33,12 @@
 namespace penumbra {
 namespace {
 
-// One buffer each for the driver to fill, its queue, mailbox, tracker, renderer and writer.
+// One buffer each: filled by the driver, in its queue, in the mailbox, tracked, drawn and written.
 constexpr unsigned kBuffers = 6;
 // If the driver has fewer buffers, it would drop frames, so frames are copied instead of lent.
 constexpr std::size_t kDriverNeeds = 2;
 constexpr int kRetry_ms = 200;  // between attempts to open the camera again
-constexpr int kFirstTries = 3;  // a camera that was just closed may need a moment
+constexpr int kFirstTries = 3;  // of the first stream: a camera just closed may need a moment
 // Interval between searches of all devices while the camera is missing and no device is added.
 constexpr std::int64_t kSearchInterval_ns = 2'000'000'000;
 
@@ -81,7 +81,7 @@ FrameLayout layout_of(const KnownFormat& known, const v4l2_pix_format& granted) 
   return layout;
 }
 
-// Returns nullopt under automatic exposure, when the value can't be assigned to a frame.
+// Returns the exposure time [s]; nullopt if it is automatic and so may differ between frames.
 std::optional<double> exposure_in_effect(const V4l2Device& device) {
   const auto mode = device.control(V4L2_CID_EXPOSURE_AUTO);
   if (mode && *mode != V4L2_EXPOSURE_MANUAL && *mode != V4L2_EXPOSURE_SHUTTER_PRIORITY) {
@@ -136,7 +136,7 @@ class Stream {
   [[nodiscard]] const std::shared_ptr<const V4l2Device>& device() const { return device_; }
   [[nodiscard]] BufferRing& ring() { return *ring_; }
   [[nodiscard]] const StreamFormat& format() const { return format_; }
-  // The same for all frames; nullopt under automatic exposure.
+  // Exposure time of every frame; nullopt under automatic exposure.
   [[nodiscard]] std::optional<double> exposure_s() const { return exposure_s_; }
   // The locked focus, in the camera's steps; nullopt if the camera does not report it.
   [[nodiscard]] std::optional<double> focus() const { return focus_; }
@@ -167,10 +167,10 @@ class Stream {
         has_size = true;
         if (!size.rates.empty()) rate = size.fastest();
       }
-      constexpr double kAsGood = 0.95;  // ratio of rates that count as equal (29.97 and 30)
+      constexpr double kEqualRates = 0.95;  // ratio of rates that count as equal (29.97 and 30)
       int cost = static_cast<int>(known - kFormats.begin());
       if (options.recording && known->jpeg) cost = -1;
-      const Merit merit(has_size, rate >= kAsGood * options.fps ? options.fps : rate, -cost);
+      const Merit merit(has_size, rate >= kEqualRates * options.fps ? options.fps : rate, -cost);
       if (!best || merit > *best) {
         best = merit;
         known_ = &*known;
@@ -264,7 +264,7 @@ class Stream {
     return {};
   }
 
-  // The ring uses the first two until the destructor closes it.
+  // The ring uses device_ and refusal_ until the destructor closes it.
   const std::shared_ptr<const V4l2Device> device_;
   std::atomic<int> refusal_ = EINVAL;  // errno of the last refused buffer
   const KnownFormat* known_ = nullptr;
@@ -368,8 +368,8 @@ class V4l2Source final : public LiveSource {
   }
 
   std::nullopt_t lose_stream(CaptureFault fault, const std::string& what,
-                             const std::optional<std::string>& now = std::nullopt) {
-    outage_.begin({fault, what}, now);
+                             const std::optional<std::string>& hud_text = std::nullopt) {
+    outage_.begin({fault, what}, hud_text);
     is_gone_ = is_gone_ || fault == CaptureFault::disconnected;
     set_stream(nullptr);
     search_.begin();
@@ -390,8 +390,8 @@ class V4l2Source final : public LiveSource {
   // Finds the camera under its old or a new device number, possibly at another USB port.
   StreamResult<V4l2Device> find() {
     std::vector<std::filesystem::path> paths = {options_.device, path_};
-    const bool around = should_search_all();
-    if (around) {
+    const bool search_all = should_search_all();
+    if (search_all) {
       for (auto& path : list_v4l2_paths()) paths.push_back(std::move(path));
     }
     std::optional<StreamError> first;
@@ -411,7 +411,7 @@ class V4l2Source final : public LiveSource {
                         device.error().message};
       }
     }
-    if (around) {
+    if (search_all) {
       if (const auto found = search_.find(identities)) return std::move(connected[*found]);
     }
     if (first) return tl::unexpected(*first);
@@ -591,14 +591,14 @@ class V4l2Source final : public LiveSource {
   CameraSearch search_;
   std::optional<std::pair<std::string, std::int64_t>> latest_search_;  // device listing, time [ns]
   const StreamFormat format_;
-  const bool shares_;  // state of the first stream
+  const bool shares_;  // the first stream shared its buffers
   FaultCounter faults_;
   Outage outage_{faults_};
   FrameClock clock_;
   FramePace pace_;
   const int stop_;         // an eventfd
   bool retrying_ = false;  // no frame arrived since the restart
-  bool is_gone_ = false;   // was unplugged since the last stream
+  bool is_gone_ = false;   // the camera was unplugged since the last stream
   mutable std::mutex mutex_;
   std::shared_ptr<const V4l2Device> device_;  // device of the running stream; guarded by mutex_
   // Latest values; guarded by mutex_.

@@ -1,4 +1,4 @@
-// Video4Linux camera. Frames view the driver's mapped buffers without a copy.
+// Video4Linux camera. Frames view the driver's mapped buffers, or copies if few buffers are left.
 #pragma once
 
 #include <cstdint>
@@ -22,7 +22,7 @@ struct V4l2Options : RequestedSettings {
 
 // YCbCr encoding and range of a driver's format (v4l2_pix_format). If the driver reports a default,
 // the colour space determines it. Encodings other than BT.601 and BT.709 (BT.2020, SMPTE 240M) are
-// treated as BT.709, which is the more similar one.
+// treated as BT.709, which is more similar to them than BT.601.
 struct VideoColors {
   ColorMatrix matrix = ColorMatrix::bt601;
   ColorRange range = ColorRange::limited;
