@@ -59,8 +59,8 @@ void InterruptWatch::clear_interrupted() {
   interrupted_ = false;
 }
 
-// Starts the thread that ends the process at the first signal after `from`. SIGHUP ends it only if
-// `by_hangup` is set.
+// Starts the thread that ends the process at the first signal after `from`. SIGHUP ends the process
+// only if `by_hangup` is set.
 void InterruptWatch::start_terminator(Clock::time_point from, bool by_hangup) {
   stopped_ = false;
   terminator_ = std::thread([this, from, by_hangup] {
@@ -69,7 +69,7 @@ void InterruptWatch::start_terminator(Clock::time_point from, bool by_hangup) {
       const int number = sigwaitinfo(&watched_, &info);
       if (number <= 0) continue;
       if (stopped_) {
-        // A signal of another process that arrived before stop_terminator()'s must stay pending.
+        // Another process's signal, received before that of stop_terminator(), must stay pending.
         if (info.si_pid != getpid()) kill(getpid(), number);
         return;
       }

@@ -28,7 +28,7 @@ class InterruptWatch {
   // same request, because a closing terminal and timeout(1) send several. A later SIGINT or SIGTERM
   // ends the process at once.
   [[nodiscard]] bool interrupted();
-  // Clears interrupted(): the next signal sets it again.
+  // Clears interrupted(). The next request (a second or more after the last) sets it again.
   void clear_interrupted();
 
  private:

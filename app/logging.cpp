@@ -43,7 +43,7 @@ void set_up_logging() {
   spdlog::set_default_logger(logger);
   spdlog::set_level(spdlog::level::warn);
   av_log_set_callback(&log_libav);
-  // No other thread or display exists yet. Keeps a level that the user has set.
+  // Safe here: no other thread or display exists yet. The 0 keeps a level that the user has set.
   setenv("EGL_LOG_LEVEL", "fatal", 0);
 }
 

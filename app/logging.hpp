@@ -16,10 +16,10 @@ void set_up_logging();
 // Sets the level: trace, debug, info, warning, error or off. Returns false for any other name.
 [[nodiscard]] bool set_log_level(std::string_view name);
 
-// Not a template: spdlog's templates would compile fmt's formatting into each file that logs.
+// Logs a line. Not a template: spdlog's would compile fmt's formatting into each file that logs.
 void log_text(LogLevel level, fmt::string_view text, fmt::format_args values);
 
-// log_warning("{}: {}", camera, detail);
+// Example: log_warning("{}: {}", camera, detail);
 template <class... Args>
 void log_warning(fmt::format_string<Args...> text, Args&&... args) {
   log_text(LogLevel::warning, text, fmt::make_format_args(args...));

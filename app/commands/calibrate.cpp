@@ -69,12 +69,12 @@ void check_model_of_format(const CalibrateOptions& options) {
   const CameraFileFormat format = format_of(options);
   const std::optional<DistortionModel> model = calibration_options(options).model;
   if (!model || model_name(*model, format)) return;
-  std::vector<std::string_view> held;
+  std::vector<std::string_view> possible;
   for (const DistortionModel other : kDistortionModels) {
-    if (model_name(other, format)) held.push_back(short_name(other));
+    if (model_name(other, format)) possible.push_back(short_name(other));
   }
   usage_error("--model", "{}: {}'s files have no such lens; name {}", options.model,
-              to_string(format), fmt::join(held, " or "));
+              to_string(format), fmt::join(possible, " or "));
 }
 
 CalibrationRecord record_of(const CameraCalibration& calibration, const Target& target,
@@ -181,7 +181,7 @@ Result<void> read_pictures(const CalibrateOptions& options,
   return {};
 }
 
-// Opens a window for images of this size [px]. Returns null without a display or with --no-window.
+// Opens a window for images of this size [px]. Returns null with --no-window or if that fails.
 std::unique_ptr<GuideWindow> window_for(const CalibrateOptions& options, int width, int height) {
   if (!options.window) return nullptr;
   std::string why = "no display";
@@ -225,7 +225,7 @@ Result<Guided> guide(const CalibrateOptions& options, const Target& target,
   ImageSize size;
   if (recording) {
     PENUMBRA_TRY(size, picture_size(*recording));
-    // A view must add more than the average view of a full set adds.
+    // A view must add as much as the last view of a full set: sigma falls as 1 / sqrt(views).
     capture.guide.min_gain = 0.5 / options.views;
   } else {
     PENUMBRA_TRY(camera, open_live_source(options.camera));
@@ -345,7 +345,7 @@ void print_result(const CalibrateOptions& options, const Target& target,
   std::fflush(stdout);
 }
 
-// Fails if the target is the printed PDF instead of its description. Pipes are readable only once.
+// Fails if `target` is the PDF to print, not its description. Pipes, readable only once, pass.
 Result<void> check_is_no_sheet(const std::filesystem::path& target) {
   if (is_stream(target)) return {};
   std::ifstream file(target, std::ios::binary);
@@ -372,12 +372,12 @@ Result<ExitCode> run_calibrate(const CalibrateOptions& options) {
   if (!calibrator) return fail_in(options.target.string(), calibrator.error());
 
   std::unique_ptr<GuideWindow> window;
-  bool person_waits = false;  // whether the window stays open to show the verdict
+  bool show_verdict = false;  // the window stays open with the verdict until a key is pressed
   if (names_camera(options.source.string())) {
     PENUMBRA_TRY(auto guided, guide(options, target, earlier, interrupt, *calibrator));
     window = std::move(guided.window);
     const CaptureEnd end = guided.capture.end;
-    person_waits = window && end != CaptureEnd::closed && end != CaptureEnd::interrupted &&
+    show_verdict = window && end != CaptureEnd::closed && end != CaptureEnd::interrupted &&
                    !options.capture.duration_s;
   } else {
     PENUMBRA_TRY_VOID(read_pictures(options, earlier, interrupt, *calibrator));
@@ -389,7 +389,7 @@ Result<ExitCode> run_calibrate(const CalibrateOptions& options) {
       calibration ? write_calibration(options, outputs, target, *calibration, earlier)
                   : fail_in(options.source.string(), calibration.error());
   if (written) print_result(options, target, *calibration, earlier);
-  if (person_waits) {
+  if (show_verdict) {
     if (written) {
       window->say(calibration->verdict, calibration->grade);
     } else {

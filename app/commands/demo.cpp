@@ -44,13 +44,13 @@ void add_demo_command(CLI::App& program, ChosenCommand& chosen) {
       "Example:\n"
       "  penumbra demo --output demo.mp4");
   const auto options = std::make_shared<DemoOptions>();
-  const auto take_output = [options](const std::string& path) {
+  const auto set_output = [options](const std::string& path) {
     if (output_kind(path) == OutputKind::folder) {
       usage_error("--output", "{}: must end in .mp4 (H.264) or .mkv (FFV1)", path);
     }
     options->request.output = path;
   };
-  add_text_option(command, "--output", "PATH", take_output,
+  add_text_option(command, "--output", "PATH", set_output,
                   "The composited video: *.mp4 (H.264) or *.mkv (FFV1, lossless)")
       ->default_str(options->request.output->string());
   add_shadow_options(command, options->shadow);

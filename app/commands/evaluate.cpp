@@ -80,26 +80,27 @@ Result<std::map<std::string, Evaluation>> evaluate_groups(const EvaluateOptions&
                   folder.string());
     }
   }
-  PENUMBRA_TRY(const auto found, load_group_paths(*options.estimated_groups, names));
-  PENUMBRA_TRY(const auto true_places, load_group_paths(*options.groundtruth_groups, names));
-  for (const auto& [name, place] : found) {
-    const auto true_place = true_places.find(name);
-    if (true_place == true_places.end()) continue;
+  PENUMBRA_TRY(const auto estimated_paths, load_group_paths(*options.estimated_groups, names));
+  PENUMBRA_TRY(const auto true_paths, load_group_paths(*options.groundtruth_groups, names));
+  for (const auto& [name, estimated_path] : estimated_paths) {
+    const auto true_path = true_paths.find(name);
+    if (true_path == true_paths.end()) continue;
     const auto T_group_middle = middle_of_group(tags, name);
     const auto file = *group_file(name);
-    const std::string place_name = (*options.estimated_groups / file).string();
+    const std::string estimated_name = (*options.estimated_groups / file).string();
     const std::string true_name = (*options.groundtruth_groups / file).string();
-    const Trajectory found_over = over_group(estimated, place, T_group_middle);
-    const Trajectory true_over =
-        over_group(truth, true_place->second, T_group_middle, options.pairing.max_gap_ns);
-    if (found_over.poses.empty() || true_over.poses.empty()) {
-      return fail("{}: has no place at the time of any pose of {}",
-                  found_over.poses.empty() ? place_name : true_name,
-                  (found_over.poses.empty() ? options.estimated : options.groundtruth).string());
+    const Trajectory found_relative = over_group(estimated, estimated_path, T_group_middle);
+    const Trajectory true_relative =
+        over_group(truth, true_path->second, T_group_middle, options.pairing.max_gap_ns);
+    if (found_relative.poses.empty() || true_relative.poses.empty()) {
+      return fail(
+          "{}: has no place at the time of any pose of {}",
+          found_relative.poses.empty() ? estimated_name : true_name,
+          (found_relative.poses.empty() ? options.estimated : options.groundtruth).string());
     }
-    const Evaluation evaluation = evaluate(camera, found_over, true_over, options.pairing);
-    PENUMBRA_TRY_VOID(check_pairing(evaluation, {found_over, place_name}, {true_over, true_name},
-                                    options.pairing));
+    const Evaluation evaluation = evaluate(camera, found_relative, true_relative, options.pairing);
+    PENUMBRA_TRY_VOID(check_pairing(evaluation, {found_relative, estimated_name},
+                                    {true_relative, true_name}, options.pairing));
     evaluations.emplace(name, evaluation);
   }
   if (evaluations.empty()) {

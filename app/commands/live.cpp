@@ -39,7 +39,7 @@ Result<ExitCode> live(const LiveOptions& options) {
 template <class Set>
 void add_automatic_option(CLI::App& command, const std::string& name, const std::string& type,
                           bool& automatic, Set set, const std::string& description) {
-  const auto take = [name, &automatic, set](const std::string& text) {
+  const auto parse = [name, &automatic, set](const std::string& text) {
     automatic = text == "auto";
     if (automatic) return;
     const auto number = parse_number(text);
@@ -48,7 +48,7 @@ void add_automatic_option(CLI::App& command, const std::string& name, const std:
     }
     set(*number);
   };
-  add_text_option(command, name, type, take, description);
+  add_text_option(command, name, type, parse, description);
 }
 
 std::string check_control(const std::string& text) {

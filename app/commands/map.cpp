@@ -41,17 +41,17 @@ tl::unexpected<Error> ended_early(const MapOptions& options) {
   return fail("{}: ended early; no file was written", options.recording.string());
 }
 
-// Calls `take(index, luma)` for every frame. Fails if the user interrupts it.
-template <class Take>
+// Calls `visit(index, luma)` for every frame. Fails if the user interrupts the command.
+template <class Visit>
 Result<void> for_each_luma(const MapOptions& options, const Recording& recording, const char* what,
-                           InterruptWatch& interrupt, const Take& take) {
+                           InterruptWatch& interrupt, const Visit& visit) {
   PENUMBRA_TRY(auto source, open_recording_source(recording));
   ProgressBar progress(source->frame_count().value_or(0), what);
   std::vector<std::uint8_t> scratch;
   for (std::size_t index = 0;; ++index) {
     PENUMBRA_TRY(const auto frame, source->next());
     if (!frame) return {};
-    take(index, luma(*frame, scratch));
+    visit(index, luma(*frame, scratch));
     progress.update(static_cast<int>(index) + 1);
     if (interrupt.interrupted()) return ended_early(options);
   }
@@ -139,14 +139,14 @@ Result<ExitCode> run_map(const MapOptions& options) {
   // are measured again.
   constexpr int kMaxRounds = 3;
   for (int round = 0; round < kMaxRounds; ++round) {
-    const std::vector<int> placed = ids_of(result);
+    const std::vector<int> ids_before = ids_of(result);
     PENUMBRA_TRY_VOID(for_each_luma(
         options, recording, "edges", interrupt, [&](std::size_t index, ImageView luma) {
           if (index < frames.size())
             frames[index] = measured_frame(result, index, frames[index], luma);
         }));
     PENUMBRA_TRY(result, survey_all());
-    if (ids_of(result) == placed) break;
+    if (ids_of(result) == ids_before) break;
   }
   if (auto saved = save_tag_survey(output.partial(), result); !saved)
     return output.failed(saved.error());

@@ -22,7 +22,7 @@ constexpr std::size_t kHelpWidth = 80;
 constexpr std::size_t kOptionColumn = 28;  // column where the descriptions of options begin
 constexpr std::size_t kCommandColumn = 13;
 
-// Returns true for the extension of an unsupported format. Folder names may contain other dots.
+// Returns true for the extension of an unsupported format. Any other extension names a folder.
 bool names_unknown_video(const std::string& path) {
   constexpr std::array<std::string_view, 14> kFiles = {".avi", ".webm", ".mov",  ".m4v", ".mpg",
                                                        ".ts",  ".ogv",  ".mpeg", ".wmv", ".gif",
@@ -31,17 +31,17 @@ bool names_unknown_video(const std::string& path) {
          std::ranges::find(kFiles, lower_extension(path)) != kFiles.end();
 }
 
-void add_seconds_option(CLI::App& command, const std::string& name, double least, double most,
-                        std::int64_t& variable_ns, const std::string& default_text,
-                        const std::string& description) {
-  const auto take = [=, &variable_ns](const std::string& text) {
+void add_seconds_option(CLI::App& command, const std::string& name, double min_value,
+                        double max_value, std::int64_t& variable_ns,
+                        const std::string& default_text, const std::string& description) {
+  const auto set_value = [=, &variable_ns](const std::string& text) {
     const auto value = parse_number(text);
-    if (!value || !(*value >= least && *value <= most)) {
-      usage_error(name, "is '{}'; give seconds from {:g} to {:g}", text, least, most);
+    if (!value || !(*value >= min_value && *value <= max_value)) {
+      usage_error(name, "is '{}'; give seconds from {:g} to {:g}", text, min_value, max_value);
     }
     variable_ns = nanoseconds(*value);
   };
-  add_text_option(command, name, "SECONDS", take, description)->default_str(default_text);
+  add_text_option(command, name, "SECONDS", set_value, description)->default_str(default_text);
 }
 
 // Wraps a text at blanks. Continuation lines begin with `indent` blanks.
@@ -72,7 +72,8 @@ class HelpFormatter final : public CLI::Formatter {
     std::string help = wrapped(app->get_description(), 0) + "\n" +
                        make_usage(app, std::move(name)) + make_positionals(app);
     std::vector<std::string> groups = app->get_groups();
-    std::ranges::rotate(groups, groups.begin() + 1);  // add_common_options() comes last
+    std::ranges::rotate(groups,
+                        groups.begin() + 1);  // the group of add_common_options() comes last
     for (const std::string& group : groups) {
       const auto options = app->get_options([&group](const CLI::Option* option) {
         return option->get_group() == group && option->nonpositional();
@@ -122,21 +123,21 @@ void add_common_options(CLI::App& command) {
   command.get_help_ptr()->group("General");
   command.set_version_flag("--version", fmt::format("penumbra {}", program_version()),
                            "Print the version and exit");
-  const auto take = [](const std::string& name) {
+  const auto set_value = [](const std::string& name) {
     if (set_log_level(name)) return;
     usage_error("--log-level", "{}: no such level; known: trace, debug, info, warning, error, off",
                 name);
   };
   add_text_option(
-      command, "--log-level", "LEVEL", take,
+      command, "--log-level", "LEVEL", set_value,
       "Lowest level of messages on standard error: trace, debug, info, warning, error, off")
       ->default_str("warning");
 }
 
 CLI::Option* add_text_option(CLI::App& command, const std::string& name, const std::string& type,
-                             const std::function<void(const std::string&)>& take,
+                             const std::function<void(const std::string&)>& set_value,
                              const std::string& description) {
-  return command.add_option_function<std::string>(name, take, description)->type_name(type);
+  return command.add_option_function<std::string>(name, set_value, description)->type_name(type);
 }
 
 void add_off_flag(CLI::App& command, const std::string& name, bool& variable,
@@ -263,7 +264,7 @@ CLI::Option* add_camera_name_option(CLI::App& command, std::string& name) {
 
 void add_size_option(CLI::App& command, const std::string& type, std::optional<int>& width,
                      std::optional<int>& height, const std::string& description) {
-  const auto take = [&width, &height](std::string_view text) {
+  const auto set_value = [&width, &height](std::string_view text) {
     constexpr std::int64_t kLargest = 16384;
     const std::size_t cross = std::min(text.find('x'), text.size() - 1);
     const auto columns = parse_integer(text.substr(0, cross));
@@ -273,7 +274,7 @@ void add_size_option(CLI::App& command, const std::string& type, std::optional<i
     width = static_cast<int>(*columns);
     height = static_cast<int>(*rows);
   };
-  add_text_option(command, "--size", type, take, description);
+  add_text_option(command, "--size", type, set_value, description);
 }
 
 CLI::Option* add_fps_option(CLI::App& command, std::optional<double>& fps) {
@@ -301,7 +302,7 @@ void add_tracking_options(CLI::App& command, TrackerOptions& tracking) {
   add_word_option(command, "--tracking", kTrackingModeNames, "way", tracking.mode,
                   "auto: fast while the view moves, else accurate; detect: detection alone")
       ->default_str("auto");
-  const auto take_budget = [&tracking](double px) {
+  const auto set_budget = [&tracking](double px) {
     if (!std::isfinite(px) || !(px > 0.0)) {
       usage_error("--pose-budget", "is {}; give pixels above 0", px);
     }
@@ -309,7 +310,7 @@ void add_tracking_options(CLI::App& command, TrackerOptions& tracking) {
   };
   command
       .add_option_function<double>(
-          "--pose-budget", take_budget,
+          "--pose-budget", set_budget,
           "Stop sampling pixels when their noise moves the overlay by less than this (prediction)")
       ->type_name("PX");
   command.add_flag_callback(
@@ -356,7 +357,7 @@ void add_frame_options(CLI::App& command, RunRequest& request, ShadowChoice& sha
       ->capture_default_str();
   command.add_flag("--rectified", request.rectified,
                    "The image without the lens's distortion; the video is resampled");
-  const auto take_samples = [&msaa = request.msaa](const std::string& text) {
+  const auto set_samples = [&msaa = request.msaa](const std::string& text) {
     msaa.reset();
     if (text == "auto") return;
     constexpr std::int64_t kMaxSamples = 64;
@@ -366,15 +367,14 @@ void add_frame_options(CLI::App& command, RunRequest& request, ShadowChoice& sha
     }
     msaa = static_cast<int>(*samples);
   };
-  add_text_option(command, "--msaa", "auto|off|N", take_samples,
+  add_text_option(command, "--msaa", "auto|off|N", set_samples,
                   "Samples per pixel for smooth edges; auto: 4 on a GPU, off in software")
       ->default_str("auto");
-  const auto take_pixel_buffers = [&pixel_buffers =
-                                       request.pixel_buffers](const std::string& text) {
+  const auto set_pixel_buffers = [&pixel_buffers = request.pixel_buffers](const std::string& text) {
     pixel_buffers.reset();
     if (text != "auto") pixel_buffers = text == "on";
   };
-  add_text_option(command, "--pixel-buffers", "auto|on|off", take_pixel_buffers,
+  add_text_option(command, "--pixel-buffers", "auto|on|off", set_pixel_buffers,
                   "Transfer pixels through buffers; auto: on with a GPU. The results are the same")
       ->check(CLI::IsMember({"auto", "on", "off"}))
       ->default_str("auto");
@@ -386,7 +386,7 @@ void add_frame_options(CLI::App& command, RunRequest& request, ShadowChoice& sha
 
 void add_output_options(CLI::App& command, OutputRequest& request) {
   start_group(command, "Output");
-  const auto take_output = [&request](const std::string& path) {
+  const auto set_output = [&request](const std::string& path) {
     if (names_standard_output(path)) {
       usage_error("--output", "{}: is for text, and these are frames; name a video or a folder",
                   path);
@@ -398,7 +398,7 @@ void add_output_options(CLI::App& command, OutputRequest& request) {
     request.output = path;
   };
   add_text_option(
-      command, "--output", "PATH", take_output,
+      command, "--output", "PATH", set_output,
       "Composited frames: *.mkv (FFV1, lossless), *.mp4 (H.264), or a folder of PNG images");
   CLI::Option* poses = add_option(command, "--poses", "FILE.tum", request.poses,
                                   "Tracked poses, as a TUM file; - is standard output");
@@ -412,13 +412,13 @@ void add_output_options(CLI::App& command, OutputRequest& request) {
              "Report with all measurements, as JSON; - is standard output");
 }
 
-std::function<std::string(const std::string&)> length_check(std::string_view symbol, double least,
-                                                            double most) {
-  return [&unit = *length_unit_from_string(symbol), least, most](const std::string& text) {
-    const auto in_range = [&](double value) { return value >= least && value <= most; };
+std::function<std::string(const std::string&)> length_check(std::string_view symbol,
+                                                            double min_value, double max_value) {
+  return [&unit = *length_unit_from_string(symbol), min_value, max_value](const std::string& text) {
+    const auto in_range = [&](double value) { return value >= min_value && value <= max_value; };
     if (const auto value = parse_number(text); value && in_range(*value)) return std::string();
     const std::string message =
-        fmt::format("is '{}'; give {} from {:g} to {:g}", text, unit.plural, least, most);
+        fmt::format("is '{}'; give {} from {:g} to {:g}", text, unit.plural, min_value, max_value);
     const std::size_t end = std::min(text.find_first_not_of("0123456789.,+-"), text.size());
     std::string digits = text.substr(0, end);
     std::ranges::replace(digits, ',', '.');
@@ -444,12 +444,12 @@ void add_part_group_option(CLI::App& command, std::vector<std::string>& groups) 
 }
 
 void add_unit_option(CLI::App& command, double& unit_m) {
-  const auto take = [&unit_m](const std::string& symbol) {
+  const auto set_value = [&unit_m](const std::string& symbol) {
     const LengthUnit* unit = length_unit_from_string(symbol);
     if (unit == nullptr) usage_error("--unit", "{}: is none of mm, cm, m and in", symbol);
     unit_m = unit->length_m;
   };
-  add_text_option(command, "--unit", "mm|cm|m|in", take,
+  add_text_option(command, "--unit", "mm|cm|m|in", set_value,
                   "Unit of the model's coordinates (default: m)");
 }
 

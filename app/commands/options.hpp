@@ -75,9 +75,9 @@ CLI::Option* add_option(CLI::App& command, const std::string& name, const std::s
                         T& variable, const std::string& description) {
   return command.add_option(name, variable, description)->type_name(type);
 }
-// Adds an option whose text is passed to `take`, which may reject it with usage_error().
+// Adds an option whose text is passed to `set_value`, which may reject it with usage_error().
 CLI::Option* add_text_option(CLI::App& command, const std::string& name, const std::string& type,
-                             const std::function<void(const std::string&)>& take,
+                             const std::function<void(const std::string&)>& set_value,
                              const std::string& description);
 // Joins the names of a table of EnumName.
 [[nodiscard]] std::string joined_names(const auto& names, const char* separator) {
@@ -89,14 +89,14 @@ CLI::Option* add_text_option(CLI::App& command, const std::string& name, const s
 CLI::Option* add_word_option(CLI::App& command, const std::string& name, const auto& names,
                              const std::string& kind, auto& variable,
                              const std::string& description) {
-  const auto take = [=, &names, &variable](const std::string& word) {
+  const auto set_value = [=, &names, &variable](const std::string& word) {
     const auto value = value_named(names, word);
     if (!value) {
       usage_error(name, "{}: no such {}; known: {}", word, kind, joined_names(names, ", "));
     }
     variable = *value;
   };
-  return add_text_option(command, name, joined_names(names, "|"), take, description);
+  return add_text_option(command, name, joined_names(names, "|"), set_value, description);
 }
 // Adds a flag that sets a variable to false.
 void add_off_flag(CLI::App& command, const std::string& name, bool& variable,
@@ -106,14 +106,14 @@ void add_off_flag(CLI::App& command, const std::string& name, bool& variable,
 struct ShadowChoice {
   PlanOptions plan;
   bool cocl = false;  // --shadow cocl: the layered technique with one kernel per object
-  std::optional<std::filesystem::path> kernel_file;  // used instead of a source
-  bool asks_for_proxies = false;                     // whether --proxy auto was given
+  std::optional<std::filesystem::path> kernel_file;  // used instead of plan.kernels
+  bool asks_for_proxies = false;                     // --proxy auto was given
 };
 // Adds the shadow options and returns the option --shadow.
 CLI::Option* add_shadow_options(CLI::App& command, ShadowChoice& choice);
 // Sets the technique called `name`. `option` is the option with this value, for error messages.
 void set_technique(ShadowChoice& choice, const std::string& option, const std::string& name);
-// Warns of each given option that the technique of --shadow does not use.
+// Warns of each given option that the technique of --shadow, or the tracking, does not use.
 void warn_of_no_use(const ShadowChoice& choice);
 void warn_of_no_use(const CLI::App& command, const TrackerOptions& tracking);
 // Converts the choice to plan options. Rejects options that contradict each other.
@@ -126,7 +126,7 @@ struct KernelChoice {
 };
 [[nodiscard]] KernelChoice kernel_choice_from(const std::string& text);
 
-// Each adds options that several commands share.
+// Add options that several commands share.
 void add_tracking_options(CLI::App& command, TrackerOptions& tracking);
 CLI::Option* add_smooth_option(CLI::App& command, bool& smooth);
 void add_output_options(CLI::App& command, OutputRequest& request);
@@ -153,8 +153,8 @@ void add_unit_option(CLI::App& command, double& unit_m);
 // Returns a check for lengths in the unit with this symbol (kLengthUnits). Its message contains the
 // unit and, for a value in another unit, the converted value.
 [[nodiscard]] std::function<std::string(const std::string&)> length_check(std::string_view symbol,
-                                                                          double least,
-                                                                          double most);
+                                                                          double min_value,
+                                                                          double max_value);
 
 // If one of these options is "-", redirects all messages to standard error. Rejects a second "-".
 // Call after the command line was parsed.

@@ -71,13 +71,13 @@ void add_replay_command(CLI::App& program, ChosenCommand& chosen) {
   add_option(command, "--tags", "FILE.yaml", request.tags, "Tag map (default: the recording's)");
   add_camera_name_option(command, request.camera_name)->group("Input");
   CLI::Option* shadow = add_shadow_options(command, options->shadow);
-  const auto take_compared = [options](const std::string& list) {
+  const auto add_compared = [options](const std::string& list) {
     for (const auto part : std::views::split(list, ',')) {
       const std::string name(part.begin(), part.end());
       options->compare.push_back(name.substr(std::min(name.find_first_not_of(' '), name.size())));
     }
   };
-  add_text_option(command, "--compare", "TECHNIQUE,...", take_compared,
+  add_text_option(command, "--compare", "TECHNIQUE,...", add_compared,
                   fmt::format("{} to {} techniques side by side, at the same poses and times",
                               kMinPanes, kMaxPanes))
       ->excludes(shadow);
@@ -86,14 +86,14 @@ void add_replay_command(CLI::App& program, ChosenCommand& chosen) {
   add_poses_from_option(command, request.poses_from)->excludes(smooth);
   add_output_options(command, request);
   start_group(command, "Input");
-  const auto take_frames = [&request](const std::string& text) {
+  const auto set_frames = [&request](const std::string& text) {
     const auto range = parse_frame_range(text);
     if (!range) {
       usage_error("--frames", "{}: is not a range A:B with A < B (half open: A to B - 1)", text);
     }
     request.frames = *range;
   };
-  add_text_option(command, "--frames", "A:B", take_frames,
+  add_text_option(command, "--frames", "A:B", set_frames,
                   "Only frames numbered A to B - 1; either may be omitted");
   command.add_flag("--realtime", request.realtime,
                    "At the pace it was recorded (always so in a window)");

@@ -47,7 +47,7 @@ LayeredConstants constants_from(const ShadowOptions& options) {
   if (options.light_ratio && options.umbra_height) {
     usage_error("--umbra-height", "stands in place of --light-ratio; give one of the two");
   }
-  const LayeredConstants usual;
+  const LayeredConstants defaults;
   double ratio = options.light_ratio.value_or(0.0);
   if (options.light_ratio && !(ratio > 0.0)) {
     usage_error("--light-ratio", "is {}; give a number above 0", ratio);
@@ -56,7 +56,7 @@ LayeredConstants constants_from(const ShadowOptions& options) {
   if (options.umbra_height && !(umbra > 0.0)) {
     usage_error("--umbra-height", "is {}; give metres above 0", umbra);
   }
-  double height = usual.light_height;
+  double height = defaults.light_height;
   if (!options.light_height.empty()) {
     const auto number = parse_number(options.light_height);
     if (!number) {
@@ -65,7 +65,7 @@ LayeredConstants constants_from(const ShadowOptions& options) {
     height = *number;
   }
   if (!options.light_ratio && !options.umbra_height && !std::isinf(height)) {
-    ratio = usual.light_ratio;
+    ratio = defaults.light_ratio;
   }
   const auto constants = make_layered_constants(height, ratio, umbra);
   if (!constants) {

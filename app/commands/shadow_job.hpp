@@ -53,7 +53,7 @@ struct ShadowJob {
   Format format = Format::table;
   Technique technique = Technique::layered;
   KernelSource source = KernelSource::automatic;
-  std::filesystem::path kernel_file;  // used instead of the source
+  std::filesystem::path kernel_file;  // used instead of `source`
   bool fixed_light = false;
   std::vector<std::string> groups;  // names of groups whose parts are treated as one part
   Proxy proxy = Proxy::none;
@@ -92,13 +92,13 @@ struct ProxyResult {
 
 struct ShadowResult {
   std::vector<ShadowDrawing::Layer> layers;  // umbra, middle and penumbra, or one shadow
-  LayerOutline object;
+  LayerOutline object;                       // orthogonal projection of the model onto the plane
   std::vector<Eigen::Vector2d> kernels;
   std::string kernel_source = "none";
   double kernel_ms = 0.0;
   std::size_t twisted_faces = 0;
   std::optional<TwistReport> twists;
-  std::optional<double> spill;  // overshoot in the proportional light mode
+  std::optional<double> spill;  // fraction of the penumbra; proportional light mode only
   std::size_t faces = 0;
   std::size_t vertices = 0;
   std::size_t parts = 0;

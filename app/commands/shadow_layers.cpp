@@ -94,7 +94,7 @@ Result<std::optional<ShadowProxy>> make_proxy(const ShadowJob& job, const Shadow
   return std::optional<ShadowProxy>(proxy_from_model(mesh, model));
 }
 
-// Moves the plane's origin under the caster's centre, where floats are most precise.
+// Moves the plane's origin under the caster's centre: floats are most precise near the origin.
 PlaneFrame plane_under(const ShadowMesh& mesh, const Placement& placement,
                        const PlaneFrame& plane) {
   Eigen::AlignedBox3d box;
@@ -106,7 +106,7 @@ PlaneFrame plane_under(const ShadowMesh& mesh, const Placement& placement,
   return under;
 }
 
-// Warns if the shadow has no area or if the caster extends above the light.
+// Warns if the shadow has no area, or if the caster extends above the light or the workspace.
 void warn_of_heights(const ShadowJob& job, std::span<const CasterVertex> vertices,
                      std::span<const std::uint32_t> indices, ShadowResult& result) {
   double bottom = std::numeric_limits<double>::infinity();
@@ -126,19 +126,19 @@ void warn_of_heights(const ShadowJob& job, std::span<const CasterVertex> vertice
     return;
   }
   const bool layers = job.has_layers();
-  const double reach = layer_height_range(job.constants, ShadowLayer::penumbra).high;
-  if (layers && bottom >= reach) {
+  const double max_height = layer_height_range(job.constants, ShadowLayer::penumbra).high;
+  if (layers && bottom >= max_height) {
     warn(result,
          "{}: is {:.3g} m above the plane, too high for a light of H = {:.3g} m, so there is no "
          "shadow; raise --light-height",
          name, bottom, job.constants.light_height);
     return;
   }
-  if (layers && top > reach) {
+  if (layers && top > max_height) {
     warn(result,
          "{}: reaches to {:.3g} m above the plane; what is above {:.3g} m is too high for a light "
          "of H = {:.3g} m and casts nothing; raise --light-height",
-         name, top, reach, job.constants.light_height);
+         name, top, max_height, job.constants.light_height);
   }
   // The tolerance covers float rounding: a top exactly at the workspace height is inside.
   if (layers && job.workspace_height && top > *job.workspace_height * (1.0 + 1e-6)) {
@@ -200,7 +200,7 @@ void check_stored_kernels(const ShadowJob& job, const Model& model, Caster& cast
   }
 }
 
-// Loads the model and its kernels. Changes the job's placement to that of the model's origin.
+// Loads the model and its kernels. Adapts the job's placement to the model's origin.
 Result<Caster> load_caster(ShadowJob& job, ShadowResult& result) {
   PENUMBRA_TRY(auto model, load_model(job.model, {.up = job.up, .unit_m = job.unit_m}));
   job.model_origin = model.origin;
@@ -241,7 +241,7 @@ Result<void> add_hard_shadow(const ShadowJob& job, std::span<const CasterVertex>
 Result<void> add_field_layers(const ShadowJob& job, std::span<const CasterVertex> vertices,
                               const ShadowMesh& mesh, const PlaneFrame& plane,
                               ShadowResult& result) {
-  // Uses as many cells as the renderer.
+  // kHalfFieldCell gives the discs the resolution that the renderer uses for fields.
   const ShadowField field = power_distance_layers(
       vertices, mesh.indices, mesh.part,
       part_lights(part_discs(mesh, up_in_object(job.placement, plane), kHalfFieldCell, false),
@@ -255,14 +255,15 @@ Result<void> add_field_layers(const ShadowJob& job, std::span<const CasterVertex
 
 // Returns the distinct kernels of a shadow, in plane coordinates.
 std::vector<Eigen::Vector2d> kernel_places(std::span<const CasterVertex> vertices) {
-  std::vector<Eigen::Vector2d> places;
+  std::vector<Eigen::Vector2d> positions;
   for (const CasterVertex& vertex : vertices) {
     const Eigen::Vector2d k(static_cast<double>(vertex.ku), static_cast<double>(vertex.kv));
-    if (k.allFinite()) places.push_back(k);
+    if (k.allFinite()) positions.push_back(k);
   }
-  std::ranges::sort(places, {}, [](const Eigen::Vector2d& p) { return std::pair(p.x(), p.y()); });
-  places.erase(std::unique(places.begin(), places.end()), places.end());
-  return places;
+  std::ranges::sort(positions, {},
+                    [](const Eigen::Vector2d& p) { return std::pair(p.x(), p.y()); });
+  positions.erase(std::unique(positions.begin(), positions.end()), positions.end());
+  return positions;
 }
 
 void judge_proxy(const ShadowJob& job, const ShadowMesh& mesh, const ShadowKernels& at_tilt,
@@ -283,7 +284,7 @@ Result<void> add_penumbra_layers(const ShadowJob& job, const ShadowMesh& mesh,
     add_missing_radii(kernels, mesh, up);
     parts = part_discs(mesh, up);
   }
-  // Stored kernels are for a similar tilt; this copy has the exact tilt.
+  // Stored kernels may be for a slightly different up direction; this copy has the exact one.
   const auto at_tilt = [&] {
     ShadowKernels turned = kernels;
     turned.up = up;
@@ -300,9 +301,9 @@ Result<void> add_penumbra_layers(const ShadowJob& job, const ShadowMesh& mesh,
     discs = vertex_discs(caster, kernels, parts, job.placement.scale);
     result.twists = fixed_light_twists(vertices, discs, caster.indices, job.constants);
   } else {
-    const auto [least, greatest] = factors_of(vertices, job.constants);
-    result.twists = find_twists(vertices, caster.indices, least, greatest);
-    result.spill = layer_overshoot(caster, at_tilt(), greatest);
+    const auto [min_factor, max_factor] = factors_of(vertices, job.constants);
+    result.twists = find_twists(vertices, caster.indices, min_factor, max_factor);
+    result.spill = layer_overshoot(caster, at_tilt(), max_factor);
   }
   result.twisted_faces = result.twists->faces_twisted;
   for (const auto& [layer, name] : kLayerNames) {

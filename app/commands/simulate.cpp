@@ -74,10 +74,10 @@ void add_simulate_command(CLI::App& program, ChosenCommand& chosen) {
       "\\\n    --group prop=prop.tum --output synthetic");
   const auto request = std::make_shared<SimulateRequest>();
   request->threads = static_cast<int>(std::clamp(std::thread::hardware_concurrency(), 1U, 16U));
-  const auto take_scene = [request](const std::string& scene) {
+  const auto set_scene = [request](const std::string& scene) {
     if (scene != "board") request->scene = scene;
   };
-  add_text_option(command, "SCENE", "FILE.json|board", take_scene,
+  add_text_option(command, "SCENE", "FILE.json|board", set_scene,
                   "Scene whose objects are drawn over the tags, or `board` for the tags alone")
       ->required();
   add_option(command, "--camera", "camera.yaml", request->camera, "The camera and its lens")

@@ -80,14 +80,14 @@ Result<ExitCode> study(const StudyOptions& options) {
 
 void add_design_options(CLI::App& command, StudyOptions& options) {
   StudyDesign& design = options.request.design;
-  const auto take_experiment = [&design](const std::string& name) {
+  const auto set_experiment = [&design](const std::string& name) {
     if (name != "heights" && name != "drag") {
       usage_error("--experiment", "{}: is neither heights nor drag", name);
     }
     design.experiment = name == "heights" ? StudyExperiment::heights : StudyExperiment::drag;
   };
   add_text_option(
-      command, "--experiment", "heights|drag", take_experiment,
+      command, "--experiment", "heights|drag", set_experiment,
       "heights: point at the highest of three spheres; drag: bring a sphere onto targets")
       ->required();
   add_option(command, "--output", "FILE.csv", options.request.results,

@@ -42,7 +42,7 @@ struct ChosenSheet {
   std::filesystem::path tags;
 };
 
-// Sets the given ones of columns and rows (of inner corners for a chessboard).
+// Replaces default numbers of columns and rows (chessboard: of inner corners) by given numbers.
 void set_grid(const TargetOptions& options, int& columns, int& rows) {
   columns = options.columns.value_or(columns);
   rows = options.rows.value_or(rows);
