@@ -1,5 +1,5 @@
-// Decides when to start preparing the next image: as late as possible, so that it is fresh, but
-// early enough to be ready when the drawing of the previous image ends.
+// Decides when to start preparing (decoding and tracking) the next image: as late as possible, so
+// that it is fresh, but early enough to be ready when the drawing of the previous image ends.
 #pragma once
 
 #include <algorithm>
@@ -14,7 +14,7 @@ namespace penumbra {
 // All times are from one clock [ns]. Not thread-safe.
 class DrawPace {
  public:
-  // Call this when the drawer takes an image.
+  // Call this when the drawer (the drawing thread) takes an image.
   void image_taken(std::int64_t now_ns) { drawing_since_ns_ = now_ns; }
   // Call this when the drawer requests the next image.
   void image_requested(std::int64_t now_ns) {
@@ -22,11 +22,11 @@ class DrawPace {
       draw_times_ns_.add(now_ns - *drawing_since_ns_);
     drawing_since_ns_.reset();
   }
-  // Adds the time that decoding and tracking an image took.
+  // Adds the time that preparing an image took.
   void add_preparation(std::int64_t duration_ns) { preparation_times_ns_.add(duration_ns); }
 
-  // Returns when to start, assuming the shortest recent drawing time and the longest recent
-  // preparation. Returns nullopt to start at once: the drawer waits, or no times are known.
+  // Returns when to start preparing, assuming the shortest recent drawing time and the longest
+  // recent preparation; nullopt to start at once: the drawer waits, or no times are known.
   [[nodiscard]] std::optional<std::int64_t> begin_at_ns() const {
     constexpr std::int64_t kSlack_ns = 1'000'000;  // margin for the wake-up of threads
     if (!drawing_since_ns_ || draw_times_ns_.values().empty() ||

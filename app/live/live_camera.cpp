@@ -28,7 +28,7 @@ bool has_size_of(const StreamFormat& format, const CameraModel& camera) {
 
 std::string size_mismatch(const CameraRequest& request, const StreamFormat& format,
                           const CameraModel& camera) {
-  // The calibrated size is the default, so it is suggested only if another one was requested.
+  // The calibrated size is the default, so it is suggested only if another size was requested.
   const bool other_requested = (request.width && *request.width != camera.width()) ||
                                (request.height && *request.height != camera.height());
   return fmt::format(
@@ -159,15 +159,15 @@ Result<std::filesystem::path> tags_for_camera(const std::optional<std::filesyste
                                               const std::filesystem::path& calibration) {
   if (named) return *named;
   std::error_code ignored;
-  std::string looked_for;
+  std::string missing;
   if (const auto played = played_recording(camera)) {
-    const auto own = *played / "tags.yaml";
-    if (std::filesystem::exists(own, ignored)) return own;
-    looked_for = own.string() + ", ";
+    const auto recorded = *played / "tags.yaml";
+    if (std::filesystem::exists(recorded, ignored)) return recorded;
+    missing = recorded.string() + ", ";
   }
   const auto beside = calibration.parent_path() / "tags.yaml";
   if (std::filesystem::exists(beside, ignored)) return beside;
-  return fail("--tags: no tag map is named, and there is no {}{}; {}", looked_for, beside.string(),
+  return fail("--tags: no tag map is named, and there is no {}{}; {}", missing, beside.string(),
               kTagMapRemedy);
 }
 

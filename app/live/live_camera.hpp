@@ -23,9 +23,9 @@ struct CameraRequest {
   // sizes have the same field of view.
   bool scale_calibration = false;
   std::optional<double> fps;
-  std::optional<std::string> format;  // V4L2
+  std::optional<std::string> format;  // see RequestedSettings::format
   CameraControls controls;
-  bool dma_buf = true;    // shares V4L2 buffers with the GPU if possible
+  bool dma_buf = true;    // shares the camera's buffers with the GPU if possible
   bool recorded = false;  // the run records images as captured
 };
 
@@ -43,8 +43,8 @@ struct CameraAddress {
 // Fails if a V4L2 device can't be opened. This quick check runs before the other parts are set up.
 [[nodiscard]] Result<void> check_camera(const CameraAddress& address);
 [[nodiscard]] Result<Recording> open_as_camera(const CameraAddress& address);
-// Opens the camera at the requested size; default: the size of `camera`, or, if that is nullptr,
-// the camera's first size. Does not check the granted size.
+// Opens the camera at the requested size; default: the size of the calibration `camera`, or of
+// RequestedSettings if that is nullptr. Does not check the granted size.
 [[nodiscard]] Result<std::unique_ptr<LiveSource>> open_camera(const CameraAddress& address,
                                                               const CameraRequest& request,
                                                               const CameraModel* camera);
@@ -54,16 +54,16 @@ struct CameraAddress {
                                                        const CameraAddress& address,
                                                        const StreamFormat& format,
                                                        const CameraModel& camera);
-// Returns the calibration, scaled to the requested or the recording's size if the request says so.
+// Returns the calibration, with scale_calibration scaled to the requested or the recording's size.
 [[nodiscard]] Result<CameraModel> calibration_at_size(const CameraRequest& request,
                                                       const CameraAddress& address,
                                                       const CameraModel& camera);
 
-// Checks and opens the requested camera. Fails if its size differs from that of `camera`.
+// Checks and opens the requested camera. Fails if its size is not that of the calibration `camera`.
 [[nodiscard]] Result<std::unique_ptr<LiveSource>> open_live_source(
     const CameraRequest& request, const CameraModel* camera = nullptr);
-// Returns a warning if the focus differs from that of the calibration. Returns nullopt if it does
-// not, or if either is unknown.
+// Returns a warning if the focus differs from the focus of the calibration. Returns nullopt if they
+// are equal, or if either is unknown.
 [[nodiscard]] std::optional<std::string> focus_warning(const std::filesystem::path& calibration,
                                                        const std::optional<FocusReading>& focus);
 

@@ -12,7 +12,7 @@
 namespace penumbra {
 namespace {
 
-constexpr double kMaxStart_s = 10.0;
+constexpr double kMaxStart_s = 10.0;  // longest wait for the first image of a slow camera
 
 // Number of frames that arrived damaged.
 std::uint64_t damaged_frames(const CaptureStats& stats) {

@@ -115,7 +115,7 @@ void LivePipeline::capture_all() {
 
 void LivePipeline::track_all() {
   constexpr std::chrono::milliseconds kPatience(50);
-  // Tracks the next image only after the previous one was taken, so that it is fresh.
+  // Tracks the next image only after the previous one was taken, so that each frame is fresh.
   while (!inbox_.finished() && ready_.wait_until_empty() && wait_for_drawer()) {
     auto ready = track_next(kPatience);
     if (!ready) continue;

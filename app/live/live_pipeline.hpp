@@ -1,4 +1,4 @@
-// Captures a camera's images and tracks the newest one for the drawer.
+// Captures a camera's images and tracks the newest one for the drawer (the thread that draws).
 #pragma once
 
 #include <atomic>
@@ -76,7 +76,7 @@ class LivePipeline {
   std::mutex drawer_mutex_;
   std::condition_variable drawer_changed_;
   DrawPace draw_pace_;  // guarded by drawer_mutex_, as are the next 4 members
-  std::uint64_t handed_over_ = 0, taken_ = 0;  // numbers of tracked frames
+  std::uint64_t handed_over_ = 0, taken_ = 0;  // frames put into ready_, and taken by the drawer
   bool drawer_waits_ = false, stopping_ = false;
   mutable std::mutex mutex_;
   std::optional<Error> error_;  // guarded by mutex_

@@ -60,11 +60,11 @@ void LiveRecorder::stop() {
 void LiveRecorder::collect_finished() {
   std::erase_if(ended_, [this](std::future<Ended>& ended) {
     if (ended.wait_for(std::chrono::seconds(0)) != std::future_status::ready) return false;
-    const Ended one = ended.get();
-    frames_.written += one.frames.written;
-    frames_.left_out += one.frames.left_out;
-    summaries_.push_back(one.summary);
-    if (!one.finished && !failed_) failed_ = one.finished.error();
+    const Ended result = ended.get();
+    frames_.written += result.frames.written;
+    frames_.left_out += result.frames.left_out;
+    summaries_.push_back(result.summary);
+    if (!result.finished && !failed_) failed_ = result.finished.error();
     return true;
   });
 }

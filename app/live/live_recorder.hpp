@@ -26,7 +26,7 @@ class LiveRecorder {
 
   // Creates the folder and starts a recording.
   [[nodiscard]] Result<void> start(const std::filesystem::path& folder);
-  // The same without waiting for the disk. Errors are reported by writer()->counts() and finish().
+  // Like start(), but does not wait for the disk: writer()->counts() and finish() report errors.
   void begin(const std::filesystem::path& folder);
   // Ends the recording; another thread writes the remaining data.
   void stop();
@@ -37,7 +37,7 @@ class LiveRecorder {
   [[nodiscard]] std::shared_ptr<RecordingWriter> writer() const;
   // Adds the data of a drawn frame. In a new recording, first adds the earlier edits of the scene.
   void add(const SessionFrame& frame, const Session& session);
-  // Frame counts of the completed recordings; after finish(), of all.
+  // Frame counts of the completed recordings; after finish(), of all recordings.
   [[nodiscard]] RecordedFrames frames() const { return frames_; }
   // One line for each completed recording.
   [[nodiscard]] const std::vector<std::string>& summaries() const { return summaries_; }

@@ -72,9 +72,9 @@ Result<void> check_outputs(const LiveRequest& request, const CameraAddress& addr
 Result<RecordingHead> recording_head(const LiveRequest& request, const LiveSource& source,
                                      const CameraModel& camera) {
   // Copies the calibration file verbatim, unless it is scaled or contains other cameras.
-  const bool other = request.camera.scale_calibration || !request.camera.camera_name.empty();
-  PENUMBRA_TRY(auto camera_yaml, other ? Result<std::string>(ros_camera_text(camera))
-                                       : read_text_file(request.camera.calibration, kMaxYamlBytes));
+  const bool edit = request.camera.scale_calibration || !request.camera.camera_name.empty();
+  PENUMBRA_TRY(auto camera_yaml, edit ? Result<std::string>(ros_camera_text(camera))
+                                      : read_text_file(request.camera.calibration, kMaxYamlBytes));
   PENUMBRA_TRY(auto tags_yaml, read_text_file(request.tags, kMaxYamlBytes));
   RecordingHead head;
   head.camera = source.description();
@@ -187,7 +187,7 @@ class LiveLoop {
   void draw(ReadyFrame ready);
   void draw_stall();
   void show(Viewer::ShownFrame which);
-  // Closes an output that can't be written; the session continues.
+  // Logs and remembers the error of an output that was closed; the session continues.
   void note_failure(const Result<void>& written);
   void fail_with(const Error& error) {
     failure_ = error;
@@ -317,7 +317,7 @@ Result<RunReport> LiveLoop::finish() {
   if (!failure_) failure_ = display_loss(*setup_.context);
   if (!failure_) failure_ = pipeline_.error();
   if (const auto rest = late_.write_rest(); !rest && !failure_) failure_ = rest.error();
-  // Without a frame no output is expected, so its failure is not reported.
+  // Without a frame no output is expected, so an output's failure is not reported.
   if (const auto finished = setup_.outputs.finish(run_);
       !finished && !failure_ && run_.frames() > 0) {
     failure_ = finished.error();

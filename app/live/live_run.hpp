@@ -12,7 +12,7 @@
 
 namespace penumbra {
 
-// `threads`: with 1, tracking and drawing alternate on one thread; the camera always has its own.
+// `threads`: with 1, tracking and drawing alternate on one thread; the camera always has a thread.
 struct LiveRequest : RunRequest {
   CameraRequest camera;
   std::filesystem::path tags;
