@@ -14,8 +14,8 @@
 
 namespace penumbra {
 
-// Passes frames to another writer in order. If that fails, the next write() or finish() returns the
-// error, and later frames are dropped.
+// Passes frames in order to another writer. If the other writer fails, the next write() or finish()
+// returns its error, and later frames are dropped.
 class BackgroundWriter final : public FrameWriter {
  public:
   // `depth`: capacity of the queue; write() blocks while it is full. 0: no thread, write() encodes.
@@ -42,7 +42,7 @@ class BackgroundWriter final : public FrameWriter {
   void run();
   void join(bool drop_waiting);
 
-  const std::unique_ptr<FrameWriter> writer_;  // only the thread uses it until it is joined
+  const std::unique_ptr<FrameWriter> writer_;  // used only by the thread until join()
   const std::size_t depth_;
   std::mutex mutex_;
   std::condition_variable changed_;

@@ -13,7 +13,7 @@ namespace penumbra {
 struct FrameFormat {
   int width = 0;   // [px]
   int height = 0;  // [px]
-  // Usual interval, for the encoder's rate and the last frame's duration only.
+  // Expected interval; used only for the encoder's rate and the last frame's duration.
   double frame_interval_s = 1.0 / 30.0;
 };
 
@@ -40,7 +40,7 @@ enum class OutputKind {
   h264,   // MP4, libx264 in yuv420p: playable everywhere
   folder  // PNG images
 };
-// Depends on the extension: .mkv is FFV1 (lossless), .mp4 is H.264, others are folders of images.
+// Returns the kind by the extension: .mkv is FFV1 (lossless), .mp4 is H.264, others are folders.
 [[nodiscard]] OutputKind output_kind(const std::filesystem::path& path);
 
 // Fails if the path can't be written or if the installed libavcodec lacks the encoder.

@@ -21,8 +21,8 @@
 
 namespace penumbra {
 
-// Waits up to `time` for work that can't be stopped. On a signal it removes the partial file and
-// ends the process at once. Call watch.hold() before.
+// Waits up to `time` for work that can't be stopped; returns true if the work is done. On a signal,
+// removes the partial file and ends the process at once. Call watch.hold() before.
 template <class T>
 [[nodiscard]] bool is_done_within(std::future<T>& work, std::chrono::milliseconds time,
                                   InterruptWatch& watch, OutputFile& output) {

@@ -34,7 +34,7 @@ class OutputFile {
   // Appends text. A stream receives it immediately.
   [[nodiscard]] Result<void> append(std::string_view text);
   [[nodiscard]] Result<void> commit();
-  // Returns an error about the partial file with the target's name instead.
+  // Replaces the partial file's path in an error by the target's.
   [[nodiscard]] tl::unexpected<Error> failed(const Error& cause) const;
 
  private:
@@ -54,7 +54,7 @@ class OutputFile {
   int open_ = -1;                  // descriptor of the stream or of the partial file
 };
 
-// The same for a folder: writes to a new, empty folder beside the target, which commit() renames.
+// Like OutputFile, for a folder: commit() renames a new folder beside the target to the target.
 class OutputFolder {
  public:
   OutputFolder() = default;

@@ -147,11 +147,11 @@ void log_scene_warnings(const Scene& scene, const PlanOptions& plan) {
 
 void warn_of_unknown_groups(const Scene& scene, const TagMap& tags, const fs::path& tags_file,
                             std::string_view consequence) {
-  const std::vector<std::string> there = other_groups(tags);
+  const std::vector<std::string> known = other_groups(tags);
   std::string names(kTableGroup);
-  for (const std::string& group : there) names += ", " + group;
+  for (const std::string& group : known) names += ", " + group;
   for (const std::string& group : tag_groups_of(scene)) {
-    if (std::ranges::find(there, group) != there.end()) continue;
+    if (std::ranges::find(known, group) != known.end()) continue;
     log_warning(
         "{}: moves something with the tag group \"{}\", which {} does not have (it has {}); {}",
         scene.file, group, tags_file.string(), names, consequence);
@@ -202,9 +202,9 @@ Result<RunOutputs> open_outputs(const OutputRequest& request, const FrameFormat&
 
 Result<void> RunOutputs::write_without_image(const TrackedFrame& frame) {
   const Frame& video = frame.frame;
-  Result<void> all;
-  const auto done = [&all](const Result<void>& written) {
-    if (!written && all) all = written;
+  Result<void> result;
+  const auto done = [&result](const Result<void>& written) {
+    if (!written && result) result = written;
     return written.has_value();
   };
   if (poses && !done(poses->write(video.timestamp_ns, frame.pose))) {
@@ -218,28 +218,28 @@ Result<void> RunOutputs::write_without_image(const TrackedFrame& frame) {
     writer->second.rescue();
     group_poses.erase(writer);
   }
-  return all;
+  return result;
 }
 
 Result<void> RunOutputs::write(const TrackedFrame& frame, std::span<const std::uint8_t> pixels,
                                RunRecorder& run) {
-  Result<void> all = write_without_image(frame);
-  if (!frames) return all;
+  const Result<void> without_image = write_without_image(frame);
+  if (!frames) return without_image;
   const auto written = frames->write(frame.frame.sequence, frame.frame.timestamp_ns, pixels);
   for (const StageTime& time : frames->take_times()) run.add_time("encode", time);
-  if (written) return all;
+  if (written) return without_image;
   frames->rescue();
   frames.reset();
-  return all ? written : all;
+  return without_image ? written : without_image;
 }
 
 Result<void> RunOutputs::finish(RunRecorder& run) {
-  Result<void> all;
-  const auto finish_or_rescue = [&all](auto& writer) {
+  Result<void> result;
+  const auto finish_or_rescue = [&result](auto& writer) {
     const Result<void> finished = writer.finish();
     if (finished) return;
     writer.rescue();
-    if (all) all = finished;
+    if (result) result = finished;
   };
   if (frames) {
     finish_or_rescue(*frames);
@@ -247,7 +247,7 @@ Result<void> RunOutputs::finish(RunRecorder& run) {
   }
   for (auto& [unused, writer] : group_poses) finish_or_rescue(writer);
   if (poses) finish_or_rescue(*poses);
-  return all;
+  return result;
 }
 
 Result<void> RunOutputs::write_report(const RunReport& measured) {

@@ -38,8 +38,8 @@ struct OutputRequest {
 
 // Returns the files of a recording except its images; the paths may be links.
 [[nodiscard]] std::vector<std::filesystem::path> files_of(const Recording& recording);
-// Fails if an output would lie in the recording's folder or in a folder of its images. `more`: one
-// more output path.
+// Fails if an output would lie in the recording's folder, or would contain a folder of its images.
+// `more`: one more output path.
 [[nodiscard]] Result<void> check_apart_from(
     const Recording& recording, const OutputRequest& request,
     const std::optional<std::filesystem::path>& more = std::nullopt);
@@ -47,7 +47,7 @@ struct OutputRequest {
 struct RunOutputs {
   std::unique_ptr<BackgroundWriter> frames;
   std::optional<PoseWriter> poses;
-  std::map<std::string, PoseWriter> group_poses;  // by name
+  std::map<std::string, PoseWriter> group_poses;  // by name of the tag group
   std::optional<OutputFile> report;
 
   // Writes one frame and adds the encoding times since the previous call to `run`. `pixels`: empty
@@ -79,23 +79,22 @@ class LateOutputs {
       : session_(session), outputs_(outputs), run_(run) {}
 
   // Writes a frame, or keeps it for the next call if its image is late (ReadBackTime::later).
-  // `pixels`: the frame's image; if it is late, the previous frame's. Fails as write() above.
+  // `pixels`: the frame's image; if it is late, the previous frame's. Fails as RunOutputs::write().
   [[nodiscard]] Result<void> write(const SessionFrame& frame, std::span<const std::uint8_t> pixels);
   // Writes the pending frame. Call this before the outputs are finished, or if no frame follows
-  // soon. Also fails if its image can't be read back.
+  // soon. Also fails if the frame's image can't be read back.
   [[nodiscard]] Result<void> write_rest();
 
  private:
   Session* session_;
   RunOutputs& outputs_;
   RunRecorder& run_;
-  std::optional<TrackedFrame> waiting_;  // pending; without pixels, as the camera needs its buffer
+  std::optional<TrackedFrame> waiting_;  // pending; without pixels: the camera needs its buffer
   std::vector<std::uint8_t> pixels_;     // buffer of write_rest()
 };
 
-// Logs the warnings of the scene file and those about the shadows that the plan draws.
+// Logs the warnings of the scene file and those about the shadows that one or several plans draw.
 void log_scene_warnings(const Scene& scene, const PlanOptions& plan);
-// The same for several plans.
 void log_scene_warnings(const Scene& scene, std::span<const PlanOptions> plans);
 
 // Warns about tag groups that the scene uses but the tag file lacks. `consequence` ends the text.
@@ -119,7 +118,7 @@ struct WindowChoice {
   bool window = true;  // opens a window if there is a display
   bool vsync = true;
 };
-// Opens a window or an offscreen context. If no display exists, prints a line and opens the latter.
+// Opens a window; without one (choice, no display, failure) an offscreen context. Prints why.
 // `size`: size of the image and of a new window [px].
 [[nodiscard]] Result<std::unique_ptr<GlContext>> open_run_context(const WindowChoice& choice,
                                                                   GlContext::Size size);

@@ -33,7 +33,7 @@ struct Layout {
   double map_bottom = 0.0;
   Eigen::Vector2d low = Eigen::Vector2d::Zero();  // plane coordinates of the map's lower left [m]
   double mm_per_m = 1000.0;
-  double unit = 1.0;  // unit of font sizes and line widths
+  double unit = 1.0;  // unit of font sizes and line widths [mm]
 
   [[nodiscard]] Eigen::Vector2d on_sheet(const Eigen::Vector2d& p) const {
     return {margin() + mm_per_m * (p.x() - low.x()), map_bottom - mm_per_m * (p.y() - low.y())};

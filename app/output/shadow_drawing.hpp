@@ -25,7 +25,7 @@ struct ShadowDrawing {
 
 // Returns SVG 1.1 at full scale, with one group per layer that has the layer's name.
 [[nodiscard]] std::string shadow_svg(const ShadowDrawing& drawing);
-// Writes the drawing as a PNG about 1200 pixels wide.
+// Writes the drawing as a PNG; its longer side has about 1200 pixels.
 [[nodiscard]] Result<void> write_shadow_png(const std::filesystem::path& file,
                                             const ShadowDrawing& drawing);
 

@@ -25,7 +25,7 @@ struct ScalerFree {
 };
 constexpr AVRational kTimeBase{1, 90000};  // MP4's usual clock; Matroska rounds to 1 ms
 // Without a declared matrix, players assume BT.709 for videos of this height or more and BT.601 for
-// smaller ones. The file declares the same.
+// smaller videos. The file declares the matrix that they would assume.
 constexpr int kSmallestBt709Height = 720;
 
 class VideoWriter final : public FrameWriter {
@@ -95,8 +95,8 @@ class VideoWriter final : public FrameWriter {
   void rescue() override {
     if (!lossless_ || !first_ns_) return;
     avio_closep(&av_.muxer->pb);
-    const auto whole = count_video_frames(file_.partial());
-    if (whole && *whole > 0) (void)file_.commit();
+    const auto frames = count_video_frames(file_.partial());
+    if (frames && *frames > 0) (void)file_.commit();
   }
 
  private:
