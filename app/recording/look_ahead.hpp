@@ -21,7 +21,7 @@ class LookAhead {
  public:
   using Item = Result<std::optional<T>>;  // nullopt: the end
 
-  // `make` is called by one thread at a time. With depth 0 there is no thread and next() calls it.
+  // `make` is called by one thread at a time. With depth 0 there is no thread: next() calls `make`.
   LookAhead(std::function<Item()> make, int depth)
       : make_(std::move(make)), depth_(depth > 0 ? static_cast<std::size_t>(depth) : 0) {
     if (depth_ > 0) thread_ = std::thread([this] { run(); });

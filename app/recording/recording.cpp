@@ -61,8 +61,8 @@ Result<void> check_readable(const std::filesystem::path& path) {
 
 std::string name_of(const std::filesystem::path& folder) {
   std::error_code error;
-  const std::filesystem::path whole = std::filesystem::canonical(folder, error);
-  return error || whole.filename().empty() ? folder.string() : whole.filename().string();
+  const std::filesystem::path full = std::filesystem::canonical(folder, error);
+  return error || full.filename().empty() ? folder.string() : full.filename().string();
 }
 
 // Quotes the beginning of a damaged line.
@@ -101,7 +101,7 @@ std::vector<Row> split_rows(std::string_view text) {
   return rows;
 }
 
-// An image's path in a listing must stay inside the recording.
+// Returns true if an image's path in a listing stays inside the recording.
 bool stays_inside(std::string_view name) {
   const std::filesystem::path path = name;
   return !name.empty() && name.find('\0') == std::string_view::npos && path.is_relative() &&
@@ -341,7 +341,7 @@ Result<Trajectory> load_euroc_groundtruth(const std::filesystem::path& mav0) {
   return truth;
 }
 
-// An unreadable ground truth causes only a notice.
+// Adds EuRoC's ground truth, or only a notice if it is unreadable.
 void add_euroc_groundtruth(const std::filesystem::path& mav0, Recording& recording) {
   const std::filesystem::path file = mav0 / "state_groundtruth_estimate0" / "data.csv";
   if (!file_exists(file)) return;
@@ -423,10 +423,10 @@ Result<std::map<std::string, Trajectory>> load_group_paths(const std::filesystem
 }
 
 bool is_recording(const std::filesystem::path& folder) {
-  const bool own = file_exists(folder / "timestamps.csv") ||
-                   (is_folder(folder / "frames") &&
-                    (file_exists(folder / "camera.yaml") || file_exists(folder / "tags.yaml")));
-  return own || file_exists(folder / "mav0" / "cam0" / "data.csv") ||
+  const bool native = file_exists(folder / "timestamps.csv") ||
+                      (is_folder(folder / "frames") &&
+                       (file_exists(folder / "camera.yaml") || file_exists(folder / "tags.yaml")));
+  return native || file_exists(folder / "mav0" / "cam0" / "data.csv") ||
          (file_exists(folder / "data.csv") && is_folder(folder / "data"));
 }
 
@@ -466,7 +466,7 @@ Result<Recording> open_recording(const std::filesystem::path& folder,
     PENUMBRA_TRY_VOID(list_timestamps_csv(folder, recording));
   }
   recording.from_camera = file_exists(folder / "controls.json");
-  // Loaded before the frames, so that a missing camera file is the first error.
+  // Loaded before the frames are checked, so that a missing camera file is the first error.
   PENUMBRA_TRY_VOID(load_metadata(folder, euroc ? cam0 / "sensor.yaml" : "", options, recording));
   PENUMBRA_TRY_VOID(recording.video.empty() ? drop_incomplete_images(recording)
                                             : compare_video_length(recording));

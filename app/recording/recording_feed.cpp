@@ -36,7 +36,7 @@ class RecordingFeed final : public LiveSource {
   Result<std::optional<CapturedImage>> next_image() override {
     if (!start_) start_ = Clock::now();
     while (true) {
-      // Index of the next frame, or of a later one that is already due.
+      // Number of the next frame, or of a later frame that is already due.
       const auto elapsed = Clock::now() - *start_;
       const std::uint64_t sequence = std::max(
           next_, static_cast<std::uint64_t>(std::max<std::int64_t>(0, elapsed / interval_)));
@@ -156,7 +156,7 @@ class RecordingFeed final : public LiveSource {
   const std::filesystem::path video_file_;  // empty if images are files
   ClampWatch clamps_;
   std::optional<VideoReader> video_;
-  std::size_t video_at_ = 0;  // index of its next frame
+  std::size_t video_at_ = 0;  // index of the video's next frame
   const StreamFormat format_;
   const PixelFormat pixels_;  // unused if images are JPEGs
   const std::chrono::nanoseconds interval_;
@@ -168,7 +168,7 @@ class RecordingFeed final : public LiveSource {
   bool stopped_ = false;  // guarded by mutex_
 };
 
-// Returns the first decodable frame. A live session's recording may begin with a damaged one.
+// Returns the first decodable frame. A live session's recording may begin with damaged frames.
 Result<Frame> first_image(const Recording& recording) {
   const auto& camera = recording.camera;
   const auto size = camera ? std::optional(ImageSize{camera->width(), camera->height()})

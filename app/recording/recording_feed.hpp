@@ -1,5 +1,5 @@
-// Plays a recording as a camera, in a loop and at its own rate; a slow reader loses frames. For
-// trials and tests.
+// Plays a recording as a camera, in a loop and at the recorded rate; a slow reader loses frames.
+// For trials and tests.
 #pragma once
 
 #include <memory>

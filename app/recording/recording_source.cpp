@@ -140,9 +140,9 @@ Result<std::unique_ptr<FrameSource>> open_recording_source(const Recording& reco
     PENUMBRA_TRY(video, VideoReader::open(recording.video));
     if (options.first > 0) PENUMBRA_TRY_VOID(video->skip(options.first));
   }
-  Recording part = recording;
-  part.frames.assign(recording.frames.begin() + options.first, recording.frames.begin() + last);
-  auto decoder = std::make_unique<Decoder>(std::move(part), std::move(video));
+  Recording selected = recording;
+  selected.frames.assign(recording.frames.begin() + options.first, recording.frames.begin() + last);
+  auto decoder = std::make_unique<Decoder>(std::move(selected), std::move(video));
   return std::make_unique<RecordingSource>(last - options.first, std::move(decoder),
                                            options.look_ahead);
 }

@@ -1,4 +1,4 @@
-// A recording on disk and its frames in order.
+// A recording on disk and its frames in order. Files marked with ? are optional.
 //
 //   camera.yaml tags.yaml frames/000000.jpg ... (or video.mkv) timestamps.csv groundtruth.tum?
 //   groups/NAME.tum? ...                   ground truth of the tag groups beside the table
@@ -60,7 +60,7 @@ struct OpenRecordingOptions {
 // Returns NAME.tum for a tag group; nullopt if the name can't be a file name ('/', "..", too long).
 [[nodiscard]] std::optional<std::filesystem::path> group_file(const std::string& group);
 
-// Loads the trajectories (T_table_group) of these groups from a folder of such files.
+// Loads the trajectories (T_table_group) of these groups from the group_file()s of a folder.
 [[nodiscard]] Result<std::map<std::string, Trajectory>> load_group_paths(
     const std::filesystem::path& folder, const std::vector<std::string>& groups);
 // Name of the folder of group poses beside a file of camera poses.
@@ -74,7 +74,7 @@ inline constexpr std::string_view kGroupPosesFolder = "group-poses";
 [[nodiscard]] Result<Recording> open_recording(const std::filesystem::path& folder,
                                                const OpenRecordingOptions& options = {});
 
-// Returns the median time between frames [s], but not less than 0.1 ms.
+// Returns the median time between frames, clamped to 0.1 ms to 10 s [s]; 1/30 s for a single frame.
 [[nodiscard]] double median_frame_interval_s(const Recording& recording);
 
 // Frames [first, last).

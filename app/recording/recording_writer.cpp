@@ -104,7 +104,7 @@ struct RecordingWriter::Impl {
   RecordingHead head;
   GrowingFile timestamps, poses, events;
   std::map<std::string, GrowingFile> group_poses;  // files of the groups tracked so far
-  std::set<std::string> nameless_groups;           // reported, as their names can't be file names
+  std::set<std::string> nameless_groups;           // have no file name; reported once
   std::optional<LosslessVideo> video;
   bool with_exposure = false;  // the first image has an exposure time
   bool is_open = false;        // the folder was created
@@ -116,7 +116,7 @@ struct RecordingWriter::Impl {
   RecordingCounts counts;          // guarded by mutex
   bool closing = false;            // guarded by mutex
   std::uint64_t gap_frames = 0;    // guarded by mutex: images dropped since an accepted one
-  std::int64_t gap_start_ns = 0;   // guarded by mutex: time of the first of them
+  std::int64_t gap_start_ns = 0;   // guarded by mutex: time of the first of these images
   std::chrono::steady_clock::time_point controls_written;
   std::thread thread;
 

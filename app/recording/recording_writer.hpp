@@ -35,7 +35,7 @@ struct RecordingHead {
 
 struct RecordingCounts {
   std::uint64_t written = 0;
-  std::uint64_t dropped = 0;         // images dropped because the disk was too slow
+  std::uint64_t dropped = 0;         // images dropped: the disk was too slow, or writing had ended
   std::uint64_t lines_dropped = 0;   // poses, light, events; dropped if the queue is full
   std::optional<std::string> error;  // why writing ended early
 };
@@ -45,7 +45,7 @@ class RecordingWriter {
   // Creates the folder. Fails if it exists and is not empty. Leaves no files if it fails.
   [[nodiscard]] static Result<std::unique_ptr<RecordingWriter>> create(
       const std::filesystem::path& folder, const RecordingHead& head);
-  // The same without waiting for the disk: counts() and finish() report a failure.
+  // Like create(), but does not wait for the disk: counts() and finish() report a failure.
   [[nodiscard]] static std::unique_ptr<RecordingWriter> begin(const std::filesystem::path& folder,
                                                               const RecordingHead& head);
   RecordingWriter(const RecordingWriter&) = delete;
@@ -55,7 +55,7 @@ class RecordingWriter {
   // These functions do not wait for the disk and are thread-safe. JPEGs are stored byte for byte,
   // except for repairs (normalized_jpeg()); other frames as FFV1 with a checksum per slice.
   void add_image(const CapturedImage& image);
-  // These two ignore poses that are not tracked.
+  // add_pose() and add_group() ignore poses that are not tracked.
   void add_pose(std::int64_t timestamp_ns, const PoseEstimate& pose);
   void add_group(std::int64_t timestamp_ns, const GroupEstimate& group);
   void add_event(std::int64_t timestamp_ns, std::string_view event, std::string_view detail = {});

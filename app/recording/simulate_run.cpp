@@ -39,9 +39,9 @@ tl::unexpected<Error> cannot_be_made(const fs::path& folder, const std::error_co
 }
 
 constexpr std::size_t kLargestText = std::size_t{16} << 20U;
-constexpr int kMaxMoments = 64;       // times sampled within an exposure, for the tags
-constexpr int kMaxSceneMoments = 16;  // for the objects, which are drawn at each time
-constexpr double kMomentApart_px = 0.25;
+constexpr int kMaxMoments = 64;           // times sampled within an exposure, for the tags
+constexpr int kMaxSceneMoments = 16;      // for the objects, which are drawn at each time
+constexpr double kMomentApart_px = 0.25;  // limits the image motion between two such times
 
 Result<void> create_recording_folder(const fs::path& path, OutputFolder& folder) {
   const fs::path target = folder_name(path);
@@ -69,17 +69,17 @@ Result<Trajectory> load_path(const fs::path& file) {
   return path;
 }
 
-// Loads the trajectories of the moving groups. Each must cover the time span of the camera's.
+// Loads the trajectories of the moving groups. Each must cover the time span of `camera`.
 Result<std::map<std::string, Trajectory>> load_group_paths(const SimulateRequest& request,
                                                            const TagMap& tags,
                                                            const Trajectory& camera) {
   std::map<std::string, Trajectory> paths;
-  const std::vector<std::string> there = other_groups(tags);
+  const std::vector<std::string> known = other_groups(tags);
   for (const auto& [group, file] : request.groups) {
-    if (std::ranges::find(there, group) == there.end()) {
+    if (std::ranges::find(known, group) == known.end()) {
       return fail(
           "--group {}: {} has no such group; it has {}", group, request.tags.string(),
-          there.empty() ? "none beside the table" : fmt::format("{}", fmt::join(there, ", ")));
+          known.empty() ? "none beside the table" : fmt::format("{}", fmt::join(known, ", ")));
     }
     if (!group_file(group)) {
       return fail("--group {}: cannot be the name of a file; give it another in {}", group,
@@ -167,8 +167,8 @@ class Simulation {
     return {pose.rotation(), pose.translation()};
   }
 
-  // Returns the centres of equal intervals of an exposure. They are so close that the image moves
-  // by a fraction of a pixel between them.
+  // Returns the centres of equal intervals of an exposure: at most `max_count`, and if possible so
+  // close that the image moves by a fraction of a pixel between them.
   [[nodiscard]] std::vector<std::int64_t> moments(std::int64_t middle_ns, int max_count) const {
     const std::int64_t exposure_ns = nanoseconds(request_.exposure_s);
     int count = 1;
@@ -257,9 +257,9 @@ class Simulation {
 };
 
 Result<CameraModel> without_rolling_shutter(const CameraModel& camera, const fs::path& file) {
-  CameraParameters at_once = camera.parameters();
-  at_once.rolling_shutter_row_s.reset();
-  auto made = CameraModel::make(at_once);
+  CameraParameters global_shutter = camera.parameters();
+  global_shutter.rolling_shutter_row_s.reset();
+  auto made = CameraModel::make(global_shutter);
   if (!made) return fail_in(file.string(), made.error());
   return made;
 }
