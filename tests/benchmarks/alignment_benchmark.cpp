@@ -1,11 +1,14 @@
 // Compares pattern alignment with full-frame libapriltag and PnP in one run on one thread: time and
 // overlay error on recordings with exact truth.
 //
-//   alignment_benchmark FOLDER_OF_RECORDINGS [name ...] [tone=EXPONENT|estimated] [blur=PX] [-n]
+//   alignment_benchmark FOLDER_OF_RECORDINGS [name ...] [tone=EXPONENT|estimated] [blur=PX]
+//                       [exp=FRACTION] [-n] [-f] [-v]
 //
 // tone=estimated: estimates the exponent from 30 frames of each recording, aligned without a known
 // response.
-// -n: runs without libapriltag.
+// blur: lens blur (sigma). exp: exposure time as a fraction of the frame interval (1/30 s).
+// -n: runs without libapriltag. -f: first repeats the fast alignment 20 times, for a profiler.
+// -v: prints a line per frame.
 #include <time.h>
 
 #include <Eigen/LU>
@@ -100,10 +103,10 @@ std::optional<Recording> load(const std::filesystem::path& folder) {
 }
 
 struct Outcome {
-  std::vector<double> us;
-  Trajectory poses;  // poses of the frames with a verified pose
+  std::vector<double> us;  // CPU time per frame [us]
+  Trajectory poses;        // poses of the frames with a verified pose
   int detections = 0;
-  double samples = 0.0;
+  double samples = 0.0;       // sum over all frames
   std::vector<double> ratio;  // actual error divided by predicted error
 };
 
@@ -236,11 +239,11 @@ void estimate_tone(const Recording& recording) {
   ToneEstimator estimator = ToneEstimator::create(recording.camera, recording.tags).value();
   const std::size_t every = std::max<std::size_t>(1, recording.frames.size() / 30);
   const double start = thread_cpu_us();
-  int asked = 0;
+  int frames_with_pose = 0;
   for (std::size_t i = 0; i < recording.frames.size(); i += every) {
     const StampedPose* pose = aligned.poses.at(recording.frames[i].timestamp_ns);
     if (pose == nullptr) continue;
-    ++asked;
+    ++frames_with_pose;
     estimator.add(recording.frames[i].luma_view, pose->T_table_camera);
   }
   const double us = thread_cpu_us() - start;
@@ -252,7 +255,7 @@ void estimate_tone(const Recording& recording) {
   tone = estimate->exponent;
   std::printf("%-10s tone curve %.2f +- %.2f, blur %.2f px, by %d of %d frames, %.0f us each\n",
               recording.name.c_str(), tone, estimate->sigma, estimate->blur_px, estimate->pictures,
-              asked, us / std::max(asked, 1));
+              frames_with_pose, us / std::max(frames_with_pose, 1));
 }
 
 double median(std::vector<double> values) {

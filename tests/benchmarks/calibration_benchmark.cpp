@@ -142,7 +142,7 @@ Views all_as_inliers(Views views) {
   return views;
 }
 
-// Runs each calibration on the same corners.
+// Runs each calibration on the same corners. `first_ms`: CPU time of the first row, OpenCV's.
 void compare_on(const char* whose, const Corners& corners, const Target& target, double& first_ms) {
   const SolverOptions rigid_board;
   SolverOptions free_board;
@@ -162,8 +162,8 @@ void compare_on(const char* whose, const Corners& corners, const Target& target,
   row("OpenCV calibrateCamera", "as in file", RUSAGE_SELF, [&](const Views& views) {
     return test::opencv_calibration(corners.width, corners.height, target.points, views);
   });
-  const bool whole = all_see_everything(corners, target);
-  if (whole && has_mrcal()) {
+  const bool complete = all_see_everything(corners, target);
+  if (complete && has_mrcal()) {
     row("mrcal, OPENCV5", "as in file (warped while solving)", RUSAGE_CHILDREN,
         [&](const Views& views) { return mrcal(corners, target, views); });
   }
@@ -172,7 +172,7 @@ void compare_on(const char* whose, const Corners& corners, const Target& target,
   });
   row("penumbra, without outliers", "as in file", RUSAGE_SELF,
       [&](const Views& views) { return ours(corners, target, views, rigid_board); });
-  if (whole) {
+  if (complete) {
     row("OpenCV calibrateCameraRO", "solved for", RUSAGE_SELF, [&](const Views& views) {
       return test::opencv_calibration(corners.width, corners.height, target.points, views, true,
                                       target.columns - 1);
@@ -207,20 +207,20 @@ void compare(const std::filesystem::path& root, const Photographs& set) {
       return tl::unexpected(added.error());
     return true;
   });
-  const auto whole = calibrator.finish();
+  const auto calibration = calibrator.finish();
   const double ms = cpu_ms(RUSAGE_SELF) - before;
-  if (read && whole) {
-    Corners own = corners;
-    own.views.clear();
-    for (const CalibrationImage& image : whole->pictures) {
-      if (image.solved >= 0) own.views.push_back({image.name, image.view.corners});
+  if (read && calibration) {
+    Corners detected = corners;
+    detected.views.clear();
+    for (const CalibrationImage& image : calibration->pictures) {
+      if (image.solved >= 0) detected.views.push_back({image.name, image.view.corners});
     }
-    compare_on("penumbra's", own, target, first_ms);
-    const CalibrationSolution& solution = whole->solution;
+    compare_on("penumbra's", detected, target, first_ms);
+    const CalibrationSolution& solution = calibration->solution;
     std::string lens;
     SolverOptions chosen;
     chosen.shape = solution.shape;
-    for (const ModelTrial& trial : whole->trials) {
+    for (const ModelTrial& trial : calibration->trials) {
       if (!trial.chosen) continue;
       lens = lens_name(trial);
       chosen.model = trial.model;
@@ -228,7 +228,7 @@ void compare(const std::filesystem::path& root, const Photographs& set) {
     }
     // The error covers all corners, as in the other rows; the program's report counts inliers only.
     const auto held_out = test::held_out_px(
-        own.views, [&](const Views& views) { return ours(own, target, views, chosen); });
+        detected.views, [&](const Views& views) { return ours(detected, target, views, chosen); });
     std::printf(
         "| penumbra's | penumbra calibrate (%s; %zu views) | %s | %.1f | %.3f | %s | %.0f | %.2f "
         "|\n",

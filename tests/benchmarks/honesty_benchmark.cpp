@@ -58,13 +58,14 @@ int main(int argc, char** argv) {
     Session session = random_session(static_cast<std::uint64_t>(s), kind);
     if (near) move_near_table(static_cast<std::uint64_t>(s), session);
     PatternRenderer renderer = PatternRenderer::create(session.camera, session.tags).value();
-    const std::vector<MappedTag> bumped =
+    const std::vector<MappedTag> moved_tags =
         with_displaced_tags(static_cast<std::uint64_t>(s), session.tags, moved_share);
-    PatternRenderer after = PatternRenderer::create(session.camera, bumped).value();
+    PatternRenderer moved_renderer = PatternRenderer::create(session.camera, moved_tags).value();
     GroupTracker tracker =
         GroupTracker::create(session.camera, TagMap::make(session.tags).value()).value();
     for (int f = 0; f < frames; ++f) {
-      const Frame frame = session.picture(f >= 2 && moved_share > 0.0 ? after : renderer, f);
+      const Frame frame =
+          session.picture(f >= 2 && moved_share > 0.0 ? moved_renderer : renderer, f);
       const PoseEstimate pose = tracker.track(frame).pose;
       const CameraPose truth = session.truth(f);
       const double error =

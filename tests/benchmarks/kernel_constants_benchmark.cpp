@@ -1,6 +1,6 @@
 // Sensitivity of the constants of automatic kernels (render/shadow/kernels/shadow_kernels.hpp).
-// Each constant is varied alone, over random silhouettes that no test uses. Its usual value should
-// lie on a plateau.
+// Each constant is varied alone, over random silhouettes that no test uses. Its default value
+// should lie on a plateau.
 //
 //   kernel_constants_benchmark [SHAPES]      (default: 400)
 //   scripts/benchmark --only kernel_constants
@@ -39,8 +39,8 @@ double uniform(Random& random, double from, double to) {
   return std::uniform_real_distribution<double>(from, to)(random);
 }
 
-// Adds a closed outline of radius r(turn) about the origin, as rings of vertices from the centre
-// outwards.
+// Adds a closed outline of radius radius(angle) about the origin, as rings of vertices from the
+// centre outwards.
 void add_round(test::ShapeBuilder& shape, const std::function<double(double)>& radius) {
   constexpr std::uint32_t kRings = 4;
   constexpr std::uint32_t kSegments = 72;
@@ -48,9 +48,9 @@ void add_round(test::ShapeBuilder& shape, const std::function<double(double)>& r
   std::vector<std::uint32_t> rings;
   for (std::uint32_t ring = 1; ring <= kRings; ++ring) {
     for (std::uint32_t i = 0; i < kSegments; ++i) {
-      const double turn = 2.0 * std::numbers::pi * i / kSegments;
-      const double r = radius(turn) * ring / kRings;
-      rings.push_back(shape.vertex(r * std::cos(turn), r * std::sin(turn), 0));
+      const double angle = 2.0 * std::numbers::pi * i / kSegments;
+      const double r = radius(angle) * ring / kRings;
+      rings.push_back(shape.vertex(r * std::cos(angle), r * std::sin(angle), 0));
     }
   }
   for (std::uint32_t i = 0; i < kSegments; ++i) {
@@ -66,10 +66,10 @@ void add_round(test::ShapeBuilder& shape, const std::function<double(double)>& r
 Model star(Random& random) {
   const int points = std::uniform_int_distribution(4, 9)(random);
   const double inner = uniform(random, 0.25, 0.7);
-  const double turned = uniform(random, 0.0, 6.0);
+  const double start_angle = uniform(random, 0.0, 6.0);
   test::ShapeBuilder shape;
-  add_round(shape, [&](double turn) {
-    const double phase = std::fmod((turn + turned) * points / (2.0 * std::numbers::pi), 1.0);
+  add_round(shape, [&](double angle) {
+    const double phase = std::fmod((angle + start_angle) * points / (2.0 * std::numbers::pi), 1.0);
     return 0.1 * (inner + (1.0 - inner) * std::abs(2.0 * phase - 1.0));
   });
   return shape.build();
@@ -83,10 +83,10 @@ Model round_body(Random& random) {
     phase[i] = uniform(random, 0.0, 6.0);
   }
   test::ShapeBuilder shape;
-  add_round(shape, [&](double turn) {
+  add_round(shape, [&](double angle) {
     double r = 1.0;
     for (std::size_t i = 0; i < height.size(); ++i)
-      r += height[i] * std::cos(static_cast<double>(i + 2) * turn + phase[i]);
+      r += height[i] * std::cos(static_cast<double>(i + 2) * angle + phase[i]);
     return 0.07 * std::max(r, 0.2);
   });
   return shape.build();
@@ -123,10 +123,10 @@ Model ribbon(Random& random) {
   add_band(
       shape,
       [&](double t) {
-        const double turn = bend * (t - 0.5);
+        const double angle = bend * (t - 0.5);
         return Eigen::Vector2d(
-            0.1 * std::sin(turn) / (std::abs(bend) < 0.3 ? 0.3 : bend) + 0.2 * (t - 0.5),
-            0.06 * std::cos(turn) + sway * std::sin(9.0 * t));
+            0.1 * std::sin(angle) / (std::abs(bend) < 0.3 ? 0.3 : bend) + 0.2 * (t - 0.5),
+            0.06 * std::cos(angle) + sway * std::sin(9.0 * t));
       },
       [&](double t) { return width * (1.0 - (1.0 - taper) * t); });
   return shape.build();
@@ -142,10 +142,10 @@ Model limbs(Random& random) {
   for (int i = 0; i < branches; ++i) {
     const int joint = std::uniform_int_distribution(3, 36)(random);
     const Eigen::Vector2d from = trunk(joint / 40.0);
-    const double turn = uniform(random, 0.5, 2.6) * (random() % 2 == 0 ? 1.0 : -1.0);
+    const double angle = uniform(random, 0.5, 2.6) * (random() % 2 == 0 ? 1.0 : -1.0);
     const double length = uniform(random, 0.04, 0.1);
     const double width = thick * uniform(random, 0.3, 0.9);
-    const Eigen::Vector2d along(length * std::cos(turn), length * std::sin(turn));
+    const Eigen::Vector2d along(length * std::cos(angle), length * std::sin(angle));
     add_band(
         shape, [&](double t) { return Eigen::Vector2d(from + t * along); },
         [&](double t) { return width * (1.0 - 0.4 * t); });
@@ -157,16 +157,17 @@ Model limbs(Random& random) {
 Model tiles(Random& random) {
   constexpr double kSide = 0.04;
   constexpr int kParts = 4;
-  std::vector<std::array<int, 2>> places = {{0, 0}};
+  std::vector<std::array<int, 2>> squares = {{0, 0}};  // column, row
   const auto count = std::uniform_int_distribution<std::size_t>(2, 7)(random);
-  while (places.size() < count) {
-    std::array<int, 2> place =
-        places[std::uniform_int_distribution<std::size_t>(0, places.size() - 1)(random)];
-    place[random() % 2] += random() % 2 == 0 ? 1 : -1;
-    if (std::find(places.begin(), places.end(), place) == places.end()) places.push_back(place);
+  while (squares.size() < count) {
+    std::array<int, 2> square =
+        squares[std::uniform_int_distribution<std::size_t>(0, squares.size() - 1)(random)];
+    square[random() % 2] += random() % 2 == 0 ? 1 : -1;
+    if (std::find(squares.begin(), squares.end(), square) == squares.end())
+      squares.push_back(square);
   }
   test::ShapeBuilder shape;
-  for (const auto& [column, row] : places) {
+  for (const auto& [column, row] : squares) {
     const auto at = [&](int i, int j) {
       return shape.vertex(kSide * (column + static_cast<double>(i) / kParts),
                           kSide * (row + static_cast<double>(j) / kParts), 0);
@@ -189,8 +190,8 @@ struct Silhouette {
   ShadowMesh mesh;
   LayeredConstants constants;
   PlaneFrame plane;
-  Eigen::Vector2f low = Eigen::Vector2f::Zero();
-  float pixel = 0.0F;
+  Eigen::Vector2f low = Eigen::Vector2f::Zero();  // lowest corner of the raster [m]
+  float pixel = 0.0F;                             // size of a pixel [m]
   std::vector<Level> levels;
 
   [[nodiscard]] Coverage empty() const { return {low, pixel, kPixels, kPixels}; }
@@ -198,9 +199,9 @@ struct Silhouette {
 
 Silhouette make_silhouette(Model model, Random& random) {
   // A random rotation, because rasters would otherwise be aligned with edges.
-  const double turn = uniform(random, 0.0, 6.0);
+  const double angle = uniform(random, 0.0, 6.0);
   for (glm::vec3& p : model.meshes[0].positions) {
-    const Eigen::Vector2d q = Eigen::Rotation2Dd(turn) *
+    const Eigen::Vector2d q = Eigen::Rotation2Dd(angle) *
                               Eigen::Vector2d(static_cast<double>(p.x), static_cast<double>(p.y));
     p.x = static_cast<float>(q.x());
     p.y = static_cast<float>(q.y());
@@ -278,15 +279,15 @@ void run(int count) {
         make_silhouette(kKinds[static_cast<std::size_t>(i) % kKinds.size()](random), random));
   }
   fmt::print("{} silhouettes      value   IoU umbra  penumbra   CPU [ms]\n", count);
-  // Sets a constant; returns true if the value is the usual one.
+  // Sets a constant; returns true if the value is the default.
   using Set = std::function<bool(KernelTuning&, double)>;
   const auto vary = [&](const char* name, const std::vector<double>& values, const Set& set) {
     for (const double value : values) {
       KernelTuning tuning;
-      const bool usual = set(tuning, value);
+      const bool is_default = set(tuning, value);
       const Agreement mean = judge(silhouettes, tuning);
-      fmt::print("{:<18} {:>7g}{}   {:>9.4f} {:>9.4f} {:>10.4f}\n", name, value, usual ? "*" : " ",
-                 mean.umbra, mean.penumbra, mean.cpu_ms);
+      fmt::print("{:<18} {:>7g}{}   {:>9.4f} {:>9.4f} {:>10.4f}\n", name, value,
+                 is_default ? "*" : " ", mean.umbra, mean.penumbra, mean.cpu_ms);
     }
   };
   const auto member = [](auto KernelTuning::*field) {

@@ -69,11 +69,12 @@ void print_comparison(const Footage& footage, const std::vector<Outcome>& outcom
   const double d2 = outcome_of(outcomes, kDecimate2).median_ms();
   for (const Outcome& o : outcomes) {
     const Evaluation& e = o.evaluation;
-    const bool some = o.tracked > 0;
+    const bool any_tracked = o.tracked > 0;
     print_row({o.name, number(o.median_ms()), number(o.mean_ms()),
                fmt::format("{:.1f}", d2 / o.median_ms()), std::to_string(o.tracked),
-               std::to_string(o.wrong), some ? number(e.overlay_px.rmse) : "",
-               some ? number(e.overlay_px.p95) : "", some ? number(e.overlay_px.max) : "",
+               std::to_string(o.wrong), any_tracked ? number(e.overlay_px.rmse) : "",
+               any_tracked ? number(e.overlay_px.p95) : "",
+               any_tracked ? number(e.overlay_px.max) : "",
                e.jitter_changes > 0 ? number(e.jitter_px) : ""});
     results["recordings"][footage.name].push_back({{"name", o.name},
                                                    {"ours", o.ours},
@@ -95,7 +96,7 @@ std::string of_three(const std::vector<Outcome>& outcomes, Value value) {
                      value(outcome_of(outcomes, kAccurate)), value(outcome_of(outcomes, kAuto)));
 }
 
-// A goal without a mode in its name is assessed in the default mode.
+// Returns whether the default mode meets a goal; goals without a mode in their names use this.
 template <class Holds>
 bool by_default(const std::vector<Outcome>& outcomes, Holds holds) {
   return holds(outcome_of(outcomes, kAuto));
@@ -188,7 +189,7 @@ void add_goals(const Footage& footage, const std::filesystem::path& folder,
   } else if (name == "reentry") {
     const std::vector<int> corners = test::max_corners_in_view(folder, footage.frames.size());
     if (corners.empty()) return;
-    std::size_t back = 0;
+    std::size_t back = 0;  // frame in which a whole tag is in view again
     for (std::size_t i = 1; i < corners.size(); ++i) {
       if (corners[i] == 4 && corners[i - 1] < 4) back = i;
     }
@@ -210,10 +211,11 @@ void add_goals(const Footage& footage, const std::filesystem::path& folder,
   }
 }
 
-// RMS distance [px] of the tags' reprojected corners, per frame: to the reference, to the pose from
-// libapriltag's corners (decimate 1), and to these corners.
+// Distances [px] of the tags' corners, reprojected with a method's pose.
 struct Reprojection {
-  std::vector<double> to_reference, to_detected, to_corners;
+  std::vector<double> to_reference;  // RMS per frame, to the corners reprojected with the reference
+  std::vector<double> to_detected;   // RMS per frame, with the pose from libapriltag's corners
+  std::vector<double> to_corners;    // of each corner to libapriltag's corner (decimate 1)
 };
 Reprojection reprojection(const RealVideo& video, const Outcome& outcome, const Outcome& detected) {
   Reprojection result;
@@ -331,7 +333,7 @@ Frame frame_of(const GreyImage& image) {
   return buffer.frame;
 }
 
-// Exact images with noise, the same for each method: error relative to the Cramer-Rao bound.
+// Compares all methods on the same noisy exact images: error relative to the Cramer-Rao bound.
 void compare_with_bound(bool quick) {
   test::SyntheticTrials trials;
   const int views = quick ? 4 : 24;
@@ -414,7 +416,7 @@ int run(const Options& options) {
 
 int main(int argc, char** argv) {
   penumbra::peers::Options options;
-  std::vector<std::string> places;
+  std::vector<std::string> paths;
   for (int i = 1; i < argc; ++i) {
     const std::string argument = argv[i];
     if (argument.starts_with("repetitions=")) {
@@ -429,17 +431,17 @@ int main(int argc, char** argv) {
     } else if (argument == "quick") {
       options.quick = true;
     } else {
-      places.push_back(argument);
+      paths.push_back(argument);
     }
   }
-  if (places.empty() || places.size() > 3) {
+  if (paths.empty() || paths.size() > 3) {
     std::fprintf(stderr,
                  "usage: peers_benchmark FOLDER_OF_RECORDINGS [REAL_VIDEO|-] [RESULTS.json] "
                  "[repetitions=N] [only=NAME,...] [quick]\n");
     return 2;
   }
-  options.recordings = places[0];
-  if (places.size() > 1) options.video = places[1];
-  if (places.size() > 2) options.results = places[2];
+  options.recordings = paths[0];
+  if (paths.size() > 1) options.video = paths[1];
+  if (paths.size() > 2) options.results = paths[2];
   return penumbra::peers::run(options);
 }

@@ -97,7 +97,7 @@ Model soup_of(const ShadowMesh& mesh) {
   return model;
 }
 
-// Also measures the largest displacement by welding (limit: 10 um), and the number of surplus or
+// Measures welding: time, largest displacement of a vertex (limit: 10 um), and number of surplus or
 // missing vertices.
 void weld(benchmark::State& state, Shape shape) {
   const ShadowMesh mesh = mesh_of(shape);
@@ -135,8 +135,9 @@ Canvas canvas_round(const std::vector<PlanePoint>& penumbra) {
   return canvas;
 }
 
-// Also measures the difference to kernels from rasters with four times as many cells per side (IoU
-// of umbra and penumbra at 0.4 h_u), and the time relative to reading the model from a .glb.
+// Measures kernel generation: time, difference from kernels of rasters with four times as many
+// cells per side (IoU of umbra and penumbra at 0.4 h_u), and time relative to reading the model
+// from a .glb.
 void kernels(benchmark::State& state, Shape shape, KernelSource source) {
   const ShadowMesh mesh = mesh_of(shape);
   const Eigen::Vector3d up = Eigen::Vector3d(0.1, 0.2, 1.0);
@@ -165,7 +166,7 @@ void kernels(benchmark::State& state, Shape shape, KernelSource source) {
   const LayeredConstants constants = make_layered_constants(0.9, 3.0, 0.0).value();
   const Placement placement = {0.4 * constants.umbra_height * plane.n,
                                Eigen::Quaterniond::Identity(), 1.0};
-  const auto usual = place_caster(mesh, generate_kernels(mesh, up, source), placement, plane);
+  const auto standard = place_caster(mesh, generate_kernels(mesh, up, source), placement, plane);
   const auto exact = place_caster(
       mesh, generate_kernels(mesh, up, KernelSource::automatic, nullptr, fine), placement, plane);
   const Canvas canvas =
@@ -173,7 +174,7 @@ void kernels(benchmark::State& state, Shape shape, KernelSource source) {
   for (const auto& [layer, name] : {std::pair{ShadowLayer::umbra, "umbra_iou"},
                                     std::pair{ShadowLayer::penumbra, "penumbra_iou"}}) {
     state.counters[name] =
-        canvas.covered(layer_triangles(usual, mesh.indices, constants, layer))
+        canvas.covered(layer_triangles(standard, mesh.indices, constants, layer))
             .iou(canvas.covered(layer_triangles(exact, mesh.indices, constants, layer)));
   }
 }
@@ -206,7 +207,7 @@ BENCHMARK_CAPTURE(agreement, automatic, KernelSource::automatic)->Unit(benchmark
 BENCHMARK_CAPTURE(agreement, smooth, KernelSource::smooth)->Unit(benchmark::kMillisecond);
 BENCHMARK_CAPTURE(agreement, field, std::nullopt)->Unit(benchmark::kMillisecond);
 
-// Also measures the IoU of umbra and penumbra with those of a field of 1024 cells.
+// Measures fields: time, and IoU of umbra and penumbra with the layers of a field of 1024 cells.
 void field(benchmark::State& state, Shape shape, bool own_lights) {
   const ShadowMesh mesh = mesh_of(shape);
   const PlaneFrame plane;
@@ -226,36 +227,36 @@ void field(benchmark::State& state, Shape shape, bool own_lights) {
   }
   ShadowFieldOptions fine_options;
   fine_options.cells = 1024;
-  const auto usual = power_distance_layers(vertices, mesh.indices, part, lights, constants);
+  const auto standard = power_distance_layers(vertices, mesh.indices, part, lights, constants);
   const auto fine =
       power_distance_layers(vertices, mesh.indices, part, lights, constants, fine_options);
   const Canvas canvas = canvas_round(field_triangles(fine, ShadowLayer::penumbra));
   for (const auto& [layer, name] : {std::pair{ShadowLayer::umbra, "umbra_iou"},
                                     std::pair{ShadowLayer::penumbra, "penumbra_iou"}}) {
-    state.counters[name] = canvas.covered(field_triangles(usual, layer))
+    state.counters[name] = canvas.covered(field_triangles(standard, layer))
                                .iou(canvas.covered(field_triangles(fine, layer)));
   }
 }
 
-// Also measures the mean relative error of the parts' radii, compared with the finest rasters.
+// Measures part discs: time, and mean relative error of the radii against the finest rasters.
 void discs(benchmark::State& state, Shape shape) {
   const ShadowMesh mesh = mesh_of(shape);
   const Eigen::Vector3d up = Eigen::Vector3d::UnitZ();
   for (auto _ : state) benchmark::DoNotOptimize(part_discs(mesh, up));
-  const auto usual = part_discs(mesh, up);
+  const auto standard = part_discs(mesh, up);
   const auto fine = part_discs(mesh, up, 0.0);
   double sum = 0.0;
   double count = 0.0;
   for (std::size_t i = 0; i < fine.size(); ++i) {
     if (fine[i].radius <= 0.0F) continue;
-    sum += static_cast<double>(std::abs(usual[i].radius / fine[i].radius - 1.0F));
+    sum += static_cast<double>(std::abs(standard[i].radius / fine[i].radius - 1.0F));
     count += 1.0;
   }
   state.counters["radius_error_%"] = 100.0 * sum / std::max(count, 1.0);
 }
 
-// Also measures the mean relative error of the three areas, compared with rasterised layers (512
-// cells along the longer side, exact to about 0.1 %).
+// Measures layer polygons: time, and mean relative error of the three areas against rasterised
+// layers (512 cells along the longer side, exact to about 0.1 %).
 void polygons(benchmark::State& state, Shape shape) {
   const ShadowMesh mesh = mesh_of(shape);
   const PlaneFrame plane;

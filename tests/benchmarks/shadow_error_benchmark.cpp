@@ -124,7 +124,8 @@ std::vector<std::uint8_t> covered(const Scene& scene, const std::vector<PlanePoi
   return mask.bits;
 }
 
-// Evenly spread points of the unit disc (a sunflower); the centre comes first.
+// Returns `count` evenly spread points of the unit disc (a sunflower; the centre comes first) and
+// then `on_rim` points of its rim.
 std::vector<Eigen::Vector2f> light_samples(int count, int on_rim) {
   std::vector<Eigen::Vector2f> samples;
   const double golden = std::numbers::pi * (3.0 - std::sqrt(5.0));
@@ -384,8 +385,8 @@ class SoftShadow {
 };
 
 struct Measured {
-  double height_ms = 0.0;  // CPU time after the body rises
-  double tilt_ms = 0.0;    // CPU time after it tilts; includes kernels, part lights or trees
+  double height_ms = 0.0;  // CPU time of the layers after the body rises
+  double tilt_ms = 0.0;    // CPU time after a tilt; includes kernels, part lights or trees of faces
   Layers layers;
 };
 
@@ -398,6 +399,7 @@ Measured measure_kernels(const Scene& scene, KernelSource source, bool fixed_lig
                                                scene.mesh.indices, scene.constants, which)
                        : layer_triangles(vertices, scene.mesh.indices, scene.constants, which);
   };
+  // std::abort() is never reached. It keeps the compiler from removing the measured work.
   Measured measured;
   measured.height_ms = cpu_ms([&] {
     const auto vertices = scene.place(kernels);
@@ -500,13 +502,13 @@ struct Errors {
 Errors errors_of(const Layers& layers, const Layers& reference) {
   Errors errors;
   for (std::size_t i = 0; i < 3; ++i) {
-    double ours = 0.0;
-    double theirs = 0.0;
+    double area = 0.0;
+    double reference_area = 0.0;
     for (std::size_t b = 0; b < reference.bits[i].size(); ++b) {
-      ours += layers.bits[i][b];
-      theirs += reference.bits[i][b];
+      area += layers.bits[i][b];
+      reference_area += reference.bits[i][b];
     }
-    errors.area[i] = theirs > 0.0 ? (ours - theirs) / theirs : ours;
+    errors.area[i] = reference_area > 0.0 ? (area - reference_area) / reference_area : area;
     errors.iou[i] = test::iou(layers.bits[i], reference.bits[i]);
   }
   return errors;

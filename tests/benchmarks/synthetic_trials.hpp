@@ -23,8 +23,8 @@ struct TrialScore {
   int found = 0;               // number of verified poses with an error below 3 px
   int wrong = 0;               // number of verified poses with a larger error
   std::vector<double> errors;  // overlay errors of the poses in `found` [px]
-  std::vector<double> us;
-  double ratio2 = 0.0;  // sum of (error / bound)^2, if the bound was requested
+  std::vector<double> us;      // CPU time of each run [us]
+  double ratio2 = 0.0;         // sum of (error / bound)^2, if the bound was requested
 
   [[nodiscard]] double found_share() const { return runs > 0 ? 1.0 * found / runs : 0.0; }
   [[nodiscard]] double rms_px() const { return statistics_of(errors).rmse; }
@@ -52,8 +52,8 @@ class SyntheticTrials {
     return score;
   }
 
-  // Runs the same images, with the bound, for a method without a start pose: `find` takes an image
-  // and returns the camera's pose or nullopt.
+  // Runs the images of noise(), with the bound, for methods without a start pose: find(k, image)
+  // returns the camera pose that method k finds, or nullopt. `scores`: one per method.
   template <class Find>
   void noise_by(double noise_grey, int views, int draws, std::vector<TrialScore>& scores,
                 Find find) {

@@ -43,7 +43,7 @@ const Session& session() {
   return session;
 }
 
-// Detection alone. The counter `detections` is per frame.
+// Detection alone. The counter `tags` is the number of detections per frame.
 void detect(benchmark::State& state, float quad_decimate) {
   TagDetector detector = TagDetector::create(std::array{TagFamily::tag36h11}).value();
   std::vector<std::uint8_t> scratch;
@@ -113,12 +113,12 @@ const std::vector<Jump>& jumps() {
     for (int k = 0; k < 24; ++k) {
       Jump& jump = made.emplace_back();
       jump.before = test::random_view(random);
-      const double towards = 2.0 * std::numbers::pi * u(random);
-      const double by_rad = (50.0 + 70.0 * u(random)) / camera.parameters().fx;
-      Vector6d turned = Vector6d::Zero();
-      turned.tail<3>() << by_rad * std::cos(towards), by_rad * std::sin(towards),
+      const double axis_rad = 2.0 * std::numbers::pi * u(random);
+      const double angle_rad = (50.0 + 70.0 * u(random)) / camera.parameters().fx;
+      Vector6d rotation = Vector6d::Zero();
+      rotation.tail<3>() << angle_rad * std::cos(axis_rad), angle_rad * std::sin(axis_rad),
           radians(6.0 * u(random) - 3.0);
-      jump.after = perturbed(jump.before, turned);
+      jump.after = perturbed(jump.before, rotation);
       jump.first = picture_of(renderer, jump.before, 2 * k);
       jump.second = picture_of(renderer, jump.after, 2 * k + 1);
     }
@@ -127,8 +127,8 @@ const std::vector<Jump>& jumps() {
   return jumps;
 }
 
-// Times only the frame after each jump. `by_pattern` and `by_box` are the fractions of frames that
-// were found by pattern search and by ROI detection.
+// Times only the frame after each jump. The counters `by_pattern` and `by_box` are the fractions of
+// frames in which pyramid search and ROI detection ran.
 void recover(benchmark::State& state) {
   TrackerOptions options;
   options.mode = TrackingMode::fast;

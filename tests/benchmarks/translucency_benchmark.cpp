@@ -23,7 +23,7 @@ constexpr double kStep_px = 0.37;
 
 struct Layer {
   const char* name;
-  double light;
+  double light;  // fraction of the light that the layer leaves
 };
 constexpr std::array kLayers = {Layer{"umbra", 0.15}, Layer{"middle", 0.4},
                                 Layer{"penumbra", 0.83}};
@@ -38,8 +38,8 @@ FramePlan one_layer(FramePlan plan, std::size_t layer) {
   return plan;
 }
 
-// A camera at this height [m] with this offset that looks straight down, and a plate whose shadow
-// fills most of the view.
+// A camera at `height` [m] that looks straight down, and a plate whose shadow fills most of the
+// view. `aside_px`: sideways displacement of the camera, seen in the image.
 struct View {
   double height = 0.5;
   [[nodiscard]] test::SceneBuilder scene() const {
@@ -68,9 +68,9 @@ struct Pattern {
 Pattern pattern_of(const View& view, Translucency mode, std::size_t layer) {
   test::Studio studio(view.scene().build(), test::camera_of(kSide, kSide, kFocal_px));
   const Frame white = test::plain_frame(kSide, kSide, 255);
-  const auto draw = [&](Translucency how, double aside_px) {
+  const auto draw = [&](Translucency draw_mode, double aside_px) {
     PlanOptions options;
-    options.translucency = how;
+    options.translucency = draw_mode;
     return studio.draw(white, one_layer(studio.plan(view.pose(aside_px), options), layer));
   };
   const test::RenderedImage inside = draw(Translucency::blend, 0.0);
@@ -82,14 +82,14 @@ Pattern pattern_of(const View& view, Translucency mode, std::size_t layer) {
   for (int y = 0; y + kWindow_px <= kSide; y += 5) {
     for (int x = 0; x + kWindow_px <= kSide; x += 5) {
       int black = 0;
-      bool whole = true;
-      for (int dy = 0; dy < kWindow_px && whole; ++dy) {
-        for (int dx = 0; dx < kWindow_px && whole; ++dx) {
-          whole = inside.red(x + dx, y + dy) != 255;
+      bool is_inside = true;
+      for (int dy = 0; dy < kWindow_px && is_inside; ++dy) {
+        for (int dx = 0; dx < kWindow_px && is_inside; ++dx) {
+          is_inside = inside.red(x + dx, y + dy) != 255;
           black += before.red(x + dx, y + dy) == 0 ? 1 : 0;
         }
       }
-      if (whole) fractions.push_back(static_cast<double>(black) / (kWindow_px * kWindow_px));
+      if (is_inside) fractions.push_back(static_cast<double>(black) / (kWindow_px * kWindow_px));
     }
   }
   for (const double fraction : fractions) {
@@ -102,16 +102,17 @@ Pattern pattern_of(const View& view, Translucency mode, std::size_t layer) {
                   static_cast<double>(fractions.size());
   pattern.sd = std::sqrt(pattern.sd);
   pattern.windows = static_cast<int>(fractions.size());
-  std::size_t both = 0;
+  std::size_t inside_both = 0;
   std::size_t flipped = 0;
   for (int y = 0; y < kSide; ++y) {
     for (int x = 0; x < kSide; ++x) {
       if (inside.red(x, y) == 255 || inside_after.red(x, y) == 255) continue;
-      ++both;
+      ++inside_both;
       flipped += (before.red(x, y) == 0) != (after.red(x, y) == 0) ? 1U : 0U;
     }
   }
-  pattern.flips = both > 0 ? static_cast<double>(flipped) / static_cast<double>(both) : 0.0;
+  pattern.flips =
+      inside_both > 0 ? static_cast<double>(flipped) / static_cast<double>(inside_both) : 0.0;
   return pattern;
 }
 

@@ -71,8 +71,8 @@ std::optional<Row> row_of(const std::string& name) {
   return Row{name, *body, *choice, *translucency};
 }
 
-// Draws a row's warm-up frames and `frames` counted ones. Returns the number of draw calls in the
-// last frame.
+// Draws a row's warm-up frames and then `frames` counted frames. Returns the number of draw calls
+// in the last frame.
 std::int64_t draw_row(test::Studio& studio, const Row& row, int frames) {
   const auto [triangles, motion, receiver] = row.body;
   studio.context().make_current();
@@ -112,7 +112,7 @@ int main(int argc, char** argv) {
   if (frames < 1) return misused();
   counted::use_one_thread_of_software_gl();
   std::vector<Row> rows;
-  using Drawn = std::pair<int, counted::Receiver>;  // all motions share a studio
+  using Drawn = std::pair<int, counted::Receiver>;  // triangles, receiver: motions share a studio
   std::map<Drawn, test::Studio> studios;
   for (int i = 2; i < argc; ++i) {
     const auto row = row_of(argv[i]);
@@ -124,8 +124,8 @@ int main(int argc, char** argv) {
                             make_layered_constants(0.7, 2.5, 0.0).value(), row->body.receiver)),
                         counted::camera());
   }
-  // Compiles all shaders before instrumentation starts. It starts once only, because callgrind then
-  // translates all code again.
+  // Compiles all shaders before instrumentation starts. Instrumentation starts only once, because
+  // callgrind translates all code again at each start.
   const auto studio_of = [&studios](const Body& body) -> test::Studio& {
     return studios.at({body.triangles, body.receiver});
   };

@@ -4,7 +4,7 @@
 //   count_soft_shadows count FRAMES SHAPE:TECHNIQUE... draws moving frames for callgrind to count,
 //                                                      dumped under these names
 //   count_soft_shadows frame SHAPE:TECHNIQUE FILE.ppm  one image
-//   count_soft_shadows errors                          lines of SHAPE TECHNIQUE and four figures
+//   count_soft_shadows errors                          lines of SHAPE TECHNIQUE and the four Errors
 //
 // SHAPE: sphere | torus, of 3000 triangles. TECHNIQUE: a technique of the program, a technique of
 // soft_shadows.hpp, or `bare` for the frame without a shadow. The light is a disc at the zenith
@@ -138,7 +138,7 @@ void run_frames(const Scene& scene, const CameraModel& camera, const std::string
   if (frames > 0) CALLGRIND_DUMP_STATS_AT(name.c_str());
 }
 
-// Studios of the program's techniques and of the peers, created on first use.
+// Draws the scene of one shape with the program's techniques and with the peer techniques.
 class Studios {
  public:
   explicit Studios(std::string_view shape)
@@ -202,28 +202,28 @@ struct Shadow {
 
 struct Errors {
   double rms = 0.0;                    // RMS where the reference is dark [grey levels]
-  double relative = 0.0;               // L2 norm of the difference over the reference's
-  double umbra = 0.0, penumbra = 0.0;  // area divided by the reference's, minus 1
+  double relative = 0.0;               // L2 norm of the difference over that of the reference
+  double umbra = 0.0, penumbra = 0.0;  // relative errors of the areas
 };
 Errors errors_of(const Shadow& shadow, const Shadow& reference) {
-  double off = 0.0;
-  double all = 0.0;
+  double squared_difference = 0.0;
+  double squared_reference = 0.0;
   double pixels = 0.0;
   std::array<double, 2> umbra{};
   std::array<double, 2> penumbra{};
   for (std::size_t i = 0; i < reference.lost.size(); ++i) {
-    const double wanted = reference.lost[i];
-    off += (shadow.lost[i] - wanted) * (shadow.lost[i] - wanted);
-    all += wanted * wanted;
-    pixels += wanted > 0 ? 1.0 : 0.0;
+    const double expected = reference.lost[i];
+    squared_difference += (shadow.lost[i] - expected) * (shadow.lost[i] - expected);
+    squared_reference += expected * expected;
+    pixels += expected > 0 ? 1.0 : 0.0;
     for (const bool ours : {false, true}) {
       const int lost = ours ? shadow.lost[i] : reference.lost[i];
       umbra[ours ? 1 : 0] += lost >= reference.darkest - 1 ? 1.0 : 0.0;
       penumbra[ours ? 1 : 0] += lost > 0 ? 1.0 : 0.0;
     }
   }
-  return {std::sqrt(off / pixels), std::sqrt(off / all), umbra[1] / umbra[0] - 1.0,
-          penumbra[1] / penumbra[0] - 1.0};
+  return {std::sqrt(squared_difference / pixels), std::sqrt(squared_difference / squared_reference),
+          umbra[1] / umbra[0] - 1.0, penumbra[1] / penumbra[0] - 1.0};
 }
 
 int print_errors() {

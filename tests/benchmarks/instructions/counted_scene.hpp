@@ -15,8 +15,9 @@ namespace penumbra::counted {
 
 inline constexpr int kWidth = 1280;
 inline constexpr int kHeight = 720;
-inline constexpr int kWarmFrames = 3;            // enough to compile programs and fill caches
-inline constexpr double kObjectHeight = 0.1;     // height of its centre in the first frame [m]
+inline constexpr int kWarmFrames = 3;  // enough to compile programs and fill caches
+inline constexpr double kObjectHeight =
+    0.1;  // height of the object's centre in the first frame [m]
 inline constexpr double kRisePerFrame = 0.0007;  // [m]
 
 inline void use_one_thread_of_software_gl() {
@@ -24,7 +25,7 @@ inline void use_one_thread_of_software_gl() {
   setenv("LIBGL_ALWAYS_SOFTWARE", "1", 1);
 }
 
-// A torus with twice as many faces along its tube as around it.
+// A torus with twice as many segments along its ring as around its tube.
 inline std::shared_ptr<const Model> torus(int triangles) {
   int around = 4;
   while (2 * around * around * 2 < triangles) ++around;

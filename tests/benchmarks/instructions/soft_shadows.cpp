@@ -29,12 +29,12 @@ uniform float top;
 uniform mat4x3 camera_from_plane;
 void main() {
   vec3 x = plane_from_caster * vec4(position, 1.0);
-  vec2 place = x.xy - towards_light * x.z;
+  vec2 on_plane = x.xy - towards_light * x.z;
 #ifdef IN_PICTURE
-  gl_Position = lens_clip(camera_from_plane * vec4(place, 0.0, 1.0), 1.001);
+  gl_Position = lens_clip(camera_from_plane * vec4(on_plane, 0.0, 1.0), 1.001);
 #else
   // Depth 1 on the plane, 0 at the top.
-  gl_Position = vec4(2.0 * (place - bounds.xy) / bounds.zw - 1.0, 1.0 - 2.0 * x.z / top, 1.0);
+  gl_Position = vec4(2.0 * (on_plane - bounds.xy) / bounds.zw - 1.0, 1.0 - 2.0 * x.z / top, 1.0);
 #endif
 }
 )";
@@ -115,8 +115,8 @@ float blocked() { return textureLod(heights, at, 0.0).r < kEmpty ? 1.0 : 0.0; }
 #endif
 #endif
 void main() {
-  float left = ambient + (1.0 - ambient) * (1.0 - blocked());
-  color = vec4(vec3(pow(left, 1.0 / 2.2)), 1.0);
+  float light = ambient + (1.0 - ambient) * (1.0 - blocked());
+  color = vec4(vec3(pow(light, 1.0 / 2.2)), 1.0);
 }
 )";
 
@@ -253,8 +253,8 @@ void SoftShadows::set_caster() const {
   glEnable(GL_CULL_FACE);
   glCullFace(GL_BACK);
   // Row 0 of the image is the top, which flips the winding.
-  const bool turned = technique_.kind == SoftTechnique::Kind::reference;
-  glFrontFace(turned == faces_outwards_ ? GL_CW : GL_CCW);
+  const bool is_flipped = technique_.kind == SoftTechnique::Kind::reference;
+  glFrontFace(is_flipped == faces_outwards_ ? GL_CW : GL_CCW);
 }
 
 void SoftShadows::draw_map() {

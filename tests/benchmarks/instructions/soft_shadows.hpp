@@ -1,8 +1,8 @@
-// Soft shadows by common GPU techniques, for comparison with the layered ones: an object's shadow
-// on a plane under a disc light at the zenith. One family uses a shadow map (orthographic, over the
-// shadow's rectangle), read once, by PCF, or by PCSS (Fernando, 2005). The other averages hard
-// shadows from many points of the light (Heckbert and Herf, 1997). Each technique darkens the
-// rectangle with one blended draw.
+// Soft shadows by common GPU techniques, for comparison with layered shadows: an object's shadow on
+// a plane under a disc light at the zenith. One family of techniques uses a shadow map
+// (orthographic, over the shadow's rectangle), read once, by PCF, or by PCSS (Fernando, 2005).
+// Another averages hard shadows from many points of the light (Heckbert and Herf, 1997). Each
+// technique darkens the rectangle with one blended draw.
 #pragma once
 
 #include <epoxy/gl.h>
@@ -41,9 +41,9 @@ struct SoftLight {
 
 class SoftShadows {
  public:
-  // The context must be current in this call and in all later ones.
+  // The context must be current in this call and in all later calls.
   [[nodiscard]] static Result<SoftShadows> create(const ShadowMesh& mesh, SoftTechnique technique,
-                                                  const SoftLight& light, GlContext::Size picture);
+                                                  const SoftLight& light, GlContext::Size image);
   // Draws the map, or the sum of hard shadows, before the frame.
   void prepare(const Placement& T_table_object, const PlaneFrame& plane, const LensUniforms& lens,
                const glm::mat4x3& camera_from_plane);

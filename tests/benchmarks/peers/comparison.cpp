@@ -40,8 +40,8 @@ NamedMethod theirs(std::string name, std::function<std::unique_ptr<Peer>()> make
           }};
 }
 
-// Tests for the second pose of a planar target: whether the estimated table normal is closer to the
-// true one mirrored at the line of sight than to the true one.
+// Returns true if the estimate is the second (mirrored) pose of a planar target: the estimated
+// table normal is closer to the true normal mirrored at the line of sight than to the true normal.
 bool is_flipped(const CameraPose& estimated, const CameraPose& truth) {
   const auto T_camera_table = truth.inverse();
   const Eigen::Vector3d sight = T_camera_table.translation().normalized();

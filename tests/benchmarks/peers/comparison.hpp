@@ -30,7 +30,7 @@ struct Found {
   bool tracked = true;  // false if our tracker reports uncertain or coasting (held)
 };
 
-// A stateful method that receives frames in order. Each run creates a new one.
+// A stateful method that receives frames in order. Each run creates a new method.
 using Method = std::function<std::optional<Found>(const Frame&)>;
 struct NamedMethod {
   std::string name;
@@ -48,11 +48,11 @@ struct Outcome {
   std::vector<double> ms;          // CPU time of each frame, minimum of the repetitions
   std::vector<double> overlay_px;  // error of each tracked frame; negative for other frames
   std::vector<CameraPose> poses;   // of each frame; identity without a pose
-  std::vector<bool> posed;
-  Evaluation evaluation;  // over the tracked frames
+  std::vector<bool> posed;         // a pose was found for the frame, tracked or not
+  Evaluation evaluation;           // over the tracked frames
   int tracked = 0;
   int wrong = 0;  // tracked, with an error above 5 px
-  int flips = 0;  // closer to the mirrored truth, with an error above 1 px
+  int flips = 0;  // tracked, with the mirrored pose and an error above 1 px
 
   [[nodiscard]] double median_ms() const;
   [[nodiscard]] double mean_ms() const;

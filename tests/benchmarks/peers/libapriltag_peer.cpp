@@ -71,15 +71,15 @@ std::optional<CameraPose> solve_pnp(const CameraModel& camera,
     object.emplace_back(point.p_map.x(), point.p_map.y(), point.p_map.z());
     image.emplace_back(point.pixel.x(), point.pixel.y());
   }
-  cv::Vec3d turn;
+  cv::Vec3d rotation_vector;
   cv::Vec3d t;
   try {
-    if (!cv::solvePnP(object, image, K, lens, turn, t)) return std::nullopt;
+    if (!cv::solvePnP(object, image, K, lens, rotation_vector, t)) return std::nullopt;
   } catch (const cv::Exception&) {
     return std::nullopt;
   }
   cv::Matx33d R;
-  cv::Rodrigues(turn, R);
+  cv::Rodrigues(rotation_vector, R);
   Eigen::Matrix3d rotation;
   for (int r = 0; r < 3; ++r) {
     for (int c = 0; c < 3; ++c) rotation(r, c) = R(r, c);

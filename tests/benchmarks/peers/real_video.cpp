@@ -80,10 +80,10 @@ Result<RealVideo> load_real_video(const std::filesystem::path& folder) {
   // From here on, the reference does not use the detector, which is one of the compared methods.
   std::vector<CameraPose> poses;
   std::vector<std::vector<SaddlePoint>> points;
-  std::vector<std::size_t> placed;
+  std::vector<std::size_t> with_pose;  // indices of the frames with a camera pose
   for (std::size_t i = 0; i < seen.size(); ++i) {
     if (!survey->cameras[i]) continue;
-    placed.push_back(i);
+    with_pose.push_back(i);
     poses.push_back(*survey->cameras[i]);
     points.push_back(
         find_saddle_points(footage.camera, mapped, poses.back(), luma(footage.frames[i], scratch)));
@@ -92,8 +92,8 @@ Result<RealVideo> load_real_video(const std::filesystem::path& folder) {
   const auto tags = TagMap::make(mapped);
   if (!tags) return tl::unexpected(tags.error());
   footage.tags = *tags;
-  for (std::size_t k = 0; k < placed.size(); ++k)
-    footage.truth.poses.push_back({footage.frames[placed[k]].timestamp_ns, poses[k], {}});
+  for (std::size_t k = 0; k < with_pose.size(); ++k)
+    footage.truth.poses.push_back({footage.frames[with_pose[k]].timestamp_ns, poses[k], {}});
 
   for (std::size_t i = 0; i < seen.size(); ++i) {
     std::vector<TagObservation> observations;

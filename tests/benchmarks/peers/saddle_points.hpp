@@ -28,8 +28,8 @@ struct SaddlePoint {
 
 // Adjusts tag poses and camera poses to the points. Cauchy's loss with a scale of 0.25 px rejects
 // covered points. The first tag is fixed. The other tags stay in the plane z = 0, as printed,
-// because some have only one such point. The camera must have no distortion. Returns the RMS of the
-// inliers (residuals below 1 px) [px].
+// because some tags have only one such point. The camera must have no distortion. Returns the RMS
+// of the inliers (residuals below 1 px) [px].
 double adjust(const CameraModel& camera, std::span<const std::vector<SaddlePoint>> points,
               std::vector<MappedTag>& tags, std::vector<CameraPose>& poses);
 
