@@ -54,10 +54,11 @@ class Oracle {
     Verdict& verdict = *static_cast<Errors*>(info->err)->verdict;
     ++verdict.warnings;
     const int code = info->err->msg_code;
-    const int many = info->err->msg_parm.i[1] == JPEG_EOI ? 1024 : 16;
-    const bool harmless = code == JWRN_JPEG_EOF || code == JWRN_JFIF_MAJOR ||
-                          code == JWRN_ADOBE_XFORM || code == JWRN_NOT_SEQUENTIAL ||
-                          (code == JWRN_EXTRANEOUS_DATA && info->err->msg_parm.i[0] <= many);
+    const int max_extraneous_bytes = info->err->msg_parm.i[1] == JPEG_EOI ? 1024 : 16;
+    const bool harmless =
+        code == JWRN_JPEG_EOF || code == JWRN_JFIF_MAJOR || code == JWRN_ADOBE_XFORM ||
+        code == JWRN_NOT_SEQUENTIAL ||
+        (code == JWRN_EXTRANEOUS_DATA && info->err->msg_parm.i[0] <= max_extraneous_bytes);
     // An error after the last row can't affect any block.
     if (!harmless && !verdict.has_all_rows) verdict.lost_blocks = true;
   }
@@ -96,8 +97,9 @@ class Oracle {
   Verdict verdict_;
 };
 
-int per_kind(int usual, int nightly) {
-  return test::nightly() ? nightly : usual;
+// Returns the number of mutations per kind of JPEG.
+int per_kind(int short_form, int nightly) {
+  return test::nightly() ? nightly : short_form;
 }
 
 class CameraJpegFuzz : public testing::TestWithParam<test::JpegKind> {
@@ -131,9 +133,11 @@ TEST_P(CameraJpegFuzz, AcceptsOnlyImagesThatLibjpegDecodesInFull) {
       EXPECT_EQ(frame.error().message.find('\n'), std::string::npos);
       const bool is_clean = raw.is_whole() && raw.warnings == 0;
       const auto outline = outline_jpeg(image_bytes(broken));
-      const bool is_size = outline && outline->width == size_.width &&
-                           outline->height >= size_.height && outline->height < size_.height + 16;
-      EXPECT_FALSE(is_clean && is_size) << "mutation " << i << ": " << frame.error().message;
+      const bool has_granted_size = outline && outline->width == size_.width &&
+                                    outline->height >= size_.height &&
+                                    outline->height < size_.height + 16;
+      EXPECT_FALSE(is_clean && has_granted_size)
+          << "mutation " << i << ": " << frame.error().message;
     }
   }
   RecordProperty("used", used);
@@ -186,16 +190,16 @@ std::string with_harmless_change(const std::string& valid_jpeg, test::Random& ra
       if (random.below(2) == 0)
         bytes.append(random.below(3000), random.below(2) == 0 ? '\0' : '\xFF');
       break;
-    case 5:
+    case 5:  // inserts a second start marker
       bytes.insert(0, "\xFF\xD8");
       break;
-    case 6:
+    case 6:  // inserts bytes before a restart marker
       if (!restarts.empty()) {
         std::string few = fill(16);
         bytes.insert(restarts[random.below(restarts.size())], few);
       }
       break;
-    default:
+    default:  // inserts bytes before the end marker
       bytes.insert(bytes.size() - 2, fill(1000));
       break;
   }

@@ -130,13 +130,13 @@ TEST(ImageFuzz, DecodesOrRejectsDamagedJpeg) {
   for (const int subsampling :
        {TJSAMP_GRAY, TJSAMP_420, TJSAMP_422, TJSAMP_444, TJSAMP_440, TJSAMP_411}) {
     for (const int flags : {0, TJFLAG_PROGRESSIVE}) {
-      const std::string whole = jpeg_of(subsampling, flags);
+      const std::string valid = jpeg_of(subsampling, flags);
       for (int i = 0; i < 400; ++i) {
         // Half of the changes are in the headers with sizes and tables.
-        const std::size_t head = i % 2 == 0 ? std::min<std::size_t>(640, whole.size()) : 0;
+        const std::size_t head = i % 2 == 0 ? std::min<std::size_t>(640, valid.size()) : 0;
         const std::string broken =
-            head > 0 ? test::mutated(whole.substr(0, head), random) + whole.substr(head)
-                     : test::mutated(whole, random);
+            head > 0 ? test::mutated(valid.substr(0, head), random) + valid.substr(head)
+                     : test::mutated(valid, random);
         ASSERT_NO_FATAL_FAILURE(try_one(broken, tally));
       }
     }
@@ -151,9 +151,9 @@ TEST(ImageFuzz, DecodesOrRejectsDamagedPng) {
                                     {SPNG_COLOR_TYPE_GRAYSCALE, 16},
                                     {SPNG_COLOR_TYPE_TRUECOLOR, 8},
                                     {SPNG_COLOR_TYPE_TRUECOLOR, 16}}) {
-    const std::string whole = png_of(type, depth);
+    const std::string valid = png_of(type, depth);
     for (int i = 0; i < 1000; ++i) {
-      std::string broken = test::mutated(whole, random);
+      std::string broken = test::mutated(valid, random);
       if (i % 4 != 0) mend_check_sums(broken);
       ASSERT_NO_FATAL_FAILURE(try_one(broken, tally));
     }

@@ -1,4 +1,4 @@
-// Damaged models and scenes: rejected with one line, or valid. Deterministic.
+// Damaged models are rejected with an error of one line, or load as valid models. Deterministic.
 #include <gtest/gtest.h>
 
 #include <cmath>
@@ -133,7 +133,7 @@ TEST(ModelFuzz, LoadsOrRejectsDamagedMaterials) {
 }
 
 TEST(ModelFuzz, LoadsOrRejectsDamagedGltf) {
-  // The same JSON as text, with an embedded buffer.
+  // A glTF file as JSON text, with an embedded buffer.
   const std::string json =
       R"({"asset":{"version":"2.0"},"scene":0,"scenes":[{"nodes":[0]}],"nodes":[{"mesh":0,)"
       R"("scale":[1,2,-1],"children":[1]},{"mesh":0,"rotation":[0,0,0,1]}],"meshes":[{"primitives":)"

@@ -111,12 +111,12 @@ TEST(RecordingFuzz, ReadsOrRejectsDamagedForeignCameraFiles) {
   Random random(18);
   RecordingTally tally;
   for (int i = 0; i < inputs(6000); ++i, ++tally.inputs) {
-    const std::string& whole = layouts[static_cast<std::size_t>(i) % layouts.size()];
+    const std::string& valid = layouts[static_cast<std::size_t>(i) % layouts.size()];
     if (i < static_cast<int>(layouts.size())) {
-      write_text(file, whole);
+      write_text(file, valid);
       ASSERT_TRUE(load_camera(file)) << load_camera(file).error().message;
     }
-    write_text(file, mutated(whole, random, PENUMBRA_HARD_WORDS));
+    write_text(file, mutated(valid, random, PENUMBRA_HARD_WORDS));
     const auto camera = load_camera(file);
     if (!camera) {
       ASSERT_NO_FATAL_FAILURE(check_error(camera.error(), "camera.yaml"));
@@ -131,7 +131,7 @@ TEST(RecordingFuzz, ReadsOrRejectsDamagedForeignCameraFiles) {
 TEST(RecordingFuzz, ReadsOrRejectsDamagedSensorFile) {
   const test::TemporaryFolder folder;
   const auto file = folder.path() / "sensor.yaml";
-  const std::string whole =
+  const std::string valid =
       "sensor_type: camera\nrate_hz: 20\nresolution: [64, 48]\ncamera_model: pinhole\n"
       "intrinsics: [45.8654, 45.7296, 36.7215, 24.8375] #fu, fv, cu, cv\n"
       "distortion_model: radial-tangential\n"
@@ -139,7 +139,7 @@ TEST(RecordingFuzz, ReadsOrRejectsDamagedSensorFile) {
   Random random(12);
   RecordingTally tally;
   for (int i = 0; i < inputs(2000); ++i, ++tally.inputs) {
-    write_text(file, mutated(whole, random, PENUMBRA_HARD_WORDS));
+    write_text(file, mutated(valid, random, PENUMBRA_HARD_WORDS));
     const auto camera = load_euroc_sensor(file);
     if (!camera) {
       ASSERT_NO_FATAL_FAILURE(check_error(camera.error(), "sensor.yaml"));
@@ -198,8 +198,8 @@ TEST(RecordingFuzz, ReadsOrRejectsDamagedTrajectory) {
   Random random(14);
   RecordingTally tally;
   for (int i = 0; i < inputs(6000); ++i, ++tally.inputs) {
-    const std::string& whole = formats[static_cast<std::size_t>(i) % formats.size()];
-    write_text(file, mutated(whole, random, PENUMBRA_HARD_WORDS));
+    const std::string& valid = formats[static_cast<std::size_t>(i) % formats.size()];
+    write_text(file, mutated(valid, random, PENUMBRA_HARD_WORDS));
     const auto trajectory = load_trajectory(file);
     if (!trajectory) {
       ASSERT_NO_FATAL_FAILURE(check_error(trajectory.error(), "groundtruth.tum"));
@@ -222,11 +222,11 @@ TEST(RecordingFuzz, OpensOrRejectsDamagedFrameList) {
   const test::TemporaryFolder root;
   const auto folder = root.path() / "small";
   test::write_recording(folder, 6);
-  const std::string whole = test::listing(6);
+  const std::string valid = test::listing(6);
   Random random(15);
   RecordingTally tally;
   for (int i = 0; i < inputs(4000); ++i, ++tally.inputs) {
-    write_text(folder / "timestamps.csv", mutated(whole, random, PENUMBRA_HARD_WORDS));
+    write_text(folder / "timestamps.csv", mutated(valid, random, PENUMBRA_HARD_WORDS));
     const auto recording = open_recording(folder);
     if (!recording) {
       ASSERT_NO_FATAL_FAILURE(check_error(recording.error(), folder.string()));
@@ -260,13 +260,13 @@ TEST(RecordingFuzz, OpensOrRejectsDamagedVideo) {
     spec.frames = 6;
     spec.gop = gop;
     test::write_video(folder / "video.mkv", spec, fill);
-    const std::string whole = test::read_bytes(folder / "video.mkv");
+    const std::string valid = test::read_bytes(folder / "video.mkv");
     for (int i = 0; i < inputs(1000); ++i, ++tally.inputs) {
       // Half of the changes are in the headers.
-      const std::size_t head = i % 2 == 0 ? std::min<std::size_t>(900, whole.size()) : 0;
+      const std::size_t head = i % 2 == 0 ? std::min<std::size_t>(900, valid.size()) : 0;
       write_text(folder / "video.mkv",
-                 head > 0 ? mutated(whole.substr(0, head), random) + whole.substr(head)
-                          : mutated(whole, random));
+                 head > 0 ? mutated(valid.substr(0, head), random) + valid.substr(head)
+                          : mutated(valid, random));
       const auto recording = open_recording(folder);
       if (!recording) {
         ASSERT_NO_FATAL_FAILURE(check_error(recording.error(), "video.mkv"));

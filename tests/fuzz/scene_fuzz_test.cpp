@@ -1,4 +1,4 @@
-// Damaged scenes: rejected with one line, or valid. Deterministic.
+// Damaged scenes are rejected with an error of one line, or load as valid scenes. Deterministic.
 #include <gtest/gtest.h>
 
 #include <fstream>

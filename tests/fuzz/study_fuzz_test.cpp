@@ -1,4 +1,5 @@
-// Damaged scripts and results of a study: rejected with one line, or valid. Deterministic.
+// Damaged scripts and result rows of a study are rejected (scripts with an error of one line), or
+// read as valid. Deterministic.
 #include <gtest/gtest.h>
 
 #include <cmath>

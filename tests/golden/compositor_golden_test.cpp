@@ -99,7 +99,7 @@ RgbaImage image_of(const test::RenderedImage& image) {
   return {image.width, image.height, image.rgba};
 }
 
-// State of the scene in the program's first frame, lit by the video.
+// State of the scene at `time_s`, lit by the video as in the program's first frame.
 SceneState lit(const Scene& scene, const View& view, double time_s,
                std::span<const GroupEstimate> groups = {}) {
   SceneState state = evaluate_scene(scene, time_s, groups);
@@ -315,18 +315,18 @@ TEST_P(BundledScene, CompositedFrameMatchesGolden) {
 }
 
 TEST(BundledSceneList, HasGoldenImageAndReadmeLineForEveryScene) {
-  std::set<std::string> with_picture = {"default"};
-  for (const SceneCase& c : kSceneCases) with_picture.insert(c.scene);
+  std::set<std::string> with_golden_image = {"default"};
+  for (const SceneCase& c : kSceneCases) with_golden_image.insert(c.scene);
   std::ifstream stream(test::source_dir() / "README.md");
   const std::string readme((std::istreambuf_iterator<char>(stream)),
                            std::istreambuf_iterator<char>());
   for (const auto& entry : std::filesystem::directory_iterator(test::source_dir() / "scenes")) {
     const std::string name = entry.path().filename().string();
     if (entry.path().extension() != ".json" || name == "scene.schema.json") continue;
-    EXPECT_TRUE(with_picture.contains(entry.path().stem().string())) << name;
+    EXPECT_TRUE(with_golden_image.contains(entry.path().stem().string())) << name;
     EXPECT_NE(readme.find("scenes/" + name), std::string::npos) << name;
   }
-  EXPECT_GE(with_picture.size(), 8U);
+  EXPECT_GE(with_golden_image.size(), 8U);
 }
 
 // The shadow falls on the phantom before the recording ends, so the image without the phantom must
@@ -411,20 +411,21 @@ void reject(ShadowDraw& draw, ShadowLayer layer) {
 TEST_P(GoldenLayerComparison, DetectsMissingLayer) {
   const auto view = half_size_view("tabletop", 0);
   ASSERT_TRUE(view) << view.error().message;
-  const RgbaImage right = composite(*view, ShadowTechnique::layered);
+  const RgbaImage expected = composite(*view, ShadowTechnique::layered);
   Studio studio(solids(), view->camera);
   // Only one object's layer changes, which is hardest to detect.
   for (std::size_t object = 0; object < 3; ++object) {
     FramePlan plan = studio.plan(test::tracked(view->T_table_camera));
     reject(plan.shadows.at(object), GetParam());
-    EXPECT_FALSE(compare(image_of(studio.draw(view->frame, plan)), right).acceptable()) << object;
+    EXPECT_FALSE(compare(image_of(studio.draw(view->frame, plan)), expected).acceptable())
+        << object;
   }
 }
 
 TEST_P(GoldenLayerComparison, DetectsLayerShiftedByTwoPixels) {
   const auto view = half_size_view("tabletop", 0);
   ASSERT_TRUE(view) << view.error().message;
-  const RgbaImage right = composite(*view, ShadowTechnique::layered);
+  const RgbaImage expected = composite(*view, ShadowTechnique::layered);
   Studio studio(solids(), view->camera);
   const FramePlan plan = studio.plan(test::tracked(view->T_table_camera));
   for (std::size_t object = 0; object < 3; ++object) {
@@ -441,12 +442,12 @@ TEST_P(GoldenLayerComparison, DetectsLayerShiftedByTwoPixels) {
     layer.T_table_object.position.x() += metres;
     reject(moved.shadows[object], GetParam());
     moved.shadows.push_back(layer);
-    const auto difference = compare(image_of(studio.draw(view->frame, moved)), right);
+    const auto difference = compare(image_of(studio.draw(view->frame, moved)), expected);
     EXPECT_FALSE(difference.acceptable()) << object << ": " << difference.over_tolerance;
 
     // Without the shift, the separately drawn layer gives the same image.
     moved.shadows.back().T_table_object.position = at;
-    EXPECT_TRUE(compare(image_of(studio.draw(view->frame, moved)), right).exact) << object;
+    EXPECT_TRUE(compare(image_of(studio.draw(view->frame, moved)), expected).exact) << object;
   }
 }
 
