@@ -46,7 +46,8 @@ class ReplayInput : public testing::Test {
     std::ofstream(path, std::ios::binary) << text;
   }
 
-  // Replays with every output; expects a failure and no output file.
+  // Replays with every output and the options `more`; expects a failure whose message contains
+  // `parts`, and no output file.
   void expect_replay_fails(const std::vector<std::string>& more,
                            const std::vector<std::string>& parts) {
     std::vector<std::string> arguments = {"replay",        recording(),        "--output",

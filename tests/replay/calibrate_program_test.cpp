@@ -64,7 +64,7 @@ class CalibrateCommand : public testing::Test {
     while (std::getline(lines, line)) last = line;
     return last;
   }
-  // Creates a folder with frames first, first + step, ... of a recording.
+  // Creates a folder with the first `count` frames of a recording.
   [[nodiscard]] std::filesystem::path some_frames(const std::string& recording, int count) const {
     const auto pictures = folder_.path() / "pictures";
     std::filesystem::create_directories(pictures);
@@ -87,7 +87,6 @@ class CalibrateCommand : public testing::Test {
 class TargetMeasurement : public CalibrateCommand {};
 class MapCommand : public CalibrateCommand {};
 
-// The short form uses half of the images.
 TEST_F(CalibrateCommand, RecoversCameraFromAprilGrid) {
   const auto report = folder() / "report.html";
   const auto result =
@@ -290,19 +289,19 @@ TEST_F(TargetMeasurement, CorrectsTargetFileOfEveryKind) {
     const auto again = print({"--measured", "100.4"});
     ASSERT_EQ(again.exit_code, 0) << again.err;
     EXPECT_THAT(again.out, HasSubstr("ruler: 100.4 mm on paper (before: 99.2 mm)"));
-    const auto twice = load_target(file);
-    ASSERT_TRUE(twice) << twice.error().message;
+    const auto corrected_target = load_target(file);
+    ASSERT_TRUE(corrected_target) << corrected_target.error().message;
     test::write_text(file, nominal);
     const auto length = [](const Target& target) {
       return (target.points.back() - target.points.front()).norm();
     };
-    EXPECT_NEAR(length(*twice) / length(load_target(file).value()), 1.004, 1e-7);
+    EXPECT_NEAR(length(*corrected_target) / length(load_target(file).value()), 1.004, 1e-7);
     ASSERT_EQ(print({"--measured", "100.4"}).exit_code, 0);
     // Without --measured, the measured file must stay.
     const std::string measured_text = read_text_file(file, 1 << 20).value();
-    const auto unsaid = print({});
-    EXPECT_EQ(unsaid.exit_code, 1);
-    EXPECT_THAT(unsaid.err, HasSubstr("keep that with --measured 100.4"));
+    const auto without_measured = print({});
+    EXPECT_EQ(without_measured.exit_code, 1);
+    EXPECT_THAT(without_measured.err, HasSubstr("keep that with --measured 100.4"));
     EXPECT_EQ(read_text_file(file, 1 << 20).value(), measured_text);
     ASSERT_EQ(print({"--measured", "100"}).exit_code, 0);
     EXPECT_EQ(read_text_file(file, 1 << 20).value(), nominal);
@@ -453,7 +452,7 @@ TEST_F(CalibrateFromCamera, GuidesInWindowAndReproducesResultFromKeptViews) {
 }
 
 // The session checks every image of the recording and ends without a key press. Its camera must
-// equal that of `calibrate` on the same images. The short form plays half of the images.
+// match the camera that `calibrate` computes offline. The short form plays half of the images.
 TEST_F(CalibrateFromCamera, MatchesOfflineCalibrationOnPlayedRecording) {
   hold(test::nightly() ? 32 : 16, 1);
   const auto source = held();
@@ -559,7 +558,7 @@ TEST_F(CalibrateCommand, StopsPromptlyOnSignalAndKeepsOldFiles) {
         "--refine-camera", in_results("camera.yaml"), "--output", in_results("tags.yaml")},
        400}};
   for (const auto& [arguments, first_delay_ms] : runs) {
-    int early = 0;
+    int early = 0;  // number of runs that the signal ended early
     const int percent = test::nightly() ? 160 : 200;
     for (int delay_ms = test::nightly() ? 400 : first_delay_ms;
          delay_ms <= 12'000 && (test::nightly() || early < 2);
@@ -576,7 +575,8 @@ TEST_F(CalibrateCommand, StopsPromptlyOnSignalAndKeepsOldFiles) {
       });
       if (result.exit_code == 0) break;
       EXPECT_EQ(std::distance(std::filesystem::directory_iterator(results), {}), 1);
-      if (result.exit_code > 128) continue;  // the signal killed it before it opened a file
+      if (result.exit_code > 128)
+        continue;  // the signal killed the program before it opened a file
       EXPECT_LT(since_signal.elapsed().wall_ms, 3000.0) << arguments[0] << ' ' << delay_ms;
       EXPECT_EQ(result.exit_code, 1) << result.err;
       EXPECT_THAT(result.err, HasSubstr("ended early; no file was written"));
@@ -615,9 +615,9 @@ TEST_F(CalibrateCommand, RejectsAprilGridOfWrongProportions) {
   test::write_text(wrong,
                    "target_type: aprilgrid\ntagCols: 6\ntagRows: 6\ntagSize: 0.033\n"
                    "tagSpacing: 0.1818\n");
-  const auto some = folder() / "some";
-  test::write_thinned_recording(some, shared("recordings/calibration"), 4);
-  expect_refused(calibrate(some, wrong), "smaller than the target file says");
+  const auto thinned = folder() / "thinned";
+  test::write_thinned_recording(thinned, shared("recordings/calibration"), 4);
+  expect_refused(calibrate(thinned, wrong), "smaller than the target file says");
 }
 
 TEST_F(MapCommand, RecoversTabletopTags) {
@@ -675,13 +675,13 @@ TEST_F(MapCommand, RecoversTabletopTags) {
 TEST_F(MapCommand, ReportsAndRejectsTagOfWrongSize) {
   const auto sizes = folder() / "sizes.yaml";
   std::string lines;
-  const auto some = folder() / "some";
-  test::write_thinned_recording(some, shared("recordings/tabletop"), 4);
+  const auto thinned = folder() / "thinned";
+  test::write_thinned_recording(thinned, shared("recordings/tabletop"), 4);
   for (int id = 0; id < 12; ++id) lines += fmt::format("{}: {}\n", id, id == 7 ? 0.06 : 0.04);
   test::write_text(sizes, lines);
   const auto tags = folder() / "tags.yaml";
   const auto result =
-      test::run_program(test::program(), {"map", some.string(), "--sizes", sizes.string(),
+      test::run_program(test::program(), {"map", thinned.string(), "--sizes", sizes.string(),
                                           "--anchor", "5", "--output", tags.string()});
   ASSERT_EQ(result.exit_code, 0) << result.err;
   EXPECT_THAT(result.out, HasSubstr("tag 7: looks 40.0 mm in size, where 60.0 mm is given"));
@@ -693,10 +693,10 @@ TEST_F(MapCommand, ReportsAndRejectsTagOfWrongSize) {
 TEST_F(MapCommand, RefinesCameraWhenRequested) {
   const auto tags = folder() / "tags.yaml";
   const auto camera = folder() / "refined.yaml";
-  const auto some = folder() / "some";
-  test::write_thinned_recording(some, shared("recordings/tabletop"), 3);
+  const auto thinned = folder() / "thinned";
+  test::write_thinned_recording(thinned, shared("recordings/tabletop"), 3);
   const auto result = test::run_program(
-      test::program(), {"map", some.string(), "--tag-size", "0.04", "--anchor", "5", "--output",
+      test::program(), {"map", thinned.string(), "--tag-size", "0.04", "--anchor", "5", "--output",
                         tags.string(), "--refine-camera", camera.string()});
   ASSERT_EQ(result.exit_code, 0) << result.err;
   const auto found = load_camera(camera);
@@ -704,7 +704,7 @@ TEST_F(MapCommand, RefinesCameraWhenRequested) {
   EXPECT_NEAR(found->parameters().fx, 531.7, 5.0);
   EXPECT_THAT(result.out, HasSubstr("camera: fx"));
   const auto same = test::run_program(
-      test::program(), {"map", some.string(), "--tag-size", "0.04", "--anchor", "5", "--output",
+      test::program(), {"map", thinned.string(), "--tag-size", "0.04", "--anchor", "5", "--output",
                         tags.string(), "--refine-camera", tags.string()});
   EXPECT_EQ(same.exit_code, 2) << same.err;
 }

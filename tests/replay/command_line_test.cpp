@@ -59,7 +59,7 @@ std::set<std::string> options_in(const std::string& help) {
 // The options' names are in column 2, their descriptions in column 28: after two blanks, or on the
 // next lines.
 TEST(CommandLine, KeepsHelpNarrowBriefAndGrouped) {
-  constexpr std::size_t kMostFirst = 10;
+  constexpr std::size_t kMaxMainOptions = 10;
   const std::string overview = penumbra({"--help"}).out;
   std::vector<std::string> helps = {overview};
   for (const std::string& command : commands_of(overview))
@@ -70,22 +70,22 @@ TEST(CommandLine, KeepsHelpNarrowBriefAndGrouped) {
     std::map<std::string, std::size_t> sizes;
     std::vector<std::string> groups;
     std::string option;
-    int description = 0;  // lines
+    int description_lines = 0;
     for (const std::string& line : lines_of(help)) {
       EXPECT_LE(line.size(), 100U) << line;
       if (std::regex_match(line, heading)) groups.push_back(group = line);
       if (line.starts_with("  -")) {
         option = line;
         ++sizes[group];
-        description = line.find("  ", 2) != std::string::npos ? 1 : 0;
+        description_lines = line.find("  ", 2) != std::string::npos ? 1 : 0;
       } else if (line.starts_with(std::string(28, ' '))) {
-        ++description;
+        ++description_lines;
       }
-      EXPECT_LE(description, 2) << option << "\n" << line;
+      EXPECT_LE(description_lines, 2) << option << "\n" << line;
     }
     EXPECT_THAT(groups, testing::Contains("General:")) << help;
     EXPECT_FALSE(sizes.contains("") || sizes.contains("Options:")) << help;
-    EXPECT_LE(sizes["Main options:"], kMostFirst) << help;
+    EXPECT_LE(sizes["Main options:"], kMaxMainOptions) << help;
     const std::size_t general = help.find("\nGeneral:\n");
     EXPECT_EQ(help.find("\n  -", help.find("--log-level", general)), std::string::npos)
         << "general options must come last: " << help;
@@ -310,8 +310,8 @@ TEST(CommandLine, SuggestsSimilarOptionForUnknownOne) {
     EXPECT_THAT(penumbra({"replay", "r", option + "=fast"}).err,
                 HasSubstr(option + ": no such option; did you mean --tracking?"));
   }
-  const ProgramResult far = penumbra({"replay", "r", "--bogus"});
-  EXPECT_THAT(far.err, HasSubstr("--bogus: no such option (see penumbra replay --help)"));
+  const ProgramResult dissimilar = penumbra({"replay", "r", "--bogus"});
+  EXPECT_THAT(dissimilar.err, HasSubstr("--bogus: no such option (see penumbra replay --help)"));
   // A misspelt global option, before the command.
   EXPECT_THAT(penumbra({"--log-levle", "debug", "replay", "r"}).err,
               HasSubstr("--log-levle: no such option; did you mean --log-level?"));
@@ -344,7 +344,7 @@ TEST(CommandLine, AcceptsHelpAsCommand) {
   EXPECT_THAT(unknown.err, HasSubstr("'bogus' is not a command"));
 }
 
-// Options of tracking have no effect with given poses; --pose-budget has none in the mode `detect`.
+// Tracking options have no effect with given poses; --pose-budget has no effect with detection.
 TEST(CommandLine, ReportsOptionsWithoutEffect) {
   const ProgramResult given =
       penumbra({"replay", "no-such-recording", "--poses-from", "groundtruth", "--tracking", "fast",

@@ -40,8 +40,8 @@ class CompareOption : public testing::Test {
     arguments.insert(arguments.end(), more.begin(), more.end());
     return penumbra(arguments);
   }
-  // Expects that each pane of each frame equals the frame drawn with its technique alone. Calls
-  // without `more` share the frames of each technique.
+  // Expects that each pane of each frame equals the frame drawn with the pane's technique alone.
+  // Calls without `more` share the frames that are drawn with one technique.
   void expect_panes(const std::vector<std::string>& techniques,
                     const std::vector<std::string>& more = {}) {
     std::string list;
@@ -131,14 +131,15 @@ TEST_F(CompareOption, WarnsOfCutOutMaterialsInAnyPane) {
   std::ofstream(file("scene.json"))
       << R"({"objects": [{"name": "cut", "model": "cut.glb", "position": [0, 0, 0.05]}],)"
       << R"("shadows": [{"name": "shadow", "technique": "simple"}]})";
-  const auto said = [&](const std::string& techniques) {
+  const auto error_output = [&](const std::string& techniques) {
     const ProgramResult result =
         replay({"--scene", file("scene.json"), "--compare", techniques, "--output", file("out")});
     EXPECT_EQ(result.exit_code, 0) << result.err;
     return result.err;
   };
-  EXPECT_EQ(said("simple,field"), "");
-  EXPECT_THAT(said("simple,layered"), HasSubstr("cut.glb: its materials cut holes into faces"));
+  EXPECT_EQ(error_output("simple,field"), "");
+  EXPECT_THAT(error_output("simple,layered"),
+              HasSubstr("cut.glb: its materials cut holes into faces"));
 }
 
 TEST_F(CompareOption, WritesAllOutputsAndReport) {
@@ -171,9 +172,9 @@ TEST_F(CompareOption, WritesAllOutputsAndReport) {
     const PixelPlane& plane = (*frame)->planes[0];
     for (std::ptrdiff_t y = 0; y < size.height; ++y) {
       for (std::ptrdiff_t x = 0; x < size.width; ++x) {
-        const std::uint8_t* of_video = plane.data + y * plane.stride + 3 * x;
-        const std::uint8_t* of_picture = image->pixels.data() + 4 * (y * size.width + x);
-        differing += std::equal(of_video, of_video + 3, of_picture) ? 0U : 1U;
+        const std::uint8_t* video_pixel = plane.data + y * plane.stride + 3 * x;
+        const std::uint8_t* image_pixel = image->pixels.data() + 4 * (y * size.width + x);
+        differing += std::equal(video_pixel, video_pixel + 3, image_pixel) ? 0U : 1U;
       }
     }
     EXPECT_EQ(differing, 0U) << name;
@@ -214,15 +215,17 @@ TEST_F(CompareOption, WritesSameFramesWithWindow) {
 }
 
 TEST_F(CompareOption, ReportsErrorsInTechniqueList) {
-  const auto said = [&](const std::vector<std::string>& words) {
+  const auto error_output = [&](const std::vector<std::string>& words) {
     const ProgramResult result = replay(words);
     EXPECT_EQ(result.exit_code, 2) << result.err;
     return result.err;
   };
-  EXPECT_THAT(said({"--compare", "layered"}), HasSubstr("give 2 to 8"));
-  EXPECT_THAT(said({"--compare", "layered,pink"}), HasSubstr("pink: no such technique; known: "));
-  EXPECT_THAT(said({"--compare", "hard,simple,hard"}), HasSubstr("hard: is named twice"));
-  EXPECT_THAT(said({"--compare", "hard,simple", "--shadow", "field"}), HasSubstr("--shadow"));
+  EXPECT_THAT(error_output({"--compare", "layered"}), HasSubstr("give 2 to 8"));
+  EXPECT_THAT(error_output({"--compare", "layered,pink"}),
+              HasSubstr("pink: no such technique; known: "));
+  EXPECT_THAT(error_output({"--compare", "hard,simple,hard"}), HasSubstr("hard: is named twice"));
+  EXPECT_THAT(error_output({"--compare", "hard,simple", "--shadow", "field"}),
+              HasSubstr("--shadow"));
 }
 
 }  // namespace
