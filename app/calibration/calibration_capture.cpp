@@ -28,11 +28,11 @@ namespace penumbra {
 namespace {
 
 using TakeImage = std::function<Result<bool>(const NamedImage&)>;
-// Calls `take` for each image until it returns false or an error, or a stop is requested.
-using ImageFeed = std::function<Result<void>(const TakeImage& take, const std::stop_token& stop)>;
+// Calls `visit` for each image until it returns false or an error, or a stop is requested.
+using ImageFeed = std::function<Result<void>(const TakeImage& visit, const std::stop_token& stop)>;
 
 ImageFeed newest_of(LiveSource& source) {
-  return [&source](const TakeImage& take, const std::stop_token& stop) -> Result<void> {
+  return [&source](const TakeImage& visit, const std::stop_token& stop) -> Result<void> {
     constexpr std::chrono::milliseconds kTakeTimeout(50);
     NewestImage images(source);
     std::vector<std::uint8_t> scratch;
@@ -49,7 +49,7 @@ ImageFeed newest_of(LiveSource& source) {
       image.name = "a picture";
       image.frame = *frame;
       image.luma = luma(*frame, scratch);
-      PENUMBRA_TRY(const bool more, take(image));
+      PENUMBRA_TRY(const bool more, visit(image));
       if (!more) return {};
     }
     return {};
@@ -57,10 +57,10 @@ ImageFeed newest_of(LiveSource& source) {
 }
 
 ImageFeed all_of(const std::filesystem::path& recording) {
-  return [recording](const TakeImage& take, const std::stop_token& stop) {
+  return [recording](const TakeImage& visit, const std::stop_token& stop) {
     return for_each_image(recording, [&](const NamedImage& image) -> Result<bool> {
       if (stop.stop_requested()) return false;
-      return take(image);
+      return visit(image);
     });
   };
 }

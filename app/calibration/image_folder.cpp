@@ -32,10 +32,10 @@ Result<std::vector<std::filesystem::path>> image_files_in(const std::filesystem:
   return files;
 }
 
-// Reads the images and passes them to `take`. `source`: name for messages.
+// Reads the images and passes them to `visit`. `source`: name for messages.
 Result<void> each_file(const std::filesystem::path& source,
                        const std::vector<std::filesystem::path>& files,
-                       const std::function<Result<bool>(const NamedImage&)>& take) {
+                       const std::function<Result<bool>(const NamedImage&)>& visit) {
   const SampleDepth depth = sample_depth_of(files);
   ClampWatch clamps(depth.bits);
   std::vector<std::uint8_t> scratch;
@@ -55,7 +55,7 @@ Result<void> each_file(const std::filesystem::path& source,
     } else {
       image.unreadable = frame.error().message;
     }
-    PENUMBRA_TRY(const bool more, take(image));
+    PENUMBRA_TRY(const bool more, visit(image));
     if (!more) return {};
   }
   return {};
@@ -64,7 +64,7 @@ Result<void> each_file(const std::filesystem::path& source,
 }  // namespace
 
 Result<void> for_each_image(const std::filesystem::path& source,
-                            const std::function<Result<bool>(const NamedImage&)>& take) {
+                            const std::function<Result<bool>(const NamedImage&)>& visit) {
   std::error_code ignored;
   if (!std::filesystem::exists(source, ignored)) {
     return fail("{}: no such folder; give a recording or a folder of PNG or JPEG images",
@@ -79,7 +79,7 @@ Result<void> for_each_image(const std::filesystem::path& source,
     if (files.empty())
       return fail("{}: holds no PNG or JPEG images; put those of the target there",
                   source.string());
-    return each_file(source, files, take);
+    return each_file(source, files, visit);
   }
   OpenRecordingOptions options;
   options.with_metadata = false;
@@ -87,7 +87,7 @@ Result<void> for_each_image(const std::filesystem::path& source,
   if (recording.video.empty()) {
     std::vector<std::filesystem::path> files;
     for (const RecordedFrame& frame : recording.frames) files.push_back(frame.file);
-    return each_file(source, files, take);
+    return each_file(source, files, visit);
   }
   PENUMBRA_TRY(auto frames, open_recording_source(recording));
   std::vector<std::uint8_t> scratch;
@@ -100,7 +100,7 @@ Result<void> for_each_image(const std::filesystem::path& source,
     image.count = frames->frame_count().value_or(0);
     image.frame = *frame;
     image.luma = luma(*frame, scratch);
-    PENUMBRA_TRY(const bool more, take(image));
+    PENUMBRA_TRY(const bool more, visit(image));
     if (!more) return {};
   }
 }

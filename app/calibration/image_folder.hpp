@@ -21,10 +21,10 @@ struct NamedImage {
   std::string notice;      // warning about the decoding; each kind is set for one image only
 };
 
-// Calls `take` for every image in order until it returns false or an error. Ignores camera.yaml,
+// Calls `visit` for every image in order until it returns false or an error. Ignores camera.yaml,
 // tags.yaml and groundtruth.tum in the folder. Fails if there are no images.
 [[nodiscard]] Result<void> for_each_image(
     const std::filesystem::path& source,
-    const std::function<Result<bool>(const NamedImage&)>& take);
+    const std::function<Result<bool>(const NamedImage&)>& visit);
 
 }  // namespace penumbra
