@@ -51,7 +51,7 @@ void FrameClock::check_interval(std::int64_t interval_ns, bool consecutive, Fram
   }
   pending_lost_ += static_cast<std::uint64_t>((interval_ns + usual_ns / 2) / usual_ns - 1);
   if (++long_run_ < kSlowerAfter) return;
-  // Keeps only the slow intervals, including this one: their median becomes the usual interval.
+  // Keeps only the slow intervals, including this one: their median becomes the expected one.
   std::array<std::int64_t, kSlowerAfter> slow_ns{};
   slow_ns.back() = interval_ns;
   for (std::size_t i = 0; i + 1 < kSlowerAfter; ++i) {

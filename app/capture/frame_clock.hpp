@@ -32,8 +32,8 @@ class FrameClock {
   void restart(std::int64_t interval_ns);
 
  private:
-  // Usual time between frames [ns]: the granted one, or the median of the recent ones if that is
-  // longer (many cameras slow down in a dark room).
+  // Expected time between frames [ns]: the granted interval, or the median of the recent intervals
+  // if that is longer (many cameras slow down in a dark room).
   [[nodiscard]] std::int64_t usual_interval_ns() const;
   // Decides whether frames were lost during an interval [ns]. `consecutive`: the driver's sequence
   // numbers show no loss.

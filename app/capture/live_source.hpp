@@ -24,7 +24,7 @@ struct CapturedImage {
   // The image is either a JPEG, or a frame whose planes lie in the camera's buffer.
   std::span<const std::uint8_t> jpeg;
   Frame frame;                        // also set for a JPEG that is already decoded
-  std::shared_ptr<const void> owner;  // keeps the camera's buffer in use
+  std::shared_ptr<const void> owner;  // keeps the memory of `jpeg` or `frame` valid
 
   [[nodiscard]] bool is_jpeg() const { return !jpeg.empty(); }
 };

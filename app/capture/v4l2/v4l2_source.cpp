@@ -227,7 +227,7 @@ class Stream {
     v4l2_fract& interval = parameters.parm.capture.timeperframe;
     interval = {1000, static_cast<std::uint32_t>(std::lround(fps * 1000.0))};
     format_.interval_s = 1.0 / fps;
-    // A driver that can't set the rate returns an error and keeps its own.
+    // A driver that can't set the rate returns an error and keeps its current rate.
     format_.interval_granted = device_->call(VIDIOC_S_PARM, &parameters) == 0 &&
                                interval.numerator > 0 && interval.denominator > 0;
     if (format_.interval_granted) {
