@@ -44,7 +44,7 @@ Eigen::Vector3d direction_from(const std::string& text) {
   return direction.stableNormalized();
 }
 
-// Returns a kernel stamp whose geometry key is that of the file's coordinates before --unit.
+// Returns the KernelStamp `stamp` with the geometry key of the file's coordinates before --unit.
 Result<std::string> stamp_in_own_unit(const KernelsOptions& options, const std::string& stamp) {
   if (options.unit_m == 1.0) return stamp;
   PENUMBRA_TRY(const auto model, load_model(options.model, {.stored_kernels = false}));
