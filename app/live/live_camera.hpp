@@ -40,7 +40,7 @@ struct CameraAddress {
 // Returns the folder of a recording that is played as a camera; nullopt for other sources.
 [[nodiscard]] std::optional<std::filesystem::path> played_recording(const std::string& source);
 
-// Fails if a V4L2 device can't be opened. This quick check runs before the other parts are set up.
+// Fails if a V4L2 device can't be opened. This quick check runs before slower preparations.
 [[nodiscard]] Result<void> check_camera(const CameraAddress& address);
 [[nodiscard]] Result<Recording> open_as_camera(const CameraAddress& address);
 // Opens the camera at the requested size; default: the size of the calibration `camera`, or of

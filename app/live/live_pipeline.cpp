@@ -114,10 +114,10 @@ void LivePipeline::capture_all() {
 }
 
 void LivePipeline::track_all() {
-  constexpr std::chrono::milliseconds kPatience(50);
+  constexpr std::chrono::milliseconds kTakeTimeout(50);
   // Tracks the next image only after the previous one was taken, so that each frame is fresh.
   while (!inbox_.finished() && ready_.wait_until_empty() && wait_for_drawer()) {
-    auto ready = track_next(kPatience);
+    auto ready = track_next(kTakeTimeout);
     if (!ready) continue;
     {
       const std::lock_guard lock(drawer_mutex_);

@@ -72,9 +72,9 @@ Result<void> check_outputs(const LiveRequest& request, const CameraAddress& addr
 Result<RecordingHead> recording_head(const LiveRequest& request, const LiveSource& source,
                                      const CameraModel& camera) {
   // Copies the calibration file verbatim, unless it is scaled or contains other cameras.
-  const bool edit = request.camera.scale_calibration || !request.camera.camera_name.empty();
-  PENUMBRA_TRY(auto camera_yaml, edit ? Result<std::string>(ros_camera_text(camera))
-                                      : read_text_file(request.camera.calibration, kMaxYamlBytes));
+  const bool adapt = request.camera.scale_calibration || !request.camera.camera_name.empty();
+  PENUMBRA_TRY(auto camera_yaml, adapt ? Result<std::string>(ros_camera_text(camera))
+                                       : read_text_file(request.camera.calibration, kMaxYamlBytes));
   PENUMBRA_TRY(auto tags_yaml, read_text_file(request.tags, kMaxYamlBytes));
   RecordingHead head;
   head.camera = source.description();
