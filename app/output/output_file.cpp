@@ -91,7 +91,7 @@ bool is_interrupted() {
 // Opens a named pipe and waits for its reader. After one second a message reports the wait. Returns
 // -1 and sets errno on failure.
 int open_pipe(const fs::path& pipe) {
-  constexpr std::chrono::milliseconds kPatience(20);
+  constexpr std::chrono::milliseconds kRetryInterval(20);
   constexpr int kTriesBeforeNotice = 50;
   for (int tries = 0;; ++tries) {
     const int handle = ::open(pipe.c_str(), O_WRONLY | O_CLOEXEC | O_NONBLOCK);
@@ -107,7 +107,7 @@ int open_pipe(const fs::path& pipe) {
     if (tries == kTriesBeforeNotice) {
       log_warning("{}: is a named pipe that nothing reads; waiting for its reader", pipe.string());
     }
-    std::this_thread::sleep_for(kPatience);
+    std::this_thread::sleep_for(kRetryInterval);
   }
 }
 

@@ -90,7 +90,7 @@ class LateOutputs {
   RunOutputs& outputs_;
   RunRecorder& run_;
   std::optional<TrackedFrame> waiting_;  // pending; without pixels: the camera needs its buffer
-  std::vector<std::uint8_t> pixels_;     // buffer of write_rest()
+  std::vector<std::uint8_t> pixels_;     // buffer for the pending frame's image
 };
 
 // Logs the warnings of the scene file and those about the shadows that one or several plans draw.
@@ -118,7 +118,7 @@ struct WindowChoice {
   bool window = true;  // opens a window if there is a display
   bool vsync = true;
 };
-// Opens a window; without one (choice, no display, failure) an offscreen context. Prints why.
+// Opens a window, or an offscreen context instead. Prints why a requested window is not opened.
 // `size`: size of the image and of a new window [px].
 [[nodiscard]] Result<std::unique_ptr<GlContext>> open_run_context(const WindowChoice& choice,
                                                                   GlContext::Size size);
