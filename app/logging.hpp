@@ -16,7 +16,7 @@ void set_up_logging();
 // Sets the level: trace, debug, info, warning, error or off. Returns false for any other name.
 [[nodiscard]] bool set_log_level(std::string_view name);
 
-// Logs a line. Not a template: spdlog's would compile fmt's formatting into each file that logs.
+// Logs a line. Not a template, because each file that logs would then compile fmt's formatting.
 void log_text(LogLevel level, fmt::string_view text, fmt::format_args values);
 
 // Example: log_warning("{}: {}", camera, detail);

@@ -149,7 +149,7 @@ ExitCode run(int argc, char** argv) {
 int main(int argc, char** argv) {
   using namespace penumbra;
   secure_standard_streams();
-  // Modules catch their libraries' exceptions. Any other exception is reported, not a crash.
+  // Modules catch their libraries' exceptions. Any other exception becomes an error message here.
   try {
     set_up_logging();
     set_wait_notice([](const std::string& line) { log_warning("{}", line); });

@@ -17,7 +17,7 @@ class ProgressBar {
   ~ProgressBar();  // clears the bar
 
   void update(int done);
-  // Shows `what` step number `step` (from 1, at most `last`) does, and the elapsed time.
+  // Shows the number `step` of a step (1 to at most `last`), `what` it does, and the elapsed time.
   void update(const std::string& what, int step, int last);
 
  private:
