@@ -18,7 +18,7 @@ struct SimulateRequest {
   std::string camera_name;                     // selects one camera of a file with several
   std::filesystem::path tags;                  // tags.yaml
   std::filesystem::path trajectory;            // TUM: one frame per pose, at its mid-exposure
-  // TUM files of moving tag groups by name: T_table_group over the same time span. With the
+  // TUM files of moving tag groups by name: T_table_group over the camera's times. With the
   // identity, the group has its pose of tags.yaml.
   std::map<std::string, std::filesystem::path> groups;
   std::filesystem::path output;  // new or empty folder
