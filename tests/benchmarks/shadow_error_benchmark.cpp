@@ -49,7 +49,7 @@ double cpu_now_ms() {
   return 1e3 * static_cast<double>(now.tv_sec) + 1e-6 * static_cast<double>(now.tv_nsec);
 }
 
-// Median CPU time of one run; at least 3 runs, more for short ones.
+// Returns the median CPU time of one run [ms], from at least 3 runs; from more if they are short.
 double cpu_ms(const std::function<void()>& work) {
   std::vector<double> times;
   double total = 0.0;

@@ -119,7 +119,7 @@ RgbaImage composite(const View& view, ShadowTechnique technique,
   return image_of(studio.draw(view.frame, plan));
 }
 
-// Draws with the scene's own light.
+// Draws the solids with the lights of their scene only, without the video's light.
 RgbaImage composite(const View& view, ShadowTechnique technique) {
   Studio studio(solids(), view.camera);
   PlanOptions options;
@@ -248,7 +248,7 @@ TEST(RectifiedView, CompositedFrameMatchesGolden) {
   EXPECT_FALSE(compare(image, composite(*view, ShadowTechnique::layered, scene, 2.0)).acceptable());
 }
 
-// The other bundled scenes in README.md's table, with their own technique and with others.
+// The bundled scenes other than the default, each with the technique of its file or another one.
 struct SceneCase {
   const char* scene;
   const char* recording;

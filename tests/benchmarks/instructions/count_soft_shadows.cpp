@@ -32,7 +32,7 @@ namespace penumbra {
 namespace {
 
 constexpr int kTriangles = 3000;
-constexpr double kUmbraHeight = 0.28;  // H / a of the scenes' usual constants [m]
+constexpr double kUmbraHeight = 0.28;  // H / a of the scenes' default constants [m]
 constexpr int kReferenceSamples = 1024;
 
 std::shared_ptr<const Scene> scene_of(std::string_view shape) {
