@@ -22,8 +22,8 @@ namespace penumbra {
 
 class Comparison {
  public:
-  // `options.plan` is ignored, because each technique has its own. `context` must be current on
-  // this thread and outlive the comparison.
+  // `options.plan` is ignored, because each technique has a plan. `context` must be current on this
+  // thread and outlive the comparison.
   [[nodiscard]] static Result<Comparison> create(GlContext& context,
                                                  std::shared_ptr<const Scene> scene,
                                                  const CameraModel& camera, PoseSource poses,
@@ -34,7 +34,7 @@ class Comparison {
   [[nodiscard]] TrackedFrame track(const Frame& frame) {
     return panes_.front().session->track(frame);
   }
-  // Draws all panes. Returns the plan and events of the first pane, and the sums of times and work.
+  // Draws all panes. Returns the first pane's frame, with the times and work of all panes added.
   [[nodiscard]] Result<SessionFrame> draw(const TrackedFrame& tracked);
   bool replay_edit(const SceneEdit& edit);
   // Session of the first pane; all panes have the same scene.

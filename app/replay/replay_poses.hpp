@@ -13,9 +13,9 @@ namespace penumbra {
 [[nodiscard]] Result<PoseSource> open_replay_poses(const ReplayRequest& request,
                                                    const Recording& recording, const Scene& scene);
 
-// Warns if the ground truth has times or positions that imply another clock or unit.
+// Warns if the timestamps of frames and ground truth are in different units of time.
 void check_groundtruth(const ReplayRequest& request, const Recording& recording);
-// Adds the errors of the poses against the recording's ground truth to the report.
+// Compares the run's poses with the recording's ground truth and adds the errors to the report.
 void add_accuracy(const ReplayRequest& request, const Recording& recording, const RunRecorder& run,
                   RunReport& report);
 

@@ -30,9 +30,8 @@ namespace {
 
 namespace fs = std::filesystem;
 
-// Queue lengths between tracking and drawing, and between drawing and encoding [frames].
-constexpr int kTrackAhead = 2;
-constexpr int kEncodeAhead = 2;
+constexpr int kTrackAhead = 2;   // queue length between tracking and drawing [frames]
+constexpr int kEncodeAhead = 2;  // queue length between drawing and encoding [frames]
 
 // Fails if an output would replace an input or another output, or lies in the recording's folder.
 Result<void> check_outputs(const ReplayRequest& request, const Recording& recording) {
@@ -109,25 +108,25 @@ int index_of(const Recording& recording, int number) {
   return static_cast<int>(found - recording.frames.begin());
 }
 
-// Scales the size of a pane grid down to a screen.
-GlContext::Size window_size_for(GlContext::Size grid) {
+// Returns the image's size, scaled down if the window would be too large for a screen.
+GlContext::Size window_size_for(GlContext::Size image) {
   constexpr double kMaxWidth = 1600.0;
   constexpr double kMaxHeight = 960.0;
-  const double scale = std::min({1.0, kMaxWidth / grid.width, kMaxHeight / grid.height});
-  return {static_cast<int>(scale * grid.width), static_cast<int>(scale * grid.height)};
+  const double scale = std::min({1.0, kMaxWidth / image.width, kMaxHeight / image.height});
+  return {static_cast<int>(scale * image.width), static_cast<int>(scale * image.height)};
 }
 
-// Loads the edits and lights of the recorded session; omits the edits if the request disables them.
+// Loads the events of the recorded session. Returns only its lights if the request disables edits.
 Result<SceneEvents> load_events(const ReplayRequest& request, const Recording& recording) {
   auto events = load_scene_events(recording.folder / "events.jsonl");
   if (request.edits) return events;
-  SceneEvents without;
+  SceneEvents lights_only;
   if (events) {
-    without.lights = std::move(events->lights);
+    lights_only.lights = std::move(events->lights);
   } else {
     log_warning("{}; the light is measured again", events.error().message);
   }
-  return without;
+  return lights_only;
 }
 
 Result<std::unique_ptr<FrameSource>> open_frames(const ReplayRequest& request,
@@ -265,7 +264,7 @@ class ReplayLoop {
   bool stopped_ = false;
   std::optional<Error> failure_;                   // first error of an output
   std::unique_ptr<ImageFaultWatch> image_faults_;  // set if frames are tracked
-  TrackAhead tracked_;                             // declared last: its thread uses the others
+  TrackAhead tracked_;  // declared last: its thread uses the other members
 };
 
 Result<void> ReplayLoop::open_viewer() {
@@ -349,7 +348,7 @@ RunReport ReplayLoop::report() {
   report.panes = setup_.view->pane_reports();
   if (const std::int64_t damaged = setup_.source->damaged(); damaged > 0) {
     report.camera_faults[std::string(name_of(CaptureFault::damaged))] = damaged;
-    // Counts damaged frames as live does.
+    // Like `penumbra live`, counts damaged frames as captured and dropped.
     report.frames_damaged = report.frames_dropped = static_cast<int>(damaged);
     report.frames_captured = report.frames + report.frames_damaged;
   }

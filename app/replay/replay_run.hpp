@@ -27,13 +27,13 @@ struct ComparedTechnique {
 struct ReplayRequest : RunRequest {
   std::filesystem::path recording;
   std::string camera_name;                    // selects one camera of a camera.yaml with several
-  std::optional<std::filesystem::path> tags;  // instead of the recording's
+  std::optional<std::filesystem::path> tags;  // replaces the recording's tags.yaml
   // Techniques to draw side by side in one image, at least two; `plan` is then ignored.
   std::vector<ComparedTechnique> compare;
   std::optional<std::string> poses_from;  // "groundtruth" or a TUM file; replaces the tracker
   FrameRange frames;
   bool realtime = false;
-  PairingOptions pairing;  // of poses with the recording's ground truth
+  PairingOptions pairing;  // how poses are paired with the recording's ground truth
   bool edits = true;       // repeats the edits of the recorded session
 };
 
