@@ -134,11 +134,11 @@ Json pipeline_json(const RunReport& report) {
     if (ms > most_ms) busiest = stage;
     most_ms = std::max(most_ms, ms);
   }
-  const bool side_by_side = report.threads > 1;
+  const bool is_parallel = report.threads > 1;
   return {{"threads", report.threads},
           {"busy_ms_per_frame", busy},
-          {"critical_path", side_by_side ? busiest : "every stage"},
-          {"critical_ms_per_frame", side_by_side ? most_ms : sum_ms}};
+          {"critical_path", is_parallel ? busiest : "every stage"},
+          {"critical_ms_per_frame", is_parallel ? most_ms : sum_ms}};
 }
 
 Json json_of(const SmoothingReport& smoothing) {

@@ -46,7 +46,7 @@ class StageTimes {
   std::array<double, kRecentFrames> recent_ms_{};  // ring buffer
 };
 
-// Counts of frames by the status of their pose, and of the tags measured in them.
+// Counts frames by the status of their pose. Also summarises the tags measured in these frames.
 struct TrackingCounts {
   int frames_tracked = 0, frames_uncertain = 0, frames_held = 0, frames_lost = 0;
   Statistics reprojection_rms_px;  // over the frames with measured tags
@@ -101,12 +101,12 @@ struct RunReport : TrackingCounts, WorkReport {
   int width = 0, height = 0;              // [px]
   int frames = 0;                         // processed
   int frames_captured = 0, frames_dropped = 0;
-  int frames_damaged = 0;  // dropped because they could not be decoded; the others came too late
+  int frames_damaged = 0;  // dropped because undecodable; other dropped frames came too late
   // Reasons why frames were not tracked, in descending order of frequency. The key is the reason
   // with its numbers replaced by N.
   std::vector<std::pair<std::string, ReasonCount>> reasons;
   bool interrupted = false;
-  // The error that ended the run early or closed an output. The other fields are valid up to then.
+  // Error that ended the run early or closed an output. Other fields are valid up to this moment.
   std::optional<Error> failure;
   std::int64_t log_lines_dropped = 0;  // because the reader of standard error stalled or ended
   int msaa_samples = 0;                // samples per pixel; 0: no multisampling
@@ -116,13 +116,13 @@ struct RunReport : TrackingCounts, WorkReport {
   // Mode of the last frame; `automatic` if no frame was drawn.
   Translucency translucency = Translucency::automatic;
   Statistics expected_overlay_px;   // predicted error (PoseEstimate) over the tracked frames
-  int full_detections = 0;          // frames with a search of the whole image
-  int coarse_searches = 0;          // those of tracked_updates found by the pyramid search
+  int full_detections = 0;          // searches of whole images, also in the background
+  int coarse_searches = 0;          // tracked_updates whose pattern the pyramid search found
   int box_detections = 0;           // frames with ROI detection
   int tracked_updates = 0;          // frames measured without detection
   std::int64_t pixels_sampled = 0;  // pixels sampled by alignments
-  // Work that the tracker skipped. Except for skipped tags this changes the poses, so --no-skip
-  // does not apply to it.
+  // Work that the tracker skipped. --no-skip does not apply, because this work would change the
+  // poses (skipped tags would not).
   std::map<std::string, std::int64_t> tracking_skipped;
   std::map<std::string, std::int64_t> camera_faults;
   std::optional<RecordedFrames> recorded;  // live only; nullopt if nothing was recorded
@@ -146,7 +146,7 @@ class RunRecorder {
     GroupReport report;
     Transform<frame::Group, frame::GroupMiddle> T_group_middle;
     RunningStatistics reprojection_px;
-    Trajectory tracked;  // drawn T_middle_camera, if paths are kept
+    Trajectory tracked;  // measured T_middle_camera of tracked frames, if paths are kept
   };
 
   explicit RunRecorder(const RunRecorderOptions& options = {});
@@ -163,7 +163,7 @@ class RunRecorder {
   [[nodiscard]] std::optional<double> recent_ms(std::string_view stage) const;
   // The report's "work" so far.
   [[nodiscard]] std::vector<std::pair<std::string, std::int64_t>> work() const;
-  // If paths are kept: timestamps of the processed frames, and the poses of the tracked ones.
+  // If paths are kept: times of all frames; measured and drawn poses of the tracked frames.
   [[nodiscard]] const std::vector<std::int64_t>& times_ns() const { return times_ns_; }
   [[nodiscard]] const Trajectory& tracked() const { return tracked_; }
   [[nodiscard]] const Trajectory& drawn() const { return drawn_; }
@@ -184,7 +184,7 @@ class RunRecorder {
   std::vector<std::int64_t> times_ns_;
   Trajectory tracked_, drawn_;
   RunningStatistics lag_ms_, offset_px_;  // over frames drawn with a smoothed pose
-  std::optional<LagMeter> lag_;           // over the tracked ones of these frames
+  std::optional<LagMeter> lag_;           // over the tracked frames among these
   std::vector<Group> groups_;
   std::map<std::string, ReasonCount> reasons_;
   RenderCounters work_;
@@ -198,11 +198,11 @@ class RunRecorder {
 [[nodiscard]] Evaluation accuracy_of(const CameraModel& camera, const RunRecorder& run,
                                      const Trajectory& poses, const Trajectory& truth,
                                      const PairingOptions& options = {});
-// The same for the camera's pose relative to the middle of a tag group beside the table.
 struct GroupTruth {
   const Trajectory& camera;  // T_table_camera
   const Trajectory& group;   // T_table_group
 };
+// Like accuracy_of(), for the camera's tracked poses relative to the middle of a tag group.
 [[nodiscard]] Evaluation accuracy_of_group(const CameraModel& camera, const RunRecorder& run,
                                            const std::string& group, const GroupTruth& truth,
                                            const PairingOptions& options = {});
@@ -212,7 +212,7 @@ struct GroupTruth {
 [[nodiscard]] std::string evaluation_json(const Evaluation& evaluation,
                                           const std::map<std::string, Evaluation>& groups);
 
-// These return text for users that ends with a line break.
+// report_table() and evaluation_table() return text tables that end with a line break.
 [[nodiscard]] std::string report_table(const RunReport& report);
 [[nodiscard]] std::string evaluation_table(const Evaluation& evaluation);
 // Returns "3 outside the time of the ground truth, 1 in a gap ..."; empty if all are evaluated.
