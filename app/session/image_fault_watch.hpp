@@ -17,14 +17,14 @@ class ImageFaultWatch {
   explicit ImageFaultWatch(const TagMap& tags) : tags_(tags) {}
 
   // Call this for every tracked frame in order. Checks lost frames; after tags were detected once,
-  // only from the kLongLoss-th consecutive lost frame on. Stops after it has logged a fault.
+  // only from the kLongLoss-th consecutive lost frame on. Stops after the first fault or error.
   void observe(const TrackedFrame& tracked);
   static constexpr int kLongLoss = 60;
   [[nodiscard]] std::optional<ImageFault> fault() const;
 
  private:
   void end();
-  std::optional<TagMap> tags_;       // nullopt after a fault was found
+  std::optional<TagMap> tags_;       // nullopt once checking has ended
   std::optional<ImageCheck> check_;  // set while frames are lost
   bool seen_ = false;                // tags were detected in any frame
   int lost_ = 0;                     // consecutive lost frames

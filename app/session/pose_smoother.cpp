@@ -12,13 +12,13 @@ constexpr double kMinCutoff_hz = 1.0;
 constexpr double kCutoffGain_s_px2 = 1.0;
 constexpr double kVelocityCutoff_hz = 2.0;  // noise of a resting pose must not look like motion
 
-// Fraction of a step that a first-order low-pass filter follows within dt.
+// Returns the fraction of a step that a first-order low-pass filter follows within dt_s.
 double step_fraction(double dt_s, double cutoff_hz) {
-  const double turns = 2.0 * std::numbers::pi * cutoff_hz * dt_s;
-  return std::isinf(turns) ? 1.0 : turns / (1.0 + turns);
+  const double angle_rad = 2.0 * std::numbers::pi * cutoff_hz * dt_s;
+  return std::isinf(angle_rad) ? 1.0 : angle_rad / (1.0 + angle_rad);
 }
 
-// Unsigned arithmetic, because the difference of two times may overflow a signed one.
+// Subtracts as unsigned, because the difference of two times may overflow a signed integer.
 double seconds_between(std::int64_t before_ns, std::int64_t after_ns) {
   return 1e-9 * static_cast<double>(static_cast<std::uint64_t>(after_ns) -
                                     static_cast<std::uint64_t>(before_ns));
@@ -54,7 +54,7 @@ SmoothedPose PoseSmoother::smooth(std::int64_t timestamp_ns, const CameraPose& m
   }
   const Vector6d step_to_measured = perturbation_between(last_->drawn.T_table_camera, measured);
   SmoothedPose drawn;
-  // Raises the share until the offset is small enough; the offset is nearly linear in the share.
+  // Raises `fraction` until the offset is small enough. The offset falls almost linearly.
   constexpr int kMaxSteps = 8;
   for (int step = 0; step < kMaxSteps; ++step) {
     drawn.T_table_camera = perturbed(last_->drawn.T_table_camera, fraction * step_to_measured);
@@ -81,16 +81,16 @@ void LagMeter::compare(const Pose& before, const Pose& here, const Pose& after) 
   if (after.timestamp_ns <= before.timestamp_ns) return;
   const double dt = seconds_between(before.timestamp_ns, after.timestamp_ns);
   if (dt > kMaxGap_s) return;
-  const OverlayDifference from = overlay_difference(camera_, before.measured, here.measured);
-  const OverlayDifference to = overlay_difference(camera_, after.measured, here.measured);
-  const OverlayDifference off = overlay_difference(camera_, here.drawn, here.measured);
+  const OverlayDifference to_before = overlay_difference(camera_, before.measured, here.measured);
+  const OverlayDifference to_after = overlay_difference(camera_, after.measured, here.measured);
+  const OverlayDifference lag_offset = overlay_difference(camera_, here.drawn, here.measured);
   double along = 0.0;
   double squares = 0.0;
   int corners = 0;
-  for (std::size_t k = 0; k < off.valid.size(); ++k) {
-    if (!off.valid[k]) continue;
-    const Eigen::Vector2d velocity = (to.difference_px[k] - from.difference_px[k]) / dt;
-    along -= off.difference_px[k].dot(velocity);
+  for (std::size_t k = 0; k < lag_offset.valid.size(); ++k) {
+    if (!lag_offset.valid[k]) continue;
+    const Eigen::Vector2d velocity = (to_after.difference_px[k] - to_before.difference_px[k]) / dt;
+    along -= lag_offset.difference_px[k].dot(velocity);
     squares += velocity.squaredNorm();
     ++corners;
   }

@@ -1,6 +1,6 @@
-// Low-pass filter of the drawn pose. Its cutoff is 1 Hz + 1 s/px^2 * speed^2, with the speed of the
-// overlay (RMS over the cube's corners [px/s]), so the lag stays below 0.08 px in steady motion
-// (docs/tracking.md#smoothing).
+// Low-pass filter of the drawn pose. Its cutoff is 1 Hz + 1 s/px^2 * speed^2. The speed is that of
+// the overlay cube [px/s] (RMS over its corners, see "overlay error" in docs/conventions.md). In
+// steady motion the lag stays below 0.08 px (docs/tracking.md#smoothing).
 #pragma once
 
 #include <cstdint>
@@ -16,7 +16,7 @@ namespace penumbra {
 struct SmoothedPose {
   CameraPose T_table_camera;
   double lag_ms = 0.0;     // delay during steady motion [ms]
-  double offset_px = 0.0;  // from the measured pose's overlay (RMS over the cube's corners)
+  double offset_px = 0.0;  // distance from the measured pose's overlay (RMS over cube corners)
 };
 
 class PoseSmoother {
@@ -53,9 +53,8 @@ class PoseSmoother {
 // offset = delay * velocity over the corners [px]; the offset is measured minus drawn position.
 class LagMeter {
  public:
-  // Ignores slower motion [px/s] and longer intervals between poses [s].
-  static constexpr double kMinSpeed_px_s = 5.0;
-  static constexpr double kMaxGap_s = 0.25;
+  static constexpr double kMinSpeed_px_s = 5.0;  // slower motion is ignored
+  static constexpr double kMaxGap_s = 0.25;      // longer intervals between poses are ignored
 
   explicit LagMeter(CameraModel camera) : camera_(std::move(camera)) {}
 
@@ -75,7 +74,8 @@ class LagMeter {
 
   CameraModel camera_;
   std::optional<Pose> before_, here_;
-  double along_ = 0.0, squares_ = 0.0;  // sums over corners: offset . velocity, velocity^2
+  double along_ = 0.0;    // sum of offset . velocity over the corners of all poses
+  double squares_ = 0.0;  // sum of velocity^2 over the corners of all poses
 };
 
 }  // namespace penumbra

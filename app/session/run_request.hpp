@@ -16,7 +16,7 @@ namespace penumbra {
 struct RunRequest : OutputRequest, SessionOptions {
   RunRequest() { video_light = true; }
   std::filesystem::path scene;
-  std::optional<std::filesystem::path> kernel_file;  // for casters with its vertex count
+  std::optional<std::filesystem::path> kernel_file;  // for casters with as many vertices
   TrackerOptions tracking;
   bool window = true;  // opens a window if there is a display
   ViewerOptions viewer;

@@ -131,7 +131,7 @@ std::optional<SceneEdit> edit_in(const Json& json, std::string_view event) {
   return placed;
 }
 
-// Adds the event of a line; ignores other kinds of events. `name`: the line, for errors.
+// Adds the event of a line; ignores unknown events. `name`: file and line number, for errors.
 Result<void> add_event(std::string_view line, const std::string& name, SceneEvents& events) {
   const Json json = Json::parse(line, nullptr, false);
   if (!json.is_object()) return fail("{}: is not a JSON object; remove the line", name);

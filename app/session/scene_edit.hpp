@@ -19,7 +19,7 @@ namespace penumbra {
 // Places an object and its children, and ends the object's animation.
 struct ObjectPlaced {
   std::string object;
-  Placement placement;  // relative to the parent; in the table frame without one
+  Placement placement;  // relative to the parent; in the table frame if there is no parent
   bool turned = false;  // event type is object_rotated instead of object_moved
 };
 

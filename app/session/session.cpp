@@ -44,7 +44,7 @@ TrackedFrame look_up(const GivenPoses& given_poses, const std::vector<std::strin
   return tracked;
 }
 
-// Kind and name of the edited object or node.
+// Returns 0 for an object or 1 for a shadow node, and the name of the edited one.
 std::pair<std::size_t, std::string> subject_of(const SceneEdit& edit) {
   if (const auto* placed = std::get_if<ObjectPlaced>(&edit)) return {0, placed->object};
   return {1, std::get<ShadowStyled>(edit).node};

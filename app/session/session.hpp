@@ -50,13 +50,13 @@ enum class ReadBackTime { now, later };
 
 struct SessionFrame {
   TrackedFrame tracked;                  // contains the measured pose
-  std::optional<SmoothedPose> smoothed;  // the drawn pose if it differs from the measured one
+  std::optional<SmoothedPose> smoothed;  // drawn pose; nullopt: the measured pose is drawn
   FramePlan plan;
   std::vector<ShadowEvent> events;        // since the previous frame with a pose
   std::optional<VideoLight> video_light;  // light of the virtual objects
   CompositeStats composite;
-  StageTime light_time;  // measuring the video's light
-  StageTime plan_time;
+  StageTime light_time;    // measuring the video's light
+  StageTime plan_time;     // includes light_time
   StageTime draw_time;     // total of plan, shadows, rendering and read-back
   bool read_back = false;  // an image was read back
   ReadBackTime when_read_back = ReadBackTime::now;  // `later`: that image is the previous one
@@ -84,8 +84,8 @@ class Session {
   // Call this for frames in order, by one thread at a time. Another thread may draw meanwhile.
   [[nodiscard]] TrackedFrame track(const Frame& frame);
   // Draws a frame. `rgba`, if not empty, receives the image: RGBA8, width * height * 4 bytes. With
-  // `later` and pixel buffers, it receives the image of the previous such call; the next call or
-  // take_image() returns this one.
+  // `later` and pixel buffers, `rgba` receives the image of the previous call with `later`. The
+  // image of this call is received by the next such call or by take_image().
   [[nodiscard]] Result<SessionFrame> draw(TrackedFrame tracked, std::span<std::uint8_t> rgba = {},
                                           ReadBackTime read_back_time = ReadBackTime::now);
   // Reads the pending image of draw(..., later) into `rgba`, which is resized. Returns the time
@@ -116,7 +116,7 @@ class Session {
   [[nodiscard]] SessionView view() const;
   // Camera of the drawn image; without distortion if the image is rectified.
   [[nodiscard]] const CameraModel& camera() const { return camera_; }
-  // Returns the node's style, taken from the options or the scene.
+  // Returns the node's style in the scene, with the session's options applied.
   [[nodiscard]] ShadowStyle style_in_effect(const ShadowNode& node) const;
   // See Compositor.
   [[nodiscard]] int samples() const { return compositor_.samples(); }
@@ -145,7 +145,7 @@ class Session {
   Compositor compositor_;
   std::vector<SceneEdit> edits_;  // since the previous frame
   std::vector<SceneEdit> latest_edits_;
-  std::set<SkippedPass> warned_;  // logged so far
+  std::set<SkippedPass> warned_;  // passes with a logged warning
   std::optional<SceneState> state_;
   std::optional<SceneState> state_with_pose_;  // of the latest frame with a pose
   std::optional<CameraPose> drawn_pose_;

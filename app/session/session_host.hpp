@@ -67,7 +67,7 @@ class SessionHost : public RunHost {
 // Writes a frame's number, poses and stage times into `state`.
 void describe_frame(HudState& state, const SessionFrame& frame, const RunRecorder& run);
 
-// Saves RGBA8 pixels as a PNG in the current folder, unless that lies in the played `recording`.
+// Saves RGBA8 pixels as a PNG, unless the current folder lies in the played `recording`.
 // Returns a message for the user.
 [[nodiscard]] std::string save_screenshot_png(
     int width, int height, std::span<const std::uint8_t> rgba,
