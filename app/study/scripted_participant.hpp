@@ -38,7 +38,7 @@ class ScriptedParticipant {
   StudyScript script_;
   std::size_t next_ = 0;
   int button_ = 0;                                     // pressed mouse button
-  Eigen::Vector3d taken_ = Eigen::Vector3d::Zero();    // the grabbed point, table frame
+  Eigen::Vector3d taken_ = Eigen::Vector3d::Zero();    // grabbed point, table frame [m]
   Eigen::Vector2d pointer_ = Eigen::Vector2d::Zero();  // [px] of the window
 };
 

@@ -51,7 +51,7 @@ class RecordedFeed final : public StudyFeed {
   std::unique_ptr<FrameSource> source_;
   bool started_ = false;
   std::int64_t clock_ns_ = 0;
-  std::optional<std::int64_t> last_ns_;  // previous time of the source
+  std::optional<std::int64_t> last_ns_;  // recorded time of the previous frame
 };
 
 class CameraFeed final : public StudyFeed {

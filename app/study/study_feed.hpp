@@ -30,12 +30,12 @@ class StudyFeed {
   [[nodiscard]] virtual Result<std::optional<StudyImage>> next() = 0;
   // Restarts a recording; has no effect on a camera.
   virtual void rewind() = 0;
-  // Returns true if images are produced on demand (recording), false if at their own rate.
+  // Returns true for a recording, whose images are produced on demand; false for a camera.
   [[nodiscard]] virtual bool produces_on_demand() const = 0;
 };
 
-// Plays a recording. `given_poses`: frames keep their recorded times, by which poses are found.
-// Otherwise times keep increasing over all loops, as the tracker requires.
+// Plays a recording in a loop, with `interval_s` between last and first frame. `given_poses`:
+// frames keep their recorded times, which select the poses. Else times increase over all loops.
 [[nodiscard]] std::unique_ptr<StudyFeed> feed_of_recording(const Recording& recording,
                                                            double interval_s, bool given_poses);
 [[nodiscard]] std::unique_ptr<StudyFeed> feed_of_camera(std::unique_ptr<LiveSource> source);

@@ -31,26 +31,26 @@ Eigen::Vector3d to_tenths_of_mm(const Eigen::Vector3d& p) {
 // Places three spheres around the table's middle, about 120 degrees apart, so that none occludes
 // another sphere or its shadow.
 StudySample sample_of_heights(int number, SplitMix64& random) {
-  constexpr double kNear_m = 0.060, kFar_m = 0.090;
-  constexpr double kTurn = 2.0 * std::numbers::pi / 3.0, kAside = std::numbers::pi / 12.0;
-  constexpr double kTopLow_m = 0.120, kTopHigh_m = 0.200;  // centre height of the highest sphere
+  constexpr double kMinRadius_m = 0.060, kMaxRadius_m = 0.090;
+  constexpr double kStep = 2.0 * std::numbers::pi / 3.0, kJitter = std::numbers::pi / 12.0;
+  constexpr double kMinTop_m = 0.120, kMaxTop_m = 0.200;  // centre height of the highest sphere
   constexpr std::array kEasyGap_m = {0.040, 0.060}, kHardGap_m = {0.008, 0.015};
-  constexpr double kThird_m = 0.040;  // largest height difference of the second and the third
+  constexpr double kThirdGap_m = 0.040;  // largest height difference of the second and the third
   StudySample sample;
   sample.number = number;
   sample.hard = number % 2 == 0;
   const auto& gap = sample.hard ? kHardGap_m : kEasyGap_m;
-  const double top = random.between(kTopLow_m, kTopHigh_m);
+  const double top = random.between(kMinTop_m, kMaxTop_m);
   const double second = top - random.between(gap[0], gap[1]);
-  const double third = second - random.between(0.0, kThird_m);
+  const double third = second - random.between(0.0, kThirdGap_m);
   std::array heights = {top, second, third};
   for (std::size_t i = heights.size(); i > 1; --i) {
     std::swap(heights[i - 1], heights[random.below(i)]);
   }
   const double start = random.between(0.0, 2.0 * std::numbers::pi);
   for (std::size_t i = 0; i < heights.size(); ++i) {
-    const double angle = start + static_cast<double>(i) * kTurn + random.between(-kAside, kAside);
-    const double radius = random.between(kNear_m, kFar_m);
+    const double angle = start + static_cast<double>(i) * kStep + random.between(-kJitter, kJitter);
+    const double radius = random.between(kMinRadius_m, kMaxRadius_m);
     sample.places.push_back(to_tenths_of_mm({radius * std::cos(angle), radius * std::sin(angle),
                                              std::max(heights[i], kStudySphere_m)}));
   }
@@ -59,16 +59,16 @@ StudySample sample_of_heights(int number, SplitMix64& random) {
 
 // Places a ball over the table's middle and three to five targets, each far from the previous one.
 StudySample sample_of_drag(int number, SplitMix64& random) {
-  constexpr double kReach_m = 0.100, kLow_m = 0.030, kHigh_m = 0.180, kApart_m = 0.080;
+  constexpr double kRadius_m = 0.100, kMinZ_m = 0.030, kMaxZ_m = 0.180, kMinGap_m = 0.080;
   StudySample sample;
   sample.number = number;
   sample.places.emplace_back(0.0, 0.0, 0.050);
   const std::size_t targets = 3 + random.below(3);
   while (sample.places.size() < targets + 1) {
     const Eigen::Vector3d at =
-        to_tenths_of_mm({random.between(-kReach_m, kReach_m), random.between(-kReach_m, kReach_m),
-                         random.between(kLow_m, kHigh_m)});
-    if (at.head<2>().norm() > kReach_m || (at - sample.places.back()).norm() < kApart_m) continue;
+        to_tenths_of_mm({random.between(-kRadius_m, kRadius_m),
+                         random.between(-kRadius_m, kRadius_m), random.between(kMinZ_m, kMaxZ_m)});
+    if (at.head<2>().norm() > kRadius_m || (at - sample.places.back()).norm() < kMinGap_m) continue;
     sample.places.push_back(at);
   }
   return sample;

@@ -75,8 +75,8 @@ struct StudyPlan {
   std::vector<StudySample> samples;  // the same for all participants
   std::vector<StudyTrial> trials;    // in the order of presentation
 };
-// Each technique is a block that contains every sample once. The participant's row of a Williams
-// design determines the order of the techniques, and the same applies to the samples in each block.
+// Each technique is a block that contains every sample once. Rows of Williams designs determine
+// the order of the techniques (row: participant) and of the samples (row: participant and block).
 [[nodiscard]] StudyPlan plan_study(const StudyDesign& design);
 
 }  // namespace penumbra

@@ -168,8 +168,8 @@ Result<StudyFile> StudyFile::open(const fs::path& file, const StudyDesign& desig
     return results;
   }
   const std::string study = study_name(design);
-  const std::size_t whole = text.rfind('\n') == std::string::npos ? 0 : text.rfind('\n') + 1;
-  const auto lines = split(std::string_view(text).substr(0, whole), '\n');
+  const std::size_t line_end = text.rfind('\n') == std::string::npos ? 0 : text.rfind('\n') + 1;
+  const auto lines = split(std::string_view(text).substr(0, line_end), '\n');
   if (lines[0] != kStudyHeader) {
     return fail("{}: is not a results file of penumbra study; name another file", file.string());
   }
@@ -194,9 +194,9 @@ Result<StudyFile> StudyFile::open(const fs::path& file, const StudyDesign& desig
         "on with the first trial that has no answer",
         file.string(), design.participant);
   }
-  if (whole < text.size()) {
+  if (line_end < text.size()) {
     log_warning("{}: its last line was cut off, and is taken away", file.string());
-    if (ftruncate(handle, static_cast<off_t>(mark_bytes + whole)) != 0) return not_written(file);
+    if (ftruncate(handle, static_cast<off_t>(mark_bytes + line_end)) != 0) return not_written(file);
   }
   return results;
 }

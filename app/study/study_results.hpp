@@ -33,7 +33,7 @@ struct StudyRow {
   bool correct = false;               // heights: the highest; drag: within the tolerance
   std::int64_t response_time_ns = 0;  // since the trial was shown or the last target reached
   double error_m = 0.0;               // heights: highest minus chosen height; drag: ball to target
-  int misses = 0;                     // clicks that hit no sphere; drags that ended off the target
+  int misses = 0;                     // heights: clicks beside spheres; drag: drags off the target
   int frames = 0;                     // frames shown during the answer
   int frames_lost = 0;                // of these, frames without a pose, which show no objects
 };
@@ -74,7 +74,7 @@ class StudyFile {
   [[nodiscard]] Result<void> write_line(const std::string& text);
   std::filesystem::path file_;
   int handle_ = -1;
-  std::optional<OutputFile> stream_;  // replaces the handle for a stream
+  std::optional<OutputFile> stream_;  // output stream; handle_ is then -1
   std::vector<StudyRow> rows_;
 };
 // Returns the index of the plan's first trial that has no rows.

@@ -220,9 +220,9 @@ class StudyLoop {
   [[nodiscard]] Result<void> show(const Frame& frame) {
     TrackedFrame tracked = session_.track(frame);
     const TrackStatus status = tracked.pose.status;
-    const bool lit = phase_ == Phase::trial &&
-                     (task_.shown() ? tracked.pose.has_pose() : status == TrackStatus::tracked);
-    if (!lit) {  // draws no objects into the image
+    const bool visible = phase_ == Phase::trial &&
+                         (task_.shown() ? tracked.pose.has_pose() : status == TrackStatus::tracked);
+    if (!visible) {  // a lost pose: the image is drawn without objects
       tracked.pose.status = TrackStatus::lost;
       tracked.pose.reason = not_measured("no trial is shown");
     }
@@ -235,8 +235,8 @@ class StudyLoop {
       context_.swap();
     }
     if (phase_ == Phase::trial) {
-      if (!task_.shown() && lit) task_.show(time_ns());
-      task_.count_frame(lit);
+      if (!task_.shown() && visible) task_.show(time_ns());
+      task_.count_frame(visible);
     }
     poll();
     return {};
@@ -279,19 +279,19 @@ class StudyLoop {
   Phase phase_ = Phase::ready;
   std::int64_t pause_ends_ns_ = 0;
   std::optional<std::int64_t> trial_began_ns_;         // start of a script's trial
-  std::int64_t clock_ns_ = 0;                          // clock of the last image
-  std::int64_t due_ns_ = 0;                            // when it was due, on the monotonic clock
-  std::optional<std::int64_t> last_clock_ns_;          // time of the last image that was waited for
+  std::int64_t clock_ns_ = 0;                          // time of the last image, images' clock
+  std::int64_t due_ns_ = 0;                            // due time of last image, monotonic clock
+  std::optional<std::int64_t> last_clock_ns_;          // images' clock in the last wait_for()
   Eigen::Vector2d pointer_ = Eigen::Vector2d::Zero();  // [px] of the window
   int button_ = -1;                                    // button that holds the ball
   bool closed_ = false;
-  std::optional<Error> failure_;  // error of an event
+  std::optional<Error> failure_;  // first error while an event was handled
 };
 
 struct StudyInput {
   CameraModel camera;
   PoseSource poses;
-  std::unique_ptr<StudyFeed> feed;  // feed of a recording; a camera is opened last
+  std::unique_ptr<StudyFeed> feed;  // nullptr for a camera, which is opened last
 };
 
 Result<StudyInput> open_input(const StudyRequest& request, const Scene& scene) {

@@ -22,7 +22,7 @@ struct StudyRequest {
   double pause_s = 1.0;                         // time without spheres between two trials [s]
   bool from_camera = false;                     // uses the camera instead of the recording
   std::filesystem::path recording;
-  std::optional<std::filesystem::path> tags;  // replaces the recording's; required for a camera
+  std::optional<std::filesystem::path> tags;  // replaces the recording's; a camera needs it
   std::optional<std::string> poses_from;      // for a recording: "groundtruth" or a TUM file
   CameraRequest camera;
   TrackerOptions tracking;
@@ -37,7 +37,7 @@ struct StudyReport {
 };
 
 // Checks all paths before the first trial. If the session ends early (window closed, Ctrl-C), the
-// results file contains the trials up to then.
+// results file contains the trials completed so far.
 [[nodiscard]] Result<StudyReport> run_study(const StudyRequest& request);
 
 }  // namespace penumbra

@@ -78,7 +78,7 @@ std::optional<int> button_of(std::string_view word) {
   return std::nullopt;
 }
 
-// Parses the words after trial and time.
+// Parses the words of a line that follow its trial and time.
 std::optional<ScriptAction> action_of(Words words) {
   using Kind = ScriptAction::Kind;
   ScriptAction action;

@@ -10,7 +10,7 @@
 //   4        0.50     accept
 //
 // Trials are numbered from 1 over all blocks. Seconds count from the time at which the trial's
-// spheres are shown. Both must increase. A position is `sphere N`, `ball`, `table X Y Z` [m],
+// spheres are shown. Neither may decrease. A position is `sphere N`, `ball`, `table X Y Z` [m],
 // `pixel U V` of the image or, for a held object, `by DX DY DZ` [m] relative to where it was
 // grabbed. `accept` is the space bar: the participant ends the attempt to reach the target.
 #pragma once
@@ -30,7 +30,7 @@ struct ScriptPlace {
   enum class Kind { object, table, pixel, by };
   Kind kind = Kind::object;
   std::string object;                               // name of the object in the scene
-  Eigen::Vector3d point = Eigen::Vector3d::Zero();  // [m]; for a pixel: x and y [px]
+  Eigen::Vector3d point = Eigen::Vector3d::Zero();  // table or by: [m]; pixel: x and y [px]
 };
 
 struct ScriptAction {

@@ -10,11 +10,10 @@
 namespace penumbra {
 namespace {
 
-constexpr double kSignificanceLevel = 0.05;  // 1 - confidence level
-constexpr double kNormalQuantile =
-    1.95996398;  // two-sided quantile of the normal distribution for it
+constexpr double kSignificanceLevel = 0.05;     // 1 - confidence level
+constexpr double kNormalQuantile = 1.95996398;  // two-sided, normal distribution at this level
 
-// Returns l: the l-th smallest and the l-th largest value bound the median. 0: too few values.
+// Returns l, so that the l-th smallest and the l-th largest value bound the median; 0 if too few.
 std::size_t bound_of_median(std::size_t count) {
   const auto n = static_cast<double>(count);
   double below = 0.0;  // P(B < l)

@@ -12,7 +12,7 @@ struct Interval {
 
 struct MedianEstimate {
   double median = 0.0;
-  // Coverage of at least 95 %; nullopt for fewer than 6 values, which are too few.
+  // Contains the median with a probability of at least 95 %; nullopt for fewer than 6 values.
   std::optional<Interval> interval;
 };
 

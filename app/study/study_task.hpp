@@ -37,19 +37,19 @@ class StudyTask {
   [[nodiscard]] bool shown() const { return shown_; }
   [[nodiscard]] std::int64_t shown_ns() const { return shown_ns_; }
 
-  // Edits that set up the scene for the current trial.
+  // Returns the edits that set up the scene for the current trial.
   [[nodiscard]] std::vector<SceneEdit> set_up(const Scene& scene) const;
   // Marks the trial as shown and starts its clock.
   void show(std::int64_t time_ns);
   void count_frame(bool has_pose);
 
-  // The participant's actions; ignored while no trial is shown. `scene` must have all edits so far.
+  // Effects of an action of the participant. Actions have no effect while no trial is shown.
   struct Outcome {
     std::vector<SceneEdit> edits;
     std::vector<StudyRow> rows;  // rows of the trial, set when it is over
     bool over = false;           // the trial is over; the next one is now the current trial
   };
-  // Handles a press. `lift`: drags up and sideways instead of along the table.
+  // `scene` must have all edits so far. `lift`: drags up and sideways instead of along the table.
   [[nodiscard]] Outcome press(const Scene& scene, const PointerView& pointer, bool lift,
                               std::int64_t time_ns);
   [[nodiscard]] Outcome move(const PointerView& pointer);
