@@ -90,10 +90,10 @@ struct HudFoldOver {
 struct HudState {
   bool live = false;
   bool has_image = false;
-  std::uint64_t frame = 0;         // number
+  std::uint64_t frame = 0;         // frame number
   std::optional<int> frame_count;  // number of frames of a recording
   PoseEstimate pose;
-  std::vector<GroupEstimate> groups;                   // tag groups beside the table
+  std::vector<GroupEstimate> groups;                   // tag groups other than the table's
   double frames_per_s = 0.0;                           // rate of new frames
   std::vector<std::pair<std::string, double>> stages;  // mean wall time of recent frames [ms]
   std::optional<double> latency_ms;                    // camera timestamp to buffer swap
@@ -124,7 +124,7 @@ struct HudState {
 };
 
 struct HudPanels {
-  bool help = false, debug = false, panels = false;  // open
+  bool help = false, debug = false, panels = false;  // panels that are open
   bool compact = false;  // short texts and large buttons, for small screens
 };
 
@@ -143,8 +143,8 @@ struct HudStatus {
 };
 [[nodiscard]] HudStatus status_of(const EstimatedPose& pose);
 [[nodiscard]] HudStatus status_of(const GroupEstimate& group);  // "wall: tracked"
-// Returns the warnings that are shown even while the HUD is hidden: a stalled image, its cause, a
-// failed recording.
+// Returns warnings, which are shown even while the HUD is hidden: a stalled image, a camera fault,
+// a failed recording.
 [[nodiscard]] std::vector<std::string> warnings_of(const HudState& state);
 // Returns "latency 45 ms", or the age of a stalled frame; empty if neither is known.
 [[nodiscard]] std::string age_text(const HudState& state);

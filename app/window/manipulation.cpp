@@ -224,7 +224,7 @@ std::optional<ObjectPlaced> Manipulator::drag(const PointerView& pointer) const 
 
 std::optional<ObjectPlaced> cursor_at(const Scene& scene, const SceneState& state,
                                       const PointerView& pointer, double raised) {
-  constexpr double kReach_m = 5.0;
+  constexpr double kMaxRay_m = 5.0;
   const auto cursor = std::ranges::find(scene.objects, true, &SceneObject::cursor);
   if (cursor == scene.objects.end() || !std::isfinite(raised)) return std::nullopt;
   const auto index = static_cast<int>(cursor - scene.objects.begin());
@@ -234,7 +234,7 @@ std::optional<ObjectPlaced> cursor_at(const Scene& scene, const SceneState& stat
   Eigen::Vector3d& position = placed.placement.position;
   position.z() += std::max(raised, -clearance);
   const auto t = meet_plane(pointer.ray, Eigen::Vector3d::UnitZ(), position);
-  if (!t || *t > kReach_m) return std::nullopt;
+  if (!t || *t > kMaxRay_m) return std::nullopt;
   position.head<2>() = (pointer.ray.origin + *t * pointer.ray.direction).head<2>();
   return placed;
 }

@@ -43,12 +43,12 @@ struct PickedPoint {
 // Returns the nearest surface on the ray. Includes phantoms: real objects occlude virtual ones.
 [[nodiscard]] std::optional<PickedPoint> pick(const Scene& scene, const SceneState& state,
                                               const Ray& ray);
-// Lowest z of the bounding boxes of an object and its descendants [m].
+// Returns the lowest z of the bounding boxes of `root` and its descendants [m]; infinity if none.
 [[nodiscard]] double lowest_point(const Scene& scene, const SceneState& state, int root);
 
 // Moves the scene's 3D cursor onto the pointer's ray at the cursor's height plus `raised` [m], but
-// not below the table. Returns nullopt if the scene has no cursor, or if the ray meets that height
-// too far away or not at all.
+// not below the table. Returns nullopt if the scene has no cursor, or if the ray does not reach
+// that height within 5 m.
 [[nodiscard]] std::optional<ObjectPlaced> cursor_at(const Scene& scene, const SceneState& state,
                                                     const PointerView& pointer, double raised);
 
@@ -59,8 +59,8 @@ class Manipulator {
   // Grabs the object at the pointer, if any. Returns an edit that leaves it in place, or nullopt.
   [[nodiscard]] std::optional<ObjectPlaced> take(const Scene& scene, const SceneState& state,
                                                  const PointerView& pointer, DragMode mode);
-  // Moves the grabbed object to the pointer, but not below the table unless it was below. Returns
-  // nullopt if no object is grabbed or the pointer is above the horizon.
+  // Moves the grabbed object to the pointer. An object cannot sink into the table, or deeper if it
+  // is below. Returns nullopt if no object is grabbed or the pointer is too close to the horizon.
   [[nodiscard]] std::optional<ObjectPlaced> drag(const PointerView& pointer) const;
   void release_object() { grab_.reset(); }
   [[nodiscard]] bool holding() const { return grab_.has_value(); }

@@ -96,7 +96,7 @@ WindowCommand next_drag(DragMode mode) {
   return kDragCommands[(static_cast<std::size_t>(mode) + 1) % kDragCommands.size()].command;
 }
 
-// Drop-down list of named values, labelled `shown`. Returns true if one was chosen.
+// Draws a drop-down list of named values, labelled `shown`. Returns true if a value was chosen.
 bool choose(const char* id, const std::string& shown, const auto& names, auto& value) {
   if (!ImGui::BeginCombo(id, shown.c_str())) return false;
   bool chosen = false;
@@ -416,7 +416,7 @@ struct Overlay::Impl {
     const TechniqueTraits traits = traits_of(style.technique);
     if (style.technique == ShadowTechnique::none || traits.uses_lights) return false;
     Strength& strength = strengths[node.name];
-    // Another source changed the fractions: the new ones are full strength.
+    // If another source changed the fractions, the new fractions have full strength.
     if (with_opacity(strength.full, strength.opacity) != style.fractions) {
       strength = {style.fractions, 1.0};
     }
@@ -443,7 +443,7 @@ struct Overlay::Impl {
     return changed;
   }
 
-  // Placed first, so that a small screen shows it without scrolling.
+  // This is the first panel, so that a small screen shows it without scrolling.
   void smoothing_panel(const HudState& state, HudActions& actions) {
     if (!state.smooth) return;
     bool smooth = *state.smooth;
@@ -486,7 +486,7 @@ struct Overlay::Impl {
     end_window();
   }
 
-  // Draws over the image and below every HUD window.
+  // Draws a dot for each kernel, over the image and below every HUD window.
   void kernel_dots(const HudState& state, GlContext::Size size) const {
     if (state.image_width <= 0 || state.image_height <= 0) return;
     const ImageArea area = image_area(state.image_width, state.image_height, size);
@@ -503,12 +503,12 @@ struct Overlay::Impl {
   }
 
   void debug(const HudState& state, const HudPanels& open) {
-    const float most_width = (open.compact ? 1.0F : 0.5F) * width - em;
+    const float max_width = (open.compact ? 1.0F : 0.5F) * width - em;
     ImGui::SetNextWindowSizeConstraints({14.0F * em, 0.0F},
-                                        {most_width, height - status_bottom - 4.0F * em});
+                                        {max_width, height - status_bottom - 4.0F * em});
     begin_window("debug", {0.5F * em, status_bottom + 0.5F * em}, {0.0F, 0.0F}, kScrolled);
     const CompositeStats& s = state.drawn;
-    ImGui::PushTextWrapPos(most_width - em);
+    ImGui::PushTextWrapPos(max_width - em);
     text(fmt::format(
         "this picture: {} passes ({} calls), {} skipped; shadows: {} computed, {} reused",
         s[Counter::passes_drawn], s[Counter::draw_calls], s[Counter::passes_skipped],
@@ -605,8 +605,8 @@ struct Overlay::Impl {
   // `pressed` keeps a press that was released before the next drawing.
   std::array<bool, 3> pressed{}, down{};
   std::vector<std::array<float, 4>> windows;  // left, top, right, bottom
-  float status_bottom = 0.0F;
-  float buttons_height = 0.0F;  // [px]
+  float status_bottom = 0.0F;                 // [px]
+  float buttons_height = 0.0F;                // [px]
   struct Strength {
     LightFractions full;
     double opacity = 1.0;
@@ -685,7 +685,7 @@ void Overlay::draw(const HudState& state, const HudPanels& panels, GlContext::Si
   } else {
     m.full_layout(state, actions);
   }
-  // A small window shows only one of the three.
+  // A small window shows only one of help, panels and debug view.
   const bool panels_fit = !panels.compact || !panels.help;
   const bool debug_fits = panels_fit && (!panels.compact || !panels.panels);
   if (panels.debug) m.kernel_dots(state, size);

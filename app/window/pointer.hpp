@@ -14,7 +14,7 @@ namespace penumbra {
 
 [[nodiscard]] Eigen::Vector2d window_from_image(const CameraModel& camera, GlContext::Size window,
                                                 const Eigen::Vector2d& picture_px);
-// Returns nullopt outside the image or without a pose.
+// Returns nullopt without a pose, or if the lens has no ray for the pixel.
 [[nodiscard]] std::optional<PointerView> pointer_in_window(const SessionView& view,
                                                            GlContext::Size window,
                                                            const Eigen::Vector2d& window_px);

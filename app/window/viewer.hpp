@@ -61,8 +61,8 @@ class Viewer {
 
   // next: a new frame. same: another drawing of the latest frame, not counted for the frame rate.
   enum class ShownFrame { next, same };
-  // Shows the latest frame and handles events. While paused, it waits for the end of the pause or
-  // run, a step or an interruption. Returns false after the window was closed.
+  // Shows the latest frame and handles events. During a pause, waits until the pause or the run
+  // ends, a step is requested or a signal arrives. Returns false after the window was closed.
   [[nodiscard]] bool show(InterruptWatch& interrupt, ShownFrame which = ShownFrame::next);
   // Total time of the pauses [ms], which does not count for pacing.
   [[nodiscard]] double paused_ms() const { return paused_ms_; }
@@ -75,12 +75,11 @@ class Viewer {
   void act(WindowCommand command);
   void act_on_clicks(HudActions actions);
   void edit(const SceneEdit& edit);
-  // These change the nodes that the keys selected.
-  void set_technique(ShadowTechnique technique);
+  void set_technique(ShadowTechnique technique);  // changes chosen_nodes()
   void set_translucency(Translucency mode);
   [[nodiscard]] std::vector<HudNode> chosen_nodes() const;
   void show_message(std::string message);
-  // Returns nullopt outside the image or without a pose.
+  // Returns nullopt without a pose, or if the lens has no ray for the pixel.
   [[nodiscard]] std::optional<PointerView> pointer_view() const;
   [[nodiscard]] bool over_hud() const;
   void follow_pointer();
