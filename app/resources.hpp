@@ -8,10 +8,10 @@
 namespace penumbra {
 
 // Returns the folder that contains scenes/ and recordings/: $PENUMBRA_RESOURCES if it is set, else
-// ../share/penumbra beside the program's folder (installed), else the nearest one above the
-// program.
+// ../share/penumbra beside the program's folder (installed), else the nearest
+// such folder above the program.
 [[nodiscard]] Result<std::filesystem::path> find_resources();
-// The same for a program at `program`. `given`: the environment variable's value, or nullptr.
+// Like find_resources(), for a program at `program`. `given`: $PENUMBRA_RESOURCES, or nullptr.
 [[nodiscard]] Result<std::filesystem::path> find_resources_of(const std::filesystem::path& program,
                                                               const char* given);
 

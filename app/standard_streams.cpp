@@ -21,8 +21,9 @@
 namespace penumbra {
 namespace {
 
-// Static, because the C library flushes the streams when the process ends.
-std::atomic<int>& output_error() {  // errno of the first write to standard output that failed
+// Returns errno of the first failed write to standard output, or 0. It is static, because the C
+// library flushes the streams when the process ends.
+std::atomic<int>& output_error() {
   static std::atomic<int> error = 0;
   return error;
 }
@@ -110,8 +111,8 @@ class LogDescriptor {
 
   bool is_stalled_ = false;
   bool is_cut_ = false;                    // the previous line was written only in part
-  std::int64_t unreported_ = 0;            // lines
-  std::atomic<std::int64_t> dropped_ = 0;  // lines
+  std::int64_t unreported_ = 0;            // dropped lines that no message has reported yet
+  std::atomic<std::int64_t> dropped_ = 0;  // all dropped lines
 };
 
 LogDescriptor& log_descriptor() {
@@ -141,10 +142,10 @@ void stop_waiting_for_log_reader() {
   struct stat about {};
   if (fstat(STDERR_FILENO, &about) != 0) return;
   if (!S_ISFIFO(about.st_mode) && isatty(STDERR_FILENO) != 1) return;
-  const int own = open("/proc/self/fd/2", O_WRONLY | O_NONBLOCK | O_NOCTTY | O_CLOEXEC);
-  if (own < 0) return;
-  dup2(own, STDERR_FILENO);
-  close(own);
+  const int reopened = open("/proc/self/fd/2", O_WRONLY | O_NONBLOCK | O_NOCTTY | O_CLOEXEC);
+  if (reopened < 0) return;
+  dup2(reopened, STDERR_FILENO);
+  close(reopened);
 }
 
 void open_closed_descriptors() {
