@@ -13,7 +13,7 @@ namespace penumbra {
 namespace {
 
 constexpr std::size_t kMinViews = 3;
-constexpr double kMinTilt_deg = 8.0;  // focal length and distance are ambiguous for less
+constexpr double kMinTilt_deg = 8.0;  // below it, focal length and distance are ambiguous
 // Edge shifts caused by camera response, blur and ink do not exceed both limits. A larger shift
 // means that the black squares have another size than in the target file.
 constexpr double kOtherSize = 0.04;  // fraction of the size
@@ -25,7 +25,7 @@ constexpr double kOtherSlopeSigmas = 5.0;
 // Like tag_size_error_of(), but also detects a shift that is too large in most views.
 std::optional<double> tag_size_error(const CalibrationSolution& solution,
                                      const std::vector<CalibrationView>& views) {
-  std::vector<double> shares;
+  std::vector<double> relative_errors;
   std::vector<double> shifts;
   std::vector<double> tag_sizes;
   for (std::size_t v = 0; v < views.size(); ++v) {
@@ -39,12 +39,12 @@ std::optional<double> tag_size_error(const CalibrationSolution& solution,
     if (sizes.empty()) continue;
     tag_sizes.push_back(upper_median(std::move(sizes)));
     shifts.push_back(solution.views[v].edge_shift_px);
-    shares.push_back(2.0 * shifts.back() / tag_sizes.back());
+    relative_errors.push_back(2.0 * shifts.back() / tag_sizes.back());
   }
-  if (const auto share = tag_size_error_of(tag_sizes, shifts)) return share;
-  const double share = upper_median(std::move(shares));
-  if (std::abs(share) > kOtherSize && std::abs(upper_median(std::move(shifts))) > kOtherEdge_px)
-    return share;
+  if (const auto error = tag_size_error_of(tag_sizes, shifts)) return error;
+  const double error = upper_median(std::move(relative_errors));
+  if (std::abs(error) > kOtherSize && std::abs(upper_median(std::move(shifts))) > kOtherEdge_px)
+    return error;
   return std::nullopt;
 }
 
@@ -54,25 +54,25 @@ std::optional<double> tag_size_error_of(std::span<const double> sizes_px,
                                         std::span<const double> shifts_px) {
   const std::size_t n = sizes_px.size();
   if (n < 6 || shifts_px.size() != n) return std::nullopt;
-  double size = 0.0;
-  double shift = 0.0;
+  double mean_size = 0.0;
+  double mean_shift = 0.0;
   for (std::size_t v = 0; v < n; ++v) {
-    size += sizes_px[v] / static_cast<double>(n);
-    shift += shifts_px[v] / static_cast<double>(n);
+    mean_size += sizes_px[v] / static_cast<double>(n);
+    mean_shift += shifts_px[v] / static_cast<double>(n);
   }
-  double squared = 0.0;
-  double across = 0.0;
+  double squares = 0.0;
+  double products = 0.0;
   for (std::size_t v = 0; v < n; ++v) {
-    squared += (sizes_px[v] - size) * (sizes_px[v] - size);
-    across += (sizes_px[v] - size) * (shifts_px[v] - shift);
+    squares += (sizes_px[v] - mean_size) * (sizes_px[v] - mean_size);
+    products += (sizes_px[v] - mean_size) * (shifts_px[v] - mean_shift);
   }
-  const double slope = across / squared;
-  double left = 0.0;
+  const double slope = products / squares;
+  double squared_residuals = 0.0;
   for (std::size_t v = 0; v < n; ++v) {
-    const double off = shifts_px[v] - shift - slope * (sizes_px[v] - size);
-    left += off * off;
+    const double residual = shifts_px[v] - mean_shift - slope * (sizes_px[v] - mean_size);
+    squared_residuals += residual * residual;
   }
-  const double error = std::sqrt(left / static_cast<double>(n - 2) / squared);
+  const double error = std::sqrt(squared_residuals / static_cast<double>(n - 2) / squares);
   // A square has two edges, which shift in opposite directions.
   if (!std::isfinite(slope) || std::abs(2.0 * slope) <= kOtherSlope ||
       std::abs(slope) <= kOtherSlopeSigmas * error)
@@ -132,10 +132,10 @@ Result<void> CameraCalibrator::add(const std::string& name, ImageView luma) {
   }
   if (picture.left_out.empty()) {
     // A repeated view would count its errors twice. A hand's tremor exceeds this limit.
-    const double nearest = 0.002 * width_;
+    const double min_distance_px = 0.002 * width_;
     for (const CalibrationImage& other : images_) {
       if (!other.left_out.empty() ||
-          corner_distance(picture.view.corners, other.view.corners) > nearest)
+          corner_distance(picture.view.corners, other.view.corners) > min_distance_px)
         continue;
       reject(picture, ImageRejection::seen_before, fmt::format("the same view as {}", other.name));
       break;
@@ -179,7 +179,7 @@ void CameraCalibrator::detect_any_board(ImageView luma, int most_images) {
   if (const auto size = chessboard_size(luma)) board_sizes_.push_back(*size);
 }
 
-// Requires several images with the same size, because a board may be partly visible or misdetected.
+// Requires several images with the same board size, because a board may be clipped or misdetected.
 std::optional<std::string> CameraCalibrator::other_board_advice() const {
   constexpr int kMinImages = 3;
   std::map<std::array<int, 2>, int> counts;
@@ -403,8 +403,8 @@ Result<void> CameraCalibrator::check_solution(const CalibrationSolution& solutio
   return {};
 }
 
-// Estimates the camera response from the tags' edges, for the solved lens and poses. The lens does
-// not depend on it, because each view has its own edge shift.
+// Estimates the camera response from the tags' edges, for the solved lens and poses. The solved
+// lens does not depend on the response, because the solver fits an edge shift in each view.
 Result<ToneEstimate> CameraCalibrator::estimate_tone(CameraCalibration& result) const {
   if (!target_.tags) return fail("a chessboard's corners do not show it, tags do");
   PENUMBRA_TRY(ToneEstimator estimator,
@@ -431,30 +431,30 @@ Result<CameraCalibration> CameraCalibrator::finish(std::stop_token stop,
   reject_surplus();
   std::vector<CalibrationView> views = used_views();
   if (board_searches_ > 0) {
-    // In some images, a part of a larger board was detected as the target.
+    // A part of a larger board may have been detected as the target.
     constexpr int kMaxImages = 12;
     for (const CalibrationImage& picture : images_) {
       if (picture.left_out.empty()) detect_any_board(picture.picture(), kMaxImages);
     }
   }
   constexpr int kBefore = 3;  // steps before the lens choice
-  constexpr int kAfter = 1;
+  constexpr int kAfter = 1;   // steps after the lens choice
   LensChoice choice = {options_.model, options_.for_kalibr, stop_, {}};
   int last = kBefore + max_steps(choice, options_.shape.has_value()) + kAfter;
-  const auto tell_step = [&](const char* what, int step) {
+  const auto report_step = [&](const char* what, int step) {
     if (on_step) on_step({what, step, last});
   };
   choice.on_step = [&](const SolvingStep& trial) {
     last = kBefore + trial.max_step + kAfter;
     if (on_step) on_step({trial.what, kBefore + trial.step, last});
   };
-  tell_step("a first lens", 1);
+  report_step("a first lens", 1);
   PENUMBRA_TRY(CalibrationSolution solution,
                first_solution(width_, height_, target_.points, views, choice));
   PENUMBRA_TRY_VOID(check_solution(solution, views));
-  // Twice, because the first corners were detected by straight lines in distorted images.
+  // Refines twice, because the first corners were detected by straight lines in distorted images.
   for (int round = 0; round < 2; ++round) {
-    tell_step("corners, by the lens that is known", 2 + round);
+    report_step("corners, by the lens that is known", 2 + round);
     refine_corners(solution);
     views = used_views();
     const CameraParameters& lens = solution.camera.parameters();
@@ -475,7 +475,7 @@ Result<CameraCalibration> CameraCalibrator::finish(std::stop_token stop,
   result.pictures = std::move(images_);
   result.other_board = other_board_advice();
   judge(result);
-  tell_step("tone curve", last);
+  report_step("tone curve", last);
   const Result<ToneEstimate> tone = estimate_tone(result);
   if (stop_.stop_requested()) return fail("ended early");
   if (tone) {

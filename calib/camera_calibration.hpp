@@ -53,8 +53,8 @@ struct CalibrationImage {
 struct UncertaintyMap {
   int columns = 0;
   int rows = 0;
-  std::vector<double> sigma_px;  // row by row, at the centres of equal cells; NaN where unreachable
-  // Both are infinite if the distortion is non-monotonic in the image.
+  std::vector<double> sigma_px;  // row by row, at the centres of equal cells; NaN without a ray
+  // mean_px and largest_px are infinite if the distortion is non-monotonic in the image.
   double mean_px = 0.0;
   double largest_px = 0.0;
 };
@@ -91,12 +91,12 @@ struct CameraCalibration {
   CalibrationSolution solution;
   std::vector<CalibrationImage> pictures;
   std::vector<ModelTrial> trials;
-  std::optional<double> held_out_px;
+  std::optional<double> held_out_px;  // RMS error in held-out views
   // Advice to users if most images show a chessboard with other numbers of corners.
   std::optional<std::string> other_board;
   UncertaintyMap uncertainty;
   std::optional<TableVolumeUncertainty> table;
-  std::optional<ToneEstimate> tone;  // of targets with tags; also set in solution.camera
+  std::optional<ToneEstimate> tone;  // for targets with tags; also set in solution.camera
   std::string tone_unknown;          // why `tone` is empty
   double tilt_spread_deg = 0.0;
   double blur_px = 0.0;  // median of the used views
@@ -120,7 +120,7 @@ class CameraCalibrator {
   // Returns the number of images in memory: up to 2 * CalibrationOptions::max_views.
   [[nodiscard]] std::ptrdiff_t images_in_memory() const;
 
-  // Solves; call it once. The error is one line that explains what the images lack. Fails soon
+  // Calibrates; call it once. The error is one line that explains what the images lack. Fails soon
   // after `stop` was requested. Calls the callback on this thread at each step.
   [[nodiscard]] Result<CameraCalibration> finish(std::stop_token stop = {},
                                                  const StepCallback& on_step = {});
@@ -128,7 +128,7 @@ class CameraCalibrator {
  private:
   CameraCalibrator() = default;
   [[nodiscard]] std::string problem_of(const TargetView& view, ImageView luma);
-  // Searches for a chessboard of any size. Limited to `most_images`, because each takes 0.1 s.
+  // Searches for a chessboard of any size, in `max_images` images or fewer: each takes 0.1 s.
   void detect_any_board(ImageView luma, int most_images);
   // Returns advice if the chessboard size in most images differs from the target file.
   [[nodiscard]] std::optional<std::string> other_board_advice() const;
@@ -146,15 +146,15 @@ class CameraCalibrator {
   Target target_;
   CalibrationOptions options_;
   std::optional<TargetDetector> detector_;
-  std::optional<ImageCheck> check_;  // of targets with tags
+  std::optional<ImageCheck> check_;  // for targets with tags
   bool some_faulty_ = false;         // an image was mirrored or negative
   std::vector<CalibrationImage> images_;
   int width_ = 0;
   int height_ = 0;
-  std::string first_;              // image that set the size
+  std::string first_;              // name of the first image, which sets the size
   int images_with_target_ = 0;     // images with a corner of the target
-  int images_with_wide_tags_ = 0;  // of these: most tags have a border of two cells
-  int candidates_ = 0;             // images that are still in use
+  int images_with_wide_tags_ = 0;  // images in which most tags have a border of two cells
+  int candidates_ = 0;             // images that are not rejected
   // Sizes of the chessboards that detect_any_board() found.
   std::vector<std::array<int, 2>> board_sizes_;
   int board_searches_ = 0;

@@ -74,7 +74,7 @@ std::string thumbnail(const CalibrationImage& picture, int width) {
                      width, height, base64(bmp));
 }
 
-// 0: blue, 0.5: yellow, 1: red.
+// Returns the colour of a fraction: 0 is blue, 0.5 is yellow, 1 is red.
 std::string colour(double share) {
   share = std::clamp(share, 0.0, 1.0);
   const auto mix = [&](double a, double b, double c) {
@@ -105,7 +105,7 @@ std::string image_plot_begin(const CameraModel& camera) {
                      kPlotWidth, height);
 }
 
-// Plots all corners, or, if `scale` is positive, their residuals enlarged by it.
+// Plots all corners; if `scale` is positive, plots their residuals enlarged by `scale`.
 std::string corners_plot(const CameraCalibration& c, double scale) {
   const double zoom = kPlotWidth / c.solution.camera.width();
   std::string svg = image_plot_begin(c.solution.camera);

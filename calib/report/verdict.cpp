@@ -15,7 +15,7 @@ namespace {
 
 constexpr double kGoodTilt_deg = 40.0;
 constexpr std::size_t kGoodViews = 10;
-constexpr double kNear = 0.05;  // fraction of the image's diagonal that a detected corner covers
+constexpr double kNear = 0.05;  // maximum distance to a corner, fraction of the image's diagonal
 
 // Returns the name of the cell with the largest uncertainty: "the top left".
 std::string worst_place(const UncertaintyMap& map, const ImageCells& cells) {
@@ -163,7 +163,7 @@ void judge(CameraCalibration& result) {
   if (!nearly_empty.empty())
     result.advice.push_back(
         fmt::format("few views near the {}", fmt::join(nearly_empty, ", the ")));
-  const bool places = !result.advice.empty();
+  const bool has_gaps = !result.advice.empty();
   if (result.other_board) result.advice.insert(result.advice.begin(), *result.other_board);
   if (result.tilt_spread_deg < kGoodTilt_deg) {
     // Rounded down, so that 39.9 does not look like 40.
@@ -214,14 +214,15 @@ void judge(CameraCalibration& result) {
       result.advice.emplace_back(
           "the corners are off by too much: is the target flat, the focus fixed?");
     // There is no other likely cause.
-    if (!(sigma <= kGoodProjection_px) && !places && result.tilt_spread_deg >= kGoodTilt_deg) {
+    if (!(sigma <= kGoodProjection_px) && !has_gaps &&
+        result.tilt_spread_deg >= kGoodTilt_deg) {
       result.advice.push_back(
           fmt::format("take more views: from near, so that the target fills the picture, tilted to "
                       "every side{}",
                       worst.empty() ? std::string() : ", and near " + worst));
     }
     if (!result.advice.empty()) text += fmt::format("; {}", fmt::join(result.advice, "; "));
-  } else if (places || result.other_board) {
+  } else if (has_gaps || result.other_board) {
     text += fmt::format("; {}", result.advice.front());
   }
   result.verdict = text;

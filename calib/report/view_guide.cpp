@@ -18,20 +18,21 @@
 namespace penumbra {
 namespace {
 
-constexpr int kColumns = 5;  // cells of the image to cover
-constexpr int kRows = 4;
-constexpr int kCornersInCell = 2;
-constexpr double kCellsNeeded = 0.9;
+constexpr int kColumns = 5;           // columns of image cells
+constexpr int kRows = 4;              // rows of image cells
+constexpr int kCornersInCell = 2;     // minimum number of corners in a covered cell
+constexpr double kCellsNeeded = 0.9;  // fraction of cells that must be covered
 constexpr int kViewsNeeded = 12;
 constexpr double kSizesNeeded = 1.6;           // size ratio of the nearest and the furthest view
-constexpr double kTiltNeeded = radians(40.0);  // between two views
-constexpr double kFirstMove = 0.08;  // of the width, between views before the first solution
-constexpr double kSameView = 0.01;   // of the width
-constexpr double kSteady = 0.012;    // of the width, between consecutive images
-constexpr double kSharp = 1.6;       // [px] of blur
+constexpr double kTiltNeeded = radians(40.0);  // required angle between two views
+// Distances between the corners of two images, as fractions of the image's width.
+constexpr double kFirstMove = 0.08;  // views are different from here on, before the first solution
+constexpr double kSameView = 0.01;   // views are equal up to here, after the first solution
+constexpr double kSteady = 0.012;    // the target rests up to here, in consecutive images
+constexpr double kSharp = 1.6;       // maximum blur [px]
 constexpr std::size_t kFirstViews = 4;
 constexpr std::size_t kViewsPerChoice = 4;  // views between two lens choices
-constexpr double kBadFit = 0.5;             // [px] of noise: another lens may explain the views
+constexpr double kBadFit = 0.5;             // noise above which another lens is tried [px]
 
 }  // namespace
 
@@ -76,7 +77,7 @@ struct ViewGuide::Impl {
   std::optional<TargetDetector> detector;
   std::vector<CalibrationView> views;
   std::vector<double> sizes;       // mean edge length of the target in each view [px]
-  std::vector<TargetCorner> last;  // of the previous image
+  std::vector<TargetCorner> last;  // corners in the previous image
   std::array<int, kColumns * kRows> cells{};
   ModelTrial lens;  // the lens model in use
   std::optional<CalibrationSolution> solution;
@@ -108,8 +109,8 @@ struct ViewGuide::Impl {
     const Eigen::MatrixXd& P = solution->covariance;
     const double noise = solution->noise_px * solution->noise_px * solution->covariance_inflation;
     // (P^-1 + I / noise)^-1 without inverting P, whose entries differ by orders of magnitude.
-    const Eigen::MatrixXd one = Eigen::MatrixXd::Identity(P.rows(), P.cols());
-    const Eigen::MatrixXd after = (one + P * *information / noise).partialPivLu().solve(P);
+    const Eigen::MatrixXd identity = Eigen::MatrixXd::Identity(P.rows(), P.cols());
+    const Eigen::MatrixXd after = (identity + P * *information / noise).partialPivLu().solve(P);
     const double mean = uncertainty_map(solution->camera, after, 16, 12).mean_px;
     if (!std::isfinite(mean) || !(uncertainty.mean_px > 0.0)) return 0.0;
     return std::max(0.0, 1.0 - mean / uncertainty.mean_px);

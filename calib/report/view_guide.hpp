@@ -37,12 +37,12 @@ struct GuideCoverage {
   std::optional<std::size_t> next;  // cell that the advice refers to
 };
 
-// Progress: fractions of the required amount, 0 to 1.
+// `image`, `size`, `tilt` and `certainty` are fractions of the required amount, 0 to 1.
 struct GuideProgress {
   double image = 0.0;      // image area that the target has covered
   double size = 0.0;       // size ratio of the nearest and the furthest view
   double tilt = 0.0;       // angle between views
-  double certainty = 0.0;  // projection uncertainty against its goal
+  double certainty = 0.0;  // goal / maximum projection uncertainty
   int views = 0;
   std::optional<double> largest_px;  // projection uncertainty; empty before the first solution
   std::string lens;                  // lens_name(); empty before the first solution
@@ -55,7 +55,7 @@ struct GuideResult {
   bool taken = false;
   std::string why;    // reason if it was not taken
   double gain = 0.0;  // relative reduction of the uncertainty; 0 while no lens is known
-  std::vector<Eigen::Vector2d> corners_px;  // as detected
+  std::vector<Eigen::Vector2d> corners_px;  // detected corners of the target
 };
 
 class ViewGuide {
