@@ -168,13 +168,13 @@ bool Bundle::mark_outliers(double limit_px) {
   for (std::size_t v = 0; v < views_.size(); ++v) {
     if (!views_[v].outlier.empty()) continue;
     std::vector<bool> marks(views_[v].corners.size(), false);
-    std::size_t left = marks.size();
+    std::size_t inliers = marks.size();
     for (std::size_t c = 0; c < marks.size(); ++c) {
       const auto r = residual(v, c);
       marks[c] = !r || r->norm() > limit_px;
-      if (marks[c]) --left;
+      if (marks[c]) --inliers;
     }
-    if (left < 4) marks.assign(marks.size(), false);
+    if (inliers < 4) marks.assign(marks.size(), false);
     changed = changed || marks != outlier_[v];
     outlier_[v] = std::move(marks);
   }
@@ -205,7 +205,7 @@ Result<CalibrationSolution> Bundle::finish() {
       options_.shape == BoardShape::rigid ? 0 : static_cast<int>(3 * shapes_.size());
   const int n = n_lens + n_shape;
   Eigen::MatrixXd S = Eigen::MatrixXd::Zero(n, n);
-  // Per view: score (gradient) of lens and shape, with the pose marginalised.
+  // Score (gradient) of lens and shape for each view, with the view's pose marginalised.
   std::vector<Eigen::VectorXd> scores;
   double sum = 0.0;
   double sum_all = 0.0;

@@ -29,15 +29,15 @@ class Bundle {
   // Copies the points' offsets if both boards have the shape `free`.
   void start_shape(const CalibrationSolution& from);
 
-  // `free_coefficients`: number of free coefficients. `noise`: sigma per axis [px], which weights
-  // the priors. `robust_px`: scale of the robust loss; 0 for none.
+  // `free_coefficients`: number of free coefficients. `move_centre`: frees the principal point.
+  // `noise`: sigma per axis [px], weights the priors. `robust_px`: scale of the robust loss, or 0.
   bool solve(int free_coefficients, bool square_pixels, bool move_centre, double noise,
              double robust_px, int iterations);
 
   // Returns projected - measured corner [px], or nullopt if the point is behind the camera.
   [[nodiscard]] std::optional<Eigen::Vector2d> residual(std::size_t v, std::size_t c);
 
-  // Returns sigma per axis [px]. The median distance of a 2-D normal distribution is 1.1774 sigma.
+  // Returns the noise: sigma per axis [px]. The median 2-D normal distance is 1.1774 sigma.
   [[nodiscard]] double robust_noise() { return std::max(residual_quantile(0.5) / 1.1774, 1e-4); }
   // Returns a quantile of the corners' 2-D errors [px], without known outliers.
   [[nodiscard]] double residual_quantile(double fraction);

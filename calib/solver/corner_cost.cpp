@@ -9,11 +9,11 @@
 namespace penumbra {
 namespace {
 
-constexpr double kEdgeShiftPrior = 1.0;  // [px]
-// Minimum derivative of the distorted radius, relative to an equidistant lens, and its sigma.
+constexpr double kEdgeShiftPrior = 1.0;  // sigma [px]
+// Minimum derivative of the distorted radius, relative to that of an equidistant lens.
 constexpr double kMinGrowth = 0.3;
-constexpr double kGrowthSigma = 0.03;
-constexpr double kNearest = 1e-6;  // [m] in front of the camera
+constexpr double kGrowthSigma = 0.03;  // sigma of a derivative below the minimum
+constexpr double kNearest = 1e-6;      // minimum depth of a point in the camera frame [m]
 
 struct CornerCost {
   CornerTerm term;
@@ -59,8 +59,8 @@ struct RationalPrior {
     const T k1 = lens[4], k2 = lens[5], k3 = lens[8], k4 = lens[9], k5 = lens[10], k6 = lens[11];
     const T* const order[] = {&k1, &k4, &k2, &k5, &k3, &k6};
     for (int i = 0; i < 6; ++i) residual[i] = *order[i] * std::pow(t_end, 1 + i / 2);
-    // Prefers a derivative between that of a rectilinear lens (1) and an equidistant one (1 / (1 +
-    // r^2)).
+    // Prefers a derivative between that of a rectilinear lens, 1, and that of an equidistant lens,
+    // 1 / (1 + r^2).
     for (int i = 0; i < kGrowthSamples; ++i) {
       const double r = end * (i + 1) / kGrowthSamples;
       const double t = r * r;

@@ -30,9 +30,9 @@ inline constexpr int kRationalPriorSize = 6 + 2 * kGrowthSamples;
 struct CornerTerm {
   DistortionModel model = DistortionModel::plumb_bob;
   Eigen::Vector3d point = Eigen::Vector3d::Zero();   // on the board [m]
-  Eigen::Vector3d warp = Eigen::Vector3d::Zero();    // x^2, y^2, x y at the point
+  Eigen::Vector3d warp = Eigen::Vector3d::Zero();    // x^2, y^2, x y; x, y in board radii
   bool bowed = false;                                // false: ShapeParameters is an offset
-  Eigen::Vector2d pixel = Eigen::Vector2d::Zero();   // measured
+  Eigen::Vector2d pixel = Eigen::Vector2d::Zero();   // measured corner
   Eigen::Vector2d spread = Eigen::Vector2d::Zero();  // TargetCorner::spread
 };
 
@@ -41,7 +41,7 @@ struct CornerTerm {
 // Returns the prior of a view's edge shift (mean 0, sigma 1 px), for a block of ViewParameters.
 [[nodiscard]] std::unique_ptr<ceres::CostFunction> edge_shift_prior();
 // Returns the prior of a rational lens (docs/calibration.md#rational-lens), for LensParameters,
-// with kRationalPriorSize residuals. `end`: maximum radius of normalised coordinates in the image.
+// with kRationalPriorSize residuals. `max_radius`: that of normalised coordinates in the image.
 [[nodiscard]] std::unique_ptr<ceres::CostFunction> rational_prior(double end);
 // Returns the prior of a point's offset (mean 0), for ShapeParameters.
 [[nodiscard]] std::unique_ptr<ceres::CostFunction> offset_prior(const Eigen::Vector3d& sigma_m);

@@ -28,7 +28,7 @@ std::vector<PointObservation> observations_of(const CalibrationView& view,
   return observations;
 }
 
-// Median distance of projected and measured corners [px].
+// Returns the median distance of projected and measured corners [px].
 double median_error(const CameraModel& camera, const MapFromCamera& pose,
                     std::span<const PointObservation> observations) {
   const auto T_camera_board = pose.inverse();
@@ -42,7 +42,7 @@ double median_error(const CameraModel& camera, const MapFromCamera& pose,
 
 struct Guess {
   CameraModel camera;
-  double error_px = std::numeric_limits<double>::infinity();  // of poses by this camera
+  double error_px = std::numeric_limits<double>::infinity();  // mean error of a pose by this lens
 };
 
 std::vector<Guess> guess_lens(int width, int height, std::span<const Eigen::Vector3d> board,
@@ -104,8 +104,8 @@ std::optional<CameraPose> best_pose(const CameraModel& camera,
 }
 
 constexpr int kMaxIterations = 100;
-constexpr double kBadFit_px = 0.5;     // noise of a solution that can't start another model
-constexpr double kFarthest_px = 20.0;  // maximum corner error at a nearby start
+constexpr double kBadFit_px = 0.5;     // noise above which a solution can't start another model
+constexpr double kFarthest_px = 20.0;  // maximum scale of the first robust loss
 
 std::vector<std::size_t> radial_coefficients(DistortionModel model) {
   switch (model) {
@@ -130,25 +130,25 @@ std::optional<CameraParameters> as_model(const CameraModel& camera, DistortionMo
        std::isfinite(camera.max_radius()) ? 0.98 * camera.max_radius() : kMaxTan, kMaxTan});
   if (!(furthest > 0.05)) return std::nullopt;
   constexpr int kSamples = 48;
-  const std::vector<std::size_t> places = radial_coefficients(model);
-  const auto n = static_cast<Eigen::Index>(places.size());
+  const std::vector<std::size_t> indices = radial_coefficients(model);
+  const auto n = static_cast<Eigen::Index>(indices.size());
   Eigen::MatrixXd A = Eigen::MatrixXd::Zero(kSamples + n, n);
   Eigen::VectorXd b = Eigen::VectorXd::Zero(kSamples + n);
   std::array<double, 8> radial = from.distortion;
   if (is_polynomial(from.model)) radial[2] = radial[3] = 0.0;
   for (int i = 0; i < kSamples; ++i) {
     const double r = furthest * (i + 1) / kSamples;
-    double bent = 0.0;
-    double zero = 0.0;
-    distort(from.model, radial, r, 0.0, bent, zero);
-    const double at = model == DistortionModel::fisheye ? std::atan(r) : r;
+    double distorted_x = 0.0;
+    double distorted_y = 0.0;
+    distort(from.model, radial, r, 0.0, distorted_x, distorted_y);
+    const double base = model == DistortionModel::fisheye ? std::atan(r) : r;
     double power = 1.0;
     for (Eigen::Index k = 0; k < n; ++k) {
       if (k == 3 && model == DistortionModel::rational) power = 1.0;
-      power *= at * at;
-      A(i, k) = k >= 3 && model == DistortionModel::rational ? -bent * power : at * power;
+      power *= base * base;
+      A(i, k) = k >= 3 && model == DistortionModel::rational ? -distorted_x * power : base * power;
     }
-    b[i] = bent - at;
+    b[i] = distorted_x - base;
   }
   // A weak prior at 0, because several solutions fit almost equally.
   for (Eigen::Index k = 0; k < n; ++k) A(kSamples + k, k) = 1e-4;
@@ -162,7 +162,7 @@ std::optional<CameraParameters> as_model(const CameraModel& camera, DistortionMo
     to.distortion[3] = from.distortion[3];
   }
   for (Eigen::Index k = 0; k < n; ++k)
-    to.distortion[places[static_cast<std::size_t>(k)]] = solved[k];
+    to.distortion[indices[static_cast<std::size_t>(k)]] = solved[k];
   return to;
 }
 
@@ -363,19 +363,19 @@ std::optional<std::vector<ViewError>> held_out_errors(const CalibrationSolution&
                                                       std::span<const Eigen::Vector3d> board,
                                                       std::span<const CalibrationView> views,
                                                       const SolverOptions& options) {
-  constexpr std::size_t kParts = 5;
+  constexpr std::size_t kFolds = 5;
   const std::size_t n = views.size();
-  const std::size_t parts = std::min(kParts, n);
+  const std::size_t folds = std::min(kFolds, n);
   if (n < 4) return std::nullopt;
   std::vector<ViewError> errors(n);
-  for (std::size_t part = 0; part < parts; ++part) {
+  for (std::size_t fold = 0; fold < folds; ++fold) {
     std::vector<CalibrationView> kept;
-    std::vector<CalibrationView> left;
+    std::vector<CalibrationView> held_out;
     CalibrationSolution start = solution;
     start.views.clear();
     for (std::size_t v = 0; v < n; ++v) {
-      if (v % parts == part) {
-        left.push_back(views[v]);
+      if (v % folds == fold) {
+        held_out.push_back(views[v]);
       } else {
         kept.push_back(views[v]);
         if (solution.views.size() == n) start.views.push_back(solution.views[v]);
@@ -383,9 +383,9 @@ std::optional<std::vector<ViewError>> held_out_errors(const CalibrationSolution&
     }
     const Result<CalibrationSolution> solved = solve_intrinsics(start, board, kept, options);
     if (!solved) return std::nullopt;
-    const auto found = pose_only_errors(solved->camera, solved->board, left);
+    const auto found = pose_only_errors(solved->camera, solved->board, held_out);
     if (!found) return std::nullopt;
-    for (std::size_t i = 0; i < found->size(); ++i) errors[part + i * parts] = (*found)[i];
+    for (std::size_t i = 0; i < found->size(); ++i) errors[fold + i * folds] = (*found)[i];
   }
   return errors;
 }

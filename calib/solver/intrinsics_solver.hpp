@@ -67,12 +67,12 @@ struct CalibrationSolution {
   std::vector<Eigen::Vector3d> board;  // refined points [m]
   std::vector<SolvedView> views;
   // Covariance of the lens parameters (4 + coefficient_count rows), scaled by noise_px^2 and
-  // `clustering`.
+  // covariance_inflation.
   Eigen::MatrixXd covariance;
   double noise_px = 0.0;              // sigma per axis, without outliers
   double rms_px = 0.0;                // 2-D error, without outliers
   double rms_all_px = 0.0;            // 2-D error, with outliers
-  double covariance_inflation = 1.0;  // covariance inflation for correlated residuals of a view
+  double covariance_inflation = 1.0;  // factor for correlated residuals of a view
   int corners = 0;
   int outliers = 0;
 };
@@ -97,9 +97,9 @@ struct ViewError {
 };
 [[nodiscard]] double rms_of(std::span<const ViewError> errors);  // 2-D error [px]
 
-// 5-fold cross-validation, starting from `solution`. Returns the error of each view for the
-// solution without its fold, with only its pose fitted. Returns nullopt for fewer than 4 views or
-// if a fold can't be solved.
+// Runs a 5-fold cross-validation that starts from `solution`. Returns each view's error with the
+// lens solved from the other folds, where only the view's pose is fitted. Returns nullopt for fewer
+// than 4 views or if a fold can't be solved.
 [[nodiscard]] std::optional<std::vector<ViewError>> held_out_errors(
     const CalibrationSolution& solution, std::span<const Eigen::Vector3d> board,
     std::span<const CalibrationView> views, const SolverOptions& options);

@@ -15,7 +15,7 @@ struct Lens {
   bool operator==(const Lens&) const = default;
 };
 
-// In order of increasing complexity.
+// Returns the lenses to try, in order of increasing complexity.
 std::vector<Lens> lenses_of(const LensChoice& choice) {
   constexpr Lens kNoK3 = {DistortionModel::plumb_bob, true};
   constexpr Lens kPlumbBob = {DistortionModel::plumb_bob, false};
@@ -28,9 +28,8 @@ std::vector<Lens> lenses_of(const LensChoice& choice) {
 // Ratios of held-out errors: docs/calibration.md#lens-choice.
 constexpr double kMuchBetter = 0.85;
 constexpr double kOtherModelRatio = 0.9;
-constexpr double kMoreOutliers = 0.05;  // fraction of all corners
-constexpr double kSignificantSigmas =
-    2.0;  // significant: standard errors of the mean over the views
+constexpr double kMoreOutliers = 0.05;      // fraction of all corners
+constexpr double kSignificantSigmas = 2.0;  // minimum significant difference [standard errors]
 
 // Tries lenses and board shapes on the same corners and keeps the best.
 class LensSearch {
@@ -45,14 +44,14 @@ class LensSearch {
         trials_(trials),
         max_steps_(max_steps) {}
 
-  // Solves with every lens. All lenses then get the outliers of the one that explains the most
+  // Solves with every lens. Later solutions use the outliers of the lens that explains the most
   // corners, because a lens with too few parameters rejects corners far from the centre.
   void decide_outliers(const std::vector<Lens>& lenses, BoardShape shape);
   void consider(const Lens& lens, BoardShape shape);
-  // Solves the best lens again with the outliers that it finds itself. Has no effect if these are
-  // many more: then the lens does not explain the corners. `for_all`: later lenses get them too.
+  // Solves the best lens again and finds its outliers. Replaces the old solution unless the new one
+  // has many more outliers. `for_all`: later lenses use these outliers as well.
   void find_own_outliers(const std::vector<CalibrationView>& views, bool for_all);
-  // Marks the lenses whose held-out errors are not larger than those of the best one.
+  // Marks the lenses whose held-out errors are hardly larger than those of the best lens.
   void mark_rivals();
   void on_step(const Lens& lens, BoardShape shape) {
     ++steps_;
@@ -95,7 +94,7 @@ class LensSearch {
   };
   std::vector<Solved> initial_;  // solutions of decide_outliers()
   std::optional<std::vector<ViewError>> best_held_out_;
-  std::vector<std::optional<std::vector<ViewError>>> held_out_;  // per trial
+  std::vector<std::optional<std::vector<ViewError>>> held_out_;  // one per trial
 };
 
 // Returns the number of corners that are inliers at this noise [px].
@@ -109,12 +108,12 @@ int explained(const CalibrationSolution& solution, double noise_px) {
   return count;
 }
 
-// Returns the mean of b - a (squared errors per view) over its standard error; 0 if all are equal.
+// Returns the mean of b - a (squared errors of views), divided by its standard error; 0 if equal.
 double standard_errors(const std::vector<ViewError>& a, const std::vector<ViewError>& b) {
   const auto n = static_cast<double>(a.size());
   double mean = 0.0;
   for (std::size_t v = 0; v < a.size(); ++v) mean += (b[v].squared_px2 - a[v].squared_px2) / n;
-  double variance = 0.0;  // of the mean
+  double variance = 0.0;  // variance of the mean
   for (std::size_t v = 0; v < a.size(); ++v) {
     const double off = b[v].squared_px2 - a[v].squared_px2 - mean;
     variance += off * off / (n * (n - 1.0));
@@ -172,15 +171,16 @@ void LensSearch::consider(const Lens& lens, BoardShape shape) {
   const auto held_out = held_out_errors(*solved, board_, views_, solver);
   const std::optional<double> held_out_px =
       held_out ? std::optional(rms_of(*held_out)) : std::nullopt;
-  const auto fold = non_monotonic_place_in_image(solved->camera);
-  trials_.push_back({lens.model, lens.without_k3, shape, solved->rms_px, held_out_px, fold, false,
-                     false, solved->camera});
+  const auto non_monotonic = non_monotonic_place_in_image(solved->camera);
+  trials_.push_back({lens.model, lens.without_k3, shape, solved->rms_px, held_out_px, non_monotonic,
+                     false, false, solved->camera});
   held_out_.push_back(held_out);
-  const bool other = best && best->solution.camera.parameters().model != lens.model;
-  const double max_ratio = other ? kOtherModelRatio : kMaxHeldOutRatio;
+  const bool other_model = best && best->solution.camera.parameters().model != lens.model;
+  const double max_ratio = other_model ? kOtherModelRatio : kMaxHeldOutRatio;
   // A lens without held-out errors loses against one with them.
-  if (fold || (best && !(held_out && (!best_held_out_ ||
-                                      clearly_better(*held_out, *best_held_out_, max_ratio)))))
+  if (non_monotonic ||
+      (best &&
+       !(held_out && (!best_held_out_ || clearly_better(*held_out, *best_held_out_, max_ratio)))))
     return;
   best = ChosenLens{std::move(*solved), held_out_px, lens.without_k3, trials_.size() - 1};
   best_held_out_ = held_out;
@@ -228,15 +228,16 @@ std::string lens_name(const ModelTrial& trial) {
 
 std::optional<Eigen::Vector2d> non_monotonic_place_in_image(const CameraModel& camera) {
   const CameraParameters& p = camera.parameters();
-  const bool whole = !is_polynomial(p.model) && !std::isfinite(camera.max_radius());  // any angle
-  constexpr int kSteps = 64;  // along each side
+  const bool wide =
+      !is_polynomial(p.model) && !std::isfinite(camera.max_radius());  // maps any angle
+  constexpr int kSteps = 64;                                           // along each side
   const Eigen::Vector2d centre(p.cx, p.cy);
   std::optional<Eigen::Vector2d> nearest;
   const auto check = [&](double x, double y) {
     const Eigen::Vector2d pixel(x, y);
     const auto direction = camera.unproject(pixel);
     const bool monotonic =
-        direction ? camera.distortion_jacobian(direction->head<2>()).determinant() > 0.0 : whole;
+        direction ? camera.distortion_jacobian(direction->head<2>()).determinant() > 0.0 : wide;
     if (!monotonic && (!nearest || (pixel - centre).norm() < (*nearest - centre).norm()))
       nearest = pixel;
   };

@@ -18,10 +18,10 @@ struct ModelTrial {
   BoardShape shape = BoardShape::rigid;
   double rms_px = 0.0;
   std::optional<double> held_out_px;
-  std::optional<Eigen::Vector2d>
-      non_monotonic_px;  // non_monotonic_place_in_image(); if set, the lens is never chosen
+  // non_monotonic_place_in_image(). If set, the lens is never chosen.
+  std::optional<Eigen::Vector2d> non_monotonic_px;
   bool chosen = false;
-  bool rival = false;       // its held-out error is not larger than that of the chosen one
+  bool rival = false;       // its held-out error is hardly larger than that of the chosen lens
   CameraModel camera = {};  // the solved camera
 };
 [[nodiscard]] std::string lens_name(const ModelTrial& trial);  // "plumb_bob", "plumb_bob, k3 = 0"
@@ -58,15 +58,15 @@ struct LensChoice {
                                                          const std::vector<CalibrationView>& views,
                                                          const LensChoice& choice);
 
-// Returns the solution with the smallest held-out error; a lens with more parameters must be
-// clearly better. Appends a trial for each lens and board shape. Fails if every lens is
-// non-monotonic in the image.
 struct ChosenLens {
   CalibrationSolution solution;
   std::optional<double> held_out_px;
   bool without_k3 = false;
-  std::size_t trial = 0;
+  std::size_t trial = 0;  // index into `trials`
 };
+// Returns the solution with the smallest held-out error; a lens with more parameters must be
+// clearly better. Appends a trial for each lens and board shape. Fails if every lens is
+// non-monotonic in the image.
 [[nodiscard]] Result<ChosenLens> choose_lens(const CalibrationSolution& start,
                                              const std::vector<Eigen::Vector3d>& board,
                                              const std::vector<CalibrationView>& views,

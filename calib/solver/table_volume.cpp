@@ -69,19 +69,19 @@ std::optional<TableVolumeUncertainty> table_volume_uncertainty(const CameraModel
                                                                const Eigen::MatrixXd& covariance) {
   const auto cube = overlay_cube();
   TableVolumeUncertainty result;
-  bool whole = false;
-  for (double distance = kNearest_m; !whole && distance < kFurthest_m; distance *= kFurther) {
+  bool visible = false;
+  for (double distance = kNearest_m; !visible && distance < kFurthest_m; distance *= kFurther) {
     result.T_table_camera = looking_down(distance);
     result.distance_m = result.T_table_camera.translation().norm();
     const auto T_camera_table = result.T_table_camera.inverse();
-    whole = true;
-    for (std::size_t i = 0; i < cube.size() && whole; ++i) {
+    visible = true;
+    for (std::size_t i = 0; i < cube.size() && visible; ++i) {
       const auto pixel = in_picture(camera, T_camera_table * cube[i]);
-      whole = pixel.has_value();
+      visible = pixel.has_value();
       if (pixel) result.corners_px[i] = *pixel;
     }
   }
-  if (!whole) return std::nullopt;
+  if (!visible) return std::nullopt;
 
   // A lens error d moves the tags' corners by J_lens d. The resulting least-squares pose error is
   // -(J_pose' J_pose)^-1 J_pose' J_lens d, with products summed over the corners.
