@@ -11,10 +11,10 @@
 namespace penumbra {
 namespace {
 
-constexpr double kNarrowestCell = 2.4;  // [px]
-constexpr double kShiftPrior = 0.5;     // [px], 1 sigma
-constexpr double kMaxNoise_px = 0.6;    // [px] per sample; more means another pattern
-constexpr int kUnknowns = 10;           // a homography's 8, and 2 shifts
+constexpr double kNarrowestCell = 2.4;  // minimum width of a cell [px]
+constexpr double kShiftPrior = 0.5;     // sigma of an edge shift [px]
+constexpr double kMaxNoise_px = 0.6;    // per sample; more noise means another pattern
+constexpr int kUnknowns = 10;           // 8 of a homography and 2 edge shifts
 constexpr std::size_t kMinSamples = 40;
 
 using Row = Eigen::Matrix<double, kUnknowns, 1>;
@@ -22,18 +22,18 @@ using Normal = Eigen::Matrix<double, kUnknowns, kUnknowns>;
 
 struct EdgeSample {
   Eigen::Vector2d pixel;
-  Eigen::Vector2d normal;  // towards larger a or b
-  double polarity = 0.0;   // of the change along the normal: 1 from black to white
-  double reach = 0.0;      // [px], half a cell
-  Row row;                 // d offset / d unknowns
+  Eigen::Vector2d normal;  // unit vector in the image, towards larger x or y on the tag
+  double polarity = 0.0;   // 1: the grey level rises along the normal; -1: it falls
+  double reach = 0.0;      // search range along the normal [px], at most half a cell
+  Row row;                 // d offset along the normal / d unknowns
 };
 
-// Returns d pixel / d homography (8 parameters) at a point of the tag. `across`, `pixel` and
+// Returns d pixel / d homography (8 parameters) at the point `on_tag`. `on_tag`, `pixel` and
 // `depth` are relative to the tag's centre and scaled to about 1.
-Eigen::Matrix<double, 2, 8> displacements(const Eigen::Vector2d& across,
+Eigen::Matrix<double, 2, 8> displacements(const Eigen::Vector2d& on_tag,
                                           const Eigen::Vector2d& pixel, double depth) {
-  const double a = across.x();
-  const double b = across.y();
+  const double a = on_tag.x();
+  const double b = on_tag.y();
   Eigen::Matrix<double, 2, 8> basis;
   basis << a, b, 1.0, 0.0, 0.0, 0.0, pixel.x() * a, pixel.x() * b,  //
       0.0, 0.0, 0.0, a, b, 1.0, pixel.y() * a, pixel.y() * b;
@@ -147,11 +147,11 @@ class TagFit {
     const double span = run.end - run.begin - 2.0 * margin;
     const int count = std::clamp(static_cast<int>(span * cell_px), 1, 60);
     for (int k = 0; k < count; ++k) {
-      const Eigen::Vector2d place = at(run.begin + margin + (k + 0.5) / count * span);
+      const Eigen::Vector2d point = at(run.begin + margin + (k + 0.5) / count * span);
       const double step = 0.05 * cell_m_;
-      const auto pixel = project(place);
-      const auto next = project(place + step * along);
-      const auto beside = project(place + step * across);
+      const auto pixel = project(point);
+      const auto next = project(point + step * along);
+      const auto beside = project(point + step * across);
       if (!pixel || !next || !beside) return false;
       const Eigen::Vector2d tangent = *next - *pixel;
       EdgeSample sample;
@@ -162,7 +162,7 @@ class TagFit {
       if (width_px < kNarrowestCell) return false;
       sample.reach = std::min(0.5 * width_px, 3.5);
       sample.polarity = run.polarity;
-      sample.row.head<8>() = basis_at(place, *pixel).transpose() * sample.normal;
+      sample.row.head<8>() = basis_at(point, *pixel).transpose() * sample.normal;
       sample.row[8] = run.vertical ? run.polarity : 0.0;
       sample.row[9] = run.vertical ? 0.0 : run.polarity;
       samples_.push_back(sample);

@@ -1,4 +1,4 @@
-// Measures a tag's corners from all of its printed edges; needs an approximate camera and pose.
+// Measures a tag's corners from all of its printed edges, given a camera and an approximate pose.
 #pragma once
 
 #include <Eigen/Core>
@@ -19,7 +19,7 @@ struct MeasuredTag {
   // shift of camera response, blur and ink.
   std::array<Eigen::Vector2d, 4> corners_px;
   Matrix8d covariance = Matrix8d::Zero();  // of x0 y0 x1 y1 x2 y2 x3 y3 [px^2]
-  // Shift of edges from black towards white: across the tag's vertical and its horizontal edges.
+  // Shift from black towards white: x of the tag's vertical edges, y of its horizontal edges.
   Eigen::Vector2d edge_shift_px = Eigen::Vector2d::Zero();
 };
 

@@ -19,13 +19,13 @@
 namespace penumbra {
 namespace {
 
-constexpr double kNearestPoint = 1e-6;    // [m] in front of the camera
-constexpr double kGraphShiftPrior = 0.5;  // [px]
-constexpr double kDetectionNoise = 0.1;   // [px] per coordinate of a detected corner
-constexpr double kMeasuredFloor = 0.01;   // [px] sigma of lens model errors
+constexpr double kNearestPoint = 1e-6;    // minimum depth of a point in the camera frame [m]
+constexpr double kGraphShiftPrior = 0.5;  // sigma of the edge shift [px]
+constexpr double kDetectionNoise = 0.1;   // sigma of a coordinate of a detected corner [px]
+constexpr double kMeasuredFloor = 0.01;   // sigma of lens model errors [px]
 // Errors of a tag's corners that are the same in all frames (docs/calibration.md#survey).
-constexpr double kCommonError = 0.02;     // [px] minimum
-constexpr double kCommonShare = 0.3;      // fraction of the corners' RMS 2-D error
+constexpr double kCommonError = 0.02;     // minimum [px]
+constexpr double kCommonShare = 0.3;      // as a fraction of the corners' RMS 2-D error
 constexpr std::size_t kMinFrames = 2;     // minimum number of frames that show a tag
 constexpr std::size_t kMaxClusters = 20;  // of neighbouring frames
 constexpr int kTagSize = 6;
@@ -35,7 +35,7 @@ struct SightingCost {
   const TagSighting* sighting;
   DistortionModel model;
 
-  // T_camera_anchor, T_anchor_tag, edge shift, lens.
+  // Parameters: T_camera_anchor, T_anchor_tag, edge shift, lens.
   template <class T>
   bool operator()(const T* camera_pose, const T* tag_pose, const T* shift, const T* lens,
                   T* residual) const {
@@ -85,7 +85,7 @@ struct SizedSightingCost {
   double shift;
   LensParameters lens;
 
-  // T_anchor_tag, logarithm of the size's scale.
+  // Parameters: T_anchor_tag, logarithm of (true / nominal size).
   template <class T>
   bool operator()(const T* tag_pose, const T* log_scale, T* residual) const {
     std::array<T, 6> camera;
@@ -140,7 +140,7 @@ Matrix8d edge_directions(const TagSighting& sighting) {
   return directions;
 }
 
-// Derivatives of the gradients with respect to a tag's corners along its edges.
+// Derivatives of the gradients of unknowns and camera by a tag's corners along its edges.
 struct SeenTag {
   int id = 0;
   Eigen::MatrixXd unknowns;
@@ -284,9 +284,9 @@ std::optional<TagPlacement> TagGraph::place(int id, double scale, std::size_t fi
       here.T_anchor_tag = T_camera_anchor.inverse() * T_camera_tag;
       here.scale = scale;
       measure(here, seen, camera);
-      const double middle = here.median_px();
-      if (middle < min_error_px) {
-        min_error_px = middle;
+      const double median = here.median_px();
+      if (median < min_error_px) {
+        min_error_px = median;
         best = std::move(here);
       }
     }
@@ -373,7 +373,7 @@ bool TagGraph::adjust(bool robust) {
   ceres::Solver::Options options;
   options.linear_solver_type = ceres::DENSE_SCHUR;
   options.max_num_iterations = 60;
-  options.num_threads = 1;  // the same sums in the same order, every time
+  options.num_threads = 1;  // for reproducible sums
   options.logging_type = ceres::SILENT;
   StopCallback ends(stop);
   options.callbacks.push_back(&ends);
@@ -435,12 +435,12 @@ Result<GraphCovariance> TagGraph::covariance() {
   Eigen::MatrixXd S = Eigen::MatrixXd::Zero(n, n);
   S(n_lens, n_lens) = 1.0 / (kGraphShiftPrior * kGraphShiftPrior);
   std::vector<Eigen::VectorXd> scores;  // per frame: gradients with marginalised camera
-  // Per tag: d gradient / d errors of its corners along its edges that are the same in all frames.
+  // Per tag: d gradient / d common errors (equal in all frames) of its corners along its edges.
   std::map<int, Eigen::MatrixXd> common;
   double sum = 0.0;
   double squares_px = 0.0;
   double corners = 0.0;
-  double freedom = static_cast<double>(-n);
+  double dof = static_cast<double>(-n);
   for (std::size_t f = 0; f < frames.size(); ++f) {
     if (!cameras[f]) continue;
     Eigen::MatrixXd A = Eigen::MatrixXd::Zero(n, n);
@@ -482,19 +482,19 @@ Result<GraphCovariance> TagGraph::covariance() {
           {sighting.id, J.transpose() * along_edges, J_camera.transpose() * along_edges});
     }
     if (seen.empty()) continue;
-    freedom += 8.0 * static_cast<double>(seen.size()) - 6.0;
+    dof += 8.0 * static_cast<double>(seen.size()) - 6.0;
     const Eigen::LDLT<Eigen::Matrix<double, 6, 6>> camera(C);
     const Eigen::MatrixXd BC = camera.solve(B.transpose()).transpose();
     S += A - BC * B.transpose();
     scores.emplace_back(g - BC * h);
     for (const SeenTag& tag : seen) {
-      const Eigen::MatrixXd follows = tag.unknowns - BC * tag.camera;
-      const auto [at, added] = common.emplace(tag.id, follows);
-      if (!added) at->second += follows;
+      const Eigen::MatrixXd response = tag.unknowns - BC * tag.camera;
+      const auto [at, added] = common.emplace(tag.id, response);
+      if (!added) at->second += response;
     }
   }
-  if (freedom < 4.0) return fail("too few tags and frames to place them; sweep over all of them");
-  const double noise = std::sqrt(sum / freedom);
+  if (dof < 4.0) return fail("too few tags and frames to place them; sweep over all of them");
+  const double noise = std::sqrt(sum / dof);
   // Scales the diagonal to 1, because the unknowns differ by orders of magnitude.
   const Eigen::VectorXd scale = S.diagonal().cwiseMax(1e-300).cwiseSqrt().cwiseInverse();
   const Eigen::MatrixXd scaled = scale.asDiagonal() * S * scale.asDiagonal();
@@ -509,18 +509,18 @@ Result<GraphCovariance> TagGraph::covariance() {
   // Errors of neighbouring frames are correlated (light, blur, lens model). Covariance inflation:
   // scatter of the scores summed over clusters of frames, relative to that of independent errors.
   const std::size_t clusters = std::min(kMaxClusters, scores.size());
-  std::vector<Eigen::VectorXd> stretches(clusters, Eigen::VectorXd::Zero(n));
+  std::vector<Eigen::VectorXd> cluster_scores(clusters, Eigen::VectorXd::Zero(n));
   for (std::size_t k = 0; k < scores.size(); ++k)
-    stretches[k * clusters / scores.size()] += scores[k];
+    cluster_scores[k * clusters / scores.size()] += scores[k];
   double scatter = 0.0;
-  for (const Eigen::VectorXd& stretch : stretches) scatter += stretch.dot(inverse * stretch);
+  for (const Eigen::VectorXd& cluster : cluster_scores) scatter += cluster.dot(inverse * cluster);
   scatter *= static_cast<double>(clusters) / std::max(static_cast<double>(clusters) - 1.0, 1.0);
   const double ratio = scatter / (static_cast<double>(n) * noise * noise);
   result.covariance_inflation = std::isfinite(ratio) ? std::clamp(ratio, 1.0, 1000.0) : 1.0;
   Eigen::MatrixXd covariance = inverse * noise * noise * result.covariance_inflation;
   const double common_px = std::max(kCommonError, kCommonShare * std::sqrt(squares_px / corners));
-  for (const auto& [id, follows] : common) {
-    const Eigen::MatrixXd moved = inverse * follows * common_px;
+  for (const auto& [id, response] : common) {
+    const Eigen::MatrixXd moved = inverse * response * common_px;
     covariance += moved * moved.transpose();
   }
   result.lens = covariance.topLeftCorner(n_lens, n_lens);

@@ -44,8 +44,7 @@ struct GraphCovariance {
   Eigen::MatrixXd lens;  // empty for a fixed lens
   std::vector<int> ids;  // tag ids; each has six rows in `tags`
   Eigen::MatrixXd tags;
-  double covariance_inflation =
-      1.0;  // covariance inflation for correlated errors of neighbouring frames
+  double covariance_inflation = 1.0;  // factor for correlated errors of neighbouring frames
 };
 
 // Pose and size of a tag, estimated from all posed frames that show it.
@@ -55,11 +54,11 @@ struct TagPlacement {
   // For each frame that shows the tag: frame index and RMS error of the corners.
   std::vector<std::pair<std::size_t, double>> errors_px;
 
-  // Limits each error to kMaxSightingError_px.
+  // Returns the mean, with each error limited to kMaxSightingError_px.
   [[nodiscard]] double mean_px() const;
   [[nodiscard]] double median_px() const;
 };
-inline constexpr double kMaxSightingError_px = 20.0;  // [px]
+inline constexpr double kMaxSightingError_px = 20.0;
 
 class TagGraph {
  public:
@@ -82,18 +81,18 @@ class TagGraph {
   using PosedSighting = std::pair<std::size_t, const TagSighting*>;
   [[nodiscard]] std::vector<PosedSighting> sightings_of(int id, std::size_t first = 0,
                                                         std::size_t last = kAllFrames) const;
-  // Estimates a pose from each posed frame in [first, last); returns the one with the least mean
-  // error over these frames, or nullopt for fewer than two. `scale`: size / nominal size.
+  // Estimates a pose from each of up to 19 posed frames in [first, last). Returns the pose with the
+  // least median error in this range; nullopt below two frames. `scale`: true / nominal size.
   [[nodiscard]] std::optional<TagPlacement> place(int id, double scale = 1.0, std::size_t first = 0,
                                                   std::size_t last = kAllFrames) const;
-  // Least squares over the posed frames in [first, last), with fixed cameras.
+  // Fits the pose, and the size if it is free, to the posed frames in [first, last).
   [[nodiscard]] std::optional<TagPlacement> fit(int id, bool free_size, std::size_t first = 0,
                                                 std::size_t last = kAllFrames) const;
   // Recomputes the errors of `fit` over all posed frames.
   void measure(TagPlacement& fit, int id) const;
   // Bundle adjustment; returns false if it fails.
   bool adjust(bool robust);
-  // Removes outlier sightings; returns true if there were any. `rms_px`: 2-D error of the rest.
+  // Removes outlier sightings; returns true if there were any. `rms_px`: 2-D error of kept corners.
   bool drop_outliers(double& rms_px);
   [[nodiscard]] Result<GraphCovariance> covariance();
 

@@ -21,12 +21,12 @@
 namespace penumbra {
 namespace {
 
-// Camera response and blur shift a readable tag's edges by less than kMaxEdgeShift_px. A larger
-// shift means a model error (board warp, lens) that scale and shift have absorbed.
-constexpr double kMaxEdgeShift_px = 0.5;  // [px]
-constexpr double kFlat = radians(6.0);    // maximum angle between tags of one table
-constexpr double kHigh = 0.03;            // maximum height over the plane / tag size
-constexpr double kMaxLensSigma = 0.02;    // maximum relative sigma of the focal length
+// Camera response and blur shift a readable tag's edges by less than this. A larger solved shift is
+// wrong: together with the scale it compensates another error (board warp, lens).
+constexpr double kMaxEdgeShift_px = 0.5;
+constexpr double kFlat = radians(6.0);  // maximum angle between tags of one table
+constexpr double kHigh = 0.03;          // maximum height over the plane / tag size
+constexpr double kMaxLensSigma = 0.02;  // maximum relative sigma of the focal length
 
 double size_of(const SurveyOptions& options, int id) {
   const auto named = options.sizes_m.find(id);
@@ -61,7 +61,7 @@ std::vector<int> tags_on_table(const std::map<int, TagPose>& tags, const SurveyO
   if (options.plane == SurveyPlane::anchor) return {anchor};
   Eigen::Vector3d normal = Eigen::Vector3d::UnitZ();
   Eigen::Vector3d on_plane = Eigen::Vector3d::Zero();
-  double slack = std::tan(kFlat);  // tolerance of the normal
+  double slack = std::tan(kFlat);  // tolerance for the error of the normal
   std::vector<int> members;
   for (int round = 0; round < 4; ++round) {
     members.clear();
@@ -136,7 +136,7 @@ void transform_to_plane(TagSurvey& survey, const std::map<int, TagPose>& tags,
     tag.tag.T_table_tag = T_table_anchor * tags.at(tag.tag.id);
     const Eigen::Vector3d p = tag.tag.T_table_tag.translation();
     if (std::ranges::binary_search(on_plane, tag.tag.id)) heights += p.z() * p.z();
-    // Motion of the plane and origin, and the tag's own motion.
+    // d tag / d positions: motions of the table frame, then the tag's motion in the anchor's frame.
     Eigen::MatrixXd J = Eigen::MatrixXd::Zero(6, found.tags.cols());
     for (Eigen::Index k = 0; k < n; ++k) {
       const auto row = row_of(ids[static_cast<std::size_t>(k)]);
@@ -145,9 +145,9 @@ void transform_to_plane(TagSurvey& survey, const std::map<int, TagPose>& tags,
       J.block(0, *row, 3, 3) = -skew(p) * turned - follow.block(3, 3 * k, 3, 3);
       J.block(3, *row, 3, 3) = turned;
     }
-    if (const auto own = row_of(tag.tag.id)) {
-      J.block(0, *own, 3, 3) += plane.turn;
-      J.block(3, *own + 3, 3, 3) += plane.turn;
+    if (const auto tag_row = row_of(tag.tag.id)) {
+      J.block(0, *tag_row, 3, 3) += plane.turn;
+      J.block(3, *tag_row + 3, 3, 3) += plane.turn;
     }
     tag.covariance = J * found.tags * J.transpose();
   }
@@ -162,8 +162,8 @@ void transform_to_plane(TagSurvey& survey, const std::map<int, TagPose>& tags,
 // The used frames with their unique, completely visible tags.
 struct SurveyInput {
   std::vector<std::vector<TagSighting>> frames;
-  std::vector<std::size_t> of;  // indices into the given frames
-  std::map<int, int> seen;      // number of frames by tag id
+  std::vector<std::size_t> of;  // for each used frame: its index among the given frames
+  std::map<int, int> seen;      // number of used frames by tag id
   std::set<int> without_size;
 };
 
@@ -302,7 +302,7 @@ Result<AdjustedGraph> settle(const CameraModel& camera, const SurveyInput& input
   return result;
 }
 
-// A tag that moved once.
+// A single movement of a tag during the sweep.
 struct Movement {
   std::size_t frame = 0;    // first frame after the movement
   double distance_m = 0.0;  // maximum over the corners
@@ -399,7 +399,7 @@ std::optional<Contradiction> contradiction_of(const TagGraph& judge, const Surve
   return result;
 }
 
-// The consistent tags, and reasons for the others.
+// The consistent tags, and for each inconsistent tag the reason.
 struct Agreement {
   AdjustedGraph settled;
   std::map<int, Contradiction> others;
@@ -408,7 +408,7 @@ struct Agreement {
 // Rejects inconsistent tags one by one, worst first.
 Result<Agreement> agree(const CameraModel& camera, const SurveyInput& input, int anchor,
                         const SurveyOptions& options) {
-  constexpr double kMaxLost = 0.5;     // fraction of the sightings
+  constexpr double kMaxLost = 0.5;     // maximum fraction of outlier sightings of a tag
   constexpr double kSuspicious = 0.1;  // smaller fractions may be caused by blur or occlusion
   std::set<int> without;
   for (;;) {
@@ -479,9 +479,9 @@ const SurveyedTag* find_tag(const TagSurvey& survey, int id) {
 // Adds the rejected tags with the reasons.
 void explain_left_out(TagSurvey& survey, const Agreement& agreement, const SurveyInput& input,
                       int anchor) {
-  const TagPose& T_table_anchor = find_tag(survey, anchor)->tag.T_table_tag;
-  const Transform<frame::Table, frame::Table> settled_on(T_table_anchor.rotation(),
-                                                         T_table_anchor.translation());
+  const TagPose& anchor_pose = find_tag(survey, anchor)->tag.T_table_tag;
+  const Transform<frame::Table, frame::Table> table_from_anchor(anchor_pose.rotation(),
+                                                                anchor_pose.translation());
   std::set<int> ids = input.without_size;
   for (const auto& [id, count] : input.seen) {
     if (find_tag(survey, id) == nullptr) ids.insert(id);
@@ -492,7 +492,7 @@ void explain_left_out(TagSurvey& survey, const Agreement& agreement, const Surve
       survey.left_out.push_back(reported->second.words);
       if (!reported->second.apparent) continue;
       MappedTag& misfit = survey.misfits.emplace_back(*reported->second.apparent);
-      misfit.T_table_tag = settled_on * misfit.T_table_tag;
+      misfit.T_table_tag = table_from_anchor * misfit.T_table_tag;
     } else if (input.without_size.count(id) > 0) {
       survey.left_out.push_back(fmt::format("tag {}: has no size", id));
     } else {

@@ -35,7 +35,7 @@ struct SurveyOptions {
   // is the frame's x axis.
   int anchor = 0;
   SurveyPlane plane = SurveyPlane::fitted;
-  int max_frames = 150;  // if there are more, uses every n-th
+  int max_frames = 150;  // of more frames, uses every n-th
   // Solves for one outward edge shift (camera response, blur) of all tags without MeasuredTag.
   bool edge_shift = true;
   bool refine_camera = false;  // solves for the lens as well
@@ -47,7 +47,7 @@ struct SurveyedTag {
   // Covariance of [position; rotation] in the table frame: position [m], rotation about the frame's
   // axes [rad]. Excludes the error of the sizes, which scales all positions.
   Matrix6d covariance = Matrix6d::Zero();
-  int frames = 0;  // number of frames without outliers
+  int frames = 0;  // number of frames that show the tag, without outliers
 };
 
 struct TagSurvey {
@@ -59,18 +59,14 @@ struct TagSurvey {
   int frames_used = 0;
   // T_table_camera of each given frame; nullopt if unused.
   std::vector<std::optional<CameraPose>> cameras;
-  double rms_px = 0.0;         // 2-D distance
-  double edge_shift_px = 0.0;  // SurveyOptions::edge_shift
-  double covariance_inflation =
-      1.0;  // covariance inflation for correlated errors of neighbouring frames
-  // Number of tags in the plane, RMS height of their centres, and the plane's tilt relative to the
-  // anchor.
-  int tags_on_plane = 0;
-  double flatness_m = 0.0;
-  double plane_tilt_rad = 0.0;
-  // The given or refined lens, with its covariance (as in CalibrationSolution).
-  CameraModel camera;
-  Eigen::MatrixXd lens_covariance;
+  double rms_px = 0.0;                // 2-D reprojection error of the corners
+  double edge_shift_px = 0.0;         // solved shift (SurveyOptions::edge_shift)
+  double covariance_inflation = 1.0;  // factor for correlated errors of neighbouring frames
+  int tags_on_plane = 0;              // tags in the plane z = 0
+  double flatness_m = 0.0;            // RMS height of the centres of these tags
+  double plane_tilt_rad = 0.0;        // angle between the plane and the anchor
+  CameraModel camera;                 // given or refined lens
+  Eigen::MatrixXd lens_covariance;    // as in CalibrationSolution
 };
 
 // Tags of one frame: detections and, if available, edge measurements.
