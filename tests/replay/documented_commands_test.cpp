@@ -1,8 +1,8 @@
 // Runs the command lines in the documents as written, on the bundled data.
 //
-// A line that needs other data or devices ends in a comment that begins with "needs", such as "#
-// needs a camera". A fenced block whose first line names a file ("```json my-scene.json") gives the
-// file's contents.
+// A line that needs other data or devices ends in a comment that begins with "needs", such as
+// "# needs a camera". A fenced block whose first line names a file ("```json my-scene.json") has
+// the contents of the file.
 
 #include <algorithm>
 #include <array>

@@ -372,7 +372,7 @@ TEST(LiveCommand, KeepsReadableFilesOnCtrlC) {
 TEST(LiveCommand, ContinuesThenFailsWhenRecordingCannotBeWritten) {
   const test::TemporaryFolder temporary;
   const std::string session = (temporary.path() / "session").string();
-  constexpr int kLessThanAFrame = 8;
+  constexpr int kLessThanAFrame = 8;  // [KiB]
   const auto done =
       with_files_up_to(kLessThanAFrame, live({"--duration", "1", "--record", session}));
   EXPECT_EQ(done.exit_code, 1);
@@ -387,7 +387,7 @@ TEST(LiveCommand, ContinuesThenFailsWhenRecordingCannotBeWritten) {
 TEST(LiveCommand, KeepsOtherOutputsWhenVideoCannotBeWritten) {
   const test::TemporaryFolder temporary;
   const auto path = [&](const char* name) { return (temporary.path() / name).string(); };
-  constexpr int kAMomentOfVideo = 3072;
+  constexpr int kAMomentOfVideo = 3072;  // [KiB]
   const auto check = [&](const test::ProgramResult& done, const std::string& poses) {
     EXPECT_EQ(done.exit_code, 1);
     const std::string last = test::lines_of(done.err).back();
@@ -424,7 +424,7 @@ TEST(LiveCommand, KeepsOtherOutputsWhenVideoCannotBeWritten) {
   }
 }
 
-// If the poses can't be written any more, the file keeps the earlier ones in whole lines.
+// If no further pose can be written, the file keeps the earlier poses in complete lines.
 TEST(LiveCommand, EndsPoseFileWithCompleteLineWhenDiskIsFull) {
   const test::TemporaryFolder temporary;
   const std::string poses = (temporary.path() / "live.tum").string();
@@ -593,8 +593,8 @@ TEST(LiveCommand, RejectsWrongUsageWithExitCode2) {
   EXPECT_EQ(penumbra(live({"--duration", "-1"})).exit_code, 2);
 }
 
-// The script skips camera tests only if the virtual machine can't start. Without shared data it
-// must not build a software camera.
+// scripts/test-live skips camera tests only if the virtual machine can't start. Without shared data
+// it must not build a software camera.
 TEST(TestLiveScript, SkipsWithoutVirtualMachineAndFailsWithoutSetup) {
   const test::TemporaryFolder temporary;
   const auto machine = [&](const char* name, const std::string& script) {

@@ -328,7 +328,7 @@ TEST(TagMapInUse, ComesFromRecordingOrCalibrationNeverFromDefault) {
       penumbra({"study", "--experiment", "heights", "--output", folder.path() / "a.csv", "--camera",
                 played, "--calibration", camera}),
       expected);
-  // The recording's own map has priority over the map beside the calibration.
+  // The map in the recording has priority over the map beside the calibration.
   test::write_text(folder.path() / "tags.yaml", test::small_tags_yaml());
   for (const fs::path& used : {folder.path() / "tags.yaml", recording / "tags.yaml"}) {
     test::write_text(used, test::small_tags_yaml());
@@ -351,8 +351,8 @@ Frame first_frame_of(const char* recording) {
   return {};
 }
 
-// Writes the first frames of the bundled recording as a camera with `bits` bits stores them, and as
-// 8-bit images.
+// Writes the first frame of `tabletop` twice: as 8-bit images if `bits` is 8, else as the 16-bit
+// images of a camera with `bits` bits. `with_chunk`: stores `bits` in the PNG's sBIT chunk.
 void write_deep_recording(const fs::path& folder, int bits, bool with_chunk) {
   const fs::path source = bundled("tabletop");
   fs::create_directories(folder / "frames");
@@ -394,8 +394,8 @@ TEST(DarkSixteenBitImages, TrackLikeEightBitOriginals) {
     poses[name] = result.out;
     EXPECT_EQ(test::lines_of(result.out).size(), 3U) << name;
     EXPECT_EQ(result.out, poses["8"]) << name;
-    const bool said = result.err.find("16-bit images hold") != std::string::npos;
-    EXPECT_EQ(said, bits > 8 && bits < 16) << result.err;
+    const bool is_reported = result.err.find("16-bit images hold") != std::string::npos;
+    EXPECT_EQ(is_reported, bits > 8 && bits < 16) << result.err;
   }
 }
 

@@ -189,7 +189,7 @@ TEST_F(PixelBufferOption, KeepsEveryFrameOnCtrlC) {
 }
 
 TEST_F(PixelBufferOption, ClosesOnlyVideoWhenDiskIsFull) {
-  constexpr int kAMomentOfVideo = 3072;
+  constexpr int kAMomentOfVideo = 3072;  // [KiB]
   const auto done = with_files_up_to(
       kAMomentOfVideo,
       {"replay", bundled("tabletop"), "--no-window", "--frames", "0:50", "--pixel-buffers", "on",
@@ -210,7 +210,7 @@ TEST_F(PixelBufferOption, ClosesOnlyVideoWhenDiskIsFull) {
 
 TEST_F(PixelBufferOption, WritesEveryDrawnFrameInLive) {
   for (const char* threads : {"1", "2"}) {
-    // Frames before a pause of the camera are included: 5 frames/s are slower than drawing.
+    // At 5 frames/s drawing waits for the camera. The last frame before a wait must be written too.
     for (const char* fps : {"30", "5"}) {
       SCOPED_TRACE(fmt::format("{} threads, {} frames/s", threads, fps));
       const auto done =

@@ -103,8 +103,8 @@ class PublicModels : public testing::TestWithParam<const char*> {
     if (is_required()) FAIL() << "CI is set, but assimp-testmodels is missing (scripts/setup)";
     GTEST_SKIP() << "the package assimp-testmodels is missing (scripts/setup installs it)";
   }
-  // Area of the model's projection onto the plane [cm2]; nullopt if the file is rejected. `name`:
-  // as in the table, or a path.
+  // Returns the area of the model's projection onto the plane [cm2]; nullopt if the file is
+  // rejected. `name`: as in the table, or a path.
   std::optional<double> shadow_area(const std::string& name, const std::string& plane,
                                     const ExpectedModel& expected) {
     const fs::path output = folder_.path() / "shadow.json";
@@ -131,7 +131,8 @@ class PublicModels : public testing::TestWithParam<const char*> {
     EXPECT_EQ(kernels.size() % 3, 0U);
     for (const auto& number : kernels) ASSERT_TRUE(std::isfinite(number.get<double>()));
   }
-  // Path of the .glb that `kernels` writes; nullopt if the kernels of this model need a .json file.
+  // Returns the path of the .glb that `kernels` writes; nullopt if the kernels of this model need a
+  // .json file.
   std::optional<std::string> with_kernels(const std::string& name) {
     const std::string output = folder_.path() / "kernels.glb";
     const ProgramResult result = penumbra({"kernels", kModels / name, "--output", output});

@@ -35,7 +35,7 @@ inline std::string bundled(const char* name) {
   return (recordings_dir() / name).string();
 }
 
-// Programs that tests/support/with-display needs.
+// Returns true if Xvfb is installed, which tests/support/with-display needs.
 inline bool has_xvfb() {
   return std::system("command -v Xvfb >/dev/null 2>&1") == 0;
 }
@@ -45,8 +45,8 @@ inline std::string bytes_of(const std::filesystem::path& file) {
   return {std::istreambuf_iterator<char>(stream), std::istreambuf_iterator<char>()};
 }
 
-// Size and FNV-1a hash of a file, because a failed comparison prints them instead of all bytes.
-// Empty if the file is missing.
+// Returns size and FNV-1a hash of a file; empty if the file is missing. A failed comparison prints
+// them instead of all bytes.
 inline std::string fingerprint_of(const std::filesystem::path& file) {
   const std::string bytes = bytes_of(file);
   if (bytes.empty()) return {};

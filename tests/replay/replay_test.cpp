@@ -36,7 +36,7 @@ Replay replay(const fs::path& folder, std::vector<std::string> arguments) {
   return replay;
 }
 
-// Number of poses in a TUM file.
+// Returns the number of poses in a TUM file.
 int pose_count(const fs::path& file) {
   int count = 0;
   for (const std::string& line : lines_of(bytes_of(file))) count += line.starts_with("#") ? 0 : 1;
@@ -316,7 +316,7 @@ TEST(ReplayCommand, StopsSamplingWithinPoseBudget) {
     const Replay done = replay(folder.path(), options);
     EXPECT_EQ(done.result.exit_code, 0) << done.result.err;
     EXPECT_EQ(done.report["frames_tracked"], 20);
-    // The report counts the pixels that were skipped.
+    // The report counts the frames in which pixels were skipped.
     const bool stops = std::ranges::find(options, "--pose-budget") != options.end();
     const auto& skipped = done.report["tracking"]["skipped"];
     EXPECT_EQ(skipped.contains("pixels_within_budget"), stops && options.back() != "0.000001")
@@ -340,7 +340,7 @@ TEST(ReplayCommand, StopsSamplingWithinPoseBudget) {
   EXPECT_LT(loose.second, 0.3);
   EXPECT_GT(tight.first, loose.first);
   EXPECT_LT(tight.second, 1.1 * loose.second);
-  // An unreachable budget uses all pixels; in the mode `fast`, at most that mode's number.
+  // With an unreachable budget all pixels are used; in the mode `fast`, at most its usual number.
   EXPECT_NEAR(static_cast<double>(endless.first), static_cast<double>(all.first),
               0.02 * static_cast<double>(all.first));
   EXPECT_LE(run({"--tracking", "fast", "--pose-budget", "0.000001"}).first, fast.first * 101 / 100);
@@ -475,11 +475,11 @@ TEST(ReplayCommand, AppliesAndReportsForcedTranslucency) {
   EXPECT_NE(frames["geometry-mesh"], frames["mesh"]);
 }
 
-// Frames of a recording, replayed into a folder of images and a pose file named after `name`.
 struct NamedReplay {
   std::map<std::string, std::string> pictures;
   nlohmann::json report;
 };
+// Replays frames of `tabletop` into the folder NAME of images and the pose file NAME.tum.
 NamedReplay replay_named(const TemporaryFolder& folder, const std::string& name,
                          const std::string& frames, const std::vector<std::string>& more) {
   std::vector<std::string> arguments = {
@@ -506,7 +506,7 @@ TEST(ReplayCommand, RectifiesFramesWithoutChangingPoses) {
 }
 
 // Objects are lit by the light in the video, equally for any number of threads. The poses do not
-// depend on it.
+// depend on the light.
 TEST(ReplayCommand, LightsObjectsWithLightOfVideo) {
   const TemporaryFolder folder;
   const auto run = [&](const std::string& name, const std::vector<std::string>& more) {
@@ -515,11 +515,12 @@ TEST(ReplayCommand, LightsObjectsWithLightOfVideo) {
   const NamedReplay lit = run("lit", {});
   EXPECT_EQ(lit.report["time_ms"]["light"]["count"], 6);
   EXPECT_EQ(run("again", {"--threads", "1"}).pictures, lit.pictures);
-  const NamedReplay own = run("own", {"--no-video-light"});
-  EXPECT_EQ(own.report["time_ms"]["light"]["count"], 0);
-  ASSERT_EQ(own.pictures.size(), lit.pictures.size());
-  for (const auto& [file, bytes] : lit.pictures) EXPECT_NE(own.pictures.at(file), bytes) << file;
-  EXPECT_EQ(bytes_of(folder.path() / "own.tum"), bytes_of(folder.path() / "lit.tum"));
+  const NamedReplay scene_light = run("scene-light", {"--no-video-light"});
+  EXPECT_EQ(scene_light.report["time_ms"]["light"]["count"], 0);
+  ASSERT_EQ(scene_light.pictures.size(), lit.pictures.size());
+  for (const auto& [file, bytes] : lit.pictures)
+    EXPECT_NE(scene_light.pictures.at(file), bytes) << file;
+  EXPECT_EQ(bytes_of(folder.path() / "scene-light.tum"), bytes_of(folder.path() / "lit.tum"));
 }
 
 // Draws one frame of a scene with a level helicopter, with the given options.
@@ -575,7 +576,7 @@ TEST_F(ReplayShadowOptions, ReadsKernelsFromFile) {
   EXPECT_NE(picture({"--kernels", "per-axis"}), named["cocl"]);
 }
 
-// A technique needs a light that the scene lacks: the program warns once, for any number of frames.
+// If a technique needs a light that the scene lacks, the program warns once for all frames.
 TEST_F(ReplayShadowOptions, WarnsOnceOfMissingLight) {
   std::ofstream(scene()) << R"({"objects":[{"name":"helicopter","position":[0,0,0.08],"model":")"
                          << model() << R"("}],"shadows":[{"name":"s","technique":"layered"}]})";
@@ -766,7 +767,7 @@ TEST(ReplayCommand, ComputesKernelsOnceForStillOrSlidingObjects) {
   const TemporaryFolder folder;
   struct Case {
     std::string name;
-    std::string place;  // JSON keys of the object
+    std::string placement;  // JSON keys of the object
     int recomputed, reprojected, moved;
   };
   const auto from_to = [](const std::string& from, const std::string& to) {
@@ -781,7 +782,7 @@ TEST(ReplayCommand, ComputesKernelsOnceForStillOrSlidingObjects) {
     std::ofstream(folder.path() / "scene.json")
         << R"({"name": "box", "objects": [{"name": "box", "shape": {"kind": "box", )"
            R"("size": [0.06, 0.06, 0.06]}, )"
-        << c.place
+        << c.placement
         << R"(}], "shadows": [{"name": "layers", "technique": "layered", "casters": ["box"], )"
            R"("planes": ["table"]}]})";
     const Replay done = replay(folder.path(), {bundled("tabletop"), "--frames", "0:20", "--scene",

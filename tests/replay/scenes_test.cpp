@@ -39,7 +39,7 @@ TEST_P(Scenes, ReplayOverTabletop) {
                 "100:106", "--output", (folder.path() / "out").string(), "--report",
                 (folder.path() / "report.json").string()});
   EXPECT_EQ(result.exit_code, 0) << result.err;
-  // The scene's upright board needs a tag group that this recording lacks.
+  // The scene `corner` has an upright board, whose tag group this recording lacks.
   if (GetParam() != "corner") {
     EXPECT_EQ(result.err, "");
   }
@@ -86,14 +86,14 @@ TEST_P(ReplayedSession, WritesSameFramesWithNoSkip) {
   const TemporaryFolder folder;
   // In `tabletop` the casters are low at frame 40, and high and over the pad at the end.
   const bool tabletop = session.recording == "tabletop";
-  const auto takes = [&](int frame) {
+  const auto is_used = [&](int frame) {
     if (nightly() || frame == 0) return true;  // the first frame starts the scene's clock
     if (!tabletop) return frame == 30 || frame == 31;
     const bool low = frame == 40 || frame == 41;
     return frame == 116 || frame == 117 || (low && !session.technique.empty());
   };
   const std::filesystem::path recording = folder.path() / "recording";
-  write_part_of_recording(recording, bundled(session.recording.c_str()), takes);
+  write_part_of_recording(recording, bundled(session.recording.c_str()), is_used);
   const std::string frames =
       nightly() ? (tabletop ? "0:120" : "0:40") : (tabletop ? "1:118" : "1:32");
   std::map<std::string, nlohmann::json> reports;

@@ -46,8 +46,8 @@ class LiveSession {
   }
   // Waits until `count` frames are drawn and recorded. Returns false if the program ends earlier.
   [[nodiscard]] bool wait_for_frames(const RunningProgram& running, std::size_t count) const {
-    constexpr int kMost = 6000;
-    for (int i = 0; i < kMost && running.runs(); ++i) {
+    constexpr int kMaxWaits = 6000;
+    for (int i = 0; i < kMaxWaits && running.runs(); ++i) {
       if (lines_of(bytes_of(path("session/poses.tum"))).size() > count) return true;
       std::this_thread::sleep_for(milliseconds(10));
     }
@@ -160,7 +160,7 @@ class SessionDependencies {
     if (filler_ >= 0) close(filler_);
   }
 
-  // Connects the program to them. Must be called in the process that becomes the program.
+  // Connects the program to the dependency. Must be called in the process that becomes the program.
   void set_up() const {
     if (loss_ == Loss::terminal) {
       setsid();
@@ -211,15 +211,15 @@ TEST_P(SessionLoss, LeavesCompleteOutputsAtAnyMoment) {
     const std::size_t frames = 3 + random() % latest_frame;
     const milliseconds delay(random() % 50);
     const LiveSession session;
-    SessionDependencies surroundings(loss);
+    SessionDependencies dependencies(loss);
     RunningProgram running(
         session.words(loss == Loss::display ? std::vector<std::string>{"--duration", "60"}
                                             : std::vector<std::string>{"--no-window"}),
-        [&] { surroundings.set_up(); });
-    surroundings.started();
+        [&] { dependencies.set_up(); });
+    dependencies.started();
     ASSERT_TRUE(session.wait_for_frames(running, frames));
     std::this_thread::sleep_for(delay);
-    surroundings.lose(i % 2 == 0 ? SIGKILL : SIGTERM);
+    dependencies.lose(i % 2 == 0 ? SIGKILL : SIGTERM);
     if (!ends_session) {
       std::this_thread::sleep_for(milliseconds(random() % 300));
       running.signal(SIGTERM);

@@ -684,14 +684,14 @@ TEST_F(ShadowCommand, KeepsStoredGroupsAndKindForOtherTilts) {
   EXPECT_EQ(tilted({file("kept.glb")})["layers"], loose["layers"]);
 
   for (const char* kind : {"smooth", "per-axis", "cocl"}) {
-    const auto asked = tilted({tiles, "--group", "all", "--kernels", kind});
+    const auto computed = tilted({tiles, "--group", "all", "--kernels", kind});
     ASSERT_EQ(penumbra({"kernels", tiles, "--group", "all", "--kernels", kind, "--output",
                         file("kept.glb")})
                   .exit_code,
               0);
     kept = tilted({file("kept.glb")});
     EXPECT_EQ(kept["kernels"]["source"], kind);
-    EXPECT_EQ(kept["layers"], asked["layers"]) << kind;
+    EXPECT_EQ(kept["layers"], computed["layers"]) << kind;
   }
 }
 
@@ -710,8 +710,8 @@ TEST_F(KernelsCommand, WritesGroupsToKernelFile) {
   }
 }
 
-// Kernels in millimetres, or from a faulty writer. No object on a table has kernels that are a
-// thousand kilometres away.
+// No object on a table has kernels that are a thousand kilometres away. Such kernels come from a
+// file in millimetres or from a faulty writer.
 TEST_F(ShadowCommand, RejectsImplausiblyFarKernels) {
   const std::string square = file("square.obj");
   ASSERT_EQ(penumbra({"kernels", square, "--output", file("k.json")}).exit_code, 0);
@@ -756,7 +756,7 @@ TEST_F(KernelsCommand, KeepsPartNamesInRewrittenModel) {
   EXPECT_EQ(same({}), "stored");
   EXPECT_EQ(last_warnings_, "");
   EXPECT_EQ(same({"--group", "all"}), "auto");
-  EXPECT_EQ(same({"--group", "wall *"}), "stored");  // they form a single part without the option
+  EXPECT_EQ(same({"--group", "wall *"}), "stored");  // the walls form one part without the option
   EXPECT_EQ(same({"--group", "wall 1", "--group", "tower"}), "stored");
   EXPECT_EQ(same({"--group", "t*", "--group", "wall 2"}), "stored");
   expect_failure(penumbra({"shadow", file("house.glb"), "--group", "roof"}),

@@ -41,7 +41,7 @@ class SimulateCommand : public testing::Test {
   [[nodiscard]] std::string file(const char* name) const {
     return (folder_.path() / name).string();
   }
-  // Camera path half a metre above the table that moves by `step_m` to the right per frame.
+  // Writes a camera path 0.4 m above the table that moves by `step_m` to the right per frame.
   void write_path(int frames, double step_m) {
     Trajectory path;
     for (int i = 0; i < frames; ++i) {

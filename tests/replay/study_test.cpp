@@ -98,7 +98,7 @@ std::vector<Expected> write_heights_script(const StudyPlan& plan, const fs::path
     const StudySample& sample = plan.samples[static_cast<std::size_t>(trial.sample)];
     Expected answer;
     answer.chosen = (highest_of(sample) + (trial.number % 3 == 0 ? 1 : 0)) % 3;
-    // Times are not at frames, so that rounding to frame times would show.
+    // The times lie between frames, so that rounding to frame times would be detected.
     answer.time_ns = 123'456'789 + 41'000'001 * trial.number;
     script << trial.number << " 0.05 click pixel 3 470\n"
            << trial.number << " 0." << answer.time_ns << " click sphere " << answer.chosen + 1
@@ -210,7 +210,7 @@ TEST(DisplayLoss, EndsStudyWithCompleteAnswers) {
   }
 }
 
-// Slides along the table, then lifts. Each target is missed once, then met within a few
+// Slides along the table, then lifts. Each target is missed once, then reached within a few
 // millimetres.
 TEST(StudyCommand, WritesScriptedDrags) {
   ASSERT_TRUE(has_xvfb()) << "no Xvfb: scripts/setup installs it";
@@ -315,7 +315,7 @@ class StillView {
 };
 
 // The X server sends the clicks, and times are real. After two trials the window is closed; a
-// second session resumes with the other two.
+// second session resumes with the third and fourth trial.
 TEST(StudyCommand, AcceptsMouseClicksAsAnswers) {
   ASSERT_TRUE(has_xvfb()) << "no Xvfb: scripts/setup installs it";
   ASSERT_EQ(std::system("command -v xdotool >/dev/null"), 0) << "scripts/setup installs it";
@@ -367,14 +367,15 @@ struct Drags {
 // Chooses a sample whose mouse positions are far apart, so that a press hits the ball only at the
 // expected position. The mouse script may then repeat its drags.
 Drags separate_drags(const StillView& view) {
-  constexpr double kApart = 32.0;  // [px]; more than the ball's radius and the rounding of its edge
+  // More than the ball's radius and the rounding of its edge [px].
+  constexpr double kMinDistance = 32.0;
   for (std::uint64_t seed = 1; seed < 1000; ++seed) {
     StudyDesign design = design_of(StudyExperiment::drag, 1, {"layered"});
     design.seed = seed;
     Drags drags{plan_study(design), ""};
     const auto& places = drags.plan.samples.front().places;
-    std::vector<Eigen::Vector2d> rests,
-        above;  // the ball on each place, and over the next at its old height
+    std::vector<Eigen::Vector2d> rests;  // pixels of the ball at each position
+    std::vector<Eigen::Vector2d> above;  // pixels of it over the next position, at its old height
     for (std::size_t i = 0; i < places.size(); ++i) {
       rests.push_back(view.pixel(places[i]));
       if (i == 0) continue;
@@ -386,10 +387,10 @@ Drags separate_drags(const StillView& view) {
     bool apart = true;
     for (std::size_t i = 0; i < rests.size(); ++i) {
       for (std::size_t k = 0; k < rests.size(); ++k)
-        apart = apart && (i == k || (rests[i] - rests[k]).norm() > kApart);
+        apart = apart && (i == k || (rests[i] - rests[k]).norm() > kMinDistance);
       for (std::size_t k = 0; k < above.size(); ++k) {
-        apart = apart && (rests[i] - above[k]).norm() > kApart &&
-                (i >= above.size() || i == k || (above[i] - above[k]).norm() > kApart);
+        apart = apart && (rests[i] - above[k]).norm() > kMinDistance &&
+                (i >= above.size() || i == k || (above[i] - above[k]).norm() > kMinDistance);
       }
     }
     if (apart) return drags;

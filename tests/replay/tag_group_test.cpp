@@ -41,7 +41,7 @@ class TagGroups : public testing::Test {
     }
     ASSERT_TRUE(write_text_file(file(name), tag_map_text(TagMap::make(tags).value())));
   }
-  // Writes a scene whose wall has the same wrong pose.
+  // Writes a scene whose wall has the same wrong pose. `tied`: the wall moves with its tag group.
   void write_wrong_scene(const std::string& name, const Eigen::Isometry3d& T, bool tied) const {
     nlohmann::json scene = read_json(corner_scene());
     nlohmann::json& wall = scene["planes"][1];
@@ -52,8 +52,8 @@ class TagGroups : public testing::Test {
     if (!tied) wall.erase("tag_group");
     write_text(file(name), scene.dump());
   }
-  // Writes a camera path half a metre from the tags, with a prop that is moved about over the
-  // table.
+  // Writes tags, a camera, a camera path half a metre from the tags, and the path of a prop that
+  // moves over the table.
   void write_simulation(int frames) const {
     std::string tags = "tags:\n";
     for (int i = 0; i < 4; ++i) {
@@ -116,7 +116,7 @@ class TagGroups : public testing::Test {
             "shadows":[{"name":"s","technique":"layered","casters":["lid"],
              "planes":["table","top"],"layered":{"light_height":0.6,"light_ratio":3}}]})");
   }
-  // Fraction of pixels in all frames that differ by more than 8 grey levels.
+  // Returns the fraction of pixels that differ by more than 8 grey levels, over all frames.
   [[nodiscard]] double differing(const std::string& a, const std::string& b) const {
     std::int64_t different = 0;
     std::int64_t all = 0;
@@ -154,11 +154,12 @@ TEST_F(TagGroups, MeasuresWallPoseDespiteWrongMap) {
     for (const char* old : {"measured", "fixed", "believed"}) {
       std::filesystem::remove_all(folder_.path() / old);
     }
-    const bool own = recording == bundled("corner");
-    const ProgramResult measured = penumbra(
-        {"replay", recording, "--no-window", "--tags", file("wrong.yaml"), "--scene",
-         file("wrong.json"), "--output", file("measured/"), "--frames", own ? "0:6" : "40:46",
-         "--group-poses", file("groups"), "--report", file("report.json")});
+    const bool is_bundled = recording == bundled("corner");
+    const ProgramResult measured =
+        penumbra({"replay", recording, "--no-window", "--tags", file("wrong.yaml"), "--scene",
+                  file("wrong.json"), "--output", file("measured/"), "--frames",
+                  is_bundled ? "0:6" : "40:46", "--group-poses", file("groups"), "--report",
+                  file("report.json")});
     ASSERT_EQ(measured.exit_code, 0) << measured.err;
     EXPECT_EQ(measured.err, "");
     const nlohmann::json report = read_json(file("report.json"));
@@ -181,7 +182,7 @@ TEST_F(TagGroups, MeasuresWallPoseDespiteWrongMap) {
       const ProgramResult other = penumbra(
           {"replay", recording, "--no-window", "--tags",
            (recordings_dir() / "corner" / "tags-wall.yaml").string(), "--scene", file(scene),
-           "--output", file(std::string(name) + "/"), "--frames", own ? "0:6" : "40:46"});
+           "--output", file(std::string(name) + "/"), "--frames", is_bundled ? "0:6" : "40:46"});
       ASSERT_EQ(other.exit_code, 0) << other.err;
     }
     EXPECT_LT(differing("measured", "fixed"), 5e-4);
@@ -247,7 +248,7 @@ TEST_F(TagGroups, TracksHandHeldPropToItsTruth) {
   const Trajectory places = load_trajectory(file("places/the prop.tum")).value();
   EXPECT_EQ(static_cast<int>(places.poses.size()), prop["frames_tracked"].get<int>());
 
-  // `evaluate` must report the same.
+  // `evaluate` must report the same errors.
   const std::vector<std::string> evaluation = {"evaluate",
                                                "--estimated",
                                                file("tracked.tum"),
@@ -308,7 +309,7 @@ TEST_F(TagGroups, RecordsGroupPosesInLiveSession) {
       load_trajectory(folder_.path() / "session" / "group-poses" / "the prop.tum").value();
   EXPECT_EQ(static_cast<int>(places.poses.size()), tracked);
 
-  // Tracking the recording again is deterministic and finds both groups at their poses.
+  // Tracking the recording again is deterministic and finds table and prop at their poses.
   const auto replayed = [&](const std::string& threads) {
     const ProgramResult replay =
         penumbra({"replay", file("session"), "--no-window", "--scene", file("scene.json"),

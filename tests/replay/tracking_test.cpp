@@ -106,7 +106,7 @@ TEST_P(TrackedRecordings, StayWithinErrorBounds) {
   EXPECT_LE(result->tracked.overlay_px.median, expected.median_px);
 }
 
-// Frame-to-frame change of the overlay for a camera at rest, relative to that of detection.
+// Compares the frame-to-frame change of the overlay for a camera at rest with that of detection.
 TEST(StillRecording, HasLessJitterThanDetection) {
   const std::filesystem::path shared = test::shared_dir();
   if (shared.empty()) GTEST_SKIP() << "no shared recordings beside the checkout";
@@ -123,8 +123,8 @@ TEST(StillRecording, HasLessJitterThanDetection) {
   EXPECT_LT(jitter_px(TrackingMode::fast), 0.75 * detected);
 }
 
-// One of five tags is displaced in the image or in the map, in a grazing view. The nightly form
-// displaces each tag in both ways, the short form each tag once along each axis.
+// The map displaces one of five tags, in a grazing view. The nightly form tests four displacements
+// for each tag and axis, the short form one.
 TEST(GrazingRecording, KeepsPoseWhenOneTagMoved) {
   const std::filesystem::path shared = test::shared_dir();
   if (shared.empty()) GTEST_SKIP() << "no shared recordings beside the checkout";
@@ -164,8 +164,8 @@ TEST(GrazingRecording, KeepsPoseWhenOneTagMoved) {
   }
 }
 
-// A camera shaken at a third of the frame rate. The pattern search must recover most frames without
-// a detection.
+// Tracks only every third frame of a shaken camera. The pattern search must recover most frames
+// without a detection.
 TEST(ShakeRecording, RecoversByPatternSearchAfterJumps) {
   const std::filesystem::path shared = test::shared_dir();
   if (shared.empty()) GTEST_SKIP() << "no shared recordings beside the checkout";

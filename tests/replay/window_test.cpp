@@ -155,18 +155,18 @@ TEST(Window, RecordsDragThatReplaysToSameFrames) {
   EXPECT_GT(moved, 3);
 }
 
-// Number of pixels that differ from the video.
+// Returns the number of pixels that differ from the video; -1 if the image can't be compared.
 int pixels_drawn(const fs::path& image, const RgbaImage& video) {
   const auto seen = load_rgba(image);
   if (!seen || seen->pixels.size() != video.pixels.size()) return -1;
-  constexpr int kConverted = 24;  // error of JPEG, colour conversion and screen
+  constexpr int kMaxConversionError = 24;  // error of JPEG, colour conversion and screen
   int drawn = 0;
   for (std::size_t i = 0; i < video.pixels.size(); i += 4) {
     int difference = 0;
     for (std::size_t k = i; k < i + 3; ++k) {
       difference = std::max(difference, std::abs(int{seen->pixels[k]} - int{video.pixels[k]}));
     }
-    drawn += difference > kConverted ? 1 : 0;
+    drawn += difference > kMaxConversionError ? 1 : 0;
   }
   return drawn;
 }
@@ -178,9 +178,10 @@ TEST(Window, FadesOnStreamStallAndRecordsByKey) {
   ASSERT_EQ(std::system("command -v xdotool >/dev/null 2>&1"), 0) << "scripts/setup installs it";
   const TemporaryFolder folder;
   const auto path = [&folder](const char* name) { return (folder.path() / name).string(); };
-  // The camera repeats one view, so that any change on the screen was drawn by the program. Between
-  // whole images, damaged ones follow for more than a second (at the end, the recording would drop
-  // them). They have start and end markers, because truncated images are not recorded.
+  // The camera repeats one view, so that any change on the screen was drawn by the program. Its
+  // first and last image are whole; for more than a second between them, all images are damaged. (A
+  // recording drops damaged images at its end.) Damaged images have start and end markers, because
+  // truncated images are not recorded.
   const fs::path camera = folder.path() / "camera";
   const fs::path view = fs::path(bundled("tabletop")) / "frames" / "000030.jpg";
   fs::create_directories(camera / "frames");
