@@ -58,18 +58,18 @@ TEST_P(CalibrationPhotographs, FitAsWellAsOpenCvAndBetterOnHeldOutViews) {
   for (CalibrationView& view : without_outliers) view.outlier.assign(view.corners.size(), false);
   const auto solved = solve_intrinsics(width, height, target.points, without_outliers);
   ASSERT_TRUE(solved) << solved.error().message;
-  // Both reach the same minimum, but OpenCV stops slightly before it.
+  // Both solvers approach the same minimum, but OpenCV stops slightly before it.
   EXPECT_LE(solved->rms_all_px, peer->rms_px * 1.0001);
   EXPECT_GE(solved->rms_all_px, peer->rms_px * 0.99);
 
   const auto peer_held = test::held_out_px(views, [&](const auto& kept) {
     return test::opencv_calibration(width, height, target.points, kept);
   });
-  SolverOptions own;
-  own.shape = BoardShape::free;
+  SolverOptions options;
+  options.shape = BoardShape::free;
   const auto held =
       test::held_out_px(views, [&](const auto& kept) -> std::optional<test::CameraAndBoard> {
-        const auto found = solve_intrinsics(width, height, target.points, kept, own);
+        const auto found = solve_intrinsics(width, height, target.points, kept, options);
         if (!found) return std::nullopt;
         return test::CameraAndBoard{found->camera, found->board, found->rms_all_px};
       });
@@ -77,7 +77,7 @@ TEST_P(CalibrationPhotographs, FitAsWellAsOpenCvAndBetterOnHeldOutViews) {
   EXPECT_LT(*held, *peer_held);
 }
 
-// Returns one set of each kind of target; in the nightly form all sets.
+// Returns one set of photographs for each kind of target; in the nightly form all sets.
 std::vector<Photographs> sets() {
   std::vector<Photographs> sets = {{"opencv-chessboard", 9, 6, 13},
                                    {"photonvision-calib/charuco-lifecam-480", 7, 7, 15, true}};

@@ -15,11 +15,11 @@
 namespace penumbra {
 namespace {
 
-// Number of image points whose error is within the predicted one.
+// Compares the errors of image points with their predicted covariances.
 struct Hits {
-  int inside = 0;  // within 3 sigma
-  int all = 0;
-  double chi2 = 0.0;
+  int inside = 0;     // points with an error within 3 sigma
+  int all = 0;        // all points
+  double chi2 = 0.0;  // sum of squared errors, in units of the predicted covariance
 
   void add(const CalibrationSolution& solution, const CameraModel& truth) {
     for (int j = 0; j < 12; ++j) {
@@ -45,8 +45,8 @@ struct Hits {
   }
 };
 
-unsigned runs(unsigned nightly, unsigned usual, unsigned sanitized) {
-  return test::nightly() ? nightly : test::kSanitized ? sanitized : usual;
+unsigned runs(unsigned nightly, unsigned short_form, unsigned sanitized) {
+  return test::nightly() ? nightly : test::kSanitized ? sanitized : short_form;
 }
 
 std::vector<CalibrationView> views_of_run(unsigned run, const CameraModel& truth,
@@ -107,9 +107,9 @@ CameraModel plumb_bob(double f, std::array<double, 8> distortion) {
 }
 
 // The verdict on a wrong calibration must never be good, for any lens and any views of the board.
-// `coverage` is the fraction of the image that the views cover. The short form runs one case per
-// lens once, and covers each value of it and each noise level. The nightly form runs every case
-// three times.
+// `coverage` is the fraction of the image that the views cover. The nightly form runs each
+// combination of lens, coverage and noise three times. The short form runs one combination per
+// lens; together these have every coverage and every noise.
 TEST(CalibrationVerdict, IsNeverGoodForWrongLens) {
   const Lens lenses[] = {
       {"plumb_bob", plumb_bob(531.0, {-0.215, 0.062, 0.0008, -0.0006, -0.004}), 0.4},

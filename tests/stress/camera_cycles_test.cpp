@@ -58,7 +58,7 @@ TEST(CameraCycles, LeakNoDescriptorThreadOrMemory) {
   const auto cycle = [&] {
     auto source = open_live_source(request, &*camera);
     ASSERT_TRUE(source) << source.error().message;
-    // The frame is destroyed after its camera, as the window's frame may be.
+    // The frame is destroyed after its camera, which may also happen to a window's frame.
     auto frame = (*source)->next();
     ASSERT_TRUE(frame && *frame);
     (*source)->stop();

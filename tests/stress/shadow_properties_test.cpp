@@ -42,7 +42,7 @@ PlaneFrame any_plane(double distance) {
                                              real(-distance, distance)));
 }
 
-// A random triangle soup. Some faces are slivers, points, repeated or unconnected.
+// Returns a random triangle soup. Some faces are slivers, points, repeated or unconnected.
 Model any_soup(double size) {
   Model model;
   Mesh& mesh = model.meshes.emplace_back();
@@ -75,8 +75,8 @@ Eigen::Quaterniond any_rotation() {
   return q.norm() > 0.1 ? q.normalized() : Eigen::Quaterniond::Identity();
 }
 
-// Limbs and boxes in random directions, overlapping or separate. Unlike a soup, these closed parts
-// have a thickness.
+// Returns limbs and boxes in random directions, overlapping or separate. Unlike a soup, these
+// closed parts have a thickness.
 Model any_body() {
   test::ShapeBuilder shape;
   const int pieces = *rc::gen::inRange(1, 5);
@@ -264,7 +264,7 @@ RC_GTEST_PROP(LayerProperties, AreEquivariantUnderTranslationAndYaw, ()) {
   }
 }
 
-// A level star-shaped footprint whose kernel is its centre.
+// The layers of a level star-shaped footprint nest if its centre is the kernel.
 RC_GTEST_PROP(LayerProperties, NestForStarShapedFootprint, ()) {
   std::vector<CasterVertex> vertices = {{0.0F, 0.0F, 0.0F, 0.0F, 0.0F}};
   std::vector<std::uint32_t> indices;
@@ -299,8 +299,8 @@ RC_GTEST_PROP(LayerProperties, NestForStarShapedFootprint, ()) {
 }
 
 // Compares drawn layers with the formulas in long double on the given vertices, at any distance of
-// the plane from the origin. Equation 2.11 bounds the error of the factor; the rounding of
-// coordinates bounds the rest.
+// the plane from the origin. The error is bounded by that of the factor (equation 2.11) plus the
+// rounding of the coordinates.
 RC_GTEST_PROP(LayerProperties, MatchExactLayersInFloat, ()) {
   const ShadowMesh mesh = make_shadow_mesh(any_soup(0.1));
   LayeredConstants constants = any_constants();
@@ -348,7 +348,7 @@ RC_GTEST_PROP(LayerProperties, MatchExactLayersInFloat, ()) {
   }
 }
 
-// Limits of whole layers, in addition to those of their factors.
+// Tests limits of whole layers; LayerFactors tests the same limits of the factors.
 RC_GTEST_PROP(LayerProperties, ApproachLimitsAtContactUmbraHeightAndZenith, ()) {
   const double h_u = real(0.2, 0.5);
   const double a = real(1.5, 6.0);
@@ -374,8 +374,7 @@ RC_GTEST_PROP(LayerProperties, ApproachLimitsAtContactUmbraHeightAndZenith, ()) 
     // h = 0 and h -> 0: in contact every layer equals the orthogonal shadow.
     RC_ASSERT(std::abs(area_of(layers_at(constants, 0.0, layer)) - footprint) < 1e-5 * footprint);
     RC_ASSERT(std::abs(area_of(layers_at(constants, 1e-6, layer)) - footprint) < 1e-3 * footprint);
-    // Below the plane there is no layer. At and above the light the cap applies, so there is no
-    // antishadow.
+    // Below the plane there is no layer. At and above the light the cap prevents an antishadow.
     RC_ASSERT(layers_at(constants, -1e-6, layer).empty());
     RC_ASSERT(layers_at(constants, a * h_u, layer).empty());
     RC_ASSERT(layers_at(constants, 2.0 * a * h_u, layer).empty());
@@ -489,7 +488,7 @@ RC_GTEST_PROP(ShadowTechniques, AcceptTriangleSoup, ()) {
     RC_ASSERT(std::isfinite(p.u) && std::isfinite(p.v));
 }
 
-// Rings of any shape and orientation, with round outlines of hundreds of vertices.
+// Returns a ring of any shape and orientation, whose round outline has hundreds of vertices.
 Model any_ring() {
   test::ShapeBuilder shape;
   shape.torus(real(0.03, 0.06), real(0.005, 0.02), *rc::gen::inRange(8, 20),
@@ -514,8 +513,8 @@ Model rounded_otherwise(Model model, std::mt19937& random) {
 }
 
 // Kernels generated for a body rotated about the plane's normal must be the rotated kernels, and
-// the layers must follow (docs/shadows.md#kernels, rule 2, and 2.10). Of several discs of equal
-// size at equal distance, rounding may choose another; the comparison allows that.
+// the layers must rotate too (docs/shadows.md#kernels, rule 2, and 2.10). If several discs have the
+// same size and distance, rounding decides which disc is used; the comparison allows each of them.
 RC_GTEST_PROP(GeneratedKernels, RotateWithBody, ()) {
   const Model model = *rc::gen::inRange(0, 4) == 0 ? any_ring() : any_body();
   const Eigen::Vector3d up = Eigen::Vector3d(real(-0.5, 0.5), real(-0.5, 0.5), 1.0).normalized();
@@ -535,8 +534,8 @@ RC_GTEST_PROP(GeneratedKernels, RotateWithBody, ()) {
   double size = 0.0;
   for (const glm::vec3& p : mesh.positions)
     size = std::max(size, (exact(p) - exact(mesh.positions[0])).norm());
-  // A raster is aligned with an edge of at least 1 % of a part's size, so its direction is accurate
-  // to some hundred rounding errors.
+  // A raster is aligned with an edge of at least 1 % of a part's size, so the raster's direction is
+  // accurate to some hundred rounding errors.
   const double allowed = 1e-5 * size;
   const auto off = [&](const ShadowKernels& before, std::size_t i) {
     const Eigen::Vector3d d = exact(after.kernels[i]) - R * exact(before.kernels[i]);
@@ -563,7 +562,8 @@ RC_GTEST_PROP(GeneratedKernels, RotateWithBody, ()) {
   const auto turned_vertices = place_caster(turned_mesh, after, placement, plane);
   for (const ShadowLayer layer : kShadowLayers) {
     const auto triangles = layer_triangles(vertices, mesh.indices, constants, layer);
-    // The outline is at most as long as the sum of all edges, and no point moves farther than this.
+    // The outline is at most as long as the sum of all edges, and no point moves by more than
+    // `moved`.
     double edges = 0.0;
     for (std::size_t i = 0; i < triangles.size(); ++i) {
       const PlanePoint& p = triangles[i];
@@ -622,9 +622,9 @@ RC_GTEST_PROP(LayerProperties, ChangeContinuouslyWithHeight, ()) {
 }
 
 // An inclined bar rises through the plane and the umbra height. Per millimetre, a layer may change
-// by at most 1 % of its size (docs/shadows.md#layers; without clipping, faces that are skipped
-// would change it by 44 %). While the bar, 0.16 m tall, emerges from the plane, the limit is
-// slightly larger.
+// by at most 1 % of its size (docs/shadows.md#layers). If faces were skipped instead of clipped, it
+// would change by 44 %. The limit is 1.5 % while the bar, which is 0.16 m tall, emerges from the
+// plane.
 TEST(ShadowStress, LimitsChangePerMillimetreOfRisingBar) {
   for (const int segments : {3, 12}) {
     test::ShapeBuilder shape;
@@ -738,9 +738,9 @@ Surface split(const ShadowMesh& mesh, float parts) {
   return Surface(make_shadow_mesh(model));
 }
 
-// Fraction of a layer's area that lies outside the exact layer, in which each surface point has its
-// own kernel. Coarse faces whose vertices have different kernels cause it, twisted or not
-// (docs/shadows.md#fold-overs (3)). Valid for growing layers only: an exact shrinking layer has
+// Returns the fraction of a layer's area that lies outside the exact layer, in which each surface
+// point has its own kernel. Coarse faces whose vertices have different kernels cause it, twisted or
+// not (docs/shadows.md#fold-overs (3)). Valid for growing layers only: an exact shrinking layer has
 // gaps where kernels change, and coarse faces close these gaps.
 double overshoot_of(const Surface& coarse, const Surface& fine, double s) {
   const auto coarse_image = coarse.image(s);
@@ -853,8 +853,8 @@ TEST(ShadowStress, ScalesLayersWithObjectSize) {
   }();
   const Eigen::Quaterniond tilt(
       Eigen::AngleAxisd(0.4, Eigen::Vector3d(1.0, 0.3, 0.0).normalized()));
-  double kernels_of[3] = {0, 0, 0};
-  double field_of[3] = {0, 0, 0};
+  double kernel_areas[3] = {0, 0, 0};
+  double field_areas[3] = {0, 0, 0};
   for (const double size : {1.0, 1e-4, 1e-2, 1e2, 1e4}) {
     Model model = unit;
     for (glm::vec3& p : model.meshes[0].positions) p *= static_cast<float>(size);
@@ -884,15 +884,15 @@ TEST(ShadowStress, ScalesLayersWithObjectSize) {
           area_at_size_1(layer_triangles(vertices, mesh.indices, constants, kShadowLayers[i]));
       const double by_field = area_at_size_1(field_triangles(field, kShadowLayers[i]));
       if (size == 1.0) {
-        kernels_of[i] = by_kernels;
-        field_of[i] = by_field;
+        kernel_areas[i] = by_kernels;
+        field_areas[i] = by_field;
         EXPECT_GT(by_kernels, 0.05);
         EXPECT_GT(by_field, 0.05);
         continue;
       }
       // Tolerance: rounding to float moves the cells of a raster.
-      EXPECT_NEAR(by_kernels, kernels_of[i], 0.01 * kernels_of[i]) << size << " layer " << i;
-      EXPECT_NEAR(by_field, field_of[i], 0.01 * field_of[i]) << size << " layer " << i;
+      EXPECT_NEAR(by_kernels, kernel_areas[i], 0.01 * kernel_areas[i]) << size << " layer " << i;
+      EXPECT_NEAR(by_field, field_areas[i], 0.01 * field_areas[i]) << size << " layer " << i;
     }
   }
 }

@@ -58,7 +58,7 @@ TEST(TagGroupStress, RejectsIdInTwoGroups) {
   EXPECT_NE(map.error().message.find("listed twice"), std::string::npos);
 }
 
-// A second print of one of the block's tags lies on the table.
+// A second print of a tag of the block or of the wall lies on the table.
 TEST(TagGroupStress, IgnoresCopyOfGroupTag) {
   const Stage stage({wall(), block()});
   for (const int copied : {test::kBlockId, test::kWallId + 1}) {
@@ -85,21 +85,22 @@ TEST(TagGroupStress, IgnoresCopyOfGroupTag) {
   }
 }
 
-// A single tag has two poses. It rotates slowly through frontal and edge-on views.
+// The image of a single tag fits two poses. The tag rotates slowly through frontal and edge-on
+// views.
 TEST(TagGroupStress, NeverTracksWrongPoseOfSingleTagGroup) {
-  std::vector<MappedTag> one = block();
-  one.resize(1);
+  std::vector<MappedTag> single = block();
+  single.resize(1);
   for (const double size_m : {0.025, 0.07}) {
     SCOPED_TRACE(size_m);
-    one[0].size_m = size_m;
-    const Stage stage({one});
+    single[0].size_m = size_m;
+    const Stage stage({single});
     GroupTracker tracker = stage.tracker();
     int tracked_frames = 0;
     const int frames = nightly() ? 180 : 40;
     const double step = 180.0 / frames;
     for (int f = 0; f < frames; ++f) {
       SCOPED_TRACE(f);
-      const Eigen::Vector3d centre = one[0].T_table_tag.translation();
+      const Eigen::Vector3d centre = single[0].T_table_tag.translation();
       const Eigen::Quaterniond R = turned(90.0 - step * f, Eigen::Vector3d::UnitX());
       const Placements at = {{"block", test::Placement(R, Eigen::Vector3d(centre - R * centre))}};
       const TrackedFrame tracked = tracker.track(stage.frame_image(f, at));
@@ -136,16 +137,17 @@ TEST(TagGroupStress, TracksGroupsThatOccludeEachOther) {
   EXPECT_GE(block_seen, frames - 4);
 }
 
-// In the map, one or half of the wall's tags are at wrong positions; then two groups coincide.
+// One or half of the wall's tags are displaced in the images, so the map is wrong. Then two groups
+// have the same pose in the map.
 TEST(TagGroupStress, NeverTracksWrongPoseWhenMapIsInconsistent) {
   for (const int wrong : {1, 3}) {
     SCOPED_TRACE(wrong);
     const Stage stage({wall()});
     std::vector<MappedTag> drawn = stage.tags;
-    int left = wrong;
+    int remaining = wrong;
     int moved_id = -1;  // id of the last displaced tag
     for (MappedTag& tag : drawn) {
-      if (tag.group != "wall" || left-- <= 0) continue;
+      if (tag.group != "wall" || remaining-- <= 0) continue;
       moved_id = tag.id;
       tag.T_table_tag = {tag.T_table_tag.rotation(),
                          tag.T_table_tag.translation() + Eigen::Vector3d(0.012, 0.0, -0.006)};

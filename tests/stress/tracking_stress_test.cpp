@@ -34,7 +34,7 @@ std::vector<RejectedTag> only(const MappedTag& tag) {
   return {{tag.id, TagRejection::inconsistent}};
 }
 
-// Distance at which a tag of size `size_m` is `side_px` wide in the image.
+// Returns the distance at which a tag of the session is `side_px` wide in the image [m].
 double distance_for(const Session& session, double side_px) {
   return session.camera.parameters().fx * session.tags.front().size_m / side_px;
 }
@@ -42,7 +42,7 @@ double distance_for(const Session& session, double side_px) {
 struct Cell {
   std::string name;
   std::function<void(Session&)> change;
-  bool tracked = true;  // whether most frames must have a pose
+  bool tracked = true;  // at most one frame may be untracked
 };
 
 std::vector<Cell> cells() {
@@ -187,11 +187,11 @@ TEST(TrackingStress, PredictsErrorOnRandomSessions) {
   }
 }
 
-// Statistics of the tracked frames.
+// Statistics of tracked frames.
 struct Blurred {
-  int beyond = 0;  // error above four times the predicted one
-  int wrong = 0;   // error above 5 px
-  std::vector<double> over_predicted;
+  int beyond = 0;                      // error above four times the predicted one
+  int wrong = 0;                       // error above 5 px
+  std::vector<double> over_predicted;  // actual / predicted error
 
   [[nodiscard]] int tracked() const { return static_cast<int>(over_predicted.size()); }
   [[nodiscard]] double spread() const { return statistics_of(over_predicted).rmse; }
@@ -201,13 +201,13 @@ struct Blurred {
   }
 };
 
-// A shaking hand blurs the tags over several cells; the exposure is known or not. The predicted
-// error must match the actual one, even if the pose is one of many similar ones.
+// A shaking hand blurs the tags over several cells. One tracker gets the exposure time, one does
+// not. The predicted error must match the actual error, even if many similar poses fit the image.
 TEST(TrackingStress, PredictsErrorUnderStrongMotionBlur) {
   int frames = 0;
-  int blurred = 0;  // blurred by more than three cells
-  Blurred followed;
-  Blurred first;  // frames without a previous frame
+  int blurred = 0;   // blurred by more than three cells
+  Blurred followed;  // frames of both trackers
+  Blurred first;     // frames of a new tracker, without a previous frame
   const int sessions = nightly() ? 40 : 8;
   for (int k = 0; k < sessions; ++k) {
     Draw draw(900U + static_cast<std::uint64_t>(k));
@@ -227,8 +227,8 @@ TEST(TrackingStress, PredictsErrorUnderStrongMotionBlur) {
                            (8.0 * session.motion.distance.middle);
     auto renderer = PatternRenderer::create(session.camera, session.tags).value();
     const TagMap map = TagMap::make(session.tags).value();
-    auto knows = GroupTracker::create(session.camera, map).value();
-    auto does_not = GroupTracker::create(session.camera, map).value();
+    auto with_exposure = GroupTracker::create(session.camera, map).value();
+    auto without_exposure = GroupTracker::create(session.camera, map).value();
     for (int f = 0; f < (nightly() ? 20 : 10); ++f) {
       SCOPED_TRACE(testing::Message() << "session " << k << ", frame " << f);
       Frame frame = session.picture(renderer, f);
@@ -250,11 +250,11 @@ TEST(TrackingStress, PredictsErrorUnderStrongMotionBlur) {
         all.beyond += error > std::max(1.0, 4.0 * pose.predicted_overlay_error_px) ? 1 : 0;
         all.wrong += error > 5.0 ? 1 : 0;
       };
-      track(does_not, followed);
-      auto begins = GroupTracker::create(session.camera, map).value();
-      track(begins, first);
+      track(without_exposure, followed);
+      auto fresh = GroupTracker::create(session.camera, map).value();
+      track(fresh, first);
       frame.exposure_s = session.exposure_s;
-      track(knows, followed);
+      track(with_exposure, followed);
     }
   }
   RecordProperty("blurred", fmt::format("{} of {} frames", blurred, frames));
@@ -363,7 +363,7 @@ TEST(TrackingStress, KeepsTagOfOtherFamilyWithIdOfMovedTag) {
   }
 }
 
-// A tag is displaced from its mapped position, by less than a cell up to more than a tag.
+// A tag is displaced from its mapped position, by less than a cell up to more than the tag's size.
 TEST(TrackingStress, RejectsMovedTag) {
   for (const double moved_m : {0.002, 0.004, 0.012, 0.1}) {
     SCOPED_TRACE(moved_m);
@@ -378,7 +378,7 @@ TEST(TrackingStress, RejectsMovedTag) {
       EXPECT_LT(overlay_difference(session.camera, pose.T_table_camera, session.truth(f)).rms_px(),
                 0.6);
       // A tag displaced by a quarter of a cell only loses weight, and a tag beyond the aligner's
-      // search range is not read. Neither must be rejected, but no other tag may be rejected.
+      // search range is not read. Their rejection is optional, but no other tag may be rejected.
       for (const RejectedTag& tag : pose.tags_rejected) EXPECT_EQ(tag.id, session.tags[3].id);
       if (moved_m == 0.004) {
         EXPECT_EQ(pose.tags_rejected, only(session.tags[3]));
@@ -431,8 +431,8 @@ TEST(TrackingStress, NeverTracksWrongPoseWhenOneOfFewTagsMoved) {
             if (by == 0.0) {
               EXPECT_EQ(pose.status, TrackStatus::tracked) << text_of(pose.reason);
             }
-            // With so few tags it is ambiguous which one moved, unless that tag is outside the
-            // search range.
+            // With two or three tags, it is ambiguous which tag moved. Many frames must report
+            // that. A moved tag outside the search range is not read.
             if (board.tags.size() > 3 || std::abs(by) < 0.004) continue;
             ++cases_of_fewer;
             reported += pose.reason.cause == PoseCause::uncertain_map ? 1 : 0;
@@ -526,7 +526,7 @@ TEST(TrackingStress, UsesMovedTagAgainAfterItIsPutBack) {
 TEST(TrackingStress, FindsTableAfterJumpAwayFromPrediction) {
   int found_by_pattern = 0;
   int found_in_box = 0;
-  // The pattern search is translational.
+  // The pattern search is translational, so it can't find the table after the rotation.
   for (const auto& [jump_m, turn_deg] :
        {std::pair(0.05, 0.0), std::pair(0.09, 0.0), std::pair(0.13, 0.0), std::pair(0.0, 40.0)}) {
     SCOPED_TRACE(testing::Message() << jump_m << " m, " << turn_deg << " degrees");
@@ -578,8 +578,8 @@ TEST(TrackingStress, KeepsTagsThatBecomeCovered) {
   }
 }
 
-// A partly covered tag has cells that the pattern does not explain, like a blurred tag. It must not
-// be mistaken for motion blur.
+// Like a blurred tag, a partly covered tag has cells that the pattern does not explain. The cover
+// must not be mistaken for motion blur.
 TEST(TrackingStress, KeepsCoveredTagsInFastMotion) {
   for (const double light : {0.3, 0.8}) {
     for (const double times : {6.0, 12.0}) {

@@ -71,10 +71,9 @@ TEST(TrackingStress, TracksThroughExposureJumps) {
   }
 }
 
-// Number of mapped tags whose corners are all at least `margin_px` inside the image, and number of
-// those whose corners are all at least that far outside.
 struct TagsInView {
-  int inside = 0, outside = 0;
+  int inside = 0;   // tags with all corners at least `margin_px` inside the image
+  int outside = 0;  // tags with all corners at least `margin_px` outside the image
 };
 TagsInView tags_in_view(const Session& session, const CameraPose& at, double margin_px) {
   TagsInView in_view;
@@ -288,7 +287,7 @@ TEST(TrackingStress, TracksDegradingConditionsToExpectedLimits) {
   }
 }
 
-// Width of the first tag in the image, perpendicular to its longer sides [px].
+// Returns the width of the first tag in the image, perpendicular to its longer sides [px].
 double min_width_px(const Session& session, const CameraPose& at) {
   std::vector<Eigen::Vector2d> corners;
   for (const Eigen::Vector3d& corner : session.tags.front().corners())
@@ -305,7 +304,7 @@ TEST(TrackingStress, KeepsCorrectPoseOfRecedingSingleTag) {
   int tracked = 0;
   int frames = 0;
   int tracked_readable = 0;
-  int readable = 0;  // frames on the way out with cells of at least one pixel
+  int readable = 0;  // frames on the way out in which a cell is at least one pixel wide
   const int sessions = nightly() ? 40 : 3;
   for (int k = 0; k < sessions; ++k) {
     Draw draw(60U + static_cast<std::uint64_t>(k));
@@ -318,7 +317,7 @@ TEST(TrackingStress, KeepsCorrectPoseOfRecedingSingleTag) {
     const Eigen::Vector3d place = session.tags.front().T_table_tag.translation();
     session.motion.x.middle = place.x();
     session.motion.y.middle = place.y();
-    const double reach_px = session.camera.parameters().fx * session.tags.front().size_m;
+    const double distance_times_px = session.camera.parameters().fx * session.tags.front().size_m;
     auto renderer = PatternRenderer::create(session.camera, session.tags).value();
     GroupTracker tracker = tracker_of(session);
     constexpr int kFrames = 160;
@@ -326,7 +325,7 @@ TEST(TrackingStress, KeepsCorrectPoseOfRecedingSingleTag) {
       SCOPED_TRACE(testing::Message() << "session " << k << ", frame " << f);
       const double away = 0.5 - 0.5 * std::cos(2.0 * std::numbers::pi * f / kFrames);
       Session now = session;
-      now.motion.distance.middle = reach_px * (away / 7.0 + (1.0 - away) / 30.0);
+      now.motion.distance.middle = distance_times_px * (away / 7.0 + (1.0 - away) / 30.0);
       const PoseEstimate pose = tracker.track(now.picture(renderer, f)).pose;
       expect_consistent(now, pose, now.truth(f));
       const bool is_tracked = pose.status == TrackStatus::tracked;
@@ -348,7 +347,7 @@ TEST(TrackingStress, KeepsCorrectPoseOfRecedingSingleTag) {
 // have the status tracked only if the image determines it.
 TEST(TrackingStress, TracksFirstPoseOfSingleTagOnlyWhenUnambiguous) {
   int tracked = 0;
-  int open = 0;
+  int ambiguous = 0;
   int wrong = 0;
   const int sessions = nightly() ? 3000 : 60;
   for (int k = 0; k < sessions; ++k) {
@@ -366,16 +365,16 @@ TEST(TrackingStress, TracksFirstPoseOfSingleTagOnlyWhenUnambiguous) {
     session.motion.y.middle = place.y();
     auto renderer = PatternRenderer::create(session.camera, session.tags).value();
     const PoseEstimate pose = tracker_of(session).track(session.picture(renderer, 0)).pose;
-    open +=
+    ambiguous +=
         pose.status == TrackStatus::uncertain && pose.reason.cause == PoseCause::two_poses ? 1 : 0;
     if (pose.status != TrackStatus::tracked) continue;
     ++tracked;
     wrong += error_px(session, pose, 0) > 5.0 ? 1 : 0;
   }
   RecordProperty("first", fmt::format("{} tracked, {} of them wrong, {} open, of {}", tracked,
-                                      wrong, open, sessions));
+                                      wrong, ambiguous, sessions));
   EXPECT_GE(tracked, 0.4 * sessions);
-  EXPECT_GT(open, 0);
+  EXPECT_GT(ambiguous, 0);
   EXPECT_LE(wrong, 0.002 * tracked);
 }
 

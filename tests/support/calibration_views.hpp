@@ -61,7 +61,8 @@ struct ViewOptions {
   double coverage = 0.0;
 };
 
-// `shape` holds the true points. Views are redrawn until most of the target is inside the image.
+// `shape`: true points of the board [m]. Views are redrawn until half of the target is in the
+// image.
 inline std::vector<CalibrationView> simulate_views(const CameraModel& camera,
                                                    const std::vector<Eigen::Vector3d>& shape,
                                                    const ViewOptions& options, std::mt19937& rng) {
