@@ -128,7 +128,7 @@ class CameraCalibrator {
  private:
   CameraCalibrator() = default;
   [[nodiscard]] std::string problem_of(const TargetView& view, ImageView luma);
-  // Searches for a chessboard of any size, in `max_images` images or fewer: each takes 0.1 s.
+  // Searches for a chessboard of any size, in a limited number of images: each takes 0.1 s.
   void detect_any_board(ImageView luma, int most_images);
   // Returns advice if the chessboard size in most images differs from the target file.
   [[nodiscard]] std::optional<std::string> other_board_advice() const;

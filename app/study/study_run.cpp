@@ -242,7 +242,7 @@ class StudyLoop {
     return {};
   }
 
-  // Returns the instructions for the participant. They do not reveal the technique.
+  // Returns a text that tells the participant what to do, without revealing the technique.
   [[nodiscard]] std::string words(TrackStatus status) const {
     const StudyTrial& trial = task_.trial();
     const StudyDesign& design = task_.plan().design;

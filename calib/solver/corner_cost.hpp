@@ -41,7 +41,7 @@ struct CornerTerm {
 // Returns the prior of a view's edge shift (mean 0, sigma 1 px), for a block of ViewParameters.
 [[nodiscard]] std::unique_ptr<ceres::CostFunction> edge_shift_prior();
 // Returns the prior of a rational lens (docs/calibration.md#rational-lens), for LensParameters,
-// with kRationalPriorSize residuals. `max_radius`: that of normalised coordinates in the image.
+// with kRationalPriorSize residuals. Its argument: maximum radius of normalised coordinates.
 [[nodiscard]] std::unique_ptr<ceres::CostFunction> rational_prior(double end);
 // Returns the prior of a point's offset (mean 0), for ShapeParameters.
 [[nodiscard]] std::unique_ptr<ceres::CostFunction> offset_prior(const Eigen::Vector3d& sigma_m);
