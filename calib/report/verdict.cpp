@@ -214,8 +214,7 @@ void judge(CameraCalibration& result) {
       result.advice.emplace_back(
           "the corners are off by too much: is the target flat, the focus fixed?");
     // There is no other likely cause.
-    if (!(sigma <= kGoodProjection_px) && !has_gaps &&
-        result.tilt_spread_deg >= kGoodTilt_deg) {
+    if (!(sigma <= kGoodProjection_px) && !has_gaps && result.tilt_spread_deg >= kGoodTilt_deg) {
       result.advice.push_back(
           fmt::format("take more views: from near, so that the target fills the picture, tilted to "
                       "every side{}",
