@@ -26,7 +26,7 @@ InterruptWatch::InterruptWatch() {
   sigaddset(&watched_, SIGINT);
   sigaddset(&watched_, SIGTERM);
   if (!is_ignored(SIGHUP)) sigaddset(&watched_, SIGHUP);
-  pthread_sigmask(SIG_BLOCK, &watched_, &before_);
+  pthread_sigmask(SIG_BLOCK, &watched_, &previous_mask_);
   start_terminator(Clock::time_point::min(), true);
 }
 
@@ -35,7 +35,7 @@ InterruptWatch::~InterruptWatch() {
   // A pending signal would kill the process although its files are closed.
   while (take_signal(watched_)) {
   }
-  pthread_sigmask(SIG_SETMASK, &before_, nullptr);
+  pthread_sigmask(SIG_SETMASK, &previous_mask_, nullptr);
 }
 
 void InterruptWatch::hold() {

@@ -38,7 +38,7 @@ class InterruptWatch {
   void stop_terminator();
 
   sigset_t watched_{};
-  sigset_t before_{};
+  sigset_t previous_mask_{};
   bool interrupted_ = false;
   Clock::time_point request_ends_ = Clock::time_point::min();
   std::atomic<bool> stopped_ = false;

@@ -16,11 +16,11 @@ constexpr std::size_t kMinViews = 3;
 constexpr double kMinTilt_deg = 8.0;  // below it, focal length and distance are ambiguous
 // Edge shifts caused by camera response, blur and ink do not exceed both limits. A larger shift
 // means that the black squares have another size than in the target file.
-constexpr double kOtherSize = 0.04;  // fraction of the size
-constexpr double kOtherEdge_px = 0.8;
+constexpr double kMaxSizeError = 0.04;  // fraction of the size
+constexpr double kMaxEdgeShift_px = 0.8;
 // A slope of edge shift over size above both limits also means another size.
-constexpr double kOtherSlope = 0.012;
-constexpr double kOtherSlopeSigmas = 5.0;
+constexpr double kMaxShiftSlope = 0.012;
+constexpr double kSignificantSigmas = 5.0;
 
 // Like tag_size_error_of(), but also detects a shift that is too large in most views.
 std::optional<double> tag_size_error(const CalibrationSolution& solution,
@@ -43,7 +43,8 @@ std::optional<double> tag_size_error(const CalibrationSolution& solution,
   }
   if (const auto error = tag_size_error_of(tag_sizes, shifts)) return error;
   const double error = upper_median(std::move(relative_errors));
-  if (std::abs(error) > kOtherSize && std::abs(upper_median(std::move(shifts))) > kOtherEdge_px)
+  if (std::abs(error) > kMaxSizeError &&
+      std::abs(upper_median(std::move(shifts))) > kMaxEdgeShift_px)
     return error;
   return std::nullopt;
 }
@@ -74,8 +75,8 @@ std::optional<double> tag_size_error_of(std::span<const double> sizes_px,
   }
   const double error = std::sqrt(squared_residuals / static_cast<double>(n - 2) / squares);
   // A square has two edges, which shift in opposite directions.
-  if (!std::isfinite(slope) || std::abs(2.0 * slope) <= kOtherSlope ||
-      std::abs(slope) <= kOtherSlopeSigmas * error)
+  if (!std::isfinite(slope) || std::abs(2.0 * slope) <= kMaxShiftSlope ||
+      std::abs(slope) <= kSignificantSigmas * error)
     return std::nullopt;
   return 2.0 * slope;
 }
@@ -108,13 +109,13 @@ Result<CameraCalibrator> CameraCalibrator::create(const Target& target,
 }
 
 Result<void> CameraCalibrator::add(const std::string& name, ImageView luma) {
-  if (first_.empty()) {
-    first_ = name;
+  if (first_name_.empty()) {
+    first_name_ = name;
     width_ = luma.width;
     height_ = luma.height;
   } else if (luma.width != width_ || luma.height != height_) {
     return fail("{}: is {} x {} px, but {} is {} x {}; give pictures of one camera and one size",
-                name, luma.width, luma.height, first_, width_, height_);
+                name, luma.width, luma.height, first_name_, width_, height_);
   }
   CalibrationImage picture;
   picture.name = name;
@@ -167,14 +168,14 @@ std::ptrdiff_t CameraCalibrator::images_in_memory() const {
 std::string CameraCalibrator::problem_of(const TargetView& view, ImageView luma) {
   if (!check_ || !view.corners.empty() || view.two_cell_tags > 0) return view.problem;
   // After one mirrored or negative image, checks every image.
-  const auto fault = some_faulty_ ? check_->look(luma) : check_->check_untagged(luma);
+  const auto fault = found_faulty_image_ ? check_->look(luma) : check_->check_untagged(luma);
   if (!fault) return view.problem;
-  some_faulty_ = true;
+  found_faulty_image_ = true;
   return std::string(advice(*fault));
 }
 
-void CameraCalibrator::detect_any_board(ImageView luma, int most_images) {
-  if (target_.kind != TargetKind::chessboard || board_searches_ >= most_images) return;
+void CameraCalibrator::detect_any_board(ImageView luma, int max_images) {
+  if (target_.kind != TargetKind::chessboard || board_searches_ >= max_images) return;
   ++board_searches_;
   if (const auto size = chessboard_size(luma)) board_sizes_.push_back(*size);
 }
@@ -247,7 +248,7 @@ Result<void> CameraCalibrator::check_found() const {
     if (const auto other_board = other_board_advice()) return fail("{}", *other_board);
   }
   if (images_with_target_ == 0) {
-    if (some_faulty_) {
+    if (found_faulty_image_) {
       return fail("the target ({}) is in none of {} images as they are{}", target_.description,
                   images_.size(), because);
     }
@@ -286,8 +287,8 @@ Result<void> CameraCalibrator::check_markers() const {
   if (shares.empty()) return {};
   const double nominal = target_.tags->tags().front().size_m / target_.square_m;
   const double seen = upper_median(shares);
-  if (std::abs(seen / nominal - 1.0) <= kOtherSize ||
-      std::abs(upper_median(edges_px)) <= kOtherEdge_px)
+  if (std::abs(seen / nominal - 1.0) <= kMaxSizeError ||
+      std::abs(upper_median(edges_px)) <= kMaxEdgeShift_px)
     return {};
   return fail(
       "the markers are {:.3f} of a square wide, but the target file says {:.3f}; measure tag_m and "

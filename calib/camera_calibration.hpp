@@ -129,7 +129,7 @@ class CameraCalibrator {
   CameraCalibrator() = default;
   [[nodiscard]] std::string problem_of(const TargetView& view, ImageView luma);
   // Searches for a chessboard of any size, in a limited number of images: each takes 0.1 s.
-  void detect_any_board(ImageView luma, int most_images);
+  void detect_any_board(ImageView luma, int max_images);
   // Returns advice if the chessboard size in most images differs from the target file.
   [[nodiscard]] std::optional<std::string> other_board_advice() const;
   [[nodiscard]] Result<void> check_found() const;
@@ -147,11 +147,11 @@ class CameraCalibrator {
   CalibrationOptions options_;
   std::optional<TargetDetector> detector_;
   std::optional<ImageCheck> check_;  // for targets with tags
-  bool some_faulty_ = false;         // an image was mirrored or negative
+  bool found_faulty_image_ = false;  // an image was mirrored or negative
   std::vector<CalibrationImage> images_;
   int width_ = 0;
   int height_ = 0;
-  std::string first_;              // name of the first image, which sets the size
+  std::string first_name_;         // name of the first image, which sets the size
   int images_with_target_ = 0;     // images with a corner of the target
   int images_with_wide_tags_ = 0;  // images in which most tags have a border of two cells
   int candidates_ = 0;             // images that are not rejected

@@ -96,7 +96,7 @@ bool ViewFrustum::misses(std::span<const Eigen::Vector3d> hull) const {
 }
 
 // Clips by the Sutherland-Hodgman algorithm; da, db: scaled distances of a, b from a side.
-std::vector<Eigen::Vector3d> ViewFrustum::part_in_view(
+std::vector<Eigen::Vector3d> ViewFrustum::clipped_to_view(
     std::span<const Eigen::Vector3d> polygon) const {
   std::vector<Eigen::Vector3d> clipped(polygon.begin(), polygon.end());
   std::vector<Eigen::Vector3d> cut;

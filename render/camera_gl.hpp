@@ -60,7 +60,7 @@ struct ViewFrustum {
   // Returns true if the convex hull of the points (camera frame [m]) is certainly out of view.
   [[nodiscard]] bool misses(std::span<const Eigen::Vector3d> hull) const;
   // Clips a convex polygon (corners in order, camera frame [m]) to the view.
-  [[nodiscard]] std::vector<Eigen::Vector3d> part_in_view(
+  [[nodiscard]] std::vector<Eigen::Vector3d> clipped_to_view(
       std::span<const Eigen::Vector3d> polygon) const;
 };
 [[nodiscard]] ViewFrustum make_frustum(const CameraModel& camera);

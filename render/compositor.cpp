@@ -71,7 +71,7 @@ struct Compositor::Impl {
   Framebuffer framebuffer;
   FragmentAbilities abilities;
   bool pixel_buffers;
-  ReadBackBuffers pictures;
+  ReadBackBuffers read_backs;
   std::optional<GpuTimer> gpu_timer;
   VideoTexture video;
   std::optional<RectifiedVideo> rectified;
@@ -147,7 +147,7 @@ struct Compositor::Impl {
     if (method == VideoTexture::Upload::there) stats.kept.push_back({KeepReason::video});
   }
 
-  [[nodiscard]] std::size_t picture_bytes() const {
+  [[nodiscard]] std::size_t image_bytes() const {
     return std::size_t{4} * static_cast<std::size_t>(width) * static_cast<std::size_t>(height);
   }
 
@@ -256,7 +256,7 @@ Result<CompositeStats> Compositor::draw(const Frame& frame, const FramePlan& pla
 
 Result<CompositeStats> Compositor::read_back(std::span<std::uint8_t> rgba) {
   Impl& m = *impl_;
-  PENUMBRA_ASSERT(rgba.size() == m.picture_bytes());
+  PENUMBRA_ASSERT(rgba.size() == m.image_bytes());
   const Stopwatch clock;
   m.framebuffer.read_rgba(rgba);
   return m.read(clock);
@@ -270,24 +270,24 @@ Result<CompositeStats> Compositor::request_image() {
   Impl& m = *impl_;
   PENUMBRA_ASSERT(m.pixel_buffers);
   const Stopwatch clock;
-  m.pictures.ask(m.framebuffer, m.picture_bytes());
+  m.read_backs.ask(m.framebuffer, m.image_bytes());
   ++m.stats[Counter::pixel_buffer_read_backs];
   auto stats = m.read(clock);
-  if (!stats) m.pictures.drop_last();
+  if (!stats) m.read_backs.drop_last();
   return stats;
 }
 
 std::size_t Compositor::pending_images() const {
-  return impl_->pictures.pending_reads();
+  return impl_->read_backs.pending_reads();
 }
 
 Result<CompositeStats> Compositor::take_image(std::span<std::uint8_t> rgba) {
   Impl& m = *impl_;
-  PENUMBRA_ASSERT(rgba.size() == m.picture_bytes());
+  PENUMBRA_ASSERT(rgba.size() == m.image_bytes());
   const Stopwatch clock;
-  const auto taken = m.pictures.take(rgba);
+  const auto taken = m.read_backs.take(rgba);
   auto stats = m.read(clock);  // checked first, because its error is more specific
-  if (!stats || !taken) m.pictures.drop_all();
+  if (!stats || !taken) m.read_backs.drop_all();
   if (stats && !taken) return tl::unexpected(taken.error());
   return stats;
 }

@@ -216,11 +216,10 @@ class Planner {
     cast.radius = is_bounded(draw, model) ? draw.radius : std::numeric_limits<double>::infinity();
     for (const ReceiverBounds& receiver : all_receiver_bounds(draw.plane, draw.plane_frame)) {
       if (!belong_together(draw.object, receiver.object) && receiver.meets(cast))
-        ++plan_.meeting_pairs;
+        ++plan_.caster_receiver_pairs;
     }
-    if (plan_on_reached(cast, plan_.phantoms))
-      skip(SkipReason::shadow_misses_phantoms, draw.object);
-    if (plan_on_reached(cast, plan_.objects)) skip(SkipReason::shadow_misses_objects, draw.object);
+    if (plan_in_reach(cast, plan_.phantoms)) skip(SkipReason::shadow_misses_phantoms, draw.object);
+    if (plan_in_reach(cast, plan_.objects)) skip(SkipReason::shadow_misses_objects, draw.object);
   }
 
   // Returns the root of the connected virtual objects that an object belongs to. Children of a
@@ -265,7 +264,7 @@ class Planner {
   }
 
   // Plans the shadow on receivers in reach. Returns true if there are receivers, but none in reach.
-  bool plan_on_reached(const ReceivedShadowDraw& cast, const std::vector<ObjectDraw>& receivers) {
+  bool plan_in_reach(const ReceivedShadowDraw& cast, const std::vector<ObjectDraw>& receivers) {
     bool has_receivers = false;
     bool reaches_any = false;
     for (const ObjectDraw& receiver : receivers) {
@@ -606,7 +605,7 @@ FramePlan plan_frame(const Scene& scene, const SceneState& state, const PoseEsti
   plan.T_table_camera = pose.T_table_camera;
   plan.lights = state.lights;
   plan.lighting = lighting_for(scene, state);
-  plan.tone_exponent = camera.parameters().tone_curve.value_or(kUsualToneExponent);
+  plan.tone_exponent = camera.parameters().tone_curve.value_or(kDefaultToneExponent);
   Planner planner(scene, state, camera, options, plan);
   planner.plan_objects();
   planner.plan_shadows();

@@ -18,7 +18,7 @@ namespace penumbra {
 
 // Gamma exponent of a camera with unknown response: encoded = linear ^ (1 / exponent), close to
 // sRGB (docs/rendering.md#tone).
-inline constexpr double kUsualToneExponent = 2.2;
+inline constexpr double kDefaultToneExponent = 2.2;
 
 struct PlanOptions {
   Translucency translucency = Translucency::automatic;
@@ -65,7 +65,7 @@ struct ShadowShape {
 struct ShadowDraw : ShadowShape {
   int node = 0, object = 0, plane = 0;                // indices into the scene
   LightFractions fractions;                           // the scene's, lifted by its ambient light
-  double tone_exponent = kUsualToneExponent;          // FramePlan::tone_exponent
+  double tone_exponent = kDefaultToneExponent;        // FramePlan::tone_exponent
   bool umbra = true, middle = true, penumbra = true;  // which layers are not empty
   bool off_outline = false;                           // the disc is outside the plane's outline
   float opacity = 1.0F;                               // minimum of the caster's and the plane's
@@ -137,14 +137,14 @@ struct FramePlan {
   std::vector<ReceivedShadowDraw> received_shadows;
   // Number of pairs of a caster and a receiver that its shadow may reach, in view or not. It limits
   // the resolution of their masks, which must not depend on the view.
-  std::size_t meeting_pairs = 0;
+  std::size_t caster_receiver_pairs = 0;
   std::vector<HardShadowDraw> hard_shadows;
   std::vector<ShadowVolumeDraw> volumes;
   int volume_lights = 0;  // number of lights with volumes, in view or not
   std::vector<LightRayDraw> rays;
   std::vector<PlacedLight> lights;  // one per Scene::lights
   Lighting lighting;
-  double tone_exponent = kUsualToneExponent;  // of the camera: linear light = encoded ^ exponent
+  double tone_exponent = kDefaultToneExponent;  // of the camera: linear light = encoded ^ exponent
   std::vector<SkippedPass> skipped;
 };
 

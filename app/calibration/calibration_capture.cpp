@@ -27,12 +27,13 @@
 namespace penumbra {
 namespace {
 
-using TakeImage = std::function<Result<bool>(const NamedImage&)>;
+using ImageVisitor = std::function<Result<bool>(const NamedImage&)>;
 // Calls `visit` for each image until it returns false or an error, or a stop is requested.
-using ImageFeed = std::function<Result<void>(const TakeImage& visit, const std::stop_token& stop)>;
+using ImageFeed =
+    std::function<Result<void>(const ImageVisitor& visit, const std::stop_token& stop)>;
 
-ImageFeed newest_of(LiveSource& source) {
-  return [&source](const TakeImage& visit, const std::stop_token& stop) -> Result<void> {
+ImageFeed newest_image_feed(LiveSource& source) {
+  return [&source](const ImageVisitor& visit, const std::stop_token& stop) -> Result<void> {
     constexpr std::chrono::milliseconds kTakeTimeout(50);
     NewestImage images(source);
     std::vector<std::uint8_t> scratch;
@@ -57,7 +58,7 @@ ImageFeed newest_of(LiveSource& source) {
 }
 
 ImageFeed all_of(const std::filesystem::path& recording) {
-  return [recording](const TakeImage& visit, const std::stop_token& stop) {
+  return [recording](const ImageVisitor& visit, const std::stop_token& stop) {
     return for_each_image(recording, [&](const NamedImage& image) -> Result<bool> {
       if (stop.stop_requested()) return false;
       return visit(image);
@@ -120,7 +121,7 @@ class ImageChecker {
     capture.views = guide_.progress().views;
     int max_times = 0;
     for (const auto& [why, times] : reasons_) {
-      if (times > max_times) capture.why_not = why;
+      if (times > max_times) capture.rejection_reason = why;
       max_times = std::max(max_times, times);
     }
     return capture;
@@ -165,7 +166,7 @@ class ImageChecker {
     }
     const GuideProgress& progress = guide_.progress();
     if (look.taken) {
-      PENUMBRA_TRY_VOID(take_view(image.luma, progress));
+      PENUMBRA_TRY_VOID(add_view(image.luma, progress));
     } else {
       ++reasons_[look.why];
     }
@@ -179,7 +180,7 @@ class ImageChecker {
     return !options_.guide.held || !progress.enough;
   }
 
-  [[nodiscard]] Result<void> take_view(ImageView image, const GuideProgress& progress) {
+  [[nodiscard]] Result<void> add_view(ImageView image, const GuideProgress& progress) {
     std::string name = fmt::format("view {}", progress.views);
     std::string file;
     if (options_.keep) {
@@ -246,9 +247,10 @@ Result<Capture> capture_views(const CaptureSource& source, const Target& target,
     PENUMBRA_TRY(check, ImageCheck::create(*target.tags));
   }
   const bool bars = window == nullptr && isatty(STDERR_FILENO) == 1;
-  CaptureEnd end = CaptureEnd::no_more;
-  ImageChecker checker(camera != nullptr ? newest_of(**camera) : all_of(std::get<1>(source)),
-                       options, calibrator, std::move(guide), std::move(check), stop, bars);
+  CaptureEnd end = CaptureEnd::no_more_images;
+  ImageChecker checker(
+      camera != nullptr ? newest_image_feed(**camera) : all_of(std::get<1>(source)), options,
+      calibrator, std::move(guide), std::move(check), stop, bars);
   for (std::optional<Stopwatch> since_first; !checker.finished();) {
     auto checked = checker.take(kPollInterval);
     if (checked && !since_first) since_first.emplace();
@@ -272,7 +274,7 @@ Result<Capture> capture_views(const CaptureSource& source, const Target& target,
                since_first->elapsed().wall_ms >= 1e3 * *options.duration_s) {
       end = CaptureEnd::duration;
     }
-    if (end != CaptureEnd::no_more) break;
+    if (end != CaptureEnd::no_more_images) break;
   }
   checker.stop();
   if (bars) std::fputs("\r\033[K", stderr);

@@ -27,13 +27,13 @@ struct CaptureOptions {
 // Creates CaptureOptions::keep. Fails if that folder exists and is not empty.
 [[nodiscard]] Result<void> create_keep_folder(const std::filesystem::path& folder);
 
-enum class CaptureEnd { enough, duration, no_more, closed, interrupted };
+enum class CaptureEnd { enough, duration, no_more_images, closed, interrupted };
 
 struct Capture {
-  CaptureEnd end = CaptureEnd::no_more;
-  int pictures = 0;     // number of images checked
-  int views = 0;        // number of these accepted as views
-  std::string why_not;  // most frequent reason for rejecting an image
+  CaptureEnd end = CaptureEnd::no_more_images;
+  int pictures = 0;              // number of images checked
+  int views = 0;                 // number of these accepted as views
+  std::string rejection_reason;  // most frequent reason for rejecting an image
 };
 
 using CaptureSource = std::variant<LiveSource*, std::filesystem::path>;

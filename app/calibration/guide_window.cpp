@@ -13,7 +13,7 @@
 
 #include "app/logging.hpp"
 #include "app/output/run_outputs.hpp"
-#include "app/session/session_host.hpp"
+#include "app/run/session_host.hpp"
 #include "app/window/hud.hpp"
 #include "core/propagate.hpp"
 
@@ -45,7 +45,7 @@ void words(ImU32 color, const std::string& text) {
   ImGui::PopStyleColor();
 }
 
-void cells_over(const GuideHud& hud, const ImageArea& area, float em) {
+void draw_missing_cells(const GuideHud& hud, const ImageArea& area, float em) {
   const GuideCoverage& coverage = hud.progress.coverage;
   if (coverage.columns <= 0 || coverage.rows <= 0) return;
   ImDrawList& list = *ImGui::GetBackgroundDrawList();
@@ -67,7 +67,7 @@ void cells_over(const GuideHud& hud, const ImageArea& area, float em) {
   }
 }
 
-void corners_over(const GuideHud& hud, const ImageArea& area, float em) {
+void draw_corners(const GuideHud& hud, const ImageArea& area, float em) {
   ImDrawList& list = *ImGui::GetBackgroundDrawList();
   const double scale = static_cast<double>(area.width) / hud.width;
   const float radius = std::max(2.0F, 0.16F * em);
@@ -157,12 +157,12 @@ void draw_guide(Overlay& overlay, const GuideHud& hud, GlContext::Size size) {
   if (hud.width <= 0 || hud.height <= 0) return;
   overlay.draw_custom(size, [&](float em) {
     const ImageArea area = image_area(hud.width, hud.height, size);
-    cells_over(hud, area, em);
+    draw_missing_cells(hud, area, em);
     if (!hud.words.empty()) {
       verdict(hud, size, em);
       return;
     }
-    corners_over(hud, area, em);
+    draw_corners(hud, area, em);
     bars(hud, size, em);
     advice(hud, size, em);
   });
@@ -227,11 +227,11 @@ void GuideWindow::take(const WindowEvent& event) {
   if (event.kind != WindowEvent::Kind::key_down) return;
   const auto command = command_of_key(event);
   if (command == WindowCommand::screenshot) {
-    save_ = true;
+    save_requested_ = true;
   } else if (command == WindowCommand::full_screen) {
     context_->toggle_full_screen();
   } else {
-    answered_ = true;
+    key_pressed_ = true;
     if (command == WindowCommand::quit) closed_ = true;
   }
 }
@@ -241,7 +241,7 @@ void GuideWindow::refresh() {
   hud_.flash = taken_ ? std::max(0.0, 1.0 - since_taken_.elapsed().wall_ms / kFlash_ms) : 0.0;
   framebuffer_.present(size);
   draw_guide(*overlay_, hud_, size);
-  if (std::exchange(save_, false)) save_window_image();
+  if (std::exchange(save_requested_, false)) save_window_image();
   context_->swap();
   if (!context_->poll_events()) closed_ = true;
 }
@@ -264,8 +264,8 @@ void GuideWindow::save_window_image() {
 }
 
 void GuideWindow::wait(InterruptWatch& interrupt) {
-  answered_ = false;
-  while (!closed_ && !answered_ && !interrupt.interrupted()) {
+  key_pressed_ = false;
+  while (!closed_ && !key_pressed_ && !interrupt.interrupted()) {
     refresh();
     std::this_thread::sleep_for(kRest);
   }

@@ -66,8 +66,8 @@ class GuideWindow {
   Stopwatch since_taken_;
   bool taken_ = false;  // a view has been taken
   bool closed_ = false;
-  bool answered_ = false;  // a key was pressed
-  bool save_ = false;
+  bool key_pressed_ = false;  // a key was pressed
+  bool save_requested_ = false;
 };
 
 }  // namespace penumbra

@@ -45,7 +45,7 @@ StreamResult<CameraJpeg> receive_camera_jpeg(std::span<const std::uint8_t> bytes
   }
   const ImageSize size{outline->width, outline->height};
   if (size != granted && !has_padding_lines(size, granted)) {
-    return fail_with(CaptureFault::wrong_format, kOtherJpegSize, size.width, size.height,
+    return fail_with(CaptureFault::wrong_format, kWrongJpegSize, size.width, size.height,
                      granted.width, granted.height);
   }
   CameraJpeg image{outline->bytes, std::nullopt};

@@ -27,7 +27,7 @@ inline constexpr std::string_view kImproveTransfer =
     "lower --size or --fps";
 inline constexpr std::string_view kRecordAgain = "record or copy it again";
 // Format string. Arguments: width and height of the image, then of the stream.
-inline constexpr char kOtherJpegSize[] =
+inline constexpr char kWrongJpegSize[] =
     "a JPEG of {}x{} px is skipped, as the stream is {}x{} px; choose another --size or --format";
 
 // Finds the image in a camera's buffer, or returns why it is rejected. Decodes it only if the end

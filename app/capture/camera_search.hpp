@@ -19,7 +19,7 @@ class CameraSearch {
  public:
   explicit CameraSearch(V4l2Identity lost) : lost_(std::move(lost)) {}
 
-  [[nodiscard]] bool is_in_place(const V4l2Identity& camera) const {
+  [[nodiscard]] bool is_at_known_address(const V4l2Identity& camera) const {
     return is_of_model(camera) && camera.bus == lost_.bus;
   }
   // Call this when the camera is lost.
@@ -35,7 +35,7 @@ class CameraSearch {
 
   V4l2Identity lost_;  // includes the latest bus address
   bool first_search_ = true;
-  std::set<std::string> others_;  // bus addresses of the excluded cameras
+  std::set<std::string> excluded_buses_;  // bus addresses of the excluded cameras
 };
 
 }  // namespace penumbra

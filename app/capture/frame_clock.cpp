@@ -22,8 +22,8 @@ constexpr std::int64_t kMinStale_ns = 250'000'000;    // minimum of stale_after_
 
 // Returns `granted_ns` or, if longer, the n-th smallest (from 0) of the first `count` intervals.
 template <std::size_t N>
-std::int64_t usual_interval(std::int64_t granted_ns, std::array<std::int64_t, N> intervals_ns,
-                            std::size_t count, std::size_t n) {
+std::int64_t expected_interval(std::int64_t granted_ns, std::array<std::int64_t, N> intervals_ns,
+                               std::size_t count, std::size_t n) {
   const auto nth = intervals_ns.begin() + static_cast<std::ptrdiff_t>(n);
   std::nth_element(intervals_ns.begin(), nth,
                    intervals_ns.begin() + static_cast<std::ptrdiff_t>(count));
@@ -32,24 +32,24 @@ std::int64_t usual_interval(std::int64_t granted_ns, std::array<std::int64_t, N>
 
 }  // namespace
 
-std::int64_t FrameClock::usual_interval_ns() const {
+std::int64_t FrameClock::expected_interval_ns() const {
   const std::size_t count = std::min(intervals_, intervals_ns_.size());
   if (count < kSlowerAfter) return granted_ns_;
-  return usual_interval(granted_ns_, intervals_ns_, count, count / 2);
+  return expected_interval(granted_ns_, intervals_ns_, count, count / 2);
 }
 
 void FrameClock::check_interval(std::int64_t interval_ns, bool consecutive, FrameStamp& stamp) {
-  const std::int64_t usual_ns = usual_interval_ns();
+  const std::int64_t expected_ns = expected_interval_ns();
   const bool is_long =
-      consecutive && usual_ns > 0 &&
-      static_cast<double>(interval_ns) > kGapIntervals * static_cast<double>(usual_ns);
+      consecutive && expected_ns > 0 &&
+      static_cast<double>(interval_ns) > kGapIntervals * static_cast<double>(expected_ns);
   if (!is_long) {
     stamp.lost_by_time = static_cast<std::uint32_t>(
         std::min<std::uint64_t>(pending_lost_, std::numeric_limits<std::uint32_t>::max()));
     pending_lost_ = long_run_ = 0;
     return;
   }
-  pending_lost_ += static_cast<std::uint64_t>((interval_ns + usual_ns / 2) / usual_ns - 1);
+  pending_lost_ += static_cast<std::uint64_t>((interval_ns + expected_ns / 2) / expected_ns - 1);
   if (++long_run_ < kSlowerAfter) return;
   // Keeps only the slow intervals, including this one: their median becomes the expected one.
   std::array<std::int64_t, kSlowerAfter> slow_ns{};
@@ -71,7 +71,7 @@ FrameStamp FrameClock::next(std::uint32_t driver_sequence, std::int64_t driver_n
   if (monotonic) {
     // A plausible time is later than the previous plausible one, at most kMaxAge_ns old, and at
     // most one interval ahead of the arrival, because some drivers stamp the end of the exposure.
-    const bool possible = driver_ns <= arrival_ns + usual_interval_ns() &&
+    const bool possible = driver_ns <= arrival_ns + expected_interval_ns() &&
                           driver_ns >= arrival_ns - kMaxAge_ns &&
                           (!any_plausible_ || driver_ns > plausible_ns_);
     stamp.bad_time = !possible;
@@ -130,20 +130,20 @@ void FramePace::restart(std::int64_t granted_ns) {
   any_ = false;
 }
 
-std::int64_t FramePace::usual_ns() const {
+std::int64_t FramePace::expected_ns() const {
   const std::size_t count = std::min(intervals_, intervals_ns_.size());
   if (count == 0) return granted_ns_;
-  return usual_interval(granted_ns_, intervals_ns_, count, (count - 1) / 2);
+  return expected_interval(granted_ns_, intervals_ns_, count, (count - 1) / 2);
 }
 
 std::int64_t FramePace::stall_timeout_ns() const {
   const std::int64_t starting_ns = kStarting_ns << std::min(failed_starts_, kMaxDoublings);
   const std::int64_t shortest_ns = intervals_ == 0 ? starting_ns : kMinStall_ns;
-  return std::max(shortest_ns, kStallIntervals * usual_ns());
+  return std::max(shortest_ns, kStallIntervals * expected_ns());
 }
 
 std::int64_t FramePace::stale_after_ns() const {
-  return std::max(kMinStale_ns, kStallIntervals * usual_ns());
+  return std::max(kMinStale_ns, kStallIntervals * expected_ns());
 }
 
 }  // namespace penumbra

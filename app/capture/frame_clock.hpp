@@ -34,7 +34,7 @@ class FrameClock {
  private:
   // Expected time between frames [ns]: the granted interval, or the median of the recent intervals
   // if that is longer (many cameras slow down in a dark room).
-  [[nodiscard]] std::int64_t usual_interval_ns() const;
+  [[nodiscard]] std::int64_t expected_interval_ns() const;
   // Decides whether frames were lost during an interval [ns]. `consecutive`: the driver's sequence
   // numbers show no loss.
   void check_interval(std::int64_t interval_ns, bool consecutive, FrameStamp& stamp);
@@ -64,7 +64,7 @@ class FramePace {
   void restart(std::int64_t granted_ns);
 
   // The granted interval, or the (lower) median of the recent intervals if that is longer.
-  [[nodiscard]] std::int64_t usual_ns() const;
+  [[nodiscard]] std::int64_t expected_ns() const;
   // A stalled stream is restarted after this time: 1 s, or three intervals of a slow camera. Before
   // the first interval it is 3 s, because many cameras start slowly. It doubles after a restart
   // without a frame (6 s, then 12 s).

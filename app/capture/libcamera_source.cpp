@@ -178,7 +178,7 @@ class MappedBuffer {
 };
 
 // Queue of completed requests from libcamera's thread to the reader's.
-class Completed {
+class CompletedRequests {
  public:
   void put(lc::Request* request) {
     change([&] { requests_.push_back(request); });
@@ -270,14 +270,14 @@ std::optional<double> number_of(const lc::ControlValue& value) {
 // A streaming camera. The destructor stops it; buffers of frames in use stay mapped.
 class Stream {
  public:
-  struct Before {
+  struct PreviousStream {
     std::string id;
     StreamFormat format;
   };
   // `as_before`: the previous stream; if given, only its camera and format are accepted.
   static StreamResult<std::unique_ptr<Stream>> start(const LibcameraOptions& options,
-                                                     const std::optional<Before>& as_before,
-                                                     Completed& completed) {
+                                                     const std::optional<PreviousStream>& as_before,
+                                                     CompletedRequests& completed) {
     auto manager = camera_manager();
     if (!manager) return fail_with(CaptureFault::io_error, "{}", manager.error().message);
     PENUMBRA_TRY(auto camera, find_camera(**manager, as_before ? as_before->id : options.camera));
@@ -347,7 +347,7 @@ class Stream {
 
  private:
   Stream(std::shared_ptr<lc::CameraManager> manager, std::shared_ptr<lc::Camera> camera,
-         Completed& completed)
+         CompletedRequests& completed)
       : manager_(std::move(manager)), camera_(std::move(camera)), completed_(completed) {}
 
   [[nodiscard]] tl::unexpected<StreamError> trouble(const char* what, int error) const {
@@ -367,7 +367,8 @@ class Stream {
                      remedy);
   }
 
-  StreamResult<void> run(const LibcameraOptions& options, const std::optional<Before>& as_before) {
+  StreamResult<void> run(const LibcameraOptions& options,
+                         const std::optional<PreviousStream>& as_before) {
     if (const int error = camera_->acquire(); error != 0) return trouble("opening it", error);
     acquired_ = true;
     std::unique_ptr<lc::CameraConfiguration> configuration =
@@ -389,7 +390,7 @@ class Stream {
 
   StreamResult<void> configure(lc::CameraConfiguration& configuration,
                                const LibcameraOptions& options,
-                               const std::optional<Before>& as_before) {
+                               const std::optional<PreviousStream>& as_before) {
     lc::StreamConfiguration& requested = configuration.at(0);
     const lc::Size size(static_cast<unsigned>(options.width),
                         static_cast<unsigned>(options.height));
@@ -474,17 +475,17 @@ class Stream {
         return trouble("making a request", error);
       }
       requests_.push_back(std::move(request));
-      fresh_.push_back(true);
+      never_queued_.push_back(true);
     }
     if (requests_.size() < kDriverNeeds) return trouble("getting memory for frames", ENOMEM);
     buffers_ = buffers;
     const auto queue = [this, buffers](unsigned index) {
       lc::Request& request = *requests_[index];
-      if (!fresh_[index]) {
+      if (!never_queued_[index]) {
         (*buffers)[index].end_reading();
         request.reuse(lc::Request::ReuseBuffers);
       }
-      fresh_[index] = false;
+      never_queued_[index] = false;
       return camera_->queueRequest(&request) == 0;
     };
     ring_ = BufferRing::create(std::move(first_planes), {queue, [buffers] { buffers->clear(); }});
@@ -595,7 +596,7 @@ class Stream {
   // Declared in this order, because the manager must be destroyed after all of its objects.
   const std::shared_ptr<lc::CameraManager> manager_;
   const std::shared_ptr<lc::Camera> camera_;
-  Completed& completed_;
+  CompletedRequests& completed_;
   bool acquired_ = false, running_ = false;
   const KnownFormat* known_ = nullptr;
   StreamFormat format_;
@@ -603,15 +604,15 @@ class Stream {
   lc::Stream* stream_ = nullptr;
   std::unique_ptr<lc::FrameBufferAllocator> allocator_;
   std::vector<std::unique_ptr<lc::Request>> requests_;
-  std::vector<bool> fresh_;  // not queued so far; guarded by the ring's lock
-  bool share_ = true;        // share buffers with a GPU
+  std::vector<bool> never_queued_;  // not queued so far; guarded by the ring's lock
+  bool share_ = true;               // share buffers with a GPU
   std::shared_ptr<const std::vector<MappedBuffer>> buffers_;
   std::shared_ptr<BufferRing> ring_;
 };
 
 class LibcameraSource final : public LiveSource {
  public:
-  LibcameraSource(LibcameraOptions options, std::unique_ptr<Completed> completed,
+  LibcameraSource(LibcameraOptions options, std::unique_ptr<CompletedRequests> completed,
                   std::unique_ptr<Stream> stream)
       : options_(std::move(options)),
         before_{stream->id(), stream->format()},
@@ -814,7 +815,7 @@ class LibcameraSource final : public LiveSource {
   }
 
   const LibcameraOptions options_;
-  const Stream::Before before_;
+  const Stream::PreviousStream before_;
   const std::string model_;
   const bool shares_;  // the first stream shared its buffers
   FaultCounter faults_;
@@ -823,7 +824,7 @@ class LibcameraSource final : public LiveSource {
   FramePace pace_;
   mutable std::mutex mutex_;
   Readings readings_;  // guarded by mutex_
-  const std::unique_ptr<Completed> completed_;
+  const std::unique_ptr<CompletedRequests> completed_;
   bool retrying_ = false;  // no frame arrived since the restart
   std::unique_ptr<Stream> stream_;
 };
@@ -831,7 +832,7 @@ class LibcameraSource final : public LiveSource {
 }  // namespace
 
 Result<std::unique_ptr<LiveSource>> open_libcamera_source(const LibcameraOptions& options) {
-  auto completed = std::make_unique<Completed>();
+  auto completed = std::make_unique<CompletedRequests>();
   auto stream = Stream::start(options, std::nullopt, *completed);
   if (!stream) return fail("{}", stream.error().message);
   return std::make_unique<LibcameraSource>(options, std::move(completed), std::move(*stream));

@@ -76,7 +76,7 @@ std::optional<Frame> LiveSource::decode(const CapturedImage& image) {
       return std::nullopt;
     }
     if (decoded->width != stream.width || decoded->height != stream.height) {
-      faults().count_undecoded(fmt::format(kOtherJpegSize, decoded->width, decoded->height,
+      faults().count_undecoded(fmt::format(kWrongJpegSize, decoded->width, decoded->height,
                                            stream.width, stream.height));
       return std::nullopt;
     }

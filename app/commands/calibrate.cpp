@@ -20,7 +20,7 @@
 #include "app/output/interruptible.hpp"
 #include "app/output/output_file.hpp"
 #include "app/progress.hpp"
-#include "app/run_inputs.hpp"
+#include "app/run/run_inputs.hpp"
 #include "calib/camera_calibration.hpp"
 #include "calib/report/calibration_report.hpp"
 #include "core/camera/camera_file.hpp"
@@ -159,9 +159,8 @@ Result<void> check_comparable(const CalibrateOptions& options,
               options.compare.string(), earlier->width(), earlier->height(), width, height);
 }
 
-Result<void> read_pictures(const CalibrateOptions& options,
-                           const std::optional<CameraModel>& earlier, InterruptWatch& interrupt,
-                           CameraCalibrator& calibrator) {
+Result<void> read_images(const CalibrateOptions& options, const std::optional<CameraModel>& earlier,
+                         InterruptWatch& interrupt, CameraCalibrator& calibrator) {
   const std::filesystem::path& source = options.source;
   std::optional<ProgressBar> progress;
   PENUMBRA_TRY_VOID(for_each_image(source, [&](const NamedImage& image) -> Result<bool> {
@@ -196,7 +195,7 @@ std::unique_ptr<GuideWindow> window_for(const CalibrateOptions& options, int wid
 }
 
 // Returns the size of the first readable image.
-Result<ImageSize> picture_size(const std::filesystem::path& recording) {
+Result<ImageSize> first_image_size(const std::filesystem::path& recording) {
   std::optional<ImageSize> size;
   PENUMBRA_TRY_VOID(for_each_image(recording, [&](const NamedImage& image) -> Result<bool> {
     if (!image.luma.empty()) size = ImageSize{image.luma.width, image.luma.height};
@@ -209,14 +208,14 @@ Result<ImageSize> picture_size(const std::filesystem::path& recording) {
   return *size;
 }
 
-struct Guided {
+struct GuidedCapture {
   Capture capture;
   std::unique_ptr<GuideWindow> window;  // null without a window
 };
 
-Result<Guided> guide(const CalibrateOptions& options, const Target& target,
-                     const std::optional<CameraModel>& earlier, InterruptWatch& interrupt,
-                     CameraCalibrator& calibrator) {
+Result<GuidedCapture> guide(const CalibrateOptions& options, const Target& target,
+                            const std::optional<CameraModel>& earlier, InterruptWatch& interrupt,
+                            CameraCalibrator& calibrator) {
   CaptureOptions capture = options.capture;
   capture.guide.model = calibration_options(options).model;
   capture.guide.for_kalibr = calibration_options(options).for_kalibr;
@@ -224,7 +223,7 @@ Result<Guided> guide(const CalibrateOptions& options, const Target& target,
   std::unique_ptr<LiveSource> camera;
   ImageSize size;
   if (recording) {
-    PENUMBRA_TRY(size, picture_size(*recording));
+    PENUMBRA_TRY(size, first_image_size(*recording));
     // A view must add as much as the last view of a full set: sigma falls as 1 / sqrt(views).
     capture.guide.min_gain = 0.5 / options.views;
   } else {
@@ -233,7 +232,7 @@ Result<Guided> guide(const CalibrateOptions& options, const Target& target,
   }
   PENUMBRA_TRY_VOID(check_comparable(options, earlier, size.width, size.height));
   if (options.capture.keep) PENUMBRA_TRY_VOID(create_keep_folder(*options.capture.keep));
-  Guided guided;
+  GuidedCapture guided;
   guided.window = window_for(options, size.width, size.height);
   GuideWindow* window = guided.window.get();
   const CaptureSource source = camera ? CaptureSource(camera.get()) : CaptureSource(*recording);
@@ -241,8 +240,9 @@ Result<Guided> guide(const CalibrateOptions& options, const Target& target,
                capture_views(source, target, capture, interrupt, calibrator, window));
   constexpr int kMinViews = 3;
   if (captured.views < kMinViews) {
-    const std::string why =
-        captured.why_not.empty() ? "" : fmt::format(" (most often: {})", captured.why_not);
+    const std::string why = captured.rejection_reason.empty()
+                                ? ""
+                                : fmt::format(" (most often: {})", captured.rejection_reason);
     return fail(
         "{}: {} of {} picture{} {} taken{}, and a camera needs at least {} views; show the whole "
         "target, sharp and still, tilted in several directions",
@@ -258,8 +258,8 @@ Result<Guided> guide(const CalibrateOptions& options, const Target& target,
   return guided;
 }
 
-Result<CameraCalibration> finish_in(GuideWindow* window, InterruptWatch& interrupt,
-                                    CameraCalibrator& calibrator) {
+Result<CameraCalibration> solve_with_progress(GuideWindow* window, InterruptWatch& interrupt,
+                                              CameraCalibrator& calibrator) {
   std::mutex mutex;
   SolvingStep latest;  // guarded by mutex
   ProgressBar progress(1);
@@ -380,10 +380,10 @@ Result<ExitCode> run_calibrate(const CalibrateOptions& options) {
     show_verdict = window && end != CaptureEnd::closed && end != CaptureEnd::interrupted &&
                    !options.capture.duration_s;
   } else {
-    PENUMBRA_TRY_VOID(read_pictures(options, earlier, interrupt, *calibrator));
+    PENUMBRA_TRY_VOID(read_images(options, earlier, interrupt, *calibrator));
   }
   if (interrupt.interrupted()) return ended_early(options);
-  const auto calibration = finish_in(window.get(), interrupt, *calibrator);
+  const auto calibration = solve_with_progress(window.get(), interrupt, *calibrator);
   if (interrupt.interrupted()) return ended_early(options);
   const Result<void> written =
       calibration ? write_calibration(options, outputs, target, *calibration, earlier)

@@ -58,7 +58,7 @@ void add_demo_command(CLI::App& program, ChosenCommand& chosen) {
                "Offscreen, even if there is a display");
   put_first(command, {"--shadow", "--no-window"});
   command.callback([&command, options, &chosen] {
-    take_run_options(command, options->shadow, options->request);
+    set_run_options(command, options->shadow, options->request);
     chosen = [options] { return demo(*options); };
   });
 }

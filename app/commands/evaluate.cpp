@@ -10,7 +10,7 @@
 #include "app/logging.hpp"
 #include "app/recording/recording_source.hpp"
 #include "app/report/run_report.hpp"
-#include "app/run_inputs.hpp"
+#include "app/run/run_inputs.hpp"
 #include "core/evaluation/pose_convention_hint.hpp"
 #include "core/geometry/tag_map.hpp"
 #include "core/geometry/trajectory.hpp"
@@ -89,9 +89,9 @@ Result<std::map<std::string, Evaluation>> evaluate_groups(const EvaluateOptions&
     const auto file = *group_file(name);
     const std::string estimated_name = (*options.estimated_groups / file).string();
     const std::string true_name = (*options.groundtruth_groups / file).string();
-    const Trajectory found_relative = over_group(estimated, estimated_path, T_group_middle);
+    const Trajectory found_relative = relative_to_group(estimated, estimated_path, T_group_middle);
     const Trajectory true_relative =
-        over_group(truth, true_path->second, T_group_middle, options.pairing.max_gap_ns);
+        relative_to_group(truth, true_path->second, T_group_middle, options.pairing.max_gap_ns);
     if (found_relative.poses.empty() || true_relative.poses.empty()) {
       return fail(
           "{}: has no place at the time of any pose of {}",

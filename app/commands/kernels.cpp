@@ -45,7 +45,7 @@ Eigen::Vector3d direction_from(const std::string& text) {
 }
 
 // Returns the KernelStamp `stamp` with the geometry key of the file's coordinates before --unit.
-Result<std::string> stamp_in_own_unit(const KernelsOptions& options, const std::string& stamp) {
+Result<std::string> stamp_in_file_unit(const KernelsOptions& options, const std::string& stamp) {
   if (options.unit_m == 1.0) return stamp;
   PENUMBRA_TRY(const auto model, load_model(options.model, {.stored_kernels = false}));
   return geometry_key(model) + stamp.substr(std::min(stamp.find('-'), stamp.size()));
@@ -61,7 +61,7 @@ Result<std::vector<std::uint8_t>> encode(const KernelsOptions& options, const Mo
   if (lower_extension(options.model) == ".obj") {
     glb = make_glb_with_kernels(model, kernels);
   } else {
-    PENUMBRA_TRY(kernels.geometry, stamp_in_own_unit(options, kernels.geometry));
+    PENUMBRA_TRY(kernels.geometry, stamp_in_file_unit(options, kernels.geometry));
     glb = add_kernels_to_gltf(options.model, kernels, options.unit_m);
   }
   if (!glb) return tl::unexpected(glb.error());

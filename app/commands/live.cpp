@@ -139,7 +139,7 @@ void add_live_command(CLI::App& program, ChosenCommand& chosen) {
                     "a recording that plays as a camera has fixed values; remove the option");
       }
     }
-    take_run_options(command, options->shadow, options->request);
+    set_run_options(command, options->shadow, options->request);
     chosen = [options] { return live(*options); };
   });
 }

@@ -181,7 +181,7 @@ CLI::Option* add_shadow_options(CLI::App& command, ShadowChoice& choice) {
   add_text_option(
       command, "--proxy", "auto|none",
       [&choice](const std::string& name) {
-        choice.plan.proxies = choice.asks_for_proxies = name == "auto";
+        choice.plan.proxies = choice.proxies_requested = name == "auto";
         if (name != "auto" && name != "none") {
           usage_error("--proxy", "{}: is neither auto nor none", name);
         }
@@ -211,7 +211,7 @@ KernelChoice kernel_choice_from(const std::string& text) {
               joined_names(kKernelSourceNames, ", "));
 }
 
-void warn_of_no_use(const ShadowChoice& choice) {
+void warn_of_unused_options(const ShadowChoice& choice) {
   const PlanOptions& plan = choice.plan;
   if (!plan.technique) return;
   const TechniqueTraits traits = traits_of(*plan.technique);
@@ -224,10 +224,10 @@ void warn_of_no_use(const ShadowChoice& choice) {
     no_use("--kernels");
   const bool is_fixed = traits.has_one_light_size && plan.light_mode == LightMode::fixed;
   if (plan.light_mode && !is_fixed) no_use("--light-mode");
-  if (choice.asks_for_proxies) no_use("--proxy");
+  if (choice.proxies_requested) no_use("--proxy");
 }
 
-void warn_of_no_use(const CLI::App& command, const TrackerOptions& tracking) {
+void warn_of_unused_options(const CLI::App& command, const TrackerOptions& tracking) {
   const CLI::Option* given = command.get_option_no_throw("--poses-from");
   if (given != nullptr && given->count() > 0) {
     for (const char* option : {"--tracking", "--pose-budget", "--no-background-search"}) {
@@ -335,9 +335,9 @@ void add_window_options(CLI::App& command, RunRequest& request) {
                "The window's HUD is hidden at first (H shows it)");
 }
 
-void take_run_options(const CLI::App& command, const ShadowChoice& shadow, RunRequest& request) {
-  warn_of_no_use(shadow);
-  warn_of_no_use(command, request.tracking);
+void set_run_options(const CLI::App& command, const ShadowChoice& shadow, RunRequest& request) {
+  warn_of_unused_options(shadow);
+  warn_of_unused_options(command, request.tracking);
   request.plan = plan_of(shadow);
   request.kernel_file = shadow.kernel_file;
 }

@@ -16,7 +16,7 @@
 #include <utility>
 #include <vector>
 
-#include "app/session/run_request.hpp"
+#include "app/run/run_request.hpp"
 #include "core/error.hpp"
 #include "core/evaluation/pairing.hpp"
 #include "render/frame_plan.hpp"
@@ -107,15 +107,15 @@ struct ShadowChoice {
   PlanOptions plan;
   bool cocl = false;  // --shadow cocl: the layered technique with one kernel per object
   std::optional<std::filesystem::path> kernel_file;  // used instead of plan.kernels
-  bool asks_for_proxies = false;                     // --proxy auto was given
+  bool proxies_requested = false;                    // --proxy auto was given
 };
 // Adds the shadow options and returns the option --shadow.
 CLI::Option* add_shadow_options(CLI::App& command, ShadowChoice& choice);
 // Sets the technique called `name`. `option` is the option with this value, for error messages.
 void set_technique(ShadowChoice& choice, const std::string& option, const std::string& name);
 // Warns of each given option that the technique of --shadow, or the tracking, does not use.
-void warn_of_no_use(const ShadowChoice& choice);
-void warn_of_no_use(const CLI::App& command, const TrackerOptions& tracking);
+void warn_of_unused_options(const ShadowChoice& choice);
+void warn_of_unused_options(const CLI::App& command, const TrackerOptions& tracking);
 // Converts the choice to plan options. Rejects options that contradict each other.
 [[nodiscard]] PlanOptions plan_of(const ShadowChoice& choice);
 
@@ -134,7 +134,7 @@ void add_scene_option(CLI::App& command, RunRequest& request);
 void add_frame_options(CLI::App& command, RunRequest& request, ShadowChoice& shadow);
 void add_window_options(CLI::App& command, RunRequest& request);
 // Moves the parsed shadow options into the request. Warns of unused ones, rejects contradictions.
-void take_run_options(const CLI::App& command, const ShadowChoice& shadow, RunRequest& request);
+void set_run_options(const CLI::App& command, const ShadowChoice& shadow, RunRequest& request);
 // Sets the bundled scene if the request has no scene. Fails if the bundled scene is missing.
 [[nodiscard]] Result<void> complete(RunRequest& request);
 

@@ -105,7 +105,7 @@ void add_replay_command(CLI::App& program, ChosenCommand& chosen) {
                       "--poses-from", "--frames"});
   command.callback([&command, options, &chosen] {
     claim_outputs(command, {"--poses", "--report"});
-    take_run_options(command, options->shadow, options->request);
+    set_run_options(command, options->shadow, options->request);
     options->request.compare = compared(*options);
     chosen = [options] { return replay(*options); };
   });

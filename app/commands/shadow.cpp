@@ -35,14 +35,14 @@ Result<ExitCode> run_shadow(const ShadowJob& job) {
   }
   PENUMBRA_TRY(const auto result, computing.get());
   if (job.format == ShadowJob::Format::png) {
-    if (const auto done = write_shadow_png(output.partial(), picture_of(job, result)); !done) {
+    if (const auto done = write_shadow_png(output.partial(), drawing_of(job, result)); !done) {
       return output.failed(done.error());
     }
     PENUMBRA_TRY_VOID(output.commit());
   } else {
     const std::string text = job.format == ShadowJob::Format::json
                                  ? shadow_json(job, result)
-                                 : shadow_svg(picture_of(job, result));
+                                 : shadow_svg(drawing_of(job, result));
     PENUMBRA_TRY_VOID(write_text(output, text));
   }
   fmt::print("shadow: {}\n", job.output.string());

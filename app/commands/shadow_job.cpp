@@ -90,7 +90,7 @@ ShadowJob::Format format_of(const std::filesystem::path& output) {
 }
 
 // Sets the technique and returns the kernel source as text.
-std::string take_technique(const ShadowOptions& options, ShadowJob& job) {
+std::string apply_technique(const ShadowOptions& options, ShadowJob& job) {
   std::string kernels = options.kernels;
   if (options.technique == "simple") {
     job.technique = ShadowJob::Technique::simple;
@@ -148,7 +148,7 @@ void note_unused_options(const ShadowOptions& options, ShadowJob& job) {
   }
 }
 
-void take_proxy(const ShadowOptions& options, ShadowJob& job) {
+void apply_proxy(const ShadowOptions& options, ShadowJob& job) {
   if (options.proxy == "none") return;
   if (job.technique != ShadowJob::Technique::layered) {
     usage_error("--proxy", "is for layered shadows; leave it out");
@@ -157,7 +157,7 @@ void take_proxy(const ShadowOptions& options, ShadowJob& job) {
   if (job.proxy == ShadowJob::Proxy::from_file) job.proxy_file = options.proxy;
 }
 
-void take_placement(const ShadowOptions& options, ShadowJob& job) {
+void apply_placement(const ShadowOptions& options, ShadowJob& job) {
   if (!options.pose.empty()) {
     const auto pose = numbers_from<7>("--pose", options.pose);
     const Eigen::Quaterniond rotation(pose[6], pose[3], pose[4], pose[5]);
@@ -181,7 +181,7 @@ ShadowJob job_from(const ShadowOptions& options) {
   job.output = options.output;
   job.show_kernels = options.show_kernels;
   job.format = format_of(options.output);
-  const std::string kernels = take_technique(options, job);
+  const std::string kernels = apply_technique(options, job);
   const KernelChoice chosen = kernel_choice_from(kernels);
   job.source = chosen.source;
   if (chosen.file) job.kernel_file = *chosen.file;
@@ -200,7 +200,7 @@ ShadowJob job_from(const ShadowOptions& options) {
   }
   job.groups = options.groups;
   job.unit_m = options.unit_m;
-  take_proxy(options, job);
+  apply_proxy(options, job);
   if (options.up == "y") job.up = UpAxis::y;
   if (options.up == "z") job.up = UpAxis::z;
   if (!options.up.empty() && options.up != "y" && options.up != "z") {
@@ -210,7 +210,7 @@ ShadowJob job_from(const ShadowOptions& options) {
     job.constants = constants_from(options);
     job.workspace_height = options.workspace_height;
   }
-  take_placement(options, job);
+  apply_placement(options, job);
   return job;
 }
 

@@ -98,7 +98,8 @@ struct ShadowResult {
   double kernel_ms = 0.0;
   std::size_t twisted_faces = 0;
   std::optional<TwistReport> twists;
-  std::optional<double> spill;  // fraction of the penumbra; proportional light mode only
+  std::optional<double>
+      overshoot_fraction;  // fraction of the penumbra; proportional light mode only
   std::size_t faces = 0;
   std::size_t vertices = 0;
   std::size_t parts = 0;
@@ -110,6 +111,6 @@ struct ShadowResult {
 
 [[nodiscard]] std::string shadow_json(const ShadowJob& job, const ShadowResult& result);
 [[nodiscard]] std::string shadow_table(const ShadowJob& job, const ShadowResult& result);
-[[nodiscard]] ShadowDrawing picture_of(const ShadowJob& job, const ShadowResult& result);
+[[nodiscard]] ShadowDrawing drawing_of(const ShadowJob& job, const ShadowResult& result);
 
 }  // namespace penumbra

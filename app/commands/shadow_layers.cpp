@@ -254,7 +254,7 @@ Result<void> add_field_layers(const ShadowJob& job, std::span<const CasterVertex
 }
 
 // Returns the distinct kernels of a shadow, in plane coordinates.
-std::vector<Eigen::Vector2d> kernel_places(std::span<const CasterVertex> vertices) {
+std::vector<Eigen::Vector2d> kernel_positions(std::span<const CasterVertex> vertices) {
   std::vector<Eigen::Vector2d> positions;
   for (const CasterVertex& vertex : vertices) {
     const Eigen::Vector2d k(static_cast<double>(vertex.ku), static_cast<double>(vertex.kv));
@@ -303,7 +303,7 @@ Result<void> add_penumbra_layers(const ShadowJob& job, const ShadowMesh& mesh,
   } else {
     const auto [min_factor, max_factor] = factors_of(vertices, job.constants);
     result.twists = find_twists(vertices, caster.indices, min_factor, max_factor);
-    result.spill = layer_overshoot(caster, at_tilt(), max_factor);
+    result.overshoot_fraction = layer_overshoot(caster, at_tilt(), max_factor);
   }
   result.twisted_faces = result.twists->faces_twisted;
   for (const auto& [layer, name] : kLayerNames) {
@@ -313,7 +313,7 @@ Result<void> add_penumbra_layers(const ShadowJob& job, const ShadowMesh& mesh,
             : layer_triangles(vertices, caster.indices, job.constants, layer);
     PENUMBRA_TRY_VOID(add_layer(result, std::string(name), triangles));
   }
-  if (job.show_kernels) result.kernels = kernel_places(vertices);
+  if (job.show_kernels) result.kernels = kernel_positions(vertices);
   return {};
 }
 

@@ -64,7 +64,7 @@ std::string shadow_json(const ShadowJob& job, const ShadowResult& result) {
   if (result.twists) {
     json["twists"] = {{"faces_tested", result.twists->faces_tested},
                       {"area_share", result.twists->area_share}};
-    if (result.spill) json["twists"]["spill"] = *result.spill;
+    if (result.overshoot_fraction) json["twists"]["spill"] = *result.overshoot_fraction;
   }
   if (job.proxy != ShadowJob::Proxy::none) {
     auto& proxy = json["proxy"];
@@ -110,9 +110,9 @@ std::string shadow_table(const ShadowJob& job, const ShadowResult& result) {
                          result.proxy.used ? result.proxy.faces : result.faces);
     if (result.twists) {
       table += fmt::format("twisted: {:.2f} % of the area", 100.0 * result.twists->area_share);
-      if (result.spill) {
+      if (result.overshoot_fraction) {
         table += fmt::format("; overshoot beyond the outline: {:.2f} % of the penumbra",
-                             100.0 * *result.spill);
+                             100.0 * *result.overshoot_fraction);
       }
       table += "\n";
     }
@@ -127,7 +127,7 @@ std::string shadow_table(const ShadowJob& job, const ShadowResult& result) {
   return table;
 }
 
-ShadowDrawing picture_of(const ShadowJob& job, const ShadowResult& result) {
+ShadowDrawing drawing_of(const ShadowJob& job, const ShadowResult& result) {
   ShadowDrawing drawing;
   drawing.title = as_utf8(fmt::format("{}, {}", job.model.stem().string(), technique_words(job)));
   if (job.has_layers()) {

@@ -41,7 +41,7 @@ CLI::Validator whole_number() {
 }
 
 // Adds the groups given as NAME=FILE.tum to the request.
-void take_groups(const std::vector<std::string>& given, SimulateRequest& request) {
+void add_groups(const std::vector<std::string>& given, SimulateRequest& request) {
   for (const std::string& text : given) {
     const std::size_t equals = text.rfind('=');
     if (equals == 0 || equals == std::string::npos || equals + 1 == text.size()) {
@@ -90,7 +90,7 @@ void add_simulate_command(CLI::App& program, ChosenCommand& chosen) {
   command
       .add_option_function<std::vector<std::string>>(
           "--group",
-          [request](const std::vector<std::string>& given) { take_groups(given, *request); },
+          [request](const std::vector<std::string>& given) { add_groups(given, *request); },
           "Tags of the group NAME move: T_table_group over the same time; repeatable")
       ->type_name("NAME=FILE.tum");
   add_option(command, "--output", "DIR", request->output, "The recording: a new or empty folder")

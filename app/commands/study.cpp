@@ -175,7 +175,7 @@ void add_study_command(CLI::App& program, ChosenCommand& chosen) {
     if (design.experiment != StudyExperiment::drag && command.count("--tolerance") > 0) {
       usage_error("--tolerance", "applies to --experiment drag only");
     }
-    warn_of_no_use(command, chosen_request.tracking);
+    warn_of_unused_options(command, chosen_request.tracking);
     chosen = [options] { return study(*options); };
   });
 }

@@ -9,18 +9,18 @@
 #include "app/capture/v4l2/v4l2_device.hpp"
 #include "app/capture/v4l2/v4l2_source.hpp"
 #include "app/recording/recording_feed.hpp"
-#include "app/run_inputs.hpp"
+#include "app/run/run_inputs.hpp"
 #include "core/camera/camera_file.hpp"
 #include "core/propagate.hpp"
 
 namespace penumbra {
 namespace {
 
-constexpr std::string_view kRecordingKind = "recording:";
+constexpr std::string_view kRecordingPrefix = "recording:";
 constexpr std::array<std::pair<std::string_view, CameraAddress::Kind>, 3> kCameraKinds = {
     {{"v4l2:", CameraAddress::Kind::v4l2},
      {"libcamera:", CameraAddress::Kind::libcamera},
-     {kRecordingKind, CameraAddress::Kind::recording}}};
+     {kRecordingPrefix, CameraAddress::Kind::recording}}};
 
 bool has_size_of(const StreamFormat& format, const CameraModel& camera) {
   return format.width == camera.width() && format.height == camera.height();
@@ -62,8 +62,8 @@ bool names_camera(const std::string& source) {
 }
 
 std::optional<std::filesystem::path> played_recording(const std::string& source) {
-  if (!source.starts_with(kRecordingKind)) return std::nullopt;
-  return source.substr(kRecordingKind.size());
+  if (!source.starts_with(kRecordingPrefix)) return std::nullopt;
+  return source.substr(kRecordingPrefix.size());
 }
 
 Result<void> check_camera(const CameraAddress& address) {

@@ -11,8 +11,8 @@
 #include "app/live/live_recorder.hpp"
 #include "app/live/live_run.hpp"
 #include "app/report/run_report.hpp"
+#include "app/run/session_host.hpp"
 #include "app/session/session.hpp"
-#include "app/session/session_host.hpp"
 #include "core/stopwatch.hpp"
 
 namespace penumbra {

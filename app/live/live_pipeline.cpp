@@ -18,7 +18,7 @@ LivePipeline::LivePipeline(LiveSource& source, Track track, Captured captured, b
       track_(std::move(track)),
       captured_(std::move(captured)),
       side_by_side_(side_by_side),
-      last_whole_ns_(monotonic_ns()),
+      last_complete_ns_(monotonic_ns()),
       pace_(nanoseconds(source.format().interval_s)),
       stale_after_ns_(pace_.stale_after_ns()) {
   capture_thread_ = std::thread([this] {
@@ -64,7 +64,7 @@ bool LivePipeline::finished() const {
 
 std::optional<std::int64_t> LivePipeline::stale_for_ns() const {
   if (tracking_now_) return std::nullopt;
-  const std::int64_t age_ns = monotonic_ns() - last_whole_ns_;
+  const std::int64_t age_ns = monotonic_ns() - last_complete_ns_;
   return age_ns < stale_after_ns_ ? std::nullopt : std::optional(age_ns);
 }
 
@@ -149,15 +149,15 @@ std::optional<ReadyFrame> LivePipeline::track_next(std::chrono::milliseconds tim
   image.reset();  // returns a JPEG's buffer to the camera
   const StageTime time = watch.elapsed();
   const std::int64_t now_ns = monotonic_ns();
-  last_whole_ns_ = now_ns;
+  last_complete_ns_ = now_ns;
   pace_.observe(now_ns);
   stale_after_ns_ = pace_.stale_after_ns();
   tracking_now_ = true;
   ReadyFrame ready{track_(*frame), time};
-  last_whole_ns_ = monotonic_ns();
+  last_complete_ns_ = monotonic_ns();
   tracking_now_ = false;
   const std::lock_guard lock(drawer_mutex_);
-  draw_pace_.add_preparation(last_whole_ns_ - begun_ns);
+  draw_pace_.add_preparation(last_complete_ns_ - begun_ns);
   return ready;
 }
 

@@ -14,7 +14,7 @@
 #include "app/logging.hpp"
 #include "app/output/run_outputs.hpp"
 #include "app/recording/recording_writer.hpp"
-#include "app/run_inputs.hpp"
+#include "app/run/run_inputs.hpp"
 #include "app/session/image_fault_watch.hpp"
 #include "app/session/session.hpp"
 #include "app/standard_streams.hpp"
@@ -267,7 +267,7 @@ void LiveLoop::draw(ReadyFrame ready) {
 }
 
 void LiveLoop::draw_stall() {
-  note_failure(late_.write_rest());
+  note_failure(late_.write_pending());
   const auto stall_ns = pipeline_.stale_for_ns();
   if (stall_ns) host_.set_stalled(*stall_ns);
   if (auto repeated = stall_ns ? stall_display_.frame_to_show(*stall_ns) : std::nullopt) {
@@ -316,7 +316,7 @@ RunReport LiveLoop::report() {
 Result<RunReport> LiveLoop::finish() {
   if (!failure_) failure_ = display_loss(*setup_.context);
   if (!failure_) failure_ = pipeline_.error();
-  if (const auto rest = late_.write_rest(); !rest && !failure_) failure_ = rest.error();
+  if (const auto rest = late_.write_pending(); !rest && !failure_) failure_ = rest.error();
   // Without a frame no output is expected, so an output's failure is not reported.
   if (const auto finished = setup_.outputs.finish(run_);
       !finished && !failure_ && run_.frames() > 0) {

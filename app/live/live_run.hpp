@@ -7,7 +7,7 @@
 
 #include "app/live/live_camera.hpp"
 #include "app/report/run_report.hpp"
-#include "app/session/run_request.hpp"
+#include "app/run/run_request.hpp"
 #include "core/error.hpp"
 
 namespace penumbra {

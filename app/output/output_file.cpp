@@ -138,7 +138,7 @@ Result<OutputFile> OutputFile::create(const fs::path& target) {
   OutputFile file;
   file.requested_ = target;
   if (const auto descriptor = descriptor_of(target)) {
-    file.direct_ = true;
+    file.is_stream_ = true;
     int from = *descriptor;
     if (from == STDOUT_FILENO) {
       file.requested_ = kStandardOutput;
@@ -160,10 +160,10 @@ Result<OutputFile> OutputFile::create(const fs::path& target) {
           "{}: cannot be written: the folder {} is missing; create it or choose another place",
           target.string(), parent.string());
     }
-    file.direct_ = fs::exists(status) && !fs::is_regular_file(status);
-    if (file.direct_ && fs::is_fifo(status)) {
+    file.is_stream_ = fs::exists(status) && !fs::is_regular_file(status);
+    if (file.is_stream_ && fs::is_fifo(status)) {
       if (access(file.target_.c_str(), W_OK) != 0) return file.not_written(errno);
-    } else if (file.direct_) {
+    } else if (file.is_stream_) {
       PENUMBRA_TRY_VOID(file.open_stream());
     }
   }
@@ -172,7 +172,7 @@ Result<OutputFile> OutputFile::create(const fs::path& target) {
 }
 
 Result<void> OutputFile::create_partial() {
-  if (direct_) {
+  if (is_stream_) {
     memory_ = memfd_create("penumbra-output", MFD_CLOEXEC);
     if (memory_ < 0) return not_written(errno);
     partial_ = fmt::format("/proc/self/fd/{}", memory_);
@@ -210,7 +210,7 @@ OutputFile& OutputFile::operator=(OutputFile&& other) noexcept {
 
 OutputFile::~OutputFile() {
   close_descriptors();
-  if (partial_.empty() || direct_) return;
+  if (partial_.empty() || is_stream_) return;
   std::error_code ignored;
   fs::remove(partial_, ignored);
 }
@@ -219,7 +219,7 @@ void OutputFile::swap(OutputFile& other) noexcept {
   requested_.swap(other.requested_);
   target_.swap(other.target_);
   partial_.swap(other.partial_);
-  std::swap(direct_, other.direct_);
+  std::swap(is_stream_, other.is_stream_);
   std::swap(memory_, other.memory_);
   std::swap(open_, other.open_);
 }
@@ -239,7 +239,7 @@ Result<void> OutputFile::open_stream() {
 }
 
 Result<void> OutputFile::append(std::string_view text) {
-  if (direct_) PENUMBRA_TRY_VOID(open_stream());
+  if (is_stream_) PENUMBRA_TRY_VOID(open_stream());
   if (const int error = write_all(open_, text); error != 0) return not_written(error);
   return {};
 }
@@ -256,7 +256,7 @@ Result<void> OutputFile::write_memory_to_stream() {
 }
 
 Result<void> OutputFile::commit() {
-  if (direct_) {
+  if (is_stream_) {
     PENUMBRA_TRY_VOID(write_memory_to_stream());
   } else {
     std::error_code error;
@@ -296,12 +296,12 @@ Result<void> commit_together(std::span<OutputFile* const> files) {
   Result<void> result;
   std::error_code ignored;
   std::vector<OutputFile*> ordered(files.begin(), files.end());
-  std::ranges::stable_partition(ordered, [](const OutputFile* file) { return !file->direct_; });
+  std::ranges::stable_partition(ordered, [](const OutputFile* file) { return !file->is_stream_; });
   for (OutputFile* file : ordered) {
-    Result<fs::path> old = file->direct_ ? Result<fs::path>() : keep_old(file->target_);
+    Result<fs::path> old = file->is_stream_ ? Result<fs::path>() : keep_old(file->target_);
     result = old ? file->commit()
                  : tl::unexpected(renamed(old.error(), file->target_, file->requested_));
-    if (old && !file->direct_) {
+    if (old && !file->is_stream_) {
       if (result) {
         done.push_back({file->target_, std::move(*old)});
       } else if (!old->empty()) {

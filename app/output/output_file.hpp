@@ -49,7 +49,7 @@ class OutputFile {
   std::filesystem::path requested_;
   std::filesystem::path target_;   // requested_ after following links
   std::filesystem::path partial_;  // empty after commit() or a move
-  bool direct_ = false;            // the target is a stream
+  bool is_stream_ = false;         // the target is a stream
   int memory_ = -1;                // descriptor of partial() if the target is a stream
   int open_ = -1;                  // descriptor of the stream or of the partial file
 };

@@ -10,12 +10,12 @@
 namespace penumbra {
 namespace {
 
-constexpr int kGap = 4;                     // between panes [px]
-constexpr std::uint8_t kBackground = 24;    // grey level of captions, gaps and empty panes
-constexpr double kWordsWhite = 0.94;        // opacity of the white letters
-constexpr int kMinCaption_px = 20;          // [px]
-constexpr int kPaneHeightPerCaption = 16;   // ratio of pane height to caption height
-constexpr double kLettersOfCaption = 0.66;  // ratio of font size to caption height
+constexpr int kGap = 4;                    // between panes [px]
+constexpr std::uint8_t kBackground = 24;   // grey level of captions, gaps and empty panes
+constexpr double kTextOpacity = 0.94;      // opacity of the white letters
+constexpr int kMinCaption_px = 20;         // [px]
+constexpr int kPaneHeightPerCaption = 16;  // ratio of pane height to caption height
+constexpr double kFontSizeRatio = 0.66;    // ratio of font size to caption height
 
 int even(int length) {
   return length + length % 2;
@@ -76,14 +76,14 @@ void PaneGrid::draw_captions(const std::vector<std::string>& captions) {
     cairo_set_operator(cairo.get(), CAIRO_OPERATOR_CLEAR);
     cairo_paint(cairo.get());
     cairo_set_operator(cairo.get(), CAIRO_OPERATOR_OVER);
-    cairo_set_source_rgba(cairo.get(), 1.0, 1.0, 1.0, kWordsWhite);
-    cairo_set_font_size(cairo.get(), kLettersOfCaption * caption_height_);
+    cairo_set_source_rgba(cairo.get(), 1.0, 1.0, 1.0, kTextOpacity);
+    cairo_set_font_size(cairo.get(), kFontSizeRatio * caption_height_);
     cairo_text_extents_t extents;
     cairo_text_extents(cairo.get(), captions[pane].c_str(), &extents);
     // Shrinks a caption that is too long for the pane.
     const double shrink = 0.96 * pane_width_ / std::max(1.0, extents.width);
     if (shrink < 1.0) {
-      cairo_set_font_size(cairo.get(), shrink * kLettersOfCaption * caption_height_);
+      cairo_set_font_size(cairo.get(), shrink * kFontSizeRatio * caption_height_);
       cairo_text_extents(cairo.get(), captions[pane].c_str(), &extents);
     }
     cairo_move_to(cairo.get(), 0.5 * (pane_width_ - extents.width) - extents.x_bearing,

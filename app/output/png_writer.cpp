@@ -52,7 +52,7 @@ Result<void> check_replaceable(const fs::path& folder) {
 }
 
 // Removes the numbered images, and the folder if it contains no other files.
-void remove_pictures(const fs::path& folder) {
+void remove_images(const fs::path& folder) {
   std::error_code ignored;
   std::vector<fs::path> files;
   for (const fs::directory_entry& entry : fs::directory_iterator(folder, ignored)) {
@@ -107,7 +107,7 @@ class PngWriter final : public FrameWriter {
       return fail("{}: cannot be written: {}; choose another place", target.string(),
                   error.message());
     }
-    if (replaces) remove_pictures(old);
+    if (replaces) remove_images(old);
     finished_ = true;
     return {};
   }

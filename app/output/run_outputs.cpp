@@ -257,7 +257,7 @@ Result<void> RunOutputs::write_report(const RunReport& measured) {
 
 Result<void> LateOutputs::write(const SessionFrame& frame, std::span<const std::uint8_t> pixels) {
   if (frame.when_read_back != ReadBackTime::later) {
-    auto rest = write_rest();
+    auto rest = write_pending();
     auto written = outputs_.write(frame.tracked, pixels, run_);
     return rest ? written : rest;
   }
@@ -273,7 +273,7 @@ Result<void> LateOutputs::write(const SessionFrame& frame, std::span<const std::
   return written;
 }
 
-Result<void> LateOutputs::write_rest() {
+Result<void> LateOutputs::write_pending() {
   if (!waiting_) return {};
   const TrackedFrame frame = *std::exchange(waiting_, std::nullopt);
   PENUMBRA_ASSERT(session_ != nullptr);

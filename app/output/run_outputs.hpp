@@ -83,7 +83,7 @@ class LateOutputs {
   [[nodiscard]] Result<void> write(const SessionFrame& frame, std::span<const std::uint8_t> pixels);
   // Writes the pending frame. Call this before the outputs are finished, or if no frame follows
   // soon. Also fails if the frame's image can't be read back.
-  [[nodiscard]] Result<void> write_rest();
+  [[nodiscard]] Result<void> write_pending();
 
  private:
   Session* session_;

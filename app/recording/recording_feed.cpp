@@ -60,8 +60,9 @@ class RecordingFeed final : public LiveSource {
       image.timestamp_ns = due.time_since_epoch() / std::chrono::nanoseconds(1);
       const std::size_t index = sequence % frames_.size();
       image.exposure_s = frames_[index].exposure_s;
-      if (!(video_file_.empty() ? take(frames_[index].file, image)
-                                : take_frame(frame_of_video(index), video_file_.string(), image))) {
+      if (!(video_file_.empty()
+                ? take(frames_[index].file, image)
+                : accept_frame(frame_of_video(index), video_file_.string(), image))) {
         continue;
       }
       faults_.count_frame();
@@ -98,7 +99,7 @@ class RecordingFeed final : public LiveSource {
   }
 
   // Returns false if the frame is skipped.
-  bool take_frame(Result<Frame> frame, const std::string& what, CapturedImage& image) {
+  bool accept_frame(Result<Frame> frame, const std::string& what, CapturedImage& image) {
     if (!frame) return skip(CaptureFault::damaged, frame.error().message);
     if (frame->width != format_.width || frame->height != format_.height ||
         frame->format != pixels_) {
@@ -148,7 +149,7 @@ class RecordingFeed final : public LiveSource {
     auto frame = decode_recorded_image(*bytes, file.string(),
                                        ImageSize{format_.width, format_.height}, clamps_.options());
     if (const auto warning = clamps_.take_warning(file.string())) log_warning("{}", *warning);
-    return take_frame(std::move(frame), file.string(), image);
+    return accept_frame(std::move(frame), file.string(), image);
   }
 
   const std::string name_;

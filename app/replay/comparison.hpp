@@ -11,7 +11,7 @@
 #include "app/output/pane_grid.hpp"
 #include "app/replay/replay_run.hpp"
 #include "app/report/run_report.hpp"
-#include "app/session/session_host.hpp"
+#include "app/run/session_host.hpp"
 #include "core/camera/camera_model.hpp"
 #include "core/error.hpp"
 #include "render/gl/context.hpp"

@@ -16,7 +16,7 @@
 #include "app/replay/replay_poses.hpp"
 #include "app/replay/replay_view.hpp"
 #include "app/report/versions.hpp"
-#include "app/run_inputs.hpp"
+#include "app/run/run_inputs.hpp"
 #include "app/session/image_fault_watch.hpp"
 #include "app/session/scene_edit.hpp"
 #include "app/standard_streams.hpp"
@@ -291,7 +291,7 @@ Result<void> ReplayLoop::run() {
     const auto done = item ? draw(std::move(**item)) : tl::unexpected(item.error());
     if (!done) {
       // Writes the previous frame, which is complete.
-      if (const auto rest = late_.write_rest(); !rest) log_warning("{}", rest.error().message);
+      if (const auto rest = late_.write_pending(); !rest) log_warning("{}", rest.error().message);
       return done;
     }
     progress.update(run_.frames());
@@ -363,7 +363,7 @@ Result<RunReport> ReplayLoop::finish() {
   if (run_.frames() == 0) {
     return fail("{}: no frame was replayed", setup_.recording.folder.string());
   }
-  if (auto rest = late_.write_rest(); !rest && !failure_) failure_ = rest.error();
+  if (auto rest = late_.write_pending(); !rest && !failure_) failure_ = rest.error();
   if (auto finished = setup_.outputs.finish(run_); !finished && !failure_) {
     failure_ = finished.error();
   }

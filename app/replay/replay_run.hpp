@@ -8,7 +8,7 @@
 
 #include "app/recording/recording_source.hpp"
 #include "app/report/run_report.hpp"
-#include "app/session/run_request.hpp"
+#include "app/run/run_request.hpp"
 #include "core/error.hpp"
 #include "core/evaluation/pairing.hpp"
 #include "render/frame_plan.hpp"

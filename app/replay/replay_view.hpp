@@ -9,8 +9,8 @@
 #include "app/replay/comparison.hpp"
 #include "app/replay/replay_run.hpp"
 #include "app/report/run_report.hpp"
+#include "app/run/session_host.hpp"
 #include "app/session/session.hpp"
-#include "app/session/session_host.hpp"
 #include "core/error.hpp"
 
 namespace penumbra {

@@ -379,7 +379,7 @@ Evaluation accuracy_of_group(const CameraModel& camera, const RunRecorder& run,
                              const PairingOptions& options) {
   const RunRecorder::Group& found = run.group(group);
   const Trajectory true_poses =
-      over_group(truth.camera, truth.group, found.T_group_middle, options.max_gap_ns);
+      relative_to_group(truth.camera, truth.group, found.T_group_middle, options.max_gap_ns);
   return accuracy_of(camera, run, found.tracked, true_poses, options);
 }
 

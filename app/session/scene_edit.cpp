@@ -17,10 +17,10 @@ using Json = nlohmann::ordered_json;
 
 constexpr std::size_t kMaxLineBytes = 1U << 20U;
 constexpr std::string_view kMoved = "object_moved";
-constexpr std::string_view kTurned = "object_rotated";
+constexpr std::string_view kRotated = "object_rotated";
 constexpr std::string_view kStyled = "shadow_changed";
 constexpr std::string_view kLit = "video_light";
-constexpr double kBrightest = 1e6;  // multiples of full white
+constexpr double kMaxLight = 1e6;  // multiples of full white
 constexpr double kFarthest_m = 1e6;
 constexpr double kMaxQuaternionError = 1e-3;
 
@@ -43,7 +43,7 @@ bool usable(const ShadowStyle& style) {
 
 bool usable(const VideoLight& light) {
   const auto good = [](const Eigen::Vector3d& v) {
-    return v.allFinite() && v.minCoeff() > 0.0 && v.maxCoeff() < kBrightest;
+    return v.allFinite() && v.minCoeff() > 0.0 && v.maxCoeff() < kMaxLight;
   };
   return good(light.on_table) && good(light.around);
 }
@@ -123,7 +123,7 @@ std::optional<SceneEdit> edit_in(const Json& json, std::string_view event) {
   }
   ObjectPlaced placed;
   placed.object = text_in(json, "object");
-  placed.turned = event == kTurned;
+  placed.turned = event == kRotated;
   placed.placement.position = numbers_in<3>(json, "position");
   placed.placement.rotation.coeffs() = numbers_in<4>(json, "quaternion_xyzw");
   placed.placement.scale = number_in(json, "scale");
@@ -138,7 +138,7 @@ Result<void> add_event(std::string_view line, const std::string& name, SceneEven
   const std::string event = text_in(json, "event");
   const auto timestamp_ns = timestamp_of(line);
   if (event == kSceneStartEvent) events.scene_start_ns = timestamp_ns;
-  if (event == kMoved || event == kTurned || event == kStyled) {
+  if (event == kMoved || event == kRotated || event == kStyled) {
     if (!timestamp_ns)
       return fail("{}: timestamp_s is not a time in seconds; remove the line", name);
     const auto edit = edit_in(json, event);
@@ -178,7 +178,7 @@ std::string event_line(const SceneEvent& event) {
   if (const auto* placed = std::get_if<ObjectPlaced>(&event.edit)) {
     const Eigen::Vector3d& p = placed->placement.position;
     const Eigen::Quaterniond& q = placed->placement.rotation;
-    json["event"] = placed->turned ? kTurned : kMoved;
+    json["event"] = placed->turned ? kRotated : kMoved;
     json["object"] = placed->object;
     json["position"] = {p.x(), p.y(), p.z()};
     json["quaternion_xyzw"] = {q.x(), q.y(), q.z(), q.w()};

@@ -31,7 +31,7 @@ Result<Eigen::Vector2d> ScriptedParticipant::pixel_of(const ScriptAction& action
     case ScriptPlace::Kind::table:
       break;
     case ScriptPlace::Kind::by:
-      point += taken_;
+      point += grabbed_m_;
       break;
     case ScriptPlace::Kind::object: {
       const auto object =
@@ -90,7 +90,7 @@ Result<std::vector<WindowEvent>> ScriptedParticipant::events_of(const ScriptActi
 
   if (const auto pointer = pointer_in_window(view, window, pointer_)) {
     if (const auto picked = pick(*view.scene, pickable_state(*view.scene), pointer->ray)) {
-      taken_ = pointer->ray.origin + picked->distance * pointer->ray.direction;
+      grabbed_m_ = pointer->ray.origin + picked->distance * pointer->ray.direction;
     }
   }
   button_ = up.code = event.code = action.button;

@@ -37,9 +37,9 @@ class ScriptedParticipant {
 
   StudyScript script_;
   std::size_t next_ = 0;
-  int button_ = 0;                                     // pressed mouse button
-  Eigen::Vector3d taken_ = Eigen::Vector3d::Zero();    // grabbed point, table frame [m]
-  Eigen::Vector2d pointer_ = Eigen::Vector2d::Zero();  // [px] of the window
+  int button_ = 0;                                       // pressed mouse button
+  Eigen::Vector3d grabbed_m_ = Eigen::Vector3d::Zero();  // grabbed point, table frame [m]
+  Eigen::Vector2d pointer_ = Eigen::Vector2d::Zero();    // [px] of the window
 };
 
 }  // namespace penumbra

@@ -42,13 +42,13 @@ tl::unexpected<Error> not_written(const fs::path& file, std::string_view remedy 
   return fail("{}: cannot be written: {}{}", file.string(), system_message(errno), remedy);
 }
 
-std::string with_interval(const std::optional<Interval>& interval, double scale, int decimals) {
+std::string interval_text(const std::optional<Interval>& interval, double scale, int decimals) {
   if (!interval) return "-";
   return fmt::format("{:.{}f} - {:.{}f}", scale * interval->low, decimals, scale * interval->high,
                      decimals);
 }
 
-std::string fields_of(double value, const std::optional<Interval>& interval) {
+std::string csv_fields(double value, const std::optional<Interval>& interval) {
   std::string text = fmt::format(",{:.6f}", value);
   return text + (interval ? fmt::format(",{:.6f},{:.6f}", interval->low, interval->high) : ",,");
 }
@@ -58,7 +58,7 @@ struct Answers {
   int wrong = 0;
 };
 
-StudySummary of_one(const Answers& answers) {
+StudySummary participant_summary(const Answers& answers) {
   StudySummary summary;
   summary.response_time_s = median_of(answers.times_s);
   summary.error_m = median_of(answers.errors_m);
@@ -269,11 +269,11 @@ std::vector<StudySummary> summarise(const StudyDesign& design, std::span<const S
     }
     StudySummary summary;
     if (by_participant.size() == 1) {
-      summary = of_one(by_participant.begin()->second);
+      summary = participant_summary(by_participant.begin()->second);
     } else if (!by_participant.empty()) {
       std::vector<double> times, errors, fractions;
       for (const auto& [participant, answers] : by_participant) {
-        const StudySummary one = of_one(answers);
+        const StudySummary one = participant_summary(answers);
         times.push_back(one.response_time_s->median);
         errors.push_back(one.error_m->median);
         fractions.push_back(one.wrong_fraction);
@@ -302,11 +302,11 @@ std::string summary_table(StudyExperiment experiment, std::span<const StudySumma
     table += fmt::format("\n{:<10}{:>13}{:>9}", one.technique, one.participants, one.answers);
     if (one.answers == 0) continue;
     table += fmt::format("{:>11.3f}{:>17}{:>10.1f}{:>15}", one.response_time_s->median,
-                         with_interval(one.response_time_s->interval, 1.0, 3),
-                         100.0 * one.wrong_fraction, with_interval(one.wrong_interval, 100.0, 1));
+                         interval_text(one.response_time_s->interval, 1.0, 3),
+                         100.0 * one.wrong_fraction, interval_text(one.wrong_interval, 100.0, 1));
     if (drag) {
       table += fmt::format("{:>12.2f}{:>15}", 1e3 * one.error_m->median,
-                           with_interval(one.error_m->interval, 1e3, 2));
+                           interval_text(one.error_m->interval, 1e3, 2));
     }
   }
   return table + "\n";
@@ -322,9 +322,9 @@ std::string summary_csv(const std::string& study, std::span<const StudySummary> 
       text += ",,,,,,,,,\n";
       continue;
     }
-    text += fields_of(one.response_time_s->median, one.response_time_s->interval) +
-            fields_of(one.wrong_fraction, one.wrong_interval) +
-            fields_of(one.error_m->median, one.error_m->interval) + "\n";
+    text += csv_fields(one.response_time_s->median, one.response_time_s->interval) +
+            csv_fields(one.wrong_fraction, one.wrong_interval) +
+            csv_fields(one.error_m->median, one.error_m->interval) + "\n";
   }
   return text;
 }

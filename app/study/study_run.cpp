@@ -14,7 +14,7 @@
 #include "app/output/output_file.hpp"
 #include "app/replay/replay_poses.hpp"
 #include "app/replay/replay_run.hpp"
-#include "app/run_inputs.hpp"
+#include "app/run/run_inputs.hpp"
 #include "app/session/session.hpp"
 #include "app/study/scripted_participant.hpp"
 #include "app/study/study_feed.hpp"
@@ -161,11 +161,11 @@ class StudyLoop {
     switch (event.kind) {
       case Kind::key_down:
         if (command_of_key(event) != WindowCommand::pause) break;  // space bar
-        if (leave_ready(time_ns)) break;
-        follow(task_.accept(time_ns), time_ns);
+        if (end_ready(time_ns)) break;
+        apply_outcome(task_.accept(time_ns), time_ns);
         break;
       case Kind::button_down:
-        if (!leave_ready(time_ns)) press(event, time_ns);
+        if (!end_ready(time_ns)) press(event, time_ns);
         break;
       case Kind::pointer_moved:
         move(event, time_ns);
@@ -174,13 +174,13 @@ class StudyLoop {
         if (event.code != button_) break;
         move(event, time_ns);
         button_ = -1;
-        follow(task_.release(time_ns), time_ns);
+        apply_outcome(task_.release(time_ns), time_ns);
         break;
       default:
         break;
     }
   }
-  bool leave_ready(std::int64_t time_ns) {
+  bool end_ready(std::int64_t time_ns) {
     if (phase_ != Phase::ready) return false;
     phase_ = Phase::pause;
     pause_ends_ns_ = time_ns + pause_ns_;
@@ -194,7 +194,7 @@ class StudyLoop {
     // As in the paper, each button moves the ball along two axes. A handheld camera may see the
     // paper's y-z and x-z planes edge-on, so here the axes are up and sideways in the view.
     const bool lift = event.code != WindowEvent::kLeft || event.shift || event.control;
-    follow(task_.press(*view.scene, *pointer, lift, time_ns), time_ns);
+    apply_outcome(task_.press(*view.scene, *pointer, lift, time_ns), time_ns);
     if (task_.holding()) button_ = event.code;
   }
   // If only the camera moves and not the pointer, the ball keeps its position on the table.
@@ -202,11 +202,11 @@ class StudyLoop {
     const Eigen::Vector2d at(event.x, event.y);
     if (at == std::exchange(pointer_, at) || !task_.holding()) return;
     if (const auto pointer = pointer_in_window(session_.view(), window(), at)) {
-      follow(task_.move(*pointer), time_ns);
+      apply_outcome(task_.move(*pointer), time_ns);
     }
   }
 
-  void follow(StudyTask::Outcome outcome, std::int64_t time_ns) {
+  void apply_outcome(StudyTask::Outcome outcome, std::int64_t time_ns) {
     for (const SceneEdit& edit : outcome.edits) session_.edit(edit);
     if (auto added = file_.append(outcome.rows); !added) failure_ = added.error();
     if (!outcome.over) return;
@@ -230,7 +230,7 @@ class StudyLoop {
     if (context_.window_size().width > 0) {
       session_.present();
       if (overlay_) {
-        overlay_->draw_text(words(status), phase_ == Phase::ready, context_.window_size());
+        overlay_->draw_text(instructions(status), phase_ == Phase::ready, context_.window_size());
       }
       context_.swap();
     }
@@ -243,7 +243,7 @@ class StudyLoop {
   }
 
   // Returns a text that tells the participant what to do, without revealing the technique.
-  [[nodiscard]] std::string words(TrackStatus status) const {
+  [[nodiscard]] std::string instructions(TrackStatus status) const {
     const StudyTrial& trial = task_.trial();
     const StudyDesign& design = task_.plan().design;
     const bool heights = design.experiment == StudyExperiment::heights;

@@ -18,7 +18,7 @@ constexpr std::size_t kMaxScriptBytes = std::size_t{4} << 20U;
 constexpr std::int64_t kMaxTrials = 1'000'000;
 constexpr std::int64_t kMaxTime_ns = 86'400'000'000'000;  // a day
 constexpr std::int64_t kNoTime = -1;
-constexpr double kFarthest = 1e5;  // [m], [px]
+constexpr double kMaxCoordinate = 1e5;  // [m], [px]
 
 using Words = std::span<const std::string_view>;
 
@@ -39,7 +39,8 @@ std::optional<Eigen::Vector3d> point_of(Words numbers) {
   Eigen::Vector3d point = Eigen::Vector3d::Zero();
   for (std::size_t i = 0; i < numbers.size(); ++i) {
     const auto number = parse_number(numbers[i]);
-    if (!number || !std::isfinite(*number) || std::abs(*number) > kFarthest) return std::nullopt;
+    if (!number || !std::isfinite(*number) || std::abs(*number) > kMaxCoordinate)
+      return std::nullopt;
     point[static_cast<Eigen::Index>(i)] = *number;
   }
   return point;

@@ -27,7 +27,7 @@ SceneState pickable_state(const Scene& scene) {
 }
 
 StudyTask::StudyTask(StudyPlan plan, std::size_t first_trial)
-    : plan_(std::move(plan)), at_(first_trial) {}
+    : plan_(std::move(plan)), trial_index_(first_trial) {}
 
 std::vector<SceneEdit> StudyTask::set_up(const Scene& scene) const {
   PENUMBRA_ASSERT(!finished());
@@ -59,7 +59,7 @@ void StudyTask::show(std::int64_t time_ns) {
   step_ = 1;
   misses_ = frames_ = frames_lost_ = 0;
   ball_ = sample().places[0];
-  hand_.release_object();
+  manipulator_.release_object();
   rows_.clear();
 }
 
@@ -72,10 +72,11 @@ void StudyTask::count_frame(bool has_pose) {
 StudyTask::Outcome StudyTask::press(const Scene& scene, const PointerView& pointer, bool lift,
                                     std::int64_t time_ns) {
   Outcome outcome;
-  if (!shown_ || hand_.holding()) return outcome;
+  if (!shown_ || manipulator_.holding()) return outcome;
   const SceneState state = pickable_state(scene);
   if (plan_.design.experiment == StudyExperiment::drag) {
-    const auto held = hand_.take(scene, state, pointer, lift ? DragMode::lift : DragMode::slide);
+    const auto held =
+        manipulator_.take(scene, state, pointer, lift ? DragMode::lift : DragMode::slide);
     if (held) outcome.edits.emplace_back(*held);
     return outcome;
   }
@@ -101,7 +102,7 @@ StudyTask::Outcome StudyTask::press(const Scene& scene, const PointerView& point
 StudyTask::Outcome StudyTask::move(const PointerView& pointer) {
   Outcome outcome;
   if (!shown_) return outcome;
-  if (const auto moved = hand_.drag(pointer)) {
+  if (const auto moved = manipulator_.drag(pointer)) {
     ball_ = moved->placement.position;
     outcome.edits.emplace_back(*moved);
   }
@@ -110,8 +111,8 @@ StudyTask::Outcome StudyTask::move(const PointerView& pointer) {
 
 StudyTask::Outcome StudyTask::release(std::int64_t time_ns) {
   Outcome outcome;
-  if (!shown_ || !hand_.holding()) return outcome;
-  hand_.release_object();
+  if (!shown_ || !manipulator_.holding()) return outcome;
+  manipulator_.release_object();
   if ((ball_ - target()).norm() <= plan_.design.tolerance_m) {
     answer_step(time_ns, outcome);
   } else {
@@ -123,7 +124,7 @@ StudyTask::Outcome StudyTask::release(std::int64_t time_ns) {
 StudyTask::Outcome StudyTask::accept(std::int64_t time_ns) {
   Outcome outcome;
   if (!shown_ || plan_.design.experiment != StudyExperiment::drag) return outcome;
-  hand_.release_object();
+  manipulator_.release_object();
   answer_step(time_ns, outcome);
   return outcome;
 }
@@ -150,7 +151,7 @@ void StudyTask::close_trial(Outcome& outcome) {
   outcome.rows = std::exchange(rows_, {});
   outcome.over = true;
   shown_ = false;
-  ++at_;
+  ++trial_index_;
 }
 
 StudyRow StudyTask::row() const {

@@ -28,9 +28,9 @@ class StudyTask {
   StudyTask(StudyPlan plan, std::size_t first_trial);
 
   [[nodiscard]] const StudyPlan& plan() const { return plan_; }
-  [[nodiscard]] bool finished() const { return at_ >= plan_.trials.size(); }
+  [[nodiscard]] bool finished() const { return trial_index_ >= plan_.trials.size(); }
   // The current trial; must not be called when finished.
-  [[nodiscard]] const StudyTrial& trial() const { return plan_.trials[at_]; }
+  [[nodiscard]] const StudyTrial& trial() const { return plan_.trials[trial_index_]; }
   [[nodiscard]] const StudySample& sample() const {
     return plan_.samples[static_cast<std::size_t>(trial().sample)];
   }
@@ -56,7 +56,7 @@ class StudyTask {
   [[nodiscard]] Outcome release(std::int64_t time_ns);
   // Ends the step with the ball's current position, whether it is on its target or not.
   [[nodiscard]] Outcome accept(std::int64_t time_ns);
-  [[nodiscard]] bool holding() const { return hand_.holding(); }
+  [[nodiscard]] bool holding() const { return manipulator_.holding(); }
 
  private:
   [[nodiscard]] const Eigen::Vector3d& target() const { return sample().places[step_]; }
@@ -65,14 +65,14 @@ class StudyTask {
   [[nodiscard]] StudyRow row() const;
 
   StudyPlan plan_;
-  std::size_t at_ = 0;
+  std::size_t trial_index_ = 0;
   bool shown_ = false;
   std::int64_t shown_ns_ = 0;
   std::int64_t step_ns_ = 0;  // start time of the current step
   std::size_t step_ = 1;      // index of the current target in a drag, from 1
   int misses_ = 0, frames_ = 0, frames_lost_ = 0;
   Eigen::Vector3d ball_ = Eigen::Vector3d::Zero();
-  Manipulator hand_;
+  Manipulator manipulator_;
   std::vector<StudyRow> rows_;  // rows of the current trial
 };
 

@@ -22,7 +22,7 @@ Eigen::Vector3d to_double(const glm::vec3& p) {
   return {static_cast<double>(p.x), static_cast<double>(p.y), static_cast<double>(p.z)};
 }
 
-bool meets_box(const Ray& ray, const Eigen::Vector3d& low, const Eigen::Vector3d& high) {
+bool intersects_box(const Ray& ray, const Eigen::Vector3d& low, const Eigen::Vector3d& high) {
   double enter = 0.0;
   double leave = std::numeric_limits<double>::infinity();
   for (Eigen::Index axis = 0; axis < 3; ++axis) {
@@ -40,8 +40,8 @@ bool meets_box(const Ray& ray, const Eigen::Vector3d& low, const Eigen::Vector3d
 }
 
 // Returns the distance along the ray to the triangle, front or back side (Moeller and Trumbore).
-std::optional<double> meet_triangle(const Ray& ray, const Eigen::Vector3d& a,
-                                    const Eigen::Vector3d& b, const Eigen::Vector3d& c) {
+std::optional<double> distance_to_triangle(const Ray& ray, const Eigen::Vector3d& a,
+                                           const Eigen::Vector3d& b, const Eigen::Vector3d& c) {
   const Eigen::Vector3d ab = b - a;
   const Eigen::Vector3d ac = c - a;
   const Eigen::Vector3d p = ray.direction.cross(ac);
@@ -57,8 +57,8 @@ std::optional<double> meet_triangle(const Ray& ray, const Eigen::Vector3d& a,
 }
 
 // Returns the distance along the ray to the plane; nullopt if it is behind the origin or parallel.
-std::optional<double> meet_plane(const Ray& ray, const Eigen::Vector3d& normal,
-                                 const Eigen::Vector3d& point) {
+std::optional<double> distance_to_plane(const Ray& ray, const Eigen::Vector3d& normal,
+                                        const Eigen::Vector3d& point) {
   const double along = ray.direction.dot(normal);
   if (std::abs(along) < kParallel) return std::nullopt;
   const double t = (point - ray.origin).dot(normal) / along;
@@ -66,7 +66,7 @@ std::optional<double> meet_plane(const Ray& ray, const Eigen::Vector3d& normal,
 }
 
 // Returns the horizontal normal of the vertical plane that contains `right`.
-Eigen::Vector3d facing(const PointerView& pointer) {
+Eigen::Vector3d horizontal_normal(const PointerView& pointer) {
   return pointer.right.cross(Eigen::Vector3d::UnitZ()).normalized();
 }
 
@@ -111,15 +111,15 @@ std::optional<PickedPoint> pick(const Scene& scene, const SceneState& state, con
     // The ray in the object's frame. Its direction is scaled too, so that distances stay in metres.
     const Eigen::Quaterniond back = T.rotation.conjugate();
     const Ray local{back * (ray.origin - T.position) / T.scale, back * ray.direction / T.scale};
-    if (!meets_box(local, to_double(object.model->min_corner),
-                   to_double(object.model->max_corner))) {
+    if (!intersects_box(local, to_double(object.model->min_corner),
+                        to_double(object.model->max_corner))) {
       continue;
     }
     for (const Mesh& mesh : object.model->meshes) {
       for (std::size_t k = 0; k + 2 < mesh.indices.size(); k += 3) {
-        const auto t = meet_triangle(local, to_double(mesh.positions[mesh.indices[k]]),
-                                     to_double(mesh.positions[mesh.indices[k + 1]]),
-                                     to_double(mesh.positions[mesh.indices[k + 2]]));
+        const auto t = distance_to_triangle(local, to_double(mesh.positions[mesh.indices[k]]),
+                                            to_double(mesh.positions[mesh.indices[k + 1]]),
+                                            to_double(mesh.positions[mesh.indices[k + 2]]));
         if (t && (!nearest || *t < nearest->distance)) nearest = {static_cast<int>(i), *t};
       }
     }
@@ -173,7 +173,7 @@ std::optional<ObjectPlaced> Manipulator::drag(const PointerView& pointer) const 
   const Eigen::Vector2d moved = pointer.pixel - grab.pointer.pixel;
   switch (grab.mode) {
     case DragMode::slide: {
-      const auto t = meet_plane(pointer.ray, Eigen::Vector3d::UnitZ(), grab.point);
+      const auto t = distance_to_plane(pointer.ray, Eigen::Vector3d::UnitZ(), grab.point);
       if (!t || *t > kMaxDistanceRatio * grab.distance) return std::nullopt;
       Eigen::Vector3d shift = pointer.ray.origin + *t * pointer.ray.direction - grab.point;
       shift.z() = 0.0;
@@ -181,10 +181,10 @@ std::optional<ObjectPlaced> Manipulator::drag(const PointerView& pointer) const 
       break;
     }
     case DragMode::lift: {
-      const Eigen::Vector3d normal = facing(grab.pointer);
+      const Eigen::Vector3d normal = horizontal_normal(grab.pointer);
       Eigen::Vector3d shift;
       if (std::abs(grab.pointer.ray.direction.dot(normal)) > kMinSine) {
-        const auto t = meet_plane(pointer.ray, normal, grab.point);
+        const auto t = distance_to_plane(pointer.ray, normal, grab.point);
         if (!t || *t > kMaxDistanceRatio * grab.distance) return std::nullopt;
         shift = pointer.ray.origin + *t * pointer.ray.direction - grab.point;
         shift -= shift.dot(normal) * normal;  // removes the rounding error
@@ -201,7 +201,7 @@ std::optional<ObjectPlaced> Manipulator::drag(const PointerView& pointer) const 
     case DragMode::reach: {
       // The plane of motion is seen edge-on, so a drag to the right moves the object away.
       const double metres_per_px = grab.distance * pointer.radians_per_px;
-      Eigen::Vector3d shift = metres_per_px * (-moved.x() * facing(grab.pointer) -
+      Eigen::Vector3d shift = metres_per_px * (-moved.x() * horizontal_normal(grab.pointer) -
                                                moved.y() * Eigen::Vector3d::UnitZ());
       shift.z() = std::max(shift.z(), -grab.clearance);
       placed.placement.position += shift;
@@ -233,7 +233,7 @@ std::optional<ObjectPlaced> cursor_at(const Scene& scene, const SceneState& stat
   const double clearance = std::isfinite(lowest) ? std::max(lowest, 0.0) : 0.0;
   Eigen::Vector3d& position = placed.placement.position;
   position.z() += std::max(raised, -clearance);
-  const auto t = meet_plane(pointer.ray, Eigen::Vector3d::UnitZ(), position);
+  const auto t = distance_to_plane(pointer.ray, Eigen::Vector3d::UnitZ(), position);
   if (!t || *t > kMaxRay_m) return std::nullopt;
   position.head<2>() = (pointer.ray.origin + *t * pointer.ray.direction).head<2>();
   return placed;
@@ -245,7 +245,7 @@ std::optional<ObjectPlaced> Manipulator::put(const Scene& scene, const SceneStat
   if (selected_.empty() || object == scene.objects.end() || object->parent >= 0) {
     return std::nullopt;
   }
-  const auto t = meet_plane(pointer.ray, Eigen::Vector3d::UnitZ(), Eigen::Vector3d::Zero());
+  const auto t = distance_to_plane(pointer.ray, Eigen::Vector3d::UnitZ(), Eigen::Vector3d::Zero());
   if (!t) return std::nullopt;
   const auto index = static_cast<int>(object - scene.objects.begin());
   const double lowest = lowest_point(scene, state, index);

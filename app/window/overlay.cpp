@@ -583,8 +583,8 @@ struct Overlay::Impl {
   }
 
   // Draws a text window without buttons, in the middle or in a corner.
-  void words_window(const char* name, bool in_the_middle, const std::vector<std::string>& lines,
-                    const HudColor& color) {
+  void text_window(const char* name, bool in_the_middle, const std::vector<std::string>& lines,
+                   const HudColor& color) {
     const float gap = 0.5F * em;
     begin_window(name, in_the_middle ? ImVec2(0.5F * width, 0.5F * height) : ImVec2(gap, gap),
                  in_the_middle ? ImVec2(0.5F, 0.5F) : ImVec2(0.0F, 0.0F),
@@ -701,7 +701,7 @@ void Overlay::draw_hidden(const HudState& state, GlContext::Size size) {
   const std::vector<std::string> warnings = warnings_of(state);
   if (warnings.empty() && state.message.empty()) return;
   impl_->begin_drawing(size, false);
-  if (!warnings.empty()) impl_->words_window("warnings", false, warnings, kWarning);
+  if (!warnings.empty()) impl_->text_window("warnings", false, warnings, kWarning);
   impl_->message(state);
   impl_->end_drawing(size);
 }
@@ -709,7 +709,7 @@ void Overlay::draw_hidden(const HudState& state, GlContext::Size size) {
 void Overlay::draw_text(const std::string& words, bool in_the_middle, GlContext::Size size) {
   if (size.width <= 0 || size.height <= 0) return;
   impl_->begin_drawing(size, false);
-  impl_->words_window("words", in_the_middle, {words}, kWhite);
+  impl_->text_window("words", in_the_middle, {words}, kWhite);
   impl_->end_drawing(size);
 }
 

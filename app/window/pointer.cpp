@@ -13,9 +13,9 @@ double scale_of(const CameraModel& camera, const ImageArea& area) {
 }  // namespace
 
 Eigen::Vector2d window_from_image(const CameraModel& camera, GlContext::Size window,
-                                  const Eigen::Vector2d& picture_px) {
+                                  const Eigen::Vector2d& image_px) {
   const ImageArea area = image_area(camera.width(), camera.height(), window);
-  return (picture_px + Eigen::Vector2d::Constant(0.5)) / scale_of(camera, area) +
+  return (image_px + Eigen::Vector2d::Constant(0.5)) / scale_of(camera, area) +
          Eigen::Vector2d(area.x, area.y);
 }
 

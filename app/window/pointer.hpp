@@ -13,7 +13,7 @@
 namespace penumbra {
 
 [[nodiscard]] Eigen::Vector2d window_from_image(const CameraModel& camera, GlContext::Size window,
-                                                const Eigen::Vector2d& picture_px);
+                                                const Eigen::Vector2d& image_px);
 // Returns nullopt without a pose, or if the lens has no ray for the pixel.
 [[nodiscard]] std::optional<PointerView> pointer_in_window(const SessionView& view,
                                                            GlContext::Size window,

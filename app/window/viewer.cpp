@@ -88,7 +88,7 @@ void Viewer::take(const WindowEvent& event) {
   using Kind = WindowEvent::Kind;
   switch (event.kind) {
     case Kind::key_down:
-      take_key(event);
+      handle_key(event);
       break;
     case Kind::pointer_moved:
       pointer_ = {event.x, event.y};
@@ -96,12 +96,12 @@ void Viewer::take(const WindowEvent& event) {
       break;
     case Kind::button_down:
     case Kind::button_up:
-      take_button(event);
+      handle_button(event);
       break;
     case Kind::scrolled:
-      if (cursor_ && !over_hud()) {
+      if (cursor_ && !pointer_is_over_hud()) {
         constexpr double kStep_m = 0.005;
-        raise_m_ += kStep_m * event.y;
+        cursor_rise_m_ += kStep_m * event.y;
         pointer_moved_ = true;
       }
       break;
@@ -111,18 +111,18 @@ void Viewer::take(const WindowEvent& event) {
   }
 }
 
-bool Viewer::over_hud() const {
+bool Viewer::pointer_is_over_hud() const {
   return overlay_ && hud_ && overlay_->covers(pointer_.x(), pointer_.y());
 }
 
-void Viewer::take_key(const WindowEvent& event) {
+void Viewer::handle_key(const WindowEvent& event) {
   if (overlay_ && hud_ && overlay_->typing()) return;
   if (const auto technique = technique_of_key(event)) return set_technique(*technique);
   if (is_number_key(event)) show_message("no shadow technique has this key; F1 lists them");
   if (const auto command = command_of_key(event)) act(*command);
 }
 
-void Viewer::take_button(const WindowEvent& event) {
+void Viewer::handle_button(const WindowEvent& event) {
   pointer_ = {event.x, event.y};
   if (event.kind == WindowEvent::Kind::button_up) {
     if (event.code != drag_button_) return;
@@ -136,7 +136,7 @@ void Viewer::take_button(const WindowEvent& event) {
     hud_ = true;
     return;
   }
-  if (manipulator_.holding() || over_hud()) return;
+  if (manipulator_.holding() || pointer_is_over_hud()) return;
   DragMode mode = drag_;
   if (event.code == WindowEvent::kMiddle || event.shift) mode = DragMode::lift;
   if (event.code == WindowEvent::kRight) mode = DragMode::reach;
@@ -157,9 +157,9 @@ std::optional<PointerView> Viewer::pointer_view() const {
 // Handles all moves since the previous frame at once.
 void Viewer::follow_pointer() {
   if (!std::exchange(pointer_moved_, false)) return;
-  const double raised = std::exchange(raise_m_, 0.0);
+  const double raised = std::exchange(cursor_rise_m_, 0.0);
   const bool holding = manipulator_.holding();
-  if (!holding && (!cursor_ || over_hud())) return;
+  if (!holding && (!cursor_ || pointer_is_over_hud())) return;
   const auto pointer = pointer_view();
   if (!pointer) return;
   if (holding) {

@@ -70,8 +70,8 @@ class Viewer {
  private:
   void draw_hud();
   void take(const WindowEvent& event);
-  void take_key(const WindowEvent& event);
-  void take_button(const WindowEvent& event);
+  void handle_key(const WindowEvent& event);
+  void handle_button(const WindowEvent& event);
   void act(WindowCommand command);
   void act_on_clicks(HudActions actions);
   void edit(const SceneEdit& edit);
@@ -81,7 +81,7 @@ class Viewer {
   void show_message(std::string message);
   // Returns nullopt without a pose, or if the lens has no ray for the pixel.
   [[nodiscard]] std::optional<PointerView> pointer_view() const;
-  [[nodiscard]] bool over_hud() const;
+  [[nodiscard]] bool pointer_is_over_hud() const;
   void follow_pointer();
 
   GlContext& context_;
@@ -98,8 +98,8 @@ class Viewer {
   int drag_button_ = -1;                               // button of the current drag
   Eigen::Vector2d pointer_ = Eigen::Vector2d::Zero();  // [px] of the window
   bool pointer_moved_ = false;
-  bool cursor_ = false;   // the scene's 3D cursor follows the pointer
-  double raise_m_ = 0.0;  // rise of the cursor since the previous frame
+  bool cursor_ = false;         // the scene's 3D cursor follows the pointer
+  double cursor_rise_m_ = 0.0;  // rise of the cursor since the previous frame
   std::string message_;
   Stopwatch since_message_;
   RateMeter shown_;

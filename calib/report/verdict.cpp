@@ -15,10 +15,11 @@ namespace {
 
 constexpr double kGoodTilt_deg = 40.0;
 constexpr std::size_t kGoodViews = 10;
-constexpr double kNear = 0.05;  // maximum distance to a corner, fraction of the image's diagonal
+constexpr double kMaxCornerDistance =
+    0.05;  // maximum distance to a corner, fraction of the image's diagonal
 
 // Returns the name of the cell with the largest uncertainty: "the top left".
-std::string worst_place(const UncertaintyMap& map, const ImageCells& cells) {
+std::string worst_cell_name(const UncertaintyMap& map, const ImageCells& cells) {
   const ImageCells of_map{map.columns, map.rows, cells.width, cells.height};
   std::size_t worst = 0;
   double max_sigma_px = -1.0;
@@ -74,7 +75,7 @@ UncertaintyMap uncertainty_map(const CameraModel& camera, const Eigen::MatrixXd&
 
 void raise_to_difference(UncertaintyMap& map, const CameraModel& camera, const CameraModel& other,
                          std::span<const CalibrationImage> pictures) {
-  const double near = kNear * std::hypot(camera.width(), camera.height());
+  const double near = kMaxCornerDistance * std::hypot(camera.width(), camera.height());
   const ImageCells cells{map.columns, map.rows, camera.width(), camera.height()};
   std::vector<double> differences(map.sigma_px.size(), 0.0);
   std::vector<bool> seen(map.sigma_px.size(), false);  // a detected corner is near
@@ -202,7 +203,7 @@ void judge(CameraCalibration& result) {
   result.grade = finite && sigma <= kGoodProjection_px && error <= 1.0 ? CalibrationGrade::good
                  : finite && sigma <= 2.0 && error <= 2.0              ? CalibrationGrade::usable
                                                                        : CalibrationGrade::poor;
-  const std::string worst = std::isfinite(sigma) ? worst_place(result.uncertainty, cells) : "";
+  const std::string worst = std::isfinite(sigma) ? worst_cell_name(result.uncertainty, cells) : "";
   std::string text = fmt::format(
       "{}: projection is known to {:.2f} px (1 sigma) at the worst place in the image{}, {:.2f} "
       "on average; {} are explained to {:.2f} px",

@@ -26,13 +26,14 @@ constexpr int kViewsNeeded = 12;
 constexpr double kSizesNeeded = 1.6;           // size ratio of the nearest and the furthest view
 constexpr double kTiltNeeded = radians(40.0);  // required angle between two views
 // Distances between the corners of two images, as fractions of the image's width.
-constexpr double kFirstMove = 0.08;  // views are different from here on, before the first solution
-constexpr double kSameView = 0.01;   // views are equal up to here, after the first solution
-constexpr double kSteady = 0.012;    // the target rests up to here, in consecutive images
-constexpr double kSharp = 1.6;       // maximum blur [px]
+constexpr double kMinFirstMove =
+    0.08;  // views are different from here on, before the first solution
+constexpr double kMaxSameViewMove = 0.01;  // views are equal up to here, after the first solution
+constexpr double kMaxMotion = 0.012;       // the target rests up to here, in consecutive images
+constexpr double kMaxBlur_px = 1.6;        // maximum blur [px]
 constexpr std::size_t kFirstViews = 4;
 constexpr std::size_t kViewsPerChoice = 4;  // views between two lens choices
-constexpr double kBadFit = 0.5;             // noise above which another lens is tried [px]
+constexpr double kMaxNoise_px = 0.5;        // noise above which another lens is tried [px]
 
 }  // namespace
 
@@ -132,7 +133,7 @@ struct ViewGuide::Impl {
     Result<CalibrationSolution> solved = solve_as(lens.model, lens.without_k3);
     // The lens choice can't find a wide lens if it starts from plumb_bob.
     const bool explains =
-        solved && solved->noise_px <= kBadFit && solved->outliers * 20 <= solved->corners;
+        solved && solved->noise_px <= kMaxNoise_px && solved->outliers * 20 <= solved->corners;
     if (!options.model && !explains && lens.model == DistortionModel::plumb_bob) {
       Result<CalibrationSolution> wide = solve_as(DistortionModel::fisheye, false);
       if (wide && (!solved || wide->noise_px < solved->noise_px)) {
@@ -239,13 +240,13 @@ GuideResult ViewGuide::look(ImageView luma) {
     return result;
   };
   if (!view.problem.empty()) return because(view.problem);
-  if (view.blur_px > kSharp)
+  if (view.blur_px > kMaxBlur_px)
     return because(self.options.held ? "blurred: hold still, focus, more light" : "blurred");
   if (self.options.held && !before.empty() &&
-      corner_distance(view.corners, before) > kSteady * luma.width)
+      corner_distance(view.corners, before) > kMaxMotion * luma.width)
     return because("it moves: hold still");
   // Rejects repeated views: they lower the noise, but count errors of light and board twice.
-  const double least_px = (self.solution ? kSameView : kFirstMove) * luma.width;
+  const double least_px = (self.solution ? kMaxSameViewMove : kMinFirstMove) * luma.width;
   for (const CalibrationView& other : self.views) {
     if (corner_distance(view.corners, other.corners) <= least_px)
       return because("too much like a view before");

@@ -13,7 +13,7 @@ constexpr double kEdgeShiftPrior = 1.0;  // sigma [px]
 // Minimum derivative of the distorted radius, relative to that of an equidistant lens.
 constexpr double kMinGrowth = 0.3;
 constexpr double kGrowthSigma = 0.03;  // sigma of a derivative below the minimum
-constexpr double kNearest = 1e-6;      // minimum depth of a point in the camera frame [m]
+constexpr double kMinDepth_m = 1e-6;   // minimum depth of a point in the camera frame [m]
 
 struct CornerCost {
   CornerTerm term;
@@ -29,7 +29,7 @@ struct CornerCost {
     T q[3];
     ceres::AngleAxisRotatePoint(view, p, q);
     for (int i = 0; i < 3; ++i) q[i] += view[3 + i];
-    if (!(q[2] > T(kNearest))) return false;  // Ceres takes a shorter step
+    if (!(q[2] > T(kMinDepth_m))) return false;  // Ceres takes a shorter step
     std::array<T, 8> k;
     std::copy(lens + 4, lens + kLensSize, k.begin());
     T x_d;

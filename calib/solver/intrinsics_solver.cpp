@@ -104,8 +104,8 @@ std::optional<CameraPose> best_pose(const CameraModel& camera,
 }
 
 constexpr int kMaxIterations = 100;
-constexpr double kBadFit_px = 0.5;     // noise above which a solution can't start another model
-constexpr double kFarthest_px = 20.0;  // maximum scale of the first robust loss
+constexpr double kBadFit_px = 0.5;  // noise above which a solution can't start another model
+constexpr double kMaxRobustScale_px = 20.0;  // maximum scale of the first robust loss
 
 std::vector<std::size_t> radial_coefficients(DistortionModel model) {
   switch (model) {
@@ -180,7 +180,7 @@ Result<CalibrationSolution> polish(Bundle& bundle, const SolverOptions& options,
   if (robust_first) {
     const double scale = std::max(2.0 * noise, 0.5);
     // Handles large errors far from the centre, which a start with fewer coefficients has.
-    const double far = std::min(bundle.residual_quantile(0.95), kFarthest_px);
+    const double far = std::min(bundle.residual_quantile(0.95), kMaxRobustScale_px);
     if (far > 2.0 * scale && !bundle.solve(8, false, true, noise, far, kMaxIterations))
       return fails();
     if (!bundle.solve(8, false, true, noise, scale, kMaxIterations)) return fails();

@@ -50,7 +50,7 @@ class LensSearch {
   void consider(const Lens& lens, BoardShape shape);
   // Solves the best lens again and finds its outliers. Replaces the old solution unless the new one
   // has many more outliers. `for_all`: later lenses use these outliers as well.
-  void find_own_outliers(const std::vector<CalibrationView>& views, bool for_all);
+  void refine_best(const std::vector<CalibrationView>& views, bool for_all);
   // Marks the lenses whose held-out errors are hardly larger than those of the best lens.
   void mark_rivals();
   void on_step(const Lens& lens, BoardShape shape) {
@@ -76,7 +76,7 @@ class LensSearch {
     return solver;
   }
 
-  void take_outliers(const CalibrationSolution& solution) {
+  void copy_outliers(const CalibrationSolution& solution) {
     for (std::size_t v = 0; v < views_.size(); ++v) views_[v].outlier = solution.views[v].outlier;
   }
 
@@ -98,7 +98,7 @@ class LensSearch {
 };
 
 // Returns the number of corners that are inliers at this noise [px].
-int explained(const CalibrationSolution& solution, double noise_px) {
+int explained_corners(const CalibrationSolution& solution, double noise_px) {
   const double limit = kOutlierSigmas * noise_px;
   int count = 0;
   for (const SolvedView& view : solution.views) {
@@ -148,9 +148,10 @@ void LensSearch::decide_outliers(const std::vector<Lens>& lenses, BoardShape sha
   const double noise = cleanest->solution.noise_px;
   const Solved* fittest = &initial_.front();  // explains the most corners
   for (const Solved& solved : initial_) {
-    if (explained(solved.solution, noise) > explained(fittest->solution, noise)) fittest = &solved;
+    if (explained_corners(solved.solution, noise) > explained_corners(fittest->solution, noise))
+      fittest = &solved;
   }
-  take_outliers(fittest->solution);
+  copy_outliers(fittest->solution);
 }
 
 void LensSearch::consider(const Lens& lens, BoardShape shape) {
@@ -196,7 +197,7 @@ void LensSearch::mark_rivals() {
   }
 }
 
-void LensSearch::find_own_outliers(const std::vector<CalibrationView>& views, bool for_all) {
+void LensSearch::refine_best(const std::vector<CalibrationView>& views, bool for_all) {
   const CalibrationSolution& before = best->solution;
   const SolverOptions solver =
       solver_of({before.camera.parameters().model, best->without_k3}, before.shape);
@@ -206,7 +207,7 @@ void LensSearch::find_own_outliers(const std::vector<CalibrationView>& views, bo
     return;
   best->solution = std::move(*again);
   if (!for_all) return;
-  take_outliers(best->solution);
+  copy_outliers(best->solution);
   best_held_out_ = held_out_errors(best->solution, board_, views_, solver);
   best->held_out_px.reset();
   if (best_held_out_) best->held_out_px = rms_of(*best_held_out_);
@@ -300,8 +301,7 @@ Result<ChosenLens> choose_lens(const CalibrationSolution& start,
     if (views.size() >= 8) tried.consider(lens_of_best(), BoardShape::free);
     // Board warp may have hidden the need for more lens parameters.
     const BoardShape found = best->solution.shape;
-    if (found != BoardShape::rigid && !choice.stop.stop_requested())
-      tried.find_own_outliers(views, true);
+    if (found != BoardShape::rigid && !choice.stop.stop_requested()) tried.refine_best(views, true);
     const Lens before = lens_of_best();
     bool richer = false;
     for (const Lens& lens : lenses) {
@@ -312,7 +312,7 @@ Result<ChosenLens> choose_lens(const CalibrationSolution& start,
   if (choice.stop.stop_requested()) return fail("ended early");
   if (best) {
     tried.mark_rivals();
-    tried.find_own_outliers(views, false);
+    tried.refine_best(views, false);
     trials[best->trial].rms_px = best->solution.rms_px;
     trials[best->trial].camera = best->solution.camera;
     if (choice.stop.stop_requested()) return fail("ended early");

@@ -31,7 +31,7 @@ CameraPose looking_down(double distance_m) {
   return {Eigen::Quaterniond(R), middle - distance_m * z};
 }
 
-std::optional<Eigen::Vector2d> in_picture(const CameraModel& camera, const Eigen::Vector3d& p) {
+std::optional<Eigen::Vector2d> project_inside(const CameraModel& camera, const Eigen::Vector3d& p) {
   const auto pixel = camera.project(p);
   if (!pixel || !is_inside({nullptr, camera.width(), camera.height()}, *pixel, kBorder))
     return std::nullopt;
@@ -76,7 +76,7 @@ std::optional<TableVolumeUncertainty> table_volume_uncertainty(const CameraModel
     const auto T_camera_table = result.T_table_camera.inverse();
     visible = true;
     for (std::size_t i = 0; i < cube.size() && visible; ++i) {
-      const auto pixel = in_picture(camera, T_camera_table * cube[i]);
+      const auto pixel = project_inside(camera, T_camera_table * cube[i]);
       visible = pixel.has_value();
       if (pixel) result.corners_px[i] = *pixel;
     }
@@ -92,7 +92,7 @@ std::optional<TableVolumeUncertainty> table_volume_uncertainty(const CameraModel
   Eigen::MatrixXd mixed = Eigen::MatrixXd::Zero(6, covariance.rows());
   for (const MappedTag& tag : sheet->tags()) {
     for (const Eigen::Vector3d& corner : tag.corners()) {
-      if (!in_picture(camera, T_camera_table * corner)) continue;
+      if (!project_inside(camera, T_camera_table * corner)) continue;
       const PointJacobians J = jacobians_at(camera, result.T_table_camera, corner);
       poses += J.pose.transpose() * J.pose;
       mixed += J.pose.transpose() * J.lens;

@@ -22,10 +22,10 @@ using Normal = Eigen::Matrix<double, kUnknowns, kUnknowns>;
 
 struct EdgeSample {
   Eigen::Vector2d pixel;
-  Eigen::Vector2d normal;  // unit vector in the image, towards larger x or y on the tag
-  double polarity = 0.0;   // 1: the grey level rises along the normal; -1: it falls
-  double reach = 0.0;      // search range along the normal [px], at most half a cell
-  Row row;                 // d offset along the normal / d unknowns
+  Eigen::Vector2d normal;     // unit vector in the image, towards larger x or y on the tag
+  double polarity = 0.0;      // 1: the grey level rises along the normal; -1: it falls
+  double search_range = 0.0;  // search range along the normal [px], at most half a cell
+  Row row;                    // d offset along the normal / d unknowns
 };
 
 // Returns d pixel / d homography (8 parameters) at the point `on_tag`. `on_tag`, `pixel` and
@@ -80,9 +80,10 @@ class TagFit {
       std::size_t found = 0;
       for (const EdgeSample& sample : samples_) {
         const double expected = sample.row.dot(x_);
-        const double width = round < 2 ? 0.6 * sample.reach : std::min(0.6 * sample.reach, 1.2);
-        const auto found_at = find_edge(luma, {sample.pixel, sample.normal, expected, sample.reach,
-                                               width, sample.polarity, 8.0});
+        const double width =
+            round < 2 ? 0.6 * sample.search_range : std::min(0.6 * sample.search_range, 1.2);
+        const auto found_at = find_edge(luma, {sample.pixel, sample.normal, expected,
+                                               sample.search_range, width, sample.polarity, 8.0});
         if (!found_at) continue;
         ++found;
         const double offset = expected + *found_at;
@@ -160,7 +161,7 @@ class TagFit {
       if (sample.normal.dot(*beside - *pixel) < 0.0) sample.normal = -sample.normal;
       const double width_px = sample.normal.dot(*beside - *pixel) * cell_m_ / step;
       if (width_px < kNarrowestCell) return false;
-      sample.reach = std::min(0.5 * width_px, 3.5);
+      sample.search_range = std::min(0.5 * width_px, 3.5);
       sample.polarity = run.polarity;
       sample.row.head<8>() = basis_at(point, *pixel).transpose() * sample.normal;
       sample.row[8] = run.vertical ? run.polarity : 0.0;

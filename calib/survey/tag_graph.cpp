@@ -19,7 +19,7 @@
 namespace penumbra {
 namespace {
 
-constexpr double kNearestPoint = 1e-6;    // minimum depth of a point in the camera frame [m]
+constexpr double kMinDepth_m = 1e-6;      // minimum depth of a point in the camera frame [m]
 constexpr double kGraphShiftPrior = 0.5;  // sigma of the edge shift [px]
 constexpr double kDetectionNoise = 0.1;   // sigma of a coordinate of a detected corner [px]
 constexpr double kMeasuredFloor = 0.01;   // sigma of lens model errors [px]
@@ -58,7 +58,7 @@ struct SightingCost {
       T in_camera[3];
       ceres::AngleAxisRotatePoint(camera_pose, at, in_camera);
       for (int j = 0; j < 3; ++j) in_camera[j] += camera_pose[3 + j];
-      if (!(in_camera[2] > T(kNearestPoint))) return false;
+      if (!(in_camera[2] > T(kMinDepth_m))) return false;
       T x_d;
       T y_d;
       distort<T>(model, k, in_camera[0] / in_camera[2], in_camera[1] / in_camera[2], x_d, y_d);

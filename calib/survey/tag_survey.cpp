@@ -24,9 +24,9 @@ namespace {
 // Camera response and blur shift a readable tag's edges by less than this. A larger solved shift is
 // wrong: together with the scale it compensates another error (board warp, lens).
 constexpr double kMaxEdgeShift_px = 0.5;
-constexpr double kFlat = radians(6.0);  // maximum angle between tags of one table
-constexpr double kHigh = 0.03;          // maximum height over the plane / tag size
-constexpr double kMaxLensSigma = 0.02;  // maximum relative sigma of the focal length
+constexpr double kMaxTilt = radians(6.0);  // maximum angle between tags of one table
+constexpr double kMaxHeightRatio = 0.03;   // maximum height over the plane / tag size
+constexpr double kMaxLensSigma = 0.02;     // maximum relative sigma of the focal length
 
 double size_of(const SurveyOptions& options, int id) {
   const auto named = options.sizes_m.find(id);
@@ -61,15 +61,15 @@ std::vector<int> tags_on_table(const std::map<int, TagPose>& tags, const SurveyO
   if (options.plane == SurveyPlane::anchor) return {anchor};
   Eigen::Vector3d normal = Eigen::Vector3d::UnitZ();
   Eigen::Vector3d on_plane = Eigen::Vector3d::Zero();
-  double slack = std::tan(kFlat);  // tolerance for the error of the normal
+  double slack = std::tan(kMaxTilt);  // tolerance for the error of the normal
   std::vector<int> members;
   for (int round = 0; round < 4; ++round) {
     members.clear();
     for (const auto& [id, pose] : tags) {
       const Eigen::Vector3d d = pose.translation() - on_plane;
       const double facing = (pose.rotation() * Eigen::Vector3d::UnitZ()).dot(normal);
-      const double limit = kHigh * size_of(options, id) + slack * d.norm();
-      if (facing > std::cos(kFlat) && std::abs(normal.dot(d)) < limit) members.push_back(id);
+      const double limit = kMaxHeightRatio * size_of(options, id) + slack * d.norm();
+      if (facing > std::cos(kMaxTilt) && std::abs(normal.dot(d)) < limit) members.push_back(id);
     }
     if (members.size() < 3) return {anchor};
     Eigen::Matrix3Xd centres(3, members.size());

@@ -53,8 +53,8 @@ void draw_text(cairo_t* cr, double x, double y, const std::string& text) {
   cairo_show_text(cr, text.c_str());
 }
 
-constexpr double kMark = 0.003;           // [m] length of an origin mark beside the board
-constexpr double kShortestMark = 0.0015;  // [m] minimum length if there is little room
+constexpr double kMarkLength = 0.003;      // [m] length of an origin mark beside the board
+constexpr double kMinMarkLength = 0.0015;  // [m] minimum length if there is little room
 
 // Draws a line from (x, y) to (x + dx, y + dy), with an arrow head for an axis.
 void draw_mark(cairo_t* cr, double x, double y, double dx, double dy, bool axis) {
@@ -84,14 +84,14 @@ void draw_origin(cairo_t* cr, const Sheet& sheet, const PageSize& page, double x
   const double room_beside = 0.5 * page.width_m - kMargin - right;
   const double room_above = y - kMargin - top;
   cairo_set_line_width(cr, kThinLine_m);
-  if (room_beside >= kShortestMark) {
-    const double length = std::min(room_beside, kMark);
+  if (room_beside >= kMinMarkLength) {
+    const double length = std::min(room_beside, kMarkLength);
     draw_mark(cr, x - right, y, -length, 0.0, false);
     draw_mark(cr, x + right, y, length, 0.0, true);
     draw_text(cr, x + right + 0.0008, y - 0.0012, "x");
   }
-  if (room_above >= kShortestMark) {
-    const double length = std::min(room_above, kMark);
+  if (room_above >= kMinMarkLength) {
+    const double length = std::min(room_above, kMarkLength);
     draw_mark(cr, x, y + top, 0.0, length, false);
     draw_mark(cr, x, y - top, 0.0, -length, true);
     draw_text(cr, x + 0.0014, y - top - 0.0008, "y");

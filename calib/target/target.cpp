@@ -10,16 +10,16 @@
 namespace penumbra {
 namespace {
 
-constexpr double kSmallest = 0.0005;  // [m] edge of a tag or a square
-constexpr double kLargest = 2.0;      // [m] edge of a tag or a square
+constexpr double kMinLength_m = 0.0005;  // [m] edge of a tag or a square
+constexpr double kMaxLength_m = 2.0;     // [m] edge of a tag or a square
 constexpr int kMaxPerSide = 100;
 
 Result<void> check_length(double metres, std::string_view what) {
-  if (metres >= kSmallest && metres <= kLargest) return {};
-  if (metres > kLargest && metres <= kLargest * 1000.0) {
+  if (metres >= kMinLength_m && metres <= kMaxLength_m) return {};
+  if (metres > kMaxLength_m && metres <= kMaxLength_m * 1000.0) {
     return fail("{} is {} m; lengths are metres: did you mean {}?", what, metres, metres / 1000.0);
   }
-  return fail("{} is {} m; give metres, {} to {}", what, metres, kSmallest, kLargest);
+  return fail("{} is {} m; give metres, {} to {}", what, metres, kMinLength_m, kMaxLength_m);
 }
 
 Result<void> check_count(int count, std::string_view what) {
@@ -119,7 +119,7 @@ Result<Target> read_charuco(const YamlFields& fields) {
 Result<Target> tag_target(TagMap map) {
   Target target;
   target.kind = TargetKind::tags;
-  double smallest = kLargest;
+  double smallest = kMaxLength_m;
   double largest = 0.0;
   for (const MappedTag& tag : map.tags()) {
     PENUMBRA_TRY_VOID(check_length(tag.size_m, fmt::format("size_m of tag {}", tag.id)));

@@ -58,35 +58,35 @@ class ErrorCollector {
 
   // `consecutive`: the previous frame was also added, so that the jitter can use both.
   void add(const CameraPose& estimated, const CameraPose& truth, bool consecutive) {
-    translation_.push_back(1e3 * (estimated.translation() - truth.translation()).norm());
-    rotation_.push_back(degrees(estimated.rotation().angularDistance(truth.rotation())));
+    translation_mm_.push_back(1e3 * (estimated.translation() - truth.translation()).norm());
+    rotation_deg_.push_back(degrees(estimated.rotation().angularDistance(truth.rotation())));
     const OverlayDifference difference = overlay_difference(camera_, estimated, truth);
     bool any = false;
     for (std::size_t i = 0; i < difference.valid.size(); ++i) {
       if (!difference.valid[i]) continue;
       any = true;
-      corner_.push_back(difference.difference_px[i].norm());
+      corner_errors_px_.push_back(difference.difference_px[i].norm());
       if (consecutive && previous_.valid[i]) {
         change_sum_ += (difference.difference_px[i] - previous_.difference_px[i]).squaredNorm();
         ++change_count_;
       }
     }
-    if (any) frame_.push_back(difference.rms_px());
+    if (any) frame_rms_px_.push_back(difference.rms_px());
     previous_ = difference;
   }
 
   void finish(Evaluation& result) {
-    result.translation_mm = statistics_of(std::move(translation_));
-    result.rotation_deg = statistics_of(std::move(rotation_));
-    result.overlay_px = statistics_of(std::move(corner_));
-    result.overlay_frame_px = statistics_of(std::move(frame_));
+    result.translation_mm = statistics_of(std::move(translation_mm_));
+    result.rotation_deg = statistics_of(std::move(rotation_deg_));
+    result.overlay_px = statistics_of(std::move(corner_errors_px_));
+    result.overlay_frame_px = statistics_of(std::move(frame_rms_px_));
     result.jitter_changes = change_count_;
     result.jitter_px = change_count_ == 0 ? 0.0 : std::sqrt(change_sum_ / change_count_);
   }
 
  private:
   const CameraModel& camera_;
-  std::vector<double> translation_, rotation_, corner_, frame_;
+  std::vector<double> translation_mm_, rotation_deg_, corner_errors_px_, frame_rms_px_;
   OverlayDifference previous_;
   double change_sum_ = 0.0;
   int change_count_ = 0;
@@ -202,9 +202,9 @@ Evaluation evaluate(const CameraModel& camera, const Trajectory& estimated, cons
   return result;
 }
 
-Trajectory over_group(const Trajectory& camera, const Trajectory& group,
-                      const Transform<frame::Group, frame::GroupMiddle>& T_group_middle,
-                      std::int64_t max_gap_ns) {
+Trajectory relative_to_group(const Trajectory& camera, const Trajectory& group,
+                             const Transform<frame::Group, frame::GroupMiddle>& T_group_middle,
+                             std::int64_t max_gap_ns) {
   Trajectory relative;
   for (const StampedPose& pose : camera.poses) {
     const auto group_pose = pose_at(group, pose.timestamp_ns, max_gap_ns);

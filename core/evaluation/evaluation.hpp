@@ -57,7 +57,7 @@ struct Evaluation {
 
 // Returns T_middle_camera of a group of tags at those times of `camera` at which pose_at() finds
 // the group's pose (T_table_group). `max_gap_ns` 0: only at times that both trajectories have.
-[[nodiscard]] Trajectory over_group(
+[[nodiscard]] Trajectory relative_to_group(
     const Trajectory& camera, const Trajectory& group,
     const Transform<frame::Group, frame::GroupMiddle>& T_group_middle, std::int64_t max_gap_ns = 0);
 

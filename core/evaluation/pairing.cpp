@@ -58,7 +58,7 @@ std::optional<std::string> long_interval_text(const NamedTrajectory& named) {
       named.name, *interval_s, unit.name, unit.per_second);
 }
 
-Result<void> check_not_too_near(const NamedTrajectory& named) {
+Result<void> check_min_interval(const NamedTrajectory& named) {
   const std::optional<double> interval_s = median_interval_s(named.trajectory);
   if (!interval_s || *interval_s >= kMinInterval_s) return {};
   return fail(
@@ -83,8 +83,8 @@ double duration_s(const Trajectory& trajectory) {
 }
 
 // Fails if scaling the times of one trajectory by 1e3, 1e6 or 1e9 makes the two overlap.
-Result<void> check_against_each_other(const NamedTrajectory& estimated,
-                                      const NamedTrajectory& truth, const PairingOptions& options) {
+Result<void> check_same_unit(const NamedTrajectory& estimated, const NamedTrajectory& truth,
+                             const PairingOptions& options) {
   const std::vector<StampedPose>& poses = estimated.trajectory.poses;
   for (const TimeUnit& unit : kFinerUnits) {
     for (const bool truth_is_finer : {false, true}) {
@@ -156,7 +156,7 @@ Result<std::vector<std::string>> check_units_of_time(const NamedTrajectory& esti
                                                      const NamedTrajectory& truth,
                                                      const PairingOptions& options) {
   for (const NamedTrajectory& named : {estimated, truth}) {
-    PENUMBRA_TRY_VOID(check_not_too_near(named));
+    PENUMBRA_TRY_VOID(check_min_interval(named));
   }
   const std::vector<StampedPose>& poses = estimated.trajectory.poses;
   const auto judged = std::ranges::count_if(poses, [&](const StampedPose& pose) {
@@ -166,7 +166,7 @@ Result<std::vector<std::string>> check_units_of_time(const NamedTrajectory& esti
   });
   const bool few_evaluated = 2 * static_cast<std::size_t>(judged) < poses.size();
   if (few_evaluated && poses.size() >= 2 && truth.trajectory.poses.size() >= 2) {
-    PENUMBRA_TRY_VOID(check_against_each_other(estimated, truth, options));
+    PENUMBRA_TRY_VOID(check_same_unit(estimated, truth, options));
   }
   std::vector<std::string> warnings;
   for (const NamedTrajectory& named : {estimated, truth}) {

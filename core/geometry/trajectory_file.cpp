@@ -153,14 +153,14 @@ class TrajectoryReader {
     line = trim(line);
     std::vector<StampedPose>& poses = trajectory_.poses;
     if (line.empty()) {
-      if (poses.empty()) take_header(comment);
+      if (poses.empty()) read_header(comment);
       return {};
     }
     const bool commas = line.find(',') != std::string_view::npos;
     if (poses.empty()) {
       // The header may lack the '#'.
       if (commas && line.find("time") != std::string_view::npos) {
-        take_header(line);
+        read_header(line);
         return {};
       }
       trajectory_.of_body = commas;
@@ -184,7 +184,7 @@ class TrajectoryReader {
   [[nodiscard]] Trajectory take() { return std::move(trajectory_); }
 
  private:
-  void take_header(std::string_view text) {
+  void read_header(std::string_view text) {
     if (text.find(',') == std::string_view::npos) return;
     w_last_ = header_has_w_last(split_at_commas(text));
   }

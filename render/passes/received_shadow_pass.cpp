@@ -17,7 +17,7 @@ namespace {
 constexpr std::size_t kMaxFieldLevels = 16;
 constexpr double kFinestTexel = 5e-4;  // [m]
 constexpr int kMaxTexels = 1024;       // along a side
-// Limits for one pair of caster and receiver, and for all pairs in meeting_pairs.
+// Limits for one pair of caster and receiver, and for all pairs in caster_receiver_pairs.
 constexpr double kMaxTexelsOfPair = 4e6;
 constexpr double kMinTexelsOfPair = 1e5;
 constexpr double kMaxTexelsOfFrame = 64e6;
@@ -26,7 +26,7 @@ constexpr int kTexelsAtOnce = 32;       // sides are multiples, so that storage 
 // Counts pairs out of view as well, because culling must not change the image.
 double max_texels_per_pair(const FramePlan& plan) {
   const auto pairs =
-      static_cast<double>(std::bit_ceil(std::max<std::size_t>(plan.meeting_pairs, 1)));
+      static_cast<double>(std::bit_ceil(std::max<std::size_t>(plan.caster_receiver_pairs, 1)));
   return std::clamp(kMaxTexelsOfFrame / pairs, kMinTexelsOfPair, kMaxTexelsOfPair);
 }
 

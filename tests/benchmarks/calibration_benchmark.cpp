@@ -75,7 +75,7 @@ struct Corners {
 Corners find_corners(const std::filesystem::path& folder, const Target& target) {
   TargetDetector detector = TargetDetector::create(target).value();
   Corners corners;
-  const auto read = for_each_image(folder, [&](const Picture& image) -> Result<bool> {
+  const auto read = for_each_image(folder, [&](const NamedImage& image) -> Result<bool> {
     corners.width = image.luma.width;
     corners.height = image.luma.height;
     const TargetView view = detector.detect(image.luma);
@@ -131,7 +131,7 @@ std::string number(std::optional<double> value, int digits = 3) {
   return value && std::isfinite(*value) ? fmt::format("{:.{}f}", *value, digits) : "-";
 }
 
-bool all_see_everything(const Corners& corners, const Target& target) {
+bool all_corners_seen(const Corners& corners, const Target& target) {
   return std::all_of(corners.views.begin(), corners.views.end(), [&](const CalibrationView& view) {
     return view.corners.size() == target.points.size();
   });
@@ -162,7 +162,7 @@ void compare_on(const char* whose, const Corners& corners, const Target& target,
   row("OpenCV calibrateCamera", "as in file", RUSAGE_SELF, [&](const Views& views) {
     return test::opencv_calibration(corners.width, corners.height, target.points, views);
   });
-  const bool complete = all_see_everything(corners, target);
+  const bool complete = all_corners_seen(corners, target);
   if (complete && has_mrcal()) {
     row("mrcal, OPENCV5", "as in file (warped while solving)", RUSAGE_CHILDREN,
         [&](const Views& views) { return mrcal(corners, target, views); });
@@ -190,7 +190,7 @@ void compare(const std::filesystem::path& root, const Photographs& set) {
   const Corners corners = find_corners(folder, target);
   if (corners.views.empty()) return;
   std::printf("**%s**, %zu views of %s%zu corners, %dx%d\n\n", set.folder, corners.views.size(),
-              all_see_everything(corners, target) ? "" : "up to ", target.points.size(),
+              all_corners_seen(corners, target) ? "" : "up to ", target.points.size(),
               corners.width, corners.height);
   std::printf(
       "| corners | calibration | board | fx [px] | RMS [px] | held out [px] | CPU [ms] | / OpenCV "
@@ -202,7 +202,7 @@ void compare(const std::filesystem::path& root, const Photographs& set) {
   // model.
   const double before = cpu_ms(RUSAGE_SELF);
   CameraCalibrator calibrator = CameraCalibrator::create(target).value();
-  const auto read = for_each_image(folder, [&](const Picture& image) -> Result<bool> {
+  const auto read = for_each_image(folder, [&](const NamedImage& image) -> Result<bool> {
     if (auto added = calibrator.add(image.name, image.luma); !added)
       return tl::unexpected(added.error());
     return true;

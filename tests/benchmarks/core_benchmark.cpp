@@ -82,7 +82,7 @@ void count_items(benchmark::State& state, double error_px) {
   state.counters["error_px"] = error_px;
 }
 
-double apart_px(const CameraModel& camera) {
+double projection_error_px(const CameraModel& camera) {
   const std::vector<cv::Point2d> others = OpenCvCamera(camera).project();
   const std::vector<Eigen::Vector3d> all = rays(camera);
   double worst = 0.0;
@@ -94,7 +94,8 @@ double apart_px(const CameraModel& camera) {
   return worst;
 }
 
-double off_px(const CameraModel& camera, const std::vector<Eigen::Vector3d>& unprojected) {
+double inverse_error_px(const CameraModel& camera,
+                        const std::vector<Eigen::Vector3d>& unprojected) {
   const std::vector<Eigen::Vector2d> all = pixels();
   double worst = 0.0;
   for (std::size_t i = 0; i < all.size(); ++i) {
@@ -109,13 +110,13 @@ void project(benchmark::State& state, DistortionModel model) {
   for (auto _ : state) {
     for (const Eigen::Vector3d& ray : all) benchmark::DoNotOptimize(camera.project_unchecked(ray));
   }
-  count_items(state, apart_px(camera));
+  count_items(state, projection_error_px(camera));
 }
 void project_opencv(benchmark::State& state, DistortionModel model) {
   const CameraModel camera = test::lens_of(model);
   const OpenCvCamera other(camera);
   for (auto _ : state) benchmark::DoNotOptimize(other.project());
-  count_items(state, apart_px(camera));
+  count_items(state, projection_error_px(camera));
 }
 
 void unproject(benchmark::State& state, DistortionModel model) {
@@ -124,13 +125,13 @@ void unproject(benchmark::State& state, DistortionModel model) {
   for (auto _ : state) {
     for (const Eigen::Vector2d& pixel : all) benchmark::DoNotOptimize(camera.unproject(pixel));
   }
-  count_items(state, off_px(camera, rays(camera)));
+  count_items(state, inverse_error_px(camera, rays(camera)));
 }
 void unproject_opencv(benchmark::State& state, DistortionModel model) {
   const CameraModel camera = test::lens_of(model);
   const OpenCvCamera other(camera);
   for (auto _ : state) benchmark::DoNotOptimize(other.unproject());
-  count_items(state, off_px(camera, other.unproject()));
+  count_items(state, inverse_error_px(camera, other.unproject()));
 }
 
 [[maybe_unused]] const bool kRegistered = [] {

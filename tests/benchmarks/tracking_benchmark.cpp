@@ -89,7 +89,7 @@ struct Jump {
   Frame first, second;
 };
 
-Frame picture_of(PatternRenderer& renderer, const CameraPose& pose, int number) {
+Frame render_frame(PatternRenderer& renderer, const CameraPose& pose, int number) {
   PatternRenderOptions options;
   options.noise_grey = 3.0;
   options.samples = 64;
@@ -119,8 +119,8 @@ const std::vector<Jump>& jumps() {
       rotation.tail<3>() << angle_rad * std::cos(axis_rad), angle_rad * std::sin(axis_rad),
           radians(6.0 * u(random) - 3.0);
       jump.after = perturbed(jump.before, rotation);
-      jump.first = picture_of(renderer, jump.before, 2 * k);
-      jump.second = picture_of(renderer, jump.after, 2 * k + 1);
+      jump.first = render_frame(renderer, jump.before, 2 * k);
+      jump.second = render_frame(renderer, jump.after, 2 * k + 1);
     }
     return made;
   }();

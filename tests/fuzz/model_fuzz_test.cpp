@@ -150,7 +150,7 @@ TEST(ModelFuzz, LoadsOrRejectsDamagedGltf) {
 
 // A glTF file with two joints (weights in three encodings), two morph targets (one sparse), an
 // instanced copy of the mesh, and a hidden node.
-std::string moved_gltf(bool binary) {
+std::string animated_gltf(bool binary) {
   test::GltfBuilder file;
   file.json["nodes"] = {{{"mesh", 0}, {"skin", 0}, {"weights", {0.5, 0.25}}},
                         {{"children", {2}}, {"translation", {0, 0.5, 0}}},
@@ -193,7 +193,7 @@ std::string moved_gltf(bool binary) {
 TEST(ModelFuzz, LoadsOrRejectsDamagedSkinsMorphTargetsAndInstances) {
   for (const bool binary : {false, true}) {
     const char* extension = binary ? ".glb" : ".gltf";
-    const int accepted = fuzz_model(moved_gltf(binary), extension, 4000, binary ? 7 : 8);
+    const int accepted = fuzz_model(animated_gltf(binary), extension, 4000, binary ? 7 : 8);
     EXPECT_GT(accepted, 0);
     EXPECT_LT(accepted, 4000);
   }

@@ -65,11 +65,11 @@ class CalibrateCommand : public testing::Test {
     return last;
   }
   // Creates a folder with the first `count` frames of a recording.
-  [[nodiscard]] std::filesystem::path some_frames(const std::string& recording, int count) const {
+  [[nodiscard]] std::filesystem::path first_frames(const std::string& recording, int count) const {
     const auto pictures = folder_.path() / "pictures";
     std::filesystem::create_directories(pictures);
     for (int i = 0; i < count; ++i) {
-      const std::string name = test::number6(i) + ".png";
+      const std::string name = test::six_digits(i) + ".png";
       std::filesystem::copy_file(shared(recording) / "frames" / name, pictures / name);
     }
     return pictures;
@@ -134,7 +134,7 @@ TEST_F(CalibrateCommand, RecoversCameraFromChessboard) {
 
 TEST_F(CalibrateCommand, ReportsDetectedChessboardSizeOnMismatch) {
   const auto target = folder() / "target.yaml";
-  const auto images = some_frames("recordings/chessboard", 8);
+  const auto images = first_frames("recordings/chessboard", 8);
   for (const auto& [columns, rows] : {std::pair(8, 5), std::pair(10, 7)}) {
     test::write_text(target, fmt::format("target_type: checkerboard\ninner_cols: {}\n"
                                          "inner_rows: {}\nsquare_m: 0.025\n",
@@ -190,7 +190,7 @@ TEST_F(CalibrateCommand, RejectsUnusableInputs) {
   const auto grid = shared("recordings/calibration/aprilgrid.yaml");
   const auto chessboard = shared("recordings/chessboard/chessboard.yaml");
   expect_refused(calibrate(shared("recordings/chessboard"), grid), "is it the right target file");
-  expect_refused(calibrate(some_frames("recordings/calibration", 2), grid), "at least 3");
+  expect_refused(calibrate(first_frames("recordings/calibration", 2), grid), "at least 3");
   expect_refused(calibrate(folder() / "nowhere", grid), "no such folder");
   const auto broken = folder() / "broken";
   std::filesystem::create_directories(broken);
@@ -238,7 +238,7 @@ TEST_F(CalibrateCommand, RejectsComparisonCameraOfOtherSizeBeforeSolving) {
 }
 
 // A command must not overwrite its input files or write two outputs to one file.
-TEST_F(CalibrateCommand, NeverOverwritesItsInputs) {
+TEST_F(CalibrateCommand, RejectsOutputsThatWouldOverwriteInputsOrOutputs) {
   const std::string text =
       "target_type: aprilgrid\ntagCols: 6\ntagRows: 6\ntagSize: 0.03\n"
       "tagSpacing: 0.3\n";
@@ -342,7 +342,7 @@ TEST_F(CalibrateCommand, SkipsUnreadableImages) {
   std::filesystem::create_directories(pictures);
   const auto source = shared("recordings/chessboard");
   for (int i = 0; i < 12; ++i) {
-    const std::string name = test::number6(i) + ".png";
+    const std::string name = test::six_digits(i) + ".png";
     const std::string bytes = test::read_bytes(source / "frames" / name);
     const bool broken = i == 2 || i == 7;
     test::write_text(pictures / name, broken ? bytes.substr(0, bytes.size() / 2) : bytes);
@@ -361,23 +361,23 @@ class CalibrateFromCamera : public CalibrateCommand {
   void SetUp() override {
     CalibrateCommand::SetUp();
     if (IsSkipped()) return;
-    std::filesystem::create_directories(held());
+    std::filesystem::create_directories(played_folder());
     const auto source = shared("recordings/calibration");
-    std::filesystem::create_directory_symlink(source / "frames", held() / "frames");
-    hold(32, 4);
+    std::filesystem::create_directory_symlink(source / "frames", played_folder() / "frames");
+    write_listing(32, 4);
   }
   // Lists the first `pictures` images, each `times` times.
-  void hold(int pictures, int times) const {
+  void write_listing(int pictures, int times) const {
     std::string lines = "frame,timestamp_s,file\n";
     for (int i = 0; i < pictures * times; ++i)
-      lines += fmt::format("{},{:.1f},frames/{}.png\n", i, 0.1 * i, test::number6(i / times));
-    test::write_text(held() / "timestamps.csv", lines);
+      lines += fmt::format("{},{:.1f},frames/{}.png\n", i, 0.1 * i, test::six_digits(i / times));
+    test::write_text(played_folder() / "timestamps.csv", lines);
   }
-  [[nodiscard]] std::filesystem::path held() const { return folder() / "held"; }
+  [[nodiscard]] std::filesystem::path played_folder() const { return folder() / "held"; }
   [[nodiscard]] std::filesystem::path views_folder() const { return folder() / "views"; }
   [[nodiscard]] std::vector<std::string> arguments(std::vector<std::string> more) const {
     std::vector<std::string> words = {
-        "calibrate", "recording:" + held().string(),
+        "calibrate", "recording:" + played_folder().string(),
         "--target",  shared("recordings/calibration/aprilgrid.yaml").string(),
         "--output",  output().string(),
         "--keep",    views_folder().string()};
@@ -401,7 +401,7 @@ int count_pixels_of_colour(const RgbaImage& image, int red, int green, int blue)
 TEST_F(CalibrateFromCamera, GuidesInWindowAndReproducesResultFromKeptViews) {
   ASSERT_EQ(std::system("command -v Xvfb >/dev/null 2>&1 && command -v xdotool >/dev/null 2>&1"), 0)
       << "scripts/setup installs both";
-  hold(16, 3);
+  write_listing(16, 3);
   std::vector<std::string> words = {
       (test::source_dir() / "tests" / "support" / "guide-by-keys").string(),
       views_folder().string(), output().string(), test::program().string()};
@@ -454,8 +454,8 @@ TEST_F(CalibrateFromCamera, GuidesInWindowAndReproducesResultFromKeptViews) {
 // The session checks every image of the recording and ends without a key press. Its camera must
 // match the camera that `calibrate` computes offline. The short form plays half of the images.
 TEST_F(CalibrateFromCamera, MatchesOfflineCalibrationOnPlayedRecording) {
-  hold(test::nightly() ? 32 : 16, 1);
-  const auto source = held();
+  write_listing(test::nightly() ? 32 : 16, 1);
+  const auto source = played_folder();
   const auto target = shared("recordings/calibration/aprilgrid.yaml");
   const std::vector<std::string> fixed = {"--model", "plumb_bob", "--board", "rigid"};
   const auto offline = calibrate(source, target, fixed);
@@ -477,7 +477,7 @@ TEST_F(CalibrateFromCamera, MatchesOfflineCalibrationOnPlayedRecording) {
 }
 
 TEST_F(CalibrateFromCamera, WritesNoResultWhenInterruptedWithTooFewViews) {
-  hold(1, 2000);
+  write_listing(1, 2000);
   const auto result =
       test::run_program(test::program(), arguments({}), {}, {}, [this](pid_t process) {
         // Sends SIGINT after the first view.
@@ -500,7 +500,7 @@ TEST_F(CalibrateFromCamera, WritesNoResultWhenInterruptedWithTooFewViews) {
 // If the display is lost, the program calibrates from the views it has kept so far.
 TEST_F(CalibrateFromCamera, SolvesFromKeptViewsWhenDisplayIsLost) {
   ASSERT_EQ(std::system("command -v Xvfb >/dev/null 2>&1"), 0) << "scripts/setup installs it";
-  hold(32, 6);
+  write_listing(32, 6);
   test::VirtualDisplay display;
   std::vector<std::string> words = arguments({"--model", "plumb_bob", "--board", "rigid",
                                               "--report", (folder() / "report.html").string()});
@@ -524,7 +524,7 @@ TEST_F(CalibrateFromCamera, SolvesFromKeptViewsWhenDisplayIsLost) {
 
 TEST_F(CalibrateFromCamera, KeepsViewsWhenDisplayIsLostTooEarlyToSolve) {
   ASSERT_EQ(std::system("command -v Xvfb >/dev/null 2>&1"), 0) << "scripts/setup installs it";
-  hold(1, 2000);
+  write_listing(1, 2000);
   test::VirtualDisplay display;
   std::vector<std::string> words = arguments({});
   words.insert(words.begin(), test::program().string());

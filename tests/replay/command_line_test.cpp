@@ -227,7 +227,7 @@ INSTANTIATE_TEST_SUITE_P(
       return name.empty() ? std::string("NoArguments") : name;
     });
 
-TEST_P(CommandLineUsage, RejectsErrorWithExitCode2AndOneLine) {
+TEST_P(CommandLineUsage, RejectsWrongUsageWithExitCode2AndOneLine) {
   const ProgramResult result = penumbra(GetParam());
   EXPECT_EQ(result.exit_code, 2);
   EXPECT_EQ(result.out, "");
@@ -281,19 +281,19 @@ TEST(CommandLine, AcceptsEveryKernelSource) {
               HasSubstr("known: auto, smooth, per-axis, cocl"));
 }
 
-TEST(CommandLine, ListsKnownTechniquesForUnknownOne) {
+TEST(CommandLine, ListsKnownTechniquesForUnknownTechnique) {
   const ProgramResult result = penumbra({"replay", "r", "--shadow", "pink"});
   EXPECT_THAT(result.err, HasSubstr("pink"));
   EXPECT_THAT(result.err, HasSubstr("none, simple, cocl, layered"));
 }
 
-TEST(CommandLine, ListsKnownTranslucenciesForUnknownOne) {
+TEST(CommandLine, ListsKnownTranslucenciesForUnknownTranslucency) {
   const ProgramResult result = penumbra({"replay", "r", "--translucency", "glass"});
   EXPECT_THAT(result.err, HasSubstr("glass"));
   EXPECT_THAT(result.err, HasSubstr("auto, blend, mesh, retexture, geometry-mesh"));
 }
 
-TEST(CommandLine, ListsKnownCommandsForUnknownOne) {
+TEST(CommandLine, ListsKnownCommandsForUnknownCommand) {
   const ProgramResult result = penumbra({"bogus"});
   EXPECT_EQ(result.exit_code, 2);
   EXPECT_THAT(result.err, HasSubstr("'bogus' is not a command"));
@@ -302,7 +302,7 @@ TEST(CommandLine, ListsKnownCommandsForUnknownOne) {
   }
 }
 
-TEST(CommandLine, SuggestsSimilarOptionForUnknownOne) {
+TEST(CommandLine, SuggestsSimilarOptionForUnknownOption) {
   for (const std::string option : {"--traking", "--trackin", "--trakcing"}) {
     const ProgramResult result = penumbra({"replay", "r", option, "fast"});
     EXPECT_EQ(result.exit_code, 2);

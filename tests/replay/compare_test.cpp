@@ -200,7 +200,7 @@ TEST_F(CompareOption, WritesAllOutputsAndReport) {
   EXPECT_EQ(report.at("compare").at("hard").at("work").at("kernel_generations"), 0);
 }
 
-TEST_F(CompareOption, WritesSameFramesWithWindow) {
+TEST_F(CompareOption, WritesSameFramesWithAndWithoutWindow) {
   ASSERT_TRUE(has_xvfb()) << "no Xvfb: scripts/setup installs it";
   ASSERT_EQ(replay({"--compare", "layered,hard", "--output", file("offscreen")}).exit_code, 0);
   const ProgramResult shown =

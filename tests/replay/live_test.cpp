@@ -481,7 +481,7 @@ TEST(LiveCommand, KeepsOutputsWhenGraphicsDriverIsReset) {
 #endif
 
 // A replay that ends early because its recording is damaged must not replace earlier outputs.
-TEST(LiveCommand, KeepsEarlierOutputsWhenReplayFails) {
+TEST(ReplayCommand, KeepsEarlierOutputsWhenRecordingIsDamaged) {
   const test::TemporaryFolder temporary;
   const auto path = [&](const char* name) { return (temporary.path() / name).string(); };
   std::filesystem::copy(bundled("tabletop"), path("played"),

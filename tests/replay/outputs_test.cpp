@@ -370,7 +370,7 @@ void write_deep_recording(const fs::path& folder, int bits, bool with_chunk) {
     }
   }
   for (int i = 0; i < 2; ++i) {
-    const fs::path file = folder / "frames" / (test::number6(i) + ".png");
+    const fs::path file = folder / "frames" / (test::six_digits(i) + ".png");
     if (bits == 8) {
       EXPECT_TRUE(save_grey_png(file, {plain.data(), grey.width, grey.height, grey.width}));
     } else {
@@ -399,7 +399,7 @@ TEST(DarkSixteenBitImages, TrackLikeEightBitOriginals) {
   }
 }
 
-TEST(DarkSixteenBitImages, TrackInSharedCases) {
+TEST(DarkSixteenBitImages, TrackFromTenAndTwelveBitCameras) {
   if (test::shared_dir().empty()) GTEST_SKIP() << "no shared data beside the checkout";
   const auto cases = test::shared_dir() / "cases" / "dark-16-bit-pictures";
   const TemporaryFolder folder;
@@ -432,7 +432,7 @@ fs::path changed_recording(const fs::path& folder, const Change& change) {
     pixels.insert(pixels.end(), row.begin(), row.end());
   }
   for (int i = 0; i < 2; ++i) {
-    EXPECT_TRUE(save_grey_png(folder / "frames" / (test::number6(i) + ".png"),
+    EXPECT_TRUE(save_grey_png(folder / "frames" / (test::six_digits(i) + ".png"),
                               {pixels.data(), grey.width, grey.height, grey.width}));
   }
   test::write_text(folder / "timestamps.csv", test::listing(2, ".png"));

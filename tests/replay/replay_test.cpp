@@ -106,7 +106,7 @@ INSTANTIATE_TEST_SUITE_P(Replay, SharedRecordings,
 
 // The short form replays frames 20 to 49, where `reentry` loses the board and the other cameras
 // move.
-TEST_P(SharedRecordings, ReplayWithEveryFrameAccountedFor) {
+TEST_P(SharedRecordings, ReportStatusOfEveryFrame) {
   const fs::path shared = shared_dir();
   if (shared.empty()) GTEST_SKIP() << "no shared recordings beside the checkout";
   const TemporaryFolder folder;

@@ -93,7 +93,7 @@ TEST_P(ReplayedSession, WritesSameFramesWithNoSkip) {
     return frame == 116 || frame == 117 || (low && !session.technique.empty());
   };
   const std::filesystem::path recording = folder.path() / "recording";
-  write_part_of_recording(recording, bundled(session.recording.c_str()), is_used);
+  write_recording_subset(recording, bundled(session.recording.c_str()), is_used);
   const std::string frames =
       nightly() ? (tabletop ? "0:120" : "0:40") : (tabletop ? "1:118" : "1:32");
   std::map<std::string, nlohmann::json> reports;

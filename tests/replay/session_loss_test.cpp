@@ -109,7 +109,7 @@ std::string name_of(const testing::TestParamInfo<Loss>& info) {
 }
 
 // Returns a non-blocking descriptor for the same pipe.
-int own_writer(int pipe_end) {
+int open_nonblocking_writer(int pipe_end) {
   return open(fmt::format("/proc/self/fd/{}", pipe_end).c_str(),
               O_WRONLY | O_NONBLOCK | O_NOCTTY | O_CLOEXEC);
 }
@@ -135,28 +135,28 @@ class SessionDependencies {
       case Loss::output_reader: {
         int ends[2] = {-1, -1};
         if (pipe2(ends, O_CLOEXEC) != 0) std::abort();
-        mine_ = ends[0];
-        its_ = ends[1];
-        if (loss == Loss::stalled_log_reader) filler_ = own_writer(its_);
+        test_end_ = ends[0];
+        program_end_ = ends[1];
+        if (loss == Loss::stalled_log_reader) filler_ = open_nonblocking_writer(program_end_);
         break;
       }
       case Loss::terminal:
-        if (openpty(&mine_, &its_, nullptr, nullptr, nullptr) != 0) std::abort();
-        fcntl(mine_, F_SETFD, FD_CLOEXEC);
+        if (openpty(&test_end_, &program_end_, nullptr, nullptr, nullptr) != 0) std::abort();
+        fcntl(test_end_, F_SETFD, FD_CLOEXEC);
         break;
       case Loss::display:
         display_.emplace();
         break;
       case Loss::log_disk:
-        its_ = memfd_create("log", MFD_CLOEXEC | MFD_ALLOW_SEALING);
+        program_end_ = memfd_create("log", MFD_CLOEXEC | MFD_ALLOW_SEALING);
         break;
     }
   }
   SessionDependencies(const SessionDependencies&) = delete;
   SessionDependencies& operator=(const SessionDependencies&) = delete;
   ~SessionDependencies() {
-    if (mine_ >= 0) close(mine_);
-    if (its_ >= 0) close(its_);
+    if (test_end_ >= 0) close(test_end_);
+    if (program_end_ >= 0) close(program_end_);
     if (filler_ >= 0) close(filler_);
   }
 
@@ -164,30 +164,30 @@ class SessionDependencies {
   void set_up() const {
     if (loss_ == Loss::terminal) {
       setsid();
-      ioctl(its_, TIOCSCTTY, 0);
-      dup2(its_, STDIN_FILENO);
+      ioctl(program_end_, TIOCSCTTY, 0);
+      dup2(program_end_, STDIN_FILENO);
     }
-    if (loss_ == Loss::terminal || loss_ == Loss::output_reader) dup2(its_, STDOUT_FILENO);
-    if (its_ >= 0) dup2(its_, STDERR_FILENO);
+    if (loss_ == Loss::terminal || loss_ == Loss::output_reader) dup2(program_end_, STDOUT_FILENO);
+    if (program_end_ >= 0) dup2(program_end_, STDERR_FILENO);
     if (display_) setenv("DISPLAY", display_->name().c_str(), 1);
   }
   // Closes the test's copy of the program's descriptor. Must be called after the program started.
   void started() {
     if (loss_ == Loss::log_disk) return;
-    if (its_ >= 0) close(std::exchange(its_, -1));
+    if (program_end_ >= 0) close(std::exchange(program_end_, -1));
   }
   void lose(int number) {
     if (loss_ == Loss::stalled_log_reader) return fill_pipe(filler_);
     if (display_) display_->end(number);
-    if (mine_ >= 0) close(std::exchange(mine_, -1));
-    if (loss_ == Loss::log_disk) fcntl(its_, F_ADD_SEALS, F_SEAL_GROW);
+    if (test_end_ >= 0) close(std::exchange(test_end_, -1));
+    if (loss_ == Loss::log_disk) fcntl(program_end_, F_ADD_SEALS, F_SEAL_GROW);
   }
 
  private:
   Loss loss_;
-  int mine_ = -1;    // the test's end of the pipe or terminal
-  int its_ = -1;     // the program's end
-  int filler_ = -1;  // writes to the log's pipe
+  int test_end_ = -1;     // the test's end of the pipe or terminal
+  int program_end_ = -1;  // the program's end
+  int filler_ = -1;       // writes to the log's pipe
   std::optional<VirtualDisplay> display_;
 };
 
@@ -313,7 +313,7 @@ TEST(StandardStreams, ReportDroppedLinesWhenLogReaderResumes) {
         [&] { dup2(ends[1], STDERR_FILENO); });
     std::string log;
     read_until(ends[0], log, "frame 10:");
-    const int filler = own_writer(ends[1]);
+    const int filler = open_nonblocking_writer(ends[1]);
     ASSERT_GE(filler, 0);
     fill_pipe(filler);
     close(filler);
@@ -341,7 +341,7 @@ TEST(StandardStreams, LetLiveWriteOutputsWhenTerminalStalls) {
   int ends[2] = {-1, -1};
   ASSERT_EQ(openpty(&ends[0], &ends[1], nullptr, nullptr, nullptr), 0);
   fcntl(ends[0], F_SETFD, FD_CLOEXEC);
-  const int filler = own_writer(ends[1]);
+  const int filler = open_nonblocking_writer(ends[1]);
   RunningProgram running(session.words({"--no-window"}), [&] {
     for (const int stream : {STDOUT_FILENO, STDERR_FILENO}) dup2(ends[1], stream);
   });

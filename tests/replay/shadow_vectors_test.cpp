@@ -18,9 +18,9 @@ namespace penumbra::test {
 namespace {
 
 // Each vector runs the program, so the short form tests every fourth vector.
-constexpr std::size_t kEvery = 4;
+constexpr std::size_t kShortFormStep = 4;
 std::size_t step_of_form() {
-  return nightly() ? 1 : kEvery;
+  return nightly() ? 1 : kShortFormStep;
 }
 
 class ShadowCommandVectors : public testing::Test {

@@ -23,7 +23,7 @@ struct Expected {
   int min_tracked = 0;     // minimum number of tracked frames
   double median_px = 0.0;  // median over all corners of tracked frames
   double max_px = 0.0;     // maximum RMS over the corners of a tracked frame
-  int most_detections = 0;
+  int max_detections = 0;
   TrackingMode mode = TrackingMode::automatic;
 };
 
@@ -100,7 +100,7 @@ TEST_P(TrackedRecordings, StayWithinErrorBounds) {
   }
   int detections = 0;
   for (const TrackedFrame& frame : result->frames) detections += frame.times.full_detection ? 1 : 0;
-  EXPECT_LE(detections, expected.most_detections);
+  EXPECT_LE(detections, expected.max_detections);
   EXPECT_EQ(result->wrong, 0);
   EXPECT_GE(result->count_of(TrackStatus::tracked), expected.min_tracked);
   EXPECT_LE(result->tracked.overlay_px.median, expected.median_px);

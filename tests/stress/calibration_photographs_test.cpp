@@ -42,7 +42,7 @@ TEST_P(CalibrationPhotographs, FitAsWellAsOpenCvAndBetterOnHeldOutViews) {
   int width = 0;
   int height = 0;
   const auto read = for_each_image(test::shared_dir() / "data" / "real" / GetParam().folder,
-                                   [&](const Picture& image) -> Result<bool> {
+                                   [&](const NamedImage& image) -> Result<bool> {
                                      width = image.luma.width;
                                      height = image.luma.height;
                                      const TargetView view = detector.detect(image.luma);

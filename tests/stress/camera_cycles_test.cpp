@@ -22,17 +22,17 @@ std::string from_environment(const char* name, const std::string& otherwise) {
   return value != nullptr ? value : otherwise;
 }
 
-struct Held {
+struct Resources {
   std::ptrdiff_t descriptors = 0, threads = 0;
   long resident_kib = 0;
 };
 
-Held held() {
+Resources used_resources() {
   const auto entries = [](const char* folder) {
     return std::distance(std::filesystem::directory_iterator(folder), {});
   };
   malloc_trim(0);
-  Held now{entries("/proc/self/fd"), entries("/proc/self/task"), 0};
+  Resources now{entries("/proc/self/fd"), entries("/proc/self/task"), 0};
   std::ifstream status("/proc/self/status");
   for (std::string line; std::getline(status, line);) {
     if (line.starts_with("VmRSS:")) now.resident_kib = std::stol(line.substr(6));
@@ -67,9 +67,9 @@ TEST(CameraCycles, LeakNoDescriptorThreadOrMemory) {
   };
   // Libraries initialise themselves in the first cycles, which are not measured.
   for (int i = 0; i < std::max(4, cycles / 10); ++i) cycle();
-  const Held before = held();
+  const Resources before = used_resources();
   for (int i = 0; i < cycles && !testing::Test::HasFailure(); ++i) cycle();
-  const Held after = held();
+  const Resources after = used_resources();
   EXPECT_EQ(after.descriptors, before.descriptors);
   EXPECT_EQ(after.threads, before.threads);
   constexpr long kMaxGrowth_kib = 1024;

@@ -18,7 +18,7 @@ namespace tag_group_stress {
 namespace {
 
 using test::block;
-using test::named;
+using test::group_named;
 using test::nightly;
 using test::Placements;
 using test::shifted;
@@ -76,8 +76,8 @@ TEST(TagGroupStress, IgnoresCopyOfGroupTag) {
       const TrackedFrame tracked = tracker.track(stage.frame_image(f, at, &drawn));
       expect_consistent(stage, tracked, f, at);
       EXPECT_EQ(tracked.pose.status, TrackStatus::tracked);
-      EXPECT_EQ(named(tracked, "wall").status, TrackStatus::tracked);
-      seen += named(tracked, "block").has_pose() ? 1 : 0;
+      EXPECT_EQ(group_named(tracked, "wall").status, TrackStatus::tracked);
+      seen += group_named(tracked, "block").has_pose() ? 1 : 0;
     }
     if (copied != test::kBlockId) {
       EXPECT_GE(seen, 7);
@@ -105,7 +105,7 @@ TEST(TagGroupStress, NeverTracksWrongPoseOfSingleTagGroup) {
       const Placements at = {{"block", test::Placement(R, Eigen::Vector3d(centre - R * centre))}};
       const TrackedFrame tracked = tracker.track(stage.frame_image(f, at));
       expect_consistent(stage, tracked, f, at);
-      tracked_frames += named(tracked, "block").status == TrackStatus::tracked ? 1 : 0;
+      tracked_frames += group_named(tracked, "block").status == TrackStatus::tracked ? 1 : 0;
     }
     if (size_m > 0.05) {
       EXPECT_GE(tracked_frames, frames / 4);
@@ -130,8 +130,8 @@ TEST(TagGroupStress, TracksGroupsThatOccludeEachOther) {
     EXPECT_LT(
         overlay_difference(stage.camera, tracked.pose.T_table_camera, stage.truth(f)).rms_px(),
         1.0);
-    wall_tracked += named(tracked, "wall").status == TrackStatus::tracked ? 1 : 0;
-    block_seen += named(tracked, "block").tags_used > 0 ? 1 : 0;
+    wall_tracked += group_named(tracked, "wall").status == TrackStatus::tracked ? 1 : 0;
+    block_seen += group_named(tracked, "block").tags_used > 0 ? 1 : 0;
   }
   EXPECT_GE(wall_tracked, frames - 2);
   EXPECT_GE(block_seen, frames - 4);
@@ -158,13 +158,13 @@ TEST(TagGroupStress, NeverTracksWrongPoseWhenMapIsInconsistent) {
       EXPECT_EQ(tracked.pose.status, TrackStatus::tracked);
       if (wrong == 1) {
         expect_consistent(stage, tracked, f, {});
-        EXPECT_EQ(named(tracked, "wall").status, TrackStatus::tracked);
-        EXPECT_THAT(named(tracked, "wall").tags_rejected,
+        EXPECT_EQ(group_named(tracked, "wall").status, TrackStatus::tracked);
+        EXPECT_THAT(group_named(tracked, "wall").tags_rejected,
                     testing::ElementsAre(testing::Field(&RejectedTag::id, moved_id)));
         EXPECT_THAT(tracked.pose.tags_rejected, testing::IsEmpty())
             << "no tag of the table may be rejected";
       } else {
-        EXPECT_NE(named(tracked, "wall").status, TrackStatus::tracked)
+        EXPECT_NE(group_named(tracked, "wall").status, TrackStatus::tracked)
             << "the correct half is ambiguous";
       }
     }
@@ -181,10 +181,10 @@ TEST(TagGroupStress, NeverTracksWrongPoseWhenMapIsInconsistent) {
   for (int f = 0; f < 6; ++f) {
     const TrackedFrame tracked = tracker.track(stage.frame_image(f, at));
     expect_consistent(stage, tracked, f, at);
-    EXPECT_EQ(named(tracked, "wall").status, TrackStatus::tracked)
-        << text_of(named(tracked, "wall").reason);
-    EXPECT_EQ(named(tracked, "door").status, TrackStatus::tracked)
-        << text_of(named(tracked, "door").reason);
+    EXPECT_EQ(group_named(tracked, "wall").status, TrackStatus::tracked)
+        << text_of(group_named(tracked, "wall").reason);
+    EXPECT_EQ(group_named(tracked, "door").status, TrackStatus::tracked)
+        << text_of(group_named(tracked, "door").reason);
   }
 }
 

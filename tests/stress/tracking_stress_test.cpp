@@ -21,13 +21,13 @@
 namespace penumbra {
 namespace {
 
-using test::Draw;
+using test::easy_session;
 using test::ExceededPredictions;
 using test::expect_consistent;
 using test::Layout;
 using test::Lens;
 using test::nightly;
-using test::ordinary;
+using test::RandomNumbers;
 using test::Session;
 
 std::vector<RejectedTag> only(const MappedTag& tag) {
@@ -39,14 +39,14 @@ double distance_for(const Session& session, double side_px) {
   return session.camera.parameters().fx * session.tags.front().size_m / side_px;
 }
 
-struct Cell {
+struct StressCase {
   std::string name;
   std::function<void(Session&)> change;
   bool tracked = true;  // at most one frame may be untracked
 };
 
-std::vector<Cell> cells() {
-  std::vector<Cell> list;
+std::vector<StressCase> stress_cases() {
+  std::vector<StressCase> list;
   const bool whole = nightly();
   const auto add = [&](const std::string& what, const std::vector<double>& few,
                        const std::vector<double>& all,
@@ -77,7 +77,7 @@ std::vector<Cell> cells() {
   add(
       "side px", {8, 400}, {8, 12, 16, 25, 50, 100, 200, 400},
       [](Session& s, double v) {
-        Draw draw(3);
+        RandomNumbers draw(3);
         s.tags = test::layout_of(Layout::one, draw);
         if (v > 200.0) s.camera = test::lens_camera(Lens::plumb_bob, 1280, 960, 0.85);
         s.motion.distance.middle = distance_for(s, v);
@@ -128,7 +128,7 @@ std::vector<Cell> cells() {
   add(
       "line tilt deg", {30, 60}, {0, 15, 30, 45, 60, 70},
       [](Session& s, double v) {
-        Draw draw(3);
+        RandomNumbers draw(3);
         s.tags = test::layout_of(Layout::line, draw);
         s.motion.elevation.middle = radians(90.0 - v);
       },
@@ -148,9 +148,9 @@ std::vector<Cell> cells() {
 
 TEST(TrackingStress, PredictsErrorInEveryCondition) {
   ExceededPredictions all;
-  for (const Cell& cell : cells()) {
+  for (const StressCase& cell : stress_cases()) {
     SCOPED_TRACE(cell.name);
-    Session session = ordinary();
+    Session session = easy_session();
     cell.change(session);
     auto renderer = PatternRenderer::create(session.camera, session.tags).value();
     auto tracker = GroupTracker::create(session.camera, TagMap::make(session.tags).value()).value();
@@ -170,7 +170,7 @@ TEST(TrackingStress, PredictsErrorInEveryCondition) {
       EXPECT_GE(tracked, frames - 1);
     }
   }
-  EXPECT_LE(all.beyond, 0.005 * all.tracked) << "of " << all.tracked;
+  EXPECT_LE(all.exceeded, 0.005 * all.tracked) << "of " << all.tracked;
 }
 
 TEST(TrackingStress, PredictsErrorOnRandomSessions) {
@@ -188,8 +188,8 @@ TEST(TrackingStress, PredictsErrorOnRandomSessions) {
 }
 
 // Statistics of tracked frames.
-struct Blurred {
-  int beyond = 0;                      // error above four times the predicted one
+struct ErrorStatistics {
+  int exceeded = 0;                    // error above four times the predicted one
   int wrong = 0;                       // error above 5 px
   std::vector<double> over_predicted;  // actual / predicted error
 
@@ -197,7 +197,7 @@ struct Blurred {
   [[nodiscard]] double spread() const { return statistics_of(over_predicted).rmse; }
   [[nodiscard]] std::string summary() const {
     return fmt::format("{} tracked, {} beyond 4 sigma, {} wrong, {:.2f} of the predicted error RMS",
-                       tracked(), beyond, wrong, spread());
+                       tracked(), exceeded, wrong, spread());
   }
 };
 
@@ -205,20 +205,20 @@ struct Blurred {
 // not. The predicted error must match the actual error, even if many similar poses fit the image.
 TEST(TrackingStress, PredictsErrorUnderStrongMotionBlur) {
   int frames = 0;
-  int blurred = 0;   // blurred by more than three cells
-  Blurred followed;  // frames of both trackers
-  Blurred first;     // frames of a new tracker, without a previous frame
+  int blurred = 0;           // blurred by more than three cells
+  ErrorStatistics followed;  // frames of both trackers
+  ErrorStatistics first;     // frames of a new tracker, without a previous frame
   const int sessions = nightly() ? 40 : 8;
   for (int k = 0; k < sessions; ++k) {
-    Draw draw(900U + static_cast<std::uint64_t>(k));
-    Session session = ordinary();
+    RandomNumbers draw(900U + static_cast<std::uint64_t>(k));
+    Session session = easy_session();
     session.light.seed = static_cast<std::uint64_t>(k) + 1;
     session.light.lens_blur_px = draw.between(0.4, 0.8);
     // Most sessions have 12 tags, some 7 or 48.
     const Layout layout = k % 8 == 7 ? Layout::many : k % 3 == 2 ? Layout::loose : Layout::sheet;
     session.tags = test::layout_of(layout, draw);
     session.motion =
-        test::hand(3, draw.between(0.38, 0.5), radians(draw.between(35.0, 75.0)), draw);
+        test::hand_motion(3, draw.between(0.38, 0.5), radians(draw.between(35.0, 75.0)), draw);
     const double times = draw.between(2.0, 6.0);
     for (test::Oscillation* sway : {&session.motion.x, &session.motion.y, &session.motion.azimuth})
       sway->amplitude *= times;
@@ -238,7 +238,7 @@ TEST(TrackingStress, PredictsErrorUnderStrongMotionBlur) {
           session.motion.at(middle + 0.5 * session.exposure_s));
       blurred += blur_px > 3.0 * cell_px ? 1 : 0;
       ++frames;
-      const auto track = [&](GroupTracker& tracker, Blurred& all) {
+      const auto track = [&](GroupTracker& tracker, ErrorStatistics& all) {
         const PoseEstimate pose = tracker.track(frame).pose;
         if (!pose.has_pose()) return;
         EXPECT_TRUE(pose.T_table_camera.is_finite());
@@ -247,7 +247,7 @@ TEST(TrackingStress, PredictsErrorUnderStrongMotionBlur) {
         const double error =
             overlay_difference(session.camera, pose.T_table_camera, session.truth(f)).rms_px();
         all.over_predicted.push_back(error / pose.predicted_overlay_error_px);
-        all.beyond += error > std::max(1.0, 4.0 * pose.predicted_overlay_error_px) ? 1 : 0;
+        all.exceeded += error > std::max(1.0, 4.0 * pose.predicted_overlay_error_px) ? 1 : 0;
         all.wrong += error > 5.0 ? 1 : 0;
       };
       track(without_exposure, followed);
@@ -265,18 +265,18 @@ TEST(TrackingStress, PredictsErrorUnderStrongMotionBlur) {
       << "tracked frames of both trackers";
   EXPECT_LT(followed.spread(), 1.0);
   EXPECT_GT(followed.spread(), 0.5);
-  EXPECT_LE(followed.beyond, 0.01 * followed.tracked()) << "of " << followed.tracked();
+  EXPECT_LE(followed.exceeded, 0.01 * followed.tracked()) << "of " << followed.tracked();
   const int tracked = followed.tracked() + first.tracked();
   EXPECT_LE(followed.wrong + first.wrong, 0.001 * tracked) << "of " << tracked;
   EXPECT_GT(4 * first.tracked(), frames);
   EXPECT_LT(first.spread(), 1.2);
   EXPECT_GT(first.spread(), 0.5);
-  EXPECT_LE(first.beyond, 0.01 * first.tracked()) << "of " << first.tracked();
+  EXPECT_LE(first.exceeded, 0.01 * first.tracked()) << "of " << first.tracked();
 }
 
 // The camera moves to and fro over the same images, so that any drift would accumulate.
 TEST(TrackingStress, TracksTenThousandFramesWithoutDrift) {
-  Session session = ordinary();
+  Session session = easy_session();
   session.camera = test::lens_camera(Lens::plumb_bob, 320, 240, 0.85);
   auto renderer = PatternRenderer::create(session.camera, session.tags).value();
   constexpr int kViews = 8;
@@ -311,7 +311,7 @@ TEST(TrackingStress, TracksTenThousandFramesWithoutDrift) {
 
 // A second print of a mapped tag lies on the table.
 TEST(TrackingStress, IgnoresCopyOfMappedTag) {
-  const Session session = ordinary();
+  const Session session = easy_session();
   std::vector<MappedTag> drawn = session.tags;
   MappedTag copy = drawn[5];
   copy.T_table_tag = {copy.T_table_tag.rotation(), Eigen::Vector3d(0.14, 0.0, 0.0)};
@@ -334,7 +334,7 @@ Session moved(Session session, std::size_t tag, const Eigen::Vector3d& by) {
 // Tags of two families may share ids. Only the moved tag may be rejected; the tag with the same id
 // in the other family must still be used.
 TEST(TrackingStress, KeepsTagOfOtherFamilyWithIdOfMovedTag) {
-  Session session = ordinary();
+  Session session = easy_session();
   const auto half = session.tags.size() / 2;
   for (std::size_t k = 0; k < half; ++k) {
     session.tags[half + k].family = TagFamily::tag36h10;
@@ -367,7 +367,7 @@ TEST(TrackingStress, KeepsTagOfOtherFamilyWithIdOfMovedTag) {
 TEST(TrackingStress, RejectsMovedTag) {
   for (const double moved_m : {0.002, 0.004, 0.012, 0.1}) {
     SCOPED_TRACE(moved_m);
-    const Session session = ordinary();
+    const Session session = easy_session();
     const std::vector<MappedTag> drawn = moved(session, 3, {moved_m, 0.0, 0.0}).tags;
     auto renderer = PatternRenderer::create(session.camera, drawn).value();
     auto tracker = GroupTracker::create(session.camera, TagMap::make(session.tags).value()).value();
@@ -410,7 +410,7 @@ TEST(TrackingStress, NeverTracksWrongPoseWhenOneOfFewTagsMoved) {
   int cases_of_fewer = 0;
   int cases = 0;
   for (const Board& board : boards) {
-    Session session = ordinary();
+    Session session = easy_session();
     session.tags = board.tags;
     session.motion.elevation.middle = radians(board.elevation_deg);
     session.motion.distance.middle = board.distance_m;
@@ -452,7 +452,7 @@ TEST(TrackingStress, NeverTracksWrongPoseWhenOneOfFewTagsMoved) {
 TEST(TrackingStress, NeverTracksWrongPoseWhenHalfOfBoardMoved) {
   for (const double by : {0.003, 0.006}) {
     SCOPED_TRACE(by);
-    const Session session = ordinary();
+    const Session session = easy_session();
     Session drawn = session;
     for (std::size_t tag = 0; tag < session.tags.size(); tag += 2)
       drawn = moved(drawn, tag, {by, 0.0, 0.0});
@@ -471,7 +471,7 @@ TEST(TrackingStress, NeverTracksWrongPoseWhenHalfOfBoardMoved) {
 // After inconsistent frames, some of the tags must suffice for tracking while the others stay
 // hidden.
 TEST(TrackingStress, RecoversAfterInconsistentFrames) {
-  const Session session = ordinary();
+  const Session session = easy_session();
   Session wrong = session;
   for (std::size_t tag = 0; tag < session.tags.size(); tag += 2)
     wrong = moved(wrong, tag, {0.006, 0.0, 0.0});
@@ -497,7 +497,7 @@ TEST(TrackingStress, RecoversAfterInconsistentFrames) {
 
 // A rejected tag must be used again after it is put back, and not before.
 TEST(TrackingStress, UsesMovedTagAgainAfterItIsPutBack) {
-  Session session = ordinary();
+  Session session = easy_session();
   session.motion.x.amplitude = session.motion.y.amplitude = 0.0;
   const Session elsewhere = moved(session, 3, {0.004, 0.0, 0.0});
   auto wrong = PatternRenderer::create(session.camera, elsewhere.tags).value();
@@ -530,7 +530,7 @@ TEST(TrackingStress, FindsTableAfterJumpAwayFromPrediction) {
   for (const auto& [jump_m, turn_deg] :
        {std::pair(0.05, 0.0), std::pair(0.09, 0.0), std::pair(0.13, 0.0), std::pair(0.0, 40.0)}) {
     SCOPED_TRACE(testing::Message() << jump_m << " m, " << turn_deg << " degrees");
-    Session session = ordinary();
+    Session session = easy_session();
     session.motion.distance.middle = 0.6;
     Session later = session;
     later.motion.x.middle += jump_m;
@@ -564,7 +564,7 @@ TEST(TrackingStress, KeepsTagsThatBecomeCovered) {
   const std::vector<double> all = {0.1, 0.2, 0.3};
   for (const double fraction : nightly() ? all : few) {
     SCOPED_TRACE(fraction);
-    Session session = ordinary();
+    Session session = easy_session();
     auto renderer = PatternRenderer::create(session.camera, session.tags).value();
     auto tracker = GroupTracker::create(session.camera, TagMap::make(session.tags).value()).value();
     for (int f = 0; f < (nightly() ? 30 : 8); ++f) {
@@ -584,7 +584,7 @@ TEST(TrackingStress, KeepsCoveredTagsInFastMotion) {
   for (const double light : {0.3, 0.8}) {
     for (const double times : {6.0, 12.0}) {
       SCOPED_TRACE(testing::Message() << "cover of light " << light << ", motion x " << times);
-      Session session = ordinary();
+      Session session = easy_session();
       for (test::Oscillation* sway :
            {&session.motion.x, &session.motion.y, &session.motion.azimuth})
         sway->amplitude *= times;
@@ -606,7 +606,7 @@ TEST(TrackingStress, KeepsCoveredTagsInFastMotion) {
 // A camera that jumped between two sharp frames did not move during them, for any length of the
 // exposure.
 TEST(TrackingStress, AssumesNoMotionBlurForJumpBetweenSharpFrames) {
-  Session session = ordinary();
+  Session session = easy_session();
   for (test::Oscillation* sway :
        {&session.motion.x, &session.motion.y, &session.motion.distance, &session.motion.elevation,
         &session.motion.azimuth, &session.motion.roll})

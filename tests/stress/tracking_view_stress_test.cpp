@@ -25,12 +25,12 @@
 namespace penumbra {
 namespace {
 
-using test::Draw;
+using test::easy_session;
 using test::expect_consistent;
 using test::Layout;
 using test::Lens;
 using test::nightly;
-using test::ordinary;
+using test::RandomNumbers;
 using test::Session;
 
 GroupTracker tracker_of(const Session& session, TrackingMode mode = TrackingMode::automatic) {
@@ -51,7 +51,7 @@ TEST(TrackingStress, TracksThroughExposureJumps) {
   for (const TrackingMode mode : {TrackingMode::fast, TrackingMode::automatic}) {
     for (const double noise : {0.5, 2.0}) {
       SCOPED_TRACE(testing::Message() << to_string(mode) << ", noise " << noise);
-      Session session = ordinary();
+      Session session = easy_session();
       session.light.noise_grey = noise;
       auto renderer = PatternRenderer::create(session.camera, session.tags).value();
       GroupTracker tracker = tracker_of(session, mode);
@@ -99,7 +99,7 @@ TagsInView tags_in_view(const Session& session, const CameraPose& at, double mar
 TEST(TrackingStress, AddsTagsAsTheyEnterView) {
   for (const TrackingMode mode : {TrackingMode::fast, TrackingMode::accurate}) {
     SCOPED_TRACE(to_string(mode));
-    Session session = ordinary();
+    Session session = easy_session();
     session.motion.azimuth.middle = radians(-90.0);
     session.motion.roll.middle = 0.0;
     auto renderer = PatternRenderer::create(session.camera, session.tags).value();
@@ -139,7 +139,7 @@ TEST(TrackingStress, TracksAtFisheyeRimAsWellAsAtCentre) {
   for (const double focal : {0.35, 0.45}) {
     for (const double aside : {0.0, 0.25, 0.4}) {
       SCOPED_TRACE(testing::Message() << "focal " << focal << ", aside " << aside);
-      Session session = ordinary();
+      Session session = easy_session();
       session.camera = test::lens_camera(Lens::fisheye, 960, 720, focal);
       session.tags = test::board(4, 3, 0.09);
       session.light.samples = 128;
@@ -168,7 +168,7 @@ TEST(TrackingStress, TracksAtFisheyeRimAsWellAsAtCentre) {
 TEST(TrackingStress, ScalesPoseWithTableSize) {
   for (const double times : {0.1, 100.0}) {
     SCOPED_TRACE(times);
-    Session session = ordinary();
+    Session session = easy_session();
     for (MappedTag& tag : session.tags) {
       tag.size_m *= times;
       tag.T_table_tag = {tag.T_table_tag.rotation(), times * tag.T_table_tag.translation()};
@@ -202,7 +202,7 @@ TEST(TrackingStress, ScalesPoseWithTableSize) {
 
 // Tags that recede are lost when they are too small. The status must report that.
 TEST(TrackingStress, LosesTagsTooFarAway) {
-  Session session = ordinary();
+  Session session = easy_session();
   auto renderer = PatternRenderer::create(session.camera, session.tags).value();
   GroupTracker tracker = tracker_of(session);
   constexpr int kFrames = 60;
@@ -236,7 +236,7 @@ TEST(TrackingStress, TracksDegradingConditionsToExpectedLimits) {
   const std::vector<Condition> conditions = {
       {"side px", 25.0, 8.0, 10.0, true,
        [](Session& s, double v) {
-         Draw draw(3);
+         RandomNumbers draw(3);
          s.tags = test::layout_of(Layout::one, draw);
          s.motion.distance.middle = s.camera.parameters().fx * s.tags.front().size_m / v;
          s.motion.elevation.middle = radians(50.0);
@@ -255,7 +255,7 @@ TEST(TrackingStress, TracksDegradingConditionsToExpectedLimits) {
   };
   for (const Condition& condition : conditions) {
     SCOPED_TRACE(condition.name);
-    Session first = ordinary();
+    Session first = easy_session();
     condition.set(first, condition.from);
     auto renderer = PatternRenderer::create(first.camera, first.tags).value();
     GroupTracker tracker = tracker_of(first);
@@ -270,7 +270,7 @@ TEST(TrackingStress, TracksDegradingConditionsToExpectedLimits) {
                                         (1.0 / condition.to - 1.0 / condition.from) * fraction)
                                : condition.from + (condition.to - condition.from) * fraction;
       SCOPED_TRACE(value);
-      Session now = ordinary();
+      Session now = easy_session();
       condition.set(now, value);
       const PoseEstimate pose = tracker.track(now.picture(renderer, f)).pose;
       expect_consistent(now, pose, now.truth(f));
@@ -307,8 +307,8 @@ TEST(TrackingStress, KeepsCorrectPoseOfRecedingSingleTag) {
   int readable = 0;  // frames on the way out in which a cell is at least one pixel wide
   const int sessions = nightly() ? 40 : 3;
   for (int k = 0; k < sessions; ++k) {
-    Draw draw(60U + static_cast<std::uint64_t>(k));
-    Session session = ordinary();
+    RandomNumbers draw(60U + static_cast<std::uint64_t>(k));
+    Session session = easy_session();
     session.tags = test::layout_of(Layout::one, draw);
     session.light.noise_grey = draw.between(0.0, 5.0);
     session.light.lens_blur_px = draw.between(0.4, 0.7);
@@ -354,7 +354,7 @@ TEST(TrackingStress, TracksFirstPoseOfSingleTagOnlyWhenUnambiguous) {
     SCOPED_TRACE(k);
     test::SessionKind kind;
     Session session = test::random_session(70'000U + static_cast<std::uint64_t>(k), kind);
-    Draw draw(80U + static_cast<std::uint64_t>(k));
+    RandomNumbers draw(80U + static_cast<std::uint64_t>(k));
     session.tags = test::layout_of(Layout::one, draw);
     session.light.samples = 64;
     const double fx = session.camera.parameters().fx;
@@ -396,7 +396,7 @@ TEST(TrackingStress, RejectsDuplicatePrintsOfTags) {
       for (const bool all : {false, true}) {
         SCOPED_TRACE(fmt::format("{}, {}, {}", to_string(mode), few ? "few" : "many",
                                  all ? "all twice" : "one twice"));
-        Session session = ordinary();
+        Session session = easy_session();
         if (few) session.tags = test::board(2, 1, 0.06);
         session.motion.distance.middle = 0.7;
         const auto drawn = with_copies(session, all ? session.tags.size() : 1);

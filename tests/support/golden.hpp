@@ -35,7 +35,7 @@ struct ImageDifference {
   // Returns true if at most 0.01 % of the pixels are over the tolerance.
   [[nodiscard]] bool acceptable() const { return same_size && over_tolerance * 10'000 <= pixels; }
   // Like acceptable(), with the limit for another implementation of OpenGL: 0.2 % of the pixels.
-  [[nodiscard]] bool acceptable_elsewhere() const {
+  [[nodiscard]] bool acceptable_with_other_opengl() const {
     return same_size && over_tolerance * 500 <= pixels;
   }
 };
@@ -106,7 +106,7 @@ inline testing::AssertionResult matches_golden(const std::string& name, const Rg
   const ImageDifference d = compare(actual, *golden);
   if (d.exact && d.same_size) return testing::AssertionSuccess();
   const char* other_opengl = std::getenv("PENUMBRA_OTHER_OPENGL");
-  if (d.acceptable() || (other_opengl != nullptr && d.acceptable_elsewhere())) {
+  if (d.acceptable() || (other_opengl != nullptr && d.acceptable_with_other_opengl())) {
     std::printf("%s: not bit-identical: %zu px over tolerance\n", name.c_str(),
                 static_cast<std::size_t>(d.over_tolerance));
     return testing::AssertionSuccess();

@@ -66,12 +66,12 @@ inline Placement shifted(double x, double y, double z) {
 class Stage {
  public:
   explicit Stage(std::vector<std::vector<MappedTag>> groups) {
-    Draw draw(11);
+    RandomNumbers draw(11);
     camera = lens_camera(Lens::plumb_bob, 640, 480, 0.85);
     tags = layout_of(Layout::sheet, draw);
     for (MappedTag& tag : tags) tag.id %= 90;  // below the ids of wall and block
     for (const auto& group : groups) tags.insert(tags.end(), group.begin(), group.end());
-    path = hand(1, 0.5, radians(40.0), draw);
+    path = hand_motion(1, 0.5, radians(40.0), draw);
     path.azimuth.middle = -0.5 * std::numbers::pi;
     light.samples = 64;
     light.noise_grey = 2.0;
@@ -119,7 +119,7 @@ class Stage {
   PatternRenderOptions light;
 };
 
-inline const GroupEstimate& named(const TrackedFrame& tracked, const std::string& name) {
+inline const GroupEstimate& group_named(const TrackedFrame& tracked, const std::string& name) {
   return *std::ranges::find(tracked.groups, name, &GroupEstimate::name);
 }
 

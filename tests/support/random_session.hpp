@@ -23,9 +23,9 @@
 namespace penumbra::test {
 
 // Random numbers, the same on every machine. operator() returns a uniform number in [0, 1).
-class Draw {
+class RandomNumbers {
  public:
-  explicit Draw(std::uint64_t seed) : engine_(seed) {}
+  explicit RandomNumbers(std::uint64_t seed) : engine_(seed) {}
   double operator()() { return static_cast<double>(engine_() >> 11U) * 0x1.0p-53; }
   double between(double low, double high) { return low + (high - low) * (*this)(); }
   // Returns a log-uniform number between the bounds.
@@ -147,7 +147,7 @@ enum class Layout { one, two, line, sheet, loose, many };
 inline constexpr std::array<const char*, 6> kLayoutNames = {"one",   "two",   "line",
                                                             "sheet", "loose", "many"};
 
-inline std::vector<MappedTag> layout_of(Layout layout, Draw& draw) {
+inline std::vector<MappedTag> layout_of(Layout layout, RandomNumbers& draw) {
   std::vector<MappedTag> tags;
   const int first_id = draw.below(300);
   const auto add = [&](double x, double y, double size, double turn) {
@@ -195,7 +195,7 @@ inline std::vector<MappedTag> layout_of(Layout layout, Draw& draw) {
 
 // Returns the random motion of a hand-held camera. `haste`: 0 at rest, 1 slow, 2 fast, 3 shaking.
 // `elevation` [rad].
-inline HandMotion hand(int haste, double distance_m, double elevation, Draw& draw) {
+inline HandMotion hand_motion(int haste, double distance_m, double elevation, RandomNumbers& draw) {
   constexpr std::array<double, 4> kTurn = {0.0002, 0.02, 0.06, 0.022};     // [rad]
   constexpr std::array<double, 4> kShift = {0.0002, 0.015, 0.035, 0.010};  // [m]
   constexpr std::array<double, 4> kHertz = {0.7, 0.6, 1.1, 4.0};
@@ -218,7 +218,7 @@ struct SessionKind {
 };
 
 inline Session random_session(std::uint64_t seed, SessionKind& kind) {
-  Draw draw(seed * 7919U + 17U);
+  RandomNumbers draw(seed * 7919U + 17U);
   Session session;
   kind.lens = static_cast<Lens>(draw.below(4));
   kind.layout = static_cast<Layout>(draw.below(6));
@@ -234,7 +234,7 @@ inline Session random_session(std::uint64_t seed, SessionKind& kind) {
   const double reach_m = kind.layout == Layout::one ? 0.12 : 0.25;
   // The camera stays farther from the table than the overlay's cube extends.
   const double distance_m = std::max(0.34, focal * draw.log_between(1.2, 4.5) * reach_m);
-  session.motion = hand(kind.haste, distance_m, radians(draw.between(20.0, 88.0)), draw);
+  session.motion = hand_motion(kind.haste, distance_m, radians(draw.between(20.0, 88.0)), draw);
   session.exposure_s = draw() < 0.3 ? 0.0 : draw.between(0.002, 0.025);
   session.light.lens_blur_px = draw.between(0.3, 0.9);
   session.light.gain = draw.log_between(0.35, 1.2);
@@ -249,7 +249,7 @@ inline Session random_session(std::uint64_t seed, SessionKind& kind) {
 
 // Moves the camera into the overlay's cube or close to it.
 inline void move_near_table(std::uint64_t seed, Session& session) {
-  Draw draw(seed * 6151U + 3U);
+  RandomNumbers draw(seed * 6151U + 3U);
   session.motion.distance.middle = draw.log_between(0.06, 0.32);
   session.motion.distance.amplitude =
       std::min(session.motion.distance.amplitude, 0.1 * session.motion.distance.middle);
@@ -259,7 +259,7 @@ inline void move_near_table(std::uint64_t seed, Session& session) {
 // rotates them slightly.
 inline std::vector<MappedTag> with_displaced_tags(std::uint64_t seed, std::vector<MappedTag> tags,
                                                   double fraction) {
-  Draw draw(seed * 3571U + 11U);
+  RandomNumbers draw(seed * 3571U + 11U);
   const auto count =
       static_cast<std::size_t>(std::lround(fraction * static_cast<double>(tags.size())));
   const double side = tags.front().size_m;

@@ -23,8 +23,8 @@ inline void write_text(const std::filesystem::path& file, const std::string& tex
 // Writes a recording that links to the files of `source` and lists the frames whose row (from 0)
 // `accepts` returns true for.
 template <class Accepts>
-void write_part_of_recording(const std::filesystem::path& folder,
-                             const std::filesystem::path& source, const Accepts& accepts) {
+void write_recording_subset(const std::filesystem::path& folder,
+                            const std::filesystem::path& source, const Accepts& accepts) {
   std::filesystem::create_directories(folder);
   for (const auto& entry : std::filesystem::directory_iterator(source)) {
     const auto name = entry.path().filename();
@@ -39,7 +39,7 @@ void write_part_of_recording(const std::filesystem::path& folder,
 }
 inline void write_thinned_recording(const std::filesystem::path& folder,
                                     const std::filesystem::path& source, int step) {
-  write_part_of_recording(folder, source, [step](int row) { return row % step == 0; });
+  write_recording_subset(folder, source, [step](int row) { return row % step == 0; });
 }
 
 inline std::string read_bytes(const std::filesystem::path& file) {
@@ -87,7 +87,7 @@ inline const char* small_tags_yaml() {
 }
 
 // Returns the number with 6 digits: "000012".
-inline std::string number6(int number) {
+inline std::string six_digits(int number) {
   std::string digits = std::to_string(number);
   return std::string(6 - digits.size(), '0') + digits;
 }
@@ -96,8 +96,8 @@ inline std::string number6(int number) {
 inline std::string listing(int frames, const std::string& extension = ".jpg") {
   std::string text = "frame,timestamp_s,file\n";
   for (int i = 0; i < frames; ++i) {
-    text += std::to_string(i) + ",1311868164." + number6(363181 + 33333 * i) + ",";
-    if (!extension.empty()) text += "frames/" + number6(i) + extension;
+    text += std::to_string(i) + ",1311868164." + six_digits(363181 + 33333 * i) + ",";
+    if (!extension.empty()) text += "frames/" + six_digits(i) + extension;
     text += "\n";
   }
   return text;
@@ -107,7 +107,7 @@ inline std::string listing(int frames, const std::string& extension = ".jpg") {
 inline std::string truth(int frames) {
   std::string text = "# timestamp tx ty tz qx qy qz qw\n";
   for (int i = 0; i < frames; ++i) {
-    text += "1311868164." + number6(363181 + 33333 * i) + " 0.1 -0.3 0.4 0.92 0 0 0.39191835\n";
+    text += "1311868164." + six_digits(363181 + 33333 * i) + " 0.1 -0.3 0.4 0.92 0 0 0.39191835\n";
   }
   return text;
 }
@@ -124,7 +124,7 @@ inline void write_recording(const std::filesystem::path& folder, int frames,
   if (extension.empty()) return;
   std::filesystem::create_directories(folder / "frames");
   for (int i = 0; i < frames; ++i) {
-    write_text(folder / "frames" / (number6(i) + extension), jpeg_of(i));
+    write_text(folder / "frames" / (six_digits(i) + extension), jpeg_of(i));
   }
 }
 

@@ -400,7 +400,7 @@ class V4l2Source final : public LiveSource {
     for (const auto& path : paths) {
       auto device = V4l2Device::open(path);
       if (device) {
-        if (search_.is_in_place(device->identity())) return std::move(*device);
+        if (search_.is_at_known_address(device->identity())) return std::move(*device);
         identities.push_back(device->identity());
         connected.push_back(std::move(*device));
       } else if (!first) {

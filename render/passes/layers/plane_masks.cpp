@@ -175,7 +175,7 @@ PlaneMasks::LayOut PlaneMasks::layout_for(const FramePlan& plan, const PlaneFram
       for (Eigen::Vector3d& corner : corners) corner = T_camera_table * corner;
       VisiblePart part;
       double nearest = kNone;
-      for (const Eigen::Vector3d& corner : frustum_.part_in_view(corners)) {
+      for (const Eigen::Vector3d& corner : frustum_.clipped_to_view(corners)) {
         nearest = std::min(nearest, corner.z());
         part.box.extend(frame.to_plane(plan.T_table_camera * corner).head<2>());
       }

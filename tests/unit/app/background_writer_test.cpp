@@ -77,7 +77,7 @@ TEST_P(BackgroundWriterQueue, WritesFramesInOrderWithTheirPixels) {
   EXPECT_TRUE(writer.take_times().empty()) << "each time is returned once";
 }
 
-TEST_P(BackgroundWriterQueue, ReportsErrorByTheEndAndDoesNotFinish) {
+TEST_P(BackgroundWriterQueue, ReportsFirstErrorAndDoesNotFinish) {
   for (const bool throws : {false, true}) {
     if (throws && GetParam() == 0) continue;  // without a queue, the exception reaches the caller
     Log log;

@@ -91,7 +91,7 @@ TEST(BufferRing, FreesMemoryDespiteWeakPointers) {
   EXPECT_TRUE(seen.expired());
 }
 
-TEST(BufferRing, RemembersRefusedBuffer) {
+TEST(BufferRing, ReportsBufferThatDriverRefuses) {
   FakeDriver driver;
   const auto ring = driver.ring();
   ASSERT_TRUE(ring->queue_all());

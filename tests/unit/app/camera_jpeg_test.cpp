@@ -25,7 +25,7 @@ constexpr ImageSize kTabletop{640, 480};
 
 std::string tabletop_frame(int number) {
   return test::read_bytes(test::recordings_dir() / "tabletop" / "frames" /
-                          (test::number6(number) + ".jpg"));
+                          (test::six_digits(number) + ".jpg"));
 }
 
 std::span<const std::uint8_t> view_of(const std::string& text) {
@@ -117,7 +117,7 @@ TEST(CameraJpegGate, RejectsProgressiveImagesThatLackScans) {
   }
 }
 
-TEST(CameraJpegGate, CropsPaddedImageToGrantedHeight) {
+TEST(CameraJpegGate, CropsPaddedImageToStreamHeight) {
   const std::string valid_jpeg = tabletop_frame(0);
   const auto expected = live_frame(valid_jpeg, kTabletop);
   ASSERT_TRUE(expected);
@@ -148,7 +148,7 @@ TEST(CameraJpegGate, ReportsBothSizesOnMismatch) {
   }
 }
 
-TEST(CameraJpegGate, KeepsPaddingOfOtherFormats) {
+TEST(CameraJpegGate, DoesNotCropPngToStreamHeight) {
   const test::TemporaryFolder folder;
   const std::vector<std::uint8_t> grey(std::size_t{64} * 48);
   const auto file = folder.path() / "a.png";
@@ -227,7 +227,7 @@ struct SharedCase {
 
 class SharedCameraJpegs : public testing::TestWithParam<SharedCase> {};
 
-TEST_P(SharedCameraJpegs, AreAccepted) {
+TEST_P(SharedCameraJpegs, DecodeAlikeLiveAndInReplay) {
   const auto shared = test::shared_dir();
   if (shared.empty()) GTEST_SKIP() << "no shared data beside the checkout";
   const auto folder = shared / "cases" / "capture" / GetParam().folder;

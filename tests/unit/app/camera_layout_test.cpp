@@ -69,7 +69,7 @@ TEST(FrameLayout, RaisesStrideThatIsTooSmallOrUnknown) {
   EXPECT_EQ(frame_layout(PixelFormat::rgb24, 640, 480, -1).frame.planes[0].stride, 1920);
 }
 
-TEST(FrameLayout, ReservesLastChromaOfOddSizes) {
+TEST(FrameLayout, RoundsChromaSizeUpForOddSizes) {
   const FrameLayout odd = frame_layout(PixelFormat::nv12, 641, 481, 704);
   EXPECT_EQ(odd.frame.planes[1].width, 321);
   EXPECT_EQ(odd.frame.planes[1].height, 241);

@@ -134,7 +134,7 @@ TEST(FrameClock, ReplacesImplausibleTimestampByArrival) {
 }
 
 // A wrong timestamp, too early or too late, must not change the other timestamps.
-TEST(FrameClock, KeepsOtherTimestampsAfterOneWrong) {
+TEST(FrameClock, KeepsLaterTimestampsAfterWrongTimestamp) {
   for (const std::int64_t wrong_ms : {std::int64_t{500}, std::int64_t{-50}}) {
     Camera camera;
     for (std::uint32_t i = 0; i < 20; ++i) (void)camera.frame(i, 10 * i);

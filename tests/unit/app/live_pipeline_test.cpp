@@ -79,7 +79,7 @@ class LivePipelineThreading : public testing::TestWithParam<bool> {};
 
 // A frame becomes stale if only damaged images follow it, even though the camera goes on
 // delivering.
-TEST_P(LivePipelineThreading, MarksFrameStaleWhileOthersAreDamaged) {
+TEST_P(LivePipelineThreading, MarksFrameStaleWhenOnlyDamagedImagesFollow) {
   ScriptedCamera camera;
   LivePipeline pipeline(camera, track_nothing, release_object, GetParam());
   camera.deliver(0);
@@ -141,7 +141,7 @@ TEST(LivePipeline, EndsWithErrorOfThrowingTracker) {
 }
 
 // The next frame drawn is the one that was newest when the previous drawing began.
-TEST(LivePipeline, ReadsNoFrameWhileTrackedOneWaits) {
+TEST(LivePipeline, TracksNoFrameWhileTrackedFrameWaits) {
   ScriptedCamera camera;
   std::atomic<int> tracked = 0;
   LivePipeline pipeline(
@@ -168,7 +168,7 @@ TEST(LivePipeline, ReadsNoFrameWhileTrackedOneWaits) {
 // A frame tracked at the start of a drawing would be one drawing old when it is drawn. The test
 // requires a frame from the second half of the drawing. It counts frames instead of milliseconds,
 // so it does not depend on the machine's speed.
-TEST(LivePipeline, BeginsTrackingLateDuringDraw) {
+TEST(LivePipeline, BeginsTrackingInSecondHalfOfDraw) {
   ScriptedCamera camera;
   LivePipeline pipeline(camera, track_nothing, release_object, true);
   std::atomic<bool> stop_feed = false;

@@ -34,7 +34,7 @@ TEST_P(LookAheadDepth, DeliversItemsInOrderAndStaysAtEnd) {
   }
 }
 
-TEST_P(LookAheadDepth, DeliversErrorInOrderAndKeepsIt) {
+TEST_P(LookAheadDepth, DeliversErrorInOrderAndRepeatsIt) {
   int made = 0;
   Numbers numbers(
       [&]() -> Numbers::Item {

@@ -42,7 +42,7 @@ TEST(Mailbox, KeepsLastItemAfterCloseAndAcceptsNoMore) {
   EXPECT_EQ(box.take(std::chrono::hours(1)), std::nullopt);
 }
 
-TEST(Mailbox, DeliversHandedOverItemsInOrder) {
+TEST(Mailbox, DeliversItemsOfPutWhenEmptyInOrder) {
   Mailbox<int> box;
   std::thread producer([&] {
     for (int i = 0; i < 1000; ++i) ASSERT_TRUE(box.put_when_empty(i));

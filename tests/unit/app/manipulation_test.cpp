@@ -93,7 +93,7 @@ TEST_F(Manipulation, IgnoresObjectsHiddenByPhantom) {
   EXPECT_TRUE(manipulator.selected().empty());
 }
 
-TEST_F(Manipulation, MovesWholeObjectWithPickedPart) {
+TEST_F(Manipulation, SelectsParentOfPickedPart) {
   Manipulator manipulator;
   const auto taken =
       manipulator.take(scene(), state(), pointer_at({0.18, 0.0, 0.31}), DragMode::slide);

@@ -156,7 +156,7 @@ TEST(OutputFile, WritesToNamedPipe) {
   EXPECT_EQ(std::distance(fs::directory_iterator(folder.path()), {}), 1) << "a .part file is left";
 }
 
-TEST(OutputFile, WaitsForPipeReaderAtFirstByte) {
+TEST(OutputFile, OpensPipeWithoutWaitingForReader) {
   const test::TemporaryFolder folder;
   ASSERT_EQ(mkfifo((folder.path() / "pipe").c_str(), 0600), 0);
   // create() does not wait for a reader, so a reader may open several pipes one after the other.

@@ -97,7 +97,7 @@ TEST(PngWriter, WritesThroughSymlink) {
   EXPECT_EQ(names_in(temporary.path()), (std::set<std::string>{"link", "real"}));
 }
 
-TEST(PngWriter, SeparatesRunsWithSameTarget) {
+TEST(PngWriter, KeepsImagesOfRunThatFinishesLast) {
   const test::TemporaryFolder temporary;
   const fs::path folder = temporary.path() / "out";
   auto first = create_png_writer(folder, {2, 1, 0.03});

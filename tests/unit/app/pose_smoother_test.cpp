@@ -18,12 +18,12 @@ namespace penumbra {
 namespace {
 
 using test::desk_camera;
-using test::Draw;
 using test::looking_at;
+using test::RandomNumbers;
 
 constexpr double kFrame_s = 1.0 / 30.0;
 
-CameraPose over_the_table() {
+CameraPose rest_pose() {
   return looking_at({0.0, 0.0, 0.0}, 0.6, 0.9, 0.3, 0.1);
 }
 
@@ -38,7 +38,7 @@ std::optional<double> lag_ms(const Trajectory& measured, const Trajectory& drawn
   return meter.lag_ms();
 }
 
-double apart_px(const CameraPose& a, const CameraPose& b) {
+double overlay_distance_px(const CameraPose& a, const CameraPose& b) {
   return overlay_difference(desk_camera(), a, b).rms_px();
 }
 
@@ -46,9 +46,9 @@ double apart_px(const CameraPose& a, const CameraPose& b) {
 CameraPose shifted(double px) {
   Vector6d xi = Vector6d::Zero();
   xi[0] = 1e-3;
-  const double px_per_mm = apart_px(perturbed(over_the_table(), xi), over_the_table());
+  const double px_per_mm = overlay_distance_px(perturbed(rest_pose(), xi), rest_pose());
   xi[0] *= px / px_per_mm;
-  return perturbed(over_the_table(), xi);
+  return perturbed(rest_pose(), xi);
 }
 
 // Jitter [px] before and after smoothing noisy poses of a camera at rest.
@@ -57,18 +57,18 @@ struct Jitter {
 };
 Jitter jitter_at_rest(double noise) {
   PoseSmoother smoother(desk_camera());
-  Draw draw(1);
+  RandomNumbers draw(1);
   Trajectory measured, drawn, truth;
   for (int i = 0; i < 300; ++i) {
     Vector6d xi;
     for (int k = 0; k < 6; ++k) xi[k] = noise * (draw() + draw() + draw() - 1.5);
     const std::int64_t at = nanoseconds(1.0 + i * kFrame_s);
-    const CameraPose pose = perturbed(over_the_table(), xi);
+    const CameraPose pose = perturbed(rest_pose(), xi);
     const SmoothedPose smoothed = smoother.smooth(at, pose);
     if (i < 30) continue;  // the first poses are not smoothed yet
     measured.poses.push_back({at, pose, {}});
     drawn.poses.push_back({at, smoothed.T_table_camera, {}});
-    truth.poses.push_back({at, over_the_table(), {}});
+    truth.poses.push_back({at, rest_pose(), {}});
   }
   return {evaluate(desk_camera(), measured, truth), evaluate(desk_camera(), drawn, truth)};
 }
@@ -104,8 +104,8 @@ TEST(PoseSmoother, ReportsLagOfSteadyMotionAndBoundsOffset) {
     EXPECT_NEAR(last.offset_px, px_s * 1e-3 * last.lag_ms, 0.05 * last.offset_px);
     EXPECT_LT(last.offset_px, 0.5 / (2.0 * std::numbers::pi) * 1.05);
     // The drawn pose lags: it is closer to the previous poses than the measured pose is.
-    EXPECT_LT(apart_px(last.T_table_camera, shifted(-px_s)),
-              apart_px(measured.poses.back().T_table_camera, shifted(-px_s)));
+    EXPECT_LT(overlay_distance_px(last.T_table_camera, shifted(-px_s)),
+              overlay_distance_px(measured.poses.back().T_table_camera, shifted(-px_s)));
     ASSERT_EQ(lag_ms(measured, drawn).has_value(), px_s > 5.0);
     if (px_s == 10.0) {
       // The filter estimates the speed only after some frames.
@@ -140,8 +140,8 @@ TEST(PoseSmoother, FollowsJumpWithoutOvershoot) {
       const SmoothedPose drawn = draw(shifted(jump_px));
       EXPECT_LE(drawn.offset_px, PoseSmoother::kMaxOffset_px);
       EXPECT_LE(drawn.offset_px, before + 1e-9) << "the offset must never grow";
-      EXPECT_LE(apart_px(drawn.T_table_camera, shifted(0.0)),
-                apart_px(shifted(jump_px), shifted(0.0)) + 1e-9)
+      EXPECT_LE(overlay_distance_px(drawn.T_table_camera, shifted(0.0)),
+                overlay_distance_px(shifted(jump_px), shifted(0.0)) + 1e-9)
           << "the drawn pose must not overshoot";
       before = drawn.offset_px;
     }
@@ -185,7 +185,7 @@ TEST(PoseSmoother, ReturnsSamePoseForRepeatedFrame) {
 
 // A random walk of the camera with jumps, at uneven or repeated times.
 RC_GTEST_PROP(PoseSmoother, StaysWithinBoundsForAnyMotionAndTimes, ()) {
-  Draw draw(*rc::gen::arbitrary<std::uint64_t>());
+  RandomNumbers draw(*rc::gen::arbitrary<std::uint64_t>());
   const CameraModel camera = desk_camera();
   PoseSmoother smoother(camera);
   std::int64_t at = draw.below(1000) * std::int64_t{1'000'000};
@@ -220,7 +220,7 @@ RC_GTEST_PROP(PoseSmoother, StaysWithinBoundsForAnyMotionAndTimes, ()) {
 
 // Numbers of any magnitude, as a failing tracker may produce them.
 RC_GTEST_PROP(PoseSmoother, ReturnsFinitePosesForFiniteInput, ()) {
-  Draw draw(*rc::gen::arbitrary<std::uint64_t>());
+  RandomNumbers draw(*rc::gen::arbitrary<std::uint64_t>());
   PoseSmoother smoother(desk_camera());
   const double huge = std::numeric_limits<double>::max();
   for (int i = 0; i < 20; ++i) {
@@ -231,10 +231,10 @@ RC_GTEST_PROP(PoseSmoother, ReturnsFinitePosesForFiniteInput, ()) {
              : kind < 0.2 ? sign * huge
                           : sign * std::pow(10.0, draw.between(-300.0, 300.0));
     };
-    const CameraPose pose(Eigen::Quaterniond(draw.between(-1.0, 1.0), draw.between(-1.0, 1.0),
-                                             draw.between(-1.0, 1.0), draw.between(0.1, 1.0)),
-                          draw() < 0.3 ? over_the_table().translation()
-                                       : Eigen::Vector3d(number(), number(), number()));
+    const CameraPose pose(
+        Eigen::Quaterniond(draw.between(-1.0, 1.0), draw.between(-1.0, 1.0),
+                           draw.between(-1.0, 1.0), draw.between(0.1, 1.0)),
+        draw() < 0.3 ? rest_pose().translation() : Eigen::Vector3d(number(), number(), number()));
     const double kind = draw();
     const std::int64_t at = kind < 0.1   ? std::numeric_limits<std::int64_t>::min()
                             : kind < 0.2 ? std::numeric_limits<std::int64_t>::max()

@@ -78,7 +78,7 @@ class FrameFolderRecording : public testing::Test {
   FrameFolderRecording() { test::write_recording(folder(), kFrames); }
   [[nodiscard]] std::filesystem::path folder() const { return root_.path() / "small"; }
   [[nodiscard]] std::filesystem::path frame(int number) const {
-    return folder() / "frames" / (test::number6(number) + ".jpg");
+    return folder() / "frames" / (test::six_digits(number) + ".jpg");
   }
   void replace(const std::string& file, const std::string& from, const std::string& to) const {
     std::string text = test::read_bytes(folder() / file);
@@ -290,7 +290,7 @@ TEST_F(FrameFolderRecording, RejectsHeaderWithoutRequiredColumns) {
 TEST_F(FrameFolderRecording, AcceptsCrlfCommentsAndAnyColumnOrder) {
   std::string text = "\xEF\xBB\xBF# made by hand\r\nfile,frame,exposure,timestamp_s\r\n\r\n";
   for (int i = 0; i < kFrames; ++i) {
-    text += "frames/" + test::number6(i) + ".jpg, " + std::to_string(2 * i) + ",x, " +
+    text += "frames/" + test::six_digits(i) + ".jpg, " + std::to_string(2 * i) + ",x, " +
             std::to_string(i) + ".5\r\n";
   }
   write_text(folder() / "timestamps.csv", text);

@@ -11,7 +11,7 @@
 
 #include "app/progress.hpp"
 #include "app/recording/recording_source.hpp"
-#include "app/session/session_host.hpp"
+#include "app/run/session_host.hpp"
 
 namespace penumbra {
 namespace {

@@ -15,7 +15,7 @@
 namespace penumbra {
 namespace {
 
-using test::Draw;
+using test::RandomNumbers;
 
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
 constexpr double kHuge = std::numeric_limits<double>::max();
@@ -66,7 +66,7 @@ void expect_near_exact(const std::vector<double>& values) {
 }
 
 TEST(RunningStatistics, IsExactForFewValues) {
-  Draw draw(3);
+  RandomNumbers draw(3);
   std::vector<double> values;
   for (std::size_t i = 0; i < RunningStatistics::kMaxExact; ++i) {
     values.push_back(draw.log_between(1e-9, 1e9) * (i % 7 == 0 ? -1.0 : 1.0));
@@ -110,7 +110,7 @@ TEST(RunningStatistics, IgnoresNonFiniteValues) {
 // Numbers of values: the limit of exact storage, one more, and many more. The values are of one
 // magnitude, of all magnitudes, or a few distinct ones.
 RC_GTEST_PROP(RunningStatistics, StaysWithinBinErrorForManyValues, ()) {
-  Draw draw(*rc::gen::arbitrary<std::uint64_t>());
+  RandomNumbers draw(*rc::gen::arbitrary<std::uint64_t>());
   const std::size_t more[] = {1, 2, 100, 3 * RunningStatistics::kMaxExact};
   const std::size_t count =
       RunningStatistics::kMaxExact + more[static_cast<std::size_t>(draw.below(4))];
@@ -136,7 +136,7 @@ RC_GTEST_PROP(RunningStatistics, StaysWithinBinErrorForManyValues, ()) {
 }
 
 RC_GTEST_PROP(RunningStatistics, StaysFiniteAndOrderedForAnyInput, ()) {
-  Draw draw(*rc::gen::arbitrary<std::uint64_t>());
+  RandomNumbers draw(*rc::gen::arbitrary<std::uint64_t>());
   const bool many = draw() < 0.5;
   RunningStatistics statistics;
   for (std::size_t i = 0; i < (many ? 2 * RunningStatistics::kMaxExact : 20); ++i) {

@@ -210,7 +210,7 @@ std::vector<std::string> lines_of(const FramePlan& plan) {
   for (const ReceivedShadowDraw& draw : plan.received_shadows) {
     shadow("received", draw.shadow, fmt::format(" by {}: {:.6f}", draw.receiver, draw.top));
   }
-  lines.push_back(fmt::format("{} pairs may meet", plan.meeting_pairs));
+  lines.push_back(fmt::format("{} pairs may meet", plan.caster_receiver_pairs));
   for (const HardShadowDraw& draw : plan.hard_shadows) {
     add("hard", draw.object, draw.T_table_object, fmt::format(" on {}", draw.plane));
   }
@@ -237,7 +237,7 @@ TEST_P(FarModelPlan, MatchesPlanOfModelAtOrigin) {
     EXPECT_FALSE(near.objects.empty() || near.phantoms.empty());
     if (GetParam() == ShadowTechnique::layered || GetParam() == ShadowTechnique::simple) {
       EXPECT_GE(near.received_shadows.size(), 2U);
-      EXPECT_GE(near.meeting_pairs, 2U);
+      EXPECT_GE(near.caster_receiver_pairs, 2U);
     }
     const FramePlan far = plan_of_models_at({3e5, 5e5, 0}, options);
     EXPECT_EQ(lines_of(far), lines_of(near));

@@ -1304,7 +1304,7 @@ TEST(PhantomShadow, KeepsResolutionDespiteDistantObjects) {
     options.skip = skip;
     options.layers = LayerDrawing::mask;
     const FramePlan plan = studio.plan(from({0.1, -0.25, 0.3}), options);
-    EXPECT_EQ(plan.meeting_pairs, 1U);
+    EXPECT_EQ(plan.caster_receiver_pairs, 1U);
     const RenderedImage picture = studio.draw(white(), plan);
     EXPECT_GT(studio.stats()[Counter::masks_drawn], 0);
     return picture;

@@ -196,7 +196,7 @@ TEST(ShadowBrightness, FollowsCameraResponse) {
     for (int y = 0; y < kSide; ++y) {
       for (int x = 0; x < kSide; ++x) {
         if (c.phantom && is_edge(x, y)) continue;
-        const double left = std::pow(images[0].red(x, y) / double{kGrey}, kUsualToneExponent);
+        const double left = std::pow(images[0].red(x, y) / double{kGrey}, kDefaultToneExponent);
         ASSERT_NEAR(images[1].red(x, y), left * kGrey, 2.6) << x << ", " << y;
         dark += images[1].red(x, y) < kGrey - 20 ? 1 : 0;
       }
@@ -256,7 +256,7 @@ TEST(AmbientLightFractions, MatchDrawnShadow) {
                           Eigen::Vector3d::Zero());
     const RenderedImage image = studio.draw_shadows(grey(), plan);
     const int darkest = *std::ranges::min_element(image.rgba);
-    EXPECT_NEAR(darkest, kGrey * std::pow(expected.umbra, 1.0 / kUsualToneExponent), 1.0);
+    EXPECT_NEAR(darkest, kGrey * std::pow(expected.umbra, 1.0 / kDefaultToneExponent), 1.0);
     EXPECT_GT(darkest, before);
     before = darkest;
   }

@@ -53,6 +53,8 @@ const std::vector<FolderRule>& folder_rules() {
         {"tracking/alignment/.*", R"(tracking/[^/]+\.hpp)"},  // the trackers
         {"app/capture/.*", "app/output/.*"},
         {"app/output/.*", "app/capture/.*"},
+        {"app/session/.*", "app/(run|window|output|report|recording)/.*"},
+        {"app/(window|output|report)/.*", "app/run/.*"},
     };
     std::vector<FolderRule> made;
     for (const auto& [file, header] : kRules)

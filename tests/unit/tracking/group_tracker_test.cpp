@@ -23,7 +23,7 @@ using testing::IsEmpty;
 using testing::UnorderedElementsAre;
 
 using test::block;
-using test::named;
+using test::group_named;
 using test::Placement;
 using test::Placements;
 using test::shifted;
@@ -64,7 +64,7 @@ TEST(GroupTracker, KeepsPoseOfGroupAtRest) {
   GroupPose before;
   for (int f = 0; f < 20; ++f) {
     const TrackedFrame tracked = tracker.track(stage.frame_image(f));
-    const GroupEstimate& estimate = named(tracked, "wall");
+    const GroupEstimate& estimate = group_named(tracked, "wall");
     ASSERT_EQ(estimate.status, TrackStatus::tracked) << text_of(estimate.reason);
     EXPECT_EQ(estimate.reason.cause, PoseCause::none);
     EXPECT_EQ(estimate.tags_used, 6);
@@ -91,7 +91,7 @@ TEST(GroupTracker, TracksMovedWall) {
         f < 6 ? leaning
               : Placement(leaning.rotation(), leaning.translation() + Eigen::Vector3d(0, 0.004, 0));
     const TrackedFrame tracked = tracker.track(stage.frame_image(f, {{"wall", at}}));
-    const GroupEstimate& estimate = named(tracked, "wall");
+    const GroupEstimate& estimate = group_named(tracked, "wall");
     ASSERT_EQ(estimate.status, TrackStatus::tracked) << f << ": " << text_of(estimate.reason);
     EXPECT_LT(stage.error_px(tracked, estimate, f, at), 0.6) << f;
     const Eigen::Vector3d p(0.0, 0.14, 0.1);
@@ -110,9 +110,9 @@ TEST(GroupTracker, TracksHandHeldProp) {
     const Placement at(turned(25.0 * std::sin(4.0 * t), {0.2, 0.4, 1.0}),
                        Eigen::Vector3d(-0.05 * t, 0.02 * std::sin(5.0 * t), 0.03 * t));
     const TrackedFrame tracked = tracker.track(stage.frame_image(f, {{"block", at}}));
-    const GroupEstimate& estimate = named(tracked, "block");
+    const GroupEstimate& estimate = group_named(tracked, "block");
     detections += tracked.times.full_detection ? 1 : 0;
-    EXPECT_EQ(named(tracked, "wall").status, TrackStatus::tracked);
+    EXPECT_EQ(group_named(tracked, "wall").status, TrackStatus::tracked);
     if (estimate.status != TrackStatus::tracked) {
       EXPECT_NE(estimate.reason.cause, PoseCause::none);
       continue;
@@ -135,7 +135,7 @@ TEST(GroupTracker, TracksSlowMotionBelowNoise) {
   for (int f = 0; f < 24; ++f) {
     const Placement at = shifted(0.00015 * f, 0.0001 * f, 0.0);
     const TrackedFrame tracked = tracker.track(stage.frame_image(f, {{"block", at}}));
-    const GroupEstimate& estimate = named(tracked, "block");
+    const GroupEstimate& estimate = group_named(tracked, "block");
     ASSERT_TRUE(estimate.has_pose()) << text_of(estimate.reason);
     const double error = stage.error_px(tracked, estimate, f, at);
     EXPECT_LT(error, 0.9) << f;
@@ -181,8 +181,8 @@ TEST(GroupTracker, KeepsTablePoseIndependentOfOtherGroups) {
         EXPECT_EQ(a.pose.T_table_camera.matrix(), other->pose.T_table_camera.matrix());
         EXPECT_EQ(a.pose.covariance, other->pose.covariance);
       }
-      EXPECT_EQ(c.groups[0].status, named(d, "block").status);
-      EXPECT_EQ(c.groups[0].T_table_group.matrix(), named(d, "block").T_table_group.matrix());
+      EXPECT_EQ(c.groups[0].status, group_named(d, "block").status);
+      EXPECT_EQ(c.groups[0].T_table_group.matrix(), group_named(d, "block").T_table_group.matrix());
     }
   }
 }
@@ -198,7 +198,7 @@ TEST(GroupTracker, ReportsInvisibleGroupLostWithFewSearches) {
   constexpr std::size_t kFrames = 40;
   for (std::size_t f = 0; f < kFrames; ++f) {
     const TrackedFrame tracked = tracker.track(pictures[f % 8]);
-    const GroupEstimate& estimate = named(tracked, "block");
+    const GroupEstimate& estimate = group_named(tracked, "block");
     EXPECT_EQ(estimate.status, TrackStatus::lost);
     EXPECT_NE(estimate.reason.cause, PoseCause::none);
     detections += tracked.times.full_detection ? 1 : 0;
@@ -220,7 +220,7 @@ TEST(GroupTracker, CoastsHiddenGroupThenFindsItAnywhere) {
   GroupPose last;
   for (int f = 4; f < 20; ++f) {
     const TrackedFrame tracked = tracker.track(stage.frame_image(f, {}, &hidden));
-    const GroupEstimate& estimate = named(tracked, "wall");
+    const GroupEstimate& estimate = group_named(tracked, "wall");
     EXPECT_EQ(tracked.pose.status, TrackStatus::tracked);
     EXPECT_NE(estimate.reason.cause, PoseCause::none);
     if (f < 4 + 6) {
@@ -244,7 +244,7 @@ TEST(GroupTracker, CoastsHiddenGroupThenFindsItAnywhere) {
   bool found = false;
   for (int f = 20; f < 32 && !found; ++f, ++frames) {
     const TrackedFrame tracked = tracker.track(stage.frame_image(f, {{"wall", there}}));
-    const GroupEstimate& estimate = named(tracked, "wall");
+    const GroupEstimate& estimate = group_named(tracked, "wall");
     found = estimate.status == TrackStatus::tracked;
     if (found) {
       EXPECT_LT(stage.error_px(tracked, estimate, f, there), 0.5);
@@ -263,8 +263,8 @@ TEST(GroupTracker, TracksReturningGroupAtOnce) {
   for (int f = 0; f < 3; ++f) static_cast<void>(tracker.track(stage.frame_image(f)));
   for (int f = 3; f < 13; ++f) static_cast<void>(tracker.track(stage.frame_image(f, {}, &hidden)));
   const TrackedFrame tracked = tracker.track(stage.frame_image(13));
-  EXPECT_EQ(named(tracked, "wall").status, TrackStatus::tracked)
-      << text_of(named(tracked, "wall").reason);
+  EXPECT_EQ(group_named(tracked, "wall").status, TrackStatus::tracked)
+      << text_of(group_named(tracked, "wall").reason);
   EXPECT_FALSE(tracked.times.full_detection);
 }
 
@@ -279,7 +279,7 @@ TEST(GroupTracker, LosesGroupsWhenTableIsInvisible) {
   GroupEstimate last;
   for (int f = 3; f < 10; ++f) {
     const TrackedFrame tracked = tracker.track(stage.frame_image(f, {}, &bare));
-    last = named(tracked, "wall");
+    last = group_named(tracked, "wall");
     EXPECT_NE(last.status, TrackStatus::tracked);
     EXPECT_GE(static_cast<int>(last.status), static_cast<int>(tracked.pose.status));
   }
@@ -334,7 +334,7 @@ struct Arrival {
   std::vector<TrackedFrame> frames;
   [[nodiscard]] int first_tracked(const std::string& group) const {
     for (std::size_t f = 0; f < frames.size(); ++f) {
-      if (named(frames[f], group).status == TrackStatus::tracked) return static_cast<int>(f);
+      if (group_named(frames[f], group).status == TrackStatus::tracked) return static_cast<int>(f);
     }
     return -1;
   }
@@ -385,9 +385,9 @@ TEST(GroupTracker, NeverWaitsForSearchOnceTableIsTracked) {
     waited += waiting.frames[f].times.full_detection ? 1 : 0;
     for (const char* group : {"wall", "block"}) {
       SCOPED_TRACE(group);
-      const GroupEstimate& a = named(frame, group);
+      const GroupEstimate& a = group_named(frame, group);
       // The search thread must give the same results bit by bit.
-      const GroupEstimate& b = named(threaded.frames[f], group);
+      const GroupEstimate& b = group_named(threaded.frames[f], group);
       EXPECT_EQ(a.status, b.status);
       EXPECT_EQ(text_of(a.reason), text_of(b.reason));
       EXPECT_EQ(a.T_table_group.matrix(), b.T_table_group.matrix());
@@ -400,7 +400,7 @@ TEST(GroupTracker, NeverWaitsForSearchOnceTableIsTracked) {
       }
       // Once both kinds of search have succeeded, they must give the same poses from the next frame
       // on.
-      const GroupEstimate& c = named(waiting.frames[f], group);
+      const GroupEstimate& c = group_named(waiting.frames[f], group);
       const int both = std::max(beside.first_tracked(group), waiting.first_tracked(group));
       if (a.status != TrackStatus::tracked || c.status != TrackStatus::tracked) continue;
       const Placement& at = shown.truth[f].at(group);
@@ -433,7 +433,7 @@ TEST(GroupTracker, FindsSameGroupsByBackgroundSearch) {
     const int first = live.first_tracked(group);
     ASSERT_GE(first, kArrives) << group;
     for (std::size_t f = static_cast<std::size_t>(first); f < live.frames.size(); ++f) {
-      const GroupEstimate& estimate = named(live.frames[f], group);
+      const GroupEstimate& estimate = group_named(live.frames[f], group);
       EXPECT_EQ(estimate.status, TrackStatus::tracked) << text_of(estimate.reason);
       EXPECT_LT(shown.stage.error_px(live.frames[f], estimate, static_cast<int>(f),
                                      shown.truth[f].at(group)),
@@ -481,18 +481,18 @@ TEST(GroupTracker, RecoversFromInvalidFramesAndClockJumps) {
   const Stage stage({wall()});
   GroupTracker tracker = stage.tracker();
   for (int f = 0; f < 3; ++f) static_cast<void>(tracker.track(stage.frame_image(f)));
-  EXPECT_FALSE(named(tracker.track(Frame{}), "wall").has_pose() &&
-               named(tracker.track(Frame{}), "wall").status == TrackStatus::tracked);
+  EXPECT_FALSE(group_named(tracker.track(Frame{}), "wall").has_pose() &&
+               group_named(tracker.track(Frame{}), "wall").status == TrackStatus::tracked);
   FrameBuffer small = allocate_frame(PixelFormat::grey8, 64, 48);
   for (int y = 0; y < 48; ++y)
     std::fill_n(small.plane_data[0] + y * small.frame.planes[0].stride, 64, std::uint8_t{70});
   small.frame.timestamp_ns = 2'000'000'000;
-  EXPECT_NE(named(tracker.track(small.frame), "wall").status, TrackStatus::tracked);
+  EXPECT_NE(group_named(tracker.track(small.frame), "wall").status, TrackStatus::tracked);
   Frame back = stage.frame_image(1);
   back.timestamp_ns = 5;
   const TrackedFrame again = tracker.track(back);
-  EXPECT_EQ(named(again, "wall").status, TrackStatus::tracked)
-      << text_of(named(again, "wall").reason);
+  EXPECT_EQ(group_named(again, "wall").status, TrackStatus::tracked)
+      << text_of(group_named(again, "wall").reason);
 }
 
 }  // namespace

@@ -318,11 +318,11 @@ TEST(RigidTagTracker, ModelsBlurWhenExposureIsKnown) {
   double without = 0.0;
   int frames = 0;
   for (const std::uint64_t seed : {3U, 21U}) {
-    test::Draw draw(seed);
+    test::RandomNumbers draw(seed);
     test::Session session;
     session.camera = test::lens_camera(test::Lens::plumb_bob, 640, 480, 0.85);
     session.tags = test::layout_of(test::Layout::sheet, draw);
-    session.motion = test::hand(2, 0.45, radians(50.0), draw);
+    session.motion = test::hand_motion(2, 0.45, radians(50.0), draw);
     session.exposure_s = 1.0 / 40.0;
     session.light.noise_grey = 2.0;
     session.light.seed = seed;

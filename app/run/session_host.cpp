@@ -1,4 +1,4 @@
-#include "app/session/session_host.hpp"
+#include "app/run/session_host.hpp"
 
 #include <fmt/chrono.h>
 
