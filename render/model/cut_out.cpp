@@ -11,7 +11,7 @@ namespace penumbra {
 namespace {
 
 constexpr int kSightDepth = 5;        // maximum subdivision in the search for visible regions
-constexpr double kFinestStep = 0.25;  // [texels]
+constexpr double kFinestStep = 0.25;  // triangles this small are not subdivided [texels]
 constexpr int kHalvings = 6;          // bisections of an edge to find the alpha cutoff
 
 struct TexelSpan {
@@ -75,7 +75,8 @@ AlphaPyramid::AlphaPyramid(const Texture& texture, const TextureSampling& sampli
 }
 
 AlphaPyramid::Range AlphaPyramid::range(const glm::dvec2& low, const glm::dvec2& high) const {
-  // Linear filtering uses the texels with centres around the rectangle, nearest those it touches.
+  // Linear filtering reads the texels whose centres surround the rectangle, nearest filtering the
+  // texels that the rectangle touches.
   const double shift = sampling_.smooth_near ? 0.5 : 0.0;
   const std::int64_t more = sampling_.smooth_near ? 1 : 0;
   const glm::dvec2 a = low * size() - shift;
@@ -175,7 +176,7 @@ FaceVisibility FaceOpacity::bounds(const Face& face) const {
   return least >= cutoff ? FaceVisibility::whole : FaceVisibility::partial;
 }
 
-// Returns opacity minus cutoff.
+// Returns the opacity minus the alpha cutoff.
 double FaceOpacity::excess(const Corner& corner) const {
   const double alpha = alpha_ ? alpha_->at(corner.texcoord) : 1.0;
   return corner.factor * alpha - static_cast<double>(material_.alpha_cutoff);
@@ -263,7 +264,7 @@ bool has_cut_outs(const Model& model) {
 }
 
 int cut_out_depth(const Model& model, std::size_t max_triangles) {
-  constexpr int kFinest = 7;
+  constexpr int kMaxDepth = 7;
   std::vector<FaceOpacity> opacities;
   for (const Mesh& mesh : model.meshes) opacities.emplace_back(model, mesh);
   const auto is_affordable = [&](int depth) {
@@ -282,7 +283,7 @@ int cut_out_depth(const Model& model, std::size_t max_triangles) {
     }
     return true;
   };
-  int depth = kFinest;
+  int depth = kMaxDepth;
   while (depth > 0 && !is_affordable(depth)) --depth;
   return depth;
 }

@@ -45,7 +45,7 @@ class FaceOpacity {
  public:
   FaceOpacity(const Model& model, const Mesh& mesh);
 
-  // Returns true if no face of the mesh can be transparent anywhere.
+  // Returns true if all faces of the mesh are known to be whole.
   [[nodiscard]] bool all_whole() const { return all_whole_; }
   // `index`: position of the face's first corner in Mesh::indices. Faces with alpha mode BLEND are
   // hidden if fully transparent, else whole, never partial.
@@ -68,13 +68,13 @@ class FaceOpacity {
   [[nodiscard]] Face face(std::size_t index) const;
   [[nodiscard]] FaceVisibility bounds(const Face& face) const;
   [[nodiscard]] double excess(const Corner& corner) const;
-  // Calls `take` for each visible triangle until `take` returns false.
+  // Calls the function for each visible triangle until it returns false. Then returns false.
   template <class Take>
   bool walk(const Face& face, int depth, const Take& take) const;
 
   const Mesh& mesh_;
   Material material_;
-  const std::vector<glm::vec2>* texcoords_ = nullptr;  // for the texture
+  const std::vector<glm::vec2>* texcoords_ = nullptr;  // the set that the texture uses
   std::optional<AlphaPyramid> alpha_;
   bool all_whole_ = true;
 };
@@ -82,11 +82,11 @@ class FaceOpacity {
 // Returns true if some face of the model is partially visible (alpha mode MASK).
 [[nodiscard]] bool has_cut_outs(const Model& model);
 
-// Returns the maximum depth for append_visible() at which the model's partial faces give up to
-// `max_triangles` triangles, or 0.
+// Returns the maximum depth for append_visible() at which the model's partial faces have up to
+// `max_triangles` visible triangles, or 0.
 [[nodiscard]] int cut_out_depth(const Model& model, std::size_t max_triangles);
 
-// Returns a warning, with `file`, that a model with cut-outs casts shadows of its whole faces.
+// Returns the warning that the model `file` has cut-outs but casts shadows of whole faces.
 [[nodiscard]] std::string warning_of_cut_outs(const std::string& file);
 
 }  // namespace penumbra

@@ -32,7 +32,7 @@ double corner_angle(const TriangleCorners& p, std::size_t corner) {
   return std::acos(std::clamp(glm::dot(a, b) / lengths, -1.0, 1.0));
 }
 
-// Returns exactly the same for both directions of an edge, so that its two triangles split equally.
+// The result for (a, b) equals that for (b, a), so that an edge's two triangles split it alike.
 float edge_length_squared(const glm::vec3& a, const glm::vec3& b) {
   const glm::vec3 d = a - b;
   return glm::dot(d, d);
@@ -171,8 +171,8 @@ void generate_normals(Mesh& mesh) {
 
 namespace {
 
-// The direction of a texture's x axis on a face. The layout is mirrored if the texture's y axis
-// (towards smaller v) is clockwise of x. Unknown if the layout has zero area.
+// The direction of a texture's x axis on a face; unknown if the face has no area in the texture.
+// The layout is mirrored if the texture's y axis (towards smaller v) is clockwise of x.
 struct FaceTangent {
   glm::dvec3 x{0.0};
   bool known = false, mirrored = false;
@@ -218,7 +218,7 @@ void generate_tangents(Mesh& mesh, bool second) {
   const std::size_t count = mesh.positions.size();
   std::vector<FaceTangent> faces(mesh.indices.size() / 3);
   std::vector<std::array<glm::dvec3, 2>> sums(count, {glm::dvec3(0.0), glm::dvec3(0.0)});
-  std::vector<std::array<bool, 2>> used(count, {false, false});  // plain, mirrored
+  std::vector<std::array<bool, 2>> used(count, {false, false});  // by unmirrored, by mirrored faces
   for (std::size_t f = 0; f < faces.size() && texcoords.size() == count; ++f) {
     faces[f] = face_tangent(mesh, texcoords, 3 * f);
     if (!faces[f].known) continue;
@@ -245,7 +245,7 @@ void generate_tangents(Mesh& mesh, bool second) {
     const bool mirrored = used[i][1] && !used[i][0];
     mesh.tangents.push_back(tangent(i, sums[i][mirrored ? 1 : 0], mirrored));
   }
-  // Vertices shared by mirrored and other faces are duplicated.
+  // Duplicates vertices that mirrored and unmirrored faces share.
   std::vector<std::uint32_t> twin(count, 0);
   const auto repeat = [](auto& values, std::size_t i, std::size_t size) {
     if (values.size() == size) values.push_back(values[i]);

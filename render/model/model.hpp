@@ -52,7 +52,7 @@ struct Material {
   MaterialTexture occlusion_texture;           // red: visible fraction of the ambient light
   MaterialTexture emissive_texture;            // colour
 
-  // Returns true if it has more than a colour and a colour texture.
+  // Returns true if drawing needs more than the base colour and its texture by Mesh::texcoords.
   [[nodiscard]] bool has_maps() const {
     return metallic_roughness_texture.image >= 0 || normal_texture.image >= 0 ||
            occlusion_texture.image >= 0 || emissive_texture.image >= 0 ||
@@ -75,11 +75,11 @@ struct NodeFaces {
 
 // One draw: an indexed triangle list with one material.
 struct Mesh {
-  std::string name;                  // of the first of the file's meshes merged into it
+  std::string name;                  // glTF: the first mesh merged into this; OBJ: the material
   std::vector<glm::vec3> positions;  // [m]
   std::vector<glm::vec3> normals;    // unit, one per position
   std::vector<glm::vec2> texcoords;  // one per position, or empty; (0, 0) at the texture's top left
-  std::vector<glm::vec2> texcoords_2;  // the same, for textures with another layout
+  std::vector<glm::vec2> texcoords_2;  // a second set, for textures with another layout
   // One per position, or empty. xyz: unit, x axis of the normal texture; its y axis is
   // cross(normal, tangent) * w.
   std::vector<glm::vec4> tangents;
@@ -88,7 +88,7 @@ struct Mesh {
   // For each vertex: its index in the model file, to which kernel files refer. OBJ: index of the
   // `v` line; glTF: counted over the primitives' POSITION accessors in the order of the file.
   std::vector<std::uint32_t> source_vertex;
-  std::vector<NodeFaces> node_faces;  // ascending; empty if the file has no names
+  std::vector<NodeFaces> node_faces;  // ascending; empty after subdivided()
   // Shadow kernels that came with the model, one per position [m], or empty.
   std::vector<glm::vec3> shadow_kernels;
   int material = 0;
@@ -99,7 +99,7 @@ struct Model {
   std::vector<Mesh> meshes;
   std::vector<Material> materials;
   std::vector<Texture> textures;
-  std::vector<ModelNode> nodes;  // those with faces, and their ancestors
+  std::vector<ModelNode> nodes;  // glTF: visible nodes; OBJ: objects and groups with faces
   // Positions, kernels and bounds are relative to this point of the file [m], object frame. Zero
   // unless the model lies far from its file's origin, where floats would lose its shape.
   // placed_model() (scene.hpp) adds it.
@@ -109,8 +109,8 @@ struct Model {
   std::uint32_t source_vertex_count = 0;
   // The up direction (unit) that Mesh::shadow_kernels were made for, if there are any.
   std::optional<glm::vec3> shadow_kernel_up;
-  std::string shadow_kernel_geometry;  // KernelStamp of the kernels; may be ""
-  // Groups of parts (part_groups.hpp) of the stored kernels; the default groups.
+  std::string shadow_kernel_geometry;  // KernelStamp of the kernels; "": unknown
+  // Groups of parts (part_groups.hpp) of the stored kernels. Used if the scene gives no groups.
   std::vector<std::string> shadow_kernel_groups;
   // Faces are visible only from the front (counter-clockwise), unless their material is
   // double-sided.

@@ -84,12 +84,12 @@ Eigen::AlignedBox3d bounds_of(const Model& model) {
   return {model.origin + to_eigen(model.min_corner), model.origin + to_eigen(model.max_corner)};
 }
 
-// Returns geometry_key() of a glTF file's model converted from y up, as for stored kernels.
+// Returns the geometry_key() in a stamp of stored kernels: of the model converted from y up.
 std::string usual_geometry_key(const Model& model, UpAxis up) {
   if (up != UpAxis::z) return geometry_key(model);
-  Model usual = model;
-  turn_up(usual);
-  return geometry_key(usual);
+  Model converted = model;
+  turn_up(converted);
+  return geometry_key(converted);
 }
 
 // Replaces backslashes by slashes and removes a leading "file:".
@@ -175,7 +175,7 @@ bool leaves_folder(std::string_view name) {
 }
 
 Eigen::Vector3d model_origin(const Eigen::AlignedBox3d& bounds) {
-  // At a distance of kFar times the size, floats resolve a millionth of the size.
+  // At a distance of kFar times the size, floats resolve 1e-5 of the size.
   constexpr double kFar = 64.0;
   if (bounds.isEmpty()) return Eigen::Vector3d::Zero();
   const Eigen::Vector3d middle = bounds.center();

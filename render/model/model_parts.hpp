@@ -32,7 +32,7 @@ inline constexpr std::size_t kMaxGroups = 1000;
 [[nodiscard]] Result<std::filesystem::path> model_resource_path(const std::filesystem::path& folder,
                                                                 std::string_view name);
 // Returns true for a name that leads out of the model's folder: an absolute path, a drive letter, a
-// web address, or a path with "..". Callers of the function above then add a warning.
+// web address, or a path with "..". Callers of model_resource_path() then add a warning.
 [[nodiscard]] bool leaves_folder(std::string_view name);
 
 // Maximum absolute coordinate in a model file, in the file's unit. See also ModelLimits.
@@ -58,8 +58,8 @@ void generate_normals(Mesh& mesh);
 // Splits vertices shared by mirrored and unmirrored texture layouts. Requires normals.
 void generate_tangents(Mesh& mesh, bool second);
 
-// Merges a mesh of the same material, because thousands of draw calls would be slow. An attribute
-// that one of the two lacks gets default values there.
+// Merges a mesh of the same material, because thousands of draw calls would be slow. Attributes
+// that one mesh lacks get default values; stored kernels are kept only if both meshes have them.
 void append_mesh(Mesh& mesh, const Mesh& more);
 
 // Decodes a PNG or JPEG into the model, within the limit for all textures. Returns its index.
@@ -71,7 +71,8 @@ void append_mesh(Mesh& mesh, const Mesh& more);
 [[nodiscard]] Result<void> check_model(Model& model, const std::string& name,
                                        const ModelLimits& limits);
 
-// Both set `file_step` to the resolution of the coordinates at the model, in the file's unit.
+// read_gltf() and read_obj() return a model in the file's axes and unit. `file_step` returns the
+// resolution of the model's coordinates.
 [[nodiscard]] Result<Model> read_gltf(const std::filesystem::path& file,
                                       std::span<const std::uint8_t> bytes, bool binary,
                                       const ModelLimits& limits, double& file_step);

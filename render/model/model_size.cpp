@@ -23,8 +23,8 @@ const LengthUnit* unit_between(double count, double low, double high) {
 }
 
 const LengthUnit* likely_unit(double count) {
-  const LengthUnit* usual = unit_between(count, 0.02, 2.0);
-  return usual ? usual : unit_between(count, kSmallestOnTable, kLargestOnTable);
+  const LengthUnit* common = unit_between(count, 0.02, 2.0);
+  return common ? common : unit_between(count, kSmallestOnTable, kLargestOnTable);
 }
 
 }  // namespace

@@ -20,8 +20,8 @@ constexpr double kCreaseCosine = 0.7071;  // an edge between faces at over 45 de
 struct ObjTriangles {
   std::vector<ObjCorner> corners;
   std::vector<std::uint32_t> face;  // face of each triangle
-  // Normals of the triangles of planar polygons, ascending by triangle, because the normal of a
-  // sliver can't be computed from its corners.
+  // (triangle, normal) for planar polygons of over 4 corners, ascending: the normal of a thin
+  // triangle can't be computed from its corners.
   std::vector<std::pair<std::size_t, glm::vec3>> normals;
 };
 
@@ -118,7 +118,7 @@ void FaceSplitter::add(std::uint32_t index) {
 // than 45 degrees; sharper edges stay sharp.
 std::vector<glm::vec3> creased_normals(const std::vector<glm::vec3>& positions,
                                        const ObjTriangles& triangles) {
-  // If a vertex has more faces, all are smoothed, because comparing all pairs would be slow.
+  // At vertices with more faces, all faces are smoothed: comparing all pairs would be slow.
   constexpr std::uint32_t kMaxPairedFaces = 64;
   struct Corner {
     glm::dvec3 normal{0.0};  // unit
@@ -157,21 +157,21 @@ std::vector<glm::vec3> creased_normals(const std::vector<glm::vec3>& positions,
   }
   std::vector<glm::vec3> normals(corners.size());
   for (std::size_t v = 0; v < positions.size(); ++v) {
-    const bool all = start[v + 1] - start[v] > kMaxPairedFaces;
+    const bool smooths_all = start[v + 1] - start[v] > kMaxPairedFaces;
     glm::dvec3 sum(0.0);
     for (std::uint32_t i = start[v]; i < start[v + 1]; ++i) {
-      const Corner& own = faces[at_vertex[i]];
-      if (!all || i == start[v]) {
+      const Corner& corner = faces[at_vertex[i]];
+      if (!smooths_all || i == start[v]) {
         sum = glm::dvec3(0.0);
         for (std::uint32_t j = start[v]; j < start[v + 1]; ++j) {
           const Corner& other = faces[at_vertex[j]];
-          if (all || glm::dot(own.normal, other.normal) >= kCreaseCosine) {
+          if (smooths_all || glm::dot(corner.normal, other.normal) >= kCreaseCosine) {
             sum += other.normal * other.angle;
           }
         }
       }
       const double length = glm::length(sum);
-      normals[at_vertex[i]] = length > 1e-9 ? glm::vec3(sum / length) : glm::vec3(own.normal);
+      normals[at_vertex[i]] = length > 1e-9 ? glm::vec3(sum / length) : glm::vec3(corner.normal);
     }
   }
   return normals;

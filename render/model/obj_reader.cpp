@@ -35,7 +35,7 @@ bool is_tiny(std::string_view number) {
 }
 
 constexpr double kMaxTexcoord = 1e6;
-constexpr double kMinNormal = 1e-30;  // floats can represent the components of longer normals
+constexpr double kMinNormal = 1e-30;  // normals outside these limits are scaled to fit into floats
 constexpr double kMaxNormal = 1e30;
 
 bool continues(std::string_view line) {
@@ -80,7 +80,7 @@ class ObjReader {
 
  private:
   [[nodiscard]] Result<void> read_lines(std::string_view text);
-  // Errors of this and the next functions do not contain the file and the line.
+  // Errors of read_line() and the functions that it calls do not contain the file and the line.
   [[nodiscard]] Result<void> read_line(std::string_view line);
   [[nodiscard]] Result<void> read_position(const std::vector<std::string_view>& words);
   void read_texcoord(const std::vector<std::string_view>& words);
@@ -339,7 +339,7 @@ Result<void> ObjReader::check_indices() {
   return {};
 }
 
-// Moves the materials into the model. Returns the index there for each material name.
+// Moves the materials into the model. Returns an index into Model::materials per material name.
 std::vector<int> ObjReader::find_materials() {
   std::vector<bool> named(obj_.material_names.size(), false);
   for (const ObjFace& face : obj_.faces) {

@@ -85,8 +85,8 @@ class ObjMaterials {
   // Reads the files of an mtllib line: one file with blanks in its name, or several files.
   void read_files(std::string_view names, std::size_t line);
   [[nodiscard]] std::optional<std::size_t> find(const std::string& name) const;
-  // Moves all materials into the model, followed by the plain one. `used`: per material, whether to
-  // load its image.
+  // Moves all materials into the model, followed by the default material. `used`: per material,
+  // whether to load its image.
   void move_to(Model& model, const std::vector<bool>& used);
   [[nodiscard]] std::size_t size() const { return materials_.size(); }
   [[nodiscard]] bool is_incomplete() const { return incomplete_; }  // a file could not be read

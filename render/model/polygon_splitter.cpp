@@ -13,19 +13,19 @@
 namespace penumbra {
 namespace {
 
-constexpr double kMaxSweepSteps = 6e7;     // beyond those of ordinary outlines; about 2 s
+constexpr double kMaxSweepSteps = 6e7;     // limit of sweep_steps() over all polygons; about 2 s
 constexpr double kOrdinarySteps = 10.0;    // steps per corner
 constexpr double kStepsOfCrossing = 30.0;  // steps to create the new corner
-constexpr double kStepsOfCut = 0.2;  // steps per corner of the face that a reflex corner splits
-// Closer positions are equal [radii]: rounding may move a corner on an edge across it.
+constexpr double kStepsOfCut = 0.2;        // steps of a reflex corner per corner of its outline
+// Positions closer than this [radii] count as equal: rounding may move a corner across an edge.
 constexpr double kSamePlace = 1e-9;
-constexpr double kFlatShare = 0.01;      // distance of corners from the plane / radius
+constexpr double kFlatShare = 0.01;      // maximum height of a flat polygon's corners [radii]
 constexpr double kAreaTolerance = 1e-6;  // fraction of the area
 constexpr int kMaxAttempts = 5;
 constexpr double kAttemptAngle = 1.0;      // [rad] between attempts
 constexpr double kMinAreaFraction = 1e-9;  // below, areas of opposite orientation cancel
-constexpr double kNoArea = 1e-14;          // / squared radius
-constexpr double kRoundedArea = 1e-12;     // / squared radius
+constexpr double kNoArea = 1e-14;          // areas up to this are zero [squared radii]
+constexpr double kRoundedArea = 1e-12;     // rounding error of areas [squared radii]
 
 double cross_2d(const Eigen::Vector2d& a, const Eigen::Vector2d& b) {
   return a.x() * b.y() - a.y() * b.x();
@@ -73,7 +73,7 @@ double sweep_steps(std::span<const Eigen::Vector2d> corners, double limit) {
   std::sort(order.begin(), order.end(),
             [&](std::uint32_t a, std::uint32_t b) { return left(a) < left(b); });
   const auto ordinary = kOrdinarySteps * static_cast<double>(count);
-  std::vector<std::uint32_t> side_by_side;
+  std::vector<std::uint32_t> active;
   double walked = 0.0;
   double crossings = 0.0;
   const auto beyond_ordinary = [&] {
@@ -82,15 +82,15 @@ double sweep_steps(std::span<const Eigen::Vector2d> corners, double limit) {
   };
   for (const std::uint32_t edge : order) {
     const double x = left(edge);
-    std::erase_if(side_by_side, [&](std::uint32_t other) {
+    std::erase_if(active, [&](std::uint32_t other) {
       return std::max(corners[other].x(), end_of(other).x()) < x;
     });
-    walked += static_cast<double>(side_by_side.size());
-    for (const std::uint32_t other : side_by_side) {
+    walked += static_cast<double>(active.size());
+    for (const std::uint32_t other : active) {
       crossings += edges_meet(corners[edge], end_of(edge), corners[other], end_of(other)) ? 1 : 0;
     }
     if (beyond_ordinary() > limit) break;
-    side_by_side.push_back(edge);
+    active.push_back(edge);
   }
   return std::max(0.0, beyond_ordinary());
 }
@@ -182,18 +182,18 @@ bool PolygonSplitter::split_quad(std::span<const Eigen::Vector3d> corners) {
   Triangles first = {{{0, 1, 2}, {0, 2, 3}}};
   Triangles second = {{{0, 1, 3}, {1, 2, 3}}};
   if (!(squared_length(0, 2) < squared_length(1, 3))) std::swap(first, second);
-  const auto take = [&](const Triangles& triangles) {
+  const auto accept = [&](const Triangles& triangles) {
     split_.triangles.assign(triangles.begin(), triangles.end());
     return true;
   };
-  if (flat_.empty()) return take(first);
+  if (flat_.empty()) return accept(first);
   const auto is_inside = [&](const Triangles& triangles) {
     return std::ranges::all_of(triangles, [&](const std::array<std::uint32_t, 3>& t) {
       return doubled_area(flat_[t[0]], flat_[t[1]], flat_[t[2]]) >= 0.0;
     });
   };
-  if (is_inside(first)) return take(first);
-  return is_inside(second) && take(second);
+  if (is_inside(first)) return accept(first);
+  return is_inside(second) && accept(second);
 }
 
 // Returns the handle of the corner, existing or added, for an intersection found by GLU.
@@ -250,15 +250,15 @@ void PolygonSplitter::tessellate() {
 }
 
 // Returns the number of attempts. If edges coincide up to rounding, as along a bridge to a hole,
-// GLU may lose or fold areas, so other sweep directions are tried. Accepts a result with the
-// outline's area, or one obtained twice.
+// GLU may lose or fold areas, so other sweep directions are tried. Accepts a result if its area
+// equals the outline's area or the area of the previous attempt.
 double PolygonSplitter::tessellate_with_retries() {
   double before = -1.0;
   for (int attempt = 1;; ++attempt) {
     tessellate();
-    double own = 0.0;
+    double outline_area = 0.0;
     for (std::size_t i = 0; i < corner_count_; ++i) {
-      own += cross_2d(flat_[i], flat_[(i + 1) % corner_count_]);
+      outline_area += cross_2d(flat_[i], flat_[(i + 1) % corner_count_]);
     }
     double covered = 0.0;
     double folded = 0.0;
@@ -268,8 +268,8 @@ double PolygonSplitter::tessellate_with_retries() {
       folded -= std::min(area, 0.0);
     }
     const double tolerance =
-        kRoundedArea + kAreaTolerance * std::max(std::abs(own), std::abs(covered));
-    split_.crosses_itself = std::abs(covered - own) > tolerance;
+        kRoundedArea + kAreaTolerance * std::max(std::abs(outline_area), std::abs(covered));
+    split_.crosses_itself = std::abs(covered - outline_area) > tolerance;
     const bool sound =
         folded <= tolerance && (!split_.crosses_itself || std::abs(covered - before) <= tolerance);
     if (sound || failed_ || attempt == kMaxAttempts) return attempt;

@@ -15,7 +15,7 @@ namespace penumbra {
 // A corner added where the outline intersects itself.
 struct AddedCorner {
   Eigen::Vector3d position;
-  // Weighted mean of the polygon's corners or of corners added earlier.
+  // The corner is the weighted mean of these corners (the polygon's, or added earlier).
   std::array<std::uint32_t, 4> of_corners;
   std::array<float, 4> weights;
 };
@@ -23,7 +23,7 @@ struct AddedCorner {
 struct PolygonSplit {
   enum class Outcome { split, too_intricate };
   Outcome outcome = Outcome::split;
-  // Indices of corners; from the polygon's corner count on, of `added`. Oriented like the polygon.
+  // Corner indices, oriented like the polygon. Indices from its corner count on refer to `added`.
   std::vector<std::array<std::uint32_t, 3>> triangles;
   std::vector<AddedCorner> added;
   Eigen::Vector3d normal = Eigen::Vector3d::Zero();  // unit; zero for a polygon without area
@@ -54,7 +54,7 @@ class PolygonSplitter {
   struct DeleteTessellator {
     void operator()(GLUtesselator* tessellator) const;
   };
-  // Computes all results except the triangles.
+  // Projects the corners onto the polygon's plane. Sets the normal and `is_flat`.
   void project(std::span<const Eigen::Vector3d> corners);
   [[nodiscard]] Eigen::Vector3d plane_normal() const;
   [[nodiscard]] bool split_quad(std::span<const Eigen::Vector3d> corners);
@@ -71,9 +71,9 @@ class PolygonSplitter {
   Eigen::Vector3d middle_ = Eigen::Vector3d::Zero();
   double radius_ = 0.0;
   std::vector<Eigen::Vector3d> scaled_;
-  Eigen::Vector3d axis_u_, axis_v_;     // of its plane
-  std::vector<Eigen::Vector2d> flat_;   // in its plane, including added corners
-  std::vector<double> heights_;         // above its plane
+  Eigen::Vector3d axis_u_, axis_v_;     // axes in the polygon's plane
+  std::vector<Eigen::Vector2d> flat_;   // corners in these axes, then added corners
+  std::vector<double> heights_;         // of the corners above the plane
   std::vector<std::uint32_t> emitted_;  // corners of GLU's triangles
   bool failed_ = false;
 };

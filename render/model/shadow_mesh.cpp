@@ -18,7 +18,7 @@ namespace {
 
 // Welding makes kernels independent of texture seams and of unconnected triangles.
 constexpr double kWeldDistance = 10e-6;  // [m]
-constexpr double kWeldShare = 1e-4;      // upper limit, fraction of the longest side
+constexpr double kWeldShare = 1e-4;      // maximum weld distance / longest side of the model
 // Relative distance of equal vertices after rounding: a few steps of float.
 constexpr double kRounding = 4.0 * 1.1920929e-7;
 // Cell size of the search grid in weld distances, so that most searches visit only one cell.
@@ -224,7 +224,7 @@ class Welder {
   KernelSplitter splitter_;
   std::vector<std::uint32_t> welded_;  // position of each vertex of the current mesh
   std::vector<std::array<std::uint32_t, 2>> collapsed_edges_;
-  std::vector<std::array<std::uint32_t, 2>> pieces_;  // positions of one face
+  std::vector<std::array<std::uint32_t, 2>> pieces_;  // pairs of one cut face
   std::vector<std::vector<std::uint32_t>> grouped_;   // per group: one position of each face
 };
 

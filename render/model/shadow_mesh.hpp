@@ -22,12 +22,12 @@ struct ShadowMesh {
   std::vector<std::uint32_t> indices;  // triangles, without those collapsed by welding
   std::vector<std::uint32_t> part;     // index of the part of each position
   std::uint32_t part_count = 0;
-  // One per part: whether a group joined several connected components. Empty without groups.
+  // One per part: whether a group joined several connected components. Empty if no part is joined.
   std::vector<bool> joined;
   // Number of faces in components that welding removed entirely; these cast no shadow.
   std::size_t lost_faces = 0;
-  // Model file vertex -> position here, or kNoShadowPosition if no mesh uses it. Kernel files refer
-  // to model file vertices.
+  // For each vertex of the model file, to which kernel files refer: its index into `positions`, or
+  // kNoShadowPosition if no mesh uses the vertex.
   std::vector<std::uint32_t> from_source;
   // Kernels stored with the model for stored_up, one per position [m], or empty. Vertices with
   // equal positions but different kernels are not welded.

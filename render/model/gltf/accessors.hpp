@@ -37,7 +37,7 @@ struct Elements {
 struct Shape {
   std::size_t min_width = 1;
   std::size_t max_width = 1;
-  std::size_t count = 0;  // of elements; 0: any
+  std::size_t count = 0;  // number of elements; 0: any
 };
 
 class Accessors {
@@ -81,8 +81,8 @@ class Accessors {
   const tinygltf::Model& gltf_;
   Buffers& buffers_;
   const ModelLimits& limits_;
-  // Remaining number of zeros for accessors without a buffer view, which could be unlimited in a
-  // small file.
+  // Number of zeros that accessors without a buffer view may still add. Without a limit, a small
+  // file could exhaust the memory.
   std::size_t zeros_left_;
 };
 

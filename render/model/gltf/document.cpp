@@ -44,7 +44,7 @@ int nesting_depth(std::string_view json) {
 constexpr double kLargestIndex = 2147483647.0;       // maximum of tinygltf's int
 constexpr double kLargestSize = 9007199254740992.0;  // doubles represent all integers up to here
 
-// One step of the path to a value.
+// One key or index of the JSON path to a value.
 struct Place {
   const Place* parent = nullptr;
   std::string_view key;
@@ -279,7 +279,8 @@ Json take_list(Json& root, const char* key) {
   return list.is_array() ? list : Json::array();
 }
 
-// tinygltf omits primitives without attributes and rejects indices without a buffer view.
+// Moves indices to attributes and adds missing attributes, because tinygltf omits primitives
+// without attributes and rejects indices without a buffer view.
 void prepare_primitives(Json& root) {
   if (!root.contains("meshes")) return;
   for (Json& mesh : root.at("meshes")) {
@@ -295,8 +296,8 @@ void prepare_primitives(Json& root) {
   }
 }
 
-// Returns the file's glTF version if it is not 2. Version 1.0 may be implicit: objects in place of
-// arrays.
+// Returns the file's glTF version if it is not 2. Files of version 1.0 may omit the version; their
+// meshes are an object, not an array.
 std::optional<std::string> other_version(const Json& root) {
   const auto asset = root.find("asset");
   if (asset != root.end() && asset->is_object() && asset->contains("version")) {

@@ -37,8 +37,8 @@ struct ImageSource {
 };
 
 struct Document {
-  // Without buffers, images, animations, cameras and top-level extensions. A primitive's `indices`
-  // are stored as the attribute kIndicesKey.
+  // The parsed file without buffers, images, animations, cameras and top-level extensions. A
+  // primitive's `indices` are stored as the attribute kIndicesKey.
   tinygltf::Model model;
   std::vector<BufferSource> buffers;
   std::vector<ImageSource> images;

@@ -7,7 +7,7 @@
 namespace penumbra::gltf {
 namespace {
 
-// none: does not affect the image. ignored: warns. texture: the material reader warns.
+// `none`: has no effect on the image. `ignored` causes a warning. `texture`: materials.cpp warns.
 enum class Effect { read, none, ignored, texture, compression, unknown };
 
 // For an extension, the first entry applies whose `start` is a prefix of its name.

@@ -212,8 +212,8 @@ Result<void> MaterialReader::read(const std::vector<bool>& used) {
     }
     model_.materials.push_back(std::move(material));
   }
-  // The default material is plain white. That of the specification (5.19) is a metal, which is
-  // black without an environment map.
+  // The default material is plain white. The specification's default material (5.19) is a metal,
+  // which is black without an environment map.
   model_.materials.emplace_back().name = "default";
   return {};
 }

@@ -28,7 +28,7 @@ class MaterialReader {
   // `used`: per material, whether to read its factors and images.
   [[nodiscard]] Result<void> read(const std::vector<bool>& used);
 
-  // Returns the TEXCOORD sets of a material's textures, no more than two.
+  // Returns the TEXCOORD sets of a material's textures, at most two.
   [[nodiscard]] const std::vector<int>& texcoord_sets(std::size_t material) const {
     return texcoord_sets_[material];
   }

@@ -24,11 +24,11 @@ struct MeshUse {
   int node = -1;  // -1: a file without nodes
   int mesh = -1;
   std::optional<Eigen::Matrix4d> T_node_instance;  // if the node has instances
-  bool is_skinned = false;                         // directions are in the root's axes if true
-  std::vector<PrimitiveUse> primitives;            // those that have a surface
+  bool is_skinned = false;  // true: the direction stored with the kernels is in the root frame
+  std::vector<PrimitiveUse> primitives;  // primitives with a surface
 };
 
-// Returns the uses in the order in which they are read into a model.
+// Returns all uses of meshes, in the order in which load_model() reads them.
 [[nodiscard]] Result<std::vector<MeshUse>> mesh_uses(const std::filesystem::path& file);
 
 }  // namespace penumbra::gltf

@@ -70,8 +70,8 @@ class MeshReader {
     return meshes_[static_cast<std::size_t>(mesh)].vertex_count;
   }
 
-  // Returns the offset to add to number_vertices()'s numbers for the next use of a mesh: 0 for the
-  // first use; vertices of later uses are numbered after all others.
+  // Counts a use of a mesh. Returns the offset of its vertex numbers from number_vertices(): 0 for
+  // the first use; later uses are numbered after all existing vertices.
   [[nodiscard]] Result<std::uint32_t> source_shift_of_next_use(int mesh);
 
  private:

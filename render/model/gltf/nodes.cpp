@@ -60,7 +60,7 @@ Result<Eigen::Matrix4d> Nodes::node_transform(std::size_t index) const {
   return placement.matrix();
 }
 
-// `mesh`: -1: none.
+// `mesh`: index, or -1 for a node without mesh.
 std::uint32_t Nodes::add_node(const std::string& node, int mesh, int parent) {
   model_.nodes.push_back(
       {node, has(gltf_.meshes, mesh) ? gltf_.meshes[static_cast<std::size_t>(mesh)].name : "",
@@ -86,17 +86,17 @@ Result<void> Nodes::walk(int index, const Eigen::Matrix4d& T_root_parent, int de
   if (is_hidden(node)) return {};
   PENUMBRA_TRY(const Eigen::Matrix4d T_parent_node, node_transform(i));
   const Eigen::Matrix4d T_root_node = T_root_parent * T_parent_node;
-  const std::uint32_t known = add_node(node.name, node.mesh, parent);
+  const std::uint32_t model_node = add_node(node.name, node.mesh, parent);
   if (node.mesh >= 0) {
     if (!has(gltf_.meshes, node.mesh)) {
       return fail("{}: names mesh {}, there are {}", what, node.mesh, gltf_.meshes.size());
     }
     placements_.push_back(
-        {index, node.mesh, T_root_node, known,
+        {index, node.mesh, T_root_node, model_node,
          node.name.empty() ? what : fmt::format("{} (\"{}\")", what, node.name.substr(0, 60))});
   }
   for (const int child : node.children) {
-    PENUMBRA_TRY_VOID(walk(child, T_root_node, depth + 1, static_cast<int>(known)));
+    PENUMBRA_TRY_VOID(walk(child, T_root_node, depth + 1, static_cast<int>(model_node)));
   }
   return {};
 }

@@ -33,8 +33,8 @@ class Nodes {
   // Returns the visible meshes of the default scene, in its order. Adds its nodes to the model.
   [[nodiscard]] Result<std::vector<Placement>> visible_meshes();
 
-  // Returns the transforms of a node's instances (EXT_mesh_gpu_instancing), or one identity if it
-  // has none. Fails if there are more than `max_count`.
+  // Returns the transforms of a node's instances (EXT_mesh_gpu_instancing), or one identity if the
+  // node has none. Fails if there are more than `max_count`.
   [[nodiscard]] Result<std::vector<Eigen::Matrix4d>> instances_of(int node, std::size_t max_count);
 
   // Returns T_root_joint times the inverse bind matrix for each joint of a skin
@@ -48,7 +48,7 @@ class Nodes {
   // Returns the parent of each node, -1 for roots.
   [[nodiscard]] std::vector<int> find_parents() const;
   [[nodiscard]] Result<Eigen::Matrix4d> node_transform(std::size_t node) const;
-  // Returns the transform of a node by its ancestors, which need not be in the scene.
+  // Applies the transforms of the node and its ancestors, which need not be in the scene.
   [[nodiscard]] Result<Eigen::Matrix4d> T_root_node(int node);
   [[nodiscard]] Result<std::vector<Eigen::Matrix4d>> inverse_bind_matrices(
       const tinygltf::Skin& skin, const std::string& place) const;

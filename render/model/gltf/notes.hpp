@@ -12,8 +12,8 @@ namespace penumbra::gltf {
 
 class Notes {
  public:
-  // `text` describes the problem at the JSON path `place` and its consequence. `expected` notes
-  // concern valid content; they are reported only if the model has no visible content.
+  // `text` describes a problem and its consequence; the second argument is the problem's JSON path.
+  // `expected` notes concern valid content; only a model without visible content reports them.
   void add(std::string_view text, const std::string& place, bool expected = false) {
     const auto note = std::ranges::find(notes_, text, &Note::text);
     if (note == notes_.end()) {

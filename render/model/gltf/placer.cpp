@@ -15,8 +15,8 @@ namespace {
 // The linear part of an affine transform.
 struct Orientation {
   Eigen::Matrix3d linear;
-  // Transforms normals: det * inverse transposed, which exists even for singular matrices. Scaled
-  // to a maximum entry of 1; negated if the transform mirrors.
+  // Transforms normals: determinant times transposed inverse, which exists even for singular
+  // matrices. Scaled to a maximum entry of 1; negated if the transform mirrors.
   Eigen::Matrix3d cofactor;
   double determinant = 0.0;
   bool has_surface = false;  // false: surfaces become lines or points
@@ -46,14 +46,14 @@ class VertexTransformer {
         is_morphed_(std::ranges::any_of(placed.morph_weights, [](double w) { return w != 0.0; })),
         rigid_(orientation_of(placed.placement.T_root_mesh)) {}
 
-  // Returns false if a coordinate is not finite or over `max_coordinate`.
+  // Computes the values below. Returns false if a coordinate is not finite or too large.
   [[nodiscard]] bool measure(double max_coordinate);
-  // Requires measure().
+  // Returns the transformed mesh, relative to `origin`. Requires measure().
   [[nodiscard]] Mesh mesh(const Eigen::Vector3d& origin) const;
 
   [[nodiscard]] const PlacedPrimitive& placed() const { return placed_; }
   [[nodiscard]] const Eigen::AlignedBox3d& bounds() const { return bounds_; }
-  // Resolution of the file's float coordinates at their positions [m].
+  // Resolution of the file's float coordinates after the transform [m].
   [[nodiscard]] double step() const { return step_; }
   [[nodiscard]] bool has_surface() const { return has_surface_; }
   [[nodiscard]] bool is_point() const { return is_point_; }

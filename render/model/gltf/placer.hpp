@@ -16,9 +16,9 @@
 namespace penumbra::gltf {
 
 struct VertexPlacement {
-  Eigen::Matrix4d T_root_mesh = Eigen::Matrix4d::Identity();      // of a rigid mesh
-  const std::vector<Eigen::Matrix4d>* joint_matrices = nullptr;   // of a skinned one
-  std::optional<Eigen::Matrix4d> T_node_instance = std::nullopt;  // of one of several instances
+  Eigen::Matrix4d T_root_mesh = Eigen::Matrix4d::Identity();      // if the mesh is rigid
+  const std::vector<Eigen::Matrix4d>* joint_matrices = nullptr;   // if the mesh is skinned
+  std::optional<Eigen::Matrix4d> T_node_instance = std::nullopt;  // if the node has instances
   std::uint32_t source_shift = 0;  // MeshReader::source_shift_of_next_use()
 };
 

@@ -172,7 +172,7 @@ Result<void> Reader::collect(const Placement& placement) {
   for (VertexPlacement& vertices : vertex_placements_of) {
     PENUMBRA_TRY(vertices.source_shift, meshes_.source_shift_of_next_use(placement.mesh));
     if (uses_ != nullptr) uses_->push_back(use_of(placement, vertices, *primitives));
-    // The stored direction of a skinned mesh is in the root frame.
+    // The kernel direction stored with a skinned mesh is in the root frame.
     const Eigen::Matrix3d linear = skin >= 0 ? Eigen::Matrix3d(Eigen::Matrix3d::Identity())
                                              : vertices.T_root_mesh.topLeftCorner<3, 3>();
     if (skin >= 0 || keeps_surfaces(vertices.T_root_mesh)) {
